@@ -1,4 +1,5 @@
-//! What an analysis leaves on disk: where it lies, when it is used, and that nothing is lost when it is interrupted.
+//! Files of an analysis: their place, the conditions of their use, and resumption after an
+//! interruption.
 
 use std::path::Path;
 
@@ -16,26 +17,26 @@ fn interrupted_analysis_resumes_from_its_checkpoint() {
     let folder = demo_by_tier(13, &late(0.01), 2);
     let shot = opened(&folder);
     let [whole, analysis] = ["whole.analysis", "site.analysis"].map(|name| folder.path().join(name));
-    // What is heard until it ends, or so many times.
-    let heard = |shot: &Shot, folder: &Path, most: usize| {
-        let mut heard = Vec::new();
+    // Records progress until the analysis ends, or interrupts it after `most` reports.
+    let progress_of = |shot: &Shot, folder: &Path, most: usize| {
+        let mut progress_of = Vec::new();
         let done = shot.analyse(folder, &mut |progress| {
-            // Progress of the last stage goes by the clock.
+            // Progress of the last stage depends on time.
             if progress.stage != Stage::Light {
-                heard.push(progress.done);
+                progress_of.push(progress.done);
             }
-            if heard.len() < most { Ok(()) } else { Err(Interrupted) }
+            if progress_of.len() < most { Ok(()) } else { Err(Interrupted) }
         });
-        (heard, done.map(drop))
+        (progress_of, done.map(drop))
     };
     leave_out_light(&shot, &whole);
     leave_out_light(&shot, &analysis);
-    let (all, done) = heard(&shot, &whole, usize::MAX);
+    let (all, done) = progress_of(&shot, &whole, usize::MAX);
     done.unwrap();
-    // Somewhere in the last pass but one: a report is of sharpness.
-    let (_, done) = heard(&shot, &analysis, all.len() - 15);
+    // In the last pass but one: its reports are those of sharpness.
+    let (_, done) = progress_of(&shot, &analysis, all.len() - 15);
     assert!(done.unwrap_err().is_interrupted() && !analysis.exists());
-    // Of another camera nothing holds that was kept.
+    // Checkpoints of another camera are not reused.
     let sets = vec![fast_or_full("camera.fx_px=259.5", "camera.fx_px=519.5").to_owned()];
     let other = Shot::open(
         &folder.path().join("site"),
@@ -52,16 +53,16 @@ fn interrupted_analysis_resumes_from_its_checkpoint() {
         let entry = entry.unwrap();
         std::fs::copy(entry.path(), to.join(entry.file_name())).unwrap();
     }
-    assert_eq!(heard(&other.unwrap(), &elsewhere, 1).0, all[..1]);
-    // Of its own all does, to the last byte.
-    let (rest, done) = heard(&shot, &analysis, usize::MAX);
+    assert_eq!(progress_of(&other.unwrap(), &elsewhere, 1).0, all[..1]);
+    // Checkpoints of the same camera are, byte for byte.
+    let (rest, done) = progress_of(&shot, &analysis, usize::MAX);
     done.unwrap();
     assert!(rest.len() + 4 < all.len() && all.ends_with(&rest), "{rest:?} of {all:?}");
     assert!(!part.exists());
     for name in ["analysis.toml", "poses.txt", "links.txt"] {
         assert_eq!(std::fs::read(whole.join(name)).unwrap(), std::fs::read(analysis.join(name)).unwrap(), "{name}");
     }
-    // Cut at a line's end.
+    // Truncated at the end of a line.
     for name in ["poses.txt", "links.txt"] {
         let text = std::fs::read_to_string(whole.join(name)).unwrap();
         let half: String = text.lines().take(text.lines().count() / 2).map(|line| format!("{line}\n")).collect();
@@ -99,7 +100,7 @@ fn analysis_beside_the_recording_is_used_while_it_matches() {
     assert_eq!(said(&["inspect", analysis.to_str().unwrap()]), told);
     assert_eq!(said(&["analyse", path]), told, "once is enough");
 
-    // Whether an analysis is used shows without shadows, which take most of the time.
+    // The use of an analysis shows without shadows, which take most of the time.
     let marker = ["--scene", "scenes/demo.toml", "--set", "shadow.cast=false", "--frames", "2..3", "-o"];
     let composite = |out: &str, more: &[&str]| {
         let out = folder.path().join(out);
@@ -146,12 +147,12 @@ fn analysis_beside_the_recording_is_used_while_it_matches() {
     std::fs::remove_file(&toml).unwrap();
     assert!(composite("h", &[]).1.contains("no analysis.toml lies in it: no analysis, or an unfinished one"));
 
-    // Made first, if that is asked for.
+    // Analysed first, on request.
     let (made, _) = composite("i", &["--analyse"]);
     assert!(toml.exists() && made == composite("j", &[]).0);
     std::fs::remove_file(&toml).unwrap();
 
-    // What is no analysis is not written into.
+    // A folder that is not an analysis is not written into.
     std::fs::write(analysis.join("mine.txt"), "").unwrap();
     let problem = refused(&["analyse", path]);
     assert!(problem.contains("holds mine.txt, which is no part of an analysis"), "{problem}");

@@ -1,11 +1,12 @@
-//! Virtual things beside real ones, judged by the program: as they should be, as recorded, and with something wrong for each line.
+//! Virtual objects compared with real ones by `verify`: correct, as recorded, and with one fault
+//! for each line.
 
 use std::path::Path;
 
 use crate::program::locard;
 use crate::{common, found};
 
-/// A line: its name, the number that it tells of what was recorded, and its verdict.
+/// A line of the report: its name, the value for the recorded data, and its verdict.
 struct Line {
     name: String,
     recorded: f64,
@@ -45,11 +46,11 @@ fn kinect_footage_passes_and_each_fault_fails_its_own_line() {
         |more: &[&str]| lines(&[&["verify", folder.as_str(), "--every", "60"], &profile[..], &by[..], more].concat());
     let found = verified(&[]);
     assert!(found.iter().all(|line| line.verdict == "pass"));
-    // By the poses as recorded, and light that nothing follows, evidence lies beside its place and differs in brightness.
+    // With the recorded poses and gain off, evidence is displaced and differs in brightness.
     let of = |name: &str| found.iter().find(|line| line.name == name).unwrap().recorded;
     assert!(of("registration") > 0.7 && of("gain") > 1.5 && (0.8..1.25).contains(&of("blur")) && of("slide") > 1.0);
-    // Too bright by half a stop; exposed for longer than it was; a lens softer than it is. Refined poses that sway by 3 cm and 5
-    // times a second.
+    // Half a stop too bright; an exposure time longer than the real one; a lens softer than the
+    // real one; refined poses that sway by 3 cm, 5 times a second.
     let wrong = ["exposure.ev=0.5", "camera.exposure.time_s=0.033", "point_spread.sigma_px=1.1"];
     let sets: Vec<&str> = wrong.iter().flat_map(|set| ["--set", set]).collect();
     let path = Path::new(&analysis).join("poses.txt");

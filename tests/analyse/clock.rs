@@ -1,4 +1,5 @@
-//! The delay between pictures and poses of simulated cameras that travel, turn by 90° or are held upright.
+//! The delay between pictures and poses of simulated cameras that travel, turn by 90° or are held
+//! upright.
 
 use std::sync::OnceLock;
 
@@ -13,11 +14,11 @@ use locard::tracking::turn::ImagePyramid;
 
 const INTERVAL_S: f64 = 1.0 / 30.0;
 const FRAMES: usize = 60;
-/// How much later the poses' clock is read than it should be, s.
+/// Delay of the poses' clock, s.
 const LATE_S: f64 = 0.031;
 
-/// Pictures of a camera on a straight way or a turn, and its poses by a clock that is [`LATE_S`] late. `at` is where it is, m or
-/// radians.
+/// Pictures of a camera on a straight path or a turn, with poses delayed by [`LATE_S`]. `at` is the
+/// position on the path, m, or the angle, rad.
 struct Clip {
     pictures: Vec<Pixels>,
     camera: Intrinsics,
@@ -44,7 +45,8 @@ fn simulate(motion: Motion) -> Simulation {
     Simulation::with_flaws_and_detail(&options, &Flaws::default(), detail, 2).unwrap()
 }
 
-/// Returns the simulation of a motion. Lighting its site takes most of a test's time, so tests share it.
+/// Returns the simulation of a motion. Lighting its site takes most of a test's time, so tests
+/// share it.
 fn simulation(motion: Motion) -> &'static Simulation {
     static PAN: OnceLock<Simulation> = OnceLock::new();
     static DOLLY: OnceLock<Simulation> = OnceLock::new();
@@ -77,11 +79,11 @@ impl Clip {
         Self { pictures: (0..FRAMES).map(picture).collect(), camera, track }
     }
 
-    /// The same pictures stored a quarter turned.
+    /// The same pictures stored rotated by 90°.
     fn upright(mut self) -> Self {
         let turned = |pixels: &Pixels| {
             let (width, height) = (pixels.height, pixels.width);
-            // The right of the stored picture is the picture's top.
+            // The right of the stored picture is the top of the scene.
             let at = |x: u32, y: u32| pixels.eight_bits_at(y, width - 1 - x);
             let codes = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).flat_map(|(x, y)| at(x, y)).collect();
             Pixels::from_u8(width, height, codes).unwrap()
@@ -115,7 +117,7 @@ impl Clip {
     }
 }
 
-/// A hand's unevenness.
+/// Irregular hand motion.
 fn sway(time_s: f64) -> f64 {
     0.22 * (2.3 * time_s).sin() + 0.07 * (6.1 * time_s + 0.5).sin() + 0.02 * (11.3 * time_s).sin()
 }
@@ -153,7 +155,7 @@ fn delay_of_pictures_stored_rotated_by_90_degrees_is_found() {
     assert!(found.quarters % 2 == 1, "{found:?}");
 }
 
-/// Poses of a camera that goes another way.
+/// Poses of a camera on another path.
 // Slow: a simulated site is lit.
 #[test]
 fn pictures_that_contradict_the_poses_have_no_delay() {

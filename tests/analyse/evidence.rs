@@ -1,4 +1,4 @@
-//! Evidence that really lies in the simulated site, against what is worked out otherwise.
+//! Evidence that is part of the simulated site, compared with independent calculations.
 
 use std::sync::Arc;
 
@@ -8,7 +8,7 @@ use locard::simulate::{Detail, Motion, Options, Picture, SimulateError, Simulati
 
 const DETAIL: Detail = Detail { texture_m: 0.02, light_m: 0.05 };
 
-/// A square card that faces up, matt and grey.
+/// A square card that faces up, diffuse and grey.
 fn card(half_m: f32, height_m: f64, grey: f32) -> Scene {
     let vertex = |x: f32, y: f32| Vertex {
         position: [x * half_m, y * half_m, 0.0],
@@ -43,7 +43,7 @@ fn site() -> Simulation {
     Simulation::with_detail(&options, DETAIL, 2).unwrap()
 }
 
-/// The mean light around where a point of the world is seen.
+/// Mean light of 3×3 px around the projection of a world point.
 fn seen(simulation: &Simulation, picture: &Picture, point: DVec3) -> DVec3 {
     let pose = simulation.track().at(simulation.timestamp_s(0)).unwrap();
     let at: DVec2 = simulation.geometry().project(pose.transform_point(point)).unwrap();
@@ -57,13 +57,14 @@ fn card_reflects_the_light_from_above_and_shadows_the_floor() {
     let (bare, high) = (site(), 0.15);
     let there = bare.clone().with_evidence(&card(0.1, high, 0.5)).unwrap();
     let [empty, full] = [&bare, &there].map(|simulation| simulation.picture(0));
-    // What another sum over all directions says, as matt half-grey and a glossy 4 % of it.
+    // The irradiance integrated over all directions: half of it is reflected diffusely and 4 %
+    // specularly.
     let upward = bare.white_facing_up(DVec3::new(0.0, 0.0, high));
     let shown = seen(&there, &full, DVec3::new(0.0, 0.0, high)) / upward;
     println!("of the light from above a card of 0.5 shows {shown:.3}");
     assert!(shown.min_element() > 0.48 && shown.max_element() < 0.53, "{shown}");
 
-    // The floor below it, seen beside it: the lamp is hidden, and some of the room.
+    // The floor below the card, visible beside it: the lamp is occluded, and part of the room.
     let toward = bare.lamps()[0].0 - DVec3::new(0.0, 0.0, high);
     let below = DVec3::new(-toward.x, -toward.y, 0.0) * (high / toward.z);
     let mut lost = Vec::new();
@@ -73,7 +74,7 @@ fn card_reflects_the_light_from_above_and_shadows_the_floor() {
         lost.push(is.y / was.y);
     }
     println!("shares of the light on the floor that are left: {lost:.3?}");
-    // Far away nothing is lost.
+    // No loss far away.
     assert!(lost[3..].iter().all(|left| (left - 1.0).abs() < 0.03), "{lost:?}");
     let floor = full.light.iter().zip(&empty.light).zip(full.depth_m.iter().zip(&empty.depth_m));
     let floor = floor.filter(|(_, (now_m, was_m))| now_m == was_m).map(|((is, was), _)| is[1] / was[1]);

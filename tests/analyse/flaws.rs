@@ -1,5 +1,6 @@
-//! What the footage says of itself where cameras and trackers do what real ones do: against the truth that `simulate` writes.
-//! Nothing that is odd makes anything worse, and what cannot be told is said.
+//! Analyses of recordings with realistic flaws of cameras and trackers, compared with the truth
+//! written by `simulate`. Anomalies must not make anything worse; unobservable quantities are
+//! refused with a reason.
 
 use std::fs;
 use std::ops::ControlFlow;
@@ -17,25 +18,27 @@ use locard::simulate::{self, Detail, Flaws, Motion, Options, SimulateError, Simu
 use locard::tracking::PoseTrack;
 use locard::tracking::tum::read_trajectory;
 
-/// Small, and a quarter of the demo's light samples. The same walk, whatever the number of frames.
+/// Small, with a quarter of the demo's light samples. The path does not depend on the number of
+/// frames.
 fn small(frames: u32) -> Options {
     let fps = f64::from(frames) / 2.4;
     Options { width_px: 320, height_px: 240, focal_px: 260.0, samples: 4, frames, fps, ..Options::default() }
 }
 
-/// In the fast tier half as wide and half as high. Its pixels have four times the area, so half of the noise.
+/// In the fast tier half as wide and half as high. Its pixels have four times the area, so half of
+/// the noise.
 fn smaller(frames: u32) -> Options {
     let smaller =
         Options { width_px: 160, height_px: 120, focal_px: 130.0, noise_scale: 0.5, samples: 8, ..small(frames) };
     fast_or_full(smaller, small(frames))
 }
 
-/// What a phone's or a headset's tracker does.
+/// Typical flaws of a phone's or a headset's tracker.
 fn tracked() -> Flaws {
     Flaws { jitter_mm: 0.5, jitter_deg: 0.05, drift_mm: 10.0, drift_deg: 1.0, poses_later_s: 0.01, ..Flaws::default() }
 }
 
-/// A simulated recording as `site` in a folder of its own.
+/// Writes a simulated recording as `site` in a folder of its own.
 fn made(options: &Options, flaws: &Flaws) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let site = folder.path().join("site");
@@ -43,8 +46,8 @@ fn made(options: &Options, flaws: &Flaws) -> tempfile::TempDir {
     folder
 }
 
-/// In the fast tier the light on surfaces, which is smooth, is computed at places 0.15 m apart, and a blank site, whose
-/// textures nobody sees, has coarse ones.
+/// In the fast tier the smooth light on surfaces is computed at points 0.15 m apart, and a blank
+/// site, whose textures are not visible, has coarse ones.
 fn simulation(options: &Options, flaws: &Flaws) -> Result<Simulation, SimulateError> {
     if is_full() {
         return Simulation::with_flaws(options, flaws);
@@ -58,7 +61,7 @@ fn true_track(folder: &tempfile::TempDir) -> PoseTrack {
     read_trajectory(&folder.path().join("site/truth/poses.txt"), None).unwrap()
 }
 
-/// frame, timestamp, red, green, blue, whose picture.
+/// Columns: frame, timestamp, red, green, blue, index of the picture.
 fn true_frames(folder: &tempfile::TempDir) -> Vec<[f64; 6]> {
     let text = fs::read_to_string(folder.path().join("site/truth/frames.txt")).unwrap();
     let row = |line: &str| {
@@ -76,7 +79,7 @@ fn edit(folder: &tempfile::TempDir, file: &str, from: &str, to: &str) {
     fs::write(path, text.replace(from, to)).unwrap();
 }
 
-/// The reason for which nothing could be told, if that is so. Then the recording composites as before.
+/// The reason of a refusal, if any. A refused analysis must leave the composite as it was.
 fn why(found: &Analysis) -> Option<&str> {
     assert_eq!(found.track.is_none(), found.findings.registration.poses != "refined");
     let why = found.findings.registration.why.as_deref();
@@ -86,8 +89,8 @@ fn why(found: &Analysis) -> Option<&str> {
     why
 }
 
-/// That whatever was done with the poses made nothing worse, over a gap that is no link's.
-fn nothing_is_worse(shot: &Shot, truth: &PoseTrack, found: &Analysis) {
+/// Asserts that refined poses are no worse than recorded ones over a gap that no link has.
+fn assert_poses_no_worse(shot: &Shot, truth: &PoseTrack, found: &Analysis) {
     let Some(track) = &found.track else { return };
     let [recorded, refined] = [&shot.recording.track, track].map(|track| pairs_off_px(shot, truth, track, 3));
     let (share, most_px) = worse(&recorded, &refined);
@@ -102,7 +105,8 @@ fn nothing_is_worse(shot: &Shot, truth: &PoseTrack, found: &Analysis) {
 #[test]
 #[ignore = "full tier: many simulated frames; frame_gain_matches_the_applied_factor is its small form"]
 fn gain_follows_changes_of_exposure_and_white_balance() {
-    // Jumps of 1.4 stops; swings of 10 %. At 1.5 times the light the paper and the wall clip in bright frames.
+    // Jumps of 1.4 stops; swings of 10 %. At 1.5 times the light the paper and the wall clip in
+    // bright frames.
     for seed in [37, 38] {
         let flaws =
             Flaws { exposure_walk_ev: 0.3, exposure_step_ev: 1.5, white_balance_share: 0.1, seed, ..Flaws::default() };
@@ -112,7 +116,8 @@ fn gain_follows_changes_of_exposure_and_white_balance() {
         let gain = found.findings.gain.as_ref().unwrap();
         assert!(gain.is_followed && (gain.range_ev - 1.6).abs() < 0.1, "{gain:?}");
         assert!(gain.left <= 0.007, "{gain:?}");
-        // The response is the one that `simulate` has; as told by another, dark codes give that away.
+        // The response is that of `simulate`; with another response, dark codes would reveal the
+        // difference.
         let tone = found.findings.tone.as_ref().unwrap();
         assert!(!tone.bands.is_empty() && !tone.differs(), "{tone:?}");
         if seed == 37 {
@@ -124,7 +129,7 @@ fn gain_follows_changes_of_exposure_and_white_balance() {
         for channel in 0..3 {
             let pairs = true_frames(&folder).into_iter().zip(&found.gains);
             let off: Vec<f64> = pairs.map(|(is, found)| (found[channel] / is[2 + channel]).ln()).collect();
-            // As bright as the median frame is 1 to an analysis.
+            // Gains are relative to the median frame.
             let mean = off.iter().sum::<f64>() / off.len() as f64;
             let rms = (off.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / off.len() as f64).sqrt();
             println!("{channel}: {rms:.4} ln; {off:.3?}");
@@ -147,13 +152,14 @@ fn spatial_gain_is_fitted_only_where_the_tone_varies_across_the_picture() {
     let fitted = [&even, &toned].map(|found| found.findings.across.unwrap());
     assert!(!fitted[0].is_followed && even.across.is_empty(), "{:?}", fitted[0]);
     assert!(fitted[1].is_followed && toned.across.len() == 36, "{:?}", fitted[1]);
-    // Beyond what the floor's gloss does in both: less than 0.6 of it is left, a third of its variance.
+    // Beyond the floor's specular reflection, present in both: less than 0.6 of it remains, a third
+    // of its variance.
     let beyond = |of: fn(&SpatialGainFit) -> f64| (of(&fitted[1]).powi(2) - of(&fitted[0]).powi(2)).sqrt();
     let (recorded, left) = (beyond(|fitted| fitted.recorded), beyond(|fitted| fitted.left));
     assert!(recorded > 0.02 && left < 0.6 * recorded, "{recorded} {left}");
 }
 
-// Slow: the precision that is claimed needs forty frames.
+// Slow: the claimed precision needs forty frames.
 #[test]
 fn clock_offset_without_drift_is_found_within_half_a_millisecond() {
     let folder = demo_by_tier(40, &Flaws { poses_later_s: 0.015, ..Flaws::default() }, 4);
@@ -161,7 +167,7 @@ fn clock_offset_without_drift_is_found_within_half_a_millisecond() {
     let found = analysed_by_tier(&shot, 2);
     println!("{}", found.findings);
     assert!((found.findings.registration.clock_s.unwrap() - 0.015).abs() <= 0.0005);
-    nothing_is_worse(&shot, &demo_track(), &found);
+    assert_poses_no_worse(&shot, &demo_track(), &found);
 }
 
 #[test]
@@ -197,8 +203,8 @@ fn person_walking_by_makes_nothing_worse() {
     let found = analysed_by_tier(&shot, 2);
     println!("{}", found.findings);
     assert!(found.track.is_some());
-    // Where the person stands, nothing is known of the room behind; depth there moves with nobody's poses.
-    nothing_is_worse(&shot, &true_track(&folder), &found);
+    // The room behind the person is not observed; depth there moves independently of the poses.
+    assert_poses_no_worse(&shot, &true_track(&folder), &found);
 }
 
 #[test]
@@ -207,7 +213,7 @@ fn camera_at_rest_keeps_its_poses() {
     let found = analysed_by_tier(&opened(&folder), 2);
     println!("{}", found.findings);
     assert!(found.track.is_none() && found.gains.is_empty());
-    // It cannot tell a clock, and does not claim to.
+    // The clock is unobservable at rest, and none is claimed.
     let registered = &found.findings.registration;
     assert!(registered.clock_s.unwrap().abs() < 0.005 && registered.clock_sigma_s.unwrap() > 0.02, "{registered:?}");
     let shutter = found.findings.shutter.as_ref().unwrap();
@@ -226,7 +232,7 @@ fn site_without_texture_is_refused() {
 #[ignore = "full tier: many simulated frames; demonstration_pictures_in_the_wrong_order_make_nothing_worse is its small form"]
 fn pictures_in_the_wrong_order_make_nothing_worse() {
     let folder = made(&small(20), &Flaws { poses_later_s: 0.001, ..Flaws::default() });
-    // Two frames carry each other's picture.
+    // Two frames swap their pictures.
     for (from, to) in [("00007.jpg", "was"), ("00010.jpg", "00007.jpg"), ("was", "00010.jpg")] {
         let [from, to] = [from, to].map(|name| folder.path().join("site/rgb").join(name));
         fs::rename(from, to).unwrap();
@@ -234,13 +240,13 @@ fn pictures_in_the_wrong_order_make_nothing_worse() {
     let shot = opened(&folder);
     let found = analysed_by_tier(&shot, 2);
     println!("{}", found.findings);
-    nothing_is_worse(&shot, &true_track(&folder), &found);
-    // What two frames that stand elsewhere seem to tell is not seen: a code and a half at most.
+    assert_poses_no_worse(&shot, &true_track(&folder), &found);
+    // The apparent gain of two misplaced frames is invisible: a code and a half at most.
     assert!(found.gains.iter().flatten().all(|gain| gain.ln().abs() < 0.02), "{:?}", found.gains);
 }
 
-/// What is said of the exposure is true within a tenth, and within 3σ of what is claimed.
-fn exposure_is(found: &Analysis, exposure_s: f64) {
+/// Asserts that the estimated exposure is within a tenth of the truth, and within 3σ as claimed.
+fn assert_exposure(found: &Analysis, exposure_s: f64) {
     for run in &found.findings.shutter.as_ref().unwrap().runs {
         let off_s = (run.exposure_s - exposure_s).abs();
         assert!(off_s < 0.1 * exposure_s && off_s < 3.0 * run.sigma_s, "{run:?}");
@@ -250,21 +256,22 @@ fn exposure_is(found: &Analysis, exposure_s: f64) {
 // Slow: two simulated sites are analysed.
 #[test]
 fn sparse_frames_keep_the_recorded_motion_between_them() {
-    // 5 frames a second, and a hand: exact poses stay.
+    // 5 frames a second, hand-held: exact poses stay.
     let folder = made(&smaller(12), &Flaws::default());
     let shot = opened(&folder);
     let found = analysed_by_tier(&shot, 2);
     println!("{}", found.findings);
     assert_eq!(found.track, None);
-    exposure_is(&found, 1.0 / 60.0);
-    // Poses that drift are refined, and between the frames the camera still moves as it did: over an exposure, by rows.
+    assert_exposure(&found, 1.0 / 60.0);
+    // Drifting poses are refined, and the recorded motion between frames is kept: over an exposure,
+    // and by rows.
     let folder = made(&smaller(12), &Flaws { drift_mm: 20.0, drift_deg: 2.0, hand_eye_deg: 1.0, ..Flaws::default() });
     let (shot, truth) = (opened(&folder), true_track(&folder));
     let found = analysed_by_tier(&shot, 2);
     println!("{}", found.findings);
     let track = found.track.as_ref().unwrap();
-    nothing_is_worse(&shot, &truth, &found);
-    exposure_is(&found, 1.0 / 60.0);
+    assert_poses_no_worse(&shot, &truth, &found);
+    assert_exposure(&found, 1.0 / 60.0);
     let turned = |track: &PoseTrack, time_s: f64| {
         let [from, to] = [-0.008, 0.008].map(|by_s| track.at(time_s + by_s).unwrap().rotation);
         (from * to.inverse()).to_scaled_axis()
@@ -282,7 +289,7 @@ fn sparse_frames_keep_the_recorded_motion_between_them() {
 #[ignore = "full tier: thirty frames of 320×240; sparse_frames_keep_the_recorded_motion_between_them is \
             the small form with poses between frames"]
 fn exposure_estimated_without_poses_between_frames_reproduces_the_blur() {
-    // 8 frames a second, and the poses nearest to them.
+    // 8 frames a second, and only the poses nearest to them.
     let folder = made(&Options { fps: 8.0, site: Some(2), seed: 2, samples: 8, ..small(30) }, &Flaws::default());
     let site = folder.path().join("site");
     let rows = |name: &str| -> Vec<String> {
@@ -299,7 +306,7 @@ fn exposure_estimated_without_poses_between_frames_reproduces_the_blur() {
     println!("{}", found.findings);
     let shutter = found.findings.shutter.as_ref().unwrap();
     let [run] = shutter.runs.as_slice() else { panic!("{shutter:?}") };
-    // What turns by ω for t is blurred by ω·t: of the frames that told it, the ratio to the truth.
+    // A rotation at ω for a time t blurs by ω·t: of the evaluated frames, the ratio to the truth.
     let turn = |track: &PoseTrack, at_s: f64, by_s: f64| {
         let [from, to] = [-by_s, by_s].map(|by_s| track.at(at_s + by_s).unwrap().rotation);
         (from * to.inverse()).to_scaled_axis().length() / (2.0 * by_s)
@@ -328,10 +335,10 @@ fn fisheye_poses_are_refined_or_refused() {
     let found = analysed_by_tier(&shot, 2);
     println!("{}", found.findings);
     assert!(found.track.is_some() || why(&found).is_some());
-    nothing_is_worse(&shot, &true_track(&folder), &found);
-    // 16.67 ms at 8 frames a second, or nothing.
-    exposure_is(&found, 1.0 / 60.0);
-    // So wide that no plane in front of the camera has the picture.
+    assert_poses_no_worse(&shot, &true_track(&folder), &found);
+    // 16.67 ms at 8 frames a second, or none.
+    assert_exposure(&found, 1.0 / 60.0);
+    // A field of view too wide for any plane in front of the camera.
     let wide = made(&Options { focal_px: fast_or_full(55.0, 110.0), frames: 6, ..fisheye }, &tracked());
     let found = analysed_by_tier(&opened(&wide), 2);
     println!("{}", found.findings);
@@ -369,8 +376,8 @@ fn unobservable_quantities_are_refused_with_a_reason() {
     assert!(why(&found).unwrap().contains("do not overlap"), "{:?}", why(&found));
 }
 
-/// Multiplies the light of each picture by a factor for each colour, which depends on the frame and on the place in the
-/// picture, from 0 to 1.
+/// Multiplies the light of each picture by a factor per colour that depends on the frame and on the
+/// position in the picture, from 0 to 1.
 fn relight(folder: &tempfile::TempDir, gain: impl Fn(usize, DVec2) -> [f64; 3]) {
     let response = opened(folder).camera().response.clone();
     let light: Vec<f64> = (0..256).map(|code| response.decode(f64::from(code) / 255.0)).collect();
@@ -388,7 +395,7 @@ fn relight(folder: &tempfile::TempDir, gain: impl Fn(usize, DVec2) -> [f64; 3]) 
     }
 }
 
-/// The pictures' files, in the frames' order.
+/// The pictures' files in the order of the frames.
 fn pictures(folder: &tempfile::TempDir) -> Vec<std::path::PathBuf> {
     let site = folder.path().join("site");
     let list = fs::read_to_string(site.join("rgb.txt")).unwrap();
@@ -398,8 +405,8 @@ fn pictures(folder: &tempfile::TempDir) -> Vec<std::path::PathBuf> {
 
 #[test]
 fn frame_gain_matches_the_applied_factor() {
-    // Within 24 frames of 0.8 s two jumps of the exposure, and a white balance that swings by 10 %. At 1.5 times the
-    // light the paper and the wall clip in bright frames.
+    // Within 24 frames of 0.8 s two jumps of the exposure, and a white balance that swings by 10 %.
+    // At 1.5 times the light the paper and the wall clip in bright frames.
     let flaws =
         Flaws { exposure_walk_ev: 0.3, exposure_step_ev: 1.5, white_balance_share: 0.1, seed: 37, ..Flaws::default() };
     let folder = demo_by_tier(24, &Flaws::default(), 4);
@@ -421,7 +428,7 @@ fn frame_gain_matches_the_applied_factor() {
     assert!(tone.differs() && tone.bands[0].slope > 1.1, "{tone:?}");
     for channel in 0..3 {
         let off: Vec<f64> = (0..24).map(|n| (found.gains[n][channel] / gain(n)[channel]).ln()).collect();
-        // As bright as the median frame is 1 to an analysis.
+        // Gains are relative to the median frame.
         let mean = off.iter().sum::<f64>() / off.len() as f64;
         let rms = (off.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / off.len() as f64).sqrt();
         println!("{channel}: {rms:.4} ln; {off:.3?}");
@@ -446,7 +453,7 @@ fn spatial_gain_is_followed_where_it_varies() {
     let fitted = [&even, &toned].map(|found| found.findings.across.unwrap());
     assert!(!fitted[0].is_followed && even.across.is_empty(), "{:?}", fitted[0]);
     assert!(fitted[1].is_followed && toned.across.len() == 24, "{:?}", fitted[1]);
-    // The same bar as for the tone that `simulate` has.
+    // The same tolerance as for the simulated tone.
     let beyond = |of: fn(&SpatialGainFit) -> f64| (of(&fitted[1]).powi(2) - of(&fitted[0]).powi(2)).max(0.0).sqrt();
     let (recorded, left) = (beyond(|fitted| fitted.recorded), beyond(|fitted| fitted.left));
     assert!(recorded > 0.02 && left < 0.6 * recorded, "{recorded} {left}");
@@ -462,13 +469,13 @@ fn late_depth_and_repeated_pictures_in_the_demonstration_are_found() {
     let write = |file: &str, lines: &[String]| {
         fs::write(folder.path().join("site").join(file), lines.join("\n") + "\n").unwrap();
     };
-    // A frame's depth is that of the next one, 33.3 ms later. The last frame has none.
+    // Each frame takes the depth of the next one, 33.3 ms later. The last frame has none.
     let depth = lines("depth.txt");
     let file = |line: &String| line.split(' ').nth(1).unwrap().to_owned();
     let time = |line: &String| line.split(' ').next().unwrap().to_owned();
     let late: Vec<String> = depth.windows(2).map(|pair| format!("{} {}", time(&pair[0]), file(&pair[1]))).collect();
     write("depth.txt", &late);
-    // Some frames have the picture of the one before.
+    // Some frames repeat the previous picture.
     let repeats = [9, 17, 26];
     let mut rgb = lines("rgb.txt");
     for n in repeats {
@@ -493,7 +500,8 @@ fn late_depth_and_repeated_pictures_in_the_demonstration_are_found() {
 #[test]
 fn person_in_front_of_the_demonstration_makes_nothing_worse() {
     let folder = demo_by_tier(24, &tracked(), 4);
-    // A striped thing of a fifth of the picture, 0.9 m away, crosses it at 1.5 times its width a second.
+    // A striped object of a fifth of the picture, 0.9 m away, crosses it at 1.5 times its width a
+    // second.
     for (n, file) in pictures(&folder).iter().enumerate() {
         let mut picture = image::open(file).unwrap().to_rgb8();
         let name = format!("site/depth/{n:05}.png");
@@ -514,10 +522,11 @@ fn person_in_front_of_the_demonstration_makes_nothing_worse() {
     let found = analysed_by_tier(&shot, 2);
     println!("{}", found.findings);
     assert!(found.track.is_some());
-    nothing_is_worse(&shot, &demo_track(), &found);
+    assert_poses_no_worse(&shot, &demo_track(), &found);
 }
 
-/// At a quarter of its size in both tiers: at 640×480 the exchange is taken for a motion (docs/analyse.md).
+/// A quarter of the full size in both tiers: at 640×480 the swap is taken for a motion
+/// (docs/analyse.md).
 #[test]
 fn demonstration_pictures_in_the_wrong_order_make_nothing_worse() {
     let folder = demo_reduced(20, &Flaws { poses_later_s: 0.001, ..Flaws::default() }, 4);
@@ -529,7 +538,7 @@ fn demonstration_pictures_in_the_wrong_order_make_nothing_worse() {
     let found = analysed_by_tier(&shot, 2);
     println!("{}", found.findings);
     assert!(why(&found).is_none() && found.findings.gain.is_some());
-    nothing_is_worse(&shot, &demo_track(), &found);
+    assert_poses_no_worse(&shot, &demo_track(), &found);
     // A code and a half at most.
     assert!(found.gains.iter().flatten().all(|gain| gain.ln().abs() < 0.02), "{:?}", found.gains);
 }

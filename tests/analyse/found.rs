@@ -1,4 +1,4 @@
-//! What the footage says of itself, against what is known of it.
+//! Analyses of footage compared with the known truth.
 
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -19,7 +19,7 @@ use locard::shot::{AnalysisChoice, Shot, ShotOptions};
 use locard::simulate::Flaws;
 use locard::tracking::PoseTrack;
 
-/// Poses whose clock says so much more than the pictures' clock.
+/// Flaws of a tracker whose clock is ahead of the pictures' clock by this time.
 pub fn late(poses_later_s: f64) -> Flaws {
     Flaws { poses_later_s, ..Flaws::default() }
 }
@@ -33,26 +33,26 @@ fn exact_poses_are_kept_and_steady_light_is_not_followed() {
     println!("{}", found.findings);
     assert_eq!((found.findings.registration.poses.as_str(), &found.track), ("right", &None));
     assert!(found.gains.is_empty());
-    // It has no blur in focus (docs/calibration.md: 0 to 0.12 px).
+    // The demonstration has no blur in focus (docs/calibration.md: 0 to 0.12 px).
     let spread = found.findings.spread.as_ref().unwrap();
     assert!(spread.sigma_px.unwrap() < 0.15 && spread.edges.unwrap() >= 40, "{spread:?}");
     assert_eq!(found.findings.camera, shot.geometry_at(0).unwrap(), "the readout too");
-    // Whatever is drawn by it has the bits that it has without.
+    // Rendering with the refinement has the same bits as without.
     let refined = found.refinement(Some(0.1));
     assert!(refined.track.is_none() && refined.depth_later_s == 0.0 && refined.seen.is_empty());
-    // The floor is z = 0, and no other surface is as large.
+    // The floor is z = 0, and the largest surface.
     let surfels = &refined.surfels;
     let is_floor = |surfel: &&Surfel| surfel.position_m.z.abs() < 0.005 && surfel.normal.z > 0.99;
     let (floor, m2) = (surfels.iter().filter(is_floor).count(), SURFEL_SPACING_M.powi(2));
     assert!(floor as f64 * m2 > 1.0 && 3 * floor > surfels.len(), "{floor} of {}", surfels.len());
-    // Few of these frames' neighbours move otherwise.
+    // Few neighbours of these frames differ in their motion.
     let shutter = found.findings.shutter.as_ref().unwrap();
     assert!(shutter.runs.is_empty() && shutter.why.as_ref().unwrap().contains("say it clearly"), "{shutter:?}");
     assert!(refined.blurred_s.is_empty());
 }
 
-/// Of a recording whose poses are refined by the analysis beside it.
-fn all_but_registration_is_followed(site: &Path) {
+/// Asserts that the findings other than the registration are used with the recorded poses.
+fn assert_findings_used_without_registration(site: &Path) {
     let shot = |analysis: AnalysisChoice, recorded_poses: bool| {
         Shot::open(site, &OpenOptions::default(), &ShotOptions { analysis, recorded_poses, ..ShotOptions::default() })
             .unwrap()
@@ -70,7 +70,7 @@ fn all_but_registration_is_followed(site: &Path) {
         let out = tempfile::tempdir().unwrap();
         let at = out.path().join("out");
         let all = ["composite", site.to_str().unwrap(), "--scene", "scenes/demo.toml", "--frames", "2..3", "-o"];
-        // Shadows take most of the time, and have no part in this.
+        // Shadows take most of the time, and are not part of this test.
         let without_shadows = ["--set", "shadow.cast=false", "--set", "shadow.on_things=false"];
         let sets = fast_or_full(&without_shadows[..], &[]);
         let told = locard(&[&all[..], &[at.to_str().unwrap()], sets, more].concat());
@@ -80,7 +80,7 @@ fn all_but_registration_is_followed(site: &Path) {
     assert!(picture(&["--without", "registration"]) != picture(&[]));
 }
 
-// Slow: the precision that is claimed needs forty frames.
+// Slow: the claimed precision needs forty frames.
 #[test]
 fn jitter_drift_clock_offset_and_hand_eye_rotation_are_found() {
     let wrong = Flaws {
@@ -97,7 +97,7 @@ fn jitter_drift_clock_offset_and_hand_eye_rotation_are_found() {
     let found = analysed_by_tier(&shot, 2);
     println!("{}", found.findings);
     found.write(&beside(&folder.path().join("site")), &shot.recording).unwrap();
-    all_but_registration_is_followed(&folder.path().join("site"));
+    assert_findings_used_without_registration(&folder.path().join("site"));
     let registered = &found.findings.registration;
     let off = |track: &PoseTrack| pairs_off_px(&shot, &demo_track(), track, 8);
     let [by_recorded, by_refined] = [&shot.recording.track, found.track.as_ref().unwrap()].map(off);
@@ -113,7 +113,7 @@ fn jitter_drift_clock_offset_and_hand_eye_rotation_are_found() {
     assert!((found.findings.camera.intrinsics.readout_time_s - 0.015).abs() <= 0.002);
     assert_eq!(registered.depth_later_s, 0.0);
 
-    // The same for any number of threads, byte for byte, and read back as written.
+    // Identical for any number of threads, byte for byte, and after reading back.
     let files = found.files(&shot.recording).unwrap();
     let out = folder.path().join("found");
     std::fs::create_dir(&out).unwrap();
@@ -123,7 +123,8 @@ fn jitter_drift_clock_offset_and_hand_eye_rotation_are_found() {
     let back = Analysis::read(&out).unwrap();
     assert!(back == found);
     back.fits(&shot.recording, &shot.geometry_at(0).unwrap()).unwrap();
-    // The exposure is seen in the blur. It was 1/60 s, and the recording says so, which goes before.
+    // The exposure is estimated by the blur. It was 1/60 s, as recorded, and the recorded value
+    // takes precedence.
     let shutter = found.findings.shutter.as_ref().unwrap();
     assert_eq!((shutter.runs.len(), &shutter.why), (1, &None));
     assert!((60.0 * shutter.runs[0].exposure_s - 1.0).abs() < 0.05, "{shutter:?}");
@@ -133,7 +134,8 @@ fn jitter_drift_clock_offset_and_hand_eye_rotation_are_found() {
     assert_eq!(frame.exposure.blurred_s, Some(shutter.runs[0].exposure_s));
     let (camera, settings) = (shot.camera(), shot.settings.clone());
     assert_eq!(exposure_time_s(&camera, &settings, &frame, 0.1), 1.0 / 60.0);
-    // Without the recording's, the camera's; without that, what was seen; without that, half the interval, at most 1/60 s.
+    // Order of precedence: the recording's, the camera's, the estimated one, half the interval of
+    // at most 1/60 s.
     let mut frame = Frame { exposure: FrameExposure { time_s: None, ..frame.exposure }, ..frame };
     let mut unsaid = camera.clone();
     (unsaid.exposure.time_s, unsaid.exposure.shutter_angle_deg) = (None, None);
@@ -158,7 +160,7 @@ fn poses_of_another_recording_are_refused() {
     };
     let why = refused(&["camera.fx_px=640", "camera.fy_px=640"]);
     assert!(why.contains("focal length"), "{why}");
-    // The same way half a second later.
+    // The same path half a second later.
     let later = demo_by_tier(16, &late(-0.5), 4);
     let found = analysed_by_tier(&opened(&later), 2);
     assert!(found.track.is_none() && found.findings.gain.is_none(), "{}", found.findings);
@@ -166,7 +168,7 @@ fn poses_of_another_recording_are_refused() {
     assert!(why.contains("away from where the poses say"), "{why}");
 }
 
-/// The recording as one that has no depth, each frame's light multiplied by `gain` for each colour.
+/// Removes the depth from a recording, and multiplies each frame's light by `gain` per colour.
 fn without_depth(folder: &tempfile::TempDir, gain: impl Fn(usize) -> [f64; 3]) {
     let site = folder.path().join("site");
     let response = opened(folder).camera().response.clone();
@@ -204,7 +206,7 @@ fn light_and_sharpness_are_found_without_depth() {
     let found = analysed_by_tier(&shot, 2);
     println!("{}", found.findings);
     assert_eq!((found.findings.registration.poses.as_str(), &found.track), ("kept", &None));
-    // Against the median frame's, which is 1.
+    // Relative to the median frame, which is 1.
     let mut off = Vec::new();
     for c in 0..3 {
         let mut all: Vec<f64> = (0..frames).map(|n| gain(n)[c].ln()).collect();
@@ -215,7 +217,7 @@ fn light_and_sharpness_are_found_without_depth() {
     assert!(rms < 0.012, "{rms}: {off:.3?}");
     let spread = found.findings.spread.as_ref().unwrap();
     assert!(spread.sigma_px.unwrap() < 0.2, "{spread:?}");
-    // Poses that are another site's show other things: no pair fits.
+    // With the poses of another site, no pair matches.
     let other = demo_by_tier(frames, &late(1.1), 4);
     without_depth(&other, gain);
     let found = analysed_by_tier(&opened(&other), 2);
@@ -223,8 +225,8 @@ fn light_and_sharpness_are_found_without_depth() {
     assert!(found.gains.is_empty() || found.findings.gain.unwrap().left < 0.03);
 }
 
-/// How far a point before the camera moves in the picture within 20 ms about each frame, px: root mean square of what that differs
-/// from the truth.
+/// RMS error of the projected motion within ±10 ms of each frame, for points in front of the
+/// camera, px.
 fn motion_off_px(shot: &Shot, truth: &PoseTrack, track: &PoseTrack) -> f64 {
     let camera = shot.geometry_at(0).unwrap();
     let way = |track: &PoseTrack, time_s: f64, place: DVec3| {
@@ -248,7 +250,7 @@ fn motion_without_depth_is_refined_at_the_recorded_position() {
     let found = analysed_by_tier(&shot, 2);
     println!("{}", found.findings);
     let registered = &found.findings.registration;
-    // Pictures of the fast tier are half as wide, and so are motions in them.
+    // The fast tier's pictures are half as wide, and so are motions in px.
     assert!(
         registered.poses == "kept"
             && registered.motion_px.unwrap() > fast_or_full(0.25, 0.5)
@@ -275,9 +277,9 @@ fn analysis_is_independent_of_the_thread_count() {
     assert_eq!(files(1), files(3));
 }
 
-/// A Kinect's footage as its profile has the camera, and what is found of it; nothing without the real recordings.
+/// A Kinect's recording with its profile, and its analysis; `None` without the real recordings.
 pub fn kinect() -> Option<(Shot, &'static Analysis)> {
-    // Two tests ask, and it takes a minute.
+    // Shared by two tests: it takes a minute.
     static FOUND: OnceLock<Analysis> = OnceLock::new();
     let folder = common::data("tum-fr1-rpy")?;
     let given = ShotOptions { profile: Some(PathBuf::from("profiles/tum-fr1.toml")), ..ShotOptions::default() };
@@ -293,7 +295,7 @@ fn kinect_poses_are_refined_and_its_gain_is_followed() {
     println!("{}", found.findings);
     let registered = &found.findings.registration;
     assert_eq!(registered.poses, "refined");
-    // Known of this camera by another program: −5 ms, 25 ms, −1.1° and −0.5°.
+    // Known for this camera by another program: −5 ms, 25 ms, −1.1° and −0.5°.
     assert!((registered.clock_s.unwrap() + 0.005).abs() < 0.002);
     assert!((found.findings.camera.intrinsics.readout_time_s - 0.025).abs() < 0.002);
     let turn = registered.hand_eye_turn_deg.unwrap();
@@ -301,13 +303,13 @@ fn kinect_poses_are_refined_and_its_gain_is_followed() {
     assert!(registered.recorded_px.unwrap() > 2.0 && registered.refined_px.unwrap() < 0.2);
     let gain = found.findings.gain.as_ref().unwrap();
     assert!(gain.is_followed && gain.left < 0.011 && gain.range_ev > 1.0 && gain.range_ev < 1.6, "{gain:?}");
-    // Its lamps flicker at 100 Hz, and it exposes for two of their periods.
+    // The lamps flicker at 100 Hz, and the exposure is two of their periods.
     let shutter = found.findings.shutter.as_ref().unwrap();
     assert!(shutter.runs.len() == 1 && (shutter.runs[0].exposure_s - 0.020).abs() < 0.001, "{shutter:?}");
     // By hand 0.50 and 0.51 ± 0.03 px (docs/calibration.md), by another program 0.49.
     let spread = found.findings.spread.as_ref().unwrap();
     assert!((spread.sigma_px.unwrap() - 0.49).abs() < 0.07, "{spread:?}");
-    // An office by day under rows of lamps: none of them is to be told.
+    // An office by day under rows of lamps: no single lamp is observable.
     let light = found.findings.light.as_ref().unwrap();
     assert!(light.claimed && light.lamps.is_empty() && light.no_lamp.is_some(), "{light:?}");
     // White paper in four frames shows 1.06, 0.99 and 1.11 times 0.8, by its codes and the frames'
@@ -344,15 +346,15 @@ fn first_kinect_frames_are_refined() {
     println!("{}", found.findings);
     let registered = &found.findings.registration;
     assert_eq!(registered.poses, "refined");
-    // The bars of 90 frames are 0.2 px and ln 0.011. With 16 there are few links to a frame: 0.27 px of 1.96 and
-    // ln 0.025 of 0.415 are reached.
+    // The limits of 90 frames are 0.2 px and ln 0.011. With 16 frames there are few links per
+    // frame: 0.27 px of 1.96 and ln 0.025 of 0.415 are reached.
     let [recorded_px, refined_px] = [registered.recorded_px, registered.refined_px].map(Option::unwrap);
     assert!(recorded_px > 1.5 && refined_px < 0.2 * recorded_px, "{recorded_px} {refined_px}");
     let gain = found.findings.gain.as_ref().unwrap();
     assert!(gain.is_followed && gain.left < 0.1 * gain.recorded, "{gain:?}");
 }
 
-/// The first frames of a recording in the layout of TUM RGB-D, with all of its poses.
+/// Copies the first frames of a recording in the layout of TUM RGB-D, with all of its poses.
 fn first_frames_of_tum(from: &Path, to: &Path, frames: usize) {
     for list in ["rgb", "depth"] {
         let text = std::fs::read_to_string(from.join(list).with_extension("txt")).unwrap();
@@ -368,8 +370,8 @@ fn first_frames_of_tum(from: &Path, to: &Path, frames: usize) {
     std::fs::copy(from.join("groundtruth.txt"), to.join("groundtruth.txt")).unwrap();
 }
 
-/// A COLMAP text model whose pictures are reduced: sizes, focal length, principal point and places in pictures are
-/// divided.
+/// Copies a COLMAP text model for reduced pictures: sizes, focal length, principal point and image
+/// points are divided.
 fn reduced_model(from: &Path, to: &Path, reduction: f64) {
     let text = |name: &str| std::fs::read_to_string(from.join(name)).unwrap();
     let divided = |word: &str| (word.parse::<f64>().unwrap() / reduction).to_string();
@@ -378,7 +380,7 @@ fn reduced_model(from: &Path, to: &Path, reduction: f64) {
         let words = line.split(' ').enumerate();
         words.map(|(n, word)| if (2..7).contains(&n) { divided(word) } else { word.to_owned() }).collect::<Vec<_>>()
     };
-    // X Y POINT3D_ID, again and again.
+    // Repeated X Y POINT3D_ID.
     let points = |line: &str| {
         let words = line.split(' ').enumerate();
         words.map(|(n, word)| if n % 3 < 2 { divided(word) } else { word.to_owned() }).collect::<Vec<_>>()
@@ -395,7 +397,7 @@ fn reduced_model(from: &Path, to: &Path, reduction: f64) {
     std::fs::write(to.join("images.txt"), images.join("\n") + "\n").unwrap();
 }
 
-/// Photographs of a door from far apart places, which no plane sweep matches.
+/// Photographs of a door from distant positions, which no plane sweep matches.
 // Slow: twelve photographs are decoded, reduced and analysed.
 #[test]
 fn gain_of_photographs_is_found_by_the_landmarks_of_a_model() {
@@ -407,7 +409,7 @@ fn gain_of_photographs_is_found_by_the_landmarks_of_a_model() {
         found
     };
     if is_full() {
-        // f/4.8, 1/125 s, ISO 400 in all of them.
+        // All have f/4.8, 1/125 s, ISO 400.
         let gain = found(&folder).findings.gain.unwrap();
         assert!(gain.recorded < 0.1, "{gain:?}");
     }
@@ -442,7 +444,7 @@ fn gain_of_photographs_is_found_by_the_landmarks_of_a_model() {
     }
 }
 
-/// Poses that end 4 ms behind the last picture, by a clock that is 20 ms late.
+/// The poses end 4 ms after the last picture, on a clock that is 20 ms late.
 #[test]
 fn late_clock_keeps_all_frames_at_the_end_of_the_poses() {
     let folder = demo_by_tier(13, &late(0.02), 4);
@@ -499,11 +501,11 @@ fn unset_sharpness_follows_the_footage() {
         }
     };
     assert_eq!(sigma_px(&[]), 0.0);
-    // 0.566 px is what a drawn edge measures of 0.6.
+    // A rendered edge of σ = 0.6 measures 0.566 px.
     let text = std::fs::read_to_string(&toml).unwrap();
     std::fs::write(&toml, text.replace("[spread]\n", "[spread]\nsigma_px = 0.566\n")).unwrap();
     assert!((sigma_px(&[]) - 0.6).abs() < 1e-12);
-    // Who says the default says it, too.
+    // A value that equals the default counts as set.
     for said in [0.0, 0.6, 1.0, 2.5] {
         assert_eq!(sigma_px(&[&format!("point_spread.sigma_px={said}")]), said);
     }

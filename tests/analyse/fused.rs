@@ -1,14 +1,14 @@
-//! The surfaces that all depth maps of a recording show together.
+//! Surfaces fused from all depth maps of a recording.
 
 use image::Luma;
 
 use crate::footage::{analysed_by_tier, demo_by_tier, opened};
 use locard::simulate::Flaws;
 
-/// Frames in which a hand is held before the camera, and its distance, m.
+/// Frames with a hand in front of the camera, and its distance, m.
 const WITH_HAND: std::ops::Range<usize> = 3..6;
 const HAND_M: f64 = 0.4;
-/// Depth values a metre, as the demonstration's recording.toml says.
+/// Depth codes per metre, as in the demonstration's recording.toml.
 const PER_METRE: f64 = 250.0;
 
 // Slow: a recording is analysed.
@@ -32,7 +32,7 @@ fn hand_in_a_few_frames_is_excluded_from_the_fused_surfaces() {
     let near =
         surfels.iter().filter(|s| (0.0..HAND_M + 0.1).contains(&camera.transform_point(s.position_m.as_dvec3()).z));
     assert!(surfels.len() > 1000 && near.count() == 0, "{} surfels", surfels.len());
-    // Frames of the recording come with them once the analysis lies beside it.
+    // With the analysis beside the recording, its frames include the surfels.
     found.write(&folder.path().join("site.analysis"), &shot.recording).unwrap();
     assert!(shot.read(2).unwrap().surfels.is_empty() && opened(&folder).read(2).unwrap().surfels == surfels);
 }

@@ -1,4 +1,5 @@
-//! The light of a room from the recording itself, against what is known of it; and scenes that take it.
+//! The light of a room estimated from its recording, compared with the truth, and its use by
+//! scenes.
 
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -37,7 +38,8 @@ fn mean(of: [f64; 3]) -> f64 {
 #[test]
 #[ignore = "full tier: two sites; a_person_corrects_the_light_... checks the demonstration"]
 fn light_of_simulated_sites_is_found_with_lamps_out_of_view() {
-    // The bars of docs/light.md are of all 20 sites, in full size; these are small and noisy, and two lamps may be taken for one.
+    // The limits of docs/light.md are of all 20 sites in full size; these are small and noisy, and
+    // two lamps may be merged into one.
     for (lamps, site, most_deg, within) in [(1, 10, 6.0, 0.25), (2, 2, 20.0, 0.3)] {
         let options = options(lamps, site);
         let folder = tempfile::tempdir().unwrap();
@@ -51,13 +53,13 @@ fn light_of_simulated_sites_is_found_with_lamps_out_of_view() {
     }
 }
 
-/// Checks the light on a surface that faces up against the truth, and the angle between the found and the true lamp
-/// that is brightest there.
+/// Asserts the light on a surface facing up, and the direction of the lamp that is brightest there,
+/// against the truth.
 fn check_light(light: &LightFindings, simulation: &Simulation, most_deg: f64, within: f64) {
     let place = DVec3::from(light.place_m.unwrap());
     let (white, truth) = (mean(light.white_level.unwrap()), true_white(simulation, place));
     let lamps = simulation.lamps();
-    let irradiance = |lamp: &(DVec3, DVec3)| by_lamp(lamp, place);
+    let irradiance = |lamp: &(DVec3, DVec3)| lamp_contribution(lamp, place);
     let brightest = lamps.iter().max_by(|a, b| irradiance(a).total_cmp(&irradiance(b))).unwrap().0;
     let off = |at: [f64; 3]| (DVec3::from(at) - place).angle_between(brightest - place).to_degrees();
     let off_deg = light.lamps.iter().map(|lamp| off(lamp.at_m)).fold(f64::INFINITY, f64::min);
@@ -66,21 +68,21 @@ fn check_light(light: &LightFindings, simulation: &Simulation, most_deg: f64, wi
     let [low, high] = light.between.unwrap();
     assert!(low * white < truth && truth < high * white, "{truth} not within {low} to {high} times {white}");
     assert!(off_deg < most_deg, "{off_deg}");
-    // The panorama's centre is higher than most of what was seen.
+    // The panorama's centre is above most of the observed points.
     assert!(light.seen.unwrap() > 0.3 && light.seen_above.unwrap() > 0.0, "{light:?}");
 }
 
-/// What a lamp adds to the light on white that looks up, with nothing in its way.
-fn by_lamp((at, shown_at_1_m): &(DVec3, DVec3), place: DVec3) -> f64 {
+/// Contribution of an unoccluded lamp to the light on white facing up.
+fn lamp_contribution((at, shown_at_1_m): &(DVec3, DVec3), place: DVec3) -> f64 {
     let to = *at - place;
     mean(shown_at_1_m.to_array()) * to.z.max(0.0) / to.length().powi(3)
 }
 
-/// What white that looks up shows at a place of a site, out of the shadows of things: the site's
-/// middle is in the light.
+/// True light on white facing up at a point of a site, outside of shadows: the site's middle is not
+/// in a shadow.
 fn true_white(simulation: &Simulation, place: DVec3) -> f64 {
     let middle = DVec3::new(0.0, 0.0, 0.1);
-    let farther = |lamp: &(DVec3, DVec3)| by_lamp(lamp, place) - by_lamp(lamp, middle);
+    let farther = |lamp: &(DVec3, DVec3)| lamp_contribution(lamp, place) - lamp_contribution(lamp, middle);
     mean(simulation.white_facing_up(middle).to_array()) + simulation.lamps().iter().map(farther).sum::<f64>()
 }
 
@@ -90,7 +92,7 @@ fn scene_without_light_uses_the_estimated_one_and_keeps_its_own_otherwise() {
     let site = folder.path().join("site");
     let analysis = folder.path().join("site.analysis");
     let light = found.findings.light.as_ref().unwrap();
-    // The lamp, and the bounce light around it.
+    // The lamp, and a virtual lamp for the indirect light around it.
     assert_eq!(light.lamps.iter().map(|lamp| lamp.is_bounce()).collect::<Vec<_>>(), [false, true], "{light:?}");
     assert_eq!(light.lamps[0].at_m, light.lamps[1].at_m);
 
@@ -111,11 +113,11 @@ fn scene_without_light_uses_the_estimated_one_and_keeps_its_own_otherwise() {
     assert!(lighting.suns.is_empty() && lighting.points.len() == 2, "{lighting:?}");
     assert_eq!(lighting.points[0].position_in_world_m, DVec3::from(light.lamps[0].at_m));
     assert!(matches!(&lighting.environment, Environment::Map(map) if (map.width, map.height) == (256, 128)));
-    // Nobody lit it but by a guess; a scene that says its light keeps it.
+    // Without an analysis the scene is lit by a guess; a scene with its own light keeps it.
     let guessed = lit(&bare, AnalysisChoice::No);
     assert_eq!((guessed.scene.lighting_origin, guessed.scene.lighting.points.len()), (LightingOrigin::Default, 0));
     assert_eq!(lit(&own, AnalysisChoice::Beside).scene.lighting, lit(&own, AnalysisChoice::No).scene.lighting);
-    // The same while a person works, and for the next scene.
+    // The same during a session, and for the next scene.
     let mut worked = lit(&bare, AnalysisChoice::No);
     worked.apply_analysis(analysis.clone(), found.clone()).unwrap();
     assert_eq!(worked.scene.lighting, *lighting);
@@ -124,7 +126,7 @@ fn scene_without_light_uses_the_estimated_one_and_keeps_its_own_otherwise() {
     worked.set_scene(Arc::new(scene::load(&bare, None).unwrap()));
     assert_eq!(worked.scene.lighting, *lighting);
 
-    // As a scene's own light, to edit: the same light.
+    // Written into the scene for editing: the same light.
     let [site, bare, own] = [&site, &bare, &own].map(|path| path.to_str().unwrap());
     assert!(refused(&["light", site, "--scene", own]).contains("--force"));
     let told = said(&["light", site, "--scene", bare]);
@@ -139,7 +141,7 @@ fn scene_without_light_uses_the_estimated_one_and_keeps_its_own_otherwise() {
         panic!("two panoramas")
     };
     assert!(a.rgb == b.rgb && a.map_from_world.abs_diff_eq(b.map_from_world, 1e-6));
-    // The panorama is there.
+    // The panorama exists already.
     assert!(refused(&["light", site, "--scene", bare]).contains("bare-light.hdr"));
     let new = folder.path().join("light.toml");
     said(&["light", site, "-o", new.to_str().unwrap()]);
@@ -187,15 +189,15 @@ fn analysed_demo() -> (tempfile::TempDir, Analysis) {
 #[test]
 fn light_is_corrected_by_white_paper_lamp_or_panorama_and_supports_are_reported() {
     let (folder, found) = analysed_demo();
-    by_white_paper(&folder, &found);
-    by_lamps_and_a_panorama(&folder, &found);
-    what_things_stand_on(&folder);
+    assert_white_paper_correction(&folder, &found);
+    assert_lamp_and_panorama_corrections(&folder, &found);
+    assert_supports(&folder);
 }
 
-fn what_things_stand_on(folder: &tempfile::TempDir) {
+fn assert_supports(folder: &tempfile::TempDir) {
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let site = at("site");
-    // The demo's things, the first of them 30 mm over the floor.
+    // The demo's objects, the first of them 30 mm over the floor.
     let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
     let demo = std::fs::read_to_string(own.join("demo.toml")).unwrap();
     let models = demo.replace("model = \"", &format!("model = \"{}/", own.display()));
@@ -205,7 +207,7 @@ fn what_things_stand_on(folder: &tempfile::TempDir) {
     let (scene, written) = (at("scene.toml"), folder.path().join("site.analysis/standing.toml"));
     let output = locard(&["analyse", &site, "--scene", &scene]);
     let (told, warned) = (String::from_utf8(output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap());
-    // How far the first one hovers is told once.
+    // The first object's hover distance is reported once.
     assert!(output.status.success() && !warned.contains("hovers"), "{warned}");
     let stands: Vec<&str> = told.lines().filter_map(|line| line.strip_prefix("stands     ")).collect();
     assert_eq!(stands.len(), 7, "{told}");
@@ -215,21 +217,21 @@ fn what_things_stand_on(folder: &tempfile::TempDir) {
     for (n, object) in table["object"].as_array().unwrap().iter().enumerate() {
         let height_m = if n == 0 { 0.03 } else { 0.0 };
         assert_eq!(object["known_by"].as_str(), Some("depth"), "{text}");
-        // What is within 15 mm of a plane stands on it, exactly.
+        // An object within 15 mm of a plane is put on it exactly.
         assert!((number(object, "height_m") - height_m).abs() < 1e-3, "{text}");
         assert!(number(object, "tilt_deg") < 0.5, "{text}");
     }
     assert!(stands[0].contains("marker 1: ") && stands[0].contains(" mm over a plane"), "{told}");
     assert!(stands[1..].iter().all(|line| line.contains(": on a plane that depth shows")), "{told}");
-    // The same again, byte by byte, and on the page.
+    // Identical when repeated, byte for byte, and on the page.
     let page = at("page.html");
     said(&["analyse", &site, "--scene", &scene, "--report", &page]);
     assert_eq!(std::fs::read_to_string(&written).unwrap(), text);
     assert!(std::fs::read_to_string(&page).unwrap().contains(stands[0]));
-    // What is no scene is refused, and what was written stays.
+    // A missing scene is refused, and the existing files stay.
     assert!(refused(&["analyse", &site, "--scene", &at("none.toml")]).contains("none.toml"));
     assert_eq!(std::fs::read_to_string(&written).unwrap(), text);
-    // With the next analysis it goes.
+    // The next analysis removes it.
     let shot = opened(folder);
     Analysis::read(&folder.path().join("site.analysis"))
         .unwrap()
@@ -238,7 +240,7 @@ fn what_things_stand_on(folder: &tempfile::TempDir) {
     assert!(!written.exists());
 }
 
-fn by_white_paper(folder: &tempfile::TempDir, found: &Analysis) {
+fn assert_white_paper_correction(folder: &tempfile::TempDir, found: &Analysis) {
     let light = found.findings.light.as_ref().unwrap();
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let (site, new) = (at("site"), at("light.toml"));
@@ -251,24 +253,23 @@ fn by_white_paper(folder: &tempfile::TempDir, found: &Analysis) {
     let (table, simulation) = (written(), Simulation::new(&Options::default()).unwrap());
     let factor = table.environment_intensity.unwrap();
     assert!(table.lamp.iter().all(|lamp| lamp.intensity == Some(factor)), "{table:?}");
-    // A person who says that it reflects half as much gets twice the light; one who says that it is
-    // black gets none.
+    // With half of the reflectance the light doubles; with almost none the correction is refused.
     asked(&["--white", "6:267,139=0.4"]);
     let doubled = written().environment_intensity.unwrap();
     assert!((doubled / factor - 2.0).abs() < 1e-3, "{doubled} {factor}");
     let black = denied(&["--white", "6:267,139=0.02"]);
     assert!(black.contains("accepted is 0.125 to 8"), "{black}");
-    // With the bars of a site with one lamp.
+    // The tolerances of a site with one lamp.
     check_light(light, &simulation, 6.0, 0.25);
     let place = DVec3::from(light.place_m.unwrap());
     let (white, truth) = (mean(light.white_level.unwrap()), true_white(&simulation, place));
     println!("white {white} times {factor} of {truth}\n{told}");
-    // By the paper it is right to a twentieth, and no farther off than what was found.
+    // With the paper the error is at most a twentieth, and no larger than before.
     let off = |white: f64| (white / truth).ln().abs();
     let (found, corrected) = (off(white), off(factor * white));
     assert!(corrected < 0.05 && corrected <= found, "{white} times {factor} of {truth}");
     assert!(told.contains("factor ") && told.contains("between"), "{told}");
-    // Nothing is written where nothing is told: an edge, no such frame, what is no place.
+    // Invalid points change nothing: an edge, a missing frame, a position outside.
     std::fs::remove_file(&new).unwrap();
     for (place, says) in [("6:281,150", "edge"), ("6:455,240", "black"), ("99:3,4", "frame"), ("6:900,3", "outside")] {
         let told = denied(&["--white", place]);
@@ -277,7 +278,7 @@ fn by_white_paper(folder: &tempfile::TempDir, found: &Analysis) {
     assert!(!Path::new(&new).exists());
 }
 
-fn by_lamps_and_a_panorama(folder: &tempfile::TempDir, found: &Analysis) {
+fn assert_lamp_and_panorama_corrections(folder: &tempfile::TempDir, found: &Analysis) {
     let light = found.findings.light.as_ref().unwrap();
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let (site, new) = (at("site"), at("light.toml"));
@@ -286,7 +287,7 @@ fn by_lamps_and_a_panorama(folder: &tempfile::TempDir, found: &Analysis) {
     let asked = |more: &[&str]| said(&with(more).split('\n').collect::<Vec<_>>());
     let denied = |more: &[&str]| refused(&with(more).split('\n').collect::<Vec<_>>());
 
-    // By its distance along the ray. The lamp that really shines stays; this one is none, and hardly shines beside it.
+    // By its distance along the ray. The real lamp stays; this one is not real, and dim beside it.
     let told = asked(&["--lamp", "6:320,10,1.5"]);
     let lamps = written().lamp;
     let place = opened(folder).posed_camera(6).unwrap().ray(glam::DVec2::new(320.0, 10.0)).unwrap().at(1.5);
@@ -298,7 +299,7 @@ fn by_lamps_and_a_panorama(folder: &tempfile::TempDir, found: &Analysis) {
     assert!(bulbs.len() == 2 && DVec3::from(bulbs[1].at_m).distance(real) < 1e-3, "{lamps:?}");
     assert!(bounced.len() == 1 && DVec3::from(bounced[0].at_m).distance(real) < 1e-3, "{lamps:?}");
     assert!(color(bulbs[1]) > 3.0 * color(bulbs[0]), "{lamps:?}");
-    // By depth, and by two frames; what is nonsense is refused.
+    // By depth, and by two frames; nonsense is refused.
     asked(&["--lamp", "6:240,58"]);
     let by_depth = DVec3::from(written().lamp[0].at_m);
     assert!((by_depth.y - 0.99).abs() < 0.03 && (by_depth.z - 0.3).abs() < 0.1, "the socket: {by_depth}");
@@ -306,14 +307,14 @@ fn by_lamps_and_a_panorama(folder: &tempfile::TempDir, found: &Analysis) {
     assert!(denied(&four).contains("up to 3"));
     assert!(denied(&["--lamp", "6:1,1+6:2,2"]).contains("different frames"));
 
-    // A panorama of one's own takes the place of the one that was found and of its lamps, as bright.
+    // A user's panorama replaces the estimated one and its lamps, at the same brightness.
     let sky = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/demo-light.hdr");
     let told = asked(&["--environment", sky.to_str().unwrap(), "--turn", "30"]);
     let table = written();
     assert!(told.contains("panorama") && told.contains("as bright as") && !told.contains("lamp "), "{told}");
     assert!(table.environment.as_ref().is_some_and(|name| name.ends_with("demo-light.hdr")), "{table:?}");
     assert_eq!((table.environment_rotation_deg, table.lamp.len()), (Some(30.0), 0));
-    // White paper says the rest, by the same key.
+    // White paper sets the intensity by the same key.
     let intensity = table.environment_intensity.unwrap();
     let told = asked(&["--environment", sky.to_str().unwrap(), "--turn", "30", "--white", "6:267,139"]);
     let tint = glam::Vec3::from(written().environment_color.unwrap());

@@ -1,4 +1,4 @@
-//! What the footage says of itself, and recordings that are made to have something to say.
+//! Analysis of footage, and simulated recordings with known flaws.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 

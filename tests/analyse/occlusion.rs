@@ -1,4 +1,5 @@
-//! Where evidence ends behind real things: beside the picture's own edge, and from frame to frame.
+//! The occlusion edge of evidence behind real objects: its distance from the picture's edge, and
+//! its stability over frames.
 
 use std::fs;
 use std::path::Path;
@@ -14,20 +15,20 @@ use locard::shot::Shot;
 
 const WIDTH: usize = 640;
 const HEIGHT: usize = 480;
-/// The black screen's left edge in frame 20, where the lit desk is behind it, and its distance.
+/// The left edge of a black screen in frame 20, in front of the lit desk, and its distance.
 const FRAME: usize = 20;
 const EDGE: [DVec2; 2] = [DVec2::new(338.5, 8.0), DVec2::new(341.5, 128.0)];
 const EDGE_M: f64 = 0.82;
-/// Something stands behind the screen, 1.02 m away.
+/// Evidence behind the screen, 1.02 m away.
 const EVIDENCE_M: f32 = 1.02;
 const TOLERANCE_M: f32 = 0.02;
-/// Places along the edge, and the profile across it, px.
-const PLACES: usize = 41;
+/// Number of positions along the edge; step and half length of the profile across it, px.
+const EDGE_SAMPLES: usize = 41;
 const STEP_PX: f64 = 0.25;
 const REACH_PX: f64 = 12.0;
 
-/// How much of each pixel hides the evidence, and the pixel's light.
-fn hides(shot: &Shot, frame: usize) -> (Vec<f64>, Vec<f64>) {
+/// The occlusion of the evidence in each pixel, and the pixel's light.
+fn occlusion_and_light(shot: &Shot, frame: usize) -> (Vec<f64>, Vec<f64>) {
     let frame = shot.read_with_neighbours(frame).unwrap();
     let geometry = shot.geometry_at(frame.index).unwrap();
     let (track, camera) = (&shot.recording.track, shot.camera());
@@ -68,7 +69,7 @@ fn hides(shot: &Shot, frame: usize) -> (Vec<f64>, Vec<f64>) {
     (mattes.iter().map(hidden).collect(), (0..WIDTH * HEIGHT).map(mean).collect())
 }
 
-/// Values across the edge, between pixels. `None` at the picture's rim.
+/// Bilinear samples across the edge. `None` near the picture's border.
 fn profile(values: &[f64], at: DVec2, normal: DVec2) -> Option<Vec<f64>> {
     let steps = (2.0 * REACH_PX / STEP_PX) as usize + 1;
     (0..steps)
@@ -87,8 +88,8 @@ fn profile(values: &[f64], at: DVec2, normal: DVec2) -> Option<Vec<f64>> {
         .collect()
 }
 
-/// Where values pass a level, nearest to a step, in steps.
-fn passes(values: &[f64], level: f64, near: f64) -> Option<f64> {
+/// The crossing of a level nearest to a step, in steps.
+fn crossing_near(values: &[f64], level: f64, near: f64) -> Option<f64> {
     let crossing = |n: usize| {
         let (a, b) = (values[n] - level, values[n + 1] - level);
         (a * b <= 0.0 && a != b).then(|| n as f64 + a / (a - b))
@@ -96,33 +97,35 @@ fn passes(values: &[f64], level: f64, near: f64) -> Option<f64> {
     (0..values.len() - 1).filter_map(crossing).min_by(|a, b| (a - near).abs().total_cmp(&(b - near).abs()))
 }
 
-/// How far beside the picture's edge the evidence ends, px. `None` where the picture has no clear edge.
-fn beside_px(hidden: &[f64], light: &[f64], at: DVec2, normal: DVec2) -> Option<f64> {
+/// Distance of the occlusion edge from the picture's edge, px. `None` if the picture has no clear
+/// edge.
+fn edge_distance_px(hidden: &[f64], light: &[f64], at: DVec2, normal: DVec2) -> Option<f64> {
     let (hidden, light) = (profile(hidden, at, normal)?, profile(light, at, normal)?);
     let side = (5.0 / STEP_PX) as usize;
     let mean = |range: &[f64]| range.iter().sum::<f64>() / range.len() as f64;
-    // The largest step of brightness, within 6 px.
+    // The largest step of brightness within 6 px.
     let step = |n: usize| mean(&light[n..n + side]) - mean(&light[n - side..n]);
     let near = ((REACH_PX - 6.0) / STEP_PX) as usize..=((REACH_PX + 6.0) / STEP_PX) as usize;
     let largest = near.max_by(|a, b| step(*a).abs().total_cmp(&step(*b).abs()))?;
     let half = 0.5 * (mean(&light[largest..largest + side]) + mean(&light[largest - side..largest]));
-    let seen = passes(&light, half, largest as f64).filter(|_| step(largest).abs() > 0.15)?;
-    Some(STEP_PX * (passes(&hidden, 0.5, seen)? - seen))
+    let seen = crossing_near(&light, half, largest as f64).filter(|_| step(largest).abs() > 0.15)?;
+    Some(STEP_PX * (crossing_near(&hidden, 0.5, seen)? - seen))
 }
 
-/// The black screen without its rim: a plane through a point with a normal, and a rectangle of y and z on it. World axes, m.
+/// The black screen without its border: a plane through a point with a normal, and a rectangle of y
+/// and z on it. World axes, m.
 const SCREEN: [DVec3; 2] = [DVec3::new(0.4846, 0.888, 1.0722), DVec3::new(0.991, 0.085, 0.1032)];
 const SCREEN_Y_M: [f64; 2] = [0.67, 1.15];
 const SCREEN_Z_M: [f64; 2] = [0.95, 1.22];
-/// A marker of 42 cm stands 18 cm behind it.
+/// A marker of 42 cm, 18 cm behind the screen.
 const BEHIND: &str = "version = 1\nup = \"z\"\n[[objects]]\nmodel = \"MODEL\"\nsize_m = 0.42\n\
     position_m = [0.3, 0.888, 0.88]\nrotation_deg = [0, 0, 85]\n";
 /// Frames in which the screen fills much of the picture.
 const BEHIND_FRAMES: std::ops::Range<usize> = 20..36;
-/// Codes by which a pixel that shows it differs from the camera's.
+/// Difference in codes from the footage above which a pixel shows the marker.
 const SHOWN: u8 = 40;
 
-/// Places all over the screen.
+/// Points all over the screen.
 fn screen() -> impl Iterator<Item = DVec3> {
     let [at, normal] = SCREEN;
     let along = |[low, high]: [f64; 2], n: usize| low + (high - low) * n as f64 / 40.0;
@@ -143,7 +146,7 @@ fn screen_missed_by_seven_frames_occludes_with_surfels() {
     let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/marker-1.glb");
     fs::write(at("behind.toml"), BEHIND.replace("MODEL", model.to_str().unwrap())).unwrap();
     shot.apply_analysis(at("used"), found.clone()).unwrap();
-    // Of all places of the screen that are seen, the share that shows what stands behind it.
+    // The share of the screen's visible points at which the object behind it shows.
     let shown_share = |name: &str, analysis: &Analysis| {
         analysis.write(&at(name), &shot.recording).unwrap();
         let [recording, scene, analysis, out] =
@@ -189,18 +192,18 @@ fn occlusion_ends_at_the_edge_of_a_screen_with_sparse_depth() {
     };
     let (first, camera) = (seen_from(&shot, FRAME), shot.geometry_at(FRAME).unwrap());
     let place = |n: usize| {
-        let at = EDGE[0].lerp(EDGE[1], n as f64 / (PLACES - 1) as f64);
+        let at = EDGE[0].lerp(EDGE[1], n as f64 / (EDGE_SAMPLES - 1) as f64);
         first.inverse_transform_point(EDGE_M * camera.depth_ray(at).unwrap())
     };
-    let mut off: Vec<Vec<f64>> = vec![Vec::new(); PLACES];
+    let mut off: Vec<Vec<f64>> = vec![Vec::new(); EDGE_SAMPLES];
     for frame in (14..70).step_by(4) {
-        let (hidden, light) = hides(&shot, frame);
+        let (hidden, light) = occlusion_and_light(&shot, frame);
         let pose = seen_from(&shot, frame);
         let geometry = shot.geometry_at(frame).unwrap();
         let seen = |n: usize| geometry.project(pose.transform_point(place(n))).unwrap();
-        let normal = (seen(PLACES - 1) - seen(0)).normalize().perp();
+        let normal = (seen(EDGE_SAMPLES - 1) - seen(0)).normalize().perp();
         for (n, off) in off.iter_mut().enumerate() {
-            off.extend(beside_px(&hidden, &light, seen(n), normal));
+            off.extend(edge_distance_px(&hidden, &light, seen(n), normal));
         }
     }
     let mut all: Vec<f64> = off.iter().flatten().map(|off| off.abs()).collect();

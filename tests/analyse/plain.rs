@@ -1,4 +1,4 @@
-//! Cameras that move over plain surfaces, and what is used where the poses are refused.
+//! Cameras moving over plain surfaces, and the use of refused poses.
 
 use std::fs;
 use std::ops::ControlFlow;
@@ -13,8 +13,8 @@ use locard::simulate::{self, Detail, Flaws, Ground, Options, Simulation};
 use locard::tracking::PoseTrack;
 use locard::tracking::tum::read_trajectory;
 
-/// Simulates a camera that is carried over plain concrete, with the poses of a phone's tracker. Copies the recording to `site`
-/// in a temporary folder.
+/// Simulates a camera carried over plain concrete, with the poses of a phone's tracker. Copies the
+/// recording to `site` in a temporary folder.
 fn concrete() -> tempfile::TempDir {
     let made = fixture::once("concrete", &[], is_full(), |to| simulate_concrete(&to.join("site")));
     let folder = tempfile::tempdir().unwrap();
@@ -45,7 +45,7 @@ fn true_track(folder: &tempfile::TempDir) -> PoseTrack {
     read_trajectory(&folder.path().join("site/truth/poses.txt"), None).unwrap()
 }
 
-/// The poses in the order of time, each with the way that the camera had at the other end of it.
+/// Keeps the times and reverses the order of the poses.
 fn reverse_poses(folder: &tempfile::TempDir) {
     let path = folder.path().join("site/groundtruth.txt");
     let text = fs::read_to_string(&path).unwrap();
@@ -96,13 +96,13 @@ fn relight(folder: &tempfile::TempDir, gain: impl Fn(usize) -> f64) {
     }
 }
 
-/// The factor of a camera whose exposure jumps.
+/// Gain of a camera whose exposure jumps.
 fn jumps(n: usize) -> f64 {
     if (n / 5).is_multiple_of(2) { 1.0 } else { 0.7 }
 }
 
-/// Of each frame, how far ln of its gain is from that of [`jumps`], root mean square.
-fn off_ln(found: &Analysis) -> f64 {
+/// RMS error of ln gain against [`jumps`], over all frames.
+fn gain_error_ln(found: &Analysis) -> f64 {
     let off: Vec<f64> = found.gains.iter().enumerate().map(|(n, gain)| (gain[1] / jumps(n)).ln()).collect();
     let mean = off.iter().sum::<f64>() / off.len() as f64;
     (off.iter().map(|off| (off - mean).powi(2)).sum::<f64>() / off.len() as f64).sqrt()
@@ -111,7 +111,8 @@ fn off_ln(found: &Analysis) -> f64 {
 // Slow: twenty frames are analysed.
 #[test]
 fn gain_is_followed_by_refused_poses_of_sufficient_accuracy() {
-    // The camera stands so far from what was tracked that its place is refused. From frame to frame that changes little.
+    // The camera is so far from the tracked position that its position is refused. From frame to
+    // frame that changes little.
     let folder = demo_by_tier(20, &Flaws { hand_eye_mm: 160.0, ..Flaws::default() }, 4);
     relight(&folder, jumps);
     let shot = opened(&folder);
@@ -119,7 +120,7 @@ fn gain_is_followed_by_refused_poses_of_sufficient_accuracy() {
     println!("{}", found.findings);
     assert!(found.findings.registration.is_refused() && found.track.is_none());
     assert!(found.findings.gain.as_ref().unwrap().is_followed);
-    assert!(off_ln(&found) < 0.02, "{} {:?}", off_ln(&found), found.gains);
+    assert!(gain_error_ln(&found) < 0.02, "{} {:?}", gain_error_ln(&found), found.gains);
     assert!(!found.refinement(Some(0.1)).seen.is_empty());
 }
 
@@ -136,8 +137,8 @@ fn gain_by_poses_of_another_recording_is_followed_only_if_large() {
     let found = analysed_by_tier(&opened(&folder), 2);
     println!("{}", found.findings);
     assert!(found.track.is_none());
-    // Of ln 0.18, root mean square, that exposures differ by.
-    assert!(found.gains.is_empty() || off_ln(&found) < 0.03, "{:?}", found.gains);
+    // Of ln 0.18, the RMS difference of the exposures.
+    assert!(found.gains.is_empty() || gain_error_ln(&found) < 0.03, "{:?}", found.gains);
     let light = found.findings.light.as_ref().unwrap();
     assert_eq!(light.why.as_deref(), Some("where the camera was is not known"));
 }

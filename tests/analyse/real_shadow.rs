@@ -1,4 +1,5 @@
-//! Evidence in a real shadow: no light is taken a second time, and it is as dark as what lies beside it.
+//! Evidence in a real shadow: the floor's light is not reduced twice, and the evidence is as dark
+//! as its surroundings.
 
 use std::path::Path;
 
@@ -8,7 +9,7 @@ use crate::truth::{size, small_site};
 use locard::pixels::Pixels;
 
 const FRAME: usize = 6;
-/// Where a stool's seat keeps the lamp's light from the floor.
+/// Position on the floor where a stool's seat occludes the lamp.
 const IN_SHADOW: [f64; 2] = [0.06, -0.12];
 
 fn codes(path: &str) -> Vec<[f64; 3]> {
@@ -17,7 +18,7 @@ fn codes(path: &str) -> Vec<[f64; 3]> {
     pixels.codes.to_eight_bit().as_chunks().0.iter().map(|codes: &[u8; 3]| codes.map(f64::from)).collect()
 }
 
-/// The mean of how much brighter one picture is than another, where it counts, codes.
+/// Mean difference in codes between two pictures, over the selected pixels.
 fn brighter(a: &[[f64; 3]], b: &[[f64; 3]], counts: impl Fn(usize) -> bool) -> f64 {
     let off: Vec<f64> = (0..a.len()).filter(|i| counts(*i)).map(|i| a[i][1] - b[i][1]).collect();
     assert!(off.len() > fast_or_full(50, 200), "{}", off.len());
@@ -32,7 +33,7 @@ fn real_shadow_is_not_darkened_twice_and_darkens_evidence() {
     let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
     let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/marker-1.glb");
     let [x, y] = IN_SHADOW;
-    // The truth of site 8: its lamp, and what comes from everywhere else onto the middle of the floor.
+    // The truth of site 8: its lamp, and the remaining light on the middle of the floor.
     let light = "[light]\nambient = [0.4, 0.439, 0.468]\n[[light.lamp]]\nat_m = [1.5976, -0.7469, 1.9565]\n\
                  color = [2.8671, 3.1359, 3.4047]\ndiameter_m = 0.1\n";
     let object = format!("version = 1\nup = \"z\"\n[[objects]]\nmodel = {model:?}\nposition_m = [{x}, {y}, 0]\n");
@@ -54,7 +55,7 @@ fn real_shadow_is_not_darkened_twice_and_darkens_evidence() {
     let (made, unshaded) = (composited("made", &[]), composited("unshaded", &["--set", "shadow.cast=false"]));
     let differs = |a: &[[f64; 3]], b: &[[f64; 3]], i: usize, by: f64| (0..3).any(|c| (a[i][c] - b[i][c]).abs() > by);
     let is_thing = |i: usize| differs(&unshaded, &empty, i, 8.0);
-    // What either picture says is shaded, clear of the marker's own edge.
+    // Pixels that either picture shades, away from the marker's edge.
     let near_thing = |i: usize| {
         [i.wrapping_sub(1), i + 1, i.wrapping_sub(size().0), i + size().0]
             .into_iter()
@@ -67,6 +68,6 @@ fn real_shadow_is_not_darkened_twice_and_darkens_evidence() {
     let lit = brighter(&unshaded, &there, is_thing);
     println!("floor {floor:.2} codes brighter than the truth, marker {thing:.2}; lit by the lamp {lit:.2}");
     assert!(floor.abs() < 3.0, "{floor}");
-    // What is left is the even light of the scene, which the seat takes a part of, too.
+    // The rest is the scene's ambient light, part of which the seat occludes too.
     assert!(thing < 45.0 && lit > thing + 12.0, "{thing} {lit}");
 }

@@ -1,4 +1,4 @@
-//! The real desk as a virtual object, in the recording that it was made from.
+//! The real desk as a virtual object, in the recording that it was reconstructed from.
 
 use crate::common;
 use crate::gpu;
@@ -10,11 +10,12 @@ use locard::measure::displacement::{DisplacementOptions, displacements};
 /// Patches must be much larger than the displacements, which reach 10 px in a few frames.
 const PATCH_PX: usize = 64;
 
-/// Made with one pose for the whole frame, and with each row's own.
+/// Reconstructed with one pose for the whole frame, and with a pose per row.
 const GLOBAL: (&str, f64) = ("twins/tum-fr1-rpy-020.glb", 0.0);
 const ROWS: (&str, f64) = ("twins/tum-fr1-rpy-020-rows.glb", 0.02);
 
-/// Lengths of the displacements of all patches that a twin covers in these frames, drawn with its readout time, px.
+/// Lengths of the displacements of all patches that a twin covers in these frames, rendered with
+/// its readout time, px.
 fn twin_displacements((twin, readout_time_s): (&str, f64), frames: std::ops::Range<usize>) -> Option<Vec<f64>> {
     let folder = common::data("tum-fr1-rpy")?;
     let twin = common::data(twin)?;

@@ -1,4 +1,4 @@
-//! The page that an analysis is shown on, and what of it is taken into a profile: by the program, as a person does it.
+//! The report page of an analysis, and the values that a profile accepts from it, by the program.
 
 use std::path::Path;
 
@@ -12,8 +12,8 @@ use locard::shot::{Shot, ShotOptions};
 use locard::simulate::Flaws;
 use quick_xml::events::Event;
 
-/// What a browser would find: the text of all elements, pictures decoded, and names of the elements. Fails unless each element
-/// is closed.
+/// Content of the page: the text of all elements, decoded pictures, and element names. Panics if an
+/// element is not closed.
 struct Page {
     text: String,
     pictures: Vec<image::RgbImage>,
@@ -56,7 +56,7 @@ fn parsed(html: &str) -> Page {
 // Slow: full analyses of pictures large enough for the spread, and five pages.
 #[test]
 fn report_shows_the_findings_and_the_profile_accepts_the_camera_values() {
-    // Poses 20 ms late; a name that would be markup.
+    // Poses 20 ms late; a file name that contains markup.
     let folder = demo_by_tier(24, &Flaws { poses_later_s: 0.02, ..Flaws::default() }, 2);
     let site = folder.path().join("a<b>&\"c");
     std::fs::rename(folder.path().join("site"), &site).unwrap();
@@ -81,10 +81,11 @@ fn report_shows_the_findings_and_the_profile_accepts_the_camera_values() {
         !html.contains("http://")
             || html.matches("http://").count() == html.matches("http://www.w3.org/2000/svg").count()
     );
-    // Poses and links; the strip is above and below. Light is steady there.
+    // Poses and links, and the strip above and below. Light is steady in it.
     assert!(seen.elements.iter().filter(|name| *name == "svg").count() >= 4, "{:?}", seen.elements);
     assert!(seen.pictures.len() >= 8, "{}", seen.pictures.len());
-    // Edges are shown larger than the place that is followed, and above and below too; the room's light all around.
+    // Edges are shown larger than the tracked point, and above and below too; the room's light all
+    // around.
     let [followed, edges, light] = [(128, 128), (320, 320), (768, 384)]
         .map(|size| seen.pictures.iter().filter(|p| p.dimensions() == size).count());
     assert!(
@@ -99,7 +100,8 @@ fn report_shows_the_findings_and_the_profile_accepts_the_camera_values() {
     }
     assert!(seen.text.contains("Left out: ") && seen.text.contains("Time by part"));
 
-    // Of one that is there, again and again the same, with what it took then; without, if that was deleted.
+    // For an existing analysis the same page again, with the stored running time; without it if
+    // that was deleted.
     assert_eq!(said(&["analyse", site, "--report", page_at]), found);
     let again = std::fs::read_to_string(&page).unwrap();
     let whole = html.split("<section>\n<h2>Time by part").next().unwrap();
@@ -111,7 +113,7 @@ fn report_shows_the_findings_and_the_profile_accepts_the_camera_values() {
     let without = std::fs::read_to_string(&page).unwrap();
     assert!(without.starts_with(whole) && !without.contains("Time by part"));
 
-    // What the footage says of the readout is the demo's own, which is 15 ms.
+    // The estimated readout time is the demo's own, 15 ms.
     assert!(accepted.contains("camera.readout_time_s: 0.03 -> 0.015"), "{accepted}");
     assert!(accepted.contains("point_spread.sigma_px: unsaid -> "), "{accepted}");
     assert!(accepted.contains("camera.exposure.time_s"), "{accepted}");
@@ -125,7 +127,7 @@ fn report_shows_the_findings_and_the_profile_accepts_the_camera_values() {
     let told = said(&["analyse", site, "--accept", profile_at]);
     assert!(told.contains("camera.readout_time_s: 0.015 -> 0.015"), "{told}");
     assert_eq!(std::fs::read_to_string(&profile).unwrap(), written);
-    // A new one begins as a copy.
+    // A new profile starts as a copy.
     let new = folder.path().join("new.toml");
     let given = ShotOptions { profile: Some(profile.clone()), ..ShotOptions::default() };
     let shot = Shot::open(Path::new(site), &OpenOptions::default(), &given).unwrap();
@@ -190,12 +192,12 @@ fn existing_reports_and_analyses_are_not_overwritten() {
     let problem = refused(&["analyse", path, "--report", list.to_str().unwrap()]);
     assert!(problem.contains("is read in this run"), "{problem}");
     assert!(!analysis.exists() && Path::new(&list).exists());
-    // An empty file is nobody's.
+    // An empty file may be overwritten.
     let page = folder.path().join("page.html");
     std::fs::write(&page, "").unwrap();
     said(&["analyse", path, "--report", page.to_str().unwrap()]);
     assert!(std::fs::read_to_string(&page).unwrap().ends_with("</html>\n"));
-    // Links are part of it.
+    // Links belong to the analysis.
     let links = analysis.join("links.txt");
     if links.exists() {
         std::fs::write(&links, "0 9 1 1\n").unwrap();

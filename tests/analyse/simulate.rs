@@ -1,4 +1,4 @@
-//! The simulated camera against projection, arithmetic and its own tables.
+//! The simulated camera compared with projection, arithmetic and its own tables.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -13,7 +13,7 @@ use locard::simulate::{
     self, Detail, Flaws, Format, Motion, Options, Picture, SimulateError, Simulation, Snapshot, board,
 };
 
-/// The board shines by itself, so the site may be crude.
+/// The board is emissive, so the site may be crude.
 const CRUDE: Detail = Detail { texture_m: 0.05, light_m: 0.4 };
 
 fn pan() -> Options {
@@ -31,7 +31,7 @@ fn crude(options: &Options) -> Simulation {
     Simulation::with_detail(options, CRUDE, 2).unwrap()
 }
 
-/// A snapshot 0.5 s into the pan and `later_s` more, when it is `later_s` radians right of rest.
+/// A snapshot 0.5 s into the pan plus `later_s`, when the camera is `later_s` rad right of rest.
 fn snapshot(simulation: &Simulation, later_s: f64, samples: u32) -> Snapshot {
     Snapshot { timestamp_s: 1.5 + later_s, samples, ..simulation.snapshot(0) }
 }
@@ -44,8 +44,8 @@ fn green(picture: &Picture, x: usize, y: usize) -> f64 {
     f64::from(picture.light[y * picture.width as usize + x][1])
 }
 
-/// The saddle near `start`: where every gradient around is at right angles to its own way from
-/// there (Förstner and Gülch 1987).
+/// The saddle point near `start`: the point whose direction to every surrounding pixel is
+/// perpendicular to the gradient there (Förstner and Gülch 1987).
 fn corner_near(picture: &Picture, start: DVec2) -> DVec2 {
     let mut at = start;
     for _ in 0..20 {
@@ -69,8 +69,8 @@ fn corner_near(picture: &Picture, start: DVec2) -> DVec2 {
     at
 }
 
-/// Corners far from the picture's middle, where this lens bends by several pixels. A sample
-/// pattern of 36 finds an edge of 12 px contrast to some 0.02 px.
+/// Corners far from the picture's middle, where this lens distorts by several pixels. A sample
+/// pattern of 36 locates an edge of 12 px contrast within some 0.02 px.
 // Slow: many light samples of a large picture, for a twentieth of a pixel.
 #[test]
 fn corner_is_rendered_where_it_projects() {
@@ -83,7 +83,7 @@ fn corner_is_rendered_where_it_projects() {
             let expected = project(&simulation, snapshot.timestamp_s, point);
             let found = corner_near(&picture, expected);
             assert!((found - expected).length() < 0.05, "{later_s} {texel:?}: {found} is not {expected}");
-            // The pixel's middle is not the corner: the board leans, 1 px of it is 3 mm.
+            // The pixel's centre is not the corner: the board is slanted, 1 px of it is 3 mm.
             let depth_m = picture.depth_m[expected.y as usize * 720 + expected.x as usize];
             let pose = simulation.track().at(snapshot.timestamp_s).unwrap();
             assert!((f64::from(depth_m) - pose.transform_point(point).z).abs() < 0.004, "{depth_m}");
@@ -93,7 +93,7 @@ fn corner_is_rendered_where_it_projects() {
     assert!((bent.x - (361.75 + 520.0 * 0.5)).abs() > 10.0, "the lens does bend: {bent}");
 }
 
-/// Where the board's line along texel column 32 crosses the middle of a row, at a time.
+/// x of the board's line along texel column 32 at the centre of a row, at a time.
 fn line_in_row(simulation: &Simulation, time_s: f64, row: usize) -> f64 {
     let y = row as f64 + 0.5;
     let at = |v: f64| project(simulation, time_s, board().point_at_texel(DVec2::new(32.0, v)));
@@ -105,7 +105,7 @@ fn line_in_row(simulation: &Simulation, time_s: f64, row: usize) -> f64 {
     at(top).x
 }
 
-/// Rows in which the line runs through the middles of squares, where nothing else is near.
+/// Rows in which the line passes through the middles of squares, away from other edges.
 fn clear_rows(simulation: &Simulation, time_s: f64) -> Vec<usize> {
     (0..8)
         .flat_map(|square| {
@@ -129,9 +129,9 @@ fn edge(picture: &Picture, row: usize, near: f64, reach: usize) -> (f64, f64) {
     (first / sum, second / sum - (first / sum).powi(2))
 }
 
-/// An edge under uniform motion is a box as long as the way. Its variance is the sum of those of
-/// boxes: way²/12, the pixel's 1/12, that of the difference of neighbours 1/12, and one texel's,
-/// across which the texture runs linearly from square to square.
+/// An edge under uniform motion is blurred by a box of the displacement's length. Its variance is
+/// the sum of those of boxes: displacement²/12, the pixel's 1/12, 1/12 of the difference of
+/// neighbours, and that of one texel, across which the texture is linear between squares.
 // Slow: 48 samples a pixel of a full picture.
 #[test]
 fn blur_is_velocity_times_exposure() {
@@ -155,8 +155,8 @@ fn blur_is_velocity_times_exposure() {
     }
 }
 
-/// Lower rows see the scene later. At the principal point a turn ω around the world's vertical
-/// moves it by f·ω·cos(pitch), pitch being how far the camera looks down.
+/// Lower rows are exposed later. At the principal point a rotation ω around the world's vertical
+/// moves the image by f·ω·cos(pitch), with pitch the downward tilt of the camera.
 #[test]
 fn rolling_shutter_skew_matches_the_readout_time() {
     let options = Options { readout_time_s: 0.03, k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0, ..pan() };
@@ -179,8 +179,9 @@ fn rolling_shutter_skew_matches_the_readout_time() {
     assert!((lean / by_hand - 1.0).abs() < 0.1, "{lean} px a row is not {by_hand}");
 }
 
-/// Bins of 16 codes with 60,000 values or more: neighbours that correlate by 0.6 leave a fifth
-/// of them independent, which makes σ sure to 0.65 %; 3 % is more than four times that.
+/// Bins of 16 codes with 60,000 values or more: a correlation of 0.6 between neighbours leaves a
+/// fifth of them independent, so the standard error of σ is 0.65 %; 3 % is more than four times
+/// that.
 #[test]
 fn noise_of_static_frames_matches_the_profile() {
     let options =
@@ -283,7 +284,7 @@ fn recording_contains_the_simulated_data() {
     let eye = simulation.track().poses()[0].1.position_in_world_m();
     assert!((truth[0][3].parse::<f64>().unwrap() - eye.z).abs() < 1e-8);
 
-    // From (0, 0, 0.1) the lamp at (-0.3, 0.4, 2.49) stands atan2(-0.3, 0.4) = -36.9° right of +y and
+    // From (0, 0, 0.1) the lamp at (-0.3, 0.4, 2.49) is atan2(-0.3, 0.4) = -36.9° right of +y and
     // atan(0.5 / 2.39) = 11.8° off the zenith: at (0.398 · 256, 0.0656 · 128).
     let panorama = image::open(out.join("environment.hdr")).unwrap().into_rgb32f();
     let lit = |x, y| panorama.get_pixel(x, y)[1] > 40.0;
@@ -346,7 +347,7 @@ fn foreign_and_edited_files_are_kept() {
     }
     fs::remove_dir_all(&by_hand).unwrap();
 
-    // A simulated one that somebody edited.
+    // A simulated recording edited by the user.
     for name in ["camera.toml", "rgb/00000.png", "truth.toml"] {
         let path = out.join(name);
         let before = fs::read(&path).unwrap();
@@ -361,7 +362,7 @@ fn foreign_and_edited_files_are_kept() {
         fs::write(&path, before).unwrap();
     }
 
-    // What somebody put beside the frames, and a recording that somebody made.
+    // Foreign files beside the frames, and a recording made by hand.
     for foreign in ["notes.txt", "rgb/00000.jpg", "rgb/00007.png", "depth/mine/00000.png"] {
         let path = out.join(foreign);
         fs::create_dir_all(path.parent().unwrap()).unwrap();
@@ -397,7 +398,7 @@ fn exported_board_matches_the_simulated_one() {
     for (found, expected) in positions.iter().zip(board().corners_in_world_m) {
         assert!((*found - expected).length() < 1e-7);
     }
-    // The front faces the camera: counter-clockwise seen from there.
+    // The front faces the camera: counter-clockwise from there.
     let indices: Vec<_> = reader.read_indices().unwrap().into_u32().map(|i| positions[i as usize]).collect();
     let camera = DVec3::new(0.16, -1.1, 1.3);
     for corners in indices.chunks(3) {
@@ -406,7 +407,7 @@ fn exported_board_matches_the_simulated_one() {
     assert_eq!(images[0].pixels, *board().texture.rgba);
 }
 
-/// The demonstration in the repository is what the defaults say, and small.
+/// The demonstration in the repository was made with the default options, and is small.
 #[test]
 fn demonstration_matches_the_default_options() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings/demo");

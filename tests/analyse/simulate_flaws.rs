@@ -1,4 +1,4 @@
-//! What is wrong with a simulated recording if that is asked, and the truth beside it.
+//! Requested flaws of a simulated recording, and the truth beside it.
 
 use std::fs;
 use std::ops::ControlFlow;
@@ -15,7 +15,8 @@ fn made(out: &Path, options: &Options, flaws: &Flaws) {
     simulate::run(out, options, flaws, true, &mut |_, _| ControlFlow::Continue(())).unwrap();
 }
 
-/// The same recording without flaws differs by what is asked, and the truth tells how.
+/// A recording differs from the one without flaws by the requested amounts, which the truth
+/// contains.
 #[test]
 fn flaws_have_the_requested_size_and_the_truth_is_written() {
     let folder = tempfile::tempdir().unwrap();
@@ -56,7 +57,7 @@ fn flaws_have_the_requested_size_and_the_truth_is_written() {
         assert!(camera.angle_between(was.world_from_camera_rotation()) < 1e-6);
     }
 
-    // Pictures: as bright as told, until they clip, and those that repeat are the same file.
+    // Pictures: brightness as stated until they clip; repeated pictures are identical files.
     let light = |path: &Path| {
         let codes = image::open(path).unwrap().into_rgb8().into_raw();
         codes.into_iter().map(|code| Response::default().decode(f64::from(code) / 255.0)).collect::<Vec<_>>()
@@ -84,7 +85,7 @@ fn flaws_have_the_requested_size_and_the_truth_is_written() {
     let first = columns(&flawed, "exposure.txt")[0].len();
     assert_eq!(first, 2, "the camera does not say its gain");
 
-    // Frames do not depend on which others are made.
+    // A frame does not depend on the other frames.
     let [few, more] = ["few", "more"].map(|name| folder.path().join(name));
     for (out, frames) in [(&few, 3), (&more, 5)] {
         let options = Options { frames, motion: Motion::Static, ..options.clone() };
@@ -94,7 +95,7 @@ fn flaws_have_the_requested_size_and_the_truth_is_written() {
         assert!(fs::read(few.join(file)).unwrap() == fs::read(more.join(file)).unwrap());
     }
     assert_eq!(columns(&few, "truth/frames.txt")[..], columns(&more, "truth/frames.txt")[..3]);
-    // `--force` knows the truth as its own.
+    // With `--force` the truth is replaced as the simulation's own file.
     made(&few, &options, &Flaws::default());
     assert!(!few.join("truth").exists());
 }
@@ -127,7 +128,7 @@ fn white_desk_clips_and_its_black_screen_has_sparse_depth() {
     assert!(clipped > 160 * 120 / 8 && screen > 500 && 10 * measured < 3 * screen, "{clipped} {screen} {measured}");
 }
 
-/// Somebody who walks covers about a fifth of the picture, and nothing else is another.
+/// The walking person covers about a fifth of the picture, and nothing else changes.
 #[test]
 fn walking_person_covers_a_fifth_and_blank_site_has_no_texture() {
     let options =
@@ -152,7 +153,8 @@ fn depth_of(out: &Path, name: &str) -> Vec<u16> {
     image::open(out.join(name)).unwrap().into_luma16().into_raw()
 }
 
-/// A Kinect's maps have its holes, its steps and its wider edges; what is exact lies beside them; the pictures are the same.
+/// A Kinect's maps have its holes, quantisation and widened edges; the exact maps are beside them;
+/// the pictures are unchanged.
 #[test]
 fn kinect_depth_has_the_sensor_errors_and_the_truth_is_written() {
     let folder = tempfile::tempdir().unwrap();
@@ -192,18 +194,18 @@ fn kinect_depth_has_the_sensor_errors_and_the_truth_is_written() {
         }
         off.sort_by(f64::total_cmp);
         let share = f64::from(holes) / (off.len() + holes as usize) as f64;
-        // Half of normal numbers of σ = 1.43e-3 are within 0.67 σ, two thirds within it.
+        // Half of normal values with σ = 1.43e-3 are within 0.67 σ, two thirds within one.
         let [half, most] = [off[off.len() / 2], off[off.len() * 2 / 3]];
         println!("{share} {half} {most}");
         assert!((0.01..0.3).contains(&share), "{share}");
         assert!((half / 0.96e-3 - 1.0).abs() < 0.2 && (most / 1.43e-3 - 1.0).abs() < 0.25, "{half} {most}");
     }
-    // `--force` knows the truth as its own.
+    // With `--force` the truth is replaced as the simulation's own file.
     made(&flawed, &options, &Flaws::default());
     assert!(!flawed.join("truth").exists());
 }
 
-/// A phone's maps and those of a camera of its own have errors as well.
+/// Depth maps of a phone and of a separate depth camera have errors as well.
 #[test]
 fn other_depth_cameras_have_errors() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! Estimates hold as long as what they were found with holds.
+//! Estimates are valid as long as the inputs of their analysis are.
 
 use std::fs;
 use std::path::Path;
@@ -12,7 +12,7 @@ use locard::simulate::Flaws;
 /// Length of the model's unit, m.
 const UNIT_M: f64 = 0.419817;
 
-/// The demonstration's frames as a COLMAP model, every third of them with half of the light.
+/// Writes the demonstration's frames as a COLMAP model, every third of them with half of the light.
 fn model(to: &Path) {
     let folder = demo_by_tier(12, &Flaws::default(), 4);
     let shot = opened(&folder);
@@ -54,7 +54,7 @@ fn analysis_of_a_model_is_valid_for_any_unit_length() {
     let unit = UNIT_M.to_string();
     let told = said(&["analyse", path]);
     assert!(told.contains("stops from the darkest to the brightest"), "{told}");
-    // As it is made without the unit's length, and used with it.
+    // Analysed without the unit's length, and used with it.
     let shot = opened_in_metres(&site);
     assert!(matches!(shot.analysis, AnalysisState::Used(..)), "{:?}", shot.analysis);
     assert!(shot.stale_estimates().is_empty(), "{:?}", shot.stale_estimates());
@@ -64,7 +64,7 @@ fn analysis_of_a_model_is_valid_for_any_unit_length() {
     let done = locard(&[&composite[..], &["--plain", "-o", frame.to_str().unwrap()]].concat());
     let warned = String::from_utf8_lossy(&done.stderr);
     assert!(done.status.success() && !warned.contains("is not used") && !warned.contains("left out"), "{warned}");
-    // As it is made with it.
+    // Analysed with it.
     let unit_of_analysis = || opened_in_metres(&site).analysis;
     let made_with = |state: AnalysisState| match state {
         AnalysisState::Used(_, findings) => findings.made_with.metres_per_unit,
@@ -75,14 +75,14 @@ fn analysis_of_a_model_is_valid_for_any_unit_length() {
     said(&["analyse", path, "--metres-per-unit", &unit, "--force"]);
     assert_eq!(made_with(unit_of_analysis()), UNIT_M);
     assert!(opened_in_metres(&site).stale_estimates().is_empty());
-    // A scene may say the unit, and the window analyses with it.
+    // A scene may set the unit, and the window analyses with it.
     let scene = temp.path().join("scene.toml");
     fs::write(&scene, format!("version = 1\nmetres_per_unit = {UNIT_M}\n")).unwrap();
     let given = ShotOptions { scene: Some(scene), ..ShotOptions::default() };
     let by_scene = Shot::open(&site, &OpenOptions::default(), &given).unwrap();
     assert_eq!([&by_scene, &by_scene.as_recorded()].map(|shot| shot.recording.metres_per_unit), [UNIT_M; 2]);
     assert!(by_scene.stale_estimates().is_empty(), "{:?}", by_scene.stale_estimates());
-    // Another pose is another recording.
+    // Another pose makes another recording.
     let images = fs::read_to_string(site.join("images.txt")).unwrap();
     let (first, rest) = images.split_once('\n').unwrap();
     let mut words: Vec<String> = first.split(' ').map(str::to_owned).collect();

@@ -1,5 +1,5 @@
-//! The whole composite beside the truth: evidence that really lies in a simulated site, against the same evidence put into the
-//! recording of the empty site, by what its analysis found.
+//! Composites compared with the truth: evidence simulated as part of a site, against the same
+//! evidence composited into the recording of the empty site by its analysis.
 
 use std::path::Path;
 
@@ -20,7 +20,7 @@ fn picture(path: &Path) -> Pixels {
     Pixels::from_u8(image.width(), image.height(), image.into_raw()).unwrap()
 }
 
-/// The box of what differs by 16 codes, grown by half.
+/// The bounding box of pixels that differ by 16 codes, grown by half.
 fn around(a: &Pixels, b: &Pixels) -> Vec<bool> {
     let [a, b] = [a, b].map(|pixels| pixels.codes.to_eight_bit());
     let (width, height) = size();
@@ -47,8 +47,9 @@ pub fn small_site(site: u32, to: &str, more: &[&str]) {
     said(&["simulate", "-q", "-o", to].into_iter().chain(sets).chain(more.iter().copied()).collect::<Vec<_>>());
 }
 
-/// Ten sites in full size, and each part off: `scripts/composite_beside_truth.py`. What is asserted is what is reached where the
-/// marker fills most of the box; docs/truth.md says what is missing.
+/// `scripts/composite_beside_truth.py` evaluates ten sites in full size, and each part switched
+/// off. The limits are those reached where the marker fills most of the box; docs/truth.md lists
+/// the deficits.
 #[test]
 #[ignore = "full tier: two simulated sites, the search for lamps, three composites; in_a_real_shadow_the_floor_is_not_darkened_twice_... is its small form"]
 fn evidence_composited_into_an_empty_site_matches_the_simulated_truth() {
@@ -57,7 +58,7 @@ fn evidence_composited_into_an_empty_site_matches_the_simulated_truth() {
     let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/marker-1.glb");
     let place = "position_m = [0, 0.05, 0]\nrotation_deg = [0, 0, 15]\n";
     let object = format!("version = 1\nup = \"z\"\n[[objects]]\nmodel = {model:?}\n{place}");
-    // What a scene without light gets where nothing was analysed.
+    // The light of a scene without light or analysis.
     let guess = "[light]\nambient = 0.55\n[[light.sun]]\ntowards = [0, 0.57, 0.82]\nintensity = 0.6\n";
     std::fs::write(path("evidence.toml"), &object).unwrap();
     std::fs::write(path("guessed.toml"), format!("{object}{guess}")).unwrap();
@@ -85,7 +86,7 @@ fn evidence_composited_into_an_empty_site_matches_the_simulated_truth() {
     println!(
         "mean FLIP {whole:.4}; without shadow {unshaded:.4}, by a guessed light {guessed:.4}, nothing there {without:.4}"
     );
-    // The light that is found here is a fifth too bright, and the guessed one happens to be nearly right.
+    // The estimated light is a fifth too bright, and the guessed one happens to be nearly right.
     assert!(
         whole < 0.15 && 1.1 * whole < unshaded && 1.02 * whole < guessed && 2.0 * whole < without,
         "{whole} {unshaded} {guessed}"

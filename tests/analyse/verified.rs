@@ -1,4 +1,4 @@
-//! What `verify` reads of poses that are exact, and of poses with a known error.
+//! Readings of `verify` for exact poses, and for poses with a known error.
 
 use std::fs;
 use std::ops::ControlFlow;
@@ -13,7 +13,7 @@ use locard::verify::{DisplacementSummary, Plan, verify};
 
 const FOCAL_PX: f64 = 260.0;
 const FPS: f64 = 30.0;
-/// Frames between those that are compared.
+/// Number of frames between compared ones.
 const GAP: usize = 4;
 
 /// A camera at rest, as `site` in a folder of its own.
@@ -35,7 +35,8 @@ fn at_rest() -> tempfile::TempDir {
     folder
 }
 
-/// Turns the recorded camera about its down axis, so that things move by so much in [`GAP`] frames, px.
+/// Rotates the recorded camera about its down axis, so that the image moves by this distance in
+/// [`GAP`] frames, px.
 fn turn_poses(folder: &tempfile::TempDir, by_px: f64) {
     let track = opened(folder).recording.track.clone();
     let turned = |(time_s, pose): &(f64, Pose)| {
@@ -56,12 +57,12 @@ fn displaced(folder: &tempfile::TempDir) -> DisplacementSummary {
     found.displaced.unwrap()
 }
 
-// Slow: frames are drawn as things, and a simulated site is lit.
+// Slow: frames are rendered as objects, and a simulated site is lit.
 #[test]
 fn verify_reads_zero_for_exact_poses_and_one_pixel_for_a_one_pixel_error() {
     let folder = at_rest();
     let exact = displaced(&folder);
-    // A median of displacements is never 0, but what is left of it without the floor may be.
+    // A median of displacements is never 0, but its excess over the floor may be.
     assert!(exact.measured.0 > 0.03 && exact.floor.is_some(), "{exact:?}");
     assert!(exact.px.0 <= 2.0 * exact.sigma_px && exact.px.0 < 0.1, "{exact:?}");
     turn_poses(&folder, 1.0);
