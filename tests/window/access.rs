@@ -1,4 +1,4 @@
-//! The window by keys alone, for screen readers, and for eyes that read no tiny letters.
+//! The window operated by keys alone, its accessibility tree, and legible text sizes.
 
 use std::sync::{Arc, Mutex};
 
@@ -18,13 +18,13 @@ fn project() -> Project {
     Project::open(&demo(), &OpenOptions::default(), &given).unwrap()
 }
 
-/// The project of tests in which nothing virtual is looked at.
+/// Project of tests that check nothing virtual.
 fn plain() -> Project {
     let given = ShotOptions { scene: scene_or_none(), ..ShotOptions::default() };
     Project::open(&demo(), &OpenOptions::default(), &given).unwrap()
 }
 
-/// What has the keyboard, by its name.
+/// Label of the widget with the keyboard focus.
 fn focused<S>(window: &Harness<'_, S>) -> Option<String> {
     window.root().children_recursive().find(|node| node.accesskit_node().is_focused())?.accesskit_node().label()
 }
@@ -51,13 +51,13 @@ fn library_is_navigated_by_keys() {
         press(&mut window, key);
         assert_eq!(focused(&window).as_ref(), Some(&models[n]), "{key:?}");
     }
-    // Esc gives back, and ends nothing else.
+    // Esc returns the focus and closes nothing else.
     window.state_mut().show_start(true);
     press(&mut window, Key::Escape);
     assert!(focused(&window).as_deref() == Some("Place…") && !has(&window, &models[0]), "{:?}", focused(&window));
     assert!(has(&window, "Open a recording…"));
     window.state_mut().show_start(false);
-    // Enter takes one; then the arrows carry a cross over the picture.
+    // Enter picks one; then the arrows move a cursor over the picture.
     press(&mut window, Key::Enter);
     press(&mut window, Key::ArrowRight);
     press(&mut window, Key::Enter);
@@ -72,7 +72,7 @@ fn library_is_navigated_by_keys() {
     assert_eq!(window.state().project().edit().scene.entries().len(), before + 1, "{:?}", window.state().message());
 }
 
-/// Whether there is a dialog of that name.
+/// True if a dialog has this name.
 fn is_dialog<S>(window: &Harness<'_, S>, name: &str) -> bool {
     window.query_all_by_role(Role::Dialog).any(|node| node.accesskit_node().label().as_deref() == Some(name))
 }
@@ -123,18 +123,18 @@ fn key_help_opens_before_any_recording() {
     start.key_press_modifiers(Modifiers::COMMAND, Key::O);
     start.run_steps(3);
     assert!(is_dialog(&start, "Open a recording"));
-    // What is typed there is no key of the window.
+    // Text typed in the dialog is not a key of the window.
     start.event(egui::Event::Text("?".to_owned()));
     start.key_press(Key::Questionmark);
     start.run_steps(3);
     assert!(!has(&start, "these keys"));
 }
 
-/// The smallest letters that were painted, with what they said, since it was asked last.
+/// The smallest font size painted since the last query, with its text.
 #[derive(Clone, Default)]
-struct Letters(Arc<Mutex<Option<(f32, String)>>>);
+struct SmallestText(Arc<Mutex<Option<(f32, String)>>>);
 
-impl Letters {
+impl SmallestText {
     fn look(&self, shape: &Shape) {
         match shape {
             Shape::Vec(shapes) => shapes.iter().for_each(|shape| self.look(shape)),
@@ -153,7 +153,7 @@ impl Letters {
     }
 }
 
-impl egui::Plugin for Letters {
+impl egui::Plugin for SmallestText {
     fn debug_name(&self) -> &'static str {
         "letters"
     }
@@ -165,7 +165,7 @@ impl egui::Plugin for Letters {
 
 #[test]
 fn no_text_is_smaller_than_the_legible_size() {
-    let letters = Letters::default();
+    let letters = SmallestText::default();
     let (seen, project) = (letters.clone(), project());
     let builder = Harness::builder().with_size(SIZE).renderer(Device::new());
     let mut window = builder.build_eframe(move |context| {

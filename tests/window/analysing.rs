@@ -1,4 +1,4 @@
-//! The footage analysed from the window, worked as a person would.
+//! Analysis from the window.
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -19,7 +19,7 @@ use locard::shot::{AnalysisState, Shot, ShotOptions};
 use locard::simulate::{self, Flaws, Options};
 use locard::window::{App, DEMO_SCENE, JobState, Project};
 
-/// Number of frames, and the frame that is shown.
+/// Number of frames, and the shown frame.
 fn frames() -> usize {
     fast_or_full(12, 20)
 }
@@ -28,8 +28,8 @@ fn frame() -> usize {
     fast_or_full(5, 9)
 }
 
-/// The demonstration's site in small pictures, by a tracker that drifts and a camera that changes
-/// its exposure.
+/// The demonstration's site in small pictures, by a tracker with drift and a camera with changing
+/// exposure.
 fn site() -> (tempfile::TempDir, PathBuf) {
     let (width_px, height_px) = fast_or_full((160, 120), (320, 240));
     let options = Options {
@@ -71,7 +71,7 @@ fn press(window: &mut Harness<'_, App>, label: &str) {
     window.run_steps(3);
 }
 
-/// What the program shows of the frame.
+/// The frame as composited by the program.
 fn composited(site: &Path, noise: f64) -> Vec<[u8; 3]> {
     let mut given = given();
     given.sets.push(format!("noise.scale={noise}"));
@@ -85,7 +85,7 @@ fn composited(site: &Path, noise: f64) -> Vec<[u8; 3]> {
 fn analysis_from_the_window_is_adopted_at_the_current_frame() {
     let (_folder, site) = site();
     let analysis = site.with_file_name("site.analysis");
-    // What half an analysis left is none, and it is offered to make another.
+    // An incomplete analysis is not used, and a new one is offered.
     std::fs::create_dir(&analysis).unwrap();
     std::fs::write(analysis.join("analysis.toml"), "version = 4\n").unwrap();
     let mut window = open(&site);
@@ -111,7 +111,7 @@ fn analysis_from_the_window_is_adopted_at_the_current_frame() {
     assert!(at.canonicalize().unwrap() == analysis.canonicalize().unwrap() && findings.registration.is_refined());
     assert!(app.message().unwrap().contains("poses refined"), "{:?}", app.message());
 
-    // The frame, what is set and the past have stayed; it is drawn as the program draws it.
+    // The frame, the settings and the history are kept; the picture matches the program's.
     assert_eq!((app.player().frame(), app.project().value("noise", "scale")), (frame(), Some(Value::Number(0.5))));
     let after = shown(&window);
     assert!(after != before && after == composited(&site, 0.5));
@@ -122,7 +122,7 @@ fn analysis_from_the_window_is_adopted_at_the_current_frame() {
     settle(&mut window);
     assert!(shown(&window) == composited(&site, 1.0));
 
-    // What the analysis found holds for this recording alone: no profile takes it.
+    // Estimates of the analysis are valid for this recording alone: no profile takes them.
     let project = window.state_mut().project_mut();
     assert!(!project.shot().baseline().estimated.is_empty());
     let profile = site.with_file_name("mine.toml");
@@ -130,7 +130,7 @@ fn analysis_from_the_window_is_adopted_at_the_current_frame() {
     let text = std::fs::read_to_string(&profile).unwrap();
     assert!(!text.contains("readout_time_s") && !text.contains("point_spread"), "{text}");
 
-    // How bright the frames are.
+    // Estimated brightness of the frames.
     let seen_ev = window.state().project().shot().relative_ev();
     assert_eq!(seen_ev.len(), frames());
     press(&mut window, "Match");

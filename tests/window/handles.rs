@@ -1,4 +1,4 @@
-//! Objects in the picture of the window: picked, moved, turned and scaled, as a person would.
+//! Objects in the picture of the window: picked, moved, rotated and scaled.
 
 use crate::gpu;
 use crate::worked::{click_at, codes, demo_window, let_go, press_and_move, press_key, settle, shown, steps, types};
@@ -13,7 +13,7 @@ use locard::window::App;
 
 const MARKER: SceneItem = SceneItem::Object(Entry { object: 0, instance: None });
 const CASE: SceneItem = SceneItem::Object(Entry { object: 2, instance: Some(0) });
-/// Where the demonstration's scene has them.
+/// Position in the demonstration's scene.
 const MARKER_AT: [f64; 3] = [0.0, 0.12, 0.0];
 
 fn open(frame: usize) -> Harness<'static, App> {
@@ -23,13 +23,13 @@ fn open(frame: usize) -> Harness<'static, App> {
     window
 }
 
-/// Where a point of the world is on the screen.
+/// Screen position of a world point.
 fn at(window: &Harness<'_, App>, frame: usize, point_m: [f64; 3]) -> Pos2 {
     let px = window.state().project().shot().posed_camera(frame).unwrap().project(point_m.into()).unwrap();
     window.state().on_screen(egui::vec2(px.x as f32, px.y as f32)).unwrap()
 }
 
-/// Presses, moves in small steps as a hand does, and lets go.
+/// Drags in small steps and releases the button.
 fn drag(window: &mut Harness<'_, App>, from: Pos2, to: Pos2) {
     press_and_move(window, from, to);
     let_go(window, to);
@@ -55,11 +55,11 @@ fn click_selects_the_visible_object_and_the_list_shows_it() {
     let on_marker = at(&window, 0, [0.0, 0.12, 0.03]);
     click_at(&mut window, on_marker);
     assert_eq!(window.state().selected(), Some(MARKER));
-    // Its numbers stand at the left.
-    // (A slider to those who cannot see it.)
+    // Its values are on the left, as sliders in the accessibility tree.
     let y = window.get_by_role_and_label(Role::Slider, "position y");
     assert!(y.value().is_some_and(|text| text.starts_with("0.12")), "{:?}", y.value());
-    // One of three of the same model is a thing of its own; beside everything nothing is.
+    // One of three instances of a model is an item of its own; a click beside all objects selects
+    // none.
     let on_case = at(&window, 0, [0.03, -0.05, 0.005]);
     let name = window.state().project().edit().scene.title(CASE);
     window.get_by_label(&name).click();
@@ -87,7 +87,7 @@ fn keys_between_two_frames_are_all_processed() {
     };
     let typed = |is: Key, letter: &str| [key(is, true), text(letter), key(is, false)];
     let pressed = |is: Key| [key(is, true), key(is, false)];
-    // Twice, and a key of the window's.
+    // Twice, followed by a key of the window.
     for _ in 0..2 {
         let letters = [(Key::G, "g"), (Key::X, "x"), (Key::Num1, "1"), (Key::C, "c"), (Key::M, "m")];
         window.input_mut().events.extend(letters.into_iter().flat_map(|(is, letter)| typed(is, letter)));
@@ -99,12 +99,12 @@ fn keys_between_two_frames_are_all_processed() {
     assert_eq!(window.state().view.zoom, None, "the digit is no zoom");
     assert_eq!(steps(&window), ["opened", "marker 1: moved 1 cm", "marker 1: moved 1 cm"]);
     assert!(window.state().view.wipe.is_some(), "the last key is the window's");
-    // Nothing is nothing to look at: the pointer rules.
+    // A scale of 0 or less is ignored: the pointer takes over.
     press_key(&mut window, Key::S);
     types(&mut window, "-1");
     press_key(&mut window, Key::Enter);
     assert!(matches!(placement(&window, MARKER).size, Size::Scale(factor) if factor.min_element() > 0.0));
-    // Esc first ends what is under way, then nothing is selected.
+    // Esc first cancels the current action, then clears the selection.
     press_key(&mut window, Key::G);
     press_key(&mut window, Key::Escape);
     assert_eq!(window.state().selected(), Some(MARKER));
@@ -123,7 +123,7 @@ fn typed_numbers_move_rotate_and_scale_exactly_in_one_step_each() {
     window.run_steps(2);
     assert_eq!(placement(&window, MARKER).position_m, DVec3::from(MARKER_AT) + 0.1 * DVec3::X);
     assert_eq!(steps(&window).len(), 1, "it is no step yet");
-    // Keys of the window are not asked meanwhile: 1 is a digit, not a zoom.
+    // During an action the window's keys are inactive: 1 is a digit, not a zoom.
     assert_eq!(window.state().view.zoom, None);
     press_key(&mut window, Key::Enter);
     settle(&mut window);
@@ -140,7 +140,7 @@ fn typed_numbers_move_rotate_and_scale_exactly_in_one_step_each() {
     assert_eq!(placement(&window, MARKER).size, Size::Scale(DVec3::splat(1.5)));
     let names = ["opened", "marker 1: moved 10 cm", "marker 1: turned 45°", "marker 1: scaled to 150 %"];
     assert_eq!(steps(&window), names);
-    // What is shown is what would be composited from the scene file.
+    // The picture matches a composite of the scene file.
     settle(&mut window);
     let mut shot: Shot = window.state().project().shot().clone();
     let mut compositor = shot.compositor(gpu::gpu().clone());
@@ -163,7 +163,7 @@ fn typed_numbers_move_rotate_and_scale_exactly_in_one_step_each() {
 fn dragged_object_stays_on_the_surface() {
     let mut window = with_marker(0);
     let from = at(&window, 0, [0.0, 0.12, 0.03]);
-    // The hand holds it above where it stands, so that it stands as far from there as the hand goes.
+    // The pointer holds a point above the object's foot, so the object keeps that offset.
     let (stood, stands) = (at(&window, 0, MARKER_AT), at(&window, 0, [-0.1, 0.2, 0.0]));
     let to = from + (stands - stood);
     press_and_move(&mut window, from, to);
@@ -172,12 +172,13 @@ fn dragged_object_stays_on_the_surface() {
     window.drop_at(to);
     window.run_steps(2);
     let position = placement(&window, MARKER).position_m;
-    // The floor is z = 0; the sensor's noise is 1.5 mm, and a plane is fitted to a thousand of its depths.
+    // The floor is z = 0; the sensor's noise is 1.5 mm, and the plane is fitted to a thousand of
+    // its depths.
     assert!(position.abs_diff_eq(DVec3::new(-0.1, 0.2, 0.0), 2e-3), "{position}");
     let names = steps(&window);
     assert!(names.len() == 2 && names[1].starts_with("marker 1: moved 12.") && names[1].ends_with(" cm"), "{names:?}");
     assert_eq!(window.state().selected(), Some(MARKER), "letting go is no click");
-    // On from there, level and in whole centimetres.
+    // From there, level and in whole centimetres.
     let (from, to) = (at(&window, 0, [-0.1, 0.2, 0.03]), at(&window, 0, [0.003, 0.154, 0.03]));
     window.event(Event::ModifiersChanged(Modifiers::COMMAND | Modifiers::SHIFT));
     drag(&mut window, from, to);
@@ -190,7 +191,7 @@ fn dragged_object_stays_on_the_surface() {
 fn escape_and_right_button_cancel_without_changes() {
     let mut window = with_marker(0);
     let (before, first) = (window.state().project().edit().clone(), shown(&window));
-    // A step that is undone can still be done again.
+    // An undone step can still be redone.
     press_key(&mut window, Key::G);
     types(&mut window, "0.02");
     press_key(&mut window, Key::Enter);
@@ -217,7 +218,7 @@ fn escape_and_right_button_cancel_without_changes() {
     window.drop_at(from);
     window.run_steps(2);
     assert!(window.state().project().edit() == &before);
-    // A copy goes with its Escape.
+    // Escape removes the copy.
     window.key_press_modifiers(Modifiers::SHIFT, Key::D);
     window.run_steps(2);
     assert_eq!(window.state().project().edit().scene.objects.len(), before.scene.objects.len() + 1);
@@ -248,7 +249,7 @@ fn instance_moves_alone_and_is_saved_to_its_own_entry() {
         .into_iter()
         .fold(expected, |text, key| text.replace(&format!("{key} = \""), &format!("{key} = \"{scenes}/")));
     let expected = expected.replace("scenes/../", "");
-    // By relative names, if both lie in a folder that does.
+    // By relative names if both are in a folder with a relative name.
     let resolved = |line: &str| match line.split_once(" = \"") {
         Some((key @ ("model" | "environment"), name)) => {
             let place = temp.path().join(name.trim_end_matches('"')).canonicalize().unwrap();
@@ -264,20 +265,20 @@ fn instance_moves_alone_and_is_saved_to_its_own_entry() {
 fn handles_move_along_their_axis_rotate_and_scale() {
     let mut window = with_marker(0);
     let centre = at(&window, 0, MARKER_AT);
-    // The arrow of z begins above the marker, which is 107 mm high.
+    // The arrow of z starts above the marker, which is 107 mm high.
     let up = at(&window, 0, [0.0, 0.12, 0.107]) - egui::vec2(0.0, 30.0);
     drag(&mut window, up, up - egui::vec2(0.0, 60.0));
     let position = placement(&window, MARKER).position_m;
     assert!(position.x == 0.0 && position.y == 0.12 && position.z > 0.02, "{position}");
     window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
     window.run_steps(2);
-    // The handle of the size stands at the upper right, twice as far is twice as large.
+    // The scale handle is at the upper right; twice the distance doubles the size.
     let size = egui::vec2(68.0, -68.0);
     drag(&mut window, centre + size, centre + 2.0 * size);
     assert_eq!(placement(&window, MARKER).size, Size::Scale(DVec3::splat(2.0)));
     let names = steps(&window);
     assert_eq!(names.last().unwrap(), "marker 1: scaled to 200 %");
-    // With Ctrl turns are in steps of 5°.
+    // Ctrl rotates in steps of 5°.
     press_key(&mut window, Key::R);
     window.hover_at(centre + egui::vec2(100.0, 0.0));
     window.step();
@@ -310,7 +311,7 @@ fn keys_nudge_copy_and_delete_objects() {
     assert_eq!(steps(&window).len(), 2);
     press_key(&mut window, Key::H);
     assert!(window.state().project().edit().scene.objects[0].hidden);
-    // What is hidden is not moved.
+    // Hidden objects cannot be moved.
     press_key(&mut window, Key::G);
     press_key(&mut window, Key::H);
     assert!(!window.state().project().edit().scene.objects[0].hidden);
@@ -339,7 +340,7 @@ fn press_and_move_in_one_frame_drags_the_pressed_object() {
     let to = from + egui::vec2(60.0, 12.0);
     window.hover_at(from);
     window.step();
-    // Both in one frame of the window.
+    // Press and move in one frame of the window.
     let button = egui::PointerButton::Primary;
     window.event(Event::PointerButton { pos: from, button, pressed: true, modifiers: Modifiers::NONE });
     window.hover_at(from + egui::vec2(40.0, 40.0));

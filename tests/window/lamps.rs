@@ -1,4 +1,4 @@
-//! Lamps in the picture of the window: selected, moved, added and taken from an analysis, as a person would.
+//! Lamps in the picture of the window: selected, moved, added and adopted from an analysis.
 
 use std::path::Path;
 
@@ -19,14 +19,14 @@ use locard::simulate::Flaws;
 use locard::window::{App, HistoryRecord, Project};
 
 const LAMP: SceneItem = SceneItem::Lamp(0);
-/// Where the demonstration's scene has it: above the picture.
+/// Position in the demonstration's scene: above the picture.
 const LAMP_AT: [f64; 3] = [-0.2783, 0.2778, 2.349];
 const MARK_INSET: f64 = 18.0;
 const HANDLES_INSET: f64 = 104.0;
 
 const NO_SHADOWS: [&str; 2] = ["shadow.cast=false", "shadow.on_things=false"];
 
-/// An edge of the simulated site's paper on the floor, and a part of it without print.
+/// On the floor of the simulated site: an edge of the paper, and an unprinted part of it.
 const PAPER_M: [DVec3; 2] = [DVec3::new(-0.1296, 0.6968, 0.0), DVec3::new(-0.1888, 0.7872, 0.0)];
 
 const SIZE: egui::Vec2 = egui::vec2(1400.0, 1000.0);
@@ -39,7 +39,7 @@ fn open_without_shadows() -> Harness<'static, App> {
     demo_window(&["shadow.cast=false"], SIZE)
 }
 
-/// The size of the picture, px.
+/// Size of the picture, px.
 fn picture_px() -> DVec2 {
     let size = demo_px(640.0, 480.0);
     DVec2::new(size.x.into(), size.y.into())
@@ -57,8 +57,8 @@ fn at_m(window: &Harness<'_, App>, lamp: SceneItem) -> DVec3 {
     window.state().project().edit().scene.placement(lamp).unwrap().position_m
 }
 
-/// Where a way from the middle of the picture comes to within so many points of its rim.
-fn at_rim(window: &Harness<'_, App>, towards: DVec2, inset: f64) -> Pos2 {
+/// The point `inset` points inside the picture's border, in a direction from its middle.
+fn at_border(window: &Harness<'_, App>, towards: DVec2, inset: f64) -> Pos2 {
     let size = picture_px();
     let [low, high] = [DVec2::ZERO, size].map(|px| on_screen(window, px));
     let half = DVec2::new((high.x - low.x).into(), (high.y - low.y).into()) * 0.5 - inset;
@@ -66,7 +66,7 @@ fn at_rim(window: &Harness<'_, App>, towards: DVec2, inset: f64) -> Pos2 {
     low + (high - low) * 0.5 + egui::vec2(way.x as f32, way.y as f32)
 }
 
-/// The way from the middle of the picture to what lies outside it, or behind the camera.
+/// Direction from the middle of the picture to a point outside it or behind the camera.
 fn towards(window: &Harness<'_, App>, point_m: [f64; 3]) -> DVec2 {
     let way = || window.state().project().shot().posed_camera(0).unwrap().vector_to(point_m.into()).truncate();
     let size = picture_px();
@@ -81,7 +81,7 @@ fn undo(window: &mut Harness<'_, App>) {
     settle(window);
 }
 
-/// What would be saved, in the folder that the scene lies in.
+/// The scene file as it would be saved into the scene's folder.
 fn text(window: &mut Harness<'_, App>) -> String {
     let temp = tempfile::tempdir().unwrap();
     let file = temp.path().join("scene.toml");
@@ -102,13 +102,13 @@ fn lamp_outside_the_picture_is_selected_and_dragged_at_the_border() {
     let (first, text_before, before) = (shown(&window), text(&mut window), window.state().project().edit().clone());
     assert!(text_before.contains("at_m = [-0.2783, 0.2778, 2.349]\n"), "{text_before}");
     let towards = towards(&window, LAMP_AT);
-    let mark = at_rim(&window, towards, MARK_INSET);
+    let mark = at_border(&window, towards, MARK_INSET);
     click_at(&mut window, mark);
     assert_eq!(window.state().selected(), Some(LAMP));
     assert_eq!(steps(&window).len(), 1, "looking changes nothing");
 
-    // The dot of its handles, dragged across: the picture follows as long as it is held.
-    let from = at_rim(&window, towards, HANDLES_INSET);
+    // The dot of its handles, dragged: the picture follows during the drag.
+    let from = at_border(&window, towards, HANDLES_INSET);
     let to = from + egui::vec2(-160.0, 30.0);
     press_and_move(&mut window, from, to);
     settle(&mut window);
@@ -117,7 +117,7 @@ fn lamp_outside_the_picture_is_selected_and_dragged_at_the_border() {
     settle(&mut window);
     let (moved, by) = (shown(&window), at_m(&window, LAMP) - DVec3::from(LAMP_AT));
     assert!(moved != first && by.length() > 0.3, "{by}");
-    // What hangs stays as far before the eye as it was: across the sight of where the dot is.
+    // A hanging lamp keeps its depth: it moves perpendicularly to the viewing ray of its dot.
     let eye = window.state().project().shot().posed_camera(0).unwrap();
     let size = window.state().on_screen(egui::vec2(1.0, 0.0)).unwrap() - on_screen(&window, DVec2::ZERO);
     let px = (from - on_screen(&window, DVec2::ZERO)) / size.x;
@@ -126,7 +126,7 @@ fn lamp_outside_the_picture_is_selected_and_dragged_at_the_border() {
     let names = steps(&window);
     assert!(names.len() == 2 && names[1].starts_with("lamp 1: moved "), "{names:?}");
 
-    // The scene file has the place, and every comment.
+    // The scene file has the new position, and every comment.
     let scene = window.state().project().edit().scene.clone();
     let [x, y, z] = scene.light.lamp[0].at_m;
     let expected = text_before.replace("[-0.2783, 0.2778, 2.349]", &format!("[{x:?}, {y:?}, {z:?}]"));
@@ -162,19 +162,19 @@ fn lamp_in_the_picture_follows_the_pointer() {
     let_go(&mut window, to);
     let now = at_m(&window, LAMP);
     let there = on_screen(&window, seen(&window, now).unwrap());
-    // To a tenth of a millimetre of the world; rows of the picture have moments of their own.
+    // Within a tenth of a millimetre in the world; the picture's rows have different times.
     assert!(there.distance(to) < 0.5, "{there:?} {to:?}");
     let eye = window.state().project().shot().posed_camera(0).unwrap();
     let across = (now - here).dot((here - eye.position_m()).normalize());
     assert!(across.abs() < 1e-3, "{across}");
 
-    // The arrow of z is held beside the lamp's ball and goes up alone.
+    // The arrow of z is dragged beside the lamp's ball and moves along z alone.
     let up = there - egui::vec2(0.0, 50.0);
     press_and_move(&mut window, up, up - egui::vec2(0.0, 40.0));
     let_go(&mut window, up - egui::vec2(0.0, 40.0));
     let by = at_m(&window, LAMP) - now;
     assert!(by.x == 0.0 && by.y == 0.0 && by.z > 0.02, "{by}");
-    // Its size is its diameter, and it has no front to turn.
+    // Its size is its diameter, and it has no orientation.
     press_key(&mut window, Key::S);
     types(&mut window, "200%");
     press_key(&mut window, Key::Enter);
@@ -242,7 +242,7 @@ fn typed_lamp_values_are_one_undo_step_each() {
         (lamp.intensity, lamp.rgb(), lamp.diameter_or_default_m(), lamp.at_m[2]),
         (Some(2.0), [5.4049, 0.0, 4.6338], 1.0, 1.5)
     );
-    // Nothing and less does not shine, and is no mistake.
+    // A negative intensity means no light, and is accepted.
     window.get_by_role_and_label(Role::Slider, "lamp intensity").set_value_accesskit(-3.0);
     window.run_steps(3);
     assert_eq!(window.state().project().edit().scene.light.lamp[0].intensity, Some(0.0));
@@ -268,7 +268,7 @@ fn lamp_is_added_at_the_clicked_point() {
     click_at(&mut window, place);
     let added = SceneItem::Lamp(1);
     assert_eq!((window.state().selected(), steps(&window).last().unwrap().as_str()), (Some(added), "lamp 2: added"));
-    // A bulb of 6 cm that touches the floor, z = 0, whose depth is noisy by 1.5 mm.
+    // A bulb of 6 cm that touches the floor, z = 0, whose depth has a noise of 1.5 mm.
     assert!(at_m(&window, added).abs_diff_eq(DVec3::new(-0.2, 0.2, 0.03), 4e-3), "{}", at_m(&window, added));
     // The next click selects again.
     let beside = on_screen(&window, seen(&window, DVec3::new(-0.4, 0.4, 0.0)).unwrap());
@@ -278,7 +278,7 @@ fn lamp_is_added_at_the_clicked_point() {
     assert_eq!(window.state().project().edit().scene.light.lamp.len(), 1);
 }
 
-/// Gives an analysis the light of the demonstration's scene. The search for a light takes 10 s.
+/// Adds the light of the demonstration's scene to an analysis. The search for a light takes 10 s.
 fn with_light(analysis: &mut Analysis) {
     let panorama = image::open("scenes/demo-light.hdr").unwrap().into_rgb32f();
     let rgb: Vec<[f32; 3]> = panorama.pixels().map(|pixel| pixel.0).collect();
@@ -291,7 +291,7 @@ fn with_light(analysis: &mut Analysis) {
 const FOUND_LIGHT: &str = "middle_m = [0.1, 0.0, 0.1]\nup = [0.0, 0.0, 1.0]\nwhite_level = [0.6, 0.6, 0.6]\n\
     [[lamps]]\nat_m = [-0.2783, 0.2778, 2.349]\nshown_at_1_m = [5.4049, 5.1358, 4.6338]\n";
 
-/// A simulated site whose analysis has found a light, and a scene of one marker without light.
+/// A simulated site whose analysis includes a light, and a scene of one marker without light.
 fn analysed_site() -> (tempfile::TempDir, Project) {
     let folder = footage::demo_by_tier(4, &Flaws::default(), 4);
     let shot = footage::opened(&folder);
@@ -315,7 +315,7 @@ fn light_is_matched_to_white_paper_as_by_the_command_and_undone() {
     let first = shown(&window);
     window.get_by_label("Match white").click();
     window.run_steps(2);
-    // The edge of the paper cannot tell; the next click counts.
+    // The edge of the paper is rejected; the next click is used.
     let [edge, paper] = PAPER_M.map(|at_m| on_screen(&window, seen(&window, at_m).unwrap()));
     click_at(&mut window, edge);
     assert!(window.state().project().edit().scene.light.is_unspecified());
@@ -381,7 +381,7 @@ fn estimated_light_is_adopted_by_the_scene_and_saved_with_its_panorama() {
         "version = 1\nup = \"z\"\n\n# the tent\n[[objects]]\nmodel = {model:?}\nposition_m = [0.0, 0.12, 0.0]\n"
     );
     std::fs::write(&file, &bare).unwrap();
-    // Another case's panorama is in the way, and stays.
+    // Another case's panorama has the same name, and stays.
     std::fs::write(folder.path().join("case-light.hdr"), "another").unwrap();
     let sets = if is_full() { Vec::new() } else { NO_SHADOWS.map(str::to_owned).to_vec() };
     let given = ShotOptions { scene: Some(file.clone()), sets, ..ShotOptions::default() };
@@ -413,7 +413,8 @@ fn estimated_light_is_adopted_by_the_scene_and_saved_with_its_panorama() {
     let read = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
     assert_eq!(read("case-light.hdr"), b"another");
     assert!(read("case-light-2.hdr") == std::fs::read(analysis.join("environment.hdr")).unwrap());
-    // What is undone and done again names it, too; and the file is lit alike when it is opened.
+    // After undo and redo the scene names it too; and the file has the same lighting when it is
+    // opened.
     undo(&mut window);
     assert!(shown(&window) == first);
     let environment = window.state().project().edit().scene.light.environment.clone();
@@ -435,7 +436,7 @@ fn lamp_added_to_a_guessed_light_keeps_the_rest() {
     assert_eq!(project.add_lamp(DVec3::new(0.0, 0.0, 1.0)), Ok(LAMP));
     let lighting = &project.shot().scene.lighting;
     assert!(lighting.environment == guessed.environment && lighting.suns.len() == 1 && lighting.points.len() == 1);
-    // Another one is added to that, and nothing else.
+    // Another lamp is added to that light, and nothing else changes.
     let light = project.edit().scene.light.clone();
     project.add_lamp(DVec3::new(0.5, 0.0, 1.0)).unwrap();
     let mut with_another = project.edit().scene.light.clone();

@@ -1,5 +1,5 @@
-//! A camera in the window. A video stands in for it, of a printed sheet; what is asserted does not depend on how fast the
-//! machine is.
+//! A camera in the window, played back from a video of a printed sheet. The assertions do not
+//! depend on the machine's speed.
 
 use std::path::Path;
 use std::process::Command;
@@ -24,7 +24,7 @@ use locard::recording::{OpenOptions, Recording};
 use locard::shot::{Shot, ShotOptions};
 use locard::window::{App, Project};
 
-/// The site's video over and over. In the fast tier it is compressed, at a third of the frame rate.
+/// The site's video repeated. In the fast tier it is compressed, at a third of the frame rate.
 fn endless(site: &Site) -> String {
     if is_full() {
         return site.endless();
@@ -47,7 +47,8 @@ fn endless(site: &Site) -> String {
     path
 }
 
-/// The window with a camera that plays the site's video, poses from the tags in it, and the marker beside the sheet.
+/// A window with a camera that plays the site's video, poses from its tags, and the marker beside
+/// the sheet.
 fn live_window(site: &Site, sets: &[&str]) -> Harness<'static, App> {
     window_of(site, &endless(site), sets)
 }
@@ -81,7 +82,7 @@ fn composited(shot: &Shot, frame: usize) -> Vec<[u8; 3]> {
 fn frozen_camera_becomes_a_recording_and_resumes() {
     let site = Site::shared(&CAMERA);
     let mut window = live_window(&site, &[]);
-    // The numbers of frames, by which noise is drawn, begin anew.
+    // Frame numbers, which seed the noise, restart.
     window.state_mut().project_mut().set("noise", "scale", &Value::Number(0.0)).unwrap();
     assert!(has(&window, "Freeze") && has(&window, "LIVE") && !has(&window, "Play"));
     until(&mut window, |app| app.player().frame() > 4);
@@ -94,18 +95,18 @@ fn frozen_camera_becomes_a_recording_and_resumes() {
     let (count, frame) = (shot.recording.frame_count(), window.state().player().frame());
     assert!(count > 4 && frame == count - 1, "{frame} of {count}");
     assert_eq!(shown(&window), composited(&shot, frame));
-    // Its own profile and poses are all that it needs.
+    // It needs only its own profile and poses.
     let path = &shot.recording.path;
     let alone = ShotOptions { scene: Some(site.path("scene.toml").into()), ..ShotOptions::default() };
     let alone = Shot::open(path, &OpenOptions::default(), &alone).unwrap();
     assert_eq!(shown(&window), composited(&alone, frame));
     assert!(shown(&window) != codes(&alone.read(frame).unwrap().pixels), "the marker is seen");
-    // What was changed is still to be saved, though the recording has it.
+    // Changes still count as unsaved, though the recording contains them.
     let profile = Path::new(&site.path("saved.toml")).to_owned();
     window.state_mut().project_mut().save_profile(&profile).unwrap();
     let text = std::fs::read_to_string(&profile).unwrap();
     assert!(text.contains("[noise]\nscale = 0"), "{text}");
-    // What is changed while it is frozen stays.
+    // Changes made while frozen are kept.
     window.state_mut().project_mut().switch("motion_blur", false);
     window.key_press(Key::C);
     window.step();
@@ -121,10 +122,10 @@ fn recording_made_while_live_gives_the_same_pictures() {
     let many = fast_or_full(6, 20);
     until(&mut window, |app| app.shown_frame().is_some_and(|frame| frame > many));
     window.state_mut().record(folder.clone());
-    // Frames are numbered anew from the first that is recorded.
+    // Frames are renumbered from the first recorded one.
     until(&mut window, |app| app.shown_frame().is_some_and(|frame| frame < many));
     shows(&mut window, "Stop");
-    // A machine that is slower than the camera always has another picture under way.
+    // A machine slower than the camera always has another picture in progress.
     let mut seen: Vec<(usize, Vec<[u8; 3]>)> = Vec::new();
     while seen.len() < 4 {
         let last = seen.last().map(|(last, _)| *last);
@@ -151,20 +152,20 @@ fn click_places_evidence_on_the_sheet_while_live() {
     drop_model(&mut window, marker);
     let at_px = DVec2::new(320.0, 250.0);
     let at = window.state().on_screen(egui::vec2(320.0, 250.0)).unwrap();
-    // Now and then the camera looks away, and there is nothing to place it on.
+    // Sometimes the camera looks away, and there is nothing to place the evidence on.
     while window.state().project().edit().scene.objects.len() == before {
         click_at(&mut window, at);
         worked::rest();
     }
     let [x, y, z] = window.state().project().edit().scene.objects[before].position_m.unwrap();
-    // It stands on the sheet's plane, within rounding, where some frame of these shows that place.
+    // It is on the sheet's plane, within rounding, if one of these frames shows that point.
     assert!(z.abs() < 1e-4, "{z}");
     let truth = (0..filmed::FRAMES).map(|i| filmed::place(i as f64 / filmed::FPS));
     let off_px = truth.map(|place| place.sees(&CAMERA, glam::DVec3::new(x, y, z)).distance(at_px));
     assert!(off_px.fold(f64::INFINITY, f64::min) < 1.0);
 }
 
-/// Asks the window to close.
+/// Requests the window to close.
 fn close(window: &mut Harness<'_, App>) {
     let id = window.input().viewport_id;
     window.input_mut().viewports.get_mut(&id).unwrap().events.push(egui::ViewportEvent::Close);
@@ -185,7 +186,7 @@ fn closing_asks_before_ending_a_camera_recording() {
     window.get_by_label("Cancel").click();
     window.run_steps(2);
     assert!(has(&window, "Stop") && !has(&window, "Cancel"));
-    // Another recording, with something to be saved: one question has both.
+    // Another recording, with unsaved changes: one question covers both.
     window.state_mut().project_mut().set("noise", "scale", &Value::Number(0.5)).unwrap();
     drop_file(&mut window, Path::new("recordings/demo").canonicalize().unwrap());
     shows(&mut window, "Go on without saving");
@@ -234,7 +235,7 @@ fn ended_camera_can_be_frozen_repeatedly() {
         window.key_press(Key::C);
         window.step();
         until(&mut window, |app| app.project().shot().recording.is_live() && app.is_settled());
-        // The frame that came last is still there.
+        // The last frame is still there.
         assert!(shown(&window) == frozen[0].2 || window.state().player().frame() + 1 < frozen[0].0);
     }
     assert!(frozen[0].0 > 1 && frozen[1] == frozen[0], "{} {}", frozen[0].0, frozen[1].0);
@@ -264,7 +265,7 @@ fn plots_exist_only_while_the_camera_is_frozen() {
     assert!(waits(&window) && told(&window) == 0);
 }
 
-/// Types into a field, in place of what it had.
+/// Replaces the text of a field.
 fn typed(window: &mut Harness<'_, App>, field: &str, text: &str) {
     window.get_by_role_and_label(Role::TextInput, field).focus();
     window.step();
@@ -290,7 +291,7 @@ fn camera_dialog_shows_the_current_options_and_restarts_with_new_ones() {
     };
     open_camera_dialog(&mut window);
     assert!(window.query_by_role_and_label(Role::Dialog, "Live camera").is_some(), "a screen reader says where one is");
-    // As the camera was opened.
+    // Options with which the camera was opened.
     assert_eq!(value(&window, "Board"), site.path("board.toml"));
     assert_eq!(value(&window, "Camera"), site.path("endless.mkv"));
     typed(&mut window, "Smoothing", "five");
@@ -299,7 +300,7 @@ fn camera_dialog_shows_the_current_options_and_restarts_with_new_ones() {
     typed(&mut window, "Smoothing", "0.05");
     typed(&mut window, "Rate", "25");
     typed(&mut window, "Pictures", "320x240");
-    // A file is chosen in the dialog's place, which is there again.
+    // The file dialog replaces the camera dialog, which returns afterwards.
     window.get_by_label("Choose a board…").click();
     shows(&mut window, "Choose a board");
     assert!(!has(&window, "Start"));
@@ -313,7 +314,7 @@ fn camera_dialog_shows_the_current_options_and_restarts_with_new_ones() {
     until(&mut window, |app| app.viewer().composite().is_some());
     open_camera_dialog(&mut window);
     assert_eq!(["Smoothing", "Rate", "Pictures"].map(|field| value(&window, field)), ["0.05", "25", "320x240"]);
-    // Of a stream the delay is asked for.
+    // For a stream the dialog has a delay.
     window.get_by_label("from a stream").click();
     window.run_steps(2);
     typed(&mut window, "Delay", "auto");
@@ -331,12 +332,13 @@ fn enter_in_a_camera_dialog_field_ends_typing_without_starting() {
     window.key_press(Key::Enter);
     window.run_steps(3);
     assert!(has(&window, "Start") && window.state().project().camera.as_ref().unwrap().options.rate_hz.is_none());
-    // Nothing has the focus now: Enter presses the filled button.
+    // Without a focus, Enter presses the filled button.
     window.key_press(Key::Enter);
     until(&mut window, |app| app.project().camera.as_ref().is_some_and(|from| from.options.rate_hz == Some(25.0)));
 }
 
-/// What was typed is still there when it is refused, why is said beside it, and keys go on into its fields.
+/// After a refusal the typed text is kept, the reason is shown beside it, and the fields have the
+/// keyboard.
 #[test]
 fn refused_camera_leaves_the_dialog_as_typed() {
     let site = Site::shared(&CAMERA);
@@ -358,7 +360,8 @@ fn refused_camera_leaves_the_dialog_as_typed() {
     assert!(window.query_by_role_and_label(Role::Dialog, "Live camera").is_some());
 }
 
-/// A video of the sheet as a person holds it before a camera to calibrate it: still in one place after the other, over and over.
+/// A video of the sheet as it is held in front of a camera for calibration: at rest in one place
+/// after the other, repeated.
 fn held(site: &Site) -> String {
     let printed = image::open(site.path("board.png")).unwrap().into_luma8();
     let sheet = Sheet::of(printed.width() as usize, printed.height() as usize, printed.into_raw());
@@ -380,7 +383,7 @@ fn held(site: &Site) -> String {
     to
 }
 
-// Slow: the video of the sheet plays in real time and has to show four stands of it.
+// Slow: the video of the sheet plays in real time and has to show four poses of it.
 #[test]
 fn live_camera_calibration_is_accepted_or_discarded() {
     let site = Site::shared(&CAMERA);
@@ -422,7 +425,7 @@ fn live_camera_calibration_is_accepted_or_discarded() {
     assert!(window.get_by_label("Take the camera").accesskit_node().is_disabled());
     let Some(Value::Number(k1)) = window.state().project().value("camera.distortion", "k1") else { panic!() };
     assert!((k1 - CAMERA.k1).abs() < 0.05, "{k1}");
-    // One step.
+    // One undo step.
     window.get_by_label("Undo").click();
     window.run_steps(2);
     assert_eq!(fx(&window), 700.0);

@@ -1,4 +1,4 @@
-//! The window, worked as a person would.
+//! Tests of the window, operated as by a user.
 
 #![cfg(feature = "window")]
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]

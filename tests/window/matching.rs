@@ -1,4 +1,4 @@
-//! Plots and calibration in the window, worked as a person would.
+//! Plots and calibration in the window.
 
 use std::path::PathBuf;
 
@@ -17,7 +17,7 @@ use locard::recording::OpenOptions;
 use locard::shot::ShotOptions;
 use locard::window::{App, DEMO, DEMO_SCENE, Project};
 
-/// The lower edge of the front box, and wall without anything on it.
+/// The lower edge of the front box, and plain wall.
 const EDGE: Rect = Rect { x0: 88, y0: 120, x1: 116, y1: 148 };
 const WALL: Rect = Rect { x0: 400, y0: 10, x1: 520, y1: 70 };
 
@@ -38,8 +38,8 @@ fn open() -> Harness<'static, App> {
     worked::window(project, vec2(1400.0, 1200.0))
 }
 
-/// A dark marker before the light wall: a straight edge that the program draws.
-fn before_the_wall(light: f64) -> (tempfile::TempDir, Harness<'static, App>) {
+/// A dark marker in front of the bright wall: a straight rendered edge.
+fn marker_in_front_of_the_wall(light: f64) -> (tempfile::TempDir, Harness<'static, App>) {
     let temp = tempfile::tempdir().unwrap();
     let path = temp.path().join("scene.toml");
     let at = |file: &str| std::path::absolute(file).unwrap().display().to_string();
@@ -51,13 +51,13 @@ fn before_the_wall(light: f64) -> (tempfile::TempDir, Harness<'static, App>) {
     std::fs::write(&path, text).unwrap();
     let given = ShotOptions { scene: Some(path), ..ShotOptions::default() };
     let mut project = Project::open(&recording(), &OpenOptions::default(), &given).unwrap();
-    // It stands in the wall, and what blurs besides is off.
+    // The marker is in the wall, and other sources of blur are off.
     project.set("depth", "occlusion", &Value::Bool(false)).unwrap();
     project.switch("motion_blur", false);
     (temp, worked::window(project, vec2(1400.0, 1200.0)))
 }
 
-/// The numbers of what is shown that begins so.
+/// Numbers in the label that starts with this text.
 fn numbers(window: &Harness<'_, App>, begin: &str) -> Option<Vec<f64>> {
     let node = window.query_all_by_label_contains(begin).next()?;
     let text = node.accesskit_node().label().or(node.accesskit_node().value())?;
@@ -66,15 +66,16 @@ fn numbers(window: &Harness<'_, App>, begin: &str) -> Option<Vec<f64>> {
     Some(rest.split(of_number).filter_map(|word| word.parse().ok()).collect())
 }
 
-/// Until the numbers of what begins so are as wanted.
+/// Runs the window until the numbers of that label satisfy a condition.
 fn await_numbers(window: &mut Harness<'_, App>, begin: &str, is_wanted: impl Fn(&[f64]) -> bool) {
     until_seen(window, begin, |window| numbers(window, begin).as_deref().is_some_and(&is_wanted));
 }
 
-/// What is set is what is measured, to three standard deviations of the measurement; the camera's own noise is in it.
+/// The measured sharpness matches the set one within three standard deviations of the measurement;
+/// the footage has its noise.
 #[test]
 fn virtual_edge_width_matches_the_set_sharpness() {
-    let (_temp, mut window) = before_the_wall(0.02);
+    let (_temp, mut window) = marker_in_front_of_the_wall(0.02);
     window.state_mut().project_mut().switch("noise", false);
     window.get_by_label("Match").click();
     window.run_steps(3);
@@ -94,17 +95,17 @@ fn virtual_edge_width_matches_the_set_sharpness() {
     }
 }
 
-/// The profile's noise is drawn, as often as it is set. Of some thousand independent pixels σ is within 2 %; the rest is the
-/// rounding to codes, which weighs more the less noise there is.
+/// The rendered noise is the profile's times the scale. σ of some thousand independent pixels is
+/// within 2 %; the rest is rounding to codes, which matters more the less noise there is.
 #[test]
 fn drawn_noise_is_the_profile_noise_times_the_scale() {
-    let (_temp, mut window) = before_the_wall(1.0);
+    let (_temp, mut window) = marker_in_front_of_the_wall(1.0);
     window.get_by_label("Match").click();
     window.run_steps(3);
     for scale in [1.0, 0.5, 2.0] {
         window.state_mut().project_mut().set("noise", "scale", &Value::Number(scale)).unwrap();
         worked::settle(&mut window);
-        // The camera's own plain places are as its profile says, which was measured in other frames.
+        // Plain regions of the footage match the profile, which was measured in other frames.
         await_numbers(&mut window, "σ over the profile's: drawn ", |found| {
             (found[0] / scale - 1.0).abs() < 0.05 && (found[1] - 1.0).abs() < 0.15
         });
@@ -127,19 +128,19 @@ fn drag(window: &mut Harness<'_, App>, rect: Rect) {
     window.run_steps(2);
 }
 
-/// Until something with these words is shown.
+/// Runs the window until a label contains this text.
 fn await_text(window: &mut Harness<'_, App>, words: &str) {
     until_seen(window, words, |window| window.query_all_by_label_contains(words).next().is_some());
 }
 
-/// The wall in a picture.
+/// The wall region of a picture.
 fn place(pixels: &Pixels) -> PickedRegion {
     let mut place = PickedRegion::new(WALL);
     place.add(pixels).unwrap();
     place
 }
 
-/// Until nothing with these words is shown.
+/// Runs the window until no label has this text.
 fn await_no_text(window: &mut Harness<'_, App>, words: &str) {
     until_seen(window, &format!("the end of {words}"), |window| !has(window, words));
 }
@@ -156,7 +157,7 @@ fn picked_edge_gives_a_sharpness_that_is_accepted_and_undone() {
     window.get_by_label("Pick edges").click();
     window.run_steps(2);
     drag(&mut window, EDGE);
-    // What the window shows is what the engine gives.
+    // The window shows the engine's result.
     let shot = window.state().project().shot().clone();
     let frame = shot.read(0).unwrap();
     let at = glam::DVec2::new(f64::from(EDGE.x0 + EDGE.x1), f64::from(EDGE.y0 + EDGE.y1)) / 2.0;
@@ -174,10 +175,10 @@ fn picked_edge_gives_a_sharpness_that_is_accepted_and_undone() {
     window.get_by_label("Undo").click();
     window.run_steps(3);
     assert_eq!(value(&window, "point_spread", "sigma_px"), before);
-    // What is no edge is told in words, and nothing can be taken.
+    // The reason of a rejected edge is shown, and nothing can be accepted.
     window.get_by_label("Leave the sharpness").click();
     window.run_steps(2);
-    // It is still asked for edges.
+    // The picker is still active.
     drag(&mut window, WALL);
     window.get_by_label("edge 1");
     await_no_text(&mut window, "…");
@@ -198,7 +199,7 @@ fn picked_plain_region_gives_noise_that_is_accepted_and_undone() {
     let found = picked_noise(&[place], SceneMotion::Moving, before.as_ref()).noise.unwrap();
     await_text(&mut window, "Measured from code");
     assert!(window.query_by_role_and_label(Role::Image, "Measured noise").is_some());
-    // The demonstration's camera is known: it was simulated.
+    // The true noise of the simulated demonstration is known.
     for (c, points) in found.points.iter().enumerate() {
         let known = before.as_ref().unwrap().sigma(c, points[0].code);
         assert!((points[0].sigma / known - 1.0).abs() < 0.15, "{c}: {points:?}, {known}");
@@ -227,7 +228,8 @@ fn rejected_regions_show_a_reason_and_the_others_are_used() {
     window.run_steps(2);
     window.get_by_label("Pick plain places").click();
     window.run_steps(2);
-    // Three in a row, and one in another frame, without pressing the button again: one too small, one over the box's edges.
+    // Three in a row, and one in another frame, without pressing the button again: one too small,
+    // one over the box's edges.
     drag(&mut window, Rect::new(400, 10, 430, 20));
     drag(&mut window, Rect::new(60, 90, 200, 200));
     drag(&mut window, WALL);
@@ -245,7 +247,7 @@ fn rejected_regions_show_a_reason_and_the_others_are_used() {
     for code in &found.places {
         await_text(&mut window, &format!("used, code {:.0}", code.as_ref().unwrap()));
     }
-    // Each is dropped by itself; what is left says the same.
+    // Each is removed separately; the rest gives the same result.
     for _ in 0..2 {
         window.get_by_label("Drop plain 1").click();
         window.run_steps(3);
@@ -253,7 +255,7 @@ fn rejected_regions_show_a_reason_and_the_others_are_used() {
     assert!(window.query_by_label("Drop plain 3").is_none() && window.query_by_label("Drop plain 2").is_some());
     await_no_text(&mut window, "…");
     assert!(window.query_all_by_label_contains("too small").next().is_none());
-    // Esc ends the picking: a drag moves nothing and picks nothing.
+    // Esc ends picking: a drag then has no effect.
     window.key_press(Key::Escape);
     window.run_steps(2);
     drag(&mut window, WALL);
@@ -279,7 +281,7 @@ fn rejected_edge_is_shown_and_a_channel_can_be_chosen() {
     await_text(&mut window, "As it is seen there");
     assert!(window.query_by_role_and_label(Role::Image, "Refused edges").is_some());
     window.get_by_label("real: refused");
-    // An edge again, and of red alone.
+    // An edge again, in the red channel alone.
     window.get_by_label("Pick a real edge").click();
     window.run_steps(2);
     drag(&mut window, EDGE);
@@ -301,7 +303,7 @@ fn rejected_edge_is_plotted_beside_accepted_ones_with_names() {
     for place in [WALL, EDGE, Rect { x0: EDGE.x0 + 2, ..EDGE }] {
         drag(&mut window, place);
     }
-    // The first is refused, and not the one that was picked last.
+    // The first is rejected, not the one picked last.
     await_text(&mut window, "edge 1: refused");
     for plot in ["Measured edges", "Refused edges"] {
         assert!(window.query_by_role_and_label(Role::Image, plot).is_some(), "{plot}");
@@ -312,7 +314,7 @@ fn rejected_edge_is_plotted_beside_accepted_ones_with_names() {
     }
 }
 
-/// Until a button can be pressed.
+/// Runs the window until a button is enabled.
 fn until_enabled(window: &mut Harness<'_, App>, label: &str) {
     let is_enabled = |window: &Harness<'_, App>| {
         window.query_by_label(label).is_some_and(|node| !node.accesskit_node().is_disabled())
@@ -341,16 +343,16 @@ fn only_open_plots_are_computed() {
     window.run_steps(2);
     drag(&mut window, Rect::new(300, 238, 318, 260));
     await_text(&mut window, "virtual: ");
-    // How bright objects and their surroundings are, by luma or by a channel.
+    // Brightness of objects and of their surroundings, by luma or by channel.
     window.get_by_label("Brightness").click();
     window.run_steps(20);
-    // The first ones are those of the brightness; edges have some, too.
+    // The first ones are those of the brightness; the edges have some, too.
     window.get_all_by_label("Luma").next().unwrap().click();
     window.run_steps(2);
     assert!(window.query_by_role_and_label(Role::Image, "Brightness of object and surroundings").is_some());
     window.get_by_label("Brightness").click();
     window.run_steps(20);
-    // A patch is followed through all frames.
+    // A patch is tracked through all frames.
     window.get_by_label("A patch over the frames").click();
     window.run_steps(20);
     window.get_by_label("Pick a patch").click();
@@ -364,7 +366,8 @@ fn only_open_plots_are_computed() {
     };
     await_text(&mut window, &format!("now {:.1}, ", mean(0)));
     assert!(window.query_by_role_and_label(Role::Image, "Mean of a patch").is_some());
-    // What happens to the point under the pointer: how far a point of the floor is follows from the camera's pose alone.
+    // Values at the point under the pointer: the distance of a floor point follows from the
+    // camera's pose alone.
     let floor_m = glam::DVec3::new(-0.2, -0.1, 0.0);
     let px = shot.posed_camera(0).unwrap().project(floor_m).unwrap();
     let depth_m = shot.recording.pose_at_frame(0).unwrap().transform_point(floor_m).z;
@@ -375,6 +378,7 @@ fn only_open_plots_are_computed() {
     let told = window.query_all_by_label_contains("m away, code values").next().unwrap();
     let told = told.accesskit_node().label().or(told.accesskit_node().value()).unwrap();
     let told_m: f64 = told.split(' ').next().unwrap().parse().unwrap();
-    // The sensor's depth is noisy by 1.5 mm, and the row's own pose a little beside the frame's.
+    // The sensor's depth has a noise of 1.5 mm, and the row's pose differs slightly from the
+    // frame's.
     assert!((told_m - depth_m).abs() < 5e-3, "{told}: {depth_m}");
 }

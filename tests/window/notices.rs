@@ -1,5 +1,4 @@
-//! Notices over the picture, and messages: whatever cannot be done says why, and leads to the
-//! remedy.
+//! Notices over the picture, and messages: each problem has a reason and a link to the remedy.
 
 use std::path::{Path, PathBuf};
 
@@ -58,7 +57,7 @@ fn missing_profile_is_shown_in_the_picture_with_a_button_to_choose_one() {
     let notice = window.get_by_label("Choose profile…").rect();
     let picture = middle_of_picture(&window);
     assert!(has(&window, NO_PROFILE) && picture.contains_rect(notice));
-    // Closed, it comes again as soon as something is to be placed.
+    // A closed notice returns as soon as something is to be placed.
     press(&mut window, "Close");
     assert!(!has(&window, "Choose profile…"));
     press(&mut window, "Add lamp");
@@ -81,7 +80,7 @@ fn frame_without_a_pose_links_to_the_nearest_with_a_pose() {
     let temp = tempfile::tempdir().unwrap();
     let recording = temp.path().join("late");
     program::copied(&demo(), &recording);
-    // The poses of the first half are lost.
+    // The poses of the first half are missing.
     let poses = recording.join("groundtruth.txt");
     let text = std::fs::read_to_string(&poses).unwrap();
     let lines: Vec<&str> = text.lines().filter(|line| !line.starts_with('#')).collect();
@@ -98,8 +97,8 @@ fn frame_without_a_pose_links_to_the_nearest_with_a_pose() {
     assert_eq!(window.query_all_by_label_contains("Go to frame ").count(), 0);
 }
 
-/// A profile for pictures of 1920x1080 px. Returns it with the size in the profile that it was made
-/// from.
+/// Writes a profile for pictures of 1920x1080 px. Returns it with the size in the profile that it
+/// was made from.
 fn profile_of_other_size(good: &Path, folder: &Path) -> (PathBuf, [String; 2]) {
     let other = folder.join("hd.toml");
     let mut text = std::fs::read_to_string(good).unwrap();
@@ -240,7 +239,7 @@ fn refused_profile_comes_before_the_question_about_unsaved_changes() {
     until(&mut window, |app| app.problem().is_some());
     window.run_steps(3);
     assert!(!has(&window, "Save changes?") && !window.state().project().is_saved());
-    // Another one can be opened: now changes would be lost.
+    // Another profile can be opened: now changes would be lost.
     press(&mut window, "Close");
     drop_file(&mut window, good.clone());
     shows(&mut window, "Save changes?");
@@ -253,14 +252,14 @@ fn refused_profile_comes_before_the_question_about_unsaved_changes() {
     assert!(window.state().project().is_saved());
 }
 
-// Slow: waits until the message at the start, which stays for 4 s, has gone.
+// Slow: waits until the first message, which stays for 4 s, has disappeared.
 #[test]
 fn recording_warnings_stay_visible_and_a_click_shows_them_in_full() {
     let hlg = "walk.mp4 is in HLG (high dynamic range); the light on objects is wrong";
     let mut recording = Recording::open(&demo(), &OpenOptions::default()).unwrap();
     recording.warnings = vec![hlg.to_owned(), "2 of 30 pictures are missing".to_owned()];
     let mut window = window(Project::of(recording, 1.0, &ShotOptions::default()).unwrap(), SIZE);
-    // The message at the start is long read, and something else has been done.
+    // The first message has disappeared, and another action was done.
     let begun = std::time::Instant::now();
     while begun.elapsed().as_secs_f64() < 4.5 {
         window.step();

@@ -1,4 +1,4 @@
-//! What the window shows of a recording as it opens.
+//! The window's display of a recording as it opens.
 
 use std::path::Path;
 use std::process::Command;
@@ -48,7 +48,7 @@ fn start_page_names_the_folder_of_the_open_recording() {
     assert!(has(&window, "Continue with case 7/walk"));
 }
 
-/// Only what stands around the picture is looked at.
+/// Only the surroundings of the picture are checked.
 fn window_without_picture(project: Project) -> Harness<'static, App> {
     let builder = Harness::builder().with_size(egui::vec2(1400.0, 900.0));
     builder.renderer(Device::new()).build_eframe(|context| App::new(context, project, None).unwrap())
@@ -62,7 +62,7 @@ fn unreadable_first_frame_is_reported() {
     let frames = std::fs::read_dir(recording.join("rgb")).unwrap().flatten().map(|entry| entry.path());
     let first = frames.min().unwrap();
     let bytes = std::fs::read(&first).unwrap();
-    // Its header alone is read as the recording opens.
+    // Opening the recording reads only its header.
     std::fs::write(&first, &bytes[..bytes.len() / 2]).unwrap();
     let project = Project::open(&recording, &OpenOptions::default(), &ShotOptions::default()).unwrap();
     let mut window = window_without_picture(project);

@@ -1,4 +1,4 @@
-//! Placing in the window: on a plane through three points, what is hidden, and what stands wrong.
+//! Placement in the window: on a plane through three points, hidden objects, and misplaced ones.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use glam::{DVec2, DVec3};
 use locard::scene::{Entry, SceneItem};
 use locard::window::App;
 
-/// The frame that all of these look at.
+/// The frame of all these tests.
 fn frame() -> usize {
     demo_frame(30)
 }
@@ -30,7 +30,7 @@ fn open_with(sets: &[&str]) -> Harness<'static, App> {
     window
 }
 
-/// Clicks where a point of the world is seen.
+/// Clicks at the projection of a world point.
 fn click(window: &mut Harness<'_, App>, point_m: [f64; 3]) {
     let px = window.state().project().shot().posed_camera(frame()).unwrap().project(point_m.into()).unwrap();
     let at = window.state().on_screen(egui::vec2(px.x as f32, px.y as f32)).unwrap();
@@ -92,7 +92,7 @@ fn object_is_rotated_by_dragging_from_its_position() {
     );
     let placed = DVec3::from(edit.scene.objects[objects].position_m.unwrap());
     assert!(placed.distance(at_m.into()) < 5e-3, "{placed}");
-    // Its front looks along the drag, within the depth's noise and the whole degrees that a hand makes.
+    // Its front points along the drag, within the depth's noise and whole degrees.
     let front = faces(&window, Entry { object: objects, instance: None });
     let along = (DVec3::from(towards_m) - DVec3::from(at_m)).truncate();
     assert!(front.angle_to(along).to_degrees().abs() < 3.0, "{front} {along}");
@@ -116,7 +116,7 @@ fn typed_name_is_one_undo_step() {
         window.step();
         window.key_press_modifiers(egui::Modifiers::COMMAND, egui::Key::A);
         window.step();
-        // Emptied, it does not fall back on the model's name.
+        // An emptied name does not fall back to the model's.
         window.key_press(egui::Key::Backspace);
         window.step();
         for letter in new.chars() {
@@ -140,7 +140,7 @@ fn three_points_define_a_plane_on_which_objects_rest() {
     let mut window = open_without_shadows();
     window.get_by_label("Three points…").click();
     window.run_steps(2);
-    // The floor is z = 0, and the depth noisy by 1.5 mm.
+    // The floor is z = 0, and the depth has a noise of 1.5 mm.
     for point_m in [[-0.4, -0.3, 0.0], [0.3, -0.4, 0.0], [-0.1, 0.5, 0.0]] {
         click(&mut window, point_m);
     }
@@ -160,7 +160,8 @@ fn three_points_define_a_plane_on_which_objects_rest() {
     settle(&mut window);
 }
 
-/// From above: a marker's front looks along −y, turned by its heading counter-clockwise.
+/// Horizontal direction of an object's front: a marker faces −y, turned by its heading
+/// counter-clockwise as seen from above.
 fn faces(window: &Harness<'_, App>, entry: Entry) -> DVec2 {
     let heading_deg = window.state().project().edit().scene.heading_deg(entry, DVec3::Z).unwrap();
     DVec2::from_angle((heading_deg - 90.0).to_radians())
@@ -169,7 +170,8 @@ fn faces(window: &Harness<'_, App>, entry: Entry) -> DVec2 {
 #[test]
 fn placed_object_faces_the_camera_and_its_heading_is_the_full_rotation() {
     let mut window = open_without_shadows();
-    // The first marker is turned by its rotation: its heading says so, and is changed from there.
+    // The first marker is turned by its rotation: its heading includes that, and is edited from
+    // there.
     let marker = Entry { object: 0, instance: None };
     window.get_by_label("marker 1").click();
     window.run_steps(3);
@@ -193,7 +195,7 @@ fn placed_object_faces_the_camera_and_its_heading_is_the_full_rotation() {
         let to_camera =
             window.state().project().shot().posed_camera(frame()).unwrap().position_m() - DVec3::from(point_m);
         let off = faces(&window, entry).dot(to_camera.truncate().normalize());
-        // The depth is noisy, and a tenth of a degree is written.
+        // The depth is noisy, and the heading is rounded to a tenth of a degree.
         assert!(off > 0.9999, "{point_m:?}: {off}");
     }
     settle(&mut window);
@@ -204,14 +206,14 @@ fn misplaced_objects_are_reported_and_hidden_ones_not_drawn() {
     let mut window = open();
     let before = shown(&window);
     let told = |window: &Harness<'_, App>| window.query_all_by_label_contains("stands wrong").count();
-    // What it finds it finds on a thread.
+    // The check runs on another thread.
     let twice = window.state().project().edit().scene.objects[0].clone();
     let name = twice.name.clone().unwrap();
     let add = |scene: &mut locard::scene::SceneFile| scene.objects.push(twice);
     window.state_mut().project_mut().change_scene("twice", add).unwrap();
     settle(&mut window);
     until_seen(&mut window, "each of the two", |window| told(window) == 2);
-    // The one that was there is hidden, then the other too.
+    // First the older object is hidden, then the other too.
     let boxes = format!("{name}: shown");
     window.get_all_by_label(&boxes).next().unwrap().click();
     window.run_steps(2);

@@ -1,4 +1,4 @@
-//! Small windows, long names: nothing is cut off that is needed.
+//! Small windows, long names: nothing necessary is cut off.
 
 use crate::program;
 use crate::worked;
@@ -49,7 +49,7 @@ fn small_window_shows_the_evidence_if_a_model_is_dropped_or_missing() {
     let mut window = self::window(project, egui::vec2(640.0, 480.0));
     window.run_steps(2);
     assert!(has(&window, "Locate knife.glb…"));
-    // The user's choice of a tab holds afterwards.
+    // The user's choice of a tab is kept afterwards.
     window.get_by_label("Adjustments").click();
     window.run_steps(3);
     assert!(has(&window, "Search parameters") && !has(&window, "Locate knife.glb…"));
@@ -126,17 +126,21 @@ fn toolbar_distinguishes_recordings_of_one_name() {
     }
 }
 
-/// The controls whose names begin so stand beside each other in their row, and end within the window.
+/// Asserts that the controls whose names start with `called` are side by side in their row and end
+/// within the window.
 fn row_ends_within(window: &Harness<'static, App>, called: &str) {
     let mut controls: Vec<_> = window.query_all_by_label_contains(called).map(|node| node.rect()).collect();
     controls.sort_by(|a, b| a.left().total_cmp(&b.left()));
     assert!(!controls.is_empty(), "{called}");
     assert!(controls.windows(2).all(|pair| pair[0].right() <= pair[1].left()), "{called} {controls:?}");
-    assert!(controls[controls.len() - 1].right() <= window.ctx.content_rect().width() - BAR, "{called} {controls:?}");
+    assert!(
+        controls[controls.len() - 1].right() <= window.ctx.content_rect().width() - SCROLL_BAR_WIDTH,
+        "{called} {controls:?}"
+    );
 }
 
-/// Width of the bar that scrolls, points.
-const BAR: f32 = 8.0;
+/// Width of the scroll bar, points.
+const SCROLL_BAR_WIDTH: f32 = 8.0;
 
 #[test]
 fn long_values_keep_every_row_within_a_small_window() {

@@ -1,4 +1,4 @@
-//! What newcomers stumbled over in the window, worked as they did.
+//! Difficulties of new users of the window.
 
 use std::path::Path;
 
@@ -25,7 +25,7 @@ fn open() -> Harness<'static, App> {
     open_at(&demo())
 }
 
-/// The window of tests in which nothing virtual is looked at.
+/// Window of tests that check nothing virtual.
 fn open_plain() -> Harness<'static, App> {
     let given = ShotOptions { scene: scene_or_none(), ..ShotOptions::default() };
     window(Project::open(&demo(), &OpenOptions::default(), &given).unwrap(), egui::vec2(1400.0, 1000.0))
@@ -57,7 +57,7 @@ fn esc_reverts_typed_text() {
     let mut window = open();
     search(&mut window, "noise scale");
     type_number(&mut window, "0.25");
-    // The Esc is the field's: what is open stays.
+    // The field consumes Esc: the open panel stays.
     window.key_press_modifiers(Modifiers::COMMAND, Key::E);
     window.run_steps(2);
     window.key_press(Key::Escape);
@@ -71,7 +71,7 @@ fn esc_reverts_typed_text() {
     window.run_steps(4);
     assert_eq!(scale(&window), 0.5);
 
-    // A name, and a place.
+    // A name, and a position.
     let object = Entry { object: 0, instance: window.state().project().edit().scene.entries()[0].instance };
     let title = |window: &Harness<'_, App>| window.state().project().edit().scene.title(object);
     let (before, steps_before) = (title(&window), steps(&window));
@@ -95,7 +95,7 @@ fn esc_reverts_typed_text() {
     assert_eq!(window.state().project().edit().scene.placement(object), placement);
 }
 
-/// Where the handle of the slider of the noise's scale is, 1 of 0 to 8.
+/// Position of the handle of the noise scale's slider, 1 of 0 to 8.
 fn handle(window: &Harness<'_, App>) -> Pos2 {
     let rail = window.get_by_role_and_label(Role::Slider, "Noise: Scale").rect();
     let half = 0.75 * rail.height() / 2.5;
@@ -109,7 +109,7 @@ fn press_on_a_slider_handle_changes_nothing_and_a_drag_is_one_step() {
     let at = handle(&window) + egui::vec2(3.0, 0.0);
     click_at(&mut window, at);
     assert!(scale(&window) == 1.0 && steps(&window) == ["opened"], "{}", scale(&window));
-    // It is moved by as much as the pointer is.
+    // It moves as far as the pointer.
     let rail = window.get_by_role_and_label(Role::Slider, "Noise: Scale").rect();
     let (before, way) = (handle(&window), 0.125 * (rail.width() - 2.0 * 0.75 * rail.height() / 2.5));
     window.hover_at(at);
@@ -128,7 +128,7 @@ fn press_on_a_slider_handle_changes_nothing_and_a_drag_is_one_step() {
     window.key_press(Key::Enter);
     window.run_steps(3);
     assert!(steps(&window) == ["opened", "Noise: Scale", "Noise: Scale"], "{:?}", steps(&window));
-    // Beside the handle a press brings it there.
+    // A press beside the handle moves it there.
     click_at(&mut window, rail.center());
     assert!((scale(&window) - 4.0).abs() < 0.1, "{}", scale(&window));
     assert_eq!(steps(&window).len(), 4);
@@ -157,7 +157,7 @@ fn double_click_restores_the_profile_value_or_the_default() {
         for _ in 0..2 {
             for pressed in [true, false] {
                 let (button, modifiers) = (egui::PointerButton::Primary, Modifiers::NONE);
-                // Within the one step: of its own it would take a quarter of a second.
+                // Within the one step: separately it would take a quarter of a second.
                 window.input_mut().events.push(egui::Event::PointerButton { pos: at, button, pressed, modifiers });
             }
             window.step();
@@ -183,7 +183,7 @@ fn esc_closes_the_open_panel_and_messages_let_clicks_through() {
     window.run_steps(2);
     assert!(!has(&window, "Open a recording…"));
 
-    // What is begun ends before what is open.
+    // The current action ends before the open panel.
     window.key_press_modifiers(Modifiers::COMMAND, Key::E);
     window.run_steps(2);
     window.get_by_label("Three points…").click();
@@ -263,7 +263,7 @@ fn placement_preview_follows_the_pointer() {
     for at_px in [demo_px(320.0, 300.0), demo_px(260.0, 330.0)] {
         let at = window.state().on_screen(at_px).unwrap();
         window.hover_at(at);
-        // It stands there, and reaches up from there.
+        // The object is at that position, and extends upwards from it.
         let off_px = demo_px(15.0, 40.0);
         let is_there = |app: &App| {
             let outline = app.preview_outline().filter(|outline| !outline.is_empty());
@@ -329,7 +329,7 @@ fn window_without_the_demonstration_opens_a_start_page() {
     until_seen(&mut start, "the recording", |start| start.state().app().is_some_and(App::is_settled));
     assert!(has(&start, "Undo"));
     drop(start);
-    // It was opened lately.
+    // It is among the recent recordings.
     let again = Harness::builder().with_size(egui::vec2(1280.0, 800.0)).renderer(Device::new());
     let mut again = again.build_eframe(move |context| Start::new(context, Some(&folder)).unwrap());
     shows(&mut again, "demo");

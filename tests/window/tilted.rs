@@ -1,4 +1,4 @@
-//! Upright things on surfaces that are not level.
+//! Upright objects on surfaces that are not level.
 
 use crate::worked::{demo, steps, until_seen, window};
 use eframe::egui;

@@ -1,4 +1,4 @@
-//! The window, worked as a person would: by what its controls are called.
+//! The window operated by the labels of its controls.
 
 use std::path::Path;
 
@@ -23,7 +23,7 @@ fn open(profile: Option<&Path>) -> Harness<'static, App> {
     window(project, egui::vec2(1400.0, 900.0))
 }
 
-/// The window of tests in which nothing virtual is looked at.
+/// Window of tests that check nothing virtual.
 fn open_plain(profile: Option<&Path>) -> Harness<'static, App> {
     let project = Project::open(&demo(), &OpenOptions::default(), &plain(profile)).unwrap();
     window(project, egui::vec2(1400.0, 900.0))
@@ -33,7 +33,7 @@ fn plain(profile: Option<&Path>) -> ShotOptions {
     ShotOptions { scene: scene_or_none(), ..given(profile) }
 }
 
-/// What `locard composite` writes with these settings.
+/// The picture that `locard composite` writes with these settings.
 fn written(sets: &[&str], frame: usize) -> Vec<[u8; 3]> {
     let given = ShotOptions { sets: sets.iter().map(ToString::to_string).collect(), ..given(None) };
     let mut shot = Shot::open(&demo(), &OpenOptions::default(), &given).unwrap();
@@ -64,7 +64,7 @@ fn shown_picture_matches_the_composite_command() {
     let quiet = shown(&window);
     assert!(quiet != before && quiet == written(&["noise.scale=0"], demo_frame(31)));
 
-    // Back, and on again.
+    // Undo and redo.
     window.get_by_label("Undo").click();
     settle(&mut window);
     assert!(shown(&window) == before && value(&window, "noise", "scale") == Value::Number(1.0));
@@ -72,7 +72,7 @@ fn shown_picture_matches_the_composite_command() {
     settle(&mut window);
     assert!(shown(&window) == quiet);
 
-    // An effect off is an effect off.
+    // Switching an effect off.
     search(&mut window, "motion_blur");
     window.get_by_role_and_label(Role::CheckBox, "Motion blur").click();
     settle(&mut window);
@@ -104,7 +104,7 @@ fn every_parameter_has_one_control() {
         }
     }
     assert!(names.len() > 50, "{}", names.len());
-    // They are found by what is read as by their keys.
+    // The search finds labels as well as keys.
     for (words, key) in [("f-number", "camera.lens.f_number"), ("focal length", "fx_px"), ("iso noise", "noise.iso")] {
         let (table, name) = match key.rsplit_once('.') {
             Some((table, name)) => (table, name),
@@ -155,7 +155,7 @@ fn message_disappears_with_the_next_action() {
     let told = "Undone: Noise: Scale";
     let is_told = |window: &Harness<'_, App>| window.query_all_by_label(told).count() == 1;
     assert!(is_told(&window));
-    // However long, as long as nothing is done.
+    // The message stays as long as nothing else is done.
     window.run_steps(60);
     assert!(is_told(&window));
     set(&mut window, 0.75);
@@ -204,7 +204,8 @@ fn wipe_and_held_key_show_the_footage() {
     window.drop_at(picture.left_center());
     window.step();
     assert_eq!(window.state().view.wipe, Some(0.0));
-    // All of it lies right of the line, on the camera's side, which is the frame as it came, bit for bit.
+    // All of it is right of the wipe's line, on the side of the footage, which is unmodified bit
+    // for bit.
     let viewer = window.state().viewer();
     let plain = gpu::read_back(viewer.gpu(), &viewer.camera().unwrap().texture);
     let frame = window.state().project().shot().read(0).unwrap();
@@ -235,7 +236,7 @@ fn parameters_made_idle_by_another_are_marked() {
 fn invalid_settings_are_reported_until_corrected() {
     let mut window = open(None);
     let before = shown(&window);
-    // An opening of one blade is within the range, and none.
+    // One blade is within the range, but makes no aperture.
     for (name, number) in [("f_number", 2.0), ("focus_distance_m", 1.0), ("blades", 1.0)] {
         window.state_mut().project_mut().set("camera.lens", name, &Value::Number(number)).unwrap();
         window.state_mut().project_mut().close_step();
@@ -280,14 +281,15 @@ fn click_places_evidence_on_the_visible_surface() {
     settle(&mut window);
     let objects = window.state().project().edit().scene.objects.clone();
     assert_eq!(objects.len(), 1);
-    // The floor is z = 0, and the pixel's ray meets it here (`locard inspect --pick 320,300 --plane 0,0,1,0`).
+    // The floor is z = 0, and the pixel's ray meets it at this point (`locard inspect --pick
+    // 320,300 --plane 0,0,1,0`).
     let position = objects[0].position_m.unwrap();
     for (found, expected) in position.into_iter().zip([0.1046, -0.0958, 0.0]) {
         assert!((found - expected).abs() < 1e-3, "{position:?}");
     }
     assert!(shown(&window) != empty);
 
-    // It is saved into the scene file, whose comment stays, and undone.
+    // It is saved into the scene file, whose comment is kept, and undone.
     window.key_press(Key::Escape);
     window.key_press_modifiers(Modifiers::COMMAND, Key::S);
     until(&mut window, |app| app.project().is_saved());
@@ -363,7 +365,7 @@ fn two_sets_of_settings_are_compared_and_copied() {
     window.step();
     window.state_mut().project_mut().set("noise", "scale", &Value::Number(0.0)).unwrap();
     until(&mut window, |app| app.is_settled() && app.viewer().other().is_some());
-    // B is edited, and A stays as it was.
+    // B is edited, and A is unchanged.
     let other = |window: &Harness<'_, App>| {
         let viewer = window.state().viewer();
         let texels = gpu::read_back(viewer.gpu(), &viewer.other().unwrap().texture);
@@ -379,7 +381,7 @@ fn two_sets_of_settings_are_compared_and_copied() {
     window.run_steps(2);
     let other = window.state().project().edit().other.clone().unwrap();
     assert!(other.settings == window.state().project().edit().settings);
-    // Undo brings B back, and the other one is no change that would be saved.
+    // Undo restores B, and the inactive set does not count as unsaved.
     window.get_by_label("Undo").click();
     window.run_steps(2);
     let other = window.state().project().edit().other.clone().unwrap();

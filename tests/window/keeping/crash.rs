@@ -1,4 +1,4 @@
-//! Work that a crash, a kill or a lost device leaves.
+//! Recovery of work after a crash, a kill or a lost device.
 
 use super::*;
 use crate::tier::{fast_or_full, is_full};
@@ -21,7 +21,7 @@ fn lost_device_is_reported_and_work_is_left_for_the_next_start() {
     window.state().viewer().gpu().device.destroy();
     until(&mut window, |app| app.problem().is_some_and(|problem| problem.contains("graphics device was lost")));
     assert!(window.state().problem().unwrap().contains("does not start anew"));
-    // It goes on being a window: what is set now is no picture, and nothing breaks.
+    // The window keeps running: new settings draw no picture, and nothing fails.
     set(&mut window, "noise", "scale", 0.5);
     window.run_steps(5);
     drop(window);
@@ -29,7 +29,7 @@ fn lost_device_is_reported_and_work_is_left_for_the_next_start() {
     assert!(left.len() == 1 && left[0].work.edit == edit);
 }
 
-/// Work that was left in a folder, by a window that is no more.
+/// Writes recoverable work into a folder, as a window that has ended.
 fn leave(folder: &Path, project: &Project, frame: usize) {
     let place = folder.join("work");
     std::fs::create_dir_all(&place).unwrap();
@@ -40,7 +40,8 @@ fn leave(folder: &Path, project: &Project, frame: usize) {
     std::fs::write(place.join("1.json"), serde_json::to_string(&work).unwrap()).unwrap();
 }
 
-/// The demonstration itself, in the fast tier without its scene and shadows, which have no part here.
+/// The demonstration itself; in the fast tier without its scene and shadows, which are not part of
+/// these tests.
 fn demonstration() -> Harness<'static, App> {
     let given = if is_full() {
         ShotOptions { scene: Some(DEMO_SCENE.into()), ..ShotOptions::default() }
@@ -70,25 +71,26 @@ fn work_left_by_a_crash_is_offered_and_restored() {
     settle(&mut window);
     assert_eq!(window.state_mut().player_mut().frame(), demo_frame(12));
     assert!(!window.state().project().is_saved());
-    // It is still there should the next crash come, and the state of the files is the first step.
+    // It is kept for the next crash, and the state of the files is the first step.
     assert_eq!(count(&temp.path().join("work")), 2);
     (0..3).for_each(|_| press(&mut window, "Undo"));
     assert!(window.state().project().is_saved());
     drop(window);
     assert_eq!(count(&temp.path().join("work")), 0, "an orderly end leaves nothing");
 
-    // It was opened lately, and the start page says so.
+    // It is among the recent recordings of the start page.
     let mut window = demonstration();
     window.state_mut().set_state_folder(temp.path());
     window.state_mut().show_start(true);
     window.run_steps(3);
-    // With its folder in the fast tier, where the reduced demonstration is another recording of that name.
+    // With its folder in the fast tier, where the reduced demonstration is another recording of
+    // that name.
     let recent = fast_or_full("/demo   demo.toml", "demo   demo.toml");
     assert!(window.query_all_by_label_contains(recent).count() > 0 && has(&window, "Open a recording…"));
     press(&mut window, "Continue with the demo");
     assert!(!has(&window, "Continue with the demo"));
 
-    // Thrown away, it is not offered again. A window that has just been opened would find it, too.
+    // Discarded work is not offered again. A newly opened window would find it, too.
     drop(window);
     leave(temp.path(), &lost, 0);
     let mut window = demo();
@@ -111,7 +113,7 @@ fn restored_work_keeps_its_undo_history() {
     let mut window = plain();
     window.state_mut().set_state_folder(temp.path());
     shows(&mut window, "Restore");
-    // The default.
+    // The default button.
     window.key_press(Key::Enter);
     let scale = |app: &App| app.project().value("noise", "scale");
     until(&mut window, |app| scale(app) == Some(Value::Number(0.5)));
@@ -165,7 +167,7 @@ fn drag_interrupted_by_a_crash_is_not_in_the_recovery_file() {
     let rail = window.get_by_role_and_label(Role::Slider, "Noise: Scale").rect();
     worked::press_and_move(&mut window, rail.center(), rail.center() + egui::vec2(30.0, 0.0));
     assert!(scale(window.state().project()) > 4.0);
-    // Longer than a change waits for others.
+    // Longer than the delay that collects changes.
     let begun = Instant::now();
     while begun.elapsed() < Duration::from_millis(400) {
         window.step();
@@ -205,7 +207,7 @@ fn picture_is_drawn_after_the_question_about_left_work() {
         app.set_state_folder(&folder);
         app
     });
-    // It is asked in the first frame, and nothing is drawn meanwhile.
+    // The question appears in the first frame, and nothing is drawn meanwhile.
     assert!(has(&window, "Restore"));
     let begun = Instant::now();
     let wait = Duration::from_secs_f64(fast_or_full(0.2, 2.0));
@@ -221,7 +223,8 @@ fn picture_is_drawn_after_the_question_about_left_work() {
 
 const KILLED: &str = "LOCARD_TEST_KILLED";
 
-/// Not a test: what the next one kills. It edits, keeps its work and saves, as fast as it can.
+/// Child process of the next test, not a test of its own: edits, stores its work and saves as fast
+/// as it can.
 #[test]
 fn child_edits_until_killed() {
     let Some(folder) = std::env::var_os(KILLED).map(PathBuf::from) else { return };
@@ -237,11 +240,11 @@ fn child_edits_until_killed() {
         let placed = PlacedModel { model: model.clone(), ..PlacedModel::default() };
         let change = |scene: &mut locard::scene::SceneFile| scene.objects = vec![placed; 1 + n as usize % 5];
         project.change_scene("placed", change).unwrap();
-        // Time passes as fast as it edits.
+        // The clock advances with each edit.
         let now = begun + Duration::from_secs(3 * u64::from(n));
         let edit = project.edit().clone();
         autosave.update(project.version(), now, || None);
-        // Nothing more has changed for a while.
+        // No further change for a second.
         let now = now + Duration::from_secs(1);
         autosave.update(project.version(), now, || {
             Some(UnsavedWork::new(Path::new(DEMO), 1.0, Some(&profile), Some(&scene), edit))
@@ -273,7 +276,7 @@ fn window_killed_twenty_times_restores_its_work_and_keeps_files_intact() {
             .spawn()
             .unwrap();
         let lines = BufReader::new(editing.stdout.take().unwrap()).lines();
-        // Wherever it stands after so many edits.
+        // Killed after this number of edits, wherever it is.
         let edited = lines.map(Result::unwrap).filter(|line| line.contains("edited")).nth(3 + 2 * run);
         assert!(edited.is_some());
         editing.kill().unwrap();
@@ -285,7 +288,7 @@ fn window_killed_twenty_times_restores_its_work_and_keeps_files_intact() {
         assert!((1..=5).contains(&objects), "{objects}");
         let saved = project(Some(&profile), Some(&scene));
         assert!((1..=5).contains(&saved.edit().scene.objects.len()));
-        // What is kept opens again.
+        // The recovery file opens.
         let mut taken_up = project(Some(&profile), Some(&scene));
         taken_up.restore(left.work.edit.clone(), HistoryRecord::default()).unwrap();
         assert!(taken_up.edit() == &left.work.edit);

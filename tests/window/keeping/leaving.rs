@@ -1,4 +1,4 @@
-//! What leaves the window as files, and as a command line.
+//! Output of the window: files and command lines.
 
 use super::*;
 use crate::program;
@@ -16,7 +16,7 @@ fn exports_use_the_settings_at_their_start() {
     press(&mut window, &format!("frame {frame} alone"));
     press(&mut window, "Pictures…");
     choose(&mut window, &temp.path().join("out"));
-    // What is changed from now on is not in it; a second one is.
+    // Later changes do not affect it; they do affect a second one.
     set(&mut window, "noise", "scale", 0.0);
     window.key_press(Key::W);
     window.run_steps(2);
@@ -29,7 +29,7 @@ fn exports_use_the_settings_at_their_start() {
     let snapshot = picture(&temp.path().join("quiet.png"));
     assert!(snapshot == shown(&window) && snapshot != before, "the wipe is not in it");
 
-    // A folder that cannot be made is said, and the next one goes on.
+    // A folder that cannot be created is reported, and the next export proceeds.
     std::fs::write(temp.path().join("file"), "").unwrap();
     press(&mut window, "Pictures…");
     choose(&mut window, &temp.path().join("file/out"));
@@ -38,7 +38,7 @@ fn exports_use_the_settings_at_their_start() {
     assert!(matches!(&entries[2].state, JobState::Failed(why) if why.contains("file/out")), "{:?}", entries[2]);
     assert!(entries[..2].iter().all(|entry| matches!(entry.state, JobState::Done(_))), "{entries:?}");
 
-    // Cancelled, a video leaves nothing.
+    // A cancelled video leaves no file.
     press(&mut window, &format!("all {} frames", demo_frame(72)));
     press(&mut window, "Video…");
     let video = temp.path().join("cut.mkv");
@@ -65,7 +65,7 @@ fn photo_from_the_window_matches_the_command_line() {
         window.get_by_role_and_label(Role::TextInput, dial).type_text(text);
         window.run_steps(2);
     }
-    // No lens is so long.
+    // Beyond the range of focal lengths.
     assert!(has(&window, "Focal length: 30000 is refused: accepted is 1 to 5000"));
     let focal = window.get_by_role_and_label(Role::TextInput, "Focal length, mm");
     focal.focus();
@@ -135,7 +135,7 @@ fn command_line_reproduces_the_shown_picture() {
     assert!(output.status.success(), "{text}: {}", String::from_utf8_lossy(&output.stderr));
     assert!(picture(&folder.join(format!("composited/frame_{frame:06}.png"))) == shown(&window), "{text}");
 
-    // What a file has to say first is said.
+    // Warnings of a file are reported.
     let project = window.state_mut().project_mut();
     project.change_scene("light", |scene| scene.light.environment_intensity = Some(0.5)).unwrap();
     assert_eq!(command_line(project, frame).before.len(), 1);
@@ -156,19 +156,19 @@ fn series_asks_before_replacing_its_own_files() {
     window.get_by_role_and_label(Role::ComboBox, "Series").click();
     window.run_steps(3);
     press(&mut window, "through the film speeds");
-    // The second of the series is there, and nothing of the name itself.
+    // The second file of the series exists, but none of the given name itself.
     let there = temp.path().join("s-2.png");
     std::fs::write(&there, "what the user had").unwrap();
     press(&mut window, "Photograph…");
     choose(&mut window, &temp.path().join("s.png"));
     assert_eq!(std::fs::read_to_string(&there).unwrap(), "what the user had");
-    // The dialog comes to rest in its new size.
+    // The dialog needs several frames for its new size.
     window.run_steps(10);
     assert!(window.query_by_label_contains("s-2.png is there already").is_some());
     press(&mut window, "Replace them");
     let had = b"what the user had".as_slice();
     until(&mut window, |_| std::fs::read(&there).is_ok_and(|bytes| bytes != had));
-    // Cancelled, those that are finished stay.
+    // A cancelled series keeps its finished files.
     press(&mut window, &format!("Cancel the series s-1.png … in {}", temp.path().display()));
     until(&mut window, all_over);
     assert_eq!(window.state().documents().jobs().unwrap().entries[0].state, JobState::Cancelled);

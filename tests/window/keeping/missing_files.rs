@@ -8,7 +8,7 @@ use locard::scene::SceneFile;
 use locard::sink::OutPath;
 use locard::window::{JobKind, Jobs};
 
-/// In the picture of the demonstration's first frame.
+/// Position in the picture of the demonstration's first frame.
 const PLACE: [f64; 3] = [0.1046, -0.0958, 0.0];
 
 struct Case {
@@ -17,7 +17,7 @@ struct Case {
 }
 
 impl Case {
-    /// A marker that is there, and an object whose model is not.
+    /// A marker that exists, and an object whose model is missing.
     fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
         let scene = folder.path().join("case.toml");
@@ -31,8 +31,8 @@ impl Case {
     }
 }
 
-/// Pixels of the mark's colour.
-fn marked(codes: &[[u8; 3]]) -> usize {
+/// Number of pixels in the stand-in's colour.
+fn stand_in_pixels(codes: &[[u8; 3]]) -> usize {
     codes.iter().filter(|[r, g, b]| *r > 180 && *g < 90 && *b > 180).count()
 }
 
@@ -46,24 +46,24 @@ fn missing_model_is_a_marked_box_until_it_is_located() {
     let case = Case::new();
     let mut window = open(None, &case.scene);
     assert!(has(&window, "knife.glb is missing") && has(&window, "knife: model missing"));
-    assert!(marked(&shown(&window)) > 5, "{}", marked(&shown(&window)));
-    // Nothing leaves the window with it, and the command line refuses the scene.
+    assert!(stand_in_pixels(&shown(&window)) > 5, "{}", stand_in_pixels(&shown(&window)));
+    // Exports are refused, and the command line refuses the scene.
     let error = window.state().project().shot().check(0..1).unwrap_err().to_string();
     assert!(error.contains("knife.glb") && composite_error(&case.scene).contains("knife.glb"), "{error}");
     let found = case.folder.path().join("elsewhere.glb");
     std::fs::copy("scenes/l-scale.glb", &found).unwrap();
     press(&mut window, "Locate knife.glb…");
-    // It begins in the scene's folder: the model's own is not there.
+    // The dialog starts in the scene's folder: the model's own does not exist.
     shows(&mut window, case.folder.path().canonicalize().unwrap().file_name().unwrap().to_str().unwrap());
     answer(&mut window, &found, "Open");
     until(&mut window, |app| app.project().shot().scene.missing.is_empty());
     settle(&mut window);
     assert_eq!(window.state().project().edit().scene.objects[1].model, "elsewhere.glb");
-    assert!(marked(&shown(&window)) == 0 && !has(&window, "knife.glb is missing"));
+    assert!(stand_in_pixels(&shown(&window)) == 0 && !has(&window, "knife.glb is missing"));
     window.state().project().shot().check(0..1).unwrap();
     press(&mut window, "Undo");
     settle(&mut window);
-    assert!(marked(&shown(&window)) > 5 && has(&window, "knife.glb is missing"));
+    assert!(stand_in_pixels(&shown(&window)) > 5 && has(&window, "knife.glb is missing"));
 }
 
 // Slow: files on disk are checked every 2 s, and the picture is made twice.
@@ -78,7 +78,7 @@ fn missing_model_is_reloaded_when_it_reappears() {
     until(&mut window, |app| app.project().shot().scene.missing.is_empty());
     settle(&mut window);
     window.run_steps(2);
-    assert!(marked(&shown(&window)) == 0 && !has(&window, "knife.glb is missing"));
+    assert!(stand_in_pixels(&shown(&window)) == 0 && !has(&window, "knife.glb is missing"));
     assert_eq!(worked::steps(&window), ["opened"], "it is no step of the history");
     assert!(window.state().project().is_saved());
 }
@@ -93,7 +93,7 @@ fn hidden_objects_need_no_model_but_new_ones_do() {
     project.save_scene(&case.scene).unwrap();
     let given = ShotOptions { scene: Some(case.scene.clone()), ..ShotOptions::default() };
     Shot::open(&worked::demo(), &OpenOptions::default(), &given).unwrap();
-    // A model that is placed now has to be there.
+    // A newly placed model must exist.
     let placed = PlacedModel { model: "none.glb".to_owned(), ..PlacedModel::default() };
     let place = |scene: &mut SceneFile| scene.objects.push(placed);
     let error = project.change_scene("placed", place).unwrap_err().to_string();
@@ -146,7 +146,7 @@ fn unreadable_models_in_the_folder_do_not_prevent_locating_one() {
     std::fs::write(&case.scene, format!("{text}{more}")).unwrap();
     let models = case.folder.path().join("models");
     std::fs::create_dir(&models).unwrap();
-    // One that is where it is said to be, and one that is found; neither can be read.
+    // One at its named path and one to be located, both unreadable.
     for name in ["cut.glb", "other.glb"] {
         std::fs::write(models.join(name), "no model").unwrap();
     }

@@ -1,4 +1,4 @@
-//! What the window keeps of a person's work, and what leaves it as files; worked as a person would.
+//! Saving and recovery of the user's work, and the files that the window writes.
 
 mod crash;
 mod leaving;
@@ -39,17 +39,17 @@ fn open(profile: Option<&Path>, scene: &Path) -> Harness<'static, App> {
     window(project(profile, Some(scene)), egui::vec2(1400.0, 1000.0))
 }
 
-/// The first frames of the demonstration are the same for all of these.
+/// The first frames of the demonstration, shared by these tests.
 fn demo() -> Harness<'static, App> {
     open(None, Path::new(DEMO_SCENE))
 }
 
-/// The window of tests in which nothing virtual is looked at.
+/// Window of tests that check nothing virtual.
 fn plain() -> Harness<'static, App> {
     window(project(None, worked::scene_or_none().as_deref()), egui::vec2(1400.0, 1000.0))
 }
 
-/// What `locard composite` writes with these settings.
+/// The picture that `locard composite` writes with these settings.
 fn written(sets: &[&str], frame: usize) -> Vec<[u8; 3]> {
     let sets = sets.iter().map(ToString::to_string).collect();
     let given = ShotOptions { sets, scene: Some(DEMO_SCENE.into()), ..ShotOptions::default() };
@@ -70,7 +70,7 @@ fn set(window: &mut Harness<'_, App>, table: &str, name: &str, number: f64) {
     project.close_step();
 }
 
-/// Answers a dialog that asks for a file to write.
+/// Chooses a file in a save dialog.
 fn choose(window: &mut Harness<'_, App>, path: &Path) {
     answer(window, path, "Save here");
 }
@@ -83,12 +83,12 @@ fn answer(window: &mut Harness<'_, App>, path: &Path, button: &str) {
     window.key_press_modifiers(Modifiers::COMMAND, Key::A);
     window.step();
     window.get_by_role_and_label(Role::TextInput, "File name").type_text(path.to_str().unwrap());
-    // The dialog comes to rest in its new size.
+    // The dialog needs several frames for its new size.
     window.run_steps(6);
-    // It is known once its folder is listed.
+    // The button appears once the folder is listed.
     shows(window, button);
     window.get_by_label(button).click();
-    // The disk says what is there.
+    // The dialog closes after a check of the disk.
     let is_closed = |window: &Harness<'_, App>| window.query_by_role_and_label(Role::TextInput, "File name").is_none();
     until_seen(window, "the end of the dialog", is_closed);
     window.run_steps(2);

@@ -7,7 +7,7 @@ fn press_key(window: &mut Harness<'_, App>, key: Key) {
     window.run_steps(3);
 }
 
-/// Asks the window to close.
+/// Requests the window to close.
 fn close(window: &mut Harness<'_, App>) {
     let root = window.input_mut().viewports.entry(egui::ViewportId::ROOT).or_default();
     root.events.push(egui::ViewportEvent::Close);
@@ -33,13 +33,13 @@ fn esc_keeps_the_window_open_and_enter_saves() {
     assert!(std::fs::read_to_string(&scene).unwrap().contains("scale = 0.5"));
 }
 
-/// Presses a key in the question about a file that another program changed: the own state stays.
-fn keeps_the_own_state(key: Key) {
+/// Presses a key in the question about a file changed by another program: the own state stays.
+fn assert_own_state_kept(key: Key) {
     let temp = tempfile::tempdir().unwrap();
     let profile = temp.path().join("mine.toml");
     std::fs::write(&profile, "version = 1\n").unwrap();
     let mut window = window(project(Some(&profile), None), egui::vec2(1280.0, 720.0));
-    // The key is the question's: the panel stays open.
+    // The question consumes the key: the panel stays open.
     window.key_press_modifiers(Modifiers::COMMAND, Key::E);
     window.run_steps(2);
     std::fs::write(&profile, "version = 1\n[noise]\nscale = 0.125\n").unwrap();
@@ -58,12 +58,12 @@ fn keeps_the_own_state(key: Key) {
 
 #[test]
 fn esc_keeps_the_own_state_of_a_file_changed_on_disk() {
-    keeps_the_own_state(Key::Escape);
+    assert_own_state_kept(Key::Escape);
 }
 
 #[test]
 fn enter_keeps_the_own_state_of_a_file_changed_on_disk() {
-    keeps_the_own_state(Key::Enter);
+    assert_own_state_kept(Key::Enter);
 }
 
 #[test]
@@ -102,7 +102,7 @@ fn enter_twice_in_a_file_dialog_replaces_nothing() {
     assert!(!has(&window, "Replace it") && has(&window, "Save here"));
     press_key(&mut window, Key::Enter);
     shows(&mut window, "Replace it");
-    // Esc goes back to the name, not out of the dialog.
+    // Esc returns to the name and keeps the dialog open.
     press_key(&mut window, Key::Escape);
     assert!(!has(&window, "Replace it") && has(&window, "Save here"));
     assert_eq!(std::fs::read_to_string(&there).unwrap(), "# mine\n");

@@ -1,4 +1,4 @@
-//! Opening and saving: what is asked before anything is lost, and what is said.
+//! Opening and saving: questions before any loss, and messages.
 
 use super::*;
 use crate::program;
@@ -37,7 +37,7 @@ fn demonstration_is_not_overwritten_and_a_moved_scene_keeps_its_models() {
     assert!(again.edit().scene == state.edit().scene && again.edit().scene.objects.len() == objects + 1);
     settle(&mut window);
     assert!(shown(&window) == with_it, "it is the same scene");
-    // What was before the save is found from the new place too.
+    // History from before the save still resolves its files.
     press(&mut window, "Undo");
     settle(&mut window);
     assert_eq!(window.state().project().edit().scene.objects.len(), objects);
@@ -60,7 +60,7 @@ fn recording_without_a_camera_opens_a_chosen_profile() {
     until(&mut window, |app| app.problem().is_some());
     let problem = window.state().problem().unwrap().to_owned();
     assert!(problem.contains("camera") && !problem.contains("--"), "{problem}");
-    // A button stands in the picture.
+    // The picture shows a button.
     shows(&mut window, "Choose profile…");
     press(&mut window, "Choose profile…");
     answer(&mut window, &profile, "Open");
@@ -112,13 +112,13 @@ fn save_names_the_written_files_and_asks_before_foreign_profiles() {
     save(&mut window);
     shows(&mut window, "Save to the profile");
     press(&mut window, "Save to the profile");
-    // It lies in the recording's folder, and was never named here.
+    // It is in the recording's folder, and was never named in this session.
     shows(&mut window, "Overwrite");
     assert!(std::fs::read_to_string(&own).unwrap() == "version = 1\n" && !window.state().project().is_saved());
     press(&mut window, "Overwrite");
     let folder = temp.path().display();
     shows(&mut window, &format!("Saved the profile {folder}/rec/mine.toml and the scene {folder}/case.toml"));
-    // The second time it is not asked.
+    // The second time there is no question.
     change(&mut window, 0.25);
     save(&mut window);
     press(&mut window, "Save to the profile");
@@ -127,7 +127,7 @@ fn save_names_the_written_files_and_asks_before_foreign_profiles() {
     save(&mut window);
     shows(&mut window, "Nothing has changed since it was saved");
 
-    // A scene that is saved elsewhere is what was opened lately.
+    // A scene saved elsewhere becomes a recent one.
     press(&mut window, "File");
     press(&mut window, "Save the scene as…");
     choose(&mut window, &temp.path().join("other"));
@@ -154,10 +154,10 @@ fn new_scene_is_saved_with_its_recording_in_a_new_folder() {
     window.state_mut().project_mut().change_scene("placed", |scene| scene.objects.push(placed)).unwrap();
     window.key_press_modifiers(Modifiers::COMMAND, Key::S);
     window.run_steps(3);
-    // What lies in the recording's folder.
+    // Content of the recording's folder.
     shows(&mut window, "rgb/");
     press(&mut window, "New folder…");
-    // Esc leaves that, and not the dialog.
+    // Esc cancels the name, not the dialog.
     window.key_press(Key::Escape);
     window.run_steps(3);
     assert!(has(&window, "New folder…") && !has(&window, "Make it"));
@@ -166,7 +166,7 @@ fn new_scene_is_saved_with_its_recording_in_a_new_folder() {
         window.event(egui::Event::Text(name.to_owned()));
         window.run_steps(2);
         window.key_press(Key::Enter);
-        // The one is there already.
+        // This file exists already.
         match name {
             "rgb" => {
                 shows(
@@ -182,7 +182,7 @@ fn new_scene_is_saved_with_its_recording_in_a_new_folder() {
         }
     }
     shows(&mut window, "Nothing is here yet");
-    // What is the recording's is not written over, whatever was agreed to.
+    // Files of the recording are never overwritten, whatever was confirmed.
     let own = recording.join("recording.toml");
     let before = std::fs::read_to_string(&own).unwrap();
     choose(&mut window, &own);
@@ -221,7 +221,8 @@ fn file_dialog_keeps_the_keyboard_and_starts_in_the_last_folder() {
     window.run_steps(3);
     assert!(!has(&window, "Open a profile…"));
     begin(&mut window);
-    // A path leads to its folder while it is typed, and Enter goes into it; what is typed next is a name there.
+    // A typed path opens its folder while it is typed, and Enter enters it; the next text is a name
+    // in it.
     types(&mut window, temp.path().join("cases").to_str().unwrap());
     window.key_press(Key::Enter);
     window.run_steps(3);
@@ -234,7 +235,7 @@ fn file_dialog_keeps_the_keyboard_and_starts_in_the_last_folder() {
     until(&mut window, |app| app.project().profile.as_deref() == Some(&folder.join("mine.toml")));
     settle(&mut window);
 
-    // The next window begins there, in the theme that was chosen.
+    // The next window starts there, with the chosen theme.
     window.key_press(Key::T);
     window.run_steps(2);
     let theme = window.ctx.options(|options| options.theme_preference);
@@ -245,7 +246,7 @@ fn file_dialog_keeps_the_keyboard_and_starts_in_the_last_folder() {
     assert_eq!(window.state().documents().theme(), theme);
     begin(&mut window);
     shows(&mut window, "mine.toml");
-    // Those of the program are one click away.
+    // The program's own folder is one click away.
     press(&mut window, "Locard's profiles");
     shows(&mut window, "tum-fr1.toml");
 }
@@ -270,7 +271,7 @@ fn foreign_changes_to_a_file_are_reloaded_or_asked_about() {
     press(&mut window, "Undo");
     assert!(now(&window) == mine, "nothing is lost");
 
-    // Kept as it is here, it is asked about when it is saved.
+    // If the own state is kept, the question returns on saving.
     theirs(0.25);
     shows(&mut window, asked);
     press(&mut window, "Keep what is here");
@@ -316,7 +317,7 @@ fn file_changed_during_a_save_is_not_overwritten() {
     let written = project.profile_draft(&profile, ProfileScope::All).write().unwrap();
     project.written(written);
     assert!(project.is_saved());
-    // What was written is known as it is.
+    // The written file counts as known.
     project.set("noise", "scale", &Value::Number(0.5)).unwrap();
     project.profile_draft(&profile, ProfileScope::All).unless_changed(project.stamp(&profile)).write().unwrap();
     assert!(std::fs::read_to_string(&profile).unwrap().contains("scale = 0.5"));
@@ -325,7 +326,7 @@ fn file_changed_during_a_save_is_not_overwritten() {
 #[test]
 fn profile_saved_under_another_name_is_complete_and_keeps_comments() {
     let temp = tempfile::tempdir().unwrap();
-    // A recording that knows no camera.
+    // A recording without a camera.
     let site = temp.path().join("site");
     std::fs::create_dir(&site).unwrap();
     for entry in std::fs::read_dir(worked::demo()).unwrap().flatten() {
@@ -352,7 +353,7 @@ fn profile_saved_under_another_name_is_complete_and_keeps_comments() {
     let text = std::fs::read_to_string(&other).unwrap();
     assert!(text.starts_with("# My own camera.\n") && text.contains("scale = 1.5"), "{text}");
     assert_eq!(open(&other).edit(), project.edit());
-    // Nor is anything lacking where there was no profile to begin with.
+    // Without a previous profile nothing is missing either.
     let mut project = open(&profile);
     project.profile = None;
     let third = temp.path().join("third.toml");

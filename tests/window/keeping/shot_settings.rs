@@ -85,7 +85,7 @@ fn save_asks_where_to_store_camera_values() {
     until(&mut window, |app| app.project().is_saved());
     let [profile, scene] = case.texts();
     assert!(profile == PROFILE && scene.contains("[settings.camera]\nreadout_time_s = 0.02\n"), "{scene}");
-    // In the profile it no longer stands in the scene, which would override it.
+    // A value saved to the profile is removed from the scene, which would override it.
     set(&mut window, "camera", "readout_time_s", 0.03);
     set(&mut window, "noise", "scale", 0.25);
     save(&mut window, "Save to the profile");
@@ -153,10 +153,10 @@ fn scene_settings_equal_to_the_profile_are_kept() {
     assert!(again.edit().settings.overrule_recorded_exposure && again.edit() == project.edit());
     let scene = &case.texts()[1];
     assert!(scene.contains("scale = 0.5") && scene.contains("time_s = 0.01"), "{scene}");
-    // A later change of the profile leaves the shot as it is.
+    // A later change of the profile leaves the shot unchanged.
     std::fs::write(&case.profile, PROFILE.replace("0.5", "0.25")).unwrap();
     assert_eq!(number(&case.project(), "noise", "scale"), 0.5);
-    // One that is changed and set back to the profile's is gone.
+    // A setting changed and set back to the profile's is removed.
     project.set("noise", "scale", &Value::Number(0.75)).unwrap();
     project.save_scene(&case.scene).unwrap();
     project.set("noise", "scale", &Value::Number(0.5)).unwrap();
@@ -212,7 +212,7 @@ fn undone_noise_is_removed_from_the_profile() {
     assert_eq!(project.camera_changes(), ["Camera: noise"]);
     save_camera(&mut project, &case.profile);
     assert!(!case.texts()[0].contains("[camera.noise]") && project.is_saved(), "{}", case.texts()[0]);
-    // With the scene it overrides the profile's.
+    // Saved with the scene, it overrides the profile's.
     project.redo();
     save_camera(&mut project, &case.profile);
     project.undo();
@@ -257,7 +257,7 @@ fn readout_time_saved_to_the_profile_is_kept_in_the_scene_over_an_analysis() {
     project.set("camera", "readout_time_s", &Value::Number(0.02)).unwrap();
     save_camera(&mut project, &case.profile);
     assert!(case.texts()[0].contains("readout_time_s = 0.02"), "{}", case.texts()[0]);
-    // The analysis overrides the profile: the scene has to keep it.
+    // The analysis overrides the profile: the scene has to keep the value.
     assert_eq!(project.baseline_value("camera", "readout_time_s"), Some(Value::Number(0.0125)));
     assert!(!project.is_saved() && project.scene_is_changed());
     project.save_scene(&case.scene).unwrap();
@@ -302,7 +302,7 @@ fn save_without_a_scene_names_the_unsaved_settings() {
     assert!(said.starts_with("Saved the profile mine.toml") && said.contains("eadout"), "{said}");
     let profile = &case.texts()[0];
     assert!(profile.contains("scale = 0.25") && !profile.contains("time_s"), "{profile}");
-    // Once more it is said at once, and nothing is written.
+    // The second time it is reported at once, and nothing is written.
     window.key_press_modifiers(Modifiers::COMMAND, Key::S);
     window.run_steps(3);
     let said = window.state().message().unwrap();
@@ -327,7 +327,7 @@ fn reloaded_profile_values_affect_the_exposure() {
         (Some(800.0), Some(8.0))
     );
     assert_eq!(project.shot().baseline().rig.exposure.iso, Some(800.0));
-    // Without the scene's own value the profile's holds.
+    // Without the scene's own value the profile's is used.
     project.reset("camera.lens", "f_number", &Value::Number(4.0)).unwrap();
     assert_eq!(project.shot().exposure_settings(0).f_number, Some(4.0));
 }
@@ -349,7 +349,7 @@ fn scene_setting_equal_to_the_profile_is_removed_in_one_step() {
     assert!(project.is_saved() && !case.texts()[1].contains("scale"), "{}", case.texts()[1]);
     std::fs::write(&case.profile, PROFILE.replace("0.5", "0.25")).unwrap();
     assert_eq!(number(&case.project(), "noise", "scale"), 0.25);
-    // Undo brings it back after it was saved, too.
+    // Undo restores it even after saving.
     project.undo();
     project.save_scene(&case.scene).unwrap();
     assert!(project.is_saved() && case.texts()[1].contains("scale = 0.5"), "{}", case.texts()[1]);
@@ -385,13 +385,13 @@ fn scene_setting_overridden_for_the_session_stays_in_its_file() {
     let scene = &case.texts()[1];
     assert!(scene.contains("scale = 0.75") && scene.contains("aperture_diameter_mm = 5.0"), "{scene}");
     assert!(project.is_saved() && case.project().is_saved());
-    // The command line has them, as this window has.
+    // The command line has them, as this window does.
     let line = command_line(&project, 0);
     assert!(line.text.contains("--set noise.scale=2 --set camera.lens.f_number=4"), "{line:?}");
-    // Read again, they still override the scene.
+    // After a reload they still override the scene.
     project.adopt_files(open());
     assert_eq!(number(&project, "noise", "scale"), 2.0);
-    // Values that the user sets replace the scene's.
+    // Values set by the user replace the scene's.
     project.set("noise", "scale", &Value::Number(3.0)).unwrap();
     project.set("camera.lens", "f_number", &Value::Number(8.0)).unwrap();
     project.save_scene(&case.scene).unwrap();
