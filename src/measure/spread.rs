@@ -16,10 +16,10 @@
 //! difference of G. The third is summed by three-point Gauss-Legendre quadrature, whose variance is
 //! the box's.
 //!
-//! The pixels themselves are fitted, each at its own distance d, without bins: the light is (a + bd
-//! + ct)·(1 − E) + (a' + b'd + c't)·E, t the position along the edge. For each offset, angle and σ²
-//! the six coefficients follow by linear least squares (variable projection: Golub and Pereyra
-//! 1973). The three follow by Gauss-Newton.
+//! The pixels themselves are fitted, each at its own distance d, without bins: the light is
+//! (a + bd + ct)·(1 − E) + (a' + b'd + c't)·E, t the position along the edge. For each offset,
+//! angle and σ² the six coefficients follow by linear least squares (variable projection: Golub
+//! and Pereyra 1973). The three follow by Gauss-Newton.
 
 use statrs::function::erf::erf;
 

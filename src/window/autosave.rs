@@ -91,7 +91,7 @@ impl UnsavedWork {
 
     /// Serializes with as many history steps as fit into `max_bytes`. Copies the steps of a scene
     /// without a file, so the UI thread does not call it.
-    fn to_json(&mut self, max_bytes: u64) -> serde_json::Result<String> {
+    fn write_json(&mut self, max_bytes: u64) -> serde_json::Result<String> {
         if self.scene.is_none() {
             self.history.steps.iter_mut().for_each(|(_, edit)| make_paths_absolute(Arc::make_mut(edit)));
         }
@@ -225,7 +225,7 @@ impl Autosave {
                 match request {
                     WriteRequest::Write(path, mut work) => {
                         let failed = |reason: String| format!("Your work is not kept for a crash: {reason}");
-                        let done = work.to_json(MAX_LISTING_BYTES).map_err(|e| e.to_string()).and_then(|text| {
+                        let done = work.write_json(MAX_LISTING_BYTES).map_err(|e| e.to_string()).and_then(|text| {
                             let write = |file: &mut io::BufWriter<&mut File>| file.write_all(text.as_bytes());
                             write_atomically(&path, true, write).map_err(|e| e.to_string())
                         });
@@ -435,13 +435,13 @@ mod tests {
         let steps = (0..16).map(|n| (n.to_string(), Arc::new(work.edit.clone()))).collect();
         work = work.with_history(HistoryRecord { steps, at: 15 });
         let alone = serde_json::to_string(&work.edit).unwrap().len() as u64;
-        let text = work.to_json(8 * alone).unwrap();
+        let text = work.write_json(8 * alone).unwrap();
         let read: UnsavedWork = serde_json::from_str(&text).unwrap();
         assert!((2..8).contains(&read.history.steps.len()) && text.len() as u64 <= 8 * alone);
         let last = &read.history.steps[read.history.at];
         assert_eq!((last.0.as_str(), &*last.1), ("15", &read.edit));
         // The work itself and its current step are always included.
-        let least: UnsavedWork = serde_json::from_str(&work.to_json(1).unwrap()).unwrap();
+        let least: UnsavedWork = serde_json::from_str(&work.write_json(1).unwrap()).unwrap();
         assert!(least.edit == work.edit && least.history.steps.len() == 1);
     }
 
@@ -453,7 +453,7 @@ mod tests {
         edit.scene.light.environment = Some("hall.hdr".to_owned());
         let shared = Arc::new(edit);
         work = work.with_history(HistoryRecord { steps: vec![("lit".to_owned(), Arc::clone(&shared))], at: 0 });
-        let read: UnsavedWork = serde_json::from_str(&work.to_json(MAX_LISTING_BYTES).unwrap()).unwrap();
+        let read: UnsavedWork = serde_json::from_str(&work.write_json(MAX_LISTING_BYTES).unwrap()).unwrap();
         let written = read.history.steps[0].1.scene.light.environment.clone().unwrap();
         assert!(Path::new(&written).is_absolute(), "{written}");
         assert_eq!(shared.scene.light.environment.as_deref(), Some("hall.hdr"), "the window's own is as it was");
