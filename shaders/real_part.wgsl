@@ -25,7 +25,7 @@ struct Grid {
 // σ of colours (square roots of light) within one surface.
 const COLOR_SIGMA: f32 = 0.05;
 // Depths that differ by more than this factor belong to two surfaces.
-const JUMP: f32 = 1.04;
+const DEPTH_STEP: f32 = 1.04;
 
 struct Out { @location(0) light: vec4<f32>, @location(1) behind: vec4<f32>, @location(2) depths: vec4<u32> }
 
@@ -63,7 +63,7 @@ fn main(@builtin(position) at: vec4<f32>) -> Out {
     }
     // The one of two surfaces with more weight; never something between.
     let middle = 0.5 * (nearest + farthest);
-    let one = nearest < JUMP * farthest;
+    let one = nearest < DEPTH_STEP * farthest;
     var near = vec2<f32>(0.0);
     var far = vec2<f32>(0.0);
     for (var i = 0; i < 4; i++) {

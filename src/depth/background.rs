@@ -4,7 +4,7 @@
 //! images of Shade et al. 1998). The surface beside an edge is extended behind it, pixel by pixel.
 //! Each new pixel is the mean of the known background pixels around it.
 
-use super::discontinuity::JUMP;
+use super::discontinuity::DEPTH_STEP;
 
 /// Depth and linear light of the background, row by row, extrapolated up to `reach_px` inwards from
 /// an edge. Elsewhere they are the surface's own.
@@ -24,7 +24,7 @@ pub fn extrapolate_background(
             inside.then(|| py as usize * width + px as usize)
         })
     };
-    let is_background = |z: f32, i: usize| z > JUMP * depth_m[i];
+    let is_background = |z: f32, i: usize| z > DEPTH_STEP * depth_m[i];
     let mut edge: Vec<usize> =
         (0..depth_m.len()).filter(|&i| neighbours(i).any(|n| is_background(depth_m[n], i))).collect();
     for _ in 0..reach_px {

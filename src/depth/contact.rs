@@ -12,7 +12,7 @@
 
 use glam::DVec3;
 
-use super::discontinuity::JUMP;
+use super::discontinuity::DEPTH_STEP;
 use super::{Rays, SENSOR_ERROR};
 use crate::parallel::{over_rows, processors};
 use crate::pixels::Rect;
@@ -23,7 +23,7 @@ const MIN_TOLERANCE_M: f32 = 0.015;
 /// Snapping distance at 1 m, m: three times the sensor's error. It grows with the depth's square.
 const TOLERANCE_PER_DEPTH2: f32 = 3.0 * SENSOR_ERROR as f32;
 /// Largest snapping distance as a fraction of the depth. A depth discontinuity is larger.
-const MAX_TOLERANCE_PER_DEPTH: f32 = 0.5 * (JUMP - 1.0);
+const MAX_TOLERANCE_PER_DEPTH: f32 = 0.5 * (DEPTH_STEP - 1.0);
 
 /// A plane in the world; `normal` has unit length.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,13 +1,13 @@
 //! Depth discontinuities and colour distance.
 
 /// Neighbouring depths that differ by more than this factor belong to two surfaces. A floor seen
-/// under 15° from 4 m changes by 1 % from row to row. `JUMP` of shaders/real_part.wgsl and
+/// under 15° from 4 m changes by 1 % from row to row. `DEPTH_STEP` of shaders/real_part.wgsl and
 /// shaders/shade.wgsl is the same.
-pub const JUMP: f32 = 1.04;
+pub const DEPTH_STEP: f32 = 1.04;
 
 /// True if two neighbouring depths belong to two surfaces. Unknown depth is 0, a step to any other.
 pub fn is_step(a_m: f32, b_m: f32) -> bool {
-    a_m.max(b_m) > JUMP * a_m.min(b_m)
+    a_m.max(b_m) > DEPTH_STEP * a_m.min(b_m)
 }
 
 /// Euclidean distance of two colours (square roots of light).
@@ -23,8 +23,8 @@ mod tests {
     fn shaders_have_the_same_discontinuity_threshold() {
         let shaders = [include_str!("../../shaders/real_part.wgsl"), include_str!("../../shaders/shade.wgsl")];
         for shader in shaders {
-            let line = shader.lines().find_map(|line| line.strip_prefix("const JUMP: f32 = ")).unwrap();
-            assert_eq!(line.trim_end_matches(';').parse::<f32>().unwrap(), JUMP);
+            let line = shader.lines().find_map(|line| line.strip_prefix("const DEPTH_STEP: f32 = ")).unwrap();
+            assert_eq!(line.trim_end_matches(';').parse::<f32>().unwrap(), DEPTH_STEP);
         }
     }
 

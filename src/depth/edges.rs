@@ -17,7 +17,7 @@
 //! colour (they stay where they were measured); slits within the sensor shadow of their own sides.
 
 use super::color_likelihood::other_surface_log_ratio;
-use super::discontinuity::{JUMP, color_distance, is_step};
+use super::discontinuity::{DEPTH_STEP, color_distance, is_step};
 use super::nearest_edge::{distances_px, each_edge};
 
 /// Largest distance of the map's edges from the picture's, as a fraction of its width. A Kinect's
@@ -241,7 +241,7 @@ pub fn dilate_foreground(depth_m: &[f32], sqrt_colors: Option<&[[f32; 3]]>, widt
         [(left, right), (right, left), (above, below), (below, above)]
             .into_iter()
             .filter_map(|(near, far)| near.map(|near| (near, far)))
-            .filter(|(near, far)| depth_m[i] > JUMP * depth_m[*near] && is_mixed(i, *near, *far))
+            .filter(|(near, far)| depth_m[i] > DEPTH_STEP * depth_m[*near] && is_mixed(i, *near, *far))
             .map(|(near, _)| depth_m[near])
             .fold(depth_m[i], f32::min)
     };

@@ -15,7 +15,7 @@
 //! different colours (as in the colourisation of Levin et al. 2004). A dark object thus takes the
 //! depth measured on it, as a whole, and not that of its surroundings.
 
-use super::discontinuity::{JUMP, color_distance};
+use super::discontinuity::{DEPTH_STEP, color_distance};
 
 /// Longest distance between a sensor's projector and its camera, m: 75 mm in the Kinect, 95 mm in
 /// the widest hand-held one.
@@ -55,7 +55,7 @@ pub fn fill(depth_m: &mut [f32], sqrt_colors: &[[f32; 3]], width: usize, focal_p
     }
     for x in (0..width).filter(|x| has_holes[*x]) {
         // Only holes within one surface.
-        let widest_px = |near_m: f32, far_m: f32| if far_m > JUMP * near_m { 0.0 } else { RAGGED_PX };
+        let widest_px = |near_m: f32, far_m: f32| if far_m > DEPTH_STEP * near_m { 0.0 } else { RAGGED_PX };
         mark_shadows(depth_m, &known, &mut shadow, [x, width, height], widest_px);
     }
     let is_shadow: Vec<bool> = shadow.iter().map(|(length, _)| *length < u32::MAX).collect();

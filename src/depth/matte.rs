@@ -14,7 +14,7 @@
 //! The map thus decides where both sides have the same colour, and the picture where they differ.
 //! Far from an edge the map has no variance, and the picture has no influence.
 //!
-//! Not modelled: pixels that show three surfaces; surfaces whose depths differ by less than `JUMP`.
+//! Not modelled: pixels that show three surfaces; surfaces whose depths differ by less than `DEPTH_STEP`.
 
 use glam::{Vec3, Vec4};
 

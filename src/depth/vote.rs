@@ -14,7 +14,7 @@
 use std::sync::Mutex;
 
 use super::Rays;
-use super::discontinuity::{JUMP, is_step};
+use super::discontinuity::{DEPTH_STEP, is_step};
 use super::moment::SOURCE_MARGIN_PX;
 use super::reprojection::{LANES, Points, Reprojection, Tile, TileReprojection};
 use super::requested::{NOT_REQUESTED, RequestedPixels, gain};
@@ -33,7 +33,7 @@ const PIXELS_PER_BLOCK: usize = 256;
 /// Pixel stride of the colour samples that estimate a voter's gain.
 const COLOR_STRIDE_PX: i32 = 8;
 /// Depths in agreement differ by less than this factor.
-const AGREEMENT_RATIO: f32 = 1.0 + 0.5 * (JUMP - 1.0);
+const AGREEMENT_RATIO: f32 = 1.0 + 0.5 * (DEPTH_STEP - 1.0);
 /// Minimum number of samples for a consensus depth to count as reliable, with the frame's own.
 const MIN_CONSENSUS_SAMPLES: usize = 4;
 /// Minimum fraction of samples in agreement for a consensus depth to count as reliable.
@@ -431,7 +431,7 @@ mod tests {
             let place = |i: usize| (i % width, i / width);
             let is_torn = |a: usize, b: usize| {
                 let (near, far) = (depth_m[a].min(depth_m[b]), depth_m[a].max(depth_m[b]));
-                near < max_depth_m[a].max(max_depth_m[b]) && (near <= 0.0 || far > JUMP * near)
+                near < max_depth_m[a].max(max_depth_m[b]) && (near <= 0.0 || far > DEPTH_STEP * near)
             };
             let all = 0..width * height;
             let step = |a: usize, b: usize| {

@@ -150,6 +150,7 @@ fn scene_without_light_uses_the_estimated_one_and_keeps_its_own_otherwise() {
     assert!(refused(&["light", site, "-o", "other.toml"]).contains("locard analyse"));
 }
 
+// Slow: analyses the demonstration's frames and searches for lamps.
 #[test]
 fn light_estimated_with_another_up_is_ignored_and_the_rest_is_used() {
     let (folder, found) = analysed_demo();
