@@ -170,6 +170,9 @@ fn light_estimated_with_another_up_is_ignored_and_the_rest_is_used() {
     assert_eq!((&used.gain, &used.spread, &used.shutter), (&found.gain, &found.spread, &found.shutter));
     assert!(used.light.as_ref().unwrap().panorama.is_none());
     assert_eq!(shot.scene.lighting.points.len(), 0);
+    let scene = folder.path().join("light.toml");
+    let error = refused(&["light", site.to_str().unwrap(), "-o", scene.to_str().unwrap()]);
+    assert!(error.contains("light left out") && !scene.exists(), "{error}");
 }
 
 /// The demo's first frames with their analysis beside them.
