@@ -1,6 +1,7 @@
-//! What tags cost a frame: detection, corners and pose, on one core.
+//! Cost of tags per frame: detection, corners and pose, on one core.
 //!
-//! `RAYON_NUM_THREADS=1 cargo bench --bench tags`. The pictures are of the sheet that `locard board` prints, 0.8 m away.
+//! `RAYON_NUM_THREADS=1 cargo bench --bench tags`. The pictures show the sheet that
+//! `locard board` prints, 0.8 m away.
 
 #[path = "../tests/common/sheet.rs"]
 mod sheet;

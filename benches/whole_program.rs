@@ -1,8 +1,9 @@
-//! What a frame costs in the whole program, PNG files to raw frames, against a frame alone.
+//! Cost of a frame in the whole program, from PNG files to raw frames, relative to compositing
+//! alone.
 //!
 //! `cargo bench --bench whole_program [-- FRAMES]`. The load is that of `locard bench`, over the
-//! demonstration's frames as PNG. Decoding, GPU work, readback and writing overlap; what of it
-//! does not is what the ratio shows.
+//! demonstration's frames as PNG. Decoding, GPU work, readback and writing overlap; the ratio shows
+//! the part that does not.
 
 use std::borrow::Cow;
 use std::io::Write;
@@ -21,10 +22,10 @@ use locard::source::presentation::Presentation;
 
 const WIDTH: u32 = 640;
 const HEIGHT: u32 = 480;
-/// Shaders are compiled and textures made while these pass.
+/// Shader compilation and texture creation happen during these frames.
 const WARM_UP: usize = 10;
 
-/// A recording of so many PNG files: the demonstration's frames, again and again.
+/// Writes a recording of this number of PNG files, repeating the demonstration's frames.
 fn write_recording(folder: &Path, frames: usize) -> Result<()> {
     let mut sources: Vec<_> = std::fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/recordings/demo/rgb"))?
         .map(|entry| entry.map(|e| e.path()))
@@ -45,7 +46,7 @@ fn write_recording(folder: &Path, frames: usize) -> Result<()> {
 }
 
 fn main() -> Result<()> {
-    // Tests build this too, and run it without the flag.
+    // Tests build this benchmark too, and run it without the flag.
     if !std::env::args().any(|a| a == "--bench") {
         return Ok(());
     }
@@ -70,7 +71,7 @@ fn main() -> Result<()> {
         bits: 8,
     };
     let mut sink = RawSink::new(std::io::sink(), &options);
-    // The load's poses last for a moment only: every frame is drawn at their middle.
+    // The load's poses cover only a moment: every frame is drawn at its middle.
     let settings = Settings::default();
     let stream = Stream {
         camera: Cow::Borrowed(&load.camera),

@@ -1,10 +1,10 @@
-//! What the fuzz targets do with any bytes. Nothing may panic, hang or take much memory.
+//! The fuzz targets' code for arbitrary bytes. It must not panic, hang or take much memory.
 
 use locard::recording::{OpenOptions, Recording};
 use locard::scene::{self, SceneError};
 use locard::stream::{Encoding, ListenOptions, Receiver, packets};
 
-/// The bytes as a model.
+/// Loads the bytes as a model.
 #[allow(dead_code, reason = "each target uses one")]
 pub fn gltf(bytes: &[u8]) {
     let folder = tempfile::tempdir().expect("a temporary folder");
@@ -12,14 +12,14 @@ pub fn gltf(bytes: &[u8]) {
     std::fs::write(&path, bytes).expect("a temporary file");
     match scene::load(&path, None) {
         Ok(scene) => drop(scene::describe(&scene).to_string()),
-        // A panic that the loader caught is still a mistake of ours.
+        // A panic caught by the loader is a bug too.
         Err(SceneError::DecoderPanic { message, .. }) => panic!("caught inside: {message}"),
         Err(error) => drop(error.to_string()),
     }
 }
 
-/// The files that the formats of recordings are told by. The input is split at zero bytes, one piece a file; the first
-/// byte of a piece says which (a is the first, b the next).
+/// Files by which the formats of recordings are recognised. The input is split at zero bytes, one
+/// piece per file; the first byte of a piece selects the file (a is the first, b the next).
 const FILES: [&str; 18] = [
     "recording.toml",
     "trajectory.txt",
@@ -41,7 +41,7 @@ const FILES: [&str; 18] = [
     "frame-000001.pose.txt",
 ];
 
-/// What the files may name: pictures of 4×3 px and a depth map.
+/// Files that those may name: pictures of 4×3 px and a depth map.
 const PICTURES: [(&str, &[u8]); 11] = [
     ("a.png", include_bytes!("picture.png")),
     ("b.png", include_bytes!("picture.png")),
@@ -56,7 +56,7 @@ const PICTURES: [(&str, &[u8]); 11] = [
     ("frame-000001.depth.png", include_bytes!("depth.png")),
 ];
 
-/// The bytes as each of the files that describe a recording; how many of its frames could be read.
+/// Opens the bytes as the files of a recording. Returns the number of readable frames.
 #[allow(dead_code, reason = "each target uses one")]
 pub fn recording(bytes: &[u8]) -> usize {
     let folder = tempfile::tempdir().expect("a temporary folder");
@@ -80,9 +80,10 @@ pub fn recording(bytes: &[u8]) -> usize {
     recording.frames(0..count).map_or(0, |frames| frames.filter(Result::is_ok).count())
 }
 
-/// The bytes as datagrams, one after another: a byte that says what it is, its length in two bytes, its content. 0 is a
-/// datagram of OpenTrackIO as it is, 1 and 2 are samples in JSON and CBOR, which get their packets here, 3 is a message of
-/// FreeD. The upper bits say who sends, and when. How many poses came out, of which each is told, as is the report.
+/// Receives the bytes as consecutive datagrams: a kind byte, a length of two bytes, the content.
+/// Kind 0 is a raw OpenTrackIO datagram, 1 and 2 are samples in JSON and CBOR that are split into
+/// packets here, 3 is a FreeD message. The upper bits of the kind select the sender and the time
+/// step. Formats the lens and the report, and returns the number of poses.
 #[allow(dead_code, reason = "each target uses one")]
 pub fn stream(mut bytes: &[u8]) -> usize {
     let open = |url| Receiver::new(ListenOptions::parse(url).expect("a good address"));

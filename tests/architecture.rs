@@ -154,7 +154,7 @@ fn module_uses_only_modules_of_its_layer_or_below() {
     assert!(wrong.is_empty(), "a module uses only modules of its layer or below:\n{}", wrong.join("\n"));
 }
 
-/// Folders whose own file both declares types that its submodules share and calls the submodules.
+/// Folders whose own file both declares types shared by its submodules and calls the submodules.
 /// The list only shrinks.
 const FACES: [&str; 6] = ["bench", "cli", "recording", "scene", "simulate", "sink"];
 
@@ -276,7 +276,7 @@ fn imports_beside(folder: &Path) -> BTreeMap<String, BTreeSet<String>> {
     all
 }
 
-/// A cycle in an import graph.
+/// Returns a cycle of an import graph, if any.
 fn cycle(imports: &BTreeMap<String, BTreeSet<String>>) -> Option<Vec<String>> {
     fn walk(imports: &BTreeMap<String, BTreeSet<String>>, way: &mut Vec<String>, done: &mut BTreeSet<String>) -> bool {
         let at = way.last().unwrap().clone();
@@ -335,7 +335,7 @@ fn files_of_a_module_have_no_circular_imports() {
     while let Some(folder) = folders.pop() {
         let inner = std::fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path());
         folders.extend(inner.filter(|path| path.is_dir()));
-        // The modules themselves have layers.
+        // The modules at the top have layers instead.
         if folder == root().join("src") {
             continue;
         }

@@ -1,4 +1,4 @@
-//! A picture drawn in millimetres, with edges smoothed by their distance.
+//! A picture drawn in millimetres, with antialiased edges.
 
 use glam::{Vec2, vec2};
 
@@ -17,14 +17,14 @@ impl Canvas {
         Self { width, height, rgb: color.repeat((width * height) as usize), px_per_mm }
     }
 
-    /// One pixel a cell, each computed from its column and row.
+    /// A canvas of one pixel per cell, each computed from its column and row.
     pub fn from_fn(width: u32, height: u32, at: impl Fn(u32, u32) -> Color) -> Self {
         let rgb = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).flat_map(|(x, y)| at(x, y)).collect();
         Self { width, height, rgb, px_per_mm: 1.0 }
     }
 
-    /// Paints where `distance_mm` is negative, within the box from `low` to `high`, in
-    /// millimetres from the top left, y down.
+    /// Paints where `distance_mm` is negative, in the box from `low` to `high`, mm from the top
+    /// left, y down.
     pub fn paint(&mut self, color: Color, low: Vec2, high: Vec2, distance_mm: impl Fn(Vec2) -> f32) {
         let last = |limit: u32, v: f32| (v.max(0.0) as u32).min(limit);
         let (low, high) = ((low - 1.0) * self.px_per_mm, (high + 1.0) * self.px_per_mm);
@@ -50,7 +50,8 @@ impl Canvas {
         self.paint(color, middle - reach, middle + reach, |p| ((p - middle).length() - radius).abs() - line / 2.0);
     }
 
-    /// A digit of a stroke font of ours, `height_mm` high with its strokes, about its middle.
+    /// Draws a digit in an own stroke font, `height_mm` high including the strokes, centred at
+    /// `middle`.
     pub fn digit(&mut self, color: Color, digit: u32, middle: Vec2, height_mm: f32, line_mm: f32) {
         let size = height_mm - line_mm;
         let place = |p: Vec2| middle + vec2(p.x - 0.3, 0.5 - p.y) * size;
@@ -102,7 +103,7 @@ fn line(points: &[[f32; 2]]) -> Vec<Vec2> {
     points.iter().copied().map(Vec2::from).collect()
 }
 
-/// From one angle to another, degrees counter-clockwise from the right.
+/// An elliptical arc between two angles, degrees counter-clockwise from the right.
 fn arc(middle: [f32; 2], radii: [f32; 2], from: f32, to: f32) -> Vec<Vec2> {
     let at = |i: u32| {
         Vec2::from(middle) + Vec2::from(radii) * Vec2::from_angle((from + (to - from) * i as f32 / 40.0).to_radians())

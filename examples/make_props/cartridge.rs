@@ -14,7 +14,7 @@ const SEGMENTS: u16 = 48;
 
 /// Stands on its head, the axis along y.
 pub fn cartridge() -> Prop {
-    // Radius and height, millimetres, outside first; the way out is to the right of each run.
+    // Radius and height, mm, outside first; the outward normal is to the right of each run.
     let (mut outside, mut inside, mut primer) = (Shape::default(), Shape::default(), Shape::default());
     for run in [
         line([2.32, 0.0], [4.665, 0.0], 4),
@@ -33,7 +33,7 @@ pub fn cartridge() -> Prop {
     revolve(&mut inside, &line([4.5, 19.15], [4.2, 6.6], 12));
     revolve(&mut inside, &arc([2.2, 6.6], 2.0, 0.0, -90.0, 6));
     revolve(&mut inside, &line([2.2, 4.6], [0.0, 4.6], 2));
-    // The primer, 0.08 mm below the head, its edge round, its middle dented by the pin.
+    // The primer, 0.08 mm below the head, with a rounded edge and the pin's dent in its middle.
     revolve(&mut primer, &arc([0.0, -0.42], 1.0, 90.0, 36.87, 6));
     revolve(&mut primer, &line([0.8, 0.18], [0.95, 0.08], 1));
     revolve(&mut primer, &line([0.95, 0.08], [2.0, 0.08], 2));
@@ -61,7 +61,7 @@ pub fn cartridge() -> Prop {
     }
 }
 
-/// A piece of the profile without creases: points (radius, height) and the ways out there.
+/// A piece of the profile without creases: points (radius, height) and their outward normals.
 struct Run(Vec<(Vec2, Vec2)>);
 
 fn line(from: [f32; 2], to: [f32; 2], pieces: u16) -> Run {
@@ -70,8 +70,8 @@ fn line(from: [f32; 2], to: [f32; 2], pieces: u16) -> Run {
     Run((0..=pieces).map(|i| (from + (to - from) * f32::from(i) / f32::from(pieces), out)).collect())
 }
 
-/// Degrees counter-clockwise from the direction of growing radius. Out is away from the middle
-/// where the angle grows, towards it where it falls.
+/// An arc between two angles, degrees counter-clockwise from the direction of growing radius. The
+/// outward normal points away from the middle if the angle grows, and towards it if it falls.
 fn arc(middle: [f32; 2], radius: f32, from: f32, to: f32, pieces: u16) -> Run {
     let point = |i| {
         let way = Vec2::from_angle((from + (to - from) * f32::from(i) / f32::from(pieces)).to_radians());
@@ -80,7 +80,7 @@ fn arc(middle: [f32; 2], radius: f32, from: f32, to: f32, pieces: u16) -> Run {
     Run((0..=pieces).map(point).collect())
 }
 
-/// Turns a run about the axis.
+/// Revolves a run about the axis.
 fn revolve(shape: &mut Shape, run: &Run) {
     let rows = run.0.len() as u16 - 1;
     shape.grid(SEGMENTS, rows, |s, t| {
@@ -115,7 +115,7 @@ fn noise(seed: u32, x: u32, y: u32) -> f32 {
     v[0] as f32 / u32::MAX as f32
 }
 
-/// Noise with cells of 32 pixels, joining at the picture's edges.
+/// Noise with cells of 32 pixels that tiles at the picture's edges.
 fn smooth_noise(x: u32, y: u32) -> f32 {
     let corner = |dx, dy| noise(2, (x / 32 + dx) % 8, (y / 32 + dy) % 8);
     let ease = |n: u32| {

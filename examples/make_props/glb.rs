@@ -10,7 +10,7 @@ use crate::shape::Shape;
 pub struct Prop {
     pub name: &'static str,
     pub pictures: Vec<Canvas>,
-    /// Whether pictures go on beyond their edges.
+    /// True if textures repeat beyond their edges.
     pub repeat: bool,
     /// glTF materials.
     pub materials: Vec<Value>,

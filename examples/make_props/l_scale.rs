@@ -19,7 +19,8 @@ const BLACK: [u8; 3] = [20, 20, 20];
 /// Lies on y = 0, its outer corner at the front left; x and -z along the legs.
 pub fn l_scale() -> Prop {
     let mut shape = Shape::default();
-    // A point of the drawing, from the top left, in the model: the drawing's middle is the origin.
+    // Maps a point of the drawing, from the top left, to the model, whose origin is the drawing's
+    // middle.
     let place = |p: Vec2, y: f32| vec3(p.x - OUTER_MM / 2.0, y, p.y - OUTER_MM / 2.0);
     let inner = OUTER_MM - LEG_MM;
     let blank = vec2(0.6, 0.4); // inside the L, where nothing is drawn
@@ -62,7 +63,7 @@ pub fn l_scale() -> Prop {
 
 fn picture() -> Canvas {
     let mut canvas = Canvas::new(OUTER_MM, OUTER_MM, 16.0, WHITE);
-    // Both legs are drawn by (distance from the inner corner, distance from the outer edge).
+    // Both legs are drawn in (distance from the inner corner, distance from the outer edge).
     let upright = |along: f32, off: f32| vec2(off, OUTER_MM - LEG_MM - along);
     let lying = |along: f32, off: f32| vec2(LEG_MM + along, OUTER_MM - off);
     leg(&mut canvas, &upright);

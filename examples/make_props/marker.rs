@@ -23,7 +23,7 @@ pub fn marker(digit: u32) -> Prop {
     // The panel leans by `lean` from upright so that the fold's arc meets both sides smoothly.
     let lean = lean();
     let profile = |t: f32, inset: f32| -> (Vec2, Vec2) {
-        // (z, y) and the way out, along foot, panel, fold, panel, foot; t from 0 to 1.
+        // (z, y) and the outward normal, along foot, panel, fold, panel, foot; t from 0 to 1.
         let fold_turn = std::f32::consts::PI - 2.0 * lean;
         let side = if t < 0.5 { 1.0 } else { -1.0 };
         let from_foot = 1.0 - (2.0 * t - 1.0).abs(); // 0 at the feet, 1 at the top
@@ -42,14 +42,14 @@ pub fn marker(digit: u32) -> Prop {
     };
     let mut shape = Shape::default();
     let rows = 50; // the flat panels end on a row
-    // Each side on its own, or its picture would be the other's in a mirror.
+    // Each side separately, since one picture would otherwise mirror the other.
     for (from, side) in [(0.0, 1.0), (0.5, -1.0)] {
         for (inset, facing) in [(0.0, 1.0), (THICKNESS_MM, -1.0)] {
             shape.grid(12, rows / 2, |s, t| {
                 let (p, way) = profile((from + t / 2.0 + if side < 0.0 { 1e-6 } else { -1e-6 }).clamp(0.0, 1.0), inset);
                 let x = (s - 0.5) * WIDTH_MM;
                 let from_foot = if side > 0.0 { t } else { 1.0 - t };
-                // The inside is plain: the margin beside the digit.
+                // The inside is plain: it uses the margin beside the digit.
                 let uv = vec2(if side > 0.0 { s } else { 1.0 - s }, 1.0 - from_foot);
                 let uv = if facing > 0.0 { uv } else { vec2(0.02, 0.3) };
                 (vec3(x, p.y, p.x), vec3(0.0, way.y, way.x) * facing, uv)
@@ -85,7 +85,7 @@ pub fn marker(digit: u32) -> Prop {
 /// The share of half the profile's parameter that the flat panel takes.
 const PANEL_SHARE: f32 = 0.8;
 
-/// Foot = panel · sin(lean) + fold radius · cos(lean), solved by halving.
+/// Solves foot = panel · sin(lean) + fold radius · cos(lean) by bisection.
 fn lean() -> f32 {
     let (mut low, mut high) = (0.0f32, 1.5f32);
     for _ in 0..60 {
@@ -96,7 +96,7 @@ fn lean() -> f32 {
     low
 }
 
-/// One panel: the digit, and a bar of centimetres above the foot. v runs evenly in the
+/// The texture of one panel: the digit, and a bar of centimetres above the foot. v is linear in the
 /// profile's parameter, so the panel's 112 mm take the picture's lower 0.8.
 fn picture(digit: u32) -> Canvas {
     let height = PANEL_MM / PANEL_SHARE;

@@ -15,8 +15,8 @@ pub struct Shape {
 pub type Corner = (Vec3, Vec3, Vec2);
 
 impl Shape {
-    /// Adds a surface of `columns` by `rows` cells; `at` gives the corner for s and t from 0 to 1.
-    /// Triangles turn so that their fronts are where the normals point.
+    /// Adds a surface of `columns` by `rows` cells; `at` returns the corner for s and t from 0 to
+    /// 1. The triangles' fronts face along the normals.
     pub fn grid(&mut self, columns: u16, rows: u16, at: impl Fn(f32, f32) -> Corner) {
         let first = self.positions.len() as u16;
         for row in 0..=rows {

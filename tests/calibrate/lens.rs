@@ -1,4 +1,5 @@
-//! Cameras from photographs of a chessboard: simulated ones with a known truth, real ones with OpenCV's answer.
+//! Cameras from photographs of a chessboard: simulated ones compared with the truth, real ones with
+//! OpenCV.
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -22,25 +23,26 @@ const SIZE: (u32, u32) = (640, 480);
 /// Inner corners of the simulated board.
 const BOARD: (u32, u32) = (8, 5);
 
-/// A camera whose every pixel's rays are known, a few for each.
+/// A camera with precomputed rays for subsamples of each pixel.
 struct Camera {
     geometry: Geometry,
-    /// Directions, `FINE`² for each pixel.
+    /// Directions, `SUBSAMPLES`² for each pixel.
     rays: Vec<Option<DVec3>>,
 }
 
-const FINE: usize = 3;
+const SUBSAMPLES: usize = 3;
 
 impl Camera {
     fn new(geometry: Geometry) -> Self {
-        let place = |n: usize| (n as f64 + 0.5) / FINE as f64;
-        let (width, height) = (SIZE.0 as usize * FINE, SIZE.1 as usize * FINE);
+        let place = |n: usize| (n as f64 + 0.5) / SUBSAMPLES as f64;
+        let (width, height) = (SIZE.0 as usize * SUBSAMPLES, SIZE.1 as usize * SUBSAMPLES);
         let rays =
             (0..width * height).map(|i| geometry.direction(DVec2::new(place(i % width), place(i / width)))).collect();
         Self { geometry, rays }
     }
 
-    /// A photograph of the board, 8-bit codes: lit unevenly, blurred by 0.7 px, with noise of `sigma` codes.
+    /// A photograph of the board in 8-bit codes: unevenly lit, blurred by 0.7 px, with noise of
+    /// `sigma` codes.
     fn photograph(&self, stand: &(DMat3, DVec3), sigma: f64, seed: u64) -> GreyImage {
         let (rotation, translation) = stand;
         let inverse = rotation.transpose();
@@ -50,12 +52,13 @@ impl Camera {
             let Some(ray) = ray.map(|ray| inverse * ray) else { return 90.0 };
             let far = -eye.z / ray.z;
             let p = eye + far * ray;
-            // Corners are at whole numbers from 0; the squares reach one farther, the paper's rim another half.
+            // Corners are at integers from 0; the squares extend one farther, the paper's margin
+            // another half.
             let within = |v: f64, n: f64, more: f64| v > -1.0 - more && v < n + more;
             match far > 0.0 {
                 true if within(p.x, columns, 0.0) && within(p.y, rows, 0.0) => {
                     let dark = (p.x.floor() + p.y.floor()).rem_euclid(2.0) == 0.0;
-                    // The light falls off across the board.
+                    // The light falls normalized_errors across the board.
                     (if dark { 25.0 } else { 215.0 }) * (0.75 - 0.04 * p.x - 0.02 * p.y).clamp(0.2, 1.0)
                 }
                 true if within(p.x, columns, 0.5) && within(p.y, rows, 0.5) => 160.0,
@@ -63,9 +66,14 @@ impl Camera {
             }
         };
         let sharp = GreyImage::new(SIZE.0 as usize, SIZE.1 as usize, |x, y| {
-            let all = (0..FINE * FINE)
-                .map(|i| value(&self.rays[(FINE * y + i / FINE) * FINE * SIZE.0 as usize + FINE * x + i % FINE]));
-            (all.sum::<f64>() / (FINE * FINE) as f64) as f32
+            let all = (0..SUBSAMPLES * SUBSAMPLES).map(|i| {
+                value(
+                    &self.rays[(SUBSAMPLES * y + i / SUBSAMPLES) * SUBSAMPLES * SIZE.0 as usize
+                        + SUBSAMPLES * x
+                        + i % SUBSAMPLES],
+                )
+            });
+            (all.sum::<f64>() / (SUBSAMPLES * SUBSAMPLES) as f64) as f32
         });
         let mut picture = sharp.blurred(0.7);
         let mut random = Random::new(seed);
@@ -76,7 +84,8 @@ impl Camera {
     }
 }
 
-/// Where a board may stand so that it is seen well: tilted every way, near and far, in the middle and at the rim.
+/// Poses in which the board is well visible: tilted in all directions, near and far, in the middle
+/// and near the border.
 fn stands(geometry: &Geometry, count: usize, seed: u64) -> Vec<(DMat3, DVec3)> {
     let mut random = Random::new(seed);
     let mut between = |low: f64, high: f64| low + (high - low) * random.uniform();
@@ -87,7 +96,7 @@ fn stands(geometry: &Geometry, count: usize, seed: u64) -> Vec<(DMat3, DVec3)> {
             let rotation = DQuat::from_axis_angle(DVec3::new(around.cos(), around.sin(), 0.0), tilt)
                 * DQuat::from_rotation_z(between(-0.5, 0.5));
             let rotation = DMat3::from_quat(rotation);
-            // Its middle is looked at along a pixel's ray.
+            // The board's centre is on the ray of a pixel.
             let at = DVec2::new(between(0.3, 0.7) * f64::from(SIZE.0), between(0.3, 0.7) * f64::from(SIZE.1));
             let wide = f64::from(SIZE.0) / geometry.intrinsics.fx_px;
             let middle = geometry.direction(at).unwrap() * between(9.0, 17.0) / wide;
@@ -143,8 +152,8 @@ fn named(n: usize, seen: BoardDetection) -> NamedView {
     NamedView { name: format!("{n}.png"), detection: seen }
 }
 
-/// How many deviations each parameter is from its truth.
-fn off(calibrated: &CameraCalibration, geometry: &Geometry) -> Vec<(&'static str, f64)> {
+/// Error of each parameter in units of its standard deviation.
+fn normalized_errors(calibrated: &CameraCalibration, geometry: &Geometry) -> Vec<(&'static str, f64)> {
     let one = |p: &locard::calibrate::geometry::Parameter| (p.name, (p.value - truth(geometry, p.name)) / p.sigma);
     calibrated.parameters.iter().map(one).collect()
 }
@@ -160,23 +169,30 @@ fn camera_is_recovered_from_simulated_photographs() {
             for (n, stand) in stands(&camera.geometry, 16, 11 + seed).iter().enumerate() {
                 let picture = camera.photograph(stand, 2.0, 1000 * seed + n as u64);
                 let seen = find_chessboard(&picture, None);
-                // Where each corner truly is.
+                // Distance to the true corner.
                 if let Ok(seen) = &seen {
                     let own: Vec<DVec2> = corners(stand).filter_map(|p| camera.geometry.project(p)).collect();
                     for at in &seen.corners_px {
                         let nearest = own.iter().map(|own| own.distance(*at)).fold(f64::INFINITY, f64::min);
-                        assert!(nearest < 0.6, "seed {seed}, view {n}: a corner is {nearest} px off");
+                        assert!(nearest < 0.6, "seed {seed}, view {n}: a corner is {nearest} px normalized_errors");
                     }
                 }
                 views.extend(seen.ok().map(|seen| named(n, seen)));
             }
             assert!(views.len() >= 14, "{model:?}, seed {seed}: only {} views", views.len());
             let calibrated = calibrate(SIZE, views, Vec::new(), &LensOptions::default()).unwrap();
-            println!("{model:?} {seed}: {}\n{:?}", calibrated.deviations(), off(&calibrated, &camera.geometry));
+            println!(
+                "{model:?} {seed}: {}\n{:?}",
+                calibrated.deviations(),
+                normalized_errors(&calibrated, &camera.geometry)
+            );
             assert_eq!(calibrated.geometry.distortion.model, model);
             assert!(calibrated.rms_px < 0.15, "{}", calibrated.rms_px);
-            for (name, off) in off(&calibrated, &camera.geometry) {
-                assert!(off.abs() < 3.0, "{model:?}, seed {seed}: {name} is {off} deviations off\n{calibrated}");
+            for (name, normalized_errors) in normalized_errors(&calibrated, &camera.geometry) {
+                assert!(
+                    normalized_errors.abs() < 3.0,
+                    "{model:?}, seed {seed}: {name} is {normalized_errors} deviations normalized_errors\n{calibrated}"
+                );
             }
         }
     }
@@ -189,7 +205,7 @@ fn corners(stand: &(DMat3, DVec3)) -> impl Iterator<Item = DVec3> {
     places.map(move |place| rotation * place + translation)
 }
 
-/// Corners as they would be read, with normal errors of σ px in x and y.
+/// Simulated corner detections, with normal errors of σ px in x and y.
 fn read(geometry: &Geometry, stand: &(DMat3, DVec3), sigma_px: f64, random: &mut Random) -> BoardDetection {
     let (mut board, mut corners_px) = (Vec::new(), Vec::new());
     for (n, corner) in corners(stand).enumerate() {
@@ -202,7 +218,7 @@ fn read(geometry: &Geometry, stand: &(DMat3, DVec3), sigma_px: f64, random: &mut
     BoardDetection { board, corners_px, target: Target::Chessboard(ChessboardSize::new(BOARD.0, BOARD.1)) }
 }
 
-/// The deviations are what they are called: over many seeds errors are as large as told, not smaller and not larger.
+/// Over many seeds the errors match the reported deviations, neither smaller nor larger.
 #[test]
 fn deviations_match_the_actual_errors() {
     let geometry = brown();
@@ -212,20 +228,20 @@ fn deviations_match_the_actual_errors() {
         let stands = stands(&geometry, 15, seed);
         let views = stands.iter().enumerate().map(|(n, s)| named(n, read(&geometry, s, 0.2, &mut random))).collect();
         let calibrated = calibrate(SIZE, views, Vec::new(), &LensOptions::default()).unwrap();
-        // √2 of σ, since a residual has two directions.
+        // √2 of σ, since a residual has two components.
         assert!((calibrated.rms_px - 0.2 * 2f64.sqrt()).abs() < 0.03, "{}", calibrated.rms_px);
-        for (_, off) in off(&calibrated, &geometry) {
-            squares += off * off;
+        for (_, normalized_errors) in normalized_errors(&calibrated, &geometry) {
+            squares += normalized_errors * normalized_errors;
             count += 1.0;
         }
     }
-    // Of each parameter the larger of two estimates counts, so a little below 1.
+    // The larger of two estimates counts for each parameter, so the mean is a little below 1.
     let mean = squares / count;
     assert!((0.45..1.3).contains(&mean), "{mean} over {count}");
 }
 
-/// Boards that bend by a twelfth of a square have errors that all corners of a view share. With few views the deviations are
-/// still those of the errors.
+/// Boards bent by a twelfth of a square cause errors shared by all corners of a view. Even with few
+/// views the deviations match the errors.
 #[test]
 fn deviations_include_bent_boards() {
     let geometry = brown();
@@ -243,8 +259,8 @@ fn deviations_include_bent_boards() {
             named(n, seen)
         });
         let Ok(calibrated) = calibrate(SIZE, views.collect(), Vec::new(), &LensOptions::default()) else { continue };
-        for (_, off) in off(&calibrated, &geometry) {
-            squares += off * off;
+        for (_, normalized_errors) in normalized_errors(&calibrated, &geometry) {
+            squares += normalized_errors * normalized_errors;
             count += 1.0;
         }
     }
@@ -253,8 +269,8 @@ fn deviations_include_bent_boards() {
     assert!(count > 100.0 && (0.1..2.0).contains(&mean), "{mean} over {count}");
 }
 
-/// The last radial coefficient is kept where the views tell it, and left at 0 where they do not: one
-/// in twenty that is 0 seems to be more than two deviations from it.
+/// The last radial coefficient is kept if it is significant, and left at 0 otherwise: one in twenty
+/// zero coefficients seems to be more than two deviations from 0.
 #[test]
 fn last_coefficient_is_kept_if_it_is_significant() {
     for (k3, count, told) in [(0.25, 10, 6..7), (0.0, 4, 0..3)] {
@@ -277,7 +293,8 @@ fn last_coefficient_is_kept_if_it_is_significant() {
     }
 }
 
-/// Misread corners, a view with another zoom, a board that was read wrongly: told and left out, and the rest is as good.
+/// Misread corners, a view with another zoom and a misread board are reported and left out, without
+/// harm to the rest.
 #[test]
 fn foreign_views_are_rejected_or_have_little_effect() {
     let geometry = brown();
@@ -314,7 +331,7 @@ fn too_few_views_name_the_requirement() {
         .collect();
     let error = calibrate(SIZE, two, Vec::new(), &LensOptions::default()).unwrap_err();
     assert!(error.to_string().starts_with("2 views of 2 can be used; 3 with the board tilted differently"), "{error}");
-    // Boards that face the camera say nothing of how far away they are.
+    // Boards that face the camera do not determine their distance.
     let facing: Vec<_> = (0..5).map(|n| (DMat3::IDENTITY, DVec3::new(-3.0 - 0.3 * f64::from(n), -2.0, 12.0))).collect();
     let flat = facing.iter().enumerate().map(|(n, s)| named(n, read(&geometry, s, 0.1, &mut random)));
     match calibrate(SIZE, flat.collect(), Vec::new(), &LensOptions::default()) {
@@ -328,7 +345,7 @@ fn too_few_views_name_the_requirement() {
     }
 }
 
-/// A part of the board, a wrong size, a board with the sun on half of it.
+/// A part of the board, a wrong size, a board half of which is in the sun.
 #[test]
 fn partial_board_is_detected_and_a_larger_one_is_refused() {
     let camera = Camera::new(brown());
@@ -357,7 +374,7 @@ fn real_photographs_match_opencv() {
     let (paths, counts) = if tier::is_full() {
         (paths, (18, 2))
     } else {
-        // Every second one, of which one has another size.
+        // Every second photograph, one of which has another size.
         let mut files: Vec<PathBuf> = std::fs::read_dir(&paths[0]).unwrap().map(|file| file.unwrap().path()).collect();
         files.sort();
         (files.into_iter().step_by(2).collect(), (9, 1))
@@ -427,7 +444,7 @@ fn profile_takes_the_lens_and_keeps_the_rest() {
     assert_eq!(geometry.intrinsics.film_width_mm, 5.5);
     assert_eq!(image::image_dimensions(&residuals).unwrap(), (1400, 1090));
 
-    // What is there is kept, unless it is said otherwise; and then the comment is not doubled.
+    // An existing file is kept without `--force`; with it the comment is not duplicated.
     let text = refused(&arguments);
     assert!(text.contains("has a lens already") && std::fs::read_to_string(&profile).unwrap() == written, "{text}");
     said(&[&arguments[..], &["--force"]].concat());

@@ -1,4 +1,5 @@
-//! Cameras from photographs of the sheet of tags. The photographs share no projection with what is judged.
+//! Cameras from photographs of the sheet of tags. The photographs share no projection code with the
+//! calibration.
 
 use std::path::Path;
 use std::sync::LazyLock;
@@ -29,8 +30,8 @@ const WIDE: Camera = Camera {
     readout_s: 0.0,
 };
 
-/// Around the sheet, near and far, tilted every way, the sheet in the picture's middle and at its rim, where part of it is
-/// cut off.
+/// Camera poses around the sheet: near and far, tilted in all directions, with the sheet in the
+/// middle of the picture or cut relative_error at its border.
 fn around(camera: &Camera, n: u32) -> Place {
     let (a, i) = (2.4 * f64::from(n), f64::from(n));
     let tilt = 0.3 + 0.4 * (0.7 * i).sin().abs();
@@ -45,8 +46,8 @@ fn photograph(camera: &Camera, rays: &Rays, n: u32) -> Vec<u8> {
     PRINTED.photograph_by_rays(rays, tier::fast_or_full(2, 3), 1.5, n.into(), |_| place)
 }
 
-/// The share by which a parameter is off.
-fn off(calibrated: &CameraCalibration, name: &str, truth: f64) -> f64 {
+/// Relative error of a parameter.
+fn relative_error(calibrated: &CameraCalibration, name: &str, truth: f64) -> f64 {
     calibrated.parameters.iter().find(|parameter| parameter.name == name).unwrap().value / truth - 1.0
 }
 
@@ -63,23 +64,26 @@ fn camera_is_recovered_from_photographs_of_the_sheet() {
             let Ok(seen) = search.find(&pixels) else { continue };
             whole += usize::from(seen.corners_px.len() == 24);
             for (board, at) in seen.board.iter().zip(&seen.corners_px) {
-                let off = at.distance(around(&camera, n).sees(&camera, DVec3::new(board.x, -board.y, 0.0)));
-                furthest = furthest.max(off);
-                (sum, corners) = (sum + off * off, corners + 1.0);
+                let relative_error = at.distance(around(&camera, n).sees(&camera, DVec3::new(board.x, -board.y, 0.0)));
+                furthest = furthest.max(relative_error);
+                (sum, corners) = (sum + relative_error * relative_error, corners + 1.0);
             }
             views.push(NamedView { name: n.to_string(), detection: seen });
         }
         let rms_px = (sum / corners).sqrt();
-        println!("{} views, {whole} whole; corners off by {rms_px:.3} px, {furthest:.3} px at most", views.len());
+        println!(
+            "{} views, {whole} whole; corners relative_error by {rms_px:.3} px, {furthest:.3} px at most",
+            views.len()
+        );
         assert!(views.len() + 2 >= count && (4..count - 2).contains(&whole), "{} views, {whole} whole", views.len());
         assert!(rms_px < 0.1 && furthest < 0.5, "{rms_px:.3} px, {furthest:.3} px");
         let calibrated = calibrate(SIZE, views, Vec::new(), &LensOptions::default()).unwrap();
         println!("{calibrated}");
         assert_eq!((calibrated.target, calibrated.unit_mm), (Target::Tags(6), Some(1000.0)));
-        // What is asked for is 2 % and 5 %.
-        assert!(off(&calibrated, "fx_px", camera.focal_px).abs() < 0.005, "{calibrated}");
-        assert!(off(&calibrated, "fy_px", camera.focal_px).abs() < 0.005, "{calibrated}");
-        assert!(off(&calibrated, "k1", camera.k1).abs() < 0.05, "{calibrated}");
+        // The required accuracy is 2 % and 5 %.
+        assert!(relative_error(&calibrated, "fx_px", camera.focal_px).abs() < 0.005, "{calibrated}");
+        assert!(relative_error(&calibrated, "fy_px", camera.focal_px).abs() < 0.005, "{calibrated}");
+        assert!(relative_error(&calibrated, "k1", camera.k1).abs() < 0.05, "{calibrated}");
         let centre = DVec2::new(calibrated.geometry.intrinsics.cx_px, calibrated.geometry.intrinsics.cy_px);
         assert!(centre.distance(camera.centre_px) < 2.0, "{calibrated}");
         assert!(calibrated.rms_px < 0.15 && (calibrated.rms_px / rms_px - 1.0).abs() < 0.5, "{calibrated}");
@@ -122,7 +126,7 @@ fn program_detects_the_photographed_target() {
     let written = std::fs::read_to_string(&profile).unwrap();
     assert!(written.contains("from 6 views of a board of 6 tags, ") && written.contains("k1 = -0.2"), "{written}");
 
-    // The same tags by a file of their own, of twice their size: the camera is the same.
+    // The same tags in a board file with twice their size: the camera is the same.
     let twice = Sheet::new(Paper::A4).board.to_string().replace("version = 1", "version = 1\nscale = 2");
     let file = path(&folder.path().join("twice.toml"));
     std::fs::write(&file, &twice).unwrap();
@@ -130,13 +134,13 @@ fn program_detects_the_photographed_target() {
     let line = |told: &str, name: &str| told.lines().find(|line| line.starts_with(name)).unwrap().to_owned();
     assert_eq!(line(&told, "camera.fx_px"), line(&again, "camera.fx_px"));
     assert!(again.contains("squares.png: no tags are seen"), "{again}");
-    // Tags that are on another board.
+    // Tags of another board.
     std::fs::write(&file, "version = 1\nfamily = \"36h11\"\n[[tags]]\nid = 77\nsize_m = 0.1\ncenter_m = [0, 0]\n")
         .unwrap();
     let text = refused(&["calibrate", "camera", &photos, "--board", &file, "-o", &profile, "--force"]);
     assert!(text.contains("the tags that are seen are not on the board: 0, 1"), "{text}");
     assert!(Board::parse(&twice).is_ok() && text.lines().count() == 1, "{text}");
-    // The board's file is not written over.
+    // The board's file is not overwritten.
     let text = refused(&["calibrate", "camera", &photos, "--board", &file, "-o", &file, "--force"]);
     assert!(text.contains("twice.toml"), "{text}");
 }

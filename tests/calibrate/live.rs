@@ -1,4 +1,4 @@
-//! Views that are taken by themselves: a hand that moves a sheet of tags before a camera, made up frame by frame.
+//! Automatic collection of views: a simulated hand moves a sheet of tags in front of a camera.
 
 use std::f64::consts::FRAC_PI_2;
 use std::path::Path;
@@ -15,7 +15,7 @@ use locard::tags::{Paper, Sheet, picture};
 
 const FRAME_S: f64 = 1.0 / 30.0;
 
-/// What is seen of the sheet, read with errors of 0.1 px.
+/// The visible tags of the sheet, detected with errors of 0.1 px.
 fn seen(place: &Place, random: &mut Random) -> BoardDetection {
     let (mut board, mut corners_px) = (Vec::new(), Vec::new());
     for tag in Sheet::new(Paper::A4).board.tags {
@@ -29,22 +29,23 @@ fn seen(place: &Place, random: &mut Random) -> BoardDetection {
     BoardDetection { board, corners_px, target: Target::Tags(6) }
 }
 
-/// South of a place beside the sheet's middle and above it, leaning by an angle, looking at that place. The sheet's far edge
-/// is the upper one in the picture, then turned by an angle: a quarter makes it the left one, two the lower one.
+/// A camera that looks at `beside`·`far` on the sheet from a distance of `far`, tilted to the
+/// south. The sheet's far edge is the upper one in the picture, then rolled by `turn`: a quarter
+/// turn makes it the left one, two the lower one.
 fn leaning(tilt: f64, turn: f64, far: f64, beside: DVec2) -> Place {
     let at = far * DVec3::new(0.0, -tilt.sin(), tilt.cos());
     let target = far * beside.extend(0.0);
     Place::looking(at + target, target, turn)
 }
 
-/// The `n`th place where the hand rests.
+/// The `n`th resting pose of the hand.
 fn rest(n: u32) -> Place {
     let i = f64::from(n);
     let beside = DVec2::new(0.42 * (1.3 * i).sin(), 0.3 * (2.1 * i).cos());
     leaning(0.25 + 0.35 * (0.7 * i).sin().abs(), 2.4 * i, 0.5 + 0.17 * (1.9 * i).sin(), beside)
 }
 
-/// On the way from one place to another.
+/// Interpolates between two poses.
 fn between(a: &Place, b: &Place, t: f64) -> Place {
     let turn = a.quaternion().slerp(b.quaternion(), t);
     Place { at_m: a.at_m.lerp(b.at_m, t), axes: DMat3::from_quat(turn) }
@@ -68,7 +69,7 @@ fn views_are_collected_at_rest_until_none_is_missing() {
             let place = between(&rest(n), &rest(n + 1), f64::from(i.min(MOVES)) / f64::from(MOVES));
             let look = taking.add(f64::from(frame) * FRAME_S, &frame.to_string(), Some(seen(&place, &mut random)));
             frame += 1;
-            // It rests since frame MOVES, which shows in the next one.
+            // At rest since frame MOVES, which shows in the next one.
             assert!(look != ViewOutcome::Accepted || i > MOVES, "taken {i} frames after it set out");
             hints.extend(taking.hint());
             if taking.missing().is_empty() {
@@ -82,7 +83,7 @@ fn views_are_collected_at_rest_until_none_is_missing() {
     assert!((12..24).contains(&taking.views().len()), "{}", taking.views().len());
     assert!(share > 0.8, "{share}");
     assert!(taking.hint().is_none());
-    // What it asks for is first where the board is to go, then more of anything.
+    // The first hint concerns the board's position, later ones any view.
     assert!(hints[0].contains("edge away from the camera"), "{}", hints[0]);
     let calibrated = taking.calibrated().unwrap();
     let of = &calibrated.geometry;
@@ -111,7 +112,7 @@ fn moving_or_single_views_are_not_accepted() {
     let mut random = Random::new(9);
     let mut own = taking(3);
     let whole = seen(&leaning(0.3, 1.0, 0.6, DVec2::ZERO), &mut random);
-    // Lost in between, or a second later: nobody knows what it did.
+    // Lost in between, or a second later: the motion is unknown.
     assert_eq!(own.add(0.0, "a", Some(whole.clone())), ViewOutcome::Moving);
     assert_eq!(own.add(0.1, "b", None), ViewOutcome::NoBoard);
     assert_eq!(own.add(0.2, "c", Some(whole.clone())), ViewOutcome::Moving);
@@ -121,7 +122,7 @@ fn moving_or_single_views_are_not_accepted() {
     assert_eq!(own.add(0.4, "f", Some(whole.clone())), ViewOutcome::Accepted);
     assert_eq!(own.add(0.5, "g", Some(whole.clone())), ViewOutcome::Redundant);
     assert_eq!((own.views().len(), own.views()[0].name.as_str()), (1, "f"));
-    // What cannot be told from a few corners is no view.
+    // Too few corners for a view.
     let few = BoardDetection {
         board: whole.board[..4].to_vec(),
         corners_px: whole.corners_px[..4].to_vec(),
@@ -134,7 +135,7 @@ fn moving_or_single_views_are_not_accepted() {
     assert_eq!(own.add(0.9, "k", Some(none)), ViewOutcome::Moving);
 }
 
-/// It asks for what is missing, and takes nothing else once there are views enough.
+/// Requests the missing views, and accepts no others once there are enough.
 #[test]
 fn missing_views_are_requested_and_accepted() {
     let mut random = Random::new(2);
@@ -158,7 +159,7 @@ fn missing_views_are_requested_and_accepted() {
     assert_eq!(tilts, Some(vec![Edge::Upper]), "{:?}", taking.missing());
     assert!(taking.hint().unwrap().contains("its upper edge away from the camera"), "{:?}", taking.hint());
     assert_eq!(show(&mut taking, &leaning(0.5, 0.0, 0.6, DVec2::ZERO)), ViewOutcome::Accepted);
-    // Now the corners: it looks beside the sheet, which is seen on the other side.
+    // Now the corners: the camera looks beside the sheet, which then appears on the other side.
     let hint = taking.hint().unwrap();
     assert!(hint.starts_with("into the picture's ") && hint.contains(" corner"), "{hint}: {:?}", taking.missing());
     let views = taking.views().len();
@@ -169,7 +170,8 @@ fn missing_views_are_requested_and_accepted() {
     assert!(!taking.missing().iter().any(|wish| matches!(wish, MissingViews::Corners(_))), "{:?}", taking.missing());
 }
 
-/// A video of the hand: rests of more than a second, so that a slow machine sees two pictures of each, and ways in between.
+/// A video of the hand: rests of more than a second, so that a slow machine samples two pictures of
+/// each, and moves in between.
 pub fn video(folder: &Path, rests: u32) -> std::path::PathBuf {
     let printed = picture(&Sheet::new(Paper::A4));
     let printed =
@@ -178,7 +180,7 @@ pub fn video(folder: &Path, rests: u32) -> std::path::PathBuf {
     for n in 0..rests {
         for i in 0..8 {
             let place = between(&rest(n), &rest(n + 1), f64::from(i.min(2)) / 2.0);
-            // In the fast tier a rest is one photograph, shown again and again.
+            // In the fast tier a rest is one repeated photograph.
             if i > 2 && !tier::is_full() {
                 bytes.extend_from_within(bytes.len() - (3 * SIZE.0 * SIZE.1) as usize..);
                 continue;
@@ -211,7 +213,7 @@ pub fn video(folder: &Path, rests: u32) -> std::path::PathBuf {
     video
 }
 
-// Slow: the camera plays in real time, and a view counts once it rests.
+// Slow: the camera plays in real time, and a view counts only at rest.
 #[test]
 fn program_calibrates_a_live_camera() {
     let folder = tempfile::tempdir().unwrap();
@@ -221,14 +223,14 @@ fn program_calibrates_a_live_camera() {
     let output = locard(&arguments);
     let told = String::from_utf8(output.stderr).unwrap();
     assert!(output.status.success(), "{told}");
-    // The line that is rewritten fits a terminal's 80 columns.
+    // The rewritten status line fits a terminal of 80 columns.
     assert!(told.lines().filter(|line| line.contains(" seen; ")).all(|line| line.chars().count() <= 88), "{told}");
     assert!(told.contains(" of 20 views, ") && told.contains(" % seen; taken; "), "{told}");
     let report = String::from_utf8(output.stdout).unwrap();
     assert!(report.contains(" of a board of 6 tags, ") && report.contains("frame "), "{report}");
     let written = std::fs::read_to_string(&profile).unwrap();
     assert!(written.contains("fx_px = 5"), "{written}");
-    // Ended before there is enough: it says what is lacking, and writes nothing.
+    // Ended too early: it names the missing views, and writes nothing.
     let other = format!("{profile}.other.toml");
     let text = refused(&["calibrate", "camera", "--camera", &video, "--frames", "3", "-o", &other]);
     assert!(text.contains("can be used; 3 with the board tilted differently are needed"), "{text}");

@@ -1,4 +1,4 @@
-//! What is measured of a camera and its lens, of tags that are printed, and the measures themselves.
+//! Calibration of camera and lens, printed tags, and the measures themselves.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 

@@ -1,4 +1,4 @@
-//! Displacement against shifts that are known because the picture is a formula.
+//! Displacement measurements compared with known shifts of an analytic picture.
 
 use crate::tier;
 use locard::measure::Grey;
@@ -10,14 +10,15 @@ fn hash(mut x: u64) -> f64 {
     ((x ^ (x >> 31)) >> 11) as f64 / (1u64 << 53) as f64
 }
 
-/// Nearly normal, variance 1.
+/// Approximately normal, variance 1.
 fn noise(seed: u64) -> f64 {
     (0..12).map(|i| hash(seed * 12 + i)).sum::<f64>() - 6.0
 }
 
 const SIZE: usize = 128;
 
-/// Forty soft spots and a checkered ramp, exactly shifted; `sigma`: noise of its own for each `seed`.
+/// Forty soft spots and a checkered ramp, exactly shifted, with noise of `sigma` that depends on
+/// `seed`.
 fn picture(shift: [f64; 2], sigma: f64, seed: u64) -> Grey {
     let spots: Vec<[f64; 4]> = (0..220)
         .map(|i| {
@@ -75,7 +76,7 @@ fn flat_and_masked_patches_give_no_displacement() {
     let flat = Grey::new(SIZE, SIZE, vec![50.0; SIZE * SIZE]).unwrap();
     let found = displacements(&flat, &flat, None, &options).unwrap();
     assert_eq!((found.patches.len(), found.flat, found.median_length_px()), (0, 49, None));
-    // noise that both pictures do not share is no content
+    // Noise that the pictures do not share is no content.
     let grain = |seed: u64| {
         Grey::new(SIZE, SIZE, (0..SIZE as u64 * SIZE as u64).map(|i| 50.0 + 3.0 * noise(seed * 100_000 + i)).collect())
             .unwrap()
@@ -97,9 +98,9 @@ fn standard_error_covers_the_error_and_a_straight_edge_is_not_trusted() {
     let mut errors: Vec<f64> = found.patches.iter().map(in_sigmas).collect();
     errors.sort_by(f64::total_cmp);
     let (middle, most) = (errors[errors.len() / 2], errors[errors.len() * 9 / 10]);
-    // Of two Gaussian numbers with the larger one's σ each: 1.18 and 2.15.
+    // Of two Gaussian numbers in units of the larger one's σ: 1.18 and 2.15.
     assert!((0.5..1.5).contains(&middle) && most < 3.0, "{middle} {most}");
-    // Nothing but noise says where along itself an edge lies.
+    // The position along a straight edge is determined by noise alone.
     let edge = |seed: u64| {
         let value = |i: usize| 30.0 + 6.0 * ((i % SIZE) as f64 - 60.0).clamp(0.0, 8.0);
         let values = (0..SIZE * SIZE).map(|i| value(i) + 2.0 * noise(seed * 100_000 + i as u64)).collect();

@@ -1,4 +1,5 @@
-//! Noise from textureless places of a moving camera's frames: against noise of known size, and real cameras.
+//! Noise from textureless blocks of a moving camera's frames, compared with known noise and real
+//! cameras.
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -22,8 +23,9 @@ fn moving_noise_from_paths(frames: &[PathBuf], options: &NoiseOptions) -> Result
 const WIDTH: usize = 384;
 const HEIGHT: usize = 240;
 
-/// Noise of variance 1 for a frame, three a pixel: white noise under (1, s, 1) each way, so that neighbours correlate by
-/// 2s/(2 + s²); `shared`: correlation of two channels.
+/// Noise of variance 1 for a frame, three values a pixel: white noise filtered by (1, s, 1) in each
+/// direction, with a correlation of neighbours of 2s/(2 + s²). `shared`: correlation of two
+/// channels.
 fn field(seed: u64, middle: f64, shared: f64) -> Vec<f64> {
     let mut random = Random::new(seed);
     let (w, h) = (WIDTH + 2, HEIGHT + 2);
@@ -46,19 +48,20 @@ fn field(seed: u64, middle: f64, shared: f64) -> Vec<f64> {
     noise
 }
 
-/// σ of the cameras made by hand: rising with the code, in each channel otherwise.
+/// σ of the synthetic cameras: increases with the code, differently in each channel.
 fn sigma(channel: usize, code: f64) -> f64 {
     [0.8, 1.2, 0.6][channel] + [2.0, 1.5, 3.0][channel] * code / 255.0
 }
 
-/// Frames of a chart from dark to bright, of which `textured` in 20 rows show stripes, weak to strong, moving on from frame to frame.
+/// Frames of a chart from dark to bright. `textured` in 20 rows have stripes of varying strength
+/// that move from frame to frame.
 fn frames(count: usize, middle: f64, shared: f64, textured: usize) -> Vec<Pixels> {
     let frame = |frame: usize| {
         let noise = field(frame as u64 + 1, middle, shared);
         let codes = noise.iter().enumerate().map(|(i, n)| {
             let (x, y, c) = ((i / 3 % WIDTH + 5 * frame) % WIDTH, i / 3 / WIDTH, i % 3);
             let t = (x as f64 + 0.3 * c as f64) / WIDTH as f64;
-            // As strong in each block as chance will have it: squares of the amplitude evenly spread up to 70².
+            // Random strength per block: squares of the amplitude uniformly distributed up to 70².
             let chance = (12.9898 * (1000 * frame + y / 12 * 32 + i / 3 % WIDTH / 12) as f64).sin() * 43758.5453;
             let amplitude = if y / 12 % 20 < textured { 70.0 * (chance - chance.floor()).sqrt() } else { 0.0 };
             let stripes = amplitude * (0.7 * x as f64 + 0.4 * y as f64).sin();
@@ -70,7 +73,7 @@ fn frames(count: usize, middle: f64, shared: f64, textured: usize) -> Vec<Pixels
     (0..count).map(frame).collect()
 }
 
-/// Relative errors of σ in the bins that were measured.
+/// Relative errors of σ in the measured bins.
 fn errors(found: &NoiseCalibration, truth: impl Fn(usize, f64) -> f64) -> Vec<f64> {
     let bins = found.bins.iter().enumerate().flat_map(|(c, bins)| bins.iter().map(move |bin| (c, bin)));
     bins.filter(|(_, bin)| !bin.filled_from_neighbours).map(|(c, bin)| bin.sigma / truth(c, bin.code) - 1.0).collect()
@@ -87,7 +90,8 @@ fn largest(values: &[f64]) -> f64 {
 
 #[test]
 fn noise_alone_is_estimated_without_bias() {
-    // Correlation of neighbours 0, 0.6 and 0.7: the plane takes 2 % of the first's variance and 14 % of the last's.
+    // Correlation of neighbours 0, 0.6 and 0.7: the fitted plane takes 2 % of the first's variance
+    // and 14 % of the last's.
     let taps = [(1e9, 0.0), (1.5, 3.0 / 4.25), (3f64, 6.0 / 11.0)];
     for (middle, rho) in taps.into_iter().take(tier::fast_or_full(2, 3)) {
         let found = from_frames(&frames(6, middle, 0.3, 0), &NoiseOptions::default()).unwrap();
@@ -120,14 +124,14 @@ fn stripes_over_three_quarters_of_the_picture_are_not_noise() {
 fn texture_everywhere_is_reported() {
     let error = from_frames(&frames(16, 3.0, 0.3, 20), &NoiseOptions::default()).unwrap_err().to_string();
     assert!(error.contains("texture is almost everywhere in 16 pictures") && !error.contains("larger"), "{error}");
-    // Where there is too little of everything it is that.
+    // Too few usable blocks of any kind.
     let small = Pixels::from_u8(40, 40, vec![100; 4800]).unwrap();
     let error = from_frames(&[small], &NoiseOptions::default()).unwrap_err().to_string();
     assert!(error.contains("no bin with 1000 independent samples") && error.contains("larger pictures"), "{error}");
     assert!(from_frames(&[], &NoiseOptions::default()).is_err());
 }
 
-/// Black and white that are clipped are no quiet places.
+/// Clipped black and white are not quiet blocks.
 #[test]
 fn clipped_blocks_are_left_out() {
     let mut frames = frames(6, 3.0, 0.3, 0);
@@ -139,7 +143,7 @@ fn clipped_blocks_are_left_out() {
         for (i, code) in codes.iter_mut().enumerate() {
             match i / 3 / WIDTH {
                 0..48 => *code = 255,
-                // A channel that another's clipping made quiet.
+                // A channel made quiet by the clipping of another.
                 48..96 if i % 3 == 1 => *code = 140,
                 _ => {}
             }
@@ -200,7 +204,7 @@ fn noise_of_a_moving_recording_is_written_to_its_profile() {
 }
 
 /// Checks that `locard calibrate noise --moving` measures a recording as the library measures its
-/// pictures (`found`), and adds the result to profiles alone.
+/// pictures (`found`), and adds the result only to profiles.
 fn assert_program_writes_profile(temp: &Path, folder: &Path, found: &NoiseCalibration) {
     let path = |p: &Path| p.to_str().unwrap().to_owned();
     let (out, profile) = (path(folder), path(&temp.join("camera.toml")));
@@ -208,7 +212,7 @@ fn assert_program_writes_profile(temp: &Path, folder: &Path, found: &NoiseCalibr
     let table = said(&["calibrate", "noise", "--moving", &out, "-o", &profile]);
     assert!(table.starts_with(&format!("{frames} frames of a moving camera")), "{table}");
 
-    // The program says the same of the recording as of its pictures, and where it came from, once.
+    // The recording gives the same result as its pictures, and its source is stated once.
     let read = |profile: &str| {
         let mut rig = Rig::default();
         rig.read(Path::new(profile), &mut Settings::default()).unwrap();
@@ -223,7 +227,8 @@ fn assert_program_writes_profile(temp: &Path, folder: &Path, found: &NoiseCalibr
     assert!(text.contains(&format!("{signature}[camera.noise]\n")), "{text}");
     assert_eq!(text.matches("# By `locard").count(), 1, "{text}");
 
-    // Into the recording's own profile, whose other tables stay; and into nothing that is no profile.
+    // It is added to the recording's own profile, whose other tables stay, but not to a file that
+    // is no profile.
     let own = folder.join("camera.toml");
     let before = std::fs::read_to_string(&own).unwrap();
     said(&["calibrate", "noise", "--moving", &out, "-o", &path(&own), "--force"]);
@@ -252,7 +257,8 @@ fn assert_program_writes_profile(temp: &Path, folder: &Path, found: &NoiseCalibr
     assert!(text.contains("nor a recording"), "{text}");
 }
 
-/// σ by channel and bin of 16 codes of `real` − `mean`, rounding taken off, where there are 2,000 pixels or more.
+/// σ by channel and bin of 16 codes of `real` − `mean` without rounding variance, in bins of 2,000
+/// pixels or more.
 fn direct(mean: &Path, real: &Path) -> Vec<(usize, f64, f64)> {
     let (mean, real) = (image::open(mean).unwrap().into_rgb8(), image::open(real).unwrap().into_rgb8());
     let mut sums = [[(0.0, 0.0, 0.0); 16]; 3];
@@ -271,7 +277,8 @@ fn direct(mean: &Path, real: &Path) -> Vec<(usize, f64, f64)> {
         .collect()
 }
 
-/// Single frames of DSLRs against what their known means say. Half of them have too few flat places and say so.
+/// Single frames of DSLRs compared with their known means. Half of them have too few flat blocks
+/// and are reported.
 #[test]
 fn single_frames_of_real_cameras_match_their_known_noise() {
     let Some(folder) = common::data("noise-pairs") else { return };
@@ -308,7 +315,8 @@ fn single_frames_of_real_cameras_match_their_known_noise() {
     assert!(measured >= 4 && all.len() >= 30 && middle < 0.3);
 }
 
-/// A scene of fabric before a sensor with a pattern of its own: both count as noise. Too much is found, never too little.
+/// A fabric in front of a sensor with a fixed pattern: both count as noise. σ is overestimated,
+/// never underestimated.
 #[test]
 fn texture_everywhere_and_a_fixed_pattern_only_increase_sigma() {
     let Some(folder) = common::data("static-burst-grey") else { return };
@@ -323,7 +331,7 @@ fn texture_everywhere_and_a_fixed_pattern_only_increase_sigma() {
     assert!(found.warnings.iter().any(|w| w.to_string().contains("texture that is everywhere")));
 }
 
-/// The Kinect in a hand: the profile that comes with the program is what the program finds.
+/// The hand-held Kinect: the supplied profile equals the program's result.
 #[test]
 #[ignore = "full tier: reads 90 frames; tenth_of_the_kinect_frames_gives_its_profile is its small form"]
 fn kinect_profile_matches_its_frames() {
@@ -337,7 +345,7 @@ fn kinect_profile_matches_its_frames() {
             assert!((noise.sigma(c, bin.code) - bin.sigma).abs() < 0.002, "{c} {bin:?}\n{found}");
         }
     }
-    // A colour mosaic, interpolated: neighbours hang together, blue is the noisiest.
+    // A demosaiced picture: neighbours correlate, and blue is the noisiest.
     assert!(found.profile.neighbour_correlation.iter().all(|r| (0.55..0.75).contains(r)), "{found}");
     assert!(noise.sigma(2, 128.0) > 1.5 * noise.sigma(1, 128.0));
 }
@@ -363,7 +371,7 @@ fn tenth_of_the_kinect_frames_gives_its_profile() {
     assert!(found.profile.sigma(2, 128.0) > 1.5 * found.profile.sigma(1, 128.0), "{found}");
 }
 
-/// What a file is its content says, not its name.
+/// A file's kind depends on its content, not its name.
 #[test]
 fn jpeg_frames_are_recognised_by_content() {
     let temp = tempfile::tempdir().unwrap();
@@ -374,7 +382,7 @@ fn jpeg_frames_are_recognised_by_content() {
     }
     let found = moving_noise_from_paths(&[temp.path().to_owned()], &NoiseOptions::default()).unwrap();
     assert!(!found.warnings.iter().any(|w| w.to_string().contains("JPEG")), "{:?}", found.warnings);
-    // JPEG by content: as PNG by name in the fast tier, the demonstration in the full one.
+    // JPEG by content: named PNG in the fast tier, the demonstration in the full one.
     let named_png = temp.path().join("jpegs");
     std::fs::create_dir(&named_png).unwrap();
     for (i, frame) in frames(3, 3.0, 0.3, 0).iter().enumerate() {

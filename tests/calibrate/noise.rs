@@ -1,4 +1,4 @@
-//! Noise calibration against noise of known size, and against real cameras.
+//! Noise calibration compared with known noise, and with real cameras.
 
 use crate::common;
 use crate::random::Random;
@@ -18,7 +18,7 @@ fn noise_from_paths(
     calibrate::noise_from_paths(frames, means, options, &mut |_, _| ControlFlow::Continue(()))
 }
 
-/// A field of unit variance; `rho`: correlation from one pixel to the next, in rows and columns.
+/// A field of unit variance; `rho`: correlation between adjacent pixels in rows and columns.
 fn field(random: &mut Random, width: usize, height: usize, rho: f64) -> Vec<f64> {
     let mut field: Vec<f64> = (0..width * height).map(|_| random.normal()).collect();
     let fresh = (1.0 - rho * rho).sqrt();
@@ -35,10 +35,10 @@ fn field(random: &mut Random, width: usize, height: usize, rho: f64) -> Vec<f64>
 
 /// A camera of known noise.
 struct Camera {
-    /// σ at code 0 and at code 255, linear between, for each channel.
+    /// σ at code 0 and at code 255, linear in between, for each channel.
     sigma: [[f64; 2]; 3],
     neighbour: f64,
-    /// What every channel shares, 0 to 1: the correlation of two channels.
+    /// Correlation of two channels, 0 to 1.
     shared: f64,
 }
 
@@ -76,7 +76,8 @@ impl Camera {
     }
 }
 
-/// A chart from black to white; each channel runs at a little other speed, so that fractions are well spread.
+/// A chart from black to white; each channel has a slightly different gradient, which spreads the
+/// fractional codes.
 fn chart(x: usize, y: usize, _: usize, channel: usize) -> f64 {
     let t = (x as f64 + y as f64 / HEIGHT as f64) / WIDTH as f64;
     255.0 * if channel == 1 { 1.0 - t } else { t }
@@ -99,7 +100,7 @@ fn worst(calibration: &NoiseCalibration, camera: &Camera) -> f64 {
 
 const WHITE: Camera = Camera { sigma: [[0.3, 6.0], [1.0, 2.0], [0.8, 0.8]], neighbour: 0.0, shared: 0.0 };
 
-/// Not even read: the zeros take no memory.
+/// Refused before reading: the zeros take no memory.
 #[test]
 fn picture_too_large_for_memory_is_refused() {
     let (width, height) = (1 << 13, (1 << 13) + 1);
@@ -116,7 +117,7 @@ fn white_noise_is_recovered_from_ten_frames() {
     assert_eq!(calibration.excluded_share, 0.0);
     let p = &calibration.profile;
     assert!(p.channel_correlation.iter().chain(&p.neighbour_correlation).all(|c| c.abs() < 0.02), "{p:?}");
-    // the interval holds the truth about as often as it says
+    // The interval contains the truth about as often as claimed.
     let inside = (0..48).filter(|i| {
         let bin = &calibration.bins[i / 16][i % 16];
         let [low, high] = bin.sigma_ci95.unwrap();
@@ -129,7 +130,8 @@ fn white_noise_is_recovered_from_ten_frames() {
 fn few_frames_and_small_sigma_are_not_biased() {
     let camera = Camera { sigma: [[0.3, 0.3], [0.5, 0.5], [0.9, 0.9]], neighbour: 0.0, shared: 0.0 };
     for frames in [2, 5] {
-        // Whole codes tell little of a σ of 0.3: from two scenes the worst of 48 bins is off by 5 % by chance alone.
+        // Integer codes contain little information on a σ of 0.3: with two scenes the worst of 48
+        // bins is off by 5 % by chance alone.
         let scenes: Vec<_> = (0..8).map(|s| camera.shoot(frames, 10 + s, chart)).collect();
         let calibration = from_scenes(&scenes, &NoiseOptions::default()).unwrap();
         assert!(worst(&calibration, &camera) < 0.05);
@@ -150,7 +152,7 @@ fn correlated_noise_and_its_correlations_are_recovered() {
 
 #[test]
 fn clipped_codes_are_not_counted_as_quiet() {
-    // half of the picture hangs around the ends, a quarter of it beyond them
+    // Half of the picture is near the ends, a quarter of it beyond them.
     let camera = Camera { sigma: [[3.0, 6.0], [6.0, 3.0], [4.0, 4.0]], neighbour: 0.0, shared: 0.0 };
     let scene = camera.shoot(10, 4, |x, y, frame, c| {
         let t = chart(x, 0, frame, c);
@@ -179,7 +181,7 @@ fn black_and_white_bins_are_filled_from_neighbours() {
     }
 }
 
-/// A busy patch that crosses the chart, from above everything else.
+/// A busy patch that crosses the chart from above.
 fn with_patch(x: usize, y: usize, frame: usize, channel: usize) -> f64 {
     let (left, top) = (30 + 9 * frame, 40 + 5 * frame);
     if (left..left + 40).contains(&x) && (top..top + 30).contains(&y) {
@@ -196,7 +198,7 @@ fn moving_patch_is_excluded_and_its_share_reported() {
         let scenes = [camera.shoot(10, 6, with_patch), camera.shoot(10, 7, chart)];
         let calibration = from_scenes(&scenes, &NoiseOptions::default()).unwrap();
         assert!(worst(&calibration, &camera) < 0.05);
-        // the patch sweeps 121 × 75 pixels, less two corners: 16 % of one scene of two
+        // The patch sweeps 121 × 75 pixels, less two corners: 16 % of one scene of two.
         assert!((0.05..0.13).contains(&calibration.excluded_share), "{}", calibration.excluded_share);
         let blind = NoiseOptions { leave_out_motion: false, ..NoiseOptions::default() };
         let blind = from_scenes(&scenes, &blind).unwrap();
@@ -239,7 +241,8 @@ fn sigma_refers_to_the_bin_centre_for_any_distribution_of_codes() {
 #[test]
 fn creeping_camera_is_detected_where_there_is_detail() {
     let camera = Camera { sigma: [[1.0, 1.0]; 3], neighbour: 0.0, shared: 0.0 };
-    // stripes in the lower third, drifting by 0.3 pixels in all: a sixth more variance, too little to stand out itself
+    // Stripes in the lower third, drifting by 0.3 pixels in total: a sixth more variance, too
+    // little to stand out itself.
     let scene = camera.shoot(16, 8, |x, y, frame, c| {
         let m = 0.8 * chart(x, y, 0, c) + 20.0;
         let phase = (x as f64 + 0.02 * frame as f64) * 0.8;
@@ -261,7 +264,7 @@ fn single_noisy_frame_with_its_mean_is_sufficient() {
     let scenes: Vec<_> = (0..4).map(|s| (mean.clone(), camera.shoot(1, 20 + s, chart))).collect();
     let calibration = from_known_means(&scenes, &NoiseOptions::default()).unwrap();
     assert!(worst(&calibration, &camera) < 0.05);
-    // the last scene against a brighter mean: said
+    // The last scene against a brighter mean: reported.
     let brighter = match &mean.codes {
         Codes::U8(codes) => codes.iter().map(|c| c.saturating_add(3)).collect(),
         Codes::U16(_) => unreachable!(),
@@ -376,7 +379,8 @@ fn folders_are_scenes_and_loose_files_are_one() {
 
 type Bins = [[(f64, usize); 16]; 3];
 
-/// The plain standard deviation by channel and bin of `real` − `mean`, and samples: arithmetic written apart.
+/// Independent reference: the plain standard deviation by channel and bin of `real` − `mean`, and
+/// the number of samples.
 fn plain(mean: &Path, real: &Path) -> Bins {
     let (mean, real) = (image::open(mean).unwrap().into_rgb8(), image::open(real).unwrap().into_rgb8());
     let mut sums = [[(0.0, 0.0, 0usize); 16]; 3];
@@ -397,8 +401,8 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
     if values.len().is_multiple_of(2) { 0.5 * (values[half - 1] + values[half]) } else { values[half] }
 }
 
-/// Relative errors, of the calibration and of the plain average, in each bin of the third scene.
-fn foretell(folder: &Path, camera: &str, test: usize) -> Vec<(f64, f64)> {
+/// Relative errors of the calibration and of the plain average in each bin of the third scene.
+fn prediction_errors(folder: &Path, camera: &str, test: usize) -> Vec<(f64, f64)> {
     let file = |scene: usize, what: &str| folder.join(format!("{camera}_{scene}_{what}.png"));
     let training: Vec<usize> = (1..=3).filter(|s| *s != test).collect();
     let paths = |what: &str| training.iter().map(|s| file(*s, what)).collect::<Vec<_>>();
@@ -439,7 +443,7 @@ fn two_scenes_of_a_real_camera_predict_the_third() {
     for camera in tier::fast_or_full(&cameras[1..2], &cameras) {
         let mut all = Vec::new();
         for test in 1..=3 {
-            let errors = foretell(&folder, camera, test);
+            let errors = prediction_errors(&folder, camera, test);
             compare(&format!("RESULT {camera} {test}"), &errors);
             all.extend(errors);
         }
@@ -454,12 +458,12 @@ fn noise_of_a_resting_machine_vision_camera_matches_its_known_values() {
     println!("{calibration}");
     assert_eq!(calibration.frames, 16);
     let good: Vec<_> = calibration.bins[0].iter().filter(|b| !b.filled_from_neighbours).collect();
-    // rounding included: 0.8 at code 40, 1.8 at code 232
+    // Including rounding: 0.8 at code 40, 1.8 at code 232.
     assert!((0.70..0.80).contains(&calibration.bins[0][2].sigma), "{calibration}");
     assert!((1.65..1.80).contains(&calibration.bins[0][14].sigma), "{calibration}");
     assert!(good.len() >= 13 && good.windows(2).all(|w| w[0].sigma < 1.1 * w[1].sigma), "{calibration}");
     assert_eq!(calibration.profile.channel_correlation, [1.0; 3]);
-    // grey stands three times
+    // Grey is stored three times.
     let NoiseProfile { bins: [r, g, b], .. } = &calibration.profile;
     assert!(r == g && g == b);
 }
@@ -468,7 +472,8 @@ fn refused(frames: &[PathBuf]) -> String {
     noise_from_paths(frames, &[], &NoiseOptions::default()).unwrap_err().to_string()
 }
 
-/// Frames of a camera in a hand, slow and fast, and of far apart views; the message names the folder and says what to do.
+/// Frames of a hand-held camera, slow and fast, and of distant views. The message names the folder
+/// and gives advice.
 #[test]
 fn frames_of_a_moving_real_camera_are_refused() {
     let Some(folder) = common::data("tum-fr1-rpy/rgb") else { return };
@@ -485,7 +490,7 @@ fn frames_of_a_moving_real_camera_are_refused() {
     }
 }
 
-/// The demonstration's camera is held by hand: at its slowest (first frames) and at its fastest.
+/// The demonstration's camera is hand-held: at its slowest (first frames) and at its fastest.
 #[test]
 fn frames_of_a_simulated_hand_are_refused() {
     let frame = |i: usize| PathBuf::from(format!("recordings/demo/rgb/{i:05}.jpg"));

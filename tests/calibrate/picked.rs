@@ -1,5 +1,5 @@
-//! What a person picks in a picture: edges for its sharpness, plain places for its noise. Against pictures that are made
-//! without the code that measures them, and real ones.
+//! Regions picked by the user: edges for sharpness, plain regions for noise. Compared with pictures
+//! made without the measuring code, and with real ones.
 
 use std::path::PathBuf;
 
@@ -18,13 +18,13 @@ use locard::measure::slanted::{EdgeError, SlantedEdge, slanted_edge};
 use locard::pixels::{Pixels, Rect};
 use statrs::distribution::{ContinuousCDF, Normal};
 
-/// How an edge's picture is made.
+/// Parameters of a synthetic edge.
 #[derive(Clone, Copy)]
-struct Made {
-    /// Its normal's angle from the rows, degrees.
+struct SyntheticEdge {
+    /// Angle of its normal from the rows, degrees.
     slant_deg: f64,
     sigma_px: f64,
-    /// How far it moved along its normal while the shutter was open, px.
+    /// Motion along its normal during the exposure, px.
     moved_px: f64,
 }
 
@@ -33,9 +33,9 @@ const DARK: f64 = 0.08;
 const BRIGHT: f64 = 0.6;
 const WHOLE: Rect = Rect { x0: 0, y0: 0, x1: SIDE as i32, y1: SIDE as i32 };
 
-impl Made {
-    /// The share of the brighter side's light: the mean over 10×10 places within each pixel of a blurred step through the
-    /// middle, at so many moments.
+impl SyntheticEdge {
+    /// The brighter side's share in each pixel: the mean of a blurred step through the middle over
+    /// 10×10 points in the pixel, and over moments of the exposure.
     fn shares(&self) -> Vec<f64> {
         let normal = Normal::new(0.0, self.sigma_px.max(1e-6)).unwrap();
         let (sin, cos) = self.slant_deg.to_radians().sin_cos();
@@ -70,14 +70,16 @@ fn measured_widths_match_within_their_uncertainty() {
     let slants_deg = tier::fast_or_full(&[5.0, 40.0, 97.0, -12.0][..], &[5.0, 22.0, 40.0, 97.0, -12.0]);
     for &sigma_px in sigmas_px {
         for &slant_deg in slants_deg {
-            let shares = Made { slant_deg, sigma_px, moved_px: 0.0 }.shares();
+            let shares = SyntheticEdge { slant_deg, sigma_px, moved_px: 0.0 }.shares();
             let found = slanted_edge(&light(&shares, 0.0, 1), WHOLE, [0.0; 2]).unwrap();
-            // The 10×10 places lack 1/100 of the pixel's 1/12: 0.0008 px², which is 0.0014 px at 0.3.
+            // The 10×10 points lack 1/100 of the pixel's 1/12: 0.0008 px², which is 0.0014 px at
+            // 0.3.
             assert!((found.sigma_px - sigma_px).abs() < 2e-3, "{sigma_px} at {slant_deg}°: {found:?}");
             assert!(found.misfit < 2e-3 && found.uncertainty_px < 2e-3, "{found:?}");
             let slant = slant_deg.abs() - if slant_deg > 90.0 { 90.0 } else { 0.0 };
             assert!((found.slant_deg - slant).abs() < 0.01 && (found.bright - BRIGHT).abs() < 1e-3, "{found:?}");
-            // 2.563 standard deviations of Gaussian and pixel, as far as both together are one.
+            // 2.563 standard deviations of Gaussian and pixel, as far as their convolution is
+            // Gaussian.
             let rise = 2.563 * (sigma_px * sigma_px + 1.0 / 12.0).sqrt();
             assert!((found.rise_10_90_px.unwrap() / rise - 1.0).abs() < 0.06, "{found:?}");
             for (n, noise) in [0.004, 0.02].into_iter().enumerate() {
@@ -90,7 +92,7 @@ fn measured_widths_match_within_their_uncertainty() {
             }
         }
     }
-    // Fifty errors over their uncertainties: a root mean square of 1 ± 0.1. The fast tier has 24: ± 0.14.
+    // Fifty errors over their uncertainties: an RMS of 1 ± 0.1. The fast tier has 24: ± 0.14.
     let rms = (pulls.iter().map(|pull| pull * pull).sum::<f64>() / pulls.len() as f64).sqrt();
     println!("errors are {rms:.2} uncertainties");
     assert!((0.7..1.3).contains(&rms), "{rms}");
@@ -98,10 +100,10 @@ fn measured_widths_match_within_their_uncertainty() {
 
 #[test]
 fn known_motion_is_subtracted_from_the_blur() {
-    let made = Made { slant_deg: 8.0, sigma_px: 0.7, moved_px: 2.0 };
+    let made = SyntheticEdge { slant_deg: 8.0, sigma_px: 0.7, moved_px: 2.0 };
     let shares = made.shares();
     let (sin, cos) = made.slant_deg.to_radians().sin_cos();
-    // What goes along the edge does no harm.
+    // Motion along the edge has no effect.
     let moved = [2.0 * cos - 5.0 * sin, 2.0 * sin + 5.0 * cos];
     let found = slanted_edge(&light(&shares, 0.003, 3), WHOLE, moved).unwrap();
     assert!((found.sigma_px - 0.7).abs() < 0.02, "{found:?}");
@@ -113,7 +115,7 @@ fn known_motion_is_subtracted_from_the_blur() {
 #[test]
 fn rejected_edges_name_the_reason() {
     let measure = |picture: &Grey| slanted_edge(picture, WHOLE, [0.0; 2]).unwrap_err();
-    let shares = Made { slant_deg: 9.0, sigma_px: 0.6, moved_px: 0.0 }.shares();
+    let shares = SyntheticEdge { slant_deg: 9.0, sigma_px: 0.6, moved_px: 0.0 }.shares();
     assert!(matches!(
         measure(&light(&[0.5; SIDE * SIDE], 0.02, 1)),
         EdgeError::NoLine { .. } | EdgeError::Faint { .. }
@@ -128,7 +130,7 @@ fn rejected_edges_name_the_reason() {
         measure(&light(&corner, 0.0, 1))
     );
     // A line: the brighter side ends after a few pixels.
-    let far = Made { slant_deg: 9.0, sigma_px: 0.6, moved_px: 0.0 };
+    let far = SyntheticEdge { slant_deg: 9.0, sigma_px: 0.6, moved_px: 0.0 };
     let line: Vec<f64> = far.shares().iter().enumerate().map(|(i, s)| if i % SIDE > 25 { 0.0 } else { *s }).collect();
     assert!(slanted_edge(&light(&line, 0.0, 1), WHOLE, [0.0; 2]).is_err());
     // An arc, 1.5 px high.
@@ -143,7 +145,7 @@ fn rejected_edges_name_the_reason() {
     assert!(slanted_edge(&light(&shares, 0.0, 1), WHOLE, [f64::NAN, 0.0]).is_err());
 }
 
-/// A picture of an edge through a response curve, whole codes, noise in codes.
+/// A picture of an edge through a response curve, in whole codes, with noise in codes.
 fn coded(shares: &[f64], bright: f64, noise: f64) -> Pixels {
     let (response, mut random) = (Response::default(), Random::new(5));
     let codes = shares.iter().flat_map(|share| {
@@ -155,10 +157,10 @@ fn coded(shares: &[f64], bright: f64, noise: f64) -> Pixels {
 
 #[test]
 fn blur_is_measured_in_linear_light() {
-    let shares = Made { slant_deg: 14.0, sigma_px: 0.8, moved_px: 0.0 }.shares();
+    let shares = SyntheticEdge { slant_deg: 14.0, sigma_px: 0.8, moved_px: 0.0 }.shares();
     let found = edge(&coded(&shares, BRIGHT, 1.5), &Response::default(), WHOLE, [0.0; 2]).unwrap();
     assert!((found.sigma_px - 0.8).abs() < 3.0 * found.uncertainty_px && found.uncertainty_px < 0.02, "{found:?}");
-    // Within a part of the picture, too: its place is that of the picture.
+    // In a part of the picture too: its position is relative to the picture.
     let part = edge(&coded(&shares, BRIGHT, 1.5), &Response::default(), Rect::new(6, 9, 40, 41), [0.0; 2]).unwrap();
     let [a, b] = part.line_px;
     let side =
@@ -178,16 +180,16 @@ fn tum(file: &str) -> Option<PathBuf> {
 fn edges_of_one_print_agree_in_a_real_picture() {
     let Some(path) = tum("1305031241.661658.png") else { return };
     let picture = locard::source::still::read_pixels(&path).unwrap();
-    // Both sides of a dark printed strip, which lies flat.
+    // Both sides of a dark printed strip, which is flat.
     let measure = |rect| edge(&picture, &Response::default(), rect, [0.0; 2]).unwrap();
     let edges: Vec<SlantedEdge> = [Rect::new(80, 310, 100, 385), Rect::new(98, 345, 118, 385)].map(measure).into();
     let both = combine(&edges).unwrap();
     assert!(both.between_px == 0.0 && (0.45..0.65).contains(&both.sigma_px), "{both:?}");
     assert!(both.uncertainty_px < 0.05, "{both:?}");
-    // The edge of the table is round, and lies nearer: softer by more than chance.
+    // The edge of the table is rounded and nearer: significantly softer.
     let table = measure(Rect::new(330, 425, 420, 460));
     assert!(table.sigma_px - both.sigma_px > 4.0 * table.uncertainty_px.hypot(both.uncertainty_px), "{table:?}");
-    // Cables before the monitor's edge.
+    // Cables in front of the monitor's edge.
     let refused = edge(&picture, &Response::default(), Rect::new(320, 95, 352, 125), [0.0; 2]);
     assert!(matches!(refused, Err(SharpnessError::Edge(EdgeError::NoLine { .. }))), "{refused:?}");
 }
@@ -206,7 +208,7 @@ fn program_measures_edges_and_writes_the_profile() {
     said(&arguments);
     let written = std::fs::read_to_string(&profile).unwrap();
     assert!(written.contains("[point_spread]\nsigma_px = 0.5"), "{written}");
-    // A second time only if it is meant.
+    // A second time only with `--force`.
     assert!(refused(&arguments).contains("--force"));
     arguments.push("--force");
     said(&arguments);
@@ -216,8 +218,8 @@ fn program_measures_edges_and_writes_the_profile() {
     assert!(text.contains("--frame"), "{text}");
 }
 
-/// Frames of flat patches of these codes side by side, each 64×72 px, with noise of σ = 1 + code/100 whose neighbours
-/// correlate by 0.5 to the right.
+/// Frames of flat patches with these codes side by side, each 64×72 px, with noise of σ = 1 +
+/// code/100 that correlates by 0.5 with the right neighbour.
 fn patches(frames: usize, codes: &[f64], slope: f64) -> Vec<Pixels> {
     let (width, height) = (64 * codes.len(), 72);
     let mut random = Random::new(11);
@@ -239,14 +241,14 @@ fn patches(frames: usize, codes: &[f64], slope: f64) -> Vec<Pixels> {
     (0..frames).map(frame).collect()
 }
 
-/// A place in frames.
+/// A region in several frames.
 fn place(frames: &[&Pixels], at: Rect) -> PickedRegion {
     let mut place = PickedRegion::new(at);
     frames.iter().for_each(|frame| place.add(frame).unwrap());
     place
 }
 
-/// Measures places that are all in the same frames.
+/// Measures several regions of the same frames.
 fn pick(frames: &[&Pixels], places: &[Rect], motion: SceneMotion, present: Option<&NoiseProfile>) -> PickedResult {
     let places: Vec<PickedRegion> = places.iter().map(|at| place(frames, *at)).collect();
     picked_noise(&places, motion, present)
@@ -266,12 +268,13 @@ fn noise_of_picked_regions_is_recovered_at_rest_and_in_single_frames() {
             assert!((place.as_ref().unwrap() - code).abs() < 1.0, "{motion:?}: {:?}", picked.places);
         }
         let found = picked.noise.unwrap();
-        // The range that was measured says it.
+        // The measured range covers the code.
         assert!(!found.warnings.iter().any(|warning| matches!(warning, Warning::Filled { .. })), "{found:?}");
         for points in &found.points {
             assert!(points.len() >= 3, "{motion:?}: {points:?}");
             for point in points {
-                // A place at rest is told at its bin's middle, up to 8 codes beside, along a slope that is not known.
+                // A region at rest is reported at its bin's centre, up to 8 codes away, along an
+                // unknown slope.
                 let expected = 1.0 + point.code / 100.0;
                 let [low, high] = point.sigma_ci95;
                 let wider = if motion == SceneMotion::Resting { 0.09 } else { 0.02 };
@@ -314,12 +317,12 @@ fn rejected_regions_name_the_reason() {
         );
     }
     assert_eq!(verdict(ask(&[&flat], &places(1), SceneMotion::Moving)), RegionError::Quiet);
-    // A step that wanders.
+    // A step that moves.
     let moves = verdict(ask(&wandering().iter().collect::<Vec<_>>(), &places(1), SceneMotion::Resting));
     assert_eq!(moves, RegionError::Changes);
 }
 
-/// A step that goes on by 9 px from frame to frame.
+/// A step that moves by 9 px from frame to frame.
 fn wandering() -> Vec<Pixels> {
     (0..4)
         .map(|n| {
@@ -329,7 +332,7 @@ fn wandering() -> Vec<Pixels> {
         .collect()
 }
 
-/// Whatever else is picked, the good places say what they say alone.
+/// Usable regions give the same result with and without the rejected ones.
 #[test]
 fn rejected_regions_do_not_affect_usable_ones() {
     let alike = |a: &PickedNoise, b: &PickedNoise| a.profile == b.profile && a.points == b.points;
@@ -363,21 +366,21 @@ fn present_profile_extends_the_picked_intensities() {
     };
     let frames = patches(1, &[120.0], 0.0);
     let found = pick(&[&frames[0]], &places(1), SceneMotion::Moving, Some(&present)).noise.unwrap();
-    // The patch has what the profile says: 1 + 120/100.
+    // The patch agrees with the profile: 1 + 120/100.
     for c in 0..3 {
         assert!((found.profile.sigma(c, 250.0) / 3.5 - 1.0).abs() < 0.1, "{:?}", found.profile);
         assert!((found.profile.sigma(c, 5.0) / 1.05 - 1.0).abs() < 0.1);
     }
 }
 
-/// As a yellow marker before white paper: the luminance hardly changes.
+/// Like a yellow marker in front of white paper: the luminance hardly changes.
 #[test]
 fn edge_in_a_single_channel_is_measured() {
     let sigma_px = 0.8;
-    let shares = Made { slant_deg: 15.0, sigma_px, moved_px: 0.0 }.shares();
+    let shares = SyntheticEdge { slant_deg: 15.0, sigma_px, moved_px: 0.0 }.shares();
     let (response, mut random) = (Response::default(), Random::new(9));
     let codes = shares.iter().flat_map(|share| {
-        // Texture on both sides of the blue channel's edge; at the end's light of all is the same.
+        // Texture on both sides of the blue channel's edge.
         let lights = [0.62 + 0.1 * random.normal().tanh(), 0.55 + 0.1 * random.normal().tanh(), DARK + 0.5 * share];
         lights.map(|light| (255.0 * response.encode(light)).round() as u8)
     });
@@ -387,7 +390,7 @@ fn edge_in_a_single_channel_is_measured() {
     assert!((found.bright - found.dark - 0.5).abs() < 0.02, "{found:?}");
 }
 
-/// A step of light, slanted by degrees, summed over the pixels and blurred by the taps that `point_spread` has.
+/// A step of light, slanted, summed over the pixels and blurred by the taps of `point_spread`.
 fn drawn_edge(slant_deg: f64, sigma_px: f64) -> Grey {
     const SIZE: (usize, usize) = (100, 80);
     let (sin, cos) = slant_deg.to_radians().sin_cos();
@@ -411,8 +414,8 @@ fn drawn_edge(slant_deg: f64, sigma_px: f64) -> Grey {
     blurred(&blurred(&sharp, [1, 0]), [0, 1])
 }
 
-/// What docs/calibration.md says of edges that the program draws: they measure what is set, but where few taps are no Gaussian.
-/// The rest is what 144 points of a pixel's square lack.
+/// The claim of docs/calibration.md on rendered edges: the measurement matches the setting, except
+/// where few taps are no Gaussian. The rest is the error of 144 points in a pixel.
 #[test]
 fn rendered_edge_has_the_documented_width() {
     for (slant_deg, expected_px) in

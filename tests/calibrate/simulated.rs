@@ -1,4 +1,4 @@
-//! The calibration against the simulated camera, whose noise is known.
+//! Calibration of the simulated camera, whose noise is known.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -13,12 +13,12 @@ use locard::pixels::{Codes, Pixels};
 use locard::profile::Rig;
 use locard::simulate::{Detail, Motion, Options, Simulation, StaticScenes, static_scenes};
 
-/// From almost dark to overexposed, so that every bin is met in some scene.
+/// From almost dark to overexposed, so that each bin is covered by some scene.
 const GAINS: [f64; 4] = [0.1, 0.35, 1.0, 2.2];
 
 const CRUDE: Detail = Detail { texture_m: 0.05, light_m: 0.4 };
 
-/// [`scenes_of`] noise as it is, which two tests measure.
+/// [`scenes_of`] with unscaled noise, shared by two tests.
 static SCENES: LazyLock<(StaticScenes, Vec<Vec<Pixels>>)> = LazyLock::new(|| scenes_of(1.0));
 
 /// Ten frames of each scene.
@@ -33,14 +33,15 @@ fn scenes_of(noise_scale: f64) -> (StaticScenes, Vec<Vec<Pixels>>) {
     let truth = if tier::is_full() {
         static_scenes(&options, &GAINS, 10).unwrap()
     } else {
-        // The site is lit crudely: its light is no part of the claim, and takes most of the time.
+        // The site's light is coarse: it is no part of the claim, and takes most of the time.
         Simulation::with_detail(&Options { frames: 1, ..options }, CRUDE, 2).unwrap().static_scenes(&GAINS, 10)
     };
     let frames = truth.scenes.iter().map(|scene| scene.frames.clone()).collect();
     (truth, frames)
 }
 
-/// Largest relative error of a profile's σ, over the bins in which a calibration had 4,000 independent samples.
+/// Largest relative error of a profile's σ, over the bins with 4,000 independent samples in a
+/// calibration.
 fn worst(profile: &NoiseProfile, calibration: &NoiseCalibration, truth: &NoiseProfile) -> f64 {
     let told =
         calibration.bins.iter().enumerate().flat_map(|(channel, bins)| bins.iter().map(move |bin| (channel, bin)));
@@ -52,7 +53,7 @@ fn worst(profile: &NoiseProfile, calibration: &NoiseCalibration, truth: &NoisePr
 
 #[test]
 fn simulated_camera_is_recovered() {
-    // At 0.4 σ is 0.5 to 1.7 codes: what rounding adds counts.
+    // At 0.4 σ is 0.5 to 1.7 codes: rounding matters.
     for (noise_scale, scenes) in [(1.0, &*SCENES), (0.4, &scenes_of(0.4))] {
         let (truth, frames) = scenes;
         let found = from_scenes(frames, &NoiseOptions::default()).unwrap();
@@ -60,7 +61,7 @@ fn simulated_camera_is_recovered() {
         println!("noise × {noise_scale}: largest relative error of σ {worst:.4}");
         assert!(worst < 0.05, "noise × {noise_scale}: {worst}\n{found}");
         let profile = &found.profile;
-        // Rounding is independent and was taken off.
+        // Rounding noise is independent and was subtracted.
         assert!(profile.channel_correlation.iter().all(|c| (c - 0.45).abs() < 0.01), "{profile:?}");
         assert!(profile.neighbour_correlation.iter().all(|c| (c - 0.6).abs() < 0.01), "{profile:?}");
     }

@@ -1,4 +1,4 @@
-//! Printed tags: the camera's place from photographs of a sheet, of which everything is known.
+//! Printed tags: camera poses from photographs of a fully known sheet.
 
 use std::sync::LazyLock;
 
@@ -31,7 +31,7 @@ fn geometry(camera: &Camera) -> Geometry {
     Geometry::new(intrinsics, Distortion { k1, k2, p1, p2, ..Distortion::default() })
 }
 
-/// Places 0.8 m away, more and more aslant, turned about their own axis.
+/// Poses 0.8 m away, increasingly oblique, rolled about their own axis.
 fn around(i: u32, count: u32) -> Place {
     let (a, tilt) = (0.7 * f64::from(i), 0.15 + 0.7 * f64::from(i) / f64::from(count));
     let at = 0.8 * DVec3::new(tilt.sin() * a.cos(), tilt.sin() * a.sin(), tilt.cos());
@@ -43,8 +43,8 @@ fn median(mut values: Vec<f64>) -> f64 {
     values[values.len() / 2]
 }
 
-/// How far a pose is from where the camera was, mm and degrees.
-fn off(pose: &Pose, place: &Place) -> (f64, f64) {
+/// Error of a pose, mm and degrees.
+fn pose_error(pose: &Pose, place: &Place) -> (f64, f64) {
     let turn = pose.world_from_camera_rotation().angle_between(place.quaternion());
     (1e3 * pose.position_in_world_m().distance(place.at_m), turn.to_degrees())
 }
@@ -60,29 +60,29 @@ fn pose_of_a_simulated_camera_is_recovered() {
         .collect();
     let whole = Sheet::new(Paper::A4).board;
     let one = Board { tags: whole.tags[..1].to_vec(), ..whole.clone() };
-    // What is asked for is 2 mm and 0.2° at 0.8 m; a sheet is better by far.
+    // The required accuracy is 2 mm and 0.2° at 0.8 m; a sheet is much better.
     for (board, most_mm, most_deg) in [(whole, 0.5, 0.05), (one, 2.0, 0.2)] {
         let mut searcher = BoardTracker::new(board, geometry(&CAMERA), &Response::default()).unwrap();
         let (mut ways, mut turns, mut normed) = (Vec::new(), Vec::new(), Vec::new());
         for (i, codes) in (0..count).zip(&photographs) {
             let place = around(i, count);
             let sight = searcher.look(&Pixels::from_u8(640, 480, codes.clone()).unwrap()).unwrap().unwrap();
-            let (way_mm, turn_deg) = off(&sight.best.pose, &place);
+            let (way_mm, turn_deg) = pose_error(&sight.best.pose, &place);
             normed.push(way_mm / (1e3 * sight.best.place_covariance().trace().sqrt()));
             ways.push(way_mm);
             turns.push(turn_deg);
         }
         let (way_mm, turn_deg, normed) = (median(ways), median(turns), median(normed));
         assert!(way_mm < most_mm && turn_deg < most_deg, "{way_mm:.3} mm, {turn_deg:.4}°");
-        // In the median of three dimensions an error is about 0.9 of its deviation; the assumed share of what a corner is
-        // read to makes deviations larger, not smaller.
+        // In the median of three dimensions an error is about 0.9 of its deviation; the assumed
+        // error of a corner makes deviations larger, not smaller.
         assert!(normed > 0.1 && normed < 1.5, "errors are {normed:.2} deviations");
     }
 }
 
 #[test]
 fn pose_of_a_rolling_shutter_camera_is_recovered() {
-    // It goes 0.5 m and turns 40° in a second, and 25 ms pass from the first row to the last one.
+    // The camera moves 0.5 m and turns 40° in a second, with a readout of 25 ms.
     let camera = Camera { readout_s: 0.025, ..CAMERA };
     let at = |t: f64| Place::looking(DVec3::new(0.2 + 0.5 * t, -0.45, 0.6), DVec3::new(0.7 * t, 0.0, 0.0), 0.1);
     let mut searcher = BoardTracker::new(Sheet::new(Paper::A4).board, geometry(&camera), &Response::default()).unwrap();
@@ -95,20 +95,21 @@ fn pose_of_a_rolling_shutter_camera_is_recovered() {
     }
     let chosen = choose_along(&sights);
     let rolled = correct_rolling_shutter(&geometry(&camera), &sights, &chosen);
-    let (before_mm, _) = off(&chosen[1].as_ref().unwrap().solved.pose, &at(0.0));
-    let (way_mm, turn_deg) = off(&rolled[1].as_ref().unwrap().solved.pose, &at(0.0));
+    let (before_mm, _) = pose_error(&chosen[1].as_ref().unwrap().solved.pose, &at(0.0));
+    let (way_mm, turn_deg) = pose_error(&rolled[1].as_ref().unwrap().solved.pose, &at(0.0));
     assert!(before_mm > 2.0, "{before_mm} mm: the rolling shutter does not show");
     assert!(way_mm < 0.7 && turn_deg < 0.07, "{way_mm:.2} mm, {turn_deg:.3}°; before {before_mm:.2} mm");
 }
 
-/// A pinhole camera whose places are worked out by hand: 500 px, middle at (320, 240).
+/// A pinhole camera for calculations by hand: 500 px, principal point (320, 240).
 fn pinhole() -> Geometry {
     Geometry::new(Intrinsics { fx_px: 500.0, fy_px: 500.0, ..Intrinsics::default() }, Distortion::default())
 }
 
 #[test]
 fn pose_matches_the_computed_one() {
-    // A tag of 0.2 m on the floor, seen from 1 m above its middle: x to the right, y up in the picture, 50 px to each side.
+    // A tag of 0.2 m on the floor, from 1 m above its middle: x to the right, y up in the picture,
+    // 50 px to each side.
     let board =
         Board::parse("version = 1\nfamily = \"36h11\"\n[[tags]]\nid = 3\nsize_m = 0.2\ncenter_m = [0, 0]").unwrap();
     let corners = [(270.0, 190.0), (370.0, 190.0), (370.0, 290.0), (270.0, 290.0)].map(DVec2::from);
@@ -118,7 +119,7 @@ fn pose_matches_the_computed_one() {
     assert!(pose.position_in_world_m().distance(DVec3::new(0.0, 0.0, 1.0)) < 1e-6, "{pose:?}");
     assert!(pose.transform_point(DVec3::new(0.1, 0.2, 0.3)).distance(DVec3::new(0.1, -0.2, 0.7)) < 1e-6, "{pose:?}");
     assert_eq!(sight.other, None);
-    // Against the wall of the same room, at its place in space: the camera looks along +y, 2 m before it.
+    // On the wall of the same room: the camera looks along +y from 2 m away.
     let wall = Board {
         family: Family::Tag36h11,
         tags: vec![Tag {
@@ -135,11 +136,13 @@ fn pose_matches_the_computed_one() {
 
 #[test]
 fn pose_covariance_matches_the_computed_deviation() {
-    // Of a tag seen face on, a shift of τ in x or y moves each corner by 500 τ px, so it is known to σ / (500 √4).
+    // For a tag facing the camera, a shift of τ in x or y moves each corner by 500 τ px, so its σ
+    // is σ / (500 √4).
     let geometry = pinhole();
     let corners_m = Sheet::new(Paper::A4).board.tags[0].corners_m().map(|c| c - DVec3::new(-0.0425, 0.085, 0.0));
     let pose = Pose::look_at(DVec3::Z, DVec3::ZERO, DVec3::Y).unwrap();
-    // Corners off by 0.1 px towards and away from the middle, in turn: no pose explains that.
+    // Corners alternately displaced by 0.1 px towards and away from the middle, which no pose
+    // explains.
     let seen = |i: usize| {
         let at = geometry.project(pose.transform_point(corners_m[i])).unwrap();
         at + (at - DVec2::new(320.0, 240.0)).normalize() * if i.is_multiple_of(2) { 0.1 } else { -0.1 }
@@ -147,10 +150,11 @@ fn pose_covariance_matches_the_computed_deviation() {
     let corners = Corners { in_world_m: corners_m.to_vec(), seen_px: (0..4).map(seen).collect(), ..Corners::default() };
     let found = solve_pose(&geometry, &corners, &pose).unwrap();
     let sum_px2 = found.squares_px2;
-    // Eight numbers less six, and one corner of 0.05 px that is assumed.
+    // Eight measurements less six parameters, and the assumed 0.05 px of one corner.
     let sigma_px = ((sum_px2 + 2.0 * 0.05 * 0.05) / (2.0 + 2.0)).sqrt();
     assert!(sum_px2 > 0.01, "{sum_px2}");
-    // A turn of the camera moves them too, so x and y are known worse than that alone.
+    // A rotation of the camera moves the corners as well, so x and y are less certain than by
+    // translation alone.
     let alone_m = sigma_px / 1000.0;
     let turned = found.covariance.fixed_view::<3, 3>(3, 3).into_owned();
     assert!(turned[(0, 0)].sqrt() >= 0.999 * alone_m && turned[(2, 2)] > turned[(0, 0)], "{turned}");
@@ -159,12 +163,13 @@ fn pose_covariance_matches_the_computed_deviation() {
     assert!((x / alone_m - 1.0).abs() < 1e-3 && (y / alone_m - 1.0).abs() < 1e-3, "{x} {y} {alone_m}");
 }
 
-/// A small tag far off, whose leaning the picture hardly shows.
+/// A small distant tag, whose tilt hardly shows in the picture.
 fn far_tag() -> Board {
     Board::parse("version = 1\nfamily = \"36h11\"\n[[tags]]\nid = 0\nsize_m = 0.05\ncenter_m = [0, 0]").unwrap()
 }
 
-/// What a camera 2 m away sees of it that stands so many degrees aside of its normal, each corner read with an error.
+/// The pose of a camera 2 m away at this angle from the tag's normal, and its detection with corner
+/// errors.
 fn seen_aslant(aside_deg: f64, error_px: f64) -> (Pose, Vec<DetectedTag>) {
     let (s, c) = aside_deg.to_radians().sin_cos();
     let pose = Pose::look_at(2.0 * DVec3::new(s, 0.0, c), DVec3::ZERO, DVec3::Y).unwrap();
@@ -182,15 +187,16 @@ fn flat_tag_ambiguity_is_resolved_by_neighbouring_pictures() {
         (truth, BoardPose::of(&pinhole(), &far_tag(), &found, &[]).unwrap())
     };
     let far = |pose: &Pose, truth: &Pose| pose.rotation.angle_between(truth.rotation).to_degrees();
-    // Leaning by 35° it is 13 px across, and the two poses' corners differ by less than they are read to.
+    // Tilted by 35° it is 13 px across, and the corners of its two poses differ by less than the
+    // detection error.
     let (truth, both) = sight(35.0, 0.1);
     let other = both.other.clone().unwrap();
     let (a, b) = (far(&both.best.pose, &truth), far(&other.pose, &truth));
     assert!(a.min(b) < 12.0 && a.max(b) > 45.0, "{a}° {b}°");
-    // Alone it is in doubt, and says so.
+    // Alone it is ambiguous, and reported as such.
     let alone = choose_along(&[(0.0, Some(both.clone()))]);
     assert!(!alone[0].as_ref().unwrap().is_certain);
-    // Nearer by, the picture decides.
+    // From nearby the picture decides.
     let near = {
         let (pose, _) = seen_aslant(35.0, 0.0);
         let near = Pose::look_at(0.15 * pose.position_in_world_m(), DVec3::ZERO, DVec3::Y).unwrap();
@@ -198,7 +204,8 @@ fn flat_tag_ambiguity_is_resolved_by_neighbouring_pictures() {
         BoardPose::of(&pinhole(), &far_tag(), &[DetectedTag { id: 0, corners_px }], &[]).unwrap()
     };
     assert_eq!(near.other, None);
-    // What was in doubt before and after it is known from it, both ways, and through the moment of facing it.
+    // An unambiguous picture resolves those before and after it, in both directions, and through
+    // the moment of facing the tag.
     let mut sights = Vec::new();
     let mut truths = Vec::new();
     for i in 0..15 {
@@ -235,7 +242,7 @@ fn pictures_without_a_pose_name_the_reason() {
     assert_eq!(of(&far_tag(), &[]), Err(PoseFailure::Nothing));
     let stranger = [DetectedTag { id: 9, ..found[0].clone() }];
     assert_eq!(of(&far_tag(), &stranger), Err(PoseFailure::NotOnBoard(vec![9])));
-    // The sheet's tags, twice as far from each other as the file says.
+    // The sheet's tags, twice as far apart as in the file.
     let sheet = Sheet::new(Paper::A4).board;
     let pose = Pose::look_at(DVec3::new(0.2, -0.3, 0.8), DVec3::ZERO, DVec3::Y).unwrap();
     let tags = sheet.tags.iter().map(|tag| {
@@ -252,11 +259,11 @@ fn pictures_without_a_pose_name_the_reason() {
         error.to_string().starts_with("the tags 0, 1, 2, 3, 4, 5 do not stand to each other as on the board"),
         "{error}"
     );
-    // Corners that are no numbers, and all in one place.
+    // Corners that are not finite, or coincide.
     for at in [DVec2::NAN, DVec2::new(300.0, 200.0)] {
         assert!(of(&far_tag(), &[DetectedTag { id: 0, corners_px: [at; 4] }]).is_err());
     }
-    // Of six tags one is misread: the others decide.
+    // One of six tags is misread: the others decide.
     let mut misread: Vec<DetectedTag> = sheet
         .tags
         .iter()
@@ -275,7 +282,7 @@ fn pictures_without_a_pose_name_the_reason() {
 fn lost_frames_get_no_poses() {
     let (_, found) = seen_aslant(35.0, 0.1);
     let sight = BoardPose::of(&pinhole(), &far_tag(), &found, &[]).unwrap();
-    // Frames 2 and 3 are lost, and frame 6; the camera's clock stutters after frame 4.
+    // Frames 2, 3 and 6 are lost; the camera's clock stutters after frame 4.
     let times_s = vec![0.0, 0.1, 0.2, 0.3, 0.4, 0.55, 0.65, 0.75];
     let known = [true, true, false, false, true, true, false, true];
     let sights: Vec<_> = times_s.iter().zip(known).map(|(t, known)| (*t, known.then(|| sight.clone()))).collect();
@@ -287,7 +294,7 @@ fn lost_frames_get_no_poses() {
         repeated: Vec::new(),
         smoothed_s: None,
     };
-    // 0.15 s lie between frames 4 and 5, 0.2 s across the shortest gap.
+    // 0.15 s between frames 4 and 5, 0.2 s across the shortest gap.
     let gap_s = track.max_gap_s();
     assert!(gap_s > 0.15 && gap_s < 0.2, "{gap_s}");
     assert_eq!(track.lost(), [(2..4, &PoseFailure::Nothing), (6..7, &PoseFailure::Nothing)]);
@@ -303,12 +310,12 @@ fn lost_frames_get_no_poses() {
     }
 }
 
-/// A white picture with tags of 36h11, each drawn from its upper left corner with cells of so many pixels.
+/// A white picture with 36h11 tags, each drawn from its upper left corner with this cell size, px.
 fn drawn(tags: &[(u32, [u32; 2], u32)]) -> Pixels {
     drawn_over(tags, |_, _| false)
 }
 
-/// The same on a ground that is black in places.
+/// [`drawn`] on a partly black ground.
 fn drawn_over(tags: &[(u32, [u32; 2], u32)], is_black: impl Fn(u32, u32) -> bool) -> Pixels {
     let (width, height) = (640, 480);
     let ground = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
@@ -351,8 +358,8 @@ fn repeated_tags_are_reported_and_the_others_give_the_pose() {
 
 #[test]
 fn foreign_tags_do_not_hide_a_small_tag_of_the_board() {
-    // On black, with a white rim of one pixel. Half the resolution leaves the odd columns and rows out, and with them the
-    // rim's left and upper sides: no square remains.
+    // On black, with a white border of one pixel. Half the resolution skips the odd columns and
+    // rows, and with them the border's left and upper sides: no square remains.
     let [near, rim] = [12, 1].map(|px| move |at: u32, from: u32| (from - px..from + 24 + px).contains(&at));
     let is_black = |x, y| near(x, 300) && near(y, 200) && !(rim(x, 300) && rim(y, 200));
     let picture = drawn_over(&[(24, [300, 200], 3), (85, [20, 20], 14), (144, [460, 300], 14)], is_black);

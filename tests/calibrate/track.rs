@@ -1,4 +1,4 @@
-//! `locard board` and `locard track`: from the sheet that is printed to evidence in the video.
+//! `locard board` and `locard track`: from the printed sheet to evidence in the video.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -23,7 +23,7 @@ fn strs(arguments: &[String]) -> Vec<&str> {
     arguments.iter().map(String::as_str).collect()
 }
 
-/// What differs between two pictures: where, in the mean, and how many pixels.
+/// Centroid, mean and number of the differing pixels of two pictures.
 fn differs(a: &Path, b: &Path) -> (f64, f64, usize) {
     let [a, b] = [a, b].map(|path| image::open(path).unwrap().into_rgb8());
     let (mut x, mut y, mut sum, mut count) = (0.0, 0.0, 0.0, 0);
@@ -64,7 +64,7 @@ fn tracked_video_becomes_a_recording_with_static_evidence() {
             assert!(off_px < 0.5, "frame {i}: {off_px:.3} px off");
         }
     }
-    // A covariance for each pose, of the same times.
+    // A covariance for each pose, with the same times.
     let text = std::fs::read_to_string(tracked.join("covariance.txt")).unwrap();
     let lines: Vec<Vec<f64>> = text
         .lines()
@@ -74,14 +74,14 @@ fn tracked_video_becomes_a_recording_with_static_evidence() {
     assert!(lines.len() == 15 && lines.iter().all(|line| line.len() == 22), "{text}");
     let times: Vec<f64> = recording.track.poses().iter().map(|pose| pose.0).collect();
     assert_eq!(lines.iter().map(|line| line[0]).collect::<Vec<_>>(), times);
-    // Diagonals: turns are known to some hundredths of a degree, places to a millimetre.
+    // Diagonals: rotation is certain to some hundredths of a degree, position to a millimetre.
     for line in &lines {
         for (i, most) in [(1, 2e-3), (7, 2e-3), (12, 2e-3), (16, 2e-3), (19, 2e-3), (21, 2e-3)] {
             assert!(line[i] > 0.0 && line[i].sqrt() < most, "{line:?}");
         }
     }
 
-    // The same with the poses that were, and both composited.
+    // The same with the true poses, and both composited.
     let truth = site.folder.path().join("truth");
     program::copied(&tracked, &truth);
     let lines: Vec<Line> = recording
@@ -102,7 +102,7 @@ fn tracked_video_becomes_a_recording_with_static_evidence() {
         said(&["composite", &from, "--scene", &scene, "--frames", &range, "--without", "noise", "-o", &to, "--quiet"]);
     }
     let source = |i: usize| {
-        // A frame without a pose is the source's.
+        // A frame without a pose is unmodified.
         site.folder.path().join(format!("out-truth/frame_{i:06}.png"))
     };
     let tracked = |i: usize| site.folder.path().join(format!("out-tracked/frame_{i:06}.png"));
@@ -123,7 +123,7 @@ fn tracked_video_becomes_a_recording_with_static_evidence() {
         assert!((x - tx).hypot(y - ty) < 0.5, "frame {i}: {:.3} px off", (x - tx).hypot(y - ty));
     }
 
-    // What was tracked is replaced if that is asked for, and nothing else ever is.
+    // A tracked recording is replaced on request, and no other folder ever is.
     assert!(refused(&strs(&track)).contains("is there already"));
     let force: Vec<String> = track.iter().cloned().chain(["--force".to_owned()]).collect();
     assert_eq!(said(&strs(&force)), told);
@@ -131,7 +131,7 @@ fn tracked_video_becomes_a_recording_with_static_evidence() {
     assert!(refused(&strs(&force)).contains("holds mine.txt"));
     assert!(Path::new(&site.path("tracked/poses.txt")).exists());
 
-    // What is not the board that was filmed: in three frames in the fast tier.
+    // A board other than the filmed one: in three frames in the fast tier.
     let frames = tier::fast_or_full(3, FRAMES);
     let few = site.path("few.mkv");
     let cut = ["-v", "error", "-i", &site.path("site.mkv"), "-frames:v", &frames.to_string(), "-c", "copy", &few];
@@ -143,7 +143,7 @@ fn tracked_video_becomes_a_recording_with_static_evidence() {
     };
     let wrong_family = format!("no tag of family 25h9 is seen in any of {frames} frames; tags of 36h11 are");
     let board = std::fs::read_to_string(site.path("board.toml")).unwrap();
-    // A tag's line is that of its id.
+    // The line number of a tag is that of its id.
     let tag_at = board.lines().position(|line| line == "id = 0").unwrap() + 1;
     let wrong_size = format!("line {tag_at}, tags.size_m of tag 0: 0 is refused");
     for (from, to, said) in [
@@ -175,9 +175,9 @@ fn live_picture_gets_its_pose_from_its_tags() {
         let time_s = 7.0 + i as f64 / FPS;
         poses.add_picture(time_s, &pixels.unwrap());
         let found = poses.take_poses(time_s).unwrap();
-        // By one picture the board is not known yet.
+        // The board is not known after a single picture.
         assert_eq!(found.len(), usize::from(i > 0 && !AWAY.contains(&i)), "frame {i}");
-        // Each has its covariance, like those of `track`.
+        // Each pose has a covariance, like those of `track`.
         let covariance = poses.covariance(time_s);
         assert_eq!(covariance.is_some(), found.len() == 1, "frame {i}");
         let sigma = |n: usize| covariance.unwrap().upper[n].sqrt();
@@ -194,7 +194,7 @@ fn live_picture_gets_its_pose_from_its_tags() {
     assert_eq!((poses.take_poses(9.0).unwrap(), poses.up()), (Vec::new(), Some(DVec3::Z)));
 }
 
-/// A recording's poses, each with how sure it is.
+/// A recording's poses and covariances.
 fn recorded(folder: &str) -> Vec<(Pose, Covariance)> {
     let recording = Recording::open(Path::new(folder), &OpenOptions::default()).unwrap();
     let text = std::fs::read_to_string(Path::new(folder).join("covariance.txt")).unwrap();
@@ -214,7 +214,7 @@ fn track_is_smoothed_on_request() {
     let told = said(&[&strs(&smooth)[..], &["--smooth", "0.05"]].concat());
     assert!(told.contains("smoothed   by a line through the poses around each, 0.05 s to 1/e"), "{told}");
     let (plain, smooth) = (recorded(&site.path("plain")), recorded(&site.path("smooth")));
-    // The frames in which the camera looks away are no bridge.
+    // The frames in which the camera looks away are not bridged.
     let wanted = smooth_poses(&plain, 0.05, 0.05);
     assert_eq!((smooth.len(), wanted.len()), (FRAMES - AWAY.len(), FRAMES - AWAY.len()));
     for ((pose, sure), (wanted, wanted_sure)) in smooth.iter().zip(&wanted) {
@@ -235,7 +235,7 @@ fn sheet_is_written_with_its_board_file() {
     assert!(pdf.starts_with(b"%PDF-1.4") && pdf.ends_with(b"%%EOF\n"));
     let board = locard::tags::Board::read(Path::new(&at("sheet.toml"))).unwrap();
     assert_eq!(board.tags.len(), 6);
-    // The same board on another paper needs no asking; what somebody measured stays.
+    // The same board on other paper needs no confirmation; a measured size is kept.
     said(&["board", "-o", &at("sheet.png")]);
     assert!(refused(&["board", "-o", &at("sheet.png")]).contains("sheet.png"));
     let mine = std::fs::read_to_string(at("sheet.toml")).unwrap().replace("version = 1", "version = 1\nscale = 0.97");

@@ -1,4 +1,4 @@
-//! A flat board in front of the camera, each of whose pixels can be computed by hand.
+//! A flat board in front of the camera, for which each pixel can be computed by hand.
 
 #![allow(dead_code, reason = "each test file uses some of it")]
 
@@ -10,7 +10,8 @@ use locard::tracking::PoseTrack;
 pub const DEPTH_M: f64 = 2.0;
 pub const FOCAL_PX: f64 = 500.0;
 
-/// An unlit board of one grey (linear light) between two corners, px from the middle of the picture, facing the camera.
+/// An unlit board of one grey (linear light) that faces the camera, between two corners, px from
+/// the middle of the picture.
 pub fn panel(from_px: [f64; 2], to_px: [f64; 2], grey: f32) -> Scene {
     let corner = |x: f64, y: f64, uv0: [f32; 2]| Vertex {
         position: [(x * DEPTH_M / FOCAL_PX) as f32, (y * DEPTH_M / FOCAL_PX) as f32, DEPTH_M as f32],
@@ -50,7 +51,7 @@ pub fn panel(from_px: [f64; 2], to_px: [f64; 2], grey: f32) -> Scene {
     }
 }
 
-/// A board of one grey, `half_px` around the middle of the picture.
+/// A board of one grey that extends by `half_px` to each side of the picture's middle.
 pub fn board(half_px: [f64; 2], grey: f32) -> Scene {
     panel(half_px.map(|h| -h), half_px, grey)
 }

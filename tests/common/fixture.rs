@@ -1,10 +1,10 @@
-//! Recordings and analyses that several tests read, made once per build of the program.
+//! Recordings and analyses shared by several tests, made once per build of the program.
 //!
 //! A fixture is a folder `target/tmp/fixtures/BUILD/NAME-KEY`. BUILD is the size and modification
 //! time of the program's file. KEY is a hash of the arguments and input files of its maker, and of
-//! the source of the maker and of tests/common. Test processes run in parallel; a file lock lets the
-//! first make a fixture while the others wait. Fixtures are read-only by convention: a test that
-//! writes into one copies it first (`program::copied`).
+//! the source of the maker and of tests/common. Test processes run in parallel; a file lock lets
+//! the first make a fixture while the others wait. Fixtures are read-only by convention: a test
+//! that writes into one copies it first (`program::copied`).
 
 #![allow(dead_code, reason = "each test binary uses some of it")]
 

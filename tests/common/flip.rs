@@ -1,12 +1,14 @@
-//! How different two pictures look when flipped between: mean FLIP (Andersson et al. 2020), by NVIDIA's own code.
+//! Perceived difference of two pictures by mean FLIP (Andersson et al. 2020), with NVIDIA's own
+//! code.
 
 use locard::pixels::Pixels;
 
 /// For a viewer 0.7 m in front of a 0.7 m wide monitor of 3840 pixels.
 pub const PIXELS_PER_DEGREE: f32 = nv_flip::DEFAULT_PIXELS_PER_DEGREE;
 
-/// Mean FLIP, 0 (alike) to 1, where `mask` is true; everywhere without one. The pictures are sRGB-encoded; 16-bit codes
-/// are reduced to 8. The whole pictures are compared; the mask only selects the pixels whose errors are averaged.
+/// Mean FLIP, 0 (equal) to 1, over the pixels of `mask`, or all. The pictures are sRGB-encoded;
+/// 16-bit codes are reduced to 8. The whole pictures are compared; the mask only selects the pixels
+/// whose errors are averaged.
 ///
 /// # Panics
 /// If the pictures or the mask differ in size, or no pixel is selected.

@@ -104,7 +104,7 @@ pub fn mean_absolute_error(a: &LayerImage, b: &[[f32; 4]]) -> f64 {
     sum / count.max(1) as f64
 }
 
-/// The texels of a texture of four bytes each, row by row.
+/// Texels of a texture of four bytes each, row by row.
 pub fn read_back(gpu: &Gpu, texture: &wgpu::Texture) -> Vec<[u8; 4]> {
     locard::gpu::read_back(gpu, texture).unwrap().as_chunks().0.to_vec()
 }

@@ -29,7 +29,8 @@ pub fn unlit(vertices: Vec<Vertex>, indices: Vec<u32>) -> Scene {
     }
 }
 
-/// Squares of one grey that face the origin from 2 m in these directions and reach `half_m` to each side.
+/// Squares of one grey in these directions that face the origin from 2 m and extend by `half_m` to
+/// each side.
 pub fn marks(directions: &[DVec3], half_m: f64, grey: f32) -> Scene {
     let (mut vertices, mut indices) = (Vec::new(), Vec::new());
     for d in directions {

@@ -1,4 +1,4 @@
-//! What the program says.
+//! Output and messages of the program.
 
 use std::path::Path;
 
@@ -31,11 +31,11 @@ fn composite_is_silent_in_a_pipe_and_writes_the_requested_frames() {
     let report: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&report).unwrap()).unwrap();
     assert_eq!(report["frames"].as_array().unwrap().len(), 2);
 
-    // Once more: what is there is kept, and that is all there is to say.
+    // A second run keeps the existing files and reports only that.
     let text = refused(&arguments);
     assert!(text.contains("exists already") && text.lines().count() == 1, "{text}");
 
-    // The same frames as raw values: only they are on the standard output.
+    // The same frames as raw values: standard output contains nothing else.
     let raw = locard(&[&["composite", "recordings/demo"], &scene[..], &["-o", "-"], tier::no_shadows()].concat());
     assert_eq!((raw.stdout.len(), raw.stderr.len()), (2 * 3 * 640 * 480, 0));
     let first = image::open(Path::new(&frames).join(&files(&frames)[0])).unwrap().into_rgb8();
@@ -80,7 +80,7 @@ fn folder_of_one_scene_calibrates_as_one_scene() {
 #[test]
 fn pictures_without_times_have_no_motion_blur() {
     let temp = tempfile::tempdir().unwrap();
-    // Two pictures half a metre apart: at 30 a second any exposure would smear what stands 2 m away.
+    // Two pictures half a metre apart: at 30 a second any exposure would blur an object 2 m away.
     let mut entries = Vec::new();
     for i in 0..2 {
         let name = format!("{i}.png");
@@ -158,7 +158,7 @@ fn huge_number_is_printed_in_few_digits() {
     assert!(text.len() < 200 && text.contains("1e300,-1e300"), "{text}");
 }
 
-/// Variables that leave out every adapter are blamed, and what they leave out is named.
+/// If variables exclude every adapter, the message names them and the excluded adapters.
 #[test]
 fn adapter_filter_without_matches_is_distinguished_from_a_missing_driver() {
     let output = program().arg("doctor").env("WGPU_ADAPTER_NAME", "no such card").output().unwrap();
@@ -199,7 +199,7 @@ fn range_without_poses_passes_the_footage_through() {
     let temp = tempfile::tempdir().unwrap();
     with_a_truncated_frame(temp.path());
     let (folder, out) = (temp.path().to_str().unwrap(), temp.path().join("out"));
-    // Frames at 0, 1/30, ... 5/30 s; the last two lie behind the poses.
+    // Frames at 0, 1/30, ... 5/30 s; the last two are after the poses.
     std::fs::write(temp.path().join("poses.txt"), "0 0 0 0 0 0 0 1\n0.11 0 0 0 0 0 0 1\n").unwrap();
     let scene = ["--scene", "scenes/marker-1.glb", "--profile", "profiles/simulated.toml"];
     let arguments = [&["composite", folder], &scene[..], &["--frames", "4..6", "-o", out.to_str().unwrap()]].concat();
@@ -242,7 +242,7 @@ fn incomplete_camera_is_refused_unless_the_recording_has_one() {
     let whole: Vec<&str> = whole.iter().map(String::as_str).collect();
     assert!(locard(&[&arguments[..], &whole].concat()).status.success());
 
-    // The demonstration has a camera: what is given besides goes over it.
+    // The demonstration has a camera: further values override parts of it.
     let demo = |sets: &[&str]| {
         let scene =
             ["composite", "recordings/demo", "--scene", tier::any_scene(), "--plain", "--frames", "30..31", "-o", "-"];
@@ -290,7 +290,7 @@ fn profile_of_noise_alone_overrides_the_recorded_noise_and_keeps_the_camera() {
     let own = locard(&arguments);
     let noisy = locard(&[&arguments[..], &["--profile", &path("noisy.toml")]].concat());
     assert!(own.status.success() && noisy.status.success(), "{}", String::from_utf8_lossy(&noisy.stderr));
-    // The camera stays the recording's, so that the evidence lies where it lay; only its noise is another.
+    // The camera is the recording's, so the evidence is in the same place; only its noise changes.
     let changed = own.stdout.iter().zip(&noisy.stdout).filter(|(a, b)| a.abs_diff(**b) > 10).count();
     assert!((500..20_000).contains(&changed), "{changed} of {}", own.stdout.len());
 }
@@ -342,7 +342,7 @@ fn impossible_effect_settings_are_refused_before_any_output() {
     let photo = ["photo", "recordings/demo", "--frame", "5", "--lux", "300", "-o", picture.to_str().unwrap()];
     let text = refused(&[&photo[..], &star].concat());
     assert!(text.contains("depth_of_field.shape") && !picture.exists(), "{text}");
-    // Switched off, it is nobody's business.
+    // An effect that is off is not checked.
     let output = locard(&[&composite[..], &star, &["--without", "depth_of_field"], tier::no_shadows()].concat());
     assert!(output.status.success(), "{output:?}");
 }
@@ -353,7 +353,8 @@ fn frames_with_depth_but_no_pose_are_reported() {
     let write = |name: &str, text: &str| std::fs::write(temp.path().join(name), text).unwrap();
     image::RgbImage::from_pixel(64, 48, image::Rgb([90; 3])).save(temp.path().join("a.png")).unwrap();
     image::ImageBuffer::from_pixel(64, 48, image::Luma([1000u16])).save(temp.path().join("depth.png")).unwrap();
-    // Poses at the frames' own times; the second frame's depth was measured in the gap between them.
+    // Poses at the frames' own times; the second frame's depth was measured in the gap between
+    // them.
     write("rgb.txt", "0 a.png\n1 a.png\n");
     write("depth.txt", "0 depth.png\n0.9 depth.png\n");
     write("poses.txt", "0 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n");
@@ -384,7 +385,7 @@ fn frames_with_depth_but_no_pose_are_reported() {
     assert!(why(0).is_null() && why(1).as_str().unwrap().contains("gap"), "{report}");
 }
 
-/// "poses 7.2 ms earlier fit …", milliseconds earlier.
+/// Parses "poses 7.2 ms earlier fit …", ms.
 fn earlier_ms(inspected: &str) -> f64 {
     let line = inspected.lines().find_map(|line| line.strip_prefix("clock      poses ")).expect(inspected);
     let (number, rest) = line.split_once(" ms ").expect(line);
@@ -400,7 +401,8 @@ fn clock_offset_of_poses_is_found_from_the_pictures() {
     let named = "trajectory = \"groundtruth.txt\"\n";
     let moved = description.replace(named, &format!("{named}time_offset_s = 0.1\n"));
     std::fs::write(late.join("recording.toml"), moved).unwrap();
-    // The camera travels as much as it turns, which makes it less sure: 4 ms is one standard deviation.
+    // The camera translates as much as it rotates, which reduces the precision: 4 ms is one
+    // standard deviation.
     let text = said(&["inspect", late.to_str().unwrap(), "--clock"]);
     assert!((earlier_ms(&text) - 100.0).abs() < 12.0 && text.contains("(now 0.1000)"), "{text}");
     if !tier::is_full() {

@@ -1,4 +1,4 @@
-//! The fuzz targets on what they start from and on what they once found. Keeps them compiling, too.
+//! Runs the fuzz targets on their seeds and on past failures, and keeps the targets compiling.
 
 use crate::bodies;
 use crate::tier;
@@ -13,7 +13,7 @@ fn gltf_seeds_and_their_mutations_never_panic() {
     let seeds = seeds("gltf");
     assert!(!seeds.is_empty());
     seeds.iter().for_each(|seed| bodies::gltf(seed));
-    // Cut off anywhere, and with any byte changed.
+    // Truncated at many lengths, and with many bytes changed.
     for seed in seeds {
         for i in (0..seed.len()).step_by(tier::fast_or_full(21, 7)) {
             bodies::gltf(&seed[..i]);
@@ -45,7 +45,7 @@ fn stream_seeds_never_panic() {
     let seeds = seeds("stream");
     assert!(!seeds.is_empty());
     for seed in seeds {
-        // Of `pieces` the third is of another sender, for its pieces are numbered otherwise: one sender keeps its way.
+        // The third packet of `pieces` has another sender, whose pieces are numbered differently.
         assert_eq!(bodies::stream(&seed), 3, "each holds three poses");
         for i in (0..seed.len()).step_by(tier::fast_or_full(3, 1)) {
             bodies::stream(&seed[..i]);

@@ -1,4 +1,4 @@
-//! Recordings of which a file or a frame cannot be used: the rest opens, and what is left out is counted and named.
+//! Recordings with an unusable file or frame: the rest opens, and omissions are counted and named.
 
 use std::fs;
 use std::path::Path;
@@ -23,7 +23,7 @@ fn pictures(folder: &Path, names: &[&str]) {
     }
 }
 
-/// A `transforms.json` for these names, with more keys for all and for each frame.
+/// A `transforms.json` for these names, with additional keys for all and for each frame.
 fn transforms(folder: &Path, names: &[&str], common: &str, own: impl Fn(usize) -> String) {
     let entry = |(i, name): (usize, &&str)| {
         format!(
@@ -41,8 +41,8 @@ fn depth(file: &Path) {
     ImageBuffer::from_pixel(8, 6, Luma([1500u16])).save(file).unwrap();
 }
 
-/// Warnings that contain a text.
-fn told(recording: &Recording, text: &str) -> usize {
+/// Number of warnings that contain a text.
+fn warning_count(recording: &Recording, text: &str) -> usize {
     recording.warnings.iter().filter(|warning| warning.contains(text)).count()
 }
 
@@ -64,7 +64,7 @@ fn colmap_pictures_of_another_orientation_are_left_out() {
     assert!((r.timestamps_s[1] - 2.0 / 30.0).abs() < 1e-12);
     assert_eq!(r.pose_at_frame(1).unwrap().translation_m.x, 3.0);
     assert_eq!(
-        told(&r, "left out because most pictures are 8x6 with 8 bits: 1 of 3 pictures (first: "),
+        warning_count(&r, "left out because most pictures are 8x6 with 8 bits: 1 of 3 pictures (first: "),
         1,
         "{:?}",
         r.warnings
@@ -84,7 +84,7 @@ fn infinite_seven_scenes_pose_is_ignored() {
     let has: Vec<bool> = (0..4).map(|i| r.pose_at_frame(i).is_ok()).collect();
     assert_eq!(has, [true, true, false, true]);
     assert_eq!(
-        told(&r, "1 of 4 poses is not finite or has no rotation (first at frame-000002.pose.txt)"),
+        warning_count(&r, "1 of 4 poses is not finite or has no rotation (first at frame-000002.pose.txt)"),
         1,
         "{:?}",
         r.warnings
@@ -105,12 +105,12 @@ fn unreadable_depth_is_left_out() {
     let r = open(folder);
     assert_eq!((r.frame_count(), r.has_depth()), (3, false));
     let said = "3 of 3 depth pictures cannot be read, and their frames have no depth (first: ";
-    assert_eq!(told(&r, said), 1, "{:?}", r.warnings);
-    assert_eq!(told(&r, "the array is truncated in its header"), 1, "{:?}", r.warnings);
-    // Commands for pictures in colour would change the values.
+    assert_eq!(warning_count(&r, said), 1, "{:?}", r.warnings);
+    assert_eq!(warning_count(&r, "the array is truncated in its header"), 1, "{:?}", r.warnings);
+    // Commands for colour pictures would change the values.
     fs::write(folder.join("d0"), b"II*\0").unwrap();
-    assert_eq!(told(&open(folder), "is TIFF, which is not read as depth; `python3 -c "), 1);
-    // One that is missing beside others.
+    assert_eq!(warning_count(&open(folder), "is TIFF, which is not read as depth; `python3 -c "), 1);
+    // One missing depth file among others.
     image::save_buffer(folder.join("d.png"), &[1; 96], 8, 6, image::ExtendedColorType::L16).unwrap();
     for i in 0..2 {
         fs::copy(folder.join("d.png"), folder.join(format!("d{i}"))).unwrap();
@@ -118,7 +118,7 @@ fn unreadable_depth_is_left_out() {
     fs::remove_file(folder.join("d2")).unwrap();
     let r = open(folder);
     assert_eq!(frames(&r, 0..3).iter().map(|frame| frame.depth.is_some()).collect::<Vec<_>>(), [true, true, false]);
-    assert_eq!(told(&r, "1 of 3 depth pictures cannot be read"), 1, "{:?}", r.warnings);
+    assert_eq!(warning_count(&r, "1 of 3 depth pictures cannot be read"), 1, "{:?}", r.warnings);
 }
 
 #[test]
@@ -144,11 +144,14 @@ fn truncated_depth_is_counted_when_it_is_decoded() {
         "{inspected}"
     );
     assert_eq!(frames(&r, 0..3).iter().map(|frame| frame.depth.is_some()).collect::<Vec<_>>(), [true, false, true]);
-    let told = r.undecoded_depth().unwrap();
-    assert!(told.starts_with("1 of 3 depth pictures cannot be read") && told.contains("d1.png: "), "{told}");
+    let warning_count = r.undecoded_depth().unwrap();
+    assert!(
+        warning_count.starts_with("1 of 3 depth pictures cannot be read") && warning_count.contains("d1.png: "),
+        "{warning_count}"
+    );
 }
 
-/// An array of 6×8 floats as `numpy.save` writes it.
+/// An array of 6×8 floats as written by `numpy.save`.
 fn npy(file: &Path, metres: f32) {
     let text = "{'descr': '<f4', 'fortran_order': False, 'shape': (6, 8), }\n";
     let head = [b"\x93NUMPY\x01\0", &(text.len() as u16).to_le_bytes()[..], text.as_bytes()].concat();
@@ -167,15 +170,20 @@ fn floating_point_depth_uses_the_recorded_unit_and_a_missing_unit_is_reported() 
         |r: &Recording| -> Vec<f32> { frames(r, 0..2).iter().map(|f| f.depth.as_ref().unwrap().depth_m[9]).collect() };
     transforms(folder, &["0.png", "1.png"], &format!(r#"{CAMERA}, "depth_unit_scale_factor": 1.0"#), own);
     let r = open(folder);
-    assert_eq!((metres(&r), told(&r, "floating-point depth")), (vec![1.5; 2], 0));
+    assert_eq!((metres(&r), warning_count(&r, "floating-point depth")), (vec![1.5; 2], 0));
     transforms(folder, &["0.png", "1.png"], CAMERA, own);
     let r = open(folder);
-    assert_eq!((metres(&r), told(&r, "d0.npy: holds floating-point depth")), (vec![0.0015; 2], 1), "{:?}", r.warnings);
-    assert_eq!(told(&r, "write \"depth_unit_scale_factor\": 1.0 into the file"), 1, "{:?}", r.warnings);
+    assert_eq!(
+        (metres(&r), warning_count(&r, "d0.npy: holds floating-point depth")),
+        (vec![0.0015; 2], 1),
+        "{:?}",
+        r.warnings
+    );
+    assert_eq!(warning_count(&r, "write \"depth_unit_scale_factor\": 1.0 into the file"), 1, "{:?}", r.warnings);
     describe(folder, "[frames]\nimages = \"images\"\nfps = 1.0\n[depth]\nlist = \"d.txt\"\nscale = 1.0\n");
     fs::write(folder.join("d.txt"), "0 d0.npy\n1 d1.exr\n").unwrap();
     let r = open(folder);
-    assert_eq!((metres(&r), told(&r, "floating-point depth")), (vec![1.5; 2], 0));
+    assert_eq!((metres(&r), warning_count(&r, "floating-point depth")), (vec![1.5; 2], 0));
 }
 
 #[test]
@@ -201,21 +209,26 @@ fn unreadable_pictures_of_a_folder_are_named_and_keep_their_index() {
     let r = open(folder);
     let times: Vec<f64> = r.timestamps_s.iter().map(|time_s| (time_s * 30.0).round()).collect();
     assert_eq!(times, [0.0, 2.0, 4.0]);
-    assert_eq!(told(&r, "2 pictures are not read (first: "), 1, "{:?}", r.warnings);
-    assert_eq!(told(&r, "f001.heic is HEIC, which is not read; convert it: heif-convert "), 1, "{:?}", r.warnings);
-    assert_eq!(told(&r, "missing by their numbers"), 0, "{:?}", r.warnings);
+    assert_eq!(warning_count(&r, "2 pictures are not read (first: "), 1, "{:?}", r.warnings);
+    assert_eq!(
+        warning_count(&r, "f001.heic is HEIC, which is not read; convert it: heif-convert "),
+        1,
+        "{:?}",
+        r.warnings
+    );
+    assert_eq!(warning_count(&r, "missing by their numbers"), 0, "{:?}", r.warnings);
     for name in ["f000.jpg", "f002.jpg", "f004.jpg"] {
         fs::remove_file(folder.join("images").join(name)).unwrap();
     }
     let error = refused(folder);
     assert!(error.contains("2 pictures are not read") && error.contains("heif-convert"), "{error}");
-    // Arrays alone.
+    // Only arrays.
     fs::create_dir(folder.join("arrays")).unwrap();
     npy(&folder.join("arrays/0.npy"), 1.0);
     describe(folder, "[frames]\nimages = \"arrays\"\nfps = 30.0\n");
     let error = refused(folder);
     assert!(error.contains("1 picture is not read (first: ") && error.contains("0.npy is a NumPy array"), "{error}");
-    // Without anything that describes a recording.
+    // Without any file that describes a recording.
     let error = refused(&folder.join("images"));
     assert!(error.contains("is no recording: 2 pictures are not read") && error.contains("heif-convert"), "{error}");
 }
@@ -238,11 +251,16 @@ fn foreign_format_named_jpg_affects_only_its_own_frame() {
     let of_nerfstudio = open(&folder.join("transforms.json"));
     for r in [of_folder, of_nerfstudio] {
         assert_eq!((times(&r), frames(&r, 0..3).len()), (vec![0.0, 1.0, 4.0], 3));
-        assert_eq!(told(&r, "2 of 5 pictures are not read and left out (first: "), 1, "{:?}", r.warnings);
-        assert_eq!(told(&r, "f2.jpg: is HEIC, which is not read; convert it: heif-convert "), 1, "{:?}", r.warnings);
-        assert_eq!(told(&r, "no focal length"), 0, "{:?}", r.warnings);
+        assert_eq!(warning_count(&r, "2 of 5 pictures are not read and left out (first: "), 1, "{:?}", r.warnings);
+        assert_eq!(
+            warning_count(&r, "f2.jpg: is HEIC, which is not read; convert it: heif-convert "),
+            1,
+            "{:?}",
+            r.warnings
+        );
+        assert_eq!(warning_count(&r, "no focal length"), 0, "{:?}", r.warnings);
     }
-    // Where there are no others, the recording is refused with what to do.
+    // If there are no others, the recording is refused with advice.
     for ((_, bytes), said) in foreign.into_iter().zip(["heif-convert", "`git lfs pull`"]) {
         for name in names {
             fs::write(folder.join("images").join(name), bytes).unwrap();
@@ -250,7 +268,7 @@ fn foreign_format_named_jpg_affects_only_its_own_frame() {
         assert!(refused(folder).contains(said), "{}", refused(folder));
         assert!(refused(&folder.join("transforms.json")).contains(said));
     }
-    // One that is damaged, and one that is no picture at all.
+    // One that is damaged, and one that is not a picture.
     pictures(folder, &names);
     let damaged: [(&[u8], &str); 3] = [
         (b"\xff\xd8\xff\xe0\0", "f2.jpg: the JPEG is truncated"),
@@ -261,8 +279,8 @@ fn foreign_format_named_jpg_affects_only_its_own_frame() {
         fs::write(folder.join("images/f2.jpg"), bytes).unwrap();
         for r in [open(folder), open(&folder.join("transforms.json"))] {
             assert_eq!(times(&r), [0.0, 1.0, 3.0, 4.0]);
-            assert_eq!(told(&r, "1 of 5 pictures is not read and left out (first: "), 1, "{:?}", r.warnings);
-            assert_eq!(told(&r, said), 1, "{:?}", r.warnings);
+            assert_eq!(warning_count(&r, "1 of 5 pictures is not read and left out (first: "), 1, "{:?}", r.warnings);
+            assert_eq!(warning_count(&r, said), 1, "{:?}", r.warnings);
         }
     }
 }
@@ -282,14 +300,14 @@ fn calibration_names_unreadable_photographs() {
             "{arguments:?}: {error}"
         );
     }
-    // By its content, where the name says nothing.
+    // By content, if the name has no known extension.
     let unnamed = temp.path().join("board.bin");
     fs::copy(&file, &unnamed).unwrap();
     let error = program::refused(&["calibrate", "camera", unnamed.to_str().unwrap(), "-o", profile.to_str().unwrap()]);
     assert!(error.contains("board.bin is HEIC") || error.contains("board.bin: is HEIC"), "{error}");
 }
 
-/// A JPEG with the marker of its frame header, and the bits of its samples, exchanged.
+/// A JPEG with another frame header marker and another sample precision.
 fn jpeg_of_kind(marker: u8, bits: u8) -> Vec<u8> {
     let mut bytes = Vec::new();
     image::codecs::jpeg::JpegEncoder::new(&mut bytes).encode(&[90; 8 * 6], 8, 6, image::ExtendedColorType::L8).unwrap();
@@ -382,8 +400,13 @@ fn exif_orientation_is_reported_once() {
     let temp = tempfile::tempdir().unwrap();
     let r = oriented(temp.path(), &[("f0.jpg", 1), ("f1.jpg", 6), ("f2.jpg", 6)]);
     let said = "f1.jpg: says it should be shown turned by 90° clockwise (EXIF orientation 6)";
-    assert_eq!(told(&r, said), 1, "{:?}", r.warnings);
-    assert_eq!(told(&r, "2 pictures that say so; a video that is written has no such mark"), 1, "{:?}", r.warnings);
+    assert_eq!(warning_count(&r, said), 1, "{:?}", r.warnings);
+    assert_eq!(
+        warning_count(&r, "2 pictures that say so; a video that is written has no such mark"),
+        1,
+        "{:?}",
+        r.warnings
+    );
     assert_eq!(r.presentation().orientation, Orientation::default());
 }
 
@@ -394,7 +417,7 @@ fn stills_of_one_orientation_set_the_rotation_of_the_video() {
         let r = oriented(temp.path(), &[("f0.jpg", exif), ("f1.jpg", exif)]);
         let presentation = r.presentation();
         assert_eq!(presentation.orientation, Orientation::of_exif(exif.into()));
-        assert_eq!(told(&r, "a .mp4 that is written says so too"), 1, "{:?}", r.warnings);
+        assert_eq!(warning_count(&r, "a .mp4 that is written says so too"), 1, "{:?}", r.warnings);
         let changed = SinkOptions { presentation, ..options(32, 16, 8) };
         let video = written(&temp.path().join("a.mp4"), changed);
         assert_eq!(video.presentation().orientation, presentation.orientation);
@@ -417,7 +440,7 @@ fn frame_times_are_kept_in_every_video_format() {
         let r = written(&temp.path().join(name), changed);
         assert_eq!(r.frame_count(), 4, "{name} {lossless} {bits}");
         for (time_s, expected_s) in r.timestamps_s.iter().zip(times_s) {
-            // Matroska's clock has milliseconds.
+            // Matroska timestamps are in milliseconds.
             assert!((time_s - (expected_s - 5.0)).abs() < 6e-4, "{name} {lossless} {bits}: {:?}", r.timestamps_s);
         }
         if lossless {
@@ -426,7 +449,7 @@ fn frame_times_are_kept_in_every_video_format() {
     }
 }
 
-/// Neither ffmpeg nor ffprobe knows a turn of Matroska's, so that it is said beforehand.
+/// Neither ffmpeg nor ffprobe supports Matroska's rotation, so this is reported in advance.
 #[test]
 fn rotated_video_names_an_output_format_that_stays_upright() {
     let temp = tempfile::tempdir().unwrap();
@@ -435,7 +458,7 @@ fn rotated_video_names_an_output_format_that_stays_upright() {
     for (name, is_turned) in [("a.mp4", 1), ("a.mkv", 0)] {
         let r = written(&temp.path().join(name), SinkOptions { presentation, lossless: false, ..options(32, 16, 8) });
         assert_eq!(
-            told(&r, "a .mkv has no such mark, and players show it as stored: write a .mp4"),
+            warning_count(&r, "a .mkv has no such mark, and players show it as stored: write a .mp4"),
             is_turned,
             "{name}"
         );
@@ -461,7 +484,7 @@ fn video_keeps_its_presentation_tags() {
         let r = written(&temp.path().join("a.mp4"), changed);
         let found = r.presentation();
         assert_eq!((found.orientation, found.pixel_aspect), (orientation, Some(aspect)));
-        assert_eq!(told(&r, &format!("should be shown {orientation}; ")), 1, "{:?}", r.warnings);
+        assert_eq!(warning_count(&r, &format!("should be shown {orientation}; ")), 1, "{:?}", r.warnings);
     }
 }
 
@@ -474,7 +497,7 @@ fn high_dynamic_range_is_kept_in_ten_bits() {
         let file = temp.path().join("a.mp4");
         let r = written(&file, SinkOptions { presentation, lossless: false, ..options(32, 16, 16) });
         assert_eq!((r.presentation(), r.bits), (presentation, 16));
-        assert_eq!(told(&r, "(high dynamic range)"), 1, "{:?}", r.warnings);
+        assert_eq!(warning_count(&r, "(high dynamic range)"), 1, "{:?}", r.warnings);
         let probe = Command::new("ffprobe")
             .args(["-v", "error", "-show_entries", "stream=pix_fmt,color_space", "-of", "csv=p=0"])
             .arg(&file)
@@ -496,7 +519,7 @@ fn describe_resting(folder: &Path, frames: &str) {
     describe(folder, &format!("[frames]\n{frames}\n{rest}"));
 }
 
-/// Composites a recording into a video beside it, which it opens.
+/// Composites a recording into a video beside it and opens that.
 fn composited(folder: &Path, more: &[&str]) -> Recording {
     let out = folder.join("out.mp4");
     let arguments = ["composite", folder.to_str().unwrap(), "--scene", "scenes/marker-1.glb", "--plain", "-o"];

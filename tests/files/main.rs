@@ -1,4 +1,4 @@
-//! What is read and written: recordings, scenes, pictures; and how the program asks and answers.
+//! Input and output: recordings, scenes, pictures, and the command line.
 
 #![allow(clippy::unwrap_used, clippy::type_complexity, reason = "tests")]
 

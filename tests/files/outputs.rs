@@ -1,4 +1,4 @@
-//! What goes out: where it may lie, and what is left of it where a run ends early.
+//! Output files: allowed paths, and their state after a run that ends early.
 
 use std::path::Path;
 use std::process::Command;
@@ -77,7 +77,7 @@ fn missing_output_folders_are_created_after_the_input_is_checked() {
         (["calibrate", "sharpness", &path("a.jpg"), "--edge", "0,0,9,9"].to_vec(), "Git LFS pointer"),
         (["track", &path("a.jpg"), "--profile", "profiles/simulated.toml"].to_vec(), "Git LFS pointer"),
     ] {
-        // Neither where the folder is missing, nor where something else is wrong with the output.
+        // Neither with a missing folder nor with another error of the output.
         for output in ["none/p.toml", "a.heic/p.toml"] {
             let text = refused(&[&input[..], &["-o", &path(output)]].concat());
             assert!(text.contains(told) && !Path::new(&path("none")).exists(), "{input:?}: {text}");
@@ -85,7 +85,7 @@ fn missing_output_folders_are_created_after_the_input_is_checked() {
     }
 }
 
-/// Whoever reads may have enough of the frames; a report of all of them was asked for, too.
+/// The reader of the frames may stop early, but a report covers all of them.
 #[test]
 fn report_missing_after_a_closed_pipe_is_reported() {
     let temp = tempfile::tempdir().unwrap();
@@ -105,7 +105,7 @@ fn report_missing_after_a_closed_pipe_is_reported() {
     assert!(code == Some(2) && text.contains("r.json: is not written") && !report.exists(), "{code:?}: {text}");
 }
 
-/// No output of a run lies where another one of it does, forced or not.
+/// Outputs of one run may not overlap, with `--force` or without.
 #[test]
 fn overlapping_outputs_of_one_run_are_refused() {
     let temp = tempfile::tempdir().unwrap();
@@ -127,7 +127,7 @@ fn overlapping_outputs_of_one_run_are_refused() {
     assert_eq!(std::fs::read_dir(&out).unwrap().count(), 0);
 }
 
-/// A program in the place of ffmpeg that reads nothing and is content.
+/// A replacement of ffmpeg that reads nothing and exits with success.
 #[cfg(unix)]
 #[test]
 fn silent_early_exit_of_ffmpeg_is_a_failure() {
@@ -151,7 +151,7 @@ fn silent_early_exit_of_ffmpeg_is_a_failure() {
     }
 }
 
-/// Threads of four GiB, of which one fits.
+/// Thread stacks of four GiB, of which one fits.
 #[cfg(target_os = "linux")]
 #[test]
 fn failed_thread_creation_is_reported_in_one_line_and_leaves_no_files() {
@@ -177,9 +177,10 @@ fn failed_thread_creation_is_reported_in_one_line_and_leaves_no_files() {
     }
 }
 
-/// Starts the program and interrupts it as soon as `folder` holds anything: it says so, and nothing is left there.
+/// Starts the program and interrupts it as soon as `folder` contains a file. Asserts that it
+/// reports this and leaves nothing there.
 #[cfg(unix)]
-fn interrupted(command: &mut Command, folder: &Path, signal: &str) {
+fn assert_interrupted_cleanly(command: &mut Command, folder: &Path, signal: &str) {
     let begun = || std::fs::read_dir(folder).unwrap().count() > 0;
     let mut running = command.stderr(std::process::Stdio::piped()).spawn().unwrap();
     while !begun() && running.try_wait().unwrap().is_none() {
@@ -190,7 +191,10 @@ fn interrupted(command: &mut Command, folder: &Path, signal: &str) {
     let output = running.wait_with_output().unwrap();
     let text = String::from_utf8(output.stderr).unwrap();
     assert_eq!((output.status.code(), text.lines().count()), (Some(2), 1), "{text}");
-    assert!(text.starts_with("locard: interrupted; what was finished stays, and nothing else"), "{text}");
+    assert!(
+        text.starts_with("locard: assert_interrupted_cleanly; what was finished stays, and nothing else"),
+        "{text}"
+    );
     assert!(!begun(), "{command:?}");
 }
 
@@ -208,7 +212,7 @@ fn heavy_frame_is_interrupted_at_once() {
             .arg("-o")
             .arg(temp.path().join(out))
             .args(heavy.map(|set| ["--set", set]).as_flattened());
-        interrupted(&mut command, temp.path(), "-INT");
+        assert_interrupted_cleanly(&mut command, temp.path(), "-INT");
     }
 }
 
@@ -234,7 +238,7 @@ fn interrupted_run_leaves_no_unfinished_files() {
     let temp = tempfile::tempdir().unwrap();
     let mut command = program();
     command.args(["composite", "recordings/demo", "--scene", "scenes/demo.toml"]).args(tier::no_shadows());
-    interrupted(command.arg("-o").arg(temp.path().join("out.mkv")), temp.path(), "-INT");
+    assert_interrupted_cleanly(command.arg("-o").arg(temp.path().join("out.mkv")), temp.path(), "-INT");
 }
 
 #[cfg(unix)]
@@ -242,15 +246,15 @@ fn interrupted_run_leaves_no_unfinished_files() {
 fn interrupted_simulation_leaves_no_files() {
     let temp = tempfile::tempdir().unwrap();
     for signal in ["-INT", "-TERM"] {
-        // A short lens makes a crude site, which is soon lit.
+        // A short lens gives a crude site, which is lit quickly.
         let sets = ["focal_px=20", "width_px=32", "height_px=24", "frames=10000"].map(|set| ["--set", set]);
         let mut command = program();
         command.args(["simulate", "-o"]).arg(temp.path().join("site")).args(sets.as_flattened());
-        interrupted(&mut command, temp.path(), signal);
+        assert_interrupted_cleanly(&mut command, temp.path(), signal);
     }
 }
 
-/// An ffprobe that waits for a writer tells when the program is at work, and keeps it there.
+/// An ffprobe that waits for a writer signals that the program has started, and blocks it there.
 #[cfg(unix)]
 #[test]
 fn interrupted_commands_exit_with_code_2() {
@@ -274,7 +278,8 @@ fn interrupted_commands_exit_with_code_2() {
         vec!["inspect", folder],
     ];
     for (command, signal) in commands.iter().zip(["-TERM", "-INT", "-HUP", "-TERM", "-INT"]) {
-        // One for each: the ffprobe before may not have ended yet, and would open it before the program is at work.
+        // One for each: the previous ffprobe may not have ended yet, and would open it before the
+        // program has started.
         let pipe = temp.path().join(format!("pipe{signal}-{}", command[0]));
         assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
         let mut program = program();
@@ -286,7 +291,7 @@ fn interrupted_commands_exit_with_code_2() {
         let output = running.wait_with_output().unwrap();
         let text = String::from_utf8_lossy(&output.stderr);
         assert_eq!((output.status.code(), text.lines().count()), (Some(2), 1), "{command:?}: {text}");
-        assert!(text.starts_with("locard: interrupted; "), "{command:?}: {text}");
+        assert!(text.starts_with("locard: assert_interrupted_cleanly; "), "{command:?}: {text}");
     }
     assert_eq!(std::fs::read_dir(temp.path()).unwrap().count(), 3 + commands.len());
 }
@@ -332,7 +337,7 @@ fn layers_and_report_are_written_into_the_new_frame_folder() {
     assert!(there.iter().all(|name| temp.path().join("new").join(name).exists()));
     assert_eq!(std::fs::read_dir(&out).unwrap().count(), 3);
 
-    // On the standard output, where nothing else is.
+    // On standard output, which contains nothing else.
     let text = said(&[&arguments[..], &["--force", "--report", "-"]].concat());
     let read: serde_json::Value = serde_json::from_str(&text).unwrap();
     assert_eq!(read["frames"][0]["frame"], 5);
@@ -371,7 +376,7 @@ fn two_concurrent_runs_to_one_output_both_succeed() {
     assert!(text.contains(&format!("frames     {frames} of 640x480")), "{text}");
 }
 
-/// No file of this process may grow beyond 8 kB: a disk that is full in the middle.
+/// No file of this process may exceed 8 kB: a disk that fills up during the run.
 #[cfg(target_os = "linux")]
 #[test]
 fn unfinishable_file_is_removed() {
@@ -393,7 +398,7 @@ fn unfinishable_file_is_removed() {
     assert!(code == Some(2) && text.contains("a.mkv"), "{code:?}: {text}");
     let (code, text) = narrow(&[&demo[..], &["-o", "-", "--report", &report]].concat());
     assert!(code == Some(2) && text.contains("report.json: cannot be written"), "{code:?}: {text}");
-    // A profile of more than that, whose comments would be kept.
+    // A larger profile, whose comments would be kept.
     let profile = format!("version = 1\n{}", "# mine\n".repeat(3000));
     std::fs::write(path("p.toml"), &profile).unwrap();
     let frames = path("still");

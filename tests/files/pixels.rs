@@ -1,4 +1,4 @@
-//! Pixels through files: pictures and video, whole or refused.
+//! Pixels through files: pictures and videos are read completely or refused.
 
 use std::path::PathBuf;
 use std::process::Command;
@@ -22,11 +22,11 @@ fn ycbcr(rgb: [f64; 3], (kr, kb): (f64, f64), full: bool, bits: u32) -> [u16; 3]
         .map(|v| v.round().clamp(0.0, largest) as u16)
 }
 
-/// The colours are turned into Y'CbCr here, by formula, and stored without loss.
+/// The test converts the colours to Y'CbCr by formula and stores them losslessly.
 #[test]
 fn saturated_colours_are_decoded_within_2_codes() {
     let (bt601, bt709) = ((0.299, 0.114), (0.2126, 0.0722));
-    // Height, pixel format, tags, what they mean.
+    // Height, pixel format, tags, matrix coefficients and range.
     let cases: [(u32, &str, &[&str], (f64, f64), bool); 8] = [
         (64, "yuv420p", &["-color_range", "tv", "-colorspace", "smpte170m"], bt601, false),
         (64, "yuv420p", &["-color_range", "tv", "-colorspace", "bt709"], bt709, false),
@@ -72,7 +72,7 @@ fn saturated_colours_are_decoded_within_2_codes() {
     }
 }
 
-/// What our own encoder writes, by lossy x264 with tags, reads back as the same colour.
+/// Videos of the program's encoder, lossy x264 with tags, decode to the same colour.
 #[test]
 fn lossy_video_keeps_colours_within_2_codes() {
     for (width, height, name) in [(64, 48, "a.mp4"), (64, 720, "a.mkv"), (33, 47, "odd.mp4")] {
@@ -113,12 +113,13 @@ fn lossless_video_keeps_every_code_in_any_range() {
     }
 }
 
-/// What is lost in the middle is painted over by ffmpeg, which says so; a Matroska file's length tells a lost end.
+/// ffmpeg conceals errors in the middle and reports them; a missing end shows in a Matroska file's
+/// length.
 #[test]
 fn damaged_video_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("a.mkv");
-    // 16 bits go out as ffv1, whose slices carry checksums.
+    // 16 bits are encoded as ffv1, whose slices have checksums.
     let pictures: Vec<Pixels> = (0..30).map(|i| picture(i, 64, 48, 16)).collect();
     write(&file, &options(64, 48, 16), &pictures);
     let whole = std::fs::read(&file).unwrap();
@@ -137,7 +138,7 @@ fn damaged_video_is_an_error() {
     let error = refused(&folder);
     assert!(error.contains("a.mkv: is damaged: ffprobe says: "), "{error}");
 
-    // A small hole, inside of a picture.
+    // A small hole inside a picture.
     let mut damaged = whole.clone();
     let inside = whole.len() / 2;
     damaged[inside..inside + 40].fill(0);
@@ -208,7 +209,7 @@ fn unfinished_video_is_removed_and_a_finished_one_kept() {
     assert_eq!(count(), 1);
 }
 
-/// By every cut of pictures that other programs made; progressive ones may end between two scans.
+/// All truncations of pictures from other programs; progressive ones may end between two scans.
 #[test]
 fn truncated_jpeg_is_refused() {
     let folder = tempfile::tempdir().unwrap();
@@ -232,7 +233,7 @@ fn truncated_jpeg_is_refused() {
     }
 }
 
-/// Pictures of real cameras pass, and do not when their second half is gone.
+/// Pictures of real cameras are accepted, but not without their second half.
 #[test]
 fn jpegs_of_real_cameras_are_accepted_and_truncated_ones_refused() {
     let Some(folder) = common::data("chessboard/camera_cal") else { return };

@@ -1,4 +1,4 @@
-//! `locard place`: evidence where a pixel shows a surface.
+//! `locard place`: evidence on the surface at a pixel.
 
 use std::path::Path;
 
@@ -29,11 +29,11 @@ fn placed_objects_rest_on_the_floor_and_the_file_keeps_its_comments() {
     assert!(written.starts_with(text), "{written}");
     let objects = document::read(&file).unwrap().value().objects.clone();
     assert_eq!((objects[0].heading_deg, objects[1].name.as_deref()), (Some(30.0), Some("case")));
-    // The simulated floor is z = 0, and its depth is noisy by 1.5 mm.
+    // The simulated floor is z = 0, and its depth has a noise of 1.5 mm.
     for object in &objects {
         assert!(object.position_m.unwrap()[2].abs() < 1e-3, "{object:?}");
     }
-    // What it wrote is composited.
+    // The written scene can be composited.
     let report = temp.path().join("report.json");
     let out = temp.path().join("out");
     let frames = ["--frames", "30..31", "-o", out.to_str().unwrap(), "--report", report.to_str().unwrap()];
@@ -47,7 +47,7 @@ fn object_without_a_heading_faces_the_camera() {
     let file = temp.path().join("scene.toml");
     said(&place(file.to_str().unwrap(), &["--at", "320,300", "--model", "scenes/marker-1.glb"]));
     let placed = document::read(&file).unwrap().value().objects[0].clone();
-    // From above: the front looks along −y, turned by the heading counter-clockwise.
+    // From above: the front faces −y, turned by the heading counter-clockwise.
     let (sin, cos) = placed.heading_deg.unwrap().to_radians().sin_cos();
     let [x, y, _] = placed.position_m.unwrap();
     let to_camera = shot::demo("scenes/demo.toml").posed_camera(30).unwrap().position_m() - glam::DVec3::new(x, y, 0.0);
@@ -78,7 +78,7 @@ fn recording_without_an_up_takes_the_normal_of_the_first_surface() {
     // The table's normal by a plane through 2,000 of its points.
     let off_deg = up.angle_between(glam::DVec3::new(0.035, -0.887, -0.46)).to_degrees();
     assert!(off_deg < 4.0, "{up}: {off_deg}");
-    // What follows stands as upright, and what stood before is not turned.
+    // Later objects use the same up axis, and earlier ones are not rotated.
     let told = said(&[&["place", folder.to_str().unwrap()], &at[..]].concat());
     assert!(!told.contains("which way is up"), "{told}");
     std::fs::write(&file, "version = 1\n[[objects]]\nmodel = \"marker-1.glb\"\n").unwrap();
@@ -111,7 +111,7 @@ fn refused_placement_changes_nothing() {
         assert!(text.contains(told), "{text}");
     }
     assert!(!file.exists());
-    // No command opens another file as a scene, and frames are no place for one.
+    // A scene file must end in .toml, as commands require, and must not be among the frames.
     for (other, told) in [
         (temp.path().join("x.glb"), "ends in .toml"),
         (temp.path().join("scene"), "ends in .toml"),
@@ -132,7 +132,7 @@ fn model_name_is_escaped_on_the_terminal() {
     let (scene, model) = (temp.path().join("scene.toml"), temp.path().join("a\u{1b}]0;pwn\u{7}.glb"));
     std::fs::copy("scenes/marker-1.glb", &model).unwrap();
     let at = ["--at", "320,300", "--model", model.to_str().unwrap()];
-    // The second stands inside the first, which is told by their names.
+    // The second is inside the first, which is reported with their names.
     let told = [(); 2].map(|()| said(&place(scene.to_str().unwrap(), &at))).concat();
     assert!(told.contains("placed     a\\u{1b}]0;pwn\\u{7}.glb at ") && told.contains("odd        a\\u{1b}"), "{told}");
     assert!(told.chars().all(|c| c == '\n' || !c.is_control()), "{told:?}");
@@ -195,7 +195,7 @@ fn misplaced_objects_are_reported_and_previewed() {
     let sound = program::locard(&[&composite[..], &["scenes/demo.toml"], tier::no_shadows()].concat());
     let told = String::from_utf8(sound.stderr).unwrap();
     assert!(!told.contains("stand") && !told.contains("hovers") && !told.contains("sunk"), "{told}");
-    // The same again, in the same place.
+    // A second one in the same place.
     let twice = said(&place(scene, &[&marker[..], &["--name", "second"]].concat()));
     assert!(twice.contains("odd        marker-1 and second stand inside each other"), "{twice}");
     assert!(said(&["inspect", scene]).contains("odd        marker-1 and second stand inside each other, by "));
@@ -215,13 +215,13 @@ fn misplaced_objects_are_reported_and_previewed() {
     let hovers = at("0.2");
     assert!(hovers.contains("marker-1 hovers 200 mm over the surface that the depth of frame 30 shows"), "{hovers}");
     assert!(!hovers.contains("inside each other"), "{hovers}");
-    // Where no ground as low is seen around it, too.
+    // Also if no ground as low is visible around it.
     for (z, mm) in [("-0.06", 60), ("-0.2", 200), ("-0.5", 500)] {
         let sunk = at(z);
         assert!(sunk.contains(&format!("marker-1 is sunk {mm} mm into the surface")), "{sunk}");
     }
     let picture = image::open(preview).unwrap().to_rgb8();
-    // The axes' colours are in no place of the demonstration.
+    // The axes' colours occur nowhere in the demonstration.
     let has = |ink: [u8; 3]| picture.pixels().any(|p| p.0.iter().zip(ink).all(|(a, b)| a.abs_diff(b) < 12));
     assert!(picture.dimensions() == (640, 480) && has([255, 70, 70]) && has([90, 220, 90]) && has([90, 140, 255]));
 }
@@ -294,7 +294,8 @@ fn object_in_front_of_a_steep_surface_hovers_over_the_floor() {
         let frame = shot.read(30).unwrap();
         shot.object_issues(&frame).into_iter().map(|wrong| wrong.note.to_string()).collect::<Vec<_>>()
     };
-    // Frame 30 shows a box's side there. Stuck to it, and 10 cm towards the camera, 19 cm over the floor.
+    // Frame 30 shows a box's side there. On the side, and 10 cm towards the camera, 19 cm over the
+    // floor.
     assert_eq!(told([0.536, 0.520, 0.135]), Vec::<String>::new());
     let told = told([0.503, 0.444, 0.19]);
     let mm = told.first().and_then(|told| told.split_once(" hovers ")?.1.split_once(" mm")?.0.parse::<i32>().ok());

@@ -1,4 +1,4 @@
-//! Recordings of every format: real data, and what must be refused.
+//! Recordings of every format: real data, and refused ones.
 
 use std::path::Path;
 use std::process::Command;
@@ -74,8 +74,8 @@ fn neighbours_are_equal_in_every_range_and_damaged_ones_left_out() {
     assert_eq!(beside(&damaged, 4..6), [Some(vec![1, 2, 5, 6, 7]), Some(vec![2, 4, 6, 7, 8])]);
 }
 
-/// Points that COLMAP found must land where COLMAP saw them: axes, order of the quaternion,
-/// direction of the pose, principal point and distortion at once.
+/// COLMAP's points must project to their detections: tests axes, order of the quaternion, direction
+/// of the pose, principal point and distortion at once.
 #[test]
 fn lund_door_points_reproject() {
     let Some(folder) = common::data("lund-door-dslr") else { return };
@@ -155,7 +155,8 @@ fn own_format_with_all_parts_opens() {
     assert_eq!(r.camera_profile, Some(at("camera.toml")));
     assert!((r.pose_at_frame(1).unwrap().position_in_world_m().x - 1.0).abs() < 1e-6);
     let all = frames(&r, 0..3);
-    // Reach: 0.65 of 0.1 s. Frames 0 and 1 are 0.05 s from the first depth, frame 2 0.06 s from the second.
+    // Depth is assigned within 0.65 of 0.1 s. Frames 0 and 1 are 0.05 s from the first depth, frame
+    // 2 0.06 s from the second.
     assert!(all.iter().zip([10.05, 10.05, 10.26]).all(|(f, t)| f.depth.as_ref().unwrap().timestamp_s == t));
     let depth = all[0].depth.as_ref().unwrap();
     assert_eq!((depth.timestamp_s, depth.depth_m[7]), (10.05, 7.0));
@@ -204,7 +205,8 @@ fn euroc_opens() {
         assert_eq!(r.name, folder.path().file_name().unwrap().to_string_lossy());
         assert!((r.frame_interval_s - 0.05).abs() < 1e-6 && r.warnings.is_empty(), "{:?}", r.warnings);
         assert!(r.kind.has_times() && r.kind.is_metric());
-        // The body at (2, 2, 3) looks along the world's y; 2 m before its camera, in the middle of the picture.
+        // The body at (2, 2, 3) looks along the world's y; a point 2 m in front of its camera is in
+        // the middle of the picture.
         let pose = r.pose_at_frame(2).unwrap();
         let at = r.geometry.as_ref().unwrap().project(pose.transform_point(DVec3::new(2.0, 4.1, 3.0))).unwrap();
         assert!((at - DVec2::new(4.0, 3.0)).length() < 1e-5, "{at}");
@@ -212,7 +214,7 @@ fn euroc_opens() {
         assert_eq!(all[1].pixels.at(2, 1), [42, 42, 42]);
         assert_eq!(r.files().count(), 6);
     }
-    // What the truth was estimated of is the camera itself: its place is then the camera's.
+    // If the ground truth is that of the camera, its position is the camera's.
     std::fs::write(truth.join("sensor.yaml"), sensor(0.1)).unwrap();
     let pose = open(folder.path()).pose_at_frame(1).unwrap();
     assert!((pose.position_in_world_m() - DVec3::new(1.0, 2.0, 3.0)).length() < 1e-9);
@@ -337,7 +339,7 @@ fn invalid_recordings_are_refused_in_one_line() {
     assert!(Recording::open(folder.path(), &bad).unwrap_err().to_string().contains("metres_per_unit = 0"));
 }
 
-/// Opening a pipe waits for a writer, for ever; a device has no end.
+/// Opening a pipe waits for a writer indefinitely; a device has no end.
 #[cfg(unix)]
 #[test]
 fn pipe_or_device_in_place_of_a_file_is_refused() {
@@ -379,7 +381,7 @@ fn pipe_or_device_in_place_of_a_file_is_refused() {
     assert!(error.len() < 500 && error.contains("tz is `\\u{1b}[2J\\u{1b}"), "{} bytes: {error:.300}", error.len());
 }
 
-/// The iterator owns all it needs and may go to another thread.
+/// The iterator is `Send + 'static`: it owns its data and may move to another thread.
 #[test]
 fn frame_iterator_outlives_the_recording() {
     fn needs(_: impl Iterator + Send + 'static) {}

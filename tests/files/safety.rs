@@ -1,4 +1,4 @@
-//! What others wrote does no harm: what reaches the terminal, how much is read, what is replaced.
+//! Foreign input does no harm: terminal output, the amount of data read, and replaced files.
 
 use std::path::Path;
 
@@ -13,7 +13,7 @@ fn demo() -> [&'static str; 6] {
     ["composite", "recordings/demo", "--scene", tier::any_scene(), "--frames", "5..6"]
 }
 
-/// A link in an output's place: what it leads to is written, and the link stays.
+/// A link in place of an output: its target is written, and the link stays.
 #[cfg(unix)]
 #[test]
 fn symbolic_link_is_never_replaced() {
@@ -48,7 +48,7 @@ fn symbolic_link_is_never_replaced() {
     }
     assert_eq!(std::fs::read_dir(path("far")).unwrap().count(), names.len());
 
-    // A frame's name that leads to what is read.
+    // A frame's name that links to an input.
     std::fs::copy("scenes/marker-1.glb", path("marker.glb")).unwrap();
     std::fs::write(path("scene.toml"), "version = 1\n[[objects]]\nmodel = \"marker.glb\"\n").unwrap();
     std::fs::remove_file(path(names[1])).unwrap();
@@ -57,7 +57,7 @@ fn symbolic_link_is_never_replaced() {
     assert!(text.contains("is read in this run"), "{text}");
 }
 
-/// Without `--force`: nothing is replaced where this fails.
+/// Without `--force`: a failure of this test replaces nothing.
 #[cfg(target_os = "linux")]
 #[test]
 fn standard_output_and_pipes_are_accepted_as_outputs() {
@@ -104,7 +104,7 @@ fn failed_run_leaves_no_empty_folder() {
     }
 }
 
-/// Escape sequences in C0, C1 (whose byte alone is no UTF-8) and a title that would be set.
+/// Escape sequences in C0, C1 (whose byte alone is not UTF-8), and one that sets the title.
 #[cfg(unix)]
 #[test]
 fn wrong_arguments_are_escaped_and_shortened_on_the_terminal() {
@@ -140,7 +140,7 @@ fn wrong_arguments_are_escaped_and_shortened_on_the_terminal() {
     assert!(text.contains("a similar argument exists: '--frame'"), "{text}");
 }
 
-/// A sparse file takes no space on the disk, and is not read either: there is no memory for it.
+/// A sparse file takes no space on the disk, and is not read either: it exceeds the memory.
 #[cfg(target_os = "linux")]
 #[test]
 fn oversized_file_is_refused_by_its_length() {
@@ -176,7 +176,7 @@ fn oversized_file_is_refused_by_its_length() {
     assert!(narrow(temp.path()).contains(&format!("sensor.yaml: cannot be read: {told}")));
 }
 
-/// A word of 10 MB in the place of a picture's name, which took a second of looking for it.
+/// A word of 10 MB in place of a picture's name, whose search used to take a second.
 #[test]
 fn impossible_file_name_is_refused_while_reading() {
     let temp = tempfile::tempdir().unwrap();
@@ -195,7 +195,7 @@ fn impossible_file_name_is_refused_while_reading() {
 fn scene_beyond_the_object_limit_is_refused() {
     let temp = tempfile::tempdir().unwrap();
     let scene = temp.path().join("scene.toml");
-    // Bounds are found of every object: of one triangle in the fast tier.
+    // Bounds are computed for every object: of one triangle in the fast tier.
     models::write_triangle(temp.path());
     let triangle = temp.path().join("triangle.glb");
     let model = tier::fast_or_full(triangle, "scenes/marker-1.glb".into());
@@ -305,7 +305,7 @@ fn photo_without_evidence_in_view_is_reported() {
     let temp = tempfile::tempdir().unwrap();
     let out = temp.path().join("a.png");
     let demo = ["photo", "recordings/demo", "--scene", "scenes/demo.toml", "--lux", "0.001", "--iso", "100", "-o"];
-    // The evidence is before the camera, beside the part that is taken.
+    // The evidence is in front of the camera, outside of the cropped part.
     let part = ["--frame", "71", "--only", "motion_blur", "--focus", "inf", "--aim", "20,20", "--across", "40"];
     let run = |hand: &[&str]| {
         let out = [out.to_str().unwrap(), "--force"];
@@ -319,7 +319,7 @@ fn photo_without_evidence_in_view_is_reported() {
     assert!(hand.contains("a larger --iso helps, or a frame further from the recording's ends"), "{hand}");
 }
 
-/// A recording of one frame, the demonstration's, with these further lines of its description.
+/// A recording of the demonstration's first frame, with additional lines in its description.
 fn one_frame(folder: &Path, more: &str) {
     std::fs::create_dir_all(folder).unwrap();
     std::fs::copy("recordings/demo/rgb/00000.jpg", folder.join("0.jpg")).unwrap();
@@ -349,7 +349,7 @@ fn error_in_a_file_outside_the_recording_does_not_quote_it() {
         let text = refused(&["inspect", path]);
         assert!(!text.contains("root") && text.contains("rgb.txt, line 1: "), "{text}");
     }
-    // So is an error beside the list that a EuRoC folder is opened by.
+    // The same for an error beside the list by which a EuRoC folder is opened.
     let mav = temp.path().join("euroc/mav0");
     let truth = mav.join("state_groundtruth_estimate0");
     std::fs::create_dir_all(mav.join("cam0")).unwrap();
@@ -362,7 +362,7 @@ fn error_in_a_file_outside_the_recording_does_not_quote_it() {
     std::fs::write(truth.join("data.csv"), "0,here\n").unwrap();
     let text = refused(&["inspect", mav.join("cam0/data.csv").to_str().unwrap()]);
     assert!(text.contains("data.csv, line 1: ") && text.contains("`here`"), "{text}");
-    // Within the folder it is quoted, which helps to mend it.
+    // Inside the folder it is quoted, which helps to correct it.
     one_frame(&inside, "[poses]\ntrajectory = \"poses.txt\"\n");
     std::fs::write(inside.join("poses.txt"), "root:x:0:0\n").unwrap();
     let text = refused(&["inspect", path]);
@@ -415,7 +415,7 @@ fn playlist_in_place_of_a_video_is_refused_without_opening_its_files() {
     };
     for text in [
         hls("film.ts", "#EXT-X-ENDLIST\n"),
-        // One that would be waited for without end, and a list that never ends.
+        // A playlist that would be waited for indefinitely, and one that never ends.
         hls("pipe.ts", "#EXT-X-ENDLIST\n"),
         hls("film.ts", ""),
         "ffconcat version 1.0\nfile 'film.ts'\n".to_owned(),

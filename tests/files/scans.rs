@@ -1,4 +1,5 @@
-//! Scans from phones and depth cameras: their folders, their depth in the frames' picture, and what stands twice.
+//! Scans from phones and depth cameras: their folders, depth registered to the frames, and repeated
+//! pictures.
 
 use std::fs;
 use std::ops::ControlFlow;
@@ -22,7 +23,8 @@ fn depth_png(file: &Path, width: u32, height: u32, code: impl Fn(u32, u32) -> u1
     ImageBuffer::from_fn(width, height, |x, y| Luma([code(x, y)])).save(file).unwrap();
 }
 
-/// A phone's export: a video of 8×6 px and so many frames, with three lines and depth of 4×3 px.
+/// A phone's export: a video of 8×6 px with this number of frames, and three poses and depth maps
+/// of 4×3 px.
 fn export(folder: &Path, frames: usize) {
     let pictures: Vec<_> = (0..frames).map(|i| picture(i, 8, 6, 8)).collect();
     write(&folder.join("rgb.mp4"), &options(8, 6, 8), &pictures);
@@ -52,7 +54,7 @@ fn phone_export_opens_unmodified() {
         assert_eq!(r.files().filter(|file| file.ends_with("confidence/000001.png")).count(), 1);
         let depth = frames(&r, 1..2)[0].depth.clone().unwrap();
         assert_eq!((depth.width, depth.height), (8, 6));
-        // The upper row of the map is not sure: the upper two of the picture.
+        // The upper row of the map has low confidence: the upper two rows of the picture.
         assert!(depth.depth_m[..16].iter().all(|z| *z == 0.0));
         assert_eq!(depth.depth_m[16..24], [1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0]);
     }
@@ -72,12 +74,12 @@ fn missing_parts_of_an_export_are_reported() {
     }
     let has: Vec<bool> = frames(&r, 0..3).iter().map(|frame| frame.depth.is_some()).collect();
     assert_eq!(has, [true, false, true]);
-    // More lines than frames.
+    // More poses than frames.
     let folder = tempfile::tempdir().unwrap();
     export(folder.path(), 2);
     let r = open(folder.path());
     assert_eq!((r.frame_count(), frames(&r, 0..2).len()), (2, 2));
-    // Two poses at one time: the first counts.
+    // Two poses at one time: the first is used.
     let odometry = folder.path().join("odometry.csv");
     let text = fs::read_to_string(&odometry).unwrap();
     let third = text.lines().nth(2).unwrap().split(',').next().unwrap().to_owned();
@@ -85,7 +87,7 @@ fn missing_parts_of_an_export_are_reported() {
     let r = open(folder.path());
     assert!(r.warnings.iter().any(|w| w.contains("1 pose is left out")), "{:?}", r.warnings);
     assert_eq!(r.repeats(|| ()).unwrap().times, [1]);
-    // Intrinsics are needed.
+    // Intrinsics are required.
     fs::remove_file(folder.path().join("camera_matrix.csv")).unwrap();
     assert!(refused(folder.path()).contains("camera_matrix.csv: cannot be read"), "{}", refused(folder.path()));
     fs::write(folder.path().join("odometry.csv"), "timestamp, frame\n").unwrap();
@@ -101,7 +103,7 @@ fn invalid_intrinsics_are_named_with_their_file() {
     fs::write(&matrix, text.replacen("7.5", "9e18", 1)).unwrap();
     let error = refused(folder.path());
     assert!(error.contains("camera_matrix.csv: camera.fx_px = 9") && !error.contains("odometry"), "{error}");
-    // Of one frame, in the columns that newer files have.
+    // Intrinsics of a single frame, in the columns of newer files.
     let lines = fs::read_to_string(&odometry).unwrap();
     let with = |(i, line): (usize, &str)| {
         let own = ["fx, fy, cx, cy", "7, 7, 4, 3", "7, 9e18, 4, 3", "7, 7, 4, 3"][i];
@@ -118,7 +120,7 @@ fn truncated_line_is_left_out_and_reported() {
     export(folder.path(), 3);
     let odometry = folder.path().join("odometry.csv");
     let text = fs::read_to_string(&odometry).unwrap();
-    // In the middle of a number, and behind it.
+    // In the middle of a number, and after it.
     for cut in [text.len() - 20, text.len() - 1] {
         fs::write(&odometry, &text[..cut]).unwrap();
         let r = open(folder.path());
@@ -128,7 +130,7 @@ fn truncated_line_is_left_out_and_reported() {
     }
 }
 
-/// Depth by a camera 0.1 m to the left of the frames': of a wall at 2 m, f = 40 px.
+/// Depth by a camera 0.1 m to the left of the frames' camera: a wall at 2 m, f = 40 px.
 fn unregistered(folder: &Path) -> PathBuf {
     write(&folder.join("rgb"), &options(32, 24, 8), &[picture(0, 32, 24, 8)]);
     depth_png(&folder.join("d.png"), 32, 24, |x, _| if x < 16 { 1000 } else { 2000 });
@@ -149,7 +151,7 @@ fn unregistered(folder: &Path) -> PathBuf {
 fn depth_of_a_separate_camera_is_reprojected_to_the_colour_camera() {
     let folder = tempfile::tempdir().unwrap();
     let path = unregistered(folder.path());
-    // The recording alone does not know the frames' camera.
+    // The recording alone has no camera for the frames.
     let r = open(&path);
     assert_eq!(r.registration(), Some(Registration::OtherCamera(32, 24)));
     assert!(frames(&r, 0..1)[0].depth.is_none());
@@ -159,7 +161,7 @@ fn depth_of_a_separate_camera_is_reprojected_to_the_colour_camera() {
     let seen = row(&shot.read(0).unwrap());
     assert!(seen[..12].iter().all(|z| (z - 1.0).abs() < 1e-6), "{seen:?}");
     assert!(seen[12..14].iter().all(|z| *z == 0.0) && seen[14..29].iter().all(|z| (z - 2.0).abs() < 1e-6), "{seen:?}");
-    // A given profile is the camera that it is seen from.
+    // Depth is registered to the camera of a given profile.
     let narrow = locard::shot::ShotOptions { sets: vec!["camera.fx_px=80".into()], ..Default::default() };
     let narrow = locard::shot::Shot::open(&path, &OpenOptions::default(), &narrow).unwrap();
     // Twice as large about 16: the near half ends at 16 − 2·4.
@@ -185,7 +187,7 @@ fn invalid_depth_camera_description_is_refused() {
     assert!(refused(&path).contains("d.png: is 16x12, the depth camera's pictures are 32x24"), "{}", refused(&path));
 }
 
-/// Pictures a, a, b, b, c, of which `poses` moves on in each frame but the fourth.
+/// Pictures a, a, b, b, c; `poses` changes in each frame except the fourth.
 fn repeating(folder: &Path) -> PathBuf {
     let pictures: Vec<_> = [0, 0, 1, 1, 2].map(|i| picture(i, 8, 6, 8)).into();
     write(&folder.join("rgb"), &options(8, 6, 8), &pictures);
@@ -272,11 +274,12 @@ fn redkitchen_opens_with_depth_registered_to_colour() {
     assert!((0..90).all(|i| r.pose_at_frame(i).is_ok()));
     let frame = &frames(&r, 30..31)[0];
     let depth = frame.depth.as_ref().unwrap();
-    // 585 px against 525: the colour camera sees more than the depth camera, a rim of 5 % at each side.
+    // 585 px against 525: the colour camera has a larger field of view than the depth camera, by 5
+    // % at each side.
     println!("holes: {:.3}", unknown_fraction(depth));
     assert!((0.1..0.5).contains(&unknown_fraction(depth)), "{}", unknown_fraction(depth));
     assert!(depth.depth_m.iter().all(|z| *z == 0.0 || (0.3..10.0).contains(z)));
-    // Edges of depth lie on edges of the picture more closely with the depth moved than as it was stored.
+    // Registered depth edges match those of the picture better than the stored ones.
     let moved = edges_apart(frame, |x, y| depth.depth_m[y * 640 + x]);
     let raw = image::open(folder.join("frame-000030.depth.png")).unwrap().into_luma16().into_raw();
     let stored =
@@ -285,8 +288,8 @@ fn redkitchen_opens_with_depth_registered_to_colour() {
     assert!(moved > 1.15 * stored, "{moved} {stored}");
 }
 
-/// Mean contrast of the picture, 8-bit codes across 6 px, at the edges of a depth map along rows: it is high if those
-/// are the picture's.
+/// Mean contrast of the picture, 8-bit codes across 6 px, at the edges of a depth map along rows;
+/// high if the edges coincide.
 fn edges_apart(frame: &Frame, depth: impl Fn(usize, usize) -> f32) -> f64 {
     let green = |x: usize, y: usize| f64::from(frame.pixels.eight_bits_at(x as u32, y as u32)[1]);
     let (mut sum, mut count) = (0.0, 0);
@@ -303,12 +306,12 @@ fn edges_apart(frame: &Frame, depth: impl Fn(usize, usize) -> f32) -> f64 {
     sum / f64::from(count)
 }
 
-/// Frames of [`site`].
+/// Number of frames of [`site`].
 fn site_frames() -> usize {
     tier::fast_or_full(4, 6)
 }
 
-/// A small site, seen without distortion and by a global shutter.
+/// A small site without distortion, with a global shutter.
 fn site() -> Options {
     Options {
         width_px: tier::fast_or_full(200, 320),
@@ -336,7 +339,7 @@ fn simulated(folder: &Path, name: &str, options: &Options) -> PathBuf {
     out
 }
 
-/// A large marker behind the stool, in whichever axes.
+/// A large marker behind the stool, in given axes.
 fn scene(folder: &Path, up: &str, [x, y, z]: [f64; 3]) -> PathBuf {
     let file = folder.join(format!("scene-{up}.toml"));
     let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/marker-1.glb");
@@ -348,7 +351,7 @@ fn scene(folder: &Path, up: &str, [x, y, z]: [f64; 3]) -> PathBuf {
     file
 }
 
-/// The centre of what is covered, px, and how many pixels are.
+/// Centroid of the coverage, px, and the number of covered pixels.
 fn covered(layer: &LayerImage) -> (glam::DVec2, f64) {
     let (mut sum, mut all) = (glam::DVec2::ZERO, 0.0);
     for (i, pixel) in layer.rgba.iter().enumerate() {
@@ -359,7 +362,8 @@ fn covered(layer: &LayerImage) -> (glam::DVec2, f64) {
     (sum / all, all)
 }
 
-/// Layers of all frames but the first and the last, plainly drawn, with what is real before them.
+/// Layers of all frames except the first and the last, with all effects off, with or without
+/// occlusion.
 fn layers(recording: &Path, scene: &Path, occlusion: bool) -> Vec<LayerImage> {
     let mut shot = shot::open(recording, None, scene);
     shot.settings.plain();
@@ -372,7 +376,8 @@ fn layers(recording: &Path, scene: &Path, occlusion: bool) -> Vec<LayerImage> {
 fn phone_export_and_unregistered_depth_composite_like_the_own_format() {
     let folder = tempfile::tempdir().unwrap();
     let own = simulated(folder.path(), "own", &site());
-    // A phone's depth of four fifths of the frames' width, and half of it beside the camera.
+    // The phone's depth has four fifths of the frames' width, that of the separate camera half of
+    // it.
     let stray_size = tier::fast_or_full((160, 120), (256, 192));
     let beside_size = tier::fast_or_full((100, 75), (160, 120));
     let stray_depth = tier::fast_or_full(Some(stray_size.0), None);
@@ -387,7 +392,7 @@ fn phone_export_and_unregistered_depth_composite_like_the_own_format() {
     );
     assert!(opened.warnings.is_empty(), "{:?}", opened.warnings);
     assert_eq!(open(&beside).registration(), Some(Registration::OtherCamera(beside_size.0, beside_size.1)));
-    // The video is lossless here: the same pixels.
+    // The video is lossless in this test: the same pixels.
     assert!(
         frames(&opened, 0..site_frames())
             .iter()
@@ -413,7 +418,7 @@ fn phone_export_and_unregistered_depth_composite_like_the_own_format() {
         }
     }
     assert!(seen[1] < 0.8 * seen[0], "the stool hides a part: {seen:?}");
-    // What the depth sensors saw is what the frames' own pixels have.
+    // The registered depth agrees with the own format's in the frames' pixels.
     let depths = |path: &Path| {
         let shot = shot::open(path, None, z_up);
         shot.read(3).unwrap().depth.unwrap()

@@ -1,4 +1,4 @@
-//! Frames from the middle of a video are those that decoding from its start gives.
+//! Frames from the middle of a video equal those of decoding from its start.
 
 use std::path::Path;
 use std::process::Command;
@@ -40,17 +40,17 @@ fn range_matches_decoding_from_the_start() {
         ("stream.ts", STEADY, &["-c:v", "mpeg2video", "-g", "12", "-bf", "2"]),
         ("open.mkv", STEADY, &open),
         ("strips.mkv", STEADY, &strips),
-        // Without times of its own for each frame.
+        // Without timestamps for each frame.
         ("untimed.avi", STEADY, &["-c:v", "mpeg4", "-g", "12", "-bf", "2"]),
     ];
-    // The first two differ from the next two in their times alone.
+    // The first two differ from the next two only in their times.
     for (name, times, codec) in &cases[tier::fast_or_full(2, 0)..] {
         let video = made(&temp.path().join(name), times, codec);
         let count = video.timestamps_s.len();
         let all = read(&video, 0..count);
         assert!(count > 60 && all.len() == count, "{name}");
         assert!(all.windows(2).all(|pair| pair[0] != pair[1]), "{name}: each frame looks different");
-        // Before a keyframe, at one, behind it; the end.
+        // Before a keyframe, at one, after it; the end.
         for &start in tier::fast_or_full(&[11, 24, count - 1][..], &[1, 11, 24, 25, 37, count - 1]) {
             let end = (start + 3).min(count);
             assert!(read(&video, start..end) == all[start..end], "{name}: frames {start}..{end}");
@@ -58,7 +58,7 @@ fn range_matches_decoding_from_the_start() {
     }
 }
 
-/// An edit list hides the frames between a keyframe and where the cut was.
+/// An edit list hides the frames between a keyframe and the cut.
 #[test]
 fn frames_hidden_by_an_edit_list_are_not_counted() {
     let temp = tempfile::tempdir().unwrap();
@@ -72,7 +72,7 @@ fn frames_hidden_by_an_edit_list_are_not_counted() {
     assert!(read(&video, 60..64) == all[60..64]);
 }
 
-/// Pictures of the second second are destroyed: whoever decodes from the start stumbles over them.
+/// The pictures of the second second are destroyed: decoding from the start fails on them.
 #[test]
 fn seeking_decodes_nothing_far_before_the_range() {
     let temp = tempfile::tempdir().unwrap();
@@ -88,7 +88,7 @@ fn seeking_decodes_nothing_far_before_the_range() {
     assert!(read(&video, 100..103) == whole);
 }
 
-/// A file that is not what it was when it was opened: no other frames are passed off as those that were asked for.
+/// A file changed since it was opened: no other frames are returned in place of the requested ones.
 #[test]
 fn frames_missing_from_a_changed_file_are_an_error() {
     let temp = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! `locard record` and `locard live` with a video in the camera's place.
+//! `locard record` and `locard live` with a video in place of the camera.
 
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
@@ -50,12 +50,12 @@ fn video_is_recorded_like_a_camera() {
     assert!(told.contains("5 frames in "), "{told}");
     let recording = Recording::open(&site, &OpenOptions::default()).unwrap();
     assert_eq!((recording.frame_count(), recording.frame_interval_s), (5, 0.25));
-    // The first pose is the first frame's, by a clock of their own.
+    // The first pose is the first frame's, on a separate clock.
     let demo = Recording::open(Path::new("recordings/demo"), &OpenOptions::default()).unwrap();
     let (ours, theirs) = (recording.pose_at_frame(0).unwrap(), demo.pose_at_frame(0).unwrap());
     assert!((ours.translation_m - theirs.translation_m).length() < 1e-6);
     assert!(ours.rotation.angle_between(theirs.rotation) < 1e-6);
-    // Pictures are the video's, to the code.
+    // The pictures equal the video's in every code.
     let first = recording.frames(0..1).unwrap().next().unwrap().unwrap();
     let played = probe(&video, &Overrides::default()).unwrap();
     assert!(played.read(0..10).unwrap().any(|pixels| pixels.unwrap() == first.pixels));
@@ -91,7 +91,7 @@ fn live_pictures_match_the_recording() {
     let output = locard(&arguments);
     let told = String::from_utf8(output.stderr).unwrap();
     assert!(output.status.success(), "{told}");
-    // However slow the machine is, what it took it tracked.
+    // All recorded pictures were tracked, however slow the machine is.
     let taken = std::fs::read_dir(&seen).unwrap().count();
     assert!(taken > 0 && told.contains(" tracked, 0 by predicted poses, 0 without"), "{told}");
     said(&[&["composite", text(&site), "-o", text(&again)][..], &scene, tier::no_shadows()].concat());
@@ -126,7 +126,7 @@ fn unknown_cameras_and_pose_sources_are_refused_in_one_line() {
 }
 
 /// The site's video at a lower rate, followed by grey frames, several times over, so that a slow
-/// machine takes some frame of the fade.
+/// machine records some frame of the fade.
 fn grey_at_its_end(site: &Site, rate_hz: f64, times: usize) -> String {
     let to = site.path("ends-grey.mkv");
     let grey = format!("tpad=stop_mode=add:stop_duration=0.5:color=gray,loop=loop={}:size=33:start=0", times - 1);
@@ -138,8 +138,8 @@ fn grey_at_its_end(site: &Site, rate_hz: f64, times: usize) -> String {
     to
 }
 
-/// What is recorded without being composited fades in its replay as it would have live.
-// Slow: the video in the camera's place lasts 4.4 s.
+/// Frames recorded without compositing fade in the replay as they would live.
+// Slow: the video in place of the camera lasts 4.4 s.
 #[test]
 fn recording_stores_the_opacity_while_the_camera_is_lost() {
     let site = Site::shared(&CAMERA);
@@ -155,19 +155,19 @@ fn recording_stores_the_opacity_while_the_camera_is_lost() {
     for (frame, time_s) in recording.timestamps_s.iter().enumerate().filter(|(_, time_s)| !seen_s.contains(time_s)) {
         let Some(last_s) = seen_s.iter().rev().find(|seen_s| *seen_s < time_s) else { continue };
         let (since_s, presence) = (time_s - last_s, recording.presence(frame));
-        // Sooner where the camera turned away as fast as it did.
+        // Earlier if the camera turned away as fast as that.
         let most = (1.0 - (since_s - 0.1) / 0.2).clamp(0.0, 1.0);
         if recording.pose_at_frame(frame).is_err() {
             assert_eq!(presence, 1.0, "nothing is drawn");
         } else if !seen_s.iter().any(|seen_s| seen_s > time_s && *seen_s < time_s + 0.25) {
-            // Found a moment before, it may still rise; it falls as it does live.
+            // Found a moment before, the opacity may still rise; it falls as it does live.
             assert!(presence <= most + 1e-9, "{since_s}: {presence} {most}");
             faded += usize::from(presence > 0.0 && presence < 1.0);
         }
         lost += usize::from(recording.pose_at_frame(frame).is_err());
     }
     assert!(faded > 0 && lost > 0, "{faded} {lost}");
-    // What was seen is as it was measured: nothing was predicted in its place.
+    // Poses are recorded as measured: no prediction replaces them.
     let times_s: Vec<f64> = recording.track.poses().iter().map(|(time_s, _)| *time_s).collect();
     assert!(seen_s.iter().all(|seen_s| times_s.contains(seen_s)));
     let first_gap_s = seen_s.windows(2).find(|pair| pair[1] - pair[0] > 0.1).unwrap()[0];
@@ -179,7 +179,7 @@ fn recording_stores_the_opacity_while_the_camera_is_lost() {
 fn smoothed_poses_are_composited_and_recorded() {
     let site = Site::shared(&CAMERA);
     let (tags, profile) = (format!("tags:{}", site.path("board.toml")), site.path("camera.toml"));
-    // Each is the smoother's answer to what is measured, with how sure it is then.
+    // Each is the smoother's result for the measured poses, with its covariance.
     let camera = Rig::of_file(Path::new(&profile)).unwrap().camera();
     let open = |smooth_s| open_poses(&tags, Some(&camera), smooth_s).unwrap();
     let (mut plain, mut smooth, mut smoother) = (open(None), open(Some(0.05)), Smoother::new(0.05, 0.1));
@@ -198,7 +198,7 @@ fn smoothed_poses_are_composited_and_recorded() {
         }
     }
     assert!(differs > 10, "{differs}");
-    // And what is seen of them is what their recording gives.
+    // The live pictures equal those of the recording.
     let [recorded, seen, again] = ["recorded", "seen", "again"].map(|name| site.path(name));
     let scene = site.scene();
     let endless = if tier::is_full() { site.endless() } else { site.repeated(40) };
@@ -232,7 +232,8 @@ fn zooming(i: u32) -> LensState {
     }
 }
 
-/// No profile says the camera: the stream does, and what was used of it is recorded with each frame.
+/// Without a profile the camera is that of the stream, and the used values are recorded with each
+/// frame.
 #[test]
 fn lens_of_a_stream_is_the_camera_live_and_recorded() {
     let temp = tempfile::tempdir().unwrap();
@@ -264,7 +265,7 @@ fn lens_of_a_stream_is_the_camera_live_and_recorded() {
             sample.set(&["timing", "sampleTimestamp", "seconds"], time_s.floor() as u64);
             sample.set(&["timing", "sampleTimestamp", "nanoseconds"], (1e9 * time_s.fract()) as u64);
             for packet in packets(Encoding::Json, i as u16, &sample.encode(Encoding::Json).unwrap()) {
-                // Nobody may hear the first ones.
+                // Nobody may listen to the first ones.
                 let _ = socket.send_to(&packet, ("127.0.0.1", port));
             }
             std::thread::sleep(Duration::from_millis(10));
@@ -291,7 +292,7 @@ fn lens_of_a_stream_is_the_camera_live_and_recorded() {
     }
 }
 
-/// No file may be longer than 512 bytes.
+/// Files are limited to 512 bytes.
 #[cfg(unix)]
 #[test]
 fn unwritable_output_leaves_no_files() {
@@ -351,7 +352,7 @@ fn closing_lines_count_the_received_poses() {
     let (until, mut count) = (Instant::now() + Duration::from_secs(60), 0);
     while recording.try_wait().unwrap().is_none() {
         assert!(Instant::now() < until, "it goes on");
-        // Nobody may hear the first ones.
+        // Nobody may listen to the first ones.
         let _ = walk.send(0.01 * f64::from(count), &Pose::IDENTITY);
         if count > 50 {
             let _ = other.send(0.01 * f64::from(count), &Pose::IDENTITY);

@@ -1,4 +1,4 @@
-//! What is seen live is what its recording gives, bit for bit. Time is made up: nothing here waits.
+//! Live pictures equal those of their recording, bit for bit. Time is simulated: nothing waits.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -42,7 +42,7 @@ sigma_g = [1.0, 2.0, 1.5]
 sigma_b = [1.0, 2.0, 1.5]
 ";
 
-/// A camera that walks around the marker, fast enough to blur it.
+/// A camera that moves around the marker, fast enough to blur it.
 fn pose(t: f64) -> Pose {
     let angle = 2.0 * t;
     let eye = DVec3::new(0.5 * angle.cos(), 0.5 * angle.sin(), 0.3 + 0.05 * (7.0 * t).sin());
@@ -72,13 +72,13 @@ enum Event {
     Pose(f64),
 }
 
-/// Frames with drops, and poses that are late, lost or overtake each other, by when they come.
+/// Frames with drops, and poses that are late, lost or out of order, sorted by arrival.
 fn events(frames: usize, random: &mut Random) -> Vec<(f64, Event)> {
     let mut events = Vec::new();
     let (mut taken, mut i) = (0, 0);
     while taken < frames {
         i += 1;
-        // One in twelve is dropped, and now and then half a second.
+        // One in twelve is dropped, and occasionally half a second.
         if random.uniform() < 1.0 / 12.0 || (400..415).contains(&(i % 450)) {
             continue;
         }
@@ -89,7 +89,7 @@ fn events(frames: usize, random: &mut Random) -> Vec<(f64, Event)> {
     let end_s = INTERVAL_S * i as f64 + 0.5;
     for k in 0..(100.0 * end_s) as usize {
         let t = 0.01 * k as f64;
-        // The tracker is lost for a while, in short gaps, and sends one pose in eight to nobody.
+        // The tracker is lost for a while and in short gaps, and one pose in eight does not arrive.
         if (2.0..2.9).contains(&t) || t % 1.7 < 0.16 || random.uniform() < 0.125 {
             continue;
         }
@@ -100,15 +100,16 @@ fn events(frames: usize, random: &mut Random) -> Vec<(f64, Event)> {
     events
 }
 
-/// Composites as live, and then from the recording that it wrote. Returns how much of the marker was seen in each frame that
-/// had a pose, too.
-fn both(layout: Layout, frames: usize, sets: &[&str]) -> (LiveCounts, Vec<Option<f64>>) {
-    let (counts, presence, _) = both_with(layout, frames, sets, None);
+/// Composites live, and then from the resulting recording, and asserts equality. Also returns the
+/// marker's opacity in each frame, if it had a pose.
+fn assert_live_equals_replay(layout: Layout, frames: usize, sets: &[&str]) -> (LiveCounts, Vec<Option<f64>>) {
+    let (counts, presence, _) = assert_live_equals_replay_with(layout, frames, sets, None);
     (counts, presence)
 }
 
-/// The same with what a stream says of its lens at a time. Also returns the recording's cameras.
-fn both_with(
+/// [`assert_live_equals_replay`] with a lens state from a stream as a function of time. Also returns the recording's
+/// cameras.
+fn assert_live_equals_replay_with(
     layout: Layout,
     frames: usize,
     sets: &[&str],
@@ -155,7 +156,7 @@ fn both_with(
             }
             Event::Frame(i, time_s) => {
                 let picture = picture(layout, i, time_s);
-                // The disk may be behind; nothing is lost by asking again.
+                // The disk may be behind; a retry loses nothing.
                 while live.add_picture(&picture, picture.pixels().unwrap(), now_s) == PictureOutcome::NotRecorded {
                     std::thread::yield_now();
                 }
@@ -185,15 +186,15 @@ fn both_with(
         drawn += usize::from(live != plain);
         presence.push(again.stats.no_pose.is_none().then(|| shot.recording.presence(again.frame)));
     }
-    // The marker is in the picture wherever there is a pose, unless it has faded.
+    // The marker is in the picture in each frame with a pose, unless it has faded.
     assert_eq!(drawn, presence.iter().filter(|share| share.is_some_and(|share| share > 0.02)).count(), "{counts:?}");
     assert_eq!(presence.iter().flatten().count() as u64, counts.tracked + counts.predicted, "{counts:?}");
     let cameras = (0..frames).map(|frame| shot.geometry_at(frame).unwrap()).collect();
     (counts, presence, cameras)
 }
 
-/// Zooms from 30 to 45 mm and back, and draws focus; its shutter and film speed change, too. Nothing is said of the lens at
-/// first.
+/// Zooms from 30 to 45 mm and back, and pulls focus; shutter and film speed change, too. The first
+/// states have no lens.
 fn zoomed(t: f64) -> LensState {
     if t < 0.2 {
         return LensState::default();
@@ -215,8 +216,8 @@ fn zoomed(t: f64) -> LensState {
 
 #[test]
 fn lens_of_a_stream_is_followed_and_replays_bit_for_bit() {
-    let (_, _, cameras) = both_with(Layout::Yuyv, 60, &["camera.lens.f_number=8"], Some(zoomed));
-    // 96 px over 36 mm. The first are the profile's, and its readout stays.
+    let (_, _, cameras) = assert_live_equals_replay_with(Layout::Yuyv, 60, &["camera.lens.f_number=8"], Some(zoomed));
+    // 96 px over 36 mm. The first cameras are the profile's, and its readout time stays.
     assert_eq!(cameras[0].intrinsics.fx_px, 80.0);
     let fx: Vec<f64> = cameras.iter().map(|camera| camera.intrinsics.fx_px).skip(8).collect();
     assert!(fx.iter().all(|fx| (79.9..120.1).contains(fx)), "{fx:?}");
@@ -224,11 +225,11 @@ fn lens_of_a_stream_is_followed_and_replays_bit_for_bit() {
     assert!(cameras.iter().all(|camera| camera.intrinsics.readout_time_s == 0.012));
 }
 
-/// What a person sets overrides what the stream says, number for number.
+/// The user's settings override the stream's values one by one.
 #[test]
 fn settings_override_the_lens_of_the_stream() {
     let sets = ["camera.fx_px=90", "camera.lens.focus_distance_m=none", "camera.exposure.time_s=0.01"];
-    let (_, _, cameras) = both_with(Layout::Yuyv, 30, &sets, Some(zoomed));
+    let (_, _, cameras) = assert_live_equals_replay_with(Layout::Yuyv, 30, &sets, Some(zoomed));
     let seen = cameras.iter().skip(8).map(|camera| (&camera.intrinsics, &camera.distortion));
     assert!(seen.clone().count() > 10);
     for (i, d) in seen {
@@ -239,8 +240,8 @@ fn settings_override_the_lens_of_the_stream() {
 #[test]
 fn frames_with_dropped_late_and_lost_poses_replay_bit_for_bit() {
     let (frames, least) = tier::fast_or_full((100, 5), (300, 15));
-    let (counts, presence) = both(Layout::Yuyv, frames, &[]);
-    // Everything happened.
+    let (counts, presence) = assert_live_equals_replay(Layout::Yuyv, frames, &[]);
+    // All cases have occurred.
     let LiveCounts { tracked, predicted, lost, late, .. } = counts;
     assert!(tracked > frames as u64 / 3 && predicted > least && lost > least && late > least, "{counts:?}");
     let faded = |pair: &&[Option<f64>]| matches!(pair, [Some(a), Some(b)] if a > b);
@@ -251,14 +252,18 @@ fn frames_with_dropped_late_and_lost_poses_replay_bit_for_bit() {
 
 #[test]
 fn jpeg_pictures_replay_bit_for_bit() {
-    both(Layout::Mjpeg, tier::fast_or_full(15, 40), &["noise.scale=1.5"]);
+    assert_live_equals_replay(Layout::Mjpeg, tier::fast_or_full(15, 40), &["noise.scale=1.5"]);
 }
 
-/// These look beyond the exposure: one by the next frame's pose, one by older moments.
+/// These depend on more than the exposure: one on the next frame's pose, one on earlier moments.
 #[test]
 fn motion_blur_of_long_exposures_replays_bit_for_bit() {
     for method in ["copies", "accumulation"] {
         let set = format!("motion_blur.method={method}");
-        both(Layout::Yuyv, tier::fast_or_full(20, 60), &[&set, "camera.exposure.shutter_angle_deg=300"]);
+        assert_live_equals_replay(
+            Layout::Yuyv,
+            tier::fast_or_full(20, 60),
+            &[&set, "camera.exposure.shutter_angle_deg=300"],
+        );
     }
 }

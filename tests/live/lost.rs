@@ -1,4 +1,5 @@
-//! Tags that are missed in a frame or two: evidence stays in its place, and is not smeared when they are found again.
+//! Tags missed in a frame or two: evidence stays in place, and is not smeared when they are found
+//! again.
 
 use std::path::Path;
 
@@ -29,7 +30,7 @@ fn sees(pose: &Pose) -> DVec2 {
     CAMERA.lands(own.truncate() / own.z)
 }
 
-/// A sheet of which nothing is left but spots, 12 mm wide, as after a hand's shake.
+/// A sheet reduced to spots, 12 mm wide, as blurred by shake.
 fn smudged(sheet: &Sheet) -> Vec<u8> {
     const SPOT: usize = 142;
     let mut codes = sheet.codes.clone();
@@ -43,33 +44,34 @@ fn smudged(sheet: &Sheet) -> Vec<u8> {
     codes
 }
 
-/// How far evidence is from where it belongs in frames so many after the last tag, px; how much of it is seen there; and how
-/// much longer or shorter its blur is in the first frame in which tags are found again, px.
+/// Position errors of the evidence and its opacity, by the number of frames since the last tag, px;
+/// and errors of its blur length in the first frame in which tags are found again, px.
 #[derive(Debug, Default)]
-struct Measured {
+struct LossMeasurement {
     off_px: [Vec<f64>; 3],
     presence: [Vec<f64>; 3],
     smear_px: Vec<f64>,
 }
 
-fn measured(are_seen: bool) -> Measured {
+fn measured(are_seen: bool) -> LossMeasurement {
     let temp = tempfile::tempdir().unwrap();
     let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
     said(&["board", "-o", &path("board.png"), "--quiet"]);
     let printed = image::open(path("board.png")).unwrap().into_luma8();
     let (width, height) = (printed.width() as usize, printed.height() as usize);
     let sheet = Sheet::of(width, height, printed.into_raw());
-    let hidden = match are_seen {
-        true => smudged(&sheet),
-        // Nothing but the table.
-        false => vec![97; width * height],
+    let hidden = if are_seen {
+        smudged(&sheet)
+    } else {
+        // Only the table.
+        vec![97; width * height]
     };
     let (hidden, rays) = (Sheet::of(width, height, hidden), Rays::of(&CAMERA));
     std::fs::write(path("camera.toml"), CAMERA.profile()).unwrap();
     let camera = Rig::of_file(Path::new(&path("camera.toml"))).unwrap().camera();
     let mut source = open_poses(&format!("tags:{}", path("board.toml")), Some(&camera), None).unwrap();
     let mut w = FrameQueue::new(source.max_gap_s(), 0.0);
-    let (mut measured, mut since) = (Measured::default(), 0);
+    let (mut measured, mut since) = (LossMeasurement::default(), 0);
     for i in 0..tier::fast_or_full(20u32, 60) {
         let time_s = INTERVAL_S * f64::from(i);
         // Missed in two frames of ten.
@@ -89,7 +91,7 @@ fn measured(are_seen: bool) -> Measured {
         }
         let seen = |t: f64| sees(&w.track().at_or_nearest(t).unwrap());
         let truly = |t: f64| place(t).sees(&CAMERA, EVIDENCE_M);
-        // At first it rises.
+        // The opacity rises at first.
         if i < 10 {
             continue;
         }
@@ -113,13 +115,15 @@ fn evidence_stays_in_place_while_tags_are_missed() {
     let measured = measured(true);
     let [seen, first, second] = [0, 1, 2].map(|n| largest(&measured.off_px[n]));
     println!("{measured:.1?}");
-    // By how the picture turns: within two pixels. An even motion would be off by some ten and thirty.
+    // By the rotation between pictures: within two pixels. Constant velocity would be off by some
+    // ten and thirty.
     assert!(seen < 1.0 && first < 2.0 && second < 2.5, "{measured:?}");
     assert!(measured.presence.iter().flatten().all(|share| *share == 1.0), "{measured:?}");
     assert!(largest(&measured.smear_px) < 1.5, "{measured:?}");
 }
 
-/// Where the picture says nothing, what is in a wrong place fades, and what is found is not smeared.
+/// If the picture does not determine the motion, evidence with a wrong position fades, and evidence
+/// with a new pose is not smeared.
 #[test]
 fn evidence_fades_without_poses() {
     let measured = measured(false);
@@ -127,11 +131,13 @@ fn evidence_fades_without_poses() {
     for (off_px, presence) in measured.off_px[2].iter().zip(&measured.presence[2]) {
         assert!(*off_px < 10.0 || *presence < 0.9, "{measured:?}");
     }
-    // By how much the motion changed in between, over half of an exposure; the step itself is some ten pixels.
+    // The change of the motion in between, over half of an exposure; the step itself is some ten
+    // pixels.
     assert!(largest(&measured.smear_px) < 4.0, "{measured:?}");
 }
 
-/// The sheet's pictures, and what is said of them by a board's file after `change`: the poses, and why there is none at the end.
+/// Tracks pictures of the sheet by a changed board file. Returns the number of poses, and the last
+/// reason for a missing one.
 fn poses_by(change: impl Fn(&str) -> String, pictures: u32) -> (usize, Option<String>) {
     let temp = tempfile::tempdir().unwrap();
     let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
@@ -148,7 +154,7 @@ fn poses_by(change: impl Fn(&str) -> String, pictures: u32) -> (usize, Option<St
     let (rays, mut found) = (Rays::of(&CAMERA), 0);
     for i in 0..pictures {
         let time_s = INTERVAL_S * f64::from(i);
-        // It comes near, so that few tags are in the picture now and then.
+        // The camera comes so near that sometimes few tags are in the picture.
         let place = |t: f64| {
             let Place { at_m, axes } = place(t);
             Place { at_m: at_m * if i % 4 == 3 { 0.35 } else { 1.0 }, axes }

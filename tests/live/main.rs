@@ -1,4 +1,4 @@
-//! Cameras and trackers, and recordings that are made of them.
+//! Cameras and trackers, and their recordings.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 

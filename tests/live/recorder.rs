@@ -1,4 +1,4 @@
-//! Recordings that are written while they are seen: read back to the bit, killed at any moment, on a full disk.
+//! Recordings during writing: read back bit for bit, killed at any moment, on a full disk.
 
 use std::io::{self, BufRead, BufReader, Write};
 use std::path::Path;
@@ -34,7 +34,7 @@ fn png() -> Vec<u8> {
     file
 }
 
-/// Times as a monotonic clock gives them: with every bit in use.
+/// Times as given by a monotonic clock, with all significant bits.
 fn time_s(i: usize) -> f64 {
     40_213.7 + INTERVAL_S * i as f64 + 1e-7 * ((i * 7919) % 100) as f64
 }
@@ -60,7 +60,7 @@ fn recording_reads_back_bit_for_bit() {
     let path = temp.path().join("site");
     let mut recorder = Recorder::create(&path, &about()).unwrap();
     let picture = png();
-    // Every third frame was dropped: its time is missing, and nothing else.
+    // Every third frame is dropped: its time is missing, and nothing else.
     let taken: Vec<usize> = (0..100).filter(|i| i % 3 != 1).collect();
     taken.iter().for_each(|i| add(&mut recorder, *i, &picture).unwrap());
     assert_eq!(recorder.finish().unwrap(), taken.len());
@@ -73,11 +73,11 @@ fn recording_reads_back_bit_for_bit() {
     for (i, exposure) in taken.iter().zip(&*recording.exposure) {
         assert_eq!(exposure.time_s, Some(0.01 + 1e-5 * *i as f64));
     }
-    // The shutter is open no longer because a frame was dropped.
+    // A dropped frame does not lengthen the exposure.
     let intervals = [0, 1, taken.len() - 1].map(|frame| recording.interval_s(frame));
     assert_eq!((intervals, recording.frame_interval_s), ([INTERVAL_S; 3], INTERVAL_S));
     assert_eq!(recording.up, Some(DVec3::Z));
-    // A gap of 0.0767 s is bridged, as max_gap_s = 0.1 says.
+    // A gap of 0.0767 s is bridged, since max_gap_s = 0.1.
     assert!(recording.pose_at_frame(1).is_ok());
     assert!(recording.check_ends().1.is_empty());
 
@@ -95,12 +95,12 @@ fn frame_is_listed_once_its_opacity_is_settled() {
     frame(&mut recorder, 0);
     frame(&mut recorder, 1);
     recorder.commit().unwrap();
-    // Nothing that says it is a recording, so far.
+    // Not a recording yet.
     assert!(Recording::open(temp.path(), &OpenOptions::default()).is_err());
     assert!(!temp.path().join("recording.toml").exists());
     recorder.set_presence(time_s(0), 1.0).unwrap();
     assert_eq!(open(temp.path()).frame_count(), 1);
-    // Whatever is written by then, nothing of a frame whose presence is to come.
+    // The opacity of later frames is not settled, so none of them is listed.
     let share = |i: usize| (i as f64 * 0.37).sin().abs();
     for i in 2..40 {
         recorder.set_presence(time_s(i - 1), share(i - 1)).unwrap();
@@ -111,7 +111,7 @@ fn frame_is_listed_once_its_opacity_is_settled() {
     recorder.set_presence(time_s(39), share(39)).unwrap();
     recorder.commit().unwrap();
     frame(&mut recorder, 40);
-    // Nobody told it.
+    // The last opacity is not settled.
     drop(recorder);
     let recording = open(temp.path());
     assert_eq!(recording.frame_count(), 41);
@@ -166,7 +166,7 @@ fn unterminated_line_is_left_out_and_reported() {
     for list in ["frames.txt", "poses.txt", "exposure.txt"] {
         let file = temp.path().join(list);
         let whole = std::fs::read_to_string(&file).unwrap();
-        // Even one that would read as a number.
+        // Even one that would parse as a number.
         let cut = whole.trim_end();
         let start = cut.rfind('\n').unwrap() + 1;
         for end in start + 1..=cut.len() {
@@ -187,10 +187,10 @@ fn unterminated_line_is_left_out_and_reported() {
     assert!(open(temp.path()).warnings.is_empty(), "{:?}", open(temp.path()).warnings);
 }
 
-/// The test starts its own program once more, as the recorder that is killed.
+/// The test runs its own executable again as the recorder to kill.
 const CHILD: &str = "LOCARD_TEST_RECORDS_INTO";
 
-/// Frames of a second.
+/// Frames per second.
 const SECOND: usize = 30;
 
 #[test]
@@ -217,7 +217,7 @@ fn killed_recorder_loses_less_than_a_second() {
             .unwrap();
         // Lehmer's generator.
         state = state * 48_271 % 2_147_483_647;
-        // Every fourth in its first half second.
+        // Every fourth round in its first half second.
         let until = 1 + state as usize % if round % 4 == 0 { 15 } else { 115 };
         let lines = BufReader::new(child.stdout.take().unwrap()).lines().map_while(Result::ok);
         let mut counts = lines.filter_map(|line| line.strip_prefix("recorded ")?.parse::<usize>().ok());
@@ -232,19 +232,19 @@ fn killed_recorder_loses_less_than_a_second() {
         assert!(damaged.is_empty() && number == kept, "round {round}: {damaged:?}");
         let times: Vec<f64> = (0..kept).map(time_s).collect();
         assert_eq!(&*recording.timestamps_s, times);
-        // Every frame that is left has its pose.
+        // Every remaining frame has its pose.
         assert!(recording.track.poses().len() >= kept);
     }
 }
 
-/// A disk with room for so many bytes.
-struct Small {
+/// A disk with limited space, bytes.
+struct SmallDisk {
     folder: Folder,
     path: std::path::PathBuf,
     room: usize,
 }
 
-impl Small {
+impl SmallDisk {
     fn take(&mut self, bytes: usize) -> io::Result<()> {
         let fits = bytes <= self.room;
         self.room = self.room.saturating_sub(bytes);
@@ -252,11 +252,11 @@ impl Small {
     }
 }
 
-impl Store for Small {
+impl Store for SmallDisk {
     fn file(&mut self, name: &Path, bytes: &[u8]) -> io::Result<()> {
         let before = self.room;
         if let Err(error) = self.take(bytes.len()) {
-            // What was begun is removed, and its room is free again.
+            // The incomplete file is removed, and its space is free again.
             assert!(!self.path.join(name).exists());
             self.room = before;
             return Err(error);
@@ -290,12 +290,12 @@ fn full_disk_ends_the_recording_with_complete_frames() {
     for room in (900..9000).step_by(tier::fast_or_full(451, 301)) {
         let temp = tempfile::tempdir().unwrap();
         std::fs::create_dir(temp.path().join("frames")).unwrap();
-        let store = Small { folder: Folder::new(temp.path()).unwrap(), path: temp.path().to_owned(), room };
+        let store = SmallDisk { folder: Folder::new(temp.path()).unwrap(), path: temp.path().to_owned(), room };
         let mut recorder = Recorder::begin(store, temp.path(), &about()).unwrap();
         let error = (0..).find_map(|i| add(&mut recorder, i, &picture).err()).unwrap();
         assert!(error.to_string().contains("the disk is full; make room, or write elsewhere"), "{error}");
         let frames = recorder.frames();
-        // It has ended, even if there is room again.
+        // It has ended, even if there is space again.
         assert!(matches!(recorder.frame(1e9, "png", &picture, None, Some(1.0)), Err(RecorderError::Ended)));
         drop(recorder);
         match Recording::open(temp.path(), &OpenOptions::default()) {
@@ -311,15 +311,15 @@ fn full_disk_ends_the_recording_with_complete_frames() {
             }
         }
     }
-    // It ended in many places, and not only where lines had been written before.
+    // It ended at many points, not only after lines were written.
     assert!(ends.len() > 10, "{ends:?}");
 }
 
-/// What was asked of a store, in turn.
+/// Records the calls of a store.
 #[derive(Clone, Default)]
-struct Noted(std::rc::Rc<std::cell::RefCell<Vec<String>>>);
+struct CallLog(std::rc::Rc<std::cell::RefCell<Vec<String>>>);
 
-impl Store for Noted {
+impl Store for CallLog {
     fn file(&mut self, name: &Path, _: &[u8]) -> io::Result<()> {
         self.0.borrow_mut().push(name.display().to_string());
         Ok(())
@@ -339,7 +339,7 @@ impl Store for Noted {
 
 #[test]
 fn line_is_appended_after_its_picture_is_on_the_disk() {
-    let noted = Noted::default();
+    let noted = CallLog::default();
     let mut recorder = Recorder::begin(noted.clone(), Path::new("site"), &about()).unwrap();
     (0..40).for_each(|i| add(&mut recorder, i, &png()).unwrap());
     recorder.finish().unwrap();
@@ -399,7 +399,7 @@ fn recording_without_frames_is_removed_and_other_files_kept() {
     begun(0);
     discard(&path, false);
     assert!(!path.exists());
-    // Somebody's own file, and what is a recording.
+    // A foreign file, and an existing recording.
     begun(0);
     std::fs::write(path.join("mine.txt"), "mine").unwrap();
     discard(&path, false);
@@ -410,7 +410,8 @@ fn recording_without_frames_is_removed_and_other_files_kept() {
     assert_eq!(open(&path).frame_count(), 1);
 }
 
-/// A list that cannot be written costs those before it nothing, and none after it is there: frames come last.
+/// A list that cannot be written does not affect those before it, and none after it is written:
+/// frames come last.
 #[test]
 fn lists_are_appended_all_or_none_and_frames_last() {
     let temp = tempfile::tempdir().unwrap();

@@ -9,7 +9,7 @@ use crate::program::{program, refused};
 use locard::recording::{OpenOptions, Recording};
 use locard::stream::{Poses, Sender, StreamPose};
 
-/// A program that is ended with its test.
+/// A program that is killed at the end of its test.
 struct Running(Child);
 
 impl Drop for Running {
@@ -47,7 +47,7 @@ fn sent_recording_arrives_unchanged() {
             let at_m = tracked.pose.position_in_world_m().distance(pose.position_in_world_m());
             assert!(at_m < off_m, "{scheme}: {at_m} m off at {time_s} s");
             if scheme == "opentrackio" {
-                // Nanoseconds are sent.
+                // The resolution is a nanosecond.
                 assert!((tracked.time_s - (time_s - recording.time_offset_s)).abs() < 2e-9, "{}", tracked.time_s);
             }
         }
@@ -87,7 +87,7 @@ fn inspect_reports_the_received_stream() {
             break;
         }
         assert!(Instant::now() < until, "it still listens");
-        // Nobody may hear the first ones.
+        // Nobody may listen to the first ones.
         let _ = sender.send(0.005 * i as f64, pose);
         std::thread::sleep(Duration::from_millis(5));
     }

@@ -1,4 +1,4 @@
-//! Streams of poses over real sockets of this machine, and what a receiver makes of anything.
+//! Pose streams over real sockets of this machine, and the receiver with arbitrary input.
 
 use std::net::{SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};
@@ -14,12 +14,12 @@ use locard::stream::{
     pose_of,
 };
 
-/// Nothing takes so long on a machine that works.
+/// Exceeds the duration of any step on a working machine.
 fn deadline() -> Instant {
     Instant::now() + Duration::from_secs(20)
 }
 
-/// The i-th pose of a walk: turning all the while.
+/// The i-th pose of a walk with constant rotation.
 fn walked(i: usize) -> (f64, Pose) {
     let t = i as f64 / 50.0;
     let turn =
@@ -54,7 +54,7 @@ fn received(poses: &mut Poses, count: usize) -> Vec<StreamPose> {
     all
 }
 
-/// Sends poses of the walk to a listener, one by one, and gives what it hears.
+/// Sends poses of the walk to a listener one by one and returns the received ones.
 fn sent(listen: &str, target: impl Fn(SocketAddr) -> String, count: usize) -> (Vec<StreamPose>, Poses) {
     let mut poses = Poses::open(listen).unwrap();
     let mut sender = Sender::open(&target(poses.address()), "walk", 50.0, Some(said())).unwrap();
@@ -84,7 +84,7 @@ fn opentrackio_round_trips_in_both_encodings() {
         let (heard, poses) = sent("opentrackio://127.0.0.1:0", target, 120);
         assert_walked(&heard, 1e-12, 1e-12);
         for (i, tracked) in heard.iter().enumerate() {
-            // A nanosecond, and what a number of seconds since 1970 can hold.
+            // A nanosecond, and the resolution of seconds since 1970.
             assert!((tracked.time_s - walked(i).0).abs() < 5e-7 && tracked.epoch == 0, "{i}: {}", tracked.time_s);
             assert_eq!((tracked.clock, tracked.message.freed()), (Clock::Timestamp, None));
         }
@@ -94,7 +94,7 @@ fn opentrackio_round_trips_in_both_encodings() {
         assert_eq!(report.version.as_deref(), Some("1.0.1"));
         assert_eq!(report.followed.as_ref().unwrap().0.number, Some(9));
         assert!((report.interval_s.unwrap() - 0.02).abs() < 1e-6);
-        // The lens came along, said anew each second, and makes the same camera.
+        // The lens is repeated each second, and gives the same camera.
         let (camera, off_px) = poses.lens().geometry(640, 480).unwrap();
         for at in [[0.5, 0.5], [320.0, 240.0], [600.0, 470.0]] {
             let there = camera.project(geometry().unproject(at.into()).unwrap()).unwrap();
@@ -106,7 +106,7 @@ fn opentrackio_round_trips_in_both_encodings() {
     }
 }
 
-/// The stamp of the first sample is ahead, and the sample is given out before those after it show that.
+/// The stamp of the first sample is ahead, and the sample is delivered before later ones show that.
 #[test]
 fn first_sample_stamped_ahead_is_odd_and_no_step_of_the_clock() {
     let mut receiver = Receiver::new(ListenOptions::parse("opentrackio://?wait_s=0.02").unwrap());
@@ -144,7 +144,7 @@ fn freed_round_trips() {
 
 #[test]
 fn multicast_group_reaches_all_members() {
-    // Any free port, of which both listeners then take the same.
+    // Any free port, shared by both listeners.
     let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let url = format!("opentrackio://239.135.1.77:{port}?interface=127.0.0.1");
     let (mut first, mut second) = (Poses::open(&url).unwrap(), Poses::open(&url).unwrap());
@@ -174,7 +174,7 @@ fn official_samples_round_trip() {
         let by_cbor = Sample::decode(Encoding::Cbor, &sample.encode(Encoding::Cbor).unwrap()).unwrap();
         assert_eq!(as_json(&by_cbor), expected, "{}", path.display());
 
-        // Over the network in pieces, as a receiver has it.
+        // In packets over the network, to a receiver.
         let mut receiver = Receiver::new(ListenOptions::parse("opentrackio://?wait_s=0").unwrap());
         let from = SocketAddr::from(([127, 0, 0, 1], 4000));
         let pieces = packets(Encoding::Json, 1, &text);
@@ -191,7 +191,7 @@ fn official_samples_round_trip() {
             (lens.iso, lens.shutter_angle_deg),
             if is_static { (Some(4000.0), Some(45.0)) } else { (None, None) }
         );
-        // The pupil stands before the sensor, whichever way that looks.
+        // The entrance pupil is in front of the sensor, whatever its direction.
         let chain = pose_of(sample.get(&["transforms"]).unwrap()).unwrap();
         let along_m = lens.at_pupil(&chain).position_in_world_m() - chain.position_in_world_m();
         assert!((along_m.length() - 0.123).abs() < 1e-12);
@@ -225,7 +225,7 @@ fn places(receiver: &mut Receiver, now_s: f64) -> Vec<(u32, f64)> {
 #[test]
 fn other_senders_are_ignored() {
     for (url, expected) in [
-        // The first that is heard.
+        // The first sender.
         ("opentrackio://?wait_s=0", vec![(0, 1.0), (0, 2.0)]),
         ("opentrackio://?wait_s=0&source=b", vec![(0, 7.0), (0, 8.0)]),
         ("opentrackio://?wait_s=0&source=urn:uuid:B", vec![(0, 7.0), (0, 8.0)]),
@@ -234,7 +234,7 @@ fn other_senders_are_ignored() {
         let mut r = receiver(url);
         r.take(&packet("a", 1, 5.00, 1.0), from(1, 50), 0.00);
         r.take(&packet("b", 1, 90.00, 7.0), from(2, 50), 0.00);
-        // Started anew, a sender has another port.
+        // After a restart a sender has another port.
         r.take(&packet("a", 2, 5.02, 2.0), from(1, 51), 0.02);
         r.take(&packet("b", 2, 90.02, 8.0), from(2, 51), 0.02);
         assert_eq!(places(&mut r, 0.02), expected, "{url}");
@@ -250,11 +250,11 @@ fn other_sender_replaces_a_silent_one() {
     assert_eq!(places(&mut r, 0.0), [(0, 1.0)]);
     r.take(&packet("b", 1, 90.0, 7.0), from(2, 50), 1.9);
     assert_eq!(places(&mut r, 1.9), []);
-    // Its clock is another, which is no jump but a new epoch.
+    // Its clock differs, which is a new epoch and no jump.
     r.take(&packet("b", 2, 90.5, 8.0), from(2, 50), 2.4);
     assert_eq!(places(&mut r, 2.4), [(1, 8.0)]);
     assert_eq!((r.report().changes, r.report().jumps), (1, 0));
-    // One that was asked for by name is waited for.
+    // A sender requested by name is waited for.
     let mut r = receiver("opentrackio://?wait_s=0&source=a");
     r.take(&packet("b", 2, 90.5, 8.0), from(2, 50), 100.0);
     assert_eq!(places(&mut r, 100.0), []);
@@ -284,7 +284,7 @@ fn late_lost_repeated_and_odd_poses_are_counted() {
     assert_eq!((report.poses, report.lost, report.jumps), (6, 2, 0), "5 and 7");
     let told = [DropReason::Late, DropReason::Repeated, DropReason::OddTime].map(|why| report.count(why));
     assert_eq!(told, [1, 1, 1]);
-    // The clock jumps, and goes on from there.
+    // The clock jumps, and continues from there.
     r.take(&packet("a", 9, 70.0, 9.0), from(1, 50), 0.30);
     r.take(&packet("a", 10, 70.02, 10.0), from(1, 50), 0.32);
     assert_eq!(places(&mut r, 0.4), [(1, 9.0), (1, 10.0)]);
@@ -308,10 +308,10 @@ fn samples_without_a_time_use_the_arrival_and_those_without_a_pose_update_the_le
     assert_eq!(r.report().last_problem.as_deref(), Some("transforms[0].translation is not a map of finite numbers"));
 }
 
-/// Numbers that look random and are the same each time.
-struct Noise(u64);
+/// Deterministic pseudo-random numbers.
+struct PseudoRandom(u64);
 
-impl Noise {
+impl PseudoRandom {
     fn next(&mut self) -> u64 {
         self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         self.0 >> 33
@@ -320,7 +320,7 @@ impl Noise {
 
 #[test]
 fn flood_of_garbage_costs_bounded_time_and_hides_no_pose() {
-    let mut noise = Noise(1);
+    let mut noise = PseudoRandom(1);
     for url in ["opentrackio://?wait_s=0&source=walk", "freed://?wait_s=0&source=3"] {
         let mut r = receiver(url);
         let began = Instant::now();
@@ -329,7 +329,8 @@ fn flood_of_garbage_costs_bounded_time_and_hides_no_pose() {
             let length = (noise.next() % 1500) as usize;
             let mut bytes: Vec<u8> = (0..length).map(|_| noise.next() as u8).collect();
             match i % 4 {
-                // Whole packets of what is no sample; samples of other sources, one a datagram; damaged ones.
+                // Complete packets of invalid samples; samples of other sources, one a datagram;
+                // damaged ones.
                 0 => {
                     bytes = packets(if i % 8 == 0 { Encoding::Json } else { Encoding::Cbor }, i as u16, &bytes).concat()
                 }
@@ -347,7 +348,7 @@ fn flood_of_garbage_costs_bounded_time_and_hides_no_pose() {
         // About 45 MB in the full tier. A hundred times as long would still be no hang.
         assert!(began.elapsed() < Duration::from_secs(60), "{:?}", began.elapsed());
         assert!(r.report().sources.len() <= 16 && r.report().datagrams == u64::from(datagrams));
-        // The one that was asked for is heard at once.
+        // The requested sender is received at once.
         let now_s = 10.0;
         let (_, pose) = walked(3);
         let good = D1::of_pose(3, &pose).unwrap().bytes();
@@ -395,7 +396,8 @@ fn unrepresentable_poses_are_not_sent() {
     }
 }
 
-/// A receiver that has heard 100 Hz from 0 to 2 s, on a clock 95 s ahead, each 1 ms on its way.
+/// A receiver after 100 Hz of poses from 0 to 2 s, on a clock 95 s ahead, each with a delay of 1
+/// ms.
 fn settled(url: &str) -> Receiver {
     let mut r = receiver(url);
     (0..200).for_each(|i| _ = sent_at(&mut r, i, 95.0));
@@ -403,8 +405,8 @@ fn settled(url: &str) -> Receiver {
     r
 }
 
-/// Sends number `i` at 0.01 `i` s, with so much added to its stamp. Returns the poses that come out with the next one's
-/// time: by how much they are late by our clock, and their number.
+/// Sends number `i` at 0.01 `i` s, with its stamp shifted by `ahead_s`. Returns the poses delivered
+/// by then: their lateness on the receiver's clock, and their number.
 fn sent_at(r: &mut Receiver, i: u16, ahead_s: f64) -> Vec<(f64, f64)> {
     let sent_s = 0.01 * f64::from(i);
     r.take(&packet("a", i, sent_s + ahead_s, f64::from(i)), from(1, 50), sent_s + 0.001);
@@ -463,7 +465,7 @@ fn samples_without_a_number_wait_and_are_not_late() {
             .iter()
             .for_each(|p| r.take(p, from(1, 50), sent_s + 0.001));
         while let Some(tracked) = r.next(sent_s + 0.001) {
-            // Our time is when it arrived, although it has waited since.
+            // The time is that of arrival, although the pose has waited since.
             assert!((tracked.time_s + tracked.offset_s - tracked.arrived_s).abs() < 1e-6, "{tracked:?}");
             count += 1;
         }
@@ -486,7 +488,8 @@ fn freed_messages_of_one_datagram_are_all_read_with_times_between_datagrams() {
         r.take(&messages.concat(), from(1, 50), now_s);
         heard.extend(std::iter::from_fn(|| r.next(now_s)).map(|t| (t.time_s, t.pose.position_in_world_m().x)));
     }
-    // The first datagram's were gathered for 20 ms, the others' since the one before.
+    // The first datagram's messages are spread over 20 ms, the others' over the time since the
+    // previous one.
     let times_s = [0.485, 0.49, 0.495, 0.5, 0.51, 0.52, 0.53, 0.54, 0.55, 0.56, 0.57, 0.58];
     assert_eq!(heard.len(), 12, "{heard:?}");
     for (i, (heard, time_s)) in heard.iter().zip(times_s).enumerate() {
@@ -499,7 +502,7 @@ fn freed_messages_of_one_datagram_are_all_read_with_times_between_datagrams() {
 fn freed_datagram_of_two_cameras_yields_the_followed_one_and_counts_the_other() {
     for (url, x) in [("freed://?wait_s=0", 1.0), ("freed://?wait_s=0&source=2", 2.0)] {
         let mut r = receiver(url);
-        // A rest that is no message is told, and takes nothing from those before it.
+        // Trailing bytes that are no message are reported, and the messages before them are used.
         r.take(&[&freed(1, 1.0)[..], &freed(2, 2.0), b"rest"].concat(), from(1, 50), 0.5);
         let heard: Vec<_> = std::iter::from_fn(|| r.next(0.5)).collect();
         assert!(matches!(heard.as_slice(), [one] if one.time_s == 0.5), "{heard:?}");
@@ -521,7 +524,7 @@ fn truncated_samples_are_dropped_and_never_mixed() {
         );
         let mut pieces = packets(Encoding::Json, i, text.as_bytes());
         assert_eq!(pieces.len(), 3);
-        // The last piece of 20 and the first two of 21 are lost.
+        // The last packet of 20 and the first two of 21 are lost.
         match i {
             20 => drop(pieces.pop()),
             21 => drop(pieces.drain(..2)),
@@ -533,7 +536,7 @@ fn truncated_samples_are_dropped_and_never_mixed() {
         }
     }
     assert_eq!(r.report().poses, 20);
-    // Both are told once nothing more can come of them.
+    // Both are counted once no further packet can complete them.
     assert!(r.next(30.0).is_none());
     assert_eq!(r.report().drops(), "2 with pieces missing");
 }

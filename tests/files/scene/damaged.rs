@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use crate::models::{Model, glb, load_bytes, png};
 
-/// A small file with something of everything.
+/// A small file with an example of every feature.
 static RICH: LazyLock<Model> = LazyLock::new(|| {
     let mut model = Model::triangle();
     model.textured(&png(2, 2, &[200; 16]));
@@ -43,8 +43,8 @@ static RICH: LazyLock<Model> = LazyLock::new(|| {
     model
 });
 
-/// Whether the loader dealt with the file by itself: a scene or a plain error, no caught panic.
-fn dealt_with(result: &Result<locard::scene::Scene, SceneError>) -> bool {
+/// True if the loader returns a valid scene or an error without a caught panic.
+fn is_valid_or_error(result: &Result<locard::scene::Scene, SceneError>) -> bool {
     match result {
         Ok(scene) => scene.meshes.iter().all(|m| {
             m.indices.len() % 3 == 0
@@ -59,7 +59,7 @@ fn dealt_with(result: &Result<locard::scene::Scene, SceneError>) -> bool {
     }
 }
 
-/// All numbers of a JSON, in their order.
+/// All numbers of a JSON in their order.
 fn numbers<'a>(value: &'a mut Value, found: &mut Vec<&'a mut Value>) {
     match value {
         Value::Number(_) => found.push(value),
@@ -73,7 +73,7 @@ fn numbers<'a>(value: &'a mut Value, found: &mut Vec<&'a mut Value>) {
 fn undamaged_file_loads() {
     let scene = RICH.load().unwrap();
     assert_eq!((scene.meshes.len(), scene.textures.len(), scene.lighting.points.len()), (2, 2, 1));
-    assert!(dealt_with(&Ok(scene)));
+    assert!(is_valid_or_error(&Ok(scene)));
 }
 
 #[test]
@@ -81,7 +81,7 @@ fn every_truncation_is_refused() {
     let whole = RICH.glb();
     for length in 0..whole.len() {
         let result = load_bytes("model.glb", &whole[..length]);
-        assert!(result.is_err() && dealt_with(&result), "{length} bytes: {result:?}");
+        assert!(result.is_err() && is_valid_or_error(&result), "{length} bytes: {result:?}");
     }
 }
 
@@ -96,7 +96,7 @@ proptest! {
             bytes[place] = value;
         }
         let result = load_bytes("model.glb", &bytes);
-        prop_assert!(dealt_with(&result), "{:?}", result.map(|_| ()));
+        prop_assert!(is_valid_or_error(&result), "{:?}", result.map(|_| ()));
     }
 
     #[test]
@@ -107,7 +107,7 @@ proptest! {
             bin[place] = value;
         }
         let result = load_bytes("model.glb", &glb(&RICH.json, &bin));
-        prop_assert!(dealt_with(&result), "{:?}", result.map(|_| ()));
+        prop_assert!(is_valid_or_error(&result), "{:?}", result.map(|_| ()));
     }
 
     #[test]
@@ -129,7 +129,7 @@ proptest! {
             *all[place] = value;
         }
         let result = load_bytes("model.glb", &glb(&json, &RICH.bin));
-        prop_assert!(dealt_with(&result), "{:?}", result.map(|_| ()));
+        prop_assert!(is_valid_or_error(&result), "{:?}", result.map(|_| ()));
     }
 
     #[test]
@@ -137,6 +137,6 @@ proptest! {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("scene.toml");
         std::fs::write(&path, text).unwrap();
-        prop_assert!(dealt_with(&load(&path, None)));
+        prop_assert!(is_valid_or_error(&load(&path, None)));
     }
 }

@@ -1,4 +1,4 @@
-//! Real files, compared with what the gltf crate reads, and our own props.
+//! Real files, compared with the gltf crate, and the program's own props.
 
 use std::path::{Path, PathBuf};
 
@@ -7,8 +7,8 @@ use locard::scene::{Description, Scene, describe, load};
 
 use crate::common::data;
 
-/// Corners and bounds of a file as the gltf crate has them, for files without strips and fans.
-fn as_the_gltf_crate_has_it(path: &Path) -> (usize, DVec3, DVec3) {
+/// Number of corners and bounds of a file by the gltf crate, for files without strips and fans.
+fn by_the_gltf_crate(path: &Path) -> (usize, DVec3, DVec3) {
     let (document, buffers, _) = gltf::import(path).unwrap();
     let (mut corners, mut low, mut high) = (0, DVec3::INFINITY, DVec3::NEG_INFINITY);
     let mut open: Vec<_> = document.default_scene().unwrap().nodes().map(|n| (n, Mat4::IDENTITY)).collect();
@@ -38,10 +38,10 @@ fn gltf_files(folder: &Path) -> Vec<PathBuf> {
 fn compare(path: &Path) -> (Scene, Description) {
     let scene = load(path, None).unwrap();
     let description = describe(&scene);
-    let (corners, low, high) = as_the_gltf_crate_has_it(path);
+    let (corners, low, high) = by_the_gltf_crate(path);
     assert_eq!(description.triangles * 3, corners, "{}", path.display());
     let bounds = description.objects[0].bounds_in_world_m.unwrap().map(DVec3::from);
-    // The other side multiplies matrices in single precision.
+    // The gltf crate multiplies matrices in single precision.
     assert!(bounds[0].abs_diff_eq(low, 2e-6) && bounds[1].abs_diff_eq(high, 2e-6), "{}: {bounds:?}", path.display());
     for vertex in scene.meshes.iter().flat_map(|m| &m.vertices) {
         assert!((Vec3::from(vertex.normal).length() - 1.0).abs() < 1e-4, "{}: {vertex:?}", path.display());
@@ -108,7 +108,7 @@ fn real_panorama_loads() {
     assert!(map.rgb.as_flattened().iter().all(|v| v.is_finite() && *v >= 0.0));
 }
 
-fn our(name: &str) -> PathBuf {
+fn own_prop(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name)
 }
 
@@ -120,7 +120,7 @@ fn own_props_have_true_size_small_files_and_outward_winding() {
     ];
     props.extend((1..=9).map(|n| (format!("marker-{n}.glb"), [110.0, 106.64, 90.0])));
     for (name, size_mm) in props {
-        let path = our(&name);
+        let path = own_prop(&name);
         assert!(path.metadata().unwrap().len() < 300_000, "{name}");
         let (scene, description) = compare(&path);
         let [low, high] = description.objects[0].bounds_in_world_m.unwrap().map(DVec3::from);
@@ -143,13 +143,13 @@ fn own_props_have_true_size_small_files_and_outward_winding() {
 
 #[test]
 fn demo_objects_stand_on_the_floor_and_the_stool() {
-    let scene = load(&our("demo.toml"), None).unwrap();
+    let scene = load(&own_prop("demo.toml"), None).unwrap();
     let description = describe(&scene);
     assert_eq!(description.objects.len(), 7);
     assert_eq!(description.warnings, [""; 0]);
     for object in &description.objects {
         let [low, high] = object.bounds_in_world_m.unwrap();
-        // The floor's free part, and the stool's seat: 28 cm around (0.48, -0.28), 41 cm high.
+        // The free part of the floor, and the stool's seat: 28 cm around (0.48, -0.28), 41 cm high.
         let on_stool = low[2] > 0.4;
         let (x, y, z, reach) = if on_stool { (0.48, -0.28, 0.41, 0.14) } else { (0.0, 0.0, 0.0, 0.2) };
         assert!((low[2] - z).abs() < 1e-6 && high[2] - z < 0.12, "{object:?}");

@@ -1,11 +1,11 @@
-//! Faults that are not drawn, or that other programs forgive: they cost a warning at most, not the model.
+//! Faults in unused data, or that other programs tolerate: they cause a warning at most.
 
 use locard::scene::{Wrap, load};
 use serde_json::json;
 
 use crate::models::{Model, corners, load_bytes, load_scene, png};
 
-/// Loads the model, which must be the triangle, and gives its warnings.
+/// Loads the model, which must be the triangle, and returns its warnings.
 #[track_caller]
 fn warnings_of(model: &Model) -> Vec<String> {
     let scene = model.load().unwrap();
@@ -44,14 +44,14 @@ fn root_listed_twice_is_placed_once() {
 #[test]
 fn fault_outside_the_scene_is_ignored() {
     let mut model = Model::triangle();
-    // A cycle, a child that is not there, a rotation of no length, a mesh without data.
+    // A cycle, a missing child, a rotation of length 0, a mesh without data.
     model.json["nodes"] = json!([
         { "mesh": 0 }, { "children": [2] }, { "children": [1] }, { "children": [77] },
         { "rotation": [0, 0, 0, 0] }, { "mesh": 1 },
     ]);
     let missing = json!({ "attributes": { "POSITION": 99 } });
     model.json["meshes"].as_array_mut().unwrap().push(json!({ "primitives": [missing] }));
-    // A buffer of something else, whose file is gone.
+    // An unused buffer whose file is missing.
     model.json["buffers"].as_array_mut().unwrap().push(json!({ "byteLength": 8, "uri": "gone.bin" }));
     assert_eq!(warnings_of(&model), [""; 0]);
 }
@@ -113,7 +113,7 @@ fn backslash_in_a_uri_is_read_as_a_slash() {
     let scene = load(&path, None).unwrap();
     assert_eq!(corners(&scene), Model::triangle().corners());
     assert_eq!(**scene.textures[0].rgba, [9; 4]);
-    // A place on another computer is no file beside the model.
+    // A path on another computer is not a file beside the model.
     model.json["buffers"][0]["uri"] = json!("C:\\models\\bytes.bin");
     std::fs::write(&path, model.json.to_string()).unwrap();
     let error = load(&path, None).unwrap_err().to_string();

@@ -1,4 +1,4 @@
-//! Light: from models, from scene files, and where nobody gives any.
+//! Light from models and scene files, and the default light.
 
 use glam::{DVec3, Vec3};
 use locard::scene::{Environment, Scene, load};
@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 use crate::models::{Model, load_scene, write_triangle};
 
-/// The triangle's file with one light, its node at (1, 2, 3) and turned so that -z is +x.
+/// The triangle's file with one light, whose node is at (1, 2, 3) and turned so that -z is +x.
 fn with_light(light: Value) -> Model {
     let mut model = Model::triangle();
     let half = 0.5f64.sqrt();
@@ -107,7 +107,7 @@ fn spot_angles_equal_in_single_precision_are_accepted() {
     let angles = json!({ "innerConeAngle": 0.089_681_029, "outerConeAngle": 0.089_681_029_319_763_18 });
     let scene = with_light(json!({ "type": "spot", "spot": angles })).load().unwrap();
     assert_eq!(scene.lighting.points[0].spot.unwrap().1.to_array(), [0.089_681_03; 2]);
-    // Nothing but the darkness around is told.
+    // The only warning concerns the missing ambient light.
     assert!(scene.warnings.len() == 1 && scene.warnings[0].contains("no light from around"), "{:?}", scene.warnings);
 }
 
@@ -128,7 +128,7 @@ fn default_light_shows_white_facing_up_as_about_one() {
         assert!(shown.abs_diff_eq(Vec3::splat(1.0415), 1e-3), "{up}: {shown}");
     }
     assert!(load(&path, Some(DVec3::ZERO)).is_err());
-    // A scene file's up is z where nobody says otherwise; white_lx alone is no light.
+    // A scene file's default up is z; white_lx alone is no light.
     let scene = load_scene("version = 1\nobjects = [{ model = 'triangle.glb' }]\n[light]\nwhite_lx = 80").unwrap();
     assert!((scene.lighting.suns[0].towards_light_in_world.z - 35f32.to_radians().cos()).abs() < 1e-6);
 }
@@ -165,9 +165,9 @@ fn panorama_is_aligned_with_the_world_up_axis() {
     assert_eq!((map.width, map.height, map.color), (2, 1, Vec3::new(0.5, 0.25, 1.0)));
     assert_eq!(**map.rgb, [[1.0, 0.5, 0.25], [0.5, 0.25, 0.125]]);
     assert!((map.map_from_world * Vec3::Z).abs_diff_eq(Vec3::Y, 1e-6));
-    // Unturned, the panorama's middle, -z, is the world's +y; a quarter turn takes it to -x.
+    // Without rotation the panorama's middle, -z, is the world's +y; a quarter turn moves it to -x.
     assert!((map.map_from_world * Vec3::NEG_X).abs_diff_eq(Vec3::NEG_Z, 1e-6), "{:?}", map.map_from_world);
-    // With an up of its own it stands and turns on that.
+    // With an up of its own it is aligned with that and rotates about it.
     std::fs::write(&path, format!("{text}\nenvironment_up = [2, 0, 0]")).unwrap();
     let scene = load(&path, None).unwrap();
     let Environment::Map(own) = &scene.lighting.environment else { panic!("no map") };
@@ -200,7 +200,7 @@ fn oversized_or_truncated_panoramas_are_refused() {
         let error = load(&path, None).unwrap_err().to_string();
         assert!(error.contains("room.hdr") && error.contains(word), "{error}");
     }
-    // No such picture at all.
+    // Not an HDR picture.
     std::fs::write(folder.path().join("room.hdr"), "\u{89}PNG").unwrap();
     let error = load(&path, None).unwrap_err().to_string();
     assert!(error.contains("does not begin with #?") && error.contains("a Radiance .hdr file"), "{error}");

@@ -1,4 +1,4 @@
-//! Scenes: what they accept, what they refuse, and what becomes of real files.
+//! Scenes: accepted, refused and real files.
 
 mod damaged;
 mod files;

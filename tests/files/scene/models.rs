@@ -1,4 +1,4 @@
-//! Small models and what is to come of them, worked out by hand.
+//! Small models with results computed by hand.
 
 use locard::scene::{Alpha, Wrap};
 use serde_json::json;
@@ -22,7 +22,7 @@ fn single_triangle_keeps_its_coordinates() {
 #[test]
 fn transforms_of_nested_nodes_are_multiplied() {
     let mut model = Model::triangle();
-    // A quarter turn about z and a doubled y, under a move, under a matrix that mirrors x.
+    // A quarter turn about z and a doubled y, below a translation, below a matrix that mirrors x.
     model.json["scenes"] = json!([{ "nodes": [2] }]);
     model.json["nodes"] = json!([
         { "mesh": 0, "rotation": [0.0, 0.0, 0.5f64.sqrt(), 0.5f64.sqrt()], "scale": [1, 2, 1] },
@@ -196,7 +196,7 @@ fn tangents_exist_only_with_a_normal_map() {
     let scene = model.load().unwrap();
     assert_eq!(scene.meshes[0].vertices[0].tangent, [1.0, 0.0, 0.0, 1.0]);
     assert_eq!(scene.materials[0].normal_scale, 0.5);
-    // The file's own are taken, made unit, where it has normals too and the map is there.
+    // The file's own tangents are used, normalised, if it has normals and a normal map too.
     let tangent = model.floats("VEC4", &[0.0, 3.0, 0.0, -1.0].repeat(3));
     model.primitive()["attributes"]["TANGENT"] = json!(tangent);
     assert_eq!(model.load().unwrap().meshes[0].vertices[0].tangent, [1.0, 0.0, 0.0, 1.0]);

@@ -1,10 +1,10 @@
-//! Files that are refused, each with a line that says what and where.
+//! Refused files, each with a message of one line that names the fault and its location.
 
 use serde_json::{Value, json};
 
 use crate::models::{Model, load_bytes, load_scene, png, png_header};
 
-/// Loads the model after a change and wants an error that has all the words.
+/// Loads the model after a change and asserts an error that contains all the words.
 #[track_caller]
 fn refused(change: impl FnOnce(&mut Model), words: &[&str]) {
     let mut model = Model::triangle();
@@ -44,7 +44,7 @@ fn accessor_or_view_out_of_range_is_refused() {
     refused_json("/accessors/0/count", json!(6), &["POSITION (accessors[0])", "6 elements of 12 bytes"]);
 }
 
-/// Of a few bytes each, which took a hundred times that in memory.
+/// Entries of a few bytes each, which used to take a hundred times that in memory.
 #[test]
 fn oversized_lists_are_refused() {
     refused_json("/nodes", json!(vec![json!({}); (1 << 20) + 1]), &["the glTF JSON", "more than 1048576 entries"]);
@@ -173,7 +173,8 @@ fn missing_or_remote_files_are_refused() {
     assert!(error.contains("gone.glb") && error.contains("named in"), "{error}");
 }
 
-/// The model with its shape in an extension alone: accessors without bytes, and the extension at the primitive.
+/// The model with its geometry only in an extension: accessors without bytes, and the extension at
+/// the primitive.
 fn compressed_by_draco(model: &mut Model) {
     for accessor in model.json["accessors"].as_array_mut().unwrap() {
         accessor.as_object_mut().unwrap().remove("bufferView");
@@ -188,7 +189,7 @@ fn geometry_only_in_an_extension_is_refused_with_a_conversion_command() {
         compressed_by_draco,
         &["meshes[0].primitives[0]", "in KHR_draco_mesh_compression only", "`gltf-transform copy ", "-converted.glb`"],
     );
-    // Meshopt, where the buffer of plain bytes is left out.
+    // Meshopt without the buffer of plain bytes.
     refused(
         |m| {
             m.json["extensionsUsed"] = json!(["EXT_meshopt_compression"]);
@@ -200,7 +201,7 @@ fn geometry_only_in_an_extension_is_refused_with_a_conversion_command() {
         },
         &["buffers[1]", "in EXT_meshopt_compression only", "`gltf-transform copy "],
     );
-    // Where the plain accessors are there too, they are taken.
+    // If the plain accessors exist too, they are used.
     let mut model = Model::triangle();
     model.json["extensionsUsed"] = json!(["KHR_draco_mesh_compression"]);
     model.primitive()["extensions"] = json!({ "KHR_draco_mesh_compression": { "bufferView": 0, "attributes": {} } });

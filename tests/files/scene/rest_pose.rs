@@ -1,15 +1,16 @@
-//! Models with skins and morph targets stand at rest.
+//! Models with skins and morph targets in their rest pose.
 
 use serde_json::{Value, json};
 
 use crate::models::{Model, corners};
 
-/// Column by column, a move.
+/// A translation matrix, column by column.
 fn translation(x: f32, y: f32, z: f32) -> [f32; 16] {
     [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, x, y, z, 1.0]
 }
 
-/// The triangle on joints at nodes 1, 2 and so on. Its own node is moved, which a skin is not.
+/// The triangle skinned to joints at nodes 1, 2 and so on. Its own node is translated, which must
+/// not affect a skin.
 fn skinned(joints: &[Value], inverse_bind: &[[f32; 16]], influences: [[u8; 4]; 3], weights: [[f32; 4]; 3]) -> Model {
     let mut model = Model::triangle();
     let mut nodes = vec![json!({ "mesh": 0, "skin": 0, "translation": [0, 0, 50] })];
@@ -53,7 +54,7 @@ fn mirroring_joint_keeps_the_winding_outward() {
     let scene = model.load().unwrap();
     assert_eq!(corners(&scene), [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-2.0, 0.0, 0.0]]);
     assert_eq!(scene.meshes[0].vertices[0].normal, [0.0, 0.0, 1.0]);
-    // The triangle follows the second joint alone.
+    // The triangle follows only the second joint.
     let joints = [json!({ "scale": [-1, 1, 1] }), json!({})];
     let model = skinned(&joints, &[translation(0.0, 0.0, 0.0); 2], [[1, 0, 0, 0]; 3], FIRST);
     assert_eq!(model.corners(), [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
@@ -72,7 +73,7 @@ fn unusable_skin_leaves_the_mesh_at_its_node() {
         assert_eq!(corners(&scene), unskinned);
         assert!(scene.warnings.len() == 1 && scene.warnings[0].contains(word), "{:?}", scene.warnings);
     }
-    // A joint that is not there is damage of what is drawn.
+    // A missing joint damages drawn data, so it is an error.
     let error =
         skinned(&[json!({})], &[translation(0.0, 0.0, 0.0)], [[9; 4]; 3], FIRST).load().unwrap_err().to_string();
     assert!(error.contains("JOINTS_0") && error.contains("found 9"), "{error}");
@@ -86,7 +87,7 @@ fn morph_targets_apply_by_their_default_weights() {
     assert_eq!(model.corners(), Model::triangle().corners());
     model.json["meshes"][0]["weights"] = json!([0.5]);
     assert_eq!(model.corners(), [[0.0, 0.0, 2.0], [2.0, 0.0, 2.0], [0.0, 1.0, 2.0]]);
-    // A node's own weights come first; the same mesh stands twice.
+    // A node's own weights take precedence; the same mesh is used twice.
     model.json["nodes"] = json!([{ "mesh": 0 }, { "mesh": 0, "weights": [0.25] }]);
     model.json["scenes"][0]["nodes"] = json!([0, 1]);
     let heights: Vec<f64> = model.corners().iter().map(|corner| corner[2]).collect();

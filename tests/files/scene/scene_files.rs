@@ -1,11 +1,11 @@
-//! `scene.toml`: where things stand, and what is refused.
+//! `scene.toml`: placement of objects, and refused files.
 
 use glam::DVec3;
 use locard::scene::{describe, load};
 
 use crate::models::{corners, load_scene, write_triangle};
 
-/// Scenes of one object with these lines.
+/// The corners of the triangle placed with these lines.
 fn placed(lines: &str) -> Vec<[f64; 3]> {
     corners(&load_scene(&format!("version = 1\n[[objects]]\nmodel = 'triangle.glb'\n{lines}")).unwrap())
 }
@@ -40,7 +40,8 @@ fn rotations_apply_about_world_x_then_y_then_z() {
     assert_eq!(placed("rotation_deg = [90, 0, 90]\nposition_m = [5, 0, 0]"), expected);
     assert_eq!(placed("quaternion = [0.5, 0.5, 0.5, 0.5]\nposition_m = [5, 0, 0]"), expected);
     assert_eq!(placed("rotation_deg = [0, 90, 0]")[1], [0.0, 0.0, -2.0]);
-    // y before z: (2, 0, 0) goes to (0, 0, -2) and stays there; (0, 0, 1) to (0, -1, 0) to (1, 0, 0).
+    // y before z: (2, 0, 0) goes to (0, 0, -2) and stays there; (0, 0, 1) to (0, -1, 0) to (1, 0,
+    // 0).
     assert_eq!(placed("rotation_deg = [90, 90, 90]")[1..], [[0.0, 0.0, -2.0], [1.0, 0.0, 0.0]]);
 }
 
@@ -54,7 +55,7 @@ fn scale_applies_along_model_axes_and_size_sets_the_largest_extent() {
 
 #[test]
 fn grounded_model_stands_on_its_position() {
-    // Upside down the triangle reaches from 0 to -1, so it is lifted by 1.
+    // Upside down the triangle extends from 0 to -1, so it is lifted by 1.
     let corners = placed("ground = true\nrotation_deg = [180, 0, 0]\nposition_m = [0, 0, 0.2]");
     assert_eq!(corners, [[0.0, 0.0, 1.2], [2.0, 0.0, 1.2], [0.0, 0.0, 0.2]]);
 }
