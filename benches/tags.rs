@@ -13,7 +13,7 @@ use glam::DVec3;
 use locard::camera::{Distortion, Geometry, Intrinsics, Response};
 use locard::pixels::Pixels;
 use locard::tags::{BoardTracker, Paper, Sheet, picture};
-use sheet::{CAMERA, Place, Sheet as Printed};
+use sheet::{CAMERA, CameraPose, Sheet as Printed};
 
 const PICTURES: u32 = 5;
 const ROUNDS: usize = 40;
@@ -35,7 +35,7 @@ fn main() -> Result<()> {
     let mut times_ms = Vec::new();
     for i in 0..PICTURES {
         let tilt = 0.2 + 0.15 * f64::from(i);
-        let place = Place::looking(0.8 * DVec3::new(0.0, -tilt.sin(), tilt.cos()), DVec3::ZERO, 0.1);
+        let place = CameraPose::look_at(0.8 * DVec3::new(0.0, -tilt.sin(), tilt.cos()), DVec3::ZERO, 0.1);
         let codes = printed.photograph(&CAMERA, 4, 1.5, i.into(), |_| place);
         let pixels = Pixels::from_u8(sheet::SIZE.0, sheet::SIZE.1, codes).context("the picture has another size")?;
         for _ in 0..ROUNDS {

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use crate::footage::{demo_by_tier, leave_out_light, opened};
 use crate::found::late;
-use crate::program::{locard, refused, said};
+use crate::program::{locard, refused, stdout_of};
 use crate::tier::fast_or_full;
 use locard::analyse::{Analysis, Interrupted, Stage, beside};
 use locard::recording::OpenOptions;
@@ -93,12 +93,12 @@ fn analysis_beside_the_recording_is_used_while_it_matches() {
     let folder = demo_by_tier(8, &late(0.01), 2);
     let site = folder.path().join("site");
     let path = site.to_str().unwrap();
-    let told = said(&["analyse", path]);
+    let told = stdout_of(&["analyse", path]);
     assert!(told.contains("poses      ") && told.contains("readout"), "{told}");
     let analysis = folder.path().join("site.analysis");
     assert_eq!(beside(&site), analysis.canonicalize().unwrap());
-    assert_eq!(said(&["inspect", analysis.to_str().unwrap()]), told);
-    assert_eq!(said(&["analyse", path]), told, "once is enough");
+    assert_eq!(stdout_of(&["inspect", analysis.to_str().unwrap()]), told);
+    assert_eq!(stdout_of(&["analyse", path]), told, "once is enough");
 
     // The use of an analysis shows without shadows, which take most of the time.
     let marker = ["--scene", "scenes/demo.toml", "--set", "shadow.cast=false", "--frames", "2..3", "-o"];

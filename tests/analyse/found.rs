@@ -7,7 +7,7 @@ use crate::common;
 use glam::DVec3;
 
 use crate::footage::{analysed, analysed_by_tier, demo_by_tier, demo_track, opened, pairs_off_px, whole, worse};
-use crate::program::{locard, said};
+use crate::program::{locard, stdout_of};
 use crate::tier::{fast_or_full, is_full};
 use locard::analyse::{Analysis, beside};
 use locard::camera::{Camera, CameraExposure};
@@ -137,14 +137,14 @@ fn jitter_drift_clock_offset_and_hand_eye_rotation_are_found() {
     // Order of precedence: the recording's, the camera's, the estimated one, half the interval of
     // at most 1/60 s.
     let mut frame = Frame { exposure: FrameExposure { time_s: None, ..frame.exposure }, ..frame };
-    let mut unsaid = camera.clone();
-    (unsaid.exposure.time_s, unsaid.exposure.shutter_angle_deg) = (None, None);
-    let said = |time_s| Camera { exposure: CameraExposure { time_s, ..unsaid.exposure }, ..unsaid.clone() };
-    assert_eq!(exposure_time_s(&said(Some(0.002)), &settings, &frame, 0.1), 0.002);
-    assert_eq!(exposure_time_s(&unsaid, &settings, &frame, 0.1), shutter.runs[0].exposure_s);
+    let mut unexposed = camera.clone();
+    (unexposed.exposure.time_s, unexposed.exposure.shutter_angle_deg) = (None, None);
+    let exposed = |time_s| Camera { exposure: CameraExposure { time_s, ..unexposed.exposure }, ..unexposed.clone() };
+    assert_eq!(exposure_time_s(&exposed(Some(0.002)), &settings, &frame, 0.1), 0.002);
+    assert_eq!(exposure_time_s(&unexposed, &settings, &frame, 0.1), shutter.runs[0].exposure_s);
     frame.exposure.blurred_s = None;
-    assert_eq!(exposure_time_s(&unsaid, &settings, &frame, 0.02), 0.01);
-    assert_eq!(exposure_time_s(&unsaid, &settings, &frame, 0.1), 1.0 / 60.0);
+    assert_eq!(exposure_time_s(&unexposed, &settings, &frame, 0.02), 0.01);
+    assert_eq!(exposure_time_s(&unexposed, &settings, &frame, 0.1), 1.0 / 60.0);
 }
 
 #[test]
@@ -488,7 +488,7 @@ fn clock_offset_beyond_the_last_pose_keeps_all_frames() {
 fn unset_sharpness_follows_the_footage() {
     let folder = demo_by_tier(3, &Flaws::default(), 4);
     let site = folder.path().join("site");
-    let told = said(&["analyse", site.to_str().unwrap()]);
+    let told = stdout_of(&["analyse", site.to_str().unwrap()]);
     assert!(told.contains("spread     unknown: ") && told.contains("40 are needed"), "{told}");
     let toml = folder.path().join("site.analysis/analysis.toml");
     let sigma_px = |sets: &[&str]| {

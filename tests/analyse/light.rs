@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use crate::fixture;
 use crate::footage::{analysed, demo, opened};
-use crate::program::{copied, locard, refused, said};
+use crate::program::{copied, locard, refused, stdout_of};
 use glam::DVec3;
 use locard::analyse::{Analysis, LightFindings};
 use locard::recording::OpenOptions;
@@ -129,7 +129,7 @@ fn scene_without_light_uses_the_estimated_one_and_keeps_its_own_otherwise() {
     // Written into the scene for editing: the same light.
     let [site, bare, own] = [&site, &bare, &own].map(|path| path.to_str().unwrap());
     assert!(refused(&["light", site, "--scene", own]).contains("--force"));
-    let told = said(&["light", site, "--scene", bare]);
+    let told = stdout_of(&["light", site, "--scene", bare]);
     assert!(told.contains("lamp ") && told.contains("looks up"), "{told}");
     let text = std::fs::read_to_string(bare).unwrap();
     assert!(text.contains("# the tent") && text.contains("[[light.lamp]]"), "{text}");
@@ -144,7 +144,7 @@ fn scene_without_light_uses_the_estimated_one_and_keeps_its_own_otherwise() {
     // The panorama exists already.
     assert!(refused(&["light", site, "--scene", bare]).contains("bare-light.hdr"));
     let new = folder.path().join("light.toml");
-    said(&["light", site, "-o", new.to_str().unwrap()]);
+    stdout_of(&["light", site, "-o", new.to_str().unwrap()]);
     assert!(refused(&["light", site, "-o", new.to_str().unwrap()]).contains("light"));
     std::fs::remove_dir_all(&analysis).unwrap();
     assert!(refused(&["light", site, "-o", "other.toml"]).contains("locard analyse"));
@@ -229,7 +229,7 @@ fn assert_supports(folder: &tempfile::TempDir) {
     assert!(stands[1..].iter().all(|line| line.contains(": on a plane that depth shows")), "{told}");
     // Identical when repeated, byte for byte, and on the page.
     let page = at("page.html");
-    said(&["analyse", &site, "--scene", &scene, "--report", &page]);
+    stdout_of(&["analyse", &site, "--scene", &scene, "--report", &page]);
     assert_eq!(std::fs::read_to_string(&written).unwrap(), text);
     assert!(std::fs::read_to_string(&page).unwrap().contains(stands[0]));
     // A missing scene is refused, and the existing files stay.
@@ -249,7 +249,7 @@ fn assert_white_paper_correction(folder: &tempfile::TempDir, found: &Analysis) {
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let (site, new) = (at("site"), at("light.toml"));
     let written = || scene::document::read(Path::new(&new)).unwrap().value().light.clone();
-    let asked = |more: &[&str]| said(&[&["light", &site, "-o", &new, "--force"], more].concat());
+    let asked = |more: &[&str]| stdout_of(&[&["light", &site, "-o", &new, "--force"], more].concat());
     let denied = |more: &[&str]| refused(&[&["light", &site, "-o", &new, "--force"], more].concat());
 
     // The paper on the floor, beside its title.
@@ -288,7 +288,7 @@ fn assert_lamp_and_panorama_corrections(folder: &tempfile::TempDir, found: &Anal
     let (site, new) = (at("site"), at("light.toml"));
     let written = || scene::document::read(Path::new(&new)).unwrap().value().light.clone();
     let with = |more: &[&str]| [&["light", &site, "-o", &new, "--force"], more].concat().join("\n");
-    let asked = |more: &[&str]| said(&with(more).split('\n').collect::<Vec<_>>());
+    let asked = |more: &[&str]| stdout_of(&with(more).split('\n').collect::<Vec<_>>());
     let denied = |more: &[&str]| refused(&with(more).split('\n').collect::<Vec<_>>());
 
     // By its distance along the ray. The real lamp stays; this one is not real, and dim beside it.

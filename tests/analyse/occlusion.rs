@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use crate::found;
-use crate::program::said;
+use crate::program::stdout_of;
 use glam::{DVec2, DVec3};
 use locard::analyse::Analysis;
 use locard::compositor::exposure_time_s;
@@ -156,7 +156,7 @@ fn screen_missed_by_seven_frames_occludes_with_surfels() {
         let frames = format!("{}..{}", BEHIND_FRAMES.start, BEHIND_FRAMES.end);
         let options = ["--profile", "profiles/tum-fr1.toml", "--set", "shadow.cast=false", "--frames", &frames];
         let files = ["composite", recording, "--scene", scene, "--analysis", analysis, "-o", to];
-        said(&[&files[..], &options].concat());
+        stdout_of(&[&files[..], &options].concat());
         let (mut seen, mut shown) = (0.0, 0.0);
         for frame in BEHIND_FRAMES {
             let composite = image::open(out.join(format!("frame_{frame:06}.png"))).unwrap().into_rgb8();

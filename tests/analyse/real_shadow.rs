@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use crate::program::said;
+use crate::program::stdout_of;
 use crate::tier::fast_or_full;
 use crate::truth::{size, small_site};
 use locard::pixels::Pixels;
@@ -48,7 +48,7 @@ fn real_shadow_is_not_darkened_twice_and_darkens_evidence() {
         let (recording, scene, to, range) =
             (path("empty"), path("lit.toml"), path(out), format!("{FRAME}..{}", FRAME + 1));
         let base = ["composite", &recording, "--scene", &scene, "--quiet", "--frames", &range, "-o", &to];
-        said(&[&base[..], more].concat());
+        stdout_of(&[&base[..], more].concat());
         codes(&format!("{to}/frame_{FRAME:06}.png"))
     };
     let [empty, there] = ["empty", "there"].map(|name| codes(&path(&format!("{name}/rgb/{FRAME:05}.png"))));

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crate::footage::{demo, demo_by_tier, leave_out_light_by_tier};
-use crate::program::{refused, said};
+use crate::program::{refused, stdout_of};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use locard::analyse::Analysis;
@@ -66,7 +66,7 @@ fn report_shows_the_findings_and_the_profile_accepts_the_camera_values() {
     let text = "# mine\nversion = 1\n\n[camera]\n# by hand\nreadout_time_s = 0.03 # guessed\n";
     std::fs::write(&profile, text).unwrap();
     let [site, page_at, profile_at] = [&site, &page, &profile].map(|path| path.to_str().unwrap());
-    let told = said(&["analyse", site, "--report", page_at, "--accept", profile_at]);
+    let told = stdout_of(&["analyse", site, "--report", page_at, "--accept", profile_at]);
     let (found, accepted) = told.split_at(told.find("accepted ").unwrap());
     assert!(found.contains("refined"), "{told}");
 
@@ -102,14 +102,14 @@ fn report_shows_the_findings_and_the_profile_accepts_the_camera_values() {
 
     // For an existing analysis the same page again, with the stored running time; without it if
     // that was deleted.
-    assert_eq!(said(&["analyse", site, "--report", page_at]), found);
+    assert_eq!(stdout_of(&["analyse", site, "--report", page_at]), found);
     let again = std::fs::read_to_string(&page).unwrap();
     let whole = html.split("<section>\n<h2>Time by part").next().unwrap();
     assert!(again.starts_with(whole) && again.contains("Time by part"), "all is the same but for rounded times");
-    said(&["analyse", site, "--report", page_at]);
+    stdout_of(&["analyse", site, "--report", page_at]);
     assert_eq!(std::fs::read_to_string(&page).unwrap(), again);
     std::fs::remove_file(folder.path().join("a<b>&\"c.analysis/times.txt")).unwrap();
-    said(&["analyse", site, "--report", page_at]);
+    stdout_of(&["analyse", site, "--report", page_at]);
     let without = std::fs::read_to_string(&page).unwrap();
     assert!(without.starts_with(whole) && !without.contains("Time by part"));
 
@@ -124,7 +124,7 @@ fn report_shows_the_findings_and_the_profile_accepts_the_camera_values() {
     let is_kept = accepted.contains("camera.exposure.time_s stays: ");
     assert_eq!(written.contains("time_s = 0.0") && written.contains("[camera.exposure]"), !is_kept, "{written}");
     // A second time nothing changes.
-    let told = said(&["analyse", site, "--accept", profile_at]);
+    let told = stdout_of(&["analyse", site, "--accept", profile_at]);
     assert!(told.contains("camera.readout_time_s: 0.015 -> 0.015"), "{told}");
     assert_eq!(std::fs::read_to_string(&profile).unwrap(), written);
     // A new profile starts as a copy.
@@ -132,7 +132,7 @@ fn report_shows_the_findings_and_the_profile_accepts_the_camera_values() {
     let given = ShotOptions { profile: Some(profile.clone()), ..ShotOptions::default() };
     let shot = Shot::open(Path::new(site), &OpenOptions::default(), &given).unwrap();
     leave_out_light_by_tier(&shot, &folder.path().join("a<b>&\"c.analysis"));
-    said(&["analyse", site, "--profile", profile_at, "--accept", new.to_str().unwrap()]);
+    stdout_of(&["analyse", site, "--profile", profile_at, "--accept", new.to_str().unwrap()]);
     assert_eq!(std::fs::read_to_string(&new).unwrap(), written);
 }
 
@@ -146,7 +146,7 @@ fn unavailable_findings_are_left_out_with_a_reason() {
     std::fs::write(site.join("recording.toml"), without).unwrap();
     let [page, profile] = ["page.html", "mine.toml"].map(|name| folder.path().join(name));
     let [site, page_at, profile_at] = [&site, &page, &profile].map(|path| path.to_str().unwrap());
-    let told = said(&["analyse", site, "--report", page_at, "--accept", profile_at]);
+    let told = stdout_of(&["analyse", site, "--report", page_at, "--accept", profile_at]);
     let seen = parsed(&std::fs::read_to_string(&page).unwrap());
     assert!(seen.pictures.is_empty() && !seen.elements.contains(&"svg".to_owned()));
     for why in ["poses are as recorded: there is no depth", "so no place of the room can be followed"] {
@@ -195,7 +195,7 @@ fn existing_reports_and_analyses_are_not_overwritten() {
     // An empty file may be overwritten.
     let page = folder.path().join("page.html");
     std::fs::write(&page, "").unwrap();
-    said(&["analyse", path, "--report", page.to_str().unwrap()]);
+    stdout_of(&["analyse", path, "--report", page.to_str().unwrap()]);
     assert!(std::fs::read_to_string(&page).unwrap().ends_with("</html>\n"));
     // Links belong to the analysis.
     let links = analysis.join("links.txt");

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use crate::footage::{demo_by_tier, opened};
-use crate::program::{locard, said};
+use crate::program::{locard, stdout_of};
 use locard::recording::OpenOptions;
 use locard::shot::{AnalysisState, Shot, ShotOptions};
 use locard::simulate::Flaws;
@@ -52,7 +52,7 @@ fn analysis_of_a_model_is_valid_for_any_unit_length() {
     model(&site);
     let path = site.to_str().unwrap();
     let unit = UNIT_M.to_string();
-    let told = said(&["analyse", path]);
+    let told = stdout_of(&["analyse", path]);
     assert!(told.contains("stops from the darkest to the brightest"), "{told}");
     // Analysed without the unit's length, and used with it.
     let shot = opened_in_metres(&site);
@@ -70,9 +70,9 @@ fn analysis_of_a_model_is_valid_for_any_unit_length() {
         AnalysisState::Used(_, findings) => findings.made_with.metres_per_unit,
         state => panic!("{state:?}"),
     };
-    said(&["analyse", path, "--metres-per-unit", &unit]);
+    stdout_of(&["analyse", path, "--metres-per-unit", &unit]);
     assert_eq!(made_with(unit_of_analysis()), 1.0, "it was there and fits");
-    said(&["analyse", path, "--metres-per-unit", &unit, "--force"]);
+    stdout_of(&["analyse", path, "--metres-per-unit", &unit, "--force"]);
     assert_eq!(made_with(unit_of_analysis()), UNIT_M);
     assert!(opened_in_metres(&site).stale_estimates().is_empty());
     // A scene may set the unit, and the window analyses with it.

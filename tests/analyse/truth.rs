@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use crate::flip::{PIXELS_PER_DEGREE, mean_flip};
-use crate::program::said;
+use crate::program::stdout_of;
 use crate::tier::fast_or_full;
 use locard::pixels::Pixels;
 
@@ -44,7 +44,7 @@ pub fn small_site(site: u32, to: &str, more: &[&str]) {
     .split(' ');
     let site = format!("site={site}");
     let sets = sets.chain([site.as_str()]).flat_map(|set| ["--set", set]);
-    said(&["simulate", "-q", "-o", to].into_iter().chain(sets).chain(more.iter().copied()).collect::<Vec<_>>());
+    stdout_of(&["simulate", "-q", "-o", to].into_iter().chain(sets).chain(more.iter().copied()).collect::<Vec<_>>());
 }
 
 /// `scripts/composite_beside_truth.py` evaluates ten sites in full size, and each part switched
@@ -67,7 +67,7 @@ fn evidence_composited_into_an_empty_site_matches_the_simulated_truth() {
     simulated("there", &["--evidence", &path("evidence.toml")]);
     let told = std::fs::read_to_string(path("there/truth.toml")).unwrap();
     assert!(told.contains("[evidence]"), "{told}");
-    said(&["analyse", "-q", &path("empty")]);
+    stdout_of(&["analyse", "-q", &path("empty")]);
 
     let [empty, there] =
         ["empty", "there"].map(|name| picture(Path::new(&path(&format!("{name}/rgb/{FRAME:05}.png")))));
@@ -75,7 +75,7 @@ fn evidence_composited_into_an_empty_site_matches_the_simulated_truth() {
     let beside = |scene: &str, out: &str, more: &[&str]| {
         let (recording, scene, to, range) = (path("empty"), path(scene), path(out), format!("{FRAME}..{}", FRAME + 1));
         let base = ["composite", &recording, "--scene", &scene, "--quiet", "--frames", &range, "-o", &to];
-        said(&[&base[..], more].concat());
+        stdout_of(&[&base[..], more].concat());
         let made = picture(&Path::new(&to).join(format!("frame_{FRAME:06}.png")));
         mean_flip(&there, &made, Some(&looked_at), PIXELS_PER_DEGREE)
     };

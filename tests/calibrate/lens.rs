@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use crate::common;
-use crate::program::{refused, said};
+use crate::program::{refused, stdout_of};
 use crate::random::Random;
 use crate::tier;
 use glam::{DMat3, DQuat, DVec2, DVec3};
@@ -426,7 +426,7 @@ fn profile_takes_the_lens_and_keeps_the_rest() {
         "--residuals",
         &residuals,
     ];
-    let told = said(&arguments);
+    let told = stdout_of(&arguments);
     assert!(
         told.contains("dark.png: no chessboard is seen") && told.contains("6 views of a board of 8x5 corners, "),
         "{told}"
@@ -447,7 +447,7 @@ fn profile_takes_the_lens_and_keeps_the_rest() {
     // An existing file is kept without `--force`; with it the comment is not duplicated.
     let text = refused(&arguments);
     assert!(text.contains("has a lens already") && std::fs::read_to_string(&profile).unwrap() == written, "{text}");
-    said(&[&arguments[..], &["--force"]].concat());
+    stdout_of(&[&arguments[..], &["--force"]].concat());
     assert_eq!(std::fs::read_to_string(&profile).unwrap(), written);
     for (extra, told) in [
         (["--board", "2x9"], "3 to 200 each"),

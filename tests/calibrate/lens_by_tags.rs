@@ -4,8 +4,8 @@
 use std::path::Path;
 use std::sync::LazyLock;
 
-use crate::program::{refused, said};
-use crate::sheet::{CAMERA, Camera, Place, Rays, SIZE, Sheet as Printed};
+use crate::program::{refused, stdout_of};
+use crate::sheet::{CAMERA, Camera, CameraPose, Rays, SIZE, Sheet as Printed};
 use crate::tier;
 use glam::{DVec2, DVec3};
 use locard::calibrate::board::{BoardDetector, Target, TargetChoice};
@@ -32,13 +32,13 @@ const WIDE: Camera = Camera {
 
 /// Camera poses around the sheet: near and far, tilted in all directions, with the sheet in the
 /// middle of the picture or cut relative_error at its border.
-fn around(camera: &Camera, n: u32) -> Place {
+fn around(camera: &Camera, n: u32) -> CameraPose {
     let (a, i) = (2.4 * f64::from(n), f64::from(n));
     let tilt = 0.3 + 0.4 * (0.7 * i).sin().abs();
     let far = camera.focal_px / 560.0 * (0.48 + 0.16 * (1.9 * i).sin());
     let at = far * DVec3::new(tilt.sin() * a.cos(), tilt.sin() * a.sin(), tilt.cos());
     let beside = 0.25 * far;
-    Place::looking(at, DVec3::new(beside * (1.3 * i).sin(), beside * (2.1 * i).cos(), 0.0), 0.5 * (0.9 * i).sin())
+    CameraPose::look_at(at, DVec3::new(beside * (1.3 * i).sin(), beside * (2.1 * i).cos(), 0.0), 0.5 * (0.9 * i).sin())
 }
 
 fn photograph(camera: &Camera, rays: &Rays, n: u32) -> Vec<u8> {
@@ -64,7 +64,8 @@ fn camera_is_recovered_from_photographs_of_the_sheet() {
             let Ok(seen) = search.find(&pixels) else { continue };
             whole += usize::from(seen.corners_px.len() == 24);
             for (board, at) in seen.board.iter().zip(&seen.corners_px) {
-                let relative_error = at.distance(around(&camera, n).sees(&camera, DVec3::new(board.x, -board.y, 0.0)));
+                let relative_error =
+                    at.distance(around(&camera, n).project(&camera, DVec3::new(board.x, -board.y, 0.0)));
                 furthest = furthest.max(relative_error);
                 (sum, corners) = (sum + relative_error * relative_error, corners + 1.0);
             }
@@ -113,7 +114,7 @@ fn program_detects_the_photographed_target() {
     save(squares.collect(), &photos.join("squares.png"));
     save(vec![128; (3 * SIZE.0 * SIZE.1) as usize], &photos.join("wall.png"));
     let (profile, photos) = (path(&folder.path().join("mine.toml")), path(&photos));
-    let told = said(&["calibrate", "camera", &photos, "-o", &profile]);
+    let told = stdout_of(&["calibrate", "camera", &photos, "-o", &profile]);
     for part in [
         "views      6 views of a board of 6 tags, ",
         "squares.png: shows a chessboard where most show printed tags",
@@ -130,7 +131,7 @@ fn program_detects_the_photographed_target() {
     let twice = Sheet::new(Paper::A4).board.to_string().replace("version = 1", "version = 1\nscale = 2");
     let file = path(&folder.path().join("twice.toml"));
     std::fs::write(&file, &twice).unwrap();
-    let again = said(&["calibrate", "camera", &photos, "--board", &file, "-o", &profile, "--force"]);
+    let again = stdout_of(&["calibrate", "camera", &photos, "--board", &file, "-o", &profile, "--force"]);
     let line = |told: &str, name: &str| told.lines().find(|line| line.starts_with(name)).unwrap().to_owned();
     assert_eq!(line(&told, "camera.fx_px"), line(&again, "camera.fx_px"));
     assert!(again.contains("squares.png: no tags are seen"), "{again}");

@@ -6,7 +6,7 @@ use std::process::Command;
 
 use crate::program::{locard, refused};
 use crate::random::Random;
-use crate::sheet::{CAMERA, Place, Rays, SIZE, Sheet as Printed};
+use crate::sheet::{CAMERA, CameraPose, Rays, SIZE, Sheet as Printed};
 use crate::tier;
 use glam::{DMat3, DVec2, DVec3};
 use locard::calibrate::board::{BoardDetection, Target};
@@ -16,10 +16,10 @@ use locard::tags::{Paper, Sheet, picture};
 const FRAME_S: f64 = 1.0 / 30.0;
 
 /// The visible tags of the sheet, detected with errors of 0.1 px.
-fn seen(place: &Place, random: &mut Random) -> BoardDetection {
+fn seen(place: &CameraPose, random: &mut Random) -> BoardDetection {
     let (mut board, mut corners_px) = (Vec::new(), Vec::new());
     for tag in Sheet::new(Paper::A4).board.tags {
-        let corners = tag.corners_m().map(|corner| place.sees(&CAMERA, corner));
+        let corners = tag.corners_m().map(|corner| place.project(&CAMERA, corner));
         let inside = |at: &DVec2| at.cmpge(DVec2::splat(3.0)).all() && at.cmple(DVec2::new(637.0, 477.0)).all();
         if corners.iter().all(inside) {
             board.extend(tag.corners_m().map(|corner| DVec2::new(corner.x, -corner.y)));
@@ -32,23 +32,23 @@ fn seen(place: &Place, random: &mut Random) -> BoardDetection {
 /// A camera that looks at `beside`·`far` on the sheet from a distance of `far`, tilted to the
 /// south. The sheet's far edge is the upper one in the picture, then rolled by `turn`: a quarter
 /// turn makes it the left one, two the lower one.
-fn leaning(tilt: f64, turn: f64, far: f64, beside: DVec2) -> Place {
+fn leaning(tilt: f64, turn: f64, far: f64, beside: DVec2) -> CameraPose {
     let at = far * DVec3::new(0.0, -tilt.sin(), tilt.cos());
     let target = far * beside.extend(0.0);
-    Place::looking(at + target, target, turn)
+    CameraPose::look_at(at + target, target, turn)
 }
 
 /// The `n`th resting pose of the hand.
-fn rest(n: u32) -> Place {
+fn rest(n: u32) -> CameraPose {
     let i = f64::from(n);
     let beside = DVec2::new(0.42 * (1.3 * i).sin(), 0.3 * (2.1 * i).cos());
     leaning(0.25 + 0.35 * (0.7 * i).sin().abs(), 2.4 * i, 0.5 + 0.17 * (1.9 * i).sin(), beside)
 }
 
 /// Interpolates between two poses.
-fn between(a: &Place, b: &Place, t: f64) -> Place {
+fn between(a: &CameraPose, b: &CameraPose, t: f64) -> CameraPose {
     let turn = a.quaternion().slerp(b.quaternion(), t);
-    Place { at_m: a.at_m.lerp(b.at_m, t), axes: DMat3::from_quat(turn) }
+    CameraPose { at_m: a.at_m.lerp(b.at_m, t), axes: DMat3::from_quat(turn) }
 }
 
 fn taking(wanted: usize) -> ViewCollector {
@@ -141,7 +141,7 @@ fn missing_views_are_requested_and_accepted() {
     let mut random = Random::new(2);
     let mut taking = taking(4);
     let mut time_s = 0.0;
-    let mut show = |taking: &mut ViewCollector, place: &Place| {
+    let mut show = |taking: &mut ViewCollector, place: &CameraPose| {
         let mut last = ViewOutcome::NoBoard;
         for _ in 0..2 {
             time_s += FRAME_S;

@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use crate::common;
-use crate::program::{refused, said};
+use crate::program::{refused, stdout_of};
 use crate::random::Random;
 use crate::tier;
 use locard::calibrate::moving::from_frames;
@@ -165,7 +165,7 @@ fn noise_of_a_simulated_hand_held_camera_is_recovered() {
     let sets = ["format=png", "frames=12", "width_px=480", "height_px=360", "focal_px=390"];
     let sets: Vec<&str> = sets.into_iter().flat_map(|set| ["--set", set]).collect();
     let out = path(&folder);
-    said(&[&["simulate", "-q", "-o", &out], &sets[..]].concat());
+    stdout_of(&[&["simulate", "-q", "-o", &out], &sets[..]].concat());
     let found = moving_noise_from_paths(&[folder.join("rgb")], &NoiseOptions::default()).unwrap();
     let truth = Simulation::new(&Options::default()).unwrap().sensor.profile();
     let errors = errors(&found, |c, code| truth.sigma(c, code));
@@ -209,7 +209,7 @@ fn assert_program_writes_profile(temp: &Path, folder: &Path, found: &NoiseCalibr
     let path = |p: &Path| p.to_str().unwrap().to_owned();
     let (out, profile) = (path(folder), path(&temp.join("camera.toml")));
     let frames = std::fs::read_dir(folder.join("rgb")).unwrap().count();
-    let table = said(&["calibrate", "noise", "--moving", &out, "-o", &profile]);
+    let table = stdout_of(&["calibrate", "noise", "--moving", &out, "-o", &profile]);
     assert!(table.starts_with(&format!("{frames} frames of a moving camera")), "{table}");
 
     // The recording gives the same result as its pictures, and its source is stated once.
@@ -218,7 +218,7 @@ fn assert_program_writes_profile(temp: &Path, folder: &Path, found: &NoiseCalibr
         rig.read(Path::new(profile), &mut Settings::default()).unwrap();
         (rig.noise.unwrap(), std::fs::read_to_string(profile).unwrap())
     };
-    said(&["calibrate", "noise", "--moving", &out, "-o", &profile, "--force"]);
+    stdout_of(&["calibrate", "noise", "--moving", &out, "-o", &profile, "--force"]);
     let (noise, text) = read(&profile);
     assert_eq!(noise, found.profile);
     let signature = format!(
@@ -231,7 +231,7 @@ fn assert_program_writes_profile(temp: &Path, folder: &Path, found: &NoiseCalibr
     // is no profile.
     let own = folder.join("camera.toml");
     let before = std::fs::read_to_string(&own).unwrap();
-    said(&["calibrate", "noise", "--moving", &out, "-o", &path(&own), "--force"]);
+    stdout_of(&["calibrate", "noise", "--moving", &out, "-o", &path(&own), "--force"]);
     let (noise, text) = read(&path(&own));
     assert_eq!(noise, found.profile);
     assert_eq!(

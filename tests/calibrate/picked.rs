@@ -4,7 +4,7 @@
 use std::path::PathBuf;
 
 use crate::common;
-use crate::program::{refused, said};
+use crate::program::{refused, stdout_of};
 use crate::random::Random;
 use crate::tier;
 use locard::calibrate::sharpness::{SharpnessError, combine, edge};
@@ -202,16 +202,16 @@ fn program_measures_edges_and_writes_the_profile() {
     let (to, edges) = (profile.to_str().unwrap(), ["--edge", "80,310,100,385", "--edge", "118,385,98,345"]);
     let mut arguments = vec!["calibrate", "sharpness", picture];
     arguments.extend(edges);
-    let text = said(&arguments);
+    let text = stdout_of(&arguments);
     assert!(text.contains("point_spread.sigma_px = 0.5") && text.matches("edge  ").count() == 2, "{text}");
     arguments.extend(["-o", to]);
-    said(&arguments);
+    stdout_of(&arguments);
     let written = std::fs::read_to_string(&profile).unwrap();
     assert!(written.contains("[point_spread]\nsigma_px = 0.5"), "{written}");
     // A second time only with `--force`.
     assert!(refused(&arguments).contains("--force"));
     arguments.push("--force");
-    said(&arguments);
+    stdout_of(&arguments);
     let text = refused(&["calibrate", "sharpness", picture, "--edge", "320,95,352,125"]);
     assert!(text.contains("--edge 320,95,352,125") && text.contains("straight edge"), "{text}");
     let text = refused(&["calibrate", "sharpness", "recordings/demo", "--edge", "0,0,20,20"]);

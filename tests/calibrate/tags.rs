@@ -2,7 +2,7 @@
 
 use std::sync::LazyLock;
 
-use crate::sheet::{CAMERA, Camera, Place, Rays, Sheet as Printed};
+use crate::sheet::{CAMERA, Camera, CameraPose, Rays, Sheet as Printed};
 use crate::tier;
 use glam::{DQuat, DVec2, DVec3};
 use locard::camera::{Distortion, Geometry, Intrinsics, Response};
@@ -32,10 +32,10 @@ fn geometry(camera: &Camera) -> Geometry {
 }
 
 /// Poses 0.8 m away, increasingly oblique, rolled about their own axis.
-fn around(i: u32, count: u32) -> Place {
+fn around(i: u32, count: u32) -> CameraPose {
     let (a, tilt) = (0.7 * f64::from(i), 0.15 + 0.7 * f64::from(i) / f64::from(count));
     let at = 0.8 * DVec3::new(tilt.sin() * a.cos(), tilt.sin() * a.sin(), tilt.cos());
-    Place::looking(at, DVec3::new(0.05 * (1.3 * a).sin(), 0.05 * (0.9 * a).cos(), 0.0), 0.3 * (0.5 * a).sin())
+    CameraPose::look_at(at, DVec3::new(0.05 * (1.3 * a).sin(), 0.05 * (0.9 * a).cos(), 0.0), 0.3 * (0.5 * a).sin())
 }
 
 fn median(mut values: Vec<f64>) -> f64 {
@@ -44,7 +44,7 @@ fn median(mut values: Vec<f64>) -> f64 {
 }
 
 /// Error of a pose, mm and degrees.
-fn pose_error(pose: &Pose, place: &Place) -> (f64, f64) {
+fn pose_error(pose: &Pose, place: &CameraPose) -> (f64, f64) {
     let turn = pose.world_from_camera_rotation().angle_between(place.quaternion());
     (1e3 * pose.position_in_world_m().distance(place.at_m), turn.to_degrees())
 }
@@ -84,7 +84,7 @@ fn pose_of_a_simulated_camera_is_recovered() {
 fn pose_of_a_rolling_shutter_camera_is_recovered() {
     // The camera moves 0.5 m and turns 40° in a second, with a readout of 25 ms.
     let camera = Camera { readout_s: 0.025, ..CAMERA };
-    let at = |t: f64| Place::looking(DVec3::new(0.2 + 0.5 * t, -0.45, 0.6), DVec3::new(0.7 * t, 0.0, 0.0), 0.1);
+    let at = |t: f64| CameraPose::look_at(DVec3::new(0.2 + 0.5 * t, -0.45, 0.6), DVec3::new(0.7 * t, 0.0, 0.0), 0.1);
     let mut searcher = BoardTracker::new(Sheet::new(Paper::A4).board, geometry(&camera), &Response::default()).unwrap();
     let rays = Rays::of(&camera);
     let mut sights = Vec::new();

@@ -5,7 +5,7 @@ use std::process::Command;
 
 use crate::filmed::{AWAY, FPS, FRAMES, Site, place};
 use crate::program;
-use crate::program::{refused, said};
+use crate::program::{refused, stdout_of};
 use crate::sheet::CAMERA;
 use crate::tier;
 use glam::DVec3;
@@ -40,7 +40,7 @@ fn differs(a: &Path, b: &Path) -> (f64, f64, usize) {
 fn tracked_video_becomes_a_recording_with_static_evidence() {
     let site = Site::shared(&CAMERA);
     let track = site.track("board.toml", "tracked");
-    let told = said(&strs(&track));
+    let told = stdout_of(&strs(&track));
     for line in [
         "poses      15 of 18 frames, from 6.0 tags each",
         "lost       frames 10 to 12 (0.333 to 0.400 s): no tag is seen",
@@ -60,7 +60,7 @@ fn tracked_video_becomes_a_recording_with_static_evidence() {
         let truth = place(i as f64 / FPS);
         for point in points {
             let own = pose.transform_point(point);
-            let off_px = CAMERA.lands(own.truncate() / own.z).distance(truth.sees(&CAMERA, point));
+            let off_px = CAMERA.project_ray(own.truncate() / own.z).distance(truth.project(&CAMERA, point));
             assert!(off_px < 0.5, "frame {i}: {off_px:.3} px off");
         }
     }
@@ -99,7 +99,19 @@ fn tracked_video_becomes_a_recording_with_static_evidence() {
     let range = format!("{}..{}", composited.start, composited.end);
     for name in ["tracked", "truth"] {
         let (from, to) = (site.path(name), site.path(&format!("out-{name}")));
-        said(&["composite", &from, "--scene", &scene, "--frames", &range, "--without", "noise", "-o", &to, "--quiet"]);
+        stdout_of(&[
+            "composite",
+            &from,
+            "--scene",
+            &scene,
+            "--frames",
+            &range,
+            "--without",
+            "noise",
+            "-o",
+            &to,
+            "--quiet",
+        ]);
     }
     let source = |i: usize| {
         // A frame without a pose is unmodified.
@@ -126,7 +138,7 @@ fn tracked_video_becomes_a_recording_with_static_evidence() {
     // A tracked recording is replaced on request, and no other folder ever is.
     assert!(refused(&strs(&track)).contains("is there already"));
     let force: Vec<String> = track.iter().cloned().chain(["--force".to_owned()]).collect();
-    assert_eq!(said(&strs(&force)), told);
+    assert_eq!(stdout_of(&strs(&force)), told);
     std::fs::write(site.path("tracked/mine.txt"), "mine").unwrap();
     assert!(refused(&strs(&force)).contains("holds mine.txt"));
     assert!(Path::new(&site.path("tracked/poses.txt")).exists());
@@ -187,7 +199,7 @@ fn live_picture_gets_its_pose_from_its_tags() {
         let truth = place(i as f64 / FPS);
         for point in [DVec3::ZERO, DVec3::new(0.2, 0.05, 0.0), DVec3::new(-0.15, -0.1, 0.1)] {
             let own = pose.transform_point(point);
-            let off_px = CAMERA.lands(own.truncate() / own.z).distance(truth.sees(&CAMERA, point));
+            let off_px = CAMERA.project_ray(own.truncate() / own.z).distance(truth.project(&CAMERA, point));
             assert!(off_px < 0.5, "frame {i}: {point} is {off_px} px off");
         }
     }
@@ -209,9 +221,9 @@ fn recorded(folder: &str) -> Vec<(Pose, Covariance)> {
 fn track_is_smoothed_on_request() {
     let site = Site::shared(&CAMERA);
     let plain = site.track("board.toml", "plain");
-    said(&strs(&plain));
+    stdout_of(&strs(&plain));
     let smooth: Vec<String> = site.track("board.toml", "smooth");
-    let told = said(&[&strs(&smooth)[..], &["--smooth", "0.05"]].concat());
+    let told = stdout_of(&[&strs(&smooth)[..], &["--smooth", "0.05"]].concat());
     assert!(told.contains("smoothed   by a line through the poses around each, 0.05 s to 1/e"), "{told}");
     let (plain, smooth) = (recorded(&site.path("plain")), recorded(&site.path("smooth")));
     // The frames in which the camera looks away are not bridged.
@@ -230,13 +242,13 @@ fn track_is_smoothed_on_request() {
 fn sheet_is_written_with_its_board_file() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
-    said(&["board", "-o", &at("sheet.pdf"), "--paper", "letter"]);
+    stdout_of(&["board", "-o", &at("sheet.pdf"), "--paper", "letter"]);
     let pdf = std::fs::read(at("sheet.pdf")).unwrap();
     assert!(pdf.starts_with(b"%PDF-1.4") && pdf.ends_with(b"%%EOF\n"));
     let board = locard::tags::Board::read(Path::new(&at("sheet.toml"))).unwrap();
     assert_eq!(board.tags.len(), 6);
     // The same board on other paper needs no confirmation; a measured size is kept.
-    said(&["board", "-o", &at("sheet.png")]);
+    stdout_of(&["board", "-o", &at("sheet.png")]);
     assert!(refused(&["board", "-o", &at("sheet.png")]).contains("sheet.png"));
     let mine = std::fs::read_to_string(at("sheet.toml")).unwrap().replace("version = 1", "version = 1\nscale = 0.97");
     std::fs::write(at("sheet.toml"), &mine).unwrap();

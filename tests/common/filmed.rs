@@ -9,8 +9,8 @@ use std::process::{Command, Stdio};
 use glam::DVec3;
 
 use super::fixture;
-use super::program::said;
-use super::sheet::{Camera, Place, Sheet};
+use super::program::stdout_of;
+use super::sheet::{Camera, CameraPose, Sheet};
 
 pub const FRAMES: usize = 18;
 pub const FPS: f64 = 30.0;
@@ -18,11 +18,15 @@ pub const FPS: f64 = 30.0;
 pub const AWAY: std::ops::Range<usize> = 10..13;
 
 /// Pose of a hand-held camera that moves around the sheet at a distance of 0.8 m.
-pub fn place(time_s: f64) -> Place {
+pub fn place(time_s: f64) -> CameraPose {
     let (a, sway) = (0.8 + 0.5 * time_s, 0.02 * (9.0 * time_s).sin());
     let at = DVec3::new(0.45 * a.cos() + sway, -0.5 * a.sin(), 0.62 - sway);
     let away = AWAY.contains(&((time_s * FPS).round() as usize));
-    Place::looking(at, if away { DVec3::new(3.0, 4.0, 0.0) } else { DVec3::new(0.03, 0.05 * time_s, 0.0) }, 0.2 * sway)
+    CameraPose::look_at(
+        at,
+        if away { DVec3::new(3.0, 4.0, 0.0) } else { DVec3::new(0.03, 0.05 * time_s, 0.0) },
+        0.2 * sway,
+    )
 }
 
 /// A folder with the sheet, its board file, the camera's profile and a video of the sheet.
@@ -34,7 +38,7 @@ impl Site {
     pub fn new(camera: &Camera) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let site = Self { folder };
-        said(&["board", "-o", &site.path("board.png"), "--quiet"]);
+        stdout_of(&["board", "-o", &site.path("board.png"), "--quiet"]);
         let printed = image::open(site.path("board.png")).unwrap().into_luma8();
         let sheet = Sheet::of(printed.width() as usize, printed.height() as usize, printed.into_raw());
         std::fs::write(site.path("camera.toml"), camera.profile()).unwrap();

@@ -19,7 +19,7 @@ pub fn locard(arguments: &[&str]) -> Output {
 }
 
 /// Runs the program, asserts success and returns its standard output.
-pub fn said(arguments: &[&str]) -> String {
+pub fn stdout_of(arguments: &[&str]) -> String {
     let output = locard(arguments);
     assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8(output.stdout).unwrap()

@@ -43,7 +43,7 @@ impl Camera {
     }
 
     /// Projects a ray x/z, y/z, px.
-    pub fn lands(&self, ray: DVec2) -> DVec2 {
+    pub fn project_ray(&self, ray: DVec2) -> DVec2 {
         let r2 = ray.dot(ray);
         let radial = 1.0 + self.k1 * r2 + self.k2 * r2 * r2;
         let x = ray.x * radial + 2.0 * self.p1 * ray.x * ray.y + self.p2 * (r2 + 2.0 * ray.x * ray.x);
@@ -56,7 +56,7 @@ impl Camera {
         let wanted = (at - self.centre_px) / self.focal_px;
         let mut ray = wanted;
         for _ in 0..12 {
-            ray += wanted - (self.lands(ray) - self.centre_px) / self.focal_px;
+            ray += wanted - (self.project_ray(ray) - self.centre_px) / self.focal_px;
         }
         ray
     }
@@ -83,14 +83,14 @@ impl Rays {
 
 /// Camera pose: position and axes (x right, y down, z forward) in world coordinates, as columns.
 #[derive(Clone, Copy, Debug)]
-pub struct Place {
+pub struct CameraPose {
     pub at_m: DVec3,
     pub axes: DMat3,
 }
 
-impl Place {
+impl CameraPose {
     /// A pose at `at_m` facing `target_m`, rolled about the optical axis.
-    pub fn looking(at_m: DVec3, target_m: DVec3, roll_rad: f64) -> Self {
+    pub fn look_at(at_m: DVec3, target_m: DVec3, roll_rad: f64) -> Self {
         let ahead = (target_m - at_m).normalize();
         let side = if ahead.cross(DVec3::Z).length() > 1e-3 { ahead.cross(DVec3::Z) } else { DVec3::X };
         let right = side.normalize();
@@ -99,9 +99,9 @@ impl Place {
     }
 
     /// Projects a world point, px.
-    pub fn sees(&self, camera: &Camera, point_m: DVec3) -> DVec2 {
+    pub fn project(&self, camera: &Camera, point_m: DVec3) -> DVec2 {
         let own = self.axes.transpose() * (point_m - self.at_m);
-        camera.lands(own.truncate() / own.z)
+        camera.project_ray(own.truncate() / own.z)
     }
 
     pub fn quaternion(&self) -> DQuat {
@@ -159,7 +159,7 @@ impl Sheet {
         samples: u32,
         sigma: f64,
         seed: u64,
-        place: impl Fn(f64) -> Place + Sync,
+        place: impl Fn(f64) -> CameraPose + Sync,
     ) -> Vec<u8> {
         self.photograph_by_rays(&Rays::of(camera), samples, sigma, seed, place)
     }
@@ -171,7 +171,7 @@ impl Sheet {
         samples: u32,
         sigma: f64,
         seed: u64,
-        place: impl Fn(f64) -> Place + Sync,
+        place: impl Fn(f64) -> CameraPose + Sync,
     ) -> Vec<u8> {
         let lights: Vec<f64> = (0..=255).map(|code| 0.02 + 0.86 * to_light(f64::from(code) / 255.0)).collect();
         let width = SIZE.0 as usize;

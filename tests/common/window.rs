@@ -92,7 +92,7 @@ pub fn window(project: Project, size: egui::Vec2) -> Harness<'static, App> {
 
 /// Runs the window until its picture shows the current settings.
 pub fn settle(window: &mut Harness<'_, App>) {
-    until(window, App::is_settled);
+    run_until(window, App::is_settled);
     assert_eq!(window.state().problem(), None);
 }
 
@@ -100,7 +100,7 @@ pub fn settle(window: &mut Harness<'_, App>) {
 const BETWEEN_PICTURES: Duration = Duration::from_millis(30);
 
 /// Pauses for [`BETWEEN_PICTURES`].
-pub fn rest() {
+pub fn pause() {
     std::thread::park_timeout(BETWEEN_PICTURES);
 }
 
@@ -108,7 +108,7 @@ pub fn rest() {
 ///
 /// # Panics
 /// After 120 s.
-pub fn until(window: &mut Harness<'_, App>, done: impl Fn(&App) -> bool) {
+pub fn run_until(window: &mut Harness<'_, App>, done: impl Fn(&App) -> bool) {
     let begun = Instant::now();
     loop {
         window.step();
@@ -116,7 +116,7 @@ pub fn until(window: &mut Harness<'_, App>, done: impl Fn(&App) -> bool) {
             return;
         }
         assert!(begun.elapsed() < Duration::from_secs(120), "it does not come");
-        rest();
+        pause();
     }
 }
 
@@ -136,7 +136,7 @@ pub fn press_key(window: &mut Harness<'_, App>, key: egui::Key) {
     window.run_steps(2);
 }
 
-pub fn types(window: &mut Harness<'_, App>, text: &str) {
+pub fn type_text(window: &mut Harness<'_, App>, text: &str) {
     window.event(egui::Event::Text(text.to_owned()));
     window.step();
 }
@@ -154,7 +154,7 @@ pub fn press_and_move(window: &mut Harness<'_, App>, from: egui::Pos2, to: egui:
 }
 
 /// Releases the button and runs the window for two steps.
-pub fn let_go(window: &mut Harness<'_, App>, at: egui::Pos2) {
+pub fn release_at(window: &mut Harness<'_, App>, at: egui::Pos2) {
     window.drop_at(at);
     window.run_steps(2);
 }
@@ -172,7 +172,7 @@ pub fn drop_file<S>(window: &mut Harness<'_, S>, path: PathBuf) {
 /// Drops a model and waits until the next click places it.
 pub fn drop_model(window: &mut Harness<'_, App>, path: PathBuf) {
     drop_file(window, path);
-    shows(window, "Click in the picture, or press and drag to turn it; Esc ends it.");
+    wait_for_label(window, "Click in the picture, or press and drag to turn it; Esc ends it.");
 }
 
 #[derive(Debug)]
@@ -198,37 +198,37 @@ pub fn search(window: &mut Harness<'_, App>, words: &str) {
     window.run_steps(3);
 }
 
-pub fn has<S>(window: &Harness<'_, S>, label: &str) -> bool {
+pub fn has_label<S>(window: &Harness<'_, S>, label: &str) -> bool {
     window.query_all_by_label(label).count() > 0
 }
 
 /// Runs the window until a widget has this label; files are read on other threads.
-pub fn shows<S>(window: &mut Harness<'_, S>, label: &str) {
-    until_seen(window, label, |window| has(window, label));
+pub fn wait_for_label<S>(window: &mut Harness<'_, S>, label: &str) {
+    wait_for(window, label, |window| has_label(window, label));
 }
 
 /// Runs the window until `done`.
 ///
 /// # Panics
 /// After 240 s, with `awaited` in the message.
-pub fn until_seen<S>(window: &mut Harness<'_, S>, awaited: &str, done: impl Fn(&Harness<'_, S>) -> bool) {
+pub fn wait_for<S>(window: &mut Harness<'_, S>, awaited: &str, done: impl Fn(&Harness<'_, S>) -> bool) {
     let begun = Instant::now();
     while !done(window) {
         assert!(begun.elapsed() < Duration::from_secs(240), "{awaited} does not come");
         window.step();
-        rest();
+        pause();
     }
 }
 
 /// Label of a parameter's control.
-pub fn called(window: &Harness<'_, App>, table: &str, name: &str) -> String {
+pub fn control_label(window: &Harness<'_, App>, table: &str, name: &str) -> String {
     let edit = window.state().project().edit();
     let mut tables = edit.rig.tables().into_iter().chain(edit.settings.tables());
     locard::params::called(tables.find(|params| params.table() == table).unwrap(), name)
 }
 
 /// Code values of the picture in the window.
-pub fn shown(window: &Harness<'_, App>) -> Vec<[u8; 3]> {
+pub fn shown_codes(window: &Harness<'_, App>) -> Vec<[u8; 3]> {
     let viewer = window.state().viewer();
     let texels = gpu::read_back(viewer.gpu(), &viewer.composite().unwrap().texture);
     texels.into_iter().map(|[r, g, b, _]| [r, g, b]).collect()

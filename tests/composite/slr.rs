@@ -1,12 +1,12 @@
 //! The virtual SLR compared with a real one, and `locard meter`.
 
 use crate::common;
-use crate::program::{refused, said};
+use crate::program::{refused, stdout_of};
 use locard::camera::{Film, ThinLens};
 use locard::recording::{OpenOptions, Recording};
 
 fn json(arguments: &[&str]) -> serde_json::Value {
-    serde_json::from_str(&said(&[arguments, &["--json"]].concat())).unwrap()
+    serde_json::from_str(&stdout_of(&[arguments, &["--json"]].concat())).unwrap()
 }
 
 fn number(value: &serde_json::Value) -> f64 {
@@ -57,7 +57,7 @@ fn door_is_metered_from_its_picture() {
     for proposal in proposals {
         assert!(number(&proposal["over_ev"]).abs() <= 1.0 / 6.0 + 1e-6, "{proposal}");
     }
-    let text = said(&["meter", folder, "--frame", "0"]);
+    let text = stdout_of(&["meter", folder, "--frame", "0"]);
     assert!(text.contains("settings   f/4.8, 1/125 s, ISO 400: EV 11.5") && text.contains("\nm manual "), "{text}");
 }
 
@@ -81,7 +81,7 @@ fn metering_follows_the_sunny_sixteen_rule() {
     assert_eq!(fast["proposals"][2]["settings"]["text"], "f/22, 1/125 s, ISO 400");
     assert!((number(&fast["proposals"][2]["over_ev"]) - 1.0).abs() < 1e-9);
     assert_eq!(fast["proposals"][3]["settings"]["text"], "f/16, 1/125 s, ISO 100");
-    let text = said(&[&sunny[..], &["--iso", "100", "--compensation", "-1"]].concat());
+    let text = stdout_of(&[&sunny[..], &["--iso", "100", "--compensation", "-1"]].concat());
     assert!(text.contains("exposed    correctly") && text.contains("a aperture f/16, 1/250 s"), "{text}");
 }
 

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crate::common::data_if_any;
-use crate::program::{copied, locard, program, refused, said, with_a_truncated_frame};
+use crate::program::{copied, locard, program, refused, stdout_of, with_a_truncated_frame};
 use crate::tier;
 
 #[test]
@@ -44,19 +44,19 @@ fn composite_is_silent_in_a_pipe_and_writes_the_requested_frames() {
 
 #[test]
 fn inspect_describes_the_recording() {
-    let text = said(&["inspect", "scenes/demo.toml"]);
+    let text = stdout_of(&["inspect", "scenes/demo.toml"]);
     assert!(text.contains("light      0 suns, 1 lamp, a panorama of 256x128 px"), "{text}");
     assert!(text.contains("object     marker 1: ") && !text.contains("-0.000"), "{text}");
     let temp = tempfile::tempdir().unwrap();
     let sunny = temp.path().join("sunny.toml");
     std::fs::write(&sunny, "version = 1\n[light]\nambient = 0.5\n[[light.sun]]\ntowards = [0, 0, 1]\n").unwrap();
-    let text = said(&["inspect", sunny.to_str().unwrap()]);
+    let text = stdout_of(&["inspect", sunny.to_str().unwrap()]);
     assert!(text.contains("light      1 sun, 0 lamps, 0.5 from everywhere"), "{text}");
-    let text = said(&["inspect", "scenes/l-scale.glb"]);
+    let text = stdout_of(&["inspect", "scenes/l-scale.glb"]);
     assert!(text.contains("triangles, 1 material\n"), "{text}");
-    let text = said(&["inspect", "profiles/simulated.toml"]);
+    let text = stdout_of(&["inspect", "profiles/simulated.toml"]);
     assert!(text.contains("picture    640x480 px") && text.contains("time_s = 0.0166667 s, iso = 400\n"), "{text}");
-    let text = said(&["inspect", "recordings/demo"]);
+    let text = stdout_of(&["inspect", "recordings/demo"]);
     assert!(text.contains("exposure   known for 72 of 72 frames"), "{text}");
 }
 
@@ -73,7 +73,7 @@ fn folder_of_one_scene_calibrates_as_one_scene() {
         picture.save(temp.path().join(format!("{i}.png"))).unwrap();
     }
     let profile = temp.path().join("p.toml");
-    let text = said(&["calibrate", "noise", temp.path().to_str().unwrap(), "-o", profile.to_str().unwrap()]);
+    let text = stdout_of(&["calibrate", "noise", temp.path().to_str().unwrap(), "-o", profile.to_str().unwrap()]);
     assert!(text.starts_with("1 scene, 3 frames; "), "{text}");
 }
 
@@ -111,10 +111,10 @@ fn pictures_without_times_have_no_motion_blur() {
 fn inspect_names_truncated_pictures() {
     let temp = tempfile::tempdir().unwrap();
     with_a_truncated_frame(temp.path());
-    let text = said(&["inspect", temp.path().to_str().unwrap()]);
+    let text = stdout_of(&["inspect", temp.path().to_str().unwrap()]);
     assert!(text.contains("files      6 pictures, 1 cannot be read\n"), "{text}");
     assert!(text.contains("00003.jpg: the JPEG is truncated"), "{text}");
-    let text = said(&["inspect", "recordings/demo"]);
+    let text = stdout_of(&["inspect", "recordings/demo"]);
     assert!(text.contains("files      144 pictures, none ends too early\n"), "{text}");
 }
 
@@ -128,10 +128,10 @@ fn inspect_takes_the_camera_from_a_profile_and_units_from_the_format() {
     write("transforms.json", &format!(r#"{{{camera}, "frames": [{frame}]}}"#));
     let folder = temp.path().to_str().unwrap();
     let pick = ["inspect", folder, "--frame", "0", "--pick", "32,24", "--plane", "0,0,1,0"];
-    let text = said(&pick);
+    let text = stdout_of(&pick);
     assert!(text.contains("camera at  0.0000 0.0000 2.0000 units, looks along"), "{text}");
     assert!(text.contains("world      0.0000 0.0000 0.0000 units (on the plane, depth 2.0000 units)"), "{text}");
-    let text = said(&[&pick[..], &["--metres-per-unit", "0.5"]].concat());
+    let text = stdout_of(&[&pick[..], &["--metres-per-unit", "0.5"]].concat());
     assert!(text.contains("0.0000 0.0000 1.0000 m, looks along") && !text.contains("units"), "{text}");
 
     std::fs::remove_file(temp.path().join("transforms.json")).unwrap();
@@ -142,9 +142,9 @@ fn inspect_takes_the_camera_from_a_profile_and_units_from_the_format() {
         "camera.toml",
         "version = 1\n[camera]\nwidth_px = 64\nheight_px = 48\nfx_px = 61\nfy_px = 60\ncx_px = 32\ncy_px = 24\n",
     );
-    assert!(said(&["inspect", folder]).contains("camera     unknown: give a --profile"));
+    assert!(stdout_of(&["inspect", folder]).contains("camera     unknown: give a --profile"));
     let profile = temp.path().join("camera.toml");
-    let text = said(&["inspect", folder, "--profile", profile.to_str().unwrap()]);
+    let text = stdout_of(&["inspect", folder, "--profile", profile.to_str().unwrap()]);
     assert!(text.contains("camera     fx 61.00 fy 60.00 cx 32.00 cy 24.00 px"), "{text}");
 }
 
@@ -179,7 +179,7 @@ fn empty_selection_lists_the_available_names() {
     );
     let text = refused(&["simulate", "-o", "recordings/demo"]);
     assert!(text.contains("--force"), "{text}");
-    let list = said(&["simulate", "--list"]);
+    let list = stdout_of(&["simulate", "--list"]);
     assert!(list.contains("frames = 72    (") && list.contains("fps = 30 1/s    ("), "{list}");
 }
 
@@ -267,7 +267,7 @@ fn truncated_picture_with_trailing_data_is_refused() {
     let arguments = ["composite", &recording, "--scene", "scenes/marker-1.glb", "--profile", "profiles/simulated.toml"];
     let text = refused(&[&arguments[..], &["-o", &out]].concat());
     assert!(text.contains("00003.jpg: the JPEG is truncated after"), "{text}");
-    let text = said(&["inspect", &recording]);
+    let text = stdout_of(&["inspect", &recording]);
     assert!(text.contains("6 pictures, 1 cannot be read"), "{text}");
 }
 
@@ -403,13 +403,13 @@ fn clock_offset_of_poses_is_found_from_the_pictures() {
     std::fs::write(late.join("recording.toml"), moved).unwrap();
     // The camera translates as much as it rotates, which reduces the precision: 4 ms is one
     // standard deviation.
-    let text = said(&["inspect", late.to_str().unwrap(), "--clock"]);
+    let text = stdout_of(&["inspect", late.to_str().unwrap(), "--clock"]);
     assert!((earlier_ms(&text) - 100.0).abs() < 12.0 && text.contains("(now 0.1000)"), "{text}");
     if !tier::is_full() {
         return;
     }
     let Some(tum) = data_if_any("tum-fr1-rpy") else { return };
     // By full alignment its poses fit 5 ms earlier.
-    let text = said(&["inspect", tum.to_str().unwrap(), "--profile", "profiles/tum-fr1.toml", "--clock"]);
+    let text = stdout_of(&["inspect", tum.to_str().unwrap(), "--profile", "profiles/tum-fr1.toml", "--clock"]);
     assert!((earlier_ms(&text) - 5.0).abs() < 4.0, "{text}");
 }

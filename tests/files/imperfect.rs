@@ -138,7 +138,7 @@ fn truncated_depth_is_counted_when_it_is_decoded() {
     let r = open(folder);
     assert_eq!(r.undecoded_depth(), None);
     // `inspect` decodes none of them.
-    let inspected = program::said(&["inspect", folder.to_str().unwrap()]);
+    let inspected = program::stdout_of(&["inspect", folder.to_str().unwrap()]);
     assert!(
         inspected.contains("odd        1 of 3 depth pictures cannot be read, and its frames have no depth"),
         "{inspected}"
@@ -523,7 +523,7 @@ fn describe_resting(folder: &Path, frames: &str) {
 fn composited(folder: &Path, more: &[&str]) -> Recording {
     let out = folder.join("out.mp4");
     let arguments = ["composite", folder.to_str().unwrap(), "--scene", "scenes/marker-1.glb", "--plain", "-o"];
-    program::said(&[&arguments[..], &[out.to_str().unwrap()], more].concat());
+    program::stdout_of(&[&arguments[..], &[out.to_str().unwrap()], more].concat());
     Recording::open(&describe(folder, "[frames]\nvideo = \"out.mp4\"\n"), &OpenOptions::default()).unwrap()
 }
 

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::process::Command;
 
-use crate::program::{locard, program, refused, said, with_a_truncated_frame};
+use crate::program::{locard, program, refused, stdout_of, with_a_truncated_frame};
 use crate::tier;
 
 #[test]
@@ -338,7 +338,7 @@ fn layers_and_report_are_written_into_the_new_frame_folder() {
     assert_eq!(std::fs::read_dir(&out).unwrap().count(), 3);
 
     // On standard output, which contains nothing else.
-    let text = said(&[&arguments[..], &["--force", "--report", "-"]].concat());
+    let text = stdout_of(&[&arguments[..], &["--force", "--report", "-"]].concat());
     let read: serde_json::Value = serde_json::from_str(&text).unwrap();
     assert_eq!(read["frames"][0]["frame"], 5);
     let arguments = [&arguments[..arguments.len() - 1], &["-", "--report", "-"]].concat();
@@ -372,7 +372,7 @@ fn two_concurrent_runs_to_one_output_both_succeed() {
     assert_eq!(std::fs::read_dir(temp.path()).unwrap().count(), 2);
     let recording = temp.path().join("recording.toml");
     std::fs::write(&recording, "version = 1\n[frames]\nvideo = \"out.mkv\"\n").unwrap();
-    let text = said(&["inspect", recording.to_str().unwrap()]);
+    let text = stdout_of(&["inspect", recording.to_str().unwrap()]);
     assert!(text.contains(&format!("frames     {frames} of 640x480")), "{text}");
 }
 

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use crate::common;
 use crate::program;
-use crate::program::{refused, said};
+use crate::program::{refused, stdout_of};
 use crate::shot;
 use crate::tier;
 use locard::scene::document;
@@ -22,9 +22,12 @@ fn placed_objects_rest_on_the_floor_and_the_file_keeps_its_comments() {
     let scene = file.to_str().unwrap();
     let text = "# the site\nversion = 1 # so far\nup = \"z\"\n";
     std::fs::write(&file, text).unwrap();
-    let told = said(&place(scene, &["--at", "320,300", "--model", "scenes/marker-1.glb", "--heading", "30"]));
+    let told = stdout_of(&place(scene, &["--at", "320,300", "--model", "scenes/marker-1.glb", "--heading", "30"]));
     assert!(told.contains("tilted by 0.") && told.contains("placed"), "{told}");
-    said(&place(scene, &["--at", "300,330", "--model", "scenes/cartridge-case-9mm.glb", "--flat", "--name", "case"]));
+    stdout_of(&place(
+        scene,
+        &["--at", "300,330", "--model", "scenes/cartridge-case-9mm.glb", "--flat", "--name", "case"],
+    ));
     let written = std::fs::read_to_string(&file).unwrap();
     assert!(written.starts_with(text), "{written}");
     let objects = document::read(&file).unwrap().value().objects.clone();
@@ -37,7 +40,7 @@ fn placed_objects_rest_on_the_floor_and_the_file_keeps_its_comments() {
     let report = temp.path().join("report.json");
     let out = temp.path().join("out");
     let frames = ["--frames", "30..31", "-o", out.to_str().unwrap(), "--report", report.to_str().unwrap()];
-    said(&[&["composite", "recordings/demo", "--scene", scene], &frames[..], tier::no_shadows()].concat());
+    stdout_of(&[&["composite", "recordings/demo", "--scene", scene], &frames[..], tier::no_shadows()].concat());
     assert!(std::fs::read_to_string(&report).unwrap().contains("\"objects_in_sight\": true"));
 }
 
@@ -45,7 +48,7 @@ fn placed_objects_rest_on_the_floor_and_the_file_keeps_its_comments() {
 fn object_without_a_heading_faces_the_camera() {
     let temp = tempfile::tempdir().unwrap();
     let file = temp.path().join("scene.toml");
-    said(&place(file.to_str().unwrap(), &["--at", "320,300", "--model", "scenes/marker-1.glb"]));
+    stdout_of(&place(file.to_str().unwrap(), &["--at", "320,300", "--model", "scenes/marker-1.glb"]));
     let placed = document::read(&file).unwrap().value().objects[0].clone();
     // From above: the front faces −y, turned by the heading counter-clockwise.
     let (sin, cos) = placed.heading_deg.unwrap().to_radians().sin_cos();
@@ -62,7 +65,7 @@ fn surface_on_a_real_desk_is_found() {
     let scene = temp.path().join("scene.toml");
     let arguments = ["--frame", "20", "--at", "320,300", "--model", "scenes/l-scale.glb", "--flat", "--profile"];
     let folder = [folder.to_str().unwrap(), "profiles/tum-fr1.toml", scene.to_str().unwrap()];
-    let told = said(&[&["place", folder[0]], &arguments[..], &[folder[1], "--scene", folder[2]]].concat());
+    let told = stdout_of(&[&["place", folder[0]], &arguments[..], &[folder[1], "--scene", folder[2]]].concat());
     assert!(told.contains("of what is around") && scene.exists(), "{told}");
 }
 
@@ -72,18 +75,18 @@ fn recording_without_an_up_takes_the_normal_of_the_first_surface() {
     let temp = tempfile::tempdir().unwrap();
     let file = temp.path().join("scene.toml");
     let at = ["--frame", "22", "--at", "440,290", "--model", "scenes/marker-1.glb", "--scene", file.to_str().unwrap()];
-    let told = said(&[&["place", folder.to_str().unwrap()], &at[..]].concat());
+    let told = stdout_of(&[&["place", folder.to_str().unwrap()], &at[..]].concat());
     assert!(told.contains("which way is up: [") && told.contains("says it now"), "{told}");
     let up = document::read(&file).unwrap().value().up.unwrap().axis(&file, "up").unwrap();
     // The table's normal by a plane through 2,000 of its points.
     let off_deg = up.angle_between(glam::DVec3::new(0.035, -0.887, -0.46)).to_degrees();
     assert!(off_deg < 4.0, "{up}: {off_deg}");
     // Later objects use the same up axis, and earlier ones are not rotated.
-    let told = said(&[&["place", folder.to_str().unwrap()], &at[..]].concat());
+    let told = stdout_of(&[&["place", folder.to_str().unwrap()], &at[..]].concat());
     assert!(!told.contains("which way is up"), "{told}");
     std::fs::write(&file, "version = 1\n[[objects]]\nmodel = \"marker-1.glb\"\n").unwrap();
     std::fs::copy("scenes/marker-1.glb", temp.path().join("marker-1.glb")).unwrap();
-    let told = said(&[&["place", folder.to_str().unwrap()], &at[..]].concat());
+    let told = stdout_of(&[&["place", folder.to_str().unwrap()], &at[..]].concat());
     assert!(told.contains("z is taken") && document::read(&file).unwrap().value().up.is_none(), "{told}");
 }
 
@@ -133,7 +136,7 @@ fn model_name_is_escaped_on_the_terminal() {
     std::fs::copy("scenes/marker-1.glb", &model).unwrap();
     let at = ["--at", "320,300", "--model", model.to_str().unwrap()];
     // The second is inside the first, which is reported with their names.
-    let told = [(); 2].map(|()| said(&place(scene.to_str().unwrap(), &at))).concat();
+    let told = [(); 2].map(|()| stdout_of(&place(scene.to_str().unwrap(), &at))).concat();
     assert!(told.contains("placed     a\\u{1b}]0;pwn\\u{7}.glb at ") && told.contains("odd        a\\u{1b}"), "{told}");
     assert!(told.chars().all(|c| c == '\n' || !c.is_control()), "{told:?}");
 }
@@ -152,14 +155,14 @@ fn two_frames_triangulate_a_point_and_three_points_give_a_plane() {
     let points = [[0.1, -0.1, 0.0], [0.3, 0.2, 0.0], [-0.2, 0.1, 0.0]];
     let picks = points.map(|point| format!("{}+50:{}", seen(30, point), seen(50, point)));
     let at = ["--at", &picks[0], "--model", "scenes/marker-1.glb"];
-    let told = said(&place(scene, &at));
+    let told = stdout_of(&place(scene, &at));
     assert!(told.contains("taken for level; the point is known within"), "{told}");
     let placed = document::read(Path::new(scene)).unwrap().value().objects[0].position_m.unwrap();
     assert!(placed.iter().zip(points[0]).all(|(a, b)| (a - b).abs() < 1e-3), "{placed:?}");
 
     let mut inspect = vec!["inspect", "recordings/demo", "--frame", "30"];
     picks.iter().for_each(|pick| inspect.extend(["--pick", pick.as_str()]));
-    let told = said(&inspect);
+    let told = stdout_of(&inspect);
     // By Pythagoras: 0.2, 0.3 and 0.5, 0.1 and 0.3, 0.2.
     for (apart_m, which) in [(0.3606, "1 to 2"), (0.5099, "2 to 3"), (0.3606, "1 to 3")] {
         let line = told.lines().find(|line| line.ends_with(which)).unwrap();
@@ -171,12 +174,16 @@ fn two_frames_triangulate_a_point_and_three_points_give_a_plane() {
     let other = temp.path().join("other.toml");
     let other = other.to_str().unwrap();
     let frame = ["place", "recordings/demo", "--frame", "40", "--at", &on_plane, "--plane", plane];
-    said(&[&frame[..], &["--model", "scenes/marker-1.glb", "--scene", other]].concat());
+    stdout_of(&[&frame[..], &["--model", "scenes/marker-1.glb", "--scene", other]].concat());
     let placed = document::read(Path::new(other)).unwrap().value().objects[0].position_m.unwrap();
     assert!(placed.iter().zip([0.0, 0.3, 0.0]).all(|(a, b)| (a - b).abs() < 1e-3), "{placed:?}");
 
     let two = [&inspect[..8], &["--distance", "0.7212"]].concat();
-    assert!(said(&two).contains("scale      -50.0 % off: the recording is in metres already"), "{}", said(&two));
+    assert!(
+        stdout_of(&two).contains("scale      -50.0 % off: the recording is in metres already"),
+        "{}",
+        stdout_of(&two)
+    );
     assert!(refused(&[&inspect[..6], &["--distance", "1"]].concat()).contains("give --pick twice"));
     assert!(refused(&["inspect", "recordings/demo", "--frame", "30", "--pick", "3,4+99:5,6"]).contains("99"));
 }
@@ -190,15 +197,15 @@ fn misplaced_objects_are_reported_and_previewed() {
     let preview = temp.path().join("preview.png");
     let preview = preview.to_str().unwrap();
     let marker = ["--at", "320,300", "--model", "scenes/marker-1.glb"];
-    assert!(!said(&place(scene, &marker)).contains("odd"));
+    assert!(!stdout_of(&place(scene, &marker)).contains("odd"));
     let composite = ["composite", "recordings/demo", "--preview", "30", "--force", "-o", preview, "--scene"];
     let sound = program::locard(&[&composite[..], &["scenes/demo.toml"], tier::no_shadows()].concat());
     let told = String::from_utf8(sound.stderr).unwrap();
     assert!(!told.contains("stand") && !told.contains("hovers") && !told.contains("sunk"), "{told}");
     // A second one in the same place.
-    let twice = said(&place(scene, &[&marker[..], &["--name", "second"]].concat()));
+    let twice = stdout_of(&place(scene, &[&marker[..], &["--name", "second"]].concat()));
     assert!(twice.contains("odd        marker-1 and second stand inside each other"), "{twice}");
-    assert!(said(&["inspect", scene]).contains("odd        marker-1 and second stand inside each other, by "));
+    assert!(stdout_of(&["inspect", scene]).contains("odd        marker-1 and second stand inside each other, by "));
     // 20 cm above the floor, and 3 cm below.
     let text = std::fs::read_to_string(&file).unwrap();
     let at = |z: &str| {

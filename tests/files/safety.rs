@@ -4,7 +4,7 @@ use std::path::Path;
 
 use crate::models;
 use crate::program;
-use crate::program::{locard, refused, said, with_a_truncated_frame};
+use crate::program::{locard, refused, stdout_of, with_a_truncated_frame};
 use crate::tier;
 use locard::source::video::{Overrides, probe};
 
@@ -209,7 +209,7 @@ fn scene_beyond_the_object_limit_is_refused() {
     let text = refused(&["inspect", scene.to_str().unwrap()]);
     assert!(text.contains("scene.toml: the placed objects: found 16385; accepted: up to 16384"), "{text}");
     write(16_383);
-    assert!(said(&["inspect", scene.to_str().unwrap()]).contains("marker 16383: "));
+    assert!(stdout_of(&["inspect", scene.to_str().unwrap()]).contains("marker 16383: "));
 }
 
 #[test]
@@ -236,7 +236,7 @@ fn inspect_reads_the_profile_named_by_a_recording() {
     camera(320);
     assert!(refused(&["inspect", folder]).contains("the camera's picture is 320x480 px"));
     camera(640);
-    assert!(said(&["inspect", folder]).contains("camera     fx 520.00 fy 521.00 cx 320.00 cy 240.00 px"));
+    assert!(stdout_of(&["inspect", folder]).contains("camera     fx 520.00 fy 521.00 cx 320.00 cy 240.00 px"));
     #[cfg(unix)]
     {
         std::fs::remove_file(at("camera.toml")).unwrap();
@@ -262,7 +262,7 @@ fn no_message_prints_hundreds_of_digits() {
         "far.toml",
         "version = 1\n[[objects]]\nmodel = \"marker.glb\"\nposition_m = [1e200, 0, 0]\n[light]\nambient = 1e30\n",
     );
-    let text = short(said(&["inspect", &path("far.toml")]));
+    let text = short(stdout_of(&["inspect", &path("far.toml")]));
     assert!(text.contains("from 1.00000e200 ") && text.contains("1e30 from everywhere"), "{text}");
     write("bad.toml", "version = 1\n[[objects]]\nmodel = \"marker.glb\"\nsize_m = -1e300\n");
     assert!(short(refused(&["inspect", &path("bad.toml")])).contains("size_m: found -1e300"));
@@ -287,7 +287,7 @@ fn oversized_picture_is_reported_as_such_and_not_as_truncated() {
     std::fs::write(temp.path().join("rgb/00003.jpg"), whole).unwrap();
     let large = std::fs::File::options().write(true).open(temp.path().join("rgb/00004.jpg")).unwrap();
     large.set_len(6 << 30).unwrap();
-    let text = said(&["inspect", temp.path().to_str().unwrap()]);
+    let text = stdout_of(&["inspect", temp.path().to_str().unwrap()]);
     assert!(text.contains("files      6 pictures, 1 cannot be read\n"), "{text}");
     assert!(text.contains("00004.jpg: cannot be read: it holds 6442450944 bytes"), "{text}");
 }

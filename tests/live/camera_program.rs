@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use crate::filmed::{AWAY, FRAMES, Site};
 use crate::fixture;
-use crate::program::{locard, program, refused, said};
+use crate::program::{locard, program, refused, stdout_of};
 use crate::sheet::CAMERA;
 use crate::tier;
 use glam::DVec2;
@@ -94,7 +94,7 @@ fn live_pictures_match_the_recording() {
     // All recorded pictures were tracked, however slow the machine is.
     let taken = std::fs::read_dir(&seen).unwrap().count();
     assert!(taken > 0 && told.contains(" tracked, 0 by predicted poses, 0 without"), "{told}");
-    said(&[&["composite", text(&site), "-o", text(&again)][..], &scene, tier::no_shadows()].concat());
+    stdout_of(&[&["composite", text(&site), "-o", text(&again)][..], &scene, tier::no_shadows()].concat());
     assert_eq!(std::fs::read_dir(&again).unwrap().count(), taken);
     for frame in 0..taken {
         let [live, again] = [&seen, &again].map(|at| std::fs::read(at.join(format!("frame_{frame:06}.png"))).unwrap());
@@ -146,7 +146,7 @@ fn recording_stores_the_opacity_while_the_camera_is_lost() {
     let times = tier::fast_or_full(2, 4);
     let (video, tags) = (grey_at_its_end(&site, 15.0, times), format!("tags:{}", site.path("board.toml")));
     let (profile, folder) = (site.path("camera.toml"), site.path("recorded"));
-    said(&["record", "--camera", &video, "--pose", &tags, "--profile", &profile, "-o", &folder]);
+    stdout_of(&["record", "--camera", &video, "--pose", &tags, "--profile", &profile, "-o", &folder]);
     let recording = Recording::open(Path::new(&folder), &OpenOptions::default()).unwrap();
     let sure = std::fs::read_to_string(Path::new(&folder).join("covariance.txt")).unwrap();
     let seen_s: Vec<f64> = sure.lines().skip(2).map(|line| line.split(' ').next().unwrap().parse().unwrap()).collect();
@@ -207,8 +207,8 @@ fn smoothed_poses_are_composited_and_recorded() {
     let frames = count.to_string();
     arguments.extend(["--headless", "--frames", &frames, "--smooth", "0.05", "--record", &recorded, "-o", &seen]);
     arguments.extend(tier::no_shadows());
-    said(&arguments);
-    said(&[&["composite", &recorded, "--scene", &scene, "-o", &again], tier::no_shadows()].concat());
+    stdout_of(&arguments);
+    stdout_of(&[&["composite", &recorded, "--scene", &scene, "-o", &again], tier::no_shadows()].concat());
     let taken = std::fs::read_dir(&seen).unwrap().count();
     assert_eq!((std::fs::read_dir(&again).unwrap().count(), taken), (count, count));
     for frame in 0..taken {
@@ -283,7 +283,7 @@ fn lens_of_a_stream_is_the_camera_live_and_recorded() {
         assert!(recording.exposure.iter().all(|exposure| exposure.time_s == Some(0.125)), "{:?}", recording.exposure);
     }
     let composite = ["composite", text(&site), "--scene", tier::any_scene(), "-o", text(&again)];
-    said(&[&composite[..], tier::no_shadows()].concat());
+    stdout_of(&[&composite[..], tier::no_shadows()].concat());
     let taken = std::fs::read_dir(&seen).unwrap().count();
     assert_eq!((std::fs::read_dir(&again).unwrap().count(), taken), (4, 4));
     for frame in 0..taken {

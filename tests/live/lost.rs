@@ -3,8 +3,8 @@
 
 use std::path::Path;
 
-use crate::program::said;
-use crate::sheet::{CAMERA, Place, Rays, SIZE, Sheet};
+use crate::program::stdout_of;
+use crate::sheet::{CAMERA, CameraPose, Rays, SIZE, Sheet};
 use crate::tier;
 use glam::{DVec2, DVec3};
 use locard::live::{FrameQueue, Tracking, open_poses};
@@ -19,15 +19,15 @@ const REACH_S: f64 = 0.25 * INTERVAL_S;
 const EVIDENCE_M: DVec3 = DVec3::new(0.13, 0.04, 0.03);
 
 /// A hand that sways about the sheet: by some two degrees, twice a second.
-fn place(time_s: f64) -> Place {
+fn place(time_s: f64) -> CameraPose {
     let sway = |rate: f64, by: f64| by * (rate * time_s).sin();
     let at = DVec3::new(0.30 + sway(7.0, 0.02), -0.42 + sway(5.0, 0.015), 0.60 + sway(6.0, 0.01));
-    Place::looking(at, DVec3::new(sway(12.5, 0.03), sway(10.0, 0.025), 0.0), 0.1 + sway(8.0, 0.03))
+    CameraPose::look_at(at, DVec3::new(sway(12.5, 0.03), sway(10.0, 0.025), 0.0), 0.1 + sway(8.0, 0.03))
 }
 
 fn sees(pose: &Pose) -> DVec2 {
     let own = pose.transform_point(EVIDENCE_M);
-    CAMERA.lands(own.truncate() / own.z)
+    CAMERA.project_ray(own.truncate() / own.z)
 }
 
 /// A sheet reduced to spots, 12 mm wide, as blurred by shake.
@@ -56,7 +56,7 @@ struct LossMeasurement {
 fn measured(are_seen: bool) -> LossMeasurement {
     let temp = tempfile::tempdir().unwrap();
     let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
-    said(&["board", "-o", &path("board.png"), "--quiet"]);
+    stdout_of(&["board", "-o", &path("board.png"), "--quiet"]);
     let printed = image::open(path("board.png")).unwrap().into_luma8();
     let (width, height) = (printed.width() as usize, printed.height() as usize);
     let sheet = Sheet::of(width, height, printed.into_raw());
@@ -90,7 +90,7 @@ fn measured(are_seen: bool) -> LossMeasurement {
             continue;
         }
         let seen = |t: f64| sees(&w.track().at_or_nearest(t).unwrap());
-        let truly = |t: f64| place(t).sees(&CAMERA, EVIDENCE_M);
+        let truly = |t: f64| place(t).project(&CAMERA, EVIDENCE_M);
         // The opacity rises at first.
         if i < 10 {
             continue;
@@ -141,7 +141,7 @@ fn evidence_fades_without_poses() {
 fn poses_by(change: impl Fn(&str) -> String, pictures: u32) -> (usize, Option<String>) {
     let temp = tempfile::tempdir().unwrap();
     let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
-    said(&["board", "-o", &path("board.png"), "--quiet"]);
+    stdout_of(&["board", "-o", &path("board.png"), "--quiet"]);
     let printed = image::open(path("board.png")).unwrap().into_luma8();
     let sheet = Sheet::of(printed.width() as usize, printed.height() as usize, printed.into_raw());
     let text = std::fs::read_to_string(path("board.toml")).unwrap();
@@ -156,8 +156,8 @@ fn poses_by(change: impl Fn(&str) -> String, pictures: u32) -> (usize, Option<St
         let time_s = INTERVAL_S * f64::from(i);
         // The camera comes so near that sometimes few tags are in the picture.
         let place = |t: f64| {
-            let Place { at_m, axes } = place(t);
-            Place { at_m: at_m * if i % 4 == 3 { 0.35 } else { 1.0 }, axes }
+            let CameraPose { at_m, axes } = place(t);
+            CameraPose { at_m: at_m * if i % 4 == 3 { 0.35 } else { 1.0 }, axes }
         };
         let codes = sheet.photograph_by_rays(&rays, 2, 1.0, u64::from(i), |t| place(time_s + t));
         source.add_picture(time_s, &Pixels::from_u8(SIZE.0, SIZE.1, codes).unwrap());

@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex};
 
-use crate::worked::{Device, demo, demo_frame, has, scene_or_none, settle, shows, window};
+use crate::worked::{Device, demo, demo_frame, has_label, scene_or_none, settle, wait_for_label, window};
 use eframe::egui::epaint::Shape;
 use eframe::egui::{self, FullOutput, Key, Modifiers, accesskit::Role};
 use egui_kittest::Harness;
@@ -54,15 +54,16 @@ fn library_is_navigated_by_keys() {
     // Esc returns the focus and closes nothing else.
     window.state_mut().show_start(true);
     press(&mut window, Key::Escape);
-    assert!(focused(&window).as_deref() == Some("Place…") && !has(&window, &models[0]), "{:?}", focused(&window));
-    assert!(has(&window, "Open a recording…"));
+    assert!(focused(&window).as_deref() == Some("Place…") && !has_label(&window, &models[0]), "{:?}", focused(&window));
+    assert!(has_label(&window, "Open a recording…"));
     window.state_mut().show_start(false);
     // Enter picks one; then the arrows move a cursor over the picture.
     press(&mut window, Key::Enter);
     press(&mut window, Key::ArrowRight);
     press(&mut window, Key::Enter);
     assert!(
-        has(&window, "Click in the picture, or press and drag to turn it; Esc ends it.") && focused(&window).is_none()
+        has_label(&window, "Click in the picture, or press and drag to turn it; Esc ends it.")
+            && focused(&window).is_none()
     );
     let before = window.state().project().edit().scene.entries().len();
     window.state_mut().player_mut().seek(demo_frame(30));
@@ -111,14 +112,14 @@ fn key_help_opens_before_any_recording() {
     let builder = Harness::builder().with_size(SIZE).renderer(Device::new());
     let mut start = builder.build_eframe(|context| Start::new(context, None).unwrap());
     start.run_steps(3);
-    assert!(is_dialog(&start, "Welcome") && !has(&start, "these keys"));
+    assert!(is_dialog(&start, "Welcome") && !has_label(&start, "these keys"));
     for closes in [Key::Questionmark, Key::Escape, Key::F1] {
         start.key_press(Key::Questionmark);
         start.run_steps(3);
-        assert!(has(&start, "these keys"));
+        assert!(has_label(&start, "these keys"));
         start.key_press(closes);
         start.run_steps(3);
-        assert!(!has(&start, "these keys"), "{closes:?}");
+        assert!(!has_label(&start, "these keys"), "{closes:?}");
     }
     start.key_press_modifiers(Modifiers::COMMAND, Key::O);
     start.run_steps(3);
@@ -127,7 +128,7 @@ fn key_help_opens_before_any_recording() {
     start.event(egui::Event::Text("?".to_owned()));
     start.key_press(Key::Questionmark);
     start.run_steps(3);
-    assert!(!has(&start, "these keys"));
+    assert!(!has_label(&start, "these keys"));
 }
 
 /// The smallest font size painted since the last query, with its text.
@@ -193,7 +194,7 @@ fn no_text_is_smaller_than_the_legible_size() {
         least(title);
     }
     window.get_by_label("Place…").click();
-    shows(&mut window, "marker-3");
+    wait_for_label(&mut window, "marker-3");
     least("the library");
     press(&mut window, Key::Escape);
     for key in [Key::E, Key::O] {

@@ -8,7 +8,7 @@ use crate::footage;
 use crate::gpu;
 use crate::program;
 use crate::tier::fast_or_full;
-use crate::worked::{codes, has, settle, shown, shows, until, window};
+use crate::worked::{codes, has_label, run_until, settle, shown_codes, wait_for_label, window};
 use eframe::egui::vec2;
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
@@ -89,38 +89,38 @@ fn analysis_from_the_window_is_adopted_at_the_current_frame() {
     std::fs::create_dir(&analysis).unwrap();
     std::fs::write(analysis.join("analysis.toml"), "version = 4\n").unwrap();
     let mut window = open(&site);
-    assert!(has(&window, "The analysis of this footage is not used"));
+    assert!(has_label(&window, "The analysis of this footage is not used"));
     window.state_mut().player_mut().seek(frame());
     let project = window.state_mut().project_mut();
     project.set("noise", "scale", &Value::Number(0.5)).unwrap();
     project.close_step();
     settle(&mut window);
-    let before = shown(&window);
+    let before = shown_codes(&window);
     assert!(before == composited(&site, 0.5));
 
     footage::leave_out_light_by_tier(window.state().project().shot(), &analysis);
     press(&mut window, "Analyse");
-    shows(&mut window, "Analysing the footage");
-    until(&mut window, all_over);
+    wait_for_label(&mut window, "Analysing the footage");
+    run_until(&mut window, all_over);
     settle(&mut window);
     let app = window.state();
     let entries = &app.documents().jobs().unwrap().entries;
     assert!(matches!(&entries[0].state, JobState::Done(said) if said.contains("poses refined")), "{entries:?}");
-    assert!(!has(&window, "Analyse") && !has(&window, "The analysis of this footage is not used"));
+    assert!(!has_label(&window, "Analyse") && !has_label(&window, "The analysis of this footage is not used"));
     let AnalysisState::Used(at, findings) = &app.project().shot().analysis else { panic!("it is not used") };
     assert!(at.canonicalize().unwrap() == analysis.canonicalize().unwrap() && findings.registration.is_refined());
     assert!(app.message().unwrap().contains("poses refined"), "{:?}", app.message());
 
     // The frame, the settings and the history are kept; the picture matches the program's.
     assert_eq!((app.player().frame(), app.project().value("noise", "scale")), (frame(), Some(Value::Number(0.5))));
-    let after = shown(&window);
+    let after = shown_codes(&window);
     assert!(after != before && after == composited(&site, 0.5));
     let project = window.state_mut().project_mut();
     assert!(!project.is_saved());
     project.undo();
     assert!(project.is_saved() && !project.history().can_undo(), "what was found is no step of the past");
     settle(&mut window);
-    assert!(shown(&window) == composited(&site, 1.0));
+    assert!(shown_codes(&window) == composited(&site, 1.0));
 
     // Estimates of the analysis are valid for this recording alone: no profile takes them.
     let project = window.state_mut().project_mut();
@@ -138,22 +138,22 @@ fn analysis_from_the_window_is_adopted_at_the_current_frame() {
     window.run_steps(20);
     let [r, g, b] = seen_ev[frame()].map(|ev| format!("{ev:.2}"));
     let told = format!("this frame: red {r}, green {g}, blue {b} stops over the recording's median");
-    assert!(has(&window, &told), "{told}");
+    assert!(has_label(&window, &told), "{told}");
 }
 
 #[test]
 fn cancelled_analysis_changes_nothing() {
     let (_folder, site) = site();
     let mut window = open(&site);
-    assert!(has(&window, "This footage is not analysed"));
+    assert!(has_label(&window, "This footage is not analysed"));
     press(&mut window, "Analyse");
-    shows(&mut window, "Cancel the analysis");
+    wait_for_label(&mut window, "Cancel the analysis");
     press(&mut window, "Cancel the analysis");
-    until(&mut window, all_over);
+    run_until(&mut window, all_over);
     let app = window.state();
     assert_eq!(app.documents().jobs().unwrap().entries[0].state, JobState::Cancelled);
     assert_eq!(app.project().shot().analysis, AnalysisState::Absent);
     assert!(!site.with_file_name("site.analysis").exists());
     window.run_steps(3);
-    assert!(has(&window, "Analyse"), "it is offered again");
+    assert!(has_label(&window, "Analyse"), "it is offered again");
 }

@@ -1,7 +1,9 @@
 //! Objects in the picture of the window: picked, moved, rotated and scaled.
 
 use crate::gpu;
-use crate::worked::{click_at, codes, demo_window, let_go, press_and_move, press_key, settle, shown, steps, types};
+use crate::worked::{
+    click_at, codes, demo_window, press_and_move, press_key, release_at, settle, shown_codes, steps, type_text,
+};
 use eframe::egui::{self, Event, Key, Modifiers, Pos2, accesskit::Role};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
@@ -32,7 +34,7 @@ fn at(window: &Harness<'_, App>, frame: usize, point_m: [f64; 3]) -> Pos2 {
 /// Drags in small steps and releases the button.
 fn drag(window: &mut Harness<'_, App>, from: Pos2, to: Pos2) {
     press_and_move(window, from, to);
-    let_go(window, to);
+    release_at(window, to);
 }
 
 fn placement(window: &Harness<'_, App>, thing: SceneItem) -> ItemPlacement {
@@ -101,7 +103,7 @@ fn keys_between_two_frames_are_all_processed() {
     assert!(window.state().view.wipe.is_some(), "the last key is the window's");
     // A scale of 0 or less is ignored: the pointer takes over.
     press_key(&mut window, Key::S);
-    types(&mut window, "-1");
+    type_text(&mut window, "-1");
     press_key(&mut window, Key::Enter);
     assert!(matches!(placement(&window, MARKER).size, Size::Scale(factor) if factor.min_element() > 0.0));
     // Esc first cancels the current action, then clears the selection.
@@ -116,10 +118,10 @@ fn keys_between_two_frames_are_all_processed() {
 fn typed_numbers_move_rotate_and_scale_exactly_in_one_step_each() {
     let mut window = with_marker(0);
     let before = placement(&window, MARKER);
-    let first = shown(&window);
+    let first = shown_codes(&window);
     press_key(&mut window, Key::G);
     press_key(&mut window, Key::X);
-    types(&mut window, "0,1");
+    type_text(&mut window, "0,1");
     window.run_steps(2);
     assert_eq!(placement(&window, MARKER).position_m, DVec3::from(MARKER_AT) + 0.1 * DVec3::X);
     assert_eq!(steps(&window).len(), 1, "it is no step yet");
@@ -127,15 +129,15 @@ fn typed_numbers_move_rotate_and_scale_exactly_in_one_step_each() {
     assert_eq!(window.state().view.zoom, None);
     press_key(&mut window, Key::Enter);
     settle(&mut window);
-    let moved = shown(&window);
+    let moved = shown_codes(&window);
     assert!(moved != first);
     let heading = placement(&window, MARKER).heading_deg;
     press_key(&mut window, Key::R);
-    types(&mut window, "45");
+    type_text(&mut window, "45");
     press_key(&mut window, Key::Enter);
     assert_eq!(placement(&window, MARKER).heading_deg, heading + 45.0);
     press_key(&mut window, Key::S);
-    types(&mut window, "150%");
+    type_text(&mut window, "150%");
     press_key(&mut window, Key::Enter);
     assert_eq!(placement(&window, MARKER).size, Size::Scale(DVec3::splat(1.5)));
     let names = ["opened", "marker 1: moved 10 cm", "marker 1: turned 45°", "marker 1: scaled to 150 %"];
@@ -145,18 +147,18 @@ fn typed_numbers_move_rotate_and_scale_exactly_in_one_step_each() {
     let mut shot: Shot = window.state().project().shot().clone();
     let mut compositor = shot.compositor(gpu::gpu().clone());
     let pending = shot.picture(&mut compositor, 0, Target::Pixels).unwrap();
-    assert!(shown(&window) == codes(&compositor.collect(pending).unwrap().pixels));
+    assert!(shown_codes(&window) == codes(&compositor.collect(pending).unwrap().pixels));
 
     for _ in 0..2 {
         window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
         window.step();
     }
     settle(&mut window);
-    assert!(shown(&window) == moved);
+    assert!(shown_codes(&window) == moved);
     window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
     window.step();
     settle(&mut window);
-    assert!(shown(&window) == first && placement(&window, MARKER) == before);
+    assert!(shown_codes(&window) == first && placement(&window, MARKER) == before);
 }
 
 #[test]
@@ -190,16 +192,16 @@ fn dragged_object_stays_on_the_surface() {
 #[test]
 fn escape_and_right_button_cancel_without_changes() {
     let mut window = with_marker(0);
-    let (before, first) = (window.state().project().edit().clone(), shown(&window));
+    let (before, first) = (window.state().project().edit().clone(), shown_codes(&window));
     // An undone step can still be redone.
     press_key(&mut window, Key::G);
-    types(&mut window, "0.02");
+    type_text(&mut window, "0.02");
     press_key(&mut window, Key::Enter);
     window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
     window.run_steps(2);
     for key in [Key::G, Key::R, Key::S] {
         press_key(&mut window, key);
-        types(&mut window, "0.5");
+        type_text(&mut window, "0.5");
         settle(&mut window);
         assert!(window.state().project().edit() != &before);
         press_key(&mut window, Key::Escape);
@@ -225,7 +227,7 @@ fn escape_and_right_button_cancel_without_changes() {
     press_key(&mut window, Key::Escape);
     assert!(window.state().project().edit() == &before && window.state().selected() == Some(MARKER));
     settle(&mut window);
-    assert!(shown(&window) == first && window.state().project().history().can_redo());
+    assert!(shown_codes(&window) == first && window.state().project().history().can_redo());
 }
 
 #[test]
@@ -236,7 +238,7 @@ fn instance_moves_alone_and_is_saved_to_its_own_entry() {
     assert_eq!(window.state().selected(), Some(CASE));
     press_key(&mut window, Key::G);
     press_key(&mut window, Key::Y);
-    types(&mut window, "-2cm");
+    type_text(&mut window, "-2cm");
     press_key(&mut window, Key::Enter);
     let temp = tempfile::tempdir().unwrap();
     let file = temp.path().join("scene.toml");
@@ -319,7 +321,7 @@ fn keys_nudge_copy_and_delete_objects() {
     window.key_press_modifiers(Modifiers::SHIFT, Key::D);
     window.run_steps(2);
     press_key(&mut window, Key::Y);
-    types(&mut window, "-0,2");
+    type_text(&mut window, "-0,2");
     press_key(&mut window, Key::Enter);
     let copy = window.state().selected().unwrap();
     assert_eq!(window.state().project().edit().scene.title(copy), "marker 1 copy");

@@ -5,7 +5,8 @@ use std::path::Path;
 use crate::footage;
 use crate::tier::{fast_or_full, is_full};
 use crate::worked::{
-    click_at, demo, demo_px, demo_window, has, let_go, press_and_move, press_key, settle, shown, steps, types, window,
+    click_at, demo, demo_px, demo_window, has_label, press_and_move, press_key, release_at, settle, shown_codes, steps,
+    type_text, window,
 };
 use eframe::egui::{self, Key, Modifiers, Pos2, accesskit::Role};
 use egui_kittest::Harness;
@@ -99,7 +100,8 @@ fn text(window: &mut Harness<'_, App>) -> String {
 #[test]
 fn lamp_outside_the_picture_is_selected_and_dragged_at_the_border() {
     let mut window = open();
-    let (first, text_before, before) = (shown(&window), text(&mut window), window.state().project().edit().clone());
+    let (first, text_before, before) =
+        (shown_codes(&window), text(&mut window), window.state().project().edit().clone());
     assert!(text_before.contains("at_m = [-0.2783, 0.2778, 2.349]\n"), "{text_before}");
     let towards = towards(&window, LAMP_AT);
     let mark = at_border(&window, towards, MARK_INSET);
@@ -112,10 +114,10 @@ fn lamp_outside_the_picture_is_selected_and_dragged_at_the_border() {
     let to = from + egui::vec2(-160.0, 30.0);
     press_and_move(&mut window, from, to);
     settle(&mut window);
-    assert!(shown(&window) != first && steps(&window).len() == 1, "it is no step yet");
-    let_go(&mut window, to);
+    assert!(shown_codes(&window) != first && steps(&window).len() == 1, "it is no step yet");
+    release_at(&mut window, to);
     settle(&mut window);
-    let (moved, by) = (shown(&window), at_m(&window, LAMP) - DVec3::from(LAMP_AT));
+    let (moved, by) = (shown_codes(&window), at_m(&window, LAMP) - DVec3::from(LAMP_AT));
     assert!(moved != first && by.length() > 0.3, "{by}");
     // A hanging lamp keeps its depth: it moves perpendicularly to the viewing ray of its dot.
     let eye = window.state().project().shot().posed_camera(0).unwrap();
@@ -134,12 +136,12 @@ fn lamp_outside_the_picture_is_selected_and_dragged_at_the_border() {
     assert!(expected.contains("# The light that `locard light` found"));
 
     undo(&mut window);
-    assert!(shown(&window) == first && window.state().project().edit() == &before);
+    assert!(shown_codes(&window) == first && window.state().project().edit() == &before);
     assert_eq!(text(&mut window), text_before);
     window.key_press_modifiers(Modifiers::COMMAND | Modifiers::SHIFT, Key::Z);
     window.step();
     settle(&mut window);
-    assert!(shown(&window) == moved && window.state().project().edit().scene == scene);
+    assert!(shown_codes(&window) == moved && window.state().project().edit().scene == scene);
 }
 
 #[test]
@@ -159,7 +161,7 @@ fn lamp_in_the_picture_follows_the_pointer() {
     assert_eq!(window.state().selected(), Some(LAMP));
     let to = mark + egui::vec2(70.0, -40.0);
     press_and_move(&mut window, mark, to);
-    let_go(&mut window, to);
+    release_at(&mut window, to);
     let now = at_m(&window, LAMP);
     let there = on_screen(&window, seen(&window, now).unwrap());
     // Within a tenth of a millimetre in the world; the picture's rows have different times.
@@ -171,18 +173,18 @@ fn lamp_in_the_picture_follows_the_pointer() {
     // The arrow of z is dragged beside the lamp's ball and moves along z alone.
     let up = there - egui::vec2(0.0, 50.0);
     press_and_move(&mut window, up, up - egui::vec2(0.0, 40.0));
-    let_go(&mut window, up - egui::vec2(0.0, 40.0));
+    release_at(&mut window, up - egui::vec2(0.0, 40.0));
     let by = at_m(&window, LAMP) - now;
     assert!(by.x == 0.0 && by.y == 0.0 && by.z > 0.02, "{by}");
     // Its size is its diameter, and it has no orientation.
     press_key(&mut window, Key::S);
-    types(&mut window, "200%");
+    type_text(&mut window, "200%");
     press_key(&mut window, Key::Enter);
     assert_eq!(window.state().project().edit().scene.placement(LAMP).unwrap().size, Size::LargestM(0.08));
     let before = window.state().project().edit().clone();
     press_key(&mut window, Key::R);
     assert!(window.state().message().is_some_and(|said| said.contains("nothing to turn")));
-    types(&mut window, "45");
+    type_text(&mut window, "45");
     press_key(&mut window, Key::Enter);
     press_key(&mut window, Key::H);
     assert!(window.state().project().edit() == &before);
@@ -194,10 +196,10 @@ fn keys_move_duplicate_and_delete_a_lamp_and_escape_cancels() {
     window.get_by_role_and_label(Role::Button, "lamp 1").click();
     window.run_steps(2);
     assert_eq!(window.state().selected(), Some(LAMP));
-    let (first, before) = (shown(&window), window.state().project().edit().clone());
+    let (first, before) = (shown_codes(&window), window.state().project().edit().clone());
     press_key(&mut window, Key::G);
     press_key(&mut window, Key::Z);
-    types(&mut window, "-1");
+    type_text(&mut window, "-1");
     window.run_steps(2);
     assert!(at_m(&window, LAMP).abs_diff_eq(DVec3::from(LAMP_AT) - DVec3::Z, 1e-9));
     press_key(&mut window, Key::Escape);
@@ -205,14 +207,14 @@ fn keys_move_duplicate_and_delete_a_lamp_and_escape_cancels() {
     window.key_press_modifiers(Modifiers::SHIFT, Key::D);
     window.run_steps(2);
     press_key(&mut window, Key::X);
-    types(&mut window, "1,5");
+    type_text(&mut window, "1,5");
     press_key(&mut window, Key::Enter);
     settle(&mut window);
     let copy = SceneItem::Lamp(1);
     assert_eq!(window.state().selected(), Some(copy));
     assert!(at_m(&window, copy).abs_diff_eq(DVec3::from(LAMP_AT) + 1.5 * DVec3::X, 1e-9));
     assert_eq!(at_m(&window, LAMP), DVec3::from(LAMP_AT));
-    assert!(shown(&window) != first, "two shine more than one");
+    assert!(shown_codes(&window) != first, "two shine more than one");
     window.key_press_modifiers(Modifiers::ALT, Key::ArrowRight);
     window.run_steps(2);
     let by = at_m(&window, copy) - DVec3::from(LAMP_AT) - 1.5 * DVec3::X;
@@ -220,7 +222,9 @@ fn keys_move_duplicate_and_delete_a_lamp_and_escape_cancels() {
     press_key(&mut window, Key::Delete);
     settle(&mut window);
     assert!(
-        shown(&window) == first && window.state().project().edit() == &before && window.state().selected().is_none()
+        shown_codes(&window) == first
+            && window.state().project().edit() == &before
+            && window.state().selected().is_none()
     );
     let expected =
         ["opened", "lamp 2: duplicated, moved 1.5 m", "lamp 2: moved by keys", "lamp 2: deleted"].map(str::to_owned);
@@ -232,7 +236,7 @@ fn typed_lamp_values_are_one_undo_step_each() {
     let mut window = open_without_shadows();
     window.get_by_role_and_label(Role::Button, "lamp 1").click();
     window.run_steps(2);
-    let first = shown(&window);
+    let first = shown_codes(&window);
     for (label, value) in [("lamp intensity", 2.0), ("lamp green", 0.0), ("lamp diameter", 1.0), ("lamp z", 1.5)] {
         window.get_by_role_and_label(Role::Slider, label).set_value_accesskit(value);
         window.run_steps(3);
@@ -247,11 +251,11 @@ fn typed_lamp_values_are_one_undo_step_each() {
     window.run_steps(3);
     assert_eq!(window.state().project().edit().scene.light.lamp[0].intensity, Some(0.0));
     settle(&mut window);
-    assert!(shown(&window) != first);
+    assert!(shown_codes(&window) != first);
     for _ in 0..5 {
         undo(&mut window);
     }
-    assert!(shown(&window) == first && !window.state().project().history().can_undo());
+    assert!(shown_codes(&window) == first && !window.state().project().history().can_undo());
 }
 
 #[test]
@@ -312,7 +316,7 @@ fn analysed_site() -> (tempfile::TempDir, Project) {
 fn light_is_matched_to_white_paper_as_by_the_command_and_undone() {
     let (_folder, project) = analysed_site();
     let mut window = window(project, SIZE);
-    let first = shown(&window);
+    let first = shown_codes(&window);
     window.get_by_label("Match white").click();
     window.run_steps(2);
     // The edge of the paper is rejected; the next click is used.
@@ -326,9 +330,9 @@ fn light_is_matched_to_white_paper_as_by_the_command_and_undone() {
     let factor = light.environment_intensity.unwrap();
     assert!((0.3..3.0).contains(&factor) && factor != 1.0, "{light:?}");
     assert_eq!(light.lamp[0].intensity, Some(factor), "all of it alike");
-    assert!(shown(&window) != first);
+    assert!(shown_codes(&window) != first);
     undo(&mut window);
-    assert!(window.state().project().edit().scene.light.is_unspecified() && shown(&window) == first);
+    assert!(window.state().project().edit().scene.light.is_unspecified() && shown_codes(&window) == first);
 }
 
 #[test]
@@ -339,7 +343,7 @@ fn panorama_ambient_light_and_suns_are_edited_step_by_step() {
     window.run_steps(2);
     settle(&mut window);
     let light = |window: &Harness<'_, App>| window.state().project().edit().scene.light.clone();
-    let found = shown(&window);
+    let found = shown_codes(&window);
     for (label, value) in [("panorama brightness", 0.5), ("panorama turn", 90.0)] {
         window.get_by_role_and_label(Role::Slider, label).set_value_accesskit(value);
         window.run_steps(2);
@@ -347,7 +351,7 @@ fn panorama_ambient_light_and_suns_are_edited_step_by_step() {
     settle(&mut window);
     let edited = light(&window);
     assert_eq!((edited.environment_intensity, edited.environment_rotation_deg), (Some(0.5), Some(90.0)));
-    assert!(shown(&window) != found);
+    assert!(shown_codes(&window) != found);
     window.get_by_label("Even light").click();
     window.run_steps(2);
     settle(&mut window);
@@ -388,22 +392,22 @@ fn estimated_light_is_adopted_by_the_scene_and_saved_with_its_panorama() {
     let open = || Project::open(&folder.path().join("site"), &OpenOptions::default(), &given).unwrap();
     assert!(matches!(open().shot().analysis, AnalysisState::Used(..)));
     let mut window = window(open(), egui::vec2(1400.0, 1000.0));
-    let first = shown(&window);
-    assert!(!has(&window, "lamp 1"));
+    let first = shown_codes(&window);
+    assert!(!has_label(&window, "lamp 1"));
     window.get_by_label("Copy to scene and edit").click();
     window.run_steps(2);
     settle(&mut window);
-    assert!(shown(&window) == first, "it is the light that it was in");
-    assert!(!has(&window, "Copy to scene and edit") && has(&window, "lamp 1"));
+    assert!(shown_codes(&window) == first, "it is the light that it was in");
+    assert!(!has_label(&window, "Copy to scene and edit") && has_label(&window, "lamp 1"));
     assert_eq!(steps(&window), ["opened", "light: as it was found"]);
     window.get_by_role_and_label(Role::Button, "lamp 1").click();
     window.run_steps(2);
     press_key(&mut window, Key::G);
     press_key(&mut window, Key::X);
-    types(&mut window, "0.5");
+    type_text(&mut window, "0.5");
     press_key(&mut window, Key::Enter);
     settle(&mut window);
-    let moved = shown(&window);
+    let moved = shown_codes(&window);
     assert!(moved != first);
 
     window.state_mut().project_mut().save_scene(&file).unwrap();
@@ -416,15 +420,15 @@ fn estimated_light_is_adopted_by_the_scene_and_saved_with_its_panorama() {
     // After undo and redo the scene names it too; and the file has the same lighting when it is
     // opened.
     undo(&mut window);
-    assert!(shown(&window) == first);
+    assert!(shown_codes(&window) == first);
     let environment = window.state().project().edit().scene.light.environment.clone();
     assert_eq!(environment.as_deref(), Some("case-light-2.hdr"));
     undo(&mut window);
-    assert!(shown(&window) == first && has(&window, "Copy to scene and edit"));
+    assert!(shown_codes(&window) == first && has_label(&window, "Copy to scene and edit"));
     let again = open();
     assert!(again.shot().scene.lighting_origin == LightingOrigin::Scene && again.found_light().is_none());
     let again = crate::worked::window(again, egui::vec2(1400.0, 1000.0));
-    assert!(shown(&again) == moved);
+    assert!(shown_codes(&again) == moved);
 }
 
 #[test]

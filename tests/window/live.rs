@@ -9,10 +9,12 @@ use crate::filmed::Site;
 use crate::fixture;
 use crate::gpu;
 use crate::sheet;
-use crate::sheet::{CAMERA, Place, Sheet};
+use crate::sheet::{CAMERA, CameraPose, Sheet};
 use crate::tier::{fast_or_full, is_full};
 use crate::worked;
-use crate::worked::{Device, click_at, codes, drop_file, drop_model, has, shown, shows, until, until_seen};
+use crate::worked::{
+    Device, click_at, codes, drop_file, drop_model, has_label, run_until, shown_codes, wait_for, wait_for_label,
+};
 use eframe::egui::{self, Key, Modifiers, accesskit::Role};
 use egui_kittest::Harness;
 use egui_kittest::kittest::{NodeT, Queryable};
@@ -66,7 +68,7 @@ fn window_of(site: &Site, video: &str, sets: &[&str]) -> Harness<'static, App> {
     project.camera = Some(LiveSpec::new(video, &tags));
     let builder = Harness::builder().with_size(egui::vec2(1400.0, 900.0)).renderer(Device::new());
     let mut window = builder.build_eframe(|context| App::new(context, project, Some(opened)).unwrap());
-    until(&mut window, |app| app.viewer().composite().is_some());
+    run_until(&mut window, |app| app.viewer().composite().is_some());
     window
 }
 
@@ -84,23 +86,23 @@ fn frozen_camera_becomes_a_recording_and_resumes() {
     let mut window = live_window(&site, &[]);
     // Frame numbers, which seed the noise, restart.
     window.state_mut().project_mut().set("noise", "scale", &Value::Number(0.0)).unwrap();
-    assert!(has(&window, "Freeze") && has(&window, "LIVE") && !has(&window, "Play"));
-    until(&mut window, |app| app.player().frame() > 4);
+    assert!(has_label(&window, "Freeze") && has_label(&window, "LIVE") && !has_label(&window, "Play"));
+    run_until(&mut window, |app| app.player().frame() > 4);
     window.key_press(Key::Space);
     window.step();
-    until(&mut window, |app| !app.project().shot().recording.is_live() && app.is_settled());
+    run_until(&mut window, |app| !app.project().shot().recording.is_live() && app.is_settled());
     assert_eq!(window.state().problem(), None);
-    assert!(has(&window, "Back to live") && has(&window, "Play") && !has(&window, "Freeze"));
+    assert!(has_label(&window, "Back to live") && has_label(&window, "Play") && !has_label(&window, "Freeze"));
     let shot = window.state().project().shot().clone();
     let (count, frame) = (shot.recording.frame_count(), window.state().player().frame());
     assert!(count > 4 && frame == count - 1, "{frame} of {count}");
-    assert_eq!(shown(&window), composited(&shot, frame));
+    assert_eq!(shown_codes(&window), composited(&shot, frame));
     // It needs only its own profile and poses.
     let path = &shot.recording.path;
     let alone = ShotOptions { scene: Some(site.path("scene.toml").into()), ..ShotOptions::default() };
     let alone = Shot::open(path, &OpenOptions::default(), &alone).unwrap();
-    assert_eq!(shown(&window), composited(&alone, frame));
-    assert!(shown(&window) != codes(&alone.read(frame).unwrap().pixels), "the marker is seen");
+    assert_eq!(shown_codes(&window), composited(&alone, frame));
+    assert!(shown_codes(&window) != codes(&alone.read(frame).unwrap().pixels), "the marker is seen");
     // Changes still count as unsaved, though the recording contains them.
     let profile = Path::new(&site.path("saved.toml")).to_owned();
     window.state_mut().project_mut().save_profile(&profile).unwrap();
@@ -110,8 +112,8 @@ fn frozen_camera_becomes_a_recording_and_resumes() {
     window.state_mut().project_mut().switch("motion_blur", false);
     window.key_press(Key::C);
     window.step();
-    until(&mut window, |app| app.project().shot().recording.is_live() && app.player().frame() > frame);
-    assert!(!window.state().project().edit().settings.is_on("motion_blur") && has(&window, "Freeze"));
+    run_until(&mut window, |app| app.project().shot().recording.is_live() && app.player().frame() > frame);
+    assert!(!window.state().project().edit().settings.is_on("motion_blur") && has_label(&window, "Freeze"));
 }
 
 #[test]
@@ -120,20 +122,20 @@ fn recording_made_while_live_gives_the_same_pictures() {
     let mut window = live_window(&site, &[]);
     let folder = Path::new(&site.path("recorded")).to_owned();
     let many = fast_or_full(6, 20);
-    until(&mut window, |app| app.shown_frame().is_some_and(|frame| frame > many));
+    run_until(&mut window, |app| app.shown_frame().is_some_and(|frame| frame > many));
     window.state_mut().record(folder.clone());
     // Frames are renumbered from the first recorded one.
-    until(&mut window, |app| app.shown_frame().is_some_and(|frame| frame < many));
-    shows(&mut window, "Stop");
+    run_until(&mut window, |app| app.shown_frame().is_some_and(|frame| frame < many));
+    wait_for_label(&mut window, "Stop");
     // A machine slower than the camera always has another picture in progress.
     let mut seen: Vec<(usize, Vec<[u8; 3]>)> = Vec::new();
     while seen.len() < 4 {
         let last = seen.last().map(|(last, _)| *last);
-        until(&mut window, |app| app.shown_frame().is_some_and(|frame| last.is_none_or(|last| last < frame)));
-        seen.push((window.state().shown_frame().unwrap(), shown(&window)));
+        run_until(&mut window, |app| app.shown_frame().is_some_and(|frame| last.is_none_or(|last| last < frame)));
+        seen.push((window.state().shown_frame().unwrap(), shown_codes(&window)));
     }
     window.get_by_label("Stop").click();
-    shows(&mut window, "Record…");
+    wait_for_label(&mut window, "Record…");
     let given = ShotOptions { scene: Some(site.path("scene.toml").into()), ..ShotOptions::default() };
     let shot = Shot::of(Recording::open(&folder, &OpenOptions::default()).unwrap(), &given).unwrap();
     for (frame, codes) in seen {
@@ -146,7 +148,7 @@ fn recording_made_while_live_gives_the_same_pictures() {
 fn click_places_evidence_on_the_sheet_while_live() {
     let site = Site::shared(&CAMERA);
     let mut window = live_window(&site, &[]);
-    assert!(has(&window, "the floor"));
+    assert!(has_label(&window, "the floor"));
     let marker = Path::new("scenes/marker-1.glb").canonicalize().unwrap();
     let before = window.state().project().edit().scene.objects.len();
     drop_model(&mut window, marker);
@@ -155,13 +157,13 @@ fn click_places_evidence_on_the_sheet_while_live() {
     // Sometimes the camera looks away, and there is nothing to place the evidence on.
     while window.state().project().edit().scene.objects.len() == before {
         click_at(&mut window, at);
-        worked::rest();
+        worked::pause();
     }
     let [x, y, z] = window.state().project().edit().scene.objects[before].position_m.unwrap();
     // It is on the sheet's plane, within rounding, if one of these frames shows that point.
     assert!(z.abs() < 1e-4, "{z}");
     let truth = (0..filmed::FRAMES).map(|i| filmed::place(i as f64 / filmed::FPS));
-    let off_px = truth.map(|place| place.sees(&CAMERA, glam::DVec3::new(x, y, z)).distance(at_px));
+    let off_px = truth.map(|place| place.project(&CAMERA, glam::DVec3::new(x, y, z)).distance(at_px));
     assert!(off_px.fold(f64::INFINITY, f64::min) < 1.0);
 }
 
@@ -177,27 +179,27 @@ fn closing_asks_before_ending_a_camera_recording() {
     let site = Site::shared(&CAMERA);
     let mut window = live_window(&site, &[]);
     close(&mut window);
-    assert!(!has(&window, "Cancel"), "nothing is recorded");
+    assert!(!has_label(&window, "Cancel"), "nothing is recorded");
     let folder = Path::new(&site.path("recorded")).to_owned();
     window.state_mut().record(folder.clone());
-    shows(&mut window, "Stop");
+    wait_for_label(&mut window, "Stop");
     close(&mut window);
-    assert!(has(&window, "End the recording and close"));
+    assert!(has_label(&window, "End the recording and close"));
     window.get_by_label("Cancel").click();
     window.run_steps(2);
-    assert!(has(&window, "Stop") && !has(&window, "Cancel"));
+    assert!(has_label(&window, "Stop") && !has_label(&window, "Cancel"));
     // Another recording, with unsaved changes: one question covers both.
     window.state_mut().project_mut().set("noise", "scale", &Value::Number(0.5)).unwrap();
     drop_file(&mut window, Path::new("recordings/demo").canonicalize().unwrap());
-    shows(&mut window, "Go on without saving");
+    wait_for_label(&mut window, "Go on without saving");
     assert_eq!(window.query_all_by_label_contains("The camera is being recorded.").count(), 1);
     window.get_by_label("Cancel").click();
     window.run_steps(2);
     window.state_mut().project_mut().undo();
     drop_file(&mut window, Path::new("recordings/demo").canonicalize().unwrap());
-    shows(&mut window, "End the recording and go on");
+    wait_for_label(&mut window, "End the recording and go on");
     window.get_by_label("End the recording and go on").click();
-    until(&mut window, |app| !app.project().shot().recording.is_live());
+    run_until(&mut window, |app| !app.project().shot().recording.is_live());
     let recording = Recording::open(&folder, &OpenOptions::default()).unwrap();
     assert!(recording.frame_count() > 0);
 }
@@ -215,7 +217,7 @@ fn one_frame(site: &Site) -> String {
 fn video_of_one_frame_shows_it_and_its_end() {
     let site = Site::shared(&CAMERA);
     let mut window = window_of(&site, &one_frame(&site), &[]);
-    shows(&mut window, "the camera has ended; its last picture is shown");
+    wait_for_label(&mut window, "the camera has ended; its last picture is shown");
     assert!(window.state().viewer().composite().is_some());
 }
 
@@ -223,20 +225,20 @@ fn video_of_one_frame_shows_it_and_its_end() {
 fn ended_camera_can_be_frozen_repeatedly() {
     let site = Site::shared(&CAMERA);
     let mut window = window_of(&site, &site.path("site.mkv"), &[]);
-    shows(&mut window, "the camera has ended; its last picture is shown");
+    wait_for_label(&mut window, "the camera has ended; its last picture is shown");
     let mut frozen = Vec::new();
     for _ in 0..2 {
-        until(&mut window, App::is_settled);
+        run_until(&mut window, App::is_settled);
         window.key_press(Key::Space);
         window.step();
-        until(&mut window, |app| !app.project().shot().recording.is_live() && app.is_settled());
+        run_until(&mut window, |app| !app.project().shot().recording.is_live() && app.is_settled());
         let count = window.state().project().shot().recording.frame_count();
-        frozen.push((count, window.state().player().frame(), shown(&window)));
+        frozen.push((count, window.state().player().frame(), shown_codes(&window)));
         window.key_press(Key::C);
         window.step();
-        until(&mut window, |app| app.project().shot().recording.is_live() && app.is_settled());
+        run_until(&mut window, |app| app.project().shot().recording.is_live() && app.is_settled());
         // The last frame is still there.
-        assert!(shown(&window) == frozen[0].2 || window.state().player().frame() + 1 < frozen[0].0);
+        assert!(shown_codes(&window) == frozen[0].2 || window.state().player().frame() + 1 < frozen[0].0);
     }
     assert!(frozen[0].0 > 1 && frozen[1] == frozen[0], "{} {}", frozen[0].0, frozen[1].0);
 }
@@ -254,9 +256,9 @@ fn plots_exist_only_while_the_camera_is_frozen() {
     assert!(waits(&window));
     window.key_press(Key::Space);
     window.step();
-    until(&mut window, |app| !app.project().shot().recording.is_live() && app.is_settled());
+    run_until(&mut window, |app| !app.project().shot().recording.is_live() && app.is_settled());
     let told = |window: &Harness<'_, App>| window.query_all_by_label_contains("σ over the profile's").count();
-    until_seen(&mut window, "the plot", |window| {
+    wait_for(&mut window, "the plot", |window| {
         assert!(!waits(window));
         told(window) > 0
     });
@@ -279,7 +281,7 @@ fn open_camera_dialog(window: &mut Harness<'_, App>) {
     window.get_by_label("File").click();
     window.run_steps(2);
     window.get_by_label("Live camera…").click();
-    shows(window, "Start");
+    wait_for_label(window, "Start");
 }
 
 #[test]
@@ -302,16 +304,16 @@ fn camera_dialog_shows_the_current_options_and_restarts_with_new_ones() {
     typed(&mut window, "Pictures", "320x240");
     // The file dialog replaces the camera dialog, which returns afterwards.
     window.get_by_label("Choose a board…").click();
-    shows(&mut window, "Choose a board");
-    assert!(!has(&window, "Start"));
+    wait_for_label(&mut window, "Choose a board");
+    assert!(!has_label(&window, "Start"));
     window.key_press(Key::Escape);
-    shows(&mut window, "Start");
+    wait_for_label(&mut window, "Start");
     window.get_by_label("Start").click();
-    until(&mut window, |app| app.project().camera.as_ref().is_some_and(|from| from.options.smooth_s.is_some()));
+    run_until(&mut window, |app| app.project().camera.as_ref().is_some_and(|from| from.options.smooth_s.is_some()));
     let wanted =
         LiveOptions { smooth_s: Some(0.05), rate_hz: Some(25.0), size: Some((320, 240)), ..LiveOptions::default() };
     assert_eq!(window.state().project().camera.as_ref().unwrap().options, wanted);
-    until(&mut window, |app| app.viewer().composite().is_some());
+    run_until(&mut window, |app| app.viewer().composite().is_some());
     open_camera_dialog(&mut window);
     assert_eq!(["Smoothing", "Rate", "Pictures"].map(|field| value(&window, field)), ["0.05", "25", "320x240"]);
     // For a stream the dialog has a delay.
@@ -331,10 +333,10 @@ fn enter_in_a_camera_dialog_field_ends_typing_without_starting() {
     typed(&mut window, "Rate", "25");
     window.key_press(Key::Enter);
     window.run_steps(3);
-    assert!(has(&window, "Start") && window.state().project().camera.as_ref().unwrap().options.rate_hz.is_none());
+    assert!(has_label(&window, "Start") && window.state().project().camera.as_ref().unwrap().options.rate_hz.is_none());
     // Without a focus, Enter presses the filled button.
     window.key_press(Key::Enter);
-    until(&mut window, |app| app.project().camera.as_ref().is_some_and(|from| from.options.rate_hz == Some(25.0)));
+    run_until(&mut window, |app| app.project().camera.as_ref().is_some_and(|from| from.options.rate_hz == Some(25.0)));
 }
 
 /// After a refusal the typed text is kept, the reason is shown beside it, and the fields have the
@@ -349,7 +351,7 @@ fn refused_camera_leaves_the_dialog_as_typed() {
     window.get_by_label("Start").click();
     let is_refused =
         |window: &Harness<'_, App>| window.query_all_by_label_contains("there is no such file").count() > 0;
-    until_seen(&mut window, "the refusal", is_refused);
+    wait_for(&mut window, "the refusal", is_refused);
     let value = |window: &Harness<'_, App>, field: &str| {
         window.get_by_role_and_label(Role::TextInput, field).accesskit_node().value().unwrap_or_default()
     };
@@ -368,7 +370,7 @@ fn held(site: &Site) -> String {
     let stands = [[0.0, -0.1], [0.4, 0.0], [-0.4, 0.1], [0.05, 0.42], [0.0, -0.45], [0.35, 0.35], [-0.3, -0.3]];
     for (n, [x, y]) in stands.into_iter().enumerate() {
         let target = glam::DVec3::new(0.1 * y, -0.1 * x, 0.0);
-        let place = Place::looking(glam::DVec3::new(x, y, 0.55), target, 0.2 * n as f64);
+        let place = CameraPose::look_at(glam::DVec3::new(x, y, 0.55), target, 0.2 * n as f64);
         let codes = sheet.photograph(&CAMERA, 3, 1.0, n as u64, |_| place);
         image::RgbImage::from_raw(640, 480, codes).unwrap().save(site.path(&format!("held-{n}.png"))).unwrap();
     }
@@ -399,9 +401,9 @@ fn live_camera_calibration_is_accepted_or_discarded() {
     let mut window = builder.build_eframe(|context| App::new(context, project, Some(opened)).unwrap());
     window.step();
     window.get_by_label("Calibrate").click();
-    shows(&mut window, "Calibrate camera…");
+    wait_for_label(&mut window, "Calibrate camera…");
     window.get_by_label("Calibrate camera…").click();
-    shows(&mut window, "Give it up");
+    wait_for_label(&mut window, "Give it up");
     assert!(window.get_by_label("Finish").accesskit_node().is_disabled(), "three views at least");
     let views = |window: &Harness<'_, App>| -> usize {
         let node = window.query_all_by_label_contains(" of 20 views, ").next().unwrap();
@@ -409,10 +411,10 @@ fn live_camera_calibration_is_accepted_or_discarded() {
         text.split(' ').next().unwrap().parse().unwrap()
     };
     let has_views = |window: &Harness<'_, App>| views(window) >= 4;
-    until_seen(&mut window, "a fourth view", has_views);
+    wait_for(&mut window, "a fourth view", has_views);
     assert!(window.query_all_by_label_contains("missing: ").count() > 0);
     window.get_by_label("Finish").click();
-    shows(&mut window, "Take the camera");
+    wait_for_label(&mut window, "Take the camera");
     let fx = |window: &Harness<'_, App>| match window.state().project().value("camera", "fx_px") {
         Some(Value::Number(fx)) => fx,
         other => panic!("{other:?}"),
@@ -431,5 +433,5 @@ fn live_camera_calibration_is_accepted_or_discarded() {
     assert_eq!(fx(&window), 700.0);
     window.get_by_label("Leave the camera").click();
     window.run_steps(2);
-    assert!(!has(&window, "Take the camera") && has(&window, "Calibrate camera…"));
+    assert!(!has_label(&window, "Take the camera") && has_label(&window, "Calibrate camera…"));
 }

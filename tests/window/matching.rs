@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use crate::reduced::Reduction;
 use crate::tier::is_full;
 use crate::worked;
-use crate::worked::{has, until_seen};
+use crate::worked::{has_label, wait_for};
 use eframe::egui::{Key, Pos2, accesskit::Role, vec2};
 use egui_kittest::Harness;
 use egui_kittest::kittest::{NodeT, Queryable};
@@ -68,7 +68,7 @@ fn numbers(window: &Harness<'_, App>, begin: &str) -> Option<Vec<f64>> {
 
 /// Runs the window until the numbers of that label satisfy a condition.
 fn await_numbers(window: &mut Harness<'_, App>, begin: &str, is_wanted: impl Fn(&[f64]) -> bool) {
-    until_seen(window, begin, |window| numbers(window, begin).as_deref().is_some_and(&is_wanted));
+    wait_for(window, begin, |window| numbers(window, begin).as_deref().is_some_and(&is_wanted));
 }
 
 /// The measured sharpness matches the set one within three standard deviations of the measurement;
@@ -130,7 +130,7 @@ fn drag(window: &mut Harness<'_, App>, rect: Rect) {
 
 /// Runs the window until a label contains this text.
 fn await_text(window: &mut Harness<'_, App>, words: &str) {
-    until_seen(window, words, |window| window.query_all_by_label_contains(words).next().is_some());
+    wait_for(window, words, |window| window.query_all_by_label_contains(words).next().is_some());
 }
 
 /// The wall region of a picture.
@@ -142,7 +142,7 @@ fn place(pixels: &Pixels) -> PickedRegion {
 
 /// Runs the window until no label has this text.
 fn await_no_text(window: &mut Harness<'_, App>, words: &str) {
-    until_seen(window, &format!("the end of {words}"), |window| !has(window, words));
+    wait_for(window, &format!("the end of {words}"), |window| !has_label(window, words));
 }
 
 fn value(window: &Harness<'_, App>, table: &str, name: &str) -> Option<Value> {
@@ -319,7 +319,7 @@ fn until_enabled(window: &mut Harness<'_, App>, label: &str) {
     let is_enabled = |window: &Harness<'_, App>| {
         window.query_by_label(label).is_some_and(|node| !node.accesskit_node().is_disabled())
     };
-    until_seen(window, label, is_enabled);
+    wait_for(window, label, is_enabled);
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::program;
-use crate::worked::{Device, click_at, demo, drop_file, has, rest, settle, shows, until, window};
+use crate::worked::{Device, click_at, demo, drop_file, has_label, pause, run_until, settle, wait_for_label, window};
 use eframe::egui::{self, Event, Modifiers, PointerButton, accesskit::Role};
 use egui_kittest::Harness;
 use egui_kittest::kittest::{NodeT, Queryable};
@@ -32,7 +32,7 @@ fn open(recording: &Path) -> Project {
 fn window_with_problem(project: Project) -> Harness<'static, App> {
     let builder = Harness::builder().with_size(SIZE).renderer(Device::new());
     let mut window = builder.build_eframe(|context| App::new(context, project, None).unwrap());
-    until(&mut window, |app| app.problem().is_some());
+    run_until(&mut window, |app| app.problem().is_some());
     window.run_steps(2);
     window
 }
@@ -56,21 +56,21 @@ fn missing_profile_is_shown_in_the_picture_with_a_button_to_choose_one() {
     let mut window = window_with_problem(open(&without_camera(temp.path())));
     let notice = window.get_by_label("Choose profile…").rect();
     let picture = middle_of_picture(&window);
-    assert!(has(&window, NO_PROFILE) && picture.contains_rect(notice));
+    assert!(has_label(&window, NO_PROFILE) && picture.contains_rect(notice));
     // A closed notice returns as soon as something is to be placed.
     press(&mut window, "Close");
-    assert!(!has(&window, "Choose profile…"));
+    assert!(!has_label(&window, "Choose profile…"));
     press(&mut window, "Add lamp");
-    assert!(has(&window, "Choose profile…"));
+    assert!(has_label(&window, "Choose profile…"));
     click_at(&mut window, picture.left_top() + egui::vec2(60.0, 60.0));
     assert!(window.state().project().edit().scene.light.lamp.is_empty(), "no lamp anywhere");
     window.key_press(egui::Key::Escape);
     window.run_steps(3);
-    assert!(!has(&window, "Choose profile…"));
+    assert!(!has_label(&window, "Choose profile…"));
     drop_file(&mut window, std::fs::canonicalize("scenes/marker-1.glb").unwrap());
     window.run_steps(3);
     click_at(&mut window, picture.left_top() + egui::vec2(60.0, 60.0));
-    assert!(has(&window, "Choose profile…") && window.state().project().edit().scene.objects.is_empty());
+    assert!(has_label(&window, "Choose profile…") && window.state().project().edit().scene.objects.is_empty());
     press(&mut window, "Choose profile…");
     assert!(is_dialog(&window, "Open a profile"));
 }
@@ -86,9 +86,9 @@ fn frame_without_a_pose_links_to_the_nearest_with_a_pose() {
     let lines: Vec<&str> = text.lines().filter(|line| !line.starts_with('#')).collect();
     std::fs::write(&poses, lines[lines.len() / 2..].join("\n") + "\n").unwrap();
     let mut window = window(open(&recording), SIZE);
-    assert!(!has(&window, "No camera position for this frame. Choose another frame to place evidence."));
+    assert!(!has_label(&window, "No camera position for this frame. Choose another frame to place evidence."));
     press(&mut window, "Add lamp");
-    assert!(has(&window, "No camera position for this frame. Choose another frame to place evidence."));
+    assert!(has_label(&window, "No camera position for this frame. Choose another frame to place evidence."));
     let nearest = window.query_all_by_label_contains("Go to frame ").next().unwrap().accesskit_node().label().unwrap();
     press(&mut window, &nearest);
     settle(&mut window);
@@ -119,7 +119,7 @@ fn profile_of_another_size_is_refused_with_both_sizes() {
     let given = ShotOptions { profile: Some(good.clone()), ..ShotOptions::default() };
     let mut window = window(Project::open(&demo(), &OpenOptions::default(), &given).unwrap(), SIZE);
     drop_file(&mut window, other);
-    until(&mut window, |app| app.problem().is_some());
+    run_until(&mut window, |app| app.problem().is_some());
     window.run_steps(2);
     let told = format!("This profile is for 1920x1080; the recording is {width}x{height}");
     assert!(window.state().problem().unwrap().starts_with(&told), "{:?}", window.state().problem());
@@ -145,7 +145,7 @@ fn profile_without_a_camera_does_not_replace_one_with_a_camera() {
     let bare = temp.path().join("noise.toml");
     std::fs::write(&bare, "version = 1\n[noise]\nscale = 2.0\n").unwrap();
     drop_file(&mut window, bare.clone());
-    until(&mut window, |app| app.problem().is_some());
+    run_until(&mut window, |app| app.problem().is_some());
     let problem = window.state().problem().unwrap().to_owned();
     assert!(
         problem.starts_with("noise.toml lacks the camera's focal length or principal point: it was not"),
@@ -162,7 +162,7 @@ fn profile_without_a_camera_opens_if_no_camera_is_known() {
     let bare = temp.path().join("noise.toml");
     std::fs::write(&bare, "version = 1\n[noise]\nscale = 2.0\n").unwrap();
     drop_file(&mut window, bare.clone());
-    until(&mut window, |app| app.project().profile.as_ref() == Some(&bare));
+    run_until(&mut window, |app| app.project().profile.as_ref() == Some(&bare));
 }
 
 #[test]
@@ -186,12 +186,12 @@ fn profile_chosen_after_a_refusal_opens_the_refused_recording() {
     window.state_mut().show_start(true);
     window.run_steps(3);
     press(&mut window, "garage");
-    until(&mut window, |app| app.problem().is_some());
+    run_until(&mut window, |app| app.problem().is_some());
     window.run_steps(2);
     // The notice is over the picture of the first recording.
     assert!(window.query_all_by_label_contains("hd.toml was not opened for garage").count() > 0);
     drop_file(&mut window, good.clone());
-    until(&mut window, |app| app.project().profile.as_ref() == Some(&good));
+    run_until(&mut window, |app| app.project().profile.as_ref() == Some(&good));
     assert_eq!(window.state().project().shot().recording.path, second);
 }
 
@@ -202,7 +202,7 @@ fn new_message_is_visible_beside_a_lasting_problem() {
     window.state_mut().project_mut().switch("noise", false);
     window.key_press_modifiers(Modifiers::COMMAND, egui::Key::Z);
     window.run_steps(2);
-    assert!(has(&window, "Undone: Noise: off"));
+    assert!(has_label(&window, "Undone: Noise: off"));
 }
 
 #[test]
@@ -210,7 +210,7 @@ fn quick_click_opens_the_full_message() {
     let mut window = window(open(&demo()), SIZE);
     let nowhere = PathBuf::from("/nowhere/at all/with a rather long name.toml");
     drop_file(&mut window, nowhere);
-    until(&mut window, |app| app.problem().is_some());
+    run_until(&mut window, |app| app.problem().is_some());
     window.run_steps(2);
     let text = window.state().problem().unwrap().to_owned();
     let pos = window.get_by_label(&text).rect().center();
@@ -222,10 +222,10 @@ fn quick_click_opens_the_full_message() {
     window.input_mut().events.extend([Event::PointerMoved(pos), button(true), button(false)]);
     window.step();
     for _ in 0..3 {
-        rest();
+        pause();
         window.step();
     }
-    assert!(is_dialog(&window, "Message") && has(&window, "Copy"));
+    assert!(is_dialog(&window, "Message") && has_label(&window, "Copy"));
 }
 
 #[test]
@@ -236,19 +236,19 @@ fn refused_profile_comes_before_the_question_about_unsaved_changes() {
     let mut window = window(open(&demo()), SIZE);
     window.state_mut().project_mut().switch("noise", false);
     drop_file(&mut window, other);
-    until(&mut window, |app| app.problem().is_some());
+    run_until(&mut window, |app| app.problem().is_some());
     window.run_steps(3);
-    assert!(!has(&window, "Save changes?") && !window.state().project().is_saved());
+    assert!(!has_label(&window, "Save changes?") && !window.state().project().is_saved());
     // Another profile can be opened: now changes would be lost.
     press(&mut window, "Close");
     drop_file(&mut window, good.clone());
-    shows(&mut window, "Save changes?");
+    wait_for_label(&mut window, "Save changes?");
     press(&mut window, "Cancel");
     assert!(window.state().project().profile.is_none() && !window.state().project().is_saved());
     drop_file(&mut window, good.clone());
-    shows(&mut window, "Save changes?");
+    wait_for_label(&mut window, "Save changes?");
     press(&mut window, "Go on without saving");
-    until(&mut window, |app| app.project().profile.as_ref() == Some(&good));
+    run_until(&mut window, |app| app.project().profile.as_ref() == Some(&good));
     assert!(window.state().project().is_saved());
 }
 
@@ -263,11 +263,11 @@ fn recording_warnings_stay_visible_and_a_click_shows_them_in_full() {
     let begun = std::time::Instant::now();
     while begun.elapsed().as_secs_f64() < 4.5 {
         window.step();
-        rest();
+        pause();
     }
     window.state_mut().project_mut().switch("noise", false);
     window.run_steps(3);
-    assert!(window.state().message().is_none() && has(&window, "2 warnings"));
+    assert!(window.state().message().is_none() && has_label(&window, "2 warnings"));
     press(&mut window, "2 warnings");
     assert!(is_dialog(&window, "Message") && window.query_all_by_label_contains(hlg).count() > 0);
 }

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::process::Command;
 
 use crate::program;
-use crate::worked::{Device, demo, has, shows};
+use crate::worked::{Device, demo, has_label, wait_for_label};
 use eframe::egui;
 use egui_kittest::Harness;
 use locard::recording::OpenOptions;
@@ -28,7 +28,7 @@ fn high_dynamic_range_is_reported_when_the_recording_opens() {
     let mut window = window_without_picture(project);
     window.run_steps(2);
     let said = window.state().message().unwrap().to_owned();
-    assert!(said.contains("HLG") && has(&window, &said), "{said}");
+    assert!(said.contains("HLG") && has_label(&window, &said), "{said}");
 }
 
 #[test]
@@ -44,8 +44,8 @@ fn start_page_names_the_folder_of_the_open_recording() {
     let mut window = window_without_picture(project);
     window.state_mut().show_start(true);
     window.run_steps(3);
-    assert!(has(&window, "case 7/walk is open. Open another one, or press ? for the keys."));
-    assert!(has(&window, "Continue with case 7/walk"));
+    assert!(has_label(&window, "case 7/walk is open. Open another one, or press ? for the keys."));
+    assert!(has_label(&window, "Continue with case 7/walk"));
 }
 
 /// Only the surroundings of the picture are checked.
@@ -66,5 +66,5 @@ fn unreadable_first_frame_is_reported() {
     std::fs::write(&first, &bytes[..bytes.len() / 2]).unwrap();
     let project = Project::open(&recording, &OpenOptions::default(), &ShotOptions::default()).unwrap();
     let mut window = window_without_picture(project);
-    shows(&mut window, "This frame cannot be shown");
+    wait_for_label(&mut window, "This frame cannot be shown");
 }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::worked::{click_at, demo_frame, demo_px, demo_window, drop_model, settle, shown, until, until_seen};
+use crate::worked::{click_at, demo_frame, demo_px, demo_window, drop_model, run_until, settle, shown_codes, wait_for};
 use eframe::egui::{self, Key, Modifiers, accesskit::Role};
 use egui_kittest::Harness;
 use egui_kittest::kittest::{NodeT, Queryable};
@@ -204,7 +204,7 @@ fn placed_object_faces_the_camera_and_its_heading_is_the_full_rotation() {
 #[test]
 fn misplaced_objects_are_reported_and_hidden_ones_not_drawn() {
     let mut window = open();
-    let before = shown(&window);
+    let before = shown_codes(&window);
     let told = |window: &Harness<'_, App>| window.query_all_by_label_contains("stands wrong").count();
     // The check runs on another thread.
     let twice = window.state().project().edit().scene.objects[0].clone();
@@ -212,7 +212,7 @@ fn misplaced_objects_are_reported_and_hidden_ones_not_drawn() {
     let add = |scene: &mut locard::scene::SceneFile| scene.objects.push(twice);
     window.state_mut().project_mut().change_scene("twice", add).unwrap();
     settle(&mut window);
-    until_seen(&mut window, "each of the two", |window| told(window) == 2);
+    wait_for(&mut window, "each of the two", |window| told(window) == 2);
     // First the older object is hidden, then the other too.
     let boxes = format!("{name}: shown");
     window.get_all_by_label(&boxes).next().unwrap().click();
@@ -220,14 +220,14 @@ fn misplaced_objects_are_reported_and_hidden_ones_not_drawn() {
     settle(&mut window);
     let first = Entry { object: 0, instance: None };
     assert!(window.state().project().edit().scene.is_hidden(first));
-    assert!(shown(&window) == before, "one of two in one place");
+    assert!(shown_codes(&window) == before, "one of two in one place");
     window.get_all_by_label(&boxes).last().unwrap().click();
     window.run_steps(2);
     settle(&mut window);
-    assert!(shown(&window) != before);
+    assert!(shown_codes(&window) != before);
     window.state_mut().project_mut().undo();
     window.state_mut().project_mut().undo();
-    until(&mut window, App::is_settled);
+    run_until(&mut window, App::is_settled);
     assert!(!window.state().project().edit().scene.is_hidden(first));
 }
 
@@ -238,7 +238,7 @@ fn object_shadow_is_switched_off_and_object_becomes_a_stand_in() {
     let first = Entry { object: 0, instance: None };
     click(&mut window, [0.0, 0.12, 0.03]);
     assert_eq!(window.state().selected(), Some(first.into()));
-    let with_both = shown(&window);
+    let with_both = shown_codes(&window);
     let state = |window: &Harness<'_, App>| {
         let scene = &window.state().project().edit().scene;
         (scene.is_shadowless(first), scene.is_occluder(first))
@@ -250,16 +250,16 @@ fn object_shadow_is_switched_off_and_object_becomes_a_stand_in() {
     };
     press(&mut window, "Throws a shadow");
     assert_eq!(state(&window), (true, false));
-    let bare = shown(&window);
+    let bare = shown_codes(&window);
     assert!(bare != with_both);
     press(&mut window, "Stands in for something real");
     assert_eq!(state(&window), (true, true));
     let drawn = |window: &Harness<'_, App>| !window.state().project().shot().scene.objects[0].parts.is_empty();
-    assert!(!drawn(&window) && shown(&window) != bare);
+    assert!(!drawn(&window) && shown_codes(&window) != bare);
     // One step each, and back to the same picture.
     press(&mut window, "Stands in for something real");
     press(&mut window, "Throws a shadow");
-    assert!(drawn(&window) && shown(&window) == with_both);
+    assert!(drawn(&window) && shown_codes(&window) == with_both);
     let history: Vec<_> = window.state().project().history().names().0.map(str::to_owned).collect();
     let said = ["without its shadow", "stands in for something real", "is evidence", "with its shadow"];
     assert!(said.iter().all(|said| history.contains(&format!("marker 1: {said}"))), "{history:?}");

@@ -2,7 +2,7 @@
 
 use crate::program;
 use crate::worked;
-use crate::worked::{demo, drop_model, has, scene_or_none, settle, window};
+use crate::worked::{demo, drop_model, has_label, scene_or_none, settle, window};
 use eframe::egui::{self, Key, accesskit::Role};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
@@ -30,17 +30,17 @@ fn picture_keeps_half_of_a_small_window() {
 #[test]
 fn small_window_shows_one_panel_at_a_time() {
     let mut window = open_at(&demo(), egui::vec2(640.0, 480.0));
-    assert!(has(&window, "Search parameters") && !has(&window, "Place…"));
+    assert!(has_label(&window, "Search parameters") && !has_label(&window, "Place…"));
     window.get_by_label("Evidence").click();
     window.run_steps(3);
-    assert!(has(&window, "Place…") && !has(&window, "Search parameters"));
+    assert!(has_label(&window, "Place…") && !has_label(&window, "Search parameters"));
 }
 
 #[test]
 fn small_window_shows_the_evidence_if_a_model_is_dropped_or_missing() {
     let mut window = open_at(&demo(), egui::vec2(640.0, 480.0));
     drop_model(&mut window, std::fs::canonicalize("scenes/marker-1.glb").unwrap());
-    assert!(has(&window, "upright") && has(&window, "flat"));
+    assert!(has_label(&window, "upright") && has_label(&window, "flat"));
     let folder = tempfile::tempdir().unwrap();
     let scene = folder.path().join("case.toml");
     std::fs::write(&scene, "version = 1\n\n[[objects]]\nmodel = \"knife.glb\"\n").unwrap();
@@ -48,11 +48,11 @@ fn small_window_shows_the_evidence_if_a_model_is_dropped_or_missing() {
     let project = Project::open(&demo(), &OpenOptions::default(), &given).unwrap();
     let mut window = self::window(project, egui::vec2(640.0, 480.0));
     window.run_steps(2);
-    assert!(has(&window, "Locate knife.glb…"));
+    assert!(has_label(&window, "Locate knife.glb…"));
     // The user's choice of a tab is kept afterwards.
     window.get_by_label("Adjustments").click();
     window.run_steps(3);
-    assert!(has(&window, "Search parameters") && !has(&window, "Locate knife.glb…"));
+    assert!(has_label(&window, "Search parameters") && !has_label(&window, "Locate knife.glb…"));
 }
 
 #[test]
@@ -122,7 +122,7 @@ fn toolbar_distinguishes_recordings_of_one_name() {
         program::copied(&demo(), &recording);
         let window = open_at(&recording, egui::vec2(900.0, 600.0));
         let case = folder.file_name().unwrap().to_str().unwrap();
-        assert!(has(&window, &format!("{case}/demo")));
+        assert!(has_label(&window, &format!("{case}/demo")));
     }
 }
 

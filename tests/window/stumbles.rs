@@ -5,7 +5,8 @@ use std::path::Path;
 use crate::program;
 use crate::tier::fast_or_full;
 use crate::worked::{
-    Device, click_at, demo, demo_frame, demo_px, has, scene_or_none, search, settle, shows, until, until_seen, window,
+    Device, click_at, demo, demo_frame, demo_px, has_label, run_until, scene_or_none, search, settle, wait_for,
+    wait_for_label, window,
 };
 use eframe::egui::{self, Key, Modifiers, Pos2, accesskit::Role, pos2};
 use egui_kittest::Harness;
@@ -63,7 +64,7 @@ fn esc_reverts_typed_text() {
     window.key_press(Key::Escape);
     window.run_steps(4);
     assert!(scale(&window) == 1.0 && steps(&window) == ["opened"], "{:?}", steps(&window));
-    assert!(has(&window, "Pictures…"));
+    assert!(has_label(&window, "Pictures…"));
     window.key_press_modifiers(Modifiers::COMMAND, Key::E);
     window.run_steps(2);
     type_number(&mut window, "0.5");
@@ -172,16 +173,16 @@ fn esc_closes_the_open_panel_and_messages_let_clicks_through() {
     let mut window = open();
     window.key_press_modifiers(Modifiers::COMMAND, Key::E);
     window.run_steps(2);
-    assert!(has(&window, "Pictures…"));
+    assert!(has_label(&window, "Pictures…"));
     window.key_press(Key::Escape);
     window.run_steps(2);
-    assert!(!has(&window, "Pictures…"));
+    assert!(!has_label(&window, "Pictures…"));
     window.state_mut().show_start(true);
     window.run_steps(2);
-    assert!(has(&window, "Recent") || has(&window, "Open a recording…"));
+    assert!(has_label(&window, "Recent") || has_label(&window, "Open a recording…"));
     window.key_press(Key::Escape);
     window.run_steps(2);
-    assert!(!has(&window, "Open a recording…"));
+    assert!(!has_label(&window, "Open a recording…"));
 
     // The current action ends before the open panel.
     window.key_press_modifiers(Modifiers::COMMAND, Key::E);
@@ -190,20 +191,20 @@ fn esc_closes_the_open_panel_and_messages_let_clicks_through() {
     window.run_steps(2);
     window.key_press(Key::Escape);
     window.run_steps(2);
-    assert!(has(&window, "Pictures…"));
+    assert!(has_label(&window, "Pictures…"));
     window.key_press(Key::Escape);
     window.run_steps(2);
-    assert!(!has(&window, "Pictures…"));
+    assert!(!has_label(&window, "Pictures…"));
 
     window.state_mut().project_mut().set("noise", "scale", &Value::Number(0.5)).unwrap();
     window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
     window.run_steps(2);
     window.get_by_label("Undone: Noise: Scale").click();
     window.run_steps(3);
-    assert!(has(&window, "Copy"));
+    assert!(has_label(&window, "Copy"));
     let wipe = window.get_by_label("Wipe").rect().center();
     click_at(&mut window, wipe);
-    assert!(!has(&window, "Copy") && window.state().view.wipe.is_some(), "one click does both");
+    assert!(!has_label(&window, "Copy") && window.state().view.wipe.is_some(), "one click does both");
 }
 
 #[test]
@@ -212,13 +213,16 @@ fn click_selects_a_recording_and_describes_it() {
     program::copied(&demo(), &temp.path().join("mine"));
     let mut window = open_at(&temp.path().join("mine"));
     window.key_press_modifiers(Modifiers::COMMAND, Key::O);
-    shows(&mut window, "mine/   recording");
-    assert!(has(&window, "Open") && !has(&window, "Open recording"));
+    wait_for_label(&mut window, "mine/   recording");
+    assert!(has_label(&window, "Open") && !has_label(&window, "Open recording"));
     window.get_by_label("mine/   recording").click();
     window.run_steps(2);
-    shows(&mut window, fast_or_full("mine: 24 frames, 160 × 120 px, 2.4 s", "mine: 72 frames, 640 × 480 px, 2.4 s"));
+    wait_for_label(
+        &mut window,
+        fast_or_full("mine: 24 frames, 160 × 120 px, 2.4 s", "mine: 72 frames, 640 × 480 px, 2.4 s"),
+    );
     window.get_by_label("Open recording").click();
-    until(&mut window, |app| app.problem().is_none() && app.project().scene.is_none());
+    run_until(&mut window, |app| app.problem().is_none() && app.project().scene.is_none());
     settle(&mut window);
 }
 
@@ -240,10 +244,10 @@ fn unknown_exposure_is_reported_at_once() {
                 camera's exposure time says otherwise.";
     let mut window = open_at(&recording);
     search(&mut window, "motion_blur");
-    assert!(has(&window, told));
+    assert!(has_label(&window, told));
     window.state_mut().project_mut().set("camera.exposure", "time_s", &Value::Number(0.01)).unwrap();
     window.run_steps(2);
-    assert!(!has(&window, told));
+    assert!(!has_label(&window, told));
 }
 
 #[test]
@@ -272,7 +276,7 @@ fn placement_preview_follows_the_pointer() {
                     && (at.y - f64::from(at_px.y)).abs() < off_px.y.into()
             })
         };
-        until(&mut window, is_there);
+        run_until(&mut window, is_there);
     }
     assert!(window.state().project().edit().scene == before && steps(&window) == ["opened"]);
     window.key_press(Key::Escape);
@@ -294,15 +298,15 @@ fn recording_reopens_at_its_last_frame_and_view() {
     window.key_press_modifiers(Modifiers::COMMAND, Key::O);
     window.run_steps(3);
     window.event(egui::Event::Text(other.display().to_string()));
-    shows(&mut window, "Open recording");
+    wait_for_label(&mut window, "Open recording");
     window.get_by_label("Open recording").click();
-    until(&mut window, |app| app.project().shot().recording.path == other);
+    run_until(&mut window, |app| app.project().shot().recording.path == other);
     settle(&mut window);
     assert_eq!((window.state().player().frame(), window.state().view.zoom), (0, None));
     window.state_mut().show_start(true);
-    shows(&mut window, "demo   demo.toml");
+    wait_for_label(&mut window, "demo   demo.toml");
     window.get_by_label("demo   demo.toml").click();
-    until(&mut window, |app| app.project().shot().recording.path != other);
+    run_until(&mut window, |app| app.project().shot().recording.path != other);
     settle(&mut window);
     let view = &window.state().view;
     assert_eq!(
@@ -319,18 +323,18 @@ fn window_without_the_demonstration_opens_a_start_page() {
     let (kept, demonstration) = (folder.clone(), std::path::absolute(DEMO).unwrap());
     let mut start = builder.build_eframe(move |context| Start::new(context, Some(&kept)).unwrap());
     start.run_steps(3);
-    assert!(has(&start, "Open a recording…") && !has(&start, "Continue with the demo"));
+    assert!(has_label(&start, "Open a recording…") && !has_label(&start, "Continue with the demo"));
     assert!(start.query_all_by_label_contains(&demonstration.display().to_string()).count() > 0);
     start.get_by_label("Open a recording…").click();
     start.run_steps(3);
     start.event(egui::Event::Text(std::path::absolute(demo()).unwrap().display().to_string()));
-    shows(&mut start, "Open recording");
+    wait_for_label(&mut start, "Open recording");
     start.get_by_label("Open recording").click();
-    until_seen(&mut start, "the recording", |start| start.state().app().is_some_and(App::is_settled));
-    assert!(has(&start, "Undo"));
+    wait_for(&mut start, "the recording", |start| start.state().app().is_some_and(App::is_settled));
+    assert!(has_label(&start, "Undo"));
     drop(start);
     // It is among the recent recordings.
     let again = Harness::builder().with_size(egui::vec2(1280.0, 800.0)).renderer(Device::new());
     let mut again = again.build_eframe(move |context| Start::new(context, Some(&folder)).unwrap());
-    shows(&mut again, "demo");
+    wait_for_label(&mut again, "demo");
 }

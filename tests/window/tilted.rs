@@ -1,6 +1,6 @@
 //! Upright objects on surfaces that are not level.
 
-use crate::worked::{demo, steps, until_seen, window};
+use crate::worked::{demo, steps, wait_for, window};
 use eframe::egui;
 use egui_kittest::kittest::Queryable;
 use glam::DVec3;
@@ -25,7 +25,7 @@ fn hovering_object_on_a_slope_is_put_on_the_surface() {
     let mut window = window(project, egui::vec2(1400.0, 1000.0));
     window.get_by_role_and_label(egui::accesskit::Role::Button, "marker-1").click();
     let told = "The surface is tilted by ";
-    until_seen(&mut window, told, |window| window.query_all_by_label_contains(told).count() > 0);
+    wait_for(&mut window, told, |window| window.query_all_by_label_contains(told).count() > 0);
     window.get_by_label("On the surface").click();
     window.run_steps(3);
     assert_eq!(steps(&window), ["opened", "marker-1: on the surface"]);

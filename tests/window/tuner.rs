@@ -4,7 +4,9 @@ use std::path::Path;
 
 use crate::gpu;
 use crate::program;
-use crate::worked::{called, codes, demo, demo_frame, demo_px, scene_or_none, search, settle, shown, until, window};
+use crate::worked::{
+    codes, control_label, demo, demo_frame, demo_px, run_until, scene_or_none, search, settle, shown_codes, window,
+};
 use eframe::egui::{self, Key, Modifiers, accesskit::Role};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
@@ -51,33 +53,33 @@ fn value(window: &Harness<'_, App>, table: &str, name: &str) -> Value {
 #[test]
 fn shown_picture_matches_the_composite_command() {
     let mut window = open(None);
-    assert!(shown(&window) == written(&[], 0));
+    assert!(shown_codes(&window) == written(&[], 0));
     window.state_mut().player_mut().seek(demo_frame(31));
     settle(&mut window);
-    let before = shown(&window);
+    let before = shown_codes(&window);
     assert!(before == written(&[], demo_frame(31)));
 
     search(&mut window, "noise scale");
     window.get_by_role_and_label(Role::Slider, "Noise: Scale").set_value_accesskit(0.0);
     settle(&mut window);
     assert_eq!(value(&window, "noise", "scale"), Value::Number(0.0));
-    let quiet = shown(&window);
+    let quiet = shown_codes(&window);
     assert!(quiet != before && quiet == written(&["noise.scale=0"], demo_frame(31)));
 
     // Undo and redo.
     window.get_by_label("Undo").click();
     settle(&mut window);
-    assert!(shown(&window) == before && value(&window, "noise", "scale") == Value::Number(1.0));
+    assert!(shown_codes(&window) == before && value(&window, "noise", "scale") == Value::Number(1.0));
     window.get_by_label("Redo").click();
     settle(&mut window);
-    assert!(shown(&window) == quiet);
+    assert!(shown_codes(&window) == quiet);
 
     // Switching an effect off.
     search(&mut window, "motion_blur");
     window.get_by_role_and_label(Role::CheckBox, "Motion blur").click();
     settle(&mut window);
     assert!(!window.state().project().edit().settings.is_on("motion_blur"));
-    assert!(shown(&window) != quiet);
+    assert!(shown_codes(&window) != quiet);
 }
 
 #[test]
@@ -89,7 +91,7 @@ fn every_parameter_has_one_control() {
     let mut names = std::collections::BTreeSet::new();
     for table in tables {
         for spec in table.specs() {
-            let full = called(&window, table.table(), spec.name);
+            let full = control_label(&window, table.table(), spec.name);
             assert!(!full.contains('_') && names.insert(full.clone()), "{full}");
             let role = match spec.kind {
                 Kind::Bool => Role::CheckBox,
@@ -110,7 +112,7 @@ fn every_parameter_has_one_control() {
             Some((table, name)) => (table, name),
             None => ("camera", key),
         };
-        let name = called(&window, table, name);
+        let name = control_label(&window, table, name);
         for looked_for in [words, key] {
             search(&mut window, looked_for);
             let found = window.query_all_by_label_contains(&name).count();
@@ -129,7 +131,7 @@ fn panel_keeps_its_width() {
     let before = picture(&window);
     for (table, name) in [("camera.lens", "f_number"), ("camera.exposure", "time_s"), ("camera.exposure", "iso")] {
         search(&mut window, &format!("{table}.{name}"));
-        let name = called(&window, table, name);
+        let name = control_label(&window, table, name);
         if window.query_by_role_and_label(Role::Button, &format!("{name}: stops")).is_none() {
             window.get_by_label(&format!("{name} is given")).click();
             window.run_steps(3);
@@ -235,20 +237,20 @@ fn parameters_made_idle_by_another_are_marked() {
 #[test]
 fn invalid_settings_are_reported_until_corrected() {
     let mut window = open(None);
-    let before = shown(&window);
+    let before = shown_codes(&window);
     // One blade is within the range, but makes no aperture.
     for (name, number) in [("f_number", 2.0), ("focus_distance_m", 1.0), ("blades", 1.0)] {
         window.state_mut().project_mut().set("camera.lens", name, &Value::Number(number)).unwrap();
         window.state_mut().project_mut().close_step();
     }
-    until(&mut window, |app| app.problem().is_some());
+    run_until(&mut window, |app| app.problem().is_some());
     let problem = window.state().problem().unwrap().to_owned();
     assert!(problem.contains("camera.lens.blades = 1"), "{problem}");
     assert_eq!(window.query_all_by_label(&problem).count(), 1);
     window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
     window.step();
     settle(&mut window);
-    assert!(shown(&window) != before);
+    assert!(shown_codes(&window) != before);
     // A value beyond the range changes nothing.
     let edit = window.state().project().edit().clone();
     assert!(window.state_mut().project_mut().set("noise", "scale", &Value::Number(99.0)).is_err());
@@ -266,7 +268,7 @@ fn click_places_evidence_on_the_visible_surface() {
     let mut window = window(project, egui::vec2(1400.0, 900.0));
     window.state_mut().player_mut().seek(demo_frame(30));
     settle(&mut window);
-    let empty = shown(&window);
+    let empty = shown_codes(&window);
 
     window.get_by_label("Place…").click();
     window.run_steps(3);
@@ -287,19 +289,19 @@ fn click_places_evidence_on_the_visible_surface() {
     for (found, expected) in position.into_iter().zip([0.1046, -0.0958, 0.0]) {
         assert!((found - expected).abs() < 1e-3, "{position:?}");
     }
-    assert!(shown(&window) != empty);
+    assert!(shown_codes(&window) != empty);
 
     // It is saved into the scene file, whose comment is kept, and undone.
     window.key_press(Key::Escape);
     window.key_press_modifiers(Modifiers::COMMAND, Key::S);
-    until(&mut window, |app| app.project().is_saved());
+    run_until(&mut window, |app| app.project().is_saved());
     let saved = std::fs::read_to_string(&scene).unwrap();
     assert!(saved.starts_with(text) && saved.contains("marker-1.glb"), "{saved}");
     let again = Project::open(&demo(), &OpenOptions::default(), &given).unwrap();
     assert!(again.edit().scene == window.state().project().edit().scene);
     window.get_by_label("Undo").click();
     settle(&mut window);
-    assert!(shown(&window) == empty);
+    assert!(shown_codes(&window) == empty);
 }
 
 #[test]
@@ -324,7 +326,7 @@ fn closing_asks_before_changes_are_lost() {
     window.get_by_label("Save and close").click();
     window.run_steps(3);
     window.get_by_label("Save to the profile").click();
-    until(&mut window, |app| app.project().is_saved());
+    run_until(&mut window, |app| app.project().is_saved());
     assert!(std::fs::read_to_string(&profile).unwrap().contains("sigma_px = 0.5"));
 }
 
@@ -336,10 +338,10 @@ fn damaged_frame_is_reported_and_the_others_shown() {
     let project = Project::open(temp.path(), &OpenOptions::default(), &given).unwrap();
     let mut window = window(project, egui::vec2(1000.0, 700.0));
     window.state_mut().player_mut().seek(3);
-    until(&mut window, |app| app.problem().is_some());
+    run_until(&mut window, |app| app.problem().is_some());
     assert!(window.state().problem().unwrap().contains("00003.jpg"));
     window.state_mut().player_mut().seek(2);
-    until(&mut window, App::is_settled);
+    run_until(&mut window, App::is_settled);
     assert!(window.state().is_settled() && window.state().problem().is_none());
 }
 
@@ -347,11 +349,11 @@ fn damaged_frame_is_reported_and_the_others_shown() {
 fn playback_stops_at_the_shown_frame() {
     let mut window = open(None);
     window.key_press(Key::Space);
-    until(&mut window, |app| app.player().frame() > 0);
+    run_until(&mut window, |app| app.player().frame() > 0);
     window.key_press(Key::Space);
     settle(&mut window);
     let frame = window.state_mut().player_mut().frame();
-    assert!(frame > 0 && shown(&window) == written(&[], frame), "frame {frame}");
+    assert!(frame > 0 && shown_codes(&window) == written(&[], frame), "frame {frame}");
     window.get_by_label("One frame on").click();
     settle(&mut window);
     assert_eq!(window.state_mut().player_mut().frame(), frame + 1);
@@ -360,23 +362,25 @@ fn playback_stops_at_the_shown_frame() {
 #[test]
 fn two_sets_of_settings_are_compared_and_copied() {
     let mut window = open(None);
-    let a = shown(&window);
+    let a = shown_codes(&window);
     window.key_press(Key::B);
     window.step();
     window.state_mut().project_mut().set("noise", "scale", &Value::Number(0.0)).unwrap();
-    until(&mut window, |app| app.is_settled() && app.viewer().other().is_some());
+    run_until(&mut window, |app| app.is_settled() && app.viewer().other().is_some());
     // B is edited, and A is unchanged.
     let other = |window: &Harness<'_, App>| {
         let viewer = window.state().viewer();
         let texels = gpu::read_back(viewer.gpu(), &viewer.other().unwrap().texture);
         texels.into_iter().map(|[r, g, b, _]| [r, g, b]).collect::<Vec<_>>()
     };
-    let b = shown(&window);
+    let b = shown_codes(&window);
     assert!(b == written(&["noise.scale=0"], 0) && other(&window) == a);
     window.key_press_modifiers(Modifiers::SHIFT, Key::B);
     window.step();
-    until(&mut window, App::is_settled);
-    assert!(shown(&window) == a && window.state().project().edit().other.as_ref().is_some_and(|other| !other.is_a));
+    run_until(&mut window, App::is_settled);
+    assert!(
+        shown_codes(&window) == a && window.state().project().edit().other.as_ref().is_some_and(|other| !other.is_a)
+    );
     window.get_by_label("A to B").click();
     window.run_steps(2);
     let other = window.state().project().edit().other.clone().unwrap();

@@ -19,7 +19,7 @@ fn lost_device_is_reported_and_work_is_left_for_the_next_start() {
     let mut window = edited_window(temp.path());
     let edit = window.state().project().edit().clone();
     window.state().viewer().gpu().device.destroy();
-    until(&mut window, |app| app.problem().is_some_and(|problem| problem.contains("graphics device was lost")));
+    run_until(&mut window, |app| app.problem().is_some_and(|problem| problem.contains("graphics device was lost")));
     assert!(window.state().problem().unwrap().contains("does not start anew"));
     // The window keeps running: new settings draw no picture, and nothing fails.
     set(&mut window, "noise", "scale", 0.5);
@@ -65,9 +65,9 @@ fn work_left_by_a_crash_is_offered_and_restored() {
     leave(temp.path(), &lost, demo_frame(12));
     let mut window = demo();
     window.state_mut().set_state_folder(temp.path());
-    shows(&mut window, "Restore");
+    wait_for_label(&mut window, "Restore");
     press(&mut window, "Restore");
-    until(&mut window, |app| app.project().edit() == lost.edit());
+    run_until(&mut window, |app| app.project().edit() == lost.edit());
     settle(&mut window);
     assert_eq!(window.state_mut().player_mut().frame(), demo_frame(12));
     assert!(!window.state().project().is_saved());
@@ -86,16 +86,16 @@ fn work_left_by_a_crash_is_offered_and_restored() {
     // With its folder in the fast tier, where the reduced demonstration is another recording of
     // that name.
     let recent = fast_or_full("/demo   demo.toml", "demo   demo.toml");
-    assert!(window.query_all_by_label_contains(recent).count() > 0 && has(&window, "Open a recording…"));
+    assert!(window.query_all_by_label_contains(recent).count() > 0 && has_label(&window, "Open a recording…"));
     press(&mut window, "Continue with the demo");
-    assert!(!has(&window, "Continue with the demo"));
+    assert!(!has_label(&window, "Continue with the demo"));
 
     // Discarded work is not offered again. A newly opened window would find it, too.
     drop(window);
     leave(temp.path(), &lost, 0);
     let mut window = demo();
     window.state_mut().set_state_folder(temp.path());
-    shows(&mut window, "Discard");
+    wait_for_label(&mut window, "Discard");
     press(&mut window, "Discard");
     assert!(RecoverableWork::find_in(&temp.path().join("work")).is_empty());
 }
@@ -112,11 +112,11 @@ fn restored_work_keeps_its_undo_history() {
     leave(temp.path(), &lost, 0);
     let mut window = plain();
     window.state_mut().set_state_folder(temp.path());
-    shows(&mut window, "Restore");
+    wait_for_label(&mut window, "Restore");
     // The default button.
     window.key_press(Key::Enter);
     let scale = |app: &App| app.project().value("noise", "scale");
-    until(&mut window, |app| scale(app) == Some(Value::Number(0.5)));
+    run_until(&mut window, |app| scale(app) == Some(Value::Number(0.5)));
     settle(&mut window);
     press(&mut window, "Redo");
     assert_eq!(scale(window.state()), Some(Value::Number(0.75)));
@@ -142,7 +142,7 @@ fn edit_before_a_press_is_saved_while_the_button_is_down() {
         let files = std::fs::read_dir(temp.path().join("work")).unwrap();
         files.flatten().any(|entry| is_work(&entry.path()))
     };
-    until_seen(&mut window, "the edit", |_| is_written());
+    wait_for(&mut window, "the edit", |_| is_written());
     assert!(window.ctx.input(|i| i.pointer.any_down()));
 }
 
@@ -162,7 +162,7 @@ fn drag_interrupted_by_a_crash_is_not_in_the_recovery_file() {
         Some(Value::Number(scale)) => scale,
         other => panic!("{other:?}"),
     };
-    until_seen(&mut window, "the first change", |_| work().is_some());
+    wait_for(&mut window, "the first change", |_| work().is_some());
     let before = work().unwrap();
     let rail = window.get_by_role_and_label(Role::Slider, "Noise: Scale").rect();
     worked::press_and_move(&mut window, rail.center(), rail.center() + egui::vec2(30.0, 0.0));
@@ -171,11 +171,11 @@ fn drag_interrupted_by_a_crash_is_not_in_the_recovery_file() {
     let begun = Instant::now();
     while begun.elapsed() < Duration::from_millis(400) {
         window.step();
-        worked::rest();
+        worked::pause();
     }
     assert!(work().unwrap().edit == before.edit, "the state before the drag");
-    worked::let_go(&mut window, rail.center() + egui::vec2(30.0, 0.0));
-    until_seen(&mut window, "the drag", |_| work().is_some_and(|work| work.edit != before.edit));
+    worked::release_at(&mut window, rail.center() + egui::vec2(30.0, 0.0));
+    wait_for(&mut window, "the drag", |_| work().is_some_and(|work| work.edit != before.edit));
     assert!(work().unwrap().edit == *window.state().project().edit());
 }
 
@@ -188,7 +188,7 @@ fn device_lost_during_a_move_leaves_the_scene_before_the_move() {
     scene.add_lamp(glam::DVec3::Z);
     window.state_mut().project_mut().set_uncommitted_scene(scene).unwrap();
     window.state().viewer().gpu().device.destroy();
-    until(&mut window, |app| app.problem().is_some_and(|problem| problem.contains("graphics device was lost")));
+    run_until(&mut window, |app| app.problem().is_some_and(|problem| problem.contains("graphics device was lost")));
     drop(window);
     let left = RecoverableWork::find_in(&temp.path().join("work"));
     assert!(left.len() == 1 && left[0].work.edit == before);
@@ -208,7 +208,7 @@ fn picture_is_drawn_after_the_question_about_left_work() {
         app
     });
     // The question appears in the first frame, and nothing is drawn meanwhile.
-    assert!(has(&window, "Restore"));
+    assert!(has_label(&window, "Restore"));
     let begun = Instant::now();
     let wait = Duration::from_secs_f64(fast_or_full(0.2, 2.0));
     while begun.elapsed() < wait {
@@ -305,7 +305,7 @@ fn question_about_unsaved_work_counts_each_instance() {
     leave(temp.path(), &lost, 0);
     let mut window = plain();
     window.state_mut().set_state_folder(temp.path());
-    shows(&mut window, "Restore");
+    wait_for_label(&mut window, "Restore");
     let placed = lost.shot().scene.objects.len();
-    assert!(placed > lost.edit().scene.objects.len() && has(&window, &format!("{placed} objects")));
+    assert!(placed > lost.edit().scene.objects.len() && has_label(&window, &format!("{placed} objects")));
 }

@@ -10,7 +10,7 @@ fn exports_use_the_settings_at_their_start() {
     let (mut window, frame) = (demo(), demo_frame(31));
     window.state_mut().player_mut().seek(frame);
     settle(&mut window);
-    let before = shown(&window);
+    let before = shown_codes(&window);
     window.key_press_modifiers(Modifiers::COMMAND, Key::E);
     window.run_steps(3);
     press(&mut window, &format!("frame {frame} alone"));
@@ -22,18 +22,18 @@ fn exports_use_the_settings_at_their_start() {
     window.run_steps(2);
     press(&mut window, "Snapshot…");
     choose(&mut window, &temp.path().join("quiet"));
-    until(&mut window, all_over);
+    run_until(&mut window, all_over);
     settle(&mut window);
     let exported = picture(&temp.path().join(format!("out/frame_{frame:06}.png")));
     assert!(exported == before && exported == written(&[], frame));
     let snapshot = picture(&temp.path().join("quiet.png"));
-    assert!(snapshot == shown(&window) && snapshot != before, "the wipe is not in it");
+    assert!(snapshot == shown_codes(&window) && snapshot != before, "the wipe is not in it");
 
     // A folder that cannot be created is reported, and the next export proceeds.
     std::fs::write(temp.path().join("file"), "").unwrap();
     press(&mut window, "Pictures…");
     choose(&mut window, &temp.path().join("file/out"));
-    until(&mut window, all_over);
+    run_until(&mut window, all_over);
     let entries = &window.state().documents().jobs().unwrap().entries;
     assert!(matches!(&entries[2].state, JobState::Failed(why) if why.contains("file/out")), "{:?}", entries[2]);
     assert!(entries[..2].iter().all(|entry| matches!(entry.state, JobState::Done(_))), "{entries:?}");
@@ -44,7 +44,7 @@ fn exports_use_the_settings_at_their_start() {
     let video = temp.path().join("cut.mkv");
     choose(&mut window, &video);
     press(&mut window, &format!("Cancel {}", video.display()));
-    until(&mut window, all_over);
+    run_until(&mut window, all_over);
     assert_eq!(window.state().documents().jobs().unwrap().entries[3].state, JobState::Cancelled);
     let mut names: Vec<_> = std::fs::read_dir(temp.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     names.sort();
@@ -66,7 +66,7 @@ fn photo_from_the_window_matches_the_command_line() {
         window.run_steps(2);
     }
     // Beyond the range of focal lengths.
-    assert!(has(&window, "Focal length: 30000 is refused: accepted is 1 to 5000"));
+    assert!(has_label(&window, "Focal length: 30000 is refused: accepted is 1 to 5000"));
     let focal = window.get_by_role_and_label(Role::TextInput, "Focal length, mm");
     focal.focus();
     window.step();
@@ -76,7 +76,7 @@ fn photo_from_the_window_matches_the_command_line() {
     press(&mut window, "Photograph…");
     let taken = temp.path().join("taken.png");
     choose(&mut window, &taken);
-    until(&mut window, all_over);
+    run_until(&mut window, all_over);
     let state = window.state().documents().jobs().unwrap().entries[0].state.clone();
     assert!(matches!(&state, JobState::Done(said) if said.contains("f/4")), "{state:?}");
     let by_program = temp.path().join("program.png");
@@ -92,7 +92,7 @@ fn photo_from_the_window_matches_the_command_line() {
         "-o",
         by_program.to_str().unwrap(),
     ];
-    program::said(&[&of[..], &dials].concat());
+    program::stdout_of(&[&of[..], &dials].concat());
     assert!(picture(&taken) == picture(&by_program));
     let exif =
         exif::Reader::new().read_from_container(&mut BufReader::new(std::fs::File::open(&taken).unwrap())).unwrap();
@@ -133,7 +133,7 @@ fn command_line_reproduces_the_shown_picture() {
     let output = Command::new("sh").args(["-c", &format!("\"$0\" {text}")]).arg(program).current_dir(&folder).output();
     let output = output.unwrap();
     assert!(output.status.success(), "{text}: {}", String::from_utf8_lossy(&output.stderr));
-    assert!(picture(&folder.join(format!("composited/frame_{frame:06}.png"))) == shown(&window), "{text}");
+    assert!(picture(&folder.join(format!("composited/frame_{frame:06}.png"))) == shown_codes(&window), "{text}");
 
     // Warnings of a file are reported.
     let project = window.state_mut().project_mut();
@@ -167,10 +167,10 @@ fn series_asks_before_replacing_its_own_files() {
     assert!(window.query_by_label_contains("s-2.png is there already").is_some());
     press(&mut window, "Replace them");
     let had = b"what the user had".as_slice();
-    until(&mut window, |_| std::fs::read(&there).is_ok_and(|bytes| bytes != had));
+    run_until(&mut window, |_| std::fs::read(&there).is_ok_and(|bytes| bytes != had));
     // A cancelled series keeps its finished files.
     press(&mut window, &format!("Cancel the series s-1.png … in {}", temp.path().display()));
-    until(&mut window, all_over);
+    run_until(&mut window, all_over);
     assert_eq!(window.state().documents().jobs().unwrap().entries[0].state, JobState::Cancelled);
     assert!(picture(&there).len() > 64 && picture(&temp.path().join("s-1.png")).len() > 64);
     assert!(!temp.path().join("s-sheet.png").exists());

@@ -45,8 +45,8 @@ fn composite_error(scene: &Path) -> String {
 fn missing_model_is_a_marked_box_until_it_is_located() {
     let case = Case::new();
     let mut window = open(None, &case.scene);
-    assert!(has(&window, "knife.glb is missing") && has(&window, "knife: model missing"));
-    assert!(stand_in_pixels(&shown(&window)) > 5, "{}", stand_in_pixels(&shown(&window)));
+    assert!(has_label(&window, "knife.glb is missing") && has_label(&window, "knife: model missing"));
+    assert!(stand_in_pixels(&shown_codes(&window)) > 5, "{}", stand_in_pixels(&shown_codes(&window)));
     // Exports are refused, and the command line refuses the scene.
     let error = window.state().project().shot().check(0..1).unwrap_err().to_string();
     assert!(error.contains("knife.glb") && composite_error(&case.scene).contains("knife.glb"), "{error}");
@@ -54,16 +54,16 @@ fn missing_model_is_a_marked_box_until_it_is_located() {
     std::fs::copy("scenes/l-scale.glb", &found).unwrap();
     press(&mut window, "Locate knife.glb…");
     // The dialog starts in the scene's folder: the model's own does not exist.
-    shows(&mut window, case.folder.path().canonicalize().unwrap().file_name().unwrap().to_str().unwrap());
+    wait_for_label(&mut window, case.folder.path().canonicalize().unwrap().file_name().unwrap().to_str().unwrap());
     answer(&mut window, &found, "Open");
-    until(&mut window, |app| app.project().shot().scene.missing.is_empty());
+    run_until(&mut window, |app| app.project().shot().scene.missing.is_empty());
     settle(&mut window);
     assert_eq!(window.state().project().edit().scene.objects[1].model, "elsewhere.glb");
-    assert!(stand_in_pixels(&shown(&window)) == 0 && !has(&window, "knife.glb is missing"));
+    assert!(stand_in_pixels(&shown_codes(&window)) == 0 && !has_label(&window, "knife.glb is missing"));
     window.state().project().shot().check(0..1).unwrap();
     press(&mut window, "Undo");
     settle(&mut window);
-    assert!(stand_in_pixels(&shown(&window)) > 5 && has(&window, "knife.glb is missing"));
+    assert!(stand_in_pixels(&shown_codes(&window)) > 5 && has_label(&window, "knife.glb is missing"));
 }
 
 // Slow: files on disk are checked every 2 s, and the picture is made twice.
@@ -71,14 +71,14 @@ fn missing_model_is_a_marked_box_until_it_is_located() {
 fn missing_model_is_reloaded_when_it_reappears() {
     let case = Case::new();
     let mut window = open(None, &case.scene);
-    assert!(has(&window, "knife.glb is missing"));
+    assert!(has_label(&window, "knife.glb is missing"));
     let folder = case.folder.path().join("models");
     std::fs::create_dir(&folder).unwrap();
     std::fs::copy("scenes/l-scale.glb", folder.join("knife.glb")).unwrap();
-    until(&mut window, |app| app.project().shot().scene.missing.is_empty());
+    run_until(&mut window, |app| app.project().shot().scene.missing.is_empty());
     settle(&mut window);
     window.run_steps(2);
-    assert!(stand_in_pixels(&shown(&window)) == 0 && !has(&window, "knife.glb is missing"));
+    assert!(stand_in_pixels(&shown_codes(&window)) == 0 && !has_label(&window, "knife.glb is missing"));
     assert_eq!(worked::steps(&window), ["opened"], "it is no step of the history");
     assert!(window.state().project().is_saved());
 }
@@ -194,9 +194,9 @@ fn truncated_model_is_refused_when_dropped() {
     std::fs::write(&cut, &whole[..2000]).unwrap();
     let mut window = plain();
     drop_file(&mut window, cut);
-    until(&mut window, |app| app.problem().is_some());
+    run_until(&mut window, |app| app.problem().is_some());
     let told = format!("kaputt.glb is incomplete (2 of {} kB)", (whole.len() + 500) / 1000);
     assert_eq!(window.state().problem(), Some(told.as_str()));
     window.run_steps(2);
-    assert!(has(&window, "Place…"), "nothing is being placed");
+    assert!(has_label(&window, "Place…"), "nothing is being placed");
 }

@@ -14,7 +14,9 @@ use std::time::{Duration, Instant};
 
 use crate::gpu;
 use crate::worked;
-use crate::worked::{Device, codes, demo_frame, drop_file, has, settle, shown, shows, until, until_seen, window};
+use crate::worked::{
+    Device, codes, demo_frame, drop_file, has_label, run_until, settle, shown_codes, wait_for, wait_for_label, window,
+};
 use eframe::egui::{self, Key, Modifiers, accesskit::Role};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
@@ -86,11 +88,11 @@ fn answer(window: &mut Harness<'_, App>, path: &Path, button: &str) {
     // The dialog needs several frames for its new size.
     window.run_steps(6);
     // The button appears once the folder is listed.
-    shows(window, button);
+    wait_for_label(window, button);
     window.get_by_label(button).click();
     // The dialog closes after a check of the disk.
     let is_closed = |window: &Harness<'_, App>| window.query_by_role_and_label(Role::TextInput, "File name").is_none();
-    until_seen(window, "the end of the dialog", is_closed);
+    wait_for(window, "the end of the dialog", is_closed);
     window.run_steps(2);
 }
 

@@ -24,12 +24,12 @@ fn esc_keeps_the_window_open_and_enter_saves() {
     let mut window = window(project(None, Some(&scene)), egui::vec2(1280.0, 720.0));
     set(&mut window, "noise", "scale", 0.5);
     close(&mut window);
-    assert!(has(&window, "Save changes?"));
+    assert!(has_label(&window, "Save changes?"));
     press_key(&mut window, Key::Escape);
-    assert!(!has(&window, "Save changes?") && !window.state().project().is_saved());
+    assert!(!has_label(&window, "Save changes?") && !window.state().project().is_saved());
     close(&mut window);
     press_key(&mut window, Key::Enter);
-    until(&mut window, |app| app.project().is_saved());
+    run_until(&mut window, |app| app.project().is_saved());
     assert!(std::fs::read_to_string(&scene).unwrap().contains("scale = 0.5"));
 }
 
@@ -43,14 +43,14 @@ fn assert_own_state_kept(key: Key) {
     window.key_press_modifiers(Modifiers::COMMAND, Key::E);
     window.run_steps(2);
     std::fs::write(&profile, "version = 1\n[noise]\nscale = 0.125\n").unwrap();
-    shows(&mut window, "Read it again");
+    wait_for_label(&mut window, "Read it again");
     press_key(&mut window, key);
-    assert!(!has(&window, "Read it again") && has(&window, "Pictures…"));
+    assert!(!has_label(&window, "Read it again") && has_label(&window, "Pictures…"));
     // Files are read on another thread.
     let begun = Instant::now();
     while begun.elapsed() < Duration::from_millis(400) {
         window.step();
-        worked::rest();
+        worked::pause();
     }
     assert_eq!(worked::steps(&window), ["opened"]);
     assert_eq!(window.state().project().value("noise", "scale"), Some(Value::Number(1.0)));
@@ -77,9 +77,9 @@ fn esc_leaves_unsaved_work_for_the_next_start() {
     std::fs::write(place.join("1.json"), serde_json::to_string(&work).unwrap()).unwrap();
     let mut window = window(project(None, None), egui::vec2(1280.0, 720.0));
     window.state_mut().set_state_folder(temp.path());
-    shows(&mut window, "Restore unsaved work?");
+    wait_for_label(&mut window, "Restore unsaved work?");
     press_key(&mut window, Key::Escape);
-    assert!(!has(&window, "Restore unsaved work?") && window.state().project().is_saved());
+    assert!(!has_label(&window, "Restore unsaved work?") && window.state().project().is_saved());
     drop(window);
     assert_eq!(RecoverableWork::find_in(&place).len(), 1);
 }
@@ -97,14 +97,14 @@ fn enter_twice_in_a_file_dialog_replaces_nothing() {
     window.event(egui::Event::Text(there.display().to_string()));
     window.run_steps(3);
     press_key(&mut window, Key::Enter);
-    shows(&mut window, "Replace it");
+    wait_for_label(&mut window, "Replace it");
     press_key(&mut window, Key::Enter);
-    assert!(!has(&window, "Replace it") && has(&window, "Save here"));
+    assert!(!has_label(&window, "Replace it") && has_label(&window, "Save here"));
     press_key(&mut window, Key::Enter);
-    shows(&mut window, "Replace it");
+    wait_for_label(&mut window, "Replace it");
     // Esc returns to the name and keeps the dialog open.
     press_key(&mut window, Key::Escape);
-    assert!(!has(&window, "Replace it") && has(&window, "Save here"));
+    assert!(!has_label(&window, "Replace it") && has_label(&window, "Save here"));
     assert_eq!(std::fs::read_to_string(&there).unwrap(), "# mine\n");
 }
 
@@ -123,5 +123,5 @@ fn recent_recordings_of_one_name_are_distinguished_by_folder() {
     window.state_mut().set_state_folder(&state);
     window.state_mut().show_start(true);
     window.run_steps(3);
-    assert!(has(&window, "a/room") && has(&window, "b/room"));
+    assert!(has_label(&window, "a/room") && has_label(&window, "b/room"));
 }

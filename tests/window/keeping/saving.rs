@@ -25,18 +25,18 @@ fn demonstration_is_not_overwritten_and_a_moved_scene_keeps_its_models() {
     };
     window.state_mut().project_mut().change_scene("placed", place).unwrap();
     settle(&mut window);
-    let with_it = shown(&window);
+    let with_it = shown_codes(&window);
     window.key_press_modifiers(Modifiers::COMMAND, Key::S);
     let moved = temp.path().join("case.toml");
     choose(&mut window, &moved);
-    until(&mut window, |app| app.project().is_saved());
+    run_until(&mut window, |app| app.project().is_saved());
     assert_eq!(std::fs::read_to_string(DEMO_SCENE).unwrap(), before);
     let state = window.state().project();
     assert!(state.is_saved() && state.scene.as_deref() == Some(moved.as_path()));
     let again = project(None, Some(&moved));
     assert!(again.edit().scene == state.edit().scene && again.edit().scene.objects.len() == objects + 1);
     settle(&mut window);
-    assert!(shown(&window) == with_it, "it is the same scene");
+    assert!(shown_codes(&window) == with_it, "it is the same scene");
     // History from before the save still resolves its files.
     press(&mut window, "Undo");
     settle(&mut window);
@@ -57,14 +57,14 @@ fn recording_without_a_camera_opens_a_chosen_profile() {
     let mut window = plain();
     window.key_press_modifiers(Modifiers::COMMAND, Key::O);
     answer(&mut window, &recording, "Open recording");
-    until(&mut window, |app| app.problem().is_some());
+    run_until(&mut window, |app| app.problem().is_some());
     let problem = window.state().problem().unwrap().to_owned();
     assert!(problem.contains("camera") && !problem.contains("--"), "{problem}");
     // The picture shows a button.
-    shows(&mut window, "Choose profile…");
+    wait_for_label(&mut window, "Choose profile…");
     press(&mut window, "Choose profile…");
     answer(&mut window, &profile, "Open");
-    until(&mut window, |app| app.project().profile.as_deref() == Some(profile.as_path()));
+    run_until(&mut window, |app| app.project().profile.as_deref() == Some(profile.as_path()));
     assert_eq!(window.state().project().shot().recording.path, recording);
     settle(&mut window);
 }
@@ -83,7 +83,7 @@ fn placing_continues_after_the_first_save_of_a_new_scene() {
     window.state_mut().project_mut().save_scene(&path).unwrap();
     assert!(window.state().project().can_place());
     window.run_steps(3);
-    assert!(has(&window, "Place…"));
+    assert!(has_label(&window, "Place…"));
 }
 
 #[test]
@@ -110,29 +110,29 @@ fn save_names_the_written_files_and_asks_before_foreign_profiles() {
     };
     change(&mut window, 0.5);
     save(&mut window);
-    shows(&mut window, "Save to the profile");
+    wait_for_label(&mut window, "Save to the profile");
     press(&mut window, "Save to the profile");
     // It is in the recording's folder, and was never named in this session.
-    shows(&mut window, "Overwrite");
+    wait_for_label(&mut window, "Overwrite");
     assert!(std::fs::read_to_string(&own).unwrap() == "version = 1\n" && !window.state().project().is_saved());
     press(&mut window, "Overwrite");
     let folder = temp.path().display();
-    shows(&mut window, &format!("Saved the profile {folder}/rec/mine.toml and the scene {folder}/case.toml"));
+    wait_for_label(&mut window, &format!("Saved the profile {folder}/rec/mine.toml and the scene {folder}/case.toml"));
     // The second time there is no question.
     change(&mut window, 0.25);
     save(&mut window);
     press(&mut window, "Save to the profile");
-    until(&mut window, |app| app.project().is_saved());
+    run_until(&mut window, |app| app.project().is_saved());
     assert!(std::fs::read_to_string(&own).unwrap().contains("sigma_px = 0.25"));
     save(&mut window);
-    shows(&mut window, "Nothing has changed since it was saved");
+    wait_for_label(&mut window, "Nothing has changed since it was saved");
 
     // A scene saved elsewhere becomes a recent one.
     press(&mut window, "File");
     press(&mut window, "Save the scene as…");
     choose(&mut window, &temp.path().join("other"));
     window.state_mut().show_start(true);
-    shows(&mut window, "rec   other.toml");
+    wait_for_label(&mut window, "rec   other.toml");
 }
 
 #[test]
@@ -155,12 +155,12 @@ fn new_scene_is_saved_with_its_recording_in_a_new_folder() {
     window.key_press_modifiers(Modifiers::COMMAND, Key::S);
     window.run_steps(3);
     // Content of the recording's folder.
-    shows(&mut window, "rgb/");
+    wait_for_label(&mut window, "rgb/");
     press(&mut window, "New folder…");
     // Esc cancels the name, not the dialog.
     window.key_press(Key::Escape);
     window.run_steps(3);
-    assert!(has(&window, "New folder…") && !has(&window, "Make it"));
+    assert!(has_label(&window, "New folder…") && !has_label(&window, "Make it"));
     for name in ["rgb", "case 7"] {
         press(&mut window, "New folder…");
         window.event(egui::Event::Text(name.to_owned()));
@@ -169,7 +169,7 @@ fn new_scene_is_saved_with_its_recording_in_a_new_folder() {
         // This file exists already.
         match name {
             "rgb" => {
-                shows(
+                wait_for_label(
                     &mut window,
                     &format!(
                         "{} is not made: it is there already; choose another name",
@@ -178,22 +178,22 @@ fn new_scene_is_saved_with_its_recording_in_a_new_folder() {
                 );
                 press(&mut window, "Leave it");
             }
-            name => shows(&mut window, name),
+            name => wait_for_label(&mut window, name),
         }
     }
-    shows(&mut window, "Nothing is here yet");
+    wait_for_label(&mut window, "Nothing is here yet");
     // Files of the recording are never overwritten, whatever was confirmed.
     let own = recording.join("recording.toml");
     let before = std::fs::read_to_string(&own).unwrap();
     choose(&mut window, &own);
     press(&mut window, "Replace it");
-    until(&mut window, |app| {
+    run_until(&mut window, |app| {
         app.problem().is_some_and(|problem| problem.contains("recording.toml: the file is no scene"))
     });
     assert_eq!(std::fs::read_to_string(&own).unwrap(), before);
     window.key_press_modifiers(Modifiers::COMMAND, Key::S);
     choose(&mut window, &recording.join("case 7/scene.toml"));
-    until(&mut window, |app| app.project().is_saved());
+    run_until(&mut window, |app| app.project().is_saved());
     assert_eq!(window.state().project().scene, Some(recording.join("case 7/scene.toml")));
     assert!(recording.join("case 7/scene.toml").is_file());
 }
@@ -219,7 +219,7 @@ fn file_dialog_keeps_the_keyboard_and_starts_in_the_last_folder() {
     press(&mut window, "File");
     window.key_press(Key::Escape);
     window.run_steps(3);
-    assert!(!has(&window, "Open a profile…"));
+    assert!(!has_label(&window, "Open a profile…"));
     begin(&mut window);
     // A typed path opens its folder while it is typed, and Enter enters it; the next text is a name
     // in it.
@@ -229,10 +229,10 @@ fn file_dialog_keeps_the_keyboard_and_starts_in_the_last_folder() {
     types(&mut window, "des");
     window.key_press(Key::Enter);
     window.run_steps(3);
-    shows(&mut window, "mine.toml");
+    wait_for_label(&mut window, "mine.toml");
     types(&mut window, "mi");
     window.key_press(Key::Enter);
-    until(&mut window, |app| app.project().profile.as_deref() == Some(&folder.join("mine.toml")));
+    run_until(&mut window, |app| app.project().profile.as_deref() == Some(&folder.join("mine.toml")));
     settle(&mut window);
 
     // The next window starts there, with the chosen theme.
@@ -245,10 +245,10 @@ fn file_dialog_keeps_the_keyboard_and_starts_in_the_last_folder() {
     window.state_mut().set_state_folder(&temp.path().join("state"));
     assert_eq!(window.state().documents().theme(), theme);
     begin(&mut window);
-    shows(&mut window, "mine.toml");
+    wait_for_label(&mut window, "mine.toml");
     // The program's own folder is one click away.
     press(&mut window, "Locard's profiles");
-    shows(&mut window, "tum-fr1.toml");
+    wait_for_label(&mut window, "tum-fr1.toml");
 }
 
 #[test]
@@ -263,9 +263,9 @@ fn foreign_changes_to_a_file_are_reloaded_or_asked_about() {
     let mine = now(&window);
     theirs(0.125);
     let asked = "Read it again";
-    shows(&mut window, asked);
+    wait_for_label(&mut window, asked);
     press(&mut window, asked);
-    until(&mut window, |app| app.project().is_saved());
+    run_until(&mut window, |app| app.project().is_saved());
     assert!(now(&window) == project(Some(&profile), None).edit().settings);
     window.run_steps(2);
     press(&mut window, "Undo");
@@ -273,14 +273,14 @@ fn foreign_changes_to_a_file_are_reloaded_or_asked_about() {
 
     // If the own state is kept, the question returns on saving.
     theirs(0.25);
-    shows(&mut window, asked);
+    wait_for_label(&mut window, asked);
     press(&mut window, "Keep what is here");
     window.key_press_modifiers(Modifiers::COMMAND, Key::S);
     window.run_steps(3);
     assert!(!window.state().project().is_saved());
     press(&mut window, "Save to the profile");
     press(&mut window, "Save mine");
-    until(&mut window, |app| app.project().is_saved());
+    run_until(&mut window, |app| app.project().is_saved());
     assert!(std::fs::read_to_string(&profile).unwrap().contains("sigma_px = 1.5"));
 }
 
@@ -290,7 +290,7 @@ fn message_is_shown_in_full_and_can_be_copied() {
     window.event(egui::Event::PointerGone);
     let nowhere = PathBuf::from("/nowhere/at all/in a rather long folder/with a rather long name.toml");
     drop_file(&mut window, nowhere);
-    until(&mut window, |app| app.problem().is_some());
+    run_until(&mut window, |app| app.problem().is_some());
     window.run_steps(2);
     let told = window.state().problem().unwrap().to_owned();
     assert!(told.contains("with a rather long name.toml"), "{told}");
@@ -299,7 +299,7 @@ fn message_is_shown_in_full_and_can_be_copied() {
     press(&mut window, "Copy");
     window.key_press(Key::Escape);
     window.run_steps(3);
-    assert!(!has(&window, "Copy"));
+    assert!(!has_label(&window, "Copy"));
     assert_eq!(window.query_all_by_label(&told).count(), 1);
 }
 

@@ -47,7 +47,7 @@ fn save_writes_exposure_and_effects_into_the_scene_and_leaves_the_profile() {
     project.set("camera.exposure", "time_s", &Value::Number(0.02)).unwrap();
     project.switch("noise", false);
     window.key_press_modifiers(Modifiers::COMMAND, Key::S);
-    until(&mut window, |app| app.project().is_saved());
+    run_until(&mut window, |app| app.project().is_saved());
     let [profile, scene] = case.texts();
     assert_eq!(profile, PROFILE);
     assert!(scene.starts_with(SCENE), "{scene}");
@@ -82,14 +82,14 @@ fn save_asks_where_to_store_camera_values() {
     save(&mut window, "Cancel");
     assert!(!window.state().project().is_saved() && case.texts() == [PROFILE, SCENE]);
     save(&mut window, "Save with the scene");
-    until(&mut window, |app| app.project().is_saved());
+    run_until(&mut window, |app| app.project().is_saved());
     let [profile, scene] = case.texts();
     assert!(profile == PROFILE && scene.contains("[settings.camera]\nreadout_time_s = 0.02\n"), "{scene}");
     // A value saved to the profile is removed from the scene, which would override it.
     set(&mut window, "camera", "readout_time_s", 0.03);
     set(&mut window, "noise", "scale", 0.25);
     save(&mut window, "Save to the profile");
-    until(&mut window, |app| app.project().is_saved());
+    run_until(&mut window, |app| app.project().is_saved());
     let [profile, scene] = case.texts();
     assert!(profile.contains("readout_time_s = 0.03") && profile.contains("scale = 0.5 # quieter"), "{profile}");
     assert!(scene.contains("[settings.noise]\nscale = 0.25\n") && !scene.contains("readout_time_s"), "{scene}");
@@ -107,15 +107,15 @@ fn enter_does_not_overwrite_the_profile_if_a_model_is_open_without_a_scene() {
     window.key_press_modifiers(Modifiers::COMMAND, Key::S);
     window.run_steps(3);
     // Effects are written, not only values of the camera.
-    assert!(has(&window, "Save settings to the profile?"));
+    assert!(has_label(&window, "Save settings to the profile?"));
     window.key_press(Key::Enter);
     window.run_steps(3);
-    assert!(!has(&window, "Save settings to the profile?") && !window.state().project().is_saved());
+    assert!(!has_label(&window, "Save settings to the profile?") && !window.state().project().is_saved());
     assert_eq!(case.texts()[0], PROFILE);
     window.key_press_modifiers(Modifiers::COMMAND, Key::S);
     window.run_steps(3);
     press(&mut window, "Save to the profile");
-    until(&mut window, |app| app.project().is_saved());
+    run_until(&mut window, |app| app.project().is_saved());
     assert!(case.texts()[0].contains("on = false"), "{}", case.texts()[0]);
 }
 
@@ -297,7 +297,7 @@ fn save_without_a_scene_names_the_unsaved_settings() {
     window.key_press_modifiers(Modifiers::COMMAND, Key::S);
     window.run_steps(3);
     press(&mut window, "Save to the profile");
-    until(&mut window, |app| app.message().is_some_and(|said| said.contains("Not saved without a scene: ")));
+    run_until(&mut window, |app| app.message().is_some_and(|said| said.contains("Not saved without a scene: ")));
     let said = window.state().message().unwrap().to_owned();
     assert!(said.starts_with("Saved the profile mine.toml") && said.contains("eadout"), "{said}");
     let profile = &case.texts()[0];
@@ -306,7 +306,7 @@ fn save_without_a_scene_names_the_unsaved_settings() {
     window.key_press_modifiers(Modifiers::COMMAND, Key::S);
     window.run_steps(3);
     let said = window.state().message().unwrap();
-    assert!(said.contains("Not saved without a scene: ") && !has(&window, "Save to the profile"), "{said}");
+    assert!(said.contains("Not saved without a scene: ") && !has_label(&window, "Save to the profile"), "{said}");
 }
 
 #[test]
