@@ -6,7 +6,9 @@ use std::sync::OnceLock;
 use crate::common;
 use glam::DVec3;
 
-use crate::footage::{analysed, analysed_by_tier, demo_by_tier, demo_track, opened, pairs_off_px, whole, worse};
+use crate::footage::{
+    analysed, analysed_by_tier, demo_by_tier, demo_track, median_and_p90, opened, pair_errors_px, regressions,
+};
 use crate::program::{locard, stdout_of};
 use crate::tier::{fast_or_full, is_full};
 use locard::analyse::{Analysis, beside};
@@ -99,10 +101,10 @@ fn jitter_drift_clock_offset_and_hand_eye_rotation_are_found() {
     found.write(&beside(&folder.path().join("site")), &shot.recording).unwrap();
     assert_findings_used_without_registration(&folder.path().join("site"));
     let registered = &found.findings.registration;
-    let off = |track: &PoseTrack| pairs_off_px(&shot, &demo_track(), track, 8);
+    let off = |track: &PoseTrack| pair_errors_px(&shot, &demo_track(), track, 8);
     let [by_recorded, by_refined] = [&shot.recording.track, found.track.as_ref().unwrap()].map(off);
-    let (recorded, refined) = (whole(&by_recorded), whole(&by_refined));
-    let (share, most_px) = worse(&by_recorded, &by_refined);
+    let (recorded, refined) = (median_and_p90(&by_recorded), median_and_p90(&by_refined));
+    let (share, most_px) = regressions(&by_recorded, &by_refined);
     println!(
         "gap 8: recorded {recorded:.2?} px, refined {refined:.3?} px; {share} got worse, by {most_px:.2} px at most"
     );

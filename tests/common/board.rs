@@ -57,7 +57,7 @@ pub fn board(half_px: [f64; 2], grey: f32) -> Scene {
 }
 
 /// Merges the objects of two scenes. Lighting is that of the first.
-pub fn both(mut a: Scene, b: Scene) -> Scene {
+pub fn merge_scenes(mut a: Scene, b: Scene) -> Scene {
     let (meshes, materials) = (a.meshes.len(), a.materials.len());
     a.meshes.extend(b.meshes.iter().map(|m| Mesh { material: m.material + materials, ..Mesh::clone(m) }.into()));
     a.materials.extend(b.materials);
@@ -70,12 +70,12 @@ pub fn both(mut a: Scene, b: Scene) -> Scene {
 
 /// A camera that moves sideways so that the board moves at this speed in the picture.
 pub fn sideways(px_per_s: [f64; 2]) -> PoseTrack {
-    moved(50, 0.01, |t| px_per_s.map(|px| px * t))
+    displaced_by(50, 0.01, |t| px_per_s.map(|px| px * t))
 }
 
 /// A camera that moves so that the board is displaced by `at_px` at each time, from `steps` steps
 /// before time 0 to `steps` steps after it.
-pub fn moved(steps: i32, step_s: f64, at_px: impl Fn(f64) -> [f64; 2]) -> PoseTrack {
+pub fn displaced_by(steps: i32, step_s: f64, at_px: impl Fn(f64) -> [f64; 2]) -> PoseTrack {
     let at = |t: f64| {
         let m = at_px(t).map(|px| px * DEPTH_M / FOCAL_PX);
         Pose::from_camera_in_world(DVec3::new(-m[0], -m[1], 0.0), DQuat::IDENTITY)

@@ -83,7 +83,7 @@ fn with_capture_info<T>(shot: &Shot, of: impl FnOnce(&Geometry, &CaptureInfo<'_>
 
 /// Reprojects a point of one frame into another frame by a track, with a pose per row (rolling
 /// shutter). Returns `None` outside of the picture.
-fn carried(camera: &Geometry, track: &PoseTrack, from: (f64, DVec2, f64), to_s: f64) -> Option<DVec2> {
+fn reproject(camera: &Geometry, track: &PoseTrack, from: (f64, DVec2, f64), to_s: f64) -> Option<DVec2> {
     let (from_s, at, depth_m) = from;
     let here = track.at(from_s + camera.row_time_s(at.y)).ok()?;
     let world = here.inverse_transform_point(camera.unproject(at)? * depth_m);
@@ -99,7 +99,7 @@ fn carried(camera: &Geometry, track: &PoseTrack, from: (f64, DVec2, f64), to_s: 
 /// Reprojection errors of a track against the ground truth, px, from each frame to the one `gap`
 /// later: for each pair with at least 100 common points, all errors in ascending order. Depth is
 /// the first frame's own, at its time.
-pub fn pairs_off_px(shot: &Shot, truth: &PoseTrack, track: &PoseTrack, gap: usize) -> Vec<Vec<f64>> {
+pub fn pair_errors_px(shot: &Shot, truth: &PoseTrack, track: &PoseTrack, gap: usize) -> Vec<Vec<f64>> {
     let (camera, times_s) = (shot.geometry_at(0).unwrap(), &shot.recording.timestamps_s);
     let width = camera.intrinsics.width_px as usize;
     let step = width as f64 / 32.0;
@@ -108,7 +108,7 @@ pub fn pairs_off_px(shot: &Shot, truth: &PoseTrack, track: &PoseTrack, gap: usiz
         let place = |i: u32| DVec2::new(f64::from(i % 32), f64::from(i / 32)) * step + 0.5 * step + 0.5;
         let off = |at: DVec2| {
             let z = f64::from(depth.depth_m[at.y as usize * width + at.x as usize]);
-            let by = |track: &PoseTrack| carried(&camera, track, (times_s[n], at, z), times_s[n + gap]);
+            let by = |track: &PoseTrack| reproject(&camera, track, (times_s[n], at, z), times_s[n + gap]);
             if z > 0.2 { Some((by(track)? - by(truth)?).length()) } else { None }
         };
         let mut off: Vec<f64> = (0..24 * 32).map(place).filter_map(off).collect();
@@ -121,7 +121,7 @@ pub fn pairs_off_px(shot: &Shot, truth: &PoseTrack, track: &PoseTrack, gap: usiz
 }
 
 /// Median and 90th percentile of the errors of all pairs.
-pub fn whole(pairs: &[Vec<f64>]) -> (f64, f64) {
+pub fn median_and_p90(pairs: &[Vec<f64>]) -> (f64, f64) {
     let mut all: Vec<f64> = pairs.iter().flatten().copied().collect();
     all.sort_by(f64::total_cmp);
     (all[all.len() / 2], all[all.len() * 9 / 10])
@@ -129,7 +129,7 @@ pub fn whole(pairs: &[Vec<f64>]) -> (f64, f64) {
 
 /// Compares the pairs' medians. Returns the share of pairs that got worse by more than 0.1 px, and
 /// the largest increase, px.
-pub fn worse(recorded: &[Vec<f64>], refined: &[Vec<f64>]) -> (f64, f64) {
+pub fn regressions(recorded: &[Vec<f64>], refined: &[Vec<f64>]) -> (f64, f64) {
     assert_eq!(recorded.len(), refined.len());
     let by = |(was, is): (&Vec<f64>, &Vec<f64>)| is[is.len() / 2] - was[was.len() / 2];
     let lost: Vec<f64> = recorded.iter().zip(refined).map(by).collect();

@@ -1,7 +1,7 @@
 //! Depth of field on the GPU compared with the thin lens, the analytic disc and the CPU reference,
 //! and its typical artefacts.
 
-use crate::board::{FOCAL_PX, both, sideways};
+use crate::board::{FOCAL_PX, merge_scenes, sideways};
 use crate::flip::{PIXELS_PER_DEGREE, mean_flip};
 use crate::gpu;
 use crate::tier::fast_or_full;
@@ -136,12 +136,12 @@ fn before_wall() -> ([f64; 2], [f64; 2]) {
 
 fn blurred_over_sharp() -> Scene {
     let ((low, high), (from, to)) = (wall(), before_wall());
-    both(checks(low, high, 20.0, FOCUS_M, GREENS), checks(from, to, 20.0, 0.5, BLUES))
+    merge_scenes(checks(low, high, 20.0, FOCUS_M, GREENS), checks(from, to, 20.0, 0.5, BLUES))
 }
 
 fn sharp_over_blurred() -> Scene {
     let ((low, high), (from, to)) = (wall(), before_wall());
-    both(checks(low, high, 20.0, 2.0, GREENS), checks(from, to, 20.0, FOCUS_M, BLUES))
+    merge_scenes(checks(low, high, 20.0, 2.0, GREENS), checks(from, to, 20.0, FOCUS_M, BLUES))
 }
 
 fn lights() -> Scene {
@@ -150,7 +150,7 @@ fn lights() -> Scene {
     let all = [(-90.0, -60.0), (-20.0, -70.0), (70.0, -50.0), (-60.0, 20.0), (10.0, 0.0), (95.0, 40.0), (-110.0, 80.0)];
     let small = [(-60.0, -50.0), (-20.0, -40.0), (10.0, 0.0), (65.0, 30.0)];
     let light = |&(x, y): &(f64, f64)| ([x, y], [x + 2.0, y + 2.0], 3.9, [60.0, 50.0, 30.0]);
-    both(wall, rectangles(&fast_or_full(&small[..], &all).iter().map(light).collect::<Vec<_>>()))
+    merge_scenes(wall, rectangles(&fast_or_full(&small[..], &all).iter().map(light).collect::<Vec<_>>()))
 }
 
 // Slow: the reference method renders the scene from many lens points.
@@ -232,7 +232,7 @@ fn edge_widths_match_the_analytic_aperture() {
                 // A blurred object is drawn differently in front of a sharp surface and in front of
                 // nothing.
                 let wall = rectangles(&[([-wall_x, -wall_y], [wall_x, wall_y], FOCUS_M, [0.0; 3])]);
-                let scene = if depth_m < FOCUS_M { both(wall, board) } else { board };
+                let scene = if depth_m < FOCUS_M { merge_scenes(wall, board) } else { board };
                 let layer = composited(&camera(circle_px, depth_m, blades), scene, method).layer.unwrap();
                 // The silhouette at x = 80, from outside to inside.
                 (30..130).map(|x| f64::from(layer.rgba[120 * WIDTH as usize + x][0])).collect()
@@ -371,8 +371,8 @@ fn bright_light_is_occluded_only_by_the_board_in_front_of_it() {
     };
     for from in [-6.0, -4.0, -3.0] {
         let light = || rectangles(&[([from, -1.0], [from + 3.0, 2.0], 2.0, [900.0; 3])]);
-        let done = composited(&camera, both(wall(), both(light(), board())), "layered");
-        let alone = composited(&camera, both(wall(), light()), "layered");
+        let done = composited(&camera, merge_scenes(wall(), merge_scenes(light(), board())), "layered");
+        let alone = composited(&camera, merge_scenes(wall(), light()), "layered");
         for y in -10..10 {
             for x in 1..20 {
                 assert!((red(&done, x, y) - 0.2).abs() < 1e-3, "{from}: ({x}, {y}): {}", red(&done, x, y));
@@ -401,7 +401,7 @@ fn sharp_object_does_not_bleed_into_the_blurred_wall_behind_it() {
             let layer = composited(&camera, scene, "layered").layer.unwrap();
             layer.rgba.iter().map(|p| 255.0 * camera.response.encode(f64::from(p[0]))).collect()
         };
-        let (alone, both) = (codes(wall()), codes(both(wall(), red)));
+        let (alone, both) = (codes(wall()), codes(merge_scenes(wall(), red)));
         let mut worst = 0.0f64;
         for (i, (a, b)) in alone.iter().zip(&both).enumerate() {
             let (dx, dy) = (f64::from(i as u32 % WIDTH) - 159.5, f64::from(i as u32 / WIDTH) - 119.5);
@@ -500,7 +500,7 @@ fn two_depths(circle_px: f64) -> (Scene, Vec<[f64; 4]>, Vec<f64>) {
     ]);
     let sharp = |scene: &Scene| composited(&camera(0.01, 2.0, 0), scene.clone(), "layered").layer.unwrap().rgba;
     let near = sharp(&before);
-    let scene = both(wall, before);
+    let scene = merge_scenes(wall, before);
     let all: Vec<[f64; 4]> = sharp(&scene).iter().map(|p| p.map(f64::from)).collect();
     // (8): 1/d_s − 1/d_o is 1/2 for the wall and −1/4 for the objects in front of it.
     let circle = |(p, near): (&[f64; 4], &[f32; 4])| match (near[3] > 0.0, p[3] > 0.0) {

@@ -147,7 +147,7 @@ fn summed_samples_keep_the_depth_of_the_nearest_surface() {
     // board is seen there in the rest of it.
     let mut near = board([4.0, 40.0], 0.8);
     near.objects[0].parts[0].world_from_mesh = DAffine3::from_scale(DVec3::splat(0.5));
-    let scene = board::both(board([60.0, 50.0], 0.4), near);
+    let scene = board::merge_scenes(board([60.0, 50.0], 0.4), near);
     let settings = gpu::settings(&[("motion_blur", "method", Value::Text("reference".to_owned()))]);
     let (camera, track) = (gpu::camera(&geometry, EXPOSURE_S), sideways([8.0 / EXPOSURE_S, 0.0]));
     let frame = gpu::frame(0, 0.0, gpu::grey(160, 120, 0));
@@ -190,7 +190,7 @@ fn velocity_under_a_rolling_shutter_includes_the_readout_of_the_rows_passed() {
 #[test]
 fn long_exposure_follows_the_camera_shake() {
     let (half, swing) = (20.0, 20.0);
-    let track = board::moved(600, 0.001, |t| [swing * (10.0 * std::f64::consts::PI * t).sin(), 0.0]);
+    let track = board::displaced_by(600, 0.001, |t| [swing * (10.0 * std::f64::consts::PI * t).sin(), 0.0]);
     for readout_s in [0.0, 0.004] {
         let mut geometry = gpu::pinhole(160, 60, FOCAL_PX);
         geometry.intrinsics.readout_time_s = readout_s;

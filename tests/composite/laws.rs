@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use crate::board::{FOCAL_PX, board, both, panel, sideways};
+use crate::board::{FOCAL_PX, board, merge_scenes, panel, sideways};
 use crate::gpu;
 use crate::random::Random;
 use crate::reduced::Reduction;
@@ -248,7 +248,7 @@ fn under_curve(
 
 /// Silhouettes and the seam between a dark and a bright board pass through pixel centres.
 fn dark_and_bright() -> Scene {
-    both(panel([-59.5, -50.5], [0.5, 50.5], 0.05), panel([0.5, -50.5], [60.5, 50.5], 0.8))
+    merge_scenes(panel([-59.5, -50.5], [0.5, 50.5], 0.05), panel([0.5, -50.5], [60.5, 50.5], 0.8))
 }
 
 #[test]

@@ -202,7 +202,7 @@ fn marks_on_the_door_project_to_the_reconstructed_points() {
         let world_from_mesh = DAffine3::from_rotation_translation(facing, point.position_m)
             * DAffine3::from_translation(DVec3::new(0.0, 0.0, -board::DEPTH_M));
         mark.objects[0].parts[0] = Part { mesh: 0, world_from_mesh };
-        scene = board::both(scene, mark);
+        scene = board::merge_scenes(scene, mark);
     }
     // Stills: no exposure time.
     shot.scene = std::sync::Arc::new(scene);
