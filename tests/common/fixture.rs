@@ -50,9 +50,9 @@ fn hash_files(hasher: &mut DefaultHasher, path: &Path) {
     }
 }
 
-/// Returns the folder of a fixture. The first caller fills it with `make`. `key` holds the arguments
-/// of `make`, `inputs` the files and folders that it reads, from the repository's root. The code of
-/// `make` must be in the caller's file, in tests/common or in the program.
+/// Returns the folder of a fixture. The first caller fills it with `make`. `key` holds the
+/// arguments of `make`, `inputs` the files and folders that it reads, from the repository's root.
+/// The code of `make` must be in the caller's file, in tests/common or in the program.
 #[track_caller]
 pub fn once(name: &str, inputs: &[&str], key: impl Hash, make: impl FnOnce(&Path)) -> PathBuf {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));

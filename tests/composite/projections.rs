@@ -127,8 +127,8 @@ fn marks_project_by_the_formula_in_every_projection() {
             let step = projection.direction(at + DVec2::X).map_or(1.0, |e| e.angle_between(*d));
             let reach = 4.0f64.max(1.8 * 0.5 * side * 2f64.sqrt() / step).ceil();
             let inside = at.cmpgt(DVec2::splat(reach)).all() && at.cmplt(size - reach).all();
-            // Skipped: squares cut by the image circle, directions beside or behind a perspective lens
-            // without cube map, and poles, which span whole rows.
+            // Skipped: squares cut by the image circle, directions beside or behind a perspective
+            // lens without cube map, and poles, which span whole rows.
             let whole = projection.direction(at).is_some_and(|e| e.angle_between(*d) < 1e-6);
             let whole = whole && projection.direction(at + 8.0 * (at - 0.5 * size).normalize_or_zero()).is_some();
             let direct = matches!(&projection, Projection::Perspective(g) if !g.needs_cube_map()) && d.z < 0.2;

@@ -204,7 +204,8 @@ fn clipped_pixels_outside_the_shadow_are_unchanged() {
 
 #[test]
 fn shadow_at_a_nearer_edge_is_weighted_by_the_matte() {
-    // A card before the left of the shadow, darker than the floor or brighter. It ends within column 54 and has 0.4 of it.
+    // A card in front of the left of the shadow, darker or brighter than the floor. Its edge is in
+    // column 54, of which it covers 0.4.
     for (card, floor) in [(0.03, 0.5), (0.6, 0.15)] {
         let share = |i: usize| (54.4 - f64::from(i as u32 % WIDTH)).clamp(0.0, 1.0);
         let light = |i: usize, ratio: f64| share(i) * card + (1.0 - share(i)) * floor * ratio;
@@ -222,8 +223,8 @@ fn shadow_at_a_nearer_edge_is_weighted_by_the_matte() {
         }
         println!("{worst:.2} codes at most at {count} pixels");
         assert!(count > 60, "{count}");
-        // Without the mixed pixels' second surface it is 3.9 codes at the dark card. What is left is the light of the two sides,
-        // which the matte knows to a per cent.
+        // Without the second surface of mixed pixels the error is 3.9 codes at the dark card. The
+        // remaining error is that of the matte's colours on both sides, a per cent.
         assert!(worst <= 2.0, "{worst} codes beside a card of {card}");
     }
 }

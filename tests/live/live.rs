@@ -107,8 +107,8 @@ fn assert_live_equals_replay(layout: Layout, frames: usize, sets: &[&str]) -> (L
     (counts, presence)
 }
 
-/// [`assert_live_equals_replay`] with a lens state from a stream as a function of time. Also returns the recording's
-/// cameras.
+/// [`assert_live_equals_replay`] with a lens state from a stream as a function of time. Also
+/// returns the recording's cameras.
 fn assert_live_equals_replay_with(
     layout: Layout,
     frames: usize,
