@@ -3,8 +3,8 @@
 
 use std::path::Path;
 
+use crate::findings::late;
 use crate::footage::{demo_by_tier, leave_out_light, opened};
-use crate::found::late;
 use crate::program::{locard, refused, stdout_of};
 use crate::tier::fast_or_full;
 use locard::analyse::{Analysis, Interrupted, Stage, beside};

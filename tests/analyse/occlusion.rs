@@ -4,7 +4,7 @@
 use std::fs;
 use std::path::Path;
 
-use crate::found;
+use crate::findings;
 use crate::program::stdout_of;
 use glam::{DVec2, DVec3};
 use locard::analyse::Analysis;
@@ -140,7 +140,7 @@ fn screen() -> impl Iterator<Item = DVec3> {
 #[test]
 #[ignore = "full tier: analyses a whole real recording; depth::repair has a screen without depth in its place"]
 fn screen_missed_by_seven_frames_occludes_with_surfels() {
-    let Some((mut shot, found)) = found::kinect() else { return };
+    let Some((mut shot, found)) = findings::kinect() else { return };
     let temp = tempfile::tempdir().unwrap();
     let at = |name: &str| temp.path().join(name);
     let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/marker-1.glb");
@@ -181,9 +181,9 @@ fn screen_missed_by_seven_frames_occludes_with_surfels() {
 }
 
 #[test]
-#[ignore = "full tier: analyses a whole real recording; composite::sensed has a simulated sensor's edges in its place"]
+#[ignore = "full tier: analyses a whole real recording; composite::sensor_occlusion has a simulated sensor's edges in its place"]
 fn occlusion_ends_at_the_edge_of_a_screen_with_sparse_depth() {
-    let Some((mut shot, found)) = found::kinect() else { return };
+    let Some((mut shot, found)) = findings::kinect() else { return };
     let temp = tempfile::tempdir().unwrap();
     shot.apply_analysis(temp.path().to_owned(), found.clone()).unwrap();
     let seen_from = |shot: &Shot, frame: usize| {

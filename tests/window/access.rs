@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex};
 
-use crate::worked::{Device, demo, demo_frame, has_label, scene_or_none, settle, wait_for_label, window};
+use crate::harness::{Device, demo, demo_frame, has_label, scene_or_none, settle, wait_for_label, window};
 use eframe::egui::epaint::Shape;
 use eframe::egui::{self, FullOutput, Key, Modifiers, accesskit::Role};
 use egui_kittest::Harness;

@@ -1,7 +1,7 @@
 //! Objects in the picture of the window: picked, moved, rotated and scaled.
 
 use crate::gpu;
-use crate::worked::{
+use crate::harness::{
     click_at, codes, demo_window, press_and_move, press_key, release_at, settle, shown_codes, steps, type_text,
 };
 use eframe::egui::{self, Event, Key, Modifiers, Pos2, accesskit::Role};

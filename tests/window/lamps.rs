@@ -3,11 +3,11 @@
 use std::path::Path;
 
 use crate::footage;
-use crate::tier::{fast_or_full, is_full};
-use crate::worked::{
+use crate::harness::{
     click_at, demo, demo_px, demo_window, has_label, press_and_move, press_key, release_at, settle, shown_codes, steps,
     type_text, window,
 };
+use crate::tier::{fast_or_full, is_full};
 use eframe::egui::{self, Key, Modifiers, Pos2, accesskit::Role};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
@@ -427,7 +427,7 @@ fn estimated_light_is_adopted_by_the_scene_and_saved_with_its_panorama() {
     assert!(shown_codes(&window) == first && has_label(&window, "Copy to scene and edit"));
     let again = open();
     assert!(again.shot().scene.lighting_origin == LightingOrigin::Scene && again.found_light().is_none());
-    let again = crate::worked::window(again, egui::vec2(1400.0, 1000.0));
+    let again = crate::harness::window(again, egui::vec2(1400.0, 1000.0));
     assert!(shown_codes(&again) == moved);
 }
 

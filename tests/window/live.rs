@@ -8,13 +8,13 @@ use crate::filmed;
 use crate::filmed::Site;
 use crate::fixture;
 use crate::gpu;
+use crate::harness;
+use crate::harness::{
+    Device, click_at, codes, drop_file, drop_model, has_label, run_until, shown_codes, wait_for, wait_for_label,
+};
 use crate::sheet;
 use crate::sheet::{CAMERA, CameraPose, Sheet};
 use crate::tier::{fast_or_full, is_full};
-use crate::worked;
-use crate::worked::{
-    Device, click_at, codes, drop_file, drop_model, has_label, run_until, shown_codes, wait_for, wait_for_label,
-};
 use eframe::egui::{self, Key, Modifiers, accesskit::Role};
 use egui_kittest::Harness;
 use egui_kittest::kittest::{NodeT, Queryable};
@@ -157,7 +157,7 @@ fn click_places_evidence_on_the_sheet_while_live() {
     // Sometimes the camera looks away, and there is nothing to place the evidence on.
     while window.state().project().edit().scene.objects.len() == before {
         click_at(&mut window, at);
-        worked::pause();
+        harness::pause();
     }
     let [x, y, z] = window.state().project().edit().scene.objects[before].position_m.unwrap();
     // It is on the sheet's plane, within rounding, if one of these frames shows that point.

@@ -11,6 +11,8 @@ mod fixture;
 mod footage;
 #[path = "../common/gpu.rs"]
 mod gpu;
+#[path = "../common/window.rs"]
+mod harness;
 #[path = "../common/program.rs"]
 mod program;
 #[path = "../common/reduced.rs"]
@@ -19,20 +21,18 @@ mod reduced;
 mod sheet;
 #[path = "../common/tier.rs"]
 mod tier;
-#[path = "../common/window.rs"]
-mod worked;
 
 mod access;
 mod analysing;
+mod first_use;
 mod handles;
-mod keeping;
 mod lamps;
 mod live;
 mod matching;
 mod notices;
 mod opening;
+mod persistence;
 mod place;
+mod slopes;
 mod small;
-mod stumbles;
-mod tilted;
 mod tuner;

@@ -2,10 +2,10 @@
 
 use std::path::PathBuf;
 
+use crate::harness;
+use crate::harness::{has_label, wait_for};
 use crate::reduced::Reduction;
 use crate::tier::is_full;
-use crate::worked;
-use crate::worked::{has_label, wait_for};
 use eframe::egui::{Key, Pos2, accesskit::Role, vec2};
 use egui_kittest::Harness;
 use egui_kittest::kittest::{NodeT, Queryable};
@@ -35,7 +35,7 @@ fn open() -> Harness<'static, App> {
         ..ShotOptions::default()
     };
     let project = Project::open(&recording(), &OpenOptions::default(), &given).unwrap();
-    worked::window(project, vec2(1400.0, 1200.0))
+    harness::window(project, vec2(1400.0, 1200.0))
 }
 
 /// A dark marker in front of the bright wall: a straight rendered edge.
@@ -54,7 +54,7 @@ fn marker_in_front_of_the_wall(light: f64) -> (tempfile::TempDir, Harness<'stati
     // The marker is in the wall, and other sources of blur are off.
     project.set("depth", "occlusion", &Value::Bool(false)).unwrap();
     project.switch("motion_blur", false);
-    (temp, worked::window(project, vec2(1400.0, 1200.0)))
+    (temp, harness::window(project, vec2(1400.0, 1200.0)))
 }
 
 /// Numbers in the label that starts with this text.
@@ -87,7 +87,7 @@ fn virtual_edge_width_matches_the_set_sharpness() {
     for sigma_px in [1.0, 2.0, 0.5] {
         let project = window.state_mut().project_mut();
         project.set("point_spread", "sigma_px", &Value::Number(sigma_px)).unwrap();
-        worked::settle(&mut window);
+        harness::settle(&mut window);
         await_numbers(&mut window, "virtual: σ ", |found| {
             let [found_px, uncertainty_px] = [found[0], found[1]];
             uncertainty_px < 0.05 && (found_px - sigma_px).abs() <= 3.0 * uncertainty_px
@@ -104,7 +104,7 @@ fn drawn_noise_is_the_profile_noise_times_the_scale() {
     window.run_steps(3);
     for scale in [1.0, 0.5, 2.0] {
         window.state_mut().project_mut().set("noise", "scale", &Value::Number(scale)).unwrap();
-        worked::settle(&mut window);
+        harness::settle(&mut window);
         // Plain regions of the footage match the profile, which was measured in other frames.
         await_numbers(&mut window, "σ over the profile's: drawn ", |found| {
             (found[0] / scale - 1.0).abs() < 0.05 && (found[1] - 1.0).abs() < 0.15
@@ -171,7 +171,7 @@ fn picked_edge_gives_a_sharpness_that_is_accepted_and_undone() {
     let all = combine(&[found]).unwrap();
     let taken = Value::Number((1e3 * all.sigma_px).round() / 1e3);
     assert!(value(&window, "point_spread", "sigma_px") == Some(taken.clone()) && before != Some(taken));
-    worked::settle(&mut window);
+    harness::settle(&mut window);
     window.get_by_label("Undo").click();
     window.run_steps(3);
     assert_eq!(value(&window, "point_spread", "sigma_px"), before);
@@ -215,7 +215,7 @@ fn picked_plain_region_gives_noise_that_is_accepted_and_undone() {
     window.state_mut().project_mut().save_profile(&path).unwrap();
     let text = std::fs::read_to_string(&path).unwrap();
     assert!(text.contains("[camera.noise]") && text.contains("picked in the window"), "{text}");
-    worked::settle(&mut window);
+    harness::settle(&mut window);
     window.get_by_label("Undo").click();
     window.run_steps(3);
     assert_eq!(window.state().project().edit().rig.noise, before);
@@ -234,7 +234,7 @@ fn rejected_regions_show_a_reason_and_the_others_are_used() {
     drag(&mut window, Rect::new(60, 90, 200, 200));
     drag(&mut window, WALL);
     window.state_mut().player_mut().seek(2);
-    worked::settle(&mut window);
+    harness::settle(&mut window);
     drag(&mut window, WALL);
     await_text(&mut window, "too small: 30 × 10 px; 24 × 24 px and more are needed");
     await_text(&mut window, "not plain: ");

@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::harness::{Device, click_at, demo, drop_file, has_label, pause, run_until, settle, wait_for_label, window};
 use crate::program;
-use crate::worked::{Device, click_at, demo, drop_file, has_label, pause, run_until, settle, wait_for_label, window};
 use eframe::egui::{self, Event, Modifiers, PointerButton, accesskit::Role};
 use egui_kittest::Harness;
 use egui_kittest::kittest::{NodeT, Queryable};

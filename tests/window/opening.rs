@@ -3,8 +3,8 @@
 use std::path::Path;
 use std::process::Command;
 
+use crate::harness::{Device, demo, has_label, wait_for_label};
 use crate::program;
-use crate::worked::{Device, demo, has_label, wait_for_label};
 use eframe::egui;
 use egui_kittest::Harness;
 use locard::recording::OpenOptions;

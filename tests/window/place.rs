@@ -2,7 +2,9 @@
 
 use std::path::Path;
 
-use crate::worked::{click_at, demo_frame, demo_px, demo_window, drop_model, run_until, settle, shown_codes, wait_for};
+use crate::harness::{
+    click_at, demo_frame, demo_px, demo_window, drop_model, run_until, settle, shown_codes, wait_for,
+};
 use eframe::egui::{self, Key, Modifiers, accesskit::Role};
 use egui_kittest::Harness;
 use egui_kittest::kittest::{NodeT, Queryable};

@@ -1,8 +1,8 @@
 //! Small windows, long names: nothing necessary is cut off.
 
+use crate::harness;
+use crate::harness::{demo, drop_model, has_label, scene_or_none, settle, window};
 use crate::program;
-use crate::worked;
-use crate::worked::{demo, drop_model, has_label, scene_or_none, settle, window};
 use eframe::egui::{self, Key, accesskit::Role};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
@@ -155,7 +155,7 @@ fn long_values_keep_every_row_within_a_small_window() {
     ];
     for (table, name, words, value) in long {
         window.state_mut().project_mut().set(table, name, &Value::Number(value)).unwrap();
-        worked::search(&mut window, &format!("{table}.{name}"));
+        harness::search(&mut window, &format!("{table}.{name}"));
         row_ends_within(&window, &format!("{}: {words}", title(table)));
     }
 }

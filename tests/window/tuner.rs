@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use crate::gpu;
-use crate::program;
-use crate::worked::{
+use crate::harness::{
     codes, control_label, demo, demo_frame, demo_px, run_until, scene_or_none, search, settle, shown_codes, window,
 };
+use crate::program;
 use eframe::egui::{self, Key, Modifiers, accesskit::Role};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;

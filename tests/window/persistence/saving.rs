@@ -48,12 +48,12 @@ fn demonstration_is_not_overwritten_and_a_moved_scene_keeps_its_models() {
 fn recording_without_a_camera_opens_a_chosen_profile() {
     let temp = tempfile::tempdir().unwrap();
     let recording = temp.path().join("rec");
-    program::copied(&worked::demo(), &recording);
+    program::copied(&harness::demo(), &recording);
     std::fs::remove_file(recording.join("camera.toml")).unwrap();
     let text = std::fs::read_to_string(recording.join("recording.toml")).unwrap();
     std::fs::write(recording.join("recording.toml"), text.split("[camera]").next().unwrap()).unwrap();
     let profile = temp.path().join("camera.toml");
-    std::fs::copy(worked::demo().join("camera.toml"), &profile).unwrap();
+    std::fs::copy(harness::demo().join("camera.toml"), &profile).unwrap();
     let mut window = plain();
     window.key_press_modifiers(Modifiers::COMMAND, Key::O);
     answer(&mut window, &recording, "Open recording");
@@ -90,7 +90,7 @@ fn placing_continues_after_the_first_save_of_a_new_scene() {
 fn save_names_the_written_files_and_asks_before_foreign_profiles() {
     let temp = tempfile::tempdir().unwrap();
     let (recording, scene) = (temp.path().join("rec"), temp.path().join("case.toml"));
-    program::copied(&worked::demo(), &recording);
+    program::copied(&harness::demo(), &recording);
     std::fs::write(&scene, "version = 1\nup = \"z\"\n").unwrap();
     let own = recording.join("mine.toml");
     std::fs::write(&own, "version = 1\n").unwrap();
@@ -139,7 +139,7 @@ fn save_names_the_written_files_and_asks_before_foreign_profiles() {
 fn new_scene_is_saved_with_its_recording_in_a_new_folder() {
     let temp = tempfile::tempdir().unwrap();
     let (recording, elsewhere) = (temp.path().join("rec"), temp.path().join("elsewhere"));
-    program::copied(&worked::demo(), &recording);
+    program::copied(&harness::demo(), &recording);
     std::fs::create_dir(&elsewhere).unwrap();
     let project = Project::open(&recording, &OpenOptions::default(), &ShotOptions::default()).unwrap();
     let mut window = window(project, egui::vec2(1400.0, 900.0));
@@ -329,18 +329,18 @@ fn profile_saved_under_another_name_is_complete_and_keeps_comments() {
     // A recording without a camera.
     let site = temp.path().join("site");
     std::fs::create_dir(&site).unwrap();
-    for entry in std::fs::read_dir(worked::demo()).unwrap().flatten() {
+    for entry in std::fs::read_dir(harness::demo()).unwrap().flatten() {
         if entry.file_name() != "recording.toml" {
             #[cfg(unix)]
             std::os::unix::fs::symlink(entry.path().canonicalize().unwrap(), site.join(entry.file_name())).unwrap();
         }
     }
-    let text = std::fs::read_to_string(worked::demo().join("recording.toml")).unwrap();
+    let text = std::fs::read_to_string(harness::demo().join("recording.toml")).unwrap();
     let (text, camera) = text.split_once("[camera]").unwrap();
     assert!(camera.contains("profile"), "{camera}");
     std::fs::write(site.join("recording.toml"), text).unwrap();
     let profile = temp.path().join("mine.toml");
-    let own = std::fs::read_to_string(worked::demo().join("camera.toml")).unwrap();
+    let own = std::fs::read_to_string(harness::demo().join("camera.toml")).unwrap();
     std::fs::write(&profile, format!("# My own camera.\n{own}")).unwrap();
     let open = |profile: &Path| {
         let given = ShotOptions { profile: Some(profile.to_owned()), ..ShotOptions::default() };

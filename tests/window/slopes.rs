@@ -1,6 +1,6 @@
 //! Upright objects on surfaces that are not level.
 
-use crate::worked::{demo, steps, wait_for, window};
+use crate::harness::{demo, steps, wait_for, window};
 use eframe::egui;
 use egui_kittest::kittest::Queryable;
 use glam::DVec3;

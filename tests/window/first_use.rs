@@ -2,12 +2,12 @@
 
 use std::path::Path;
 
-use crate::program;
-use crate::tier::fast_or_full;
-use crate::worked::{
+use crate::harness::{
     Device, click_at, demo, demo_frame, demo_px, has_label, run_until, scene_or_none, search, settle, wait_for,
     wait_for_label, window,
 };
+use crate::program;
+use crate::tier::fast_or_full;
 use eframe::egui::{self, Key, Modifiers, Pos2, accesskit::Role, pos2};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;

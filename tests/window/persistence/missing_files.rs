@@ -38,7 +38,7 @@ fn stand_in_pixels(codes: &[[u8; 3]]) -> usize {
 
 fn composite_error(scene: &Path) -> String {
     let given = ShotOptions { scene: Some(scene.to_owned()), ..ShotOptions::default() };
-    Shot::open(&worked::demo(), &OpenOptions::default(), &given).unwrap_err().to_string()
+    Shot::open(&harness::demo(), &OpenOptions::default(), &given).unwrap_err().to_string()
 }
 
 #[test]
@@ -79,7 +79,7 @@ fn missing_model_is_reloaded_when_it_reappears() {
     settle(&mut window);
     window.run_steps(2);
     assert!(stand_in_pixels(&shown_codes(&window)) == 0 && !has_label(&window, "knife.glb is missing"));
-    assert_eq!(worked::steps(&window), ["opened"], "it is no step of the history");
+    assert_eq!(harness::steps(&window), ["opened"], "it is no step of the history");
     assert!(window.state().project().is_saved());
 }
 
@@ -92,7 +92,7 @@ fn hidden_objects_need_no_model_but_new_ones_do() {
     project.shot().check(0..1).unwrap();
     project.save_scene(&case.scene).unwrap();
     let given = ShotOptions { scene: Some(case.scene.clone()), ..ShotOptions::default() };
-    Shot::open(&worked::demo(), &OpenOptions::default(), &given).unwrap();
+    Shot::open(&harness::demo(), &OpenOptions::default(), &given).unwrap();
     // A newly placed model must exist.
     let placed = PlacedModel { model: "none.glb".to_owned(), ..PlacedModel::default() };
     let place = |scene: &mut SceneFile| scene.objects.push(placed);

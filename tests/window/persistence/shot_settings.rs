@@ -61,11 +61,11 @@ fn save_writes_exposure_and_effects_into_the_scene_and_leaves_the_profile() {
     assert!(line.before.is_empty() && !line.text.contains("--set"), "{line:?}");
     let given =
         ShotOptions { profile: Some(case.profile.clone()), scene: Some(case.scene.clone()), ..ShotOptions::default() };
-    let shot = Shot::open(&worked::demo(), &OpenOptions::default(), &given).unwrap();
+    let shot = Shot::open(&harness::demo(), &OpenOptions::default(), &given).unwrap();
     assert!(shot.rig == again.edit().rig && shot.settings == again.edit().settings);
     // `--set` overrides the scene.
     let given = ShotOptions { sets: vec!["camera.exposure.time_s=0.03".to_owned()], ..given };
-    let shot = Shot::open(&worked::demo(), &OpenOptions::default(), &given).unwrap();
+    let shot = Shot::open(&harness::demo(), &OpenOptions::default(), &given).unwrap();
     assert_eq!(shot.rig.exposure.time_s, Some(0.03));
 }
 
@@ -197,11 +197,11 @@ fn film_speed_takes_effect_when_set() {
 fn undone_noise_is_removed_from_the_profile() {
     let case = Case::new();
     let recording = case.profile.with_file_name("rec");
-    crate::program::copied(&worked::demo(), &recording);
+    crate::program::copied(&harness::demo(), &recording);
     let camera = std::fs::read_to_string(recording.join("camera.toml")).unwrap();
     let without = camera.split("[camera.noise]").next().unwrap();
     std::fs::write(recording.join("camera.toml"), without).unwrap();
-    let noise = Rig::of_file(&worked::demo().join("camera.toml")).unwrap().noise.unwrap();
+    let noise = Rig::of_file(&harness::demo().join("camera.toml")).unwrap().noise.unwrap();
     let given =
         ShotOptions { profile: Some(case.profile.clone()), scene: Some(case.scene.clone()), ..ShotOptions::default() };
     let mut project = Project::open(&recording, &OpenOptions::default(), &given).unwrap();
@@ -227,10 +227,10 @@ fn save_camera(project: &mut Project, profile: &Path) {
     project.written(written);
 }
 
-/// An analysis of [`worked::demo`] with a readout time and a sharpness.
+/// An analysis of [`harness::demo`] with a readout time and a sharpness.
 fn analysis(folder: &Path, project: &Project) -> Analysis {
     std::fs::create_dir_all(folder).unwrap();
-    let poses = std::fs::read_to_string(worked::demo().join("groundtruth.txt")).unwrap();
+    let poses = std::fs::read_to_string(harness::demo().join("groundtruth.txt")).unwrap();
     let count = poses.lines().filter(|line| !line.starts_with('#') && !line.is_empty()).count();
     std::fs::write(folder.join("poses.txt"), poses).unwrap();
     let mut geometry = project.shot().geometry_at(0).unwrap();
@@ -377,7 +377,7 @@ fn scene_setting_overridden_for_the_session_stays_in_its_file() {
         sets,
         ..ShotOptions::default()
     };
-    let open = || Project::open(&worked::demo(), &OpenOptions::default(), &given).unwrap();
+    let open = || Project::open(&harness::demo(), &OpenOptions::default(), &given).unwrap();
     let mut project = open();
     assert_eq!((number(&project, "noise", "scale"), project.is_saved()), (2.0, true));
     project.switch("halation", false);

@@ -1,7 +1,7 @@
 //! Saving and recovery of the user's work, and the files that the window writes.
 
 mod crash;
-mod leaving;
+mod exports;
 mod missing_files;
 mod questions;
 mod saving;
@@ -13,8 +13,8 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use crate::gpu;
-use crate::worked;
-use crate::worked::{
+use crate::harness;
+use crate::harness::{
     Device, codes, demo_frame, drop_file, has_label, run_until, settle, shown_codes, wait_for, wait_for_label, window,
 };
 use eframe::egui::{self, Key, Modifiers, accesskit::Role};
@@ -34,7 +34,7 @@ use locard::window::{
 fn project(profile: Option<&Path>, scene: Option<&Path>) -> Project {
     let given =
         ShotOptions { profile: profile.map(Into::into), scene: scene.map(Into::into), ..ShotOptions::default() };
-    Project::open(&worked::demo(), &OpenOptions::default(), &given).unwrap()
+    Project::open(&harness::demo(), &OpenOptions::default(), &given).unwrap()
 }
 
 fn open(profile: Option<&Path>, scene: &Path) -> Harness<'static, App> {
@@ -48,14 +48,14 @@ fn demo() -> Harness<'static, App> {
 
 /// Window of tests that check nothing virtual.
 fn plain() -> Harness<'static, App> {
-    window(project(None, worked::scene_or_none().as_deref()), egui::vec2(1400.0, 1000.0))
+    window(project(None, harness::scene_or_none().as_deref()), egui::vec2(1400.0, 1000.0))
 }
 
 /// The picture that `locard composite` writes with these settings.
 fn written(sets: &[&str], frame: usize) -> Vec<[u8; 3]> {
     let sets = sets.iter().map(ToString::to_string).collect();
     let given = ShotOptions { sets, scene: Some(DEMO_SCENE.into()), ..ShotOptions::default() };
-    let mut shot = Shot::open(&worked::demo(), &OpenOptions::default(), &given).unwrap();
+    let mut shot = Shot::open(&harness::demo(), &OpenOptions::default(), &given).unwrap();
     let mut compositor = shot.compositor(gpu::gpu().clone());
     let pending = shot.picture(&mut compositor, frame, Target::Pixels).unwrap();
     codes(&compositor.collect(pending).unwrap().pixels)

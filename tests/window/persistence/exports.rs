@@ -81,7 +81,7 @@ fn photo_from_the_window_matches_the_command_line() {
     assert!(matches!(&state, JobState::Done(said) if said.contains("f/4")), "{state:?}");
     let by_program = temp.path().join("program.png");
     let dials = ["--aperture", "4", "--lux", "300", "--width", "320", "--set", "noise.scale=0.5"];
-    let recording = worked::demo();
+    let recording = harness::demo();
     let of = [
         "photo",
         recording.to_str().unwrap(),

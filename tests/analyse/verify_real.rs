@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use crate::program::locard;
-use crate::{common, found};
+use crate::{common, findings};
 
 /// A line of the report: its name, the value for the recorded data, and its verdict.
 struct Line {
@@ -35,7 +35,7 @@ fn lines(arguments: &[&str]) -> Vec<Line> {
 #[test]
 #[ignore = "full tier: all frames of a real recording, judged twice; lib::verify::blur::tests::ratio_is_virtual_blur_by_real_blur is its small form, for blur alone"]
 fn kinect_footage_passes_and_each_fault_fails_its_own_line() {
-    let Some((shot, found)) = found::kinect() else { return };
+    let Some((shot, found)) = findings::kinect() else { return };
     let (out, folder) = (tempfile::tempdir().unwrap(), common::data("tum-fr1-rpy").unwrap());
     let analysis = out.path().join("found");
     found.write(&analysis, &shot.recording).unwrap();

@@ -103,7 +103,7 @@ fn work_left_by_a_crash_is_offered_and_restored() {
 #[test]
 fn restored_work_keeps_its_undo_history() {
     let temp = tempfile::tempdir().unwrap();
-    let mut lost = project(None, worked::scene_or_none().as_deref());
+    let mut lost = project(None, harness::scene_or_none().as_deref());
     for scale in [0.25, 0.5, 0.75] {
         lost.set("noise", "scale", &Value::Number(scale)).unwrap();
         lost.close_step();
@@ -123,7 +123,7 @@ fn restored_work_keeps_its_undo_history() {
     press(&mut window, "Undo");
     press(&mut window, "Undo");
     assert_eq!(scale(window.state()), Some(Value::Number(0.25)));
-    assert_eq!(worked::steps(&window), ["opened", "Noise: Scale", "Noise: Scale", "Noise: Scale"]);
+    assert_eq!(harness::steps(&window), ["opened", "Noise: Scale", "Noise: Scale", "Noise: Scale"]);
     press(&mut window, "Undo");
     assert!(window.state().project().is_saved());
 }
@@ -136,7 +136,7 @@ fn edit_before_a_press_is_saved_while_the_button_is_down() {
     window.run_steps(2);
     set(&mut window, "noise", "scale", 2.0);
     let picture = window.get_by_role_and_label(Role::Image, "picture").rect();
-    worked::press_and_move(&mut window, picture.center(), picture.center() + egui::vec2(30.0, 0.0));
+    harness::press_and_move(&mut window, picture.center(), picture.center() + egui::vec2(30.0, 0.0));
     assert!(window.ctx.input(|i| i.pointer.any_down()));
     let is_written = || {
         let files = std::fs::read_dir(temp.path().join("work")).unwrap();
@@ -151,7 +151,7 @@ fn drag_interrupted_by_a_crash_is_not_in_the_recovery_file() {
     let temp = tempfile::tempdir().unwrap();
     let mut window = plain();
     window.state_mut().set_state_folder(temp.path());
-    worked::search(&mut window, "noise scale");
+    harness::search(&mut window, "noise scale");
     set(&mut window, "noise", "scale", 2.0);
     let work = || {
         let files = std::fs::read_dir(temp.path().join("work")).unwrap().map(|entry| entry.unwrap().path());
@@ -165,16 +165,16 @@ fn drag_interrupted_by_a_crash_is_not_in_the_recovery_file() {
     wait_for(&mut window, "the first change", |_| work().is_some());
     let before = work().unwrap();
     let rail = window.get_by_role_and_label(Role::Slider, "Noise: Scale").rect();
-    worked::press_and_move(&mut window, rail.center(), rail.center() + egui::vec2(30.0, 0.0));
+    harness::press_and_move(&mut window, rail.center(), rail.center() + egui::vec2(30.0, 0.0));
     assert!(scale(window.state().project()) > 4.0);
     // Longer than the delay that collects changes.
     let begun = Instant::now();
     while begun.elapsed() < Duration::from_millis(400) {
         window.step();
-        worked::pause();
+        harness::pause();
     }
     assert!(work().unwrap().edit == before.edit, "the state before the drag");
-    worked::release_at(&mut window, rail.center() + egui::vec2(30.0, 0.0));
+    harness::release_at(&mut window, rail.center() + egui::vec2(30.0, 0.0));
     wait_for(&mut window, "the drag", |_| work().is_some_and(|work| work.edit != before.edit));
     assert!(work().unwrap().edit == *window.state().project().edit());
 }
@@ -270,7 +270,7 @@ fn window_killed_twenty_times_restores_its_work_and_keeps_files_intact() {
     let (profile, scene) = (temp.path().join("p.toml"), temp.path().join("s.toml"));
     for run in 0..20 {
         let mut editing = Command::new(std::env::current_exe().unwrap())
-            .args(["--exact", "keeping::crash::child_edits_until_killed", "--nocapture"])
+            .args(["--exact", "persistence::crash::child_edits_until_killed", "--nocapture"])
             .env(KILLED, temp.path())
             .stdout(Stdio::piped())
             .spawn()

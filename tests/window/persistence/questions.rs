@@ -50,9 +50,9 @@ fn assert_own_state_kept(key: Key) {
     let begun = Instant::now();
     while begun.elapsed() < Duration::from_millis(400) {
         window.step();
-        worked::pause();
+        harness::pause();
     }
-    assert_eq!(worked::steps(&window), ["opened"]);
+    assert_eq!(harness::steps(&window), ["opened"]);
     assert_eq!(window.state().project().value("noise", "scale"), Some(Value::Number(1.0)));
 }
 
@@ -73,7 +73,7 @@ fn esc_leaves_unsaved_work_for_the_next_start() {
     lost.set("noise", "scale", &Value::Number(0.25)).unwrap();
     let place = temp.path().join("work");
     std::fs::create_dir_all(&place).unwrap();
-    let work = UnsavedWork::new(&worked::demo(), 1.0, None, None, lost.edit().clone());
+    let work = UnsavedWork::new(&harness::demo(), 1.0, None, None, lost.edit().clone());
     std::fs::write(place.join("1.json"), serde_json::to_string(&work).unwrap()).unwrap();
     let mut window = window(project(None, None), egui::vec2(1280.0, 720.0));
     window.state_mut().set_state_folder(temp.path());
