@@ -156,7 +156,7 @@ fn module_uses_only_modules_of_its_layer_or_below() {
 
 /// Folders whose own file both declares types shared by its submodules and calls the submodules.
 /// The list only shrinks.
-const FACES: [&str; 6] = ["bench", "cli", "recording", "scene", "simulate", "sink"];
+const FOLDERS_WITH_CYCLES: [&str; 6] = ["bench", "cli", "recording", "scene", "simulate", "sink"];
 
 /// The text of a file before its unit tests, which may import anything.
 fn without_tests(text: &str) -> &str {
@@ -193,12 +193,12 @@ fn uses(text: &str) -> Vec<(bool, String)> {
 /// The file of a folder's module: its `mod.rs`, a crate's `lib.rs`, or the file of its name beside
 /// it.
 fn file_of(folder: &Path) -> PathBuf {
-    let inside = OWN.map(|name| folder.join(name).with_extension("rs"));
+    let inside = MODULE_FILE_NAMES.map(|name| folder.join(name).with_extension("rs"));
     inside.into_iter().find(|file| file.is_file()).unwrap_or_else(|| folder.with_extension("rs"))
 }
 
 /// Possible names of a folder's own file. The import graph uses the first.
-const OWN: [&str; 2] = ["mod", "lib"];
+const MODULE_FILE_NAMES: [&str; 2] = ["mod", "lib"];
 
 /// Import graph of a folder: its submodules and its own file, each with the ones that it imports. A
 /// name that the folder's own file re-exports belongs to the submodule that declares it. A
@@ -208,7 +208,7 @@ fn imports_beside(folder: &Path) -> BTreeMap<String, BTreeSet<String>> {
     for file in rust_files(folder) {
         let inside = file.strip_prefix(folder).unwrap();
         let name = Path::new(inside.components().next().unwrap().as_os_str()).file_stem().unwrap().to_str().unwrap();
-        if !OWN.contains(&name) {
+        if !MODULE_FILE_NAMES.contains(&name) {
             modules.entry(name.to_owned()).or_default().push(file);
         }
     }
@@ -264,7 +264,7 @@ fn imports_beside(folder: &Path) -> BTreeMap<String, BTreeSet<String>> {
                 } else if let Some(module) = passed_on.get(&used) {
                     found.insert(module.clone());
                 } else if own_names.contains(&used) && !is_extended() {
-                    found.insert(OWN[0].to_owned());
+                    found.insert(MODULE_FILE_NAMES[0].to_owned());
                 }
             }
         }
@@ -272,7 +272,7 @@ fn imports_beside(folder: &Path) -> BTreeMap<String, BTreeSet<String>> {
         found
     };
     let mut all: BTreeMap<_, _> = modules.iter().map(|(name, files)| (name.clone(), imported(name, files))).collect();
-    all.insert(OWN[0].to_owned(), of_own);
+    all.insert(MODULE_FILE_NAMES[0].to_owned(), of_own);
     all
 }
 
@@ -330,7 +330,7 @@ fn declarations_and_reexports_of_a_file_are_found() {
 #[test]
 fn files_of_a_module_have_no_circular_imports() {
     let mut wrong = Vec::new();
-    let mut mended: BTreeSet<&str> = FACES.into();
+    let mut mended: BTreeSet<&str> = FOLDERS_WITH_CYCLES.into();
     let mut folders = vec![root().join("src")];
     while let Some(folder) = folders.pop() {
         let inner = std::fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path());
@@ -345,14 +345,14 @@ fn files_of_a_module_have_no_circular_imports() {
             if cycle(&imports).is_some() {
                 mended.remove(name.as_str());
             }
-            imports.insert(OWN[0].to_owned(), BTreeSet::new());
+            imports.insert(MODULE_FILE_NAMES[0].to_owned(), BTreeSet::new());
         }
         if let Some(way) = cycle(&imports) {
             wrong.push(format!("src/{name}: {}", way.join(" imports ")));
         }
     }
     assert!(wrong.is_empty(), "circular imports between files of a module:\n{}", wrong.join("\n"));
-    assert!(mended.is_empty(), "no longer circular, so remove them from FACES: {mended:?}");
+    assert!(mended.is_empty(), "no longer circular, so remove them from FOLDERS_WITH_CYCLES: {mended:?}");
 }
 
 #[test]

@@ -44,7 +44,7 @@ fn site() -> Simulation {
 }
 
 /// Mean light of 3×3 px around the projection of a world point.
-fn seen(simulation: &Simulation, picture: &Picture, point: DVec3) -> DVec3 {
+fn mean_light_at(simulation: &Simulation, picture: &Picture, point: DVec3) -> DVec3 {
     let pose = simulation.track().at(simulation.timestamp_s(0)).unwrap();
     let at: DVec2 = simulation.geometry().project(pose.transform_point(point)).unwrap();
     let around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (at.x as i64 + dx, at.y as i64 + dy)));
@@ -60,7 +60,7 @@ fn card_reflects_the_light_from_above_and_shadows_the_floor() {
     // The irradiance integrated over all directions: half of it is reflected diffusely and 4 %
     // specularly.
     let upward = bare.white_facing_up(DVec3::new(0.0, 0.0, high));
-    let shown = seen(&there, &full, DVec3::new(0.0, 0.0, high)) / upward;
+    let shown = mean_light_at(&there, &full, DVec3::new(0.0, 0.0, high)) / upward;
     println!("of the light from above a card of 0.5 shows {shown:.3}");
     assert!(shown.min_element() > 0.48 && shown.max_element() < 0.53, "{shown}");
 
@@ -70,7 +70,7 @@ fn card_reflects_the_light_from_above_and_shadows_the_floor() {
     let mut lost = Vec::new();
     for (dx, dy) in [(0.0, -0.12), (0.12, 0.0), (-0.12, 0.0), (0.0, -0.4), (0.5, 0.3), (-0.5, -0.1)] {
         let place = below + DVec3::new(dx, dy, 0.0);
-        let [was, is] = [&empty, &full].map(|picture| seen(&bare, picture, place));
+        let [was, is] = [&empty, &full].map(|picture| mean_light_at(&bare, picture, place));
         lost.push(is.y / was.y);
     }
     println!("shares of the light on the floor that are left: {lost:.3?}");

@@ -40,7 +40,7 @@ fn tracked() -> Flaws {
 }
 
 /// Writes a simulated recording as `site` in a folder of its own.
-fn made(options: &Options, flaws: &Flaws) -> tempfile::TempDir {
+fn write_site(options: &Options, flaws: &Flaws) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let site = folder.path().join("site");
     simulate::write(&site, false, || simulation(options, flaws), &mut |_, _| ControlFlow::Continue(())).unwrap();
@@ -81,7 +81,7 @@ fn edit(folder: &tempfile::TempDir, file: &str, from: &str, to: &str) {
 }
 
 /// The reason of a refusal, if any. A refused analysis must leave the composite as it was.
-fn why(found: &Analysis) -> Option<&str> {
+fn refusal(found: &Analysis) -> Option<&str> {
     assert_eq!(found.track.is_none(), found.findings.registration.poses != "refined");
     let why = found.findings.registration.why.as_deref();
     if why.is_some() {
@@ -111,7 +111,7 @@ fn gain_follows_changes_of_exposure_and_white_balance() {
     for seed in [37, 38] {
         let flaws =
             Flaws { exposure_walk_ev: 0.3, exposure_step_ev: 1.5, white_balance_share: 0.1, seed, ..Flaws::default() };
-        let folder = made(&Options { gain: 1.5, ..small(36) }, &flaws);
+        let folder = write_site(&Options { gain: 1.5, ..small(36) }, &flaws);
         let found = analysed_by_tier(&opened(&folder), 2);
         println!("{}", found.findings);
         let gain = found.findings.gain.as_ref().unwrap();
@@ -144,7 +144,7 @@ fn gain_follows_changes_of_exposure_and_white_balance() {
 fn spatial_gain_is_fitted_only_where_the_tone_varies_across_the_picture() {
     let walk = Flaws { exposure_walk_ev: 0.3, seed: 37, ..Flaws::default() };
     let of = |share: f64| {
-        let folder = made(&small(36), &Flaws { local_tone_share: share, ..walk.clone() });
+        let folder = write_site(&small(36), &Flaws { local_tone_share: share, ..walk.clone() });
         let found = analysed_by_tier(&opened(&folder), 2);
         println!("{}", found.findings);
         found
@@ -175,7 +175,7 @@ fn clock_offset_without_drift_is_found_within_half_a_millisecond() {
 #[ignore = "full tier: many simulated frames; late_depth_and_repeated_pictures_in_the_demonstration_are_found is its small form"]
 fn late_depth_and_repeated_pictures_are_found() {
     let flaws = Flaws { depth_later_s: 0.02, repeat_share: 0.15, ..tracked() };
-    let folder = made(&Options { speed: 1.5, ..small(40) }, &flaws);
+    let folder = write_site(&Options { speed: 1.5, ..small(40) }, &flaws);
     let shot = opened(&folder);
     let found = analysed_by_tier(&shot, 2);
     println!("{}", found.findings);
@@ -199,7 +199,7 @@ fn late_depth_and_repeated_pictures_are_found() {
 #[test]
 #[ignore = "full tier: many simulated frames; person_in_front_of_the_demonstration_makes_nothing_worse is its small form"]
 fn person_walking_by_makes_nothing_worse() {
-    let folder = made(&small(30), &Flaws { person_m_per_s: 1.0, ..tracked() });
+    let folder = write_site(&small(30), &Flaws { person_m_per_s: 1.0, ..tracked() });
     let shot = opened(&folder);
     let found = analysed_by_tier(&shot, 2);
     println!("{}", found.findings);
@@ -210,7 +210,7 @@ fn person_walking_by_makes_nothing_worse() {
 
 #[test]
 fn camera_at_rest_keeps_its_poses() {
-    let folder = made(&Options { motion: Motion::Static, ..smaller(12) }, &Flaws::default());
+    let folder = write_site(&Options { motion: Motion::Static, ..smaller(12) }, &Flaws::default());
     let found = analysed_by_tier(&opened(&folder), 2);
     println!("{}", found.findings);
     assert!(found.track.is_none() && found.gains.is_empty());
@@ -223,16 +223,16 @@ fn camera_at_rest_keeps_its_poses() {
 
 #[test]
 fn site_without_texture_is_refused() {
-    let folder = made(&Options { noise_scale: 1.0, ..smaller(12) }, &Flaws { blank: true, ..tracked() });
+    let folder = write_site(&Options { noise_scale: 1.0, ..smaller(12) }, &Flaws { blank: true, ..tracked() });
     let found = analysed_by_tier(&opened(&folder), 2);
     println!("{}", found.findings);
-    assert!(why(&found).unwrap().contains("lack texture"), "{:?}", why(&found));
+    assert!(refusal(&found).unwrap().contains("lack texture"), "{:?}", refusal(&found));
 }
 
 #[test]
 #[ignore = "full tier: many simulated frames; demonstration_pictures_in_the_wrong_order_make_nothing_worse is its small form"]
 fn pictures_in_the_wrong_order_make_nothing_worse() {
-    let folder = made(&small(20), &Flaws { poses_later_s: 0.001, ..Flaws::default() });
+    let folder = write_site(&small(20), &Flaws { poses_later_s: 0.001, ..Flaws::default() });
     // Two frames swap their pictures.
     for (from, to) in [("00007.jpg", "was"), ("00010.jpg", "00007.jpg"), ("was", "00010.jpg")] {
         let [from, to] = [from, to].map(|name| folder.path().join("site/rgb").join(name));
@@ -258,7 +258,7 @@ fn assert_exposure(found: &Analysis, exposure_s: f64) {
 #[test]
 fn sparse_frames_keep_the_recorded_motion_between_them() {
     // 5 frames a second, hand-held: exact poses stay.
-    let folder = made(&smaller(12), &Flaws::default());
+    let folder = write_site(&smaller(12), &Flaws::default());
     let shot = opened(&folder);
     let found = analysed_by_tier(&shot, 2);
     println!("{}", found.findings);
@@ -266,7 +266,8 @@ fn sparse_frames_keep_the_recorded_motion_between_them() {
     assert_exposure(&found, 1.0 / 60.0);
     // Drifting poses are refined, and the recorded motion between frames is kept: over an exposure,
     // and by rows.
-    let folder = made(&smaller(12), &Flaws { drift_mm: 20.0, drift_deg: 2.0, hand_eye_deg: 1.0, ..Flaws::default() });
+    let folder =
+        write_site(&smaller(12), &Flaws { drift_mm: 20.0, drift_deg: 2.0, hand_eye_deg: 1.0, ..Flaws::default() });
     let (shot, truth) = (opened(&folder), true_track(&folder));
     let found = analysed_by_tier(&shot, 2);
     println!("{}", found.findings);
@@ -291,7 +292,7 @@ fn sparse_frames_keep_the_recorded_motion_between_them() {
             the small form with poses between frames"]
 fn exposure_estimated_without_poses_between_frames_reproduces_the_blur() {
     // 8 frames a second, and only the poses nearest to them.
-    let folder = made(&Options { fps: 8.0, site: Some(2), seed: 2, samples: 8, ..small(30) }, &Flaws::default());
+    let folder = write_site(&Options { fps: 8.0, site: Some(2), seed: 2, samples: 8, ..small(30) }, &Flaws::default());
     let site = folder.path().join("site");
     let rows = |name: &str| -> Vec<String> {
         let text = std::fs::read_to_string(site.join(name)).unwrap();
@@ -331,25 +332,25 @@ fn fisheye_poses_are_refined_or_refused() {
     let fisheye = Options { lens: LensModel::OpencvFisheye, k1: 0.02, k2: -0.005, ..smaller(fast_or_full(30, 20)) };
     // Without fast turns the small pictures of the fast tier are linked.
     let slow = Options { speed: fast_or_full(0.2, 1.0), ..fisheye.clone() };
-    let folder = made(&slow, &tracked());
+    let folder = write_site(&slow, &tracked());
     let shot = opened(&folder);
     let found = analysed_by_tier(&shot, 2);
     println!("{}", found.findings);
-    assert!(found.track.is_some() || why(&found).is_some());
+    assert!(found.track.is_some() || refusal(&found).is_some());
     assert_poses_no_worse(&shot, &true_track(&folder), &found);
     // 16.67 ms at 8 frames a second, or none.
     assert_exposure(&found, 1.0 / 60.0);
     // A field of view too wide for any plane in front of the camera.
-    let wide = made(&Options { focal_px: fast_or_full(55.0, 110.0), frames: 6, ..fisheye }, &tracked());
+    let wide = write_site(&Options { focal_px: fast_or_full(55.0, 110.0), frames: 6, ..fisheye }, &tracked());
     let found = analysed_by_tier(&opened(&wide), 2);
     println!("{}", found.findings);
-    assert!(why(&found).unwrap().contains("plane"), "{:?}", why(&found));
+    assert!(refusal(&found).unwrap().contains("plane"), "{:?}", refusal(&found));
 }
 
 // Slow: a simulated site, analysed with three units of depth.
 #[test]
 fn unobservable_quantities_are_refused_with_a_reason() {
-    let folder = made(&smaller(12), &tracked());
+    let folder = write_site(&smaller(12), &tracked());
     let scale = |factor: f64| format!("scale = {:?}", 250.0 / factor);
     let mut before = scale(1.0);
     for factor in [1000.0, 5.0, 0.1] {
@@ -357,10 +358,10 @@ fn unobservable_quantities_are_refused_with_a_reason() {
         before = scale(factor);
         let found = analysed_by_tier(&opened(&folder), 2);
         println!("{factor}: {}", found.findings);
-        assert!(why(&found).is_some_and(|why| why.contains("depth's unit")), "{factor}: {:?}", why(&found));
+        assert!(refusal(&found).is_some_and(|why| why.contains("depth's unit")), "{factor}: {:?}", refusal(&found));
     }
     let clipped = if is_full() {
-        made(&Options { gain: 100.0, ..small(12) }, &tracked())
+        write_site(&Options { gain: 100.0, ..small(12) }, &tracked())
     } else {
         let folder = demo_by_tier(12, &tracked(), 4);
         relight(&folder, |_, _| [100.0; 3]);
@@ -368,13 +369,13 @@ fn unobservable_quantities_are_refused_with_a_reason() {
     };
     let found = analysed_by_tier(&opened(&clipped), 2);
     println!("{}", found.findings);
-    assert!(why(&found).unwrap().contains("pixels are clipped"), "{:?}", why(&found));
+    assert!(refusal(&found).unwrap().contains("pixels are clipped"), "{:?}", refusal(&found));
     assert!(found.gains.is_empty());
     // 115° from frame to frame.
-    let apart = made(&Options { motion: Motion::Pan, speed: 20.0, fps: 10.0, ..smaller(12) }, &tracked());
+    let apart = write_site(&Options { motion: Motion::Pan, speed: 20.0, fps: 10.0, ..smaller(12) }, &tracked());
     let found = analysed_by_tier(&opened(&apart), 2);
     println!("{}", found.findings);
-    assert!(why(&found).unwrap().contains("do not overlap"), "{:?}", why(&found));
+    assert!(refusal(&found).unwrap().contains("do not overlap"), "{:?}", refusal(&found));
 }
 
 /// Multiplies the light of each picture by a factor per colour that depends on the frame and on the
@@ -538,7 +539,7 @@ fn demonstration_pictures_in_the_wrong_order_make_nothing_worse() {
     let shot = opened(&folder);
     let found = analysed_by_tier(&shot, 2);
     println!("{}", found.findings);
-    assert!(why(&found).is_none() && found.findings.gain.is_some());
+    assert!(refusal(&found).is_none() && found.findings.gain.is_some());
     assert_poses_no_worse(&shot, &demo_track(), &found);
     // A code and a half at most.
     assert!(found.gains.iter().flatten().all(|gain| gain.ln().abs() < 0.02), "{:?}", found.gains);

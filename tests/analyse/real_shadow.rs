@@ -19,7 +19,7 @@ fn codes(path: &str) -> Vec<[f64; 3]> {
 }
 
 /// Mean difference in codes between two pictures, over the selected pixels.
-fn brighter(a: &[[f64; 3]], b: &[[f64; 3]], counts: impl Fn(usize) -> bool) -> f64 {
+fn mean_difference(a: &[[f64; 3]], b: &[[f64; 3]], counts: impl Fn(usize) -> bool) -> f64 {
     let off: Vec<f64> = (0..a.len()).filter(|i| counts(*i)).map(|i| a[i][1] - b[i][1]).collect();
     assert!(off.len() > fast_or_full(50, 200), "{}", off.len());
     off.iter().sum::<f64>() / off.len() as f64
@@ -64,8 +64,8 @@ fn real_shadow_is_not_darkened_twice_and_darkens_evidence() {
     let is_shaded = |i: usize| {
         !is_thing(i) && !near_thing(i) && (differs(&made, &empty, i, 1.0) || differs(&there, &empty, i, 6.0))
     };
-    let (floor, thing) = (brighter(&made, &there, is_shaded), brighter(&made, &there, is_thing));
-    let lit = brighter(&unshaded, &there, is_thing);
+    let (floor, thing) = (mean_difference(&made, &there, is_shaded), mean_difference(&made, &there, is_thing));
+    let lit = mean_difference(&unshaded, &there, is_thing);
     println!("floor {floor:.2} codes brighter than the truth, marker {thing:.2}; lit by the lamp {lit:.2}");
     assert!(floor.abs() < 3.0, "{floor}");
     // The rest is the scene's ambient light, part of which the seat occludes too.

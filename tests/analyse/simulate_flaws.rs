@@ -11,7 +11,7 @@ use locard::camera::Response;
 use locard::simulate::{self, DepthSensorModel, Flaws, Ground, Layout, Motion, Options, Simulation};
 use locard::tracking::tum::read_trajectory;
 
-fn made(out: &Path, options: &Options, flaws: &Flaws) {
+fn write_site(out: &Path, options: &Options, flaws: &Flaws) {
     simulate::run(out, options, flaws, true, &mut |_, _| ControlFlow::Continue(())).unwrap();
 }
 
@@ -33,8 +33,8 @@ fn flaws_have_the_requested_size_and_the_truth_is_written() {
         ..Flaws::default()
     };
     let [plain, flawed] = ["plain", "flawed"].map(|name| folder.path().join(name));
-    made(&plain, &options, &Flaws::default());
-    made(&flawed, &options, &flaws);
+    write_site(&plain, &options, &Flaws::default());
+    write_site(&flawed, &options, &flaws);
     assert!(!plain.join("truth").exists());
     assert!(!fs::read_to_string(plain.join("truth.toml")).unwrap().contains("flaws"));
 
@@ -89,14 +89,14 @@ fn flaws_have_the_requested_size_and_the_truth_is_written() {
     let [few, more] = ["few", "more"].map(|name| folder.path().join(name));
     for (out, frames) in [(&few, 3), (&more, 5)] {
         let options = Options { frames, motion: Motion::Static, ..options.clone() };
-        made(out, &options, &flaws);
+        write_site(out, &options, &flaws);
     }
     for file in ["rgb/00000.png", "rgb/00001.png", "rgb/00002.png"] {
         assert!(fs::read(few.join(file)).unwrap() == fs::read(more.join(file)).unwrap());
     }
     assert_eq!(columns(&few, "truth/frames.txt")[..], columns(&more, "truth/frames.txt")[..3]);
     // With `--force` the truth is replaced as the simulation's own file.
-    made(&few, &options, &Flaws::default());
+    write_site(&few, &options, &Flaws::default());
     assert!(!few.join("truth").exists());
 }
 
@@ -116,7 +116,7 @@ fn white_desk_clips_and_its_black_screen_has_sparse_depth() {
     let flaws = Flaws { depth_sensor: Some(DepthSensorModel::Kinect), ..Flaws::default() };
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("desk");
-    made(&out, &options, &flaws);
+    write_site(&out, &options, &flaws);
     let picture = image::open(out.join("rgb/00000.png")).unwrap().into_rgb8();
     let depth = image::open(out.join("depth/00000.png")).unwrap().into_luma16();
     let is_black = |codes: &[u8; 3]| codes.iter().all(|code| *code < 60);
@@ -161,9 +161,9 @@ fn kinect_depth_has_the_sensor_errors_and_the_truth_is_written() {
     let options = Options { frames: 3, depth_scale: 10_000.0, motion: Motion::Static, ..small() };
     let kinect = Flaws { depth_sensor: Some(DepthSensorModel::Kinect), ..Flaws::default() };
     let [plain, flawed, again] = ["plain", "flawed", "again"].map(|name| folder.path().join(name));
-    made(&plain, &options, &Flaws::default());
-    made(&flawed, &options, &kinect);
-    made(&again, &Options { frames: 2, ..options.clone() }, &kinect);
+    write_site(&plain, &options, &Flaws::default());
+    write_site(&flawed, &options, &kinect);
+    write_site(&again, &Options { frames: 2, ..options.clone() }, &kinect);
     let listed = columns(&flawed, "truth/depth.txt");
     assert_eq!(listed.len(), 3);
     for (n, line) in listed.iter().enumerate() {
@@ -201,7 +201,7 @@ fn kinect_depth_has_the_sensor_errors_and_the_truth_is_written() {
         assert!((half / 0.96e-3 - 1.0).abs() < 0.2 && (most / 1.43e-3 - 1.0).abs() < 0.25, "{half} {most}");
     }
     // With `--force` the truth is replaced as the simulation's own file.
-    made(&flawed, &options, &Flaws::default());
+    write_site(&flawed, &options, &Flaws::default());
     assert!(!flawed.join("truth").exists());
 }
 
@@ -215,7 +215,7 @@ fn other_depth_cameras_have_errors() {
     let beside = Options { depth_beside_mm: Some(25.0), ..options };
     for (name, options, file) in [("phone", phone, "depth/000000.png"), ("beside", beside, "depth/00000.png")] {
         let out = folder.path().join(name);
-        made(&out, &options, &kinect);
+        write_site(&out, &options, &kinect);
         let (found, exact) = (depth_of(&out, file), depth_of(&out, "truth/depth-00000.png"));
         let share = |is: &dyn Fn(u16, u16) -> bool| {
             found.iter().zip(&exact).filter(|(found, exact)| is(**found, **exact)).count() as f64 / found.len() as f64

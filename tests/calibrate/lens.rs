@@ -148,7 +148,7 @@ fn truth(geometry: &Geometry, name: &str) -> f64 {
     }
 }
 
-fn named(n: usize, seen: BoardDetection) -> NamedView {
+fn named_view(n: usize, seen: BoardDetection) -> NamedView {
     NamedView { name: format!("{n}.png"), detection: seen }
 }
 
@@ -177,7 +177,7 @@ fn camera_is_recovered_from_simulated_photographs() {
                         assert!(nearest < 0.6, "seed {seed}, view {n}: a corner is {nearest} px normalized_errors");
                     }
                 }
-                views.extend(seen.ok().map(|seen| named(n, seen)));
+                views.extend(seen.ok().map(|seen| named_view(n, seen)));
             }
             assert!(views.len() >= 14, "{model:?}, seed {seed}: only {} views", views.len());
             let calibrated = calibrate(SIZE, views, Vec::new(), &LensOptions::default()).unwrap();
@@ -206,7 +206,12 @@ fn corners(stand: &(DMat3, DVec3)) -> impl Iterator<Item = DVec3> {
 }
 
 /// Simulated corner detections, with normal errors of σ px in x and y.
-fn read(geometry: &Geometry, stand: &(DMat3, DVec3), sigma_px: f64, random: &mut Random) -> BoardDetection {
+fn simulated_detection(
+    geometry: &Geometry,
+    stand: &(DMat3, DVec3),
+    sigma_px: f64,
+    random: &mut Random,
+) -> BoardDetection {
     let (mut board, mut corners_px) = (Vec::new(), Vec::new());
     for (n, corner) in corners(stand).enumerate() {
         let error = sigma_px * DVec2::new(random.normal(), random.normal());
@@ -226,7 +231,11 @@ fn deviations_match_the_actual_errors() {
     for seed in 0..tier::fast_or_full(8, 20) {
         let mut random = Random::new(500 + seed);
         let stands = stands(&geometry, 15, seed);
-        let views = stands.iter().enumerate().map(|(n, s)| named(n, read(&geometry, s, 0.2, &mut random))).collect();
+        let views = stands
+            .iter()
+            .enumerate()
+            .map(|(n, s)| named_view(n, simulated_detection(&geometry, s, 0.2, &mut random)))
+            .collect();
         let calibrated = calibrate(SIZE, views, Vec::new(), &LensOptions::default()).unwrap();
         // √2 of σ, since a residual has two components.
         assert!((calibrated.rms_px - 0.2 * 2f64.sqrt()).abs() < 0.03, "{}", calibrated.rms_px);
@@ -249,14 +258,14 @@ fn deviations_include_bent_boards() {
     for seed in 0..16 {
         let mut random = Random::new(300 + seed);
         let views = stands(&geometry, 4, 40 + seed).into_iter().enumerate().map(|(n, (rotation, translation))| {
-            let mut seen = read(&geometry, &(rotation, translation), 0.1, &mut random);
+            let mut seen = simulated_detection(&geometry, &(rotation, translation), 0.1, &mut random);
             let bend = if n % 2 == 0 { 0.08 } else { 0.02 };
             for (place, at) in seen.board.iter().zip(&mut seen.corners_px) {
                 let bent = place.extend(bend * (place.x / 3.5 - 1.0).powi(2));
                 let way = |point: DVec3| geometry.project(rotation * point + translation).unwrap();
                 *at += way(bent) - way(place.extend(0.0));
             }
-            named(n, seen)
+            named_view(n, seen)
         });
         let Ok(calibrated) = calibrate(SIZE, views.collect(), Vec::new(), &LensOptions::default()) else { continue };
         for (_, normalized_errors) in normalized_errors(&calibrated, &geometry) {
@@ -280,8 +289,11 @@ fn last_coefficient_is_kept_if_it_is_significant() {
         for seed in 0..6 {
             let mut random = Random::new(900 + seed);
             let stands = stands(&geometry, count, seed);
-            let views =
-                stands.iter().enumerate().map(|(n, s)| named(n, read(&geometry, s, 0.05, &mut random))).collect();
+            let views = stands
+                .iter()
+                .enumerate()
+                .map(|(n, s)| named_view(n, simulated_detection(&geometry, s, 0.05, &mut random)))
+                .collect();
             let calibrated = calibrate(SIZE, views, Vec::new(), &LensOptions::default()).unwrap();
             let last = calibrated.parameters.last().unwrap();
             kept += usize::from(last.value != 0.0);
@@ -300,13 +312,17 @@ fn foreign_views_are_rejected_or_have_little_effect() {
     let geometry = brown();
     let mut random = Random::new(77);
     let stands = stands(&geometry, 14, 3);
-    let mut views: Vec<NamedView> =
-        stands.iter().enumerate().map(|(n, s)| named(n, read(&geometry, s, 0.1, &mut random))).collect();
+    let mut views: Vec<NamedView> = stands
+        .iter()
+        .enumerate()
+        .map(|(n, s)| named_view(n, simulated_detection(&geometry, s, 0.1, &mut random)))
+        .collect();
     for (n, view) in views.iter_mut().enumerate() {
         view.detection.corners_px[(7 * n) % 40] += DVec2::new(6.0, -4.0);
     }
     let zoomed = Intrinsics { fx_px: 700.0, fy_px: 695.0, ..geometry.intrinsics.clone() };
-    views[5].detection = read(&Geometry::new(zoomed, geometry.distortion.clone()), &stands[5], 0.1, &mut random);
+    views[5].detection =
+        simulated_detection(&Geometry::new(zoomed, geometry.distortion.clone()), &stands[5], 0.1, &mut random);
     for at in &mut views[9].detection.corners_px[..20] {
         *at += DVec2::new(9.0, 0.0);
     }
@@ -327,13 +343,14 @@ fn too_few_views_name_the_requirement() {
     let two: Vec<NamedView> = stands(&geometry, 2, 3)
         .iter()
         .enumerate()
-        .map(|(n, s)| named(n, read(&geometry, s, 0.1, &mut random)))
+        .map(|(n, s)| named_view(n, simulated_detection(&geometry, s, 0.1, &mut random)))
         .collect();
     let error = calibrate(SIZE, two, Vec::new(), &LensOptions::default()).unwrap_err();
     assert!(error.to_string().starts_with("2 views of 2 can be used; 3 with the board tilted differently"), "{error}");
     // Boards that face the camera do not determine their distance.
     let facing: Vec<_> = (0..5).map(|n| (DMat3::IDENTITY, DVec3::new(-3.0 - 0.3 * f64::from(n), -2.0, 12.0))).collect();
-    let flat = facing.iter().enumerate().map(|(n, s)| named(n, read(&geometry, s, 0.1, &mut random)));
+    let flat =
+        facing.iter().enumerate().map(|(n, s)| named_view(n, simulated_detection(&geometry, s, 0.1, &mut random)));
     match calibrate(SIZE, flat.collect(), Vec::new(), &LensOptions::default()) {
         Ok(calibrated) => assert!(calibrated.missing.iter().any(|m| m.to_string().contains("tilted")), "{calibrated}"),
         Err(error) => assert!(matches!(error, LensError::Undetermined | LensError::Unexplained), "{error}"),

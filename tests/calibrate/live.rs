@@ -16,7 +16,7 @@ use locard::tags::{Paper, Sheet, picture};
 const FRAME_S: f64 = 1.0 / 30.0;
 
 /// The visible tags of the sheet, detected with errors of 0.1 px.
-fn seen(place: &CameraPose, random: &mut Random) -> BoardDetection {
+fn detect(place: &CameraPose, random: &mut Random) -> BoardDetection {
     let (mut board, mut corners_px) = (Vec::new(), Vec::new());
     for tag in Sheet::new(Paper::A4).board.tags {
         let corners = tag.corners_m().map(|corner| place.project(&CAMERA, corner));
@@ -51,7 +51,7 @@ fn between(a: &CameraPose, b: &CameraPose, t: f64) -> CameraPose {
     CameraPose { at_m: a.at_m.lerp(b.at_m, t), axes: DMat3::from_quat(turn) }
 }
 
-fn taking(wanted: usize) -> ViewCollector {
+fn view_collector(wanted: usize) -> ViewCollector {
     ViewCollector::new(SIZE, wanted, LensOptions::default())
 }
 
@@ -61,13 +61,13 @@ fn views_are_collected_at_rest_until_none_is_missing() {
     const MOVES: u32 = 8;
     const STAYS: u32 = 5;
     let mut random = Random::new(4);
-    let mut taking = taking(12);
+    let mut taking = view_collector(12);
     let (mut frame, mut rests, mut hints) = (0u32, 0, Vec::new());
     'hand: for n in 0..RESTS {
         rests += 1;
         for i in 0..MOVES + STAYS {
             let place = between(&rest(n), &rest(n + 1), f64::from(i.min(MOVES)) / f64::from(MOVES));
-            let look = taking.add(f64::from(frame) * FRAME_S, &frame.to_string(), Some(seen(&place, &mut random)));
+            let look = taking.add(f64::from(frame) * FRAME_S, &frame.to_string(), Some(detect(&place, &mut random)));
             frame += 1;
             // At rest since frame MOVES, which shows in the next one.
             assert!(look != ViewOutcome::Accepted || i > MOVES, "taken {i} frames after it set out");
@@ -97,11 +97,11 @@ fn views_are_collected_at_rest_until_none_is_missing() {
 fn moving_or_single_views_are_not_accepted() {
     for (px, rests) in [(0.3, true), (0.6, true), (1.2, false), (4.0, false), (60.0, false)] {
         let mut random = Random::new(9);
-        let mut taking = taking(3);
+        let mut taking = view_collector(3);
         let whole = leaning(0.3, 1.0, 0.6, DVec2::ZERO);
         let mut looks = Vec::new();
         for frame in 0..4 {
-            let mut seen = seen(&whole, &mut random);
+            let mut seen = detect(&whole, &mut random);
             seen.corners_px.iter_mut().for_each(|at| at.x += px * f64::from(frame));
             looks.push(taking.add(f64::from(frame) * FRAME_S, "a", Some(seen)));
         }
@@ -110,8 +110,8 @@ fn moving_or_single_views_are_not_accepted() {
         assert_eq!(looks, [ViewOutcome::Moving, second, later, later], "{px} px");
     }
     let mut random = Random::new(9);
-    let mut own = taking(3);
-    let whole = seen(&leaning(0.3, 1.0, 0.6, DVec2::ZERO), &mut random);
+    let mut own = view_collector(3);
+    let whole = detect(&leaning(0.3, 1.0, 0.6, DVec2::ZERO), &mut random);
     // Lost in between, or a second later: the motion is unknown.
     assert_eq!(own.add(0.0, "a", Some(whole.clone())), ViewOutcome::Moving);
     assert_eq!(own.add(0.1, "b", None), ViewOutcome::NoBoard);
@@ -139,13 +139,13 @@ fn moving_or_single_views_are_not_accepted() {
 #[test]
 fn missing_views_are_requested_and_accepted() {
     let mut random = Random::new(2);
-    let mut taking = taking(4);
+    let mut taking = view_collector(4);
     let mut time_s = 0.0;
     let mut show = |taking: &mut ViewCollector, place: &CameraPose| {
         let mut last = ViewOutcome::NoBoard;
         for _ in 0..2 {
             time_s += FRAME_S;
-            last = taking.add(time_s, "a", Some(seen(place, &mut random)));
+            last = taking.add(time_s, "a", Some(detect(place, &mut random)));
         }
         last
     };

@@ -170,7 +170,7 @@ fn far_tag() -> Board {
 
 /// The pose of a camera 2 m away at this angle from the tag's normal, and its detection with corner
 /// errors.
-fn seen_aslant(aside_deg: f64, error_px: f64) -> (Pose, Vec<DetectedTag>) {
+fn oblique_detection(aside_deg: f64, error_px: f64) -> (Pose, Vec<DetectedTag>) {
     let (s, c) = aside_deg.to_radians().sin_cos();
     let pose = Pose::look_at(2.0 * DVec3::new(s, 0.0, c), DVec3::ZERO, DVec3::Y).unwrap();
     let errors = [DVec2::new(1.0, 0.3), DVec2::new(-0.4, 0.9), DVec2::new(0.6, -1.0), DVec2::new(-0.8, -0.5)];
@@ -183,7 +183,7 @@ fn seen_aslant(aside_deg: f64, error_px: f64) -> (Pose, Vec<DetectedTag>) {
 #[test]
 fn flat_tag_ambiguity_is_resolved_by_neighbouring_pictures() {
     let sight = |aside_deg: f64, error_px: f64| {
-        let (truth, found) = seen_aslant(aside_deg, error_px);
+        let (truth, found) = oblique_detection(aside_deg, error_px);
         (truth, BoardPose::of(&pinhole(), &far_tag(), &found, &[]).unwrap())
     };
     let far = |pose: &Pose, truth: &Pose| pose.rotation.angle_between(truth.rotation).to_degrees();
@@ -198,7 +198,7 @@ fn flat_tag_ambiguity_is_resolved_by_neighbouring_pictures() {
     assert!(!alone[0].as_ref().unwrap().is_certain);
     // From nearby the picture decides.
     let near = {
-        let (pose, _) = seen_aslant(35.0, 0.0);
+        let (pose, _) = oblique_detection(35.0, 0.0);
         let near = Pose::look_at(0.15 * pose.position_in_world_m(), DVec3::ZERO, DVec3::Y).unwrap();
         let corners_px = far_tag().tags[0].corners_m().map(|c| pinhole().project(near.transform_point(c)).unwrap());
         BoardPose::of(&pinhole(), &far_tag(), &[DetectedTag { id: 0, corners_px }], &[]).unwrap()
@@ -237,7 +237,7 @@ fn expected_pose_is_extrapolated_at_constant_velocity() {
 
 #[test]
 fn pictures_without_a_pose_name_the_reason() {
-    let (_, found) = seen_aslant(20.0, 0.0);
+    let (_, found) = oblique_detection(20.0, 0.0);
     let of = |board: &Board, found: &[DetectedTag]| BoardPose::of(&pinhole(), board, found, &[]);
     assert_eq!(of(&far_tag(), &[]), Err(PoseFailure::Nothing));
     let stranger = [DetectedTag { id: 9, ..found[0].clone() }];
@@ -280,7 +280,7 @@ fn pictures_without_a_pose_name_the_reason() {
 
 #[test]
 fn lost_frames_get_no_poses() {
-    let (_, found) = seen_aslant(35.0, 0.1);
+    let (_, found) = oblique_detection(35.0, 0.1);
     let sight = BoardPose::of(&pinhole(), &far_tag(), &found, &[]).unwrap();
     // Frames 2, 3 and 6 are lost; the camera's clock stutters after frame 4.
     let times_s = vec![0.0, 0.1, 0.2, 0.3, 0.4, 0.55, 0.65, 0.75];

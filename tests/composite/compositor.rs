@@ -19,11 +19,11 @@ fn submitted(
     exposure_s: f64,
     frame: Frame,
 ) -> Result<Composited, SubmitError> {
-    made(settings, scene, track, exposure_s, frame, false)
+    take_photo(settings, scene, track, exposure_s, frame, false)
 }
 
 /// [`submitted`] for a frame or a photograph.
-fn made(
+fn take_photo(
     settings: Settings,
     scene: Scene,
     track: &PoseTrack,
@@ -142,7 +142,7 @@ fn light_without_coverage_is_dropped_in_frames_and_photos() {
     for photograph in [false, true] {
         let frame = gpu::frame(0, 0.0, gpu::grey(320, 240, 60));
         let still = sideways([0.0, 0.0]);
-        let done = made(Settings::default(), ghost.clone(), &still, 0.0, frame, photograph).unwrap();
+        let done = take_photo(Settings::default(), ghost.clone(), &still, 0.0, frame, photograph).unwrap();
         assert_eq!(done.pixels, gpu::grey(320, 240, 60), "photograph: {photograph}");
     }
 }

@@ -35,7 +35,7 @@ fn effect_cases() -> Vec<(String, Box<dyn Effect>)> {
 }
 
 /// Settings of one effect alone.
-fn alone(effect: &dyn Effect) -> Settings {
+fn settings_of_one_effect(effect: &dyn Effect) -> Settings {
     let mut settings = Settings::default();
     settings.only(&[effect.table().to_owned()]).unwrap();
     for spec in effect.specs() {
@@ -171,7 +171,7 @@ fn photographed(
 
 /// Asserts equality within one code value: texture sizes differ, and with them the rounding of
 /// positions and of light.
-fn alike(a: &Pixels, b: &Pixels, told: &str) {
+fn assert_within_one_code(a: &Pixels, b: &Pixels, told: &str) {
     let apart = |i: u32| {
         let [a, b] = [a, b].map(|picture| picture.at(i % size().0, i / size().0));
         a.iter().zip(b).map(|(a, b)| a.abs_diff(b)).max().unwrap()
@@ -200,11 +200,11 @@ fn effects_in_regions_match_the_whole_picture() {
         [[0, 0, 130, 110], [130, 0, 320, 110], [0, 110, 97, 240], [97, 110, 230, 240], [230, 110, 320, 240]].map(part);
     for (name, effect) in effect_cases() {
         for real_too in [false, true] {
-            let settings = alone(effect.as_ref());
+            let settings = settings_of_one_effect(effect.as_ref());
             let [whole, parts] =
                 [&whole[..], &parts].map(|regions| photographed(&settings, regions, &geometry, real_too));
             assert!(whole != stripes(size()), "{name}: something is in the picture");
-            alike(&whole, &parts, &format!("{name}: does it look farther than `reach` says?"));
+            assert_within_one_code(&whole, &parts, &format!("{name}: does it look farther than `reach` says?"));
         }
     }
 }
@@ -230,8 +230,22 @@ fn enlargement_matches_a_camera_of_higher_resolution() {
                 coarser.set(spec.name, &Value::Number(number / times)).unwrap();
             }
         }
-        let enlarged = photographed(&alone(coarser.as_ref()), &whole, &|| (large.clone(), small.clone(), 2.0), false);
-        let seen = photographed(&alone(finer.as_ref()), &whole, &|| (large.clone(), large.clone(), 1.0), false);
-        alike(&enlarged, &seen, &format!("{name}: are its parameters in px times `capture.enlargement`?"));
+        let enlarged = photographed(
+            &settings_of_one_effect(coarser.as_ref()),
+            &whole,
+            &|| (large.clone(), small.clone(), 2.0),
+            false,
+        );
+        let seen = photographed(
+            &settings_of_one_effect(finer.as_ref()),
+            &whole,
+            &|| (large.clone(), large.clone(), 1.0),
+            false,
+        );
+        assert_within_one_code(
+            &enlarged,
+            &seen,
+            &format!("{name}: are its parameters in px times `capture.enlargement`?"),
+        );
     }
 }

@@ -15,7 +15,7 @@ const WALL_M: f32 = 0.3;
 const REFLECTANCE: f32 = 0.3;
 
 /// A rectangle by its corners, counter-clockwise seen from its front.
-fn side(corners: [Vec3; 4]) -> Arc<Mesh> {
+fn rectangle(corners: [Vec3; 4]) -> Arc<Mesh> {
     let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize().to_array();
     let vertex = |p: Vec3| Vertex {
         position: p.to_array(),
@@ -33,8 +33,8 @@ fn scene(lighting: Lighting) -> Scene {
     let plate = |x: f32, y: f32| Vec3::new(0.1 * x, 0.1 * y, 0.0);
     let wall = |y: f32, z: f32| Vec3::new(0.1, 10.0 * y, WALL_M * z);
     let meshes = vec![
-        side([plate(-1.0, -1.0), plate(1.0, -1.0), plate(1.0, 1.0), plate(-1.0, 1.0)]),
-        side([wall(-1.0, 0.0), wall(-1.0, 1.0), wall(1.0, 1.0), wall(1.0, 0.0)]),
+        rectangle([plate(-1.0, -1.0), plate(1.0, -1.0), plate(1.0, 1.0), plate(-1.0, 1.0)]),
+        rectangle([wall(-1.0, 0.0), wall(-1.0, 1.0), wall(1.0, 1.0), wall(1.0, 0.0)]),
     ];
     let part = |mesh: usize| Part { mesh, world_from_mesh: DAffine3::IDENTITY };
     let object = |mesh: usize| Object { parts: vec![part(mesh)], ..Object::default() };
@@ -74,14 +74,15 @@ fn plate(lighting: Lighting, shadow: ShadowSettings) -> Vec<(f64, [f32; 3])> {
     places.collect()
 }
 
-fn cast(on_things: bool, strength: f32) -> ShadowSettings {
+fn shade_settings(on_things: bool, strength: f32) -> ShadowSettings {
     ShadowSettings { cast: true, on_things, strength }
 }
 
 #[test]
 fn plate_beside_a_wall_has_the_analytic_sky_visibility_and_indirect_light() {
     let sky = || Lighting { environment: Environment::Uniform(Vec3::new(0.3, 0.5, 0.7)), ..Lighting::default() };
-    let [without, with, half] = [cast(false, 1.0), cast(true, 1.0), cast(true, 0.5)].map(|set| plate(sky(), set));
+    let [without, with, half] =
+        [shade_settings(false, 1.0), shade_settings(true, 1.0), shade_settings(true, 0.5)].map(|set| plate(sky(), set));
     assert!(with.len() > 1500, "{} pixels", with.len());
     let mut darkest = 1.0f32;
     for ((place, with), ((_, without), (_, half))) in with.iter().zip(without.iter().zip(&half)) {
@@ -116,9 +117,9 @@ fn lamp_behind_a_wall_lights_nothing_in_front_of_it() {
     let seen = lamp(-0.3, 1.0);
     let all: Vec<_> = hidden.iter().copied().chain([seen]).collect();
     let [with, without, alone] = [
-        plate(dark(all.clone()), cast(true, 1.0)),
-        plate(dark(all), cast(false, 1.0)),
-        plate(dark(vec![seen]), cast(true, 1.0)),
+        plate(dark(all.clone()), shade_settings(true, 1.0)),
+        plate(dark(all), shade_settings(false, 1.0)),
+        plate(dark(vec![seen]), shade_settings(true, 1.0)),
     ];
     for (((place, with), (_, without)), (_, alone)) in with.iter().zip(&without).zip(&alone) {
         assert!((with[0] - alone[0]).abs() < 0.002 * alone[0], "{place}: {} for {}", with[0], alone[0]);

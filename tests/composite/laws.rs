@@ -59,11 +59,11 @@ fn composite(
     range: std::ops::Range<usize>,
     layers: bool,
 ) -> Vec<Composited> {
-    held(&mut site.shot.compositor(gpu.clone()), site, &settings, (range, IN_FLIGHT), layers)
+    composite_with(&mut site.shot.compositor(gpu.clone()), site, &settings, (range, IN_FLIGHT), layers)
 }
 
 /// Composites a range by a given compositor with this number of frames in flight.
-fn held(
+fn composite_with(
     compositor: &mut Compositor,
     site: &mut NamedShot,
     settings: &Settings,
@@ -119,7 +119,7 @@ fn law_1_footage_without_objects_is_unchanged() {
     let mut on: Vec<_> = sites_of_tier(2).into_iter().map(|site| (site.shot.compositor(gpu.clone()), site)).collect();
     for (compositor, site) in &mut on {
         for (n, settings) in cases_of_all_effects().into_iter().enumerate() {
-            let done = held(compositor, site, &settings, (range.clone(), IN_FLIGHT), true);
+            let done = composite_with(compositor, site, &settings, (range.clone(), IN_FLIGHT), true);
             assert_footage_unchanged(site, &done, range.clone());
             assert!(
                 done.iter().any(|done| done.stats.effects == all),
@@ -136,7 +136,7 @@ fn law_1_footage_without_objects_is_unchanged() {
         let mut alone = settings();
         alone.only(std::slice::from_ref(&effect)).unwrap();
         alone.shadow.cast = false;
-        let done = held(compositor, site, &alone, (31..32, IN_FLIGHT), true);
+        let done = composite_with(compositor, site, &alone, (31..32, IN_FLIGHT), true);
         if done[0].layer.as_ref().unwrap().light_alone {
             glowing.push(effect);
         }
@@ -145,7 +145,7 @@ fn law_1_footage_without_objects_is_unchanged() {
     for (compositor, site) in &mut on {
         let mut without = settings();
         without.without(&glowing).unwrap();
-        let done = held(compositor, site, &without, (range.clone(), IN_FLIGHT), true);
+        let done = composite_with(compositor, site, &without, (range.clone(), IN_FLIGHT), true);
         assert!(done.iter().all(|done| !done.layer.as_ref().unwrap().light_alone), "{glowing:?}");
         assert_footage_unchanged(site, &done, range.clone());
     }
@@ -170,7 +170,7 @@ fn law_2_range_alone_matches_the_same_range_of_the_whole() {
         }
         for most in [1, 3] {
             let mut anew = site.shot.compositor(gpu.clone());
-            let again = held(&mut anew, &mut site, &settings(), (part.clone(), most), false);
+            let again = composite_with(&mut anew, &mut site, &settings(), (part.clone(), most), false);
             for (a, b) in again.iter().zip(&whole[among.clone()]) {
                 assert!(a.pixels == b.pixels, "{} frame {}, {most} in flight", site.name, a.frame);
             }

@@ -19,15 +19,15 @@ const HALF: f64 = 2.0 / 4096.0;
 
 type Sets<'a> = &'a [(&'a str, &'a str, Value)];
 
-fn drawn_by(camera: &Camera, sets: Sets<'_>, scene: Scene, recorded: FrameExposure) -> Composited {
+fn composite_by(camera: &Camera, sets: Sets<'_>, scene: Scene, recorded: FrameExposure) -> Composited {
     let mut frame = gpu::frame(0, 0.0, gpu::grey(WIDTH, HEIGHT, 60));
     frame.exposure = recorded;
     gpu::composite(&gpu::gpu(), camera, gpu::settings(sets), scene, &sideways([0.0, 0.0]), frame)
 }
 
 /// Rendered by a camera at rest without noise.
-fn drawn(sets: Sets<'_>, scene: Scene) -> Composited {
-    drawn_by(&gpu::camera(&gpu::pinhole(WIDTH, HEIGHT, FOCAL_PX), 0.0), sets, scene, FrameExposure::default())
+fn composite_at_rest(sets: Sets<'_>, scene: Scene) -> Composited {
+    composite_by(&gpu::camera(&gpu::pinhole(WIDTH, HEIGHT, FOCAL_PX), 0.0), sets, scene, FrameExposure::default())
 }
 
 fn rgba(done: &Composited, x: usize, y: usize) -> [f64; 4] {
@@ -43,21 +43,21 @@ fn number(table: &'static str, name: &'static str, value: f64) -> (&'static str,
 }
 
 /// Asserts that all components agree within a tolerance.
-fn close(found: [f64; 4], expected: [f64; 4], within: f64, told: &str) {
+fn assert_close(found: [f64; 4], expected: [f64; 4], within: f64, told: &str) {
     assert!(found.iter().zip(expected).all(|(f, e)| (f - e).abs() <= within), "{told}: {found:?} is not {expected:?}");
 }
 
 #[test]
 fn vignetting_is_cos4_of_the_angle() {
-    let done = drawn(&[number("vignetting", "natural", 1.0)], board([200.0, 150.0], 0.5));
+    let done = composite_at_rest(&[number("vignetting", "natural", 1.0)], board([200.0, 150.0], 0.5));
     // The centre of pixel (310, 230) is 150.5 and 110.5 px from the picture's centre: tan²θ =
     // 34860.5/250000.
-    close(rgba(&done, 310, 230), [0.5 * 0.770_226, 0.5 * 0.770_226, 0.5 * 0.770_226, 1.0], HALF, "corner");
-    close(rgba(&done, 160, 120), [0.5, 0.5, 0.5, 1.0], HALF, "middle");
+    assert_close(rgba(&done, 310, 230), [0.5 * 0.770_226, 0.5 * 0.770_226, 0.5 * 0.770_226, 1.0], HALF, "corner");
+    assert_close(rgba(&done, 160, 120), [0.5, 0.5, 0.5, 1.0], HALF, "middle");
     // Coverage is unchanged: the footage's share of an edge already has the camera's own
     // vignetting.
-    let plain = drawn(&[], board([60.25, 50.0], 0.5));
-    let edge = drawn(&[number("vignetting", "natural", 2.0)], board([60.25, 50.0], 0.5));
+    let plain = composite_at_rest(&[], board([60.25, 50.0], 0.5));
+    let edge = composite_at_rest(&[number("vignetting", "natural", 2.0)], board([60.25, 50.0], 0.5));
     for x in 95..105 {
         assert_eq!(rgba(&edge, x, 120)[3], rgba(&plain, x, 120)[3]);
     }
@@ -71,15 +71,15 @@ fn nothing_is_drawn_beyond_a_circular_fisheye_picture() {
     geometry.intrinsics.cx_px = 150.0;
     let fisheye = Distortion { model: LensModel::OpencvFisheye, ..Default::default() };
     let camera = gpu::camera(&Geometry::new(geometry.intrinsics, fisheye), 0.0);
-    let whole = drawn_by(&camera, &[], board([900.0, 900.0], 0.5), FrameExposure::default());
+    let whole = composite_by(&camera, &[], board([900.0, 900.0], 0.5), FrameExposure::default());
     let circle = [number("vignetting", "image_circle_px", 200.0)];
-    let done = drawn_by(&camera, &circle, board([900.0, 900.0], 0.5), FrameExposure::default());
+    let done = composite_by(&camera, &circle, board([900.0, 900.0], 0.5), FrameExposure::default());
     for y in 0..HEIGHT as usize {
         for x in 0..WIDTH as usize {
             let off = DVec2::new(x as f64 + 0.5, y as f64 + 0.5).distance(DVec2::new(150.0, 120.0)) - 100.0;
             let (found, all) = (rgba(&done, x, y), rgba(&whole, x, y));
             let left = (0.5 - off).clamp(0.0, 1.0);
-            close(found, all.map(|v| v * left), 2e-3, &format!("({x}, {y}), {off:.2} px beyond the rim"));
+            assert_close(found, all.map(|v| v * left), 2e-3, &format!("({x}, {y}), {off:.2} px beyond the rim"));
             if off > 0.5 {
                 assert_eq!(codes(&done, x, y), [60; 3], "({x}, {y})");
             }
@@ -103,7 +103,7 @@ fn vignetting_follows_the_lens_of_a_distorted_camera() {
         number("vignetting", "rim_distance_mm", 1.0),
         number("vignetting", "rim_radius_mm", 0.6),
     ];
-    let done = drawn_by(&camera, &sets, board([900.0, 900.0], 0.5), FrameExposure::default());
+    let done = composite_by(&camera, &sets, board([900.0, 900.0], 0.5), FrameExposure::default());
     let params =
         vignetting::Vignetting { natural: 0.8, rim_distance_mm: 1.0, rim_radius_mm: 0.6, image_circle_px: None };
     let opening = camera.lens.opening(&geometry).unwrap();
@@ -114,7 +114,7 @@ fn vignetting_follows_the_lens_of_a_distorted_camera() {
             darkest = darkest.min(twin);
             // At the onset of mechanical vignetting the gain has a kink, which a cell of 2.5 px
             // rounds; and the reference samples.
-            close(rgba(&done, x, y), [0.5 * twin, 0.5 * twin, 0.5 * twin, 1.0], 3e-3, &format!("({x}, {y})"));
+            assert_close(rgba(&done, x, y), [0.5 * twin, 0.5 * twin, 0.5 * twin, 1.0], 3e-3, &format!("({x}, {y})"));
         }
     }
     assert!(darkest < 0.4, "the rim is seen: {darkest}");
@@ -123,19 +123,19 @@ fn vignetting_follows_the_lens_of_a_distorted_camera() {
 #[test]
 fn one_stop_doubles_the_light() {
     let grey = board([60.25, 50.0], 0.2);
-    let plain = drawn(&[], grey.clone());
-    let over = drawn(&[number("exposure", "ev", 1.5)], grey.clone());
+    let plain = composite_at_rest(&[], grey.clone());
+    let over = composite_at_rest(&[number("exposure", "ev", 1.5)], grey.clone());
     for x in 95..130 {
         let [r, g, b, a] = rgba(&plain, x, 120);
         let gain = 2.0 * std::f64::consts::SQRT_2;
-        close(rgba(&over, x, 120), [gain * r, gain * g, gain * b, a], HALF, "1.5 stops");
+        assert_close(rgba(&over, x, 120), [gain * r, gain * g, gain * b, a], HALF, "1.5 stops");
     }
     // 0.2 · 2^1.5 = 0.566 is sRGB code 197.5 (IEC 61966-2-1), 0.2 · 2^3 clips.
     assert!(codes(&over, 160, 120)[0].abs_diff(197) <= 1);
-    assert_eq!(codes(&drawn(&[number("exposure", "ev", 3.0)], grey.clone()), 160, 120), [255; 3]);
+    assert_eq!(codes(&composite_at_rest(&[number("exposure", "ev", 3.0)], grey.clone()), 160, 120), [255; 3]);
     // Highlights recovered by a darker exposure.
-    let lamp = drawn(&[number("exposure", "ev", -2.0)], board([60.25, 50.0], 2.0));
-    close(rgba(&lamp, 160, 120), [0.5, 0.5, 0.5, 1.0], HALF, "a lamp");
+    let lamp = composite_at_rest(&[number("exposure", "ev", -2.0)], board([60.25, 50.0], 2.0));
+    assert_close(rgba(&lamp, 160, 120), [0.5, 0.5, 0.5, 1.0], HALF, "a lamp");
 }
 
 #[test]
@@ -148,14 +148,14 @@ fn exposure_by_equation_11_shifts_display_values() {
         let light = response.decode(0.4);
         let scene = || board([60.25, 50.0], light as f32);
         let sets = |ev| [method.clone(), number("exposure", "ev", ev)];
-        let plain = drawn_by(&camera, &[], scene(), FrameExposure::default());
+        let plain = composite_by(&camera, &[], scene(), FrameExposure::default());
         for (ev, display) in [(0.5, 0.5), (-1.5, 0.1), (-3.0, 0.0), (4.0, 1.0)] {
-            let done = drawn_by(&camera, &sets(ev), scene(), FrameExposure::default());
+            let done = composite_by(&camera, &sets(ev), scene(), FrameExposure::default());
             // 0.4 + 0.2 · ΔEV by hand; one code for the layer's 16 bits.
             assert!((f64::from(codes(&done, 160, 120)[0]) - 255.0 * display).abs() < 1.0, "{curve:?} {ev}");
             for x in 95..105 {
                 let twin = exposure::twin(rgba(&plain, x, 120), exposure::Method::Additive, ev, &response);
-                close(rgba(&done, x, 120), twin, 2.0 * HALF, &format!("{curve:?} {ev} {x}"));
+                assert_close(rgba(&done, x, 120), twin, 2.0 * HALF, &format!("{curve:?} {ev} {x}"));
             }
         }
     }
@@ -167,10 +167,10 @@ fn objects_follow_automatic_exposure() {
     let grey = || board([60.0, 50.0], 0.2);
     let recorded = FrameExposure { time_s: Some(0.02), gain: Some(0.5), ..Default::default() };
     // Twice the time, half the gain of 1/200 s: 20 ms · 0.5 / 5 ms.
-    let done = drawn_by(&camera, &[number("exposure", "reference_s", 0.005)], grey(), recorded);
-    close(rgba(&done, 160, 120), [0.4, 0.4, 0.4, 1.0], HALF, "followed");
-    let done = drawn_by(&camera, &[], grey(), recorded);
-    close(rgba(&done, 160, 120), [0.2, 0.2, 0.2, 1.0], HALF, "not followed");
+    let done = composite_by(&camera, &[number("exposure", "reference_s", 0.005)], grey(), recorded);
+    assert_close(rgba(&done, 160, 120), [0.4, 0.4, 0.4, 1.0], HALF, "followed");
+    let done = composite_by(&camera, &[], grey(), recorded);
+    assert_close(rgba(&done, 160, 120), [0.2, 0.2, 0.2, 1.0], HALF, "not followed");
 }
 
 /// Mean and variance of the derivative of values a pixel apart, px.
@@ -186,13 +186,13 @@ fn edge(values: impl Iterator<Item = f64>) -> [f64; 2] {
 #[test]
 fn point_spread_widens_edges_by_sigma() {
     for half in [60.0, 60.25, 60.5] {
-        let plain = drawn(&[], board([half, 50.0], 0.5));
+        let plain = composite_at_rest(&[], board([half, 50.0], 0.5));
         let row = |done: &Composited, c: usize| {
             edge((60..140).map(|x| rgba(done, x, 120)[c]).collect::<Vec<_>>().into_iter())
         };
         let total = |done: &Composited| done.layer.as_ref().unwrap().rgba.iter().map(|p| f64::from(p[0])).sum::<f64>();
         for sigma in [0.2, 0.3, 0.5, 0.7, 1.0, 2.0, 3.0] {
-            let done = drawn(&[number("point_spread", "sigma_px", sigma)], board([half, 50.0], 0.5));
+            let done = composite_at_rest(&[number("point_spread", "sigma_px", sigma)], board([half, 50.0], 0.5));
             for c in [0, 3] {
                 let ([was_at, was], [at, now]) = (row(&plain, c), row(&done, c));
                 assert!((at - was_at).abs() < 2e-3, "{half} {sigma}: the edge has moved by {}", at - was_at);
@@ -211,14 +211,14 @@ fn point_spread_widens_edges_by_sigma() {
 #[test]
 fn point_spread_matches_the_cpu_reference_and_keeps_depth_of_lit_pixels() {
     let scene = || board([60.25, 50.75], 0.5);
-    let plain = drawn(&[], scene());
+    let plain = composite_at_rest(&[], scene());
     let before: Vec<[f64; 4]> = plain.layer.as_ref().unwrap().rgba.iter().map(|p| p.map(f64::from)).collect();
     for sigma in [0.6, 2.5] {
-        let done = drawn(&[number("point_spread", "sigma_px", sigma)], scene());
+        let done = composite_at_rest(&[number("point_spread", "sigma_px", sigma)], scene());
         let twin = point_spread::twin(&before, WIDTH as usize, HEIGHT as usize, sigma);
         let layer = done.layer.as_ref().unwrap();
         for (i, (p, twin)) in layer.rgba.iter().zip(&twin).enumerate() {
-            close(p.map(f64::from), *twin, 2.0 * HALF, &format!("{sigma} pixel {i}"));
+            assert_close(p.map(f64::from), *twin, 2.0 * HALF, &format!("{sigma} pixel {i}"));
             assert_eq!(p[3] > 0.0, layer.depth_m[i] > 0.0, "{sigma} pixel {i}: depth where there is light");
             let distance = f64::from(layer.depth_m[i]) - board::DEPTH_M;
             assert!(p[3] == 0.0 || distance.abs() < 1e-4, "{sigma} pixel {i}: {distance}");
@@ -236,15 +236,15 @@ fn chromatic_aberration_grows_towards_the_corners() {
         number("chromatic_aberration", "blue_cubic", -0.01),
     ];
     let scene = || board([100.0, 50.0], 0.5);
-    let plain = drawn(&[], scene());
-    let done = drawn(&sets, scene());
+    let plain = composite_at_rest(&[], scene());
+    let done = composite_at_rest(&sets, scene());
     let place = |c: usize| edge((230..290).map(|x| 0.5 - rgba(&done, x, 120)[c]).collect::<Vec<_>>().into_iter())[0];
     // The edge is between two pixels.
     let green = place(1);
     assert!((place(0) - green - 1.0).abs() < 0.01, "{}", place(0) - green);
     assert!((place(2) - green + 0.75).abs() < 0.01, "{}", place(2) - green);
     // No aberration in the middle; green is the reference everywhere.
-    close(rgba(&done, 160, 120), [0.5, 0.5, 0.5, 1.0], HALF, "middle");
+    assert_close(rgba(&done, 160, 120), [0.5, 0.5, 0.5, 1.0], HALF, "middle");
 
     let params =
         chromatic_aberration::ChromaticAberration { red: 0.01, red_cubic: 0.0, blue: -0.005, blue_cubic: -0.01 };
@@ -256,7 +256,7 @@ fn chromatic_aberration_grows_towards_the_corners() {
     for (i, [light, coverage]) in twin.iter().enumerate() {
         let (x, y) = (i % WIDTH as usize, i / WIDTH as usize);
         let alpha = 0.2126 * coverage[0] + 0.7152 * coverage[1] + 0.0722 * coverage[2];
-        close(rgba(&done, x, y), [light[0], light[1], light[2], alpha], 2.0 * HALF, &format!("({x}, {y})"));
+        assert_close(rgba(&done, x, y), [light[0], light[1], light[2], alpha], 2.0 * HALF, &format!("({x}, {y})"));
         let depth = done.layer.as_ref().unwrap().depth_m[i];
         assert_eq!(depth > 0.0, rgba(&done, x, y)[3] > 0.0, "({x}, {y})");
         // Each channel over the footage by its own coverage.
@@ -278,7 +278,7 @@ fn board_in_the_background_grey_has_no_colour_fringe() {
     // background's colour.
     let light = Response::default().decode(60.0 / 255.0) as f32;
     let sets = [number("chromatic_aberration", "red", 0.02), number("chromatic_aberration", "blue", -0.02)];
-    let done = drawn(&sets, board([100.3, 80.6], light));
+    let done = composite_at_rest(&sets, board([100.3, 80.6], light));
     for y in 0..HEIGHT as usize {
         for x in 0..WIDTH as usize {
             assert_eq!(codes(&done, x, y), [60; 3], "({x}, {y})");
@@ -289,12 +289,12 @@ fn board_in_the_background_grey_has_no_colour_fringe() {
 /// A bright board's glow extends over the footage, and no light is lost.
 #[test]
 fn halation_conserves_light_and_glows_beside_the_object() {
-    let plain = drawn(&[], board([30.0, 20.0], 4.0));
+    let plain = composite_at_rest(&[], board([30.0, 20.0], 4.0));
     let before: Vec<[f64; 4]> = plain.layer.as_ref().unwrap().rgba.iter().map(|p| p.map(f64::from)).collect();
     let sum = |rgba: &[[f64; 4]]| rgba.iter().map(|p| p[1]).sum::<f64>();
     // At the layer's resolution, and at half of it.
     for (sigma_px, within) in [(3.0, 2e-3), (12.0, 2e-3)] {
-        let done = drawn(
+        let done = composite_at_rest(
             &[number("halation", "share", 0.3), number("halation", "sigma_px", sigma_px)],
             board([30.0, 20.0], 4.0),
         );
@@ -302,7 +302,7 @@ fn halation_conserves_light_and_glows_beside_the_object() {
         let found: Vec<[f64; 4]> = done.layer.as_ref().unwrap().rgba.iter().map(|p| p.map(f64::from)).collect();
         for (i, (found, twin)) in found.iter().zip(&twin).enumerate() {
             // Relative to the brightest light; taps below a ten-thousandth are left out.
-            close(*found, *twin, 4.0 * within, &format!("{sigma_px}: {i}"));
+            assert_close(*found, *twin, 4.0 * within, &format!("{sigma_px}: {i}"));
             assert_eq!(found[3], before[i][3], "coverage stays");
         }
         assert!((sum(&found) / sum(&before) - 1.0).abs() < 1e-3, "{sigma_px}: {}", sum(&found) / sum(&before));

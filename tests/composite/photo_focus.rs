@@ -289,7 +289,7 @@ fn codes(light: &[[f32; 3]], (width, height): (u32, u32)) -> Pixels {
 }
 
 /// Mean difference in linear light over the selected pixels.
-fn apart(a: &Pixels, b: &Pixels, asked: impl Fn(u32, u32) -> bool) -> f64 {
+fn mean_difference(a: &Pixels, b: &Pixels, asked: impl Fn(u32, u32) -> bool) -> f64 {
     let places = (0..a.height).flat_map(|y| (0..a.width).map(move |x| (x, y))).filter(|(x, y)| asked(*x, *y));
     let (sum, count) =
         places.fold((0.0, 0.0f64), |(sum, count), (x, y)| (sum + (light(a, x, y) - light(b, x, y)).abs(), count + 1.0));
@@ -316,7 +316,8 @@ fn photo_matches_a_thin_lens_rendering() {
         let rays = Snapshot { samples, aperture_diameter_m, focus_distance_m, ..room.snapshot };
         let truth = codes(&room.simulation.shoot(&rays).light, size);
         let done = room.photo(&room.seen.depth_m, focus_distance_m, aperture_diameter_m);
-        let (of_photo, of_recorded) = (apart(&done, &truth, |_, _| true), apart(&room.recorded, &truth, |_, _| true));
+        let (of_photo, of_recorded) =
+            (mean_difference(&done, &truth, |_, _| true), mean_difference(&room.recorded, &truth, |_, _| true));
         for (name, pixels) in [("truth", &truth), ("photo", &done), ("recorded", &room.recorded)] {
             show(&format!("{name}-{focus_distance_m}"), pixels);
         }
@@ -348,7 +349,7 @@ fn by_a_kinect(name: &str, camera: &Camera, recorded: &Pixels, exact_m: &[f32], 
         let (row, x) = (y as usize * width as usize, x as usize);
         is_edge[row + x.saturating_sub(reach)..row + (x + reach).min(width as usize - 1)].contains(&true)
     };
-    [apart(&measured, &exact, near), apart(recorded, &exact, near)]
+    [mean_difference(&measured, &exact, near), mean_difference(recorded, &exact, near)]
 }
 
 #[test]

@@ -83,7 +83,7 @@ fn radiance(light: [f32; 3]) -> Arc<LazyRadiance> {
     Arc::new(LazyRadiance::new(Box::new(move || SurfaceRadiance::of(places.map(sample)))))
 }
 
-fn made(scene: Scene, settings: &Settings, frame: Frame, radiance: Option<Arc<LazyRadiance>>) -> Composited {
+fn composite_frame(scene: Scene, settings: &Settings, frame: Frame, radiance: Option<Arc<LazyRadiance>>) -> Composited {
     let track = PoseTrack::new(vec![(-1.0, pose()), (1.0, pose())], 3.0).unwrap();
     let (camera, geometry) = (camera(), geometry());
     let mut compositor = Compositor::new(gpu::gpu().clone(), scene);
@@ -99,7 +99,7 @@ fn settings() -> Settings {
 }
 
 /// Indices of pixels away from the box.
-fn free(done: &Composited) -> Vec<usize> {
+fn pixels_off_the_box(done: &Composited) -> Vec<usize> {
     let rgba = &done.layer.as_ref().unwrap().rgba;
     let touched = |x: i32, y: i32| {
         let inside = x >= 0 && y >= 0 && x < WIDTH as i32 && y < HEIGHT as i32;
@@ -115,7 +115,7 @@ fn free(done: &Composited) -> Vec<usize> {
 /// The shadow ratio in each pixel, of a grey floor.
 fn ratios(sky: Vec3) -> Vec<[f32; 3]> {
     let grey = frame(vec![150; 3 * (WIDTH * HEIGHT) as usize], floor_m(), 1.0);
-    made(scene(sky), &settings(), grey, None).layer.unwrap().left
+    composite_frame(scene(sky), &settings(), grey, None).layer.unwrap().left
 }
 
 fn white() -> Vec<u8> {
@@ -130,9 +130,14 @@ fn pixel(done: &Composited, i: usize) -> [u8; 3] {
 fn shadow_on_a_clipped_floor_of_known_radiance_matches_a_camera() {
     let ratios = ratios(Vec3::splat(0.3));
     // 0.65 at gain 1, and this frame has twice the exposure.
-    let done = made(scene(Vec3::splat(0.3)), &settings(), frame(white(), floor_m(), 2.0), Some(radiance([0.65; 3])));
+    let done = composite_frame(
+        scene(Vec3::splat(0.3)),
+        &settings(),
+        frame(white(), floor_m(), 2.0),
+        Some(radiance([0.65; 3])),
+    );
     let (mut worst, mut dark, mut kept, mut whole) = (0.0f64, 0, 0, 0);
-    for i in free(&done) {
+    for i in pixels_off_the_box(&done) {
         let expected = encode(1.3 * f64::from(ratios[i][1]));
         worst = worst.max((f64::from(pixel(&done, i)[1]) - expected).abs());
         dark += usize::from(expected < 230.0);
@@ -150,9 +155,9 @@ fn shadow_on_a_clipped_floor_of_known_radiance_matches_a_camera() {
 fn shadow_on_an_always_clipped_floor_is_the_lightest_possible_grey() {
     let sky = Vec3::new(0.2, 0.3, 0.6);
     let ratios = ratios(sky);
-    let done = made(scene(sky), &settings(), frame(white(), floor_m(), 1.0), None);
+    let done = composite_frame(scene(sky), &settings(), frame(white(), floor_m(), 1.0), None);
     let (mut worst, mut coloured) = (0.0f64, 0);
-    for i in free(&done) {
+    for i in pixels_off_the_box(&done) {
         let [r, g, b] = pixel(&done, i);
         assert_eq!([g, b], [r; 2]);
         let lightest = ratios[i].iter().fold(0.0f32, |most, ratio| most.max(*ratio));
@@ -168,11 +173,16 @@ fn colour_with_a_clipped_channel_keeps_its_hue_unless_pale() {
     let ratios = ratios(Vec3::splat(0.3));
     let of = |codes: [u8; 3]| {
         let codes: Vec<u8> = (0..WIDTH * HEIGHT).flat_map(|_| codes).collect();
-        made(scene(Vec3::splat(0.3)), &settings(), frame(codes, floor_m(), 1.0), Some(radiance([1.2, 0.1, 0.1])))
+        composite_frame(
+            scene(Vec3::splat(0.3)),
+            &settings(),
+            frame(codes, floor_m(), 1.0),
+            Some(radiance([1.2, 0.1, 0.1])),
+        )
     };
     for (codes, red) in [([255u8, 200, 120], 1.0), ([255, 240, 240], 1.2)] {
         let done = of(codes);
-        for i in free(&done) {
+        for i in pixels_off_the_box(&done) {
             let light = [red, decode(f64::from(codes[1])), decode(f64::from(codes[2]))];
             for c in 0..3 {
                 let expected = encode(light[c] * f64::from(ratios[i][c]));
@@ -188,17 +198,18 @@ fn clipped_pixels_outside_the_shadow_are_unchanged() {
     let code = |i: u32| 225 + (i.wrapping_mul(2_654_435_761) >> 27) as u8 % 31;
     let codes: Vec<u8> = (0..3 * WIDTH * HEIGHT).map(code).collect();
     let dim = radiance([0.3; 3]);
-    let done = made(scene(Vec3::splat(0.3)), &settings(), frame(codes.clone(), floor_m(), 1.0), Some(dim.clone()));
+    let done =
+        composite_frame(scene(Vec3::splat(0.3)), &settings(), frame(codes.clone(), floor_m(), 1.0), Some(dim.clone()));
     let left = &done.layer.as_ref().unwrap().left;
     let ratios = ratios(Vec3::splat(0.3));
-    let beyond: Vec<usize> = free(&done).into_iter().filter(|i| ratios[*i] == [1.0; 3]).collect();
+    let beyond: Vec<usize> = pixels_off_the_box(&done).into_iter().filter(|i| ratios[*i] == [1.0; 3]).collect();
     assert!(beyond.len() > 2000);
     for i in beyond {
         assert_eq!((&pixel(&done, i)[..], left[i]), (&codes[3 * i..3 * i + 3], [1.0; 3]), "{i}");
     }
     let mut empty = scene(Vec3::splat(0.3));
     empty.objects[0].parts.clear();
-    let done = made(empty, &settings(), frame(codes.clone(), floor_m(), 1.0), Some(dim));
+    let done = composite_frame(empty, &settings(), frame(codes.clone(), floor_m(), 1.0), Some(dim));
     assert_eq!(done.pixels.codes.eight_bit().unwrap(), codes);
 }
 
@@ -212,9 +223,9 @@ fn shadow_at_a_nearer_edge_is_weighted_by_the_matte() {
         let codes = (0..(WIDTH * HEIGHT) as usize).flat_map(|i| [encode(light(i, 1.0)).round() as u8; 3]).collect();
         let depth_m = floor_m().iter().enumerate().map(|(i, z)| if share(i) > 0.5 { 0.8 * z } else { *z }).collect();
         let ratios = ratios(Vec3::splat(0.3));
-        let done = made(scene(Vec3::splat(0.3)), &settings(), frame(codes, depth_m, 1.0), None);
+        let done = composite_frame(scene(Vec3::splat(0.3)), &settings(), frame(codes, depth_m, 1.0), None);
         let (mut worst, mut count) = (0.0f64, 0);
-        for i in free(&done) {
+        for i in pixels_off_the_box(&done) {
             let ratio = f64::from(ratios[i][1]);
             if (50..60).contains(&(i as u32 % WIDTH)) && ratio < 0.85 {
                 let off = (f64::from(pixel(&done, i)[1]) - encode(light(i, ratio))).abs();

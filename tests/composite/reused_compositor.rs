@@ -20,12 +20,12 @@ fn size() -> (u32, u32) {
 
 /// Camera parameters and settings of one picture.
 #[derive(Clone)]
-struct Held {
+struct PictureInputs {
     rig: Rig,
     settings: Settings,
 }
 
-impl Held {
+impl PictureInputs {
     /// Every effect with its test case of this number, with a camera on which all of them have an
     /// effect.
     fn new(case: usize) -> Self {
@@ -119,15 +119,15 @@ fn values(spec: &Spec, between: bool) -> Vec<Value> {
 }
 
 /// Each value of each parameter in each test case, with a label.
-fn sweep(between: bool) -> impl Iterator<Item = (String, Held)> {
+fn sweep(between: bool) -> impl Iterator<Item = (String, PictureInputs)> {
     (0..4).flat_map(move |case| {
-        let start = Held::new(case);
+        let start = PictureInputs::new(case);
         let one = move |table: &str, name: &str, value: &Value| {
             let mut one = start.clone();
             let set = one.rig.set_text(&format!("{table}.{name}={value}"), &mut one.settings);
             set.is_ok().then(|| (format!("case {case}, {table}.{name} = {value}"), one))
         };
-        let parameters = Held::new(case).parameters(case).into_iter();
+        let parameters = PictureInputs::new(case).parameters(case).into_iter();
         parameters.flat_map(move |(table, spec)| {
             values(&spec, between).iter().filter_map(|value| one(table, spec.name, value)).collect::<Vec<_>>()
         })
@@ -180,7 +180,7 @@ fn adopted_gpu() -> (Gpu, wgpu::Device) {
 fn error_on_an_adopted_device_is_reported_and_rendering_continues() {
     let (gpu, device) = adopted_gpu();
     let mut compositor = Compositor::new(gpu.clone(), scene());
-    let held = Held::new(0);
+    let held = PictureInputs::new(0);
     let before = held.picture(&mut compositor).unwrap();
     // Exceeds any device's limits.
     let _ = device.create_buffer(&wgpu::BufferDescriptor {
@@ -225,7 +225,7 @@ fn texture(device: &wgpu::Device, (width, height): (u32, u32), format: wgpu::Tex
 fn composite_into_a_texture_view_matches_the_written_pixels() {
     let (gpu, device) = adopted_gpu();
     let mut compositor = Compositor::new(gpu.clone(), scene());
-    let held = Held::new(0);
+    let held = PictureInputs::new(0);
     let camera = held.rig.camera();
     let geometry = camera.geometry.clone().unwrap();
     let written = held.picture(&mut compositor).unwrap();
@@ -278,7 +278,7 @@ fn composite_into_a_texture_view_matches_the_written_pixels() {
 
 #[test]
 fn settings_compare_by_value_and_survive_serialization() {
-    let (one, mut other) = (Held::new(0).settings, Held::new(0).settings);
+    let (one, mut other) = (PictureInputs::new(0).settings, PictureInputs::new(0).settings);
     assert!(one == other);
     other.set("noise", "scale", &Value::Number(0.5)).unwrap().unwrap();
     assert!(one != other && one.clone() == one);
@@ -289,7 +289,7 @@ fn settings_compare_by_value_and_survive_serialization() {
     assert!(text.contains("[tables.noise]") && text.contains("scale = 0.5"), "{text}");
     assert!(toml::from_str::<Settings>(&text).unwrap() == other);
     assert!(toml::from_str::<Settings>(&toml::to_string(&off).unwrap()).unwrap() == off);
-    let camera = Held::new(0).rig.camera();
+    let camera = PictureInputs::new(0).rig.camera();
     let written = toml::to_string(&camera).unwrap();
     assert!(toml::from_str::<Camera>(&written).unwrap() == camera, "{written}");
     let wrong = text.replace("scale = 0.5", "scale = 900.0");

@@ -186,7 +186,7 @@ fn half_crossing_px(values: &[f64], width: usize, at: DVec2, across: DVec2) -> O
 }
 
 /// The visible share of each pixel's evidence: occluded over unoccluded coverage.
-fn seen(hidden: &LayerImage, whole: &LayerImage) -> Vec<f64> {
+fn visible_share(hidden: &LayerImage, whole: &LayerImage) -> Vec<f64> {
     let share = |(on, off): (&[f32; 4], &[f32; 4])| if off[3] > 0.5 { f64::from(on[3] / off[3]) } else { 0.0 };
     hidden.rgba.iter().zip(&whole.rgba).map(share).collect()
 }
@@ -214,7 +214,7 @@ fn edge_errors_px(recording: &Path, scene: &Path, truths: &[Truth]) -> Vec<f64> 
     };
     let mut off = Vec::new();
     for (frame, truth) in evaluated_frames().iter().copied().zip(truths) {
-        let found = seen(&layers(true, frame), &layers(false, frame));
+        let found = visible_share(&layers(true, frame), &layers(false, frame));
         show(&format!("{name}-{frame}"), &found, &truth.seen, truth.width);
         for (at, across) in truth.edges() {
             let Some(is) = half_crossing_px(&truth.seen, truth.width, at, across) else { continue };

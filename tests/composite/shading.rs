@@ -13,7 +13,7 @@ use serde_json::json;
 const SIDE: usize = 64;
 
 /// The layer of a scene from the origin, looking along +z with y down.
-fn seen(scene: Scene, focal_px: f64) -> Vec<[f32; 4]> {
+fn layer_of(scene: Scene, focal_px: f64) -> Vec<[f32; 4]> {
     let still = |t| (t, Pose::from_camera_in_world(DVec3::ZERO, DQuat::IDENTITY));
     let track = PoseTrack::new(vec![still(-1.0), still(1.0)], 3.0).unwrap();
     let camera = gpu::camera(&gpu::pinhole(SIDE as u32, SIDE as u32, focal_px), 0.0);
@@ -66,12 +66,12 @@ fn material(base: f32, metallic: f32, roughness: f32) -> Material {
 }
 
 /// Red of the pixel right below and right of the picture's middle.
-fn middle(scene: Scene) -> f32 {
-    seen(scene, 2000.0)[SIDE / 2 * SIDE + SIDE / 2][0]
+fn central_red(scene: Scene) -> f32 {
+    layer_of(scene, 2000.0)[SIDE / 2 * SIDE + SIDE / 2][0]
 }
 
-fn lit(material: Material, lighting: Lighting) -> f32 {
-    middle(Scene { lighting, ..board(material) })
+fn lit_red(material: Material, lighting: Lighting) -> f32 {
+    central_red(Scene { lighting, ..board(material) })
 }
 
 #[test]
@@ -80,9 +80,9 @@ fn white_diffuse_surface_reflects_the_sun_by_lamberts_cosine() {
     // albedo of the roughest surface after one bounce, at normal incidence) and adds 0.04/(2·(1 +
     // 1/2)): together +0.1 %.
     let towards = Vec3::new(0.75f32.sqrt(), 0.0, -0.5);
-    let found = lit(material(1.0, 0.0, 1.0), sun(towards, 0.8));
+    let found = lit_red(material(1.0, 0.0, 1.0), sun(towards, 0.8));
     assert!((found - 0.4004).abs() < 0.0005, "{found}");
-    assert_eq!(lit(material(1.0, 0.0, 1.0), sun(Vec3::new(1.0, 0.0, 0.2), 0.8)), 0.0, "from behind");
+    assert_eq!(lit_red(material(1.0, 0.0, 1.0), sun(Vec3::new(1.0, 0.0, 0.2), 0.8)), 0.0, "from behind");
 }
 
 /// KHR_lights_punctual: a spot's attenuation is the square of a ramp that is linear in the cosine,
@@ -98,7 +98,7 @@ fn spot_light_between_its_angles_falls_off_with_the_square_of_the_ramp() {
             range_m: f32::INFINITY,
             spot: Some((axis, Vec2::new(0.0, std::f32::consts::FRAC_PI_3))),
         };
-        lit(material(1.0, 0.0, 1.0), Lighting { points: vec![spot], ..dark() })
+        lit_red(material(1.0, 0.0, 1.0), Lighting { points: vec![spot], ..dark() })
     };
     // A white diffuse surface that faces the light at 1 m shows about its colour.
     let on_axis = lit_at(1.0);
@@ -120,7 +120,7 @@ fn white_surface_under_a_white_sky_is_white() {
                 scene.objects[0].parts[0].world_from_mesh = DAffine3::from_translation(about)
                     * DAffine3::from_quat(DQuat::from_rotation_y(slant))
                     * DAffine3::from_translation(-about);
-                let found = middle(scene);
+                let found = central_red(scene);
                 // Half floats.
                 assert!((found - 1.0).abs() < 0.001, "metallic {metallic}, roughness {roughness}, {slant}: {found}");
             }
@@ -133,7 +133,7 @@ fn rough_metal_matches_the_brdf_integral() {
     // At roughness 0.6 and normal incidence one bounce returns 0.8245 F0 of uniform light, over all
     // views 0.8030 (by summing the BRDF over 400,000 directions). F0 = 0.5: mean of Schlick's term
     // 0.5238, further bounces add 9.98 %.
-    let found = lit(material(0.5, 1.0, 0.6), Lighting::default());
+    let found = lit_red(material(0.5, 1.0, 0.6), Lighting::default());
     assert!((found - 0.4534).abs() < 0.002, "{found}");
 }
 
@@ -141,7 +141,7 @@ fn rough_metal_matches_the_brdf_integral() {
 fn smooth_metal_has_the_full_specular_peak() {
     // Camera, sun and normal are aligned: D·π = 1/α² = 10⁴, visibility 1/4, F = 1. Half a pixel off
     // at 2000 px: 0.05 %.
-    let found = lit(material(1.0, 1.0, 0.1), sun(Vec3::NEG_Z, 1.0));
+    let found = lit_red(material(1.0, 1.0, 0.1), sun(Vec3::NEG_Z, 1.0));
     assert!((found - 2500.0).abs() < 12.0, "{found}");
 }
 
@@ -151,7 +151,7 @@ fn metallic_of_one_half_is_the_mean_of_metal_and_dielectric() {
     for roughness in [0.3, 1.0] {
         for base in [0.15, 0.8] {
             for light in [sun(towards, 1.0), Lighting::default()] {
-                let [none, half, whole] = [0.0, 0.5, 1.0].map(|m| lit(material(base, m, roughness), light.clone()));
+                let [none, half, whole] = [0.0, 0.5, 1.0].map(|m| lit_red(material(base, m, roughness), light.clone()));
                 let mean = 0.5 * (none + whole);
                 // The multiple-scattering term ignores Fresnel's rise and the dielectric's part.
                 assert!((half / mean - 1.0).abs() < 0.01, "{base}, {roughness}: {none} {half} {whole}");
@@ -173,7 +173,7 @@ const PLAIN: TextureUse = TextureUse { texture: 0, uv_set: 0, transform: [[1.0, 
 fn shade_tilted_bump(lighting: Lighting) -> f32 {
     let material = Material { normal_texture: Some(PLAIN), ..material(1.0, 0.0, 1.0) };
     let textures = vec![texture(1, 1, |_, _| [218, 128, 218], false)];
-    middle(Scene { lighting, textures, ..board(material) })
+    central_red(Scene { lighting, textures, ..board(material) })
 }
 
 #[test]
@@ -198,7 +198,7 @@ fn fine_print_keeps_its_contrast_when_filtered() {
     // Stripes of two pixels, six texels: every pixel is black or white.
     let material = Material { base_color_texture: Some(PLAIN), unlit: true, ..Material::default() };
     let stripes = texture(192, 192, |x, _| [if x / 6 % 2 == 0 { 0 } else { 255 }; 3], true);
-    let picture = seen(Scene { textures: vec![stripes], ..board(material) }, 32.0);
+    let picture = layer_of(Scene { textures: vec![stripes], ..board(material) }, 32.0);
     let mut worst = 0.0f32;
     for x in 8..SIDE - 8 {
         let (found, truth) = (picture[SIDE / 2 * SIDE + x][0], (x / 2 % 2) as f32);
@@ -225,7 +225,7 @@ fn texture_transform_rotates_by_the_extension() {
     let turn = json!({ "KHR_texture_transform": { "rotation": std::f64::consts::FRAC_PI_2 } });
     model.json["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"]["extensions"] = turn;
     model.json["extensionsUsed"] = json!(["KHR_materials_unlit", "KHR_texture_transform"]);
-    let picture = seen(model.load().unwrap(), 16.0);
+    let picture = layer_of(model.load().unwrap(), 16.0);
     let at = |x: usize, y: usize| picture[y * SIDE + x].map(|v| v.round() as i32);
     // The square is 32 px wide; the picture on it has turned clockwise.
     assert_eq!([at(24, 24), at(40, 24)], [[0, 0, 1, 1], [1, 0, 0, 1]], "blue, red");

@@ -81,7 +81,7 @@ fn camera() -> Camera {
     gpu::camera(&geometry(), 0.0)
 }
 
-fn made(settings: Settings, camera: &Camera, frame: Frame, scene: Scene) -> Composited {
+fn composite_frame(settings: Settings, camera: &Camera, frame: Frame, scene: Scene) -> Composited {
     gpu::composite(&gpu::gpu(), camera, settings, scene, &track(), frame)
 }
 
@@ -90,7 +90,7 @@ fn grey_frame() -> Frame {
 }
 
 /// Floor positions of a pixel's four samples.
-fn on_floor(x: u32, y: u32) -> impl Iterator<Item = Option<DVec3>> {
+fn floor_samples(x: u32, y: u32) -> impl Iterator<Item = Option<DVec3>> {
     let middle = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
     [(-0.375, -0.125), (0.125, -0.375), (0.375, 0.125), (-0.125, 0.375)].into_iter().map(move |(dx, dy)| {
         let ray = geometry().unproject(middle + DVec2::new(dx, dy))?;
@@ -116,7 +116,7 @@ fn encode(light: f64) -> f64 {
 
 #[test]
 fn shadowed_pixels_match_the_shadow_map_and_others_are_unchanged() {
-    let done = made(Settings::default(), &camera(), grey_frame(), scene());
+    let done = composite_frame(Settings::default(), &camera(), grey_frame(), scene());
     let shadow_map = &Shadows::new(&scene()).shadow_maps(&scene(), locard::quality::Quality::Final).0[0];
     let layer = done.layer.as_ref().unwrap();
     let (mut worst, mut shaded, mut free, mut darkest) = (0.0f64, 0, 0, 255.0f64);
@@ -131,7 +131,7 @@ fn shadowed_pixels_match_the_shadow_map_and_others_are_unchanged() {
             continue;
         }
         let places: Vec<Vec3> =
-            on_floor(x, y).map(|place| place.map_or(Vec3::ZERO, |place| shadow_map.taken_at(place))).collect();
+            floor_samples(x, y).map(|place| place.map_or(Vec3::ZERO, |place| shadow_map.taken_at(place))).collect();
         let taken = applied_share(places.iter().sum::<Vec3>() / 4.0);
         if layer.left[i] == [1.0; 3] {
             free += 1;
@@ -209,12 +209,14 @@ fn floor_point_keeps_its_shadow_ratio_while_the_camera_moves() {
 #[test]
 fn shadow_that_is_off_or_without_strength_changes_nothing() {
     let off = gpu::settings(&[("shadow", "cast", Value::Bool(false))]);
-    let off = made(off, &camera(), grey_frame(), scene());
-    let none = made(gpu::settings(&[("shadow", "strength", Value::Number(0.0))]), &camera(), grey_frame(), scene());
+    let off = composite_frame(off, &camera(), grey_frame(), scene());
+    let none =
+        composite_frame(gpu::settings(&[("shadow", "strength", Value::Number(0.0))]), &camera(), grey_frame(), scene());
     assert!(off.pixels == none.pixels && off.layer.as_ref().unwrap().left.iter().all(|left| *left == [1.0; 3]));
-    let on = made(Settings::default(), &camera(), grey_frame(), scene());
+    let on = composite_frame(Settings::default(), &camera(), grey_frame(), scene());
     assert!(on.pixels != off.pixels);
-    let half = made(gpu::settings(&[("shadow", "strength", Value::Number(0.5))]), &camera(), grey_frame(), scene());
+    let half =
+        composite_frame(gpu::settings(&[("shadow", "strength", Value::Number(0.5))]), &camera(), grey_frame(), scene());
     for (whole, half) in on.layer.unwrap().left.iter().zip(&half.layer.unwrap().left) {
         assert!((0..3).all(|c| (1.0 - half[c] - 0.5 * (1.0 - whole[c])).abs() < 2e-3), "{whole:?} {half:?}");
     }
@@ -234,10 +236,10 @@ fn surfaces_off_the_receiver_plane_are_not_shadowed() {
     let with = |height: f64| {
         let depth_m = (0..rays.len()).map(|i| depth_m(i, height)).collect();
         let depth = Some(DepthMap { width: WIDTH, height: HEIGHT, depth_m, timestamp_s: 0.0 });
-        let done = made(Settings::default(), &camera(), Frame { depth, ..grey_frame() }, scene());
+        let done = composite_frame(Settings::default(), &camera(), Frame { depth, ..grey_frame() }, scene());
         done.layer.unwrap().left
     };
-    let without = made(Settings::default(), &camera(), grey_frame(), scene()).layer.unwrap();
+    let without = composite_frame(Settings::default(), &camera(), grey_frame(), scene()).layer.unwrap();
     let shaded = |left: &[[f32; 3]]| left.iter().filter(|left| left[1] < 0.9).count();
     let on_floor = with(0.0);
     let far = |a: &[f32; 3], b: &[f32; 3]| (0..3).map(|c| (a[c] - b[c]).abs()).fold(0.0, f32::max);
@@ -323,12 +325,12 @@ fn moved_light_redraws_the_shadows_of_unchanged_objects() {
 
 #[test]
 fn shadow_fades_with_its_object() {
-    let half = made(Settings::default(), &camera(), Frame { presence: 0.5, ..grey_frame() }, scene());
-    let whole = made(Settings::default(), &camera(), grey_frame(), scene());
+    let half = composite_frame(Settings::default(), &camera(), Frame { presence: 0.5, ..grey_frame() }, scene());
+    let whole = composite_frame(Settings::default(), &camera(), grey_frame(), scene());
     for (whole, half) in whole.layer.unwrap().left.iter().zip(&half.layer.unwrap().left) {
         assert!((0..3).all(|c| (1.0 - half[c] - 0.5 * (1.0 - whole[c])).abs() < 2e-3), "{whole:?} {half:?}");
     }
-    let gone = made(Settings::default(), &camera(), Frame { presence: 0.0, ..grey_frame() }, scene());
+    let gone = composite_frame(Settings::default(), &camera(), Frame { presence: 0.0, ..grey_frame() }, scene());
     assert_eq!(gone.pixels, grey_frame().pixels);
 }
 
@@ -339,7 +341,7 @@ fn shadow_of_an_object_outside_the_picture_is_drawn() {
         Sun { towards_light_in_world: Vec3::new(0.95, 0.0, 0.3).normalize(), ..beside.lighting.suns[0] };
     // The picture covers x up to about 0.34 m; a box at 0.4 m casts its shadow to the left.
     beside.objects[0].move_by(DAffine3::from_translation(DVec3::new(0.42, 0.0, 0.0)));
-    let done = made(Settings::default(), &camera(), grey_frame(), beside);
+    let done = composite_frame(Settings::default(), &camera(), grey_frame(), beside);
     let layer = done.layer.unwrap();
     assert!(layer.rgba.iter().all(|p| p[3] == 0.0), "the box is seen");
     assert!(layer.left.iter().filter(|left| left[0] < 0.6).count() > 100);
@@ -386,7 +388,7 @@ fn noise_in_a_shadow_matches_the_camera_noise_at_that_brightness() {
         let codes =
             (0..grain.len()).flat_map(|i| [code(i), code((i + 977) % grain.len()), code((i + 4999) % grain.len())]);
         let pixels = Pixels::from_u8(WIDTH, HEIGHT, codes.collect()).unwrap();
-        let done = made(Settings::default(), &camera, gpu::frame(0, 0.0, pixels), scene());
+        let done = composite_frame(Settings::default(), &camera, gpu::frame(0, 0.0, pixels), scene());
         let layer = done.layer.unwrap();
         let codes = done.pixels.codes.eight_bit().unwrap();
         // Residuals from the shadowed grey, in its dark part, in units of the camera's σ.

@@ -352,7 +352,7 @@ fn scene(folder: &Path, up: &str, [x, y, z]: [f64; 3]) -> PathBuf {
 }
 
 /// Centroid of the coverage, px, and the number of covered pixels.
-fn covered(layer: &LayerImage) -> (glam::DVec2, f64) {
+fn coverage_centroid(layer: &LayerImage) -> (glam::DVec2, f64) {
     let (mut sum, mut all) = (glam::DVec2::ZERO, 0.0);
     for (i, pixel) in layer.rgba.iter().enumerate() {
         let (x, y) = (i % layer.width as usize, i / layer.width as usize);
@@ -406,11 +406,11 @@ fn phone_export_and_unregistered_depth_composite_like_the_own_format() {
     let mut seen = Vec::new();
     for occlusion in [false, true] {
         let truth = layers(&own, z_up, occlusion);
-        seen.push(covered(&truth[0]).1);
+        seen.push(coverage_centroid(&truth[0]).1);
         for (name, found) in [("stray", layers(&stray, y_up, occlusion)), ("beside", layers(&beside, z_up, occlusion))]
         {
             for (truth, found) in truth.iter().zip(&found) {
-                let ((a, of_a), (b, of_b)) = (covered(truth), covered(found));
+                let ((a, of_a), (b, of_b)) = (coverage_centroid(truth), coverage_centroid(found));
                 println!("{name}, occlusion {occlusion}: {:.3} px apart, {of_a:.0} and {of_b:.0} px", a.distance(b));
                 assert!(of_a > 500.0 && a.distance(b) < 0.5, "{name}: {a} {b}");
                 assert!((of_b / of_a - 1.0).abs() < 0.05, "{name}: {of_a} {of_b}");

@@ -14,7 +14,7 @@ const STEADY: &str = "null";
 /// Intervals that grow, and every seventh frame missing.
 const VARYING: &str = "setpts='if(lt(N,40),N,40+(N-40)*2.37)/30/TB',select='not(eq(mod(n,7),3))'";
 
-fn made(file: &Path, times: &str, codec: &[&str]) -> Video {
+fn encode(file: &Path, times: &str, codec: &[&str]) -> Video {
     let mut ffmpeg = Command::new("ffmpeg");
     ffmpeg.args(SOURCE).args([times, "-vsync", "vfr"]).args(codec).arg(file);
     assert!(ffmpeg.status().expect("this test needs ffmpeg").success(), "{}", file.display());
@@ -45,7 +45,7 @@ fn range_matches_decoding_from_the_start() {
     ];
     // The first two differ from the next two only in their times.
     for (name, times, codec) in &cases[tier::fast_or_full(2, 0)..] {
-        let video = made(&temp.path().join(name), times, codec);
+        let video = encode(&temp.path().join(name), times, codec);
         let count = video.timestamps_s.len();
         let all = read(&video, 0..count);
         assert!(count > 60 && all.len() == count, "{name}");
@@ -63,7 +63,7 @@ fn range_matches_decoding_from_the_start() {
 fn frames_hidden_by_an_edit_list_are_not_counted() {
     let temp = tempfile::tempdir().unwrap();
     let (whole, cut) = (temp.path().join("whole.mp4"), temp.path().join("cut.mp4"));
-    made(&whole, STEADY, &CLOSED);
+    encode(&whole, STEADY, &CLOSED);
     let mut ffmpeg = Command::new("ffmpeg");
     ffmpeg.args(["-nostdin", "-v", "error", "-ss", "1.13", "-i"]).arg(&whole).args(["-c", "copy"]).arg(&cut);
     assert!(ffmpeg.status().unwrap().success());
@@ -77,7 +77,7 @@ fn frames_hidden_by_an_edit_list_are_not_counted() {
 fn seeking_decodes_nothing_far_before_the_range() {
     let temp = tempfile::tempdir().unwrap();
     let file = temp.path().join("a.mkv");
-    let video = made(&file, STEADY, &CLOSED);
+    let video = encode(&file, STEADY, &CLOSED);
     let whole = read(&video, 100..103);
     let mut bytes = std::fs::read(&file).unwrap();
     let at = bytes.len() * 3 / 10;
@@ -93,9 +93,9 @@ fn seeking_decodes_nothing_far_before_the_range() {
 fn frames_missing_from_a_changed_file_are_an_error() {
     let temp = tempfile::tempdir().unwrap();
     let file = temp.path().join("a.mp4");
-    let video = made(&file, STEADY, &CLOSED);
+    let video = encode(&file, STEADY, &CLOSED);
     std::fs::remove_file(&file).unwrap();
-    made(&file, "trim=end_frame=40", &CLOSED);
+    encode(&file, "trim=end_frame=40", &CLOSED);
     let error = video.read(100..103).unwrap().find_map(Result::err).unwrap().to_string();
     assert!(error.contains("a.mp4: ends before frame 100"), "{error}");
 }

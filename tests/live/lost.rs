@@ -25,7 +25,7 @@ fn place(time_s: f64) -> CameraPose {
     CameraPose::look_at(at, DVec3::new(sway(12.5, 0.03), sway(10.0, 0.025), 0.0), 0.1 + sway(8.0, 0.03))
 }
 
-fn sees(pose: &Pose) -> DVec2 {
+fn project_evidence(pose: &Pose) -> DVec2 {
     let own = pose.transform_point(EVIDENCE_M);
     CAMERA.project_ray(own.truncate() / own.z)
 }
@@ -53,7 +53,7 @@ struct LossMeasurement {
     smear_px: Vec<f64>,
 }
 
-fn measured(are_seen: bool) -> LossMeasurement {
+fn measure_loss(are_seen: bool) -> LossMeasurement {
     let temp = tempfile::tempdir().unwrap();
     let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
     stdout_of(&["board", "-o", &path("board.png"), "--quiet"]);
@@ -89,7 +89,7 @@ fn measured(are_seen: bool) -> LossMeasurement {
             assert_eq!((i, ready.tracking), (0, Tracking::Lost));
             continue;
         }
-        let seen = |t: f64| sees(&w.track().at_or_nearest(t).unwrap());
+        let seen = |t: f64| project_evidence(&w.track().at_or_nearest(t).unwrap());
         let truly = |t: f64| place(t).project(&CAMERA, EVIDENCE_M);
         // The opacity rises at first.
         if i < 10 {
@@ -112,7 +112,7 @@ fn largest(values: &[f64]) -> f64 {
 
 #[test]
 fn evidence_stays_in_place_while_tags_are_missed() {
-    let measured = measured(true);
+    let measured = measure_loss(true);
     let [seen, first, second] = [0, 1, 2].map(|n| largest(&measured.off_px[n]));
     println!("{measured:.1?}");
     // By the rotation between pictures: within two pixels. Constant velocity would be off by some
@@ -126,7 +126,7 @@ fn evidence_stays_in_place_while_tags_are_missed() {
 /// with a new pose is not smeared.
 #[test]
 fn evidence_fades_without_poses() {
-    let measured = measured(false);
+    let measured = measure_loss(false);
     println!("{measured:.1?}");
     for (off_px, presence) in measured.off_px[2].iter().zip(&measured.presence[2]) {
         assert!(*off_px < 10.0 || *presence < 0.9, "{measured:?}");

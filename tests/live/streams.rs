@@ -41,7 +41,7 @@ fn geometry() -> Geometry {
     Geometry::new(intrinsics, distortion)
 }
 
-fn said() -> LensState {
+fn lens_state() -> LensState {
     let lens = Lens { f_number: Some(2.8), focus_distance_m: Some(1.5), ..Lens::default() };
     let exposure = CameraExposure { time_s: Some(0.008), iso: Some(400.0), ..CameraExposure::default() };
     LensState::of(&geometry(), &lens, &exposure, 50.0)
@@ -55,9 +55,9 @@ fn received(poses: &mut Poses, count: usize) -> Vec<StreamPose> {
 }
 
 /// Sends poses of the walk to a listener one by one and returns the received ones.
-fn sent(listen: &str, target: impl Fn(SocketAddr) -> String, count: usize) -> (Vec<StreamPose>, Poses) {
+fn send_walk(listen: &str, target: impl Fn(SocketAddr) -> String, count: usize) -> (Vec<StreamPose>, Poses) {
     let mut poses = Poses::open(listen).unwrap();
-    let mut sender = Sender::open(&target(poses.address()), "walk", 50.0, Some(said())).unwrap();
+    let mut sender = Sender::open(&target(poses.address()), "walk", 50.0, Some(lens_state())).unwrap();
     let mut heard = Vec::new();
     for i in 0..count {
         let (time_s, pose) = walked(i);
@@ -81,7 +81,7 @@ fn assert_walked(heard: &[StreamPose], off_m: f64, off_rad: f64) {
 fn opentrackio_round_trips_in_both_encodings() {
     for encoding in ["json", "cbor"] {
         let target = |at| format!("opentrackio://{at}?encoding={encoding}&number=9");
-        let (heard, poses) = sent("opentrackio://127.0.0.1:0", target, 120);
+        let (heard, poses) = send_walk("opentrackio://127.0.0.1:0", target, 120);
         assert_walked(&heard, 1e-12, 1e-12);
         for (i, tracked) in heard.iter().enumerate() {
             // A nanosecond, and the resolution of seconds since 1970.
@@ -132,7 +132,7 @@ fn first_sample_stamped_ahead_is_odd_and_no_step_of_the_clock() {
 
 #[test]
 fn freed_round_trips() {
-    let (heard, poses) = sent("freed://127.0.0.1:0", |at| format!("freed://{at}?number=3"), 60);
+    let (heard, poses) = send_walk("freed://127.0.0.1:0", |at| format!("freed://{at}?number=3"), 60);
     // Half of 1/64 mm, half of 1/32768 degree about three axes.
     assert_walked(&heard, 8e-6 * 3f64.sqrt(), 1e-6);
     assert!(
@@ -398,16 +398,16 @@ fn unrepresentable_poses_are_not_sent() {
 
 /// A receiver after 100 Hz of poses from 0 to 2 s, on a clock 95 s ahead, each with a delay of 1
 /// ms.
-fn settled(url: &str) -> Receiver {
+fn settled_receiver(url: &str) -> Receiver {
     let mut r = receiver(url);
-    (0..200).for_each(|i| _ = sent_at(&mut r, i, 95.0));
+    (0..200).for_each(|i| _ = send_at(&mut r, i, 95.0));
     assert_eq!(r.report().drops(), "none");
     r
 }
 
 /// Sends number `i` at 0.01 `i` s, with its stamp shifted by `ahead_s`. Returns the poses delivered
 /// by then: their lateness on the receiver's clock, and their number.
-fn sent_at(r: &mut Receiver, i: u16, ahead_s: f64) -> Vec<(f64, f64)> {
+fn send_at(r: &mut Receiver, i: u16, ahead_s: f64) -> Vec<(f64, f64)> {
     let sent_s = 0.01 * f64::from(i);
     r.take(&packet("a", i, sent_s + ahead_s, f64::from(i)), from(1, 50), sent_s + 0.001);
     let late = |tracked: StreamPose| {
@@ -420,10 +420,10 @@ fn sent_at(r: &mut Receiver, i: u16, ahead_s: f64) -> Vec<(f64, f64)> {
 #[test]
 fn single_stamp_ahead_changes_no_other_pose() {
     for ahead_s in [0.1, -0.1, 0.5] {
-        let mut r = settled("opentrackio://?wait_s=0");
-        sent_at(&mut r, 200, 95.0 + ahead_s);
+        let mut r = settled_receiver("opentrackio://?wait_s=0");
+        send_at(&mut r, 200, 95.0 + ahead_s);
         for i in 201..1400 {
-            let late: Vec<_> = sent_at(&mut r, i, 95.0);
+            let late: Vec<_> = send_at(&mut r, i, 95.0);
             assert!(
                 matches!(late[..], [(late_s, x)] if (late_s - 0.001).abs() < 1e-6 && (x - f64::from(i)).abs() < 1e-6),
                 "{late:?}"
@@ -441,8 +441,8 @@ fn single_stamp_ahead_changes_no_other_pose() {
 #[test]
 fn clock_step_is_followed_and_counted() {
     for (by_s, after) in [(0.1, 199), (-0.1, 199)] {
-        let mut r = settled("opentrackio://?wait_s=0");
-        let late: Vec<_> = (200..600).flat_map(|i| sent_at(&mut r, i, 95.0 + by_s)).collect();
+        let mut r = settled_receiver("opentrackio://?wait_s=0");
+        let late: Vec<_> = (200..600).flat_map(|i| send_at(&mut r, i, 95.0 + by_s)).collect();
         let wrong = late.iter().filter(|(late_s, x)| *x > f64::from(after) && (late_s - 0.001).abs() > 1e-6);
         assert_eq!(wrong.count(), 0, "{by_s}");
         assert!(late.iter().any(|(_, x)| (x - 599.0).abs() < 1e-6));

@@ -50,11 +50,11 @@ fn on_screen(window: &Harness<'_, App>, px: DVec2) -> Pos2 {
     window.state().on_screen(egui::vec2(px.x as f32, px.y as f32)).unwrap()
 }
 
-fn seen(window: &Harness<'_, App>, point_m: DVec3) -> Option<DVec2> {
+fn projected(window: &Harness<'_, App>, point_m: DVec3) -> Option<DVec2> {
     window.state().project().shot().posed_camera(0).unwrap().project(point_m)
 }
 
-fn at_m(window: &Harness<'_, App>, lamp: SceneItem) -> DVec3 {
+fn lamp_position_m(window: &Harness<'_, App>, lamp: SceneItem) -> DVec3 {
     window.state().project().edit().scene.placement(lamp).unwrap().position_m
 }
 
@@ -71,7 +71,7 @@ fn at_border(window: &Harness<'_, App>, towards: DVec2, inset: f64) -> Pos2 {
 fn towards(window: &Harness<'_, App>, point_m: [f64; 3]) -> DVec2 {
     let way = || window.state().project().shot().posed_camera(0).unwrap().vector_to(point_m.into()).truncate();
     let size = picture_px();
-    let seen = seen(window, point_m.into());
+    let seen = projected(window, point_m.into());
     assert!(seen.is_none_or(|px| px.min_element() < 0.0 || px.cmpgt(size).any()), "{seen:?}");
     seen.map_or_else(way, |px| px - 0.5 * size).normalize()
 }
@@ -117,7 +117,7 @@ fn lamp_outside_the_picture_is_selected_and_dragged_at_the_border() {
     assert!(shown_codes(&window) != first && steps(&window).len() == 1, "it is no step yet");
     release_at(&mut window, to);
     settle(&mut window);
-    let (moved, by) = (shown_codes(&window), at_m(&window, LAMP) - DVec3::from(LAMP_AT));
+    let (moved, by) = (shown_codes(&window), lamp_position_m(&window, LAMP) - DVec3::from(LAMP_AT));
     assert!(moved != first && by.length() > 0.3, "{by}");
     // A hanging lamp keeps its depth: it moves perpendicularly to the viewing ray of its dot.
     let eye = window.state().project().shot().posed_camera(0).unwrap();
@@ -156,14 +156,14 @@ fn lamp_in_the_picture_follows_the_pointer() {
     project.change_scene("hung low", hung_low).unwrap();
     project.close_step();
     settle(&mut window);
-    let mark = on_screen(&window, seen(&window, here).unwrap());
+    let mark = on_screen(&window, projected(&window, here).unwrap());
     click_at(&mut window, mark);
     assert_eq!(window.state().selected(), Some(LAMP));
     let to = mark + egui::vec2(70.0, -40.0);
     press_and_move(&mut window, mark, to);
     release_at(&mut window, to);
-    let now = at_m(&window, LAMP);
-    let there = on_screen(&window, seen(&window, now).unwrap());
+    let now = lamp_position_m(&window, LAMP);
+    let there = on_screen(&window, projected(&window, now).unwrap());
     // Within a tenth of a millimetre in the world; the picture's rows have different times.
     assert!(there.distance(to) < 0.5, "{there:?} {to:?}");
     let eye = window.state().project().shot().posed_camera(0).unwrap();
@@ -174,7 +174,7 @@ fn lamp_in_the_picture_follows_the_pointer() {
     let up = there - egui::vec2(0.0, 50.0);
     press_and_move(&mut window, up, up - egui::vec2(0.0, 40.0));
     release_at(&mut window, up - egui::vec2(0.0, 40.0));
-    let by = at_m(&window, LAMP) - now;
+    let by = lamp_position_m(&window, LAMP) - now;
     assert!(by.x == 0.0 && by.y == 0.0 && by.z > 0.02, "{by}");
     // Its size is its diameter, and it has no orientation.
     press_key(&mut window, Key::S);
@@ -201,7 +201,7 @@ fn keys_move_duplicate_and_delete_a_lamp_and_escape_cancels() {
     press_key(&mut window, Key::Z);
     type_text(&mut window, "-1");
     window.run_steps(2);
-    assert!(at_m(&window, LAMP).abs_diff_eq(DVec3::from(LAMP_AT) - DVec3::Z, 1e-9));
+    assert!(lamp_position_m(&window, LAMP).abs_diff_eq(DVec3::from(LAMP_AT) - DVec3::Z, 1e-9));
     press_key(&mut window, Key::Escape);
     assert!(window.state().project().edit() == &before);
     window.key_press_modifiers(Modifiers::SHIFT, Key::D);
@@ -212,12 +212,12 @@ fn keys_move_duplicate_and_delete_a_lamp_and_escape_cancels() {
     settle(&mut window);
     let copy = SceneItem::Lamp(1);
     assert_eq!(window.state().selected(), Some(copy));
-    assert!(at_m(&window, copy).abs_diff_eq(DVec3::from(LAMP_AT) + 1.5 * DVec3::X, 1e-9));
-    assert_eq!(at_m(&window, LAMP), DVec3::from(LAMP_AT));
+    assert!(lamp_position_m(&window, copy).abs_diff_eq(DVec3::from(LAMP_AT) + 1.5 * DVec3::X, 1e-9));
+    assert_eq!(lamp_position_m(&window, LAMP), DVec3::from(LAMP_AT));
     assert!(shown_codes(&window) != first, "two shine more than one");
     window.key_press_modifiers(Modifiers::ALT, Key::ArrowRight);
     window.run_steps(2);
-    let by = at_m(&window, copy) - DVec3::from(LAMP_AT) - 1.5 * DVec3::X;
+    let by = lamp_position_m(&window, copy) - DVec3::from(LAMP_AT) - 1.5 * DVec3::X;
     assert!((by.length() - 1e-3).abs() < 1e-9, "{by}");
     press_key(&mut window, Key::Delete);
     settle(&mut window);
@@ -264,7 +264,7 @@ fn lamp_is_added_at_the_clicked_point() {
     window.get_by_label("Add lamp").click();
     window.run_steps(2);
     press_key(&mut window, Key::Escape);
-    let place = on_screen(&window, seen(&window, DVec3::new(-0.2, 0.2, 0.0)).unwrap());
+    let place = on_screen(&window, projected(&window, DVec3::new(-0.2, 0.2, 0.0)).unwrap());
     click_at(&mut window, place);
     assert_eq!(window.state().project().edit().scene.light.lamp.len(), 1, "Esc has ended it");
     window.get_by_label("Add lamp").click();
@@ -273,9 +273,13 @@ fn lamp_is_added_at_the_clicked_point() {
     let added = SceneItem::Lamp(1);
     assert_eq!((window.state().selected(), steps(&window).last().unwrap().as_str()), (Some(added), "lamp 2: added"));
     // A bulb of 6 cm that touches the floor, z = 0, whose depth has a noise of 1.5 mm.
-    assert!(at_m(&window, added).abs_diff_eq(DVec3::new(-0.2, 0.2, 0.03), 4e-3), "{}", at_m(&window, added));
+    assert!(
+        lamp_position_m(&window, added).abs_diff_eq(DVec3::new(-0.2, 0.2, 0.03), 4e-3),
+        "{}",
+        lamp_position_m(&window, added)
+    );
     // The next click selects again.
-    let beside = on_screen(&window, seen(&window, DVec3::new(-0.4, 0.4, 0.0)).unwrap());
+    let beside = on_screen(&window, projected(&window, DVec3::new(-0.4, 0.4, 0.0)).unwrap());
     click_at(&mut window, beside);
     assert_eq!(window.state().selected(), None);
     undo(&mut window);
@@ -320,7 +324,7 @@ fn light_is_matched_to_white_paper_as_by_the_command_and_undone() {
     window.get_by_label("Match white").click();
     window.run_steps(2);
     // The edge of the paper is rejected; the next click is used.
-    let [edge, paper] = PAPER_M.map(|at_m| on_screen(&window, seen(&window, at_m).unwrap()));
+    let [edge, paper] = PAPER_M.map(|at_m| on_screen(&window, projected(&window, at_m).unwrap()));
     click_at(&mut window, edge);
     assert!(window.state().project().edit().scene.light.is_unspecified());
     click_at(&mut window, paper);

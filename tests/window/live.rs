@@ -268,7 +268,7 @@ fn plots_exist_only_while_the_camera_is_frozen() {
 }
 
 /// Replaces the text of a field.
-fn typed(window: &mut Harness<'_, App>, field: &str, text: &str) {
+fn replace_text(window: &mut Harness<'_, App>, field: &str, text: &str) {
     window.get_by_role_and_label(Role::TextInput, field).focus();
     window.step();
     window.key_press_modifiers(Modifiers::COMMAND, Key::A);
@@ -296,12 +296,12 @@ fn camera_dialog_shows_the_current_options_and_restarts_with_new_ones() {
     // Options with which the camera was opened.
     assert_eq!(value(&window, "Board"), site.path("board.toml"));
     assert_eq!(value(&window, "Camera"), site.path("endless.mkv"));
-    typed(&mut window, "Smoothing", "five");
+    replace_text(&mut window, "Smoothing", "five");
     assert_eq!(window.query_all_by_label_contains("five is refused: accepted are seconds").count(), 1);
     assert!(window.get_by_label("Start").accesskit_node().is_disabled());
-    typed(&mut window, "Smoothing", "0.05");
-    typed(&mut window, "Rate", "25");
-    typed(&mut window, "Pictures", "320x240");
+    replace_text(&mut window, "Smoothing", "0.05");
+    replace_text(&mut window, "Rate", "25");
+    replace_text(&mut window, "Pictures", "320x240");
     // The file dialog replaces the camera dialog, which returns afterwards.
     window.get_by_label("Choose a board…").click();
     wait_for_label(&mut window, "Choose a board");
@@ -319,9 +319,9 @@ fn camera_dialog_shows_the_current_options_and_restarts_with_new_ones() {
     // For a stream the dialog has a delay.
     window.get_by_label("from a stream").click();
     window.run_steps(2);
-    typed(&mut window, "Delay", "auto");
+    replace_text(&mut window, "Delay", "auto");
     assert!(!window.get_by_label("Start").accesskit_node().is_disabled());
-    typed(&mut window, "Delay", "late");
+    replace_text(&mut window, "Delay", "late");
     assert!(window.get_by_label("Start").accesskit_node().is_disabled());
 }
 
@@ -330,7 +330,7 @@ fn enter_in_a_camera_dialog_field_ends_typing_without_starting() {
     let site = Site::shared(&CAMERA);
     let mut window = live_window(&site, &[]);
     open_camera_dialog(&mut window);
-    typed(&mut window, "Rate", "25");
+    replace_text(&mut window, "Rate", "25");
     window.key_press(Key::Enter);
     window.run_steps(3);
     assert!(has_label(&window, "Start") && window.state().project().camera.as_ref().unwrap().options.rate_hz.is_none());
@@ -346,8 +346,8 @@ fn refused_camera_leaves_the_dialog_as_typed() {
     let site = Site::shared(&CAMERA);
     let mut window = live_window(&site, &[]);
     open_camera_dialog(&mut window);
-    typed(&mut window, "Rate", "25");
-    typed(&mut window, "Camera", "nowhere.mkv");
+    replace_text(&mut window, "Rate", "25");
+    replace_text(&mut window, "Camera", "nowhere.mkv");
     window.get_by_label("Start").click();
     let is_refused =
         |window: &Harness<'_, App>| window.query_all_by_label_contains("there is no such file").count() > 0;
@@ -357,14 +357,14 @@ fn refused_camera_leaves_the_dialog_as_typed() {
     };
     assert_eq!(value(&window, "Rate"), "25");
     assert!(value(&window, "Camera").ends_with("nowhere.mkv"), "{}", value(&window, "Camera"));
-    typed(&mut window, "Profile", "c");
+    replace_text(&mut window, "Profile", "c");
     assert_eq!(value(&window, "Profile"), "c");
     assert!(window.query_by_role_and_label(Role::Dialog, "Live camera").is_some());
 }
 
 /// A video of the sheet as it is held in front of a camera for calibration: at rest in one place
 /// after the other, repeated.
-fn held(site: &Site) -> String {
+fn calibration_video(site: &Site) -> String {
     let printed = image::open(site.path("board.png")).unwrap().into_luma8();
     let sheet = Sheet::of(printed.width() as usize, printed.height() as usize, printed.into_raw());
     let stands = [[0.0, -0.1], [0.4, 0.0], [-0.4, 0.1], [0.05, 0.42], [0.0, -0.45], [0.35, 0.35], [-0.3, -0.3]];
@@ -391,7 +391,7 @@ fn live_camera_calibration_is_accepted_or_discarded() {
     let site = Site::shared(&CAMERA);
     let wrong = sheet::Camera { focal_px: 700.0, k1: 0.0, ..CAMERA };
     std::fs::write(site.path("camera.toml"), wrong.profile()).unwrap();
-    let (video, profile) = (held(&site), Path::new(&site.path("camera.toml")).to_owned());
+    let (video, profile) = (calibration_video(&site), Path::new(&site.path("camera.toml")).to_owned());
     let camera = locard::profile::Rig::of_file(&profile).unwrap().camera();
     let opened = live::open(&LiveSpec::new(&video, "none"), Some(&camera)).unwrap();
     let given = ShotOptions { profile: Some(profile), ..ShotOptions::default() };
