@@ -322,7 +322,7 @@ fn kinect_poses_are_refined_and_its_gain_is_followed() {
 }
 
 #[test]
-#[ignore = "full tier: 90 frames of a real recording; a_clipped_desk_is_as_bright_as_the_exposure_within_its_bound is its small form"]
+#[ignore = "full tier: 90 frames of a real recording; clipped_desk_follows_the_exposure_within_its_bounds is its small form"]
 fn white_of_clipped_paper_on_a_kitchen_table_is_claimed() {
     let Some(folder) = common::data("redkitchen") else { return };
     let shot = Shot::open(&folder, &OpenOptions::default(), &ShotOptions::default()).unwrap();

@@ -156,7 +156,7 @@ fn clipped_blocks_are_left_out() {
 
 /// The simulated hand's recording, whose σ is known.
 #[test]
-#[ignore = "full tier: simulates 12 frames of a lit site; a_moving_recording_gives_its_noise_and_its_profile_takes_it \
+#[ignore = "full tier: simulates 12 frames of a lit site; noise_of_a_moving_recording_is_written_to_its_profile \
             is its small form"]
 fn noise_of_a_simulated_hand_held_camera_is_recovered() {
     let temp = tempfile::tempdir().unwrap();
