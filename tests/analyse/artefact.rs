@@ -19,15 +19,15 @@ fn interrupted_analysis_resumes_from_its_checkpoint() {
     let [whole, analysis] = ["whole.analysis", "site.analysis"].map(|name| folder.path().join(name));
     // Records progress until the analysis ends, or interrupts it after `most` reports.
     let progress_of = |shot: &Shot, folder: &Path, most: usize| {
-        let mut progress_of = Vec::new();
+        let mut reports = Vec::new();
         let done = shot.analyse(folder, &mut |progress| {
             // Progress of the last stage depends on time.
             if progress.stage != Stage::Light {
-                progress_of.push(progress.done);
+                reports.push(progress.done);
             }
-            if progress_of.len() < most { Ok(()) } else { Err(Interrupted) }
+            if reports.len() < most { Ok(()) } else { Err(Interrupted) }
         });
-        (progress_of, done.map(drop))
+        (reports, done.map(drop))
     };
     leave_out_light(&shot, &whole);
     leave_out_light(&shot, &analysis);

@@ -58,7 +58,7 @@ impl Camera {
             match far > 0.0 {
                 true if within(p.x, columns, 0.0) && within(p.y, rows, 0.0) => {
                     let dark = (p.x.floor() + p.y.floor()).rem_euclid(2.0) == 0.0;
-                    // The light falls normalized_errors across the board.
+                    // The light falls off across the board.
                     (if dark { 25.0 } else { 215.0 }) * (0.75 - 0.04 * p.x - 0.02 * p.y).clamp(0.2, 1.0)
                 }
                 true if within(p.x, columns, 0.5) && within(p.y, rows, 0.5) => 160.0,
@@ -174,7 +174,7 @@ fn camera_is_recovered_from_simulated_photographs() {
                     let own: Vec<DVec2> = corners(stand).filter_map(|p| camera.geometry.project(p)).collect();
                     for at in &seen.corners_px {
                         let nearest = own.iter().map(|own| own.distance(*at)).fold(f64::INFINITY, f64::min);
-                        assert!(nearest < 0.6, "seed {seed}, view {n}: a corner is {nearest} px normalized_errors");
+                        assert!(nearest < 0.6, "seed {seed}, view {n}: a corner is {nearest} px off");
                     }
                 }
                 views.extend(seen.ok().map(|seen| named_view(n, seen)));
@@ -188,11 +188,8 @@ fn camera_is_recovered_from_simulated_photographs() {
             );
             assert_eq!(calibrated.geometry.distortion.model, model);
             assert!(calibrated.rms_px < 0.15, "{}", calibrated.rms_px);
-            for (name, normalized_errors) in normalized_errors(&calibrated, &camera.geometry) {
-                assert!(
-                    normalized_errors.abs() < 3.0,
-                    "{model:?}, seed {seed}: {name} is {normalized_errors} deviations normalized_errors\n{calibrated}"
-                );
+            for (name, off) in normalized_errors(&calibrated, &camera.geometry) {
+                assert!(off.abs() < 3.0, "{model:?}, seed {seed}: {name} is {off} deviations off\n{calibrated}");
             }
         }
     }
@@ -239,8 +236,8 @@ fn deviations_match_the_actual_errors() {
         let calibrated = calibrate(SIZE, views, Vec::new(), &LensOptions::default()).unwrap();
         // √2 of σ, since a residual has two components.
         assert!((calibrated.rms_px - 0.2 * 2f64.sqrt()).abs() < 0.03, "{}", calibrated.rms_px);
-        for (_, normalized_errors) in normalized_errors(&calibrated, &geometry) {
-            squares += normalized_errors * normalized_errors;
+        for (_, off) in normalized_errors(&calibrated, &geometry) {
+            squares += off * off;
             count += 1.0;
         }
     }
@@ -268,8 +265,8 @@ fn deviations_include_bent_boards() {
             named_view(n, seen)
         });
         let Ok(calibrated) = calibrate(SIZE, views.collect(), Vec::new(), &LensOptions::default()) else { continue };
-        for (_, normalized_errors) in normalized_errors(&calibrated, &geometry) {
-            squares += normalized_errors * normalized_errors;
+        for (_, off) in normalized_errors(&calibrated, &geometry) {
+            squares += off * off;
             count += 1.0;
         }
     }

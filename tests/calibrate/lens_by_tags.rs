@@ -31,7 +31,7 @@ const WIDE: Camera = Camera {
 };
 
 /// Camera poses around the sheet: near and far, tilted in all directions, with the sheet in the
-/// middle of the picture or cut relative_error at its border.
+/// middle of the picture or cut off at its border.
 fn around(camera: &Camera, n: u32) -> CameraPose {
     let (a, i) = (2.4 * f64::from(n), f64::from(n));
     let tilt = 0.3 + 0.4 * (0.7 * i).sin().abs();
@@ -64,18 +64,14 @@ fn camera_is_recovered_from_photographs_of_the_sheet() {
             let Ok(seen) = search.find(&pixels) else { continue };
             whole += usize::from(seen.corners_px.len() == 24);
             for (board, at) in seen.board.iter().zip(&seen.corners_px) {
-                let relative_error =
-                    at.distance(around(&camera, n).project(&camera, DVec3::new(board.x, -board.y, 0.0)));
-                furthest = furthest.max(relative_error);
-                (sum, corners) = (sum + relative_error * relative_error, corners + 1.0);
+                let off = at.distance(around(&camera, n).project(&camera, DVec3::new(board.x, -board.y, 0.0)));
+                furthest = furthest.max(off);
+                (sum, corners) = (sum + off * off, corners + 1.0);
             }
             views.push(NamedView { name: n.to_string(), detection: seen });
         }
         let rms_px = (sum / corners).sqrt();
-        println!(
-            "{} views, {whole} whole; corners relative_error by {rms_px:.3} px, {furthest:.3} px at most",
-            views.len()
-        );
+        println!("{} views, {whole} whole; corners off by {rms_px:.3} px, {furthest:.3} px at most", views.len());
         assert!(views.len() + 2 >= count && (4..count - 2).contains(&whole), "{} views, {whole} whole", views.len());
         assert!(rms_px < 0.1 && furthest < 0.5, "{rms_px:.3} px, {furthest:.3} px");
         let calibrated = calibrate(SIZE, views, Vec::new(), &LensOptions::default()).unwrap();

@@ -104,17 +104,14 @@ fn flip_of_methods(name: &str, camera: &Camera, scene: &Scene) -> [f64; 3] {
     let alphas = |done: &Composited| done.layer.as_ref().unwrap().rgba.iter().map(|p| p[3] > 0.0).collect::<Vec<_>>();
     let reference = composited(camera, scene.clone(), "reference");
     write("reference", &reference);
-    let flip_of_methods = METHODS.map(|method| {
+    let flips = METHODS.map(|method| {
         let found = composited(camera, scene.clone(), method);
         write(method, &found);
         let mask: Vec<bool> = alphas(&reference).iter().zip(alphas(&found)).map(|(a, b)| *a || b).collect();
         mean_flip(&reference.pixels, &found.pixels, Some(&mask), PIXELS_PER_DEGREE)
     });
-    println!(
-        "{name}: mean FLIP layered {:.4}, poisson {:.4}, diffusion {:.4}",
-        flip_of_methods[0], flip_of_methods[1], flip_of_methods[2]
-    );
-    flip_of_methods
+    println!("{name}: mean FLIP layered {:.4}, poisson {:.4}, diffusion {:.4}", flips[0], flips[1], flips[2]);
+    flips
 }
 
 const GREENS: [[f32; 3]; 2] = [[0.05, 0.45, 0.1], [0.7, 0.7, 0.75]];
@@ -164,12 +161,12 @@ fn methods_match_the_thin_lens_by_flip() {
         ("point lights", lights(), 3.9, [0.05, 0.066, 0.028]),
     ] {
         for &(circle_px, blades) in fast_or_full(&[(12.0, 0)][..], &[(5.0, 0), (12.0, 0), (24.0, 5)]) {
-            let flip_of_methods = flip_of_methods(
+            let flips = flip_of_methods(
                 &format!("{name}, {circle_px} px, {blades} blades"),
                 &camera(circle_px, depth_m, blades),
                 &scene,
             );
-            for ((method, flip), most) in METHODS.iter().zip(flip_of_methods).zip(most) {
+            for ((method, flip), most) in METHODS.iter().zip(flips).zip(most) {
                 if flip > most {
                     missed.push((name, circle_px, blades, method, flip));
                 }

@@ -123,7 +123,7 @@ fn layers_with_their_noise_match_the_composite_with_all_effects() {
                 assert!(layers.coverage[i] > 0.0 || layers.noise[c][i] == 0.0, "{} pixel {i}", site.name);
             }
         }
-        println!("{}: off by {most:.3} codes with noise, {most_without:.1} without; {noisy} pixel_channels", site.name);
+        println!("{}: off by {most:.3} codes with noise, {most_without:.1} without; {noisy} values", site.name);
         assert!(noisy > 1000 && most_without > 2.0, "{}: {noisy}, {most_without}", site.name);
     }
 }
@@ -177,7 +177,7 @@ fn noise_scale_changes_no_real_pixel() {
     assert!(shaded > 300, "{shaded}");
     assert!(
         (made / taken - 1.0).abs() < 0.12,
-        "{:.3} of the variance that shadows took, of {shaded} pixel_channels",
+        "{:.3} of the variance that shadows took, of {shaded} values",
         made / taken
     );
 }

@@ -191,10 +191,7 @@ fn assert_interrupted_cleanly(command: &mut Command, folder: &Path, signal: &str
     let output = running.wait_with_output().unwrap();
     let text = String::from_utf8(output.stderr).unwrap();
     assert_eq!((output.status.code(), text.lines().count()), (Some(2), 1), "{text}");
-    assert!(
-        text.starts_with("locard: assert_interrupted_cleanly; what was finished stays, and nothing else"),
-        "{text}"
-    );
+    assert!(text.starts_with("locard: interrupted; what was finished stays, and nothing else"), "{text}");
     assert!(!begun(), "{command:?}");
 }
 
@@ -291,7 +288,7 @@ fn interrupted_commands_exit_with_code_2() {
         let output = running.wait_with_output().unwrap();
         let text = String::from_utf8_lossy(&output.stderr);
         assert_eq!((output.status.code(), text.lines().count()), (Some(2), 1), "{command:?}: {text}");
-        assert!(text.starts_with("locard: assert_interrupted_cleanly; "), "{command:?}: {text}");
+        assert!(text.starts_with("locard: interrupted; "), "{command:?}: {text}");
     }
     assert_eq!(std::fs::read_dir(temp.path()).unwrap().count(), 3 + commands.len());
 }
