@@ -8,7 +8,7 @@ use anyhow::{Context, Result, bail};
 
 use super::calibrate::existing;
 use super::skip::Skip;
-use super::{progress_of, tell, warn};
+use super::{print_status, progress_of, warn};
 use locard_engine::analyse::{
     Accepted, Analysis, Findings, Outcome, Progress, SupportReport, Times, accept, beside, check_folder,
     write_support_reports,
@@ -24,8 +24,8 @@ use locard_engine::sink::atomic::write_atomically;
 use locard_engine::source::file;
 use locard_engine::text::{count, fixed, number};
 
-/// A page is shorter, bytes.
-const MOST_PAGE: u64 = 64 << 20;
+/// Largest report, bytes.
+const MAX_REPORT_BYTES: u64 = 64 << 20;
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -72,53 +72,54 @@ impl Args {
 
 pub fn run(args: &Args) -> Result<()> {
     let start = Instant::now();
-    let given = ShotOptions {
+    let shot_options = ShotOptions {
         profile: args.profile.clone(),
         sets: args.sets.clone(),
         analysis: AnalysisChoice::No,
         ..ShotOptions::default()
     };
-    let shot = Shot::open(&args.recording, &args.options(), &given)?;
+    let shot = Shot::open(&args.recording, &args.options(), &shot_options)?;
     let folder = args.output.clone().unwrap_or_else(|| beside(&shot.recording.path));
     for text in &shot.recording.warnings {
         warn(args.quiet, text);
     }
-    // A scene that is none is refused before the work.
+    // An invalid scene is an error before the analysis starts.
     if let Some(scene) = &args.scene {
         scene::load(scene, shot.recording.up)?;
     }
     if let Some(report) = &args.report {
         check_report(report, &shot, &folder)?;
     }
-    let accepting = args.accept.as_deref().map(|path| accepting(path, args, &shot)).transpose()?;
-    let (made, times) = make(&shot, &folder, args.force, args.quiet)?;
-    write!(std::io::stdout().lock(), "{}", made.findings)?;
-    let of_scene = args.scene.as_deref().map(|scene| Ok::<_, anyhow::Error>((scene, grounds(scene, args, &folder)?)));
-    let of_scene = of_scene.transpose()?;
-    let grounds = of_scene.as_ref().map_or(&[][..], |(_, grounds)| grounds);
+    let updated_profile = args.accept.as_deref().map(|path| profile_to_update(path, args, &shot)).transpose()?;
+    let (analysis, times) = make(&shot, &folder, args.force, args.quiet)?;
+    write!(std::io::stdout().lock(), "{}", analysis.findings)?;
+    let scene_support =
+        args.scene.as_deref().map(|scene| Ok::<_, anyhow::Error>((scene, support_reports(scene, args, &folder)?)));
+    let scene_support = scene_support.transpose()?;
+    let grounds = scene_support.as_ref().map_or(&[][..], |(_, grounds)| grounds);
     for (name, text) in grounds.iter().flat_map(SupportReport::lines) {
         writeln!(std::io::stdout().lock(), "{name:<11}{text}")?;
     }
     if let Some(path) = &args.report {
-        write_report(path, &shot, (&made, grounds), times.as_ref())?;
+        write_report(path, &shot, (&analysis, grounds), times.as_ref())?;
     }
-    if let (Some(path), Some(mut profile)) = (&args.accept, accepting) {
-        let accepted = accept(&made.findings, &mut profile);
+    if let (Some(path), Some(mut profile)) = (&args.accept, updated_profile) {
+        let accepted = accept(&analysis.findings, &mut profile);
         if accepted.iter().any(|accepted| matches!(accepted.outcome, Outcome::Written { .. })) {
             write_atomically(path, true, |out| out.write_all(profile.to_string().as_bytes()))?;
         }
-        tell_accepted(&accepted, &made.findings, shot.recording.time_offset_s)?;
+        print_accepted(&accepted, &analysis.findings, shot.recording.time_offset_s)?;
     }
-    if let Some((scene, grounds)) = &of_scene {
+    if let Some((scene, grounds)) = &scene_support {
         write_support_reports(&folder, scene, grounds)?;
     }
     let frames = count(shot.recording.frame_count(), "frame");
-    tell(args.quiet, &format!("{frames} in {:.1} s: {}", start.elapsed().as_secs_f64(), folder.display()));
+    print_status(args.quiet, &format!("{frames} in {:.1} s: {}", start.elapsed().as_secs_f64(), folder.display()));
     Ok(())
 }
 
-/// The profile that is to be written into, before the work: what is no profile is refused.
-fn accepting(path: &Path, args: &Args, shot: &Shot) -> Result<Document> {
+/// Reads the profile for `--accept` before the analysis starts: an invalid profile is an error.
+fn profile_to_update(path: &Path, args: &Args, shot: &Shot) -> Result<Document> {
     let (is_there, profile) = existing(path)?;
     if is_there {
         return Ok(profile);
@@ -130,8 +131,8 @@ fn accepting(path: &Path, args: &Args, shot: &Shot) -> Result<Document> {
     }
 }
 
-/// A line for each key: before, after.
-fn tell_accepted(accepted: &[Accepted], findings: &Findings, time_offset_s: f64) -> Result<()> {
+/// Prints a line for each key, with the value before and after.
+fn print_accepted(accepted: &[Accepted], findings: &Findings, time_offset_s: f64) -> Result<()> {
     let mut out = std::io::stdout().lock();
     for Accepted { key, outcome } in accepted {
         match outcome {
@@ -154,26 +155,26 @@ fn tell_accepted(accepted: &[Accepted], findings: &Findings, time_offset_s: f64)
     Ok(())
 }
 
-/// Before the work, so that none of it is lost: the page may be written there, and nothing but such a page is replaced.
+/// Checks before the analysis starts that the report can be written, and replaces nothing but a report.
 fn check_report(path: &Path, shot: &Shot, folder: &Path) -> Result<()> {
     Inputs::of(shot).check_file(path)?;
     sink::check_file(path, true)?;
     if resolved(path).parent() == Some(&resolved(folder)) {
         bail!("{}: an analysis' folder holds nothing else; choose another place", path.display());
     }
-    let is_page = || file::read_text(path, MOST_PAGE).is_ok_and(|text| text.contains(report::MADE_BY));
+    let is_page = || file::read_text(path, MAX_REPORT_BYTES).is_ok_and(|text| text.contains(report::MADE_BY));
     if path.is_file() && path.metadata().is_ok_and(|there| there.len() > 0) && !is_page() {
         bail!("{}: exists already and is no report of an analysis, so it is kept; name another file", path.display());
     }
     Ok(())
 }
 
-/// What a scene's objects stand on, where the analysis in a folder says that the camera was.
-fn grounds(scene: &Path, args: &Args, folder: &Path) -> Result<Vec<SupportReport>> {
+/// The support of a scene's objects, with the camera poses of the analysis in a folder.
+fn support_reports(scene: &Path, args: &Args, folder: &Path) -> Result<Vec<SupportReport>> {
     let (profile, sets) = (args.profile.clone(), args.sets.clone());
     let analysis = AnalysisChoice::At(folder.to_owned());
-    let given = ShotOptions { profile, sets, scene: Some(scene.to_owned()), analysis, ..ShotOptions::default() };
-    let shot = Shot::open(&args.recording, &args.options(), &given)?;
+    let shot_options = ShotOptions { profile, sets, scene: Some(scene.to_owned()), analysis, ..ShotOptions::default() };
+    let shot = Shot::open(&args.recording, &args.options(), &shot_options)?;
     shot.scene.warnings.iter().for_each(|text| warn(args.quiet, text));
     if shot.up().is_none() {
         warn(
@@ -182,14 +183,15 @@ fn grounds(scene: &Path, args: &Args, folder: &Path) -> Result<Vec<SupportReport
         );
     }
     let grounds = shot.support_report();
-    // As composite tells it, but for what the lines of the grounds tell: what is sunk into a table may well be over a floor.
-    let is_told = |note: &Note| match note {
+    // The same notes as those of `composite`, except for gaps in the lines of the support reports: an
+    // object that is sunk into a table may be above a floor.
+    let is_reported = |note: &Note| match note {
         Note::Gap { name, gap_m, .. } => {
             grounds.iter().any(|ground| ground.name == *name && ground.includes_gap(*gap_m))
         }
         _ => false,
     };
-    let notes = shot.support_gap_notes(0..shot.recording.frame_count()).into_iter().filter(|note| !is_told(note));
+    let notes = shot.support_gap_notes(0..shot.recording.frame_count()).into_iter().filter(|note| !is_reported(note));
     notes.for_each(|note| warn(args.quiet, &note.to_string()));
     Ok(grounds)
 }
@@ -209,8 +211,8 @@ fn write_report(
     Ok(())
 }
 
-/// Analyses a recording that was opened without its analysis, unless the one that is there fits: then it is told how long that
-/// took.
+/// Analyses a recording that was opened without its analysis, or returns the existing analysis if it
+/// fits, with the times that it took.
 pub fn make(shot: &Shot, folder: &Path, force: bool, quiet: bool) -> Result<(Analysis, Option<Times>)> {
     check_folder(folder)?;
     if !force
@@ -218,17 +220,17 @@ pub fn make(shot: &Shot, folder: &Path, force: bool, quiet: bool) -> Result<(Ana
         && there.fits(&shot.recording, &shot.geometry_at(0)?).is_ok()
         && there.is_current(&shot.recording)
     {
-        tell(quiet, &format!("{}: was there and fits; --force makes it anew", folder.display()));
+        print_status(quiet, &format!("{}: was there and fits; --force makes it anew", folder.display()));
         return Ok((there, Times::kept(folder)));
     }
     let bar = progress_of(quiet, 0, "{wide_bar} {percent} %, {msg}");
-    let made = shot.analyse(folder, &mut |Progress { done, of, stage }| {
+    let analysis = shot.analyse(folder, &mut |Progress { done, of, stage }| {
         bar.set_length(of as u64);
         bar.set_position(done as u64);
         bar.set_message(stage.name());
         Ok(())
     });
     bar.finish_and_clear();
-    let (made, times) = made?;
-    Ok((made, Some(times)))
+    let (analysis, times) = analysis?;
+    Ok((analysis, Some(times)))
 }

@@ -1,11 +1,11 @@
-//! Which analysis of the footage is used: options shared by everything that draws into recordings.
+//! The choice of an analysis: options shared by all commands that composite into recordings.
 
 use std::path::PathBuf;
 
 use anyhow::Result;
 
 use super::analyse::make;
-use super::{tell, warn};
+use super::{print_status, warn};
 use locard_engine::analyse::beside;
 use locard_engine::recording::Recording;
 use locard_engine::shot::{AnalysisChoice, AnalysisState, Shot, ShotOptions};
@@ -24,7 +24,7 @@ pub struct Analysis {
 }
 
 impl Analysis {
-    pub fn asked(&self) -> AnalysisChoice {
+    pub fn choice(&self) -> AnalysisChoice {
         match &self.analysis {
             Some(folder) => AnalysisChoice::At(folder.clone()),
             None if self.no_analysis => AnalysisChoice::No,
@@ -32,17 +32,18 @@ impl Analysis {
         }
     }
 
-    /// Opens the shot, passes it to `check`, and then analyses the recording with the given camera if that is asked for
-    /// and was not done. `check` refuses what cannot be before that work, and sees the shot that is returned.
+    /// Opens the shot and passes it to `check`. With `--analyse` and without an analysis that fits, the
+    /// recording is then analysed with the given camera, and the shot is opened and checked again.
+    /// `check` thus finds invalid options before the analysis, and receives the shot that is returned.
     pub fn open<T>(
         &self,
         recording: Recording,
-        given: &ShotOptions,
+        shot_options: &ShotOptions,
         quiet: bool,
         check: impl Fn(&mut Shot) -> Result<T>,
     ) -> Result<(Shot, T)> {
         let checked = |recording| -> Result<(Shot, T)> {
-            let mut shot = Shot::of(recording, given)?;
+            let mut shot = Shot::of(recording, shot_options)?;
             let found = check(&mut shot)?;
             Ok((shot, found))
         };
@@ -50,15 +51,16 @@ impl Analysis {
             return checked(recording);
         }
         checked(recording.clone())?;
-        let recorded = ShotOptions { scene: None, analysis: AnalysisChoice::No, ..given.clone() };
+        let recorded = ShotOptions { scene: None, analysis: AnalysisChoice::No, ..shot_options.clone() };
         let shot = Shot::of(recording.clone(), &recorded)?;
         make(&shot, &beside(&recording.path), false, quiet)?;
         checked(recording)
     }
 }
 
-/// Where there is none, what one would give; and where it says nothing of the poses, that there is nothing to leave out.
-pub fn say(quiet: bool, shot: &Shot, recorded_poses: bool) {
+/// Prints what an analysis would add if there is none, and a warning if `--without registration` has no
+/// effect.
+pub fn print_hints(quiet: bool, shot: &Shot, recorded_poses: bool) {
     let is_moved = matches!(&shot.analysis, AnalysisState::Used(_, findings) if findings.registration.pose_lines > 0);
     if recorded_poses && !is_moved {
         let why = match shot.analysis {
@@ -69,6 +71,6 @@ pub fn say(quiet: bool, shot: &Shot, recorded_poses: bool) {
     }
     if let Some(finds) = shot.missing_analysis().filter(|_| shot.analysis == AnalysisState::Absent) {
         let recording = shot.recording.path.display();
-        tell(quiet, &format!("not analysed: `locard analyse {recording}` finds {finds}"));
+        print_status(quiet, &format!("not analysed: `locard analyse {recording}` finds {finds}"));
     }
 }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use anyhow::{Result, bail};
 
-use super::tell;
+use super::print_status;
 use locard_engine::params::{Field, Value};
 use locard_engine::sink;
 use locard_engine::sink::atomic::write_atomically;
@@ -43,7 +43,7 @@ pub fn run(args: &Args) -> Result<()> {
     };
     let board = args.output.with_extension("toml");
     let text = sheet.board.to_string();
-    // Both or neither.
+    // Either both files are written or none.
     sink::check_file(&args.output, args.force)?;
     // The same board may be printed on another paper.
     let same = file::read_text(&board, MAX_DOCUMENT_BYTES).is_ok_and(|there| there == text);
@@ -55,6 +55,6 @@ pub fn run(args: &Args) -> Result<()> {
         write_atomically(&board, args.force, |out| out.write_all(text.as_bytes()))?;
     }
     let told = format!("{} and {}: print at 100 %, then measure the ruler", args.output.display(), board.display());
-    tell(args.quiet, &told);
+    print_status(args.quiet, &told);
     Ok(())
 }

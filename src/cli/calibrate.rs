@@ -65,7 +65,7 @@ pub fn run(args: Args) -> Result<()> {
 }
 
 fn noise(args: NoiseArgs) -> Result<()> {
-    // Checked before the work starts, so that nothing the user has is lost.
+    // Checked before the work starts, so that no files of the user are lost.
     let failed = |what: &str| format!("{}: {what}", args.output.display());
     let read = args.frames.iter().chain(&args.mean);
     if let Some(problem) = unreadable(read.clone()).1.into_iter().next() {

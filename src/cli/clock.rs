@@ -7,10 +7,11 @@ use locard_engine::text::{count, fixed, shown};
 use locard_engine::tracking::delay::{FrameRotation, MAX_SEARCHED_DELAY_S, estimate};
 use locard_engine::tracking::turn::ImagePyramid;
 
-/// Frames further apart, in usual intervals, are not compared.
-const MOST_INTERVALS: f64 = 2.5;
+/// Largest distance of two compared frames, in usual frame intervals.
+const MAX_FRAME_INTERVALS: f64 = 2.5;
 
-/// What the pictures' motion tells of the poses' clock. Decodes every frame.
+/// The line about the offset of the poses' clock, estimated from the pictures' motion. Decodes every
+/// frame.
 pub fn line(shot: &Shot) -> Result<String, ShotError> {
     let recording = &shot.recording;
     let mut motions = Vec::new();
@@ -23,7 +24,7 @@ pub fn line(shot: &Shot) -> Result<String, ShotError> {
         }
         let time_s = frame.timestamp_s;
         let now = ImagePyramid::new(&frame.pixels);
-        let near = before.take().filter(|(t, _)| time_s - t <= MOST_INTERVALS * recording.frame_interval_s);
+        let near = before.take().filter(|(t, _)| time_s - t <= MAX_FRAME_INTERVALS * recording.frame_interval_s);
         if let (Some((from_s, before)), Some(now)) = (near, &now)
             && let Some(turn) = before.rotation_to(now, &geometry.intrinsics)
         {

@@ -9,7 +9,7 @@ use anyhow::{Context, Result, bail};
 use super::analysis::{self, Analysis};
 use super::skip::Skip;
 use super::which::Which;
-use super::{progress, tell, told, warn};
+use super::{export_error, print_status, progress, warn};
 use locard_engine::compositor::{Compositor, Target};
 use locard_engine::export::{Export, Inputs};
 use locard_engine::gpu::Gpu;
@@ -87,8 +87,8 @@ pub fn parse_range(text: &str) -> Result<(Option<usize>, Option<usize>), String>
 }
 
 /// The requested frames, checked against the available ones.
-pub fn frame_range(asked: Option<(Option<usize>, Option<usize>)>, count: usize) -> Result<Range<usize>> {
-    let (a, b) = asked.unwrap_or_default();
+pub fn frame_range(requested: Option<(Option<usize>, Option<usize>)>, count: usize) -> Result<Range<usize>> {
+    let (a, b) = requested.unwrap_or_default();
     if let (Some(a), Some(b)) = (a, b)
         && a >= b
     {
@@ -112,25 +112,26 @@ pub fn run(args: Args) -> Result<()> {
         time_offset_s: args.time_offset_s,
         ..OpenOptions::default()
     });
-    let given = ShotOptions {
+    let shot_options = ShotOptions {
         profile: args.profile.clone(),
         sets: args.sets.clone(),
         scene: Some(args.scene.clone()),
-        analysis: args.analysis.asked(),
+        analysis: args.analysis.choice(),
         recorded_poses: args.which.leaves_registration(),
         ..ShotOptions::default()
     };
     let recording = Recording::open(&args.recording, &options)?;
     let quiet = args.quiet;
-    let (mut shot, (range, export)) = args.analysis.open(recording, &given, quiet, |shot| checked(&args, shot))?;
-    // An analysis may add poses, so its end is waited for.
+    let (mut shot, (range, export)) =
+        args.analysis.open(recording, &shot_options, quiet, |shot| apply_options(&args, shot))?;
+    // After the analysis, which may add poses.
     if args.strict {
         shot.check_poses(range.clone())?;
     }
     for note in shot.notes(range.clone()).into_iter().chain(shot.support_gap_notes(range.clone())) {
         warn(quiet, &note.to_string());
     }
-    analysis::say(quiet, &shot, args.which.leaves_registration());
+    analysis::print_hints(quiet, &shot, args.which.leaves_registration());
     let mut compositor = shot.compositor(Gpu::open()?);
     for text in compositor.warnings() {
         warn(quiet, &text);
@@ -144,7 +145,7 @@ pub fn run(args: Args) -> Result<()> {
         true
     });
     bar.finish_and_clear();
-    let done = done.map_err(told);
+    let done = done.map_err(export_error);
     if let (Err(error), OutPath::Stdout, Some(report)) = (&done, &export.out, &export.report)
         && super::is_closed_stdout(error)
     {
@@ -159,18 +160,21 @@ pub fn run(args: Args) -> Result<()> {
     }
     let place =
         if export.out == OutPath::Stdout { "standard output".to_owned() } else { args.output.display().to_string() };
-    tell(quiet, &format!("{} in {:.1} s: {place}", count(done.frames(), "frame"), start.elapsed().as_secs_f64()));
+    print_status(
+        quiet,
+        &format!("{} in {:.1} s: {place}", count(done.frames(), "frame"), start.elapsed().as_secs_f64()),
+    );
     Ok(())
 }
 
-/// Puts the options into the shot. Refuses frames, settings and outputs that cannot be. Returns the frames, and the
-/// export unless it is a preview.
-fn checked(args: &Args, shot: &mut Shot) -> Result<(Range<usize>, Option<Export>)> {
+/// Applies the options to the shot, and fails on invalid frames, settings and outputs. Returns the
+/// frames, and the export unless it is a preview.
+fn apply_options(args: &Args, shot: &mut Shot) -> Result<(Range<usize>, Option<Export>)> {
     if let Some(frame) = args.preview {
         super::check_frame(frame, shot.recording.frame_count())?;
     }
-    let asked = args.preview.map_or(args.frames, |frame| Some((Some(frame), Some(frame + 1))));
-    let range = frame_range(asked, shot.recording.frame_count())?;
+    let requested = args.preview.map_or(args.frames, |frame| Some((Some(frame), Some(frame + 1))));
+    let range = frame_range(requested, shot.recording.frame_count())?;
     shot.settings.seed = args.seed;
     args.which.apply(&mut shot.settings)?;
     if args.plain {
@@ -186,11 +190,11 @@ fn checked(args: &Args, shot: &mut Shot) -> Result<(Range<usize>, Option<Export>
     }
     let (out, layers, report) = (OutPath::parse(&args.output)?, args.layers.clone(), args.report.clone());
     let export = Export { range: range.clone(), out, lossless, force, layers, report };
-    export.check(&inputs).map_err(told)?;
+    export.check(&inputs).map_err(export_error)?;
     Ok((range, Some(export)))
 }
 
-/// Writes one frame with what a person wants to know about its objects.
+/// Writes one frame with annotations about its objects.
 fn preview(args: &Args, shot: &mut Shot, compositor: &mut Compositor, frame: usize) -> Result<()> {
     let pending = shot.picture(compositor, frame, Target::Pixels)?;
     let done = compositor.collect(pending).with_context(|| format!("frame {frame}"))?;
@@ -199,7 +203,7 @@ fn preview(args: &Args, shot: &mut Shot, compositor: &mut Compositor, frame: usi
     }
     let annotated = shot.annotated(frame, &done.pixels)?;
     sink::photograph::write(&args.output, &annotated, None, args.force)?;
-    tell(args.quiet, &format!("frame {frame}, annotated: {}", args.output.display()));
+    print_status(args.quiet, &format!("frame {frame}, annotated: {}", args.output.display()));
     Ok(())
 }
 
@@ -208,7 +212,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ranges() {
+    fn frame_ranges_are_parsed_and_checked() {
         assert_eq!(parse_range("40..50"), Ok((Some(40), Some(50))));
         assert_eq!(parse_range("..5"), Ok((None, Some(5))));
         assert!(parse_range("4-5").is_err() && parse_range("a..b").is_err());

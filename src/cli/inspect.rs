@@ -9,7 +9,7 @@ use serde::Deserialize;
 use serde::de::IgnoredAny;
 
 use super::analysis::Analysis;
-use super::pick::{self, Asked, Pick, Picker, numbers};
+use super::pick::{self, Pick, Picker, PointQuery, numbers};
 use super::skip::Skip;
 use super::{clock, listen, progress_of};
 use locard_engine::analyse;
@@ -65,17 +65,17 @@ fn seconds(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| format!("{text} is refused: accepted is a number of seconds from 0.1 to 86400"))
 }
 
-/// Beyond this number, damaged pictures are only counted.
-const MOST_DAMAGED: usize = 10;
+/// Maximum number of damaged pictures that are listed.
+const MAX_LISTED_DAMAGED: usize = 10;
 
-enum Found {
+enum InputKind {
     Analysis,
     Recording,
     Scene,
     Profile,
 }
 
-/// The keys that tell what a .toml is.
+/// The keys that identify the kind of a .toml file.
 #[derive(Deserialize)]
 struct Keys {
     frames: Option<IgnoredAny>,
@@ -83,26 +83,26 @@ struct Keys {
     light: Option<IgnoredAny>,
 }
 
-/// By file extension; a .toml by its contents.
-fn kind(path: &Path) -> Result<Found> {
+/// The kind of a file by its extension; of a .toml file by its contents.
+fn kind(path: &Path) -> Result<InputKind> {
     let ending = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     Ok(match ending.as_str() {
-        _ if path.join(analyse::FILE_NAME).is_file() => Found::Analysis,
-        _ if path.is_dir() => Found::Recording,
-        "glb" | "gltf" => Found::Scene,
+        _ if path.join(analyse::FILE_NAME).is_file() => InputKind::Analysis,
+        _ if path.is_dir() => InputKind::Recording,
+        "glb" | "gltf" => InputKind::Scene,
         "toml" => {
             let text = file::read_text(path, MAX_DOCUMENT_BYTES)
                 .map_err(|error| anyhow!("{}: cannot be read: {}", path.display(), reason(&error)))?;
             let keys: Keys = document::read(&text).map_err(|problem| anyhow!("{}: {problem}", path.display()))?;
             if keys.frames.is_some() {
-                Found::Recording
+                InputKind::Recording
             } else if keys.objects.is_some() || keys.light.is_some() {
-                Found::Scene
+                InputKind::Scene
             } else {
-                Found::Profile
+                InputKind::Profile
             }
         }
-        _ => Found::Recording,
+        _ => InputKind::Recording,
     })
 }
 
@@ -114,21 +114,21 @@ pub fn run(args: &Args) -> Result<()> {
         return listen::run(url, args.seconds);
     }
     let found = kind(&args.what)?;
-    if args.frame.is_some() && !matches!(found, Found::Recording) {
+    if args.frame.is_some() && !matches!(found, InputKind::Recording) {
         bail!("{}: --frame asks for a recording, and this is none", args.what.display());
     }
     match found {
-        Found::Scene => {
+        InputKind::Scene => {
             let scene = locard_engine::scene::load(&args.what, None)?;
             write!(std::io::stdout().lock(), "{}", locard_engine::scene::describe(&scene))?;
             Ok(())
         }
-        Found::Analysis => {
+        InputKind::Analysis => {
             write!(std::io::stdout().lock(), "{}", analyse::Analysis::read(&args.what)?.findings)?;
             Ok(())
         }
-        Found::Profile => profile(&args.what),
-        Found::Recording => recording(args),
+        InputKind::Profile => profile(&args.what),
+        InputKind::Recording => recording(args),
     }
 }
 
@@ -189,11 +189,11 @@ fn profile(path: &Path) -> Result<()> {
 fn recording(args: &Args) -> Result<()> {
     let metres_per_unit = args.metres_per_unit.unwrap_or(1.0);
     let options = args.skip.over(OpenOptions { metres_per_unit, ..OpenOptions::default() });
-    // Reads the profiles: a given one overrides the recording's own.
-    let given =
-        ShotOptions { profile: args.profile.clone(), analysis: args.analysis.asked(), ..ShotOptions::default() };
+    // The given profile overrides the recording's own.
+    let shot_options =
+        ShotOptions { profile: args.profile.clone(), analysis: args.analysis.choice(), ..ShotOptions::default() };
     let recording = Recording::open(&args.what, &options)?;
-    let (shot, ()) = args.analysis.open(recording, &given, false, |_| Ok(()))?;
+    let (shot, ()) = args.analysis.open(recording, &shot_options, false, |_| Ok(()))?;
     let mut out = std::io::stdout().lock();
     if let Some(frame) = args.frame {
         return one_frame(args, shot, frame, &mut out);
@@ -271,16 +271,16 @@ fn recording(args: &Args) -> Result<()> {
     for text in recording.warnings.iter().chain(&undecoded).chain(&recording.missing_poses(0..frames)) {
         writeln!(out, "odd        {}", shown(&text.to_string()))?;
     }
-    for text in repeats(recording) {
+    for text in duplicates(recording) {
         writeln!(out, "odd        {}", shown(&text))?;
     }
-    for problem in damaged.iter().take(MOST_DAMAGED) {
+    for problem in damaged.iter().take(MAX_LISTED_DAMAGED) {
         writeln!(out, "odd        {}", shown(&problem.to_string()))?;
     }
     Ok(())
 }
 
-/// What is known of a recording's depth.
+/// A description of a recording's depth.
 fn depth(recording: &Recording, has_camera: bool) -> String {
     let size = |w: u32, h: u32| format!("yes, {w}x{h} px");
     match recording.registration() {
@@ -305,9 +305,9 @@ fn depth(recording: &Recording, has_camera: bool) -> String {
     }
 }
 
-/// What stands twice.
-fn repeats(recording: &Recording) -> Vec<String> {
-    // Of a long video it takes minutes: each picture is decoded.
+/// Messages about repeated pictures, poses and times.
+fn duplicates(recording: &Recording) -> Vec<String> {
+    // Each picture is decoded, which takes minutes for a long video.
     let bar = progress_of(
         false,
         recording.frame_count(),
@@ -360,6 +360,6 @@ fn one_frame(args: &Args, shot: Shot, frame: usize, out: &mut impl Write) -> Res
     }
     pose?;
     let metres_per_unit = args.metres_per_unit.or(recording.kind.is_metric().then_some(1.0));
-    let asked = Asked { picks: &args.picks, distance_m: args.distance, metres_per_unit };
-    pick::show(&Picker::new(&shot, frame, args.plane, Shot::surface_at)?, &asked, out)
+    let query = PointQuery { picks: &args.picks, distance_m: args.distance, metres_per_unit };
+    pick::print_points(&Picker::new(&shot, frame, args.plane, Shot::surface_at)?, &query, out)
 }

@@ -49,19 +49,23 @@ pub struct LightArgs {
 }
 
 impl LightArgs {
-    /// The recording, with what is put into it for a photograph.
+    /// Opens the recording, with the scene of a photograph.
     pub fn open(&self, scene: Option<PathBuf>, recorded_poses: bool) -> Result<Shot> {
         let options = self.skip.over(OpenOptions { metres_per_unit: self.metres_per_unit, ..OpenOptions::default() });
         let recording = Recording::open(&self.recording, &options)?;
         super::check_frame(self.frame, recording.frame_count())?;
-        let (profile, sets, analysis) = (self.profile.clone(), self.sets.clone(), self.analysis.asked());
-        let given = ShotOptions { profile, sets, scene, analysis, recorded_poses, ..ShotOptions::default() };
-        Ok(self.analysis.open(recording, &given, false, |_| Ok(()))?.0)
+        let (profile, sets, analysis) = (self.profile.clone(), self.sets.clone(), self.analysis.choice());
+        let shot_options = ShotOptions { profile, sets, scene, analysis, recorded_poses, ..ShotOptions::default() };
+        Ok(self.analysis.open(recording, &shot_options, false, |_| Ok(()))?.0)
     }
 }
 
-fn number_in(text: &str, accepts: impl Fn(f64) -> bool, accepted: &str) -> Result<f64, String> {
-    text.trim().parse().ok().filter(|v| accepts(*v)).ok_or_else(|| format!("{text} is refused: accepted is {accepted}"))
+fn number_in(text: &str, is_accepted: impl Fn(f64) -> bool, accepted: &str) -> Result<f64, String> {
+    text.trim()
+        .parse()
+        .ok()
+        .filter(|v| is_accepted(*v))
+        .ok_or_else(|| format!("{text} is refused: accepted is {accepted}"))
 }
 
 fn lux(text: &str) -> Result<f64, String> {

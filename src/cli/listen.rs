@@ -7,19 +7,19 @@ use anyhow::{Result, bail};
 use glam::DVec3;
 
 use super::pick::triple;
-use super::tell;
+use super::print_status;
 use locard_engine::stream::{Clock, LensState, Poses, Report, StreamPose};
 use locard_engine::text::{count, fixed, shown};
 
-/// How long the first datagram is waited for, seconds.
-const PATIENCE_S: f64 = 10.0;
+/// Timeout of the first datagram, s.
+const FIRST_DATAGRAM_TIMEOUT_S: f64 = 10.0;
 
-/// Listens for so long from the first pose on, and says what came.
+/// Listens for a number of seconds from the first pose on, and prints a report.
 pub fn run(url: &str, seconds: f64) -> Result<()> {
     let mut poses = Poses::open(url)?;
-    tell(false, &format!("listening at {}", poses.address()));
+    print_status(false, &format!("listening at {}", poses.address()));
     let began = Instant::now();
-    let mut last = poses.next(began + Duration::from_secs_f64(PATIENCE_S.max(seconds)))?;
+    let mut last = poses.next(began + Duration::from_secs_f64(FIRST_DATAGRAM_TIMEOUT_S.max(seconds)))?;
     let from_first = Instant::now();
     if last.is_some() {
         let until = from_first + Duration::from_secs_f64(seconds);

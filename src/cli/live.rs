@@ -6,10 +6,10 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Result, anyhow, bail};
 
-use super::record::folder_for;
-use super::watching::{Agreed, CameraArgs, Watching};
+use super::record::create_parent;
+use super::watching::{CameraArgs, CameraSession, OpenCamera};
 use super::which::Which;
-use super::{is_closed_stdout, say, warn};
+use super::{is_closed_stdout, print_message, warn};
 use locard_engine::cleanup::MadeFolder;
 use locard_engine::compositor::Composited;
 use locard_engine::gpu::Gpu;
@@ -63,25 +63,25 @@ pub fn run(args: &Args) -> Result<()> {
     }
 }
 
-/// Opens the camera here, so that what is wrong with it is said before there is a window.
+/// Opens the camera before the window, so that errors are printed.
 #[cfg(feature = "window")]
 fn in_window(args: &Args) -> Result<()> {
     use locard_window::{self, InitialContent, Project};
 
-    if args.camera.pictures.ends() || args.which.is_asked() || args.force || args.lossless {
+    if args.camera.pictures.has_limit() || args.which.is_given() || args.force || args.lossless {
         bail!("--frames, --seconds, --only, --without, --lossless and --force go with --headless");
     }
-    let agreed = Agreed::open(&args.camera, args.profile.as_deref())?;
-    let given = ShotOptions {
+    let camera = OpenCamera::open(&args.camera, args.profile.as_deref())?;
+    let shot_options = ShotOptions {
         profile: args.profile.clone(),
         sets: args.sets.clone(),
         scene: args.scene.clone(),
         ..ShotOptions::default()
     };
-    let mut project = Project::of(agreed.opened.recording(), 1.0, &given)?;
-    project.camera = Some(args.camera.from().absolute());
-    let (camera, record) = (Some(agreed.opened), args.record.clone());
-    super::tune::opened(locard_window::open(InitialContent {
+    let mut project = Project::of(camera.opened.recording(), 1.0, &shot_options)?;
+    project.camera = Some(args.camera.spec().absolute());
+    let (camera, record) = (Some(camera.opened), args.record.clone());
+    super::tune::check_opened(locard_window::open(InitialContent {
         project: Some(project),
         camera,
         record,
@@ -100,20 +100,20 @@ fn headless(args: &Args, output: &Path) -> Result<()> {
     if args.which.leaves_registration() {
         bail!("--without registration: a camera's poses are used as they come; it goes with `composite` and `photo`");
     }
-    let agreed = Agreed::open(&args.camera, profile)?;
+    let camera = OpenCamera::open(&args.camera, profile)?;
     sink::check(&out, args.force)?;
-    let delivered = agreed.opened.camera.given.delivered;
-    let (width, height, interval_s) = (delivered.width, delivered.height, agreed.opened.interval_s);
-    let given = ShotOptions {
+    let delivered = camera.opened.camera.given.delivered;
+    let (width, height, interval_s) = (delivered.width, delivered.height, camera.opened.interval_s);
+    let shot_options = ShotOptions {
         profile: args.profile.clone(),
         sets: args.sets.clone(),
         scene: args.scene.clone(),
         ..ShotOptions::default()
     };
-    let mut shot = Shot::of(agreed.opened.recording(), &given)?;
+    let mut shot = Shot::of(camera.opened.recording(), &shot_options)?;
     shot.settings.seed = args.seed;
     args.which.apply(&mut shot.settings)?;
-    let lacks = |error| match (&agreed.opened.lens, error) {
+    let lacks = |error| match (&camera.opened.lens, error) {
         (Some(lens), ShotError::NoCamera { .. }) if lens.camera.geometry.is_none() => {
             anyhow!("{}; give the camera's profile (--profile), or see to the stream", lens.description)
         }
@@ -140,18 +140,20 @@ fn headless(args: &Args, output: &Path) -> Result<()> {
         bits: 8,
     };
     let sink = sink::open(&out, &options)?;
-    let about = agreed.about(profile)?;
+    let about = camera.about(profile)?;
     let was_there = args.record.as_ref().is_some_and(|path| path.is_dir());
-    let made = args.record.as_deref().map(folder_for).transpose()?;
+    let made = args.record.as_deref().map(create_parent).transpose()?;
     let writer =
         args.record.as_ref().map(|path| Ok::<_, anyhow::Error>(RecorderThread::new(Recorder::create(path, &about)?)?));
     let writer = writer.transpose()?;
-    let patience_s = agreed.opened.patience_s();
-    let lenses = agreed.opened.lens_track(&shot.rig);
+    let patience_s = camera.opened.patience_s();
+    let lenses = camera.opened.lens_track(&shot.rig);
     let mut live = LiveCompositor::new(&shot, &mut compositor, about.max_gap_s, patience_s, writer, lenses)?;
     let mut tally = Tally::default();
-    let mut watching = agreed.start()?;
-    let done = written(sink, |send| follow(&mut watching, &mut live, &mut tally, args.camera.pictures.quiet, send));
+    let mut session = camera.start()?;
+    let done = write_on_thread(sink, |send| {
+        composite_frames(&mut session, &mut live, &mut tally, args.camera.pictures.quiet, send)
+    });
     let (frames, counts) = (live.frames(), live.counts());
     let recorded = live.finish();
     if let (Some(path), Some((0, _))) = (&args.record, &recorded) {
@@ -163,16 +165,16 @@ fn headless(args: &Args, output: &Path) -> Result<()> {
         Err(error) if !is_closed_stdout(&error) => return Err(error),
         _ => {}
     }
-    watching.close("", frames, tally.not_recorded);
+    session.close("", frames, tally.not_recorded);
     if !args.camera.pictures.quiet {
-        say(&format!(
+        print_message(&format!(
             "{} tracked, {} by predicted poses, {} without; {} of poses came late",
             count(counts.tracked as usize, "frame"),
             counts.predicted,
             counts.lost,
             counts.late
         ));
-        say(&tally.times.to_string());
+        print_message(&tally.latency.to_string());
     }
     if let Some((0, Some(error))) = recorded {
         bail!("{error}; nothing was recorded");
@@ -183,43 +185,43 @@ fn headless(args: &Args, output: &Path) -> Result<()> {
     Ok(())
 }
 
-/// What is told at the end.
+/// Statistics for the closing lines.
 #[derive(Default)]
 struct Tally {
     not_recorded: u64,
-    times: Times,
-    lost: LostTold,
+    latency: LatencyHistogram,
+    loss: TrackingLoss,
 }
 
-/// Says when poses stay away, and when they are back.
+/// Messages about the loss of poses and their return.
 #[derive(Default)]
-struct LostTold {
-    /// The first frame without a pose and its time; whether that was said.
+struct TrackingLoss {
+    /// The first frame without a pose, its time, and whether it was reported.
     since: Option<(usize, f64, bool)>,
 }
 
-impl LostTold {
-    /// What is shorter is not said, seconds.
-    const SHORT_S: f64 = 0.5;
+impl TrackingLoss {
+    /// Shortest loss that is reported, s.
+    const MIN_REPORTED_S: f64 = 0.5;
 
     fn next(&mut self, frame: usize, at_s: f64, is_lost: bool, why: impl FnOnce() -> Option<String>) -> Option<String> {
         if !is_lost {
-            let (_, since_s, _) = self.since.take().filter(|(_, _, is_said)| *is_said)?;
+            let (_, since_s, _) = self.since.take().filter(|(_, _, is_reported)| *is_reported)?;
             return Some(format!("poses again from frame {frame} on, after {} s", fixed(at_s - since_s, 1)));
         }
-        let (first, since_s, is_said) = self.since.get_or_insert((frame, at_s, false));
-        if *is_said || at_s - *since_s < Self::SHORT_S {
+        let (first, since_s, is_reported) = self.since.get_or_insert((frame, at_s, false));
+        if *is_reported || at_s - *since_s < Self::MIN_REPORTED_S {
             return None;
         }
-        *is_said = true;
+        *is_reported = true;
         let why = why().map_or(String::new(), |why| format!(": {why}"));
         Some(format!("no pose from frame {first} on{why}"))
     }
 }
 
-/// Frames until somebody ends it.
-fn follow(
-    watching: &mut Watching,
+/// Composites frames until the camera ends or the program is interrupted.
+fn composite_frames(
+    session: &mut CameraSession,
     live: &mut LiveCompositor<'_>,
     tally: &mut Tally,
     quiet: bool,
@@ -228,16 +230,16 @@ fn follow(
     let mut last_s = f64::NEG_INFINITY;
     let mut ended = false;
     loop {
-        ended |= !watching.goes_on(live.frames());
+        ended |= !session.is_running(live.frames());
         if ended && live.due_s().is_none() {
             if live.frames() == 0 {
-                bail!("nothing was composited: {}", watching.nothing());
+                bail!("nothing was composited: {}", session.no_picture_error());
             }
             return Ok(());
         }
         let patience_s = live.due_s().map_or(0.02, |due_s| (due_s - monotonic_s()).clamp(0.0, 0.005));
         if !ended {
-            match watching.next(Instant::now() + Duration::from_secs_f64(patience_s)) {
+            match session.next(Instant::now() + Duration::from_secs_f64(patience_s)) {
                 CaptureEvent::Picture(decoded) => {
                     let (picture, pixels) = *decoded;
                     let outcome = live.add_picture(&picture, pixels, monotonic_s());
@@ -248,13 +250,13 @@ fn follow(
                 CaptureEvent::Ended => ended = true,
             }
         }
-        watching.give_poses(|capture| live.take_poses(capture, last_s))?;
+        session.take_poses(|capture| live.take_poses(capture, last_s))?;
         while let Some(submitted) = live.submit(monotonic_s())? {
             let shown = live.collect(submitted)?;
             let now_s = monotonic_s();
-            tally.times.add(shown.taken_s, now_s - shown.arrived_s, now_s);
+            tally.latency.add(shown.taken_s, now_s - shown.arrived_s, now_s);
             let is_lost = shown.tracking == Tracking::Lost;
-            if let Some(text) = tally.lost.next(shown.done.frame, shown.taken_s, is_lost, || watching.lacks()) {
+            if let Some(text) = tally.loss.next(shown.done.frame, shown.taken_s, is_lost, || session.no_pose_reason()) {
                 warn(quiet, &text);
             }
             if !send(shown.done) {
@@ -269,8 +271,8 @@ fn follow(
     }
 }
 
-/// Runs `frames`, whose pictures are written on a thread of their own.
-fn written(
+/// Runs `frames`, whose pictures are written by another thread.
+fn write_on_thread(
     mut sink: Box<dyn Sink + Send>,
     frames: impl FnOnce(&mut dyn FnMut(Composited) -> bool) -> Result<()>,
 ) -> Result<()> {
@@ -291,7 +293,7 @@ fn written(
             let _ = sender.send(None);
         }
         drop(sender);
-        // The writer's error comes first: it is why the frames stopped.
+        // The writer's error takes precedence: it stopped the frames.
         match writing.join() {
             Ok(written) => written?,
             Err(_) => bail!("the thread that writes broke down; its message stands above"),
@@ -300,27 +302,27 @@ fn written(
     })
 }
 
-/// How long pictures take, in bins of a millisecond.
-struct Times {
-    since_taken: Vec<u32>,
-    since_came: Vec<u32>,
+/// Histograms of latencies, in bins of a millisecond.
+struct LatencyHistogram {
+    since_capture: Vec<u32>,
+    since_arrival: Vec<u32>,
 }
 
-impl Default for Times {
+impl Default for LatencyHistogram {
     fn default() -> Self {
-        Self { since_taken: vec![0; 2000], since_came: vec![0; 2000] }
+        Self { since_capture: vec![0; 2000], since_arrival: vec![0; 2000] }
     }
 }
 
-impl Times {
-    fn add(&mut self, taken_s: f64, since_came_s: f64, now_s: f64) {
+impl LatencyHistogram {
+    fn add(&mut self, taken_s: f64, since_arrival_s: f64, now_s: f64) {
         let bin = |bins: &mut Vec<u32>, s: f64| bins[((1e3 * s).max(0.0) as usize).min(1999)] += 1;
-        bin(&mut self.since_taken, now_s - taken_s);
-        bin(&mut self.since_came, since_came_s);
+        bin(&mut self.since_capture, now_s - taken_s);
+        bin(&mut self.since_arrival, since_arrival_s);
     }
 }
 
-impl std::fmt::Display for Times {
+impl std::fmt::Display for LatencyHistogram {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let of = |bins: &[u32], share: f64| {
             let all: u32 = bins.iter().sum();
@@ -333,7 +335,7 @@ impl std::fmt::Display for Times {
             let more = if at_ms == bins.len() - 1 { "more than " } else { "" };
             format!("{more}{}", fixed(at_ms as f64, 0))
         };
-        let [taken, came] = [&self.since_taken, &self.since_came];
+        let [taken, came] = [&self.since_capture, &self.since_arrival];
         write!(
             f,
             "from the driver's time to the composite {} ms (median), {} ms (95 %); of these {} and {} ms since the picture \
@@ -349,10 +351,10 @@ impl std::fmt::Display for Times {
 #[cfg(test)]
 mod tests {
     #[test]
-    fn what_is_lost_is_said_once_and_so_is_what_is_found() {
-        let mut lost = super::LostTold::default();
+    fn loss_of_poses_and_their_return_are_reported_once() {
+        let mut lost = super::TrackingLoss::default();
         let mut at = |frame: usize, is_lost| lost.next(frame, 0.1 * frame as f64, is_lost, || Some("fog".to_owned()));
-        // Half a second is short.
+        // Half a second is too short.
         assert!((0..5).all(|frame| at(frame, true).is_none()) && at(5, false).is_none());
         let said: Vec<String> = (6..14).filter_map(|frame| at(frame, true)).collect();
         assert_eq!(said, ["no pose from frame 6 on: fog"]);

@@ -12,8 +12,8 @@ use locard_engine::camera::stops;
 use locard_engine::shot::{DEFAULT_ISO, PartialExposure, SceneLight};
 use locard_engine::text::short;
 
-/// From this share of clipped pixels on, the picture's mean says too little.
-const CLIPPED: f64 = 0.01;
+/// Largest fraction of clipped pixels with a reliable mean of the picture.
+const MAX_CLIPPED_FRACTION: f64 = 0.01;
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -31,10 +31,10 @@ pub fn run(args: &Args) -> Result<()> {
     if let Some(geometry) = shot.known_geometry_at(frame) {
         shot.rig.lens.opening(&geometry)?;
     }
-    let asked = PartialExposure { f_number: args.aperture, time_s: args.shutter, iso: args.iso }
+    let settings = PartialExposure { f_number: args.aperture, time_s: args.shutter, iso: args.iso }
         .or(shot.exposure_settings(frame));
     let scene = shot.scene_light(frame, args.lux)?;
-    let report = Report { args, asked, scene, limits: shot.limits(frame, asked.f_number) };
+    let report = Report { args, settings, scene, limits: shot.limits(frame, settings.f_number) };
     let mut out = std::io::stdout().lock();
     if json {
         let json = report.json(shot.recording.timestamps_s.get(frame).copied().unwrap_or_default());
@@ -47,14 +47,14 @@ pub fn run(args: &Args) -> Result<()> {
 struct Report<'a> {
     args: &'a LightArgs,
     /// The settings to meter for.
-    asked: PartialExposure,
+    settings: PartialExposure,
     scene: SceneLight,
     limits: Limits,
 }
 
 impl Report<'_> {
     fn iso(&self) -> f64 {
-        self.asked.iso.unwrap_or(DEFAULT_ISO)
+        self.settings.iso.unwrap_or(DEFAULT_ISO)
     }
 
     /// Settings that would expose correctly, for each mode whose inputs are known.
@@ -62,14 +62,14 @@ impl Report<'_> {
         let (lux, plus) = (self.scene.lux, self.args.compensation);
         let possible = |mode: &Mode| match mode {
             Mode::Program => true,
-            Mode::AperturePriority => self.asked.f_number.is_some(),
-            Mode::ShutterPriority => self.asked.time_s.is_some(),
-            Mode::Manual => self.asked.f_number.is_some() && self.asked.time_s.is_some(),
+            Mode::AperturePriority => self.settings.f_number.is_some(),
+            Mode::ShutterPriority => self.settings.time_s.is_some(),
+            Mode::Manual => self.settings.f_number.is_some() && self.settings.time_s.is_some(),
         };
         // The values that a mode chooses itself are ignored.
         let set = ExposureSettings {
-            f_number: self.asked.f_number.unwrap_or(1.0),
-            time_s: self.asked.time_s.unwrap_or(1.0),
+            f_number: self.settings.f_number.unwrap_or(1.0),
+            time_s: self.settings.time_s.unwrap_or(1.0),
             iso: self.iso(),
         }
         .exact();
@@ -90,14 +90,14 @@ impl Report<'_> {
         writeln!(out, "scene      {} lx, {source}", short(if lux < 10.0 { lux } else { lux.round() }))?;
         let at_100 = scene_ev(lux, DEFAULT_ISO);
         let speed = stops::format_iso(iso);
-        let taken = if self.asked.iso.is_none() { " (taken, for no film speed is known)" } else { "" };
+        let taken = if self.settings.iso.is_none() { " (taken, for no film speed is known)" } else { "" };
         writeln!(out, "           EV {:.2} at {speed}{taken}, EV {at_100:.2} at ISO 100", scene_ev(lux, iso))?;
-        match self.asked.settings() {
+        match self.settings.settings() {
             Some(settings) => {
                 writeln!(out, "settings   {settings}: EV {:.2}", settings.ev())?;
                 writeln!(out, "exposed    {}", over(settings.over_ev(lux)))?;
             }
-            None => writeln!(out, "settings   not known: {}", self.asked.missing().join(", "))?,
+            None => writeln!(out, "settings   not known: {}", self.settings.missing().join(", "))?,
         }
         if self.args.compensation != 0.0 {
             writeln!(out, "wanted     {}", over(self.args.compensation))?;
@@ -115,7 +115,7 @@ impl Report<'_> {
             };
             writeln!(out, "{} {name:8} {}{rest}", mode.letter(), metered.settings)?;
         }
-        if let Some(light) = self.scene.picture.filter(|light| light.clipped > CLIPPED) {
+        if let Some(light) = self.scene.picture.filter(|light| light.clipped > MAX_CLIPPED_FRACTION) {
             let share = 100.0 * light.clipped;
             writeln!(out, "odd        {share:.0} % of the pixels are clipped: the scene is brighter than estimated")?;
         }
@@ -125,7 +125,7 @@ impl Report<'_> {
     fn json(&self, timestamp_s: f64) -> Value {
         let (lux, iso) = (self.scene.lux, self.iso());
         let values = |s: &ExposureSettings| json!({"text": s.to_string(), "f_number": s.f_number, "time_s": s.time_s, "iso": s.iso, "ev": s.ev()});
-        let settings = self.asked.settings();
+        let settings = self.settings.settings();
         let proposals: Vec<Value> = self
             .proposals()
             .iter()
@@ -145,7 +145,7 @@ impl Report<'_> {
                 "ev_at_iso_100": scene_ev(lux, DEFAULT_ISO),
             },
             "settings": settings.as_ref().map(values),
-            "missing": self.asked.missing(),
+            "missing": self.settings.missing(),
             "over_ev": settings.map(|s| s.over_ev(lux)),
             "compensation_ev": self.args.compensation,
             "proposals": proposals,

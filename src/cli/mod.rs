@@ -1,5 +1,5 @@
-//! The command line. Data goes to stdout, messages to stderr. Exits with 0, or with 2 and one line that says what is
-//! wrong. Names no effect: effects come from the list.
+//! The command line. Data goes to stdout, messages to stderr. Exits with 0, or with 2 and an error
+//! message of one line. Effects come from their list and are not named here.
 
 mod analyse;
 mod analysis;
@@ -9,8 +9,8 @@ mod calibrate;
 mod clock;
 mod composite;
 mod doctor;
-mod ending;
 mod inspect;
+mod interrupt;
 mod light;
 mod listen;
 mod live;
@@ -116,7 +116,7 @@ pub fn main() -> ExitCode {
             return if error.use_stderr() { ExitCode::from(2) } else { ExitCode::SUCCESS };
         }
     };
-    let done = ending::listen().and_then(|()| match cli.command {
+    let done = interrupt::install_handlers().and_then(|()| match cli.command {
         Command::Composite(args) => composite::run(args),
         Command::Analyse(args) => analyse::run(&args),
         Command::Light(args) => room_light::run(&args),
@@ -141,32 +141,32 @@ pub fn main() -> ExitCode {
         #[cfg(not(feature = "window"))]
         Command::Tune { .. } => Err(anyhow::anyhow!(WITHOUT_WINDOW)),
     });
-    // Blocks here if the program is already being ended, which needs no second message.
+    // Blocks if an interrupt already ends the program, to avoid a second message.
     drop(undo_all());
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) if is_closed_stdout(&error) => ExitCode::SUCCESS,
         Err(error) => {
-            say(&message(&error));
+            print_message(&message(&error));
             ExitCode::from(FAILED)
         }
     }
 }
 
-/// Prints help, or clap's words on wrong arguments. These quote the arguments as they are, so they are made from
-/// arguments that are safe for a terminal. A closed pipe is no reason to fail.
+/// Prints help, or clap's message about invalid arguments. The message quotes arguments, so it is made
+/// from arguments that are escaped for a terminal. A closed pipe is not an error.
 fn print(error: &clap::Error) {
     let safe = std::env::args_os().map(|argument| shown(&argument.to_string_lossy()));
     match Cli::try_parse_from(safe).err().filter(|of_safe| of_safe.kind() == error.kind()) {
         Some(error) => _ = error.print(),
-        // Its escapes made another argument of one.
-        None => say(&error.to_string()),
+        // An escaped argument is parsed differently.
+        None => print_message(&error.to_string()),
     }
 }
 
 const FAILED: u8 = 2;
 
-/// Whether the reader of our stdout has had enough (`locard params | head`). Any other closed pipe is a failure.
+/// True if the reader of stdout closed it (`locard params | head`). Any other closed pipe is an error.
 fn is_closed_stdout(error: &anyhow::Error) -> bool {
     let bare = error.downcast_ref::<std::io::Error>();
     let of_sink = error.downcast_ref::<SinkError>().and_then(|error| match error {
@@ -176,22 +176,22 @@ fn is_closed_stdout(error: &anyhow::Error) -> bool {
     bare.or(of_sink).is_some_and(|error| error.kind() == std::io::ErrorKind::BrokenPipe)
 }
 
-/// An export's error: what went wrong with its files is told from other failures ([`is_closed_stdout`]).
-fn told(error: ExportError) -> anyhow::Error {
+/// Converts an export's error. Errors of its files stay recognizable, for [`is_closed_stdout`].
+fn export_error(error: ExportError) -> anyhow::Error {
     match error {
         ExportError::Sink(error) => error.into(),
         error => error.into(),
     }
 }
 
-/// An error and its causes on one line. A cause already quoted by the text before it is left out. A bare I/O error
-/// comes from standard output.
+/// An error and its causes on one line. Causes that are quoted by the text before them are left out. A
+/// bare I/O error comes from standard output.
 fn message(error: &anyhow::Error) -> String {
     if let Some(error) = error.chain().next().and_then(|error| error.downcast_ref::<std::io::Error>()) {
         return format!("standard output: cannot be written: {}", reason(error));
     }
     error.chain().fold(String::new(), |text, cause| {
-        // Told in the words of `reason` already.
+        // Also if it is quoted as the text of `reason`.
         let of_system = cause.downcast_ref::<std::io::Error>();
         let cause = cause.to_string();
         if text.is_empty() {
@@ -204,8 +204,8 @@ fn message(error: &anyhow::Error) -> String {
     })
 }
 
-/// A line on stderr. A closed stderr is no reason to fail.
-fn say(text: &str) {
+/// Prints a line on stderr. A closed stderr is not an error.
+fn print_message(text: &str) {
     let _ = writeln!(std::io::stderr(), "locard: {}", shown(text));
 }
 
@@ -231,19 +231,19 @@ fn check_frame(frame: usize, count: usize) -> anyhow::Result<()> {
 /// A line on stderr that is not an error.
 fn warn(quiet: bool, text: &str) {
     if !quiet {
-        say(text);
+        print_message(text);
     }
 }
 
-/// Whether a person is watching: stderr is a terminal, not a pipe.
-fn watched(quiet: bool) -> bool {
+/// True if stderr is a terminal, not a pipe.
+fn is_interactive(quiet: bool) -> bool {
     !quiet && std::io::stderr().is_terminal()
 }
 
-/// A closing line, if somebody is watching.
-fn tell(quiet: bool, text: &str) {
-    if watched(quiet) {
-        say(text);
+/// Prints a closing line if stderr is a terminal.
+fn print_status(quiet: bool, text: &str) {
+    if is_interactive(quiet) {
+        print_message(text);
     }
 }
 
@@ -252,9 +252,9 @@ fn progress(quiet: bool, length: usize) -> indicatif::ProgressBar {
     progress_of(quiet, length, "{wide_bar} {pos}/{len} frames, {per_sec}, {eta} left")
 }
 
-/// A progress bar by a template of indicatif's.
+/// A progress bar by an indicatif template.
 fn progress_of(quiet: bool, length: usize, template: &str) -> indicatif::ProgressBar {
-    if !watched(quiet) {
+    if !is_interactive(quiet) {
         return indicatif::ProgressBar::hidden();
     }
     let style = indicatif::ProgressStyle::with_template(template);
@@ -270,7 +270,7 @@ mod tests {
     use anyhow::Context;
 
     #[test]
-    fn a_message_says_each_thing_once() {
+    fn message_quotes_each_cause_once() {
         let quoting = anyhow::anyhow!("disk full").context("a.png: cannot be written: disk full");
         assert_eq!(super::message(&quoting), "a.png: cannot be written: disk full");
         let adding = Err::<(), _>(anyhow::anyhow!("no pose")).context("frame 3").unwrap_err();

@@ -49,7 +49,7 @@ pub fn run(args: &Args) -> Result<()> {
             None => writeln!(out, "[{}]", table.table())?,
         }
         for s in table.specs() {
-            // Where the default is none, the unit follows the range.
+            // Without a default, the unit is printed after the range.
             let (unit, of_range) = match s.default {
                 Value::None => (String::new(), shown_unit(s.unit)),
                 _ => (shown_unit(s.unit), String::new()),

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 
 use super::which::Which;
-use super::{analysis, light, progress_of, tell, told, warn};
+use super::{analysis, export_error, light, print_status, progress_of, warn};
 use locard_engine::camera::Film;
 use locard_engine::camera::metering::Mode;
 use locard_engine::gpu::Gpu;
@@ -90,7 +90,7 @@ impl From<Bracket> for photo::Bracket {
 }
 
 impl Args {
-    pub fn wanted(&self) -> PhotoRequest {
+    pub fn request(&self) -> PhotoRequest {
         PhotoRequest {
             frame: self.light.frame,
             mode: self.mode,
@@ -136,10 +136,10 @@ pub fn run(args: &Args) -> Result<()> {
     let mut shot = args.light.open(Some(args.scene.clone()), args.which.leaves_registration())?;
     shot.settings.seed = args.seed;
     args.which.apply(&mut shot.settings)?;
-    analysis::say(args.quiet, &shot, args.which.leaves_registration());
+    analysis::print_hints(args.quiet, &shot, args.which.leaves_registration());
     let bar = progress_of(args.quiet, 100, "{msg} {wide_bar} {percent} %, {elapsed}");
-    let taken = args.wanted().take(shot, Gpu::open, &mut |says| {
-        match says {
+    let taken = args.request().take(shot, Gpu::open, &mut |event| {
+        match event {
             PhotoEvent::Warning(text) => bar.suspend(|| warn(args.quiet, &text)),
             PhotoEvent::Taking { number, of, share } => {
                 bar.set_message(format!("photograph {number} of {of}"));
@@ -147,14 +147,14 @@ pub fn run(args: &Args) -> Result<()> {
             }
             PhotoEvent::Written { path, settings } => {
                 let colon = if settings.is_empty() { "" } else { ": " };
-                bar.suspend(|| tell(args.quiet, &format!("{}{colon}{settings}", path.display())));
+                bar.suspend(|| print_status(args.quiet, &format!("{}{colon}{settings}", path.display())));
             }
         }
         true
     });
     bar.finish_and_clear();
     taken.map_err(|error| match error {
-        PhotoError::Export(error) => told(error),
+        PhotoError::Export(error) => export_error(error),
         error => error.into(),
     })
 }

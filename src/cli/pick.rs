@@ -1,4 +1,4 @@
-//! Picked points: where they are in the world, how far apart, and what plane goes through them.
+//! Picked points: their world coordinates, distances and plane.
 
 use std::cell::OnceCell;
 use std::io::Write;
@@ -13,7 +13,7 @@ use locard_engine::shot::{
 };
 use locard_engine::text::{fixed, number};
 
-/// A place in a frame's picture, and where other frames show the same point.
+/// A position in a frame's picture, and positions of the same point in other frames.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pick {
     at_px: DVec2,
@@ -21,7 +21,7 @@ pub struct Pick {
 }
 
 impl Pick {
-    /// From `X,Y`, or `X,Y+FRAME:X,Y` with as many more as are seen.
+    /// From `X,Y`, or `X,Y+FRAME:X,Y` with any number of other frames.
     pub fn parse(text: &str) -> Result<Self, String> {
         let mut parts = text.split('+');
         let at_px = numbers::<2>(parts.next().unwrap_or_default())?.into();
@@ -30,7 +30,7 @@ impl Pick {
     }
 }
 
-/// A place in a frame that it names, from `FRAME:X,Y`; `expected` says what is wanted.
+/// A position in a frame, from `FRAME:X,Y`. `expected` describes the format in the error.
 pub fn view(text: &str, expected: &str) -> Result<FramePoint, String> {
     let wrong = || format!("{text}: expected {expected}");
     let (frame, at) = text.split_once(':').ok_or_else(wrong)?;
@@ -38,7 +38,7 @@ pub fn view(text: &str, expected: &str) -> Result<FramePoint, String> {
     Ok(FramePoint { frame, at_px: numbers::<2>(at)?.into() })
 }
 
-/// As it is read.
+/// The text that [`view`] parses.
 pub fn of_view(view: &FramePoint) -> String {
     format!("{}:{}", view.frame, view.at_px.to_array().map(number).join(","))
 }
@@ -51,42 +51,42 @@ impl std::fmt::Display for Pick {
     }
 }
 
-/// So many finite numbers with commas between.
+/// Parses finite numbers separated by commas.
 pub fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
     let parsed: Option<Vec<f64>> =
         text.split(',').map(|t| t.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
     parsed.and_then(|v| v.try_into().ok()).ok_or_else(|| format!("{text}: expected {N} numbers with commas between"))
 }
 
-/// How a picked point is known.
-pub enum Known {
+/// The source of a picked point.
+pub enum PointSource {
     Depth(Surface),
     Plane { normal: DVec3 },
     Views(TriangulatedPoint),
 }
 
-pub struct Picked {
+pub struct PickedPoint {
     pub point_m: DVec3,
-    pub known: Known,
+    pub source: PointSource,
 }
 
-impl Picked {
-    /// Across the surface, where that is known.
+impl PickedPoint {
+    /// The normal of the surface, if it is known.
     pub fn normal(&self) -> Option<DVec3> {
-        match &self.known {
-            Known::Depth(surface) => Some(surface.normal_in_world),
-            Known::Plane { normal } => Some(*normal),
-            Known::Views(_) => None,
+        match &self.source {
+            PointSource::Depth(surface) => Some(surface.normal_in_world),
+            PointSource::Plane { normal } => Some(*normal),
+            PointSource::Views(_) => None,
         }
     }
 
-    /// What can stand there; seen from several frames alone, a level surface.
+    /// A support at the point. For a triangulated point it is a level surface.
     pub fn support(&self, up: DVec3) -> Support {
         Support { point_m: self.point_m, normal: self.normal().unwrap_or(up) }
     }
 }
 
-/// Finds the surface at a place of a frame's picture, px.
+/// Finds the surface at a position in a frame's picture, px.
 pub type SurfaceAt = fn(&Shot, &Frame, DVec2) -> Result<Surface, SurfaceError>;
 
 /// Finds points in a frame of a recording.
@@ -100,20 +100,21 @@ pub struct Picker<'a> {
 }
 
 impl<'a> Picker<'a> {
-    /// `surface_at`: [`Shot::surface_at`] to measure, [`Shot::placement_surface`] to place something.
+    /// `surface_at`: [`Shot::surface_at`] for measurements, [`Shot::placement_surface`] for placing
+    /// objects.
     pub fn new(shot: &'a Shot, frame: usize, plane: Option<[f64; 4]>, surface_at: SurfaceAt) -> Result<Self> {
         super::check_frame(frame, shot.recording.frame_count())?;
         Ok(Self { shot, frame, plane, surface_at, picture: OnceCell::new() })
     }
 
-    pub fn find(&self, pick: &Pick) -> Result<Picked> {
+    pub fn find(&self, pick: &Pick) -> Result<PickedPoint> {
         if !pick.also.is_empty() {
             let views: Vec<FramePoint> = std::iter::once(FramePoint { frame: self.frame, at_px: pick.at_px })
                 .chain(pick.also.iter().copied())
                 .collect();
             views.iter().try_for_each(|view| super::check_frame(view.frame, self.shot.recording.frame_count()))?;
             let found = self.shot.triangulate(&views)?;
-            return Ok(Picked { point_m: found.point_m, known: Known::Views(found) });
+            return Ok(PickedPoint { point_m: found.point_m, source: PointSource::Views(found) });
         }
         let on = |plane| {
             let support = self.shot.support_on_plane(self.frame, pick.at_px, plane);
@@ -121,7 +122,7 @@ impl<'a> Picker<'a> {
                 SurfaceError::Plane { .. } => anyhow::Error::from(error).context("--plane"),
                 other => other.into(),
             })?;
-            Ok(Picked { point_m, known: Known::Plane { normal } })
+            Ok(PickedPoint { point_m, source: PointSource::Plane { normal } })
         };
         if let Some(plane) = self.plane {
             return on(plane);
@@ -137,22 +138,22 @@ impl<'a> Picker<'a> {
             return on(floor.numbers());
         }
         let surface = (self.surface_at)(self.shot, picture, pick.at_px)?;
-        Ok(Picked { point_m: surface.point_m, known: Known::Depth(surface) })
+        Ok(PickedPoint { point_m: surface.point_m, source: PointSource::Depth(surface) })
     }
 }
 
-/// What `inspect` is asked about its points.
-pub struct Asked<'a> {
+/// A query of `inspect` about picked points.
+pub struct PointQuery<'a> {
     pub picks: &'a [Pick],
     /// The true distance between two of them, m.
     pub distance_m: Option<f64>,
-    /// `None` if nobody said it and the recording is not in metres.
+    /// `None` if it was not given and the recording is not in metres.
     pub metres_per_unit: Option<f64>,
 }
 
-/// Says where the points are, how far apart, and what plane lies through three or more.
-pub fn show(picker: &Picker<'_>, asked: &Asked<'_>, out: &mut impl Write) -> Result<()> {
-    let Asked { picks, distance_m, .. } = *asked;
+/// Prints the points' coordinates, distances, and the plane through three or more.
+pub fn print_points(picker: &Picker<'_>, query: &PointQuery<'_>, out: &mut impl Write) -> Result<()> {
+    let PointQuery { picks, distance_m, .. } = *query;
     if let Some(distance_m) = distance_m {
         match picks.len() {
             2 if distance_m > 0.0 => {}
@@ -162,14 +163,14 @@ pub fn show(picker: &Picker<'_>, asked: &Asked<'_>, out: &mut impl Write) -> Res
     }
     let shot = picker.shot;
     let is_metric = shot.recording.kind.is_metric();
-    let unit = if is_metric || asked.metres_per_unit.is_some() { "m" } else { "units" };
+    let unit = if is_metric || query.metres_per_unit.is_some() { "m" } else { "units" };
     let mut points = Vec::new();
     for (i, pick) in picks.iter().enumerate() {
         let picked = picker.find(pick).with_context(|| format!("--pick {pick}"))?;
         let which = if picks.len() > 1 { format!(" {}", i + 1) } else { String::new() };
         write!(out, "{:<11}{} {unit}", format!("world{which}"), triple(picked.point_m))?;
-        match &picked.known {
-            Known::Depth(surface) => {
+        match &picked.source {
+            PointSource::Depth(surface) => {
                 writeln!(out, " (depth {} {unit})", fixed(surface.depth_m, 4))?;
                 let n = surface.normal_in_world;
                 write!(out, "{:<11}normal {:.3} {:.3} {:.3}", format!("surface{which}"), n.x, n.y, n.z)?;
@@ -179,11 +180,11 @@ pub fn show(picker: &Picker<'_>, asked: &Asked<'_>, out: &mut impl Write) -> Res
                 let on = 100.0 * surface.share;
                 writeln!(out, ", uneven by {} {unit}, {on:.0} % of what is around", fixed(surface.sigma_m, 5))?;
             }
-            Known::Plane { .. } => {
+            PointSource::Plane { .. } => {
                 let depth = shot.recording.pose_at_frame(picker.frame)?.transform_point(picked.point_m).z;
                 writeln!(out, " (on the plane, depth {} {unit})", fixed(depth, 4))?;
             }
-            Known::Views(found) => writeln!(
+            PointSource::Views(found) => writeln!(
                 out,
                 " (± {} {unit}; rays at {}°, {} px off)",
                 fixed(found.sigma_m, 4),
@@ -193,7 +194,7 @@ pub fn show(picker: &Picker<'_>, asked: &Asked<'_>, out: &mut impl Write) -> Res
         }
         points.push(picked.point_m);
     }
-    // From one to the next, and the last side of a triangle.
+    // Successive points, and the last side of a triangle.
     let pairs = (1..points.len()).map(|i| (i - 1, i)).chain((points.len() == 3).then_some((0, 2)));
     for (from, to) in pairs {
         let apart = points[from].distance(points[to]);
@@ -212,24 +213,22 @@ pub fn show(picker: &Picker<'_>, asked: &Asked<'_>, out: &mut impl Write) -> Res
     }
     if let (Some(distance_m), [a, b]) = (distance_m, points.as_slice()) {
         let found = a.distance(*b);
-        let now = asked.metres_per_unit.unwrap_or(1.0);
+        let now = query.metres_per_unit.unwrap_or(1.0);
         let Some(scale) = metres_per_unit(*a, *b, distance_m, now) else {
             bail!("--distance {distance_m}: the two points are one and the same");
         };
         let percent = 100.0 * (found / distance_m - 1.0);
-        match is_metric {
-            true => writeln!(out, "scale      {} % off: the recording is in metres already", fixed(percent, 1))?,
-            false => writeln!(
-                out,
-                "scale      --metres-per-unit {0}, or metres_per_unit = {0} in the scene file",
-                short(scale)
-            )?,
+        if is_metric {
+            writeln!(out, "scale      {} % off: the recording is in metres already", fixed(percent, 1))?;
+        } else {
+            let scale = short(scale);
+            writeln!(out, "scale      --metres-per-unit {scale}, or metres_per_unit = {scale} in the scene file")?;
         }
     }
     Ok(())
 }
 
-/// Six digits that count.
+/// A number with six significant digits.
 fn short(n: f64) -> String {
     let digits = (5.0 - n.abs().log10().floor()).clamp(0.0, 17.0) as usize;
     number(fixed(n, digits).parse().unwrap_or(n))
@@ -244,7 +243,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn picks_are_read_as_they_are_written() {
+    fn pick_survives_a_round_trip_through_text() {
         let pick = Pick::parse("320,300+45:310.5,290+50:1,2").unwrap();
         assert_eq!(pick.to_string(), "320,300+45:310.5,290+50:1,2");
         assert_eq!((pick.at_px, pick.also.len()), (DVec2::new(320.0, 300.0), 2));

@@ -1,4 +1,4 @@
-//! `locard place`: what a click in the window does.
+//! `locard place`: places an object at a pixel, the same as a click in the window.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -8,7 +8,7 @@ use anyhow::{Context, Result, bail};
 use glam::DVec3;
 
 use super::analysis::Analysis;
-use super::pick::{Known, Pick, Picker, numbers};
+use super::pick::{Pick, Picker, PointSource, numbers};
 use super::warn;
 use locard_engine::export::Inputs;
 use locard_engine::recording::{OpenOptions, Recording};
@@ -77,13 +77,13 @@ pub fn run(args: &Args) -> Result<()> {
         bail!("--scene {}: the name of a scene file ends in .toml", args.scene.display());
     }
     let options = OpenOptions { metres_per_unit: args.metres_per_unit, ..OpenOptions::default() };
-    // A scene file may say how long the recording's unit is.
+    // A scene file may define the length of the recording's unit.
     let scene = args.scene.exists().then(|| args.scene.clone());
-    let analysis = args.analysis.asked();
-    let given = ShotOptions { profile: args.profile.clone(), scene, analysis, ..ShotOptions::default() };
+    let analysis = args.analysis.choice();
+    let shot_options = ShotOptions { profile: args.profile.clone(), scene, analysis, ..ShotOptions::default() };
     let recording = Recording::open(&args.recording, &options)?;
-    let (mut shot, ()) = args.analysis.open(recording, &given, false, |_| Ok(()))?;
-    // They would have moved the camera or lit the scene.
+    let (mut shot, ()) = args.analysis.open(recording, &shot_options, false, |_| Ok(()))?;
+    // These would change the camera or the light.
     for note in shot.unfit_analysis().into_iter().chain(shot.stale_estimates()) {
         warn(false, &note.to_string());
     }
@@ -91,14 +91,15 @@ pub fn run(args: &Args) -> Result<()> {
         Inputs::of(&shot).check_file(&args.scene)?;
         sink::check_file(&args.scene, false)?;
     }
-    let mut document = match args.scene.exists() {
-        true => scene::document::read(&args.scene)?,
-        false => Document::new(SceneFile::default()).context("a new scene")?,
+    let mut document = if args.scene.exists() {
+        scene::document::read(&args.scene)?
+    } else {
+        Document::new(SceneFile::default()).context("a new scene")?
     };
     let picked = Picker::new(&shot, args.frame, args.plane, Shot::placement_surface)?.find(&args.at)?;
     let mut file = document.value().clone();
     let file_up = file.up;
-    // Nothing stands yet that would turn with it.
+    // Without objects in the scene, whose orientation would change.
     let is_guessed = file.up.is_none() && shot.recording.up.is_none() && file.objects.is_empty();
     let up = match file.up {
         Some(up) => up.axis(&args.scene, "up")?,
@@ -126,29 +127,29 @@ pub fn run(args: &Args) -> Result<()> {
         file.gauge = shot.gauge(args.frame);
     }
     file.objects.push(placed);
-    // What does not load is not written.
+    // A scene that fails to load is not written.
     shot.set_scene(Arc::new(scene::load_file(&file, &args.scene, shot.recording.up)?));
     document.set(file).context("the scene file")?;
     write_atomically(&args.scene, true, |out| out.write_all(document.to_string().as_bytes()))?;
 
     let mut out = std::io::stdout().lock();
     writeln!(out, "placed     {} at {} m", shown(&model), position.map(|n| fixed(n, 4)).join(" "))?;
-    // Along the model's own axes.
+    // Sides along the model's own axes.
     if let Some(corners_m) = shot.scene.objects.last().and_then(|object| object.corners_m(&shot.scene)) {
         let sides = [1, 2, 4].map(|axis| fixed(corners_m[0].distance(corners_m[axis]), 3));
         writeln!(out, "size       {} m", sides.join(" × "))?;
     }
     let tilt = support.normal.dot(up).clamp(-1.0, 1.0).acos().to_degrees();
-    match picked.known {
-        Known::Depth(found) => writeln!(
+    match picked.source {
+        PointSource::Depth(found) => writeln!(
             out,
             "surface    tilted by {tilt:.1}°, depth {:.4} m, uneven by {:.1} mm, {:.0} % of what is around",
             found.depth_m,
             1e3 * found.sigma_m,
             100.0 * found.share
         )?,
-        Known::Plane { .. } => writeln!(out, "surface    tilted by {tilt:.1}°, as given")?,
-        Known::Views(found) => writeln!(
+        PointSource::Plane { .. } => writeln!(out, "surface    tilted by {tilt:.1}°, as given")?,
+        PointSource::Views(found) => writeln!(
             out,
             "surface    taken for level; the point is known within {:.1} mm (rays at {:.1}°, {:.1} px off)",
             1e3 * found.sigma_m,

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Result, bail};
 use glam::{DVec2, DVec3};
 
-use super::{tell, warn};
+use super::{print_status, warn};
 use locard_engine::camera::curved::{Curve, Curved};
 use locard_engine::camera::{Distortion, Geometry, Intrinsics, Response};
 use locard_engine::export::Inputs;
@@ -157,7 +157,7 @@ pub fn run(args: &Args) -> Result<()> {
     }
     picture::write(&args.output, &image, &Response::default(), args.force)?;
     let eye = pose.position_in_world_m().to_array().map(short).join(",");
-    tell(args.quiet, &format!("{}x{} px, from {eye}: {}", image.width, image.height, args.output.display()));
+    print_status(args.quiet, &format!("{}x{} px, from {eye}: {}", image.width, image.height, args.output.display()));
     Ok(())
 }
 
@@ -188,7 +188,7 @@ fn check(args: &Args) -> Result<()> {
     }
 }
 
-/// Sphere around all vertices of the scene: middle and radius, metres. A metre at the origin if there are none.
+/// Bounding sphere of the scene's vertices: centre and radius, m. A metre at the origin if there are none.
 fn bounding_sphere(scene: &Scene) -> (DVec3, f64) {
     let points = || {
         scene.objects.iter().flat_map(|o| &o.parts).flat_map(|part| {
@@ -202,9 +202,9 @@ fn bounding_sphere(scene: &Scene) -> (DVec3, f64) {
     (middle, points().map(|p| p.distance(middle)).fold(1e-3, f64::max))
 }
 
-/// Where the camera stands and what it looks at, unless given. Default: from the front, one side and above, far enough
-/// away to see everything. An environment: from above the middle, looking ahead. A little planet: from there, looking
-/// down.
+/// The pose of the camera. By default it is in front of the scene, to one side and above, at a distance
+/// from which all of the scene is visible. An environment's is above the centre and faces ahead, a
+/// little planet's faces down from there.
 fn pose(args: &Args, (middle, radius): (DVec3, f64), scene_up: DVec3) -> Result<Pose> {
     let given_up = args.up.map(DVec3::from);
     let up = given_up.unwrap_or(scene_up).normalize_or_zero();
@@ -222,7 +222,7 @@ fn pose(args: &Args, (middle, radius): (DVec3, f64), scene_up: DVec3) -> Result<
         match args.camera {
             Kind::Environment | Kind::LittlePlanet => at + radius * up,
             kind => {
-                // Half the angle across the smaller side of the picture. The sphere fills nine tenths of it.
+                // Half of the field of view across the smaller side. The sphere fills nine tenths of it.
                 let fov = args.fov.map_or(kind.default_fov_deg(), |fov| fov.0).to_radians();
                 let (w, h) = picture_size(args);
                 let narrow = (f64::from(w) / f64::from(h)).min(1.0);
@@ -238,7 +238,7 @@ fn pose(args: &Args, (middle, radius): (DVec3, f64), scene_up: DVec3) -> Result<
         Kind::LittlePlanet => eye - up,
         _ => middle,
     });
-    // If the camera looks along up and no other up was given, ahead becomes up.
+    // If the viewing direction is up and no other up was given, ahead becomes up.
     let along = (target - eye).normalize_or_zero().cross(up).length() < 1e-6;
     let up = if along && given_up.is_none() { ahead } else { up };
     let Some(pose) = Pose::look_at(eye, target, up) else {
@@ -272,7 +272,7 @@ fn projection(args: &Args, (_, radius): (DVec3, f64)) -> Projection {
             curved(Curve::Environment { fov_rad: DVec2::new(fov_rad, vertical) })
         }
         Kind::Orthographic => {
-            // The whole sphere of the scene, and a tenth more.
+            // The bounding sphere with a margin of a tenth.
             let height_m = args.height.unwrap_or(2.2 * radius * (size.y / size.x).max(1.0));
             Projection::Orthographic { width_px, height_px, px_per_m: size.y / height_m }
         }

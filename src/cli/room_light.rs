@@ -10,7 +10,7 @@ use std::path::PathBuf;
 use anyhow::{Context, Result, bail};
 use glam::Vec3;
 
-use super::tell;
+use super::print_status;
 use locard_engine::analyse::{Analysis, Findings, beside, panorama_beside};
 use locard_engine::export::Inputs;
 use locard_engine::recording::OpenOptions;
@@ -47,8 +47,8 @@ pub struct Args {
     white: Vec<ReferencePick>,
     /// A lamp that is seen: the frame, column and row; where depth says nothing also how far it is from the camera in metres, or where
     /// another frame shows it. How bright it is follows from how surfaces are lit; several times for several lamps
-    #[arg(long, value_name = "FRAME:X,Y[,M][+FRAME:X,Y]", value_parser = lamp::Pointed::parse, allow_hyphen_values = true)]
-    lamp: Vec<lamp::Pointed>,
+    #[arg(long, value_name = "FRAME:X,Y[,M][+FRAME:X,Y]", value_parser = lamp::LampPick::parse, allow_hyphen_values = true)]
+    lamp: Vec<lamp::LampPick>,
     /// A Radiance or OpenEXR panorama of the place, in place of the one that was found and of its lamps; it becomes as bright as they were
     #[arg(long, value_name = "HDR")]
     environment: Option<PathBuf>,
@@ -67,7 +67,7 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    let (shot, folder, found) = opened(args)?;
+    let (shot, folder, found) = open_analysed(args)?;
     let (Some(light), Some(around)) = (&found.findings.light, &found.environment) else {
         let why = found.findings.light.as_ref().and_then(|light| light.why.as_deref()).unwrap_or("nothing can be said");
         bail!("{}: the footage does not tell its light: {why}", folder.display());
@@ -98,26 +98,26 @@ pub fn run(args: &Args) -> Result<()> {
     if file.light != LightTable::default() && !args.force {
         bail!("{}: it has a [light] already, which is kept; --force replaces it", path.display());
     }
-    let anew = lamp::lit_anew(&shot, &found, &args.lamp)?;
-    let (light, around) = anew.as_ref().map_or((light, around), |(light, around)| (light, around));
+    let relit = lamp::relit(&shot, &found, &args.lamp)?;
+    let (light, around) = relit.as_ref().map_or((light, around), |(light, around)| (light, around));
     let mut lines = light.lines();
     let mut lighting = light.lighting(around).context("the light that was found")?;
-    // What white matt shows that looks up.
+    // Radiance of a white surface that faces up.
     let place = light.place_m.unwrap_or_default().into();
     let turned = file.up.map_or(Ok(up.into()), |up| up.axis(path, "up"))?;
     let by = own::upward(&lighting, place, turned);
-    lines.extend(lamp::odd(&args.lamp, &by));
+    lines.extend(lamp::dark_lamp_warnings(&args.lamp, &by));
     match &args.environment {
         Some(panorama) => {
             file.up = file.up.or(Some(Up::Direction(up)));
-            // What a person has seen shines beside it; what was found besides is in it.
+            // Lamps that the user pointed at are added to the panorama; other lamps are part of it.
             let kept = args.lamp.len();
             let wanted = by.far + by.lamps.iter().skip(kept).map(|lamp| lamp.0).sum::<Vec3>();
             let lamps = light.lamp_tables().into_iter().take(kept).collect();
             let (table, lit, line) = own::light(panorama, args.turn, lamps, (&file, path), turned, wanted)?;
             (file.light, lighting) = (table, lit);
-            let mut told = 0..kept;
-            lines.retain(|(what, _)| *what != "bounce" && (*what != "lamp" || told.next().is_some()));
+            let mut user_lamps = 0..kept;
+            lines.retain(|(what, _)| *what != "bounce" && (*what != "lamp" || user_lamps.next().is_some()));
             lines.push(("panorama", line));
         }
         None => {
@@ -141,15 +141,15 @@ pub fn run(args: &Args) -> Result<()> {
         writeln!(out, "{what:<11}{text}")?;
     }
     let written = args.environment.as_ref().map_or(format!(" and {}", hdr.display()), |_| String::new());
-    tell(args.quiet, &shown(&format!("{}{written}", path.display())));
+    print_status(args.quiet, &shown(&format!("{}{written}", path.display())));
     Ok(())
 }
 
-/// The recording with its analysis, and where that lies.
-fn opened(args: &Args) -> Result<(Shot, PathBuf, Analysis)> {
+/// Opens the recording with its analysis and the analysis' folder.
+fn open_analysed(args: &Args) -> Result<(Shot, PathBuf, Analysis)> {
     let analysis = args.analysis.clone().map_or(AnalysisChoice::Beside, AnalysisChoice::At);
-    let given = ShotOptions { profile: args.profile.clone(), analysis, ..ShotOptions::default() };
-    let shot = Shot::open(&args.recording, &OpenOptions::default(), &given)?;
+    let shot_options = ShotOptions { profile: args.profile.clone(), analysis, ..ShotOptions::default() };
+    let shot = Shot::open(&args.recording, &OpenOptions::default(), &shot_options)?;
     let recording = args.recording.display();
     let folder = match &shot.analysis {
         AnalysisState::Used(folder, _) => folder.clone(),

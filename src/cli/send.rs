@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Result, bail};
 use glam::DVec3;
 
-use super::{ending, progress_of, tell, warn};
+use super::{interrupt, print_status, progress_of, warn};
 use locard_engine::camera::LensModel;
 use locard_engine::pose::Pose;
 use locard_engine::recording::OpenOptions;
@@ -51,7 +51,7 @@ pub fn run(args: &Args) -> Result<()> {
         &ShotOptions { profile: args.profile.clone(), ..ShotOptions::default() },
     )?;
     let recording = &shot.recording;
-    let poses = on_the_frames_clock(&shot);
+    let poses = poses_on_frame_clock(&shot);
     let (Some(&(first_s, _)), Some(&(last_s, _))) = (poses.first(), poses.last()) else {
         bail!("{}: the recording has no poses to send", args.recording.display());
     };
@@ -65,14 +65,14 @@ pub fn run(args: &Args) -> Result<()> {
 
     let length = if args.repeat { 0 } else { poses.len() };
     let bar = progress_of(args.quiet || args.repeat, length, "{wide_bar} {pos}/{len} poses, {eta} left");
-    ending::gently();
+    interrupt::defer_first();
     let began = Instant::now();
     let round_s = last_s - first_s + interval_s;
     let (mut sent, mut is_ended) = (0, false);
     'rounds: for round in 0u32.. {
         for (time_s, pose) in &poses {
             let time_s = time_s + f64::from(round) * round_s;
-            is_ended = !waits(began + Duration::from_secs_f64((time_s - first_s) / args.speed));
+            is_ended = !wait_until(began + Duration::from_secs_f64((time_s - first_s) / args.speed));
             if is_ended {
                 break 'rounds;
             }
@@ -87,27 +87,29 @@ pub fn run(args: &Args) -> Result<()> {
     bar.finish_and_clear();
     let took = fixed(began.elapsed().as_secs_f64(), 1);
     let done = format!("{} sent to {} in {took} s", count(sent, "pose"), sender.target().at);
-    match is_ended {
-        true => warn(args.quiet, &format!("ended: {done}")),
-        false => tell(args.quiet, &done),
+    if is_ended {
+        warn(args.quiet, &format!("ended: {done}"));
+    } else {
+        print_status(args.quiet, &done);
     }
     Ok(())
 }
 
-/// Waits until then. False as soon as somebody ends the program.
-fn waits(due: Instant) -> bool {
-    const LOOKED_EVERY: Duration = Duration::from_millis(50);
+/// Waits until a time. Returns false as soon as the program is interrupted.
+fn wait_until(due: Instant) -> bool {
+    const POLL_INTERVAL: Duration = Duration::from_millis(50);
     loop {
         let left = due.saturating_duration_since(Instant::now());
-        if ending::is_asked() || left.is_zero() {
-            return !ending::is_asked();
+        if interrupt::is_requested() || left.is_zero() {
+            return !interrupt::is_requested();
         }
-        std::thread::sleep(left.min(LOOKED_EVERY));
+        std::thread::sleep(left.min(POLL_INTERVAL));
     }
 }
 
-/// The poses by the frames' times, which a stream's poses are looked up by. None is before 0, which streams cannot say.
-fn on_the_frames_clock(shot: &Shot) -> Vec<(f64, Pose)> {
+/// The poses on the clock of the frames, which is used to look up a stream's poses. Times are shifted
+/// so that none is negative, which streams do not support.
+fn poses_on_frame_clock(shot: &Shot) -> Vec<(f64, Pose)> {
     let recording = &shot.recording;
     let first_s = recording.track.poses().first().map_or(0.0, |pose| pose.0 - recording.time_offset_s);
     let shift_s = if first_s < 0.0 { -first_s.floor() } else { 0.0 };
@@ -115,7 +117,7 @@ fn on_the_frames_clock(shot: &Shot) -> Vec<(f64, Pose)> {
     recording.track.poses().iter().map(moved).collect()
 }
 
-/// What is sent of the lens. `None` if nothing is known, or if it is not one lens.
+/// The lens that is sent. `None` if it is unknown, or if it changes.
 fn lens(shot: &Shot, quiet: bool) -> Option<LensState> {
     let geometry = shot.known_geometry_at(0)?;
     let camera = shot.camera();

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use anyhow::{Result, bail};
 use glam::DVec3;
 
-use super::{progress, tell};
+use super::{print_status, progress};
 use locard_engine::params::{Params, Value};
 use locard_engine::scene;
 use locard_engine::simulate::{self, Flaws, Options, Simulation};
@@ -69,6 +69,6 @@ pub fn run(args: &Args) -> Result<()> {
     });
     bar.finish_and_clear();
     done?;
-    tell(args.quiet, &format!("{}: {}", count(options.frames as usize, "frame"), output.display()));
+    print_status(args.quiet, &format!("{}: {}", count(options.frames as usize, "frame"), output.display()));
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! Which frames of a recording are left out: options shared by everything that opens one.
+//! Options for skipping frames of a recording, shared by all commands that open one.
 
 use locard_engine::recording::OpenOptions;
 

@@ -1,10 +1,11 @@
-//! Restarts the program where its environment must change.
+//! Restarts the program if its environment must change.
 
-/// Restarts the program with Mesa's device selection off, where it would complain. That is a Vulkan layer that Mesa
-/// puts into every program. It looks for a Wayland display and reports on stderr, twice, that `XDG_RUNTIME_DIR` is
-/// unset: in containers, over ssh and in CI. All it does is put one adapter before the others, and Locard chooses among
-/// all of them itself. The layer is controlled only by the environment, which a running program cannot change safely.
-/// The new program keeps the process id and takes 1.5 ms longer to start.
+/// Restarts the program without Mesa's device selection if that would print warnings. It is a Vulkan
+/// layer that Mesa adds to every program. It tries to open a Wayland display, and prints twice on stderr
+/// that `XDG_RUNTIME_DIR` is unset: in containers, over ssh and in CI. The layer only reorders the
+/// adapters, and Locard chooses among all of them itself. It is controlled only by the environment,
+/// which a running program cannot change safely. The new program keeps the process id and takes 1.5 ms
+/// longer to start.
 pub fn without_device_selection() {
     #[cfg(target_os = "linux")]
     {
@@ -13,7 +14,7 @@ pub fn without_device_selection() {
         const OFF: &str = "NODEVICE_SELECT";
         let has_folder =
             env::var_os("XDG_RUNTIME_DIR").is_some_and(|folder| std::path::Path::new(&folder).is_absolute());
-        // Never restart twice.
+        // Restarts at most once.
         if has_folder || env::var_os(OFF).is_some() {
             return;
         }
@@ -23,7 +24,7 @@ pub fn without_device_selection() {
         if let Some(name) = arguments.next() {
             command.arg0(name);
         }
-        // Returns only on failure; then the two lines appear.
+        // Returns only on failure. The two warnings are then printed.
         let _ = command.args(arguments).env(OFF, "1").exec();
     }
 }

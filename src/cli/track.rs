@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 
-use super::{progress, tell, warn};
+use super::{print_status, progress, warn};
 use locard_engine::compositor::Settings;
 use locard_engine::live::LiveOptions;
 use locard_engine::profile::Rig;
@@ -59,7 +59,7 @@ pub fn run(args: &Args) -> Result<()> {
         None => Sheet::new(Paper::A4).board,
     };
     let video = probe(&args.video, &Overrides::default())?;
-    // Checked before the work starts, so that nothing the user has is lost.
+    // Checked before the work starts, so that no files of the user are lost.
     check(&args.output, args.force, &inputs)?;
     video.warnings.iter().for_each(|text| warn(args.quiet, text));
     let bar = progress(args.quiet, video.timestamps_s.len());
@@ -78,6 +78,6 @@ pub fn run(args: &Args) -> Result<()> {
         &RecordingInputs { video: &video, profile: &profile, board: &board, track: &tracked },
     )?;
     write!(std::io::stdout().lock(), "{tracked}")?;
-    tell(args.quiet, &format!("{}: {}", count(tracked.chosen().count(), "pose"), args.output.display()));
+    print_status(args.quiet, &format!("{}: {}", count(tracked.chosen().count(), "pose"), args.output.display()));
     Ok(())
 }

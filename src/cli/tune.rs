@@ -34,7 +34,7 @@ pub fn run(args: Args) -> Result<()> {
     let is_demo = recording.is_none();
     let demo = assets::find(DEMO);
     if is_demo && !measure && demo.is_none() {
-        return opened(locard_window::open(InitialContent { start: true, ..InitialContent::default() }));
+        return check_opened(locard_window::open(InitialContent { start: true, ..InitialContent::default() }));
     }
     if is_demo {
         scene = scene.or_else(|| Some(assets::path(DEMO_SCENE)));
@@ -53,7 +53,7 @@ pub fn run(args: Args) -> Result<()> {
         project.profile = Some(path);
     }
     let measure = measure.then(|| Measure::new(started, project.shot())).transpose()?;
-    opened(locard_window::open(InitialContent {
+    check_opened(locard_window::open(InitialContent {
         project: Some(project),
         start: is_demo,
         measure,
@@ -61,11 +61,11 @@ pub fn run(args: Args) -> Result<()> {
     }))
 }
 
-pub fn opened(ended: Result<(), locard_window::Error>) -> Result<()> {
+pub fn check_opened(ended: Result<(), locard_window::Error>) -> Result<()> {
     ended.map_err(|error| anyhow!("the window cannot be opened: {}", reason(&error.to_string())))
 }
 
-/// What a person can do about it; the error names files of libraries.
+/// The reason without source files of libraries, or a hint for the user.
 fn reason(error: &str) -> String {
     let has = |name: &str| std::env::var_os(name).is_some_and(|value| !value.is_empty());
     if cfg!(target_os = "linux") && !has("DISPLAY") && !has("WAYLAND_DISPLAY") {
@@ -73,7 +73,7 @@ fn reason(error: &str) -> String {
                 all other commands work without one"
             .to_owned();
     }
-    // As in "os error at /src/mod.rs:788: Failed to open connection to X server".
+    // For example "os error at /src/mod.rs:788: Failed to open connection to X server".
     let after = error.rsplit_once(".rs:").and_then(|(_, rest)| rest.split_once(": "));
     after.map_or(error, |(_, reason)| reason).to_owned()
 }
@@ -81,7 +81,7 @@ fn reason(error: &str) -> String {
 #[cfg(test)]
 mod tests {
     #[test]
-    fn the_file_of_a_library_is_no_reason() {
+    fn reason_omits_source_files_of_libraries() {
         let error = "os error at /src/linux/mod.rs:788: Failed to open connection to X server";
         let said = super::reason(error);
         assert!(!said.contains("mod.rs") && (said.contains("X server") || said.contains("no display")), "{said}");

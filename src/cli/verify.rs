@@ -41,17 +41,22 @@ pub struct Args {
     quiet: bool,
 }
 
-/// What passes: a median displacement, px; a median difference of luma, codes; lengths of blur, virtual by real, between these;
-/// a difference of point spreads' σ, px.
-const MOST_PX: f64 = 0.7;
-const MOST_CODES: f64 = 1.5;
-const BLUR: (f64, f64) = (0.8, 1.25);
-const SPREAD_PX: f64 = 0.15;
-/// The median slide over so many frames, px; pairs that get worse by the refinement, and by how much one may.
-const SLIDE: usize = 20;
-const MOST_SLIDE_PX: f64 = 1.0;
-const WORSE: f64 = 0.05;
-const MOST_WORSE_PX: f64 = 0.5;
+/// Largest median displacement that passes, px.
+const MAX_DISPLACEMENT_PX: f64 = 0.7;
+/// Largest median difference of luma that passes, codes.
+const MAX_LUMA_CODES: f64 = 1.5;
+/// Ratios of virtual to real blur length that pass.
+const BLUR_RATIO: (f64, f64) = (0.8, 1.25);
+/// Largest difference between the point spreads' σ that passes, px.
+const MAX_SIGMA_DIFFERENCE_PX: f64 = 0.15;
+/// Number of frames over which slides are measured.
+const SLIDE_FRAMES: usize = 20;
+/// Largest median slide that passes, px.
+const MAX_SLIDE_PX: f64 = 1.0;
+/// Largest fraction of pairs whose slide may increase by the refinement.
+const MAX_WORSE_FRACTION: f64 = 0.05;
+/// Largest increase of a slide by the refinement, px.
+const MAX_WORSE_PX: f64 = 0.5;
 
 pub fn run(args: &Args) -> Result<()> {
     if args.every == 0 || args.gap == 0 {
@@ -59,15 +64,15 @@ pub fn run(args: &Args) -> Result<()> {
     }
     let options = args.skip.over(OpenOptions::default());
     let open = |analysis| {
-        let given =
+        let shot_options =
             ShotOptions { profile: args.profile.clone(), sets: args.sets.clone(), analysis, ..ShotOptions::default() };
-        Shot::open(&args.recording, &options, &given)
+        Shot::open(&args.recording, &options, &shot_options)
     };
     let recorded = open(AnalysisChoice::No)?;
     if !recorded.recording.has_depth() {
         bail!("{}: there is no depth: nothing says where what its frames show stands", args.recording.display());
     }
-    let found = open(args.analysis.asked())?;
+    let found = open(args.analysis.choice())?;
     for note in found.notes(0..found.recording.frame_count()) {
         warn(args.quiet, &note.to_string());
     }
@@ -76,22 +81,22 @@ pub fn run(args: &Args) -> Result<()> {
     let bar = progress(args.quiet, 0);
     let is_analysed = matches!(found.analysis, AnalysisState::Used(..));
     let runs = 1 + u64::from(is_analysed);
-    let judged = |shot: &Shot, run: u64| {
+    let verify_shot = |shot: &Shot, run: u64| {
         verify(&gpu, shot, plan, |done, of| {
             bar.set_length(runs * of as u64);
             bar.set_position(run * of as u64 + done as u64);
         })
     };
-    let by_record = judged(&recorded, 0)?;
-    let by_findings = is_analysed.then(|| judged(&found, 1)).transpose()?;
+    let by_record = verify_shot(&recorded, 0)?;
+    let by_findings = is_analysed.then(|| verify_shot(&found, 1)).transpose()?;
     let real_px = real_px(&found)?;
-    let slid = slid(&recorded, &found)?;
+    let slides = measure_slides(&recorded, &found)?;
     bar.finish_and_clear();
-    say(args, &by_record, by_findings.as_ref(), &real_px, slid.as_deref())
+    print_verdicts(args, &by_record, by_findings.as_ref(), &real_px, slides.as_deref())
 }
 
-/// Slides by recorded and by refined poses; `None` where nothing is analysed or nothing slides.
-fn slid(recorded: &Shot, found: &Shot) -> Result<Option<Vec<SlidePair>>> {
+/// Slides with recorded and with refined poses; `None` without an analysis or without measured slides.
+fn measure_slides(recorded: &Shot, found: &Shot) -> Result<Option<Vec<SlidePair>>> {
     let AnalysisState::Used(folder, _) = &found.analysis else { return Ok(None) };
     let analysis = analyse::Analysis::read(folder)?;
     let (camera, response) = (recorded.geometry_at(0)?, recorded.camera().response);
@@ -107,26 +112,26 @@ fn slid(recorded: &Shot, found: &Shot) -> Result<Option<Vec<SlidePair>>> {
     Ok(report::slides(&source)?.ok())
 }
 
-fn say(
+fn print_verdicts(
     args: &Args,
     recorded: &Verification,
     found: Option<&Verification>,
     real_px: &Result<f64, String>,
-    slid: Option<&[SlidePair]>,
+    slides: Option<&[SlidePair]>,
 ) -> Result<()> {
     let mut out = std::io::stdout().lock();
     let now = found.unwrap_or(recorded);
     writeln!(out, "pairs        {}, {} frames apart", count(now.pairs, "pair"), args.gap)?;
     let mut failed = Vec::new();
     let mut line =
-        |name: &str, passes: Option<bool>, told: &dyn Fn(&Verification) -> String, bar: &str| -> Result<()> {
-            let analysed = found.map_or(String::new(), |found| format!(", as analysed {}", told(found)));
+        |name: &str, passes: Option<bool>, text: &dyn Fn(&Verification) -> String, bar: &str| -> Result<()> {
+            let analysed = found.map_or(String::new(), |found| format!(", as analysed {}", text(found)));
             let verdict = match passes {
                 Some(true) => "pass",
                 Some(false) => "FAIL",
                 None => "not judged",
             };
-            writeln!(out, "{name:<12} recorded {}{analysed}; {bar}: {verdict}", told(recorded))?;
+            writeln!(out, "{name:<12} recorded {}{analysed}; {bar}: {verdict}", text(recorded))?;
             if passes == Some(false) {
                 failed.push(name.to_owned());
             }
@@ -135,17 +140,17 @@ fn say(
     line(
         "registration",
         match now.displaced {
-            Some(displaced) => Some(now.unmatched <= now.pairs && displaced.px.0 <= MOST_PX),
+            Some(displaced) => Some(now.unmatched <= now.pairs && displaced.px.0 <= MAX_DISPLACEMENT_PX),
             None => (now.unmatched > 0).then_some(false),
         },
         &registration,
-        &format!("at most {MOST_PX} px"),
+        &format!("at most {MAX_DISPLACEMENT_PX} px"),
     )?;
     line(
         "gain",
-        now.brightness.map(|brightness| brightness.codes.0 <= MOST_CODES),
+        now.brightness.map(|brightness| brightness.codes.0 <= MAX_LUMA_CODES),
         &|v| v.brightness.as_ref().map_or_else(|| "unknown, no area is flat".to_owned(), brightness),
-        &format!("at most {MOST_CODES} codes"),
+        &format!("at most {MAX_LUMA_CODES} codes"),
     )?;
     let blur = |v: &Verification| match &v.blur {
         Some(b) => {
@@ -158,19 +163,22 @@ fn say(
         }
         None => "unknown, the camera is nowhere fast over texture above the noise".to_owned(),
     };
-    let (low, high) = BLUR;
+    let (low, high) = BLUR_RATIO;
     let passes = now.blur.map(|b| b.ratio >= low && b.ratio <= high);
     line("blur", passes, &blur, &format!("from {low} to {high}"))?;
     let spread = |v: &Verification| v.sharpness_px.map_or("unknown".to_owned(), |px| format!("{} px", fixed(px, 2)));
     let real = match real_px {
-        Ok(px) => format!("real {} px, at most {SPREAD_PX} px apart", fixed(*px, 2)),
+        Ok(px) => format!("real {} px, at most {MAX_SIGMA_DIFFERENCE_PX} px apart", fixed(*px, 2)),
         Err(why) => format!("real unknown: {why}"),
     };
-    let passes = now.sharpness_px.zip(real_px.as_ref().ok()).map(|(drawn, real)| (drawn - real).abs() <= SPREAD_PX);
+    let passes = now
+        .sharpness_px
+        .zip(real_px.as_ref().ok())
+        .map(|(drawn, real)| (drawn - real).abs() <= MAX_SIGMA_DIFFERENCE_PX);
     line("sharpness", passes, &spread, &real)?;
-    for (name, passes, told) in slid.map(slide_lines).unwrap_or_default() {
+    for (name, passes, text) in slides.map(slide_lines).unwrap_or_default() {
         let verdict = if passes { "pass" } else { "FAIL" };
-        writeln!(out, "{name:<12} {told}: {verdict}")?;
+        writeln!(out, "{name:<12} {text}: {verdict}")?;
         if !passes {
             failed.push(name.to_owned());
         }
@@ -178,7 +186,7 @@ fn say(
     if failed.is_empty() { Ok(()) } else { bail!("{}: {} fail", args.recording.display(), failed.join(" and ")) }
 }
 
-/// What poses miss by, what was measured, and the measurement's floor.
+/// The displacement by the error of poses, the measured one, and the noise floor.
 fn displaced(found: &DisplacementSummary) -> String {
     let px = |px: f64| fixed(px, 2);
     let (median, ninety, measured) = (px(found.px.0), px(found.px.1), px(found.measured.0));
@@ -192,7 +200,7 @@ fn displaced(found: &DisplacementSummary) -> String {
     }
 }
 
-/// What gain misses by, what was measured, and the measurement's floor.
+/// The luma difference by the error of gains, the measured one, and the noise floor.
 fn brightness(found: &Brightness) -> String {
     let codes = |codes: f64| fixed(codes, 2);
     let (median, most, measured) = (codes(found.codes.0), codes(found.codes.1), codes(found.measured.0));
@@ -204,7 +212,7 @@ fn brightness(found: &Brightness) -> String {
     }
 }
 
-/// The displacement, or why none was measured, and the pairs that do not match.
+/// The displacement, or the reason why none was measured, and the number of pairs without a match.
 fn registration(found: &Verification) -> String {
     let verb = if found.unmatched == 1 { "does" } else { "do" };
     let unmatched = format!("{} with texture {verb} not match", count(found.unmatched, "pair"));
@@ -216,10 +224,10 @@ fn registration(found: &Verification) -> String {
     }
 }
 
-/// What slides over twenty frames, and what got worse.
-fn slide_lines(slid: &[SlidePair]) -> Vec<(&'static str, bool, String)> {
+/// Lines about slides over [`SLIDE_FRAMES`] frames, and about pairs that got worse.
+fn slide_lines(slides: &[SlidePair]) -> Vec<(&'static str, bool, String)> {
     let pooled = |px: &dyn Fn(&SlidePair) -> Vec<f64>| {
-        let all: Vec<f64> = slid.iter().filter(|pair| pair.later == SLIDE).flat_map(px).collect();
+        let all: Vec<f64> = slides.iter().filter(|pair| pair.later == SLIDE_FRAMES).flat_map(px).collect();
         report::median_px(&all)
     };
     let mut lines = Vec::new();
@@ -227,20 +235,20 @@ fn slide_lines(slid: &[SlidePair]) -> Vec<(&'static str, bool, String)> {
     let refined = pooled(&|pair| pair.refined_px.clone().unwrap_or_default());
     if let Some(was) = recorded {
         let now = refined.map_or(String::new(), |px| format!(", as analysed {} px", fixed(px, 2)));
-        let passes = refined.unwrap_or(was) <= MOST_SLIDE_PX;
+        let passes = refined.unwrap_or(was) <= MAX_SLIDE_PX;
         let was = fixed(was, 2);
-        let told = format!("over {SLIDE} frames, recorded {was} px{now}; at most {MOST_SLIDE_PX} px");
-        lines.push(("slide", passes, told));
+        let text = format!("over {SLIDE_FRAMES} frames, recorded {was} px{now}; at most {MAX_SLIDE_PX} px");
+        lines.push(("slide", passes, text));
     }
-    if let Some((worse, of, most_px)) = report::worse(slid) {
-        let passes = worse as f64 <= WORSE * of as f64 && most_px <= MOST_WORSE_PX;
+    if let Some((worse, of, most_px)) = report::worse(slides) {
+        let passes = worse as f64 <= MAX_WORSE_FRACTION * of as f64 && most_px <= MAX_WORSE_PX;
         let most = fixed(most_px, 2);
-        let told = format!(
-            "{worse} of {} by more than 0.1 px, {most} px at most; at most {:.0} %, none by {MOST_WORSE_PX} px",
+        let text = format!(
+            "{worse} of {} by more than 0.1 px, {most} px at most; at most {:.0} %, none by {MAX_WORSE_PX} px",
             count(of, "pair"),
-            100.0 * WORSE
+            100.0 * MAX_WORSE_FRACTION
         );
-        lines.push(("worse", passes, told));
+        lines.push(("worse", passes, text));
     }
     lines
 }

@@ -1,11 +1,11 @@
-//! A camera and its poses, as the command line asks for them.
+//! Options of a camera and its poses, and a capture session on the command line.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 
-use super::{ending, say, warn};
+use super::{interrupt, print_message, warn};
 use locard_engine::camera::Camera;
 use locard_engine::live::{self, CaptureEvent, DelayMode, LiveCapture, LiveError, LiveInput, LiveOptions, LiveSpec};
 use locard_engine::recording::recorder::RecordingInfo;
@@ -65,8 +65,8 @@ pub struct PicturesArgs {
 }
 
 impl CameraArgs {
-    /// All that is asked for.
-    pub fn from(&self) -> LiveSpec {
+    /// The specification of the camera and its poses.
+    pub fn spec(&self) -> LiveSpec {
         let options = LiveOptions { delay: self.delay, smooth_s: self.smooth, ..self.pictures.options() };
         LiveSpec { options, ..LiveSpec::new(&self.camera, &self.pose) }
     }
@@ -78,13 +78,13 @@ impl PicturesArgs {
         LiveOptions { driver, size, rate_hz, layout, range, matrix, ..LiveOptions::default() }
     }
 
-    /// Whether it is to end by itself.
+    /// True if the session has a limit of frames or seconds.
     #[cfg(feature = "window")]
-    pub fn ends(&self) -> bool {
+    pub fn has_limit(&self) -> bool {
         self.frames.is_some() || self.seconds.is_some()
     }
 
-    /// An option that only a camera takes, if one is given.
+    /// The name of a given option that applies to cameras alone, if any.
     pub fn given(&self) -> Option<&'static str> {
         let options = [
             ("--driver", self.driver.is_some()),
@@ -135,67 +135,67 @@ fn matrix(text: &str) -> Result<ColorMatrix, String> {
     }
 }
 
-/// A camera that has agreed on what it gives, and where its poses come from.
-pub struct Agreed {
+/// A camera with its negotiated format, and the source of its poses.
+pub struct OpenCamera {
     pub opened: LiveInput,
     frames: Option<u64>,
     seconds: Option<f64>,
     quiet: bool,
 }
 
-/// A camera that is watched until somebody ends it.
-pub struct Watching {
+/// A running capture, until it is interrupted.
+pub struct CameraSession {
     capture: LiveCapture,
     frames: Option<u64>,
     until: Option<Instant>,
-    /// Why the camera is gone, as it was last reported.
-    gone: Option<String>,
+    /// The last reported reason of an outage.
+    outage: Option<String>,
     is_damaged: bool,
     began: Instant,
     quiet: bool,
 }
 
-impl Agreed {
+impl OpenCamera {
     /// Opens the camera and its poses. `profile` names the camera's profile, if one is given.
     pub fn open(args: &CameraArgs, profile: Option<&Path>) -> Result<Self> {
         let profile_camera = profile.map(|path| live::camera_of_profile(path, &args.pose)).transpose()?;
-        Self::of(&args.from(), &args.pictures, profile_camera.as_ref())
+        Self::of(&args.spec(), &args.pictures, profile_camera.as_ref())
     }
 
-    /// Opens a camera of which nobody asks where it is.
+    /// Opens a camera without poses.
     pub fn without_poses(camera: &str, pictures: &PicturesArgs) -> Result<Self> {
-        let from = LiveSpec { options: pictures.options(), ..LiveSpec::new(camera, "none") };
-        Self::of(&from, pictures, None)
+        let spec = LiveSpec { options: pictures.options(), ..LiveSpec::new(camera, "none") };
+        Self::of(&spec, pictures, None)
     }
 
-    fn of(from: &LiveSpec, args: &PicturesArgs, profile_camera: Option<&Camera>) -> Result<Self> {
-        let opened = live::open(from, profile_camera)?;
+    fn of(spec: &LiveSpec, args: &PicturesArgs, profile_camera: Option<&Camera>) -> Result<Self> {
+        let opened = live::open(spec, profile_camera)?;
         warn(args.quiet, &opened.description);
         opened.camera.given.warnings.iter().for_each(|warning| warn(args.quiet, warning));
-        // Whoever needs a lens that is not known says so himself.
-        let heard = opened.lens.iter().filter(|lens| lens.camera.geometry.is_some() || profile_camera.is_some());
-        heard.for_each(|lens| warn(args.quiet, &lens.description));
+        // Commands that need an unknown lens report it themselves.
+        let known = opened.lens.iter().filter(|lens| lens.camera.geometry.is_some() || profile_camera.is_some());
+        known.for_each(|lens| warn(args.quiet, &lens.description));
         let (frames, seconds, quiet) = (args.frames, args.seconds, args.quiet);
         Ok(Self { opened, frames, seconds, quiet })
     }
 
-    /// What a recording says of its camera and poses; the camera's profile is kept in it.
+    /// The information about camera and poses in a recording, with the camera's profile.
     pub fn about(&self, profile: Option<&Path>) -> Result<RecordingInfo> {
         let read =
             |path: &Path| std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()));
         Ok(self.opened.about(profile.map(read).transpose()?))
     }
 
-    /// Starts the camera. From here on Ctrl-C ends what is written, and then the program.
-    pub fn start(self) -> Result<Watching> {
+    /// Starts the camera. From here on Ctrl-C finishes the output, and then ends the program.
+    pub fn start(self) -> Result<CameraSession> {
         let capture = LiveCapture::new(self.opened.camera.start()?, self.opened.poses);
-        ending::gently();
+        interrupt::defer_first();
         let began = Instant::now();
-        Ok(Watching {
+        Ok(CameraSession {
             capture,
             frames: self.frames,
             until: self.seconds.map(|seconds| began + Duration::from_secs_f64(seconds)),
-            gone: None,
+            outage: None,
             is_damaged: false,
             began,
             quiet: self.quiet,
@@ -203,22 +203,22 @@ impl Agreed {
     }
 }
 
-impl Watching {
-    /// Whether nobody has ended it, and fewer frames or seconds have passed than were asked for.
-    pub fn goes_on(&self, frames: usize) -> bool {
+impl CameraSession {
+    /// True until the limit of frames or seconds is reached, or the program is interrupted.
+    pub fn is_running(&self, frames: usize) -> bool {
         let enough = self.frames.is_some_and(|most| frames as u64 >= most);
-        !(enough || ending::is_asked() || self.until.is_some_and(|until| Instant::now() >= until))
+        !(enough || interrupt::is_requested() || self.until.is_some_and(|until| Instant::now() >= until))
     }
 
-    /// The newest picture. Says when the camera goes and when it is back.
+    /// The newest picture. Reports outages of the camera and their end.
     pub fn next(&mut self, until: Instant) -> CaptureEvent {
         let next = self.capture.next(until);
-        let gone = self.capture.outage().map(ToString::to_string);
-        if gone != self.gone {
+        let outage = self.capture.outage().map(ToString::to_string);
+        if outage != self.outage {
             let text =
-                gone.as_ref().map_or_else(|| "the camera is back".to_owned(), |why| format!("{why}; waiting for it"));
+                outage.as_ref().map_or_else(|| "the camera is back".to_owned(), |why| format!("{why}; waiting for it"));
             warn(self.quiet, &text);
-            self.gone = gone;
+            self.outage = outage;
         }
         if let Some(error) = self.capture.decode_error().filter(|_| !self.is_damaged) {
             warn(self.quiet, &format!("{error}; such pictures are left out and counted"));
@@ -227,8 +227,8 @@ impl Watching {
         next
     }
 
-    /// Has the poses that have come taken. Says what a person should know of them.
-    pub fn give_poses(&mut self, take: impl FnOnce(&mut LiveCapture) -> Result<(), LiveError>) -> Result<()> {
+    /// Passes new poses to `take`, and prints the capture's message about them.
+    pub fn take_poses(&mut self, take: impl FnOnce(&mut LiveCapture) -> Result<(), LiveError>) -> Result<()> {
         take(&mut self.capture)?;
         if let Some(text) = self.capture.take_message() {
             warn(self.quiet, &text);
@@ -236,12 +236,12 @@ impl Watching {
         Ok(())
     }
 
-    /// Why there is no pose now, if that is known.
-    pub fn lacks(&self) -> Option<String> {
+    /// The reason why there is no pose now, if it is known.
+    pub fn no_pose_reason(&self) -> Option<String> {
         self.capture.no_pose_reason()
     }
 
-    /// What was left out, in words. `not_recorded`: for the disk was too slow.
+    /// A text about dropped pictures. `not_recorded`: because the disk was too slow.
     pub fn drops(&self, not_recorded: u64) -> String {
         let drops = self.capture.drops();
         let parts = [
@@ -250,28 +250,29 @@ impl Watching {
             (drops.damaged, "damaged"),
             (not_recorded, "more than the disk could take"),
         ];
-        let told: Vec<String> = parts.iter().filter(|(n, _)| *n > 0).map(|(n, why)| format!("{n} {why}")).collect();
-        let dropped = if told.is_empty() { "none dropped".to_owned() } else { format!("dropped: {}", told.join(", ")) };
+        let texts: Vec<String> = parts.iter().filter(|(n, _)| *n > 0).map(|(n, why)| format!("{n} {why}")).collect();
+        let dropped =
+            if texts.is_empty() { "none dropped".to_owned() } else { format!("dropped: {}", texts.join(", ")) };
         match drops.arrival_timed {
             0 => dropped,
             n => format!("{dropped}; {n} with a time from their arrival, for the driver's was implausible"),
         }
     }
 
-    /// Why there is no frame, and what to do.
-    pub fn nothing(&self) -> String {
+    /// The error if there was no frame.
+    pub fn no_picture_error(&self) -> String {
         let took_s = fixed(self.began.elapsed().as_secs_f64(), 2);
         format!(
             "no picture came from the camera in {took_s} s; give it longer, or check that it is plugged in and no other program uses it"
         )
     }
 
-    /// The closing line, and that of a stream of poses.
+    /// Prints the closing line, and that of a stream of poses.
     pub fn close(&self, what: &str, frames: usize, not_recorded: u64) {
         if !self.quiet {
             let took = fixed(self.began.elapsed().as_secs_f64(), 1);
-            say(&format!("{what}{} in {took} s; {}", count(frames, "frame"), self.drops(not_recorded)));
-            self.capture.summary().into_iter().for_each(|line| say(&line));
+            print_message(&format!("{what}{} in {took} s; {}", count(frames, "frame"), self.drops(not_recorded)));
+            self.capture.summary().into_iter().for_each(|line| print_message(&line));
         }
     }
 }

@@ -1,10 +1,10 @@
-//! Which effects may run: options shared by everything that draws into recordings.
+//! The choice of effects: options shared by all commands that composite into recordings.
 
 use anyhow::{Result, bail};
 
 use locard_engine::compositor::Settings;
 
-/// Told as an effect is, although it is a part of the analysis: where the camera was.
+/// The name of the analysis' registration of the camera, which can be disabled like an effect.
 const REGISTRATION: &str = "registration";
 
 #[derive(clap::Args)]
@@ -19,16 +19,16 @@ pub struct Which {
 
 impl Which {
     #[cfg(feature = "window")]
-    pub fn is_asked(&self) -> bool {
+    pub fn is_given(&self) -> bool {
         self.only.is_some() || self.without.is_some()
     }
 
-    /// Whether the poses are the recorded ones.
+    /// True if the recorded poses are used.
     pub fn leaves_registration(&self) -> bool {
         self.without.iter().flatten().any(|name| name == REGISTRATION)
     }
 
-    /// Fails on a name that no effect has, and lists the known ones.
+    /// Applies the choice. An unknown name is an error that lists the known ones.
     pub fn apply(&self, settings: &mut Settings) -> Result<()> {
         if self.only.iter().chain(&self.without).flatten().any(String::is_empty) {
             let known: Vec<&str> = settings.effects().map(|e| e.table()).collect();

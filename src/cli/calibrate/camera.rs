@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail};
 
 use super::existing::{existing, pictures_beside, unreadable};
-use super::watched::taken;
+use super::watched::collect_views;
 use crate::cli::watching::PicturesArgs;
 use locard_engine::calibrate::board::{ChessboardSize, TargetChoice};
 use locard_engine::calibrate::geometry::{
@@ -63,7 +63,7 @@ enum BoardArg {
 }
 
 impl BoardArg {
-    fn wanted(&self) -> Result<TargetChoice> {
+    fn target_choice(&self) -> Result<TargetChoice> {
         Ok(match self {
             Self::Size(board) => TargetChoice::Chessboard(*board),
             Self::File(file) => TargetChoice::Tags(tags::Board::read(file)?),
@@ -119,20 +119,20 @@ fn from_photos(
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    // Checked before the work starts, so that nothing the user has is lost.
+    // Checked before the work starts, so that no files of the user are lost.
     let inputs = Inputs::default().and(&args.photos).and(&pictures_beside(args.photos.iter()));
     let board_file = match &args.board {
         Some(BoardArg::File(file)) => Some(file),
         _ => None,
     };
     let inputs = inputs.and(board_file);
-    // Some may be unreadable, and are listed with the others.
+    // Unreadable pictures are listed with the others.
     let (files, mut problems) = unreadable(args.photos.iter());
     if problems.len() == files && files > 0 {
         return Err(problems.swap_remove(0).into());
     }
     inputs.check_file(&args.output)?;
-    let wanted = args.board.as_ref().map(BoardArg::wanted).transpose()?.unwrap_or_default();
+    let wanted = args.board.as_ref().map(BoardArg::target_choice).transpose()?.unwrap_or_default();
     let (is_there, mut profile) = existing(&args.output)?;
     let mut rig = Rig::default();
     if is_there {
@@ -156,7 +156,7 @@ pub fn run(args: &Args) -> Result<()> {
     let response = &rig.camera().response;
     let calibrated = match &args.camera {
         Some(camera) => {
-            taken(camera, &args.pictures, args.views as usize, (&wanted, response), options)?.calibrated()?
+            collect_views(camera, &args.pictures, args.views as usize, (&wanted, response), options)?.calibrated()?
         }
         None => from_photos(args, &wanted, response, &options)?,
     };

@@ -1,4 +1,4 @@
-//! The profile that a calibration goes into, and what it must not be written over.
+//! The profile that a calibration is written to, and checks of its inputs.
 
 use std::path::{Path, PathBuf};
 
@@ -11,7 +11,7 @@ use locard_engine::source::file::{self, MAX_DOCUMENT_BYTES};
 use locard_engine::source::{SourceError, still, unsupported};
 use locard_engine::text::reason;
 
-/// A profile that is to be extended, and whether it is there already.
+/// The profile to extend, and true if it exists already.
 pub fn existing(path: &Path) -> Result<(bool, Document)> {
     sink::check_file(path, true)?;
     match file::read_text(path, MAX_DOCUMENT_BYTES) {
@@ -24,20 +24,21 @@ pub fn existing(path: &Path) -> Result<(bool, Document)> {
     }
 }
 
-/// The pictures in those inputs that are folders. Anything else there, such as a recording's profile, is not read.
+/// The pictures in the inputs that are folders. Other files in them, such as a recording's profile, are
+/// not read.
 pub fn pictures_beside<'a>(inputs: impl Iterator<Item = &'a PathBuf>) -> Vec<PathBuf> {
     let entries = inputs.filter_map(|folder| std::fs::read_dir(folder).ok()).flatten().flatten();
     entries.map(|entry| entry.path()).filter(|path| is_picture(path)).collect()
 }
 
-/// Reads the header of each picture among the inputs, also in folders. Returns the number of files, videos included, and
-/// the errors.
+/// Reads the header of each picture among the inputs, also in folders. Returns the number of files,
+/// videos included, and the errors.
 pub fn unreadable<'a>(inputs: impl Iterator<Item = &'a PathBuf> + Clone) -> (usize, Vec<SourceError>) {
     let is_meant = |path: &&PathBuf| is_picture(path) || unsupported::by_name(path).is_some() || !path.exists();
     let files = inputs.clone().filter(|path| !path.is_dir());
     let videos = files.clone().filter(|path| !is_meant(path)).count();
     let named = files.filter(is_meant).cloned();
-    // Beside pictures that are read they are left out.
+    // Unsupported files are ignored in folders with readable pictures.
     let is_alone = |folder: &&PathBuf| pictures_beside(std::iter::once(*folder)).is_empty();
     let unsupported = inputs.clone().filter(is_alone).flat_map(|folder| unsupported::in_folder(folder));
     let pictures: Vec<PathBuf> = named.chain(unsupported).chain(pictures_beside(inputs.clone())).collect();

@@ -45,13 +45,13 @@ pub struct Args {
     force: bool,
 }
 
-/// What the edges lie in.
-enum Source {
+/// The picture with the edges.
+enum EdgeSource {
     Picture(Response, Pixels),
     Recording(Box<Shot>, Box<Frame>),
 }
 
-impl Source {
+impl EdgeSource {
     fn open(args: &Args) -> Result<Self> {
         if is_picture(&args.what) {
             if args.frame.is_some() {
@@ -63,15 +63,15 @@ impl Source {
             }
             return Ok(Self::Picture(rig.camera().response, still::read_pixels(&args.what)?));
         }
-        let given = ShotOptions { profile: args.profile.clone(), ..ShotOptions::default() };
-        let shot = Shot::open(&args.what, &OpenOptions::default(), &given)?;
+        let shot_options = ShotOptions { profile: args.profile.clone(), ..ShotOptions::default() };
+        let shot = Shot::open(&args.what, &OpenOptions::default(), &shot_options)?;
         let Some(frame) = args.frame else { bail!("which frame of the recording? Give --frame N") };
         crate::cli::check_frame(frame, shot.recording.frame_count())?;
         let frame = shot.read(frame)?;
         Ok(Self::Recording(Box::new(shot), Box::new(frame)))
     }
 
-    /// How far the edge in a region moved while the shutter was open, where that is known.
+    /// Motion of the edge in a region during the exposure, px, if it is known.
     fn moved_px(&self, region: Rect) -> Option<DVec2> {
         let Self::Recording(shot, frame) = self else { return None };
         let at = DVec2::new(f64::from(region.x0 + region.x1), f64::from(region.y0 + region.y1)) / 2.0;
@@ -90,7 +90,7 @@ impl Source {
 
 pub fn run(args: &Args) -> Result<()> {
     let (table, name) = PARAMETER;
-    let source = Source::open(args)?;
+    let source = EdgeSource::open(args)?;
     let output = args.output.as_deref().map(|path| Ok::<_, anyhow::Error>((path, existing(path)?))).transpose()?;
     if let Some((path, _)) = &output {
         Inputs::default().and([&args.what]).check_file(path)?;
@@ -160,7 +160,7 @@ pub fn run(args: &Args) -> Result<()> {
     Ok(())
 }
 
-/// The sharpness that a profile gives.
+/// The sharpness in a profile.
 fn present(path: &Path) -> Result<Option<f64>> {
     if !path.exists() {
         return Ok(None);
@@ -172,8 +172,9 @@ fn present(path: &Path) -> Result<Option<f64>> {
     };
     let mut settings = Settings::default();
     Rig::default().read(path, &mut settings)?;
-    let given = value(&settings).filter(|given| value(&Settings::default()).as_ref() != Some(given));
-    Ok(match given {
+    let shot_options =
+        value(&settings).filter(|shot_options| value(&Settings::default()).as_ref() != Some(shot_options));
+    Ok(match shot_options {
         Some(Value::Number(number)) => Some(number),
         _ => None,
     })

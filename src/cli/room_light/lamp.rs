@@ -1,4 +1,4 @@
-//! Lamps at which a person points: where each is.
+//! Lamps that the user points at: their positions.
 
 use anyhow::{Context, Result, anyhow, bail};
 use glam::{DVec2, DVec3, Vec3};
@@ -10,44 +10,44 @@ use locard_engine::shadow::WhiteRadiance;
 use locard_engine::shot::{FramePoint, Shot, SurfaceError};
 use locard_engine::text::number;
 
-/// How far away a lamp may be, m.
-const NEAREST_M: f64 = 0.1;
-const FARTHEST_M: f64 = 50.0;
-/// A lamp that brings less than this share of the light hardly shines.
-const HARDLY: f32 = 0.03;
-const AS_IN: &str = "FRAME:X,Y, and where depth says nothing how far away it is in metres, as in 30:320,12,2.4, or where another frame \
+/// Range of a lamp's distance from the camera, m.
+const MIN_DISTANCE_M: f64 = 0.1;
+const MAX_DISTANCE_M: f64 = 50.0;
+/// Smallest fraction of the light from a lamp that is lit.
+const MIN_LIGHT_FRACTION: f32 = 0.03;
+const EXPECTED_FORMAT: &str = "FRAME:X,Y, and where depth says nothing how far away it is in metres, as in 30:320,12,2.4, or where another frame \
                      shows it, as in 30:320,12+45:310,20";
 
-/// A lamp in a frame's picture.
+/// The position of a lamp in a frame's picture.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Pointed {
+pub struct LampPick {
     view: FramePoint,
-    /// From the camera, m.
-    far_m: Option<f64>,
+    /// Distance from the camera, m.
+    distance_m: Option<f64>,
     also: Vec<FramePoint>,
 }
 
-impl Pointed {
-    /// From `FRAME:X,Y`, `FRAME:X,Y,M` or `FRAME:X,Y+FRAME:X,Y` with as many more as show it.
+impl LampPick {
+    /// From `FRAME:X,Y`, `FRAME:X,Y,M` or `FRAME:X,Y+FRAME:X,Y` with any number of other frames.
     pub fn parse(text: &str) -> Result<Self, String> {
         let mut parts = text.split('+');
         let first = parts.next().unwrap_or_default();
-        let also = parts.map(|part| view(part, AS_IN)).collect::<Result<Vec<_>, _>>()?;
-        let (frame, at) = first.split_once(':').ok_or_else(|| format!("{text}: expected {AS_IN}"))?;
-        let Ok([x, y, far_m]) = numbers::<3>(at) else {
-            return Ok(Self { view: view(first, AS_IN)?, far_m: None, also });
+        let also = parts.map(|part| view(part, EXPECTED_FORMAT)).collect::<Result<Vec<_>, _>>()?;
+        let (frame, at) = first.split_once(':').ok_or_else(|| format!("{text}: expected {EXPECTED_FORMAT}"))?;
+        let Ok([x, y, distance_m]) = numbers::<3>(at) else {
+            return Ok(Self { view: view(first, EXPECTED_FORMAT)?, distance_m: None, also });
         };
-        let frame = frame.trim().parse().map_err(|_| format!("{text}: expected {AS_IN}"))?;
+        let frame = frame.trim().parse().map_err(|_| format!("{text}: expected {EXPECTED_FORMAT}"))?;
         if !also.is_empty() {
             return Err(format!("{text}: a distance, or where other frames show it; not both"));
         }
-        if !(NEAREST_M..=FARTHEST_M).contains(&far_m) {
-            return Err(format!("{text}: accepted is a distance of {NEAREST_M} to {FARTHEST_M} metres"));
+        if !(MIN_DISTANCE_M..=MAX_DISTANCE_M).contains(&distance_m) {
+            return Err(format!("{text}: accepted is a distance of {MIN_DISTANCE_M} to {MAX_DISTANCE_M} metres"));
         }
-        Ok(Self { view: FramePoint { frame, at_px: DVec2::new(x, y) }, far_m: Some(far_m), also })
+        Ok(Self { view: FramePoint { frame, at_px: DVec2::new(x, y) }, distance_m: Some(distance_m), also })
     }
 
-    /// Where it is, world axes, m.
+    /// World position, m.
     pub fn place(&self, shot: &Shot) -> Result<DVec3> {
         self.place_in(shot).with_context(|| format!("--lamp {self}"))
     }
@@ -63,9 +63,9 @@ impl Pointed {
         if !(at_px.cmpge(DVec2::ZERO).all() && at_px.cmplt(DVec2::new(width.into(), height.into())).all()) {
             return Err(SurfaceError::Outside { at_px: at_px.to_array(), width, height }.into());
         }
-        if let Some(far_m) = self.far_m {
+        if let Some(distance_m) = self.distance_m {
             let ray = shot.posed_camera(frame)?.ray(at_px).ok_or(SurfaceError::NoRay { at_px: at_px.to_array() })?;
-            return Ok(ray.at(far_m));
+            return Ok(ray.at(distance_m));
         }
         match shot.surface_at(&picture, at_px) {
             Ok(surface) => Ok(surface.point_m),
@@ -81,8 +81,9 @@ impl Pointed {
     }
 }
 
-/// The light of the room with lamps that a person has seen; `None` where there are none. They come first among its lamps.
-pub fn lit_anew(shot: &Shot, found: &Analysis, lamps: &[Pointed]) -> Result<Option<(LightFindings, Environment)>> {
+/// The room's light with the lamps that the user pointed at, which come first among its lamps. `None`
+/// without such lamps.
+pub fn relit(shot: &Shot, found: &Analysis, lamps: &[LampPick]) -> Result<Option<(LightFindings, Environment)>> {
     if lamps.is_empty() {
         return Ok(None);
     }
@@ -94,20 +95,20 @@ pub fn lit_anew(shot: &Shot, found: &Analysis, lamps: &[Pointed]) -> Result<Opti
     lit.map(Some).map_err(|why| anyhow!("--lamp: the footage does not tell how bright it is: {why}"))
 }
 
-/// Lines about lamps that bring hardly any light to the middle of what was looked at, `by` which white matt is lit there. They come first
-/// among its lamps.
-pub fn odd(lamps: &[Pointed], by: &WhiteRadiance) -> Vec<(&'static str, String)> {
-    let whole = by.light().element_sum();
-    let is_dark = |(_, (light, _)): &(&Pointed, &(Vec3, f32))| light.element_sum() < HARDLY * whole;
-    let dark = lamps.iter().zip(&by.lamps).filter(is_dark);
+/// Warnings about lamps with hardly any light at the centre of the analysed surfaces. `white` is the
+/// radiance of white there, with these lamps first.
+pub fn dark_lamp_warnings(lamps: &[LampPick], white: &WhiteRadiance) -> Vec<(&'static str, String)> {
+    let whole = white.light().element_sum();
+    let is_dark = |(_, (light, _)): &(&LampPick, &(Vec3, f32))| light.element_sum() < MIN_LIGHT_FRACTION * whole;
+    let dark = lamps.iter().zip(&white.lamps).filter(is_dark);
     dark.map(|(lamp, _)| ("odd", format!("--lamp {lamp}: surfaces hardly show its light: is it there, and on?")))
         .collect()
 }
 
-impl std::fmt::Display for Pointed {
+impl std::fmt::Display for LampPick {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{}", of_view(&self.view))?;
-        self.far_m.iter().try_for_each(|far_m| write!(f, ",{}", number(*far_m)))?;
+        self.distance_m.iter().try_for_each(|distance_m| write!(f, ",{}", number(*distance_m)))?;
         self.also.iter().try_for_each(|view| write!(f, "+{}", of_view(view)))
     }
 }
@@ -117,23 +118,23 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_lamp_that_brings_hardly_any_light_is_told() {
-        let lamps = ["1:2,3", "4:5,6"].map(|text| Pointed::parse(text).unwrap());
+    fn lamp_with_hardly_any_light_is_reported() {
+        let lamps = ["1:2,3", "4:5,6"].map(|text| LampPick::parse(text).unwrap());
         let by =
             WhiteRadiance { far: Vec3::splat(0.5), lamps: vec![(Vec3::splat(0.4), 1.0), (Vec3::splat(0.02), 1.0)] };
-        let told = odd(&lamps, &by);
+        let told = dark_lamp_warnings(&lamps, &by);
         assert!(told.len() == 1 && told[0].1.contains("4:5,6"), "{told:?}");
     }
 
     #[test]
-    fn lamps_are_read_as_they_are_written() {
+    fn lamp_survives_a_round_trip_through_text() {
         for text in ["30:320,12", "30:320,12.5,2.4", "30:320,12+45:310,20+50:1,2"] {
-            assert_eq!(Pointed::parse(text).unwrap().to_string(), text);
+            assert_eq!(LampPick::parse(text).unwrap().to_string(), text);
         }
-        assert_eq!(Pointed::parse("3:1,2,2.5").unwrap().far_m, Some(2.5));
+        assert_eq!(LampPick::parse("3:1,2,2.5").unwrap().distance_m, Some(2.5));
         for wrong in ["", "320,12", "3:1", "3:1,2,0", "3:1,2,99", "3:1,2,3,4", "x:1,2,3", "3:1,2,2+4:5,6", "3:1,2+5,6"]
         {
-            assert!(Pointed::parse(wrong).is_err(), "{wrong}");
+            assert!(LampPick::parse(wrong).is_err(), "{wrong}");
         }
     }
 }

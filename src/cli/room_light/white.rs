@@ -1,4 +1,4 @@
-//! The light corrected by neutral surfaces of known reflectance that a person points at.
+//! Correction of the light by neutral surfaces of known reflectance that the user points at.
 
 use anyhow::{Result, anyhow};
 use glam::Vec3;
@@ -9,16 +9,16 @@ use locard_engine::scene::{LightCorrection, Lighting};
 use locard_engine::shot::{ReferencePick, Shot, WhiteReference};
 use locard_engine::text::{fixed, number};
 
-/// Reflectances of matt surfaces that are accepted: black cloth reflects 0.03, fresh snow 0.9.
-const REFLECTANCES: [f64; 2] = [0.02, 0.95];
+/// Accepted reflectances of matt surfaces: black cloth has 0.03, fresh snow 0.9.
+const REFLECTANCE_RANGE: [f64; 2] = [0.02, 0.95];
 
 /// From `FRAME:X,Y` or `FRAME:X,Y=REFLECTANCE`.
 pub fn parse(text: &str) -> Result<ReferencePick, String> {
     let (at, reflectance) = match text.split_once('=') {
         None => (text, WHITE_REFLECTANCE),
         Some((at, reflectance)) => {
-            let is_accepted = |value: &f64| (REFLECTANCES[0]..=REFLECTANCES[1]).contains(value);
-            let [least, most] = REFLECTANCES;
+            let is_accepted = |value: &f64| (REFLECTANCE_RANGE[0]..=REFLECTANCE_RANGE[1]).contains(value);
+            let [least, most] = REFLECTANCE_RANGE;
             let value = reflectance.trim().parse().ok().filter(is_accepted);
             (at, value.ok_or_else(|| format!("{text}: accepted is a reflectance of {least} to {most}"))?)
         }
@@ -27,9 +27,9 @@ pub fn parse(text: &str) -> Result<ReferencePick, String> {
     Ok(ReferencePick { view, reflectance })
 }
 
-/// The correction that the picks imply, and lines about it. Several picks have their geometric
-/// mean. `upward`: what white matt that looks up shows; `between`: factors between which the
-/// footage says that the light lies.
+/// The correction from the picks, and lines about it. The factors of several picks are averaged
+/// geometrically. `upward`: radiance of a white surface that faces up; `between`: range of factors
+/// that the footage allows.
 pub fn correction(
     shot: &Shot,
     picks: &[ReferencePick],
