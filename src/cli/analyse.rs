@@ -155,7 +155,8 @@ fn print_accepted(accepted: &[Accepted], findings: &Findings, time_offset_s: f64
     Ok(())
 }
 
-/// Checks before the analysis starts that the report can be written, and replaces nothing but a report.
+/// Checks before the analysis starts that the report can be written, and replaces nothing but a
+/// report.
 fn check_report(path: &Path, shot: &Shot, folder: &Path) -> Result<()> {
     Inputs::of(shot).check_file(path)?;
     sink::check_file(path, true)?;
@@ -183,8 +184,8 @@ fn support_reports(scene: &Path, args: &Args, folder: &Path) -> Result<Vec<Suppo
         );
     }
     let grounds = shot.support_report();
-    // The same notes as those of `composite`, except for gaps in the lines of the support reports: an
-    // object that is sunk into a table may be above a floor.
+    // The same notes as those of `composite`, except for gaps in the lines of the support reports:
+    // an object that is sunk into a table may be above a floor.
     let is_reported = |note: &Note| match note {
         Note::Gap { name, gap_m, .. } => {
             grounds.iter().any(|ground| ground.name == *name && ground.includes_gap(*gap_m))
@@ -211,8 +212,8 @@ fn write_report(
     Ok(())
 }
 
-/// Analyses a recording that was opened without its analysis, or returns the existing analysis if it
-/// fits, with the times that it took.
+/// Analyses a recording that was opened without its analysis, or returns the existing analysis if
+/// it fits, with the times that it took.
 pub fn make(shot: &Shot, folder: &Path, force: bool, quiet: bool) -> Result<(Analysis, Option<Times>)> {
     check_folder(folder)?;
     if !force

@@ -32,9 +32,10 @@ impl Analysis {
         }
     }
 
-    /// Opens the shot and passes it to `check`. With `--analyse` and without an analysis that fits, the
-    /// recording is then analysed with the given camera, and the shot is opened and checked again.
-    /// `check` thus finds invalid options before the analysis, and receives the shot that is returned.
+    /// Opens the shot and passes it to `check`. With `--analyse` and without an analysis that fits,
+    /// the recording is then analysed with the given camera, and the shot is opened and checked
+    /// again. `check` thus finds invalid options before the analysis, and receives the shot that is
+    /// returned.
     pub fn open<T>(
         &self,
         recording: Recording,
@@ -58,8 +59,8 @@ impl Analysis {
     }
 }
 
-/// Prints what an analysis would add if there is none, and a warning if `--without registration` has no
-/// effect.
+/// Prints what an analysis would add if there is none, and a warning if `--without registration`
+/// has no effect.
 pub fn print_hints(quiet: bool, shot: &Shot, recorded_poses: bool) {
     let is_moved = matches!(&shot.analysis, AnalysisState::Used(_, findings) if findings.registration.pose_lines > 0);
     if recorded_poses && !is_moved {

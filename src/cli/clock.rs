@@ -10,8 +10,8 @@ use locard_engine::tracking::turn::ImagePyramid;
 /// Largest distance of two compared frames, in usual frame intervals.
 const MAX_FRAME_INTERVALS: f64 = 2.5;
 
-/// The line about the offset of the poses' clock, estimated from the pictures' motion. Decodes every
-/// frame.
+/// The line about the offset of the poses' clock, estimated from the pictures' motion. Decodes
+/// every frame.
 pub fn line(shot: &Shot) -> Result<String, ShotError> {
     let recording = &shot.recording;
     let mut motions = Vec::new();

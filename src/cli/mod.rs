@@ -153,8 +153,8 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// Prints help, or clap's message about invalid arguments. The message quotes arguments, so it is made
-/// from arguments that are escaped for a terminal. A closed pipe is not an error.
+/// Prints help, or clap's message about invalid arguments. The message quotes arguments, so it is
+/// made from arguments that are escaped for a terminal. A closed pipe is not an error.
 fn print(error: &clap::Error) {
     let safe = std::env::args_os().map(|argument| shown(&argument.to_string_lossy()));
     match Cli::try_parse_from(safe).err().filter(|of_safe| of_safe.kind() == error.kind()) {
@@ -166,7 +166,8 @@ fn print(error: &clap::Error) {
 
 const FAILED: u8 = 2;
 
-/// True if the reader of stdout closed it (`locard params | head`). Any other closed pipe is an error.
+/// True if the reader of stdout closed it (`locard params | head`). Any other closed pipe is an
+/// error.
 fn is_closed_stdout(error: &anyhow::Error) -> bool {
     let bare = error.downcast_ref::<std::io::Error>();
     let of_sink = error.downcast_ref::<SinkError>().and_then(|error| match error {
@@ -184,8 +185,8 @@ fn export_error(error: ExportError) -> anyhow::Error {
     }
 }
 
-/// An error and its causes on one line. Causes that are quoted by the text before them are left out. A
-/// bare I/O error comes from standard output.
+/// An error and its causes on one line. Causes that are quoted by the text before them are left
+/// out. A bare I/O error comes from standard output.
 fn message(error: &anyhow::Error) -> String {
     if let Some(error) = error.chain().next().and_then(|error| error.downcast_ref::<std::io::Error>()) {
         return format!("standard output: cannot be written: {}", reason(error));

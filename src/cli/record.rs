@@ -26,8 +26,9 @@ pub struct Args {
     output: PathBuf,
 }
 
-/// Time that a frame waits for its poses, s. There is no live view, and poses of a network are rarely
-/// later. With the half second for which lines are buffered, a power cut loses less than a second.
+/// Time that a frame waits for its poses, s. There is no live view, and poses of a network are
+/// rarely later. With the half second for which lines are buffered, a power cut loses less than a
+/// second.
 const POSE_TIMEOUT_S: f64 = 0.2;
 
 /// Creates the parent folder of a recording.
@@ -47,9 +48,9 @@ pub fn run(args: &Args) -> Result<()> {
     let was_there = args.output.is_dir();
     let made = create_parent(&args.output)?;
     let writer = RecorderThread::new(Recorder::create(&args.output, &about)?)?;
-    // Largest half of an exposure. Poses within it are waited for, also those from tags: after the next
-    // frame's pose is measured, the poses between are interpolated and not predicted. A larger reach
-    // would raise a frame's presence before tracking is recovered.
+    // Largest half of an exposure. Poses within it are waited for, also those from tags: after the
+    // next frame's pose is measured, the poses between are interpolated and not predicted. A larger
+    // reach would raise a frame's presence before tracking is recovered.
     let (interval_s, reach_s) = (about.interval_s, 0.5 * about.interval_s);
     let mut rig = args.profile.as_deref().map(Rig::of_file).transpose()?.unwrap_or_default();
     rig.follow_frames();

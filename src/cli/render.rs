@@ -188,7 +188,8 @@ fn check(args: &Args) -> Result<()> {
     }
 }
 
-/// Bounding sphere of the scene's vertices: centre and radius, m. A metre at the origin if there are none.
+/// Bounding sphere of the scene's vertices: centre and radius, m. A metre at the origin if there
+/// are none.
 fn bounding_sphere(scene: &Scene) -> (DVec3, f64) {
     let points = || {
         scene.objects.iter().flat_map(|o| &o.parts).flat_map(|part| {
@@ -202,9 +203,9 @@ fn bounding_sphere(scene: &Scene) -> (DVec3, f64) {
     (middle, points().map(|p| p.distance(middle)).fold(1e-3, f64::max))
 }
 
-/// The pose of the camera. By default it is in front of the scene, to one side and above, at a distance
-/// from which all of the scene is visible. An environment's is above the centre and faces ahead, a
-/// little planet's faces down from there.
+/// The pose of the camera. By default it is in front of the scene, to one side and above, at a
+/// distance from which all of the scene is visible. An environment's is above the centre and faces
+/// ahead, a little planet's faces down from there.
 fn pose(args: &Args, (middle, radius): (DVec3, f64), scene_up: DVec3) -> Result<Pose> {
     let given_up = args.up.map(DVec3::from);
     let up = given_up.unwrap_or(scene_up).normalize_or_zero();
@@ -222,7 +223,8 @@ fn pose(args: &Args, (middle, radius): (DVec3, f64), scene_up: DVec3) -> Result<
         match args.camera {
             Kind::Environment | Kind::LittlePlanet => at + radius * up,
             kind => {
-                // Half of the field of view across the smaller side. The sphere fills nine tenths of it.
+                // Half of the field of view across the smaller side. The sphere fills nine tenths
+                // of it.
                 let fov = args.fov.map_or(kind.default_fov_deg(), |fov| fov.0).to_radians();
                 let (w, h) = picture_size(args);
                 let narrow = (f64::from(w) / f64::from(h)).min(1.0);

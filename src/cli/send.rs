@@ -107,8 +107,8 @@ fn wait_until(due: Instant) -> bool {
     }
 }
 
-/// The poses on the clock of the frames, which is used to look up a stream's poses. Times are shifted
-/// so that none is negative, which streams do not support.
+/// The poses on the clock of the frames, which is used to look up a stream's poses. Times are
+/// shifted so that none is negative, which streams do not support.
 fn poses_on_frame_clock(shot: &Shot) -> Vec<(f64, Pose)> {
     let recording = &shot.recording;
     let first_s = recording.track.poses().first().map_or(0.0, |pose| pose.0 - recording.time_offset_s);

@@ -1,11 +1,11 @@
 //! Restarts the program if its environment must change.
 
-/// Restarts the program without Mesa's device selection if that would print warnings. It is a Vulkan
-/// layer that Mesa adds to every program. It tries to open a Wayland display, and prints twice on stderr
-/// that `XDG_RUNTIME_DIR` is unset: in containers, over ssh and in CI. The layer only reorders the
-/// adapters, and Locard chooses among all of them itself. It is controlled only by the environment,
-/// which a running program cannot change safely. The new program keeps the process id and takes 1.5 ms
-/// longer to start.
+/// Restarts the program without Mesa's device selection if that would print warnings. It is a
+/// Vulkan layer that Mesa adds to every program. It tries to open a Wayland display, and prints
+/// twice on stderr that `XDG_RUNTIME_DIR` is unset: in containers, over ssh and in CI. The layer
+/// only reorders the adapters, and Locard chooses among all of them itself. It is controlled only
+/// by the environment, which a running program cannot change safely. The new program keeps the
+/// process id and takes 1.5 ms longer to start.
 pub fn without_device_selection() {
     #[cfg(target_os = "linux")]
     {

@@ -95,7 +95,8 @@ pub fn run(args: &Args) -> Result<()> {
     print_verdicts(args, &by_record, by_findings.as_ref(), &real_px, slides.as_deref())
 }
 
-/// Slides with recorded and with refined poses; `None` without an analysis or without measured slides.
+/// Slides with recorded and with refined poses; `None` without an analysis or without measured
+/// slides.
 fn measure_slides(recorded: &Shot, found: &Shot) -> Result<Option<Vec<SlidePair>>> {
     let AnalysisState::Used(folder, _) = &found.analysis else { return Ok(None) };
     let analysis = analyse::Analysis::read(folder)?;

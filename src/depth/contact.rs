@@ -76,7 +76,7 @@ mod tests {
 
     #[test]
     fn noisy_floor_snaps_to_its_plane_and_objects_on_it_keep_their_depth() {
-        // The camera stands 1.5 m above a floor and looks down by 0.4 rad.
+        // The camera is 1.5 m above a floor and pitched down by 0.4 rad.
         let (width, height) = (64usize, 48usize);
         let rays = Rays::new(&Geometry::pinhole(64, 48, 60.0));
         let pose = Pose::from_camera_in_world(DVec3::new(0.2, -1.5, 0.1), DQuat::from_rotation_x(-0.4));

@@ -14,7 +14,8 @@
 //! The map thus decides where both sides have the same colour, and the picture where they differ.
 //! Far from an edge the map has no variance, and the picture has no influence.
 //!
-//! Not modelled: pixels that show three surfaces; surfaces whose depths differ by less than `DEPTH_STEP`.
+//! Not modelled: pixels that show three surfaces; surfaces whose depths differ by less than
+//! `DEPTH_STEP`.
 
 use glam::{Vec3, Vec4};
 
@@ -50,14 +51,14 @@ const MIN_EDGE_WEIGHT: f32 = 0.1;
 const MAX_EDGE_DISTANCE_PX: f32 = MATTE_RADIUS_PX.max(CERTAIN_PX) + 0.5 * MAX_MOTION_PX + 1.0;
 /// Largest bonus of an edge in `nearest_edge` for its step, px.
 const MAX_STEP_BONUS_PX: i32 = MAX_BONUS_PX as i32 + 1;
-/// Total weight of samples at which the error of their mean is [`FEW_SAMPLES_SIGMA`].
-const FEW_SAMPLES_WEIGHT: f32 = 0.5;
+/// Total weight of samples at which the error of their mean is [`SPARSE_SIGMA`].
+const SPARSE_WEIGHT: f32 = 0.5;
 /// Samples nearer by this factor than the nearer surface belong to another object.
 const OTHER_OBJECT_RATIO: f32 = 1.15;
 /// Smallest standard error of a mean, linear light.
 const MIN_SIGMA: f32 = 0.01;
 /// Standard error of a mean of few samples, linear light.
-const FEW_SAMPLES_SIGMA: f32 = 0.1;
+const SPARSE_SIGMA: f32 = 0.1;
 /// Smaller alphas are 0: less than half a code.
 const MIN_ALPHA: f32 = 0.002;
 /// Smallest variation of a side's light, as a fraction of it.
@@ -322,8 +323,8 @@ impl Sums {
         let least = MIN_SIGMA + MIN_VARIATION * light.iter().fold(0.0f32, |most, l| most.max(*l));
         // The largest variance of the three channels approximates that along the difference.
         let variance = (0..3).map(variation).fold(least * least, f32::max);
-        let few = FEW_SAMPLES_WEIGHT / weight;
-        Some(Side { light, variance: variance + few * few * FEW_SAMPLES_SIGMA * FEW_SAMPLES_SIGMA })
+        let few = SPARSE_WEIGHT / weight;
+        Some(Side { light, variance: variance + few * few * SPARSE_SIGMA * SPARSE_SIGMA })
     }
 }
 

@@ -4,8 +4,7 @@ use glam::Vec3;
 
 use crate::scene::{Mesh, Vertex};
 
-/// A box around its middle, from there to each side as far as `half` says, metres; of the first
-/// material.
+/// A box around the origin with half extents in m, of the first material.
 pub fn block(half: Vec3) -> Mesh {
     let corner = |i: usize| {
         let sign = |bit: usize| if i >> bit & 1 == 1 { 1.0 } else { -1.0 };

@@ -1,33 +1,34 @@
-//! Triangles that rays are asked of: a tree of boxes (Rubin and Whitted 1980), each box with all
-//! that is in it in a row, so that a ray that misses a box skips what follows. A box is split
-//! across its longest side where rays meet least afterwards: where the sum of area · triangles of
-//! both parts is least (the surface area heuristic of Goldsmith and Salmon 1987).
+//! Bounding volume hierarchy for ray casting (Rubin and Whitted 1980).
 //!
-//! Rays come from one point in bundles of eight, and go through the tree together: what lies in one
-//! direction is asked once. What is worked out for all eight has as many lanes as the processor
-//! that runs it; the numbers are the same with any.
+//! Nodes are stored in depth-first order with skip links, so that a ray that misses a box skips its
+//! contents. A box is split across its longest side where the sum of area · triangles of both parts
+//! is smallest (the surface area heuristic of Goldsmith and Salmon 1987).
+//!
+//! Bundles of eight rays from one point traverse the tree together, so that each box is tested once
+//! for rays in similar directions. Tests run on as many vector lanes as the processor has; the
+//! results do not depend on their number.
 
 use fearless_simd::{Level, dispatch};
 use glam::Vec3;
 
-/// Triangles of a box that is not split.
+/// Maximum number of triangles in a leaf.
 const LEAF: usize = 4;
-/// Rays of a bundle.
+/// Number of rays in a bundle.
 pub const RAYS: usize = 8;
 
-/// A box, and what follows it in the row.
+/// A box with its skip link.
 #[derive(Clone, Copy, Debug)]
 struct Node {
     low: Vec3,
     high: Vec3,
-    /// The next box that is not within this one.
+    /// The next node that is not within this box.
     skip: u32,
-    /// Triangles of an undivided box: the first, and how many.
+    /// Triangles of a leaf: the first, and their number.
     first: u32,
     count: u32,
 }
 
-/// A corner and two edges, and whose it is.
+/// A vertex, two edges and the index in the input.
 #[derive(Clone, Copy, Debug)]
 struct Triangle {
     corner: Vec3,
@@ -37,7 +38,7 @@ struct Triangle {
 
 #[derive(Clone, Debug)]
 pub struct Bvh {
-    /// What this processor can do.
+    /// Vector instructions of this processor.
     level: Level,
     nodes: Vec<Node>,
     triangles: Vec<Triangle>,
@@ -46,28 +47,27 @@ pub struct Bvh {
 /// Directions of rays from one point.
 #[derive(Clone, Copy, Debug)]
 pub struct Bundle {
-    /// By axis, and one over that.
+    /// Directions by axis, and their inverses.
     towards: [[f32; RAYS]; 3],
     per: [[f32; RAYS]; 3],
-    /// How many there are.
+    /// Number of rays.
     count: usize,
 }
 
-/// Where a ray meets a triangle first.
+/// The first intersection of a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
-    /// Lengths of the ray's direction.
+    /// Distance in lengths of the ray's direction.
     pub along: f32,
     pub triangle: u32,
 }
 
 impl Bundle {
-    /// Of up to [`RAYS`] directions.
+    /// From up to [`RAYS`] directions.
     pub fn new(rays: impl Iterator<Item = Vec3>) -> Self {
         let (mut towards, mut count) = ([[1.0; RAYS]; 3], 0);
         for (n, ray) in rays.take(RAYS).enumerate() {
-            // What runs along a side is moved by nothing that one sees, so that no 0 is divided by
-            // 0.
+            // Rays parallel to a side are tilted imperceptibly, to avoid 0/0.
             let ray = Vec3::select(ray.abs().cmplt(Vec3::splat(1e-9)), Vec3::splat(1e-9), ray);
             (0..3).for_each(|axis| towards[axis][n] = ray[axis]);
             count = n + 1;
@@ -75,14 +75,14 @@ impl Bundle {
         Self { towards, per: towards.map(|along| along.map(f32::recip)), count }
     }
 
-    /// Each direction times a vector.
+    /// Dot product of each direction with a vector.
     pub fn dot(&self, with: Vec3) -> [f32; RAYS] {
         let [x, y, z] = &self.towards;
         std::array::from_fn(|n| x[n] * with.x + y[n] * with.y + z[n] * with.z)
     }
 
-    /// How far each ray goes: `farthest`, lengths of its direction, in front of a plane, else 0:
-    /// not at all. `normal`: towards its front.
+    /// Length of each ray: `farthest`, in lengths of its direction, for rays towards the front of a
+    /// plane, otherwise 0. `normal` points to the front.
     pub fn before(&self, normal: Vec3, farthest: f32) -> [f32; RAYS] {
         let cosines = self.dot(normal);
         let goes = |n: usize| n < self.count && cosines[n] > 0.0;
@@ -128,8 +128,8 @@ impl Bvh {
         self.nodes[node].skip = self.nodes.len() as u32;
     }
 
-    /// The first triangle that each ray meets that goes so far, lengths of its direction; 0: not at
-    /// all.
+    /// The first intersection of each ray up to its length, in lengths of its direction. Rays of
+    /// length 0 are skipped.
     pub fn first(&self, from: Vec3, rays: &Bundle, farthest: [f32; RAYS]) -> [Option<Hit>; RAYS] {
         let mut found = [None; RAYS];
         dispatch!(self.level, _ => self.meet(from, rays, farthest, |n, hit| {
@@ -139,7 +139,7 @@ impl Bvh {
         found
     }
 
-    /// Whether each of the rays meets any.
+    /// True for each ray that intersects any triangle.
     pub fn any(&self, from: Vec3, rays: &Bundle, farthest: [f32; RAYS]) -> [bool; RAYS] {
         let mut found = [false; RAYS];
         dispatch!(self.level, _ => self.meet(from, rays, farthest, |n, _| {
@@ -149,9 +149,9 @@ impl Bvh {
         found
     }
 
-    /// `met` hears of each triangle that a ray meets nearer than those before, and says how far the
-    /// ray still goes. What is asked for all rays is inlined, since code has the lanes of what
-    /// calls it only then.
+    /// Calls `met` for each intersection that is nearer than those before. It returns the remaining
+    /// length of the ray. Inlined, so that it is compiled for the vector instructions of its
+    /// caller.
     #[inline(always)]
     fn meet(
         &self,
@@ -171,7 +171,7 @@ impl Bvh {
                     leaves[n] = smaller(leaves[n], larger(a, b));
                 }
             }
-            // A ray that goes nowhere any more enters nothing.
+            // A ray of length 0 enters no box.
             let meets = (0..RAYS).fold(false, |any, n| any | (enters[n] <= leaves[n] && leaves[n] > 0.0));
             if !meets {
                 at = node.skip as usize;
@@ -207,7 +207,7 @@ fn larger(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
-/// So many of sorted triangles come first that rays meet least.
+/// Number of sorted triangles in the first part, by the surface area heuristic.
 fn cheapest(sorted: &[Triangle]) -> usize {
     let mut behind: Vec<f32> = Vec::with_capacity(sorted.len());
     let mut rest = Box::of(&[]);
@@ -246,7 +246,7 @@ impl Box {
         }
     }
 
-    /// Half of it.
+    /// Half of the surface area.
     fn area(&self) -> f32 {
         let side = self.high - self.low;
         side.x * side.y + side.y * side.z + side.z * side.x
@@ -258,22 +258,22 @@ impl Triangle {
         self.corner + (self.edges[0] + self.edges[1]) / 3.0
     }
 
-    /// How far along each ray it is met, from both sides (Möller and Trumbore 1997); below 0 where
-    /// it is not.
+    /// Distance of the intersection along each ray, on either side (Möller and Trumbore 1997);
+    /// negative without one.
     #[inline(always)]
     fn meet(&self, from: Vec3, towards: &[[f32; RAYS]; 3]) -> [f32; RAYS] {
         let ([b, c], to) = (self.edges, from - self.corner);
         let beside = to.cross(b);
         let ahead = c.dot(beside);
         let mut along = [-1.0; RAYS];
-        // All of it for all rays, without a branch: so it is done for several at once.
+        // Without branches, for vector instructions.
         for n in 0..RAYS {
             let (x, y, z) = (towards[0][n], towards[1][n], towards[2][n]);
             let across = [y * c.z - z * c.y, z * c.x - x * c.z, x * c.y - y * c.x];
             let per = 1.0 / (b.x * across[0] + b.y * across[1] + b.z * across[2]);
             let u = (to.x * across[0] + to.y * across[1] + to.z * across[2]) * per;
             let v = (x * beside.x + y * beside.y + z * beside.z) * per;
-            // Along its plane u is no number or infinite, which is not met.
+            // For rays in the plane u is NaN or infinite, which is no intersection.
             let is_met = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0);
             along[n] = if is_met { ahead * per } else { -1.0 };
         }
@@ -302,7 +302,7 @@ mod tests {
         let mut met = 0;
         for n in 0..300 {
             let from = Vec3::new(random(), random(), random()) * 1.4 - 0.2;
-            // Some along an axis, and one that goes nowhere.
+            // Some along an axis, and one of length 0.
             let mut rays = [Vec3::X; RAYS];
             rays[1..].fill_with(|| Vec3::new(random(), random(), random()) - 0.5);
             let mut farthest = [f32::INFINITY; RAYS];

@@ -15,7 +15,7 @@ use crate::scene::{Object, Scene};
 #[derive(Clone, Debug)]
 pub struct Caster {
     pub sky: Arc<Sky>,
-    /// Of a facet.
+    /// The receiver mask of a facet.
     pub receiver: Option<Arc<ReceiverMask>>,
     /// Mesh and place of each part in the plane's axes.
     parts: Vec<(usize, Steps)>,
@@ -30,7 +30,7 @@ pub struct Casters {
 }
 
 impl Casters {
-    /// Always called with a scene of the same meshes and materials.
+    /// The scene must have the same meshes and materials in every call.
     pub fn caster<'a>(
         &mut self,
         scene: &Scene,
@@ -61,7 +61,7 @@ impl Casters {
 }
 
 impl Caster {
-    /// Of everything in it.
+    /// Digest of all fields.
     pub fn digest(&self) -> Digest {
         self.digest
     }

@@ -1,29 +1,29 @@
-//! A plane on which things stand, with axes of its own.
+//! The receiver plane below objects, with its axes.
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 
 use crate::digest::digestible;
 use crate::scene::Support;
 
-/// x and y lie in the plane, z points out of it. Metres.
+/// A plane with a coordinate system: x and y in the plane, z along the normal, m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Floor {
     pub origin_m: DVec3,
-    /// World from floor: the columns are its x, its y and its normal.
+    /// World from plane: the columns are its x, its y and its normal.
     pub axes: DMat3,
 }
 
 digestible! { Floor { origin_m, axes } }
 
 impl Floor {
-    /// `normal` of unit length. The axes depend on it alone.
+    /// `normal` has unit length. The axes depend on it alone.
     pub fn new(origin_m: DVec3, normal: DVec3) -> Self {
         let aside = DVec3::AXES.into_iter().min_by(|a, b| a.dot(normal).abs().total_cmp(&b.dot(normal).abs()));
         let x = aside.unwrap_or(DVec3::X).reject_from_normalized(normal).normalize();
         Self { origin_m, axes: DMat3::from_cols(x, normal.cross(x), normal) }
     }
 
-    /// What a thing stands on, with its origin below its first part.
+    /// The support plane of an object, with its origin below the object's first part.
     pub fn below(support: &Support, first: &DAffine3) -> Option<Self> {
         let through = Self::new(support.point_m, support.normal.try_normalize()?);
         let below = first.translation - through.height_m(first.translation) * through.normal();
@@ -39,12 +39,12 @@ impl Floor {
         DAffine3 { matrix3: turn, translation: turn * -self.origin_m }
     }
 
-    /// The point of the plane at a place, in the world.
+    /// World position of a place on the plane.
     pub fn at(&self, place_m: DVec2) -> DVec3 {
         self.origin_m + self.axes * place_m.extend(0.0)
     }
 
-    /// The height of a point over the plane, metres.
+    /// Height of a point above the plane, m.
     pub fn height_m(&self, point: DVec3) -> f64 {
         self.normal().dot(point - self.origin_m)
     }

@@ -1,23 +1,23 @@
-//! The shadow maps that were made last: for the same things, and for floors that have moved a
-//! little.
+//! The shadow maps of the last request, for the same objects, also on planes that moved a little.
 
 use super::floor::Floor;
 use super::shadow_map::ShadowMap;
 use crate::scene::{Object, Scene};
 
-/// A shadow map may be of another floor that differs less: cosine of its tilt (10°), and metres.
-const NEAR_TILT: f64 = 0.985;
-const NEAR_HEIGHT_M: f64 = 0.03;
+/// Smallest cosine of the tilt of a plane with a reused shadow map: 10°.
+const MIN_TILT_COSINE: f64 = 0.985;
+/// Largest distance of a plane with a reused shadow map, m.
+const MAX_OFFSET_M: f64 = 0.03;
 
-/// The objects that were asked for last, and their shadow maps, each with the numbers of the
-/// objects that share a floor.
+/// The objects of the last request, and their shadow maps, each with the indices of the objects
+/// that share a plane.
 #[derive(Debug)]
-pub struct Last {
+pub struct LastShadowMaps {
     objects: Vec<Object>,
     shadow_maps: Vec<(ShadowMap, Vec<usize>)>,
 }
 
-impl Last {
+impl LastShadowMaps {
     pub fn new(objects: Vec<Object>, shadow_maps: Vec<(ShadowMap, Vec<usize>)>) -> Self {
         Self { objects, shadow_maps }
     }
@@ -26,13 +26,13 @@ impl Last {
         self.shadow_maps.iter().map(|(shadow_map, _)| shadow_map.clone()).collect()
     }
 
-    /// The shadow maps, if these are the objects.
+    /// The shadow maps, if the objects are the same.
     pub fn of(&self, objects: &[Object]) -> Option<Vec<ShadowMap>> {
         (self.objects == objects).then(|| self.shadow_maps())
     }
 
-    /// The shadow maps moved to floors that are a little different, with nothing else changed.
-    /// Those beside stay where they were.
+    /// The shadow maps moved to planes that differ a little, if nothing else changed. Those on
+    /// facets are not moved.
     pub fn on_floors_of(&self, scene: &Scene) -> Option<Vec<ShadowMap>> {
         let is_same =
             |(a, b): (&Object, &Object)| Object { support: b.support, facets: b.facets.clone(), ..a.clone() } == *b;
@@ -46,7 +46,7 @@ impl Last {
             let first = &scene.objects[*members.first()?];
             let floor = Floor::below(&first.support?, &first.parts.first()?.world_from_mesh)?;
             let tilt = shadow_map.floor.normal().dot(floor.normal());
-            let is_near = tilt > NEAR_TILT && shadow_map.floor.height_m(floor.origin_m).abs() < NEAR_HEIGHT_M;
+            let is_near = tilt > MIN_TILT_COSINE && shadow_map.floor.height_m(floor.origin_m).abs() < MAX_OFFSET_M;
             is_near.then(|| ShadowMap { floor, ..shadow_map.clone() })
         };
         self.shadow_maps.iter().map(on_floor).collect()

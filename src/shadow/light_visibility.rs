@@ -1,8 +1,8 @@
 //! Visibility of suns and lamps from a virtual object among real ones.
 //!
-//! One fraction of each light for the whole object: of the lines from nine places of its bounding
-//! box to eight of the light, those that no solid of the room intersects. So an object that is
-//! moved into a real shadow darkens gradually.
+//! One fraction of each light for the whole object: that of the lines from nine points of its
+//! bounding box to eight of the light that no voxel of the room blocks. An object that is moved
+//! into a real shadow thus darkens gradually.
 //!
 //! Not modelled: a real shadow's edge across an object; a panorama's light, which is that of the
 //! place where it was taken.
@@ -39,12 +39,12 @@ fn visibilities(room: &Room, scene: &Scene, object: &Object) -> Option<Vec<f32>>
         low + (high - low) * (0.5 + CORNER_FRACTION * (share - 0.5))
     };
     let places: Vec<DVec3> = (0..8).map(corner).chain([0.5 * (low + high)]).collect();
-    // The plane that it stands on blocks nothing.
+    // The support plane blocks nothing.
     let is_floor = |at_m: DVec3| {
         let support = object.support.as_ref();
         support.is_some_and(|floor| (at_m - floor.point_m).dot(floor.normal) < f64::from(MIN_HEIGHT_M))
     };
-    // Of lines, each with a direction and a length, from every place.
+    // Visibility lines from every point, each with a direction and a length.
     let visible = |lines_from: &dyn Fn(DVec3) -> Vec<(DVec3, f64)>| {
         let lines = places.iter().flat_map(|place| lines_from(*place).into_iter().map(|line| (*place, line)));
         let is_open = |(from, (to, far_m)): &(DVec3, (DVec3, f64))| !room.blocks(*from, *to, *far_m, is_floor);
@@ -139,7 +139,8 @@ mod tests {
             map.layers
         );
         assert_eq!(map.layers[2..], [vec![[1.0; 4]], vec![[1.0; 4]]]);
-        // Half above the wall it sees a part of the sun; in front of it all, and has no lightmap.
+        // Half above the wall a part of the sun is visible; in front of the wall all of it, without
+        // a lightmap.
         let over = lightmaps(&low_wall(), &scene(DVec3::new(0.0, 0.0, 0.21)))[0].clone().unwrap();
         assert!((0.3..0.7).contains(&over.layers[0][0][3]), "{:?}", over.layers);
         assert_eq!(lightmaps(&low_wall(), &scene(DVec3::new(2.0, 0.0, 0.1))), [None]);

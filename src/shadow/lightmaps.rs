@@ -360,25 +360,30 @@ mod tests {
 
     #[test]
     fn sky_visibility_and_indirect_light_beside_a_wall_match_its_solid_angle() {
-        let filled = |distance: f32| 0.5 * (1.0 - distance / WALL_M.hypot(distance));
+        let form_factor = |distance: f32| 0.5 * (1.0 - distance / WALL_M.hypot(distance));
         for reflectance in [0.0, 0.8] {
             let (map, places) = first(&scene(&[plate(), wall()], reflectance, even_sky()));
             for (at, place) in places {
                 let distance = 0.1 - at.x;
-                // The wall's outline crosses some 45 of the 512 patches of the sky, each half
-                // right: 0.017 rms, and three times that at the worst of many places.
-                let (open, thrown) = (map.layers[0][place.texel as usize], map.layers[1][place.texel as usize]);
-                assert!((open[0] - (1.0 - filled(distance))).abs() < 0.05, "{at}: {} {}", open[0], filled(distance));
+                // The wall's outline crosses some 45 of the 512 patches of the sky, with an error
+                // of half a patch each: 0.017 rms, and three times that at the worst of many
+                // places.
+                let (open, indirect) = (map.layers[0][place.texel as usize], map.layers[1][place.texel as usize]);
+                assert!(
+                    (open[0] - (1.0 - form_factor(distance))).abs() < 0.05,
+                    "{at}: {} {}",
+                    open[0],
+                    form_factor(distance)
+                );
                 assert!(
                     (open[0] - open[1]).abs() < 1e-5 && (open[0] - open[2]).abs() < 1e-5 && open[3] == 1.0,
                     "{open:?}"
                 );
-                // The wall sees the sky with all of its view, but for what the plate hides below
-                // it.
-                let wanted = reflectance * filled(distance);
+                // The whole view of the wall is sky, except for the plate below it.
+                let expected = reflectance * form_factor(distance);
                 for (c, sky) in [1.0, 2.0, 3.0].into_iter().enumerate() {
-                    let off = (thrown[c] / sky - wanted).abs();
-                    assert!(off < 0.15 * wanted + 0.015, "{at}: {} for {wanted}", thrown[c] / sky);
+                    let off = (indirect[c] / sky - expected).abs();
+                    assert!(off < 0.15 * expected + 0.015, "{at}: {} for {expected}", indirect[c] / sky);
                 }
             }
         }
@@ -404,10 +409,10 @@ mod tests {
         assert_eq!(map.layers.len(), 3);
         for (at, place) in places {
             let [a, b, c] = [0, 1, 2].map(|layer| map.layers[layer][place.texel as usize]);
-            // The wall hides what comes from beyond it: the first lamp is seen from 0.8 m on, and
-            // the plate ends before.
+            // The wall hides lights behind it. The first lamp is visible from 0.8 m on, beyond the
+            // end of the plate.
             assert_eq!((a[3], b[3], c[0], c[1], c[2]), (1.0, 0.0, 0.0, 1.0, 0.0), "{at}");
-            // A black sky's share does not matter; what the wall throws is there.
+            // The visibility of a black sky has no effect. The wall's indirect light is present.
             assert!(b[0] > 0.0);
         }
     }
@@ -418,7 +423,7 @@ mod tests {
         scene.materials[0].double_sided = true;
         let (map, places) = first(&scene);
         assert_eq!(map.layers.len(), 4);
-        // The wall stands on the plate's upper side alone.
+        // The wall is on the plate's upper side alone.
         for (at, place) in places.iter().filter(|(at, _)| at.x > 0.0) {
             let [front, back] = [0, 2].map(|layer| map.layers[layer][place.texel as usize][0]);
             assert!(front < 0.75 && back == 1.0, "{at}: {front} {back}");
@@ -464,8 +469,8 @@ mod tests {
             |map: &Option<Arc<Lightmap>>| map.as_ref().unwrap().layers[0].iter().map(|t| t[0]).fold(1.0, f32::min);
         assert_eq!(maps.preview(&scene), (near.clone(), Quality::Final));
         assert!(least(&alone[0]) == 1.0 && least(&near[0]) < 0.9, "{}", least(&near[0]));
-        // Under a sky of another colour it is the one of before until it is asked for; with a lamp
-        // more there is none.
+        // Under a sky of another colour the preview is the last map until a final one is requested.
+        // With another lamp there is no preview.
         scene.lighting.environment = Environment::Uniform(Vec3::new(0.5, 0.4, 0.3));
         maps.set_lighting(&scene);
         assert_eq!(maps.preview(&scene), (near.clone(), Quality::Preview));

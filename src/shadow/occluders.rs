@@ -60,13 +60,13 @@ impl Occluders {
         all
     }
 
-    /// Where a triangle's middle is, and its normal on the front; no direction if it has no area.
+    /// A triangle's centroid, and its normal on the front; 0 if it has no area.
     pub fn middle_and_front(&self, triangle: usize) -> (Vec3, Vec3) {
         let [a, b, c] = self.triangles[triangle].map(|i| self.corners[i as usize]);
         ((a + b + c) / 3.0, (b - a).cross(c - a).normalize_or_zero())
     }
 
-    /// What of it is not below the floor: triangles that go through it end there.
+    /// Clips triangles at the plane: parts below it are removed.
     pub fn on_floor(mut self) -> Self {
         for corner in self.corners.iter_mut().filter(|corner| corner.z >= -ON_FLOOR_M) {
             corner.z = corner.z.max(0.0);
@@ -74,11 +74,11 @@ impl Occluders {
         if self.corners.iter().all(|corner| corner.z >= 0.0) { self } else { self.cut() }
     }
 
-    /// Without what is below 0. Neighbours share the corners of the cut, too.
+    /// Clips at z = 0. Neighbours share the new vertices.
     fn cut(self) -> Self {
         let Self { corners, triangles, colors, parts } = self;
         let mut cut = Self::default();
-        // By the two ends of what a corner lies between; both are one where it was there before.
+        // New vertices by the ends of their edges. Both ends are equal for a vertex that is kept.
         let mut known: BTreeMap<[u32; 2], u32> = BTreeMap::new();
         let mut corner = |all: &mut Vec<Vec3>, a: u32, b: u32| {
             *known.entry([a.min(b), a.max(b)]).or_insert_with_key(|ends| {
@@ -93,7 +93,7 @@ impl Occluders {
             let first = cut.triangles.len();
             for n in part {
                 let [a, b, c] = triangles[n];
-                // Around it, three or four corners.
+                // The clipped polygon, with three or four vertices.
                 let mut around = Vec::with_capacity(4);
                 for [from, to] in [[a, b], [b, c], [c, a]] {
                     if is_above(from) {
@@ -113,7 +113,7 @@ impl Occluders {
         cut
     }
 
-    /// The least box around all corners, from the floor up; `None` where there are none.
+    /// Bounding box of all vertices, from the plane up; `None` without any.
     pub fn bounds(&self) -> Option<(Vec2, Vec2, f32)> {
         let (low, high) =
             self.corners.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), c| (l.min(*c), h.max(*c)));
@@ -143,10 +143,10 @@ mod tests {
 
     #[test]
     fn what_is_sunk_ends_at_the_floor_and_is_not_laid_flat_onto_it() {
-        // It rises from 1 m below the floor to 3 m over it: a quarter of its way is below.
+        // It rises from 1 m below the plane to 3 m above it: a quarter of it is below.
         let cut = sheet([-1.0, 3.0, 3.0, -1.0]).on_floor();
         assert_eq!(cut.bounds().unwrap(), (Vec2::new(0.25, 0.0), Vec2::ONE, 3.0));
-        // Of the sheet a quarter is gone; of the triangle on its low side 0.21875 of 0.5.
+        // A quarter of the sheet is removed; of the triangle on its low side 0.21875 of 0.5.
         let area = |[a, b, c]: [u32; 3]| {
             let [a, b, c] = [a, b, c].map(|i| cut.corners[i as usize].truncate());
             0.5 * (b - a).perp_dot(c - a)
@@ -158,7 +158,7 @@ mod tests {
         let [first, second] = [Vec3::X, Vec3::Y].map(whole);
         assert!((first + second - 0.75).abs() < 1e-6 && (second - 0.28125).abs() < 1e-6, "{first} {second}");
         assert_eq!(cut.parts, [0..2, 2..3]);
-        // The edge that they share is cut once.
+        // The shared edge is clipped once.
         assert_eq!(cut.corners.len(), 5);
         assert!(sheet([-1.0, -2.0, -1.0, -1.0]).on_floor().bounds().is_none());
     }

@@ -12,7 +12,7 @@ use super::caster::{Caster, Casters};
 use super::extent::Extent;
 use super::floor::Floor;
 use super::group::Group;
-use super::last::Last;
+use super::last::LastShadowMaps;
 use super::light_visibility;
 use super::receiver_mask::ReceiverMask;
 use super::room::{MIN_HEIGHT_M, OccluderMask, Room};
@@ -64,7 +64,7 @@ pub struct Shadows {
     environment: Option<Arc<[EnvSample]>>,
     /// Real objects, and their digest.
     room: Option<(Arc<Room>, Digest)>,
-    last: Option<Last>,
+    last: Option<LastShadowMaps>,
     last_visibility: Option<LightVisibility>,
 }
 
@@ -144,7 +144,7 @@ impl Shadows {
             let texture = self.extent(scene, &caster).map(|extent| self.texture(scene, &floor, &caster, extent));
             shadow_maps.extend(texture.map(|texture| (ShadowMap { floor, texture, is_beside: true }, Vec::new())));
         }
-        let last = self.last.insert(Last::new(scene.objects.clone(), shadow_maps));
+        let last = self.last.insert(LastShadowMaps::new(scene.objects.clone(), shadow_maps));
         last.shadow_maps()
     }
 
@@ -330,8 +330,8 @@ fn mask_key(room: &Digest, floor: &Floor, caster: &Caster, extent: Extent) -> Di
     digester.finish()
 }
 
-/// A facet is a piece of something that may go on: without the suns and the lamps behind it that
-/// real things keep from an object.
+/// Removes suns and lamps behind a facet that real objects hide from the virtual object. A facet
+/// may be a part of a larger surface.
 fn without_walled(sky: Arc<Sky>, room: &Room, floor: &Floor, scene: &Scene, object: &Object) -> Arc<Sky> {
     let Some(corners_m) = object.corners_m(scene) else { return sky };
     let middle_m = corners_m.into_iter().sum::<DVec3>() / 8.0;
@@ -347,7 +347,7 @@ fn without_walled(sky: Arc<Sky>, room: &Room, floor: &Floor, scene: &Scene, obje
     Arc::new(Sky::clone(&sky).without_back_lights(of_sun, of_lamp))
 }
 
-/// The objects with parts, by where the first one stands.
+/// Indices of the objects that have parts, sorted by the position of the first part.
 fn by_place(scene: &Scene) -> Vec<usize> {
     let place = |index: &usize| scene.objects[*index].parts.first().map(|part| part.world_from_mesh.translation);
     let mut order: Vec<usize> = (0..scene.objects.len()).filter(|index| place(index).is_some()).collect();

@@ -24,8 +24,8 @@ pub fn existing(path: &Path) -> Result<(bool, Document)> {
     }
 }
 
-/// The pictures in the inputs that are folders. Other files in them, such as a recording's profile, are
-/// not read.
+/// The pictures in the inputs that are folders. Other files in them, such as a recording's profile,
+/// are not read.
 pub fn pictures_beside<'a>(inputs: impl Iterator<Item = &'a PathBuf>) -> Vec<PathBuf> {
     let entries = inputs.filter_map(|folder| std::fs::read_dir(folder).ok()).flatten().flatten();
     entries.map(|entry| entry.path()).filter(|path| is_picture(path)).collect()

@@ -55,8 +55,8 @@ pub fn collect_views(
 }
 
 /// The next pictures to search. If pictures were skipped since the last search, because it took too
-/// long, the following picture is searched too: two consecutive ones are needed to decide if the board
-/// is at rest.
+/// long, the following picture is searched too: two consecutive ones are needed to decide if the
+/// board is at rest.
 fn next_searched<T>(
     first: (f64, T),
     searched_s: f64,
@@ -85,7 +85,8 @@ fn status_line(collector: &ViewCollector, outcome: ViewOutcome) -> String {
 mod tests {
     use super::next_searched;
 
-    /// The times of the searched pictures of a camera with 30 a second, if a search takes `search_s`.
+    /// The times of the searched pictures of a camera with 30 a second, if a search takes
+    /// `search_s`.
     fn times_s(search_s: f64) -> Vec<f64> {
         let interval_s = 1.0 / 30.0;
         let newest = |now_s: f64| (now_s / interval_s + 1e-6).floor() * interval_s;

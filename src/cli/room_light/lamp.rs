@@ -81,8 +81,8 @@ impl LampPick {
     }
 }
 
-/// The room's light with the lamps that the user pointed at, which come first among its lamps. `None`
-/// without such lamps.
+/// The room's light with the lamps that the user pointed at, which come first among its lamps.
+/// `None` without such lamps.
 pub fn relit(shot: &Shot, found: &Analysis, lamps: &[LampPick]) -> Result<Option<(LightFindings, Environment)>> {
     if lamps.is_empty() {
         return Ok(None);
@@ -95,8 +95,8 @@ pub fn relit(shot: &Shot, found: &Analysis, lamps: &[LampPick]) -> Result<Option
     lit.map(Some).map_err(|why| anyhow!("--lamp: the footage does not tell how bright it is: {why}"))
 }
 
-/// Warnings about lamps with hardly any light at the centre of the analysed surfaces. `white` is the
-/// radiance of white there, with these lamps first.
+/// Warnings about lamps with hardly any light at the centre of the analysed surfaces. `white` is
+/// the radiance of white there, with these lamps first.
 pub fn dark_lamp_warnings(lamps: &[LampPick], white: &WhiteRadiance) -> Vec<(&'static str, String)> {
     let whole = white.light().element_sum();
     let is_dark = |(_, (light, _)): &(&LampPick, &(Vec3, f32))| light.element_sum() < MIN_LIGHT_FRACTION * whole;

@@ -15,9 +15,9 @@ pub fn upward(lighting: &Lighting, at_m: DVec3, up: DVec3) -> WhiteRadiance {
     white_radiance(lighting, &Room::default(), &Support { point_m: at_m, normal: up })
 }
 
-/// A scene's light table for a panorama and additional lamps, the resulting lighting, and a line about
-/// it. The panorama is scaled so that a white surface that faces up has the radiance `target`. `file`
-/// has the scene's up, and `scene` is its path, which may not exist yet.
+/// A scene's light table for a panorama and additional lamps, the resulting lighting, and a line
+/// about it. The panorama is scaled so that a white surface that faces up has the radiance
+/// `target`. `file` has the scene's up, and `scene` is its path, which may not exist yet.
 pub fn light(
     panorama: &Path,
     turn_deg: Option<f64>,
@@ -97,8 +97,8 @@ mod tests {
         for (normal, expected) in [(DVec3::Z, 0.5), (DVec3::NEG_Z, 0.125), (DVec3::X, 0.3125)] {
             assert!((radiance(normal) - expected).abs() < 0.01, "{normal}: {} {expected}", radiance(normal));
         }
-        // −z, the centre of the panorama, is the world's y, the same as for an upright model; turned by 90°
-        // it is −x.
+        // −z, the centre of the panorama, is the world's y, the same as for an upright model;
+        // turned by 90° it is −x.
         let Environment::Map(EnvironmentMap { map_from_world, .. }) = lighting.environment else {
             panic!("a panorama")
         };
