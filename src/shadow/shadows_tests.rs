@@ -191,7 +191,7 @@ fn shadow_maps_after_a_change_of_light_are_those_of_the_new_light() {
     let mut shadows = fresh(&left);
     let first = shadows.shadow_maps(&left, Quality::Final).0;
     // Shadow maps are compared by address, textures by value.
-    let texture = |shadow_maps: Vec<ShadowMap>| {
+    let textures = |shadow_maps: Vec<ShadowMap>| {
         shadow_maps.iter().map(|shadow_map| ShadowTexture::clone(&shadow_map.texture)).collect::<Vec<_>>()
     };
     for scene in [&right, &dark, &left] {
@@ -203,16 +203,16 @@ fn shadow_maps_after_a_change_of_light_are_those_of_the_new_light() {
             continue;
         }
         assert!(quality.is_preview());
-        assert!(texture(preview) == texture(fresh(scene).shadow_maps(scene, Quality::Preview).0));
+        assert!(textures(preview) == textures(fresh(scene).shadow_maps(scene, Quality::Preview).0));
         assert!(
-            texture(shadows.shadow_maps(scene, Quality::Final).0)
-                == texture(fresh(scene).shadow_maps(scene, Quality::Final).0)
+            textures(shadows.shadow_maps(scene, Quality::Final).0)
+                == textures(fresh(scene).shadow_maps(scene, Quality::Final).0)
         );
     }
-    let first = texture(first);
+    let first = textures(first);
     assert!(
-        texture(shadows.shadow_maps(&left, Quality::Final).0) == first
-            && texture(fresh(&right).shadow_maps(&right, Quality::Final).0) != first
+        textures(shadows.shadow_maps(&left, Quality::Final).0) == first
+            && textures(fresh(&right).shadow_maps(&right, Quality::Final).0) != first
     );
 }
 
