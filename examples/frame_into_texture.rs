@@ -35,8 +35,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         pixels: Pixels::from_u8(640, 480, vec![120; 3 * 640 * 480]).ok_or("the size does not fit")?,
         depth: None,
         exposure: FrameExposure::default(),
-        presence: 1.0,
-        beside: Vec::new(),
+        opacity: 1.0,
+        neighbours: Vec::new(),
         surfels: Vec::new().into(),
     };
 

@@ -33,7 +33,7 @@ struct Composite {
     gain: f32,               // on the real light
     noise_left: f32,         // share of the variance of the real pixels' noise
     gamma: f32,              // of the camera's response
-    presence: f32,           // opacity of the layer
+    opacity: f32,           // opacity of the layer
 }
 @group(0) @binding(0) var camera: texture_2d<u32>;
 @group(0) @binding(1) var layer: texture_2d<f32>;
@@ -81,7 +81,7 @@ fn layer_at(p: vec2<i32>) -> vec4<f32> {
 
 // The layer's light or coverage, times its opacity. Opaque layers stay bit-exact.
 fn present(whole_layer: vec4<f32>) -> vec4<f32> {
-    return select(whole_layer, composite.presence * whole_layer, composite.presence < 1.0);
+    return select(whole_layer, composite.opacity * whole_layer, composite.opacity < 1.0);
 }
 
 // Coverage of each channel at a pixel. `mean` is the layer's alpha.

@@ -43,7 +43,7 @@ fn apply_edge_blend(p: vec2<i32>, current: Mixed) -> Mixed {
             }
         }
         if is_first {
-            let share = edge_blend.impact * composite.presence * ((next - level) / covered) / (count + 1.0);
+            let share = edge_blend.impact * composite.opacity * ((next - level) / covered) / (count + 1.0);
             own -= share * count;
             blended += share * sum;
             for (var j = 0; j < n; j++) {

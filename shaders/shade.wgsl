@@ -32,7 +32,7 @@ struct Shade {
     per_step: f32,           // steps of the grid per pixel
     round_px: f32,           // width of a picture whose rims meet, else 0
     strength: f32,
-    presence: f32,
+    opacity: f32,
     tolerance_m: f32,
     per_depth2: f32,         // growth of the tolerance with the squared depth, 1/m
     tile_px: i32,            // side of a tile
@@ -232,6 +232,6 @@ fn main(corner: Corner) -> @location(0) vec4<f32> {
     if any(removed != vec3<f32>(0.0)) {
         removed *= receiver_share(corner.at.xy, receiver_depth(nearness / f32(EXPOSURE_SAMPLES), shadow_map));
     }
-    let fraction = clamp(shade.strength * shade.presence * removed, vec3<f32>(-1.0), vec3<f32>(1.0));
+    let fraction = clamp(shade.strength * shade.opacity * removed, vec3<f32>(-1.0), vec3<f32>(1.0));
     return rounded_to_half(vec4<f32>(fraction, 0.0));
 }

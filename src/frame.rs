@@ -18,18 +18,18 @@ pub struct Frame {
     /// Depth of the site, registered to the colour picture. `None` without a sensor.
     pub depth: Option<DepthMap>,
     pub exposure: FrameExposure,
-    /// Share of the virtual layer that is seen, its light and its coverage, 0 to 1; 1 unless said otherwise. Live lets it
-    /// fall while the camera is lost.
-    pub presence: f64,
-    /// What the recording's neighbouring frames saw, in order; none unless they were asked for.
-    pub beside: Vec<Arc<Beside>>,
-    /// Surfaces that the whole recording measured, where it was analysed.
+    /// Opacity of the virtual layer: a factor on its light and coverage, 0 to 1. It fades while a live
+    /// camera's pose is lost.
+    pub opacity: f64,
+    /// Neighbouring frames of the recording, in order; empty unless requested.
+    pub neighbours: Vec<Arc<NeighbourFrame>>,
+    /// Surfaces of the room, fused from all depth maps by an analysis.
     pub surfels: Arc<[Surfel]>,
 }
 
-/// Another frame of the recording, as far as it says where things stand.
+/// A frame whose depth map votes in another frame.
 #[derive(Clone, Debug)]
-pub struct Beside {
+pub struct NeighbourFrame {
     pub index: usize,
     /// As [`Frame::timestamp_s`].
     pub timestamp_s: f64,
@@ -40,14 +40,14 @@ pub struct Beside {
 /// Side of the voxels of which surfels are the means, m.
 pub const SURFEL_SPACING_M: f64 = 0.02;
 
-/// A piece of a surface of the room, as several frames measured it.
+/// A surface element of the room, the mean of several frames' measurements.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surfel {
     /// In the recording's world.
     pub position_m: Vec3,
-    /// Unit length, on the side from which it was seen.
+    /// Unit length, towards the cameras.
     pub normal: Vec3,
-    /// Square roots of linear light, as the frame of usual brightness shows it.
+    /// Square roots of linear light in a frame of median brightness.
     pub sqrt_color: [f32; 3],
 }
 
@@ -71,47 +71,46 @@ impl Surfel {
     }
 }
 
-/// Seconds from a frame to the next, from their timestamps if the next one's is known. Otherwise, at a recording's end
-/// or in a stream whose next frame is still to come, `usual_s`.
+/// Seconds from a frame to the next by their timestamps; `usual_s` for the newest frame.
 pub fn interval_s(timestamps_s: &[f64], index: usize, usual_s: f64) -> f64 {
     let time_s = |i: usize| timestamps_s.get(i).copied();
     let next = index.checked_add(1).and_then(time_s);
     next.zip(time_s(index)).map_or(usual_s, |(next, this)| next - this)
 }
 
-/// This frame's exposure as the camera reported it. `None` where it did not.
+/// A frame's exposure as the camera reported it. `None`: not reported.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FrameExposure {
-    /// How long each row gathered light, seconds on the recording's clock: the duration of motion blur. Also `None` if
-    /// that clock is only nominal; see [`PhotoSettings::time_s`].
+    /// Exposure time of each row, seconds on the recording's clock: the duration of motion blur. Also
+    /// `None` if that clock is only nominal; see [`PhotoSettings::time_s`].
     pub time_s: Option<f64>,
     /// Amplification relative to the recording's base, as a factor.
     pub gain: Option<f64>,
-    /// What [`Self::time_s`] would say, by the picture's motion blur, where the footage was analysed.
+    /// Exposure time by the picture's motion blur, estimated by an analysis, s.
     pub blurred_s: Option<f64>,
     /// From the picture's own file.
     pub photo: PhotoSettings,
-    /// How bright the picture itself is, where the footage was analysed.
-    pub seen: Option<SeenBrightness>,
-    /// What a tracked lens was set to.
+    /// Brightness of the picture, estimated by an analysis.
+    pub seen: Option<RelativeBrightness>,
+    /// Settings of a tracked lens.
     pub lens: FrameLens,
 }
 
-/// What a tracked lens and its camera were set to in a frame's moment. `None` where nobody said it.
+/// Settings of a tracked lens and its camera at a frame's time. `None`: not reported.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FrameLens {
     /// Focal length divided by the opening's diameter.
     pub f_number: Option<f64>,
-    /// The distance that is sharp, metres.
+    /// Focus distance, m.
     pub focus_distance_m: Option<f64>,
-    /// How long each row gathered light, seconds, above 0.
+    /// Exposure time of each row, s, above 0.
     pub exposure_s: Option<f64>,
     /// Film speed.
     pub iso: Option<f64>,
 }
 
 impl FrameExposure {
-    /// With what a tracked lens was set to, which overrides what else is known of it.
+    /// With the settings of a tracked lens, which override the others.
     pub fn with_lens(self, lens: FrameLens) -> Self {
         let photo = PhotoSettings {
             f_number: lens.f_number.or(self.photo.f_number),
@@ -122,30 +121,30 @@ impl FrameExposure {
     }
 }
 
-/// How bright a picture shows the same things, by comparison with the recording's others.
+/// Brightness of a picture relative to the recording's other pictures of the same surfaces.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SeenBrightness {
-    /// Brighter than the recording's median by these factors on light: red, green, blue.
+pub struct RelativeBrightness {
+    /// Linear light over that of the median frame: red, green, blue.
     pub factors: [f64; 3],
-    /// What [`FrameExposure`] says of the recording's median frame, seconds at f/1, ISO 100 and gain 1; `None` if it says
-    /// nothing of most frames.
+    /// Equivalent exposure of the median frame by [`FrameExposure`], seconds at f/1, ISO 100 and gain
+    /// 1; `None` if most frames do not report it.
     pub usual_s: Option<f64>,
-    /// And beside that across the picture.
-    pub across: Across,
+    /// Additional gain that varies across the picture.
+    pub across: SpatialGain,
 }
 
-/// Nodes of [`Across`], as shaders/exposure.wgsl has them, too.
+/// Nodes of [`SpatialGain`]; the same in shaders/exposure.wgsl.
 pub const NODES_ACROSS: usize = 5;
 pub const NODES_DOWN: usize = 4;
 pub const NODES: usize = NODES_ACROSS * NODES_DOWN;
 
-/// How much brighter parts of a picture are, stops: at nodes from corner to corner, row by row, and linear between
-/// them.
+/// Gain across a picture, stops: at nodes from corner to corner, row by row, bilinear between them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Across(pub [f32; NODES]);
+pub struct SpatialGain(pub [f32; NODES]);
 
-impl Across {
-    /// At a place, in shares of the picture's width and height: four nodes, and how much each counts.
+impl SpatialGain {
+    /// The four nodes around a place, in fractions of the picture's width and height, with their
+    /// bilinear weights.
     pub fn weights(at: [f32; 2]) -> [(usize, f32); 4] {
         let along = |share: f32, nodes: usize| {
             let at = share.clamp(0.0, 1.0) * (nodes - 1) as f32;
@@ -162,21 +161,21 @@ impl Across {
         ]
     }
 
-    /// Stops at a place, in shares of the picture's width and height.
+    /// Stops at a place, in fractions of the picture's width and height.
     pub fn at(&self, at: [f32; 2]) -> f32 {
         Self::weights(at).iter().map(|(node, weight)| weight * self.0[*node]).sum()
     }
 
-    /// Whether the picture is as bright everywhere.
+    /// True if the gain is 0 stops everywhere.
     pub fn is_none(&self) -> bool {
         self.0 == [0.0; NODES]
     }
 }
 
-/// The settings a picture was taken with, from its file (EXIF). All are above 0, except possibly `taken_s`.
+/// Settings of the camera from a picture's file (EXIF). All are above 0, except possibly `taken_s`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PhotoSettings {
-    /// How long the shutter was open, seconds.
+    /// Exposure time, s.
     pub time_s: Option<f64>,
     /// Focal length divided by the opening's diameter.
     pub f_number: Option<f64>,

@@ -158,9 +158,9 @@ impl LayerImage {
     }
 
     /// Leaves a share of its light and coverage, 0 to 1.
-    pub fn fade(&mut self, presence: f32) {
-        if presence < 1.0 {
-            self.rgba.iter_mut().flatten().for_each(|value| *value *= presence);
+    pub fn fade(&mut self, opacity: f32) {
+        if opacity < 1.0 {
+            self.rgba.iter_mut().flatten().for_each(|value| *value *= opacity);
         }
     }
 }

@@ -30,8 +30,8 @@ fn apply_noise(p: vec2<i32>, pixel: Mixed) -> Mixed {
     let opaque_target = max(scaled_variance, least_variance(p, pixel.code) * recorded);
     // A fading object ends with the camera's own noise, at any scale and film.
     let s = sigma_at(pixel.code);
-    let fading_target = mix(s * s * recorded, opaque_target, composite.presence);
-    let target_variance = select(opaque_target, fading_target, composite.presence < 1.0);
+    let fading_target = mix(s * s * recorded, opaque_target, composite.opacity);
+    let target_variance = select(opaque_target, fading_target, composite.opacity < 1.0);
     let missing = max(target_variance - present_variance, vec3<f32>(0.0));
     let n = pattern_at(p + composite.in_picture);
     return Mixed(pixel.code + sqrt(missing) * n / 255.0, present_variance + missing, pixel.virtual_share);

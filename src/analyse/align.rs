@@ -421,8 +421,8 @@ mod tests {
             pixels: Pixels::from_u8(width, height, (0..width * height).flat_map(code).collect()).unwrap(),
             depth: None,
             exposure: FrameExposure::default(),
-            presence: 1.0,
-            beside: Vec::new(),
+            opacity: 1.0,
+            neighbours: Vec::new(),
             surfels: Default::default(),
         };
         let state = CameraState { world_from_camera: DAffine3::IDENTITY, twist: Twist::zeros() };

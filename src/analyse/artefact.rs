@@ -24,7 +24,7 @@ use super::tone::ToneBand;
 use super::track::{self, TrackKnot};
 use crate::camera::Geometry;
 use crate::document::{self, Document};
-use crate::frame::{Across, NODES_ACROSS, NODES_DOWN, SeenBrightness, Surfel};
+use crate::frame::{NODES_ACROSS, NODES_DOWN, RelativeBrightness, SpatialGain, Surfel};
 use crate::recording::{Recording, Refinement};
 use crate::scene::Lighting;
 use crate::sink::SinkError;
@@ -60,7 +60,7 @@ pub struct Analysis {
     /// unknown or steady.
     pub gains: Vec<[f64; 3]>,
     /// Gain within each frame. Empty if unknown or uniform.
-    pub across: Vec<Across>,
+    pub across: Vec<SpatialGain>,
     /// Residuals of the held-out links. Empty if there are none.
     pub held_out: Vec<HeldOutResidual>,
     /// Panorama of the room's light without its lamps; `None` if unknown.
@@ -75,7 +75,7 @@ pub struct Estimates<'a> {
     pub gain: Result<GainFindings, String>,
     /// ln, one per frame; `None` for frames that could not be compared.
     pub gains: &'a [Option<[f64; 3]>],
-    pub across: Option<(Vec<Across>, SpatialGainFit)>,
+    pub across: Option<(Vec<SpatialGain>, SpatialGainFit)>,
     pub exposure: Result<ExposureRuns, String>,
     pub spread: Result<PointSpread, String>,
     pub tone: Result<Vec<ToneBand>, String>,
@@ -270,8 +270,8 @@ impl Analysis {
             ));
         }
         if !self.across.is_empty() {
-            let nodes = |across: &Across| across.0.iter().map(|node| format!(" {node}")).collect::<String>();
-            let line = |(n, across): (usize, &Across)| format!("{n}{}\n", nodes(across));
+            let nodes = |across: &SpatialGain| across.0.iter().map(|node| format!(" {node}")).collect::<String>();
+            let line = |(n, across): (usize, &SpatialGain)| format!("{n}{}\n", nodes(across));
             let lines: String = self.across.iter().enumerate().map(line).collect();
             let head = format!(
                 "# frame, then by how many stops the picture is brighter there, row by row, {NODES_ACROSS} places from side to \
@@ -290,7 +290,7 @@ impl Analysis {
         }
         files.extend(self.environment.as_ref().map(|around| (ENVIRONMENT, around.hdr.to_vec())));
         files.extend(self.surfels.as_ref().map(|map| (SURFELS, map.ply.to_vec())));
-        // Last, because its presence marks a complete analysis.
+        // Last, because its opacity marks a complete analysis.
         files.push((FILE_NAME, format!("{head}{document}").into_bytes()));
         Ok(files)
     }
@@ -300,10 +300,10 @@ impl Analysis {
         self.findings.light.as_ref()?.lighting(self.environment.as_ref()?)
     }
 
-    /// The estimates that are applied to a recording. `usual_s`: [`SeenBrightness::usual_s`].
+    /// The estimates that are applied to a recording. `usual_s`: [`RelativeBrightness::usual_s`].
     pub fn refinement(&self, usual_s: Option<f64>) -> Refinement {
         let registered = &self.findings.registration;
-        let seen = |(n, factors): (usize, &[f64; 3])| SeenBrightness {
+        let seen = |(n, factors): (usize, &[f64; 3])| RelativeBrightness {
             factors: *factors,
             usual_s,
             across: self.across.get(n).copied().unwrap_or_default(),
@@ -396,9 +396,9 @@ fn read_gains(path: &Path, frames: usize) -> Result<Vec<[f64; 3]>, AnalysisError
     })
 }
 
-fn read_across(path: &Path, frames: usize) -> Result<Vec<Across>, AnalysisError> {
+fn read_across(path: &Path, frames: usize) -> Result<Vec<SpatialGain>, AnalysisError> {
     read_frames(path, frames, |rest| {
-        let mut across = Across::default();
+        let mut across = SpatialGain::default();
         for node in &mut across.0 {
             let stops = records::number(rest, "stops")?;
             if stops.abs() > MAX_EV {

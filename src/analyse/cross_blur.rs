@@ -254,8 +254,8 @@ mod tests {
             pixels: Pixels::from_u16(SIZE.0, SIZE.1, codes).unwrap(),
             depth: Some(DepthMap { width: SIZE.0, height: SIZE.1, depth_m, timestamp_s: 0.0 }),
             exposure: FrameExposure::default(),
-            presence: 1.0,
-            beside: Vec::new(),
+            opacity: 1.0,
+            neighbours: Vec::new(),
             surfels: Default::default(),
         };
         // The picture moves against the camera.

@@ -74,8 +74,8 @@ pub fn drawn_spread_px(camera: &Geometry, response: &Response, pixels: Pixels, t
         pixels,
         depth: None,
         exposure: FrameExposure::default(),
-        presence: 1.0,
-        beside: Vec::new(),
+        opacity: 1.0,
+        neighbours: Vec::new(),
         surfels: Default::default(),
     };
     spreads.add(&frame, &FrameMotion { state: &state, depth: &[], exposure_s: 0.0 });

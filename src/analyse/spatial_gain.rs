@@ -22,7 +22,7 @@ use std::f64::consts::LN_2;
 use serde::{Deserialize, Serialize};
 
 use super::robust::scatter;
-use crate::frame::{Across, NODES, NODES_ACROSS, NODES_DOWN};
+use crate::frame::{NODES, NODES_ACROSS, NODES_DOWN, SpatialGain};
 
 /// Distances between the frames of fitted pairs, and of held-out pairs.
 pub const GAPS: [usize; 3] = [1, 5, 20];
@@ -101,7 +101,7 @@ pub fn of_pair(from: usize, to: usize, samples: &[RatioSample], ratio: f64) -> S
 }
 
 /// The field of each frame, and its fit to held-out pairs; `None` without fitted or held-out pairs.
-pub fn solve(pairs: &[SpatialGainPair], frames: usize) -> Option<(Vec<Across>, SpatialGainFit)> {
+pub fn solve(pairs: &[SpatialGainPair], frames: usize) -> Option<(Vec<SpatialGain>, SpatialGainFit)> {
     let of = |gaps: &[usize]| -> Vec<GainConstraint> {
         pairs.iter().filter(|pair| gaps.contains(&(pair.to - pair.from))).flat_map(GainConstraint::of).collect()
     };
@@ -126,7 +126,7 @@ pub fn solve(pairs: &[SpatialGainPair], frames: usize) -> Option<(Vec<Across>, S
         is_followed: left < MAX_RESIDUAL_RATIO * recorded
             && (recorded * recorded - left * left).max(0.0).sqrt() > MIN_REMOVED_SCATTER,
     };
-    let of_frame = |nodes: &[f64]| Across(std::array::from_fn(|n| (nodes[n] / LN_2) as f32));
+    let of_frame = |nodes: &[f64]| SpatialGain(std::array::from_fn(|n| (nodes[n] / LN_2) as f32));
     Some((field.chunks_exact(NODES).map(of_frame).collect(), fitted))
 }
 
@@ -141,7 +141,7 @@ struct GainConstraint {
 impl GainConstraint {
     fn of(pair: &SpatialGainPair) -> impl Iterator<Item = Self> {
         pair.cells.iter().map(|[from_x, from_y, to_x, to_y, delta, sigma]| {
-            let (from, to) = (Across::weights([*from_x, *from_y]), Across::weights([*to_x, *to_y]));
+            let (from, to) = (SpatialGain::weights([*from_x, *from_y]), SpatialGain::weights([*to_x, *to_y]));
             let nodes = std::array::from_fn(|n| match n {
                 0..4 => (pair.from * NODES + from[n].0, -f64::from(from[n].1)),
                 _ => (pair.to * NODES + to[n - 4].0, f64::from(to[n - 4].1)),

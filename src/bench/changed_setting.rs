@@ -155,8 +155,8 @@ impl Parameter {
                     pixels: pixels.clone(),
                     depth: None,
                     exposure,
-                    presence: 1.0,
-                    beside: Vec::new(),
+                    opacity: 1.0,
+                    neighbours: Vec::new(),
                     surfels: Default::default(),
                 };
                 let start = Instant::now();

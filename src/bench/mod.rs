@@ -15,7 +15,7 @@ mod occlusion_and_shadow;
 
 use crate::camera::{Camera, Geometry, NoiseBin, NoiseProfile};
 use crate::compositor::{Compositor, FrameStats, Job, Settings, SubmitError, Target};
-use crate::frame::{Beside, Frame, FrameExposure};
+use crate::frame::{Frame, FrameExposure, NeighbourFrame};
 use crate::gpu::{Gpu, GpuError, Recorder, Shader, Texture};
 use crate::pixels::{DepthMap, Pixels};
 use crate::pose::Pose;
@@ -247,8 +247,9 @@ fn median_frame_ms(
     let mut compositor = Compositor::new(gpu.clone(), scene.clone());
     let mut index = 0;
     // A frame with depth has its neighbours.
-    let neighbour = depth.map(|depth| Beside { index, timestamp_s: 0.0, pixels: pixels.clone(), depth: depth.clone() });
-    let beside: Vec<_> = neighbour.map(Arc::new).into_iter().cycle().take(2 * NEIGHBOURS_EACH_WAY).collect();
+    let neighbour =
+        depth.map(|depth| NeighbourFrame { index, timestamp_s: 0.0, pixels: pixels.clone(), depth: depth.clone() });
+    let neighbours: Vec<_> = neighbour.map(Arc::new).into_iter().cycle().take(2 * NEIGHBOURS_EACH_WAY).collect();
     let frame = || {
         index += 1;
         let (pixels, depth, exposure) = (pixels.clone(), depth.cloned(), FrameExposure::default());
@@ -258,8 +259,8 @@ fn median_frame_ms(
             pixels,
             depth,
             exposure,
-            presence: 1.0,
-            beside: beside.clone(),
+            opacity: 1.0,
+            neighbours: neighbours.clone(),
             surfels: Default::default(),
         }
     };

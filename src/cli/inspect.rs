@@ -225,7 +225,7 @@ fn recording(args: &Args) -> Result<()> {
         0 => writeln!(out, "exposure   unknown")?,
         _ => writeln!(out, "exposure   known for {exposed} of {}", count(frames, "frame"))?,
     }
-    let faded = (0..frames).filter(|&i| recording.presence(i) < 1.0).count();
+    let faded = (0..frames).filter(|&i| recording.opacity(i) < 1.0).count();
     if faded > 0 {
         writeln!(out, "presence   below 1 in {faded} of {}: evidence fades there", count(frames, "frame"))?;
     }
@@ -351,9 +351,9 @@ fn one_frame(args: &Args, shot: Shot, frame: usize, out: &mut impl Write) -> Res
         }
         Err(reason) => writeln!(out, "no pose    {reason}")?,
     }
-    let presence = recording.presence(frame);
-    if presence < 1.0 {
-        writeln!(out, "presence   {}: so much of the evidence is seen", fixed(presence, 3))?;
+    let opacity = recording.opacity(frame);
+    if opacity < 1.0 {
+        writeln!(out, "presence   {}: so much of the evidence is seen", fixed(opacity, 3))?;
     }
     if args.picks.is_empty() {
         return Ok(());

@@ -71,7 +71,7 @@ pub fn run(args: &Args) -> Result<()> {
             CaptureEvent::Ended => break,
         }
         session.take_poses(|capture| intake.take_poses(capture, last_s))?;
-        // A frame's presence is recorded with its poses.
+        // A frame's opacity is recorded with its poses.
         while intake.next(monotonic_s()).is_some() {}
         failure = intake.recorder().and_then(RecorderThread::failure);
     }

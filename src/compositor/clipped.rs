@@ -31,7 +31,7 @@
 use super::dirty_tiles::dirty_tiles;
 use crate::camera::{Geometry, Response};
 use crate::depth::Rays;
-use crate::frame::SeenBrightness;
+use crate::frame::RelativeBrightness;
 use crate::gpu::{Entry, Recorder, Shader, half_texels};
 use crate::parallel::{over_rows, processors};
 use crate::pixels::{Codes, Pixels, Rect};
@@ -65,7 +65,7 @@ pub struct FrameRadiance<'a> {
     pub rays: &'a Rays,
     /// The camera's pose at a time from the middle row's, s.
     pub pose_at: &'a (dyn Fn(f64) -> Pose + Sync),
-    pub brightness: SeenBrightness,
+    pub brightness: RelativeBrightness,
 }
 
 /// The clipped light of a part of the picture.
@@ -217,7 +217,7 @@ mod tests {
 
     use super::*;
     use crate::camera::Curve;
-    use crate::frame::{Across, NODES};
+    use crate::frame::{NODES, SpatialGain};
     use crate::shadow::{SurfaceRadiance, SurfaceSample};
 
     const PICTURE: Rect = Rect { x0: 0, y0: 0, x1: 8, y1: 6 };
@@ -252,7 +252,8 @@ mod tests {
         let sample = |at_m: DVec3| SurfaceSample { at_m, light: [1.2, 0.9, 0.3], is_clipped: [false; 3] };
         let samples: Vec<_> = places.filter(|at| at.x > -0.3).map(sample).collect();
         let radiance = LazyRadiance::new(Box::new(|| SurfaceRadiance::of(samples.into_iter())));
-        let brightness = SeenBrightness { factors: [1.5, 1.2, 1.0], usual_s: None, across: Across([1.0; NODES]) };
+        let brightness =
+            RelativeBrightness { factors: [1.5, 1.2, 1.0], usual_s: None, across: SpatialGain([1.0; NODES]) };
         let depth_m = vec![1.0; 48];
         let rays = Rays::new(&Geometry::pinhole(8, 6, 8.0));
         let known = |codes: [u8; 3], x_m: f64| {

@@ -121,8 +121,8 @@ pub struct FrameStats {
     pub objects_in_sight: bool,
     pub exposure_time_s: f64,
     /// Opacity of the layer, if it is not 1.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub presence: Option<f64>,
+    #[serde(rename = "presence", skip_serializing_if = "Option::is_none")]
+    pub opacity: Option<f64>,
     /// Upper bound of the speed of any point of the objects.
     pub fastest_px_per_s: f32,
     pub effects: Vec<&'static str>,
@@ -138,7 +138,7 @@ impl FrameStats {
             rect_px: None,
             objects_in_sight: false,
             exposure_time_s: job.capture.exposure_time_s,
-            presence: Some(job.frame.presence).filter(|presence| *presence != 1.0),
+            opacity: Some(job.frame.opacity).filter(|opacity| *opacity != 1.0),
             fastest_px_per_s: 0.0,
             effects: Vec::new(),
         }

@@ -93,7 +93,7 @@ crate::uniform! {
         gain: f32,
         noise_left: f32,
         gamma: f32,
-        presence: f32,
+        opacity: f32,
     }
 }
 
@@ -151,7 +151,7 @@ pub fn mix(
         gain: photographic_gain(capture.over_ev) as f32,
         noise_left: capture.noise_left as f32,
         gamma: camera.response.gamma as f32,
-        presence: job.frame.presence as f32,
+        opacity: job.frame.opacity as f32,
     };
     let sigma = recorder.memoized(SigmaKey(camera.noise.clone()), sigma_table);
     let changed = dirty_tiles(shown, changed);

@@ -110,7 +110,7 @@ struct LayerReadback {
     drawn: Rect,
     over_seam: bool,
     light_alone: bool,
-    presence: f32,
+    opacity: f32,
     parts: [Readback; 2],
     fringe: Option<Readback>,
     shaded: Rect,
@@ -209,7 +209,7 @@ impl Compositor {
             return Ok(self.pass_through(job, stats, target));
         }
         // A photograph is composited even if the layer is invisible.
-        if job.frame.presence <= 0.0 && !job.capture.whole {
+        if job.frame.opacity <= 0.0 && !job.capture.whole {
             return Ok(self.pass_through(job, stats, target));
         }
         let (shadow_maps, mut is_preview) = self.update_shadows(&settings.shadow, allow_preview);
@@ -255,7 +255,7 @@ impl Compositor {
             depth: occlusion.scene_depth.as_ref().map(|(depth, rect)| (depth, *rect)),
             matte: occlusion.receiver_matte.as_ref().map(|(matte, rect)| (matte, *rect)),
             settings: &settings.shadow,
-            presence: job.frame.presence,
+            opacity: job.frame.opacity,
         };
         let shade_image = shade::shade(&mut self.recorder, &frame_view.shadows, &request);
         let pose_at = |offset_s| frame_view.keys.pose_at(offset_s);
@@ -336,7 +336,7 @@ impl Compositor {
             drawn: first.drawn,
             over_seam: work_rects.pieces.len() > 1,
             light_alone: layer.light_alone,
-            presence: job.frame.presence as f32,
+            opacity: job.frame.opacity as f32,
             parts: [&layer.color, &layer.geometry].map(|t| run.recorder.read_back(&mut self.readbacks, t, layer.size)),
             fringe: layer.fringe.as_ref().map(|t| run.recorder.read_back(&mut self.readbacks, t, layer.size)),
             shaded: first.shaded,
@@ -455,10 +455,10 @@ impl Compositor {
             self.readbacks.give_back(codes);
         }
         if let (Some(image), Some(back)) = (&mut layer, back) {
-            let LayerReadback { drawn, over_seam, light_alone, presence, parts: [color, geometry], .. } = back;
+            let LayerReadback { drawn, over_seam, light_alone, opacity, parts: [color, geometry], .. } = back;
             image.light_alone = light_alone;
             paste_layer(self.gpu(), [&color, &geometry], drawn, over_seam, image)?;
-            image.fade(presence);
+            image.fade(opacity);
             if let Some(shade) = &back.shade {
                 paste_shade(self.gpu(), shade, back.shaded, over_seam, image)?;
             }

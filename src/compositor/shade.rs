@@ -70,7 +70,7 @@ crate::uniform! {
         per_step: f32,
         round_px: f32,
         strength: f32,
-        presence: f32,
+        opacity: f32,
         tolerance_m: f32,
         per_depth2: f32,
         tile_px: i32,
@@ -322,7 +322,7 @@ pub struct ShadeRequest<'a> {
     pub matte: Option<(&'a Texture, Rect)>,
     pub settings: &'a ShadowSettings,
     /// Opacity of the virtual layer.
-    pub presence: f64,
+    pub opacity: f64,
 }
 
 /// The fraction of the real light that is removed, over a part of the picture.
@@ -396,7 +396,7 @@ pub fn shade(recorder: &mut Recorder, shadows: &[VisibleShadowMap], request: &Sh
         per_step: 1.0 / RAY_GRID_PX as f32,
         round_px: if geometry.is_equirectangular() { geometry.intrinsics.width_px as f32 } else { 0.0 },
         strength: settings.strength,
-        presence: request.presence as f32,
+        opacity: request.opacity as f32,
         tolerance_m: TOLERANCE_M,
         per_depth2: TOLERANCE_PER_DEPTH2,
         tile_px,

@@ -5,7 +5,7 @@ use super::repair::Neighbour;
 use super::sqrt_colors::SqrtColors;
 use super::{Rays, measured_from, vote};
 use crate::camera::{Geometry, Response};
-use crate::frame::{Beside, Frame};
+use crate::frame::{Frame, NeighbourFrame};
 use crate::pixels::DepthMap;
 use crate::tracking::PoseTrack;
 
@@ -15,12 +15,12 @@ pub fn neighbours<'a>(
     picture: &Geometry,
     (track, time_offset_s): (&PoseTrack, f64),
 ) -> Vec<Neighbour<'a>> {
-    let neighbour = |frame: &'a Beside| {
+    let neighbour = |frame: &'a NeighbourFrame| {
         let measured = measured_from(&frame.depth, picture, track, time_offset_s).ok()?;
         let taken = track.at(frame.timestamp_s + time_offset_s).ok()?;
         Some(Neighbour { frame, measured, taken })
     };
-    frame.beside.iter().filter_map(|frame| neighbour(frame)).collect()
+    frame.neighbours.iter().filter_map(|frame| neighbour(frame)).collect()
 }
 
 /// A frame's depth, m, row by row; 0 where unknown. `None` without a pose at the time of the map or
@@ -74,7 +74,7 @@ mod tests {
             DepthMap { width, height, depth_m, timestamp_s }
         };
         let beside = |index: usize, time_s: f64, z: f32| {
-            Arc::new(Beside { index, timestamp_s: time_s, pixels: pixels(), depth: map(z, 96, time_s) })
+            Arc::new(NeighbourFrame { index, timestamp_s: time_s, pixels: pixels(), depth: map(z, 96, time_s) })
         };
         let pose = |time_s: f64| (time_s, Pose::new(DQuat::IDENTITY, DVec3::new(0.2 * time_s, 0.0, 0.0)));
         let track = PoseTrack::new(vec![pose(-1.0), pose(1.0)], 3.0).unwrap();
@@ -87,19 +87,19 @@ mod tests {
             pixels: pixels(),
             depth: Some(own.clone()),
             exposure: FrameExposure::default(),
-            presence: 1.0,
-            beside: Vec::new(),
+            opacity: 1.0,
+            neighbours: Vec::new(),
             surfels: Arc::default(),
         };
         let depth_of =
             |frame: &Frame| consensus_at_frame(frame, &own, &rays, (&track, 0.0), &Response::default()).unwrap();
         assert_eq!(depth_of(&frame)[20 * 96 + 50], 0.0);
-        frame.beside = vec![beside(0, -0.5, 2.0), beside(2, 0.5, 2.0), beside(3, 2.0, 1.0)];
+        frame.neighbours = vec![beside(0, -0.5, 2.0), beside(2, 0.5, 2.0), beside(3, 2.0, 1.0)];
         assert_eq!(neighbours(&frame, &geometry, (&track, 0.0)).len(), 2);
         let depth_m = depth_of(&frame);
         assert!(depth_m.iter().all(|z| (z - 2.0).abs() < 1e-3), "{:?}", &depth_m[20 * 96..][..96]);
         // Without neighbours the surfels of a wall of the same grey fill the hole.
-        frame.beside.clear();
+        frame.neighbours.clear();
         let at = |n: i32| SURFEL_SPACING_M as f32 * n as f32;
         let places = (-80..80).flat_map(|x| (-60..60).map(move |y| Vec3::new(at(x), at(y), 2.0)));
         let sqrt_color = [Response::default().decode(120.0 / 255.0).sqrt() as f32; 3];

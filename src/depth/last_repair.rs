@@ -6,7 +6,7 @@ use super::contact::Plane;
 use super::proxies::Proxies;
 use super::repair::{DepthRequest, Repair, RepairedDepth};
 use crate::camera::{Geometry, Response};
-use crate::frame::{Beside, Frame, Surfel};
+use crate::frame::{Frame, NeighbourFrame, Surfel};
 use crate::memo::Memo;
 use crate::pixels::Rect;
 use crate::pose::Pose;
@@ -28,7 +28,7 @@ impl Default for LastRepair {
 struct Key {
     index: usize,
     /// Compared by address: they are equal only if they were decoded with the same frame.
-    beside: Vec<Arc<Beside>>,
+    neighbours: Vec<Arc<NeighbourFrame>>,
     surfels: Arc<[Surfel]>,
     geometry: Geometry,
     response: Response,
@@ -61,7 +61,7 @@ impl LastRepair {
             return (Arc::new(alone.over(around, near, drawn, request)), Quality::Preview);
         }
         let repaired = Arc::new(repair.over(around, near, drawn, request));
-        if !key.beside.is_empty() {
+        if !key.neighbours.is_empty() {
             self.0.insert(key, repaired.clone());
         }
         (repaired, Quality::Final)
@@ -75,7 +75,7 @@ impl Key {
         let theirs = repair.neighbours.iter().flat_map(|neighbour| [neighbour.measured, neighbour.taken]);
         Self {
             index: frame.index,
-            beside: frame.beside.clone(),
+            neighbours: frame.neighbours.clone(),
             surfels: Arc::clone(&frame.surfels),
             geometry: repair.rays.geometry().clone(),
             response: repair.response.clone(),
@@ -90,10 +90,10 @@ impl Key {
 
 impl PartialEq for Key {
     fn eq(&self, other: &Self) -> bool {
-        let Self { index, beside, surfels, geometry, response, poses, planes, proxies, rects, request } = self;
+        let Self { index, neighbours, surfels, geometry, response, poses, planes, proxies, rects, request } = self;
         *index == other.index
-            && beside.len() == other.beside.len()
-            && beside.iter().zip(&other.beside).all(|(a, b)| Arc::ptr_eq(a, b))
+            && neighbours.len() == other.neighbours.len()
+            && neighbours.iter().zip(&other.neighbours).all(|(a, b)| Arc::ptr_eq(a, b))
             && Arc::ptr_eq(surfels, &other.surfels)
             && *geometry == other.geometry
             && *response == other.response
@@ -120,7 +120,7 @@ mod tests {
         let (rays, pose) = (Rays::new(&Geometry::pinhole(96, 64, 80.0)), Pose::IDENTITY);
         let depth = frame.depth.as_ref().unwrap();
         let neighbour = |frame| Neighbour { frame, measured: pose, taken: pose };
-        let neighbours: Vec<_> = frame.beside.iter().map(|beside| neighbour(beside)).collect();
+        let neighbours: Vec<_> = frame.neighbours.iter().map(|beside| neighbour(beside)).collect();
         let repair = Repair {
             rays: &rays,
             measured: Some((depth, &pose)),
@@ -146,15 +146,15 @@ mod tests {
         };
         let codes = (0..96 * 64).flat_map(|i| [if (30..64).contains(&(i % 96)) { 40 } else { 200 }; 3]).collect();
         let pixels = Pixels::from_u8(96, 64, codes).unwrap();
-        let beside = |index| Beside { index, timestamp_s: 0.0, pixels: pixels.clone(), depth: map(60) };
+        let beside = |index| NeighbourFrame { index, timestamp_s: 0.0, pixels: pixels.clone(), depth: map(60) };
         Frame {
             index: 4,
             timestamp_s: 0.0,
             pixels: pixels.clone(),
             depth: Some(map(59)),
             exposure: FrameExposure::default(),
-            presence: 1.0,
-            beside: [2, 3, 5].map(|index| Arc::new(beside(index))).to_vec(),
+            opacity: 1.0,
+            neighbours: [2, 3, 5].map(|index| Arc::new(beside(index))).to_vec(),
             surfels: Arc::default(),
         }
     }
@@ -181,7 +181,7 @@ mod tests {
         let (last, here) = (LastRepair::default(), frame());
         let (preview, quality) = repaired(&last, &here, Quality::Preview, 9.0);
         assert_eq!(quality, Quality::Preview);
-        let alone = Frame { beside: Vec::new(), ..here.clone() };
+        let alone = Frame { neighbours: Vec::new(), ..here.clone() };
         assert_eq!(preview, repaired(&last, &alone, Quality::Final, 9.0).0);
         let (whole, quality) = repaired(&last, &here, Quality::Final, 9.0);
         assert!(quality == Quality::Final && whole != preview);
@@ -196,7 +196,7 @@ mod tests {
         let planes = [1.0, 2.0].map(|y_m| [Plane { point_m: y_m * DVec3::Y, normal: DVec3::NEG_Y }]);
         let proxies = [1.0, 2.0].map(|z_m| Proxies { triangles: vec![[DVec3::X, DVec3::Y, z_m * DVec3::Z]] });
         let project: &dyn Fn(DVec3) -> ProjectedPoint = &|_| None;
-        let neighbour = |measured, taken| [Neighbour { frame: &here.beside[0], measured, taken }];
+        let neighbour = |measured, taken| [Neighbour { frame: &here.neighbours[0], measured, taken }];
         let neighbours = [neighbour(pose, pose), neighbour(moved, pose), neighbour(pose, moved)];
         let depth = here.depth.as_ref().unwrap();
         let repair = Repair {

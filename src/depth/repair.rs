@@ -17,7 +17,7 @@ use super::smear::Smear;
 use super::sqrt_colors::SqrtColors;
 use super::{Rays, inpaint, smooth, vote};
 use crate::camera::Response;
-use crate::frame::{Beside, Surfel};
+use crate::frame::{NeighbourFrame, Surfel};
 use crate::parallel::{over_rows, processors};
 use crate::pixels::{DepthMap, Pixels, Rect};
 use crate::pose::Pose;
@@ -56,7 +56,7 @@ pub struct Repair<'a> {
 /// Another frame, with the poses at which its map was measured and its picture was taken.
 #[derive(Clone, Copy, Debug)]
 pub struct Neighbour<'a> {
-    pub frame: &'a Beside,
+    pub frame: &'a NeighbourFrame,
     pub measured: Pose,
     pub taken: Pose,
 }

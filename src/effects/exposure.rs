@@ -24,7 +24,7 @@ use glam::DVec2;
 use super::{Case, Effect, FrameContext, LayerRun, curve_choice};
 use crate::camera::exposure::{additive, photographic_gain};
 use crate::camera::{Intrinsics, Response};
-use crate::frame::{Across, FrameExposure, NODES};
+use crate::frame::{FrameExposure, NODES, SpatialGain};
 use crate::gpu::{Entry, Shader};
 use crate::params::Value;
 use crate::render::{COLOR, Layer};
@@ -84,8 +84,8 @@ impl Exposure {
         recorded.seen.filter(|_| self.follow).map_or([1.0; 3], |seen| seen.factors)
     }
 
-    fn across(&self, recorded: &FrameExposure) -> Across {
-        recorded.seen.filter(|_| self.follow).map_or(Across::default(), |seen| seen.across)
+    fn across(&self, recorded: &FrameExposure) -> SpatialGain {
+        recorded.seen.filter(|_| self.follow).map_or(SpatialGain::default(), |seen| seen.across)
     }
 }
 
@@ -192,10 +192,10 @@ mod tests {
         assert_eq!(params.over_ev(&of(Some(0.04), None)), 1.5);
         // Estimated: the frame is half as bright as the usual one, which was exposed for 20 ms. The
         // recorded exposure is ignored.
-        let seen = Some(crate::frame::SeenBrightness {
+        let seen = Some(crate::frame::RelativeBrightness {
             factors: [0.5, 0.5, 0.4],
             usual_s: Some(0.02),
-            across: Across::default(),
+            across: SpatialGain::default(),
         });
         let measured = FrameExposure { seen, ..of(Some(0.08), None) };
         let params = Exposure { reference_s: Some(0.01), ..Default::default() };

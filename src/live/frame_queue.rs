@@ -33,7 +33,7 @@ pub struct ReleasedFrame<F> {
     pub tracking: Tracking,
     /// Opacity of the frame's virtual layer, 0 to 1; 1 for a frame without a pose, in which nothing
     /// is drawn.
-    pub presence: f64,
+    pub opacity: f64,
     /// Time in the queue, seconds.
     pub waited_s: f64,
 }
@@ -132,8 +132,8 @@ impl<F> FrameQueue<F> {
         } += 1;
         let since_measured_s = (tracking != Tracking::Lost).then(|| self.track.since_measured_s(at_s));
         let opacity = self.fade.next(at_s, since_measured_s, self.track.confidence(at_s));
-        let presence = since_measured_s.map_or(1.0, |_| opacity);
-        Some(ReleasedFrame { frame, tracking, presence, waited_s: (now_s - arrived_s).max(0.0) })
+        let opacity = since_measured_s.map_or(1.0, |_| opacity);
+        Some(ReleasedFrame { frame, tracking, opacity, waited_s: (now_s - arrived_s).max(0.0) })
     }
 
     /// Deadline of the first frame.
@@ -160,7 +160,7 @@ mod tests {
             w.push_frame(i, t, (0.008, 0.008), t);
             w.add_pose(t, &pose(t));
             let ready = w.next(t).unwrap();
-            assert_eq!((ready.frame, ready.tracking, ready.presence), (i, Tracking::Tracked, 1.0));
+            assert_eq!((ready.frame, ready.tracking, ready.opacity), (i, Tracking::Tracked, 1.0));
             assert!(w.track().covers(t, t + 0.008).is_ok());
         }
         // Predicted poses do not displace measured ones.
@@ -193,7 +193,7 @@ mod tests {
         w.add_pose(10.03, &pose(0.2));
         assert_eq!(
             w.next(0.03),
-            Some(ReleasedFrame { frame: 'a', tracking: Tracking::Tracked, presence: 1.0, waited_s: 0.03 })
+            Some(ReleasedFrame { frame: 'a', tracking: Tracking::Tracked, opacity: 1.0, waited_s: 0.03 })
         );
         w.push_frame('b', 10.05, (0.01, 0.01), 0.04);
         assert_eq!(w.next(0.08), None);
@@ -228,7 +228,7 @@ mod tests {
                 // No frame waits: the next poses are known.
                 assert_eq!(ready.frame, at_s);
                 let x = w.track().at(at_s).map(|pose| pose.position_in_world_m().x);
-                released.push((ready.tracking, ready.presence, x.ok()));
+                released.push((ready.tracking, ready.opacity, x.ok()));
             }
         }
         assert_eq!(released.len(), 28);
@@ -236,7 +236,7 @@ mod tests {
         assert!((0..2).chain(23..28).all(|n| tracked(&n)) && !(2..23).any(|n| tracked(&n)), "{released:?}");
         // The last pose is at 0.09 s: full opacity until 0.19 s, 0 from 0.39 s on. Then it fades in
         // from 0.
-        assert!(released[..5].iter().all(|(_, presence, _)| *presence == 1.0), "{released:?}");
+        assert!(released[..5].iter().all(|(_, opacity, _)| *opacity == 1.0), "{released:?}");
         let falling: Vec<f64> = released[5..11].iter().map(|released| (600.0 * released.1).round()).collect();
         assert_eq!(falling, [570.0, 470.0, 370.0, 270.0, 170.0, 70.0]);
         assert_eq!([23, 24].map(|n| (600.0 * released[n].1).round()), [100.0, 200.0]);

@@ -35,7 +35,7 @@ pub enum PictureOutcome {
 /// A frame whose poses are final.
 #[derive(Clone, Debug)]
 pub struct LiveFrame {
-    /// Has the recorded [presence](Frame::presence) and [lens](FrameExposure::lens).
+    /// Has the recorded [opacity](Frame::opacity) and [lens](FrameExposure::lens).
     pub frame: Frame,
     /// Geometry of the frame's camera, as recorded, if a stream describes the lens.
     pub geometry: Option<Geometry>,
@@ -218,8 +218,8 @@ impl Intake {
             pixels,
             depth: None,
             exposure,
-            presence: 1.0,
-            beside: Vec::new(),
+            opacity: 1.0,
+            neighbours: Vec::new(),
             surfels: Arc::default(),
         };
         self.frames += 1;
@@ -235,8 +235,8 @@ impl Intake {
 
     /// The next frame whose poses are final.
     pub fn next(&mut self, now_s: f64) -> Option<LiveFrame> {
-        let ReleasedFrame { frame: (mut frame, arrived_s), tracking, presence, waited_s } = self.queue.next(now_s)?;
-        frame.presence = presence;
+        let ReleasedFrame { frame: (mut frame, arrived_s), tracking, opacity, waited_s } = self.queue.next(now_s)?;
+        frame.opacity = opacity;
         self.record_poses();
         let mut camera = self.lens_track.as_ref().map(|lens_track| lens_track.at(frame.timestamp_s));
         if let Some(camera) = &mut camera {
@@ -244,11 +244,11 @@ impl Intake {
             frame.exposure = frame.exposure.with_lens(camera.lens);
         }
         if let Some(recorder) = &self.recorder {
-            recorder.set_presence(frame.timestamp_s, presence, camera.as_ref());
+            recorder.set_opacity(frame.timestamp_s, opacity, camera.as_ref());
         }
         self.emitted_s = frame.timestamp_s;
         if let Some(mut replay) = self.replay() {
-            replay.set_presence(frame.timestamp_s, presence, camera.as_ref());
+            replay.set_opacity(frame.timestamp_s, opacity, camera.as_ref());
         }
         let geometry = camera.and_then(|camera| camera.geometry);
         Some(LiveFrame { frame, geometry, tracking, waited_s, arrived_s })

@@ -25,7 +25,7 @@ pub struct LiveComposite {
     pub done: Composited,
     pub tracking: Tracking,
     /// Opacity of the evidence, which fades while tracking is lost.
-    pub presence: f64,
+    pub opacity: f64,
     /// Time that the frame waited for its poses, seconds.
     pub waited_s: f64,
     /// Arrival of the picture: the `now_s` of [`LiveCompositor::add_picture`].
@@ -111,7 +111,7 @@ impl<'a> LiveCompositor<'a> {
         let Some(LiveFrame { frame, geometry, tracking, waited_s, arrived_s }) = self.intake.next(now_s) else {
             return Ok(None);
         };
-        let (index, taken_s, presence) = (frame.index, frame.timestamp_s, frame.presence);
+        let (index, taken_s, opacity) = (frame.index, frame.timestamp_s, frame.opacity);
         let (interval_s, settings) = (self.shot.recording.frame_interval_s, &self.shot.settings);
         // The same geometry as in a shot of the recording.
         let own = geometry.and_then(|own| self.shot.rig.geometry_over(Some(&own)));
@@ -119,14 +119,14 @@ impl<'a> LiveCompositor<'a> {
         let job = Job::of_frame(frame, &self.camera, settings, geometry, self.intake.track(), interval_s)?;
         let pending = self.compositor.submit(job, &self.camera, settings, Target::Pixels);
         let pending = pending.map_err(|source| LiveError::Submit { frame: index, source })?;
-        Ok(Some(InFlightFrame { pending, index, tracking, presence, waited_s, arrived_s, taken_s }))
+        Ok(Some(InFlightFrame { pending, index, tracking, opacity, waited_s, arrived_s, taken_s }))
     }
 
     /// Waits for a submitted frame.
     pub fn collect(&mut self, submitted: InFlightFrame) -> Result<LiveComposite, LiveError> {
-        let InFlightFrame { pending, index, tracking, presence, waited_s, arrived_s, taken_s } = submitted;
+        let InFlightFrame { pending, index, tracking, opacity, waited_s, arrived_s, taken_s } = submitted;
         let done = self.compositor.collect(pending).map_err(|source| LiveError::Gpu { frame: index, source })?;
-        Ok(LiveComposite { done, tracking, presence, waited_s, arrived_s, taken_s })
+        Ok(LiveComposite { done, tracking, opacity, waited_s, arrived_s, taken_s })
     }
 
     /// Ends the recording, if there is one. Returns its number of frames, and the error if one
@@ -142,7 +142,7 @@ pub struct InFlightFrame {
     pending: Pending,
     index: usize,
     tracking: Tracking,
-    presence: f64,
+    opacity: f64,
     waited_s: f64,
     arrived_s: f64,
     taken_s: f64,

@@ -18,8 +18,8 @@ const QUEUE_CAPACITY: usize = 32;
 const COMMIT_IDLE: Duration = Duration::from_millis(500);
 
 enum RecorderTask {
-    Frame { time_s: f64, file: Arc<PictureFile>, exposure_s: Option<f64>, presence: Option<f64> },
-    Presence { time_s: f64, presence: f64, camera: Option<Box<FrameCamera>> },
+    Frame { time_s: f64, file: Arc<PictureFile>, exposure_s: Option<f64>, opacity: Option<f64> },
+    Presence { time_s: f64, opacity: f64, camera: Option<Box<FrameCamera>> },
     Poses(Vec<Line>),
     Covariance(Covariance),
 }
@@ -48,12 +48,12 @@ impl RecorderThread {
                         recorder.covariance(covariance);
                         Ok(())
                     }
-                    Ok(RecorderTask::Presence { time_s, presence, camera }) => {
+                    Ok(RecorderTask::Presence { time_s, opacity, camera }) => {
                         camera.into_iter().for_each(|camera| recorder.camera(time_s, *camera));
-                        recorder.set_presence(time_s, presence)
+                        recorder.set_opacity(time_s, opacity)
                     }
-                    Ok(RecorderTask::Frame { time_s, file, exposure_s, presence }) => {
-                        frame(&mut recorder, time_s, &file, exposure_s, presence)
+                    Ok(RecorderTask::Frame { time_s, file, exposure_s, opacity }) => {
+                        frame(&mut recorder, time_s, &file, exposure_s, opacity)
                     }
                     Err(RecvTimeoutError::Timeout) => recorder.commit(),
                     Err(RecvTimeoutError::Disconnected) => break,
@@ -76,19 +76,19 @@ impl RecorderThread {
     }
 
     /// Queues a frame. Returns false if the disk is too slow for it or the recording has ended;
-    /// then it is not recorded. A frame without a presence is listed once [its presence is
+    /// then it is not recorded. A frame without a opacity is listed once [its opacity is
     /// set](Self::settle).
-    pub fn frame(&self, time_s: f64, file: Arc<PictureFile>, exposure_s: Option<f64>, presence: Option<f64>) -> bool {
-        let frame = RecorderTask::Frame { time_s, file, exposure_s, presence };
+    pub fn frame(&self, time_s: f64, file: Arc<PictureFile>, exposure_s: Option<f64>, opacity: Option<f64>) -> bool {
+        let frame = RecorderTask::Frame { time_s, file, exposure_s, opacity };
         self.tasks.as_ref().is_some_and(|tasks| tasks.try_send(frame).is_ok())
     }
 
-    /// Sets the presence of a frame if it is recorded, and its camera if frames have their own. Its
+    /// Sets the opacity of a frame if it is recorded, and its camera if frames have their own. Its
     /// poses were queued before.
-    pub fn set_presence(&self, time_s: f64, presence: f64, camera: Option<&FrameCamera>) {
+    pub fn set_opacity(&self, time_s: f64, opacity: f64, camera: Option<&FrameCamera>) {
         if let Some(tasks) = self.tasks.as_ref() {
             let camera = camera.cloned().map(Box::new);
-            let _ = tasks.send(RecorderTask::Presence { time_s, presence, camera });
+            let _ = tasks.send(RecorderTask::Presence { time_s, opacity, camera });
         }
     }
 
@@ -131,10 +131,10 @@ fn frame<S: Store>(
     time_s: f64,
     file: &PictureFile,
     exposure_s: Option<f64>,
-    presence: Option<f64>,
+    opacity: Option<f64>,
 ) -> Result<(), RecorderError> {
     match file.encode() {
-        Ok((ending, bytes)) => recorder.frame(time_s, ending, &bytes, exposure_s, presence),
+        Ok((ending, bytes)) => recorder.frame(time_s, ending, &bytes, exposure_s, opacity),
         // Only a picture without pixels cannot be encoded.
         Err(source) => Err(RecorderError::Write { path: "a frame".into(), source }),
     }

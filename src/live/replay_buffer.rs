@@ -22,7 +22,7 @@ struct BufferedFrame {
     time_s: f64,
     file: Arc<PictureFile>,
     exposure_s: Option<f64>,
-    presence: f64,
+    opacity: f64,
     camera: Option<FrameCamera>,
 }
 
@@ -38,7 +38,7 @@ pub struct ReplayBuffer {
 impl ReplayBuffer {
     pub fn add_frame(&mut self, time_s: f64, file: Arc<PictureFile>, exposure_s: Option<f64>) {
         self.size_bytes += file.size_bytes();
-        self.frames.push_back(BufferedFrame { time_s, file, exposure_s, presence: 1.0, camera: None });
+        self.frames.push_back(BufferedFrame { time_s, file, exposure_s, opacity: 1.0, camera: None });
         while self.frames.len() > 1
             && (self.size_bytes > MAX_BYTES
                 || self.frames.front().is_some_and(|first| first.time_s < time_s - DURATION_S))
@@ -54,10 +54,10 @@ impl ReplayBuffer {
         }
     }
 
-    /// Sets the presence of a buffered frame, and its camera if frames have their own.
-    pub fn set_presence(&mut self, time_s: f64, presence: f64, camera: Option<&FrameCamera>) {
+    /// Sets the opacity of a buffered frame, and its camera if frames have their own.
+    pub fn set_opacity(&mut self, time_s: f64, opacity: f64, camera: Option<&FrameCamera>) {
         if let Some(frame) = self.frames.iter_mut().rev().find(|frame| frame.time_s == time_s) {
-            (frame.presence, frame.camera) = (presence, camera.cloned());
+            (frame.opacity, frame.camera) = (opacity, camera.cloned());
         }
     }
 
@@ -100,12 +100,12 @@ impl ReplayBuffer {
         let mut recorder = Recorder::create(folder, about)?;
         self.poses.iter().for_each(|line| recorder.pose(*line));
         self.covariances.iter().for_each(|covariance| recorder.covariance(*covariance));
-        for BufferedFrame { time_s, file, exposure_s, presence, camera } in &self.frames {
+        for BufferedFrame { time_s, file, exposure_s, opacity, camera } in &self.frames {
             let unwritten = |source| RecorderError::Write { path: folder.to_owned(), source };
             let (ending, bytes) = file.encode().map_err(unwritten)?;
             recorder.frame(*time_s, ending, &bytes, *exposure_s, None)?;
             camera.iter().for_each(|camera| recorder.camera(*time_s, camera.clone()));
-            recorder.set_presence(*time_s, *presence)?;
+            recorder.set_opacity(*time_s, *opacity)?;
         }
         recorder.finish()?;
         Ok(self.frames.len())
@@ -151,7 +151,7 @@ mod tests {
             profile: None,
         };
         let folder = temp.path().join("last");
-        buffer.set_presence(100.0 + 0.1 * 200.0, 0.25, None);
+        buffer.set_opacity(100.0 + 0.1 * 200.0, 0.25, None);
         assert_eq!(buffer.clone().until(128.05).write(&folder, &about).unwrap(), 82);
         let recording = Recording::open(&folder, &OpenOptions::default()).unwrap();
         assert_eq!(recording.timestamps_s.len(), 82);
@@ -163,6 +163,6 @@ mod tests {
         assert!(recording.pose_at_frame(0).is_ok());
         let covariance_text = std::fs::read_to_string(folder.join("covariance.txt")).unwrap();
         assert_eq!(covariance_text.lines().count(), 2 + buffer.poses().len());
-        assert_eq!([0, 1].map(|frame| recording.presence(frame)), [1.0, 0.25]);
+        assert_eq!([0, 1].map(|frame| recording.opacity(frame)), [1.0, 0.25]);
     }
 }

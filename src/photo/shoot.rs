@@ -144,7 +144,7 @@ impl PhotoShoot<'_> {
             frame: index,
             timestamp_s: self.frame.timestamp_s,
             exposure: self.frame.exposure,
-            presence: self.frame.presence,
+            opacity: self.frame.opacity,
             summed: &summed,
             depth_m: self.depth_m.as_deref(),
             hiding: &hiding,

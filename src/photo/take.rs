@@ -39,7 +39,7 @@ pub struct Standpoint<'a> {
     /// The frame's exposure as recorded.
     pub exposure: FrameExposure,
     /// Opacity of the virtual layer in the frame.
-    pub presence: f64,
+    pub opacity: f64,
     /// The recorded picture's depth at the frame's time, metres, row by row, 0 where unknown. It
     /// occludes virtual objects, and determines the real part's depth of field.
     pub depth_m: Option<&'a [f32]>,
@@ -144,8 +144,8 @@ pub fn take(
             pixels,
             depth: None,
             exposure: standpoint.exposure,
-            presence: standpoint.presence,
-            beside: Vec::new(),
+            opacity: standpoint.opacity,
+            neighbours: Vec::new(),
             surfels: Default::default(),
         };
         let job = Job {

@@ -128,7 +128,7 @@ impl Parts {
             }
         }
         retain(&mut self.timestamps_s, kept);
-        retain(&mut self.presence, kept);
+        retain(&mut self.opacity, kept);
         retain(&mut self.geometries, kept);
         retain(&mut self.landmarks, kept);
     }
@@ -150,7 +150,7 @@ mod tests {
             image::RgbImage::from_pixel(2, 2, image::Rgb([code; 3])).save(file).unwrap();
         }
         let mut parts = Parts::new(folder.path(), Pictures::Stills(files.clone()), vec![0.0, 0.1, 0.2, 0.3, 0.4]);
-        parts.presence = vec![1.0, 0.75, 0.5, 0.25, 0.0];
+        parts.opacity = vec![1.0, 0.75, 0.5, 0.25, 0.0];
         parts.geometries = (1..=5).map(|i| Some(Geometry::pinhole(2, 2, f64::from(i)))).collect();
         parts.landmarks = (0..5).map(|number| vec![Landmark { number, at_px: [1.0; 2] }]).collect();
         parts.remove_duplicates().unwrap();
@@ -158,7 +158,7 @@ mod tests {
         let Pictures::Stills(left) = &parts.pictures else { panic!("{:?}", parts.pictures) };
         assert_eq!(*left, [0, 2, 4].map(|i: usize| files[i].clone()));
         assert_eq!(parts.timestamps_s, [0.0, 0.2, 0.4]);
-        assert_eq!(parts.presence, [1.0, 0.5, 0.0]);
+        assert_eq!(parts.opacity, [1.0, 0.5, 0.0]);
         let focal_px: Vec<_> = parts.geometries.iter().flatten().map(|camera| camera.intrinsics.fx_px).collect();
         assert_eq!(focal_px, [1.0, 3.0, 5.0]);
         assert_eq!(parts.landmarks.iter().flatten().map(|seen| seen.number).collect::<Vec<_>>(), [0, 2, 4]);

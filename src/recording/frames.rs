@@ -24,7 +24,7 @@ pub struct Frames {
     end: usize,
     size: (u32, u32),
     timestamps_s: Arc<[f64]>,
-    presence: Arc<[f64]>,
+    opacity: Arc<[f64]>,
     exposure: Arc<[FrameExposure]>,
     pictures: Arc<Pictures>,
     depth_later_s: f64,
@@ -107,7 +107,7 @@ impl Frames {
             end,
             size,
             timestamps_s: Arc::clone(&recording.timestamps_s),
-            presence: Arc::clone(&recording.presence),
+            opacity: Arc::clone(&recording.opacity),
             exposure: Arc::clone(&recording.exposure),
             pictures: Arc::clone(&recording.pictures),
             depth_later_s: recording.depth_later_s,
@@ -137,8 +137,8 @@ impl Frames {
             pixels,
             depth,
             exposure: self.exposure.get(index).copied().unwrap_or_default(),
-            presence: self.presence.get(index).copied().unwrap_or(1.0),
-            beside: Vec::new(),
+            opacity: self.opacity.get(index).copied().unwrap_or(1.0),
+            neighbours: Vec::new(),
             surfels: Arc::clone(&self.surfels),
         })
     }

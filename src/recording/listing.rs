@@ -23,30 +23,30 @@ pub type ListedFrame<N> = (f64, N, f64);
 /// Prefix of the opacity at a line's end.
 const PRESENCE_PREFIX: &str = " presence=";
 
-/// Parses a list of `timestamp filename` lines, each of which may end with ` presence=0.5`: 0 to 1,
+/// Parses a list of `timestamp filename` lines, each of which may end with ` opacity=0.5`: 0 to 1,
 /// default 1.
 pub fn frames(text: &str, list: &Path) -> Result<Vec<ListedFrame<PathBuf>>, TextError> {
     let folder = list.parent().unwrap_or(Path::new(""));
     let frame = |rest: &str| {
-        let (name, presence) =
-            rest.rsplit_once(PRESENCE_PREFIX).map_or((rest, Ok(1.0)), |(name, text)| (name, presence(text)));
-        Ok((folder.join(file_name(name, NO_NAME)?), presence?))
+        let (name, opacity) =
+            rest.rsplit_once(PRESENCE_PREFIX).map_or((rest, Ok(1.0)), |(name, text)| (name, opacity(text)));
+        Ok((folder.join(file_name(name, NO_NAME)?), opacity?))
     };
-    Ok(by_time(text, list, frame)?.into_iter().map(|(time_s, (file, presence))| (time_s, file, presence)).collect())
+    Ok(by_time(text, list, frame)?.into_iter().map(|(time_s, (file, opacity))| (time_s, file, opacity)).collect())
 }
 
-fn presence(text: &str) -> Result<f64, String> {
-    let presence = text.trim().parse().ok().filter(|presence| (0.0..=1.0).contains(presence));
-    presence.ok_or_else(|| format!("presence is `{}`; accepted is a number from 0 to 1", quoted(text)))
+fn opacity(text: &str) -> Result<f64, String> {
+    let opacity = text.trim().parse().ok().filter(|opacity| (0.0..=1.0).contains(opacity));
+    opacity.ok_or_else(|| format!("presence is `{}`; accepted is a number from 0 to 1", quoted(text)))
 }
 
 /// Frames as text, which [`frames`] reads back bit for bit. The opacity is written if it is not 1.
 pub fn write_frames<'a>(entries: impl IntoIterator<Item = ListedFrame<&'a str>>) -> Result<String, String> {
     let mut text = HEAD.to_owned();
-    for (time_s, name, presence) in entries {
+    for (time_s, name, opacity) in entries {
         text += &line(time_s, name)?;
-        if presence != 1.0 {
-            text += &format!("{PRESENCE_PREFIX}{}", number(presence));
+        if opacity != 1.0 {
+            text += &format!("{PRESENCE_PREFIX}{}", number(opacity));
         }
         text += "\n";
     }

@@ -27,7 +27,7 @@ impl Recording {
             height,
             bits: 8,
             timestamps_s: Arc::default(),
-            presence: Arc::default(),
+            opacity: Arc::default(),
             frame_interval_s: interval_s,
             has_even_intervals: true,
             track: PoseTrack::default(),

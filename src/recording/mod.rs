@@ -42,7 +42,7 @@ pub use frames::Frames;
 pub use neighbours::{FramesWithNeighbours, NEIGHBOURS_EACH_WAY};
 
 use crate::camera::Geometry;
-use crate::frame::{FrameExposure, SeenBrightness, Surfel, interval_s};
+use crate::frame::{FrameExposure, RelativeBrightness, Surfel, interval_s};
 use crate::pose::Pose;
 use crate::source::presentation::Presentation;
 use crate::source::{SourceError, still, unsupported};
@@ -107,8 +107,8 @@ pub struct Recording {
     /// One per frame, never descending: the middle of the middle row's exposure.
     pub timestamps_s: Arc<[f64]>,
     /// One per frame, or empty if all are 1: the opacity of the virtual layer
-    /// ([`crate::frame::Frame::presence`]).
-    presence: Arc<[f64]>,
+    /// ([`crate::frame::Frame::opacity`]).
+    opacity: Arc<[f64]>,
     /// The median interval between frames, or the recording's own value; 1/30 s for a single frame.
     pub frame_interval_s: f64,
     /// True if [`Recording::interval_s`] is constant: a camera that occasionally drops pictures
@@ -163,7 +163,7 @@ pub struct Refinement {
     /// Added to the depth maps' times, seconds.
     pub depth_later_s: f64,
     /// One per frame, or empty.
-    pub seen: Vec<SeenBrightness>,
+    pub seen: Vec<RelativeBrightness>,
     /// [`FrameExposure::blurred_s`], one per frame, or empty.
     pub blurred_s: Vec<f64>,
     /// Surfaces fused from the depth maps, in the world of the track.
@@ -273,8 +273,8 @@ impl Recording {
     }
 
     /// Opacity of the virtual layer in a frame, 0 to 1: below 1 where the live mode faded it.
-    pub fn presence(&self, frame: usize) -> f64 {
-        self.presence.get(frame).copied().unwrap_or(1.0)
+    pub fn opacity(&self, frame: usize) -> f64 {
+        self.opacity.get(frame).copied().unwrap_or(1.0)
     }
 
     pub fn frame_count(&self) -> usize {

@@ -206,7 +206,7 @@ fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     };
     let frames = open_frames(&description.frames, folder, file, &mut read)?;
     let mut parts = Parts::new(folder, frames.pictures, frames.timestamps_s);
-    parts.presence = frames.presence;
+    parts.opacity = frames.opacity;
     parts.warnings = frames.warnings;
     parts.interval_s = description.live.as_ref().map(|live| live.interval_s);
     if let Some(name) = description.name {
@@ -262,8 +262,8 @@ fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
 struct OpenedFrames {
     pictures: Pictures,
     timestamps_s: Vec<f64>,
-    /// [`Parts::presence`].
-    presence: Vec<f64>,
+    /// [`Parts::opacity`].
+    opacity: Vec<f64>,
     warnings: Vec<String>,
 }
 
@@ -280,7 +280,7 @@ fn open_frames(
         return Ok(OpenedFrames {
             pictures: Pictures::Video(video, None),
             timestamps_s,
-            presence: Vec::new(),
+            opacity: Vec::new(),
             warnings,
         });
     }
@@ -289,13 +289,13 @@ fn open_frames(
     }
     let list = frames.list.as_ref().ok_or_else(|| RecordingError::content(file, "[frames] names nothing"))?;
     let list = folder.join(list);
-    let (mut files, mut timestamps_s, mut presence) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut files, mut timestamps_s, mut opacity) = (Vec::new(), Vec::new(), Vec::new());
     for (time_s, file, present) in listing::frames(&read(&list)?, &list)? {
         files.push(file);
         timestamps_s.push(time_s);
-        presence.push(present);
+        opacity.push(present);
     }
-    Ok(OpenedFrames { pictures: Pictures::Stills(files), timestamps_s, presence, warnings: Vec::new() })
+    Ok(OpenedFrames { pictures: Pictures::Stills(files), timestamps_s, opacity, warnings: Vec::new() })
 }
 
 /// The pictures of a folder at a constant rate. An unsupported picture is no frame, but keeps its
@@ -313,7 +313,7 @@ fn open_images(folder: &Path, fps: f64) -> Result<OpenedFrames, RecordingError> 
     let unread: HashSet<PathBuf> = unread.into_iter().collect();
     let timed = files.into_iter().enumerate().map(|(i, file)| (i as f64 / fps, file));
     let (timestamps_s, files) = timed.filter(|(_, file)| !unread.contains(file)).unzip();
-    Ok(OpenedFrames { pictures: Pictures::Stills(files), timestamps_s, presence: Vec::new(), warnings })
+    Ok(OpenedFrames { pictures: Pictures::Stills(files), timestamps_s, opacity: Vec::new(), warnings })
 }
 
 #[cfg(test)]

@@ -9,7 +9,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use super::{Frames, Recording, RecordingError};
-use crate::frame::{Beside, Frame};
+use crate::frame::{Frame, NeighbourFrame};
 
 /// Number of neighbours before and after a frame.
 pub const NEIGHBOURS_EACH_WAY: usize = 3;
@@ -25,7 +25,7 @@ pub struct FramesWithNeighbours {
     reading: Range<usize>,
     frames: Frames,
     ready: VecDeque<Result<Frame, RecordingError>>,
-    known: VecDeque<Arc<Beside>>,
+    known: VecDeque<Arc<NeighbourFrame>>,
 }
 
 impl Recording {
@@ -54,7 +54,7 @@ impl FramesWithNeighbours {
             Some(Ok(frame)) => {
                 if let Some(depth) = frame.depth.clone() {
                     let (pixels, timestamp_s) = (frame.pixels.clone(), frame.timestamp_s);
-                    self.known.push_back(Arc::new(Beside { index, timestamp_s, pixels, depth }));
+                    self.known.push_back(Arc::new(NeighbourFrame { index, timestamp_s, pixels, depth }));
                 }
                 if is_wanted {
                     self.ready.push_back(Ok(frame));
@@ -101,9 +101,10 @@ impl Iterator for FramesWithNeighbours {
             failed => return Some(failed),
         };
         self.known.retain(|beside| beside.index + NEIGHBOURS_EACH_WAY >= index);
-        let is_beside = |beside: &&Arc<Beside>| beside.index != index && beside.index <= index + NEIGHBOURS_EACH_WAY;
+        let is_beside =
+            |beside: &&Arc<NeighbourFrame>| beside.index != index && beside.index <= index + NEIGHBOURS_EACH_WAY;
         if frame.depth.is_some() {
-            frame.beside = self.known.iter().filter(is_beside).cloned().collect();
+            frame.neighbours = self.known.iter().filter(is_beside).cloned().collect();
         }
         Some(Ok(frame))
     }

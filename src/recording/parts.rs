@@ -98,8 +98,8 @@ pub struct Parts {
     pub pictures: Pictures,
     /// One per frame.
     pub timestamps_s: Vec<f64>,
-    /// One per frame, or empty if all are 1: [`Frame::presence`](crate::frame::Frame::presence).
-    pub presence: Vec<f64>,
+    /// One per frame, or empty if all are 1: [`Frame::opacity`](crate::frame::Frame::opacity).
+    pub opacity: Vec<f64>,
     /// Nominal frame interval, seconds, if the recording contains it.
     pub interval_s: Option<f64>,
     pub track: PoseTrack,
@@ -131,7 +131,7 @@ impl Parts {
             has_floor: false,
             pictures,
             timestamps_s,
-            presence: Vec::new(),
+            opacity: Vec::new(),
             interval_s: None,
             track: PoseTrack::default(),
             time_offset_s: 0.0,
@@ -230,7 +230,7 @@ impl Parts {
             height,
             bits,
             timestamps_s: self.timestamps_s.into(),
-            presence: self.presence.into(),
+            opacity: self.opacity.into(),
             frame_interval_s,
             has_even_intervals: self.interval_s.is_some(),
             track: self.track,

@@ -71,7 +71,7 @@ struct PendingFrame {
     name: String,
     exposure_s: Option<f64>,
     /// `None` until it is set.
-    presence: Option<f64>,
+    opacity: Option<f64>,
     camera: Option<FrameCamera>,
 }
 
@@ -171,7 +171,7 @@ impl<S: Store> Recorder<S> {
     }
 
     /// Adds a frame by its encoded picture: a PNG or a JPEG, by its extension. Times ascend. Its
-    /// presence ([`crate::frame::Frame::presence`]) may be [set](Self::set_presence) later. After
+    /// opacity ([`crate::frame::Frame::opacity`]) may be [set](Self::set_opacity) later. After
     /// an error nothing more is written, and earlier frames are kept.
     pub fn frame(
         &mut self,
@@ -179,7 +179,7 @@ impl<S: Store> Recorder<S> {
         ending: &str,
         bytes: &[u8],
         exposure_s: Option<f64>,
-        presence: Option<f64>,
+        opacity: Option<f64>,
     ) -> Result<(), RecorderError> {
         if self.failed {
             return Err(RecorderError::Ended);
@@ -194,14 +194,14 @@ impl<S: Store> Recorder<S> {
         }
         self.last_s = time_s;
         self.frames += 1;
-        self.pending.push(PendingFrame { time_s, name, exposure_s, presence, camera: None });
+        self.pending.push(PendingFrame { time_s, name, exposure_s, opacity, camera: None });
         self.commit_if_due()
     }
 
-    /// Sets the presence of the pending frame with this time, if there is one.
-    pub fn set_presence(&mut self, time_s: f64, presence: f64) -> Result<(), RecorderError> {
+    /// Sets the opacity of the pending frame with this time, if there is one.
+    pub fn set_opacity(&mut self, time_s: f64, opacity: f64) -> Result<(), RecorderError> {
         if let Some(pending) = self.pending.iter_mut().find(|pending| pending.time_s == time_s) {
-            pending.presence.get_or_insert(presence);
+            pending.opacity.get_or_insert(opacity);
         }
         self.commit_if_due()
     }
@@ -227,7 +227,7 @@ impl<S: Store> Recorder<S> {
 
     /// Number of pending frames before the first incomplete one.
     fn complete_count(&self) -> usize {
-        self.pending.iter().take_while(|pending| pending.presence.is_some()).count()
+        self.pending.iter().take_while(|pending| pending.opacity.is_some()).count()
     }
 
     /// Adds a pose. The caller ensures ascending times.
@@ -302,7 +302,7 @@ impl<S: Store> Recorder<S> {
     }
 
     fn end(&mut self) -> Result<(), RecorderError> {
-        self.pending.iter_mut().for_each(|pending| _ = pending.presence.get_or_insert(1.0));
+        self.pending.iter_mut().for_each(|pending| _ = pending.opacity.get_or_insert(1.0));
         self.commit()
     }
 }
@@ -315,7 +315,7 @@ impl<S: Store> Drop for Recorder<S> {
 
 /// Content of the first lists, with their headers.
 fn lists(frames: &[PendingFrame], poses: &[Line], has_exposure: bool) -> io::Result<[String; 4]> {
-    let listed = frames.iter().map(|pending| (pending.time_s, pending.name.as_str(), pending.presence.unwrap_or(1.0)));
+    let listed = frames.iter().map(|pending| (pending.time_s, pending.name.as_str(), pending.opacity.unwrap_or(1.0)));
     let listed = listing::write_frames(listed).map_err(io::Error::other)?;
     let exposure = |pending: &PendingFrame| {
         let exposure = FrameExposure { time_s: pending.exposure_s, ..FrameExposure::default() };

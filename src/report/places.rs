@@ -136,8 +136,8 @@ mod tests {
             pixels: Pixels::from_u8(240, 160, codes).unwrap(),
             depth: Some(DepthMap { width: 240, height: 160, depth_m, timestamp_s: 0.0 }),
             exposure: FrameExposure::default(),
-            presence: 1.0,
-            beside: Vec::new(),
+            opacity: 1.0,
+            neighbours: Vec::new(),
             surfels: Default::default(),
         }
     }

@@ -26,10 +26,10 @@ impl ReducedFrame {
         };
         let depth = frame.depth.as_ref().map(|depth| reduced_depth(depth, by));
         let pixels = Pixels { width, height, codes };
-        let Frame { index, timestamp_s, exposure, presence, .. } = *frame;
+        let Frame { index, timestamp_s, exposure, opacity, .. } = *frame;
         // A preview uses the frame's own depth alone.
-        let (beside, surfels) = Default::default();
-        Self { frame: Frame { index, timestamp_s, pixels, depth, exposure, presence, beside, surfels }, by }
+        let (neighbours, surfels) = Default::default();
+        Self { frame: Frame { index, timestamp_s, pixels, depth, exposure, opacity, neighbours, surfels }, by }
     }
 
     pub fn by(&self) -> u32 {

@@ -241,12 +241,12 @@ mod tests {
 
     use super::*;
     use crate::camera::Curve;
-    use crate::frame::{Across, FrameExposure, NODES, SeenBrightness};
+    use crate::frame::{FrameExposure, NODES, RelativeBrightness, SpatialGain};
     use crate::pixels::{DepthMap, Pixels};
 
     const VIEW: FramePoint = FramePoint { frame: 0, at_px: DVec2::new(320.5, 240.5) };
 
-    fn frame(code: impl Fn(u32, u32) -> [u8; 3], seen: Option<SeenBrightness>) -> Frame {
+    fn frame(code: impl Fn(u32, u32) -> [u8; 3], seen: Option<RelativeBrightness>) -> Frame {
         let places = (0..480).flat_map(|y| (0..640).map(move |x| (x, y)));
         let pixels = Pixels::from_u8(640, 480, places.flat_map(|(x, y)| code(x, y)).collect()).unwrap();
         let exposure = FrameExposure { seen, ..FrameExposure::default() };
@@ -256,8 +256,8 @@ mod tests {
             pixels,
             depth: None,
             exposure,
-            presence: 1.0,
-            beside: Vec::new(),
+            opacity: 1.0,
+            neighbours: Vec::new(),
             surfels: Default::default(),
         }
     }
@@ -312,8 +312,8 @@ mod tests {
     #[test]
     fn patch_light_is_divided_by_the_frames_gain() {
         // Factor 2 in red, and one stop more everywhere by the spatial gain: 102 of 255 is 0.4.
-        let across = Across([1.0; NODES]);
-        let seen = SeenBrightness { factors: [2.0, 1.0, 0.5], usual_s: None, across };
+        let across = SpatialGain([1.0; NODES]);
+        let seen = RelativeBrightness { factors: [2.0, 1.0, 0.5], usual_s: None, across };
         let even = |_, _| [102u8; 3];
         let found = shown(&frame(even, Some(seen)), &VIEW, &linear()).unwrap();
         assert!(found.iter().zip([0.1, 0.2, 0.4]).all(|(a, b)| (a - b).abs() < 1e-6), "{found:?}");

@@ -10,7 +10,7 @@ use glam::{DAffine3, DVec2, DVec3};
 
 use crate::camera::{Curve, Response};
 use crate::depth::reprojected_at_frame;
-use crate::frame::{Across, Frame};
+use crate::frame::{Frame, SpatialGain};
 use crate::pose::Pose;
 use crate::scene::{Material, Mesh, Object, Part, Scene, Texture, TextureUse, Vertex, Wrap};
 use crate::shot::Shot;
@@ -37,7 +37,7 @@ pub fn frame_scene(shot: &Shot, frame: &Frame) -> Option<Scene> {
     // Divided by the frame's gain, and by its gain within the picture.
     let seen = frame.exposure.seen;
     let [red, green, blue] = seen.map_or([1.0; 3], |seen| seen.factors.map(|factor| 1.0 / factor as f32));
-    let across = seen.map_or(Across::default(), |seen| seen.across);
+    let across = seen.map_or(SpatialGain::default(), |seen| seen.across);
     for y in (0..height).step_by(VERTEX_STEP_PX as usize) {
         let row_px = f64::from(y) + 0.5;
         let pose = recording.track.at(time_s + recording.time_offset_s + geometry.row_time_s(row_px)).ok()?;

@@ -65,15 +65,15 @@ mod tests {
     fn urgent_frame_lacks_neighbours_unless_they_are_available() {
         let recording = Arc::new(Recording::open(Path::new("recordings/demo"), &OpenOptions::default()).unwrap());
         let mut reader = Reader::new(recording);
-        assert!(reader.frame(20, true).unwrap().beside.is_empty());
+        assert!(reader.frame(20, true).unwrap().neighbours.is_empty());
         let whole = reader.frame(20, false).unwrap();
-        assert_eq!(whole.beside.len(), 6);
+        assert_eq!(whole.neighbours.len(), 6);
         // The same frame, and its successor.
         assert!(Arc::ptr_eq(&reader.frame(20, true).unwrap(), &whole));
-        assert_eq!(reader.frame(21, true).unwrap().beside.len(), 6);
+        assert_eq!(reader.frame(21, true).unwrap().neighbours.len(), 6);
         // After a jump the stream continues.
-        assert!(reader.frame(60, true).unwrap().beside.is_empty());
-        assert_eq!(reader.frame(22, false).unwrap().beside.len(), 6);
+        assert!(reader.frame(60, true).unwrap().neighbours.is_empty());
+        assert_eq!(reader.frame(22, false).unwrap().neighbours.len(), 6);
         assert!(reader.frame(72, true).is_err() && reader.frame(72, false).is_err());
     }
 }

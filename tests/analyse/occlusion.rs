@@ -36,7 +36,7 @@ fn occlusion_and_light(shot: &Shot, frame: usize) -> (Vec<f64>, Vec<f64>) {
     let pose = |time_s: f64| track.at(time_s + offset_s).unwrap();
     let half_s = 0.5 * exposure_time_s(&camera, &shot.settings, &frame, shot.recording.frame_interval_s);
     let measured = |depth| measured_from(depth, &geometry, track, offset_s);
-    let beside = frame.beside.iter().filter_map(|beside| {
+    let beside = frame.neighbours.iter().filter_map(|beside| {
         let measured = measured(&beside.depth).ok()?;
         Some(Neighbour { frame: beside, measured, taken: pose(beside.timestamp_s) })
     });

@@ -41,8 +41,8 @@ pub fn frame(index: usize, timestamp_s: f64, pixels: Pixels) -> Frame {
         pixels,
         depth: None,
         exposure: FrameExposure::default(),
-        presence: 1.0,
-        beside: Vec::new(),
+        opacity: 1.0,
+        neighbours: Vec::new(),
         surfels: Default::default(),
     }
 }

@@ -150,8 +150,8 @@ fn light_without_coverage_is_dropped_in_frames_and_photos() {
 #[test]
 fn opacity_scales_light_and_coverage_of_a_layer() {
     let still = sideways([0.0, 0.0]);
-    let done = |presence| {
-        let frame = Frame { presence, ..gpu::frame(0, 0.0, gpu::grey(320, 240, 60)) };
+    let done = |opacity| {
+        let frame = Frame { opacity, ..gpu::frame(0, 0.0, gpu::grey(320, 240, 60)) };
         submitted(Settings::default(), board([60.0, 50.0], 0.5), &still, 0.0, frame).unwrap()
     };
     let curve = Response::default();
@@ -159,20 +159,20 @@ fn opacity_scales_light_and_coverage_of_a_layer() {
         let light = share * 0.5 + (1.0 - share) * curve.decode(60.0 / 255.0);
         (255.0 * curve.encode(light)).round() as u32
     };
-    for presence in [1.0, 0.75, 0.5, 0.1] {
-        let done = done(presence);
+    for opacity in [1.0, 0.75, 0.5, 0.1] {
+        let done = done(opacity);
         let seen = done.pixels.at(160, 120)[1];
         // The layer has 11 significant bits, and so has a product of its values.
-        assert!(seen.abs_diff(code(presence)) <= 1, "{presence}: {seen}");
+        assert!(seen.abs_diff(code(opacity)) <= 1, "{opacity}: {seen}");
         assert_eq!(done.pixels.at(20, 20), [60; 3]);
-        assert_eq!(done.stats.presence, Some(presence).filter(|share| *share < 1.0));
+        assert_eq!(done.stats.opacity, Some(opacity).filter(|share| *share < 1.0));
     }
     assert_eq!(done(0.0).pixels, gpu::grey(320, 240, 60));
 }
 
 #[test]
 fn faded_layer_with_chromatic_aberration_keeps_the_uncovered_share_of_the_footage() {
-    let frame = Frame { presence: 0.5, ..gpu::frame(0, 0.0, gpu::grey(160, 120, 200)) };
+    let frame = Frame { opacity: 0.5, ..gpu::frame(0, 0.0, gpu::grey(160, 120, 200)) };
     let settings = gpu::settings(&[("chromatic_aberration", "red", Value::Number(0.01))]);
     let done = submitted(settings, board([60.0, 50.0], 0.5), &sideways([0.0, 0.0]), 0.0, frame).unwrap();
     assert_eq!(done.stats.effects, ["chromatic_aberration"]);
@@ -187,8 +187,8 @@ fn faded_layer_with_chromatic_aberration_keeps_the_uncovered_share_of_the_footag
 #[test]
 fn layer_image_of_a_fading_object_is_scaled_by_the_opacity() {
     let camera = gpu::camera(&gpu::pinhole(160, 120, FOCAL_PX), 0.0);
-    let layer = |presence| {
-        let frame = Frame { presence, ..gpu::frame(0, 0.0, gpu::grey(160, 120, 60)) };
+    let layer = |opacity| {
+        let frame = Frame { opacity, ..gpu::frame(0, 0.0, gpu::grey(160, 120, 60)) };
         let (scene, still) = (board([40.25, 30.0], 0.5), sideways([0.0, 0.0]));
         gpu::composite(&gpu::gpu(), &camera, Settings::default(), scene, &still, frame).layer.unwrap()
     };
@@ -207,7 +207,7 @@ fn nearly_transparent_object_leaves_the_footage_unchanged() {
     let plain = Pixels::from_u8(width, height, codes).unwrap();
     let sets = [("edge_blend", "impact", Value::Number(1.0)), ("noise", "scale", Value::Number(4.0))];
     let (still, mut difference) = (sideways([0.0, 0.0]), Vec::new());
-    for presence in [1.0, 1e-4] {
+    for opacity in [1.0, 1e-4] {
         let geometry = gpu::pinhole(width, height, FOCAL_PX);
         let gpu = gpu::gpu();
         let mut camera = gpu::camera(&geometry, 0.0);
@@ -216,7 +216,7 @@ fn nearly_transparent_object_leaves_the_footage_unchanged() {
         camera.noise = Some(NoiseProfile { bins, channel_correlation: [0.0; 3], neighbour_correlation: [0.0; 2] });
         let settings = gpu::settings(&sets);
         let mut compositor = Compositor::new(gpu.clone(), board([60.0, 50.0], 0.5));
-        let frame = Frame { presence, ..gpu::frame(0, 0.0, plain.clone()) };
+        let frame = Frame { opacity, ..gpu::frame(0, 0.0, plain.clone()) };
         let job = Job::of_frame(frame, &camera, &settings, &geometry, &still, 1.0 / 30.0);
         let pending = compositor.submit(job.unwrap(), &camera, &settings, Target::Pixels).unwrap();
         let done = compositor.collect(pending).unwrap();

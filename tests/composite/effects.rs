@@ -10,7 +10,7 @@ use locard::camera::grain::{self, GrainRatios};
 use locard::camera::{Camera, Capture, Curve, Geometry, NoiseBin, NoiseProfile, Response};
 use locard::compositor::{Composited, Compositor, Job, Settings, Target};
 use locard::effects::{FrameContext, edge_blend, motion_blur, noise};
-use locard::frame::{Across, FrameExposure, PhotoSettings, SeenBrightness};
+use locard::frame::{FrameExposure, PhotoSettings, RelativeBrightness, SpatialGain};
 use locard::measure::edge::box_blur;
 use locard::params::Value;
 use locard::scene::Scene;
@@ -67,7 +67,7 @@ fn exposure_integrates_over_the_open_shutter() {
 fn light_follows_the_spatial_gain_of_the_footage() {
     let geometry = gpu::pinhole(320, 240, FOCAL_PX);
     let track = sideways([0.0, 0.0]);
-    let drawn = |seen: Option<SeenBrightness>, sets: &[(&str, &str, Value)]| {
+    let drawn = |seen: Option<RelativeBrightness>, sets: &[(&str, &str, Value)]| {
         let mut frame = gpu::frame(0, 0.0, gpu::grey(320, 240, 0));
         frame.exposure.seen = seen;
         let camera = gpu::camera(&geometry, 0.0);
@@ -76,8 +76,8 @@ fn light_follows_the_spatial_gain_of_the_footage() {
             .unwrap()
     };
     // A different value at each node, up to 0.6 stops.
-    let across = Across(std::array::from_fn(|n| ((7 * n) % 20) as f32 * 0.06 - 0.6));
-    let seen = SeenBrightness { factors: [1.0, 0.5, 2.0], usual_s: None, across };
+    let across = SpatialGain(std::array::from_fn(|n| ((7 * n) % 20) as f32 * 0.06 - 0.6));
+    let seen = RelativeBrightness { factors: [1.0, 0.5, 2.0], usual_s: None, across };
     let as_lit = drawn(None, &[]);
     let follows = drawn(Some(seen), &[]);
     assert_eq!(drawn(Some(seen), &[("exposure", "follow", Value::Bool(false))]).rgba, as_lit.rgba);

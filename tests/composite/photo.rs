@@ -75,7 +75,7 @@ fn photo_of_frame(
         frame: 3,
         timestamp_s: 0.0,
         exposure,
-        presence: 1.0,
+        opacity: 1.0,
         summed: &[],
         depth_m: None,
         hiding: &[],

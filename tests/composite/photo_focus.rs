@@ -59,7 +59,7 @@ fn photo_with(
         frame: 3,
         timestamp_s: 0.0,
         exposure: Default::default(),
-        presence: 1.0,
+        opacity: 1.0,
         summed: &[],
         depth_m: Some(&depth.depth_m),
         hiding: &[],

@@ -48,7 +48,7 @@ impl PhotoConditions<'_> {
             frame: 3,
             timestamp_s: 0.0,
             exposure: Default::default(),
-            presence: 1.0,
+            opacity: 1.0,
             summed: self.summed,
             depth_m: depth_m.as_deref(),
             hiding,

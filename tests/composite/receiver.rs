@@ -8,7 +8,7 @@ use crate::shadow::box_scene;
 use glam::{DQuat, DVec2, DVec3, Vec3};
 use locard::camera::{Camera, Geometry};
 use locard::compositor::{Composited, Compositor, Job, Settings, Target};
-use locard::frame::{Across, Frame, FrameExposure, SeenBrightness};
+use locard::frame::{Frame, FrameExposure, RelativeBrightness, SpatialGain};
 use locard::params::Value;
 use locard::pixels::{DepthMap, Pixels};
 use locard::pose::Pose;
@@ -68,7 +68,7 @@ fn floor_m() -> Vec<f32> {
 
 /// A frame with this estimated gain.
 fn frame(codes: Vec<u8>, depth_m: Vec<f32>, gain: f64) -> Frame {
-    let seen = SeenBrightness { factors: [gain; 3], usual_s: None, across: Across::default() };
+    let seen = RelativeBrightness { factors: [gain; 3], usual_s: None, across: SpatialGain::default() };
     Frame {
         depth: Some(DepthMap { width: WIDTH, height: HEIGHT, depth_m, timestamp_s: 0.0 }),
         exposure: FrameExposure { seen: Some(seen), ..FrameExposure::default() },

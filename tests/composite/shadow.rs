@@ -325,12 +325,12 @@ fn moved_light_redraws_the_shadows_of_unchanged_objects() {
 
 #[test]
 fn shadow_fades_with_its_object() {
-    let half = composite_frame(Settings::default(), &camera(), Frame { presence: 0.5, ..grey_frame() }, scene());
+    let half = composite_frame(Settings::default(), &camera(), Frame { opacity: 0.5, ..grey_frame() }, scene());
     let whole = composite_frame(Settings::default(), &camera(), grey_frame(), scene());
     for (whole, half) in whole.layer.unwrap().left.iter().zip(&half.layer.unwrap().left) {
         assert!((0..3).all(|c| (1.0 - half[c] - 0.5 * (1.0 - whole[c])).abs() < 2e-3), "{whole:?} {half:?}");
     }
-    let gone = composite_frame(Settings::default(), &camera(), Frame { presence: 0.0, ..grey_frame() }, scene());
+    let gone = composite_frame(Settings::default(), &camera(), Frame { opacity: 0.0, ..grey_frame() }, scene());
     assert_eq!(gone.pixels, grey_frame().pixels);
 }
 

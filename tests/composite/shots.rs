@@ -277,7 +277,7 @@ fn notes_follow_the_settings() {
         no_occlusion: no_occlusion.map(str::to_owned),
         rect_px: None,
         objects_in_sight: no_occlusion.is_some(),
-        presence: None,
+        opacity: None,
         exposure_time_s: 0.0,
         fastest_px_per_s: 0.0,
         effects: Vec::new(),

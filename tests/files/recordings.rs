@@ -50,7 +50,7 @@ fn tum_fr1_rpy_opens() {
 fn neighbours_are_equal_in_every_range_and_damaged_ones_left_out() {
     let beside = |r: &Recording, range: std::ops::Range<usize>| -> Vec<Option<Vec<usize>>> {
         let seen = r.frames_with_neighbours(range).unwrap();
-        seen.map(|frame| Some(frame.ok()?.beside.iter().map(|beside| beside.index).collect())).collect()
+        seen.map(|frame| Some(frame.ok()?.neighbours.iter().map(|neighbour| neighbour.index).collect())).collect()
     };
     let demo = open(Path::new("recordings/demo"));
     let all = beside(&demo, 0..20);
@@ -60,7 +60,7 @@ fn neighbours_are_equal_in_every_range_and_damaged_ones_left_out() {
     assert_eq!(beside(&demo, last..last + 1), [Some(vec![last - 3, last - 2, last - 1])]);
     assert!(demo.frames_with_neighbours(last..last + 2).is_err() && beside(&demo, 5..5).is_empty());
     let frame = demo.frames_with_neighbours(4..5).unwrap().next().unwrap().unwrap();
-    assert!(frame.beside[0].pixels == frames(&demo, 1..2)[0].pixels && frame.depth == frames(&demo, 4..5)[0].depth);
+    assert!(frame.neighbours[0].pixels == frames(&demo, 1..2)[0].pixels && frame.depth == frames(&demo, 4..5)[0].depth);
 
     let temp = tempfile::tempdir().unwrap();
     let folder = temp.path().join("damaged");

@@ -154,15 +154,15 @@ fn recording_stores_the_opacity_while_the_camera_is_lost() {
     let (mut faded, mut lost) = (0, 0);
     for (frame, time_s) in recording.timestamps_s.iter().enumerate().filter(|(_, time_s)| !seen_s.contains(time_s)) {
         let Some(last_s) = seen_s.iter().rev().find(|seen_s| *seen_s < time_s) else { continue };
-        let (since_s, presence) = (time_s - last_s, recording.presence(frame));
+        let (since_s, opacity) = (time_s - last_s, recording.opacity(frame));
         // Earlier if the camera turned away as fast as that.
         let most = (1.0 - (since_s - 0.1) / 0.2).clamp(0.0, 1.0);
         if recording.pose_at_frame(frame).is_err() {
-            assert_eq!(presence, 1.0, "nothing is drawn");
+            assert_eq!(opacity, 1.0, "nothing is drawn");
         } else if !seen_s.iter().any(|seen_s| seen_s > time_s && *seen_s < time_s + 0.25) {
             // Found a moment before, the opacity may still rise; it falls as it does live.
-            assert!(presence <= most + 1e-9, "{since_s}: {presence} {most}");
-            faded += usize::from(presence > 0.0 && presence < 1.0);
+            assert!(opacity <= most + 1e-9, "{since_s}: {opacity} {most}");
+            faded += usize::from(opacity > 0.0 && opacity < 1.0);
         }
         lost += usize::from(recording.pose_at_frame(frame).is_err());
     }

@@ -103,8 +103,8 @@ fn events(frames: usize, random: &mut Random) -> Vec<(f64, Event)> {
 /// Composites live, and then from the resulting recording, and asserts equality. Also returns the
 /// marker's opacity in each frame, if it had a pose.
 fn assert_live_equals_replay(layout: Layout, frames: usize, sets: &[&str]) -> (LiveCounts, Vec<Option<f64>>) {
-    let (counts, presence, _) = assert_live_equals_replay_with(layout, frames, sets, None);
-    (counts, presence)
+    let (counts, opacity, _) = assert_live_equals_replay_with(layout, frames, sets, None);
+    (counts, opacity)
 }
 
 /// [`assert_live_equals_replay`] with a lens state from a stream as a function of time. Also
@@ -143,7 +143,7 @@ fn assert_live_equals_replay_with(
     let mut show = |live: &mut LiveCompositor<'_>, now_s: f64| {
         while let Some(submitted) = live.submit(now_s).unwrap() {
             let shown = live.collect(submitted).unwrap();
-            told.push(shown.presence);
+            told.push(shown.opacity);
             seen.push(shown.done);
         }
     };
@@ -173,10 +173,10 @@ fn assert_live_equals_replay_with(
     let given = ShotOptions { sets, scene, ..ShotOptions::default() };
     let shot = Shot::open(&folder, &OpenOptions::default(), &given).unwrap();
     assert_eq!(shot.recording.frame_count(), frames);
-    (0..frames).for_each(|frame| assert_eq!(shot.recording.presence(frame), told[frame], "frame {frame}"));
+    (0..frames).for_each(|frame| assert_eq!(shot.recording.opacity(frame), told[frame], "frame {frame}"));
     let mut compositor = shot.compositor(gpu.clone());
     let replayed = shot.frames(&mut compositor, 0..frames, false, 2).unwrap();
-    let (mut drawn, mut presence) = (0, Vec::new());
+    let (mut drawn, mut opacity) = (0, Vec::new());
     for (live, again) in seen.iter().zip(replayed) {
         let again = again.unwrap();
         assert_eq!(live.stats.no_pose.is_some(), again.stats.no_pose.is_some(), "frame {}", live.frame);
@@ -184,13 +184,13 @@ fn assert_live_equals_replay_with(
         let plain = shot.read(live.frame).unwrap().pixels;
         let (Codes::U8(live), Codes::U8(plain)) = (&live.pixels.codes, &plain.codes) else { panic!("8 bits") };
         drawn += usize::from(live != plain);
-        presence.push(again.stats.no_pose.is_none().then(|| shot.recording.presence(again.frame)));
+        opacity.push(again.stats.no_pose.is_none().then(|| shot.recording.opacity(again.frame)));
     }
     // The marker is in the picture in each frame with a pose, unless it has faded.
-    assert_eq!(drawn, presence.iter().filter(|share| share.is_some_and(|share| share > 0.02)).count(), "{counts:?}");
-    assert_eq!(presence.iter().flatten().count() as u64, counts.tracked + counts.predicted, "{counts:?}");
+    assert_eq!(drawn, opacity.iter().filter(|share| share.is_some_and(|share| share > 0.02)).count(), "{counts:?}");
+    assert_eq!(opacity.iter().flatten().count() as u64, counts.tracked + counts.predicted, "{counts:?}");
     let cameras = (0..frames).map(|frame| shot.geometry_at(frame).unwrap()).collect();
-    (counts, presence, cameras)
+    (counts, opacity, cameras)
 }
 
 /// Zooms from 30 to 45 mm and back, and pulls focus; shutter and film speed change, too. The first
@@ -240,14 +240,14 @@ fn settings_override_the_lens_of_the_stream() {
 #[test]
 fn frames_with_dropped_late_and_lost_poses_replay_bit_for_bit() {
     let (frames, least) = tier::fast_or_full((100, 5), (300, 15));
-    let (counts, presence) = assert_live_equals_replay(Layout::Yuyv, frames, &[]);
+    let (counts, opacity) = assert_live_equals_replay(Layout::Yuyv, frames, &[]);
     // All cases have occurred.
     let LiveCounts { tracked, predicted, lost, late, .. } = counts;
     assert!(tracked > frames as u64 / 3 && predicted > least && lost > least && late > least, "{counts:?}");
     let faded = |pair: &&[Option<f64>]| matches!(pair, [Some(a), Some(b)] if a > b);
     let rose = |pair: &&[Option<f64>]| matches!(pair, [Some(a), Some(b)] if a < b);
-    let [fell, rose] = [presence.windows(2).filter(faded).count(), presence.windows(2).filter(rose).count()];
-    assert!(fell > least as usize / 3 && rose > least as usize / 3, "{fell} {rose} {presence:?}");
+    let [fell, rose] = [opacity.windows(2).filter(faded).count(), opacity.windows(2).filter(rose).count()];
+    assert!(fell > least as usize / 3 && rose > least as usize / 3, "{fell} {rose} {opacity:?}");
 }
 
 #[test]

@@ -49,7 +49,7 @@ fn smudged(sheet: &Sheet) -> Vec<u8> {
 #[derive(Debug, Default)]
 struct LossMeasurement {
     off_px: [Vec<f64>; 3],
-    presence: [Vec<f64>; 3],
+    opacity: [Vec<f64>; 3],
     smear_px: Vec<f64>,
 }
 
@@ -101,7 +101,7 @@ fn measure_loss(are_seen: bool) -> LossMeasurement {
         }
         since = if is_missed { since + 1 } else { 0 };
         measured.off_px[since].push(seen(time_s).distance(truly(time_s)));
-        measured.presence[since].push(ready.presence);
+        measured.opacity[since].push(ready.opacity);
     }
     measured
 }
@@ -118,7 +118,7 @@ fn evidence_stays_in_place_while_tags_are_missed() {
     // By the rotation between pictures: within two pixels. Constant velocity would be off by some
     // ten and thirty.
     assert!(seen < 1.0 && first < 2.0 && second < 2.5, "{measured:?}");
-    assert!(measured.presence.iter().flatten().all(|share| *share == 1.0), "{measured:?}");
+    assert!(measured.opacity.iter().flatten().all(|share| *share == 1.0), "{measured:?}");
     assert!(largest(&measured.smear_px) < 1.5, "{measured:?}");
 }
 
@@ -128,8 +128,8 @@ fn evidence_stays_in_place_while_tags_are_missed() {
 fn evidence_fades_without_poses() {
     let measured = measure_loss(false);
     println!("{measured:.1?}");
-    for (off_px, presence) in measured.off_px[2].iter().zip(&measured.presence[2]) {
-        assert!(*off_px < 10.0 || *presence < 0.9, "{measured:?}");
+    for (off_px, opacity) in measured.off_px[2].iter().zip(&measured.opacity[2]) {
+        assert!(*off_px < 10.0 || *opacity < 0.9, "{measured:?}");
     }
     // The change of the motion in between, over half of an exposure; the step itself is some ten
     // pixels.

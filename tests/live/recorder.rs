@@ -98,26 +98,26 @@ fn frame_is_listed_once_its_opacity_is_settled() {
     // Not a recording yet.
     assert!(Recording::open(temp.path(), &OpenOptions::default()).is_err());
     assert!(!temp.path().join("recording.toml").exists());
-    recorder.set_presence(time_s(0), 1.0).unwrap();
+    recorder.set_opacity(time_s(0), 1.0).unwrap();
     assert_eq!(open(temp.path()).frame_count(), 1);
     // The opacity of later frames is not settled, so none of them is listed.
     let share = |i: usize| (i as f64 * 0.37).sin().abs();
     for i in 2..40 {
-        recorder.set_presence(time_s(i - 1), share(i - 1)).unwrap();
+        recorder.set_opacity(time_s(i - 1), share(i - 1)).unwrap();
         frame(&mut recorder, i);
     }
     let recording = open(temp.path());
     assert!((25..40).contains(&recording.frame_count()), "{}", recording.frame_count());
-    recorder.set_presence(time_s(39), share(39)).unwrap();
+    recorder.set_opacity(time_s(39), share(39)).unwrap();
     recorder.commit().unwrap();
     frame(&mut recorder, 40);
     // The last opacity is not settled.
     drop(recorder);
     let recording = open(temp.path());
     assert_eq!(recording.frame_count(), 41);
-    assert_eq!([0, 40].map(|i| recording.presence(i)), [1.0; 2]);
+    assert_eq!([0, 40].map(|i| recording.opacity(i)), [1.0; 2]);
     let frames = recording.frames(0..40).unwrap().skip(1).zip(1..);
-    frames.for_each(|(frame, i)| assert_eq!(frame.unwrap().presence, share(i)));
+    frames.for_each(|(frame, i)| assert_eq!(frame.unwrap().opacity, share(i)));
     let list = std::fs::read_to_string(temp.path().join("frames.txt")).unwrap();
     assert_eq!(list.matches("presence=").count(), 39);
 }
@@ -376,10 +376,10 @@ fn first_settled_opacity_of_a_frame_is_kept() {
     let mut recorder = Recorder::create(temp.path(), &about()).unwrap();
     add(&mut recorder, 0, &png()).unwrap();
     recorder.frame(time_s(1), "png", &png(), Some(0.01), None).unwrap();
-    recorder.set_presence(time_s(1), 0.25).unwrap();
-    recorder.set_presence(time_s(1), 0.75).unwrap();
+    recorder.set_opacity(time_s(1), 0.25).unwrap();
+    recorder.set_opacity(time_s(1), 0.75).unwrap();
     recorder.finish().unwrap();
-    assert_eq!(open(temp.path()).presence(1), 0.25);
+    assert_eq!(open(temp.path()).opacity(1), 0.25);
 }
 
 #[test]

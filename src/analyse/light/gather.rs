@@ -240,8 +240,8 @@ mod tests {
                 pixels: Pixels::from_u8(SIZE.0, SIZE.1, codes.repeat(count)).unwrap(),
                 depth: Some(depth),
                 exposure: FrameExposure::default(),
-                presence: 1.0,
-                beside: Vec::new(),
+                opacity: 1.0,
+                neighbours: Vec::new(),
                 surfels: Default::default(),
             };
             let seen = inputs.view(&frame).unwrap();
