@@ -124,9 +124,12 @@ impl Player {
     /// is paused.
     pub fn due_in_s(&self) -> Option<f64> {
         let Pace::Recorded(speed) = self.pace else { return None };
+        if !self.playing || self.count() < 2 {
+            return None;
+        }
         let next = self.frame + 1;
         let due_s = if next < self.range.end { self.timestamps_s[next] } else { self.end_s() };
-        Some(((due_s - self.time_s) / speed).max(0.0)).filter(|_| self.playing && self.count() > 1)
+        Some(((due_s - self.time_s) / speed).max(0.0))
     }
 
     /// End of the last frame of the loop, seconds.
