@@ -87,11 +87,11 @@ pub struct FrameExposure {
     /// Amplification relative to the recording's base, as a factor.
     pub gain: Option<f64>,
     /// Exposure time by the picture's motion blur, estimated by an analysis, s.
-    pub blurred_s: Option<f64>,
+    pub blur_estimate_s: Option<f64>,
     /// From the picture's own file.
     pub photo: PhotoSettings,
     /// Brightness of the picture, estimated by an analysis.
-    pub seen: Option<RelativeBrightness>,
+    pub brightness: Option<RelativeBrightness>,
     /// Settings of a tracked lens.
     pub lens: FrameLens,
 }
@@ -128,9 +128,9 @@ pub struct RelativeBrightness {
     pub factors: [f64; 3],
     /// Equivalent exposure of the median frame by [`FrameExposure`], seconds at f/1, ISO 100 and gain
     /// 1; `None` if most frames do not report it.
-    pub usual_s: Option<f64>,
+    pub median_s: Option<f64>,
     /// Additional gain that varies across the picture.
-    pub across: SpatialGain,
+    pub spatial_gain: SpatialGain,
 }
 
 /// Nodes of [`SpatialGain`]; the same in shaders/exposure.wgsl.

@@ -300,19 +300,19 @@ impl Analysis {
         self.findings.light.as_ref()?.lighting(self.environment.as_ref()?)
     }
 
-    /// The estimates that are applied to a recording. `usual_s`: [`RelativeBrightness::usual_s`].
-    pub fn refinement(&self, usual_s: Option<f64>) -> Refinement {
+    /// The estimates that are applied to a recording. `median_s`: [`RelativeBrightness::median_s`].
+    pub fn refinement(&self, median_s: Option<f64>) -> Refinement {
         let registered = &self.findings.registration;
         let seen = |(n, factors): (usize, &[f64; 3])| RelativeBrightness {
             factors: *factors,
-            usual_s,
-            across: self.across.get(n).copied().unwrap_or_default(),
+            median_s,
+            spatial_gain: self.across.get(n).copied().unwrap_or_default(),
         };
         Refinement {
             track: self.track.clone(),
             depth_later_s: if self.track.is_some() { registered.depth_later_s } else { 0.0 },
             seen: self.gains.iter().enumerate().map(seen).collect(),
-            blurred_s: self.findings.shutter.as_ref().map_or(Vec::new(), |shutter| shutter.of_frames()),
+            blur_estimate_s: self.findings.shutter.as_ref().map_or(Vec::new(), |shutter| shutter.of_frames()),
             surfels: self.surfels.as_ref().map_or_else(Arc::default, |map| Arc::clone(&map.surfels)),
         }
     }

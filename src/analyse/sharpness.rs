@@ -41,7 +41,7 @@ pub fn of_recording(
         for frame in recording.frames(n..n + 1)? {
             let mut frame = frame?;
             let run = inputs.exposure_runs.iter().find(|run| (run.from..run.to).contains(&n));
-            frame.exposure.blurred_s = run.map(|run| run.exposure_s);
+            frame.exposure.blur_estimate_s = run.map(|run| run.exposure_s);
             let depth = depths.of(model, &frame, &state)?;
             spreads
                 .add(&frame, &FrameMotion { state: &state, depth: &depth, exposure_s: (capture.exposure_s)(&frame) });

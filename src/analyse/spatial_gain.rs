@@ -7,8 +7,8 @@
 //!
 //!   δ = f_j(x_j) − f_i(x_i),
 //!
-//! where f is a smooth field over each frame's picture, bilinear between nodes ([`Across`]). All
-//! frames are solved jointly:
+//! where f is a smooth field over each frame's picture, bilinear between nodes
+//! ([`SpatialGain`]). All frames are solved jointly:
 //!
 //!   min Σ ρ_Cauchy(δ − (f_j(x_j) − f_i(x_i)); σ) / σ²
 //!     + Σ f² / [`PRIOR_SIGMA`]² + Σ (f_a − f_b)² / [`SMOOTHNESS_SIGMA`]²

@@ -77,7 +77,7 @@ struct ClippedLight {
 }
 
 /// Limits the light that shadows remove from clipped pixels of `part`.
-pub fn limited(
+pub fn limit_clipped_shadow(
     recorder: &mut Recorder,
     shade: ShadeImage,
     part: Rect,
@@ -205,7 +205,7 @@ impl FrameRadiance<'_> {
         let radiance = (z > 0.0 && point.iter().all(|p| p.is_finite()))
             .then(|| sampler.at(pose.inverse_transform_point(point.into())))??;
         let share = |at: i32, size: i32| (at as f32 + 0.5) / size as f32;
-        let here = self.brightness.across.at([share(x, picture.x1), share(y, picture.y1)]).exp2();
+        let here = self.brightness.spatial_gain.at([share(x, picture.x1), share(y, picture.y1)]).exp2();
         let gain = self.brightness.factors.map(|factor| factor as f32 * here);
         Some(std::array::from_fn(|c| gain[c] * radiance[c]))
     }
@@ -253,7 +253,7 @@ mod tests {
         let samples: Vec<_> = places.filter(|at| at.x > -0.3).map(sample).collect();
         let radiance = LazyRadiance::new(Box::new(|| SurfaceRadiance::of(samples.into_iter())));
         let brightness =
-            RelativeBrightness { factors: [1.5, 1.2, 1.0], usual_s: None, across: SpatialGain([1.0; NODES]) };
+            RelativeBrightness { factors: [1.5, 1.2, 1.0], median_s: None, spatial_gain: SpatialGain([1.0; NODES]) };
         let depth_m = vec![1.0; 48];
         let rays = Rays::new(&Geometry::pinhole(8, 6, 8.0));
         let known = |codes: [u8; 3], x_m: f64| {

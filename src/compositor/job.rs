@@ -65,7 +65,7 @@ pub fn exposure_time_s(camera: &Camera, settings: &Settings, frame: &Frame, inte
     let follows = camera.frame_overrides.exposure && !settings.overrule_recorded_exposure;
     let tracked = frame.exposure.lens.exposure_s.filter(|_| follows);
     let known = tracked.or(exposure.shutter_angle_deg.map(angle)).or(recorded).or(exposure.time_s);
-    known.or(frame.exposure.blurred_s).unwrap_or_else(|| assumed_exposure_s(interval_s))
+    known.or(frame.exposure.blur_estimate_s).unwrap_or_else(|| assumed_exposure_s(interval_s))
 }
 
 /// Largest assumed exposure time, s. Phones and depth cameras expose for 1/60 s or less in lit

@@ -45,15 +45,15 @@ use occlusion::FrameOcclusion;
 use paste::{fill_noise, paste, paste_fringe, paste_layer, paste_shade};
 use plan::{FrameView, Plan, frame_context};
 
-/// Draws a scene into frames. The state between frames is caches alone: each call returns the same
-/// as a new compositor's.
+/// Draws a scene into frames. Final frames are those of a new compositor: the state between them is
+/// memoized. Previews may reuse earlier results.
 #[derive(Debug)]
 pub struct Compositor {
     renderer: Renderer,
     shadows: Shadows,
     lightmaps: Lightmaps,
     recorder: Recorder,
-    depth: occlusion::Cache,
+    depth: occlusion::DepthState,
     radiance: Option<Arc<LazyRadiance>>,
     readbacks: ReadbackSet,
     allow_preview: bool,
@@ -125,7 +125,7 @@ impl Compositor {
             lightmaps: Lightmaps::new(&scene),
             renderer: Renderer::new(&gpu, scene),
             recorder: Recorder::new(gpu),
-            depth: occlusion::Cache::default(),
+            depth: occlusion::DepthState::default(),
             radiance: None,
             readbacks: ReadbackSet::default(),
             allow_preview: false,
@@ -260,7 +260,7 @@ impl Compositor {
         let shade_image = shade::shade(&mut self.recorder, &frame_view.shadows, &request);
         let pose_at = |offset_s| frame_view.keys.pose_at(offset_s);
         let rays = self.depth.rays.of(job.picture);
-        let radiance = self.radiance.as_deref().zip(occlusion.repaired.as_ref()).zip(job.frame.exposure.seen);
+        let radiance = self.radiance.as_deref().zip(occlusion.repaired.as_ref()).zip(job.frame.exposure.brightness);
         let radiance = radiance.map(|((radiance, (repaired, rect)), brightness)| FrameRadiance {
             radiance,
             depth_m: (&repaired.depth_m, *rect),
@@ -270,7 +270,7 @@ impl Compositor {
         });
         let camera_light = (&job.frame.pixels, &camera.response, job.picture);
         let shade_image = shade_image.map(|image| {
-            clipped::limited(&mut self.recorder, image, work_rects.shaded, camera_light, radiance.as_ref())
+            clipped::limit_clipped_shadow(&mut self.recorder, image, work_rects.shaded, camera_light, radiance.as_ref())
         });
         let shade = shade_image.as_ref().map(|image| &image.texture);
         self.recorder.part("objects");

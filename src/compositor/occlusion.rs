@@ -43,7 +43,7 @@ pub struct FrameOcclusion {
 
 /// State between frames: caches, and inputs of the next frame.
 #[derive(Debug, Default)]
-pub struct Cache {
+pub struct DepthState {
     pub rays: RayCache,
     last: LastRepair,
     /// Proxy models of real objects.
@@ -55,7 +55,7 @@ pub struct Cache {
 impl FrameOcclusion {
     pub fn new(
         recorder: &mut Recorder,
-        Cache { rays, last, proxies, allow_preview }: &mut Cache,
+        DepthState { rays, last, proxies, allow_preview }: &mut DepthState,
         job: &Job<'_>,
         settings: &Settings,
         frame_view: &FrameView,
@@ -96,10 +96,10 @@ impl FrameOcclusion {
         let repair = Repair { rays, measured, frame, shutter, pixels, response, planes, proxies, neighbours, surfels };
         // Under faint shadows, the receiver is found by the measured depth alone.
         let dark = dark_bounds(&frame_view.shadows).intersection(&work_rects.shaded);
-        let wanted = wanted(frame_view, work_rects, dark, rays);
+        let depth_request = depth_request(frame_view, work_rects, dark, rays);
         let rects = [around, drawn.union(&dark), drawn];
         let quality = if *allow_preview { Quality::Preview } else { Quality::Final };
-        let (repaired, quality) = last.over(&job.frame, &repair, rects, &wanted, quality);
+        let (repaired, quality) = last.over(&job.frame, &repair, rects, &depth_request, quality);
         let is_preview = quality.is_preview();
         // Only shadows read it.
         let scene_depth =
@@ -137,7 +137,7 @@ pub fn project_rolling(geometry: &Geometry, pose_at: impl Fn(f64) -> Pose, point
 }
 
 /// Where real depth matters to a frame: nearer than an object, and under dark shadows.
-fn wanted(frame_view: &FrameView, work_rects: &WorkRects, dark: Rect, rays: &Rays) -> DepthRequest {
+fn depth_request(frame_view: &FrameView, work_rects: &WorkRects, dark: Rect, rays: &Rays) -> DepthRequest {
     let object = |(rect, farthest_m): &(Rect, f64)| (rect.grown(work_rects.spread_px), *farthest_m as f32);
     let mut objects: Vec<_> = frame_view.footprint.parts.iter().map(object).collect();
     if rays.geometry().is_equirectangular() {

@@ -27,7 +27,7 @@ use crate::parallel::{over_rows, processors};
 use crate::pixels::Rect;
 use crate::pose::Pose;
 use crate::render::{COLOR, Shutter, ViewKeys};
-use crate::shadow::{Part, ShadowMap, ShadowTexture, TOLERANCE_M};
+use crate::shadow::{ShadowMap, ShadowTexture, TOLERANCE_M, UvRect};
 
 /// Samples over the exposure; the same number as in shaders/shade.wgsl.
 const EXPOSURE_SAMPLES: usize = 4;
@@ -136,7 +136,7 @@ pub fn dark_bounds(shadows: &[VisibleShadowMap]) -> Rect {
 
 /// Bounds of a part of a shadow map in the picture. The whole picture if some of the part is beside
 /// or behind the camera; `None` if all of it is, or if the part is empty.
-fn projected_bounds(shadow_map: &ShadowMap, part: Part, geometry: &Geometry, keys: &ViewKeys) -> Option<Rect> {
+fn projected_bounds(shadow_map: &ShadowMap, part: UvRect, geometry: &Geometry, keys: &ViewKeys) -> Option<Rect> {
     let (poses, _) = keys.sampled();
     if part.is_empty() {
         return None;
@@ -279,7 +279,7 @@ fn is_unshadowed(texture: &ShadowTexture, rays: &RayGrid, at_px: [i32; 2], homog
     }
     // Each sample of the exposure has its own subpixel offset.
     let pixel = (high - low) / f64::from(side);
-    texture.is_none_between(low - pixel, high + pixel)
+    texture.is_unshadowed(low - pixel, high + pixel)
 }
 
 /// The side of tiles in which this camera's rays are straight.
@@ -453,7 +453,7 @@ fn homography(shadow_map: &ShadowMap, pose: &Pose) -> DMat3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::shadow::Floor;
+    use crate::shadow::ReceiverPlane;
     use glam::{DQuat, Vec2};
 
     #[test]
@@ -471,7 +471,7 @@ mod tests {
 
     #[test]
     fn homography_maps_the_ray_to_a_point_to_its_texel_and_depth() {
-        let floor = Floor::new(DVec3::new(0.2, -0.1, 0.5), DVec3::new(0.1, -0.9, 0.2).normalize());
+        let floor = ReceiverPlane::new(DVec3::new(0.2, -0.1, 0.5), DVec3::new(0.1, -0.9, 0.2).normalize());
         let texture = ShadowTexture::empty(Vec2::new(-0.3, -0.2), 0.002, 400, 300);
         let shadow_map = ShadowMap { floor, texture: Arc::new(texture), is_beside: false };
         let pose = Pose::from_camera_in_world(

@@ -40,7 +40,7 @@ pub struct WorkRects {
     pub spread_px: i32,
     /// At least one.
     pub pieces: Vec<Piece>,
-    /// Bounds of the composited pixels. SpatialGain the seam, x1 exceeds the picture's width.
+    /// Bounds of the composited pixels. Across the seam, x1 exceeds the picture's width.
     pub bounds: Rect,
 }
 

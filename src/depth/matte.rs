@@ -20,7 +20,7 @@
 use glam::{Vec3, Vec4};
 
 use super::nearest_edge::{Edge, MAX_BONUS_PX, edges, is_near};
-use super::smear::Smear;
+use super::smear::MotionField;
 use crate::parallel::{over_rows, processors};
 use crate::pixels::{Rect, floor_of_small};
 
@@ -84,7 +84,7 @@ struct MatteInput<'a> {
     edges: Vec<Edge>,
     width: usize,
     height: usize,
-    smear: &'a Smear,
+    smear: &'a MotionField,
     /// The map's upper left pixel, in the part that `smear` covers.
     corner: [usize; 2],
     samples: DiscSamples,
@@ -96,7 +96,7 @@ pub fn mattes(
     depth_m: &[f32],
     sqrt_colors: &[[f32; 3]],
     width: usize,
-    smear: &Smear,
+    smear: &MotionField,
     part: Rect,
     max_depth_m: &[f32],
 ) -> Vec<MattePixel> {
@@ -352,7 +352,7 @@ mod tests {
         let whole = Rect::full(WIDTH as u32, HEIGHT as u32);
         let half_m = 0.5 * moved_px / 100.0;
         let camera = Geometry::pinhole(WIDTH as u32, HEIGHT as u32, 100.0);
-        let smear = Smear::new(&camera, &at(0.0), [&at(-half_m), &at(half_m)], whole);
+        let smear = MotionField::new(&camera, &at(0.0), [&at(-half_m), &at(half_m)], whole);
         let all = mattes(&depth, &sqrt_colors, WIDTH, &smear, whole, &[9.0; WIDTH * HEIGHT]);
         // A part has the mattes of the whole.
         let part = Rect::new(9, 7, 50, 40);
@@ -378,7 +378,7 @@ mod tests {
         assert!(!part.grown(MAX_REACH_PX + MAX_EDGE_DISTANCE_PX as i32 + MAX_STEP_BONUS_PX).contains(0, 0));
         let max_depth_m = vec![9.0; width * height];
         for turned in [0.0, 0.3] {
-            let smear = Smear::new(&camera, &at(0.0), [&at(-turned), &at(turned)], all);
+            let smear = MotionField::new(&camera, &at(0.0), [&at(-turned), &at(turned)], all);
             let whole = mattes(&depth, &sqrt_colors, width, &smear, all, &max_depth_m);
             let of_part = mattes(&depth, &sqrt_colors, width, &smear, part, &max_depth_m[..30 * 30]);
             assert_eq!(of_part, all.part(&whole, part), "{turned}");

@@ -13,7 +13,7 @@ use glam::DVec3;
 use super::contact::{self, Plane};
 use super::matte::{self, MattePixel};
 use super::proxies::{FAR_M, ProjectedPoint, Proxies, unknown_if_far_m};
-use super::smear::Smear;
+use super::smear::MotionField;
 use super::sqrt_colors::SqrtColors;
 use super::{Rays, inpaint, smooth, vote};
 use crate::camera::Response;
@@ -62,7 +62,7 @@ pub struct Neighbour<'a> {
 }
 
 impl<'a> Neighbour<'a> {
-    /// The same, with its colours linearized by the camera's response.
+    /// The frame as a voter, with square-root colours.
     pub fn voter(&self, response: &Response) -> vote::Voter<'a> {
         let Self { frame, measured, taken } = *self;
         vote::Voter { depth: &frame.depth, measured, taken, sqrt_colors: SqrtColors::new(&frame.pixels, response) }
@@ -179,7 +179,7 @@ impl<'a> Repair<'a> {
             smooth::smooth(&mut depth_m, &sqrt_colors, width, &max_depth_m);
         }
         contact::snap_to_planes(&mut depth_m, self.rays, self.frame, region, self.planes);
-        let smear = Smear::new(self.rays.geometry(), self.frame, self.shutter, region);
+        let smear = MotionField::new(self.rays.geometry(), self.frame, self.shutter, region);
         let within = drawn.moved(-region.x0, -region.y0);
         let mattes =
             matte::mattes(&depth_m, &sqrt_colors, width, &smear, within, &request.objects_only().max_depth_m(drawn, 0));
@@ -195,7 +195,7 @@ impl<'a> Repair<'a> {
     fn second_surfaces(
         &self,
         (depth_m, sqrt_colors, region): (&[f32], &[[f32; 3]], Rect),
-        smear: &Smear,
+        smear: &MotionField,
         (drawn_mattes, drawn): (&[MattePixel], Rect),
         part: Rect,
     ) -> Vec<SecondSurface> {

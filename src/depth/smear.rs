@@ -12,14 +12,14 @@ const CELL_PX: i32 = 16;
 /// Image motion over a part of the picture, by depth. Not modelled: the time of each row, which
 /// changes the motion little.
 #[derive(Debug)]
-pub struct Smear {
+pub struct MotionField {
     columns: usize,
     /// For each cell, the motion of an infinitely distant point, px, and the additional motion of a
     /// point at 1 m. The latter is proportional to 1/z.
     cells: Vec<[DVec2; 2]>,
 }
 
-impl Smear {
+impl MotionField {
     /// From the poses at the start and at the end of the exposure, over a part of the picture.
     pub fn new(geometry: &Geometry, frame: &Pose, [opened, closed]: [&Pose; 2], part: Rect) -> Self {
         let cells = |from: i32, to: i32| (from..to).step_by(CELL_PX as usize).map(|at| f64::from(at + CELL_PX / 2));
@@ -61,7 +61,7 @@ mod tests {
         // 20 mm to the right at f = 100 px: 2 px at 1 m, 1 px at 2 m, to the left.
         let at = |x: f64| Pose::from_camera_in_world(DVec3::new(x, 0.0, 0.0), DQuat::IDENTITY);
         let camera = Geometry::pinhole(64, 48, 100.0);
-        let smear = Smear::new(&camera, &at(0.0), [&at(-0.01), &at(0.01)], Rect::new(3, 5, 64, 40));
+        let smear = MotionField::new(&camera, &at(0.0), [&at(-0.01), &at(0.01)], Rect::new(3, 5, 64, 40));
         let found = [1.0, 2.0].map(|z| smear.at(60, 34, z));
         for ([x, y], expected) in found.into_iter().zip([-2.0, -1.0]) {
             assert!((x - expected).abs() < 1e-3 && y.abs() < 1e-3, "{found:?}");

@@ -11,10 +11,10 @@
 //! either method.
 //!
 //! For analysed footage, `follow` multiplies the layer's light by the frame's estimated gain
-//! relative to the recording's usual frame, for each channel: automatic exposure, gain and white
-//! balance. The estimate overrides the recorded values: `reference_s` is compared with the usual
-//! frame's recorded exposure. Spatial gain ([`Across`]) makes parts of the layer brighter: 2^stops,
-//! linear between nodes.
+//! relative to the recording's median frame, for each channel: automatic exposure, gain and white
+//! balance. The estimate overrides the recorded values: `reference_s` is compared with the median
+//! frame's recorded exposure. [`SpatialGain`] makes parts of the layer brighter: 2^stops, linear
+//! between nodes.
 //!
 //! Not modelled: the effect of exposure on noise (noise.rs uses the resulting code value) and on
 //! blur (its length is the camera's exposure time already).
@@ -73,19 +73,19 @@ pub fn equivalent_exposure_s(recorded: &FrameExposure) -> Option<f64> {
 impl Exposure {
     /// Exposure change of a frame's layer, stops; within ±30.
     pub fn over_ev(&self, recorded: &FrameExposure) -> f64 {
-        let usual_s = recorded.seen.filter(|_| self.follow).map(|seen| seen.usual_s);
-        let of_frame = || usual_s.unwrap_or_else(|| equivalent_exposure_s(recorded));
+        let median_s = recorded.brightness.filter(|_| self.follow).map(|brightness| brightness.median_s);
+        let of_frame = || median_s.unwrap_or_else(|| equivalent_exposure_s(recorded));
         let longer = self.reference_s.and_then(|reference_s| Some((of_frame()? / reference_s).log2()));
         (self.ev + longer.unwrap_or(0.0)).clamp(-30.0, 30.0)
     }
 
     /// Estimated gain of the frame, applied to the layer: red, green, blue.
     pub fn factors(&self, recorded: &FrameExposure) -> [f64; 3] {
-        recorded.seen.filter(|_| self.follow).map_or([1.0; 3], |seen| seen.factors)
+        recorded.brightness.filter(|_| self.follow).map_or([1.0; 3], |brightness| brightness.factors)
     }
 
     fn across(&self, recorded: &FrameExposure) -> SpatialGain {
-        recorded.seen.filter(|_| self.follow).map_or(SpatialGain::default(), |seen| seen.across)
+        recorded.brightness.filter(|_| self.follow).map_or(SpatialGain::default(), |brightness| brightness.spatial_gain)
     }
 }
 
@@ -192,12 +192,12 @@ mod tests {
         assert_eq!(params.over_ev(&of(Some(0.04), None)), 1.5);
         // Estimated: the frame is half as bright as the usual one, which was exposed for 20 ms. The
         // recorded exposure is ignored.
-        let seen = Some(crate::frame::RelativeBrightness {
+        let brightness = Some(crate::frame::RelativeBrightness {
             factors: [0.5, 0.5, 0.4],
-            usual_s: Some(0.02),
-            across: SpatialGain::default(),
+            median_s: Some(0.02),
+            spatial_gain: SpatialGain::default(),
         });
-        let measured = FrameExposure { seen, ..of(Some(0.08), None) };
+        let measured = FrameExposure { brightness, ..of(Some(0.08), None) };
         let params = Exposure { reference_s: Some(0.01), ..Default::default() };
         assert_eq!((params.over_ev(&measured), params.factors(&measured)), (1.0, [0.5, 0.5, 0.4]));
         let recorded = Exposure { follow: false, ..params };

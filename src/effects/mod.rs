@@ -1,4 +1,4 @@
-//! The effects. ARCHITECTURE.md describes how to add one.
+//! The effects. docs/recipes/effect.md describes how to add one.
 
 pub mod blur;
 pub mod chromatic_aberration;

@@ -20,7 +20,7 @@ const MAX_INTERVAL_S: f64 = 0.25;
 /// Largest speed of the camera between consecutive pictures, rad/s and m/s.
 const MAX_SPEED: f64 = 10.0;
 
-/// State of the verification.
+/// Confirms over several pictures that the visible tags form the configured board.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct BoardCheck {
     is_confirmed: bool,

@@ -76,8 +76,8 @@ impl RecorderThread {
     }
 
     /// Queues a frame. Returns false if the disk is too slow for it or the recording has ended;
-    /// then it is not recorded. A frame without a opacity is listed once [its opacity is
-    /// set](Self::settle).
+    /// then it is not recorded. A frame without an opacity is listed once [its opacity is
+    /// set](Self::set_opacity).
     pub fn frame(&self, time_s: f64, file: Arc<PictureFile>, exposure_s: Option<f64>, opacity: Option<f64>) -> bool {
         let frame = RecorderTask::Frame { time_s, file, exposure_s, opacity };
         self.tasks.as_ref().is_some_and(|tasks| tasks.try_send(frame).is_ok())

@@ -42,6 +42,7 @@ pub enum Tracking {
     Lost,
 }
 
+/// Pose track of a live camera: measured, predicted or dead-reckoned poses, append-only.
 #[derive(Debug)]
 pub struct LiveTrack {
     track: PoseTrack,

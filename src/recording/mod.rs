@@ -164,8 +164,8 @@ pub struct Refinement {
     pub depth_later_s: f64,
     /// One per frame, or empty.
     pub seen: Vec<RelativeBrightness>,
-    /// [`FrameExposure::blurred_s`], one per frame, or empty.
-    pub blurred_s: Vec<f64>,
+    /// [`FrameExposure::blur_estimate_s`], one per frame, or empty.
+    pub blur_estimate_s: Vec<f64>,
     /// Surfaces fused from the depth maps, in the world of the track.
     pub surfels: Arc<[Surfel]>,
 }
@@ -192,10 +192,10 @@ impl Recording {
         self.depth_later_s = by.depth_later_s;
         let mut exposure = self.exposure.to_vec();
         if by.seen.len() == self.frame_count() {
-            exposure.iter_mut().zip(&by.seen).for_each(|(frame, seen)| frame.seen = Some(*seen));
+            exposure.iter_mut().zip(&by.seen).for_each(|(frame, brightness)| frame.brightness = Some(*brightness));
         }
-        if by.blurred_s.len() == self.frame_count() {
-            exposure.iter_mut().zip(&by.blurred_s).for_each(|(frame, s)| frame.blurred_s = Some(*s));
+        if by.blur_estimate_s.len() == self.frame_count() {
+            exposure.iter_mut().zip(&by.blur_estimate_s).for_each(|(frame, s)| frame.blur_estimate_s = Some(*s));
         }
         self.exposure = exposure.into();
         (self.surfels, self.surfels_unit_m) = (Arc::clone(&by.surfels), self.metres_per_unit);

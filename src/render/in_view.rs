@@ -109,7 +109,7 @@ mod tests {
         is(seen(&[[0.75, 0.0, 1.0], [1.25, 0.5, 1.0], [0.75, 0.5, 1.0]]), [0.75, 0.0], [1.0, 0.5]);
         // Beside the corner, although its extent covers it.
         assert_eq!(seen(&[[0.9, 2.0, 1.0], [4.0, 0.4, 1.0], [4.0, 2.0, 1.0]]), None);
-        // Behind. SpatialGain the near plane, beside the picture. Nothing.
+        // Behind. Across the near plane, beside the picture. Nothing.
         assert_eq!(seen(&[[0.0, 0.0, -1.0], [0.1, 0.0, -1.0], [0.0, 0.1, -2.0]]), None);
         assert_eq!(seen(&[[1.0, 0.0, -1.0], [1.0, 0.1, 0.5], [1.2, 0.0, 0.5]]), None);
         assert_eq!(seen(&[]), None);

@@ -7,7 +7,7 @@ use std::sync::OnceLock;
 
 use glam::{DVec3, Vec3};
 
-use super::bvh::{Bundle, Bvh, RAYS};
+use super::bvh::{Bvh, RAYS, RayPacket};
 use super::occluders::Occluders;
 use super::shadow_map::ShadowMap;
 use super::sky::{EnvSample, disc, on_surface};
@@ -102,7 +102,7 @@ impl Incident {
 
     /// True if it exceeds another one by at most a fraction of all light; indirect light by at most
     /// twice that fraction of itself.
-    pub fn exceeds_at_most(&self, lower: &Self, fraction: f32) -> bool {
+    pub fn is_within(&self, lower: &Self, fraction: f32) -> bool {
         let mut visibilities = self.light_visibility.iter().zip(&lower.light_visibility);
         (self.sky_visibility - lower.sky_visibility).max_element() <= fraction
             && (self.indirect - lower.indirect - 2.0 * fraction * self.indirect).max_element() <= 1e-6
@@ -116,8 +116,8 @@ pub struct BakeScene<'a> {
     bvh: Bvh,
     /// Directions of the environment's samples, [`RAYS`] at a time, and of every
     /// [`ENV_SUBSAMPLING`]th.
-    rays: Vec<Bundle>,
-    sparse_rays: Vec<Bundle>,
+    rays: Vec<RayPacket>,
+    sparse_rays: Vec<RayPacket>,
     lights: Vec<Light<'a>>,
     offset_m: f32,
     /// Irradiance / π of each cluster's first triangle on its front, computed on demand.
@@ -154,8 +154,8 @@ impl<'a> BakeScene<'a> {
         Self {
             inputs,
             bvh: Bvh::new(&occluders.corners, &occluders.triangles),
-            rays: bundles.map(|samples| Bundle::new(samples.iter().map(|sample| sample.towards))).collect(),
-            sparse_rays: patches.map(|patch| Bundle::new(sparse(patch).map(|sample| sample.towards))).collect(),
+            rays: bundles.map(|samples| RayPacket::new(samples.iter().map(|sample| sample.towards))).collect(),
+            sparse_rays: patches.map(|patch| RayPacket::new(sparse(patch).map(|sample| sample.towards))).collect(),
             lights,
             offset_m: RAY_OFFSET * (high - low).max_element().max(1e-6),
             irradiance: occluders.triangles.iter().map(|_| OnceLock::new()).collect(),
@@ -177,7 +177,7 @@ impl<'a> BakeScene<'a> {
                 continue;
             }
             // Rays below the face are skipped, and those behind the normal contribute nothing.
-            let mut farthest = bundle.before(point.face_normal, f32::INFINITY);
+            let mut farthest = bundle.front_facing_lengths(point.face_normal, f32::INFINITY);
             farthest.iter_mut().zip(cosines).for_each(|(far, cosine)| *far = if cosine > 0.0 { *far } else { 0.0 });
             let hits = self.bvh.first(from, bundle, farthest);
             for ((sample, cosine), hit) in
@@ -201,8 +201,8 @@ impl<'a> BakeScene<'a> {
     /// Fraction of a light's disc that is visible.
     fn disc_visibility(&self, light: &Light<'_>, from: Vec3, face_normal: Vec3) -> f32 {
         let hidden = |rays: &mut dyn Iterator<Item = Vec3>, farthest: f32| {
-            let bundle = Bundle::new(rays);
-            let hidden = self.bvh.any(from, &bundle, bundle.before(face_normal, farthest));
+            let bundle = RayPacket::new(rays);
+            let hidden = self.bvh.any(from, &bundle, bundle.front_facing_lengths(face_normal, farthest));
             hidden.into_iter().filter(|is_hidden| *is_hidden).count()
         };
         let hidden: usize = match light {
@@ -226,7 +226,7 @@ impl<'a> BakeScene<'a> {
             let height = shadow_map.floor.height_m(at);
             if down > 1e-6 && height > 0.0 {
                 let meets = at + towards.as_dvec3() * (height / down);
-                transmittance *= (Vec3::ONE - shadow_map.taken_at(meets)).max(Vec3::ZERO);
+                transmittance *= (Vec3::ONE - shadow_map.removed_at(meets)).max(Vec3::ZERO);
             }
         }
         transmittance
@@ -235,12 +235,12 @@ impl<'a> BakeScene<'a> {
     /// Radiance of a triangle against a ray. Backs are black.
     fn reflected(&self, triangle: u32, towards: Vec3) -> Vec3 {
         let occluders = self.inputs.occluders;
-        if occluders.middle_and_front(triangle as usize).1.dot(towards) >= 0.0 {
+        if occluders.centroid_and_normal(triangle as usize).1.dot(towards) >= 0.0 {
             return Vec3::ZERO;
         }
         let first = self.cluster_of[triangle as usize] as usize;
         let irradiance = self.irradiance[first].get_or_init(|| {
-            let (middle, front) = occluders.middle_and_front(first);
+            let (middle, front) = occluders.centroid_and_normal(first);
             self.direct_light(middle, front)
         });
         occluders.colors[triangle as usize] * *irradiance
@@ -259,7 +259,7 @@ impl<'a> BakeScene<'a> {
                 continue;
             }
             all += of_patch;
-            let farthest = bundle.before(normal, f32::INFINITY);
+            let farthest = bundle.front_facing_lengths(normal, f32::INFINITY);
             let hidden = self.bvh.any(from, bundle, farthest);
             for ((sample, is_hidden), _) in sparse(patch).zip(hidden).zip(farthest).filter(|(_, far)| *far > 0.0) {
                 sampled += light(sample);
@@ -298,7 +298,7 @@ fn clusters(occluders: &Occluders, part: Range<usize>) -> impl Iterator<Item = u
     let per_cell = CLUSTER_CELLS / (high - low).max_element().max(1e-9);
     let mut firsts = HashMap::new();
     part.map(move |triangle| {
-        let (middle, front) = occluders.middle_and_front(triangle);
+        let (middle, front) = occluders.centroid_and_normal(triangle);
         let cell = ((middle - low) * per_cell).floor().as_ivec3();
         *firsts.entry((cell, (CLUSTER_NORMAL_STEPS * front).round().as_ivec3())).or_insert(triangle as u32)
     })

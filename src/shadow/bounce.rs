@@ -24,7 +24,7 @@ use super::mask::{jitter, spans};
 use super::occluders::Occluders;
 use super::penumbra::blur_penumbra;
 use super::receiver_mask::ReceiverMask;
-use super::sky::{BackLight, EnvSample, Sky, disc};
+use super::sky::{BackLight, EnvSample, PlaneLighting, disc};
 use crate::parallel::{over_rows, processors};
 
 /// Directions from each place on the plane.
@@ -59,7 +59,12 @@ pub struct Bounce {
 }
 
 impl Bounce {
-    pub fn new(texels: &ReceiverTexels<'_>, occluders: &Occluders, sky: &Sky, receiver: Option<&ReceiverMask>) -> Self {
+    pub fn new(
+        texels: &ReceiverTexels<'_>,
+        occluders: &Occluders,
+        sky: &PlaneLighting,
+        receiver: Option<&ReceiverMask>,
+    ) -> Self {
         let [width, height] = [texels.width, texels.height].map(|side| side.div_ceil(TEXEL_RATIO) as usize);
         let faces: Vec<FaceLight> =
             (0..occluders.triangles.len()).map(|n| FaceLight::of(occluders, n, sky, receiver)).collect();
@@ -116,7 +121,7 @@ struct FaceLight {
 }
 
 impl FaceLight {
-    fn of(occluders: &Occluders, triangle: usize, sky: &Sky, receiver: Option<&ReceiverMask>) -> Self {
+    fn of(occluders: &Occluders, triangle: usize, sky: &PlaneLighting, receiver: Option<&ReceiverMask>) -> Self {
         let [a, b, c] = occluders.triangles[triangle].map(|i| occluders.corners[i as usize]);
         let normal = (b - a).cross(c - a).normalize_or_zero();
         let far = sky.rays.iter().map(|ray| ray.light * normal.dot(ray.slope.extend(1.0)).max(0.0)).sum();
@@ -147,7 +152,7 @@ impl FaceLight {
 struct BounceInputs<'a> {
     texels: &'a ReceiverTexels<'a>,
     occluders: &'a Occluders,
-    sky: &'a Sky,
+    sky: &'a PlaneLighting,
     faces: &'a [FaceLight],
     width: usize,
 }
@@ -227,9 +232,9 @@ mod tests {
     use crate::quality::Quality;
     use crate::scene::{Environment, Lighting};
     use crate::shadow::extent::Extent;
-    use crate::shadow::shadow_map::Real;
+    use crate::shadow::shadow_map::RealOcclusion;
     use crate::shadow::sky::{EnvironmentImage, rays};
-    use crate::shadow::{Floor, ShadowTexture};
+    use crate::shadow::{ReceiverPlane, ShadowTexture};
     use glam::DVec3;
 
     const HEIGHT_M: f32 = 2.0;
@@ -237,9 +242,13 @@ mod tests {
     /// The shadow in front of a wall along x of some albedo, at y < 0.
     fn shadow_in_front_of_a_wall(albedo: f32, distance_m: f32) -> f32 {
         let lighting = Lighting { environment: Environment::Uniform(Vec3::ONE), ..Lighting::default() };
-        let floor = Floor::new(DVec3::ZERO, DVec3::Z);
-        let sky =
-            Sky::new(&lighting, rays(&lighting, &EnvironmentImage::new(&lighting.environment), &floor), &floor, None);
+        let floor = ReceiverPlane::new(DVec3::ZERO, DVec3::Z);
+        let sky = PlaneLighting::new(
+            &lighting,
+            rays(&lighting, &EnvironmentImage::new(&lighting.environment), &floor),
+            &floor,
+            None,
+        );
         let corner = |x: f32, z: f32| Vec3::new(x, 0.0, z);
         let occluders = Occluders {
             corners: vec![corner(-9.0, 0.0), corner(9.0, 0.0), corner(9.0, HEIGHT_M), corner(-9.0, HEIGHT_M)],
@@ -248,7 +257,7 @@ mod tests {
             ..Occluders::default()
         };
         let extent = Extent { low: Vec2::splat(-5.0), high: Vec2::splat(5.0) };
-        let texture = ShadowTexture::new(&occluders, extent, &sky, Real::default(), Quality::Final);
+        let texture = ShadowTexture::new(&occluders, extent, &sky, RealOcclusion::default(), Quality::Final);
         texture.at_texel(texture.texel_of(Vec2::new(0.0, -distance_m)).as_dvec2()).y
     }
 

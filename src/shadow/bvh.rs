@@ -46,7 +46,7 @@ pub struct Bvh {
 
 /// Directions of rays from one point.
 #[derive(Clone, Copy, Debug)]
-pub struct Bundle {
+pub struct RayPacket {
     /// Directions by axis, and their inverses.
     towards: [[f32; RAYS]; 3],
     per: [[f32; RAYS]; 3],
@@ -62,7 +62,7 @@ pub struct Hit {
     pub triangle: u32,
 }
 
-impl Bundle {
+impl RayPacket {
     /// From up to [`RAYS`] directions.
     pub fn new(rays: impl Iterator<Item = Vec3>) -> Self {
         let (mut towards, mut count) = ([[1.0; RAYS]; 3], 0);
@@ -83,7 +83,7 @@ impl Bundle {
 
     /// Length of each ray: `farthest`, in lengths of its direction, for rays towards the front of a
     /// plane, otherwise 0. `normal` points to the front.
-    pub fn before(&self, normal: Vec3, farthest: f32) -> [f32; RAYS] {
+    pub fn front_facing_lengths(&self, normal: Vec3, farthest: f32) -> [f32; RAYS] {
         let cosines = self.dot(normal);
         let goes = |n: usize| n < self.count && cosines[n] > 0.0;
         std::array::from_fn(|n| if goes(n) { farthest } else { 0.0 })
@@ -106,7 +106,7 @@ impl Bvh {
 
     fn split(&mut self, first: usize, count: usize) {
         let own = &mut self.triangles[first..first + count];
-        let whole = Box::of(own);
+        let whole = Aabb::of(own);
         let node = self.nodes.len();
         self.nodes.push(Node {
             low: whole.low,
@@ -130,9 +130,9 @@ impl Bvh {
 
     /// The first intersection of each ray up to its length, in lengths of its direction. Rays of
     /// length 0 are skipped.
-    pub fn first(&self, from: Vec3, rays: &Bundle, farthest: [f32; RAYS]) -> [Option<Hit>; RAYS] {
+    pub fn first(&self, from: Vec3, rays: &RayPacket, farthest: [f32; RAYS]) -> [Option<Hit>; RAYS] {
         let mut found = [None; RAYS];
-        dispatch!(self.level, _ => self.meet(from, rays, farthest, |n, hit| {
+        dispatch!(self.level, _ => self.intersect(from, rays, farthest, |n, hit| {
             found[n] = Some(hit);
             hit.along
         }));
@@ -140,9 +140,9 @@ impl Bvh {
     }
 
     /// True for each ray that intersects any triangle.
-    pub fn any(&self, from: Vec3, rays: &Bundle, farthest: [f32; RAYS]) -> [bool; RAYS] {
+    pub fn any(&self, from: Vec3, rays: &RayPacket, farthest: [f32; RAYS]) -> [bool; RAYS] {
         let mut found = [false; RAYS];
-        dispatch!(self.level, _ => self.meet(from, rays, farthest, |n, _| {
+        dispatch!(self.level, _ => self.intersect(from, rays, farthest, |n, _| {
             found[n] = true;
             0.0
         }));
@@ -153,10 +153,10 @@ impl Bvh {
     /// length of the ray. Inlined, so that it is compiled for the vector instructions of its
     /// caller.
     #[inline(always)]
-    fn meet(
+    fn intersect(
         &self,
         from: Vec3,
-        Bundle { towards, per, .. }: &Bundle,
+        RayPacket { towards, per, .. }: &RayPacket,
         mut farthest: [f32; RAYS],
         mut met: impl FnMut(usize, Hit) -> f32,
     ) {
@@ -179,7 +179,7 @@ impl Bvh {
             }
             at += 1;
             for triangle in &self.triangles[node.first as usize..(node.first + node.count) as usize] {
-                let along = triangle.meet(from, towards);
+                let along = triangle.intersect(from, towards);
                 let is_met = |n: usize| (along[n] > 0.0) & (along[n] < farthest[n]);
                 if !(0..RAYS).fold(false, |any, n| any | is_met(n)) {
                     continue;
@@ -210,12 +210,12 @@ fn larger(a: f32, b: f32) -> f32 {
 /// Number of sorted triangles in the first part, by the surface area heuristic.
 fn cheapest(sorted: &[Triangle]) -> usize {
     let mut behind: Vec<f32> = Vec::with_capacity(sorted.len());
-    let mut rest = Box::of(&[]);
+    let mut rest = Aabb::of(&[]);
     for triangle in sorted.iter().rev() {
         rest.add(triangle);
         behind.push(rest.area());
     }
-    let mut before = Box::of(&[]);
+    let mut before = Aabb::of(&[]);
     let mut best = (f32::INFINITY, sorted.len() / 2);
     for (n, triangle) in sorted.iter().enumerate().take(sorted.len() - 1) {
         before.add(triangle);
@@ -228,12 +228,12 @@ fn cheapest(sorted: &[Triangle]) -> usize {
     best.1
 }
 
-struct Box {
+struct Aabb {
     low: Vec3,
     high: Vec3,
 }
 
-impl Box {
+impl Aabb {
     fn of(triangles: &[Triangle]) -> Self {
         let mut all = Self { low: Vec3::INFINITY, high: Vec3::NEG_INFINITY };
         triangles.iter().for_each(|triangle| all.add(triangle));
@@ -261,7 +261,7 @@ impl Triangle {
     /// Distance of the intersection along each ray, on either side (Möller and Trumbore 1997);
     /// negative without one.
     #[inline(always)]
-    fn meet(&self, from: Vec3, towards: &[[f32; RAYS]; 3]) -> [f32; RAYS] {
+    fn intersect(&self, from: Vec3, towards: &[[f32; RAYS]; 3]) -> [f32; RAYS] {
         let ([b, c], to) = (self.edges, from - self.corner);
         let beside = to.cross(b);
         let ahead = c.dot(beside);
@@ -307,11 +307,11 @@ mod tests {
             rays[1..].fill_with(|| Vec3::new(random(), random(), random()) - 0.5);
             let mut farthest = [f32::INFINITY; RAYS];
             farthest[n % RAYS] = 0.0;
-            let bundle = Bundle::new(rays.into_iter());
-            let alone = |n: usize| Bundle::new(std::iter::once(rays[n]));
+            let bundle = RayPacket::new(rays.into_iter());
+            let alone = |n: usize| RayPacket::new(std::iter::once(rays[n]));
             let (found, any) = (bvh.first(from, &bundle, farthest), bvh.any(from, &bundle, farthest));
             for (n, farthest) in farthest.iter().enumerate() {
-                let all = bvh.triangles.iter().map(|t| (t.meet(from, &alone(n).towards)[0], t.number));
+                let all = bvh.triangles.iter().map(|t| (t.intersect(from, &alone(n).towards)[0], t.number));
                 let met_all = all.filter(|(t, _)| *t > 0.0 && t < farthest);
                 let nearest = met_all.min_by(|a, b| a.0.total_cmp(&b.0));
                 assert_eq!(found[n].map(|hit| hit.triangle), nearest.map(|(_, number)| number), "{n}");
@@ -323,7 +323,7 @@ mod tests {
             }
         }
         assert!((500..2200).contains(&met), "{met}");
-        let bundle = Bundle::new(std::iter::once(Vec3::X));
+        let bundle = RayPacket::new(std::iter::once(Vec3::X));
         assert_eq!(Bvh::new(&[], &[]).first(Vec3::ZERO, &bundle, [1.0; RAYS]), [None; RAYS]);
     }
 }

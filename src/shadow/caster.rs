@@ -3,45 +3,46 @@
 
 use std::sync::Arc;
 
-use super::floor::Floor;
+use super::floor::ReceiverPlane;
 use super::occluders::Occluders;
 use super::receiver_mask::ReceiverMask;
-use super::sky::Sky;
-use super::steps::{Steps, from_steps, steps};
+use super::sky::PlaneLighting;
+use super::steps::{QuantizedTransform, dequantize, quantize};
 use crate::digest::{Digest, Digester};
 use crate::scene::{Object, Scene};
 
 /// Parts of objects above a receiver plane, and the light on it.
 #[derive(Clone, Debug)]
-pub struct Caster {
-    pub sky: Arc<Sky>,
+pub struct ShadowCaster {
+    pub sky: Arc<PlaneLighting>,
     /// The receiver mask of a facet.
     pub receiver: Option<Arc<ReceiverMask>>,
     /// Mesh and place of each part in the plane's axes.
-    parts: Vec<(usize, Steps)>,
+    parts: Vec<(usize, QuantizedTransform)>,
     digest: Digest,
 }
 
 /// Makes casters of one scene's meshes.
 #[derive(Debug, Default)]
-pub struct Casters {
+pub struct CasterBuilder {
     /// Digests of the meshes with their materials, computed on demand.
     meshes: Vec<Option<Digest>>,
 }
 
-impl Casters {
+impl CasterBuilder {
     /// The scene must have the same meshes and materials in every call.
     pub fn caster<'a>(
         &mut self,
         scene: &Scene,
         objects: impl IntoIterator<Item = &'a Object>,
-        floor: &Floor,
-        sky: Arc<Sky>,
+        floor: &ReceiverPlane,
+        sky: Arc<PlaneLighting>,
         receiver: Option<ReceiverMask>,
-    ) -> Caster {
+    ) -> ShadowCaster {
         let floor_from_world = floor.floor_from_world();
         let parts = objects.into_iter().flat_map(|object| &object.parts);
-        let parts: Vec<_> = parts.map(|part| (part.mesh, steps(&(floor_from_world * part.world_from_mesh)))).collect();
+        let parts: Vec<_> =
+            parts.map(|part| (part.mesh, quantize(&(floor_from_world * part.world_from_mesh)))).collect();
         let mut digester = Digester::default();
         digester.add(&sky);
         digester.add(&receiver);
@@ -49,7 +50,7 @@ impl Casters {
             digester.add(&self.mesh(scene, *mesh));
             digester.add_numbers(place);
         }
-        Caster { sky, receiver: receiver.map(Arc::new), parts, digest: digester.finish() }
+        ShadowCaster { sky, receiver: receiver.map(Arc::new), parts, digest: digester.finish() }
     }
 
     fn mesh(&mut self, scene: &Scene, mesh: usize) -> Digest {
@@ -60,7 +61,7 @@ impl Casters {
     }
 }
 
-impl Caster {
+impl ShadowCaster {
     /// Digest of all fields.
     pub fn digest(&self) -> Digest {
         self.digest
@@ -68,6 +69,6 @@ impl Caster {
 
     /// Triangles above the plane.
     pub fn occluders(&self, scene: &Scene) -> Occluders {
-        Occluders::of(scene, self.parts.iter().map(|(mesh, place)| (*mesh, from_steps(place)))).on_floor()
+        Occluders::of(scene, self.parts.iter().map(|(mesh, place)| (*mesh, dequantize(place)))).on_floor()
     }
 }

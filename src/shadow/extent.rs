@@ -3,7 +3,7 @@
 
 use glam::{Vec2, Vec3};
 
-use super::sky::Sky;
+use super::sky::PlaneLighting;
 use crate::digest::digestible;
 
 /// Smallest visible fraction of blocked light, after the fade at the shadow map's border: less than
@@ -33,8 +33,8 @@ impl Extent {
         self.low.cmplt(other.high).all() && other.low.cmplt(self.high).all()
     }
 
-    /// Of the shadow of a box on the plane from `low` to `high`, with a height.
-    pub fn of(low: Vec2, high: Vec2, height: f32, sky: &Sky) -> Self {
+    /// The extent of the shadow of a box on the plane from `low` to `high`, with a height.
+    pub fn of(low: Vec2, high: Vec2, height: f32, sky: &PlaneLighting) -> Self {
         // Flat objects have a margin too.
         let step = height.max(0.05 * (high - low).max_element()).max(1e-4);
         let [xs, ys] = [(low.x, high.x), (low.y, high.y)].map(|(low, high)| sample_coordinates(low, high, step));
@@ -64,7 +64,7 @@ fn sample_coordinates(low: f32, high: f32, step: f32) -> Vec<f32> {
 }
 
 /// Fraction of the light at a place that the box blocks.
-fn blocked_fraction(at: Vec2, low: Vec2, high: Vec2, height: f32, sky: &Sky) -> f32 {
+fn blocked_fraction(at: Vec2, low: Vec2, high: Vec2, height: f32, sky: &PlaneLighting) -> f32 {
     let is_blocked = |slope: Vec2| hits_box(at, slope, low, high, height);
     let mut all = sky.light.element_sum();
     let mut blocked: f32 = sky.rays.iter().filter(|ray| is_blocked(ray.slope)).map(|ray| ray.light.element_sum()).sum();
@@ -103,15 +103,20 @@ fn hits_box(at: Vec2, slope: Vec2, low: Vec2, high: Vec2, height: f32) -> bool {
 mod tests {
     use super::*;
     use crate::scene::{Environment, Lighting, Sun};
-    use crate::shadow::Floor;
+    use crate::shadow::ReceiverPlane;
     use crate::shadow::sky::{EnvironmentImage, rays};
     use glam::DVec3;
 
-    fn sky(suns: Vec<Sun>, radiance: f32) -> Sky {
+    fn sky(suns: Vec<Sun>, radiance: f32) -> PlaneLighting {
         let environment = Environment::Uniform(Vec3::splat(radiance));
         let lighting = Lighting { suns, points: Vec::new(), environment };
-        let floor = Floor::new(DVec3::ZERO, DVec3::Z);
-        Sky::new(&lighting, rays(&lighting, &EnvironmentImage::new(&lighting.environment), &floor), &floor, None)
+        let floor = ReceiverPlane::new(DVec3::ZERO, DVec3::Z);
+        PlaneLighting::new(
+            &lighting,
+            rays(&lighting, &EnvironmentImage::new(&lighting.environment), &floor),
+            &floor,
+            None,
+        )
     }
 
     #[test]
@@ -125,7 +130,7 @@ mod tests {
 
     #[test]
     fn shadow_of_a_low_sun_is_long_on_one_side() {
-        let towards = Floor::new(DVec3::ZERO, DVec3::Z).axes.as_mat3() * Vec3::new(4.0, 0.0, 1.0).normalize();
+        let towards = ReceiverPlane::new(DVec3::ZERO, DVec3::Z).axes.as_mat3() * Vec3::new(4.0, 0.0, 1.0).normalize();
         let sun = Sun { towards_light_in_world: towards, color: Vec3::ONE, diameter_rad: 0.01 };
         let extent = Extent::of(Vec2::splat(-0.05), Vec2::splat(0.05), 0.1, &sky(vec![sun], 0.0));
         assert!(extent.low.x < -0.45 && extent.low.x > -0.8, "{extent:?}");

@@ -7,15 +7,15 @@ use crate::scene::Support;
 
 /// A plane with a coordinate system: x and y in the plane, z along the normal, m.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Floor {
+pub struct ReceiverPlane {
     pub origin_m: DVec3,
     /// World from plane: the columns are its x, its y and its normal.
     pub axes: DMat3,
 }
 
-digestible! { Floor { origin_m, axes } }
+digestible! { ReceiverPlane { origin_m, axes } }
 
-impl Floor {
+impl ReceiverPlane {
     /// `normal` has unit length. The axes depend on it alone.
     pub fn new(origin_m: DVec3, normal: DVec3) -> Self {
         let aside = DVec3::AXES.into_iter().min_by(|a, b| a.dot(normal).abs().total_cmp(&b.dot(normal).abs()));
@@ -57,7 +57,7 @@ mod tests {
     #[test]
     fn axes_are_right_handed_and_a_place_comes_back() {
         for normal in [DVec3::Z, DVec3::NEG_Y, DVec3::new(0.3, -0.5, 0.8).normalize()] {
-            let floor = Floor::new(DVec3::new(1.0, 2.0, 3.0), normal);
+            let floor = ReceiverPlane::new(DVec3::new(1.0, 2.0, 3.0), normal);
             assert!((floor.axes.determinant() - 1.0).abs() < 1e-12);
             let point = floor.at(DVec2::new(0.4, -0.7)) + 0.2 * normal;
             let back = floor.floor_from_world().transform_point3(point);

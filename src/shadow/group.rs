@@ -4,7 +4,7 @@
 use glam::{Mat3, Vec3};
 
 use super::extent::Extent;
-use super::floor::Floor;
+use super::floor::ReceiverPlane;
 
 /// Smallest cosine of the tilt between two planes that count as one: 2°.
 const MIN_TILT_COSINE: f64 = 0.9994;
@@ -12,14 +12,14 @@ const MIN_TILT_COSINE: f64 = 0.9994;
 const MAX_OFFSET_M: f64 = 0.005;
 
 /// Objects that share a receiver plane.
-pub struct Group {
-    pub floor: Floor,
+pub struct ShadowGroup {
+    pub floor: ReceiverPlane,
     pub extent: Extent,
     /// Indices into [`crate::scene::Scene::objects`].
     pub objects: Vec<usize>,
 }
 
-impl Group {
+impl ShadowGroup {
     /// True if both are on one plane and their shadows may overlap.
     pub fn overlaps(&self, other: &Self) -> bool {
         is_same_plane(&self.floor, &other.floor) && self.extent.overlaps(&other.extent_on(&self.floor))
@@ -34,7 +34,7 @@ impl Group {
     }
 
     /// The bounding rectangle of the extent in another plane's axes.
-    fn extent_on(&self, floor: &Floor) -> Extent {
+    fn extent_on(&self, floor: &ReceiverPlane) -> Extent {
         let turn: Mat3 = (floor.axes.transpose() * self.floor.axes).as_mat3();
         let offset = floor.floor_from_world().transform_point3(self.floor.origin_m).as_vec3().truncate();
         let Extent { low, high } = self.extent;
@@ -45,7 +45,7 @@ impl Group {
     }
 }
 
-fn is_same_plane(a: &Floor, b: &Floor) -> bool {
+fn is_same_plane(a: &ReceiverPlane, b: &ReceiverPlane) -> bool {
     a.normal().dot(b.normal()) > MIN_TILT_COSINE
         && a.height_m(b.origin_m).abs() < MAX_OFFSET_M
         && b.height_m(a.origin_m).abs() < MAX_OFFSET_M

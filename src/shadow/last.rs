@@ -1,6 +1,6 @@
 //! The shadow maps of the last request, for the same objects, also on planes that moved a little.
 
-use super::floor::Floor;
+use super::floor::ReceiverPlane;
 use super::shadow_map::ShadowMap;
 use crate::scene::{Object, Scene};
 
@@ -44,7 +44,7 @@ impl LastShadowMaps {
                 return Some(shadow_map.clone());
             }
             let first = &scene.objects[*members.first()?];
-            let floor = Floor::below(&first.support?, &first.parts.first()?.world_from_mesh)?;
+            let floor = ReceiverPlane::below(&first.support?, &first.parts.first()?.world_from_mesh)?;
             let tilt = shadow_map.floor.normal().dot(floor.normal());
             let is_near = tilt > MIN_TILT_COSINE && shadow_map.floor.height_m(floor.origin_m).abs() < MAX_OFFSET_M;
             is_near.then(|| ShadowMap { floor, ..shadow_map.clone() })

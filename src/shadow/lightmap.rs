@@ -181,7 +181,7 @@ impl<'a> AdaptiveSampler<'a> {
         }
         // Neighbours on the lightmap need not be neighbours on the surface.
         let is_one_surface = centre.distance(own.position) < 0.2 * farthest;
-        (is_one_surface && high.exceeds_at_most(&low, MAX_SPREAD)).then_some(mean)
+        (is_one_surface && high.is_within(&low, MAX_SPREAD)).then_some(mean)
     }
 }
 
@@ -192,7 +192,7 @@ mod tests {
     use glam::{DAffine3, DVec3, Vec2};
 
     use super::super::bake_scene::BakeInputs;
-    use super::super::floor::Floor;
+    use super::super::floor::ReceiverPlane;
     use super::super::occluders::Occluders;
     use super::super::shadow_map::ShadowMap;
     use super::super::sky::EnvSample;
@@ -247,12 +247,20 @@ mod tests {
         let texture = crate::shadow::ShadowTexture::new(
             &Occluders::default(),
             super::super::extent::Extent { low: Vec2::ZERO, high: Vec2::ONE },
-            &super::super::sky::Sky::new(&Lighting::default(), Arc::new([]), &Floor::new(DVec3::ZERO, DVec3::Z), None),
-            super::super::shadow_map::Real::default(),
+            &super::super::sky::PlaneLighting::new(
+                &Lighting::default(),
+                Arc::new([]),
+                &ReceiverPlane::new(DVec3::ZERO, DVec3::Z),
+                None,
+            ),
+            super::super::shadow_map::RealOcclusion::default(),
             crate::quality::Quality::Final,
         );
-        let shadow_map =
-            ShadowMap { floor: Floor::new(DVec3::ZERO, DVec3::Z), texture: Arc::new(texture), is_beside: false };
+        let shadow_map = ShadowMap {
+            floor: ReceiverPlane::new(DVec3::ZERO, DVec3::Z),
+            texture: Arc::new(texture),
+            is_beside: false,
+        };
         let corners = vec![Vec3::ZERO, Vec3::X, Vec3::Y];
         let first = Inputs {
             occluders: Occluders {

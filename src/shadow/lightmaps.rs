@@ -14,7 +14,7 @@ use super::lightmap::{PartSurface, lightmap};
 use super::occluders::Occluders;
 use super::shadow_map::{ShadowMap, ShadowTexture};
 use super::sky::{EnvSample, EnvironmentImage};
-use super::steps::{Steps, from_steps, step, steps};
+use super::steps::{QuantizedTransform, dequantize, quantize, quantize_length};
 use crate::digest::{Digest, Digester};
 use crate::memo::Memo;
 use crate::quality::Quality;
@@ -41,12 +41,12 @@ pub struct Lightmaps {
     environment: Option<Vec<EnvSample>>,
     /// By arrangement: also of objects that were moved as a whole, where exact inputs differ.
     by_arrangement: Memo<Arrangement, Arc<Lightmap>>,
-    last: Option<Last>,
+    last: Option<LastLightmaps>,
 }
 
 /// The last request and its result.
 #[derive(Debug)]
-struct Last {
+struct LastLightmaps {
     objects: Vec<Object>,
     shadow_maps: Vec<ShadowMap>,
     visibility: Vec<Option<Arc<Lightmap>>>,
@@ -59,8 +59,8 @@ struct Last {
 /// the object's origin.
 #[derive(Clone, Debug, PartialEq)]
 struct Arrangement {
-    part: (usize, Steps),
-    occluders: Vec<(usize, Steps)>,
+    part: (usize, QuantizedTransform),
+    occluders: Vec<(usize, QuantizedTransform)>,
     shadows: Vec<PlacedShadow>,
     lamps: Vec<[i64; 3]>,
 }
@@ -68,7 +68,7 @@ struct Arrangement {
 /// A shadow map with the place of its plane. Equal if the texture is the same one.
 #[derive(Clone, Debug)]
 struct PlacedShadow {
-    place: Steps,
+    place: QuantizedTransform,
     texture: Arc<ShadowTexture>,
 }
 
@@ -97,7 +97,7 @@ impl Lightmaps {
     pub fn set_lighting(&mut self, scene: &Scene) {
         let count = |lighting: &Lighting| (lighting.suns.len(), lighting.points.len());
         let last = self.last.take().filter(|_| count(&self.lighting) == count(&scene.lighting));
-        *self = Self { last: last.map(|last| Last { is_outdated: true, ..last }), ..Self::new(scene) };
+        *self = Self { last: last.map(|last| LastLightmaps { is_outdated: true, ..last }), ..Self::new(scene) };
     }
 
     /// One for each part of each object, in order; `None` for a part without a surface to light.
@@ -110,7 +110,7 @@ impl Lightmaps {
         shadow_maps: &[ShadowMap],
         visibility: &[Option<Arc<Lightmap>>],
     ) -> Vec<Option<Arc<Lightmap>>> {
-        let is_same = |last: &&Last| {
+        let is_same = |last: &&LastLightmaps| {
             !last.is_outdated
                 && last.objects == scene.objects
                 && last.shadow_maps == shadow_maps
@@ -133,7 +133,7 @@ impl Lightmaps {
                 *map = Some(map_or_all.unwrap_or_else(|| visibility.clone()));
             }
         }
-        self.last = Some(Last {
+        self.last = Some(LastLightmaps {
             objects: scene.objects.clone(),
             shadow_maps: shadow_maps.to_vec(),
             visibility: visibility.to_vec(),
@@ -169,17 +169,17 @@ impl Lightmaps {
         let near = all.iter().filter(|other| std::ptr::eq(other.object, own.object) || other.occludes(own));
         let occluders: Vec<_> = near
             .flat_map(|other| &other.object.parts)
-            .map(|part| (part.mesh, steps(&relative(origin_m, &part.world_from_mesh))))
+            .map(|part| (part.mesh, quantize(&relative(origin_m, &part.world_from_mesh))))
             .collect();
         let shadow = |shadow_map: &ShadowMap| {
             let place = DAffine3 { matrix3: shadow_map.floor.axes, translation: shadow_map.floor.origin_m };
-            PlacedShadow { place: steps(&relative(origin_m, &place)), texture: shadow_map.texture.clone() }
+            PlacedShadow { place: quantize(&relative(origin_m, &place)), texture: shadow_map.texture.clone() }
         };
         let shadows: Vec<_> = shadow_maps.iter().map(shadow).collect();
-        let lamp = |lamp: &PointLight| (lamp.position_in_world_m - origin_m).to_array().map(step);
+        let lamp = |lamp: &PointLight| (lamp.position_in_world_m - origin_m).to_array().map(quantize_length);
         let lamps: Vec<_> = self.lighting.points.iter().map(lamp).collect();
         let arrangement = |part: &Part| Arrangement {
-            part: (part.mesh, steps(&relative(origin_m, &part.world_from_mesh))),
+            part: (part.mesh, quantize(&relative(origin_m, &part.world_from_mesh))),
             occluders: occluders.clone(),
             shadows: shadows.clone(),
             lamps: lamps.clone(),
@@ -193,7 +193,7 @@ impl Lightmaps {
             return maps;
         }
         // All parts of an object share a scene.
-        let occluders = Occluders::of(scene, occluders.iter().map(|(mesh, steps)| (*mesh, from_steps(steps))));
+        let occluders = Occluders::of(scene, occluders.iter().map(|(mesh, steps)| (*mesh, dequantize(steps))));
         let environment =
             self.environment.get_or_insert_with(|| EnvironmentImage::new(&self.lighting.environment).sphere_samples());
         let inputs = BakeInputs {
@@ -212,7 +212,7 @@ impl Lightmaps {
             let (mesh, place) = &key.part;
             let material = scene.materials.get(scene.meshes[*mesh].material);
             let double_sided = material.is_some_and(|material| material.double_sided);
-            let surface = PartSurface { unwrapped, scene_from_mesh: from_steps(place), double_sided };
+            let surface = PartSurface { unwrapped, scene_from_mesh: dequantize(place), double_sided };
             let mut digester = digester.clone();
             digester.add(&surface);
             let baked = LIGHTMAPS.get_or_insert_with(digester.finish(), |_| Arc::new(lightmap(&surface, &bake_scene)));

@@ -60,11 +60,11 @@ mod sky;
 mod steps;
 mod white_radiance;
 
-pub use floor::Floor;
+pub use floor::ReceiverPlane;
 pub use lightmaps::Lightmaps;
 pub use radiance::{LazyRadiance, Sampler, SurfaceRadiance, SurfaceSample};
 pub use receiver_mask::TOLERANCE_M;
 pub use room::Room;
-pub use shadow_map::{Part, ShadowMap, ShadowTexture};
+pub use shadow_map::{ShadowMap, ShadowTexture, UvRect};
 pub use shadows::Shadows;
 pub use white_radiance::{WhiteRadiance, white_radiance};

@@ -14,6 +14,7 @@ const OPAQUE: f32 = 0.5;
 /// Depth below the plane down to which a vertex counts as on it, m: feet are uneven.
 const ON_FLOOR_M: f32 = 5e-4;
 
+/// Triangles of placed parts, with their albedo.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Occluders {
     /// Vertices, m. Over a receiver plane z is the height.
@@ -61,7 +62,7 @@ impl Occluders {
     }
 
     /// A triangle's centroid, and its normal on the front; 0 if it has no area.
-    pub fn middle_and_front(&self, triangle: usize) -> (Vec3, Vec3) {
+    pub fn centroid_and_normal(&self, triangle: usize) -> (Vec3, Vec3) {
         let [a, b, c] = self.triangles[triangle].map(|i| self.corners[i as usize]);
         ((a + b + c) / 3.0, (b - a).cross(c - a).normalize_or_zero())
     }
@@ -71,11 +72,11 @@ impl Occluders {
         for corner in self.corners.iter_mut().filter(|corner| corner.z >= -ON_FLOOR_M) {
             corner.z = corner.z.max(0.0);
         }
-        if self.corners.iter().all(|corner| corner.z >= 0.0) { self } else { self.cut() }
+        if self.corners.iter().all(|corner| corner.z >= 0.0) { self } else { self.clip_below_plane() }
     }
 
     /// Clips at z = 0. Neighbours share the new vertices.
-    fn cut(self) -> Self {
+    fn clip_below_plane(self) -> Self {
         let Self { corners, triangles, colors, parts } = self;
         let mut cut = Self::default();
         // New vertices by the ends of their edges. Both ends are equal for a vertex that is kept.

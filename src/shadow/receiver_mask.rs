@@ -3,13 +3,13 @@
 //!
 //! Near a corner of the room a pixel is equally close to two planes, within the error of depth, and
 //! would be darkened twice. Points near a surface of higher priority therefore belong to that one,
-//! by its weight there (`floor_around` in shaders/shade.wgsl). Beyond 1.9 m, where the error of
+//! by its weight there (`weight_around` in shaders/shade.wgsl). Beyond 1.9 m, where the error of
 //! depth exceeds `TOLERANCE_M`, both apply in a part of the transition.
 
 use glam::{DVec2, DVec3, Vec2, Vec3};
 
 use super::extent::Extent;
-use super::floor::Floor;
+use super::floor::ReceiverPlane;
 use crate::digest::digestible;
 use crate::scene::{Facet, Object, Support};
 
@@ -51,7 +51,7 @@ digestible! {
 
 impl ReceiverMask {
     /// For a facet of an object by its index.
-    pub fn new(object: &Object, facet: usize, floor: &Floor) -> Self {
+    pub fn new(object: &Object, facet: usize, floor: &ReceiverPlane) -> Self {
         let prior = object.facets[..facet].iter().map(|facet| PriorSurface {
             height: height(&facet.plane, floor),
             rectangle: Some(Rectangle::new(facet, floor)),
@@ -87,7 +87,7 @@ impl ReceiverMask {
 
 impl Rectangle {
     /// A facet's rectangle as a function of places on the plane of `floor`, its own or another one.
-    fn new(facet: &Facet, floor: &Floor) -> Self {
+    fn new(facet: &Facet, floor: &ReceiverPlane) -> Self {
         let axis = |along: DVec3| {
             let off = along.dot(floor.origin_m - facet.plane.point_m);
             DVec3::new(along.dot(floor.axes.x_axis), along.dot(floor.axes.y_axis), off).as_vec3()
@@ -113,8 +113,8 @@ impl Rectangle {
 }
 
 /// Height of places on a floor above a plane, as a linear function.
-fn height(plane: &Support, floor: &Floor) -> Vec3 {
-    let Floor { origin_m, axes } = floor;
+fn height(plane: &Support, floor: &ReceiverPlane) -> Vec3 {
+    let ReceiverPlane { origin_m, axes } = floor;
     let over = plane.normal.dot(*origin_m - plane.point_m);
     DVec3::new(plane.normal.dot(axes.x_axis), plane.normal.dot(axes.y_axis), over).as_vec3()
 }
@@ -151,7 +151,7 @@ mod tests {
     #[test]
     fn weight_is_1_in_the_rectangle_and_0_near_surfaces_of_higher_priority() {
         let object = corner();
-        let floor = Floor::new(DVec3::new(0.2, -0.05, 0.3), DVec3::NEG_X);
+        let floor = ReceiverPlane::new(DVec3::new(0.2, -0.05, 0.3), DVec3::NEG_X);
         let mask = ReceiverMask::new(&object, 1, &floor);
         let weight = |y: f64, z: f64| {
             let place = floor.floor_from_world().transform_point3(DVec3::new(0.2, y, z));
@@ -171,7 +171,7 @@ mod tests {
     #[test]
     fn extent_is_clipped_to_the_rectangle_and_the_object() {
         let object = corner();
-        let floor = Floor::new(DVec3::new(0.2, -0.05, 0.3), DVec3::NEG_X);
+        let floor = ReceiverPlane::new(DVec3::new(0.2, -0.05, 0.3), DVec3::NEG_X);
         let mask = ReceiverMask::new(&object, 1, &floor);
         let at = |y: f64, z: f64| floor.floor_from_world().transform_point3(DVec3::new(0.2, y, z)).truncate().as_vec2();
         let bounds = |a: Vec2, b: Vec2| Extent { low: a.min(b), high: a.max(b) };

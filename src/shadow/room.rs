@@ -18,9 +18,9 @@ use std::sync::Arc;
 use glam::{DVec3, IVec3, Vec2, Vec3};
 
 use super::extent::Extent;
-use super::floor::Floor;
+use super::floor::ReceiverPlane;
 use super::mask::jitter;
-use super::sky::{Lamp, Ray, RaySource, Sky};
+use super::sky::{Lamp, PlaneLighting, Ray, RaySource};
 use crate::digest::{Digester, Digestible};
 
 /// Side of a voxel, and of the cells of a plane, m.
@@ -135,7 +135,7 @@ impl Digestible for OccluderMask {
 
 impl OccluderMask {
     /// Over an extent of a plane. `None` if no light is blocked.
-    pub fn of(room: &Room, floor: &Floor, extent: Extent, sky: &Sky) -> Option<Arc<Self>> {
+    pub fn of(room: &Room, floor: &ReceiverPlane, extent: Extent, sky: &PlaneLighting) -> Option<Arc<Self>> {
         let from_world = floor.floor_from_world();
         let voxels = room.voxels_m.iter().map(|voxel_m| from_world.transform_point3(*voxel_m).as_vec3());
         let voxels: Vec<Vec3> = voxels.filter(|voxel| voxel.z > MIN_HEIGHT_M).collect();
@@ -169,7 +169,7 @@ impl OccluderMask {
     }
 
     /// Bit masks of a lamp's blocked points, from a few visibility rays for each cell.
-    fn by_ray_marching(&self, room: &Room, floor: &Floor, lamp: &Lamp) -> Vec<Vec<u32>> {
+    fn by_ray_marching(&self, room: &Room, floor: &ReceiverPlane, lamp: &Lamp) -> Vec<Vec<u32>> {
         let step = lamp.points_m.len().div_ceil(LAMP_RAYS).max(1);
         let mut words = vec![vec![0u32; self.columns * self.rows]; lamp.points_m.len().div_ceil(WORD_BITS)];
         let is_facet = |at_m: DVec3| floor.height_m(at_m) < f64::from(MIN_HEIGHT_M);
@@ -281,7 +281,7 @@ impl OccluderMask {
 
     /// The light that is not blocked at a place below the objects. Objects reflect it onto the
     /// plane around them.
-    pub fn unblocked(&self, sky: &Sky, at_m: Vec2) -> Sky {
+    pub fn unblocked(&self, sky: &PlaneLighting, at_m: Vec2) -> PlaneLighting {
         let mut rays = sky.rays.to_vec();
         for (n, ray) in rays.iter_mut().enumerate() {
             if self.rays(n / WORD_BITS, at_m) >> (n % WORD_BITS) & 1 == 1 {
@@ -294,7 +294,7 @@ impl OccluderMask {
             lamp.scaled(1.0 - blocked as f32 / lamp.points_m.len().max(1) as f32)
         };
         let light = rays.iter().map(|ray| ray.light).sum();
-        Sky {
+        PlaneLighting {
             rays: rays.into(),
             lamps: sky.lamps.iter().enumerate().map(unblocked_lamp).collect(),
             light,
@@ -363,7 +363,7 @@ mod tests {
         let places = (-12..=12).flat_map(|x| (-12..=12).map(move |y| 0.01 * DVec2::new(x.into(), y.into())));
         let off = |place: DVec2| {
             let at = (middle + place).extend(0.0);
-            (a.taken_at(at) - b.taken_at(at)).abs().max_element()
+            (a.removed_at(at) - b.removed_at(at)).abs().max_element()
         };
         let all: Vec<f32> = places.map(off).collect();
         [all.iter().sum::<f32>() / all.len() as f32, all.into_iter().fold(0.0, f32::max)]
@@ -427,7 +427,7 @@ mod tests {
         let edge = scene(sky(vec![sun()], Vec::new()), DVec2::new(-1.4, 0.0));
         let (once, all) = (shadow_map(&edge, Some(wall())), shadow_map(&edge, None));
         let alone = shadow_map(&scene(sky(Vec::new(), Vec::new()), DVec2::new(-1.4, 0.0)), None);
-        let at = |shadow_map: &ShadowMap, x: f64| shadow_map.taken_at(DVec3::new(x, 0.0, 0.0)).x;
+        let at = |shadow_map: &ShadowMap, x: f64| shadow_map.removed_at(DVec3::new(x, 0.0, 0.0)).x;
         // East of the edge the wall blocks the sun, west of it the object does, to within two
         // voxels.
         assert!((at(&once, -1.35) - at(&alone, -1.35)).abs() < 0.01, "{} {}", at(&once, -1.35), at(&alone, -1.35));

@@ -8,14 +8,14 @@ use glam::{DVec2, DVec3, Vec2, Vec3};
 
 use super::bounce::{Bounce, ReceiverTexels};
 use super::extent::Extent;
-use super::floor::Floor;
+use super::floor::ReceiverPlane;
 use super::mask::{BitSums, Mask, jitter};
 use super::occluders::Occluders;
 use super::outline::Outline;
 use super::penumbra::blur_penumbra;
 use super::receiver_mask::ReceiverMask;
 use super::room::OccluderMask;
-use super::sky::{CLASSES, Lamp, Ray, Sky, class};
+use super::sky::{CLASSES, Lamp, PlaneLighting, Ray, class};
 use crate::digest::{Digester, Digestible};
 use crate::parallel::{over_rows, processors};
 use crate::quality::Quality;
@@ -30,9 +30,9 @@ const MIN_TEXEL_M: f32 = 0.00025;
 const FADE_WIDTH: f32 = 0.08;
 /// Smaller shares become 0: a third of an 8-bit code on a bright plane. Shares from twice this on
 /// stay as they are.
-const MIN_VISIBLE_SHARE: f32 = 0.003;
+const MIN_VISIBLE_SHADOW: f32 = 0.003;
 /// Smallest share at which the shadow's exact outline on the real surface matters.
-const DARK_SHARE: f32 = 0.05;
+const DARK_SHADOW: f32 = 0.05;
 /// Side of the blocks for which it is stored whether they hold any shadow.
 const BLOCK_TEXELS: usize = 16;
 /// Rays in one bit mask.
@@ -55,20 +55,20 @@ pub struct ShadowTexture {
     /// the plane than they block.
     pub taken: Vec<[f32; 3]>,
     /// Bounds of D ≠ 0, and of D above the dark share.
-    pub shown: Part,
-    pub dark: Part,
+    pub shown: UvRect,
+    pub dark: UvRect,
     /// Whether each block holds any shadow, by row.
     blocks: Vec<bool>,
 }
 
 /// A rectangle of a texture, relative to its sides; of size 0 if it is empty.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Part {
+pub struct UvRect {
     pub low: DVec2,
     pub high: DVec2,
 }
 
-impl Part {
+impl UvRect {
     pub const NONE: Self = Self { low: DVec2::ZERO, high: DVec2::ZERO };
 
     pub fn is_empty(&self) -> bool {
@@ -78,7 +78,7 @@ impl Part {
 
 /// Soft threshold at the smallest visible share.
 fn soft_threshold(share: f32) -> f32 {
-    share * (share.abs() / MIN_VISIBLE_SHARE - 1.0).clamp(0.0, 1.0)
+    share * (share.abs() / MIN_VISIBLE_SHADOW - 1.0).clamp(0.0, 1.0)
 }
 
 /// Light at a texel.
@@ -94,7 +94,7 @@ struct TexelLight {
 
 /// Real surroundings of a receiver plane.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Real<'a> {
+pub struct RealOcclusion<'a> {
     /// Rays that real objects block. `None` for none.
     pub blocked: Option<&'a OccluderMask>,
     /// Where the shadow map applies. `None` for everywhere.
@@ -104,7 +104,7 @@ pub struct Real<'a> {
 /// A shadow texture on a plane in the world.
 #[derive(Clone, Debug)]
 pub struct ShadowMap {
-    pub floor: Floor,
+    pub floor: ReceiverPlane,
     pub texture: Arc<ShadowTexture>,
     /// The plane belongs to a real object beside, not to the support.
     pub is_beside: bool,
@@ -132,9 +132,15 @@ impl PartialEq for ShadowMap {
 
 impl ShadowTexture {
     /// Of occluders over a rectangle of their plane. A preview has larger texels; with a
-    /// [`Sky::sparse`] sky it takes a twentieth of the time.
-    pub fn new(occluders: &Occluders, extent: Extent, sky: &Sky, real: Real<'_>, quality: Quality) -> Self {
-        let Real { blocked, receiver } = real;
+    /// [`PlaneLighting::sparse`] sky it takes a twentieth of the time.
+    pub fn new(
+        occluders: &Occluders,
+        extent: Extent,
+        sky: &PlaneLighting,
+        real: RealOcclusion<'_>,
+        quality: Quality,
+    ) -> Self {
+        let RealOcclusion { blocked, receiver } = real;
         let larger = if quality.is_preview() { PREVIEW_TEXEL_FACTOR } else { 1.0 };
         let size = extent.high - extent.low;
         let object_size = occluders.bounds().map_or(size.max_element(), |(low, high, _)| (high - low).max_element());
@@ -190,7 +196,7 @@ impl ShadowTexture {
             }
         });
         texture.taken = taken;
-        [texture.shown, texture.dark] = [0.0, DARK_SHARE].map(|least| texture.bounds_above(least));
+        [texture.shown, texture.dark] = [0.0, DARK_SHADOW].map(|least| texture.bounds_above(least));
         texture.blocks = texture.blocks();
         texture
     }
@@ -202,7 +208,7 @@ impl ShadowTexture {
 
     /// Without any shadow.
     pub fn empty(low_m: Vec2, texel_m: f32, width: u32, height: u32) -> Self {
-        let (shown, dark) = (Part::NONE, Part::NONE);
+        let (shown, dark) = (UvRect::NONE, UvRect::NONE);
         Self { low_m, texel_m, width, height, taken: Vec::new(), shown, dark, blocks: Vec::new() }
     }
 
@@ -219,7 +225,7 @@ impl ShadowTexture {
     }
 
     /// True if there is no shadow between two positions, texels, also after interpolation.
-    pub fn is_none_between(&self, low: DVec2, high: DVec2) -> bool {
+    pub fn is_unshadowed(&self, low: DVec2, high: DVec2) -> bool {
         let block = |at: f64| (at.max(0.0) / BLOCK_TEXELS as f64) as usize;
         let last = |side: u32| (side as usize).div_ceil(BLOCK_TEXELS).saturating_sub(1);
         let range = |low: f64, high: f64, side: u32| {
@@ -232,7 +238,7 @@ impl ShadowTexture {
     }
 
     /// Bounds of |D| above a threshold, with a margin of a texel.
-    fn bounds_above(&self, least: f32) -> Part {
+    fn bounds_above(&self, least: f32) -> UvRect {
         let size = DVec2::new(self.width.into(), self.height.into());
         let (mut low, mut high) = (size, DVec2::ZERO);
         for (y, row) in self.taken.chunks_exact(self.width as usize).enumerate() {
@@ -244,9 +250,9 @@ impl ShadowTexture {
             }
         }
         if low.cmpgt(high).any() {
-            return Part::NONE;
+            return UvRect::NONE;
         }
-        Part { low: (low - 1.0).max(DVec2::ZERO) / size, high: (high + 2.0).min(size) / size }
+        UvRect { low: (low - 1.0).max(DVec2::ZERO) / size, high: (high + 2.0).min(size) / size }
     }
 
     /// Position of a place on the plane, texels.
@@ -259,7 +265,7 @@ impl ShadowTexture {
         texels: &mut [TexelLight],
         rows: Range<usize>,
         outline: &Outline,
-        sky: &Sky,
+        sky: &PlaneLighting,
         blocked: Option<&OccluderMask>,
     ) {
         let (width, rows_from) = (self.width as usize, rows.start);
@@ -375,7 +381,7 @@ impl ShadowMap {
     }
 
     /// D at a point of the plane.
-    pub fn taken_at(&self, point: DVec3) -> Vec3 {
+    pub fn removed_at(&self, point: DVec3) -> Vec3 {
         let place = self.floor.floor_from_world().transform_point3(point).truncate();
         self.texture.at_texel((place - self.texture.low_m.as_dvec2()) / f64::from(self.texture.texel_m))
     }

@@ -8,16 +8,16 @@ use std::sync::Arc;
 
 use glam::{DMat3, DVec3, Vec3};
 
-use super::caster::{Caster, Casters};
+use super::caster::{CasterBuilder, ShadowCaster};
 use super::extent::Extent;
-use super::floor::Floor;
-use super::group::Group;
+use super::floor::ReceiverPlane;
+use super::group::ShadowGroup;
 use super::last::LastShadowMaps;
 use super::light_visibility;
 use super::receiver_mask::ReceiverMask;
 use super::room::{MIN_HEIGHT_M, OccluderMask, Room};
-use super::shadow_map::{Real, ShadowMap, ShadowTexture};
-use super::sky::{EnvSample, EnvironmentImage, Ray, Sky, rays};
+use super::shadow_map::{RealOcclusion, ShadowMap, ShadowTexture};
+use super::sky::{EnvSample, EnvironmentImage, PlaneLighting, Ray, rays};
 use crate::digest::{Digest, Digester};
 use crate::memo::Memo;
 use crate::quality::Quality;
@@ -57,7 +57,7 @@ pub struct Shadows {
     lighting: Lighting,
     environment_image: EnvironmentImage,
     memo: &'static ShadowMemo,
-    casters: Casters,
+    casters: CasterBuilder,
     /// Distant light by the axes of the receiver plane.
     rays: Memo<DMat3, Arc<[Ray]>>,
     /// Samples of the whole environment, computed on demand.
@@ -82,7 +82,7 @@ impl Shadows {
             lighting: scene.lighting.clone(),
             environment_image,
             memo,
-            casters: Casters::default(),
+            casters: CasterBuilder::default(),
             rays: Memo::new(MEMO_CAPACITY),
             environment: None,
             room: None,
@@ -138,7 +138,7 @@ impl Shadows {
     fn final_maps(&mut self, scene: &Scene) -> Vec<ShadowMap> {
         let mut shadow_maps = Vec::new();
         for members in self.groups(scene) {
-            shadow_maps.extend(self.of_group(scene, &members).map(|shadow_map| (shadow_map, members)));
+            shadow_maps.extend(self.group_shadow_map(scene, &members).map(|shadow_map| (shadow_map, members)));
         }
         for (floor, caster) in self.facets(scene) {
             let texture = self.extent(scene, &caster).map(|extent| self.texture(scene, &floor, &caster, extent));
@@ -185,8 +185,8 @@ impl Shadows {
     fn preview_texture(
         &mut self,
         scene: &Scene,
-        floor: &Floor,
-        caster: &Caster,
+        floor: &ReceiverPlane,
+        caster: &ShadowCaster,
         extent: Extent,
     ) -> (Arc<ShadowTexture>, Quality) {
         if let Some(texture) = self.known_texture(floor, caster, extent) {
@@ -194,7 +194,7 @@ impl Shadows {
         }
         let sky = caster.sky.sparse();
         let mask = self.room.as_ref().and_then(|(room, _)| OccluderMask::of(room, floor, extent, &sky));
-        let real = Real { blocked: mask.as_deref(), receiver: caster.receiver.as_deref() };
+        let real = RealOcclusion { blocked: mask.as_deref(), receiver: caster.receiver.as_deref() };
         let key = texture_key(caster, extent, &real, Quality::Preview);
         let texture = self.memo.textures.get_or_insert_with(key, |_| {
             Arc::new(ShadowTexture::new(&caster.occluders(scene), extent, &sky, real, Quality::Preview))
@@ -202,28 +202,39 @@ impl Shadows {
         (texture, Quality::Preview)
     }
 
-    fn texture(&mut self, scene: &Scene, floor: &Floor, caster: &Caster, extent: Extent) -> Arc<ShadowTexture> {
+    fn texture(
+        &mut self,
+        scene: &Scene,
+        floor: &ReceiverPlane,
+        caster: &ShadowCaster,
+        extent: Extent,
+    ) -> Arc<ShadowTexture> {
         let mask = self.room.as_ref().and_then(|(room, digest)| {
             let compute = |_: &Digest| OccluderMask::of(room, floor, extent, &caster.sky);
             self.memo.occluder_masks.get_or_insert_with(mask_key(digest, floor, caster, extent), compute)
         });
-        let real = Real { blocked: mask.as_deref(), receiver: caster.receiver.as_deref() };
+        let real = RealOcclusion { blocked: mask.as_deref(), receiver: caster.receiver.as_deref() };
         self.memo.textures.get_or_insert_with(texture_key(caster, extent, &real, Quality::Final), |_| {
             Arc::new(ShadowTexture::new(&caster.occluders(scene), extent, &caster.sky, real, Quality::Final))
         })
     }
 
     /// The final texture, if it is memoized.
-    fn known_texture(&self, floor: &Floor, caster: &Caster, extent: Extent) -> Option<Arc<ShadowTexture>> {
+    fn known_texture(
+        &self,
+        floor: &ReceiverPlane,
+        caster: &ShadowCaster,
+        extent: Extent,
+    ) -> Option<Arc<ShadowTexture>> {
         let mask = match &self.room {
             Some((_, digest)) => self.memo.occluder_masks.get(&mask_key(digest, floor, caster, extent))?,
             None => None,
         };
-        let real = Real { blocked: mask.as_deref(), receiver: caster.receiver.as_deref() };
+        let real = RealOcclusion { blocked: mask.as_deref(), receiver: caster.receiver.as_deref() };
         self.memo.textures.get(&texture_key(caster, extent, &real, Quality::Final))
     }
 
-    fn of_group(&mut self, scene: &Scene, members: &[usize]) -> Option<ShadowMap> {
+    fn group_shadow_map(&mut self, scene: &Scene, members: &[usize]) -> Option<ShadowMap> {
         let (floor, caster, extent) = self.group_caster(scene, members)?;
         let texture = self.texture(scene, &floor, &caster, extent);
         Some(ShadowMap { floor, texture, is_beside: false })
@@ -232,19 +243,21 @@ impl Shadows {
     /// The facets of all objects that cast shadows: each with its plane and its caster. Objects do
     /// not share these: where two shadows meet on a facet, light that both block is subtracted
     /// twice.
-    fn facets(&mut self, scene: &Scene) -> Vec<(Floor, Caster)> {
+    fn facets(&mut self, scene: &Scene) -> Vec<(ReceiverPlane, ShadowCaster)> {
         let mut all = Vec::new();
-        for object in by_place(scene).into_iter().map(|index| &scene.objects[index]).filter(|o| !o.shadowless) {
+        for object in sorted_by_position(scene).into_iter().map(|index| &scene.objects[index]).filter(|o| !o.shadowless)
+        {
             for (n, facet) in object.facets.iter().enumerate() {
                 let first = object.parts.first();
-                let Some(floor) = first.and_then(|first| Floor::below(&facet.plane, &first.world_from_mesh)) else {
+                let Some(floor) = first.and_then(|first| ReceiverPlane::below(&facet.plane, &first.world_from_mesh))
+                else {
                     continue;
                 };
                 let environment =
                     self.environment.get_or_insert_with(|| self.environment_image.sphere_samples().into()).clone();
                 let mut sky = self.sky(&floor, Some(&environment));
                 if let Some((room, _)) = &self.room {
-                    sky = without_walled(sky, room, &floor, scene, object);
+                    sky = without_occluded_back_lights(sky, room, &floor, scene, object);
                 }
                 let receiver = ReceiverMask::new(object, n, &floor);
                 all.push((floor, self.casters.caster(scene, [object], &floor, sky, Some(receiver))));
@@ -256,11 +269,11 @@ impl Shadows {
     /// Indices of objects on a plane, those together whose shadows may meet. The order in which a
     /// scene lists them does not matter.
     fn groups(&mut self, scene: &Scene) -> Vec<Vec<usize>> {
-        let order = by_place(scene);
-        let mut groups: Vec<Group> = Vec::new();
+        let order = sorted_by_position(scene);
+        let mut groups: Vec<ShadowGroup> = Vec::new();
         for index in &order {
             let Some((floor, _, extent)) = self.group_caster(scene, &[*index]) else { continue };
-            let mut own = Group { floor, extent, objects: vec![*index] };
+            let mut own = ShadowGroup { floor, extent, objects: vec![*index] };
             // It may join groups that were apart.
             let mut apart = Vec::new();
             for group in groups {
@@ -273,17 +286,18 @@ impl Shadows {
             apart.push(own);
             groups = apart;
         }
-        let in_order = |group: &Group| order.iter().copied().filter(|index| group.objects.contains(index)).collect();
+        let in_order =
+            |group: &ShadowGroup| order.iter().copied().filter(|index| group.objects.contains(index)).collect();
         groups.iter().map(in_order).collect()
     }
 
     /// The plane that objects share, their caster, and the rectangle of their shadow: the union of
     /// each one's.
-    fn group_caster(&mut self, scene: &Scene, members: &[usize]) -> Option<(Floor, Caster, Extent)> {
+    fn group_caster(&mut self, scene: &Scene, members: &[usize]) -> Option<(ReceiverPlane, ShadowCaster, Extent)> {
         let objects: Vec<&Object> = members.iter().map(|index| &scene.objects[*index]).collect();
         let first = objects.first()?;
         let support = first.support.filter(|_| !first.shadowless)?;
-        let floor = Floor::below(&support, &first.parts.first()?.world_from_mesh)?;
+        let floor = ReceiverPlane::below(&support, &first.parts.first()?.world_from_mesh)?;
         let sky = self.sky(&floor, None);
         let mut extent: Option<Extent> = None;
         for object in &objects {
@@ -295,7 +309,7 @@ impl Shadows {
         Some((floor, caster, extent?))
     }
 
-    fn extent(&self, scene: &Scene, caster: &Caster) -> Option<Extent> {
+    fn extent(&self, scene: &Scene, caster: &ShadowCaster) -> Option<Extent> {
         self.memo.extents.get_or_insert_with(caster.digest(), |_| {
             let (low, high, height) = caster.occluders(scene).bounds()?;
             let extent = Extent::of(low, high, height, &caster.sky);
@@ -305,14 +319,14 @@ impl Shadows {
     }
 
     /// Light on a plane. `environment`: for a facet, all samples of the environment.
-    fn sky(&self, floor: &Floor, environment: Option<&[EnvSample]>) -> Arc<Sky> {
+    fn sky(&self, floor: &ReceiverPlane, environment: Option<&[EnvSample]>) -> Arc<PlaneLighting> {
         let compute = |_: &DMat3| rays(&self.lighting, &self.environment_image, floor);
         let rays = self.rays.get_or_insert_with(floor.axes, compute);
-        Arc::new(Sky::new(&self.lighting, rays, floor, environment))
+        Arc::new(PlaneLighting::new(&self.lighting, rays, floor, environment))
     }
 }
 
-fn texture_key(caster: &Caster, extent: Extent, real: &Real<'_>, quality: Quality) -> Digest {
+fn texture_key(caster: &ShadowCaster, extent: Extent, real: &RealOcclusion<'_>, quality: Quality) -> Digest {
     let mut digester = Digester::default();
     digester.add(&caster.digest());
     digester.add(&extent);
@@ -321,7 +335,7 @@ fn texture_key(caster: &Caster, extent: Extent, real: &Real<'_>, quality: Qualit
     digester.finish()
 }
 
-fn mask_key(room: &Digest, floor: &Floor, caster: &Caster, extent: Extent) -> Digest {
+fn mask_key(room: &Digest, floor: &ReceiverPlane, caster: &ShadowCaster, extent: Extent) -> Digest {
     let mut digester = Digester::default();
     digester.add(room);
     digester.add(floor);
@@ -332,7 +346,13 @@ fn mask_key(room: &Digest, floor: &Floor, caster: &Caster, extent: Extent) -> Di
 
 /// Removes suns and lamps behind a facet that real objects hide from the virtual object. A facet
 /// may be a part of a larger surface.
-fn without_walled(sky: Arc<Sky>, room: &Room, floor: &Floor, scene: &Scene, object: &Object) -> Arc<Sky> {
+fn without_occluded_back_lights(
+    sky: Arc<PlaneLighting>,
+    room: &Room,
+    floor: &ReceiverPlane,
+    scene: &Scene,
+    object: &Object,
+) -> Arc<PlaneLighting> {
     let Some(corners_m) = object.corners_m(scene) else { return sky };
     let middle_m = corners_m.into_iter().sum::<DVec3>() / 8.0;
     let is_floor = |at_m: DVec3| {
@@ -344,11 +364,11 @@ fn without_walled(sky: Arc<Sky>, room: &Room, floor: &Floor, scene: &Scene, obje
         let way_m = floor.origin_m + floor.axes * at_m.as_dvec3() - middle_m;
         is_walled(way_m.normalize_or_zero(), way_m.length())
     };
-    Arc::new(Sky::clone(&sky).without_back_lights(of_sun, of_lamp))
+    Arc::new(PlaneLighting::clone(&sky).without_back_lights(of_sun, of_lamp))
 }
 
 /// Indices of the objects that have parts, sorted by the position of the first part.
-fn by_place(scene: &Scene) -> Vec<usize> {
+fn sorted_by_position(scene: &Scene) -> Vec<usize> {
     let place = |index: &usize| scene.objects[*index].parts.first().map(|part| part.world_from_mesh.translation);
     let mut order: Vec<usize> = (0..scene.objects.len()).filter(|index| place(index).is_some()).collect();
     let compared = |a: &usize, b: &usize| {

@@ -12,7 +12,7 @@ fn fresh(scene: &Scene) -> Shadows {
 const HALF: Vec3 = Vec3::new(0.04, 0.03, 0.05);
 
 /// Boxes on a floor, at positions x, y and angles about its normal.
-fn scene(lighting: Lighting, floor: &Floor, boxes: &[(f64, f64, f64)]) -> Scene {
+fn scene(lighting: Lighting, floor: &ReceiverPlane, boxes: &[(f64, f64, f64)]) -> Scene {
     let world_from_floor = DAffine3 { matrix3: floor.axes, translation: floor.origin_m };
     let object = |(x, y, turn): &(f64, f64, f64)| {
         let on =
@@ -49,7 +49,7 @@ fn hits_box(at: DVec3, towards: DVec3) -> bool {
 
 #[test]
 fn shadow_of_a_uniform_sky_matches_many_rays() {
-    let floor = Floor::new(DVec3::new(0.3, -0.2, 1.0), DVec3::new(0.2, -0.9, 0.3).normalize());
+    let floor = ReceiverPlane::new(DVec3::new(0.3, -0.2, 1.0), DVec3::new(0.2, -0.9, 0.3).normalize());
     let scene = scene(uniform_sky(), &floor, &[(0.0, 0.0, 0.0)]);
     let shadow_map = only(fresh(&scene).shadow_maps(&scene, Quality::Final).0);
     let mut worst = 0.0f64;
@@ -63,18 +63,18 @@ fn shadow_of_a_uniform_sky_matches_many_rays() {
             hits_box(DVec3::new(at.0, at.1, 0.0), towards)
         });
         let truth = blocked.count() as f64 / count as f64;
-        let found = shadow_map.taken_at(floor.at(glam::DVec2::new(at.0, at.1)));
+        let found = shadow_map.removed_at(floor.at(glam::DVec2::new(at.0, at.1)));
         assert!(found.abs_diff_eq(Vec3::splat(found.x), 1e-4), "a grey sky: {found}");
         worst = worst.max((f64::from(found.x) - truth).abs());
     }
     // An edge between two of 512 rays is 1/512. A code of a mid-grey floor is 0.009.
     assert!(worst < 0.008, "{worst}");
-    assert_eq!(shadow_map.taken_at(floor.at(glam::DVec2::new(3.0, 0.0))), Vec3::ZERO);
+    assert_eq!(shadow_map.removed_at(floor.at(glam::DVec2::new(3.0, 0.0))), Vec3::ZERO);
 }
 
 #[test]
 fn shadow_of_a_lamp_has_its_outline_and_its_colour() {
-    let floor = Floor::new(DVec3::ZERO, DVec3::Z);
+    let floor = ReceiverPlane::new(DVec3::ZERO, DVec3::Z);
     let world = |v: DVec3| floor.axes * v;
     let lamp = PointLight {
         position_in_world_m: world(DVec3::new(0.0, 0.0, 0.6)),
@@ -86,7 +86,7 @@ fn shadow_of_a_lamp_has_its_outline_and_its_colour() {
     let lighting = Lighting { points: vec![lamp], ..uniform_sky() };
     let scene = scene(lighting, &floor, &[(0.0, 0.0, 0.0)]);
     let shadow_map = only(fresh(&scene).shadow_maps(&scene, Quality::Final).0);
-    let at = |x: f64, y: f64| shadow_map.taken_at(floor.at(glam::DVec2::new(x, y)));
+    let at = |x: f64, y: f64| shadow_map.removed_at(floor.at(glam::DVec2::new(x, y)));
     // From 0.6 m the top at 0.1 m is magnified by 0.6/0.5: its edge is at 0.048 m, with the lamp's
     // penumbra.
     let (inside, outside) = (at(0.043, 0.0), at(0.056, 0.0));
@@ -97,11 +97,11 @@ fn shadow_of_a_lamp_has_its_outline_and_its_colour() {
 
 #[test]
 fn bounds_contain_all_visible_shadow_and_the_dark_part() {
-    let floor = Floor::new(DVec3::ZERO, DVec3::Z);
+    let floor = ReceiverPlane::new(DVec3::ZERO, DVec3::Z);
     let scene = scene(uniform_sky(), &floor, &[(0.0, 0.0, 0.0)]);
     let texture = only(fresh(&scene).shadow_maps(&scene, Quality::Final).0).texture;
     let size = glam::DVec2::new(texture.width.into(), texture.height.into());
-    let outside = |part: crate::shadow::Part, least: f32| {
+    let outside = |part: crate::shadow::UvRect, least: f32| {
         texture.taken.iter().enumerate().any(|(i, taken)| {
             let texel = glam::UVec2::new(i as u32 % texture.width, i as u32 / texture.width).as_dvec2();
             let is_outside = texel.cmplt(part.low * size).any() || (texel + 1.0).cmpgt(part.high * size).any();
@@ -116,7 +116,7 @@ fn bounds_contain_all_visible_shadow_and_the_dark_part() {
 
 #[test]
 fn approximate_map_is_close_to_the_final_one_which_is_reused() {
-    let floor = Floor::new(DVec3::new(0.3, -0.2, 1.0), DVec3::new(0.2, -0.9, 0.3).normalize());
+    let floor = ReceiverPlane::new(DVec3::new(0.3, -0.2, 1.0), DVec3::new(0.2, -0.9, 0.3).normalize());
     let sun =
         Sun { towards_light_in_world: Vec3::new(0.4, -0.8, 0.3).normalize(), color: Vec3::ONE, diameter_rad: 0.3 };
     let apart = scene(Lighting { suns: vec![sun], ..uniform_sky() }, &floor, &[(0.0, 0.0, 0.0), (1.5, 0.0, 0.3)]);
@@ -128,7 +128,7 @@ fn approximate_map_is_close_to_the_final_one_which_is_reused() {
     for (x, y) in (-20..=20).flat_map(|x| (-20..=20).map(move |y| (0.01 * f64::from(x), 0.01 * f64::from(y)))) {
         let at = floor.at(glam::DVec2::new(x, y));
         let [preview, exact] =
-            [&preview, &exact].map(|all| all.iter().map(|shadow_map| shadow_map.taken_at(at).x).sum::<f32>());
+            [&preview, &exact].map(|all| all.iter().map(|shadow_map| shadow_map.removed_at(at).x).sum::<f32>());
         (off, dark, count) = (off + (preview - exact).abs(), dark + exact, count + 1.0);
     }
     assert!(dark / count > 0.05 && off < 0.15 * dark, "{off} of {dark}");
@@ -149,7 +149,7 @@ fn approximate_map_is_close_to_the_final_one_which_is_reused() {
 
 #[test]
 fn floor_that_moves_a_little_reuses_the_last_map() {
-    let floor = Floor::new(DVec3::new(0.3, -0.2, 1.0), DVec3::Z);
+    let floor = ReceiverPlane::new(DVec3::new(0.3, -0.2, 1.0), DVec3::Z);
     let scene = scene(uniform_sky(), &floor, &[(0.0, 0.0, 0.0)]);
     let mut shadows = fresh(&scene);
     let exact = only(shadows.shadow_maps(&scene, Quality::Final).0);
@@ -176,7 +176,7 @@ fn floor_that_moves_a_little_reuses_the_last_map() {
 
 #[test]
 fn shadow_maps_after_a_change_of_light_are_those_of_the_new_light() {
-    let floor = Floor::new(DVec3::new(0.3, -0.2, 1.0), DVec3::Z);
+    let floor = ReceiverPlane::new(DVec3::new(0.3, -0.2, 1.0), DVec3::Z);
     let lamp = |x: f64| PointLight {
         position_in_world_m: floor.at(glam::DVec2::new(x, 0.1)) + DVec3::Z,
         color: Vec3::ONE,
@@ -218,13 +218,13 @@ fn shadow_maps_after_a_change_of_light_are_those_of_the_new_light() {
 
 #[test]
 fn shadow_of_a_sun_is_on_the_opposite_side() {
-    let floor = Floor::new(DVec3::ZERO, DVec3::NEG_Y);
+    let floor = ReceiverPlane::new(DVec3::ZERO, DVec3::NEG_Y);
     let towards = (floor.axes * DVec3::new(1.0, 0.0, 1.0).normalize()).as_vec3();
     let sun = Sun { towards_light_in_world: towards, color: Vec3::ONE, diameter_rad: 0.01 };
     let lighting = Lighting { suns: vec![sun], points: Vec::new(), environment: Environment::Uniform(Vec3::ZERO) };
     let scene = scene(lighting, &floor, &[(0.0, 0.0, 0.0)]);
     let shadow_map = only(fresh(&scene).shadow_maps(&scene, Quality::Final).0);
-    let at = |x: f64, y: f64| shadow_map.taken_at(floor.at(glam::DVec2::new(x, y))).x;
+    let at = |x: f64, y: f64| shadow_map.removed_at(floor.at(glam::DVec2::new(x, y))).x;
     // A height of 0.1 m under 45°: from −0.04 m to −0.14 m.
     assert!(at(-0.135, 0.0) > 0.99 && at(-0.145, 0.0) < 0.01, "{} {}", at(-0.135, 0.0), at(-0.145, 0.0));
     assert!(at(-0.1, 0.027) > 0.99 && at(-0.1, 0.033) < 0.01 && at(0.05, 0.0) < 0.01);
@@ -232,7 +232,7 @@ fn shadow_of_a_sun_is_on_the_opposite_side() {
 
 #[test]
 fn objects_with_overlapping_shadows_share_a_shadow_map() {
-    let floor = Floor::new(DVec3::ZERO, DVec3::Z);
+    let floor = ReceiverPlane::new(DVec3::ZERO, DVec3::Z);
     let both = scene(uniform_sky(), &floor, &[(0.0, 0.0, 0.0), (0.12, 0.0, 0.4)]);
     let shadow_map = only(fresh(&both).shadow_maps(&both, Quality::Final).0);
     let alone = |n: usize| {
@@ -240,7 +240,8 @@ fn objects_with_overlapping_shadows_share_a_shadow_map() {
         only(fresh(&one).shadow_maps(&one, Quality::Final).0)
     };
     let between = floor.at(glam::DVec2::new(0.06, 0.0));
-    let [together, left, right] = [&shadow_map, &alone(0), &alone(1)].map(|shadow_map| shadow_map.taken_at(between).x);
+    let [together, left, right] =
+        [&shadow_map, &alone(0), &alone(1)].map(|shadow_map| shadow_map.removed_at(between).x);
     // They block light from different sides.
     assert!((together - left - right).abs() < 0.03 && together < 1.0, "{together} {left} {right}");
     let apart = scene(uniform_sky(), &floor, &[(0.0, 0.0, 0.0), (5.0, 0.0, 0.4)]);
@@ -253,7 +254,7 @@ fn objects_with_overlapping_shadows_share_a_shadow_map() {
 
 #[test]
 fn shadow_on_a_wall_matches_that_on_a_floor_in_its_plane() {
-    let floor = Floor::new(DVec3::ZERO, DVec3::Z);
+    let floor = ReceiverPlane::new(DVec3::ZERO, DVec3::Z);
     let sun =
         Sun { towards_light_in_world: Vec3::new(-1.0, 0.0, 0.5).normalize(), color: Vec3::ONE, diameter_rad: 0.02 };
     let mut scene = scene(Lighting { suns: vec![sun], ..uniform_sky() }, &floor, &[(0.0, 0.0, 0.0)]);
@@ -278,15 +279,15 @@ fn shadow_on_a_wall_matches_that_on_a_floor_in_its_plane() {
     let at = |y: f64, z: f64| DVec3::new(plane.point_m.x, y, z);
     let (mut dark, mut off) = (0.0f32, 0.0f32);
     for (y, z) in (-10..=10).flat_map(|y| (3..10).map(move |z| (0.01 * f64::from(y), 0.02 * f64::from(z)))) {
-        let [found, expected] = [wall, &lying].map(|shadow_map| shadow_map.taken_at(at(y, z)).x);
+        let [found, expected] = [wall, &lying].map(|shadow_map| shadow_map.removed_at(at(y, z)).x);
         (dark, off) = (dark.max(found), off.max((found - expected).abs()));
-        assert!((preview.taken_at(at(y, z)).x - found).abs() < 0.3);
+        assert!((preview.removed_at(at(y, z)).x - found).abs() < 0.3);
     }
     // The texels are different.
     assert!(dark > 0.5 && off < 0.06, "{dark} {off}");
     // The shadow on the wall ends 15 mm above the floor and at the rectangle.
-    assert!(lying.taken_at(at(0.0, 0.01)).x > 0.3, "{}", lying.taken_at(at(0.0, 0.01)));
-    assert_eq!([wall.taken_at(at(0.0, 0.01)), wall.taken_at(at(0.32, 0.1))], [Vec3::ZERO; 2]);
+    assert!(lying.removed_at(at(0.0, 0.01)).x > 0.3, "{}", lying.removed_at(at(0.0, 0.01)));
+    assert_eq!([wall.removed_at(at(0.0, 0.01)), wall.removed_at(at(0.32, 0.1))], [Vec3::ZERO; 2]);
     // The shadow on the floor is that without a wall. A shadowless object has none on either.
     let ground = shadow_maps.iter().find(|shadow_map| !shadow_map.is_beside).unwrap();
     scene.objects[0].facets.clear();
@@ -297,7 +298,7 @@ fn shadow_on_a_wall_matches_that_on_a_floor_in_its_plane() {
 
 /// A red box, 4 cm to its right a wall of 0.2 m that faces it, and a lamp.
 fn in_front_of_a_wall(at_m: DVec3, bright: f32) -> Scene {
-    let floor = Floor::new(DVec3::ZERO, DVec3::Z);
+    let floor = ReceiverPlane::new(DVec3::ZERO, DVec3::Z);
     let (color, range_m) = (Vec3::splat(bright), f32::INFINITY);
     let lamp = PointLight { position_in_world_m: at_m, color, diameter_m: 0.02, range_m, spot: None };
     let lighting = Lighting { points: vec![lamp], ..uniform_sky() };
@@ -315,7 +316,7 @@ fn on_the_wall(scene: &Scene, room: Option<Room>) -> Vec3 {
     shadows.set_room(room.map(Arc::new));
     let wall =
         shadows.shadow_maps(scene, Quality::Final).0.into_iter().find(|shadow_map| shadow_map.is_beside).unwrap();
-    wall.taken_at(scene.objects[0].facets[0].plane.point_m - 0.03 * DVec3::Z)
+    wall.removed_at(scene.objects[0].facets[0].plane.point_m - 0.03 * DVec3::Z)
 }
 
 #[test]
@@ -363,7 +364,7 @@ fn light_that_a_real_object_blocks_is_not_subtracted_from_a_wall() {
 
 #[test]
 fn object_moved_on_its_floor_has_the_map_of_a_new_one() {
-    let floor = Floor::new(DVec3::new(0.1, 0.2, 0.3), DVec3::new(0.1, 0.2, 0.9).normalize());
+    let floor = ReceiverPlane::new(DVec3::new(0.1, 0.2, 0.3), DVec3::new(0.1, 0.2, 0.9).normalize());
     let mut shadows = fresh(&scene(uniform_sky(), &floor, &[]));
     let at = |x: f64, y: f64| scene(uniform_sky(), &floor, &[(x, y, 0.7)]);
     let first = only(shadows.shadow_maps(&at(0.0, 0.0), Quality::Final).0);
@@ -371,7 +372,7 @@ fn object_moved_on_its_floor_has_the_map_of_a_new_one() {
     assert!(Arc::ptr_eq(&first.texture, &moved.texture), "it was worked out again");
     let scene = at(0.731, -0.25);
     assert_eq!(*only(fresh(&scene).shadow_maps(&scene, Quality::Final).0).texture, *moved.texture);
-    let beside = moved.taken_at(floor.at(glam::DVec2::new(0.731, -0.25) + Vec2::new(0.0, 0.06).as_dvec2()));
+    let beside = moved.removed_at(floor.at(glam::DVec2::new(0.731, -0.25) + Vec2::new(0.0, 0.06).as_dvec2()));
     assert!(beside.x > 0.05, "{beside}");
-    assert_eq!(first.taken_at(floor.at(glam::DVec2::new(0.731, -0.25))), Vec3::ZERO);
+    assert_eq!(first.removed_at(floor.at(glam::DVec2::new(0.731, -0.25))), Vec3::ZERO);
 }

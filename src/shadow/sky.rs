@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 use glam::{DVec3, Mat3, Vec2, Vec3};
 
-use super::floor::Floor;
+use super::floor::ReceiverPlane;
 use super::mask::R2_STEP;
 use crate::digest::{Digester, Digestible, digestible};
 use crate::render::panorama::{Level, direction, direction_at, resampled, solid_sr};
@@ -90,7 +90,7 @@ pub struct Lamp {
 
 /// All incident light of a plane.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Sky {
+pub struct PlaneLighting {
     pub rays: Arc<[Ray]>,
     pub lamps: Vec<Lamp>,
     /// Sum over all rays.
@@ -110,7 +110,7 @@ digestible! {
     Ray { slope, light, angle_rad, source }
     EnvSample { towards, light, solid_sr }
     Lamp { at_m, color, range_m, spot, radius_m, points_m }
-    Sky { rays, lamps, light, back_light }
+    PlaneLighting { rays, lamps, light, back_light }
     BackLight { far, lamps }
 }
 
@@ -240,7 +240,7 @@ pub fn disc(count: usize) -> impl Iterator<Item = Vec2> {
 }
 
 /// All distant light on planes with these axes.
-pub fn rays(lighting: &Lighting, environment: &EnvironmentImage, floor: &Floor) -> Arc<[Ray]> {
+pub fn rays(lighting: &Lighting, environment: &EnvironmentImage, floor: &ReceiverPlane) -> Arc<[Ray]> {
     let floor_from_world = floor.floor_from_world().matrix3.as_mat3();
     let mut rays = environment.rays(floor_from_world);
     for sun in &lighting.suns {
@@ -259,10 +259,10 @@ pub fn rays(lighting: &Lighting, environment: &EnvironmentImage, floor: &Floor) 
     rays.into()
 }
 
-impl Sky {
+impl PlaneLighting {
     /// `rays`: the result of [`rays`] for planes with these axes. `far`: for a facet, samples over
     /// the sphere.
-    pub fn new(lighting: &Lighting, rays: Arc<[Ray]>, floor: &Floor, far: Option<&[EnvSample]>) -> Self {
+    pub fn new(lighting: &Lighting, rays: Arc<[Ray]>, floor: &ReceiverPlane, far: Option<&[EnvSample]>) -> Self {
         let floor_from_world = floor.floor_from_world();
         let turn = floor_from_world.matrix3.as_mat3();
         let lamps = lighting.points.iter().map(|point| {
@@ -399,9 +399,14 @@ mod tests {
     use crate::scene::Sun;
     use glam::DVec3;
 
-    fn sky(lighting: &Lighting, normal: DVec3) -> Sky {
-        let floor = Floor::new(DVec3::ZERO, normal);
-        Sky::new(lighting, rays(lighting, &EnvironmentImage::new(&lighting.environment), &floor), &floor, None)
+    fn sky(lighting: &Lighting, normal: DVec3) -> PlaneLighting {
+        let floor = ReceiverPlane::new(DVec3::ZERO, normal);
+        PlaneLighting::new(
+            lighting,
+            rays(lighting, &EnvironmentImage::new(&lighting.environment), &floor),
+            &floor,
+            None,
+        )
     }
 
     #[test]
@@ -453,7 +458,7 @@ mod tests {
         let sky = sky(&lighting, DVec3::Z);
         assert_eq!(sky.rays.len(), SUN_RAYS);
         assert!((sky.light.x - 1.6).abs() < 1e-4, "{}", sky.light);
-        let floor = Floor::new(DVec3::ZERO, DVec3::Z);
+        let floor = ReceiverPlane::new(DVec3::ZERO, DVec3::Z);
         let slopes = sky.rays.iter().map(|r| (floor.axes * r.slope.extend(1.0).as_dvec3()).as_vec3().normalize());
         let widest = slopes.map(|d| d.angle_between(towards)).fold(0.0, f32::max);
         assert!((widest - 0.1).abs() < 0.002, "{widest}");

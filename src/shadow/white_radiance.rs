@@ -10,7 +10,7 @@
 
 use glam::Vec3;
 
-use super::floor::Floor;
+use super::floor::ReceiverPlane;
 use super::light_visibility::{LIGHT_SAMPLES, disc_around};
 use super::room::{MIN_HEIGHT_M, Room};
 use super::sky::{EnvironmentImage, on_surface, rays};
@@ -35,7 +35,7 @@ impl WhiteRadiance {
 
 /// For a surface at a place in the room.
 pub fn white_radiance(lighting: &Lighting, room: &Room, at: &Support) -> WhiteRadiance {
-    let floor = Floor::new(at.point_m, at.normal);
+    let floor = ReceiverPlane::new(at.point_m, at.normal);
     let far = rays(lighting, &EnvironmentImage::new(&lighting.environment), &floor).iter().map(|ray| ray.light).sum();
     let is_floor = |at_m| floor.height_m(at_m) < f64::from(MIN_HEIGHT_M);
     let of = |lamp: &PointLight| {

@@ -330,7 +330,7 @@ impl Shot {
     fn lacks_exposure(&self) -> bool {
         let exposure = &self.rig.exposure;
         let given = exposure.time_s.is_some() || exposure.shutter_angle_deg.is_some();
-        !given && self.recording.exposure.iter().all(|e| e.time_s.or(e.blurred_s).is_none()) && !self.is_plain()
+        !given && self.recording.exposure.iter().all(|e| e.time_s.or(e.blur_estimate_s).is_none()) && !self.is_plain()
     }
 
     /// Whether every effect is switched off.

@@ -53,7 +53,7 @@ fn samples(
     response: &Response,
     recording: &Recording,
 ) -> Vec<SurfaceSample> {
-    let Some(brightness) = frame.exposure.seen else { return Vec::new() };
+    let Some(brightness) = frame.exposure.brightness else { return Vec::new() };
     let taken_s = frame.timestamp_s + recording.time_offset_s;
     if recording.track.at(taken_s).is_err() {
         return Vec::new();
@@ -68,7 +68,7 @@ fn samples(
             return None;
         }
         let codes = pixels.at(at_px.x as u32, at_px.y as u32);
-        let here = f64::from(brightness.across.at((at_px / size_px).as_vec2().to_array())).exp2();
+        let here = f64::from(brightness.spatial_gain.at((at_px / size_px).as_vec2().to_array())).exp2();
         let usual = |c: usize| (light[codes[c] as usize] / (brightness.factors[c] * here)) as f32;
         let is_clipped = codes.map(|code| code as f32 >= CLIP_LEVEL * max_code as f32);
         Some(SurfaceSample { at_m, light: [usual(0), usual(1), usual(2)], is_clipped })

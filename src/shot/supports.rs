@@ -229,7 +229,7 @@ impl Shot {
     /// Radiance of surfaces in frames that do not clip there. `None` if the frames' gains are
     /// unknown.
     fn surface_radiance(&self) -> Option<Arc<LazyRadiance>> {
-        let is_analysed = self.recording.exposure.iter().any(|exposure| exposure.seen.is_some());
+        let is_analysed = self.recording.exposure.iter().any(|exposure| exposure.brightness.is_some());
         if !is_analysed || !self.settings.shadow.cast {
             return None;
         }

@@ -218,10 +218,10 @@ fn shown(frame: &Frame, view: &FramePoint, response: &Response) -> Result<[f64; 
 
 /// Gain of a frame at a position, relative to the usual one: factors on linear light.
 fn gain(frame: &Frame, view: &FramePoint) -> [f64; 3] {
-    let Some(seen) = frame.exposure.seen else { return [1.0; 3] };
+    let Some(seen) = frame.exposure.brightness else { return [1.0; 3] };
     let share = |at: f64, size: u32| (at / f64::from(size.max(1))) as f32;
     let at = [share(view.at_px.x, frame.pixels.width), share(view.at_px.y, frame.pixels.height)];
-    let here = f64::from(seen.across.at(at)).exp2();
+    let here = f64::from(seen.spatial_gain.at(at)).exp2();
     seen.factors.map(|factor| factor * here)
 }
 
@@ -249,7 +249,7 @@ mod tests {
     fn frame(code: impl Fn(u32, u32) -> [u8; 3], seen: Option<RelativeBrightness>) -> Frame {
         let places = (0..480).flat_map(|y| (0..640).map(move |x| (x, y)));
         let pixels = Pixels::from_u8(640, 480, places.flat_map(|(x, y)| code(x, y)).collect()).unwrap();
-        let exposure = FrameExposure { seen, ..FrameExposure::default() };
+        let exposure = FrameExposure { brightness: seen, ..FrameExposure::default() };
         Frame {
             index: 0,
             timestamp_s: 0.0,
@@ -312,8 +312,8 @@ mod tests {
     #[test]
     fn patch_light_is_divided_by_the_frames_gain() {
         // Factor 2 in red, and one stop more everywhere by the spatial gain: 102 of 255 is 0.4.
-        let across = SpatialGain([1.0; NODES]);
-        let seen = RelativeBrightness { factors: [2.0, 1.0, 0.5], usual_s: None, across };
+        let spatial_gain = SpatialGain([1.0; NODES]);
+        let seen = RelativeBrightness { factors: [2.0, 1.0, 0.5], median_s: None, spatial_gain };
         let even = |_, _| [102u8; 3];
         let found = shown(&frame(even, Some(seen)), &VIEW, &linear()).unwrap();
         assert!(found.iter().zip([0.1, 0.2, 0.4]).all(|(a, b)| (a - b).abs() < 1e-6), "{found:?}");

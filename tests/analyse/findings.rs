@@ -50,7 +50,7 @@ fn exact_poses_are_kept_and_steady_light_is_not_followed() {
     // Few neighbours of these frames differ in their motion.
     let shutter = found.findings.shutter.as_ref().unwrap();
     assert!(shutter.runs.is_empty() && shutter.why.as_ref().unwrap().contains("say it clearly"), "{shutter:?}");
-    assert!(refined.blurred_s.is_empty());
+    assert!(refined.blur_estimate_s.is_empty());
 }
 
 /// Asserts that the findings other than the registration are used with the recorded poses.
@@ -133,7 +133,7 @@ fn jitter_drift_clock_offset_and_hand_eye_rotation_are_found() {
     let mut recording = Recording::clone(&shot.recording);
     recording.refine(&found.refinement(Some(0.1)));
     let frame = recording.frames(5..6).unwrap().next().unwrap().unwrap();
-    assert_eq!(frame.exposure.blurred_s, Some(shutter.runs[0].exposure_s));
+    assert_eq!(frame.exposure.blur_estimate_s, Some(shutter.runs[0].exposure_s));
     let (camera, settings) = (shot.camera(), shot.settings.clone());
     assert_eq!(exposure_time_s(&camera, &settings, &frame, 0.1), 1.0 / 60.0);
     // Order of precedence: the recording's, the camera's, the estimated one, half the interval of
@@ -144,7 +144,7 @@ fn jitter_drift_clock_offset_and_hand_eye_rotation_are_found() {
     let exposed = |time_s| Camera { exposure: CameraExposure { time_s, ..unexposed.exposure }, ..unexposed.clone() };
     assert_eq!(exposure_time_s(&exposed(Some(0.002)), &settings, &frame, 0.1), 0.002);
     assert_eq!(exposure_time_s(&unexposed, &settings, &frame, 0.1), shutter.runs[0].exposure_s);
-    frame.exposure.blurred_s = None;
+    frame.exposure.blur_estimate_s = None;
     assert_eq!(exposure_time_s(&unexposed, &settings, &frame, 0.02), 0.01);
     assert_eq!(exposure_time_s(&unexposed, &settings, &frame, 0.1), 1.0 / 60.0);
 }

@@ -69,7 +69,7 @@ fn light_follows_the_spatial_gain_of_the_footage() {
     let track = sideways([0.0, 0.0]);
     let drawn = |seen: Option<RelativeBrightness>, sets: &[(&str, &str, Value)]| {
         let mut frame = gpu::frame(0, 0.0, gpu::grey(320, 240, 0));
-        frame.exposure.seen = seen;
+        frame.exposure.brightness = seen;
         let camera = gpu::camera(&geometry, 0.0);
         gpu::composite(&gpu::gpu(), &camera, gpu::settings(sets), board([120.0, 90.0], 0.4), &track, frame)
             .layer
@@ -77,7 +77,7 @@ fn light_follows_the_spatial_gain_of_the_footage() {
     };
     // A different value at each node, up to 0.6 stops.
     let across = SpatialGain(std::array::from_fn(|n| ((7 * n) % 20) as f32 * 0.06 - 0.6));
-    let seen = RelativeBrightness { factors: [1.0, 0.5, 2.0], usual_s: None, across };
+    let seen = RelativeBrightness { factors: [1.0, 0.5, 2.0], median_s: None, spatial_gain: across };
     let as_lit = drawn(None, &[]);
     let follows = drawn(Some(seen), &[]);
     assert_eq!(drawn(Some(seen), &[("exposure", "follow", Value::Bool(false))]).rgba, as_lit.rgba);

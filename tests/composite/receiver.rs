@@ -68,10 +68,10 @@ fn floor_m() -> Vec<f32> {
 
 /// A frame with this estimated gain.
 fn frame(codes: Vec<u8>, depth_m: Vec<f32>, gain: f64) -> Frame {
-    let seen = RelativeBrightness { factors: [gain; 3], usual_s: None, across: SpatialGain::default() };
+    let seen = RelativeBrightness { factors: [gain; 3], median_s: None, spatial_gain: SpatialGain::default() };
     Frame {
         depth: Some(DepthMap { width: WIDTH, height: HEIGHT, depth_m, timestamp_s: 0.0 }),
-        exposure: FrameExposure { seen: Some(seen), ..FrameExposure::default() },
+        exposure: FrameExposure { brightness: Some(seen), ..FrameExposure::default() },
         ..gpu::frame(0, 0.0, Pixels::from_u8(WIDTH, HEIGHT, codes).unwrap())
     }
 }

@@ -131,7 +131,7 @@ fn shadowed_pixels_match_the_shadow_map_and_others_are_unchanged() {
             continue;
         }
         let places: Vec<Vec3> =
-            floor_samples(x, y).map(|place| place.map_or(Vec3::ZERO, |place| shadow_map.taken_at(place))).collect();
+            floor_samples(x, y).map(|place| place.map_or(Vec3::ZERO, |place| shadow_map.removed_at(place))).collect();
         let taken = applied_share(places.iter().sum::<Vec3>() / 4.0);
         if layer.left[i] == [1.0; 3] {
             free += 1;

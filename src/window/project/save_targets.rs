@@ -156,7 +156,7 @@ impl Project {
     fn profile_accepts(&self, table: &str, name: &str) -> bool {
         if table == EXPOSURE_TABLE && self.edit().settings.overrule_recorded_exposure {
             let exposure = &self.shot.recording.exposure;
-            return exposure.iter().all(|e| e.time_s.or(e.blurred_s).is_none());
+            return exposure.iter().all(|e| e.time_s.or(e.blur_estimate_s).is_none());
         }
         let mut found = self.shot.baseline().estimated.iter().filter(|found| found.overrides_profiles());
         self.can_place() || !found.any(|found| (found.table, found.name) == (table, name))
