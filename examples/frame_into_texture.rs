@@ -7,7 +7,7 @@ use std::path::Path;
 use glam::{DQuat, DVec3};
 use locard::camera::{Camera, Geometry};
 use locard::compositor::{Compositor, Job, Settings, Target};
-use locard::frame::{Frame, FrameExposure};
+use locard::frame::Frame;
 use locard::gpu::Gpu;
 use locard::pixels::Pixels;
 use locard::pose::Pose;
@@ -29,16 +29,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Pose::from_camera_in_world(DVec3::new(x_m, -0.05, 0.6), DQuat::from_rotation_x(std::f64::consts::PI))
     };
     let track = PoseTrack::new(vec![(0.0, pose(-0.01)), (1.0 / 30.0, pose(0.0)), (2.0 / 30.0, pose(0.01))], 0.1)?;
-    let frame = Frame {
-        index: 0,
-        timestamp_s: 1.0 / 30.0,
-        pixels: Pixels::from_u8(640, 480, vec![120; 3 * 640 * 480]).ok_or("the size does not fit")?,
-        depth: None,
-        exposure: FrameExposure::default(),
-        opacity: 1.0,
-        neighbours: Vec::new(),
-        surfels: Vec::new().into(),
-    };
+    let pixels = Pixels::from_u8(640, 480, vec![120; 3 * 640 * 480]).ok_or("the size does not fit")?;
+    let frame = Frame::new(0, 1.0 / 30.0, pixels);
 
     let format = wgpu::TextureFormat::Rgba8Unorm;
     let texture = device.create_texture(&wgpu::TextureDescriptor {

@@ -27,6 +27,22 @@ pub struct Frame {
     pub surfels: Arc<[Surfel]>,
 }
 
+impl Frame {
+    /// A picture alone, with an opaque layer.
+    pub fn new(index: usize, timestamp_s: f64, pixels: Pixels) -> Self {
+        Self {
+            index,
+            timestamp_s,
+            pixels,
+            depth: None,
+            exposure: FrameExposure::default(),
+            opacity: 1.0,
+            neighbours: Vec::new(),
+            surfels: Arc::new([]),
+        }
+    }
+}
+
 /// A frame whose depth map votes in another frame.
 #[derive(Clone, Debug)]
 pub struct NeighbourFrame {

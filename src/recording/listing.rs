@@ -23,7 +23,7 @@ pub type ListedFrame<N> = (f64, N, f64);
 /// Prefix of the opacity at a line's end.
 const PRESENCE_PREFIX: &str = " presence=";
 
-/// Parses a list of `timestamp filename` lines, each of which may end with ` opacity=0.5`: 0 to 1,
+/// Parses a list of `timestamp filename` lines, each of which may end with ` presence=0.5`: 0 to 1,
 /// default 1.
 pub fn frames(text: &str, list: &Path) -> Result<Vec<ListedFrame<PathBuf>>, TextError> {
     let folder = list.parent().unwrap_or(Path::new(""));

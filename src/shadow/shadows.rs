@@ -65,11 +65,9 @@ pub struct Shadows {
     /// Real objects, and their digest.
     room: Option<(Arc<Room>, Digest)>,
     last: Option<LastShadowMaps>,
-    last_visibility: Option<LightVisibility>,
+    /// Lightmaps of one texel for the parts of objects.
+    light_visibility: Memo<Vec<Object>, Vec<Option<Arc<Lightmap>>>>,
 }
-
-/// Objects, and a lightmap of one texel for each of their parts.
-type LightVisibility = (Vec<Object>, Vec<Option<Arc<Lightmap>>>);
 
 impl Shadows {
     /// For scenes of these meshes and this light.
@@ -87,7 +85,7 @@ impl Shadows {
             environment: None,
             room: None,
             last: None,
-            last_visibility: None,
+            light_visibility: Memo::new(1),
         }
     }
 
@@ -107,20 +105,17 @@ impl Shadows {
                 let digest = Digest::of(&*room);
                 (room, digest)
             });
-            (self.last, self.last_visibility) = (None, None);
+            (self.last, self.light_visibility) = (None, Memo::new(1));
         }
     }
 
     /// The fraction of suns and lamps that real objects leave visible from the scene's objects:
     /// lightmaps of one texel for their parts, in order.
-    pub fn light_visibility(&mut self, scene: &Scene) -> Vec<Option<Arc<Lightmap>>> {
+    pub fn light_visibility(&self, scene: &Scene) -> Vec<Option<Arc<Lightmap>>> {
         let Some((room, _)) = &self.room else { return Vec::new() };
-        if let Some((_, known)) = self.last_visibility.as_ref().filter(|(objects, _)| *objects == scene.objects) {
-            return known.clone();
-        }
-        let maps = light_visibility::lightmaps(room, scene);
-        self.last_visibility = Some((scene.objects.clone(), maps.clone()));
-        maps
+        let compute = || light_visibility::lightmaps(room, scene);
+        let memo = &self.light_visibility;
+        memo.get(&scene.objects).unwrap_or_else(|| memo.insert(scene.objects.clone(), compute()))
     }
 
     /// The shadow maps of the scene's objects as they are placed, and their quality: final ones may

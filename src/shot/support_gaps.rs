@@ -9,7 +9,7 @@
 //! objects whose footprint real objects occlude: the visible surface is not their support. If the
 //! support is not visible around the footprint either, the object is below the visible surface.
 //!
-//! Behind the footprint of a hovering object there may be a steep or steep surface. Then the level
+//! Behind the footprint of a hovering object there may be a steep or uneven surface. Then the level
 //! plane among the depth's points vertically below gives the height. Objects against a wall are
 //! skipped: their footprint touches the wall, and none of it is behind.
 
@@ -59,7 +59,7 @@ const MAX_STACKED_GAP_M: f64 = 0.005;
 /// Smallest share of the footprint in front of steep surfaces, for an object in the air.
 const MIN_IN_AIR_SHARE: f64 = 0.25;
 
-/// Samples of the footprint in front of, at and behind surfaces that are too steep or steep to
+/// Samples of the footprint in front of, at and behind surfaces that are too steep or uneven to
 /// support it.
 #[derive(Clone, Copy, Debug, Default)]
 struct SteepContacts {

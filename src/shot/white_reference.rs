@@ -1,4 +1,4 @@
-//! WhiteReference references: matt surfaces of known reflectance that the user picks, and the
+//! White references: matt surfaces of known reflectance that the user picks, and the
 //! factors that they imply for the estimated lighting.
 //!
 //! Reflectance and lighting share a factor that a recording does not determine

@@ -1,7 +1,7 @@
 //! Compares the motion blur of virtual objects with that of real ones.
 //!
 //! A slow frame is composited as an object ([`frame_scene`](super::frame_scene())) into a fast one
-//! near it, at several multiples of the pipeline's exposure time. BlurRatio attenuates fine detail,
+//! near it, at several multiples of the pipeline's exposure time. Blur attenuates fine detail,
 //! so the multiple at which virtual and real detail are equal is the ratio of real to virtual blur.
 //! Detail is the band power of luma between two Gaussians over the squared mean luma; it does not
 //! depend on registration. Resampling attenuates detail, too: compositing the slow frame into
