@@ -198,7 +198,8 @@ impl Project {
         self.camera.is_some() && !self.shot.recording.is_live()
     }
 
-    /// Adds a frame with its camera, and updates the poses known so far ([`Recording::push_live_frame`]).
+    /// Adds a frame with its camera, and updates the poses known so far
+    /// ([`Recording::push_live_frame`]).
     pub fn arrive(&mut self, frame: usize, timestamp_s: f64, track: PoseTrack, camera: Option<Geometry>) {
         Arc::make_mut(&mut self.shot.recording).push_live_frame(frame, timestamp_s, track, camera);
     }
