@@ -14,6 +14,7 @@ pub mod memo;
 pub mod parallel;
 pub mod params;
 pub mod pixels;
+pub mod plane;
 pub mod pose;
 pub mod quality;
 pub mod text;

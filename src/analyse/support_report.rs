@@ -14,7 +14,8 @@ use serde::{Deserialize, Serialize};
 
 use super::artefact::{AnalysisError, STANDING};
 use crate::document::Document;
-use crate::scene::{Facet, Support};
+use crate::plane::Plane;
+use crate::scene::Facet;
 use crate::sink::atomic::write_atomically;
 use crate::text::{count, fixed, shown};
 
@@ -33,7 +34,7 @@ pub enum PlaneSource {
     Foot,
 }
 
-/// Support plane of an object, in the scene's world.
+/// Plane plane of an object, in the scene's world.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SupportReport {
     /// Name of the object.
@@ -69,8 +70,8 @@ fn between_deg(a: DVec3, b: DVec3) -> f64 {
 
 impl SupportReport {
     /// Report of an object with these points.
-    pub fn new(name: &str, (known_by, plane): (PlaneSource, &Support), up: DVec3, points_m: &[DVec3]) -> Self {
-        let Support { point_m, normal } = *plane;
+    pub fn new(name: &str, (known_by, plane): (PlaneSource, &Plane), up: DVec3, points_m: &[DVec3]) -> Self {
+        let Plane { point_m, normal } = *plane;
         let heights_m = points_m.iter().map(|at_m| normal.dot(*at_m - point_m));
         let height_m = heights_m.reduce(f64::min).unwrap_or_default();
         let tilt_deg = between_deg(normal, up);
@@ -85,7 +86,7 @@ impl SupportReport {
 
     /// Adds a shadow receiver.
     pub fn add_receiver(&mut self, facet: &Facet, up: DVec3, points_m: &[DVec3]) {
-        let Facet { plane: Support { point_m, normal }, along, low_m, high_m } = *facet;
+        let Facet { plane: Plane { point_m, normal }, along, low_m, high_m } = *facet;
         let across = normal.cross(along);
         let at = |off_m: DVec2| point_m + off_m.x * along + off_m.y * across;
         let corners_m = [low_m, DVec2::new(high_m.x, low_m.y), high_m, DVec2::new(low_m.x, high_m.y)];
@@ -167,9 +168,9 @@ mod tests {
         // wide and 0.3 m high.
         let corner = |n: u32| DVec3::new(f64::from(n & 1), f64::from(n >> 1 & 1), f64::from(n >> 2)) * 0.1;
         let points_m: Vec<DVec3> = (0..8).map(|n| corner(n) + DVec3::new(-0.05, -0.05, 0.02)).collect();
-        let floor = Support { point_m: DVec3::new(3.0, 1.0, 0.0), normal: DVec3::Z };
+        let floor = Plane { point_m: DVec3::new(3.0, 1.0, 0.0), normal: DVec3::Z };
         let mut ground = SupportReport::new("box", (PlaneSource::Depth, &floor), DVec3::Z, &points_m);
-        let plane = Support { point_m: DVec3::new(0.25, 0.0, 0.0), normal: DVec3::NEG_X };
+        let plane = Plane { point_m: DVec3::new(0.25, 0.0, 0.0), normal: DVec3::NEG_X };
         let (low_m, high_m) = (DVec2::new(-0.2, -0.3), DVec2::new(0.2, 0.0));
         // The other side is −x × y = −z.
         ground.add_receiver(&Facet { plane, along: DVec3::Y, low_m, high_m }, DVec3::Z, &points_m);

@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::{Load, Table, median_frame_ms};
 use crate::compositor::{Settings, SubmitError};
 use crate::pixels::{DepthMap, Pixels};
-use crate::scene::Support;
+use crate::plane::Plane;
 
 /// Normal of the floor, which the camera views at 40° from above.
 const NORMAL: DVec3 = DVec3::new(0.0, -0.766, -0.643);
@@ -18,7 +18,7 @@ pub fn time(table: &mut Table<'_>, load: &Load, pixels: &Pixels) -> Result<(), S
     let normal = NORMAL.normalize();
     let sphere = scene.objects[0].parts[0].world_from_mesh;
     let point_m = sphere.translation - sphere.matrix3.x_axis.length() * normal;
-    scene.objects[0].support = Some(Support { point_m, normal });
+    scene.objects[0].support = Some(Plane { point_m, normal });
 
     // The real object covers the left third of the sphere and is darker than the rest.
     let (width, height) = (pixels.width, pixels.height);

@@ -7,9 +7,9 @@ use anyhow::{Context, Result, bail};
 use glam::{DVec2, DVec3};
 
 use locard_engine::frame::Frame;
-use locard_engine::scene::Support;
+use locard_engine::plane::Plane;
 use locard_engine::shot::{
-    FittedPlane, FramePoint, Shot, Surface, SurfaceError, TriangulatedPoint, metres_per_unit, plane_through,
+    FramePoint, PlaneFit, Shot, Surface, SurfaceError, TriangulatedPoint, metres_per_unit, plane_through,
 };
 use locard_engine::text::{fixed, number};
 
@@ -74,15 +74,15 @@ impl PickedPoint {
     /// The normal of the surface, if it is known.
     pub fn normal(&self) -> Option<DVec3> {
         match &self.source {
-            PointSource::Depth(surface) => Some(surface.normal_in_world),
+            PointSource::Depth(surface) => Some(surface.plane.normal),
             PointSource::Plane { normal } => Some(*normal),
             PointSource::Views(_) => None,
         }
     }
 
     /// A support at the point. For a triangulated point it is a level surface.
-    pub fn support(&self, up: DVec3) -> Support {
-        Support { point_m: self.point_m, normal: self.normal().unwrap_or(up) }
+    pub fn support(&self, up: DVec3) -> Plane {
+        Plane { point_m: self.point_m, normal: self.normal().unwrap_or(up) }
     }
 }
 
@@ -118,7 +118,7 @@ impl<'a> Picker<'a> {
         }
         let on = |plane| {
             let support = self.shot.support_on_plane(self.frame, pick.at_px, plane);
-            let Support { point_m, normal } = support.map_err(|error| match error {
+            let Plane { point_m, normal } = support.map_err(|error| match error {
                 SurfaceError::Plane { .. } => anyhow::Error::from(error).context("--plane"),
                 other => other.into(),
             })?;
@@ -135,10 +135,10 @@ impl<'a> Picker<'a> {
             }
         };
         if let Some(floor) = self.shot.floor().filter(|_| picture.depth.is_none()) {
-            return on(floor.numbers());
+            return on(floor.coefficients());
         }
         let surface = (self.surface_at)(self.shot, picture, pick.at_px)?;
-        Ok(PickedPoint { point_m: surface.point_m, source: PointSource::Depth(surface) })
+        Ok(PickedPoint { point_m: surface.plane.point_m, source: PointSource::Depth(surface) })
     }
 }
 
@@ -172,10 +172,10 @@ pub fn print_points(picker: &Picker<'_>, query: &PointQuery<'_>, out: &mut impl 
         match &picked.source {
             PointSource::Depth(surface) => {
                 writeln!(out, " (depth {} {unit})", fixed(surface.depth_m, 4))?;
-                let n = surface.normal_in_world;
+                let n = surface.plane.normal;
                 write!(out, "{:<11}normal {:.3} {:.3} {:.3}", format!("surface{which}"), n.x, n.y, n.z)?;
                 if let Some(up) = shot.recording.up {
-                    write!(out, ", tilted by {:.1}°", n.dot(up).clamp(-1.0, 1.0).acos().to_degrees())?;
+                    write!(out, ", tilted by {:.1}°", surface.plane.tilt_deg(up))?;
                 }
                 let on = 100.0 * surface.share;
                 writeln!(out, ", uneven by {} {unit}, {on:.0} % of what is around", fixed(surface.sigma_m, 5))?;
@@ -202,9 +202,9 @@ pub fn print_points(picker: &Picker<'_>, query: &PointQuery<'_>, out: &mut impl 
     }
     if points.len() > 2 {
         let eye = shot.recording.pose_at_frame(picker.frame)?.position_in_world_m();
-        let plane = plane_through(&points)?.facing(shot.recording.up.unwrap_or(eye - points[0]));
-        let FittedPlane { rms_m, max_m, .. } = plane;
-        let numbers = plane.numbers().map(|n| fixed(n, 6)).join(",");
+        let PlaneFit { plane, rms_m, max_m } = plane_through(&points)?;
+        let plane = plane.facing(shot.recording.up.unwrap_or(eye - points[0]));
+        let numbers = plane.coefficients().map(|n| fixed(n, 6)).join(",");
         write!(out, "plane      --plane {numbers}")?;
         match points.len() {
             3 => writeln!(out)?,

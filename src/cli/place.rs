@@ -139,7 +139,7 @@ pub fn run(args: &Args) -> Result<()> {
         let sides = [1, 2, 4].map(|axis| fixed(corners_m[0].distance(corners_m[axis]), 3));
         writeln!(out, "size       {} m", sides.join(" × "))?;
     }
-    let tilt = support.normal.dot(up).clamp(-1.0, 1.0).acos().to_degrees();
+    let tilt = support.tilt_deg(up);
     match picked.source {
         PointSource::Depth(found) => writeln!(
             out,

@@ -6,11 +6,12 @@ use super::shade::{VisibleShadowMap, bounds, visible_shadow_maps};
 use super::work_rects::{WorkRects, WorkRequest};
 use super::{Compositor, Job, RealDepth, Settings, SubmitError, exposure_time_s};
 use crate::camera::{Camera, Geometry};
-use crate::depth::{DepthGrid, Plane, Proxies, Surfaces};
+use crate::depth::{DepthGrid, Proxies, Surfaces};
 use crate::effects::{Effect, FrameContext, ObjectMotion, OnReal, Reach};
 use crate::frame::Frame;
 use crate::gpu::{Gpu, TexturePool};
 use crate::pixels::Rect;
+use crate::plane::Plane;
 use crate::pose::Pose;
 use crate::render::{Footprint, Renderer, SamplePlan, Shutter, ViewKeys, largest_sum_px};
 use crate::scene::Scene;
@@ -66,7 +67,7 @@ impl Compositor {
 pub fn support_planes(scene: &Scene) -> Vec<Plane> {
     let mut planes: Vec<Plane> = Vec::new();
     for support in scene.objects.iter().filter_map(|object| object.support) {
-        let plane = support.normal.try_normalize().map(|normal| Plane { point_m: support.point_m, normal });
+        let plane = support.normal.try_normalize().map(|normal| Plane { normal, ..support });
         planes.extend(plane.filter(|plane| !planes.contains(plane)));
     }
     planes

@@ -10,12 +10,11 @@
 //! Not modelled: 360° pictures; thin objects on the plane, if they are within the sensor's error of
 //! it.
 
-use glam::DVec3;
-
 use super::discontinuity::DEPTH_STEP;
 use super::{Rays, SENSOR_ERROR};
 use crate::parallel::{over_rows, processors};
 use crate::pixels::Rect;
+use crate::plane::Plane;
 use crate::pose::Pose;
 
 /// Smallest snapping distance, m.
@@ -24,13 +23,6 @@ const MIN_TOLERANCE_M: f32 = 0.015;
 const TOLERANCE_PER_DEPTH2: f32 = 3.0 * SENSOR_ERROR as f32;
 /// Largest snapping distance as a fraction of the depth. A depth discontinuity is larger.
 const MAX_TOLERANCE_PER_DEPTH: f32 = 0.5 * (DEPTH_STEP - 1.0);
-
-/// A plane in the world; `normal` has unit length.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Plane {
-    pub point_m: DVec3,
-    pub normal: DVec3,
-}
 
 /// Snaps the depth of a part of a map, seen from `pose`, to the planes. `depth_m`: row by row, m; 0
 /// where unknown.
@@ -72,7 +64,7 @@ pub fn snap_to_planes(depth_m: &mut [f32], rays: &Rays, pose: &Pose, part: Rect,
 mod tests {
     use super::*;
     use crate::camera::Geometry;
-    use glam::DQuat;
+    use glam::{DQuat, DVec3};
 
     #[test]
     fn noisy_floor_snaps_to_its_plane_and_objects_on_it_keep_their_depth() {

@@ -2,13 +2,13 @@
 
 use std::sync::Arc;
 
-use super::contact::Plane;
 use super::proxies::Proxies;
 use super::repair::{DepthRequest, Repair, RepairedDepth};
 use crate::camera::{Geometry, Response};
 use crate::frame::{Frame, NeighbourFrame, Surfel};
 use crate::memo::Memo;
 use crate::pixels::Rect;
+use crate::plane::Plane;
 use crate::pose::Pose;
 use crate::quality::Quality;
 

@@ -10,7 +10,7 @@
 
 use glam::DVec3;
 
-use super::contact::{self, Plane};
+use super::contact;
 use super::matte::{self, MattePixel};
 use super::proxies::{FAR_M, ProjectedPoint, Proxies, unknown_if_far_m};
 use super::smear::MotionField;
@@ -20,6 +20,7 @@ use crate::camera::Response;
 use crate::frame::{NeighbourFrame, Surfel};
 use crate::parallel::{over_rows, processors};
 use crate::pixels::{DepthMap, Pixels, Rect};
+use crate::plane::Plane;
 use crate::pose::Pose;
 
 /// Margin of the repaired region around the objects, as a fraction of the picture's width. The

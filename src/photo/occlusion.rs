@@ -14,9 +14,10 @@ use glam::DVec3;
 use super::Framing;
 use crate::camera::{Geometry, Response};
 use crate::compositor::project_rolling;
-use crate::depth::{DepthGrid, Plane, ProjectedPoint, Proxies, Rays, consensus_at_frame, snap_to_planes};
+use crate::depth::{DepthGrid, ProjectedPoint, Proxies, Rays, consensus_at_frame, snap_to_planes};
 use crate::frame::Frame;
 use crate::pixels::DepthMap;
+use crate::plane::Plane;
 use crate::tracking::PoseTrack;
 
 /// Inputs common to all frames.

@@ -39,6 +39,7 @@ use std::sync::Arc;
 use glam::{DAffine3, DQuat, DVec3, Vec2, Vec3};
 
 use crate::digest::digestible;
+use crate::plane::Plane;
 
 pub use describe::{Description, ObjectDescription, TextureDescription, bounds_m, describe, size_warning};
 pub use document::{Document, Entry, Gauge, SceneFile, SceneItem};
@@ -52,7 +53,7 @@ pub use model::is_model;
 pub use model_cache::{MissingModels, ModelCache};
 pub use overlap::{Overlap, overlaps};
 pub use place::Size;
-pub use resting::{Facet, MIN_SUPPORT_COSINE, Posture, Support, place_at_rest, relative};
+pub use resting::{Facet, MIN_SUPPORT_COSINE, Posture, place_at_rest, relative};
 
 /// Decodes a Radiance panorama: width, height, linear light row by row. The error is a description.
 pub fn decode_panorama(hdr: &[u8]) -> Result<(u32, u32, Vec<[f32; 3]>), String> {
@@ -143,7 +144,7 @@ pub struct Object {
     /// The model cannot be read, and a marked box is drawn in its place.
     pub is_missing: bool,
     /// The real surface below the object, which receives its shadow; `None` if unknown.
-    pub support: Option<Support>,
+    pub support: Option<Plane>,
     /// Real planar patches beside the object, which receive its shadow, too. Where two intersect,
     /// the first takes precedence; the surface below takes precedence over both.
     pub facets: Vec<Facet>,

@@ -8,6 +8,7 @@ use super::document::{Axis, PlacedModel, Up};
 use super::heading::Heading;
 use super::place::{bounds, min_along, shortest_rotation};
 use super::{Scene, SceneError, load};
+use crate::plane::Plane;
 
 /// Resting posture of a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -18,18 +19,10 @@ pub enum Posture {
     Flat,
 }
 
-/// Supporting plane.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Support {
-    pub point_m: DVec3,
-    /// Unit length, out of the surface.
-    pub normal: DVec3,
-}
-
 /// A planar patch of a real object beside an evidence object: a box's side, a wall.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Facet {
-    pub plane: Support,
+    pub plane: Plane,
     /// Unit vector in the plane along a side of the bounding rectangle. The other side is normal ×
     /// along.
     pub along: DVec3,
@@ -62,7 +55,7 @@ const DECIMAL_ROUNDING: f64 = 1e4;
 pub fn place_at_rest(
     model: &str,
     file: &Path,
-    support: &Support,
+    support: &Plane,
     posture: Posture,
     heading: Heading,
     world_up: DVec3,
@@ -173,7 +166,7 @@ mod tests {
     const FILE: &str = "scenes/new.toml";
 
     /// Bounding box of the placed model, and its transform.
-    fn laid(model: &str, support: &Support, posture: Posture, heading_deg: f64) -> (DVec3, DVec3, Scene, PlacedModel) {
+    fn laid(model: &str, support: &Plane, posture: Posture, heading_deg: f64) -> (DVec3, DVec3, Scene, PlacedModel) {
         let file = assets::source_folder().join(FILE);
         let placed = place_at_rest(model, &file, support, posture, Heading::Deg(heading_deg), DVec3::Z, None).unwrap();
         loaded(placed, &file)
@@ -211,7 +204,7 @@ mod tests {
 
     #[test]
     fn placed_model_faces_the_viewer() {
-        let (file, level) = (assets::source_folder().join(FILE), Support { point_m: DVec3::ZERO, normal: DVec3::Z });
+        let (file, level) = (assets::source_folder().join(FILE), Plane { point_m: DVec3::ZERO, normal: DVec3::Z });
         let looks = DVec3::new(-3.0, 4.0, 1.0);
         for (model, posture, front) in [
             ("marker-1.glb", Posture::Upright, DVec3::Z),
@@ -231,7 +224,7 @@ mod tests {
 
     #[test]
     fn flat_and_upright_models_touch_the_surface() {
-        let level = Support { point_m: DVec3::new(0.4, -0.3, 0.41), normal: DVec3::Z };
+        let level = Plane { point_m: DVec3::new(0.4, -0.3, 0.41), normal: DVec3::Z };
         let (low, high, ..) = laid("cartridge-case-9mm.glb", &level, Posture::Flat, 30.0);
         let size = high - low;
         // 19 mm long, 10 mm wide: lying it is as high as it is wide.
@@ -244,7 +237,7 @@ mod tests {
     #[test]
     fn on_a_slope_flat_models_lie_and_markers_stand() {
         let normal = DVec3::new(0.0, -0.6, 0.8);
-        let slope = Support { point_m: DVec3::new(1.0, 2.0, 0.5), normal };
+        let slope = Plane { point_m: DVec3::new(1.0, 2.0, 0.5), normal };
         let file = assets::source_folder().join(FILE);
         let heading = || Heading::Deg(45.0);
         let sized = place_at_rest("l-scale.glb", &file, &slope, Posture::Flat, heading(), DVec3::Z, Some(1.0)).unwrap();
@@ -267,7 +260,7 @@ mod tests {
     fn upright_at_a_steep_surface_touches_it_from_outside() {
         let file = assets::source_folder().join(FILE);
         for normal in [DVec3::new(0.0, -1.0, 0.0), DVec3::new(0.48, -0.64, 0.6), DVec3::new(0.0, -0.8, -0.6)] {
-            let wall = Support { point_m: DVec3::new(1.0, 2.0, 0.5), normal };
+            let wall = Plane { point_m: DVec3::new(1.0, 2.0, 0.5), normal };
             for size_m in [None, Some(0.3)] {
                 let heading = Heading::Deg(35.0);
                 let placed =
@@ -277,7 +270,7 @@ mod tests {
                 assert!(below.abs() < 2e-4 && (low.z - 0.5).abs() < 1e-4, "{normal}: {below}, {low}");
             }
         }
-        let ceiling = Support { point_m: DVec3::new(1.0, 2.0, 0.5), normal: DVec3::new(0.0, 0.035, -1.0).normalize() };
+        let ceiling = Plane { point_m: DVec3::new(1.0, 2.0, 0.5), normal: DVec3::new(0.0, 0.035, -1.0).normalize() };
         let placed =
             place_at_rest("marker-1.glb", &file, &ceiling, Posture::Upright, Heading::Deg(0.0), DVec3::Z, None)
                 .unwrap();

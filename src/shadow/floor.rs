@@ -3,7 +3,7 @@
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 
 use crate::digest::digestible;
-use crate::scene::Support;
+use crate::plane::Plane;
 
 /// A plane with a coordinate system: x and y in the plane, z along the normal, m.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,7 +24,7 @@ impl ReceiverPlane {
     }
 
     /// The support plane of an object, with its origin below the object's first part.
-    pub fn below(support: &Support, first: &DAffine3) -> Option<Self> {
+    pub fn below(support: &Plane, first: &DAffine3) -> Option<Self> {
         let through = Self::new(support.point_m, support.normal.try_normalize()?);
         let below = first.translation - through.height_m(first.translation) * through.normal();
         Some(Self { origin_m: below, ..through })
@@ -32,6 +32,10 @@ impl ReceiverPlane {
 
     pub fn normal(&self) -> DVec3 {
         self.axes.z_axis
+    }
+
+    pub fn plane(&self) -> Plane {
+        Plane { point_m: self.origin_m, normal: self.normal() }
     }
 
     pub fn floor_from_world(&self) -> DAffine3 {
@@ -46,7 +50,7 @@ impl ReceiverPlane {
 
     /// Height of a point above the plane, m.
     pub fn height_m(&self, point: DVec3) -> f64 {
-        self.normal().dot(point - self.origin_m)
+        self.plane().height_m(point)
     }
 }
 

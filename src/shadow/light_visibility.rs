@@ -42,7 +42,7 @@ fn visibilities(room: &Room, scene: &Scene, object: &Object) -> Option<Vec<f32>>
     // The support plane blocks nothing.
     let is_floor = |at_m: DVec3| {
         let support = object.support.as_ref();
-        support.is_some_and(|floor| (at_m - floor.point_m).dot(floor.normal) < f64::from(MIN_HEIGHT_M))
+        support.is_some_and(|floor| floor.height_m(at_m) < f64::from(MIN_HEIGHT_M))
     };
     // Visibility lines from every point, each with a direction and a length.
     let visible = |lines_from: &dyn Fn(DVec3) -> Vec<(DVec3, f64)>| {
@@ -85,7 +85,8 @@ fn lightmap(visibilities: &[f32]) -> Lightmap {
 mod tests {
     use super::super::block::block;
     use super::*;
-    use crate::scene::{Environment, Part, PointLight, Sun, Support};
+    use crate::plane::Plane;
+    use crate::scene::{Environment, Part, PointLight, Sun};
     use glam::DAffine3;
 
     /// A cube of 10 cm, under a sun, a lamp and six lamps straight above it.
@@ -103,7 +104,7 @@ mod tests {
             meshes: vec![Arc::new(block(Vec3::splat(0.05)))],
             objects: vec![Object {
                 parts: vec![part],
-                support: Some(Support { point_m: DVec3::ZERO, normal: DVec3::Z }),
+                support: Some(Plane { point_m: DVec3::ZERO, normal: DVec3::Z }),
                 ..Object::default()
             }],
             lighting: Lighting {

@@ -11,7 +11,8 @@ use glam::{DVec2, DVec3, Vec2, Vec3};
 use super::extent::Extent;
 use super::floor::ReceiverPlane;
 use crate::digest::digestible;
-use crate::scene::{Facet, Object, Support};
+use crate::plane::Plane;
+use crate::scene::{Facet, Object};
 
 /// Width over which the rectangle's sides fade out, m.
 const FADE_M: f32 = 0.01;
@@ -113,9 +114,9 @@ impl Rectangle {
 }
 
 /// Height of places on a floor above a plane, as a linear function.
-fn height(plane: &Support, floor: &ReceiverPlane) -> Vec3 {
+fn height(plane: &Plane, floor: &ReceiverPlane) -> Vec3 {
     let ReceiverPlane { origin_m, axes } = floor;
-    let over = plane.normal.dot(*origin_m - plane.point_m);
+    let over = plane.height_m(*origin_m);
     DVec3::new(plane.normal.dot(axes.x_axis), plane.normal.dot(axes.y_axis), over).as_vec3()
 }
 
@@ -131,8 +132,8 @@ mod tests {
     /// A wall at x = 0.2 m that faces left, 0.4 m wide and high. In front of it the top of a box at
     /// z = 0.1 m.
     fn corner() -> Object {
-        let on = |point_m: DVec3, normal: DVec3| Support { point_m, normal };
-        let facet = |plane: Support, along: DVec3, half: f64| Facet {
+        let on = |point_m: DVec3, normal: DVec3| Plane { point_m, normal };
+        let facet = |plane: Plane, along: DVec3, half: f64| Facet {
             plane,
             along,
             low_m: DVec2::splat(-half),

@@ -322,7 +322,7 @@ impl OccluderMask {
 mod tests {
     use super::super::block::block;
     use super::*;
-    use crate::scene::Support;
+    use crate::plane::Plane;
     use crate::scene::{Environment, EnvironmentMap, Lighting, Material, Object, Part, PointLight, Scene, Sun};
     use crate::shadow::{ShadowMap, Shadows};
     use glam::{DAffine3, DVec2, Quat};
@@ -335,7 +335,7 @@ mod tests {
     /// A box of a grey colour.
     fn colored(lighting: Lighting, at: DVec2, grey: f32) -> Scene {
         let part = Part { mesh: 0, world_from_mesh: DAffine3::from_translation(at.extend(0.05)) };
-        let support = Some(Support { point_m: DVec3::ZERO, normal: DVec3::Z });
+        let support = Some(Plane { point_m: DVec3::ZERO, normal: DVec3::Z });
         Scene {
             meshes: vec![Arc::new(block(Vec3::new(0.04, 0.04, 0.05)))],
             materials: vec![Material { base_color: [grey, grey, grey, 1.0], ..Material::default() }],

@@ -350,9 +350,7 @@ fn without_occluded_back_lights(
 ) -> Arc<PlaneLighting> {
     let Some(corners_m) = object.corners_m(scene) else { return sky };
     let middle_m = corners_m.into_iter().sum::<DVec3>() / 8.0;
-    let is_floor = |at_m: DVec3| {
-        object.support.is_some_and(|plane| plane.normal.dot(at_m - plane.point_m) < f64::from(MIN_HEIGHT_M))
-    };
+    let is_floor = |at_m: DVec3| object.support.is_some_and(|plane| plane.height_m(at_m) < f64::from(MIN_HEIGHT_M));
     let is_walled = |towards: DVec3, far_m: f64| room.blocks(middle_m, towards, far_m, is_floor);
     let of_sun = |towards: Vec3| is_walled(floor.axes * towards.as_dvec3(), f64::INFINITY);
     let of_lamp = |at_m: Vec3| {

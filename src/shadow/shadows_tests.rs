@@ -1,6 +1,7 @@
 use super::super::block::block;
 use super::*;
-use crate::scene::{Environment, Facet, Material, Part, PointLight, Sun, Support};
+use crate::plane::Plane;
+use crate::scene::{Environment, Facet, Material, Part, PointLight, Sun};
 use glam::{DAffine3, DQuat, DVec3, Vec2, Vec3};
 
 /// Shadows with an empty memo.
@@ -18,7 +19,7 @@ fn scene(lighting: Lighting, floor: &ReceiverPlane, boxes: &[(f64, f64, f64)]) -
         let on =
             DAffine3::from_rotation_translation(DQuat::from_rotation_z(*turn), DVec3::new(*x, *y, f64::from(HALF.z)));
         let part = Part { mesh: 0, world_from_mesh: world_from_floor * on };
-        let support = Some(Support { point_m: floor.origin_m, normal: floor.normal() });
+        let support = Some(Plane { point_m: floor.origin_m, normal: floor.normal() });
         Object { parts: vec![part], support, ..Object::default() }
     };
     Scene {
@@ -156,7 +157,7 @@ fn floor_that_moves_a_little_reuses_the_last_map() {
     let moved = |tilt: f64, up_m: f64| {
         let mut moved = scene.clone();
         let (point_m, normal) = (floor.origin_m + up_m * DVec3::Z, (DVec3::Z + tilt * DVec3::X).normalize());
-        moved.objects[0].support = Some(Support { point_m, normal });
+        moved.objects[0].support = Some(Plane { point_m, normal });
         moved
     };
     let (preview, quality) = shadows.shadow_maps(&moved(0.1, -0.02), Quality::Preview);
@@ -260,7 +261,7 @@ fn shadow_on_a_wall_matches_that_on_a_floor_in_its_plane() {
     let mut scene = scene(Lighting { suns: vec![sun], ..uniform_sky() }, &floor, &[(0.0, 0.0, 0.0)]);
     // A wall 4 cm to the right of the box.
     let reach = scene.objects[0].points_m(&scene).map(|p| p.x).fold(f64::NEG_INFINITY, f64::max);
-    let plane = Support { point_m: DVec3::new(reach + 0.04, 0.0, 0.1), normal: DVec3::NEG_X };
+    let plane = Plane { point_m: DVec3::new(reach + 0.04, 0.0, 0.1), normal: DVec3::NEG_X };
     let half = glam::DVec2::new(0.3, 0.1);
     let facet = Facet { plane, along: DVec3::Y, low_m: -half, high_m: half };
     scene.objects[0].facets = vec![facet];
@@ -305,7 +306,7 @@ fn in_front_of_a_wall(at_m: DVec3, bright: f32) -> Scene {
     let mut scene = scene(lighting, &floor, &[(0.0, 0.0, 0.0)]);
     scene.materials[0].base_color = [0.9, 0.0, 0.0, 1.0];
     let reach = scene.objects[0].points_m(&scene).map(|p| p.x).fold(f64::NEG_INFINITY, f64::max);
-    let plane = Support { point_m: DVec3::new(reach + 0.04, 0.0, 0.1), normal: DVec3::NEG_X };
+    let plane = Plane { point_m: DVec3::new(reach + 0.04, 0.0, 0.1), normal: DVec3::NEG_X };
     let half = glam::DVec2::splat(0.1);
     scene.objects[0].facets = vec![Facet { plane, along: DVec3::Y, low_m: -half, high_m: half }];
     scene

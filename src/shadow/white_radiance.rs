@@ -14,7 +14,8 @@ use super::floor::ReceiverPlane;
 use super::light_visibility::{LIGHT_SAMPLES, disc_around};
 use super::room::{MIN_HEIGHT_M, Room};
 use super::sky::{EnvironmentImage, on_surface, rays};
-use crate::scene::{Lighting, PointLight, Support};
+use crate::plane::Plane;
+use crate::scene::{Lighting, PointLight};
 
 /// Linear radiance of a white Lambertian surface.
 #[derive(Clone, Debug, PartialEq)]
@@ -34,7 +35,7 @@ impl WhiteRadiance {
 }
 
 /// For a surface at a place in the room.
-pub fn white_radiance(lighting: &Lighting, room: &Room, at: &Support) -> WhiteRadiance {
+pub fn white_radiance(lighting: &Lighting, room: &Room, at: &Plane) -> WhiteRadiance {
     let floor = ReceiverPlane::new(at.point_m, at.normal);
     let far = rays(lighting, &EnvironmentImage::new(&lighting.environment), &floor).iter().map(|ray| ray.light).sum();
     let is_floor = |at_m| floor.height_m(at_m) < f64::from(MIN_HEIGHT_M);
@@ -73,14 +74,14 @@ mod tests {
 
     #[test]
     fn radiance_is_that_of_the_sky_and_of_lamps_by_cosine_and_distance() {
-        let found = white_radiance(&lighting(), &Room::default(), &Support { point_m: DVec3::ZERO, normal: DVec3::Z });
+        let found = white_radiance(&lighting(), &Room::default(), &Plane { point_m: DVec3::ZERO, normal: DVec3::Z });
         // By hand: 1/2² by the lamp above, cos 45°/8 by the other, and the radiance of the uniform
         // sky.
         let (above, aside) = (0.25, 0.5f32.sqrt() / 8.0);
         let expected = Vec3::splat(0.3) + Vec3::new(2.0, 1.0, 0.5) * (above + aside);
         assert!((found.light() - expected).abs().max_element() < 1e-3, "{found:?} {expected}");
         // A wall that faces along x has nothing from the lamp above it, and 2/√8³ from the other.
-        let wall = white_radiance(&lighting(), &Room::default(), &Support { point_m: DVec3::ZERO, normal: DVec3::X });
+        let wall = white_radiance(&lighting(), &Room::default(), &Plane { point_m: DVec3::ZERO, normal: DVec3::X });
         assert_eq!(wall.lamps[0].0, Vec3::ZERO);
         assert!((wall.lamps[1].0.y - 2.0 / 8f32.powf(1.5)).abs() < 1e-6, "{wall:?}");
     }
@@ -92,9 +93,9 @@ mod tests {
         let board = places(0.01).map(|(x, y)| DVec3::new(x, y, 1.0));
         let floor = places(0.05).flat_map(|(x, y)| [0.0, 0.01].map(|z| DVec3::new(x, y, z)));
         let room = Room::of(board.chain(floor).flat_map(|at| [at, at]));
-        let found = white_radiance(&lighting(), &room, &Support { point_m: DVec3::ZERO, normal: DVec3::Z });
+        let found = white_radiance(&lighting(), &room, &Plane { point_m: DVec3::ZERO, normal: DVec3::Z });
         assert_eq!([found.lamps[0].1, found.lamps[1].1], [0.0, 1.0]);
-        let beside = Support { point_m: DVec3::new(-1.5, 0.0, 0.0), normal: DVec3::Z };
+        let beside = Plane { point_m: DVec3::new(-1.5, 0.0, 0.0), normal: DVec3::Z };
         assert_eq!(white_radiance(&lighting(), &room, &beside).lamps[0].1, 1.0);
     }
 }

@@ -10,8 +10,8 @@ use std::collections::HashSet;
 use glam::{DVec2, DVec3};
 
 use super::planes::{MeasuredPoint, ransac_plane};
-use super::points::FittedPlane;
-use crate::scene::{Facet, Object, Scene, Support};
+use crate::plane::{HessePlane, Plane};
+use crate::scene::{Facet, Object, Scene};
 
 /// Largest number of facets of an object.
 const MAX_FACETS: usize = 4;
@@ -49,7 +49,7 @@ const ROTATIONS: usize = 36;
 const NORMAL_STEP: f64 = 1.0 / 512.0;
 
 /// Facets around an object that stands on `support`.
-pub fn facets(scene: &Scene, object: &Object, support: &Support, points: &[MeasuredPoint]) -> Vec<Facet> {
+pub fn facets(scene: &Scene, object: &Object, support: &Plane, points: &[MeasuredPoint]) -> Vec<Facet> {
     if object.shadowless {
         return Vec::new();
     }
@@ -59,7 +59,7 @@ pub fn facets(scene: &Scene, object: &Object, support: &Support, points: &[Measu
         return Vec::new();
     }
     let reach_m = (REACH_PER_SIZE * (high - low).max_element()).clamp(MIN_REACH_M, MAX_REACH_M);
-    let height_m = |at_m: DVec3| support.normal.dot(at_m - support.point_m);
+    let height_m = |at_m: DVec3| support.height_m(at_m);
     let top_m = object.points_m(scene).map(height_m).fold(0.0, f64::max);
     // Light comes from above: surfaces far above the object receive no shadow of it.
     let heights_m = MIN_HEIGHT_M..top_m + 0.5 * reach_m;
@@ -69,13 +69,12 @@ pub fn facets(scene: &Scene, object: &Object, support: &Support, points: &[Measu
     let mut segments = Vec::new();
     for _ in 0..MAX_FACETS {
         let Some(plane) = ransac_plane(&rest, |_| true) else { break };
-        let (members, others): (Vec<_>, Vec<_>) =
-            rest.iter().partition(|point| point.is_inlier(plane.normal, plane.d_m));
+        let (members, others): (Vec<_>, Vec<_>) = rest.iter().partition(|point| point.is_inlier(&plane));
         segments.push(PlaneSegment { shape: shape(&plane, &members), normal: plane.normal, members });
         rest = others;
     }
     let is_in_front = |facet: &Facet| {
-        let Support { point_m, normal } = facet.plane;
+        let Plane { point_m, normal } = facet.plane;
         let (mut farthest_m, mut penetrates) = (0.0f64, false);
         for off in object.points_m(scene).map(|at_m| at_m - point_m) {
             farthest_m = farthest_m.max(normal.dot(off));
@@ -116,7 +115,7 @@ enum Shape {
 }
 
 /// Classifies the inliers of a plane. `None` if they are too sparse or too small.
-fn shape(plane: &FittedPlane, members: &[MeasuredPoint]) -> Option<Shape> {
+fn shape(plane: &HessePlane, members: &[MeasuredPoint]) -> Option<Shape> {
     let middle = members.iter().map(|point| point.at_m).sum::<DVec3>() / members.len() as f64;
     let towards_cameras: f64 = members.iter().map(|point| plane.normal.dot(point.camera_m - point.at_m).signum()).sum();
     let normal = ((plane.normal * towards_cameras.signum() / NORMAL_STEP).round() * NORMAL_STEP).try_normalize()?;
@@ -135,7 +134,7 @@ fn shape(plane: &FittedPlane, members: &[MeasuredPoint]) -> Option<Shape> {
     let is_filled = cells.len() as f64 > MIN_FILLED_SHARE * area(&(turn, low_m, high_m)) / (CELL_M * CELL_M);
     // The axis of the rotated x.
     let along = (turn.x * x - turn.y * y).normalize();
-    let facet = Facet { plane: Support { point_m: middle, normal }, along, low_m, high_m };
+    let facet = Facet { plane: Plane { point_m: middle, normal }, along, low_m, high_m };
     let tolerance_m = members.iter().map(|point| point.tolerance_m).sum::<f64>() / members.len() as f64;
     let is_flat = [0, 1].into_iter().all(|axis| {
         let at = places.iter().zip(members).map(|(place, point)| {
@@ -190,7 +189,7 @@ mod tests {
         }
     }
 
-    const FLOOR: Support = Support { point_m: DVec3::ZERO, normal: DVec3::Z };
+    const FLOOR: Plane = Plane { point_m: DVec3::ZERO, normal: DVec3::Z };
     const CAMERA_M: DVec3 = DVec3::new(-1.0, -0.3, 1.0);
 
     /// Points of a rectangle, every 7 mm.

@@ -57,7 +57,7 @@ use load_analysis::{LoadedAnalysis, Sources, estimated_params};
 pub use note::{Note, ObjectIssue, Tally};
 pub use options::{AnalysisChoice, ShotOptions};
 pub use pick::{Hit, nearest};
-pub use points::{FittedPlane, metres_per_unit, plane_through};
+pub use points::{PlaneFit, metres_per_unit, plane_through};
 pub use posed_camera::{PosedCamera, ViewRay};
 pub use projected::ProjectedObject;
 pub use reduced::ReducedFrame;

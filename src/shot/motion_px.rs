@@ -23,7 +23,7 @@ impl Shot {
             (Err(_), Ok(end), Ok(middle)) => (middle, end, 2.0),
             (Err(error), _, _) | (_, Err(error), _) => return Err(error.into()),
         };
-        let project = |pose: crate::pose::Pose| geometry.project(pose.transform_point(surface.point_m));
+        let project = |pose: crate::pose::Pose| geometry.project(pose.transform_point(surface.plane.point_m));
         let no_ray = || SurfaceError::NoRay { at_px: at_px.to_array() };
         let (from, to) = (project(begin).ok_or_else(no_ray)?, project(end).ok_or_else(no_ray)?);
         Ok(scale * geometry.displacement_px(from, to))

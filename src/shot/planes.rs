@@ -2,11 +2,14 @@
 
 use glam::DVec3;
 
-use super::points::{FittedPlane, plane_through};
+use super::points::plane_through;
 use crate::depth::SENSOR_ERROR;
+use crate::plane::{HessePlane, Plane};
 
 /// RANSAC iterations.
 const ITERATIONS: usize = 240;
+/// Least-squares fits to the inliers of the one before.
+const REFITS: usize = 3;
 /// Smallest number of a plane's points.
 const MIN_POINTS: usize = 40;
 /// Largest number of points by which hypotheses are scored; the best one is then fitted to all
@@ -33,14 +36,14 @@ impl MeasuredPoint {
         Self { at_m, tolerance_m: INLIER_M + INLIER_PER_DEPTH2 * depth_m * depth_m, camera_m }
     }
 
-    pub fn is_inlier(&self, normal: DVec3, d_m: f64) -> bool {
-        (normal.dot(self.at_m) - d_m).abs() < self.tolerance_m
+    pub fn is_inlier(&self, plane: &HessePlane) -> bool {
+        plane.height_m(self.at_m).abs() < self.tolerance_m
     }
 }
 
 /// The plane with most inliers, among those with an accepted normal. `accepts` must not depend on
 /// the normal's sign.
-pub fn ransac_plane(points: &[MeasuredPoint], accepts: impl Fn(DVec3) -> bool) -> Option<FittedPlane> {
+pub fn ransac_plane(points: &[MeasuredPoint], accepts: impl Fn(DVec3) -> bool) -> Option<HessePlane> {
     if points.len() < MIN_POINTS {
         return None;
     }
@@ -50,19 +53,18 @@ pub fn ransac_plane(points: &[MeasuredPoint], accepts: impl Fn(DVec3) -> bool) -
     for n in 0..ITERATIONS {
         let [a, b, c] = [0, 1, 2].map(|k| points[random_index(3 * n + k, points.len())].at_m);
         let Some(normal) = (b - a).cross(c - a).try_normalize().filter(|normal| accepts(*normal)) else { continue };
-        let count = compared.iter().filter(|point| point.is_inlier(normal, normal.dot(a))).count();
+        let plane = HessePlane::from(Plane { point_m: a, normal });
+        let count = compared.iter().filter(|point| point.is_inlier(&plane)).count();
         if count > max_count {
-            (best, max_count) = (Some((normal, normal.dot(a))), count);
+            (best, max_count) = (Some(plane), count);
         }
     }
-    let (mut normal, mut d_m) = best?;
-    let mut found = None;
-    for _ in 0..3 {
-        let members: Vec<DVec3> = points.iter().filter(|p| p.is_inlier(normal, d_m)).map(|p| p.at_m).collect();
-        let plane = plane_through(&members).ok()?.facing(normal);
-        (normal, d_m, found) = (plane.normal, plane.d_m, Some(plane));
+    let mut plane = best?;
+    for _ in 0..REFITS {
+        let members: Vec<DVec3> = points.iter().filter(|p| p.is_inlier(&plane)).map(|p| p.at_m).collect();
+        plane = plane_through(&members).ok()?.plane.facing(plane.normal);
     }
-    found.filter(|plane| accepts(plane.normal))
+    Some(plane).filter(|plane| accepts(plane.normal))
 }
 
 /// Reproducible pseudo-random index into a list (Wang's hash).

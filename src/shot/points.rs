@@ -3,36 +3,22 @@
 use glam::{DMat3, DVec3};
 
 use super::{Shot, SurfaceError};
+use crate::plane::{HessePlane, Plane};
 
-/// A plane a·x + b·y + c·z = d.
+/// A plane that was fitted to points.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FittedPlane {
-    /// Unit length.
-    pub normal: DVec3,
-    pub d_m: f64,
+pub struct PlaneFit {
+    pub plane: HessePlane,
     /// Distance of the points from it: root mean square and maximum, m.
     pub rms_m: f64,
     pub max_m: f64,
 }
 
-impl FittedPlane {
-    /// Coefficients a, b, c, d for [`super::Shot::support_on_plane`].
-    pub fn numbers(&self) -> [f64; 4] {
-        [self.normal.x, self.normal.y, self.normal.z, self.d_m]
-    }
-
-    /// The plane with its normal on the side of `towards`.
-    pub fn facing(self, towards: DVec3) -> Self {
-        let sign = if self.normal.dot(towards) < 0.0 { -1.0 } else { 1.0 };
-        Self { normal: sign * self.normal, d_m: sign * self.d_m, ..self }
-    }
-}
-
 impl Shot {
     /// The recording's floor: the plane through the world's origin, across up.
-    pub fn floor(&self) -> Option<FittedPlane> {
+    pub fn floor(&self) -> Option<HessePlane> {
         let normal = self.recording.up.filter(|_| self.recording.has_floor)?;
-        Some(FittedPlane { normal, d_m: 0.0, rms_m: 0.0, max_m: 0.0 })
+        Some(HessePlane { normal, offset_m: 0.0 })
     }
 }
 
@@ -40,7 +26,7 @@ impl Shot {
 const MIN_WIDTH_SHARE: f64 = 0.01;
 
 /// The least-squares plane through three or more points (Pearson 1901).
-pub fn plane_through(points_m: &[DVec3]) -> Result<FittedPlane, SurfaceError> {
+pub fn plane_through(points_m: &[DVec3]) -> Result<PlaneFit, SurfaceError> {
     let refused = |reason| Err(SurfaceError::Points { reason });
     if points_m.len() < 3 {
         return refused("it needs three");
@@ -59,9 +45,8 @@ pub fn plane_through(points_m: &[DVec3]) -> Result<FittedPlane, SurfaceError> {
     }
     let normal = axes[0].1;
     let off = |p: &DVec3| normal.dot(*p - middle).abs();
-    Ok(FittedPlane {
-        normal,
-        d_m: normal.dot(middle),
+    Ok(PlaneFit {
+        plane: Plane { point_m: middle, normal }.into(),
         rms_m: (points_m.iter().map(|p| off(p).powi(2)).sum::<f64>() / count).sqrt(),
         max_m: points_m.iter().map(off).fold(0.0, f64::max),
     })
@@ -106,10 +91,11 @@ mod tests {
     fn plane_through_four_points_and_unit_of_a_length_match_hand_computation() {
         // Four corners, two of them 2 mm up: each lies 1 mm from the plane between.
         let points = [(0.0, 0.0, 0.0), (1.0, 1.0, 0.0), (1.0, 0.0, 0.002), (0.0, 1.0, 0.002)].map(DVec3::from);
-        let plane = plane_through(&points).unwrap().facing(DVec3::Z);
-        assert!(plane.normal.abs_diff_eq(DVec3::Z, 1e-12) && (plane.d_m - 0.001).abs() < 1e-12, "{plane:?}");
-        assert!((plane.rms_m - 0.001).abs() < 1e-9 && (plane.max_m - 0.001).abs() < 1e-9, "{plane:?}");
-        assert!(plane.facing(DVec3::NEG_Z).d_m < 0.0);
+        let fit = plane_through(&points).unwrap();
+        let plane = fit.plane.facing(DVec3::Z);
+        assert!(plane.normal.abs_diff_eq(DVec3::Z, 1e-12) && (plane.offset_m - 0.001).abs() < 1e-12, "{plane:?}");
+        assert!((fit.rms_m - 0.001).abs() < 1e-9 && (fit.max_m - 0.001).abs() < 1e-9, "{fit:?}");
+        assert!(plane.facing(DVec3::NEG_Z).offset_m < 0.0);
         let line = [0.0, 1.0, 3.0].map(|x| DVec3::new(x, 2.0 * x, 0.001 * x * x));
         assert!(plane_through(&line).unwrap_err().to_string().contains("on a line"));
         assert!(plane_through(&points[..2]).unwrap_err().to_string().contains("three"));
@@ -127,8 +113,9 @@ mod tests {
             let normal = normal.normalize();
             let (a, b) = normal.any_orthonormal_pair();
             let points: Vec<_> = (0..7).map(|n| normal * d + a * f64::from(n).sin() + b * f64::from(3 * n).cos()).collect();
-            let plane = plane_through(&points).unwrap().facing(normal);
-            prop_assert!(plane.normal.abs_diff_eq(normal, 1e-9) && (plane.d_m - d).abs() < 1e-9 && plane.max_m < 1e-9, "{plane:?}");
+            let fit = plane_through(&points).unwrap();
+            let plane = fit.plane.facing(normal);
+            prop_assert!(plane.normal.abs_diff_eq(normal, 1e-9) && (plane.offset_m - d).abs() < 1e-9 && fit.max_m < 1e-9, "{fit:?}");
         }
     }
 }

@@ -16,7 +16,8 @@ use std::collections::{HashMap, HashSet};
 use glam::{DVec3, IVec3};
 
 use super::planes::{MeasuredPoint, random_index};
-use super::points::{FittedPlane, plane_through};
+use super::points::plane_through;
+use crate::plane::{HessePlane, Plane};
 
 /// Largest number of planes of a room.
 const MAX_PLANES: usize = 8;
@@ -26,6 +27,8 @@ const MIN_PLANE_SHARE: f64 = 0.015;
 const MAX_POINTS: usize = 20_000;
 /// RANSAC iterations for each plane.
 const ITERATIONS: usize = 600;
+/// Least-squares fits to the largest connected component of the inliers of the one before.
+const REFITS: usize = 4;
 /// Largest number of points by which hypotheses are scored.
 const MAX_SCORED_POINTS: usize = 2048;
 /// Largest number of searches for planes, including those that are too small.
@@ -57,7 +60,7 @@ const POSSIBLE_GROUND_COSINE: f64 = 0.3;
 /// The planes of a room, in order of decreasing size, each with its number of points. Normals point
 /// to the cameras that measured them.
 #[derive(Clone, Debug, Default)]
-pub struct RoomPlanes(Vec<(FittedPlane, usize)>);
+pub struct RoomPlanes(Vec<(HessePlane, usize)>);
 
 impl RoomPlanes {
     pub fn of(points: &[MeasuredPoint]) -> Self {
@@ -88,24 +91,24 @@ impl RoomPlanes {
     /// fit if there is none. `accepts` filters normals, independent of their sign.
     pub fn or_dominant(
         &self,
-        local: FittedPlane,
+        local: HessePlane,
         at_m: DVec3,
         around: &[MeasuredPoint],
         accepts: impl Fn(DVec3) -> bool,
-    ) -> FittedPlane {
-        let explained = |plane: &FittedPlane| around.iter().filter(|p| p.is_inlier(plane.normal, plane.d_m)).count();
+    ) -> HessePlane {
+        let explained = |plane: &HessePlane| around.iter().filter(|point| point.is_inlier(plane)).count();
         let mean_error_m = around.iter().map(|point| point.tolerance_m).sum::<f64>() / around.len().max(1) as f64;
         let least = (MIN_OF_LOCAL * explained(&local) as f64).max(MIN_OF_ALL * around.len() as f64).max(1.0);
-        let passes = |plane: &FittedPlane| (plane.normal.dot(at_m) - plane.d_m).abs() < mean_error_m;
+        let passes = |plane: &HessePlane| plane.height_m(at_m).abs() < mean_error_m;
         let candidates = self.0.iter().map(|(plane, _)| plane).filter(|plane| passes(plane) && accepts(plane.normal));
         let counted = candidates.map(|plane| (explained(plane), plane)).filter(|(count, _)| *count as f64 >= least);
         // The largest among those that explain equally many.
         let Some((_, plane)) = counted.rev().max_by_key(|(count, _)| *count) else { return local };
-        let on = around.iter().filter(|point| point.is_inlier(plane.normal, plane.d_m));
+        let on = around.iter().filter(|point| point.is_inlier(plane));
         let mut offsets_m: Vec<f64> = on.map(|point| plane.normal.dot(point.at_m)).collect();
         offsets_m.sort_by(f64::total_cmp);
-        let d_m = offsets_m.get(offsets_m.len() / 2).copied().unwrap_or(plane.d_m);
-        FittedPlane { d_m, ..*plane }.facing(local.normal)
+        let offset_m = offsets_m.get(offsets_m.len() / 2).copied().unwrap_or(plane.offset_m);
+        HessePlane { offset_m, ..*plane }.facing(local.normal)
     }
 
     /// Up by the largest level surface; `guess` is the cameras' own up. Cameras see floors and
@@ -116,7 +119,7 @@ impl RoomPlanes {
         let count = |up: DVec3| level(up).map(|(_, members)| members).sum::<usize>();
         let is_overhead = self.0.first().is_some_and(|(largest, members)| {
             let against = largest.normal.dot(-guess);
-            let may_be_ground = |(plane, count): &(FittedPlane, usize)| {
+            let may_be_ground = |(plane, count): &(HessePlane, usize)| {
                 plane.normal.dot(guess) > POSSIBLE_GROUND_COSINE && UPSIDE_DOWN_RATIO * count > *members
             };
             against > OVERHEAD_COSINE || (against > LEVEL_COSINE && !self.0.iter().any(may_be_ground))
@@ -130,31 +133,30 @@ impl RoomPlanes {
 
 /// The plane with most inliers, fitted to its largest connected component: distant strays would
 /// tilt a small table's. Also returns the indices of that component's points.
-fn largest(points: &[MeasuredPoint]) -> Option<(FittedPlane, Vec<usize>)> {
+fn largest(points: &[MeasuredPoint]) -> Option<(HessePlane, Vec<usize>)> {
     let cells = by_cell(points, 0..points.len(), SAMPLE_CELL_M);
     let compared: Vec<&MeasuredPoint> =
         points.iter().step_by(points.len().div_ceil(MAX_SCORED_POINTS).max(1)).collect();
-    let mut best: Option<(usize, DVec3, f64)> = None;
+    let mut best: Option<(usize, HessePlane)> = None;
     for n in 0..ITERATIONS {
         let a = points[random_index(3 * n, points.len())].at_m;
         let cell = &cells[&cell_of(a, SAMPLE_CELL_M)];
         let [b, c] = [1, 2].map(|k| points[cell[random_index(3 * n + k, cell.len())]].at_m);
         let Some(normal) = (b - a).cross(c - a).try_normalize() else { continue };
-        let count = compared.iter().filter(|point| point.is_inlier(normal, normal.dot(a))).count();
-        if best.is_none_or(|(max_count, ..)| count > max_count) {
-            best = Some((count, normal, normal.dot(a)));
+        let plane = HessePlane::from(Plane { point_m: a, normal });
+        let count = compared.iter().filter(|point| point.is_inlier(&plane)).count();
+        if best.is_none_or(|(max_count, _)| count > max_count) {
+            best = Some((count, plane));
         }
     }
-    let (_, mut normal, mut d_m) = best?;
-    let mut fitted = None;
-    for _ in 0..4 {
-        let on = (0..points.len()).filter(|n| points[*n].is_inlier(normal, d_m));
-        let members = largest_component(points, on);
+    let (_, mut plane) = best?;
+    let mut members = Vec::new();
+    for _ in 0..REFITS {
+        members = largest_component(points, (0..points.len()).filter(|n| points[*n].is_inlier(&plane)));
         let places: Vec<DVec3> = members.iter().map(|n| points[*n].at_m).collect();
-        let plane = plane_through(&places).ok()?.facing(normal);
-        (normal, d_m, fitted) = (plane.normal, plane.d_m, Some((plane, members)));
+        plane = plane_through(&places).ok()?.plane.facing(plane.normal);
     }
-    fitted
+    Some((plane, members))
 }
 
 /// The largest set of points, by index, whose cells are connected.
@@ -218,15 +220,15 @@ mod tests {
         points.iter().filter(|point| point.at_m.distance(at_m) < AROUND_M).copied().collect()
     }
 
-    fn local_fit(points: &[MeasuredPoint]) -> FittedPlane {
-        plane_through(&points.iter().map(|point| point.at_m).collect::<Vec<_>>()).unwrap().facing(DVec3::Z)
+    fn local_fit(points: &[MeasuredPoint]) -> HessePlane {
+        plane_through(&points.iter().map(|point| point.at_m).collect::<Vec<_>>()).unwrap().plane.facing(DVec3::Z)
     }
 
     #[test]
     fn room_planes_are_its_floor_and_its_wall() {
         let RoomPlanes(planes) = RoomPlanes::of(&room());
         let [(floor, on_floor), (wall, on_wall)] = planes[..] else { panic!("{planes:?}") };
-        assert!(floor.normal.z > 0.99999 && floor.d_m.abs() < 1e-3 && on_floor >= 10_000, "{floor:?} {on_floor}");
+        assert!(floor.normal.z > 0.99999 && floor.offset_m.abs() < 1e-3 && on_floor >= 10_000, "{floor:?} {on_floor}");
         assert!(wall.normal.y < -0.9999 && on_wall > 3500, "{wall:?} {on_wall}");
     }
 
@@ -240,11 +242,11 @@ mod tests {
         assert!(local.normal.angle_between(DVec3::Z).to_degrees() > 2.0, "{local:?}");
         let or_dominant = planes.or_dominant(local, DVec3::ZERO, &near, |_| true);
         assert!(or_dominant.normal.angle_between(DVec3::Z).to_degrees() < 0.2, "{or_dominant:?}");
-        assert!(or_dominant.d_m.abs() < 1e-3, "{or_dominant:?}");
+        assert!(or_dominant.offset_m.abs() < 1e-3, "{or_dominant:?}");
         // A rug of 3 mm gets the floor's plane, at its own height.
         let rug: Vec<MeasuredPoint> = near.iter().map(|p| MeasuredPoint { at_m: p.at_m.with_z(0.003), ..*p }).collect();
         let or_dominant = planes.or_dominant(local_fit(&rug), DVec3::new(0.0, 0.0, 0.003), &rug, |_| true);
-        assert!((or_dominant.d_m - 0.003).abs() < 5e-4, "{or_dominant:?}");
+        assert!((or_dominant.offset_m - 0.003).abs() < 5e-4, "{or_dominant:?}");
     }
 
     #[test]
@@ -256,7 +258,7 @@ mod tests {
         let cupboard = (0..400).map(|n| point(DVec3::new(0.9, at(n % 20), 0.4 + 1e-4 * f64::from(n))));
         room.extend(table.chain(cupboard));
         let RoomPlanes(planes) = RoomPlanes::of(&room);
-        let table = planes.iter().find(|(plane, _)| plane.normal.z > 0.99 && (plane.d_m - 0.4).abs() < 0.01);
+        let table = planes.iter().find(|(plane, _)| plane.normal.z > 0.99 && (plane.offset_m - 0.4).abs() < 0.01);
         let tilt_deg = table.unwrap().0.normal.angle_between(DVec3::Z).to_degrees();
         assert!(tilt_deg < 0.1, "{tilt_deg}");
     }
@@ -269,7 +271,7 @@ mod tests {
         room.iter_mut().filter(|p| is_on_book(&p.at_m)).for_each(|p| p.at_m.z = 0.02);
         let planes = RoomPlanes::of(&room);
         let near = around(&room, DVec3::new(0.0, 0.0, 0.02));
-        let book = FittedPlane { normal: DVec3::Z, d_m: 0.02, rms_m: 0.0, max_m: 0.0 };
+        let book = HessePlane { normal: DVec3::Z, offset_m: 0.02 };
         assert_eq!(planes.or_dominant(book, DVec3::new(0.0, 0.0, 0.02), &near, |_| true), book);
         let is_on_ramp = |at: &DVec3| (at.x - 0.5).abs() < 0.2 && at.y.abs() < 0.2;
         room.iter_mut()

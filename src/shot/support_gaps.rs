@@ -119,14 +119,14 @@ impl Shot {
                 continue;
             };
             let Ok(surface) = self.surface_at(frame, at) else { continue };
-            let off_m = (*sample - surface.point_m).dot(surface.normal_in_world);
+            let off_m = surface.plane.height_m(*sample);
             let known_m = MIN_GAP_M.max(MIN_GAP_PER_DEPTH * surface.depth_m).max(MIN_GAP_PER_SIGMA * surface.sigma_m);
-            if surface.normal_in_world.dot(up) < MIN_SUPPORT_COSINE || surface.share < MIN_PLANE_SHARE {
+            if surface.plane.normal.dot(up) < MIN_SUPPORT_COSINE || surface.share < MIN_PLANE_SHARE {
                 steep.take(off_m, known_m);
                 continue;
             }
             gaps.push(off_m);
-            normal += surface.normal_in_world;
+            normal += surface.plane.normal;
             least_m = least_m.max(known_m);
         }
         gaps.sort_by(f64::total_cmp);

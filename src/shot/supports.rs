@@ -16,7 +16,6 @@ use glam::{DVec2, DVec3};
 
 use super::facets::facets;
 use super::planes::{MeasuredPoint, ransac_plane};
-use super::points::FittedPlane;
 use super::radiance::radiance_of;
 use super::room_planes::AROUND_M;
 use super::room_points::{DepthSamples, RoomPoints};
@@ -26,7 +25,8 @@ use crate::camera::{Geometry, Response};
 use crate::compositor::Compositor;
 use crate::frame::Frame;
 use crate::gpu::Gpu;
-use crate::scene::{LightingOrigin, MIN_SUPPORT_COSINE, Mesh, Object, Scene, Support};
+use crate::plane::{HessePlane, Plane};
+use crate::scene::{LightingOrigin, MIN_SUPPORT_COSINE, Mesh, Object, Scene};
 use crate::shadow::{LazyRadiance, Room};
 
 /// Depth samples across a single frame's map.
@@ -173,19 +173,17 @@ impl Shot {
     fn placed(&self, frame: &Frame, at_px: DVec2, scan: Scan) -> Result<Surface, SurfaceError> {
         let surface = self.surface_at(frame, at_px)?;
         let Some(measured) = self.room_scan(scan) else { return Ok(surface) };
-        let around = measured.around(surface.point_m, AROUND_M);
-        let normal = surface.normal_in_world;
-        let local = FittedPlane { normal, d_m: normal.dot(surface.point_m), rms_m: surface.sigma_m, max_m: 0.0 };
-        let plane = measured
-            .planes
-            .or_dominant(local, surface.point_m, &around, |along| along.dot(normal).abs() > MIN_SUPPORT_COSINE);
-        let Ok(Support { point_m, normal }) = self.support_on_plane(frame.index, at_px, plane.numbers()) else {
+        let Plane { point_m, normal } = surface.plane;
+        let around = measured.around(point_m, AROUND_M);
+        let accepts = |along: DVec3| along.dot(normal).abs() > MIN_SUPPORT_COSINE;
+        let dominant = measured.planes.or_dominant(surface.plane.into(), point_m, &around, accepts);
+        let Ok(plane) = self.support_on_plane(frame.index, at_px, dominant.coefficients()) else {
             return Ok(surface);
         };
         // At a grazing angle, a small error of the plane moves the intersection far.
-        let error_m = MeasuredPoint::new(surface.point_m, surface.depth_m, surface.point_m).tolerance_m;
-        let is_near = point_m.distance(surface.point_m) < MAX_MOVE_PER_ERROR * error_m;
-        Ok(if is_near { Surface { point_m, normal_in_world: normal, ..surface } } else { surface })
+        let error_m = MeasuredPoint::new(point_m, surface.depth_m, point_m).tolerance_m;
+        let is_near = plane.point_m.distance(point_m) < MAX_MOVE_PER_ERROR * error_m;
+        Ok(if is_near { Surface { plane, ..surface } } else { surface })
     }
 
     /// Up by the room's largest level surface, if depth shows one
@@ -269,18 +267,18 @@ impl Shot {
     }
 
     /// The support plane of an object, and its source.
-    pub(super) fn support_of(&self, object: &Object, measured: &RoomPoints) -> Option<(Support, PlaneSource)> {
+    pub(super) fn support_of(&self, object: &Object, measured: &RoomPoints) -> Option<(Plane, PlaneSource)> {
         let floor = self.floor();
         let up = self.up()?;
         let foot = ObjectFootprint::of(&self.scene, object, up)?;
         let measured = foot.support(measured).map(|plane| (plane, PlaneSource::Depth));
         let known = measured.or_else(|| {
-            let is_near = |plane: &FittedPlane| foot.height_m(plane).abs() < MAX_DROP_M;
+            let is_near = |plane: &HessePlane| foot.height_m(plane).abs() < MAX_DROP_M;
             floor.filter(is_near).map(|plane| (plane, PlaneSource::Recording))
         });
         Some(match known {
             Some((plane, known_by)) => (foot.on(&plane.facing(up)), known_by),
-            None => (Support { point_m: foot.lowest(up), normal: up }, PlaneSource::Foot),
+            None => (Plane { point_m: foot.lowest(up), normal: up }, PlaneSource::Foot),
         })
     }
 
@@ -327,32 +325,32 @@ impl ObjectFootprint {
     }
 
     /// Height of its lowest point over a plane, m.
-    fn height_m(&self, plane: &FittedPlane) -> f64 {
+    fn height_m(&self, plane: &HessePlane) -> f64 {
         let plane = plane.facing(self.up);
-        self.points.iter().map(|p| plane.normal.dot(*p) - plane.d_m).fold(f64::INFINITY, f64::min)
+        self.points.iter().map(|p| plane.height_m(*p)).fold(f64::INFINITY, f64::min)
     }
 
     /// The plane with a rounded normal, moved to the lowest point if that is within `SNAP_M`.
-    fn on(&self, plane: &FittedPlane) -> Support {
-        let off = plane.normal.dot(self.middle) - plane.d_m;
+    fn on(&self, plane: &HessePlane) -> Plane {
+        let off = plane.height_m(self.middle);
         let normal = ((plane.normal / NORMAL_STEP).round() * NORMAL_STEP).normalize();
         // Rotated about the point below the footprint.
-        let plane = FittedPlane { normal, d_m: normal.dot(self.middle) - off, ..*plane };
+        let plane = HessePlane { normal, offset_m: normal.dot(self.middle) - off };
         let height_m = self.height_m(&plane);
         let moved_m = if height_m.abs() <= SNAP_M { height_m } else { 0.0 };
-        Support { point_m: self.middle + (moved_m - off) * plane.normal, normal: plane.normal }
+        Plane { point_m: self.middle + (moved_m - off) * plane.normal, normal: plane.normal }
     }
 
     /// The plane of the points around that supports it: one in contact, or else one below that it
     /// floats over.
-    fn support(&self, measured: &RoomPoints) -> Option<FittedPlane> {
+    fn support(&self, measured: &RoomPoints) -> Option<HessePlane> {
         self.support_within(measured, -MAX_CONTACT_M..MAX_CONTACT_M)
             .or_else(|| self.support_within(measured, -MAX_DROP_M..-MAX_CONTACT_M))
     }
 
     /// The plane with most inliers among the points around, in a range of heights over the
     /// footprint, m.
-    fn support_within(&self, measured: &RoomPoints, heights_m: Range<f64>) -> Option<FittedPlane> {
+    fn support_within(&self, measured: &RoomPoints, heights_m: Range<f64>) -> Option<HessePlane> {
         let around_m = (SEARCH_PER_RADIUS * self.radius_m).clamp(MIN_SEARCH_M, MAX_SEARCH_M);
         let foot = self.lowest(self.up);
         let near: Vec<MeasuredPoint> = measured
@@ -365,7 +363,7 @@ impl ObjectFootprint {
             .copied()
             .collect();
         let plane = ransac_plane(&near, |normal| normal.dot(self.up).abs() >= MIN_SUPPORT_COSINE)?.facing(self.up);
-        let below_foot_m = foot - (plane.normal.dot(foot) - plane.d_m) / plane.normal.dot(self.up) * self.up;
+        let below_foot_m = foot - plane.height_m(foot) / plane.normal.dot(self.up) * self.up;
         let is_ground = |normal: DVec3| normal.dot(self.up).abs() >= MIN_SUPPORT_COSINE;
         Some(measured.planes.or_dominant(plane, below_foot_m, &near, is_ground).facing(self.up))
     }
@@ -395,7 +393,7 @@ mod tests {
     fn support_of_an_object_is_the_table_and_not_the_box_beside_it() {
         let plane =
             foot(0.004).support_within(&RoomPoints::new(vec![(0, room())]), -MAX_CONTACT_M..MAX_CONTACT_M).unwrap();
-        assert!(plane.normal.z > 0.999 && plane.d_m.abs() < 0.002, "{plane:?}");
+        assert!(plane.normal.z > 0.999 && plane.offset_m.abs() < 0.002, "{plane:?}");
         // The footprint is 4 mm above the measured plane: the plane moves to it.
         let support = foot(0.004).on(&plane);
         assert!((support.point_m.z - 0.004).abs() < 0.0005, "{support:?}");
@@ -408,7 +406,7 @@ mod tests {
     fn support_normals_that_differ_by_less_than_their_accuracy_are_rounded_to_one() {
         let tilted = |by: f64| {
             let normal = DVec3::new(by, 0.0, 1.0).normalize();
-            FittedPlane { normal, d_m: normal.dot(DVec3::new(3.0, -2.0, 0.0)), rms_m: 0.0, max_m: 0.0 }
+            HessePlane::from(Plane { point_m: DVec3::new(3.0, -2.0, 0.0), normal })
         };
         let foot = ObjectFootprint { middle: DVec3::new(3.0, -2.0, 0.03), ..foot(0.03) };
         let [a, b] = [0.0021, 0.0022].map(|by| foot.on(&tilted(by)));

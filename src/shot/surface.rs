@@ -13,8 +13,8 @@ use glam::{DMat3, DVec2, DVec3};
 use super::{Shot, ShotError};
 use crate::frame::Frame;
 use crate::pixels::DepthMap;
+use crate::plane::Plane;
 use crate::pose::Pose;
-use crate::scene::Support;
 use crate::text::number;
 use crate::tracking::NoPose;
 
@@ -34,10 +34,8 @@ const MIN_PIXELS: usize = 12;
 /// A plane that was fitted around a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surface {
-    /// Intersection of the pixel's ray with the plane, in the world, m.
-    pub point_m: DVec3,
-    /// Unit length, towards the camera.
-    pub normal_in_world: DVec3,
+    /// In the world, through its intersection with the pixel's ray. The normal faces the camera.
+    pub plane: Plane,
     /// Depth of the point, by the convention of depth maps, m.
     pub depth_m: f64,
     /// Robust standard deviation of the measured depths from the plane, m.
@@ -112,10 +110,9 @@ impl Shot {
         let point = plane.intersect(origin, along).ok_or_else(not_measured)?;
         let depth_m = if geometry.is_equirectangular() { point.length() } else { point.z };
         // n/d points away from the camera, because depth is positive.
-        let normal_in_world = -(pose.world_from_camera_rotation() * plane.inverse_depth.normalize());
+        let normal = -(pose.world_from_camera_rotation() * plane.inverse_depth.normalize());
         Ok(Surface {
-            point_m: pose.inverse_transform_point(point),
-            normal_in_world,
+            plane: Plane { point_m: pose.inverse_transform_point(point), normal },
             depth_m,
             sigma_m: plane.sigma * depth_m * depth_m,
             share: plane.share,
@@ -132,7 +129,7 @@ impl Shot {
 
     /// Intersection of the ray of a position in a frame's picture with the plane
     /// a·x + b·y + c·z = d of the world.
-    pub fn support_on_plane(&self, frame: usize, at_px: DVec2, plane: [f64; 4]) -> Result<Support, SurfaceError> {
+    pub fn support_on_plane(&self, frame: usize, at_px: DVec2, plane: [f64; 4]) -> Result<Plane, SurfaceError> {
         let [a, b, c, d] = plane;
         let normal = DVec3::new(a, b, c);
         let refused = |reason| SurfaceError::Plane { plane: plane.map(number).join(","), reason };
@@ -144,7 +141,7 @@ impl Shot {
         }
         // The normal faces the camera.
         let normal = if unit.dot(ray.direction) > 0.0 { -unit } else { unit };
-        Ok(Support { point_m: ray.at(t), normal })
+        Ok(Plane { point_m: ray.at(t), normal })
     }
 }
 

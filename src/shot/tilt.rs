@@ -1,7 +1,8 @@
 //! Tilted support surfaces: the footprint of an upright object touches them on one side alone.
 
 use super::Shot;
-use crate::scene::{Object, Support};
+use crate::plane::Plane;
+use crate::scene::Object;
 
 /// Tilt from which on a surface counts as tilted, degrees.
 const MIN_TILT_DEG: f64 = 1.0;
@@ -18,7 +19,7 @@ const MIN_GAP_M: f64 = 0.0005;
 pub struct Tilt {
     /// Index into [`Scene::objects`](crate::scene::Scene::objects).
     pub object: usize,
-    pub support: Support,
+    pub support: Plane,
     /// Angle between the surface and the level, degrees.
     pub degrees: f64,
     /// Gap between the surface and the far side of an upright footprint, m.
@@ -32,7 +33,7 @@ impl Shot {
         let Some(up) = self.up() else { return Vec::new() };
         let of = |(object, placed): (usize, Object)| {
             let support = placed.support.filter(|_| !placed.is_missing && !placed.hidden)?;
-            let degrees = support.normal.dot(up).clamp(-1.0, 1.0).acos().to_degrees();
+            let degrees = support.tilt_deg(up);
             if !(MIN_TILT_DEG..MAX_TILT_DEG).contains(&degrees) {
                 return None;
             }
@@ -41,7 +42,7 @@ impl Shot {
             let (low, high) = (heights().reduce(f64::min)?, heights().reduce(f64::max)?);
             let near = MIN_FOOTPRINT_M.max(FOOTPRINT_SHARE * (high - low));
             let foot = points.iter().filter(|point| point.dot(up) - low <= near);
-            let above: Vec<f64> = foot.map(|point| (*point - support.point_m).dot(support.normal)).collect();
+            let above: Vec<f64> = foot.map(|point| support.height_m(*point)).collect();
             let gap_m = above.iter().copied().reduce(f64::max)? - above.iter().copied().reduce(f64::min)?;
             (gap_m > MIN_GAP_M).then_some(Tilt { object, support, degrees, gap_m })
         };

@@ -16,7 +16,7 @@ use glam::{DVec3, Vec3};
 use super::{FramePoint, Shot, SurfaceError};
 use crate::camera::Response;
 use crate::frame::Frame;
-use crate::scene::{Lighting, PointLight, Support};
+use crate::scene::{Lighting, PointLight};
 use crate::shadow::{WhiteRadiance, white_radiance};
 
 /// Radius of the patch, px at a width of 640.
@@ -129,10 +129,10 @@ impl Shot {
             if crosses_an_edge(&frame, view, surface.depth_m) {
                 return Err(WhiteReferenceError::Edge);
             }
-            let support = Support { point_m: surface.point_m, normal: surface.normal_in_world };
-            let comes = white_radiance(lighting, &room, &support);
+            let plane = surface.plane;
+            let comes = white_radiance(lighting, &room, &plane);
             let factors = factors(shown, *reflectance, &comes, &lighting.points)?;
-            Ok(WhiteReference { factors, point_m: support.point_m, normal: support.normal, shown, comes })
+            Ok(WhiteReference { factors, point_m: plane.point_m, normal: plane.normal, shown, comes })
         };
         picks.iter().enumerate().map(|(n, pick)| of(pick).map_err(|error| (n, error))).collect()
     }

@@ -9,7 +9,7 @@ use glam::{DVec2, DVec3};
 use super::Project;
 use super::fields::{is_typed_reverted, numeric, row};
 use super::ground::Ground;
-use super::handles::{PlacementPreview, Plane, PreviewKey};
+use super::handles::{PlacementPreview, PreviewKey, intersect_plane};
 use super::library::{Library, name};
 use super::list;
 use super::missing;
@@ -20,9 +20,10 @@ use super::scene_checks::SceneChecks;
 use super::tilt;
 use locard_engine::frame::Frame;
 use locard_engine::gpu::Gpu;
+use locard_engine::plane::Plane;
 use locard_engine::scene::document::{PlacedModel, Up};
 use locard_engine::scene::{
-    Entry, ItemPlacement, Posture, SceneError, SceneFile, SceneItem, Size, Support, place_at_rest, relative,
+    Entry, ItemPlacement, Posture, SceneError, SceneFile, SceneItem, Size, place_at_rest, relative,
 };
 use locard_engine::shot::{PosedCamera, Shot, ViewRay};
 
@@ -55,7 +56,7 @@ pub struct Evidence {
 #[derive(Clone, Copy, Debug)]
 struct DraggedTurn {
     at_px: DVec2,
-    support: Support,
+    support: Plane,
     /// Heading relative to facing the camera.
     turned_deg: f64,
 }
@@ -364,7 +365,7 @@ struct PlacementParams {
 
 impl PlacementParams {
     /// The entry of the scene file.
-    fn lay(&self, shot: &Shot, frame: usize, support: &Support, file: &Path) -> Result<PlacedModel, SceneError> {
+    fn lay(&self, shot: &Shot, frame: usize, support: &Plane, file: &Path) -> Result<PlacedModel, SceneError> {
         let up = self.up.unwrap_or_else(|| shot.up_preview(Some(support.normal)));
         let heading = shot.heading_to_camera(frame, support.point_m, up, self.turned_deg);
         place_at_rest(&relative(&self.model, file), file, support, self.posture, heading, up, None)
@@ -373,9 +374,8 @@ impl PlacementParams {
 
 /// Heading, relative to facing the camera, of a thing whose front faces the intersection of a ray
 /// with its support plane, rounded to 1°. `None` within [`MIN_FACING_DISTANCE_M`].
-fn facing_deg(eye: &PosedCamera, ray: &ViewRay, support: &Support, up: DVec3) -> Option<f64> {
-    let plane = Plane { point_m: support.point_m, normal: support.normal };
-    let towards = (plane.intersect(ray)? - support.point_m).reject_from_normalized(up);
+fn facing_deg(eye: &PosedCamera, ray: &ViewRay, support: &Plane, up: DVec3) -> Option<f64> {
+    let towards = (intersect_plane(support, ray)? - support.point_m).reject_from_normalized(up);
     let viewer = eye.level_to_viewer(support.point_m, up)?;
     if towards.length() < MIN_FACING_DISTANCE_M {
         return None;

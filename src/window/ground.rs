@@ -84,7 +84,7 @@ impl Ground {
         }
         let eye = shot.recording.pose_at_frame(frame.index).map_err(|e| e.to_string())?.position_in_world_m();
         let towards = shot.recording.up.unwrap_or(eye - self.points_m[0]);
-        let plane = plane_through(&self.points_m).map(|plane| plane.facing(towards));
+        let plane = plane_through(&self.points_m).map(|fit| fit.plane.facing(towards));
         self.cancel();
         self.picker.plane = Some(plane.map_err(|e| e.to_string())?);
         Ok(Some("Things are placed on the plane through the three points.".to_owned()))

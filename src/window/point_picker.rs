@@ -7,15 +7,15 @@ use glam::{DVec2, DVec3};
 use super::obstacle::surface_text;
 use super::picture::{PictureOutput, plate};
 use locard_engine::frame::Frame;
-use locard_engine::scene::Support;
-use locard_engine::shot::{FittedPlane, FramePoint, Shot, SurfaceError};
+use locard_engine::plane::{HessePlane, Plane};
+use locard_engine::shot::{FramePoint, Shot, SurfaceError};
 use locard_engine::text::fixed;
 
 /// Picks points of the world, one after another.
 #[derive(Clone, Debug, Default)]
 pub struct PointPicker {
     /// Overrides the depth.
-    pub plane: Option<FittedPlane>,
+    pub plane: Option<HessePlane>,
     /// First view of a point that needs two.
     first: Option<FramePoint>,
     /// Text about the uncertainty of the last point.
@@ -25,7 +25,7 @@ pub struct PointPicker {
 /// Result of a click.
 #[derive(Clone, Debug)]
 pub enum Click {
-    Point(Support),
+    Point(Plane),
     /// The same point must be clicked in another frame; with an instruction for the user.
     SecondView(String),
 }
@@ -42,19 +42,16 @@ impl PointPicker {
     }
 
     /// Plane for clicks: the chosen one, or the recording's floor if the frame has no depth.
-    fn plane(&self, shot: &Shot, frame: &Frame) -> Option<FittedPlane> {
+    fn plane(&self, shot: &Shot, frame: &Frame) -> Option<HessePlane> {
         self.plane.or_else(|| shot.floor().filter(|_| frame.depth.is_none()))
     }
 
     /// The point at a pixel, if one click is enough.
-    pub fn preview(&self, shot: &Shot, frame: &Frame, at_px: DVec2) -> Option<Support> {
+    pub fn preview(&self, shot: &Shot, frame: &Frame, at_px: DVec2) -> Option<Plane> {
         match (self.first, self.plane(shot, frame)) {
             (Some(_), _) => None,
-            (None, Some(plane)) => shot.support_on_plane(frame.index, at_px, plane.numbers()).ok(),
-            (None, None) => {
-                let surface = shot.placement_preview(frame, at_px).ok()?;
-                Some(Support { point_m: surface.point_m, normal: surface.normal_in_world })
-            }
+            (None, Some(plane)) => shot.support_on_plane(frame.index, at_px, plane.coefficients()).ok(),
+            (None, None) => Some(shot.placement_preview(frame, at_px).ok()?.plane),
         }
     }
 
@@ -62,7 +59,7 @@ impl PointPicker {
     pub fn click(&mut self, shot: &Shot, up: DVec3, frame: &Frame, at_px: DVec2) -> Result<Click, String> {
         self.accuracy = None;
         if let (Some(plane), None) = (self.plane(shot, frame), self.first) {
-            let support = shot.support_on_plane(frame.index, at_px, plane.numbers()).map_err(|e| e.to_string())?;
+            let support = shot.support_on_plane(frame.index, at_px, plane.coefficients()).map_err(|e| e.to_string())?;
             return Ok(Click::Point(support));
         }
         let view = FramePoint { frame: frame.index, at_px };
@@ -79,10 +76,10 @@ impl PointPicker {
                 format!("{} units", fixed(point.sigma_m, 3))
             };
             self.accuracy = Some(format!("The point is known within {within}"));
-            return Ok(Click::Point(Support { point_m: point.point_m, normal: up }));
+            return Ok(Click::Point(Plane { point_m: point.point_m, normal: up }));
         }
         match shot.placement_surface(frame, at_px) {
-            Ok(surface) => Ok(Click::Point(Support { point_m: surface.point_m, normal: surface.normal_in_world })),
+            Ok(surface) => Ok(Click::Point(surface.plane)),
             Err(SurfaceError::NoDepth { .. }) => {
                 self.first = Some(view);
                 Ok(Click::SecondView(second_view_prompt()))
@@ -170,7 +167,7 @@ mod tests {
         picker.click(&shot, DVec3::Z, &bare(&far), DVec2::new(3.0, 3.0)).unwrap_err();
         assert!(found(picker.click(&shot, DVec3::Z, &bare(&far), projected_px(50))).distance(point) < 1e-4);
         assert!(!picker.awaits_second_view() && picker.accuracy.is_some());
-        picker.plane = Some(FittedPlane { normal: DVec3::Z, d_m: 0.0, rms_m: 0.0, max_m: 0.0 });
+        picker.plane = Some(HessePlane { normal: DVec3::Z, offset_m: 0.0 });
         assert!(found(picker.click(&shot, DVec3::Z, &bare(&near), projected_px(30))).distance(point) < 1e-6);
     }
 }

@@ -101,15 +101,15 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
+    use locard_engine::plane::Plane;
     use locard_engine::recording::OpenOptions;
-    use locard_engine::scene::Support;
     use locard_engine::shot::ShotOptions;
 
     #[test]
     fn results_for_an_older_scene_are_dropped_while_a_check_runs() {
         let mut project =
             Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &ShotOptions::default()).unwrap();
-        let support = Support { point_m: DVec3::ZERO, normal: DVec3::Z };
+        let support = Plane { point_m: DVec3::ZERO, normal: DVec3::Z };
         let checks = || {
             let tilt = Tilt { object: 0, support, degrees: 3.0, gap_m: 0.01 };
             CheckResults { tilts: vec![tilt], ..CheckResults::default() }

@@ -78,12 +78,13 @@ fn stance_on_surface(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use locard_engine::scene::{Size, Support};
+    use locard_engine::plane::Plane;
+    use locard_engine::scene::Size;
 
     #[test]
     fn foot_lies_in_the_surface_after_the_turn() {
         let normal = DVec3::new(0.1, -0.05, 1.0).normalize();
-        let support = Support { point_m: DVec3::new(0.3, 0.2, 0.4), normal };
+        let support = Plane { point_m: DVec3::new(0.3, 0.2, 0.4), normal };
         let tilt = Tilt { object: 0, support, degrees: 6.4, gap_m: 0.01 };
         let corners = [-0.05, 0.05].map(|x| [-0.03, 0.03].map(|y| [0.0, 0.1].map(|z| DVec3::new(x, y, z))));
         let points: Vec<DVec3> = corners.into_iter().flatten().flatten().collect();

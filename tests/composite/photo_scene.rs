@@ -5,12 +5,13 @@ use crate::gpu;
 use glam::DVec3;
 use locard::camera::{Camera, Opening, SummedExposure};
 use locard::compositor::{Compositor, Settings};
-use locard::depth::{DepthGrid, Plane, Proxies, reprojected_at_frame};
+use locard::depth::{DepthGrid, Proxies, reprojected_at_frame};
 use locard::frame::Frame;
 use locard::params::Value;
 use locard::photo::{Framing, PhotoExposure, RealPart, Standpoint, SummedFrameOcclusion, take};
 use locard::pixels::{DepthMap, Pixels};
-use locard::scene::{Scene, Support};
+use locard::plane::Plane;
+use locard::scene::Scene;
 use locard::tracking::PoseTrack;
 
 /// Conditions of a photograph besides the picture.
@@ -229,9 +230,9 @@ fn flat_object_on_a_table_of_rippled_depth_is_fully_visible() {
     let wave_m = |i: u32| 0.012 * (0.4 * f64::from(i % 160)).sin();
     let depth_m: Vec<f32> = (0..160 * 60).map(|i| (DEPTH_M + wave_m(i)) as f32).collect();
     let depth = DepthMap { width: 160, height: 60, depth_m, timestamp_s: 0.0 };
-    let support = Support { point_m: DVec3::new(0.0, 0.0, DEPTH_M), normal: DVec3::NEG_Z };
+    let support = Plane { point_m: DVec3::new(0.0, 0.0, DEPTH_M), normal: DVec3::NEG_Z };
     let geometry = gpu::pinhole(160, 60, FOCAL_PX);
-    let shown = |support: Option<Support>, frames: usize| {
+    let shown = |support: Option<Plane>, frames: usize| {
         let track = sideways([0.0, 0.0]);
         let summed: Vec<SummedExposure> = (0..frames)
             .map(|n| SummedExposure { time_s: 0.1 * n as f64, exposure_s: 0.01, weight: 1.0 / frames as f64 })
@@ -248,7 +249,7 @@ fn flat_object_on_a_table_of_rippled_depth_is_fully_visible() {
         let mut scene = board([30.0, 15.0], 0.5);
         scene.objects[0].support = support;
         let (framing, none) = (Framing::new(&geometry, None, None, f64::INFINITY, None).unwrap(), Proxies::default());
-        let planes: Vec<Plane> = support.iter().map(|on| Plane { point_m: on.point_m, normal: on.normal }).collect();
+        let planes: Vec<Plane> = support.into_iter().collect();
         let hiding = SummedFrameOcclusion::new(
             &geometry,
             (&track, 0.0),

@@ -10,8 +10,9 @@ use locard::compositor::{Composited, Compositor, Job, Settings, Target};
 use locard::frame::Frame;
 use locard::params::Value;
 use locard::pixels::{DepthMap, LayerImage, Pixels};
+use locard::plane::Plane;
 use locard::pose::Pose;
-use locard::scene::{Environment, Lighting, Material, Mesh, Object, Part, Scene, Sun, Support, Vertex};
+use locard::scene::{Environment, Lighting, Material, Mesh, Object, Part, Scene, Sun, Vertex};
 use locard::shadow::Shadows;
 use locard::tracking::PoseTrack;
 
@@ -43,7 +44,7 @@ pub fn box_scene(half_m: DVec3, lighting: Lighting) -> Scene {
     let object = Object {
         name: "box".to_owned(),
         parts: vec![Part { mesh: 0, world_from_mesh: on }],
-        support: Some(Support { point_m: DVec3::ZERO, normal: DVec3::Z }),
+        support: Some(Plane { point_m: DVec3::ZERO, normal: DVec3::Z }),
         ..Object::default()
     };
     Scene {

@@ -61,7 +61,7 @@ fn object_is_placed_by_keys_alone() {
     assert_eq!(objects.len(), before + 1);
     let at_m = DVec3::from_array(objects[before].position_m.unwrap());
     let (shot, frame) = (window.state().project().shot(), window.state().project().shot().read(frame()).unwrap());
-    let there = shot.surface_at(&frame, at_px).unwrap().point_m;
+    let there = shot.surface_at(&frame, at_px).unwrap().plane.point_m;
     assert!(at_m.distance(there) < 1e-3, "{at_m} {there}");
 }
 

@@ -68,7 +68,7 @@ impl LampPick {
             return Ok(ray.at(distance_m));
         }
         match shot.surface_at(&picture, at_px) {
-            Ok(surface) => Ok(surface.point_m),
+            Ok(surface) => Ok(surface.plane.point_m),
             Err(SurfaceError::NoDepth { .. } | SurfaceError::NotMeasured { .. }) => {
                 let at = of_view(&self.view);
                 bail!(

@@ -5,14 +5,15 @@ use std::path::Path;
 use anyhow::{Result, bail};
 use glam::{DVec3, Vec3};
 
+use locard_engine::plane::Plane;
 use locard_engine::scene::document::{LampTable, LightTable};
-use locard_engine::scene::{self, Lighting, SceneFile, Support};
+use locard_engine::scene::{self, Lighting, SceneFile};
 use locard_engine::shadow::{Room, WhiteRadiance, white_radiance};
 use locard_engine::text::fixed;
 
 /// Radiance of a white surface that faces up, without occluders.
 pub fn upward(lighting: &Lighting, at_m: DVec3, up: DVec3) -> WhiteRadiance {
-    white_radiance(lighting, &Room::default(), &Support { point_m: at_m, normal: up })
+    white_radiance(lighting, &Room::default(), &Plane { point_m: at_m, normal: up })
 }
 
 /// A scene's light table for a panorama and additional lamps, the resulting lighting, and a line

@@ -6,6 +6,7 @@ use std::f64::consts::TAU;
 
 use glam::{DVec2, DVec3};
 
+use locard_engine::plane::Plane;
 use locard_engine::shot::ViewRay;
 
 /// Sine of the smallest angle between a view ray and a plane or an axis, 2°: at smaller angles a
@@ -14,27 +15,22 @@ const MIN_GRAZING_SIN: f64 = 0.035;
 /// Smallest distance of the pointer from the centre at which its direction counts, px.
 const MIN_LEVER_PX: f64 = 6.0;
 
-/// A plane through a point; `normal` has unit length.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Plane {
-    pub point_m: DVec3,
-    pub normal: DVec3,
+/// Intersection of a plane with a view ray. `None` where it is behind the camera or the plane is
+/// seen edge-on.
+pub fn intersect_plane(plane: &Plane, ray: &ViewRay) -> Option<DVec3> {
+    let distance_m = plane.distance_along_m(ray.origin_m, ray.direction);
+    let is_visible = is_crossed(plane, ray.direction) && distance_m > 0.0 && distance_m.is_finite();
+    is_visible.then(|| ray.at(distance_m))
 }
 
-impl Plane {
-    /// Intersection with a view ray. `None` where it is behind the camera or the plane is seen
-    /// edge-on.
-    pub fn intersect(&self, ray: &ViewRay) -> Option<DVec3> {
-        let slope = ray.direction.dot(self.normal);
-        let distance_m = (self.point_m - ray.origin_m).dot(self.normal) / slope;
-        (slope.abs() > MIN_GRAZING_SIN && distance_m > 0.0 && distance_m.is_finite()).then(|| ray.at(distance_m))
-    }
+/// Projection of a point onto a plane along `up`. `None` if the plane is upright.
+pub fn project_along(plane: &Plane, point_m: DVec3, up: DVec3) -> Option<DVec3> {
+    is_crossed(plane, up).then(|| point_m + up * plane.distance_along_m(point_m, up))
+}
 
-    /// Projection of a point onto the plane along `up`. `None` if the plane is upright.
-    pub fn project_along(&self, point_m: DVec3, up: DVec3) -> Option<DVec3> {
-        let slope = up.dot(self.normal);
-        (slope.abs() > MIN_GRAZING_SIN).then(|| point_m + up * ((self.point_m - point_m).dot(self.normal) / slope))
-    }
+/// True unless a direction of unit length is nearly parallel to a plane.
+fn is_crossed(plane: &Plane, direction: DVec3) -> bool {
+    direction.dot(plane.normal).abs() > MIN_GRAZING_SIN
 }
 
 /// Coordinate on an axis (unit length, from `origin_m`) of its point closest to a view ray, metres.
@@ -139,17 +135,17 @@ mod tests {
 
     #[test]
     fn view_ray_intersects_a_plane_in_front_of_the_camera_only() {
-        assert!(FLOOR.intersect(&view_ray(0.0, 0.0)).unwrap().abs_diff_eq(DVec3::new(0.0, 2.0, 0.0), 1e-12));
-        assert!(FLOOR.intersect(&view_ray(0.5, 0.0)).unwrap().abs_diff_eq(DVec3::new(1.0, 2.0, 0.0), 1e-12));
+        assert!(intersect_plane(&FLOOR, &view_ray(0.0, 0.0)).unwrap().abs_diff_eq(DVec3::new(0.0, 2.0, 0.0), 1e-12));
+        assert!(intersect_plane(&FLOOR, &view_ray(0.5, 0.0)).unwrap().abs_diff_eq(DVec3::new(1.0, 2.0, 0.0), 1e-12));
         let sky = ViewRay { direction: DVec3::new(0.0, 0.6, 0.8), ..view_ray(0.0, 0.0) };
         // 1° below the horizon the floor is 115 m away; a pixel there spans metres.
         let far = ViewRay { direction: DVec3::new(0.0, 1.0, -0.0175).normalize(), ..sky };
-        assert_eq!((FLOOR.intersect(&sky), FLOOR.intersect(&far)), (None, None));
+        assert_eq!((intersect_plane(&FLOOR, &sky), intersect_plane(&FLOOR, &far)), (None, None));
         // A slope of 45° that rises along y.
         let slope = Plane { point_m: DVec3::new(0.0, 1.0, 1.0), normal: DVec3::new(0.0, -1.0, 1.0).normalize() };
-        let projected = slope.project_along(DVec3::new(3.0, 0.25, 7.0), DVec3::Z).unwrap();
+        let projected = project_along(&slope, DVec3::new(3.0, 0.25, 7.0), DVec3::Z).unwrap();
         assert!(projected.abs_diff_eq(DVec3::new(3.0, 0.25, 0.25), 1e-12), "{projected}");
-        assert_eq!(Plane { normal: DVec3::X, ..slope }.project_along(DVec3::ZERO, DVec3::Z), None);
+        assert_eq!(project_along(&Plane { normal: DVec3::X, ..slope }, DVec3::ZERO, DVec3::Z), None);
     }
 
     #[test]

@@ -38,7 +38,7 @@ use super::theme;
 use locard_engine::scene::{ItemPlacement, SceneFile, SceneItem, Size};
 use locard_engine::shot::PosedCamera;
 
-pub use self::maths::Plane;
+pub use self::maths::intersect_plane;
 pub use self::overlay::Overlay;
 pub use self::placement_preview::{PlacementPreview, PreviewKey};
 
@@ -289,8 +289,7 @@ impl Handles {
         let update = {
             let shot = project.shot();
             let surface = |at_px: DVec2| {
-                let surface = frame.depth.as_ref().and_then(|_| shot.placement_preview(frame, at_px).ok())?;
-                Some(maths::Plane { point_m: surface.point_m, normal: surface.normal_in_world })
+                frame.depth.as_ref().and_then(|_| Some(shot.placement_preview(frame, at_px).ok()?.plane))
             };
             active.tool.update(active.pointer, |px| eye.ray(px), surface)
         };

@@ -2,7 +2,8 @@
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 
-use super::maths::{Plane, convex_hull};
+use super::maths::{convex_hull, project_along};
+use locard_engine::plane::Plane;
 use locard_engine::scene::{Object, Scene};
 use locard_engine::shot::PosedCamera;
 
@@ -61,8 +62,8 @@ pub fn footprint(eye: &PosedCamera, scene: &Scene, object: &Object, plane: &Plan
 
 /// Projection along `up` onto a plane.
 fn projection_onto(plane: &Plane, up: DVec3) -> Option<DAffine3> {
-    let origin = plane.project_along(DVec3::ZERO, up)?;
-    let axes = DVec3::AXES.map(|axis| plane.project_along(axis, up).map(|p| p - origin));
+    let origin = project_along(plane, DVec3::ZERO, up)?;
+    let axes = DVec3::AXES.map(|axis| project_along(plane, axis, up).map(|p| p - origin));
     let [Some(x), Some(y), Some(z)] = axes else { return None };
     Some(DAffine3 { matrix3: DMat3::from_cols(x, y, z), translation: origin })
 }

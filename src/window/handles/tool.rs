@@ -4,8 +4,10 @@ use glam::{DVec2, DVec3};
 
 use super::amount::{Typed, Unit};
 use super::maths::{
-    Plane, closest_on_axis_m, distance_ratio, plane_axes, screen_angle_rad, signed_angle_rad, snapped, unwrapped_angle,
+    closest_on_axis_m, distance_ratio, intersect_plane, plane_axes, project_along, screen_angle_rad, signed_angle_rad,
+    snapped, unwrapped_angle,
 };
+use locard_engine::plane::Plane;
 use locard_engine::scene::ItemPlacement;
 use locard_engine::shot::ViewRay;
 
@@ -278,7 +280,7 @@ impl Tool {
                 let by = in_contact - start;
                 let level = a * snapped(by.dot(a), step) + b * snapped(by.dot(b), step);
                 let parallel = Plane { point_m: in_contact, normal: plane.normal };
-                position = parallel.project_along(start + level, up).unwrap_or(in_contact);
+                position = project_along(&parallel, start + level, up).unwrap_or(in_contact);
             }
             self.moved_m = (position - start).map(|m| snapped(m, FINE_STEP_M));
             self.support = plane;
@@ -290,7 +292,7 @@ impl Tool {
             _ => up,
         };
         let plane = Plane { normal, ..start_support };
-        let on_plane = |px| ray(px).and_then(|ray| plane.intersect(&ray));
+        let on_plane = |px| ray(px).and_then(|ray| intersect_plane(&plane, &ray));
         if let (Some(from), Some(to)) = (on_plane(self.start.anchor_px), on_plane(at)) {
             let by = to - from;
             let [a, b] = plane_axes(normal);
@@ -308,7 +310,7 @@ impl Tool {
     fn pointer_turn_deg(&mut self, axis: DVec3, pointer: Pointer, ray: impl Fn(DVec2) -> Option<ViewRay>) -> f64 {
         let DragState { centre_px, grip_px, placement, .. } = self.start;
         let plane = Plane { point_m: placement.position_m, normal: axis };
-        let on_plane = |px| ray(px).and_then(|ray| plane.intersect(&ray));
+        let on_plane = |px| ray(px).and_then(|ray| intersect_plane(&plane, &ray));
         let in_plane = || signed_angle_rad(axis, placement.position_m, on_plane(grip_px)?, on_plane(pointer.at_px)?);
         let by_ring = if self.on_ring { in_plane() } else { None };
         let on_screen = || {

@@ -8,8 +8,9 @@ use glam::DVec3;
 use super::Project;
 use crate::environment_light::ambient;
 use locard_engine::analyse::{ENVIRONMENT, FILE_NAME, LightFindings, WHITE_REFLECTANCE};
+use locard_engine::plane::Plane;
 use locard_engine::scene::document::LightTable;
-use locard_engine::scene::{LightCorrection, Lighting, LightingOrigin, SceneFile, SceneItem, Support, relative};
+use locard_engine::scene::{LightCorrection, Lighting, LightingOrigin, SceneFile, SceneItem, relative};
 use locard_engine::shadow::{Room, white_radiance};
 use locard_engine::shot::{AnalysisState, FramePoint, ReferencePick};
 use locard_engine::text::fixed;
@@ -68,7 +69,7 @@ impl Project {
     pub fn make_light_uniform(&mut self) -> Result<(), String> {
         let surroundings =
             Lighting { environment: self.shot.scene.lighting.environment.clone(), ..Lighting::default() };
-        let from_above = Support { point_m: DVec3::ZERO, normal: self.up() };
+        let from_above = Plane { point_m: DVec3::ZERO, normal: self.up() };
         let upward = white_radiance(&surroundings, &Room::default(), &from_above);
         let mut scene = self.edit().scene.clone();
         let LightTable { white_lx, sun, lamp, .. } = scene.light;
