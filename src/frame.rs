@@ -7,16 +7,17 @@ use glam::Vec3;
 use crate::pixels::{DepthMap, Pixels};
 use crate::pose::Pose;
 
-/// A frame as the camera delivered it. Never changed in place.
+/// A frame as the camera delivered it. Never changed in place: the addresses of its pixels and
+/// depth identify one decoding.
 #[derive(Clone, Debug)]
 pub struct Frame {
     /// Position in the recording's order, from 0.
     pub index: usize,
     /// The middle of the middle row's exposure, seconds on the recording's clock.
     pub timestamp_s: f64,
-    pub pixels: Pixels,
+    pub pixels: Arc<Pixels>,
     /// Depth of the site, registered to the colour picture. `None` without a sensor.
-    pub depth: Option<DepthMap>,
+    pub depth: Option<Arc<DepthMap>>,
     pub exposure: FrameExposure,
     /// Opacity of the virtual layer: a factor on its light and coverage, 0 to 1. It fades while a live
     /// camera's pose is lost.
@@ -29,11 +30,11 @@ pub struct Frame {
 
 impl Frame {
     /// A picture alone, with an opaque layer.
-    pub fn new(index: usize, timestamp_s: f64, pixels: Pixels) -> Self {
+    pub fn new(index: usize, timestamp_s: f64, pixels: impl Into<Arc<Pixels>>) -> Self {
         Self {
             index,
             timestamp_s,
-            pixels,
+            pixels: pixels.into(),
             depth: None,
             exposure: FrameExposure::default(),
             opacity: 1.0,
@@ -49,8 +50,8 @@ pub struct NeighbourFrame {
     pub index: usize,
     /// As [`Frame::timestamp_s`].
     pub timestamp_s: f64,
-    pub pixels: Pixels,
-    pub depth: DepthMap,
+    pub pixels: Arc<Pixels>,
+    pub depth: Arc<DepthMap>,
 }
 
 /// Side of the voxels of which surfels are the means, m.

@@ -404,7 +404,7 @@ mod tests {
     use super::super::state::CameraState;
     use super::*;
     use crate::camera::Geometry;
-    use crate::frame::{Frame, FrameExposure};
+    use crate::frame::Frame;
     use crate::pixels::Pixels;
 
     /// A static wall, with waves of a contrast, or blank.
@@ -415,16 +415,11 @@ mod tests {
             let wave = (0.31 * x).sin() * (0.23 * y + 0.05 * x).cos() + (0.11 * x + 0.17 * y).sin();
             [(120.0 + contrast * wave).round() as u8; 3]
         };
-        let frame = Frame {
+        let frame = Frame::new(
             index,
-            timestamp_s: 0.0,
-            pixels: Pixels::from_u8(width, height, (0..width * height).flat_map(code).collect()).unwrap(),
-            depth: None,
-            exposure: FrameExposure::default(),
-            opacity: 1.0,
-            neighbours: Vec::new(),
-            surfels: Default::default(),
-        };
+            0.0,
+            Pixels::from_u8(width, height, (0..width * height).flat_map(code).collect()).unwrap(),
+        );
         let state = CameraState { world_from_camera: DAffine3::IDENTITY, twist: Twist::zeros() };
         View::new(model, &frame, state, vec![depth_m; (width * height) as usize], 0, None)
     }

@@ -217,7 +217,7 @@ mod tests {
     use crate::analyse::state::CameraState;
     use crate::camera::{Curve as Response_, Geometry, NoiseBin, NoiseProfile, Response};
     use crate::fit::twist;
-    use crate::frame::{Frame, FrameExposure};
+    use crate::frame::Frame;
     use crate::pixels::{DepthMap, Pixels};
 
     const SIZE: (u32, u32) = (320, 256);
@@ -248,16 +248,9 @@ mod tests {
             })
             .collect();
         let depth_m = vec![WALL_M as f32; (SIZE.0 * SIZE.1) as usize];
-        let frame = Frame {
-            index,
-            timestamp_s: 0.0,
-            pixels: Pixels::from_u16(SIZE.0, SIZE.1, codes).unwrap(),
-            depth: Some(DepthMap { width: SIZE.0, height: SIZE.1, depth_m, timestamp_s: 0.0 }),
-            exposure: FrameExposure::default(),
-            opacity: 1.0,
-            neighbours: Vec::new(),
-            surfels: Default::default(),
-        };
+        let depth = DepthMap { width: SIZE.0, height: SIZE.1, depth_m, timestamp_s: 0.0 };
+        let pixels = Pixels::from_u16(SIZE.0, SIZE.1, codes).unwrap();
+        let frame = Frame { depth: Some(depth.into()), ..Frame::new(index, 0.0, pixels) };
         // The picture moves against the camera.
         let way = DVec3::new(-flow.x, -flow.y, 0.0) * WALL_M / FOCAL_PX;
         (frame, CameraState { world_from_camera: DAffine3::IDENTITY, twist: twist::twist(way, DVec3::ZERO) })

@@ -1,6 +1,7 @@
 //! Aligns pairs of frames in one pass over the recording.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use serde::{Deserialize, Serialize};
@@ -84,7 +85,7 @@ pub fn links(
     let reach = pass.gaps.iter().chain(pass.sparse.0).copied().max().unwrap_or(0);
     let mut window: VecDeque<View> = VecDeque::new();
     let mut found = Links::default();
-    let mut before: Option<Pixels> = None;
+    let mut before: Option<Arc<Pixels>> = None;
     let mut frames = frames(recording, (0..recording.frame_count()).filter(|n| pass.finds_repeats || pass.needs(*n)));
     loop {
         let begun = Instant::now();

@@ -11,7 +11,7 @@ use super::spread::{EdgeSpreads, FrameMotion, PointSpread, stillest_frames};
 use super::state::CameraState;
 use crate::camera::{Geometry, Response};
 use crate::fit::twist::Twist;
-use crate::frame::{Frame, FrameExposure};
+use crate::frame::Frame;
 use crate::pixels::Pixels;
 use crate::recording::{Recording, RecordingError};
 
@@ -68,16 +68,7 @@ pub fn drawn_spread_px(camera: &Geometry, response: &Response, pixels: Pixels, t
     let model = CameraModel::new(camera.clone());
     let mut spreads = EdgeSpreads::new(&model, response, pixels.max_code(), threads);
     let state = CameraState { world_from_camera: glam::DAffine3::IDENTITY, twist: Twist::zeros() };
-    let frame = Frame {
-        index: 0,
-        timestamp_s: 0.0,
-        pixels,
-        depth: None,
-        exposure: FrameExposure::default(),
-        opacity: 1.0,
-        neighbours: Vec::new(),
-        surfels: Default::default(),
-    };
+    let frame = Frame::new(0, 0.0, pixels);
     spreads.add(&frame, &FrameMotion { state: &state, depth: &[], exposure_s: 0.0 });
     spreads.finish().ok().map(|spread| spread.sigma_px)
 }

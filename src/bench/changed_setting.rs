@@ -149,16 +149,7 @@ impl Parameter {
             let mut runs = true;
             let mut time = || -> Result<f64, SubmitError> {
                 let exposure = FrameExposure::default();
-                let frame = Frame {
-                    index: n,
-                    timestamp_s: 0.0,
-                    pixels: pixels.clone(),
-                    depth: None,
-                    exposure,
-                    opacity: 1.0,
-                    neighbours: Vec::new(),
-                    surfels: Default::default(),
-                };
+                let frame = Frame { exposure, ..Frame::new(n, 0.0, pixels.clone()) };
                 let start = Instant::now();
                 let job = Job::of_frame(frame, &camera, &state.settings, &geometry, &load.track, INTERVAL_S)?;
                 let pending = compositor.submit(job, &camera, &state.settings, Target::Pixels)?;

@@ -15,7 +15,7 @@ mod occlusion_and_shadow;
 
 use crate::camera::{Camera, Geometry, NoiseBin, NoiseProfile};
 use crate::compositor::{Compositor, FrameStats, Job, Settings, SubmitError, Target};
-use crate::frame::{Frame, FrameExposure, NeighbourFrame};
+use crate::frame::{Frame, NeighbourFrame};
 use crate::gpu::{Gpu, GpuError, Recorder, Shader, Texture};
 use crate::pixels::{DepthMap, Pixels};
 use crate::pose::Pose;
@@ -247,22 +247,15 @@ fn median_frame_ms(
     let mut compositor = Compositor::new(gpu.clone(), scene.clone());
     let mut index = 0;
     // A frame with depth has its neighbours.
-    let neighbour =
-        depth.map(|depth| NeighbourFrame { index, timestamp_s: 0.0, pixels: pixels.clone(), depth: depth.clone() });
+    let neighbour = depth.map(|depth| {
+        let (pixels, depth) = (pixels.clone().into(), depth.clone().into());
+        NeighbourFrame { index, timestamp_s: 0.0, pixels, depth }
+    });
     let neighbours: Vec<_> = neighbour.map(Arc::new).into_iter().cycle().take(2 * NEIGHBOURS_EACH_WAY).collect();
     let frame = || {
         index += 1;
-        let (pixels, depth, exposure) = (pixels.clone(), depth.cloned(), FrameExposure::default());
-        Frame {
-            index,
-            timestamp_s: 0.0,
-            pixels,
-            depth,
-            exposure,
-            opacity: 1.0,
-            neighbours: neighbours.clone(),
-            surfels: Default::default(),
-        }
+        let depth = depth.map(|depth| depth.clone().into());
+        Frame { depth, neighbours: neighbours.clone(), ..Frame::new(index, 0.0, pixels.clone()) }
     };
     median_ms(frame, |frame| {
         let job = Job::of_frame(frame, camera, settings, geometry, track, INTERVAL_S)?;

@@ -295,7 +295,7 @@ fn depth(recording: &Recording, has_camera: bool) -> String {
             let frames = recording.frame_count();
             let read = |frame: usize| recording.frames(frame..frame + 1).ok()?.next()?.ok()?.depth;
             let maps: Vec<_> = [0, frames / 2, frames - 1].into_iter().filter_map(read).collect();
-            let share = maps.iter().map(unknown_fraction).sum::<f64>() / maps.len().max(1) as f64;
+            let share = maps.iter().map(|map| unknown_fraction(map)).sum::<f64>() / maps.len().max(1) as f64;
             format!(
                 "{} by a camera of its own; {} % of the frames' pixels have none",
                 size(w, h),

@@ -268,7 +268,7 @@ impl Compositor {
             pose_at: &pose_at,
             brightness,
         });
-        let camera_light = (&job.frame.pixels, &camera.response, job.picture);
+        let camera_light = (&*job.frame.pixels, &camera.response, job.picture);
         let shade_image = shade_image.map(|image| {
             clipped::limit_clipped_shadow(&mut self.recorder, image, work_rects.shaded, camera_light, radiance.as_ref())
         });
@@ -446,7 +446,7 @@ impl Compositor {
     pub fn collect(&mut self, pending: Pending) -> Result<Composited, GpuError> {
         let Pending { frame, stats, want_layer, work, .. } = pending;
         let index = frame.index;
-        let mut pixels = frame.pixels;
+        let mut pixels = Arc::unwrap_or_clone(frame.pixels);
         let mut layer = want_layer.then(|| LayerImage::empty(pixels.width, pixels.height));
         let Work { codes, layer: back } = work.unwrap_or_default();
         let camera = back.is_some().then(|| pixels.clone());

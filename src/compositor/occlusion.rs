@@ -76,7 +76,7 @@ impl FrameOcclusion {
                 Self { depth_test, scene_depth, ..Self::default() }
             });
         }
-        let depth = job.frame.depth.as_ref();
+        let depth = job.frame.depth.as_deref();
         let measured = depth.map(|depth| measured_from(depth, job.picture, job.track, job.time_offset_s));
         let failure = measured.as_ref().and_then(|pose| pose.as_ref().err().cloned());
         let measured = measured.and_then(Result::ok);

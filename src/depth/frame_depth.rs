@@ -58,7 +58,7 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::frame::{FrameExposure, SURFEL_SPACING_M, Surfel};
+    use crate::frame::{SURFEL_SPACING_M, Surfel};
     use crate::pixels::Pixels;
     use crate::pose::Pose;
     use glam::{DQuat, DVec3, Vec3};
@@ -74,23 +74,19 @@ mod tests {
             DepthMap { width, height, depth_m, timestamp_s }
         };
         let beside = |index: usize, time_s: f64, z: f32| {
-            Arc::new(NeighbourFrame { index, timestamp_s: time_s, pixels: pixels(), depth: map(z, 96, time_s) })
+            Arc::new(NeighbourFrame {
+                index,
+                timestamp_s: time_s,
+                pixels: pixels().into(),
+                depth: map(z, 96, time_s).into(),
+            })
         };
         let pose = |time_s: f64| (time_s, Pose::new(DQuat::IDENTITY, DVec3::new(0.2 * time_s, 0.0, 0.0)));
         let track = PoseTrack::new(vec![pose(-1.0), pose(1.0)], 3.0).unwrap();
         let geometry = Geometry::pinhole(width, height, 80.0);
         let rays = Rays::new(&geometry);
         let own = map(2.0, 50, 0.0);
-        let mut frame = Frame {
-            index: 1,
-            timestamp_s: 0.0,
-            pixels: pixels(),
-            depth: Some(own.clone()),
-            exposure: FrameExposure::default(),
-            opacity: 1.0,
-            neighbours: Vec::new(),
-            surfels: Arc::default(),
-        };
+        let mut frame = Frame { depth: Some(Arc::new(own.clone())), ..Frame::new(1, 0.0, pixels()) };
         let depth_of =
             |frame: &Frame| consensus_at_frame(frame, &own, &rays, (&track, 0.0), &Response::default()).unwrap();
         assert_eq!(depth_of(&frame)[20 * 96 + 50], 0.0);

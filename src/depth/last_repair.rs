@@ -110,7 +110,6 @@ mod tests {
     use super::*;
     use crate::camera::Curve;
     use crate::depth::{Neighbour, ProjectedPoint, Rays};
-    use crate::frame::FrameExposure;
     use crate::pixels::{DepthMap, Pixels};
     use glam::{DQuat, DVec3, Vec3};
 
@@ -145,17 +144,12 @@ mod tests {
             DepthMap { width: 96, height: 64, depth_m, timestamp_s: 0.0 }
         };
         let codes = (0..96 * 64).flat_map(|i| [if (30..64).contains(&(i % 96)) { 40 } else { 200 }; 3]).collect();
-        let pixels = Pixels::from_u8(96, 64, codes).unwrap();
-        let beside = |index| NeighbourFrame { index, timestamp_s: 0.0, pixels: pixels.clone(), depth: map(60) };
+        let pixels = Arc::new(Pixels::from_u8(96, 64, codes).unwrap());
+        let beside = |index| NeighbourFrame { index, timestamp_s: 0.0, pixels: pixels.clone(), depth: map(60).into() };
         Frame {
-            index: 4,
-            timestamp_s: 0.0,
-            pixels: pixels.clone(),
-            depth: Some(map(59)),
-            exposure: FrameExposure::default(),
-            opacity: 1.0,
+            depth: Some(Arc::new(map(59))),
             neighbours: [2, 3, 5].map(|index| Arc::new(beside(index))).to_vec(),
-            surfels: Arc::default(),
+            ..Frame::new(4, 0.0, pixels.clone())
         }
     }
 

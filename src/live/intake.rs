@@ -212,16 +212,7 @@ impl Intake {
         // Fixed now, because it determines the span in which poses matter.
         let exposure_s = self.lens_track.as_ref().and_then(|lens_track| lens_track.exposure_s(time_s));
         let exposure = exposure.with_lens(FrameLens { exposure_s, ..FrameLens::default() });
-        let frame = Frame {
-            index: self.frames,
-            timestamp_s: time_s,
-            pixels,
-            depth: None,
-            exposure,
-            opacity: 1.0,
-            neighbours: Vec::new(),
-            surfels: Arc::default(),
-        };
+        let frame = Frame { exposure, ..Frame::new(self.frames, time_s, pixels) };
         self.frames += 1;
         let span_s = within_s(&frame);
         self.queue.push_frame((frame, now_s), time_s, span_s, now_s);

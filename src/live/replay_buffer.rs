@@ -157,7 +157,7 @@ mod tests {
         assert_eq!(recording.timestamps_s.len(), 82);
         let last = recording.frames(81..82).unwrap().next().unwrap().unwrap();
         assert_eq!(
-            (last.timestamp_s, last.pixels),
+            (last.timestamp_s, Arc::unwrap_or_clone(last.pixels)),
             (128.0, Pixels::from_u8(16, 16, vec![(280 % 256) as u8; 768]).unwrap())
         );
         assert!(recording.pose_at_frame(0).is_ok());

@@ -57,7 +57,7 @@ impl<'a> SummedFrameOcclusion<'a> {
     /// A frame's depth over the photograph; `None` without a pose at its time of measurement.
     pub fn of(&self, frame: &Frame) -> Option<DepthGrid> {
         let intrinsics = &self.recorded.intrinsics;
-        let depth = frame.depth.as_ref().unwrap_or(self.depth);
+        let depth = frame.depth.as_deref().unwrap_or(self.depth);
         let from = (self.track, self.time_offset_s);
         let mut depth_m = consensus_at_frame(frame, depth, &self.rays, from, self.response)?;
         let then = (self.track, self.time_offset_s + frame.timestamp_s);

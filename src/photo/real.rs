@@ -1,6 +1,7 @@
 //! The real part of a photograph: the recording's own pixels, summed and resampled. They are
 //! exposed later, in the composite, so that nothing is clipped before.
 
+use std::borrow::Borrow;
 use std::ops::Range;
 
 use crate::camera::{Crop, Response, correlations, variance_left};
@@ -47,7 +48,7 @@ impl RealPart {
     /// If neither is needed, the code values are the recording's. `neighbours`: correlation of a
     /// pixel's noise with the neighbours' to the right and below.
     pub fn new(
-        frames: &[(f64, Pixels)],
+        frames: &[(f64, impl Borrow<Pixels>)],
         response: &Response,
         framed: &Crop,
         (width, height): (u32, u32),
@@ -55,7 +56,7 @@ impl RealPart {
     ) -> Self {
         let summed: f64 = frames.iter().map(|(weight, _)| weight * weight).sum();
         if let ([(_, pixels)], true) = (frames, framed.is_exact()) {
-            return Self { pixels: cut(pixels, framed, width, height), noise_left: summed };
+            return Self { pixels: cut(pixels.borrow(), framed, width, height), noise_left: summed };
         }
         let light = sum(frames, response);
         let across = Taps::new(light.width, framed.left_px, framed.step, width);
@@ -93,10 +94,14 @@ fn cut(pixels: &Pixels, framed: &Crop, width: u32, height: u32) -> Pixels {
     Pixels { width, height, codes: Codes::U16(codes) }
 }
 
-fn sum(frames: &[(f64, Pixels)], response: &Response) -> Light {
-    let (width, height) = frames.first().map_or((0, 0), |(_, p)| (p.width as usize, p.height as usize));
+fn sum(frames: &[(f64, impl Borrow<Pixels>)], response: &Response) -> Light {
+    let (width, height) = frames.first().map_or((0, 0), |(_, pixels)| {
+        let Pixels { width, height, .. } = pixels.borrow();
+        (*width as usize, *height as usize)
+    });
     let mut rgb = vec![[0.0f32; 3]; width * height];
     for (weight, pixels) in frames {
+        let pixels: &Pixels = pixels.borrow();
         let light: Vec<f32> =
             response.table(pixels.max_code()).into_iter().map(|light| (weight * light) as f32).collect();
         over_rows(&mut rgb, width, processors(), |y, row| {

@@ -139,14 +139,9 @@ pub fn take(
         }
         let before = copied(&pixels, region);
         let frame = Frame {
-            index: standpoint.frame,
-            timestamp_s: standpoint.timestamp_s + framing.later_s,
-            pixels,
-            depth: None,
             exposure: standpoint.exposure,
             opacity: standpoint.opacity,
-            neighbours: Vec::new(),
-            surfels: Default::default(),
+            ..Frame::new(standpoint.frame, standpoint.timestamp_s + framing.later_s, pixels)
         };
         let job = Job {
             frame,

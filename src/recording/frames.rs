@@ -131,15 +131,13 @@ impl Frames {
             let problem = format!("frame {index} is {}x{}; the others are {w}x{h}", pixels.width, pixels.height);
             return Err(RecordingError::content(&self.pictures.file(index), problem));
         }
+        let timestamp_s = self.timestamps_s.get(index).copied().unwrap_or_default();
         Ok(Frame {
-            index,
-            timestamp_s: self.timestamps_s.get(index).copied().unwrap_or_default(),
-            pixels,
-            depth,
+            depth: depth.map(Arc::new),
             exposure: self.exposure.get(index).copied().unwrap_or_default(),
             opacity: self.opacity.get(index).copied().unwrap_or(1.0),
-            neighbours: Vec::new(),
             surfels: Arc::clone(&self.surfels),
+            ..Frame::new(index, timestamp_s, pixels)
         })
     }
 }

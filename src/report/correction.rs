@@ -65,7 +65,7 @@ fn correction(frame: usize, source: &Source<'_>, was: &Pose, now: &Pose, depth_m
 pub fn usual_depth_m(source: &Source<'_>) -> Result<Option<f64>, RecordingError> {
     let middle = source.recording.frame_count() / 2;
     let Some(frame) = source.recording.frames(middle..middle + 1)?.next().transpose()? else { return Ok(None) };
-    let mut known: Vec<f32> = frame.depth.map_or(Vec::new(), |map| map.depth_m);
+    let mut known: Vec<f32> = frame.depth.map_or(Vec::new(), |map| map.depth_m.clone());
     known.retain(|z| *z > 0.0);
     known.sort_by(f32::total_cmp);
     Ok(known.get(known.len() / 2).map(|z| f64::from(*z)))

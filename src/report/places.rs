@@ -119,7 +119,6 @@ fn even(pixels: &Pixels, x: usize, y: usize, channel: usize) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frame::FrameExposure;
 
     /// Grey, with a chessboard of 8 px about (100, 60); depth 2 m, and a step at column 160.
     fn frame() -> Frame {
@@ -130,16 +129,8 @@ mod tests {
         };
         let codes = (0..240 * 160).flat_map(|n| [code(n); 3]).collect();
         let depth_m = (0..240 * 160).map(|n| if n % 240 < 160 { 2.0 } else { 3.0 }).collect();
-        Frame {
-            index: 0,
-            timestamp_s: 0.0,
-            pixels: Pixels::from_u8(240, 160, codes).unwrap(),
-            depth: Some(DepthMap { width: 240, height: 160, depth_m, timestamp_s: 0.0 }),
-            exposure: FrameExposure::default(),
-            opacity: 1.0,
-            neighbours: Vec::new(),
-            surfels: Default::default(),
-        }
+        let depth = DepthMap { width: 240, height: 160, depth_m, timestamp_s: 0.0 };
+        Frame { depth: Some(depth.into()), ..Frame::new(0, 0.0, Pixels::from_u8(240, 160, codes).unwrap()) }
     }
 
     #[test]
@@ -162,7 +153,7 @@ mod tests {
     fn edges_are_no_texture_and_places_need_depth() {
         let mut frame = frame();
         let codes = (0..240 * 160).flat_map(|n| [if n % 240 < 100 { 50 } else { 150 }; 3]).collect();
-        frame.pixels = Pixels::from_u8(240, 160, codes).unwrap();
+        frame.pixels = Pixels::from_u8(240, 160, codes).unwrap().into();
         assert!(textured(&frame).iter().all(|place| place.score < 1e-3));
         frame.depth = None;
         assert!(textured(&frame).is_empty() && flat(&frame).is_empty());

@@ -6,6 +6,8 @@
 //! correlation, which is robust against brightness and blur. Each reprojection begins at a real
 //! picture, so errors from frame to frame do not accumulate.
 
+use std::sync::Arc;
+
 use glam::{DVec2, DVec3};
 
 use super::correction::{recorded, refined};
@@ -134,7 +136,7 @@ impl<'a> FramePoints<'a> {
     ) -> Option<Self> {
         let mut map = frame.depth.clone()?;
         if is_refined {
-            map.timestamp_s += source.analysis.findings.registration.depth_later_s;
+            Arc::make_mut(&mut map).timestamp_s += source.analysis.findings.registration.depth_later_s;
         }
         let depth = reprojected_at_frame(camera.geometry, &map, camera.track, camera.later_s, frame.timestamp_s)?;
         let poses = camera.rows(frame.timestamp_s)?;

@@ -1,5 +1,7 @@
 //! A frame at a fraction of its size: for fast previews of frames that take long at full size.
 
+use std::sync::Arc;
+
 use super::{Shot, ShotError};
 use crate::camera::{Capture, Crop, NoiseBin, NoiseProfile, correlations, variance_left};
 use crate::compositor::{Compositor, Job, Pending, Target};
@@ -24,12 +26,12 @@ impl ReducedFrame {
             Codes::U8(codes) => Codes::U8(means(codes, frame.pixels.width, (width, height), by)),
             Codes::U16(codes) => Codes::U16(means(codes, frame.pixels.width, (width, height), by)),
         };
-        let depth = frame.depth.as_ref().map(|depth| reduced_depth(depth, by));
+        let depth = frame.depth.as_ref().map(|depth| Arc::new(reduced_depth(depth, by)));
         let pixels = Pixels { width, height, codes };
         let Frame { index, timestamp_s, exposure, opacity, .. } = *frame;
         // A preview uses the frame's own depth alone.
-        let (neighbours, surfels) = Default::default();
-        Self { frame: Frame { index, timestamp_s, pixels, depth, exposure, opacity, neighbours, surfels }, by }
+        let alone = Frame::new(index, timestamp_s, pixels);
+        Self { frame: Frame { depth, exposure, opacity, ..alone }, by }
     }
 
     pub fn by(&self) -> u32 {

@@ -250,16 +250,7 @@ mod tests {
         let places = (0..480).flat_map(|y| (0..640).map(move |x| (x, y)));
         let pixels = Pixels::from_u8(640, 480, places.flat_map(|(x, y)| code(x, y)).collect()).unwrap();
         let exposure = FrameExposure { brightness: seen, ..FrameExposure::default() };
-        Frame {
-            index: 0,
-            timestamp_s: 0.0,
-            pixels,
-            depth: None,
-            exposure,
-            opacity: 1.0,
-            neighbours: Vec::new(),
-            surfels: Default::default(),
-        }
+        Frame { exposure, ..Frame::new(0, 0.0, pixels) }
     }
 
     fn linear() -> Response {
@@ -341,7 +332,7 @@ mod tests {
         let with = |depth: &dyn Fn(u32) -> f32| {
             let depth_m = (0..480).flat_map(|_| (0..640).map(depth)).collect();
             let depth = DepthMap { width: 640, height: 480, depth_m, timestamp_s: 0.0 };
-            Frame { depth: Some(depth), ..frame(|_, _| [102; 3], None) }
+            Frame { depth: Some(depth.into()), ..frame(|_, _| [102; 3], None) }
         };
         assert!(crosses_an_edge(&with(&|x| if x > 323 { 2.3 } else { 2.0 }), &VIEW, 2.0));
         assert!(!crosses_an_edge(&with(&|x| if x > 330 { 2.3 } else { 2.0 }), &VIEW, 2.0));

@@ -7,7 +7,7 @@ use std::sync::{LazyLock, Mutex, MutexGuard};
 
 use locard::camera::{Camera, Distortion, Geometry, Intrinsics};
 use locard::compositor::{Composited, Compositor, Job, Settings, Target};
-use locard::frame::{Frame, FrameExposure};
+use locard::frame::Frame;
 use locard::gpu::Gpu;
 use locard::params::Value;
 use locard::pixels::{LayerImage, Pixels};
@@ -35,16 +35,7 @@ pub fn grey(width: u32, height: u32, code: u8) -> Pixels {
 }
 
 pub fn frame(index: usize, timestamp_s: f64, pixels: Pixels) -> Frame {
-    Frame {
-        index,
-        timestamp_s,
-        pixels,
-        depth: None,
-        exposure: FrameExposure::default(),
-        opacity: 1.0,
-        neighbours: Vec::new(),
-        surfels: Default::default(),
-    }
+    Frame::new(index, timestamp_s, pixels)
 }
 
 /// A camera without distortion, principal point in the middle.

@@ -1,5 +1,7 @@
 //! Limits and refusals of the frame loop.
 
+use std::sync::Arc;
+
 use crate::board;
 use crate::board::{FOCAL_PX, board, sideways};
 use crate::gpu;
@@ -91,7 +93,7 @@ fn unusable_depth_reports_its_reason() {
     };
     let still = sideways([0.0, 0.0]);
     let done = |settings: Settings, depth| {
-        let frame = Frame { depth: Some(depth), ..gpu::frame(0, 0.0, gpu::grey(320, 240, 60)) };
+        let frame = Frame { depth: Some(Arc::new(depth)), ..gpu::frame(0, 0.0, gpu::grey(320, 240, 60)) };
         let done = submitted(settings, board([60.0, 50.0], 0.5), &still, 0.0, frame).unwrap();
         (done.pixels.at(160, 120) == [60; 3], done.stats.no_occlusion)
     };
@@ -124,7 +126,7 @@ fn screen_with_sparse_depth_occludes_objects_behind_it() {
         .collect();
     let depth = DepthMap { width: 320, height: 240, depth_m, timestamp_s: 0.0 };
     let frame = gpu::frame(0, 0.0, Pixels::from_u8(320, 240, codes).unwrap());
-    let frame = Frame { depth: Some(depth), ..frame };
+    let frame = Frame { depth: Some(depth.into()), ..frame };
     let still = sideways([0.0, 0.0]);
     let done = submitted(Settings::default(), board([60.0, 50.0], 0.5), &still, 0.0, frame.clone()).unwrap();
     for (x, y) in (100..140).flat_map(|y| (135..185).map(move |x| (x, y))).filter(|(x, _)| !(156..164).contains(x)) {

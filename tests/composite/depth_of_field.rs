@@ -1,6 +1,8 @@
 //! Depth of field on the GPU compared with the thin lens, the analytic disc and the CPU reference,
 //! and its typical artefacts.
 
+use std::sync::Arc;
+
 use crate::board::{FOCAL_PX, merge_scenes, sideways};
 use crate::flip::{PIXELS_PER_DEGREE, mean_flip};
 use crate::gpu;
@@ -424,7 +426,7 @@ fn real_object_in_focus_occludes_a_blurred_object_sharply() {
     let depth = DepthMap { width: WIDTH, height: HEIGHT, depth_m, timestamp_s: 0.0 };
     for method in METHODS {
         let taken = |depth: Option<DepthMap>| {
-            let frame = Frame { depth, ..gpu::frame(0, 0.0, gpu::grey(WIDTH, HEIGHT, 60)) };
+            let frame = Frame { depth: depth.map(Arc::new), ..gpu::frame(0, 0.0, gpu::grey(WIDTH, HEIGHT, 60)) };
             let settings = gpu::settings(&[("depth_of_field", "method", Value::Text(method.to_owned()))]);
             gpu::composite(&gpu::gpu(), &camera, settings, board(), &sideways([0.0; 2]), frame)
         };

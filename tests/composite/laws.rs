@@ -214,7 +214,7 @@ fn law_3_neutral_settings_are_the_identity() {
         std::sync::Arc::make_mut(&mut site.shot.scene).objects.clear();
         let frames = site.shot.recording.frames(range.clone()).unwrap();
         for (a, b) in composite(&gpu, &mut site, settings(), range.clone(), false).iter().zip(frames) {
-            assert!(a.pixels == b.unwrap().pixels);
+            assert!(a.pixels == *b.unwrap().pixels);
         }
     }
 }

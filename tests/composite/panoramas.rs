@@ -309,7 +309,8 @@ fn real_depth_occludes_across_the_seam() {
     let depth_m = (0..512 * 256).map(|i| if i % 512 < 256 { 1.0 } else { 3.0 }).collect();
     for later_s in [0.0, 0.01] {
         let mut frame = gpu::frame(0, 0.0, grey(&geometry));
-        frame.depth = Some(DepthMap { width: 512, height: 256, depth_m: Clone::clone(&depth_m), timestamp_s: later_s });
+        let depth = DepthMap { width: 512, height: 256, depth_m: Clone::clone(&depth_m), timestamp_s: later_s };
+        frame.depth = Some(depth.into());
         let track = turning(0.5, DQuat::IDENTITY);
         let mut settings = Settings::default();
         settings.only(&["noise".to_owned()]).unwrap();
@@ -402,7 +403,7 @@ fn virtual_board_coincides_with_the_simulated_one() {
         let camera = gpu::camera(geometry, 0.0);
         let mut frame = gpu::frame(0, snapshot.timestamp_s, pixels.clone());
         // The frame is grey where the board is: only composited pixels are compared.
-        frame.pixels = grey(geometry);
+        frame.pixels = grey(geometry).into();
         let done = gpu::composite(&gpu::gpu(), &camera, plain(), scene.clone(), simulation.track(), frame);
         let layer = done.layer.unwrap();
         let centre = simulation

@@ -1,5 +1,7 @@
 //! Virtual objects in a photograph: at each of its moments, and behind real surfaces.
 
+use std::borrow::Borrow;
+
 use crate::board::{DEPTH_M, FOCAL_PX, board, sideways};
 use crate::gpu;
 use glam::DVec3;
@@ -32,7 +34,12 @@ impl PhotoConditions<'_> {
     }
 
     /// [`Self::photo`] of several weighted frames, with the occluding depth of each.
-    fn photo_of(&self, scene: Scene, frames: &[(f64, Pixels)], hiding: &[(f64, DepthGrid)]) -> (Pixels, Vec<f64>) {
+    fn photo_of(
+        &self,
+        scene: Scene,
+        frames: &[(f64, impl Borrow<Pixels>)],
+        hiding: &[(f64, DepthGrid)],
+    ) -> (Pixels, Vec<f64>) {
         let recorded = self.camera.geometry.clone().unwrap();
         let framing = Framing::new(&recorded, None, None, f64::INFINITY, None).unwrap();
         let gpu = gpu::gpu();
@@ -107,7 +114,7 @@ fn object_behind_a_moving_edge_is_visible_for_a_share_of_the_exposure() {
         let codes = (0..160 * 60).flat_map(|i| [if is_screen(i) { 10 } else { 120 }; 3]).collect();
         let depth_m = (0..160 * 60).map(|i| if is_screen(i) { 0.5 } else { 1.5 } * DEPTH_M as f32).collect();
         let depth = DepthMap { width: 160, height: 60, depth_m, timestamp_s: t };
-        Frame { depth: Some(depth), ..gpu::frame(3, t, Pixels::from_u8(160, 60, codes).unwrap()) }
+        Frame { depth: Some(depth.into()), ..gpu::frame(3, t, Pixels::from_u8(160, 60, codes).unwrap()) }
     });
     let depth = frames[1].depth.as_ref().unwrap();
     // With a lens, the screen's circles of confusion are 2 px wide.

@@ -70,7 +70,7 @@ fn floor_m() -> Vec<f32> {
 fn frame(codes: Vec<u8>, depth_m: Vec<f32>, gain: f64) -> Frame {
     let seen = RelativeBrightness { factors: [gain; 3], median_s: None, spatial_gain: SpatialGain::default() };
     Frame {
-        depth: Some(DepthMap { width: WIDTH, height: HEIGHT, depth_m, timestamp_s: 0.0 }),
+        depth: Some(DepthMap { width: WIDTH, height: HEIGHT, depth_m, timestamp_s: 0.0 }.into()),
         exposure: FrameExposure { brightness: Some(seen), ..FrameExposure::default() },
         ..gpu::frame(0, 0.0, Pixels::from_u8(WIDTH, HEIGHT, codes).unwrap())
     }

@@ -243,7 +243,7 @@ fn composite_into_a_texture_view_matches_the_written_pixels() {
             ("no pose", Frame { timestamp_s: 60.0, ..frame() }),
             ("16 bits", {
                 let frame = frame();
-                Frame { pixels: wide(&frame.pixels), ..frame }
+                Frame { pixels: wide(&frame.pixels).into(), ..frame }
             }),
         ] {
             let texture = texture(&device, size(), format);
@@ -252,11 +252,11 @@ fn composite_into_a_texture_view_matches_the_written_pixels() {
             let target = Target::View(&view, format);
             let pending = compositor.submit(job, &camera, &held.settings, target).unwrap();
             let done = compositor.collect(pending).unwrap();
-            assert!(done.pixels == frame.pixels, "the frame itself stays as it came");
+            assert!(done.pixels == *frame.pixels, "the frame itself stays as it came");
             let job = Job::of_frame(frame.clone(), &camera, &held.settings, &geometry, &away, 1.0 / 30.0).unwrap();
             let pending = compositor.submit(job, &camera, &held.settings, Target::Pixels).unwrap();
             let expected = compositor.collect(pending).unwrap().pixels;
-            assert_eq!(expected != frame.pixels, what != "no pose");
+            assert_eq!(expected != *frame.pixels, what != "no pose");
             if what == "8 bits" {
                 assert!(expected == written);
             }

@@ -237,7 +237,12 @@ fn surfaces_off_the_receiver_plane_are_not_shadowed() {
     let with = |height: f64| {
         let depth_m = (0..rays.len()).map(|i| depth_m(i, height)).collect();
         let depth = Some(DepthMap { width: WIDTH, height: HEIGHT, depth_m, timestamp_s: 0.0 });
-        let done = composite_frame(Settings::default(), &camera(), Frame { depth, ..grey_frame() }, scene());
+        let done = composite_frame(
+            Settings::default(),
+            &camera(),
+            Frame { depth: depth.map(Arc::new), ..grey_frame() },
+            scene(),
+        );
         done.layer.unwrap().left
     };
     let without = composite_frame(Settings::default(), &camera(), grey_frame(), scene()).layer.unwrap();
@@ -262,7 +267,7 @@ fn earlier_frames_do_not_affect_a_picture() {
             ((height - pose().position_in_world_m().z) / along.z) as f32
         });
         let depth = DepthMap { width: WIDTH, height: HEIGHT, depth_m: depth_m.collect(), timestamp_s: 0.0 };
-        Frame { depth: Some(depth), ..grey_frame() }
+        Frame { depth: Some(depth.into()), ..grey_frame() }
     };
     // The shadow extends beyond the picture's right edge.
     let at = |x: f64| {
@@ -332,7 +337,7 @@ fn shadow_fades_with_its_object() {
         assert!((0..3).all(|c| (1.0 - half[c] - 0.5 * (1.0 - whole[c])).abs() < 2e-3), "{whole:?} {half:?}");
     }
     let gone = composite_frame(Settings::default(), &camera(), Frame { opacity: 0.0, ..grey_frame() }, scene());
-    assert_eq!(gone.pixels, grey_frame().pixels);
+    assert_eq!(gone.pixels, *grey_frame().pixels);
 }
 
 #[test]

@@ -71,7 +71,7 @@ fn settings_changed_between_pictures_take_effect() {
     let pixels = |n: usize| &pictures[n].pixels;
     assert!((1..pictures.len()).all(|n| pixels(n - 1) != pixels(n)), "each of them is seen");
     // The cached frame is unmodified, and another frame differs.
-    assert!(held.read(31).unwrap().pixels != *pixels(4));
+    assert!(*held.read(31).unwrap().pixels != *pixels(4));
     let other = picture(&mut held, &mut compositor, 30);
     assert!(other.frame == 30 && picture(&mut held, &mut compositor, 31).pixels == *pixels(4));
 }
@@ -117,7 +117,7 @@ fn stream_matches_frames_composited_alone() {
             assert!(stream.len() == 4 && stream[n].frame == frame && stream[n].stats == alone.stats);
             assert!(stream[n].pixels == alone.pixels, "frame {frame}");
         }
-        assert!(alone.pixels != shot.read(frame).unwrap().pixels);
+        assert!(alone.pixels != *shot.read(frame).unwrap().pixels);
     }
     let mut backwards = shot.compositor(gpu.clone());
     assert!(shot.frames(&mut backwards, 70..73, false, 2).is_err(), "there are 72");
@@ -220,7 +220,7 @@ fn damaged_frame_ends_the_stream_and_names_its_file() {
     assert_eq!(all.len(), 4, "three frames, and what is wrong");
     // Without a scene the footage is unmodified.
     for (n, done) in all[..3].iter().enumerate() {
-        assert!(done.as_ref().unwrap().pixels == shot.read(n).unwrap().pixels);
+        assert!(done.as_ref().unwrap().pixels == *shot.read(n).unwrap().pixels);
     }
     let text = all[3].as_ref().unwrap_err().to_string();
     assert!(text.contains("00003.jpg"), "{text}");

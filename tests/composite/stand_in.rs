@@ -55,7 +55,7 @@ fn composited(stand_in_m: Option<f32>, sensor_m: Option<f32>) -> Pixels {
     let mut frame = gpu::frame(0, 0.0, gpu::grey(WIDTH, HEIGHT, CODE));
     frame.depth = sensor_m.map(|z| {
         let depth_m = vec![z; (WIDTH * HEIGHT) as usize];
-        DepthMap { width: WIDTH, height: HEIGHT, depth_m, timestamp_s: 0.0 }
+        Arc::new(DepthMap { width: WIDTH, height: HEIGHT, depth_m, timestamp_s: 0.0 })
     });
     gpu::composite(&gpu::gpu(), &camera, Settings::default(), scene, &track, frame).pixels
 }

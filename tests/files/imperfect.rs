@@ -441,7 +441,7 @@ fn frame_times_are_kept_in_every_video_format() {
             assert!((time_s - (expected_s - 5.0)).abs() < 6e-4, "{name} {lossless} {bits}: {:?}", r.timestamps_s);
         }
         if lossless {
-            assert!(frames(&r, 0..4).iter().enumerate().all(|(i, frame)| frame.pixels == picture(i, 32, 16, bits)));
+            assert!(frames(&r, 0..4).iter().enumerate().all(|(i, frame)| *frame.pixels == picture(i, 32, 16, bits)));
         }
     }
 }

@@ -103,7 +103,7 @@ fn lossless_video_keeps_every_code_in_any_range() {
             let got = frames(&r, range.clone());
             assert_eq!(got.len(), range.len());
             for (frame, i) in got.iter().zip(range) {
-                assert!(frame.index == i && frame.pixels == pictures[i], "{name}, {bits} bits, frame {i}");
+                assert!(frame.index == i && *frame.pixels == pictures[i], "{name}, {bits} bits, frame {i}");
             }
         }
         // Dropped in the middle: the child is killed, and another one starts.
@@ -178,12 +178,12 @@ fn png_folder_keeps_every_code_and_is_not_overwritten() {
         assert_eq!(names, ["frame_000000.png", "frame_000001.png", "frame_000002.png"]);
         let r = open(&describe(folder.path(), "[frames]\nimages = \"out\"\nfps = 25.0\n"));
         assert_eq!((r.bits, r.frame_interval_s), (bits, 0.04));
-        assert!(frames(&r, 0..3).iter().zip(&pictures).all(|(frame, p)| frame.pixels == *p));
+        assert!(frames(&r, 0..3).iter().zip(&pictures).all(|(frame, p)| *frame.pixels == *p));
         let error = sink::open(&OutPath::parse(&out).unwrap(), &options(5, 3, bits)).err().unwrap().to_string();
         assert!(error.contains("exists already") && error.contains("--force"), "{error}");
         let forced = SinkOptions { force: true, ..options(5, 3, bits) };
         write(&out, &forced, &pictures[1..2]);
-        assert!(open(folder.path()).frames(0..1).unwrap().next().unwrap().unwrap().pixels == pictures[1]);
+        assert!(*open(folder.path()).frames(0..1).unwrap().next().unwrap().unwrap().pixels == pictures[1]);
     }
 }
 

@@ -243,7 +243,7 @@ fn nerfstudio_opens() {
     let g = r.geometry.as_ref().unwrap();
     assert_eq!((g.intrinsics.fy_px, g.distortion.p1), (6.0, 0.001));
     assert!(r.warnings.iter().any(|w| w.contains("30 a second")), "{:?}", r.warnings);
-    assert!(frames(&r, 2..3)[0].pixels == picture(2, 4, 2, 8));
+    assert!(*frames(&r, 2..3)[0].pixels == picture(2, 4, 2, 8));
 
     let all = [entry(0, 0.0, ""), entry(1, 1.0, r#""fl_x": 9,"#)].join(",");
     std::fs::write(folder.path().join("transforms.json"), format!("{{{common}, \"frames\": [{all}]}}")).unwrap();

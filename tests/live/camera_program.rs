@@ -58,7 +58,7 @@ fn video_is_recorded_like_a_camera() {
     // The pictures equal the video's in every code.
     let first = recording.frames(0..1).unwrap().next().unwrap().unwrap();
     let played = probe(&video, &Overrides::default()).unwrap();
-    assert!(played.read(0..10).unwrap().any(|pixels| pixels.unwrap() == first.pixels));
+    assert!(played.read(0..10).unwrap().any(|pixels| pixels.unwrap() == *first.pixels));
     let again = refused(&arguments);
     assert!(again.contains("site: exists already, and is kept; name a new folder"), "{again}");
 }

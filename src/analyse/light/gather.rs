@@ -210,7 +210,6 @@ mod tests {
     use super::*;
     use crate::camera::{Curve, Geometry};
     use crate::fit::twist::Twist;
-    use crate::frame::FrameExposure;
     use crate::pixels::{DepthMap, Pixels};
     use crate::recording::OpenOptions;
 
@@ -235,14 +234,8 @@ mod tests {
             let count = (SIZE.0 * SIZE.1) as usize;
             let depth = DepthMap { width: SIZE.0, height: SIZE.1, depth_m: vec![2.0; count], timestamp_s: 0.0 };
             let frame = Frame {
-                index,
-                timestamp_s: 0.0,
-                pixels: Pixels::from_u8(SIZE.0, SIZE.1, codes.repeat(count)).unwrap(),
-                depth: Some(depth),
-                exposure: FrameExposure::default(),
-                opacity: 1.0,
-                neighbours: Vec::new(),
-                surfels: Default::default(),
+                depth: Some(depth.into()),
+                ..Frame::new(index, 0.0, Pixels::from_u8(SIZE.0, SIZE.1, codes.repeat(count)).unwrap())
             };
             let seen = inputs.view(&frame).unwrap();
             let samples = &seen.samples;
