@@ -77,7 +77,6 @@ fn main() -> Result<()> {
         camera: Cow::Borrowed(&load.camera),
         settings: &settings,
         track: &load.track,
-        time_offset_s: 0.0,
         want_layers: false,
         in_flight: IN_FLIGHT,
     };

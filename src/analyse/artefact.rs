@@ -141,8 +141,7 @@ impl Analysis {
             let knots: Vec<TrackKnot> = (0..recording.frame_count()).filter_map(knot).collect();
             let usual_s = recording.frame_interval_s;
             let way = registration.rig_offset.filter(|_| !moves_alone && moves_as_recorded(recording)).map(|offset| {
-                let later_s = recording.time_offset_s + offset.clock_s;
-                RecordedMotion { track: &recording.track, later_s, hand_eye: offset.hand_eye }
+                RecordedMotion { track: &recording.track, later_s: offset.clock_s, hand_eye: offset.hand_eye }
             });
             let poses = track::poses(&knots, usual_s, track::MAX_GAP_INTERVALS * usual_s, way.as_ref());
             poses.iter().map(|(time_s, pose)| Line::new(*time_s, pose)).collect()

@@ -22,7 +22,7 @@ pub fn fingerprint(recording: &Recording) -> String {
     let number = |n: u64, hash: &mut Sha256| hash.update(n.to_le_bytes());
     number(recording.frame_count() as u64, &mut hash);
     recording.timestamps_s.iter().for_each(|t| number(t.to_bits(), &mut hash));
-    number(recording.time_offset_s.to_bits(), &mut hash);
+    number(recording.track.clock_offset_s().to_bits(), &mut hash);
     for (time_s, pose) in recording.track.poses() {
         let (q, p) = (pose.rotation, pose.translation_m);
         [*time_s, q.x, q.y, q.z, q.w].into_iter().for_each(|v| number(v.to_bits(), &mut hash));

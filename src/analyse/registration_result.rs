@@ -89,8 +89,7 @@ impl Registration {
 /// Recorded states, one per frame, read `later_s` after the frame's time. Where the track has a
 /// pose at the frame's time and none at the later one, the state is extrapolated.
 pub fn recorded(recording: &Recording, later_s: f64) -> Vec<Option<CameraState>> {
-    let of = |t: &f64| {
-        let time_s = t + recording.time_offset_s;
+    let of = |&time_s: &f64| {
         let beyond = || CameraState::of(&recording.track, time_s).map(|state| state.extrapolated(later_s));
         CameraState::of(&recording.track, time_s + later_s).or_else(|_| beyond()).ok()
     };

@@ -19,7 +19,7 @@ pub struct CameraState {
 }
 
 impl CameraState {
-    /// Pose and velocity of a track at a time of its clock: ξ = log(T(t − h)⁻¹·T(t + h)) / 2h.
+    /// Pose and velocity of a track at a frame time: ξ = log(T(t − h)⁻¹·T(t + h)) / 2h.
     /// One-sided at the track's ends.
     pub fn of(track: &PoseTrack, time_s: f64) -> Result<Self, NoPose> {
         let here = world_from_camera(&track.at(time_s)?);

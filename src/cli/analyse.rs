@@ -108,7 +108,7 @@ pub fn run(args: &Args) -> Result<()> {
         if accepted.iter().any(|accepted| matches!(accepted.outcome, Outcome::Written { .. })) {
             write_atomically(path, true, |out| out.write_all(profile.to_string().as_bytes()))?;
         }
-        print_accepted(&accepted, &analysis.findings, shot.recording.time_offset_s)?;
+        print_accepted(&accepted, &analysis.findings, shot.recording.track.clock_offset_s())?;
     }
     if let Some((scene, grounds)) = &scene_support {
         write_support_reports(&folder, scene, grounds)?;

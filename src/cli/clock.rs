@@ -32,9 +32,8 @@ pub fn line(shot: &Shot) -> Result<String, ShotError> {
         }
         before = now.map(|now| (time_s, now));
     }
-    let offset_s = recording.time_offset_s;
-    let moved = |from_s: f64, to_s: f64| recording.track.motion_between(from_s + offset_s, to_s + offset_s);
-    Ok(match estimate(&motions, moved, MAX_SEARCHED_DELAY_S) {
+    let (track, offset_s) = (&recording.track, recording.track.clock_offset_s());
+    Ok(match estimate(&motions, |from_s, to_s| track.motion_between(from_s, to_s), MAX_SEARCHED_DELAY_S) {
         Ok(found) => {
             let milliseconds = |s: f64| fixed(1e3 * s, 1);
             let fit = if found.delay_s.abs() <= 2.0 * found.sigma_s {
@@ -44,8 +43,8 @@ pub fn line(shot: &Shot) -> Result<String, ShotError> {
                     "poses {} ms {} fit the pictures best: time_offset_s = {} (now {})",
                     milliseconds(found.delay_s.abs()),
                     if found.delay_s > 0.0 { "later" } else { "earlier" },
-                    fixed(recording.time_offset_s + found.delay_s, 4),
-                    fixed(recording.time_offset_s, 4)
+                    fixed(offset_s + found.delay_s, 4),
+                    fixed(offset_s, 4)
                 )
             };
             let quarters = match found.quarters {

@@ -110,11 +110,10 @@ fn wait_until(due: Instant) -> bool {
 /// The poses on the clock of the frames, which is used to look up a stream's poses. Times are
 /// shifted so that none is negative, which streams do not support.
 fn poses_on_frame_clock(shot: &Shot) -> Vec<(f64, Pose)> {
-    let recording = &shot.recording;
-    let first_s = recording.track.poses().first().map_or(0.0, |pose| pose.0 - recording.time_offset_s);
+    let track = &shot.recording.track;
+    let first_s = track.poses_in_frame_time().next().map_or(0.0, |pose| pose.0);
     let shift_s = if first_s < 0.0 { -first_s.floor() } else { 0.0 };
-    let moved = |(time_s, pose): &(f64, Pose)| (time_s - recording.time_offset_s + shift_s, *pose);
-    recording.track.poses().iter().map(moved).collect()
+    track.poses_in_frame_time().map(|(time_s, pose)| (time_s + shift_s, pose)).collect()
 }
 
 /// The lens that is sent. `None` if it is unknown, or if it changes.
@@ -147,7 +146,7 @@ fn notes(shot: &Shot, args: &Args) {
         let text = format!("up is {x} {y} {z} in the recording and z in {protocol}: the places are sent as they are");
         warn(args.quiet, &text);
     }
-    if recording.track.poses().first().is_some_and(|pose| pose.0 - recording.time_offset_s < 0.0) {
+    if recording.track.poses_in_frame_time().next().is_some_and(|pose| pose.0 < 0.0) {
         warn(
             args.quiet,
             "the recording begins before 0, where no stream's clock does: its times are moved by whole seconds",

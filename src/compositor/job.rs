@@ -19,8 +19,6 @@ pub struct Job<'a> {
     pub capture: Capture<'a>,
     pub real: RealDepth<'a>,
     pub track: &'a PoseTrack,
-    /// Added to the frame's timestamp to look up poses, seconds.
-    pub time_offset_s: f64,
     /// Seconds to the next frame.
     pub interval_s: f64,
     /// Whether to return the virtual layer too.
@@ -90,7 +88,7 @@ impl<'a> Job<'a> {
         let exposure_s = exposure_time_s(camera, settings, &frame, interval_s);
         let capture = Capture::frame(geometry, exposure_s, camera.lens_in(&frame.exposure.lens).opening(geometry)?);
         let real = RealDepth::OfFrame;
-        Ok(Self { frame, picture: geometry, capture, real, track, time_offset_s: 0.0, interval_s, want_layer: false })
+        Ok(Self { frame, picture: geometry, capture, real, track, interval_s, want_layer: false })
     }
 }
 

@@ -204,7 +204,7 @@ impl Compositor {
             }
         }
         let mut stats = FrameStats::of(&job);
-        if let Err(reason) = job.track.at(job.frame.timestamp_s + job.time_offset_s) {
+        if let Err(reason) = job.track.at(job.frame.timestamp_s) {
             stats.no_pose = Some(reason.to_string());
             return Ok(self.pass_through(job, stats, target));
         }

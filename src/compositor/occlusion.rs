@@ -77,7 +77,7 @@ impl FrameOcclusion {
             });
         }
         let depth = job.frame.depth.as_deref();
-        let measured = depth.map(|depth| measured_from(depth, job.picture, job.track, job.time_offset_s));
+        let measured = depth.map(|depth| measured_from(depth, job.picture, job.track));
         let failure = measured.as_ref().and_then(|pose| pose.as_ref().err().cloned());
         let measured = measured.and_then(Result::ok);
         let measured = depth.zip(measured.as_ref());
@@ -88,7 +88,7 @@ impl FrameOcclusion {
         let half_s = 0.5 * frame_view.shutter.exposure_time_s;
         let [opened, closed] = [-half_s, half_s].map(|offset_s| frame_view.keys.pose_at(offset_s));
         let (frame, shutter) = (frame_view.keys.middle(), [&opened, &closed]);
-        let neighbours = neighbours(&job.frame, job.picture, (job.track, job.time_offset_s));
+        let neighbours = neighbours(&job.frame, job.picture, job.track);
         let (frame, neighbours, planes) = (&frame, &neighbours, &frame_view.planes);
         let seen = |point: DVec3| project_rolling(job.picture, |time_s| frame_view.keys.pose_at(time_s), point);
         let proxies = (!proxies.is_empty()).then_some((&*proxies, &seen as &dyn Fn(DVec3) -> ProjectedPoint));

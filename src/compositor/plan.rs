@@ -37,7 +37,7 @@ impl FrameView {
         let summed_to_s = capture.summed.iter().map(|f| f.time_s.abs() + 0.5 * (f.exposure_s - exposure_time_s));
         let summed_to_s = summed_to_s.fold(0.0, f64::max);
         let shutter = shutter(settings, exposure_time_s, job.picture.intrinsics.readout_time_s, summed_to_s);
-        let time_s = job.frame.timestamp_s + job.time_offset_s;
+        let time_s = job.frame.timestamp_s;
         let pose_at = |t: f64| job.track.at_or_nearest(t).unwrap_or(Pose::IDENTITY);
         let keys = ViewKeys::new(shutter, |offset_s| pose_at(time_s + offset_s));
         let footprint = renderer.footprint(job.picture, &keys, shutter);

@@ -19,7 +19,6 @@ pub struct Stream<'a> {
     pub camera: Cow<'a, Camera>,
     pub settings: &'a Settings,
     pub track: &'a PoseTrack,
-    pub time_offset_s: f64,
     pub want_layers: bool,
     /// Frames to submit before waiting for the first. 0 means 1.
     pub in_flight: usize,
@@ -68,13 +67,13 @@ impl Compositor {
 
 impl<E: std::error::Error, I: Iterator<Item = Result<Input, E>>> Run<'_, I> {
     fn submit(&mut self, input: Input) -> Result<(), RunError<E>> {
-        let Stream { camera, settings, track, time_offset_s, want_layers, .. } = &self.stream;
+        let Stream { camera, settings, track, want_layers, .. } = &self.stream;
         let Input { frame, geometry, interval_s } = input;
         let index = frame.index;
         let failed = |source| RunError::Submit { frame: index, source };
         let job = Job::of_frame(frame, camera, settings, &geometry, track, interval_s);
         let job = job.map_err(|lens| failed(lens.into()))?;
-        let job = Job { time_offset_s: *time_offset_s, want_layer: *want_layers, ..job };
+        let job = Job { want_layer: *want_layers, ..job };
         let work = self.compositor.submit(job, camera, settings, Target::Pixels).map_err(failed)?;
         self.pending.push_back((index, work));
         Ok(())

@@ -10,14 +10,10 @@ use crate::pixels::DepthMap;
 use crate::tracking::PoseTrack;
 
 /// The neighbours of a frame that have poses. `picture`: the recording's geometry.
-pub fn neighbours<'a>(
-    frame: &'a Frame,
-    picture: &Geometry,
-    (track, time_offset_s): (&PoseTrack, f64),
-) -> Vec<Neighbour<'a>> {
+pub fn neighbours<'a>(frame: &'a Frame, picture: &Geometry, track: &PoseTrack) -> Vec<Neighbour<'a>> {
     let neighbour = |frame: &'a NeighbourFrame| {
-        let measured = measured_from(&frame.depth, picture, track, time_offset_s).ok()?;
-        let taken = track.at(frame.timestamp_s + time_offset_s).ok()?;
+        let measured = measured_from(&frame.depth, picture, track).ok()?;
+        let taken = track.at(frame.timestamp_s).ok()?;
         Some(Neighbour { frame, measured, taken })
     };
     frame.neighbours.iter().filter_map(|frame| neighbour(frame)).collect()
@@ -29,15 +25,14 @@ pub fn consensus_at_frame(
     frame: &Frame,
     depth: &DepthMap,
     rays: &Rays,
-    timed_track: (&PoseTrack, f64),
+    track: &PoseTrack,
     response: &Response,
 ) -> Option<Vec<f32>> {
-    let (track, time_offset_s) = timed_track;
-    let measured = measured_from(depth, rays.geometry(), track, time_offset_s).ok()?;
-    let taken = track.at(frame.timestamp_s + time_offset_s).ok()?;
+    let measured = measured_from(depth, rays.geometry(), track).ok()?;
+    let taken = track.at(frame.timestamp_s).ok()?;
     let whole = rays.full();
     let mut depth_m = rays.reproject(depth, &measured, &taken, whole);
-    let neighbours = neighbours(frame, rays.geometry(), timed_track);
+    let neighbours = neighbours(frame, rays.geometry(), track);
     let voters: Vec<_> = neighbours.iter().map(|neighbour| neighbour.voter(response)).collect();
     if !voters.is_empty() || !frame.surfels.is_empty() {
         let (of_frame, pixels) = (SqrtColors::new(&frame.pixels, response), &frame.pixels);
@@ -87,11 +82,10 @@ mod tests {
         let rays = Rays::new(&geometry);
         let own = map(2.0, 50, 0.0);
         let mut frame = Frame { depth: Some(Arc::new(own.clone())), ..Frame::new(1, 0.0, pixels()) };
-        let depth_of =
-            |frame: &Frame| consensus_at_frame(frame, &own, &rays, (&track, 0.0), &Response::default()).unwrap();
+        let depth_of = |frame: &Frame| consensus_at_frame(frame, &own, &rays, &track, &Response::default()).unwrap();
         assert_eq!(depth_of(&frame)[20 * 96 + 50], 0.0);
         frame.neighbours = vec![beside(0, -0.5, 2.0), beside(2, 0.5, 2.0), beside(3, 2.0, 1.0)];
-        assert_eq!(neighbours(&frame, &geometry, (&track, 0.0)).len(), 2);
+        assert_eq!(neighbours(&frame, &geometry, &track).len(), 2);
         let depth_m = depth_of(&frame);
         assert!(depth_m.iter().all(|z| (z - 2.0).abs() < 1e-3), "{:?}", &depth_m[20 * 96..][..96]);
         // Without neighbours the surfels of a wall of the same grey fill the hole.
@@ -104,6 +98,6 @@ mod tests {
         assert!(depth_m.iter().all(|z| (z - 2.0).abs() < 1e-3), "{:?}", &depth_m[20 * 96..][..96]);
         // A map of another size.
         let other = DepthMap { width: 64, height: 96, ..own.clone() };
-        assert!(consensus_at_frame(&frame, &other, &rays, (&track, 0.0), &Response::default()).is_none());
+        assert!(consensus_at_frame(&frame, &other, &rays, &track, &Response::default()).is_none());
     }
 }

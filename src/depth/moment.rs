@@ -22,17 +22,12 @@ use crate::tracking::PoseTrack;
 pub const SOURCE_MARGIN_PX: i32 = 64;
 
 /// The pose from which a camera's map was measured, or the reason why the map cannot be used.
-pub fn measured_from(
-    depth: &DepthMap,
-    camera: &Geometry,
-    track: &PoseTrack,
-    time_offset_s: f64,
-) -> Result<Pose, String> {
+pub fn measured_from(depth: &DepthMap, camera: &Geometry, track: &PoseTrack) -> Result<Pose, String> {
     let Intrinsics { width_px, height_px, .. } = camera.intrinsics;
     if (depth.width, depth.height) != (width_px, height_px) {
         return Err(format!("the depth is {}x{} px, the camera's {width_px}x{height_px}", depth.width, depth.height));
     }
-    track.at(depth.timestamp_s + time_offset_s).map_err(|why| format!("no pose of the depth: {why}"))
+    track.at(depth.timestamp_s).map_err(|why| format!("no pose of the depth: {why}"))
 }
 
 /// The rays through a camera's pixel centres. Each row is computed once, when it is first needed: a
@@ -50,11 +45,10 @@ pub fn reprojected_at_frame(
     recorded: &Geometry,
     depth: &DepthMap,
     track: &PoseTrack,
-    time_offset_s: f64,
     timestamp_s: f64,
 ) -> Option<Vec<f32>> {
-    let measured = track.at(depth.timestamp_s + time_offset_s).ok()?;
-    let taken = track.at(timestamp_s + time_offset_s).ok()?;
+    let measured = track.at(depth.timestamp_s).ok()?;
+    let taken = track.at(timestamp_s).ok()?;
     let whole = Rect::full(recorded.intrinsics.width_px, recorded.intrinsics.height_px);
     Some(Rays::new(recorded).reproject(depth, &measured, &taken, whole))
 }
@@ -235,7 +229,9 @@ mod tests {
         let at = |time_s: f64| Pose::from_camera_in_world(DVec3::new(time_s, 0.0, 0.0), DQuat::IDENTITY);
         let track = PoseTrack::new(vec![(0.0, at(0.0)), (1.0, at(1.0))], 2.0).unwrap();
         let depth = DepthMap { width: 4, height: 2, depth_m: vec![1.0; 8], timestamp_s: 0.25 };
-        let measured = |offset_s| measured_from(&depth, &Geometry::pinhole(4, 2, 3.0), &track, offset_s);
+        let measured = |offset_s| {
+            measured_from(&depth, &Geometry::pinhole(4, 2, 3.0), &track.clone().with_clock_offset_s(offset_s))
+        };
         for offset_s in [0.0, 0.5, -0.125] {
             let x_m = measured(offset_s).unwrap().position_in_world_m().x;
             assert!((x_m - (0.25 + offset_s)).abs() < 1e-12, "{offset_s} s: {x_m} m");

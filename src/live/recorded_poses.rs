@@ -28,8 +28,8 @@ impl RecordedPoses {
             return Err(LiveError::NoPoses { path: path.to_owned() });
         }
         Ok(Self {
-            first_frame_s: recording.timestamps_s.first().copied().unwrap_or_default() + recording.time_offset_s,
-            poses: recording.track.poses().to_vec().into_iter(),
+            first_frame_s: recording.timestamps_s.first().copied().unwrap_or_default(),
+            poses: recording.track.poses_in_frame_time().collect::<Vec<_>>().into_iter(),
             offset_s: None,
             up: recording.up,
             has_floor: recording.has_floor,

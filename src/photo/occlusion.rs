@@ -26,7 +26,6 @@ pub struct SummedFrameOcclusion<'a> {
     rays: Rays,
     recorded: &'a Geometry,
     track: &'a PoseTrack,
-    time_offset_s: f64,
     framing: &'a Framing,
     response: &'a Response,
     /// Used for frames without depth.
@@ -36,9 +35,8 @@ pub struct SummedFrameOcclusion<'a> {
     planes: &'a [Plane],
 }
 
-/// Projection of a point into the recording's camera at a time on the poses' clock; `None` without
-/// poses.
-pub fn seen_in(recorded: &Geometry, (track, time_s): (&PoseTrack, f64), point: DVec3) -> ProjectedPoint {
+/// Projection of a point into the recording's camera at a time; `None` without poses.
+pub fn seen_in(recorded: &Geometry, track: &PoseTrack, time_s: f64, point: DVec3) -> ProjectedPoint {
     let about = track.at(time_s).ok()?;
     project_rolling(recorded, |later_s| track.at(time_s + later_s).unwrap_or(about), point)
 }
@@ -46,25 +44,24 @@ pub fn seen_in(recorded: &Geometry, (track, time_s): (&PoseTrack, f64), point: D
 impl<'a> SummedFrameOcclusion<'a> {
     pub fn new(
         recorded: &'a Geometry,
-        (track, time_offset_s): (&'a PoseTrack, f64),
+        track: &'a PoseTrack,
         framing: &'a Framing,
         response: &'a Response,
         (depth, proxies, planes): (&'a DepthMap, &'a Proxies, &'a [Plane]),
     ) -> Self {
-        Self { rays: Rays::new(recorded), recorded, track, time_offset_s, framing, response, depth, proxies, planes }
+        Self { rays: Rays::new(recorded), recorded, track, framing, response, depth, proxies, planes }
     }
 
     /// A frame's depth over the photograph; `None` without a pose at its time of measurement.
     pub fn of(&self, frame: &Frame) -> Option<DepthGrid> {
         let intrinsics = &self.recorded.intrinsics;
         let depth = frame.depth.as_deref().unwrap_or(self.depth);
-        let from = (self.track, self.time_offset_s);
-        let mut depth_m = consensus_at_frame(frame, depth, &self.rays, from, self.response)?;
-        let then = (self.track, self.time_offset_s + frame.timestamp_s);
-        if let Ok(pose) = then.0.at(then.1) {
+        let mut depth_m = consensus_at_frame(frame, depth, &self.rays, self.track, self.response)?;
+        if let Ok(pose) = self.track.at(frame.timestamp_s) {
             snap_to_planes(&mut depth_m, &self.rays, &pose, self.rays.full(), self.planes);
         }
-        self.proxies.rasterize(&mut depth_m, self.rays.full(), |point| seen_in(self.recorded, then, point));
+        let seen = |point| seen_in(self.recorded, self.track, frame.timestamp_s, point);
+        self.proxies.rasterize(&mut depth_m, self.rays.full(), seen);
         DepthGrid::of_frame(
             &frame.pixels,
             intrinsics,

@@ -108,8 +108,7 @@ impl PhotoRequest {
 
         let frame = shot.read_with_neighbours(index)?;
         let depth = frame.depth.as_ref().filter(|_| shot.settings.depth.occlusion);
-        let (track, offset_s) = (&shot.recording.track, shot.recording.time_offset_s);
-        if let Some(Err(why)) = depth.map(|depth| measured_from(depth, &whole, track, offset_s)) {
+        if let Some(Err(why)) = depth.map(|depth| measured_from(depth, &whole, &shot.recording.track)) {
             warn(format!("nothing real hides objects: {why}"))?;
         }
         let unknown_speed = camera.exposure.iso.or(taken.iso).is_none();
@@ -129,10 +128,9 @@ impl PhotoRequest {
         let compositor = shot.compositor(device()?);
         compositor.warnings().into_iter().try_for_each(&mut warn)?;
         let mean = PictureLight::of(&frame.pixels, &camera.response).mean;
-        let from = (&shot.recording.track, shot.recording.time_offset_s);
-        let rays = Rays::new(&whole);
+        let (track, rays) = (&shot.recording.track, Rays::new(&whole));
         let depth_m =
-            frame.depth.as_ref().and_then(|map| consensus_at_frame(&frame, map, &rays, from, &camera.response));
+            frame.depth.as_ref().and_then(|map| consensus_at_frame(&frame, map, &rays, track, &camera.response));
         let mut shoot = PhotoShoot { wanted: self, shot, whole, frame, depth_m, mean, camera, compositor, aim, sums };
         let (distance_m, nothing) = shoot.focus_distance_m(focal_length_m)?;
         nothing.map(str::to_owned).into_iter().try_for_each(&mut warn)?;

@@ -99,10 +99,15 @@ impl PhotoShoot<'_> {
             frames.push((1.0, self.frame.pixels.clone()));
         } else {
             let by_depth = self.frame.depth.as_ref().filter(|_| shot.settings.depth.occlusion);
-            let from = (&recording.track, recording.time_offset_s);
             let (proxies, planes) = (self.compositor.proxies(), self.compositor.support_planes());
             let by_depth = by_depth.map(|depth| {
-                SummedFrameOcclusion::new(&self.whole, from, framing, &self.camera.response, (depth, &proxies, &planes))
+                SummedFrameOcclusion::new(
+                    &self.whole,
+                    &recording.track,
+                    framing,
+                    &self.camera.response,
+                    (depth, &proxies, &planes),
+                )
             });
             for (frame, weight) in recording.frames_with_neighbours(range)?.zip(weights) {
                 let frame = frame?;
@@ -139,7 +144,6 @@ impl PhotoShoot<'_> {
             settings: &shot.settings,
             recorded: &self.whole,
             track: &recording.track,
-            time_offset_s: recording.time_offset_s,
             interval_s: recording.frame_interval_s,
             frame: index,
             timestamp_s: self.frame.timestamp_s,

@@ -29,7 +29,6 @@ pub struct Standpoint<'a> {
     /// The recording's geometry.
     pub recorded: &'a Geometry,
     pub track: &'a PoseTrack,
-    pub time_offset_s: f64,
     /// Seconds to the next frame.
     pub interval_s: f64,
     pub frame: usize,
@@ -149,7 +148,6 @@ pub fn take(
             capture: Capture { region, ..capture.clone() },
             real: RealDepth::Known { grid: grid.as_ref(), surfaces: surfaces.as_ref(), moments: standpoint.hiding },
             track: standpoint.track,
-            time_offset_s: standpoint.time_offset_s,
             interval_s: standpoint.interval_s,
             want_layer: false,
         };
@@ -171,17 +169,17 @@ pub fn take(
 fn real_depth_m<'a>(compositor: &Compositor, standpoint: &Standpoint<'a>) -> Option<Cow<'a, [f32]>> {
     let size = &standpoint.recorded.intrinsics;
     let whole = Rect::full(size.width_px, size.height_px);
-    let from = (standpoint.track, standpoint.timestamp_s + standpoint.time_offset_s);
+    let (track, time_s) = (standpoint.track, standpoint.timestamp_s);
     let mut depth_m = standpoint.depth_m.map(Cow::from);
     let planes = compositor.support_planes();
-    if let (Some(measured_m), Ok(pose), false) = (&mut depth_m, from.0.at(from.1), planes.is_empty()) {
+    if let (Some(measured_m), Ok(pose), false) = (&mut depth_m, track.at(time_s), planes.is_empty()) {
         snap_to_planes(measured_m.to_mut(), &Rays::new(standpoint.recorded), &pose, whole, &planes);
     }
     let proxies = compositor.proxies();
     if !proxies.is_empty() {
         let far = || Cow::from(vec![FAR_M; size.width_px as usize * size.height_px as usize]);
         let all_m = depth_m.get_or_insert_with(far).to_mut();
-        proxies.rasterize(all_m, whole, |point| seen_in(standpoint.recorded, from, point));
+        proxies.rasterize(all_m, whole, |point| seen_in(standpoint.recorded, track, time_s, point));
     }
     depth_m
 }

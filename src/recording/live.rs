@@ -32,7 +32,6 @@ impl Recording {
             has_even_intervals: true,
             track: PoseTrack::default(),
             metres_per_unit: 1.0,
-            time_offset_s: 0.0,
             geometry: None,
             camera_profile: None,
             exposure: Arc::default(),

@@ -117,8 +117,6 @@ pub struct Recording {
     pub track: PoseTrack,
     /// Length of the format's unit by which the track is in metres; 1 for metric formats.
     pub metres_per_unit: f64,
-    /// Added to a frame's time to get the track's.
-    pub time_offset_s: f64,
     /// The common camera of all frames, if the format contains it. No format contains film width
     /// and readout time; they are at their defaults.
     pub geometry: Option<Geometry>,
@@ -187,7 +185,7 @@ impl Recording {
     /// Applies estimates from the pictures.
     pub fn refine(&mut self, by: &Refinement) {
         if let Some(track) = &by.track {
-            (self.track, self.time_offset_s) = (track.clone(), 0.0);
+            self.track = track.clone();
         }
         self.depth_later_s = by.depth_later_s;
         let mut exposure = self.exposure.to_vec();
@@ -284,8 +282,7 @@ impl Recording {
     /// The camera's pose at a frame's timestamp. A frame index beyond the end counts as after the
     /// last pose.
     pub fn pose_at_frame(&self, index: usize) -> Result<Pose, NoPose> {
-        let time_s = self.timestamps_s.get(index).map_or(f64::INFINITY, |t| t + self.time_offset_s);
-        self.track.at(time_s)
+        self.track.at(self.timestamps_s.get(index).copied().unwrap_or(f64::INFINITY))
     }
 
     /// Number of frames of a range without a pose, with the reason for the first; `None` if all

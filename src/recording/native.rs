@@ -214,7 +214,6 @@ fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     }
     parts.up = description.up.and_then(|up| DVec3::from_array(up).try_normalize());
     parts.has_floor = description.floor;
-    parts.time_offset_s = description.poses.time_offset_s.unwrap_or(0.0);
     let (trajectory, named) = match &description.poses.trajectory {
         Some(name) => {
             let path = folder.join(name);
@@ -223,7 +222,8 @@ fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
         None => (Trajectory::default(), file.to_owned()),
     };
     parts.warnings.extend(trajectory.warnings);
-    parts.track = track_from(trajectory.poses, options.max_gap_s.or(description.poses.max_gap_s), &named)?;
+    let track = track_from(trajectory.poses, options.max_gap_s.or(description.poses.max_gap_s), &named)?;
+    parts.track = track.with_clock_offset_s(description.poses.time_offset_s.unwrap_or(0.0));
     if let Some(depth) = &description.depth {
         let files = listing::read_pictures(&folder.join(&depth.list))?;
         let mut stored = DepthEncoding::plain(depth.scale);

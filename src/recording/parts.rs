@@ -103,7 +103,6 @@ pub struct Parts {
     /// Nominal frame interval, seconds, if the recording contains it.
     pub interval_s: Option<f64>,
     pub track: PoseTrack,
-    pub time_offset_s: f64,
     /// One per frame, or empty.
     pub geometries: Vec<Option<Geometry>>,
     /// Individual cameras and lenses, ascending in time.
@@ -134,7 +133,6 @@ impl Parts {
             opacity: Vec::new(),
             interval_s: None,
             track: PoseTrack::default(),
-            time_offset_s: 0.0,
             geometries: Vec::new(),
             cameras: None,
             landmarks: Vec::new(),
@@ -219,6 +217,7 @@ impl Parts {
             let time_s = listed.time_s.or(photo.time_s.filter(|_| kind.has_times()));
             FrameExposure { time_s, photo, ..listed }.with_lens(lens)
         });
+        let clock_offset_s = self.track.clock_offset_s() + options.time_offset_s;
         Ok(Recording {
             metres_per_unit: if kind.is_metric() { 1.0 } else { options.metres_per_unit },
             name: self.name,
@@ -233,8 +232,7 @@ impl Parts {
             opacity: self.opacity.into(),
             frame_interval_s,
             has_even_intervals: self.interval_s.is_some(),
-            track: self.track,
-            time_offset_s: self.time_offset_s + options.time_offset_s,
+            track: self.track.with_clock_offset_s(clock_offset_s),
             geometries: if geometry.is_some() { Arc::default() } else { self.geometries.into() },
             geometry,
             landmarks: self.landmarks.into(),

@@ -31,13 +31,13 @@ pub fn corrections(source: &Source<'_>, depth_m: f64) -> Vec<Correction> {
 }
 
 pub fn recorded<'a>(source: &Source<'a>) -> RollingCamera<'a> {
-    RollingCamera { track: &source.recording.track, later_s: source.recording.time_offset_s, geometry: source.camera }
+    RollingCamera { track: &source.recording.track, geometry: source.camera }
 }
 
 /// `None` if the recorded poses were kept.
 pub fn refined<'a>(source: &Source<'a>) -> Option<RollingCamera<'a>> {
     let track = source.analysis.refined()?;
-    Some(RollingCamera { track, later_s: 0.0, geometry: &source.analysis.findings.camera })
+    Some(RollingCamera { track, geometry: &source.analysis.findings.camera })
 }
 
 fn correction(frame: usize, source: &Source<'_>, was: &Pose, now: &Pose, depth_m: f64) -> Correction {

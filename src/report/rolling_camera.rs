@@ -13,14 +13,12 @@ const ROW_ITERATIONS: usize = 6;
 #[derive(Clone, Copy)]
 pub struct RollingCamera<'a> {
     pub track: &'a PoseTrack,
-    /// Added to frame times to get the track's, seconds.
-    pub later_s: f64,
     pub geometry: &'a Geometry,
 }
 
 impl RollingCamera<'_> {
     pub fn pose(&self, time_s: f64) -> Option<Pose> {
-        self.track.at(time_s + self.later_s).ok()
+        self.track.at(time_s).ok()
     }
 
     fn of_row(&self, time_s: f64, row_px: f64) -> Option<Pose> {
@@ -77,7 +75,7 @@ mod tests {
         // 1 m/s to the right.
         let at = |time_s: f64| (time_s, Pose::from_camera_in_world(DVec3::X * time_s, DQuat::IDENTITY));
         let track = PoseTrack::new((0..30).map(|n| at(0.1 * f64::from(n))).collect(), 0.2).unwrap();
-        let camera = RollingCamera { track: &track, later_s: 0.5, geometry: &camera };
+        let camera = RollingCamera { track: &track.with_clock_offset_s(0.5), geometry: &camera };
         // At row 360, a quarter of the picture below its middle: 5 ms later the camera is 5 mm on,
         // at 2 m 1.25 px.
         let point = camera.unproject(0.5, DVec2::new(320.0, 360.0), 2.0).unwrap();

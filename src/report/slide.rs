@@ -138,7 +138,7 @@ impl<'a> FramePoints<'a> {
         if is_refined {
             Arc::make_mut(&mut map).timestamp_s += source.analysis.findings.registration.depth_later_s;
         }
-        let depth = reprojected_at_frame(camera.geometry, &map, camera.track, camera.later_s, frame.timestamp_s)?;
+        let depth = reprojected_at_frame(camera.geometry, &map, camera.track, frame.timestamp_s)?;
         let poses = camera.rows(frame.timestamp_s)?;
         let width = frame.pixels.width as usize;
         let point = |(i, z): (usize, &f32)| {

@@ -12,7 +12,7 @@ impl Shot {
     pub fn motion_px(&self, frame: &Frame, at_px: DVec2, surface: &Surface) -> Result<DVec2, SurfaceError> {
         let geometry = self.geometry_at(frame.index).map_err(Box::new)?;
         let exposure_s = exposure_time_s(&self.camera(), &self.settings, frame, self.interval_s(frame.index));
-        let time_s = frame.timestamp_s + self.recording.time_offset_s + geometry.row_time_s(at_px.y);
+        let time_s = frame.timestamp_s + geometry.row_time_s(at_px.y);
         let track = &self.recording.track;
         // If the track begins or ends within the exposure, the other half is extrapolated.
         let (begin, end) = (track.at(time_s - 0.5 * exposure_s), track.at(time_s + 0.5 * exposure_s));

@@ -37,7 +37,7 @@ impl Shot {
     pub fn posed_camera(&self, frame: usize) -> Result<PosedCamera, SurfaceError> {
         let geometry = self.geometry_at(frame).map_err(Box::new)?;
         let middle = self.recording.pose_at_frame(frame)?;
-        let time_s = self.recording.timestamps_s[frame] + self.recording.time_offset_s;
+        let time_s = self.recording.timestamps_s[frame];
         let readout_time_s = geometry.intrinsics.readout_time_s;
         let shutter = Shutter { exposure_time_s: 0.0, readout_time_s, beyond_s: 0.0 };
         let at = |offset_s: f64| self.recording.track.at_or_nearest(time_s + offset_s).unwrap_or(middle);

@@ -54,7 +54,7 @@ fn samples(
     recording: &Recording,
 ) -> Vec<SurfaceSample> {
     let Some(brightness) = frame.exposure.brightness else { return Vec::new() };
-    let taken_s = frame.timestamp_s + recording.time_offset_s;
+    let taken_s = frame.timestamp_s;
     if recording.track.at(taken_s).is_err() {
         return Vec::new();
     }

@@ -59,7 +59,7 @@ impl Shot {
         let (track, interval_s) = (&self.recording.track, self.interval_s(index));
         let job = Job::of_frame(frame.clone(), &camera, &self.settings, &picture, track, interval_s)?;
         let capture = Capture { recorded: &recorded, framed, enlargement: f64::from(*by).recip(), ..job.capture };
-        let job = Job { time_offset_s: self.recording.time_offset_s, capture, ..job };
+        let job = Job { capture, ..job };
         compositor
             .submit(job, &camera, &self.settings, target)
             .map_err(|source| ShotError::Submit { frame: index, source })

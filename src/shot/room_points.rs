@@ -84,7 +84,7 @@ impl Shot {
         let Ok(maps) = Ahead::new(0..taken, move |n| of.depth_at(number(n))) else { return Vec::new() };
         let samples = |(n, map)| {
             let Ok(Ok(Some(map @ DepthMap { timestamp_s, .. }))) = map else { return None };
-            let pose = recording.track.at(timestamp_s + recording.time_offset_s).ok()?;
+            let pose = recording.track.at(timestamp_s).ok()?;
             Some(DepthSamples::new(number(n), pose, &map, SAMPLES_ACROSS))
         };
         maps.enumerate().filter_map(samples).collect()

@@ -62,7 +62,7 @@ impl Shot {
         let failed = |source: SubmitError| ShotError::Submit { frame: index, source };
         let (camera, track, interval_s) = (self.camera(), &self.recording.track, self.interval_s(index));
         let job = Job::of_frame(frame, &camera, &self.settings, geometry, track, interval_s)?;
-        let job = Job { time_offset_s: self.recording.time_offset_s, want_layer, ..job };
+        let job = Job { want_layer, ..job };
         compositor.submit(job, &camera, &self.settings, target).map_err(failed)
     }
 
@@ -91,7 +91,6 @@ impl Shot {
             camera: Cow::Owned(self.camera()),
             settings: &self.settings,
             track: &self.recording.track,
-            time_offset_s: self.recording.time_offset_s,
             want_layers,
             in_flight,
         };

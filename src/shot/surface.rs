@@ -123,7 +123,7 @@ impl Shot {
     /// that time.
     pub(super) fn measured_from(&self, frame: &Frame, depth: &DepthMap) -> Result<Pose, NoPose> {
         let recording = &self.recording;
-        let measured = recording.track.at(depth.timestamp_s + recording.time_offset_s);
+        let measured = recording.track.at(depth.timestamp_s);
         measured.or_else(|_| recording.pose_at_frame(frame.index))
     }
 

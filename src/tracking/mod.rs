@@ -19,9 +19,14 @@ const ROUNDING_S: f64 = 1e-6;
 
 /// Timestamped poses, ascending in time. A track is either complete or growing: the end of a
 /// growing one is not final.
+///
+/// Lookups take times on the frames' clock. Only [`PoseTrack::poses`], [`PoseTrack::push`] and the
+/// errors have times on the poses' clock.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PoseTrack {
     poses: Vec<(f64, Pose)>,
+    /// Time on the poses' clock minus time on the frames' clock, seconds.
+    clock_offset_s: f64,
     /// Longest gap across which [`PoseTrack::at`] interpolates, seconds.
     max_gap_s: f64,
     /// More poses may be added.
@@ -76,12 +81,22 @@ impl PoseTrack {
                 return Err(NotAscending { index: i + 1, time_s: pair[1].0, before_s: pair[0].0 });
             }
         }
-        Ok(Self { poses, max_gap_s, grows: false })
+        Ok(Self { poses, clock_offset_s: 0.0, max_gap_s, grows: false })
     }
 
     /// An empty track that gets its poses by [`PoseTrack::push`].
     pub fn growing(max_gap_s: f64) -> Self {
-        Self { poses: Vec::new(), max_gap_s, grows: true }
+        Self { poses: Vec::new(), clock_offset_s: 0.0, max_gap_s, grows: true }
+    }
+
+    /// The same poses for frames whose clock is `clock_offset_s` behind that of the poses, seconds.
+    pub fn with_clock_offset_s(self, clock_offset_s: f64) -> Self {
+        Self { clock_offset_s, ..self }
+    }
+
+    /// Time on the poses' clock minus time on the frames' clock, seconds.
+    pub fn clock_offset_s(&self) -> f64 {
+        self.clock_offset_s
     }
 
     /// Appends a pose. One that is not later than the last is refused, and the track is unchanged.
@@ -97,6 +112,7 @@ impl PoseTrack {
     /// Drops the poses that are not needed for times from `from_s` on: those before it, except the
     /// last one.
     pub fn trim(&mut self, from_s: f64) {
+        let from_s = from_s + self.clock_offset_s;
         let after = self.poses.partition_point(|pose| pose.0 <= from_s);
         self.poses.drain(..after.saturating_sub(1));
     }
@@ -109,7 +125,8 @@ impl PoseTrack {
     /// Checks that every time in the closed interval has a pose. The error is that of the first
     /// time without one.
     pub fn covers(&self, from_s: f64, to_s: f64) -> Result<(), NoPose> {
-        self.at(from_s)?;
+        let [from_s, to_s] = [from_s, to_s].map(|time_s| time_s + self.clock_offset_s);
+        self.at_pose_time(from_s)?;
         let first = self.poses.partition_point(|pose| pose.0 <= from_s).saturating_sub(1);
         for pair in self.poses[first..].windows(2).take_while(|pair| pair[0].0 + ROUNDING_S < to_s) {
             let gap_s = pair[1].0 - pair[0].0;
@@ -117,7 +134,7 @@ impl PoseTrack {
                 return Err(NoPose::Gap { time_s: pair[0].0.max(from_s), gap_s });
             }
         }
-        self.at(to_s).map(drop)
+        self.at_pose_time(to_s).map(drop)
     }
 
     /// Longest gap across which poses are interpolated, seconds.
@@ -125,8 +142,14 @@ impl PoseTrack {
         self.max_gap_s
     }
 
+    /// The poses by their own clock.
     pub fn poses(&self) -> &[(f64, Pose)] {
         &self.poses
+    }
+
+    /// The poses by the frames' clock.
+    pub fn poses_in_frame_time(&self) -> impl Iterator<Item = (f64, Pose)> {
+        self.poses.iter().map(|(time_s, pose)| (time_s - self.clock_offset_s, *pose))
     }
 
     /// The same track with translations multiplied by `factor`.
@@ -154,6 +177,10 @@ impl PoseTrack {
     /// interpolation is not possible (at the track's ends, in a gap), a pose within a microsecond
     /// also counts.
     pub fn at(&self, time_s: f64) -> Result<Pose, NoPose> {
+        self.at_pose_time(time_s + self.clock_offset_s)
+    }
+
+    fn at_pose_time(&self, time_s: f64) -> Result<Pose, NoPose> {
         let after = self.poses.partition_point(|p| p.0 <= time_s);
         let before = after.checked_sub(1).map(|i| self.poses[i]);
         let next = self.poses.get(after).copied();
@@ -187,7 +214,8 @@ impl PoseTrack {
     /// Like [`PoseTrack::at`], but returns the nearest pose before the track's start, after its end
     /// and in a gap: for the ends of an exposure whose middle has a pose. `None` if empty.
     pub fn at_or_nearest(&self, time_s: f64) -> Option<Pose> {
-        if let Ok(pose) = self.at(time_s) {
+        let time_s = time_s + self.clock_offset_s;
+        if let Ok(pose) = self.at_pose_time(time_s) {
             return Some(pose);
         }
         let after = self.poses.partition_point(|p| p.0 <= time_s);
@@ -223,6 +251,23 @@ mod tests {
         assert!(matches!(t.at(3.0), Err(NoPose::Gap { .. })));
         assert!(t.at(f64::NAN).is_err());
         assert_eq!(t.at_or_nearest(8.0).unwrap().position_in_world_m().x, 2.0);
+    }
+
+    #[test]
+    fn clock_offset_is_added_to_the_times_of_lookups() {
+        let (own, offset) = (track(), track().with_clock_offset_s(0.5));
+        // Binary fractions: the sums of times are exact.
+        for time_s in [0.25, 0.5, 0.75, 1.5, 2.0, 8.5, 9.0] {
+            assert_eq!(offset.at(time_s), own.at(time_s + 0.5), "{time_s}");
+            assert_eq!(offset.at_or_nearest(time_s), own.at_or_nearest(time_s + 0.5), "{time_s}");
+            assert_eq!(offset.covers(0.5, time_s), own.covers(1.0, time_s + 0.5), "{time_s}");
+        }
+        let mut trimmed = offset.clone();
+        trimmed.trim(1.5);
+        assert_eq!(trimmed.poses(), &own.poses()[1..]);
+        let times_s: Vec<f64> = offset.poses_in_frame_time().map(|(time_s, _)| time_s).collect();
+        assert_eq!(times_s, [0.5, 1.5, 8.5]);
+        assert_eq!(offset.scaled(2.0).clock_offset_s(), 0.5);
     }
 
     #[test]

@@ -81,7 +81,7 @@ pub fn blur(
     let (mut ratios, mut lengths) = (Vec::new(), Vec::new());
     for (done, (fast, slow, length_px)) in chosen(blur_px).into_iter().enumerate() {
         seen(done);
-        let time_s = shot.recording.timestamps_s[fast] + shot.recording.time_offset_s;
+        let time_s = shot.recording.timestamps_s[fast];
         let (Ok(pose), Ok(geometry)) = (shot.recording.track.at(time_s), shot.geometry_at(fast)) else { continue };
         let Some(scene) = frame_scene(&shot, &shot.read(slow)?) else { continue };
         let scene = if geometry.needs_cube_map() { scene } else { without_near_triangles(scene, &pose) };
@@ -148,7 +148,7 @@ pub fn lengths_px(shot: &Shot) -> Vec<Option<f64>> {
 /// Displacement of the picture during an exposure, root mean square of five points, px.
 fn displacement_px(shot: &Shot, n: usize, exposure_s: f64) -> Option<f64> {
     let geometry = shot.geometry_at(n).ok()?;
-    let time_s = shot.recording.timestamps_s[n] + shot.recording.time_offset_s;
+    let time_s = shot.recording.timestamps_s[n];
     let at = |by: f64| shot.recording.track.at(time_s + by * exposure_s).ok();
     let (here, before, after) = (at(0.0)?, at(-0.5)?, at(0.5)?);
     let mut sum = 0.0;

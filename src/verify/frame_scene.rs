@@ -29,7 +29,7 @@ pub fn frame_scene(shot: &Shot, frame: &Frame) -> Option<Scene> {
     let recording = &shot.recording;
     let time_s = frame.timestamp_s;
     let depth = frame.depth.as_ref()?;
-    let depth = reprojected_at_frame(&geometry, depth, &recording.track, recording.time_offset_s, time_s)?;
+    let depth = reprojected_at_frame(&geometry, depth, &recording.track, time_s)?;
     let (width, height) = (frame.pixels.width, frame.pixels.height);
     let (columns, rows) = (width.div_ceil(VERTEX_STEP_PX), height.div_ceil(VERTEX_STEP_PX));
     let mut vertices = Vec::with_capacity((columns * rows) as usize);
@@ -40,7 +40,7 @@ pub fn frame_scene(shot: &Shot, frame: &Frame) -> Option<Scene> {
     let across = seen.map_or(SpatialGain::default(), |seen| seen.spatial_gain);
     for y in (0..height).step_by(VERTEX_STEP_PX as usize) {
         let row_px = f64::from(y) + 0.5;
-        let pose = recording.track.at(time_s + recording.time_offset_s + geometry.row_time_s(row_px)).ok()?;
+        let pose = recording.track.at(time_s + geometry.row_time_s(row_px)).ok()?;
         for x in (0..width).step_by(VERTEX_STEP_PX as usize) {
             let at = DVec2::new(f64::from(x) + 0.5, row_px);
             let z = depth[(y * width + x) as usize];

@@ -40,7 +40,7 @@ pub fn sharpness_px(shot: &Shot, compositor: &mut Compositor) -> Result<Option<f
     let _ = shot.settings.switch("point_spread", true);
     let Some(n) = still_frames(&shot.recording).first().copied() else { return Ok(None) };
     let geometry = shot.geometry_at(n)?;
-    let time_s = shot.recording.timestamps_s[n] + shot.recording.time_offset_s;
+    let time_s = shot.recording.timestamps_s[n];
     let Ok(pose) = shot.recording.track.at(time_s) else { return Ok(None) };
     let i = &geometry.intrinsics;
     let side_m = SQUARE_PX * BOARD_DISTANCE_M / i.fx_px;

@@ -32,10 +32,9 @@ fn occlusion_and_light(shot: &Shot, frame: usize) -> (Vec<f64>, Vec<f64>) {
     let frame = shot.read_with_neighbours(frame).unwrap();
     let geometry = shot.geometry_at(frame.index).unwrap();
     let (track, camera) = (&shot.recording.track, shot.camera());
-    let offset_s = shot.recording.time_offset_s;
-    let pose = |time_s: f64| track.at(time_s + offset_s).unwrap();
+    let pose = |time_s: f64| track.at(time_s).unwrap();
     let half_s = 0.5 * exposure_time_s(&camera, &shot.settings, &frame, shot.recording.frame_interval_s);
-    let measured = |depth| measured_from(depth, &geometry, track, offset_s);
+    let measured = |depth| measured_from(depth, &geometry, track);
     let beside = frame.neighbours.iter().filter_map(|beside| {
         let measured = measured(&beside.depth).ok()?;
         Some(Neighbour { frame: beside, measured, taken: pose(beside.timestamp_s) })
@@ -186,10 +185,7 @@ fn occlusion_ends_at_the_edge_of_a_screen_with_sparse_depth() {
     let Some((mut shot, found)) = findings::kinect() else { return };
     let temp = tempfile::tempdir().unwrap();
     shot.apply_analysis(temp.path().to_owned(), found.clone()).unwrap();
-    let seen_from = |shot: &Shot, frame: usize| {
-        let recording = &shot.recording;
-        recording.track.at(recording.timestamps_s[frame] + recording.time_offset_s).unwrap()
-    };
+    let seen_from = |shot: &Shot, frame: usize| shot.recording.pose_at_frame(frame).unwrap();
     let (first, camera) = (seen_from(&shot, FRAME), shot.geometry_at(FRAME).unwrap());
     let place = |n: usize| {
         let at = EDGE[0].lerp(EDGE[1], n as f64 / (EDGE_SAMPLES - 1) as f64);

@@ -230,7 +230,7 @@ fn nearly_transparent_object_leaves_the_footage_unchanged() {
 }
 
 #[test]
-fn time_offset_is_added_to_the_frame_time_of_the_pose() {
+fn clock_offset_is_added_to_the_frame_time_of_the_pose() {
     // The board moves 80 px a second: it is 20 px right of the middle at 0.25 s and 30 px at 0.375
     // s.
     let track = sideways([80.0, 0.0]);
@@ -238,10 +238,10 @@ fn time_offset_is_added_to_the_frame_time_of_the_pose() {
     let (camera, settings) = (gpu::camera(&geometry, 0.02), Settings::default());
     let gpu = gpu::gpu();
     let mut compositor = Compositor::new(gpu.clone(), board([4.0, 10.0], 0.5));
-    let mut drawn = |timestamp_s, time_offset_s| {
+    let mut drawn = |timestamp_s, clock_offset_s| {
+        let track = track.clone().with_clock_offset_s(clock_offset_s);
         let frame = gpu::frame(0, timestamp_s, gpu::grey(160, 60, 60));
         let job = Job::of_frame(frame, &camera, &settings, &geometry, &track, 1.0 / 30.0).unwrap();
-        let job = Job { time_offset_s, ..job };
         let pending = compositor.submit(job, &camera, &settings, Target::Pixels).unwrap();
         compositor.collect(pending).unwrap().pixels
     };

@@ -154,7 +154,6 @@ fn photographed(
             capture,
             real: RealDepth::Known { grid: None, surfaces: real_too.then_some(&surfaces), moments: &[] },
             track: &sideways([200.0, 60.0]),
-            time_offset_s: 0.0,
             interval_s: 1.0 / 30.0,
             want_layer: false,
         };

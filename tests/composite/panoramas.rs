@@ -258,7 +258,6 @@ fn footage_around_objects_is_unchanged_and_frames_are_independent() {
             camera: Cow::Borrowed(&camera),
             settings: &settings,
             track: &track,
-            time_offset_s: 0.0,
             want_layers: true,
             in_flight: IN_FLIGHT,
         };

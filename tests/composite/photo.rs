@@ -70,7 +70,6 @@ fn photo_of_frame(
         settings: &settings,
         recorded: &recorded,
         track: &track,
-        time_offset_s: 0.0,
         interval_s: 1.0 / 30.0,
         frame: 3,
         timestamp_s: 0.0,
@@ -333,7 +332,6 @@ fn regions_of_a_photo_join_without_a_seam() {
                 capture,
                 real: RealDepth::Known { grid: None, surfaces, moments: &[] },
                 track: &track,
-                time_offset_s: 0.0,
                 interval_s: 1.0 / 30.0,
                 want_layer: false,
             };
@@ -388,7 +386,6 @@ fn real_edge_of_coarse_depth_has_no_steps() {
         capture: Capture { whole: true, ..Capture::frame(&geometry, TIME_S, None) },
         real: RealDepth::Known { grid: Some(&grid), surfaces: None, moments: &[] },
         track: &sideways([0.0, 0.0]),
-        time_offset_s: 0.0,
         interval_s: 1.0 / 30.0,
         want_layer: false,
     };

@@ -54,7 +54,6 @@ fn photo_with(
         settings: &settings,
         recorded: &recorded,
         track: &track,
-        time_offset_s: 0.0,
         interval_s: 1.0 / 30.0,
         frame: 3,
         timestamp_s: 0.0,

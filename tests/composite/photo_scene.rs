@@ -45,13 +45,12 @@ impl PhotoConditions<'_> {
         let gpu = gpu::gpu();
         let mut compositor = Compositor::new(gpu.clone(), scene);
         let real = RealPart::new(frames, &self.camera.response, &framing.framed, framing.size(), [0.0; 2]);
-        let depth_m = self.depth.and_then(|map| reprojected_at_frame(&recorded, map, self.track, 0.0, 0.0));
+        let depth_m = self.depth.and_then(|map| reprojected_at_frame(&recorded, map, self.track, 0.0));
         let standpoint = Standpoint {
             camera: &self.camera,
             settings: &self.settings,
             recorded: &recorded,
             track: self.track,
-            time_offset_s: 0.0,
             interval_s: 0.1,
             frame: 3,
             timestamp_s: 0.0,
@@ -133,7 +132,7 @@ fn object_behind_a_moving_edge_is_visible_for_a_share_of_the_exposure() {
         let response = &of.camera.response;
         let framing = Framing::new(&geometry, None, None, f64::INFINITY, None).unwrap();
         let none = Proxies::default();
-        let hiding = SummedFrameOcclusion::new(&geometry, (&track, 0.0), &framing, response, (depth, &none, &[]));
+        let hiding = SummedFrameOcclusion::new(&geometry, &track, &framing, response, (depth, &none, &[]));
         let hiding: Vec<_> = frames.iter().map(|frame| (frame.timestamp_s, hiding.of(frame).unwrap())).collect();
         let pixels = frames.each_ref().map(|frame| (1.0 / 3.0, frame.pixels.clone()));
         let (taken, _) = of.photo_of(board([70.0, 20.0], 0.5), &pixels, &hiding);
@@ -257,13 +256,8 @@ fn flat_object_on_a_table_of_rippled_depth_is_fully_visible() {
         scene.objects[0].support = support;
         let (framing, none) = (Framing::new(&geometry, None, None, f64::INFINITY, None).unwrap(), Proxies::default());
         let planes: Vec<Plane> = support.into_iter().collect();
-        let hiding = SummedFrameOcclusion::new(
-            &geometry,
-            (&track, 0.0),
-            &framing,
-            &of.camera.response,
-            (&depth, &none, &planes),
-        );
+        let hiding =
+            SummedFrameOcclusion::new(&geometry, &track, &framing, &of.camera.response, (&depth, &none, &planes));
         let pixels = gpu::grey(160, 60, GREY);
         let frame = |n: usize| gpu::frame(n, 0.1 * n as f64, pixels.clone());
         let hides: Vec<_> = (0..frames).filter_map(|n| Some((0.1 * n as f64, hiding.of(&frame(n))?))).collect();

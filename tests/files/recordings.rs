@@ -169,7 +169,7 @@ fn own_format_with_all_parts_opens() {
         assert!(warnings.contains(said), "{warnings}");
     }
     let later = Recording::open(folder.path(), &OpenOptions { time_offset_s: 0.05, ..Default::default() }).unwrap();
-    assert!((later.time_offset_s + 9.85).abs() < 1e-12);
+    assert!((later.track.clock_offset_s() + 9.85).abs() < 1e-12);
 }
 
 /// Grey pictures, a camera on a body, nanoseconds: from the folder, from `mav0`, from the list.
