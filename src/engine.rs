@@ -34,10 +34,11 @@ pub mod tags;
 pub mod tracking;
 pub mod webcam;
 
-// 3: the scene, and the virtual layer drawn from it
+// 3: the scene, the supports of its objects, and the virtual layer drawn from it
 pub mod render;
 pub mod scene;
 pub mod shadow;
+pub mod support;
 
 // 4: what lens and sensor do
 pub mod effects;

@@ -55,7 +55,7 @@ mod spatial_gain;
 mod spread;
 mod stale;
 mod state;
-mod support_report;
+mod support_file;
 mod surfel_file;
 mod times;
 mod tone;
@@ -83,7 +83,7 @@ pub use relight::relight;
 pub use sharpness::{drawn_spread_px, footage_spread_px, still_frames};
 pub use spatial_gain::SpatialGainFit;
 pub use spread::EDGE_BIN_PX;
-pub use support_report::{PlaneSource, SupportReport, write_support_reports};
+pub use support_file::write_support_reports;
 pub use times::Times;
 pub use tone::ToneBand;
 

@@ -10,8 +10,7 @@ use super::calibrate::existing;
 use super::skip::Skip;
 use super::{print_status, progress_of, warn};
 use locard_engine::analyse::{
-    Accepted, Analysis, Findings, Outcome, Progress, SupportReport, Times, accept, beside, check_folder,
-    write_support_reports,
+    Accepted, Analysis, Findings, Outcome, Progress, Times, accept, beside, check_folder, write_support_reports,
 };
 use locard_engine::export::{Inputs, resolved};
 use locard_engine::profile::Document;
@@ -22,6 +21,7 @@ use locard_engine::shot::{AnalysisChoice, Note, Shot, ShotOptions};
 use locard_engine::sink;
 use locard_engine::sink::atomic::write_atomically;
 use locard_engine::source::file;
+use locard_engine::support::SupportReport;
 use locard_engine::text::{count, fixed, number};
 
 /// Largest report, bytes.

@@ -8,9 +8,8 @@ use glam::{DVec2, DVec3};
 
 use locard_engine::frame::Frame;
 use locard_engine::plane::Plane;
-use locard_engine::shot::{
-    FramePoint, PlaneFit, Shot, Surface, SurfaceError, TriangulatedPoint, metres_per_unit, plane_through,
-};
+use locard_engine::shot::{FramePoint, Shot, Surface, SurfaceError, TriangulatedPoint, metres_per_unit};
+use locard_engine::support::{PlaneFit, plane_through};
 use locard_engine::text::{fixed, number};
 
 /// A position in a frame's picture, and positions of the same point in other frames.

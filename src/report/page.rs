@@ -10,7 +10,7 @@ use serde::Serialize;
 use super::chart::Ink;
 use super::estimates::{Estimate, Mark, estimates};
 use super::{MADE_BY, ReportError, Source};
-use crate::analyse::SupportReport;
+use crate::support::SupportReport;
 use crate::text::{count, fixed, shown};
 
 /// A figure, or the reason for its absence.

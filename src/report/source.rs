@@ -1,9 +1,10 @@
 //! What a page is made of, and why there is none.
 
-use crate::analyse::{Analysis, SupportReport, Times};
+use crate::analyse::{Analysis, Times};
 use crate::camera::{Geometry, Response};
 use crate::measure::MeasureError;
 use crate::recording::{Recording, RecordingError};
+use crate::support::SupportReport;
 
 /// What a page is made of.
 #[derive(Clone, Copy)]

@@ -9,7 +9,6 @@ mod apply_lighting;
 mod baseline;
 mod check;
 mod error;
-mod facets;
 mod light;
 mod load_analysis;
 mod motion_px;
@@ -17,22 +16,18 @@ mod note;
 mod options;
 mod outline;
 mod pick;
-mod planes;
-mod points;
 mod posed_camera;
 mod preview;
 mod projected;
 mod radiance;
 mod reduced;
-mod room_planes;
-mod room_points;
 mod stream;
 mod support_gaps;
 mod support_report;
 mod supports;
 mod surface;
-mod tilt;
 mod triangulate;
+mod unit;
 mod upright;
 mod white_reference;
 
@@ -57,7 +52,6 @@ use load_analysis::{LoadedAnalysis, Sources, estimated_params};
 pub use note::{Note, ObjectIssue, Tally};
 pub use options::{AnalysisChoice, ShotOptions};
 pub use pick::{Hit, nearest};
-pub use points::{PlaneFit, metres_per_unit, plane_through};
 pub use posed_camera::{PosedCamera, ViewRay};
 pub use projected::ProjectedObject;
 pub use reduced::ReducedFrame;
@@ -65,8 +59,9 @@ pub use stream::Composites;
 pub use support_gaps::SupportGap;
 use supports::SupportCache;
 pub use surface::{Surface, SurfaceError};
-pub use tilt::Tilt;
 pub use triangulate::{FramePoint, TriangulatedPoint};
+pub use unit::metres_per_unit;
+use unit::unit_m;
 pub use white_reference::{ACCEPTED_FACTORS, ReferencePick, WhiteReference, WhiteReferenceError};
 
 /// A recording with its camera, scene and settings. Cheap to clone: large parts are shared.
@@ -337,10 +332,4 @@ impl Shot {
     fn is_plain(&self) -> bool {
         self.settings.on().next().is_none()
     }
-}
-
-/// Length of a recording's unit, m: the scene's, unless another one was given when the recording
-/// was opened.
-fn unit_m(scene: &Scene, opened_unit_m: f64) -> f64 {
-    scene.metres_per_unit.filter(|_| opened_unit_m == 1.0).unwrap_or(opened_unit_m)
 }

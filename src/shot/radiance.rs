@@ -8,7 +8,6 @@ use std::sync::Arc;
 
 use glam::{DVec2, DVec3};
 
-use super::room_points::RoomPoints;
 use crate::camera::{Geometry, Response};
 use crate::compositor::{CLIP_LEVEL, project_rolling};
 use crate::frame::Frame;
@@ -17,6 +16,7 @@ use crate::profile::Rig;
 use crate::recording::Recording;
 use crate::shadow::{SurfaceRadiance, SurfaceSample};
 use crate::source::ahead::Ahead;
+use crate::support::RoomPoints;
 
 /// Largest distance of a sample: farther samples are sparser than cells of [`SurfaceRadiance`],
 /// with less accurate depth, m.

@@ -19,6 +19,7 @@ use super::pick::nearest_of;
 use super::{PosedCamera, Shot, ViewRay};
 use crate::frame::Frame;
 use crate::scene::{MIN_SUPPORT_COSINE, Scene};
+use crate::support::FootprintSamples;
 
 /// The gap between an object and the surface of a frame's depth below it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,10 +31,6 @@ pub struct SupportGap {
     pub gap_m: Option<f64>,
 }
 
-/// Height of the footprint above an object's lowest point, as a share of its size.
-const FOOTPRINT_SHARE: f64 = 0.02;
-/// Directions in which the footprint's outline is sampled.
-const DIRECTIONS: usize = 8;
 /// Smallest gap that is reported: m, as a share of the depth, and as a multiple of the surface's
 /// unevenness. A Kinect's scale is off by up to 3.5 % along the ray, but most objects were placed
 /// by the same depth.
@@ -100,7 +97,7 @@ impl Shot {
 
     /// `None` if the gap is undetermined, `Some(None)` if the object stands on its support.
     fn gap(&self, frame: &Frame, eye: &PosedCamera, object: usize, up: DVec3) -> Option<Option<f64>> {
-        let footprint = footprint(&self.scene, object, up)?;
+        let footprint = FootprintSamples::of(&self.scene, &self.scene.objects[object], up)?;
         let stacked = footprint
             .points_m
             .iter()
@@ -193,34 +190,6 @@ fn height_m(gaps_m: &[f64], least_m: f64, points: usize) -> Option<Option<f64>> 
     }
     let middle = *gaps_m.get(gaps_m.len() / 2)?;
     is_most(agreeing(middle)).then_some((middle.abs() > least_m).then_some(middle))
-}
-
-/// Samples of an object's footprint.
-struct FootprintSamples {
-    points_m: Vec<DVec3>,
-    /// The object's largest extent along the world's axes.
-    size_m: f64,
-}
-
-fn footprint(scene: &Scene, object: usize, up: DVec3) -> Option<FootprintSamples> {
-    let points: Vec<DVec3> = scene.objects[object].points_m(scene).collect();
-    let low = points.iter().fold(DVec3::INFINITY, |m, p| m.min(*p));
-    let high = points.iter().fold(DVec3::NEG_INFINITY, |m, p| m.max(*p));
-    let size_m = (high - low).max_element();
-    let lowest = points.iter().map(|p| p.dot(up)).reduce(f64::min)?;
-    let standing: Vec<DVec3> = points.into_iter().filter(|p| p.dot(up) - lowest <= FOOTPRINT_SHARE * size_m).collect();
-    let (x, y) = up.any_orthonormal_pair();
-    let outermost = (0..DIRECTIONS).filter_map(|n| {
-        let (s, c) = (std::f64::consts::TAU * n as f64 / DIRECTIONS as f64).sin_cos();
-        let towards = c * x + s * y;
-        standing.iter().copied().max_by(|a, b| a.dot(towards).total_cmp(&b.dot(towards)))
-    });
-    let mut points_m: Vec<DVec3> = outermost.collect();
-    let middle = points_m.iter().sum::<DVec3>() / points_m.len() as f64;
-    // Samples inside the outline.
-    points_m.extend(points_m.clone().iter().map(|point| 0.5 * (*point + middle)));
-    points_m.push(middle);
-    Some(FootprintSamples { points_m, size_m })
 }
 
 /// Whether another object of the scene is closely below a point, or around it.

@@ -1,9 +1,8 @@
-//! Report of the surfaces that support a scene's objects and receive their shadows.
+//! Reports on the surfaces that support a scene's objects and receive their shadows.
 
 use super::Shot;
-use super::facets::facets;
-use crate::analyse::SupportReport;
 use crate::scene::Object;
+use crate::support::{SupportReport, Tilt, facets};
 
 impl Shot {
     /// The support of each object that has one. Empty if neither the scene nor the recording
@@ -23,5 +22,16 @@ impl Shot {
             Some(ground)
         };
         self.scene.objects.iter().filter_map(of).collect()
+    }
+
+    /// The tilted surfaces below the scene's objects, by depth or the recording's floor. Reads the
+    /// recording's depth on first use.
+    pub fn tilts(&self) -> Vec<Tilt> {
+        let Some(up) = self.up() else { return Vec::new() };
+        let of = |(object, placed): (usize, Object)| {
+            let support = placed.support.filter(|_| !placed.is_missing && !placed.hidden)?;
+            Tilt::of(object, support, &placed.points_m(&self.scene).collect::<Vec<_>>(), up)
+        };
+        self.objects().into_iter().enumerate().filter_map(of).collect()
     }
 }

@@ -4,10 +4,10 @@
 use glam::DVec3;
 
 use super::Shot;
-use super::room_planes::{LEVEL_COSINE, OVERHEAD_COSINE};
 use super::supports::Scan;
 use crate::pose::held_up;
 use crate::scene::Environment;
+use crate::support::up_on_surface;
 
 impl Shot {
     /// The world's up according to the scene or the recording.
@@ -47,11 +47,6 @@ impl Shot {
             .or_else(|| self.up_of_room(held, Scan::IfReady))
             .unwrap_or_else(|| up_on_surface(normal, held))
     }
-}
-
-fn up_on_surface(normal: Option<DVec3>, held: DVec3) -> DVec3 {
-    let is_ground = |normal: &DVec3| normal.dot(held) > LEVEL_COSINE || normal.dot(held) < -OVERHEAD_COSINE;
-    normal.filter(is_ground).unwrap_or(held)
 }
 
 #[cfg(test)]

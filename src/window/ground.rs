@@ -10,7 +10,8 @@ use super::picture::PictureOutput;
 use super::point_picker::{Click, PointPicker, is_scaled, paint_ring};
 use locard_engine::frame::Frame;
 use locard_engine::scene::SceneFile;
-use locard_engine::shot::{metres_per_unit, plane_through};
+use locard_engine::shot::metres_per_unit;
+use locard_engine::support::plane_through;
 use locard_engine::text::fixed;
 
 /// Purpose of picked points.

@@ -9,7 +9,8 @@ use eframe::egui;
 
 use super::Project;
 use locard_engine::frame::Frame;
-use locard_engine::shot::{Note, ObjectIssue, Tilt};
+use locard_engine::shot::{Note, ObjectIssue};
+use locard_engine::support::Tilt;
 
 /// Scene version and frame index of a check.
 type CheckedState = (u64, usize);

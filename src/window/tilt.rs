@@ -6,7 +6,7 @@ use glam::{DQuat, DVec3};
 
 use super::Project;
 use locard_engine::scene::{Entry, ItemPlacement, SceneError};
-use locard_engine::shot::Tilt;
+use locard_engine::support::Tilt;
 use locard_engine::text::{fixed, millimetres};
 
 /// Cosine of the largest tilt of an upright thing, half a degree.

@@ -15,8 +15,8 @@ use std::collections::{HashMap, HashSet};
 
 use glam::{DVec3, IVec3};
 
-use super::planes::{MeasuredPoint, random_index};
-use super::points::plane_through;
+use super::plane_fit::plane_through;
+use super::ransac::{MAX_SCORED_POINTS, MeasuredPoint, random_index};
 use crate::plane::{HessePlane, Plane};
 
 /// Largest number of planes of a room.
@@ -29,8 +29,6 @@ const MAX_POINTS: usize = 20_000;
 const ITERATIONS: usize = 600;
 /// Least-squares fits to the largest connected component of the inliers of the one before.
 const REFITS: usize = 4;
-/// Largest number of points by which hypotheses are scored.
-const MAX_SCORED_POINTS: usize = 2048;
 /// Largest number of searches for planes, including those that are too small.
 const MAX_SEARCHES: usize = 24;
 /// Side of the cells that contain a RANSAC sample's points, m.
@@ -42,18 +40,16 @@ const LINK_CELL_M: f64 = 0.1;
 const MIN_OF_LOCAL: f64 = 0.85;
 /// The same as a share of all points around.
 const MIN_OF_ALL: f64 = 0.3;
-/// Radius of the points around a position on a surface, m.
-pub const AROUND_M: f64 = 0.1;
 /// Cosine of the largest angle between the normal of a level surface and the cameras' own up: 50°,
 /// since people point cameras downwards.
-pub const LEVEL_COSINE: f64 = 0.643;
+const LEVEL_COSINE: f64 = 0.643;
 /// The camera is upside down if surfaces that face against the guess have this many times the
 /// points of those that face along it, and the largest of all is one of them: within 30°
 /// (`OVERHEAD_COSINE`), or if no other surface that may be the ground of an upright camera has a
 /// quarter of its points. A wall before a camera that points steeply downwards faces against the
 /// guess, too.
 const UPSIDE_DOWN_RATIO: usize = 4;
-pub const OVERHEAD_COSINE: f64 = 0.866;
+const OVERHEAD_COSINE: f64 = 0.866;
 /// Smallest cosine between the guess and the normal of a possible ground.
 const POSSIBLE_GROUND_COSINE: f64 = 0.3;
 
@@ -129,6 +125,12 @@ impl RoomPlanes {
         // Planes are sorted by size.
         level(up).next().map(|(plane, _)| plane.normal)
     }
+}
+
+/// Up by a single surface: its normal if it is nearly level, else `guess`, the cameras' own up.
+pub fn up_on_surface(normal: Option<DVec3>, guess: DVec3) -> DVec3 {
+    let is_ground = |normal: &DVec3| normal.dot(guess) > LEVEL_COSINE || normal.dot(guess) < -OVERHEAD_COSINE;
+    normal.filter(is_ground).unwrap_or(guess)
 }
 
 /// The plane with most inliers, fitted to its largest connected component: distant strays would
@@ -215,6 +217,8 @@ mod tests {
         let wall = (0..4000).map(|n| DVec3::new(at(n % 100), 1.0, 0.02 * f64::from(n / 100)));
         floor.chain(wall).map(point).collect()
     }
+
+    const AROUND_M: f64 = 0.1;
 
     fn around(points: &[MeasuredPoint], at_m: DVec3) -> Vec<MeasuredPoint> {
         points.iter().filter(|point| point.at_m.distance(at_m) < AROUND_M).copied().collect()

@@ -1,23 +1,14 @@
 //! Report on the supports of a scene's objects and on the surfaces beside them that receive their
 //! shadows.
-//!
-//! It is written to an analysis's folder as `standing.toml`, for people and other programs, in the
-//! scene's world, whose gauge and unit can differ from the recording's. Compositing does not read
-//! it, because objects can be moved.
 
 use std::fmt;
-use std::io::Write;
-use std::path::Path;
 
 use glam::{DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 
-use super::artefact::{AnalysisError, STANDING};
-use crate::document::Document;
 use crate::plane::Plane;
 use crate::scene::Facet;
-use crate::sink::atomic::write_atomically;
-use crate::text::{count, fixed, shown};
+use crate::text::{fixed, shown};
 
 /// Smaller heights over a plane are taken for 0, m.
 const MIN_HEIGHT_M: f64 = 5e-5;
@@ -48,12 +39,12 @@ pub struct SupportReport {
     pub height_m: f64,
     /// Flat pieces of real surfaces near the object that can receive its shadow.
     #[serde(rename = "receiver", default, skip_serializing_if = "Vec::is_empty")]
-    pub receivers: Vec<Receiver>,
+    pub receivers: Vec<ShadowReceiver>,
 }
 
 /// A rectangle that receives an object's shadow.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Receiver {
+pub struct ShadowReceiver {
     /// In order, counter-clockwise as seen from the side that receives the shadow.
     pub corners_m: [[f64; 3]; 4],
     /// Towards that side, unit length.
@@ -63,20 +54,19 @@ pub struct Receiver {
     pub away_m: f64,
 }
 
-/// Angle between two unit vectors, degrees.
-fn between_deg(a: DVec3, b: DVec3) -> f64 {
-    a.dot(b).clamp(-1.0, 1.0).acos().to_degrees()
-}
-
 impl SupportReport {
     /// Report of an object with these points.
     pub fn new(name: &str, (known_by, plane): (PlaneSource, &Plane), up: DVec3, points_m: &[DVec3]) -> Self {
-        let Plane { point_m, normal } = *plane;
-        let heights_m = points_m.iter().map(|at_m| normal.dot(*at_m - point_m));
-        let height_m = heights_m.reduce(f64::min).unwrap_or_default();
-        let tilt_deg = between_deg(normal, up);
-        let (point_m, normal) = (point_m.to_array(), normal.to_array());
-        Self { name: name.to_owned(), known_by, point_m, normal, tilt_deg, height_m, receivers: Vec::new() }
+        let height_m = points_m.iter().map(|at_m| plane.height_m(*at_m)).reduce(f64::min).unwrap_or_default();
+        Self {
+            name: name.to_owned(),
+            known_by,
+            point_m: plane.point_m.to_array(),
+            normal: plane.normal.to_array(),
+            tilt_deg: plane.tilt_deg(up),
+            height_m,
+            receivers: Vec::new(),
+        }
     }
 
     /// True if the height has the same sign as a gap, so that the gap need not be reported.
@@ -94,18 +84,18 @@ impl SupportReport {
             let off = *from_m - point_m;
             at(DVec2::new(along.dot(off), across.dot(off)).clamp(low_m, high_m)).distance(*from_m)
         };
-        self.receivers.push(Receiver {
+        self.receivers.push(ShadowReceiver {
             corners_m: corners_m.map(|off_m| at(off_m).to_array()),
             normal: normal.to_array(),
-            tilt_deg: between_deg(normal, up),
+            tilt_deg: facet.plane.tilt_deg(up),
             away_m: points_m.iter().map(away_m).reduce(f64::min).unwrap_or_default(),
         });
     }
 
-    /// Named lines, as of [`Findings`](super::Findings).
+    /// Named lines for a person.
     pub fn lines(&self) -> Vec<(&'static str, String)> {
         let name = shown(&self.name);
-        let receiver = |receiver: &Receiver| ("receiver", format!("of {name}'s shadow: {receiver}"));
+        let receiver = |receiver: &ShadowReceiver| ("receiver", format!("of {name}'s shadow: {receiver}"));
         std::iter::once(("stands", format!("{name}: {self}"))).chain(self.receivers.iter().map(receiver)).collect()
     }
 }
@@ -127,35 +117,12 @@ impl fmt::Display for SupportReport {
     }
 }
 
-impl fmt::Display for Receiver {
+impl fmt::Display for ShadowReceiver {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [a, b, _, d] = self.corners_m.map(DVec3::from);
         let [wide, high, away] = [a.distance(b), a.distance(d), self.away_m].map(|m| fixed(m, 2));
         write!(f, "flat, {wide} × {high} m, {away} m away, {}° from level", fixed(self.tilt_deg, 0))
     }
-}
-
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-struct Written {
-    /// The scene's file, without its folders.
-    scene: String,
-    object: Vec<SupportReport>,
-}
-
-/// Writes the reports to an analysis's folder.
-pub fn write_support_reports(folder: &Path, scene: &Path, grounds: &[SupportReport]) -> Result<(), AnalysisError> {
-    let path = folder.join(STANDING);
-    let name = scene.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let document = Document::new(Written { scene: name, object: grounds.to_vec() })
-        .map_err(|problem| AnalysisError::Content { file: path.clone(), problem: problem.to_string() })?;
-    let head = format!(
-        "# What {} of a scene stand on, and what takes their shadows, in the scene's world, metres. By `locard analyse \
-         --scene`; frames are composited without it.\n",
-        count(grounds.len(), "object")
-    );
-    write_atomically(&path, true, |out| out.write_all(format!("{head}{document}").as_bytes()))
-        .map_err(|error| AnalysisError::Unwritten { folder: folder.to_owned(), reason: error.to_string() })?;
-    Ok(())
 }
 
 #[cfg(test)]

@@ -4,21 +4,26 @@
 //! further read.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use glam::{DVec2, DVec3};
 
-use super::Shot;
-use super::planes::MeasuredPoint;
+use super::ransac::MeasuredPoint;
 use super::room_planes::RoomPlanes;
 use crate::camera::Geometry;
 use crate::pixels::DepthMap;
+use crate::plane::{HessePlane, Plane};
 use crate::pose::Pose;
+use crate::recording::Recording;
+use crate::scene::MIN_SUPPORT_COSINE;
 use crate::source::ahead::Ahead;
 
 /// Number of depth maps to sample.
 const SAMPLED_FRAMES: usize = 24;
 /// Number of samples across a map.
 const SAMPLES_ACROSS: u32 = 96;
+/// Radius of the points around a position on a surface, m.
+const AROUND_M: f64 = 0.1;
 
 /// Samples of a frame's depth map on a grid of pixels ([`grid`]).
 #[derive(Debug)]
@@ -38,6 +43,25 @@ impl DepthSamples {
         let DepthMap { width, height, depth_m, .. } = map;
         let depth_m = grid(*width, *height, across).map(|(x, y)| depth_m[(y * width + x) as usize]).collect();
         Self { frame, pose, width: *width, height: *height, across, depth_m }
+    }
+
+    /// Samples of the depth of frames spread over the recording. Empty without readable depth: an
+    /// unreadable file is reported when its frame is read.
+    pub fn of_recording(recording: &Arc<Recording>) -> Vec<Self> {
+        let count = recording.frame_count();
+        if !recording.has_depth() || count == 0 {
+            return Vec::new();
+        }
+        let taken = count.min(SAMPLED_FRAMES);
+        let number = move |n: usize| (2 * n + 1) * count / (2 * taken);
+        let of = recording.clone();
+        let Ok(maps) = Ahead::new(0..taken, move |n| of.depth_at(number(n))) else { return Vec::new() };
+        let samples = |(n, map)| {
+            let Ok(Ok(Some(map @ DepthMap { timestamp_s, .. }))) = map else { return None };
+            let pose = recording.track.at(timestamp_s).ok()?;
+            Some(Self::new(number(n), pose, &map, SAMPLES_ACROSS))
+        };
+        maps.enumerate().filter_map(samples).collect()
     }
 }
 
@@ -63,62 +87,51 @@ impl RoomPoints {
         Self { planes: RoomPlanes::of(&points), points, frames }
     }
 
+    /// The dominant plane that explains the points around a surface as well as the surface's own
+    /// plane, at a small angle to it; else its own.
+    pub fn or_dominant(&self, surface: &Plane) -> HessePlane {
+        let around = self.around(surface.point_m, AROUND_M);
+        let accepts = |normal: DVec3| normal.dot(surface.normal).abs() > MIN_SUPPORT_COSINE;
+        self.planes.or_dominant((*surface).into(), surface.point_m, &around, accepts)
+    }
+
     /// Points within a radius of a position.
-    pub fn around(&self, at_m: DVec3, within_m: f64) -> Vec<MeasuredPoint> {
+    fn around(&self, at_m: DVec3, within_m: f64) -> Vec<MeasuredPoint> {
         self.points.iter().filter(|point| point.at_m.distance(at_m) < within_m).copied().collect()
     }
 }
 
-impl Shot {
-    /// Samples of the depth of frames spread over the recording. Empty without readable depth: an
-    /// unreadable file is reported when its frame is read.
-    pub(super) fn depth_samples(&self) -> Vec<DepthSamples> {
-        let recording = &self.recording;
-        let count = recording.frame_count();
-        if !recording.has_depth() || count == 0 {
-            return Vec::new();
+/// Measured points by frame, through the cameras of the frames. Samples of another size than the
+/// camera's picture are skipped.
+pub fn points_by_frame(
+    samples: &[DepthSamples],
+    geometry_of: impl Fn(usize) -> Option<Geometry>,
+) -> Vec<(usize, Vec<MeasuredPoint>)> {
+    let mut by_frame = Vec::new();
+    // Rays of the previous frame's camera: in most recordings all frames share one.
+    let mut rays: Option<(Geometry, Vec<Option<DVec3>>)> = None;
+    for DepthSamples { frame, pose, width, height, across, depth_m } in samples {
+        let Some(geometry) = geometry_of(*frame) else { continue };
+        let i = &geometry.intrinsics;
+        if (*width, *height) != (i.width_px, i.height_px) {
+            continue;
         }
-        let taken = count.min(SAMPLED_FRAMES);
-        let number = move |n: usize| (2 * n + 1) * count / (2 * taken);
-        let of = recording.clone();
-        let Ok(maps) = Ahead::new(0..taken, move |n| of.depth_at(number(n))) else { return Vec::new() };
-        let samples = |(n, map)| {
-            let Ok(Ok(Some(map @ DepthMap { timestamp_s, .. }))) = map else { return None };
-            let pose = recording.track.at(timestamp_s).ok()?;
-            Some(DepthSamples::new(number(n), pose, &map, SAMPLES_ACROSS))
-        };
-        maps.enumerate().filter_map(samples).collect()
-    }
-
-    /// Points by frame, through the present camera. Samples of another size than the camera's
-    /// picture are skipped.
-    pub(super) fn points_by_frame(&self, samples: &[DepthSamples]) -> Vec<(usize, Vec<MeasuredPoint>)> {
-        let mut by_frame = Vec::new();
-        // Rays of the previous frame's camera: in most recordings all frames share one.
-        let mut rays: Option<(Geometry, Vec<Option<DVec3>>)> = None;
-        for DepthSamples { frame, pose, width, height, across, depth_m } in samples {
-            let Some(geometry) = self.known_geometry_at(*frame) else { continue };
-            let i = &geometry.intrinsics;
-            if (*width, *height) != (i.width_px, i.height_px) {
-                continue;
+        let (_, rays) = match rays.take().filter(|(of, _)| *of == geometry) {
+            Some(same) => rays.insert(same),
+            None => {
+                let middle = |(x, y)| DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+                let through = grid(*width, *height, *across).map(|at| geometry.depth_ray(middle(at))).collect();
+                rays.insert((geometry, through))
             }
-            let (_, rays) = match rays.take().filter(|(of, _)| *of == geometry) {
-                Some(same) => rays.insert(same),
-                None => {
-                    let middle = |(x, y)| DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
-                    let through = grid(*width, *height, *across).map(|at| geometry.depth_ray(middle(at))).collect();
-                    rays.insert((geometry, through))
-                }
-            };
-            let point = |(z, ray): (f64, &Option<DVec3>)| {
-                let at_m = pose.inverse_transform_point(z * ray.filter(|_| z > 0.0 && z.is_finite())?);
-                Some(MeasuredPoint::new(at_m, z, pose.position_in_world_m()))
-            };
-            let depth_m = depth_m.iter().map(|z| f64::from(*z));
-            by_frame.push((*frame, depth_m.zip(rays.iter()).filter_map(point).collect()));
-        }
-        by_frame
+        };
+        let point = |(z, ray): (f64, &Option<DVec3>)| {
+            let at_m = pose.inverse_transform_point(z * ray.filter(|_| z > 0.0 && z.is_finite())?);
+            Some(MeasuredPoint::new(at_m, z, pose.position_in_world_m()))
+        };
+        let depth_m = depth_m.iter().map(|z| f64::from(*z));
+        by_frame.push((*frame, depth_m.zip(rays.iter()).filter_map(point).collect()));
     }
+    by_frame
 }
 
 /// The sampled pixels of a depth map, row by row: about `across` in a row.

@@ -1,8 +1,7 @@
-//! A plane through picked points, and the length of a recording's unit from two of them.
+//! The least-squares plane through points.
 
 use glam::{DMat3, DVec3};
 
-use super::{Shot, SurfaceError};
 use crate::plane::{HessePlane, Plane};
 
 /// A plane that was fitted to points.
@@ -14,22 +13,18 @@ pub struct PlaneFit {
     pub max_m: f64,
 }
 
-impl Shot {
-    /// The recording's floor: the plane through the world's origin, across up.
-    pub fn floor(&self) -> Option<HessePlane> {
-        let normal = self.recording.up.filter(|_| self.recording.has_floor)?;
-        Some(HessePlane { normal, offset_m: 0.0 })
-    }
-}
+/// Why points make no plane.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the points make no plane: {0}")]
+pub struct PlaneFitError(&'static str);
 
 /// Smallest ratio of width to length of points that do not count as collinear.
 const MIN_WIDTH_SHARE: f64 = 0.01;
 
 /// The least-squares plane through three or more points (Pearson 1901).
-pub fn plane_through(points_m: &[DVec3]) -> Result<PlaneFit, SurfaceError> {
-    let refused = |reason| Err(SurfaceError::Points { reason });
+pub fn plane_through(points_m: &[DVec3]) -> Result<PlaneFit, PlaneFitError> {
     if points_m.len() < 3 {
-        return refused("it needs three");
+        return Err(PlaneFitError("it needs three"));
     }
     let count = points_m.len() as f64;
     let middle = points_m.iter().sum::<DVec3>() / count;
@@ -41,7 +36,7 @@ pub fn plane_through(points_m: &[DVec3]) -> Result<PlaneFit, SurfaceError> {
     axes.sort_by(|a, b| a.0.total_cmp(&b.0));
     let [_, width, length] = axes.map(|(squares, _)| squares.max(0.0).sqrt());
     if width.is_nan() || width <= MIN_WIDTH_SHARE * length {
-        return refused("they lie on a line; pick one to its side");
+        return Err(PlaneFitError("they lie on a line; pick one to its side"));
     }
     let normal = axes[0].1;
     let off = |p: &DVec3| normal.dot(*p - middle).abs();
@@ -50,6 +45,15 @@ pub fn plane_through(points_m: &[DVec3]) -> Result<PlaneFit, SurfaceError> {
         rms_m: (points_m.iter().map(|p| off(p).powi(2)).sum::<f64>() / count).sqrt(),
         max_m: points_m.iter().map(off).fold(0.0, f64::max),
     })
+}
+
+/// Step to which the normals of supports and facets are rounded, below their accuracy. An object
+/// that is moved over a desk then keeps the same plane, and its shadow map stays valid.
+const NORMAL_STEP: f64 = 1.0 / 512.0;
+
+/// A normal of unit length with components rounded to the step. `None` if it is not finite.
+pub fn rounded_normal(normal: DVec3) -> Option<DVec3> {
+    ((normal / NORMAL_STEP).round() * NORMAL_STEP).try_normalize()
 }
 
 /// Eigenvalues and unit eigenvectors of a symmetric matrix (Jacobi 1846: rotations that zero one
@@ -75,20 +79,13 @@ fn eigen_decomposition(mut matrix: DMat3) -> [(f64, DVec3); 3] {
     [0, 1, 2].map(|i| (matrix.col(i)[i], axes.col(i)))
 }
 
-/// The recording's unit, m, with which two points have their true distance. `now` is the present
-/// unit, m. `None` if the points coincide or the distance is 0.
-pub fn metres_per_unit(from: DVec3, to: DVec3, true_m: f64, now: f64) -> Option<f64> {
-    let unit = now * true_m / from.distance(to);
-    (unit > 0.0 && unit.is_finite()).then_some(unit)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use proptest::prelude::*;
 
     #[test]
-    fn plane_through_four_points_and_unit_of_a_length_match_hand_computation() {
+    fn plane_through_four_points_matches_hand_computation() {
         // Four corners, two of them 2 mm up: each lies 1 mm from the plane between.
         let points = [(0.0, 0.0, 0.0), (1.0, 1.0, 0.0), (1.0, 0.0, 0.002), (0.0, 1.0, 0.002)].map(DVec3::from);
         let fit = plane_through(&points).unwrap();
@@ -99,10 +96,6 @@ mod tests {
         let line = [0.0, 1.0, 3.0].map(|x| DVec3::new(x, 2.0 * x, 0.001 * x * x));
         assert!(plane_through(&line).unwrap_err().to_string().contains("on a line"));
         assert!(plane_through(&points[..2]).unwrap_err().to_string().contains("three"));
-        // 0.21 m that measure 3.5 units of 0.5 m: the unit is 6 cm.
-        let unit = metres_per_unit(DVec3::ZERO, DVec3::X * 1.75, 0.21, 0.5).unwrap();
-        assert!((unit - 0.06).abs() < 1e-12, "{unit}");
-        assert_eq!(metres_per_unit(DVec3::X, DVec3::X, 0.21, 1.0), None);
     }
 
     proptest! {

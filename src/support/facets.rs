@@ -2,14 +2,16 @@
 //! box's side and top, a wall, a monitor.
 //!
 //! They are found by sequential RANSAC among the points around the object, without those of its
-//! support plane (planes.rs). Round surfaces are rejected. A facet that faces away from the object
+//! support plane (ransac.rs). Round surfaces are rejected. A facet that faces away from the object
 //! receives no shadow; its front is the side of the cameras that measured it.
 
 use std::collections::HashSet;
 
 use glam::{DVec2, DVec3};
 
-use super::planes::{MeasuredPoint, ransac_plane};
+use super::footprint::bounds;
+use super::plane_fit::rounded_normal;
+use super::ransac::{MeasuredPoint, ransac_plane};
 use crate::plane::{HessePlane, Plane};
 use crate::scene::{Facet, Object, Scene};
 
@@ -45,16 +47,13 @@ const MAX_STRAYS: f64 = 0.3;
 const STRAY_DISTANCE_M: f64 = 0.05;
 /// Rotations of the rectangle that are tried over a right angle.
 const ROTATIONS: usize = 36;
-/// Step to which normals are rounded, as for support planes.
-const NORMAL_STEP: f64 = 1.0 / 512.0;
 
 /// Facets around an object that stands on `support`.
 pub fn facets(scene: &Scene, object: &Object, support: &Plane, points: &[MeasuredPoint]) -> Vec<Facet> {
     if object.shadowless {
         return Vec::new();
     }
-    let (low, high) =
-        object.points_m(scene).fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
+    let (low, high) = bounds(object.points_m(scene));
     if !(low.is_finite() && high.is_finite()) {
         return Vec::new();
     }
@@ -87,7 +86,7 @@ pub fn facets(scene: &Scene, object: &Object, support: &Plane, points: &[Measure
     let is_isolated = |segment: &PlaneSegment, facet: &Facet| {
         let is_continued = |other: &&PlaneSegment| {
             !std::ptr::eq(*other, segment)
-                && (matches!(other.shape, Some(Shape::Round))
+                && (matches!(other.shape, Some(SegmentShape::Round))
                     || other.normal.dot(segment.normal).abs() > SIMILAR_COSINE)
         };
         let strays = segments.iter().filter(is_continued).flat_map(|other| &other.members).chain(&rest);
@@ -96,7 +95,7 @@ pub fn facets(scene: &Scene, object: &Object, support: &Plane, points: &[Measure
         (strays as f64) < MAX_STRAYS * segment.members.len() as f64
     };
     let facet = |segment: &PlaneSegment| match segment.shape {
-        Some(Shape::Flat(facet)) if is_isolated(segment, &facet) => Some(facet),
+        Some(SegmentShape::Flat(facet)) if is_isolated(segment, &facet) => Some(facet),
         _ => None,
     };
     segments.iter().filter_map(facet).filter(is_in_front).collect()
@@ -104,21 +103,21 @@ pub fn facets(scene: &Scene, object: &Object, support: &Plane, points: &[Measure
 
 /// A plane with its inliers.
 struct PlaneSegment {
-    shape: Option<Shape>,
+    shape: Option<SegmentShape>,
     normal: DVec3,
     members: Vec<MeasuredPoint>,
 }
 
-enum Shape {
+enum SegmentShape {
     Flat(Facet),
     Round,
 }
 
 /// Classifies the inliers of a plane. `None` if they are too sparse or too small.
-fn shape(plane: &HessePlane, members: &[MeasuredPoint]) -> Option<Shape> {
+fn shape(plane: &HessePlane, members: &[MeasuredPoint]) -> Option<SegmentShape> {
     let middle = members.iter().map(|point| point.at_m).sum::<DVec3>() / members.len() as f64;
     let towards_cameras: f64 = members.iter().map(|point| plane.normal.dot(point.camera_m - point.at_m).signum()).sum();
-    let normal = ((plane.normal * towards_cameras.signum() / NORMAL_STEP).round() * NORMAL_STEP).try_normalize()?;
+    let normal = rounded_normal(plane.normal * towards_cameras.signum())?;
     let x = normal.any_orthonormal_vector();
     let y = normal.cross(x);
     let places: Vec<DVec2> =
@@ -144,7 +143,7 @@ fn shape(plane: &HessePlane, members: &[MeasuredPoint]) -> Option<Shape> {
         bulge_m(at) < MAX_BULGE * tolerance_m
     });
     let is_large = (high_m - low_m).min_element() > MIN_SIDE_M;
-    (is_filled && is_large).then_some(if is_flat { Shape::Flat(facet) } else { Shape::Round })
+    (is_filled && is_large).then_some(if is_flat { SegmentShape::Flat(facet) } else { SegmentShape::Round })
 }
 
 /// Distance between the mean height of the middle third of a profile and that of its outer thirds.

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::points::plane_through;
+use super::plane_fit::plane_through;
 use crate::depth::SENSOR_ERROR;
 use crate::plane::{HessePlane, Plane};
 
@@ -14,7 +14,7 @@ const REFITS: usize = 3;
 const MIN_POINTS: usize = 40;
 /// Largest number of points by which hypotheses are scored; the best one is then fitted to all
 /// points.
-const MAX_SCORED_POINTS: usize = 2048;
+pub const MAX_SCORED_POINTS: usize = 2048;
 /// Inlier distance: constant part, m, and its growth with depth², 1/m (twice a structured-light
 /// sensor's error).
 const INLIER_M: f64 = 0.004;
@@ -33,7 +33,12 @@ pub struct MeasuredPoint {
 impl MeasuredPoint {
     /// `depth_m`: its depth in that camera.
     pub fn new(at_m: DVec3, depth_m: f64, camera_m: DVec3) -> Self {
-        Self { at_m, tolerance_m: INLIER_M + INLIER_PER_DEPTH2 * depth_m * depth_m, camera_m }
+        Self { at_m, tolerance_m: Self::tolerance_m(depth_m), camera_m }
+    }
+
+    /// Tolerance of the position of a point at a depth, m.
+    pub fn tolerance_m(depth_m: f64) -> f64 {
+        INLIER_M + INLIER_PER_DEPTH2 * depth_m * depth_m
     }
 
     pub fn is_inlier(&self, plane: &HessePlane) -> bool {
