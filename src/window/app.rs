@@ -244,7 +244,7 @@ impl App {
                 (self.hides_obstacle, self.refusal) = Default::default();
                 self.panel_tabs = self.panel_tabs.reopened();
                 self.restore_view(at, None);
-                self.documents.document_switched(&self.session);
+                self.documents.document_opened(&self.session);
             }
             Err(why) => self.session.show_error(why),
         }

@@ -31,6 +31,14 @@ use locard_engine::assets;
 /// An opened project, with autosaved work to restore.
 type OpenedTurn = (DocumentSwitch, Option<RecoverableWork>);
 
+/// A modal dialog of the start window.
+enum Dialog {
+    Chooser(Box<Chooser>),
+    Camera(Box<CameraDialog>),
+    Opening(Box<Opening>),
+    Recovery(RecoverableWork),
+}
+
 /// The start window.
 pub struct Start {
     window: RenderState,
@@ -40,13 +48,11 @@ pub struct Start {
     preferences: Preferences,
     recoverable: Vec<RecoverableWork>,
     recovery_search: Option<RecoverySearch>,
-    chooser: Option<Chooser>,
+    dialog: Option<Dialog>,
     /// Searched folders of the demonstration.
     places: Vec<PathBuf>,
-    camera_dialog: Option<CameraDialog>,
     /// The camera dialog as last confirmed, restored if opening fails.
-    last_camera_dialog: Option<CameraDialog>,
-    opening: Option<Opening>,
+    last_camera_dialog: Option<Box<CameraDialog>>,
     /// A dropped file whose kind is being determined.
     dropped: Option<(PathBuf, BackgroundTask<FileKind>)>,
     message: Option<MessageWindow>,
@@ -75,11 +81,9 @@ impl Start {
             preferences,
             recoverable: Vec::new(),
             recovery_search,
-            chooser: None,
+            dialog: None,
             places: assets::folders(),
-            camera_dialog: None,
             last_camera_dialog: None,
-            opening: None,
             dropped: None,
             message: None,
             shows_keys: false,
@@ -95,7 +99,11 @@ impl Start {
     fn begin(&mut self, ctx: &egui::Context, document: DocumentRef, recoverable: Option<RecoverableWork>) {
         let wake = ctx.clone();
         match Opening::begin(document, recoverable, false, move || wake.request_repaint()) {
-            Ok(opening) => self.opening = Some(opening),
+            Ok(opening) => {
+                if let Some(Dialog::Recovery(waiting)) = self.dialog.replace(Dialog::Opening(Box::new(opening))) {
+                    self.recoverable.push(waiting);
+                }
+            }
             Err(error) => {
                 self.message = Some(MessageWindow::new(format!("No thread can be started that opens it: {error}")))
             }
@@ -115,7 +123,8 @@ impl Start {
     fn show_chooser(&mut self) {
         let last = self.preferences.folder(FolderUse::Recording).map(Path::to_owned);
         let begin = StartLocation::within(last.into_iter().chain(std::env::home_dir()));
-        self.chooser = Some(Chooser::new("Open a recording", ChooserMode::Recording, begin));
+        let chooser = Chooser::new("Open a recording", ChooserMode::Recording, begin);
+        self.dialog = Some(Dialog::Chooser(Box::new(chooser)));
     }
 
     /// Shows one frame of the window. Returns an opened project.
@@ -134,67 +143,81 @@ impl Start {
                 }
             }
         }
-        if let Some(opening) = self.opening.take() {
-            match opening.take() {
-                Err(opening) => {
-                    dialogs::show_opening(ctx, opening.what());
-                    self.opening = Some(*opening);
-                }
-                Ok(done) => match done.project {
-                    Ok((project, camera)) => {
-                        return Some((
-                            DocumentSwitch { project: *project, camera, at: done.document.at },
-                            done.recoverable,
-                        ));
-                    }
-                    Err(refused) => {
-                        self.recoverable.extend(done.recoverable);
-                        // The dialog reappears with its input.
-                        match self.last_camera_dialog.take().filter(|_| done.document.camera.is_some()) {
-                            Some(camera_dialog) => self.camera_dialog = Some(camera_dialog.with_error(refused.why)),
-                            None => self.message = Some(MessageWindow::new(refused.why)),
-                        }
-                    }
-                },
+        if self.dialog.is_none() {
+            if let Some(found) = self.recovery_search.as_mut().and_then(RecoverySearch::take) {
+                (self.recoverable, self.recovery_search) = (found, None);
             }
-            return None;
+            self.dialog = self.recoverable.pop().map(Dialog::Recovery);
         }
-        if let Some(chooser) = &mut self.chooser {
-            match chooser.show(ctx) {
-                None => {}
-                Some(ChooserResult::Cancelled) => self.chooser = None,
+        match self.dialog.take() {
+            Some(dialog) => self.show_dialog(ctx, dialog),
+            None => {
+                self.show_page(ctx);
+                None
+            }
+        }
+    }
+
+    /// Shows the open dialog. Returns an opened project.
+    fn show_dialog(&mut self, ctx: &egui::Context, dialog: Dialog) -> Option<OpenedTurn> {
+        match dialog {
+            Dialog::Opening(opening) => return self.poll_opening(ctx, opening),
+            Dialog::Chooser(mut chooser) => match chooser.show(ctx) {
+                None => self.dialog = Some(Dialog::Chooser(chooser)),
+                Some(ChooserResult::Cancelled) => {}
                 Some(ChooserResult::Path { path, .. }) => {
-                    self.chooser = None;
                     self.preferences.remember_folder(FolderUse::Recording, &path);
                     self.drop(ctx, path);
                 }
-            }
-            return None;
-        }
-        if let Some(camera_dialog) = &mut self.camera_dialog {
-            match camera_dialog.show(ctx) {
+            },
+            Dialog::Camera(mut camera_dialog) => match camera_dialog.show(ctx) {
+                None => self.dialog = Some(Dialog::Camera(camera_dialog)),
+                Some(None) => {}
                 Some(Some(document)) => {
-                    self.last_camera_dialog = self.camera_dialog.take();
+                    self.last_camera_dialog = Some(camera_dialog);
                     self.begin(ctx, document, None);
                 }
-                Some(None) => self.camera_dialog = None,
-                None => {}
-            }
-            return None;
-        }
-        if let Some(recoverable) = self.recovery_search.as_mut().and_then(RecoverySearch::take) {
-            (self.recoverable, self.recovery_search) = (recoverable, None);
-        }
-        if let Some(recoverable) = self.recoverable.pop() {
-            match dialogs::offer_recovery(ctx, &recoverable.work) {
+            },
+            Dialog::Recovery(recoverable) => match dialogs::offer_recovery(ctx, &recoverable.work) {
                 Some(Answer::Yes) => self.begin(ctx, recoverable.document(), Some(recoverable)),
                 Some(Answer::No) => recoverable.discard(),
                 // The work stays on disk and is offered at the next start.
                 Some(Answer::Cancel) => drop(recoverable),
-                None => self.recoverable.push(recoverable),
-            }
-            return None;
+                None => self.dialog = Some(Dialog::Recovery(recoverable)),
+            },
         }
+        None
+    }
+
+    /// Shows the progress of opening, and handles its result. Returns an opened project.
+    fn poll_opening(&mut self, ctx: &egui::Context, opening: Box<Opening>) -> Option<OpenedTurn> {
+        let done = match opening.take() {
+            Ok(done) => done,
+            Err(opening) => {
+                dialogs::show_opening(ctx, opening.what());
+                self.dialog = Some(Dialog::Opening(opening));
+                return None;
+            }
+        };
+        match done.project {
+            Ok((project, camera)) => {
+                let turn = DocumentSwitch { project: *project, camera, at: done.document.at };
+                return Some((turn, done.recoverable));
+            }
+            Err(refused) => {
+                self.recoverable.extend(done.recoverable);
+                // The dialog reappears with its input.
+                match self.last_camera_dialog.take().filter(|_| done.document.camera.is_some()) {
+                    Some(dialog) => self.dialog = Some(Dialog::Camera(Box::new(dialog.with_error(refused.why)))),
+                    None => self.message = Some(MessageWindow::new(refused.why)),
+                }
+            }
+        }
+        None
+    }
+
+    /// Handles keys, and shows the welcome page.
+    fn show_page(&mut self, ctx: &egui::Context) {
         for action in actions::pressed(ctx, false) {
             match action {
                 Action::Keys => self.shows_keys = !self.shows_keys,
@@ -209,7 +232,9 @@ impl Start {
         let places: Vec<PathBuf> = self.places.iter().map(|folder| folder.join(DEMO)).collect();
         match dialogs::show_start(ctx, self.recent.entries(ctx), dialogs::StartBackground::Nothing(&places)) {
             Some(dialogs::StartChoice::Open) => self.show_chooser(),
-            Some(dialogs::StartChoice::Camera) => self.camera_dialog = Some(CameraDialog::new(ctx, None, None)),
+            Some(dialogs::StartChoice::Camera) => {
+                self.dialog = Some(Dialog::Camera(Box::new(CameraDialog::new(ctx, None, None))));
+            }
             Some(dialogs::StartChoice::Recent(document)) => self.begin(ctx, *document, None),
             Some(dialogs::StartChoice::Continue) | None => {}
         }
@@ -218,7 +243,6 @@ impl Start {
         {
             self.message = None;
         }
-        None
     }
 }
 

@@ -40,7 +40,7 @@ impl App {
             Action::Redo => self.redo(),
             Action::Save => self.documents.save(),
             Action::Open => self.documents.open(&self.session.project),
-            Action::Export => self.documents.is_output_open = !self.documents.is_output_open,
+            Action::Export => self.documents.exports.is_open = !self.documents.exports.is_open,
             Action::Theme => theme::toggle(ctx),
             Action::Transform(command) => {
                 if !is_live {

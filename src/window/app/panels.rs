@@ -155,7 +155,7 @@ impl App {
 
     /// Settings, plots and calibration, with the offer to analyse the footage above them.
     fn adjustments_panel(&mut self, ui: &mut Ui) {
-        self.documents.show_analysis_offer(ui, &mut self.session);
+        self.documents.exports.show_analysis_offer(ui, &mut self.session);
         if let Some(refused) = self.side.show(ui, &mut self.session, &mut self.region_picker) {
             self.session.show_message(refused);
         }

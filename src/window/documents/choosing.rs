@@ -6,15 +6,45 @@ use eframe::egui;
 
 use super::super::camera::CameraCommand;
 use super::super::camera_dialog::CameraDialog;
-use super::super::chooser::{Chooser, ChooserMode, ChooserResult, StartLocation};
+use super::super::chooser::{Chooser, ChooserMode, StartLocation};
 use super::super::command;
+use super::super::output::{OutputRequest, default_name};
+use super::super::preferences::FolderUse;
 use super::super::project::Project;
-use super::super::recent::DocumentRef;
 use super::super::saving::{self, SaveStep};
 use super::super::session::Session;
-use super::{ChooserPurpose, Documents, PendingAction};
+use super::Documents;
+use super::dialog::Dialog;
 use locard_engine::assets;
 use locard_engine::scene::is_model;
+
+/// Purpose of a path chosen in a dialog.
+#[derive(Debug)]
+pub(super) enum ChooserPurpose {
+    Open,
+    OpenProfile,
+    OpenScene,
+    /// A missing file that the scene refers to.
+    Locate(PathBuf),
+    SaveProfile,
+    SaveScene,
+    Output(OutputRequest),
+    /// Folder for the camera's frames from now on.
+    Record,
+    /// Folder for the frozen last seconds.
+    KeepFrozen,
+}
+
+impl ChooserPurpose {
+    fn folder_use(&self) -> FolderUse {
+        match self {
+            Self::Open => FolderUse::Recording,
+            Self::OpenProfile | Self::SaveProfile => FolderUse::Profile,
+            Self::OpenScene | Self::SaveScene | Self::Locate(_) => FolderUse::Scene,
+            Self::Output(_) | Self::Record | Self::KeepFrozen => FolderUse::Output,
+        }
+    }
+}
 
 impl Documents {
     pub fn open(&mut self, project: &Project) {
@@ -74,7 +104,8 @@ impl Documents {
             ChooserPurpose::OpenProfile => vec![("Locard's profiles", assets::path(saving::PROFILES))],
             _ => Vec::new(),
         };
-        self.chooser = Some((purpose, Chooser::new(title, mode, StartLocation { places, ..begin })));
+        let chooser = Chooser::new(title, mode, StartLocation { places, ..begin });
+        self.dialog = Some(Dialog::Chooser(purpose, Box::new(chooser)));
     }
 
     /// Opens a dialog for a profile of the open recording.
@@ -87,6 +118,22 @@ impl Documents {
         let title = format!("Locate {}", missing.file_name().unwrap_or_default().to_string_lossy());
         let mode = ChooserMode::File(if is_model(&missing) { &["glb", "gltf"] } else { &["hdr", "exr"] });
         self.choose(project, ChooserPurpose::Locate(missing), &title, mode, None);
+    }
+
+    /// Opens a dialog for the path of an output.
+    pub(super) fn choose_output(&mut self, project: &Project, request: OutputRequest) {
+        let (title, mode) = match &request {
+            OutputRequest::Folder(_) => ("Write pictures into a folder", ChooserMode::NewFolder),
+            OutputRequest::Video { lossless: false, .. } => ("Write a video", ChooserMode::NewFile(&["mp4", "mkv"])),
+            OutputRequest::Video { .. } => ("Write a video", ChooserMode::NewFile(&["mkv", "mp4"])),
+            OutputRequest::Photograph(wanted) if wanted.bracket.is_some() => {
+                ("Write a series of photographs", ChooserMode::NewSeries(&["jpg", "jpeg", "png"]))
+            }
+            OutputRequest::Photograph(_) => ("Write a photograph", ChooserMode::NewFile(&["jpg", "jpeg", "png"])),
+            OutputRequest::Snapshot(_) => ("Write the frame", ChooserMode::NewFile(&["png"])),
+        };
+        let name = default_name(&request, &project.shot().recording.path);
+        self.choose(project, ChooserPurpose::Output(request), title, mode, Some(&name));
     }
 
     pub(super) fn name_scene(&mut self, project: &Project) {
@@ -154,7 +201,7 @@ impl Documents {
             Some("Save the profile as…") => {
                 self.name_profile(project);
             }
-            Some("Export and photograph…") => self.is_output_open = true,
+            Some("Export and photograph…") => self.exports.is_open = true,
             Some("Copy command line") => copy_command(ui.ctx(), session),
             Some("Home") => self.is_start_open = true,
             _ => {}
@@ -166,11 +213,12 @@ impl Documents {
         let scene = project.scene.clone().filter(|scene| !saving::is_demo(scene));
         // Restores the last request, which may have been refused.
         let camera_dialog = CameraDialog::new(ctx, project.profile.clone(), scene);
-        self.camera_dialog = Some(match (self.last_camera_dialog.take(), &project.camera) {
+        let camera_dialog = match (self.last_camera_dialog.take(), &project.camera) {
             (Some(before), _) => camera_dialog.with_entries_of(before),
             (None, Some(from)) => camera_dialog.with_source(from),
             (None, None) => camera_dialog,
-        });
+        };
+        self.dialog = Some(Dialog::Camera(Box::new(camera_dialog)));
     }
 
     /// Handles a button of the camera panel.
@@ -204,18 +252,6 @@ impl Documents {
         }
     }
 
-    pub(super) fn show_chooser(&mut self, ctx: &egui::Context, session: &mut Session) {
-        let Some((purpose, mut chooser)) = self.chooser.take() else { return };
-        match chooser.show(ctx) {
-            None => self.chooser = Some((purpose, chooser)),
-            Some(ChooserResult::Cancelled) => {
-                // Cancels the action that was to follow the save.
-                (self.approved_files, self.pending) = (None, None);
-            }
-            Some(ChooserResult::Path { path, replaces }) => self.handle_choice(ctx, purpose, path, replaces, session),
-        }
-    }
-
     pub(super) fn handle_choice(
         &mut self,
         ctx: &egui::Context,
@@ -228,33 +264,20 @@ impl Documents {
         match purpose {
             ChooserPurpose::Open => self.open_file(ctx, path, session),
             ChooserPurpose::OpenProfile => self.open_profile(path, session),
-            ChooserPurpose::OpenScene => {
-                self.pending = Some(PendingAction::Open(
-                    Box::new(DocumentRef { scene: Some(path), ..DocumentRef::of(&session.project) }),
-                    None,
-                ));
-            }
+            ChooserPurpose::OpenScene => self.open_scene(path, session),
             ChooserPurpose::Locate(missing) => match session.project.locate(&missing, &path) {
                 Ok(message) => session.show_message(message),
                 Err(error) => session.show_error(error),
             },
             ChooserPurpose::SaveProfile => {
                 // The user named this profile, which approves it.
-                self.approved_profiles.push(path.clone());
+                self.save.approved_profiles.push(path.clone());
                 self.write(ctx, session, &SaveStep::WriteProfile(path), true);
             }
             ChooserPurpose::SaveScene => self.write(ctx, session, &SaveStep::WriteScene(path), true),
             ChooserPurpose::Record => session.record(path),
             ChooserPurpose::KeepFrozen => session.copy_recording(ctx, path),
-            ChooserPurpose::Output(ask) => {
-                let name = ask.name(&path);
-                self.ensure_queue(ctx);
-                match &mut self.jobs {
-                    Some(jobs) => _ = jobs.add(name, session.project.shot(), ask.job(path, replaces)),
-                    None => session.show_error("no thread can be started that exports"),
-                }
-                self.is_output_open = true;
-            }
+            ChooserPurpose::Output(request) => self.exports.add(ctx, session, request, path, replaces),
         }
     }
 }

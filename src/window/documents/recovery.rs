@@ -1,0 +1,107 @@
+//! Recovery files: autosave of the open document, and the search for work of other processes.
+
+use std::io;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use eframe::egui;
+
+use super::super::autosave::{Autosave, HISTORY_STEPS, RecoverableWork, UnsavedWork};
+use super::super::recovery_search::RecoverySearch;
+use super::super::session::Session;
+
+/// Project version and history revision while no mouse button was down.
+#[derive(Clone, Copy, Debug, Default)]
+struct IdleState {
+    version: u64,
+    revision: u64,
+}
+
+/// Autosave, and recoverable work.
+#[derive(Debug, Default)]
+pub(super) struct Recovery {
+    autosave: Option<Autosave>,
+    idle_state: IdleState,
+    /// Folder to search, before the first frame of the window.
+    folder: Option<PathBuf>,
+    search: Option<RecoverySearch>,
+    /// Work that was not offered yet.
+    pub(super) found: Vec<RecoverableWork>,
+}
+
+impl Recovery {
+    /// Autosaves into a folder, which is also searched.
+    pub(super) fn begin(&mut self, folder: &Path) -> io::Result<()> {
+        self.folder = Some(folder.to_owned());
+        self.autosave = Some(Autosave::begin(folder)?);
+        Ok(())
+    }
+
+    /// Continues autosaving in the files of the recovered work.
+    pub(super) fn adopt(&mut self, recoverable: RecoverableWork) {
+        match &mut self.autosave {
+            Some(autosave) => autosave.adopt(recoverable),
+            None => drop(recoverable),
+        }
+    }
+
+    /// Leaves the unsaved work to the next process. Returns false if it is not autosaved.
+    pub(super) fn leave_for_restart(&mut self, session: &Session) -> bool {
+        let Some(autosave) = self.autosave.take() else { return false };
+        autosave.leave_for_restart(unsaved_work(session));
+        true
+    }
+
+    /// Searches for work of other processes, once.
+    pub(super) fn search(&mut self, ctx: &egui::Context) {
+        if let Some(folder) = self.folder.take() {
+            let wake = ctx.clone();
+            self.search = RecoverySearch::begin(folder, move || wake.request_repaint()).ok();
+        }
+        if let Some(found) = self.search.as_mut().and_then(RecoverySearch::take) {
+            (self.found, self.search) = (found, None);
+        }
+    }
+
+    /// Autosaves unsaved work.
+    pub(super) fn autosave(&mut self, ctx: &egui::Context, session: &mut Session, now: Instant) {
+        let project = &session.project;
+        let is_dragging = ctx.input(|i| i.pointer.any_down());
+        let revision = project.history().revision();
+        if !is_dragging {
+            self.idle_state = IdleState { version: project.version(), revision };
+        }
+        // A slider drag changes the history. Any other drag does not, and an earlier edit is
+        // written during it.
+        let can_autosave = self.idle_state.revision == revision;
+        let Some(autosave) = self.autosave.as_mut().filter(|_| can_autosave) else { return };
+        if !is_dragging && ctx.input(|i| i.pointer.any_released()) {
+            autosave.write_next_at_once();
+        }
+        // Saving changes the unsaved work but not the project's version.
+        let version = (self.idle_state.version << 1) | u64::from(project.is_committed_saved());
+        let status = autosave.update(version, now, || unsaved_work(session));
+        if let Some(wait) = status.wait {
+            ctx.request_repaint_after(wait);
+        }
+        if let Some(problem) = status.problem {
+            session.show_message(problem);
+        }
+    }
+}
+
+/// Unsaved work that a crash would lose, without a drag in progress and without an uncommitted
+/// change.
+fn unsaved_work(session: &Session) -> Option<UnsavedWork> {
+    let project = &session.project;
+    if project.is_committed_saved() {
+        return None;
+    }
+    let (recording, unit) = (&project.shot().recording.path, project.metres_per_unit);
+    let (profile, scene) = (project.profile.as_deref(), project.scene.as_deref());
+    let mut work = UnsavedWork::new(recording, unit, profile, scene, project.history().committed().clone())
+        .with_history(project.history().record(HISTORY_STEPS));
+    work.frame = session.player.frame();
+    work.camera = project.camera.clone().filter(|_| session.is_live());
+    Some(work)
+}
