@@ -20,7 +20,6 @@ use super::evidence::Evidence;
 use super::handles::Handles;
 use super::keyboard_cursor::KeyboardCursor;
 use super::keys;
-use super::lamps::Lamps;
 use super::measure::Measure;
 use super::notice::Refusal;
 use super::obstacle::NearestPose;
@@ -30,13 +29,13 @@ use super::picture_transform::PictureTransform;
 use super::player::Player;
 use super::project::Project;
 use super::recent::ViewState;
-use super::region_picker::RegionPicker;
 use super::session::Session;
 use super::side::Side;
 use super::task::drop_in_background;
 use super::theme;
 use super::timeline::{self, PlaybackInfo, StripDrag};
 use super::titles;
+use super::tool::Tools;
 use super::viewer::Viewer;
 use super::warnings::Warnings;
 use super::window_size;
@@ -49,8 +48,7 @@ pub struct App {
     pub view: View,
     side: Side,
     evidence: Evidence,
-    lamps: Lamps,
-    region_picker: RegionPicker,
+    tools: Tools,
     handles: Handles,
     documents: Documents,
     window: RenderState,
@@ -97,8 +95,7 @@ impl App {
             view: View::default(),
             side: Side::default(),
             evidence: Evidence::default(),
-            lamps: Lamps::default(),
-            region_picker: RegionPicker::default(),
+            tools: Tools::default(),
             handles: Handles::default(),
             documents: Documents::default(),
             window,
@@ -189,9 +186,9 @@ impl App {
         self.evidence.selected
     }
 
-    /// Outline of thethe placement preview, px of the picture.
+    /// Outline of the placement preview, px of the picture.
     pub fn preview_outline(&self) -> Option<&[Vec<DVec2>]> {
-        self.evidence.preview_outline()
+        self.tools.placement()?.preview_outline()
     }
 
     /// Position of a pixel of the picture on the screen.
@@ -231,7 +228,7 @@ impl App {
         }
         let turn = self.documents.update(ctx, &mut self.session);
         if let Some(model) = self.documents.take_model() {
-            self.evidence.drop(model);
+            self.evidence.drop(model, &mut self.tools);
         }
         let Some(DocumentSwitch { project, camera, at }) = turn else { return };
         self.documents.remember_document(&self.session.project, self.view_state());
@@ -239,8 +236,8 @@ impl App {
             Ok(session) => {
                 // Its threads end after their current decoding and drawing.
                 drop_in_background(std::mem::replace(&mut self.session, session));
-                (self.view, self.evidence, self.region_picker) = Default::default();
-                (self.handles, self.side, self.lamps) = Default::default();
+                (self.view, self.evidence, self.tools) = Default::default();
+                (self.handles, self.side) = Default::default();
                 (self.hides_obstacle, self.refusal) = Default::default();
                 self.panel_tabs = self.panel_tabs.reopened();
                 self.restore_view(at, None);

@@ -12,8 +12,8 @@ use eframe::egui::{self, RichText, Ui};
 use self::lens::Lens;
 use self::noise::Noise;
 use self::sharpness::Sharpness;
-use super::region_picker::RegionPicker;
 use super::session::Session;
+use super::tool::Tools;
 use locard_engine::calibrate::NoisePoint;
 use locard_engine::pixels::Rect;
 
@@ -47,16 +47,16 @@ impl Calibrating {
         self.sharpness.cancel();
     }
 
-    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, picker: &mut RegionPicker) {
-        self.noise.take_picked(session, picker);
-        self.sharpness.take_picked(session, picker);
+    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, tools: &mut Tools) {
+        self.noise.take_picked(session, tools);
+        self.sharpness.take_picked(session, tools);
         egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
             let open = |title: &str| egui::CollapsingHeader::new(RichText::new(title).strong()).default_open(true);
             open("Lens, from a board").show(ui, |ui| self.lens.show(ui, session));
             ui.separator();
-            open("Noise, from plain places").show(ui, |ui| self.noise.show(ui, session, picker));
+            open("Noise, from plain places").show(ui, |ui| self.noise.show(ui, session, tools));
             ui.separator();
-            open("Sharpness, from edges").show(ui, |ui| self.sharpness.show(ui, session, picker));
+            open("Sharpness, from edges").show(ui, |ui| self.sharpness.show(ui, session, tools));
         });
     }
 }

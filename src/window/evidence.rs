@@ -1,31 +1,24 @@
 //! The evidence panel: models to place, placed things, and their stances.
 
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex};
 
-use eframe::egui::{self, RichText, Ui};
-use glam::{DVec2, DVec3};
+use eframe::egui::{self, Ui};
 
 use super::Project;
-use super::fields::{is_typed_reverted, numeric, row};
+use super::fields::{is_typed_reverted, row};
 use super::ground::Ground;
-use super::handles::{PlacementPreview, PreviewKey, intersect_plane};
 use super::library::{Library, name};
 use super::list;
 use super::missing;
 use super::object_actions;
-use super::picture::PictureOutput;
-use super::point_picker::Click;
+use super::placement::Placement;
 use super::scene_checks::SceneChecks;
 use super::tilt;
+use super::tool::{Tool, Tools};
 use locard_engine::frame::Frame;
 use locard_engine::gpu::Gpu;
-use locard_engine::plane::Plane;
-use locard_engine::scene::document::{PlacedModel, Up};
-use locard_engine::scene::{
-    Entry, ItemPlacement, Posture, SceneError, SceneFile, SceneItem, Size, place_at_rest, relative,
-};
-use locard_engine::shot::{PosedCamera, Shot, ViewRay};
+use locard_engine::scene::{Entry, ItemPlacement, ModelCache, SceneFile, SceneItem, Size};
 
 /// State of the panel.
 #[derive(Default)]
@@ -35,30 +28,15 @@ pub struct Evidence {
     /// Surface to place on.
     pub ground: Ground,
     scene_checks: SceneChecks,
-    /// The model that the next click places.
-    placing: Option<PathBuf>,
-    preview: PlacementPreview,
-    lies_flat: bool,
-    /// Heading relative to facing the camera.
+    /// Heading of the next placement, relative to facing the camera.
     turned_deg: f64,
-    /// A placement that is turned by dragging. `None` if no surface is known at the pressed point.
-    turning: Option<DraggedTurn>,
-    /// Where the button was pressed, px of the picture.
-    pressed_px: Option<DVec2>,
+    /// Loaded models of placement previews.
+    models: Arc<Mutex<ModelCache>>,
     /// The selection, in the list and in the picture.
     pub selected: Option<SceneItem>,
     renaming: Option<Renaming>,
     /// A missing file of the scene that the user wants to locate.
     pub locates: Option<PathBuf>,
-}
-
-/// A placement at the point of the press whose front follows the pointer.
-#[derive(Clone, Copy, Debug)]
-struct DraggedTurn {
-    at_px: DVec2,
-    support: Plane,
-    /// Heading relative to facing the camera.
-    turned_deg: f64,
 }
 
 /// A name that is being typed: one undo step while its field has the focus.
@@ -72,24 +50,6 @@ struct Renaming {
 }
 
 impl Evidence {
-    /// True if the next click in the picture places a model.
-    pub fn is_placing(&self) -> bool {
-        self.placing.is_some()
-    }
-
-    /// True if Esc has something to cancel.
-    pub fn is_busy(&self) -> bool {
-        self.is_placing() || self.ground.is_busy()
-    }
-
-    pub fn cancel(&mut self) {
-        self.placing = None;
-        self.turning = None;
-        self.pressed_px = None;
-        self.preview.clear();
-        self.ground.cancel();
-    }
-
     /// Drops the selection if the scene no longer has the thing.
     pub fn update_selection(&mut self, project: &Project) {
         let scene = &project.edit().scene;
@@ -103,6 +63,7 @@ impl Evidence {
         project: &mut Project,
         gpu: &Gpu,
         frame: Option<&Arc<Frame>>,
+        tools: &mut Tools,
     ) -> Option<String> {
         let mut message = None;
         ui.strong("Evidence");
@@ -111,12 +72,12 @@ impl Evidence {
             return None;
         }
         self.library.scan(&project.scene_path());
-        let text = self.placing.as_deref().map_or_else(|| "Place…".to_owned(), name);
+        let text = tools.placement().map_or_else(|| "Place…".to_owned(), |placement| name(placement.model()));
         let menu = ui.menu_button(text, |ui| {
             let model = self.library.show(ui, gpu);
             let is_chosen = model.is_some();
             if let Some(model) = model {
-                self.choose(model);
+                self.choose(model, tools);
                 ui.close();
             }
             is_chosen
@@ -132,16 +93,11 @@ impl Evidence {
         menu.response.on_hover_text(
             "Choose a model, then click where it shall lie. A .glb dropped into the window is taken too.",
         );
-        if self.is_placing() {
-            ui.horizontal(|ui| {
-                ui.selectable_value(&mut self.lies_flat, false, "upright");
-                ui.selectable_value(&mut self.lies_flat, true, "flat");
-                let turned = numeric(ui, "turned from facing you", &mut self.turned_deg, 1.0, " °");
-                turned.on_hover_text("0: its front faces you. Positive turns counter-clockwise, seen from above.");
-            });
-            ui.label(RichText::new("Click in the picture, or press and drag to turn it; Esc ends it.").weak());
+        if let Some(placement) = tools.placement_mut() {
+            placement.show(ui);
+            self.turned_deg = placement.turned_deg();
         }
-        if let Some(Ok(said) | Err(said)) = self.ground.show(ui, project) {
+        if let Some(Ok(said) | Err(said)) = self.ground.show(ui, project, tools) {
             message = Some(said);
         }
         ui.separator();
@@ -254,142 +210,18 @@ impl Evidence {
         wrong
     }
 
-    /// Turns a placement by dragging: the thing stays at the point of the press, its front follows
-    /// the pointer. Returns that point when the button is released.
-    pub fn turn(&mut self, picture: &PictureOutput, project: &Project, frame: &Frame) -> Option<DVec2> {
-        let response = &picture.response;
-        let px = |at: egui::Pos2| {
-            let at = picture.placed.picture_px(at);
-            DVec2::new(at.x.into(), at.y.into())
-        };
-        if response.drag_started_by(egui::PointerButton::Primary) {
-            self.pressed_px = response.ctx.input(|i| i.pointer.press_origin()).map(px);
-            self.turning = self.pressed_px.and_then(|at_px| {
-                let support = self.ground.picker.preview(project.shot(), frame, at_px)?;
-                Some(DraggedTurn { at_px, support, turned_deg: self.turned_deg })
-            });
-        }
-        let Some(turning) = self.turning.as_mut() else {
-            // `place` returns the reason.
-            return self.pressed_px.take_if(|_| response.drag_stopped_by(egui::PointerButton::Primary));
-        };
-        if let (Some(at), Ok(eye)) = (response.interact_pointer_pos(), project.shot().posed_camera(frame.index)) {
-            let facing_deg = eye.ray(px(at)).and_then(|ray| facing_deg(&eye, &ray, &turning.support, project.up()));
-            turning.turned_deg = facing_deg.unwrap_or(turning.turned_deg);
-        }
-        let at_px = turning.at_px;
-        let is_done = response.drag_stopped_by(egui::PointerButton::Primary);
-        self.pressed_px.take_if(|_| is_done).map(|_| at_px)
-    }
-
-    /// Places the model on the surface at a pixel. The placement mode continues.
-    pub fn place(&mut self, project: &mut Project, frame: &Frame, at_px: DVec2) -> Result<(), String> {
-        let turned_deg = self.turning.take().map_or(self.turned_deg, |turning| turning.turned_deg);
-        let Some(model) = &self.placing else { return Ok(()) };
-        let support = match self.ground.picker.click(project.shot(), project.up(), frame, at_px)? {
-            Click::Point(support) => support,
-            Click::SecondView(_) => return Ok(()),
-        };
-        let posture = if self.lies_flat { Posture::Flat } else { Posture::Upright };
-        let is_up_undefined = project.is_up_undefined();
-        let up = if is_up_undefined { project.shot().up_on(Some(support.normal)) } else { project.up() };
-        let params = PlacementParams { model: model.clone(), posture, turned_deg, up: Some(up) };
-        let placed = params.lay(project.shot(), frame.index, &support, &project.scene_path());
-        let placed = placed.map_err(|e| e.to_string())?;
-        let what = format!("{}: placed", placed.title());
-        let gauge = project.shot().gauge(frame.index);
-        let put = |scene: &mut SceneFile| {
-            scene.gauge = scene.gauge.or(gauge);
-            scene.up = scene.up.or(is_up_undefined.then(|| Up::Direction(up.to_array())));
-            scene.objects.push(placed);
-        };
-        project.change_scene(&what, put).map_err(|e| e.to_string())?;
-        project.close_step();
-        let entry = Entry { object: project.edit().scene.objects.len() - 1, instance: None };
-        self.selected = Some(entry.into());
-        Ok(())
-    }
-
-    /// Shows the preview of the placement at the pointer.
-    pub fn preview(&mut self, picture: &PictureOutput, project: &Project, frame: &Arc<Frame>) {
-        let turned = self.turning.map(|turning| (turning.at_px, turning.turned_deg));
-        let pointed = picture.pointed.map(|at| (DVec2::new(at.x.into(), at.y.into()), self.turned_deg));
-        let (Some(model), Some((at_px, turned_deg))) = (self.placing.clone(), turned.or(pointed)) else { return };
-        let (lies_flat, file) = (self.lies_flat, project.scene_path());
-        let key = PreviewKey {
-            model: model.clone(),
-            frame: frame.index,
-            at_px,
-            lies_flat,
-            turned_deg,
-            version: project.version(),
-        };
-        let posture = if lies_flat { Posture::Flat } else { Posture::Upright };
-        let up = (!project.is_up_undefined()).then(|| project.up());
-        let params = PlacementParams { model, posture, turned_deg, up };
-        let (picker, of_scene) = (self.ground.picker.clone(), file.clone());
-        self.preview.show(picture, key, project.shot(), frame, file, move |shot, frame| {
-            let support = picker.preview(shot, frame, at_px)?;
-            params.lay(shot, frame.index, &support, &of_scene).ok()
-        });
-    }
-
-    /// The current outline of the placement preview: closed polygons, px of the picture.
-    pub fn preview_outline(&self) -> Option<&[Vec<DVec2>]> {
-        self.preview.outline().map(Vec::as_slice)
-    }
-
     /// Takes a file that was dropped into the window; the next click places it.
-    pub fn drop(&mut self, model: PathBuf) {
+    pub fn drop(&mut self, model: PathBuf, tools: &mut Tools) {
         self.library.add(&model);
-        self.choose(model);
+        self.choose(model, tools);
     }
 
     /// Begins the placement of a model.
-    fn choose(&mut self, model: PathBuf) {
-        self.ground.cancel();
-        self.lies_flat = !is_upright_model(&model);
-        self.placing = Some(model);
+    fn choose(&mut self, model: PathBuf, tools: &mut Tools) {
+        self.ground.cancel_scale();
+        let placement = Placement::new(model, self.turned_deg, Arc::clone(&self.models));
+        tools.begin(Tool::Place(Box::new(placement)));
     }
-}
-
-/// Parameters of a placement on a surface.
-struct PlacementParams {
-    model: PathBuf,
-    posture: Posture,
-    /// Heading relative to facing the camera.
-    turned_deg: f64,
-    /// `None`: derived from the support.
-    up: Option<DVec3>,
-}
-
-impl PlacementParams {
-    /// The entry of the scene file.
-    fn lay(&self, shot: &Shot, frame: usize, support: &Plane, file: &Path) -> Result<PlacedModel, SceneError> {
-        let up = self.up.unwrap_or_else(|| shot.up_preview(Some(support.normal)));
-        let heading = shot.heading_to_camera(frame, support.point_m, up, self.turned_deg);
-        place_at_rest(&relative(&self.model, file), file, support, self.posture, heading, up, None)
-    }
-}
-
-/// Heading, relative to facing the camera, of a thing whose front faces the intersection of a ray
-/// with its support plane, rounded to 1°. `None` within [`MIN_FACING_DISTANCE_M`].
-fn facing_deg(eye: &PosedCamera, ray: &ViewRay, support: &Plane, up: DVec3) -> Option<f64> {
-    let towards = (intersect_plane(support, ray)? - support.point_m).reject_from_normalized(up);
-    let viewer = eye.level_to_viewer(support.point_m, up)?;
-    if towards.length() < MIN_FACING_DISTANCE_M {
-        return None;
-    }
-    let turned = viewer.cross(towards).dot(up).atan2(viewer.dot(towards));
-    Some(turned.to_degrees().round() + 0.0)
-}
-
-/// Smallest distance of the pointed target from the thing at which its direction counts.
-const MIN_FACING_DISTANCE_M: f64 = 0.01;
-
-/// True if models of that name usually stand upright.
-fn is_upright_model(model: &Path) -> bool {
-    name(model).to_lowercase().contains("marker")
 }
 
 /// History label of a renaming.

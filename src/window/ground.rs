@@ -8,7 +8,8 @@ use super::Project;
 use super::fields::{numeric, rounded};
 use super::picture::PictureOutput;
 use super::point_picker::{Click, PointPicker, is_scaled, paint_ring};
-use locard_engine::frame::Frame;
+use super::tool::{ClickContext, Tools};
+use locard_engine::plane::HessePlane;
 use locard_engine::scene::SceneFile;
 use locard_engine::shot::metres_per_unit;
 use locard_engine::support::plane_through;
@@ -16,12 +17,12 @@ use locard_engine::text::fixed;
 
 /// Purpose of picked points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Task {
+enum GroundPurpose {
     Plane,
     Scale,
 }
 
-impl Task {
+impl GroundPurpose {
     fn points(self) -> usize {
         match self {
             Self::Plane => 3,
@@ -30,95 +31,113 @@ impl Task {
     }
 }
 
+/// Picks the points of a plane or of a scale.
+#[derive(Clone, Debug)]
+pub struct GroundPick {
+    purpose: GroundPurpose,
+    picker: PointPicker,
+    points_m: Vec<DVec3>,
+}
+
+impl GroundPick {
+    fn new(purpose: GroundPurpose) -> Self {
+        Self { purpose, picker: PointPicker::default(), points_m: Vec::new() }
+    }
+
+    /// True if no further point is needed.
+    pub fn is_complete(&self) -> bool {
+        self.points_m.len() == self.purpose.points()
+    }
+
+    /// Handles a click. Returns a message.
+    pub fn click(&mut self, context: ClickContext<'_>, at_px: DVec2) -> Result<Option<String>, String> {
+        let ClickContext { project, ground, frame, .. } = context;
+        let (shot, plane, up) = (project.shot(), ground.plane, project.up());
+        let (support, accuracy) = match self.picker.click(plane, shot, up, frame, at_px)? {
+            Click::SecondView(text) => return Ok(Some(text)),
+            Click::Point { support, accuracy } => (support, accuracy),
+        };
+        self.points_m.push(support.point_m);
+        match (self.purpose, self.points_m.as_slice()) {
+            (GroundPurpose::Scale, [a, b]) => ground.scale_points_m = Some([*a, *b]),
+            (GroundPurpose::Plane, [a, _, _]) => {
+                let eye = shot.recording.pose_at_frame(frame.index).map_err(|e| e.to_string())?.position_in_world_m();
+                let towards = shot.recording.up.unwrap_or(eye - *a);
+                let plane = plane_through(&self.points_m).map(|fit| fit.plane.facing(towards));
+                ground.plane = Some(plane.map_err(|e| e.to_string())?);
+                return Ok(Some("Things are placed on the plane through the three points.".to_owned()));
+            }
+            _ => {}
+        }
+        Ok(accuracy)
+    }
+
+    /// Paints the picked points and an instruction.
+    pub fn paint(&self, picture: &PictureOutput, project: &Project, frame: usize) {
+        paint_points(&self.points_m, picture, project, frame);
+        if !self.picker.awaits_second_view() {
+            let (number, all) = (self.points_m.len() + 1, self.purpose.points());
+            picture.prompt(&match self.purpose {
+                GroundPurpose::Plane => format!("Click three points of the surface ({number} of {all})"),
+                GroundPurpose::Scale => format!("Click two points whose distance you know ({number} of {all})"),
+            });
+        }
+        self.picker.paint(picture, project.shot(), frame);
+    }
+}
+
+fn paint_points(points_m: &[DVec3], picture: &PictureOutput, project: &Project, frame: usize) {
+    let Ok(eye) = project.shot().posed_camera(frame) else { return };
+    for (n, point) in points_m.iter().enumerate() {
+        if let Some(px) = eye.project(*point) {
+            paint_ring(picture, picture.placed.screen(vec2(px.x as f32, px.y as f32)), &(n + 1).to_string());
+        }
+    }
+}
+
 /// State of the surface and scale controls.
 #[derive(Clone, Debug)]
 pub struct Ground {
-    pub picker: PointPicker,
-    task: Option<Task>,
-    /// Picked points of the task.
-    points_m: Vec<DVec3>,
-    /// True distance of the two points of a scale, as entered.
+    /// Surface to place on, instead of the one that the depth shows.
+    pub plane: Option<HessePlane>,
+    /// Picked points whose true distance the user enters.
+    scale_points_m: Option<[DVec3; 2]>,
+    /// True distance of the two points, as entered.
     distance_m: f64,
 }
 
 impl Default for Ground {
     fn default() -> Self {
-        Self { picker: PointPicker::default(), task: None, points_m: Vec::new(), distance_m: 1.0 }
+        Self { plane: None, scale_points_m: None, distance_m: 1.0 }
     }
 }
 
 impl Ground {
-    /// True if the next click in the picture picks a point of a plane or a scale.
-    pub fn is_picking(&self) -> bool {
-        self.task.is_some_and(|task| self.points_m.len() < task.points())
+    /// Drops the picked points of a scale. Returns false if there are none.
+    pub fn cancel_scale(&mut self) -> bool {
+        self.scale_points_m.take().is_some()
     }
 
-    /// True if a plane, a scale or a point is incomplete.
-    pub fn is_busy(&self) -> bool {
-        self.task.is_some() || self.picker.awaits_second_view()
-    }
-
-    pub fn cancel(&mut self) {
-        self.picker.cancel();
-        (self.task, self.points_m) = (None, Vec::new());
-    }
-
-    fn begin(&mut self, task: Task) {
-        self.cancel();
-        self.task = Some(task);
-        if task == Task::Plane {
-            self.picker.plane = None;
+    fn begin(&mut self, purpose: GroundPurpose, tools: &mut Tools) {
+        self.cancel_scale();
+        if purpose == GroundPurpose::Plane {
+            self.plane = None;
         }
+        tools.pick_ground(GroundPick::new(purpose));
     }
 
-    /// Handles a click for the plane or the scale. Returns a message.
-    pub fn click(&mut self, project: &Project, frame: &Frame, at_px: DVec2) -> Result<Option<String>, String> {
-        let Some(task) = self.task else { return Ok(None) };
-        let shot = project.shot();
-        let support = match self.picker.click(shot, project.up(), frame, at_px)? {
-            Click::SecondView(text) => return Ok(Some(text)),
-            Click::Point(support) => support,
-        };
-        self.points_m.push(support.point_m);
-        if task != Task::Plane || self.points_m.len() < task.points() {
-            return Ok(self.picker.accuracy.clone());
-        }
-        let eye = shot.recording.pose_at_frame(frame.index).map_err(|e| e.to_string())?.position_in_world_m();
-        let towards = shot.recording.up.unwrap_or(eye - self.points_m[0]);
-        let plane = plane_through(&self.points_m).map(|fit| fit.plane.facing(towards));
-        self.cancel();
-        self.picker.plane = Some(plane.map_err(|e| e.to_string())?);
-        Ok(Some("Things are placed on the plane through the three points.".to_owned()))
-    }
-
-    /// Paints the picked points and an instruction.
+    /// Paints the picked points of a scale.
     pub fn paint(&self, picture: &PictureOutput, project: &Project, frame: usize) {
-        if let Ok(eye) = project.shot().posed_camera(frame) {
-            for (n, point) in self.points_m.iter().enumerate() {
-                if let Some(px) = eye.project(*point) {
-                    paint_ring(picture, picture.placed.screen(vec2(px.x as f32, px.y as f32)), &(n + 1).to_string());
-                }
-            }
-        }
-        match self.task.filter(|_| self.is_picking() && !self.picker.awaits_second_view()) {
-            Some(Task::Plane) => {
-                picture.prompt(&format!("Click three points of the surface ({} of 3)", self.points_m.len() + 1))
-            }
-            Some(Task::Scale) => {
-                picture.prompt(&format!("Click two points whose distance you know ({} of 2)", self.points_m.len() + 1))
-            }
-            None => {}
-        }
-        self.picker.paint(picture, project.shot(), frame);
+        paint_points(self.scale_points_m.as_ref().map_or(&[], |points| points), picture, project, frame);
     }
 
     /// Shows the controls. Returns a message or an error.
-    pub fn show(&mut self, ui: &mut Ui, project: &mut Project) -> Option<Result<String, String>> {
+    pub fn show(&mut self, ui: &mut Ui, project: &mut Project, tools: &mut Tools) -> Option<Result<String, String>> {
         let has_depth = project.shot().recording.has_depth();
         let is_metric = project.shot().recording.kind.is_metric();
         ui.horizontal_wrapped(|ui| {
             ui.label("Surface");
-            match self.picker.plane {
+            match self.plane {
                 Some(_) => {
                     ui.label("a plane");
                     let back = if has_depth {
@@ -129,7 +148,7 @@ impl Ground {
                         "None"
                     };
                     if ui.button(back).clicked() {
-                        self.picker.plane = None;
+                        self.plane = None;
                     }
                 }
                 None if has_depth => _ = ui.label("as the depth shows"),
@@ -141,7 +160,7 @@ impl Ground {
             }
             let hint = "Click three points of a floor or a desk; things are placed on the plane through them.";
             if ui.button("Three points…").on_hover_text(hint).clicked() {
-                self.begin(Task::Plane);
+                self.begin(GroundPurpose::Plane, tools);
             }
         });
         if is_metric {
@@ -156,11 +175,10 @@ impl Ground {
             }
             let hint = "Click two points whose true distance you know.";
             if ui.button("Two points…").on_hover_text(hint).clicked() {
-                self.begin(Task::Scale);
+                self.begin(GroundPurpose::Scale, tools);
             }
         });
-        let (Some(Task::Scale), [a, b]) = (self.task, self.points_m.as_slice()) else { return None };
-        let (a, b) = (*a, *b);
+        let [a, b] = self.scale_points_m?;
         let mut result = None;
         ui.horizontal_wrapped(|ui| {
             ui.label("Distance");
@@ -170,14 +188,14 @@ impl Ground {
                 result = Some(set_scale(project, a, b, self.distance_m));
             }
             if ui.button("Cancel").clicked() {
-                self.cancel();
+                self.cancel_scale();
             }
         });
         let unit = if is_scaled(project.shot()) { "m" } else { "units" };
         ui.label(RichText::new(format!("Now it is {} {unit}.", fixed(a.distance(b), 4))).weak());
         if matches!(result, Some(Ok(_))) {
-            self.cancel();
-            self.picker.plane = None;
+            self.cancel_scale();
+            self.plane = None;
         }
         result
     }

@@ -9,157 +9,134 @@ use super::Project;
 use super::environment_light;
 use super::fields::{color_picker, rounded, row};
 use super::object_actions;
-use super::point_picker::PointPicker;
+use super::point_picker::surface_point;
 use super::theme;
+use super::tool::{ClickContext, Tools};
 use locard_engine::frame::Frame;
 use locard_engine::scene::document::{Color, LampTable};
 use locard_engine::scene::{Scene, SceneItem, bounds_m};
 use locard_engine::shot::FramePoint;
 
-/// Purpose of the next click in the picture.
+/// Purpose of a click in the picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Pick {
+pub enum LampPick {
     /// Position of a new lamp.
-    Lamp,
+    Position,
     /// A white surface to match the light to.
     White,
-}
-
-/// The panel of the scene's light.
-#[derive(Default)]
-pub struct Lamps {
-    pick: Option<Pick>,
 }
 
 /// Default height of a lamp above the centre of the scene, m.
 const DEFAULT_HEIGHT_M: f64 = 1.0;
 const DEFAULT_HEIGHT_NOTE: &str = "No depth here: the lamp hangs 1 m above the scene's middle.";
 
-impl Lamps {
-    /// True if the panel uses the next click in the picture.
-    pub fn is_picking(&self) -> bool {
-        self.pick.is_some()
-    }
-
-    /// Instruction for the next click.
-    pub fn prompt(&self) -> &'static str {
-        match self.pick {
-            Some(Pick::White) => "Click on white paper or paint in the light. Esc ends it",
-            _ => "Click where the lamp shall be. Esc ends it",
+impl LampPick {
+    /// Instruction for the click.
+    pub fn prompt(self) -> &'static str {
+        match self {
+            Self::White => "Click on white paper or paint in the light. Esc ends it",
+            Self::Position => "Click where the lamp shall be. Esc ends it",
         }
-    }
-
-    pub fn cancel(&mut self) {
-        self.pick = None;
-    }
-
-    /// Shows the list and the controls of the selected lamp. Returns a message.
-    pub fn show(
-        &mut self,
-        ui: &mut Ui,
-        project: &mut Project,
-        frame: Option<&Arc<Frame>>,
-        selected: &mut Option<SceneItem>,
-    ) -> Option<String> {
-        if !project.can_place() {
-            return None;
-        }
-        ui.separator();
-        ui.strong("Light");
-        let has_depth = frame.is_some_and(|frame| frame.depth.is_some());
-        let mut message = environment_light::show(ui, project);
-        if has_depth && !project.is_lit_by_models() {
-            let is_picking = self.pick == Some(Pick::White);
-            let hint = "Then click on white paper or paint: all light becomes as bright and gets the colour that it shows there.";
-            let matched = egui::Button::selectable(is_picking, "Match white").frame_when_inactive(true);
-            if ui.add(matched).on_hover_text(hint).clicked() {
-                self.pick = (!is_picking).then_some(Pick::White);
-            }
-        }
-        ui.strong("Lamps");
-        for (n, lamp) in project.edit().scene.light.lamp.clone().iter().enumerate() {
-            let thing = SceneItem::Lamp(n);
-            ui.horizontal(|ui| {
-                let (rect, _) = ui.allocate_exact_size(vec2(12.0, 12.0), egui::Sense::hover());
-                ui.painter().circle(
-                    rect.center(),
-                    5.0,
-                    theme::of_light(lamp.rgb()),
-                    ui.visuals().widgets.noninteractive.fg_stroke,
-                );
-                let is_selected = *selected == Some(thing);
-                if ui.selectable_label(is_selected, project.edit().scene.title(thing)).clicked() {
-                    *selected = (!is_selected).then_some(thing);
-                }
-            });
-        }
-        let hint = if has_depth {
-            "Then click where it shall be; where no depth is, it hangs 1 m above the scene's middle."
-        } else {
-            "1 m above the scene's middle, to be moved from there."
-        };
-        let add = egui::Button::selectable(self.pick == Some(Pick::Lamp), "Add lamp").frame_when_inactive(true);
-        if ui.add(add).on_hover_text(hint).clicked() {
-            // Without a camera pose the picture shows why no lamp can be placed.
-            let has_camera = frame.is_some_and(|frame| project.shot().posed_camera(frame.index).is_ok());
-            if has_depth || !has_camera {
-                self.pick = (self.pick != Some(Pick::Lamp)).then_some(Pick::Lamp);
-            } else {
-                let added = self.add(project, default_position_m(project), selected);
-                message = Some(added.map_or_else(|why| why, |()| DEFAULT_HEIGHT_NOTE.to_owned()));
-            }
-        }
-        if let Some(SceneItem::Lamp(n)) = *selected
-            && let Some(lamp) = project.edit().scene.light.lamp.get(n).cloned()
-        {
-            ui.separator();
-            ui.label(project.edit().scene.title(SceneItem::Lamp(n)));
-            message = fields(ui, project, n, &lamp).or(message);
-            ui.horizontal(|ui| {
-                if ui.button("Duplicate").on_hover_text("Shift+D, and move it").clicked() {
-                    message = object_actions::duplicate(project, selected);
-                }
-                if ui.button("Delete").on_hover_text("Del").clicked() {
-                    message = object_actions::delete(project, selected);
-                }
-            });
-        }
-        message
     }
 
     /// Handles a click in the picture: matches the light to a white surface, or adds a lamp that
     /// touches the surface. Returns a message.
-    pub fn pick(
-        &mut self,
-        project: &mut Project,
-        picker: &PointPicker,
-        frame: &Frame,
-        at_px: DVec2,
-        selected: &mut Option<SceneItem>,
-    ) -> Result<Option<String>, String> {
-        if self.pick == Some(Pick::White) {
-            let matched = project.match_white(FramePoint { frame: frame.index, at_px })?;
-            self.pick = None;
-            return Ok(Some(matched));
+    pub fn click(self, context: ClickContext<'_>, at_px: DVec2) -> Result<Option<String>, String> {
+        let ClickContext { project, ground, frame, selected } = context;
+        if self == Self::White {
+            return project.match_white(FramePoint { frame: frame.index, at_px }).map(Some);
         }
-        match picker.preview(project.shot(), frame, at_px) {
+        match surface_point(ground.plane, project.shot(), frame, at_px) {
             Some(support) => {
                 let radius_m = 0.5 * LampTable::default().diameter_or_default_m();
-                self.add(project, support.point_m + radius_m * support.normal, selected)?;
+                *selected = Some(project.add_lamp(support.point_m + radius_m * support.normal)?);
                 Ok(None)
             }
-            None => {
-                self.add(project, default_position_m(project), selected)?;
-                Ok(Some(DEFAULT_HEIGHT_NOTE.to_owned()))
-            }
+            None => add_above_centre(project, selected).map(Some),
         }
     }
+}
 
-    fn add(&mut self, project: &mut Project, at_m: DVec3, selected: &mut Option<SceneItem>) -> Result<(), String> {
-        self.pick = None;
-        *selected = Some(project.add_lamp(at_m)?);
-        Ok(())
+/// Adds a lamp above the centre of the scene. Returns a note.
+fn add_above_centre(project: &mut Project, selected: &mut Option<SceneItem>) -> Result<String, String> {
+    *selected = Some(project.add_lamp(default_position_m(project))?);
+    Ok(DEFAULT_HEIGHT_NOTE.to_owned())
+}
+
+/// Shows the panel of the scene's light: white matching, the lamps, and the controls of the selected
+/// one. Returns a message.
+pub fn show(
+    ui: &mut Ui,
+    project: &mut Project,
+    frame: Option<&Arc<Frame>>,
+    selected: &mut Option<SceneItem>,
+    tools: &mut Tools,
+) -> Option<String> {
+    if !project.can_place() {
+        return None;
     }
+    ui.separator();
+    ui.strong("Light");
+    let has_depth = frame.is_some_and(|frame| frame.depth.is_some());
+    let mut message = environment_light::show(ui, project);
+    if has_depth && !project.is_lit_by_models() {
+        let is_picking = tools.lamp_pick() == Some(LampPick::White);
+        let hint =
+            "Then click on white paper or paint: all light becomes as bright and gets the colour that it shows there.";
+        let matched = egui::Button::selectable(is_picking, "Match white").frame_when_inactive(true);
+        if ui.add(matched).on_hover_text(hint).clicked() {
+            tools.toggle_lamp_pick(LampPick::White);
+        }
+    }
+    ui.strong("Lamps");
+    for (n, lamp) in project.edit().scene.light.lamp.clone().iter().enumerate() {
+        let thing = SceneItem::Lamp(n);
+        ui.horizontal(|ui| {
+            let (rect, _) = ui.allocate_exact_size(vec2(12.0, 12.0), egui::Sense::hover());
+            ui.painter().circle(
+                rect.center(),
+                5.0,
+                theme::of_light(lamp.rgb()),
+                ui.visuals().widgets.noninteractive.fg_stroke,
+            );
+            let is_selected = *selected == Some(thing);
+            if ui.selectable_label(is_selected, project.edit().scene.title(thing)).clicked() {
+                *selected = (!is_selected).then_some(thing);
+            }
+        });
+    }
+    let hint = if has_depth {
+        "Then click where it shall be; where no depth is, it hangs 1 m above the scene's middle."
+    } else {
+        "1 m above the scene's middle, to be moved from there."
+    };
+    let add =
+        egui::Button::selectable(tools.lamp_pick() == Some(LampPick::Position), "Add lamp").frame_when_inactive(true);
+    if ui.add(add).on_hover_text(hint).clicked() {
+        // Without a camera pose the picture shows why no lamp can be placed.
+        let has_camera = frame.is_some_and(|frame| project.shot().posed_camera(frame.index).is_ok());
+        if has_depth || !has_camera {
+            tools.toggle_lamp_pick(LampPick::Position);
+        } else {
+            message = Some(add_above_centre(project, selected).unwrap_or_else(|why| why));
+        }
+    }
+    if let Some(SceneItem::Lamp(n)) = *selected
+        && let Some(lamp) = project.edit().scene.light.lamp.get(n).cloned()
+    {
+        ui.separator();
+        ui.label(project.edit().scene.title(SceneItem::Lamp(n)));
+        message = fields(ui, project, n, &lamp).or(message);
+        ui.horizontal(|ui| {
+            if ui.button("Duplicate").on_hover_text("Shift+D, and move it").clicked() {
+                message = object_actions::duplicate(project, selected);
+            }
+            if ui.button("Delete").on_hover_text("Del").clicked() {
+                message = object_actions::delete(project, selected);
+            }
+        });
+    }
+    message
 }
 
 /// Point above the centre of the scene's bounding box; above the world's origin in an empty scene.

@@ -22,7 +22,7 @@
 //!   `brightness_plot`, `gpu_times`, `plots`, `matching` with `analysis` and `pointer_probe`,
 //!   `calibrating` with `calibration_messages`.
 //! - Scene: `evidence`, `library`, `list`, `object_actions`, `scene_checks`, `missing`, `tilt`,
-//!   `lamps`, `environment_light`, `ground` with `point_picker`, `handles`, `region_picker`,
+//!   `lamps`, `environment_light`, `ground`, `handles`,
 //!   `keyboard_cursor`, `obstacle`, `notice`, `warnings`.
 //! - Background work: `task` (one-shot) and `background` (the latest request wins).
 
@@ -75,6 +75,7 @@ mod output;
 mod painter;
 mod picture;
 mod picture_transform;
+mod placement;
 mod player;
 mod plots;
 mod point_picker;
@@ -103,6 +104,7 @@ mod thumbnails;
 mod tilt;
 mod timeline;
 mod titles;
+mod tool;
 mod viewer;
 mod warnings;
 mod window_size;

@@ -15,9 +15,10 @@ use super::picture::{PictureOutput, plate};
 use super::plots::{self, Axes, DataSource};
 use super::pointer_probe::PointerProbe;
 use super::progress;
-use super::region_picker::{self, RegionPicker, RegionPrompt, RegionPurpose};
+use super::region_picker::{self, RegionPrompt, RegionPurpose};
 use super::session::Session;
 use super::theme::MIN_TEXT_PT;
+use super::tool::Tools;
 use locard_engine::calibrate::{NoisePoint, sharpness, sigma_over_profile};
 use locard_engine::camera::NoiseProfile;
 use locard_engine::measure::slanted::{MIN_EXTENT_PX, SlantedEdge};
@@ -80,11 +81,11 @@ impl Matching {
         &mut self,
         ui: &mut Ui,
         session: &mut Session,
-        picker: &mut RegionPicker,
+        tools: &mut Tools,
         pointed: Option<DVec2>,
         picked: Option<&[Vec<NoisePoint>; 3]>,
     ) {
-        self.take_picked(picker);
+        self.take_picked(tools);
         let mut wanted = AnalysisRequest::default();
         ui.horizontal(|ui| {
             plots::choose_channel(ui, &mut self.channel);
@@ -106,14 +107,14 @@ impl Matching {
             let good = "Good: neither side has darker blacks or brighter whites than the light explains.";
             wanted.histograms = section(ui, "Brightness", false, good, |ui| self.histograms(ui));
             let good = "Good: both curves rise alike, and the widths agree within their uncertainty.";
-            if section(ui, "Edges", false, good, |ui| self.edges(ui, picker)) {
+            if section(ui, "Edges", false, good, |ui| self.edges(ui, tools)) {
                 wanted.edges = self.edges;
                 wanted.edges_of = edge_signal(self.edges_of);
             }
             let good = "Good: real edges near the pointer look as long and as soft as this says.";
             section(ui, "Blur at the pointer", true, good, |ui| blur(ui, session, pointed));
             let good = "Good: a flat line, or exposure that follows it. Steps are the camera's automatic exposure.";
-            if !section(ui, "A patch over the frames", false, good, |ui| self.patch(ui, session, picker)) {
+            if !section(ui, "A patch over the frames", false, good, |ui| self.patch(ui, session, tools)) {
                 self.brightness.cancel();
             }
             let good = "Good: what you see. Objects follow it where the effect Exposure is on and told to follow.";
@@ -137,14 +138,11 @@ impl Matching {
         self.brightness.cancel();
     }
 
-    fn take_picked(&mut self, picker: &mut RegionPicker) {
+    fn take_picked(&mut self, tools: &mut Tools) {
         for (edge, purpose) in self.edges.iter_mut().zip([RegionPurpose::RealEdge, RegionPurpose::VirtualEdge]) {
-            *edge = picker.take_region(purpose).and_then(|places| region_picker::pixel_rect(&places)).or(*edge);
+            *edge = tools.take_region(purpose).or(*edge);
         }
-        self.patch = picker
-            .take_region(RegionPurpose::Patch)
-            .and_then(|places| region_picker::pixel_rect(&places))
-            .or(self.patch);
+        self.patch = tools.take_region(RegionPurpose::Patch).or(self.patch);
     }
 
     /// Starts the analysis of the displayed frame if its inputs changed.
@@ -248,13 +246,13 @@ impl Matching {
         }
     }
 
-    fn edges(&mut self, ui: &mut Ui, picker: &mut RegionPicker) {
+    fn edges(&mut self, ui: &mut Ui, tools: &mut Tools) {
         ui.horizontal(|ui| {
             let edge = |purpose, hint| RegionPrompt { purpose, hint, min_side_px: MIN_EXTENT_PX, repeats: false };
             let hint = GOOD_EDGE;
-            picker.button(ui, "Pick a real edge", edge(RegionPurpose::RealEdge, hint));
+            region_picker::button(ui, "Pick a real edge", tools, edge(RegionPurpose::RealEdge, hint));
             let hint = "Drag a rectangle that one straight edge of something virtual crosses from side to side, between two plain parts";
-            picker.button(ui, "Pick a virtual edge", edge(RegionPurpose::VirtualEdge, hint));
+            region_picker::button(ui, "Pick a virtual edge", tools, edge(RegionPurpose::VirtualEdge, hint));
         });
         if self.edges != [None; 2] {
             ui.horizontal(|ui| plots::choose_luma_or_channel(ui, &mut self.edges_of));
@@ -292,13 +290,10 @@ impl Matching {
         plot_rejected_edges(ui, out);
     }
 
-    fn patch(&mut self, ui: &mut Ui, session: &Session, picker: &mut RegionPicker) {
+    fn patch(&mut self, ui: &mut Ui, session: &Session, tools: &mut Tools) {
         let hint = "Drag a rectangle: its mean brightness is followed through the frames";
-        picker.button(
-            ui,
-            "Pick a patch",
-            RegionPrompt { purpose: RegionPurpose::Patch, hint, min_side_px: 1, repeats: false },
-        );
+        let prompt = RegionPrompt { purpose: RegionPurpose::Patch, hint, min_side_px: 1, repeats: false };
+        region_picker::button(ui, "Pick a patch", tools, prompt);
         let Some(patch) = self.patch.filter(|_| !session.is_live()) else { return };
         let recording = Arc::clone(&session.project.shot().recording);
         self.brightness.request(ui.ctx(), patch, move |ticket| means(&recording, patch, ticket));

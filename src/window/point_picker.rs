@@ -14,20 +14,33 @@ use locard_engine::text::fixed;
 /// Picks points of the world, one after another.
 #[derive(Clone, Debug, Default)]
 pub struct PointPicker {
-    /// Overrides the depth.
-    pub plane: Option<HessePlane>,
     /// First view of a point that needs two.
     first: Option<FramePoint>,
-    /// Text about the uncertainty of the last point.
-    pub accuracy: Option<String>,
 }
 
 /// Result of a click.
 #[derive(Clone, Debug)]
 pub enum Click {
-    Point(Plane),
+    Point {
+        support: Plane,
+        /// Text about the uncertainty of a triangulated point.
+        accuracy: Option<String>,
+    },
     /// The same point must be clicked in another frame; with an instruction for the user.
     SecondView(String),
+}
+
+/// Plane for clicks: the chosen one, or the recording's floor if the frame has no depth.
+fn plane_of(chosen: Option<HessePlane>, shot: &Shot, frame: &Frame) -> Option<HessePlane> {
+    chosen.or_else(|| shot.floor().filter(|_| frame.depth.is_none()))
+}
+
+/// The point at a pixel, if one click is enough. A chosen plane overrides the depth.
+pub fn surface_point(chosen: Option<HessePlane>, shot: &Shot, frame: &Frame, at_px: DVec2) -> Option<Plane> {
+    match plane_of(chosen, shot, frame) {
+        Some(plane) => shot.support_on_plane(frame.index, at_px, plane.coefficients()).ok(),
+        None => Some(shot.placement_preview(frame, at_px).ok()?.plane),
+    }
 }
 
 impl PointPicker {
@@ -41,26 +54,21 @@ impl PointPicker {
         self.first.is_some()
     }
 
-    /// Plane for clicks: the chosen one, or the recording's floor if the frame has no depth.
-    fn plane(&self, shot: &Shot, frame: &Frame) -> Option<HessePlane> {
-        self.plane.or_else(|| shot.floor().filter(|_| frame.depth.is_none()))
-    }
-
-    /// The point at a pixel, if one click is enough.
-    pub fn preview(&self, shot: &Shot, frame: &Frame, at_px: DVec2) -> Option<Plane> {
-        match (self.first, self.plane(shot, frame)) {
-            (Some(_), _) => None,
-            (None, Some(plane)) => shot.support_on_plane(frame.index, at_px, plane.coefficients()).ok(),
-            (None, None) => Some(shot.placement_preview(frame, at_px).ok()?.plane),
-        }
-    }
-
-    /// Takes a click in a frame.
-    pub fn click(&mut self, shot: &Shot, up: DVec3, frame: &Frame, at_px: DVec2) -> Result<Click, String> {
-        self.accuracy = None;
-        if let (Some(plane), None) = (self.plane(shot, frame), self.first) {
-            let support = shot.support_on_plane(frame.index, at_px, plane.coefficients()).map_err(|e| e.to_string())?;
-            return Ok(Click::Point(support));
+    /// Takes a click in a frame. A chosen plane overrides the depth. `up` is the normal of a
+    /// triangulated point.
+    pub fn click(
+        &mut self,
+        chosen: Option<HessePlane>,
+        shot: &Shot,
+        up: DVec3,
+        frame: &Frame,
+        at_px: DVec2,
+    ) -> Result<Click, String> {
+        let point = |support: Plane| Ok(Click::Point { support, accuracy: None });
+        if let (Some(plane), None) = (plane_of(chosen, shot, frame), self.first) {
+            return point(
+                shot.support_on_plane(frame.index, at_px, plane.coefficients()).map_err(|error| error.to_string())?,
+            );
         }
         let view = FramePoint { frame: frame.index, at_px };
         if let Some(first) = self.first {
@@ -68,24 +76,28 @@ impl PointPicker {
                 self.first = Some(view);
                 return Ok(Click::SecondView(second_view_prompt()));
             }
-            let point = shot.triangulate(&[first, view]).map_err(|e| e.to_string())?;
-            self.first = None;
-            let within = if is_scaled(shot) {
-                format!("{:.0} mm", 1e3 * point.sigma_m)
-            } else {
-                format!("{} units", fixed(point.sigma_m, 3))
-            };
-            self.accuracy = Some(format!("The point is known within {within}"));
-            return Ok(Click::Point(Plane { point_m: point.point_m, normal: up }));
+            return self.triangulate(shot, up, first, view);
         }
         match shot.placement_surface(frame, at_px) {
-            Ok(surface) => Ok(Click::Point(surface.plane)),
+            Ok(surface) => point(surface.plane),
             Err(SurfaceError::NoDepth { .. }) => {
                 self.first = Some(view);
                 Ok(Click::SecondView(second_view_prompt()))
             }
             Err(error) => Err(surface_text(&error)),
         }
+    }
+
+    fn triangulate(&mut self, shot: &Shot, up: DVec3, first: FramePoint, second: FramePoint) -> Result<Click, String> {
+        let point = shot.triangulate(&[first, second]).map_err(|error| error.to_string())?;
+        self.first = None;
+        let within = if is_scaled(shot) {
+            format!("{:.0} mm", 1e3 * point.sigma_m)
+        } else {
+            format!("{} units", fixed(point.sigma_m, 3))
+        };
+        let accuracy = Some(format!("The point is known within {within}"));
+        Ok(Click::Point { support: Plane { point_m: point.point_m, normal: up }, accuracy })
     }
 
     /// Paints the first view of a point, or in other frames its epipolar line.
@@ -153,21 +165,28 @@ mod tests {
         let [near, far] = [30, 50].map(|frame| shot.read(frame).unwrap());
         let mut picker = PointPicker::default();
         let found = |click: Result<Click, String>| match click {
-            Ok(Click::Point(support)) => support.point_m,
+            Ok(Click::Point { support, .. }) => support.point_m,
             other => panic!("{other:?}"),
         };
         // The simulated depth is noisy by 1.5 mm.
-        assert!(found(picker.click(&shot, DVec3::Z, &near, projected_px(30))).distance(point) < 2e-3);
+        assert!(found(picker.click(None, &shot, DVec3::Z, &near, projected_px(30))).distance(point) < 2e-3);
         let bare = |frame: &Frame| Frame { depth: None, ..frame.clone() };
-        assert!(matches!(picker.click(&shot, DVec3::Z, &bare(&near), DVec2::new(9.0, 9.0)), Ok(Click::SecondView(_))));
+        assert!(matches!(
+            picker.click(None, &shot, DVec3::Z, &bare(&near), DVec2::new(9.0, 9.0)),
+            Ok(Click::SecondView(_))
+        ));
         // Another click in the same frame replaces the first view.
-        assert!(matches!(picker.click(&shot, DVec3::Z, &bare(&near), projected_px(30)), Ok(Click::SecondView(_))));
+        assert!(matches!(
+            picker.click(None, &shot, DVec3::Z, &bare(&near), projected_px(30)),
+            Ok(Click::SecondView(_))
+        ));
         assert!(picker.awaits_second_view());
         // A rejected second view can be clicked again.
-        picker.click(&shot, DVec3::Z, &bare(&far), DVec2::new(3.0, 3.0)).unwrap_err();
-        assert!(found(picker.click(&shot, DVec3::Z, &bare(&far), projected_px(50))).distance(point) < 1e-4);
-        assert!(!picker.awaits_second_view() && picker.accuracy.is_some());
-        picker.plane = Some(HessePlane { normal: DVec3::Z, offset_m: 0.0 });
-        assert!(found(picker.click(&shot, DVec3::Z, &bare(&near), projected_px(30))).distance(point) < 1e-6);
+        picker.click(None, &shot, DVec3::Z, &bare(&far), DVec2::new(3.0, 3.0)).unwrap_err();
+        let second = picker.click(None, &shot, DVec3::Z, &bare(&far), projected_px(50));
+        assert!(matches!(second, Ok(Click::Point { accuracy: Some(_), .. })) && found(second).distance(point) < 1e-4);
+        assert!(!picker.awaits_second_view());
+        let plane = Some(HessePlane { normal: DVec3::Z, offset_m: 0.0 });
+        assert!(found(picker.click(plane, &shot, DVec3::Z, &bare(&near), projected_px(30))).distance(point) < 1e-6);
     }
 }

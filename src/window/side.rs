@@ -7,8 +7,8 @@ use super::calibrating::Calibrating;
 use super::controls::Controls;
 use super::matching::{self, Matching};
 use super::picture::PictureOutput;
-use super::region_picker::RegionPicker;
 use super::session::Session;
+use super::tool::Tools;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Tab {
@@ -31,11 +31,11 @@ pub struct Side {
 
 impl Side {
     /// Shows the chosen tab. Returns the error of a rejected value.
-    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, picker: &mut RegionPicker) -> Option<String> {
-        fixed(ui, |ui| self.within(ui, session, picker))
+    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, tools: &mut Tools) -> Option<String> {
+        fixed(ui, |ui| self.within(ui, session, tools))
     }
 
-    fn within(&mut self, ui: &mut Ui, session: &mut Session, picker: &mut RegionPicker) -> Option<String> {
+    fn within(&mut self, ui: &mut Ui, session: &mut Session, tools: &mut Tools) -> Option<String> {
         // In every tab, since the user may be holding a board.
         self.calibrating.process_newest(session);
         let before = self.tab;
@@ -47,7 +47,7 @@ impl Side {
         ui.separator();
         if self.tab != before {
             // Cancels region picking of the previous tab.
-            picker.cancel();
+            tools.cancel_region_pick();
         }
         if self.tab != Tab::Match {
             self.matching.cancel();
@@ -62,9 +62,9 @@ impl Side {
             }
             Tab::Match => {
                 let picked = self.calibrating.points();
-                self.matching.show(ui, session, picker, self.pointed, picked);
+                self.matching.show(ui, session, tools, self.pointed, picked);
             }
-            Tab::Calibrate => self.calibrating.show(ui, session, picker),
+            Tab::Calibrate => self.calibrating.show(ui, session, tools),
         }
         None
     }

@@ -69,11 +69,7 @@ impl App {
             Action::Keys => self.shows_keys = !self.shows_keys,
             Action::Leave => {
                 // Cancels a started action first, then closes windows.
-                let was_active =
-                    self.region_picker.active_purpose().is_some() || self.evidence.is_busy() || self.lamps.is_picking();
-                self.region_picker.cancel();
-                self.evidence.cancel();
-                self.lamps.cancel();
+                let was_active = self.tools.cancel() | self.evidence.ground.cancel_scale();
                 let was_open = self.shows_keys || self.shows_history;
                 if !was_active && !(self.documents.close_windows() | was_open) {
                     self.evidence.selected = None;
@@ -93,15 +89,16 @@ impl App {
         if self.documents.is_dialog_open() || ctx.memory(|memory| memory.top_modal_layer().is_some()) {
             return;
         }
-        let needs_point = self.evidence.is_placing() || self.evidence.ground.is_picking() || self.lamps.is_picking();
-        match self.session.frame().filter(|_| needs_point && !ctx.egui_wants_keyboard_input()) {
+        let picks_point = self.tools.active().picks_point();
+        match self.session.frame().filter(|_| picks_point && !ctx.egui_wants_keyboard_input()) {
             Some(frame) => {
                 let size = egui::vec2(frame.pixels.width as f32, frame.pixels.height as f32);
                 self.keyboard_cursor.consume_keys(ctx, size);
             }
             None => self.keyboard_cursor = Default::default(),
         }
-        self.handles.consume_keys(ctx, self.evidence.selected.is_some());
+        let is_transforming = self.tools.transform().is_some();
+        self.handles.consume_keys(ctx, is_transforming, self.evidence.selected.is_some());
         for action in actions::pressed(ctx, self.was_typing) {
             self.act(action, ctx);
         }

@@ -4,6 +4,7 @@
 
 use eframe::egui::{self, Frame, Panel, Ui};
 
+use super::super::lamps;
 use super::super::missing;
 use super::super::side::fixed;
 use super::App;
@@ -84,11 +85,7 @@ impl App {
     pub(super) fn update_evidence(&mut self) {
         let project = &self.session.project;
         self.evidence.update_selection(project);
-        // The newest request wins.
-        if self.evidence.is_busy() {
-            self.lamps.cancel();
-        }
-        self.panel_tabs.follow(self.evidence.is_placing(), missing::is_any_needed(project));
+        self.panel_tabs.follow(self.tools.placement().is_some(), missing::is_any_needed(project));
     }
 
     /// Shows the panels. Each layout has separate panels, which remember their widths.
@@ -132,17 +129,13 @@ impl App {
         let session = &mut self.session;
         let frame = session.frame().cloned();
         let gpu = session.viewer.gpu();
-        let (evidence, lamps) = (&mut self.evidence, &mut self.lamps);
+        let (evidence, tools) = (&mut self.evidence, &mut self.tools);
         let error = fixed(ui, |ui| {
             let scrolled = egui::ScrollArea::vertical().show(ui, |ui| {
-                let of_evidence = evidence.show(ui, &mut session.project, gpu, frame.as_ref());
-                // The newest request wins.
-                if evidence.is_busy() {
-                    lamps.cancel();
-                }
-                let of_lamps = lamps.show(ui, &mut session.project, frame.as_ref(), &mut evidence.selected);
-                if lamps.is_picking() {
-                    evidence.cancel();
+                let of_evidence = evidence.show(ui, &mut session.project, gpu, frame.as_ref(), tools);
+                let of_lamps = lamps::show(ui, &mut session.project, frame.as_ref(), &mut evidence.selected, tools);
+                if tools.lamp_pick().is_some() {
+                    evidence.ground.cancel_scale();
                 }
                 of_evidence.or(of_lamps)
             });
@@ -156,7 +149,7 @@ impl App {
     /// Settings, plots and calibration, with the offer to analyse the footage above them.
     fn adjustments_panel(&mut self, ui: &mut Ui) {
         self.documents.exports.show_analysis_offer(ui, &mut self.session);
-        if let Some(refused) = self.side.show(ui, &mut self.session, &mut self.region_picker) {
+        if let Some(refused) = self.side.show(ui, &mut self.session, &mut self.tools) {
             self.session.show_message(refused);
         }
     }

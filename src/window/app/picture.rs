@@ -1,5 +1,7 @@
 //! The central panel: the picture and the interaction with it.
 
+use std::sync::Arc;
+
 use eframe::egui::{self, Ui};
 use glam::DVec2;
 
@@ -8,6 +10,7 @@ use super::super::loupe;
 use super::super::notice::{self, Notice, NoticeButton, Refusal, Remedy};
 use super::super::obstacle::{self, Obstacle};
 use super::super::picture::{self, CapturedInput, Comparison, PictureOutput};
+use super::super::tool::{ClickContext, Tool};
 use super::App;
 use locard_engine::frame::Frame;
 
@@ -15,14 +18,10 @@ impl App {
     /// Shows the picture and handles the interaction with it.
     pub(super) fn picture(&mut self, ui: &mut Ui) {
         let frame = self.session.frame().cloned();
-        let region_purpose = self.region_picker.active_purpose();
-        let is_picking = self.evidence.ground.is_picking() && region_purpose.is_none();
-        let is_placing = self.evidence.is_placing() && region_purpose.is_none() && !is_picking;
-        let is_placing_lamp = self.lamps.is_picking() && region_purpose.is_none() && !is_picking && !is_placing;
-        let taken = CapturedInput {
-            clicks: is_placing || is_picking || is_placing_lamp || region_purpose.is_some(),
-            drags: region_purpose.is_some() || is_placing || self.handles.captures_drags(),
-        };
+        let tool = self.tools.active();
+        let taken =
+            CapturedInput { clicks: tool.captures_clicks(), drags: tool.captures_drags() || self.handles.is_pressed() };
+        let (needs_place, is_selecting) = (tool.picks_point(), !tool.captures_clicks());
         let other = self.session.project.edit().other.as_ref();
         let compared = other.map(|other| Comparison { edits_a: !other.is_a });
         if compared.is_some() && self.view.wipe.is_some() {
@@ -35,7 +34,6 @@ impl App {
         let (Some(mut seen), Some(frame)) = (seen, frame) else { return };
         self.keyboard_cursor.apply(&mut seen);
         let obstacle = Obstacle::of(self.session.project.shot(), frame.index);
-        let needs_place = is_placing || is_picking || is_placing_lamp;
         if needs_place && obstacle.is_some() {
             // The notice explains the obstacle; a click has no effect.
             seen.clicked = None;
@@ -51,15 +49,15 @@ impl App {
         }
         self.codes(&seen, &frame);
         self.side.over_picture(&seen, frame.index, self.session.player.playing);
-        self.region_picker.update(&seen);
+        self.tools.update_region(&seen);
         let over = Overlay {
             picture: &seen,
             view: &self.view,
             frame: &frame,
-            is_free: !is_placing && !is_picking && !is_placing_lamp && region_purpose.is_none(),
+            is_free: is_selecting,
             is_hidden: self.view.plain || (self.session.player.playing && !self.session.is_live()),
         };
-        match self.handles.show(&over, &mut self.session.project, &mut self.evidence.selected) {
+        match self.handles.show(&over, &mut self.session.project, &mut self.evidence.selected, &mut self.tools) {
             Some(Ok(done)) => self.session.show_message(done),
             Some(Err(error)) => self.session.show_message(error),
             None => {}
@@ -69,48 +67,32 @@ impl App {
             return;
         }
         self.evidence.ground.paint(&seen, &self.session.project, frame.index);
-        if is_picking {
-            let at = seen.clicked.map(|at| DVec2::new(at.x.into(), at.y.into()));
-            match at.map_or(Ok(None), |at| self.evidence.ground.click(&self.session.project, &frame, at)) {
-                Ok(message) => message.into_iter().for_each(|message| self.session.show_message(message)),
-                Err(error) => self.refuse(&seen, error),
-            }
-        }
-        if is_placing_lamp {
-            seen.prompt(self.lamps.prompt());
-            if seen.pointed.is_some() {
-                ui.ctx().set_cursor_icon(egui::CursorIcon::Crosshair);
-            }
-            if let Some(at) = seen.clicked.map(|at| DVec2::new(at.x.into(), at.y.into())) {
-                let (project, selected) = (&mut self.session.project, &mut self.evidence.selected);
-                match self.lamps.pick(project, &self.evidence.ground.picker, &frame, at, selected) {
-                    Ok(message) => message.into_iter().for_each(|message| self.session.show_message(message)),
-                    Err(error) => self.refuse(&seen, error),
-                }
-            }
-        }
-        if is_placing {
-            self.evidence.preview(&seen, &self.session.project, &frame);
-            if seen.pointed.is_some() {
-                ui.ctx().set_cursor_icon(egui::CursorIcon::Crosshair);
-            }
-            let turned = self.evidence.turn(&seen, &self.session.project, &frame);
-            let clicked = seen.clicked.map(|at| DVec2::new(at.x.into(), at.y.into()));
-            if let Some(at) = turned.or(clicked) {
-                match self.evidence.place(&mut self.session.project, &frame, at) {
-                    Ok(()) => self
-                        .evidence
-                        .ground
-                        .picker
-                        .accuracy
-                        .take()
-                        .into_iter()
-                        .for_each(|told| self.session.show_message(told)),
-                    Err(error) => self.refuse(&seen, error),
-                }
-            }
+        self.tools.paint(&seen, &self.session.project, frame.index);
+        if needs_place {
+            self.pick_point(&seen, &frame);
         }
         self.refusal = self.refusal.take().filter(|refusal| refusal.show(&seen));
+    }
+
+    /// Passes clicks and drags to a tool that picks a point of the world.
+    fn pick_point(&mut self, seen: &PictureOutput, frame: &Arc<Frame>) {
+        let (project, ground) = (&mut self.session.project, &mut self.evidence.ground);
+        let is_press_consumed = self.handles.has_consumed_press();
+        let clicked = seen.clicked.filter(|_| !(is_press_consumed && seen.response.clicked()));
+        let clicked = clicked.map(|at| DVec2::new(at.x.into(), at.y.into()));
+        let turned = match self.tools.active_mut() {
+            Tool::Place(placement) => {
+                placement.show_preview(seen, ground, project, frame);
+                if is_press_consumed { None } else { placement.turn(seen, ground, project, frame) }
+            }
+            _ => None,
+        };
+        let Some(at) = turned.or(clicked) else { return };
+        let context = ClickContext { project, ground, frame, selected: &mut self.evidence.selected };
+        match self.tools.click(context, at) {
+            Ok(message) => message.into_iter().for_each(|message| self.session.show_message(message)),
+            Err(error) => self.refuse(seen, error),
+        }
     }
 
     /// Shows at the click why it had no effect.

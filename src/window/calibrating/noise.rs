@@ -11,8 +11,9 @@ use super::super::fields::typed_parser;
 use super::super::matching::curve;
 use super::super::plots::{self, Axes, DataSource};
 use super::super::progress;
-use super::super::region_picker::{RegionPicker, RegionPrompt, RegionPurpose};
+use super::super::region_picker::{self, RegionPrompt, RegionPurpose};
 use super::super::session::Session;
+use super::super::tool::Tools;
 use super::parts::{self, FrameRegion, ListAction, Verdict};
 use locard_engine::calibrate::{
     NoisePoint, PickedError, PickedNoise, PickedRegion, SceneMotion, min_side_px, picked_noise, sigma_over_profile,
@@ -107,14 +108,14 @@ impl Noise {
     }
 
     /// Takes a newly picked region.
-    pub fn take_picked(&mut self, session: &Session, picker: &mut RegionPicker) {
-        if let Some(picked) = parts::answer(picker, RegionPurpose::PlainPlace, session) {
+    pub fn take_picked(&mut self, session: &Session, tools: &mut Tools) {
+        if let Some(picked) = parts::answer(tools, RegionPurpose::PlainPlace, session) {
             self.places.push(picked);
             self.verdicts.push(Verdict::Waits);
         }
     }
 
-    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, picker: &mut RegionPicker) {
+    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, tools: &mut Tools) {
         parts::aside(ui, "Pick places of one colour, dark ones and bright ones: paper, walls, a table.");
         let wanted = RegionPrompt {
             purpose: RegionPurpose::PlainPlace,
@@ -122,7 +123,7 @@ impl Noise {
             min_side_px: min_side_px(self.motion()),
             repeats: true,
         };
-        picker.button(ui, "Pick plain places", wanted);
+        region_picker::button(ui, "Pick plain places", tools, wanted);
         self.frames(ui, session);
         if self.places.is_empty() {
             return;

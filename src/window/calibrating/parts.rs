@@ -3,8 +3,9 @@
 
 use eframe::egui::{self, Align, Layout, RichText, Ui, vec2};
 
-use super::super::region_picker::{self, RegionPicker, RegionPurpose};
+use super::super::region_picker::RegionPurpose;
 use super::super::session::Session;
+use super::super::tool::Tools;
 use locard_engine::pixels::Rect;
 
 /// A picked region of a frame.
@@ -15,8 +16,8 @@ pub struct FrameRegion {
 }
 
 /// A newly picked region of the displayed frame.
-pub fn answer(picker: &mut RegionPicker, purpose: RegionPurpose, session: &Session) -> Option<FrameRegion> {
-    let at = picker.take_region(purpose).and_then(|places| region_picker::pixel_rect(&places))?;
+pub fn answer(tools: &mut Tools, purpose: RegionPurpose, session: &Session) -> Option<FrameRegion> {
+    let at = tools.take_region(purpose)?;
     Some(FrameRegion { frame: session.frame()?.index, at })
 }
 

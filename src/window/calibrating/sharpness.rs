@@ -7,8 +7,9 @@ use super::super::background::{Background, Ticket};
 use super::super::matching::{GOOD_EDGE, draw_edge, edge_signal, plot_rejected_edges, width_text};
 use super::super::plots::{self, Axes, DataSource};
 use super::super::progress;
-use super::super::region_picker::{RegionPicker, RegionPrompt, RegionPurpose};
+use super::super::region_picker::{self, RegionPrompt, RegionPurpose};
 use super::super::session::Session;
+use super::super::tool::Tools;
 use super::parts::{self, FrameRegion, ListAction, Verdict};
 use locard_engine::calibrate::sharpness::{self, PARAMETER, combine};
 use locard_engine::measure::slanted::{MIN_EXTENT_PX, SlantedEdge};
@@ -46,18 +47,18 @@ impl Sharpness {
     }
 
     /// Takes a newly picked edge.
-    pub fn take_picked(&mut self, session: &Session, picker: &mut RegionPicker) {
-        if let Some(picked) = parts::answer(picker, RegionPurpose::Edge, session) {
+    pub fn take_picked(&mut self, session: &Session, tools: &mut Tools) {
+        if let Some(picked) = parts::answer(tools, RegionPurpose::Edge, session) {
             self.edges.push(picked);
             self.verdicts.push(Verdict::Waits);
         }
     }
 
-    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, picker: &mut RegionPicker) {
+    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, tools: &mut Tools) {
         parts::aside(ui, "Pick straight edges between two plain places, in focus, best while the camera rests.");
         let wanted =
             RegionPrompt { purpose: RegionPurpose::Edge, hint: GOOD_EDGE, min_side_px: MIN_EXTENT_PX, repeats: true };
-        picker.button(ui, "Pick edges", wanted);
+        region_picker::button(ui, "Pick edges", tools, wanted);
         if self.edges.is_empty() {
             return;
         }

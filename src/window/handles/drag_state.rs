@@ -10,7 +10,7 @@ use super::lamp::{self, Marker};
 use super::maths;
 use super::outline::{Outline, support_points_m};
 use super::overlay::Overlay;
-use super::tool::DragState;
+use super::transform::DragState;
 use locard_engine::scene::{ItemPlacement, SceneItem};
 use locard_engine::shot::PosedCamera;
 

@@ -2,11 +2,11 @@
 
 use eframe::egui::{Context, Event, Key, Modifiers};
 
-use super::tool::TransformKind;
+use super::transform::TransformKind;
 
 /// A key press during a transform.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum ToolKey {
+pub enum TransformKey {
     /// Switches to another kind of transform.
     Kind(TransformKind),
     /// Constrains to an axis, or to the plane of the other two.
@@ -26,14 +26,14 @@ pub enum ToolKey {
 /// If no transform is active, the key that begins one stays, and the keys after it are removed:
 /// several keys can arrive within one frame of the window. Keys after the end of the transform are
 /// `deferred` to the next frame.
-pub fn consume(ctx: &Context, is_active: bool, deferred: &mut Vec<Event>) -> Vec<ToolKey> {
+pub fn consume(ctx: &Context, is_active: bool, deferred: &mut Vec<Event>) -> Vec<TransformKey> {
     let mut keys = Vec::new();
     let mut has_begun = is_active;
     let mut expects_text = false;
     ctx.input_mut(|i| {
         i.events.splice(0..0, std::mem::take(deferred));
         i.events.retain(|event| {
-            if matches!(keys.last(), Some(ToolKey::Done | ToolKey::Cancel)) {
+            if matches!(keys.last(), Some(TransformKey::Done | TransformKey::Cancel)) {
                 let is_typed = matches!(event, Event::Text(_) | Event::Key { .. });
                 deferred.extend(is_typed.then(|| event.clone()));
                 return !is_typed;
@@ -48,9 +48,9 @@ pub fn consume(ctx: &Context, is_active: bool, deferred: &mut Vec<Event>) -> Vec
                 return true;
             }
             match event {
-                Event::Text(text) => keys.extend(text.chars().map(ToolKey::Letter)),
+                Event::Text(text) => keys.extend(text.chars().map(TransformKey::Letter)),
                 Event::Key { key, pressed: true, repeat, modifiers, .. } => {
-                    keys.extend(tool_key(*key, *modifiers).filter(|key| !repeat || *key == ToolKey::Back));
+                    keys.extend(transform_key(*key, *modifiers).filter(|key| !repeat || *key == TransformKey::Back));
                 }
                 Event::Key { pressed: false, .. } => {}
                 _ => return true,
@@ -67,21 +67,21 @@ pub fn consume(ctx: &Context, is_active: bool, deferred: &mut Vec<Event>) -> Vec
 /// True if a key begins a transform.
 fn begins(event: &Event) -> bool {
     let Event::Key { key, pressed: true, modifiers, .. } = event else { return false };
-    let is_kind = matches!(tool_key(*key, *modifiers), Some(ToolKey::Kind(_)));
+    let is_kind = matches!(transform_key(*key, *modifiers), Some(TransformKey::Kind(_)));
     is_kind || *key == Key::D && modifiers.shift && !modifiers.command && !modifiers.alt
 }
 
-fn tool_key(key: Key, modifiers: Modifiers) -> Option<ToolKey> {
-    let axis = |axis| Some(ToolKey::Axis { axis, as_plane: modifiers.shift });
+fn transform_key(key: Key, modifiers: Modifiers) -> Option<TransformKey> {
+    let axis = |axis| Some(TransformKey::Axis { axis, as_plane: modifiers.shift });
     match key {
-        Key::Enter => Some(ToolKey::Done),
-        Key::Escape => Some(ToolKey::Cancel),
-        Key::Backspace => Some(ToolKey::Back),
+        Key::Enter => Some(TransformKey::Done),
+        Key::Escape => Some(TransformKey::Cancel),
+        Key::Backspace => Some(TransformKey::Back),
         // Ctrl snaps to whole steps; its combinations with letters are ignored.
         _ if modifiers.command || modifiers.alt => None,
-        Key::G => Some(ToolKey::Kind(TransformKind::Move)),
-        Key::R => Some(ToolKey::Kind(TransformKind::Turn)),
-        Key::S => Some(ToolKey::Kind(TransformKind::Scale)),
+        Key::G => Some(TransformKey::Kind(TransformKind::Move)),
+        Key::R => Some(TransformKey::Kind(TransformKind::Turn)),
+        Key::S => Some(TransformKey::Kind(TransformKind::Scale)),
         Key::X => axis(0),
         Key::Y => axis(1),
         Key::Z => axis(2),

@@ -4,11 +4,12 @@
 //!   and factors.
 //! - `overlay`: the picture below the handles. `drag_state`: the state of a thing when its
 //!   transform begins.
-//! - `tool`: a modal transform of one thing. `keys`: its keyboard input. `labels`: its texts.
+//! - `active`: a transform in progress. `transform`: its maths. `keys`: its keyboard input. `labels`: its texts.
 //! - `placement_preview`: outline of the thing that the next click places.
 //! - `gizmo`: the handles around a selected thing. `outline`: its outline and its footprint.
 //!   `lamp`: markers of lamps. `draw`: paints all of these.
 
+mod active;
 mod amount;
 mod drag_state;
 mod draw;
@@ -20,24 +21,25 @@ mod maths;
 mod outline;
 mod overlay;
 mod placement_preview;
-mod tool;
+mod transform;
 
 use eframe::egui::{Context, CursorIcon, Event, Painter, PointerButton, Pos2, vec2};
 use glam::{DVec2, DVec3};
 
-use self::drag_state::{
-    drag_state, gizmo, gizmo_offset_m, is_hidden, is_within, lamp_markers, level_direction, object_of,
-};
+use self::active::{begin_by_drag, begin_by_key};
+use self::drag_state::{gizmo, gizmo_offset_m, is_hidden, is_within, lamp_markers, level_direction, object_of};
 use self::gizmo::Handle;
-use self::keys::ToolKey;
+use self::keys::TransformKey;
 use self::outline::{Outline, footprint, outline, sphere_outline};
-use self::tool::{Constraint, Pointer, Tool, TransformKind};
+use self::transform::{Constraint, TransformKind};
 use super::Project;
 use super::picture::WIPE_GRIP_PT;
 use super::theme;
-use locard_engine::scene::{ItemPlacement, SceneFile, SceneItem, Size};
+use super::tool::{Tool, Tools};
+use locard_engine::scene::{ItemPlacement, SceneItem, Size};
 use locard_engine::shot::PosedCamera;
 
+pub use self::active::ActiveTransform;
 pub use self::maths::intersect_plane;
 pub use self::overlay::Overlay;
 pub use self::placement_preview::{PlacementPreview, PreviewKey};
@@ -57,33 +59,6 @@ pub enum TransformCommand {
     Duplicate,
 }
 
-/// A transform in progress.
-#[derive(Debug)]
-struct ActiveTransform {
-    tool: Tool,
-    thing: SceneItem,
-    /// The scene at the start.
-    base: SceneFile,
-    /// The selection at the start.
-    selected_before: SceneItem,
-    /// Offset of the thing from its gizmo ([`gizmo_offset_m`]).
-    gizmo_offset_m: DVec3,
-    is_copy: bool,
-    /// Begun by a press of the pointer; the release ends it.
-    is_dragged: bool,
-    pointer: Pointer,
-    footprint: Outline,
-}
-
-impl ActiveTransform {
-    /// Placement of the thing for a placement of its gizmo. Coordinates that the transform leaves
-    /// unchanged are bit-exact.
-    fn item_placement(&self, gizmo: ItemPlacement) -> Option<ItemPlacement> {
-        let from_m = self.base.placement(self.thing)?.position_m;
-        Some(ItemPlacement { position_m: from_m + (gizmo.position_m - (from_m - self.gizmo_offset_m)), ..gizmo })
-    }
-}
-
 /// Cached outline of a thing.
 #[derive(Debug)]
 struct CachedOutline {
@@ -93,14 +68,13 @@ struct CachedOutline {
     outline: Outline,
 }
 
-/// Selection, and transforms of the selected thing.
+/// Selection, and the handles of the selected thing.
 #[derive(Debug, Default)]
 pub struct Handles {
     pending: Option<TransformCommand>,
-    keys: Vec<ToolKey>,
+    keys: Vec<TransformKey>,
     /// Keyboard events after the end of a transform, for the next frame of the window.
     deferred: Vec<Event>,
-    active: Option<ActiveTransform>,
     /// A handle that is pressed and not dragged yet, and the position on the screen.
     pressed: Option<(Handle, Pos2)>,
     /// The press ended a transform: its release is no click.
@@ -117,17 +91,22 @@ impl Handles {
 
     /// Consumes the keyboard input of a transform: all keys while one is active, and the keys that
     /// follow a key which begins one.
-    pub fn consume_keys(&mut self, ctx: &Context, has_selected: bool) {
-        if self.active.is_some() || has_selected && !ctx.egui_wants_keyboard_input() {
-            self.keys.extend(keys::consume(ctx, self.active.is_some(), &mut self.deferred));
+    pub fn consume_keys(&mut self, ctx: &Context, is_active: bool, has_selected: bool) {
+        if is_active || has_selected && !ctx.egui_wants_keyboard_input() {
+            self.keys.extend(keys::consume(ctx, is_active, &mut self.deferred));
         } else {
             ctx.input_mut(|i| i.events.splice(0..0, self.deferred.drain(..)).for_each(drop));
         }
     }
 
-    /// True if a drag in the picture belongs to a transform.
-    pub fn captures_drags(&self) -> bool {
-        self.active.is_some() || self.pressed.is_some()
+    /// True if a handle is pressed, whose drag begins a transform.
+    pub fn is_pressed(&self) -> bool {
+        self.pressed.is_some()
+    }
+
+    /// True if the last press ended a transform: no other tool receives it.
+    pub fn has_consumed_press(&self) -> bool {
+        self.press_is_consumed
     }
 
     /// Handles pointer and keyboard input and paints over the picture. Returns the history label of
@@ -137,103 +116,38 @@ impl Handles {
         over: &Overlay<'_>,
         project: &mut Project,
         selected: &mut Option<SceneItem>,
+        tools: &mut Tools,
     ) -> Option<Result<String, String>> {
         *selected = selected.filter(|thing| project.edit().scene.placement(*thing).is_some());
         let pending = self.pending.take();
         let keys = std::mem::take(&mut self.keys);
         let Ok(eye) = project.shot().posed_camera(over.frame.index) else {
-            self.cancel(project, selected);
+            self.cancel(project, selected, tools);
             return None;
         };
         let mut refused = None;
-        match (pending, *selected, &self.active) {
+        match (pending, *selected, tools.transform()) {
             (Some(TransformCommand::Turn), Some(SceneItem::Lamp(_)), None) => {
                 refused = Some(Err("A lamp shines alike into all directions: there is nothing to turn.".to_owned()));
             }
-            (Some(command), Some(thing), None) => self.begin_by_key(command, over, project, &eye, thing, selected),
+            (Some(command), Some(thing), None) => {
+                let transform = begin_by_key(command, over, project, &eye, thing, selected);
+                transform.into_iter().for_each(|transform| tools.interrupt(Tool::Transform(transform)));
+            }
             _ => {}
         }
-        let result = if self.active.is_some() {
-            self.update_transform(over, project, &eye, keys, selected)
+        let result = if tools.transform().is_some() {
+            self.update_transform(over, project, &eye, keys, selected, tools)
         } else {
-            self.update_pointer(over, project, &eye, selected);
+            if let Some(transform) = self.update_pointer(over, project, &eye, selected) {
+                tools.interrupt(Tool::Transform(transform));
+            }
             None
         };
         if !over.is_hidden {
-            self.paint(over, project, &eye, *selected);
+            self.paint(over, project, &eye, *selected, tools.transform());
         }
         refused.or(result)
-    }
-
-    fn begin_by_key(
-        &mut self,
-        command: TransformCommand,
-        over: &Overlay<'_>,
-        project: &Project,
-        eye: &PosedCamera,
-        thing: SceneItem,
-        selected: &mut Option<SceneItem>,
-    ) {
-        let pointer = over.picture.response.ctx.input(|i| i.pointer.latest_pos());
-        let grip = pointer.map(|at| over.px(at));
-        let gizmo_offset_m = gizmo_offset_m(over, project, eye, thing);
-        let Some(start) = drag_state(project, eye, thing, gizmo_offset_m, grip, None) else { return };
-        let kind = match command {
-            TransformCommand::Move | TransformCommand::Duplicate => TransformKind::Move,
-            TransformCommand::Turn => TransformKind::Turn,
-            TransformCommand::Scale => TransformKind::Scale,
-        };
-        let mut base = project.edit().scene.clone();
-        let is_copy = command == TransformCommand::Duplicate;
-        let copy = if is_copy { base.duplicate(thing) } else { None };
-        let at_px = start.grip_px;
-        self.active = Some(ActiveTransform {
-            tool: Tool::new(kind, Constraint::Free, start),
-            thing: copy.unwrap_or(thing),
-            base,
-            selected_before: thing,
-            gizmo_offset_m,
-            is_copy,
-            is_dragged: false,
-            pointer: Pointer { at_px, snaps: false, level: false },
-            footprint: Outline::new(),
-        });
-        *selected = Some(copy.unwrap_or(thing));
-    }
-
-    fn begin_by_drag(
-        &mut self,
-        handle: Handle,
-        at: Pos2,
-        over: &Overlay<'_>,
-        project: &Project,
-        eye: &PosedCamera,
-        thing: SceneItem,
-    ) {
-        let grip = over.px(at);
-        // The thing itself is anchored at its support point, a handle at the pointer.
-        let anchor = (handle != Handle::Slide).then_some(grip);
-        let gizmo_offset_m = gizmo_offset_m(over, project, eye, thing);
-        let Some(start) = drag_state(project, eye, thing, gizmo_offset_m, Some(grip), anchor) else { return };
-        let tool = match handle {
-            Handle::Slide => Tool::new(TransformKind::Move, Constraint::Free, start),
-            Handle::Axis(axis) => Tool::new(TransformKind::Move, Constraint::Axis { axis, is_local: false }, start),
-            Handle::Ground => Tool::new(TransformKind::Move, Constraint::Level, start),
-            Handle::Heading => Tool::new(TransformKind::Turn, Constraint::Free, start).on_ring(),
-            Handle::Size => Tool::new(TransformKind::Scale, Constraint::Free, start),
-        };
-        self.active = Some(ActiveTransform {
-            tool,
-            thing,
-            base: project.edit().scene.clone(),
-            selected_before: thing,
-            gizmo_offset_m,
-            is_copy: false,
-            is_dragged: true,
-            pointer: Pointer { at_px: grip, snaps: false, level: false },
-            footprint: Outline::new(),
-        });
-        self.hovered = Some(handle);
     }
 
     /// Moves a thing by [`NUDGE_M`] along the level axis nearest to a direction of the picture: to
@@ -253,10 +167,11 @@ impl Handles {
         over: &Overlay<'_>,
         project: &mut Project,
         eye: &PosedCamera,
-        keys: Vec<ToolKey>,
+        keys: Vec<TransformKey>,
         selected: &mut Option<SceneItem>,
+        tools: &mut Tools,
     ) -> Option<Result<String, String>> {
-        let active = self.active.as_mut()?;
+        let Tool::Transform(active) = tools.active_mut() else { return None };
         let (at, modifiers, pressed, released, right) = over.picture.response.ctx.input(|i| {
             let pointer = &i.pointer;
             let right = pointer.button_pressed(PointerButton::Secondary);
@@ -271,18 +186,18 @@ impl Handles {
         let mut is_cancelled = right;
         for key in keys {
             match key {
-                ToolKey::Kind(TransformKind::Turn) if matches!(active.thing, SceneItem::Lamp(_)) => {}
-                ToolKey::Kind(kind) => active.tool = active.tool.restarted(kind, active.pointer.at_px),
-                ToolKey::Axis { axis, as_plane } => active.tool.toggle_constraint(axis, as_plane),
-                ToolKey::Letter(letter) => active.tool.typed.push(letter),
-                ToolKey::Back => active.tool.typed.pop(),
-                ToolKey::Done => is_done = true,
-                ToolKey::Cancel => is_cancelled = true,
+                TransformKey::Kind(TransformKind::Turn) if matches!(active.thing, SceneItem::Lamp(_)) => {}
+                TransformKey::Kind(kind) => active.transform = active.transform.restarted(kind, active.pointer.at_px),
+                TransformKey::Axis { axis, as_plane } => active.transform.toggle_constraint(axis, as_plane),
+                TransformKey::Letter(letter) => active.transform.typed.push(letter),
+                TransformKey::Back => active.transform.typed.pop(),
+                TransformKey::Done => is_done = true,
+                TransformKey::Cancel => is_cancelled = true,
             }
         }
         if is_cancelled {
             self.press_is_consumed = true;
-            self.cancel(project, selected);
+            self.cancel(project, selected, tools);
             return None;
         }
         let frame = over.frame;
@@ -291,13 +206,13 @@ impl Handles {
             let surface = |at_px: DVec2| {
                 frame.depth.as_ref().and_then(|_| Some(shot.placement_preview(frame, at_px).ok()?.plane))
             };
-            active.tool.update(active.pointer, |px| eye.ray(px), surface)
+            active.transform.update(active.pointer, |px| eye.ray(px), surface)
         };
         let mut scene = active.base.clone();
         active.item_placement(update.placement).iter().for_each(|placement| scene.put(active.thing, placement));
         // A scene that fails to load is not shown; the last one stays.
         let error = project.set_uncommitted_scene(scene).map_err(|error| Err(error.to_string())).err();
-        if active.tool.kind == TransformKind::Move {
+        if active.transform.kind == TransformKind::Move {
             let scene = &project.shot().scene;
             let object = object_of(project, active.thing).and_then(|of| scene.objects.get(of));
             active.footprint =
@@ -307,10 +222,10 @@ impl Handles {
             return error;
         }
         self.press_is_consumed = pressed || released;
-        let active = self.active.take()?;
+        let Tool::Transform(active) = tools.finish() else { return None };
         self.pressed = None;
         let title = project.edit().scene.title(active.thing);
-        let done = labels::history(&active.tool);
+        let done = labels::history(&active.transform);
         let is_in_place = active.base.placement(active.thing) == project.edit().scene.placement(active.thing);
         let what = match (active.is_copy, is_in_place) {
             (true, true) => format!("{title}: duplicated"),
@@ -322,22 +237,25 @@ impl Handles {
     }
 
     /// Cancels the active transform and restores scene and selection.
-    fn cancel(&mut self, project: &mut Project, selected: &mut Option<SceneItem>) {
+    fn cancel(&mut self, project: &mut Project, selected: &mut Option<SceneItem>, tools: &mut Tools) {
         self.pressed = None;
-        if let Some(active) = self.active.take() {
+        if tools.transform().is_some()
+            && let Tool::Transform(active) = tools.finish()
+        {
             project.discard_uncommitted();
             *selected = Some(active.selected_before);
         }
     }
 
-    /// Hover, press, drag start and click, while no transform is active.
+    /// Hover, press, drag start and click, while no transform is active. Returns a transform that a
+    /// drag begins.
     fn update_pointer(
         &mut self,
         over: &Overlay<'_>,
         project: &Project,
         eye: &PosedCamera,
         selected: &mut Option<SceneItem>,
-    ) {
+    ) -> Option<Box<ActiveTransform>> {
         let response = &over.picture.response;
         let (pressed, down, latest, origin) = response.ctx.input(|i| {
             let pointer = &i.pointer;
@@ -362,10 +280,14 @@ impl Handles {
             Some(_) => response.ctx.set_cursor_icon(CursorIcon::PointingHand),
             None => {}
         }
+        let mut begun = None;
         if let (Some((handle, from)), Some(to), Some(thing), true) = (self.pressed, latest, *selected, down)
             && from.distance(to) > DRAG_THRESHOLD_PT
         {
-            self.begin_by_drag(handle, from, over, project, eye, thing);
+            begun = begin_by_drag(handle, from, over, project, eye, thing);
+            if begun.is_some() {
+                self.hovered = Some(handle);
+            }
         }
         let is_on_handle = self.pressed.is_some_and(|(handle, _)| handle != Handle::Slide);
         let is_click = over.is_free && !self.press_is_consumed && !is_on_handle;
@@ -382,6 +304,7 @@ impl Handles {
         if !down {
             self.pressed = None;
         }
+        begun
     }
 
     fn handle_at(
@@ -426,27 +349,36 @@ impl Handles {
         self.outline.as_ref().map(|cached| &cached.outline)
     }
 
-    fn paint(&mut self, over: &Overlay<'_>, project: &Project, eye: &PosedCamera, selected: Option<SceneItem>) {
+    fn paint(
+        &mut self,
+        over: &Overlay<'_>,
+        project: &Project,
+        eye: &PosedCamera,
+        selected: Option<SceneItem>,
+        active: Option<&ActiveTransform>,
+    ) {
         let placed = over.picture.placed;
         let painter = over.picture.painter.with_clip_rect(over.clip());
-        self.paint_lamps(over, &painter, project, eye, selected);
+        self.paint_lamps(over, &painter, project, eye, selected, active.is_some());
         let Some(thing) = selected.filter(|thing| !is_hidden(project, *thing)) else { return };
         let on_screen = |outline: &Outline| -> Vec<Vec<Pos2>> {
             let screen = |p: &DVec2| placed.screen(vec2(p.x as f32, p.y as f32));
             outline.iter().map(|polygon| polygon.iter().map(screen).collect()).collect()
         };
-        if let Some(active) = &self.active {
+        if let Some(active) = active {
             draw::footprint(&painter, &on_screen(&active.footprint));
-            if let (Constraint::Axis { axis, .. }, Some(line)) = (active.tool.constraint, active.tool.axis_line()) {
+            if let (Constraint::Axis { axis, .. }, Some(line)) =
+                (active.transform.constraint, active.transform.axis_line())
+            {
                 let points = line.into_iter().filter_map(|p| eye.project(p)).map(|p| over.screen(p));
                 draw::axis_line(&painter, points.map(draw::at).collect(), axis);
             }
         }
-        let gizmo_offset_m = match &self.active {
+        let gizmo_offset_m = match active {
             Some(active) => active.gizmo_offset_m,
             None => gizmo_offset_m(over, project, eye, thing),
         };
-        let is_dragged = self.active.as_ref().map(|active| active.is_dragged);
+        let is_dragged = active.map(|active| active.is_dragged);
         let hovered = self.hovered;
         if let Some(outline) = self.outline(over, project, eye, thing) {
             draw::outline(&painter, &on_screen(outline));
@@ -455,9 +387,14 @@ impl Handles {
                 draw::gizmo(&painter, &gizmo, hovered, is_dragged == Some(true));
             }
         }
-        if let Some(active) = &self.active {
+        if let Some(active) = active {
             let corner = over.picture.painter.clip_rect().min + vec2(10.0, 10.0);
-            draw::status(&over.picture.painter, corner, &labels::status(&active.tool), labels::hint(&active.tool));
+            draw::status(
+                &over.picture.painter,
+                corner,
+                &labels::status(&active.transform),
+                labels::hint(&active.transform),
+            );
         }
     }
 
@@ -469,9 +406,10 @@ impl Handles {
         project: &Project,
         eye: &PosedCamera,
         selected: Option<SceneItem>,
+        is_transforming: bool,
     ) {
         let markers = lamp_markers(over, project, eye);
-        let pointer = over.picture.response.hover_pos().filter(|_| over.is_free && self.active.is_none());
+        let pointer = over.picture.response.hover_pos().filter(|_| over.is_free && !is_transforming);
         let hovered = pointer.and_then(|at| lamp::pick(&markers, DVec2::new(at.x.into(), at.y.into())));
         let scene = &project.edit().scene;
         for (n, (marker, lamp)) in markers.iter().zip(&scene.light.lamp).enumerate() {

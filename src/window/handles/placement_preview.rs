@@ -31,7 +31,7 @@ pub struct PreviewKey {
 }
 
 /// The current preview and the computation of the next one.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct PlacementPreview {
     models: Arc<Mutex<ModelCache>>,
     running: Option<(PreviewKey, BackgroundTask<Outline>)>,
@@ -39,9 +39,8 @@ pub struct PlacementPreview {
 }
 
 impl PlacementPreview {
-    pub fn clear(&mut self) {
-        self.running = None;
-        self.shown = None;
+    pub fn new(models: Arc<Mutex<ModelCache>>) -> Self {
+        Self { models, running: None, shown: None }
     }
 
     /// Shows the outline of the thing that `lay` places; nothing where it returns `None`.

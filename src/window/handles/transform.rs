@@ -88,7 +88,7 @@ impl DragState {
 
 /// A modal transform of a thing.
 #[derive(Clone, Debug)]
-pub struct Tool {
+pub struct Transform {
     pub kind: TransformKind,
     pub constraint: Constraint,
     pub typed: Typed,
@@ -112,7 +112,7 @@ pub struct Update {
     pub support: Plane,
 }
 
-impl Tool {
+impl Transform {
     pub fn new(kind: TransformKind, constraint: Constraint, start: DragState) -> Self {
         let support = start.support();
         Self {
@@ -384,32 +384,34 @@ mod tests {
 
     const NO_DEPTH: fn(DVec2) -> Option<Plane> = |_| None;
 
-    fn typed(tool: &mut Tool, text: &str) {
-        text.chars().for_each(|c| tool.typed.push(c));
+    fn typed(transform: &mut Transform, text: &str) {
+        text.chars().for_each(|c| transform.typed.push(c));
     }
 
     #[test]
     fn free_move_without_depth_is_level_and_typed_moves_follow_an_axis() {
-        let mut tool = Tool::new(TransformKind::Move, Constraint::Free, start());
-        let update = tool.update(pointer(153.2, -4.0), from_above, NO_DEPTH);
+        let mut transform = Transform::new(TransformKind::Move, Constraint::Free, start());
+        let update = transform.update(pointer(153.2, -4.0), from_above, NO_DEPTH);
         assert!(update.placement.position_m.abs_diff_eq(DVec3::new(1.032, 0.04, 1.02), 1e-9), "{update:?}");
-        assert_eq!((history(&tool), status(&tool)), ("moved 5.12 cm".to_owned(), "Move: 5.12 cm".to_owned()));
+        assert_eq!((history(&transform), status(&transform)), ("moved 5.12 cm".to_owned(), "Move: 5.12 cm".to_owned()));
         assert_eq!(update.support, Plane { point_m: DVec3::new(1.0, 0.0, 1.0), normal: DVec3::Z });
         // Whole centimetres.
         let snapping = Pointer { snaps: true, ..pointer(153.2, -4.4) };
-        let update = tool.update(snapping, from_above, NO_DEPTH);
+        let update = transform.update(snapping, from_above, NO_DEPTH);
         assert!(update.placement.position_m.abs_diff_eq(DVec3::new(1.03, 0.04, 1.02), 1e-9), "{update:?}");
         // Typed distance: along x by default, then along the local x, which is the world's y.
-        typed(&mut tool, "-0,1");
-        let at = |tool: &mut Tool| tool.update(pointer(999.0, 7.0), from_above, NO_DEPTH).placement.position_m;
-        assert!(at(&mut tool).abs_diff_eq(DVec3::new(0.9, 0.0, 1.02), 1e-12));
-        assert_eq!(status(&tool), "Move along x: [-0,1]  -10 cm");
-        tool.toggle_constraint(0, false);
-        tool.toggle_constraint(0, false);
-        assert!(at(&mut tool).abs_diff_eq(DVec3::new(1.0, -0.1, 1.02), 1e-12));
-        assert_eq!(status(&tool), "Move along its own x: [-0,1]  -10 cm");
-        tool.toggle_constraint(0, false);
-        assert_eq!(tool.constraint, Constraint::Free);
+        typed(&mut transform, "-0,1");
+        let at = |transform: &mut Transform| {
+            transform.update(pointer(999.0, 7.0), from_above, NO_DEPTH).placement.position_m
+        };
+        assert!(at(&mut transform).abs_diff_eq(DVec3::new(0.9, 0.0, 1.02), 1e-12));
+        assert_eq!(status(&transform), "Move along x: [-0,1]  -10 cm");
+        transform.toggle_constraint(0, false);
+        transform.toggle_constraint(0, false);
+        assert!(at(&mut transform).abs_diff_eq(DVec3::new(1.0, -0.1, 1.02), 1e-12));
+        assert_eq!(status(&transform), "Move along its own x: [-0,1]  -10 cm");
+        transform.toggle_constraint(0, false);
+        assert_eq!(transform.constraint, Constraint::Free);
     }
 
     #[test]
@@ -420,9 +422,9 @@ mod tests {
             let x = 0.01 * px.x;
             Some(Plane { point_m: DVec3::new(x, -0.01 * px.y, 2.0 + 0.75 * x), normal })
         };
-        let mut tool = Tool::new(TransformKind::Move, Constraint::Free, start());
+        let mut transform = Transform::new(TransformKind::Move, Constraint::Free, start());
         // The grip is 50 px beside the anchor: 200 px is x = 1.5 m.
-        let update = tool.update(pointer(200.0, 0.0), from_above, slope);
+        let update = transform.update(pointer(200.0, 0.0), from_above, slope);
         let position = update.placement.position_m;
         // The lowest point lies 0.1 · 0.6 + 0.02 · 0.8 = 0.076 m below the position, against the
         // normal.
@@ -431,11 +433,11 @@ mod tests {
         assert_eq!(update.support.normal, normal);
         // Shift: level, regardless of the surface.
         let level = Pointer { level: true, ..pointer(200.0, 0.0) };
-        let update = tool.update(level, from_above, slope);
+        let update = transform.update(level, from_above, slope);
         assert!(update.placement.position_m.abs_diff_eq(DVec3::new(1.5, 0.0, 1.02), 1e-9), "{update:?}");
         // Whole centimetres from the start, projected onto the slope.
         let snapping = Pointer { snaps: true, ..pointer(200.0, 0.0) };
-        let position = tool.update(snapping, from_above, slope).placement.position_m;
+        let position = transform.update(snapping, from_above, slope).placement.position_m;
         assert!(position.abs_diff_eq(DVec3::new(1.45, 0.0, 3.1858 - 0.0044 * 0.75), 2e-4), "{position}");
     }
 
@@ -450,46 +452,46 @@ mod tests {
             grip_px: at_px,
             ..start()
         };
-        let mut tool = Tool::new(TransformKind::Move, Constraint::Free, hanging);
+        let mut transform = Transform::new(TransformKind::Move, Constraint::Free, hanging);
         // 50 px to the right and 30.04 px up; 1 px is 1 cm.
-        let position = tool.update(pointer(150.0, -132.04), from_the_side, floor).placement.position_m;
+        let position = transform.update(pointer(150.0, -132.04), from_the_side, floor).placement.position_m;
         assert!(position.abs_diff_eq(DVec3::new(1.5, 0.0, 1.3204), 1e-9), "{position}");
         let snapping = Pointer { snaps: true, ..pointer(150.3, -132.04) };
-        let position = tool.update(snapping, from_the_side, floor).placement.position_m;
+        let position = transform.update(snapping, from_the_side, floor).placement.position_m;
         assert!(position.abs_diff_eq(DVec3::new(1.5, 0.0, 1.32), 1e-9), "{position}");
         // Shift: the level plane is edge-on from the side, so that the thing stays; from above it
         // follows.
         let level = Pointer { level: true, ..pointer(170.0, -102.0) };
-        assert_eq!(tool.update(level, from_the_side, floor).placement.position_m, position);
-        let position = tool.update(level, from_above, floor).placement.position_m;
+        assert_eq!(transform.update(level, from_the_side, floor).placement.position_m, position);
+        let position = transform.update(level, from_above, floor).placement.position_m;
         assert!(position.abs_diff_eq(DVec3::new(1.7, 0.0, 1.02), 1e-9), "{position}");
     }
 
     #[test]
     fn axis_constrained_move_follows_the_pointer_along_the_axis_only() {
-        let mut tool = Tool::new(TransformKind::Move, Constraint::Axis { axis: 2, is_local: false }, start());
+        let mut transform = Transform::new(TransformKind::Move, Constraint::Axis { axis: 2, is_local: false }, start());
         let mut side = start();
         side.anchor_px = DVec2::new(100.0, -102.0);
-        tool.start = side;
-        let update = tool.update(pointer(180.0, -25.04), from_the_side, NO_DEPTH);
+        transform.start = side;
+        let update = transform.update(pointer(180.0, -25.04), from_the_side, NO_DEPTH);
         // 25.04 px above the grip.
         assert!(update.placement.position_m.abs_diff_eq(DVec3::new(1.0, 0.0, 1.2704), 1e-9), "{update:?}");
-        assert_eq!(status(&tool), "Move along z: 25.04 cm");
+        assert_eq!(status(&transform), "Move along z: 25.04 cm");
         // A view along the axis: the thing stays.
-        let same = tool.update(pointer(300.0, 0.0), from_above, NO_DEPTH);
+        let same = transform.update(pointer(300.0, 0.0), from_above, NO_DEPTH);
         assert_eq!(same.placement, update.placement);
         // The plane of x and z: from the side y does not move.
-        tool.toggle_constraint(1, true);
-        assert_eq!(tool.constraint, Constraint::Plane { axis: 1, is_local: false });
-        let update = tool.update(pointer(160.0, -20.0), from_the_side, NO_DEPTH);
+        transform.toggle_constraint(1, true);
+        assert_eq!(transform.constraint, Constraint::Plane { axis: 1, is_local: false });
+        let update = transform.update(pointer(160.0, -20.0), from_the_side, NO_DEPTH);
         assert!(update.placement.position_m.abs_diff_eq(DVec3::new(1.1, 0.0, 1.22), 1e-9), "{update:?}");
     }
 
     #[test]
     fn turn_follows_the_pointer_on_screen_or_on_the_ring() {
-        let mut tool = Tool::new(TransformKind::Turn, Constraint::Free, start());
+        let mut transform = Transform::new(TransformKind::Turn, Constraint::Free, start());
         let mut turned = |x: f64, y: f64, snaps| {
-            let update = tool.update(Pointer { snaps, ..pointer(x, y) }, from_above, NO_DEPTH);
+            let update = transform.update(Pointer { snaps, ..pointer(x, y) }, from_above, NO_DEPTH);
             update.placement.heading_deg - 90.0
         };
         // From the right over the top to the left and on to below: 90°, 180°, 270°.
@@ -497,11 +499,14 @@ mod tests {
         assert!((turned(50.0, -1e-6, false).abs() - 90.0).abs() < 1e-9 || turned(50.0, -1e-6, false).abs() < 360.0);
         turned(100.0, 50.0, false);
         let steps = Pointer { snaps: true, ..pointer(104.0, 50.0) };
-        tool.update(steps, from_above, NO_DEPTH);
-        assert_eq!((history(&tool), status(&tool)), ("turned 275°".to_owned(), "Turn about up: 275°".to_owned()));
+        transform.update(steps, from_above, NO_DEPTH);
+        assert_eq!(
+            (history(&transform), status(&transform)),
+            ("turned 275°".to_owned(), "Turn about up: 275°".to_owned())
+        );
         // From below the same motion of the pointer turns the other way.
         let from_below = |px: DVec2| Some(ViewRay { origin_m: DVec3::new(px.x, px.y, -9.0), direction: DVec3::Z });
-        let mut below = Tool::new(TransformKind::Turn, Constraint::Free, start());
+        let mut below = Transform::new(TransformKind::Turn, Constraint::Free, start());
         below.update(pointer(100.0, -50.0), from_below, NO_DEPTH);
         assert_eq!(status(&below), "Turn about up: -90°");
         // On a ring seen at 30°, 50 px to the right and 25 px up are 45°.
@@ -512,7 +517,7 @@ mod tests {
             let middle = DVec3::new(1.0, 0.0, 1.02) - 5.0 * direction;
             Some(ViewRay { origin_m: middle + 0.01 * (DVec3::X * (px.x - 100.0) - up * px.y), direction })
         };
-        let mut ring = Tool::new(TransformKind::Turn, Constraint::Free, start()).on_ring();
+        let mut ring = Transform::new(TransformKind::Turn, Constraint::Free, start()).on_ring();
         ring.update(pointer(150.0, -25.0), oblique, NO_DEPTH);
         assert_eq!(status(&ring), "Turn about up: 45°");
         // A typed turn about the world's x: the heading stays.
@@ -530,19 +535,19 @@ mod tests {
 
     #[test]
     fn scale_factor_is_the_ratio_of_pointer_distances() {
-        let mut tool = Tool::new(TransformKind::Scale, Constraint::Free, start());
-        let size = |tool: &mut Tool, x: f64, snaps| {
-            tool.update(Pointer { snaps, ..pointer(x, 0.0) }, from_above, NO_DEPTH).placement.size
+        let mut transform = Transform::new(TransformKind::Scale, Constraint::Free, start());
+        let size = |transform: &mut Transform, x: f64, snaps| {
+            transform.update(Pointer { snaps, ..pointer(x, 0.0) }, from_above, NO_DEPTH).placement.size
         };
-        assert_eq!(size(&mut tool, 200.0, false), Size::Scale(DVec3::splat(2.0)));
-        assert_eq!(size(&mut tool, 161.0, true), Size::Scale(DVec3::splat(1.2)));
+        assert_eq!(size(&mut transform, 200.0, false), Size::Scale(DVec3::splat(2.0)));
+        assert_eq!(size(&mut transform, 161.0, true), Size::Scale(DVec3::splat(1.2)));
         assert_eq!(
-            (history(&tool), size(&mut tool, 100.0, false)),
+            (history(&transform), size(&mut transform, 100.0, false)),
             ("scaled to 120 %".into(), Size::Scale(DVec3::splat(MIN_DRAG_FACTOR)))
         );
-        tool.toggle_constraint(1, false);
-        typed(&mut tool, "50%");
-        assert_eq!(size(&mut tool, 0.0, false), Size::Scale(DVec3::new(1.0, 0.5, 1.0)));
-        assert_eq!(status(&tool), "Scale along its own y: [50%]  50 %");
+        transform.toggle_constraint(1, false);
+        typed(&mut transform, "50%");
+        assert_eq!(size(&mut transform, 0.0, false), Size::Scale(DVec3::new(1.0, 0.5, 1.0)));
+        assert_eq!(status(&transform), "Scale along its own y: [50%]  50 %");
     }
 }
