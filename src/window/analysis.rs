@@ -3,8 +3,8 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::background::Ticket;
 use super::calibration_messages;
+use super::task::Ticket;
 use locard_engine::calibrate::sharpness;
 use locard_engine::calibrate::{NoiseOptions, NoisePoint, moving, rendered_noise};
 use locard_engine::camera::Response;

@@ -1,37 +1,13 @@
 //! Background computation of a keyed value, one at a time. Only the result for the last requested
 //! key counts.
 
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
-
 use eframe::egui::Context;
 
-use super::task::BackgroundTask;
-
-/// Cancellation flag and progress of a computation.
-#[derive(Clone, Debug, Default)]
-pub struct Ticket {
-    cancelled: Arc<AtomicBool>,
-    /// Progress in thousandths.
-    progress: Arc<AtomicU32>,
-}
-
-impl Ticket {
-    /// True if the result is no longer needed.
-    pub fn is_cancelled(&self) -> bool {
-        self.cancelled.load(Ordering::Relaxed)
-    }
-
-    /// Sets the progress, 0 to 1.
-    pub fn set_progress(&self, share: f64) {
-        self.progress.store((1e3 * share) as u32, Ordering::Relaxed);
-    }
-}
+use super::task::{BackgroundTask, Output, Ticket};
 
 #[derive(Debug)]
 struct Running<K, T> {
     key: K,
-    ticket: Ticket,
     task: BackgroundTask<T>,
 }
 
@@ -58,7 +34,7 @@ impl<K: PartialEq, T: Send + 'static> Background<K, T> {
         self.poll();
         if let Some(running) = &self.running {
             if running.key != key {
-                running.ticket.cancelled.store(true, Ordering::Relaxed);
+                running.task.ticket().cancel();
             }
             return;
         }
@@ -66,10 +42,10 @@ impl<K: PartialEq, T: Send + 'static> Background<K, T> {
             return;
         }
         self.failure = None;
-        let (ticket, ctx) = (Ticket::default(), ctx.clone());
-        let of_work = ticket.clone();
-        match BackgroundTask::spawn("window work", move || ctx.request_repaint(), move || work(&of_work)) {
-            Ok(task) => self.running = Some(Running { key, ticket, task }),
+        let ctx = ctx.clone();
+        let run = move |output: &Output<'_, T>| _ = output.send(work(output.ticket));
+        match BackgroundTask::stream("window work", move || ctx.request_repaint(), run) {
+            Ok(task) => self.running = Some(Running { key, task }),
             Err(error) => self.failure = Some((key, format!("no thread can be had for it: {error}"))),
         }
     }
@@ -78,15 +54,15 @@ impl<K: PartialEq, T: Send + 'static> Background<K, T> {
     pub fn cancel(&mut self) {
         self.poll();
         if let Some(running) = &self.running {
-            running.ticket.cancelled.store(true, Ordering::Relaxed);
+            running.task.ticket().cancel();
         }
     }
 
     fn poll(&mut self) {
         let Some(result) = self.running.as_ref().and_then(|running| running.task.take()) else { return };
-        let Some(Running { key, ticket, .. }) = self.running.take() else { return };
+        let Some(Running { key, task }) = self.running.take() else { return };
         match result {
-            Ok(result) if !ticket.is_cancelled() => self.last = Some((key, result)),
+            Ok(result) if !task.ticket().is_cancelled() => self.last = Some((key, result)),
             Ok(_) => {}
             Err(why) => self.failure = Some((key, why)),
         }
@@ -114,29 +90,23 @@ impl<K: PartialEq, T: Send + 'static> Background<K, T> {
 
     /// Progress of the running computation, 0 to 1.
     pub fn progress(&self) -> Option<f32> {
-        self.running.as_ref().map(|running| running.ticket.progress.load(Ordering::Relaxed) as f32 / 1e3)
+        self.running.as_ref().map(|running| running.task.ticket().progress())
     }
 
     /// Drops all results and cancels the running computation.
     pub fn clear(&mut self) {
         if let Some(running) = &self.running {
-            running.ticket.cancelled.store(true, Ordering::Relaxed);
+            running.task.ticket().cancel();
         }
         (self.last, self.failure) = (None, None);
-    }
-}
-
-impl<K, T> Drop for Background<K, T> {
-    fn drop(&mut self) {
-        if let Some(running) = &self.running {
-            running.ticket.cancelled.store(true, Ordering::Relaxed);
-        }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicU32, Ordering};
     use std::sync::mpsc::channel;
 
     #[test]

@@ -201,10 +201,13 @@ impl Documents {
             self.handled_device_loss = true;
             return self.restart_program(ctx, session);
         }
-        self.recovery.search(ctx);
+        self.recovery.search(ctx, session);
         self.recovery.autosave(ctx, session, now);
         if let Some(wait) = self.files.poll(now) {
             ctx.request_repaint_after(wait);
+        }
+        if let Some(why) = self.files.take_failure() {
+            session.show_error(format!("Changes on disk are not noticed: {why}"));
         }
         let recording = &session.project.shot().recording.path;
         if self.files.is_gone(recording) {

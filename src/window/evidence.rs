@@ -102,7 +102,7 @@ impl Evidence {
         }
         ui.separator();
         self.locates = missing::show(ui, project);
-        self.scene_checks.update(project, frame, ui.ctx());
+        message = self.scene_checks.update(project, frame, ui.ctx()).or(message);
         message = list::show(ui, project, &self.scene_checks, &mut self.selected).or(message);
         let scene = project.edit().scene.clone();
         let renaming = self.renaming.take();

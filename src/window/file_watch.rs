@@ -4,8 +4,10 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::mpsc::{Sender, channel};
 use std::time::{Duration, Instant, SystemTime};
+
+use super::task::BackgroundTask;
 
 /// Interval between two polls.
 const POLL_INTERVAL: Duration = Duration::from_secs(2);
@@ -30,7 +32,7 @@ pub enum Change {
 #[derive(Debug)]
 pub struct FileWatch {
     requests: Sender<Vec<PathBuf>>,
-    stamps: Receiver<Vec<(PathBuf, Stamp)>>,
+    stamps: BackgroundTask<Vec<(PathBuf, Stamp)>>,
     recorded: BTreeMap<PathBuf, Stamp>,
     /// Missing files, each with its last stamp.
     missing: BTreeMap<PathBuf, Stamp>,
@@ -42,20 +44,19 @@ pub struct FileWatch {
     is_pending: bool,
     /// The pending poll began before a file was read or written: its result is dropped.
     is_stale: bool,
+    /// Message of a panic of the thread.
+    failure: Option<String>,
 }
 
 impl FileWatch {
     /// `wake` is called from the thread after each poll.
     pub fn begin(wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
         let (requests, received) = channel::<Vec<PathBuf>>();
-        let (sender, stamps) = channel();
-        std::thread::Builder::new().name("watch".to_owned()).spawn(move || {
+        let stamps = BackgroundTask::stream("watch", wake, move |output| {
             for paths in received {
-                let stamps: Vec<_> = paths.into_iter().map(|path| (stamp(&path), path)).map(|(s, p)| (p, s)).collect();
-                if sender.send(stamps).is_err() {
+                if !output.send(paths.into_iter().map(|path| (stamp(&path), path)).map(|(s, p)| (p, s)).collect()) {
                     return;
                 }
-                wake();
             }
         })?;
         Ok(Self {
@@ -68,6 +69,7 @@ impl FileWatch {
             last_request: None,
             is_pending: false,
             is_stale: false,
+            failure: None,
         })
     }
 
@@ -101,6 +103,11 @@ impl FileWatch {
         std::mem::take(&mut self.has_returned)
     }
 
+    /// Why the files are no longer watched, once.
+    pub fn take_failure(&mut self) -> Option<String> {
+        self.failure.take()
+    }
+
     /// The unresolved change of a file.
     pub fn change(&self, path: &Path) -> Option<Change> {
         self.changes.get(path).copied()
@@ -108,7 +115,14 @@ impl FileWatch {
 
     /// Takes results and starts a poll when due. Returns the time until the next call is useful.
     pub fn poll(&mut self, now: Instant) -> Duration {
-        for stamps in self.stamps.try_iter() {
+        while let Some(taken) = self.stamps.take() {
+            let stamps = match taken {
+                Ok(stamps) => stamps,
+                Err(why) => {
+                    self.failure = Some(why);
+                    break;
+                }
+            };
             self.is_pending = false;
             if std::mem::take(&mut self.is_stale) {
                 continue;

@@ -3,11 +3,11 @@
 //! while the next is recorded.
 
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
-use std::thread::{Builder, JoinHandle};
+use std::sync::mpsc::{Sender, channel};
 use std::time::{Duration, Instant};
 
 use super::reader::Reader;
+use super::task::BackgroundTask;
 use locard_engine::compositor::{Compositor, FrameStats, Pending, Target};
 use locard_engine::frame::Frame;
 use locard_engine::gpu::{Gpu, GpuError, PartTime, read_back};
@@ -93,20 +93,19 @@ pub struct RenderedPicture {
 #[derive(Debug)]
 pub struct FrameRenderer {
     requests: Option<Sender<RenderRequest>>,
-    finished: Receiver<RenderResult>,
-    threads: Vec<JoinHandle<()>>,
+    renderer: BackgroundTask<()>,
+    finished: BackgroundTask<RenderResult>,
     in_flight: usize,
 }
 
 impl FrameRenderer {
     /// `wake` is called from a thread whenever a picture is finished.
-    pub fn new(gpu: &Gpu, wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
+    pub fn new(gpu: &Gpu, wake: impl Fn() + Clone + Send + 'static) -> std::io::Result<Self> {
         let (requests, incoming) = channel::<RenderRequest>();
         let (submissions, submitted) =
             channel::<(RenderRequest, Instant, Option<Arc<Frame>>, Result<Pending, ShotError>)>();
-        let (done, finished) = channel();
         let renderer_gpu = gpu.clone();
-        let renderer = Builder::new().name("window maker".to_owned()).spawn(move || {
+        let renderer = BackgroundTask::stream("window maker", wake.clone(), move |_| {
             let Ok(first) = incoming.recv() else { return };
             let mut scene = Arc::clone(&first.shot.scene);
             let mut compositor = first.shot.compositor(renderer_gpu.clone());
@@ -156,7 +155,7 @@ impl FrameRenderer {
             }
         })?;
         let waiter_gpu = gpu.clone();
-        let waiter = Builder::new().name("window waiter".to_owned()).spawn(move || {
+        let finished = BackgroundTask::stream("window waiter", wake, move |output| {
             for (request, started, frame, pending) in submitted {
                 let picture = pending.and_then(|pending| {
                     let failed = |source| ShotError::Gpu { frame: request.key.frame, source };
@@ -167,13 +166,13 @@ impl FrameRenderer {
                 });
                 let key = request.key;
                 let elapsed = started.elapsed();
-                if done.send(RenderResult { key, frame, picture, elapsed }).is_err() {
+                if !output.send(RenderResult { key, frame, picture, elapsed }) {
                     return;
                 }
-                wake();
             }
         })?;
-        Ok(Self { requests: Some(requests), finished, threads: vec![renderer, waiter], in_flight: 0 })
+        let (renderer, finished) = (renderer.joined(), finished.joined());
+        Ok(Self { requests: Some(requests), renderer, finished, in_flight: 0 })
     }
 
     /// Number of unfinished pictures.
@@ -189,16 +188,13 @@ impl FrameRenderer {
         }
     }
 
-    /// The next finished picture; `Err` if the threads have ended.
-    pub fn take(&mut self) -> Result<Option<RenderResult>, ()> {
-        match self.finished.try_recv() {
-            Ok(finished) => {
-                self.in_flight -= 1;
-                Ok(Some(finished))
-            }
-            Err(TryRecvError::Empty) => Ok(None),
-            Err(TryRecvError::Disconnected) => Err(()),
+    /// The next finished picture. The error is the message of a panic, which ends rendering.
+    pub fn take(&mut self) -> Result<Option<RenderResult>, String> {
+        if let Some(finished) = self.finished.take() {
+            self.in_flight -= 1;
+            return finished.map(Some);
         }
+        self.renderer.take().transpose().map(|_| None)
     }
 }
 
@@ -236,9 +232,7 @@ fn await_picture(gpu: &Gpu, request: &RenderRequest, pending: &Pending) -> Resul
 
 impl Drop for FrameRenderer {
     fn drop(&mut self) {
+        // The threads end, and the drops of their tasks wait for them.
         drop(self.requests.take());
-        for thread in self.threads.drain(..) {
-            let _ = thread.join();
-        }
     }
 }

@@ -5,11 +5,11 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
-use std::thread::JoinHandle;
+use std::sync::mpsc::{Sender, channel};
 use std::time::{Duration, Instant};
 
 use super::dials::options_as_dials;
+use super::task::BackgroundTask;
 use locard_engine::analyse::{Analysis, Interrupted, Progress, Stage};
 use locard_engine::compositor::Target;
 use locard_engine::export::{Export, ExportError, Inputs};
@@ -103,8 +103,7 @@ enum JobEvent {
 pub struct Jobs {
     pub entries: Vec<JobEntry>,
     jobs: Option<Sender<QueuedJob>>,
-    events: Receiver<(usize, JobEvent)>,
-    thread: Option<JoinHandle<()>>,
+    events: BackgroundTask<(usize, JobEvent)>,
 }
 
 impl std::fmt::Debug for Jobs {
@@ -117,16 +116,12 @@ impl Jobs {
     /// `wake` is called from the thread for every event.
     pub fn new(wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
         let (jobs, queue) = channel::<QueuedJob>();
-        let (send, events) = channel();
-        let thread = std::thread::Builder::new().name("export".to_owned()).spawn(move || {
+        let events = BackgroundTask::stream("export", wake, move |output| {
             // Opened by the first job that needs it; without jobs the window's device suffices.
             let mut gpu: Option<Gpu> = None;
             for queued in queue {
-                let send_event = |event: JobEvent| {
-                    // The window may be gone.
-                    let _ = send.send((queued.number, event));
-                    wake();
-                };
+                // The window may be gone.
+                let send_event = |event: JobEvent| _ = output.send((queued.number, event));
                 let state = if queued.cancelled.load(Ordering::Acquire) {
                     JobState::Cancelled
                 } else {
@@ -137,7 +132,7 @@ impl Jobs {
                 send_event(JobEvent::State(state));
             }
         })?;
-        Ok(Self { entries: Vec::new(), jobs: Some(jobs), events, thread: Some(thread) })
+        Ok(Self { entries: Vec::new(), jobs: Some(jobs), events: events.joined() })
     }
 
     /// Queues a job with a snapshot of the shot. Returns its index among the entries.
@@ -155,16 +150,14 @@ impl Jobs {
     /// Handles new events. Returns the entries that have ended since.
     pub fn take(&mut self) -> Vec<usize> {
         let mut ended = Vec::new();
-        loop {
-            let (number, event) = match self.events.try_recv() {
+        while let Some(taken) = self.events.take() {
+            let (number, event) = match taken {
                 Ok(event) => event,
-                Err(TryRecvError::Empty) => return ended,
-                Err(TryRecvError::Disconnected) => {
-                    // The thread ended during a job.
-                    for (number, entry) in
-                        self.entries.iter_mut().enumerate().filter(|(_, entry)| !entry.state.is_over())
-                    {
-                        entry.state = JobState::Failed("the thread that exports has ended".to_owned());
+                Err(why) => {
+                    // The thread ended by a panic during a job.
+                    let unfinished = self.entries.iter_mut().enumerate().filter(|(_, entry)| !entry.state.is_over());
+                    for (number, entry) in unfinished {
+                        entry.state = JobState::Failed(why.clone());
                         ended.push(number);
                     }
                     return ended;
@@ -180,6 +173,7 @@ impl Jobs {
                 JobEvent::Analysis(found) => entry.analysis = Some(found),
             }
         }
+        ended
     }
 
     /// True if any job is unfinished.
@@ -195,10 +189,8 @@ impl Jobs {
 impl Drop for Jobs {
     fn drop(&mut self) {
         self.cancel_all();
+        // The thread ends, and the drop of its task waits for it.
         drop(self.jobs.take());
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
     }
 }
 

@@ -2,12 +2,12 @@
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::{Receiver, Sender, channel};
-use std::thread::Builder;
+use std::sync::mpsc::{Sender, channel};
 
 use eframe::egui::{self, Color32, ColorImage, FocusDirection, Id, Key, TextureHandle, Ui, vec2};
 use glam::DVec3;
 
+use super::task::BackgroundTask;
 use locard_engine::assets;
 use locard_engine::camera::{Distortion, Geometry, Intrinsics, Response};
 use locard_engine::gpu::Gpu;
@@ -37,7 +37,7 @@ enum Thumbnail {
 /// Renders thumbnails on a thread of its own.
 struct ThumbnailRenderer {
     requests: Sender<PathBuf>,
-    results: Receiver<(PathBuf, Result<ColorImage, String>)>,
+    results: BackgroundTask<(PathBuf, Result<ColorImage, String>)>,
 }
 
 /// The models beside the scene file and those that are installed with the program.
@@ -211,7 +211,17 @@ impl Library {
 
     fn take_results(&mut self, ctx: &egui::Context) {
         let Some(renderer) = &self.renderer else { return };
-        for (model, result) in renderer.results.try_iter() {
+        while let Some(taken) = renderer.results.take() {
+            let (model, result) = match taken {
+                Ok(result) => result,
+                Err(why) => {
+                    // The requested models have no thumbnail; later ones start another thread.
+                    let requested = self.thumbnails.values_mut().filter(|one| matches!(one, Thumbnail::Requested));
+                    requested.for_each(|thumbnail| *thumbnail = Thumbnail::Failed(why.clone()));
+                    self.renderer = None;
+                    return;
+                }
+            };
             let thumbnail = match result {
                 Ok(image) => Thumbnail::Ready(ctx.load_texture(name(&model), image, egui::TextureOptions::LINEAR)),
                 Err(why) => Thumbnail::Failed(why),
@@ -251,16 +261,15 @@ impl ThumbnailRenderer {
     /// Ends when the library is dropped.
     fn new(gpu: Gpu, ctx: egui::Context) -> std::io::Result<Self> {
         let (requests, received) = channel::<PathBuf>();
-        let (done, results) = channel();
-        Builder::new().name("window artist".to_owned()).spawn(move || {
+        let wake = move || ctx.request_repaint();
+        let results = BackgroundTask::stream("window artist", wake, move |output| {
             let mut renderer: Option<Renderer> = None;
             for model in received {
                 let picture = gpu.in_error_scope(|| render_thumbnail(&gpu, &mut renderer, &model));
                 let picture = picture.map_err(|error| error.to_string()).and_then(|picture| picture);
-                if done.send((model, picture)).is_err() {
+                if !output.send((model, picture)) {
                     return;
                 }
-                ctx.request_repaint();
             }
         })?;
         Ok(Self { requests, results })

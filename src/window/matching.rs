@@ -7,7 +7,7 @@ use eframe::egui::{self, RichText, Ui};
 use glam::DVec2;
 
 use super::analysis::{Analysis, AnalysisRequest, CompositorCache, HISTOGRAM_BINS, RejectedEdge, analyse};
-use super::background::{Background, Ticket};
+use super::background::Background;
 use super::brightness_plot;
 use super::controls::unknown_exposure;
 use super::gpu_times;
@@ -17,6 +17,7 @@ use super::pointer_probe::PointerProbe;
 use super::progress;
 use super::region_picker::{self, RegionPrompt, RegionPurpose};
 use super::session::Session;
+use super::task::Ticket;
 use super::theme::MIN_TEXT_PT;
 use super::tool::Tools;
 use locard_engine::calibrate::{NoisePoint, sharpness, sigma_over_profile};

@@ -4,13 +4,11 @@
 
 use std::io;
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, channel};
-use std::thread::{Builder, sleep};
+use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use super::autosave::RecoverableWork;
+use super::task::BackgroundTask;
 
 /// Duration and interval of the search.
 const SEARCH_TIME: Duration = Duration::from_secs(30);
@@ -18,52 +16,42 @@ const POLL_INTERVAL: Duration = Duration::from_millis(100);
 
 /// A search, which ends with the first result.
 #[derive(Debug)]
-pub struct RecoverySearch {
+pub enum RecoverySearch {
     /// Found by the first, synchronous search.
-    found_at_once: Vec<RecoverableWork>,
-    found: Receiver<Vec<RecoverableWork>>,
-    is_cancelled: Arc<AtomicBool>,
+    Found(Vec<RecoverableWork>),
+    Running(BackgroundTask<Vec<RecoverableWork>>),
 }
 
 impl RecoverySearch {
     /// Searches at once: the first picture of the window keeps the graphics device busy, which
     /// delays everything shown after it. `wake` is called from the thread when it finds something
     /// later.
-    pub fn begin(folder: PathBuf, wake: impl FnOnce() + Send + 'static) -> io::Result<Self> {
-        let ((sender, found), is_cancelled) = (channel(), Arc::new(AtomicBool::new(false)));
-        let found_at_once = RecoverableWork::find_in(&folder);
-        if !found_at_once.is_empty() {
-            return Ok(Self { found_at_once, found, is_cancelled });
+    pub fn begin(folder: PathBuf, wake: impl Fn() + Send + 'static) -> io::Result<Self> {
+        let found = RecoverableWork::find_in(&folder);
+        if !found.is_empty() {
+            return Ok(Self::Found(found));
         }
-        let cancelled = Arc::clone(&is_cancelled);
-        Builder::new().name("left work".to_owned()).spawn(move || {
+        let task = BackgroundTask::stream("left work", wake, move |output| {
             let started = Instant::now();
-            while !cancelled.load(Ordering::Acquire) && started.elapsed() < SEARCH_TIME {
+            while !output.ticket.is_cancelled() && started.elapsed() < SEARCH_TIME {
                 sleep(POLL_INTERVAL);
-                let found_work = RecoverableWork::find_in(&folder);
-                if !found_work.is_empty() {
+                let found = RecoverableWork::find_in(&folder);
+                if !found.is_empty() {
                     // If the receiver is gone, the work can be found again.
-                    let _ = sender.send(found_work);
-                    return wake();
+                    output.send(found);
+                    return;
                 }
             }
         })?;
-        Ok(Self { found_at_once, found, is_cancelled })
+        Ok(Self::Running(task))
     }
 
-    /// The work that was found, newest first.
-    pub fn take(&mut self) -> Option<Vec<RecoverableWork>> {
-        if self.found_at_once.is_empty() {
-            self.found.try_recv().ok()
-        } else {
-            Some(std::mem::take(&mut self.found_at_once))
+    /// The work that was found, newest first. The error is the message of a panic.
+    pub fn take(&mut self) -> Option<Result<Vec<RecoverableWork>, String>> {
+        match self {
+            Self::Found(found) => Some(Ok(std::mem::take(found))),
+            Self::Running(task) => task.take(),
         }
-    }
-}
-
-impl Drop for RecoverySearch {
-    fn drop(&mut self) {
-        self.is_cancelled.store(true, Ordering::Release);
     }
 }
 
@@ -75,6 +63,7 @@ mod tests {
     use locard_engine::compositor::Settings;
     use locard_engine::profile::Rig;
     use locard_engine::scene::SceneFile;
+    use std::sync::mpsc::channel;
 
     #[test]
     fn work_is_found_once_its_lock_is_free() {
@@ -96,11 +85,11 @@ mod tests {
         assert!(wakes.recv_timeout(3 * POLL_INTERVAL).is_err() && search.take().is_none());
         drop(held);
         wakes.recv_timeout(SEARCH_TIME).unwrap();
-        let found_work = search.take().unwrap();
+        let found_work = search.take().unwrap().unwrap();
         assert!(found_work.len() == 1 && *found_work[0].work == work);
         // Unlocked work is found before the first frame of the window.
         drop(found_work);
         let mut search = RecoverySearch::begin(temp.path().to_owned(), || unreachable!()).unwrap();
-        assert!(search.take().is_some_and(|found_work| found_work.len() == 1));
+        assert_eq!(search.take().unwrap().unwrap().len(), 1);
     }
 }

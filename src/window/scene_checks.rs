@@ -1,13 +1,12 @@
 //! Checks the placement of objects on a background thread.
 
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, TryRecvError, channel};
-use std::thread::Builder;
 use std::time::{Duration, Instant};
 
 use eframe::egui;
 
 use super::Project;
+use super::task::BackgroundTask;
 use locard_engine::frame::Frame;
 use locard_engine::shot::{Note, ObjectIssue};
 use locard_engine::support::Tilt;
@@ -29,7 +28,7 @@ struct CheckResults {
 /// Placement checks for the list of evidence.
 #[derive(Default)]
 pub struct SceneChecks {
-    running: Option<(CheckedState, Receiver<CheckResults>)>,
+    running: Option<(CheckedState, BackgroundTask<CheckResults>)>,
     /// The state to check, and since when it has been current.
     pending: Option<(CheckedState, Instant)>,
     results: Option<(CheckedState, CheckResults)>,
@@ -37,23 +36,25 @@ pub struct SceneChecks {
 
 impl SceneChecks {
     /// Starts a check when the scene or the frame has changed, and takes its result. Never blocks.
-    pub fn update(&mut self, project: &Project, frame: Option<&Arc<Frame>>, ctx: &egui::Context) {
+    /// Returns why a check failed.
+    pub fn update(&mut self, project: &Project, frame: Option<&Arc<Frame>>, ctx: &egui::Context) -> Option<String> {
         let version = project.scene_version();
         // Objects are identified by their index, and another scene numbers them differently.
         self.results = self.results.take().filter(|((state, _), _)| *state == version);
-        if let Some((state, results)) = &self.running {
-            match results.try_recv() {
-                Ok(checks) => self.results = Some((*state, checks)),
-                Err(TryRecvError::Empty) => return,
-                // The thread panicked and would do so again: no results for this state.
-                Err(TryRecvError::Disconnected) => self.results = Some((*state, CheckResults::default())),
-            }
+        let mut failure = None;
+        if let Some((state, task)) = &self.running {
+            // A check that panicked would do so again: no results for this state.
+            let checks = task.take()?.unwrap_or_else(|why| {
+                failure = Some(format!("The placement is not checked: {why}"));
+                CheckResults::default()
+            });
+            self.results = Some((*state, checks));
             self.running = None;
         }
-        let Some(frame) = frame else { return };
+        let Some(frame) = frame else { return failure };
         let state = (version, frame.index);
         if self.results.as_ref().is_some_and(|(known, _)| *known == state) {
-            return;
+            return failure;
         }
         let since = match self.pending {
             Some((pending, since)) if pending == state => since.elapsed(),
@@ -64,18 +65,13 @@ impl SceneChecks {
         };
         if since < SETTLE_TIME {
             ctx.request_repaint_after(SETTLE_TIME - since);
-            return;
+            return failure;
         }
-        let (done, results) = channel();
-        let (shot, frame, ctx) = (project.shot().clone(), Arc::clone(frame), ctx.clone());
-        let spawned = Builder::new().name("window wrongs".to_owned()).spawn(move || {
-            if done.send(CheckResults { wrongs: shot.object_issues(&frame), tilts: shot.tilts() }).is_ok() {
-                ctx.request_repaint();
-            }
-        });
-        if spawned.is_ok() {
-            self.running = Some((state, results));
-        }
+        let (shot, frame, wake) = (project.shot().clone(), Arc::clone(frame), ctx.clone());
+        let check = move || CheckResults { wrongs: shot.object_issues(&frame), tilts: shot.tilts() };
+        let task = BackgroundTask::spawn("window wrongs", move || wake.request_repaint(), check);
+        self.running = task.ok().map(|task| (state, task));
+        failure
     }
 
     /// The results for a version of the scene.
@@ -116,7 +112,8 @@ mod tests {
             CheckResults { tilts: vec![tilt], ..CheckResults::default() }
         };
         let state = (project.scene_version(), 0);
-        let (done, running) = channel();
+        let (done, awaited) = std::sync::mpsc::channel();
+        let running = BackgroundTask::spawn("test", || (), move || awaited.recv().unwrap()).unwrap();
         let mut scene_checks =
             SceneChecks { running: Some((state, running)), pending: None, results: Some((state, checks())) };
         let ctx = egui::Context::default();
@@ -128,7 +125,9 @@ mod tests {
         scene_checks.update(&project, None, &ctx);
         assert!(scene_checks.results.is_none(), "the check still runs");
         done.send(checks()).unwrap();
-        scene_checks.update(&project, None, &ctx);
+        while scene_checks.running.is_some() {
+            scene_checks.update(&project, None, &ctx);
+        }
         assert!(scene_checks.tilt(version, 0).is_none(), "the check was of the older scene");
     }
 }

@@ -322,8 +322,8 @@ impl Session {
         // Polling makes the device report its loss. Without it, egui's own drawing would panic.
         let gpu = self.viewer.gpu();
         self.is_lost |= gpu.poll().and(gpu.check()).is_err_and(|failure| failure.is_lost());
-        if let Some(thumbnails) = &mut self.thumbnails {
-            thumbnails.upload(ctx);
+        if let Some(Err(why)) = self.thumbnails.as_mut().map(|thumbnails| thumbnails.upload(ctx)) {
+            self.show_error(format!("The time line lacks pictures: {why}"));
         }
     }
 
@@ -406,7 +406,7 @@ impl Session {
                     }
                 }
                 Ok(None) => break,
-                Err(()) => return self.end("drawing has ended"),
+                Err(why) => return self.end(&format!("drawing has ended ({why})")),
             }
         }
         self.finish_times.retain(|finished| instant.duration_since(*finished).as_secs_f64() < 1.0);

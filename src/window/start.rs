@@ -144,8 +144,10 @@ impl Start {
             }
         }
         if self.dialog.is_none() {
-            if let Some(found) = self.recovery_search.as_mut().and_then(RecoverySearch::take) {
-                (self.recoverable, self.recovery_search) = (found, None);
+            match self.recovery_search.as_mut().and_then(RecoverySearch::take) {
+                Some(Ok(found)) => (self.recoverable, self.recovery_search) = (found, None),
+                Some(Err(why)) => self.message = Some(MessageWindow::new(why)),
+                None => {}
             }
             self.dialog = self.recoverable.pop().map(Dialog::Recovery);
         }

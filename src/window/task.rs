@@ -1,39 +1,146 @@
-//! One-shot tasks on background threads.
+//! Work on background threads. All threads of the window start here.
+//!
+//! A task sends values, which its owner takes once a frame. A panic is a value too: the owner gets its
+//! message. A task that is dropped is cancelled.
 
 use std::any::Any;
+use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::mpsc::{Receiver, TryRecvError, channel};
-use std::thread::Builder;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::thread::{Builder, JoinHandle};
+
+/// Cancellation flag and progress of a task.
+#[derive(Clone, Debug, Default)]
+pub struct Ticket {
+    cancelled: Arc<AtomicBool>,
+    /// Progress in thousandths.
+    progress: Arc<AtomicU32>,
+}
+
+impl Ticket {
+    /// True if the result is no longer needed.
+    pub fn is_cancelled(&self) -> bool {
+        self.cancelled.load(Ordering::Acquire)
+    }
+
+    pub fn cancel(&self) {
+        self.cancelled.store(true, Ordering::Release);
+    }
+
+    /// Sets the progress, 0 to 1.
+    pub fn set_progress(&self, share: f64) {
+        self.progress.store((1e3 * share) as u32, Ordering::Relaxed);
+    }
+
+    /// Progress, 0 to 1.
+    pub fn progress(&self) -> f32 {
+        self.progress.load(Ordering::Relaxed) as f32 / 1e3
+    }
+}
+
+/// The side of a task that runs on the thread.
+pub struct Output<'a, T> {
+    values: &'a Sender<Result<T, String>>,
+    pub ticket: &'a Ticket,
+    wake: &'a dyn Fn(),
+}
+
+impl<T> Output<'_, T> {
+    /// Sends a value and wakes the owner. Returns false if no further value is needed.
+    pub fn send(&self, value: T) -> bool {
+        let is_sent = self.values.send(Ok(value)).is_ok();
+        self.wake();
+        is_sent && !self.ticket.is_cancelled()
+    }
+
+    /// Wakes the owner.
+    pub fn wake(&self) {
+        (self.wake)();
+    }
+}
 
 /// A task that has been started.
 #[derive(Debug)]
-pub struct BackgroundTask<T>(Receiver<Result<T, String>>);
+pub struct BackgroundTask<T> {
+    values: Receiver<Result<T, String>>,
+    ticket: Ticket,
+    thread: Option<JoinHandle<()>>,
+    /// A drop waits for the end of the thread.
+    is_joined: bool,
+}
 
 impl<T: Send + 'static> BackgroundTask<T> {
-    /// `wake` is called from the thread when the task ends, even by a panic.
+    /// Starts work with a single value. `wake` is called from the thread when it ends, even by a panic.
     pub fn spawn(
         name: &str,
         wake: impl FnOnce() + Send + 'static,
         work: impl FnOnce() -> T + Send + 'static,
-    ) -> std::io::Result<Self> {
-        let (sender, done) = channel();
-        Builder::new().name(name.to_owned()).spawn(move || {
-            let result = catch_unwind(AssertUnwindSafe(work)).map_err(|panic| panic_message(&*panic));
+    ) -> io::Result<Self> {
+        Self::start(name, move |values, _| {
             // The receiver may be gone.
-            let _ = sender.send(result);
+            let _ = values.send(caught(work));
             wake();
-        })?;
-        Ok(Self(done))
+        })
     }
 
-    /// The result, once. The error is the message of a panic.
+    /// Starts work with any number of values. `wake` is called from the thread for each value and for
+    /// a panic.
+    pub fn stream(
+        name: &str,
+        wake: impl Fn() + Send + 'static,
+        work: impl FnOnce(&Output<'_, T>) + Send + 'static,
+    ) -> io::Result<Self> {
+        Self::start(name, move |values, ticket| {
+            let output = Output { values: &values, ticket: &ticket, wake: &wake };
+            if let Err(why) = caught(|| work(&output)) {
+                let _ = values.send(Err(why));
+                wake();
+            }
+        })
+    }
+
+    fn start(name: &str, run: impl FnOnce(Sender<Result<T, String>>, Ticket) + Send + 'static) -> io::Result<Self> {
+        let ((sender, values), ticket) = (channel(), Ticket::default());
+        let of_thread = ticket.clone();
+        let thread = start_thread(name, move || run(sender, of_thread))?;
+        Ok(Self { values, ticket, thread: Some(thread), is_joined: false })
+    }
+
+    /// Lets a drop wait for the end of the thread.
+    pub fn joined(mut self) -> Self {
+        self.is_joined = true;
+        self
+    }
+
+    /// The next value, if there is one. The error is the message of a panic.
     pub fn take(&self) -> Option<Result<T, String>> {
-        match self.0.try_recv() {
-            Ok(result) => Some(result),
-            Err(TryRecvError::Empty) => None,
-            Err(TryRecvError::Disconnected) => Some(Err("its thread has ended".to_owned())),
+        self.values.try_recv().ok()
+    }
+
+    pub fn ticket(&self) -> &Ticket {
+        &self.ticket
+    }
+}
+
+impl<T> Drop for BackgroundTask<T> {
+    fn drop(&mut self) {
+        self.ticket.cancel();
+        if let Some(thread) = self.thread.take().filter(|_| self.is_joined) {
+            let _ = thread.join();
         }
     }
+}
+
+/// Starts a thread of the window.
+fn start_thread(name: &str, run: impl FnOnce() + Send + 'static) -> io::Result<JoinHandle<()>> {
+    Builder::new().name(name.to_owned()).spawn(run)
+}
+
+/// Runs work; the error is the message of a panic.
+fn caught<T>(work: impl FnOnce() -> T) -> Result<T, String> {
+    catch_unwind(AssertUnwindSafe(work)).map_err(|panic| panic_message(&*panic))
 }
 
 /// The message of a panic, for the user.
@@ -45,7 +152,7 @@ fn panic_message(panic: &(dyn Any + Send)) -> String {
 /// Drops a value that waits for threads on a background thread.
 pub fn drop_in_background(value: impl Send + 'static) {
     // If no thread can be started, the value is dropped here.
-    let _ = Builder::new().name("window end".to_owned()).spawn(move || drop(value));
+    let _ = start_thread("window end", move || drop(value));
 }
 
 #[cfg(test)]
@@ -59,6 +166,40 @@ mod tests {
         wakes.recv().unwrap();
         let result: Result<(), String> = task.take().unwrap();
         assert!(result.unwrap_err().ends_with("mistake in the program: no bread"));
+    }
+
+    #[test]
+    fn stream_delivers_its_values_then_the_message_of_a_panic() {
+        let (woken, wakes) = channel();
+        let task = BackgroundTask::stream(
+            "test",
+            move || woken.send(()).unwrap(),
+            |output| {
+                assert!(output.send(1) && output.send(2), "the owner waits");
+                panic!("no bread");
+            },
+        );
+        let task = task.unwrap().joined();
+        (0..3).for_each(|_| wakes.recv().unwrap());
+        assert_eq!((task.take(), task.take()), (Some(Ok(1)), Some(Ok(2))));
+        assert!(task.take().unwrap().unwrap_err().ends_with("no bread"));
+    }
+
+    #[test]
+    fn dropped_task_is_cancelled_and_joined() {
+        let (sender, ended) = channel();
+        let task = BackgroundTask::<()>::stream(
+            "test",
+            || (),
+            move |output| {
+                while !output.ticket.is_cancelled() {
+                    std::thread::yield_now();
+                }
+                sender.send(()).unwrap();
+            },
+        );
+        drop(task.unwrap().joined());
+        ended.try_recv().unwrap();
     }
 
     #[test]

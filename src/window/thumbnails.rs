@@ -1,12 +1,10 @@
 //! Thumbnails of a recording for its time line, decoded on a background thread.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, channel};
-use std::thread::JoinHandle;
 
 use eframe::egui::{self, ColorImage, TextureHandle, TextureOptions};
 
+use super::task::BackgroundTask;
 use locard_engine::pixels::Pixels;
 use locard_engine::recording::Recording;
 
@@ -18,57 +16,49 @@ const MAX_THUMBNAILS: usize = 40;
 /// Thumbnails, decoded from coarse to fine.
 pub struct Thumbnails {
     pictures: Vec<(usize, TextureHandle)>,
-    decoded: Receiver<(usize, ColorImage)>,
-    is_ended: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
+    decoded: BackgroundTask<(usize, ColorImage)>,
     /// Aspect ratio, width by height.
     aspect: f32,
 }
 
 impl Thumbnails {
     pub fn new(recording: Arc<Recording>, ctx: &egui::Context) -> std::io::Result<Self> {
-        let (done, decoded) = channel();
-        let is_ended = Arc::new(AtomicBool::new(false));
-        let (ends, ctx) = (Arc::clone(&is_ended), ctx.clone());
+        let wake = ctx.clone();
         let aspect = recording.width as f32 / recording.height as f32;
-        let thread = std::thread::Builder::new().name("window thumbnails".to_owned()).spawn(move || {
-            for frame in coarse_to_fine(recording.frame_count()) {
-                let decoded = recording.frames(frame..frame + 1).ok().and_then(|mut frames| frames.next()?.ok());
-                // Decoding errors are reported where the frame itself is shown.
-                let Some(decoded) = decoded else { continue };
-                if ends.load(Ordering::Relaxed) || done.send((frame, downsample(&decoded.pixels))).is_err() {
-                    return;
+        let decoded = BackgroundTask::stream(
+            "window thumbnails",
+            move || wake.request_repaint(),
+            move |output| {
+                for frame in coarse_to_fine(recording.frame_count()) {
+                    let decoded = recording.frames(frame..frame + 1).ok().and_then(|mut frames| frames.next()?.ok());
+                    // Decoding errors are reported where the frame itself is shown.
+                    let Some(decoded) = decoded else { continue };
+                    if output.ticket.is_cancelled() || !output.send((frame, downsample(&decoded.pixels))) {
+                        return;
+                    }
                 }
-                ctx.request_repaint();
-            }
-        })?;
-        Ok(Self { pictures: Vec::new(), decoded, is_ended, thread: Some(thread), aspect })
+            },
+        )?;
+        Ok(Self { pictures: Vec::new(), decoded: decoded.joined(), aspect })
     }
 
     pub fn aspect(&self) -> f32 {
         self.aspect
     }
 
-    /// Uploads decoded thumbnails.
-    pub fn upload(&mut self, ctx: &egui::Context) {
-        for (frame, picture) in self.decoded.try_iter() {
+    /// Uploads decoded thumbnails. The error is the message of a panic.
+    pub fn upload(&mut self, ctx: &egui::Context) -> Result<(), String> {
+        while let Some(decoded) = self.decoded.take() {
+            let (frame, picture) = decoded?;
             let texture = ctx.load_texture(format!("frame {frame}"), picture, TextureOptions::LINEAR);
             self.pictures.push((frame, texture));
         }
+        Ok(())
     }
 
     /// The thumbnail nearest to a frame.
     pub fn nearest(&self, frame: usize) -> Option<&TextureHandle> {
         self.pictures.iter().min_by_key(|(of, _)| of.abs_diff(frame)).map(|(_, texture)| texture)
-    }
-}
-
-impl Drop for Thumbnails {
-    fn drop(&mut self) {
-        self.is_ended.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
     }
 }
 

@@ -44,7 +44,7 @@ pub struct Viewer {
 
 impl Viewer {
     /// `wake` is called from a thread whenever a composite is finished.
-    pub fn new(window: RenderState, wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
+    pub fn new(window: RenderState, wake: impl Fn() + Clone + Send + 'static) -> std::io::Result<Self> {
         let gpu = Gpu::from_device(&window.adapter, window.device.clone(), window.queue.clone());
         canvas::prepare(&window);
         let renderer = FrameRenderer::new(&gpu, wake)?;
@@ -114,7 +114,7 @@ impl Viewer {
     }
 
     /// Takes the next finished composite and displays it; `Err` if the worker has ended.
-    pub fn take(&mut self) -> Result<Option<RenderResult>, ()> {
+    pub fn take(&mut self) -> Result<Option<RenderResult>, String> {
         let finished = self.renderer.take()?;
         if let Some(finished) = &finished {
             let finished_texture = self.pending.pop_front();

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use eframe::egui::{self, DragValue, RichText, Ui};
 
-use super::super::background::{Background, Ticket};
+use super::super::background::Background;
 use super::super::calibration_messages;
 use super::super::fields::typed_parser;
 use super::super::matching::curve;
@@ -13,6 +13,7 @@ use super::super::plots::{self, Axes, DataSource};
 use super::super::progress;
 use super::super::region_picker::{self, RegionPrompt, RegionPurpose};
 use super::super::session::Session;
+use super::super::task::Ticket;
 use super::super::tool::Tools;
 use super::parts::{self, FrameRegion, ListAction, Verdict};
 use locard_engine::calibrate::{

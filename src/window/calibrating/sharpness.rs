@@ -3,12 +3,13 @@
 use eframe::egui::{RichText, Ui};
 
 use super::super::analysis::{self, RejectedEdge, moved_px};
-use super::super::background::{Background, Ticket};
+use super::super::background::Background;
 use super::super::matching::{GOOD_EDGE, draw_edge, edge_signal, plot_rejected_edges, width_text};
 use super::super::plots::{self, Axes, DataSource};
 use super::super::progress;
 use super::super::region_picker::{self, RegionPrompt, RegionPurpose};
 use super::super::session::Session;
+use super::super::task::Ticket;
 use super::super::tool::Tools;
 use super::parts::{self, FrameRegion, ListAction, Verdict};
 use locard_engine::calibrate::sharpness::{self, PARAMETER, combine};

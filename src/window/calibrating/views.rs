@@ -3,6 +3,7 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use super::super::task::{BackgroundTask, Output};
 use locard_engine::calibrate::board::{BoardDetector, TargetChoice};
 use locard_engine::calibrate::geometry::{CameraCalibration, Coverage, LensOptions, ViewCollector, ViewOutcome};
 use locard_engine::camera::Response;
@@ -34,7 +35,6 @@ pub struct CollectionStatus {
 struct Shared {
     status: CollectionStatus,
     ends: bool,
-    result: Option<Result<CameraCalibration, String>>,
 }
 
 /// A frame with its predecessor, for the detection of motion. When detection is slower than the
@@ -47,6 +47,7 @@ pub struct Views {
     putter: Putter<Pair>,
     before: Option<Arc<Frame>>,
     shared: Arc<Mutex<Shared>>,
+    task: BackgroundTask<Result<CameraCalibration, String>>,
     size: (u32, u32),
     last_s: f64,
 }
@@ -62,12 +63,12 @@ impl Views {
         let search = BoardDetector::new(&TargetChoice::Any, response).map_err(|error| error.to_string())?;
         let taking = ViewCollector::new(size, TARGET_VIEWS, LensOptions::default());
         let (putter, newest) = Newest::new();
-        let shared = Arc::new(Mutex::new(Shared { status: status(&taking, None), ends: false, result: None }));
+        let shared = Arc::new(Mutex::new(Shared { status: status(&taking, None), ends: false }));
         let of_thread = Arc::clone(&shared);
-        let work = move || watch(&newest, search, taking, &of_thread, wake);
-        let thread = std::thread::Builder::new().name("views".to_owned());
-        thread.spawn(work).map_err(|error| format!("no thread can be started that looks for a board: {error}"))?;
-        Ok(Self { putter, before: None, shared, size, last_s: f64::NEG_INFINITY })
+        let work = move |output: &Output<'_, _>| watch(&newest, search, taking, &of_thread, output);
+        let task = BackgroundTask::stream("views", wake, work);
+        let task = task.map_err(|error| format!("no thread can be started that looks for a board: {error}"))?;
+        Ok(Self { putter, before: None, shared, task, size, last_s: f64::NEG_INFINITY })
     }
 
     /// Passes the camera's newest frame to the thread. Known frames and frames of another size are
@@ -91,7 +92,7 @@ impl Views {
 
     /// The calibrated camera or an error, once the views are fitted.
     pub fn take(&self) -> Option<Result<CameraCalibration, String>> {
-        lock(&self.shared).result.take()
+        self.task.take().map(|result| result.flatten())
     }
 }
 
@@ -112,7 +113,7 @@ fn watch(
     mut search: BoardDetector,
     mut taking: ViewCollector,
     shared: &Mutex<Shared>,
-    wake: impl Fn(),
+    output: &Output<'_, Result<CameraCalibration, String>>,
 ) {
     let mut last_processed_s = f64::NEG_INFINITY;
     while !taking.missing().is_empty() && !lock(shared).ends {
@@ -127,7 +128,7 @@ fn watch(
                     lock(shared).status = status(&taking, Some(look));
                     last_processed_s = frame.timestamp_s;
                 }
-                wake();
+                output.wake();
             }
             Taken::Nothing | Taken::Gone(_) => {}
             // The handle was dropped.
@@ -135,8 +136,6 @@ fn watch(
         }
     }
     lock(shared).status.is_fitting = true;
-    wake();
-    let result = taking.calibrated().map_err(|error| error.to_string());
-    lock(shared).result = Some(result);
-    wake();
+    output.wake();
+    output.send(taking.calibrated().map_err(|error| error.to_string()));
 }

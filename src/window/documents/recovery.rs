@@ -53,13 +53,15 @@ impl Recovery {
     }
 
     /// Searches for work of other processes, once.
-    pub(super) fn search(&mut self, ctx: &egui::Context) {
+    pub(super) fn search(&mut self, ctx: &egui::Context, session: &mut Session) {
         if let Some(folder) = self.folder.take() {
             let wake = ctx.clone();
             self.search = RecoverySearch::begin(folder, move || wake.request_repaint()).ok();
         }
-        if let Some(found) = self.search.as_mut().and_then(RecoverySearch::take) {
-            (self.found, self.search) = (found, None);
+        match self.search.as_mut().and_then(RecoverySearch::take) {
+            Some(Ok(found)) => (self.found, self.search) = (found, None),
+            Some(Err(why)) => session.show_error(format!("Unsaved work is not searched for: {why}")),
+            None => {}
         }
     }
 

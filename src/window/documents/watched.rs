@@ -61,6 +61,11 @@ impl WatchedFiles {
         self.watch.as_mut().map(|watch| watch.poll(now))
     }
 
+    /// Why the files are no longer watched, once.
+    pub(super) fn take_failure(&mut self) -> Option<String> {
+        self.watch.as_mut()?.take_failure()
+    }
+
     fn change(&self, path: &Path) -> Option<Change> {
         self.watch.as_ref()?.change(path)
     }
