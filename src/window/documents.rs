@@ -7,7 +7,6 @@ mod exports;
 mod open;
 mod recovery;
 mod save;
-mod watched;
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -18,10 +17,10 @@ use self::dialog::Dialog;
 use self::exports::Exports;
 use self::recovery::Recovery;
 use self::save::Save;
-use self::watched::WatchedFiles;
 use super::autosave::RecoverableWork;
 use super::camera_dialog::CameraDialog;
 use super::file_kind::FileKind;
+use super::file_watch::{Change, FileWatch};
 use super::jobs::Jobs;
 use super::message::MessageWindow;
 use super::missing;
@@ -82,7 +81,7 @@ pub struct Documents {
     recent: Recent,
     preferences: Preferences,
     recovery: Recovery,
-    files: WatchedFiles,
+    watch: FileWatch,
     pub exports: Exports,
     save: Save,
     dialog: Option<Dialog>,
@@ -155,7 +154,14 @@ impl Documents {
         if !project.is_frozen() {
             self.recent.add(DocumentRef::of(project));
         }
-        self.files.switch_to(project);
+        self.watch.forget();
+        self.watch_files(project);
+    }
+
+    /// Watches the open files, from their state when they were read.
+    fn watch_files(&mut self, project: &Project) {
+        let own = [project.profile.as_ref(), project.scene.as_ref()].into_iter().flatten();
+        own.chain([&project.shot().recording.path]).for_each(|path| self.watch.record(path, project.stamp(path)));
     }
 
     /// The last chosen theme.
@@ -166,7 +172,9 @@ impl Documents {
     /// Runs everything in a frame of the window that is not a panel. Returns a document to switch
     /// to.
     pub fn update(&mut self, ctx: &egui::Context, session: &mut Session) -> Option<DocumentSwitch> {
-        self.files.begin(ctx, &session.project);
+        if self.watch.is_empty() {
+            self.watch_files(&session.project);
+        }
         self.autosave_and_watch(ctx, session);
         self.intercept_close(ctx, session);
         self.show_chooser(ctx, session);
@@ -203,14 +211,13 @@ impl Documents {
         }
         self.recovery.search(ctx, session);
         self.recovery.autosave(ctx, session, now);
-        if let Some(wait) = self.files.poll(now) {
-            ctx.request_repaint_after(wait);
-        }
-        if let Some(why) = self.files.take_failure() {
-            session.show_error(format!("Changes on disk are not noticed: {why}"));
+        let wake = ctx.clone();
+        match self.watch.poll(now, move || wake.request_repaint()) {
+            Ok(wait) => ctx.request_repaint_after(wait),
+            Err(why) => session.show_error(format!("Changes on disk were not noticed: {why}")),
         }
         let recording = &session.project.shot().recording.path;
-        if self.files.is_gone(recording) {
+        if self.watch.change(recording) == Some(Change::Gone) {
             session
                 .show_error(format!("{} is gone: bring it back, and its frames are shown again", recording.display()));
         }
@@ -223,8 +230,8 @@ impl Documents {
             project.shot().scene.missing.iter().map(|missing| missing.file.clone()).collect()
         };
         let before = missing(&session.project);
-        self.files.expect(&before);
-        if session.project.history().has_uncommitted() || !self.files.take_returned() {
+        self.watch.expect(&before);
+        if session.project.history().has_uncommitted() || !self.watch.take_returned() {
             return;
         }
         match missing::reload(&mut session.project) {

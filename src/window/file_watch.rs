@@ -4,7 +4,6 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::{Sender, channel};
 use std::time::{Duration, Instant, SystemTime};
 
 use super::task::BackgroundTask;
@@ -29,10 +28,8 @@ pub enum Change {
 }
 
 /// Watches a few files.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct FileWatch {
-    requests: Sender<Vec<PathBuf>>,
-    stamps: BackgroundTask<Vec<(PathBuf, Stamp)>>,
     recorded: BTreeMap<PathBuf, Stamp>,
     /// Missing files, each with its last stamp.
     missing: BTreeMap<PathBuf, Stamp>,
@@ -40,52 +37,46 @@ pub struct FileWatch {
     has_returned: bool,
     /// Changes that are not resolved.
     changes: BTreeMap<PathBuf, Change>,
+    /// Changed files whose open state the user chose to keep.
+    ignored: Vec<PathBuf>,
     last_request: Option<Instant>,
-    is_pending: bool,
-    /// The pending poll began before a file was read or written: its result is dropped.
+    /// The poll in progress.
+    stamps: Option<BackgroundTask<Vec<(PathBuf, Stamp)>>>,
+    /// The poll began before a file was read or written: its result is dropped.
     is_stale: bool,
-    /// Message of a panic of the thread.
-    failure: Option<String>,
 }
 
 impl FileWatch {
-    /// `wake` is called from the thread after each poll.
-    pub fn begin(wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
-        let (requests, received) = channel::<Vec<PathBuf>>();
-        let stamps = BackgroundTask::stream("watch", wake, move |output| {
-            for paths in received {
-                if !output.send(paths.into_iter().map(|path| (stamp(&path), path)).map(|(s, p)| (p, s)).collect()) {
-                    return;
-                }
-            }
-        })?;
-        Ok(Self {
-            requests,
-            stamps,
-            recorded: BTreeMap::new(),
-            missing: BTreeMap::new(),
-            has_returned: false,
-            changes: BTreeMap::new(),
-            last_request: None,
-            is_pending: false,
-            is_stale: false,
-            failure: None,
-        })
+    /// True if no file was recorded yet.
+    pub fn is_empty(&self) -> bool {
+        self.recorded.is_empty()
     }
 
     /// Records the stamp of a file: from before it was read, or from after it was written.
     pub fn record(&mut self, path: &Path, stamp: Stamp) {
         self.recorded.insert(path.to_owned(), stamp);
         self.changes.remove(path);
-        self.is_stale = self.is_pending;
+        self.ignored.retain(|ignored| ignored != path);
+        self.is_stale = self.stamps.is_some();
     }
 
     /// Stops watching all files.
     pub fn forget(&mut self) {
         self.recorded.clear();
         self.changes.clear();
+        self.ignored.clear();
         self.missing.clear();
         self.has_returned = false;
+    }
+
+    /// Keeps the open state of a changed file.
+    pub fn ignore(&mut self, path: PathBuf) {
+        self.ignored.push(path);
+    }
+
+    /// True for a changed file whose open state the user did not choose to keep.
+    pub fn is_new_change(&self, path: &Path) -> bool {
+        self.change(path) == Some(Change::Changed) && !self.ignored.iter().any(|ignored| ignored == path)
     }
 
     /// Replaces the list of missing files to watch.
@@ -103,57 +94,49 @@ impl FileWatch {
         std::mem::take(&mut self.has_returned)
     }
 
-    /// Why the files are no longer watched, once.
-    pub fn take_failure(&mut self) -> Option<String> {
-        self.failure.take()
-    }
-
     /// The unresolved change of a file.
     pub fn change(&self, path: &Path) -> Option<Change> {
         self.changes.get(path).copied()
     }
 
     /// Takes results and starts a poll when due. Returns the time until the next call is useful.
-    pub fn poll(&mut self, now: Instant) -> Duration {
-        while let Some(taken) = self.stamps.take() {
-            let stamps = match taken {
-                Ok(stamps) => stamps,
-                Err(why) => {
-                    self.failure = Some(why);
-                    break;
-                }
-            };
-            self.is_pending = false;
-            if std::mem::take(&mut self.is_stale) {
-                continue;
-            }
-            for (path, stamp) in stamps {
-                if let Some(last) = self.missing.get_mut(&path) {
-                    self.has_returned |= stamp.is_some() && *last != stamp;
-                    *last = stamp;
-                }
-                match (self.recorded.get(&path), stamp) {
-                    (Some(Some(_)), None) => _ = self.changes.insert(path, Change::Gone),
-                    (Some(record), Some(_)) if *record != stamp => _ = self.changes.insert(path, Change::Changed),
-                    (Some(_), _) => _ = self.changes.remove(&path),
-                    (None, _) => {}
-                }
-            }
+    /// `wake` is called from a thread after the poll. The error is the message of a panic.
+    pub fn poll(&mut self, now: Instant, wake: impl FnOnce() + Send + 'static) -> Result<Duration, String> {
+        if let Some(stamps) = self.stamps.as_ref().and_then(BackgroundTask::take) {
+            self.stamps = None;
+            let is_stale = std::mem::take(&mut self.is_stale);
+            stamps?.into_iter().filter(|_| !is_stale).for_each(|(path, stamp)| self.compare(path, stamp));
         }
         let since = self.last_request.map_or(POLL_INTERVAL, |last| now.saturating_duration_since(last));
-        if since < POLL_INTERVAL || self.is_pending || (self.recorded.is_empty() && self.missing.is_empty()) {
-            return POLL_INTERVAL.saturating_sub(since).max(Duration::from_millis(100));
+        if since < POLL_INTERVAL || self.stamps.is_some() || (self.recorded.is_empty() && self.missing.is_empty()) {
+            return Ok(POLL_INTERVAL.saturating_sub(since).max(Duration::from_millis(100)));
         }
         self.last_request = Some(now);
-        let paths = self.recorded.keys().chain(self.missing.keys()).cloned().collect();
-        self.is_pending = self.requests.send(paths).is_ok();
-        POLL_INTERVAL
+        let paths: Vec<PathBuf> = self.recorded.keys().chain(self.missing.keys()).cloned().collect();
+        let read = move || paths.into_iter().map(|path| (stamp(&path), path)).map(|(s, p)| (p, s)).collect();
+        self.stamps = BackgroundTask::spawn("watch", wake, read).ok();
+        Ok(POLL_INTERVAL)
+    }
+
+    /// Compares a file on disk with its record.
+    fn compare(&mut self, path: PathBuf, stamp: Stamp) {
+        if let Some(last) = self.missing.get_mut(&path) {
+            self.has_returned |= stamp.is_some() && *last != stamp;
+            *last = stamp;
+        }
+        match (self.recorded.get(&path), stamp) {
+            (Some(Some(_)), None) => _ = self.changes.insert(path, Change::Gone),
+            (Some(record), Some(_)) if *record != stamp => _ = self.changes.insert(path, Change::Changed),
+            (Some(_), _) => _ = self.changes.remove(&path),
+            (None, _) => {}
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::sync::mpsc::channel;
 
     #[test]
     fn external_change_is_reported_until_it_is_resolved() {
@@ -161,15 +144,19 @@ mod tests {
         let path = temp.path().join("p.toml");
         std::fs::write(&path, "version = 1\n").unwrap();
         let (woken, wakes) = channel();
-        let mut watch = FileWatch::begin(move || _ = woken.send(())).unwrap();
+        let mut watch = FileWatch::default();
+        let wake = move || {
+            let woken = woken.clone();
+            move || _ = woken.send(())
+        };
         watch.record(&path, stamp(&path));
         let mut now = Instant::now();
         let mut poll = |watch: &mut FileWatch| {
             now += POLL_INTERVAL;
-            watch.poll(now);
+            watch.poll(now, wake()).unwrap();
             wakes.recv().unwrap();
             // Takes the result; the next poll is not due.
-            watch.poll(now);
+            watch.poll(now, wake()).unwrap();
             watch.change(&path)
         };
         assert_eq!(poll(&mut watch), None);
@@ -193,14 +180,18 @@ mod tests {
         let temp = tempfile::tempdir().unwrap();
         let path = temp.path().join("knife.glb");
         let (woken, wakes) = channel();
-        let mut watch = FileWatch::begin(move || _ = woken.send(())).unwrap();
+        let mut watch = FileWatch::default();
+        let wake = move || {
+            let woken = woken.clone();
+            move || _ = woken.send(())
+        };
         let mut now = Instant::now();
         let mut poll = |watch: &mut FileWatch| {
             watch.expect(std::slice::from_ref(&path));
             now += POLL_INTERVAL;
-            watch.poll(now);
+            watch.poll(now, wake()).unwrap();
             wakes.recv().unwrap();
-            watch.poll(now);
+            watch.poll(now, wake()).unwrap();
             watch.take_returned()
         };
         assert!(!poll(&mut watch));

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::camera_values::CameraValueTarget;
+use super::file_watch::{Change, FileWatch};
 use super::project::Project;
 use locard_engine::assets;
 
@@ -40,10 +41,10 @@ pub struct Approvals<'a> {
     pub camera: Option<CameraValueTarget>,
 }
 
-/// The next step. `has_changed`: another program has changed a file since it was read.
-pub fn next_step(project: &Project, has_changed: impl Fn(&Path) -> bool, approvals: Approvals<'_>) -> SaveStep {
+/// The next step.
+pub fn next_step(project: &Project, watch: &FileWatch, approvals: Approvals<'_>) -> SaveStep {
     let has = |paths: &[PathBuf], path: &Path| paths.iter().any(|approvals| approvals == path);
-    let changed = |path: &Path| has_changed(path) && !has(approvals.replaced, path);
+    let changed = |path: &Path| watch.change(path) == Some(Change::Changed) && !has(approvals.replaced, path);
     // A model that is opened alone has no scene file. Values that its profile does not accept
     // cannot be saved.
     let has_changes = if project.can_place() { project.camera_is_changed() } else { project.profile_is_changed() };

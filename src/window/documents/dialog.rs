@@ -103,7 +103,9 @@ impl Documents {
             self.dialog = self.recovery.found.pop().map(Dialog::Recovery);
         }
         if self.dialog.is_none() {
-            self.dialog = self.files.changed(&session.project).map(Dialog::Reload);
+            let files = [&session.project.profile, &session.project.scene].into_iter().flatten();
+            let changed = files.into_iter().find(|path| self.watch.is_new_change(path));
+            self.dialog = changed.cloned().map(Dialog::Reload);
         }
     }
 
@@ -170,12 +172,12 @@ impl Documents {
 
     /// Offers to reload a file unless its change was undone meanwhile.
     fn offer_reload(&mut self, ctx: &egui::Context, session: &mut Session, path: PathBuf) {
-        if !self.files.is_new_change(&path) {
+        if !self.watch.is_new_change(&path) {
             return;
         }
         match dialogs::offer_reload(ctx, &path, !session.project.is_saved()) {
             Some(Answer::Yes) => self.reload_files(ctx, session),
-            Some(_) => self.files.ignore(path),
+            Some(_) => self.watch.ignore(path),
             None => self.dialog = Some(Dialog::Reload(path)),
         }
     }

@@ -177,7 +177,7 @@ impl Documents {
             Ok((fresh, _)) if done.is_reload => {
                 session.project.adopt_files(*fresh);
                 session.show_message("Read again from the files; undo brings back what you had");
-                self.files.reloaded(&session.project);
+                self.watch_files(&session.project);
                 None
             }
             Ok((project, camera)) => {

@@ -109,7 +109,7 @@ impl Documents {
         self.save.written.push(SavedFile { kind, path: path.clone() });
         session.show_message(saving::end_message(&self.save.written, &session.project.unsavable_changes()));
         self.recent.add(DocumentRef::of(&session.project));
-        self.files.written(&path, session.project.stamp(&path));
+        self.watch.record(&path, session.project.stamp(&path));
     }
 
     /// Advances the save until it needs an answer or has to wait.
@@ -119,7 +119,7 @@ impl Documents {
             let project = &session.project;
             let approvals =
                 Approvals { replaced, shared: &self.save.approved_profiles, camera: self.save.camera_values };
-            match saving::next_step(project, |path| self.files.has_changed(path), approvals) {
+            match saving::next_step(project, &self.watch, approvals) {
                 SaveStep::Done => {
                     self.save.approved_files = None;
                     session.show_message(saving::end_message(&self.save.written, &project.unsavable_changes()));
