@@ -154,7 +154,7 @@ impl App {
     /// Sets the function that restarts the program after the graphics device was lost; it returns
     /// an error message.
     pub fn restart_with(&mut self, restart: fn() -> String) {
-        self.documents.restart_with = Some(restart);
+        self.documents.restart_with(restart);
     }
 
     pub fn documents(&self) -> &Documents {

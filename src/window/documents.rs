@@ -27,7 +27,6 @@ use super::missing;
 use super::preferences::Preferences;
 use super::project::Project;
 use super::recent::{DocumentRef, Recent, ViewState};
-use super::restart;
 use super::session::Session;
 use super::task::BackgroundTask;
 use locard_engine::live;
@@ -62,6 +61,14 @@ struct LoadedDocument {
     document: DocumentRef,
     project: Box<Project>,
     recoverable: Option<RecoverableWork>,
+}
+
+/// The last refused document, until another one is opened.
+#[derive(Debug, Default)]
+struct RefusedOpening {
+    /// A recording that could not be opened, possibly for lack of a profile.
+    document: Option<DocumentRef>,
+    profile_error: Option<String>,
 }
 
 /// A document to show from now on.
@@ -100,14 +107,7 @@ pub struct Documents {
     /// The user already confirmed that the pending action ends the camera recording.
     confirmed_recording_end: bool,
     may_close: bool,
-    /// A recording that could not be opened, possibly for lack of a profile.
-    failed_document: Option<DocumentRef>,
-    /// Error of the last refused profile, until the user dismisses it.
-    pub refused_profile: Option<String>,
-    /// The loss of the device has been handled.
-    handled_device_loss: bool,
-    /// Restarts the program, or returns an error message. [`restart::restart`] if `None`.
-    pub restart_with: Option<fn() -> String>,
+    refused: RefusedOpening,
 }
 
 impl Documents {
@@ -145,7 +145,17 @@ impl Documents {
 
     /// Closes the notice of a refused profile. The next profile is for the open recording.
     pub fn close_refusal(&mut self) {
-        (self.refused_profile, self.failed_document) = (None, None);
+        self.refused = RefusedOpening::default();
+    }
+
+    /// Error of the last refused profile, until the user dismisses it.
+    pub fn refused_profile(&self) -> Option<&str> {
+        self.refused.profile_error.as_deref()
+    }
+
+    /// Sets the function that restarts the program after the graphics device was lost.
+    pub fn restart_with(&mut self, restart: fn() -> String) {
+        self.recovery.restart_with = Some(restart);
     }
 
     /// Watches the files of a document that has just been opened.
@@ -204,10 +214,13 @@ impl Documents {
             self.preferences.set_theme(theme);
         }
         #[cfg(development)]
-        restart::lose_device_when_due(session.viewer.gpu(), ctx);
-        if session.is_lost() && !self.handled_device_loss {
-            self.handled_device_loss = true;
-            return self.restart_program(ctx, session);
+        super::restart::lose_device_when_due(session.viewer.gpu(), ctx);
+        if session.is_lost() && !self.recovery.has_handled_device_loss() {
+            if self.recovery.restart(session) {
+                self.may_close = true;
+                ctx.send_viewport_cmd(egui::ViewportCommand::Close);
+            }
+            return;
         }
         self.recovery.search(ctx, session);
         self.recovery.autosave(ctx, session, now);
@@ -240,21 +253,6 @@ impl Documents {
             }
             Ok(()) => {}
             Err(error) => session.show_error(error.to_string()),
-        }
-    }
-
-    /// Restarts the program after the graphics device was lost; the new process recovers the work.
-    fn restart_program(&mut self, ctx: &egui::Context, session: &mut Session) {
-        let is_recoverable = self.recovery.leave_for_restart(session) || session.project.is_saved();
-        let again = self.restart_with.unwrap_or(restart::restart);
-        let why = if is_recoverable { again() } else { "your work is not kept: save it first".to_owned() };
-        let message = format!("The graphics device was lost: start it again ({why})");
-        // The window may be unable to draw this message.
-        eprintln!("locard: {message}");
-        session.show_error(message);
-        if is_recoverable {
-            self.may_close = true;
-            ctx.send_viewport_cmd(egui::ViewportCommand::Close);
         }
     }
 

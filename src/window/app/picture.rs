@@ -112,13 +112,13 @@ impl App {
         frame: usize,
         needs_place: bool,
     ) {
-        let refused = self.documents.refused_profile.clone();
+        let refused = self.documents.refused_profile().map(str::to_owned);
         let refused = refused.map(|text| Notice { text, remedy: Some(Remedy::ChooseProfile), can_be_closed: true });
         let Some(notice) = refused.or_else(|| self.obstacle_notice(obstacle?, frame, needs_place)) else { return };
         match notice::show(ui, seen.painter.clip_rect(), &notice) {
             Some(NoticeButton::Remedy(Remedy::ChooseProfile)) => self.documents.choose_profile(&self.session.project),
             Some(NoticeButton::Remedy(Remedy::GoToFrame(frame))) => self.session.player.seek(frame),
-            Some(NoticeButton::Close) if self.documents.refused_profile.is_some() => self.documents.close_refusal(),
+            Some(NoticeButton::Close) if self.documents.refused_profile().is_some() => self.documents.close_refusal(),
             Some(NoticeButton::Close) => self.hides_obstacle = true,
             None => {}
         }

@@ -13,7 +13,7 @@ use super::super::recent::DocumentRef;
 use super::super::session::Session;
 use super::super::task::BackgroundTask;
 use super::dialog::Dialog;
-use super::{DocumentSwitch, Documents, LoadedDocument, PendingAction};
+use super::{DocumentSwitch, Documents, LoadedDocument, PendingAction, RefusedOpening};
 use locard_engine::live;
 
 impl Documents {
@@ -51,7 +51,7 @@ impl Documents {
     /// Opens a profile for the open recording, or for one that could not be opened without a
     /// profile.
     pub(super) fn open_profile(&mut self, path: PathBuf, session: &Session) {
-        let document = self.failed_document.clone().unwrap_or_else(|| DocumentRef::of(&session.project));
+        let document = self.refused.document.clone().unwrap_or_else(|| DocumentRef::of(&session.project));
         self.request(PendingAction::open(DocumentRef { profile: Some(path), ..document }));
     }
 
@@ -209,19 +209,19 @@ impl Documents {
         }
         if is_unfit_profile {
             session.show_error(why.clone());
-            self.refused_profile = Some(why);
+            self.refused.profile_error = Some(why);
             // The next profile is for the refused recording, which may differ from the open one.
             let is_open = document.recording == DocumentRef::of(&session.project).recording;
-            self.failed_document = Some(DocumentRef { profile: None, ..document }).filter(|_| !is_open);
+            self.refused.document = Some(DocumentRef { profile: None, ..document }).filter(|_| !is_open);
             return;
         }
         let lacks_profile = lacks_camera && document.profile.is_none();
         let advice = if lacks_profile { ". Choose a camera profile for it: File, Open a profile…" } else { "" };
         session.show_error(format!("{why}{advice}"));
-        self.failed_document = if lacks_profile {
+        self.refused.document = if lacks_profile {
             Some(document)
         } else {
-            self.failed_document.take().filter(|waiting| waiting.recording == document.recording)
+            self.refused.document.take().filter(|waiting| waiting.recording == document.recording)
         };
     }
 
@@ -229,7 +229,8 @@ impl Documents {
     pub(super) fn switch_to(&mut self, loaded: LoadedDocument, camera: Option<live::LiveInput>) -> DocumentSwitch {
         let LoadedDocument { document, project, recoverable } = loaded;
         recoverable.into_iter().for_each(|recoverable| self.recovery.adopt(recoverable));
-        (self.is_start_open, self.failed_document, self.refused_profile) = (false, None, None);
+        self.is_start_open = false;
+        self.refused = RefusedOpening::default();
         DocumentSwitch { project: *project, camera, at: document.at }
     }
 }

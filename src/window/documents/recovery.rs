@@ -1,4 +1,5 @@
-//! Recovery files: autosave of the open document, and the search for work of other processes.
+//! Recovery: autosave of the open document, search for work of other processes, and the restart after
+//! the graphics device was lost.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -8,6 +9,7 @@ use eframe::egui;
 
 use super::super::autosave::{Autosave, HISTORY_STEPS, RecoverableWork, UnsavedWork};
 use super::super::recovery_search::RecoverySearch;
+use super::super::restart;
 use super::super::session::Session;
 
 /// Project version and history revision while no mouse button was down.
@@ -27,6 +29,9 @@ pub(super) struct Recovery {
     search: Option<RecoverySearch>,
     /// Work that was not offered yet.
     pub(super) found: Vec<RecoverableWork>,
+    has_handled_device_loss: bool,
+    /// Restarts the program, or returns an error message. [`restart::restart`] if `None`.
+    pub(super) restart_with: Option<fn() -> String>,
 }
 
 impl Recovery {
@@ -45,11 +50,28 @@ impl Recovery {
         }
     }
 
-    /// Leaves the unsaved work to the next process. Returns false if it is not autosaved.
-    pub(super) fn leave_for_restart(&mut self, session: &Session) -> bool {
-        let Some(autosave) = self.autosave.take() else { return false };
-        autosave.leave_for_restart(unsaved_work(session));
-        true
+    pub(super) fn has_handled_device_loss(&self) -> bool {
+        self.has_handled_device_loss
+    }
+
+    /// Restarts the program after the graphics device was lost; the new process recovers the work.
+    /// Returns false if the work would be lost: the window stays open.
+    pub(super) fn restart(&mut self, session: &mut Session) -> bool {
+        self.has_handled_device_loss = true;
+        let is_recoverable = match self.autosave.take() {
+            Some(autosave) => {
+                autosave.leave_for_restart(unsaved_work(session));
+                true
+            }
+            None => session.project.is_saved(),
+        };
+        let again = self.restart_with.unwrap_or(restart::restart);
+        let why = if is_recoverable { again() } else { "your work is not kept: save it first".to_owned() };
+        let message = format!("The graphics device was lost: start it again ({why})");
+        // The window may be unable to draw this message.
+        eprintln!("locard: {message}");
+        session.show_error(message);
+        is_recoverable
     }
 
     /// Searches for work of other processes, once.
