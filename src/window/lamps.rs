@@ -63,8 +63,8 @@ fn add_above_centre(project: &mut Project, selected: &mut Option<SceneItem>) -> 
     Ok(DEFAULT_HEIGHT_NOTE.to_owned())
 }
 
-/// Shows the panel of the scene's light: white matching, the lamps, and the controls of the selected
-/// one. Returns a message.
+/// Shows the panel of the scene's light: white matching, the lamps, and the controls of the
+/// selected one. Returns a message.
 pub fn show(
     ui: &mut Ui,
     project: &mut Project,

@@ -4,10 +4,10 @@
 //! program would not composite alike.
 //!
 //! - Documents: `project` is the edited state with its undo `history`; `documents` opens and saves
-//!   files. Its parts: `opening`, `saving`, `file_watch` (changes on disk), `file_kind` (of a
-//!   file), `recent`, `preferences`, `state` (the user's folder), `chooser` (file dialog),
-//!   `camera_dialog`, `camera_values`, `dialogs`, `question`, `message`, `titles`. `start` is the
-//!   window without a document.
+//!   files, and has the one open modal dialog. Its parts: `opening`, `saving`, `file_watch` (changes
+//!   on disk), `file_kind` (of a file), `recent`, `preferences`, `state` (the user's folder),
+//!   `chooser` (file dialog), `camera_dialog`, `camera_values`, `dialogs`, `question`, `message`,
+//!   `titles`. `start` is the window without a document.
 //! - Recovery: `autosave` with `session_lock`, `recovery_search`, and `restart` after the graphics
 //!   device was lost.
 //! - Output: the queue `jobs` with `output` and `dials`, `analysing`, and `command` for the same by
@@ -22,9 +22,12 @@
 //!   `brightness_plot`, `gpu_times`, `plots`, `matching` with `analysis` and `pointer_probe`,
 //!   `calibrating` with `calibration_messages`.
 //! - Scene: `evidence`, `library`, `list`, `object_actions`, `scene_checks`, `missing`, `tilt`,
-//!   `lamps`, `environment_light`, `ground`, `handles`,
-//!   `keyboard_cursor`, `obstacle`, `notice`, `warnings`.
-//! - Background work: `task` (one-shot) and `background` (the latest request wins).
+//!   `lamps`, `environment_light`, `ground`, `obstacle`, `notice`, `warnings`.
+//! - Input in the picture: `tool` is the active tool, and only it gets clicks, drags and Esc. Tools:
+//!   `handles` (transforms), `placement`, `ground`, `lamps`, `region_picker`. `point_picker` and
+//!   `keyboard_cursor` serve several of them.
+//! - Background work: `task` starts all threads. `background` is for a value of which the latest
+//!   request wins.
 
 mod actions;
 mod analysing;

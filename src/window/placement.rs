@@ -97,8 +97,8 @@ impl Placement {
         surface_point(plane, shot, frame, at_px)
     }
 
-    /// Turns it by dragging: the thing stays at the point of the press, its front follows the pointer.
-    /// Returns that point when the button is released.
+    /// Turns it by dragging: the thing stays at the point of the press, its front follows the
+    /// pointer. Returns that point when the button is released.
     pub fn turn(
         &mut self,
         picture: &PictureOutput,

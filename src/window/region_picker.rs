@@ -39,8 +39,8 @@ fn pixel_rect([from, to]: [DVec2; 2]) -> Option<Rect> {
     Some(Rect::new(x0, y0, x1, y1)).filter(|rect| !rect.is_empty())
 }
 
-/// Shows a button that starts a prompt. It is highlighted while the prompt is active; pressing it again
-/// cancels the prompt.
+/// Shows a button that starts a prompt. It is highlighted while the prompt is active; pressing it
+/// again cancels the prompt.
 pub fn button(ui: &mut Ui, text: &str, tools: &mut Tools, prompt: RegionPrompt) {
     let is_active = tools.region_purpose() == Some(prompt.purpose);
     if ui.add(egui::Button::selectable(is_active, text).frame_when_inactive(true)).clicked() {
@@ -71,7 +71,8 @@ impl RegionPick {
         self.is_done
     }
 
-    /// Handles drags in the picture and paints the rectangle. Returns a picked one, which may be empty.
+    /// Handles drags in the picture and paints the rectangle. Returns a picked one, which may be
+    /// empty.
     pub fn update(&mut self, seen: &PictureOutput) -> Option<Option<Rect>> {
         let px = |at: egui::Vec2| DVec2::new(at.x.into(), at.y.into());
         let response = &seen.response;

@@ -1,7 +1,7 @@
 //! Work on background threads. All threads of the window start here.
 //!
-//! A task sends values, which its owner takes once a frame. A panic is a value too: the owner gets its
-//! message. A task that is dropped is cancelled.
+//! A task sends values, which its owner takes once a frame. A panic is a value too: the owner gets
+//! its message. A task that is dropped is cancelled.
 
 use std::any::Any;
 use std::io;
@@ -72,7 +72,8 @@ pub struct BackgroundTask<T> {
 }
 
 impl<T: Send + 'static> BackgroundTask<T> {
-    /// Starts work with a single value. `wake` is called from the thread when it ends, even by a panic.
+    /// Starts work with a single value. `wake` is called from the thread when it ends, even by a
+    /// panic.
     pub fn spawn(
         name: &str,
         wake: impl FnOnce() + Send + 'static,
@@ -85,8 +86,8 @@ impl<T: Send + 'static> BackgroundTask<T> {
         })
     }
 
-    /// Starts work with any number of values. `wake` is called from the thread for each value and for
-    /// a panic.
+    /// Starts work with any number of values. `wake` is called from the thread for each value and
+    /// for a panic.
     pub fn stream(
         name: &str,
         wake: impl Fn() + Send + 'static,

@@ -87,7 +87,8 @@ impl Tools {
         }
     }
 
-    /// Activates a tool until it ends, then resumes the present one. A transform is completed before.
+    /// Activates a tool until it ends, then resumes the present one. A transform is completed
+    /// before.
     pub fn interrupt(&mut self, tool: Tool) {
         let waiting = match self.active {
             Tool::Transform(_) => tool,
@@ -133,7 +134,8 @@ impl Tools {
         })
     }
 
-    /// Begins to pick points. A model that is being placed is placed afterwards, on the new surface.
+    /// Begins to pick points. A model that is being placed is placed afterwards, on the new
+    /// surface.
     pub fn pick_ground(&mut self, pick: GroundPick) {
         self.interrupted.retain(|tool| matches!(tool, Tool::Place(_)));
         if !matches!(self.active, Tool::Place(_) | Tool::Transform(_)) {

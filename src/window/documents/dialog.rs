@@ -70,8 +70,8 @@ impl Documents {
         }
     }
 
-    /// Shows the open dialog, except for the file chooser and for the progress of opening. Opens the
-    /// next one that is due. Returns a document that replaces the open one.
+    /// Shows the open dialog, except for the file chooser and for the progress of opening. Opens
+    /// the next one that is due. Returns a document that replaces the open one.
     pub(super) fn show_dialog(&mut self, ctx: &egui::Context, session: &mut Session) -> Option<LoadedDocument> {
         self.open_due_dialog(ctx, session);
         match self.dialog.take() {
@@ -92,8 +92,8 @@ impl Documents {
         None
     }
 
-    /// Opens the dialog of the pending action, of recoverable work or of a changed file, once nothing
-    /// else is open and nothing is being saved.
+    /// Opens the dialog of the pending action, of recoverable work or of a changed file, once
+    /// nothing else is open and nothing is being saved.
     fn open_due_dialog(&mut self, ctx: &egui::Context, session: &mut Session) {
         if self.dialog.is_some() || self.save.is_active() {
             return;

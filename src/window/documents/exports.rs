@@ -40,7 +40,8 @@ impl Exports {
         }
     }
 
-    /// Queues an output at a chosen path, and shows the queue. `force`: existing files are replaced.
+    /// Queues an output at a chosen path, and shows the queue. `force`: existing files are
+    /// replaced.
     pub(super) fn add(
         &mut self,
         ctx: &egui::Context,

@@ -156,7 +156,8 @@ impl Documents {
         }
     }
 
-    /// Shows that a document is being opened, and handles the result. Returns a document to switch to.
+    /// Shows that a document is being opened, and handles the result. Returns a document to switch
+    /// to.
     pub(super) fn poll_opening(&mut self, ctx: &egui::Context, session: &mut Session) -> Option<DocumentSwitch> {
         let opening = match self.dialog.take() {
             Some(Dialog::Opening(opening)) => opening,

@@ -1,5 +1,5 @@
-//! Recovery: autosave of the open document, search for work of other processes, and the restart after
-//! the graphics device was lost.
+//! Recovery: autosave of the open document, search for work of other processes, and the restart
+//! after the graphics device was lost.
 
 use std::io;
 use std::path::{Path, PathBuf};
