@@ -67,17 +67,19 @@ impl App {
                 }
             }
             Action::Keys => self.shows_keys = !self.shows_keys,
-            Action::Leave => {
-                // Cancels a started action first, then closes windows.
-                let was_active = self.tools.cancel() | self.evidence.ground.cancel_scale();
-                let was_open = self.shows_keys || self.shows_history;
-                if !was_active && !(self.documents.close_windows() | was_open) {
-                    self.evidence.selected = None;
-                }
-                if !was_active {
-                    (self.shows_keys, self.shows_history) = (false, false);
-                }
-            }
+            Action::Leave => self.leave(),
+        }
+    }
+
+    /// Ends the tools; without any, closes the windows; without any, clears the selection.
+    fn leave(&mut self) {
+        if self.tools.cancel() | self.evidence.ground.cancel_scale() {
+            return;
+        }
+        let was_open = self.shows_keys | self.shows_history | self.documents.close_windows();
+        (self.shows_keys, self.shows_history) = (false, false);
+        if !was_open {
+            self.evidence.selected = None;
         }
     }
 
