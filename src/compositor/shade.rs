@@ -21,13 +21,13 @@ use glam::{DMat3, DVec2, DVec3, Vec3};
 
 use super::settings::ShadowSettings;
 use crate::camera::Geometry;
-use crate::depth::SENSOR_ERROR;
+use crate::depth::{PLANE_TOLERANCE_M, PLANE_TOLERANCE_PER_DEPTH2};
 use crate::gpu::{Entry, Gpu, Recorder, Shader, Texture, half_texels};
 use crate::parallel::{over_rows, processors};
 use crate::pixels::Rect;
 use crate::pose::Pose;
 use crate::render::{COLOR, Shutter, ViewKeys};
-use crate::shadow::{ShadowMap, ShadowTexture, TOLERANCE_M, UvRect};
+use crate::shadow::{ShadowMap, ShadowTexture, UvRect};
 
 /// Samples over the exposure; the same number as in shaders/shade.wgsl.
 const EXPOSURE_SAMPLES: usize = 4;
@@ -42,9 +42,6 @@ const MAX_BEND_PX: f64 = 0.1;
 /// Intervals along each side of a shadow map, whose ends are projected to find its bounds in the
 /// picture.
 const SIDE_INTERVALS: usize = 8;
-/// Growth of the receiver's depth tolerance with the squared depth, 1/m: three times the error of a
-/// structured-light sensor. The tolerance is at least [`TOLERANCE_M`].
-const TOLERANCE_PER_DEPTH2: f32 = 3.0 * SENSOR_ERROR as f32;
 /// D + (1 − D)·d: transmittances 1 − d of overlapping shadow maps multiply.
 const MULTIPLY_TRANSMITTANCES: wgpu::BlendState = wgpu::BlendState {
     color: wgpu::BlendComponent {
@@ -397,8 +394,8 @@ pub fn shade(recorder: &mut Recorder, shadows: &[VisibleShadowMap], request: &Sh
         round_px: if geometry.is_equirectangular() { geometry.intrinsics.width_px as f32 } else { 0.0 },
         strength: settings.strength,
         opacity: request.opacity as f32,
-        tolerance_m: TOLERANCE_M,
-        per_depth2: TOLERANCE_PER_DEPTH2,
+        tolerance_m: PLANE_TOLERANCE_M as f32,
+        per_depth2: PLANE_TOLERANCE_PER_DEPTH2,
         tile_px,
     };
     let count = tiles.len() as u32;

@@ -17,10 +17,12 @@ use crate::pixels::Rect;
 use crate::plane::Plane;
 use crate::pose::Pose;
 
-/// Smallest snapping distance, m.
-const MIN_TOLERANCE_M: f32 = 0.015;
-/// Snapping distance at 1 m, m: three times the sensor's error. It grows with the depth's square.
-const TOLERANCE_PER_DEPTH2: f32 = 3.0 * SENSOR_ERROR as f32;
+/// Distance from a plane up to which measured points belong to it, m, at least.
+pub const PLANE_TOLERANCE_M: f64 = 0.015;
+/// The same at a depth of 1 m, m: three times the sensor's error. It grows with the depth's square.
+pub const PLANE_TOLERANCE_PER_DEPTH2: f32 = 3.0 * SENSOR_ERROR as f32;
+/// Height over a plane from which on measured points belong to other objects, m.
+pub const MIN_HEIGHT_OVER_PLANE_M: f64 = 2.0 * PLANE_TOLERANCE_M;
 /// Largest snapping distance as a fraction of the depth. A depth discontinuity is larger.
 const MAX_TOLERANCE_PER_DEPTH: f32 = 0.5 * (DEPTH_STEP - 1.0);
 
@@ -46,7 +48,8 @@ pub fn snap_to_planes(depth_m: &mut [f32], rays: &Rays, pose: &Pose, part: Rect,
         let Some(rays) = rays.row(visible.y0 as usize + y) else { return };
         let row = &mut row[(visible.x0 - part.x0) as usize..][..visible.width() as usize];
         for (z, ray) in row.iter_mut().zip(&rays[visible.x0 as usize..]).filter(|(z, _)| **z > 0.0) {
-            let tolerance_m = MIN_TOLERANCE_M.max(TOLERANCE_PER_DEPTH2 * *z * *z).min(MAX_TOLERANCE_PER_DEPTH * *z);
+            let tolerance_m = PLANE_TOLERANCE_PER_DEPTH2 * *z * *z;
+            let tolerance_m = (PLANE_TOLERANCE_M as f32).max(tolerance_m).min(MAX_TOLERANCE_PER_DEPTH * *z);
             let (mut error_m, mut snapped_m) = (tolerance_m, *z);
             for (n, c) in &planes {
                 let plane_m = c / (n[0] * ray[0] + n[1] * ray[1] + n[2] * ray[2]);

@@ -50,7 +50,7 @@ mod surfaces;
 mod surfels;
 mod vote;
 
-pub use contact::snap_to_planes;
+pub use contact::{MIN_HEIGHT_OVER_PLANE_M, PLANE_TOLERANCE_M, PLANE_TOLERANCE_PER_DEPTH2, snap_to_planes};
 pub use frame_depth::{consensus_at_frame, neighbours};
 pub use grid::DepthGrid;
 pub use last_repair::LastRepair;

@@ -3,9 +3,9 @@
 
 use std::sync::Arc;
 
-use super::floor::ReceiverPlane;
 use super::occluders::Occluders;
 use super::receiver_mask::ReceiverMask;
+use super::receiver_plane::ReceiverPlane;
 use super::sky::PlaneLighting;
 use super::steps::{QuantizedTransform, dequantize, quantize};
 use crate::digest::{Digest, Digester};
@@ -39,10 +39,10 @@ impl CasterBuilder {
         sky: Arc<PlaneLighting>,
         receiver: Option<ReceiverMask>,
     ) -> ShadowCaster {
-        let floor_from_world = floor.floor_from_world();
+        let plane_from_world = floor.plane_from_world();
         let parts = objects.into_iter().flat_map(|object| &object.parts);
         let parts: Vec<_> =
-            parts.map(|part| (part.mesh, quantize(&(floor_from_world * part.world_from_mesh)))).collect();
+            parts.map(|part| (part.mesh, quantize(&(plane_from_world * part.world_from_mesh)))).collect();
         let mut digester = Digester::default();
         digester.add(&sky);
         digester.add(&receiver);

@@ -4,7 +4,7 @@
 use glam::{Mat3, Vec3};
 
 use super::extent::Extent;
-use super::floor::ReceiverPlane;
+use super::receiver_plane::ReceiverPlane;
 
 /// Smallest cosine of the tilt between two planes that count as one: 2°.
 const MIN_TILT_COSINE: f64 = 0.9994;
@@ -36,7 +36,7 @@ impl ShadowGroup {
     /// The bounding rectangle of the extent in another plane's axes.
     fn extent_on(&self, floor: &ReceiverPlane) -> Extent {
         let turn: Mat3 = (floor.axes.transpose() * self.floor.axes).as_mat3();
-        let offset = floor.floor_from_world().transform_point3(self.floor.origin_m).as_vec3().truncate();
+        let offset = floor.plane_from_world().transform_point3(self.floor.origin_m).as_vec3().truncate();
         let Extent { low, high } = self.extent;
         let corners = [(low.x, low.y), (high.x, low.y), (low.x, high.y), (high.x, high.y)]
             .map(|(x, y)| (turn * Vec3::new(x, y, 0.0)).truncate() + offset);

@@ -1,6 +1,6 @@
 //! The shadow maps of the last request, for the same objects, also on planes that moved a little.
 
-use super::floor::ReceiverPlane;
+use super::receiver_plane::ReceiverPlane;
 use super::shadow_map::ShadowMap;
 use crate::scene::{Object, Scene};
 

@@ -192,8 +192,8 @@ mod tests {
     use glam::{DAffine3, DVec3, Vec2};
 
     use super::super::bake_scene::BakeInputs;
-    use super::super::floor::ReceiverPlane;
     use super::super::occluders::Occluders;
+    use super::super::receiver_plane::ReceiverPlane;
     use super::super::shadow_map::ShadowMap;
     use super::super::sky::EnvSample;
     use super::*;

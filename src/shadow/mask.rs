@@ -7,7 +7,7 @@ use std::ops::Range;
 
 use glam::{Vec2, Vec3};
 
-use super::outline::{CastBuffers, Outline};
+use super::silhouette::{CastBuffers, SilhouetteMesh};
 use crate::pixels::floor;
 
 /// Step of the low-discrepancy sequence R₂ (Roberts 2018). Each ray samples another position within
@@ -43,9 +43,9 @@ impl Mask {
 
     /// Sets a bit in the shadow of an object. `place_of`: the position of a corner's shadow,
     /// texels; `None` for corners above the light.
-    pub fn rasterize(&mut self, bit: u32, outline: &Outline, place_of: impl Fn(Vec3) -> Option<Vec2>) {
+    pub fn rasterize(&mut self, bit: u32, silhouette: &SilhouetteMesh, place_of: impl Fn(Vec3) -> Option<Vec2>) {
         let Self { bits, width, rows, cast, steps, ranges } = self;
-        outline.cast(cast, place_of, |from, to, layers| {
+        silhouette.cast(cast, place_of, |from, to, layers| {
             let (high, low, layers) = if from.y < to.y { (from, to, -layers) } else { (to, from, layers) };
             let columns_per_row = (low.x - high.x) / (low.y - high.y);
             for row in rows_between(high.y, low.y, rows) {
@@ -140,8 +140,12 @@ mod tests {
     use super::*;
     use crate::shadow::occluders::Occluders;
 
-    fn outline(corners: &[Vec3], triangles: &[[u32; 3]]) -> Outline {
-        Outline::of(&Occluders { corners: corners.to_vec(), triangles: triangles.to_vec(), ..Occluders::default() })
+    fn silhouette(corners: &[Vec3], triangles: &[[u32; 3]]) -> SilhouetteMesh {
+        SilhouetteMesh::of(&Occluders {
+            corners: corners.to_vec(),
+            triangles: triangles.to_vec(),
+            ..Occluders::default()
+        })
     }
 
     /// True if a place is in the projection of one of the triangles.
@@ -166,7 +170,7 @@ mod tests {
                 let mut found = Vec::new();
                 for rows in [0..between, between..8] {
                     let mut mask = Mask::new(8, rows);
-                    mask.rasterize(5, &outline(corners, triangles), |c| Some(c.truncate()));
+                    mask.rasterize(5, &silhouette(corners, triangles), |c| Some(c.truncate()));
                     found.extend(mask.bits);
                 }
                 for (i, word) in found.iter().enumerate() {
@@ -180,12 +184,12 @@ mod tests {
     #[test]
     fn triangles_beyond_the_shadow_map_are_clipped() {
         let corners = [Vec3::new(-1e9, -5.0, 0.0), Vec3::new(1e9, -5.0, 0.0), Vec3::new(0.0, 1e9, 0.0)];
-        let outline = outline(&corners, &[[0, 1, 2]]);
+        let silhouette = silhouette(&corners, &[[0, 1, 2]]);
         let mut mask = Mask::new(4, 0..4);
-        mask.rasterize(0, &outline, |c| Some(c.truncate()));
+        mask.rasterize(0, &silhouette, |c| Some(c.truncate()));
         assert!(mask.bits.iter().all(|word| *word == 1));
         mask.clear();
-        mask.rasterize(0, &outline, |c| (c.x < 1.0).then_some(Vec2::ZERO));
+        mask.rasterize(0, &silhouette, |c| (c.x < 1.0).then_some(Vec2::ZERO));
         assert!(mask.bits.iter().all(|word| *word == 0));
     }
 

@@ -8,9 +8,9 @@
 //!
 //! On real planes:
 //!
-//! - `floor`: the receiver plane with its axes. `sky`: its incident light, as some hundred rays and
-//!   the lamps nearby.
-//! - `occluders`: triangles above the plane. `outline`: silhouettes of their shadows. `mask`: where
+//! - `receiver_plane`: the receiver plane with its axes. `sky`: its incident light, as some hundred
+//!   rays and the lamps nearby.
+//! - `occluders`: triangles above the plane. `silhouette`: outlines of their shadows. `mask`: where
 //!   32 rays at a time are blocked. `penumbra`: the blur of each ray's shadow by its angular size.
 //! - `bounce`: light that occluders reflect onto the plane.
 //! - `extent`: the rectangle in which the shadow is visible. `shadow_map`: D over that rectangle.
@@ -41,7 +41,6 @@ mod bounce;
 mod bvh;
 mod caster;
 mod extent;
-mod floor;
 mod group;
 mod last;
 mod light_visibility;
@@ -49,21 +48,21 @@ mod lightmap;
 mod lightmaps;
 mod mask;
 mod occluders;
-mod outline;
 mod penumbra;
 mod radiance;
 mod receiver_mask;
+mod receiver_plane;
 mod room;
 mod shadow_map;
 mod shadows;
+mod silhouette;
 mod sky;
 mod steps;
 mod white_radiance;
 
-pub use floor::ReceiverPlane;
 pub use lightmaps::Lightmaps;
 pub use radiance::{LazyRadiance, Sampler, SurfaceRadiance, SurfaceSample};
-pub use receiver_mask::TOLERANCE_M;
+pub use receiver_plane::ReceiverPlane;
 pub use room::Room;
 pub use shadow_map::{ShadowMap, ShadowTexture, UvRect};
 pub use shadows::Shadows;

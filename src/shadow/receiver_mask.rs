@@ -9,7 +9,8 @@
 use glam::{DVec2, DVec3, Vec2, Vec3};
 
 use super::extent::Extent;
-use super::floor::ReceiverPlane;
+use super::receiver_plane::ReceiverPlane;
+use crate::depth::PLANE_TOLERANCE_M;
 use crate::digest::digestible;
 use crate::plane::Plane;
 use crate::scene::{Facet, Object};
@@ -18,7 +19,7 @@ use crate::scene::{Facet, Object};
 const FADE_M: f32 = 0.01;
 /// Distance from a surface up to which it applies fully, m; at three times the distance it no
 /// longer applies.
-pub const TOLERANCE_M: f32 = 0.015;
+const TOLERANCE_M: f32 = PLANE_TOLERANCE_M as f32;
 
 /// In the axes of the facet's plane.
 #[derive(Clone, Debug, PartialEq)]
@@ -155,7 +156,7 @@ mod tests {
         let floor = ReceiverPlane::new(DVec3::new(0.2, -0.05, 0.3), DVec3::NEG_X);
         let mask = ReceiverMask::new(&object, 1, &floor);
         let weight = |y: f64, z: f64| {
-            let place = floor.floor_from_world().transform_point3(DVec3::new(0.2, y, z));
+            let place = floor.plane_from_world().transform_point3(DVec3::new(0.2, y, z));
             assert!(place.z.abs() < 1e-12);
             mask.weight(place.truncate().as_vec2())
         };
@@ -174,7 +175,7 @@ mod tests {
         let object = corner();
         let floor = ReceiverPlane::new(DVec3::new(0.2, -0.05, 0.3), DVec3::NEG_X);
         let mask = ReceiverMask::new(&object, 1, &floor);
-        let at = |y: f64, z: f64| floor.floor_from_world().transform_point3(DVec3::new(0.2, y, z)).truncate().as_vec2();
+        let at = |y: f64, z: f64| floor.plane_from_world().transform_point3(DVec3::new(0.2, y, z)).truncate().as_vec2();
         let bounds = |a: Vec2, b: Vec2| Extent { low: a.min(b), high: a.max(b) };
         let wide = Extent { low: Vec2::splat(-9.0), high: Vec2::splat(9.0) };
         let own = bounds(at(-0.21, -0.01), at(0.21, 0.41));

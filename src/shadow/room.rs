@@ -18,9 +18,10 @@ use std::sync::Arc;
 use glam::{DVec3, IVec3, Vec2, Vec3};
 
 use super::extent::Extent;
-use super::floor::ReceiverPlane;
 use super::mask::jitter;
+use super::receiver_plane::ReceiverPlane;
 use super::sky::{Lamp, PlaneLighting, Ray, RaySource};
+use crate::depth::MIN_HEIGHT_OVER_PLANE_M;
 use crate::digest::{Digester, Digestible};
 
 /// Side of a voxel, and of the cells of a plane, m.
@@ -28,7 +29,7 @@ const VOXEL_M: f32 = 0.02;
 /// Minimum number of points in a voxel. A single one may be an error of the sensor.
 const MIN_VOXEL_POINTS: u32 = 2;
 /// Points closer to the plane than this belong to the plane, m.
-pub const MIN_HEIGHT_M: f32 = 0.03;
+pub const MIN_HEIGHT_M: f32 = MIN_HEIGHT_OVER_PLANE_M as f32;
 /// Voxels nearer than this fraction of the distance of a panorama's light block it. The distance of
 /// one wall differs over the plane.
 const MAX_BLOCKER_DISTANCE: f32 = 0.5;
@@ -136,7 +137,7 @@ impl Digestible for OccluderMask {
 impl OccluderMask {
     /// Over an extent of a plane. `None` if no light is blocked.
     pub fn of(room: &Room, floor: &ReceiverPlane, extent: Extent, sky: &PlaneLighting) -> Option<Arc<Self>> {
-        let from_world = floor.floor_from_world();
+        let from_world = floor.plane_from_world();
         let voxels = room.voxels_m.iter().map(|voxel_m| from_world.transform_point3(*voxel_m).as_vec3());
         let voxels: Vec<Vec3> = voxels.filter(|voxel| voxel.z > MIN_HEIGHT_M).collect();
         let cells = ((extent.high - extent.low) / VOXEL_M).ceil().max(Vec2::ONE);

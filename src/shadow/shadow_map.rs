@@ -8,13 +8,13 @@ use glam::{DVec2, DVec3, Vec2, Vec3};
 
 use super::bounce::{Bounce, ReceiverTexels};
 use super::extent::Extent;
-use super::floor::ReceiverPlane;
 use super::mask::{BitSums, Mask, jitter};
 use super::occluders::Occluders;
-use super::outline::Outline;
 use super::penumbra::blur_penumbra;
 use super::receiver_mask::ReceiverMask;
+use super::receiver_plane::ReceiverPlane;
 use super::room::OccluderMask;
+use super::silhouette::SilhouetteMesh;
 use super::sky::{CLASSES, Lamp, PlaneLighting, Ray, class};
 use crate::digest::{Digester, Digestible};
 use crate::parallel::{over_rows, processors};
@@ -148,13 +148,13 @@ impl ShadowTexture {
             larger * (object_size / OBJECT_SIDE_TEXELS).max(size.max_element() / MAX_SIDE_TEXELS).max(MIN_TEXEL_M);
         let (width, height) = ((size.x / texel_m).ceil().max(1.0) as u32, (size.y / texel_m).ceil().max(1.0) as u32);
         let mut texels = vec![TexelLight::default(); width as usize * height as usize];
-        let outline = Outline::of(occluders);
+        let silhouette = SilhouetteMesh::of(occluders);
         let mut texture = Self::empty(extent.low, texel_m, width, height);
         // A band of rows for each thread. The result does not depend on the bands.
         let rows = (height as usize).div_ceil(processors()).max(1);
         over_rows(&mut texels, width as usize * rows, processors(), |band, texels| {
             let first = band * rows;
-            texture.fill(texels, first..first + texels.len() / width as usize, &outline, sky, blocked);
+            texture.fill(texels, first..first + texels.len() / width as usize, &silhouette, sky, blocked);
         });
         let lowest_m = occluders.corners.iter().map(|corner| corner.z).fold(f32::INFINITY, f32::min);
         let min_height = if lowest_m > texel_m && lowest_m.is_finite() { lowest_m / texel_m } else { 0.0 };
@@ -264,20 +264,20 @@ impl ShadowTexture {
         &self,
         texels: &mut [TexelLight],
         rows: Range<usize>,
-        outline: &Outline,
+        silhouette: &SilhouetteMesh,
         sky: &PlaneLighting,
         blocked: Option<&OccluderMask>,
     ) {
         let (width, rows_from) = (self.width as usize, rows.start);
         texels.iter_mut().for_each(|texel| texel.unshadowed = sky.light);
         let mut mask = Mask::new(width, rows.clone());
-        mask.rasterize(0, outline, |c| Some(self.texel_of(c.truncate())));
+        mask.rasterize(0, silhouette, |c| Some(self.texel_of(c.truncate())));
         texels.iter_mut().zip(&mask.bits).for_each(|(texel, word)| texel.is_below_object = *word != 0);
         for (n, rays) in sky.rays.chunks(RAYS_PER_MASK).enumerate() {
             mask.clear();
             for (bit, ray) in (0..).zip(rays) {
                 let jitter = jitter(n * RAYS_PER_MASK + bit as usize);
-                mask.rasterize(bit, outline, |c| Some(self.texel_of(c.truncate() - ray.slope * c.z) + jitter));
+                mask.rasterize(bit, silhouette, |c| Some(self.texel_of(c.truncate() - ray.slope * c.z) + jitter));
             }
             if let Some(blocked) = blocked.filter(|blocked| blocked.blocks_any(n)) {
                 let all = BitSums::of(&rays.iter().map(|ray| ray.light).collect::<Vec<_>>());
@@ -300,7 +300,7 @@ impl ShadowTexture {
         for (number, lamp) in sky.lamps.iter().enumerate() {
             let place_m = |i: usize| self.place_m(i % width, rows_from + i / width);
             let real = |n: usize, i: usize| blocked.map_or(0, |blocked| blocked.lamp(number, n, place_m(i)));
-            let fractions = self.lamp_fractions(lamp, &mut mask, outline, real);
+            let fractions = self.lamp_fractions(lamp, &mut mask, silhouette, real);
             for (i, [blocked_share, unblocked_share]) in fractions.into_iter().enumerate() {
                 let light = lamp.light_at(place_m(i));
                 texels[i].unshadowed += light * unblocked_share;
@@ -316,7 +316,7 @@ impl ShadowTexture {
         &self,
         lamp: &Lamp,
         mask: &mut Mask,
-        outline: &Outline,
+        silhouette: &SilhouetteMesh,
         real: impl Fn(usize, usize) -> u32,
     ) -> Vec<[f32; 2]> {
         let mut counts = vec![[0u32; 2]; mask.bits.len()];
@@ -324,7 +324,7 @@ impl ShadowTexture {
             mask.clear();
             for (bit, point) in (0..).zip(points) {
                 let jitter = jitter(n * RAYS_PER_MASK + bit as usize);
-                mask.rasterize(bit, outline, |c| {
+                mask.rasterize(bit, silhouette, |c| {
                     let below = point.z - c.z;
                     let along = c.z / below;
                     (below > 0.02 * point.z)
@@ -382,7 +382,7 @@ impl ShadowMap {
 
     /// D at a point of the plane.
     pub fn removed_at(&self, point: DVec3) -> Vec3 {
-        let place = self.floor.floor_from_world().transform_point3(point).truncate();
+        let place = self.floor.plane_from_world().transform_point3(point).truncate();
         self.texture.at_texel((place - self.texture.low_m.as_dvec2()) / f64::from(self.texture.texel_m))
     }
 }

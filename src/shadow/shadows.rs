@@ -10,11 +10,11 @@ use glam::{DMat3, DVec3, Vec3};
 
 use super::caster::{CasterBuilder, ShadowCaster};
 use super::extent::Extent;
-use super::floor::ReceiverPlane;
 use super::group::ShadowGroup;
 use super::last::LastShadowMaps;
 use super::light_visibility;
 use super::receiver_mask::ReceiverMask;
+use super::receiver_plane::ReceiverPlane;
 use super::room::{MIN_HEIGHT_M, OccluderMask, Room};
 use super::shadow_map::{RealOcclusion, ShadowMap, ShadowTexture};
 use super::sky::{EnvSample, EnvironmentImage, PlaneLighting, Ray, rays};

@@ -12,8 +12,8 @@ use std::sync::Arc;
 
 use glam::{DVec3, Mat3, Vec2, Vec3};
 
-use super::floor::ReceiverPlane;
 use super::mask::R2_STEP;
+use super::receiver_plane::ReceiverPlane;
 use crate::digest::{Digester, Digestible, digestible};
 use crate::render::panorama::{Level, direction, direction_at, resampled, solid_sr};
 use crate::scene::{Environment, Lighting, Sun};
@@ -142,10 +142,10 @@ impl EnvironmentImage {
     }
 
     /// Rays in the plane's axes.
-    fn rays(&self, floor_from_world: Mat3) -> Vec<Ray> {
-        let floor_from_map = floor_from_world * self.world_from_map;
+    fn rays(&self, plane_from_world: Mat3) -> Vec<Ray> {
+        let plane_from_map = plane_from_world * self.world_from_map;
         let weighting = |towards: Vec3, radiance: Vec3, solid_sr: f32| {
-            let light = radiance * ((floor_from_map * towards).z.max(0.0) * solid_sr / PI);
+            let light = radiance * ((plane_from_map * towards).z.max(0.0) * solid_sr / PI);
             (light, light.element_sum())
         };
         let strata = self.strata(ENVIRONMENT_RAYS, weighting);
@@ -153,7 +153,7 @@ impl EnvironmentImage {
         let of = |s: Stratum| {
             let angle_rad = angle_rad(s.solid_sr);
             let source = if angle_rad < MAX_BRIGHT_ANGLE_RAD { RaySource::NearestSurface } else { RaySource::Dim };
-            ray(floor_from_map * s.towards, s.light, angle_rad, source)
+            ray(plane_from_map * s.towards, s.light, angle_rad, source)
         };
         strata.into_iter().map(of).collect()
     }
@@ -241,10 +241,10 @@ pub fn disc(count: usize) -> impl Iterator<Item = Vec2> {
 
 /// All distant light on planes with these axes.
 pub fn rays(lighting: &Lighting, environment: &EnvironmentImage, floor: &ReceiverPlane) -> Arc<[Ray]> {
-    let floor_from_world = floor.floor_from_world().matrix3.as_mat3();
-    let mut rays = environment.rays(floor_from_world);
+    let plane_from_world = floor.plane_from_world().matrix3.as_mat3();
+    let mut rays = environment.rays(plane_from_world);
     for sun in &lighting.suns {
-        let towards = floor_from_world * sun.towards_light_in_world;
+        let towards = plane_from_world * sun.towards_light_in_world;
         let (aside, over) = towards.any_orthonormal_pair();
         let radius = (0.5 * sun.diameter_rad).tan();
         let points = disc(SUN_RAYS).map(|at| towards + radius * (aside * at.x + over * at.y));
@@ -263,10 +263,10 @@ impl PlaneLighting {
     /// `rays`: the result of [`rays`] for planes with these axes. `far`: for a facet, samples over
     /// the sphere.
     pub fn new(lighting: &Lighting, rays: Arc<[Ray]>, floor: &ReceiverPlane, far: Option<&[EnvSample]>) -> Self {
-        let floor_from_world = floor.floor_from_world();
-        let turn = floor_from_world.matrix3.as_mat3();
+        let plane_from_world = floor.plane_from_world();
+        let turn = plane_from_world.matrix3.as_mat3();
         let lamps = lighting.points.iter().map(|point| {
-            let at_m = floor_from_world.transform_point3(point.position_in_world_m).as_vec3();
+            let at_m = plane_from_world.transform_point3(point.position_in_world_m).as_vec3();
             let (aside, over) = at_m.try_normalize().unwrap_or(Vec3::Z).any_orthonormal_pair();
             Lamp {
                 at_m,
@@ -343,10 +343,10 @@ impl PlaneLighting {
 }
 
 /// Distant light from below a plane, in its axes.
-fn distant_back_light(far: &[EnvSample], suns: &[Sun], floor_from_world: Mat3) -> Vec<EnvSample> {
+fn distant_back_light(far: &[EnvSample], suns: &[Sun], plane_from_world: Mat3) -> Vec<EnvSample> {
     let sun = |sun: &Sun| EnvSample { towards: sun.towards_light_in_world, light: sun.color, solid_sr: 0.0 };
     let all = far.iter().copied().chain(suns.iter().map(sun));
-    let turned = all.map(|far| EnvSample { towards: floor_from_world * far.towards, ..far });
+    let turned = all.map(|far| EnvSample { towards: plane_from_world * far.towards, ..far });
     turned.filter(|far| far.towards.z < 0.0).collect()
 }
 

@@ -10,8 +10,8 @@
 
 use glam::Vec3;
 
-use super::floor::ReceiverPlane;
 use super::light_visibility::{LIGHT_SAMPLES, disc_around};
+use super::receiver_plane::ReceiverPlane;
 use super::room::{MIN_HEIGHT_M, Room};
 use super::sky::{EnvironmentImage, on_surface, rays};
 use crate::plane::Plane;

@@ -12,6 +12,7 @@ use glam::{DVec2, DVec3};
 use super::footprint::bounds;
 use super::plane_fit::rounded_normal;
 use super::ransac::{MeasuredPoint, ransac_plane};
+use crate::depth::MIN_HEIGHT_OVER_PLANE_M;
 use crate::plane::{HessePlane, Plane};
 use crate::scene::{Facet, Object, Scene};
 
@@ -21,9 +22,6 @@ const MAX_FACETS: usize = 4;
 const REACH_PER_SIZE: f64 = 1.5;
 const MIN_REACH_M: f64 = 0.1;
 const MAX_REACH_M: f64 = 0.5;
-/// Points lower than this over the support plane belong to it: there its own shadow map applies
-/// (twice `TOLERANCE_M` of shadow/receiver_mask.rs).
-const MIN_HEIGHT_M: f64 = 0.03;
 /// Smallest side of a facet.
 const MIN_SIDE_M: f64 = 0.04;
 /// Smallest share of a facet's rectangle that contains points, by cells.
@@ -61,7 +59,7 @@ pub fn facets(scene: &Scene, object: &Object, support: &Plane, points: &[Measure
     let height_m = |at_m: DVec3| support.height_m(at_m);
     let top_m = object.points_m(scene).map(height_m).fold(0.0, f64::max);
     // Light comes from above: surfaces far above the object receive no shadow of it.
-    let heights_m = MIN_HEIGHT_M..top_m + 0.5 * reach_m;
+    let heights_m = MIN_HEIGHT_OVER_PLANE_M..top_m + 0.5 * reach_m;
     let is_near = |at_m: DVec3| at_m.distance(at_m.clamp(low, high)) < reach_m;
     let near = points.iter().filter(|point| is_near(point.at_m) && heights_m.contains(&height_m(point.at_m)));
     let mut rest: Vec<MeasuredPoint> = near.copied().collect();

@@ -38,7 +38,7 @@ impl ReceiverPlane {
         Plane { point_m: self.origin_m, normal: self.normal() }
     }
 
-    pub fn floor_from_world(&self) -> DAffine3 {
+    pub fn plane_from_world(&self) -> DAffine3 {
         let turn = self.axes.transpose();
         DAffine3 { matrix3: turn, translation: turn * -self.origin_m }
     }
@@ -64,7 +64,7 @@ mod tests {
             let floor = ReceiverPlane::new(DVec3::new(1.0, 2.0, 3.0), normal);
             assert!((floor.axes.determinant() - 1.0).abs() < 1e-12);
             let point = floor.at(DVec2::new(0.4, -0.7)) + 0.2 * normal;
-            let back = floor.floor_from_world().transform_point3(point);
+            let back = floor.plane_from_world().transform_point3(point);
             assert!(back.abs_diff_eq(DVec3::new(0.4, -0.7, 0.2), 1e-12), "{back}");
             assert!((floor.height_m(point) - 0.2).abs() < 1e-12);
         }

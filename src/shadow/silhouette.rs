@@ -12,8 +12,9 @@ use glam::{Vec2, Vec3};
 
 use super::occluders::Occluders;
 
+/// Triangles of occluders, with the edges between them.
 #[derive(Debug)]
-pub struct Outline {
+pub struct SilhouetteMesh {
     /// m; without duplicates.
     corners: Vec<Vec3>,
     triangles: Vec<[u32; 3]>,
@@ -37,7 +38,7 @@ pub struct CastBuffers {
     orientations: Vec<i8>,
 }
 
-impl Outline {
+impl SilhouetteMesh {
     pub fn of(occluders: &Occluders) -> Self {
         let mut at_place = HashMap::with_capacity(occluders.corners.len());
         let mut corners = Vec::new();
