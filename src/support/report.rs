@@ -25,7 +25,7 @@ pub enum PlaneSource {
     Foot,
 }
 
-/// Plane plane of an object, in the scene's world.
+/// Support plane of an object, in the scene's world.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SupportReport {
     /// Name of the object.
