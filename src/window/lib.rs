@@ -8,8 +8,8 @@
 //!   on disk), `file_kind` (of a file), `recent`, `preferences`, `state` (the user's folder),
 //!   `chooser` (file dialog), `camera_dialog`, `camera_values`, `dialogs`, `question`, `message`,
 //!   `titles`. `start` is the window without a document.
-//! - Recovery: `autosave` with `session_lock`, `recovery_search`, and `restart` after the graphics
-//!   device was lost.
+//! - Recovery: `autosave` with `session_lock` and `file_lock`, `recovery_search`, and `restart` after
+//!   the graphics device was lost.
 //! - Output: the queue `jobs` with `output` and `dials`, `analysing`, and `command` for the same by
 //!   command line.
 //! - Playback: `session` is an open recording or live camera, `player` selects the due frame,
@@ -53,6 +53,7 @@ mod environment_light;
 mod evidence;
 mod fields;
 mod file_kind;
+mod file_lock;
 mod file_watch;
 mod frame_renderer;
 mod gpu_times;

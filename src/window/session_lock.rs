@@ -1,18 +1,18 @@
 //! Files that hold a window's unsaved work: a recovery file, and a lock file that stays locked for
-//! as long as the window lives. The operating system releases the lock however the program ends,
-//! once no child process that was just being started has a copy of the file. A recovery file whose
-//! lock is free has therefore been left behind.
+//! as long as the window lives ([`FileLock`]). A recovery file whose lock is free has therefore been
+//! left behind.
 //!
 //! The lock file contains the process ID of its window. On a loaded machine, threads of lowest
 //! priority (such as the one in Mesa that writes its cache) are not scheduled and keep the lock of
 //! an exited process for many seconds. In that case the recovery file is moved into the files of
 //! the window that finds it.
 
-use std::fs::{self, File, TryLockError};
+use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
+use super::file_lock::FileLock;
 use locard_engine::source::file;
 
 /// The recovery file and lock file of a window.
@@ -21,25 +21,6 @@ pub struct SessionFiles {
     pub work_file: PathBuf,
     pub lock_file: PathBuf,
     lock_guard: FileLock,
-}
-
-/// A lock on an open file. A process that is being started from another thread has a copy of the
-/// file until its own program runs; closing this file alone would leave the lock with that copy.
-/// The lock is therefore released explicitly.
-#[derive(Debug)]
-struct FileLock(File);
-
-impl FileLock {
-    fn of(file: File) -> Result<Self, TryLockError> {
-        file.try_lock()?;
-        Ok(Self(file))
-    }
-}
-
-impl Drop for FileLock {
-    fn drop(&mut self) {
-        let _ = self.0.unlock();
-    }
 }
 
 impl SessionFiles {

@@ -12,6 +12,7 @@ use super::super::project::Project;
 use super::super::task::{BackgroundTask, drop_in_background};
 use super::super::thumbnails::Thumbnails;
 use super::Session;
+use super::frozen_folder::FrozenFolder;
 use super::recent_frames::{RecentFrame, RecentFrames};
 use locard_engine::camera::Geometry;
 use locard_engine::frame::Frame;
@@ -27,7 +28,7 @@ pub const FROZEN: &str = ", frozen";
 enum LiveState {
     Showing,
     /// The last seconds are being written.
-    Freezing(BackgroundTask<Result<Recording, String>>),
+    Freezing(BackgroundTask<Result<(Recording, FrozenFolder), String>>),
     Frozen,
 }
 
@@ -221,9 +222,10 @@ impl Session {
         let LiveState::Freezing(task) = &live.state else { return };
         let Some(done) = task.take() else { return };
         match done.and_then(|recording| recording) {
-            Ok(recording) => {
+            Ok((recording, folder)) => {
                 live.state = LiveState::Frozen;
                 let recording = Arc::new(recording);
+                self.frozen.add(Arc::clone(&recording), folder);
                 self.replace_recording(ctx, recording);
                 self.player.step(isize::MAX);
             }
@@ -251,6 +253,7 @@ impl Session {
         if latest.frames() == 0 {
             return;
         }
+        self.frozen.release_unused();
         let name = live.live_recording.name.clone();
         let (folder, draft, wake) = (folder.to_owned(), self.project.profile_text(), ctx.clone());
         let spawned = BackgroundTask::spawn(
@@ -258,15 +261,15 @@ impl Session {
             move || wake.request_repaint(),
             move || {
                 about.profile = Some(draft().map_err(|error| error.to_string())?);
-                let folder = new_folder(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;
-                latest.write(&folder, &about).map_err(|error| error.to_string())?;
+                let folder = FrozenFolder::create(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;
+                latest.write(&folder.path, &about).map_err(|error| error.to_string())?;
                 let mut recording =
-                    Recording::open(&folder, &OpenOptions::default()).map_err(|error| error.to_string())?;
+                    Recording::open(&folder.path, &OpenOptions::default()).map_err(|error| error.to_string())?;
                 recording.name = format!("{name}{FROZEN}");
                 // The project already has the profile, with later changes; only differences from
                 // its own files are saved.
                 recording.camera_profile = None;
-                Ok(recording)
+                Ok((recording, folder))
             },
         );
         match spawned {
@@ -344,23 +347,6 @@ impl Session {
             live.feed.stop_recording();
         }
     }
-}
-
-/// Largest number of frozen recordings on disk.
-const MAX_FROZEN_RECORDINGS: usize = 5;
-
-/// A new folder name. The oldest frozen recordings are removed.
-fn new_folder(folder: &Path) -> std::io::Result<PathBuf> {
-    std::fs::create_dir_all(folder)?;
-    let mut existing: Vec<PathBuf> = std::fs::read_dir(folder)?.flatten().map(|entry| entry.path()).collect();
-    existing.retain(|path| path.join("recording.toml").is_file());
-    existing.sort();
-    let number = |path: &PathBuf| path.file_name()?.to_str()?.strip_prefix("frozen-")?.parse::<u64>().ok();
-    let last = existing.iter().filter_map(number).max().unwrap_or(0);
-    for old in existing.iter().take((existing.len() + 1).saturating_sub(MAX_FROZEN_RECORDINGS)) {
-        std::fs::remove_dir_all(old)?;
-    }
-    Ok(folder.join(format!("frozen-{:06}", last + 1)))
 }
 
 /// Copies a folder recursively.
