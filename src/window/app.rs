@@ -13,7 +13,6 @@ use eframe::egui_wgpu::RenderState;
 use glam::DVec2;
 
 use self::panels::PanelTabs;
-use super::autosave::RecoverableWork;
 use super::camera;
 use super::documents::{DocumentSwitch, Documents};
 use super::evidence::Evidence;
@@ -29,6 +28,7 @@ use super::picture_transform::PictureTransform;
 use super::player::Player;
 use super::project::Project;
 use super::recent::ViewState;
+use super::recovery_search::RecoverableWork;
 use super::session::Session;
 use super::side::Side;
 use super::task::drop_in_background;

@@ -2,7 +2,9 @@
 //! slow disk does not block the window.
 //!
 //! The dialog is drawn by the program itself: a system dialog needs a portal or a toolkit that a
-//! minimal Linux desktop lacks.
+//! minimal Linux desktop lacks. The crate egui-file-dialog 0.15 requires an older egui, checks and
+//! creates paths on the window's thread, has no accessible names, and cannot mark and summarize
+//! recordings, complete part of a name, or confirm the files of a series.
 
 mod disk;
 mod entering;

@@ -5,11 +5,11 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use eframe::egui::{self, Context, RichText};
 
-use super::autosave::UnsavedWork;
 use super::question::{Answer, Choices, as_dialog, ask, modal};
 use super::recent::DocumentRef;
 use super::saving::ProfileOwner;
 use super::titles::distinct;
+use super::unsaved_work::UnsavedWork;
 use locard_engine::text::count;
 
 /// Consequences of closing the window or opening another document.

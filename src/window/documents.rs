@@ -17,17 +17,17 @@ use self::dialog::Dialog;
 use self::exports::Exports;
 use self::recovery::Recovery;
 use self::save::Save;
-use super::autosave::RecoverableWork;
 use super::camera_dialog::CameraDialog;
 use super::file_kind::FileKind;
 use super::file_watch::{Change, FileWatch};
 use super::jobs::Jobs;
 use super::message::MessageWindow;
 use super::missing;
-use super::preferences::Preferences;
 use super::project::Project;
-use super::recent::{DocumentRef, Recent, ViewState};
+use super::recent::{DocumentRef, ViewState};
+use super::recovery_search::RecoverableWork;
 use super::session::Session;
+use super::state::UserState;
 use super::task::BackgroundTask;
 use locard_engine::live;
 
@@ -85,8 +85,7 @@ pub struct DocumentSwitch {
 pub struct Documents {
     /// The user's folder for state between sessions.
     state_folder: Option<PathBuf>,
-    recent: Recent,
-    preferences: Preferences,
+    user_state: UserState,
     recovery: Recovery,
     watch: FileWatch,
     pub exports: Exports,
@@ -113,8 +112,7 @@ pub struct Documents {
 impl Documents {
     /// Stores state in the user's folder, and offers work to recover from there.
     pub fn set_state_folder(&mut self, folder: &Path, session: &mut Session) {
-        self.recent = Recent::read(folder.join("recent.json"));
-        self.preferences = Preferences::read(folder.join("habits.json"));
+        self.user_state = UserState::read(folder);
         self.state_folder = Some(folder.to_owned());
         let work = folder.join("work");
         if let Err(error) = self.recovery.begin(&work) {
@@ -128,7 +126,7 @@ impl Documents {
         if project.is_frozen() {
             return;
         }
-        self.recent.add(DocumentRef { at, ..DocumentRef::of(project) });
+        self.user_state.add_recent(DocumentRef { at, ..DocumentRef::of(project) });
     }
 
     /// Continues autosaving in the files of the recovered work.
@@ -162,7 +160,7 @@ impl Documents {
     pub fn document_opened(&mut self, session: &Session) {
         let project = &session.project;
         if !project.is_frozen() {
-            self.recent.add(DocumentRef::of(project));
+            self.user_state.add_recent(DocumentRef::of(project));
         }
         self.watch.forget();
         self.watch_files(project);
@@ -176,7 +174,7 @@ impl Documents {
 
     /// The last chosen theme.
     pub fn theme(&self) -> egui::ThemePreference {
-        self.preferences.theme()
+        self.user_state.theme()
     }
 
     /// Runs everything in a frame of the window that is not a panel. Returns a document to switch
@@ -210,8 +208,8 @@ impl Documents {
     fn autosave_and_watch(&mut self, ctx: &egui::Context, session: &mut Session) {
         let now = Instant::now();
         let theme = ctx.options(|options| options.theme_preference);
-        if theme != self.preferences.theme() {
-            self.preferences.set_theme(theme);
+        if theme != self.user_state.theme() {
+            self.user_state.set_theme(theme);
         }
         #[cfg(development)]
         super::restart::lose_device_when_due(session.viewer.gpu(), ctx);

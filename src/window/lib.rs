@@ -5,11 +5,11 @@
 //!
 //! - Documents: `project` is the edited state with its undo `history`; `documents` opens and saves
 //!   files, and has the one open modal dialog. Its parts: `opening`, `saving`, `file_watch` (changes
-//!   on disk), `file_kind` (of a file), `recent`, `preferences`, `state` (the user's folder),
+//!   on disk), `file_kind` (of a file), `state` (between sessions) with `recent`,
 //!   `chooser` (file dialog), `camera_dialog`, `camera_values`, `dialogs`, `question`, `message`,
 //!   `titles`. `start` is the window without a document.
-//! - Recovery: `autosave` with `session_lock` and `file_lock`, `recovery_search`, and `restart` after
-//!   the graphics device was lost.
+//! - Recovery: `autosave` and `recovery_search` of `unsaved_work`, with `session_lock` and
+//!   `file_lock`; `restart` after the graphics device was lost.
 //! - Output: the queue `jobs` with `output` and `dials`, `analysing`, and `command` for the same by
 //!   command line.
 //! - Playback: `session` is an open recording or live camera, `player` selects the due frame,
@@ -84,7 +84,6 @@ mod player;
 mod plots;
 mod point_picker;
 mod pointer_probe;
-mod preferences;
 mod progress;
 mod project;
 mod question;
@@ -109,6 +108,7 @@ mod tilt;
 mod timeline;
 mod titles;
 mod tool;
+mod unsaved_work;
 mod viewer;
 mod warnings;
 mod window_size;
@@ -121,7 +121,7 @@ use eframe::egui;
 use eframe::egui_wgpu::{WgpuSetup, WgpuSetupCreateNew};
 
 pub use app::App;
-pub use autosave::{Autosave, RecoverableWork, UnsavedWork};
+pub use autosave::Autosave;
 pub use command::{Line, composite as command_line};
 pub use eframe::Error;
 pub use history::{History, HistoryRecord};
@@ -130,8 +130,10 @@ pub use measure::Measure;
 pub use picture::View;
 pub use player::{Pace, Player};
 pub use project::{ComparisonVariant, Draft, Edit, Origin, ProfileScope, Project, SaveError, WrittenFile};
+pub use recovery_search::RecoverableWork;
 pub use saving::{DEMO, DEMO_SCENE};
 pub use start::Start;
+pub use unsaved_work::UnsavedWork;
 
 use locard_engine::gpu::Gpu;
 use locard_engine::live;

@@ -4,11 +4,12 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use super::autosave::{RecoverableWork, UnsavedWork};
 use super::obstacle::size_text;
 use super::project::Project;
 use super::recent::DocumentRef;
+use super::recovery_search::RecoverableWork;
 use super::task::BackgroundTask;
+use super::unsaved_work::UnsavedWork;
 use locard_engine::live::{self, LiveSpec};
 use locard_engine::recording::{OpenOptions, Recording};
 use locard_engine::shot::{ShotError, ShotOptions};

@@ -1,5 +1,7 @@
 //! A slider with its number. A press beside the handle moves it there. A press on the handle keeps
 //! the offset of the pointer: nothing changes until the pointer moves, and the value does not jump.
+//! It wraps egui's own slider, which moves the handle to the pointer at every press, reports no
+//! double click, and has a number that does not clip its text.
 
 use eframe::egui::{self, Id, Response, Ui, WidgetInfo, style::HandleShape};
 

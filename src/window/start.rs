@@ -8,7 +8,6 @@ use eframe::egui_wgpu::RenderState;
 
 use super::actions::{self, Action};
 use super::app::App;
-use super::autosave::RecoverableWork;
 use super::camera_dialog::CameraDialog;
 use super::chooser::{Chooser, ChooserMode, ChooserResult, StartLocation};
 use super::dialogs;
@@ -18,11 +17,11 @@ use super::keys;
 use super::message::MessageWindow;
 use super::opening::Opening;
 use super::painter;
-use super::preferences::{FolderUse, Preferences};
 use super::question::Answer;
-use super::recent::{DocumentRef, Recent};
-use super::recovery_search::RecoverySearch;
+use super::recent::DocumentRef;
+use super::recovery_search::{RecoverableWork, RecoverySearch};
 use super::saving::DEMO;
+use super::state::{FolderUse, UserState};
 use super::task::BackgroundTask;
 use super::theme;
 use super::window_size;
@@ -44,8 +43,7 @@ pub struct Start {
     window: RenderState,
     /// Folder of preferences and autosaved work.
     folder: Option<PathBuf>,
-    recent: Recent,
-    preferences: Preferences,
+    user_state: UserState,
     recoverable: Vec<RecoverableWork>,
     recovery_search: Option<RecoverySearch>,
     dialog: Option<Dialog>,
@@ -68,17 +66,15 @@ impl Start {
         theme::install(ctx);
         // From the first frame on: egui hands over its textures only once.
         let window = painter::take_over(context)?;
-        let read = |name: &str| folder.map(|folder| folder.join(name));
-        let preferences = read("habits.json").map_or_else(Preferences::default, Preferences::read);
-        ctx.set_theme(preferences.theme());
+        let user_state = folder.map_or_else(UserState::default, UserState::read);
+        ctx.set_theme(user_state.theme());
         let wake = ctx.clone();
         let recovery_search =
-            read("work").and_then(|work| RecoverySearch::begin(work, move || wake.request_repaint()).ok());
+            folder.and_then(|folder| RecoverySearch::begin(folder.join("work"), move || wake.request_repaint()).ok());
         Ok(Self {
             window,
             folder: folder.map(Path::to_owned),
-            recent: read("recent.json").map_or_else(Recent::default, Recent::read),
-            preferences,
+            user_state,
             recoverable: Vec::new(),
             recovery_search,
             dialog: None,
@@ -121,7 +117,7 @@ impl Start {
     }
 
     fn show_chooser(&mut self) {
-        let last = self.preferences.folder(FolderUse::Recording).map(Path::to_owned);
+        let last = self.user_state.folder(FolderUse::Recording).map(Path::to_owned);
         let begin = StartLocation::within(last.into_iter().chain(std::env::home_dir()));
         let chooser = Chooser::new("Open a recording", ChooserMode::Recording, begin);
         self.dialog = Some(Dialog::Chooser(Box::new(chooser)));
@@ -168,7 +164,7 @@ impl Start {
                 None => self.dialog = Some(Dialog::Chooser(chooser)),
                 Some(ChooserResult::Cancelled) => {}
                 Some(ChooserResult::Path { path, .. }) => {
-                    self.preferences.remember_folder(FolderUse::Recording, &path);
+                    self.user_state.remember_folder(FolderUse::Recording, &path);
                     self.drop(ctx, path);
                 }
             },
@@ -181,7 +177,7 @@ impl Start {
                 }
             },
             Dialog::Recovery(recoverable) => match dialogs::offer_recovery(ctx, &recoverable.work) {
-                Some(Answer::Yes) => self.begin(ctx, recoverable.document(), Some(recoverable)),
+                Some(Answer::Yes) => self.begin(ctx, recoverable.work.document(), Some(recoverable)),
                 Some(Answer::No) => recoverable.discard(),
                 // The work stays on disk and is offered at the next start.
                 Some(Answer::Cancel) => drop(recoverable),
@@ -232,7 +228,7 @@ impl Start {
         }
         keys::show(ctx, &mut self.shows_keys);
         let places: Vec<PathBuf> = self.places.iter().map(|folder| folder.join(DEMO)).collect();
-        match dialogs::show_start(ctx, self.recent.entries(ctx), dialogs::StartBackground::Nothing(&places)) {
+        match dialogs::show_start(ctx, self.user_state.recent(ctx), dialogs::StartBackground::Nothing(&places)) {
             Some(dialogs::StartChoice::Open) => self.show_chooser(),
             Some(dialogs::StartChoice::Camera) => {
                 self.dialog = Some(Dialog::Camera(Box::new(CameraDialog::new(ctx, None, None))));
@@ -264,7 +260,9 @@ impl eframe::App for Start {
         match App::begin(&ctx, self.window.clone(), turn.project, turn.camera) {
             Ok(mut app) => {
                 // The tuner offers autosaved work from now on.
-                (self.recoverable, self.recovery_search, self.recent) = (Vec::new(), None, Recent::default());
+                (self.recoverable, self.recovery_search) = (Vec::new(), None);
+                // Its file is complete before the tuner reads it.
+                self.user_state = UserState::default();
                 if let Some(folder) = &self.folder {
                     app.set_state_folder(folder);
                 }

@@ -177,10 +177,10 @@ fn profile_chosen_after_a_refusal_opens_the_refused_recording() {
     std::fs::write(&description, text.replace("name = \"demo\"", "name = \"garage\"")).unwrap();
     let state = temp.path().join("state");
     std::fs::create_dir(&state).unwrap();
-    let stale = serde_json::json!([{
+    let stale = serde_json::json!({ "recent": [{
         "recording": second, "scene": null, "profile": other_size, "metres_per_unit": 1.0
-    }]);
-    std::fs::write(state.join("recent.json"), stale.to_string()).unwrap();
+    }] });
+    std::fs::write(state.join("state.json"), stale.to_string()).unwrap();
     let mut window = window(open(&demo()), SIZE);
     window.state_mut().set_state_folder(&state);
     window.state_mut().show_start(true);

@@ -9,10 +9,10 @@ use super::super::camera_dialog::CameraDialog;
 use super::super::chooser::{Chooser, ChooserMode, StartLocation};
 use super::super::command;
 use super::super::output::{OutputRequest, default_name};
-use super::super::preferences::FolderUse;
 use super::super::project::Project;
 use super::super::saving::{self, SaveStep};
 use super::super::session::Session;
+use super::super::state::FolderUse;
 use super::Documents;
 use super::dialog::Dialog;
 use locard_engine::assets;
@@ -81,7 +81,7 @@ impl Documents {
         // The demonstration's folder belongs to the program, and a camera has none.
         let is_own = !is_asset(&recording, saving::DEMO) && !project.is_frozen() && !project.shot().recording.is_live();
         let beside = parent.clone().filter(|_| is_own);
-        let last = self.preferences.folder(purpose.folder_use()).map(Path::to_owned);
+        let last = self.user_state.folder(purpose.folder_use()).map(Path::to_owned);
         // Files of a recording are in its folder or beside it.
         let folders = match &purpose {
             ChooserPurpose::Locate(missing) => expected_folders(&absolute(missing), &absolute(&project.scene_path())),
@@ -260,7 +260,7 @@ impl Documents {
         replaces: bool,
         session: &mut Session,
     ) {
-        self.preferences.remember_folder(purpose.folder_use(), &path);
+        self.user_state.remember_folder(purpose.folder_use(), &path);
         match purpose {
             ChooserPurpose::Open => self.open_file(ctx, path, session),
             ChooserPurpose::OpenProfile => self.open_profile(path, session),

@@ -4,7 +4,6 @@ use std::path::PathBuf;
 
 use eframe::egui;
 
-use super::super::autosave::RecoverableWork;
 use super::super::camera_dialog::CameraDialog;
 use super::super::camera_values;
 use super::super::chooser::{Chooser, ChooserResult};
@@ -161,7 +160,7 @@ impl Documents {
     fn offer_recovery(&mut self, ctx: &egui::Context, recoverable: RecoverableWork) {
         match dialogs::offer_recovery(ctx, &recoverable.work) {
             Some(Answer::Yes) => {
-                self.pending = Some(PendingAction::Open(Box::new(recoverable.document()), Some(recoverable)));
+                self.pending = Some(PendingAction::Open(Box::new(recoverable.work.document()), Some(recoverable)));
             }
             Some(Answer::No) => recoverable.discard(),
             // Stays on disk, and is offered at the next start.
@@ -193,7 +192,7 @@ impl Documents {
         } else {
             dialogs::StartBackground::Recording(&name)
         };
-        match dialogs::show_start(ctx, self.recent.entries(ctx), behind) {
+        match dialogs::show_start(ctx, self.user_state.recent(ctx), behind) {
             Some(dialogs::StartChoice::Open) => self.open(&session.project),
             Some(dialogs::StartChoice::Camera) => self.show_camera_dialog(ctx, &session.project),
             Some(dialogs::StartChoice::Recent(document)) => self.pending = Some(PendingAction::Open(document, None)),

@@ -4,12 +4,12 @@ use std::path::PathBuf;
 
 use eframe::egui;
 
-use super::super::autosave::RecoverableWork;
 use super::super::dialogs::{self, Consequences};
 use super::super::file_kind::FileKind;
 use super::super::opening::{OpenRefusal, Opening};
 use super::super::question::Answer;
 use super::super::recent::DocumentRef;
+use super::super::recovery_search::RecoverableWork;
 use super::super::session::Session;
 use super::super::task::BackgroundTask;
 use super::dialog::Dialog;

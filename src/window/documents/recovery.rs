@@ -7,10 +7,11 @@ use std::time::Instant;
 
 use eframe::egui;
 
-use super::super::autosave::{Autosave, HISTORY_STEPS, RecoverableWork, UnsavedWork};
-use super::super::recovery_search::RecoverySearch;
+use super::super::autosave::Autosave;
+use super::super::recovery_search::{RecoverableWork, RecoverySearch};
 use super::super::restart;
 use super::super::session::Session;
+use super::super::unsaved_work::{HISTORY_STEPS, UnsavedWork};
 
 /// Project version and history revision while no mouse button was down.
 #[derive(Clone, Copy, Debug, Default)]

@@ -108,7 +108,7 @@ impl Documents {
         self.save.written.retain(|saved| saved.kind != kind);
         self.save.written.push(SavedFile { kind, path: path.clone() });
         session.show_message(saving::end_message(&self.save.written, &session.project.unsavable_changes()));
-        self.recent.add(DocumentRef::of(&session.project));
+        self.user_state.add_recent(DocumentRef::of(&session.project));
         self.watch.record(&path, session.project.stamp(&path));
     }
 

@@ -117,8 +117,8 @@ fn recent_recordings_of_one_name_are_distinguished_by_folder() {
         let recording = temp.path().join(folder).join("room").display().to_string();
         serde_json::json!({ "recording": recording, "scene": null, "profile": null, "metres_per_unit": 1.0 })
     };
-    let list = serde_json::json!([entry("a"), entry("b")]);
-    std::fs::write(state.join("recent.json"), list.to_string()).unwrap();
+    let stored = serde_json::json!({ "recent": [entry("a"), entry("b")] });
+    std::fs::write(state.join("state.json"), stored.to_string()).unwrap();
     let mut window = window(project(None, None), egui::vec2(1280.0, 720.0));
     window.state_mut().set_state_folder(&state);
     window.state_mut().show_start(true);

@@ -146,8 +146,8 @@ fn new_scene_is_saved_with_its_recording_in_a_new_folder() {
     // Another scene was saved elsewhere before.
     let state = temp.path().join("state");
     std::fs::create_dir(&state).unwrap();
-    let habits = format!("{{\"folders\": {{\"scene\": {elsewhere:?}}}}}");
-    std::fs::write(state.join("habits.json"), habits).unwrap();
+    let stored = format!("{{\"folders\": {{\"scene\": {elsewhere:?}}}}}");
+    std::fs::write(state.join("state.json"), stored).unwrap();
     window.state_mut().set_state_folder(&state);
     let model = std::fs::canonicalize("scenes/marker-1.glb").unwrap().display().to_string();
     let placed = PlacedModel { model, ..PlacedModel::default() };
