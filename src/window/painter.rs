@@ -1,5 +1,7 @@
 //! Repaints only the damaged areas of the window. During playback the panels beside the picture do
-//! not change; with a software driver their text costs more than the picture.
+//! not change; with a software driver their text costs more than the picture. A repaint without a
+//! new picture takes 12 ms of processor time instead of 29, a picture during playback a fifth to a
+//! quarter less (docs/performance.md).
 //!
 //! The window is retained in a texture. The shapes of a frame are compared with those of the last
 //! one, the shapes that overlap a damaged area are drawn there, and the texture is copied to the
