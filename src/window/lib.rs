@@ -4,8 +4,8 @@
 //! program would not composite alike.
 //!
 //! - Documents: `project` is the edited state with its undo `history`; `documents` opens and saves
-//!   files, and has the one open modal dialog. Its parts: `opening`, `saving`, `file_watch` (changes
-//!   on disk), `file_kind` (of a file), `state` (between sessions) with `recent`,
+//!   files, and has the one open modal dialog. Its parts: `opening`, `saving`, `file_watch`
+//!   (changes on disk), `file_kind` (of a file), `state` (between sessions) with `recent`,
 //!   `chooser` (file dialog), `camera_dialog`, `camera_values`, `dialogs`, `question`, `message`,
 //!   `titles`. `start` is the window without a document.
 //! - Recovery: `autosave` and `recovery_search` of `unsaved_work`, with `session_lock` and
@@ -23,9 +23,9 @@
 //!   `calibrating` with `calibration_messages`.
 //! - Scene: `evidence`, `library`, `list`, `object_actions`, `scene_checks`, `missing`, `tilt`,
 //!   `lamps`, `environment_light`, `ground`, `obstacle`, `notice`, `warnings`.
-//! - Input in the picture: `tool` is the active tool, and only it gets clicks, drags and Esc. Tools:
-//!   `handles` (transforms), `placement`, `ground`, `lamps`, `region_picker`. `point_picker` and
-//!   `keyboard_cursor` serve several of them.
+//! - Input in the picture: `tool` is the active tool, and only it gets clicks, drags and Esc.
+//!   Tools: `handles` (transforms), `placement`, `ground`, `lamps`, `region_picker`. `point_picker`
+//!   and `keyboard_cursor` serve several of them.
 //! - Background work: `task` starts all threads. `background` is for a value of which the latest
 //!   request wins.
 

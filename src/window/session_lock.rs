@@ -1,6 +1,6 @@
 //! Files that hold a window's unsaved work: a recovery file, and a lock file that stays locked for
-//! as long as the window lives ([`FileLock`]). A recovery file whose lock is free has therefore been
-//! left behind.
+//! as long as the window lives ([`FileLock`]). A recovery file whose lock is free has therefore
+//! been left behind.
 //!
 //! The lock file contains the process ID of its window. On a loaded machine, threads of lowest
 //! priority (such as the one in Mesa that writes its cache) are not scheduled and keep the lock of

@@ -10,6 +10,7 @@ use super::super::chooser::{Chooser, ChooserResult};
 use super::super::dialogs;
 use super::super::opening::Opening;
 use super::super::question::Answer;
+use super::super::recovery_search::RecoverableWork;
 use super::super::saving;
 use super::super::session::Session;
 use super::super::titles;

@@ -1,5 +1,5 @@
-//! Modal transform of one thing: move, turn or scale, by the pointer or by typed numbers. Two fifths
-//! of the file are its tests.
+//! Modal transform of one thing: move, turn or scale, by the pointer or by typed numbers. Two
+//! fifths of the file are its tests.
 
 use glam::{DVec2, DVec3};
 
