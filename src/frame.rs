@@ -127,6 +127,11 @@ pub struct FrameLens {
 }
 
 impl FrameExposure {
+    /// The reported exposure time, s, also from the picture's own file on a nominal clock.
+    pub fn reported_s(&self) -> Option<f64> {
+        self.time_s.or(self.photo.time_s)
+    }
+
     /// With the settings of a tracked lens, which override the others.
     pub fn with_lens(self, lens: FrameLens) -> Self {
         let photo = PhotoSettings {

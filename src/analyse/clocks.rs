@@ -2,7 +2,6 @@
 //! the clock offset of depth.
 
 use super::camera_model::CameraModel;
-use super::link_blur::assumed_exposure_s;
 use super::link_failure::{self, LinkCounts};
 use super::links::Pass;
 use super::pass_runner::PassRunner;
@@ -12,6 +11,7 @@ use super::robust::median;
 use super::state::CameraState;
 use super::times;
 use crate::camera::Geometry;
+use crate::camera::exposure::assumed_exposure_s;
 use crate::fit::twist::{self, Twist};
 use crate::recording::Recording;
 

@@ -18,13 +18,6 @@ use crate::fit::twist::Twist;
 
 /// Alignment error per difference in blur length.
 const ERROR_BY_LENGTH: f64 = 0.04;
-/// Largest assumed exposure, s; half a frame's interval if that is shorter.
-const MAX_EXPOSURE_S: f64 = 1.0 / 60.0;
-
-/// Exposure time assumed before it is estimated, s.
-pub fn assumed_exposure_s(frame_interval_s: f64) -> f64 {
-    (0.5 * frame_interval_s).min(MAX_EXPOSURE_S)
-}
 
 /// One standard deviation of a link's error by blur, px. `to_in_from`: the adjoint A.
 pub fn error_px(link: &Link, [from, to]: [&CameraState; 2], to_in_from: &Matrix6<f64>, exposure_s: f64) -> f64 {
@@ -72,10 +65,5 @@ pub mod tests {
         assert!((error(2.0, 1.0) - 0.2).abs() < 1e-12, "{}", error(2.0, 1.0));
         assert!((error(1.0, -2.0) - 0.2).abs() < 1e-12, "forth and back blur alike");
         assert_eq!((error(2.0, 2.0), error(2.0, -2.0)), (0.0, 0.0));
-    }
-
-    #[test]
-    fn assumed_exposure_is_half_an_interval_up_to_a_sixtieth() {
-        assert_eq!((assumed_exposure_s(0.02), assumed_exposure_s(0.1)), (0.01, 1.0 / 60.0));
     }
 }

@@ -11,7 +11,6 @@ use nalgebra::Matrix6;
 use super::align::Link;
 use super::clocks::RIGHT_PX;
 use super::evaluation::copy_repeated_states;
-use super::link_blur::assumed_exposure_s;
 use super::links::Pass;
 use super::pass_runner::PassRunner;
 use super::plane_sweep::camera_model_for;
@@ -23,6 +22,7 @@ use super::times;
 use super::track::MAX_GAP_INTERVALS;
 use super::trajectory;
 use crate::camera::Geometry;
+use crate::camera::exposure::assumed_exposure_s;
 use crate::fit::twist::Twist;
 
 /// Distances between linked frames.

@@ -18,7 +18,6 @@ use super::clocks::{
 };
 use super::evaluation::{align_gauge, copy_repeated_states, held_out_residuals, median_residual_px};
 use super::interrupted::Interrupted;
-use super::link_blur::assumed_exposure_s;
 use super::links::Pass;
 use super::motion_only;
 use super::pass_runner::PassRunner;
@@ -30,6 +29,7 @@ use super::state::CameraState;
 use super::times::{self, Times};
 use super::track::MAX_GAP_INTERVALS;
 use super::trajectory;
+use crate::camera::exposure::assumed_exposure_s;
 use crate::camera::{Geometry, NoiseProfile};
 use crate::fit::twist::{self, Twist};
 use crate::recording::Recording;

@@ -13,6 +13,15 @@ use super::stops::{self, Step};
 /// Maximum exposure time, seconds.
 pub const MAX_EXPOSURE_S: f64 = 60.0;
 
+/// Largest assumed exposure time, s. Phones and depth cameras expose for 1/60 s or less in lit
+/// rooms, at 10 frames a second as at 30, so that half of a long interval is too much blur.
+const MAX_ASSUMED_EXPOSURE_S: f64 = 1.0 / 60.0;
+
+/// Exposure time of frames without any information: a shutter angle of 180°, at most 1/60 s.
+pub fn assumed_exposure_s(interval_s: f64) -> f64 {
+    (0.5 * interval_s).min(MAX_ASSUMED_EXPOSURE_S)
+}
+
 crate::params! {
     /// Exposure time and sensitivity of the sensor.
     pub struct CameraExposure in "camera.exposure" {
@@ -133,6 +142,11 @@ pub mod tests {
         close(sunny.ev(), 14.965_784, 1e-6);
         close(sunny.exact().ev(), 15.0, 1e-12);
         close(set(1.0, 1.0, 100.0).ev(), 0.0, 1e-12);
+    }
+
+    #[test]
+    fn assumed_exposure_is_half_an_interval_up_to_a_sixtieth() {
+        assert_eq!((assumed_exposure_s(0.02), assumed_exposure_s(0.1)), (0.01, 1.0 / 60.0));
     }
 
     #[test]

@@ -220,7 +220,7 @@ fn recording(args: &Args) -> Result<()> {
     let frames = recording.frame_count();
     writeln!(out, "poses      {}, for {posed} of {}", recording.track.poses().len(), count(frames, "frame"))?;
     writeln!(out, "depth      {}", depth(recording, geometry.is_some()))?;
-    let exposed = recording.exposure.iter().filter(|e| e.time_s.or(e.photo.time_s).is_some()).count();
+    let exposed = recording.exposure.iter().filter(|e| e.reported_s().is_some()).count();
     match exposed {
         0 => writeln!(out, "exposure   unknown")?,
         _ => writeln!(out, "exposure   known for {exposed} of {}", count(frames, "frame"))?,

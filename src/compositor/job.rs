@@ -1,6 +1,6 @@
 //! The compositor's input and output.
 
-use super::Settings;
+use super::{ExposureTime, Settings};
 use crate::camera::{Camera, Capture, Geometry, LensError};
 use crate::depth::{DepthGrid, Surfaces};
 use crate::effects::EffectError;
@@ -47,34 +47,6 @@ pub enum Target<'a> {
     View(&'a wgpu::TextureView, wgpu::TextureFormat),
 }
 
-/// A frame's exposure time, s. In order of precedence:
-///
-/// 1. the exposure that a tracked camera reports for the frame, if the camera follows it and the
-///    settings do not overrule it;
-/// 2. the camera's shutter angle;
-/// 3. the recording's exposure time of the frame, unless the settings overrule it;
-/// 4. the camera's exposure time;
-/// 5. the estimate from the frame's motion blur;
-/// 6. [`assumed_exposure_s`].
-pub fn exposure_time_s(camera: &Camera, settings: &Settings, frame: &Frame, interval_s: f64) -> f64 {
-    let exposure = &camera.exposure;
-    let angle = |deg: f64| deg / 360.0 * interval_s;
-    let recorded = frame.exposure.time_s.filter(|_| !settings.overrule_recorded_exposure);
-    let follows = camera.frame_overrides.exposure && !settings.overrule_recorded_exposure;
-    let tracked = frame.exposure.lens.exposure_s.filter(|_| follows);
-    let known = tracked.or(exposure.shutter_angle_deg.map(angle)).or(recorded).or(exposure.time_s);
-    known.or(frame.exposure.blur_estimate_s).unwrap_or_else(|| assumed_exposure_s(interval_s))
-}
-
-/// Largest assumed exposure time, s. Phones and depth cameras expose for 1/60 s or less in lit
-/// rooms, at 10 frames a second as at 30, so that half of a long interval is too much blur.
-const MAX_ASSUMED_EXPOSURE_S: f64 = 1.0 / 60.0;
-
-/// Exposure time of frames without any information: a shutter angle of 180°, at most 1/60 s.
-fn assumed_exposure_s(interval_s: f64) -> f64 {
-    (0.5 * interval_s).min(MAX_ASSUMED_EXPOSURE_S)
-}
-
 impl<'a> Job<'a> {
     /// A recorded frame to which virtual objects are added, at its own geometry and exposure.
     pub fn of_frame(
@@ -85,8 +57,8 @@ impl<'a> Job<'a> {
         track: &'a PoseTrack,
         interval_s: f64,
     ) -> Result<Self, LensError> {
-        let exposure_s = exposure_time_s(camera, settings, &frame, interval_s);
-        let capture = Capture::frame(geometry, exposure_s, camera.lens_in(&frame.exposure.lens).opening(geometry)?);
+        let exposure = ExposureTime::of_frame(camera, settings, &frame.exposure, interval_s);
+        let capture = Capture::frame(geometry, exposure.s, camera.lens_in(&frame.exposure.lens).opening(geometry)?);
         let real = RealDepth::OfFrame;
         Ok(Self { frame, picture: geometry, capture, real, track, interval_s, want_layer: false })
     }

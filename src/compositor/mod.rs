@@ -6,6 +6,7 @@
 
 mod clipped;
 mod dirty_tiles;
+mod exposure_time;
 mod foreground_matte;
 mod job;
 mod mix;
@@ -32,7 +33,8 @@ use crate::scene::{Object, Scene};
 use crate::shadow::{LazyRadiance, Lightmaps, Room, ShadowMap, Shadows};
 
 pub use clipped::CLIP_LEVEL;
-pub use job::{Composited, FrameStats, Job, RealDepth, SubmitError, Target, exposure_time_s};
+pub use exposure_time::{ExposureSource, ExposureTime};
+pub use job::{Composited, FrameStats, Job, RealDepth, SubmitError, Target};
 pub use mix::module as mixed_module;
 pub use occlusion::project_rolling;
 pub use plan::poses_within_s;

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::shade::{VisibleShadowMap, bounds, visible_shadow_maps};
 use super::work_rects::{WorkRects, WorkRequest};
-use super::{Compositor, Job, RealDepth, Settings, SubmitError, exposure_time_s};
+use super::{Compositor, ExposureTime, Job, RealDepth, Settings, SubmitError};
 use crate::camera::{Camera, Geometry};
 use crate::depth::{DepthGrid, Proxies, Surfaces};
 use crate::effects::{Effect, FrameContext, ObjectMotion, OnReal, Reach};
@@ -86,8 +86,8 @@ pub fn poses_within_s(
     geometry: &Geometry,
     interval_s: f64,
 ) -> (f64, f64) {
-    let exposure_s = exposure_time_s(camera, settings, frame, interval_s);
-    let reach_s = shutter(settings, exposure_s, geometry.intrinsics.readout_time_s, 0.0).reach_s();
+    let exposure = ExposureTime::of_frame(camera, settings, &frame.exposure, interval_s);
+    let reach_s = shutter(settings, exposure.s, geometry.intrinsics.readout_time_s, 0.0).reach_s();
     let reads_next = settings.on().any(|effect| effect.reads_next_pose());
     (reach_s, if reads_next { reach_s.max(interval_s) } else { reach_s })
 }

@@ -64,7 +64,7 @@ crate::uniform! {
 /// A frame's exposure, as the equivalent time at f/1, ISO 100 and gain 1, s. Unknown settings count
 /// as these; `None` without a time.
 pub fn equivalent_exposure_s(recorded: &FrameExposure) -> Option<f64> {
-    let time_s = recorded.time_s.or(recorded.photo.time_s)?;
+    let time_s = recorded.reported_s()?;
     let speed = recorded.photo.iso.map_or(1.0, |iso| iso / 100.0);
     let f_number = recorded.photo.f_number.unwrap_or(1.0);
     Some(time_s * recorded.gain.unwrap_or(1.0) * speed / (f_number * f_number)).filter(|s| s.is_finite() && *s > 0.0)

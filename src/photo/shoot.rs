@@ -15,7 +15,7 @@ use crate::camera::exposure::ExposureSettings;
 use crate::camera::metering::Mode;
 use crate::camera::stops::{self, Step};
 use crate::camera::{Camera, Geometry, Lens, Opening, SummedExposure};
-use crate::compositor::{Compositor, Target, exposure_time_s};
+use crate::compositor::{Compositor, ExposureTime, Target};
 use crate::frame::Frame;
 use crate::pixels::Rect;
 use crate::shot::{DEFAULT_ISO, Shot};
@@ -77,6 +77,11 @@ impl PhotoShoot<'_> {
         }
     }
 
+    fn exposure_time(&self, frame: &Frame) -> ExposureTime {
+        let interval_s = self.shot.recording.frame_interval_s;
+        ExposureTime::of_frame(&self.camera, &self.shot.settings, &frame.exposure, interval_s)
+    }
+
     pub fn take(
         &mut self,
         dials: &ExposureControls,
@@ -113,7 +118,7 @@ impl PhotoShoot<'_> {
                 let frame = frame?;
                 let time_s = frame.timestamp_s - self.frame.timestamp_s;
                 hiding.extend(by_depth.as_ref().and_then(|hiding| Some((time_s, hiding.of(&frame)?))));
-                let exposure_s = exposure_time_s(&self.camera, &shot.settings, &frame, recording.frame_interval_s);
+                let exposure_s = self.exposure_time(&frame).s;
                 summed.push(SummedExposure { time_s, exposure_s, weight });
                 frames.push((weight, frame.pixels));
             }
@@ -134,7 +139,7 @@ impl PhotoShoot<'_> {
                 (true, true) => asked.settings.time_s,
                 // On a tripod the real part is a single frame, so virtual objects are blurred as in
                 // it.
-                (true, false) => exposure_time_s(&self.camera, &shot.settings, &self.frame, recording.frame_interval_s),
+                (true, false) => self.exposure_time(&self.frame).s,
             },
             over_ev: gain.log2(),
             iso_ratio: asked.settings.iso / measured_at,

@@ -294,6 +294,11 @@ impl Recording {
         Some(format!("no pose for {number} of {count} frames (frame {first}: {why}): passed through untouched"))
     }
 
+    /// True if the exposure time of any frame was recorded, or estimated from motion blur.
+    pub fn has_exposure_times(&self) -> bool {
+        self.exposure.iter().any(|frame| frame.time_s.or(frame.blur_estimate_s).is_some())
+    }
+
     /// Landmarks observed in a frame; empty if the format has none.
     pub fn landmarks(&self, index: usize) -> &[Landmark] {
         self.landmarks.get(index).map_or(&[], Vec::as_slice)

@@ -9,7 +9,6 @@ use crate::analyse::{
     Analysis, AnalysisError, CaptureInfo, Checkpoints, Interrupted, Progress, RegistrationError, Times, analyse,
     check_writable,
 };
-use crate::compositor::exposure_time_s;
 use crate::frame::{Frame, FrameExposure};
 use crate::parallel::processors;
 use crate::profile::ShotSettings;
@@ -54,7 +53,7 @@ impl Shot {
         check_writable(folder)?;
         let camera = self.geometry_at(0)?;
         let rig = self.camera();
-        let exposure_s = |frame: &Frame| exposure_time_s(&rig, &self.settings, frame, self.interval_s(frame.index));
+        let exposure_s = |frame: &Frame| self.exposure_time(frame).s;
         let capture = CaptureInfo { response: &rig.response, noise: rig.noise.as_ref(), exposure_s: &exposure_s };
         let mut checkpoints = Checkpoints::of(folder, &self.recording, &camera, &capture);
         let made = analyse(&self.recording, &camera, &capture, processors(), &mut checkpoints, report);

@@ -36,7 +36,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crate::camera::{Camera, CameraExposure, Geometry, Lens};
-use crate::compositor::{Compositor, Settings};
+use crate::compositor::{Compositor, ExposureTime, Settings};
 use crate::frame::Frame;
 use crate::gpu::Gpu;
 use crate::profile::{Rig, ShotSettings};
@@ -321,11 +321,16 @@ impl Shot {
         Ok((frame..frame.checked_add(1).ok_or_else(missing)?, missing()))
     }
 
+    /// The exposure time of a frame.
+    pub fn exposure_time(&self, frame: &Frame) -> ExposureTime {
+        ExposureTime::of_frame(&self.camera(), &self.settings, &frame.exposure, self.interval_s(frame.index))
+    }
+
     /// Whether the exposure is unknown although effects are on that may depend on it.
     fn lacks_exposure(&self) -> bool {
         let exposure = &self.rig.exposure;
         let given = exposure.time_s.is_some() || exposure.shutter_angle_deg.is_some();
-        !given && self.recording.exposure.iter().all(|e| e.time_s.or(e.blur_estimate_s).is_none()) && !self.is_plain()
+        !given && !self.recording.has_exposure_times() && !self.is_plain()
     }
 
     /// Whether every effect is switched off.

@@ -3,7 +3,6 @@
 use glam::DVec2;
 
 use super::{Shot, Surface, SurfaceError};
-use crate::compositor::exposure_time_s;
 use crate::frame::Frame;
 
 impl Shot {
@@ -11,7 +10,7 @@ impl Shot {
     /// surface is at rest, the camera moves.
     pub fn motion_px(&self, frame: &Frame, at_px: DVec2, surface: &Surface) -> Result<DVec2, SurfaceError> {
         let geometry = self.geometry_at(frame.index).map_err(Box::new)?;
-        let exposure_s = exposure_time_s(&self.camera(), &self.settings, frame, self.interval_s(frame.index));
+        let exposure_s = self.exposure_time(frame).s;
         let time_s = frame.timestamp_s + geometry.row_time_s(at_px.y);
         let track = &self.recording.track;
         // If the track begins or ends within the exposure, the other half is extrapolated.

@@ -26,7 +26,7 @@ use super::frame_scene::{frame_scene, without_near_triangles};
 use super::noise_floor::luma_sigma;
 use crate::analyse::{Plane, gaussian, unit_noise};
 use crate::camera::NoiseProfile;
-use crate::compositor::{Compositor, exposure_time_s};
+use crate::compositor::Compositor;
 use crate::params::Value;
 use crate::shot::Shot;
 
@@ -120,7 +120,7 @@ pub fn blur(
 }
 
 fn exposure_s(shot: &Shot, n: usize) -> Result<f64, VerifyError> {
-    Ok(exposure_time_s(&shot.camera(), &shot.settings, &shot.read(n)?, shot.interval_s(n)))
+    Ok(shot.exposure_time(&shot.read(n)?).s)
 }
 
 /// Fast frames, each with the slowest frame near it, and the fast one's blur, px; the longest blur

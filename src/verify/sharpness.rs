@@ -10,7 +10,7 @@ use glam::{DAffine3, DQuat, DVec3};
 
 use super::error::VerifyError;
 use crate::analyse::{CaptureInfo, drawn_spread_px, footage_spread_px, still_frames};
-use crate::compositor::{Compositor, exposure_time_s};
+use crate::compositor::Compositor;
 use crate::frame::Frame;
 use crate::parallel::processors;
 use crate::pose::Pose;
@@ -28,7 +28,7 @@ const LIGHT: [f32; 2] = [0.5, 0.1];
 /// σ of the recording's own edges, px, or the reason for which it is unknown.
 pub fn real_px(shot: &Shot) -> Result<Result<f64, String>, VerifyError> {
     let rig = shot.camera();
-    let exposure_s = |frame: &Frame| exposure_time_s(&rig, &shot.settings, frame, shot.interval_s(frame.index));
+    let exposure_s = |frame: &Frame| shot.exposure_time(frame).s;
     let capture = CaptureInfo { response: &rig.response, noise: rig.noise.as_ref(), exposure_s: &exposure_s };
     Ok(footage_spread_px(&shot.recording, &shot.geometry_at(0)?, &capture, processors())?)
 }

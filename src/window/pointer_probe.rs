@@ -4,7 +4,6 @@ use eframe::egui::{self, RichText, Stroke, Ui, vec2};
 use glam::DVec2;
 
 use super::plots::DataSource;
-use locard_engine::compositor::exposure_time_s;
 use locard_engine::frame::Frame;
 use locard_engine::shot::{Shot, SurfaceError};
 use locard_engine::text::fixed;
@@ -34,7 +33,7 @@ impl PointerProbe {
         let opening = camera.lens_in(&frame.exposure.lens).opening(&geometry).map_err(|error| told(&error))?;
         Ok(Self {
             depth_m: surface.depth_m,
-            exposure_s: exposure_time_s(&camera, &shot.settings, frame, shot.interval_s(frame.index)),
+            exposure_s: shot.exposure_time(frame).s,
             moved_px: shot.motion_px(frame, at_px, &surface).map_err(|error| told(&error)),
             circle_px: opening.map(|o| o.circle_px(geometry.intrinsics.fx_px, surface.depth_m).abs()),
             codes: frame.pixels.eight_bits_at(at_px.x as u32, at_px.y as u32),

@@ -13,7 +13,7 @@ use crate::program::{locard, stdout_of};
 use crate::tier::{fast_or_full, is_full};
 use locard::analyse::{Analysis, beside};
 use locard::camera::{Camera, CameraExposure};
-use locard::compositor::exposure_time_s;
+use locard::compositor::ExposureTime;
 use locard::frame::{Frame, FrameExposure, SURFEL_SPACING_M, Surfel};
 use locard::params::Value;
 use locard::recording::{OpenOptions, Recording};
@@ -135,18 +135,18 @@ fn jitter_drift_clock_offset_and_hand_eye_rotation_are_found() {
     let frame = recording.frames(5..6).unwrap().next().unwrap().unwrap();
     assert_eq!(frame.exposure.blur_estimate_s, Some(shutter.runs[0].exposure_s));
     let (camera, settings) = (shot.camera(), shot.settings.clone());
-    assert_eq!(exposure_time_s(&camera, &settings, &frame, 0.1), 1.0 / 60.0);
+    assert_eq!(ExposureTime::of_frame(&camera, &settings, &frame.exposure, 0.1).s, 1.0 / 60.0);
     // Order of precedence: the recording's, the camera's, the estimated one, half the interval of
     // at most 1/60 s.
     let mut frame = Frame { exposure: FrameExposure { time_s: None, ..frame.exposure }, ..frame };
     let mut unexposed = camera.clone();
     (unexposed.exposure.time_s, unexposed.exposure.shutter_angle_deg) = (None, None);
     let exposed = |time_s| Camera { exposure: CameraExposure { time_s, ..unexposed.exposure }, ..unexposed.clone() };
-    assert_eq!(exposure_time_s(&exposed(Some(0.002)), &settings, &frame, 0.1), 0.002);
-    assert_eq!(exposure_time_s(&unexposed, &settings, &frame, 0.1), shutter.runs[0].exposure_s);
+    assert_eq!(ExposureTime::of_frame(&exposed(Some(0.002)), &settings, &frame.exposure, 0.1).s, 0.002);
+    assert_eq!(ExposureTime::of_frame(&unexposed, &settings, &frame.exposure, 0.1).s, shutter.runs[0].exposure_s);
     frame.exposure.blur_estimate_s = None;
-    assert_eq!(exposure_time_s(&unexposed, &settings, &frame, 0.02), 0.01);
-    assert_eq!(exposure_time_s(&unexposed, &settings, &frame, 0.1), 1.0 / 60.0);
+    assert_eq!(ExposureTime::of_frame(&unexposed, &settings, &frame.exposure, 0.02).s, 0.01);
+    assert_eq!(ExposureTime::of_frame(&unexposed, &settings, &frame.exposure, 0.1).s, 1.0 / 60.0);
 }
 
 #[test]

@@ -8,7 +8,7 @@ use crate::findings;
 use crate::program::stdout_of;
 use glam::{DVec2, DVec3};
 use locard::analyse::Analysis;
-use locard::compositor::exposure_time_s;
+use locard::compositor::ExposureTime;
 use locard::depth::{DepthRequest, MattePixel, Neighbour, Rays, Repair, measured_from};
 use locard::pixels::Rect;
 use locard::shot::Shot;
@@ -33,7 +33,8 @@ fn occlusion_and_light(shot: &Shot, frame: usize) -> (Vec<f64>, Vec<f64>) {
     let geometry = shot.geometry_at(frame.index).unwrap();
     let (track, camera) = (&shot.recording.track, shot.camera());
     let pose = |time_s: f64| track.at(time_s).unwrap();
-    let half_s = 0.5 * exposure_time_s(&camera, &shot.settings, &frame, shot.recording.frame_interval_s);
+    let interval_s = shot.recording.frame_interval_s;
+    let half_s = 0.5 * ExposureTime::of_frame(&camera, &shot.settings, &frame.exposure, interval_s).s;
     let measured = |depth| measured_from(depth, &geometry, track);
     let beside = frame.neighbours.iter().filter_map(|beside| {
         let measured = measured(&beside.depth).ok()?;

@@ -9,7 +9,6 @@ use crate::tier::is_full;
 use glam::DVec2;
 use locard::analyse::{Analysis, CaptureInfo, Checkpoints, analyse};
 use locard::camera::Geometry;
-use locard::compositor::exposure_time_s;
 use locard::frame::Frame;
 use locard::recording::write::{Line, trajectory};
 use locard::recording::{OpenOptions, Recording};
@@ -77,7 +76,7 @@ pub fn analysed(shot: &Shot, threads: usize) -> Analysis {
 fn with_capture_info<T>(shot: &Shot, of: impl FnOnce(&Geometry, &CaptureInfo<'_>) -> T) -> T {
     let camera = shot.geometry_at(0).unwrap();
     let rig = shot.camera();
-    let exposure_s = |frame: &Frame| exposure_time_s(&rig, &shot.settings, frame, shot.interval_s(frame.index));
+    let exposure_s = |frame: &Frame| shot.exposure_time(frame).s;
     of(&camera, &CaptureInfo { response: &rig.response, noise: rig.noise.as_ref(), exposure_s: &exposure_s })
 }
 

@@ -155,8 +155,7 @@ impl Project {
     /// to the recording only. A readout time that an analysis overrides needs a scene file.
     fn profile_accepts(&self, table: &str, name: &str) -> bool {
         if table == EXPOSURE_TABLE && self.edit().settings.overrule_recorded_exposure {
-            let exposure = &self.shot.recording.exposure;
-            return exposure.iter().all(|e| e.time_s.or(e.blur_estimate_s).is_none());
+            return !self.shot.recording.has_exposure_times();
         }
         let mut found = self.shot.baseline().estimated.iter().filter(|found| found.overrides_profiles());
         self.can_place() || !found.any(|found| (found.table, found.name) == (table, name))
