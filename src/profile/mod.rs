@@ -81,6 +81,21 @@ pub enum SetError {
     Param { text: String, source: Box<ParamError> },
 }
 
+/// A `--set table.name=value` in its parts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SetText<'a> {
+    pub table: &'a str,
+    pub name: &'a str,
+    pub value: &'a str,
+}
+
+/// Splits a `--set table.name=value`. `None` if it has another form.
+pub fn parse_set(text: &str) -> Option<SetText<'_>> {
+    let (key, value) = text.split_once('=')?;
+    let (table, name) = key.trim().rsplit_once('.')?;
+    Some(SetText { table, name, value })
+}
+
 impl Rig {
     pub fn tables(&self) -> [&dyn Params; 5] {
         [&self.intrinsics, &self.distortion, &self.lens, &self.exposure, &self.response]
@@ -248,16 +263,22 @@ impl Rig {
         Ok(rig)
     }
 
-    /// Reads a profile, overriding the rig and the settings.
-    pub fn read(&mut self, path: &Path, settings: &mut Settings) -> Result<(), ProfileError> {
+    /// Reads a profile, overriding the rig and the settings. Returns the values that it gives.
+    pub fn read(&mut self, path: &Path, settings: &mut Settings) -> Result<ShotSettings, ProfileError> {
         let text = file::read_text(path, MAX_DOCUMENT_BYTES)
             .map_err(|source| ProfileError::Read { path: path.to_owned(), source })?;
         self.read_text(&text, path, settings)
     }
 
     /// Like [`Rig::read`], from a text; `path` is for error messages.
-    pub fn read_text(&mut self, text: &str, path: &Path, settings: &mut Settings) -> Result<(), ProfileError> {
+    pub fn read_text(
+        &mut self,
+        text: &str,
+        path: &Path,
+        settings: &mut Settings,
+    ) -> Result<ShotSettings, ProfileError> {
         let path = path.to_owned();
+        let mut given = ShotSettings::default();
         let mut root: toml::Table =
             text::read(text).map_err(|source| ProfileError::Syntax { path: path.clone(), source })?;
         match root.remove("version") {
@@ -268,14 +289,14 @@ impl Rig {
             }
         }
         for (name, value) in root {
-            self.read_table(&name, value, &path, settings)?;
+            self.read_table(&name, value, &path, settings, &mut given)?;
         }
         match self.distortion.missing() {
             Some(name) => {
                 let model = self.distortion.get("model").unwrap_or(Value::None);
                 Err(ProfileError::Coefficient { path, name, model })
             }
-            None => Ok(()),
+            None => Ok(given),
         }
     }
 
@@ -285,6 +306,7 @@ impl Rig {
         value: toml::Value,
         path: &Path,
         settings: &mut Settings,
+        given: &mut ShotSettings,
     ) -> Result<(), ProfileError> {
         let unknown = |rig: &Self, settings: &Settings| ProfileError::UnknownTable {
             path: path.to_owned(),
@@ -298,6 +320,7 @@ impl Rig {
         if table == "camera.noise" {
             let noise = noise::from_toml(&entries)
                 .map_err(|e| ProfileError::Noise { path: path.to_owned(), message: e.to_string() })?;
+            given.set_noise(noise.clone());
             self.noise = Some(noise);
             return Ok(());
         }
@@ -307,7 +330,7 @@ impl Rig {
         for (key, value) in entries {
             let as_value = match &value {
                 toml::Value::Table(_) if table == "camera" => {
-                    self.read_table(&format!("camera.{key}"), value, path, settings)?;
+                    self.read_table(&format!("camera.{key}"), value, path, settings, given)?;
                     continue;
                 }
                 toml::Value::Boolean(b) => Value::Bool(*b),
@@ -324,7 +347,7 @@ impl Rig {
                 }
             };
             match self.set(settings, table, &key, &as_value) {
-                Some(Ok(())) => {}
+                Some(Ok(())) => given.insert(table, &key, as_value),
                 Some(Err(source)) => {
                     return Err(ProfileError::Param { path: path.to_owned(), source: Box::new(source) });
                 }
@@ -336,9 +359,8 @@ impl Rig {
 
     /// Applies a `--set table.name=value`.
     pub fn set_text(&mut self, text: &str, settings: &mut Settings) -> Result<(), SetError> {
-        let syntax = || SetError::Syntax { text: text.to_owned() };
-        let (key, value) = text.split_once('=').ok_or_else(syntax)?;
-        let (table, name) = key.trim().rsplit_once('.').ok_or_else(syntax)?;
+        let set = parse_set(text).ok_or_else(|| SetError::Syntax { text: text.to_owned() })?;
+        let SetText { table, name, value } = set;
         if table == "camera.exposure" {
             settings.overrule_recorded_exposure = true;
         }
@@ -360,7 +382,7 @@ mod tests {
 
     fn read(text: &str) -> Result<(Rig, Settings), ProfileError> {
         let (mut rig, mut settings) = (Rig::default(), Settings::default());
-        rig.read_text(text, Path::new("p.toml"), &mut settings).map(|()| (rig, settings))
+        rig.read_text(text, Path::new("p.toml"), &mut settings).map(|_| (rig, settings))
     }
 
     #[test]

@@ -95,9 +95,17 @@ impl ShotSettings {
                 Toml::String(text) => Value::Text(text.clone()),
                 other => return Err(type_error(path, table, key, other)),
             };
-            self.values.insert((table.to_owned(), key.clone()), value);
+            self.insert(table, key, value);
         }
         Ok(())
+    }
+
+    pub(super) fn insert(&mut self, table: &str, name: &str, value: Value) {
+        self.values.insert((table.to_owned(), name.to_owned()), value);
+    }
+
+    pub(super) fn set_noise(&mut self, noise: NoiseProfile) {
+        self.noise = Some(Some(noise));
     }
 
     /// The values that differ from `before` in `now`. An exposure that overrides that of each frame

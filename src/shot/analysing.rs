@@ -3,15 +3,13 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::load_analysis::{AnalysisState, EstimatedParam, Sources, estimated_params, refine};
-use super::{Shot, ShotError};
+use super::{AnalysisState, EstimatedParam, Shot, ShotError};
 use crate::analyse::{
     Analysis, AnalysisError, CaptureInfo, Checkpoints, Interrupted, Progress, RegistrationError, Times, analyse,
     check_writable,
 };
 use crate::frame::{Frame, FrameExposure};
 use crate::parallel::processors;
-use crate::profile::ShotSettings;
 use crate::scene::Scene;
 
 /// Why an analysis failed.
@@ -80,33 +78,17 @@ impl Shot {
     }
 
     /// Applies an analysis to the recording. Scene, camera and settings stay as they are. Returns
-    /// the estimated parameters that neither the scene nor the user sets. An analysis for another
+    /// the estimated parameters that neither profiles nor `--set` override. An analysis for another
     /// camera is not used.
     pub fn apply_analysis(&mut self, folder: PathBuf, analysis: Analysis) -> Result<Vec<EstimatedParam>, ShotError> {
         if let Err(problem) = analysis.fits_camera(&self.geometry_at(0)?) {
             self.analysis = AnalysisState::Unfit(folder, problem);
             return Ok(Vec::new());
         }
-        let sources = Sources {
-            profiles: &self.profiles,
-            of_scene: &ShotSettings::default(),
-            scene: Path::new(""),
-            sets: &self.sets,
-        };
-        let mut recording = self.recorded.as_ref().clone();
-        recording.rescale(self.recording.metres_per_unit);
-        let analysis = analysis.without_stale(&recording);
-        let params = estimated_params(&analysis, sources)?;
-        Arc::make_mut(&mut self.baseline).apply(params.clone());
-        refine(&mut recording, &analysis);
-        recording.set_cameras(|own| self.rig.geometry_over(own));
-        self.recording = Arc::new(recording);
-        self.supports = Arc::default();
-        self.estimated_lighting = analysis.lighting().map(Arc::new);
-        self.analysis = AnalysisState::Used(folder, Box::new(analysis.findings));
-        self.cached_frame = None;
+        self.adopt(folder, analysis);
+        self.register_depth();
         self.follow_scene();
-        Ok(params)
+        Ok(self.estimates())
     }
 
     /// Estimated exposure of each frame relative to the recording's median, stops: red, green,

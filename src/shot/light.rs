@@ -52,7 +52,8 @@ impl Shot {
         let photo = exposure.photo;
         let recorded =
             PartialExposure { f_number: photo.f_number, time_s: photo.time_s.or(exposure.time_s), iso: photo.iso };
-        self.exposure_of_rig(&self.by_sets, frame).or(recorded).or(self.exposure_of_rig(&self.by_profile, frame))
+        let above = self.exposure_of_rig(&self.layers.rig_over_profiles(), frame);
+        above.or(recorded).or(self.exposure_of_rig(self.layers.rig_of_profiles(), frame))
     }
 
     /// Exposure time 0 and a pinhole count as unknown.

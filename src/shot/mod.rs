@@ -6,9 +6,9 @@
 
 mod analysing;
 mod apply_lighting;
-mod baseline;
 mod check;
 mod error;
+mod layers;
 mod light;
 mod load_analysis;
 mod motion_px;
@@ -35,7 +35,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use crate::camera::{Camera, CameraExposure, Geometry, Lens};
+use crate::camera::{Camera, Geometry};
 use crate::compositor::{Compositor, ExposureTime, Settings};
 use crate::frame::Frame;
 use crate::gpu::Gpu;
@@ -44,11 +44,11 @@ use crate::recording::{OpenOptions, Recording, RecordingError};
 use crate::scene::{self, Gauge, Lighting, Scene};
 
 pub use analysing::AnalyseError;
-pub use baseline::Baseline;
 pub use error::ShotError;
+use layers::SettingsLayers;
+pub use layers::{EstimatedParam, ResolvedSettings};
 pub use light::{DEFAULT_ISO, PartialExposure, SceneLight};
-pub use load_analysis::{AnalysisState, EstimatedParam};
-use load_analysis::{LoadedAnalysis, Sources, estimated_params};
+pub use load_analysis::AnalysisState;
 pub use note::{Note, ObjectIssue, Tally};
 pub use options::{AnalysisChoice, ShotOptions};
 pub use pick::{Hit, nearest};
@@ -82,14 +82,8 @@ pub struct Shot {
     scene_lighting: Lighting,
     /// The room's lighting as an analysis of the footage estimated it.
     estimated_lighting: Option<Arc<Lighting>>,
-    /// The profiles that were read, and [`ShotOptions::sets`].
-    profiles: Vec<PathBuf>,
-    sets: Vec<String>,
-    /// The camera by profiles alone, and by the scene's settings and [`ShotOptions::sets`] alone:
-    /// for a frame's exposure they have different precedence ([`Shot::exposure_settings`]).
-    by_profile: Rig,
-    by_sets: Rig,
-    baseline: Arc<Baseline>,
+    /// The sources of `rig` and `settings`.
+    layers: SettingsLayers,
     /// The unit with which the recording was opened, m: 1 if none was given.
     opened_unit_m: f64,
     /// Whether an analysis of the footage is used, and why not.
@@ -111,33 +105,8 @@ impl Shot {
     /// Depth from a separate depth camera is registered to the picture of the present camera. It is
     /// not registered again when `rig` changes later.
     pub fn of(mut recording: Recording, given: &ShotOptions) -> Result<Self, ShotError> {
-        let (mut rig, mut settings) = (Rig::default(), Settings::default());
-        let profiles: Vec<_> = recording.camera_profile.iter().chain(&given.profile).cloned().collect();
-        let of_recording = recording.camera_profile.iter().len();
-        // The lens data of a stream is current, that of a profile is older. A profile that is named
-        // for a recording is meant to override the recording's lens data.
-        let yield_at = if recording.is_live() { profiles.len() } else { of_recording };
-        for (at, profile) in profiles.iter().enumerate() {
-            if at == yield_at && recording.has_individual_cameras() {
-                rig.follow_frames();
-            }
-            rig.read(profile, &mut settings)?;
-        }
-        if yield_at == profiles.len() && recording.has_individual_cameras() {
-            rig.follow_frames();
-        }
-        if let Some(geometry) = &recording.geometry {
-            rig.lay_over(geometry);
-        }
-        let by_profile = rig.clone();
-        let mut baseline = Baseline { rig: rig.clone(), settings: settings.clone(), estimated: Vec::new() };
-        let scene_file = given.scene.as_deref().unwrap_or(Path::new(""));
-        let of_scene = ShotSettings::read(&scene::document::settings(scene_file)?, scene_file)?;
-        of_scene.apply(&mut rig, &mut settings, scene_file)?;
-        for text in &given.sets {
-            rig.set_text(text, &mut settings)?;
-            baseline.rig.set_text(text, &mut baseline.settings)?;
-        }
+        let layers = SettingsLayers::read(&recording, given)?;
+        let ResolvedSettings { rig, settings } = layers.resolve()?;
         let recorded = Arc::new(recording.clone());
         let scene = match &given.scene {
             Some(path) => scene::load_with(path, recording.up, given.missing_models)?,
@@ -146,72 +115,55 @@ impl Shot {
         let opened_unit_m = recording.metres_per_unit;
         // The analysis's estimates depend on the unit.
         recording.rescale(unit_m(&scene, opened_unit_m));
-        let LoadedAnalysis { state, light: estimated_lighting, analysis } =
-            load_analysis::load_analysis(&mut recording, &rig, given)?;
-        if let Some(analysis) = &analysis {
-            let all = Sources { profiles: &profiles, of_scene: &of_scene, scene: scene_file, sets: &given.sets };
-            EstimatedParam::apply(&estimated_params(analysis, all)?, &mut rig, &mut settings);
-            baseline.apply(estimated_params(analysis, Sources { of_scene: &ShotSettings::default(), ..all })?);
-        }
-        recording.set_cameras(|own| rig.geometry_over(own));
-        let (recording, scene) = (Arc::new(recording), Arc::new(scene));
         let mut shot = Self {
-            recording,
+            recording: Arc::new(recording),
             recorded,
             rig,
             settings,
             scene_lighting: scene.lighting.clone(),
-            scene,
-            estimated_lighting,
-            profiles,
-            sets: given.sets.clone(),
-            by_sets: by_profile.clone(),
-            by_profile,
-            baseline: Arc::new(baseline),
+            scene: Arc::new(scene),
+            estimated_lighting: None,
+            layers,
             opened_unit_m,
-            analysis: state,
+            analysis: AnalysisState::Absent,
             cached_frame: None,
             supports: Arc::default(),
         };
-        shot.set_settings_of_scene(&of_scene);
+        shot.load_analysis(given)?;
+        // Now with the analysis's estimates.
+        ResolvedSettings { rig: shot.rig, settings: shot.settings } = shot.layers.resolve()?;
+        shot.register_depth();
         shot.follow_scene();
         Ok(shot)
+    }
+
+    /// Registers depth from a separate depth camera to the picture of the present camera.
+    fn register_depth(&mut self) {
+        let rig = &self.rig;
+        Arc::make_mut(&mut self.recording).set_cameras(|own| rig.geometry_over(own));
     }
 
     /// Gives the scene's own settings precedence over the recorded exposure of a frame
     /// ([`Shot::exposure_settings`]). `rig` and `settings` stay as they are.
     pub fn set_settings_of_scene(&mut self, of_scene: &ShotSettings) {
-        let mut by_sets = self.by_profile.clone();
-        by_sets.lens = Lens::default();
-        by_sets.exposure = CameraExposure::default();
-        let mut unused = Settings::default();
-        // Each of its values was accepted before.
-        let _ = of_scene.apply(&mut by_sets, &mut unused, Path::new(""));
-        for text in &self.sets {
-            let _ = by_sets.set_text(text, &mut unused);
-        }
-        self.by_sets = by_sets;
+        self.layers.set_scene(of_scene);
     }
 
     /// Replaces the given profile by one that was written with these values.
     pub fn replace_profile(&mut self, profile: &Path, values: &ShotSettings) {
         let own = self.recording.camera_profile.iter().cloned();
-        self.profiles = own.chain([profile.to_owned()]).collect();
-        // The values were accepted when they were set.
-        let _ = values.apply(&mut self.by_profile, &mut Settings::default(), profile);
+        self.layers.replace_profiles(own.chain([profile.to_owned()]).collect(), values);
     }
 
-    /// Replaces the inputs from files and settings by those of another shot of the same recording:
-    /// its profiles, the values that were set, and the baseline. Recording, scene and camera stay.
+    /// Replaces the inputs from files and settings by those of another shot of the same recording.
+    /// Recording, scene and camera stay.
     pub fn take_files(&mut self, fresh: Self) {
-        let Self { profiles, sets, by_profile, by_sets, baseline, .. } = fresh;
-        (self.profiles, self.sets, self.baseline) = (profiles, sets, baseline);
-        (self.by_profile, self.by_sets) = (by_profile, by_sets);
+        self.layers = fresh.layers;
     }
 
     /// Values in text form that override all files ([`ShotOptions::sets`]).
     pub fn sets(&self) -> &[String] {
-        &self.sets
+        self.layers.sets()
     }
 
     /// Replaces the scene. If it sets the recording's unit, or the pose of its camera, the
@@ -260,18 +212,24 @@ impl Shot {
     }
 
     /// Camera and settings without the scene file's own settings.
-    pub fn baseline(&self) -> &Baseline {
-        &self.baseline
+    pub fn baseline(&self) -> Result<ResolvedSettings, ShotError> {
+        self.layers.without_scene().resolve()
+    }
+
+    /// The parameters that the analysis estimated for this recording alone, and that neither
+    /// profiles nor `--set` override.
+    pub fn estimates(&self) -> Vec<EstimatedParam> {
+        self.layers.without_scene().effective_estimates().cloned().collect()
     }
 
     /// The profiles that were read, the recording's own first.
     pub fn profiles(&self) -> &[PathBuf] {
-        &self.profiles
+        self.layers.profiles()
     }
 
     /// Every file that was read or will be read.
     pub fn files(&self) -> impl Iterator<Item = &Path> {
-        let given = self.profiles.iter().chain(&self.scene.files).map(PathBuf::as_path);
+        let given = self.profiles().iter().chain(&self.scene.files).map(PathBuf::as_path);
         self.recording.files().chain(given)
     }
 

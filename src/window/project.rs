@@ -21,7 +21,7 @@ use locard_engine::params::{ParamError, Params, Value, called, title};
 use locard_engine::profile::{ParameterValues, Rig, ShotSettings};
 use locard_engine::recording::{OpenOptions, Recording};
 use locard_engine::scene::{self as scenes, MissingModels, ModelCache, SceneFile};
-use locard_engine::shot::{Shot, ShotError, ShotOptions};
+use locard_engine::shot::{ResolvedSettings, Shot, ShotError, ShotOptions};
 use locard_engine::tracking::PoseTrack;
 
 pub use save::{Draft, SaveError, WrittenFile};
@@ -145,8 +145,8 @@ impl Project {
             other: None,
             unpinned: BTreeSet::new(),
         };
-        let baseline = shot.baseline();
-        let opened = Edit { rig: baseline.rig.clone(), settings: baseline.settings.clone(), ..edit.clone() };
+        let ResolvedSettings { rig, settings } = shot.baseline()?;
+        let opened = Edit { rig, settings, ..edit.clone() };
         Ok(Self {
             history: History::new(edit.clone()),
             baseline: opened,

@@ -124,7 +124,7 @@ fn analysis_from_the_window_is_adopted_at_the_current_frame() {
 
     // Estimates of the analysis are valid for this recording alone: no profile takes them.
     let project = window.state_mut().project_mut();
-    assert!(!project.shot().baseline().estimated.is_empty());
+    assert!(!project.shot().estimates().is_empty());
     let profile = site.with_file_name("mine.toml");
     project.save_profile(&profile).unwrap();
     let text = std::fs::read_to_string(&profile).unwrap();

@@ -241,7 +241,7 @@ impl Project {
             edit: self.edit().clone(),
             resulting_edit: self.resulting_edit(&values),
             values,
-            found: self.shot.baseline().estimated.clone(),
+            found: self.shot.estimates(),
             from: self.profile.clone(),
         };
         Draft { path: path.to_owned(), known: None, content: DraftContent::Profile(Box::new(draft)) }

@@ -157,8 +157,9 @@ impl Project {
         if table == EXPOSURE_TABLE && self.edit().settings.overrule_recorded_exposure {
             return !self.shot.recording.has_exposure_times();
         }
-        let mut found = self.shot.baseline().estimated.iter().filter(|found| found.overrides_profiles());
-        self.can_place() || !found.any(|found| (found.table, found.name) == (table, name))
+        let overrides =
+            |found: &EstimatedParam| found.overrides_profiles() && (found.table, found.name) == (table, name);
+        self.can_place() || !self.shot.estimates().iter().any(overrides)
     }
 
     fn accepted_by_profile(&self, values: &ShotSettings) -> ShotSettings {
@@ -191,7 +192,8 @@ impl Project {
         apply_values(&values.from_saved, &mut self.saved);
         apply_values(&values.from_baseline, &mut self.baseline);
         // The profile does not override these values, so differences stay in the scene.
-        let overriding = self.shot.baseline().estimated.iter().filter(|found| found.overrides_profiles());
+        let found = self.shot.estimates();
+        let overriding = found.iter().filter(|found| found.overrides_profiles());
         EstimatedParam::apply(overriding, &mut self.baseline.rig, &mut self.baseline.settings);
         let is_same = |one: &Edit| ShotSettings::between(one.look(), edit.look()).is_empty();
         if is_same(&self.saved) {

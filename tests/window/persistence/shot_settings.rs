@@ -279,7 +279,7 @@ fn analysis_keeps_settings_of_the_scene_and_of_a_newer_profile() {
     let names = [("camera", "readout_time_s"), ("point_spread", "sigma_px")];
     assert_eq!(names.map(|(table, name)| number(&project, table, name)), [0.01, 1.5]);
     assert_eq!(project.baseline_value("point_spread", "sigma_px"), Some(Value::Number(1.5)));
-    assert_eq!(project.shot().baseline().estimated.len(), 1);
+    assert_eq!(project.shot().estimates().len(), 1);
 }
 
 #[test]
@@ -326,7 +326,7 @@ fn reloaded_profile_values_affect_the_exposure() {
         (project.shot().exposure_settings(0).iso, project.shot().exposure_settings(0).f_number),
         (Some(800.0), Some(8.0))
     );
-    assert_eq!(project.shot().baseline().rig.exposure.iso, Some(800.0));
+    assert_eq!(project.shot().baseline().unwrap().rig.exposure.iso, Some(800.0));
     // Without the scene's own value the profile's is used.
     project.reset("camera.lens", "f_number", &Value::Number(4.0)).unwrap();
     assert_eq!(project.shot().exposure_settings(0).f_number, Some(4.0));
