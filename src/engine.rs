@@ -29,6 +29,7 @@ pub mod gpu;
 pub mod recording;
 pub mod sink;
 pub mod source;
+pub mod stage;
 pub mod stream;
 pub mod tags;
 pub mod tracking;

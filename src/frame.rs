@@ -1,6 +1,6 @@
 //! One moment of a recording.
 
-use std::sync::Arc;
+use std::sync::{Arc, Weak};
 
 use glam::Vec3;
 
@@ -41,6 +41,30 @@ impl Frame {
             neighbours: Vec::new(),
             surfels: Arc::new([]),
         }
+    }
+
+    pub fn identity(&self) -> FrameIdentity {
+        let depth = self.depth.as_ref().map(Arc::downgrade);
+        FrameIdentity { index: self.index, pixels: Arc::downgrade(&self.pixels), depth }
+    }
+}
+
+/// Identifies one decoding of a frame by the addresses of its pixels and depth. It does not keep
+/// them in memory, and their addresses are not reused while it exists.
+#[derive(Clone, Debug)]
+pub struct FrameIdentity {
+    index: usize,
+    pixels: Weak<Pixels>,
+    depth: Option<Weak<DepthMap>>,
+}
+
+impl PartialEq for FrameIdentity {
+    fn eq(&self, other: &Self) -> bool {
+        let same_depth = match (&self.depth, &other.depth) {
+            (Some(depth), Some(other)) => depth.ptr_eq(other),
+            (depth, other) => depth.is_none() && other.is_none(),
+        };
+        self.index == other.index && self.pixels.ptr_eq(&other.pixels) && same_depth
     }
 }
 

@@ -9,6 +9,7 @@ mod declare;
 use std::collections::BTreeMap;
 use std::fmt;
 
+use crate::stage::Stage;
 use crate::text::{number, quoted};
 
 /// A parameter's value between text and field. Files spell out the word `none`, because some formats cannot store a
@@ -105,6 +106,10 @@ pub struct Spec {
     pub by_ratio: bool,
     /// When it does something at all; `None`: always.
     pub acts_if: Option<ActsIf>,
+    /// The first stage of a frame that reads it. A change recomputes this stage and those that read
+    /// its result; all of them if it changes how far an effect reaches. `None` for parameters that
+    /// are not a frame's.
+    pub stage: Option<Stage>,
 }
 
 /// What another parameter of the same table must be, or must not be, so that one does something.

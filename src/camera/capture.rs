@@ -23,7 +23,7 @@ pub struct FilmOverride {
 
 /// Parameters of one output picture.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Capture<'a> {
+pub struct Capture {
     /// The area of the picture that is composited. The rest is left unchanged.
     pub region: Rect,
     /// True if all pixels of the region are computed. Otherwise pixels without virtual content keep
@@ -42,15 +42,15 @@ pub struct Capture<'a> {
     /// `None`: that of the recording, or of an effect's own parameters.
     pub film: Option<FilmOverride>,
     /// The recorded camera, of whose picture this one is a crop.
-    pub recorded: &'a Geometry,
+    pub recorded: Geometry,
     pub framed: Crop,
     /// Pixels of this picture per pixel of the recording.
     pub enlargement: f64,
 }
 
-impl<'a> Capture<'a> {
+impl Capture {
     /// A camera's frame, to which virtual content is added without other changes.
-    pub fn frame(recorded: &'a Geometry, exposure_time_s: f64, opening: Option<Opening>) -> Self {
+    pub fn frame(recorded: &Geometry, exposure_time_s: f64, opening: Option<Opening>) -> Self {
         Self {
             region: Rect::full(recorded.intrinsics.width_px, recorded.intrinsics.height_px),
             whole: false,
@@ -60,7 +60,7 @@ impl<'a> Capture<'a> {
             over_ev: 0.0,
             noise_left: 1.0,
             film: None,
-            recorded,
+            recorded: recorded.clone(),
             framed: Crop { left_px: 0.0, top_px: 0.0, step: 1.0 },
             enlargement: 1.0,
         }

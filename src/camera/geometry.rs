@@ -8,7 +8,7 @@ use super::{Distortion, LensModel};
 
 crate::params! {
     /// Size of the picture, focal lengths and principal point in pixels, film width, readout.
-    pub struct Intrinsics in "camera" {
+    pub struct Intrinsics in "camera" at Depth {
         "width of the picture" width_px: u32 = 640, "px", 1.0..=65536.0;
         "height of the picture" height_px: u32 = 480, "px", 1.0..=65536.0;
         "focal length in pixel widths" fx_px as "Focal length, x": f64 = 525.0, "px", 1e-3..=1e7, by_ratio;

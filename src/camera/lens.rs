@@ -6,7 +6,7 @@ use crate::text::number;
 
 crate::params! {
     /// The known parameters of a lens. Without an aperture the camera is a pinhole.
-    pub struct Lens in "camera.lens" {
+    pub struct Lens in "camera.lens" at Effects {
         "diameter of the opening; instead of f_number; 0 is a pinhole"
         aperture_diameter_mm: Option<f64> = None, "mm", 0.0..=500.0, by_ratio;
         "focal length over diameter; instead of aperture_diameter_mm"

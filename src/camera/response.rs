@@ -14,7 +14,7 @@ crate::choices! {
 
 crate::params! {
     /// Conversion of linear light to code values.
-    pub struct Response in "camera.response" {
+    pub struct Response in "camera.response" at Depth {
         "the curve" curve: Curve = Curve::Srgb;
         "exponent of the curve gamma: code = light^(1/gamma)" gamma: f64 = 2.2, "1", 0.2..=5.0, by_ratio => curve is "gamma";
     }

@@ -8,6 +8,7 @@ use serde_json::json;
 use locard_engine::compositor::{ON, Settings};
 use locard_engine::params::{Params, Value};
 use locard_engine::profile::Rig;
+use locard_engine::stage::Stage;
 use locard_engine::text::shown_unit;
 
 #[derive(clap::Args)]
@@ -36,6 +37,7 @@ pub fn run(args: &Args) -> Result<()> {
                     "table": table, "name": s.name, "unit": s.unit, "accepts": s.kind.to_string(),
                     "optional": s.optional, "default": default, "help": s.help,
                     "acts": s.acts_if.map(|acts_if| acts_if.to_string()),
+                    "stage": s.stage.map(|stage| stage.to_string()),
                 })
             })
             .collect();
@@ -56,13 +58,18 @@ pub fn run(args: &Args) -> Result<()> {
             };
             let or_none = if s.optional { ", or none" } else { "" };
             writeln!(out, "  {} = {}{unit}    ({}{of_range}{or_none})", s.name, s.default, s.kind)?;
-            writeln!(out, "      {}", s.help)?;
+            match s.stage {
+                Some(stage) => writeln!(out, "      {} [{stage}]", s.help)?,
+                None => writeln!(out, "      {}", s.help)?,
+            }
             if let Some(acts_if) = s.acts_if {
                 writeln!(out, "      (acts {acts_if})")?;
             }
         }
         writeln!(out)?;
     }
+    let stages: Vec<String> = Stage::ALL.iter().map(Stage::to_string).collect();
+    writeln!(out, "In brackets: the first stage of a frame that a change recomputes, of {}.", stages.join(", "))?;
     writeln!(out, "Every effect also has `{ON} = true    (true or false)`: without, it does not run.")?;
     Ok(())
 }

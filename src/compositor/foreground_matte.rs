@@ -26,7 +26,7 @@ crate::uniform! {
 }
 
 /// Matte of the real foreground over the layer's rectangle, on the GPU.
-#[derive(Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct ForegroundMatte {
     /// Depths of the nearer and the farther surface (m, 0 unknown), and the nearer one's alpha.
     surfaces: Texture,

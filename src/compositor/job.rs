@@ -1,5 +1,6 @@
 //! The compositor's input and output.
 
+use super::plan::{FrameView, Plan};
 use super::{ExposureTime, Settings};
 use crate::camera::{Camera, Capture, Geometry, LensError};
 use crate::depth::{DepthGrid, Surfaces};
@@ -16,7 +17,7 @@ pub struct Job<'a> {
     pub frame: Frame,
     /// Geometry of the output picture.
     pub picture: &'a Geometry,
-    pub capture: Capture<'a>,
+    pub capture: Capture,
     pub real: RealDepth<'a>,
     pub track: &'a PoseTrack,
     /// Seconds to the next frame.
@@ -45,6 +46,16 @@ pub enum Target<'a> {
     /// camera's pixels. The view receives encoded code values, or linear light if its format is
     /// sRGB and encodes by itself.
     View(&'a wgpu::TextureView, wgpu::TextureFormat),
+}
+
+impl Target<'_> {
+    /// Checks that a view has the size of the picture.
+    pub(super) fn check_size(&self, frame: &Frame) -> Result<(), SubmitError> {
+        let Self::View(view, _) = self else { return Ok(()) };
+        let size = view.texture().size();
+        let (view_px, picture_px) = ((size.width, size.height), (frame.pixels.width, frame.pixels.height));
+        if view_px == picture_px { Ok(()) } else { Err(SubmitError::TargetSize { view_px, picture_px }) }
+    }
 }
 
 impl<'a> Job<'a> {
@@ -100,10 +111,11 @@ pub struct FrameStats {
 
 impl FrameStats {
     pub(super) fn of(job: &Job<'_>) -> Self {
+        let no_pose = job.track.at(job.frame.timestamp_s).err();
         Self {
             frame: job.frame.index,
             timestamp_s: job.frame.timestamp_s,
-            no_pose: None,
+            no_pose: no_pose.map(|reason| reason.to_string()),
             no_occlusion: None,
             rect_px: None,
             objects_in_sight: false,
@@ -112,6 +124,16 @@ impl FrameStats {
             fastest_px_per_s: 0.0,
             effects: Vec::new(),
         }
+    }
+
+    /// Adds what the plan of the frame determines.
+    pub(super) fn add_plan(&mut self, job: &Job<'_>, view: &FrameView, plan: &Plan<'_>) {
+        self.fastest_px_per_s = view.footprint.fastest_px_per_s;
+        self.effects = plan.active.iter().map(|effect| effect.table()).collect();
+        let Some(work_rects) = &plan.work_rects else { return };
+        self.objects_in_sight = !view.footprint.rect.intersection(&job.capture.region).is_empty();
+        let bounds = work_rects.bounds;
+        self.rect_px = Some([bounds.x0, bounds.y0, bounds.x1, bounds.y1]);
     }
 }
 

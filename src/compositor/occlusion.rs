@@ -4,26 +4,29 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
+use super::RealDepth;
 use super::foreground_matte::{ForegroundMatte, max_depth_within};
-use super::plan::{FrameView, Plan};
+use super::plan::FrameView;
+use super::retained::{ByAddress, DepthKey, StageLog};
 use super::shade::dark_bounds;
+use super::stages::FrameInputs;
 use super::work_rects::WorkRects;
-use super::{Job, RealDepth, Settings};
 use crate::camera::Geometry;
 use crate::depth::{
-    DepthRequest, LastRepair, MattePixel, ProjectedPoint, Proxies, RayCache, Rays, Repair, RepairedDepth,
+    DepthGrid, DepthRequest, LastRepair, MattePixel, ProjectedPoint, Proxies, Rays, Repair, RepairedDepth,
     SecondSurface, measured_from, neighbours,
 };
-use crate::effects::FrameContext;
 use crate::gpu::{Recorder, Texture, half_texels};
+use crate::memo::Memo;
 use crate::pixels::Rect;
 use crate::pose::Pose;
 use crate::quality::Quality;
 use crate::render::{COLOR, GridPlacement, grid_depth, real_depth};
+use crate::stage::Stage;
 
 /// Depth of the real scene (m, 0 unknown) in the forms that later phases read. Rectangles are those
 /// of the drawn layer unless noted.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct FrameOcclusion {
     /// Depth for the depth test as objects are drawn, and its grid if that is not the picture's.
     pub depth_test: Option<(Texture, Option<GridPlacement>)>,
@@ -41,83 +44,148 @@ pub struct FrameOcclusion {
     pub is_preview: bool,
 }
 
-/// State between frames: caches, and inputs of the next frame.
-#[derive(Debug, Default)]
+/// Memos of depth repair, and the scene's real objects.
+#[derive(Debug)]
 pub struct DepthState {
-    pub rays: RayCache,
+    rays: Memo<Geometry, Arc<Rays>>,
     last: LastRepair,
     /// Proxy models of real objects.
     pub proxies: Proxies,
-    /// Whether the next frame's depth may be made without the neighbouring frames.
-    pub allow_preview: bool,
+}
+
+impl Default for DepthState {
+    fn default() -> Self {
+        Self { rays: Memo::new(1), last: LastRepair::default(), proxies: Proxies::default() }
+    }
+}
+
+impl DepthState {
+    /// The rays of a camera's pixels.
+    pub fn rays(&self, geometry: &Geometry) -> Arc<Rays> {
+        self.rays.get_or_insert_with(geometry.clone(), |geometry| Arc::new(Rays::new(geometry)))
+    }
+}
+
+/// Rectangles over which depth is known.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DepthAreas {
+    /// Of the drawn layer.
+    pub drawn: Rect,
+    /// Of dark shadows. Under faint ones, the receiver is found by the measured depth alone.
+    pub dark: Rect,
+    /// Bounds of the drawn and the shaded rectangle.
+    pub around: Rect,
 }
 
 impl FrameOcclusion {
+    /// The stage [`Stage::Depth`].
     pub fn new(
         recorder: &mut Recorder,
-        DepthState { rays, last, proxies, allow_preview }: &mut DepthState,
-        job: &Job<'_>,
-        settings: &Settings,
-        frame_view: &FrameView,
-        plan: &Plan<'_>,
-        context: &FrameContext<'_>,
+        state: &DepthState,
+        inputs: &FrameInputs<'_>,
+        retained: &Memo<DepthKey, Self>,
+        log: &mut StageLog,
     ) -> Self {
-        let Some(work_rects) = plan.work_rects.as_ref().filter(|_| settings.depth.occlusion) else {
-            return Self::default();
+        let FrameInputs { job, settings, view, plan, work_rects, .. } = *inputs;
+        let nothing = |log: &mut StageLog, failure: Option<String>| {
+            let key = inputs.is_retained.then(|| DepthKey::Nothing(failure.clone()));
+            log.run(Stage::Depth, retained, key, || Self { failure, ..Self::default() })
         };
-        let drawn = work_rects.drawn;
-        let around = drawn.union(&work_rects.shaded);
-        if let RealDepth::Known { grid, moments, .. } = job.real {
-            let by_effect = plan.effect_occludes() && moments.is_empty();
-            return grid.map_or_else(Self::default, |grid| {
-                let scene_depth = (!frame_view.shadows.is_empty())
-                    .then(|| (real_depth(recorder, &grid.over(around), around), around));
-                let depth_test = (!by_effect).then(|| grid_depth(recorder, grid, drawn, job.picture.needs_cube_map()));
-                Self { depth_test, scene_depth, ..Self::default() }
-            });
+        if !settings.depth.occlusion {
+            return nothing(log, None);
         }
-        let depth = job.frame.depth.as_deref();
-        let measured = depth.map(|depth| measured_from(depth, job.picture, job.track));
-        let failure = measured.as_ref().and_then(|pose| pose.as_ref().err().cloned());
-        let measured = measured.and_then(Result::ok);
-        let measured = depth.zip(measured.as_ref());
-        if measured.is_none() && proxies.is_empty() {
-            return Self { failure, ..Self::default() };
+        let dark = dark_bounds(&view.shadows).intersection(&work_rects.shaded);
+        let areas = DepthAreas { drawn: work_rects.drawn, dark, around: work_rects.drawn.union(&work_rects.shaded) };
+        if let RealDepth::Known { grid, .. } = job.real {
+            let known = || grid.map_or_else(Self::default, |grid| Self::of_grid(recorder, grid, inputs, areas));
+            return log.run(Stage::Depth, retained, None, known);
         }
-        let (rays, pixels, response) = (rays.of(job.picture), &job.frame.pixels, &context.camera.response);
-        let half_s = 0.5 * frame_view.shutter.exposure_time_s;
-        let [opened, closed] = [-half_s, half_s].map(|offset_s| frame_view.keys.pose_at(offset_s));
-        let (frame, shutter) = (frame_view.keys.middle(), [&opened, &closed]);
-        let neighbours = neighbours(&job.frame, job.picture, job.track);
-        let (frame, neighbours, planes) = (&frame, &neighbours, &frame_view.planes);
-        let seen = |point: DVec3| project_rolling(job.picture, |time_s| frame_view.keys.pose_at(time_s), point);
-        let proxies = (!proxies.is_empty()).then_some((&*proxies, &seen as &dyn Fn(DVec3) -> ProjectedPoint));
-        let surfels = &job.frame.surfels[..];
-        let repair = Repair { rays, measured, frame, shutter, pixels, response, planes, proxies, neighbours, surfels };
-        // Under faint shadows, the receiver is found by the measured depth alone.
-        let dark = dark_bounds(&frame_view.shadows).intersection(&work_rects.shaded);
-        let depth_request = depth_request(frame_view, work_rects, dark, rays);
-        let rects = [around, drawn.union(&dark), drawn];
-        let quality = if *allow_preview { Quality::Preview } else { Quality::Final };
-        let (repaired, quality) = last.over(&job.frame, &repair, rects, &depth_request, quality);
-        let is_preview = quality.is_preview();
-        // Only shadows read it.
-        let scene_depth =
-            (!frame_view.shadows.is_empty()).then(|| (real_depth(recorder, &repaired.depth_m, around), around));
+        let (repaired, quality) = match repair(state, inputs, areas) {
+            Ok(repaired) => repaired,
+            Err(failure) => return nothing(log, failure),
+        };
         // The matte occludes the layer after the last effect that blurs. The depth test before it
         // removes only parts that stay hidden when blurred.
-        let after = plan.active.iter().rposition(|effect| effect.on_real().blurs()).map_or(0, |last| last + 1);
-        let read_px = plan.active[..after].iter().map(|effect| effect.reach(context));
-        let reach_px = read_px.map(|reach| reach.read_px.max(reach.spread_px)).sum::<f32>().ceil() as usize;
+        let effects = plan.active.iter().rposition(|effect| effect.on_real().blurs()).map_or(0, |last| last + 1);
+        let reach = plan.active[..effects].iter().map(|effect| effect.reach(inputs.context));
+        let reach_px = reach.map(|reach| reach.read_px.max(reach.spread_px)).sum::<f32>().ceil() as usize;
+        let has_shadows = !view.shadows.is_empty();
+        let key = inputs.is_retained.then(|| {
+            let repaired = ByAddress(Arc::clone(&repaired));
+            DepthKey::Repaired { repaired, areas, has_shadows, effects, reach_px }
+        });
+        let is_preview = quality.is_preview();
+        log.run(Stage::Depth, retained, key, || {
+            recorder.part("depth");
+            let occlusion = Self::of_repaired(recorder, repaired, areas, has_shadows, (effects, reach_px));
+            Self { is_preview, ..occlusion }
+        })
+    }
+
+    /// By depth that is known at the picture's time.
+    fn of_grid(recorder: &mut Recorder, grid: &DepthGrid, inputs: &FrameInputs<'_>, areas: DepthAreas) -> Self {
+        recorder.part("depth");
+        let FrameInputs { job, view, plan, .. } = *inputs;
+        let around = areas.around;
+        let by_effect = plan.effect_occludes() && job.real.moments().is_empty();
+        let scene_depth =
+            (!view.shadows.is_empty()).then(|| (real_depth(recorder, &grid.over(around), around), around));
+        let depth_test = (!by_effect).then(|| grid_depth(recorder, grid, areas.drawn, job.picture.needs_cube_map()));
+        Self { depth_test, scene_depth, ..Self::default() }
+    }
+
+    /// By a frame's repaired depth: its uploads. The matte applies after a number of effects, which
+    /// blur up to a distance in px.
+    fn of_repaired(
+        recorder: &Recorder,
+        repaired: Arc<RepairedDepth>,
+        DepthAreas { drawn, dark, around }: DepthAreas,
+        has_shadows: bool,
+        (effects, reach_px): (usize, usize),
+    ) -> Self {
+        // Only shadows read it.
+        let scene_depth = has_shadows.then(|| (real_depth(recorder, &repaired.depth_m, around), around));
         let farthest: Vec<f32> = repaired.mattes.iter().map(|shared: &MattePixel| shared.far_m).collect();
         let deep = max_depth_within(&farthest, drawn.width() as usize, reach_px);
-        let foreground = Some((after, ForegroundMatte::new(recorder, &repaired.mattes, drawn)));
+        let foreground = Some((effects, ForegroundMatte::new(recorder, &repaired.mattes, drawn)));
         let depth_test = Some((real_depth(recorder, &deep, drawn), None));
         let receiver_matte =
             (!dark.is_empty()).then(|| (upload_receiver(recorder, &repaired.second_surfaces, dark), dark));
         let repaired = Some((repaired, around));
-        Self { depth_test, foreground, scene_depth, repaired, receiver_matte, failure, is_preview }
+        Self { depth_test, foreground, scene_depth, repaired, receiver_matte, ..Self::default() }
     }
+}
+
+/// A frame's repaired depth, from its own map, its neighbours and proxy models. An error, with the
+/// reason if there is one, without any of them.
+fn repair(
+    state: &DepthState,
+    inputs: &FrameInputs<'_>,
+    DepthAreas { drawn, dark, around }: DepthAreas,
+) -> Result<(Arc<RepairedDepth>, Quality), Option<String>> {
+    let FrameInputs { job, view, work_rects, .. } = *inputs;
+    let depth = job.frame.depth.as_deref();
+    let measured = depth.map(|depth| measured_from(depth, job.picture, job.track));
+    let failure = measured.as_ref().and_then(|pose| pose.as_ref().err().cloned());
+    let measured = measured.and_then(Result::ok);
+    let measured = depth.zip(measured.as_ref());
+    if measured.is_none() && state.proxies.is_empty() {
+        return Err(failure);
+    }
+    let rays = &*state.rays(job.picture);
+    let (pixels, response) = (&job.frame.pixels, &inputs.camera.response);
+    let half_s = 0.5 * view.shutter.exposure_time_s;
+    let [opened, closed] = [-half_s, half_s].map(|offset_s| view.keys.pose_at(offset_s));
+    let (frame, shutter) = (view.keys.middle(), [&opened, &closed]);
+    let neighbours = neighbours(&job.frame, job.picture, job.track);
+    let (frame, neighbours, planes) = (&frame, &neighbours, &view.planes);
+    let seen = |point: DVec3| project_rolling(job.picture, |time_s| view.keys.pose_at(time_s), point);
+    let proxies = &state.proxies;
+    let proxies = (!proxies.is_empty()).then_some((proxies, &seen as &dyn Fn(DVec3) -> ProjectedPoint));
+    let surfels = &job.frame.surfels[..];
+    let repair = Repair { rays, measured, frame, shutter, pixels, response, planes, proxies, neighbours, surfels };
+    let request = depth_request(view, work_rects, dark, rays);
+    Ok(state.last.over(&job.frame, &repair, [around, drawn.union(&dark), drawn], &request, inputs.requested))
 }
 
 /// Uploads the second surfaces of a rectangle's pixels: their share of each channel's light, and

@@ -107,6 +107,19 @@ pub struct VisibleShadowMap {
     height_m: f64,
 }
 
+/// Shadow textures are compared by identity, not by their texels.
+impl PartialEq for VisibleShadowMap {
+    fn eq(&self, other: &Self) -> bool {
+        let Self { shadow_map: ShadowMap { floor, texture, is_beside }, rect, dark, height_m } = self;
+        *floor == other.shadow_map.floor
+            && Arc::ptr_eq(texture, &other.shadow_map.texture)
+            && *is_beside == other.shadow_map.is_beside
+            && *rect == other.rect
+            && *dark == other.dark
+            && *height_m == other.height_m
+    }
+}
+
 /// The shadow maps whose shadows are in a picture.
 pub fn visible_shadow_maps(shadow_maps: Vec<ShadowMap>, geometry: &Geometry, keys: &ViewKeys) -> Vec<VisibleShadowMap> {
     let i = &geometry.intrinsics;
@@ -323,7 +336,7 @@ pub struct ShadeRequest<'a> {
 }
 
 /// The fraction of the real light that is removed, over a part of the picture.
-#[derive(Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct ShadeImage {
     pub texture: Texture,
     /// Outside these rectangles of the picture it is 0.

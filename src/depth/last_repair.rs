@@ -1,32 +1,35 @@
-//! Memo of the last repair. While a user drags a slider the same frame is rendered repeatedly.
+//! Memo of the last repairs. While a user drags a slider the same frame is rendered repeatedly.
 
 use std::sync::Arc;
 
 use super::proxies::Proxies;
 use super::repair::{DepthRequest, Repair, RepairedDepth};
 use crate::camera::{Geometry, Response};
-use crate::frame::{Frame, NeighbourFrame, Surfel};
+use crate::frame::{Frame, FrameIdentity, NeighbourFrame, Surfel};
 use crate::memo::Memo;
 use crate::pixels::Rect;
 use crate::plane::Plane;
 use crate::pose::Pose;
 use crate::quality::Quality;
 
-/// Memo of the last result with neighbours. Such results take longest. The addresses of the
-/// neighbours identify one decoding of a frame, and stay in memory until the next such result.
+/// Memos of the last result of each quality. A result that was made again, with the same value, has
+/// another address.
 #[derive(Debug)]
-pub struct LastRepair(Memo<Key, Arc<RepairedDepth>>);
+pub struct LastRepair {
+    finals: Memo<Key, Arc<RepairedDepth>>,
+    previews: Memo<Key, Arc<RepairedDepth>>,
+}
 
 impl Default for LastRepair {
     fn default() -> Self {
-        Self(Memo::new(1))
+        Self { finals: Memo::new(1), previews: Memo::new(1) }
     }
 }
 
 /// All inputs of a repair.
 #[derive(Debug)]
 struct Key {
-    index: usize,
+    frame: FrameIdentity,
     /// Compared by address: they are equal only if they were decoded with the same frame.
     neighbours: Vec<Arc<NeighbourFrame>>,
     surfels: Arc<[Surfel]>,
@@ -52,19 +55,16 @@ impl LastRepair {
         quality: Quality,
     ) -> (Arc<RepairedDepth>, Quality) {
         let key = Key::new(frame, repair, rects, request);
-        if let Some(repaired) = self.0.get(&key) {
+        if let Some(repaired) = self.finals.get(&key) {
             return (repaired, Quality::Final);
         }
         let [around, near, drawn] = rects;
+        let over = |repair: &Repair<'_>| Arc::new(repair.over(around, near, drawn, request));
         if quality == Quality::Preview && repair.measured.is_some() {
             let alone = Repair { neighbours: &[], surfels: &[], ..*repair };
-            return (Arc::new(alone.over(around, near, drawn, request)), Quality::Preview);
+            return (self.previews.get_or_insert_with(key, |_| over(&alone)), Quality::Preview);
         }
-        let repaired = Arc::new(repair.over(around, near, drawn, request));
-        if !key.neighbours.is_empty() {
-            self.0.insert(key, repaired.clone());
-        }
-        (repaired, Quality::Final)
+        (self.finals.get_or_insert_with(key, |_| over(repair)), Quality::Final)
     }
 }
 
@@ -74,7 +74,7 @@ impl Key {
         let own = [repair.frame, repair.shutter[0], repair.shutter[1]].map(|pose| *pose);
         let theirs = repair.neighbours.iter().flat_map(|neighbour| [neighbour.measured, neighbour.taken]);
         Self {
-            index: frame.index,
+            frame: frame.identity(),
             neighbours: frame.neighbours.clone(),
             surfels: Arc::clone(&frame.surfels),
             geometry: repair.rays.geometry().clone(),
@@ -90,8 +90,8 @@ impl Key {
 
 impl PartialEq for Key {
     fn eq(&self, other: &Self) -> bool {
-        let Self { index, neighbours, surfels, geometry, response, poses, planes, proxies, rects, request } = self;
-        *index == other.index
+        let Self { frame, neighbours, surfels, geometry, response, poses, planes, proxies, rects, request } = self;
+        *frame == other.frame
             && neighbours.len() == other.neighbours.len()
             && neighbours.iter().zip(&other.neighbours).all(|(a, b)| Arc::ptr_eq(a, b))
             && Arc::ptr_eq(surfels, &other.surfels)

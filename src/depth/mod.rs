@@ -55,7 +55,7 @@ pub use frame_depth::{consensus_at_frame, neighbours};
 pub use grid::DepthGrid;
 pub use last_repair::LastRepair;
 pub use matte::MattePixel;
-pub use moment::{RayCache, Rays, measured_from, reprojected_at_frame};
+pub use moment::{Rays, measured_from, reprojected_at_frame};
 pub use proxies::{FAR_M, ProjectedPoint, Proxies, unknown_if_far_m};
 pub use registered::{DepthCamera, is_same_aspect, unknown_fraction, upsampled};
 pub use repair::{DepthRequest, Neighbour, Repair, RepairedDepth, SecondSurface};

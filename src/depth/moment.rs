@@ -53,20 +53,6 @@ pub fn reprojected_at_frame(
     Some(Rays::new(recorded).reproject(depth, &measured, &taken, whole))
 }
 
-/// Cache of the rays of the last camera.
-#[derive(Debug, Default)]
-pub struct RayCache(Option<Rays>);
-
-impl RayCache {
-    pub fn of(&mut self, geometry: &Geometry) -> &Rays {
-        match &mut self.0 {
-            Some(rays) if rays.geometry == *geometry => {}
-            empty_or_other => *empty_or_other = Some(Rays::new(geometry)),
-        }
-        self.0.get_or_insert_with(|| Rays::new(geometry))
-    }
-}
-
 impl Rays {
     pub fn new(geometry: &Geometry) -> Self {
         let rows = std::iter::repeat_with(OnceLock::new).take(geometry.intrinsics.height_px as usize).collect();

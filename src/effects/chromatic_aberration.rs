@@ -28,7 +28,7 @@ use crate::render::{COLOR, Layer};
 
 crate::params! {
     /// Parameters of the chromatic aberration.
-    pub struct ChromaticAberration in "chromatic_aberration" {
+    pub struct ChromaticAberration in "chromatic_aberration" at Effects {
         "how much larger red is than green: 0.001 is 1 px in 1000 from the principal point"
         red: f64 = 0.0, "1", -0.02..=0.02;
         "cubic part of red: what is added to that at half a diagonal, growing with the square"
@@ -84,7 +84,7 @@ fn half_diagonal_px(geometry: &Geometry) -> f64 {
 /// Half the diagonal of the recorded camera's whole picture, of which the output may be a part, in
 /// output pixels.
 fn whole_half_diagonal_px(context: &FrameContext<'_>) -> f64 {
-    context.capture.enlargement * half_diagonal_px(context.capture.recorded)
+    context.capture.enlargement * half_diagonal_px(&context.capture.recorded)
 }
 
 impl Effect for ChromaticAberration {

@@ -34,10 +34,11 @@ use super::{Case, Effect, FrameContext, LayerRun, MixedPart};
 use crate::gpu::Shader;
 use crate::params::Value;
 use crate::pixels::Rect;
+use crate::stage::Stage;
 
 crate::params! {
     /// Parameters of the edge blend.
-    pub struct EdgeBlend in "edge_blend" {
+    pub struct EdgeBlend in "edge_blend" at Mix {
         "how far an edge pixel moves towards the mean with its camera neighbours; 0 is off"
         impact: f32 = 0.0, "1", 0.0..=1.0;
     }
@@ -50,6 +51,9 @@ crate::uniform! {
 impl Effect for EdgeBlend {
     fn summary(&self) -> &'static str {
         "blends an object's edge pixels with their camera neighbours"
+    }
+    fn stage(&self) -> Stage {
+        Stage::Mix
     }
     fn neutral_hint(&self) -> &'static str {
         "its impact is 0; a larger one sets it to work"

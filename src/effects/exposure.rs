@@ -36,7 +36,7 @@ crate::choices! {
 
 crate::params! {
     /// Parameters of the exposure.
-    pub struct Exposure in "exposure" {
+    pub struct Exposure in "exposure" at Effects {
         "how much brighter objects are, in stops: 1 is twice the light; 0 is as lit"
         ev as "Brighter by": f64 = 0.0, "EV", -10.0..=10.0;
         "photographic: factor on light; additive: the paper's step on display values"
@@ -98,7 +98,7 @@ fn picture_ev(context: &FrameContext<'_>) -> f64 {
 /// increment per pixel, and the value at the layer's origin. For a photograph's lens, only
 /// principal point and focal length are mapped, not distortion.
 fn shares(context: &FrameContext<'_>, begins_px: [i32; 2]) -> ([f32; 2], [f32; 2]) {
-    let [made, recorded] = [context.picture, context.capture.recorded].map(|geometry| &geometry.intrinsics);
+    let [made, recorded] = [context.picture, &context.capture.recorded].map(|geometry| &geometry.intrinsics);
     let focal = |i: &Intrinsics| DVec2::new(i.fx_px, i.fy_px);
     let middle = |i: &Intrinsics| DVec2::new(i.cx_px, i.cy_px);
     let size = DVec2::new(recorded.width_px.into(), recorded.height_px.into());

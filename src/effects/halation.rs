@@ -15,7 +15,7 @@ use crate::render::{COLOR, Layer};
 
 crate::params! {
     /// Parameters of the halation.
-    pub struct Halation in "halation" {
+    pub struct Halation in "halation" at Effects {
         "share of an object's light that comes back from the film's base; 0 is off"
         share: f64 = 0.0, "1", 0.0..=1.0;
         "standard deviation of where it comes back"

@@ -34,11 +34,11 @@ crate::choices! {
 
 crate::params! {
     /// Parameters of the motion blur.
-    pub struct MotionBlur in "motion_blur" {
+    pub struct MotionBlur in "motion_blur" at Draw {
         "velocity: filter along each pixel's motion; copies: Fischer's; accumulation: vSLRcam's; reference: many samples"
         method: Method = Method::Velocity;
         "shortest blur that is drawn"
-        threshold_px as "Shortest blur": f32 = 0.5, "px", 0.0..=64.0;
+        threshold_px as "Shortest blur" at Effects: f32 = 0.5, "px", 0.0..=64.0;
         "number of copies of the method copies"
         copies: u32 = 8, "1", 2.0..=64.0 => method is "copies";
         "rate at which the method accumulation draws within the exposure"

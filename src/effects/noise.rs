@@ -34,10 +34,11 @@ use crate::camera::{Camera, Geometry, side_tap};
 use crate::gpu::Shader;
 use crate::params::Value;
 use crate::pixels::Rect;
+use crate::stage::Stage;
 
 crate::params! {
     /// Parameters of the noise.
-    pub struct Noise in "noise" {
+    pub struct Noise in "noise" at Mix {
         "factor on the calibrated standard deviation of virtual pixels; 0 is off"
         scale: f32 = 1.0, "1", 0.0..=8.0;
         "size of a noise patch; 1 is as measured"
@@ -115,6 +116,9 @@ impl Noise {
 impl Effect for Noise {
     fn summary(&self) -> &'static str {
         "gives virtual pixels the camera's noise"
+    }
+    fn stage(&self) -> Stage {
+        Stage::Mix
     }
     fn check(&self, camera: &Camera, _: &Geometry) -> Result<(), EffectError> {
         if self.iso.is_some() && camera.noise.is_some() && camera.exposure.iso.is_none() {

@@ -14,7 +14,7 @@ use crate::render::Layer;
 
 crate::params! {
     /// Parameters of the point spread.
-    pub struct PointSpread in "point_spread" {
+    pub struct PointSpread in "point_spread" at Effects {
         "standard deviation of the blur of lens and sensor; 0.39 of an edge's 10-90 % width; 0 is off; an enlarged photograph's is 8 px at most"
         sigma_px as "Blur σ": f64 = 0.0, "px", 0.0..=8.0;
     }

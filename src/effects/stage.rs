@@ -6,6 +6,7 @@ use crate::gpu::{Packed, Recorder, Shader, Texture, Uniform};
 use crate::params::{Params, Value};
 use crate::pixels::Rect;
 use crate::render::{Layer, SamplePlan};
+use crate::stage::Stage;
 
 /// Motion of an object's centre across the picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -23,7 +24,7 @@ pub struct FrameContext<'a> {
     /// Geometry of the output picture; [`Capture::recorded`] is the recorded picture's, which
     /// was calibrated.
     pub picture: &'a Geometry,
-    pub capture: &'a Capture<'a>,
+    pub capture: &'a Capture,
     /// Position in the recording.
     pub frame: usize,
     pub seed: u64,
@@ -159,6 +160,10 @@ pub fn curve_choice(response: &Response) -> f64 {
 pub trait Effect: Params + Boxed + std::fmt::Debug + Send + Sync {
     /// Description in one line.
     fn summary(&self) -> &'static str;
+    /// Whether it acts on the layer, in [`Effect::run`], or on code values, in [`Effect::mix`].
+    fn stage(&self) -> Stage {
+        Stage::Effects
+    }
     /// True if it changes no pixel. Then it does not run.
     fn is_neutral(&self, context: &FrameContext<'_>) -> bool;
     /// Message for the user of a neutral effect, without a full stop: the reason, and the

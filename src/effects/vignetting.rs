@@ -20,7 +20,7 @@ use crate::render::{COLOR, Layer};
 
 crate::params! {
     /// Parameters of the vignetting.
-    pub struct Vignetting in "vignetting" {
+    pub struct Vignetting in "vignetting" at Effects {
         "natural: how much of the fall-off with cos⁴ of the angle: 1 is all of it; 0 is off"
         natural: f64 = 0.0, "1", 0.0..=2.0;
         "mechanical: how far before the lens's opening a rim stands; 0 is off"
@@ -43,7 +43,7 @@ impl Vignetting {
 
     /// Radius of the image circle in the output picture, px.
     fn circle_px(&self, context: &FrameContext<'_>) -> f64 {
-        let [made, recorded] = [context.picture, context.capture.recorded].map(|geometry| geometry.intrinsics.fx_px);
+        let [made, recorded] = [context.picture, &context.capture.recorded].map(|geometry| geometry.intrinsics.fx_px);
         self.image_circle_px.map_or(NO_CIRCLE_PX, |px| 0.5 * px * made / recorded)
     }
 

@@ -19,6 +19,13 @@ pub struct Texture {
     _lease: Option<Arc<Lease>>,
 }
 
+/// Textures are equal if they are the same memory.
+impl PartialEq for Texture {
+    fn eq(&self, other: &Self) -> bool {
+        self.texture == other.texture && self.view == other.view
+    }
+}
+
 /// A texture's size, format, samples and levels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spec {

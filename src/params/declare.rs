@@ -28,8 +28,10 @@ macro_rules! choices {
     };
 }
 
-/// Declares a table of parameters. `as` gives a name that people read where the field's own words read badly; `=> other is`
-/// or `=> other isnt` says by another one's value when a parameter does something.
+/// Declares a table of parameters. After a name, `as` gives the label of a user interface, if the
+/// field's own words read badly; `=> other is` or `=> other isnt` names the value of another
+/// parameter with which this one has an effect. `at` names the first [`Stage`](crate::stage::Stage)
+/// that reads the parameters of a table, or one of them.
 ///
 /// ```
 /// locard_engine::params! {
@@ -51,8 +53,8 @@ macro_rules! choices {
 /// ```
 #[macro_export]
 macro_rules! params {
-    ($(#[$meta:meta])* pub struct $name:ident in $table:literal {
-        $($help:literal $field:ident $(as $called:literal)? : $type:ty = $default:expr $(, $unit:literal, $range:expr $(, $scale:ident)?)?
+    ($(#[$meta:meta])* pub struct $name:ident in $table:literal $(at $table_stage:ident)? {
+        $($help:literal $field:ident $(as $called:literal)? $(at $stage:ident)? : $type:ty = $default:expr $(, $unit:literal, $range:expr $(, $scale:ident)?)?
             $(=> $other:ident $relation:ident $value:literal)? ;)*
     }) => {
         $(#[$meta])*
@@ -75,6 +77,9 @@ macro_rules! params {
             fn table(&self) -> &'static str { $table }
             fn specs(&self) -> Vec<$crate::params::Spec> {
                 let default = Self::default();
+                #[allow(unused_mut, unused_assignments)]
+                let mut table_stage: Option<$crate::stage::Stage> = None;
+                $(table_stage = Some($crate::stage::Stage::$table_stage);)?
                 vec![$({
                     #[allow(unused_mut, unused_assignments)]
                     let mut range: Option<(f64, f64)> = None;
@@ -86,6 +91,9 @@ macro_rules! params {
                     let mut called = None;
                     #[allow(unused_mut, unused_assignments)]
                     let mut acts_if = None;
+                    #[allow(unused_mut, unused_assignments)]
+                    let mut stage = table_stage;
+                    $(stage = Some($crate::stage::Stage::$stage);)?
                     $(called = Some($called);)?
                     $(acts_if = Some($crate::params::ActsIf {
                         other: stringify!($other), is: $crate::is_or_isnt!($relation), value: $value,
@@ -102,6 +110,7 @@ macro_rules! params {
                         help: $help,
                         by_ratio,
                         acts_if,
+                        stage,
                     }
                 },)*]
             }

@@ -102,7 +102,7 @@ pub fn take(
         over_ev: exposed.over_ev,
         noise_left: real.noise_left,
         film: Some(FilmOverride { speed: exposed.iso_ratio, width_mm: framing.film.width_mm() }),
-        recorded: standpoint.recorded,
+        recorded: standpoint.recorded.clone(),
         framed: framing.framed,
         enlargement: framing.enlargement(),
     };

@@ -40,6 +40,7 @@ pub struct Renderer {
     environment: EnvironmentLight,
     pipelines: Arc<Pipelines>,
     no_depth: Texture,
+    revision: u64,
 }
 
 /// One draw call.
@@ -76,11 +77,19 @@ impl Renderer {
     /// Replaces the scene. Compiled pipelines are kept, and uploaded resources if they are the
     /// same.
     pub fn set_scene(&mut self, gpu: &Gpu, scene: Scene) {
+        let revision = self.revision + 1;
         if self.scene.has_same_resources(&scene) {
             self.scene = scene;
         } else {
             *self = Self::with_pipelines(gpu, scene, self.pipelines.clone());
         }
+        self.revision = revision;
+    }
+
+    /// Changes with every change of the scene or of its lightmaps: two draws of one view by the same
+    /// revision are equal.
+    pub fn revision(&self) -> u64 {
+        self.revision
     }
 
     /// Replaces the objects. They use the scene's meshes; objects without parts are not drawn.
@@ -93,6 +102,7 @@ impl Renderer {
             let known = objects.iter().flat_map(|object| &object.parts).all(|part| part.mesh < meshes);
             assert!(known, "objects of meshes that the scene does not have: it has {meshes}");
             self.scene.objects = objects.to_vec();
+            self.revision += 1;
         }
     }
 
@@ -105,6 +115,7 @@ impl Renderer {
             pipelines,
             no_depth: Texture::new(gpu, "no depth", 1, 1, wgpu::TextureFormat::R32Float, 1),
             scene,
+            revision: 0,
         }
     }
 
@@ -125,7 +136,9 @@ impl Renderer {
     /// Lightmap of each part of each object, in order, for the following draws; none: fully lit.
     /// `strength` scales the darkening.
     pub fn set_lightmaps(&mut self, gpu: &Gpu, lightmaps: &[Option<Arc<Lightmap>>], strength: f32) {
-        self.lightmaps.take(gpu, &self.pipelines.lightmap_layout, lightmaps, strength);
+        if self.lightmaps.take(gpu, &self.pipelines.lightmap_layout, lightmaps, strength) {
+            self.revision += 1;
+        }
     }
 
     /// Warnings about requested features that are not supported.

@@ -31,20 +31,21 @@ impl PartLightmaps {
         Self { of_parts: Vec::new(), bound: Vec::new(), none, strength: 1.0 }
     }
 
+    /// Returns false if nothing changed.
     pub fn take(
         &mut self,
         gpu: &Gpu,
         layout: &wgpu::BindGroupLayout,
         of_parts: &[Option<Arc<Lightmap>>],
         strength: f32,
-    ) {
-        self.strength = strength;
+    ) -> bool {
+        let previous_strength = std::mem::replace(&mut self.strength, strength);
         let is_same = |(a, b): (&Option<Arc<Lightmap>>, &Option<Arc<Lightmap>>)| match (a, b) {
             (Some(a), Some(b)) => Arc::ptr_eq(a, b),
             (a, b) => a.is_none() && b.is_none(),
         };
         if self.of_parts.len() == of_parts.len() && self.of_parts.iter().zip(of_parts).all(is_same) {
-            return;
+            return previous_strength != strength;
         }
         self.bound.retain(|(bound, _)| of_parts.iter().flatten().any(|map| Arc::ptr_eq(map, bound)));
         for map in of_parts.iter().flatten() {
@@ -53,6 +54,7 @@ impl PartLightmaps {
             }
         }
         self.of_parts = of_parts.to_vec();
+        true
     }
 
     pub fn has_lightmap(&self, part: usize) -> bool {

@@ -45,7 +45,7 @@ impl SamplePlan {
 /// camera's picture unchanged. Without `light_alone`, residual light from rounding at zero coverage
 /// is dropped. An effect that spreads light spreads coverage with it, unless it is a glow, which
 /// covers nothing. Where coverage is spread, so is the geometry, if anything reads it.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Layer {
     pub color: Texture,
     pub geometry: Texture,
@@ -69,7 +69,7 @@ impl Layer {
 }
 
 /// The real part of a photograph in the layer's area.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct RealLayer {
     /// Linear light. A: 1 if unchanged, otherwise the remaining share of the noise σ.
     pub light: Texture,

@@ -42,7 +42,7 @@ impl Shutter {
 /// Poses at equal steps around a frame's timestamp, as `camera_from_local`. The local axes are the
 /// world's, moved to the camera's position at the timestamp, so that 32-bit floats suffice wherever
 /// the world's origin is.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct ViewKeys {
     /// The camera's position at the timestamp, metres.
     pub origin_in_world_m: DVec3,

@@ -58,7 +58,7 @@ impl Shot {
         camera.noise = camera.noise.map(|noise| mean_noise(noise, *by));
         let (track, interval_s) = (&self.recording.track, self.interval_s(index));
         let job = Job::of_frame(frame.clone(), &camera, &self.settings, &picture, track, interval_s)?;
-        let capture = Capture { recorded: &recorded, framed, enlargement: f64::from(*by).recip(), ..job.capture };
+        let capture = Capture { recorded, framed, enlargement: f64::from(*by).recip(), ..job.capture };
         let job = Job { capture, ..job };
         compositor
             .submit(job, &camera, &self.settings, target)

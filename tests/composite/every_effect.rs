@@ -145,7 +145,7 @@ fn photographed(
             over_ev: 0.5,
             film: Some(FilmOverride { speed: 4.0, width_mm: recorded.intrinsics.film_width_mm }),
             enlargement,
-            recorded: &recorded,
+            recorded: recorded.clone(),
             ..Capture::frame(&picture, TIME_S, Some(OPENING))
         };
         let job = Job {

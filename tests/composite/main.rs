@@ -57,4 +57,5 @@ mod shading;
 mod shadow;
 mod shots;
 mod slr;
+mod stages;
 mod stand_in;

@@ -20,15 +20,15 @@ fn size() -> (u32, u32) {
 
 /// Camera parameters and settings of one picture.
 #[derive(Clone)]
-struct PictureInputs {
-    rig: Rig,
-    settings: Settings,
+pub struct PictureInputs {
+    pub rig: Rig,
+    pub settings: Settings,
 }
 
 impl PictureInputs {
     /// Every effect with its test case of this number, with a camera on which all of them have an
     /// effect.
-    fn new(case: usize) -> Self {
+    pub fn new(case: usize) -> Self {
         let mut settings = Settings::default();
         let cases: Vec<_> = settings.effects().map(|e| (e.table(), e.cases())).collect();
         for (table, cases) in &cases {
@@ -60,13 +60,18 @@ impl PictureInputs {
 
     /// Every parameter with its table. From case 1 on, only those of effects that have as many
     /// cases.
-    fn parameters(&self, case: usize) -> Vec<(&'static str, Spec)> {
+    pub fn parameters(&self, case: usize) -> Vec<(&'static str, Spec)> {
         let tables = self.rig.tables().into_iter().chain(self.settings.tables());
         let cases = |table: &str| self.settings.effects().find(|e| e.table() == table).map_or(1, |e| e.cases().len());
         tables
             .filter(|table| case < cases(table.table()))
             .flat_map(|table| table.specs().into_iter().map(|spec| (table.table(), spec)))
             .collect()
+    }
+
+    pub fn value(&self, table: &str, name: &str) -> Value {
+        let mut tables = self.rig.tables().into_iter().chain(self.settings.tables());
+        tables.find(|of| of.table() == table).unwrap().get(name).unwrap()
     }
 
     /// The picture, or the error.

@@ -21,9 +21,9 @@ crate::choices! {
 
 crate::params! {
     /// Parameters of the depth of field. The lens is in `camera.lens`.
-    pub struct DepthOfField in "depth_of_field" {
+    pub struct DepthOfField in "depth_of_field" at Effects {
         "layered: filter, near and far apart; poisson: vSLRcam's; diffusion: Wang's; reference: through many points of the lens"
-        method: Method = Method::Layered;
+        method at Draw: Method = Method::Layered;
         "poisson: points of the first disc"
         points: u32 = 48, "1", 8.0..=64.0 => method is "poisson";
         "diffusion: lens (its blades or circle), star (as many points as blades, else 5) or heart"

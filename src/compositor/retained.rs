@@ -1,0 +1,252 @@
+//! Results of the last shown frame, by stage. While a user drags a slider, the same frame is shown
+//! repeatedly with one parameter changed: stages before the first one that reads it are not
+//! repeated.
+//!
+//! Inputs are compared by value, large ones by their addresses. Textures among the inputs are kept
+//! with them, so that the pool cannot lend them to other work in the meantime.
+
+use std::ops::Deref;
+use std::sync::Arc;
+
+use super::foreground_matte::ForegroundMatte;
+use super::occlusion::{DepthAreas, FrameOcclusion};
+use super::settings::ShadowSettings;
+use super::shade::{ShadeImage, VisibleShadowMap};
+use super::stages::{FrameInputs, geometry_is_read_after};
+use crate::camera::{Camera, Capture, Geometry, Response};
+use crate::depth::RepairedDepth;
+use crate::effects::{Effect, ObjectMotion};
+use crate::frame::{FrameExposure, FrameIdentity, RelativeBrightness};
+use crate::gpu::Texture;
+use crate::memo::Memo;
+use crate::pixels::Rect;
+use crate::render::{GridPlacement, Layer, Lightmap, SamplePlan, Shutter, ViewKeys};
+use crate::shadow::{LazyRadiance, ReceiverPlane, ShadowMap, ShadowTexture};
+use crate::stage::Stage;
+
+/// The last result of each stage, with its inputs.
+#[derive(Debug)]
+pub struct Retained {
+    pub shadow_maps: Memo<ShadowMapsKey, ()>,
+    pub lightmaps: Memo<LightmapsKey, ()>,
+    pub depth: Memo<DepthKey, FrameOcclusion>,
+    pub shade: Memo<ShadeKey, Option<ShadeImage>>,
+    pub drawn: Memo<DrawKey, Layer>,
+    pub layer: Memo<EffectsKey, Layer>,
+}
+
+impl Default for Retained {
+    fn default() -> Self {
+        Self {
+            shadow_maps: Memo::new(1),
+            lightmaps: Memo::new(1),
+            depth: Memo::new(1),
+            shade: Memo::new(1),
+            drawn: Memo::new(1),
+            layer: Memo::new(1),
+        }
+    }
+}
+
+/// The stages that a frame needs, of those that may be retained.
+#[derive(Debug, Default)]
+pub struct StageLog(Vec<Stage>);
+
+impl StageLog {
+    /// The result of a stage: the retained one of an equal key, or a new one. Without a key, it is
+    /// neither looked up nor retained.
+    pub fn run<K: PartialEq, V: Clone>(
+        &mut self,
+        stage: Stage,
+        retained: &Memo<K, V>,
+        key: Option<K>,
+        compute: impl FnOnce() -> V,
+    ) -> V {
+        if let Some(value) = key.as_ref().and_then(|key| retained.get(key)) {
+            return value;
+        }
+        self.0.push(stage);
+        let value = compute();
+        key.map_or(value.clone(), |key| retained.insert(key, value))
+    }
+
+    /// Logs a stage whose result is not retained.
+    pub fn run_always(&mut self, stage: Stage) {
+        self.0.push(stage);
+    }
+
+    pub fn into_stages(self) -> Vec<Stage> {
+        self.0
+    }
+}
+
+/// A value that is compared by its address.
+#[derive(Debug)]
+pub struct ByAddress<T: ?Sized>(pub Arc<T>);
+
+impl<T: ?Sized> PartialEq for ByAddress<T> {
+    fn eq(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.0, &other.0)
+    }
+}
+
+impl<T: ?Sized> Deref for ByAddress<T> {
+    type Target = T;
+
+    fn deref(&self) -> &T {
+        &self.0
+    }
+}
+
+#[derive(Debug, PartialEq)]
+pub struct ShadowMapsKey(Vec<(ByAddress<ShadowTexture>, ReceiverPlane)>);
+
+impl ShadowMapsKey {
+    pub fn new(shadow_maps: &[ShadowMap]) -> Self {
+        Self(shadow_maps.iter().map(|map| (ByAddress(map.texture.clone()), map.floor)).collect())
+    }
+}
+
+#[derive(Debug, PartialEq)]
+pub struct LightmapsKey(Vec<Option<ByAddress<Lightmap>>>);
+
+impl LightmapsKey {
+    pub fn new(lightmaps: &[Option<Arc<Lightmap>>]) -> Self {
+        Self(lightmaps.iter().map(|map| map.clone().map(ByAddress)).collect())
+    }
+}
+
+/// Inputs of a frame's occlusion.
+#[derive(Debug, PartialEq)]
+pub enum DepthKey {
+    /// Nothing real occludes, with the reason if there is one.
+    Nothing(Option<String>),
+    Repaired {
+        repaired: ByAddress<RepairedDepth>,
+        areas: DepthAreas,
+        has_shadows: bool,
+        /// The number of effects before the matte.
+        effects: usize,
+        /// The distance to which they blur, px.
+        reach_px: usize,
+    },
+}
+
+#[derive(Debug, PartialEq)]
+pub struct ShadeKey {
+    shadows: Vec<VisibleShadowMap>,
+    geometry: Geometry,
+    keys: ViewKeys,
+    shutter: Shutter,
+    part: Rect,
+    depth: Option<(Texture, Rect)>,
+    matte: Option<(Texture, Rect)>,
+    settings: ShadowSettings,
+    opacity: f64,
+    frame: FrameIdentity,
+    response: Response,
+    radiance: Option<ByAddress<LazyRadiance>>,
+    brightness: Option<RelativeBrightness>,
+}
+
+impl ShadeKey {
+    pub fn new(inputs: &FrameInputs<'_>, occlusion: &FrameOcclusion, radiance: Option<&Arc<LazyRadiance>>) -> Self {
+        let FrameInputs { job, view, .. } = *inputs;
+        Self {
+            shadows: view.shadows.clone(),
+            geometry: job.picture.clone(),
+            keys: view.keys.clone(),
+            shutter: view.shutter,
+            part: inputs.work_rects.shaded,
+            depth: occlusion.scene_depth.clone(),
+            matte: occlusion.receiver_matte.clone(),
+            settings: inputs.settings.shadow.clone(),
+            opacity: job.frame.opacity,
+            frame: job.frame.identity(),
+            response: inputs.context.camera.response.clone(),
+            radiance: radiance.cloned().map(ByAddress),
+            brightness: job.frame.exposure.brightness,
+        }
+    }
+}
+
+#[derive(Debug, PartialEq)]
+pub struct DrawKey {
+    renderer_revision: u64,
+    geometry: Geometry,
+    keys: ViewKeys,
+    shutter: Shutter,
+    depths_m: [f64; 2],
+    rect: Rect,
+    depth_test: Option<(Texture, Option<GridPlacement>)>,
+    tolerance_m: f32,
+    samples: SamplePlan,
+}
+
+impl DrawKey {
+    pub fn new(inputs: &FrameInputs<'_>, occlusion: &FrameOcclusion, renderer_revision: u64) -> Self {
+        let FrameInputs { job, view, .. } = *inputs;
+        Self {
+            renderer_revision,
+            geometry: job.picture.clone(),
+            keys: view.keys.clone(),
+            shutter: view.shutter,
+            depths_m: view.footprint.depths_m,
+            rect: inputs.work_rects.drawn,
+            depth_test: occlusion.depth_test.clone(),
+            tolerance_m: inputs.settings.depth.tolerance_m,
+            samples: inputs.plan.samples.clone(),
+        }
+    }
+}
+
+/// Inputs of the effects on the layer.
+#[derive(Debug, PartialEq)]
+pub struct EffectsKey {
+    drawn: Layer,
+    effects: Vec<Box<dyn Effect>>,
+    foreground: Option<(usize, ForegroundMatte)>,
+    tolerance_m: f32,
+    /// Whether the layer or an effect of the mixed stage reads the resulting geometry.
+    geometry_is_read: bool,
+    drawn_rect: Rect,
+    objects_px: Rect,
+    camera: Camera,
+    picture: Geometry,
+    capture: Capture,
+    frame: usize,
+    seed: u64,
+    recorded: FrameExposure,
+    interval_s: f64,
+    fastest_px_per_s: f32,
+    depths_m: [f64; 2],
+    real_depths_m: Option<[f64; 2]>,
+    objects: Vec<ObjectMotion>,
+}
+
+impl EffectsKey {
+    pub fn new(inputs: &FrameInputs<'_>, occlusion: &FrameOcclusion, drawn: &Layer) -> Self {
+        let FrameInputs { plan, work_rects, context, .. } = *inputs;
+        let on_layer = plan.active.iter().filter(|effect| effect.stage() == Stage::Effects);
+        Self {
+            drawn: drawn.clone(),
+            effects: on_layer.map(|effect| effect.boxed()).collect(),
+            foreground: occlusion.foreground.clone(),
+            tolerance_m: inputs.settings.depth.tolerance_m,
+            geometry_is_read: geometry_is_read_after(inputs, plan.active.len()),
+            drawn_rect: work_rects.drawn,
+            objects_px: work_rects.objects_px,
+            camera: context.camera.clone(),
+            picture: context.picture.clone(),
+            capture: context.capture.clone(),
+            frame: context.frame,
+            seed: context.seed,
+            recorded: context.recorded,
+            interval_s: context.interval_s,
+            fastest_px_per_s: context.fastest_px_per_s,
+            depths_m: context.depths_m,
+            real_depths_m: context.real_depths_m,
+            objects: context.objects.to_vec(),
+        }
+    }
+}

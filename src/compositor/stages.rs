@@ -1,0 +1,229 @@
+//! The stages of a frame after its plan, each with the inputs that its retained result depends on.
+
+use super::clipped::{self, FrameRadiance};
+use super::foreground_matte;
+use super::mix::{CameraUpload, mix};
+use super::occlusion::FrameOcclusion;
+use super::pending::{LayerReadback, Work};
+use super::plan::{FrameView, Plan};
+use super::real;
+use super::retained::{DrawKey, EffectsKey, ShadeKey};
+use super::shade::{self, ShadeImage};
+use super::work_rects::WorkRects;
+use super::{Compositor, Job, Settings, Target};
+use crate::camera::Camera;
+use crate::effects::{FrameContext, LayerRun};
+use crate::frame::Frame;
+use crate::gpu::Recorder;
+use crate::pixels::Rect;
+use crate::quality::Quality;
+use crate::render::{Layer, Occlusion, View};
+use crate::stage::Stage;
+
+/// The inputs that a frame's stages share.
+#[derive(Clone, Copy, Debug)]
+pub struct FrameInputs<'a> {
+    pub job: &'a Job<'a>,
+    pub camera: &'a Camera,
+    pub settings: &'a Settings,
+    pub view: &'a FrameView,
+    pub context: &'a FrameContext<'a>,
+    pub plan: &'a Plan<'a>,
+    pub work_rects: &'a WorkRects,
+    pub requested: Quality,
+    /// Whether stages' results are retained for the next frame.
+    pub is_retained: bool,
+}
+
+impl Compositor {
+    /// The stage [`Stage::Depth`].
+    pub(super) fn occlusion(&mut self, inputs: &FrameInputs<'_>) -> FrameOcclusion {
+        FrameOcclusion::new(&mut self.recorder, &self.depth, inputs, &self.retained.depth, &mut self.log)
+    }
+
+    /// The stage [`Stage::Shade`]. `None` without shadows.
+    pub(super) fn shade(&mut self, inputs: &FrameInputs<'_>, occlusion: &FrameOcclusion) -> Option<ShadeImage> {
+        let key = inputs.is_retained.then(|| ShadeKey::new(inputs, occlusion, self.radiance.as_ref()));
+        let FrameInputs { job, view, work_rects, .. } = *inputs;
+        self.log.run(Stage::Shade, &self.retained.shade, key, || {
+            let recorder = &mut self.recorder;
+            recorder.part("shadow");
+            let request = shade::ShadeRequest {
+                geometry: job.picture,
+                keys: &view.keys,
+                shutter: view.shutter,
+                part: work_rects.shaded,
+                depth: occlusion.scene_depth.as_ref().map(|(depth, rect)| (depth, *rect)),
+                matte: occlusion.receiver_matte.as_ref().map(|(matte, rect)| (matte, *rect)),
+                settings: &inputs.settings.shadow,
+                opacity: job.frame.opacity,
+            };
+            let image = shade::shade(recorder, &view.shadows, &request)?;
+            let pose_at = |offset_s| view.keys.pose_at(offset_s);
+            let rays = self.depth.rays(job.picture);
+            let known = self.radiance.as_deref().zip(occlusion.repaired.as_ref()).zip(job.frame.exposure.brightness);
+            let radiance = known.map(|((radiance, (repaired, rect)), brightness)| FrameRadiance {
+                radiance,
+                depth_m: (&repaired.depth_m, *rect),
+                rays: &rays,
+                pose_at: &pose_at,
+                brightness,
+            });
+            let camera_light = (&*job.frame.pixels, &inputs.camera.response, job.picture);
+            let part = work_rects.shaded;
+            Some(clipped::limit_clipped_shadow(recorder, image, part, camera_light, radiance.as_ref()))
+        })
+    }
+
+    /// The stage [`Stage::Draw`].
+    pub(super) fn draw(
+        &mut self,
+        inputs: &FrameInputs<'_>,
+        occlusion: &FrameOcclusion,
+        shade: Option<&ShadeImage>,
+    ) -> Layer {
+        let key = inputs.is_retained.then(|| DrawKey::new(inputs, occlusion, self.renderer.revision()));
+        let FrameInputs { job, view, plan, work_rects, settings, .. } = *inputs;
+        let tolerance_m = settings.depth.tolerance_m;
+        self.log.run(Stage::Draw, &self.retained.drawn, key, || {
+            let recorder = &mut self.recorder;
+            recorder.part("objects");
+            let view = View {
+                geometry: job.picture,
+                keys: &view.keys,
+                shutter: view.shutter,
+                depths_m: view.footprint.depths_m,
+                rect: work_rects.drawn,
+                occlusion: occlusion.depth_test.as_ref().map(|(depth, grid_placement)| Occlusion {
+                    depth,
+                    grid_placement: *grid_placement,
+                    tolerance_m,
+                    moments: job.real.moments(),
+                }),
+                parallel_to_m: None,
+                outer: None,
+            };
+            let mut layer = self.renderer.draw(recorder, &view, &plan.samples);
+            layer.real = plan.surfaces.map(|surfaces| {
+                // With summed exposures, the layer was occluded exposure by exposure.
+                let hides = settings.depth.occlusion && job.real.moments().is_empty();
+                let (pixels, response) = (&job.frame.pixels, &inputs.camera.response);
+                let shade = shade.map(|image| &image.texture);
+                let tolerance_m = hides.then_some(tolerance_m);
+                real::real_layer(recorder, pixels, surfaces, work_rects.drawn, tolerance_m, response, shade)
+            });
+            layer
+        })
+    }
+
+    /// The stage [`Stage::Effects`]: the effects over the layer, in order. After the last effect
+    /// that blurs, occlusion is applied with the matte.
+    pub(super) fn apply_effects(
+        &mut self,
+        inputs: &FrameInputs<'_>,
+        occlusion: &FrameOcclusion,
+        drawn: Layer,
+    ) -> Layer {
+        let key = inputs.is_retained.then(|| EffectsKey::new(inputs, occlusion, &drawn));
+        let (active, tolerance_m) = (&inputs.plan.active, inputs.settings.depth.tolerance_m);
+        self.log.run(Stage::Effects, &self.retained.layer, key, || {
+            let (after, matte) =
+                occlusion.foreground.as_ref().map_or((0, None), |(after, matte)| (*after, Some(matte)));
+            let occlude = |run: &mut LayerRun<'_>, layer: Layer, done: usize| match matte.filter(|_| after == done) {
+                Some(matte) => foreground_matte::occlude(run.recorder, layer, matte, tolerance_m),
+                None => layer,
+            };
+            let mut run = layer_run(&mut self.recorder, inputs);
+            let mut layer = occlude(&mut run, drawn, 0);
+            for (n, effect) in active.iter().enumerate() {
+                if effect.stage() == Stage::Effects {
+                    run.geometry_is_read = after > n || geometry_is_read_after(inputs, n + 1);
+                    run.recorder.part(effect.table());
+                    layer = effect.run(&mut run, layer);
+                }
+                layer = occlude(&mut run, layer, n + 1);
+            }
+            layer
+        })
+    }
+
+    /// The stage [`Stage::Mix`]: the composite of each piece, and what is read back.
+    pub(super) fn mix(
+        &mut self,
+        inputs: &FrameInputs<'_>,
+        layer: &Layer,
+        shade: Option<&ShadeImage>,
+        target: Target<'_>,
+    ) -> Work {
+        let FrameInputs { job, work_rects, plan, .. } = *inputs;
+        self.log.run_always(Stage::Mix);
+        let mut run = layer_run(&mut self.recorder, inputs);
+        run.recorder.part("mix");
+        let upload_px = match target {
+            Target::Pixels => upload_rects(work_rects, &job.frame),
+            Target::View(..) => vec![whole(&job.frame)],
+        };
+        let pixels = &job.frame.pixels;
+        let uploads: Vec<_> = upload_px.into_iter().map(|rect| CameraUpload::new(run.recorder, pixels, rect)).collect();
+        let changed = changed_rects(inputs, layer, shade);
+        let shade_texture = shade.map(|image| &image.texture);
+        let mut work = Work::default();
+        for (i, piece) in work_rects.pieces.iter().enumerate() {
+            let parts: Vec<_> = plan.active.iter().filter_map(|effect| effect.mix(&mut run, piece.shown)).collect();
+            let upload = uploads.get(i).unwrap_or(&uploads[0]);
+            let layers = (layer, shade_texture);
+            let made = mix(run.recorder, inputs.camera, job, upload, layers, (piece, &changed), parts);
+            match target {
+                Target::Pixels => {
+                    let size = (piece.shown.width(), piece.shown.height());
+                    work.codes.push((*piece, run.recorder.read_back(&mut self.readbacks, &made, size)));
+                }
+                Target::View(..) => upload.put(run.recorder, &made, piece.shown),
+            }
+        }
+        if let (Target::View(view, format), Some(upload)) = (target, uploads.first()) {
+            upload.show(run.recorder, view, format);
+        }
+        work.layer = job.want_layer.then(|| {
+            let readbacks = &mut self.readbacks;
+            LayerReadback::new(run.recorder, readbacks, inputs, layer, shade_texture)
+        });
+        work
+    }
+}
+
+/// Context of the passes of effects.
+fn layer_run<'a>(recorder: &'a mut Recorder, inputs: &FrameInputs<'a>) -> LayerRun<'a> {
+    let FrameInputs { context, work_rects, .. } = *inputs;
+    let (drawn, objects_px) = (work_rects.drawn, work_rects.objects_px);
+    LayerRun { recorder, context, drawn, objects_px, geometry_is_read: true }
+}
+
+/// Whether the layer's geometry is read after the first `done` of the active effects.
+pub fn geometry_is_read_after(inputs: &FrameInputs<'_>, done: usize) -> bool {
+    let effects = &inputs.plan.active;
+    inputs.job.want_layer || effects[done..].iter().any(|effect| effect.reads_geometry())
+}
+
+/// The rectangles of the picture in which pixels may change.
+fn changed_rects(inputs: &FrameInputs<'_>, layer: &Layer, shade: Option<&ShadeImage>) -> Vec<Rect> {
+    let FrameInputs { job, view, work_rects, .. } = *inputs;
+    let pieces = &work_rects.pieces;
+    // Effects on real pixels and layers across a seam change pixels everywhere.
+    let is_whole = job.capture.whole || layer.real.is_some() || job.picture.is_equirectangular() || pieces.len() > 1;
+    if is_whole {
+        return pieces.iter().map(|piece| piece.shown).collect();
+    }
+    let objects = view.footprint.parts.iter().map(|(rect, _)| rect.grown(work_rects.spread_px));
+    objects.chain(shade.iter().flat_map(|image| image.pieces.iter().copied())).collect()
+}
+
+/// The rectangle of the camera's picture that each piece reads, with a margin of 1 px for effects
+/// that read neighbours.
+fn upload_rects(work_rects: &WorkRects, frame: &Frame) -> Vec<Rect> {
+    work_rects.pieces.iter().map(|piece| piece.shown.grown(1).intersection(&whole(frame))).collect()
+}
+
+fn whole(frame: &Frame) -> Rect {
+    Rect::full(frame.pixels.width, frame.pixels.height)
+}
