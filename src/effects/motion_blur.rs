@@ -36,13 +36,13 @@ crate::params! {
     /// Parameters of the motion blur.
     pub struct MotionBlur in "motion_blur" at Draw {
         "velocity: filter along each pixel's motion; copies: Fischer's; accumulation: vSLRcam's; reference: many samples"
-        method: Method = Method::Velocity;
+        method at Depth: Method = Method::Velocity;
         "shortest blur that is drawn"
-        threshold_px as "Shortest blur" at Effects: f32 = 0.5, "px", 0.0..=64.0;
+        threshold_px as "Shortest blur": f32 = 0.5, "px", 0.0..=64.0;
         "number of copies of the method copies"
         copies: u32 = 8, "1", 2.0..=64.0 => method is "copies";
         "rate at which the method accumulation draws within the exposure"
-        frames_per_s as "Rate": f64 = 80.0, "1/s", 1.0..=10000.0, by_ratio => method is "accumulation";
+        frames_per_s as "Rate" at Depth: f64 = 80.0, "1/s", 1.0..=10000.0, by_ratio => method is "accumulation";
     }
 }
 

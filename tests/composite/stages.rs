@@ -9,9 +9,9 @@ use crate::shadow::box_scene;
 use glam::{DMat3, DQuat, DVec2, DVec3, Vec3};
 use locard::camera::Geometry;
 use locard::compositor::{Compositor, Job, Settings, Target};
-use locard::frame::Frame;
+use locard::frame::{Frame, FrameExposure, PhotoSettings, RelativeBrightness, SpatialGain};
 use locard::gpu::Gpu;
-use locard::params::{Kind, Spec, Value};
+use locard::params::{ActsIf, Kind, Spec, Value};
 use locard::pixels::{DepthMap, Pixels};
 use locard::pose::Pose;
 use locard::profile::Rig;
@@ -68,8 +68,13 @@ impl Display {
             usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
             view_formats: &[],
         });
+        // Its exposure and brightness are known, but for the exposure time, which is the camera's.
+        let brightness =
+            RelativeBrightness { factors: [1.3, 1.2, 1.1], median_s: Some(0.01), spatial_gain: SpatialGain::default() };
+        let photo = PhotoSettings { iso: Some(200.0), f_number: Some(2.0), time_s: Some(0.02), ..Default::default() };
+        let exposure = FrameExposure { brightness: Some(brightness), photo, ..FrameExposure::default() };
         Self {
-            frame: Frame { depth: Some(depth.into()), ..frame },
+            frame: Frame { depth: Some(depth.into()), exposure, ..frame },
             track: PoseTrack::new(vec![(-1.0, pose(-0.5)), (1.0, pose(0.5))], 3.0).unwrap(),
             texture,
         }
@@ -104,42 +109,84 @@ fn compositor(gpu: &Gpu) -> Compositor {
 /// The parameters of a test case, with all effects on.
 fn base(case: usize) -> PictureInputs {
     let mut inputs = PictureInputs::new(case);
-    inputs.rig.lay_over(&geometry());
-    let mut set = |text: &str| inputs.rig.set_text(text, &mut inputs.settings).unwrap();
-    ["camera.lens.focus_distance_m=0.5", "camera.lens.f_number=20"].into_iter().for_each(&mut set);
+    for set in [
+        "camera.width_px=96",
+        "camera.height_px=64",
+        "camera.fx_px=110",
+        "camera.fy_px=110",
+        "camera.cx_px=48",
+        "camera.cy_px=32",
+        "camera.lens.focus_distance_m=0.3",
+        "camera.lens.f_number=2",
+    ] {
+        inputs.rig.set_text(set, &mut inputs.settings).unwrap();
+    }
     inputs
 }
 
-/// Other values of a parameter, near its own ones first, with what else has to be set for them.
-fn changes(table: &str, spec: &Spec, value: &Value) -> Vec<(Option<&'static str>, Value)> {
-    let numbers = |min: f64, max: f64, is_whole: bool| -> Vec<Value> {
-        let other = |factor: f64| match value {
-            Value::Number(number) if is_whole => number + (20.0 * factor).ceil(),
-            Value::Number(number) if *number != 0.0 => number * (1.0 + factor),
-            _ => min.max(-1.0) + factor * (max.min(1.0) - min.max(-1.0)),
-        };
-        [0.001, 0.01, 0.05, 0.3, 1.0].map(|factor| Value::Number(other(factor).clamp(min, max))).to_vec()
-    };
-    let special = match (table, spec.name) {
-        ("camera.lens", "aperture_diameter_mm") => Some((Some("camera.lens.f_number=none"), vec![2.0, 3.0])),
-        ("camera.exposure", "shutter_angle_deg") => Some((Some("camera.exposure.time_s=none"), vec![200.0, 250.0])),
-        ("vignetting", "image_circle_px") => Some((None, vec![50.0, 60.0])),
-        ("exposure", "reference_s") => Some((None, vec![0.01])),
-        ("noise", "iso") => Some((None, vec![800.0])),
-        ("noise", "film_width_mm") => Some((None, vec![10.0])),
-        ("noise", "animation_delay") => Some((None, vec![5.0])),
-        _ => None,
-    };
-    if let Some((before, values)) = special {
-        return values.into_iter().map(|value| (before, Value::Number(value))).collect();
+/// The settings with which a parameter has an effect.
+fn prerequisites(inputs: &PictureInputs, table: &str, spec: &Spec) -> Vec<String> {
+    match (table, spec.name) {
+        ("camera.lens", "aperture_diameter_mm") => {
+            ["f_number=none", "aperture_diameter_mm=20"].map(|set| format!("camera.lens.{set}")).to_vec()
+        }
+        ("camera.lens", "blade_rotation_deg") => vec!["camera.lens.blades=3".to_owned()],
+        ("camera.exposure", "shutter_angle_deg") => vec!["camera.exposure.time_s=none".to_owned()],
+        ("camera.exposure", "iso") => vec!["noise.iso=800".to_owned()],
+        ("depth_of_field", "largest_radius_px") => {
+            let sets =
+                ["camera.lens.f_number=0.5", "depth_of_field.method=diffusion", "depth_of_field.largest_radius_px=4"];
+            sets.map(str::to_owned).to_vec()
+        }
+        ("vignetting", "rim_radius_mm") => vec!["vignetting.rim_distance_mm=100".to_owned()],
+        _ => {
+            let Some(ActsIf { other, is: true, value }) = spec.acts_if else { return Vec::new() };
+            let specs = inputs.parameters(0);
+            let (_, other_spec) = specs.iter().find(|(of, spec)| *of == table && spec.name == other).unwrap();
+            let mut before = prerequisites(inputs, table, other_spec);
+            before.push(format!("{table}.{other}={value}"));
+            before
+        }
     }
-    let values = match &spec.kind {
+}
+
+/// Other values of a parameter, near its own ones first.
+fn changes(table: &str, spec: &Spec, value: &Value) -> Vec<Value> {
+    let numbers = match (table, spec.name) {
+        ("camera.distortion", "k4") => vec![50.0, 100.0],
+        ("camera.lens", "blades") => vec![3.0],
+        ("camera.lens", "blade_rotation_deg") => vec![20.0],
+        ("camera.exposure", "shutter_angle_deg") => vec![200.0, 250.0],
+        ("depth", "tolerance_m") => vec![1.0],
+        ("depth_of_field", "blend_below") => vec![0.5, 0.9],
+        ("depth_of_field", "largest_radius_px") => vec![3.9, 3.5],
+        ("edge_blend", "impact") => vec![0.5],
+        ("exposure", "reference_s") => vec![0.02],
+        ("motion_blur", "threshold_px") => vec![1.0, 1.5, 2.0, 3.0, 4.0],
+        ("noise", "animation_delay") => vec![5.0],
+        ("noise", "film_width_mm") => vec![10.0],
+        ("noise", "iso") => vec![800.0],
+        ("vignetting", "image_circle_px") => vec![20.0, 30.0],
+        ("vignetting", "rim_distance_mm") => vec![100.0],
+        _ => Vec::new(),
+    };
+    if !numbers.is_empty() {
+        return numbers.into_iter().map(Value::Number).collect();
+    }
+    let others = match &spec.kind {
         Kind::Bool => vec![Value::Bool(*value != Value::Bool(true))],
         Kind::Choice(names) => names.iter().map(|name| Value::Text((*name).to_owned())).collect(),
-        Kind::Number { min, max } => numbers(*min, *max, false),
-        Kind::Integer { min, max } => numbers(*min, *max, true),
+        Kind::Number { min, max } | Kind::Integer { min, max } => {
+            let other = |factor: f64| match value {
+                Value::Number(number) if *number != 0.0 => number * (1.0 + factor),
+                _ => factor,
+            };
+            let is_whole = matches!(spec.kind, Kind::Integer { .. });
+            let rounded = |number: f64| if is_whole { number.ceil() } else { number };
+            [0.001, 0.01, 0.05, 0.3, 1.0].map(|factor| Value::Number(rounded(other(factor)).clamp(*min, *max))).to_vec()
+        }
     };
-    values.into_iter().filter(|other| other != value).map(|value| (None, value)).collect()
+    others.into_iter().filter(|other| other != value).collect()
 }
 
 // Slow: renders three pictures for each change of each parameter, with four sets of methods.
@@ -154,21 +201,22 @@ fn changed_parameter_recomputes_its_stage_and_those_after_it() {
         .chain(settings.tables())
         .flat_map(|table| table.specs().into_iter().map(|spec| format!("{}.{}", table.table(), spec.name)))
         .collect();
-    // With these, the frame's size is not the camera's; the grain's size is that of a photograph.
+    // A frame has the camera's size.
     let mut left: BTreeSet<&str> = all.iter().map(String::as_str).collect();
     ["camera.width_px", "camera.height_px"].iter().for_each(|name| assert!(left.remove(name)));
     for case in 0..4 {
         for (table, spec) in base(case).parameters(case) {
             let name = format!("{table}.{}", spec.name);
             let declared = spec.stage.unwrap_or_else(|| panic!("{name} has no stage"));
-            for (before, value) in changes(table, &spec, &base(case).value(table, spec.name)) {
+            let mut from = base(case);
+            for text in prerequisites(&from, table, &spec) {
+                from.rig.set_text(&text, &mut from.settings).unwrap();
+            }
+            for value in changes(table, &spec, &from.value(table, spec.name)) {
                 if !left.contains(name.as_str()) {
                     break;
                 }
-                let (mut from, mut to) = (base(case), base(case));
-                for inputs in [&mut from, &mut to] {
-                    before.iter().for_each(|text| inputs.rig.set_text(text, &mut inputs.settings).unwrap());
-                }
+                let mut to = from.clone();
                 if to.rig.set_text(&format!("{name}={value}"), &mut to.settings).is_err() {
                     continue;
                 }
