@@ -5,7 +5,7 @@
 //! - `overlay`: the picture below the handles. `drag_state`: the state of a thing when its
 //!   transform begins.
 //! - `active`: a transform in progress. `transform`: its maths. `keys`: its keyboard input.
-//! `labels`: its texts.
+//!   `labels`: its texts.
 //! - `placement_preview`: outline of the thing that the next click places.
 //! - `gizmo`: the handles around a selected thing. `outline`: its outline and its footprint.
 //!   `lamp`: markers of lamps. `draw`: paints all of these.
