@@ -2,6 +2,11 @@
 
 use std::borrow::Cow;
 
+/// Lowest code of an 8-bit picture at which a channel may be clipped.
+const CLIP_CODE: u32 = 250;
+/// Code from which on a channel clips, as a fraction of the largest code.
+pub const CLIP_LEVEL: f32 = CLIP_CODE as f32 / 255.0;
+
 /// Camera pixels exactly as delivered: interleaved R, G, B, row by row from the top left, encoded code values. A grey
 /// camera's values appear three times.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -79,6 +84,11 @@ impl Pixels {
             Codes::U8(_) => 255,
             Codes::U16(_) => 65535,
         }
+    }
+
+    /// The lowest code value at which a channel may be clipped.
+    pub fn clip_code(&self) -> u32 {
+        CLIP_CODE * (self.max_code() / 255)
     }
 
     /// Something of every pixel's code values, row by row.

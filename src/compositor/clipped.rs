@@ -34,6 +34,7 @@ use crate::depth::Rays;
 use crate::frame::RelativeBrightness;
 use crate::gpu::{Entry, Recorder, Shader, half_texels};
 use crate::parallel::{over_rows, processors};
+use crate::pixels::CLIP_LEVEL;
 use crate::pixels::{Codes, Pixels, Rect};
 use crate::pose::Pose;
 use crate::render::COLOR;
@@ -47,8 +48,6 @@ const SHOULDER_LEVEL: f32 = 240.0 / 255.0;
 /// Smallest channel below which a clipped colour counts as saturated, as a fraction of the largest
 /// code.
 const SATURATED_LEVEL: f32 = 200.0 / 255.0;
-/// Code from which on a channel clips, as a fraction of the largest code.
-pub const CLIP_LEVEL: f32 = 250.0 / 255.0;
 /// Largest ratio of the true radiance to the recorded light. Brighter surfaces are lamps, which
 /// receive no shadow.
 const MAX_EXCESS: f32 = 16.0;

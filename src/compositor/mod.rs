@@ -36,7 +36,6 @@ use crate::scene::{Object, Scene};
 use crate::shadow::{LazyRadiance, Lightmaps, Room, ShadowMap, Shadows};
 use crate::stage::Stage;
 
-pub use clipped::CLIP_LEVEL;
 pub use exposure_time::{ExposureSource, ExposureTime};
 pub use job::{Composited, FrameStats, Job, RealDepth, SubmitError, Target};
 pub use mix::module as mixed_module;

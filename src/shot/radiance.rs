@@ -9,7 +9,7 @@ use std::sync::Arc;
 use glam::{DVec2, DVec3};
 
 use crate::camera::{Geometry, Response};
-use crate::compositor::{CLIP_LEVEL, project_rolling};
+use crate::compositor::project_rolling;
 use crate::frame::Frame;
 use crate::pose::Pose;
 use crate::profile::Rig;
@@ -60,7 +60,7 @@ fn samples(
     }
     let poses = RowPoses::new(geometry, |time_s| recording.track.at_or_nearest(taken_s + time_s));
     let pixels = &frame.pixels;
-    let (max_code, light) = (pixels.max_code(), response.table(pixels.max_code()));
+    let light = response.table(pixels.max_code());
     let sample = |at_m: DVec3| {
         let (at_px, _) = project_rolling(geometry, |time_s| poses.at(time_s), at_m)?;
         let size_px = DVec2::new(f64::from(pixels.width), f64::from(pixels.height));
@@ -70,7 +70,7 @@ fn samples(
         let codes = pixels.at(at_px.x as u32, at_px.y as u32);
         let here = f64::from(brightness.spatial_gain.at((at_px / size_px).as_vec2().to_array())).exp2();
         let usual = |c: usize| (light[codes[c] as usize] / (brightness.factors[c] * here)) as f32;
-        let is_clipped = codes.map(|code| code as f32 >= CLIP_LEVEL * max_code as f32);
+        let is_clipped = codes.map(|code| code >= pixels.clip_code());
         Some(SurfaceSample { at_m, light: [usual(0), usual(1), usual(2)], is_clipped })
     };
     points_m.filter_map(sample).collect()
