@@ -26,9 +26,9 @@ use serde::{Deserialize, Serialize};
 
 use super::camera_model::{CameraModel, is_same_surface};
 use super::noise_level::expected_correlation;
-use super::robust::scatter;
 use super::state::project_rolling_shutter;
 use super::view::View;
+use crate::fit::quantile::median_and_sigma;
 use crate::fit::twist::{self, Twist};
 
 /// Gauss-Newton iterations by level, from the finest.
@@ -394,7 +394,7 @@ fn weight(residual: f64, sigma: f64) -> f64 {
 
 /// 1.4826 · median |r − median r|, plus half a code for rounding.
 fn sigma(residuals: &[f64]) -> f64 {
-    scatter(&mut residuals.to_vec()).1 + 0.5
+    median_and_sigma(residuals.iter().copied()).1 + 0.5
 }
 
 #[cfg(test)]

@@ -13,8 +13,6 @@ use crate::frame::Frame;
 const MAX_WIDTH_PX: usize = 800;
 /// Side of a cell of the clipping mask, px of the full picture.
 const CLIP_CELL_PX: usize = 8;
-/// Smallest code of 255 at which a channel may be clipped.
-const CLIPPED_CODE: u32 = 250;
 /// σ of the two Gaussians of the band-pass, px.
 const BAND_SIGMAS_PX: (f32, f32) = (1.2, 3.0);
 
@@ -54,7 +52,7 @@ impl BlurFrame {
         let light_of: Vec<f32> =
             response.table(frame.pixels.max_code()).into_iter().map(|light| light as f32).collect();
         let (width, height) = model.size();
-        let most = CLIPPED_CODE * (frame.pixels.max_code() / 255);
+        let most = frame.pixels.clip_code();
         let across = width.div_ceil(CLIP_CELL_PX);
         let mut is_clipped = vec![false; across * height.div_ceil(CLIP_CELL_PX)];
         let clipped = frame.pixels.each(|c| c.into_iter().any(|code| code >= most));

@@ -7,11 +7,11 @@ use super::links::Pass;
 use super::pass_runner::PassRunner;
 use super::registration_result::{MAX_READOUT_SIGMA_S, Registration, RegistrationError, recorded};
 use super::rig_offset::{self, ReadoutStep, RigOffset};
-use super::robust::median;
 use super::state::CameraState;
 use super::times;
 use crate::camera::Geometry;
 use crate::camera::exposure::assumed_exposure_s;
+use crate::fit::quantile::upper_median;
 use crate::fit::twist::{self, Twist};
 use crate::recording::Recording;
 
@@ -116,7 +116,7 @@ pub fn estimate(
         let linked = runner.links(times::CLOCKS, &model, &states, shared.depth_later_s, pass)?;
         if finds_repeats {
             shared.repeats.clone_from(&linked.repeats);
-            median_px = median(&mut linked.good.iter().map(|link| link.displaced_px(&link.e)).collect::<Vec<_>>());
+            median_px = upper_median(linked.good.iter().map(|link| link.displaced_px(&link.e))).unwrap_or(0.0);
         }
         let offset =
             rig_offset::estimate(&linked.good, &states, true, exposure_s).filter(|_| linked.good.len() >= MIN_LINKS);

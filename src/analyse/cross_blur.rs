@@ -15,13 +15,13 @@
 //! blurs have no phase). Not modelled: motion that changes during an exposure, flow that changes
 //! within 16 px, moving objects, a response that is not the camera's.
 
+use crate::fit::quantile::upper_median;
 use glam::{DMat2, DVec2};
 
 use super::blur_frame::{BlurFrame, band_pass};
 use super::box_blur::{BLOCK, Block, ExposureGrid, PIXELS, box_blurred, sample_block};
 use super::camera_model::CameraModel;
 use super::pyramid::Plane;
-use super::robust::median;
 use super::warp_mesh::WarpMesh;
 
 /// Side of a patch with one correlation, px.
@@ -144,8 +144,7 @@ fn blocks(x: usize, y: usize) -> impl Iterator<Item = (usize, usize)> {
 /// The mean curve over the patches with contrast whose curve has a low minimum, and their number.
 fn mean_curve(all: &[PatchSums], grid: ExposureGrid) -> Option<(Vec<f64>, usize)> {
     let power = |sums: &PatchSums| (sums.a[0] * sums.b[0]).max(0.0).sqrt();
-    let mut powers: Vec<f64> = all.iter().map(power).collect();
-    let least = MIN_CONTRAST * median(&mut powers);
+    let least = MIN_CONTRAST * upper_median(all.iter().map(power)).unwrap_or(0.0);
     let curve = |sums: &PatchSums| -> Option<Vec<f64>> {
         let value = |s: usize| {
             let (a, b) = (sums.a[s], sums.b[s]);

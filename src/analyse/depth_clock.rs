@@ -12,6 +12,7 @@ use super::camera_model::CameraModel;
 use super::depth_at_frame;
 use super::pyramid::{Plane, gaussian};
 use super::state::{CameraState, move_point, project_rolling_shutter};
+use crate::fit::quantile::upper_quantile;
 use crate::fit::twist;
 use crate::frame::Frame;
 use crate::parallel::over_rows;
@@ -122,9 +123,7 @@ impl DepthClock {
 fn clamped_gradient(frame: &Frame) -> Plane {
     let (along, down) = Plane::of(&frame.pixels).filtered(&gaussian(1.0)).slopes();
     let mut slope: Vec<f32> = along.values.iter().zip(&down.values).map(|(x, y)| x.hypot(*y)).collect();
-    let mut sorted = slope.clone();
-    let at = ((sorted.len() as f64 * GRADIENT_CLAMP_QUANTILE) as usize).min(sorted.len() - 1);
-    let most = *sorted.select_nth_unstable_by(at, f32::total_cmp).1;
+    let most = upper_quantile(&mut slope.clone(), GRADIENT_CLAMP_QUANTILE).unwrap_or(0.0);
     slope.iter_mut().for_each(|s| *s = s.min(most));
     Plane { values: slope, ..along }
 }

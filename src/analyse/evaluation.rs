@@ -5,8 +5,8 @@ use nalgebra::Matrix6;
 
 use super::align::Link;
 use super::registration_result::HeldOutResidual;
-use super::robust::median;
 use super::state::CameraState;
+use crate::fit::quantile::upper_median;
 use crate::fit::twist::{self, Twist};
 
 /// Residuals of the poses `before` and `after`, px, by links that were aligned with the poses
@@ -26,7 +26,7 @@ pub fn held_out_residuals(
 
 /// Median residual of the poses of `states`, px, by links that were aligned with the poses `used`.
 pub fn median_residual_px(links: &[Link], states: &[Option<CameraState>], used: &[Option<CameraState>]) -> f64 {
-    median(&mut links.iter().filter_map(|link| residual_px(link, states, used)).collect::<Vec<_>>())
+    upper_median(links.iter().filter_map(|link| residual_px(link, states, used))).unwrap_or(0.0)
 }
 
 fn residual_px(link: &Link, states: &[Option<CameraState>], used: &[Option<CameraState>]) -> Option<f64> {

@@ -31,12 +31,12 @@ use super::camera_model::CameraModel;
 use super::capture_info::CaptureInfo;
 use super::noise_level::{share_kept, variance_bound};
 use super::pyramid::{Plane, gaussian};
-use super::robust::{median, scatter};
 use super::spatial_gain::{self, SpatialGainPair};
 use super::state::{CameraState, move_point, project_rolling_shutter};
 use super::tone::{self, ToneSample};
 use super::view::scattered;
 use crate::camera::{NoiseProfile, Response};
+use crate::fit::quantile::{median_and_sigma, upper_median};
 use crate::frame::Frame;
 use crate::parallel::over_rows;
 use crate::recording::Landmark;
@@ -362,8 +362,8 @@ impl<'a> Gains<'a> {
     /// σ of ln light by the pictures' noise, root mean square of the two frames, at the median
     /// code.
     fn log_noise(&self, matches: &[(PixelSample, PixelSample)], of: [&GainFrame; 2], channel: usize) -> f64 {
-        let mut codes: Vec<f64> = matches.iter().map(|(from, _)| f64::from(from.codes[channel])).collect();
-        let code = median(&mut codes) as f32;
+        let codes = matches.iter().map(|(from, _)| f64::from(from.codes[channel]));
+        let code = upper_median(codes).unwrap_or(0.0) as f32;
         let per_code = 0.5 * (self.light(code + 1.0) - self.light(code - 1.0));
         per_code * of.map(|seen| seen.noise[channel]).into_iter().fold(0.0, f64::hypot) / 2f64.sqrt()
     }
@@ -434,11 +434,11 @@ fn ratio(
 ) -> Result<(Vec<[f64; 3]>, Ratio), PairFailure> {
     let ratios: Vec<[f64; 3]> =
         matches.iter().map(|(from, to)| [0, 1, 2].map(|c| to.light[c] - from.light[c])).collect();
-    let mut green: Vec<f64> = matches.iter().map(|(from, _)| from.light[1]).collect();
-    let texture = (scatter(&mut green).1.powi(2) - noise[1].powi(2)).max(0.0).sqrt();
+    let green = matches.iter().map(|(from, _)| from.light[1]);
+    let texture = (median_and_sigma(green).1.powi(2) - noise[1].powi(2)).max(0.0).sqrt();
     let (mut ratio, mut sigma) = ([0.0; 3], [0.0; 3]);
     for c in 0..3 {
-        let (middle, spread) = scatter(&mut ratios.iter().map(|of| of[c]).collect::<Vec<_>>());
+        let (middle, spread) = median_and_sigma(ratios.iter().map(|of| of[c]));
         if spread > MAX_SCATTER.1.max(MAX_SCATTER.0 * texture).hypot(NOISE_TOLERANCE * 2f64.sqrt() * noise[c]) {
             return Err(PairFailure::Mismatch);
         }

@@ -2,8 +2,8 @@
 //! ([`gain`](super::gain)).
 
 use super::gain::Pair;
-use super::robust::median;
 use crate::fit::band::Band;
+use crate::fit::quantile::upper_median;
 
 /// Scale of the Cauchy loss, ln.
 const CAUCHY_SCALE_LN: f64 = 0.01;
@@ -16,9 +16,8 @@ pub fn solve(pairs: &[Pair], frames: usize) -> Vec<Option<[f64; 3]>> {
     pairs.iter().for_each(|pair| (is_linked[pair.from], is_linked[pair.to]) = (true, true));
     let each = [0, 1, 2].map(|channel| of_channel(pairs, frames, channel));
     let middle = each.clone().map(|values| {
-        let mut linked: Vec<f64> =
-            values.iter().zip(&is_linked).filter(|(_, linked)| **linked).map(|(g, _)| *g).collect();
-        median(&mut linked)
+        let linked = values.iter().zip(&is_linked).filter(|(_, linked)| **linked).map(|(g, _)| *g);
+        upper_median(linked).unwrap_or(0.0)
     });
     (0..frames).map(|n| is_linked[n].then(|| [0, 1, 2].map(|c| each[c][n] - middle[c]))).collect()
 }

@@ -2,9 +2,9 @@
 
 use glam::DVec2;
 
-use super::robust::median;
 use super::state::CameraState;
 use crate::camera::Geometry;
+use crate::fit::quantile::upper_median;
 use crate::pixels::{DepthMap, Pixels};
 use crate::recording::{Recording, RecordingError};
 use crate::text::{fixed, number};
@@ -53,12 +53,12 @@ pub fn explain(
         let sigma = fixed(sigma, 1);
         return Ok(told + &format!("the middle frame lacks texture (its brightness varies by {sigma} of 255 codes)"));
     }
-    let mut known: Vec<f64> =
+    let known: Vec<f64> =
         frame.depth.iter().flat_map(|map| &map.depth_m).filter(|m| **m > 0.0).map(|m| f64::from(*m)).collect();
     let Some(depth) = frame.depth.as_ref().filter(|_| !known.is_empty()) else {
         return Ok(told + "the middle frame has no depth");
     };
-    let median_m = fixed(median(&mut known), 3);
+    let median_m = fixed(upper_median(known).unwrap_or(0.0), 3);
     let unit = format!("half of the middle frame's depth is beyond {median_m} m; if that is wrong, so is depth's unit");
     let pair = states.get(middle).copied().flatten().zip(states.get(middle + apart).copied().flatten());
     let overlap = pair.and_then(|(here, there)| overlap(geometry, depth, &here, &there));

@@ -47,7 +47,6 @@ mod registration;
 mod registration_result;
 mod relight;
 mod rig_offset;
-mod robust;
 mod sharpness;
 mod shutter;
 mod sparse_frames;

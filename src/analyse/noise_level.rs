@@ -16,6 +16,7 @@
 
 use super::pyramid::{Plane, gaussian};
 use crate::camera::{NoiseProfile, correlations, variance_left};
+use crate::fit::quantile::upper_quantile;
 use crate::pixels::Pixels;
 
 /// Luma of BT.601, as the levels have it.
@@ -86,8 +87,7 @@ fn flattest_variance(picture: &Plane) -> Option<f64> {
     let (across, down) = (picture.width / BLOCK, picture.height / BLOCK);
     let blocks = (0..down).flat_map(|y| (0..across).map(move |x| (BLOCK * x, BLOCK * y)));
     let mut found: Vec<f64> = blocks.filter_map(|(x, y)| about_its_plane(picture, x, y)).collect();
-    found.sort_by(f64::total_cmp);
-    found.get((FLAT_QUANTILE * found.len() as f64) as usize).copied()
+    upper_quantile(&mut found, FLAT_QUANTILE)
 }
 
 /// Variance of a block about its least-squares plane. `None` if it may be clipped.

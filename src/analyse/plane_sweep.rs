@@ -14,9 +14,9 @@ use glam::{DAffine3, DVec2, DVec3};
 
 use super::camera_model::CameraModel;
 use super::pyramid::{Plane, gaussian};
-use super::robust::median;
 use super::state::CameraState;
 use crate::camera::Geometry;
+use crate::fit::quantile::upper_median;
 use crate::frame::Frame;
 use crate::parallel::over_rows;
 use crate::recording::{Frames, Recording, RecordingError};
@@ -155,8 +155,8 @@ impl<'a> PlaneSweep<'a> {
 
 /// Inverse depth between two planes, 1/m or by the recording's unit; 0 if the camera never moves.
 fn step(geometry: &Geometry, states: &[Option<CameraState>]) -> f64 {
-    let mut ways: Vec<f64> = (0..states.len()).filter_map(|n| neighbours(states, n).first().map(|n| n.0)).collect();
-    let usual = median(&mut ways);
+    let ways = (0..states.len()).filter_map(|n| neighbours(states, n).first().map(|n| n.0));
+    let usual = upper_median(ways).unwrap_or(0.0);
     let widest = MAX_DISPARITY_SHARE * f64::from(geometry.intrinsics.width_px) / geometry.intrinsics.fx_px;
     if usual > 0.0 { widest / usual / (PLANES - 1) as f64 } else { 0.0 }
 }

@@ -15,9 +15,9 @@ use nalgebra::Matrix6;
 
 use super::align::Link;
 use super::link_blur;
-use super::robust::median;
 use super::state::CameraState;
 use crate::fit::band::Band;
+use crate::fit::quantile::upper_median;
 use crate::fit::twist::{self, Twist};
 
 const REWEIGHTINGS: usize = 6;
@@ -42,14 +42,12 @@ pub fn solve(
     let first = solve_with_prior(links, states, prior_mean, &Matrix6::zeros(), exposure_s)?;
     let mut is_linked = vec![false; states.len()];
     links.iter().for_each(|link| (is_linked[link.from], is_linked[link.to]) = (true, true));
-    let mut moved_px: Vec<f64> = (first.iter().zip(prior_mean).zip(is_linked))
-        .filter(|(_, is_linked)| *is_linked)
-        .map(|((by, prior), _)| {
+    let moved_px =
+        (first.iter().zip(prior_mean).zip(is_linked)).filter(|(_, is_linked)| *is_linked).map(|((by, prior), _)| {
             let moved = by - prior;
             (moved.transpose() * metric * moved)[0].max(0.0).sqrt()
-        })
-        .collect();
-    let error_px = median(&mut moved_px).max(MIN_SCALE_PX);
+        });
+    let error_px = upper_median(moved_px).unwrap_or(0.0).max(MIN_SCALE_PX);
     solve_with_prior(links, states, prior_mean, &(metric / error_px.powi(2)), exposure_s)
 }
 
@@ -112,7 +110,7 @@ fn solve_with_prior(
             link.displaced_px(&(link.e - corrections[link.from] + a * corrections[link.to]))
         };
         let residuals_px: Vec<f64> = links.iter().zip(&adjoints).map(left).collect();
-        let scale = median(&mut residuals_px.clone()).max(MIN_SCALE_PX);
+        let scale = upper_median(residuals_px.iter().copied()).unwrap_or(0.0).max(MIN_SCALE_PX);
         let weight = |off: f64| {
             if off > MAX_RESIDUAL_SCALES * scale { 0.0 } else { 1.0 / (1.0 + (off / (2.0 * scale)).powi(2)) }
         };

@@ -24,13 +24,13 @@ use super::pass_runner::PassRunner;
 use super::pose_graph;
 use super::recorded_motion::moves_as_recorded;
 use super::registration_result::{HeldOutResidual, Registration, RegistrationError, Verdict, recorded};
-use super::robust::median;
 use super::state::CameraState;
 use super::times::{self, Times};
 use super::track::MAX_GAP_INTERVALS;
 use super::trajectory;
 use crate::camera::exposure::assumed_exposure_s;
 use crate::camera::{Geometry, NoiseProfile};
+use crate::fit::quantile::upper_median;
 use crate::fit::twist::{self, Twist};
 use crate::recording::Recording;
 
@@ -160,7 +160,7 @@ pub fn register(
     // 5. Acceptance.
     let before = recorded(recording, 0.0);
     found.held_out = held_out_residuals(&held_out, &before, &refined, &used);
-    let middle = |of: fn(&HeldOutResidual) -> f64| median(&mut found.held_out.iter().map(of).collect::<Vec<_>>());
+    let middle = |of: fn(&HeldOutResidual) -> f64| upper_median(found.held_out.iter().map(of)).unwrap_or(0.0);
     let (recorded_px, refined_px) = (middle(|missed| missed.recorded_px), middle(|missed| missed.refined_px));
     found.held_out_px = Some((recorded_px, refined_px));
     if refined_px > MAX_HELD_OUT_PX {

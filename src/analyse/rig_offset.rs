@@ -13,8 +13,8 @@ use nalgebra::{SMatrix, SVector};
 
 use super::align::Link;
 use super::link_blur;
-use super::robust::median;
 use super::state::CameraState;
+use crate::fit::quantile::upper_median;
 use crate::fit::twist::{self, Twist};
 
 const REWEIGHTINGS: usize = 10;
@@ -93,7 +93,7 @@ pub fn estimate(links: &[Link], states: &[Option<CameraState>], has_body: bool, 
             }
             x = h.cholesky()?.solve(&g);
             let residuals_px: Vec<f64> = kept.iter().map(|(link, b, _)| link.displaced_px(&(link.e - b * x))).collect();
-            let scale = median(&mut residuals_px.clone()).max(1e-6);
+            let scale = upper_median(residuals_px.iter().copied()).unwrap_or(0.0).max(1e-6);
             let weight = |(px, (.., by_blur)): (&f64, &&(_, _, f64))| by_blur / (1.0 + (px / (2.0 * scale)).powi(2));
             weights = residuals_px.iter().zip(&kept).map(weight).collect();
         }

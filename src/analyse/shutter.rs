@@ -26,10 +26,10 @@ use super::blur_frame::{BlurFrame, halvings};
 use super::box_blur::ExposureGrid;
 use super::camera_model::CameraModel;
 use super::cross_blur::{Curve, compare};
-use super::robust::{median, scatter};
 use super::state::CameraState;
 use super::warp_mesh::flow;
 use crate::camera::{NoiseProfile, Response};
+use crate::fit::quantile::{SIGMA_PER_MAD, median_and_sigma, upper_median, upper_median_in_place};
 use crate::fit::twist::Twist;
 use crate::frame::Frame;
 use crate::parallel::over_rows;
@@ -370,7 +370,7 @@ fn runs(clear: &[ExposureSample], frames: usize) -> Vec<Run> {
 fn segment_ends(clear: &[ExposureSample]) -> Vec<usize> {
     let cost = |from: usize, to: usize| {
         let mut values: Vec<f64> = clear[from..to].iter().map(|sample| sample.exposure_s.max(1e-6).ln()).collect();
-        let middle = median(&mut values);
+        let middle = upper_median_in_place(&mut values).unwrap_or(0.0);
         values.iter().map(|value| (value - middle).abs()).sum::<f64>()
     };
     let run_cost = FRAMES_PER_RUN * successive_scatter(clear).max(MIN_SCATTER_LN);
@@ -397,14 +397,13 @@ fn segment_ends(clear: &[ExposureSample]) -> Vec<usize> {
 /// between runs do not move it.
 fn successive_scatter(clear: &[ExposureSample]) -> f64 {
     let ln = |sample: &ExposureSample| sample.exposure_s.max(1e-6).ln();
-    let mut steps: Vec<f64> = clear.windows(2).map(|pair| (ln(&pair[1]) - ln(&pair[0])).abs()).collect();
-    1.4826 * median(&mut steps) / 2f64.sqrt()
+    let steps = clear.windows(2).map(|pair| (ln(&pair[1]) - ln(&pair[0])).abs());
+    SIGMA_PER_MAD * upper_median(steps).unwrap_or(0.0) / 2f64.sqrt()
 }
 
 /// The median, and one standard deviation by 1.4826·MAD, s.
 fn median_exposure(part: &[ExposureSample]) -> (f64, f64) {
-    let mut values: Vec<f64> = part.iter().map(|sample| sample.exposure_s).collect();
-    scatter(&mut values)
+    median_and_sigma(part.iter().map(|sample| sample.exposure_s))
 }
 
 #[cfg(test)]

@@ -21,7 +21,7 @@ use std::f64::consts::LN_2;
 
 use serde::{Deserialize, Serialize};
 
-use super::robust::scatter;
+use crate::fit::quantile::median_and_sigma;
 use crate::frame::{NODES, NODES_ACROSS, NODES_DOWN, SpatialGain};
 
 /// Distances between the frames of fitted pairs, and of held-out pairs.
@@ -85,7 +85,7 @@ pub fn of_pair(from: usize, to: usize, samples: &[RatioSample], ratio: f64) -> S
     let cell = |samples: &Vec<&RatioSample>| {
         (samples.len() >= MIN_POINTS_PER_CELL).then(|| {
             let mean = |of: fn(&RatioSample) -> f32| samples.iter().map(|p| of(p)).sum::<f32>() / samples.len() as f32;
-            let (middle, spread) = scatter(&mut samples.iter().map(|p| p.ratio - ratio).collect::<Vec<_>>());
+            let (middle, spread) = median_and_sigma(samples.iter().map(|p| p.ratio - ratio));
             let sigma = CELL_SIGMA.hypot(spread * (20.0 / samples.len() as f64).sqrt());
             [
                 mean(|p| p.from[0]),
@@ -116,7 +116,7 @@ pub fn solve(pairs: &[SpatialGainPair], frames: usize) -> Option<(Vec<SpatialGai
     }
     field.iter_mut().for_each(|node| *node = node.clamp(-MAX_EV * LN_2, MAX_EV * LN_2));
     let residual_scatter =
-        |residual: &dyn Fn(&GainConstraint) -> f64| scatter(&mut held_out.iter().map(residual).collect::<Vec<_>>()).1;
+        |residual: &dyn Fn(&GainConstraint) -> f64| median_and_sigma(held_out.iter().map(residual)).1;
     let recorded = residual_scatter(&|constraint| constraint.delta);
     let left = residual_scatter(&|constraint| constraint.delta - constraint.predicted(&field));
     let fitted = SpatialGainFit {

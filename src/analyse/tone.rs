@@ -13,9 +13,8 @@
 //! Codes below 24, where black level and noise dominate, and above 200, where single channels clip,
 //! are not used.
 
+use crate::fit::quantile::{median_and_sigma, upper_median_in_place};
 use serde::{Deserialize, Serialize};
-
-use super::robust::scatter;
 
 /// Limits of the bands, codes of 255.
 const BAND_LIMITS: [f32; 7] = [24.0, 48.0, 72.0, 104.0, 136.0, 168.0, 200.0];
@@ -79,7 +78,10 @@ pub fn of_pair(frame: usize, points: impl Iterator<Item = ([f32; 3], [f64; 3])>,
         }
     }
     let samples = slopes.iter_mut().enumerate().filter(|(_, slopes)| slopes.len() >= MIN_POINTS);
-    samples.map(|(band, slopes)| ToneSample { band, frame, slope: scatter(slopes).0 }).collect()
+    let slope = |(band, slopes): (usize, &mut Vec<f64>)| {
+        Some(ToneSample { band, frame, slope: upper_median_in_place(slopes)? })
+    };
+    samples.filter_map(slope).collect()
 }
 
 fn band_of(code: f32) -> Option<usize> {
@@ -89,13 +91,13 @@ fn band_of(code: f32) -> Option<usize> {
 /// The bands with enough samples, in order, or the reason for which there are none.
 pub fn bands(samples: &[ToneSample]) -> Result<Vec<ToneBand>, String> {
     let of = |band: usize| -> Option<(f64, f64)> {
-        let mut slopes: Vec<f64> = samples.iter().filter(|toned| toned.band == band).map(|toned| toned.slope).collect();
+        let slopes = samples.iter().filter(|toned| toned.band == band).map(|toned| toned.slope);
         let mut frames: Vec<usize> =
             samples.iter().filter(|toned| toned.band == band).map(|toned| toned.frame).collect();
         frames.sort_unstable();
         frames.dedup();
         // Pairs with one frame in common are not independent.
-        let (middle, spread) = scatter(&mut slopes);
+        let (middle, spread) = median_and_sigma(slopes);
         (frames.len() >= MIN_FRAMES).then(|| (middle, 1.2533 * spread / (frames.len() as f64).sqrt()))
     };
     let middle: Vec<f64> = MIDDLE_BANDS.iter().filter_map(|band| of(*band)).map(|(slope, _)| slope).collect();
@@ -123,6 +125,7 @@ pub fn bands(samples: &[ToneSample]) -> Result<Vec<ToneBand>, String> {
 mod tests {
     use super::*;
     use crate::camera::{Curve, Response};
+    use crate::fit::quantile::upper_median;
 
     /// Grey surfaces in pairs of frames with different light, encoded by one response and decoded
     /// by another.
@@ -136,8 +139,7 @@ mod tests {
                 .map(|l| (code(l), code(l * change.exp())))
                 .filter(|(a, b)| *a > 15.0 && *b > 15.0 && *a < 240.0 && *b < 240.0)
                 .collect();
-            let mut ratios: Vec<f64> = seen.iter().map(|(a, b)| light(*b) - light(*a)).collect();
-            let whole = scatter(&mut ratios).0;
+            let whole = upper_median(seen.iter().map(|(a, b)| light(*b) - light(*a))).unwrap();
             let points = seen.iter().map(|(a, b)| ([0.5 * (a + b); 3], [light(*b) - light(*a); 3]));
             all.extend(of_pair(frame, points, [whole; 3]));
         }

@@ -23,8 +23,6 @@ const ENOUGH_POINTS: usize = 600;
 const LOW_GRADIENT: f32 = 2.0 * GRADIENT_OFFSET / GRADIENT_FACTOR;
 /// Smallest distance of a point from the level's edge, px.
 const MARGIN_PX: usize = 4;
-/// Smallest code of 255 at which a channel may be clipped.
-const CLIPPED_CODE: u32 = 250;
 /// Smallest distance of a point from a depth edge, px, and smallest relative depth step of an edge.
 const DEPTH_EDGE_DISTANCE_PX: usize = 3;
 const DEPTH_EDGE_STEP: f32 = 0.05;
@@ -96,8 +94,7 @@ impl View {
 /// Mask of the pixels with depth, away from depth edges and clipped pixels.
 fn usable(frame: &Frame, depth: &[f32], width: usize) -> Vec<bool> {
     let pixels = &frame.pixels;
-    let most = CLIPPED_CODE * (pixels.max_code() / 255);
-    let clipped = pixels.each(|c| f32::from(u8::from(c.into_iter().any(|code| code >= most))));
+    let clipped = pixels.each(|c| f32::from(u8::from(c.into_iter().any(|code| code >= pixels.clip_code()))));
     let near_clipped = depth_at_frame::window_extreme(&clipped, width, 2, |a, b| if a > b { a } else { b });
     let smooth = depth_at_frame::smooth_mask(depth, width, DEPTH_EDGE_DISTANCE_PX, DEPTH_EDGE_STEP);
     smooth.iter().zip(&near_clipped).map(|(smooth, clipped)| *smooth && *clipped == 0.0).collect()

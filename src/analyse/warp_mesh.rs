@@ -1,12 +1,12 @@
 //! Warp mesh between two frames: positions and flows at nodes every few pixels, linear between.
 
+use crate::fit::quantile::{upper_median, upper_median_in_place};
 use glam::{DAffine3, DMat2, DVec2, DVec3};
 
 use super::blur_frame::{BlurFrame, halvings};
 use super::box_blur::cubic_weights;
 use super::camera_model::{CameraModel, is_same_surface};
 use super::pyramid::Plane;
-use super::robust::median;
 use super::state::{CameraState, move_point, project_rolling_shutter};
 
 /// Distance between nodes, px.
@@ -217,10 +217,7 @@ impl WarpMesh {
 
     /// Moves the nodes by the patches' shifts, smoothed.
     pub fn apply_shifts(&mut self, shifts: &[(DVec2, DVec2)]) {
-        let middle = |of: fn(&(DVec2, DVec2)) -> f64| {
-            let mut values: Vec<f64> = shifts.iter().map(of).collect();
-            median(&mut values)
-        };
+        let middle = |of: fn(&(DVec2, DVec2)) -> f64| upper_median(shifts.iter().map(of)).unwrap_or(0.0);
         let usual = DVec2::new(middle(|s| s.1.x), middle(|s| s.1.y));
         let near: Vec<_> = shifts.iter().filter(|s| (s.1 - usual).length() < MAX_SHIFT_DEVIATION_PX).collect();
         for n in 0..self.nodes.len() {
@@ -255,10 +252,8 @@ fn depth_near(model: &CameraModel, depth: &[f32], x: usize, y: usize) -> Option<
         }
     }
     let ray = model.rays[y * width + x];
-    (count >= 5 && ray[0].is_finite()).then(|| {
-        known[..count].sort_unstable_by(f32::total_cmp);
-        (known[count / 2], ray)
-    })
+    let depth_m = upper_median_in_place(&mut known[..count])?;
+    (count >= 5 && ray[0].is_finite()).then_some((depth_m, ray))
 }
 
 /// Cubic convolution, which keeps the warped picture nearly as sharp as the original. Positions are

@@ -15,6 +15,7 @@ mod occlusion_and_shadow;
 
 use crate::camera::{Camera, Geometry, NoiseBin, NoiseProfile};
 use crate::compositor::{Compositor, FrameStats, Job, Settings, SubmitError, Target};
+use crate::fit::quantile::upper_median;
 use crate::frame::{Frame, NeighbourFrame};
 use crate::gpu::{Gpu, GpuError, Recorder, Shader, Texture};
 use crate::pixels::{DepthMap, Pixels};
@@ -76,8 +77,7 @@ fn median_ms<T, E>(mut prepare: impl FnMut() -> T, mut call: impl FnMut(T) -> Re
         call(prepared)?;
         times.push(start.elapsed().as_secs_f64() * 1e3);
     }
-    times.sort_by(f64::total_cmp);
-    Ok(times[times.len() / 2])
+    Ok(upper_median(times).unwrap_or(0.0))
 }
 
 /// A sphere of radius 1: 72 × 70 quads, 10,080 triangles (those at the poles have no area).
@@ -224,9 +224,8 @@ impl<'a> Table<'a> {
     }
 
     /// The rows, with the copy first.
-    fn rows(mut self) -> Vec<Row> {
-        self.copies_ms.sort_by(f64::total_cmp);
-        let copy = self.copies_ms[self.copies_ms.len() / 2];
+    fn rows(self) -> Vec<Row> {
+        let copy = upper_median(self.copies_ms).unwrap_or(0.0);
         let first = ("full-screen copy".to_owned(), copy);
         let row = |(name, ms): (String, f64)| Row { name, ms, copies: ms / copy };
         std::iter::once(first).chain(self.rows).map(row).collect()

@@ -11,6 +11,7 @@
 
 use super::rounding::UNIT;
 use super::scene_sums::{BLOCK, SceneSums};
+use crate::fit::quantile::{SIGMA_PER_MAD, upper_median, upper_median_in_place};
 
 /// Blocks whose statistic lies this many standard deviations above the median: one in a million by
 /// chance.
@@ -19,8 +20,6 @@ const SIGNIFICANT_Z: f64 = 4.75;
 const RELEVANT_EXCESS: f64 = 0.25;
 /// A smaller share of slow drift in a block's variance is accepted.
 const RELEVANT_DRIFT: f64 = 0.10;
-/// Median absolute deviation to standard deviation, for a normal distribution.
-const MAD: f64 = 1.4826;
 /// Smallest number of pixels that give a block's variance in a bin.
 const CELL_PIXELS: usize = 8;
 /// A camera's σ² grows by at most this factor, times the distance in bins, from one bin to another.
@@ -41,11 +40,6 @@ pub(crate) struct BlockVerdict {
     pub median_drift: f64,
 }
 
-fn median(values: &mut [f64]) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied()
-}
-
 /// A block's statistic and how many values went into it. `None` if there were too few.
 type Statistic = Option<(f64, usize)>;
 
@@ -64,10 +58,10 @@ fn outliers(
         let whole = |s: &Statistic| s.filter(|s| s.1 as f64 >= 0.75 * most).map(|s| s.0);
         let mut rest: Vec<f64> =
             statistics.iter().zip(&out).filter(|(_, out)| !**out).filter_map(|(s, _)| whole(s)).collect();
-        let Some(found) = median(&mut rest) else { break };
+        let Some(found) = upper_median_in_place(&mut rest) else { break };
         middle = found;
-        let mut below: Vec<f64> = rest.iter().filter(|v| **v <= middle).map(|v| middle - v).collect();
-        let spread = (MAD * median(&mut below).unwrap_or(0.0)).max(chance(middle));
+        let below = rest.iter().filter(|v| **v <= middle).map(|v| middle - v);
+        let spread = (SIGMA_PER_MAD * upper_median(below).unwrap_or(0.0)).max(chance(middle));
         let stands_out = |s: &Statistic| {
             s.is_some_and(|(value, n)| {
                 value - middle > SIGNIFICANT_Z * spread * (most / n as f64).sqrt() && relevant(value, middle)

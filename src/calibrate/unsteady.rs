@@ -11,6 +11,7 @@
 
 use super::rounding::UNIT;
 use super::scene_sums::{BLOCK, SceneSums};
+use crate::fit::quantile::upper_median;
 
 /// Noise alone, even smeared by cameras and video codecs, has a common share below 0.03 and patches
 /// below 0.25. Cameras that pan, turn or are hand-held have a common share above 0.23 or patches
@@ -35,12 +36,10 @@ pub(crate) enum Unsteady {
 pub(crate) fn unsteady(scene: &SceneSums) -> Option<Unsteady> {
     let common = scene.motion.share();
     let unit = (UNIT * UNIT * (BLOCK * BLOCK) as i64) as f64;
-    let mut shares: Vec<f64> = (scene.blocks.iter().enumerate())
+    let shares = (scene.blocks.iter().enumerate())
         .filter(|(i, block)| block.squares[1] > 0 && scene.area(*i).pixels() == BLOCK * BLOCK)
-        .map(|(_, block)| block.even / (block.squares[1] as f64 / unit))
-        .collect();
-    shares.sort_by(f64::total_cmp);
-    let patches = shares.get(shares.len() / 2).copied().unwrap_or(0.0);
+        .map(|(_, block)| block.even / (block.squares[1] as f64 / unit));
+    let patches = upper_median(shares).unwrap_or(0.0);
     if common >= MOTION_SHARE {
         Some(Unsteady::Moves(common))
     } else if patches >= PATCH_SHARE {

@@ -9,6 +9,7 @@ use super::analysis::Analysis;
 use super::skip::Skip;
 use super::{progress, warn};
 use locard_engine::analyse;
+use locard_engine::fit::quantile::upper_median;
 use locard_engine::gpu::Gpu;
 use locard_engine::recording::OpenOptions;
 use locard_engine::report::{self, SlidePair};
@@ -228,8 +229,7 @@ fn registration(found: &Verification) -> String {
 /// Lines about slides over [`SLIDE_FRAMES`] frames, and about pairs that got worse.
 fn slide_lines(slides: &[SlidePair]) -> Vec<(&'static str, bool, String)> {
     let pooled = |px: &dyn Fn(&SlidePair) -> Vec<f64>| {
-        let all: Vec<f64> = slides.iter().filter(|pair| pair.later == SLIDE_FRAMES).flat_map(px).collect();
-        report::median_px(&all)
+        upper_median(slides.iter().filter(|pair| pair.later == SLIDE_FRAMES).flat_map(px))
     };
     let mut lines = Vec::new();
     let recorded = pooled(&|pair| pair.recorded_px.clone());

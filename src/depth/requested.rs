@@ -1,5 +1,6 @@
 //! Pixels that request depth from other frames or surfels, and the colour test for accepting it.
 
+use crate::fit::quantile::upper_median_in_place;
 use crate::parallel::{over_rows, processors};
 use crate::pixels::Rect;
 
@@ -102,7 +103,6 @@ pub fn gain(pairs: &[([f32; 3], [f32; 3])]) -> [f32; 3] {
         if ratios.len() < MIN_PAIRS {
             return 1.0;
         }
-        let middle = ratios.len() / 2;
-        *ratios.select_nth_unstable_by(middle, f32::total_cmp).1
+        upper_median_in_place(&mut ratios).unwrap_or(1.0)
     })
 }

@@ -6,6 +6,7 @@
 
 pub mod band;
 pub mod homography;
+pub mod kaplan_meier;
 pub mod quantile;
 mod rigid_pose;
 pub mod robust;

@@ -6,6 +6,8 @@
 
 use glam::DVec2;
 
+use super::quantile::upper_median;
+
 /// Huber's δ in σ: 4 % of two-dimensional normal errors lie beyond.
 const HUBER_DELTA_SIGMAS: f64 = 2.5;
 /// √(2 ln 2): median length of a two-dimensional normal error of σ = 1.
@@ -84,10 +86,8 @@ pub fn weight(residual: DVec2, delta_px: f64) -> f64 {
 }
 
 /// Median length of the residuals, px. 0 for none.
-pub fn median<'a>(residuals: impl Iterator<Item = &'a DVec2>) -> f64 {
-    let mut lengths: Vec<f64> = residuals.map(|r| r.length()).collect();
-    lengths.sort_by(f64::total_cmp);
-    lengths.get(lengths.len() / 2).copied().unwrap_or(0.0)
+pub fn median_length<'a>(residuals: impl Iterator<Item = &'a DVec2>) -> f64 {
+    upper_median(residuals.map(|r| r.length())).unwrap_or(0.0)
 }
 
 fn loss(residuals: &[DVec2], delta_px: f64) -> f64 {
@@ -99,7 +99,7 @@ fn loss(residuals: &[DVec2], delta_px: f64) -> f64 {
 }
 
 fn delta(residuals: &[DVec2]) -> f64 {
-    (HUBER_DELTA_SIGMAS * median(residuals.iter()) / MEDIAN_PER_SIGMA).max(1e-6)
+    (HUBER_DELTA_SIGMAS * median_length(residuals.iter()) / MEDIAN_PER_SIGMA).max(1e-6)
 }
 
 #[cfg(test)]
@@ -132,8 +132,8 @@ mod tests {
         // Within δ a residual counts fully, beyond it as δ.
         assert_eq!([0.5, 1.0, 4.0].map(|r| weight(DVec2::new(0.0, r), 1.0)), [1.0, 1.0, 0.25]);
         assert_eq!(loss(&[DVec2::new(0.6, 0.8), DVec2::new(3.0, 4.0)], 1.0), 0.5 + 4.5);
-        assert_eq!(median([3.0, 1.0, 2.0].map(|x| DVec2::new(x, 0.0)).iter()), 2.0);
-        assert_eq!(median([].iter()), 0.0);
+        assert_eq!(median_length([3.0, 1.0, 2.0].map(|x| DVec2::new(x, 0.0)).iter()), 2.0);
+        assert_eq!(median_length([].iter()), 0.0);
     }
 
     #[test]

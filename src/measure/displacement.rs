@@ -12,6 +12,7 @@
 //! ([`standard_error`]). Along a straight edge it is unbounded.
 
 use super::{Grey, MeasureError, check_mask};
+use crate::fit::quantile::midpoint_median;
 use glam::{DMat2, DVec2};
 use rustfft::num_complex::Complex;
 use rustfft::{Fft, FftPlanner};
@@ -75,24 +76,16 @@ pub struct Displacements {
 impl Displacements {
     /// Median length of the displacements, pixels. `None` without patches.
     pub fn median_length_px(&self) -> Option<f64> {
-        median(self.patches.iter().map(|p| p.displacement_px[0].hypot(p.displacement_px[1])))
+        midpoint_median(self.patches.iter().map(|p| p.displacement_px[0].hypot(p.displacement_px[1])))
     }
 
     /// Median along x and along y, pixels. `None` without patches.
     pub fn median_px(&self) -> Option<[f64; 2]> {
         Some([
-            median(self.patches.iter().map(|p| p.displacement_px[0]))?,
-            median(self.patches.iter().map(|p| p.displacement_px[1]))?,
+            midpoint_median(self.patches.iter().map(|p| p.displacement_px[0]))?,
+            midpoint_median(self.patches.iter().map(|p| p.displacement_px[1]))?,
         ])
     }
-}
-
-fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
-    let mut values: Vec<f64> = values.collect();
-    values.sort_by(f64::total_cmp);
-    let half = values.len() / 2;
-    let upper = values.get(half)?;
-    Some(if values.len().is_multiple_of(2) { 0.5 * (values[half - 1] + upper) } else { *upper })
 }
 
 /// Measures the displacement of `b`'s content relative to `a`'s, patch by patch where `mask` is

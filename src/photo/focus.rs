@@ -1,5 +1,6 @@
 //! Autofocus on the nearest surface, real or virtual, around the picture's centre.
 
+use crate::fit::quantile::upper_median;
 use crate::pixels::{LayerImage, Rect};
 
 /// Side of the focus field relative to the picture's.
@@ -27,11 +28,8 @@ pub fn distance_m(layer: &LayerImage, depth_m: Option<&[f32]>, picture: Rect) ->
     let median = |rect: Rect, real: bool| {
         let width = layer.width as usize;
         let index = |y: i32, x: i32| y as usize * width + x as usize;
-        let mut found: Vec<f32> = (rect.y0..rect.y1)
-            .flat_map(|y| (rect.x0..rect.x1).filter_map(move |x| nearest(index(y, x), real)))
-            .collect();
-        found.sort_by(f32::total_cmp);
-        found.get(found.len() / 2).map(|z| f64::from(*z))
+        let found = (rect.y0..rect.y1).flat_map(|y| (rect.x0..rect.x1).filter_map(move |x| nearest(index(y, x), real)));
+        upper_median(found).map(f64::from)
     };
     median(around(FOCUS_FIELD_SHARE), true).or_else(|| median(around(1.0), false))
 }

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::RecordingError;
 use crate::camera::exposure::MAX_EXPOSURE_S;
+use crate::fit::quantile::upper_median;
 use crate::frame::FrameExposure;
 use crate::source::SourceError;
 use crate::text::{self, number, quoted, reason};
@@ -203,9 +204,7 @@ pub fn missing_numbers(files: &[PathBuf]) -> Option<String> {
     let numbers: Vec<_> = files.iter().map(numbered).collect::<Option<_>>()?;
     let step = |pair: &[(String, u64)]| (pair[0].0 == pair[1].0).then(|| pair[1].1.checked_sub(pair[0].1)).flatten();
     let steps: Vec<u64> = numbers.windows(2).map(step).collect::<Option<_>>()?;
-    let mut sorted = steps.clone();
-    sorted.sort_unstable();
-    let usual = *sorted.get(sorted.len() / 2)?;
+    let usual = upper_median(steps.iter().copied())?;
     let first = steps.iter().position(|step| *step > usual)?;
     let count = steps.iter().filter(|step| **step > usual).count();
     let name = |i: usize| files[i].file_name().unwrap_or_default().to_string_lossy().into_owned();

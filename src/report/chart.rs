@@ -12,6 +12,7 @@ use plotters::style::{FontFamily, FontStyle};
 use serde::Serialize;
 
 use super::ReportError;
+use crate::fit::quantile::upper_median;
 use crate::text::short;
 
 /// Width of the drawing, units. Coordinates are integers, so it is at least twice as large as
@@ -216,9 +217,7 @@ fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
 
 /// Splits a line where points are missing: at gaps of at least twice the median distance.
 fn connected(points: &[(f64, f64)]) -> Vec<Vec<(f64, f64)>> {
-    let mut steps: Vec<f64> = points.windows(2).map(|pair| pair[1].0 - pair[0].0).collect();
-    steps.sort_by(f64::total_cmp);
-    let most = 2.0 * steps.get(steps.len() / 2).copied().unwrap_or(0.0);
+    let most = 2.0 * upper_median(points.windows(2).map(|pair| pair[1].0 - pair[0].0)).unwrap_or(0.0);
     points.chunk_by(|a, b| b.0 - a.0 < most).map(<[_]>::to_vec).collect()
 }
 

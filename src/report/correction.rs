@@ -4,6 +4,7 @@ use glam::{DAffine3, DVec2, DVec3};
 
 use super::Source;
 use super::rolling_camera::RollingCamera;
+use crate::fit::quantile::upper_median;
 use crate::fit::twist;
 use crate::pose::Pose;
 use crate::recording::RecordingError;
@@ -65,8 +66,6 @@ fn correction(frame: usize, source: &Source<'_>, was: &Pose, now: &Pose, depth_m
 pub fn usual_depth_m(source: &Source<'_>) -> Result<Option<f64>, RecordingError> {
     let middle = source.recording.frame_count() / 2;
     let Some(frame) = source.recording.frames(middle..middle + 1)?.next().transpose()? else { return Ok(None) };
-    let mut known: Vec<f32> = frame.depth.map_or(Vec::new(), |map| map.depth_m.clone());
-    known.retain(|z| *z > 0.0);
-    known.sort_by(f32::total_cmp);
-    Ok(known.get(known.len() / 2).map(|z| f64::from(*z)))
+    let known = frame.depth.iter().flat_map(|map| &map.depth_m).copied().filter(|z| *z > 0.0);
+    Ok(upper_median(known).map(f64::from))
 }

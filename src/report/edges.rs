@@ -12,6 +12,7 @@ use super::strips::lacking;
 use super::tile::Tile;
 use super::{ReportError, Source};
 use crate::analyse::{Plane, gaussian};
+use crate::fit::quantile::upper_median_in_place;
 use crate::frame::Frame;
 
 /// Distances to the later frames, frames.
@@ -124,8 +125,7 @@ fn centre(found: &[(DVec2, f64)], first: &Frame, frames: &[Frame], camera: &Roll
             if depths.len() < MIN_POINTS {
                 continue;
             }
-            depths.sort_by(f64::total_cmp);
-            let z = depths[depths.len() / 2];
+            let Some(z) = upper_median_in_place(&mut depths) else { continue };
             let Some(point) = camera.unproject(first.timestamp_s, at, z) else { continue };
             let shows =
                 |frame: &&Frame| camera.project(frame.timestamp_s, point).is_some_and(|(at, _)| is_inside(frame, at));

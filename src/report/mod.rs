@@ -18,7 +18,7 @@ mod source;
 mod strips;
 mod tile;
 
-pub use slide::{LATER, SlidePair, median_px, slides, worse};
+pub use slide::{LATER, SlidePair, slides, worse};
 pub use source::{MADE_BY, ReportError, Source};
 
 /// The page. The same analysis and recording give the same bytes, but for [`Source::times`].

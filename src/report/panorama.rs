@@ -7,6 +7,7 @@ use super::tile::png_uri;
 use super::{ReportError, Source};
 use crate::analyse::{Environment, LampEstimate};
 use crate::camera::Response;
+use crate::fit::quantile::lower_quantile;
 use crate::render::panorama::texel_coordinates;
 use crate::scene::world_from_panorama;
 use crate::text::{count, fixed};
@@ -55,8 +56,7 @@ fn seen_from(lamp: &LampEstimate, middle_m: DVec3, up: DVec3, around: &Environme
 /// The enlarged panorama with its rings, 8 bits, row by row.
 fn drawn(around: &Environment, lamps: &[[f64; 2]]) -> Vec<[u8; 3]> {
     let mut brightest: Vec<f32> = around.rgb.iter().map(|rgb| rgb.iter().fold(0.0, |most, v| v.max(most))).collect();
-    let white = ((brightest.len() - 1) as f64 * WHITE_QUANTILE) as usize;
-    let white = brightest.select_nth_unstable_by(white, f32::total_cmp).1.max(f32::MIN_POSITIVE);
+    let white = lower_quantile(&mut brightest, WHITE_QUANTILE).unwrap_or(0.0).max(f32::MIN_POSITIVE);
     let response = Response::default();
     let code = |light: f32| (255.0 * response.encode(f64::from(light / white))).round() as u8;
     let wide = MAGNIFICATION * around.width;

@@ -3,9 +3,10 @@
 use super::chart::{Chart, Ink, Shape, XAxis};
 use super::correction::{Correction, corrections, usual_depth_m};
 use super::page::{Body, Figure};
-use super::slide::{LATER, SlidePair, median_px, slides, worse};
+use super::slide::{LATER, SlidePair, slides, worse};
 use super::{ReportError, Source};
 use crate::analyse::{EDGE_BIN_PX, HeldOutResidual, ToneBand};
+use crate::fit::quantile::{upper_median, upper_quantile};
 use crate::text::{count, fixed, short};
 
 /// Heights of plots and of a labelled axis, units of a drawing that is 1840 wide.
@@ -75,8 +76,7 @@ pub fn links(source: &Source<'_>) -> Result<Figure, ReportError> {
     };
     let share = |px: fn(&HeldOutResidual) -> f64, share: f64| {
         let mut all: Vec<f64> = missed.iter().map(px).collect();
-        all.sort_by(f64::total_cmp);
-        fixed(all[((share * all.len() as f64) as usize).min(all.len() - 1)], 2)
+        fixed(upper_quantile(&mut all, share).unwrap_or(0.0), 2)
     };
     let median_and_most = |px: fn(&HeldOutResidual) -> f64| format!("{} px, {} px", share(px, 0.5), share(px, 0.9));
     let chart = Chart {
@@ -115,12 +115,10 @@ pub fn slide(source: &Source<'_>) -> Result<Figure, ReportError> {
         let at = |pair: &SlidePair| Some((pair.later as f64 + by, px(pair)?.max(0.01)));
         Shape::Dots(slid.iter().filter_map(at).collect())
     };
-    let recorded = |pair: &SlidePair| median_px(&pair.recorded_px);
-    let refined = |pair: &SlidePair| median_px(pair.refined_px.as_ref()?);
-    let mut shapes = vec![(Ink::Recorded, of(&recorded, -0.4))];
+    let mut shapes = vec![(Ink::Recorded, of(&SlidePair::recorded_median_px, -0.4))];
     let mut legend = vec![RECORDED];
     if is_refined {
-        shapes.push((Ink::Found, of(&refined, 0.4)));
+        shapes.push((Ink::Found, of(&SlidePair::refined_median_px, 0.4)));
         legend.push((Ink::Found, "refined"));
     }
     let chart = Chart {
@@ -134,8 +132,8 @@ pub fn slide(source: &Source<'_>) -> Result<Figure, ReportError> {
     };
     let whole = |px: &dyn Fn(&SlidePair) -> Vec<f64>| {
         let of = |later: usize| {
-            let all: Vec<f64> = slid.iter().filter(|pair| pair.later == later).flat_map(px).collect();
-            median_px(&all).map_or("–".to_owned(), |px| fixed(px, 2))
+            upper_median(slid.iter().filter(|pair| pair.later == later).flat_map(px))
+                .map_or("–".to_owned(), |px| fixed(px, 2))
         };
         LATER.map(of).join(", ")
     };

@@ -15,6 +15,7 @@ use super::rolling_camera::RollingCamera;
 use super::strips::lacking;
 use super::{ReportError, Source};
 use crate::depth::reprojected_at_frame;
+use crate::fit::quantile::upper_median;
 use crate::frame::Frame;
 use crate::measure::Grey;
 use crate::measure::displacement::{DisplacementOptions, displacements};
@@ -45,18 +46,21 @@ pub struct SlidePair {
     pub refined_px: Option<Vec<f64>>,
 }
 
-/// The median; `None` without values.
-pub fn median_px(lengths_px: &[f64]) -> Option<f64> {
-    let mut lengths = lengths_px.to_vec();
-    lengths.sort_by(f64::total_cmp);
-    lengths.get(lengths.len() / 2).copied()
+impl SlidePair {
+    pub fn recorded_median_px(&self) -> Option<f64> {
+        upper_median(self.recorded_px.iter().copied())
+    }
+
+    pub fn refined_median_px(&self) -> Option<f64> {
+        upper_median(self.refined_px.iter().flatten().copied())
+    }
 }
 
 /// Number of pairs that got worse by more than 0.1 px, number of all pairs, and the largest
 /// increase, px. `None` without refined poses.
 pub fn worse(slid: &[SlidePair]) -> Option<(usize, usize, f64)> {
     const MORE_PX: f64 = 0.1;
-    let more = |slid: &SlidePair| Some(median_px(slid.refined_px.as_ref()?)? - median_px(&slid.recorded_px)?);
+    let more = |slid: &SlidePair| Some(slid.refined_median_px()? - slid.recorded_median_px()?);
     let all: Vec<f64> = slid.iter().filter_map(more).collect();
     let most = all.iter().copied().fold(0.0, f64::max);
     (!all.is_empty()).then(|| (all.iter().filter(|px| **px > MORE_PX).count(), all.len(), most))
@@ -219,6 +223,6 @@ mod tests {
         assert_eq!((worse_, of), (1, 3));
         assert!((most_px - 0.35).abs() < 1e-12);
         assert_eq!(worse(&all[3..]), None);
-        assert_eq!((median_px(&[3.0, 1.0, 2.0]), median_px(&[])), (Some(2.0), None));
+        assert_eq!((all[3].recorded_median_px(), all[3].refined_median_px()), (Some(7.0), None));
     }
 }

@@ -18,7 +18,7 @@ use std::sync::LazyLock;
 
 use glam::{DVec3, IVec3, Vec3};
 
-use crate::fit::quantile::{Censored, kaplan_meier};
+use crate::fit::kaplan_meier::{Censored, kaplan_meier};
 
 /// Side of a cell, m.
 const CELL_M: f64 = 0.02;

@@ -9,6 +9,7 @@ use super::layers::EstimatedParam;
 use super::options::{AnalysisChoice, ShotOptions};
 use crate::analyse::{Analysis, FILE_NAME, Findings, beside};
 use crate::effects::exposure::equivalent_exposure_s;
+use crate::fit::quantile::upper_median;
 use crate::profile::Rig;
 use crate::recording::Recording;
 
@@ -78,7 +79,7 @@ fn read_fitting(folder: &Path, recording: &Recording, rig: &Rig) -> Result<Analy
 
 /// The median of the frames' recorded exposures, s. `None` if most frames have none.
 fn median_exposure_s(recording: &Recording) -> Option<f64> {
-    let mut known: Vec<f64> = recording.exposure.iter().filter_map(equivalent_exposure_s).collect();
-    known.sort_by(f64::total_cmp);
-    known.get(known.len() / 2).copied().filter(|_| 2 * known.len() > recording.frame_count())
+    let known: Vec<f64> = recording.exposure.iter().filter_map(equivalent_exposure_s).collect();
+    let are_most = 2 * known.len() > recording.frame_count();
+    upper_median(known).filter(|_| are_most)
 }

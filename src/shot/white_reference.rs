@@ -15,14 +15,13 @@ use glam::{DVec3, Vec3};
 
 use super::{FramePoint, Shot, SurfaceError};
 use crate::camera::Response;
+use crate::fit::quantile::nearest_quantile;
 use crate::frame::Frame;
 use crate::scene::{Lighting, PointLight};
 use crate::shadow::{WhiteRadiance, white_radiance};
 
 /// Radius of the patch, px at a width of 640.
 const PATCH_RADIUS_PX: f64 = 2.0;
-/// Code from which on a channel clips, as a share of the largest code.
-const CLIP_LEVEL: f64 = 250.0 / 255.0;
 /// Largest accepted share of clipped pixels in the patch.
 const MAX_CLIPPED_SHARE: f64 = 0.1;
 /// Largest accepted difference between the patch's tenth and ninetieth percentile, relative to the
@@ -191,7 +190,7 @@ fn shown(frame: &Frame, view: &FramePoint, response: &Response) -> Result<[f64; 
     let (width, height, most) = (pixels.width, pixels.height, pixels.max_code());
     let codes: Vec<[u32; 3]> =
         around(view, scaled_px(PATCH_RADIUS_PX, width), width, height).map(|(x, y)| pixels.at(x, y)).collect();
-    let is_clipped = |codes: &&[u32; 3]| codes.iter().any(|code| f64::from(*code) >= CLIP_LEVEL * f64::from(most));
+    let is_clipped = |codes: &&[u32; 3]| codes.iter().any(|code| *code >= pixels.clip_code());
     let clipped = codes.iter().filter(is_clipped).count() as f64 / codes.len() as f64;
     if clipped > MAX_CLIPPED_SHARE {
         return Err(WhiteReferenceError::Clipped { percent: 100.0 * clipped });
@@ -199,10 +198,9 @@ fn shown(frame: &Frame, view: &FramePoint, response: &Response) -> Result<[f64; 
     let sorted = |of: &dyn Fn([f64; 3]) -> f64| {
         let light = |codes: &[u32; 3]| codes.map(|code| response.decode(f64::from(code) / f64::from(most)));
         let mut values: Vec<f64> = codes.iter().map(|codes| of(light(codes))).collect();
-        values.sort_by(f64::total_cmp);
-        move |share: f64| values[((values.len() - 1) as f64 * share).round() as usize]
+        move |share: f64| nearest_quantile(&mut values, share).unwrap_or(0.0)
     };
-    let all = sorted(&|light| light.iter().sum::<f64>() / 3.0);
+    let mut all = sorted(&|light| light.iter().sum::<f64>() / 3.0);
     let (middle, differs) = (all(0.5), all(0.9) - all(0.1));
     // The frame's gain relative to the usual one.
     let gain = gain(frame, view);

@@ -10,6 +10,7 @@
 
 use glam::{DMat3, DVec2, DVec3};
 
+use crate::fit::quantile::{SIGMA_PER_MAD, upper_median};
 use crate::pixels::DepthMap;
 
 /// Radius of the neighbourhood, as a share of the picture's width.
@@ -71,12 +72,10 @@ impl InverseDepthPlane {
         for _ in 0..REWEIGHTINGS {
             let plane = least_squares(&points, &weights)?;
             let residuals: Vec<f64> = points.iter().map(|(ray, w, _)| (plane.dot(*ray) - w).abs()).collect();
-            let mut on: Vec<f64> =
-                residuals.iter().zip(&weights).filter(|(_, weight)| **weight > 0.0).map(|(r, _)| *r).collect();
-            on.sort_by(f64::total_cmp);
+            let on = residuals.iter().zip(&weights).filter(|(_, weight)| **weight > 0.0).map(|(r, _)| *r);
             // Robust σ from the median of absolute residuals; at least the rounding error of 32-bit
             // depth.
-            let sigma = (1.4826 * on.get(on.len() / 2)?).max(1e-6 * picked);
+            let sigma = (SIGMA_PER_MAD * upper_median(on)?).max(1e-6 * picked);
             weights = residuals.iter().map(|r| (1.0 - (r / (TUKEY * sigma)).powi(2)).max(0.0).powi(2)).collect();
             fitted = Some((plane, sigma));
         }

@@ -11,6 +11,7 @@
 //!
 //! Not modelled: planes that end. A table's plane goes on beyond its rim.
 
+use crate::fit::quantile::upper_median;
 use std::collections::{HashMap, HashSet};
 
 use glam::{DVec3, IVec3};
@@ -101,9 +102,7 @@ impl RoomPlanes {
         // The largest among those that explain equally many.
         let Some((_, plane)) = counted.rev().max_by_key(|(count, _)| *count) else { return local };
         let on = around.iter().filter(|point| point.is_inlier(plane));
-        let mut offsets_m: Vec<f64> = on.map(|point| plane.normal.dot(point.at_m)).collect();
-        offsets_m.sort_by(f64::total_cmp);
-        let offset_m = offsets_m.get(offsets_m.len() / 2).copied().unwrap_or(plane.offset_m);
+        let offset_m = upper_median(on.map(|point| plane.normal.dot(point.at_m))).unwrap_or(plane.offset_m);
         HessePlane { offset_m, ..*plane }.facing(local.normal)
     }
 

@@ -14,6 +14,7 @@ use glam::{DMat3, DVec2, DVec3};
 use super::detect::DetectedTag;
 use super::grey::Grey;
 use crate::camera::Geometry;
+use crate::fit::quantile::upper_median;
 
 /// Half length of the profiles as a share of a cell, so that they contain no other edge...
 const REACH_CELLS: f64 = 0.8;
@@ -168,9 +169,8 @@ fn edge(grey: &Grey, [before, from, to, after]: [DVec2; 4], bulge: DVec2, cells:
             return None;
         }
         let fitted = Line::through(&places.iter().map(|(_, place)| *place).collect::<Vec<_>>());
-        let mut distances: Vec<f64> = places.iter().map(|(_, place)| fitted.distance(*place)).collect();
-        distances.sort_by(f64::total_cmp);
-        let far = OUTLIER_DISTANCE * distances[distances.len() / 2].max(0.02);
+        let distances = places.iter().map(|(_, place)| fitted.distance(*place));
+        let far = OUTLIER_DISTANCE * upper_median(distances)?.max(0.02);
         places.retain(|(_, place)| fitted.distance(*place) <= far);
         line = Some(fitted);
     }

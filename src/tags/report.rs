@@ -5,28 +5,25 @@ use std::ops::Range;
 
 use super::sight::repeated_message;
 use super::track::Track;
+use crate::fit::quantile::upper_median;
 use crate::text::{count, fixed};
 
 /// Largest number of runs of lost frames that are listed.
 const MAX_LISTED: usize = 20;
 
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
-}
-
 impl Track {
     /// Median of the frames' residuals (root mean square over a frame's corners), px.
     pub fn median_residual_px(&self) -> f64 {
-        median(self.chosen().map(|chosen| chosen.solved.rms_px()).collect())
+        upper_median(self.chosen().map(|chosen| chosen.solved.rms_px())).unwrap_or(f64::NAN)
     }
 
     /// Medians of the standard deviations of the camera's position (m) and rotation (rad), each the
     /// length over three axes.
     pub fn median_deviations(&self) -> (f64, f64) {
         let turn = |c: &nalgebra::SMatrix<f64, 6, 6>| (0..3).map(|i| c[(i, i)]).sum::<f64>().sqrt();
-        let place = self.chosen().map(|chosen| chosen.solved.place_covariance().trace().sqrt()).collect();
-        (median(place), median(self.chosen().map(|chosen| turn(&chosen.solved.covariance)).collect()))
+        let place = self.chosen().map(|chosen| chosen.solved.place_covariance().trace().sqrt());
+        let turns = self.chosen().map(|chosen| turn(&chosen.solved.covariance));
+        (upper_median(place).unwrap_or(f64::NAN), upper_median(turns).unwrap_or(f64::NAN))
     }
 
     fn run_label(&self, run: &Range<usize>) -> String {

@@ -134,7 +134,7 @@ impl BoardPose {
         if let Some(without) = without_the_worst(geometry, board, found, &tags, &best, left_out) {
             return Ok(without);
         }
-        let median_px = crate::fit::robust::median(best.residuals_px.iter());
+        let median_px = crate::fit::robust::median_length(best.residuals_px.iter());
         if median_px > MAX_MEDIAN_PX.max(MAX_MEDIAN_SHARE * side_px) {
             return Err(PoseFailure::Misfit { tags, median_px });
         }

@@ -16,6 +16,7 @@
 //! correlation at any delay. Then p and q are rotated about the optical axis by each quarter turn,
 //! and the result includes the rotation.
 
+use crate::fit::quantile::upper_median;
 use glam::{DQuat, DVec3};
 
 /// Largest searched delay, seconds.
@@ -127,9 +128,8 @@ fn estimate_rotated(
     if rms < MIN_RMS_RAD {
         return Err(DelayFailure::Still { turn: rms });
     }
-    let mut intervals: Vec<f64> = motions.iter().map(|m| m.to_s - m.from_s).collect();
-    intervals.sort_by(f64::total_cmp);
-    let step_s = (intervals[count / 2] / 8.0).clamp(1e-3, reach_s / 8.0);
+    let interval_s = upper_median(motions.iter().map(|m| m.to_s - m.from_s)).unwrap_or(0.0);
+    let step_s = (interval_s / 8.0).clamp(1e-3, reach_s / 8.0);
     let steps = (reach_s / step_s).ceil() as i64;
     let about_axis = DQuat::from_rotation_z(std::f64::consts::FRAC_PI_2 * f64::from(quarters));
     // For each motion, at a delay.
@@ -162,9 +162,7 @@ fn estimate_rotated(
         let factors = summed(best, &weights, None).factors();
         let residual: Vec<Option<f64>> =
             table[best].iter().map(|sums| Some(sums.as_ref()?.residual(factors))).collect();
-        let mut sorted: Vec<f64> = residual.iter().flatten().copied().collect();
-        sorted.sort_by(f64::total_cmp);
-        let usual = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0).max(f64::MIN_POSITIVE);
+        let usual = upper_median(residual.iter().flatten().copied()).unwrap_or(0.0).max(f64::MIN_POSITIVE);
         weights = residual
             .iter()
             .map(|residual| residual.map_or(0.0, |residual| 1.0 / (1.0 + residual / (RESIDUAL_SCALE * usual))))

@@ -10,6 +10,7 @@ pub mod turn;
 use delay::PoseMotion;
 use glam::DQuat;
 
+use crate::fit::quantile::upper_median;
 use crate::pose::Pose;
 use crate::text::fixed;
 
@@ -67,9 +68,7 @@ pub fn default_max_gap_s(times_s: impl Iterator<Item = f64>) -> f64 {
 
 /// The median interval of ascending times, seconds; `None` for fewer than two.
 pub fn median_interval_s(times_s: &[f64]) -> Option<f64> {
-    let mut intervals: Vec<f64> = times_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    intervals.sort_by(f64::total_cmp);
-    intervals.get(intervals.len() / 2).copied()
+    upper_median(times_s.windows(2).map(|pair| pair[1] - pair[0]))
 }
 
 impl PoseTrack {

@@ -27,6 +27,7 @@ use super::noise_floor::luma_sigma;
 use crate::analyse::{Plane, gaussian, unit_noise};
 use crate::camera::NoiseProfile;
 use crate::compositor::Compositor;
+use crate::fit::quantile::{nearest_quantile, upper_median};
 use crate::params::Value;
 use crate::shot::Shot;
 
@@ -112,11 +113,9 @@ pub fn blur(
     if ratios.len() < MIN_AREAS {
         return Ok(None);
     }
-    ratios.sort_by(f64::total_cmp);
-    lengths.sort_by(f64::total_cmp);
-    let at = |share: f64| ratios[(share * (ratios.len() - 1) as f64).round() as usize];
-    let (ratio, between) = (at(0.5), (at(0.25), at(0.75)));
-    Ok(Some(BlurRatio { ratio, between, pairs: lengths.len(), length_px: lengths[lengths.len() / 2] }))
+    let [low, ratio, high] = [0.25, 0.5, 0.75].map(|share| nearest_quantile(&mut ratios, share).unwrap_or(0.0));
+    let (pairs, length_px) = (lengths.len(), upper_median(lengths).unwrap_or(0.0));
+    Ok(Some(BlurRatio { ratio, between: (low, high), pairs, length_px }))
 }
 
 fn exposure_s(shot: &Shot, n: usize) -> Result<f64, VerifyError> {
@@ -175,10 +174,8 @@ fn kept(shot: &Shot, compositor: &mut Compositor, n: usize) -> Result<Option<f64
     let _ = plain.settings.switch("motion_blur", false);
     let Some((made, whole)) = rendered(plain, compositor, n)? else { return Ok(None) };
     let real = band(&Plane::of(&shot.read(n)?.pixels));
-    let mut kept: Vec<f64> =
-        places(&real, &[&whole]).into_iter().map(|(x, y)| made.power(x, y) / real.power(x, y).max(1e-12)).collect();
-    kept.sort_by(f64::total_cmp);
-    Ok(kept.get(kept.len() / 2).copied())
+    let kept = places(&real, &[&whole]).into_iter().map(|(x, y)| made.power(x, y) / real.power(x, y).max(1e-12));
+    Ok(upper_median(kept))
 }
 
 /// The virtual picture at one multiple of the exposure.

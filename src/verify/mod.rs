@@ -24,6 +24,7 @@ pub use sharpness::{real_px, sharpness_px};
 use noise_floor::{luma_sigma, with_noise};
 
 use crate::camera::NoiseProfile;
+use crate::fit::quantile::upper_median;
 use crate::gpu::Gpu;
 use crate::measure::Grey;
 use crate::measure::displacement::{DisplacementOptions, Displacements, displacements};
@@ -70,12 +71,10 @@ pub struct Brightness {
 }
 
 impl Brightness {
-    fn of(measured: &mut [f64], at_rest: &mut [f64]) -> Option<Self> {
-        measured.sort_by(f64::total_cmp);
-        at_rest.sort_by(f64::total_cmp);
-        let middle = |of: &[f64]| of.get(of.len() / 2).copied();
-        let (median, most) = (middle(measured)?, *measured.last()?);
-        let floor = middle(at_rest);
+    fn of(measured: &[f64], at_rest: &[f64]) -> Option<Self> {
+        let median = upper_median(measured.iter().copied())?;
+        let most = measured.iter().copied().max_by(f64::total_cmp)?;
+        let floor = upper_median(at_rest.iter().copied());
         let without = |codes: f64| (codes.powi(2) - floor.unwrap_or(0.0).powi(2)).max(0.0).sqrt();
         Some(Self { measured: (median, most), floor, codes: (without(median), without(most)) })
     }
@@ -207,8 +206,7 @@ fn difference(real: &Grey, made: &Grey, mask: &[bool]) -> Option<f64> {
             }
         }
     }
-    off.sort_by(f64::total_cmp);
-    off.get(off.len() / 2).copied()
+    upper_median(off)
 }
 
 #[cfg(test)]

@@ -13,6 +13,7 @@
 
 use crate::analyse::unit_noise;
 use crate::camera::NoiseProfile;
+use crate::fit::quantile::nearest_quantile;
 use crate::measure::Grey;
 
 /// Luma of BT.709, as [`Grey::luma`] has it.
@@ -69,12 +70,11 @@ impl DisplacementSummary {
 
 /// Median and 90 %, and one standard deviation of the median by the values of the ranks beside it.
 fn summary(values: &mut [f64]) -> Option<((f64, f64), f64)> {
-    values.sort_by(f64::total_cmp);
-    let last = values.len().checked_sub(1)? as f64;
-    let at = |share: f64| values[(last * share.clamp(0.0, 1.0)).round() as usize];
+    let count = values.len() as f64;
+    let mut at = |share: f64| nearest_quantile(values, share.clamp(0.0, 1.0));
     // The rank of a median has a standard deviation of √n / 2.
-    let ranks = 0.5 * (OVERLAPPING_PATCHES / values.len() as f64).sqrt();
-    Some(((at(0.5), at(0.9)), 0.5 * (at(0.5 + ranks) - at(0.5 - ranks))))
+    let ranks = 0.5 * (OVERLAPPING_PATCHES / count).sqrt();
+    Some(((at(0.5)?, at(0.9)?), 0.5 * (at(0.5 + ranks)? - at(0.5 - ranks)?)))
 }
 
 #[cfg(test)]

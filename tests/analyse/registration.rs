@@ -4,6 +4,7 @@ use crate::common;
 use crate::gpu;
 use crate::shot;
 use crate::tier::fast_or_full;
+use locard::fit::quantile::upper_median;
 use locard::measure::Grey;
 use locard::measure::displacement::{DisplacementOptions, displacements};
 
@@ -47,15 +48,10 @@ fn twin_displacements((twin, readout_time_s): (&str, f64), frames: std::ops::Ran
     Some(lengths)
 }
 
-fn median(mut lengths: Vec<f64>) -> f64 {
-    lengths.sort_by(f64::total_cmp);
-    lengths[lengths.len() / 2]
-}
-
 #[test]
 fn twin_coincides_with_its_own_frame() {
     let Some(lengths) = twin_displacements(GLOBAL, 20..21) else { return };
-    let median = median(lengths);
+    let median = upper_median(lengths).unwrap();
     println!("frame 20: median displacement {median:.3} px");
     assert!(median <= 0.3, "{median}");
 }
@@ -63,7 +59,7 @@ fn twin_coincides_with_its_own_frame() {
 #[test]
 fn twin_follows_the_camera() {
     let Some(lengths) = twin_displacements(GLOBAL, fast_or_full(24..27, 22..31)) else { return };
-    let median = median(lengths);
+    let median = upper_median(lengths).unwrap();
     println!("frames from 22 on: median displacement {median:.3} px");
     assert!(median <= 2.2, "{median}");
 }
@@ -71,11 +67,11 @@ fn twin_follows_the_camera() {
 #[test]
 fn twin_by_row_times_is_closer_with_the_readout_time() {
     let Some(lengths) = twin_displacements(ROWS, 20..21) else { return };
-    let own = median(lengths);
+    let own = upper_median(lengths).unwrap();
     assert!(own <= 0.3, "frame 20: {own}");
-    let [Some(rows), Some(global)] =
-        [ROWS, GLOBAL].map(|twin| twin_displacements(twin, fast_or_full(24..27, 22..31)).map(median))
-    else {
+    let [Some(rows), Some(global)] = [ROWS, GLOBAL].map(|twin| {
+        twin_displacements(twin, fast_or_full(24..27, 22..31)).map(|lengths| upper_median(lengths).unwrap())
+    }) else {
         return;
     };
     println!("frame 20: {own:.3} px; frames 22 to 30: {rows:.3} px, without rows' times {global:.3} px");

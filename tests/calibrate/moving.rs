@@ -12,6 +12,7 @@ use locard::calibrate::moving::from_frames;
 use locard::calibrate::{self, CalibrateError, NoiseCalibration, NoiseOptions, SceneMotion, noise_from_paths};
 use locard::camera::NoiseProfile;
 use locard::compositor::Settings;
+use locard::fit::quantile::upper_median;
 use locard::pixels::Pixels;
 use locard::profile::Rig;
 use locard::simulate::{Options, Simulation};
@@ -79,11 +80,6 @@ fn errors(found: &NoiseCalibration, truth: impl Fn(usize, f64) -> f64) -> Vec<f6
     bins.filter(|(_, bin)| !bin.filled_from_neighbours).map(|(c, bin)| bin.sigma / truth(c, bin.code) - 1.0).collect()
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
-}
-
 fn largest(values: &[f64]) -> f64 {
     values.iter().fold(0.0, |most, v| v.abs().max(most))
 }
@@ -96,7 +92,7 @@ fn noise_alone_is_estimated_without_bias() {
     for (middle, rho) in taps.into_iter().take(tier::fast_or_full(2, 3)) {
         let found = from_frames(&frames(6, middle, 0.3, 0), &NoiseOptions::default()).unwrap();
         let errors = errors(&found, sigma);
-        let bias = median(errors.clone());
+        let bias = upper_median(errors.clone()).unwrap();
         println!(
             "neighbours {rho:.3}: {} bins, median error {bias:+.4}, largest {:.4}",
             errors.len(),
@@ -114,7 +110,7 @@ fn noise_alone_is_estimated_without_bias() {
 fn stripes_over_three_quarters_of_the_picture_are_not_noise() {
     let found = from_frames(&frames(8, 3.0, 0.3, 15), &NoiseOptions::default()).unwrap();
     let errors = errors(&found, sigma);
-    println!("median error {:+.4}, largest {:.4}", median(errors.clone()), largest(&errors));
+    println!("median error {:+.4}, largest {:.4}", upper_median(errors.clone()).unwrap(), largest(&errors));
     assert!(errors.len() >= 30 && largest(&errors) < 0.08, "{found}");
     assert!((0.75..0.9).contains(&found.excluded_share), "{found}");
     assert!(found.profile.neighbour_correlation.iter().all(|r| (r - 6.0 / 11.0).abs() < 0.03), "{found}");
@@ -169,7 +165,7 @@ fn noise_of_a_simulated_hand_held_camera_is_recovered() {
     let found = moving_noise_from_paths(&[folder.join("rgb")], &NoiseOptions::default()).unwrap();
     let truth = Simulation::new(&Options::default()).unwrap().sensor.profile();
     let errors = errors(&found, |c, code| truth.sigma(c, code));
-    let middle = median(errors.iter().map(|e| e.abs()).collect());
+    let middle = upper_median(errors.iter().map(|e| e.abs())).unwrap();
     println!("{} bins, median {middle:.3}, largest {:.3}\n{found}", errors.len(), largest(&errors));
     assert!(errors.len() >= 12 && middle < 0.15, "{middle}\n{found}");
     assert!(found.profile.neighbour_correlation.iter().all(|r| (r - 0.6).abs() < 0.05), "{found}");
@@ -197,7 +193,10 @@ fn noise_of_a_moving_recording_is_written_to_its_profile() {
     std::fs::write(folder.join("camera.toml"), camera).unwrap();
     let found = moving_noise_from_paths(&[folder.join("rgb")], &NoiseOptions::default()).unwrap();
     let errors = errors(&found, sigma);
-    assert!(errors.len() >= 33 && median(errors.clone()).abs() < 0.02 && largest(&errors) < 0.06, "{found}");
+    assert!(
+        errors.len() >= 33 && upper_median(errors.clone()).unwrap().abs() < 0.02 && largest(&errors) < 0.06,
+        "{found}"
+    );
     assert!(found.profile.neighbour_correlation.iter().all(|r| (r - 6.0 / 11.0).abs() < 0.02), "{found}");
     assert!(found.profile.channel_correlation.iter().all(|r| (r - 0.3).abs() < 0.04), "{found}");
     assert_program_writes_profile(temp.path(), &folder, &found);
@@ -305,12 +304,16 @@ fn single_frames_of_real_cameras_match_their_known_noise() {
                 continue;
             }
             measured += 1;
-            println!("RESULT {camera} {scene}: {} bins, median error {:+.3}", errors.len(), median(errors.clone()));
+            println!(
+                "RESULT {camera} {scene}: {} bins, median error {:+.3}",
+                errors.len(),
+                upper_median(errors.clone()).unwrap()
+            );
             assert!(found.profile.neighbour_correlation.iter().all(|r| (0.5..0.8).contains(r)), "{found}");
             all.extend(errors.iter().map(|e| e.abs()));
         }
     }
-    let middle = median(all.clone());
+    let middle = upper_median(all.clone()).unwrap();
     println!("RESULT all: {} bins of {measured} pictures, median relative error {middle:.3}", all.len());
     assert!(measured >= 4 && all.len() >= 30 && middle < 0.3);
 }
@@ -326,7 +329,7 @@ fn texture_everywhere_and_a_fixed_pattern_only_increase_sigma() {
     .unwrap();
     let found = moving_noise_from_paths(&[folder], &NoiseOptions::default()).unwrap();
     let errors = errors(&found, |c, code| rest.profile.sigma(c, code));
-    println!("RESULT median {:+.2}, of {} bins\n{found}", median(errors.clone()), errors.len());
+    println!("RESULT median {:+.2}, of {} bins\n{found}", upper_median(errors.clone()).unwrap(), errors.len());
     assert!(!errors.is_empty() && errors.iter().all(|e| (0.0..3.0).contains(e)), "{errors:?}");
     assert!(found.warnings.iter().any(|w| w.to_string().contains("texture that is everywhere")));
 }
@@ -361,7 +364,7 @@ fn tenth_of_the_kinect_frames_gives_its_profile() {
     for (c, bins) in found.bins.iter().enumerate() {
         let measured = bins.iter().filter(|bin| !bin.filled_from_neighbours);
         let errors: Vec<f64> = measured.map(|bin| bin.sigma / noise.sigma(c, bin.code) - 1.0).collect();
-        let middle = median(errors.clone());
+        let middle = upper_median(errors.clone()).unwrap();
         // 0.01 to 0.02 for these frames. Blue has 1.5 times green's noise, so swapped channels are
         // off by 0.3.
         println!("channel {c}: {} bins, median error {middle:+.3}, {errors:.2?}", errors.len());

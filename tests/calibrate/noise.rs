@@ -6,6 +6,7 @@ use crate::tier;
 use locard::calibrate::noise::{from_known_means, from_scenes};
 use locard::calibrate::{self, CalibrateError, NoiseCalibration, NoiseOptions};
 use locard::camera::NoiseProfile;
+use locard::fit::quantile::midpoint_median;
 use locard::pixels::{Codes, Pixels};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -394,13 +395,6 @@ fn plain(mean: &Path, real: &Path) -> Bins {
     sums.map(|c| c.map(|(s, s2, n)| ((s2 / n.max(1) as f64 - (s / n.max(1) as f64).powi(2)).max(0.0).sqrt(), n)))
 }
 
-fn median(values: impl Iterator<Item = f64>) -> f64 {
-    let mut values: Vec<f64> = values.collect();
-    values.sort_by(f64::total_cmp);
-    let half = values.len() / 2;
-    if values.len().is_multiple_of(2) { 0.5 * (values[half - 1] + values[half]) } else { values[half] }
-}
-
 /// Relative errors of the calibration and of the plain average in each bin of the third scene.
 fn prediction_errors(folder: &Path, camera: &str, test: usize) -> Vec<(f64, f64)> {
     let file = |scene: usize, what: &str| folder.join(format!("{camera}_{scene}_{what}.png"));
@@ -434,7 +428,10 @@ fn prediction_errors(folder: &Path, camera: &str, test: usize) -> Vec<(f64, f64)
 fn two_scenes_of_a_real_camera_predict_the_third() {
     let Some(folder) = common::data("noise-pairs") else { return };
     let compare = |what: &str, errors: &[(f64, f64)]| {
-        let (ours, theirs) = (median(errors.iter().map(|e| e.0)), median(errors.iter().map(|e| e.1)));
+        let (ours, theirs) = (
+            midpoint_median(errors.iter().map(|e| e.0)).unwrap(),
+            midpoint_median(errors.iter().map(|e| e.1)).unwrap(),
+        );
         let ratio = ours / theirs;
         println!("{what}: {} bins, median relative error {ours:.3}, plain {theirs:.3}, ratio {ratio:.3}", errors.len());
         assert!(ratio <= 1.1, "{what}: {ours} against {theirs}");

@@ -6,6 +6,7 @@ use crate::sheet::{CAMERA, Camera, CameraPose, Rays, Sheet as Printed};
 use crate::tier;
 use glam::{DQuat, DVec2, DVec3};
 use locard::camera::{Distortion, Geometry, Intrinsics, Response};
+use locard::fit::quantile::upper_median;
 use locard::pixels::Pixels;
 use locard::pose::Pose;
 use locard::tags::{
@@ -38,11 +39,6 @@ fn around(i: u32, count: u32) -> CameraPose {
     CameraPose::look_at(at, DVec3::new(0.05 * (1.3 * a).sin(), 0.05 * (0.9 * a).cos(), 0.0), 0.3 * (0.5 * a).sin())
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
-}
-
 /// Error of a pose, mm and degrees.
 fn pose_error(pose: &Pose, place: &CameraPose) -> (f64, f64) {
     let turn = pose.world_from_camera_rotation().angle_between(place.quaternion());
@@ -72,7 +68,7 @@ fn pose_of_a_simulated_camera_is_recovered() {
             ways.push(way_mm);
             turns.push(turn_deg);
         }
-        let (way_mm, turn_deg, normed) = (median(ways), median(turns), median(normed));
+        let [way_mm, turn_deg, normed] = [ways, turns, normed].map(|errors| upper_median(errors).unwrap());
         assert!(way_mm < most_mm && turn_deg < most_deg, "{way_mm:.3} mm, {turn_deg:.4}°");
         // In the median of three dimensions an error is about 0.9 of its deviation; the assumed
         // error of a corner makes deviations larger, not smaller.

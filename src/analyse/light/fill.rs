@@ -5,6 +5,7 @@
 //! that is linear in the elevation has exactly this irradiance: L(d) = W·(0.4 + 0.3 + 0.45·d·up),
 //! since ∫ (d·up)·cos θ dω / π = (2/3)·n·up.
 
+use crate::fit::quantile::upper_median;
 use std::f64::consts::PI;
 
 use super::panorama::{HEIGHT, PartialPanorama, WIDTH, direction, solid_sr, upward};
@@ -50,8 +51,8 @@ pub fn filled(
         return Err(format!("white that looks up would show {ratio:.2} times the white level by it"));
     }
     let below = [0, 1, 2].map(|c| {
-        let mut known: Vec<f64> = seen.iter().flatten().map(|light| f64::from(light[c])).collect();
-        if known.is_empty() { UNIFORM_SHARE * white[c] } else { super::super::robust::median(&mut known) }
+        let known = seen.iter().flatten().map(|light| f64::from(light[c]));
+        upper_median(known).unwrap_or(UNIFORM_SHARE * white[c])
     });
     let unseen = |n: usize| (if direction(n).y > 0.0 { above } else { below }).map(|light| light as f32);
     let scaled = |light: [f32; 3]| [0, 1, 2].map(|c| light[c] / ratio[c] as f32);

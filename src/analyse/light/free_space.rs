@@ -3,6 +3,7 @@
 //! It begins 0.3 m over the support and moves along the normals of surfaces that are nearer
 //! than that, by 30 % of the mean of the largest fifth of penetrations per step.
 
+use crate::fit::quantile::upper_median;
 use glam::DVec3;
 
 use super::voxels::{SIDE_M, Voxel};
@@ -26,9 +27,8 @@ const MIN_PUSH_M: f64 = 0.003;
 pub fn centre(voxels: &[Voxel], up: DVec3, place: DVec3) -> DVec3 {
     let area_m2 = |count: usize| count as f64 * SIDE_M * SIDE_M;
     let supports = |voxel: &&Voxel| voxel.at.distance(place) < SUPPORT_RADIUS_M && voxel.normal.dot(up) > MIN_UP_COS;
-    let mut heights: Vec<f64> = voxels.iter().filter(supports).map(|voxel| up.dot(voxel.at - place)).collect();
-    let support_m =
-        if area_m2(heights.len()) > MIN_SUPPORT_M2 { super::super::robust::median(&mut heights) } else { 0.0 };
+    let heights: Vec<f64> = voxels.iter().filter(supports).map(|voxel| up.dot(voxel.at - place)).collect();
+    let support_m = if area_m2(heights.len()) > MIN_SUPPORT_M2 { upper_median(heights).unwrap_or(0.0) } else { 0.0 };
     let mut at = place + (support_m + HEIGHT_M) * up;
     for _ in 0..MAX_STEPS {
         let near = voxels.iter().filter(|voxel| voxel.at.distance(at) < CLEARANCE_M);

@@ -28,8 +28,6 @@ const POINTS: usize = 76_800;
 /// of an edge.
 const DEPTH_EDGE_DISTANCE_PX: usize = 3;
 const DEPTH_EDGE_STEP: f32 = 0.05;
-/// Smallest clipped code, of 255.
-const CLIPPED_CODE: u32 = 250;
 /// Approximate number of columns of a coarse depth map.
 const COARSE_COLUMNS: usize = 160;
 
@@ -186,7 +184,7 @@ impl LightInputs<'_> {
                     at: state.world_from_camera.transform_point3(here).as_vec3(),
                     light: [0, 1, 2].map(|c| (code[c] / gain[c]) as f32),
                     code: code.map(|code| code as f32),
-                    clipped: codes.map(|code| code >= CLIPPED_CODE * (most / 255)),
+                    clipped: codes.map(|code| code >= frame.pixels.clip_code()),
                 });
             }
         }

@@ -9,6 +9,7 @@
 //! ln B with Cauchy weights w = 1/(1 + (r/0.25)²). The score is the mean Cauchy loss. Not modelled:
 //! other indirect light, except as ambient light; glossy surfaces.
 
+use crate::fit::quantile::upper_median_in_place;
 use glam::DVec3;
 
 /// Scale of the Cauchy loss, ln.
@@ -175,8 +176,9 @@ fn medians(points: &[LitPoint], left: &[f64], reflectance: &mut [f64], of_materi
         of_material.clear();
         of_material.extend(&left[from..from + of.len()]);
         from += of.len();
-        let half = of.len() / 2;
-        reflectance[of[0].material] = *of_material.select_nth_unstable_by(half, f64::total_cmp).1;
+        if let Some(median) = upper_median_in_place(of_material) {
+            reflectance[of[0].material] = median;
+        }
     }
 }
 

@@ -9,7 +9,7 @@ use std::f64::consts::PI;
 use glam::{DQuat, DVec3, Vec2, Vec3};
 
 use super::sample::LightSample;
-use crate::fit::quantile::{Censored, kaplan_meier};
+use crate::fit::kaplan_meier::{Censored, kaplan_meier};
 use crate::render::panorama;
 
 pub const WIDTH: usize = 256;

@@ -1,10 +1,10 @@
 //! Candidate places for virtual objects: the middles of large level surfaces.
 
+use crate::fit::quantile::upper_median;
 use std::collections::{BTreeMap, BTreeSet};
 
 use glam::{DQuat, DVec3, IVec3};
 
-use super::super::robust::median;
 use super::voxels::{SIDE_M, Voxel};
 
 /// Cells of connected surfaces: sides along the surface and height, m.
@@ -51,8 +51,8 @@ pub fn places(voxels: &[Voxel], up: DVec3) -> Vec<DVec3> {
 
 /// The point nearest to the median. The median itself can lie outside of a concave surface.
 fn middle(points: &[DVec3]) -> Option<DVec3> {
-    let of = |axis: usize| median(&mut points.iter().map(|at| at[axis]).collect::<Vec<_>>());
-    let middle = DVec3::new(of(0), of(1), of(2));
+    let of = |axis: usize| upper_median(points.iter().map(|at| at[axis]));
+    let middle = DVec3::new(of(0)?, of(1)?, of(2)?);
     points.iter().copied().min_by(|a, b| a.distance_squared(middle).total_cmp(&b.distance_squared(middle)))
 }
 

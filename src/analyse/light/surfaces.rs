@@ -4,6 +4,7 @@
 //! A material is a bin of chroma, ln of red by green and of blue by green. Bins with few surfaces
 //! are left out.
 
+use crate::fit::quantile::lower_quantile;
 use std::collections::BTreeMap;
 
 use glam::DVec3;
@@ -75,10 +76,7 @@ pub fn lit_points(voxels: &[Voxel], by: usize, of: LightChannel) -> Vec<LitPoint
 pub fn search_volume(solid: &[DVec3], up: DVec3) -> SearchVolume {
     let between = |of: &dyn Fn(&DVec3) -> f64, low: f64, high: f64| {
         let mut values: Vec<f64> = solid.iter().map(of).collect();
-        let mut at = |share: f64| {
-            let n = ((values.len().max(1) - 1) as f64 * share) as usize;
-            values.get_mut(..).filter(|v| !v.is_empty()).map_or(0.0, |v| *v.select_nth_unstable_by(n, f64::total_cmp).1)
-        };
+        let mut at = |share: f64| lower_quantile(&mut values, share).unwrap_or(0.0);
         (at(low), at(high))
     };
     let mut low = DVec3::ZERO;

@@ -12,7 +12,7 @@ use std::collections::HashMap;
 use glam::{DMat3, DVec3, Vec3};
 
 use super::sample::{LightSample, luminance, relative_luminance};
-use crate::fit::quantile::{Censored, kaplan_meier};
+use crate::fit::kaplan_meier::{Censored, kaplan_meier};
 use crate::frame::SURFEL_SPACING_M;
 use crate::parallel::over_rows;
 

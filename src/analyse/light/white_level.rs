@@ -18,7 +18,8 @@ use glam::DVec3;
 use super::exposure::ExposureLevel;
 use super::sample::relative_luminance;
 use super::voxels::{SIDE_M, Voxel};
-use crate::fit::quantile::{Censored, kaplan_meier};
+use crate::fit::kaplan_meier::{Censored, kaplan_meier};
+use crate::fit::quantile::upper_median;
 
 /// With known lamps: quantile of the room's reflectances that is taken for white, quantiles of its
 /// interval, and a factor that widens the interval each way. With fewer upward-facing voxels all
@@ -197,7 +198,7 @@ fn disparity(at_top: &[&Patch]) -> f64 {
             Some((a / b).ln())
         };
         let shared: Vec<f64> = at_top.iter().filter(|patch| !patch.is_bound).filter_map(ln).collect();
-        if area_m2(shared.len()) < MIN_SHARED_M2 { 1.0 } else { median(shared).abs().exp() }
+        if area_m2(shared.len()) < MIN_SHARED_M2 { 1.0 } else { upper_median(shared).map_or(1.0, |ln| ln.abs().exp()) }
     };
     let halves = factor(&|patch| patch.parts[0], &|patch| patch.parts[1]);
     let without_brightest = factor(&|patch| patch.parts[2], &|patch| Some(patch.light));
@@ -223,7 +224,7 @@ impl BrightestSurfaces {
             radius_m,
             luminance,
             is_bound,
-            saturation: median(saturations.collect()),
+            saturation: upper_median(saturations).unwrap_or(0.0),
             share: at_top.len() as f64 / near.len() as f64,
             growth: wider / luminance,
             disparity: disparity(&at_top),
@@ -282,7 +283,7 @@ fn colour(patches: &[Patch], up: DVec3, place: DVec3, (radius_m, top): (f64, f64
     if area < MIN_COLOUR_M2 {
         return neutral;
     }
-    let ln = |c: usize| median(shown.iter().map(|patch| patch.light[c].max(1e-3).ln()).collect());
+    let ln = |c: usize| upper_median(shown.iter().map(|patch| patch.light[c].max(1e-3).ln())).unwrap_or(0.0);
     let weight = area / (area + COLOUR_HALF_WEIGHT_M2);
     let green = ln(1);
     [0, 1, 2].map(|c| (weight * (ln(c) - green) + (1.0 - weight) * neutral[c].ln()).exp())
@@ -298,10 +299,6 @@ fn top_of(patches: &[&Patch]) -> Option<(f64, bool)> {
     kaplan_meier(&mut values, TOP_QUANTILE)
         .map(|(value, is_bound)| (f64::from(value), is_bound))
         .filter(|(value, _)| *value > 0.0)
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    super::super::robust::median(&mut values)
 }
 
 /// `tint` at a luminance.

@@ -10,6 +10,7 @@ use super::parameter::Parameter;
 use super::solve::{Fit, finish, fit};
 use crate::calibrate::board::{BoardDetection, ChessboardSize, Target};
 use crate::camera::{Geometry, LensModel};
+use crate::fit::quantile::upper_median;
 use crate::text::{count, fixed};
 
 /// Reason why a calibration failed.
@@ -169,9 +170,7 @@ fn final_fit(views: &[&BoardDetection], from: &Fit) -> Result<(Fit, DMatrix<f64>
 fn outlier_views(fit: &Fit) -> Vec<(usize, String)> {
     // The median is insensitive to a few misread corners.
     let medians: Vec<f64> = (0..fit.stands.len()).map(|view| fit.view_median_px(view)).collect();
-    let mut sorted = medians.clone();
-    sorted.sort_by(f64::total_cmp);
-    let usual = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+    let usual = upper_median(medians.iter().copied()).unwrap_or(0.0);
     let outliers = medians.iter().enumerate().filter(|(_, own)| **own > (OUTLIER_RATIO * usual).max(OUTLIER_PX));
     outliers.map(|(view, own)| {
         let (own, usual) = (fixed(*own, 2), fixed(usual, 2));

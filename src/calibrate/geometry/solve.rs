@@ -14,7 +14,7 @@ use super::model::{LensVector, MAX_PARAMETERS};
 use super::start::stand;
 use crate::calibrate::board::BoardDetection;
 use crate::camera::LensModel;
-use crate::fit::robust::{self, Problem, median, weight};
+use crate::fit::robust::{self, Problem, median_length, weight};
 use crate::fit::{RigidPose, pose_jacobian};
 
 /// Initial focal lengths, in units of the picture's longer side: from a wide fisheye to a long
@@ -75,12 +75,12 @@ impl Fit {
 
     /// Median length of the residuals, px.
     pub fn median_px(&self) -> f64 {
-        median(self.residuals_px.iter().flatten())
+        median_length(self.residuals_px.iter().flatten())
     }
 
     /// Median length of one view's residuals, px.
     pub fn view_median_px(&self, view: usize) -> f64 {
-        median(self.residuals_px.get(view).into_iter().flatten())
+        median_length(self.residuals_px.get(view).into_iter().flatten())
     }
 
     /// Covariance of the camera's parameters, in their order and units.

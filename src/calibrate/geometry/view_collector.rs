@@ -12,7 +12,7 @@ use super::start::stand;
 use crate::calibrate::board::BoardDetection;
 use crate::camera::LensModel;
 use crate::fit::RigidPose;
-use crate::fit::robust::median;
+use crate::fit::robust::median_length;
 
 /// Largest motion of a resting board between pictures, as a share of the picture's diagonal; at
 /// least [`REST_MOTION_PX`].
@@ -253,5 +253,5 @@ fn moved_px(previous: &BoardDetection, now: &BoardDetection) -> f64 {
     } else {
         0.0
     };
-    median(ways.iter()).max(whole)
+    median_length(ways.iter()).max(whole)
 }
