@@ -10,6 +10,8 @@ pub mod cleanup;
 pub mod digest;
 pub mod document;
 pub mod frame;
+pub mod grey_image;
+pub mod interpolation;
 pub mod memo;
 pub mod parallel;
 pub mod params;

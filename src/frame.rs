@@ -4,6 +4,7 @@ use std::sync::{Arc, Weak};
 
 use glam::Vec3;
 
+use crate::interpolation::bilinear_weights;
 use crate::pixels::{DepthMap, Pixels};
 use crate::pose::Pose;
 
@@ -199,12 +200,8 @@ impl SpatialGain {
         };
         let ((x, right), (y, down)) = (along(at[0], NODES_ACROSS), along(at[1], NODES_DOWN));
         let node = y * NODES_ACROSS + x;
-        [
-            (node, (1.0 - right) * (1.0 - down)),
-            (node + 1, right * (1.0 - down)),
-            (node + NODES_ACROSS, (1.0 - right) * down),
-            (node + NODES_ACROSS + 1, right * down),
-        ]
+        let [a, b, c, d] = bilinear_weights([right, down]);
+        [(node, a), (node + 1, b), (node + NODES_ACROSS, c), (node + NODES_ACROSS + 1, d)]
     }
 
     /// Stops at a place, in fractions of the picture's width and height.

@@ -288,7 +288,7 @@ impl Observations {
                 continue;
             }
             let (x, y) = (scale * (at.x - 0.5), scale * (at.y - 0.5));
-            if let Some(value) = picture.at(x as f32, y as f32) {
+            if let Some(value) = picture.sample_inside(x as f32, y as f32) {
                 points.push((n, f64::from(value), at.y / height as f64 - 0.5));
             }
         }

@@ -2,12 +2,12 @@
 //! like the camera's.
 
 use super::camera_model::CameraModel;
-use super::pyramid::{Plane, gaussian};
 use super::state::CameraState;
 use super::view::scattered;
 use crate::camera::{NoiseProfile, Response, side_tap};
 use crate::fit::twist::Twist;
 use crate::frame::Frame;
+use crate::grey_image::{GreyImage, gaussian};
 
 /// Largest width of the reduced pictures, px.
 const MAX_WIDTH_PX: usize = 800;
@@ -23,12 +23,12 @@ pub struct BlurFrame {
     /// Acceleration, m/s² and rad/s².
     pub acceleration: Twist,
     /// Linear light of green, reduced.
-    pub light: Plane,
+    pub light: GreyImage,
     /// Synthetic noise; `None` without a noise profile.
-    pub noise: Option<Plane>,
+    pub noise: Option<GreyImage>,
     /// `light` and `noise` after the band-pass.
-    pub band: Plane,
-    pub noise_band: Option<Plane>,
+    pub band: GreyImage,
+    pub noise_band: Option<GreyImage>,
     /// At full size, m or the recording's unit; 0 where unknown.
     pub depth: Vec<f32>,
     is_clipped: Vec<bool>,
@@ -61,11 +61,11 @@ impl BlurFrame {
         }
         let greens = frame.pixels.each(|c| c[1]);
         let values = greens.iter().map(|g| light_of[*g as usize]).collect();
-        let mut light = Plane { width, height, values };
+        let mut light = GreyImage { width, height, values };
         let mut noise = noise.map(|profile| {
             let scale = frame.pixels.max_code() as f32 / 255.0;
             let codes = greens.iter().map(|g| *g as f32 / scale).collect();
-            synthetic_noise(Plane { width, height, values: codes }, frame.index, profile, response)
+            synthetic_noise(GreyImage { width, height, values: codes }, frame.index, profile, response)
         });
         for _ in 0..halvings(model) {
             light = light.halved();
@@ -94,15 +94,15 @@ impl BlurFrame {
 }
 
 /// Difference of two Gaussians.
-pub fn band_pass(plane: &Plane) -> Plane {
+pub fn band_pass(plane: &GreyImage) -> GreyImage {
     let (fine, coarse) = (plane.filtered(&gaussian(BAND_SIGMAS_PX.0)), plane.filtered(&gaussian(BAND_SIGMAS_PX.1)));
     let values = fine.values.iter().zip(&coarse.values).map(|(a, b)| a - b).collect();
-    Plane { values, ..fine }
+    GreyImage { values, ..fine }
 }
 
 /// Synthetic camera noise on a picture of codes, in linear light: white noise through (a, 1, a),
 /// times σ and the response's slope.
-fn synthetic_noise(codes: Plane, index: usize, profile: &NoiseProfile, response: &Response) -> Plane {
+fn synthetic_noise(codes: GreyImage, index: usize, profile: &NoiseProfile, response: &Response) -> GreyImage {
     let table: Vec<f32> = (0..256)
         .map(|code| {
             let code = f64::from(code);
@@ -114,12 +114,12 @@ fn synthetic_noise(codes: Plane, index: usize, profile: &NoiseProfile, response:
     // By the codes of the smoothed picture, so that σ does not depend on the noise itself.
     let smooth = codes.filtered(&gaussian(1.5));
     let values = plane.values.iter().zip(&smooth.values).map(|(n, code)| n * table[code.clamp(0.0, 255.0) as usize]);
-    Plane { values: values.collect(), ..codes }
+    GreyImage { values: values.collect(), ..codes }
 }
 
 /// Noise of unit variance with the given correlation of neighbours along rows and along columns:
 /// white noise filtered by (a, 1, a). Depends on the seed alone.
-pub fn unit_noise(width: usize, height: usize, seed: u64, neighbour_correlation: [f64; 2]) -> Plane {
+pub fn unit_noise(width: usize, height: usize, seed: u64, neighbour_correlation: [f64; 2]) -> GreyImage {
     let seed = scattered(seed);
     let mut white = vec![0.0f32; width * height];
     for (i, value) in white.iter_mut().enumerate() {
@@ -134,27 +134,5 @@ pub fn unit_noise(width: usize, height: usize, seed: u64, neighbour_correlation:
         [(1.0 / whole) as f32, (a / whole) as f32]
     };
     let [x, y] = neighbour_correlation.map(axis);
-    filtered_by(&Plane { width, height, values: white }, x, y)
-}
-
-/// Three taps along rows, three along columns.
-fn filtered_by(plane: &Plane, x: [f32; 2], y: [f32; 2]) -> Plane {
-    let (w, h) = (plane.width, plane.height);
-    let v = &plane.values;
-    let mut across = Plane::new(w, h, 0.0);
-    let mut out = Plane::new(w, h, 0.0);
-    for row in 0..h {
-        for c in 0..w {
-            let i = row * w + c;
-            across.values[i] = x[0] * v[i] + x[1] * (v[i - c.min(1)] + v[i + usize::from(c + 1 < w)]);
-        }
-    }
-    for row in 0..h {
-        let (up, down) = (row.saturating_sub(1) * w, (row + 1).min(h - 1) * w);
-        for c in 0..w {
-            let v = &across.values;
-            out.values[row * w + c] = y[0] * v[row * w + c] + y[1] * (v[up + c] + v[down + c]);
-        }
-    }
-    out
+    GreyImage { width, height, values: white }.filtered_by_axis(&x, &y)
 }

@@ -2,7 +2,7 @@
 
 use glam::DVec2;
 
-use super::pyramid::Plane;
+use crate::grey_image::GreyImage;
 
 /// Side of a block, px.
 pub const BLOCK: usize = 16;
@@ -19,7 +19,7 @@ pub type Block = [f32; PIXELS];
 
 /// Samples a block of a plane at a subpixel offset; `None` where it reaches beyond the plane. Cubic
 /// convolution, which hardly blurs.
-pub fn sample_block(plane: &Plane, x: usize, y: usize, by: DVec2, out: &mut Block) -> Option<()> {
+pub fn sample_block(plane: &GreyImage, x: usize, y: usize, by: DVec2, out: &mut Block) -> Option<()> {
     const ROWS: usize = BLOCK + 3;
     let (px, py) = (x as f64 + by.x, y as f64 + by.y);
     let (column, row) = (px.floor(), py.floor());
@@ -63,7 +63,7 @@ pub fn cubic_weights(f: f32) -> [f32; 4] {
 ///   2k steps:      (y₀/2 + y₁ + … + yₖ₋₁ + yₖ/2 − (yₖ₊₁ − yₖ₋₁)/24) / k
 ///   2k − 1 steps:  (y₀/2 + y₁ + … + yₖ₋₁ + (yₖ − yₖ₋₁)/24) / (k − ½)
 pub fn box_blurred(
-    plane: &Plane,
+    plane: &GreyImage,
     x: usize,
     y: usize,
     flow: DVec2,
@@ -107,7 +107,7 @@ mod tests {
     /// the grid.
     fn blurred(value: impl Fn(f32, f32) -> f32, flow: DVec2) -> Vec<f32> {
         let values = (0..48 * 48).map(|i| value((i % 48) as f32, (i / 48) as f32)).collect();
-        let plane = Plane { width: 48, height: 48, values };
+        let plane = GreyImage { width: 48, height: 48, values };
         let mut out = Vec::new();
         box_blurred(&plane, 16, 16, flow, ExposureGrid { step_s: 0.001, count: 5 }, &mut out).unwrap();
         out.iter().map(|block| block[8 * BLOCK + 8]).collect()
@@ -131,7 +131,7 @@ mod tests {
 
     #[test]
     fn blur_that_reaches_beyond_the_picture_is_refused() {
-        let plane = Plane::new(48, 48, 1.0);
+        let plane = GreyImage::uniform(48, 48, 1.0);
         let grid = ExposureGrid { step_s: 0.001, count: 5 };
         assert!(box_blurred(&plane, 16, 16, DVec2::new(9000.0, 0.0), grid, &mut Vec::new()).is_none());
         assert!(box_blurred(&plane, 40, 16, DVec2::ZERO, grid, &mut Vec::new()).is_none());

@@ -21,8 +21,8 @@ use glam::{DMat2, DVec2};
 use super::blur_frame::{BlurFrame, band_pass};
 use super::box_blur::{BLOCK, Block, ExposureGrid, PIXELS, box_blurred, sample_block};
 use super::camera_model::CameraModel;
-use super::pyramid::Plane;
 use super::warp_mesh::WarpMesh;
+use crate::grey_image::GreyImage;
 
 /// Side of a patch with one correlation, px.
 const PATCH: usize = 64;
@@ -166,7 +166,7 @@ fn mean_curve(all: &[PatchSums], grid: ExposureGrid) -> Option<(Vec<f64>, usize)
 }
 
 /// Shift of W that aligns it to J in a patch, px, after the patch's middle.
-fn shift(mesh: &WarpMesh, j: &Plane, w: &Plane, x: usize, y: usize) -> Option<(DVec2, DVec2)> {
+fn shift(mesh: &WarpMesh, j: &GreyImage, w: &GreyImage, x: usize, y: usize) -> Option<(DVec2, DVec2)> {
     let mut by = DVec2::ZERO;
     let (mut here, mut there) = ([0.0; PIXELS], [0.0; PIXELS]);
     let (mut left, mut right) = ([0.0; PIXELS], [0.0; PIXELS]);

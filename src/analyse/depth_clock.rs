@@ -10,11 +10,11 @@ use serde::{Deserialize, Serialize};
 
 use super::camera_model::CameraModel;
 use super::depth_at_frame;
-use super::pyramid::{Plane, gaussian};
 use super::state::{CameraState, move_point, project_rolling_shutter};
 use crate::fit::quantile::upper_quantile;
 use crate::fit::twist;
 use crate::frame::Frame;
+use crate::grey_image::{GreyImage, gaussian};
 use crate::parallel::over_rows;
 
 /// Grid of offsets: its step, s, and the number of steps to each side.
@@ -82,7 +82,7 @@ impl DepthClock {
                     Some(*y),
                     2,
                 )?;
-                slope.at((at.x - 0.5) as f32, (at.y - 0.5) as f32)
+                slope.sample_inside((at.x - 0.5) as f32, (at.y - 0.5) as f32)
             });
             let (sum, count) = on.fold((0.0, 0), |(sum, count), s| (sum + f64::from(s), count + 1));
             if 2 * count > points.len() {
@@ -120,12 +120,12 @@ impl DepthClock {
 }
 
 /// Gradient magnitude of the smoothed luma.
-fn clamped_gradient(frame: &Frame) -> Plane {
-    let (along, down) = Plane::of(&frame.pixels).filtered(&gaussian(1.0)).slopes();
+fn clamped_gradient(frame: &Frame) -> GreyImage {
+    let (along, down) = GreyImage::luma_601(&frame.pixels).filtered(&gaussian(1.0)).sobel();
     let mut slope: Vec<f32> = along.values.iter().zip(&down.values).map(|(x, y)| x.hypot(*y)).collect();
     let most = upper_quantile(&mut slope.clone(), GRADIENT_CLAMP_QUANTILE).unwrap_or(0.0);
     slope.iter_mut().for_each(|s| *s = s.min(most));
-    Plane { values: slope, ..along }
+    GreyImage { values: slope, ..along }
 }
 
 /// Pixels on the near side of a depth step, with no unknown depth within 2 px.

@@ -4,7 +4,7 @@
 //! the gradient in rows across it.
 
 use super::depth_at_frame::window_extreme;
-use super::pyramid::{Plane, gaussian};
+use crate::grey_image::{GreyImage, gaussian};
 
 /// Half of the window of an edge, along it and across, px.
 pub const ALONG: f32 = 8.0;
@@ -44,15 +44,15 @@ pub struct Line {
 /// The edges of a picture of linear light, at most `most`, none of them near a clipped pixel.
 /// `wanted` preselects them by their middle and normal.
 pub fn edges(
-    light: &Plane,
+    light: &GreyImage,
     is_clipped: &[bool],
     most: usize,
     wanted: impl Fn(usize, usize, [f32; 2]) -> bool,
 ) -> Vec<Line> {
     let (w, h) = (light.width, light.height);
-    let (along, down) = light.filtered(&gaussian(SMOOTHING_SIGMA_PX)).slopes();
+    let (along, down) = light.filtered(&gaussian(SMOOTHING_SIGMA_PX)).sobel();
     let slope: Vec<f32> = along.values.iter().zip(&down.values).map(|(x, y)| x.hypot(*y)).collect();
-    let slope = Plane { width: w, height: h, values: slope };
+    let slope = GreyImage { width: w, height: h, values: slope };
     let clipped: Vec<f32> = is_clipped.iter().map(|clipped| f32::from(u8::from(*clipped))).collect();
     let near_clipped = window_extreme(&clipped, w, ACROSS as usize + 1, f32::max);
     let mut ridge: Vec<(usize, [f32; 2])> = Vec::new();
@@ -64,7 +64,7 @@ pub fn edges(
                 continue;
             }
             let n = [along.values[i] / steep, down.values[i] / steep];
-            let beside = |by: f32| slope.at(x as f32 + by * n[0], y as f32 + by * n[1]).unwrap_or(f32::MAX);
+            let beside = |by: f32| slope.sample_inside(x as f32 + by * n[0], y as f32 + by * n[1]).unwrap_or(f32::MAX);
             if steep >= beside(1.0) && steep > beside(-1.0) {
                 ridge.push((i, n));
             }
@@ -93,13 +93,13 @@ pub fn edges(
 }
 
 /// Fits a line at a ridge point; `None` if the edge is not straight.
-fn line(slope: &Plane, x: usize, y: usize, n: [f32; 2]) -> Option<Line> {
+fn line(slope: &GreyImage, x: usize, y: usize, n: [f32; 2]) -> Option<Line> {
     let t = [-n[1], n[0]];
     let across: Vec<f32> = steps(ACROSS, PITCH_PX);
     let rows = steps(ALONG, 1.0);
     let mut centroids = Vec::with_capacity(rows.len());
     for v in &rows {
-        let at = |u: &f32| slope.at(x as f32 + u * n[0] + v * t[0], y as f32 + u * n[1] + v * t[1]);
+        let at = |u: &f32| slope.sample_inside(x as f32 + u * n[0] + v * t[0], y as f32 + u * n[1] + v * t[1]);
         let values: Vec<f32> = across.iter().map(at).collect::<Option<_>>()?;
         let floor = CENTROID_THRESHOLD * values.iter().copied().fold(0.0, f32::max);
         let (mut sum, mut moment) = (0.0, 0.0);

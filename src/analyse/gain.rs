@@ -30,7 +30,6 @@ use serde::{Deserialize, Serialize};
 use super::camera_model::CameraModel;
 use super::capture_info::CaptureInfo;
 use super::noise_level::{share_kept, variance_bound};
-use super::pyramid::{Plane, gaussian};
 use super::spatial_gain::{self, SpatialGainPair};
 use super::state::{CameraState, move_point, project_rolling_shutter};
 use super::tone::{self, ToneSample};
@@ -38,6 +37,7 @@ use super::view::scattered;
 use crate::camera::{NoiseProfile, Response};
 use crate::fit::quantile::{median_and_sigma, upper_median};
 use crate::frame::Frame;
+use crate::grey_image::{GreyImage, gaussian};
 use crate::parallel::over_rows;
 use crate::recording::Landmark;
 use crate::text::count;
@@ -80,7 +80,7 @@ struct GainFrame {
     index: usize,
     state: CameraState,
     /// Red, green, blue, codes of 255.
-    colours: [Plane; 3],
+    colours: [GreyImage; 3],
     /// σ of the noise in `colours`, codes of 255.
     noise: [f64; 3],
     depth: Vec<f32>,
@@ -255,7 +255,7 @@ impl<'a> Gains<'a> {
     fn prepared(&self, frame: &Frame, state: CameraState, depth: &[f32], landmarks: &[Landmark]) -> GainFrame {
         let halvings = self.halvings();
         let colours = [0, 1, 2].map(|channel| {
-            let mut plane = Plane::of_channel(&frame.pixels, channel);
+            let mut plane = GreyImage::of_channel(&frame.pixels, channel);
             for _ in 0..halvings {
                 plane = plane.halved();
             }
@@ -270,7 +270,7 @@ impl<'a> Gains<'a> {
         for y in 2..h.saturating_sub(2) {
             for x in 2..w.saturating_sub(2) {
                 let i = y * w + x;
-                let is_sound = |plane: &Plane| {
+                let is_sound = |plane: &GreyImage| {
                     let v = &plane.values;
                     let slope = (0.5 * (v[i + 1] - v[i - 1])).hypot(0.5 * (v[i + w] - v[i - w]));
                     v[i] > CODES.0 && v[i] < CODES.1 && slope < MAX_GRADIENT
@@ -299,7 +299,7 @@ impl<'a> Gains<'a> {
         }
         let landmark = |landmark: &&Landmark| {
             let [x, y] = landmark.at_px.map(|px| (px - 0.5) / scale as f32);
-            let [red, green, blue] = [0, 1, 2].map(|c| colours[c].at(x, y));
+            let [red, green, blue] = [0, 1, 2].map(|c| colours[c].sample_inside(x, y));
             let codes = [red?, green?, blue?];
             let is_sound = codes.iter().all(|code| *code > CODES.0 && *code < CODES.1);
             is_sound.then(|| (landmark.number, self.sample([x / w as f32, y / h as f32], codes)))
@@ -312,7 +312,7 @@ impl<'a> Gains<'a> {
     /// Upper bound on the noise of a reduced, smoothed picture, codes
     /// ([`noise_level`](super::noise_level)). The profile's bound ignores the blur that follows the
     /// halvings.
-    fn noise_sigma(&self, plane: &Plane, channel: usize, halvings: usize) -> f64 {
+    fn noise_sigma(&self, plane: &GreyImage, channel: usize, halvings: usize) -> f64 {
         let by_profile = self.noise.as_ref().map(|profile| {
             let mean = plane.values.iter().map(|v| f64::from(*v)).sum::<f64>() / plane.values.len().max(1) as f64;
             profile.sigma(channel, mean).powi(2) * share_kept(profile, halvings)
@@ -352,7 +352,7 @@ impl<'a> Gains<'a> {
             if depth <= 0.0 || (depth - far).abs() > DEPTH_TOLERANCE * far + self.model.depth_tolerance_m(far) {
                 return None;
             }
-            let codes = [0, 1, 2].map(|c| to.colours[c].at(x as f32, y as f32).unwrap_or(0.0));
+            let codes = [0, 1, 2].map(|c| to.colours[c].sample_inside(x as f32, y as f32).unwrap_or(0.0));
             let is_sound = codes.iter().all(|code| *code > CODES.0 && *code < CODES.1);
             is_sound.then(|| (point.sample, self.sample([x as f32 / w as f32, y as f32 / h as f32], codes)))
         };

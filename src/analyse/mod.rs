@@ -41,7 +41,6 @@ mod pass_runner;
 mod plane_sweep;
 mod pose_graph;
 mod progress;
-mod pyramid;
 mod recorded_motion;
 mod registration;
 mod registration_result;
@@ -76,7 +75,6 @@ pub use light::{ASSUMED_LAMP_DIAMETER_M, LampEstimate, MAX_LAMPS, WHITE_REFLECTA
 pub use light_findings::{Environment, LightFindings};
 pub use light_table::panorama_beside;
 pub use progress::{Progress, Stage};
-pub(crate) use pyramid::{Plane, gaussian};
 pub use registration_result::{HeldOutResidual, RegistrationError, Verdict};
 pub use relight::relight;
 pub use sharpness::{drawn_spread_px, footage_spread_px, still_frames};

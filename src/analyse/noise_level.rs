@@ -14,9 +14,9 @@
 //! - The variance of the flattest blocks of the level, each without its own plane: a wall's noise,
 //!   or a plain floor's noise and texture. Without a profile it counts up to `MAX_WITHOUT_PROFILE`.
 
-use super::pyramid::{Plane, gaussian};
 use crate::camera::{NoiseProfile, correlations, variance_left};
 use crate::fit::quantile::upper_quantile;
+use crate::grey_image::{GreyImage, gaussian};
 use crate::pixels::Pixels;
 
 /// Luma of BT.601, as the levels have it.
@@ -77,13 +77,13 @@ fn smoothing(level: usize) -> Vec<f32> {
 
 /// The smaller of the two upper bounds on a picture's noise variance, codes². 0 where no block is
 /// free of clipping.
-pub fn variance_bound(by_profile: Option<f64>, picture: &Plane) -> f64 {
+pub fn variance_bound(by_profile: Option<f64>, picture: &GreyImage) -> f64 {
     flattest_variance(picture).map_or(0.0, |by_blocks| by_profile.unwrap_or(MAX_WITHOUT_PROFILE).min(by_blocks))
 }
 
 /// Upper bound on the noise variance of a level, codes², by its flattest blocks. `None` where no
 /// block is free of clipping.
-fn flattest_variance(picture: &Plane) -> Option<f64> {
+fn flattest_variance(picture: &GreyImage) -> Option<f64> {
     let (across, down) = (picture.width / BLOCK, picture.height / BLOCK);
     let blocks = (0..down).flat_map(|y| (0..across).map(move |x| (BLOCK * x, BLOCK * y)));
     let mut found: Vec<f64> = blocks.filter_map(|(x, y)| about_its_plane(picture, x, y)).collect();
@@ -91,7 +91,7 @@ fn flattest_variance(picture: &Plane) -> Option<f64> {
 }
 
 /// Variance of a block about its least-squares plane. `None` if it may be clipped.
-fn about_its_plane(picture: &Plane, left: usize, top: usize) -> Option<f64> {
+fn about_its_plane(picture: &GreyImage, left: usize, top: usize) -> Option<f64> {
     let middle = 0.5 * (BLOCK as f64 - 1.0);
     let (mut sum, mut squares, mut along, mut down, mut spread) = (0.0, 0.0, 0.0, 0.0, 0.0);
     for y in 0..BLOCK {
@@ -144,7 +144,7 @@ mod tests {
     fn predicted_noise_of_each_level_matches_smoothed_white_noise() {
         let (width, height) = (512, 512);
         let values = (0..(width * height) as u64).map(|i| 120.0 + 3.0 * white(i)).collect();
-        let mut picture = Plane { width, height, values };
+        let mut picture = GreyImage { width, height, values };
         let pixels = Pixels::from_u8(8, 8, vec![128; 3 * 64]).unwrap();
         let whole = luma_variance(&profile(0.0), &pixels);
         assert!((whole - 9.0).abs() < 1e-9, "fully correlated channels of σ 3: {whole}");
@@ -165,13 +165,13 @@ mod tests {
 
     #[test]
     fn gradient_is_not_counted_as_noise_and_clipped_blocks_are_ignored() {
-        let ramp = |by: f32| Plane {
+        let ramp = |by: f32| GreyImage {
             width: 64,
             height: 64,
             values: (0..64 * 64).map(|i| 60.0 + by * (i % 64) as f32).collect(),
         };
         assert!(flattest_variance(&ramp(1.0)).unwrap() < 1e-6);
-        assert_eq!(flattest_variance(&Plane::new(64, 64, 255.0)), None);
+        assert_eq!(flattest_variance(&GreyImage::uniform(64, 64, 255.0)), None);
     }
 
     #[test]

@@ -13,11 +13,11 @@ use std::collections::VecDeque;
 use glam::{DAffine3, DVec2, DVec3};
 
 use super::camera_model::CameraModel;
-use super::pyramid::{Plane, gaussian};
 use super::state::CameraState;
 use crate::camera::Geometry;
 use crate::fit::quantile::upper_median;
 use crate::frame::Frame;
+use crate::grey_image::{GreyImage, gaussian};
 use crate::parallel::over_rows;
 use crate::recording::{Frames, Recording, RecordingError};
 
@@ -192,7 +192,7 @@ fn neighbours(states: &[Option<CameraState>], n: usize) -> Vec<(f64, usize)> {
 
 impl Small {
     fn new(model: &CameraModel, frame: &Frame) -> Self {
-        let mut plane = Plane::of(&frame.pixels);
+        let mut plane = GreyImage::luma_601(&frame.pixels);
         while plane.width > MAX_WIDTH_PX {
             plane = plane.halved();
         }
@@ -209,7 +209,7 @@ impl Small {
 }
 
 /// Ternary census: two bits, darker and brighter, for each of the 24 pixels around.
-fn census(plane: &Plane) -> Vec<u64> {
+fn census(plane: &GreyImage) -> Vec<u64> {
     let (w, h) = (plane.width, plane.height);
     let mut out = vec![0; w * h];
     for y in CENSUS_RADIUS..h.saturating_sub(CENSUS_RADIUS) {
@@ -350,14 +350,15 @@ mod tests {
     /// A textured wall with a gain, shifted by `shift` px to the left for columns from `from` on.
     fn seen(index: usize, shift: f32, from: usize, gain: f32) -> Small {
         let blotch = |x: usize, y: usize| (scattered((y * 1000 + x) as u64) % 100) as f32;
-        let wall = Plane { width: 200, height: 48, values: (0..200 * 48).map(|i| blotch(i % 200, i / 200)).collect() };
+        let wall =
+            GreyImage { width: 200, height: 48, values: (0..200 * 48).map(|i| blotch(i % 200, i / 200)).collect() };
         let wall = wall.filtered(&gaussian(1.5));
         let value = |i: usize| {
             let (x, y) = (i % SIZE.0, i / SIZE.0);
             let by = if x >= from { shift } else { 0.0 };
-            gain * wall.at(x as f32 + 50.0 + by, y.min(46) as f32).unwrap()
+            gain * wall.sample_inside(x as f32 + 50.0 + by, y.min(46) as f32).unwrap()
         };
-        let plane = Plane { width: SIZE.0, height: SIZE.1, values: (0..SIZE.0 * SIZE.1).map(value).collect() };
+        let plane = GreyImage { width: SIZE.0, height: SIZE.1, values: (0..SIZE.0 * SIZE.1).map(value).collect() };
         Small { index, width: SIZE.0, height: SIZE.1, census: census(&plane) }
     }
 

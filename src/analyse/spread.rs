@@ -16,11 +16,11 @@ use glam::DVec3;
 
 use super::camera_model::CameraModel;
 use super::edges::{ACROSS, ALONG, Line, edges};
-use super::pyramid::Plane;
 use super::state::{CameraState, move_point};
 use crate::camera::Response;
 use crate::fit::twist;
 use crate::frame::Frame;
+use crate::grey_image::GreyImage;
 use crate::measure::spread::{Sample, Step, fit};
 use crate::parallel::over_rows;
 use crate::pixels::Pixels;
@@ -159,9 +159,9 @@ impl<'a> EdgeSpreads<'a> {
         Ok(PointSpread { sigma_px: at(0.0), between_px: [at(-1.0), at(1.0)], edges, by_px })
     }
 
-    fn linear(&self, pixels: &Pixels) -> Plane {
+    fn linear(&self, pixels: &Pixels) -> GreyImage {
         let values = pixels.each(|c| self.light[c[CHANNEL] as usize] as f32);
-        Plane { width: pixels.width as usize, height: pixels.height as usize, values }
+        GreyImage { width: pixels.width as usize, height: pixels.height as usize, values }
     }
 
     /// Displacement of an edge along its normal during the exposure of its row, px. `None` where
@@ -189,7 +189,7 @@ fn clipped(pixels: &Pixels) -> Vec<bool> {
 
 /// Variance of the Gaussian that blurred an edge, px²; negative for an edge sharper than the
 /// pixels' own blur. `None` if it is no clean step.
-fn variance_px2(light: &Plane, line: &Line, moved_px: f64) -> Option<f64> {
+fn variance_px2(light: &GreyImage, line: &Line, moved_px: f64) -> Option<f64> {
     let step = Step {
         offset_px: line.offset_px.into(),
         angle: line.angle.into(),
@@ -245,14 +245,14 @@ mod tests {
     use crate::measure::spread::CONVERGENCE;
 
     /// Light of an edge through the middle, dark 0.1 and bright 0.5, with a slope.
-    fn drawn(side: usize, angle_deg: f64, sigma_px: f64, moved_px: f64) -> Plane {
+    fn drawn(side: usize, angle_deg: f64, sigma_px: f64, moved_px: f64) -> GreyImage {
         let edge = Step { offset_px: 0.3, angle: angle_deg.to_radians(), variance_px2: sigma_px * sigma_px, moved_px };
         let middle = (side / 2) as f64;
         let light = |i: usize| {
             let (d, t) = edge.place((i % side) as f64 - middle, (i / side) as f64 - middle);
             (0.1 + 0.4 * edge.share(d) + 0.001 * t) as f32
         };
-        Plane { width: side, height: side, values: (0..side * side).map(light).collect() }
+        GreyImage { width: side, height: side, values: (0..side * side).map(light).collect() }
     }
 
     #[test]
@@ -282,9 +282,12 @@ mod tests {
         let side = 61;
         let corner = |i: usize| if i % side > 30 && i / side > 30 { 0.5 } else { 0.1 };
         let stripes = |i: usize| if ((i % side) / 4).is_multiple_of(2) { 0.5 } else { 0.1 };
-        let picture =
-            |of: &dyn Fn(usize) -> f32| Plane { width: side, height: side, values: (0..side * side).map(of).collect() };
-        let measured = |light: &Plane| {
+        let picture = |of: &dyn Fn(usize) -> f32| GreyImage {
+            width: side,
+            height: side,
+            values: (0..side * side).map(of).collect(),
+        };
+        let measured = |light: &GreyImage| {
             let found = edges(light, &vec![false; side * side], 50, |_, _, _| true);
             found.into_iter().filter_map(|line| variance_px2(light, &line, 0.0).map(|v| (line, v))).collect::<Vec<_>>()
         };

@@ -5,10 +5,10 @@ use glam::{DVec2, DVec3};
 use super::camera_model::CameraModel;
 use super::depth_at_frame;
 use super::noise_level::{luma_variance, share_kept, variance_bound};
-use super::pyramid::{Plane, gaussian};
 use super::state::{CameraState, move_point};
 use crate::camera::{Geometry, NoiseProfile};
 use crate::frame::Frame;
+use crate::grey_image::{GreyImage, gaussian};
 
 /// Largest number of points by level, from the finest; coarser levels have the last.
 const MAX_POINTS: [usize; 4] = [6000, 4000, 2500, 1500];
@@ -43,7 +43,7 @@ pub struct AlignPoint {
 
 #[derive(Debug)]
 pub struct Level {
-    pub picture: Plane,
+    pub picture: GreyImage,
     pub points: Vec<AlignPoint>,
     /// Variance of the picture's noise, codes²; 0 if unknown.
     pub noise: f64,
@@ -72,7 +72,7 @@ impl View {
     ) -> Self {
         let (width, _) = model.size();
         let is_usable = usable(frame, &depth, width);
-        let mut picture = Plane::of(&frame.pixels);
+        let mut picture = GreyImage::luma_601(&frame.pixels);
         let luma = noise.map(|profile| (profile, luma_variance(profile, &frame.pixels)));
         let mut levels = Vec::new();
         for level in 0..model.levels() {
@@ -102,7 +102,7 @@ fn usable(frame: &Frame, depth: &[f32], width: usize) -> Vec<bool> {
 
 fn points(
     model: &CameraModel,
-    picture: &Plane,
+    picture: &GreyImage,
     level: usize,
     depth: &[f32],
     is_usable: &[bool],
@@ -111,7 +111,7 @@ fn points(
     let (w, h) = (picture.width, picture.height);
     let (width, _) = model.size();
     let scale = 1usize << level;
-    let (along, down) = picture.slopes();
+    let (along, down) = picture.sobel();
     let slope: Vec<f32> = along.values.iter().zip(&down.values).map(|(x, y)| x.hypot(*y)).collect();
     let side = BLOCK_PX[level.min(BLOCK_PX.len() - 1)];
     let means = block_means(&slope, w, side);

@@ -6,8 +6,8 @@ use glam::{DAffine3, DMat2, DVec2, DVec3};
 use super::blur_frame::{BlurFrame, halvings};
 use super::box_blur::cubic_weights;
 use super::camera_model::{CameraModel, is_same_surface};
-use super::pyramid::Plane;
 use super::state::{CameraState, move_point, project_rolling_shutter};
+use crate::grey_image::GreyImage;
 
 /// Distance between nodes, px.
 const CELL: usize = 8;
@@ -194,9 +194,9 @@ impl WarpMesh {
     }
 
     /// A plane of I, warped to J.
-    pub fn warped(&self, plane: &Plane) -> Plane {
+    pub fn warped(&self, plane: &GreyImage) -> GreyImage {
         let (w, h) = (plane.width, plane.height);
-        let mut out = Plane::new(w, h, 0.0);
+        let mut out = GreyImage::uniform(w, h, 0.0);
         let at = |cx: usize, cy: usize| self.nodes[cy.min(self.down - 1) * self.across + cx.min(self.across - 1)].at;
         for cy in 0..h.div_ceil(CELL) {
             for cx in 0..w.div_ceil(CELL) {
@@ -258,7 +258,7 @@ fn depth_near(model: &CameraModel, depth: &[f32], x: usize, y: usize) -> Option<
 
 /// Cubic convolution, which keeps the warped picture nearly as sharp as the original. Positions are
 /// clamped to the picture.
-fn cubic(plane: &Plane, x: f32, y: f32) -> f32 {
+fn cubic(plane: &GreyImage, x: f32, y: f32) -> f32 {
     let (w, h) = (plane.width, plane.height);
     let x = x.clamp(1.0, w as f32 - 3.001);
     let y = y.clamp(1.0, h as f32 - 3.001);

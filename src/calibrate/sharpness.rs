@@ -8,7 +8,7 @@
 //! beyond their uncertainties u (DerSimonian and Laird 1986).
 
 use crate::camera::Response;
-use crate::measure::Grey;
+use crate::grey_image::GreyImage;
 use crate::measure::across::across;
 use crate::measure::slanted::{EdgeError, SlantedEdge, slanted_edge};
 use crate::pixels::{Pixels, Rect};
@@ -126,7 +126,7 @@ fn edge_of(
 }
 
 /// Light of a region, and the percentage of clipped pixels.
-fn light_of(picture: &Pixels, response: &Response, region: Rect, weights: [f64; 3]) -> (Option<Grey>, f64) {
+fn light_of(picture: &Pixels, response: &Response, region: Rect, weights: [f64; 3]) -> (Option<GreyImage<f64>>, f64) {
     let region = region.intersection(&Rect::full(picture.width, picture.height));
     let (width, height) = (region.width() as usize, region.height() as usize);
     let (light, full) = (response.table(picture.max_code()), picture.max_code());
@@ -137,7 +137,7 @@ fn light_of(picture: &Pixels, response: &Response, region: Rect, weights: [f64; 
         values.push((0..3).map(|c| weights[c] * light[codes[c] as usize]).sum());
     }
     let percent = 100.0 * clipped as f64 / values.len().max(1) as f64;
-    (Grey::new(width, height, values).filter(|grey| !grey.values.is_empty()), percent)
+    (GreyImage::new(width, height, values).filter(|grey| !grey.values.is_empty()), percent)
 }
 
 /// Combined result of several edges.

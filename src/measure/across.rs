@@ -1,6 +1,6 @@
 //! Light profile across a region, for diagnosing an edge that cannot be measured.
 
-use super::Grey;
+use crate::grey_image::GreyImage;
 use crate::pixels::Rect;
 
 /// Width of a bin, px.
@@ -11,12 +11,12 @@ const MIN_BIN_PIXELS: usize = 4;
 /// Distance from the region's centre, px, and mean light there, along the direction of greatest
 /// change: the principal axis of the structure tensor (Bigün and Granlund 1987), from the darker to
 /// the brighter side. Empty if the region has fewer than 3x3 px in the picture.
-pub fn across(light: &Grey, region: Rect) -> Vec<[f64; 2]> {
+pub fn across(light: &GreyImage<f64>, region: Rect) -> Vec<[f64; 2]> {
     let region = region.intersection(&Rect::full(light.width as u32, light.height as u32));
     if region.width().min(region.height()) < 3 {
         return Vec::new();
     }
-    let at = |x: i32, y: i32| light.at(i64::from(x), i64::from(y));
+    let at = |x: i32, y: i32| light.clamped(i64::from(x), i64::from(y));
     let (mut xx, mut xy, mut yy, mut sum) = (0.0, 0.0, 0.0, [0.0; 2]);
     for (y, x) in (region.y0 + 1..region.y1 - 1).flat_map(|y| (region.x0 + 1..region.x1 - 1).map(move |x| (y, x))) {
         let (gx, gy) = (at(x + 1, y) - at(x - 1, y), at(x, y + 1) - at(x, y - 1));
@@ -45,13 +45,13 @@ mod tests {
 
     /// A soft line of light that crosses 40x30 px at 30 degrees from vertical, between a dark and a
     /// brighter side.
-    fn crossed() -> Grey {
+    fn crossed() -> GreyImage<f64> {
         let (sin, cos) = 30f64.to_radians().sin_cos();
         let light = |x: usize, y: usize| {
             let way = (x as f64 + 0.5 - 20.0) * cos + (y as f64 + 0.5 - 15.0) * sin;
             0.1 + 0.2 / (1.0 + (-3.0 * way).exp()) + 0.7 * (-way * way / 4.5).exp()
         };
-        Grey::new(40, 30, (0..1200).map(|i| light(i % 40, i / 40)).collect()).unwrap()
+        GreyImage::new(40, 30, (0..1200).map(|i| light(i % 40, i / 40)).collect()).unwrap()
     }
 
     #[test]

@@ -11,8 +11,9 @@
 //! The standard error is that of the least-squares shift between the two aligned patches
 //! ([`standard_error`]). Along a straight edge it is unbounded.
 
-use super::{Grey, MeasureError, check_mask};
+use super::{MeasureError, check_mask};
 use crate::fit::quantile::midpoint_median;
+use crate::grey_image::GreyImage;
 use glam::{DMat2, DVec2};
 use rustfft::num_complex::Complex;
 use rustfft::{Fft, FftPlanner};
@@ -91,13 +92,14 @@ impl Displacements {
 /// Measures the displacement of `b`'s content relative to `a`'s, patch by patch where `mask` is
 /// true (at `a`'s position).
 pub fn displacements(
-    a: &Grey,
-    b: &Grey,
+    a: &GreyImage<f64>,
+    b: &GreyImage<f64>,
     mask: Option<&[bool]>,
     options: &DisplacementOptions,
 ) -> Result<Displacements, MeasureError> {
     if (a.width, a.height) != (b.width, b.height) {
-        return Err(MeasureError::Sizes { a: a.size(), b: b.size() });
+        let size = |of: &GreyImage<f64>| format!("{}x{}", of.width, of.height);
+        return Err(MeasureError::Sizes { a: size(a), b: size(b) });
     }
     check_mask(mask, a.width * a.height)?;
     let side = options.patch_px;
@@ -151,7 +153,14 @@ impl Correlator {
         Self { side, window, fft: planner.plan_fft_forward(side) }
     }
 
-    fn measure(&self, a: &Grey, b: &Grey, x: usize, y: usize, options: &DisplacementOptions) -> PatchResult {
+    fn measure(
+        &self,
+        a: &GreyImage<f64>,
+        b: &GreyImage<f64>,
+        x: usize,
+        y: usize,
+        options: &DisplacementOptions,
+    ) -> PatchResult {
         let (spectrum_a, contrast_a) = self.patch(a, x as f64, y as f64);
         let (_, contrast_b) = self.patch(b, x as f64, y as f64);
         let contrast = contrast_a.min(contrast_b);
@@ -198,7 +207,7 @@ impl Correlator {
     }
 
     /// The windowed patch's spectrum, and its weighted standard deviation.
-    fn patch(&self, picture: &Grey, x: f64, y: f64) -> (Spectrum, f64) {
+    fn patch(&self, picture: &GreyImage<f64>, x: f64, y: f64) -> (Spectrum, f64) {
         let values = resampled(picture, x, y, self.side);
         let weight: f64 = self.window.iter().sum();
         let mean = values.iter().zip(&self.window).map(|(v, w)| v * w).sum::<f64>() / weight;
@@ -367,14 +376,14 @@ fn cross(a: &Spectrum, b: &Spectrum) -> Spectrum {
 
 /// A square of `side` pixels whose corner is at (x, y) pixels, interpolated bicubically
 /// (Catmull-Rom).
-fn resampled(picture: &Grey, x: f64, y: f64, side: usize) -> Vec<f64> {
+fn resampled(picture: &GreyImage<f64>, x: f64, y: f64, side: usize) -> Vec<f64> {
     let (i, j) = (x.floor(), y.floor());
     let (wx, wy) = (cubic(x - i), cubic(y - j));
     let (i, j) = (i as i64 - 1, j as i64 - 1);
     // Along rows first: side + 3 of them.
     let rows: Vec<f64> = (0..side as i64 + 3)
         .flat_map(|row| (0..side as i64).map(move |column| (row, column)))
-        .map(|(row, column)| (0..4).map(|k| wx[k as usize] * picture.at(i + column + k, j + row)).sum())
+        .map(|(row, column)| (0..4).map(|k| wx[k as usize] * picture.clamped(i + column + k, j + row)).sum())
         .collect();
     (0..side * side).map(|p| (0..4).map(|k| wy[k] * rows[p + k * side]).sum()).collect()
 }

@@ -1,6 +1,9 @@
 //! Measures an edge: its position, its width, and the length of the motion blur that caused it.
 
-use super::{Grey, MeasureError};
+use glam::DVec2;
+
+use super::MeasureError;
+use crate::grey_image::GreyImage;
 
 /// An edge along a profile.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -120,7 +123,7 @@ fn residual(profile: &[f64], pitch: f64, aperture: f64, position: f64, length: f
 /// `pitch_px` apart. Each is the mean over `across_px` perpendicular to the line, bilinear between
 /// pixels.
 pub fn profile(
-    picture: &Grey,
+    picture: &GreyImage<f64>,
     from: [f64; 2],
     to: [f64; 2],
     pitch_px: f64,
@@ -146,21 +149,12 @@ pub fn profile(
             let sum: f64 = (0..rows as usize)
                 .map(|row| {
                     let side = (row as f64 + 0.5) / rows * across_px - 0.5 * across_px;
-                    bilinear(picture, from[0] + ux * along - uy * side, from[1] + uy * along + ux * side)
+                    picture.sample(DVec2::new(from[0] + ux * along - uy * side, from[1] + uy * along + ux * side))
                 })
                 .sum();
             sum / rows
         })
         .collect())
-}
-
-fn bilinear(picture: &Grey, x: f64, y: f64) -> f64 {
-    let (x, y) = (x - 0.5, y - 0.5);
-    let (i, j) = (x.floor(), y.floor());
-    let (fx, fy) = (x - i, y - j);
-    let (i, j) = (i as i64, j as i64);
-    let row = |j: i64| picture.at(i, j) * (1.0 - fx) + picture.at(i + 1, j) * fx;
-    row(j) * (1.0 - fy) + row(j + 1) * fy
 }
 
 #[cfg(test)]
@@ -233,7 +227,7 @@ mod tests {
     fn profile_samples_perpendicular_to_the_line() {
         // Pixels whose centres have x + y > 40: the last dark centres are at 40, the first bright
         // ones at 41.
-        let picture = Grey::new(60, 60, (0..3600).map(|i| f64::from(i % 60 + i / 60 + 1 > 40)).collect()).unwrap();
+        let picture = GreyImage::new(60, 60, (0..3600).map(|i| f64::from(i % 60 + i / 60 + 1 > 40)).collect()).unwrap();
         let along = profile(&picture, [8.0, 8.0], [32.0, 32.0], 0.25, 9.0).unwrap();
         let found = edge(&along, 0.25).unwrap();
         assert!((found.position_px - (20.25 - 8.0) * 2f64.sqrt()).abs() < 0.15, "{found:?}");

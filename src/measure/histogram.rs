@@ -1,6 +1,7 @@
 //! Intensity histograms.
 
-use super::{Grey, MeasureError, check_mask};
+use super::{MeasureError, check_mask};
+use crate::grey_image::GreyImage;
 use crate::pixels::Pixels;
 
 /// Histograms of a mask's pixels: luma, red, green and blue on the 8-bit scale, in `bins` of equal
@@ -10,7 +11,7 @@ pub fn histograms(pixels: &Pixels, mask: &[bool], bins: usize) -> Result<[Vec<f6
     if bins == 0 {
         return Err(MeasureError::Option { what: "bins", found: 0.0, accepted: "1 or more" });
     }
-    let (luma, scale) = (Grey::luma(pixels), 255.0 / f64::from(pixels.max_code()));
+    let (luma, scale) = (GreyImage::luma_709(pixels), 255.0 / f64::from(pixels.max_code()));
     let mut counts = [(); 4].map(|()| vec![0.0; bins]);
     let mut all = 0.0;
     for (i, luma) in luma.values.iter().enumerate().filter(|(i, _)| mask[*i]) {

@@ -27,43 +27,6 @@ pub enum MeasureError {
     Option { what: &'static str, found: f64, accepted: &'static str },
 }
 
-/// A grey picture, row by row from the top left.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Grey {
-    pub width: usize,
-    pub height: usize,
-    /// `width * height` values, any unit.
-    pub values: Vec<f64>,
-}
-
-impl Grey {
-    /// `None` if the length is not `width * height`.
-    pub fn new(width: usize, height: usize, values: Vec<f64>) -> Option<Self> {
-        (width.checked_mul(height) == Some(values.len())).then_some(Self { width, height, values })
-    }
-
-    /// Luma of encoded codes (BT.709 weights), on the 8-bit scale.
-    pub fn luma(pixels: &Pixels) -> Self {
-        let scale = 255.0 / f64::from(pixels.max_code());
-        let (width, height) = (pixels.width as usize, pixels.height as usize);
-        let values = (0..pixels.height)
-            .flat_map(|y| (0..pixels.width).map(move |x| pixels.at(x, y).map(f64::from)))
-            .map(|[r, g, b]| scale * (0.2126 * r + 0.7152 * g + 0.0722 * b))
-            .collect();
-        Self { width, height, values }
-    }
-
-    /// The value of a pixel. The border is repeated beyond it. 0 for an empty picture.
-    pub fn at(&self, x: i64, y: i64) -> f64 {
-        let inside = |v: i64, n: usize| v.clamp(0, n as i64 - 1).max(0) as usize;
-        self.values.get(inside(y, self.height) * self.width + inside(x, self.width)).copied().unwrap_or(0.0)
-    }
-
-    fn size(&self) -> String {
-        format!("{}x{}", self.width, self.height)
-    }
-}
-
 /// Refuses pictures that cannot be compared value by value.
 fn comparable(a: &Pixels, b: &Pixels) -> Result<(), MeasureError> {
     if (a.width, a.height) != (b.width, b.height) {

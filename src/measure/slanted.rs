@@ -16,7 +16,8 @@
 //! them.
 
 use super::spread::{CONVERGENCE, Fit, Sample, Step, fit};
-use super::{Grey, MeasureError, edge};
+use super::{MeasureError, edge};
+use crate::grey_image::GreyImage;
 use crate::pixels::Rect;
 
 /// Minimum number of pixels across and along an edge, px.
@@ -114,7 +115,7 @@ pub enum EdgeError {
 
 /// Measures the edge that crosses a region in any direction. `moved_px`: motion of the edge during
 /// the exposure.
-pub fn slanted_edge(light: &Grey, region: Rect, moved_px: [f64; 2]) -> Result<SlantedEdge, EdgeError> {
+pub fn slanted_edge(light: &GreyImage<f64>, region: Rect, moved_px: [f64; 2]) -> Result<SlantedEdge, EdgeError> {
     let region = region.intersection(&Rect::full(light.width as u32, light.height as u32));
     let small = EdgeError::Small { width: region.width(), height: region.height() };
     if region.width().min(region.height()) < MIN_EXTENT_PX {
@@ -186,8 +187,8 @@ struct EdgeRegion {
 }
 
 impl EdgeRegion {
-    fn new(light: &Grey, region: Rect) -> Self {
-        let at = |x: i32, y: i32| light.at(i64::from(x), i64::from(y));
+    fn new(light: &GreyImage<f64>, region: Rect) -> Self {
+        let at = |x: i32, y: i32| light.clamped(i64::from(x), i64::from(y));
         // Direction of increasing brightness: means over 3 pixels at right angles, two pixels
         // apart.
         let (mut across, mut down) = (0.0, 0.0);

@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use glam::{Mat3, Vec2, Vec3};
 
+use crate::interpolation::bilinear;
 use crate::scene::EnvironmentMap;
 
 /// Width of the sharpest level for reflections; each level halves it. The roughest, 32 × 16, is as
@@ -48,8 +49,8 @@ pub fn at(level: &Level, d: Vec3) -> Vec3 {
     let (fx, fy) = (x - x.floor(), y - y.floor());
     let (left, top) = ((x.floor() as i64).rem_euclid(width as i64) as usize, y as usize);
     let (right, bottom) = ((left + 1) % width, (top + 1).min(height - 1));
-    let row = |y: usize| texels[y * width + left].lerp(texels[y * width + right], fx);
-    row(top).lerp(row(bottom), fy)
+    let texel = |x: usize, y: usize| texels[y * width + x];
+    bilinear([texel(left, top), texel(right, top), texel(left, bottom), texel(right, bottom)], [fx, fy])
 }
 
 /// The panorama at its own size.

@@ -8,6 +8,7 @@ use glam::{DMat3, DQuat, DVec2, DVec3};
 
 use crate::camera::curved::Curved;
 use crate::camera::{Distortion, Geometry, Intrinsics};
+use crate::interpolation::bilinear_weights;
 use crate::parallel::{over_rows, processors};
 use crate::pixels::{LinearImage, Rect};
 
@@ -195,7 +196,7 @@ impl<'a> Resampler<'a> {
                     if CubeFace::of(d) != face {
                         continue;
                     }
-                    let texel = bilinear(drawn, place(d));
+                    let texel = sample(drawn, place(d));
                     (0..4).for_each(|c| mean[c] += texel[c]);
                 }
                 let share = 1.0 / (places * places) as f32;
@@ -218,15 +219,13 @@ fn is_outside(corners: [DVec2; 4], rect: Rect) -> bool {
         || low.y > f64::from(rect.y1)
 }
 
-/// Bilinear interpolation.
-fn bilinear(drawn: &FaceImage, at: DVec2) -> [f32; 4] {
+/// Bilinear sample, px with pixel centres at +0.5.
+fn sample(drawn: &FaceImage, at: DVec2) -> [f32; 4] {
     let (width, corner) = (drawn.width as usize, (at - 0.5).floor());
     let f = (at - 0.5 - corner).as_vec2();
     let first = corner.y as usize * width + corner.x as usize;
-    let weights =
-        [(0, (1.0 - f.x) * (1.0 - f.y)), (1, f.x * (1.0 - f.y)), (width, (1.0 - f.x) * f.y), (width + 1, f.x * f.y)];
     let mut sum = [0.0; 4];
-    for (offset, weight) in weights {
+    for (offset, weight) in [0, 1, width, width + 1].into_iter().zip(bilinear_weights(f.to_array())) {
         // The margin contains all subsamples; rounding may exceed it by a negligible amount.
         let texel = drawn.rgba.get(first + offset).copied().unwrap_or_default();
         (0..4).for_each(|c| sum[c] += texel[c].to_f32() * weight);

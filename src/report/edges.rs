@@ -11,9 +11,9 @@ use super::rolling_camera::RollingCamera;
 use super::strips::lacking;
 use super::tile::Tile;
 use super::{ReportError, Source};
-use crate::analyse::{Plane, gaussian};
 use crate::fit::quantile::upper_median_in_place;
 use crate::frame::Frame;
+use crate::grey_image::{GreyImage, gaussian};
 
 /// Distances to the later frames, frames.
 const LATER: [usize; 4] = [0, 5, 10, 20];
@@ -83,7 +83,7 @@ fn points(frame: &Frame) -> Vec<(DVec2, f64)> {
     if (depth.width as usize, depth.height as usize) != (width, height) {
         return Vec::new();
     }
-    let (along, down) = Plane::of(&frame.pixels).filtered(&gaussian(1.0)).slopes();
+    let (along, down) = GreyImage::luma_601(&frame.pixels).filtered(&gaussian(1.0)).sobel();
     let slope = |x: usize, y: usize| along.values[y * width + x].hypot(down.values[y * width + x]);
     let mut found = Vec::new();
     for y in 8..height.saturating_sub(8) {

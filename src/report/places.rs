@@ -3,8 +3,8 @@
 
 use glam::DVec2;
 
-use crate::analyse::Plane;
 use crate::frame::Frame;
+use crate::grey_image::GreyImage;
 use crate::pixels::{DepthMap, Pixels};
 
 /// Step between candidates, px, and side of the cells of which the best is kept, px.
@@ -34,7 +34,7 @@ pub struct Place {
 
 /// Corners: places by the smaller eigenvalue of Σ∇I∇Iᵀ (Shi and Tomasi 1994), codes² per px².
 pub fn textured(frame: &Frame) -> Vec<Place> {
-    let luma = Plane::of(&frame.pixels);
+    let luma = GreyImage::luma_601(&frame.pixels);
     best(frame, |x, y| {
         Some(smaller_eigenvalue(&luma.values, frame.pixels.width as usize, x, y)).filter(|score| *score > 0.0)
     })

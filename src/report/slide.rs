@@ -17,7 +17,8 @@ use super::{ReportError, Source};
 use crate::depth::reprojected_at_frame;
 use crate::fit::quantile::upper_median;
 use crate::frame::Frame;
-use crate::measure::Grey;
+use crate::grey_image::GreyImage;
+use crate::interpolation::bilinear_weights;
 use crate::measure::displacement::{DisplacementOptions, displacements};
 use crate::parallel::{over_rows, processors};
 use crate::pose::Pose;
@@ -125,7 +126,7 @@ fn rays(source: &Source<'_>) -> Vec<Option<DVec3>> {
 /// World points of a frame's pixels, by one track.
 struct FramePoints<'a> {
     camera: RollingCamera<'a>,
-    grey: Grey,
+    grey: GreyImage<f64>,
     /// One per pixel.
     points: Vec<Option<DVec3>>,
 }
@@ -150,7 +151,7 @@ impl<'a> FramePoints<'a> {
             Some(poses.get(i / width)?.inverse_transform_point(ray * f64::from(*z)))
         };
         let points = depth.iter().enumerate().map(point).collect();
-        Some(Self { camera, grey: Grey::luma(&frame.pixels), points })
+        Some(Self { camera, grey: GreyImage::luma_709(&frame.pixels), points })
     }
 
     /// Lengths of the patches' slides in another frame, px; empty for too few patches.
@@ -158,7 +159,7 @@ impl<'a> FramePoints<'a> {
         let Some(poses) = self.camera.rows(frame.timestamp_s) else { return Ok(Vec::new()) };
         let (made, mask) = self.reproject(&poses);
         let options = DisplacementOptions { patch_px: PATCH_PX, step_px: PATCH_PX / 2, ..Default::default() };
-        let found = displacements(&Grey::luma(&frame.pixels), &made, Some(&mask), &options)?.patches;
+        let found = displacements(&GreyImage::luma_709(&frame.pixels), &made, Some(&mask), &options)?.patches;
         if found.len() < MIN_PATCHES {
             return Ok(Vec::new());
         }
@@ -166,23 +167,18 @@ impl<'a> FramePoints<'a> {
     }
 
     /// The picture reprojected by the poses of a frame's rows, and the mask of its valid pixels.
-    fn reproject(&self, poses: &[Pose]) -> (Grey, Vec<bool>) {
+    fn reproject(&self, poses: &[Pose]) -> (GreyImage<f64>, Vec<bool>) {
         let (width, height) = (self.grey.width, self.grey.height);
         let shares = |at: DVec2| {
             let (x, y) = ((at.x - 0.5).floor(), (at.y - 0.5).floor());
             let (fx, fy) = (at.x - 0.5 - x, at.y - 0.5 - y);
-            let of = [
-                (0.0, 0.0, (1.0 - fx) * (1.0 - fy)),
-                (1.0, 0.0, fx * (1.0 - fy)),
-                (0.0, 1.0, (1.0 - fx) * fy),
-                (1.0, 1.0, fx * fy),
-            ];
-            let inside = move |(dx, dy, share): (f64, f64, f64)| {
+            let corners = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)];
+            let inside = move |((dx, dy), share): ((f64, f64), f64)| {
                 let (x, y) = (x + dx, y + dy);
                 let is_inside = x >= 0.0 && y >= 0.0 && x < width as f64 && y < height as f64;
                 is_inside.then(|| (y as usize * width + x as usize, share))
             };
-            of.into_iter().filter_map(inside)
+            corners.into_iter().zip(bilinear_weights([fx, fy])).filter_map(inside)
         };
         let seen = |point: &Option<DVec3>| self.camera.project_by_rows(poses, (*point)?);
         let places: Vec<Option<(DVec2, f32)>> =
@@ -202,7 +198,7 @@ impl<'a> FramePoints<'a> {
             }
         }
         let values = sums.iter().zip(&weights).map(|(sum, w)| if *w > 0.0 { sum / w } else { 0.0 }).collect();
-        (Grey { width, height, values }, weights.iter().map(|w| *w > MIN_SPLAT_WEIGHT).collect())
+        (GreyImage { width, height, values }, weights.iter().map(|w| *w > MIN_SPLAT_WEIGHT).collect())
     }
 }
 

@@ -25,6 +25,7 @@ use super::occluders::Occluders;
 use super::penumbra::blur_penumbra;
 use super::receiver_mask::ReceiverMask;
 use super::sky::{BackLight, EnvSample, PlaneLighting, disc};
+use crate::interpolation::bilinear;
 use crate::parallel::{over_rows, processors};
 
 /// Directions from each place on the plane.
@@ -93,8 +94,8 @@ impl Bounce {
         let (across, down) = (place(x), place(y));
         let (left, above) = (across as usize, down as usize);
         let texel = |x: usize, y: usize| self.light[y.min(self.height - 1) * self.width + x.min(self.width - 1)];
-        let row = |y: usize| texel(left, y).lerp(texel(left + 1, y), across - left as f32);
-        row(above).lerp(row(above + 1), down - above as f32)
+        let corners = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(dx, dy)| texel(left + dx, above + dy));
+        bilinear(corners, [across - left as f32, down - above as f32])
     }
 }
 

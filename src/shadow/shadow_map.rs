@@ -17,6 +17,7 @@ use super::room::OccluderMask;
 use super::silhouette::SilhouetteMesh;
 use super::sky::{CLASSES, Lamp, PlaneLighting, Ray, class};
 use crate::digest::{Digester, Digestible};
+use crate::interpolation::bilinear;
 use crate::parallel::{over_rows, processors};
 use crate::quality::Quality;
 
@@ -367,8 +368,7 @@ impl ShadowTexture {
             Vec3::from(self.taken[y * self.width as usize + x])
         };
         let f = (middle - middle.floor()).as_vec2();
-        let row = |y: usize| texel(x, y).lerp(texel(x + 1, y), f.x);
-        row(y).lerp(row(y + 1), f.y)
+        bilinear([texel(x, y), texel(x + 1, y), texel(x, y + 1), texel(x + 1, y + 1)], f.to_array())
     }
 }
 

@@ -7,7 +7,7 @@ use kornia_image::{Image, ImageSize};
 
 use super::board::Board;
 use super::family::Family;
-use super::grey::Grey;
+use super::luma_codes::LumaCodes;
 
 /// A detected tag.
 #[derive(Clone, Debug, PartialEq)]
@@ -67,13 +67,13 @@ impl Detector {
     /// resolution, small tags are detected at full resolution as well.
     pub fn find(
         &mut self,
-        grey: &Grey,
+        grey: &LumaCodes,
         enough: usize,
         wanted: impl Fn(u32) -> bool,
     ) -> Result<DetectedTags, DetectError> {
         let (width, height) = self.size;
         let failed = |problem: String| DetectError { width, height, problem };
-        let image = Image::<u8, 1>::from_size_slice(ImageSize { width, height }, &grey.codes)
+        let image = Image::<u8, 1>::from_size_slice(ImageSize { width, height }, &grey.codes.values)
             .map_err(|error| failed(error.to_string()))?;
         let found = sought(&mut self.half, &image).map_err(|error| failed(error.to_string()))?;
         if found.found.iter().filter(|tag| wanted(tag.id)).count() >= enough.max(1) {
@@ -83,7 +83,7 @@ impl Detector {
     }
 
     /// Detects the tags of a picture; half of a board's are enough.
-    pub fn find_board(&mut self, grey: &Grey, board: &Board) -> Result<DetectedTags, DetectError> {
+    pub fn find_board(&mut self, grey: &LumaCodes, board: &Board) -> Result<DetectedTags, DetectError> {
         self.find(grey, board.tags.len().div_ceil(2), |id| board.tag(id).is_some())
     }
 }

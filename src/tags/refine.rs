@@ -12,7 +12,7 @@
 use glam::{DMat3, DVec2, DVec3};
 
 use super::detect::DetectedTag;
-use super::grey::Grey;
+use super::luma_codes::LumaCodes;
 use crate::camera::Geometry;
 use crate::fit::quantile::upper_median;
 
@@ -46,7 +46,7 @@ const MIN_POINTS: usize = 4;
 
 /// Refines a tag's corners. A tag with unreadable edges is unchanged. `cells` is the number along a
 /// side.
-pub fn refine_corners(grey: &Grey, geometry: &Geometry, cells: u32, tag: &DetectedTag) -> DetectedTag {
+pub fn refine_corners(grey: &LumaCodes, geometry: &Geometry, cells: u32, tag: &DetectedTag) -> DetectedTag {
     // Straight edges of the world are bent by the lens.
     let bulges = |corners: [DVec2; 4]| {
         let rays = corners.map(|corner| geometry.unproject(corner));
@@ -66,7 +66,7 @@ pub fn refine_corners(grey: &Grey, geometry: &Geometry, cells: u32, tag: &Detect
 
 /// Refines a tag's corners without a known lens; the bend of the edges is estimated. `None` if an
 /// edge is unreadable, because the detected corners are not the crossings of straight edges.
-pub fn refine_corners_without_lens(grey: &Grey, cells: u32, tag: &DetectedTag) -> Option<DetectedTag> {
+pub fn refine_corners_without_lens(grey: &LumaCodes, cells: u32, tag: &DetectedTag) -> Option<DetectedTag> {
     let (mut corners_px, mut bulges) = (tag.corners_px, [DVec2::ZERO; 4]);
     let off_px = MAX_CORRECTION_PX
         .max(MAX_CORRECTION_CELLS * corners_px[0].distance(corners_px[2]) / (2f64.sqrt() * f64::from(cells)));
@@ -84,7 +84,7 @@ pub fn refine_corners_without_lens(grey: &Grey, cells: u32, tag: &DetectedTag) -
     Some(DetectedTag { id: tag.id, corners_px })
 }
 
-fn edges(grey: &Grey, corners: [DVec2; 4], bulges: [DVec2; 4], cells: u32, widest_px: f64) -> [Option<Edge>; 4] {
+fn edges(grey: &LumaCodes, corners: [DVec2; 4], bulges: [DVec2; 4], cells: u32, widest_px: f64) -> [Option<Edge>; 4] {
     std::array::from_fn(|i| edge(grey, [3, 0, 1, 2].map(|n| corners[(i + n) % 4]), bulges[i], cells, widest_px))
 }
 
@@ -133,7 +133,13 @@ impl Line {
 
 /// Fits the edge between the inner two of four corners. `bulge` is the assumed bend at its middle.
 /// The profiles' half length is at most `widest_px`.
-fn edge(grey: &Grey, [before, from, to, after]: [DVec2; 4], bulge: DVec2, cells: u32, widest_px: f64) -> Option<Edge> {
+fn edge(
+    grey: &LumaCodes,
+    [before, from, to, after]: [DVec2; 4],
+    bulge: DVec2,
+    cells: u32,
+    widest_px: f64,
+) -> Option<Edge> {
     let length = from.distance(to);
     let along = (to - from).try_normalize()?;
     let inside = 0.5 * (before + after) - 0.5 * (from + to);
@@ -198,8 +204,8 @@ fn bend(places: &[(f64, f64)]) -> f64 {
 }
 
 /// Distance of the edge outwards from a point, px.
-fn crossing(grey: &Grey, at: DVec2, outwards: DVec2, reach: f64) -> Option<f64> {
-    if !grey.holds(at, reach + 1.0) {
+fn crossing(grey: &LumaCodes, at: DVec2, outwards: DVec2, reach: f64) -> Option<f64> {
+    if !grey.codes.holds(at, reach + 1.0) {
         return None;
     }
     let count = (2.0 * reach / STEP_PX).ceil() as usize;

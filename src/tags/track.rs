@@ -6,7 +6,7 @@ use super::board::Board;
 use super::continuity::{ChosenPose, choose_along};
 use super::detect::{DetectError, DetectedTags, Detector};
 use super::family::Family;
-use super::grey::Grey;
+use super::luma_codes::LumaCodes;
 use super::refine::refine_corners;
 use super::rolling::correct_rolling_shutter;
 use super::sight::{BoardPose, PoseFailure};
@@ -35,7 +35,7 @@ impl BoardTracker {
             return Err(DetectError::new(intrinsics.width_px, intrinsics.height_px, problem));
         }
         let detector = Detector::new(board.family, intrinsics.width_px, intrinsics.height_px)?;
-        Ok(Self { board, geometry, light: Grey::table(response), detector })
+        Ok(Self { board, geometry, light: LumaCodes::table(response), detector })
     }
 
     /// Another tag family that is detected in a picture. 16h5 is skipped because of its false
@@ -46,7 +46,7 @@ impl BoardTracker {
 
     /// Estimates the pose in a picture. The picture has the geometry's size.
     pub fn look(&mut self, pixels: &Pixels) -> Result<Result<BoardPose, PoseFailure>, DetectError> {
-        let grey = Grey::of(pixels, self.light.clone());
+        let grey = LumaCodes::of(pixels, self.light.clone());
         let mut tags = self.detector.find_board(&grey, &self.board)?;
         for tag in &mut tags.found {
             *tag = refine_corners(&grey, &self.geometry, self.board.family.cells(), tag);
@@ -82,7 +82,7 @@ pub fn other_family_message(other: &Option<Family>) -> String {
 }
 
 fn other_family(own: Family, pixels: &Pixels) -> Result<Option<Family>, DetectError> {
-    let grey = Grey::of(pixels, Vec::new());
+    let grey = LumaCodes::of(pixels, Vec::new());
     for family in Family::ALL.into_iter().filter(|family| *family != own && *family != Family::Tag16h5) {
         if Detector::new(family, pixels.width, pixels.height)?.find(&grey, 1, |_| true)? != DetectedTags::default() {
             return Ok(Some(family));

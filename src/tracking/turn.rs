@@ -8,6 +8,8 @@
 use glam::{DMat3, DQuat, DVec2, DVec3};
 
 use crate::camera::Intrinsics;
+use crate::grey_image::GreyImage;
+use crate::interpolation::bilinear;
 use crate::pixels::{Codes, Pixels};
 
 /// Approximate width of the finest level, px; a global rotation needs no more.
@@ -24,14 +26,7 @@ const MIN_CORRELATION: f64 = 0.5;
 #[derive(Clone, Debug)]
 pub struct ImagePyramid {
     /// From the finest level on, each half as large.
-    levels: Vec<PyramidLevel>,
-}
-
-#[derive(Clone, Debug)]
-struct PyramidLevel {
-    width: usize,
-    height: usize,
-    values: Vec<f32>,
+    levels: Vec<GreyImage>,
 }
 
 /// Focal lengths and principal point of a level, px.
@@ -58,8 +53,8 @@ impl ImagePyramid {
             all / (by * by) as f32
         };
         let values = (0..width * height).map(|n| mean(n % width, n / width)).collect();
-        let mut levels = vec![PyramidLevel { width: width as usize, height: height as usize, values }.smoothed()];
-        while let Some(half) = levels.last().and_then(PyramidLevel::half) {
+        let mut levels = vec![smoothed(&GreyImage { width: width as usize, height: height as usize, values })];
+        while let Some(half) = levels.last().and_then(half) {
             levels.push(half);
         }
         (width.min(height) >= COARSEST_SIDE_PX).then_some(Self { levels })
@@ -76,7 +71,7 @@ impl ImagePyramid {
     /// Rotation from this picture's camera to the next one's, as a rotation vector in the camera's
     /// axes, radians. `None` if the pictures do not match.
     pub fn rotation_to(&self, next: &Self, camera: &Intrinsics) -> Option<DVec3> {
-        let of = |level: &PyramidLevel| {
+        let of = |level: &GreyImage| {
             let scale = level.width as f64 / f64::from(camera.width_px);
             Pinhole {
                 focal: scale * DVec2::new(camera.fx_px, camera.fy_px),
@@ -88,122 +83,124 @@ impl ImagePyramid {
             if (a.width, a.height) != (b.width, b.height) {
                 return None;
             }
-            turn = a.aligned(b, of(a), turn)?;
+            turn = aligned(a, b, of(a), turn)?;
         }
         let (a, b) = (self.levels.first()?, next.levels.first()?);
-        (a.correlation(b, of(a), turn) >= MIN_CORRELATION).then(|| turn.to_scaled_axis())
+        (correlation(a, b, of(a), turn) >= MIN_CORRELATION).then(|| turn.to_scaled_axis())
     }
 }
 
-impl PyramidLevel {
-    /// Smoothed by a 1 2 1 kernel in both directions, so that gradients cover a level's shift.
-    fn smoothed(&self) -> Self {
-        let (w, h) = (self.width, self.height);
-        let blend = |before: f32, here: f32, after: f32| 0.25 * (before + 2.0 * here + after);
-        let places = || (0..w * h).map(|n| (n % w, n / w));
-        let at = |x: usize, y: usize| self.values[y * w + x];
-        let across: Vec<f32> =
-            places().map(|(x, y)| blend(at(x.saturating_sub(1), y), at(x, y), at((x + 1).min(w - 1), y))).collect();
-        let at = |x: usize, y: usize| across[y * w + x];
-        let values =
-            places().map(|(x, y)| blend(at(x, y.saturating_sub(1)), at(x, y), at(x, (y + 1).min(h - 1)))).collect();
-        Self { width: w, height: h, values }
-    }
+/// Smoothed by a 1 2 1 kernel in both directions, so that gradients cover a level's shift.
+fn smoothed(level: &GreyImage) -> GreyImage {
+    let (w, h) = (level.width, level.height);
+    let blend = |before: f32, here: f32, after: f32| 0.25 * (before + 2.0 * here + after);
+    let places = || (0..w * h).map(|n| (n % w, n / w));
+    let at = |x: usize, y: usize| level.values[y * w + x];
+    let across: Vec<f32> =
+        places().map(|(x, y)| blend(at(x.saturating_sub(1), y), at(x, y), at((x + 1).min(w - 1), y))).collect();
+    let at = |x: usize, y: usize| across[y * w + x];
+    let values =
+        places().map(|(x, y)| blend(at(x, y.saturating_sub(1)), at(x, y), at(x, (y + 1).min(h - 1)))).collect();
+    GreyImage { width: w, height: h, values }
+}
 
-    fn half(&self) -> Option<Self> {
-        let (width, height) = (self.width / 2, self.height / 2);
-        let at = |x: usize, y: usize| self.values[y * self.width + x];
-        let mean = |x: usize, y: usize| 0.25 * (at(x, y) + at(x + 1, y) + at(x, y + 1) + at(x + 1, y + 1));
-        let values = (0..width * height).map(|n| mean(2 * (n % width), 2 * (n / width))).collect();
-        (width.min(height) >= COARSEST_SIDE_PX as usize).then(|| Self { width, height, values }.smoothed())
-    }
+fn half(level: &GreyImage) -> Option<GreyImage> {
+    let (width, height) = (level.width / 2, level.height / 2);
+    let at = |x: usize, y: usize| level.values[y * level.width + x];
+    let mean = |x: usize, y: usize| 0.25 * (at(x, y) + at(x + 1, y) + at(x, y + 1) + at(x + 1, y + 1));
+    let values = (0..width * height).map(|n| mean(2 * (n % width), 2 * (n / width))).collect();
+    (width.min(height) >= COARSEST_SIDE_PX as usize).then(|| smoothed(&GreyImage { width, height, values }))
+}
 
-    /// Bilinear sample, with pixel centres at +0.5; `None` outside.
-    fn sample(&self, at: DVec2) -> Option<f32> {
-        let (x, y) = (at.x - 0.5, at.y - 0.5);
-        let (left, top) = (x.floor(), y.floor());
-        if left < 0.0 || top < 0.0 || left as usize + 1 >= self.width || top as usize + 1 >= self.height {
+/// Bilinear sample in 32 bits, with pixel centres at +0.5; `None` outside.
+fn sample(level: &GreyImage, at: DVec2) -> Option<f32> {
+    let (x, y) = (at.x - 0.5, at.y - 0.5);
+    let (left, top) = (x.floor(), y.floor());
+    if left < 0.0 || top < 0.0 || left as usize + 1 >= level.width || top as usize + 1 >= level.height {
+        return None;
+    }
+    let (u, v) = ((x - left) as f32, (y - top) as f32);
+    let first = top as usize * level.width + left as usize;
+    let corners = [first, first + 1, first + level.width, first + level.width + 1];
+    Some(bilinear(corners.map(|at| level.values[at]), [u, v]))
+}
+
+/// The pixels inside the border that overlap with `next`: position, value here, value there.
+fn overlap(
+    level: &GreyImage,
+    next: &GreyImage,
+    camera: Pinhole,
+    turn: DQuat,
+) -> impl Iterator<Item = ((usize, DVec2), f64, f64)> {
+    let (w, h) = (level.width, level.height);
+    let turn = DMat3::from_quat(turn);
+    (1..h - 1).flat_map(move |y| (1..w - 1).map(move |x| (x, y))).filter_map(move |(x, y)| {
+        let place = (DVec2::new(x as f64 + 0.5, y as f64 + 0.5) - camera.centre) / camera.focal;
+        let ray = turn * place.extend(1.0);
+        let other = sample(next, camera.focal * ray.truncate() / ray.z + camera.centre).filter(|_| ray.z > 0.0)?;
+        let at = y * w + x;
+        Some(((at, place), level.values[at].into(), other.into()))
+    })
+}
+
+/// The rotation that aligns `next` with this level. `None` if the overlap is too small, or
+/// without gradients.
+fn aligned(level: &GreyImage, next: &GreyImage, camera: Pinhole, mut turn: DQuat) -> Option<DQuat> {
+    let least = (level.width * level.height / 4) as f64;
+    let slope = |at: usize| {
+        let by = |step: usize| 0.5 * f64::from(level.values[at + step] - level.values[at - step]);
+        camera.focal * DVec2::new(by(1), by(level.width))
+    };
+    for _ in 0..ITERATIONS {
+        // Normal equations with the brightness eliminated: all sums are about their means.
+        let (mut n, mut sum_j, mut sum_off) = (0.0, DVec3::ZERO, 0.0);
+        let (mut jj, mut j_off) = (DMat3::ZERO, DVec3::ZERO);
+        for ((at, DVec2 { x, y }), here, there) in overlap(level, next, camera, turn) {
+            let DVec2 { x: right, y: down } = slope(at);
+            // A rotation ω moves the point (x, y) by (−xy·ωx + (1 + x²)·ωy − y·ωz, −(1 + y²)·ωx
+            // + xy·ωy + x·ωz).
+            let j = DVec3::new(
+                -right * x * y - down * (1.0 + y * y),
+                right * (1.0 + x * x) + down * x * y,
+                down * x - right * y,
+            );
+            let off = here - there;
+            n += 1.0;
+            sum_j += j;
+            sum_off += off;
+            jj += DMat3::from_cols(j * j.x, j * j.y, j * j.z);
+            j_off += j * off;
+        }
+        if n < least {
             return None;
         }
-        let (u, v) = ((x - left) as f32, (y - top) as f32);
-        let first = top as usize * self.width + left as usize;
-        let row = |at: usize| self.values[at] * (1.0 - u) + self.values[at + 1] * u;
-        Some(row(first) * (1.0 - v) + row(first + self.width) * v)
-    }
-
-    /// The pixels inside the border that overlap with `next`: position, value here, value there.
-    fn overlap(&self, next: &Self, camera: Pinhole, turn: DQuat) -> impl Iterator<Item = ((usize, DVec2), f64, f64)> {
-        let (w, h) = (self.width, self.height);
-        let turn = DMat3::from_quat(turn);
-        (1..h - 1).flat_map(move |y| (1..w - 1).map(move |x| (x, y))).filter_map(move |(x, y)| {
-            let place = (DVec2::new(x as f64 + 0.5, y as f64 + 0.5) - camera.centre) / camera.focal;
-            let ray = turn * place.extend(1.0);
-            let other = next.sample(camera.focal * ray.truncate() / ray.z + camera.centre).filter(|_| ray.z > 0.0)?;
-            let at = y * w + x;
-            Some(((at, place), self.values[at].into(), other.into()))
-        })
-    }
-
-    /// The rotation that aligns `next` with this level. `None` if the overlap is too small, or
-    /// without gradients.
-    fn aligned(&self, next: &Self, camera: Pinhole, mut turn: DQuat) -> Option<DQuat> {
-        let least = (self.width * self.height / 4) as f64;
-        let slope = |at: usize| {
-            let by = |step: usize| 0.5 * f64::from(self.values[at + step] - self.values[at - step]);
-            camera.focal * DVec2::new(by(1), by(self.width))
-        };
-        for _ in 0..ITERATIONS {
-            // Normal equations with the brightness eliminated: all sums are about their means.
-            let (mut n, mut sum_j, mut sum_off) = (0.0, DVec3::ZERO, 0.0);
-            let (mut jj, mut j_off) = (DMat3::ZERO, DVec3::ZERO);
-            for ((at, DVec2 { x, y }), here, there) in self.overlap(next, camera, turn) {
-                let DVec2 { x: right, y: down } = slope(at);
-                // A rotation ω moves the point (x, y) by (−xy·ωx + (1 + x²)·ωy − y·ωz, −(1 + y²)·ωx
-                // + xy·ωy + x·ωz).
-                let j = DVec3::new(
-                    -right * x * y - down * (1.0 + y * y),
-                    right * (1.0 + x * x) + down * x * y,
-                    down * x - right * y,
-                );
-                let off = here - there;
-                n += 1.0;
-                sum_j += j;
-                sum_off += off;
-                jj += DMat3::from_cols(j * j.x, j * j.y, j * j.z);
-                j_off += j * off;
-            }
-            if n < least {
-                return None;
-            }
-            let jj = jj - DMat3::from_cols(sum_j * sum_j.x, sum_j * sum_j.y, sum_j * sum_j.z) * (1.0 / n);
-            let scale = jj.x_axis.x * jj.y_axis.y * jj.z_axis.z;
-            if !(jj.determinant() > 1e-6 * scale && scale > 0.0) {
-                return None;
-            }
-            let step = jj.inverse() * (j_off - sum_j * (sum_off / n));
-            // A level corrects less than its pixel size.
-            let step = step.clamp_length_max(1.0 / camera.focal.min_element());
-            turn = (turn * DQuat::from_scaled_axis(step)).normalize();
-            if step.length() < CONVERGENCE_RAD {
-                break;
-            }
+        let jj = jj - DMat3::from_cols(sum_j * sum_j.x, sum_j * sum_j.y, sum_j * sum_j.z) * (1.0 / n);
+        let scale = jj.x_axis.x * jj.y_axis.y * jj.z_axis.z;
+        if !(jj.determinant() > 1e-6 * scale && scale > 0.0) {
+            return None;
         }
-        Some(turn)
-    }
-
-    /// Correlation over the overlap.
-    fn correlation(&self, next: &Self, camera: Pinhole, turn: DQuat) -> f64 {
-        let (mut n, mut a, mut b, mut aa, mut bb, mut ab) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
-        for (_, here, there) in self.overlap(next, camera, turn) {
-            n += 1.0;
-            (a, b) = (a + here, b + there);
-            (aa, bb, ab) = (aa + here * here, bb + there * there, ab + here * there);
+        let step = jj.inverse() * (j_off - sum_j * (sum_off / n));
+        // A level corrects less than its pixel size.
+        let step = step.clamp_length_max(1.0 / camera.focal.min_element());
+        turn = (turn * DQuat::from_scaled_axis(step)).normalize();
+        if step.length() < CONVERGENCE_RAD {
+            break;
         }
-        let spread = (aa - a * a / n) * (bb - b * b / n);
-        if spread > 0.0 { (ab - a * b / n) / spread.sqrt() } else { 0.0 }
     }
+    Some(turn)
 }
 
+/// Correlation over the overlap.
+fn correlation(level: &GreyImage, next: &GreyImage, camera: Pinhole, turn: DQuat) -> f64 {
+    let (mut n, mut a, mut b, mut aa, mut bb, mut ab) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    for (_, here, there) in overlap(level, next, camera, turn) {
+        n += 1.0;
+        (a, b) = (a + here, b + there);
+        (aa, bb, ab) = (aa + here * here, bb + there * there, ab + here * there);
+    }
+    let spread = (aa - a * a / n) * (bb - b * b / n);
+    if spread > 0.0 { (ab - a * b / n) / spread.sqrt() } else { 0.0 }
+}
 #[cfg(test)]
 mod tests {
     use super::*;

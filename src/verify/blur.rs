@@ -24,10 +24,11 @@ use glam::DVec3;
 use super::error::VerifyError;
 use super::frame_scene::{frame_scene, without_near_triangles};
 use super::noise_floor::luma_sigma;
-use crate::analyse::{Plane, gaussian, unit_noise};
+use crate::analyse::unit_noise;
 use crate::camera::NoiseProfile;
 use crate::compositor::Compositor;
 use crate::fit::quantile::{nearest_quantile, upper_median};
+use crate::grey_image::{GreyImage, gaussian};
 use crate::params::Value;
 use crate::shot::Shot;
 
@@ -89,7 +90,7 @@ pub fn blur(
         compositor.set_scene(scene.clone());
         shot.scene = Arc::new(scene);
         let Some(kept) = kept(&shot, compositor, slow)? else { continue };
-        let real = band(&Plane::of(&shot.read(fast)?.pixels));
+        let real = band(&GreyImage::luma_601(&shot.read(fast)?.pixels));
         let usual_s = exposure_s(&shot, fast)?;
         let mut still = shot.clone();
         let _ = still.settings.switch("motion_blur", false);
@@ -164,7 +165,7 @@ fn displacement_px(shot: &Shot, n: usize, exposure_s: f64) -> Option<f64> {
 fn rendered(shot: Shot, compositor: &mut Compositor, n: usize) -> Result<Option<(Band, Vec<bool>)>, VerifyError> {
     let Some(made) = shot.frames(compositor, n..n + 1, true, 1)?.next().transpose()? else { return Ok(None) };
     let whole = made.layer.map(|layer| layer.rgba.iter().map(|p| p[3] > 0.999).collect());
-    Ok(whole.map(|whole| (band(&Plane::of(&made.pixels)), whole)))
+    Ok(whole.map(|whole| (band(&GreyImage::luma_601(&made.pixels)), whole)))
 }
 
 /// Ratio of the band power after compositing a frame into itself to that before, median of the
@@ -173,7 +174,7 @@ fn kept(shot: &Shot, compositor: &mut Compositor, n: usize) -> Result<Option<f64
     let mut plain = shot.clone();
     let _ = plain.settings.switch("motion_blur", false);
     let Some((made, whole)) = rendered(plain, compositor, n)? else { return Ok(None) };
-    let real = band(&Plane::of(&shot.read(n)?.pixels));
+    let real = band(&GreyImage::luma_601(&shot.read(n)?.pixels));
     let kept = places(&real, &[&whole]).into_iter().map(|(x, y)| made.power(x, y) / real.power(x, y).max(1e-12));
     Ok(upper_median(kept))
 }
@@ -205,7 +206,7 @@ fn areas(real: &Band, kept: f64, unblurred: &Band, made: &[BlurredRender], noise
 
 /// Corners of the areas with the most detail that lie within all masks.
 fn places(band: &Band, masks: &[&[bool]]) -> Vec<(usize, usize)> {
-    let (w, h) = (band.width, band.height);
+    let (w, h) = (band.detail.width, band.detail.height);
     let mut found = Vec::new();
     for y in (0..h.saturating_sub(AREA_PX - 1)).step_by(AREA_PX / 2) {
         for x in (0..w.saturating_sub(AREA_PX - 1)).step_by(AREA_PX / 2) {
@@ -250,7 +251,8 @@ struct BandNoise {
 impl BandNoise {
     fn new(profile: NoiseProfile) -> Self {
         let field = band(&unit_noise(NOISE_FIELD_PX, NOISE_FIELD_PX, 0, profile.neighbour_correlation));
-        let share = field.values.iter().map(|v| f64::from(*v).powi(2)).sum::<f64>() / field.values.len() as f64;
+        let share =
+            field.detail.values.iter().map(|v| f64::from(*v).powi(2)).sum::<f64>() / field.detail.values.len() as f64;
         Self { profile, share }
     }
 
@@ -264,35 +266,33 @@ impl BandNoise {
 
 /// Band-passed luma, and its local mean.
 struct Band {
-    width: usize,
-    height: usize,
-    values: Vec<f32>,
-    mean: Vec<f32>,
+    detail: GreyImage,
+    mean: GreyImage,
 }
 
 impl Band {
     /// Power of an area by the square of its mean.
     fn power(&self, x: usize, y: usize) -> f64 {
-        let power: f64 = self.rows(x, y).flat_map(|row| &self.values[row]).map(|v| f64::from(*v).powi(2)).sum();
+        let power: f64 = self.rows(x, y).flat_map(|row| &self.detail.values[row]).map(|v| f64::from(*v).powi(2)).sum();
         power / self.mean_code(x, y).powi(2)
     }
 
     /// Mean of an area, codes; 1 or more.
     fn mean_code(&self, x: usize, y: usize) -> f64 {
-        let sum: f64 = self.rows(x, y).flat_map(|row| &self.mean[row]).map(|v| f64::from(*v)).sum();
+        let sum: f64 = self.rows(x, y).flat_map(|row| &self.mean.values[row]).map(|v| f64::from(*v)).sum();
         (sum / (AREA_PX * AREA_PX) as f64).max(1.0)
     }
 
     fn rows(&self, x: usize, y: usize) -> impl Iterator<Item = std::ops::Range<usize>> {
-        let width = self.width;
+        let width = self.detail.width;
         (y..y + AREA_PX).map(move |y| y * width + x..y * width + x + AREA_PX)
     }
 }
 
-fn band(luma: &Plane) -> Band {
+fn band(luma: &GreyImage) -> Band {
     let (fine, coarse) = (luma.filtered(&gaussian(BAND_SIGMAS_PX.0)), luma.filtered(&gaussian(BAND_SIGMAS_PX.1)));
     let values = fine.values.iter().zip(&coarse.values).map(|(a, b)| a - b).collect();
-    Band { width: luma.width, height: luma.height, values, mean: coarse.values }
+    Band { detail: GreyImage { values, ..fine }, mean: coarse }
 }
 
 #[cfg(test)]
@@ -313,7 +313,7 @@ mod tests {
     fn power_does_not_change_with_brightness() {
         let stripes = |by: f32| {
             let values = (0..96 * 96).map(|i| by * (100.0 + 20.0 * ((i % 96) as f32 * 0.6).sin())).collect();
-            band(&Plane { width: 96, height: 96, values }).power(16, 16)
+            band(&GreyImage { width: 96, height: 96, values }).power(16, 16)
         };
         assert!((stripes(0.5) / stripes(1.0) - 1.0).abs() < 1e-5 && stripes(1.0) > 0.0);
     }
@@ -323,7 +323,10 @@ mod tests {
         const PIXELS: usize = AREA_PX * AREA_PX;
         let detail = |power: f64| {
             let values = vec![power.sqrt() as f32; PIXELS];
-            Band { width: AREA_PX, height: AREA_PX, values, mean: vec![1.0; PIXELS] }
+            Band {
+                detail: GreyImage { width: AREA_PX, height: AREA_PX, values },
+                mean: GreyImage::uniform(AREA_PX, AREA_PX, 1.0),
+            }
         };
         // The power of detail is inverse to the exposure; drawing keeps four fifths of it.
         let drawn = 0.8;

@@ -26,7 +26,7 @@ use noise_floor::{luma_sigma, with_noise};
 use crate::camera::NoiseProfile;
 use crate::fit::quantile::upper_median;
 use crate::gpu::Gpu;
-use crate::measure::Grey;
+use crate::grey_image::GreyImage;
 use crate::measure::displacement::{DisplacementOptions, Displacements, displacements};
 use crate::pixels::Pixels;
 use crate::shot::Shot;
@@ -132,8 +132,8 @@ pub fn verify(
         {
             let mask: Vec<bool> = layer.rgba.iter().map(|p| p[3] > 0.999).collect();
             let seed = 2 * *n as u64;
-            let real = with_noise(&Grey::luma(&frame.pixels), profile, seed);
-            let made = with_noise(&Grey::luma(&made.pixels), profile, seed + 1);
+            let real = with_noise(&GreyImage::luma_709(&frame.pixels), profile, seed);
+            let made = with_noise(&GreyImage::luma_709(&made.pixels), profile, seed + 1);
             at_rest.extend(lengths(&displacements(&real, &made, Some(&mask), &options)?));
             brighter_at_rest.extend(difference(&real, &made, &mask));
         }
@@ -142,7 +142,7 @@ pub fn verify(
             let Some(made) = shot.frames(&mut compositor, to..to + 1, true, 1)?.next().transpose()? else { continue };
             let Some(layer) = made.layer else { continue };
             let mask: Vec<bool> = layer.rgba.iter().map(|p| p[3] > 0.999).collect();
-            let (real, made) = (Grey::luma(&real), Grey::luma(&made.pixels));
+            let (real, made) = (GreyImage::luma_709(&real), GreyImage::luma_709(&made.pixels));
             let found = displacements(&real, &made, Some(&mask), &options)?;
             if found.patches.len() >= MIN_PATCHES {
                 displaced.extend(lengths(&found));
@@ -166,7 +166,7 @@ pub fn verify(
 /// Patches whose contrast is well above the camera's noise.
 fn patch_options(pixels: &Pixels, noise: Option<&NoiseProfile>) -> DisplacementOptions {
     let usual = DisplacementOptions { patch_px: PATCH_PX, step_px: PATCH_PX / 2, ..Default::default() };
-    let luma = Grey::luma(pixels).values;
+    let luma = GreyImage::luma_709(pixels).values;
     let mean = luma.iter().sum::<f64>() / luma.len().max(1) as f64;
     let sigma = noise.map_or(0.0, |profile| luma_sigma(profile, mean));
     DisplacementOptions { min_contrast: usual.min_contrast.max(MIN_CONTRAST_TO_NOISE * sigma), ..usual }
@@ -181,11 +181,11 @@ fn least_blurred(blur_px: &[Option<f64>], every: usize) -> Vec<usize> {
 }
 
 /// Median absolute difference of flat areas' luma within `mask`, codes. `None` without flat areas.
-fn difference(real: &Grey, made: &Grey, mask: &[bool]) -> Option<f64> {
-    let area = |of: &Grey, x: i64, y: i64| {
+fn difference(real: &GreyImage<f64>, made: &GreyImage<f64>, mask: &[bool]) -> Option<f64> {
+    let area = |of: &GreyImage<f64>, x: i64, y: i64| {
         let (mut sum, mut squares, mut count) = (0.0, 0.0, 0.0);
         for value in (-AREA_RADIUS_PX..=AREA_RADIUS_PX)
-            .flat_map(|dy| (-AREA_RADIUS_PX..=AREA_RADIUS_PX).map(move |dx| of.at(x + dx, y + dy)))
+            .flat_map(|dy| (-AREA_RADIUS_PX..=AREA_RADIUS_PX).map(move |dx| of.clamped(x + dx, y + dy)))
         {
             (sum, squares, count) = (sum + value, squares + value * value, count + 1.0);
         }

@@ -14,19 +14,19 @@
 use crate::analyse::unit_noise;
 use crate::camera::NoiseProfile;
 use crate::fit::quantile::nearest_quantile;
-use crate::measure::Grey;
+use crate::grey_image::GreyImage;
 
-/// Luma of BT.709, as [`Grey::luma`] has it.
+/// Luma of BT.709, as [`GreyImage::luma_709`] has it.
 const LUMA: [f64; 3] = [0.2126, 0.7152, 0.0722];
 /// Number of patches that count as one: they overlap by half in both directions.
 const OVERLAPPING_PATCHES: f64 = 4.0;
 
 /// Adds noise of the camera, which depends on the seed only.
-pub fn with_noise(picture: &Grey, profile: &NoiseProfile, seed: u64) -> Grey {
+pub fn with_noise(picture: &GreyImage<f64>, profile: &NoiseProfile, seed: u64) -> GreyImage<f64> {
     let sigma: Vec<f64> = (0..256u32).map(|code| luma_sigma(profile, code.into())).collect();
     let noise = unit_noise(picture.width, picture.height, seed, profile.neighbour_correlation);
     let with = |(value, noise): (&f64, &f32)| value + sigma[value.clamp(0.0, 255.0) as usize] * f64::from(*noise);
-    Grey { values: picture.values.iter().zip(&noise.values).map(with).collect(), ..*picture }
+    GreyImage { values: picture.values.iter().zip(&noise.values).map(with).collect(), ..*picture }
 }
 
 /// σ of luma for equal codes in all channels.

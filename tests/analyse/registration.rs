@@ -5,7 +5,7 @@ use crate::gpu;
 use crate::shot;
 use crate::tier::fast_or_full;
 use locard::fit::quantile::upper_median;
-use locard::measure::Grey;
+use locard::grey_image::GreyImage;
 use locard::measure::displacement::{DisplacementOptions, displacements};
 
 /// Patches must be much larger than the displacements, which reach 10 px in a few frames.
@@ -30,8 +30,8 @@ fn twin_displacements((twin, readout_time_s): (&str, f64), frames: std::ops::Ran
         let layer = done.layer.unwrap();
         let mask: Vec<bool> = layer.rgba.iter().map(|p| p[3] > 0.999).collect();
         let found = displacements(
-            &Grey::luma(&real),
-            &Grey::luma(&done.pixels),
+            &GreyImage::luma_709(&real),
+            &GreyImage::luma_709(&done.pixels),
             Some(&mask),
             &DisplacementOptions { patch_px: PATCH_PX, step_px: PATCH_PX / 2, ..Default::default() },
         )

@@ -10,13 +10,14 @@ use crate::random::Random;
 use crate::tier;
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use locard::calibrate::board::{
-    BoardDetection, ChessboardError, ChessboardSize, GreyImage, Target, TargetChoice, find_chessboard,
+    BoardDetection, ChessboardError, ChessboardSize, Target, TargetChoice, find_chessboard,
 };
 use locard::calibrate::geometry::{
     CameraCalibration, LensError, LensOptions, NamedView, Views, calibrate, views_from_paths,
 };
 use locard::camera::{Distortion, Geometry, Intrinsics, LensModel, Response};
 use locard::compositor::Settings;
+use locard::grey_image::GreyImage;
 use locard::profile::Rig;
 
 const SIZE: (u32, u32) = (640, 480);
@@ -65,7 +66,7 @@ impl Camera {
                 _ => 90.0,
             }
         };
-        let sharp = GreyImage::new(SIZE.0 as usize, SIZE.1 as usize, |x, y| {
+        let sharp = GreyImage::from_fn(SIZE.0 as usize, SIZE.1 as usize, |x, y| {
             let all = (0..SUBSAMPLES * SUBSAMPLES).map(|i| {
                 value(
                     &self.rays[(SUBSAMPLES * y + i / SUBSAMPLES) * SUBSAMPLES * SIZE.0 as usize
@@ -352,10 +353,13 @@ fn too_few_views_name_the_requirement() {
         Ok(calibrated) => assert!(calibrated.missing.iter().any(|m| m.to_string().contains("tilted")), "{calibrated}"),
         Err(error) => assert!(matches!(error, LensError::Undetermined | LensError::Unexplained), "{error}"),
     }
-    let blank = GreyImage::new(300, 200, |x, y| ((x * 7 + y * 13) % 11) as f32);
+    let blank = GreyImage::from_fn(300, 200, |x, y| ((x * 7 + y * 13) % 11) as f32);
     assert_eq!(find_chessboard(&blank, None), Err(ChessboardError::None));
     for (width, height) in [(0, 0), (1, 1), (5, 3), (3, 400)] {
-        assert_eq!(find_chessboard(&GreyImage::new(width, height, |x, _| x as f32), None), Err(ChessboardError::None));
+        assert_eq!(
+            find_chessboard(&GreyImage::from_fn(width, height, |x, _| x as f32), None),
+            Err(ChessboardError::None)
+        );
     }
 }
 

@@ -1,7 +1,7 @@
 //! Displacement measurements compared with known shifts of an analytic picture.
 
 use crate::tier;
-use locard::measure::Grey;
+use locard::grey_image::GreyImage;
 use locard::measure::displacement::{DisplacementOptions, Displacements, PatchDisplacement, displacements};
 
 fn hash(mut x: u64) -> f64 {
@@ -19,7 +19,7 @@ const SIZE: usize = 128;
 
 /// Forty soft spots and a checkered ramp, exactly shifted, with noise of `sigma` that depends on
 /// `seed`.
-fn picture(shift: [f64; 2], sigma: f64, seed: u64) -> Grey {
+fn picture(shift: [f64; 2], sigma: f64, seed: u64) -> GreyImage<f64> {
     let spots: Vec<[f64; 4]> = (0..220)
         .map(|i| {
             let r = |k: u64| hash(4 * i + k + 1000);
@@ -36,7 +36,7 @@ fn picture(shift: [f64; 2], sigma: f64, seed: u64) -> Grey {
             (120.0 + content + sigma * noise(seed * 1_000_000 + i as u64)).round()
         })
         .collect();
-    Grey::new(SIZE, SIZE, values).unwrap()
+    GreyImage::new(SIZE, SIZE, values).unwrap()
 }
 
 #[test]
@@ -73,13 +73,17 @@ fn shifts_come_back_within_a_twentieth_of_a_pixel() {
 #[test]
 fn flat_and_masked_patches_give_no_displacement() {
     let options = DisplacementOptions::default();
-    let flat = Grey::new(SIZE, SIZE, vec![50.0; SIZE * SIZE]).unwrap();
+    let flat = GreyImage::new(SIZE, SIZE, vec![50.0; SIZE * SIZE]).unwrap();
     let found = displacements(&flat, &flat, None, &options).unwrap();
     assert_eq!((found.patches.len(), found.flat, found.median_length_px()), (0, 49, None));
     // Noise that the pictures do not share is no content.
     let grain = |seed: u64| {
-        Grey::new(SIZE, SIZE, (0..SIZE as u64 * SIZE as u64).map(|i| 50.0 + 3.0 * noise(seed * 100_000 + i)).collect())
-            .unwrap()
+        GreyImage::new(
+            SIZE,
+            SIZE,
+            (0..SIZE as u64 * SIZE as u64).map(|i| 50.0 + 3.0 * noise(seed * 100_000 + i)).collect(),
+        )
+        .unwrap()
     };
     let found = displacements(&grain(1), &grain(2), None, &options).unwrap();
     assert_eq!(found.patches.len(), 0, "{found:?}");
@@ -104,7 +108,7 @@ fn standard_error_covers_the_error_and_a_straight_edge_is_not_trusted() {
     let edge = |seed: u64| {
         let value = |i: usize| 30.0 + 6.0 * ((i % SIZE) as f64 - 60.0).clamp(0.0, 8.0);
         let values = (0..SIZE * SIZE).map(|i| value(i) + 2.0 * noise(seed * 100_000 + i as u64)).collect();
-        Grey::new(SIZE, SIZE, values).unwrap()
+        GreyImage::new(SIZE, SIZE, values).unwrap()
     };
     let all: Vec<Displacements> =
         (0..20).map(|n| displacements(&edge(2 * n), &edge(2 * n + 1), None, &options).unwrap()).collect();
@@ -116,13 +120,13 @@ fn standard_error_covers_the_error_and_a_straight_edge_is_not_trusted() {
 #[test]
 fn failed_measurements_name_the_reason() {
     let options = DisplacementOptions::default();
-    let (a, small) = (picture([0.0; 2], 0.0, 1), Grey::new(2, 1, vec![0.0; 2]).unwrap());
+    let (a, small) = (picture([0.0; 2], 0.0, 1), GreyImage::new(2, 1, vec![0.0; 2]).unwrap());
     assert!(displacements(&a, &small, None, &options).unwrap_err().to_string().contains("128x128 and 2x1"));
     assert!(displacements(&a, &a, Some(&[true]), &options).is_err());
     assert!(displacements(&a, &a, None, &DisplacementOptions { patch_px: 4, ..options.clone() }).is_err());
     assert!(displacements(&a, &a, None, &DisplacementOptions { step_px: 0, ..options.clone() }).is_err());
     assert!(displacements(&small, &small, None, &options).unwrap().patches.is_empty());
-    let nan = Grey::new(SIZE, SIZE, vec![f64::NAN; SIZE * SIZE]).unwrap();
+    let nan = GreyImage::new(SIZE, SIZE, vec![f64::NAN; SIZE * SIZE]).unwrap();
     assert!(displacements(&nan, &nan, None, &options).unwrap().patches.is_empty());
-    assert!(Grey::new(3, 3, vec![0.0; 8]).is_none());
+    assert!(GreyImage::new(3, 3, vec![0.0; 8]).is_none());
 }

@@ -13,7 +13,7 @@ use locard::calibrate::{
 };
 use locard::camera::{NoiseBin, NoiseProfile, Response};
 use locard::effects::blur;
-use locard::measure::Grey;
+use locard::grey_image::GreyImage;
 use locard::measure::slanted::{EdgeError, SlantedEdge, slanted_edge};
 use locard::pixels::{Pixels, Rect};
 use statrs::distribution::{ContinuousCDF, Normal};
@@ -57,10 +57,10 @@ impl SyntheticEdge {
     }
 }
 
-fn light(shares: &[f64], noise: f64, seed: u64) -> Grey {
+fn light(shares: &[f64], noise: f64, seed: u64) -> GreyImage<f64> {
     let mut random = Random::new(seed);
     let values = shares.iter().map(|share| DARK + (BRIGHT - DARK) * share + noise * random.normal());
-    Grey::new(SIDE, SIDE, values.collect()).unwrap()
+    GreyImage::new(SIDE, SIDE, values.collect()).unwrap()
 }
 
 #[test]
@@ -114,7 +114,7 @@ fn known_motion_is_subtracted_from_the_blur() {
 
 #[test]
 fn rejected_edges_name_the_reason() {
-    let measure = |picture: &Grey| slanted_edge(picture, WHOLE, [0.0; 2]).unwrap_err();
+    let measure = |picture: &GreyImage<f64>| slanted_edge(picture, WHOLE, [0.0; 2]).unwrap_err();
     let shares = SyntheticEdge { slant_deg: 9.0, sigma_px: 0.6, moved_px: 0.0 }.shares();
     assert!(matches!(
         measure(&light(&[0.5; SIDE * SIDE], 0.02, 1)),
@@ -391,7 +391,7 @@ fn edge_in_a_single_channel_is_measured() {
 }
 
 /// A step of light, slanted, summed over the pixels and blurred by the taps of `point_spread`.
-fn drawn_edge(slant_deg: f64, sigma_px: f64) -> Grey {
+fn drawn_edge(slant_deg: f64, sigma_px: f64) -> GreyImage<f64> {
     const SIZE: (usize, usize) = (100, 80);
     let (sin, cos) = slant_deg.to_radians().sin_cos();
     let parts = (0..144).map(|k| [(k % 12) as f64 / 12.0 + 1.0 / 24.0, (k / 12) as f64 / 12.0 + 1.0 / 24.0]);
@@ -401,16 +401,16 @@ fn drawn_edge(slant_deg: f64, sigma_px: f64) -> Grey {
         0.1 + 0.6 * bright as f64 / 144.0
     };
     let taps = blur::taps(sigma_px);
-    let blurred = |picture: &Grey, [dx, dy]: [i64; 2]| {
+    let blurred = |picture: &GreyImage<f64>, [dx, dy]: [i64; 2]| {
         let at = |i: usize, k: i64| {
             let (x, y) = ((i % SIZE.0) as i64, (i / SIZE.0) as i64);
-            taps[k.unsigned_abs() as usize] * picture.at(x + k * dx, y + k * dy)
+            taps[k.unsigned_abs() as usize] * picture.clamped(x + k * dx, y + k * dy)
         };
         let reach = taps.len() as i64 - 1;
         let values = (0..SIZE.0 * SIZE.1).map(|i| (-reach..=reach).map(|k| at(i, k)).sum()).collect();
-        Grey::new(SIZE.0, SIZE.1, values).unwrap()
+        GreyImage::new(SIZE.0, SIZE.1, values).unwrap()
     };
-    let sharp = Grey::new(SIZE.0, SIZE.1, (0..SIZE.0 * SIZE.1).map(light).collect()).unwrap();
+    let sharp = GreyImage::new(SIZE.0, SIZE.1, (0..SIZE.0 * SIZE.1).map(light).collect()).unwrap();
     blurred(&blurred(&sharp, [1, 0]), [0, 1])
 }
 

@@ -10,7 +10,7 @@ use locard::fit::quantile::upper_median;
 use locard::pixels::Pixels;
 use locard::pose::Pose;
 use locard::tags::{
-    Board, BoardPose, BoardTracker, Corners, DetectedTag, Detector, Family, Grey, Paper, PoseFailure, Sheet, Tag,
+    Board, BoardPose, BoardTracker, Corners, DetectedTag, Detector, Family, LumaCodes, Paper, PoseFailure, Sheet, Tag,
     Track, choose_along, correct_rolling_shutter, extrapolated_pose, picture, solve_pose,
 };
 
@@ -359,7 +359,7 @@ fn foreign_tags_do_not_hide_a_small_tag_of_the_board() {
     let [near, rim] = [12, 1].map(|px| move |at: u32, from: u32| (from - px..from + 24 + px).contains(&at));
     let is_black = |x, y| near(x, 300) && near(y, 200) && !(rim(x, 300) && rim(y, 200));
     let picture = drawn_over(&[(24, [300, 200], 3), (85, [20, 20], 14), (144, [460, 300], 14)], is_black);
-    let grey = Grey::of(&picture, Grey::table(&Response::default()));
+    let grey = LumaCodes::of(&picture, LumaCodes::table(&Response::default()));
     let mut detector = Detector::new(Family::Tag36h11, 640, 480).unwrap();
     let mut ids = |wanted: &dyn Fn(u32) -> bool| {
         detector.find(&grey, 1, wanted).unwrap().found.iter().map(|tag| tag.id).collect::<Vec<_>>()

@@ -6,7 +6,7 @@ use crate::common;
 use crate::gpu;
 use crate::tier::fast_or_full;
 use locard::camera::Geometry;
-use locard::measure::Grey;
+use locard::grey_image::GreyImage;
 use locard::measure::edge::{edge, profile};
 use locard::params::Value;
 use locard::pixels::LayerImage;
@@ -91,7 +91,8 @@ fn silhouette_widths_agree_with_cycles() {
     let mut missed = Vec::new();
     for method in ["velocity", "reference"] {
         let Some(case) = case("motion-translate", "motion_blur", method) else { return };
-        let alpha = |rgba: &[[f32; 4]]| Grey::new(640, 480, rgba.iter().map(|p| f64::from(p[3])).collect()).unwrap();
+        let alpha =
+            |rgba: &[[f32; 4]]| GreyImage::new(640, 480, rgba.iter().map(|p| f64::from(p[3])).collect()).unwrap();
         let (ours, theirs) = (alpha(&case.layer.rgba), alpha(&case.reference));
         for (name, from, to, across) in SILHOUETTES {
             let edge = |picture| edge(&profile(picture, from, to, 1.0, across).unwrap(), 1.0).unwrap();
@@ -123,7 +124,7 @@ fn rolling_shutter_agrees_with_cycles() {
 
 /// Skew of a silhouette over the picture's height, px: slope of the line through the rows'
 /// half-alpha positions.
-fn lean_px(alpha: &Grey, from_x: f64, to_x: f64) -> f64 {
+fn lean_px(alpha: &GreyImage<f64>, from_x: f64, to_x: f64) -> f64 {
     // The board's rows without a few near its corners.
     let rows = (70..410).map(|row| f64::from(row) + 0.5);
     let found: Vec<(f64, f64)> = rows
@@ -141,7 +142,8 @@ fn lean_px(alpha: &Grey, from_x: f64, to_x: f64) -> f64 {
 fn edge_skew_by_rolling_shutter_agrees_with_cycles() {
     for method in ["velocity", "reference"] {
         let Some(case) = case("rolling-shutter", "motion_blur", method) else { return };
-        let alpha = |rgba: &[[f32; 4]]| Grey::new(640, 480, rgba.iter().map(|p| f64::from(p[3])).collect()).unwrap();
+        let alpha =
+            |rgba: &[[f32; 4]]| GreyImage::new(640, 480, rgba.iter().map(|p| f64::from(p[3])).collect()).unwrap();
         let (ours, theirs) = (alpha(&case.layer.rgba), alpha(&case.reference));
         for (side, from_x, to_x) in [("left", 130.5, 190.5), ("right", 445.5, 505.5)] {
             let (ours, theirs) = (lean_px(&ours, from_x, to_x), lean_px(&theirs, from_x, to_x));

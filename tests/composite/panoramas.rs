@@ -10,7 +10,7 @@ use crate::tier::fast_or_full;
 use glam::{DAffine3, DQuat, DVec2, DVec3};
 use locard::camera::{Camera, Distortion, Geometry, Intrinsics, LensModel, NoiseBin, NoiseProfile};
 use locard::compositor::{Composited, Compositor, IN_FLIGHT, Input, Settings, Stream};
-use locard::measure::Grey;
+use locard::grey_image::GreyImage;
 use locard::measure::displacement::{DisplacementOptions, displacements};
 use locard::params::Value;
 use locard::pixels::{DepthMap, LayerImage, Pixels};
@@ -327,7 +327,7 @@ fn real_depth_occludes_across_the_seam() {
 }
 
 /// Resamples 0.34 rad around a direction as a pinhole picture, from a picture of any projection.
-fn pinhole_view(geometry: &Geometry, towards: DVec3, value: impl Fn(u32, u32) -> f64) -> Grey {
+fn pinhole_view(geometry: &Geometry, towards: DVec3, value: impl Fn(u32, u32) -> f64) -> GreyImage<f64> {
     let side = 192usize;
     let (right, down) = {
         let up = if towards.y.abs() > 0.9 { DVec3::Z } else { DVec3::NEG_Y };
@@ -347,7 +347,7 @@ fn pinhole_view(geometry: &Geometry, towards: DVec3, value: impl Fn(u32, u32) ->
         let row = |dy| texel(0, dy) * (1.0 - f.x) + texel(1, dy) * f.x;
         row(0) * (1.0 - f.y) + row(1) * f.y
     });
-    Grey::new(side, side, values.collect()).unwrap()
+    GreyImage::new(side, side, values.collect()).unwrap()
 }
 
 /// The site's board rendered by the simulation, and the same board composited over it: in the

@@ -6,8 +6,8 @@
 use glam::DVec2;
 
 use super::detection::{BoardDetection, ChessboardSize, Target};
-use super::grey_image::GreyImage;
 use super::{corners, grid, refine};
+use crate::grey_image::GreyImage;
 
 /// Reason why no board was found in a picture.
 #[derive(Clone, Copy, Debug, thiserror::Error, PartialEq, Eq)]

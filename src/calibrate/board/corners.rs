@@ -9,7 +9,7 @@ use std::f64::consts::{PI, TAU};
 
 use glam::DVec2;
 
-use super::grey_image::GreyImage;
+use crate::grey_image::GreyImage;
 
 /// A crossing of two edges, in the picture in which it was detected.
 #[derive(Clone, Copy, Debug, PartialEq)]

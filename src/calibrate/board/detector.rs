@@ -2,10 +2,10 @@
 
 use super::chessboard::{ChessboardError, find_chessboard};
 use super::detection::{BoardDetection, ChessboardSize};
-use super::grey_image::GreyImage;
 use super::tag_board::{NotOnPlane, TagBoardDetector, TagsError};
 use crate::camera::Response;
-use crate::pixels::{Codes, Pixels};
+use crate::grey_image::GreyImage;
+use crate::pixels::Pixels;
 use crate::tags::{self, Paper, Sheet};
 
 /// The target to detect.
@@ -66,13 +66,9 @@ impl BoardDetector {
 
 /// BT.709 luma in 8-bit codes.
 fn grey(pixels: &Pixels) -> GreyImage {
-    let (width, height) = (pixels.width as usize, pixels.height as usize);
-    let luma = |rgb: [f32; 3]| 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
-    GreyImage::new(width, height, |x, y| {
-        let i = 3 * (y * width + x);
-        match &pixels.codes {
-            Codes::U8(codes) => luma([0, 1, 2].map(|c| f32::from(codes[i + c]))),
-            Codes::U16(codes) => luma([0, 1, 2].map(|c| f32::from(codes[i + c]) / 257.0)),
-        }
+    let per_code = (pixels.max_code() / 255) as f32;
+    GreyImage::of_codes(pixels, |codes| {
+        let [r, g, b] = codes.map(|code| code as f32 / per_code);
+        0.2126 * r + 0.7152 * g + 0.0722 * b
     })
 }

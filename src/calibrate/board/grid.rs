@@ -11,7 +11,7 @@ use std::f64::consts::TAU;
 use glam::DVec2;
 
 use super::corners::{Corner, corner_near};
-use super::grey_image::GreyImage;
+use crate::grey_image::GreyImage;
 
 /// Corners by column and row. Columns run along one axis of the board, and rows a quarter turn from
 /// it, in the sense from x towards y.
@@ -256,7 +256,7 @@ mod tests {
     /// A rotated board of squares `side` px wide, with soft edges.
     fn board(columns: i32, rows: i32, side: f64, turn: f64) -> GreyImage {
         let x_axis = DVec2::from_angle(turn);
-        GreyImage::new(400, 300, |x, y| {
+        GreyImage::from_fn(400, 300, |x, y| {
             let p = DVec2::new(x as f64 + 0.5, y as f64 + 0.5) - DVec2::new(200.0, 150.0);
             let (u, v) =
                 (p.dot(x_axis) / side + 0.5 * f64::from(columns), p.dot(x_axis.perp()) / side + 0.5 * f64::from(rows));

@@ -7,7 +7,7 @@
 
 use glam::{DMat2, DVec2};
 
-use super::grey_image::GreyImage;
+use crate::grey_image::GreyImage;
 
 /// Half width of the window as a share of the distance to the nearest other corner, so that it
 /// contains no other edge.
@@ -59,7 +59,7 @@ fn step(picture: &GreyImage, at: DVec2, half: f64) -> Option<DVec2> {
                 continue;
             }
             let weight = (-0.5 * p.length_squared() / (sigma * sigma)).exp();
-            let slope = picture.slope(x, y);
+            let slope = picture.gradient(x, y);
             let outer = DMat2::from_cols(slope * slope.x, slope * slope.y) * weight;
             sum += outer;
             across += outer * p;

@@ -5,7 +5,7 @@ use glam::{DVec2, DVec3};
 use super::detection::{BoardDetection, Target};
 use crate::camera::Response;
 use crate::pixels::Pixels;
-use crate::tags::{self, DetectError, DetectedTag, Detector, Grey, refine_corners_without_lens};
+use crate::tags::{self, DetectError, DetectedTag, Detector, LumaCodes, refine_corners_without_lens};
 use crate::text::count;
 
 /// Smallest number of tags. A single tag's four corners fit nearly any camera.
@@ -50,7 +50,7 @@ impl TagBoardDetector {
         });
         match slanted {
             Some(tag) => Err(NotOnPlane(tag.id)),
-            None => Ok(Self { board, light: Grey::table(response), detector: None }),
+            None => Ok(Self { board, light: LumaCodes::table(response), detector: None }),
         }
     }
 
@@ -62,7 +62,7 @@ impl TagBoardDetector {
             Some(kept) => self.detector.insert(kept),
             None => self.detector.insert((size, Detector::new(self.board.family, size.0, size.1)?)),
         };
-        let grey = Grey::of(pixels, self.light.clone());
+        let grey = LumaCodes::of(pixels, self.light.clone());
         let tags::DetectedTags { found, mut repeated } = detector.find_board(&grey, &self.board)?;
         repeated.retain(|id| self.board.tag(*id).is_some());
         let known: Vec<(&DetectedTag, [DVec3; 4])> =
