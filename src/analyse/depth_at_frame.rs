@@ -9,6 +9,7 @@ use glam::{DVec2, DVec3};
 use super::state::{CameraState, move_point, project_rolling_shutter};
 use crate::camera::Geometry;
 use crate::fit::twist;
+use crate::grey_image::{dilated, eroded};
 use crate::pixels::DepthMap;
 
 /// Smallest depth that a sensor measures, m.
@@ -90,35 +91,9 @@ fn fill_pinholes(depth: &[f32], width: usize) -> Vec<f32> {
 /// Mask of the pixels with depth and without a depth edge near: within `reach` pixels depth varies
 /// by less than `share` of it.
 pub fn smooth_mask(depth: &[f32], width: usize, reach: usize, share: f32) -> Vec<bool> {
-    let largest = window_extreme(depth, width, reach, |a, b| if a > b { a } else { b });
+    let largest = dilated(depth, width, reach);
     let known: Vec<f32> = depth.iter().map(|z| if *z > 0.0 { *z } else { f32::MAX }).collect();
-    let least = window_extreme(&known, width, reach, |a, b| if a < b { a } else { b });
+    let least = eroded(&known, width, reach);
     let is_smooth = |((z, high), low): ((&f32, &f32), &f32)| *z > 0.0 && high - low < share * low;
     depth.iter().zip(&largest).zip(&least).map(is_smooth).collect()
-}
-
-/// Maximum or minimum over the square window of half-width `reach` around each pixel.
-pub fn window_extreme(values: &[f32], width: usize, reach: usize, of: impl Fn(f32, f32) -> f32) -> Vec<f32> {
-    let height = values.len() / width.max(1);
-    let mut across = values.to_vec();
-    for (out, row) in across.chunks_mut(width.max(1)).zip(values.chunks(width.max(1))) {
-        for k in 1..=reach.min(width.saturating_sub(1)) {
-            for (out, v) in out.iter_mut().zip(&row[k..]) {
-                *out = of(*out, *v);
-            }
-            for (out, v) in out[k..].iter_mut().zip(row) {
-                *out = of(*out, *v);
-            }
-        }
-    }
-    let mut down = across.clone();
-    for y in 0..height {
-        for other in y.saturating_sub(reach)..(y + reach + 1).min(height) {
-            let (out, row) = (&mut down[y * width..(y + 1) * width], &across[other * width..(other + 1) * width]);
-            for (out, v) in out.iter_mut().zip(row) {
-                *out = of(*out, *v);
-            }
-        }
-    }
-    down
 }

@@ -9,12 +9,11 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::camera_model::CameraModel;
-use super::depth_at_frame;
 use super::state::{CameraState, move_point, project_rolling_shutter};
 use crate::fit::quantile::upper_quantile;
 use crate::fit::twist;
 use crate::frame::Frame;
-use crate::grey_image::{GreyImage, gaussian};
+use crate::grey_image::{GreyImage, eroded, gaussian};
 use crate::parallel::over_rows;
 
 /// Grid of offsets: its step, s, and the number of steps to each side.
@@ -131,7 +130,7 @@ fn clamped_gradient(frame: &Frame) -> GreyImage {
 /// Pixels on the near side of a depth step, with no unknown depth within 2 px.
 fn occluding_edges(depth: &[f32], width: usize) -> Vec<usize> {
     let known: Vec<f32> = depth.iter().map(|z| if *z > 0.0 { *z } else { -1.0 }).collect();
-    let low = depth_at_frame::window_extreme(&known, width, 2, |a, b| if a < b { a } else { b });
+    let low = eroded(&known, width, 2);
     let is_step = |i: usize, other: usize| depth[other] - depth[i] > MIN_EDGE_STEP * depth[i];
     let is_edge = |i: &usize| low[*i] > 0.0 && [i - 1, i + 1, i - width, i + width].iter().any(|o| is_step(*i, *o));
     let height = depth.len() / width;

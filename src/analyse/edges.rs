@@ -3,8 +3,7 @@
 //! At a ridge of the gradient of smoothed light (Canny 1986) a line is fitted to the centroids of
 //! the gradient in rows across it.
 
-use super::depth_at_frame::window_extreme;
-use crate::grey_image::{GreyImage, gaussian};
+use crate::grey_image::{GreyImage, dilated, gaussian};
 
 /// Half of the window of an edge, along it and across, px.
 pub const ALONG: f32 = 8.0;
@@ -54,7 +53,7 @@ pub fn edges(
     let slope: Vec<f32> = along.values.iter().zip(&down.values).map(|(x, y)| x.hypot(*y)).collect();
     let slope = GreyImage { width: w, height: h, values: slope };
     let clipped: Vec<f32> = is_clipped.iter().map(|clipped| f32::from(u8::from(*clipped))).collect();
-    let near_clipped = window_extreme(&clipped, w, ACROSS as usize + 1, f32::max);
+    let near_clipped = dilated(&clipped, w, ACROSS as usize + 1);
     let mut ridge: Vec<(usize, [f32; 2])> = Vec::new();
     for y in MARGIN_PX..h.saturating_sub(MARGIN_PX) {
         for x in MARGIN_PX..w.saturating_sub(MARGIN_PX) {

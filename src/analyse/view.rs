@@ -8,7 +8,7 @@ use super::noise_level::{luma_variance, share_kept, variance_bound};
 use super::state::{CameraState, move_point};
 use crate::camera::{Geometry, NoiseProfile};
 use crate::frame::Frame;
-use crate::grey_image::{GreyImage, gaussian};
+use crate::grey_image::{GreyImage, dilated, gaussian};
 
 /// Largest number of points by level, from the finest; coarser levels have the last.
 const MAX_POINTS: [usize; 4] = [6000, 4000, 2500, 1500];
@@ -95,7 +95,7 @@ impl View {
 fn usable(frame: &Frame, depth: &[f32], width: usize) -> Vec<bool> {
     let pixels = &frame.pixels;
     let clipped = pixels.each(|c| f32::from(u8::from(c.into_iter().any(|code| code >= pixels.clip_code()))));
-    let near_clipped = depth_at_frame::window_extreme(&clipped, width, 2, |a, b| if a > b { a } else { b });
+    let near_clipped = dilated(&clipped, width, 2);
     let smooth = depth_at_frame::smooth_mask(depth, width, DEPTH_EDGE_DISTANCE_PX, DEPTH_EDGE_STEP);
     smooth.iter().zip(&near_clipped).map(|(smooth, clipped)| *smooth && *clipped == 0.0).collect()
 }

@@ -18,6 +18,7 @@
 
 use crate::depth::MattePixel;
 use crate::gpu::{Recorder, Shader, Texture, half_texels};
+use crate::grey_image::dilated;
 use crate::pixels::Rect;
 use crate::render::{COLOR, GEOMETRY, Layer};
 
@@ -60,29 +61,8 @@ pub fn occlude(recorder: &mut Recorder, layer: Layer, matte: &ForegroundMatte, t
 /// square around each pixel. 0 if one of its depths is unknown.
 pub fn max_depth_within(depth_m: &[f32], width: usize, reach_px: usize) -> Vec<f32> {
     let or_infinite = |m: &f32| if *m > 0.0 { *m } else { f32::INFINITY };
-    let width = width.max(1);
-    let mut rows = Vec::with_capacity(depth_m.len());
-    for row in depth_m.chunks_exact(width) {
-        rows.extend(sliding_max(row.iter().map(or_infinite).collect(), 1, reach_px));
-    }
-    sliding_max(rows, width, reach_px).into_iter().map(|m| if m.is_finite() { m } else { 0.0 }).collect()
-}
-
-/// Sliding maximum over ±`reach` lines of `length` values each. The window grows by doubling; two
-/// overlapping ones of the last size make up the whole window.
-fn sliding_max(lines: Vec<f32>, length: usize, reach: usize) -> Vec<f32> {
-    let reach = reach.min(lines.len() / length);
-    let padding = vec![f32::NEG_INFINITY; reach * length];
-    let mut maxima = [padding.as_slice(), &lines, &padding].concat();
-    let max_of_two = |maxima: &[f32], offset: usize| -> Vec<f32> {
-        maxima.iter().zip(&maxima[offset * length..]).map(|(a, b)| if a > b { *a } else { *b }).collect()
-    };
-    let window = 2 * reach + 1;
-    let mut covered = 1;
-    while 2 * covered <= window {
-        (maxima, covered) = (max_of_two(&maxima, covered), 2 * covered);
-    }
-    max_of_two(&maxima, window - covered)
+    let known: Vec<f32> = depth_m.iter().map(or_infinite).collect();
+    dilated(&known, width, reach_px).into_iter().map(|m| if m.is_finite() { m } else { 0.0 }).collect()
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! Pictures of one value per pixel.
 
 mod filter;
+mod morphology;
 
 use glam::DVec2;
 
@@ -8,6 +9,7 @@ use crate::interpolation::bilinear;
 use crate::pixels::Pixels;
 
 pub use filter::gaussian;
+pub use morphology::{dilated, eroded};
 
 /// Values of any unit, row by row from the top left.
 #[derive(Clone, Debug, PartialEq)]
