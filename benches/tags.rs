@@ -5,6 +5,8 @@
 
 #[path = "../tests/common/sheet.rs"]
 mod sheet;
+#[path = "../tests/common/srgb.rs"]
+mod srgb;
 
 use std::time::Instant;
 

@@ -7,7 +7,7 @@ use std::ops::ControlFlow;
 
 use crate::footage::{
     analysed_by_tier, demo_by_tier, demo_reduced, demo_track, median_and_p90, opened, opened_with, pair_errors_px,
-    regressions,
+    regressions, true_track,
 };
 use crate::tier::{fast_or_full, is_full};
 use glam::DVec2;
@@ -56,10 +56,6 @@ fn simulation(options: &Options, flaws: &Flaws) -> Result<Simulation, SimulateEr
     let fine = Detail { light_m: 0.15, ..Detail::for_focal_px(options.focal_px) };
     let detail = if flaws.blank { Detail { texture_m: 0.05, ..fine } } else { fine };
     Simulation::with_flaws_and_detail(options, flaws, detail, 2)
-}
-
-fn true_track(folder: &tempfile::TempDir) -> PoseTrack {
-    read_trajectory(&folder.path().join("site/truth/poses.txt"), None).unwrap()
 }
 
 /// Columns: frame, timestamp, red, green, blue, index of the picture.

@@ -5,13 +5,11 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use crate::fixture;
-use crate::footage::{analysed, analysed_by_tier, demo_by_tier, median_and_p90, opened, pair_errors_px};
+use crate::footage::{analysed, analysed_by_tier, demo_by_tier, median_and_p90, opened, pair_errors_px, true_track};
 use crate::program::copied;
 use crate::tier::{fast_or_full, is_full};
 use locard::analyse::Analysis;
 use locard::simulate::{self, Detail, Flaws, Ground, Options, Simulation};
-use locard::tracking::PoseTrack;
-use locard::tracking::tum::read_trajectory;
 
 /// Simulates a camera carried over plain concrete, with the poses of a phone's tracker. Copies the
 /// recording to `site` in a temporary folder.
@@ -39,10 +37,6 @@ fn simulate_concrete(to: &Path) {
     let detail = Detail { light_m: 0.2, ..Detail::for_focal_px(focal_px) };
     let simulation = || Simulation::with_flaws_and_detail(&options, &flaws, detail, 2);
     simulate::write(to, false, simulation, &mut |_, _| ControlFlow::Continue(())).unwrap();
-}
-
-fn true_track(folder: &tempfile::TempDir) -> PoseTrack {
-    read_trajectory(&folder.path().join("site/truth/poses.txt"), None).unwrap()
 }
 
 /// Keeps the times and reverses the order of the poses.

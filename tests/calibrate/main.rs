@@ -14,6 +14,8 @@ mod program;
 mod random;
 #[path = "../common/sheet.rs"]
 mod sheet;
+#[path = "../common/srgb.rs"]
+mod srgb;
 #[path = "../common/tier.rs"]
 mod tier;
 

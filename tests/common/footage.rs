@@ -15,6 +15,7 @@ use locard::recording::{OpenOptions, Recording};
 use locard::shot::{Shot, ShotOptions};
 use locard::simulate::Flaws;
 use locard::tracking::PoseTrack;
+use locard::tracking::tum::read_trajectory;
 
 pub fn demo_path() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings/demo")
@@ -64,6 +65,11 @@ pub fn opened(folder: &tempfile::TempDir) -> Shot {
 pub fn opened_with(folder: &tempfile::TempDir, set: &str) -> Shot {
     let given = ShotOptions { sets: vec![set.to_owned()], ..ShotOptions::default() };
     Shot::open(&folder.path().join("site"), &OpenOptions::default(), &given).unwrap()
+}
+
+/// The true poses of the recording `site` in a folder.
+pub fn true_track(folder: &tempfile::TempDir) -> PoseTrack {
+    read_trajectory(&folder.path().join("site/truth/poses.txt"), None).unwrap()
 }
 
 pub fn analysed(shot: &Shot, threads: usize) -> Analysis {

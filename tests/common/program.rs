@@ -18,6 +18,12 @@ pub fn locard(arguments: &[&str]) -> Output {
     program().args(arguments).output().unwrap()
 }
 
+/// Runs the program. Returns whether it succeeded, and its standard error.
+pub fn success_and_stderr(arguments: &[&str]) -> (bool, String) {
+    let output = locard(arguments);
+    (output.status.success(), String::from_utf8(output.stderr).unwrap())
+}
+
 /// Runs the program, asserts success and returns its standard output.
 pub fn stdout_of(arguments: &[&str]) -> String {
     let output = locard(arguments);

@@ -4,6 +4,7 @@
 
 #![allow(dead_code, reason = "each test file uses some of it")]
 
+use crate::srgb;
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use locard::parallel::{over_rows, processors};
 
@@ -119,14 +120,6 @@ pub struct Sheet {
     pub origin_mm: DVec2,
 }
 
-fn to_light(code: f64) -> f64 {
-    if code <= 0.04045 { code / 12.92 } else { ((code + 0.055) / 1.055).powf(2.4) }
-}
-
-fn to_code(light: f64) -> f64 {
-    if light <= 0.003_130_8 { light * 12.92 } else { 1.055 * light.powf(1.0 / 2.4) - 0.055 }
-}
-
 impl Sheet {
     /// The A4 sheet of `locard board` at 300 dots per inch, from its grey codes.
     pub fn of(width: usize, height: usize, codes: Vec<u8>) -> Self {
@@ -173,7 +166,7 @@ impl Sheet {
         seed: u64,
         place: impl Fn(f64) -> CameraPose + Sync,
     ) -> Vec<u8> {
-        let lights: Vec<f64> = (0..=255).map(|code| 0.02 + 0.86 * to_light(f64::from(code) / 255.0)).collect();
+        let lights: Vec<f64> = (0..=255).map(|code| 0.02 + 0.86 * srgb::decode(f64::from(code) / 255.0)).collect();
         let width = SIZE.0 as usize;
         let mut codes = vec![0u8; 3 * width * SIZE.1 as usize];
         over_rows(&mut codes, 3 * width, processors(), |y, pixels| {
@@ -193,7 +186,7 @@ impl Sheet {
                 }
                 let light = sum / f64::from(samples * samples);
                 let noise = sigma * normal(seed, (y * width + x) as u64);
-                pixel.fill((255.0 * to_code(light) + noise).round().clamp(0.0, 255.0) as u8);
+                pixel.fill((255.0 * srgb::encode(light) + noise).round().clamp(0.0, 255.0) as u8);
             }
         });
         codes

@@ -28,6 +28,8 @@ mod reduced;
 mod shot;
 #[path = "../common/site.rs"]
 mod site;
+#[path = "../common/srgb.rs"]
+mod srgb;
 #[path = "../common/tier.rs"]
 mod tier;
 

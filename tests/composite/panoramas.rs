@@ -6,6 +6,7 @@ use std::path::Path;
 
 use crate::gpu;
 use crate::marks::marks;
+use crate::program;
 use crate::tier::fast_or_full;
 use glam::{DAffine3, DQuat, DVec2, DVec3};
 use locard::camera::{Camera, Distortion, Geometry, Intrinsics, LensModel, NoiseBin, NoiseProfile};
@@ -437,11 +438,6 @@ fn virtual_board_coincides_with_the_simulated_one() {
     }
 }
 
-fn locard(arguments: &[&str]) -> (bool, String) {
-    let output = std::process::Command::new(env!("CARGO_BIN_EXE_locard")).args(arguments).output().unwrap();
-    (output.status.success(), String::from_utf8(output.stderr).unwrap())
-}
-
 fn recording(folder: &Path, (width, height): (u32, u32), toml: &str) {
     std::fs::create_dir_all(folder.join("rgb")).unwrap();
     image::RgbImage::from_pixel(width, height, image::Rgb([90; 3])).save(folder.join("rgb/0.png")).unwrap();
@@ -471,7 +467,7 @@ fn equirectangular_and_fisheye_recordings_open_and_invalid_ones_are_refused() {
     let run = |name: &str, more: &[&str]| {
         let from = folder(name);
         let all = ["composite", from.to_str().unwrap(), "--scene", &scene, "-o", out.to_str().unwrap(), "--force"];
-        locard(&[&all[..], more].concat())
+        program::success_and_stderr(&[&all[..], more].concat())
     };
     let (done, text) = run("good", &[]);
     assert!(done, "{text}");

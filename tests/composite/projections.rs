@@ -5,6 +5,7 @@ use std::path::Path;
 
 use crate::gpu;
 use crate::marks::{marks, unlit, vertex};
+use crate::program;
 use crate::tier::{fast_or_full, is_full};
 use glam::{DQuat, DVec2, DVec3, Vec3};
 use locard::camera::curved::{Curve, Curved};
@@ -245,11 +246,6 @@ fn environment_is_the_background_and_shows_through_partial_coverage() {
     }
 }
 
-fn locard(arguments: &[&str]) -> (bool, String) {
-    let output = std::process::Command::new(env!("CARGO_BIN_EXE_locard")).args(arguments).output().unwrap();
-    (output.status.success(), String::from_utf8(output.stderr).unwrap())
-}
-
 #[test]
 fn program_frames_a_scene_with_every_projection() {
     let temp = tempfile::tempdir().unwrap();
@@ -264,7 +260,7 @@ fn program_frames_a_scene_with_every_projection() {
             if camera == "off-centre" {
                 arguments.extend(["--shift", "0.1,-0.1"]);
             }
-            let (done, text) = locard(&[&arguments[..], &["-o", file.to_str().unwrap()]].concat());
+            let (done, text) = program::success_and_stderr(&[&arguments[..], &["-o", file.to_str().unwrap()]].concat());
             assert!(done && !text.contains("nothing of the scene"), "{camera}: {text}");
             let picture = image::open(&file).unwrap().to_rgba8();
             assert_eq!(picture.dimensions(), (96, 64));
@@ -306,7 +302,7 @@ fn invalid_cameras_are_refused() {
         if !arguments.contains(&"-o") {
             all.extend(["-o", out.to_str().unwrap()]);
         }
-        let (done, text) = locard(&all);
+        let (done, text) = program::success_and_stderr(&all);
         assert!(!done && text.contains(said), "{arguments:?}: {text}");
     }
     assert!(!Path::new(&out).exists());

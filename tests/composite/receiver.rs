@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use crate::gpu;
 use crate::shadow::box_scene;
+use crate::srgb;
 use glam::{DQuat, DVec2, DVec3, Vec3};
 use locard::camera::{Camera, Geometry};
 use locard::compositor::{Composited, Compositor, Job, Settings, Target};
@@ -47,14 +48,9 @@ fn pose() -> Pose {
     Pose::from_camera_in_world(eye, DQuat::from_mat3(&glam::DMat3::from_cols(right, forward.cross(right), forward)))
 }
 
-fn decode(code: f64) -> f64 {
-    let c = code / 255.0;
-    if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }
-}
-
+/// The nearest light that a camera records, in 8-bit codes.
 fn encode(light: f64) -> f64 {
-    let light = light.clamp(0.0, 1.0);
-    255.0 * if light <= 0.003_130_8 { 12.92 * light } else { 1.055 * light.powf(1.0 / 2.4) - 0.055 }
+    255.0 * srgb::encode(light.clamp(0.0, 1.0))
 }
 
 /// The floor's depth in each pixel, m.
@@ -183,7 +179,7 @@ fn colour_with_a_clipped_channel_keeps_its_hue_unless_pale() {
     for (codes, red) in [([255u8, 200, 120], 1.0), ([255, 240, 240], 1.2)] {
         let done = of(codes);
         for i in pixels_off_the_box(&done) {
-            let light = [red, decode(f64::from(codes[1])), decode(f64::from(codes[2]))];
+            let light = [red, srgb::decode(f64::from(codes[1]) / 255.0), srgb::decode(f64::from(codes[2]) / 255.0)];
             for c in 0..3 {
                 let expected = encode(light[c] * f64::from(ratios[i][c]));
                 let found = pixel(&done, i)[c];

@@ -4,6 +4,7 @@
 use std::sync::Arc;
 
 use crate::gpu;
+use crate::srgb::{decode, encode};
 use glam::{DAffine3, DQuat, DVec2, DVec3, Vec3};
 use locard::camera::{Camera, Distortion, Geometry, NoiseBin, NoiseProfile};
 use locard::compositor::{Composited, Compositor, Job, Settings, Target};
@@ -106,15 +107,6 @@ fn applied_share(taken: Vec3) -> Vec3 {
     taken * (t * t * (3.0 - 2.0 * t))
 }
 
-fn decode(code: f64) -> f64 {
-    let c = code / 255.0;
-    if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }
-}
-
-fn encode(light: f64) -> f64 {
-    255.0 * if light <= 0.003_130_8 { 12.92 * light } else { 1.055 * light.powf(1.0 / 2.4) - 0.055 }
-}
-
 #[test]
 fn shadowed_pixels_match_the_shadow_map_and_others_are_unchanged() {
     let done = composite_frame(Settings::default(), &camera(), grey_frame(), scene());
@@ -142,7 +134,7 @@ fn shadowed_pixels_match_the_shadow_map_and_others_are_unchanged() {
         }
         shaded += 1;
         for c in 0..3 {
-            let code = |taken: f32| encode(decode(f64::from(GREY)) * (1.0 - f64::from(taken)));
+            let code = |taken: f32| 255.0 * encode(decode(f64::from(GREY) / 255.0) * (1.0 - f64::from(taken)));
             let off = (code(taken[c]) - f64::from(out[c])).abs();
             // The four samples are three quarters of a pixel apart. Rays between the nodes of their
             // grid, and a texture's weights, are exact to a thirtieth of a pixel.
@@ -187,7 +179,7 @@ fn floor_point_keeps_its_shadow_ratio_while_the_camera_moves() {
             let of = |n: i64, share: f64| if n == 1 { share } else { 1.0 - share };
             left += of(dx, share.x) * of(dy, share.y) * f64::from(layer.left[i][1]);
         }
-        Some(encode(decode(f64::from(GREY)) * left))
+        Some(255.0 * encode(decode(f64::from(GREY) / 255.0) * left))
     };
     let places =
         (-30..=30).flat_map(|x| (-30..=30).map(move |y| DVec3::new(0.005 * f64::from(x), 0.005 * f64::from(y), 0.0)));
@@ -400,7 +392,7 @@ fn noise_in_a_shadow_matches_the_camera_noise_at_that_brightness() {
         // Residuals from the shadowed grey, in its dark part, in units of the camera's σ.
         let residual = |i: usize, c: usize| {
             let left = layer.left[i];
-            let mean = encode(decode(f64::from(GREY)) * f64::from(left[c]));
+            let mean = 255.0 * encode(decode(f64::from(GREY) / 255.0) * f64::from(left[c]));
             let is_dark = left[0] < 0.6 && layer.rgba[i] == [0.0; 4];
             is_dark.then(|| (f64::from(codes[3 * i + c]) - mean) / sigma(mean))
         };

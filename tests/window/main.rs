@@ -19,6 +19,8 @@ mod program;
 mod reduced;
 #[path = "../common/sheet.rs"]
 mod sheet;
+#[path = "../common/srgb.rs"]
+mod srgb;
 #[path = "../common/tier.rs"]
 mod tier;
 
