@@ -12,6 +12,7 @@ use glam::{DAffine3, DQuat, DVec3};
 mod changed_setting;
 mod full_picture;
 mod occlusion_and_shadow;
+mod shown_frame;
 
 use crate::camera::{Camera, Geometry, NoiseBin, NoiseProfile};
 use crate::compositor::{Compositor, FrameStats, Job, Settings, SubmitError, Target};
@@ -266,7 +267,7 @@ fn median_frame_ms(
 }
 
 /// Times all rows at a picture size: the copy, the plain composite, each effect alone over it, all
-/// effects at their defaults, occlusion and shadows, a changed setting, and depth of field over a
+/// effects at their defaults, occlusion and shadows, a shown frame, a changed setting, and depth of field over a
 /// whole picture. With `only`, the copy and the rows whose names contain it.
 pub fn bench(gpu: &Gpu, width: u32, height: u32, only: Option<&str>) -> Result<Vec<Row>, SubmitError> {
     let mut table = Table::new(gpu, width, height, only)?;
@@ -302,6 +303,7 @@ pub fn bench(gpu: &Gpu, width: u32, height: u32, only: Option<&str>) -> Result<V
     }
     time(ALL_EFFECTS.to_owned(), Settings::default(), None)?;
     occlusion_and_shadow::time(&mut table, &load, &pixels)?;
+    shown_frame::time(&mut table, &load, &pixels)?;
     changed_setting::time(&mut table, &load, &pixels)?;
     full_picture::depth_of_field(&mut table)?;
     Ok(table.rows())
