@@ -70,9 +70,9 @@ impl Session {
 
     pub fn problem(&self) -> Option<&str> {
         let message = self.message.as_ref().filter(|message| message.is_error).map(|message| message.text.as_str());
-        let picture = self.picture_problem.as_deref();
+        let picture = self.pictures.problem.as_deref();
         // Advice about a lost device is more useful than the error of a picture.
-        let own = if self.is_lost { message.or(picture) } else { picture.or(message) };
+        let own = if self.pictures.is_lost { message.or(picture) } else { picture.or(message) };
         self.project.problem().or(own)
     }
 }
