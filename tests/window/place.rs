@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crate::harness::{
-    click_at, demo_frame, demo_px, demo_window, drop_model, run_until, settle, shown_codes, wait_for,
+    click_at, demo_frame, demo_px, demo_window, drop_model, press_key, run_until, settle, shown_codes, wait_for,
 };
 use eframe::egui::{self, Key, Modifiers, accesskit::Role};
 use egui_kittest::Harness;
@@ -98,6 +98,23 @@ fn object_is_rotated_by_dragging_from_its_position() {
     let front = faces(&window, Entry { object: objects, instance: None });
     let along = (DVec3::from(towards_m) - DVec3::from(at_m)).truncate();
     assert!(front.angle_to(along).to_degrees().abs() < 3.0, "{front} {along}");
+}
+
+#[test]
+fn transform_interrupts_a_placement_which_then_continues() {
+    let mut window = open_without_shadows();
+    drop_model(&mut window, Path::new("scenes/marker-3.glb").canonicalize().unwrap());
+    window.run_steps(2);
+    let count = |window: &Harness<'_, App>| window.state().project().edit().scene.objects.len();
+    let before = count(&window);
+    click(&mut window, [0.1, -0.2, 0.0]);
+    assert_eq!(count(&window), before + 1);
+    // The placed object is moved. The click that ends the transform places nothing.
+    press_key(&mut window, Key::G);
+    click(&mut window, [0.25, -0.05, 0.0]);
+    assert_eq!(count(&window), before + 1);
+    click(&mut window, [-0.1, 0.1, 0.0]);
+    assert_eq!(count(&window), before + 2);
 }
 
 #[test]
