@@ -3,7 +3,7 @@
 
 use eframe::egui::Context;
 
-use super::task::{BackgroundTask, Output, Ticket};
+use super::task::{BackgroundTask, Reporter, Ticket};
 
 #[derive(Debug)]
 struct Running<K, T> {
@@ -43,7 +43,7 @@ impl<K: PartialEq, T: Send + 'static> Background<K, T> {
         }
         self.failure = None;
         let ctx = ctx.clone();
-        let run = move |output: &Output<'_, T>| _ = output.send(work(output.ticket));
+        let run = move |reporter: &Reporter<'_, T>| _ = reporter.send(work(reporter.ticket));
         match BackgroundTask::stream("window work", move || ctx.request_repaint(), run) {
             Ok(task) => self.running = Some(Running { key, task }),
             Err(error) => self.failure = Some((key, format!("no thread can be had for it: {error}"))),

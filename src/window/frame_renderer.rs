@@ -155,7 +155,7 @@ impl FrameRenderer {
             }
         })?;
         let waiter_gpu = gpu.clone();
-        let finished = BackgroundTask::stream("window waiter", wake, move |output| {
+        let finished = BackgroundTask::stream("window waiter", wake, move |reporter| {
             for (request, started, frame, pending) in submitted {
                 let picture = pending.and_then(|pending| {
                     let failed = |source| ShotError::Gpu { frame: request.key.frame, source };
@@ -166,7 +166,7 @@ impl FrameRenderer {
                 });
                 let key = request.key;
                 let elapsed = started.elapsed();
-                if !output.send(RenderResult { key, frame, picture, elapsed }) {
+                if !reporter.send(RenderResult { key, frame, picture, elapsed }) {
                     return;
                 }
             }

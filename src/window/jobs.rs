@@ -116,12 +116,12 @@ impl Jobs {
     /// `wake` is called from the thread for every event.
     pub fn new(wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
         let (jobs, queue) = channel::<QueuedJob>();
-        let events = BackgroundTask::stream("export", wake, move |output| {
+        let events = BackgroundTask::stream("export", wake, move |reporter| {
             // Opened by the first job that needs it; without jobs the window's device suffices.
             let mut gpu: Option<Gpu> = None;
             for queued in queue {
                 // The window may be gone.
-                let send_event = |event: JobEvent| _ = output.send((queued.number, event));
+                let send_event = |event: JobEvent| _ = reporter.send((queued.number, event));
                 let state = if queued.cancelled.load(Ordering::Acquire) {
                     JobState::Cancelled
                 } else {

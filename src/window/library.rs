@@ -262,12 +262,12 @@ impl ThumbnailRenderer {
     fn new(gpu: Gpu, ctx: egui::Context) -> std::io::Result<Self> {
         let (requests, received) = channel::<PathBuf>();
         let wake = move || ctx.request_repaint();
-        let results = BackgroundTask::stream("window artist", wake, move |output| {
+        let results = BackgroundTask::stream("window artist", wake, move |reporter| {
             let mut renderer: Option<Renderer> = None;
             for model in received {
                 let picture = gpu.in_error_scope(|| render_thumbnail(&gpu, &mut renderer, &model));
                 let picture = picture.map_err(|error| error.to_string()).and_then(|picture| picture);
-                if !output.send((model, picture)) {
+                if !reporter.send((model, picture)) {
                     return;
                 }
             }

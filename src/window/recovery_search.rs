@@ -96,14 +96,14 @@ impl RecoverySearch {
         if !found.is_empty() {
             return Ok(Self::Found(found));
         }
-        let task = BackgroundTask::stream("left work", wake, move |output| {
+        let task = BackgroundTask::stream("left work", wake, move |reporter| {
             let started = Instant::now();
-            while !output.ticket.is_cancelled() && started.elapsed() < SEARCH_TIME {
+            while !reporter.ticket.is_cancelled() && started.elapsed() < SEARCH_TIME {
                 sleep(POLL_INTERVAL);
                 let found = RecoverableWork::find_in(&folder);
                 if !found.is_empty() {
                     // If the receiver is gone, the work can be found again.
-                    output.send(found);
+                    reporter.send(found);
                     return;
                 }
             }

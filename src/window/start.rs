@@ -31,7 +31,7 @@ use locard_engine::assets;
 type OpenedTurn = (DocumentSwitch, Option<RecoverableWork>);
 
 /// A modal dialog of the start window.
-enum Dialog {
+enum StartDialog {
     Chooser(Box<Chooser>),
     Camera(Box<CameraDialog>),
     Opening(Box<Opening>),
@@ -46,7 +46,7 @@ pub struct Start {
     user_state: UserState,
     recoverable: Vec<RecoverableWork>,
     recovery_search: Option<RecoverySearch>,
-    dialog: Option<Dialog>,
+    dialog: Option<StartDialog>,
     /// Searched folders of the demonstration.
     places: Vec<PathBuf>,
     /// The camera dialog as last confirmed, restored if opening fails.
@@ -96,7 +96,9 @@ impl Start {
         let wake = ctx.clone();
         match Opening::begin(document, recoverable, false, move || wake.request_repaint()) {
             Ok(opening) => {
-                if let Some(Dialog::Recovery(waiting)) = self.dialog.replace(Dialog::Opening(Box::new(opening))) {
+                if let Some(StartDialog::Recovery(waiting)) =
+                    self.dialog.replace(StartDialog::Opening(Box::new(opening)))
+                {
                     self.recoverable.push(waiting);
                 }
             }
@@ -120,7 +122,7 @@ impl Start {
         let last = self.user_state.folder(FolderUse::Recording).map(Path::to_owned);
         let begin = StartLocation::within(last.into_iter().chain(std::env::home_dir()));
         let chooser = Chooser::new("Open a recording", ChooserMode::Recording, begin);
-        self.dialog = Some(Dialog::Chooser(Box::new(chooser)));
+        self.dialog = Some(StartDialog::Chooser(Box::new(chooser)));
     }
 
     /// Shows one frame of the window. Returns an opened project.
@@ -145,7 +147,7 @@ impl Start {
                 Some(Err(why)) => self.message = Some(MessageWindow::new(why)),
                 None => {}
             }
-            self.dialog = self.recoverable.pop().map(Dialog::Recovery);
+            self.dialog = self.recoverable.pop().map(StartDialog::Recovery);
         }
         match self.dialog.take() {
             Some(dialog) => self.show_dialog(ctx, dialog),
@@ -157,31 +159,31 @@ impl Start {
     }
 
     /// Shows the open dialog. Returns an opened project.
-    fn show_dialog(&mut self, ctx: &egui::Context, dialog: Dialog) -> Option<OpenedTurn> {
+    fn show_dialog(&mut self, ctx: &egui::Context, dialog: StartDialog) -> Option<OpenedTurn> {
         match dialog {
-            Dialog::Opening(opening) => return self.poll_opening(ctx, opening),
-            Dialog::Chooser(mut chooser) => match chooser.show(ctx) {
-                None => self.dialog = Some(Dialog::Chooser(chooser)),
+            StartDialog::Opening(opening) => return self.poll_opening(ctx, opening),
+            StartDialog::Chooser(mut chooser) => match chooser.show(ctx) {
+                None => self.dialog = Some(StartDialog::Chooser(chooser)),
                 Some(ChooserResult::Cancelled) => {}
                 Some(ChooserResult::Path { path, .. }) => {
                     self.user_state.remember_folder(FolderUse::Recording, &path);
                     self.drop(ctx, path);
                 }
             },
-            Dialog::Camera(mut camera_dialog) => match camera_dialog.show(ctx) {
-                None => self.dialog = Some(Dialog::Camera(camera_dialog)),
+            StartDialog::Camera(mut camera_dialog) => match camera_dialog.show(ctx) {
+                None => self.dialog = Some(StartDialog::Camera(camera_dialog)),
                 Some(None) => {}
                 Some(Some(document)) => {
                     self.last_camera_dialog = Some(camera_dialog);
                     self.begin(ctx, document, None);
                 }
             },
-            Dialog::Recovery(recoverable) => match dialogs::offer_recovery(ctx, &recoverable.work) {
+            StartDialog::Recovery(recoverable) => match dialogs::offer_recovery(ctx, &recoverable.work) {
                 Some(Answer::Yes) => self.begin(ctx, recoverable.work.document(), Some(recoverable)),
                 Some(Answer::No) => recoverable.discard(),
                 // The work stays on disk and is offered at the next start.
                 Some(Answer::Cancel) => drop(recoverable),
-                None => self.dialog = Some(Dialog::Recovery(recoverable)),
+                None => self.dialog = Some(StartDialog::Recovery(recoverable)),
             },
         }
         None
@@ -193,7 +195,7 @@ impl Start {
             Ok(done) => done,
             Err(opening) => {
                 dialogs::show_opening(ctx, opening.what());
-                self.dialog = Some(Dialog::Opening(opening));
+                self.dialog = Some(StartDialog::Opening(opening));
                 return None;
             }
         };
@@ -206,7 +208,7 @@ impl Start {
                 self.recoverable.extend(done.recoverable);
                 // The dialog reappears with its input.
                 match self.last_camera_dialog.take().filter(|_| done.document.camera.is_some()) {
-                    Some(dialog) => self.dialog = Some(Dialog::Camera(Box::new(dialog.with_error(refused.why)))),
+                    Some(dialog) => self.dialog = Some(StartDialog::Camera(Box::new(dialog.with_error(refused.why)))),
                     None => self.message = Some(MessageWindow::new(refused.why)),
                 }
             }
@@ -231,7 +233,7 @@ impl Start {
         match dialogs::show_start(ctx, self.user_state.recent(ctx), dialogs::StartBackground::Nothing(&places)) {
             Some(dialogs::StartChoice::Open) => self.show_chooser(),
             Some(dialogs::StartChoice::Camera) => {
-                self.dialog = Some(Dialog::Camera(Box::new(CameraDialog::new(ctx, None, None))));
+                self.dialog = Some(StartDialog::Camera(Box::new(CameraDialog::new(ctx, None, None))));
             }
             Some(dialogs::StartChoice::Recent(document)) => self.begin(ctx, *document, None),
             Some(dialogs::StartChoice::Continue) | None => {}

@@ -41,13 +41,13 @@ impl Ticket {
 }
 
 /// The side of a task that runs on the thread.
-pub struct Output<'a, T> {
+pub struct Reporter<'a, T> {
     values: &'a Sender<Result<T, String>>,
     pub ticket: &'a Ticket,
     wake: &'a dyn Fn(),
 }
 
-impl<T> Output<'_, T> {
+impl<T> Reporter<'_, T> {
     /// Sends a value and wakes the owner. Returns false if no further value is needed.
     pub fn send(&self, value: T) -> bool {
         let is_sent = self.values.send(Ok(value)).is_ok();
@@ -91,11 +91,11 @@ impl<T: Send + 'static> BackgroundTask<T> {
     pub fn stream(
         name: &str,
         wake: impl Fn() + Send + 'static,
-        work: impl FnOnce(&Output<'_, T>) + Send + 'static,
+        work: impl FnOnce(&Reporter<'_, T>) + Send + 'static,
     ) -> io::Result<Self> {
         Self::start(name, move |values, ticket| {
-            let output = Output { values: &values, ticket: &ticket, wake: &wake };
-            if let Err(why) = caught(|| work(&output)) {
+            let reporter = Reporter { values: &values, ticket: &ticket, wake: &wake };
+            if let Err(why) = caught(|| work(&reporter)) {
                 let _ = values.send(Err(why));
                 wake();
             }
@@ -175,8 +175,8 @@ mod tests {
         let task = BackgroundTask::stream(
             "test",
             move || woken.send(()).unwrap(),
-            |output| {
-                assert!(output.send(1) && output.send(2), "the owner waits");
+            |reporter| {
+                assert!(reporter.send(1) && reporter.send(2), "the owner waits");
                 panic!("no bread");
             },
         );
@@ -192,8 +192,8 @@ mod tests {
         let task = BackgroundTask::<()>::stream(
             "test",
             || (),
-            move |output| {
-                while !output.ticket.is_cancelled() {
+            move |reporter| {
+                while !reporter.ticket.is_cancelled() {
                     std::thread::yield_now();
                 }
                 sender.send(()).unwrap();

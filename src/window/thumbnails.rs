@@ -28,12 +28,12 @@ impl Thumbnails {
         let decoded = BackgroundTask::stream(
             "window thumbnails",
             move || wake.request_repaint(),
-            move |output| {
+            move |reporter| {
                 for frame in coarse_to_fine(recording.frame_count()) {
                     let decoded = recording.frames(frame..frame + 1).ok().and_then(|mut frames| frames.next()?.ok());
                     // Decoding errors are reported where the frame itself is shown.
                     let Some(decoded) = decoded else { continue };
-                    if output.ticket.is_cancelled() || !output.send((frame, downsample(&decoded.pixels))) {
+                    if reporter.ticket.is_cancelled() || !reporter.send((frame, downsample(&decoded.pixels))) {
                         return;
                     }
                 }

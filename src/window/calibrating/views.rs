@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use super::super::task::{BackgroundTask, Output};
+use super::super::task::{BackgroundTask, Reporter};
 use locard_engine::calibrate::board::{BoardDetector, TargetChoice};
 use locard_engine::calibrate::geometry::{CameraCalibration, Coverage, LensOptions, ViewCollector, ViewOutcome};
 use locard_engine::camera::Response;
@@ -65,7 +65,7 @@ impl Views {
         let (putter, newest) = Newest::new();
         let shared = Arc::new(Mutex::new(Shared { status: status(&taking, None), ends: false }));
         let of_thread = Arc::clone(&shared);
-        let work = move |output: &Output<'_, _>| watch(&newest, search, taking, &of_thread, output);
+        let work = move |reporter: &Reporter<'_, _>| watch(&newest, search, taking, &of_thread, reporter);
         let task = BackgroundTask::stream("views", wake, work);
         let task = task.map_err(|error| format!("no thread can be started that looks for a board: {error}"))?;
         Ok(Self { putter, before: None, shared, task, size, last_s: f64::NEG_INFINITY })
@@ -113,7 +113,7 @@ fn watch(
     mut search: BoardDetector,
     mut taking: ViewCollector,
     shared: &Mutex<Shared>,
-    output: &Output<'_, Result<CameraCalibration, String>>,
+    reporter: &Reporter<'_, Result<CameraCalibration, String>>,
 ) {
     let mut last_processed_s = f64::NEG_INFINITY;
     while !taking.missing().is_empty() && !lock(shared).ends {
@@ -128,7 +128,7 @@ fn watch(
                     lock(shared).status = status(&taking, Some(look));
                     last_processed_s = frame.timestamp_s;
                 }
-                output.wake();
+                reporter.wake();
             }
             Taken::Nothing | Taken::Gone(_) => {}
             // The handle was dropped.
@@ -136,6 +136,6 @@ fn watch(
         }
     }
     lock(shared).status.is_fitting = true;
-    output.wake();
-    output.send(taking.calibrated().map_err(|error| error.to_string()));
+    reporter.wake();
+    reporter.send(taking.calibrated().map_err(|error| error.to_string()));
 }
