@@ -1,6 +1,7 @@
 //! The main window. One call of [`App::ui`](eframe::App::ui) is one frame of the window.
 
 mod bar;
+mod document;
 mod input;
 mod panels;
 mod picture;
@@ -12,6 +13,7 @@ use eframe::egui::{self, Ui};
 use eframe::egui_wgpu::RenderState;
 use glam::DVec2;
 
+use self::document::OpenDocument;
 use self::panels::PanelTabs;
 use super::camera;
 use super::documents::{DocumentSwitch, Documents};
@@ -44,29 +46,16 @@ use locard_engine::scene::SceneItem;
 
 /// The tuner.
 pub struct App {
-    session: Session,
-    pub view: View,
-    side: Side,
-    evidence: Evidence,
-    tools: Tools,
-    handles: Handles,
+    document: OpenDocument,
     documents: Documents,
     window: RenderState,
     shows_keys: bool,
     shows_history: bool,
-    /// The user closed the notice that the camera is missing.
-    hides_obstacle: bool,
-    /// Reason why the last click in the picture had no effect.
-    refusal: Option<Refusal>,
     panel_tabs: PanelTabs,
-    nearest_pose: NearestPose,
-    warnings: Warnings,
     /// The window's current title.
     title: String,
-    placed: Option<PictureTransform>,
     keyboard_cursor: KeyboardCursor,
     measure: Option<Measure>,
-    strip_drag: StripDrag,
     /// A field had the keyboard focus at the end of the last frame of the window.
     was_typing: bool,
 }
@@ -91,26 +80,15 @@ impl App {
         camera: Option<live::LiveInput>,
     ) -> Result<Self, String> {
         Ok(Self {
-            session: session(&window, ctx, project, camera)?,
-            view: View::default(),
-            side: Side::default(),
-            evidence: Evidence::default(),
-            tools: Tools::default(),
-            handles: Handles::default(),
+            document: OpenDocument::new(session(&window, ctx, project, camera)?),
             documents: Documents::default(),
             window,
             shows_keys: false,
             shows_history: false,
-            hides_obstacle: false,
-            refusal: None,
             panel_tabs: PanelTabs::default(),
-            nearest_pose: NearestPose::default(),
-            warnings: Warnings::default(),
             title: String::new(),
-            placed: None,
             keyboard_cursor: KeyboardCursor::default(),
             measure: None,
-            strip_drag: StripDrag::default(),
             was_typing: false,
         })
     }
@@ -122,15 +100,15 @@ impl App {
 
     /// Stores state in the user's folder, and offers work to recover from there.
     pub fn set_state_folder(&mut self, folder: &Path) {
-        self.documents.set_state_folder(folder, &mut self.session);
+        self.documents.set_state_folder(folder, &mut self.document.session);
     }
 
     /// Restores the view of a document, and adopts recovered work.
     pub fn restore_view(&mut self, at: ViewState, left: Option<RecoverableWork>) {
-        if !self.session.is_live() {
-            self.session.player.seek(at.frame);
+        if !self.document.session.is_live() {
+            self.document.session.player.seek(at.frame);
         }
-        self.view.look_at(at.zoom, at.centre);
+        self.document.view.look_at(at.zoom, at.centre);
         if let Some(left) = left {
             self.documents.adopt_recovery(left);
         }
@@ -138,7 +116,11 @@ impl App {
 
     /// Current frame and view.
     fn view_state(&self) -> ViewState {
-        ViewState { frame: self.session.player.frame(), zoom: self.view.zoom, centre: self.view.centre.into() }
+        ViewState {
+            frame: self.document.session.player.frame(),
+            zoom: self.document.view.zoom,
+            centre: self.document.view.centre.into(),
+        }
     }
 
     /// Opens or closes the welcome page.
@@ -148,7 +130,7 @@ impl App {
 
     /// Records frames of the camera into a new folder.
     pub fn record(&mut self, folder: PathBuf) {
-        self.session.record(folder);
+        self.document.session.record(folder);
     }
 
     /// Sets the function that restarts the program after the graphics device was lost; it returns
@@ -162,48 +144,57 @@ impl App {
     }
 
     pub fn project(&self) -> &Project {
-        &self.session.project
+        &self.document.session.project
     }
 
     pub fn project_mut(&mut self) -> &mut Project {
-        &mut self.session.project
+        &mut self.document.session.project
     }
 
     pub fn player_mut(&mut self) -> &mut Player {
-        &mut self.session.player
+        &mut self.document.session.player
     }
 
     pub fn player(&self) -> &Player {
-        &self.session.player
+        &self.document.session.player
     }
 
     pub fn viewer(&self) -> &Viewer {
-        &self.session.viewer
+        &self.document.session.viewer
+    }
+
+    /// Zoom and display of the picture.
+    pub fn view(&self) -> &View {
+        &self.document.view
+    }
+
+    pub fn view_mut(&mut self) -> &mut View {
+        &mut self.document.view
     }
 
     /// The selected object or lamp.
     pub fn selected(&self) -> Option<SceneItem> {
-        self.evidence.selected
+        self.document.evidence.selected
     }
 
     /// Outline of the placement preview, px of the picture.
     pub fn preview_outline(&self) -> Option<&[Vec<DVec2>]> {
-        self.tools.placement()?.preview_outline()
+        self.document.tools.placement()?.preview_outline()
     }
 
     /// Position of a pixel of the picture on the screen.
     pub fn on_screen(&self, at_px: egui::Vec2) -> Option<egui::Pos2> {
-        self.placed.map(|placed| placed.screen(at_px))
+        self.document.placed.map(|placed| placed.screen(at_px))
     }
 
     /// The displayed error.
     pub fn problem(&self) -> Option<&str> {
-        self.session.problem()
+        self.document.session.problem()
     }
 
     /// The displayed message.
     pub fn message(&self) -> Option<&str> {
-        self.session.message()
+        self.document.session.message()
     }
 
     /// The window's title.
@@ -213,43 +204,41 @@ impl App {
 
     /// True if the displayed picture is finished and has the current content at full quality.
     pub fn is_settled(&self) -> bool {
-        self.session.is_settled()
+        self.document.session.is_settled()
     }
 
     /// Index of the displayed frame.
     pub fn shown_frame(&self) -> Option<usize> {
-        self.session.frame().map(|frame| frame.index)
+        self.document.session.frame().map(|frame| frame.index)
     }
 
     /// Runs files, dialogs and exports. Switches to another document once it is open.
     fn update_documents(&mut self, ctx: &egui::Context) {
-        if let Some(missing) = self.evidence.locates.take() {
-            self.documents.choose_missing(&self.session.project, missing);
+        if let Some(missing) = self.document.evidence.locates.take() {
+            self.documents.choose_missing(&self.document.session.project, missing);
         }
-        let turn = self.documents.update(ctx, &mut self.session);
+        let turn = self.documents.update(ctx, &mut self.document.session);
         if let Some(model) = self.documents.take_model() {
-            self.evidence.drop(model, &mut self.tools);
+            self.document.evidence.drop(model, &mut self.document.tools);
         }
         let Some(DocumentSwitch { project, camera, at }) = turn else { return };
-        self.documents.remember_document(&self.session.project, self.view_state());
+        self.documents.remember_document(&self.document.session.project, self.view_state());
         match session(&self.window, ctx, project, camera) {
             Ok(session) => {
+                let closed = std::mem::replace(&mut self.document, OpenDocument::new(session));
                 // Its threads end after their current decoding and drawing.
-                drop_in_background(std::mem::replace(&mut self.session, session));
-                (self.view, self.evidence, self.tools) = Default::default();
-                (self.handles, self.side) = Default::default();
-                (self.hides_obstacle, self.refusal) = Default::default();
+                drop_in_background(closed.session);
                 self.panel_tabs = self.panel_tabs.reopened();
                 self.restore_view(at, None);
-                self.documents.document_opened(&self.session);
+                self.documents.document_opened(&self.document.session);
             }
-            Err(why) => self.session.show_error(why),
+            Err(why) => self.document.session.show_error(why),
         }
     }
 
     /// Shows the open document in the window's title.
     fn set_title(&mut self, ctx: &egui::Context) {
-        let title = titles::of_window(&self.session.project);
+        let title = titles::of_window(&self.document.session.project);
         if title != self.title {
             ctx.send_viewport_cmd(egui::ViewportCommand::Title(title.clone()));
             self.title = title;
@@ -263,7 +252,7 @@ impl App {
         let history = egui::Window::new("History").default_pos([212.0, 48.0]).default_width(240.0);
         history.open(&mut self.shows_history).show(ctx, |ui| {
             egui::ScrollArea::vertical().max_height(360.0).stick_to_bottom(true).show(ui, |ui| {
-                let (names, at) = self.session.project.history().names();
+                let (names, at) = self.document.session.project.history().names();
                 for (step, name) in names.enumerate() {
                     let text = egui::RichText::new(name);
                     let text = if step > at { text.weak() } else { text };
@@ -274,7 +263,7 @@ impl App {
             });
         });
         if let Some(step) = chosen {
-            self.session.project.go_to(step);
+            self.document.session.project.go_to(step);
         }
     }
 }
@@ -293,7 +282,7 @@ fn session(
 
 impl eframe::App for App {
     fn on_exit(&mut self) {
-        self.documents.remember_document(&self.session.project, self.view_state());
+        self.documents.remember_document(&self.document.session.project, self.view_state());
     }
 
     fn clear_color(&self, visuals: &egui::Visuals) -> [f32; 4] {
@@ -304,8 +293,12 @@ impl eframe::App for App {
         let ctx = ui.ctx().clone();
         window_size::fit_to_screen(&ctx);
         self.input(&ctx);
-        self.session.poll(&ctx);
-        if self.measure.as_mut().is_some_and(|measure| measure.step(&mut self.session, &mut self.view, &ctx)) {
+        self.document.session.poll(&ctx);
+        if self
+            .measure
+            .as_mut()
+            .is_some_and(|measure| measure.step(&mut self.document.session, &mut self.document.view, &ctx))
+        {
             self.documents.close_without_asking();
             self.measure = None;
             ctx.send_viewport_cmd(egui::ViewportCommand::Close);
@@ -317,7 +310,7 @@ impl eframe::App for App {
         egui::Panel::bottom("status").frame(panel).show(ui, |ui| self.status(ui));
         egui::Panel::bottom("time").frame(panel).show(ui, |ui| {
             ui.add_space(3.0);
-            let session = &mut self.session;
+            let session = &mut self.document.session;
             let times_s = &session.project.shot().recording.timestamps_s;
             // Relative to the first frame, because a recording's clock may count from 1970.
             let of = |frame: usize| times_s.get(frame).copied().unwrap_or(0.0);
@@ -327,7 +320,7 @@ impl eframe::App for App {
             } else {
                 let info =
                     PlaybackInfo { time_s, shown_per_s: session.pictures_per_s(), reduced_by: session.reduced_by() };
-                timeline::strip(ui, &mut session.player, session.thumbnails.as_ref(), &mut self.strip_drag);
+                timeline::strip(ui, &mut session.player, session.thumbnails.as_ref(), &mut self.document.strip_drag);
                 ui.add_space(3.0);
                 timeline::show(ui, &mut session.player, &info);
             }
@@ -337,7 +330,7 @@ impl eframe::App for App {
             ui.add_space(2.0);
         });
         self.update_evidence();
-        if !self.view.alone {
+        if !self.document.view.alone {
             self.panels(ui, panel);
         }
         egui::CentralPanel::default().frame(egui::Frame::NONE).show(ui, |ui| self.picture(ui));
@@ -345,7 +338,7 @@ impl eframe::App for App {
         self.update_documents(&ctx);
         self.set_title(&ctx);
         if !self.documents.defers_rendering() {
-            self.session.request_pictures(&ctx);
+            self.document.session.request_pictures(&ctx);
         }
         self.was_typing = ctx.egui_wants_keyboard_input();
     }

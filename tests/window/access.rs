@@ -208,7 +208,7 @@ fn no_text_is_smaller_than_the_legible_size() {
     press(&mut window, Key::Escape);
     // Code values in pixels, and beside the pointer.
     press(&mut window, Key::L);
-    window.state_mut().view.zoom = Some(41.0);
+    window.state_mut().view_mut().zoom = Some(41.0);
     window.hover_at(egui::pos2(500.0, 400.0));
     window.run_steps(3);
     settle(&mut window);

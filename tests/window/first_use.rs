@@ -204,7 +204,7 @@ fn esc_closes_the_open_panel_and_messages_let_clicks_through() {
     assert!(has_label(&window, "Copy"));
     let wipe = window.get_by_label("Wipe").rect().center();
     click_at(&mut window, wipe);
-    assert!(!has_label(&window, "Copy") && window.state().view.wipe.is_some(), "one click does both");
+    assert!(!has_label(&window, "Copy") && window.state().view().wipe.is_some(), "one click does both");
 }
 
 #[test]
@@ -293,8 +293,8 @@ fn recording_reopens_at_its_last_frame_and_view() {
     window.state_mut().set_state_folder(&temp.path().join("state"));
     window.state_mut().player_mut().seek(demo_frame(20));
     settle(&mut window);
-    window.state_mut().view.zoom = Some(4.0);
-    window.state_mut().view.centre = egui::vec2(0.25, 0.75);
+    window.state_mut().view_mut().zoom = Some(4.0);
+    window.state_mut().view_mut().centre = egui::vec2(0.25, 0.75);
     window.key_press_modifiers(Modifiers::COMMAND, Key::O);
     window.run_steps(3);
     window.event(egui::Event::Text(other.display().to_string()));
@@ -302,13 +302,13 @@ fn recording_reopens_at_its_last_frame_and_view() {
     window.get_by_label("Open recording").click();
     run_until(&mut window, |app| app.project().shot().recording.path == other);
     settle(&mut window);
-    assert_eq!((window.state().player().frame(), window.state().view.zoom), (0, None));
+    assert_eq!((window.state().player().frame(), window.state().view().zoom), (0, None));
     window.state_mut().show_start(true);
     wait_for_label(&mut window, "demo   demo.toml");
     window.get_by_label("demo   demo.toml").click();
     run_until(&mut window, |app| app.project().shot().recording.path != other);
     settle(&mut window);
-    let view = &window.state().view;
+    let view = window.state().view();
     assert_eq!(
         (window.state().player().frame(), view.zoom, view.centre),
         (demo_frame(20), Some(4.0), egui::vec2(0.25, 0.75))

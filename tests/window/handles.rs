@@ -98,9 +98,9 @@ fn keys_between_two_frames_are_all_processed() {
     window.input_mut().events.extend(pressed(Key::W));
     window.run_steps(5);
     assert!(placement(&window, MARKER).position_m.abs_diff_eq(DVec3::from(MARKER_AT) + 0.02 * DVec3::X, 1e-12));
-    assert_eq!(window.state().view.zoom, None, "the digit is no zoom");
+    assert_eq!(window.state().view().zoom, None, "the digit is no zoom");
     assert_eq!(steps(&window), ["opened", "marker 1: moved 1 cm", "marker 1: moved 1 cm"]);
-    assert!(window.state().view.wipe.is_some(), "the last key is the window's");
+    assert!(window.state().view().wipe.is_some(), "the last key is the window's");
     // A scale of 0 or less is ignored: the pointer takes over.
     press_key(&mut window, Key::S);
     type_text(&mut window, "-1");
@@ -126,7 +126,7 @@ fn typed_numbers_move_rotate_and_scale_exactly_in_one_step_each() {
     assert_eq!(placement(&window, MARKER).position_m, DVec3::from(MARKER_AT) + 0.1 * DVec3::X);
     assert_eq!(steps(&window).len(), 1, "it is no step yet");
     // During an action the window's keys are inactive: 1 is a digit, not a zoom.
-    assert_eq!(window.state().view.zoom, None);
+    assert_eq!(window.state().view().zoom, None);
     press_key(&mut window, Key::Enter);
     settle(&mut window);
     let moved = shown_codes(&window);

@@ -68,7 +68,7 @@ fn selection_follows_the_scene_without_a_panel() {
     window.get_by_role_and_label(Role::Button, "lamp 1").click();
     window.run_steps(2);
     assert!(window.state().selected().is_some());
-    window.state_mut().view.alone = true;
+    window.state_mut().view_mut().alone = true;
     window.state_mut().project_mut().undo();
     window.run_steps(2);
     assert_eq!(window.state().selected(), None);

@@ -197,7 +197,7 @@ fn wipe_and_held_key_show_the_footage() {
     let mut window = open_plain(None);
     window.key_press(Key::W);
     window.step();
-    assert_eq!(window.state().view.wipe, Some(0.5));
+    assert_eq!(window.state().view().wipe, Some(0.5));
     let picture = window.get_by_role_and_label(Role::Image, "picture").rect();
     window.drag_at(picture.center());
     window.step();
@@ -205,7 +205,7 @@ fn wipe_and_held_key_show_the_footage() {
     window.run_steps(2);
     window.drop_at(picture.left_center());
     window.step();
-    assert_eq!(window.state().view.wipe, Some(0.0));
+    assert_eq!(window.state().view().wipe, Some(0.0));
     // All of it is right of the wipe's line, on the side of the footage, which is unmodified bit
     // for bit.
     let viewer = window.state().viewer();
@@ -214,10 +214,10 @@ fn wipe_and_held_key_show_the_footage() {
     assert!(plain.into_iter().map(|[r, g, b, _]| [r, g, b]).eq(codes(&frame.pixels)));
     window.key_down(Key::Backslash);
     window.step();
-    assert!(window.state().view.plain);
+    assert!(window.state().view().plain);
     window.key_up(Key::Backslash);
     window.step();
-    assert!(!window.state().view.plain);
+    assert!(!window.state().view().plain);
 }
 
 #[test]

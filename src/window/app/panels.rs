@@ -83,9 +83,9 @@ impl PanelLayout {
 impl App {
     /// Updates evidence state that does not depend on whether its panel is shown.
     pub(super) fn update_evidence(&mut self) {
-        let project = &self.session.project;
-        self.evidence.update_selection(project);
-        self.panel_tabs.follow(self.tools.placement().is_some(), missing::is_any_needed(project));
+        let project = &self.document.session.project;
+        self.document.evidence.update_selection(project);
+        self.panel_tabs.follow(self.document.tools.placement().is_some(), missing::is_any_needed(project));
     }
 
     /// Shows the panels. Each layout has separate panels, which remember their widths.
@@ -126,10 +126,10 @@ impl App {
 
     /// Evidence and lamps.
     fn evidence_panel(&mut self, ui: &mut Ui) {
-        let session = &mut self.session;
+        let session = &mut self.document.session;
         let frame = session.frame().cloned();
         let gpu = session.viewer.gpu();
-        let (evidence, tools) = (&mut self.evidence, &mut self.tools);
+        let (evidence, tools) = (&mut self.document.evidence, &mut self.document.tools);
         let error = fixed(ui, |ui| {
             let scrolled = egui::ScrollArea::vertical().show(ui, |ui| {
                 let of_evidence = evidence.show(ui, &mut session.project, gpu, frame.as_ref(), tools);
@@ -142,15 +142,15 @@ impl App {
             scrolled.inner
         });
         if let Some(error) = error {
-            self.session.show_message(error);
+            self.document.session.show_message(error);
         }
     }
 
     /// Settings, plots and calibration, with the offer to analyse the footage above them.
     fn adjustments_panel(&mut self, ui: &mut Ui) {
-        self.documents.exports.show_analysis_offer(ui, &mut self.session);
-        if let Some(refused) = self.side.show(ui, &mut self.session, &mut self.tools) {
-            self.session.show_message(refused);
+        self.documents.exports.show_analysis_offer(ui, &mut self.document.session);
+        if let Some(refused) = self.document.side.show(ui, &mut self.document.session, &mut self.document.tools) {
+            self.document.session.show_message(refused);
         }
     }
 }

@@ -17,70 +17,79 @@ use locard_engine::frame::Frame;
 impl App {
     /// Shows the picture and handles the interaction with it.
     pub(super) fn picture(&mut self, ui: &mut Ui) {
-        let frame = self.session.frame().cloned();
-        let tool = self.tools.active();
-        let taken =
-            CapturedInput { clicks: tool.captures_clicks(), drags: tool.captures_drags() || self.handles.is_pressed() };
+        let frame = self.document.session.frame().cloned();
+        let tool = self.document.tools.active();
+        let taken = CapturedInput {
+            clicks: tool.captures_clicks(),
+            drags: tool.captures_drags() || self.document.handles.is_pressed(),
+        };
         let (needs_place, is_selecting) = (tool.picks_point(), !tool.captures_clicks());
-        let other = self.session.project.edit().other.as_ref();
+        let other = self.document.session.project.edit().other.as_ref();
         let compared = other.map(|other| Comparison { edits_a: !other.is_a });
-        if compared.is_some() && self.view.wipe.is_some() {
-            self.session.request_variant();
+        if compared.is_some() && self.document.view.wipe.is_some() {
+            self.document.session.request_variant();
         }
-        let placeholder = if frame.is_none() { self.session.placeholder() } else { "" };
-        let viewer = &mut self.session.viewer;
-        let seen = picture::show(ui, &mut self.view, viewer, frame.as_deref().ok_or(placeholder), compared, taken);
-        self.placed = seen.as_ref().map(|seen| seen.placed);
+        let placeholder = if frame.is_none() { self.document.session.placeholder() } else { "" };
+        let viewer = &mut self.document.session.viewer;
+        let seen =
+            picture::show(ui, &mut self.document.view, viewer, frame.as_deref().ok_or(placeholder), compared, taken);
+        self.document.placed = seen.as_ref().map(|seen| seen.placed);
         let (Some(mut seen), Some(frame)) = (seen, frame) else { return };
         self.keyboard_cursor.apply(&mut seen);
-        let obstacle = Obstacle::of(self.session.project.shot(), frame.index);
+        let obstacle = Obstacle::of(self.document.session.project.shot(), frame.index);
         if needs_place && obstacle.is_some() {
             // The notice explains the obstacle; a click has no effect.
             seen.clicked = None;
             seen.response.ctx.set_cursor_icon(egui::CursorIcon::NotAllowed);
         }
-        if self.session.is_stale() {
+        if self.document.session.is_stale() {
             seen.painter.rect_filled(seen.placed.rect, 0.0, egui::Color32::from_black_alpha(170));
             seen.prompt(&format!(
                 "Frame {} cannot be shown; this is frame {}",
-                self.session.player.frame(),
+                self.document.session.player.frame(),
                 frame.index
             ));
         }
         self.codes(&seen, &frame);
-        self.side.over_picture(&seen, frame.index, self.session.player.playing);
-        self.tools.update_region(&seen);
+        self.document.side.over_picture(&seen, frame.index, self.document.session.player.playing);
+        self.document.tools.update_region(&seen);
         let over = Overlay {
             picture: &seen,
-            view: &self.view,
+            view: &self.document.view,
             frame: &frame,
             is_free: is_selecting,
-            is_hidden: self.view.plain || (self.session.player.playing && !self.session.is_live()),
+            is_hidden: self.document.view.plain
+                || (self.document.session.player.playing && !self.document.session.is_live()),
         };
-        match self.handles.show(&over, &mut self.session.project, &mut self.evidence.selected, &mut self.tools) {
-            Some(Ok(done)) => self.session.show_message(done),
-            Some(Err(error)) => self.session.show_message(error),
+        match self.document.handles.show(
+            &over,
+            &mut self.document.session.project,
+            &mut self.document.evidence.selected,
+            &mut self.document.tools,
+        ) {
+            Some(Ok(done)) => self.document.session.show_message(done),
+            Some(Err(error)) => self.document.session.show_message(error),
             None => {}
         }
         self.notice(ui, &seen, obstacle.as_ref(), frame.index, needs_place);
         if needs_place && obstacle.is_some() {
             return;
         }
-        self.evidence.ground.paint(&seen, &self.session.project, frame.index);
-        self.tools.paint(&seen, &self.session.project, frame.index);
+        self.document.evidence.ground.paint(&seen, &self.document.session.project, frame.index);
+        self.document.tools.paint(&seen, &self.document.session.project, frame.index);
         if needs_place {
             self.pick_point(&seen, &frame);
         }
-        self.refusal = self.refusal.take().filter(|refusal| refusal.show(&seen));
+        self.document.refusal = self.document.refusal.take().filter(|refusal| refusal.show(&seen));
     }
 
     /// Passes clicks and drags to a tool that picks a point of the world.
     fn pick_point(&mut self, seen: &PictureOutput, frame: &Arc<Frame>) {
-        let (project, ground) = (&mut self.session.project, &mut self.evidence.ground);
-        let is_press_consumed = self.handles.has_consumed_press();
+        let (project, ground) = (&mut self.document.session.project, &mut self.document.evidence.ground);
+        let is_press_consumed = self.document.handles.has_consumed_press();
         let clicked = seen.clicked.filter(|_| !(is_press_consumed && seen.response.clicked()));
         let clicked = clicked.map(|at| DVec2::new(at.x.into(), at.y.into()));
-        let turned = match self.tools.active_mut() {
+        let turned = match self.document.tools.active_mut() {
             Tool::Place(placement) => {
                 placement.show_preview(seen, ground, project, frame);
                 if is_press_consumed { None } else { placement.turn(seen, ground, project, frame) }
@@ -88,9 +97,9 @@ impl App {
             _ => None,
         };
         let Some(at) = turned.or(clicked) else { return };
-        let context = ClickContext { project, ground, frame, selected: &mut self.evidence.selected };
-        match self.tools.click(context, at) {
-            Ok(message) => message.into_iter().for_each(|message| self.session.show_message(message)),
+        let context = ClickContext { project, ground, frame, selected: &mut self.document.evidence.selected };
+        match self.document.tools.click(context, at) {
+            Ok(message) => message.into_iter().for_each(|message| self.document.session.show_message(message)),
             Err(error) => self.refuse(seen, error),
         }
     }
@@ -98,9 +107,9 @@ impl App {
     /// Shows at the click why it had no effect.
     fn refuse(&mut self, seen: &PictureOutput, why: String) {
         if let Some(at_px) = seen.clicked.or(seen.pointed) {
-            self.refusal = Some(Refusal::new(seen, at_px, why.clone()));
+            self.document.refusal = Some(Refusal::new(seen, at_px, why.clone()));
         }
-        self.session.show_message(why);
+        self.document.session.show_message(why);
     }
 
     /// Shows a notice over the picture: a refused profile, or an obstacle to placement.
@@ -116,10 +125,12 @@ impl App {
         let refused = refused.map(|text| Notice { text, remedy: Some(Remedy::ChooseProfile), can_be_closed: true });
         let Some(notice) = refused.or_else(|| self.obstacle_notice(obstacle?, frame, needs_place)) else { return };
         match notice::show(ui, seen.painter.clip_rect(), &notice) {
-            Some(NoticeButton::Remedy(Remedy::ChooseProfile)) => self.documents.choose_profile(&self.session.project),
-            Some(NoticeButton::Remedy(Remedy::GoToFrame(frame))) => self.session.player.seek(frame),
+            Some(NoticeButton::Remedy(Remedy::ChooseProfile)) => {
+                self.documents.choose_profile(&self.document.session.project)
+            }
+            Some(NoticeButton::Remedy(Remedy::GoToFrame(frame))) => self.document.session.player.seek(frame),
             Some(NoticeButton::Close) if self.documents.refused_profile().is_some() => self.documents.close_refusal(),
-            Some(NoticeButton::Close) => self.hides_obstacle = true,
+            Some(NoticeButton::Close) => self.document.hides_obstacle = true,
             None => {}
         }
     }
@@ -128,12 +139,12 @@ impl App {
     /// obstacles until the notice is closed.
     fn obstacle_notice(&mut self, obstacle: &Obstacle, frame: usize, needs_place: bool) -> Option<Notice> {
         let (text, remedy) = match obstacle {
-            Obstacle::Camera(_) | Obstacle::Other(_) if self.hides_obstacle && !needs_place => return None,
+            Obstacle::Camera(_) | Obstacle::Other(_) if self.document.hides_obstacle && !needs_place => return None,
             Obstacle::Camera(text) => (text.clone(), Some(Remedy::ChooseProfile)),
             Obstacle::Other(text) => (text.clone(), None),
             Obstacle::NoPose if !needs_place => return None,
             Obstacle::NoPose => {
-                let nearest = self.nearest_pose.of(&self.session.project.shot().recording, frame);
+                let nearest = self.document.nearest_pose.of(&self.document.session.project.shot().recording, frame);
                 (obstacle::no_pose_text(nearest).to_owned(), nearest.map(Remedy::GoToFrame))
             }
         };
@@ -144,20 +155,20 @@ impl App {
     pub(super) fn codes(&mut self, seen: &PictureOutput, frame: &Frame) {
         let ppp = seen.response.ctx.pixels_per_point();
         let numbers = seen.placed.scale * ppp >= loupe::MIN_NUMBERED_PX;
-        if !numbers && !self.view.loupe {
+        if !numbers && !self.document.view.loupe {
             return;
         }
-        self.session.request_codes();
-        let codes = self.session.codes().filter(|codes| codes.frame.index == frame.index);
+        self.document.session.request_codes();
+        let codes = self.document.session.codes().filter(|codes| codes.frame.index == frame.index);
         if numbers {
             loupe::numbers(seen, seen.camera, &frame.pixels, ppp);
             if let Some(codes) = &codes {
                 loupe::numbers(seen, seen.composite, &codes.pixels, ppp);
             }
         }
-        if self.view.loupe && seen.pointed.is_some() {
-            self.session.viewer.plain(frame);
-            let viewer = &self.session.viewer;
+        if self.document.view.loupe && seen.pointed.is_some() {
+            self.document.session.viewer.plain(frame);
+            let viewer = &self.document.session.viewer;
             let camera = viewer.camera().map(|shown| loupe::Side { name: "camera", shown, codes: Some(&frame.pixels) });
             let pixels = codes.as_ref().map(|codes| &*codes.pixels);
             let with = viewer.composite().map(|shown| loupe::Side { name: "with evidence", shown, codes: pixels });

@@ -30,7 +30,7 @@ impl App {
 
     /// Shows a mark while the recording has warnings. A click shows them in full.
     fn warning_mark(&mut self, ui: &mut Ui) {
-        let warnings = self.warnings.of(&self.session.project);
+        let warnings = self.document.warnings.of(&self.document.session.project);
         if warnings.is_empty() {
             return;
         }
@@ -47,18 +47,18 @@ impl App {
     /// The text and its colour. A new message covers a persistent problem until it has been read.
     fn status_text(&self, ui: &Ui) -> Option<(String, Color32)> {
         let visuals = ui.visuals();
-        if let Some(new) = self.session.new_message(ui.input(|i| i.time)) {
+        if let Some(new) = self.document.session.new_message(ui.input(|i| i.time)) {
             let color = if new.is_error { visuals.error_fg_color } else { visuals.text_color() };
             return Some((new.text.to_owned(), color));
         }
-        if let Some(problem) = self.session.problem() {
+        if let Some(problem) = self.document.session.problem() {
             return Some((problem.to_owned(), visuals.error_fg_color));
         }
-        if let Some(message) = self.session.message() {
+        if let Some(message) = self.document.session.message() {
             return Some((message.to_owned(), visuals.weak_text_color()));
         }
         // A live camera's panel reports it instead.
-        let stats = self.session.stats().filter(|_| !self.session.is_live())?;
+        let stats = self.document.session.stats().filter(|_| !self.document.session.is_live())?;
         let why = stats.no_pose.as_ref()?;
         Some((format!("No camera position for this frame; evidence hidden ({why})"), visuals.warn_fg_color))
     }
