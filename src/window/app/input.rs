@@ -12,16 +12,15 @@ use super::App;
 
 impl App {
     pub(super) fn act(&mut self, action: Action, ctx: &egui::Context) {
-        let is_live = self.document.session.is_live();
-        let player = &mut self.document.session.player;
-        let zoom = self.document.view.zoom.or(self.document.placed.map(|placed| placed.scale * ctx.pixels_per_point()));
+        let document = &mut self.document;
+        let is_live = document.session.is_live();
+        let player = &mut document.session.player;
+        let zoom = document.view.zoom.or(document.placed.map(|placed| placed.scale * ctx.pixels_per_point()));
         match action {
             Action::Play | Action::Camera if is_live => {
-                self.documents.handle_camera_request(ctx, &mut self.document.session, CameraCommand::Freeze);
+                self.documents.handle_camera_request(ctx, &mut document.session, CameraCommand::Freeze);
             }
-            Action::Camera => {
-                self.documents.handle_camera_request(ctx, &mut self.document.session, CameraCommand::Live)
-            }
+            Action::Camera => self.documents.handle_camera_request(ctx, &mut document.session, CameraCommand::Live),
             // A live camera only has its newest frame.
             Action::Step(_) | Action::LoopFrom | Action::LoopTo | Action::LoopAll if is_live => {}
             Action::Play => player.play(!player.playing),
@@ -29,47 +28,45 @@ impl App {
             Action::LoopFrom => player.set_range(player.frame()..player.range().end.max(player.frame() + 1)),
             Action::LoopTo => player.set_range(player.range().start.min(player.frame())..player.frame() + 1),
             Action::LoopAll => player.set_range(0..player.count()),
-            Action::Wipe => self.document.view.wipe = if self.document.view.wipe.is_some() { None } else { Some(0.5) },
+            Action::Wipe => document.view.wipe = if document.view.wipe.is_some() { None } else { Some(0.5) },
             Action::Compare => self.compare(),
-            Action::Exchange => self.document.session.project.swap_variant(),
-            Action::Loupe => self.document.view.loupe = !self.document.view.loupe,
-            Action::Alone => self.document.view.alone = !self.document.view.alone,
-            Action::Fit => self.document.view.zoom = None,
-            Action::OneToOne => self.document.view.zoom_to(1.0),
-            Action::Larger => zoom.into_iter().for_each(|zoom| self.document.view.zoom_to(zoom * 2.0)),
-            Action::Smaller => zoom.into_iter().for_each(|zoom| self.document.view.zoom_to(zoom * 0.5)),
+            Action::Exchange => document.session.project.swap_variant(),
+            Action::Loupe => document.view.loupe = !document.view.loupe,
+            Action::Alone => document.view.alone = !document.view.alone,
+            Action::Fit => document.view.zoom = None,
+            Action::OneToOne => document.view.zoom_to(1.0),
+            Action::Larger => zoom.into_iter().for_each(|zoom| document.view.zoom_to(zoom * 2.0)),
+            Action::Smaller => zoom.into_iter().for_each(|zoom| document.view.zoom_to(zoom * 0.5)),
             Action::Undo => self.undo(),
             Action::Redo => self.redo(),
             Action::Save => self.documents.save(),
-            Action::Open => self.documents.open(&self.document.session.project),
+            Action::Open => self.documents.open(&document.session.project),
             Action::Export => self.documents.exports.is_open = !self.documents.exports.is_open,
             Action::Theme => theme::toggle(ctx),
             Action::Transform(command) => {
                 if !is_live {
                     player.play(false);
                 }
-                self.document.handles.begin(command);
+                document.handles.begin(command);
             }
             Action::Nudge(right, up) => {
-                let frame = self.document.session.frame().map(|frame| frame.index);
-                if let (Some(frame), Some(entry)) = (frame, self.document.evidence.selected)
-                    && let Err(error) = Handles::nudge(&mut self.document.session.project, frame, entry, right, up)
+                let frame = document.session.frame().map(|frame| frame.index);
+                if let (Some(frame), Some(entry)) = (frame, document.evidence.selected)
+                    && let Err(error) = Handles::nudge(&mut document.session.project, frame, entry, right, up)
                 {
-                    self.document.session.show_message(error);
+                    document.session.show_message(error);
                 }
             }
             Action::Hide => {
-                if let Some(error) =
-                    object_actions::hide(&mut self.document.session.project, self.document.evidence.selected)
-                {
-                    self.document.session.show_message(error);
+                if let Some(error) = object_actions::hide(&mut document.session.project, document.evidence.selected) {
+                    document.session.show_message(error);
                 }
             }
             Action::Delete => {
                 if let Some(error) =
-                    object_actions::delete(&mut self.document.session.project, &mut self.document.evidence.selected)
+                    object_actions::delete(&mut document.session.project, &mut document.evidence.selected)
                 {
-                    self.document.session.show_message(error);
+                    document.session.show_message(error);
                 }
             }
             Action::Keys => self.shows_keys = !self.shows_keys,
