@@ -14,7 +14,7 @@ const REFITS: usize = 3;
 const MIN_POINTS: usize = 40;
 /// Largest number of points by which hypotheses are scored; the best one is then fitted to all
 /// points.
-pub const MAX_SCORED_POINTS: usize = 2048;
+const MAX_SCORED_POINTS: usize = 2048;
 /// Inlier distance: constant part, m, and its growth with depth², 1/m (twice a structured-light
 /// sensor's error).
 const INLIER_M: f64 = 0.004;
@@ -52,24 +52,36 @@ pub fn ransac_plane(points: &[MeasuredPoint], accepts: impl Fn(DVec3) -> bool) -
     if points.len() < MIN_POINTS {
         return None;
     }
-    let step = points.len().div_ceil(MAX_SCORED_POINTS);
-    let compared: Vec<MeasuredPoint> = points.iter().step_by(step).copied().collect();
-    let (mut best, mut max_count) = (None, (MIN_POINTS - 1).div_ceil(step));
-    for n in 0..ITERATIONS {
-        let [a, b, c] = [0, 1, 2].map(|k| points[random_index(3 * n + k, points.len())].at_m);
-        let Some(normal) = (b - a).cross(c - a).try_normalize().filter(|normal| accepts(*normal)) else { continue };
-        let plane = HessePlane::from(Plane { point_m: a, normal });
-        let count = compared.iter().filter(|point| point.is_inlier(&plane)).count();
-        if count > max_count {
-            (best, max_count) = (Some(plane), count);
-        }
-    }
-    let mut plane = best?;
+    let sample = |n: usize| [0, 1, 2].map(|k| points[random_index(3 * n + k, points.len())].at_m);
+    let mut plane = best_hypothesis(points, (0..ITERATIONS).map(sample), &accepts, MIN_POINTS)?;
     for _ in 0..REFITS {
         let members: Vec<DVec3> = points.iter().filter(|p| p.is_inlier(&plane)).map(|p| p.at_m).collect();
         plane = plane_through(&members).ok()?.plane.facing(plane.normal);
     }
     Some(plane).filter(|plane| accepts(plane.normal))
+}
+
+/// The plane with most inliers among those through three sampled points. `min_points`: smallest
+/// number of inliers, approximately, because only some of the points are scored.
+pub fn best_hypothesis(
+    points: &[MeasuredPoint],
+    samples: impl Iterator<Item = [DVec3; 3]>,
+    accepts: impl Fn(DVec3) -> bool,
+    min_points: usize,
+) -> Option<HessePlane> {
+    let step = points.len().div_ceil(MAX_SCORED_POINTS).max(1);
+    let scored: Vec<MeasuredPoint> = points.iter().step_by(step).copied().collect();
+    let min_count = min_points.checked_sub(1).map_or(0, |n| n.div_ceil(step) + 1);
+    let mut best: Option<(usize, HessePlane)> = None;
+    for [a, b, c] in samples {
+        let Some(normal) = (b - a).cross(c - a).try_normalize().filter(|normal| accepts(*normal)) else { continue };
+        let plane = HessePlane::from(Plane { point_m: a, normal });
+        let count = scored.iter().filter(|point| point.is_inlier(&plane)).count();
+        if best.map_or(count >= min_count, |(max_count, _)| count > max_count) {
+            best = Some((count, plane));
+        }
+    }
+    best.map(|(_, plane)| plane)
 }
 
 /// Reproducible pseudo-random index into a list (Wang's hash).

@@ -17,8 +17,8 @@ use std::collections::{HashMap, HashSet};
 use glam::{DVec3, IVec3};
 
 use super::plane_fit::plane_through;
-use super::ransac::{MAX_SCORED_POINTS, MeasuredPoint, random_index};
-use crate::plane::{HessePlane, Plane};
+use super::ransac::{MeasuredPoint, best_hypothesis, random_index};
+use crate::plane::HessePlane;
 
 /// Largest number of planes of a room.
 const MAX_PLANES: usize = 8;
@@ -136,21 +136,13 @@ pub fn up_on_surface(normal: Option<DVec3>, guess: DVec3) -> DVec3 {
 /// tilt a small table's. Also returns the indices of that component's points.
 fn largest(points: &[MeasuredPoint]) -> Option<(HessePlane, Vec<usize>)> {
     let cells = by_cell(points, 0..points.len(), SAMPLE_CELL_M);
-    let compared: Vec<&MeasuredPoint> =
-        points.iter().step_by(points.len().div_ceil(MAX_SCORED_POINTS).max(1)).collect();
-    let mut best: Option<(usize, HessePlane)> = None;
-    for n in 0..ITERATIONS {
+    let sample = |n: usize| {
         let a = points[random_index(3 * n, points.len())].at_m;
         let cell = &cells[&cell_of(a, SAMPLE_CELL_M)];
         let [b, c] = [1, 2].map(|k| points[cell[random_index(3 * n + k, cell.len())]].at_m);
-        let Some(normal) = (b - a).cross(c - a).try_normalize() else { continue };
-        let plane = HessePlane::from(Plane { point_m: a, normal });
-        let count = compared.iter().filter(|point| point.is_inlier(&plane)).count();
-        if best.is_none_or(|(max_count, _)| count > max_count) {
-            best = Some((count, plane));
-        }
-    }
-    let (_, mut plane) = best?;
+        [a, b, c]
+    };
+    let mut plane = best_hypothesis(points, (0..ITERATIONS).map(sample), |_| true, 0)?;
     let mut members = Vec::new();
     for _ in 0..REFITS {
         members = largest_component(points, (0..points.len()).filter(|n| points[*n].is_inlier(&plane)));
