@@ -157,7 +157,7 @@ pub fn verify(
         pairs,
         unmatched,
         displaced: DisplacementSummary::of(&mut displaced, &mut at_rest),
-        brightness: Brightness::of(&mut brighter, &mut brighter_at_rest),
+        brightness: Brightness::of(&brighter, &brighter_at_rest),
         blur: blur(by, &mut compositor, &blur_px, &mut |done| seen(from.len() + done, steps))?,
         sharpness_px: sharpness_px(by, &mut compositor)?,
     })
@@ -222,13 +222,13 @@ mod tests {
 
     #[test]
     fn noise_floor_is_subtracted_in_quadrature() {
-        let found = Brightness::of(&mut [1.5, 1.3, 2.5], &mut [1.2, 0.9, 1.3]).unwrap();
+        let found = Brightness::of(&[1.5, 1.3, 2.5], &[1.2, 0.9, 1.3]).unwrap();
         assert_eq!((found.measured, found.floor), ((1.5, 2.5), Some(1.2)));
         // √(1.5² − 1.2²), and √(2.5² − 1.2²).
         assert!((found.codes.0 - 0.9).abs() < 1e-12 && (found.codes.1 - 4.81f64.sqrt()).abs() < 1e-12);
-        let unknown = Brightness::of(&mut [1.5], &mut []).unwrap();
+        let unknown = Brightness::of(&[1.5], &[]).unwrap();
         assert_eq!((unknown.codes, unknown.floor), ((1.5, 1.5), None));
-        assert_eq!(Brightness::of(&mut [1.0], &mut [2.0]).unwrap().codes, (0.0, 0.0));
-        assert_eq!(Brightness::of(&mut [], &mut [1.0]), None);
+        assert_eq!(Brightness::of(&[1.0], &[2.0]).unwrap().codes, (0.0, 0.0));
+        assert_eq!(Brightness::of(&[], &[1.0]), None);
     }
 }
