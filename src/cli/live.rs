@@ -146,9 +146,9 @@ fn headless(args: &Args, output: &Path) -> Result<()> {
     let writer =
         args.record.as_ref().map(|path| Ok::<_, anyhow::Error>(RecorderThread::new(Recorder::create(path, &about)?)?));
     let writer = writer.transpose()?;
-    let patience_s = camera.opened.patience_s();
+    let max_wait_s = camera.opened.max_wait_s();
     let lenses = camera.opened.lens_track(&shot.rig);
-    let mut live = LiveCompositor::new(&shot, &mut compositor, about.max_gap_s, patience_s, writer, lenses)?;
+    let mut live = LiveCompositor::new(&shot, &mut compositor, about.max_gap_s, max_wait_s, writer, lenses)?;
     let mut tally = Tally::default();
     let mut session = camera.start()?;
     let done = write_on_thread(sink, |send| {
@@ -237,9 +237,9 @@ fn composite_frames(
             }
             return Ok(());
         }
-        let patience_s = live.due_s().map_or(0.02, |due_s| (due_s - monotonic_s()).clamp(0.0, 0.005));
+        let timeout_s = live.due_s().map_or(0.02, |due_s| (due_s - monotonic_s()).clamp(0.0, 0.005));
         if !ended {
-            match session.next(Instant::now() + Duration::from_secs_f64(patience_s)) {
+            match session.next(Instant::now() + Duration::from_secs_f64(timeout_s)) {
                 CaptureEvent::Picture(decoded) => {
                     let (picture, pixels) = *decoded;
                     let outcome = live.add_picture(&picture, pixels, monotonic_s());

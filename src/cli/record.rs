@@ -55,8 +55,8 @@ pub fn run(args: &Args) -> Result<()> {
     let mut rig = args.profile.as_deref().map(Rig::of_file).transpose()?.unwrap_or_default();
     rig.follow_frames();
     let lenses = camera.opened.lens_track(&rig);
-    let patience_s = POSE_TIMEOUT_S.max(1.5 * interval_s);
-    let mut intake = Intake::new(about.max_gap_s, patience_s, Some(writer)).with_lens_track(lenses);
+    let max_wait_s = POSE_TIMEOUT_S.max(1.5 * interval_s);
+    let mut intake = Intake::new(about.max_gap_s, max_wait_s, Some(writer)).with_lens_track(lenses);
     let mut session = camera.start()?;
     let (mut not_recorded, mut last_s, mut failure) = (0, f64::NEG_INFINITY, None);
     while failure.is_none() && session.is_running(intake.frames()) {

@@ -53,7 +53,7 @@ const SATURATED_LEVEL: f32 = 200.0 / 255.0;
 const MAX_EXCESS: f32 = 16.0;
 
 crate::uniform! {
-    struct Clipped { part_px: [f32; 2], in_light: [i32; 2], light_size: [i32; 2] }
+    struct ClippedUniform { part_px: [f32; 2], in_light: [i32; 2], light_size: [i32; 2] }
 }
 
 /// The radiance of surfaces, with the frame's geometry to look it up by pixel.
@@ -88,7 +88,7 @@ pub fn limit_clipped_shadow(
     let size = (light.rect.width(), light.rect.height());
     let texture = recorder.pool.lend_to_write(&recorder.gpu, size, COLOR);
     texture.write(&recorder.gpu, size.0, size.1, &half_texels(&light.excess));
-    let uniform = Clipped {
+    let uniform = ClippedUniform {
         part_px: [part.width() as f32, part.height() as f32],
         in_light: [part.x0 - light.rect.x0, part.y0 - light.rect.y0],
         light_size: [size.0 as i32, size.1 as i32],

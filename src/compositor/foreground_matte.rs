@@ -23,7 +23,7 @@ use crate::pixels::Rect;
 use crate::render::{COLOR, GEOMETRY, Layer};
 
 crate::uniform! {
-    struct Real { size: [i32; 2], tolerance_m: f32 }
+    struct RealUniform { size: [i32; 2], tolerance_m: f32 }
 }
 
 /// Matte of the real foreground over the layer's rectangle, on the GPU.
@@ -49,7 +49,7 @@ impl ForegroundMatte {
 
 /// Removes the parts of the layer that lie more than the tolerance behind real surfaces.
 pub fn occlude(recorder: &mut Recorder, layer: Layer, matte: &ForegroundMatte, tolerance_m: f32) -> Layer {
-    let real = Real { size: [layer.size.0 as i32, layer.size.1 as i32], tolerance_m };
+    let real = RealUniform { size: [layer.size.0 as i32, layer.size.1 as i32], tolerance_m };
     let pass = recorder.pass(Shader::ForegroundMatte, "main").uniform("real", &real).texture("color", &layer.color);
     let pass = pass.texture("geometry", &layer.geometry).texture("surfaces", &matte.surfaces);
     let pass = pass.texture("fringes", &matte.fringe);

@@ -14,8 +14,9 @@ use crate::render::Layer;
 /// A part of the picture that is composited in one pass: all of it, or one side of the seam if a
 /// layer lies across the seam of a 360° picture.
 #[derive(Clone, Copy, Debug)]
-pub struct Piece {
-    pub shown: Rect,
+pub struct CompositePiece {
+    /// Its rectangle in the picture.
+    pub rect: Rect,
     /// The layer's rectangle in this piece's coordinates; may extend beyond the picture. Elsewhere
     /// the layer is empty.
     pub drawn: Rect,
@@ -59,15 +60,15 @@ impl CameraUpload {
     }
 
     /// Records a copy of a composited piece into this picture.
-    pub fn put(&self, recorder: &mut Recorder, made: &Texture, shown: Rect) {
-        let (to, size) = self.part(shown);
+    pub fn copy_piece(&self, recorder: &mut Recorder, made: &Texture, rect: Rect) {
+        let (to, size) = self.part(rect);
         recorder.encoder().copy_texture_to_texture(made.texture.as_image_copy(), to, size);
     }
 
     /// Draws the whole picture into a view of its size.
     pub fn show(&self, recorder: &mut Recorder, view: &wgpu::TextureView, format: wgpu::TextureFormat) {
         let entry = Entry::from("main").choose("encodes", format.is_srgb());
-        let pass = recorder.pass(Shader::Show, entry).uniform("show", &Show { max_code: self.max_code });
+        let pass = recorder.pass(Shader::Show, entry).uniform("show", &ShowUniform { max_code: self.max_code });
         pass.texture("codes", &self.texture).draw_views(&[(view, format)], (self.rect.width(), self.rect.height()));
     }
 }
@@ -80,7 +81,7 @@ fn format_of(pixels: &Pixels) -> wgpu::TextureFormat {
 }
 
 crate::uniform! {
-    struct Composite {
+    struct CompositeUniform {
         in_picture: [i32; 2],
         in_camera: [i32; 2],
         in_layer: [i32; 2],
@@ -98,7 +99,7 @@ crate::uniform! {
 }
 
 crate::uniform! {
-    struct Show { max_code: f32 }
+    struct ShowUniform { max_code: f32 }
 }
 
 /// Key of the table of noise σ at 256 code values.
@@ -115,7 +116,7 @@ fn sigma_table(gpu: &Gpu, SigmaKey(noise): &SigmaKey) -> Bytes {
 
 /// The shader files of a composite with the effects' parts, in order, and the source of the
 /// function that calls the parts one after another.
-pub fn module(parts: &[(Shader, &str)], acted_on_real: bool) -> (Vec<Shader>, String) {
+pub fn mixed_module(parts: &[(Shader, &str)], acted_on_real: bool) -> (Vec<Shader>, String) {
     let real = if acted_on_real { Shader::CompositeReal } else { Shader::CompositeRecorded };
     let shaders = [Shader::Composite, real].into_iter().chain(parts.iter().map(|(shader, _)| *shader)).collect();
     let calls: String = parts.iter().map(|(_, name)| format!("    pixel = apply_{name}(p, pixel);\n")).collect();
@@ -133,16 +134,16 @@ pub fn mix(
     job: &Job<'_>,
     upload: &CameraUpload,
     (layer, shade): (&Layer, Option<&Texture>),
-    (piece, changed): (&Piece, &[Rect]),
+    (piece, changed): (&CompositePiece, &[Rect]),
     parts: Vec<MixedPart>,
 ) -> Texture {
-    let (Piece { shown, drawn, shaded }, capture) = (*piece, &job.capture);
-    let size = (shown.width(), shown.height());
-    let uniform = Composite {
-        in_picture: [shown.x0, shown.y0],
-        in_camera: [shown.x0 - upload.rect.x0, shown.y0 - upload.rect.y0],
-        in_layer: [shown.x0 - drawn.x0, shown.y0 - drawn.y0],
-        in_shade: [shown.x0 - shaded.x0, shown.y0 - shaded.y0],
+    let (CompositePiece { rect, drawn, shaded }, capture) = (*piece, &job.capture);
+    let size = (rect.width(), rect.height());
+    let uniform = CompositeUniform {
+        in_picture: [rect.x0, rect.y0],
+        in_camera: [rect.x0 - upload.rect.x0, rect.y0 - upload.rect.y0],
+        in_layer: [rect.x0 - drawn.x0, rect.y0 - drawn.y0],
+        in_shade: [rect.x0 - shaded.x0, rect.y0 - shaded.y0],
         camera_size: [upload.rect.width() as i32, upload.rect.height() as i32],
         layer_size: [drawn.width() as i32, drawn.height() as i32],
         shade_size: [shaded.width() as i32, shaded.height() as i32],
@@ -154,12 +155,12 @@ pub fn mix(
         opacity: job.frame.opacity as f32,
     };
     let sigma = recorder.memoized(SigmaKey(camera.noise.clone()), sigma_table);
-    let changed = dirty_tiles(shown, changed);
+    let changed = dirty_tiles(rect, changed);
     let out = recorder.pool.lend(&recorder.gpu, size, upload.texture.format);
-    if changed != [shown] {
-        upload.copy(recorder, shown, &out);
+    if changed != [rect] {
+        upload.copy(recorder, rect, &out);
     }
-    let in_piece = |rect: &Rect| [rect.x0 - shown.x0, rect.y0 - shown.y0, rect.x1 - shown.x0, rect.y1 - shown.y0];
+    let in_piece = |part: &Rect| [part.x0 - rect.x0, part.y0 - rect.y0, part.x1 - rect.x0, part.y1 - rect.y0];
     let quads: Vec<[i32; 4]> = changed.iter().map(in_piece).collect();
     if quads.is_empty() {
         return out;
@@ -173,7 +174,7 @@ pub fn mix(
         .choose("shaded", shade.is_some())
         .choose("fringed", layer.fringe.is_some());
     let named: Vec<_> = parts.iter().map(|part| (part.shader, part.name)).collect();
-    let (shaders, tail) = module(&named, layer.real.is_some());
+    let (shaders, tail) = mixed_module(&named, layer.real.is_some());
     let mut pass = recorder
         .pass_of(&shaders, || tail, entry)
         .uniform("composite", &uniform)

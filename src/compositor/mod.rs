@@ -38,7 +38,7 @@ use crate::stage::Stage;
 
 pub use exposure_time::{ExposureSource, ExposureTime};
 pub use job::{Composited, FrameStats, Job, RealDepth, SubmitError, Target};
-pub use mix::module as mixed_module;
+pub use mix::mixed_module;
 pub use occlusion::project_rolling;
 pub use pending::Pending;
 pub use plan::poses_within_s;

@@ -8,7 +8,7 @@ use super::RealDepth;
 use super::foreground_matte::{ForegroundMatte, max_depth_within};
 use super::plan::FrameView;
 use super::retained::{ByAddress, DepthKey, StageLog};
-use super::shade::dark_bounds;
+use super::shade::union_of_dark_rects;
 use super::stages::FrameInputs;
 use super::work_rects::WorkRects;
 use crate::camera::Geometry;
@@ -69,9 +69,9 @@ impl DepthState {
 /// Rectangles over which depth is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DepthAreas {
-    /// Of the drawn layer.
+    /// Rectangle of the drawn layer.
     pub drawn: Rect,
-    /// Of dark shadows. Under faint ones, the receiver is found by the measured depth alone.
+    /// Bounds of dark shadows. Under faint ones, the receiver is found by the measured depth alone.
     pub dark: Rect,
     /// Bounds of the drawn and the shaded rectangle.
     pub around: Rect,
@@ -94,7 +94,7 @@ impl FrameOcclusion {
         if !settings.depth.occlusion {
             return nothing(log, None);
         }
-        let dark = dark_bounds(&view.shadows).intersection(&work_rects.shaded);
+        let dark = union_of_dark_rects(&view.shadows).intersection(&work_rects.shaded);
         let areas = DepthAreas { drawn: work_rects.drawn, dark, around: work_rects.drawn.union(&work_rects.shaded) };
         if let RealDepth::Known { grid, .. } = job.real {
             let known = || grid.map_or_else(Self::default, |grid| Self::of_grid(recorder, grid, inputs, areas));

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::mix::Piece;
+use super::mix::CompositePiece;
 use super::paste::{fill_noise, paste, paste_fringe, paste_layer, paste_shade};
 use super::stages::FrameInputs;
 use super::{Composited, Compositor, FrameStats};
@@ -33,7 +33,7 @@ pub struct Pending {
 #[derive(Debug, Default)]
 pub struct Work {
     /// Empty if the picture went into a view.
-    pub codes: Vec<(Piece, Readback)>,
+    pub codes: Vec<(CompositePiece, Readback)>,
     pub layer: Option<LayerReadback>,
 }
 
@@ -178,7 +178,7 @@ impl Compositor {
         let Work { codes, layer: layer_readback } = work.unwrap_or_default();
         let camera = layer_readback.is_some().then(|| pixels.clone());
         for (piece, codes) in codes {
-            paste(self.gpu(), &codes, piece.shown, &mut pixels)?;
+            paste(self.gpu(), &codes, piece.rect, &mut pixels)?;
             self.readbacks.give_back(codes);
         }
         if let ((Some(image), Some(camera)), Some(readback)) = ((&mut layer, &camera), layer_readback) {

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::shade::{VisibleShadowMap, bounds, visible_shadow_maps};
+use super::shade::{VisibleShadowMap, union_of_rects, visible_shadow_maps};
 use super::work_rects::{WorkRects, WorkRequest};
 use super::{Compositor, ExposureTime, Job, RealDepth, Settings, SubmitError};
 use crate::camera::{Camera, Geometry};
@@ -182,7 +182,7 @@ impl<'a> Plan<'a> {
         let work_rects = WorkRects::of(&WorkRequest {
             region: job.capture.region.intersection(&picture),
             footprint: frame_view.footprint.rect,
-            shaded: bounds(&frame_view.shadows),
+            shaded: union_of_rects(&frame_view.shadows),
             reach_px: total(|reach| reach.read_px),
             spread_px: total(|reach| reach.spread_px),
             is_equirectangular: job.picture.is_equirectangular(),

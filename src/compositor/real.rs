@@ -9,7 +9,7 @@ use crate::pixels::{Codes, Pixels, Rect};
 use crate::render::{COLOR, GEOMETRY, RealLayer};
 
 crate::uniform! {
-    struct Grid { size: [i32; 2], in_picture: [i32; 2], step: f32, gamma: f32 }
+    struct GridUniform { size: [i32; 2], in_picture: [i32; 2], step: f32, gamma: f32 }
 }
 
 /// The real part over `drawn`, which may extend beyond the picture: edge pixels are repeated there.
@@ -54,7 +54,7 @@ pub fn real_layer(
         .collect();
     depths.write(&gpu, grid.0, grid.1, &both);
 
-    let uniform = Grid {
+    let uniform = GridUniform {
         size: [grid.0 as i32, grid.1 as i32],
         in_picture: [drawn.x0, drawn.y0],
         step: surfaces.nearest.enlargement.recip() as f32,

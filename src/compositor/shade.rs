@@ -102,7 +102,7 @@ pub struct VisibleShadowMap {
     /// Bounds of its shadow while the shutter is open.
     rect: Rect,
     /// Bounds of its dark part.
-    dark: Rect,
+    dark_rect: Rect,
     /// Height of the camera over the receiver plane, m.
     height_m: f64,
 }
@@ -110,12 +110,12 @@ pub struct VisibleShadowMap {
 /// Shadow textures are compared by identity, not by their texels.
 impl PartialEq for VisibleShadowMap {
     fn eq(&self, other: &Self) -> bool {
-        let Self { shadow_map: ShadowMap { floor, texture, is_beside }, rect, dark, height_m } = self;
+        let Self { shadow_map: ShadowMap { floor, texture, is_beside }, rect, dark_rect, height_m } = self;
         *floor == other.shadow_map.floor
             && Arc::ptr_eq(texture, &other.shadow_map.texture)
             && *is_beside == other.shadow_map.is_beside
             && *rect == other.rect
-            && *dark == other.dark
+            && *dark_rect == other.dark_rect
             && *height_m == other.height_m
     }
 }
@@ -126,22 +126,22 @@ pub fn visible_shadow_maps(shadow_maps: Vec<ShadowMap>, geometry: &Geometry, key
     let picture = Rect::full(i.width_px, i.height_px);
     let visible = |shadow_map: ShadowMap| {
         let height_m = shadow_map.floor.height_m(keys.middle().position_in_world_m());
-        let [rect, dark] = [shadow_map.texture.shown, shadow_map.texture.dark]
+        let [rect, dark_rect] = [shadow_map.texture.visible_bounds, shadow_map.texture.dark_bounds]
             .map(|part| projected_bounds(&shadow_map, part, geometry, keys).map(|rect| rect.intersection(&picture)));
-        let (rect, dark) = (rect?, dark.unwrap_or(Rect::new(0, 0, 0, 0)));
-        (height_m > 0.0 && !rect.is_empty()).then_some(VisibleShadowMap { shadow_map, rect, dark, height_m })
+        let (rect, dark_rect) = (rect?, dark_rect.unwrap_or(Rect::new(0, 0, 0, 0)));
+        (height_m > 0.0 && !rect.is_empty()).then_some(VisibleShadowMap { shadow_map, rect, dark_rect, height_m })
     };
     shadow_maps.into_iter().filter_map(visible).collect()
 }
 
 /// Bounds of all shadows.
-pub fn bounds(shadows: &[VisibleShadowMap]) -> Rect {
+pub fn union_of_rects(shadows: &[VisibleShadowMap]) -> Rect {
     shadows.iter().fold(Rect::new(0, 0, 0, 0), |all, shadow| all.union(&shadow.rect))
 }
 
 /// Bounds of the dark parts of all shadows.
-pub fn dark_bounds(shadows: &[VisibleShadowMap]) -> Rect {
-    shadows.iter().fold(Rect::new(0, 0, 0, 0), |all, shadow| all.union(&shadow.dark))
+pub fn union_of_dark_rects(shadows: &[VisibleShadowMap]) -> Rect {
+    shadows.iter().fold(Rect::new(0, 0, 0, 0), |all, shadow| all.union(&shadow.dark_rect))
 }
 
 /// Bounds of a part of a shadow map in the picture. The whole picture if some of the part is beside
@@ -219,10 +219,10 @@ impl Atlas {
         let texture = Texture::new(gpu, "shadows", width, height, COLOR, 1);
         let mut texels = vec![[0.0f32; 4]; width as usize * height as usize];
         for (shadow_map, [x, y]) in shadow_maps.iter().zip(&origins) {
-            for (row, shares) in (*y..height).zip(shadow_map.taken.chunks_exact(shadow_map.width as usize)) {
+            for (row, removed) in (*y..height).zip(shadow_map.removed.chunks_exact(shadow_map.width as usize)) {
                 let start = row as usize * width as usize + *x as usize;
-                let out = &mut texels[start..start + shares.len()];
-                out.iter_mut().zip(shares).for_each(|(out, [r, g, b])| *out = [*r, *g, *b, 0.0]);
+                let out = &mut texels[start..start + removed.len()];
+                out.iter_mut().zip(removed).for_each(|(out, [r, g, b])| *out = [*r, *g, *b, 0.0]);
             }
         }
         texture.write(gpu, width, height, &half_texels(&texels));

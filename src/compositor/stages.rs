@@ -169,16 +169,16 @@ impl Compositor {
         let shade_texture = shade.map(|image| &image.texture);
         let mut work = Work::default();
         for (i, piece) in work_rects.pieces.iter().enumerate() {
-            let parts: Vec<_> = plan.active.iter().filter_map(|effect| effect.mix(&mut run, piece.shown)).collect();
+            let parts: Vec<_> = plan.active.iter().filter_map(|effect| effect.mix(&mut run, piece.rect)).collect();
             let upload = uploads.get(i).unwrap_or(&uploads[0]);
             let layers = (layer, shade_texture);
             let made = mix(run.recorder, inputs.camera, job, upload, layers, (piece, &changed), parts);
             match target {
                 Target::Pixels => {
-                    let size = (piece.shown.width(), piece.shown.height());
+                    let size = (piece.rect.width(), piece.rect.height());
                     work.codes.push((*piece, run.recorder.read_back(&mut self.readbacks, &made, size)));
                 }
-                Target::View(..) => upload.put(run.recorder, &made, piece.shown),
+                Target::View(..) => upload.copy_piece(run.recorder, &made, piece.rect),
             }
         }
         if let (Target::View(view, format), Some(upload)) = (target, uploads.first()) {
@@ -212,7 +212,7 @@ fn changed_rects(inputs: &FrameInputs<'_>, layer: &Layer, shade: Option<&ShadeIm
     // Effects on real pixels and layers across a seam change pixels everywhere.
     let is_whole = job.capture.whole || layer.real.is_some() || job.picture.is_equirectangular() || pieces.len() > 1;
     if is_whole {
-        return pieces.iter().map(|piece| piece.shown).collect();
+        return pieces.iter().map(|piece| piece.rect).collect();
     }
     let objects = view.footprint.parts.iter().map(|(rect, _)| rect.grown(work_rects.spread_px));
     objects.chain(shade.iter().flat_map(|image| image.pieces.iter().copied())).collect()
@@ -221,7 +221,7 @@ fn changed_rects(inputs: &FrameInputs<'_>, layer: &Layer, shade: Option<&ShadeIm
 /// The rectangle of the camera's picture that each piece reads, with a margin of 1 px for effects
 /// that read neighbours.
 fn upload_rects(work_rects: &WorkRects, frame: &Frame) -> Vec<Rect> {
-    work_rects.pieces.iter().map(|piece| piece.shown.grown(1).intersection(&whole(frame))).collect()
+    work_rects.pieces.iter().map(|piece| piece.rect.grown(1).intersection(&whole(frame))).collect()
 }
 
 fn whole(frame: &Frame) -> Rect {

@@ -1,6 +1,6 @@
 //! Rectangles of a frame's work: the drawn layer, the shade, and the pieces to composite.
 
-use super::mix::Piece;
+use super::mix::CompositePiece;
 use crate::pixels::Rect;
 
 /// Alignment of the layer, for effects at lower resolutions, px: a multiple of a photograph's tiles
@@ -39,7 +39,7 @@ pub struct WorkRects {
     /// Distance to which effects spread light beyond the objects, px.
     pub spread_px: i32,
     /// At least one.
-    pub pieces: Vec<Piece>,
+    pub pieces: Vec<CompositePiece>,
     /// Bounds of the composited pixels. Across the seam, x1 exceeds the picture's width.
     pub bounds: Rect,
 }
@@ -85,12 +85,12 @@ impl WorkRects {
         let first = if shaded.intersection(&region).is_empty() { region } else { shaded.intersection(&region) };
         let drawn = if none { Rect::new(first.x0, first.y0, first.x0 + 1, first.y0 + 1) } else { drawn };
         if is_whole {
-            pieces = vec![Piece { shown: region, drawn, shaded }];
+            pieces = vec![CompositePiece { rect: region, drawn, shaded }];
         } else if none {
             pieces.iter_mut().for_each(|piece| piece.drawn = drawn);
         }
         let bounds = match pieces.as_slice() {
-            [one] => one.shown,
+            [one] => one.rect,
             _ => drawn.intersection(&Rect { x0: reach.x0, x1: reach.x1, ..region }),
         };
         Some(Self { drawn, shaded, objects_px, spread_px: request.spread_px, pieces, bounds })
@@ -99,15 +99,15 @@ impl WorkRects {
 
 /// The pieces of the picture that a layer and its shade cover. In a 360° picture, columns beyond a
 /// rim continue at the opposite one.
-fn pieces(drawn: Rect, shaded: Rect, region: Rect, is_equirectangular: bool) -> Vec<Piece> {
+fn pieces(drawn: Rect, shaded: Rect, region: Rect, is_equirectangular: bool) -> Vec<CompositePiece> {
     let width = region.width() as i32;
     // A layer that spans the whole picture already contains the columns beyond the rims.
     let turns: &[i32] = if is_equirectangular && (drawn.width() as i32) < width { &[0, 1, -1] } else { &[0] };
     let piece = |turn: &i32| {
         let [drawn, shaded] = [drawn, shaded].map(|rect| rect.moved(-turn * width, 0));
-        Piece { shown: drawn.union(&shaded).intersection(&region), drawn, shaded }
+        CompositePiece { rect: drawn.union(&shaded).intersection(&region), drawn, shaded }
     };
-    turns.iter().map(piece).filter(|piece| !piece.shown.is_empty()).collect()
+    turns.iter().map(piece).filter(|piece| !piece.rect.is_empty()).collect()
 }
 
 #[cfg(test)]
@@ -143,12 +143,12 @@ mod tests {
         let beside = WorkRequest { shaded, ..request(Rect::new(10, 10, 20, 20)) };
         let rects = WorkRects::of(&beside).unwrap();
         assert_eq!((rects.drawn, rects.shaded), (Rect::new(6, 6, 24, 24), Rect::new(60, 20, 90, 60)));
-        assert_eq!(rects.pieces[0].shown, Rect::new(6, 6, 90, 50));
+        assert_eq!(rects.pieces[0].rect, Rect::new(6, 6, 90, 50));
         // Without objects, the layer is one pixel.
         let rects = WorkRects::of(&WorkRequest { footprint: Rect::new(0, 0, 0, 0), ..beside }).unwrap();
         let pixel = Rect::new(60, 20, 61, 21);
         assert_eq!((rects.drawn, rects.pieces[0].drawn), (pixel, pixel));
-        assert_eq!(rects.pieces[0].shown, Rect::new(60, 20, 90, 50));
+        assert_eq!(rects.pieces[0].rect, Rect::new(60, 20, 90, 50));
         // Across a seam, and under effects that act on real pixels, they coincide.
         for beside in [WorkRequest { acts_on_real: true, ..beside }, WorkRequest { is_equirectangular: true, ..beside }]
         {
@@ -163,15 +163,15 @@ mod tests {
         let rects =
             WorkRects::of(&WorkRequest { is_equirectangular: true, ..request(Rect::new(90, 10, 110, 20)) }).unwrap();
         assert_eq!(rects.drawn, Rect::new(86, 6, 114, 24));
-        let shown: Vec<_> = rects.pieces.iter().map(|piece| piece.shown).collect();
-        assert_eq!(shown, [Rect::new(86, 6, 100, 24), Rect::new(0, 6, 14, 24)]);
+        let composited: Vec<_> = rects.pieces.iter().map(|piece| piece.rect).collect();
+        assert_eq!(composited, [Rect::new(86, 6, 100, 24), Rect::new(0, 6, 14, 24)]);
     }
 
     #[test]
     fn whole_region_of_a_photograph_is_composited() {
         let empty = WorkRequest { is_whole: true, ..request(Rect::new(0, 0, 0, 0)) };
         let rects = WorkRects::of(&empty).unwrap();
-        assert_eq!((rects.pieces[0].shown, rects.drawn), (empty.region, Rect::new(0, 0, 1, 1)));
+        assert_eq!((rects.pieces[0].rect, rects.drawn), (empty.region, Rect::new(0, 0, 1, 1)));
         let rects = WorkRects::of(&WorkRequest { acts_on_real: true, ..empty }).unwrap();
         assert_eq!(rects.drawn, Rect::new(-32, -32, 110, 60));
     }

@@ -90,7 +90,7 @@ impl LayerRun<'_> {
     /// Blurs premultiplied light and coverage of a picture of `size` (px). Pixels outside are
     /// empty.
     pub fn blurred(&mut self, light: &Texture, size: (u32, u32), sigma_px: f64) -> Texture {
-        let uniform = |size: (u32, u32)| Blur { size: [size.0 as i32, size.1 as i32] };
+        let uniform = |size: (u32, u32)| BlurUniform { size: [size.0 as i32, size.1 as i32] };
         if sigma_px > MAX_DIRECT_SIGMA_PX {
             let half = (size.0.div_ceil(2), size.1.div_ceil(2));
             let pass = self.recorder.pass(Shader::Blur, "halved").uniform("blur", &uniform(size));
@@ -113,7 +113,7 @@ impl LayerRun<'_> {
 }
 
 crate::uniform! {
-    struct Blur { size: [i32; 2] }
+    struct BlurUniform { size: [i32; 2] }
 }
 
 #[cfg(test)]

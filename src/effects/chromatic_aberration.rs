@@ -41,7 +41,7 @@ crate::params! {
 }
 
 crate::uniform! {
-    struct Uniform {
+    struct ChromaticAberrationUniform {
         middle: [f32; 2],
         red: [f32; 2],
         blue: [f32; 2],
@@ -114,7 +114,7 @@ impl Effect for ChromaticAberration {
         let (middle, half_diagonal) = (principal_point_px(run.context.picture), whole_half_diagonal_px(run.context));
         let in_layer = middle - DVec2::new(f64::from(run.drawn.x0), f64::from(run.drawn.y0));
         let parts = |part: Lateral| [part.a as f32, part.b as f32];
-        let uniform = Uniform {
+        let uniform = ChromaticAberrationUniform {
             middle: in_layer.as_vec2().to_array(),
             red: parts(self.of_red()),
             blue: parts(self.of_blue()),

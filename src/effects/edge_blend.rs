@@ -45,7 +45,7 @@ crate::params! {
 }
 
 crate::uniform! {
-    struct Uniform { impact: f32 }
+    struct EdgeBlendUniform { impact: f32 }
 }
 
 impl Effect for EdgeBlend {
@@ -65,7 +65,7 @@ impl Effect for EdgeBlend {
         vec![("", vec![("impact", Value::Number(1.0))])]
     }
     fn mix(&self, _: &mut LayerRun<'_>, _: Rect) -> Option<MixedPart> {
-        let uniform = Uniform { impact: self.impact };
+        let uniform = EdgeBlendUniform { impact: self.impact };
         Some(MixedPart::new(Shader::EdgeBlend, "edge_blend", &uniform))
     }
 }

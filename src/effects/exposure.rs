@@ -49,7 +49,7 @@ crate::params! {
 }
 
 crate::uniform! {
-    struct Uniform {
+    struct ExposureUniform {
         gain: f32,
         step: f32,
         picture: f32,
@@ -135,7 +135,7 @@ impl Effect for Exposure {
         let [red, green, blue] = self.factors(&run.context.recorded).map(|factor| factor as f32);
         let (share, share_at_0) = shares(run.context, [run.drawn.x0, run.drawn.y0]);
         let across = self.across(&run.context.recorded).0;
-        let uniform = Uniform {
+        let uniform = ExposureUniform {
             gain: photographic_gain(over_ev) as f32,
             step: (0.2 * over_ev) as f32,
             picture: photographic_gain(picture_ev(run.context)) as f32,

@@ -24,7 +24,7 @@ crate::params! {
 }
 
 crate::uniform! {
-    struct Uniform { share: f32 }
+    struct HalationUniform { share: f32 }
 }
 
 impl Effect for Halation {
@@ -46,7 +46,7 @@ impl Effect for Halation {
     }
     fn run(&self, run: &mut LayerRun<'_>, layer: Layer) -> Layer {
         let around = run.blurred(&layer.color, layer.size, run.context.drawn_px(self.sigma_px));
-        let uniform = Uniform { share: self.share as f32 };
+        let uniform = HalationUniform { share: self.share as f32 };
         let pass = run.recorder.pass(Shader::Halation, "main").uniform("halation", &uniform);
         let [color] = pass.texture("layer", &layer.color).texture("around", &around).draw([COLOR], layer.size);
         Layer { color, light_alone: true, ..layer }

@@ -47,11 +47,11 @@ crate::params! {
 }
 
 crate::uniform! {
-    struct Tiles { size: [i32; 2], side_px: i32, exposure_s: f32 }
+    struct TilesUniform { size: [i32; 2], side_px: i32, exposure_s: f32 }
 }
 
 crate::uniform! {
-    struct Blur {
+    struct BlurUniform {
         size: [i32; 2],
         texel: [f32; 2],
         side_px: i32,
@@ -213,7 +213,7 @@ impl Effect for MotionBlur {
         let (size, side_px) = ([width as i32, height as i32], side as i32);
         let exposure_s = context.capture.exposure_time_s as f32;
 
-        let uniform = Tiles { size, side_px, exposure_s };
+        let uniform = TilesUniform { size, side_px, exposure_s };
         let recorder = &mut *run.recorder;
         let pass = recorder.pass(Shader::MotionBlurTiles, "over_pixels").uniform("tiles", &uniform);
         let [fastest, range] = pass.texture("geometry", &layer.geometry).draw([COLOR; 2], tiles);
@@ -222,7 +222,7 @@ impl Effect for MotionBlur {
 
         let texel = [layer.color.width, layer.color.height].map(|side| 1.0 / side as f32);
         let (threshold_px, longest_px) = (self.threshold_px, Self::longest_px(context));
-        let blur = Blur { size, texel, side_px, exposure_s, threshold_px, longest_px };
+        let blur = BlurUniform { size, texel, side_px, exposure_s, threshold_px, longest_px };
         let mut pass = |entry, format| {
             let pass = recorder.pass(Shader::MotionBlur, entry).uniform("blur", &blur).texture("fastest", &near);
             let [out] =

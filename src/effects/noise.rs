@@ -86,7 +86,7 @@ impl Noise {
 }
 
 crate::uniform! {
-    struct Uniform {
+    struct NoiseUniform {
         neighbours: [f32; 2],
         origin: [i32; 2],
         read: [f32; 4],
@@ -158,7 +158,7 @@ impl Effect for Noise {
         let neighbours = pattern.achieved_correlation();
         let pattern = pattern.texture(run.recorder, lattice);
         let read = |c| noise.as_ref().map_or(0.0, |noise| read_light(noise, response, c) as f32);
-        let uniform = Uniform {
+        let uniform = NoiseUniform {
             neighbours,
             origin: [lattice.x0, lattice.y0],
             read: [read(0), read(1), read(2), 0.0],

@@ -6,7 +6,7 @@ use crate::gpu::{Entry, Shader};
 use crate::render::{GEOMETRY, Layer};
 
 crate::uniform! {
-    struct SpreadGeometry { size: [i32; 2], radius: i32, unused: i32 }
+    struct SpreadGeometryUniform { size: [i32; 2], radius: i32, unused: i32 }
 }
 
 impl LayerRun<'_> {
@@ -17,7 +17,8 @@ impl LayerRun<'_> {
             return layer;
         }
         let size = layer.size;
-        let spread = SpreadGeometry { size: [size.0 as i32, size.1 as i32], radius: radius_px as i32, unused: 0 };
+        let spread =
+            SpreadGeometryUniform { size: [size.0 as i32, size.1 as i32], radius: radius_px as i32, unused: 0 };
         let mut geometry = layer.geometry;
         for down in [0.0, 1.0] {
             let pass = self.recorder.pass(Shader::SpreadGeometry, Entry::from("main").choose("down", down));

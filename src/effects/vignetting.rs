@@ -73,7 +73,7 @@ struct Grid {
 }
 
 crate::uniform! {
-    struct Uniform {
+    struct VignettingUniform {
         cell_share: [f32; 2],
         cells: [f32; 2],
         in_picture: [i32; 2],
@@ -128,7 +128,7 @@ impl Effect for Vignetting {
         let grid = run.recorder.memoized_large(of, Grid::new);
         let i = &context.picture.intrinsics;
         let [across, down] = grid.cells.map(|cells| cells as f32);
-        let uniform = Uniform {
+        let uniform = VignettingUniform {
             cell_share: [across / i.width_px as f32, down / i.height_px as f32],
             cells: [across, down],
             in_picture: [run.drawn.x0, run.drawn.y0],

@@ -85,7 +85,7 @@ impl Feed {
     pub fn start(input: LiveInput, shot: &Shot, wake: impl Fn() + Send + 'static) -> Result<Self, LiveError> {
         let about = input.about(None);
         let replay = Arc::<Mutex<ReplayBuffer>>::default();
-        let intake = Intake::new(about.max_gap_s, input.patience_s(), None).with_replay_buffer(Arc::clone(&replay));
+        let intake = Intake::new(about.max_gap_s, input.max_wait_s(), None).with_replay_buffer(Arc::clone(&replay));
         let intake = intake.with_lens_track(input.lens_track(&shot.rig));
         let capture = LiveCapture::new(input.camera.start()?, input.poses);
         let (putter, frames) = Newest::new();

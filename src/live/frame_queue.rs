@@ -54,16 +54,16 @@ struct QueuedFrame<F> {
 pub struct FrameQueue<F> {
     track: LiveTrack,
     /// Longest time that a frame waits, seconds.
-    patience_s: f64,
+    max_wait_s: f64,
     queue: VecDeque<QueuedFrame<F>>,
     fade: OpacityFade,
     counts: LiveCounts,
 }
 
 impl<F> FrameQueue<F> {
-    pub fn new(max_gap_s: f64, patience_s: f64) -> Self {
+    pub fn new(max_gap_s: f64, max_wait_s: f64) -> Self {
         let track = LiveTrack::new(max_gap_s);
-        Self { track, patience_s, queue: VecDeque::new(), fade: OpacityFade::default(), counts: LiveCounts::default() }
+        Self { track, max_wait_s, queue: VecDeque::new(), fade: OpacityFade::default(), counts: LiveCounts::default() }
     }
 
     pub fn counts(&self) -> LiveCounts {
@@ -111,8 +111,8 @@ impl<F> FrameQueue<F> {
         let span_s = [at_s - before_s, at_s + after_s];
         // A frame that depends on the next frame's pose waits for it, because a prediction would
         // take its place.
-        let patience_s = if after_s > before_s { self.patience_s.max(after_s) } else { self.patience_s };
-        self.queue.push_back(QueuedFrame { frame, at_s, span_s, arrived_s: now_s, due_s: now_s + patience_s });
+        let max_wait_s = if after_s > before_s { self.max_wait_s.max(after_s) } else { self.max_wait_s };
+        self.queue.push_back(QueuedFrame { frame, at_s, span_s, arrived_s: now_s, due_s: now_s + max_wait_s });
     }
 
     /// The next frame whose poses have arrived, or whose deadline has passed.

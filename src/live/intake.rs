@@ -64,9 +64,9 @@ pub struct Intake {
 
 impl Intake {
     /// Poses are interpolated across at most `max_gap_s`. Frames wait for their poses at most
-    /// `patience_s`.
-    pub fn new(max_gap_s: f64, patience_s: f64, recorder: Option<RecorderThread>) -> Self {
-        let queue = FrameQueue::new(max_gap_s, patience_s);
+    /// `max_wait_s`.
+    pub fn new(max_gap_s: f64, max_wait_s: f64, recorder: Option<RecorderThread>) -> Self {
+        let queue = FrameQueue::new(max_gap_s, max_wait_s);
         let never_s = f64::NEG_INFINITY;
         Self {
             queue,

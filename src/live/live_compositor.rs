@@ -46,18 +46,18 @@ pub struct LiveCompositor<'a> {
 
 impl<'a> LiveCompositor<'a> {
     /// The shot is one of [`crate::recording::Recording::live`]. Frames wait for their poses at
-    /// most `patience_s`. `lens_track` has the cameras of a stream with lens data.
+    /// most `max_wait_s`. `lens_track` has the cameras of a stream with lens data.
     pub fn new(
         shot: &'a Shot,
         compositor: &'a mut Compositor,
         max_gap_s: f64,
-        patience_s: f64,
+        max_wait_s: f64,
         recorder: Option<RecorderThread>,
         lens_track: Option<LensTrack>,
     ) -> Result<Self, LiveError> {
         let (camera, geometry) = (shot.camera(), shot.geometry_at(0)?);
         compositor.place(&shot.objects());
-        let intake = Intake::new(max_gap_s, patience_s, recorder).with_lens_track(lens_track);
+        let intake = Intake::new(max_gap_s, max_wait_s, recorder).with_lens_track(lens_track);
         Ok(Self { shot, compositor, camera, geometry, intake })
     }
 

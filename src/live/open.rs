@@ -142,7 +142,7 @@ impl LiveInput {
     }
 
     /// Longest time that a frame waits for its poses, seconds.
-    pub fn patience_s(&self) -> f64 {
+    pub fn max_wait_s(&self) -> f64 {
         if self.poses.has_latency() { self.interval_s } else { 0.0 }
     }
 }

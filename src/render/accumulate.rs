@@ -4,11 +4,11 @@ use super::plan::Layer;
 use crate::gpu::{Gpu, Recorder, Shader};
 
 crate::uniform! {
-    struct Step { size: [u32; 2], stride: u32, first: u32, weight: f32 }
+    struct StepUniform { size: [u32; 2], stride: u32, first: u32, weight: f32 }
 }
 
 crate::uniform! {
-    struct Stride { stride: u32 }
+    struct StrideUniform { stride: u32 }
 }
 
 /// A running weighted sum.
@@ -46,7 +46,7 @@ impl WeightedSum {
     /// Adds `weight` times a layer whose corner is at this column and row of the sum.
     pub fn add(&self, recorder: &mut Recorder, layer: &Layer, from: (u32, u32), weight: f32) {
         let first = from.1 * self.stride + from.0;
-        let step = Step { size: [layer.size.0, layer.size.1], stride: self.stride, first, weight };
+        let step = StepUniform { size: [layer.size.0, layer.size.1], stride: self.stride, first, weight };
         let [red_green, blue_alpha, nearest] = &self.parts;
         recorder
             .pass(Shader::Accumulate, "add")
@@ -64,7 +64,7 @@ impl WeightedSum {
         let [red_green, blue_alpha, nearest] = &self.parts;
         recorder
             .pass(Shader::Accumulated, "main")
-            .uniform("sum", &Stride { stride: self.stride })
+            .uniform("sum", &StrideUniform { stride: self.stride })
             .buffer("red_green", red_green)
             .buffer("blue_alpha", blue_alpha)
             .buffer("nearest", nearest)

@@ -452,7 +452,7 @@ impl Renderer {
         }
         let motion = &draws.motion;
         let (first, cells) = motion.cells_of(&view.rect);
-        let resolve = Resolve {
+        let resolve = ResolveUniform {
             size: [size.0 as f32, size.1 as f32],
             first: [first.0, first.1],
             columns: cells.0,
@@ -473,7 +473,7 @@ impl Renderer {
 }
 
 crate::uniform! {
-    struct Resolve {
+    struct ResolveUniform {
         size: [f32; 2],
         first: [u32; 2],
         columns: u32,

@@ -44,7 +44,7 @@ pub struct ReceiverTexels<'a> {
     pub width: u32,
     pub height: u32,
     /// Fraction of the light that the same objects block at a place.
-    pub taken: &'a (dyn Fn(Vec2) -> Vec3 + Sync),
+    pub removed: &'a (dyn Fn(Vec2) -> Vec3 + Sync),
     /// True for texels vertically below an object, row by row; empty if unknown.
     pub is_below_object: &'a [bool],
     /// Smallest height of the objects above the plane, texels.
@@ -221,7 +221,7 @@ impl BounceInputs<'_> {
         }
         let lamps: Vec3 = self.sky.lamps.iter().map(|lamp| lamp.light_on(point_m, normal)).sum();
         let in_front_m = (point_m + normal * point_m.z).truncate();
-        let unblocked = 1.0 - (self.texels.taken)(in_front_m);
+        let unblocked = 1.0 - (self.texels.removed)(in_front_m);
         let floor = PLANE_ALBEDO * 0.5 * (1.0 - normal.z) * covered * unblocked * self.sky.light_at(in_front_m);
         self.occluders.colors[triangle] * (far + lamps + floor)
     }

@@ -290,7 +290,7 @@ mod tests {
             |i| i.lighting.points[0].spot = Some(Default::default()),
             |i| i.lighting.points[0].range_m = 9.0,
             |i| i.shadow_maps[0].floor.origin_m.y = 1.0,
-            |i| Arc::make_mut(&mut i.shadow_maps[0].texture).taken[0][1] += 0.5,
+            |i| Arc::make_mut(&mut i.shadow_maps[0].texture).removed[0][1] += 0.5,
             |i| i.shadow_maps.clear(),
             |i| i.origin_m.z = 1e-9,
             |i| i.unwrapped.side = 17,

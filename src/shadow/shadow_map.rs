@@ -52,12 +52,13 @@ pub struct ShadowTexture {
     pub texel_m: f32,
     pub width: u32,
     pub height: u32,
-    /// D by row: 1 without light, 0 without shadow, below 0 where objects reflect more light onto
-    /// the plane than they block.
-    pub taken: Vec<[f32; 3]>,
-    /// Bounds of D ≠ 0, and of D above the dark share.
-    pub shown: UvRect,
-    pub dark: UvRect,
+    /// D, the fraction of light removed, by row: 1 without light, 0 without shadow, below 0 where
+    /// objects reflect more light onto the plane than they block.
+    pub removed: Vec<[f32; 3]>,
+    /// Bounds of D ≠ 0.
+    pub visible_bounds: UvRect,
+    /// Bounds of D above the dark share.
+    pub dark_bounds: UvRect,
     /// Whether each block holds any shadow, by row.
     blocks: Vec<bool>,
 }
@@ -111,17 +112,18 @@ pub struct ShadowMap {
     pub is_beside: bool,
 }
 
-/// Bounds and blocks follow from `taken`; `is_beside` does not change the light.
+/// Bounds and blocks follow from `removed`; `is_beside` does not change the light.
 impl Digestible for ShadowMap {
     fn digest(&self, into: &mut Digester) {
         let Self { floor, texture, is_beside: _ } = self;
-        let ShadowTexture { low_m, texel_m, width, height, taken, shown: _, dark: _, blocks: _ } = &**texture;
+        let ShadowTexture { low_m, texel_m, width, height, removed, visible_bounds: _, dark_bounds: _, blocks: _ } =
+            &**texture;
         into.add(floor);
         into.add(low_m);
         into.add(texel_m);
         into.add(width);
         into.add(height);
-        into.add_numbers(taken);
+        into.add_numbers(removed);
     }
 }
 
@@ -171,7 +173,7 @@ impl ShadowTexture {
             let fade = texture.border_fade(i % width as usize, i / width as usize);
             (share.clamp(Vec3::ZERO, Vec3::ONE) * fade).to_array()
         };
-        texture.taken = texels.iter().zip(&blocked_light).enumerate().map(ratio).collect();
+        texture.removed = texels.iter().zip(&blocked_light).enumerate().map(ratio).collect();
         let at = |place_m: Vec2| texture.at_texel(texture.texel_of(place_m).as_dvec2());
         let Self { low_m, texel_m, width, height, .. } = texture;
         // Objects do not reflect light that real objects block: at the first object's origin, or on
@@ -179,47 +181,55 @@ impl ShadowTexture {
         let objects_at =
             receiver.and_then(|_| occluders.bounds()).map_or(Vec2::ZERO, |(low, high, _)| 0.5 * (low + high));
         let unblocked = blocked.map(|blocked| blocked.unblocked(sky, objects_at));
-        let receiver_texels =
-            ReceiverTexels { low_m, texel_m, width, height, taken: &at, is_below_object: &is_below_object, min_height };
+        let receiver_texels = ReceiverTexels {
+            low_m,
+            texel_m,
+            width,
+            height,
+            removed: &at,
+            is_below_object: &is_below_object,
+            min_height,
+        };
         let bounce = Bounce::new(&receiver_texels, occluders, unblocked.as_ref().unwrap_or(sky), receiver);
-        let mut taken = std::mem::take(&mut texture.taken);
-        over_rows(&mut taken, width as usize, processors(), |y, row| {
-            for (x, taken) in row.iter_mut().enumerate() {
+        let mut removed = std::mem::take(&mut texture.removed);
+        over_rows(&mut removed, width as usize, processors(), |y, row| {
+            for (x, removed) in row.iter_mut().enumerate() {
                 let all = match blocked {
                     None => sky.light_at(texture.place_m(x, y)),
                     Some(_) => texels[y * width as usize + x].unshadowed,
                 };
                 let reflected = bounce.at(x, y) / all.max(sky.light.max(Vec3::splat(1e-12)) * MIN_FAR_LIGHT)
                     * texture.border_fade(x, y);
-                let share = (Vec3::from(*taken) - reflected).max(Vec3::NEG_ONE);
+                let share = (Vec3::from(*removed) - reflected).max(Vec3::NEG_ONE);
                 let share = share * receiver.map_or(1.0, |receiver| receiver.weight(texture.place_m(x, y)));
-                *taken = share.to_array().map(soft_threshold);
+                *removed = share.to_array().map(soft_threshold);
             }
         });
-        texture.taken = taken;
-        [texture.shown, texture.dark] = [0.0, DARK_SHADOW].map(|least| texture.bounds_above(least));
+        texture.removed = removed;
+        [texture.visible_bounds, texture.dark_bounds] = [0.0, DARK_SHADOW].map(|least| texture.bounds_above(least));
         texture.blocks = texture.blocks();
         texture
     }
 
     /// Size in memory, bytes.
     pub fn size_bytes(&self) -> usize {
-        std::mem::size_of_val(self.taken.as_slice()) + self.blocks.len()
+        std::mem::size_of_val(self.removed.as_slice()) + self.blocks.len()
     }
 
     /// Without any shadow.
     pub fn empty(low_m: Vec2, texel_m: f32, width: u32, height: u32) -> Self {
-        let (shown, dark) = (UvRect::NONE, UvRect::NONE);
-        Self { low_m, texel_m, width, height, taken: Vec::new(), shown, dark, blocks: Vec::new() }
+        let [visible_bounds, dark_bounds] = [UvRect::NONE; 2];
+        let (removed, blocks) = (Vec::new(), Vec::new());
+        Self { low_m, texel_m, width, height, removed, visible_bounds, dark_bounds, blocks }
     }
 
     fn blocks(&self) -> Vec<bool> {
         let width = self.width as usize;
         let in_row = width.div_ceil(BLOCK_TEXELS);
         let mut blocks = vec![false; in_row * (self.height as usize).div_ceil(BLOCK_TEXELS)];
-        for (y, row) in self.taken.chunks_exact(width).enumerate() {
+        for (y, row) in self.removed.chunks_exact(width).enumerate() {
             for (x, texels) in row.chunks(BLOCK_TEXELS).enumerate() {
-                blocks[y / BLOCK_TEXELS * in_row + x] |= texels.iter().any(|taken| *taken != [0.0; 3]);
+                blocks[y / BLOCK_TEXELS * in_row + x] |= texels.iter().any(|removed| *removed != [0.0; 3]);
             }
         }
         blocks
@@ -242,8 +252,8 @@ impl ShadowTexture {
     fn bounds_above(&self, least: f32) -> UvRect {
         let size = DVec2::new(self.width.into(), self.height.into());
         let (mut low, mut high) = (size, DVec2::ZERO);
-        for (y, row) in self.taken.chunks_exact(self.width as usize).enumerate() {
-            let is_beyond = |taken: &[f32; 3]| taken.iter().any(|share| share.abs() > least);
+        for (y, row) in self.removed.chunks_exact(self.width as usize).enumerate() {
+            let is_beyond = |removed: &[f32; 3]| removed.iter().any(|share| share.abs() > least);
             let ends = row.iter().position(is_beyond).zip(row.iter().rposition(is_beyond));
             if let Some((first, last)) = ends {
                 low = low.min(DVec2::new(first as f64, y as f64));
@@ -365,7 +375,7 @@ impl ShadowTexture {
         let (x, y) = (middle.x as usize, middle.y as usize);
         let texel = |x: usize, y: usize| {
             let (x, y) = (x.min(self.width as usize - 1), y.min(self.height as usize - 1));
-            Vec3::from(self.taken[y * self.width as usize + x])
+            Vec3::from(self.removed[y * self.width as usize + x])
         };
         let f = (middle - middle.floor()).as_vec2();
         bilinear([texel(x, y), texel(x + 1, y), texel(x, y + 1), texel(x + 1, y + 1)], f.to_array())

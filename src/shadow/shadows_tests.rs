@@ -103,14 +103,14 @@ fn bounds_contain_all_visible_shadow_and_the_dark_part() {
     let texture = only(fresh(&scene).shadow_maps(&scene, Quality::Final).0).texture;
     let size = glam::DVec2::new(texture.width.into(), texture.height.into());
     let outside = |part: crate::shadow::UvRect, least: f32| {
-        texture.taken.iter().enumerate().any(|(i, taken)| {
+        texture.removed.iter().enumerate().any(|(i, removed)| {
             let texel = glam::UVec2::new(i as u32 % texture.width, i as u32 / texture.width).as_dvec2();
             let is_outside = texel.cmplt(part.low * size).any() || (texel + 1.0).cmpgt(part.high * size).any();
-            is_outside && taken.iter().any(|share| share.abs() > least)
+            is_outside && removed.iter().any(|share| share.abs() > least)
         })
     };
-    assert!(!outside(texture.shown, 0.003) && !outside(texture.dark, 0.05));
-    let (shown, dark) = (texture.shown, texture.dark);
+    assert!(!outside(texture.visible_bounds, 0.003) && !outside(texture.dark_bounds, 0.05));
+    let (shown, dark) = (texture.visible_bounds, texture.dark_bounds);
     assert!(shown.low.cmplt(dark.low).all() && dark.high.cmplt(shown.high).all(), "{dark:?} is not within {shown:?}");
     assert!((dark.high - dark.low).element_product() < 0.3 * (shown.high - shown.low).element_product());
 }
@@ -359,7 +359,7 @@ fn light_that_a_real_object_blocks_is_not_subtracted_from_a_wall() {
     let board = places.map(|(y, z)| DVec3::new(-0.4, 0.01 * f64::from(y) - 0.3, 0.01 * f64::from(z)));
     let behind = Room::of(board.map(|at_m| at_m + DVec3::splat(0.005)));
     let [unblocked, blocked, dim] =
-        [on_the_wall(&lit, None), on_the_wall(&lit, Some(behind)), on_the_wall(&dim, None)].map(|taken| taken.y);
+        [on_the_wall(&lit, None), on_the_wall(&lit, Some(behind)), on_the_wall(&dim, None)].map(|share| share.y);
     assert!(unblocked > dim + 0.2 && (blocked - dim).abs() < 1e-4, "{unblocked} {blocked} {dim}");
 }
 

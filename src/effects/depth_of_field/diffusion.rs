@@ -24,7 +24,7 @@ use crate::render::{COLOR, Layer};
 use super::layered;
 use super::operator::OperatorParams;
 use super::settings::{DepthOfField, Mix};
-use super::surroundings::{Lens, Tiling, surroundings, with_color};
+use super::surroundings::{LensUniform, Tiling, surroundings, with_color};
 
 /// Largest number of steps of the blur factor besides 0; the same as in
 /// shaders/depth_of_field_diffusion.wgsl.
@@ -39,7 +39,7 @@ struct OperatorKey {
 }
 
 crate::uniform! {
-    struct Wang { mix_ratio: f32, blend_below: f32, margin: i32, half_side: i32 }
+    struct WangUniform { mix_ratio: f32, blend_below: f32, margin: i32, half_side: i32 }
 }
 
 /// Parameters of the operators.
@@ -101,7 +101,7 @@ pub fn run(run: &mut LayerRun<'_>, params: &DepthOfField, opening: &Opening, lay
     let tiling = Tiling::coarse(layer.size, reach_px(params, run.context));
     let params = &enlarged(params, run.context);
     let largest_radius_px = largest_radius_px(params, run.context);
-    let lens = Lens::new(run, opening, &layer, tiling, largest_radius_px, steps(largest_radius_px.into()));
+    let lens = LensUniform::new(run, opening, &layer, tiling, largest_radius_px, steps(largest_radius_px.into()));
     let around = surroundings(run, &lens, &layer, tiling);
     // The key contains only the parameters of the operators.
     let DepthOfField { shape, rim, gaussian_px, largest_radius_px: max_px, .. } = *params;
@@ -111,7 +111,7 @@ pub fn run(run: &mut LayerRun<'_>, params: &DepthOfField, opening: &Opening, lay
         .memoized_large(OperatorKey { params: of_operators, opening: *opening, largest_radius_px }, texture);
     let pass = run.recorder.pass(Shader::DepthOfFieldDiffusion, "blur_factors").uniform("lens", &lens);
     let [factors] = pass.texture("geometry", &layer.geometry).draw([COLOR], layer.size);
-    let wang = Wang {
+    let wang = WangUniform {
         mix_ratio: params.mix_ratio,
         blend_below: params.blend_below,
         margin: operator_params(params).margin() as i32,

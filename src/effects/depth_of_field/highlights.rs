@@ -16,7 +16,7 @@
 //! Not modelled: occlusion of a farther highlight by more than the nearer of two surfaces. Of large
 //! bright areas only the highlights are drawn this way; the rest is gathered.
 
-use super::surroundings::Lens;
+use super::surroundings::LensUniform;
 use crate::gpu::{Entry, Recorder, Shader, Texture};
 use crate::render::Layer;
 
@@ -85,7 +85,7 @@ struct Cells(u64);
 /// Finds the highlights of a layer and its pyramid.
 pub fn find(
     recorder: &mut Recorder,
-    lens: &Lens,
+    lens: &LensUniform,
     layer: &Layer,
     [colors, circles]: [&Texture; 2],
     found: &wgpu::Buffer,
@@ -112,7 +112,7 @@ pub fn find(
 }
 
 /// Removes the highlights from the first two levels of the pyramid, which have these sizes.
-pub fn dim(recorder: &mut Recorder, lens: &Lens, found: &wgpu::Buffer, levels: [(&Texture, (u32, u32)); 2]) {
+pub fn dim(recorder: &mut Recorder, lens: &LensUniform, found: &wgpu::Buffer, levels: [(&Texture, (u32, u32)); 2]) {
     for (texels, (level, size)) in [2.0, 1.0].into_iter().zip(levels) {
         let entry = Entry::over("block_corner", "dim").choose("texels_to_block", texels);
         let pass = recorder.pass(Shader::DepthOfFieldHighlights, entry).uniform("lens", lens).buffer("drawn", found);

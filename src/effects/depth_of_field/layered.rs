@@ -21,7 +21,7 @@ use crate::render::{COLOR, GEOMETRY, Layer};
 use super::highlights;
 use super::image::{self, Blades};
 use super::settings::{MAX_CIRCLE_PX, circles_px};
-use super::surroundings::{Lens, PHOTOGRAPHS_TILE_PX, Tiling};
+use super::surroundings::{LensUniform, PHOTOGRAPHS_TILE_PX, Tiling};
 
 /// Nearest and farthest circle.
 const CIRCLES: wgpu::TextureFormat = wgpu::TextureFormat::Rg16Float;
@@ -87,7 +87,7 @@ fn gather(vertex: &'static str, fragment: &'static str, level: usize, taps: f64)
 
 /// The inputs of gathering.
 struct Gathering {
-    lens: Lens,
+    lens: LensUniform,
     aperture: Bytes,
     tiles: Texture,
     count: u32,
@@ -140,7 +140,7 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer) -> Layer {
     let blurred: [_; 3] =
         std::array::from_fn(|_| recorder.pool.lend_pyramid(&recorder.gpu, layer.size, COLOR, DRAWN as u32));
 
-    let lens = Lens::new(run, opening, &layer, tiling, largest, 0);
+    let lens = LensUniform::new(run, opening, &layer, tiling, largest, 0);
 
     // Highlights are found at the lowest resolution, and removed from all.
     let has_highlights = largest >= highlights::MIN_RADIUS_PX;

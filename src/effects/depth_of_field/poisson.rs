@@ -16,7 +16,7 @@ use crate::gpu::{Bytes, Gpu, Shader};
 use crate::render::{COLOR, Layer};
 
 use super::layered::{largest_radius_px, reach_px};
-use super::surroundings::{Lens, Tiling, surroundings, with_color};
+use super::surroundings::{LensUniform, Tiling, surroundings, with_color};
 
 /// Points of the second disc; the same as in shaders/depth_of_field_poisson.wgsl.
 const SECOND: usize = 16;
@@ -71,7 +71,7 @@ fn discs(gpu: &Gpu, Discs(points): &Discs) -> Bytes {
 /// `points`: of the first disc.
 pub fn run(run: &mut LayerRun<'_>, points: usize, opening: &Opening, layer: Layer) -> Layer {
     let tiling = Tiling::coarse(layer.size, reach_px(run.context));
-    let lens = Lens::new(run, opening, &layer, tiling, largest_radius_px(run.context), 0);
+    let lens = LensUniform::new(run, opening, &layer, tiling, largest_radius_px(run.context), 0);
     let around = surroundings(run, &lens, &layer, tiling);
     let discs = run.recorder.memoized(Discs(points), discs);
     let pass =

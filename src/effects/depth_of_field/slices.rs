@@ -63,7 +63,7 @@ pub fn diameter_px(slice: i32) -> f64 {
 }
 
 crate::uniform! {
-    struct Slice {
+    struct SliceUniform {
         size: [i32; 2],
         place: [f32; 2],
         columns: i32,
@@ -112,7 +112,7 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer, real: &RealL
     });
     let tiles = Tiles::new(size, real, &circle, objects);
     let count = tiles.count.0 * tiles.count.1;
-    let whole = Slice {
+    let whole = SliceUniform {
         size: [size.0 as i32, size.1 as i32],
         place: [0.0; 2],
         columns: tiles.count.0 as i32,
@@ -127,7 +127,7 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer, real: &RealL
         texel_px: 1.0,
         with_layer: f32::from(u8::from(with_layer)),
     };
-    let of_texels = |slice: &Slice, level: usize| Slice { texel_px: (1u32 << level) as f32, ..*slice };
+    let of_texels = |slice: &SliceUniform, level: usize| SliceUniform { texel_px: (1u32 << level) as f32, ..*slice };
 
     let pass = run.recorder.pass(Shader::DepthOfFieldSlices, "places").uniform("slice", &whole);
     let pass = pass.texture("layer_color", &layer.color).texture("layer_geometry", &layer.geometry);
@@ -140,7 +140,7 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer, real: &RealL
     for &slice in &tiles.slices {
         let reached = run.recorder.pool.lend_to_write(&gpu, tiles.count, wgpu::TextureFormat::R32Uint);
         tiles.write(&gpu, &reached, slice);
-        let of_slice = Slice { number: slice as f32, ..whole };
+        let of_slice = SliceUniform { number: slice as f32, ..whole };
         let pass =
             run.recorder.pass(Shader::DepthOfFieldSlices, Entry::over("tiles", "share")).uniform("slice", &of_slice);
         let pass = pass.texture("reached", &reached).texture("color", &layer.color).texture("light", &real.light);
@@ -170,7 +170,7 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer, real: &RealL
         let level = kernel.level;
         let noise =
             noise_left(noise_before, context.capture.enlargement, &kernel, diameter_px(slice), &neighbours).sqrt();
-        let at_level = Slice { noise: noise as f32, ..of_texels(&of_slice, level) };
+        let at_level = SliceUniform { noise: noise as f32, ..of_texels(&of_slice, level) };
         // The shader's array is as long as the largest kernel.
         let mut weights = kernel.weights.clone();
         weights.resize(MAX_WEIGHTS, 0.0);
@@ -182,7 +182,8 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer, real: &RealL
 
         let per_texel = 1.0 / f64::from(1u32 << level);
         let place = [blurred[0].width, blurred[0].height].map(|side| per_texel as f32 / side as f32);
-        let pass = run.recorder.pass(Shader::DepthOfFieldSlices, "add").uniform("slice", &Slice { place, ..at_level });
+        let pass =
+            run.recorder.pass(Shader::DepthOfFieldSlices, "add").uniform("slice", &SliceUniform { place, ..at_level });
         let pass = pass.texture("slice_real", &blurred[0]).texture("slice_layer", &blurred[1]);
         let pass = pass.texture("sum_real", &sums[0]).texture("sum_layer", &sums[1]).texture("sum_held", &sums[2]);
         sums = pass.draw([COLOR; 3], size);

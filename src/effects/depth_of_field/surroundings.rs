@@ -48,7 +48,7 @@ impl Tiling {
 
 crate::uniform! {
     /// A frame's lens and tiles.
-    pub struct Lens {
+    pub struct LensUniform {
         size: [i32; 2],
         texel: [f32; 2],
         side_px: i32,
@@ -62,7 +62,7 @@ crate::uniform! {
     }
 }
 
-impl Lens {
+impl LensUniform {
     /// `largest_radius_px` limits the circles drawn; `steps` is the number of steps of the blur
     /// factor.
     pub fn new(
@@ -90,7 +90,7 @@ impl Lens {
 
 /// The circles that can reach into each tile: nearest circle (signed) and largest radius among the
 /// tile and its neighbours, px.
-pub fn surroundings(run: &mut LayerRun<'_>, lens: &Lens, layer: &Layer, tiling: Tiling) -> Texture {
+pub fn surroundings(run: &mut LayerRun<'_>, lens: &LensUniform, layer: &Layer, tiling: Tiling) -> Texture {
     let pass = run.recorder.pass(Shader::DepthOfFieldSurroundings, "own").uniform("lens", lens);
     let [own] = pass.texture("geometry", &layer.geometry).draw([COLOR], tiling.tiles);
     let pass = run.recorder.pass(Shader::DepthOfFieldSurroundings, "around").uniform("lens", lens);
@@ -100,7 +100,7 @@ pub fn surroundings(run: &mut LayerRun<'_>, lens: &Lens, layer: &Layer, tiling: 
 
 /// The layer with its new colour, and with geometry spread over newly covered pixels if anything
 /// reads it.
-pub fn with_color(run: &mut LayerRun<'_>, lens: &Lens, around: &Texture, layer: Layer, color: Texture) -> Layer {
+pub fn with_color(run: &mut LayerRun<'_>, lens: &LensUniform, around: &Texture, layer: Layer, color: Texture) -> Layer {
     if !run.geometry_is_read {
         return Layer { color, ..layer };
     }

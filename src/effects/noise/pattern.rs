@@ -41,11 +41,11 @@ pub static NORMAL_TABLE: LazyLock<Vec<i16>> = LazyLock::new(|| {
 });
 
 crate::uniform! {
-    struct White { key: [u32; 4], origin: [i32; 2] }
+    struct WhiteUniform { key: [u32; 4], origin: [i32; 2] }
 }
 
 crate::uniform! {
-    struct Filter { side: [f32; 2], norm: f32, l21: f32, l22: f32, l31: f32, l32: f32, l33: f32 }
+    struct FilterUniform { side: [f32; 2], norm: f32, l21: f32, l22: f32, l31: f32, l32: f32, l33: f32 }
 }
 
 /// pcg3d of Jarzynski and Olano 2020.
@@ -118,14 +118,15 @@ impl Pattern {
 
     fn on_gpu(&self, recorder: &mut Recorder, lattice: Rect) -> Texture {
         let [x, y, z] = self.key;
-        let white = White { key: [x, y, z, 0], origin: [lattice.x0 - 1, lattice.y0 - 1] };
+        let white = WhiteUniform { key: [x, y, z, 0], origin: [lattice.x0 - 1, lattice.y0 - 1] };
         let around = (lattice.width() + 2, lattice.height() + 2);
         let table = recorder.memoized(Quantiles, quantiles);
         let pass = recorder.pass(Shader::NoiseWhite, "main").uniform("white", &white);
         let [white] = pass.texture("normal_table", &table).draw([FORMAT], around);
 
         let [l21, l22, l31, l32, l33] = self.cholesky.map(|v| v as f32);
-        let filter = Filter { side: self.taps.map(|tap| tap as f32), norm: self.norm(), l21, l22, l31, l32, l33 };
+        let filter =
+            FilterUniform { side: self.taps.map(|tap| tap as f32), norm: self.norm(), l21, l22, l31, l32, l33 };
         let entry = if self.taps == [0.0; 2] { "unfiltered" } else { "filtered" };
         let pass = recorder.pass(Shader::NoisePattern, entry).uniform("pattern", &filter).texture("white", &white);
         let [pattern] = pass.draw([FORMAT], (lattice.width(), lattice.height()));
