@@ -1,10 +1,12 @@
-//! Where the files that come with the program lie: models, profiles, the demonstration.
+//! Paths of the files that come with the program: models, profiles, the demonstration.
 
 use std::path::{Path, PathBuf};
 
-/// From the program's own folder so many folders up are looked through: `target/release/` lies two below them.
+/// Number of parent folders of the program that are searched. `target/release/` is two levels below
+/// the assets.
 const UP: usize = 4;
-/// Files that only an installation folder has. A user's folder may have a `profiles` or `scenes` of its own.
+/// Files that only an installation folder has. A user's folder may have a `profiles` or `scenes` of
+/// its own.
 const INSTALL_MARKER_FILES: [&str; 2] = ["profiles/neutral.toml", "scenes/demo.toml"];
 /// The profiles that come with the program.
 const PROFILES: [&str; 3] = ["neutral.toml", "simulated.toml", "tum-fr1.toml"];
@@ -15,8 +17,8 @@ pub fn source_folder() -> &'static Path {
     engine.parent().unwrap_or(engine)
 }
 
-/// The folders that are looked through, in order, each once: the program's own and those above it, the one that it was built
-/// from, and the current one.
+/// The searched folders, in order, each once: the program's own and those above it, the one that it
+/// was built from, and the current one.
 pub fn folders() -> Vec<PathBuf> {
     let program = std::env::current_exe().and_then(|program| program.canonicalize()).ok();
     let above = program.iter().flat_map(|program| program.ancestors().skip(1).take(UP + 1).map(Path::to_owned));

@@ -15,7 +15,7 @@ use crate::text::brief;
 pub struct Problem {
     /// Starts at 1.
     pub line: Option<usize>,
-    /// With its table, as in `frames.fps`. Empty if no key is to blame.
+    /// The key with its table, as in `frames.fps`. Empty if no key is to blame.
     pub key: String,
     pub message: String,
 }

@@ -73,7 +73,7 @@ impl PartialEq for FrameIdentity {
 #[derive(Clone, Debug)]
 pub struct NeighbourFrame {
     pub index: usize,
-    /// As [`Frame::timestamp_s`].
+    /// Time on the clock of [`Frame::timestamp_s`].
     pub timestamp_s: f64,
     pub pixels: Arc<Pixels>,
     pub depth: Arc<DepthMap>,
@@ -85,7 +85,7 @@ pub const SURFEL_SPACING_M: f64 = 0.02;
 /// A surface element of the room, the mean of several frames' measurements.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surfel {
-    /// In the recording's world.
+    /// Position in the recording's world.
     pub position_m: Vec3,
     /// Unit length, towards the cameras.
     pub normal: Vec3,
@@ -130,7 +130,7 @@ pub struct FrameExposure {
     pub gain: Option<f64>,
     /// Exposure time by the picture's motion blur, estimated by an analysis, s.
     pub blur_estimate_s: Option<f64>,
-    /// From the picture's own file.
+    /// Settings in the picture's own file.
     pub photo: PhotoSettings,
     /// Brightness of the picture, estimated by an analysis.
     pub brightness: Option<RelativeBrightness>,
@@ -157,7 +157,7 @@ impl FrameExposure {
         self.time_s.or(self.photo.time_s)
     }
 
-    /// With the settings of a tracked lens, which override the others.
+    /// This frame with the settings of a tracked lens, which override the others.
     pub fn with_lens(self, lens: FrameLens) -> Self {
         let photo = PhotoSettings {
             f_number: lens.f_number.or(self.photo.f_number),

@@ -18,7 +18,7 @@ pub struct Memo<K, V> {
 }
 
 impl<K, V> Memo<K, V> {
-    /// At most so many values.
+    /// A memo of at most `capacity` values.
     pub const fn new(capacity: usize) -> Self {
         assert!(capacity > 0, "a memo without entries");
         Self { budget: capacity, cost: |_| 1, entries: Mutex::new(Vec::new()) }

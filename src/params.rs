@@ -118,7 +118,7 @@ pub struct ActsIf {
     pub other: &'static str,
     /// It must have the value, or else any other one.
     pub is: bool,
-    /// As it is typed.
+    /// The value as it is typed.
     pub value: &'static str,
 }
 

@@ -16,12 +16,12 @@ pub struct Pose {
 impl Pose {
     pub const IDENTITY: Self = Self { rotation: DQuat::IDENTITY, translation_m: DVec3::ZERO };
 
-    /// From a `camera_from_world` rotation and translation.
+    /// Pose with a `camera_from_world` rotation and translation.
     pub fn new(rotation: DQuat, translation_m: DVec3) -> Self {
         Self { rotation: rotation.normalize(), translation_m }
     }
 
-    /// From the camera's position (metres) and orientation (`world_from_camera`).
+    /// Pose of a camera at a position (metres) with an orientation (`world_from_camera`).
     pub fn from_camera_in_world(position_in_world_m: DVec3, world_from_camera: DQuat) -> Self {
         let rotation = world_from_camera.normalize().conjugate();
         Self { rotation, translation_m: -(rotation * position_in_world_m) }

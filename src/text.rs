@@ -83,7 +83,7 @@ pub fn without_options(text: &str) -> String {
     out + rest
 }
 
-/// With this many decimals. Numbers too large to read that way get six significant digits.
+/// A number with `digits` decimals. Numbers too large to read that way get six significant digits.
 pub fn fixed(number: f64, digits: usize) -> String {
     if number.is_finite() && number.abs() >= 1e15 {
         return format!("{number:.5e}");
@@ -123,7 +123,7 @@ pub fn brief(text: &str) -> String {
     out + rest
 }
 
-/// At most six significant digits, no trailing zeros.
+/// A number with at most six significant digits and no trailing zeros.
 pub fn short(number: f64) -> String {
     if !is_plain(number) {
         let text = format!("{number:.5e}");

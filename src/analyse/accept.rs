@@ -20,7 +20,7 @@ const SHUTTER_ANGLE: &str = "shutter_angle_deg";
 /// Result for one key of a profile.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Accepted {
-    /// With its table.
+    /// The key with its table.
     pub key: String,
     pub outcome: Outcome,
 }

@@ -29,7 +29,7 @@ pub struct BlurFrame {
     /// `light` and `noise` after the band-pass.
     pub band: GreyImage,
     pub noise_band: Option<GreyImage>,
-    /// At full size, m or the recording's unit; 0 where unknown.
+    /// Depth at full size, m or the recording's unit; 0 where unknown.
     pub depth: Vec<f32>,
     is_clipped: Vec<bool>,
 }

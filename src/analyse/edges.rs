@@ -125,7 +125,7 @@ fn line(slope: &GreyImage, x: usize, y: usize, n: [f32; 2]) -> Option<Line> {
     Some(Line { x, y, angle, offset_px: middle * tilt.atan().cos() })
 }
 
-/// From −`to` to `to`.
+/// The values from −`to` to `to`.
 fn steps(to: f32, pitch: f32) -> Vec<f32> {
     let half = (to / pitch) as i32;
     (-half..=half).map(|k| k as f32 * pitch).collect()

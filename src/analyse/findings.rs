@@ -135,7 +135,7 @@ pub struct ShutterFindings {
     /// Frames with a distinct estimate of their own: number, and exposure, s.
     #[serde(rename = "heard", default, skip_serializing_if = "Vec::is_empty")]
     pub samples: Vec<(usize, f64)>,
-    /// In order; each frame lies in one. Empty if the exposure is unknown.
+    /// Runs of frames in order; each frame is in one. Empty if the exposure is unknown.
     pub runs: Vec<Run>,
     /// Nominal frame interval of a format without times, s. Exposures are known as fractions of it
     /// only.

@@ -85,12 +85,12 @@ struct GainFrame {
     noise: [f64; 3],
     depth: Vec<f32>,
     points: Vec<GainPoint>,
-    /// In ascending order of their numbers.
+    /// Frames in ascending order of their numbers.
     landmarks: Vec<(u64, PixelSample)>,
 }
 
 struct GainPoint {
-    /// In the camera's axes at the middle row's time, m.
+    /// Position in the camera's axes at the middle row's time, m.
     at: DVec3,
     sample: PixelSample,
 }
@@ -119,13 +119,13 @@ pub struct Pair {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PairCounts {
     pub pairs: usize,
-    /// With too few common flat areas.
+    /// Pairs with too few common flat areas.
     pub few: usize,
-    /// With points that do not match.
+    /// Pairs whose points do not match.
     pub unlike: usize,
-    /// With unsure poses: the points match by the poses only.
+    /// Pairs with uncertain poses whose points match by the poses only.
     pub confirming: usize,
-    /// With unsure poses: the gain depends on the poses.
+    /// Pairs with uncertain poses whose gain depends on the poses.
     pub unsure: usize,
 }
 
@@ -449,7 +449,7 @@ fn ratio(
     Ok((ratios, Ratio { ratio, sigma }))
 }
 
-/// As [`ratio`]; `None` for too few samples.
+/// The [`ratio`], or `None` for too few samples.
 fn ratio_if_any(
     matches: &[(PixelSample, PixelSample)],
     noise: [f64; 3],

@@ -8,8 +8,8 @@ use sha2::{Digest, Sha256};
 
 use crate::recording::Recording;
 
-/// Of a picture the length and this much of either end count: a file of this size or less counts
-/// whole.
+/// Number of bytes at either end of a picture that are hashed, with its length. A file of this size
+/// or less is hashed whole.
 const END_BYTES: u64 = 4096;
 
 /// SHA-256 over the recording's files, hexadecimal: their names, lengths and contents (of pictures

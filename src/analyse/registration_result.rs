@@ -32,7 +32,7 @@ pub struct Registration {
     pub states: Vec<Option<CameraState>>,
     pub readout_s: f64,
     pub readout_sigma_s: Option<f64>,
-    /// By the spread between parts of the recording.
+    /// σ of the readout time by the spread between parts of the recording.
     pub readout_parts_sigma_s: Option<f64>,
     pub depth: Option<DepthOffset>,
     pub rig_offset: Option<RigOffset>,
@@ -55,8 +55,9 @@ pub struct Registration {
 pub struct HeldOutResidual {
     pub from: usize,
     pub to: usize,
-    /// By recorded and by refined poses, root mean square over the picture, px.
+    /// Residual by recorded poses, root mean square over the picture, px.
     pub recorded_px: f64,
+    /// Residual by refined poses, root mean square over the picture, px.
     pub refined_px: f64,
 }
 

@@ -98,7 +98,7 @@ pub struct Run {
 /// Exposures of a recording.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExposureRuns {
-    /// In order; each frame lies in one.
+    /// Runs of frames in order; each frame is in one.
     pub runs: Vec<Run>,
     /// Samples with a distinct minimum, in order.
     pub samples: Vec<ExposureSample>,

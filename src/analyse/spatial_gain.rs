@@ -51,7 +51,7 @@ const CG_ITERATIONS: usize = 60;
 pub struct SpatialGainPair {
     pub from: usize,
     pub to: usize,
-    /// For each cell: mean position in both frames (fractions of width and height), δ and its σ.
+    /// Mean position of each cell in both frames (fractions of width and height), δ and its σ.
     cells: Vec<[f32; 6]>,
 }
 

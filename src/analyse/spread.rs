@@ -42,8 +42,8 @@ const QUANTILE: f64 = 0.3;
 const CLIPPED_CODE: f32 = 248.0;
 /// Largest displacement of an edge along its normal during the exposure, px.
 const MAX_EDGE_MOTION_PX: f64 = 0.7;
-/// For frames without depth: assumed distance, units of the recording, and largest displacement at
-/// it during the exposure, px.
+/// Assumed distance of frames without depth, units of the recording, and largest displacement at it
+/// during the exposure, px.
 const ASSUMED_DISTANCE: f64 = 1.0;
 const MAX_STILL_MOTION_PX: f64 = 0.3;
 /// Radius around an edge in which its depth is the smallest one, px: an occluding edge moves with
@@ -93,7 +93,7 @@ pub struct EdgeSpreads<'a> {
 /// Motion of the camera during a frame's exposure.
 pub struct FrameMotion<'a> {
     pub state: &'a CameraState,
-    /// At the frame's time, m or the recording's unit; 0 where unknown.
+    /// Depth at the frame's time, m or the recording's unit; 0 where unknown.
     pub depth: &'a [f32],
     pub exposure_s: f64,
 }

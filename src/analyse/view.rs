@@ -29,7 +29,7 @@ const DEPTH_EDGE_STEP: f32 = 0.05;
 
 #[derive(Clone, Copy, Debug)]
 pub struct AlignPoint {
-    /// In the camera's axes at the middle row's time, m.
+    /// Position in the camera's axes at the middle row's time, m.
     pub at: DVec3,
     /// Brightness, codes.
     pub value: f64,
@@ -53,9 +53,9 @@ pub struct Level {
 pub struct View {
     pub index: usize,
     pub state: CameraState,
-    /// At the frame's time, m or the recording's unit; 0 where unknown.
+    /// Depth at the frame's time, m or the recording's unit; 0 where unknown.
     pub depth: Vec<f32>,
-    /// From the finest to the coarsest.
+    /// Pyramid levels, the finest first.
     pub levels: Vec<Level>,
 }
 

@@ -28,9 +28,9 @@ const MAX_GROWTH: f64 = 8.0;
 /// The findings for a scene.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct BlockVerdict {
-    /// For each block, whether it stood still.
+    /// True for each block that stood still.
     pub still: Vec<bool>,
-    /// For each block and channel, roughly the variance to expect at its mean code; above 0.
+    /// Approximate variance of each block and channel, expected at its mean code; above 0.
     pub scales: Vec<[f64; 3]>,
     /// Pixels in blocks left out because they vary too much, and in those left out because they
     /// drift.
@@ -181,7 +181,7 @@ fn scales(scene: &SceneSums, block: usize, variance: &[RobustVariance; 3]) -> [f
     })
 }
 
-/// For each block, the cube root of the mean of s²/V over the unclipped pixels.
+/// The cube root of the mean of s²/V over the unclipped pixels of each block.
 fn excesses(scene: &SceneSums, variance: &[RobustVariance; 3]) -> Vec<Statistic> {
     let freedom = scene.freedom();
     (0..scene.blocks.len())
@@ -201,7 +201,7 @@ fn excesses(scene: &SceneSums, variance: &[RobustVariance; 3]) -> Vec<Statistic>
         .collect()
 }
 
-/// For each block, the share of its variance that consecutive frames do not show.
+/// The share of each block's variance that consecutive frames lack.
 fn drifts(scene: &SceneSums) -> Vec<Statistic> {
     if scene.known_mean || scene.frames < 4 {
         return vec![None; scene.blocks.len()];

@@ -30,7 +30,7 @@ use crate::pixels::{Codes, Pixels};
 const CUT: f64 = 1.2;
 /// The search begins at this quantile of a bin's blocks.
 const START_QUANTILE: f64 = 0.05;
-/// With fewer blocks below the cut there is no estimate.
+/// Minimum number of blocks below the cut for an estimate.
 const NEEDED_BLOCKS: usize = 40;
 /// Blocks below the cut whose spread exceeds that of χ² by this factor are not noise but weak
 /// texture. Measured: 1.0 to 1.25 where σ is right, 1.25 to 1.4 where texture was taken for noise.
@@ -49,7 +49,7 @@ const MAX_CLIPPED_SHARE: f64 = 0.02;
 /// Below this variance (8-bit codes squared, times the frames' step squared) a block was clipped
 /// within the camera.
 const MIN_VARIANCE: f64 = 0.1;
-/// At most this many blocks are kept, chosen at random, for each sixteenth of green's code range.
+/// Number of randomly chosen blocks for each sixteenth of green's code range.
 const CAPACITY: usize = 16_384;
 const STRATA: usize = 16;
 
@@ -78,7 +78,7 @@ pub struct MovingCalibrator {
     frame_bits: Option<u32>,
     frames: usize,
     blocks: u64,
-    /// By green's mean: how many blocks came, and those that were kept.
+    /// Number of blocks and a random sample of them, by green's mean.
     strata: [(u64, Vec<Block>); STRATA],
     seen: [Vec<PixelCounts>; 3],
 }

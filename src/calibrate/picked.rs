@@ -29,8 +29,8 @@ const MAX_CLIPPED_SHARE: f64 = 0.5;
 /// Result of measuring picked regions.
 #[derive(Debug)]
 pub struct PickedResult {
-    /// For each region its mean code value (8 bits, mean of R, G and B), or the reason why it is
-    /// rejected.
+    /// Mean code value of each region (8 bits, mean of R, G and B), or the reason for its
+    /// rejection.
     pub places: Vec<Result<f64, RegionError>>,
     /// Noise of all usable regions.
     pub noise: Result<PickedNoise, PickedError>,

@@ -81,7 +81,8 @@ mod tests {
     const OWN: Rounding = Rounding { frame_step: 1.0, mean_step: None };
     const KNOWN: Rounding = Rounding { frame_step: 1.0, mean_step: Some(1.0) };
 
-    /// By brute force: a sum over codes, averaged over 400 evenly spaced fractions of the mean.
+    /// The variance by brute force: a sum over codes, averaged over 400 evenly spaced fractions of
+    /// the mean.
     fn by_counting(sigma: f64, known_mean: bool) -> f64 {
         let n = 400;
         let total: f64 = (0..n)

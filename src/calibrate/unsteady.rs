@@ -18,7 +18,7 @@ use crate::fit::quantile::upper_median;
 /// above 0.5.
 const MOTION_SHARE: f64 = 0.2;
 const PATCH_SHARE: f64 = 0.45;
-/// At this share σ is 6 % too large.
+/// Smallest suspicious common share, at which σ is 6 % too large.
 const SUSPECT_SHARE: f64 = 0.12;
 
 /// Kind of unsteadiness.

@@ -22,8 +22,8 @@ pub struct Aperture {
 }
 
 impl Aperture {
-    /// From an outline: ρ (0..1) at an angle from the picture's x axis towards its y axis
-    /// (downwards), rad.
+    /// An aperture with an outline: ρ (0..1) at an angle from the picture's x axis towards its y
+    /// axis (downwards), rad.
     pub fn new(outline: impl Fn(f64) -> f64) -> Self {
         let outline: Vec<f64> = (0..TABLE_SIZE).map(|i| outline((i as f64 + 0.5) / TABLE_SIZE as f64 * TAU)).collect();
         let mut share = vec![0.0];

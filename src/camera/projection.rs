@@ -17,7 +17,7 @@ pub enum Depth {
 }
 
 impl Depth {
-    /// From −1..1 to this range.
+    /// Maps −1..1 to this range.
     fn of_signed(self) -> DMat4 {
         match self {
             Self::Signed => DMat4::IDENTITY,

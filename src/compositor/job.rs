@@ -29,15 +29,15 @@ pub struct Job<'a> {
 /// Depth of the real scene.
 #[derive(Clone, Copy, Debug)]
 pub enum RealDepth<'a> {
-    /// From the frame's own depth map, if it has one.
+    /// Depth of the frame's own depth map, if it has one.
     OfFrame,
-    /// At the frame's time, registered to the output picture; it occludes virtual objects.
+    /// Depth at the frame's time, registered to the output picture; it occludes virtual objects.
     /// With `surfaces`, effects act on the real part too. For a picture that sums frames, `moments`
     /// holds the depth of each of them, with its time relative to the picture's, s.
     Known { grid: Option<&'a DepthGrid>, surfaces: Option<&'a Surfaces>, moments: &'a [(f64, DepthGrid)] },
 }
 
-/// Where the picture goes.
+/// Destination of the picture.
 #[derive(Clone, Copy, Debug)]
 pub enum Target<'a> {
     /// Read back to the CPU: [`Composited::pixels`].

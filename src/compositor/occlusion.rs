@@ -122,7 +122,7 @@ impl FrameOcclusion {
         })
     }
 
-    /// By depth that is known at the picture's time.
+    /// Occlusion by depth that is known at the picture's time.
     fn of_grid(recorder: &mut Recorder, grid: &DepthGrid, inputs: &FrameInputs<'_>, areas: DepthAreas) -> Self {
         recorder.part("depth");
         let FrameInputs { job, view, plan, .. } = *inputs;
@@ -134,8 +134,8 @@ impl FrameOcclusion {
         Self { depth_test, scene_depth, ..Self::default() }
     }
 
-    /// By a frame's repaired depth: its uploads. The matte applies after a number of effects, which
-    /// blur up to a distance in px.
+    /// Uploads a frame's repaired depth. The matte applies after a number of effects, which blur up
+    /// to a distance in px.
     fn of_repaired(
         recorder: &Recorder,
         repaired: Arc<RepairedDepth>,
@@ -204,7 +204,7 @@ pub fn project_rolling(geometry: &Geometry, pose_at: impl Fn(f64) -> Pose, point
     Some((at, if geometry.needs_cube_map() { in_camera.length() } else { in_camera.z }))
 }
 
-/// Where real depth matters to a frame: nearer than an object, and under dark shadows.
+/// The pixels whose real depth matters to a frame: nearer than an object, and under dark shadows.
 fn depth_request(frame_view: &FrameView, work_rects: &WorkRects, dark: Rect, rays: &Rays) -> DepthRequest {
     let object = |(rect, farthest_m): &(Rect, f64)| (rect.grown(work_rects.spread_px), *farthest_m as f32);
     let mut objects: Vec<_> = frame_view.footprint.parts.iter().map(object).collect();

@@ -31,9 +31,9 @@ crate::params! {
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(try_from = "SerializedSettings", into = "SerializedSettings")]
 pub struct Settings {
-    /// In the order in which they run.
+    /// Effects in the order in which they run.
     effects: Vec<Box<dyn Effect>>,
-    /// For each effect, whether it may run at all.
+    /// True for each effect that may run.
     enabled: Vec<bool>,
     pub depth: DepthSettings,
     pub shadow: ShadowSettings,

@@ -38,7 +38,7 @@ pub struct WorkRects {
     pub objects_px: Rect,
     /// Distance to which effects spread light beyond the objects, px.
     pub spread_px: i32,
-    /// At least one.
+    /// Pieces to composite; at least one.
     pub pieces: Vec<CompositePiece>,
     /// Bounds of the composited pixels. Across the seam, x1 exceeds the picture's width.
     pub bounds: Rect,

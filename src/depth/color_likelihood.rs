@@ -27,10 +27,10 @@ const MIN_LIKELIHOOD: f32 = 0.05;
 /// Number of pixels of a row that are processed at a time.
 const LANES: usize = 16;
 
-/// For each pixel nearer than `within_px` to an edge, the log of the ratio of two likelihoods of
-/// its colour: on the other surface, and on the surface that the map has there. It is 0 if negative
-/// or unknown. A matching colour does not confirm a depth: where three surfaces meet, two may have
-/// the same colour. `sqrt_colors`: square roots of light; `reach_px`: the unreliable range.
+/// The log of the ratio of two likelihoods of the colour of each pixel nearer than `within_px` to
+/// an edge: on the other surface, and on the surface that the map has there. It is 0 if negative or
+/// unknown. A matching colour does not confirm a depth: where three surfaces meet, two may have the
+/// same colour. `sqrt_colors`: square roots of light; `reach_px`: the unreliable range.
 pub fn other_surface_log_ratio(
     depth_m: &[f32],
     sqrt_colors: &[[f32; 3]],

@@ -27,7 +27,7 @@ pub struct DepthGrid {
 }
 
 impl DepthGrid {
-    /// From the recorded camera's depth (`depth_m`, of its picture's size, 0 where unknown).
+    /// A grid of the recorded camera's depth (`depth_m`, of its picture's size, 0 where unknown).
     /// `is_measured`: by a sensor; otherwise the depth is that of models, whose edges are exact.
     /// `framed` is the photograph's place in the recorded picture. `None` if the depth has another
     /// size, or nothing was measured in the photograph's view.

@@ -170,7 +170,7 @@ impl Grid {
 struct Links {
     /// Indices of the open pixels, then of their neighbours.
     pixels: Vec<u32>,
-    /// For each open pixel its neighbours, as indices into `pixels`, with weights.
+    /// Neighbours of each open pixel, as indices into `pixels`, with weights.
     beside: Vec<[(u32, f32); 4]>,
 }
 

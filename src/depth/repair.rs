@@ -29,7 +29,8 @@ use crate::pose::Pose;
 const REGION_MARGIN: f64 = 1.0 / 20.0;
 /// Margin around the objects in which edges are smoothed, px: the reach of a matte.
 const SMOOTHING_MARGIN_PX: i32 = matte::MAX_REACH_PX;
-/// In darker light the fractions of two surfaces are those of the pixel's area.
+/// Smallest light by which fractions are weighted. In darker light the fractions of two surfaces
+/// are those of the pixel's area.
 const MIN_LIGHT: f32 = 1e-4;
 
 /// The inputs for repairing a frame's depth.
@@ -133,8 +134,8 @@ pub struct SecondSurface {
 }
 
 impl SecondSurface {
-    /// Of a pixel that shows I = α·F + (1 − α)·B, the farther surface has the fraction (1 − α)·B/I
-    /// of the light, with B = I − α·(F − B).
+    /// The second surface of a pixel that shows I = α·F + (1 − α)·B. The farther surface has the
+    /// fraction (1 − α)·B/I of its light, with B = I − α·(F − B).
     fn of(matte: &MattePixel, depth_m: f32, sqrt_color: [f32; 3]) -> Self {
         if matte.near_m >= matte.far_m {
             return Self::default();

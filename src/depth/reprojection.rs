@@ -59,7 +59,7 @@ impl Reprojected {
 }
 
 impl Points {
-    /// From a part of a map's row and the rays of its pixels.
+    /// Points of a part of a map's row, by the rays of its pixels.
     pub fn of(depth_m: &[f32], rays: &[[f32; 3]]) -> Self {
         let mut points = Self::default();
         for (lane, (z, ray)) in depth_m.iter().zip(rays).take(LANES).enumerate() {
@@ -115,7 +115,7 @@ impl<'a> Reprojection<'a> {
         }
     }
 
-    /// With the distortion formula of camera/distortion.rs.
+    /// Reprojects points with the distortion formula of camera/distortion.rs.
     pub fn reproject(&self, points: &Points) -> Reprojected {
         let Self { turn, shift_m, focal_px, middle_px, radial: [k1, k2, k3], valid2, .. } = *self;
         let Vec2 { x: p1, y: p2 } = self.tangential;

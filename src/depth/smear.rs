@@ -14,13 +14,14 @@ const CELL_PX: i32 = 16;
 #[derive(Debug)]
 pub struct MotionField {
     columns: usize,
-    /// For each cell, the motion of an infinitely distant point, px, and the additional motion of a
-    /// point at 1 m. The latter is proportional to 1/z.
+    /// Motion of an infinitely distant point in each cell, px, and the additional motion of a point
+    /// at 1 m. The latter is proportional to 1/z.
     cells: Vec<[DVec2; 2]>,
 }
 
 impl MotionField {
-    /// From the poses at the start and at the end of the exposure, over a part of the picture.
+    /// Motion between the poses at the start and at the end of the exposure, over a part of the
+    /// picture.
     pub fn new(geometry: &Geometry, frame: &Pose, [opened, closed]: [&Pose; 2], part: Rect) -> Self {
         let cells = |from: i32, to: i32| (from..to).step_by(CELL_PX as usize).map(|at| f64::from(at + CELL_PX / 2));
         let motion_px = |at: DVec2, z: f64| {

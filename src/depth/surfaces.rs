@@ -19,7 +19,7 @@ pub struct Surfaces {
 }
 
 impl Surfaces {
-    /// For circles of confusion with a radius of up to `reach_px` of the photograph.
+    /// Surfaces for circles of confusion with a radius of up to `reach_px` of the photograph.
     pub fn new(grid: &DepthGrid, reach_px: f64) -> Self {
         let (mut nearest, columns) = (grid.clone(), grid.width as usize);
         if !nearest.is_dilated {

@@ -40,7 +40,7 @@ const SURFELS_PER_BLOCK: usize = 1024;
 /// A surfel in a camera's view.
 #[derive(Clone)]
 struct Splat {
-    /// In the camera's axes, m.
+    /// Position in the camera's axes, m.
     position_m: Vec3,
     normal: Vec3,
     sqrt_color: [f32; 3],

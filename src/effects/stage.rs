@@ -11,7 +11,7 @@ use crate::stage::Stage;
 /// Motion of an object's centre across the picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ObjectMotion {
-    /// From this frame to the next, px (raster axes).
+    /// Motion from this frame to the next, px (raster axes).
     pub per_frame_px: [f32; 2],
 }
 

@@ -21,8 +21,9 @@ pub struct Global {
     pub binding: u32,
     pub kind: wgpu::BindingType,
     pub visibility: wgpu::ShaderStages,
-    /// For a uniform: size in bytes, and name and offset of each member. Tables have no members.
+    /// Size of a uniform, bytes.
     pub size: u32,
+    /// Name and offset of each member of a uniform. Tables have no members.
     pub members: Vec<(String, u32)>,
 }
 

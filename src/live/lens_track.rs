@@ -131,7 +131,8 @@ pub struct LensTrack {
 }
 
 impl LensTrack {
-    /// For pictures of a size, one every `interval_s`. `first` is used before the first lens data.
+    /// A track for pictures of a size, one every `interval_s`. `first` is used before the first
+    /// lens data.
     pub fn new(size_px: (u32, u32), interval_s: f64, rig: Rig, first: FrameCamera) -> Self {
         Self { history: LensHistory { size_px, interval_s, cameras: VecDeque::new(), last: None }, rig, first }
     }

@@ -29,7 +29,7 @@ pub struct TagPoses {
     recent: Vec<(f64, Pose)>,
     smoother: Option<Smoother>,
     new_poses: Vec<(f64, Pose)>,
-    /// Of the poses that wait or were returned last.
+    /// Covariances of the poses that wait or were returned last.
     covariances: Vec<Covariance>,
     failure: Option<DetectError>,
     family: Family,

@@ -10,7 +10,7 @@ use crate::grey_image::GreyImage;
 pub struct Edge {
     /// Position of the half-way crossing, in pixels from the first sample.
     pub position_px: f64,
-    /// From 10 % to 90 % of the step, pixels.
+    /// Width from 10 % to 90 % of the step, pixels.
     pub width_10_90_px: f64,
     /// Values before and after the edge.
     pub before: f64,

@@ -57,7 +57,7 @@ pub struct SlantedEdge {
     pub sigma_px: f64,
     /// One standard deviation of `sigma_px`.
     pub uncertainty_px: f64,
-    /// From 10 to 90 % of the step as sampled by the pixels. `None` if it is below the noise.
+    /// Width from 10 to 90 % of the step as sampled by the pixels. `None` if it is below the noise.
     pub rise_10_90_px: Option<f64>,
     /// The light of both sides at the edge.
     pub dark: f64,

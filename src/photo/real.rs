@@ -116,7 +116,7 @@ fn sum(frames: &[(f64, impl Borrow<Pixels>)], response: &Response) -> Light {
 
 /// Resampling weights of a row.
 struct Taps {
-    /// For each pixel: the index of the first source pixel, and weights that sum to 1.
+    /// Index of the first source pixel of each pixel, and weights that sum to 1.
     parts: Vec<(i64, Vec<f32>)>,
     last: i64,
 }

@@ -24,7 +24,7 @@ pub enum Bracket {
     Shutter,
     /// ISO 100 to 25600.
     Iso,
-    /// From half the distance to twice.
+    /// Distances of focus from half to twice the given one.
     Focus,
 }
 

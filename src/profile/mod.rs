@@ -105,8 +105,8 @@ impl Rig {
         [&mut self.intrinsics, &mut self.distortion, &mut self.lens, &mut self.exposure, &mut self.response]
     }
 
-    /// From here on frames with a known camera and lens override the values given so far. Values
-    /// set later override the frames. The readout time is always the rig's.
+    /// Lets frames with a known camera and lens override the values given so far. Values set later
+    /// override the frames. The readout time is always the rig's.
     pub fn follow_frames(&mut self) {
         let tables: [&dyn Params; 4] = [&self.intrinsics, &self.distortion, &self.lens, &self.exposure];
         let all = tables.into_iter().flat_map(|table| table.specs().into_iter().map(|spec| (table.table(), spec.name)));

@@ -20,7 +20,7 @@ pub enum List {
 }
 
 impl List {
-    /// In writing order: a listed frame has all its data.
+    /// All lists in writing order: a listed frame has all its data.
     pub const ALL: [Self; 5] = [Self::Poses, Self::Exposure, Self::Covariance, Self::Cameras, Self::Frames];
 
     pub fn file_name(self) -> &'static str {
@@ -51,7 +51,7 @@ pub trait Store {
 #[derive(Debug)]
 pub struct Folder {
     path: PathBuf,
-    /// In the order of [`List::ALL`], with their lengths.
+    /// Files in the order of [`List::ALL`], with their lengths.
     lists: [(Option<File>, u64); 5],
     unsynced: Vec<File>,
 }

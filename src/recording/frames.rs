@@ -42,7 +42,7 @@ enum Decoding {
 #[derive(Debug)]
 pub struct SelectedFrames {
     decoded: VideoFrames,
-    /// For each decoded frame, whether it is returned.
+    /// True for each decoded frame that is returned.
     taken: std::vec::IntoIter<bool>,
 }
 

@@ -96,7 +96,8 @@ pub struct ExposureList {
     pub list: PathBuf,
 }
 
-/// At least one of `profile`, `kind` and `list`; `kind` and `list` exclude each other.
+/// A camera file with at least one of `profile`, `kind` and `list`; `kind` and `list` exclude each
+/// other.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraFile {

@@ -84,7 +84,7 @@ pub fn folder_of(file: &Path) -> PathBuf {
 #[derive(Debug)]
 pub enum Pictures {
     Stills(Vec<PathBuf>),
-    /// With file indices of the used frames, if any are skipped.
+    /// A video, with file indices of the used frames if any are skipped.
     Video(Video, Option<Vec<usize>>),
 }
 

@@ -66,7 +66,7 @@ struct Island {
 }
 
 impl Unwrapped {
-    /// With a lightmap of at most `side` texels a side.
+    /// Unwraps a mesh for a lightmap of at most `side` texels a side.
     pub fn new(mesh: &Mesh, side: u32) -> Self {
         let faces = faces(mesh);
         let area: f32 = faces.iter().map(|face| 0.5 * doubled_area(&face.flat).abs()).sum();
@@ -169,7 +169,7 @@ fn faces(mesh: &Mesh) -> Vec<ProjectedTriangle> {
     mesh.indices.chunks_exact(3).map(face).collect()
 }
 
-/// For each triangle those that share an edge with it, by vertex positions.
+/// The triangles that share an edge with each triangle, by vertex positions.
 fn adjacency(mesh: &Mesh) -> Vec<Vec<u32>> {
     let mut numbers: HashMap<[u32; 3], u32> = HashMap::new();
     let place = |i: &u32| mesh.vertices[*i as usize].position.map(|c| (c + 0.0).to_bits());

@@ -28,9 +28,9 @@ const MIN_RANGE: f64 = 1e-6;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Ink {
-    /// As recorded.
+    /// The recorded values.
     Recorded,
-    /// As found.
+    /// The estimated values.
     Found,
     Red,
     Green,
@@ -210,7 +210,7 @@ impl Chart {
     }
 }
 
-/// At most [`MAX_POINTS`], evenly.
+/// At most [`MAX_POINTS`] of the points, evenly spaced.
 fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     points.iter().step_by(points.len().div_ceil(MAX_POINTS).max(1)).copied().collect()
 }

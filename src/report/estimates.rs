@@ -22,7 +22,7 @@ pub struct Estimate {
     pub name: &'static str,
     pub mark: Mark,
     pub verdict: &'static str,
-    /// With its interval; empty if unknown.
+    /// The value with its interval; empty if unknown.
     pub value: String,
     /// The reason if it was kept or refused, else empty.
     pub why: String,

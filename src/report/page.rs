@@ -31,7 +31,7 @@ pub enum Body {
     Strip {
         /// Labels of the pictures of a frame, from top to bottom.
         rows: Vec<(Ink, &'static str)>,
-        /// Of each picture, px.
+        /// Side of each picture, px.
         side: usize,
         cells: Vec<Cell>,
     },
@@ -46,7 +46,7 @@ pub struct Cell {
     pub frame: usize,
     /// Whether the place was selected in this frame.
     pub is_start: bool,
-    /// As `data:` URIs, one for each row.
+    /// Pictures as `data:` URIs, one for each row.
     pub pictures: Vec<String>,
 }
 

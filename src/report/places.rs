@@ -90,7 +90,7 @@ pub fn smooth(depth: &DepthMap, x: usize, y: usize) -> Option<f64> {
         .then_some(here)
 }
 
-/// Of luma, codes of 255.
+/// Smaller eigenvalue of the structure tensor of luma, codes of 255.
 fn smaller_eigenvalue(grey: &[f32], width: usize, x: usize, y: usize) -> f64 {
     let (mut xx, mut xy, mut yy) = (0.0f64, 0.0f64, 0.0f64);
     for v in y - TEXTURE_RADIUS_PX..=y + TEXTURE_RADIUS_PX {

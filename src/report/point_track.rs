@@ -40,7 +40,7 @@ pub struct TrackedPlace {
     /// The frame in which the place was chosen: recorded and refined poses agree there.
     pub start: usize,
     pub place: Place,
-    /// In order.
+    /// Views in the order of their frames.
     pub seen: Vec<TrackedView>,
 }
 

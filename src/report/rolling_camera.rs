@@ -31,7 +31,8 @@ impl RollingCamera<'_> {
         (0..self.geometry.intrinsics.height_px).map(|row| self.of_row(time_s, f64::from(row) + 0.5)).collect()
     }
 
-    /// As [`RollingCamera::project`], by the poses of a frame's rows, to the nearest row.
+    /// The projection of [`RollingCamera::project`], by the poses of a frame's rows, to the nearest
+    /// row.
     pub fn project_by_rows(&self, rows: &[Pose], point: DVec3) -> Option<(DVec2, f64)> {
         let mut row = rows.len() / 2;
         let mut found = None;

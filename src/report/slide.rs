@@ -43,7 +43,7 @@ pub struct SlidePair {
     pub from: usize,
     pub later: usize,
     pub recorded_px: Vec<f64>,
-    /// By the refined poses; `None` where there are none.
+    /// Slide by the refined poses; `None` where there are none.
     pub refined_px: Option<Vec<f64>>,
 }
 

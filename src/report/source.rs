@@ -9,12 +9,12 @@ use crate::support::SupportReport;
 /// What a page is made of.
 #[derive(Clone, Copy)]
 pub struct Source<'a> {
-    /// As it was recorded: without its analysis.
+    /// The recording without its analysis.
     pub recording: &'a Recording,
     /// The camera as it was given.
     pub camera: &'a Geometry,
     pub response: &'a Response,
-    /// Of this recording and camera ([`Analysis::fits`]).
+    /// The analysis of this recording and camera ([`Analysis::fits`]).
     pub analysis: &'a Analysis,
     /// Support reports of a scene's objects; empty without a scene.
     pub grounds: &'a [SupportReport],

@@ -215,9 +215,9 @@ pub(super) struct TextureInfo {
     pub index: usize,
     #[serde(default)]
     pub tex_coord: u32,
-    /// For normal textures.
+    /// Scale of a normal texture.
     pub scale: Option<f32>,
-    /// For occlusion textures.
+    /// Strength of an occlusion texture.
     pub strength: Option<f32>,
     #[serde(default)]
     pub extensions: TextureInfoExtensions,

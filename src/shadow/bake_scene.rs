@@ -291,7 +291,7 @@ fn sparse(patch: &[EnvSample]) -> impl Iterator<Item = &EnvSample> {
     patch.iter().skip(ENV_SUBSAMPLING / 2).step_by(ENV_SUBSAMPLING)
 }
 
-/// For each triangle of a part the first triangle of its cluster.
+/// The first triangle of the cluster of each triangle of a part.
 fn clusters(occluders: &Occluders, part: Range<usize>) -> impl Iterator<Item = u32> {
     let corners = occluders.triangles[part.clone()].iter().flatten().map(|i| occluders.corners[*i as usize]);
     let (low, high) = corners.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), c| (l.min(c), h.max(c)));

@@ -88,7 +88,7 @@ impl Bounce {
         Self { width, height, light }
     }
 
-    /// At a texel of the shadow map.
+    /// Reflected light at a texel of the shadow map.
     pub fn at(&self, x: usize, y: usize) -> Vec3 {
         let place = |at: usize| ((at as f32 + 0.5) / TEXEL_RATIO as f32 - 0.5).max(0.0);
         let (across, down) = (place(x), place(y));
@@ -133,7 +133,7 @@ impl FaceLight {
         }
     }
 
-    /// With light from behind a facet that passes its sides.
+    /// This bounce with light from behind a facet that passes its sides.
     fn with_back_light(self, back_light: &BackLight, receiver: &ReceiverMask, from: Vec3) -> Self {
         let (mut seen, mut covered, mut far) = (0.0, 0.0, self.far);
         for EnvSample { towards, light, solid_sr } in back_light.far.iter().copied() {

@@ -63,7 +63,7 @@ pub struct Hit {
 }
 
 impl RayPacket {
-    /// From up to [`RAYS`] directions.
+    /// A packet of up to [`RAYS`] directions.
     pub fn new(rays: impl Iterator<Item = Vec3>) -> Self {
         let (mut towards, mut count) = ([[1.0; RAYS]; 3], 0);
         for (n, ray) in rays.take(RAYS).enumerate() {

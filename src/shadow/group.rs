@@ -25,7 +25,7 @@ impl ShadowGroup {
         is_same_plane(&self.floor, &other.floor) && self.extent.overlaps(&other.extent_on(&self.floor))
     }
 
-    /// With the objects of another group, on this group's plane.
+    /// This group with the objects of another, on this group's plane.
     #[must_use]
     pub fn joined(mut self, other: Self) -> Self {
         self.extent = self.extent.union(other.extent_on(&self.floor));

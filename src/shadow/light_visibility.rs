@@ -72,7 +72,7 @@ pub fn disc_around(line: Vec3, radius: f32) -> impl Iterator<Item = DVec3> {
     disc(LIGHT_SAMPLES).map(move |at| (line + radius * (aside * at.x + over * at.y)).as_dvec3())
 }
 
-/// With all of the environment's light, and these fractions of suns and lamps.
+/// A lightmap with all of the environment's light, and these fractions of suns and lamps.
 fn lightmap(visibilities: &[f32]) -> Lightmap {
     let (first, more) = visibilities.split_at(visibilities.len().min(2));
     let nth = |some: &[f32], i: usize| some.get(i).copied().unwrap_or(1.0);

@@ -29,7 +29,7 @@ const ARRANGEMENT_CAPACITY: usize = 256;
 /// texels in ten layers, 2.6 MB; most take a tenth of that.
 const LIGHTMAP_BUDGET_BYTES: usize = 128 << 20;
 
-/// For all compositors.
+/// Lightmaps shared by all compositors.
 static LIGHTMAPS: Memo<Digest, Arc<Lightmap>> =
     Memo::with_budget(LIGHTMAP_BUDGET_BYTES, |map| map.layers.iter().map(|layer| size_of_val(layer.as_slice())).sum());
 
@@ -39,7 +39,8 @@ pub struct Lightmaps {
     lighting: Lighting,
     /// Samples of the whole environment, computed on demand.
     environment: Option<Vec<EnvSample>>,
-    /// By arrangement: also of objects that were moved as a whole, where exact inputs differ.
+    /// Lightmaps by arrangement: also of objects that were moved as a whole, where exact inputs
+    /// differ.
     by_arrangement: Memo<Arrangement, Arc<Lightmap>>,
     last: Option<LastLightmaps>,
 }
@@ -86,7 +87,7 @@ struct BoundedObject<'a> {
 }
 
 impl Lightmaps {
-    /// For scenes of these meshes and this light.
+    /// Lightmaps for scenes of these meshes and this light.
     pub fn new(scene: &Scene) -> Self {
         let by_arrangement = Memo::new(ARRANGEMENT_CAPACITY);
         Self { lighting: scene.lighting.clone(), environment: None, by_arrangement, last: None }
@@ -284,7 +285,7 @@ mod tests {
 
     const WALL_M: f32 = 0.3;
 
-    /// At x = 0.1, 20 m long, facing the plate.
+    /// A wall at x = 0.1, 20 m long, facing the plate.
     fn wall() -> Arc<Mesh> {
         let at = |y: f32, z: f32| Vec3::new(0.1, 10.0 * y, WALL_M * z);
         mesh(&[[at(-1.0, 0.0), at(-1.0, 1.0), at(1.0, 1.0), at(1.0, 0.0)]])

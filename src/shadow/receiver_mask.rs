@@ -21,7 +21,7 @@ const FADE_M: f32 = 0.01;
 /// longer applies.
 const TOLERANCE_M: f32 = PLANE_TOLERANCE_M as f32;
 
-/// In the axes of the facet's plane.
+/// Weights of a shadow on a facet, in the axes of the facet's plane.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReceiverMask {
     own: Rectangle,
@@ -52,7 +52,7 @@ digestible! {
 }
 
 impl ReceiverMask {
-    /// For a facet of an object by its index.
+    /// The mask of an object's facet, by the facet's index.
     pub fn new(object: &Object, facet: usize, floor: &ReceiverPlane) -> Self {
         let prior = object.facets[..facet].iter().map(|facet| PriorSurface {
             height: height(&facet.plane, floor),

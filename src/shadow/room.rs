@@ -58,7 +58,7 @@ pub struct Room {
 }
 
 impl Room {
-    /// From measured points in the world, m.
+    /// The voxels of measured points in the world, m.
     pub fn of(points_m: impl Iterator<Item = DVec3>) -> Self {
         let mut cells: HashMap<IVec3, (DVec3, u32)> = HashMap::new();
         for point_m in points_m.filter(|p| p.is_finite()) {
@@ -103,10 +103,10 @@ pub struct OccluderMask {
     low_m: Vec2,
     columns: usize,
     rows: usize,
-    /// For each 32 rays a bit mask for each cell, by row; empty where none of them is blocked in
+    /// Bit masks of each 32 rays, one for each cell, by row; empty if none of them is blocked in
     /// any cell.
     rays: Vec<Vec<u32>>,
-    /// For each lamp, bit masks of its points.
+    /// Bit masks of each lamp's points.
     lamps: Vec<Vec<Vec<u32>>>,
 }
 

@@ -99,7 +99,7 @@ struct TexelLight {
 pub struct RealOcclusion<'a> {
     /// Rays that real objects block. `None` for none.
     pub blocked: Option<&'a OccluderMask>,
-    /// Where the shadow map applies. `None` for everywhere.
+    /// Surfaces to which the shadow map applies. `None` for everywhere.
     pub receiver: Option<&'a ReceiverMask>,
 }
 
@@ -134,8 +134,8 @@ impl PartialEq for ShadowMap {
 }
 
 impl ShadowTexture {
-    /// Of occluders over a rectangle of their plane. A preview has larger texels; with a
-    /// [`PlaneLighting::sparse`] sky it takes a twentieth of the time.
+    /// The texture of occluders over a rectangle of their plane. A preview has larger texels; with
+    /// a [`PlaneLighting::sparse`] sky it takes a twentieth of the time.
     pub fn new(
         occluders: &Occluders,
         extent: Extent,

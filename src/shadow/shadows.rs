@@ -70,7 +70,7 @@ pub struct Shadows {
 }
 
 impl Shadows {
-    /// For scenes of these meshes and this light.
+    /// Shadows for scenes of these meshes and this light.
     pub fn new(scene: &Scene) -> Self {
         Self::with_memo(scene, EnvironmentImage::new(&scene.lighting.environment), &SHADOW_MEMO)
     }

@@ -69,7 +69,7 @@ pub struct Ray {
 /// Distant light from a part of the sphere.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EnvSample {
-    /// In the world, or in a plane's axes.
+    /// Direction in the world, or in a plane's axes.
     pub towards: Vec3,
     /// Radiance of a white Lambertian surface that faces it.
     pub light: Vec3,
@@ -95,7 +95,7 @@ pub struct PlaneLighting {
     pub lamps: Vec<Lamp>,
     /// Sum over all rays.
     pub light: Vec3,
-    /// For a facet: light from behind it that passes its sides.
+    /// Light from behind a facet that passes its sides; `None` for other planes.
     pub back_light: Option<Arc<BackLight>>,
 }
 
@@ -361,7 +361,7 @@ impl Lamp {
         self.radius_m / (self.points_m.len().max(1) as f32).sqrt() / self.at_m.length().max(1e-6)
     }
 
-    /// With its light multiplied by a factor.
+    /// This sky with its light multiplied by a factor.
     pub fn scaled(&self, factor: f32) -> Self {
         Self { color: factor * self.color, ..self.clone() }
     }

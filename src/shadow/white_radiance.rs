@@ -20,10 +20,10 @@ use crate::scene::{Lighting, PointLight};
 /// Linear radiance of a white Lambertian surface.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WhiteRadiance {
-    /// By distant light: the environment and suns.
+    /// Radiance by distant light: the environment and suns.
     pub far: Vec3,
-    /// By each lamp without occlusion, and the visible fraction of the lamp, 0 to 1. A lamp behind
-    /// the surface contributes nothing.
+    /// Radiance by each lamp without occlusion, and the visible fraction of the lamp, 0 to 1. A
+    /// lamp behind the surface contributes nothing.
     pub lamps: Vec<(Vec3, f32)>,
 }
 
@@ -34,7 +34,7 @@ impl WhiteRadiance {
     }
 }
 
-/// For a surface at a place in the room.
+/// Radiance of a white surface at a place in the room.
 pub fn white_radiance(lighting: &Lighting, room: &Room, at: &Plane) -> WhiteRadiance {
     let floor = ReceiverPlane::new(at.point_m, at.normal);
     let far = rays(lighting, &EnvironmentImage::new(&lighting.environment), &floor).iter().map(|ray| ray.light).sum();

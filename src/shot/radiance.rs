@@ -78,7 +78,7 @@ fn samples(
 
 /// Poses at the read times of a picture's rows.
 struct RowPoses {
-    /// From one readout time before the middle row to one after it.
+    /// Poses from one readout time before the middle row to one after it.
     poses: Vec<Pose>,
     per_s: f64,
 }

@@ -14,7 +14,8 @@ use crate::tracking::NoPose;
 /// A plane that was fitted around a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surface {
-    /// In the world, through its intersection with the pixel's ray. The normal faces the camera.
+    /// Plane in the world, through its intersection with the pixel's ray. The normal faces the
+    /// camera.
     pub plane: Plane,
     /// Depth of the point, by the convention of depth maps, m.
     pub depth_m: f64,

@@ -15,7 +15,7 @@ pub struct Triangle {
 /// Intersection of a ray with a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TriangleHit {
-    /// In lengths of the ray's direction.
+    /// Distance in lengths of the ray's direction.
     pub t: f64,
     /// Index of the triangle in the input.
     pub face: usize,

@@ -28,7 +28,7 @@ impl Chart {
         Self { width, height, cells }
     }
 
-    /// At `uv` in [0, 1]²; constant outside the outermost cells' centres.
+    /// Colour at `uv` in [0, 1]²; constant outside the outermost cells' centres.
     pub fn at(&self, uv: DVec2) -> [f32; 4] {
         let x = (uv.x * self.width as f64 - 0.5).clamp(0.0, (self.width - 1) as f64);
         let y = (uv.y * self.height as f64 - 0.5).clamp(0.0, (self.height - 1) as f64);

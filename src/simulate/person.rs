@@ -19,7 +19,7 @@ const PATCH_M: f64 = 0.08;
 #[derive(Clone, Debug)]
 pub struct Person {
     speed_m_per_s: f64,
-    /// At the start of the path.
+    /// The shape at the start of the path.
     shape: Shape,
     /// Emitted light, one per face.
     clothes: Vec<Chart>,

@@ -63,7 +63,7 @@ fn axis_vector(axis: usize, sign: f64) -> DVec3 {
     DVec3::from_array([0, 1, 2].map(|a| if a == axis { sign } else { 0.0 }))
 }
 
-/// From the world's to the block's axes: rotates by −yaw about z.
+/// Transforms a vector from the world's to the block's axes: a rotation by −yaw about z.
 fn turned(p: DVec3, yaw_rad: f64) -> DVec3 {
     let (s, c) = yaw_rad.sin_cos();
     DVec3::new(c * p.x + s * p.y, c * p.y - s * p.x, p.z)

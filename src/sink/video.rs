@@ -28,7 +28,7 @@ pub struct VideoSink {
     made: Option<MadeFolder>,
     /// Number of frames passed to ffmpeg.
     frames: usize,
-    /// For frames with a variable rate.
+    /// Clock of frames with a variable rate.
     clock: Option<FrameClock>,
 }
 

@@ -301,7 +301,7 @@ mod tests {
         (folder, file)
     }
 
-    /// In the format of `numpy.save`, version 1.
+    /// A file in the format of `numpy.save`, version 1.
     fn npy(kind: &str, order: &str, shape: &str, data: &[u8]) -> Vec<u8> {
         let text = format!("{{'descr': '{kind}', 'fortran_order': {order}, 'shape': {shape}, }}\n");
         let length = u16::try_from(text.len()).unwrap().to_le_bytes();

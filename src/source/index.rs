@@ -60,7 +60,7 @@ impl Index {
         is_right.then(|| Start { time_s, ticks, tick_s: self.tick_s.clone() })
     }
 
-    /// From now on every frame is decoded from the start of the file.
+    /// Decodes all later frames from the start of the file.
     pub fn distrust(&self) {
         self.is_wrong.store(true, Ordering::Relaxed);
     }

@@ -133,7 +133,8 @@ struct Component {
     sampling: [usize; 2],
     /// Whether a scan contained its DC coefficients.
     seen: bool,
-    /// For each block of a progressive file, which coefficients are known to be nonzero.
+    /// Bit masks of the coefficients of each block of a progressive file that are known to be
+    /// nonzero.
     known: Vec<u64>,
 }
 
@@ -277,8 +278,7 @@ impl File<'_> {
 struct Table {
     /// Length and symbol for each prefix of a code; length 0 if the code is longer.
     lookup: Vec<(u8, u8)>,
-    /// For each length: one past the last code, and the offset from a code to its index in
-    /// `symbols`.
+    /// One past the last code of each length, and the offset from a code to its index in `symbols`.
     ends: [(u32, i32); 17],
     symbols: Vec<u8>,
 }

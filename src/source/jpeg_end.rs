@@ -43,7 +43,7 @@ fn marker(buffer: &[u8], at: &mut usize) -> Option<u8> {
     buffer.get(*at - 1).copied()
 }
 
-/// Where the entropy-coded data from a place on ends: at the next marker that is no restart.
+/// End of the entropy-coded data that begins at `from`: the next marker other than a restart.
 fn scan_end(buffer: &[u8], from: usize) -> Option<usize> {
     let pairs = buffer.get(from..)?.windows(2);
     let is_end = |pair: &[u8]| pair[0] == 0xff && !matches!(pair[1], 0x00 | 0xd0..=0xd7 | 0xff);

@@ -13,15 +13,15 @@ pub struct Orientation {
 }
 
 impl Orientation {
-    /// Of the matrix `[a, b, c, d]` by which (x, y) is shown at (a·x + c·y, b·x + d·y), y
-    /// downwards. `None` if it is singular.
+    /// The orientation of the matrix `[a, b, c, d]` by which (x, y) is shown at (a·x + c·y, b·x +
+    /// d·y), y downwards. `None` if it is singular.
     pub fn of_matrix([a, b, c, d]: [f64; 4]) -> Option<Self> {
         let determinant = a * d - b * c;
         let rotation_deg = (100.0 * c.atan2(d).to_degrees()).round() / 100.0;
         (determinant != 0.0).then_some(Self { is_mirrored: determinant < 0.0, rotation_deg })
     }
 
-    /// Of an EXIF orientation, 1 to 8. Source: CIPA DC-008 (Exif 2.32), 4.6.4.
+    /// The orientation of an EXIF value, 1 to 8. Source: CIPA DC-008 (Exif 2.32), 4.6.4.
     pub fn of_exif(orientation: u32) -> Self {
         let rotation_deg = match orientation {
             3 | 4 => 180.0,

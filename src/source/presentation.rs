@@ -154,7 +154,7 @@ impl ProbedPresentation {
 }
 
 impl SideData {
-    /// From the display matrix, or from the angle if there is none.
+    /// The orientation by the display matrix, or by the angle if there is none.
     fn orientation(&self) -> Option<Orientation> {
         let of_angle = |rotation_deg| Orientation { is_mirrored: false, rotation_deg };
         match self.displaymatrix.as_deref().and_then(display_matrix) {

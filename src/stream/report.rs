@@ -42,9 +42,9 @@ impl fmt::Display for Source {
 /// Reason why a datagram was dropped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum DropReason {
-    /// From another address than the requested one.
+    /// The packet is from another address than the requested one.
     OtherAddress,
-    /// Of another source than the requested or followed one.
+    /// The sample is of another source than the requested or followed one.
     OtherSource,
     /// Not a packet of the protocol, or a wrong checksum.
     NoPacket,
@@ -56,7 +56,7 @@ pub enum DropReason {
     NoPose,
     Late,
     Repeated,
-    /// At a time far from those before and after it.
+    /// The sample's time is far from those before and after it.
     OddTime,
 }
 

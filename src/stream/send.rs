@@ -35,9 +35,9 @@ pub struct Sender {
 }
 
 impl Sender {
-    /// For `opentrackio://HOST:PORT?…` or `freed://HOST:PORT?…`; docs/streams.md has the options.
-    /// The source's id is derived from `name`. Poses are sent at about `rate_hz`; FreeD transmits
-    /// neither the rate nor a lens.
+    /// Opens a sender to `opentrackio://HOST:PORT?…` or `freed://HOST:PORT?…`; docs/streams.md has
+    /// the options. The source's id is derived from `name`. Poses are sent at about `rate_hz`;
+    /// FreeD transmits neither the rate nor a lens.
     pub fn open(url: &str, name: &str, rate_hz: f64, lens: Option<LensState>) -> Result<Self, StreamError> {
         let target = Target::parse(url)?;
         let socket = bind(&target).map_err(|source| StreamError::Send { at: target.at, source })?;

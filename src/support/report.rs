@@ -45,7 +45,7 @@ pub struct SupportReport {
 /// A rectangle that receives an object's shadow.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ShadowReceiver {
-    /// In order, counter-clockwise as seen from the side that receives the shadow.
+    /// Corners, counter-clockwise as seen from the side that receives the shadow.
     pub corners_m: [[f64; 3]; 4],
     /// Towards that side, unit length.
     pub normal: [f64; 3],

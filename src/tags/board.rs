@@ -166,7 +166,7 @@ fn checked(tag: &TagEntry, family: Family) -> Result<Tag, String> {
     Ok(Tag { id, size_m: tag.size_m, center_m, rotation_deg })
 }
 
-/// As [`Board::parse`] reads it.
+/// The text that [`Board::parse`] reads.
 impl fmt::Display for Board {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(

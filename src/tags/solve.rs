@@ -22,8 +22,8 @@ const PRIOR_CORNERS: f64 = 1.0;
 pub struct Corners {
     pub in_world_m: Vec<DVec3>,
     pub seen_px: Vec<DVec2>,
-    /// For each corner the camera's pose at the readout of its row, relative to the pose that is
-    /// estimated. Empty for a global shutter.
+    /// The camera's pose at the readout of each corner's row, relative to the estimated pose. Empty
+    /// for a global shutter.
     pub moved: Vec<Pose>,
 }
 

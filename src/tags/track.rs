@@ -95,11 +95,11 @@ fn other_family(own: Family, pixels: &Pixels) -> Result<Option<Family>, DetectEr
 #[derive(Clone, Debug)]
 pub struct Track {
     pub times_s: Vec<f64>,
-    /// For each frame its pose, or the reason why there is none.
+    /// Pose of each frame, or the reason for its absence.
     pub frames: Vec<Result<ChosenPose, PoseFailure>>,
     /// Number of tags used in each frame.
     pub tags: Vec<usize>,
-    /// For each frame the tags that were left out because they are detected several times.
+    /// Tags of each frame that were left out because they were detected several times.
     pub repeated: Vec<Vec<u32>>,
     /// Time constant of the smoothing, seconds.
     pub smoothed_s: Option<f64>,

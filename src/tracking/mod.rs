@@ -43,7 +43,7 @@ pub enum NoPose {
     Before { time_s: f64, first_s: f64 },
     #[error("{} s lies after the last pose at {} s", fixed(*time_s, 6), fixed(*last_s, 6))]
     After { time_s: f64, last_s: f64 },
-    /// In a growing track: the pose may still be added.
+    /// The track is growing, and the pose may still be added.
     #[error("the pose at {} s is not there yet", fixed(*time_s, 6))]
     NotYet { time_s: f64 },
     #[error("{} s lies in a gap of {} s between poses", fixed(*time_s, 6), fixed(*gap_s, 3))]
@@ -72,7 +72,7 @@ pub fn median_interval_s(times_s: &[f64]) -> Option<f64> {
 }
 
 impl PoseTrack {
-    /// From (timestamp in seconds, pose), strictly ascending in time.
+    /// A track of pairs (timestamp in seconds, pose), strictly ascending in time.
     pub fn new(poses: Vec<(f64, Pose)>, max_gap_s: f64) -> Result<Self, NotAscending> {
         for (i, pair) in poses.windows(2).enumerate() {
             // NaN is refused too: it does not compare.

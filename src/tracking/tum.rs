@@ -22,7 +22,7 @@ const REPORTED_NORM_ERROR: f64 = 1e-3;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Line {
     pub time_s: f64,
-    /// Where the camera is in the world, metres.
+    /// Position of the camera in the world, metres.
     pub position_m: DVec3,
     /// `world_from_camera`, with the length as written, about 1.
     pub rotation: DQuat,

@@ -25,7 +25,7 @@ const MIN_CORRELATION: f64 = 0.5;
 /// Image pyramid for alignment.
 #[derive(Clone, Debug)]
 pub struct ImagePyramid {
-    /// From the finest level on, each half as large.
+    /// Pyramid levels, the finest first, each half as large.
     levels: Vec<GreyImage>,
 }
 

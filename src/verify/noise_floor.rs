@@ -40,7 +40,7 @@ pub fn luma_sigma(profile: &NoiseProfile, code: f64) -> f64 {
 /// Lengths of patches' displacements, px: measured, noise floor, and without the floor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DisplacementSummary {
-    /// As measured: median and 90 %.
+    /// Measured median and 90 % quantile.
     pub measured: (f64, f64),
     /// The floor, median and 90 %. `None` without the camera's
     /// noise, or without patches at rest.

@@ -17,7 +17,7 @@ pub struct FrameClock {
     last_s: f64,
     /// The last plausible stamp by the monotonic clock, or by one that the driver does not name, s.
     last_stamp_s: f64,
-    /// From the last plausible stamp to the arrival, s.
+    /// Time from the last plausible stamp to the arrival, s.
     delay_s: f64,
     /// Pictures with an implausible stamp, whose time follows from their arrival.
     pub implausible: u64,

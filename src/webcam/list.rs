@@ -42,7 +42,7 @@ impl fmt::Display for Mode {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Listed {
     pub driver: DriverName,
-    /// By which `--camera` names it.
+    /// The number by which `--camera` selects it.
     pub number: usize,
     /// Its device, or what the system calls it beside its name.
     pub place: String,

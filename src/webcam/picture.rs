@@ -47,7 +47,7 @@ impl Layout {
         }
     }
 
-    /// As people write it.
+    /// The usual name of the format.
     pub fn name(self) -> &'static str {
         match self {
             Self::Yuyv => "yuyv",
@@ -77,7 +77,7 @@ pub struct Delivered {
     pub height: u32,
     /// Bytes from row to row. 0 of JPEG, and of a buffer that does not hold such rows.
     pub stride: usize,
-    /// Of Y'CbCr. JPEG's is always full and BT.601 (JFIF).
+    /// Range of Y'CbCr. JPEG's is always full and BT.601 (JFIF).
     pub range: ColorRange,
     pub matrix: ColorMatrix,
 }

@@ -20,11 +20,11 @@ use super::wanted::{Given, Wanted};
 /// How long a driver may take.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
-    /// From the start to the first picture. On macOS and Windows the stream begins then.
+    /// Time from the start to the first picture. On macOS and Windows the stream begins then.
     pub first_picture: Duration,
     /// Between two pictures. Without one for so long, a camera counts as stalled.
     pub picture: Duration,
-    /// From the call to the open camera. Media Foundation takes seconds.
+    /// Time from the call to the open camera. Media Foundation takes seconds.
     pub opening: Duration,
     /// Between two attempts to reopen a camera.
     pub retry: Duration,

@@ -28,7 +28,7 @@ impl Default for Wanted {
     }
 }
 
-/// Where the times of a camera's pictures come from.
+/// Source of the times of a camera's pictures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TimeSource {
     /// The driver's monotonic stamps.

@@ -63,8 +63,8 @@ impl App {
         Self::begin(&context.egui_ctx, painter::take_over(context)?, project, camera)
     }
 
-    /// For a window that already has its painter. The project belongs to a recording or to a
-    /// camera, which starts now.
+    /// Builds the app for a window that already has its painter. The project belongs to a recording
+    /// or to a camera, which starts now.
     pub fn begin(
         ctx: &egui::Context,
         window: RenderState,

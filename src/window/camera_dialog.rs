@@ -24,7 +24,7 @@ enum PoseChoice {
 /// A camera in the list.
 #[derive(Debug)]
 struct CameraEntry {
-    /// In the form that [`DriverName::split`] parses.
+    /// The camera in the form that [`DriverName::split`] parses.
     camera: String,
     /// Number, name, and the driver if it is not the default one.
     label: String,

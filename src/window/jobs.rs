@@ -45,7 +45,7 @@ pub enum JobState {
         /// Stage of an analysis.
         stage: Option<Stage>,
     },
-    /// With a message.
+    /// The job has ended with a message.
     Done(String),
     Failed(String),
     Cancelled,

@@ -24,7 +24,7 @@ pub enum Frames {
     All,
     Loop,
     This,
-    /// From the first to the last frame that the user enters.
+    /// The frames between the first and the last that the user enters.
     Given,
 }
 

@@ -33,7 +33,7 @@ pub struct Placement {
     picker: PointPicker,
     /// A placement that is turned by dragging. `None` if no surface is known at the pressed point.
     turning: Option<DraggedTurn>,
-    /// Where the button was pressed, px of the picture.
+    /// Position at which the button was pressed, px of the picture.
     pressed_px: Option<DVec2>,
     preview: PlacementPreview,
 }

@@ -37,7 +37,7 @@ pub struct Approvals<'a> {
     pub replaced: &'a [PathBuf],
     /// Shared profiles that may be overwritten.
     pub shared: &'a [PathBuf],
-    /// Where changed camera values are saved.
+    /// The target for changed camera values.
     pub camera: Option<CameraValueTarget>,
 }
 

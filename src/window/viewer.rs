@@ -21,7 +21,7 @@ pub struct DisplayTexture {
     pub texture: wgpu::Texture,
     /// Size of the picture, px.
     pub size: (u32, u32),
-    /// For egui's shapes, sampled with the nearest texel.
+    /// Texture for egui's shapes, sampled with the nearest texel.
     pub texels: TextureId,
 }
 

@@ -24,7 +24,7 @@ pub struct KnownLamps<'a> {
     pub found: &'a [DVec3],
 }
 
-/// As [`solve`](super::lamp_solution::solve), without a search.
+/// Solves for the light like [`solve`](super::lamp_solution::solve), without a search.
 pub fn solve(
     voxels: &[Voxel],
     solid: &[DVec3],

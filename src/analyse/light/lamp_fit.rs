@@ -40,7 +40,7 @@ pub struct LightFit {
     /// Uniform ambient light, and ambient light by the cosine with up.
     pub around: f64,
     pub above: f64,
-    /// For each lamp: light of white that faces it at 1 m.
+    /// Light of white that faces each lamp at 1 m.
     pub lamps: [f64; MAX_LAMPS],
     /// Bounce light of each lamp, as if all of it came from the lamp's position.
     pub bounce: [f64; MAX_LAMPS],

@@ -31,7 +31,7 @@ const MIN_LIGHT: f64 = 1e-6;
 /// Lamps, with their light and the ambient light in a common unknown unit.
 pub struct LampSolution {
     pub lamps: Vec<LampSource>,
-    /// For each lamp the positions of its bounce light.
+    /// Positions of each lamp's bounce light.
     spheres: Vec<Vec<LampSource>>,
     luminance: LightFit,
     colours: [LightFit; 3],

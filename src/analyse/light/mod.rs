@@ -59,7 +59,8 @@ const MAX_SURFACES: usize = 60_000;
 /// light.
 const LAMP_RADIUS_COS: f64 = 0.990;
 const MIN_LAMP_BRIGHTNESS: f32 = 3.0;
-/// With fewer frames the interval of the white level is wider by a factor, each way.
+/// Minimum number of frames for the usual interval of the white level. With fewer frames it is
+/// wider by a factor, each way.
 const MIN_FRAMES: usize = 8;
 const FEW_FRAMES_FACTOR: f64 = 1.5;
 
@@ -125,7 +126,7 @@ fn place(views: &[FrameSamples], survey: &[Voxel], up: DVec3) -> Option<DVec3> {
 
 /// The place at which the light is estimated.
 struct Location {
-    /// On the support.
+    /// Position on the support.
     place: DVec3,
     /// The panorama's centre, over the place.
     centre: DVec3,

@@ -12,7 +12,7 @@ pub fn room(lamps: [&[DVec3]; 2]) -> (Vec<Voxel>, Vec<DVec3>) {
     room_with_discs(lamps, 0.0)
 }
 
-/// As [`room`], with a part of each lamp's light from a level disc of 1.6 m around it.
+/// A [`room`] with a part of each lamp's light from a level disc of 1.6 m around it.
 pub fn room_with_discs(lamps: [&[DVec3]; 2], share: f64) -> (Vec<Voxel>, Vec<DVec3>) {
     let mut surfaces = Vec::new();
     for i in 0..80 {

@@ -21,12 +21,13 @@ use super::voxels::{SIDE_M, Voxel};
 use crate::fit::kaplan_meier::{Censored, kaplan_meier};
 use crate::fit::quantile::upper_median;
 
-/// With known lamps: quantile of the room's reflectances that is taken for white, quantiles of its
-/// interval, and a factor that widens the interval each way. With fewer upward-facing voxels all
-/// others are used, too.
+/// Quantile of the room's reflectances that counts as white if the lamps are known.
 const WHITE_QUANTILE: f64 = 0.995;
+/// Quantiles of the white level's interval.
 const WHITE_INTERVAL_QUANTILES: [f64; 2] = [0.99, 0.999];
+/// Factor that widens the interval each way.
 const INTERVAL_FACTOR: f64 = 1.1;
+/// Minimum number of upward-facing voxels; with fewer, all others are used too.
 const MIN_UPWARD_VOXELS: usize = 400;
 /// Smallest light of a used surface by that at the place. In shadow, at a distance or at grazing
 /// angles, errors of a lamp's position have the largest effect on the reflectance.

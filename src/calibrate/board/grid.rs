@@ -65,7 +65,7 @@ pub fn largest_grid(blurred: &GreyImage, corners: &[Corner]) -> Grid {
     best
 }
 
-/// For each of a corner's four edges the linked corner, and the index of that corner's edge.
+/// The corner linked at each of a corner's four edges, and the index of that corner's edge.
 type Links = Vec<[Option<(usize, usize)>; 4]>;
 
 fn links(blurred: &GreyImage, corners: &[Corner]) -> Links {

@@ -55,9 +55,10 @@ pub struct CameraCalibration {
     pub unit_mm: Option<f64>,
     /// The used views.
     pub views: Vec<NamedView>,
-    /// For each used view the board's pose (in the board's unit, x right, y down, z away from the
-    /// viewer), and each corner's residual: detected minus projected, px.
+    /// The board's pose in each used view, in the board's unit (x right, y down, z away from the
+    /// viewer).
     pub stands: Vec<RigidPose>,
+    /// Residuals of each used view's corners: detected minus projected, px.
     pub residuals_px: Vec<Vec<DVec2>>,
     pub refused: Vec<RejectedView>,
     /// Views that would improve the calibration.

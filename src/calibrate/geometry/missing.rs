@@ -78,7 +78,7 @@ impl PictureCorner {
         }
     }
 
-    /// As a share of the picture's width and height.
+    /// Position in fractions of the picture's width and height.
     fn at(self) -> DVec2 {
         DVec2::new(f64::from(u8::from(self.right)), f64::from(u8::from(self.lower)))
     }

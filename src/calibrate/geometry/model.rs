@@ -17,7 +17,7 @@ pub const FOCAL: [&str; 4] = ["fx_px", "fy_px", "cx_px", "cy_px"];
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LensVector {
     pub model: LensModel,
-    /// As many as [`LensVector::names`]; the others are 0.
+    /// One value for each of [`LensVector::names`]; the others are 0.
     pub values: [f64; MAX_PARAMETERS],
 }
 

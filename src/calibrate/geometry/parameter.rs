@@ -3,7 +3,7 @@
 /// A parameter with its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parameter {
-    /// As in a profile.
+    /// Key in a profile.
     pub name: &'static str,
     pub value: f64,
     /// One standard deviation, in the parameter's unit.

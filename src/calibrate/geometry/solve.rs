@@ -27,7 +27,7 @@ const SCALE_ROUNDS: usize = 6;
 pub struct Fit {
     pub lens: LensVector,
     pub stands: Vec<RigidPose>,
-    /// For each view and corner the residual: detected minus projected, px.
+    /// Residuals of each view's corners: detected minus projected, px.
     pub residuals_px: Vec<Vec<DVec2>>,
     /// Huber's δ of the last round, px.
     pub delta_px: f64,

@@ -49,7 +49,7 @@ struct ViewDifference {
 pub enum ViewOutcome {
     NoBoard,
     Moving,
-    /// At rest, but without new information.
+    /// The board is at rest, but the view adds no information.
     Redundant,
     Accepted,
 }
@@ -84,7 +84,7 @@ pub struct ViewCollector {
 }
 
 impl ViewCollector {
-    /// For pictures of this size. At least `wanted` views are collected.
+    /// A collector for pictures of this size. At least `wanted` views are collected.
     pub fn new(size: (u32, u32), wanted: usize, options: LensOptions) -> Self {
         let size_px = DVec2::new(size.0.into(), size.1.into());
         let model = options.model.unwrap_or(LensModel::Opencv);

@@ -87,7 +87,7 @@ fn places(aperture: &Aperture) -> impl Iterator<Item = [[f64; 2]; 2]> {
     square(REACH).map(move |(x, y)| [both((x, y)), both((x + 0.5, y + 0.5))])
 }
 
-/// For each radius the rim, and the distance of the outermost texels' centres from the middle.
+/// The rim at each radius, and the distance of the outermost texels' centres from the middle.
 fn rims(aperture: &Aperture) -> Vec<[f64; 2]> {
     let apothem = aperture.apothem();
     let counted = Counted::new(aperture);
@@ -166,7 +166,7 @@ fn width(light: impl Iterator<Item = (f64, f64)>) -> f64 {
     (0..PLACES).map(|k| width_at(k as f64 / PLACES as f64)).sum::<f64>() / PLACES as f64
 }
 
-/// Where a rising profile crosses a level.
+/// Position at which a rising profile crosses a level.
 fn crossing(profile: &[f64], level: f64) -> f64 {
     let after = profile.iter().position(|v| *v > level).unwrap_or(profile.len() - 1).max(1);
     let (a, b) = (profile[after - 1], profile[after]);

@@ -202,7 +202,7 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer, real: &RealL
 /// The slices in use, by tile.
 struct Tiles {
     count: (u32, u32),
-    /// From the nearest.
+    /// Slices in order of distance, the nearest first.
     slices: Vec<i32>,
     /// Smallest and largest slice of virtual objects, if there are any.
     with_layer: Option<[i32; 2]>,

@@ -93,7 +93,7 @@ fn modes(system: System, offered: &[CameraFormat]) -> Vec<Mode> {
     modes.into_iter().map(mode).collect()
 }
 
-/// For each size the last of AVFoundation's formats, at its highest rate.
+/// The last of AVFoundation's formats of each size, at its highest rate.
 ///
 /// nokhwa-bindings-macos 0.2.4 takes the last format of the requested size, whatever its pixel
 /// format, and the last rate range of any format of that size that ends at the requested rate. If

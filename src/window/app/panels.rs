@@ -34,8 +34,9 @@ pub enum PanelTab {
 #[derive(Debug, Default)]
 pub struct PanelTabs {
     shown: PanelTab,
-    /// Of the last frame: whether a model was being placed, and whether the scene lacked a file.
+    /// True if a model was being placed in the last frame.
     was_placing: bool,
+    /// True if the scene lacked a file in the last frame.
     was_missing: bool,
 }
 

@@ -31,7 +31,7 @@ pub(super) enum Dialog {
     ConfirmOverwrite(PathBuf),
     /// A shared profile is about to be written for the first time.
     ConfirmSharedProfile(PathBuf),
-    /// Where changed camera values are saved. The answer applies to the current save.
+    /// The target for changed camera values. The answer applies to the current save.
     CameraValues,
     /// Unsaved work of another process.
     Recovery(RecoverableWork),

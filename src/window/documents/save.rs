@@ -23,7 +23,7 @@ pub(super) struct Save {
     written: Vec<SavedFile>,
     /// Shared profiles that the user allowed to overwrite.
     pub(super) approved_profiles: Vec<PathBuf>,
-    /// Where changed camera values are saved.
+    /// The target for changed camera values.
     pub(super) camera_values: Option<CameraValueTarget>,
 }
 

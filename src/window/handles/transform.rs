@@ -29,7 +29,7 @@ pub enum Constraint {
     Level,
     /// `is_local`: the axis is the thing's own, otherwise the world's.
     Axis { axis: usize, is_local: bool },
-    /// In the plane of the other two axes.
+    /// Acts in the plane of the other two axes.
     Plane { axis: usize, is_local: bool },
 }
 

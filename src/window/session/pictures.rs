@@ -40,7 +40,7 @@ pub struct ShownCodes {
     pub frame: Arc<Frame>,
     /// Project version at the time of the request.
     pub version: u64,
-    /// Of the composite, 8 bits each.
+    /// Pixels of the composite, 8 bits each.
     pub pixels: Arc<Pixels>,
 }
 
