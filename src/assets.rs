@@ -32,8 +32,8 @@ pub fn folders() -> Vec<PathBuf> {
     folders
 }
 
-/// A file or folder that comes with the program, by its name in the program's folder. Where that is the current folder it is
-/// called as it is. `None` where it is in none of the [folders].
+/// A file or folder that comes with the program, by its name in the program's folder. Where that is
+/// the current folder it is called as it is. `None` where it is in none of the [folders].
 pub fn find(name: &str) -> Option<PathBuf> {
     let mut own = folders();
     own.retain(|folder| is_installation_folder(folder));

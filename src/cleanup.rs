@@ -1,7 +1,8 @@
-//! Things to undo when the program is ended midway: files without their final names, incomplete folders, child
-//! processes.
+//! Things to undo when the program is ended midway: files without their final names, incomplete
+//! folders, child processes.
 //!
-//! The list is global because signals are: ending the program undoes the whole list, whatever the threads are doing.
+//! The list is global because signals are: ending the program undoes the whole list, whatever the
+//! threads are doing.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -30,7 +31,8 @@ pub struct Unfinished {
 }
 
 impl Unfinished {
-    /// Makes a thing and registers its undo in one step: the program cannot be ended between the two.
+    /// Makes a thing and registers its undo in one step: the program cannot be ended between the
+    /// two.
     pub fn begin<T, E>(make: impl FnOnce() -> Result<(T, Undo), E>) -> Result<(T, Self), E> {
         let mut list = list();
         let (made, undo) = make()?;
@@ -40,8 +42,8 @@ impl Unfinished {
         Ok((made, Self { number }))
     }
 
-    /// Takes the step that finishes the thing, such as giving a file its name. The program cannot be ended in the
-    /// middle of it. If the step fails, the thing is undone.
+    /// Takes the step that finishes the thing, such as giving a file its name. The program cannot
+    /// be ended in the middle of it. If the step fails, the thing is undone.
     pub fn finish<T, E>(self, step: impl FnOnce() -> Result<T, E>) -> Result<T, E> {
         let mut list = list();
         let done = step();
@@ -62,8 +64,8 @@ impl Drop for Unfinished {
     }
 }
 
-/// A folder for output, made with those above it. Unless kept, the ones that were not there before are removed again,
-/// as far as they are empty.
+/// A folder for output, made with those above it. Unless kept, the ones that were not there before
+/// are removed again, as far as they are empty.
 #[derive(Debug)]
 pub struct MadeFolder(Unfinished);
 
@@ -72,7 +74,8 @@ impl MadeFolder {
         let begun = Unfinished::begin(|| {
             let is_missing = |at: &&Path| !at.as_os_str().is_empty() && !at.is_dir();
             let missing: Vec<&Path> = folder.ancestors().take_while(is_missing).collect();
-            // Only folders made here are removed again. `new/../mine` may name one that was there before.
+            // Only folders made here are removed again. `new/../mine` may name one that was there
+            // before.
             let mut made: Vec<PathBuf> = Vec::new();
             for at in missing.into_iter().rev() {
                 match std::fs::create_dir(at) {
@@ -100,8 +103,8 @@ fn remove_folders(folders: &[PathBuf]) {
     let _ = folders.iter().rev().try_for_each(std::fs::remove_dir);
 }
 
-/// Undoes everything, newest first. While the returned value lives, nothing can be begun or finished, so that the
-/// program can end.
+/// Undoes everything, newest first. While the returned value lives, nothing can be begun or
+/// finished, so that the program can end.
 #[must_use]
 pub fn undo_all() -> impl Sized {
     let mut list = list();

@@ -42,8 +42,8 @@ pub fn read<T: DeserializeOwned>(text: &str) -> Result<T, Problem> {
     toml::from_str(text).map_err(|error| Problem::of(text, &error))
 }
 
-/// The line (from 1) that a byte offset lies in, and the key it belongs to: the table above, and the last name before
-/// `=`.
+/// The line (from 1) that a byte offset lies in, and the key it belongs to: the table above, and
+/// the last name before `=`.
 fn place(text: &str, at: usize) -> (usize, String) {
     let before = text.get(..at).unwrap_or(text);
     let line = 1 + before.matches('\n').count();
@@ -63,8 +63,8 @@ fn place(text: &str, at: usize) -> (usize, String) {
     (line, parts.collect::<Vec<_>>().join("."))
 }
 
-/// A value and the text it was read from. A changed value changes the text only where it must: comments, order and
-/// unknown keys stay.
+/// A value and the text it was read from. A changed value changes the text only where it must:
+/// comments, order and unknown keys stay.
 #[derive(Clone, Debug)]
 pub struct Document<T> {
     text: DocumentMut,
@@ -170,8 +170,8 @@ pub fn table_of(params: &dyn Params) -> Table {
     table
 }
 
-/// Edits `old` to say what `after` says. `before` is what it said so far. Keys of `old` that are not in `before` stay.
-/// Without `before`, every key that `after` lacks is removed.
+/// Edits `old` to say what `after` says. `before` is what it said so far. Keys of `old` that are
+/// not in `before` stay. Without `before`, every key that `after` lacks is removed.
 pub fn merge(old: &mut dyn TableLike, before: Option<&dyn TableLike>, after: &dyn TableLike) {
     let is_gone = |key: &str| !after.contains_key(key) && before.is_none_or(|before| before.contains_key(key));
     let gone: Vec<String> = old.iter().map(|(key, _)| key.to_owned()).filter(|key| is_gone(key)).collect();

@@ -1,8 +1,8 @@
-//! Locard puts virtual evidence into real footage so that it looks photographed there by the same camera at the same
-//! moment.
+//! Locard puts virtual evidence into real footage so that it looks photographed there by the same
+//! camera at the same moment.
 //!
-//! source → frame + pose → virtual layer → lens effects → composite → sensor effects → sink. The folders
-//! follow that sentence; ARCHITECTURE.md has the rest.
+//! source → frame + pose → virtual layer → lens effects → composite → sensor effects → sink. The
+//! folders follow that sentence; ARCHITECTURE.md has the rest.
 
 // 0: plain values
 pub mod assets;

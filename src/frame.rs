@@ -20,8 +20,8 @@ pub struct Frame {
     /// Depth of the site, registered to the colour picture. `None` without a sensor.
     pub depth: Option<Arc<DepthMap>>,
     pub exposure: FrameExposure,
-    /// Opacity of the virtual layer: a factor on its light and coverage, 0 to 1. It fades while a live
-    /// camera's pose is lost.
+    /// Opacity of the virtual layer: a factor on its light and coverage, 0 to 1. It fades while a
+    /// live camera's pose is lost.
     pub opacity: f64,
     /// Neighbouring frames of the recording, in order; empty unless requested.
     pub neighbours: Vec<Arc<NeighbourFrame>>,
@@ -123,8 +123,8 @@ pub fn interval_s(timestamps_s: &[f64], index: usize, usual_s: f64) -> f64 {
 /// A frame's exposure as the camera reported it. `None`: not reported.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FrameExposure {
-    /// Exposure time of each row, seconds on the recording's clock: the duration of motion blur. Also
-    /// `None` if that clock is only nominal; see [`PhotoSettings::time_s`].
+    /// Exposure time of each row, seconds on the recording's clock: the duration of motion blur.
+    /// Also `None` if that clock is only nominal; see [`PhotoSettings::time_s`].
     pub time_s: Option<f64>,
     /// Amplification relative to the recording's base, as a factor.
     pub gain: Option<f64>,
@@ -173,8 +173,8 @@ impl FrameExposure {
 pub struct RelativeBrightness {
     /// Linear light over that of the median frame: red, green, blue.
     pub factors: [f64; 3],
-    /// Equivalent exposure of the median frame by [`FrameExposure`], seconds at f/1, ISO 100 and gain
-    /// 1; `None` if most frames do not report it.
+    /// Equivalent exposure of the median frame by [`FrameExposure`], seconds at f/1, ISO 100 and
+    /// gain 1; `None` if most frames do not report it.
     pub median_s: Option<f64>,
     /// Additional gain that varies across the picture.
     pub spatial_gain: SpatialGain,

@@ -1,7 +1,8 @@
-//! Locard puts virtual evidence into real footage so that it looks photographed there by the same camera at the same
-//! moment.
+//! Locard puts virtual evidence into real footage so that it looks photographed there by the same
+//! camera at the same moment.
 //!
-//! This crate is the program: its command line, and all of the engine and the window under one name.
+//! This crate is the program: its command line, and all of the engine and the window under one
+//! name.
 
 pub mod cli;
 #[doc(inline)]

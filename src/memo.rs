@@ -1,8 +1,8 @@
 //! Memoized results: values of pure functions by their keys, the least recently used evicted first.
 //!
 //! A key holds all that its value depends on, exactly. Where that is much, it is a
-//! [`Digest`](crate::digest::Digest). Keys are compared one after another: a memo is for values that
-//! take far longer to compute than some hundred comparisons.
+//! [`Digest`](crate::digest::Digest). Keys are compared one after another: a memo is for values
+//! that take far longer to compute than some hundred comparisons.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -61,8 +61,8 @@ impl<K: PartialEq, V: Clone> Memo<K, V> {
         value
     }
 
-    /// The value of a key, computed if it is missing. The memo is not locked during the computation: two threads may compute
-    /// the same value, and the first one stays.
+    /// The value of a key, computed if it is missing. The memo is not locked during the
+    /// computation: two threads may compute the same value, and the first one stays.
     pub fn get_or_insert_with(&self, key: K, compute: impl FnOnce(&K) -> V) -> V {
         self.get(&key).unwrap_or_else(|| {
             let value = compute(&key);

@@ -2,7 +2,8 @@
 
 use std::sync::Mutex;
 
-/// Bands of rows per thread: few enough that a band is worth its lock, enough that threads finish together.
+/// Bands of rows per thread: few enough that a band is worth its lock, enough that threads finish
+/// together.
 const BANDS: usize = 8;
 
 /// How many threads the machine can run in parallel.
@@ -10,15 +11,17 @@ pub fn processors() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
 }
 
-/// Fills `values`, `row_length` of them per row, by calling `fill(row number, row)` on `threads` threads. What `fill`
-/// writes must depend on the row number alone, so that no value depends on the number of threads.
+/// Fills `values`, `row_length` of them per row, by calling `fill(row number, row)` on `threads`
+/// threads. What `fill` writes must depend on the row number alone, so that no value depends on the
+/// number of threads.
 pub fn over_rows<T: Send>(values: &mut [T], row_length: usize, threads: usize, fill: impl Fn(usize, &mut [T]) + Sync) {
     let (row_length, threads) = (row_length.max(1), threads.max(1));
     let band = values.len().div_ceil(row_length).div_ceil(BANDS * threads).max(1);
     let bands = Mutex::new(values.chunks_mut(row_length * band).enumerate());
     std::thread::scope(|scope| {
         let work = || {
-            // A poisoned lock means that `fill` panicked on another thread; the scope propagates that.
+            // A poisoned lock means that `fill` panicked on another thread; the scope propagates
+            // that.
             while let Some((n, rows)) = bands.lock().ok().and_then(|mut bands| bands.next()) {
                 rows.chunks_mut(row_length).enumerate().for_each(|(y, row)| fill(n * band + y, row));
             }

@@ -1,8 +1,8 @@
 //! Parameters, declared once.
 //!
-//! [`params!`](crate::params!) takes a name, a default, a unit, a range and one line of help. The struct, its TOML
-//! table, `--set table.name=value` and `locard params` come from that one declaration. Parameters are listed nowhere
-//! else.
+//! [`params!`](crate::params!) takes a name, a default, a unit, a range and one line of help. The
+//! struct, its TOML table, `--set table.name=value` and `locard params` come from that one
+//! declaration. Parameters are listed nowhere else.
 
 mod declare;
 
@@ -12,8 +12,8 @@ use std::fmt;
 use crate::stage::Stage;
 use crate::text::{number, quoted};
 
-/// A parameter's value between text and field. Files spell out the word `none`, because some formats cannot store a
-/// missing value.
+/// A parameter's value between text and field. Files spell out the word `none`, because some
+/// formats cannot store a missing value.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(untagged)]
 pub enum Value {
@@ -134,7 +134,8 @@ const UNITS: [(&str, &str); 7] =
     [("px", "_px"), ("s", "_s"), ("m", "_m"), ("mm", "_mm"), ("deg", "_deg"), ("EV", "_ev"), ("1/s", "_per_s")];
 
 impl Spec {
-    /// The name as a person reads it: as it is declared, or else its words, without the unit, which stands with the value.
+    /// The name as a person reads it: as it is declared, or else its words, without the unit, which
+    /// stands with the value.
     pub fn words(&self) -> String {
         let end = UNITS.iter().find(|(unit, _)| *unit == self.unit).map_or("", |(_, end)| end);
         let stem = self.name.strip_suffix(end).filter(|stem| !stem.is_empty()).unwrap_or(self.name);
@@ -164,7 +165,8 @@ pub fn title(table: &str) -> String {
     sentence(&table.replace('_', " ").replace('.', ": "))
 }
 
-/// A parameter as a person reads it, with its table: "Camera: lens: focus distance" is `camera.lens.focus_distance_m`.
+/// A parameter as a person reads it, with its table: "Camera: lens: focus distance" is
+/// `camera.lens.focus_distance_m`.
 pub fn called(params: &dyn Params, name: &str) -> String {
     let spec = params.specs().into_iter().find(|spec| spec.name == name);
     format!("{}: {}", title(params.table()), spec.map_or_else(|| name.to_owned(), |spec| spec.words()))

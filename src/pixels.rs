@@ -7,8 +7,8 @@ const CLIP_CODE: u32 = 250;
 /// Code from which on a channel clips, as a fraction of the largest code.
 pub const CLIP_LEVEL: f32 = CLIP_CODE as f32 / 255.0;
 
-/// Camera pixels exactly as delivered: interleaved R, G, B, row by row from the top left, encoded code values. A grey
-/// camera's values appear three times.
+/// Camera pixels exactly as delivered: interleaved R, G, B, row by row from the top left, encoded
+/// code values. A grey camera's values appear three times.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Pixels {
     pub width: u32,
@@ -41,20 +41,21 @@ impl Codes {
     }
 }
 
-/// The 8-bit code that is nearest to one of 16 bits. Both scales end in the same white: 65535 = 257 · 255.
+/// The 8-bit code that is nearest to one of 16 bits. Both scales end in the same white: 65535 = 257
+/// · 255.
 pub fn eight_bits(code: u16) -> u8 {
     ((u32::from(code) + 128) / 257) as u8
 }
 
-/// The next whole number below, without a call into the mathematics library: the pixel in which a place lies. What is too large for
-/// it becomes the largest there is.
+/// The next whole number below, without a call into the mathematics library: the pixel in which a
+/// place lies. What is too large for it becomes the largest there is.
 pub fn floor(at: f32) -> i32 {
     let whole = at as i32;
     whole.saturating_sub(i32::from((whole as f32) > at))
 }
 
-/// The same of what is nearer to 0 than 2²², without the question whether it fits: many at a time. Anything else, and what is no
-/// number, becomes some number of at most 1.3·10⁹.
+/// The same of what is nearer to 0 than 2²², without the question whether it fits: many at a time.
+/// Anything else, and what is no number, becomes some number of at most 1.3·10⁹.
 pub fn floor_of_small(at: f32) -> i32 {
     // Beside 1.5·2²³ numbers of 32 bits are whole, and so is what is added to it, to the nearest.
     const WHOLE: f32 = 12_582_912.0;
@@ -134,9 +135,9 @@ pub struct DepthMap {
 pub struct LayerImage {
     pub width: u32,
     pub height: u32,
-    /// Linear, premultiplied: the composite's light is RGB + (1 − A)·`left`·(the camera's light). Where only A is 0, there is
-    /// light without coverage: a glow. RGB may be below 0 at the edge of a nearer real thing, whose pixels show light from
-    /// behind that the layer covers.
+    /// Linear, premultiplied: the composite's light is RGB + (1 − A)·`left`·(the camera's light).
+    /// Where only A is 0, there is light without coverage: a glow. RGB may be below 0 at the edge
+    /// of a nearer real thing, whose pixels show light from behind that the layer covers.
     pub rgba: Vec<[f32; 4]>,
     /// Metres along the optical axis, 0 where A is 0.
     pub depth_m: Vec<f32>,
@@ -144,10 +145,12 @@ pub struct LayerImage {
     pub velocity: Vec<[f32; 2]>,
     /// Whether there may be light where A is 0: a glow.
     pub light_alone: bool,
-    /// Shadow ratio per colour; 1 outside shadows. Where it is 1 and `rgba` is 0, the camera's codes are unchanged.
+    /// Shadow ratio per colour; 1 outside shadows. Where it is 1 and `rgba` is 0, the camera's
+    /// codes are unchanged.
     pub left: Vec<[f32; 3]>,
-    /// Light that the composite has beyond the formula of `rgba`: noise, and effects that act on the mixed picture. 0 where
-    /// the camera's codes are unchanged, and where the composite is clipped at the largest code.
+    /// Light that the composite has beyond the formula of `rgba`: noise, and effects that act on
+    /// the mixed picture. 0 where the camera's codes are unchanged, and where the composite is
+    /// clipped at the largest code.
     pub noise: Vec<[f32; 3]>,
 }
 
@@ -175,7 +178,8 @@ impl LayerImage {
     }
 }
 
-/// A picture of light: linear, premultiplied R, G, B, A, row by row from the top left, `width * height` values.
+/// A picture of light: linear, premultiplied R, G, B, A, row by row from the top left, `width *
+/// height` values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LinearImage {
     pub width: u32,

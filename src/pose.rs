@@ -1,6 +1,7 @@
 //! Camera poses.
 //!
-//! OpenCV axes everywhere: x right, y down, z forward, metres. Readers of formats with other axes convert them.
+//! OpenCV axes everywhere: x right, y down, z forward, metres. Readers of formats with other axes
+//! convert them.
 
 use glam::{DMat3, DQuat, DVec3};
 
@@ -27,8 +28,8 @@ impl Pose {
         Self { rotation, translation_m: -(rotation * position_in_world_m) }
     }
 
-    /// A camera at `eye` that looks at `target`; `up` points up in the picture. `None` if the three do not define a
-    /// view.
+    /// A camera at `eye` that looks at `target`; `up` points up in the picture. `None` if the three
+    /// do not define a view.
     pub fn look_at(eye: DVec3, target: DVec3, up: DVec3) -> Option<Self> {
         let z = (target - eye).try_normalize()?;
         let x = z.cross(up).try_normalize()?;
@@ -54,7 +55,8 @@ impl Pose {
         self.rotation.conjugate() * (point_in_camera - self.translation_m)
     }
 
-    /// Interpolates between `self` (0) and `other` (1): the camera's position linearly, its rotation by slerp.
+    /// Interpolates between `self` (0) and `other` (1): the camera's position linearly, its
+    /// rotation by slerp.
     pub fn interpolate(&self, other: &Self, fraction: f64) -> Self {
         let position = self.position_in_world_m().lerp(other.position_in_world_m(), fraction);
         let turn = self.world_from_camera_rotation().slerp(other.world_from_camera_rotation(), fraction);
@@ -62,7 +64,8 @@ impl Pose {
     }
 }
 
-/// What the cameras had above them on the mean, unit length; z without any. `world_from_camera`: one rotation per camera.
+/// What the cameras had above them on the mean, unit length; z without any. `world_from_camera`:
+/// one rotation per camera.
 pub fn held_up(world_from_camera: impl Iterator<Item = DQuat>) -> DVec3 {
     world_from_camera.map(|rotation| rotation * DVec3::NEG_Y).sum::<DVec3>().normalize_or(DVec3::Z)
 }

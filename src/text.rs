@@ -26,7 +26,8 @@ pub fn shown_unit(unit: &str) -> String {
     if matches!(unit, "" | "1") { String::new() } else { format!(" {unit}") }
 }
 
-/// The shortest text that reads back to the same bits, with an exponent where there would be many zeros: 1e300.
+/// The shortest text that reads back to the same bits, with an exponent where there would be many
+/// zeros: 1e300.
 pub fn number(number: f64) -> String {
     if is_plain(number) { number.to_string() } else { format!("{number:e}") }
 }
@@ -40,8 +41,8 @@ const MOST_QUOTED: usize = 60;
 /// Longest message, characters.
 const MOST_SHOWN: usize = 2000;
 
-/// Quotes a word from a file in a message. Characters that would move the cursor or begin a line are escaped, and long
-/// words are cut.
+/// Quotes a word from a file in a message. Characters that would move the cursor or begin a line
+/// are escaped, and long words are cut.
 pub fn quoted(text: &str) -> String {
     cut(text, MOST_QUOTED)
 }
@@ -66,7 +67,8 @@ fn cut(text: &str, most: usize) -> String {
     out
 }
 
-/// A message where there is no command line: what it says of one stands in parentheses, as in " (--force)", and is left out.
+/// A message where there is no command line: what it says of one stands in parentheses, as in "
+/// (--force)", and is left out.
 pub fn without_options(text: &str) -> String {
     let mut out = String::new();
     let mut rest = text;
@@ -105,7 +107,8 @@ pub fn millimetres(length_m: f64) -> String {
     format!("{} mm", fixed(mm, if mm < 9.95 { 1 } else { 0 }))
 }
 
-/// A text with its very long numbers in the form of [`number`]: a library quoted them with all their zeros.
+/// A text with its very long numbers in the form of [`number`]: a library quoted them with all
+/// their zeros.
 pub fn brief(text: &str) -> String {
     let is_digit = |c: char| c.is_ascii_digit() || c == '.';
     let mut out = String::new();

@@ -1,8 +1,8 @@
 //! Reprojects a depth map from its own time to the time of a frame, row by row.
 //!
-//! Like [`depth::reprojected_at_frame`](crate::depth), with two additions: the row times of the rolling
-//! shutter, and the clock offset of the depth sensor. Both cameras are assumed to have the same
-//! readout (a Kinect's two sensors are of one kind). The scene is assumed to be static.
+//! Like [`depth::reprojected_at_frame`](crate::depth), with two additions: the row times of the
+//! rolling shutter, and the clock offset of the depth sensor. Both cameras are assumed to have the
+//! same readout (a Kinect's two sensors are of one kind). The scene is assumed to be static.
 
 use glam::{DVec2, DVec3};
 

@@ -157,8 +157,8 @@ pub fn readout(links: &[Link], frames: usize) -> Option<ReadoutStep> {
     Some(ReadoutStep { step_s: mean, sigma_s: sigma, parts_sigma_s: parts_sigma(weighted, frames) })
 }
 
-/// The standard deviation of a weighted mean by the means of [`JACKKNIFE_PARTS`] parts of a recording:
-/// σ² = Σ W_p·(m_p − m)² / ((P − 1)·Σ W_p). Values come with their frame and weight.
+/// The standard deviation of a weighted mean by the means of [`JACKKNIFE_PARTS`] parts of a
+/// recording: σ² = Σ W_p·(m_p − m)² / ((P − 1)·Σ W_p). Values come with their frame and weight.
 fn parts_sigma(values: impl Iterator<Item = (usize, f64, f64)>, frames: usize) -> Option<f64> {
     let mut parts = [(0.0, 0.0); JACKKNIFE_PARTS];
     for (frame, value, weight) in values {

@@ -267,8 +267,8 @@ fn median_frame_ms(
 }
 
 /// Times all rows at a picture size: the copy, the plain composite, each effect alone over it, all
-/// effects at their defaults, occlusion and shadows, a shown frame, a changed setting, and depth of field over a
-/// whole picture. With `only`, the copy and the rows whose names contain it.
+/// effects at their defaults, occlusion and shadows, a shown frame, a changed setting, and depth of
+/// field over a whole picture. With `only`, the copy and the rows whose names contain it.
 pub fn bench(gpu: &Gpu, width: u32, height: u32, only: Option<&str>) -> Result<Vec<Row>, SubmitError> {
     let mut table = Table::new(gpu, width, height, only)?;
     let load = Load::new(width, height);

@@ -1,5 +1,5 @@
-//! Cost of a frame that is shown in a view, and of the same frame with another parameter: a retained
-//! frame repeats only the stages that read it.
+//! Cost of a frame that is shown in a view, and of the same frame with another parameter: a
+//! retained frame repeats only the stages that read it.
 
 use std::sync::Arc;
 

@@ -9,8 +9,8 @@ const MIN_PIXELS: usize = 500;
 /// A constant, and the six parameters of an affine motion.
 const UNKNOWNS: usize = 7;
 
-/// Energies of the differences so far: the total, and the part that a motion explains in the picture
-/// reduced by each factor.
+/// Energies of the differences so far: the total, and the part that a motion explains in the
+/// picture reduced by each factor.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct CommonMotion {
     all: f64,

@@ -40,18 +40,19 @@ pub struct Args {
     /// Length of a nerfstudio or COLMAP unit
     #[arg(long, default_value_t = 1.0, value_name = "M")]
     metres_per_unit: f64,
-    /// The folder of what is found; otherwise beside the recording, of its name with .analysis, where `composite` finds it
+    /// The folder of what is found; otherwise beside the recording, of its name with .analysis,
+    /// where `composite` finds it
     #[arg(short = 'o', long = "output", value_name = "DIR")]
     output: Option<PathBuf>,
-    /// Also find what this scene's objects stand on and what beside them takes their shadows: told, written into standing.toml of that
-    /// folder, and into the page
+    /// Also find what this scene's objects stand on and what beside them takes their shadows: told,
+    /// written into standing.toml of that folder, and into the page
     #[arg(long, value_name = "SCENE")]
     scene: Option<PathBuf>,
     /// Also write what was found as a page for a browser, with plots and pictures: one file of HTML
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
-    /// Write what belongs to the camera (readout, point spread, exposure) into this profile; everything else in it is kept. A new
-    /// one begins as a copy of --profile
+    /// Write what belongs to the camera (readout, point spread, exposure) into this profile;
+    /// everything else in it is kept. A new one begins as a copy of --profile
     #[arg(long, value_name = "PROFILE")]
     accept: Option<PathBuf>,
     /// Make it anew though it is there and fits

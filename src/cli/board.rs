@@ -14,7 +14,8 @@ use locard_engine::tags::{Paper, Sheet, pdf, png};
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// The sheet to write (.pdf, or .png at 300 dots per inch); the board's file (.toml) is written beside it
+    /// The sheet to write (.pdf, or .png at 300 dots per inch); the board's file (.toml) is written
+    /// beside it
     #[arg(short = 'o', long = "output", value_name = "FILE")]
     output: PathBuf,
     /// The paper: a4 or letter

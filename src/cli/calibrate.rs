@@ -29,9 +29,11 @@ pub struct Args {
 
 #[derive(clap::Subcommand)]
 enum What {
-    /// Focal length, principal point and distortion, from pictures of a chessboard or of printed tags
+    /// Focal length, principal point and distortion, from pictures of a chessboard or of printed
+    /// tags
     Camera(camera::Args),
-    /// Noise by channel and intensity, from scenes at rest or from a moving camera's textureless places
+    /// Noise by channel and intensity, from scenes at rest or from a moving camera's textureless
+    /// places
     Noise(NoiseArgs),
     /// The blur of lens and sensor, from straight edges in a picture
     Sharpness(sharpness::Args),
@@ -39,10 +41,12 @@ enum What {
 
 #[derive(clap::Args)]
 struct NoiseArgs {
-    /// Pictures of one static scene, or folders of one static scene each; with --moving any pictures, folders and recordings
+    /// Pictures of one static scene, or folders of one static scene each; with --moving any
+    /// pictures, folders and recordings
     #[arg(required = true)]
     frames: Vec<PathBuf>,
-    /// The camera moved: take the noise from textureless places of its pictures, less exact than from scenes at rest
+    /// The camera moved: take the noise from textureless places of its pictures, less exact than
+    /// from scenes at rest
     #[arg(long, conflicts_with = "mean")]
     moving: bool,
     /// The scene's known mean, for single noisy frames; once for each of them

@@ -48,13 +48,15 @@ pub struct Args {
     /// Also write what was found and done for each frame; - for stdout
     #[arg(long, value_name = "FILE.json")]
     report: Option<PathBuf>,
-    /// A folder (PNG sequence), a .mp4 or .mkv file, or - for raw RGB on stdout (a pipe or a device gets raw RGB too)
+    /// A folder (PNG sequence), a .mp4 or .mkv file, or - for raw RGB on stdout (a pipe or a device
+    /// gets raw RGB too)
     #[arg(short = 'o', long = "output", value_name = "OUT")]
     output: PathBuf,
     /// Keep every code value in a video
     #[arg(long)]
     lossless: bool,
-    /// Write this frame alone, as a .png or .jpg, with the objects' outlines and names and the world's axes where they stand
+    /// Write this frame alone, as a .png or .jpg, with the objects' outlines and names and the
+    /// world's axes where they stand
     #[arg(long, value_name = "N", conflicts_with_all = ["frames", "layers", "report", "lossless", "strict"], value_parser = super::frame_number)]
     preview: Option<usize>,
     /// Replace output that exists

@@ -27,13 +27,14 @@ use locard_engine::text::{count, fixed, reason, short, shown, shown_unit};
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// A recording, a scene (.glb, .gltf, scene.toml), a profile, or a stream: opentrackio://HOST:PORT, freed://HOST:PORT
+    /// A recording, a scene (.glb, .gltf, scene.toml), a profile, or a stream:
+    /// opentrackio://HOST:PORT, freed://HOST:PORT
     what: PathBuf,
     /// A frame of the recording
     #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = super::frame_number)]
     frame: Option<usize>,
-    /// Column and row from the upper left: the world point there; several times for distances, three times for a plane.
-    /// Without depth: where other frames show the same point, too
+    /// Column and row from the upper left: the world point there; several times for distances,
+    /// three times for a plane. Without depth: where other frames show the same point, too
     #[arg(long = "pick", value_name = "X,Y[+N:X,Y]", requires = "frame", value_parser = Pick::parse)]
     picks: Vec<Pick>,
     /// Without depth: the plane a·x + b·y + c·z = d of the world that the points lie on
@@ -48,7 +49,8 @@ pub struct Args {
     /// Length of a nerfstudio or COLMAP unit
     #[arg(long, value_name = "M")]
     metres_per_unit: Option<f64>,
-    /// Compare the pictures' motion with the poses': how far apart their clocks are. Decodes every frame
+    /// Compare the pictures' motion with the poses': how far apart their clocks are. Decodes every
+    /// frame
     #[arg(long, conflicts_with = "frame")]
     clock: bool,
     #[command(flatten)]

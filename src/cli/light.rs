@@ -35,8 +35,8 @@ pub struct LightArgs {
     /// The camera and the effects' parameters; overrides the recording's own
     #[arg(long)]
     pub profile: Option<PathBuf>,
-    /// Set a parameter, as in --set camera.lens.blades=5; camera.exposure and camera.lens.f_number say how the recording
-    /// was taken
+    /// Set a parameter, as in --set camera.lens.blades=5; camera.exposure and camera.lens.f_number
+    /// say how the recording was taken
     #[arg(long = "set", value_name = "TABLE.NAME=VALUE")]
     pub sets: Vec<String>,
     /// Length of a nerfstudio or COLMAP unit

@@ -57,19 +57,22 @@ struct Cli {
 enum Command {
     /// Put a scene into a recording
     Composite(composite::Args),
-    /// Find out from a recording's own pictures where the camera really was, how its clocks run and how bright each frame is
+    /// Find out from a recording's own pictures where the camera really was, how its clocks run and
+    /// how bright each frame is
     Analyse(analyse::Args),
     /// Write the light that an analysis found of a recording's room as a scene's [light], to edit
     Light(room_light::Args),
     /// Measure a camera from pictures
     Calibrate(calibrate::Args),
-    /// Say what is in a recording, a scene, a profile or a stream of poses, and what is odd about it
+    /// Say what is in a recording, a scene, a profile or a stream of poses, and what is odd about
+    /// it
     Inspect(inspect::Args),
     /// Put a scene into a camera's pictures as they come
     Live(live::Args),
     /// Say how bright a frame's scene is and which settings would expose it correctly
     Meter(meter::Args),
-    /// Photograph a frame with its evidence: aperture, shutter, film speed, lens and focus as on a camera
+    /// Photograph a frame with its evidence: aperture, shutter, film speed, lens and focus as on a
+    /// camera
     Photo(photo::Args),
     /// Put a piece of evidence where a pixel of a frame shows a surface
     Place(place::Args),

@@ -21,18 +21,20 @@ pub struct Args {
     /// p (program), a (aperture priority), s (shutter priority), m (manual); else by what is set
     #[arg(long)]
     pub mode: Option<Mode>,
-    /// The focal length in mm; else one that sees all of the recorded picture that the film's shape allows
+    /// The focal length in mm; else one that sees all of the recorded picture that the film's shape
+    /// allows
     #[arg(long, value_name = "MM", allow_hyphen_values = true, value_parser = focal_length)]
     pub focal: Option<f64>,
-    /// What is in the middle: a place in the recorded picture, in its pixels, or an object of the scene by its name, which
-    /// then fills half of the photograph unless --focal or --across says otherwise
+    /// What is in the middle: a place in the recorded picture, in its pixels, or an object of the
+    /// scene by its name, which then fills half of the photograph unless --focal or --across says
+    /// otherwise
     #[arg(long, value_name = "X,Y|OBJECT")]
     pub aim: Option<String>,
     /// Width of the photograph in columns of the recorded picture
     #[arg(long, value_name = "PX", conflicts_with = "focal", value_parser = columns)]
     pub across: Option<f64>,
-    /// The camera stands still while the shutter is open, as long as that may be: real and virtual things are as blurred as
-    /// in the frame (this is so without --hand-held)
+    /// The camera stands still while the shutter is open, as long as that may be: real and virtual
+    /// things are as blurred as in the frame (this is so without --hand-held)
     #[arg(long)]
     pub tripod: bool,
     /// The camera moves while the shutter is open, as the recording's did: its frames are summed
@@ -41,7 +43,8 @@ pub struct Args {
     /// What is sharp: a distance in metres, inf, or auto (what is in the middle)
     #[arg(long, default_value = "auto", allow_hyphen_values = true, value_parser = focus)]
     pub focus: Focus,
-    /// The film: 36x24, aps-c, aps-c-canon, micro-4/3, 1in, 1/2.3in, 6x6 or WIDTHxHEIGHT in mm; else the recording's
+    /// The film: 36x24, aps-c, aps-c-canon, micro-4/3, 1in, 1/2.3in, 6x6 or WIDTHxHEIGHT in mm;
+    /// else the recording's
     #[arg(long)]
     pub film: Option<Film>,
     /// Width of the photograph; else as many pixels as the recording has there

@@ -25,7 +25,8 @@ pub struct Args {
     /// The frame in which the place is seen
     #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = super::frame_number)]
     frame: usize,
-    /// The place: column and row from the upper left. Without depth: where other frames show the same point, too
+    /// The place: column and row from the upper left. Without depth: where other frames show the
+    /// same point, too
     #[arg(long, value_name = "X,Y[+N:X,Y]", value_parser = Pick::parse, allow_hyphen_values = true)]
     at: Pick,
     /// The evidence, a .glb or .gltf file
@@ -34,7 +35,8 @@ pub struct Args {
     /// The scene file that gets it; a new file is made if there is none
     #[arg(long)]
     scene: PathBuf,
-    /// How far it is turned, counter-clockwise seen from above; without it its front faces the camera
+    /// How far it is turned, counter-clockwise seen from above; without it its front faces the
+    /// camera
     #[arg(long, value_name = "DEG", allow_hyphen_values = true)]
     heading: Option<f64>,
     /// Its flattest side lies on the surface

@@ -23,17 +23,20 @@ pub struct Args {
     /// How directions become places in the picture
     #[arg(long, value_enum, default_value_t = Kind::Perspective)]
     camera: Kind,
-    /// Width and height in pixels; else 1024x768, 1024x1024 for a circle, 2048x1024 for an environment
+    /// Width and height in pixels; else 1024x768, 1024x1024 for a circle, 2048x1024 for an
+    /// environment
     #[arg(long, value_name = "WxH", value_parser = size)]
     size: Option<(u32, u32)>,
-    /// Angle of view in degrees: vertical (perspective, off-centre; 45), across the circle that touches the nearer sides
-    /// (fisheye; 180, little-planet; 250), horizontal and, after a comma, vertical (environment; 360,180)
+    /// Angle of view in degrees: vertical (perspective, off-centre; 45), across the circle that
+    /// touches the nearer sides (fisheye; 180, little-planet; 250), horizontal and, after a comma,
+    /// vertical (environment; 360,180)
     #[arg(long, value_name = "DEG[,DEG]", value_parser = angles, allow_hyphen_values = true)]
     fov: Option<(f64, Option<f64>)>,
     /// Height of the view in metres (orthographic); else the whole scene
     #[arg(long, value_name = "M", value_parser = metres, allow_hyphen_values = true)]
     height: Option<f64>,
-    /// Shift of the picture to the right of the axis and above it, in picture widths and heights (off-centre)
+    /// Shift of the picture to the right of the axis and above it, in picture widths and heights
+    /// (off-centre)
     #[arg(long, value_name = "X,Y", value_parser = vector::<2>, allow_hyphen_values = true)]
     shift: Option<[f64; 2]>,
     /// Where the camera stands, in metres; else where it sees the scene

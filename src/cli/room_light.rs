@@ -45,11 +45,13 @@ pub struct Args {
     /// implies; several times for several surfaces
     #[arg(long, value_name = "FRAME:X,Y[=REFLECTANCE]", value_parser = white::parse, allow_hyphen_values = true)]
     white: Vec<ReferencePick>,
-    /// A lamp that is seen: the frame, column and row; where depth says nothing also how far it is from the camera in metres, or where
-    /// another frame shows it. How bright it is follows from how surfaces are lit; several times for several lamps
+    /// A lamp that is seen: the frame, column and row; where depth says nothing also how far it is
+    /// from the camera in metres, or where another frame shows it. How bright it is follows from
+    /// how surfaces are lit; several times for several lamps
     #[arg(long, value_name = "FRAME:X,Y[,M][+FRAME:X,Y]", value_parser = lamp::LampPick::parse, allow_hyphen_values = true)]
     lamp: Vec<lamp::LampPick>,
-    /// A Radiance or OpenEXR panorama of the place, in place of the one that was found and of its lamps; it becomes as bright as they were
+    /// A Radiance or OpenEXR panorama of the place, in place of the one that was found and of its
+    /// lamps; it becomes as bright as they were
     #[arg(long, value_name = "HDR")]
     environment: Option<PathBuf>,
     /// By how much that is turned about up, counter-clockwise seen from above

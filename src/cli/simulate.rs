@@ -18,10 +18,12 @@ pub struct Args {
     /// The folder of the recording
     #[arg(short = 'o', long = "output", value_name = "DIR", required_unless_present = "list")]
     output: Option<PathBuf>,
-    /// Set an option, as in --set frames=30 or --set flaws.jitter_mm=1; without any, the demo is made
+    /// Set an option, as in --set frames=30 or --set flaws.jitter_mm=1; without any, the demo is
+    /// made
     #[arg(long = "set", value_name = "NAME=VALUE")]
     sets: Vec<String>,
-    /// Objects that really lie in the site: a scene file (z up, metres, the floor at 0); its light is not used
+    /// Objects that really lie in the site: a scene file (z up, metres, the floor at 0); its light
+    /// is not used
     #[arg(long, value_name = "SCENE")]
     evidence: Option<PathBuf>,
     /// List the options

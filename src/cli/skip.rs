@@ -4,10 +4,12 @@ use locard_engine::recording::OpenOptions;
 
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
 pub struct Skip {
-    /// Leave out frames whose picture repeats the one before; the others are counted anew. Every picture is decoded first
+    /// Leave out frames whose picture repeats the one before; the others are counted anew. Every
+    /// picture is decoded first
     #[arg(long)]
     skip_duplicates: bool,
-    /// Leave out frames whose picture is missing, instead of refusing the recording; the others are counted anew
+    /// Leave out frames whose picture is missing, instead of refusing the recording; the others are
+    /// counted anew
     #[arg(long)]
     skip_missing: bool,
 }

@@ -15,16 +15,20 @@ use locard_engine::webcam::{DriverName, Layout};
 
 #[derive(clap::Args)]
 pub struct CameraArgs {
-    /// The camera: its number or device (`locard doctor` lists them), or a video that is played in its place
+    /// The camera: its number or device (`locard doctor` lists them), or a video that is played in
+    /// its place
     #[arg(long, value_name = "N|VIDEO")]
     pub camera: String,
-    /// Where poses come from: tags (printed by `locard board`), tags:BOARD.toml, opentrackio://HOST:PORT, freed://HOST:PORT, file:RECORDING (played again), or none
+    /// Where poses come from: tags (printed by `locard board`), tags:BOARD.toml,
+    /// opentrackio://HOST:PORT, freed://HOST:PORT, file:RECORDING (played again), or none
     #[arg(long, default_value = "none", value_name = "SOURCE")]
     pub pose: String,
-    /// Added to the time of each pose, seconds: what the camera is behind. auto: what fits the pictures best, found while they come; the camera has to turn
+    /// Added to the time of each pose, seconds: what the camera is behind. auto: what fits the
+    /// pictures best, found while they come; the camera has to turn
     #[arg(long, value_name = "S|auto", default_value = "0", allow_hyphen_values = true, value_parser = LiveOptions::parse_delay)]
     delay: DelayMode,
-    /// Smooth poses from tags by this time constant, seconds: quieter, and as much later; without it they are as they are measured
+    /// Smooth poses from tags by this time constant, seconds: quieter, and as much later; without
+    /// it they are as they are measured
     #[arg(long, value_name = "S", value_parser = LiveOptions::parse_time_constant_s)]
     smooth: Option<f64>,
     #[command(flatten)]
@@ -47,7 +51,8 @@ pub struct PicturesArgs {
     /// comes at this size and rate
     #[arg(long, value_parser = layout)]
     format: Option<Layout>,
-    /// The span of Y' that the camera uses, instead of what its driver says: limited (16 to 235) or full
+    /// The span of Y' that the camera uses, instead of what its driver says: limited (16 to 235) or
+    /// full
     #[arg(long, value_parser = range)]
     range: Option<ColorRange>,
     /// The camera's colour matrix, instead of what its driver says: bt601, bt709 or bt2020

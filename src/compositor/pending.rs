@@ -127,8 +127,8 @@ impl Pending {
         self.is_preview
     }
 
-    /// The stages that were computed. Those of a frame that was shown before are retained, as far as
-    /// their inputs are the same ([`Compositor::submit`]).
+    /// The stages that were computed. Those of a frame that was shown before are retained, as far
+    /// as their inputs are the same ([`Compositor::submit`]).
     pub fn stages(&self) -> &[Stage] {
         &self.stages
     }

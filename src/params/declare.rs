@@ -15,8 +15,8 @@ macro_rules! choices {
                 $crate::params::Value::Text(match self { $(Self::$variant => $text),+ }.to_owned())
             }
             fn from_value(value: &$crate::params::Value, _: &$crate::params::Kind) -> Option<Self> {
-                // Values are parsed before it is known that a name is expected, so a name such as `off` may arrive as a
-                // boolean.
+                // Values are parsed before it is known that a name is expected, so a name such as
+                // `off` may arrive as a boolean.
                 let is = |text: &str| {
                     matches!(value, $crate::params::Value::Text(t) if t == text)
                         || *value == $crate::params::Value::parse(text)

@@ -43,8 +43,8 @@ pub struct Standpoint<'a> {
     /// occludes virtual objects, and determines the real part's depth of field.
     pub depth_m: Option<&'a [f32]>,
     /// Depth for occlusion in each of the summed frames
-    /// ([`SummedFrameOcclusion`](super::SummedFrameOcclusion)), with its time in seconds relative to the
-    /// frame's. If empty, `depth_m` is used.
+    /// ([`SummedFrameOcclusion`](super::SummedFrameOcclusion)), with its time in seconds relative
+    /// to the frame's. If empty, `depth_m` is used.
     pub hiding: &'a [(f64, DepthGrid)],
 }
 

@@ -86,8 +86,8 @@ impl Renderer {
         self.revision = revision;
     }
 
-    /// Changes with every change of the scene or of its lightmaps: two draws of one view by the same
-    /// revision are equal.
+    /// Changes with every change of the scene or of its lightmaps: two draws of one view by the
+    /// same revision are equal.
     pub fn revision(&self) -> u64 {
         self.revision
     }

@@ -74,8 +74,8 @@ pub struct ObjectIssue {
     pub note: Note,
 }
 
-/// Distance from the place of the estimated light up to which it holds, m: the white level is measured on
-/// surfaces within 0.8 to 2 m.
+/// Distance from the place of the estimated light up to which it holds, m: the white level is
+/// measured on surfaces within 0.8 to 2 m.
 const LIGHT_REACH_M: f64 = 1.2;
 
 /// Further overlaps are only counted.

@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-/// The number of a camera, by its number, its device's path, or a link to that as in /dev/v4l/by-id.
+/// The number of a camera, by its number, its device's path, or a link to that as in
+/// /dev/v4l/by-id.
 pub fn number(asked: &str) -> Option<usize> {
     let of_device = |path: &Path| {
         path.strip_prefix("/dev").ok()?.to_str()?.strip_prefix("video").and_then(|name| name.parse().ok())

@@ -15,7 +15,8 @@ pub enum Stamp {
     Missing,
     /// Seconds of [`super::monotonic_s`]; replaced by the arrival if implausible.
     Monotonic(f64),
-    /// Seconds by a clock that the driver does not name: used as monotonic if plausible, else ignored.
+    /// Seconds by a clock that the driver does not name: used as monotonic if plausible, else
+    /// ignored.
     UnnamedClock(f64),
     /// Seconds since 1970 by the system's wall clock.
     Wall(f64),

@@ -45,8 +45,8 @@ impl FrameClock {
     ///
     /// A stamp is implausible if it is later than the arrival, more than [`MAX_AGE_S`] earlier, or
     /// not later than the picture before. The time of such a picture is its arrival minus the delay
-    /// of the last plausible stamp. A picture without a stamp, or with an implausible one of a clock
-    /// that the driver does not name, has the time of its arrival.
+    /// of the last plausible stamp. A picture without a stamp, or with an implausible one of a
+    /// clock that the driver does not name, has the time of its arrival.
     pub fn time_s(&mut self, stamp: Stamp, arrived_s: f64) -> f64 {
         self.with_wall_offset_s(stamp, arrived_s, wall_offset_s)
     }

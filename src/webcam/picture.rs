@@ -127,7 +127,8 @@ pub struct Picture {
 pub struct PictureError(String);
 
 impl Picture {
-    /// The file of a JPEG picture as it was delivered; tables that cameras leave out are put in. `None` of other layouts.
+    /// The file of a JPEG picture as it was delivered; tables that cameras leave out are put in.
+    /// `None` of other layouts.
     pub fn jpeg(&self) -> Option<Cow<'_, [u8]>> {
         (self.delivered.layout == Layout::Mjpeg).then(|| jpeg_tables::with_tables(&self.bytes))
     }

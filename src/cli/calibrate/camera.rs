@@ -24,22 +24,26 @@ use locard_engine::tags;
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// Photographs of a chessboard or of the sheet that `locard board` prints, folders of them, or videos: one camera, one zoom, one focus
+    /// Photographs of a chessboard or of the sheet that `locard board` prints, folders of them, or
+    /// videos: one camera, one zoom, one focus
     #[arg(required_unless_present = "camera")]
     photos: Vec<PathBuf>,
-    /// Instead of photographs, a camera (its number or device), or a video that is played in its place: views are taken while the board is held still
+    /// Instead of photographs, a camera (its number or device), or a video that is played in its
+    /// place: views are taken while the board is held still
     #[arg(long, value_name = "N|VIDEO", conflicts_with = "photos")]
     camera: Option<String>,
     /// With --camera: so many views at least, and until nothing is missing
     #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u64).range(3..=200))]
     views: u64,
-    /// A chessboard's inner corners, where four squares meet, as 9x6, or the file of a board of tags; otherwise what is seen
+    /// A chessboard's inner corners, where four squares meet, as 9x6, or the file of a board of
+    /// tags; otherwise what is seen
     #[arg(long, value_name = "COLUMNSxROWS|FILE", value_parser = board)]
     board: Option<BoardArg>,
     /// The side of a square, to tell distances in millimetres
     #[arg(long, value_name = "MM", value_parser = square, allow_negative_numbers = true)]
     square_mm: Option<f64>,
-    /// How the lens takes rays to places: opencv or opencv_fisheye; otherwise what explains the photographs
+    /// How the lens takes rays to places: opencv or opencv_fisheye; otherwise what explains the
+    /// photographs
     #[arg(long, value_parser = model)]
     model: Option<LensModel>,
     /// The profile to write; everything else in it is kept

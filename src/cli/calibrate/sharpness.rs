@@ -31,7 +31,8 @@ pub struct Args {
     /// The recording's frame with the edge, best one at rest
     #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = crate::cli::frame_number)]
     frame: Option<usize>,
-    /// A rectangle that one straight edge crosses, column and row of two corners; may be given again
+    /// A rectangle that one straight edge crosses, column and row of two corners; may be given
+    /// again
     #[arg(long, value_name = "X0,Y0,X1,Y1", required = true, value_parser = numbers::<4>, allow_hyphen_values = true)]
     edge: Vec<[f64; 4]>,
     /// The camera with its response curve, where the recording does not know it

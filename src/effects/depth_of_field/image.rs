@@ -1,9 +1,9 @@
 //! The image of the aperture on the texels of a picture, for `layered`.
 //!
 //! A texel at d from the middle lies on the rim of the image of radius g(d) = |d| / ρ(angle of d).
-//! Its share of an image of radius r is approximately the part of its width that lies inside:
-//! r·a − g·a + ½ between 0 and 1, where a is the distance of the rim's straight parts from the
-//! middle (the apothem; 1 for a circle). The table has g·a for each texel and, for each radius, the rim
+//! Its share of an image of radius r is approximately the part of its width that lies inside: r·a −
+//! g·a + ½ between 0 and 1, where a is the distance of the rim's straight parts from the middle
+//! (the apothem; 1 for a circle). The table has g·a for each texel and, for each radius, the rim
 //! (about r·a + ½) at which edges are as wide as the aperture's.
 
 use std::f64::consts::{PI, TAU};

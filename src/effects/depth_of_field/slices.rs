@@ -14,9 +14,10 @@
 //!
 //! Three surfaces are known at a pixel: the virtual one; the real one (complete, since the camera
 //! recorded it without virtual objects); and the inpainted background behind the real one
-//! (depth/background.rs). Real surfaces share a pixel: the farther ones get the share that the nearer
-//! ones leave. Real and virtual surfaces occlude each other: each is attenuated by the nearer
-//! slices of the other. Within the same slice or the next, the nearer one at each pixel counts.
+//! (depth/background.rs). Real surfaces share a pixel: the farther ones get the share that the
+//! nearer ones leave. Real and virtual surfaces occlude each other: each is attenuated by the
+//! nearer slices of the other. Within the same slice or the next, the nearer one at each pixel
+//! counts.
 //!
 //! A slice's kernel is the aperture, drawn at a resolution at which its radius is a few pixels. Its
 //! size is set so that its variance is that of (8), minus half of the blur that lower resolutions

@@ -36,8 +36,8 @@ impl Project {
         self.set_light(title, scene)
     }
 
-    /// Matches brightness and colour of all light to a white place of the picture. Returns a message
-    /// with the factors.
+    /// Matches brightness and colour of all light to a white place of the picture. Returns a
+    /// message with the factors.
     pub fn match_white(&mut self, view: FramePoint) -> Result<String, String> {
         let mut scene = self.edit().scene.clone();
         self.write_current_light(&mut scene)?;

@@ -121,8 +121,8 @@ impl Project {
         settings_of_scene(self.baseline.look(), &self.pins(unpinned), now)
     }
 
-    /// The settings to write into the scene file: the scene's own, and those that [`ShotOptions::sets`]
-    /// overrides unless the user has changed them.
+    /// The settings to write into the scene file: the scene's own, and those that
+    /// [`ShotOptions::sets`] overrides unless the user has changed them.
     ///
     /// [`ShotOptions::sets`]: locard_engine::shot::ShotOptions::sets
     pub(super) fn file_settings(&self, edit: &Edit) -> ShotSettings {

@@ -97,7 +97,8 @@ impl LiveCamera {
 }
 
 impl Session {
-    /// Opens a session for a camera, which starts now. The project has its [`LiveInput::recording`].
+    /// Opens a session for a camera, which starts now. The project has its
+    /// [`LiveInput::recording`].
     pub fn live(window: RenderState, ctx: &egui::Context, project: Project, camera: LiveInput) -> Result<Self, String> {
         let mut session = Self::new(window, ctx, project)?;
         let (wake, shot) = (ctx.clone(), session.project.shot());

@@ -1,6 +1,6 @@
-//! Stands for the crate of this name. kornia-apriltag names its solver for a flat tag's pose in one method, which Locard never
-//! calls: poses come from all tags of a board, through the lens's distortion. The crate itself brings 85 others along and
-//! takes minutes to build.
+//! Stands for the crate of this name. kornia-apriltag names its solver for a flat tag's pose in one
+//! method, which Locard never calls: poses come from all tags of a board, through the lens's
+//! distortion. The crate itself brings 85 others along and takes minutes to build.
 
 pub mod camera {
     /// Never made.

@@ -1,5 +1,6 @@
-//! Stands for the crate of this name. Of its 75,000 lines kornia-apriltag calls two functions: what the processor can do, and
-//! the weights of a blur. The crate itself takes as long to build as the window's toolkit.
+//! Stands for the crate of this name. Of its 75,000 lines kornia-apriltag calls two functions: what
+//! the processor can do, and the weights of a blur. The crate itself takes as long to build as the
+//! window's toolkit.
 
 pub mod simd {
     use std::sync::OnceLock;
