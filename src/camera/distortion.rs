@@ -27,7 +27,7 @@ crate::choices! {
 crate::params! {
     /// Coefficients of OpenCV's models, on normalised image coordinates.
     pub struct Distortion in "camera.distortion" at Depth {
-        "how the lens takes rays to places" model: LensModel = LensModel::Opencv;
+        "projection of the lens" model: LensModel = LensModel::Opencv;
         "radial, r² (θ² of a fisheye)" k1 as "k1": f64 = 0.0, "1", -100.0..=100.0, by_ratio => model isnt "equirectangular";
         "radial, r⁴ (θ⁴)" k2 as "k2": f64 = 0.0, "1", -1000.0..=1000.0, by_ratio => model isnt "equirectangular";
         "tangential; not of a fisheye" p1 as "p1": f64 = 0.0, "1", -10.0..=10.0, by_ratio => model is "opencv";

@@ -25,7 +25,7 @@ pub fn assumed_exposure_s(interval_s: f64) -> f64 {
 crate::params! {
     /// Exposure time and sensitivity of the sensor.
     pub struct CameraExposure in "camera.exposure" at Depth {
-        "shutter time: how long each row gathers light; 0 is an instant; none: from the recording"
+        "shutter time: exposure time of each row; 0 is an instant; none: from the recording"
         time_s: Option<f64> = None, "s", 0.0..=MAX_EXPOSURE_S, by_ratio;
         "exposure as a part of the frame interval instead of time_s; 360 is all of it"
         shutter_angle_deg: Option<f64> = None, "deg", 0.0..=360.0;

@@ -7,15 +7,15 @@ use crate::text::number;
 crate::params! {
     /// The known parameters of a lens. Without an aperture the camera is a pinhole.
     pub struct Lens in "camera.lens" at Effects {
-        "diameter of the opening; instead of f_number; 0 is a pinhole"
+        "diameter of the aperture; instead of f_number; 0 is a pinhole"
         aperture_diameter_mm: Option<f64> = None, "mm", 0.0..=500.0, by_ratio;
-        "focal length over diameter; instead of aperture_diameter_mm"
+        "focal length over aperture diameter; instead of aperture_diameter_mm"
         f_number as "f-number": Option<f64> = None, "1", 0.5..=256.0, by_ratio;
-        "distance that is sharp; none: infinity"
+        "focus distance; none: infinity"
         focus_distance_m: Option<f64> = None, "m", 0.01..=100000.0, by_ratio;
         "number of aperture blades: 0 for a circle, or 3 to 32"
         blades: u32 = 0, "1", 0.0..=32.0;
-        "turns the blades: 0 has the middle of a side to the right, positive turns it downwards"
+        "rotation of the blades: at 0 the middle of a side is on the right; positive values turn it downwards"
         blade_rotation_deg: f64 = 0.0, "deg", -360.0..=360.0 => blades isnt "0";
     }
 }

@@ -40,22 +40,22 @@ pub struct Args {
     /// Length of a nerfstudio or COLMAP unit
     #[arg(long, default_value_t = 1.0, value_name = "M")]
     metres_per_unit: f64,
-    /// The folder of what is found; otherwise beside the recording, of its name with .analysis,
+    /// The folder of the analysis; by default beside the recording, with its name and .analysis,
     /// where `composite` finds it
     #[arg(short = 'o', long = "output", value_name = "DIR")]
     output: Option<PathBuf>,
-    /// Also find what this scene's objects stand on and what beside them takes their shadows: told,
-    /// written into standing.toml of that folder, and into the page
+    /// Also find the surfaces that support this scene's objects and those beside them that receive
+    /// their shadows: printed, written into that folder's standing.toml and into the page
     #[arg(long, value_name = "SCENE")]
     scene: Option<PathBuf>,
-    /// Also write what was found as a page for a browser, with plots and pictures: one file of HTML
+    /// Also write the results as a page for a browser, with plots and pictures: one HTML file
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
-    /// Write what belongs to the camera (readout, point spread, exposure) into this profile;
-    /// everything else in it is kept. A new one begins as a copy of --profile
+    /// Write the camera's results (readout, point spread, exposure) into this profile; everything
+    /// else in it is kept. A new one begins as a copy of --profile
     #[arg(long, value_name = "PROFILE")]
     accept: Option<PathBuf>,
-    /// Make it anew though it is there and fits
+    /// Repeat the analysis even if a valid one exists
     #[arg(long)]
     force: bool,
     #[command(flatten)]

@@ -12,13 +12,13 @@ use locard_engine::shot::{AnalysisChoice, AnalysisState, Shot, ShotOptions};
 
 #[derive(clap::Args)]
 pub struct Analysis {
-    /// What `locard analyse` found, where it does not lie beside the recording
+    /// The results of `locard analyse`, if they are not beside the recording
     #[arg(long, value_name = "DIR", conflicts_with = "no_analysis")]
     analysis: Option<PathBuf>,
-    /// Take the recording as it was recorded, although it was analysed
+    /// Use the recording as it was recorded, even if it was analysed
     #[arg(long)]
     no_analysis: bool,
-    /// Analyse the recording first, where that was not done or does not fit any more
+    /// Analyse the recording first, unless a valid analysis exists
     #[arg(long, conflicts_with_all = ["analysis", "no_analysis"])]
     analyse: bool,
 }

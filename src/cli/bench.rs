@@ -12,7 +12,7 @@ pub struct Args {
     /// Size of the picture
     #[arg(long, default_value = "640x480", value_name = "WxH", value_parser = size)]
     size: (u32, u32),
-    /// Only rows with this in their names
+    /// Only rows whose names contain this
     #[arg(long, value_name = "TEXT")]
     only: Option<String>,
     /// As JSON

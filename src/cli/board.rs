@@ -21,7 +21,7 @@ pub struct Args {
     /// The paper: a4 or letter
     #[arg(long, default_value = "a4", value_parser = paper)]
     paper: Paper,
-    /// Replace files that are there
+    /// Replace existing files
     #[arg(long)]
     force: bool,
     /// No closing line

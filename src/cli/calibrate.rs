@@ -49,7 +49,7 @@ struct NoiseArgs {
     /// from scenes at rest
     #[arg(long, conflicts_with = "mean")]
     moving: bool,
-    /// The scene's known mean, for single noisy frames; once for each of them
+    /// The scene's known mean, for single noisy frames; repeated for each of them
     #[arg(long)]
     mean: Vec<PathBuf>,
     /// The profile to write; its other tables are kept

@@ -42,10 +42,10 @@ pub struct Args {
     /// Seed of the noise
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Also write one OpenEXR a frame with the virtual layer into this folder
+    /// Also write the virtual layer of each frame as OpenEXR into this folder
     #[arg(long, value_name = "DIR")]
     layers: Option<PathBuf>,
-    /// Also write what was found and done for each frame; - for stdout
+    /// Also write the findings and settings of each frame; - for stdout
     #[arg(long, value_name = "FILE.json")]
     report: Option<PathBuf>,
     /// A folder (PNG sequence), a .mp4 or .mkv file, or - for raw RGB on stdout (a pipe or a device
@@ -55,8 +55,8 @@ pub struct Args {
     /// Keep every code value in a video
     #[arg(long)]
     lossless: bool,
-    /// Write this frame alone, as a .png or .jpg, with the objects' outlines and names and the
-    /// world's axes where they stand
+    /// Write this frame alone, as a .png or .jpg, with the outlines and names of the objects and
+    /// the axes of the world
     #[arg(long, value_name = "N", conflicts_with_all = ["frames", "layers", "report", "lossless", "strict"], value_parser = super::frame_number)]
     preview: Option<usize>,
     /// Replace output that exists
@@ -68,7 +68,7 @@ pub struct Args {
     /// Length of a nerfstudio or COLMAP unit
     #[arg(long, default_value_t = 1.0, value_name = "M")]
     metres_per_unit: f64,
-    /// Added to frame times when poses are looked up
+    /// Offset added to frame times when poses are looked up
     #[arg(long, default_value_t = 0.0, value_name = "S", allow_negative_numbers = true)]
     time_offset_s: f64,
     #[command(flatten)]

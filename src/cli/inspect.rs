@@ -33,31 +33,31 @@ pub struct Args {
     /// A frame of the recording
     #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = super::frame_number)]
     frame: Option<usize>,
-    /// Column and row from the upper left: the world point there; several times for distances,
-    /// three times for a plane. Without depth: where other frames show the same point, too
+    /// Column and row from the upper left, to find the world point there; repeat it for distances,
+    /// three times for a plane. Without depth, also the same point in other frames
     #[arg(long = "pick", value_name = "X,Y[+N:X,Y]", requires = "frame", value_parser = Pick::parse)]
     picks: Vec<Pick>,
     /// Without depth: the plane a·x + b·y + c·z = d of the world that the points lie on
     #[arg(long, value_name = "A,B,C,D", requires = "picks", value_parser = numbers::<4>, allow_hyphen_values = true)]
     plane: Option<[f64; 4]>,
-    /// The true distance of two picked points: how long a nerfstudio or COLMAP unit is
+    /// The true distance of two picked points, for the length of a nerfstudio or COLMAP unit
     #[arg(long, value_name = "M", requires = "picks", allow_negative_numbers = true)]
     distance: Option<f64>,
-    /// The camera, where the recording does not know it
+    /// The camera, if the recording lacks it
     #[arg(long)]
     profile: Option<PathBuf>,
     /// Length of a nerfstudio or COLMAP unit
     #[arg(long, value_name = "M")]
     metres_per_unit: Option<f64>,
-    /// Compare the pictures' motion with the poses': how far apart their clocks are. Decodes every
-    /// frame
+    /// Compare the pictures' motion with the poses', to find the offset of their clocks. Decodes
+    /// every frame
     #[arg(long, conflicts_with = "frame")]
     clock: bool,
     #[command(flatten)]
     analysis: Analysis,
     #[command(flatten)]
     skip: Skip,
-    /// How long a stream is listened to, from its first pose on
+    /// Time for which a stream is received, from its first pose on
     #[arg(long, value_name = "S", default_value_t = 3.0, value_parser = seconds)]
     seconds: f64,
 }

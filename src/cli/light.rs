@@ -14,7 +14,7 @@ use locard_engine::shot::{Shot, ShotOptions};
 pub struct LightArgs {
     /// The recording
     pub recording: PathBuf,
-    /// Which of its frames
+    /// The frame of the recording
     #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = super::frame_number)]
     pub frame: usize,
     /// The f-number, as in 2.8
@@ -23,13 +23,13 @@ pub struct LightArgs {
     /// The shutter time, as in 1/60
     #[arg(long, value_name = "S", allow_hyphen_values = true, value_parser = stops::parse_shutter_s)]
     pub shutter: Option<f64>,
-    /// The film speed, 100 to 25600; else the recording's
+    /// The film speed, 100 to 25600; by default the recording's
     #[arg(long, allow_hyphen_values = true, value_parser = stops::parse_iso)]
     pub iso: Option<f64>,
     /// Exposure compensation: this many stops brighter than correct, -5 to 5
     #[arg(long, value_name = "EV", default_value_t = 0.0, allow_hyphen_values = true, value_parser = compensation)]
     pub compensation: f64,
-    /// The light on the scene, in lux; else it is estimated from the picture and its settings
+    /// The light on the scene, in lux; by default it is estimated from the picture and its settings
     #[arg(long, value_name = "LX", allow_hyphen_values = true, value_parser = lux)]
     pub lux: Option<f64>,
     /// The camera and the effects' parameters; overrides the recording's own

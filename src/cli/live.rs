@@ -28,7 +28,7 @@ pub struct Args {
     /// A .glb or .gltf in the poses' world coordinates, or a scene.toml
     #[arg(long, required_if_eq("headless", "true"))]
     scene: Option<PathBuf>,
-    /// The camera and the effects' parameters; a stream that says its lens needs none
+    /// The camera and the effects' parameters; a stream that reports its lens needs none
     #[arg(long)]
     profile: Option<PathBuf>,
     /// Set a parameter, as in --set noise.scale=1.5; `locard params` lists them
@@ -42,7 +42,8 @@ pub struct Args {
     /// Without a window
     #[arg(long, requires = "output")]
     headless: bool,
-    /// Also record what comes into a new folder: `locard composite` makes the same pictures of it
+    /// Also record the input into a new folder, from which `locard composite` makes the same
+    /// pictures
     #[arg(long, value_name = "DIR")]
     record: Option<PathBuf>,
     /// A folder (PNG sequence), a .mp4 or .mkv file, or - for raw RGB on stdout

@@ -57,45 +57,45 @@ struct Cli {
 enum Command {
     /// Put a scene into a recording
     Composite(composite::Args),
-    /// Find out from a recording's own pictures where the camera really was, how its clocks run and
-    /// how bright each frame is
+    /// Estimate the camera's true poses, clock offsets and the brightness of each frame from a
+    /// recording's own pictures
     Analyse(analyse::Args),
-    /// Write the light that an analysis found of a recording's room as a scene's [light], to edit
+    /// Write the light that an analysis found in a recording's room as a scene's [light], to edit
     Light(room_light::Args),
     /// Measure a camera from pictures
     Calibrate(calibrate::Args),
-    /// Say what is in a recording, a scene, a profile or a stream of poses, and what is odd about
-    /// it
+    /// Describe a recording, a scene, a profile or a stream of poses, and report problems in it
     Inspect(inspect::Args),
     /// Put a scene into a camera's pictures as they come
     Live(live::Args),
-    /// Say how bright a frame's scene is and which settings would expose it correctly
+    /// Report how bright a frame's scene is and which settings would expose it correctly
     Meter(meter::Args),
     /// Photograph a frame with its evidence: aperture, shutter, film speed, lens and focus as on a
     /// camera
     Photo(photo::Args),
-    /// Put a piece of evidence where a pixel of a frame shows a surface
+    /// Put a piece of evidence on the surface at a pixel of a frame
     Place(place::Args),
     /// Record a camera, with poses
     Record(record::Args),
-    /// Take a picture of a scene alone, through any camera
+    /// Render a scene alone, through any camera
     Render(render::Args),
     /// Send a recording's poses as a stream: OpenTrackIO or FreeD
     Send(send::Args),
-    /// Make a sheet of tags to print, from which `track` knows where a camera stood
+    /// Make a printable sheet of tags, by which `track` finds a camera's poses
     Board(board::Args),
-    /// Find a camera's way through a video in which printed tags are seen: a recording with poses
+    /// Track a camera through a video that shows printed tags, and make a recording with poses
     Track(track::Args),
     /// List every parameter: unit, range, default, help
     Params(params::Args),
-    /// Say what this machine has, what is missing and how to get it
+    /// Report what is installed on this machine, what is missing and how to get it
     #[command(after_help = doctor::HELP)]
     Doctor,
-    /// Measure what each effect costs on this machine
+    /// Measure the cost of each effect on this machine
     Bench(bench::Args),
     /// Make a recording of a simulated site, together with its ground truth
     Simulate(simulate::Args),
-    /// Put frames of a recording into others as things, and say how far from the real ones they are
+    /// Put frames of a recording into others as objects, and report their deviation from the real
+    /// ones
     Verify(verify::Args),
     /// Open the window: see the evidence in the picture and move sliders until it belongs there
     #[cfg(feature = "window")]

@@ -18,39 +18,40 @@ pub struct Args {
     /// A .glb or .gltf in the recording's world coordinates, or a scene.toml
     #[arg(long)]
     pub scene: PathBuf,
-    /// p (program), a (aperture priority), s (shutter priority), m (manual); else by what is set
+    /// p (program), a (aperture priority), s (shutter priority), m (manual); by default it follows
+    /// from the given settings
     #[arg(long)]
     pub mode: Option<Mode>,
-    /// The focal length in mm; else one that sees all of the recorded picture that the film's shape
-    /// allows
+    /// The focal length in mm; by default the one that shows as much of the recorded picture as the
+    /// film's shape allows
     #[arg(long, value_name = "MM", allow_hyphen_values = true, value_parser = focal_length)]
     pub focal: Option<f64>,
-    /// What is in the middle: a place in the recorded picture, in its pixels, or an object of the
-    /// scene by its name, which then fills half of the photograph unless --focal or --across says
-    /// otherwise
+    /// The middle of the photograph: a place in the recorded picture, in its pixels, or an object
+    /// of the scene by its name, which then fills half of the photograph unless --focal or --across
+    /// is given
     #[arg(long, value_name = "X,Y|OBJECT")]
     pub aim: Option<String>,
     /// Width of the photograph in columns of the recorded picture
     #[arg(long, value_name = "PX", conflicts_with = "focal", value_parser = columns)]
     pub across: Option<f64>,
-    /// The camera stands still while the shutter is open, as long as that may be: real and virtual
-    /// things are as blurred as in the frame (this is so without --hand-held)
+    /// The camera stands still while the shutter is open, however long: real and virtual objects
+    /// are as blurred as in the frame (the default without --hand-held)
     #[arg(long)]
     pub tripod: bool,
     /// The camera moves while the shutter is open, as the recording's did: its frames are summed
     #[arg(long, conflicts_with = "tripod")]
     pub hand_held: bool,
-    /// What is sharp: a distance in metres, inf, or auto (what is in the middle)
+    /// Focus: a distance in metres, inf, or auto (the middle of the photograph)
     #[arg(long, default_value = "auto", allow_hyphen_values = true, value_parser = focus)]
     pub focus: Focus,
-    /// The film: 36x24, aps-c, aps-c-canon, micro-4/3, 1in, 1/2.3in, 6x6 or WIDTHxHEIGHT in mm;
-    /// else the recording's
+    /// The film: 36x24, aps-c, aps-c-canon, micro-4/3, 1in, 1/2.3in, 6x6 or WIDTHxHEIGHT in mm; by
+    /// default the recording's
     #[arg(long)]
     pub film: Option<Film>,
-    /// Width of the photograph; else as many pixels as the recording has there
+    /// Width of the photograph; by default the number of recorded pixels across it
     #[arg(long, value_name = "PX")]
     pub width: Option<u32>,
-    /// A series in which one setting goes through its range, and a contact sheet
+    /// A series over the range of one setting, and a contact sheet
     #[arg(long, value_enum)]
     pub bracket: Option<Bracket>,
     #[command(flatten)]

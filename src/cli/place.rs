@@ -22,39 +22,38 @@ use locard_engine::text::{fixed, number, shown};
 pub struct Args {
     /// The recording
     recording: PathBuf,
-    /// The frame in which the place is seen
+    /// The frame that shows the place
     #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = super::frame_number)]
     frame: usize,
-    /// The place: column and row from the upper left. Without depth: where other frames show the
-    /// same point, too
+    /// The place: column and row from the upper left. Without depth, also the same point in other
+    /// frames
     #[arg(long, value_name = "X,Y[+N:X,Y]", value_parser = Pick::parse, allow_hyphen_values = true)]
     at: Pick,
     /// The evidence, a .glb or .gltf file
     #[arg(long)]
     model: PathBuf,
-    /// The scene file that gets it; a new file is made if there is none
+    /// The scene file to add it to; created if it does not exist
     #[arg(long)]
     scene: PathBuf,
-    /// How far it is turned, counter-clockwise seen from above; without it its front faces the
-    /// camera
+    /// Rotation, counter-clockwise seen from above; by default its front faces the camera
     #[arg(long, value_name = "DEG", allow_hyphen_values = true)]
     heading: Option<f64>,
     /// Its flattest side lies on the surface
     #[arg(long, conflicts_with = "upright")]
     flat: bool,
-    /// It stands upright, whatever the surface does (the default)
+    /// It stands upright, whatever the surface's slope (the default)
     #[arg(long)]
     upright: bool,
     /// Its largest extent, of a model that is not in metres
     #[arg(long, value_name = "M", allow_hyphen_values = true)]
     size: Option<f64>,
-    /// What it is called; its file's name otherwise
+    /// Its name; by default its file's name
     #[arg(long)]
     name: Option<String>,
     /// Without depth: the plane a·x + b·y + c·z = d of the world that it stands on
     #[arg(long, value_name = "A,B,C,D", value_parser = numbers::<4>, allow_hyphen_values = true)]
     plane: Option<[f64; 4]>,
-    /// The camera, where the recording does not know it
+    /// The camera, if the recording lacks it
     #[arg(long)]
     profile: Option<PathBuf>,
     /// Length of a nerfstudio or COLMAP unit

@@ -20,10 +20,10 @@ use locard_engine::text::short;
 pub struct Args {
     /// A .glb or .gltf, or a scene.toml
     scene: PathBuf,
-    /// How directions become places in the picture
+    /// Projection of directions into the picture
     #[arg(long, value_enum, default_value_t = Kind::Perspective)]
     camera: Kind,
-    /// Width and height in pixels; else 1024x768, 1024x1024 for a circle, 2048x1024 for an
+    /// Width and height in pixels; by default 1024x768, 1024x1024 for a circle, 2048x1024 for an
     /// environment
     #[arg(long, value_name = "WxH", value_parser = size)]
     size: Option<(u32, u32)>,
@@ -32,23 +32,24 @@ pub struct Args {
     /// vertical (environment; 360,180)
     #[arg(long, value_name = "DEG[,DEG]", value_parser = angles, allow_hyphen_values = true)]
     fov: Option<(f64, Option<f64>)>,
-    /// Height of the view in metres (orthographic); else the whole scene
+    /// Height of the view in metres (orthographic); by default the whole scene
     #[arg(long, value_name = "M", value_parser = metres, allow_hyphen_values = true)]
     height: Option<f64>,
     /// Shift of the picture to the right of the axis and above it, in picture widths and heights
     /// (off-centre)
     #[arg(long, value_name = "X,Y", value_parser = vector::<2>, allow_hyphen_values = true)]
     shift: Option<[f64; 2]>,
-    /// Where the camera stands, in metres; else where it sees the scene
+    /// Position of the camera, in metres; by default one that shows the scene
     #[arg(long, value_name = "X,Y,Z", value_parser = vector::<3>, allow_hyphen_values = true)]
     from: Option<[f64; 3]>,
-    /// What it looks at; else the scene's middle
+    /// The point that it faces; by default the scene's middle
     #[arg(long, value_name = "X,Y,Z", value_parser = vector::<3>, allow_hyphen_values = true)]
     at: Option<[f64; 3]>,
-    /// What is up in the picture; else the scene's up
+    /// The direction up in the picture; by default the scene's up
     #[arg(long, value_name = "X,Y,Z", value_parser = vector::<3>, allow_hyphen_values = true)]
     up: Option<[f64; 3]>,
-    /// Leave the environment's picture out (parallel rays do anyway): nothing behind the objects
+    /// Omit the picture of the environment, so that there is nothing behind the objects (parallel
+    /// rays omit it anyway)
     #[arg(long)]
     transparent: bool,
     /// A .png, or a .exr in linear light

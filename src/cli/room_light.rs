@@ -34,36 +34,36 @@ pub struct Args {
         conflicts_with = "scene"
     )]
     output: Option<PathBuf>,
-    /// The scene file that gets it; everything else in it stays, comments too
+    /// The scene file to write it into; everything else in it is kept, including comments
     #[arg(long)]
     scene: Option<PathBuf>,
-    /// What `locard analyse` found, where it does not lie beside the recording
+    /// The results of `locard analyse`, if they are not beside the recording
     #[arg(long, value_name = "DIR")]
     analysis: Option<PathBuf>,
     /// A neutral matt surface: the frame, and column and row from the upper left. It reflects 0.8,
-    /// as white paper and paint, or what is said. The light gets the brightness and colour that it
-    /// implies; several times for several surfaces
+    /// as white paper and paint do, or the given value. The light gets the brightness and colour
+    /// that it implies; may be repeated for several surfaces
     #[arg(long, value_name = "FRAME:X,Y[=REFLECTANCE]", value_parser = white::parse, allow_hyphen_values = true)]
     white: Vec<ReferencePick>,
-    /// A lamp that is seen: the frame, column and row; where depth says nothing also how far it is
-    /// from the camera in metres, or where another frame shows it. How bright it is follows from
-    /// how surfaces are lit; several times for several lamps
+    /// A visible lamp: the frame, column and row; without depth there also its distance from the
+    /// camera in metres, or its place in another frame. Its brightness follows from the light on
+    /// surfaces; may be repeated for several lamps
     #[arg(long, value_name = "FRAME:X,Y[,M][+FRAME:X,Y]", value_parser = lamp::LampPick::parse, allow_hyphen_values = true)]
     lamp: Vec<lamp::LampPick>,
-    /// A Radiance or OpenEXR panorama of the place, in place of the one that was found and of its
-    /// lamps; it becomes as bright as they were
+    /// A Radiance or OpenEXR panorama of the place, which replaces the estimated one and its lamps;
+    /// it is scaled to their brightness
     #[arg(long, value_name = "HDR")]
     environment: Option<PathBuf>,
-    /// By how much that is turned about up, counter-clockwise seen from above
+    /// Rotation of that panorama about up, counter-clockwise seen from above
     #[arg(long, value_name = "DEG", requires = "environment", allow_hyphen_values = true, value_parser = own::turn)]
     turn: Option<f64>,
-    /// The camera, where the recording does not know it
+    /// The camera, if the recording lacks it
     #[arg(long)]
     profile: Option<PathBuf>,
-    /// Replace the light that the scene has, and files that are there
+    /// Replace the light of the scene, and existing files
     #[arg(long)]
     force: bool,
-    /// Say nothing
+    /// No output
     #[arg(long, short)]
     quiet: bool,
 }

@@ -18,16 +18,16 @@ use locard_engine::text::{count, fixed};
 pub struct Args {
     /// The recording whose poses are sent
     recording: PathBuf,
-    /// Where to: opentrackio://HOST:PORT or freed://HOST:PORT; without a host to this machine
+    /// The destination: opentrackio://HOST:PORT or freed://HOST:PORT; without a host, this machine
     #[arg(long, value_name = "URL")]
     to: String,
-    /// So many times as fast as it was recorded
+    /// Speed relative to the recording
     #[arg(long, value_name = "X", default_value_t = 1.0, value_parser = speed)]
     speed: f64,
-    /// Begin again at the end, until it is ended; the clock goes on
+    /// Repeat the recording until interrupted; the clock continues
     #[arg(long = "loop")]
     repeat: bool,
-    /// The camera whose lens is sent, where the recording does not know it
+    /// The camera whose lens is sent, if the recording lacks it
     #[arg(long)]
     profile: Option<PathBuf>,
     /// Length of a nerfstudio or COLMAP unit

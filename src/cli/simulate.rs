@@ -22,8 +22,7 @@ pub struct Args {
     /// made
     #[arg(long = "set", value_name = "NAME=VALUE")]
     sets: Vec<String>,
-    /// Objects that really lie in the site: a scene file (z up, metres, the floor at 0); its light
-    /// is not used
+    /// Real objects in the site: a scene file (z up, metres, the floor at 0); its light is not used
     #[arg(long, value_name = "SCENE")]
     evidence: Option<PathBuf>,
     /// List the options

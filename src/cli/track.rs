@@ -17,17 +17,17 @@ use locard_engine::text::{count, reason};
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// The video, in which printed tags are seen
+    /// The video, which shows printed tags
     video: PathBuf,
     /// The profile of the camera that took it: focal length and distortion as `locard calibrate
     /// camera` measures them
     #[arg(long)]
     profile: PathBuf,
-    /// Which tags stand where; otherwise the sheet that `locard board` prints
+    /// The positions of the tags; by default the sheet that `locard board` prints
     #[arg(long, value_name = "FILE")]
     board: Option<PathBuf>,
     /// Smooth the poses by a line through those around each, weighted by this time constant,
-    /// seconds; without it they are as they are measured
+    /// seconds; by default they are not smoothed
     #[arg(long, value_name = "S", value_parser = LiveOptions::parse_time_constant_s)]
     smooth: Option<f64>,
     /// The folder of the recording

@@ -12,7 +12,7 @@ use locard_window::{self, DEMO, DEMO_SCENE, InitialContent, Measure, Project};
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// The recording; the demonstration if it is left out
+    /// The recording; by default the demonstration
     recording: Option<PathBuf>,
     /// The scene file or model to put into it
     #[arg(long)]
@@ -20,10 +20,10 @@ pub struct Args {
     /// A camera's profile; a new file is made when it is saved
     #[arg(long)]
     profile: Option<PathBuf>,
-    /// How many metres a unit of the recording is
+    /// Length of a unit of the recording, in metres
     #[arg(long, default_value_t = 1.0)]
     metres_per_unit: f64,
-    /// Measure what the window costs: it plays, changes each parameter, prints figures and closes
+    /// Measure the cost of the window: it plays, changes each parameter, prints figures and closes
     #[arg(long)]
     measure: bool,
 }

@@ -27,10 +27,10 @@ pub struct Args {
     /// Set a parameter, as in --set camera.readout_time_s=0.02
     #[arg(long = "set", value_name = "TABLE.NAME=VALUE")]
     sets: Vec<String>,
-    /// Each so many frames, one is put into others
+    /// Interval of frames between those that are put into others
     #[arg(long, value_name = "N", default_value_t = 10)]
     every: usize,
-    /// So many frames before and after it
+    /// Number of frames before and after it
     #[arg(long, value_name = "N", default_value_t = 8)]
     gap: usize,
     #[command(flatten)]

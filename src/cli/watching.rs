@@ -19,16 +19,16 @@ pub struct CameraArgs {
     /// its place
     #[arg(long, value_name = "N|VIDEO")]
     pub camera: String,
-    /// Where poses come from: tags (printed by `locard board`), tags:BOARD.toml,
+    /// Source of the poses: tags (printed by `locard board`), tags:BOARD.toml,
     /// opentrackio://HOST:PORT, freed://HOST:PORT, file:RECORDING (played again), or none
     #[arg(long, default_value = "none", value_name = "SOURCE")]
     pub pose: String,
-    /// Added to the time of each pose, seconds: what the camera is behind. auto: what fits the
-    /// pictures best, found while they come; the camera has to turn
+    /// Delay of the camera, added to the time of each pose, seconds. auto: the delay that fits the
+    /// pictures best, found while they arrive; the camera has to turn
     #[arg(long, value_name = "S|auto", default_value = "0", allow_hyphen_values = true, value_parser = LiveOptions::parse_delay)]
     delay: DelayMode,
-    /// Smooth poses from tags by this time constant, seconds: quieter, and as much later; without
-    /// it they are as they are measured
+    /// Smooth poses from tags by this time constant, seconds: steadier, and as much later; by
+    /// default they are not smoothed
     #[arg(long, value_name = "S", value_parser = LiveOptions::parse_time_constant_s)]
     smooth: Option<f64>,
     #[command(flatten)]
@@ -44,24 +44,23 @@ pub struct PicturesArgs {
     /// Size of the pictures, px; the profile's, else 640x480
     #[arg(long, value_name = "WxH", value_parser = LiveOptions::parse_size)]
     size: Option<(u32, u32)>,
-    /// Pictures a second; 30 without it
+    /// Pictures per second; by default 30
     #[arg(long, value_name = "HZ", value_parser = LiveOptions::parse_rate_hz)]
     rate: Option<f64>,
-    /// How the camera delivers them: rgb, yuyv, nv12, mjpeg or grey; without it, the best that
-    /// comes at this size and rate
+    /// Format of the camera's pictures: rgb, yuyv, nv12, mjpeg or grey; by default, the best at
+    /// this size and rate
     #[arg(long, value_parser = layout)]
     format: Option<Layout>,
-    /// The span of Y' that the camera uses, instead of what its driver says: limited (16 to 235) or
-    /// full
+    /// The camera's range of Y', overriding its driver: limited (16 to 235) or full
     #[arg(long, value_parser = range)]
     range: Option<ColorRange>,
-    /// The camera's colour matrix, instead of what its driver says: bt601, bt709 or bt2020
+    /// The camera's colour matrix, overriding its driver: bt601, bt709 or bt2020
     #[arg(long, value_parser = matrix)]
     matrix: Option<ColorMatrix>,
-    /// End after so many frames
+    /// End after this many frames
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     frames: Option<u64>,
-    /// End after so many seconds
+    /// End after this many seconds
     #[arg(long, value_name = "S", value_parser = seconds)]
     seconds: Option<f64>,
     /// No messages but errors

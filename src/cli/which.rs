@@ -12,8 +12,8 @@ pub struct Which {
     /// Only these effects
     #[arg(long, value_name = "EFFECTS", value_delimiter = ',', conflicts_with = "without")]
     only: Option<Vec<String>>,
-    /// All effects but these; registration leaves the camera where the recording says it was, and
-    /// keeps what else an analysis found
+    /// All effects except these; registration leaves the camera at its recorded poses, and keeps
+    /// the other results of an analysis
     #[arg(long, value_name = "EFFECTS", value_delimiter = ',')]
     without: Option<Vec<String>>,
 }

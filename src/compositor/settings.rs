@@ -13,7 +13,7 @@ pub const ON: &str = "on";
 crate::params! {
     /// Occlusion by the recording's depth.
     pub struct DepthSettings in "depth" at Depth {
-        "hide objects behind what the recording's depth shows nearer" occlusion: bool = true;
+        "hide objects behind nearer surfaces in the recording's depth" occlusion: bool = true;
         "how much nearer the real surface must be to hide an object" tolerance_m at Draw: f32 = 0.02, "m", 0.0..=100.0 => occlusion is "true";
     }
 }
@@ -21,9 +21,9 @@ crate::params! {
 crate::params! {
     /// Shadows of virtual objects on the support plane and on each other.
     pub struct ShadowSettings in "shadow" at ShadowMaps {
-        "things take light from the real surface that they stand on" cast: bool = true;
-        "things take light from each other and from themselves" on_things at Lightmaps: bool = true => cast is "true";
-        "how much of a shadow's darkness is drawn; 1 is what the light says" strength at Shade: f32 = 1.0, "", 0.0..=2.0 => cast is "true";
+        "objects block light from the real surface that they stand on" cast: bool = true;
+        "objects block light from each other and from themselves" on_things at Lightmaps: bool = true => cast is "true";
+        "opacity of shadows; 1 is correct for the scene's light" strength at Shade: f32 = 1.0, "", 0.0..=2.0 => cast is "true";
     }
 }
 

@@ -29,11 +29,11 @@ use crate::render::{COLOR, Layer};
 crate::params! {
     /// Parameters of the chromatic aberration.
     pub struct ChromaticAberration in "chromatic_aberration" at Effects {
-        "how much larger red is than green: 0.001 is 1 px in 1000 from the principal point"
+        "scale of red relative to green, minus 1: 0.001 is 1 px at 1000 px from the principal point"
         red: f64 = 0.0, "1", -0.02..=0.02;
-        "cubic part of red: what is added to that at half a diagonal, growing with the square"
+        "cubic part of red: added to the scale at half a diagonal, growing with the square of the distance"
         red_cubic: f64 = 0.0, "1", -0.02..=0.02;
-        "how much larger blue is than green"
+        "scale of blue relative to green, minus 1"
         blue: f64 = 0.0, "1", -0.02..=0.02;
         "cubic part of blue"
         blue_cubic: f64 = 0.0, "1", -0.02..=0.02;
@@ -89,7 +89,7 @@ fn whole_half_diagonal_px(context: &FrameContext<'_>) -> f64 {
 
 impl Effect for ChromaticAberration {
     fn summary(&self) -> &'static str {
-        "parts an object's colours towards the picture's corners as the lens does"
+        "separates an object's colours towards the picture's corners as the lens does"
     }
     fn check(&self, _: &Camera, geometry: &Geometry) -> Result<(), EffectError> {
         let reason = "a 360° picture is put together and has no middle from which a lens would part colours: \
@@ -98,7 +98,7 @@ impl Effect for ChromaticAberration {
         if refused { Err(EffectError { parameter: "chromatic_aberration", reason }) } else { Ok(()) }
     }
     fn neutral_hint(&self) -> &'static str {
-        "no colour is shifted; values other than 0 set it to work"
+        "no colour is shifted; any value other than 0 enables it"
     }
     fn is_neutral(&self, _: &FrameContext<'_>) -> bool {
         *self == Self::default()

@@ -72,7 +72,7 @@ impl Effect for DepthOfField {
     }
     fn neutral_hint(&self) -> &'static str {
         "everything is in focus, as through a pinhole; an f-number or an opening of the camera's lens, or another focus \
-         distance, sets it to work"
+         distance, enables it"
     }
     fn is_neutral(&self, context: &FrameContext<'_>) -> bool {
         circles_px(context)[1] < SHARP_PX

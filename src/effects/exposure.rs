@@ -41,9 +41,9 @@ crate::params! {
         ev as "Brighter by": f64 = 0.0, "EV", -10.0..=10.0;
         "photographic: factor on light; additive: the paper's step on display values"
         method: Method = Method::Photographic;
-        "exposure at which the scene's lights are right: time x gain (x ISO/100 / f-number^2 where frames tell them); none: at every one; with all else, 30 stops at most"
+        "exposure for which the scene's lights are correct: time x gain (x ISO/100 / f-number^2 where frames report them); none: any exposure; 30 stops at most in total"
         reference_s: Option<f64> = None, "s", 1e-9..=1e6, by_ratio;
-        "whether objects become brighter and change colour as the footage does from frame to frame, where it was analysed"
+        "whether objects follow the footage's changes of brightness and colour from frame to frame, if it was analysed"
         follow as "Follow the footage": bool = true;
     }
 }
@@ -113,7 +113,7 @@ impl Effect for Exposure {
         "makes objects brighter or darker by stops"
     }
     fn neutral_hint(&self) -> &'static str {
-        "things are made neither brighter nor darker; stops other than 0, or a reference time, set it to work"
+        "objects keep their brightness; stops other than 0 or a reference time enable it"
     }
     fn is_neutral(&self, context: &FrameContext<'_>) -> bool {
         self.over_ev(&context.recorded) == 0.0

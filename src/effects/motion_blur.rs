@@ -149,7 +149,7 @@ impl Effect for MotionBlur {
     }
     fn neutral_hint(&self) -> &'static str {
         "nothing moves by more than its shortest blur while the shutter is open; a longer exposure of the camera, a frame in \
-         which it moves, or a smaller shortest blur sets it to work"
+         which it moves, or a smaller shortest blur enables it"
     }
     fn is_neutral(&self, context: &FrameContext<'_>) -> bool {
         context.capture.exposure_time_s == 0.0 || Self::longest_px(context) <= self.threshold_px

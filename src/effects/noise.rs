@@ -43,7 +43,7 @@ crate::params! {
         scale: f32 = 1.0, "1", 0.0..=8.0;
         "size of a noise patch; 1 is as measured"
         magnification: f32 = 1.0, "px", 1.0..=16.0 => scale isnt "0";
-        "for how many frames a pattern stays"
+        "number of frames for which a pattern stays"
         animation_delay: u32 = 1, "frames", 1.0..=1000.0, by_ratio => scale isnt "0";
         "film speed of the grain; needs camera.exposure.iso, at which the noise was measured; none: as recorded"
         iso as "ISO": Option<f64> = None, "1", 100.0..=25600.0, by_ratio => scale isnt "0";
@@ -130,7 +130,7 @@ impl Effect for Noise {
     }
     fn neutral_hint(&self) -> &'static str {
         "its scale is 0, or the camera's noise is not known; a larger scale, a profile with the camera's noise, or measuring \
-         it (the tab Calibrate) sets it to work"
+         it (the tab Calibrate) enables it"
     }
     fn is_neutral(&self, context: &FrameContext<'_>) -> bool {
         self.scale == 0.0 || context.camera.noise.is_none()

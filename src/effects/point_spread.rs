@@ -15,7 +15,7 @@ use crate::render::Layer;
 crate::params! {
     /// Parameters of the point spread.
     pub struct PointSpread in "point_spread" at Effects {
-        "standard deviation of the blur of lens and sensor; 0.39 of an edge's 10-90 % width; 0 is off; an enlarged photograph's is 8 px at most"
+        "standard deviation of the blur of lens and sensor: 0.39 times an edge's 10-90 % width; 0 is off; at most 8 px in an enlarged photograph"
         sigma_px as "Blur σ": f64 = 0.0, "px", 0.0..=8.0;
     }
 }
@@ -29,10 +29,10 @@ impl PointSpread {
 
 impl Effect for PointSpread {
     fn summary(&self) -> &'static str {
-        "makes objects as unsharp as lens and sensor are in focus"
+        "blurs objects as lens and sensor do in focus"
     }
     fn neutral_hint(&self) -> &'static str {
-        "its blur reaches no neighbouring pixel; a larger blur σ sets it to work"
+        "its blur reaches no neighbouring pixel; a larger blur σ enables it"
     }
     fn is_neutral(&self, context: &FrameContext<'_>) -> bool {
         // No tap reaches the neighbours.

@@ -21,13 +21,13 @@ use crate::render::{COLOR, Layer};
 crate::params! {
     /// Parameters of the vignetting.
     pub struct Vignetting in "vignetting" at Effects {
-        "natural: how much of the fall-off with cos⁴ of the angle: 1 is all of it; 0 is off"
+        "natural: fraction of the fall-off with cos⁴ of the angle: 1 is all of it; 0 is off"
         natural: f64 = 0.0, "1", 0.0..=2.0;
-        "mechanical: how far before the lens's opening a rim stands; 0 is off"
+        "mechanical: distance of a rim in front of the aperture; 0 is off"
         rim_distance_mm: f64 = 0.0, "mm", 0.0..=1000.0, by_ratio;
-        "mechanical: radius of that rim; at least that of the widest opening"
+        "mechanical: radius of that rim, at least that of the widest aperture"
         rim_radius_mm: f64 = 20.0, "mm", 0.1..=1000.0, by_ratio => rim_distance_mm isnt "0";
-        "diameter of the circle around the principal point that holds the picture, as of a circular fisheye; none: all is picture"
+        "diameter of the image circle around the principal point, as of a circular fisheye; none: the whole picture"
         image_circle_px: Option<f64> = None, "px", 1.0..=131072.0, by_ratio;
     }
 }
@@ -112,7 +112,7 @@ impl Effect for Vignetting {
         if refused { Err(EffectError { parameter: "vignetting", reason }) } else { Ok(()) }
     }
     fn neutral_hint(&self) -> &'static str {
-        "nothing of it is on; natural vignetting or one of its rims sets it to work"
+        "all of it is off; natural vignetting or one of its rims enables it"
     }
     fn is_neutral(&self, _: &FrameContext<'_>) -> bool {
         self.is_off()

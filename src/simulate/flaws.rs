@@ -31,33 +31,33 @@ crate::choices! {
 crate::params! {
     /// Defects of a recording. The default is none.
     pub struct Flaws in "flaws" {
-        "how far automatic exposure wanders either way, smoothly, at most" exposure_walk_ev: f64 = 0.0, "EV", 0.0..=5.0;
-        "how far automatic exposure jumps, at most" exposure_step_ev: f64 = 0.0, "EV", 0.0..=5.0;
+        "largest smooth drift of automatic exposure, either way" exposure_walk_ev: f64 = 0.0, "EV", 0.0..=5.0;
+        "largest jump of automatic exposure" exposure_step_ev: f64 = 0.0, "EV", 0.0..=5.0;
         "how often it jumps" exposure_steps_per_s: f64 = 2.0, "1/s", 0.01..=100.0;
-        "share by which automatic white balance makes red and blue brighter or darker than green, at most" white_balance_share: f64 = 0.0, "1", 0.0..=0.5;
-        "share of the contrast between parts of a picture that the camera takes away, as phones do" local_tone_share: f64 = 0.0, "1", 0.0..=1.0;
-        "how far each pose is off by itself, root mean square" jitter_mm: f64 = 0.0, "mm", 0.0..=1000.0;
-        "how far each pose is turned by itself, root mean square" jitter_deg: f64 = 0.0, "deg", 0.0..=90.0;
-        "how far poses drift, smoothly, at most" drift_mm: f64 = 0.0, "mm", 0.0..=1000.0;
-        "how far poses drift by turning, at most" drift_deg: f64 = 0.0, "deg", 0.0..=90.0;
-        "how far the camera stands from what was tracked" hand_eye_mm: f64 = 0.0, "mm", 0.0..=1000.0;
-        "how far the camera is turned against what was tracked" hand_eye_deg: f64 = 0.0, "deg", 0.0..=90.0;
-        "how much later than the pictures' clock the poses' clock says" poses_later_s: f64 = 0.0, "s", -1.0..=1.0;
-        "how much later than it says depth was measured" depth_later_s: f64 = 0.0, "s", -1.0..=1.0;
-        "sensor whose errors depth has, where no other depth_ number says otherwise; none: depth is exact" depth_sensor: Option<DepthSensorModel> = None;
-        "how far right of its camera the depth sensor's projector stands, in whose shade there is no depth; none: as depth_sensor has it" depth_projector_mm: Option<f64> = None, "mm", -1000.0..=1000.0;
-        "how far left of the frames' camera the depth sensor's camera stands whose map was brought into the frames' view: what it does not see has no depth; none: as depth_sensor has it" depth_moved_mm: Option<f64> = None, "mm", -1000.0..=1000.0;
-        "the least of the projector's light with which there is depth: the share that a surface throws back, by the cosine, by the distance squared; none: as depth_sensor has it" depth_faintest_per_m2: Option<f64> = None, "1/m²", 0.0..=100.0;
-        "how much wider than in the picture near things are in depth, each side, px of a map 640 wide; none: as depth_sensor has it" depth_wider_px: Option<f64> = None, "px", 0.0..=20.0;
-        "how far depth's edges are torn, root mean square, px of a map 640 wide; none: as depth_sensor has it" depth_torn_px: Option<f64> = None, "px", 0.0..=20.0;
-        "how far torn edges, noise and flickering holes hang together, the σ of a Gaussian, px of a map 640 wide; none: as depth_sensor has it" depth_grain_px: Option<f64> = None, "px", 0.0..=20.0;
-        "depth's noise at 1 m, root mean square before its steps; it grows with the distance squared; none: as depth_sensor has it" depth_noise_mm: Option<f64> = None, "mm", 0.0..=100.0;
-        "depth's steps at 1 m; they grow with the distance squared; none: as depth_sensor has it" depth_step_mm: Option<f64> = None, "mm", 0.0..=100.0;
-        "share of lone pixels without depth; none: as depth_sensor has it" depth_missing_share: Option<f64> = None, "1", 0.0..=1.0;
-        "share of lone pixels with any depth; none: as depth_sensor has it" depth_wrong_share: Option<f64> = None, "1", 0.0..=1.0;
+        "largest share by which automatic white balance makes red and blue brighter or darker than green" white_balance_share: f64 = 0.0, "1", 0.0..=0.5;
+        "share of the contrast between parts of a picture that the camera removes, as phones do" local_tone_share: f64 = 0.0, "1", 0.0..=1.0;
+        "independent position error of each pose, root mean square" jitter_mm: f64 = 0.0, "mm", 0.0..=1000.0;
+        "independent rotation error of each pose, root mean square" jitter_deg: f64 = 0.0, "deg", 0.0..=90.0;
+        "largest smooth drift of the poses' positions" drift_mm: f64 = 0.0, "mm", 0.0..=1000.0;
+        "largest smooth drift of the poses' rotations" drift_deg: f64 = 0.0, "deg", 0.0..=90.0;
+        "distance of the camera from the tracked point" hand_eye_mm: f64 = 0.0, "mm", 0.0..=1000.0;
+        "rotation of the camera against the tracked body" hand_eye_deg: f64 = 0.0, "deg", 0.0..=90.0;
+        "how far the poses' clock is ahead of the pictures' clock" poses_later_s: f64 = 0.0, "s", -1.0..=1.0;
+        "how much later than its time stamp depth was measured" depth_later_s: f64 = 0.0, "s", -1.0..=1.0;
+        "sensor whose errors depth has, unless another depth_ option overrides them; none: depth is exact" depth_sensor: Option<DepthSensorModel> = None;
+        "distance of the depth sensor's projector to the right of its camera; in the projector's shadow there is no depth; none: by depth_sensor" depth_projector_mm: Option<f64> = None, "mm", -1000.0..=1000.0;
+        "distance of the depth sensor's camera to the left of the frames' camera; its map is reprojected into the frames' view, where surfaces hidden from it have no depth; none: by depth_sensor" depth_moved_mm: Option<f64> = None, "mm", -1000.0..=1000.0;
+        "smallest light of the projector that yields depth: reflectance times cosine over distance squared; none: by depth_sensor" depth_faintest_per_m2: Option<f64> = None, "1/m²", 0.0..=100.0;
+        "how much wider near objects are in depth than in the picture, each side, px of a map 640 wide; none: by depth_sensor" depth_wider_px: Option<f64> = None, "px", 0.0..=20.0;
+        "displacement of depth's ragged edges, root mean square, px of a map 640 wide; none: by depth_sensor" depth_torn_px: Option<f64> = None, "px", 0.0..=20.0;
+        "correlation length of ragged edges, noise and flickering holes, the σ of a Gaussian, px of a map 640 wide; none: by depth_sensor" depth_grain_px: Option<f64> = None, "px", 0.0..=20.0;
+        "depth's noise at 1 m, root mean square before quantization; it grows with the distance squared; none: by depth_sensor" depth_noise_mm: Option<f64> = None, "mm", 0.0..=100.0;
+        "depth's quantization step at 1 m; it grows with the distance squared; none: by depth_sensor" depth_step_mm: Option<f64> = None, "mm", 0.0..=100.0;
+        "share of single pixels without depth; none: by depth_sensor" depth_missing_share: Option<f64> = None, "1", 0.0..=1.0;
+        "share of single pixels with a random depth; none: by depth_sensor" depth_wrong_share: Option<f64> = None, "1", 0.0..=1.0;
         "share of the frames whose picture is that of the frame before" repeat_share: f64 = 0.0, "1", 0.0..=0.9;
         "speed of a person who walks to and fro in the room; 0 for nobody" person_m_per_s: f64 = 0.0, "m/s", 0.0..=20.0;
-        "whether all surfaces shine alike, without pattern or shade" blank: bool = false;
+        "whether all surfaces are equally bright, without pattern or shading" blank: bool = false;
         "seed of all of these" seed: u64 = 1, "1", 0.0..=9007199254740991.0;
     }
 }

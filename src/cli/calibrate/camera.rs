@@ -32,17 +32,17 @@ pub struct Args {
     /// place: views are taken while the board is held still
     #[arg(long, value_name = "N|VIDEO", conflicts_with = "photos")]
     camera: Option<String>,
-    /// With --camera: so many views at least, and until nothing is missing
+    /// With --camera: minimum number of views; collection continues until no view is missing
     #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u64).range(3..=200))]
     views: u64,
     /// A chessboard's inner corners, where four squares meet, as 9x6, or the file of a board of
-    /// tags; otherwise what is seen
+    /// tags; by default the board that is detected
     #[arg(long, value_name = "COLUMNSxROWS|FILE", value_parser = board)]
     board: Option<BoardArg>,
-    /// The side of a square, to tell distances in millimetres
+    /// The side of a square, for distances in millimetres
     #[arg(long, value_name = "MM", value_parser = square, allow_negative_numbers = true)]
     square_mm: Option<f64>,
-    /// How the lens takes rays to places: opencv or opencv_fisheye; otherwise what explains the
+    /// Projection of the lens: opencv or opencv_fisheye; by default the one that fits the
     /// photographs
     #[arg(long, value_parser = model)]
     model: Option<LensModel>,
@@ -52,7 +52,7 @@ pub struct Args {
     /// A picture of the residuals to write (.png, .jpg)
     #[arg(long, value_name = "FILE")]
     residuals: Option<PathBuf>,
-    /// Replace the lens of a profile that has one, and a picture that is there
+    /// Replace the lens of a profile that has one, and an existing picture
     #[arg(long)]
     force: bool,
     #[command(flatten, next_help_heading = "With --camera")]

@@ -28,14 +28,13 @@ use locard_engine::text::{fixed, number};
 pub struct Args {
     /// A recording, or a picture (.png, .jpg)
     what: PathBuf,
-    /// The recording's frame with the edge, best one at rest
+    /// The recording's frame with the edge, preferably one at rest
     #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = crate::cli::frame_number)]
     frame: Option<usize>,
-    /// A rectangle that one straight edge crosses, column and row of two corners; may be given
-    /// again
+    /// A rectangle that one straight edge crosses: column and row of two corners; may be repeated
     #[arg(long, value_name = "X0,Y0,X1,Y1", required = true, value_parser = numbers::<4>, allow_hyphen_values = true)]
     edge: Vec<[f64; 4]>,
-    /// The camera with its response curve, where the recording does not know it
+    /// The camera with its response curve, if the recording lacks it
     #[arg(long)]
     profile: Option<PathBuf>,
     /// The profile to write; everything else in it is kept

@@ -24,17 +24,17 @@ crate::params! {
     pub struct DepthOfField in "depth_of_field" at Effects {
         "layered: filter, near and far apart; poisson: vSLRcam's; diffusion: Wang's; reference: through many points of the lens"
         method at Draw: Method = Method::Layered;
-        "poisson: points of the first disc"
+        "poisson: number of points in the first disc"
         points: u32 = 48, "1", 8.0..=64.0 => method is "poisson";
         "diffusion: lens (its blades or circle), star (as many points as blades, else 5) or heart"
         shape: Shape = Shape::Lens => method is "diffusion";
-        "diffusion: how much brighter the rim is drawn, for each px of radius (lambda)"
+        "diffusion: extra brightness of the rim per px of radius (lambda)"
         rim: f32 = 0.02, "1/px", 0.0..=1.0 => method is "diffusion";
         "diffusion: standard deviation of the Gaussian that smooths the shape"
         gaussian_px as "Gaussian σ": f32 = 0.5, "px", 0.0..=4.0 => method is "diffusion";
-        "diffusion: no shape is drawn larger (R_K)"
+        "diffusion: largest drawn shape (R_K)"
         largest_radius_px: f32 = 36.0, "px", 1.0..=64.0 => method is "diffusion";
-        "diffusion: conserving keeps light; printed: as in the paper"
+        "diffusion: conserving preserves the total light; printed: as in the paper"
         mix: Mix = Mix::Conserving => method is "diffusion";
         "diffusion: K of the printed mix"
         mix_ratio: f32 = 0.7, "1", 0.0..=1.0 => mix is "printed";
