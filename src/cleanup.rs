@@ -12,14 +12,14 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 /// Undoes one thing.
 pub type Undo = Box<dyn FnOnce() + Send>;
 
-struct List {
+struct UndoList {
     begun: u64,
     undo: BTreeMap<u64, Undo>,
 }
 
-static LIST: Mutex<List> = Mutex::new(List { begun: 0, undo: BTreeMap::new() });
+static LIST: Mutex<UndoList> = Mutex::new(UndoList { begun: 0, undo: BTreeMap::new() });
 
-fn list() -> MutexGuard<'static, List> {
+fn list() -> MutexGuard<'static, UndoList> {
     // A panic under the lock leaves the list intact.
     LIST.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -3,7 +3,7 @@
 
 use super::camera_model::CameraModel;
 use super::link_failure::{self, LinkCounts};
-use super::links::Pass;
+use super::links::LinkPass;
 use super::pass_runner::PassRunner;
 use super::registration_result::{MAX_READOUT_SIGMA_S, Registration, RegistrationError, recorded};
 use super::rig_offset::{self, ReadoutStep, RigOffset};
@@ -97,7 +97,7 @@ pub fn estimate(
         // After the first iteration the residuals are small.
         let coarsest = if round == 0 { usize::MAX } else { 1 };
         let finds_repeats = round == 0;
-        let pass = Pass {
+        let pass = LinkPass {
             gaps: &CLOCK_GAPS,
             backward_gaps: &[],
             sparse: (&[], 1),
@@ -160,7 +160,7 @@ pub fn estimate_with_refined_poses(
     found.depth = runner.depth_clock(&CameraModel::new(shared.geometry.clone()), refined)?;
     shared.depth_later_s = found.depth_later_s();
     let stride = runner.recording.frame_count().div_ceil(REFINED_CLOCK_FRAMES);
-    let pass = Pass {
+    let pass = LinkPass {
         gaps: &REFINED_CLOCK_GAPS,
         backward_gaps: &[],
         sparse: (&[], 1),

@@ -39,7 +39,7 @@ const MAX_SHIFT_PX: f64 = 3.0;
 
 /// Dissimilarity of a pair by exposure.
 #[derive(Clone, Debug)]
-pub struct Curve {
+pub struct BlurCurve {
     /// Mean of 1 − correlation², for each exposure of the grid.
     pub values: Vec<f64>,
     pub patches: usize,
@@ -66,7 +66,7 @@ fn dot(a: &Block, b: &Block) -> f64 {
 }
 
 /// The pair's curve; `None` where too little of J is visible in I, or too few patches match.
-pub fn compare(model: &CameraModel, i: &BlurFrame, j: &BlurFrame, grid: ExposureGrid) -> Option<Curve> {
+pub fn compare(model: &CameraModel, i: &BlurFrame, j: &BlurFrame, grid: ExposureGrid) -> Option<BlurCurve> {
     let mut mesh = WarpMesh::new(model, i, j);
     let (w, h) = (j.light.width, j.light.height);
     let mut patches: Vec<(usize, usize, f64)> = Vec::new();
@@ -131,7 +131,7 @@ pub fn compare(model: &CameraModel, i: &BlurFrame, j: &BlurFrame, grid: Exposure
     mean_curve(&all, grid).map(|(values, patches)| {
         let difference = (own - other) * (1.0 / blocks_used);
         let flow_difference_px_s = difference.to_cols_array().iter().map(|v| v * v).sum::<f64>().powf(0.25);
-        Curve { values, patches, flow_difference_px_s }
+        BlurCurve { values, patches, flow_difference_px_s }
     })
 }
 
@@ -263,7 +263,13 @@ mod tests {
         }
     }
 
-    fn curve(own: DVec2, other: DVec2, exposure_s: f64, noise: f64, profile: Option<&NoiseProfile>) -> Option<Curve> {
+    fn curve(
+        own: DVec2,
+        other: DVec2,
+        exposure_s: f64,
+        noise: f64,
+        profile: Option<&NoiseProfile>,
+    ) -> Option<BlurCurve> {
         let model = CameraModel::new(Geometry::pinhole(SIZE.0, SIZE.1, FOCAL_PX));
         let response = Response { curve: Response_::Linear, ..Response::default() };
         let blurred = |index: usize, flow: DVec2| {
@@ -274,7 +280,7 @@ mod tests {
         compare(&model, &blurred(0, other), &blurred(1, own), TRIED)
     }
 
-    fn minimum_ms(curve: &Curve) -> f64 {
+    fn minimum_ms(curve: &BlurCurve) -> f64 {
         let v = &curve.values;
         let k = (1..v.len() - 1).min_by(|a, b| v[*a].total_cmp(&v[*b])).unwrap();
         k as f64 + 0.5 * (v[k - 1] - v[k + 1]) / (v[k - 1] - 2.0 * v[k] + v[k + 1])
@@ -322,7 +328,7 @@ mod tests {
         let profile = NoiseProfile { bins, channel_correlation: [0.0; 3], neighbour_correlation: [0.0; 2] };
         let without = curve(own, other, 0.005, 0.02, None).unwrap();
         let with = curve(own, other, 0.005, 0.02, Some(&profile)).unwrap();
-        let floor = |curve: &Curve| curve.values.iter().copied().fold(f64::MAX, f64::min);
+        let floor = |curve: &BlurCurve| curve.values.iter().copied().fold(f64::MAX, f64::min);
         assert!(floor(&without) > 0.02, "{:?}", without.values);
         assert!(floor(&with).abs() < 0.25 * floor(&without), "{} {}", floor(&with), floor(&without));
         assert!((minimum_ms(&with) - 5.0).abs() < 0.25, "{} ms", minimum_ms(&with));

@@ -30,7 +30,7 @@ const MAX_TILT: f32 = 0.25;
 
 /// A straight piece of an edge.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Line {
+pub struct EdgeLine {
     /// The pixel in its middle.
     pub x: usize,
     pub y: usize,
@@ -47,7 +47,7 @@ pub fn edges(
     is_clipped: &[bool],
     most: usize,
     wanted: impl Fn(usize, usize, [f32; 2]) -> bool,
-) -> Vec<Line> {
+) -> Vec<EdgeLine> {
     let (w, h) = (light.width, light.height);
     let (along, down) = light.filtered(&gaussian(SMOOTHING_SIGMA_PX)).sobel();
     let slope: Vec<f32> = along.values.iter().zip(&down.values).map(|(x, y)| x.hypot(*y)).collect();
@@ -92,7 +92,7 @@ pub fn edges(
 }
 
 /// Fits a line at a ridge point; `None` if the edge is not straight.
-fn line(slope: &GreyImage, x: usize, y: usize, n: [f32; 2]) -> Option<Line> {
+fn line(slope: &GreyImage, x: usize, y: usize, n: [f32; 2]) -> Option<EdgeLine> {
     let t = [-n[1], n[0]];
     let across: Vec<f32> = steps(ACROSS, PITCH_PX);
     let rows = steps(ALONG, 1.0);
@@ -122,7 +122,7 @@ fn line(slope: &GreyImage, x: usize, y: usize, n: [f32; 2]) -> Option<Line> {
     }
     // u = middle + tilt·v, of which (1, −tilt) in (u, v) is the normal.
     let angle = n[1].atan2(n[0]) - tilt.atan();
-    Some(Line { x, y, angle, offset_px: middle * tilt.atan().cos() })
+    Some(EdgeLine { x, y, angle, offset_px: middle * tilt.atan().cos() })
 }
 
 /// The values from −`to` to `to`.

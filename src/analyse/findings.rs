@@ -9,7 +9,7 @@ use super::depth_clock::DepthOffset;
 use super::light_findings::LightFindings;
 use super::registration_result::{MAX_READOUT_SIGMA_S, Registration, Verdict};
 use super::rig_offset::RigOffset;
-use super::shutter::{ExposureRuns, Run};
+use super::shutter::{ExposureRun, ExposureRuns};
 use super::spatial_gain::SpatialGainFit;
 use super::spread::PointSpread;
 use super::surfel_file::SurfelMap;
@@ -136,7 +136,7 @@ pub struct ShutterFindings {
     #[serde(rename = "heard", default, skip_serializing_if = "Vec::is_empty")]
     pub samples: Vec<(usize, f64)>,
     /// Runs of frames in order; each frame is in one. Empty if the exposure is unknown.
-    pub runs: Vec<Run>,
+    pub runs: Vec<ExposureRun>,
     /// Nominal frame interval of a format without times, s. Exposures are known as fractions of it
     /// only.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -229,7 +229,7 @@ impl ShutterFindings {
         }
     }
 
-    fn about(&self, run: &Run) -> String {
+    fn about(&self, run: &ExposureRun) -> String {
         let time = self.shown(|n| format!("{} ± {}", n(run.exposure_s), n(run.sigma_s)));
         format!("{time}, by the blur of {} frames", run.samples)
     }
@@ -462,7 +462,7 @@ impl Findings {
         }
         if let Some(shutter) = &self.shutter {
             lines.extend(shutter.why.iter().map(|why| ("exposure", format!("unknown: {why}"))));
-            let of = |run: &Run| match shutter.runs.len() {
+            let of = |run: &ExposureRun| match shutter.runs.len() {
                 1 => shutter.about(run),
                 _ => format!("frames {} to {}, {}", run.from, run.to - 1, shutter.about(run)),
             };

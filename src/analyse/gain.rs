@@ -179,7 +179,7 @@ struct PairComparison {
     confirms: bool,
 }
 
-type Comparison = Result<PairComparison, PairFailure>;
+type PairResult = Result<PairComparison, PairFailure>;
 
 /// Why a pair has no ratio.
 enum PairFailure {
@@ -219,7 +219,7 @@ impl<'a> Gains<'a> {
     pub fn add(&mut self, frame: &Frame, state: CameraState, depth: &[f32], landmarks: &[Landmark]) {
         let new = self.prepared(frame, state, depth, landmarks);
         let window = &self.window;
-        let mut found: Vec<(usize, Comparison)> = self
+        let mut found: Vec<(usize, PairResult)> = self
             .gaps
             .iter()
             .filter_map(|gap| window.iter().position(|old| old.index + gap == new.index))
@@ -368,7 +368,7 @@ impl<'a> Gains<'a> {
         per_code * of.map(|seen| seen.noise[channel]).into_iter().fold(0.0, f64::hypot) / 2f64.sqrt()
     }
 
-    fn compared(&self, from: &GainFrame, to: &GainFrame) -> Comparison {
+    fn compared(&self, from: &GainFrame, to: &GainFrame) -> PairResult {
         let mut matches = match_by_landmarks(from, to);
         // Matches by landmarks do not depend on poses.
         let mut is_unsure = false;

@@ -2,7 +2,7 @@
 //! ([`gain`](super::gain)).
 
 use super::gain::Pair;
-use crate::fit::band::Band;
+use crate::fit::band::BandMatrix;
 use crate::fit::quantile::upper_median;
 
 /// Scale of the Cauchy loss, ln.
@@ -30,7 +30,7 @@ fn of_channel(pairs: &[Pair], frames: usize, channel: usize) -> Vec<f64> {
     let width = pairs.iter().map(|pair| pair.from.abs_diff(pair.to)).max().unwrap_or(0);
     let mut gains = vec![0.0; frames];
     for _ in 0..MAX_REWEIGHTINGS {
-        let mut equations = Band::new(frames, width);
+        let mut equations = BandMatrix::new(frames, width);
         for frame in 0..frames {
             equations.add(frame, frame, PRIOR_WEIGHT);
         }

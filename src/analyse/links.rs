@@ -22,7 +22,7 @@ const BATCH_PER_THREAD: usize = 4;
 
 /// The pairs that a pass aligns.
 #[derive(Clone, Copy, Debug)]
-pub struct Pass<'a> {
+pub struct LinkPass<'a> {
     /// Distances between linked frames, in frames.
     pub gaps: &'a [usize],
     /// Those of the distances at which later frames are also aligned to earlier ones.
@@ -41,7 +41,7 @@ pub struct Pass<'a> {
     pub finds_repeats: bool,
 }
 
-impl Pass<'_> {
+impl LinkPass<'_> {
     /// True if a frame is part of a pair.
     fn needs(&self, index: usize) -> bool {
         let begins = |gap: &usize| index.checked_sub(*gap).is_some_and(|from| from.is_multiple_of(self.stride));
@@ -77,7 +77,7 @@ pub fn links(
     recording: &Recording,
     states: &[Option<CameraState>],
     depths: &mut DepthSource<'_>,
-    pass: Pass<'_>,
+    pass: LinkPass<'_>,
     noise: Option<&NoiseProfile>,
     threads: usize,
     go_on: &mut dyn FnMut(usize) -> bool,

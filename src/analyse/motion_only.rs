@@ -11,7 +11,7 @@ use nalgebra::Matrix6;
 use super::align::Link;
 use super::clocks::RIGHT_PX;
 use super::evaluation::copy_repeated_states;
-use super::links::Pass;
+use super::links::LinkPass;
 use super::pass_runner::PassRunner;
 use super::plane_sweep::camera_model_for;
 use super::pose_graph;
@@ -46,7 +46,7 @@ pub fn refine_motion(
     let start = recorded(recording, 0.0);
     let distinct: Vec<_> = start.iter().zip(&repeats).map(|(state, repeats)| state.filter(|_| !repeats)).collect();
     let model = camera_model_for(geometry.clone(), recording, &distinct);
-    let pass = Pass {
+    let pass = LinkPass {
         gaps: &LINK_GAPS,
         backward_gaps: &LINK_GAPS,
         sparse: (&[], 1),

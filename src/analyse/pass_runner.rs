@@ -7,7 +7,7 @@ use super::checkpoint::Checkpoints;
 use super::depth_clock::{DepthClock, DepthOffset};
 use super::depth_source::DepthSource;
 use super::interrupted::Interrupted;
-use super::links::{Links, Pass, links};
+use super::links::{LinkPass, Links, links};
 use super::registration_result::RegistrationError;
 use super::sparse_frames;
 use super::state::CameraState;
@@ -39,7 +39,7 @@ impl PassRunner<'_> {
         model: &CameraModel,
         states: &[Option<CameraState>],
         depth_later_s: f64,
-        pass: Pass<'_>,
+        pass: LinkPass<'_>,
     ) -> Result<Links, RegistrationError> {
         let Self { recording, noise, threads, checkpoints, done, total, times, report } = self;
         let frames = recording.frame_count().div_ceil(pass.stride);

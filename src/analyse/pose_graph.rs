@@ -16,7 +16,7 @@ use nalgebra::Matrix6;
 use super::align::Link;
 use super::link_blur;
 use super::state::CameraState;
-use crate::fit::band::Band;
+use crate::fit::band::BandMatrix;
 use crate::fit::quantile::upper_median;
 use crate::fit::twist::{self, Twist};
 
@@ -87,7 +87,7 @@ fn solve_with_prior(
     let mut weights = blurred.clone();
     let mut corrections = prior_mean.to_vec();
     for _ in 0..REWEIGHTINGS {
-        let mut equations = Band::new(6 * count, 6 * band + 5);
+        let mut equations = BandMatrix::new(6 * count, 6 * band + 5);
         for (frame, at) in prior_mean.iter().enumerate() {
             add(&mut equations, frame, frame, &prior);
             add_right(&mut equations, frame, &(prior * at));
@@ -120,7 +120,7 @@ fn solve_with_prior(
 }
 
 /// Adds a block at rows and columns of frames; `row` ≥ `column`.
-fn add(equations: &mut Band, row: usize, column: usize, block: &Matrix6<f64>) {
+fn add(equations: &mut BandMatrix, row: usize, column: usize, block: &Matrix6<f64>) {
     for (r, c) in (0..6).flat_map(|r| (0..6).map(move |c| (r, c))) {
         let (at_row, at_column) = (6 * row + r, 6 * column + c);
         if at_column <= at_row {
@@ -129,7 +129,7 @@ fn add(equations: &mut Band, row: usize, column: usize, block: &Matrix6<f64>) {
     }
 }
 
-fn add_right(equations: &mut Band, frame: usize, values: &Twist) {
+fn add_right(equations: &mut BandMatrix, frame: usize, values: &Twist) {
     values.iter().enumerate().for_each(|(k, value)| equations.add_right(6 * frame + k, *value));
 }
 

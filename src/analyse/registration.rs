@@ -18,7 +18,7 @@ use super::clocks::{
 };
 use super::evaluation::{align_gauge, copy_repeated_states, held_out_residuals, median_residual_px};
 use super::interrupted::Interrupted;
-use super::links::Pass;
+use super::links::LinkPass;
 use super::motion_only;
 use super::pass_runner::PassRunner;
 use super::pose_graph;
@@ -92,7 +92,7 @@ pub fn register(
     // 2. Pose graph of all frames.
     let (backward_gaps, held_out_stride): (&[usize], usize) =
         if frames > LONG_RECORDING_FRAMES { (&LONG_BACKWARD_GAPS, LONG_HELD_OUT_STRIDE) } else { (&LINK_GAPS, 1) };
-    let first = Pass {
+    let first = LinkPass {
         gaps: &LINK_GAPS,
         backward_gaps,
         sparse: (&[], 1),
@@ -145,7 +145,7 @@ pub fn register(
     clocks::estimate_with_refined_poses(&mut runner, &mut shared, &mut found, &refined, given_s)?;
 
     // 4. Pose graph again, with links that are held out of the fit.
-    let again = Pass { sparse: (&HELD_OUT, held_out_stride), coarsest: 1, finest: 0, ..first };
+    let again = LinkPass { sparse: (&HELD_OUT, held_out_stride), coarsest: 1, finest: 0, ..first };
     let model = CameraModel::new(shared.geometry.clone());
     let linked = runner.links(times::AGAIN, &model, &refined, shared.depth_later_s, again)?;
     let takes_part = |link: &Link| LINK_GAPS.contains(&link.from.abs_diff(link.to));

@@ -6,7 +6,7 @@ use super::capture_info::CaptureInfo;
 use super::depth_source::DepthSource;
 use super::plane_sweep::camera_model_for;
 use super::registration_result::recorded;
-use super::shutter::Run;
+use super::shutter::ExposureRun;
 use super::spread::{EdgeSpreads, FrameMotion, PointSpread, stillest_frames};
 use super::state::CameraState;
 use crate::camera::{Geometry, Response};
@@ -22,7 +22,7 @@ pub struct SharpnessInputs<'a> {
     /// Added to the depth maps' times, s.
     pub depth_later_s: f64,
     /// Exposures by the frames' motion blur.
-    pub exposure_runs: &'a [Run],
+    pub exposure_runs: &'a [ExposureRun],
 }
 
 /// The point spread, or the reason for which it is unknown.

@@ -25,7 +25,7 @@ use serde::{Deserialize, Serialize};
 use super::blur_frame::{BlurFrame, halvings};
 use super::box_blur::ExposureGrid;
 use super::camera_model::CameraModel;
-use super::cross_blur::{Curve, compare};
+use super::cross_blur::{BlurCurve, compare};
 use super::state::CameraState;
 use super::warp_mesh::flow;
 use crate::camera::{NoiseProfile, Response};
@@ -84,7 +84,7 @@ pub struct ExposureSample {
 /// Consecutive frames of one exposure.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Run {
+pub struct ExposureRun {
     /// The first frame, and the one after the last.
     pub from: usize,
     pub to: usize,
@@ -99,7 +99,7 @@ pub struct Run {
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExposureRuns {
     /// Runs of frames in order; each frame is in one.
-    pub runs: Vec<Run>,
+    pub runs: Vec<ExposureRun>,
     /// Samples with a distinct minimum, in order.
     pub samples: Vec<ExposureSample>,
 }
@@ -165,7 +165,7 @@ impl<'a> Shutter<'a> {
         self.plan = rest;
         self.evidence.compared += ready.len();
         for (own, others) in ready {
-            let mut curves: Vec<(usize, Option<Curve>)> = others.into_iter().map(|other| (other, None)).collect();
+            let mut curves: Vec<(usize, Option<BlurCurve>)> = others.into_iter().map(|other| (other, None)).collect();
             let (frames, model, grid) = (&self.frames, self.model, self.grid);
             over_rows(&mut curves, 1, self.threads, |_, slot| {
                 let (other, curve) = &mut slot[0];
@@ -174,7 +174,7 @@ impl<'a> Shutter<'a> {
                 }
             });
             let least_px_s = min_flow_difference_px_s(self.model);
-            let curves: Vec<Curve> = curves
+            let curves: Vec<BlurCurve> = curves
                 .into_iter()
                 .filter_map(|(_, curve)| curve)
                 .filter(|curve| curve.flow_difference_px_s > least_px_s)
@@ -224,8 +224,8 @@ fn min_flow_difference_px_s(model: &CameraModel) -> f64 {
 
 /// Minimum of the mean curve, by a parabola through its lowest value and the two beside it, and its
 /// clarity. `None` without curves, and where the minimum is at the longest exposure of the grid.
-fn minimum(curves: &[Curve], grid: ExposureGrid) -> Option<(f64, f64)> {
-    let weight = |curve: &Curve| curve.patches as f64 * curve.flow_difference_px_s.powi(2);
+fn minimum(curves: &[BlurCurve], grid: ExposureGrid) -> Option<(f64, f64)> {
+    let weight = |curve: &BlurCurve| curve.patches as f64 * curve.flow_difference_px_s.powi(2);
     let whole: f64 = curves.iter().map(weight).sum();
     if curves.is_empty() {
         return None;
@@ -337,7 +337,7 @@ fn is_same_view(model: &CameraModel, a: &CameraState, b: &CameraState) -> bool {
 /// Segments the samples into runs of one exposure: minimum of Σ|ln s − median| plus a cost per run,
 /// with at least [`MIN_RUN_SAMPLES`] each. Neighbouring runs that differ by less than a fifth, or
 /// by less than 3 σ, are merged.
-fn runs(clear: &[ExposureSample], frames: usize) -> Vec<Run> {
+fn runs(clear: &[ExposureSample], frames: usize) -> Vec<ExposureRun> {
     let mut ends = segment_ends(clear);
     let part = |ends: &[usize], n: usize| &clear[if n == 0 { 0 } else { ends[n - 1] }..ends[n]];
     let scatter = successive_scatter(clear);
@@ -353,7 +353,7 @@ fn runs(clear: &[ExposureSample], frames: usize) -> Vec<Run> {
     let run = |n: usize| {
         let part = part(&ends, n);
         let (exposure_s, spread_s) = median_exposure(part);
-        Run {
+        ExposureRun {
             from: if n == 0 { 0 } else { border(n - 1) },
             to: if n + 1 == ends.len() { frames } else { border(n) },
             exposure_s: exposure_s.max(MIN_EXPOSURE_S),
@@ -432,7 +432,7 @@ mod tests {
 
     #[test]
     fn frames_that_differ_by_more_than_a_fifth_are_a_run() {
-        let row = |longer: f64| -> Vec<Run> {
+        let row = |longer: f64| -> Vec<ExposureRun> {
             let of = |n: usize| 10.0 * if (4..8).contains(&n) { longer } else { 1.0 } + 0.1 * (n % 3) as f64;
             let all: Vec<ExposureSample> = (0..12).map(|n| sample(8 * n + 2, of(n))).collect();
             runs(&all, 100)
@@ -466,7 +466,7 @@ mod tests {
     #[test]
     fn minimum_of_a_parabola_is_found_between_grid_points() {
         let grid = ExposureGrid { step_s: 0.001, count: 36 };
-        let curve = |at: f64| Curve {
+        let curve = |at: f64| BlurCurve {
             values: (0..36).map(|s| 0.01 + 0.001 * (f64::from(s) - at).powi(2)).collect(),
             patches: 10,
             flow_difference_px_s: 400.0,

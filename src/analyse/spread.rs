@@ -15,13 +15,13 @@
 use glam::DVec3;
 
 use super::camera_model::CameraModel;
-use super::edges::{ACROSS, ALONG, Line, edges};
+use super::edges::{ACROSS, ALONG, EdgeLine, edges};
 use super::state::{CameraState, move_point};
 use crate::camera::Response;
 use crate::fit::twist;
 use crate::frame::Frame;
 use crate::grey_image::GreyImage;
-use crate::measure::spread::{Sample, Step, fit};
+use crate::measure::spread::{EdgeSample, EdgeStep, fit};
 use crate::parallel::over_rows;
 use crate::pixels::Pixels;
 
@@ -126,7 +126,7 @@ impl<'a> EdgeSpreads<'a> {
         };
         let is_slow = |x: usize, y: usize, n: [f32; 2]| moved_px(x, y, n).is_some_and(|px| px <= MAX_EDGE_MOTION_PX);
         let lines = edges(&light, &clipped(&frame.pixels), MAX_EDGES_PER_FRAME, is_slow);
-        let mut found: Vec<(Line, Option<f64>)> = lines.into_iter().map(|line| (line, None)).collect();
+        let mut found: Vec<(EdgeLine, Option<f64>)> = lines.into_iter().map(|line| (line, None)).collect();
         over_rows(&mut found, 1, self.threads, |_, slot| {
             let (line, variance) = &mut slot[0];
             let (sin, cos) = line.angle.sin_cos();
@@ -189,8 +189,8 @@ fn clipped(pixels: &Pixels) -> Vec<bool> {
 
 /// Variance of the Gaussian that blurred an edge, px²; negative for an edge sharper than the
 /// pixels' own blur. `None` if it is no clean step.
-fn variance_px2(light: &GreyImage, line: &Line, moved_px: f64) -> Option<f64> {
-    let step = Step {
+fn variance_px2(light: &GreyImage, line: &EdgeLine, moved_px: f64) -> Option<f64> {
+    let step = EdgeStep {
         offset_px: line.offset_px.into(),
         angle: line.angle.into(),
         variance_px2: INITIAL_VARIANCE_PX2,
@@ -207,7 +207,7 @@ fn variance_px2(light: &GreyImage, line: &Line, moved_px: f64) -> Option<f64> {
                 continue;
             }
             let light = f64::from(light.values[y * light.width + x]);
-            samples.push(Sample { x: dx, y: dy, light, weight: 1.0 });
+            samples.push(EdgeSample { x: dx, y: dy, light, weight: 1.0 });
             if d.abs() > PLATEAU_PX {
                 let side = &mut plateaus[usize::from(d > 0.0)];
                 *side = (side.0 + 1.0, side.1 + light, side.2 + light * light);
@@ -246,7 +246,8 @@ mod tests {
 
     /// Light of an edge through the middle, dark 0.1 and bright 0.5, with a slope.
     fn drawn(side: usize, angle_deg: f64, sigma_px: f64, moved_px: f64) -> GreyImage {
-        let edge = Step { offset_px: 0.3, angle: angle_deg.to_radians(), variance_px2: sigma_px * sigma_px, moved_px };
+        let edge =
+            EdgeStep { offset_px: 0.3, angle: angle_deg.to_radians(), variance_px2: sigma_px * sigma_px, moved_px };
         let middle = (side / 2) as f64;
         let light = |i: usize| {
             let (d, t) = edge.place((i % side) as f64 - middle, (i / side) as f64 - middle);
@@ -332,7 +333,7 @@ mod tests {
     /// Measured σ of an edge that is rendered by coverage and then blurred.
     fn measured_px(sigma_px: f64, angle_deg: f64) -> f64 {
         const SIDE: usize = 33;
-        let edge = Step { offset_px: 0.2, angle: angle_deg.to_radians(), variance_px2: 0.0, moved_px: 0.0 };
+        let edge = EdgeStep { offset_px: 0.2, angle: angle_deg.to_radians(), variance_px2: 0.0, moved_px: 0.0 };
         let place = |i: usize| ((i % SIDE) as f64 - 16.0, (i / SIDE) as f64 - 16.0);
         let drawn: Vec<[f64; 4]> =
             (0..SIDE * SIDE).map(|i| [edge.share(edge.place(place(i).0, place(i).1).0); 4]).collect();
@@ -340,10 +341,10 @@ mod tests {
         let sample = |i: usize| {
             let (x, y) = place(i);
             let is_near = x.abs() < 12.0 && y.abs() < 12.0 && edge.place(x, y).0.abs() < 6.0;
-            is_near.then_some(Sample { x, y, light: blurred[i][0], weight: 1.0 })
+            is_near.then_some(EdgeSample { x, y, light: blurred[i][0], weight: 1.0 })
         };
-        let samples: Vec<Sample> = (0..SIDE * SIDE).filter_map(sample).collect();
-        fit(&samples, Step { variance_px2: 0.3, ..edge }, CONVERGENCE).unwrap().step.variance_px2.sqrt()
+        let samples: Vec<EdgeSample> = (0..SIDE * SIDE).filter_map(sample).collect();
+        fit(&samples, EdgeStep { variance_px2: 0.3, ..edge }, CONVERGENCE).unwrap().step.variance_px2.sqrt()
     }
 
     #[test]

@@ -27,7 +27,7 @@ const MEDIAN_SHIFT_WEIGHT: f64 = 0.02;
 
 /// A node of frame J, px of the reduced pictures.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Node {
+pub struct MeshNode {
     /// Its position in frame I.
     pub at: DVec2,
     /// Flow of J, and flow of I in J's axes, px/s.
@@ -41,7 +41,7 @@ pub struct Node {
 pub struct WarpMesh {
     across: usize,
     down: usize,
-    nodes: Vec<Node>,
+    nodes: Vec<MeshNode>,
     /// [`CameraModel::inverse_depth_tolerance`].
     inverse_depth_tolerance: f64,
 }
@@ -74,9 +74,9 @@ impl WarpMesh {
         i_from_j: &DAffine3,
         (x, y): (usize, usize),
         scale: usize,
-    ) -> Node {
+    ) -> MeshNode {
         let small = scale as f64;
-        let none = Node { at: DVec2::new(x as f64, y as f64), ..Node::default() };
+        let none = MeshNode { at: DVec2::new(x as f64, y as f64), ..MeshNode::default() };
         let (x, y) = (x * scale, y * scale);
         let Some((z, ray)) = depth_near(model, &j.depth, x, y) else { return none };
         let there = f64::from(z) * DVec3::from(ray.map(f64::from));
@@ -100,7 +100,7 @@ impl WarpMesh {
         let is_same = depth_there == 0.0 || is_same_surface(depth_there, far, model.depth_tolerance_m(far));
         let is_clipped =
             j.is_clipped_near(model, x as f64, y as f64) || (is_inside && i.is_clipped_near(model, at.x, at.y));
-        Node {
+        MeshNode {
             at: (at - 0.5) / small,
             own: own / small,
             other: other / small,
@@ -174,7 +174,7 @@ impl WarpMesh {
     }
 
     /// The middle node of a block, if all nine of its nodes are valid and on one surface.
-    pub fn block(&self, x: usize, y: usize) -> Option<&Node> {
+    pub fn block(&self, x: usize, y: usize) -> Option<&MeshNode> {
         let (cx, cy) = (x / CELL, y / CELL);
         if cx + 2 >= self.across || cy + 2 >= self.down {
             return None;

@@ -17,12 +17,12 @@ const LENS: [&str; 2] = ["camera.lens.f_number=2.8", "camera.lens.focus_distance
 
 /// Camera and settings, as held by the window during a slider drag.
 #[derive(Clone)]
-struct State {
+struct BenchSettings {
     rig: Rig,
     settings: Settings,
 }
 
-impl State {
+impl BenchSettings {
     fn new(load: &Load) -> Self {
         let mut rig = Rig::default();
         rig.lay_over(&load.geometry);
@@ -49,17 +49,18 @@ pub fn time(table: &mut Table<'_>, load: &Load, pixels: &Pixels) -> Result<(), S
     if !table.includes(CHANGED) && !table.includes(SAME) {
         return Ok(());
     }
-    let by_cost = |all: Vec<Parameter>, table: &Table<'_>| -> Result<Vec<(Parameter, [f64; 2])>, SubmitError> {
-        let mut found = Vec::new();
-        for parameter in all {
-            if let Some(pair) = parameter.time(table, load, pixels)? {
-                found.push((parameter, pair));
+    let by_cost =
+        |all: Vec<TimedParameter>, table: &Table<'_>| -> Result<Vec<(TimedParameter, [f64; 2])>, SubmitError> {
+            let mut found = Vec::new();
+            for parameter in all {
+                if let Some(pair) = parameter.time(table, load, pixels)? {
+                    found.push((parameter, pair));
+                }
             }
-        }
-        let ratio = |[changed, same]: [f64; 2]| changed / same;
-        found.sort_by(|(_, a), (_, b)| ratio(*b).total_cmp(&ratio(*a)));
-        Ok(found)
-    };
+            let ratio = |[changed, same]: [f64; 2]| changed / same;
+            found.sort_by(|(_, a), (_, b)| ratio(*b).total_cmp(&ratio(*a)));
+            Ok(found)
+        };
     let worst =
         by_cost(parameters(load), table)?.into_iter().take(REMEASURED).map(|(parameter, _)| parameter).collect();
     if let Some((parameter, [changed, same])) = by_cost(worst, table)?.into_iter().next() {
@@ -70,18 +71,18 @@ pub fn time(table: &mut Table<'_>, load: &Load, pixels: &Pixels) -> Result<(), S
 }
 
 /// A parameter with the name of its row and its initial state.
-struct Parameter {
+struct TimedParameter {
     name: String,
     table: &'static str,
     spec: Spec,
-    state: State,
+    state: BenchSettings,
 }
 
-fn parameters(load: &Load) -> Vec<Parameter> {
-    let state = State::new(load);
-    let of = |params: &dyn Params, label: &str, state: &State| -> Vec<_> {
+fn parameters(load: &Load) -> Vec<TimedParameter> {
+    let state = BenchSettings::new(load);
+    let of = |params: &dyn Params, label: &str, state: &BenchSettings| -> Vec<_> {
         let table = params.table();
-        let parameter = |spec: Spec| Parameter {
+        let parameter = |spec: Spec| TimedParameter {
             name: format!("{table}.{} {label}", spec.name).trim_end().to_owned(),
             table,
             spec,
@@ -101,7 +102,7 @@ fn parameters(load: &Load) -> Vec<Parameter> {
     all
 }
 
-impl Parameter {
+impl TimedParameter {
     /// Times of the value with the median ratio, milliseconds: right after the change, and
     /// unchanged. `None` if the parameter cannot be changed with this load, or its effect never
     /// runs.
@@ -119,7 +120,7 @@ impl Parameter {
 
     fn time_in(
         &self,
-        mut state: State,
+        mut state: BenchSettings,
         table: &Table<'_>,
         load: &Load,
         pixels: &Pixels,

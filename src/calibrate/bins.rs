@@ -45,7 +45,7 @@ pub struct BinReport {
 
 /// All pixels whose mean rounds to one quarter of a code.
 #[derive(Clone, Copy, Debug, Default)]
-struct Level {
+struct CodeLevel {
     /// Pixels times frames: all of them, and those in pixels that touched an end of the code range.
     seen: u64,
     touched: u64,
@@ -60,7 +60,7 @@ struct Level {
     sum: f64,
 }
 
-impl Level {
+impl CodeLevel {
     fn code(&self) -> f64 {
         self.codes / self.freedom
     }
@@ -70,7 +70,7 @@ impl Level {
 /// frames.
 #[derive(Clone, Debug)]
 pub(crate) struct Pool {
-    levels: [Vec<Level>; 3],
+    levels: [Vec<CodeLevel>; 3],
     channel: [CorrelationSums; 3],
     neighbour: [CorrelationSums; 2],
 }
@@ -111,7 +111,7 @@ impl CorrelationSums {
 impl Default for Pool {
     fn default() -> Self {
         Self {
-            levels: std::array::from_fn(|_| vec![Level::default(); LEVELS]),
+            levels: std::array::from_fn(|_| vec![CodeLevel::default(); LEVELS]),
             channel: Default::default(),
             neighbour: Default::default(),
         }
@@ -194,12 +194,12 @@ impl Pool {
 
     /// σ of each bin of a channel, over all scenes.
     pub fn bins(pools: &[Self], channel: usize, rules: &BinRules) -> Vec<BinReport> {
-        let mut bins: Vec<Bin> = (0..rules.bins)
+        let mut bins: Vec<BinFit> = (0..rules.bins)
             .map(|bin| {
                 let first = (bin * 256 * LEVELS_PER_CODE as usize).div_ceil(rules.bins).min(LEVELS);
                 let last = ((bin + 1) * 256 * LEVELS_PER_CODE as usize).div_ceil(rules.bins).min(LEVELS);
-                let levels: Vec<&[Level]> = pools.iter().map(|p| &p.levels[channel][first..last]).collect();
-                Bin::new(bin, &levels, rules)
+                let levels: Vec<&[CodeLevel]> = pools.iter().map(|p| &p.levels[channel][first..last]).collect();
+                BinFit::new(bin, &levels, rules)
             })
             .collect();
         shift_to_bin_centres(&mut bins, &rules.rounding);
@@ -212,16 +212,16 @@ impl Pool {
 /// One scene's estimate for a bin: the unclipped variance, rounding included, and the mean code of
 /// its pixels.
 #[derive(Clone, Copy, Debug)]
-struct Estimate {
+struct VarianceEstimate {
     mu: f64,
     variance: f64,
     code: f64,
     independent: f64,
 }
 
-impl Estimate {
-    fn new(levels: &[Level], independent_share: f64) -> Option<Self> {
-        let seen: Vec<&Level> = levels.iter().filter(|l| l.freedom > 0.0).collect();
+impl VarianceEstimate {
+    fn new(levels: &[CodeLevel], independent_share: f64) -> Option<Self> {
+        let seen: Vec<&CodeLevel> = levels.iter().filter(|l| l.freedom > 0.0).collect();
         let (mu, variance, usable) = unclipped(&seen);
         let freedom: f64 = usable.iter().map(|l| l.freedom).sum();
         let codes: f64 = usable.iter().map(|l| l.codes).sum();
@@ -235,15 +235,15 @@ impl Estimate {
 /// others. The result is the mean of σ with weights 1/(1/(2ν) + τ²): ν are a scene's degrees of
 /// freedom, τ² is the relative variance of σ between scenes (DerSimonian and Laird 1986; 0 if they
 /// agree). A single σ is low by 1/(4ν) on average; that is corrected.
-fn combined(estimates: &[Estimate]) -> Option<(Estimate, f64)> {
+fn combined(estimates: &[VarianceEstimate]) -> Option<(VarianceEstimate, f64)> {
     if let [only] = estimates {
         return Some((*only, only.independent));
     }
-    let mean = |weights: &[f64], of: &dyn Fn(&Estimate) -> f64| -> f64 {
+    let mean = |weights: &[f64], of: &dyn Fn(&VarianceEstimate) -> f64| -> f64 {
         let total: f64 = weights.iter().sum();
         weights.iter().zip(estimates).map(|(w, e)| w * of(e)).sum::<f64>() / total
     };
-    let sigma = |e: &Estimate| e.variance.sqrt() * (1.0 + 0.25 / e.independent.max(1.0));
+    let sigma = |e: &VarianceEstimate| e.variance.sqrt() * (1.0 + 0.25 / e.independent.max(1.0));
     let by_size: Vec<f64> = estimates.iter().map(|e| 2.0 * e.independent).collect();
     let total: f64 = by_size.iter().sum();
     if total <= 0.0 {
@@ -257,7 +257,7 @@ fn combined(estimates: &[Estimate]) -> Option<(Estimate, f64)> {
         between = ((spread - (estimates.len() as f64 - 1.0)) / divisor).max(0.0);
     }
     let weights: Vec<f64> = by_size.iter().map(|w| 1.0 / (1.0 / w + between)).collect();
-    let estimate = Estimate {
+    let estimate = VarianceEstimate {
         mu: mean(&weights, &|e| e.mu),
         variance: mean(&weights, &sigma).powi(2),
         code: mean(&weights, &|e| e.code),
@@ -267,19 +267,19 @@ fn combined(estimates: &[Estimate]) -> Option<(Estimate, f64)> {
 }
 
 /// A bin being estimated, with the variance at its pixels' own mean code if there is one.
-struct Bin {
+struct BinFit {
     report: BinReport,
-    found: Option<Estimate>,
+    found: Option<VarianceEstimate>,
 }
 
-impl Bin {
-    fn new(bin: usize, scenes: &[&[Level]], rules: &BinRules) -> Self {
+impl BinFit {
+    fn new(bin: usize, scenes: &[&[CodeLevel]], rules: &BinRules) -> Self {
         let edge = |k: usize| (k as f64 * 256.0 / rules.bins as f64).min(255.0);
         let (low, high) = (edge(bin), edge(bin + 1));
         let seen: u64 = scenes.iter().flat_map(|s| s.iter()).map(|l| l.seen).sum();
         let touched: u64 = scenes.iter().flat_map(|s| s.iter()).map(|l| l.touched).sum();
-        let estimates: Vec<Estimate> =
-            scenes.iter().filter_map(|levels| Estimate::new(levels, rules.independent_share)).collect();
+        let estimates: Vec<VarianceEstimate> =
+            scenes.iter().filter_map(|levels| VarianceEstimate::new(levels, rules.independent_share)).collect();
         let found = combined(&estimates);
         let worth = found.map_or(0.0, |f| f.1);
         let found = found.map(|f| f.0);
@@ -302,7 +302,7 @@ impl Bin {
 }
 
 /// μ, the unclipped variance, and the levels far enough from the ends to determine it.
-fn unclipped<'a>(levels: &[&'a Level]) -> (f64, f64, Vec<&'a Level>) {
+fn unclipped<'a>(levels: &[&'a CodeLevel]) -> (f64, f64, Vec<&'a CodeLevel>) {
     // Clipping only reduces variance, so start from the largest of the levels' variances.
     let most = levels.iter().map(|l| l.freedom).fold(0.0, f64::max).min(MIN_START_FREEDOM);
     let telling = levels.iter().filter(|l| l.freedom >= most);
@@ -327,7 +327,7 @@ fn unclipped<'a>(levels: &[&'a Level]) -> (f64, f64, Vec<&'a Level>) {
 }
 
 /// The σ at which the levels' expected squares sum to `squares`.
-fn solve(levels: &[&Level], squares: f64, start: f64) -> f64 {
+fn solve(levels: &[&CodeLevel], squares: f64, start: f64) -> f64 {
     let expected = |sigma: f64| -> f64 {
         levels
             .iter()
@@ -367,7 +367,7 @@ pub(crate) fn chi_square_interval(freedom: f64) -> Option<[f64; 2]> {
 
 /// Moves each estimate from its pixels' mean code to the middle of its bin, along the slope between
 /// its neighbours.
-fn shift_to_bin_centres(bins: &mut [Bin], rounding: &Rounding) {
+fn shift_to_bin_centres(bins: &mut [BinFit], rounding: &Rounding) {
     let points: Vec<Option<(f64, f64)>> = bins
         .iter()
         .map(|b| b.found.filter(|_| !b.report.filled_from_neighbours).map(|e| (e.code, e.variance)))
@@ -419,7 +419,7 @@ mod tests {
 
     #[test]
     fn scenes_that_agree_are_weighted_by_size_and_others_equally() {
-        let scene = |variance: f64, independent: f64| Estimate { mu: 0.0, variance, code: 8.0, independent };
+        let scene = |variance: f64, independent: f64| VarianceEstimate { mu: 0.0, variance, code: 8.0, independent };
         let (agreed, worth) = combined(&[scene(1.0, 9000.0), scene(1.02, 1000.0)]).unwrap();
         assert!((agreed.variance - 1.002).abs() < 1e-4 && (worth - 10000.0).abs() < 1e-6, "{agreed:?} {worth}");
         let (apart, worth) = combined(&[scene(1.0, 9_000_000.0), scene(4.0, 1_000_000.0)]).unwrap();

@@ -55,7 +55,7 @@ const STRATA: usize = 16;
 
 /// The data kept of a block, in 8-bit code values.
 #[derive(Clone, Debug)]
-struct Block {
+struct SampledBlock {
     mean: [f32; 3],
     /// Mean products of residuals by distance. The first is the variance.
     products: [[f32; LAGS]; 3],
@@ -79,7 +79,7 @@ pub struct MovingCalibrator {
     frames: usize,
     blocks: u64,
     /// Number of blocks and a random sample of them, by green's mean.
-    strata: [(u64, Vec<Block>); STRATA],
+    strata: [(u64, Vec<SampledBlock>); STRATA],
     seen: [Vec<PixelCounts>; 3],
 }
 
@@ -132,10 +132,10 @@ impl MovingCalibrator {
     }
 
     /// A block's sums. `None` if it is clipped or too quiet.
-    fn block(&mut self, frame: &Pixels, x0: usize, y0: usize) -> Option<Block> {
+    fn block(&mut self, frame: &Pixels, x0: usize, y0: usize) -> Option<SampledBlock> {
         let pixels = (SIDE * SIDE) as f64;
         let quiet = MIN_VARIANCE * self.rounding().frame_step.powi(2);
-        let mut block = Block { mean: [0.0; 3], products: [[0.0; LAGS]; 3], cross: [0.0; 3] };
+        let mut block = SampledBlock { mean: [0.0; 3], products: [[0.0; LAGS]; 3], cross: [0.0; 3] };
         let mut usable = true;
         let mut residuals = [[0.0; SIDE * SIDE]; 3];
         for (channel, values) in residuals.iter_mut().enumerate() {
@@ -164,7 +164,7 @@ impl MovingCalibrator {
     }
 
     /// Keeps a block, at random once there are too many (Vitter 1985, algorithm R).
-    fn keep(&mut self, block: Block) {
+    fn keep(&mut self, block: SampledBlock) {
         let (came, kept) = &mut self.strata[bin_of(f64::from(block.mean[1]), STRATA)];
         *came += 1;
         if kept.len() < CAPACITY {
@@ -182,7 +182,7 @@ impl MovingCalibrator {
         Rounding { frame_step, mean_step: None }
     }
 
-    fn blocks(&self) -> impl Iterator<Item = &Block> {
+    fn blocks(&self) -> impl Iterator<Item = &SampledBlock> {
         self.strata.iter().flat_map(|(_, kept)| kept)
     }
 
@@ -379,7 +379,7 @@ fn interpolate(points: &[(f64, f64)], at: f64) -> Option<f64> {
 
 /// A block's variance relative to the one expected at its intensity, clipping included. `variance`
 /// is at the bins' middles. `None` too near to an end.
-fn ratio(block: &Block, channel: usize, variance: &[f64]) -> Option<f64> {
+fn ratio(block: &SampledBlock, channel: usize, variance: &[f64]) -> Option<f64> {
     let code = f64::from(block.mean[channel]);
     let bins = variance.len();
     let at = (code * bins as f64 / 256.0 - 0.5).clamp(0.0, bins as f64 - 1.0);

@@ -10,7 +10,7 @@ use glam::{DVec2, DVec3};
 
 /// The mapping from directions to pixel positions.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Curve {
+pub enum CurvedProjection {
     /// Equidistant: θ = r·fov/2, r = 1 on the circle (Lemme p.36-39). Up to 2π.
     Fisheye { fov_rad: f64 },
     /// Longitude and latitude, equirectangular: θ = y·fov_y/2 above and φ = x·fov_x/2 to the right
@@ -25,7 +25,7 @@ pub enum Curve {
 /// A curved camera with its picture's size.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Curved {
-    pub curve: Curve,
+    pub curve: CurvedProjection,
     pub width_px: u32,
     pub height_px: u32,
 }
@@ -47,12 +47,12 @@ impl Curved {
         let off_axis = d.truncate().length();
         let theta = off_axis.atan2(d.z);
         let radius = match self.curve {
-            Curve::Environment { fov_rad } => {
+            CurvedProjection::Environment { fov_rad } => {
                 let (phi, above) = (d.x.atan2(d.z), (-d.y).atan2(d.x.hypot(d.z)));
                 return Some(half + half * DVec2::new(2.0 * phi / fov_rad.x, -2.0 * above / fov_rad.y));
             }
-            Curve::Fisheye { fov_rad } => 2.0 * theta / fov_rad,
-            Curve::LittlePlanet { fov_rad } => (0.5 * theta).tan() / (0.25 * fov_rad).tan(),
+            CurvedProjection::Fisheye { fov_rad } => 2.0 * theta / fov_rad,
+            CurvedProjection::LittlePlanet { fov_rad } => (0.5 * theta).tan() / (0.25 * fov_rad).tan(),
         };
         if off_axis < MIN_OFF_AXIS {
             return (d.z > 0.0).then_some(half);
@@ -67,17 +67,17 @@ impl Curved {
         let from_middle = at_px - half;
         let r = from_middle.length() / half.min_element();
         let theta = match self.curve {
-            Curve::Environment { fov_rad } => {
+            CurvedProjection::Environment { fov_rad } => {
                 let DVec2 { x: phi, y: below } = 0.5 * fov_rad * from_middle / half;
                 // The tolerance includes the picture's own border despite rounding.
                 let inside = phi.abs() <= PI * (1.0 + 1e-12) && below.abs() <= 0.5 * PI * (1.0 + 1e-12);
                 let d = DVec3::new(phi.sin() * below.cos(), below.sin(), phi.cos() * below.cos());
                 return inside.then_some(d);
             }
-            Curve::Fisheye { fov_rad } => 0.5 * r * fov_rad,
-            Curve::LittlePlanet { fov_rad } => 2.0 * (r * (0.25 * fov_rad).tan()).atan(),
+            CurvedProjection::Fisheye { fov_rad } => 0.5 * r * fov_rad,
+            CurvedProjection::LittlePlanet { fov_rad } => 2.0 * (r * (0.25 * fov_rad).tan()).atan(),
         };
-        if matches!(self.curve, Curve::Fisheye { .. }) && (r > 1.0 + 1e-12 || theta > PI * (1.0 + 1e-12)) {
+        if matches!(self.curve, CurvedProjection::Fisheye { .. }) && (r > 1.0 + 1e-12 || theta > PI * (1.0 + 1e-12)) {
             return None;
         }
         let towards = from_middle.try_normalize().unwrap_or(DVec2::X);
@@ -99,7 +99,7 @@ mod tests {
     #[test]
     fn fisheye_matches_hand_calculation() {
         // 180° over 400 px: 90° are 200 px, 45° are 100.
-        let f = Curved { curve: Curve::Fisheye { fov_rad: PI }, width_px: 600, height_px: 400 };
+        let f = Curved { curve: CurvedProjection::Fisheye { fov_rad: PI }, width_px: 600, height_px: 400 };
         let at = f.project(DVec3::new(2.0, 0.0, 2.0)).unwrap();
         assert!((at - DVec2::new(400.0, 200.0)).length() < 1e-9, "{at}");
         let at = f.project(RIGHT_BELOW).unwrap();
@@ -112,7 +112,7 @@ mod tests {
     #[test]
     fn environment_matches_hand_calculation() {
         let fov_rad = DVec2::new(2.0 * PI, PI);
-        let e = Curved { curve: Curve::Environment { fov_rad }, width_px: 720, height_px: 360 };
+        let e = Curved { curve: CurvedProjection::Environment { fov_rad }, width_px: 720, height_px: 360 };
         // Two px per degree: 90° to the right; 30° up and 60° to the left.
         assert!((e.project(DVec3::X).unwrap() - DVec2::new(540.0, 180.0)).length() < 1e-9);
         let d = DVec3::new(-degrees(60.0).sin() * degrees(30.0).cos(), -0.5, 0.5 * degrees(30.0).cos());
@@ -124,7 +124,7 @@ mod tests {
     fn little_planet_matches_hand_calculation() {
         // 180° on the circle: tan 45° = 1. 90° off the axis lies on the circle, 45° at tan 22.5° =
         // √2 − 1 of it.
-        let p = Curved { curve: Curve::LittlePlanet { fov_rad: PI }, width_px: 200, height_px: 200 };
+        let p = Curved { curve: CurvedProjection::LittlePlanet { fov_rad: PI }, width_px: 200, height_px: 200 };
         assert!((p.project(DVec3::X).unwrap() - DVec2::new(200.0, 100.0)).length() < 1e-9);
         let at = p.project(DVec3::new(0.0, 1.0, 1.0)).unwrap();
         assert!((at - DVec2::new(100.0, 100.0 + 100.0 * (2f64.sqrt() - 1.0))).length() < 1e-9, "{at}");
@@ -142,28 +142,28 @@ mod tests {
         #[test]
         fn round_trip_over_the_whole_picture(x in 0.0f64..=1.0, y in 0.0f64..=1.0, fov in 0.1f64..6.2, wide in 1u32..900, high in 1u32..900) {
             let curves = [
-                Curve::Fisheye { fov_rad: fov },
-                Curve::LittlePlanet { fov_rad: fov },
-                Curve::Environment { fov_rad: DVec2::new(fov, 0.5 * fov) },
-                Curve::Environment { fov_rad: DVec2::new(2.0 * PI, PI) },
+                CurvedProjection::Fisheye { fov_rad: fov },
+                CurvedProjection::LittlePlanet { fov_rad: fov },
+                CurvedProjection::Environment { fov_rad: DVec2::new(fov, 0.5 * fov) },
+                CurvedProjection::Environment { fov_rad: DVec2::new(2.0 * PI, PI) },
             ];
             for curve in curves {
                 let c = Curved { curve, width_px: wide, height_px: high };
                 let at = DVec2::new(x * f64::from(wide), y * f64::from(high));
                 let Some(d) = c.unproject(at) else {
                     let r = 2.0 * (at - c.half_px()).length() / f64::from(wide.min(high));
-                    let beyond = matches!(curve, Curve::Fisheye { .. }) && r > 1.0;
+                    let beyond = matches!(curve, CurvedProjection::Fisheye { .. }) && r > 1.0;
                     prop_assert!(beyond, "nothing at {}", at);
                     continue;
                 };
                 prop_assert!((d.length() - 1.0).abs() < 1e-12);
                 // Straight up, down and back have more than one position.
-                if d.truncate().length() < 1e-4 && d.z < 0.0 || (d.x.hypot(d.z) < 1e-4 && matches!(curve, Curve::Environment { .. })) {
+                if d.truncate().length() < 1e-4 && d.z < 0.0 || (d.x.hypot(d.z) < 1e-4 && matches!(curve, CurvedProjection::Environment { .. })) {
                     continue;
                 }
                 // The left and right borders are the same direction.
                 let off = (c.project(d).unwrap() - at).abs();
-                let off = if matches!(curve, Curve::Environment { .. }) { off.x.min((off.x - f64::from(wide)).abs()).max(off.y) } else { off.length() };
+                let off = if matches!(curve, CurvedProjection::Environment { .. }) { off.x.min((off.x - f64::from(wide)).abs()).max(off.y) } else { off.length() };
                 prop_assert!(off < 1e-6 * f64::from(wide.max(high)), "{curve:?} {at} {d}: {off}");
             }
         }

@@ -1,7 +1,7 @@
 //! The cameras of the lecture slides as matrices: look-at, perspective, window, parallel, viewport.
 //!
 //! Axes here are those of the slides and of OpenGL: x right, y up, the camera looks along −z.
-//! Device coordinates are x and y from −1 to 1, y up, and z in one of two [`Depth`] ranges. The
+//! Device coordinates are x and y from −1 to 1, y up, and z in one of two [`DepthRange`] ranges. The
 //! program itself uses [`super::Geometry`] (x right, y down, z forward); the tests compare the two.
 //! Corrections to the slides are noted where they apply.
 
@@ -9,14 +9,14 @@ use glam::{DMat3, DMat4, DVec2, DVec3, DVec4};
 
 /// The range of depth between the near and the far plane.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Depth {
+pub enum DepthRange {
     /// −1 to 1: the slides, OpenGL.
     Signed,
     /// 0 to 1: wgpu. Lemme p.20 states this; the matrix on p.22 gives 0 to −1.
     ZeroToOne,
 }
 
-impl Depth {
+impl DepthRange {
     /// Maps −1..1 to this range.
     fn of_signed(self) -> DMat4 {
         match self {
@@ -64,7 +64,7 @@ pub fn from_reference_point(prp: DVec3, vpn: DVec3, vup: DVec3) -> Option<DMat4>
 ///
 /// Wu p.57-60 for a camera along −z: A = (n+f)/(n−f), B = 2fn/(n−f), last row −1. As printed, B has
 /// far·far and the last row +1, which with its A is a camera along +z.
-pub fn perspective(fov_y_rad: f64, aspect: f64, near_m: f64, far_m: f64, depth: Depth) -> DMat4 {
+pub fn perspective(fov_y_rad: f64, aspect: f64, near_m: f64, far_m: f64, depth: DepthRange) -> DMat4 {
     let cot = 1.0 / (0.5 * fov_y_rad).tan();
     let (a, b) = ((near_m + far_m) / (near_m - far_m), 2.0 * far_m * near_m / (near_m - far_m));
     let signed = DMat4::from_cols(
@@ -90,14 +90,14 @@ pub fn window_shear(centre: DVec2, distance_m: f64) -> DMat4 {
 
 /// Perspective through a window at the near plane that need not be centred on the axis: shear, then
 /// [`perspective`].
-pub fn off_centre(window: Window, near_m: f64, far_m: f64, depth: Depth) -> DMat4 {
+pub fn off_centre(window: Window, near_m: f64, far_m: f64, depth: DepthRange) -> DMat4 {
     let half = window.half_size();
     let fov_y_rad = 2.0 * (half.y / near_m).atan();
     perspective(fov_y_rad, half.x / half.y, near_m, far_m, depth) * window_shear(window.centre(), near_m)
 }
 
 /// Parallel projection of everything behind a window, from z = −near to z = −far (Lemme p.20).
-pub fn orthographic(window: Window, near_m: f64, far_m: f64, depth: Depth) -> DMat4 {
+pub fn orthographic(window: Window, near_m: f64, far_m: f64, depth: DepthRange) -> DMat4 {
     let to_middle = DVec3::new(-window.centre().x, -window.centre().y, 0.5 * (near_m + far_m));
     let half = window.half_size();
     let to_unit = DVec3::new(1.0 / half.x, 1.0 / half.y, -2.0 / (far_m - near_m));
@@ -133,13 +133,13 @@ mod tests {
 
         // 90° and 4:3, near 1, far 3: A = 4/−2 = −2, B = 6/−2 = −3. (1, 1, −2): x 0.75/2, y 1/2, z
         // (4 − 3)/2.
-        let p = perspective(90f64.to_radians(), 4.0 / 3.0, 1.0, 3.0, Depth::Signed);
+        let p = perspective(90f64.to_radians(), 4.0 / 3.0, 1.0, 3.0, DepthRange::Signed);
         let p = p.project_point3(DVec3::new(1.0, 1.0, -2.0));
         assert!((p - DVec3::new(0.375, 0.5, 0.5)).length() < 1e-12, "{p}");
 
         // A window from 0 to 1 at a distance of 2: points behind its centre are at the picture's.
         let window = Window { low: DVec2::ZERO, high: DVec2::ONE };
-        let m = off_centre(window, 2.0, 9.0, Depth::ZeroToOne);
+        let m = off_centre(window, 2.0, 9.0, DepthRange::ZeroToOne);
         assert!(m.project_point3(DVec3::new(0.5, 0.5, -2.0)).length() < 1e-12);
         assert!(m.project_point3(DVec3::new(1.0, 1.0, -4.0)).truncate().length() < 1e-12);
         let corner = m.project_point3(DVec3::new(4.5, 4.5, -9.0));
@@ -150,7 +150,7 @@ mod tests {
             Window { low: DVec2::new(-1.0, -0.75), high: DVec2::new(1.0, 0.75) },
             0.0,
             4.0,
-            Depth::ZeroToOne,
+            DepthRange::ZeroToOne,
         );
         let p = DVec3::new(0.25, 0.375, -1.0);
         assert_eq!((viewport(640, 480, true) * m).transform_point3(p), DVec3::new(400.0, 120.0, 0.25));
@@ -160,7 +160,7 @@ mod tests {
     #[test]
     fn near_and_far_map_to_the_ends_of_the_depth_range() {
         let window = Window { low: DVec2::new(-0.2, -0.1), high: DVec2::new(0.4, 0.3) };
-        for (depth, ends) in [(Depth::Signed, [-1.0, 1.0]), (Depth::ZeroToOne, [0.0, 1.0])] {
+        for (depth, ends) in [(DepthRange::Signed, [-1.0, 1.0]), (DepthRange::ZeroToOne, [0.0, 1.0])] {
             for m in [
                 perspective(0.8, 1.5, NEAR, FAR, depth),
                 off_centre(window, NEAR, FAR, depth),
@@ -189,12 +189,12 @@ mod tests {
             let far = near + depth;
             let w = Window { low: DVec2::from(low), high: DVec2::from(low) + DVec2::from(size) };
             let (l, r, b, t) = (w.low.x, w.high.x, w.low.y, w.high.y);
-            prop_assert!(same(perspective(fov, aspect, near, far, Depth::Signed), proj::opengl::perspective(fov, aspect, near, far)));
-            prop_assert!(same(perspective(fov, aspect, near, far, Depth::ZeroToOne), proj::directx::perspective(fov, aspect, near, far)));
-            prop_assert!(same(off_centre(w, near, far, Depth::Signed), proj::opengl::frustum(l, r, b, t, near, far)));
-            prop_assert!(same(off_centre(w, near, far, Depth::ZeroToOne), proj::directx::frustum(l, r, b, t, near, far)));
-            prop_assert!(same(orthographic(w, near, far, Depth::Signed), proj::opengl::orthographic(l, r, b, t, near, far)));
-            prop_assert!(same(orthographic(w, near, far, Depth::ZeroToOne), proj::directx::orthographic(l, r, b, t, near, far)));
+            prop_assert!(same(perspective(fov, aspect, near, far, DepthRange::Signed), proj::opengl::perspective(fov, aspect, near, far)));
+            prop_assert!(same(perspective(fov, aspect, near, far, DepthRange::ZeroToOne), proj::directx::perspective(fov, aspect, near, far)));
+            prop_assert!(same(off_centre(w, near, far, DepthRange::Signed), proj::opengl::frustum(l, r, b, t, near, far)));
+            prop_assert!(same(off_centre(w, near, far, DepthRange::ZeroToOne), proj::directx::frustum(l, r, b, t, near, far)));
+            prop_assert!(same(orthographic(w, near, far, DepthRange::Signed), proj::opengl::orthographic(l, r, b, t, near, far)));
+            prop_assert!(same(orthographic(w, near, far, DepthRange::ZeroToOne), proj::directx::orthographic(l, r, b, t, near, far)));
         }
 
         /// The slides' chain from world to raster equals the program's camera: OpenCV's axes, focal
@@ -209,7 +209,7 @@ mod tests {
             let low = DVec2::from(low);
             let window = Window { low, high: low + DVec2::new(4.0, 3.0) * size / 4.0 };
             let near = 0.7;
-            let chain = viewport(640, 480, true) * off_centre(window, near, 100.0, Depth::ZeroToOne) * look_at(eye, target, DVec3::Z).unwrap();
+            let chain = viewport(640, 480, true) * off_centre(window, near, 100.0, DepthRange::ZeroToOne) * look_at(eye, target, DVec3::Z).unwrap();
             let raster = chain.project_point3(point);
             let px_a_metre = 640.0 / (2.0 * window.half_size().x);
             let middle = window.centre() * px_a_metre;

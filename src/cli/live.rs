@@ -150,7 +150,7 @@ fn headless(args: &Args, output: &Path) -> Result<()> {
     let max_wait_s = camera.opened.max_wait_s();
     let lenses = camera.opened.lens_track(&shot.rig);
     let mut live = LiveCompositor::new(&shot, &mut compositor, about.max_gap_s, max_wait_s, writer, lenses)?;
-    let mut tally = Tally::default();
+    let mut tally = LiveTally::default();
     let mut session = camera.start()?;
     let done = write_on_thread(sink, |send| {
         composite_frames(&mut session, &mut live, &mut tally, args.camera.pictures.quiet, send)
@@ -188,7 +188,7 @@ fn headless(args: &Args, output: &Path) -> Result<()> {
 
 /// Statistics for the closing lines.
 #[derive(Default)]
-struct Tally {
+struct LiveTally {
     not_recorded: u64,
     latency: LatencyHistogram,
     loss: TrackingLoss,
@@ -224,7 +224,7 @@ impl TrackingLoss {
 fn composite_frames(
     session: &mut CameraSession,
     live: &mut LiveCompositor<'_>,
-    tally: &mut Tally,
+    tally: &mut LiveTally,
     quiet: bool,
     mut send: impl FnMut(Composited) -> bool,
 ) -> Result<()> {

@@ -34,7 +34,7 @@ pub fn run(args: &Args) -> Result<()> {
     let settings = PartialExposure { f_number: args.aperture, time_s: args.shutter, iso: args.iso }
         .or(shot.exposure_settings(frame));
     let scene = shot.scene_light(frame, args.lux)?;
-    let report = Report { args, settings, scene, limits: shot.limits(frame, settings.f_number) };
+    let report = MeterReport { args, settings, scene, limits: shot.limits(frame, settings.f_number) };
     let mut out = std::io::stdout().lock();
     if json {
         let json = report.json(shot.recording.timestamps_s.get(frame).copied().unwrap_or_default());
@@ -44,7 +44,7 @@ pub fn run(args: &Args) -> Result<()> {
     report.print(&mut out)
 }
 
-struct Report<'a> {
+struct MeterReport<'a> {
     args: &'a LightArgs,
     /// The settings to meter for.
     settings: PartialExposure,
@@ -52,7 +52,7 @@ struct Report<'a> {
     limits: Limits,
 }
 
-impl Report<'_> {
+impl MeterReport<'_> {
     fn iso(&self) -> f64 {
         self.settings.iso.unwrap_or(DEFAULT_ISO)
     }

@@ -6,7 +6,7 @@ use anyhow::{Result, bail};
 use glam::{DVec2, DVec3};
 
 use super::{print_status, warn};
-use locard_engine::camera::curved::{Curve, Curved};
+use locard_engine::camera::curved::{Curved, CurvedProjection};
 use locard_engine::camera::{Distortion, Geometry, Intrinsics, Response};
 use locard_engine::export::Inputs;
 use locard_engine::gpu::Gpu;
@@ -21,8 +21,8 @@ pub struct Args {
     /// A .glb or .gltf, or a scene.toml
     scene: PathBuf,
     /// Projection of directions into the picture
-    #[arg(long, value_enum, default_value_t = Kind::Perspective)]
-    camera: Kind,
+    #[arg(long, value_enum, default_value_t = RenderProjection::Perspective)]
+    camera: RenderProjection,
     /// Width and height in pixels; by default 1024x768, 1024x1024 for a circle, 2048x1024 for an
     /// environment
     #[arg(long, value_name = "WxH", value_parser = size)]
@@ -64,7 +64,7 @@ pub struct Args {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-enum Kind {
+enum RenderProjection {
     /// A pinhole
     Perspective,
     /// Parallel rays
@@ -79,7 +79,7 @@ enum Kind {
     LittlePlanet,
 }
 
-impl Kind {
+impl RenderProjection {
     fn is_equirectangular(self) -> bool {
         matches!(self, Self::Fisheye | Self::LittlePlanet)
     }
@@ -150,7 +150,7 @@ pub fn run(args: &Args) -> Result<()> {
         warn(args.quiet, &text);
     }
     let has_picture = matches!(scene.lighting.environment, Environment::Map(_));
-    let background = has_picture && !args.transparent && args.camera != Kind::Orthographic;
+    let background = has_picture && !args.transparent && args.camera != RenderProjection::Orthographic;
     let still = Still { projection, pose, background };
     let gpu = Gpu::open()?;
     let mut renderer = Renderer::new(&gpu, scene);
@@ -170,23 +170,23 @@ fn check(args: &Args) -> Result<()> {
     let kind = args.camera;
     if let Some((fov, second)) = args.fov {
         let largest = kind.largest_fov_deg();
-        if kind == Kind::Orthographic {
+        if kind == RenderProjection::Orthographic {
             bail!("--fov: parallel rays have no angle of view; --height says how much is seen, in metres");
         }
-        if second.is_some() && kind != Kind::Environment {
+        if second.is_some() && kind != RenderProjection::Environment {
             bail!("--fov: this camera has one angle of view; two are for --camera environment");
         }
         if fov > largest || second.is_some_and(|fov| fov > 180.0) {
-            let also = if kind == Kind::Environment { " by 180" } else { "" };
+            let also = if kind == RenderProjection::Environment { " by 180" } else { "" };
             bail!("--fov {}: accepted is up to {largest}{also} degrees for this camera", short(second.unwrap_or(fov)));
         }
     }
-    if args.height.is_some() && kind != Kind::Orthographic {
+    if args.height.is_some() && kind != RenderProjection::Orthographic {
         bail!("--height is for --camera orthographic; this camera has an angle of view, --fov");
     }
     match (args.shift, kind) {
-        (None, Kind::OffCentre) => bail!("--camera off-centre needs --shift X,Y, as in --shift 0,0.25"),
-        (Some(_), kind) if kind != Kind::OffCentre => bail!("--shift is for --camera off-centre"),
+        (None, RenderProjection::OffCentre) => bail!("--camera off-centre needs --shift X,Y, as in --shift 0,0.25"),
+        (Some(_), kind) if kind != RenderProjection::OffCentre => bail!("--shift is for --camera off-centre"),
         (Some(shift), _) if shift.iter().any(|s| s.abs() > 10.0) => bail!("--shift: accepted is -10 to 10"),
         _ => Ok(()),
     }
@@ -225,7 +225,7 @@ fn pose(args: &Args, (middle, radius): (DVec3, f64), scene_up: DVec3) -> Result<
     let eye = args.from.map(DVec3::from).unwrap_or_else(|| {
         let at = target.unwrap_or(middle);
         match args.camera {
-            Kind::Environment | Kind::LittlePlanet => at + radius * up,
+            RenderProjection::Environment | RenderProjection::LittlePlanet => at + radius * up,
             kind => {
                 // Half of the field of view across the smaller side. The sphere fills nine tenths
                 // of it.
@@ -240,8 +240,8 @@ fn pose(args: &Args, (middle, radius): (DVec3, f64), scene_up: DVec3) -> Result<
         }
     });
     let target = target.unwrap_or(match args.camera {
-        Kind::Environment => eye + ahead,
-        Kind::LittlePlanet => eye - up,
+        RenderProjection::Environment => eye + ahead,
+        RenderProjection::LittlePlanet => eye - up,
         _ => middle,
     });
     // If the viewing direction is up and no other up was given, ahead becomes up.
@@ -258,7 +258,7 @@ fn pose(args: &Args, (middle, radius): (DVec3, f64), scene_up: DVec3) -> Result<
 
 fn picture_size(args: &Args) -> (u32, u32) {
     args.size.unwrap_or(match args.camera {
-        Kind::Environment => (2048, 1024),
+        RenderProjection::Environment => (2048, 1024),
         kind if kind.is_equirectangular() => (1024, 1024),
         _ => (1024, 768),
     })
@@ -270,19 +270,19 @@ fn projection(args: &Args, (_, radius): (DVec3, f64)) -> Projection {
     let fov_rad = args.fov.map_or(args.camera.default_fov_deg(), |fov| fov.0).to_radians();
     let curved = |curve| Projection::Curved(Curved { curve, width_px, height_px });
     match args.camera {
-        Kind::Fisheye => curved(Curve::Fisheye { fov_rad }),
-        Kind::LittlePlanet => curved(Curve::LittlePlanet { fov_rad }),
-        Kind::Environment => {
+        RenderProjection::Fisheye => curved(CurvedProjection::Fisheye { fov_rad }),
+        RenderProjection::LittlePlanet => curved(CurvedProjection::LittlePlanet { fov_rad }),
+        RenderProjection::Environment => {
             let vertical =
                 args.fov.and_then(|fov| fov.1).map_or((0.5 * fov_rad).min(std::f64::consts::PI), f64::to_radians);
-            curved(Curve::Environment { fov_rad: DVec2::new(fov_rad, vertical) })
+            curved(CurvedProjection::Environment { fov_rad: DVec2::new(fov_rad, vertical) })
         }
-        Kind::Orthographic => {
+        RenderProjection::Orthographic => {
             // The bounding sphere with a margin of a tenth.
             let height_m = args.height.unwrap_or(2.2 * radius * (size.y / size.x).max(1.0));
             Projection::Orthographic { width_px, height_px, px_per_m: size.y / height_m }
         }
-        Kind::Perspective | Kind::OffCentre => {
+        RenderProjection::Perspective | RenderProjection::OffCentre => {
             let focal_px = 0.5 * size.y / (0.5 * fov_rad).tan();
             // With a window right of the axis, the axis is on its left; rows count downwards.
             let shift = args.shift.map_or(DVec2::ZERO, DVec2::from) * DVec2::new(-1.0, 1.0);

@@ -15,7 +15,7 @@ use locard_engine::recording::OpenOptions;
 use locard_engine::report::{self, SlidePair};
 use locard_engine::shot::{AnalysisChoice, AnalysisState, Shot, ShotOptions};
 use locard_engine::text::{count, fixed};
-use locard_engine::verify::{Brightness, DisplacementSummary, Plan, Verification, real_px, verify};
+use locard_engine::verify::{Brightness, DisplacementSummary, Verification, VerificationPlan, real_px, verify};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -78,7 +78,7 @@ pub fn run(args: &Args) -> Result<()> {
         warn(args.quiet, &note.to_string());
     }
     let gpu = Gpu::open()?;
-    let plan = Plan { every: args.every, gap: args.gap };
+    let plan = VerificationPlan { every: args.every, gap: args.gap };
     let bar = progress(args.quiet, 0);
     let is_analysed = matches!(found.analysis, AnalysisState::Used(..));
     let runs = 1 + u64::from(is_analysed);

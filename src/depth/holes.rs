@@ -65,7 +65,8 @@ pub fn fill(depth_m: &mut [f32], sqrt_colors: &[[f32; 3]], width: usize, focal_p
     let is_fixed: Vec<bool> = known.iter().zip(&is_shadow).map(|(known, shadow)| *known || *shadow).collect();
     if is_fixed.contains(&false) {
         let values = depth_m.iter().zip(&is_fixed).map(|(z, fixed)| if *fixed { z.recip() } else { 0.0 }).collect();
-        let smooth = Grid { width, values, is_fixed: is_fixed.clone(), sqrt_colors: sqrt_colors.to_vec() }.relaxed();
+        let smooth =
+            InpaintGrid { width, values, is_fixed: is_fixed.clone(), sqrt_colors: sqrt_colors.to_vec() }.relaxed();
         // The solution is within the range of the fixed values, but for rounding.
         let measured = || depth_m.iter().zip(&is_fixed).filter(|(_, fixed)| **fixed).map(|(z, _)| *z);
         let range = [measured().fold(f32::INFINITY, f32::min), measured().fold(0.0, f32::max)];
@@ -104,14 +105,14 @@ fn mark_shadows(
 }
 
 /// Values, and which of them are fixed.
-struct Grid {
+struct InpaintGrid {
     width: usize,
     values: Vec<f32>,
     is_fixed: Vec<bool>,
     sqrt_colors: Vec<[f32; 3]>,
 }
 
-impl Grid {
+impl InpaintGrid {
     /// Solves Laplace's equation for the values that are not fixed. At least one is fixed.
     fn relaxed(mut self) -> Self {
         let (width, height) = (self.width, self.values.len() / self.width);
@@ -128,7 +129,7 @@ impl Grid {
                 .fold((0.0, 0.0f32), |(sum, count), i| (sum + self.values[i], count + 1.0));
             open.iter().for_each(|&i| self.values[i] = sum / count.max(1.0));
         }
-        Links::new(&self, &open).relax(&mut self.values);
+        PixelLinks::new(&self, &open).relax(&mut self.values);
         self
     }
 
@@ -167,15 +168,15 @@ impl Grid {
 
 /// Open pixels and their links, diagonal by diagonal. No two pixels of a diagonal are neighbours,
 /// so that a processor works on several at a time. The result is the same as row by row.
-struct Links {
+struct PixelLinks {
     /// Indices of the open pixels, then of their neighbours.
     pixels: Vec<u32>,
     /// Neighbours of each open pixel, as indices into `pixels`, with weights.
     beside: Vec<[(u32, f32); 4]>,
 }
 
-impl Links {
-    fn new(grid: &Grid, open: &[usize]) -> Self {
+impl PixelLinks {
+    fn new(grid: &InpaintGrid, open: &[usize]) -> Self {
         let (width, height) = (grid.width, grid.values.len() / grid.width);
         let mut pixels: Vec<u32> = open.iter().map(|&i| i as u32).collect();
         pixels.sort_by_key(|&i| i as usize % width + i as usize / width);

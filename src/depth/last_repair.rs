@@ -16,8 +16,8 @@ use crate::quality::Quality;
 /// another address.
 #[derive(Debug)]
 pub struct LastRepair {
-    finals: Memo<Key, Arc<RepairedDepth>>,
-    previews: Memo<Key, Arc<RepairedDepth>>,
+    finals: Memo<RepairKey, Arc<RepairedDepth>>,
+    previews: Memo<RepairKey, Arc<RepairedDepth>>,
 }
 
 impl Default for LastRepair {
@@ -28,7 +28,7 @@ impl Default for LastRepair {
 
 /// All inputs of a repair.
 #[derive(Debug)]
-struct Key {
+struct RepairKey {
     frame: FrameIdentity,
     /// Compared by address: they are equal only if they were decoded with the same frame.
     neighbours: Vec<Arc<NeighbourFrame>>,
@@ -54,7 +54,7 @@ impl LastRepair {
         request: &DepthRequest,
         quality: Quality,
     ) -> (Arc<RepairedDepth>, Quality) {
-        let key = Key::new(frame, repair, rects, request);
+        let key = RepairKey::new(frame, repair, rects, request);
         if let Some(repaired) = self.finals.get(&key) {
             return (repaired, Quality::Final);
         }
@@ -68,7 +68,7 @@ impl LastRepair {
     }
 }
 
-impl Key {
+impl RepairKey {
     fn new(frame: &Frame, repair: &Repair<'_>, rects: [Rect; 3], request: &DepthRequest) -> Self {
         let measured = repair.measured.map(|(_, pose)| *pose);
         let own = [repair.frame, repair.shutter[0], repair.shutter[1]].map(|pose| *pose);
@@ -88,7 +88,7 @@ impl Key {
     }
 }
 
-impl PartialEq for Key {
+impl PartialEq for RepairKey {
     fn eq(&self, other: &Self) -> bool {
         let Self { frame, neighbours, surfels, geometry, response, poses, planes, proxies, rects, request } = self;
         *frame == other.frame
@@ -208,8 +208,8 @@ mod tests {
         let surfel = Surfel { position_m: Vec3::Z, normal: Vec3::NEG_Z, sqrt_color: [0.5; 3] };
         let rects = [Rect::full(96, 64); 3];
         let request = DepthRequest::all(rects[0]);
-        let key = Key::new(&here, &repair, rects, &request);
-        assert!(key == Key::new(&here.clone(), &repair, rects, &request));
+        let key = RepairKey::new(&here, &repair, rects, &request);
+        assert!(key == RepairKey::new(&here.clone(), &repair, rects, &request));
         for (input, other) in [
             ("geometry", Repair { rays: &longer, ..repair }),
             ("pose of the map", Repair { measured: Some((depth, &moved)), ..repair }),
@@ -224,12 +224,12 @@ mod tests {
             ("pose of a neighbour's map", Repair { neighbours: &neighbours[1], ..repair }),
             ("pose of a neighbour", Repair { neighbours: &neighbours[2], ..repair }),
         ] {
-            assert!(key != Key::new(&here, &other, rects, &request), "{input}");
+            assert!(key != RepairKey::new(&here, &other, rects, &request), "{input}");
         }
         let remembered = Frame { surfels: vec![surfel].into(), ..here.clone() };
-        assert!(key != Key::new(&remembered, &repair, rects, &request), "surfels");
+        assert!(key != RepairKey::new(&remembered, &repair, rects, &request), "surfels");
         let smaller = Rect::new(0, 0, 95, 64);
-        assert!(key != Key::new(&here, &repair, [rects[0], rects[1], smaller], &request), "rectangles");
-        assert!(key != Key::new(&here, &repair, rects, &DepthRequest::all(smaller)), "requested depth");
+        assert!(key != RepairKey::new(&here, &repair, [rects[0], rects[1], smaller], &request), "rectangles");
+        assert!(key != RepairKey::new(&here, &repair, rects, &DepthRequest::all(smaller)), "requested depth");
     }
 }

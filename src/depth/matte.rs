@@ -19,7 +19,7 @@
 
 use glam::{Vec3, Vec4};
 
-use super::nearest_edge::{Edge, MAX_BONUS_PX, edges, is_near};
+use super::nearest_edge::{DepthEdge, MAX_BONUS_PX, edges, is_near};
 use super::smear::MotionField;
 use crate::parallel::{over_rows, processors};
 use crate::pixels::{Rect, floor_of_small};
@@ -81,7 +81,7 @@ struct MatteInput<'a> {
     depth_m: &'a [f32],
     /// Square roots of light.
     sqrt_colors: &'a [[f32; 3]],
-    edges: Vec<Edge>,
+    edges: Vec<DepthEdge>,
     width: usize,
     height: usize,
     smear: &'a MotionField,

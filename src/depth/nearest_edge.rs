@@ -12,14 +12,14 @@ const BLOCK: usize = 32;
 
 /// An edge of the map.
 #[derive(Clone, Copy, Debug)]
-pub struct Edge {
+pub struct DepthEdge {
     pub distance_px: f32,
     /// Depths on either side.
     pub near_m: f32,
     pub far_m: f32,
 }
 
-impl Edge {
+impl DepthEdge {
     /// The depths of the nearer and the farther surface at a pixel with the depth `own_m`.
     pub fn both_m(&self, own_m: f32) -> [f32; 2] {
         let Self { near_m, far_m, .. } = *self;
@@ -34,10 +34,10 @@ pub fn is_near(z_m: f32, [near_m, far_m]: [f32; 2]) -> bool {
 
 /// The relevant edge of each pixel, by straight and diagonal steps (a chamfer distance, Borgefors
 /// 1986). Edges at `within_px` or farther may be missing: their distance is then infinite.
-pub fn edges(depth_m: &[f32], width: usize, within_px: f32) -> Vec<Edge> {
+pub fn edges(depth_m: &[f32], width: usize, within_px: f32) -> Vec<DepthEdge> {
     // Edges with the bonus of their steps, px. The first stands for no edge, at an infinite
     // distance.
-    let none = Edge { distance_px: f32::INFINITY, near_m: 0.0, far_m: 0.0 };
+    let none = DepthEdge { distance_px: f32::INFINITY, near_m: 0.0, far_m: 0.0 };
     let mut found = vec![(none, f32::INFINITY)];
     let mut paths = Paths::new(depth_m.len(), width, within_px);
     let is_edge = |a: f32, b: f32| (a.min(b) > 0.0) & is_step(a, b);
@@ -45,7 +45,7 @@ pub fn edges(depth_m: &[f32], width: usize, within_px: f32) -> Vec<Edge> {
         let (near_m, far_m) = (a.min(b), a.max(b));
         let bonus_px = (BONUS_PER_LOG_RATIO_PX * (far_m / near_m).ln()).min(MAX_BONUS_PX);
         [i, beside].into_iter().for_each(|at| paths.begin(at, 0.5 - bonus_px, found.len() as u32));
-        found.push((Edge { distance_px: 0.5, near_m, far_m }, bonus_px));
+        found.push((DepthEdge { distance_px: 0.5, near_m, far_m }, bonus_px));
     });
     if found.len() == 1 {
         return vec![none; depth_m.len()];
@@ -53,7 +53,7 @@ pub fn edges(depth_m: &[f32], width: usize, within_px: f32) -> Vec<Edge> {
     paths.spread();
     let edge = |(cost, from): (f32, u32)| {
         let (edge, bonus_px) = found[from as usize];
-        Edge { distance_px: cost + bonus_px, ..edge }
+        DepthEdge { distance_px: cost + bonus_px, ..edge }
     };
     let mut out = Vec::with_capacity(depth_m.len());
     paths.rows().for_each(|(cost, from)| out.extend(cost.iter().copied().zip(from.iter().copied()).map(edge)));
@@ -266,7 +266,7 @@ mod tests {
         let (mut near, mut none) = (0, 0);
         for within_px in [1.0, 4.0, 9.5] {
             for (found, all) in edges(&depth_m, width, within_px).iter().zip(&all) {
-                let fields = |edge: &Edge| (edge.distance_px, edge.near_m, edge.far_m);
+                let fields = |edge: &DepthEdge| (edge.distance_px, edge.near_m, edge.far_m);
                 if all.distance_px < within_px {
                     assert_eq!(fields(found), fields(all));
                     near += 1;

@@ -203,10 +203,10 @@ impl DepthCamera {
             let point = ray * f64::from(w).recip() + self.colour_from_depth.translation_m;
             let at_px = colour.project(point)?;
             let depth = if is_equirectangular { point.length() } else { point.z };
-            Some(Vertex { at_px, w: depth.recip() })
+            Some(ProjectedVertex { at_px, w: depth.recip() })
         };
         let known = |i: usize| (samples.w[i] > 0.0).then(|| project(rays[i], samples.w[i])).flatten();
-        let vertices: Vec<Option<Vertex>> = (0..samples.w.len()).map(known).collect();
+        let vertices: Vec<Option<ProjectedVertex>> = (0..samples.w.len()).map(known).collect();
         let width = samples.width;
         for y in 0..samples.height.saturating_sub(1) {
             for i in (0..width.saturating_sub(1)).map(|x| y * width + x) {
@@ -241,7 +241,7 @@ impl DepthCamera {
 
 /// A vertex of a triangle in the picture.
 #[derive(Clone, Copy)]
-struct Vertex {
+struct ProjectedVertex {
     at_px: DVec2,
     /// Inverse depth, 1/m.
     w: f64,
@@ -264,14 +264,14 @@ impl DepthBuffer {
     }
 
     /// A quadrilateral by its corners in order.
-    fn quad(&mut self, vertices: [Option<Vertex>; 4]) {
+    fn quad(&mut self, vertices: [Option<ProjectedVertex>; 4]) {
         let [Some(a), Some(b), Some(c), Some(d)] = vertices else { return };
         self.triangle([a, b, c]);
         self.triangle([a, c, d]);
     }
 
     /// Rasterizes a triangle, with the pixel centres on its sides. 1/z is linear.
-    fn triangle(&mut self, [a, b, c]: [Vertex; 3]) {
+    fn triangle(&mut self, [a, b, c]: [ProjectedVertex; 3]) {
         let low = a.at_px.min(b.at_px).min(c.at_px);
         let high = a.at_px.max(b.at_px).max(c.at_px);
         let area = (b.at_px - a.at_px).perp_dot(c.at_px - a.at_px);

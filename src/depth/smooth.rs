@@ -7,7 +7,7 @@
 //! labels are more certain. A straight edge becomes straight. A thin object stays, since pixels of
 //! its colour are its own.
 
-use super::nearest_edge::{Edge, edges};
+use super::nearest_edge::{DepthEdge, edges};
 use super::pad::pad;
 use crate::parallel::{over_rows, processors};
 
@@ -68,7 +68,7 @@ struct VoteInputs {
 }
 
 impl VoteInputs {
-    fn new(depth_m: &[f32], sqrt_colors: &[[f32; 3]], edges: &[Edge], width: usize) -> Self {
+    fn new(depth_m: &[f32], sqrt_colors: &[[f32; 3]], edges: &[DepthEdge], width: usize) -> Self {
         let row_len = width + LANES;
         let filled = |of: &(dyn Fn(usize) -> f32 + Sync)| pad(depth_m.len(), width, RADIUS_PX, row_len, of);
         Self {

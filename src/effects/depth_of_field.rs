@@ -35,7 +35,7 @@ mod surroundings;
 use super::{Case, Effect, EffectError, FrameContext, LayerRun, OnReal, Reach};
 use crate::camera::{Aperture, Camera, Geometry};
 use crate::params::Value;
-use crate::render::{Layer, Sample, SamplePlan};
+use crate::render::{Layer, RenderSample, SamplePlan};
 use operator::Shape;
 pub use settings::{DepthOfField, MAX_CIRCLE_PX, Method, Mix};
 use settings::{SHARP_PX, circles_px};
@@ -56,7 +56,7 @@ impl DepthOfField {
         let radius_m = 0.5 * opening.diameter_m;
         let samples = plan.samples.iter().enumerate().flat_map(|(n, sample)| {
             let aperture = &aperture;
-            (0..each).map(move |i| Sample {
+            (0..each).map(move |i| RenderSample {
                 weight: sample.weight / each as f32,
                 lens_m: aperture.sequence(n as u32 * each + i).map(|c| c * radius_m),
                 ..sample.clone()

@@ -31,7 +31,7 @@ use crate::render::{COLOR, Layer};
 
 crate::choices! {
     /// How exposure acts.
-    pub enum Method { Photographic = "photographic", Additive = "additive" }
+    pub enum ExposureMethod { Photographic = "photographic", Additive = "additive" }
 }
 
 crate::params! {
@@ -40,7 +40,7 @@ crate::params! {
         "how much brighter objects are, in stops: 1 is twice the light; 0 is as lit"
         ev as "Brighter by": f64 = 0.0, "EV", -10.0..=10.0;
         "photographic: factor on light; additive: the paper's step on display values"
-        method: Method = Method::Photographic;
+        method: ExposureMethod = ExposureMethod::Photographic;
         "exposure for which the scene's lights are correct: time x gain (x ISO/100 / f-number^2 where frames report them); none: any exposure; 30 stops at most in total"
         reference_s: Option<f64> = None, "s", 1e-9..=1e6, by_ratio;
         "whether objects follow the footage's changes of brightness and colour from frame to frame, if it was analysed"
@@ -129,8 +129,10 @@ impl Effect for Exposure {
     fn run(&self, run: &mut LayerRun<'_>, layer: Layer) -> Layer {
         let over_ev = self.over_ev(&run.context.recorded);
         let entry = match self.method {
-            Method::Photographic => Entry::from("photographic"),
-            Method::Additive => Entry::from("additive").choose("curve", curve_choice(&run.context.camera.response)),
+            ExposureMethod::Photographic => Entry::from("photographic"),
+            ExposureMethod::Additive => {
+                Entry::from("additive").choose("curve", curve_choice(&run.context.camera.response))
+            }
         };
         let [red, green, blue] = self.factors(&run.context.recorded).map(|factor| factor as f32);
         let (share, share_at_0) = shares(run.context, [run.drawn.x0, run.drawn.y0]);
@@ -153,12 +155,12 @@ impl Effect for Exposure {
 
 /// Exposes one premultiplied pixel of the layer. The estimated gain of `follow` is applied to its
 /// light before.
-pub fn twin(rgba: [f64; 4], method: Method, over_ev: f64, response: &Response) -> [f64; 4] {
+pub fn twin(rgba: [f64; 4], method: ExposureMethod, over_ev: f64, response: &Response) -> [f64; 4] {
     let [r, g, b, a] = rgba;
     let exposed = |light: f64| match method {
-        Method::Photographic => light * photographic_gain(over_ev),
-        Method::Additive if a > 0.0 => a * response.decode(additive(response.encode(light / a), over_ev)),
-        Method::Additive => 0.0,
+        ExposureMethod::Photographic => light * photographic_gain(over_ev),
+        ExposureMethod::Additive if a > 0.0 => a * response.decode(additive(response.encode(light / a), over_ev)),
+        ExposureMethod::Additive => 0.0,
     };
     [exposed(r), exposed(g), exposed(b), a]
 }
@@ -172,12 +174,12 @@ mod tests {
     #[test]
     fn exposure_by_stops_matches_hand_computed_values() {
         let linear = Response { curve: Curve::Linear, ..Default::default() };
-        assert_eq!(twin([0.2, 0.1, 0.0, 0.5], Method::Photographic, 2.0, &linear), [0.8, 0.4, 0.0, 0.5]);
+        assert_eq!(twin([0.2, 0.1, 0.0, 0.5], ExposureMethod::Photographic, 2.0, &linear), [0.8, 0.4, 0.0, 0.5]);
         // Half covered, with surface colours of 0.4 and 0.2: one stop adds 0.2 to the display
         // value.
-        let [r, g, _, a] = twin([0.2, 0.1, 0.0, 0.5], Method::Additive, 1.0, &linear);
+        let [r, g, _, a] = twin([0.2, 0.1, 0.0, 0.5], ExposureMethod::Additive, 1.0, &linear);
         assert!((r - 0.3).abs() < 1e-12 && (g - 0.2).abs() < 1e-12 && a == 0.5);
-        assert_eq!(twin([0.2, 0.1, 0.0, 0.5], Method::Additive, -5.0, &linear), [0.0, 0.0, 0.0, 0.5]);
+        assert_eq!(twin([0.2, 0.1, 0.0, 0.5], ExposureMethod::Additive, -5.0, &linear), [0.0, 0.0, 0.0, 0.5]);
     }
 
     #[test]

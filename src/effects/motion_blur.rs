@@ -25,18 +25,18 @@ use crate::camera::accumulation::{self, MAX_STEPS};
 use crate::camera::{Camera, Geometry, SummedExposure};
 use crate::gpu::Shader;
 use crate::params::Value;
-use crate::render::{COLOR, GEOMETRY, Layer, Sample, SamplePlan};
+use crate::render::{COLOR, GEOMETRY, Layer, RenderSample, SamplePlan};
 
 crate::choices! {
     /// Method of motion blur.
-    pub enum Method { Velocity = "velocity", Copies = "copies", Accumulation = "accumulation", Reference = "reference" }
+    pub enum MotionBlurMethod { Velocity = "velocity", Copies = "copies", Accumulation = "accumulation", Reference = "reference" }
 }
 
 crate::params! {
     /// Parameters of the motion blur.
     pub struct MotionBlur in "motion_blur" at Draw {
         "velocity: filter along each pixel's motion; copies: Fischer's; accumulation: vSLRcam's; reference: many samples"
-        method at Depth: Method = Method::Velocity;
+        method at Depth: MotionBlurMethod = MotionBlurMethod::Velocity;
         "shortest blur that is drawn"
         threshold_px as "Shortest blur": f32 = 0.5, "px", 0.0..=64.0;
         "number of copies of the method copies"
@@ -51,7 +51,7 @@ crate::uniform! {
 }
 
 crate::uniform! {
-    struct BlurUniform {
+    struct MotionBlurUniform {
         size: [i32; 2],
         texel: [f32; 2],
         side_px: i32,
@@ -64,9 +64,9 @@ crate::uniform! {
 impl MotionBlur {
     /// The method in use. A shutter slower than the frame interval records more than one motion:
     /// then the reference replaces `velocity`.
-    fn effective_method(&self, context: &FrameContext<'_>) -> Method {
+    fn effective_method(&self, context: &FrameContext<'_>) -> MotionBlurMethod {
         let slow = context.capture.whole && context.capture.exposure_time_s > context.interval_s;
-        if slow && self.method == Method::Velocity { Method::Reference } else { self.method }
+        if slow && self.method == MotionBlurMethod::Velocity { MotionBlurMethod::Reference } else { self.method }
     }
 
     /// Longest blur of this frame, px: at most the picture's diagonal. Of a faster surface close to
@@ -83,7 +83,7 @@ impl MotionBlur {
     }
 
     /// Copies of each object along the blur vector of its centre (Fischer, §Motion blur).
-    fn copy_samples(&self, context: &FrameContext<'_>) -> Vec<Sample> {
+    fn copy_samples(&self, context: &FrameContext<'_>) -> Vec<RenderSample> {
         let n = self.copies;
         let share = (context.capture.exposure_time_s / context.interval_s) as f32;
         (0..n)
@@ -98,7 +98,7 @@ impl MotionBlur {
                         v.map(|c| if drawn { c * along } else { 0.0 })
                     })
                     .collect();
-                Sample { offsets_px, ..Sample::plain(1.0 / n as f32) }
+                RenderSample { offsets_px, ..RenderSample::plain(1.0 / n as f32) }
             })
             .collect()
     }
@@ -117,16 +117,16 @@ impl MotionBlur {
     /// most 4096 (above 2048 px they are farther apart), for a whole picture 1024 (above 512 px:
     /// seconds of a hand-held shutter). For summed frames, the times are within their exposures.
     /// Fewer would be visible: an edge has only four samples per time.
-    fn reference(context: &FrameContext<'_>) -> Vec<Sample> {
+    fn reference(context: &FrameContext<'_>) -> Vec<RenderSample> {
         let max_count = if context.capture.whole { 1024 } else { 4096 };
         let n = ((2.0 * Self::longest_px(context)).ceil() as u32).clamp(32, max_count);
         let frames = &context.capture.summed;
         let each = n.div_ceil(frames.len() as u32);
         let samples_of = |frame: &SummedExposure| {
             let SummedExposure { time_s, exposure_s, weight } = *frame;
-            (0..each).map(move |i| Sample {
+            (0..each).map(move |i| RenderSample {
                 time_s: time_s + ((f64::from(i) + 0.5) / f64::from(each) - 0.5) * exposure_s,
-                ..Sample::plain((weight / f64::from(each)) as f32)
+                ..RenderSample::plain((weight / f64::from(each)) as f32)
             })
         };
         frames.iter().flat_map(samples_of).collect()
@@ -138,7 +138,7 @@ impl Effect for MotionBlur {
         "blurs objects by the camera's motion during the exposure"
     }
     fn check(&self, _: &Camera, geometry: &Geometry) -> Result<(), EffectError> {
-        if self.method == Method::Copies && geometry.needs_cube_map() {
+        if self.method == MotionBlurMethod::Copies && geometry.needs_cube_map() {
             return Err(EffectError {
                 parameter: "motion_blur.method",
                 reason: "copies moves objects along a line, and in a picture of 170° and more nothing moves along one: \
@@ -158,21 +158,21 @@ impl Effect for MotionBlur {
         let half_px = Self::half_px(context);
         match self.effective_method(context) {
             // The renderer's rectangle already covers the motion.
-            Method::Velocity => Reach { read_px: half_px, spread_px: 1.0 },
+            MotionBlurMethod::Velocity => Reach { read_px: half_px, spread_px: 1.0 },
             // Copies are shifted as they are drawn.
-            Method::Copies => Reach { read_px: 0.0, spread_px: half_px },
-            Method::Accumulation | Method::Reference => Reach { read_px: 0.0, spread_px: 1.0 },
+            MotionBlurMethod::Copies => Reach { read_px: 0.0, spread_px: half_px },
+            MotionBlurMethod::Accumulation | MotionBlurMethod::Reference => Reach { read_px: 0.0, spread_px: 1.0 },
         }
     }
     fn beyond_s(&self, exposure_time_s: f64) -> f64 {
-        if self.method != Method::Accumulation {
+        if self.method != MotionBlurMethod::Accumulation {
             return 0.0;
         }
         let oldest_s = self.accumulated_times(exposure_time_s).last().map_or(0.0, |(time_s, _)| -time_s);
         (oldest_s - 0.5 * exposure_time_s).max(0.0)
     }
     fn reads_next_pose(&self) -> bool {
-        self.method == Method::Copies
+        self.method == MotionBlurMethod::Copies
     }
     fn cases(&self) -> Vec<Case> {
         ["velocity", "copies", "accumulation", "reference"]
@@ -186,14 +186,15 @@ impl Effect for MotionBlur {
 
     fn plan(&self, context: &FrameContext<'_>, plan: SamplePlan) -> SamplePlan {
         match self.effective_method(context) {
-            Method::Velocity => plan,
-            Method::Copies => SamplePlan { samples: self.copy_samples(context), ..plan },
-            Method::Accumulation => {
+            MotionBlurMethod::Velocity => plan,
+            MotionBlurMethod::Copies => SamplePlan { samples: self.copy_samples(context), ..plan },
+            MotionBlurMethod::Accumulation => {
                 let times = self.accumulated_times(context.capture.exposure_time_s).into_iter();
-                let samples = times.map(|(time_s, w)| Sample { time_s, ..Sample::plain(w as f32) }).collect();
+                let samples =
+                    times.map(|(time_s, w)| RenderSample { time_s, ..RenderSample::plain(w as f32) }).collect();
                 SamplePlan { samples, ..plan }
             }
-            Method::Reference => SamplePlan { samples: Self::reference(context), ..plan },
+            MotionBlurMethod::Reference => SamplePlan { samples: Self::reference(context), ..plan },
         }
     }
 
@@ -203,7 +204,7 @@ impl Effect for MotionBlur {
 
     fn run(&self, run: &mut LayerRun<'_>, layer: Layer) -> Layer {
         let context = run.context;
-        if self.effective_method(context) != Method::Velocity {
+        if self.effective_method(context) != MotionBlurMethod::Velocity {
             return layer;
         }
         let (width, height) = layer.size;
@@ -222,7 +223,7 @@ impl Effect for MotionBlur {
 
         let texel = [layer.color.width, layer.color.height].map(|side| 1.0 / side as f32);
         let (threshold_px, longest_px) = (self.threshold_px, Self::longest_px(context));
-        let blur = BlurUniform { size, texel, side_px, exposure_s, threshold_px, longest_px };
+        let blur = MotionBlurUniform { size, texel, side_px, exposure_s, threshold_px, longest_px };
         let mut pass = |entry, format| {
             let pass = recorder.pass(Shader::MotionBlur, entry).uniform("blur", &blur).texture("fastest", &near);
             let [out] =

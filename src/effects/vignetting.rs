@@ -67,7 +67,7 @@ struct GainKey {
 
 /// The gain over a picture.
 #[derive(Clone, Debug)]
-struct Grid {
+struct GainGrid {
     gains: Texture,
     cells: [u32; 2],
 }
@@ -82,7 +82,7 @@ crate::uniform! {
     }
 }
 
-impl Grid {
+impl GainGrid {
     fn new(gpu: &Gpu, of: &GainKey) -> Self {
         let picture = [of.geometry.intrinsics.width_px, of.geometry.intrinsics.height_px];
         let down = (f64::from(CELLS) * f64::from(picture[1]) / f64::from(picture[0])).ceil() as u32;
@@ -125,7 +125,7 @@ impl Effect for Vignetting {
         let context = run.context;
         let params = Self { image_circle_px: None, ..self.clone() };
         let of = GainKey { geometry: context.picture.clone(), opening: context.capture.opening, params };
-        let grid = run.recorder.memoized_large(of, Grid::new);
+        let grid = run.recorder.memoized_large(of, GainGrid::new);
         let i = &context.picture.intrinsics;
         let [across, down] = grid.cells.map(|cells| cells as f32);
         let uniform = VignettingUniform {

@@ -1,14 +1,14 @@
 //! Banded symmetric systems, solved by Cholesky decomposition in linear time.
 
 /// A symmetric positive definite matrix with `width` subdiagonals, and a right side.
-pub struct Band {
+pub struct BandMatrix {
     /// Row by row: of row r the columns r − width ..= r.
     rows: Vec<f64>,
     width: usize,
     right: Vec<f64>,
 }
 
-impl Band {
+impl BandMatrix {
     pub fn new(unknowns: usize, width: usize) -> Self {
         Self { rows: vec![0.0; unknowns * (width + 1)], width, right: vec![0.0; unknowns] }
     }
@@ -73,7 +73,7 @@ mod tests {
     fn banded_solution_equals_the_dense_one() {
         let (n, width) = (30, 7);
         let mut dense = nalgebra::DMatrix::<f64>::zeros(n, n);
-        let mut equations = Band::new(n, width);
+        let mut equations = BandMatrix::new(n, width);
         for row in 0..n {
             for column in row.saturating_sub(width)..=row {
                 let value = ((row * 31 + column * 7) as f64).sin() + if row == column { 20.0 } else { 0.0 };
@@ -91,7 +91,7 @@ mod tests {
 
     #[test]
     fn indefinite_matrix_has_no_solution() {
-        let mut equations = Band::new(2, 1);
+        let mut equations = BandMatrix::new(2, 1);
         equations.add(0, 0, 1.0);
         equations.add(1, 0, 2.0);
         equations.add(1, 1, 1.0);

@@ -24,11 +24,11 @@ impl Binding {
 }
 
 /// A uniform's layout: name, size, and name and offset of each member.
-type Layout = (&'static str, usize, &'static [(&'static str, usize)]);
+type UniformLayout = (&'static str, usize, &'static [(&'static str, usize)]);
 
 /// The vertices to draw.
 #[derive(Clone, Debug)]
-enum Shape {
+enum DrawShape {
     Whole,
     Tiles(u32),
     Indirect(wgpu::Buffer),
@@ -50,9 +50,9 @@ pub struct Pass<'a> {
     module: Arc<Module>,
     entries: Vec<Entry>,
     bound: Vec<(&'static str, Binding)>,
-    layouts: Vec<Layout>,
+    layouts: Vec<UniformLayout>,
     blend: Option<wgpu::BlendState>,
-    shape: Shape,
+    shape: DrawShape,
     load: wgpu::LoadOp<wgpu::Color>,
 }
 
@@ -80,7 +80,7 @@ impl<'a> Pass<'a> {
             bound: Vec::new(),
             layouts: Vec::new(),
             blend: None,
-            shape: Shape::Whole,
+            shape: DrawShape::Whole,
             load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
         }
     }
@@ -133,7 +133,7 @@ impl<'a> Pass<'a> {
 
     /// Draws one quad (a strip of four vertices) for each of `count` tiles.
     pub fn tiles(mut self, count: u32) -> Self {
-        self.shape = Shape::Tiles(count);
+        self.shape = DrawShape::Tiles(count);
         self
     }
 
@@ -146,7 +146,7 @@ impl<'a> Pass<'a> {
     /// Draws quads over the targets' existing contents. Their number is in a buffer written by the
     /// GPU (indirect draw): four vertices, the number of quads, two zeros.
     pub fn indirect(mut self, list: &wgpu::Buffer) -> Self {
-        self.shape = Shape::Indirect(list.clone());
+        self.shape = DrawShape::Indirect(list.clone());
         self.over()
     }
 
@@ -203,9 +203,9 @@ impl<'a> Pass<'a> {
                 pass.set_bind_group(number, group.as_ref(), &[]);
             }
             match &self.shape {
-                Shape::Whole => pass.draw(0..3, 0..1),
-                Shape::Tiles(count) => pass.draw(0..4, 0..*count),
-                Shape::Indirect(list) => pass.draw_indirect(list, 0),
+                DrawShape::Whole => pass.draw(0..3, 0..1),
+                DrawShape::Tiles(count) => pass.draw(0..4, 0..*count),
+                DrawShape::Indirect(list) => pass.draw_indirect(list, 0),
             }
         }
     }

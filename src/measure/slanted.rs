@@ -15,7 +15,7 @@
 //! Not modelled: non-Gaussian point spread functions, sharpening. [`SlantedEdge::misfit`] indicates
 //! them.
 
-use super::spread::{CONVERGENCE, Fit, Sample, Step, fit};
+use super::spread::{CONVERGENCE, EdgeFit, EdgeSample, EdgeStep, fit};
 use super::{MeasureError, edge};
 use crate::grey_image::GreyImage;
 use crate::pixels::Rect;
@@ -126,17 +126,17 @@ pub fn slanted_edge(light: &GreyImage<f64>, region: Rect, moved_px: [f64; 2]) ->
     }
     let seen = EdgeRegion::new(light, region);
     let line = seen.line()?;
-    let moved = |step: &Step| {
+    let moved = |step: &EdgeStep| {
         let (sin, cos) = step.angle.sin_cos();
         (moved_px[0] * cos + moved_px[1] * sin).abs()
     };
-    let mut step = Step { moved_px: moved(&line), ..line };
+    let mut step = EdgeStep { moved_px: moved(&line), ..line };
     let mut samples = seen.near(&step, MAX_BLUR_PX);
     let nothing = || EdgeError::NoLine { percent: 0.0 };
     let mut found = fit(&samples, step, CONVERGENCE).ok_or_else(nothing)?;
     // Dark and bright pixels have different noise; pixels far from the edge no longer count.
     for _ in 0..2 {
-        step = Step { moved_px: moved(&found.step), ..found.step };
+        step = EdgeStep { moved_px: moved(&found.step), ..found.step };
         let reach = (4.0 * blur_px(&step) + 2.0).clamp(5.0, MAX_BLUR_PX);
         samples = seen.near(&step, reach);
         weigh(&mut samples, &found);
@@ -146,12 +146,12 @@ pub fn slanted_edge(light: &GreyImage<f64>, region: Rect, moved_px: [f64; 2]) ->
 }
 
 /// Standard deviation of the total blur, px.
-fn blur_px(step: &Step) -> f64 {
+fn blur_px(step: &EdgeStep) -> f64 {
     (step.variance_px2 + (1.0 + step.moved_px * step.moved_px) / 12.0).sqrt()
 }
 
 /// The variances of both sides' pixels about the fit.
-fn noise(samples: &[Sample], fit: &Fit) -> [f64; 2] {
+fn noise(samples: &[EdgeSample], fit: &EdgeFit) -> [f64; 2] {
     let mut sums = [(0.0, 0.0); 2];
     let mut all = (0.0, 0.0);
     for sample in samples {
@@ -168,7 +168,7 @@ fn noise(samples: &[Sample], fit: &Fit) -> [f64; 2] {
 }
 
 /// Weights each sample by its noise, interpolated between that of the sides.
-fn weigh(samples: &mut [Sample], fit: &Fit) {
+fn weigh(samples: &mut [EdgeSample], fit: &EdgeFit) {
     let [dark, bright] = noise(samples, fit);
     for sample in samples {
         let share = fit.step.share(fit.step.place(sample.x, sample.y).0);
@@ -210,7 +210,7 @@ impl EdgeRegion {
 
     /// The line through the steepest point of each row, as a step with a guessed blur. Coordinates
     /// are relative to the region's centre.
-    fn line(&self) -> Result<Step, EdgeError> {
+    fn line(&self) -> Result<EdgeStep, EdgeError> {
         let width = self.rows[0].len();
         let best = |row: &Vec<f64>| {
             let steepest = (3..width - 3).max_by(|a, b| {
@@ -277,7 +277,7 @@ impl EdgeRegion {
             (nx, ny, offset) = (-nx, -ny, -offset);
         }
         let length = (1.0 + tilt * tilt).sqrt();
-        Ok(Step { offset_px: offset / length, angle: f64::atan2(ny, nx), variance_px2: 0.7, moved_px: 0.0 })
+        Ok(EdgeStep { offset_px: offset / length, angle: f64::atan2(ny, nx), variance_px2: 0.7, moved_px: 0.0 })
     }
 
     /// Centroid of a row's derivative around a position.
@@ -303,7 +303,7 @@ impl EdgeRegion {
     }
 
     /// The pixels at most `reach` from the edge.
-    fn near(&self, step: &Step, reach: f64) -> Vec<Sample> {
+    fn near(&self, step: &EdgeStep, reach: f64) -> Vec<EdgeSample> {
         let (columns, rows) = (self.rows[0].len() as f64, self.rows.len() as f64);
         let mut samples = Vec::new();
         for (k, row) in self.rows.iter().enumerate() {
@@ -311,7 +311,7 @@ impl EdgeRegion {
                 let (along, down) = (j as f64 + 0.5 - 0.5 * columns, k as f64 + 0.5 - 0.5 * rows);
                 let (x, y) = if self.turned { (down, along) } else { (along, down) };
                 if step.place(x, y).0.abs() <= reach {
-                    samples.push(Sample { x, y, light, weight: 1.0 });
+                    samples.push(EdgeSample { x, y, light, weight: 1.0 });
                 }
             }
         }
@@ -319,7 +319,7 @@ impl EdgeRegion {
     }
 
     /// The result, or the reason for rejecting it.
-    fn judge(&self, found: Fit, samples: Vec<Sample>) -> Result<SlantedEdge, EdgeError> {
+    fn judge(&self, found: EdgeFit, samples: Vec<EdgeSample>) -> Result<SlantedEdge, EdgeError> {
         let step = found.step;
         let [dark, bright] = [found.sides[0][0], found.sides[1][0]];
         let height = bright - dark;
@@ -378,7 +378,7 @@ impl EdgeRegion {
     }
 
     /// Intersections of the line with the region's border.
-    fn ends(&self, step: &Step) -> [[f64; 2]; 2] {
+    fn ends(&self, step: &EdgeStep) -> [[f64; 2]; 2] {
         let [mx, my] = self.middle();
         let (sin, cos) = step.angle.sin_cos();
         let (half_x, half_y) = (0.5 * f64::from(self.region.width()), 0.5 * f64::from(self.region.height()));
@@ -421,7 +421,7 @@ impl Deviation {
 }
 
 /// Deviations of pieces and of single rows: each is shifted to its best fit.
-fn deviations(fit: &Fit, samples: &[Sample]) -> (Deviation, Deviation) {
+fn deviations(fit: &EdgeFit, samples: &[EdgeSample]) -> (Deviation, Deviation) {
     let ways = || samples.iter().map(|sample| fit.step.place(sample.x, sample.y).1);
     let (first, last) = (ways().fold(f64::INFINITY, f64::min), ways().fold(f64::NEG_INFINITY, f64::max));
     let height = fit.sides[1][0] - fit.sides[0][0];
@@ -448,8 +448,8 @@ fn deviations(fit: &Fit, samples: &[Sample]) -> (Deviation, Deviation) {
 }
 
 /// The edge spread function, the fit at its positions, and their deviation beyond noise.
-fn binned(fit: &Fit, samples: &[Sample]) -> (Vec<[f64; 2]>, Vec<f64>, f64) {
-    let place = |sample: &Sample| fit.step.place(sample.x, sample.y).0;
+fn binned(fit: &EdgeFit, samples: &[EdgeSample]) -> (Vec<[f64; 2]>, Vec<f64>, f64) {
+    let place = |sample: &EdgeSample| fit.step.place(sample.x, sample.y).0;
     let far = samples.iter().map(|sample| place(sample).abs()).fold(0.0, f64::max);
     let half = (far / BIN_PX).ceil() as i64;
     // Number of samples, light, fitted light, variance.
@@ -492,13 +492,13 @@ fn rise(spread: &[[f64; 2]]) -> Option<f64> {
 }
 
 /// Jackknife variance of σ² over pieces along the edge.
-fn jackknife(samples: &[Sample], found: &Fit) -> Option<f64> {
-    let way = |sample: &Sample| found.step.place(sample.x, sample.y).1;
+fn jackknife(samples: &[EdgeSample], found: &EdgeFit) -> Option<f64> {
+    let way = |sample: &EdgeSample| found.step.place(sample.x, sample.y).1;
     let mut ways: Vec<f64> = samples.iter().map(way).collect();
     ways.sort_by(f64::total_cmp);
     let ends: Vec<f64> = (1..JACKKNIFE_PIECES).map(|k| ways[k * ways.len() / JACKKNIFE_PIECES]).collect();
     let without = |piece: usize| {
-        let rest: Vec<Sample> =
+        let rest: Vec<EdgeSample> =
             samples.iter().filter(|sample| ends.partition_point(|end| *end <= way(sample)) != piece).copied().collect();
         fit(&rest, found.step, CONVERGENCE).map(|fit| fit.step.variance_px2)
     };

@@ -36,7 +36,7 @@ const GAUSS_LEGENDRE_3: [(f64, f64); 3] =
 
 /// One pixel: its centre, relative to a position near the edge, and its light.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Sample {
+pub(crate) struct EdgeSample {
     pub x: f64,
     pub y: f64,
     pub light: f64,
@@ -46,7 +46,7 @@ pub(crate) struct Sample {
 
 /// Position of the edge, and its blur.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Step {
+pub(crate) struct EdgeStep {
     /// Distance from the samples' origin along the normal, px.
     pub offset_px: f64,
     /// The direction of the normal towards the brighter side, from x to y, radians.
@@ -59,8 +59,8 @@ pub(crate) struct Step {
 
 /// A fitted edge.
 #[derive(Clone, Debug)]
-pub(crate) struct Fit {
-    pub step: Step,
+pub(crate) struct EdgeFit {
+    pub step: EdgeStep,
     /// (a, b, c) of the side behind the edge and of the one before it.
     pub sides: [[f64; 3]; 2],
     /// Variances of offset, angle and σ² if the samples' weights are inverse variances.
@@ -69,7 +69,7 @@ pub(crate) struct Fit {
     pub left: f64,
 }
 
-impl Step {
+impl EdgeStep {
     /// Distance from the edge and position along it, px.
     pub fn place(&self, x: f64, y: f64) -> (f64, f64) {
         let (sin, cos) = self.angle.sin_cos();
@@ -143,7 +143,7 @@ fn normal_integral_3(x: f64, sigma: f64) -> f64 {
 }
 
 /// The basis functions of the six coefficients at a sample.
-fn terms(step: &Step, sample: &Sample) -> [f64; 6] {
+fn terms(step: &EdgeStep, sample: &EdgeSample) -> [f64; 6] {
     let (d, t) = step.place(sample.x, sample.y);
     let share = step.share(d);
     // Positions are in tens of pixels, so that all terms have similar magnitudes.
@@ -153,7 +153,7 @@ fn terms(step: &Step, sample: &Sample) -> [f64; 6] {
 }
 
 /// The six coefficients for an edge, and each sample's residual, times the root of its weight.
-fn project(step: &Step, samples: &[Sample]) -> Option<([f64; 6], Vec<f64>)> {
+fn project(step: &EdgeStep, samples: &[EdgeSample]) -> Option<([f64; 6], Vec<f64>)> {
     let all: Vec<[f64; 6]> = samples.iter().map(|sample| terms(step, sample)).collect();
     let (mut matrix, mut right) = ([[0.0; 6]; 6], [0.0; 6]);
     for (terms, sample) in all.iter().zip(samples) {
@@ -173,7 +173,7 @@ fn project(step: &Step, samples: &[Sample]) -> Option<([f64; 6], Vec<f64>)> {
 
 /// Fits an edge to samples, from an initial guess, until a step is shorter than `close`
 /// ([`CONVERGENCE`]). `None` if they do not determine it.
-pub(crate) fn fit(samples: &[Sample], from: Step, close: f64) -> Option<Fit> {
+pub(crate) fn fit(samples: &[EdgeSample], from: EdgeStep, close: f64) -> Option<EdgeFit> {
     let squares = |left: &[f64]| left.iter().map(|r| r * r).sum::<f64>();
     let mut step = from;
     let (mut numbers, mut left) = project(&step, samples)?;
@@ -223,10 +223,10 @@ pub(crate) fn fit(samples: &[Sample], from: Step, close: f64) -> Option<Fit> {
     let [a, b, c, a2, b2, c2] = numbers;
     let sides = [[a, 0.1 * b, 0.1 * c], [a2, 0.1 * b2, 0.1 * c2]];
     let whole = step.offset_px.is_finite() && variances.iter().all(|v| v.is_finite() && *v >= 0.0);
-    whole.then(|| Fit { step, sides, variances, left: squares(&left) })
+    whole.then(|| EdgeFit { step, sides, variances, left: squares(&left) })
 }
 
-impl Fit {
+impl EdgeFit {
     /// The fitted light at a pixel.
     pub fn light(&self, x: f64, y: f64) -> f64 {
         let (d, t) = self.step.place(x, y);
@@ -262,8 +262,8 @@ fn solve<const N: usize>(mut matrix: [[f64; N]; N], mut right: [f64; N]) -> Opti
 mod tests {
     use super::*;
 
-    fn step(angle_deg: f64, sigma_px: f64, moved_px: f64) -> Step {
-        Step { offset_px: 0.0, angle: angle_deg.to_radians(), variance_px2: sigma_px * sigma_px, moved_px }
+    fn step(angle_deg: f64, sigma_px: f64, moved_px: f64) -> EdgeStep {
+        EdgeStep { offset_px: 0.0, angle: angle_deg.to_radians(), variance_px2: sigma_px * sigma_px, moved_px }
     }
 
     #[test]
@@ -292,17 +292,17 @@ mod tests {
 
     #[test]
     fn fit_recovers_the_simulated_edge() {
-        let truth = Step { offset_px: 0.37, ..step(12.0, 0.8, 0.0) };
-        let samples: Vec<Sample> = (0..900)
+        let truth = EdgeStep { offset_px: 0.37, ..step(12.0, 0.8, 0.0) };
+        let samples: Vec<EdgeSample> = (0..900)
             .map(|i| {
                 let (x, y) = (f64::from(i % 30) - 14.5, f64::from(i / 30) - 14.5);
                 let (d, t) = truth.place(x, y);
                 let share = truth.share(d);
                 let light = (0.2 + 0.001 * t) * (1.0 - share) + (0.7 + 0.002 * d) * share;
-                Sample { x, y, light, weight: 1.0 }
+                EdgeSample { x, y, light, weight: 1.0 }
             })
             .collect();
-        let found = fit(&samples, Step { offset_px: 0.0, ..step(10.0, 1.5, 0.0) }, CONVERGENCE).unwrap();
+        let found = fit(&samples, EdgeStep { offset_px: 0.0, ..step(10.0, 1.5, 0.0) }, CONVERGENCE).unwrap();
         assert!((found.step.variance_px2.sqrt() - 0.8).abs() < 1e-4, "{found:?}");
         assert!((found.step.offset_px - 0.37).abs() < 1e-4 && (found.step.angle.to_degrees() - 12.0).abs() < 1e-3);
         assert!((found.sides[1][1] - 0.002).abs() < 1e-5 && (found.sides[0][2] - 0.001).abs() < 1e-5, "{found:?}");

@@ -35,9 +35,9 @@ pub fn shutter_weights(timestamps_s: &[f64], interval_s: f64, frame: usize, time
     (first..end, parts.iter().map(|p| p / whole).collect())
 }
 
-/// SummedExposure linear light of pictures, in rows of R, G, B.
+/// Summed linear light of pictures, in rows of R, G, B.
 #[derive(Clone, Debug)]
-struct Light {
+struct SummedLight {
     width: usize,
     height: usize,
     rgb: Vec<[f32; 3]>,
@@ -94,7 +94,7 @@ fn cut(pixels: &Pixels, framed: &Crop, width: u32, height: u32) -> Pixels {
     Pixels { width, height, codes: Codes::U16(codes) }
 }
 
-fn sum(frames: &[(f64, impl Borrow<Pixels>)], response: &Response) -> Light {
+fn sum(frames: &[(f64, impl Borrow<Pixels>)], response: &Response) -> SummedLight {
     let (width, height) = frames.first().map_or((0, 0), |(_, pixels)| {
         let Pixels { width, height, .. } = pixels.borrow();
         (*width as usize, *height as usize)
@@ -111,7 +111,7 @@ fn sum(frames: &[(f64, impl Borrow<Pixels>)], response: &Response) -> Light {
             }
         });
     }
-    Light { width, height, rgb }
+    SummedLight { width, height, rgb }
 }
 
 /// Resampling weights of a row.

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DQuat, DVec3};
 
-use super::parts::{Format, NOMINAL_FPS, Parts, Pictures, folder_of, geometry_from, track_from};
+use super::parts::{NOMINAL_FPS, Parts, Pictures, RecordingFormat, folder_of, geometry_from, track_from};
 use super::{Landmark, OpenOptions, RecordingError, listing};
 use crate::camera::{Geometry, LensModel};
 use crate::pose::Pose;
@@ -33,7 +33,7 @@ const IMAGES: &str = "images.txt";
 /// Locations of a model in a folder.
 pub const MODEL_FOLDERS: [&str; 4] = ["", "colmap", "sparse/0", "sparse"];
 
-pub static FORMAT: Format = Format {
+pub static FORMAT: RecordingFormat = RecordingFormat {
     name: "COLMAP",
     marker: "a COLMAP text model (cameras.txt, images.txt, here, in colmap/ or in sparse/0/)",
     has_times: false,
@@ -50,7 +50,7 @@ pub static FORMAT: Format = Format {
 
 /// A registered image.
 #[derive(Debug)]
-struct Image {
+struct ColmapImage {
     name: String,
     camera: u32,
     camera_from_world: Pose,
@@ -67,7 +67,7 @@ fn open(model: &Path, path: &Path, options: &OpenOptions) -> Result<Parts, Recor
     let images_file = model.join(IMAGES);
     let (images, odd) = parse_images(&records::read(&images_file)?, &images_file, options.metres_per_unit)?;
     let folder = image_folder(model, path, &images)?;
-    let registered: BTreeMap<&str, &Image> = images.iter().map(|image| (image.name.as_str(), image)).collect();
+    let registered: BTreeMap<&str, &ColmapImage> = images.iter().map(|image| (image.name.as_str(), image)).collect();
     let (names, unread) = frame_names(&folder, &registered)?;
 
     let (mut poses, mut geometries, mut landmarks) = (Vec::new(), Vec::new(), Vec::new());
@@ -158,7 +158,7 @@ fn camera_parameters(model: &str) -> Option<&'static [&'static str]> {
 }
 
 /// Two lines per image: the pose, then the observed points, of which there may be none.
-fn parse_images(text: &str, file: &Path, metres_per_unit: f64) -> Result<(Vec<Image>, Vec<String>), TextError> {
+fn parse_images(text: &str, file: &Path, metres_per_unit: f64) -> Result<(Vec<ColmapImage>, Vec<String>), TextError> {
     let (mut images, mut names, mut odd) = (Vec::new(), BTreeSet::new(), PoseNotes::default());
     let mut lines = text.trim_start_matches('\u{feff}').lines().enumerate().map(|(i, line)| (i + 1, line.trim()));
     while let Some((line, record)) = lines.next() {
@@ -176,13 +176,13 @@ fn parse_images(text: &str, file: &Path, metres_per_unit: f64) -> Result<(Vec<Im
             let problem = "the line after an image's pose must list its points (X Y POINT3D_ID each), or be blank";
             TextError::line(file, line, problem)
         })?;
-        images.push(Image { landmarks, ..image });
+        images.push(ColmapImage { landmarks, ..image });
     }
     let warnings = odd.warnings(file, images.len());
     Ok((images, warnings))
 }
 
-fn parse_image(record: &str, line: usize, metres_per_unit: f64) -> Result<(Image, f64), String> {
+fn parse_image(record: &str, line: usize, metres_per_unit: f64) -> Result<(ColmapImage, f64), String> {
     let mut rest = record;
     let _: u32 = whole(&mut rest, "IMAGE_ID")?;
     let mut fields = [0.0; 7];
@@ -194,7 +194,7 @@ fn parse_image(record: &str, line: usize, metres_per_unit: f64) -> Result<(Image
     let camera = whole(&mut rest, "CAMERA_ID")?;
     let name = listing::file_name(rest, "NAME is missing")?;
     let camera_from_world = Pose::new(rotation, DVec3::new(tx, ty, tz) * metres_per_unit);
-    Ok((Image { name, camera, camera_from_world, landmarks: Vec::new(), line }, norm_error))
+    Ok((ColmapImage { name, camera, camera_from_world, landmarks: Vec::new(), line }, norm_error))
 }
 
 /// Landmarks observed in an image. Points without a landmark have the number −1.
@@ -217,7 +217,7 @@ fn whole(rest: &mut &str, name: &str) -> Result<u32, String> {
 }
 
 /// The folder that the images' names are relative to.
-fn image_folder(model: &Path, path: &Path, images: &[Image]) -> Result<PathBuf, RecordingError> {
+fn image_folder(model: &Path, path: &Path, images: &[ColmapImage]) -> Result<PathBuf, RecordingError> {
     let Some(first) = images.first() else {
         return Err(RecordingError::content(&model.join(IMAGES), "the model has no images"));
     };
@@ -238,7 +238,7 @@ fn image_folder(model: &Path, path: &Path, images: &[Image]) -> Result<PathBuf, 
 /// order of their names. Also returns the pictures there that cannot be decoded.
 fn frame_names(
     folder: &Path,
-    registered: &BTreeMap<&str, &Image>,
+    registered: &BTreeMap<&str, &ColmapImage>,
 ) -> Result<(Vec<String>, Vec<PathBuf>), RecordingError> {
     let mut unread = Vec::new();
     let mut names: BTreeSet<String> = registered.keys().map(|name| (*name).to_owned()).collect();
@@ -267,7 +267,7 @@ mod tests {
         parse_cameras(text, Path::new("cameras.txt")).map_err(|e| e.to_string())
     }
 
-    fn images(text: &str, metres_per_unit: f64) -> Result<Vec<Image>, String> {
+    fn images(text: &str, metres_per_unit: f64) -> Result<Vec<ColmapImage>, String> {
         parse_images(text, Path::new("images.txt"), metres_per_unit).map(|r| r.0).map_err(|e| e.to_string())
     }
 

@@ -10,7 +10,7 @@ use crate::camera::Geometry;
 use crate::depth::{DepthCamera, is_same_aspect, upsampled};
 use crate::pixels::DepthMap;
 use crate::source::SourceError;
-use crate::source::depth_map::{self, Header};
+use crate::source::depth_map::{self, DepthHeader};
 use crate::source::still;
 use crate::text::count;
 
@@ -126,7 +126,7 @@ impl Depth {
                 beside.as_deref().map(still::read_header).transpose()?;
                 Ok(header)
             });
-            let Header { width, height, is_float } = match headers {
+            let DepthHeader { width, height, is_float } = match headers {
                 Ok(header) => header,
                 Err(error) if is_of_one_picture(&error) => {
                     unread.insert(file, error.to_string());

@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 use glam::{DQuat, DVec3};
 
 use super::listing::file_name;
-use super::parts::{Format, Parts, Pictures, folder_of, geometry_from, track_from};
+use super::parts::{Parts, Pictures, RecordingFormat, folder_of, geometry_from, track_from};
 use super::rigid::{NOT_RIGID, rigid};
 use super::{OpenOptions, RecordingError};
 use crate::camera::{Geometry, LensModel};
@@ -29,7 +29,7 @@ const PICTURES: &str = "cam0/data.csv";
 /// Folders of ground truth with full poses, in order of preference: EuRoC, TUM VI, a Vicon system.
 const GROUND_TRUTH_FOLDERS: [&str; 3] = ["state_groundtruth_estimate0", "mocap0", "vicon0"];
 
-pub static FORMAT: Format = Format {
+pub static FORMAT: RecordingFormat = RecordingFormat {
     name: "EuRoC MAV",
     marker: "a EuRoC MAV folder (mav0/cam0/data.csv)",
     has_times: true,

@@ -49,8 +49,8 @@ use crate::source::{SourceError, still, unsupported};
 use crate::tracking::{NoPose, PoseTrack};
 use depth::Depth;
 pub use duplicates::Duplicates;
-pub use parts::Format;
 use parts::Pictures;
+pub use parts::RecordingFormat;
 
 /// Parameters that a recording does not contain.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -77,7 +77,7 @@ impl Default for OpenOptions {
 
 /// The formats, in the order in which they are tried. A new format is a file in this module and a
 /// line here.
-static FORMATS: [&Format; 7] = [
+static FORMATS: [&RecordingFormat; 7] = [
     &native::FORMAT,
     &nerfstudio::FORMAT,
     &tum::FORMAT,
@@ -93,7 +93,7 @@ static FORMATS: [&Format; 7] = [
 pub struct Recording {
     pub name: String,
     pub path: PathBuf,
-    pub kind: &'static Format,
+    pub kind: &'static RecordingFormat,
     /// The world's up direction, unit length; `None` if the format does not give it.
     pub up: Option<DVec3>,
     /// True if the plane through the world's origin, perpendicular to `up`, is a supporting
@@ -437,7 +437,7 @@ fn check(options: &OpenOptions) -> Result<(), RecordingError> {
 }
 
 /// The format of a path, and the file or folder of the recording.
-fn find(path: &Path) -> Result<(&'static Format, PathBuf), RecordingError> {
+fn find(path: &Path) -> Result<(&'static RecordingFormat, PathBuf), RecordingError> {
     if let Some(found) = FORMATS.iter().find_map(|format| Some((*format, (format.find)(path)?))) {
         return Ok(found);
     }

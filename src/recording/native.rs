@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::camera_file::{self, SensorPose};
 use super::cameras::parse_cameras;
 use super::depth::{DepthEncoding, DepthFiles};
-use super::parts::{Format, Parts, Pictures, file_or_in_folder, track_from};
+use super::parts::{Parts, Pictures, RecordingFormat, file_or_in_folder, track_from};
 use super::{OpenOptions, RecordingError, listing};
 use crate::depth::DepthCamera;
 use crate::document;
@@ -23,7 +23,7 @@ use crate::tracking::tum::{Trajectory, parse_trajectory};
 
 pub const FILE_NAME: &str = "recording.toml";
 
-pub static FORMAT: Format = Format {
+pub static FORMAT: RecordingFormat = RecordingFormat {
     name: FILE_NAME,
     marker: "a folder with recording.toml",
     has_times: true,

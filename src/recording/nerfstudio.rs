@@ -10,7 +10,7 @@ use serde::{Deserialize, Deserializer};
 
 use super::depth::{DepthEncoding, DepthFiles};
 use super::parts::{
-    Format, NOMINAL_FPS, Parts, Pictures, equirectangular, file_or_in_folder, geometry_from, track_from,
+    NOMINAL_FPS, Parts, Pictures, RecordingFormat, equirectangular, file_or_in_folder, geometry_from, track_from,
 };
 use super::rigid::{NOT_RIGID, is_lost, rigid};
 use super::{OpenOptions, RecordingError, listing};
@@ -23,7 +23,7 @@ use crate::tracking::tum::PoseNotes;
 
 const FILE_NAME: &str = "transforms.json";
 
-pub static FORMAT: Format = Format {
+pub static FORMAT: RecordingFormat = RecordingFormat {
     name: "nerfstudio",
     marker: "a nerfstudio transforms.json",
     has_times: false,

@@ -17,7 +17,7 @@ use crate::pose::Pose;
 use crate::source::exif::{self, Exif};
 use crate::source::orientation::Orientation;
 use crate::source::presentation::Presentation;
-use crate::source::still::{self, Header};
+use crate::source::still::{self, PictureHeader};
 use crate::source::video::Video;
 use crate::text;
 use crate::tracking::{PoseTrack, default_max_gap_s, median_interval_s};
@@ -34,7 +34,7 @@ const CAMERA_TIME_TOLERANCE_S: f64 = 1e-6;
 
 /// A format of recordings.
 #[derive(Debug)]
-pub struct Format {
+pub struct RecordingFormat {
     pub(super) name: &'static str,
     /// Description of its recognition, for messages.
     pub(super) marker: &'static str,
@@ -47,7 +47,7 @@ pub struct Format {
     pub(super) open: fn(&Path, &Path, &OpenOptions) -> Result<Parts, RecordingError>,
 }
 
-impl Format {
+impl RecordingFormat {
     pub fn name(&self) -> &'static str {
         self.name
     }
@@ -63,7 +63,7 @@ impl Format {
     }
 }
 
-impl fmt::Display for Format {
+impl fmt::Display for RecordingFormat {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.name)
     }
@@ -146,7 +146,11 @@ impl Parts {
     }
 
     /// Applies the checks common to all formats and collects warnings.
-    pub fn assemble(mut self, kind: &'static Format, options: &OpenOptions) -> Result<Recording, RecordingError> {
+    pub fn assemble(
+        mut self,
+        kind: &'static RecordingFormat,
+        options: &OpenOptions,
+    ) -> Result<Recording, RecordingError> {
         if options.skip_missing {
             self.remove_missing();
         }
@@ -156,7 +160,7 @@ impl Parts {
         if self.timestamps_s.is_empty() {
             return Err(self.without_frames());
         }
-        let Header { width, height, bits } = self.common_header()?;
+        let PictureHeader { width, height, bits } = self.common_header()?;
         let mut warnings = self.warnings;
         let median_s = || median_interval_s(&self.timestamps_s).filter(|interval_s| *interval_s > 0.0);
         let frame_interval_s = self.interval_s.or_else(median_s).unwrap_or(1.0 / NOMINAL_FPS);
@@ -259,7 +263,7 @@ impl Parts {
 
     /// Skips pictures of an unsupported type and damaged ones, unless all are, and returns the
     /// headers of the others.
-    fn headers(&mut self, files: &[PathBuf]) -> Result<Vec<Header>, RecordingError> {
+    fn headers(&mut self, files: &[PathBuf]) -> Result<Vec<PictureHeader>, RecordingError> {
         let named = |error| listing::missing_picture(&self.description_files, error, files.iter());
         let (mut headers, mut kept, mut unread) = (Vec::new(), vec![true; files.len()], Vec::new());
         for (file, kept) in files.iter().zip(&mut kept) {
@@ -286,27 +290,27 @@ impl Parts {
 
     /// The most frequent header; frames with others are skipped. For stills, the headers of all
     /// files are read.
-    fn common_header(&mut self) -> Result<Header, RecordingError> {
+    fn common_header(&mut self) -> Result<PictureHeader, RecordingError> {
         let files = match &self.pictures {
             Pictures::Video(Video { width, height, bits, .. }, _) => {
-                return Ok(Header { width: *width, height: *height, bits: *bits });
+                return Ok(PictureHeader { width: *width, height: *height, bits: *bits });
             }
             Pictures::Stills(files) => files.clone(),
         };
         let headers = self.headers(&files)?;
         let Pictures::Stills(files) = &self.pictures else { return Err(self.without_frames()) };
-        let mut counts: HashMap<Header, usize> = HashMap::new();
+        let mut counts: HashMap<PictureHeader, usize> = HashMap::new();
         for header in &headers {
             *counts.entry(*header).or_default() += 1;
         }
-        let often = |header: &Header| counts.get(header).copied().unwrap_or_default();
+        let often = |header: &PictureHeader| counts.get(header).copied().unwrap_or_default();
         // In a tie the first one.
         let Some(common) = headers.iter().rev().max_by_key(|header| often(header)).copied() else {
             return Err(self.without_frames());
         };
         let differs = headers.iter().position(|header| *header != common);
         if let Some((file, header)) = differs.and_then(|first| Some((files.get(first)?, headers.get(first)?))) {
-            let text = |h: &Header| format!("{}x{} with {} bits", h.width, h.height, h.bits);
+            let text = |h: &PictureHeader| format!("{}x{} with {} bits", h.width, h.height, h.bits);
             self.warnings.push(format!(
                 "left out because most pictures are {}: {} of {} (first: {} is {}); a recording of their own takes them",
                 text(&common),

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use glam::{DQuat, DVec3};
 
 use super::depth::{DepthEncoding, DepthFiles};
-use super::parts::{Format, NOMINAL_FPS, Parts, Pictures, geometry_from, track_from};
+use super::parts::{NOMINAL_FPS, Parts, Pictures, RecordingFormat, geometry_from, track_from};
 use super::rigid::{NOT_RIGID, is_lost, rigid};
 use super::{OpenOptions, RecordingError, listing};
 use crate::camera::{Geometry, LensModel};
@@ -24,7 +24,7 @@ use crate::source::still;
 use crate::tracking::records::{self, TextError};
 use crate::tracking::tum::PoseNotes;
 
-pub static FORMAT: Format = Format {
+pub static FORMAT: RecordingFormat = RecordingFormat {
     name: "7-Scenes",
     marker: "a 7-Scenes folder (frame-000000.color.png)",
     // The Kinect's 30 frames a second, although no times are stored.

@@ -13,7 +13,7 @@ use std::path::Path;
 use glam::{DQuat, DVec3};
 
 use super::depth::{DepthEncoding, DepthFiles};
-use super::parts::{Format, Parts, Pictures, file_or_in_folder, folder_of, geometry_from, track_from};
+use super::parts::{Parts, Pictures, RecordingFormat, file_or_in_folder, folder_of, geometry_from, track_from};
 use super::{OpenOptions, RecordingError};
 use crate::camera::{Geometry, LensModel};
 use crate::params::ParamError;
@@ -27,7 +27,7 @@ const ODOMETRY: &str = "odometry.csv";
 const MATRIX: &str = "camera_matrix.csv";
 const CODES_PER_METRE: f64 = 1000.0;
 
-pub static FORMAT: Format = Format {
+pub static FORMAT: RecordingFormat = RecordingFormat {
     name: "Stray Scanner",
     marker: "a Stray Scanner folder (odometry.csv, rgb.mp4)",
     has_times: true,
@@ -67,7 +67,7 @@ fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     };
     let of_size = |intrinsics| geometry(intrinsics, video.width, video.height);
     let of_all = of_all.map(of_size).transpose().map_err(|e| RecordingError::content(&matrix, e))?;
-    let camera = |line: &Line| {
+    let camera = |line: &OdometryLine| {
         let own = line.intrinsics.map(of_size).transpose().map_err(|e| TextError::line(&odometry, line.at, e))?;
         Ok(own.or_else(|| of_all.clone()))
     };
@@ -111,8 +111,12 @@ fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
 }
 
 /// Existing depth pictures, and a warning that names the first missing one.
-fn depth_pictures(folder: &Path, lines: &[Line], odometry: &Path) -> (Vec<(f64, std::path::PathBuf)>, Option<String>) {
-    let named = |line: &Line| folder.join("depth").join(format!("{}.png", line.name));
+fn depth_pictures(
+    folder: &Path,
+    lines: &[OdometryLine],
+    odometry: &Path,
+) -> (Vec<(f64, std::path::PathBuf)>, Option<String>) {
+    let named = |line: &OdometryLine| folder.join("depth").join(format!("{}.png", line.name));
     let (there, missing): (Vec<_>, Vec<_>) = lines.iter().partition(|line| named(line).exists());
     let warning = missing.first().map(|first| {
         format!(
@@ -141,7 +145,7 @@ fn geometry([fx, fy, cx, cy]: [f64; 4], width: u32, height: u32) -> Result<Geome
 
 /// A line of `odometry.csv`.
 #[derive(Debug)]
-struct Line {
+struct OdometryLine {
     /// Line number in the file, from 1.
     at: usize,
     time_s: f64,
@@ -155,7 +159,7 @@ struct Line {
 
 const COLUMNS: [&str; 9] = ["timestamp", "frame", "x", "y", "z", "qx", "qy", "qz", "qw"];
 
-fn parse_odometry(text: &str, file: &Path) -> Result<(Vec<Line>, Vec<String>), TextError> {
+fn parse_odometry(text: &str, file: &Path) -> Result<(Vec<OdometryLine>, Vec<String>), TextError> {
     let mut records = records::records(text);
     let (at, header) = records.next().unwrap_or((1, ""));
     let names: Vec<&str> = header.split(',').map(str::trim).collect();
@@ -165,7 +169,7 @@ fn parse_odometry(text: &str, file: &Path) -> Result<(Vec<Line>, Vec<String>), T
         return Err(TextError::line(file, at, problem));
     }
     let own_intrinsics = ["fx", "fy", "cx", "cy"].iter().all(|name| column(name).is_some());
-    let (mut lines, mut odd): (Vec<Line>, _) = (Vec::new(), PoseNotes::default());
+    let (mut lines, mut odd): (Vec<OdometryLine>, _) = (Vec::new(), PoseNotes::default());
     for (at, record) in records {
         let fields: Vec<&str> = record.split(',').map(str::trim).collect();
         let refuse = |problem: String| TextError::line(file, at, problem);
@@ -209,7 +213,7 @@ fn parse_odometry(text: &str, file: &Path) -> Result<(Vec<Line>, Vec<String>), T
         };
         let intrinsics =
             if own_intrinsics { Some([value("fx")?, value("fy")?, value("cx")?, value("cy")?]) } else { None };
-        lines.push(Line { at, time_s, name: name.to_owned(), pose, intrinsics });
+        lines.push(OdometryLine { at, time_s, name: name.to_owned(), pose, intrinsics });
     }
     let posed = lines.iter().filter(|line| line.pose.is_some()).count();
     Ok((lines, odd.warnings(file, posed)))
@@ -246,7 +250,7 @@ mod tests {
 
     const HEAD: &str = "timestamp, frame, x, y, z, qx, qy, qz, qw";
 
-    fn parse(lines: &str) -> Result<Vec<Line>, String> {
+    fn parse(lines: &str) -> Result<Vec<OdometryLine>, String> {
         parse_odometry(lines, Path::new(ODOMETRY)).map(|read| read.0).map_err(|e| e.to_string())
     }
 
@@ -256,7 +260,7 @@ mod tests {
         // and it looks along −z.
         let line = format!("{HEAD}\n5021.25, 000007, 1.0, 2.0, 3.0, 1.0, 0.0, 0.0, 0.0\n");
         let lines = parse(&line).unwrap();
-        let Line { at, time_s, name, pose, intrinsics } = &lines[0];
+        let OdometryLine { at, time_s, name, pose, intrinsics } = &lines[0];
         assert_eq!((*at, *time_s, name.as_str(), *intrinsics), (2, 5021.25, "000007", None));
         // 2 m ahead, 0.5 m to the right, 0.25 m down.
         let seen = pose.unwrap().transform_point(DVec3::new(1.5, 1.75, 1.0));

@@ -6,14 +6,14 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::depth::{DepthEncoding, DepthFiles};
-use super::parts::{Format, Parts, Pictures, file_or_in_folder, folder_of, track_from};
+use super::parts::{Parts, Pictures, RecordingFormat, file_or_in_folder, folder_of, track_from};
 use super::{OpenOptions, RecordingError, listing};
 use crate::tracking::records;
 use crate::tracking::tum::parse_trajectory;
 
 const FRAME_LIST: &str = "rgb.txt";
 
-pub static FORMAT: Format = Format {
+pub static FORMAT: RecordingFormat = RecordingFormat {
     name: "TUM RGB-D",
     marker: "a TUM RGB-D folder (rgb.txt, groundtruth.txt)",
     has_times: true,

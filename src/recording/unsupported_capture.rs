@@ -3,7 +3,7 @@
 use std::path::Path;
 
 /// A kind of capture.
-struct Capture {
+struct UnsupportedCapture {
     is_at: fn(&Path) -> bool,
     refusal: &'static str,
 }
@@ -16,30 +16,30 @@ fn ends_with(path: &Path, ending: &str) -> bool {
     path.is_file() && path.extension().is_some_and(|own| own.eq_ignore_ascii_case(ending))
 }
 
-static CAPTURES: [Capture; 5] = [
-    Capture {
+static CAPTURES: [UnsupportedCapture; 5] = [
+    UnsupportedCapture {
         is_at: |path| has(path, &["keyframes/images"]) || has(path, &["images", "corrected_cameras"]),
         refusal: "it is a capture of Polycam; `ns-process-data polycam --data CAPTURE.zip --output-dir NEW` (nerfstudio) makes \
                   a recording of the raw export",
     },
-    Capture {
+    UnsupportedCapture {
         is_at: |path| {
             has(path, &["EXR_RGBD"]) || (has(path, &["rgb", "depth", "metadata.json"])) || ends_with(path, "r3d")
         },
         refusal: "it is a capture of Record3D; export it as EXR + JPG, and `ns-process-data record3d --data EXPORT --output-dir \
                   NEW` (nerfstudio) makes a recording of it",
     },
-    Capture {
+    UnsupportedCapture {
         is_at: |path| has(path, &["ARposes.txt"]),
         refusal: "it is a log of ARKit; `ns-process-data video --data frames.m4v --output-dir NEW` (nerfstudio) finds the poses \
                   anew, or a recording.toml names the video and a trajectory of the logged poses",
     },
-    Capture {
+    UnsupportedCapture {
         is_at: |path| has(path, &["lowres_wide.traj"]),
         refusal: "it is a scan of ARKitScenes; a recording.toml that names the pictures, the depth and a trajectory of \
                   lowres_wide.traj makes a recording of it",
     },
-    Capture {
+    UnsupportedCapture {
         is_at: |path| has(path, &["database.db"]) && !has(path, &["sparse"]),
         refusal: "it is a COLMAP project without a model; `colmap mapper`, then `colmap model_converter --output_type TXT` make one",
     },

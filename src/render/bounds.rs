@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use glam::{DVec2, DVec3};
 
 use super::dice::CLIP_DEPTH_M;
-use super::in_view::{Extent, clipped_at_near_plane, visible_extent};
+use super::in_view::{ScreenExtent, clipped_at_near_plane, visible_extent};
 use super::view::{NEAR_M, ViewKeys};
 use crate::camera::{Geometry, LensModel};
 use crate::pixels::Rect;
@@ -94,13 +94,13 @@ fn normalised(points: &[DVec3], pose: &Pose) -> Option<Vec<DVec2>> {
 }
 
 /// The image of a rectangle of normalised coordinates: points along its border.
-fn border_px(extent: Extent, geometry: &Geometry) -> impl Iterator<Item = DVec2> {
+fn border_px(extent: ScreenExtent, geometry: &Geometry) -> impl Iterator<Item = DVec2> {
     border(extent, geometry.distortion.model == LensModel::OpencvFisheye).map(|p| geometry.distorted_px(p))
 }
 
 /// The bounding rectangle in the picture of a rectangle of normalised coordinates, plus a pixel for
 /// curvature between the border's samples.
-fn extent_px(extent: Extent, geometry: &Geometry) -> Rect {
+fn extent_px(extent: ScreenExtent, geometry: &Geometry) -> Rect {
     let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
     for d in border_px(extent, geometry) {
         low = low.min(d);
@@ -141,10 +141,10 @@ fn convex_hulls(scene: &Scene, part: &Part, outline: &[DVec3]) -> Vec<Vec<DVec3>
 const MAX_NORMALISED: f64 = 1000.0;
 
 /// Normalised coordinates that contain everything imaged into a rectangle of the picture plane.
-fn normalised_extent(rect: Rect, geometry: &Geometry) -> Extent {
-    let square = |side: f64| Extent { low: DVec2::splat(-side), high: DVec2::splat(side) };
+fn normalised_extent(rect: Rect, geometry: &Geometry) -> ScreenExtent {
+    let square = |side: f64| ScreenExtent { low: DVec2::splat(-side), high: DVec2::splat(side) };
     let inside = |p: DVec2| rect.grown(1).contains(p.x.floor() as i32, p.y.floor() as i32);
-    let holds = |area: &Extent| {
+    let holds = |area: &ScreenExtent| {
         extent_px(*area, geometry).union(&rect) == extent_px(*area, geometry) && !border_px(*area, geometry).any(inside)
     };
     let sides = std::iter::successors(Some(0.5), |side| Some(2.0 * side)).take_while(|side| *side < MAX_NORMALISED);
@@ -183,7 +183,7 @@ pub fn footprint(
             continue;
         }
         let seen: Option<Vec<_>> = moments.iter().map(|pose| normalised(&points, pose)).collect();
-        let simple = seen.as_ref().and_then(|seen| Extent::of(seen.iter().flatten().copied()));
+        let simple = seen.as_ref().and_then(|seen| ScreenExtent::of(seen.iter().flatten().copied()));
         let simple = simple.map(|extent| extent_px(extent, geometry));
         let cut = || {
             let convex_hulls =
@@ -205,9 +205,13 @@ pub fn footprint(
                 let places: Vec<_> = moments.iter().map(at).collect();
                 let between =
                     places.windows(2.min(places.len())).filter_map(|pair| visible_extent(&pair.concat(), *area));
-                between.reduce(Extent::union)
+                between.reduce(ScreenExtent::union)
             };
-            convex_hulls.iter().filter_map(of_hull).reduce(Extent::union).map(|extent| extent_px(extent, geometry))
+            convex_hulls
+                .iter()
+                .filter_map(of_hull)
+                .reduce(ScreenExtent::union)
+                .map(|extent| extent_px(extent, geometry))
         };
         let own = match simple.filter(|own| own.union(&around) == around) {
             Some(own) => Some(own),
@@ -246,7 +250,7 @@ pub fn footprint(
 /// at most 40 px of an ordinary picture. Towards the sides of a fisheye lengths grow without bound
 /// and angles do not, so there a step is at most 3°: an arc of 500 px radius then deviates by 0.2
 /// px from its chord.
-fn border(Extent { low, high }: Extent, fisheye: bool) -> impl Iterator<Item = DVec2> {
+fn border(ScreenExtent { low, high }: ScreenExtent, fisheye: bool) -> impl Iterator<Item = DVec2> {
     let wide = (high - low).max_element();
     let steps = if fisheye { 64 } else { (12.0 * wide).clamp(16.0, 512.0) as u32 };
     let between = move |a: f64, b: f64, f: f64| {

@@ -17,8 +17,8 @@ use super::material::bind_groups;
 use super::meshes::Meshes;
 use super::motion::Motion;
 use super::occlusion::Occlusion;
-use super::pipeline::{COLOR, DEPTH, GEOMETRY, Instance, Pipelines, SAMPLES, Variant, Writes};
-use super::plan::{Layer, Sample, SamplePlan};
+use super::pipeline::{COLOR, DEPTH, GEOMETRY, Instance, RenderPipelines, SAMPLES, Variant, Writes};
+use super::plan::{Layer, RenderSample, SamplePlan};
 use super::unwrap::Unwrapped;
 use super::view::{NEAR_M, Shutter, View, ViewKeys, ViewUniform};
 use crate::camera::{Geometry, LensModel};
@@ -38,7 +38,7 @@ pub struct Renderer {
     lightmaps: PartLightmaps,
     materials: Vec<wgpu::BindGroup>,
     environment: EnvironmentLight,
-    pipelines: Arc<Pipelines>,
+    pipelines: Arc<RenderPipelines>,
     no_depth: Texture,
     revision: u64,
 }
@@ -70,7 +70,7 @@ enum Prepared {
 
 impl Renderer {
     pub fn new(gpu: &Gpu, scene: Scene) -> Self {
-        let pipelines = gpu.shared(Pipelines::new);
+        let pipelines = gpu.shared(RenderPipelines::new);
         Self::with_pipelines(gpu, scene, pipelines)
     }
 
@@ -106,7 +106,7 @@ impl Renderer {
         }
     }
 
-    fn with_pipelines(gpu: &Gpu, scene: Scene, pipelines: Arc<Pipelines>) -> Self {
+    fn with_pipelines(gpu: &Gpu, scene: Scene, pipelines: Arc<RenderPipelines>) -> Self {
         Self {
             meshes: Meshes::new(gpu, &scene),
             materials: bind_groups(gpu, &pipelines.material_layout, &scene),
@@ -235,7 +235,7 @@ impl Renderer {
 
     /// The rectangle that objects may touch in one sample of a plan, rounded to cells of the motion
     /// grid.
-    fn touched_rect(&self, view: &View<'_>, sample: &Sample, focus_distance_m: f64, prepared: &Prepared) -> Rect {
+    fn touched_rect(&self, view: &View<'_>, sample: &RenderSample, focus_distance_m: f64, prepared: &Prepared) -> Rect {
         let Prepared::Plane(Draws { motion, .. }) = prepared else { return view.rect };
         let keys = view.keys.around(sample.time_s, view.shutter.readout_time_s);
         let footprint = self.footprint_within(view.geometry, &keys, view.shutter, &view.keys.middle());
@@ -268,7 +268,7 @@ impl Renderer {
         &mut self,
         recorder: &mut Recorder,
         view: &View<'_>,
-        sample: (&Sample, f64),
+        sample: (&RenderSample, f64),
         prepared: &Prepared,
         out: &Layer,
     ) {
@@ -346,7 +346,7 @@ impl Renderer {
         Draws { list: draws, diced: buffers, motion: Motion::new(gpu, view) }
     }
 
-    fn instances(&self, view: &View<'_>, sample: &Sample) -> Vec<Instance> {
+    fn instances(&self, view: &View<'_>, sample: &RenderSample) -> Vec<Instance> {
         let mut out = Vec::new();
         for (object, parts) in self.scene.objects.iter().map(|o| &o.parts).enumerate() {
             let offset_px = sample.offsets_px.get(object).copied().unwrap_or_default();
@@ -367,7 +367,7 @@ impl Renderer {
         &self,
         recorder: &mut Recorder,
         view: &View<'_>,
-        (sample, focus_distance_m): (&Sample, f64),
+        (sample, focus_distance_m): (&RenderSample, f64),
         draws: &Draws,
         out: &Layer,
     ) {

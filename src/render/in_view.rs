@@ -11,12 +11,12 @@ use super::view::NEAR_M;
 
 /// A rectangle of normalised coordinates (x/z, y/z).
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Extent {
+pub struct ScreenExtent {
     pub low: DVec2,
     pub high: DVec2,
 }
 
-impl Extent {
+impl ScreenExtent {
     /// The bounding rectangle of points; `None` if there are none.
     pub fn of(points: impl IntoIterator<Item = DVec2>) -> Option<Self> {
         points.into_iter().fold(None, |all: Option<Self>, p| {
@@ -30,10 +30,10 @@ impl Extent {
 }
 
 /// The extent within `area` of the visible part of the points' hull (in the camera's axes, metres).
-pub fn visible_extent(points: &[DVec3], area: Extent) -> Option<Extent> {
+pub fn visible_extent(points: &[DVec3], area: ScreenExtent) -> Option<ScreenExtent> {
     let images = clipped_at_near_plane(points, NEAR_M).iter().map(|p| p.truncate() / p.z).collect();
     let seen = clipped_to(&convex_hull(images), area);
-    Extent::of(seen.into_iter().map(|p| p.clamp(area.low, area.high)))
+    ScreenExtent::of(seen.into_iter().map(|p| p.clamp(area.low, area.high)))
 }
 
 /// Corners of the part of a hull with z of at least `near_m`, and some points inside it: the points
@@ -68,7 +68,7 @@ fn convex_hull(mut points: Vec<DVec2>) -> Vec<DVec2> {
 }
 
 /// Clips a convex polygon to a rectangle (Sutherland and Hodgman 1974).
-fn clipped_to(polygon: &[DVec2], area: Extent) -> Vec<DVec2> {
+fn clipped_to(polygon: &[DVec2], area: ScreenExtent) -> Vec<DVec2> {
     // Signed distance of a point inside each side.
     let sides: [&dyn Fn(DVec2) -> f64; 4] =
         [&|p| p.x - area.low.x, &|p| area.high.x - p.x, &|p| p.y - area.low.y, &|p| area.high.y - p.y];
@@ -88,14 +88,14 @@ fn clipped_to(polygon: &[DVec2], area: Extent) -> Vec<DVec2> {
 mod tests {
     use super::*;
 
-    const AREA: Extent = Extent { low: DVec2::new(-1.0, -0.5), high: DVec2::new(1.0, 0.5) };
+    const AREA: ScreenExtent = ScreenExtent { low: DVec2::new(-1.0, -0.5), high: DVec2::new(1.0, 0.5) };
 
-    fn seen(points: &[[f64; 3]]) -> Option<Extent> {
+    fn seen(points: &[[f64; 3]]) -> Option<ScreenExtent> {
         visible_extent(&points.iter().copied().map(DVec3::from).collect::<Vec<_>>(), AREA)
     }
 
     #[track_caller]
-    fn is(found: Option<Extent>, low: [f64; 2], high: [f64; 2]) {
+    fn is(found: Option<ScreenExtent>, low: [f64; 2], high: [f64; 2]) {
         let close = |a: DVec2, b: [f64; 2]| a.distance(b.into()) < 1e-12;
         assert!(found.is_some_and(|e| close(e.low, low) && close(e.high, high)), "{found:?}, by hand {low:?} {high:?}");
     }

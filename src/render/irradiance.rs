@@ -4,7 +4,7 @@ use std::f32::consts::{PI, TAU};
 
 use glam::{Vec3, Vec3A};
 
-use super::panorama::{Level, direction, resampled, solid_sr};
+use super::panorama::{MipLevel, direction, resampled, solid_sr};
 
 /// A lamp's irradiance has a kink at the terminator: interpolation between texels has an error
 /// there of up to a quarter of their distance, 1.2 % of a surface facing the lamp. Columns wrap
@@ -17,7 +17,7 @@ const PATCH_TEXELS: u32 = 4;
 
 /// A patch of the panorama.
 #[derive(Clone, Copy, Default)]
-struct Patch {
+struct PanoramaPatch {
     /// Radiance times solid angle (sr).
     light: Vec3,
     /// Mean direction, weighted by solid angle; not normalised. n · middle is thus exact for a
@@ -28,10 +28,10 @@ struct Patch {
     solid_sr: f32,
 }
 
-fn patches(panorama: &Level) -> Vec<Patch> {
+fn patches(panorama: &MipLevel) -> Vec<PanoramaPatch> {
     let (width, height) = (PATCHES_ACROSS * PATCH_TEXELS, PATCHES_ACROSS / 2 * PATCH_TEXELS);
     let (.., texels) = resampled((panorama.0, panorama.1, &panorama.2), width, height);
-    let mut patches = vec![Patch::default(); (PATCHES_ACROSS * PATCHES_ACROSS / 2) as usize];
+    let mut patches = vec![PanoramaPatch::default(); (PATCHES_ACROSS * PATCHES_ACROSS / 2) as usize];
     let mut brightness = vec![0.0; patches.len()];
     for (i, &texel) in (0..).zip(&texels) {
         let (x, y) = (i % width, i / width);
@@ -54,7 +54,7 @@ fn patches(panorama: &Level) -> Vec<Patch> {
 
 /// Irradiance over π by surface normal, in the panorama's axes: the radiance of a white diffuse
 /// surface. It is the cosine-weighted mean of the radiance, so a uniform panorama is reproduced.
-pub fn irradiance_over_pi(panorama: &Level) -> Level {
+pub fn irradiance_over_pi(panorama: &MipLevel) -> MipLevel {
     let patches = patches(panorama);
     let lights: Vec<_> = patches.iter().map(|p| (Vec3A::from(p.light), Vec3A::from(p.light_middle))).collect();
     let mut texels = Vec::with_capacity((WIDTH * HEIGHT) as usize);
@@ -81,7 +81,7 @@ mod tests {
     use super::*;
 
     /// Lookup as in the shader.
-    fn seen(level: &Level, n: Vec3) -> Vec3 {
+    fn seen(level: &MipLevel, n: Vec3) -> Vec3 {
         let (width, height) = (level.0 as usize, level.1 as usize);
         let x = (n.x.atan2(-n.z) / TAU + 0.5) * width as f32 - 0.5;
         let y = n.y.clamp(-1.0, 1.0).acos() / PI * (height - 1) as f32;
@@ -90,13 +90,13 @@ mod tests {
         row(top).lerp(row(top + 1), y - top as f32)
     }
 
-    fn panorama(width: u32, height: u32, light: impl Fn(Vec3) -> Vec3) -> Level {
+    fn panorama(width: u32, height: u32, light: impl Fn(Vec3) -> Vec3) -> MipLevel {
         let texels = (0..width * height).map(|i| light(direction(i % width, i / width, width, height))).collect();
         (width, height, texels)
     }
 
     /// The integral, texel by texel.
-    fn truth(panorama: &Level, n: Vec3) -> Vec3 {
+    fn truth(panorama: &MipLevel, n: Vec3) -> Vec3 {
         let (width, height, texels) = panorama;
         let (mut sum, mut whole) = (Vec3::ZERO, 0.0);
         for (i, &texel) in (0..).zip(texels) {
@@ -120,7 +120,7 @@ mod tests {
 
     /// The largest deviation from the integral, relative to the integral or `least`, whichever is
     /// larger.
-    fn worst(panorama: &Level, least: f32) -> f32 {
+    fn worst(panorama: &MipLevel, least: f32) -> f32 {
         let level = irradiance_over_pi(panorama);
         let off = |n| {
             let truth = truth(panorama, n);

@@ -5,7 +5,7 @@ use glam::{DVec3, Mat3, Vec3};
 
 use super::albedo;
 use super::irradiance::irradiance_over_pi;
-use super::panorama::{Level, blurred_levels};
+use super::panorama::{MipLevel, blurred_levels};
 use crate::gpu::{Gpu, half_texels};
 use crate::scene::{Environment, Lighting};
 use crate::text::count;
@@ -133,7 +133,7 @@ impl EnvironmentLight {
     }
 }
 
-fn upload(gpu: &Gpu, label: &str, levels: &[Level]) -> wgpu::TextureView {
+fn upload(gpu: &Gpu, label: &str, levels: &[MipLevel]) -> wgpu::TextureView {
     let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
         label: Some(label),
         size: wgpu::Extent3d { width: levels[0].0, height: levels[0].1, depth_or_array_layers: 1 },

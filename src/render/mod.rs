@@ -30,7 +30,7 @@ pub use light::{MAX_POINTS, MAX_SUNS};
 pub use lightmap::Lightmap;
 pub use occlusion::{GridPlacement, Occlusion, grid_depth, real_depth};
 pub use pipeline::{COLOR, GEOMETRY};
-pub use plan::{Layer, RealLayer, Sample, SamplePlan};
+pub use plan::{Layer, RealLayer, RenderSample, SamplePlan};
 pub use projected::{Projection, Still, take_still};
 pub use resample::limits;
 pub use unwrap::{LightmapVertex, TexelPoint, Unwrapped};

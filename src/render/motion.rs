@@ -27,14 +27,14 @@ pub struct Motion {
     pub rect: Rect,
     /// Cells across and down; there is one more node in each direction.
     pub cells: (u32, u32),
-    /// [`Node`]s at the cells' corners, row by row.
+    /// [`MotionNode`]s at the cells' corners, row by row.
     pub nodes: wgpu::Buffer,
 }
 
 /// The same as in shaders/resolve.wgsl.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
-struct Node {
+struct MotionNode {
     /// a, px/s.
     at_infinity: [f32; 2],
     /// b / [`NEAR_M`], px/s.
@@ -55,11 +55,11 @@ impl Motion {
         let cells = (view.rect.width().div_ceil(side_px).max(1), view.rect.height().div_ceil(side_px).max(1));
         let path = CameraPath::new(view);
         let is_static = view.parallel_to_m.is_some() || path.is_static();
-        let nodes: Vec<Node> = (0..=cells.1)
+        let nodes: Vec<MotionNode> = (0..=cells.1)
             .flat_map(|y| (0..=cells.0).map(move |x| DVec2::new(f64::from(x), f64::from(y)) * f64::from(side_px)))
             .map(|at| {
                 if is_static {
-                    Node::default()
+                    MotionNode::default()
                 } else {
                     path.node(at + DVec2::new(view.rect.x0.into(), view.rect.y0.into()))
                 }
@@ -114,8 +114,8 @@ impl<'a> CameraPath<'a> {
         keys.poses.iter().all(|pose| *pose == keys.poses[0])
     }
 
-    fn node(&self, at_px: DVec2) -> Node {
-        let Some(ray) = self.ray(at_px) else { return Node::default() };
+    fn node(&self, at_px: DVec2) -> MotionNode {
+        let Some(ray) = self.ray(at_px) else { return MotionNode::default() };
         let [near, far] = self.depths_m.map(|depth_m| self.velocity(ray, depth_m));
         let [u, v] = self.depths_m.map(|depth_m| NEAR_M / depth_m);
         let by_nearness = (near - far) / (u - v);
@@ -127,7 +127,7 @@ impl<'a> CameraPath<'a> {
             (true, Some(_)) => DVec2::new(self.slope(at_px, DVec2::X), self.slope(at_px, DVec2::Y)),
         };
         let [at_infinity, by_nearness, row_time] = [at_infinity, by_nearness, row_time].map(|v| v.as_vec2().to_array());
-        Node { at_infinity, by_nearness, row_time, unused: [0.0; 2] }
+        MotionNode { at_infinity, by_nearness, row_time, unused: [0.0; 2] }
     }
 
     /// The gradient of the row's time in one direction, s/px.
@@ -196,7 +196,7 @@ mod tests {
             parallel_to_m: None,
             outer: None,
         };
-        let Node { at_infinity, by_nearness, row_time, .. } = CameraPath::new(&view).node(at);
+        let MotionNode { at_infinity, by_nearness, row_time, .. } = CameraPath::new(&view).node(at);
         let [at_infinity, by_nearness, row_time] =
             [at_infinity, by_nearness, row_time].map(|[x, y]| DVec2::new(x.into(), y.into()));
         let v = at_infinity + by_nearness * NEAR_M / z;

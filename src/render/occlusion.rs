@@ -5,7 +5,7 @@ use crate::depth::DepthGrid;
 use crate::gpu::{Recorder, Texture};
 use crate::pixels::Rect;
 
-use super::plan::Sample;
+use super::plan::RenderSample;
 
 /// Depth of the real scene.
 #[derive(Clone, Copy, Debug)]
@@ -23,14 +23,14 @@ pub struct Occlusion<'a> {
 
 impl<'a> Occlusion<'a> {
     /// Index of the moment nearest to a sample.
-    fn nearest(&self, sample: &Sample) -> Option<usize> {
+    fn nearest(&self, sample: &RenderSample) -> Option<usize> {
         let far = |n: &usize| (self.moments[*n].0 - sample.time_s).abs();
         (0..self.moments.len()).min_by(|a, b| far(a).total_cmp(&far(b)))
     }
 
     /// The samples of a plan, grouped by moment.
-    pub fn grouped_by_moment<'s>(this: Option<&Self>, samples: &'s [Sample]) -> Vec<&'s Sample> {
-        let mut samples: Vec<&Sample> = samples.iter().collect();
+    pub fn grouped_by_moment<'s>(this: Option<&Self>, samples: &'s [RenderSample]) -> Vec<&'s RenderSample> {
+        let mut samples: Vec<&RenderSample> = samples.iter().collect();
         if let Some(own) = this.filter(|own| !own.moments.is_empty()) {
             samples.sort_by_key(|sample| own.nearest(sample));
         }
@@ -40,7 +40,7 @@ impl<'a> Occlusion<'a> {
     /// Occlusion of a sample. `cached` caches the last moment's depth.
     pub fn of<'h>(
         &self,
-        sample: &Sample,
+        sample: &RenderSample,
         recorder: &Recorder,
         drawn: Rect,
         cached: &'h mut Option<(usize, (Texture, Option<GridPlacement>))>,

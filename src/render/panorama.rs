@@ -14,7 +14,7 @@ const ROUGHNESS_LEVELS: u32 = 5;
 const LOBE_SAMPLES: u32 = 192;
 
 /// Width, height, radiance row by row.
-pub type Level = (u32, u32, Vec<Vec3>);
+pub type MipLevel = (u32, u32, Vec<Vec3>);
 
 /// The direction through a texel's centre, in the panorama's axes: y is up, −z in the middle.
 pub fn direction(x: u32, y: u32, width: u32, height: u32) -> Vec3 {
@@ -42,7 +42,7 @@ pub fn solid_sr(y: u32, width: u32, height: u32) -> f32 {
 }
 
 /// Bilinear interpolation at a direction.
-pub fn at(level: &Level, d: Vec3) -> Vec3 {
+pub fn at(level: &MipLevel, d: Vec3) -> Vec3 {
     let (width, height, texels) = (level.0 as usize, level.1 as usize, &level.2);
     let Vec2 { x, y } = texel_coordinates(d, level.0, level.1) - 0.5;
     let y = y.clamp(0.0, (height - 1) as f32);
@@ -54,11 +54,11 @@ pub fn at(level: &Level, d: Vec3) -> Vec3 {
 }
 
 /// The panorama at its own size.
-pub fn full_resolution(map: &EnvironmentMap) -> Level {
+pub fn full_resolution(map: &EnvironmentMap) -> MipLevel {
     of_size(map, map.width, map.height)
 }
 
-fn of_size(map: &EnvironmentMap, width: u32, height: u32) -> Level {
+fn of_size(map: &EnvironmentMap, width: u32, height: u32) -> MipLevel {
     let mut level = resampled((map.width, map.height, &map.rgb), width, height);
     level.2.iter_mut().for_each(|texel| *texel *= map.color);
     level
@@ -66,7 +66,7 @@ fn of_size(map: &EnvironmentMap, width: u32, height: u32) -> Level {
 
 /// Resamples a picture (width, height, row by row). Each texel is the area-weighted mean of the
 /// covered texels.
-pub fn resampled<T: Copy + Into<Vec3>>(picture: (u32, u32, &[T]), width: u32, height: u32) -> Level {
+pub fn resampled<T: Copy + Into<Vec3>>(picture: (u32, u32, &[T]), width: u32, height: u32) -> MipLevel {
     let (from_width, from_height, from) = picture;
     let columns: Vec<_> = (0..width).map(|x| covered_cells(x, width, from_width)).collect();
     let mut texels = Vec::with_capacity((width * height) as usize);
@@ -96,7 +96,7 @@ fn covered_cells(i: u32, to: u32, from: u32) -> (Range<usize>, Vec<f32>) {
 
 /// Levels from sharp to fully rough, each half as wide as the previous: the panorama filtered with
 /// a GGX lobe of roughness level/(levels − 1), with the eye along the normal (Karis 2013).
-pub fn blurred_levels(map: &EnvironmentMap) -> Vec<Level> {
+pub fn blurred_levels(map: &EnvironmentMap) -> Vec<MipLevel> {
     let width = WIDTH.min(map.width.max(1 << (ROUGHNESS_LEVELS - 1)));
     let mut sources = vec![of_size(map, width, (width / 2).max(1))];
     while let Some((w, h, texels)) = sources.last().filter(|l| l.1 > 1) {
@@ -139,7 +139,7 @@ fn taps(a2: f32, width: u32) -> Vec<Tap> {
     (0..LOBE_SAMPLES).map(tap).filter(|tap| tap.towards.z > 0.0).collect()
 }
 
-fn filtered_by_lobe(sources: &[Level], taps: &[Tap], normal: Vec3) -> Vec3 {
+fn filtered_by_lobe(sources: &[MipLevel], taps: &[Tap], normal: Vec3) -> Vec3 {
     let frame = Mat3::from_quat(glam::Quat::from_rotation_arc(Vec3::Z, normal));
     let (mut sum, mut weight) = (Vec3::ZERO, 0.0);
     for tap in taps {

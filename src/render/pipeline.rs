@@ -122,7 +122,7 @@ pub struct Instance {
 
 /// A device's pipelines, each compiled on first use.
 #[derive(Debug)]
-pub struct Pipelines {
+pub struct RenderPipelines {
     module: wgpu::ShaderModule,
     layout: wgpu::PipelineLayout,
     pub frame_layout: wgpu::BindGroupLayout,
@@ -131,7 +131,7 @@ pub struct Pipelines {
     made: Memo<(Variant, Writes), Arc<wgpu::RenderPipeline>>,
 }
 
-impl Pipelines {
+impl RenderPipelines {
     pub fn new(gpu: &Gpu) -> Self {
         let [frame_layout, material_layout, lightmap_layout] = layouts(gpu);
         Self {

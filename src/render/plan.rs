@@ -4,7 +4,7 @@ use crate::gpu::Texture;
 
 /// One rendered sample in a plan.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Sample {
+pub struct RenderSample {
     pub weight: f32,
     /// Relative to the middle of each row's exposure, seconds.
     pub time_s: f64,
@@ -17,12 +17,12 @@ pub struct Sample {
 /// The samples that the renderer sums. The weights sum to 1.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SamplePlan {
-    pub samples: Vec<Sample>,
+    pub samples: Vec<RenderSample>,
     /// Focus distance, metres; up to infinity.
     pub focus_distance_m: f64,
 }
 
-impl Sample {
+impl RenderSample {
     /// A sample of this weight without offsets.
     pub fn plain(weight: f32) -> Self {
         Self { weight, time_s: 0.0, lens_m: [0.0; 2], offsets_px: Vec::new() }
@@ -32,7 +32,7 @@ impl Sample {
 impl SamplePlan {
     /// One sample at the middle of the exposure.
     pub fn single() -> Self {
-        Self { samples: vec![Sample::plain(1.0)], focus_distance_m: f64::INFINITY }
+        Self { samples: vec![RenderSample::plain(1.0)], focus_distance_m: f64::INFINITY }
     }
 }
 

@@ -125,7 +125,7 @@ pub fn take_still(gpu: &Gpu, renderer: &mut Renderer, still: &Still) -> Result<L
 fn composite_over_panorama(
     image: &mut LinearImage,
     projection: &Projection,
-    map: &panorama::Level,
+    map: &panorama::MipLevel,
     map_from_camera: DQuat,
 ) {
     let row_length = image.width as usize;

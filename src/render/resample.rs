@@ -244,7 +244,7 @@ pub struct FaceImage {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::camera::curved::Curve;
+    use crate::camera::curved::CurvedProjection;
     use std::f64::consts::PI;
 
     #[test]
@@ -260,7 +260,7 @@ mod tests {
     #[test]
     fn only_visible_faces_are_drawn_at_the_required_resolution() {
         let fisheye = |degrees: f64| Curved {
-            curve: Curve::Fisheye { fov_rad: degrees.to_radians() },
+            curve: CurvedProjection::Fisheye { fov_rad: degrees.to_radians() },
             width_px: 180,
             height_px: 180,
         };
@@ -270,8 +270,11 @@ mod tests {
         // on diagonals.
         let wanted = lossless_face_px(&fisheye(180.0));
         assert!((4.0 * 57.29..4.0 * 72.0).contains(&wanted), "{wanted}");
-        let all =
-            Curved { curve: Curve::Environment { fov_rad: DVec2::new(2.0 * PI, PI) }, width_px: 360, height_px: 180 };
+        let all = Curved {
+            curve: CurvedProjection::Environment { fov_rad: DVec2::new(2.0 * PI, PI) },
+            width_px: 360,
+            height_px: 180,
+        };
         assert_eq!(Resampler::new(&all).needed.len(), 6);
     }
 }

@@ -3,7 +3,7 @@
 use glam::{DQuat, DVec3};
 
 use super::occlusion::{GridPlacement, Occlusion};
-use super::plan::Sample;
+use super::plan::RenderSample;
 use crate::camera::{Geometry, LensModel};
 use crate::pixels::Rect;
 use crate::pose::Pose;
@@ -162,7 +162,7 @@ crate::uniform! {
 
 impl ViewUniform {
     /// `whole` is the rectangle of the real scene's depth map.
-    pub fn new(view: &View<'_>, whole: &Rect, sample: &Sample, focus_distance_m: f64) -> Self {
+    pub fn new(view: &View<'_>, whole: &Rect, sample: &RenderSample, focus_distance_m: f64) -> Self {
         let tolerance_m = view.occlusion.map_or(0.0, |occlusion| occlusion.tolerance_m);
         let per_pixel = GridPlacement { first: [whole.x0, whole.y0], per_pixel: 1.0 };
         let depth = view.occlusion.and_then(|occlusion| occlusion.grid_placement).unwrap_or(per_pixel);

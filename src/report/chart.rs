@@ -55,7 +55,7 @@ impl Ink {
 }
 
 #[derive(Clone, Debug)]
-pub enum Shape {
+pub enum ChartShape {
     /// A value per frame; where frames are missing the line is interrupted.
     Line(Vec<(f64, f64)>),
     Dots(Vec<(f64, f64)>),
@@ -90,7 +90,7 @@ pub struct Chart {
     /// Whether the range includes 0.
     pub from_zero: bool,
     pub height: u32,
-    pub shapes: Vec<(Ink, Shape)>,
+    pub shapes: Vec<(Ink, ChartShape)>,
 }
 
 impl Chart {
@@ -123,9 +123,9 @@ impl Chart {
 
     fn range(&self) -> Range<f64> {
         let values = self.shapes.iter().flat_map(|(_, shape)| match shape {
-            Shape::Line(points) | Shape::Dots(points) => points.iter().map(|point| point.1).collect(),
-            Shape::Bars(bars) => bars.iter().map(|bar| bar.2).collect(),
-            Shape::Level { value, sigma, .. } => vec![value - sigma, value + sigma],
+            ChartShape::Line(points) | ChartShape::Dots(points) => points.iter().map(|point| point.1).collect(),
+            ChartShape::Bars(bars) => bars.iter().map(|bar| bar.2).collect(),
+            ChartShape::Level { value, sigma, .. } => vec![value - sigma, value + sigma],
         });
         let zero = self.from_zero.then_some(0.0);
         let (low, high) = values
@@ -178,25 +178,25 @@ impl Chart {
         for (ink, shape) in &self.shapes {
             let colour = ink.colour();
             match shape {
-                Shape::Line(points) => {
+                ChartShape::Line(points) => {
                     for part in connected(&thinned(points)) {
                         let line = LineSeries::new(part, colour.stroke_width(4));
                         chart.draw_series(line).map_err(|error| failed(&error))?;
                     }
                 }
-                Shape::Dots(points) => {
+                ChartShape::Dots(points) => {
                     let points = thinned(points);
                     let dots = points.into_iter().map(|at| Circle::new(at, 6, colour.mix(0.7).filled()));
                     chart.draw_series(dots).map_err(|error| failed(&error))?;
                 }
-                Shape::Bars(bars) => {
+                ChartShape::Bars(bars) => {
                     let bar = |(from, to, value): &(f64, f64, f64)| {
                         let corners = vec![(*from, 0.0), (*to, 0.0), (*to, *value), (*from, *value)];
                         Polygon::new(corners, colour.mix(0.7).filled())
                     };
                     chart.draw_series(bars.iter().map(bar)).map_err(|error| failed(&error))?;
                 }
-                Shape::Level { from, to, value, sigma } => {
+                ChartShape::Level { from, to, value, sigma } => {
                     let band =
                         [(*from, value - sigma), (*to, value - sigma), (*to, value + sigma), (*from, value + sigma)];
                     let band = Polygon::new(band.to_vec(), colour.mix(0.22).filled());
@@ -225,7 +225,7 @@ fn connected(points: &[(f64, f64)]) -> Vec<Vec<(f64, f64)>> {
 mod tests {
     use super::*;
 
-    fn chart(shapes: Vec<(Ink, Shape)>) -> Chart {
+    fn chart(shapes: Vec<(Ink, ChartShape)>) -> Chart {
         let y = "turn, °".to_owned();
         Chart {
             x_axis: XAxis::Frames(11),
@@ -244,13 +244,13 @@ mod tests {
         assert_eq!(connected(&points).iter().map(Vec::len).collect::<Vec<_>>(), [3, 2]);
         assert_eq!(connected(&points[..1]).len(), 1);
         assert_eq!(connected(&[]).len(), 0);
-        let svg = chart(vec![(Ink::Found, Shape::Line(points))]).svg().unwrap();
+        let svg = chart(vec![(Ink::Found, ChartShape::Line(points))]).svg().unwrap();
         assert_eq!(svg.matches("stroke=\"#050505\"").count(), 2, "{svg}");
     }
 
     #[test]
     fn values_are_drawn_at_their_axis_coordinates() {
-        let dots = Shape::Dots(vec![(0.0, 0.0), (5.0, 5.0), (10.0, 10.0)]);
+        let dots = ChartShape::Dots(vec![(0.0, 0.0), (5.0, 5.0), (10.0, 10.0)]);
         let svg = chart(vec![(Ink::Red, dots)]).svg().unwrap();
         let places = |name: &str| -> Vec<f64> {
             let circles = svg.split("<circle").skip(1);
@@ -267,7 +267,7 @@ mod tests {
 
     #[test]
     fn bars_extend_from_zero_to_their_values() {
-        let bars = Shape::Bars(vec![(0.0, 1.0, 4.0), (1.0, 2.0, 2.0)]);
+        let bars = ChartShape::Bars(vec![(0.0, 1.0, 4.0), (1.0, 2.0, 2.0)]);
         let x_axis = XAxis::Values("σ, px", 0.0..2.0);
         let svg = Chart { x_axis, from_zero: true, ..chart(vec![(Ink::Found, bars)]) }.svg().unwrap();
         let corners = |n: usize| -> Vec<Vec<f64>> {
@@ -287,7 +287,7 @@ mod tests {
     fn empty_and_non_finite_values_do_not_panic() {
         for values in [vec![], vec![(0.0, f64::NAN)], vec![(3.0, 5.0)], vec![(0.0, 1e300), (1.0, -1e300)]] {
             for is_logarithmic in [false, true] {
-                let shapes = vec![(Ink::Blue, Shape::Dots(values.clone()))];
+                let shapes = vec![(Ink::Blue, ChartShape::Dots(values.clone()))];
                 Chart { is_logarithmic, ..chart(shapes) }.svg().unwrap();
             }
         }

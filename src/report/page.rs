@@ -58,7 +58,7 @@ impl Figure {
 
 /// A part of the analysis: its duration, and its share of the total, per cent.
 #[derive(Serialize)]
-struct Part {
+struct PagePart {
     name: String,
     took: String,
     share: String,
@@ -79,7 +79,7 @@ struct Page {
     /// Names of kept or refused estimates, verdict and reason.
     reasons: Vec<(String, &'static str, String)>,
     whole: String,
-    parts: Vec<Part>,
+    parts: Vec<PagePart>,
 }
 
 pub fn page(source: &Source<'_>, figures: Vec<Figure>) -> Result<String, ReportError> {
@@ -121,9 +121,9 @@ fn reasons(estimates: &[Estimate]) -> Vec<(String, &'static str, String)> {
 }
 
 /// Total duration, and the parts.
-fn parts(times: &[(Cow<'static, str>, Duration)]) -> (String, Vec<Part>) {
+fn parts(times: &[(Cow<'static, str>, Duration)]) -> (String, Vec<PagePart>) {
     let whole_s: f64 = times.iter().map(|(_, took)| took.as_secs_f64()).sum();
-    let part = |(name, took): &(Cow<'static, str>, Duration)| Part {
+    let part = |(name, took): &(Cow<'static, str>, Duration)| PagePart {
         name: shown(name),
         took: format!("{} s", fixed(took.as_secs_f64(), 1)),
         share: fixed(100.0 * took.as_secs_f64() / whole_s.max(1e-9), 1),

@@ -1,6 +1,6 @@
 //! Figures with plots.
 
-use super::chart::{Chart, Ink, Shape, XAxis};
+use super::chart::{Chart, ChartShape, Ink, XAxis};
 use super::correction::{Correction, corrections, usual_depth_m};
 use super::page::{Body, Figure};
 use super::slide::{LATER, SlidePair, slides, worse};
@@ -31,7 +31,8 @@ pub fn correction(source: &Source<'_>) -> Result<Figure, ReportError> {
     }
     let depth_m = usual_depth_m(source)?.unwrap_or(ASSUMED_DEPTH_M);
     let all = corrections(source, depth_m);
-    let of = |value: &dyn Fn(&Correction) -> f64| Shape::Line(all.iter().map(|c| (c.frame as f64, value(c))).collect());
+    let of =
+        |value: &dyn Fn(&Correction) -> f64| ChartShape::Line(all.iter().map(|c| (c.frame as f64, value(c))).collect());
     let axes = |vector: fn(&Correction) -> glam::DVec3| {
         let inks = [Ink::Red, Ink::Green, Ink::Blue];
         inks.iter().enumerate().map(|(k, ink)| (*ink, of(&move |c| vector(c)[k]))).collect::<Vec<_>>()
@@ -72,7 +73,7 @@ pub fn links(source: &Source<'_>) -> Result<Figure, ReportError> {
         return Ok(Figure::left_out(title, format!("no frames were linked to judge the poses by: {why}")));
     }
     let of = |px: fn(&HeldOutResidual) -> f64| {
-        Shape::Dots(missed.iter().map(|m| (0.5 * (m.from + m.to) as f64, px(m).max(0.01))).collect())
+        ChartShape::Dots(missed.iter().map(|m| (0.5 * (m.from + m.to) as f64, px(m).max(0.01))).collect())
     };
     let share = |px: fn(&HeldOutResidual) -> f64, share: f64| {
         let mut all: Vec<f64> = missed.iter().map(px).collect();
@@ -113,7 +114,7 @@ pub fn slide(source: &Source<'_>) -> Result<Figure, ReportError> {
     let is_refined = slid.iter().any(|pair| pair.refined_px.is_some());
     let of = |px: &dyn Fn(&SlidePair) -> Option<f64>, by: f64| {
         let at = |pair: &SlidePair| Some((pair.later as f64 + by, px(pair)?.max(0.01)));
-        Shape::Dots(slid.iter().filter_map(at).collect())
+        ChartShape::Dots(slid.iter().filter_map(at).collect())
     };
     let mut shapes = vec![(Ink::Recorded, of(&SlidePair::recorded_median_px, -0.4))];
     let mut legend = vec![RECORDED];
@@ -169,7 +170,7 @@ pub fn sharpness(source: &Source<'_>) -> Result<Figure, ReportError> {
         is_logarithmic: false,
         from_zero: true,
         height: LOW + AXIS,
-        shapes: vec![(Ink::Recorded, Shape::Bars(others)), (Ink::Found, Shape::Bars(own))],
+        shapes: vec![(Ink::Recorded, ChartShape::Bars(others)), (Ink::Found, ChartShape::Bars(own))],
     };
     Ok(Figure {
         title,
@@ -191,9 +192,9 @@ pub fn tone(source: &Source<'_>) -> Result<Figure, ReportError> {
     };
     let level = |band: &ToneBand| {
         let (from, to) = (band.from.into(), band.to.into());
-        (Ink::Found, Shape::Level { from, to, value: band.slope, sigma: band.sigma })
+        (Ink::Found, ChartShape::Level { from, to, value: band.slope, sigma: band.sigma })
     };
-    let right = (Ink::Recorded, Shape::Level { from: 0.0, to: 255.0, value: 1.0, sigma: 0.0 });
+    let right = (Ink::Recorded, ChartShape::Level { from: 0.0, to: 255.0, value: 1.0, sigma: 0.0 });
     let chart = Chart {
         x_axis: XAxis::Values("code", 0.0..255.0),
         y: "by middle codes".to_owned(),
@@ -223,7 +224,7 @@ pub fn gain(source: &Source<'_>) -> Result<Figure, ReportError> {
         };
         return Ok(Figure::left_out(title, why));
     }
-    let of = |c: usize| Shape::Line(gains.iter().enumerate().map(|(n, g)| (n as f64, g[c].log2())).collect());
+    let of = |c: usize| ChartShape::Line(gains.iter().enumerate().map(|(n, g)| (n as f64, g[c].log2())).collect());
     let chart = Chart {
         x_axis: XAxis::Frames(gains.len()),
         y: "stops".to_owned(),
@@ -255,14 +256,14 @@ pub fn exposure(source: &Source<'_>) -> Result<Figure, ReportError> {
     let mut shapes = Vec::new();
     if !told.is_empty() {
         legend.push(RECORDED);
-        shapes.push((Ink::Recorded, Shape::Line(told)));
+        shapes.push((Ink::Recorded, ChartShape::Line(told)));
     }
     shapes.extend(shutter.runs.iter().map(|run| {
         let (from, to) = (run.from as f64, (run.to - 1) as f64);
-        (Ink::Found, Shape::Level { from, to, value: 1e3 * run.exposure_s, sigma: 1e3 * run.sigma_s })
+        (Ink::Found, ChartShape::Level { from, to, value: 1e3 * run.exposure_s, sigma: 1e3 * run.sigma_s })
     }));
     let samples = shutter.samples.iter().map(|(frame, s)| (*frame as f64, 1e3 * s)).collect();
-    shapes.push((Ink::Found, Shape::Dots(samples)));
+    shapes.push((Ink::Found, ChartShape::Dots(samples)));
     let chart = Chart {
         x_axis: XAxis::Frames(source.recording.frame_count()),
         y: "exposure, ms".to_owned(),
@@ -293,7 +294,8 @@ pub fn across(source: &Source<'_>) -> Result<Figure, ReportError> {
         let why = fitted.map_or("frames are equally bright, or cannot be compared".to_owned(), |f| f.to_string());
         return Ok(Figure::left_out(title, why));
     }
-    let of = |at: [f32; 2]| Shape::Line(parts.iter().enumerate().map(|(n, a)| (n as f64, a.at(at).into())).collect());
+    let of =
+        |at: [f32; 2]| ChartShape::Line(parts.iter().enumerate().map(|(n, a)| (n as f64, a.at(at).into())).collect());
     let chart = Chart {
         x_axis: XAxis::Frames(parts.len()),
         y: "stops".to_owned(),

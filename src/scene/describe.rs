@@ -17,7 +17,7 @@ const MAX_LISTED_OVERLAPS: usize = 8;
 
 /// Contents of a scene in numbers.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Description {
+pub struct SceneDescription {
     pub objects: Vec<ObjectDescription>,
     pub triangles: usize,
     pub materials: usize,
@@ -55,7 +55,7 @@ fn light(value: f32) -> String {
 }
 
 /// Counts the contents of a scene and collects warnings about them.
-pub fn describe(scene: &Scene) -> Description {
+pub fn describe(scene: &Scene) -> SceneDescription {
     let mut warnings = scene.warnings.clone();
     let objects: Vec<_> = scene.objects.iter().map(|object| describe_object(scene, object, &mut warnings)).collect();
     warnings.extend(overlaps(scene).iter().take(MAX_LISTED_OVERLAPS).map(|overlap| overlap.message(scene)));
@@ -72,7 +72,7 @@ pub fn describe(scene: &Scene) -> Description {
             format!("a panorama of {}x{} px{factor}", map.width, map.height)
         }
     };
-    Description {
+    SceneDescription {
         triangles: objects.iter().map(|o| o.triangles).sum(),
         objects,
         materials: scene.materials.len(),
@@ -128,7 +128,7 @@ fn metres(value: f64) -> String {
     fixed(value, 3)
 }
 
-impl fmt::Display for Description {
+impl fmt::Display for SceneDescription {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for object in &self.objects {
             if object.hidden {

@@ -56,7 +56,7 @@ pub(super) fn rotation(degrees: DVec3) -> DQuat {
 }
 
 /// Placement keys of an object or an instance.
-struct Keys<'a> {
+struct SceneKeys<'a> {
     position_m: &'a mut Option<[f64; 3]>,
     rotation_deg: &'a mut Option<[f64; 3]>,
     quaternion: &'a mut Option<[f64; 4]>,
@@ -68,7 +68,7 @@ struct Keys<'a> {
 macro_rules! keys {
     ($of:expr) => {{
         let of = $of;
-        Keys {
+        SceneKeys {
             position_m: &mut of.position_m,
             rotation_deg: &mut of.rotation_deg,
             quaternion: &mut of.quaternion,

@@ -41,7 +41,7 @@ use glam::{DAffine3, DQuat, DVec3, Vec2, Vec3};
 use crate::digest::digestible;
 use crate::plane::Plane;
 
-pub use describe::{Description, ObjectDescription, TextureDescription, bounds_m, describe, size_warning};
+pub use describe::{ObjectDescription, SceneDescription, TextureDescription, bounds_m, describe, size_warning};
 pub use document::{Document, Entry, Gauge, SceneFile, SceneItem};
 pub use edit::ItemPlacement;
 pub use error::SceneError;

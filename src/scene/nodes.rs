@@ -20,7 +20,7 @@ pub(super) struct Tree {
 }
 
 /// A node to be visited.
-struct Step {
+struct NodeVisit {
     index: usize,
     parent: Option<usize>,
     level: usize,
@@ -32,12 +32,12 @@ struct Step {
 pub(super) fn placed(gltf: &Gltf) -> Result<Tree, SceneError> {
     let nodes = &gltf.json.nodes;
     let (roots, place, warnings) = roots(gltf)?;
-    let step = |index| Step { index, parent: None, level: 1, model_from_parent: DAffine3::IDENTITY };
-    let mut open: Vec<Step> = roots.into_iter().rev().map(step).collect();
+    let step = |index| NodeVisit { index, parent: None, level: 1, model_from_parent: DAffine3::IDENTITY };
+    let mut open: Vec<NodeVisit> = roots.into_iter().rev().map(step).collect();
     let mut placed = Vec::new();
     let mut is_placed = vec![false; nodes.len()];
     let mut parents = vec![None; nodes.len()];
-    while let Some(Step { index, parent, level, model_from_parent }) = open.pop() {
+    while let Some(NodeVisit { index, parent, level, model_from_parent }) = open.pop() {
         let above = |start: usize| std::iter::successors(Some(start), |&node| parents[node]);
         let children_of = |node: usize| format!("nodes[{node}].children");
         if std::mem::replace(&mut is_placed[index], true) {
@@ -67,7 +67,7 @@ pub(super) fn placed(gltf: &Gltf) -> Result<Tree, SceneError> {
         for &child in node.children.iter().rev() {
             gltf.get(nodes, "nodes", child, children_of(index))?;
             let (parent, level) = (Some(index), level + 1);
-            open.push(Step { index: child, parent, level, model_from_parent: model_from_node });
+            open.push(NodeVisit { index: child, parent, level, model_from_parent: model_from_node });
         }
     }
     Ok(Tree { nodes: placed, warnings })

@@ -254,14 +254,14 @@ pub(super) struct Primitive {
     pub material: Option<usize>,
     pub mode: Option<u32>,
     #[serde(default, deserialize_with = "list::<_, _, { MAX_LIST }>")]
-    pub targets: Vec<Target>,
+    pub targets: Vec<MorphTarget>,
     #[serde(default)]
     pub extensions: ExtensionNames,
 }
 
 /// A morph target. Displacements of tangents are not read.
 #[derive(Debug, Deserialize)]
-pub(super) struct Target {
+pub(super) struct MorphTarget {
     #[serde(rename = "POSITION")]
     pub position: Option<usize>,
     #[serde(rename = "NORMAL")]

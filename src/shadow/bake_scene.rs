@@ -55,7 +55,7 @@ impl Digestible for BakeInputs<'_> {
 
 /// A sun with directions to the samples of its disc, or a lamp with the samples' positions; with
 /// the radiance of white matt that faces it.
-enum Light<'a> {
+enum BakeLight<'a> {
     Sun { directions: Vec<Vec3>, color: Vec3 },
     Lamp { positions: Vec<Vec3>, lamp: &'a PointLight, centre: Vec3 },
 }
@@ -118,7 +118,7 @@ pub struct BakeScene<'a> {
     /// [`ENV_SUBSAMPLING`]th.
     rays: Vec<RayPacket>,
     sparse_rays: Vec<RayPacket>,
-    lights: Vec<Light<'a>>,
+    lights: Vec<BakeLight<'a>>,
     offset_m: f32,
     /// Irradiance / π of each cluster's first triangle on its front, computed on demand.
     irradiance: Vec<OnceLock<Vec3>>,
@@ -139,12 +139,12 @@ impl<'a> BakeScene<'a> {
             let towards = sun.towards_light_in_world;
             let offsets = disc_around(towards, (0.5 * sun.diameter_rad).tan());
             let directions = offsets.into_iter().map(|offset| (towards + offset).normalize()).collect();
-            Light::Sun { directions, color: sun.color }
+            BakeLight::Sun { directions, color: sun.color }
         };
         let lamp = |lamp: &'a PointLight| {
             let centre = (lamp.position_in_world_m - inputs.origin_m).as_vec3();
             let offsets = disc_around(centre.try_normalize().unwrap_or(Vec3::Z), 0.5 * lamp.diameter_m);
-            Light::Lamp { positions: offsets.into_iter().map(|offset| centre + offset).collect(), lamp, centre }
+            BakeLight::Lamp { positions: offsets.into_iter().map(|offset| centre + offset).collect(), lamp, centre }
         };
         let [max_suns, max_lamps] = inputs.max_lights;
         let suns = lighting.suns.iter().take(max_suns).map(sun);
@@ -199,17 +199,17 @@ impl<'a> BakeScene<'a> {
     }
 
     /// Fraction of a light's disc that is visible.
-    fn disc_visibility(&self, light: &Light<'_>, from: Vec3, face_normal: Vec3) -> f32 {
+    fn disc_visibility(&self, light: &BakeLight<'_>, from: Vec3, face_normal: Vec3) -> f32 {
         let hidden = |rays: &mut dyn Iterator<Item = Vec3>, farthest: f32| {
             let bundle = RayPacket::new(rays);
             let hidden = self.bvh.any(from, &bundle, bundle.front_facing_lengths(face_normal, farthest));
             hidden.into_iter().filter(|is_hidden| *is_hidden).count()
         };
         let hidden: usize = match light {
-            Light::Sun { directions, .. } => {
+            BakeLight::Sun { directions, .. } => {
                 directions.chunks(RAYS).map(|some| hidden(&mut some.iter().copied(), f32::INFINITY)).sum()
             }
-            Light::Lamp { positions, .. } => {
+            BakeLight::Lamp { positions, .. } => {
                 positions.chunks(RAYS).map(|some| hidden(&mut some.iter().map(|to| *to - from), 1.0)).sum()
             }
         };
@@ -270,8 +270,8 @@ impl<'a> BakeScene<'a> {
         }
         let lights = self.lights.iter().map(|light| {
             let unoccluded = match light {
-                Light::Sun { directions, color } => *color * directions[0].dot(normal).max(0.0),
-                Light::Lamp { lamp, centre, .. } => {
+                BakeLight::Sun { directions, color } => *color * directions[0].dot(normal).max(0.0),
+                BakeLight::Lamp { lamp, centre, .. } => {
                     on_surface(*centre - from, normal, lamp.color, lamp.range_m, lamp.spot)
                 }
             };

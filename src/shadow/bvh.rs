@@ -18,7 +18,7 @@ pub const RAYS: usize = 8;
 
 /// A box with its skip link.
 #[derive(Clone, Copy, Debug)]
-struct Node {
+struct BvhNode {
     low: Vec3,
     high: Vec3,
     /// The next node that is not within this box.
@@ -40,7 +40,7 @@ struct Triangle {
 pub struct Bvh {
     /// Vector instructions of this processor.
     level: Level,
-    nodes: Vec<Node>,
+    nodes: Vec<BvhNode>,
     triangles: Vec<Triangle>,
 }
 
@@ -108,7 +108,7 @@ impl Bvh {
         let own = &mut self.triangles[first..first + count];
         let whole = Aabb::of(own);
         let node = self.nodes.len();
-        self.nodes.push(Node {
+        self.nodes.push(BvhNode {
             low: whole.low,
             high: whole.high,
             skip: 0,

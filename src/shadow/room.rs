@@ -20,7 +20,7 @@ use glam::{DVec3, IVec3, Vec2, Vec3};
 use super::extent::Extent;
 use super::mask::jitter;
 use super::receiver_plane::ReceiverPlane;
-use super::sky::{Lamp, PlaneLighting, Ray, RaySource};
+use super::sky::{PlaneLighting, Ray, RaySource, SampledLamp};
 use crate::depth::MIN_HEIGHT_OVER_PLANE_M;
 use crate::digest::{Digester, Digestible};
 
@@ -144,7 +144,7 @@ impl OccluderMask {
         let (columns, rows) = (cells.x as usize, cells.y as usize);
         let mut mask = Self { low_m: extent.low, columns, rows, rays: Vec::new(), lamps: Vec::new() };
         mask.rays = mask.words(&sky.rays, |nearest, n, ray| mask.of_ray(nearest, &voxels, n, ray));
-        let of_lamp = |lamp: &Lamp| {
+        let of_lamp = |lamp: &SampledLamp| {
             mask.words(&lamp.points_m, |nearest, n, point| {
                 mask.project(nearest, &voxels, n, |voxel| {
                     let below = point.z - voxel.z;
@@ -160,7 +160,7 @@ impl OccluderMask {
             })
         };
         // The light of a lamp may graze a facet, where projected shadows would be infinitely long.
-        let along = |lamp: &Lamp| mask.by_ray_marching(room, floor, lamp);
+        let along = |lamp: &SampledLamp| mask.by_ray_marching(room, floor, lamp);
         mask.lamps = match sky.back_light {
             Some(_) => sky.lamps.iter().map(along).collect(),
             None => sky.lamps.iter().map(of_lamp).collect(),
@@ -170,7 +170,7 @@ impl OccluderMask {
     }
 
     /// Bit masks of a lamp's blocked points, from a few visibility rays for each cell.
-    fn by_ray_marching(&self, room: &Room, floor: &ReceiverPlane, lamp: &Lamp) -> Vec<Vec<u32>> {
+    fn by_ray_marching(&self, room: &Room, floor: &ReceiverPlane, lamp: &SampledLamp) -> Vec<Vec<u32>> {
         let step = lamp.points_m.len().div_ceil(LAMP_RAYS).max(1);
         let mut words = vec![vec![0u32; self.columns * self.rows]; lamp.points_m.len().div_ceil(WORD_BITS)];
         let is_facet = |at_m: DVec3| floor.height_m(at_m) < f64::from(MIN_HEIGHT_M);
@@ -289,7 +289,7 @@ impl OccluderMask {
                 ray.light = Vec3::ZERO;
             }
         }
-        let unblocked_lamp = |(number, lamp): (usize, &Lamp)| {
+        let unblocked_lamp = |(number, lamp): (usize, &SampledLamp)| {
             let words = (0..lamp.points_m.len().div_ceil(WORD_BITS)).map(|n| self.lamp(number, n, at_m));
             let blocked: u32 = words.map(u32::count_ones).sum();
             lamp.scaled(1.0 - blocked as f32 / lamp.points_m.len().max(1) as f32)

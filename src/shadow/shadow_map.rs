@@ -15,7 +15,7 @@ use super::receiver_mask::ReceiverMask;
 use super::receiver_plane::ReceiverPlane;
 use super::room::OccluderMask;
 use super::silhouette::SilhouetteMesh;
-use super::sky::{CLASSES, Lamp, PlaneLighting, Ray, class};
+use super::sky::{CLASSES, PlaneLighting, Ray, SampledLamp, class};
 use crate::digest::{Digester, Digestible};
 use crate::interpolation::bilinear;
 use crate::parallel::{over_rows, processors};
@@ -325,7 +325,7 @@ impl ShadowTexture {
     /// of 32 points that real objects block.
     fn lamp_fractions(
         &self,
-        lamp: &Lamp,
+        lamp: &SampledLamp,
         mask: &mut Mask,
         silhouette: &SilhouetteMesh,
         real: impl Fn(usize, usize) -> u32,

@@ -18,12 +18,12 @@ pub struct SilhouetteMesh {
     /// m; without duplicates.
     corners: Vec<Vec3>,
     triangles: Vec<[u32; 3]>,
-    edges: Vec<Edge>,
+    edges: Vec<SilhouetteEdge>,
 }
 
 /// An edge between two corners, the one with the lower index first.
 #[derive(Clone, Copy, Debug)]
-struct Edge {
+struct SilhouetteEdge {
     corners: [u32; 2],
     /// The triangle that contains it in this direction, and the one in the opposite direction; one
     /// past the last for none.
@@ -75,7 +75,7 @@ impl SilhouetteMesh {
             i8::from(area > 0.0) - i8::from(area < 0.0)
         }));
         orientations.push(0);
-        for Edge { corners: [from, to], triangles: [along, against] } in &self.edges {
+        for SilhouetteEdge { corners: [from, to], triangles: [along, against] } in &self.edges {
             let (along, against) = (orientations[*along as usize], orientations[*against as usize]);
             if along != against {
                 each(places[*from as usize], places[*to as usize], i32::from(along - against));
@@ -85,7 +85,7 @@ impl SilhouetteMesh {
 }
 
 /// The edges of triangles. If more than two triangles share an edge they are paired.
-fn edges(triangles: &[[u32; 3]]) -> Vec<Edge> {
+fn edges(triangles: &[[u32; 3]]) -> Vec<SilhouetteEdge> {
     let none = triangles.len() as u32;
     let mut uses: Vec<([u32; 2], bool, u32)> = (0..none)
         .zip(triangles)
@@ -100,7 +100,7 @@ fn edges(triangles: &[[u32; 3]]) -> Vec<Edge> {
         let (along, against) = of_one.split_at(of_one.partition_point(|(_, is_against, _)| !is_against));
         for n in 0..along.len().max(against.len()) {
             let of = |list: &[([u32; 2], bool, u32)]| list.get(n).map_or(none, |(.., triangle)| *triangle);
-            edges.push(Edge { corners: of_one[0].0, triangles: [of(along), of(against)] });
+            edges.push(SilhouetteEdge { corners: of_one[0].0, triangles: [of(along), of(against)] });
         }
     }
     edges

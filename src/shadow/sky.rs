@@ -15,7 +15,7 @@ use glam::{DVec3, Mat3, Vec2, Vec3};
 use super::mask::R2_STEP;
 use super::receiver_plane::ReceiverPlane;
 use crate::digest::{Digester, Digestible, digestible};
-use crate::render::panorama::{Level, direction, direction_at, resampled, solid_sr};
+use crate::render::panorama::{MipLevel, direction, direction_at, resampled, solid_sr};
 use crate::scene::{Environment, Lighting, Sun};
 
 /// Rays of the environment on a plane. For an object of a marker's size, 256 are within 0.23 codes
@@ -78,7 +78,7 @@ pub struct EnvSample {
 
 /// A lamp nearby, in the plane's axes.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Lamp {
+pub struct SampledLamp {
     pub at_m: Vec3,
     color: Vec3,
     range_m: f32,
@@ -92,7 +92,7 @@ pub struct Lamp {
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlaneLighting {
     pub rays: Arc<[Ray]>,
-    pub lamps: Vec<Lamp>,
+    pub lamps: Vec<SampledLamp>,
     /// Sum over all rays.
     pub light: Vec3,
     /// Light from behind a facet that passes its sides; `None` for other planes.
@@ -103,13 +103,13 @@ pub struct PlaneLighting {
 #[derive(Clone, Debug, PartialEq)]
 pub struct BackLight {
     pub far: Vec<EnvSample>,
-    pub lamps: Vec<Lamp>,
+    pub lamps: Vec<SampledLamp>,
 }
 
 digestible! {
     Ray { slope, light, angle_rad, source }
     EnvSample { towards, light, solid_sr }
-    Lamp { at_m, color, range_m, spot, radius_m, points_m }
+    SampledLamp { at_m, color, range_m, spot, radius_m, points_m }
     PlaneLighting { rays, lamps, light, back_light }
     BackLight { far, lamps }
 }
@@ -123,7 +123,7 @@ impl Digestible for RaySource {
 /// A scene's environment, resampled once for all planes.
 #[derive(Clone, Debug)]
 pub struct EnvironmentImage {
-    level: Level,
+    level: MipLevel,
     world_from_map: Mat3,
 }
 
@@ -268,7 +268,7 @@ impl PlaneLighting {
         let lamps = lighting.points.iter().map(|point| {
             let at_m = plane_from_world.transform_point3(point.position_in_world_m).as_vec3();
             let (aside, over) = at_m.try_normalize().unwrap_or(Vec3::Z).any_orthonormal_pair();
-            Lamp {
+            SampledLamp {
                 at_m,
                 color: point.color,
                 range_m: point.range_m,
@@ -310,9 +310,9 @@ impl PlaneLighting {
             |ray: Ray| Ray { light: ray.light * brighter, angle_rad: ray.angle_rad * (stride as f32).sqrt(), ..ray };
         let rays: Vec<Ray> = kept.into_iter().map(of).collect();
         let light = rays.iter().map(|ray| ray.light).sum();
-        let sparse_lamp = |lamp: &Lamp| {
+        let sparse_lamp = |lamp: &SampledLamp| {
             let points_m = lamp.points_m.iter().skip(stride / 2).step_by(stride).copied().collect();
-            Lamp { points_m, ..lamp.clone() }
+            SampledLamp { points_m, ..lamp.clone() }
         };
         Self {
             rays: rays.into(),
@@ -355,7 +355,7 @@ pub fn class(angle_rad: f32) -> usize {
     MIN_CLASS_ANGLES_RAD.iter().take_while(|least| angle_rad >= **least).count()
 }
 
-impl Lamp {
+impl SampledLamp {
     /// Angular radius of the patch of one of its points, from the plane below the objects, rad.
     pub fn angle_rad(&self) -> f32 {
         self.radius_m / (self.points_m.len().max(1) as f32).sqrt() / self.at_m.length().max(1e-6)

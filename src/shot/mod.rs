@@ -51,7 +51,7 @@ pub use light::{DEFAULT_ISO, PartialExposure, SceneLight};
 pub use load_analysis::AnalysisState;
 pub use note::{Note, ObjectIssue, Tally};
 pub use options::{AnalysisChoice, ShotOptions};
-pub use pick::{Hit, nearest};
+pub use pick::{PickHit, nearest};
 pub use posed_camera::{PosedCamera, ViewRay};
 pub use projected::ProjectedObject;
 pub use reduced::ReducedFrame;

@@ -30,7 +30,7 @@ pub fn outline(triangles: &[[DVec2; 3]], within: &Rect) -> Vec<Vec<DVec2>> {
     let per_px = (MAX_SIDE_CELLS / (high - low).max_element().max(1.0)).min(MAX_CELLS_PER_PX);
     // A margin of empty cells, so that every border closes.
     let size = ((high - low) * per_px).ceil() + 3.0;
-    let mut grid = Grid { width: size.x as usize, height: size.y as usize, filled: Vec::new() };
+    let mut grid = FilledGrid { width: size.x as usize, height: size.y as usize, filled: Vec::new() };
     grid.filled = vec![false; grid.width * grid.height];
     for triangle in triangles {
         grid.fill(triangle.map(|p| (p - low) * per_px + 1.0));
@@ -40,13 +40,13 @@ pub fn outline(triangles: &[[DVec2; 3]], within: &Rect) -> Vec<Vec<DVec2>> {
     polygons.map(|polygon| polygon.into_iter().map(|p| (p - 1.0) / per_px + low).collect()).collect()
 }
 
-struct Grid {
+struct FilledGrid {
     width: usize,
     height: usize,
     filled: Vec<bool>,
 }
 
-impl Grid {
+impl FilledGrid {
     fn is_filled(&self, x: i64, y: i64) -> bool {
         let inside = x >= 0 && y >= 0 && x < self.width as i64 && y < self.height as i64;
         inside && self.filled[y as usize * self.width + x as usize]

@@ -7,7 +7,7 @@ use crate::scene::{Object, Part, Scene};
 
 /// The nearest intersection of a ray with an object.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Hit {
+pub struct PickHit {
     /// Index into [`Scene::objects`]; [`crate::scene::SceneFile::entries`] has its place in the
     /// scene file.
     pub object: usize,
@@ -21,28 +21,28 @@ pub struct Hit {
 impl PosedCamera {
     /// The nearest object at a position of the picture, px from its upper left. Occlusion by real
     /// objects and transparency are not considered: glass is hit.
-    pub fn object_at(&self, scene: &Scene, at_px: DVec2) -> Option<Hit> {
+    pub fn object_at(&self, scene: &Scene, at_px: DVec2) -> Option<PickHit> {
         nearest(scene, &self.ray(at_px)?)
     }
 }
 
 /// The nearest intersection of a ray with an object; triangles are two-sided.
-pub fn nearest(scene: &Scene, ray: &ViewRay) -> Option<Hit> {
+pub fn nearest(scene: &Scene, ray: &ViewRay) -> Option<PickHit> {
     nearest_of(scene, ray, |_| true)
 }
 
 /// [`nearest`] among the objects that pass a filter.
-pub fn nearest_of(scene: &Scene, ray: &ViewRay, accepts: impl Fn(usize) -> bool) -> Option<Hit> {
+pub fn nearest_of(scene: &Scene, ray: &ViewRay, accepts: impl Fn(usize) -> bool) -> Option<PickHit> {
     let objects = scene.objects.iter().enumerate().filter(|(index, _)| accepts(*index));
     let hits = objects.filter_map(|(index, object)| hit_of_object(scene, index, object, ray));
     hits.min_by(|a, b| a.distance_m.total_cmp(&b.distance_m))
 }
 
-fn hit_of_object(scene: &Scene, object: usize, of: &Object, ray: &ViewRay) -> Option<Hit> {
+fn hit_of_object(scene: &Scene, object: usize, of: &Object, ray: &ViewRay) -> Option<PickHit> {
     let hits = of.placed().filter_map(|part| hit_of_part(scene, part, ray));
     let (distance_m, normal) = hits.min_by(|a, b| a.0.total_cmp(&b.0))?;
     let normal = if normal.dot(ray.direction) > 0.0 { -normal } else { normal };
-    Some(Hit { object, point_m: ray.at(distance_m), normal, distance_m })
+    Some(PickHit { object, point_m: ray.at(distance_m), normal, distance_m })
 }
 
 /// Distance, m, and normal of the nearest triangle that a ray hits.

@@ -71,7 +71,7 @@ impl PosedCamera {
             let point = part.world_from_mesh.transform_point3(DVec3::from(v.position.map(f64::from)));
             (point, self.project(point))
         };
-        let corners: Vec<Corner> = mesh.vertices.iter().map(corner).collect();
+        let corners: Vec<ProjectedCorner> = mesh.vertices.iter().map(corner).collect();
         for triangle in mesh.indices.chunks_exact(3) {
             self.subdivide([0, 1, 2].map(|k| corners[triangle[k] as usize]), area, 0, triangles);
         }
@@ -79,7 +79,7 @@ impl PosedCamera {
 
     /// Halves a triangle until its pieces are straight in the picture, and drops those behind the
     /// camera.
-    fn subdivide(&self, triangle: [Corner; 3], area: &Rect, halved: u32, out: &mut Vec<[DVec2; 3]>) {
+    fn subdivide(&self, triangle: [ProjectedCorner; 3], area: &Rect, halved: u32, out: &mut Vec<[DVec2; 3]>) {
         let side = |k: usize| (triangle[k], triangle[(k + 1) % 3]);
         let longest =
             |length: &dyn Fn(usize) -> f64| (0..3).max_by(|a, b| length(*a).total_cmp(&length(*b))).unwrap_or(0);
@@ -128,4 +128,4 @@ impl PosedCamera {
 }
 
 /// A point in the world, and its projection.
-type Corner = (DVec3, Option<DVec2>);
+type ProjectedCorner = (DVec3, Option<DVec2>);

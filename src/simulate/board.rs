@@ -13,7 +13,7 @@ use crate::camera::Response;
 use crate::scene::{Texture, Wrap};
 
 use super::chart::Chart;
-use super::shapes::Shape;
+use super::shapes::SiteShape;
 
 /// Texels per side; each is 5 mm.
 const SIDE: u32 = 64;
@@ -72,7 +72,7 @@ impl Board {
     }
 
     /// The board as a panel with linear emitted light, for the ray caster.
-    pub(super) fn emissive_panel(&self) -> Option<(Shape, Chart)> {
+    pub(super) fn emissive_panel(&self) -> Option<(SiteShape, Chart)> {
         let [upper_left, upper_right, _, lower_left] = self.corners_in_world_m;
         let response = Response::default();
         let light = |texel: &[u8]| {
@@ -80,7 +80,7 @@ impl Board {
             [value(0), value(1), value(2), 0.0]
         };
         let cells = self.texture.rgba.chunks_exact(4).map(light).collect();
-        let shape = Shape::Panel { corner: upper_left, u: upper_right - upper_left, v: lower_left - upper_left };
+        let shape = SiteShape::Panel { corner: upper_left, u: upper_right - upper_left, v: lower_left - upper_left };
         Some((shape, Chart::new(SIDE as usize, SIDE as usize, cells)?))
     }
 

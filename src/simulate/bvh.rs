@@ -24,7 +24,7 @@ pub struct TriangleHit {
 }
 
 #[derive(Clone, Debug)]
-struct Node {
+struct FacesNode {
     low: DVec3,
     high: DVec3,
     /// Range in `order`; empty for an inner node.
@@ -37,7 +37,7 @@ struct Node {
 pub struct Triangles {
     all: Vec<Triangle>,
     order: Vec<usize>,
-    nodes: Vec<Node>,
+    nodes: Vec<FacesNode>,
 }
 
 impl Triangles {
@@ -57,7 +57,7 @@ impl Triangles {
         let centre = |face: &usize| self.all[*face].corners().iter().sum::<DVec3>() / 3.0;
         let (first, last) = bounds(&mut faces.iter().map(centre));
         let here = self.nodes.len();
-        self.nodes.push(Node { low, high, faces: range.clone(), second: 0 });
+        self.nodes.push(FacesNode { low, high, faces: range.clone(), second: 0 });
         let size = last - first;
         if range.len() <= MAX_LEAF_TRIANGLES || size.max_element() <= 0.0 {
             return;

@@ -4,10 +4,10 @@
 use glam::{DQuat, DVec3};
 
 use super::depth_errors::DepthErrors;
-use super::render::{self, Lens, Picture, Snapshot};
+use super::render::{self, Picture, SimulatedLens, Snapshot};
 use super::sensor_depth::measured;
 use super::sensor_return::sensor_return;
-use super::{Layout, Options, SimulateError, Simulation};
+use super::{FolderLayout, Options, SimulateError, Simulation};
 use crate::camera::Geometry;
 use crate::pose::Pose;
 use crate::tracking::PoseTrack;
@@ -20,7 +20,7 @@ const DEPTH_FOCAL_FACTOR: f64 = 0.9;
 /// Renders the depth alone.
 #[derive(Debug)]
 pub struct DepthSensor {
-    lens: Lens,
+    lens: SimulatedLens,
     track: PoseTrack,
     pub geometry: Geometry,
     /// Position in the axes of the frames' camera, metres, of a separate depth camera.
@@ -33,7 +33,7 @@ impl DepthSensor {
     /// `None` if the depth map has the frames' own pixels.
     pub fn new(simulation: &Simulation) -> Result<Option<Self>, SimulateError> {
         let Options { width_px, height_px, depth_width_px, depth_beside_mm, layout, .. } = *simulation.options();
-        let width = depth_width_px.or((layout == Some(Layout::Stray)).then_some(PHONE_WIDTH_PX.min(width_px)));
+        let width = depth_width_px.or((layout == Some(FolderLayout::Stray)).then_some(PHONE_WIDTH_PX.min(width_px)));
         let later_s = simulation.flaws().depth_later_s;
         let is_exact = !simulation.flaws().depth_errors().is_any();
         if width.is_none() && depth_beside_mm.is_none() && later_s == 0.0 && is_exact {
@@ -45,7 +45,13 @@ impl DepthSensor {
         let Some(beside_mm) = depth_beside_mm else {
             let geometry = simulation.geometry().resized(width, height);
             let track = simulation.track().clone();
-            return Ok(Some(Self { lens: Lens::new(geometry.clone())?, track, geometry, beside_m: None, later_s }));
+            return Ok(Some(Self {
+                lens: SimulatedLens::new(geometry.clone())?,
+                track,
+                geometry,
+                beside_m: None,
+                later_s,
+            }));
         };
         let focal_px = DEPTH_FOCAL_FACTOR * share * simulation.options().focal_px;
         let geometry = Geometry::pinhole(width, height, focal_px);
@@ -54,7 +60,7 @@ impl DepthSensor {
         let moved = |pose: &Pose| Pose::new(pose.rotation, pose.translation_m - at_m);
         let poses = simulation.track().poses().iter().map(|(time_s, pose)| (*time_s, moved(pose))).collect();
         let track = PoseTrack::new(poses, f64::INFINITY)?;
-        Ok(Some(Self { lens: Lens::new(geometry.clone())?, track, geometry, beside_m: Some(at_m), later_s }))
+        Ok(Some(Self { lens: SimulatedLens::new(geometry.clone())?, track, geometry, beside_m: Some(at_m), later_s }))
     }
 
     /// The error-free measurement for a frame. Only the depth of the picture is meaningful.

@@ -18,7 +18,7 @@ use glam::{DVec2, DVec3, Vec3};
 
 use super::bvh::{Triangle, TriangleHit, Triangles};
 use super::hemisphere::{GATHER_DIRECTIONS, random_cosine_direction, spiral_direction, tangent_frame};
-use super::lamps::Lamp;
+use super::lamps::SiteLamp;
 use super::random::Random;
 use crate::scene::{Alpha, Material, Scene, Texture, TextureUse, Vertex, Wrap};
 
@@ -46,7 +46,7 @@ struct Face {
 
 /// Queries of the empty site by its objects.
 pub trait SiteLight {
-    fn lamps(&self) -> &[Lamp];
+    fn lamps(&self) -> &[SiteLamp];
 
     /// True if the site blocks the segment from `origin` to `origin + to`.
     fn blocked(&self, origin: DVec3, to: DVec3) -> bool;

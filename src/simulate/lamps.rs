@@ -31,7 +31,7 @@ pub enum LampShape {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Lamp {
+pub struct SiteLamp {
     pub centre_m: DVec3,
     pub shape: LampShape,
     /// Linear; 1 is a fully lit white matt surface at camera white.
@@ -39,17 +39,17 @@ pub struct Lamp {
 }
 
 /// The demonstration's lamp: a rectangle in the ceiling.
-pub const DEMO_LAMP: Lamp = Lamp {
+pub const DEMO_LAMP: SiteLamp = SiteLamp {
     centre_m: DVec3::new(-0.3, 0.4, 2.49),
     shape: LampShape::Panel([0.3, 0.15]),
     radiance: DVec3::new(88.0, 83.0, 74.0),
 };
 
 /// Random lamps by seed. No two are within half a metre of each other.
-pub fn random_lamps(count: u32, seed: u64) -> Vec<Lamp> {
+pub fn random_lamps(count: u32, seed: u64) -> Vec<SiteLamp> {
     let mut random = Random::new([seed, LAMP_KEY, u64::from(count), 0]);
     let mut between = |low: f64, high: f64| low + (high - low) * random.uniform();
-    let mut lamps: Vec<Lamp> = Vec::new();
+    let mut lamps: Vec<SiteLamp> = Vec::new();
     let mut shares = Vec::new();
     while lamps.len() < count as usize {
         let is_panel = between(0.0, 1.0) < 0.5;
@@ -60,7 +60,7 @@ pub fn random_lamps(count: u32, seed: u64) -> Vec<Lamp> {
         let shape = if is_panel { LampShape::Panel([between(0.1, 0.35), between(0.1, 0.35)]) } else { LampShape::Bulb };
         let share = between(0.5, 1.0);
         if lamps.iter().all(|lamp| lamp.centre_m.distance(centre_m) > 0.5) {
-            lamps.push(Lamp { centre_m, shape, radiance: tint });
+            lamps.push(SiteLamp { centre_m, shape, radiance: tint });
             shares.push(share);
         }
     }
@@ -71,7 +71,7 @@ pub fn random_lamps(count: u32, seed: u64) -> Vec<Lamp> {
     lamps
 }
 
-impl Lamp {
+impl SiteLamp {
     /// Sample points of equal radiance on the lamp.
     pub fn points(&self) -> Vec<DVec3> {
         match self.shape {
@@ -176,7 +176,7 @@ mod tests {
             for count in 1..=3 {
                 let lamps = random_lamps(count, seed);
                 assert_eq!(lamps.len(), count as usize);
-                let shown = |lamp: &Lamp| lamp.radiance.y * lamp.white_radiance(lamp.centre_m - CENTRE_M, DVec3::Z);
+                let shown = |lamp: &SiteLamp| lamp.radiance.y * lamp.white_radiance(lamp.centre_m - CENTRE_M, DVec3::Z);
                 let all: f64 = lamps.iter().map(shown).sum();
                 assert!(all > WHITE_RADIANCE_RANGE.0 - 1e-9 && all < WHITE_RADIANCE_RANGE.1 + 1e-9, "{all}");
             }
@@ -185,10 +185,10 @@ mod tests {
 
     #[test]
     fn bulb_and_panel_match_their_analytic_irradiance() {
-        let bulb = Lamp { centre_m: DVec3::Z, shape: LampShape::Bulb, radiance: DVec3::ONE };
+        let bulb = SiteLamp { centre_m: DVec3::Z, shape: LampShape::Bulb, radiance: DVec3::ONE };
         // E/π of a sphere of radius r at d: L·r²/d².
         assert!((bulb.white_radiance(DVec3::Z * 2.0, DVec3::Z) - 0.0025 / 4.0).abs() < 1e-12);
-        let panel = Lamp { shape: LampShape::Panel([0.5, 0.25]), ..bulb };
+        let panel = SiteLamp { shape: LampShape::Panel([0.5, 0.25]), ..bulb };
         assert!((panel.white_radiance(DVec3::Z * 2.0, DVec3::Z) - 0.5 / PI / 4.0).abs() < 1e-12);
     }
 }

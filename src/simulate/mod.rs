@@ -83,7 +83,7 @@ crate::choices! {
 
 crate::choices! {
     /// Layout of the folder, if not Locard's own.
-    pub enum Layout {
+    pub enum FolderLayout {
         /// Stray Scanner's export from a phone.
         Stray = "stray",
     }
@@ -133,7 +133,7 @@ crate::params! {
         "whether the known board stands in the site" board: bool = false;
         "width of the depth pictures, of the frames' shape; none: the frames' own, in Stray Scanner's layout up to 256" depth_width_px: Option<u32> = None, "px", 8.0..=4096.0;
         "distance of a separate depth camera to the left of the frames' camera; none: depth is of the frames' view" depth_beside_mm: Option<f64> = None, "mm", -1000.0..=1000.0;
-        "layout of the folder: stray is Stray Scanner's, of a lens without distortion and with y up; none: recording.toml" layout: Option<Layout> = None;
+        "layout of the folder: stray is Stray Scanner's, of a lens without distortion and with y up; none: recording.toml" layout: Option<FolderLayout> = None;
     }
 }
 
@@ -188,7 +188,7 @@ pub struct Simulation {
     options: Options,
     flaws: Flaws,
     site: site::Site,
-    lens: render::Lens,
+    lens: render::SimulatedLens,
     geometry: Geometry,
     track: PoseTrack,
     /// Names of the objects that are a real part of the site.
@@ -230,11 +230,11 @@ impl Simulation {
         if options.aperture_diameter_mm > 0.0 && options.lens != LensModel::Opencv {
             return Err(SimulateError::NoAperture);
         }
-        let is_phone = options.layout == Some(Layout::Stray);
+        let is_phone = options.layout == Some(FolderLayout::Stray);
         if is_phone && (options.lens != LensModel::Opencv || options.depth_beside_mm.is_some()) {
             return Err(SimulateError::UnsupportedPhoneLens);
         }
-        let lens = render::Lens::new(geometry.clone())?;
+        let lens = render::SimulatedLens::new(geometry.clone())?;
         let board = if options.board { board().emissive_panel() } else { None };
         let placement_seed = options.site.map(u64::from);
         let lamps = match options.lamps {
@@ -314,7 +314,7 @@ impl Simulation {
     /// Positions of the lamps, metres, and for each the radiance of a white surface facing it at 1
     /// m straight below.
     pub fn lamps(&self) -> Vec<(DVec3, DVec3)> {
-        let of = |lamp: &lamps::Lamp| (lamp.centre_m, lamp.radiance * lamp.white_radiance(DVec3::Z, DVec3::Z));
+        let of = |lamp: &lamps::SiteLamp| (lamp.centre_m, lamp.radiance * lamp.white_radiance(DVec3::Z, DVec3::Z));
         self.site.lamps.iter().map(of).collect()
     }
 
@@ -383,7 +383,7 @@ fn geometry(options: &Options) -> Geometry {
     let Options { width_px, height_px, focal_px, lens, k1, k2, p1, p2, readout_time_s, .. } = *options;
     let distortion = match lens {
         // The export has no field for distortion.
-        LensModel::Opencv if options.layout == Some(Layout::Stray) => Distortion::default(),
+        LensModel::Opencv if options.layout == Some(FolderLayout::Stray) => Distortion::default(),
         LensModel::Opencv => Distortion { k1, k2, p1, p2, ..Distortion::default() },
         LensModel::OpencvFisheye => Distortion { model: lens, k1, k2, ..Distortion::default() },
         LensModel::Equirectangular => Distortion { model: lens, ..Distortion::default() },

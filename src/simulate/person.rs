@@ -6,7 +6,7 @@ use glam::{DVec2, DVec3};
 use super::chart::Chart;
 use super::finish::fractal;
 use super::path::START_S;
-use super::shapes::{Hit, Shape};
+use super::shapes::{SiteHit, SiteShape};
 
 /// Width, depth and height, m.
 const SIZE_M: DVec3 = DVec3::new(0.45, 0.25, 1.75);
@@ -20,7 +20,7 @@ const PATCH_M: f64 = 0.08;
 pub struct Person {
     speed_m_per_s: f64,
     /// The shape at the start of the path.
-    shape: Shape,
+    shape: SiteShape,
     /// Emitted light, one per face.
     clothes: Vec<Chart>,
 }
@@ -29,7 +29,7 @@ impl Person {
     /// `texture_m`: cell size of the clothes' charts.
     pub fn new(speed_m_per_s: f64, texture_m: f64) -> Self {
         let centre = PATH_START_M + DVec3::new(0.0, 0.0, 0.5 * SIZE_M.z);
-        let shape = Shape::Block { centre, half: 0.5 * SIZE_M, yaw_rad: 0.0 };
+        let shape = SiteShape::Block { centre, half: 0.5 * SIZE_M, yaw_rad: 0.0 };
         let chart = |face: usize| {
             let size = shape.face_size_m(face);
             let [width, height] = [size.x, size.y].map(|side| (side / texture_m).ceil().clamp(4.0, 2048.0) as usize);
@@ -58,7 +58,7 @@ impl Person {
     }
 
     /// The emitted light, which is also the albedo, and the intersection.
-    pub fn light_and_hit(&self, origin: DVec3, direction: DVec3, time_s: f64) -> Option<([f32; 3], Hit)> {
+    pub fn light_and_hit(&self, origin: DVec3, direction: DVec3, time_s: f64) -> Option<([f32; 3], SiteHit)> {
         let hit = self.shape.hit(origin - DVec3::new(self.distance_m(time_s), 0.0, 0.0), direction)?;
         let [r, g, b, _] = self.clothes.get(hit.face)?.at(hit.uv);
         Some(([r, g, b], hit))

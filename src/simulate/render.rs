@@ -50,12 +50,12 @@ const POSE_INTERVAL_S: f64 = 0.000_25;
 /// 0 outside a fisheye's image circle. Rays inside a pixel are interpolated. The error is below
 /// 0.001 px for a lens that bends a line by 0.6 px per 100 px.
 #[derive(Clone, Debug)]
-pub struct Lens {
+pub struct SimulatedLens {
     geometry: Geometry,
     corners: Vec<DVec3>,
 }
 
-impl Lens {
+impl SimulatedLens {
     /// Fails if the distortion has no inverse in the picture.
     pub fn new(geometry: Geometry) -> Result<Self, SimulateError> {
         let (w, h) = (geometry.intrinsics.width_px, geometry.intrinsics.height_px);
@@ -144,19 +144,19 @@ impl Shutter {
 
 /// Light, depth and motion of one pixel.
 #[derive(Clone, Copy, Default)]
-struct Pixel {
+struct ShotPixel {
     light: [f32; 3],
     depth_m: f32,
     blur_px: f64,
 }
 
 /// Renders a picture. The result does not depend on the number of threads.
-pub fn shoot(site: &Site, lens: &Lens, track: &PoseTrack, snapshot: &Snapshot, threads: usize) -> Picture {
+pub fn shoot(site: &Site, lens: &SimulatedLens, track: &PoseTrack, snapshot: &Snapshot, threads: usize) -> Picture {
     let g = &lens.geometry;
     let (w, h) = (g.intrinsics.width_px, g.intrinsics.height_px);
     let reach_s = 0.5 * (g.intrinsics.readout_time_s + snapshot.exposure_time_s);
     let shutter = Shutter::new(track, snapshot.timestamp_s - reach_s, snapshot.timestamp_s + reach_s);
-    let mut pixels = vec![Pixel::default(); w as usize * h as usize];
+    let mut pixels = vec![ShotPixel::default(); w as usize * h as usize];
     over_rows(&mut pixels, w as usize, threads, |y, row| {
         for (x, pixel) in row.iter_mut().enumerate() {
             *pixel = expose(site, lens, &shutter, snapshot, x, y);
@@ -183,7 +183,7 @@ pub struct Ray {
 
 /// Evaluates a function for each pixel's central ray; the default outside the lens's field of view.
 pub fn map_central_rays<T: Clone + Default + Send>(
-    lens: &Lens,
+    lens: &SimulatedLens,
     track: &PoseTrack,
     snapshot: &Snapshot,
     threads: usize,
@@ -205,9 +205,9 @@ pub fn map_central_rays<T: Clone + Default + Send>(
     values
 }
 
-fn expose(site: &Site, lens: &Lens, shutter: &Shutter, snapshot: &Snapshot, x: usize, y: usize) -> Pixel {
+fn expose(site: &Site, lens: &SimulatedLens, shutter: &Shutter, snapshot: &Snapshot, x: usize, y: usize) -> ShotPixel {
     if !lens.is_in_view(x, y) {
-        return Pixel::default();
+        return ShotPixel::default();
     }
     // All pixels of a row are exposed at the time of its centre.
     let middle_s = snapshot.timestamp_s + lens.geometry.row_time_s(y as f64 + 0.5);
@@ -250,7 +250,7 @@ fn expose(site: &Site, lens: &Lens, shutter: &Shutter, snapshot: &Snapshot, x: u
             }
         }
     }
-    Pixel {
+    ShotPixel {
         light: sum.map(|s| s / count as f32),
         depth_m: ahead.map_or(0.0, |(_, t)| (t * lens.depth_per_t(centre)) as f32),
         blur_px,

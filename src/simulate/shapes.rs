@@ -1,7 +1,7 @@
 //! Shapes for ray casting: the room, blocks, a tub, balls, flat panels.
 //!
-//! Every shape has faces, and every face a chart (u, v) in [0, 1]². [`Shape::hit`] returns the
-//! chart coordinates of an intersection; [`Shape::point`] maps chart coordinates to the world.
+//! Every shape has faces, and every face a chart (u, v) in [0, 1]². [`SiteShape::hit`] returns the
+//! chart coordinates of an intersection; [`SiteShape::point`] maps chart coordinates to the world.
 
 use std::f64::consts::{PI, TAU};
 
@@ -13,7 +13,7 @@ const MIN_T: f64 = 1e-6;
 
 /// A shape in the world, metres.
 #[derive(Clone, Debug)]
-pub enum Shape {
+pub enum SiteShape {
     /// Seen from inside. Faces −x, +x, −y, +y, −z, +z.
     Room {
         min: DVec3,
@@ -46,7 +46,7 @@ pub enum Shape {
 
 /// Intersection of a ray: at `origin + t * direction`, on `face`, at `uv` of its chart.
 #[derive(Clone, Copy, Debug)]
-pub struct Hit {
+pub struct SiteHit {
     pub t: f64,
     pub face: usize,
     pub uv: DVec2,
@@ -86,7 +86,7 @@ fn slabs(origin: DVec3, direction: DVec3, min: DVec3, max: DVec3) -> Option<[(f6
     (enter.0 <= leave.0).then_some([enter, leave])
 }
 
-fn box_hit(origin: DVec3, direction: DVec3, min: DVec3, max: DVec3) -> Option<Hit> {
+fn box_hit(origin: DVec3, direction: DVec3, min: DVec3, max: DVec3) -> Option<SiteHit> {
     let [enter, leave] = slabs(origin, direction, min, max)?;
     let ((t, face), inside) = if enter.0 > MIN_T { (enter, -1.0) } else { (leave, 1.0) };
     if t <= MIN_T {
@@ -96,10 +96,10 @@ fn box_hit(origin: DVec3, direction: DVec3, min: DVec3, max: DVec3) -> Option<Hi
     let p = (origin + direction * t - min) / (max - min);
     let (a, b) = chart_axes(axis);
     let outward = if face % 2 == 0 { -1.0 } else { 1.0 };
-    Some(Hit { t, face, uv: DVec2::new(p[a], p[b]), normal: axis_vector(axis, -inside * outward) })
+    Some(SiteHit { t, face, uv: DVec2::new(p[a], p[b]), normal: axis_vector(axis, -inside * outward) })
 }
 
-impl Shape {
+impl SiteShape {
     pub fn faces(&self) -> usize {
         match self {
             Self::Room { .. } | Self::Block { .. } => 6,
@@ -181,12 +181,12 @@ impl Shape {
     }
 
     /// The nearest intersection. From inside a block, the exit.
-    pub fn hit(&self, origin: DVec3, direction: DVec3) -> Option<Hit> {
+    pub fn hit(&self, origin: DVec3, direction: DVec3) -> Option<SiteHit> {
         match *self {
             Self::Room { min, max } => box_hit(origin, direction, min, max),
             Self::Block { centre, half, yaw_rad } => {
                 let hit = box_hit(turned(origin - centre, yaw_rad), turned(direction, yaw_rad), -half, half)?;
-                Some(Hit { normal: turned(hit.normal, -yaw_rad), ..hit })
+                Some(SiteHit { normal: turned(hit.normal, -yaw_rad), ..hit })
             }
             Self::Tub { base, bottom_radius, top_radius, height } => {
                 tub_hit(origin - base, direction, bottom_radius, (top_radius - bottom_radius) / height, height)
@@ -198,7 +198,7 @@ impl Shape {
                 let t = [(-b - root) / a, (-b + root) / a].into_iter().find(|t| *t > MIN_T)?;
                 let n = (o + direction * t) / radius;
                 let uv = DVec2::new(n.y.atan2(n.x).rem_euclid(TAU) / TAU, n.z.clamp(-1.0, 1.0).acos() / PI);
-                Some(Hit { t, face: 0, uv, normal: if n.dot(direction) > 0.0 { -n } else { n } })
+                Some(SiteHit { t, face: 0, uv, normal: if n.dot(direction) > 0.0 { -n } else { n } })
             }
             Self::Panel { corner, u, v } => {
                 let n = u.cross(v);
@@ -211,14 +211,14 @@ impl Shape {
                 let (uu, uv, vv, pu, pv) = (u.dot(u), u.dot(v), v.dot(v), p.dot(u), p.dot(v));
                 let at = DVec2::new(pu * vv - pv * uv, pv * uu - pu * uv) / (uu * vv - uv * uv);
                 let normal = n.normalize() * if n.dot(direction) > 0.0 { -1.0 } else { 1.0 };
-                (at.min_element() >= 0.0 && at.max_element() <= 1.0).then_some(Hit { t, face: 0, uv: at, normal })
+                (at.min_element() >= 0.0 && at.max_element() <= 1.0).then_some(SiteHit { t, face: 0, uv: at, normal })
             }
         }
     }
 }
 
 /// A frustum at the origin: x² + y² = (radius + slope·z)² for 0 ≤ z ≤ height, and its bottom.
-fn tub_hit(o: DVec3, d: DVec3, radius: f64, slope: f64, height: f64) -> Option<Hit> {
+fn tub_hit(o: DVec3, d: DVec3, radius: f64, slope: f64, height: f64) -> Option<SiteHit> {
     let (r, dr) = (radius + slope * o.z, slope * d.z);
     let a = d.x * d.x + d.y * d.y - dr * dr;
     let b = o.x * d.x + o.y * d.y - r * dr;
@@ -232,14 +232,14 @@ fn tub_hit(o: DVec3, d: DVec3, radius: f64, slope: f64, height: f64) -> Option<H
     let p = o + d * floor;
     if floor > MIN_T && floor < side.unwrap_or(f64::INFINITY) && p.x.hypot(p.y) <= radius {
         let uv = DVec2::new(p.x, p.y) / (2.0 * radius) + 0.5;
-        return Some(Hit { t: floor, face: 2, uv, normal: DVec3::new(0.0, 0.0, -d.z.signum()) });
+        return Some(SiteHit { t: floor, face: 2, uv, normal: DVec3::new(0.0, 0.0, -d.z.signum()) });
     }
     let t = side?;
     let p = o + d * t;
     let outward = DVec3::new(p.x, p.y, -slope * p.x.hypot(p.y)).normalize();
     let uv = DVec2::new(p.y.atan2(p.x).rem_euclid(TAU) / TAU, p.z / height);
     let outside = outward.dot(d) < 0.0;
-    Some(Hit { t, face: usize::from(!outside), uv, normal: if outside { outward } else { -outward } })
+    Some(SiteHit { t, face: usize::from(!outside), uv, normal: if outside { outward } else { -outward } })
 }
 
 #[cfg(test)]
@@ -247,13 +247,13 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn shapes() -> Vec<Shape> {
+    fn shapes() -> Vec<SiteShape> {
         vec![
-            Shape::Room { min: DVec3::new(-2.0, -3.0, -1.0), max: DVec3::new(2.0, 3.0, 2.0) },
-            Shape::Block { centre: DVec3::new(0.3, 0.2, 0.1), half: DVec3::new(0.5, 0.2, 0.3), yaw_rad: 0.4 },
-            Shape::Tub { base: DVec3::new(0.1, 0.0, -0.2), bottom_radius: 0.3, top_radius: 0.4, height: 0.5 },
-            Shape::Ball { centre: DVec3::new(-0.1, 0.2, 0.0), radius: 0.4 },
-            Shape::Panel { corner: DVec3::new(-0.4, -0.5, 0.2), u: DVec3::X, v: DVec3::new(0.2, 0.9, 0.3) },
+            SiteShape::Room { min: DVec3::new(-2.0, -3.0, -1.0), max: DVec3::new(2.0, 3.0, 2.0) },
+            SiteShape::Block { centre: DVec3::new(0.3, 0.2, 0.1), half: DVec3::new(0.5, 0.2, 0.3), yaw_rad: 0.4 },
+            SiteShape::Tub { base: DVec3::new(0.1, 0.0, -0.2), bottom_radius: 0.3, top_radius: 0.4, height: 0.5 },
+            SiteShape::Ball { centre: DVec3::new(-0.1, 0.2, 0.0), radius: 0.4 },
+            SiteShape::Panel { corner: DVec3::new(-0.4, -0.5, 0.2), u: DVec3::X, v: DVec3::new(0.2, 0.9, 0.3) },
         ]
     }
 
@@ -280,7 +280,7 @@ mod tests {
 
     #[test]
     fn hit_distances_match_hand_calculation() {
-        let down = |shape: &Shape| shape.hit(DVec3::new(0.0, 0.1, 1.5), DVec3::NEG_Z).map(|h| h.t);
+        let down = |shape: &SiteShape| shape.hit(DVec3::new(0.0, 0.1, 1.5), DVec3::NEG_Z).map(|h| h.t);
         let all = shapes();
         assert_eq!(down(&all[0]), Some(2.5));
         assert!((down(&all[1]).unwrap() - 1.1).abs() < 1e-12);

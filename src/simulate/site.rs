@@ -11,10 +11,10 @@ use super::chart::Chart;
 use super::evidence::{Evidence, SiteLight};
 use super::finish::{Finish, gloss, reflectance};
 use super::hemisphere::{GATHER_DIRECTIONS, spiral_direction};
-use super::lamps::Lamp;
+use super::lamps::SiteLamp;
 use super::person::Person;
 use super::random::Random;
-use super::shapes::{Hit, Shape};
+use super::shapes::{SiteHit, SiteShape};
 
 /// Uniform ambient light in the indirect light, in addition to the lamp's.
 const AMBIENT: DVec3 = DVec3::new(0.10, 0.115, 0.14);
@@ -25,7 +25,7 @@ const PLACEMENT_KEY: u64 = 0x6d6f_7665;
 /// A shape, its finish, and the light that leaves each of its faces.
 #[derive(Clone, Debug)]
 struct SiteObject {
-    shape: Shape,
+    shape: SiteShape,
     bounds: (DVec3, f64),
     /// `None` for a self-luminous object that lights nothing else.
     finish: Option<Finish>,
@@ -55,7 +55,7 @@ impl Detail {
 #[derive(Clone, Debug)]
 pub struct Site {
     objects: Vec<SiteObject>,
-    pub lamps: Vec<Lamp>,
+    pub lamps: Vec<SiteLamp>,
     /// A person walking in it.
     pub person: Option<Person>,
     /// Additional real objects.
@@ -90,11 +90,11 @@ fn max_channel([r, g, b, _]: [f32; 4]) -> f32 {
 const BLANK_LIGHT: [f32; 3] = [0.2; 3];
 
 /// An empty room whose floor fills the view of every motion, m.
-const EMPTY_ROOM: Shape = Shape::Room { min: DVec3::new(-3.2, -3.2, 0.0), max: DVec3::new(3.2, 3.2, 2.5) };
+const EMPTY_ROOM: SiteShape = SiteShape::Room { min: DVec3::new(-3.2, -3.2, 0.0), max: DVec3::new(3.2, 3.2, 2.5) };
 
 /// Objects in the room: world axes, z up, metres. The floor within 0.5 m of the origin is free,
 /// except for the stool's legs from 0.38 m on.
-fn inventory(placement_seed: Option<u64>) -> Vec<(Shape, Finish)> {
+fn inventory(placement_seed: Option<u64>) -> Vec<(SiteShape, Finish)> {
     let v = DVec3::new;
     // Random displacement: x, y and yaw.
     let mut random = Random::new([placement_seed.unwrap_or(0), PLACEMENT_KEY, 0, 0]);
@@ -104,21 +104,21 @@ fn inventory(placement_seed: Option<u64>) -> Vec<(Shape, Finish)> {
     };
     let ((boxes, box_yaw), (carpet, carpet_yaw), (tub, _)) = (by(0.15, 0.6), by(0.1, 0.3), by(0.1, 0.0));
     let ((ball, _), (paper, _), (stool, _)) = (by(0.12, 0.0), by(0.12, 0.0), by(0.1, 0.0));
-    let block = |centre, size: DVec3, yaw_rad| Shape::Block { centre, half: 0.5 * size, yaw_rad };
+    let block = |centre, size: DVec3, yaw_rad| SiteShape::Block { centre, half: 0.5 * size, yaw_rad };
     let mut all = vec![
-        (Shape::Room { min: v(-1.15, -2.5, 0.0), max: v(2.35, 1.0, 2.5) }, Finish::Room),
+        (SiteShape::Room { min: v(-1.15, -2.5, 0.0), max: v(2.35, 1.0, 2.5) }, Finish::Room),
         (block(v(0.6, 0.992, 0.045), v(3.5, 0.016, 0.09), 0.0), Finish::Paint),
         (block(v(-1.142, -0.75, 0.045), v(0.016, 3.5, 0.09), 0.0), Finish::Paint),
         (block(v(-0.78, 0.62, 0.15) + boxes, v(0.42, 0.32, 0.3), 0.35 + box_yaw), Finish::Cardboard),
         (block(v(-0.74, 0.63, 0.4) + boxes, v(0.27, 0.22, 0.2), -0.2 + box_yaw), Finish::Cardboard),
         (block(v(-0.86, -0.42, 0.004) + carpet, v(0.52, 1.1, 0.008), 0.05 + carpet_yaw), Finish::Carpet),
         (
-            Shape::Tub { base: v(0.2, 0.76, 0.0) + tub, bottom_radius: 0.1, top_radius: 0.135, height: 0.26 },
+            SiteShape::Tub { base: v(0.2, 0.76, 0.0) + tub, bottom_radius: 0.1, top_radius: 0.135, height: 0.26 },
             Finish::Plastic,
         ),
-        (Shape::Ball { centre: v(0.58, 0.62, 0.12) + ball, radius: 0.12 }, Finish::Rubber),
+        (SiteShape::Ball { centre: v(0.58, 0.62, 0.12) + ball, radius: 0.12 }, Finish::Rubber),
         (
-            Shape::Panel { corner: v(-0.3, 0.5, 0.001) + paper, u: v(0.204, 0.051, 0.0), v: v(-0.072, 0.288, 0.0) },
+            SiteShape::Panel { corner: v(-0.3, 0.5, 0.001) + paper, u: v(0.204, 0.051, 0.0), v: v(-0.072, 0.288, 0.0) },
             Finish::Paper,
         ),
         (block(v(-0.28, 0.996, 0.3), v(0.08, 0.008, 0.08), 0.0), Finish::Socket),
@@ -137,9 +137,9 @@ fn inventory(placement_seed: Option<u64>) -> Vec<(Shape, Finish)> {
 }
 
 /// A desk that fills the view, with objects behind the origin.
-fn desk() -> Vec<(Shape, Finish)> {
+fn desk() -> Vec<(SiteShape, Finish)> {
     let v = DVec3::new;
-    let block = |centre, size: DVec3, yaw_rad| Shape::Block { centre, half: 0.5 * size, yaw_rad };
+    let block = |centre, size: DVec3, yaw_rad| SiteShape::Block { centre, half: 0.5 * size, yaw_rad };
     vec![
         (EMPTY_ROOM, Finish::Desk),
         (block(v(0.05, 0.42, 0.05), v(0.06, 0.03, 0.1), 0.08), Finish::Screen),
@@ -147,7 +147,7 @@ fn desk() -> Vec<(Shape, Finish)> {
         (block(v(0.05, 0.4, 0.25), v(0.54, 0.035, 0.33), 0.08), Finish::Screen),
         (block(v(0.46, 0.2, 0.012), v(0.4, 0.14, 0.024), -0.5), Finish::Keyboard),
         (
-            Shape::Tub { base: v(-0.33, 0.22, 0.0), bottom_radius: 0.032, top_radius: 0.04, height: 0.095 },
+            SiteShape::Tub { base: v(-0.33, 0.22, 0.0), bottom_radius: 0.032, top_radius: 0.04, height: 0.095 },
             Finish::Plastic,
         ),
     ]
@@ -159,9 +159,9 @@ impl Site {
     /// with the light on its chart. It neither lights nor shadows anything.
     pub fn new(
         detail: Detail,
-        lamps: Vec<Lamp>,
+        lamps: Vec<SiteLamp>,
         (placement_seed, ground): (Option<u64>, Option<Ground>),
-        board: Option<(Shape, Chart)>,
+        board: Option<(SiteShape, Chart)>,
         threads: usize,
     ) -> Self {
         let contents = match ground {
@@ -253,9 +253,9 @@ impl Site {
         self.direct(p, DVec3::Z).0 + (0..RAYS).map(ray).sum::<DVec3>()
     }
 
-    fn nearest(&self, origin: DVec3, direction: DVec3) -> Option<(&SiteObject, Hit)> {
+    fn nearest(&self, origin: DVec3, direction: DVec3) -> Option<(&SiteObject, SiteHit)> {
         let squared = direction.length_squared();
-        let mut best: Option<(&SiteObject, Hit)> = None;
+        let mut best: Option<(&SiteObject, SiteHit)> = None;
         for object in &self.objects {
             let to = object.bounds.0 - origin;
             let along = to.dot(direction);
@@ -354,7 +354,7 @@ impl Site {
 }
 
 impl SiteLight for Site {
-    fn lamps(&self) -> &[Lamp] {
+    fn lamps(&self) -> &[SiteLamp] {
         &self.lamps
     }
 
@@ -386,7 +386,7 @@ impl SiteLight for Site {
 
 /// Blurred mirror image of the lamp in a surface, as a share of its radiance. For appearance only,
 /// not a measured reflection: Schlick's Fresnel term times a Gaussian around the lamp's rectangle.
-fn lamp_reflection(lamp: &Lamp, finish: Finish, p: DVec3, direction: DVec3, n: DVec3) -> f64 {
+fn lamp_reflection(lamp: &SiteLamp, finish: Finish, p: DVec3, direction: DVec3, n: DVec3) -> f64 {
     let (f0, width) = gloss(finish);
     if f0 == 0.0 {
         return 0.0;
@@ -397,7 +397,7 @@ fn lamp_reflection(lamp: &Lamp, finish: Finish, p: DVec3, direction: DVec3, n: D
 }
 
 impl SiteObject {
-    fn new(shape: Shape, finish: Option<Finish>, light: Vec<Chart>) -> Self {
+    fn new(shape: SiteShape, finish: Option<Finish>, light: Vec<Chart>) -> Self {
         const SIDE: usize = 8;
         let mean = |face| {
             let place = |i: usize| DVec2::new((i % SIDE) as f64 + 0.5, (i / SIDE) as f64 + 0.5) / SIDE as f64;
@@ -409,7 +409,7 @@ impl SiteObject {
     }
 
     /// Diffuse albedo at an intersection.
-    fn albedo(&self, hit: &Hit) -> DVec3 {
+    fn albedo(&self, hit: &SiteHit) -> DVec3 {
         self.finish.map_or(DVec3::ZERO, |finish| {
             reflectance(finish, hit.face, hit.uv, self.shape.face_size_m(hit.face)).albedo
         })
@@ -417,9 +417,9 @@ impl SiteObject {
 
     /// Coarse outgoing light of a point for indirect light: the face's mean albedo under the
     /// unshadowed lamps and `more`.
-    fn coarse_light(&self, hit: &Hit, lamps: &[Lamp], p: DVec3, more: DVec3) -> DVec3 {
+    fn coarse_light(&self, hit: &SiteHit, lamps: &[SiteLamp], p: DVec3, more: DVec3) -> DVec3 {
         let albedo = self.mean_albedo.get(hit.face).copied().unwrap_or_default();
-        let of = |lamp: &Lamp| lamp.radiance * (0.8 * lamp.white_radiance(lamp.centre_m - p, hit.normal));
+        let of = |lamp: &SiteLamp| lamp.radiance * (0.8 * lamp.white_radiance(lamp.centre_m - p, hit.normal));
         albedo * (lamps.iter().map(of).sum::<DVec3>() + AMBIENT + more)
     }
 }

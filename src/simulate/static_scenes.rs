@@ -56,12 +56,12 @@ impl Simulation {
 
 /// Running sums for the correlation of two quantities.
 #[derive(Clone, Copy, Default)]
-struct CorrelationSums {
+struct ResidualCorrelation {
     products: f64,
     squares: f64,
 }
 
-impl CorrelationSums {
+impl ResidualCorrelation {
     fn add(&mut self, a: f64, b: f64) {
         self.products += a * b;
         self.squares += 0.5 * (a * a + b * b);
@@ -82,7 +82,7 @@ pub(super) fn noise_through_file<E>(
     let width = simulation.geometry().intrinsics.width_px as usize;
     let mut bins = [[(0.0f64, 0.0f64, 0.0f64); 16]; 3];
     let (mut right, mut below, mut channels) =
-        (CorrelationSums::default(), CorrelationSums::default(), [CorrelationSums::default(); 3]);
+        (ResidualCorrelation::default(), ResidualCorrelation::default(), [ResidualCorrelation::default(); 3]);
     for (scene, clean) in pictures.iter().enumerate() {
         let mut takes = Vec::new();
         for take in 0..NOISE_REALISATIONS {

@@ -16,7 +16,7 @@ use crate::tracking::PoseTrack;
 use super::depth::phone_from_site;
 use super::lamps::{CENTRE_M, DEMO_LAMP};
 use super::manifest::{Manifest, sealed};
-use super::{Layout, Simulation, board};
+use super::{FolderLayout, Simulation, board};
 
 /// Ground-truth files of a recording with flaws.
 pub const FOLDER: &str = "truth";
@@ -34,7 +34,7 @@ pub fn depth_name(frame: usize) -> String {
 /// The camera's true trajectory in the recording's world, and the gains of each frame.
 pub fn files(simulation: &Simulation) -> (PoseTrack, String) {
     let track = match simulation.options().layout {
-        Some(Layout::Stray) => simulation.track().in_world(&Pose::new(phone_from_site().inverse(), DVec3::ZERO)),
+        Some(FolderLayout::Stray) => simulation.track().in_world(&Pose::new(phone_from_site().inverse(), DVec3::ZERO)),
         None => simulation.track().clone(),
     };
     let line = |frame: usize| {

@@ -26,7 +26,7 @@ use super::output::{Output, writing};
 use super::static_scenes::noise_through_file;
 use super::stray::{self, Scan};
 use super::truth::{self, rounded, rounded_noise, truth_toml};
-use super::{Flaws, Format, Layout, Options, SimulateError, Simulation, board};
+use super::{Flaws, FolderLayout, Format, Options, SimulateError, Simulation, board};
 
 /// ISO speed in the profile for a noise scale of 1.
 const ISO: f64 = 400.0;
@@ -78,7 +78,7 @@ fn fill(
         written.add(name, bytes);
         fs::write(&path, bytes).map_err(writing(&path))
     };
-    let is_scan = options.layout == Some(Layout::Stray);
+    let is_scan = options.layout == Some(FolderLayout::Stray);
     let subs = if is_scan { stray::FOLDERS } else { ["rgb", "depth"] };
     for sub in subs.into_iter().chain(flaws.is_any().then_some(truth::FOLDER)) {
         fs::create_dir_all(folder.join(sub)).map_err(writing(folder))?;

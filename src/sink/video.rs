@@ -29,12 +29,12 @@ pub struct VideoSink {
     /// Number of frames passed to ffmpeg.
     frames: usize,
     /// Clock of frames with a variable rate.
-    clock: Option<FrameClock>,
+    clock: Option<PresentationClock>,
 }
 
 /// Presentation times of the written frames.
 #[derive(Debug)]
-struct FrameClock {
+struct PresentationClock {
     times_s: Arc<[f64]>,
     /// The first frame's time, seconds, and the last written one in the file, microseconds.
     first_and_last: Option<(f64, u64)>,
@@ -43,7 +43,7 @@ struct FrameClock {
 /// Minimum step between two frames, microseconds: a tick of the file's clock, rounded up.
 const MIN_STEP_US: u64 = 12;
 
-impl FrameClock {
+impl PresentationClock {
     /// Presentation time of a frame in the file, microseconds: ascending from 0.
     fn time_us(&mut self, frame: usize) -> u64 {
         let time_s = self.times_s.get(frame).copied().unwrap_or_default();
@@ -75,7 +75,7 @@ impl VideoSink {
         // ffmpeg's stdout is not read; closed, it cannot block.
         drop(running.take_stdout());
         let running = running.take_stdin().map(|stdin| (running, stdin));
-        let clock = options.times_s.clone().map(|times_s| FrameClock { times_s, first_and_last: None });
+        let clock = options.times_s.clone().map(|times_s| PresentationClock { times_s, first_and_last: None });
         Ok(Self { path: path.to_owned(), options: options.clone(), running, partial, made, frames: 0, clock })
     }
 

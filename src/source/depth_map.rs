@@ -9,7 +9,7 @@ use exr::meta::attribute::SampleType;
 use exr::prelude::{MetaData, ReadChannels, ReadLayers};
 use half::f16;
 
-use super::unsupported::{self, DEPTH_FORMATS, Kind};
+use super::unsupported::{self, DEPTH_FORMATS, UnsupportedKind};
 use super::{SourceError, file as plain, still};
 use crate::pixels::DepthMap;
 
@@ -27,53 +27,55 @@ const MAX_NPY_HEADER_BYTES: usize = 1 << 16;
 
 /// The contents of a depth picture's header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Header {
+pub struct DepthHeader {
     pub width: u32,
     pub height: u32,
     /// True for floating-point values, which are metres as often as millimetres.
     pub is_float: bool,
 }
 
-enum Format {
+enum DepthFormat {
     Still,
     Exr,
     Npy,
 }
 
-fn format_of(file: &Path) -> Result<Format, SourceError> {
+fn format_of(file: &Path) -> Result<DepthFormat, SourceError> {
     let failed = |source| SourceError::Read { file: file.to_owned(), source };
     let mut start = Vec::new();
     plain::open(file).map_err(failed)?.take(SIGNATURE_BYTES).read_to_end(&mut start).map_err(failed)?;
     match start {
-        _ if start.starts_with(EXR_SIGNATURE) => Ok(Format::Exr),
-        _ if start.starts_with(NPY_SIGNATURE) => Ok(Format::Npy),
-        _ if still::is_still(&start) => Ok(Format::Still),
+        _ if start.starts_with(EXR_SIGNATURE) => Ok(DepthFormat::Exr),
+        _ if start.starts_with(NPY_SIGNATURE) => Ok(DepthFormat::Npy),
+        _ if still::is_still(&start) => Ok(DepthFormat::Still),
         _ => {
             let kind = unsupported::by_content(&start).or_else(|| unsupported::by_name(file));
-            let problem =
-                kind.map_or_else(|| format!("is no depth picture; accepted are {DEPTH_FORMATS}"), Kind::depth_refusal);
+            let problem = kind.map_or_else(
+                || format!("is no depth picture; accepted are {DEPTH_FORMATS}"),
+                UnsupportedKind::depth_refusal,
+            );
             Err(SourceError::content(file, problem))
         }
     }
 }
 
 /// Reads only the part of the file that contains the header.
-pub fn read_header(file: &Path) -> Result<Header, SourceError> {
+pub fn read_header(file: &Path) -> Result<DepthHeader, SourceError> {
     let failed = |source| SourceError::Read { file: file.to_owned(), source };
     let bad = |problem: String| SourceError::content(file, problem);
     match format_of(file)? {
-        Format::Still => {
-            let still::Header { width, height, bits } = still::read_header(file)?;
+        DepthFormat::Still => {
+            let still::PictureHeader { width, height, bits } = still::read_header(file)?;
             if bits != 16 {
                 return Err(bad(format!("has {bits} bits; depth must be a 16-bit grey PNG")));
             }
-            Ok(Header { width, height, is_float: false })
+            Ok(DepthHeader { width, height, is_float: false })
         }
-        Format::Exr => {
+        DepthFormat::Exr => {
             let reader = BufReader::new(plain::open(file).map_err(failed)?);
             exr_header(reader).map_err(bad)
         }
-        Format::Npy => {
+        DepthFormat::Npy => {
             let mut start = Vec::new();
             let opened = plain::open(file).map_err(failed)?;
             opened.take(MAX_NPY_HEADER_BYTES as u64).read_to_end(&mut start).map_err(failed)?;
@@ -87,11 +89,11 @@ pub fn read(file: &Path, codes_per_metre: f64, timestamp_s: f64) -> Result<Depth
     let bytes =
         || plain::read(file, MAX_FILE_BYTES).map_err(|source| SourceError::Read { file: file.to_owned(), source });
     let decoded = match format_of(file)? {
-        Format::Still => return still::read_depth(file, codes_per_metre, timestamp_s),
-        Format::Exr => exr_values(&bytes()?),
-        Format::Npy => npy_values(&bytes()?),
+        DepthFormat::Still => return still::read_depth(file, codes_per_metre, timestamp_s),
+        DepthFormat::Exr => exr_values(&bytes()?),
+        DepthFormat::Npy => npy_values(&bytes()?),
     };
-    let (Header { width, height, .. }, values) = decoded.map_err(|problem| SourceError::content(file, problem))?;
+    let (DepthHeader { width, height, .. }, values) = decoded.map_err(|problem| SourceError::content(file, problem))?;
     let metres = |value: f64| (value / codes_per_metre) as f32;
     // Infinite, negative and invalid values are not measured.
     let measured = |z: f32| if z.is_finite() && z > 0.0 { z } else { 0.0 };
@@ -102,9 +104,9 @@ pub fn read(file: &Path, codes_per_metre: f64, timestamp_s: f64) -> Result<Depth
 /// Checks that a depth picture's file is complete.
 pub fn check_end(file: &Path) -> Result<(), SourceError> {
     match format_of(file)? {
-        Format::Still => still::check_end(file),
+        DepthFormat::Still => still::check_end(file),
         // Neither format has an end marker.
-        Format::Exr | Format::Npy => read(file, 1.0, 0.0).map(drop),
+        DepthFormat::Exr | DepthFormat::Npy => read(file, 1.0, 0.0).map(drop),
     }
 }
 
@@ -133,7 +135,7 @@ fn depth_channel(names: &[String]) -> Option<usize> {
 }
 
 /// Header of the first part, which is the one that is read.
-fn exr_header(reader: impl BufRead) -> Result<Header, String> {
+fn exr_header(reader: impl BufRead) -> Result<DepthHeader, String> {
     let meta = MetaData::read_from_buffered(reader, false).map_err(|e| damaged(&e))?;
     let first = meta.headers.first().filter(|header| !header.deep);
     let header = first.ok_or("begins with deep pixels, which are not read; save flat ones")?;
@@ -146,14 +148,14 @@ fn exr_header(reader: impl BufRead) -> Result<Header, String> {
         return Err(format!("has the channels {found}; depth is the channel Z, or the only one"));
     };
     let is_float = header.channels.list[chosen].sample_type != SampleType::U32;
-    Ok(Header { width, height, is_float })
+    Ok(DepthHeader { width, height, is_float })
 }
 
 fn damaged(error: &exr::error::Error) -> String {
     format!("the OpenEXR picture is damaged or truncated: {error}")
 }
 
-fn exr_values(bytes: &[u8]) -> Result<(Header, Vec<f64>), String> {
+fn exr_values(bytes: &[u8]) -> Result<(DepthHeader, Vec<f64>), String> {
     let header = exr_header(Cursor::new(bytes))?;
     let image = exr::prelude::read()
         .no_deep_data()
@@ -191,7 +193,7 @@ fn exr_values(bytes: &[u8]) -> Result<(Header, Vec<f64>), String> {
 
 /// The header of an array.
 struct Array {
-    header: Header,
+    header: DepthHeader,
     /// Type such as `f4`, without the byte order.
     kind: String,
     is_big_endian: bool,
@@ -229,11 +231,11 @@ fn npy_header(bytes: &[u8]) -> Result<Array, String> {
     let (width, height) = size(width, height, 1)?;
     let is_big_endian = kind.starts_with('>');
     let kind = kind.trim_start_matches(['<', '>', '|', '=']).to_owned();
-    let header = Header { width, height, is_float: kind.starts_with('f') };
+    let header = DepthHeader { width, height, is_float: kind.starts_with('f') };
     Ok(Array { header, kind, is_big_endian, is_by_columns, data_at })
 }
 
-fn npy_values(bytes: &[u8]) -> Result<(Header, Vec<f64>), String> {
+fn npy_values(bytes: &[u8]) -> Result<(DepthHeader, Vec<f64>), String> {
     let Array { header, kind, is_big_endian, is_by_columns, data_at } = npy_header(bytes)?;
     let (width, height) = (header.width as usize, header.height as usize);
     let (data, wanted) = (bytes.get(data_at..).unwrap_or_default(), width * height);
@@ -319,7 +321,7 @@ mod tests {
     #[track_caller]
     fn reads(bytes: &[u8], codes_per_metre: f64, is_float: bool, expected_m: &[f32]) {
         let (_folder, file) = saved(bytes);
-        assert_eq!(read_header(&file).unwrap(), Header { width: 3, height: 2, is_float });
+        assert_eq!(read_header(&file).unwrap(), DepthHeader { width: 3, height: 2, is_float });
         let map = read(&file, codes_per_metre, 4.5).unwrap();
         assert_eq!(map, DepthMap { width: 3, height: 2, depth_m: expected_m.to_vec(), timestamp_s: 4.5 });
         check_end(&file).unwrap();

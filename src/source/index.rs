@@ -17,7 +17,7 @@ pub struct Index {
 
 /// Times and kind of a packet.
 #[derive(Clone, Copy, Debug)]
-pub struct Entry {
+pub struct IndexEntry {
     pub ticks: i64,
     pub time_s: f64,
     pub is_keyframe: bool,
@@ -36,7 +36,7 @@ pub struct Start {
 
 impl Index {
     /// `None` if the times do not distinguish the frames.
-    pub fn new(tick_s: &str, entries: &[Entry]) -> Option<Self> {
+    pub fn new(tick_s: &str, entries: &[IndexEntry]) -> Option<Self> {
         let mut frames: Vec<i64> = entries.iter().filter(|e| e.is_shown).map(|e| e.ticks).collect();
         frames.sort_unstable();
         let mut keyframes: Vec<_> = entries.iter().filter(|e| e.is_keyframe).map(|e| (e.ticks, e.time_s)).collect();
@@ -72,9 +72,10 @@ mod tests {
 
     /// Twelve frames, a quarter of a second and 100 ticks each; every third is a keyframe. In the
     /// file, one in three is shown before the frame that precedes it.
-    fn entries() -> Vec<Entry> {
+    fn entries() -> Vec<IndexEntry> {
         let order = [0, 2, 1, 3, 5, 4, 6, 8, 7, 9, 11, 10];
-        let entry = |n: i64| Entry { ticks: 100 * n, time_s: 0.25 * n as f64, is_keyframe: n % 3 == 0, is_shown: true };
+        let entry =
+            |n: i64| IndexEntry { ticks: 100 * n, time_s: 0.25 * n as f64, is_keyframe: n % 3 == 0, is_shown: true };
         order.map(entry).to_vec()
     }
 

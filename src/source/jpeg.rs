@@ -25,7 +25,7 @@ const LOOKUP_BITS: u32 = 9;
 /// encoders make about ten.
 const MAX_SCANS: usize = 100;
 
-enum Stop {
+enum ScanStop {
     /// The data ended, or a marker is in its place.
     Ended,
     /// Bits that are not a valid code.
@@ -117,7 +117,7 @@ struct File<'a> {
     bytes: &'a [u8],
     is_progressive: bool,
     size: [usize; 2],
-    components: Vec<Component>,
+    components: Vec<JpegComponent>,
     /// Tables for DC differences, and for the AC coefficients.
     huffman: [[Option<Table>; 4]; 2],
     /// Which quantisation tables are defined.
@@ -125,7 +125,7 @@ struct File<'a> {
     restart_every: usize,
 }
 
-struct Component {
+struct JpegComponent {
     id: u8,
     /// Its quantisation table.
     quantization: u8,
@@ -140,7 +140,7 @@ struct Component {
 
 /// The part of each block's coefficients that a scan codes.
 #[derive(Clone, Copy)]
-struct Band {
+struct SpectralBand {
     first: u32,
     last: u32,
     is_refined: bool,
@@ -155,7 +155,8 @@ impl File<'_> {
         let count = usize::from(*segment.get(5)?);
         for part in segment.get(6..6 + 3 * count)?.chunks_exact(3) {
             let sampling = [usize::from(part[1] >> 4), usize::from(part[1] & 15)];
-            let component = Component { id: part[0], quantization: part[2], sampling, seen: false, known: Vec::new() };
+            let component =
+                JpegComponent { id: part[0], quantization: part[2], sampling, seen: false, known: Vec::new() };
             self.components.push(component);
         }
         let fits = self.components.iter().all(|c| c.sampling.iter().all(|s| (1..=4).contains(s)));
@@ -214,8 +215,8 @@ impl File<'_> {
             return Err(damaged());
         };
         let band = match self.is_progressive {
-            false => Band { first: 0, last: 63, is_refined: false },
-            true => Band { first: first.into(), last: last.min(63).into(), is_refined: high_low >> 4 > 0 },
+            false => SpectralBand { first: 0, last: 63, is_refined: false },
+            true => SpectralBand { first: first.into(), last: last.min(63).into(), is_refined: high_low >> 4 > 0 },
         };
         let mut chosen = Vec::new();
         for part in parts.chunks_exact(2) {
@@ -247,8 +248,10 @@ impl File<'_> {
         let total = grid[0] * grid[1];
         for unit in 0..total {
             let stopped = |stop| match stop {
-                Stop::Ended => truncated(&format!(" after {:.0} % of its data", 100.0 * unit as f64 / total as f64)),
-                Stop::Invalid => DAMAGED.to_owned(),
+                ScanStop::Ended => {
+                    truncated(&format!(" after {:.0} % of its data", 100.0 * unit as f64 / total as f64))
+                }
+                ScanStop::Invalid => DAMAGED.to_owned(),
             };
             if self.restart_every > 0 && unit > 0 && unit % self.restart_every == 0 {
                 bits.restart().map_err(stopped)?;
@@ -334,16 +337,16 @@ impl Bits<'_> {
         }
     }
 
-    fn take(&mut self, count: u32) -> Result<u32, Stop> {
+    fn take(&mut self, count: u32) -> Result<u32, ScanStop> {
         if self.count < count {
             self.fill();
         }
-        self.count = self.count.checked_sub(count).ok_or(Stop::Ended)?;
+        self.count = self.count.checked_sub(count).ok_or(ScanStop::Ended)?;
         Ok((self.buffer >> self.count) as u32 & ((1 << count) - 1))
     }
 
-    fn symbol(&mut self, table: Option<&Table>) -> Result<u8, Stop> {
-        let table = table.ok_or(Stop::Invalid)?;
+    fn symbol(&mut self, table: Option<&Table>) -> Result<u8, ScanStop> {
+        let table = table.ok_or(ScanStop::Invalid)?;
         if self.count < 16 {
             self.fill();
         }
@@ -360,15 +363,15 @@ impl Bits<'_> {
             let (end, to_place) = table.ends[length as usize];
             if code < end {
                 self.take(length)?;
-                let place = usize::try_from(code as i32 + to_place).map_err(|_| Stop::Invalid)?;
-                return table.symbols.get(place).copied().ok_or(Stop::Invalid);
+                let place = usize::try_from(code as i32 + to_place).map_err(|_| ScanStop::Invalid)?;
+                return table.symbols.get(place).copied().ok_or(ScanStop::Invalid);
             }
         }
-        Err(if self.count < 16 { Stop::Ended } else { Stop::Invalid })
+        Err(if self.count < 16 { ScanStop::Ended } else { ScanStop::Invalid })
     }
 
     /// T.81, F.2.2.1 and F.2.2.2.
-    fn sequential(&mut self, dc: Option<&Table>, ac: Option<&Table>) -> Result<(), Stop> {
+    fn sequential(&mut self, dc: Option<&Table>, ac: Option<&Table>) -> Result<(), ScanStop> {
         let size = self.symbol(dc)?;
         self.take(u32::from(size & 15))?;
         let mut k = 1;
@@ -392,10 +395,10 @@ impl Bits<'_> {
         &mut self,
         dc: Option<&Table>,
         ac: Option<&Table>,
-        band: Band,
+        band: SpectralBand,
         known: &mut u64,
         run: &mut u32,
-    ) -> Result<(), Stop> {
+    ) -> Result<(), ScanStop> {
         if band.first == 0 {
             let size = if band.is_refined { 1 } else { self.symbol(dc)? & 15 };
             return self.take(size.into()).map(drop);
@@ -439,11 +442,11 @@ impl Bits<'_> {
     }
 
     /// Continues after a restart marker.
-    fn restart(&mut self) -> Result<(), Stop> {
+    fn restart(&mut self) -> Result<(), ScanStop> {
         (self.buffer, self.count) = (0, 0);
         match next_marker(self.bytes, &mut self.at) {
             Some(0xd0..=0xd7) => Ok(()),
-            _ => Err(Stop::Ended),
+            _ => Err(ScanStop::Ended),
         }
     }
 }

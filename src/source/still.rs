@@ -17,7 +17,7 @@ const JPEG_SIGNATURE: &[u8] = b"\xff\xd8\xff";
 
 /// The contents of a picture's header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Header {
+pub struct PictureHeader {
     pub width: u32,
     pub height: u32,
     /// 8 or 16: what [`read_pixels`] will return.
@@ -48,7 +48,7 @@ pub fn is_jpeg(file: &Path) -> Result<bool, SourceError> {
 }
 
 /// Reads only the part of the file that contains the header.
-pub fn read_header(file: &Path) -> Result<Header, SourceError> {
+pub fn read_header(file: &Path) -> Result<PictureHeader, SourceError> {
     let reader = plain::open(file).map_err(|source| SourceError::Read { file: file.to_owned(), source })?;
     let problem = |problem: String| match unsupported::by_name(file).filter(|_| problem == NEITHER) {
         Some(kind) => SourceError::content(file, kind.refusal()),
@@ -118,7 +118,7 @@ const MAX_EXTRA_BYTES: u64 = 64 << 20;
 
 /// A picture's file, limited to the size that such a picture can have.
 fn read(file: &Path) -> Result<Vec<u8>, SourceError> {
-    let Header { width, height, bits } = read_header(file)?;
+    let PictureHeader { width, height, bits } = read_header(file)?;
     let pixels = u64::from(width) * u64::from(height);
     if pixels.saturating_mul(3 * u64::from(bits / 8)) > MAX_DECODED_BYTES {
         let problem = format!("is {width}x{height} with {bits} bits; at most {MAX_DECODED_BYTES} bytes are decoded");
@@ -188,12 +188,12 @@ fn damaged(error: image::ImageError) -> String {
 
 /// The refusal of a file that begins neither as a PNG nor as a JPEG.
 fn neither(start: &[u8]) -> String {
-    unsupported::by_content(start).map_or_else(|| NEITHER.to_owned(), unsupported::Kind::refusal)
+    unsupported::by_content(start).map_or_else(|| NEITHER.to_owned(), unsupported::UnsupportedKind::refusal)
 }
 
 const NEITHER: &str = "is neither a PNG nor a JPEG picture";
 
-fn header(reader: &mut (impl BufRead + Seek)) -> Result<Header, String> {
+fn header(reader: &mut (impl BufRead + Seek)) -> Result<PictureHeader, String> {
     let start = reader.fill_buf().map_err(|e| e.to_string())?;
     if start.starts_with(JPEG_SIGNATURE) {
         return jpeg_header(reader);
@@ -206,12 +206,12 @@ fn header(reader: &mut (impl BufRead + Seek)) -> Result<Header, String> {
     let whole = reader.read_exact(&mut head);
     whole.map_err(|_| "the PNG is truncated in its header".to_owned())?;
     let number = |at: usize| u32::from_be_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]]);
-    Ok(Header { width: number(16), height: number(20), bits: if head[24] == 16 { 16 } else { 8 } })
+    Ok(PictureHeader { width: number(16), height: number(20), bits: if head[24] == 16 { 16 } else { 8 } })
 }
 
 /// Walks a JPEG's segments and stops after the header of its first scan. Source: ITU-T T.81, annex
 /// B (SOS is DA).
-fn jpeg_header(reader: &mut (impl Read + Seek)) -> Result<Header, String> {
+fn jpeg_header(reader: &mut (impl Read + Seek)) -> Result<PictureHeader, String> {
     let truncated = |_| "the JPEG is truncated in its header".to_owned();
     // The signature's last byte belongs to the first marker.
     reader.seek_relative(JPEG_SIGNATURE.len() as i64 - 1).map_err(truncated)?;
@@ -238,7 +238,7 @@ fn jpeg_header(reader: &mut (impl Read + Seek)) -> Result<Header, String> {
                     return Err(problem);
                 }
                 let size = |at: usize| u32::from(u16::from_be_bytes([frame[at], frame[at + 1]]));
-                found = Some(Header { width: size(3), height: size(1), bits: 8 });
+                found = Some(PictureHeader { width: size(3), height: size(1), bits: 8 });
             }
             0xda => return found.ok_or_else(|| "the JPEG's header is damaged: it has no size".to_owned()),
             _ => {}
@@ -304,7 +304,7 @@ mod tests {
             let pixels = read_pixels(&file).unwrap();
             assert_eq!(pixels.at(0, 0), expected, "{color:?}");
             assert_eq!(pixels.max_code() == 65535, bits == 16);
-            assert_eq!(read_header(&file).unwrap(), Header { width: 1, height: 1, bits });
+            assert_eq!(read_header(&file).unwrap(), PictureHeader { width: 1, height: 1, bits });
         }
     }
 
@@ -312,7 +312,7 @@ mod tests {
     fn jpeg_header_and_pixels_agree() {
         let (_folder, file) = saved(&jpeg());
         let pixels = read_pixels(&file).unwrap();
-        assert_eq!(read_header(&file).unwrap(), Header { width: pixels.width, height: pixels.height, bits: 8 });
+        assert_eq!(read_header(&file).unwrap(), PictureHeader { width: pixels.width, height: pixels.height, bits: 8 });
         assert_eq!((pixels.width, pixels.height), (32, 24));
     }
 

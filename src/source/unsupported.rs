@@ -11,7 +11,7 @@ pub const DEPTH_FORMATS: &str = "16-bit grey PNG, OpenEXR and NumPy arrays (.npy
 
 /// A kind of file that is not decoded.
 #[derive(Debug)]
-pub struct Kind {
+pub struct UnsupportedKind {
     name: &'static str,
     /// Extensions, in lower case.
     endings: &'static [&'static str],
@@ -32,8 +32,8 @@ const DEPTH_TIFF: &str = "python3 -c \"import cv2, numpy; numpy.save('FILE.npy',
 const DEPTH_PPM: &str = "python3 -c \"import cv2, numpy; numpy.save('FILE.npy', cv2.imread('FILE.pgm', -1))\"";
 
 /// Camera raw files begin like TIFF files, so only their names distinguish them.
-static KINDS: [Kind; 13] = [
-    Kind {
+static KINDS: [UnsupportedKind; 13] = [
+    UnsupportedKind {
         name: "HEIC",
         endings: &["heic", "heif", "hif"],
         is_begun_by: |start| has_brand(start, &[b"heic", b"heix", b"heim", b"heis", b"mif1", b"msf1", b"hevc"]),
@@ -41,7 +41,7 @@ static KINDS: [Kind; 13] = [
         convert_depth: None,
         is_picture: true,
     },
-    Kind {
+    UnsupportedKind {
         name: "AVIF",
         endings: &["avif"],
         is_begun_by: |start| has_brand(start, &[b"avif"]),
@@ -49,7 +49,7 @@ static KINDS: [Kind; 13] = [
         convert_depth: None,
         is_picture: true,
     },
-    Kind {
+    UnsupportedKind {
         name: "a camera's raw file",
         endings: &["dng", "cr2", "cr3", "nef", "arw", "raf", "orf", "rw2", "pef", "srw"],
         is_begun_by: |start| has_brand(start, &[b"crx "]) || start.starts_with(b"FUJIFILM"),
@@ -57,7 +57,7 @@ static KINDS: [Kind; 13] = [
         convert_depth: None,
         is_picture: true,
     },
-    Kind {
+    UnsupportedKind {
         name: "TIFF",
         endings: &["tif", "tiff"],
         is_begun_by: |start| start.starts_with(b"II*\0") || start.starts_with(b"MM\0*"),
@@ -65,7 +65,7 @@ static KINDS: [Kind; 13] = [
         convert_depth: Some(DEPTH_TIFF),
         is_picture: true,
     },
-    Kind {
+    UnsupportedKind {
         name: "OpenEXR",
         endings: &["exr"],
         is_begun_by: |start| start.starts_with(b"\x76\x2f\x31\x01"),
@@ -73,7 +73,7 @@ static KINDS: [Kind; 13] = [
         convert_depth: None,
         is_picture: true,
     },
-    Kind {
+    UnsupportedKind {
         name: "WebP",
         endings: &["webp"],
         is_begun_by: |start| start.starts_with(b"RIFF") && start.get(8..12) == Some(b"WEBP"),
@@ -81,7 +81,7 @@ static KINDS: [Kind; 13] = [
         convert_depth: None,
         is_picture: true,
     },
-    Kind {
+    UnsupportedKind {
         name: "JPEG XL",
         endings: &["jxl"],
         is_begun_by: |start| start.starts_with(b"\xff\x0a") || start.starts_with(b"\0\0\0\x0cJXL "),
@@ -89,7 +89,7 @@ static KINDS: [Kind; 13] = [
         convert_depth: None,
         is_picture: true,
     },
-    Kind {
+    UnsupportedKind {
         name: "JPEG 2000",
         endings: &["jp2", "j2k"],
         is_begun_by: |start| start.starts_with(b"\0\0\0\x0cjP  ") || start.starts_with(b"\xff\x4f\xff\x51"),
@@ -97,7 +97,7 @@ static KINDS: [Kind; 13] = [
         convert_depth: None,
         is_picture: true,
     },
-    Kind {
+    UnsupportedKind {
         name: "JPEG-LS",
         endings: &["jls"],
         // Before its frame header it is like a JPEG.
@@ -106,7 +106,7 @@ static KINDS: [Kind; 13] = [
         convert_depth: None,
         is_picture: true,
     },
-    Kind {
+    UnsupportedKind {
         name: "BMP",
         endings: &["bmp"],
         is_begun_by: |start| start.starts_with(b"BM"),
@@ -114,7 +114,7 @@ static KINDS: [Kind; 13] = [
         convert_depth: None,
         is_picture: true,
     },
-    Kind {
+    UnsupportedKind {
         name: "GIF",
         endings: &["gif"],
         // Its content is a video.
@@ -123,7 +123,7 @@ static KINDS: [Kind; 13] = [
         convert_depth: None,
         is_picture: true,
     },
-    Kind {
+    UnsupportedKind {
         name: "PPM",
         endings: &["ppm", "pgm", "pnm"],
         is_begun_by: |start| start.starts_with(b"P5") || start.starts_with(b"P6"),
@@ -131,7 +131,7 @@ static KINDS: [Kind; 13] = [
         convert_depth: Some(DEPTH_PPM),
         is_picture: true,
     },
-    Kind {
+    UnsupportedKind {
         name: "a NumPy array",
         endings: &["npy"],
         is_begun_by: |start| start.starts_with(b"\x93NUMPY"),
@@ -141,7 +141,7 @@ static KINDS: [Kind; 13] = [
     },
 ];
 
-impl Kind {
+impl UnsupportedKind {
     pub fn refusal(&self) -> String {
         format!("is {}, which is not read; convert it: {}", self.name, self.convert)
     }
@@ -160,12 +160,12 @@ impl Kind {
 }
 
 /// The kind of a file that is not decoded, by its first bytes.
-pub fn by_content(start: &[u8]) -> Option<&'static Kind> {
+pub fn by_content(start: &[u8]) -> Option<&'static UnsupportedKind> {
     KINDS.iter().find(|kind| (kind.is_begun_by)(start))
 }
 
 /// The kind of a file that is not decoded, by its name.
-pub fn by_name(file: &Path) -> Option<&'static Kind> {
+pub fn by_name(file: &Path) -> Option<&'static UnsupportedKind> {
     let ending = file.extension()?.to_string_lossy().to_ascii_lowercase();
     KINDS.iter().find(|kind| kind.endings.contains(&ending.as_str()))
 }

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::ffmpeg::{self, FfmpegError};
-use super::index::{Entry, Index};
+use super::index::{Index, IndexEntry};
 use super::presentation::{Presentation, ProbedPresentation};
 use super::{SourceError, file as plain, unsupported};
 use crate::text::{count, fixed};
@@ -89,7 +89,7 @@ struct Probe {
     #[serde(default)]
     streams: Vec<ProbedStream>,
     #[serde(default)]
-    packets: Vec<Packet>,
+    packets: Vec<VideoPacket>,
     #[serde(default)]
     format: Container,
 }
@@ -126,22 +126,22 @@ struct Container {
 }
 
 #[derive(Deserialize)]
-struct Packet {
+struct VideoPacket {
     pts: Option<i64>,
     pts_time: Option<String>,
     dts_time: Option<String>,
     flags: Option<String>,
 }
 
-impl Packet {
+impl VideoPacket {
     fn has_flag(&self, flag: char) -> bool {
         self.flags.as_ref().is_some_and(|flags| flags.contains(flag))
     }
 
     /// `None` without a time.
-    fn entry(&self) -> Option<Entry> {
+    fn entry(&self) -> Option<IndexEntry> {
         let time_s = self.pts_time.as_deref()?.parse().ok()?;
-        Some(Entry { ticks: self.pts?, time_s, is_keyframe: self.has_flag('K'), is_shown: self.is_shown() })
+        Some(IndexEntry { ticks: self.pts?, time_s, is_keyframe: self.has_flag('K'), is_shown: self.is_shown() })
     }
 
     /// D marks packets that an edit list discards.
@@ -238,7 +238,7 @@ fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video,
     let stated = stream.avg_frame_rate.as_deref().and_then(ratio);
     let timestamps_s = timestamps(&probe.packets, fps, stated, file, &mut warnings)?;
     let bits = if more_than_8_bits(format) { 16 } else { 8 };
-    let entries: Option<Vec<Entry>> = probe.packets.iter().map(Packet::entry).collect();
+    let entries: Option<Vec<IndexEntry>> = probe.packets.iter().map(VideoPacket::entry).collect();
     let index = Index::new(stream.time_base.as_deref().unwrap_or_default(), &entries.unwrap_or_default());
     let index = index.map(Arc::new);
     Ok(Video { file: file.to_owned(), width, height, bits, range, matrix, presentation, timestamps_s, warnings, index })
@@ -248,7 +248,7 @@ fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video,
 /// when the last one ends (Matroska, AVI; more than two and a half frames short is too little,
 /// since containers round). An AVI's number counts the empty chunks that ffmpeg writes between
 /// frames, so it is a length.
-fn whole(stream: &ProbedStream, packets: &[Packet], container: &Container) -> Result<(), String> {
+fn whole(stream: &ProbedStream, packets: &[VideoPacket], container: &Container) -> Result<(), String> {
     const WHAT_TO_DO: &str = "is it truncated? Copy it anew from where it came, or cut it off there: \
                               ffmpeg -i FILE -c copy NEW.mkv";
     let there = packets.len();
@@ -294,9 +294,9 @@ fn seconds(text: &str) -> Option<f64> {
 
 /// Presentation times of the wanted packets. If no packet has one (an AVI of a codec with reordered
 /// frames), the decoding times: frames are displayed at regular intervals.
-fn times(packets: &[Packet], is_wanted: impl Fn(&Packet) -> bool) -> Vec<Option<f64>> {
+fn times(packets: &[VideoPacket], is_wanted: impl Fn(&VideoPacket) -> bool) -> Vec<Option<f64>> {
     let has_shown = packets.iter().any(|packet| packet.pts_time.is_some());
-    let time = |packet: &Packet| {
+    let time = |packet: &VideoPacket| {
         let text = if has_shown { &packet.pts_time } else { &packet.dts_time };
         text.as_deref()?.parse().ok()
     };
@@ -305,13 +305,13 @@ fn times(packets: &[Packet], is_wanted: impl Fn(&Packet) -> bool) -> Vec<Option<
 
 /// Display time of each frame: computed if a rate is given, otherwise from the packets.
 fn timestamps(
-    packets: &[Packet],
+    packets: &[VideoPacket],
     given_fps: Option<f64>,
     stated_fps: Option<f64>,
     file: &Path,
     warnings: &mut Vec<String>,
 ) -> Result<Vec<f64>, SourceError> {
-    let times = times(packets, Packet::is_shown);
+    let times = times(packets, VideoPacket::is_shown);
     if times.is_empty() {
         return Err(SourceError::content(file, "holds no frames"));
     }

@@ -50,7 +50,7 @@ pub struct ListenOptions {
 
 /// Address and options for sending.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Target {
+pub struct StreamTarget {
     pub protocol: Protocol,
     pub at: SocketAddr,
     /// Network interface for a multicast group, by this machine's address in it; the system's
@@ -93,7 +93,7 @@ impl ListenOptions {
     }
 }
 
-impl Target {
+impl StreamTarget {
     pub fn parse(url: &str) -> Result<Self, StreamError> {
         let parts = UrlParts::of(url)?;
         let mut target = Self {
@@ -221,7 +221,7 @@ mod tests {
         assert_eq!(listen.interface, Some(Ipv4Addr::LOCALHOST));
         assert_eq!((listen.from, listen.source.as_deref()), (Some([10, 0, 0, 2].into()), Some("3")));
         assert_eq!((listen.delay_s, listen.wait_s), (-0.1, 0.0));
-        let target = Target::parse("opentrackio://10.0.0.9?encoding=cbor&number=7").unwrap();
+        let target = StreamTarget::parse("opentrackio://10.0.0.9?encoding=cbor&number=7").unwrap();
         assert_eq!((target.encoding, target.number, target.ttl), (Encoding::Cbor, 7, 1));
         assert_eq!((Protocol::of("freed://x"), Protocol::of("recordings/demo")), (Some(Protocol::FreeD), None));
     }
@@ -243,7 +243,7 @@ mod tests {
             assert!(error.contains(accepted), "{error}");
         }
         for (url, accepted) in [("freed://*", "one address"), ("opentrackio://?encoding=xml", "json or cbor")] {
-            let error = Target::parse(url).unwrap_err().to_string();
+            let error = StreamTarget::parse(url).unwrap_err().to_string();
             assert!(error.contains(accepted), "{error}");
         }
     }

@@ -50,7 +50,7 @@ struct Open {
 }
 
 #[derive(Debug)]
-struct Sender {
+struct SenderState {
     address: SocketAddr,
     /// `None` until proven.
     numbering: Option<Numbering>,
@@ -74,7 +74,7 @@ pub enum Assembly {
 
 #[derive(Debug, Default)]
 pub struct Assembler {
-    senders: VecDeque<Sender>,
+    senders: VecDeque<SenderState>,
     /// Number of samples that were never completed.
     pub abandoned: u64,
 }
@@ -85,7 +85,7 @@ impl Assembler {
             return Assembly::Whole(packet.encoding, packet.payload.to_vec());
         }
         let at = self.senders.iter().position(|sender| sender.address == from);
-        let mut sender = at.and_then(|at| self.senders.remove(at)).unwrap_or_else(|| Sender::new(from));
+        let mut sender = at.and_then(|at| self.senders.remove(at)).unwrap_or_else(|| SenderState::new(from));
         let taken = sender.take(packet, now_s, &mut self.abandoned);
         self.senders.push_back(sender);
         if self.senders.len() > MAX_SENDERS {
@@ -106,7 +106,7 @@ impl Assembler {
     }
 }
 
-impl Sender {
+impl SenderState {
     fn new(address: SocketAddr) -> Self {
         Self { address, numbering: None, evidence: None, open: VecDeque::new(), previous: None }
     }

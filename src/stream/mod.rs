@@ -22,7 +22,7 @@ mod send;
 mod timing;
 mod transforms;
 
-pub use address::{ListenOptions, Protocol, Target};
+pub use address::{ListenOptions, Protocol, StreamTarget};
 pub use assemble::{Assembler, Assembly};
 pub use buffer::{PushOutcome, ReleasedItem, ReorderBuffer, TimedItem};
 pub use error::{PacketError, SampleError, StreamError};

@@ -6,7 +6,7 @@ use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
 use ciborium::value::Value;
 use socket2::{Domain, Protocol as Transport, Socket, Type};
 
-use super::address::{Protocol, Target};
+use super::address::{Protocol, StreamTarget};
 use super::error::{SampleError, StreamError};
 use super::freed::D1;
 use super::lens::LensState;
@@ -24,7 +24,7 @@ const STATIC_INTERVAL_S: f64 = 1.0;
 /// Sends poses to one address. It neither waits nor reads a clock.
 pub struct Sender {
     socket: UdpSocket,
-    target: Target,
+    target: StreamTarget,
     /// Hash that identifies the source.
     source: u64,
     rate_hz: f64,
@@ -39,14 +39,14 @@ impl Sender {
     /// the options. The source's id is derived from `name`. Poses are sent at about `rate_hz`;
     /// FreeD transmits neither the rate nor a lens.
     pub fn open(url: &str, name: &str, rate_hz: f64, lens: Option<LensState>) -> Result<Self, StreamError> {
-        let target = Target::parse(url)?;
+        let target = StreamTarget::parse(url)?;
         let socket = bind(&target).map_err(|source| StreamError::Send { at: target.at, source })?;
         let mut hasher = DefaultHasher::new();
         name.hash(&mut hasher);
         Ok(Self { socket, target, source: hasher.finish(), rate_hz, lens, sequence: 0, last_static_s: None })
     }
 
-    pub fn target(&self) -> &Target {
+    pub fn target(&self) -> &StreamTarget {
         &self.target
     }
 
@@ -132,7 +132,7 @@ fn urn(source: u64, number: u64) -> String {
     format!("urn:uuid:{a:08x}-{b:04x}-{c:04x}-{d:04x}-{:012x}", number & 0xFFFF_FFFF_FFFF)
 }
 
-fn bind(target: &Target) -> std::io::Result<UdpSocket> {
+fn bind(target: &StreamTarget) -> std::io::Result<UdpSocket> {
     let socket = Socket::new(Domain::for_address(target.at), Type::DGRAM, Some(Transport::UDP))?;
     let any: IpAddr = match target.at {
         SocketAddr::V4(at) if at.ip().is_multicast() => {

@@ -30,7 +30,7 @@ pub use print::{pdf, picture, png};
 pub use recorded::{RecordError, RecordingInputs, check, record};
 pub use refine::{refine_corners, refine_corners_without_lens};
 pub use rolling::correct_rolling_shutter;
-pub use sheet::{Mark, Paper, Rect, Sheet};
+pub use sheet::{Paper, Sheet, SheetMark, SheetRect};
 pub use sight::{BoardPose, PoseFailure, repeated_message};
 pub use solve::{Corners, PoseSolution, solve_pose};
 pub use track::{BoardTracker, Track, TrackError, other_family_message, track};

@@ -6,7 +6,7 @@ use glam::DVec2;
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder, ImageError, Rgb, RgbImage};
 
-use super::sheet::{Mark, Rect, Sheet};
+use super::sheet::{Sheet, SheetMark, SheetRect};
 use crate::sink::lettering::{self, Style};
 
 const DOTS_PER_INCH: f64 = 300.0;
@@ -19,9 +19,9 @@ pub fn pdf(sheet: &Sheet) -> Vec<u8> {
     let mut drawn = format!("{POINTS_PER_MM:.9} 0 0 {POINTS_PER_MM:.9} 0 0 cm\n");
     for mark in &sheet.marks {
         match mark {
-            Mark::Black(rects) => filled(&mut drawn, 0, rects),
-            Mark::White(rects) => filled(&mut drawn, 1, rects),
-            Mark::Text { at_mm, height_mm, text } => {
+            SheetMark::Black(rects) => filled(&mut drawn, 0, rects),
+            SheetMark::White(rects) => filled(&mut drawn, 1, rects),
+            SheetMark::Text { at_mm, height_mm, text } => {
                 let text: String = text
                     .chars()
                     .flat_map(|c| (matches!(c, '(' | ')' | '\\')).then_some('\\').into_iter().chain([c]))
@@ -51,9 +51,9 @@ pub fn pdf(sheet: &Sheet) -> Vec<u8> {
     file.into_bytes()
 }
 
-fn filled(drawn: &mut String, grey: u8, rects: &[Rect]) {
+fn filled(drawn: &mut String, grey: u8, rects: &[SheetRect]) {
     let _ = write!(drawn, "{grey} g");
-    for Rect { at_mm, size_mm } in rects {
+    for SheetRect { at_mm, size_mm } in rects {
         let _ = write!(drawn, " {:.5} {:.5} {:.5} {:.5} re", at_mm.x, at_mm.y, size_mm.x, size_mm.y);
     }
     drawn.push_str(" f\n");
@@ -68,13 +68,13 @@ pub fn picture(sheet: &Sheet) -> RgbImage {
     let mut light = vec![1.0f32; width as usize * height as usize];
     for mark in &sheet.marks {
         let (grey, rects) = match mark {
-            Mark::Black(rects) => (0.0, rects),
-            Mark::White(rects) => (1.0, rects),
-            Mark::Text { .. } => continue,
+            SheetMark::Black(rects) => (0.0, rects),
+            SheetMark::White(rects) => (1.0, rects),
+            SheetMark::Text { .. } => continue,
         };
         // The shares of a dot are summed, so that there are no seams.
         let mut covered = vec![0.0f32; light.len()];
-        for Rect { at_mm, size_mm } in rects {
+        for SheetRect { at_mm, size_mm } in rects {
             let low = DVec2::new(at_mm.x, page.y - at_mm.y - size_mm.y) * px;
             let high = low + *size_mm * px;
             for y in low.y as u32..(high.y.ceil() as u32).min(height) {
@@ -95,7 +95,7 @@ pub fn picture(sheet: &Sheet) -> RgbImage {
         Rgb([(255.0 * response.encode(light.into())).round() as u8; 3])
     });
     for mark in &sheet.marks {
-        if let Mark::Text { at_mm, height_mm, text } = mark {
+        if let SheetMark::Text { at_mm, height_mm, text } = mark {
             // The font's height is from the lowest to the highest letter; its base line lies a
             // quarter of that higher.
             let height = 1.3 * height_mm * px;

@@ -84,12 +84,18 @@ pub fn refine_corners_without_lens(grey: &LumaCodes, cells: u32, tag: &DetectedT
     Some(DetectedTag { id: tag.id, corners_px })
 }
 
-fn edges(grey: &LumaCodes, corners: [DVec2; 4], bulges: [DVec2; 4], cells: u32, widest_px: f64) -> [Option<Edge>; 4] {
+fn edges(
+    grey: &LumaCodes,
+    corners: [DVec2; 4],
+    bulges: [DVec2; 4],
+    cells: u32,
+    widest_px: f64,
+) -> [Option<TagEdge>; 4] {
     std::array::from_fn(|i| edge(grey, [3, 0, 1, 2].map(|n| corners[(i + n) % 4]), bulges[i], cells, widest_px))
 }
 
 /// Crossings of the edges near the corners.
-fn crossed(corners: [DVec2; 4], edges: [Option<Edge>; 4], off_px: f64) -> [Option<DVec2>; 4] {
+fn crossed(corners: [DVec2; 4], edges: [Option<TagEdge>; 4], off_px: f64) -> [Option<DVec2>; 4] {
     std::array::from_fn(|i| {
         let crossing = edges[(i + 3) % 4].as_ref().zip(edges[i].as_ref());
         let crossing = crossing.and_then(|(before, after)| before.line.crossing(&after.line));
@@ -98,18 +104,18 @@ fn crossed(corners: [DVec2; 4], edges: [Option<Edge>; 4], off_px: f64) -> [Optio
 }
 
 /// An edge without the lens's bend, and the remaining bend at its middle beyond the assumed one.
-struct Edge {
-    line: Line,
+struct TagEdge {
+    line: ImageLine,
     bend: DVec2,
 }
 
-struct Line {
+struct ImageLine {
     through: DVec2,
     /// Unit length.
     along: DVec2,
 }
 
-impl Line {
+impl ImageLine {
     fn crossing(&self, other: &Self) -> Option<DVec2> {
         let turn = self.along.perp_dot(other.along);
         (turn.abs() > 0.1)
@@ -139,7 +145,7 @@ fn edge(
     bulge: DVec2,
     cells: u32,
     widest_px: f64,
-) -> Option<Edge> {
+) -> Option<TagEdge> {
     let length = from.distance(to);
     let along = (to - from).try_normalize()?;
     let inside = 0.5 * (before + after) - 0.5 * (from + to);
@@ -174,14 +180,14 @@ fn edge(
         if places.len() < MIN_POINTS {
             return None;
         }
-        let fitted = Line::through(&places.iter().map(|(_, place)| *place).collect::<Vec<_>>());
+        let fitted = ImageLine::through(&places.iter().map(|(_, place)| *place).collect::<Vec<_>>());
         let distances = places.iter().map(|(_, place)| fitted.distance(*place));
         let far = OUTLIER_DISTANCE * upper_median(distances)?.max(0.02);
         places.retain(|(_, place)| fitted.distance(*place) <= far);
         line = Some(fitted);
     }
     let beside: Vec<(f64, f64)> = places.iter().map(|(t, place)| (*t, (*place - from).dot(outwards))).collect();
-    line.map(|line| Edge { line, bend: outwards * bend(&beside) })
+    line.map(|line| TagEdge { line, bend: outwards * bend(&beside) })
 }
 
 /// 0 at an edge's ends, 1 in its middle.

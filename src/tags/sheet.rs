@@ -42,12 +42,12 @@ const LETTERS_MM: f64 = 2.6;
 
 /// A rectangle: its lower left corner and its size, mm from the paper's lower left corner.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Rect {
+pub struct SheetRect {
     pub at_mm: DVec2,
     pub size_mm: DVec2,
 }
 
-impl Rect {
+impl SheetRect {
     fn new(x: f64, y: f64, width: f64, height: f64) -> Self {
         Self { at_mm: DVec2::new(x, y), size_mm: DVec2::new(width, height) }
     }
@@ -55,9 +55,9 @@ impl Rect {
 
 /// An element of the sheet. Later ones cover earlier ones.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Mark {
-    Black(Vec<Rect>),
-    White(Vec<Rect>),
+pub enum SheetMark {
+    Black(Vec<SheetRect>),
+    White(Vec<SheetRect>),
     /// ASCII, from the left end of its baseline.
     Text {
         at_mm: DVec2,
@@ -71,7 +71,7 @@ pub enum Mark {
 pub struct Sheet {
     pub paper: Paper,
     pub board: Board,
-    pub marks: Vec<Mark>,
+    pub marks: Vec<SheetMark>,
 }
 
 impl Sheet {
@@ -88,7 +88,7 @@ impl Sheet {
             let at = corner + pitch * DVec2::new(column, row);
             marks.extend(tag_marks(family, id, at));
             let text = format!("{} id {id}, {SIDE_MM} mm", family.name());
-            marks.push(Mark::Text { at_mm: at - DVec2::new(0.0, LABEL_MM), height_mm: LETTERS_MM, text });
+            marks.push(SheetMark::Text { at_mm: at - DVec2::new(0.0, LABEL_MM), height_mm: LETTERS_MM, text });
             // The origin of the world is the centre of the tags.
             let middle = 0.5 * DVec2::new(f64::from(COLUMNS - 1), f64::from(ROWS - 1));
             let center_mm = pitch * (DVec2::new(column, row) - middle);
@@ -105,46 +105,47 @@ impl Sheet {
     }
 }
 
-fn tag_marks(family: Family, id: u32, at: DVec2) -> [Mark; 2] {
+fn tag_marks(family: Family, id: u32, at: DVec2) -> [SheetMark; 2] {
     let cells = family.cells();
     let cell = SIDE_MM / f64::from(cells);
     let white = family.white_cells(id).unwrap_or_default();
-    let rect =
-        |(x, y): (u32, u32)| Rect::new(at.x + cell * f64::from(x), at.y + cell * f64::from(cells - 1 - y), cell, cell);
+    let rect = |(x, y): (u32, u32)| {
+        SheetRect::new(at.x + cell * f64::from(x), at.y + cell * f64::from(cells - 1 - y), cell, cell)
+    };
     [
-        Mark::Black(vec![Rect::new(at.x, at.y, SIDE_MM, SIDE_MM)]),
+        SheetMark::Black(vec![SheetRect::new(at.x, at.y, SIDE_MM, SIDE_MM)]),
         // One shape, so that no renderer draws seams between its cells.
-        Mark::White(white.into_iter().map(rect).collect()),
+        SheetMark::White(white.into_iter().map(rect).collect()),
     ]
 }
 
 /// Mark at the origin of the world.
-fn cross(at: DVec2) -> [Mark; 1] {
+fn cross(at: DVec2) -> [SheetMark; 1] {
     const LONG: f64 = 3.0;
     const THIN: f64 = 0.2;
-    [Mark::Black(vec![
-        Rect::new(at.x - 0.5 * LONG, at.y - 0.5 * THIN, LONG, THIN),
-        Rect::new(at.x - 0.5 * THIN, at.y - 0.5 * LONG, THIN, LONG),
+    [SheetMark::Black(vec![
+        SheetRect::new(at.x - 0.5 * LONG, at.y - 0.5 * THIN, LONG, THIN),
+        SheetRect::new(at.x - 0.5 * THIN, at.y - 0.5 * LONG, THIN, LONG),
     ])]
 }
 
-fn ruler(at: DVec2) -> Vec<Mark> {
+fn ruler(at: DVec2) -> Vec<SheetMark> {
     const THIN: f64 = 0.2;
-    let mut lines = vec![Rect::new(at.x, at.y - 0.5 * THIN, RULER_MM, THIN)];
+    let mut lines = vec![SheetRect::new(at.x, at.y - 0.5 * THIN, RULER_MM, THIN)];
     let mut marks = Vec::new();
     for mm in (0..=RULER_MM as u32).step_by(5) {
         let (x, long) = (at.x + f64::from(mm), if mm % 10 == 0 { 3.0 } else { 1.5 });
-        lines.push(Rect::new(x - 0.5 * THIN, at.y, THIN, long));
+        lines.push(SheetRect::new(x - 0.5 * THIN, at.y, THIN, long));
         if mm % 50 == 0 {
             let text = if mm == 0 { "0 mm".to_owned() } else { mm.to_string() };
-            marks.push(Mark::Text { at_mm: DVec2::new(x + 0.8, at.y + 3.2), height_mm: LETTERS_MM, text });
+            marks.push(SheetMark::Text { at_mm: DVec2::new(x + 0.8, at.y + 3.2), height_mm: LETTERS_MM, text });
         }
     }
     let text = format!(
         "Print at 100 %. This ruler must be {RULER_MM} mm long. If it is not, write its length / {RULER_MM} as scale into the board's file."
     );
-    marks.push(Mark::Text { at_mm: at - DVec2::new(0.0, 4.5), height_mm: LETTERS_MM, text });
-    marks.push(Mark::Black(lines));
+    marks.push(SheetMark::Text { at_mm: at - DVec2::new(0.0, 4.5), height_mm: LETTERS_MM, text });
+    marks.push(SheetMark::Black(lines));
     marks
 }
 
@@ -166,11 +167,11 @@ mod tests {
             let inside = |at: DVec2| at.cmpge(DVec2::splat(6.0)).all() && at.cmple(page - 6.0).all();
             for mark in &sheet.marks {
                 match mark {
-                    Mark::Black(rects) | Mark::White(rects) => {
+                    SheetMark::Black(rects) | SheetMark::White(rects) => {
                         assert!(rects.iter().all(|r| inside(r.at_mm) && inside(r.at_mm + r.size_mm)), "{rects:?}");
                     }
                     // Letters of Helvetica are about half as wide as high.
-                    Mark::Text { at_mm, height_mm, text } => {
+                    SheetMark::Text { at_mm, height_mm, text } => {
                         assert!(text.is_ascii());
                         let end = *at_mm + DVec2::new(0.55 * height_mm * text.len() as f64, *height_mm);
                         assert!(inside(*at_mm) && inside(end), "{text}: {at_mm} to {end}");

@@ -133,25 +133,25 @@ fn estimate_rotated(
     let steps = (reach_s / step_s).ceil() as i64;
     let about_axis = DQuat::from_rotation_z(std::f64::consts::FRAC_PI_2 * f64::from(quarters));
     // For each motion, at a delay.
-    let sums = |delay_s: f64| -> Vec<Option<NormalEquations>> {
+    let sums = |delay_s: f64| -> Vec<Option<DelayEquations>> {
         let of = |m: &FrameRotation| {
             let moved = predicted(m.from_s + delay_s, m.to_s + delay_s)?;
-            Some(NormalEquations::of(m.turn, about_axis * moved.turn, about_axis * moved.apparent_turn()))
+            Some(DelayEquations::of(m.turn, about_axis * moved.turn, about_axis * moved.apparent_turn()))
         };
         motions.iter().map(of).collect()
     };
-    let table: Vec<Vec<Option<NormalEquations>>> = (-steps..=steps).map(|n| sums(n as f64 * step_s)).collect();
-    let summed = |n: usize, weights: &[f64], without: Option<usize>| -> NormalEquations {
+    let table: Vec<Vec<Option<DelayEquations>>> = (-steps..=steps).map(|n| sums(n as f64 * step_s)).collect();
+    let summed = |n: usize, weights: &[f64], without: Option<usize>| -> DelayEquations {
         let kept =
             table[n].iter().zip(weights).enumerate().filter(|(i, _)| Some(i * JACKKNIFE_GROUPS / count) != without);
         kept.filter_map(|(_, (sums, weight))| Some(sums.as_ref()?.times(*weight)))
-            .fold(NormalEquations::default(), NormalEquations::and)
+            .fold(DelayEquations::default(), DelayEquations::and)
     };
     let likeness = |weights: &[f64], without: Option<usize>| -> Vec<f64> {
-        let rows: Vec<NormalEquations> = (0..table.len()).map(|n| summed(n, weights, without)).collect();
+        let rows: Vec<DelayEquations> = (0..table.len()).map(|n| summed(n, weights, without)).collect();
         // A few motions correlate with anything.
         let most = rows.iter().map(|sums| sums.number).max().unwrap_or(0);
-        let is_enough = |sums: &NormalEquations| sums.number >= MIN_MOTIONS / 2 && 4 * sums.number >= 3 * most;
+        let is_enough = |sums: &DelayEquations| sums.number >= MIN_MOTIONS / 2 && 4 * sums.number >= 3 * most;
         rows.iter().map(|sums| if is_enough(sums) { sums.likeness() } else { f64::NEG_INFINITY }).collect()
     };
     let at_s = |n: f64| (n - steps as f64) * step_s;
@@ -207,7 +207,7 @@ fn estimate_rotated(
 
 /// Normal equations of m ≈ a·p + b·q over motions.
 #[derive(Clone, Copy, Debug, Default)]
-struct NormalEquations {
+struct DelayEquations {
     mm: f64,
     mp: f64,
     mq: f64,
@@ -217,7 +217,7 @@ struct NormalEquations {
     number: usize,
 }
 
-impl NormalEquations {
+impl DelayEquations {
     fn of(m: DVec3, p: DVec3, q: DVec3) -> Self {
         Self { mm: m.dot(m), mp: m.dot(p), mq: m.dot(q), pp: p.dot(p), pq: p.dot(q), qq: q.dot(q), number: 1 }
     }

@@ -45,14 +45,14 @@ const MIN_PATCHES: usize = 4;
 
 /// The compared pairs of frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Plan {
+pub struct VerificationPlan {
     /// One frame in this many becomes an object.
     pub every: usize,
     /// Distance of the frames before and after into which it is composited.
     pub gap: usize,
 }
 
-impl Default for Plan {
+impl Default for VerificationPlan {
     fn default() -> Self {
         Self { every: 10, gap: 8 }
     }
@@ -101,7 +101,7 @@ pub struct Verification {
 pub fn verify(
     gpu: &Gpu,
     by: &Shot,
-    plan: Plan,
+    plan: VerificationPlan,
     mut seen: impl FnMut(usize, usize),
 ) -> Result<Verification, VerifyError> {
     let mut shot = by.clone();

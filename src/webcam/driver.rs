@@ -28,7 +28,7 @@ pub enum Stamp {
 
 /// A picture from a driver, before its time is converted.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Sample {
+pub struct DriverPicture {
     pub delivered: Delivered,
     pub bytes: Vec<u8>,
     pub stamp: Stamp,
@@ -67,5 +67,5 @@ pub trait Driver: Send + Sync {
 pub trait Capture {
     /// Waits for the next picture; may block without end. `None`: there will be no more. An error
     /// ends the capture, and its text follows the camera's name: "… stopped: it was unplugged".
-    fn next(&mut self) -> Result<Option<Sample>, String>;
+    fn next(&mut self) -> Result<Option<DriverPicture>, String>;
 }

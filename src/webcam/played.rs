@@ -4,7 +4,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use super::clock::monotonic_s;
-use super::driver::{Capture, Driver, Sample, Stamp};
+use super::driver::{Capture, Driver, DriverPicture, Stamp};
 use super::driver_name::DriverName;
 use super::error::CameraError;
 use super::list::Listed;
@@ -65,7 +65,7 @@ impl Driver for Played {
 
 impl Capture for PlayedCapture {
     /// Waits until the next picture is due. The first one is due at once.
-    fn next(&mut self) -> Result<Option<Sample>, String> {
+    fn next(&mut self) -> Result<Option<DriverPicture>, String> {
         let at_s = self.video.timestamps_s.get(self.next).copied();
         let Some((pixels, at_s)) = self.frames.next().zip(at_s) else { return Ok(None) };
         self.next += 1;
@@ -76,7 +76,7 @@ impl Capture for PlayedCapture {
         };
         let time_s = *self.first_s.get_or_insert_with(monotonic_s) + at_s;
         std::thread::sleep(Duration::from_secs_f64((time_s - monotonic_s()).max(0.0)));
-        Ok(Some(Sample {
+        Ok(Some(DriverPicture {
             delivered: self.delivered,
             bytes,
             stamp: Stamp::Exact(time_s),

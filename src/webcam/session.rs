@@ -10,7 +10,7 @@ use std::sync::mpsc::{self, Receiver, RecvTimeoutError, SyncSender};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use super::driver::{Capture, Driver, Sample};
+use super::driver::{Capture, Driver, DriverPicture};
 use super::error::CameraError;
 use super::frame_clock::FrameClock;
 use super::newest::{Drops, Putter};
@@ -87,7 +87,7 @@ impl Request {
 enum Event {
     Opened(Agreement),
     Refused(CameraError),
-    Sample(Sample),
+    Sample(DriverPicture),
     /// The last picture came.
     Over,
     /// The capture has failed, and is being closed. Its thread ends afterwards.
@@ -292,8 +292,8 @@ impl Session {
     }
 
     /// Puts an undamaged picture. Returns whether it did.
-    fn put(&mut self, sample: Sample, putter: &Putter<Picture>) -> bool {
-        let Sample { delivered, bytes, stamp, arrived_s, exposure_s, lost, is_damaged } = sample;
+    fn put(&mut self, sample: DriverPicture, putter: &Putter<Picture>) -> bool {
+        let DriverPicture { delivered, bytes, stamp, arrived_s, exposure_s, lost, is_damaged } = sample;
         let of = |delivered: &Delivered| (delivered.layout, delivered.width, delivered.height);
         let is_damaged = is_damaged || of(&delivered) != of(&self.given.delivered) || !delivered.is_complete(&bytes);
         let implausible = self.clock.implausible;

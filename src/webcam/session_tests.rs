@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use super::clock::monotonic_s;
-use super::driver::{Capture, Driver, Sample, Stamp};
+use super::driver::{Capture, Driver, DriverPicture, Stamp};
 use super::driver_name::DriverName;
 use super::error::CameraError;
 use super::list::Listed;
@@ -33,7 +33,7 @@ const IMPATIENT: Limits = Limits { first_picture: SHORT, picture: SHORT, ..PATIE
 
 /// What a capture does next.
 enum Step {
-    Deliver(Sample),
+    Deliver(DriverPicture),
     Fail(&'static str),
     /// Fails, and closing the capture blocks until the test drops its end.
     FailAndBlock(&'static str),
@@ -72,7 +72,7 @@ impl Drop for TestCapture {
 }
 
 impl Capture for TestCapture {
-    fn next(&mut self) -> Result<Option<Sample>, String> {
+    fn next(&mut self) -> Result<Option<DriverPicture>, String> {
         match self.steps.recv() {
             Ok(Step::Deliver(sample)) => Ok(Some(sample)),
             Ok(Step::Fail(problem)) => Err(problem.to_owned()),
@@ -159,9 +159,9 @@ fn started(limits: Limits) -> (Newest<Picture>, (Sender<Step>, Receiver<()>), Co
     (camera.start().unwrap(), capture, controls)
 }
 
-fn sample(code: u8) -> Sample {
+fn sample(code: u8) -> DriverPicture {
     let now_s = monotonic_s();
-    Sample {
+    DriverPicture {
         delivered: DELIVERED,
         bytes: vec![code; 2],
         stamp: Stamp::Monotonic(now_s),
@@ -252,7 +252,7 @@ fn camera_that_delivers_damaged_pictures_alone_is_reported() {
     let (newest, (steps, _closed), _controls) = started(IMPATIENT);
     let deadline = Instant::now() + DEADLINE;
     let why = loop {
-        let damaged = Sample { is_damaged: true, ..sample(1) };
+        let damaged = DriverPicture { is_damaged: true, ..sample(1) };
         let _ = steps.send(Step::Deliver(damaged));
         match newest.take(Instant::now() + Duration::from_millis(5)) {
             Taken::Gone(why) => break why,
@@ -362,11 +362,11 @@ fn threads_blocked_in_a_driver_are_bounded() {
 #[test]
 fn wrong_sizes_and_damaged_pictures_are_counted_and_not_delivered() {
     let (newest, (steps, _closed), _controls) = started(PATIENT);
-    let lying = Sample { delivered: Delivered { height: 2, ..DELIVERED }, ..sample(1) };
-    let damaged = Sample { is_damaged: true, lost: 3, ..sample(2) };
-    let short = Sample { bytes: vec![7], ..sample(3) };
+    let lying = DriverPicture { delivered: Delivered { height: 2, ..DELIVERED }, ..sample(1) };
+    let damaged = DriverPicture { is_damaged: true, lost: 3, ..sample(2) };
+    let short = DriverPicture { bytes: vec![7], ..sample(3) };
     // Of a length that fits no stride.
-    let odd = Sample { delivered: Delivered { stride: 0, ..DELIVERED }, ..sample(4) };
+    let odd = DriverPicture { delivered: Delivered { stride: 0, ..DELIVERED }, ..sample(4) };
     let samples = [lying, damaged, short, odd, sample(5)];
     samples.into_iter().for_each(|sample| steps.send(Step::Deliver(sample)).unwrap());
     assert_eq!(code(&newest), 5);
@@ -383,7 +383,7 @@ fn picture_that_is_delivered_again_after_a_reopening_is_left_out() {
     steps.send(Step::Fail("it was unplugged")).unwrap();
     gone(&newest);
     let (again, _closed) = controls.capture(DELIVERED);
-    again.send(Step::Deliver(Sample { stamp, ..sample(1) })).unwrap();
+    again.send(Step::Deliver(DriverPicture { stamp, ..sample(1) })).unwrap();
     again.send(Step::Deliver(sample(2))).unwrap();
     controls.ids.send(Some("0")).unwrap();
     assert_eq!(code(&newest), 2);
@@ -396,7 +396,7 @@ fn times_that_jump_are_replaced_by_arrivals_and_counted() {
     for (i, jump_s) in [0.0, 5.0, -60.0, f64::NAN, f64::INFINITY, 0.0].into_iter().enumerate() {
         let sample = sample(i as u8);
         let arrived_s = sample.arrived_s;
-        steps.send(Step::Deliver(Sample { stamp: Stamp::Monotonic(arrived_s + jump_s), ..sample })).unwrap();
+        steps.send(Step::Deliver(DriverPicture { stamp: Stamp::Monotonic(arrived_s + jump_s), ..sample })).unwrap();
         let picture = picture(&newest);
         assert_eq!((picture.bytes[0], picture.time_s), (i as u8, arrived_s));
         assert!(picture.time_s > last_s);

@@ -50,15 +50,15 @@ pub enum Action {
 
 /// A key with its modifiers and action. Adjacent bindings with equal text share a line of the page
 /// of keys.
-struct Binding {
+struct KeyBinding {
     modifiers: Modifiers,
     key: Key,
     action: Action,
     does: &'static str,
 }
 
-const fn bind(modifiers: Modifiers, key: Key, action: Action, does: &'static str) -> Binding {
-    Binding { modifiers, key, action, does }
+const fn bind(modifiers: Modifiers, key: Key, action: Action, does: &'static str) -> KeyBinding {
+    KeyBinding { modifiers, key, action, does }
 }
 
 const NONE: Modifiers = Modifiers::NONE;
@@ -69,7 +69,7 @@ const COMMAND_SHIFT: Modifiers = Modifiers::COMMAND.plus(Modifiers::SHIFT);
 
 /// For each key the bindings with more modifiers come first, since a binding also matches with an
 /// additional Shift.
-const BINDINGS: &[Binding] = &[
+const BINDINGS: &[KeyBinding] = &[
     bind(NONE, Key::G, Action::Transform(TransformCommand::Move), "move the selection; then X, Y, Z, numbers"),
     bind(NONE, Key::R, Action::Transform(TransformCommand::Turn), "turn the selection"),
     bind(NONE, Key::S, Action::Transform(TransformCommand::Scale), "scale the selection"),
@@ -134,7 +134,7 @@ pub fn pressed(ctx: &Context, was_typing: bool) -> Vec<Action> {
     let in_menu = was_typing || Popup::is_any_open(ctx);
     let usable = BINDINGS.iter().filter(|binding| !typing || binding.modifiers.command);
     let usable = usable.filter(|binding| !in_menu || binding.key != Key::Escape);
-    let times = |binding: &Binding| ctx.input_mut(|i| i.count_and_consume_key(binding.modifiers, binding.key));
+    let times = |binding: &KeyBinding| ctx.input_mut(|i| i.count_and_consume_key(binding.modifiers, binding.key));
     usable.flat_map(|binding| std::iter::repeat_n(binding.action, times(binding))).collect()
 }
 
@@ -181,7 +181,8 @@ fn section(action: Action) -> Section {
 pub fn page() -> Vec<(&'static str, Vec<(String, &'static str)>)> {
     let lines = |wanted: Section| {
         let mut lines: Vec<(String, &'static str)> = Vec::new();
-        for Binding { modifiers, key, does, .. } in BINDINGS.iter().filter(|binding| section(binding.action) == wanted)
+        for KeyBinding { modifiers, key, does, .. } in
+            BINDINGS.iter().filter(|binding| section(binding.action) == wanted)
         {
             let key = key_name(*modifiers, *key);
             match lines.iter_mut().find(|(_, same)| same == does) {
@@ -226,7 +227,7 @@ mod tests {
     #[test]
     fn no_binding_shadows_a_later_one() {
         for (n, binding) in BINDINGS.iter().enumerate() {
-            let hides = |earlier: &&Binding| {
+            let hides = |earlier: &&KeyBinding| {
                 earlier.key == binding.key && binding.modifiers.matches_logically(earlier.modifiers)
             };
             let hidden = BINDINGS[..n].iter().find(hides);

@@ -6,7 +6,7 @@ use eframe::egui::Context;
 use super::task::{BackgroundTask, Reporter, Ticket};
 
 #[derive(Debug)]
-struct Running<K, T> {
+struct RunningTask<K, T> {
     key: K,
     task: BackgroundTask<T>,
 }
@@ -14,7 +14,7 @@ struct Running<K, T> {
 /// The running computation and the last result, each with its key.
 #[derive(Debug)]
 pub struct Background<K, T> {
-    running: Option<Running<K, T>>,
+    running: Option<RunningTask<K, T>>,
     last: Option<(K, T)>,
     /// Key and message of a computation that panicked: it is not started again for the same key.
     failure: Option<(K, String)>,
@@ -45,7 +45,7 @@ impl<K: PartialEq, T: Send + 'static> Background<K, T> {
         let ctx = ctx.clone();
         let run = move |reporter: &Reporter<'_, T>| _ = reporter.send(work(reporter.ticket));
         match BackgroundTask::stream("window work", move || ctx.request_repaint(), run) {
-            Ok(task) => self.running = Some(Running { key, task }),
+            Ok(task) => self.running = Some(RunningTask { key, task }),
             Err(error) => self.failure = Some((key, format!("no thread can be had for it: {error}"))),
         }
     }
@@ -60,7 +60,7 @@ impl<K: PartialEq, T: Send + 'static> Background<K, T> {
 
     fn poll(&mut self) {
         let Some(result) = self.running.as_ref().and_then(|running| running.task.take()) else { return };
-        let Some(Running { key, task }) = self.running.take() else { return };
+        let Some(RunningTask { key, task }) = self.running.take() else { return };
         match result {
             Ok(result) if !task.ticket().is_cancelled() => self.last = Some((key, result)),
             Ok(_) => {}

@@ -9,9 +9,9 @@ mod views;
 
 use eframe::egui::{self, RichText, Ui};
 
-use self::lens::Lens;
-use self::noise::Noise;
-use self::sharpness::Sharpness;
+use self::lens::LensPanel;
+use self::noise::NoisePanel;
+use self::sharpness::SharpnessPanel;
 use super::session::Session;
 use super::tool::Tools;
 use locard_engine::calibrate::NoisePoint;
@@ -20,9 +20,9 @@ use locard_engine::pixels::Rect;
 /// State of the tab.
 #[derive(Debug, Default)]
 pub struct Calibrating {
-    lens: Lens,
-    noise: Noise,
-    sharpness: Sharpness,
+    lens: LensPanel,
+    noise: NoisePanel,
+    sharpness: SharpnessPanel,
 }
 
 impl Calibrating {

@@ -9,14 +9,14 @@ use locard_engine::text::number;
 
 /// A line for a shell, with steps to take before it is run.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Line {
+pub struct CommandLine {
     pub text: String,
     pub before: Vec<&'static str>,
 }
 
 /// `locard composite` of one frame with the current settings: unsaved changes become `--set`
 /// options.
-pub fn composite(project: &Project, frame: usize) -> Line {
+pub fn composite(project: &Project, frame: usize) -> CommandLine {
     let mut words = vec!["locard".to_owned(), "composite".to_owned()];
     let name = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned()).display().to_string();
     words.push(name(&project.shot().recording.path));
@@ -51,7 +51,7 @@ pub fn composite(project: &Project, frame: usize) -> Line {
     if changes.noise().is_some() {
         before.push("Save first: a camera's noise cannot be given by --set.");
     }
-    Line { text: words.iter().map(|word| quoted(word)).collect::<Vec<_>>().join(" "), before }
+    CommandLine { text: words.iter().map(|word| quoted(word)).collect::<Vec<_>>().join(" "), before }
 }
 
 /// Values of `--set` options that turn the files' settings into the current ones.

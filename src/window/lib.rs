@@ -122,7 +122,7 @@ use eframe::egui_wgpu::{WgpuSetup, WgpuSetupCreateNew};
 
 pub use app::App;
 pub use autosave::Autosave;
-pub use command::{Line, composite as command_line};
+pub use command::{CommandLine, composite as command_line};
 pub use eframe::Error;
 pub use history::{History, HistoryRecord};
 pub use jobs::{JobKind, JobState, Jobs};

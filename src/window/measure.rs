@@ -27,7 +27,7 @@ const PAINTING_DURATION: Duration = Duration::from_secs(3);
 const VALUES_PER_PARAMETER: usize = 20;
 
 /// Steps of the benchmark.
-enum Step {
+enum BenchmarkStep {
     First,
     /// Painting of the window with a static picture.
     Paint,
@@ -45,7 +45,7 @@ enum Step {
 }
 
 /// Latencies from a change of a parameter to its picture.
-struct Change {
+struct ParameterLatency {
     parameter: String,
     worst_s: f64,
     sum_s: f64,
@@ -57,12 +57,12 @@ pub struct Measure {
     started: Instant,
     /// Frame rate of the same frames without a window, pictures per second.
     without_per_s: f64,
-    steps: VecDeque<Step>,
+    steps: VecDeque<BenchmarkStep>,
     begun: Option<(Instant, u64)>,
     first_s: Option<f64>,
     /// When a value was set, and whether its picture has been painted.
     set: Option<(Instant, bool)>,
-    changes: Vec<Change>,
+    changes: Vec<ParameterLatency>,
 }
 
 impl Measure {
@@ -83,17 +83,17 @@ impl Measure {
         }
         let without_per_s = f64::from(count) / begun.elapsed().as_secs_f64();
         let mut steps = VecDeque::from([
-            Step::First,
-            Step::Paint,
-            Step::Play { alone: false },
-            Step::Play { alone: true },
-            Step::Drag,
+            BenchmarkStep::First,
+            BenchmarkStep::Paint,
+            BenchmarkStep::Play { alone: false },
+            BenchmarkStep::Play { alone: true },
+            BenchmarkStep::Drag,
         ]);
         for params in tables(&shot.rig, &shot.settings) {
             let table = params.table();
             for spec in params.specs() {
                 if let Some(values) = params.get(spec.name).and_then(|now| values(&spec.kind, &now)) {
-                    steps.push_back(Step::Change { table, name: spec.name, values });
+                    steps.push_back(BenchmarkStep::Change { table, name: spec.name, values });
                 }
             }
         }
@@ -108,7 +108,7 @@ impl Measure {
             return true;
         };
         match step {
-            Step::First => {
+            BenchmarkStep::First => {
                 let now_s = self.started.elapsed().as_secs_f64();
                 if self.first_s.is_none() && session.is_shown() {
                     self.first_s = Some(now_s);
@@ -119,7 +119,7 @@ impl Measure {
                     ctx.request_repaint();
                 }
             }
-            Step::Paint => match &mut self.begun {
+            BenchmarkStep::Paint => match &mut self.begun {
                 None => {
                     self.begun = Some((Instant::now(), 0));
                     ctx.request_repaint();
@@ -136,7 +136,7 @@ impl Measure {
                     ctx.request_repaint();
                 }
             },
-            Step::Play { alone } => match self.begun {
+            BenchmarkStep::Play { alone } => match self.begun {
                 None => {
                     view.alone = *alone;
                     session.player.pace = Pace::EveryFrame;
@@ -160,7 +160,7 @@ impl Measure {
                 }
                 Some(_) => {}
             },
-            Step::Drag => match self.begun {
+            BenchmarkStep::Drag => match self.begun {
                 None => {
                     self.begun = Some((Instant::now(), session.pictures()));
                     ctx.request_repaint();
@@ -191,7 +191,7 @@ impl Measure {
                     ctx.request_repaint();
                 }
             },
-            Step::Change { table, name, values } => {
+            BenchmarkStep::Change { table, name, values } => {
                 let Some((set, is_drawn)) = self.set else {
                     let Some(value) = values.pop_front() else {
                         session.project.undo();
@@ -221,7 +221,7 @@ impl Measure {
                             change.count += 1;
                         }
                         // The first change includes one-time work and is not counted.
-                        None => self.changes.push(Change { parameter, worst_s: 0.0, sum_s: 0.0, count: 0 }),
+                        None => self.changes.push(ParameterLatency { parameter, worst_s: 0.0, sum_s: 0.0, count: 0 }),
                     }
                     self.set = None;
                     ctx.request_repaint();
@@ -240,7 +240,7 @@ impl Measure {
         self.changes.sort_by(|a, b| b.worst_s.total_cmp(&a.worst_s));
         let (sum_s, count) = self.changes.iter().fold((0.0, 0), |(s, n), c| (s + c.sum_s, n + c.count));
         println!("a changed parameter    {:.0} ms, mean of {count}", 1e3 * sum_s / count.max(1) as f64);
-        for Change { parameter, worst_s, sum_s, count } in self.changes.iter().take(5) {
+        for ParameterLatency { parameter, worst_s, sum_s, count } in self.changes.iter().take(5) {
             let mean = 1e3 * sum_s / *count as f64;
             println!("  {parameter:<34} {mean:.0} ms, worst of {count} {:.0} ms", 1e3 * worst_s);
         }

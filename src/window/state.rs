@@ -91,20 +91,20 @@ impl StoredState {
     }
 }
 
-type Change = Box<dyn FnOnce(&mut StoredState) + Send>;
+type StateChange = Box<dyn FnOnce(&mut StoredState) + Send>;
 
 /// Changes the file on a background thread. A drop closes `changes`, then waits for `task`.
 #[derive(Debug)]
-struct Writer {
-    changes: Sender<Change>,
+struct StateWriter {
+    changes: Sender<StateChange>,
     /// Its values are the recent documents as written; other windows add to the same file.
     task: BackgroundTask<Vec<DocumentRef>>,
 }
 
-impl Writer {
+impl StateWriter {
     /// `None` if no thread could be started.
     fn begin(path: PathBuf) -> Option<Self> {
-        let (changes, incoming) = channel::<Change>();
+        let (changes, incoming) = channel::<StateChange>();
         let task = BackgroundTask::stream(
             "state",
             || (),
@@ -119,7 +119,7 @@ impl Writer {
 }
 
 /// Changes the file under its lock, and returns the recent documents. All errors are ignored.
-fn change_file(path: &Path, change: Change) -> Vec<DocumentRef> {
+fn change_file(path: &Path, change: StateChange) -> Vec<DocumentRef> {
     let _ = path.parent().map(std::fs::create_dir_all);
     let _lock = File::create(path.with_extension("lock")).and_then(FileLock::wait);
     let mut stored = StoredState::read(path);
@@ -131,7 +131,7 @@ fn change_file(path: &Path, change: Change) -> Vec<DocumentRef> {
 /// The state of a folder. By default it has no file and is not stored.
 #[derive(Debug, Default)]
 pub struct UserState {
-    writer: Option<Writer>,
+    writer: Option<StateWriter>,
     stored: StoredState,
     existence: ExistenceCheck,
 }
@@ -139,7 +139,11 @@ pub struct UserState {
 impl UserState {
     pub fn read(folder: &Path) -> Self {
         let path = folder.join(FILE_NAME);
-        Self { stored: StoredState::read(&path), writer: Writer::begin(path), existence: ExistenceCheck::default() }
+        Self {
+            stored: StoredState::read(&path),
+            writer: StateWriter::begin(path),
+            existence: ExistenceCheck::default(),
+        }
     }
 
     pub fn theme(&self) -> ThemePreference {

@@ -8,7 +8,7 @@ use crate::columns::columns;
 use crate::simulate::small;
 use glam::{DQuat, DVec3};
 use locard::camera::Response;
-use locard::simulate::{self, DepthSensorModel, Flaws, Ground, Layout, Motion, Options, Simulation};
+use locard::simulate::{self, DepthSensorModel, Flaws, FolderLayout, Ground, Motion, Options, Simulation};
 use locard::tracking::tum::read_trajectory;
 
 fn write_site(out: &Path, options: &Options, flaws: &Flaws) {
@@ -211,7 +211,8 @@ fn other_depth_cameras_have_errors() {
     let folder = tempfile::tempdir().unwrap();
     let kinect = Flaws { depth_sensor: Some(DepthSensorModel::Kinect), ..Flaws::default() };
     let options = Options { frames: 1, depth_scale: 1000.0, ..small() };
-    let phone = Options { layout: Some(Layout::Stray), depth_width_px: Some(options.width_px), ..options.clone() };
+    let phone =
+        Options { layout: Some(FolderLayout::Stray), depth_width_px: Some(options.width_px), ..options.clone() };
     let beside = Options { depth_beside_mm: Some(25.0), ..options };
     for (name, options, file) in [("phone", phone, "depth/000000.png"), ("beside", beside, "depth/00000.png")] {
         let out = folder.path().join(name);

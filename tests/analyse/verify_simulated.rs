@@ -9,7 +9,7 @@ use glam::DQuat;
 use locard::pose::Pose;
 use locard::recording::write::{Line, trajectory};
 use locard::simulate::{self, Detail, Flaws, Motion, Options, Simulation};
-use locard::verify::{DisplacementSummary, Plan, verify};
+use locard::verify::{DisplacementSummary, VerificationPlan, verify};
 
 const FOCAL_PX: f64 = 260.0;
 const FPS: f64 = 30.0;
@@ -52,7 +52,7 @@ fn turn_poses(folder: &tempfile::TempDir, by_px: f64) {
 
 fn displaced(folder: &tempfile::TempDir) -> DisplacementSummary {
     let gpu = gpu();
-    let found = verify(&gpu, &opened(folder), Plan { every: GAP, gap: GAP }, |_, _| {}).unwrap();
+    let found = verify(&gpu, &opened(folder), VerificationPlan { every: GAP, gap: GAP }, |_, _| {}).unwrap();
     println!("{:?}", found.displaced);
     found.displaced.unwrap()
 }

@@ -10,7 +10,7 @@ use crate::random::Random;
 use crate::tier;
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use locard::calibrate::board::{
-    BoardDetection, ChessboardError, ChessboardSize, Target, TargetChoice, find_chessboard,
+    BoardDetection, ChessboardError, ChessboardSize, DetectedTarget, TargetChoice, find_chessboard,
 };
 use locard::calibrate::geometry::{
     CameraCalibration, LensError, LensOptions, NamedView, Views, calibrate, views_from_paths,
@@ -218,7 +218,7 @@ fn simulated_detection(
             corners_px.push(at + error);
         }
     }
-    BoardDetection { board, corners_px, target: Target::Chessboard(ChessboardSize::new(BOARD.0, BOARD.1)) }
+    BoardDetection { board, corners_px, target: DetectedTarget::Chessboard(ChessboardSize::new(BOARD.0, BOARD.1)) }
 }
 
 /// Over many seeds the errors match the reported deviations, neither smaller nor larger.
@@ -370,7 +370,7 @@ fn partial_board_is_detected_and_a_larger_one_is_refused() {
     let facing = (DMat3::from_quat(DQuat::from_rotation_y(0.3)), DVec3::new(-3.5, -2.0, 9.0));
     let mut picture = camera.photograph(&facing, 1.0, 4);
     let whole = find_chessboard(&picture, Some(ChessboardSize::new(5, 8))).unwrap();
-    assert_eq!((whole.corners_px.len(), whole.target), (40, Target::Chessboard(ChessboardSize::new(8, 5))));
+    assert_eq!((whole.corners_px.len(), whole.target), (40, DetectedTarget::Chessboard(ChessboardSize::new(8, 5))));
     assert!(matches!(find_chessboard(&picture, Some(ChessboardSize::new(6, 5))), Err(ChessboardError::Larger { .. })));
     for y in 0..SIZE.1 as usize {
         let row = &mut picture.values[y * SIZE.0 as usize..(y + 1) * SIZE.0 as usize];
@@ -408,7 +408,7 @@ fn real_photographs_match_opencv() {
     assert!((i.fx_px / 1159.1 - 1.0).abs() < 0.02 && (i.fy_px / 1154.5 - 1.0).abs() < 0.02, "{calibrated}");
     assert!((d.k1 / -0.2577 - 1.0).abs() < 0.05, "{calibrated}");
     assert!((i.cx_px - 669.6).abs() < 15.0 && (i.cy_px - 388.1).abs() < 15.0, "{calibrated}");
-    assert_eq!(calibrated.target, Target::Chessboard(ChessboardSize::new(9, 6)));
+    assert_eq!(calibrated.target, DetectedTarget::Chessboard(ChessboardSize::new(9, 6)));
 }
 
 fn path(path: &Path) -> String {

@@ -8,7 +8,7 @@ use crate::program::{refused, stdout_of};
 use crate::sheet::{CAMERA, Camera, CameraPose, Rays, SIZE, Sheet as Printed};
 use crate::tier;
 use glam::{DVec2, DVec3};
-use locard::calibrate::board::{BoardDetector, Target, TargetChoice};
+use locard::calibrate::board::{BoardDetector, DetectedTarget, TargetChoice};
 use locard::calibrate::geometry::{CameraCalibration, LensOptions, NamedView, calibrate};
 use locard::camera::Response;
 use locard::pixels::Pixels;
@@ -76,7 +76,7 @@ fn camera_is_recovered_from_photographs_of_the_sheet() {
         assert!(rms_px < 0.1 && furthest < 0.5, "{rms_px:.3} px, {furthest:.3} px");
         let calibrated = calibrate(SIZE, views, Vec::new(), &LensOptions::default()).unwrap();
         println!("{calibrated}");
-        assert_eq!((calibrated.target, calibrated.unit_mm), (Target::Tags(6), Some(1000.0)));
+        assert_eq!((calibrated.target, calibrated.unit_mm), (DetectedTarget::Tags(6), Some(1000.0)));
         // The required accuracy is 2 % and 5 %.
         assert!(relative_error(&calibrated, "fx_px", camera.focal_px).abs() < 0.005, "{calibrated}");
         assert!(relative_error(&calibrated, "fy_px", camera.focal_px).abs() < 0.005, "{calibrated}");

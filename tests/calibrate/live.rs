@@ -9,8 +9,8 @@ use crate::random::Random;
 use crate::sheet::{CAMERA, CameraPose, Rays, SIZE, Sheet as Printed};
 use crate::tier;
 use glam::{DMat3, DVec2, DVec3};
-use locard::calibrate::board::{BoardDetection, Target};
-use locard::calibrate::geometry::{Edge, LensOptions, MissingViews, ViewCollector, ViewOutcome};
+use locard::calibrate::board::{BoardDetection, DetectedTarget};
+use locard::calibrate::geometry::{LensOptions, MissingViews, PictureEdge, ViewCollector, ViewOutcome};
 use locard::tags::{Paper, Sheet, picture};
 
 const FRAME_S: f64 = 1.0 / 30.0;
@@ -26,7 +26,7 @@ fn detect(place: &CameraPose, random: &mut Random) -> BoardDetection {
             corners_px.extend(corners.map(|at| at + 0.1 * DVec2::new(random.normal(), random.normal())));
         }
     }
-    BoardDetection { board, corners_px, target: Target::Tags(6) }
+    BoardDetection { board, corners_px, target: DetectedTarget::Tags(6) }
 }
 
 /// A camera that looks at `beside`·`far` on the sheet from a distance of `far`, tilted to the
@@ -156,7 +156,7 @@ fn missing_views_are_requested_and_accepted() {
         MissingViews::Tilts(edges) => Some(edges.clone()),
         _ => None,
     });
-    assert_eq!(tilts, Some(vec![Edge::Upper]), "{:?}", taking.missing());
+    assert_eq!(tilts, Some(vec![PictureEdge::Upper]), "{:?}", taking.missing());
     assert!(taking.hint().unwrap().contains("its upper edge away from the camera"), "{:?}", taking.hint());
     assert_eq!(show(&mut taking, &leaning(0.5, 0.0, 0.6, DVec2::ZERO)), ViewOutcome::Accepted);
     // Now the corners: the camera looks beside the sheet, which then appears on the other side.

@@ -154,7 +154,7 @@ fn exposure_by_equation_11_shifts_display_values() {
             // 0.4 + 0.2 · ΔEV by hand; one code for the layer's 16 bits.
             assert!((f64::from(codes(&done, 160, 120)[0]) - 255.0 * display).abs() < 1.0, "{curve:?} {ev}");
             for x in 95..105 {
-                let twin = exposure::twin(rgba(&plain, x, 120), exposure::Method::Additive, ev, &response);
+                let twin = exposure::twin(rgba(&plain, x, 120), exposure::ExposureMethod::Additive, ev, &response);
                 assert_close(rgba(&done, x, 120), twin, 2.0 * HALF, &format!("{curve:?} {ev} {x}"));
             }
         }

@@ -8,7 +8,7 @@ use crate::marks::{marks, unlit, vertex};
 use crate::program;
 use crate::tier::{fast_or_full, is_full};
 use glam::{DQuat, DVec2, DVec3, Vec3};
-use locard::camera::curved::{Curve, Curved};
+use locard::camera::curved::{Curved, CurvedProjection};
 use locard::camera::{Distortion, Geometry, Intrinsics, LensModel};
 use locard::pixels::LinearImage;
 use locard::pose::Pose;
@@ -37,12 +37,12 @@ fn shoot(scene: Scene, projection: &Projection, pose: Pose) -> LinearImage {
     take_still(&gpu, &mut renderer, &Still { projection: projection.clone(), pose, background: true }).unwrap()
 }
 
-fn curved(curve: Curve, width_px: u32, height_px: u32) -> Projection {
+fn curved(curve: CurvedProjection, width_px: u32, height_px: u32) -> Projection {
     Projection::Curved(Curved { curve, width_px, height_px })
 }
 
-fn all_around() -> Curve {
-    Curve::Environment { fov_rad: DVec2::new(2.0 * PI, PI) }
+fn all_around() -> CurvedProjection {
+    CurvedProjection::Environment { fov_rad: DVec2::new(2.0 * PI, PI) }
 }
 
 fn real_fisheye(scale: f64) -> Geometry {
@@ -63,7 +63,7 @@ fn real_fisheye(scale: f64) -> Geometry {
 fn projections(scale: f64) -> Vec<Projection> {
     let px = |of_full: u32| (f64::from(of_full) * scale).round() as u32;
     let pinhole = |focal_px: f64| gpu::pinhole(px(320), px(240), focal_px * scale);
-    let curved = |curve: Curve, width_px: u32, height_px: u32| curved(curve, px(width_px), px(height_px));
+    let curved = |curve: CurvedProjection, width_px: u32, height_px: u32| curved(curve, px(width_px), px(height_px));
     let mut off_centre = pinhole(240.0);
     off_centre.intrinsics.cx_px = 100.0 * scale;
     off_centre.intrinsics.cy_px = 170.0 * scale;
@@ -71,10 +71,10 @@ fn projections(scale: f64) -> Vec<Projection> {
         Projection::Perspective(pinhole(200.0)),
         Projection::Perspective(off_centre),
         Projection::Perspective(real_fisheye(scale)),
-        curved(Curve::Fisheye { fov_rad: PI }, 400, 360),
-        curved(Curve::Fisheye { fov_rad: 280f64.to_radians() }, 400, 400),
+        curved(CurvedProjection::Fisheye { fov_rad: PI }, 400, 360),
+        curved(CurvedProjection::Fisheye { fov_rad: 280f64.to_radians() }, 400, 400),
         curved(all_around(), 720, 360),
-        curved(Curve::LittlePlanet { fov_rad: 220f64.to_radians() }, 420, 360),
+        curved(CurvedProjection::LittlePlanet { fov_rad: 220f64.to_radians() }, 420, 360),
     ]
 }
 
@@ -133,8 +133,9 @@ fn marks_project_by_the_formula_in_every_projection() {
             let whole = projection.direction(at).is_some_and(|e| e.angle_between(*d) < 1e-6);
             let whole = whole && projection.direction(at + 8.0 * (at - 0.5 * size).normalize_or_zero()).is_some();
             let direct = matches!(&projection, Projection::Perspective(g) if !g.needs_cube_map()) && d.z < 0.2;
-            let pole = matches!(projection, Projection::Curved(Curved { curve: Curve::Environment { .. }, .. }))
-                && d.y.abs() > 0.98;
+            let pole =
+                matches!(projection, Projection::Curved(Curved { curve: CurvedProjection::Environment { .. }, .. }))
+                    && d.y.abs() > 0.98;
             if !inside || !whole || direct || pole {
                 continue;
             }

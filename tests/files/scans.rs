@@ -16,7 +16,7 @@ use locard::depth::unknown_fraction;
 use locard::frame::Frame;
 use locard::pixels::LayerImage;
 use locard::recording::{OpenOptions, Recording, Registration};
-use locard::simulate::{self, Flaws, Format, Layout, Motion, Options};
+use locard::simulate::{self, Flaws, FolderLayout, Format, Motion, Options};
 
 fn depth_png(file: &Path, width: u32, height: u32, code: impl Fn(u32, u32) -> u16) {
     fs::create_dir_all(file.parent().unwrap()).unwrap();
@@ -381,7 +381,7 @@ fn phone_export_and_unregistered_depth_composite_like_the_own_format() {
     let stray_size = tier::fast_or_full((160, 120), (256, 192));
     let beside_size = tier::fast_or_full((100, 75), (160, 120));
     let stray_depth = tier::fast_or_full(Some(stray_size.0), None);
-    let stray = Options { layout: Some(Layout::Stray), depth_width_px: stray_depth, ..site() };
+    let stray = Options { layout: Some(FolderLayout::Stray), depth_width_px: stray_depth, ..site() };
     let stray = simulated(folder.path(), "stray", &stray);
     let beside = Options { depth_width_px: Some(beside_size.0), depth_beside_mm: Some(50.0), ..site() };
     let beside = simulated(folder.path(), "beside", &beside);
@@ -440,7 +440,7 @@ fn phone_export_and_unregistered_depth_composite_like_the_own_format() {
 #[test]
 fn unregistered_depth_in_a_phone_export_is_refused() {
     let folder = tempfile::tempdir().unwrap();
-    let options = Options { layout: Some(Layout::Stray), depth_beside_mm: Some(20.0), ..site() };
+    let options = Options { layout: Some(FolderLayout::Stray), depth_beside_mm: Some(20.0), ..site() };
     let error = simulate::run(&folder.path().join("s"), &options, &Flaws::default(), false, &mut |_, _| {
         ControlFlow::Continue(())
     });

@@ -47,7 +47,7 @@ pub struct LightFit {
 }
 
 #[derive(Clone, Debug, PartialEq)]
-pub struct Fit {
+pub struct LampFit {
     pub light: LightFit,
     /// ln of each material's reflectance.
     pub reflectance: Vec<f64>,
@@ -91,16 +91,16 @@ pub fn sorted(mut points: Vec<LitPoint>) -> Vec<LitPoint> {
 
 /// Fits direct light. `points` are [`sorted`]; `shares`: one row for each. Columns: around, above,
 /// `lamps`.
-pub fn fit(points: &[LitPoint], shares: &[BasisRow], lamps: usize, rounds: usize) -> Fit {
+pub fn fit(points: &[LitPoint], shares: &[BasisRow], lamps: usize, rounds: usize) -> LampFit {
     fit_sources(points, shares, lamps, lamps, rounds)
 }
 
 /// Fits direct and bounce light. Columns: around, above, all direct, all bounce.
-pub fn fit_with_bounce(points: &[LitPoint], shares: &[BasisRow], lamps: usize, rounds: usize) -> Fit {
+pub fn fit_with_bounce(points: &[LitPoint], shares: &[BasisRow], lamps: usize, rounds: usize) -> LampFit {
     fit_sources(points, shares, lamps, 2 * lamps, rounds)
 }
 
-fn fit_sources(points: &[LitPoint], shares: &[BasisRow], lamps: usize, sources: usize, rounds: usize) -> Fit {
+fn fit_sources(points: &[LitPoint], shares: &[BasisRow], lamps: usize, sources: usize, rounds: usize) -> LampFit {
     // A constant number of unknowns is twice as fast.
     match sources {
         0 => fit_to::<2>(points, shares, lamps, rounds),
@@ -113,7 +113,7 @@ fn fit_sources(points: &[LitPoint], shares: &[BasisRow], lamps: usize, sources: 
 }
 
 /// Fits the first `COUNT` unknowns.
-fn fit_to<const COUNT: usize>(points: &[LitPoint], shares: &[BasisRow], lamps: usize, rounds: usize) -> Fit {
+fn fit_to<const COUNT: usize>(points: &[LitPoint], shares: &[BasisRow], lamps: usize, rounds: usize) -> LampFit {
     let materials = points.last().map_or(0, |point| point.material + 1);
     let mut reflectance = vec![0.0; materials];
     let mut x = [0.0; MAX_UNKNOWNS];
@@ -166,7 +166,7 @@ fn fit_to<const COUNT: usize>(points: &[LitPoint], shares: &[BasisRow], lamps: u
     let (direct, bounce) = x[2..COUNT].split_at(lamps);
     light.lamps[..direct.len()].copy_from_slice(direct);
     light.bounce[..bounce.len()].copy_from_slice(bounce);
-    Fit { light, reflectance, score }
+    LampFit { light, reflectance, score }
 }
 
 /// ln of each material's reflectance: the median over its points.

@@ -6,7 +6,7 @@ use std::sync::OnceLock;
 use glam::{DVec3, USizeVec3};
 
 use super::bounce::{self, mean_share};
-use super::lamp_fit::{BasisRow, Fit, LampSource, LitPoint, MAX_LAMPS, PATCH_M, ambient, fit, lamp_irradiance};
+use super::lamp_fit::{BasisRow, LampFit, LampSource, LitPoint, MAX_LAMPS, PATCH_M, ambient, fit, lamp_irradiance};
 use super::occupancy::OccupancyGrid;
 use crate::parallel::over_rows;
 
@@ -66,26 +66,26 @@ impl SearchVolume {
 #[derive(Clone, Debug)]
 pub struct LampSearchResult {
     pub lamps: Vec<LampSource>,
-    pub fit: Fit,
+    pub fit: LampFit,
     /// Scores with 0, 1, 2 … lamps.
     pub scores: Vec<f64>,
 }
 
 /// Grid of candidate positions for a lamp.
-struct Grid {
+struct LampGrid {
     /// Points of the fits.
     few: Vec<LitPoint>,
     counts: USizeVec3,
-    cells: Vec<Cell>,
+    cells: Vec<LampGridCell>,
 }
 
-struct Cell {
+struct LampGridCell {
     at: DVec3,
     /// Whether each of the grid's points is visible from here; computed on first use.
     visible: OnceLock<Vec<bool>>,
 }
 
-impl Grid {
+impl LampGrid {
     fn index(&self, cell: USizeVec3) -> usize {
         (cell.z * self.counts.y + cell.y) * self.counts.x + cell.x
     }
@@ -150,17 +150,18 @@ impl Search<'_> {
     }
 
     /// A grid over the room.
-    fn grid(&self) -> Grid {
+    fn grid(&self) -> LampGrid {
         let step = self.points.len().div_ceil(GRID_POINTS).max(1);
         let few: Vec<LitPoint> = self.points.iter().step_by(step).copied().collect();
-        let mut grid = Grid { few, counts: self.volume.counts(), cells: Vec::new() };
+        let mut grid = LampGrid { few, counts: self.volume.counts(), cells: Vec::new() };
         let count = grid.counts.element_product();
-        grid.cells =
-            (0..count).map(|n| Cell { at: self.volume.middle(grid.cell(n)), visible: OnceLock::new() }).collect();
+        grid.cells = (0..count)
+            .map(|n| LampGridCell { at: self.volume.middle(grid.cell(n)), visible: OnceLock::new() })
+            .collect();
         grid
     }
 
-    pub fn with(&self, lamps: &[LampSource], rounds: usize) -> Fit {
+    pub fn with(&self, lamps: &[LampSource], rounds: usize) -> LampFit {
         fit(self.points, &self.shares(self.points, lamps), lamps.len(), rounds)
     }
 
@@ -196,13 +197,14 @@ impl Search<'_> {
         // positions are kept, and a second lamp is searched for each.
         let mut kept: Vec<Vec<LampSource>> = vec![Vec::new()];
         while lamps.len() < most.min(MAX_LAMPS) {
-            let mut next: Vec<(Vec<LampSource>, Fit)> =
+            let mut next: Vec<(Vec<LampSource>, LampFit)> =
                 kept.iter().flat_map(|lamps| self.with_one_more(&grid, lamps)).collect();
             next.sort_by(|a, b| a.1.score.total_cmp(&b.1.score));
             next.truncate(DESCENT_STARTS);
             let worth = (MIN_GAIN * found.score).max(MIN_GAIN_OF_TOTAL * scores[0]);
             // The score with the first lamp is always recorded, because it is reported.
-            let is_promising = |fit: &Fit| lamps.is_empty() || found.score - fit.score > MIN_APPROXIMATE_GAIN * worth;
+            let is_promising =
+                |fit: &LampFit| lamps.is_empty() || found.score - fit.score > MIN_APPROXIMATE_GAIN * worth;
             if next.first().is_none_or(|(_, fit)| !is_promising(fit)) {
                 break;
             }
@@ -220,7 +222,7 @@ impl Search<'_> {
 
     /// Moves lamps to where they fit best. Then removes each, the oldest first, and searches it
     /// again, as long as that lowers the score.
-    fn relocate(&self, grid: &Grid, lamps: &mut Vec<LampSource>) -> Fit {
+    fn relocate(&self, grid: &LampGrid, lamps: &mut Vec<LampSource>) -> LampFit {
         let fine = |lamps: &mut Vec<LampSource>| {
             self.descend(self.points, lamps, FIRST_STEP_M / 4.0, LAST_STEP_M);
             self.with(lamps, FINAL_ITERATIONS)
@@ -243,7 +245,7 @@ impl Search<'_> {
     }
 
     /// Scores of a bulb and of a panel in each of the cells, in addition to given lamps.
-    fn evaluate(&self, grid: &Grid, cells: &[usize], lamps: &[LampSource]) -> Vec<Trial> {
+    fn evaluate(&self, grid: &LampGrid, cells: &[usize], lamps: &[LampSource]) -> Vec<Trial> {
         let known = self.shares(&grid.few, lamps);
         let kinds = [None, Some(-self.volume.up)];
         let mut trials: Vec<Trial> = cells
@@ -277,7 +279,7 @@ impl Search<'_> {
     }
 
     /// Candidate positions of an additional lamp, the best first.
-    fn candidates(&self, grid: &Grid, lamps: &[LampSource]) -> Vec<Trial> {
+    fn candidates(&self, grid: &LampGrid, lamps: &[LampSource]) -> Vec<Trial> {
         let coarse = grid.coarse(self.volume.vertical_axis());
         let mut trials = self.evaluate(grid, &coarse, lamps);
         trials.sort_by(|a, b| a.score.total_cmp(&b.score));
@@ -293,7 +295,7 @@ impl Search<'_> {
 
     /// Adds a lamp at each of the best grid cells, and moves all lamps to where they approximately
     /// fit best.
-    fn with_one_more(&self, grid: &Grid, lamps: &[LampSource]) -> Vec<(Vec<LampSource>, Fit)> {
+    fn with_one_more(&self, grid: &LampGrid, lamps: &[LampSource]) -> Vec<(Vec<LampSource>, LampFit)> {
         // The best candidates that are not near each other.
         let mut begun: Vec<LampSource> = Vec::new();
         for Trial { place, score, .. } in self.candidates(grid, lamps) {
@@ -302,7 +304,7 @@ impl Search<'_> {
                 begun.push(place);
             }
         }
-        let mut tried: Vec<(Vec<LampSource>, Option<Fit>)> =
+        let mut tried: Vec<(Vec<LampSource>, Option<LampFit>)> =
             begun.iter().map(|at| ([lamps, &[*at]].concat(), None)).collect();
         over_rows(&mut tried, 1, self.threads, |_, slot| {
             let (lamps, fit) = &mut slot[0];

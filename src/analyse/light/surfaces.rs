@@ -29,7 +29,7 @@ const MIN_HEIGHT_M: f64 = 0.4;
 /// Smallest number of voxels in a patch.
 const MIN_VOXELS_PER_PATCH: usize = 3;
 
-type Bin = [i32; 2];
+type ChromaBin = [i32; 2];
 /// Position, normal and ln of light of a voxel.
 type PatchSample = (DVec3, DVec3, f64);
 
@@ -42,7 +42,7 @@ pub enum LightChannel {
 
 /// Patches by the light of one half of the frames (0, 1) or of all (2).
 pub fn lit_points(voxels: &[Voxel], by: usize, of: LightChannel) -> Vec<LitPoint> {
-    let mut patches: BTreeMap<(Bin, [i32; 3], usize), Vec<PatchSample>> = BTreeMap::new();
+    let mut patches: BTreeMap<(ChromaBin, [i32; 3], usize), Vec<PatchSample>> = BTreeMap::new();
     for voxel in voxels.iter().filter(|voxel| !voxel.is_clipped) {
         let Some(light) = voxel.light[by] else { continue };
         let [r, g, b] = light.map(f64::from);
@@ -59,7 +59,7 @@ pub fn lit_points(voxels: &[Voxel], by: usize, of: LightChannel) -> Vec<LitPoint
             patches.entry((bin, cell, towards)).or_default().push((voxel.at, n, ln));
         }
     }
-    let mut materials: BTreeMap<Bin, Vec<LitPoint>> = BTreeMap::new();
+    let mut materials: BTreeMap<ChromaBin, Vec<LitPoint>> = BTreeMap::new();
     for ((bin, ..), of) in patches.iter().filter(|(_, of)| of.len() >= MIN_VOXELS_PER_PATCH) {
         let share = 1.0 / of.len() as f64;
         let at = of.iter().map(|voxel| voxel.0).sum::<DVec3>() * share;

@@ -32,7 +32,7 @@ const MIN_NORMAL_VOXELS: usize = 6;
 /// Largest ratio of the smallest to the middle variance of a surface's neighbourhood.
 const MAX_FLATNESS: f64 = 0.4;
 
-type Key = [i32; 3];
+type VoxelKey = [i32; 3];
 
 /// One frame's mean of a voxel.
 #[derive(Clone, Copy, Debug)]
@@ -102,7 +102,7 @@ impl Voxel {
 
 #[derive(Clone, Debug)]
 pub struct Voxels {
-    index: HashMap<Key, u32>,
+    index: HashMap<VoxelKey, u32>,
     cubes: Vec<Cube>,
     /// Largest number of cubes.
     limit: usize,
@@ -114,7 +114,7 @@ impl Default for Voxels {
     }
 }
 
-fn key(at: Vec3) -> Key {
+fn key(at: Vec3) -> VoxelKey {
     (at.as_dvec3() / SIDE_M).floor().as_ivec3().to_array()
 }
 
@@ -185,9 +185,10 @@ impl Voxels {
     /// Voxels with a normal that at least `fewest_frames` saw, in an order in which any prefix is
     /// spread evenly over the room.
     pub fn surfaces(&self, fewest_frames: u32, threads: usize) -> Vec<Voxel> {
-        let mut keys: Vec<(u64, Key, u32)> = self.index.iter().map(|(key, at)| (hash_of(key), *key, *at)).collect();
+        let mut keys: Vec<(u64, VoxelKey, u32)> =
+            self.index.iter().map(|(key, at)| (hash_of(key), *key, *at)).collect();
         keys.sort_unstable();
-        let mut voxels: Vec<((u64, Key, u32), Option<Voxel>)> = keys.into_iter().map(|key| (key, None)).collect();
+        let mut voxels: Vec<((u64, VoxelKey, u32), Option<Voxel>)> = keys.into_iter().map(|key| (key, None)).collect();
         over_rows(&mut voxels, 1, threads, |_, slot| {
             let ((_, key, at), voxel) = &mut slot[0];
             *voxel = self.voxel(*key, *at as usize, fewest_frames);
@@ -195,7 +196,7 @@ impl Voxels {
         voxels.into_iter().filter_map(|(_, voxel)| voxel).collect()
     }
 
-    fn voxel(&self, key: Key, at: usize, fewest_frames: u32) -> Option<Voxel> {
+    fn voxel(&self, key: VoxelKey, at: usize, fewest_frames: u32) -> Option<Voxel> {
         let cube = &self.cubes[at];
         let frames = cube.frames[0] + cube.frames[1];
         if frames < fewest_frames {
@@ -222,7 +223,7 @@ impl Voxels {
         })
     }
 
-    fn normal(&self, [x, y, z]: Key, cube: &Cube, fewest_frames: u32) -> Option<DVec3> {
+    fn normal(&self, [x, y, z]: VoxelKey, cube: &Cube, fewest_frames: u32) -> Option<DVec3> {
         let mut near = Vec::new();
         for dz in -NORMAL_RADIUS..=NORMAL_RADIUS {
             for dy in -NORMAL_RADIUS..=NORMAL_RADIUS {
@@ -299,6 +300,6 @@ fn hash(a: u64, b: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-fn hash_of([x, y, z]: &Key) -> u64 {
+fn hash_of([x, y, z]: &VoxelKey) -> u64 {
     hash(hash(*x as u64, *y as u64), *z as u64)
 }

@@ -5,7 +5,7 @@
 
 use glam::DVec2;
 
-use super::detection::{BoardDetection, ChessboardSize, Target};
+use super::detection::{BoardDetection, ChessboardSize, DetectedTarget};
 use super::{corners, grid, refine};
 use crate::grey_image::GreyImage;
 
@@ -90,7 +90,7 @@ fn find_at_scale(
             Ok(BoardDetection {
                 board: places.into_iter().map(place).collect(),
                 corners_px,
-                target: Target::Chessboard(extent),
+                target: DetectedTarget::Chessboard(extent),
             })
         }
     }

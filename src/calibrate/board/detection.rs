@@ -35,13 +35,13 @@ impl fmt::Display for ChessboardSize {
 
 /// A calibration target.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Target {
+pub enum DetectedTarget {
     Chessboard(ChessboardSize),
     /// A board with this many printed tags.
     Tags(usize),
 }
 
-impl Target {
+impl DetectedTarget {
     /// Number of corners of the whole target.
     pub fn corners(&self) -> usize {
         match self {
@@ -69,5 +69,5 @@ pub struct BoardDetection {
     /// Detected positions, px, pixel centres at +0.5; one for each board position.
     pub corners_px: Vec<DVec2>,
     /// The visible part of a chessboard, or the whole board of tags.
-    pub target: Target,
+    pub target: DetectedTarget,
 }

@@ -66,11 +66,11 @@ pub fn largest_grid(blurred: &GreyImage, corners: &[Corner]) -> Grid {
 }
 
 /// The corner linked at each of a corner's four edges, and the index of that corner's edge.
-type Links = Vec<[Option<(usize, usize)>; 4]>;
+type CornerLinks = Vec<[Option<(usize, usize)>; 4]>;
 
-fn links(blurred: &GreyImage, corners: &[Corner]) -> Links {
+fn links(blurred: &GreyImage, corners: &[Corner]) -> CornerLinks {
     let mut nearest_to = Vec::new();
-    let chosen: Links = (0..corners.len())
+    let chosen: CornerLinks = (0..corners.len())
         .map(|own| {
             nearest_to.clear();
             nearest_to.extend((0..corners.len()).filter(|&n| n != own));
@@ -126,7 +126,7 @@ fn joined(blurred: &GreyImage, one: &Corner, other: &Corner) -> Option<(usize, u
 }
 
 /// Numbers the connected component of a corner.
-fn number_component(start: usize, corners: &[Corner], links: &Links, seen: &mut [bool]) -> Grid {
+fn number_component(start: usize, corners: &[Corner], links: &CornerLinks, seen: &mut [bool]) -> Grid {
     let mut grid = Grid::from([((0, 0), corners[start])]);
     seen[start] = true;
     // Corner, its grid position, and the direction of its first edge.

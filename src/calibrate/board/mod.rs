@@ -13,6 +13,6 @@ mod refine;
 mod tag_board;
 
 pub use chessboard::{ChessboardError, find_chessboard};
-pub use detection::{BoardDetection, ChessboardSize, Target};
+pub use detection::{BoardDetection, ChessboardSize, DetectedTarget};
 pub use detector::{BoardDetector, TargetChoice};
 pub use tag_board::{NotOnPlane, TagsError};

@@ -2,7 +2,7 @@
 
 use glam::{DVec2, DVec3};
 
-use super::detection::{BoardDetection, Target};
+use super::detection::{BoardDetection, DetectedTarget};
 use crate::camera::Response;
 use crate::pixels::Pixels;
 use crate::tags::{self, DetectError, DetectedTag, Detector, LumaCodes, refine_corners_without_lens};
@@ -86,7 +86,7 @@ impl TagBoardDetector {
         if readable < MIN_TAGS {
             return Err(TagsError::Few { seen, readable });
         }
-        Ok(BoardDetection { board, corners_px, target: Target::Tags(self.board.tags.len()) })
+        Ok(BoardDetection { board, corners_px, target: DetectedTarget::Tags(self.board.tags.len()) })
     }
 }
 

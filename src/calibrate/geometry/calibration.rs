@@ -5,7 +5,7 @@ use nalgebra::DMatrix;
 
 use super::missing::MissingViews;
 use super::parameter::Parameter;
-use crate::calibrate::board::{BoardDetection, ChessboardSize, Target};
+use crate::calibrate::board::{BoardDetection, ChessboardSize, DetectedTarget};
 use crate::camera::{Geometry, LensModel};
 use crate::fit::RigidPose;
 
@@ -50,7 +50,7 @@ pub struct CameraCalibration {
     pub rms_px: f64,
     /// Median length of the residuals, px.
     pub median_px: f64,
-    pub target: Target,
+    pub target: DetectedTarget,
     /// The board's unit of length, mm, if known.
     pub unit_mm: Option<f64>,
     /// The used views.

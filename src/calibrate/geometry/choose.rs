@@ -7,8 +7,8 @@ use super::calibration::{CameraCalibration, LensOptions, MIN_VIEWS, NamedView, R
 use super::missing::missing;
 use super::model::LensVector;
 use super::parameter::Parameter;
-use super::solve::{Fit, finish, fit};
-use crate::calibrate::board::{BoardDetection, ChessboardSize, Target};
+use super::solve::{LensFit, finish, fit};
+use crate::calibrate::board::{BoardDetection, ChessboardSize, DetectedTarget};
 use crate::camera::{Geometry, LensModel};
 use crate::fit::quantile::upper_median;
 use crate::text::{count, fixed};
@@ -80,7 +80,7 @@ pub fn calibrate(
         }
         views = kept;
         enough(&views, &refused)?;
-        (fit, covariance) = final_fit(&detections(&views), &Fit { stands, ..fit })?;
+        (fit, covariance) = final_fit(&detections(&views), &LensFit { stands, ..fit })?;
     }
     let geometry = fit.lens.geometry(width_px, height_px);
     let sigma = |i: usize| covariance[(i, i)].sqrt();
@@ -89,8 +89,8 @@ pub fn calibrate(
         named.map(|(i, name)| Parameter { name, value: fit.lens.values[i], sigma: sigma(i) }).collect();
     notes.extend(remarks(&fit.lens, &parameters, &geometry, &views));
     let (target, unit_mm) = match largest(&views) {
-        tags @ Target::Tags(_) => (tags, Some(METRE_MM)),
-        chessboard => (options.board.map_or(chessboard, Target::Chessboard), options.square_mm),
+        tags @ DetectedTarget::Tags(_) => (tags, Some(METRE_MM)),
+        chessboard => (options.board.map_or(chessboard, DetectedTarget::Chessboard), options.square_mm),
     };
     let missing = missing(size_px, &parameters, &detections(&views), &fit.stands, RECOMMENDED_VIEWS);
     Ok(CameraCalibration {
@@ -115,14 +115,14 @@ fn detections(views: &[NamedView]) -> Vec<&BoardDetection> {
 }
 
 /// The largest visible part of a board.
-fn largest(views: &[NamedView]) -> Target {
-    let larger = |a: Target, b: Target| match (a, b) {
-        (Target::Chessboard(a), Target::Chessboard(b)) => {
-            Target::Chessboard(ChessboardSize::new(a.columns.max(b.columns), a.rows.max(b.rows)))
+fn largest(views: &[NamedView]) -> DetectedTarget {
+    let larger = |a: DetectedTarget, b: DetectedTarget| match (a, b) {
+        (DetectedTarget::Chessboard(a), DetectedTarget::Chessboard(b)) => {
+            DetectedTarget::Chessboard(ChessboardSize::new(a.columns.max(b.columns), a.rows.max(b.rows)))
         }
-        (tags @ Target::Tags(_), _) | (_, tags) => tags,
+        (tags @ DetectedTarget::Tags(_), _) | (_, tags) => tags,
     };
-    views.iter().map(|view| view.detection.target).reduce(larger).unwrap_or(Target::Tags(0))
+    views.iter().map(|view| view.detection.target).reduce(larger).unwrap_or(DetectedTarget::Tags(0))
 }
 
 /// Chooses the model. Also returns remarks.
@@ -130,7 +130,7 @@ fn choose_model(
     size_px: DVec2,
     views: &[&BoardDetection],
     wanted: Option<LensModel>,
-) -> Result<(Fit, Vec<String>), LensError> {
+) -> Result<(LensFit, Vec<String>), LensError> {
     let of = |model| fit(model, size_px, views);
     match wanted {
         Some(model @ (LensModel::Opencv | LensModel::OpencvFisheye)) => {
@@ -152,7 +152,7 @@ fn choose_model(
 
 /// Final fit. The last radial coefficient is left out if it is not significant, because it would
 /// bend the picture beyond the views. The covariance treats it as unknown all the same.
-fn final_fit(views: &[&BoardDetection], from: &Fit) -> Result<(Fit, DMatrix<f64>), LensError> {
+fn final_fit(views: &[&BoardDetection], from: &LensFit) -> Result<(LensFit, DMatrix<f64>), LensError> {
     let at = |with_last| {
         let fit = finish(views, from.lens, from.stands.clone(), with_last).ok_or(LensError::Unexplained)?;
         let covariance = fit.covariance(views).ok_or(LensError::Undetermined)?;
@@ -167,7 +167,7 @@ fn final_fit(views: &[&BoardDetection], from: &Fit) -> Result<(Fit, DMatrix<f64>
 }
 
 /// Views that the common camera does not explain, by index, with the reason.
-fn outlier_views(fit: &Fit) -> Vec<(usize, String)> {
+fn outlier_views(fit: &LensFit) -> Vec<(usize, String)> {
     // The median is insensitive to a few misread corners.
     let medians: Vec<f64> = (0..fit.stands.len()).map(|view| fit.view_median_px(view)).collect();
     let usual = upper_median(medians.iter().copied()).unwrap_or(0.0);

@@ -245,13 +245,13 @@ fn stillest(detections: &[(usize, BoardDetection)], diagonal_px: f64) -> Vec<usi
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibrate::board::{ChessboardSize, Target};
+    use crate::calibrate::board::{ChessboardSize, DetectedTarget};
 
     /// A board whose corners are a grid with spacing `side` px, from a point.
     fn detection(x: f64, y: f64, side: f64) -> BoardDetection {
         let board: Vec<DVec2> = (0..20).map(|i| DVec2::new(f64::from(i % 5), f64::from(i / 5))).collect();
         let corners_px = board.iter().map(|place| DVec2::new(x, y) + side * *place).collect();
-        BoardDetection { board, corners_px, target: Target::Chessboard(ChessboardSize::new(5, 4)) }
+        BoardDetection { board, corners_px, target: DetectedTarget::Chessboard(ChessboardSize::new(5, 4)) }
     }
 
     #[test]

@@ -24,14 +24,14 @@ const MAX_RELATIVE_SIGMA: f64 = 0.01;
 
 /// The edge of a board, as seen in the picture, that should be farther away.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Edge {
+pub enum PictureEdge {
     Right,
     Left,
     Lower,
     Upper,
 }
 
-impl Edge {
+impl PictureEdge {
     const ALL: [Self; 4] = [Self::Right, Self::Left, Self::Lower, Self::Upper];
 
     fn name(self) -> &'static str {
@@ -90,7 +90,7 @@ pub enum MissingViews {
     /// More views.
     Views { taken: usize, wanted: usize },
     /// Boards tilted so that these edges are farther away.
-    Tilts(Vec<Edge>),
+    Tilts(Vec<PictureEdge>),
     /// Boards in these corners of the picture.
     Corners(Vec<PictureCorner>),
     /// Boards closer and farther than the others.
@@ -182,8 +182,8 @@ pub fn missing(
         missing_views.push(MissingViews::Views { taken: views.len(), wanted });
     }
     let tilts: Vec<DVec2> = stands.iter().map(tilt_deg).collect();
-    let is_tilted = |edge: Edge| tilts.iter().any(|tilt| tilt.dot(edge.towards()) >= MIN_TILT_DEG);
-    let absent: Vec<Edge> = Edge::ALL.into_iter().filter(|edge| !is_tilted(*edge)).collect();
+    let is_tilted = |edge: PictureEdge| tilts.iter().any(|tilt| tilt.dot(edge.towards()) >= MIN_TILT_DEG);
+    let absent: Vec<PictureEdge> = PictureEdge::ALL.into_iter().filter(|edge| !is_tilted(*edge)).collect();
     if !absent.is_empty() {
         missing_views.push(MissingViews::Tilts(absent));
     }
@@ -218,7 +218,7 @@ mod tests {
     use glam::{DMat3, DQuat};
 
     use super::*;
-    use crate::calibrate::board::{ChessboardSize, Target};
+    use crate::calibrate::board::{ChessboardSize, DetectedTarget};
 
     const SIZE_PX: DVec2 = DVec2::new(640.0, 480.0);
 
@@ -230,7 +230,7 @@ mod tests {
         BoardDetection {
             board: vec![DVec2::ZERO; corners_px.len()],
             corners_px,
-            target: Target::Chessboard(ChessboardSize::new(9, 6)),
+            target: DetectedTarget::Chessboard(ChessboardSize::new(9, 6)),
         }
     }
 

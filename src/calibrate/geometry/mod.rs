@@ -22,7 +22,7 @@ mod view_collector;
 pub use calibration::{CameraCalibration, LensOptions, NamedView, RejectedView};
 pub use choose::{LensError, calibrate};
 pub use load::{LensProgress, LoadError, Views, views_from_paths};
-pub use missing::{Edge, MissingViews, PictureCorner};
+pub use missing::{MissingViews, PictureCorner, PictureEdge};
 pub use parameter::Parameter;
 pub use residual_plot::residuals;
 pub use view_collector::{Coverage, ViewCollector, ViewOutcome};

@@ -5,7 +5,7 @@ use std::fmt;
 use super::calibration::CameraCalibration;
 use super::missing::{distance, tilt_deg};
 use super::parameter::Parameter;
-use crate::calibrate::board::Target;
+use crate::calibrate::board::DetectedTarget;
 use crate::params::Field;
 use crate::text::{count, fixed, millimetres};
 
@@ -32,8 +32,8 @@ impl CameraCalibration {
     pub fn origin(&self) -> String {
         let corners: usize = self.views.iter().map(|view| view.detection.corners_px.len()).sum();
         let board = match self.target {
-            Target::Chessboard(board) => format!("a board of {board} corners, {corners} in all"),
-            Target::Tags(tags) => format!("a board of {}, {corners} corners in all", count(tags, "tag")),
+            DetectedTarget::Chessboard(board) => format!("a board of {board} corners, {corners} in all"),
+            DetectedTarget::Tags(tags) => format!("a board of {}, {corners} corners in all", count(tags, "tag")),
         };
         format!("{} of {board}: rms {} px", count(self.views.len(), "view"), fixed(self.rms_px, 3))
     }

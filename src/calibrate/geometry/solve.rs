@@ -24,7 +24,7 @@ const START_FOCALS: [f64; 7] = [0.25, 0.4, 0.6, 0.9, 1.4, 2.2, 4.0];
 const SCALE_ROUNDS: usize = 6;
 /// A camera and the pose of each view's board.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Fit {
+pub struct LensFit {
     pub lens: LensVector,
     pub stands: Vec<RigidPose>,
     /// Residuals of each view's corners: detected minus projected, px.
@@ -37,7 +37,7 @@ pub struct Fit {
 type Free<'a> = &'a [usize];
 
 /// Fits a model to views of a picture of this size, px. `None` if no camera explains them.
-pub fn fit(model: LensModel, size_px: DVec2, views: &[&BoardDetection]) -> Option<Fit> {
+pub fn fit(model: LensModel, size_px: DVec2, views: &[&BoardDetection]) -> Option<LensFit> {
     let first = |focal: f64| {
         let lens = LensVector::plain(model, focal * size_px.max_element(), 0.5 * size_px);
         let stands =
@@ -52,7 +52,12 @@ pub fn fit(model: LensModel, size_px: DVec2, views: &[&BoardDetection]) -> Optio
 }
 
 /// Final fit from an approximate camera and poses. Without `with_last` the last coefficient is 0.
-pub fn finish(views: &[&BoardDetection], mut lens: LensVector, stands: Vec<RigidPose>, with_last: bool) -> Option<Fit> {
+pub fn finish(
+    views: &[&BoardDetection],
+    mut lens: LensVector,
+    stands: Vec<RigidPose>,
+    with_last: bool,
+) -> Option<LensFit> {
     let free = lens.count() - usize::from(!with_last);
     lens.values[free..].fill(0.0);
     iterate(views, lens, stands, &FREE[..free], SCALE_ROUNDS)
@@ -60,7 +65,7 @@ pub fn finish(views: &[&BoardDetection], mut lens: LensVector, stands: Vec<Rigid
 
 const FREE: [usize; MAX_PARAMETERS] = [0, 1, 2, 3, 4, 5, 6, 7, 8];
 
-impl Fit {
+impl LensFit {
     /// Mean length of the residuals, px.
     pub fn mean_px(&self) -> f64 {
         let lengths = || self.residuals_px.iter().flatten().map(|r| r.length());
@@ -136,7 +141,7 @@ struct BundleAdjustment<'a> {
 
 impl Problem for BundleAdjustment<'_> {
     type State = (LensVector, Vec<RigidPose>);
-    type Equations = Vec<Block>;
+    type Equations = Vec<ViewEquations>;
 
     fn residuals(&self, (lens, stands): &Self::State) -> Option<Vec<DVec2>> {
         let corners = |view: &&BoardDetection| view.corners_px.len();
@@ -149,11 +154,16 @@ impl Problem for BundleAdjustment<'_> {
         residuals.iter().all(|r| r.is_finite()).then_some(residuals)
     }
 
-    fn equations(&self, (lens, stands): &Self::State, delta_px: f64) -> Option<Vec<Block>> {
+    fn equations(&self, (lens, stands): &Self::State, delta_px: f64) -> Option<Vec<ViewEquations>> {
         blocks(self.views, lens, stands, delta_px)
     }
 
-    fn after_step(&self, blocks: &Vec<Block>, (lens, stands): &Self::State, damping: f64) -> Option<Self::State> {
+    fn after_step(
+        &self,
+        blocks: &Vec<ViewEquations>,
+        (lens, stands): &Self::State,
+        damping: f64,
+    ) -> Option<Self::State> {
         after_step(blocks, lens, stands, self.free, damping)
     }
 }
@@ -165,16 +175,16 @@ fn iterate(
     stands: Vec<RigidPose>,
     free: Free<'_>,
     rounds: usize,
-) -> Option<Fit> {
+) -> Option<LensFit> {
     let rest = robust::minimize(&BundleAdjustment { views, free }, (lens, stands), rounds)?;
     let (lens, stands) = rest.state;
     let mut left = rest.residuals_px.into_iter();
     let residuals_px = views.iter().map(|view| left.by_ref().take(view.corners_px.len()).collect()).collect();
-    Some(Fit { lens, stands, residuals_px, delta_px: rest.delta_px })
+    Some(LensFit { lens, stands, residuals_px, delta_px: rest.delta_px })
 }
 
 /// A view's part of the normal equations JᵀWJ · step = JᵀWr.
-struct Block {
+struct ViewEquations {
     lens: SMatrix<f64, MAX_PARAMETERS, MAX_PARAMETERS>,
     mixed: SMatrix<f64, MAX_PARAMETERS, 6>,
     stand: SMatrix<f64, 6, 6>,
@@ -182,9 +192,14 @@ struct Block {
     pose_jacobian: SVector<f64, 6>,
 }
 
-fn blocks(views: &[&BoardDetection], lens: &LensVector, stands: &[RigidPose], delta_px: f64) -> Option<Vec<Block>> {
+fn blocks(
+    views: &[&BoardDetection],
+    lens: &LensVector,
+    stands: &[RigidPose],
+    delta_px: f64,
+) -> Option<Vec<ViewEquations>> {
     let of_view = |(view, stand): (&&BoardDetection, &RigidPose)| {
-        let mut block = Block {
+        let mut block = ViewEquations {
             lens: SMatrix::zeros(),
             mixed: SMatrix::zeros(),
             stand: SMatrix::zeros(),
@@ -218,7 +233,7 @@ fn damped<const N: usize>(m: &SMatrix<f64, N, N>, damping: f64) -> SMatrix<f64, 
 
 /// A view's Schur complement: its normal equations reduced to the camera's parameters.
 fn schur_complement(
-    block: &Block,
+    block: &ViewEquations,
     damping: f64,
 ) -> Option<(SMatrix<f64, MAX_PARAMETERS, MAX_PARAMETERS>, SVector<f64, MAX_PARAMETERS>)> {
     let across = block.mixed * damped(&block.stand, damping).cholesky()?.inverse();
@@ -228,7 +243,7 @@ fn schur_complement(
 
 /// The reduced camera system.
 fn reduced_system(
-    blocks: &[Block],
+    blocks: &[ViewEquations],
     damping: f64,
 ) -> Option<(SMatrix<f64, MAX_PARAMETERS, MAX_PARAMETERS>, SVector<f64, MAX_PARAMETERS>)> {
     let (mut reduced, mut right) = (SMatrix::zeros(), SVector::zeros());
@@ -241,7 +256,7 @@ fn reduced_system(
 }
 
 fn after_step(
-    blocks: &[Block],
+    blocks: &[ViewEquations],
     lens: &LensVector,
     stands: &[RigidPose],
     free: Free<'_>,
@@ -257,7 +272,7 @@ fn after_step(
     if !(lens.values[0] > 0.0 && lens.values[1] > 0.0 && lens.values.iter().all(|value| value.is_finite())) {
         return None;
     }
-    let moved = |(block, stand): (&Block, &RigidPose)| {
+    let moved = |(block, stand): (&ViewEquations, &RigidPose)| {
         let right = block.pose_jacobian - block.mixed.transpose() * step;
         let by = damped(&block.stand, damping).cholesky()?.solve(&right);
         Some(stand.after_step(DVec3::new(by[0], by[1], by[2]), DVec3::new(by[3], by[4], by[5])))

@@ -70,11 +70,11 @@ fn storage(gpu: &crate::gpu::Gpu, size: u64) -> wgpu::Buffer {
 }
 
 #[derive(Clone, Copy, PartialEq)]
-struct List;
+struct HighlightListKey;
 
 /// The list of highlights with its head, the arguments of the indirect draw.
 pub fn list(recorder: &mut Recorder) -> wgpu::Buffer {
-    recorder.memoized(List, |gpu, _| storage(gpu, HEAD_BYTES + MAX_HIGHLIGHTS * BYTES))
+    recorder.memoized(HighlightListKey, |gpu, _| storage(gpu, HEAD_BYTES + MAX_HIGHLIGHTS * BYTES))
 }
 
 /// Key of the buffers for a number of cells: the remaining light of each block, and the number of

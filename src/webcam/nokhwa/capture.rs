@@ -9,7 +9,7 @@ use super::errors;
 use super::system::System;
 use crate::webcam::buffer;
 use crate::webcam::clock::monotonic_s;
-use crate::webcam::driver::{Capture, Sample};
+use crate::webcam::driver::{Capture, DriverPicture};
 use crate::webcam::picture::Delivered;
 
 /// The numbers of the cameras that this program has open.
@@ -65,7 +65,7 @@ impl NokhwaCapture {
 }
 
 impl Capture for NokhwaCapture {
-    fn next(&mut self) -> Result<Option<Sample>, String> {
+    fn next(&mut self) -> Result<Option<DriverPicture>, String> {
         if !self.camera.is_stream_open() {
             self.camera.open_stream().map_err(|error| errors::stopped(&error))?;
         }
@@ -74,7 +74,7 @@ impl Capture for NokhwaCapture {
         let is_agreed =
             buffer.resolution() == self.format.resolution() && buffer.source_frame_format() == self.format.format();
         let (delivered, bytes) = buffer::fit(self.delivered, buffer.buffer_bytes().into());
-        Ok(Some(Sample {
+        Ok(Some(DriverPicture {
             delivered,
             bytes,
             stamp: self.system.stamp(buffer.capture_timestamp()),

@@ -12,7 +12,7 @@ use v4l::{Device, Timestamp};
 use super::negotiate::{self, agree, asked, name_of, names, open, path_of, why};
 use crate::webcam::camera_id::number;
 use crate::webcam::clock::monotonic_s;
-use crate::webcam::driver::{Capture, Driver, Sample, Stamp};
+use crate::webcam::driver::{Capture, Driver, DriverPicture, Stamp};
 use crate::webcam::driver_name::DriverName;
 use crate::webcam::error::CameraError;
 use crate::webcam::list::Listed;
@@ -42,14 +42,14 @@ struct V4l2Capture {
     device: Device,
     stream: Stream<'static>,
     delivered: Delivered,
-    stamps: Stamps,
+    stamps: BufferStamps,
     /// What pictures were last exposed for, seconds, if that is known at all.
     exposure_s: Option<f64>,
     exposure_read: Option<Instant>,
 }
 
-/// The number and the arrival, s, of the picture before; see [`Stamps::lost`].
-struct Stamps {
+/// The number and the arrival, s, of the picture before; see [`BufferStamps::lost`].
+struct BufferStamps {
     before: Option<(u32, f64)>,
     rate_hz: Option<f64>,
 }
@@ -86,14 +86,14 @@ impl Driver for V4l2 {
             assumed: Assumed::default(),
             warnings: Vec::new(),
         };
-        let stamps = Stamps { before: None, rate_hz };
+        let stamps = BufferStamps { before: None, rate_hz };
         let capture = V4l2Capture { device, stream, delivered, stamps, exposure_s, exposure_read: None };
         Ok((Box::new(capture), given))
     }
 }
 
 impl Capture for V4l2Capture {
-    fn next(&mut self) -> Result<Option<Sample>, String> {
+    fn next(&mut self) -> Result<Option<DriverPicture>, String> {
         if self.exposure_s.is_some() && self.exposure_read.is_none_or(|at| at.elapsed() > EXPOSURE_EVERY) {
             self.exposure_read = Some(Instant::now());
             self.exposure_s = exposure(&self.device).or(self.exposure_s);
@@ -105,7 +105,7 @@ impl Capture for V4l2Capture {
         let lost = self.stamps.lost(metadata.sequence, arrived_s);
         // Drivers that do not say it have filled all.
         let length = if metadata.bytesused == 0 { bytes.len() } else { metadata.bytesused as usize };
-        Ok(Some(Sample {
+        Ok(Some(DriverPicture {
             delivered: self.delivered,
             bytes: bytes.get(..length).unwrap_or(bytes).to_vec(),
             stamp: stamp(metadata),
@@ -117,7 +117,7 @@ impl Capture for V4l2Capture {
     }
 }
 
-impl Stamps {
+impl BufferStamps {
     /// Pictures lost since the one before, by the driver's count. A count that goes back has begun
     /// anew, and one that leaps by more pictures than came in the time says nothing: v4l2loopback's
     /// first picture is always its number 0.
@@ -165,13 +165,13 @@ mod tests {
 
     #[test]
     fn the_drivers_count_tells_what_was_lost() {
-        let mut stamps = Stamps { before: None, rate_hz: Some(30.0) };
+        let mut stamps = BufferStamps { before: None, rate_hz: Some(30.0) };
         let came =
             [(5, 0.0), (6, 0.03), (9, 0.13), (10, 0.16), (0, 0.2), (1, 0.23), (3, 0.3), (1492, 0.34), (1493, 0.37)];
         let lost: Vec<u64> = came.into_iter().map(|(n, time_s)| stamps.lost(n, time_s)).collect();
         assert_eq!(lost, [0, 0, 2, 0, 0, 0, 1, 0, 0]);
         // Without a rate nothing speaks against it.
-        let mut stamps = Stamps { before: None, rate_hz: None };
+        let mut stamps = BufferStamps { before: None, rate_hz: None };
         assert_eq!([(0, 0.0), (1492, 0.04)].map(|(n, time_s)| stamps.lost(n, time_s)), [0, 1491]);
     }
 

@@ -18,13 +18,13 @@ const MIN_VIEWS: usize = 3;
 
 /// State of the section.
 #[derive(Debug, Default)]
-pub struct Lens {
+pub struct LensPanel {
     views: Option<Views>,
     /// Result of the fit.
     found: Option<Result<CameraCalibration, String>>,
 }
 
-impl Lens {
+impl LensPanel {
     /// Passes the newest frame to the board detection and takes its result.
     pub fn process_newest(&mut self, session: &Session) {
         let Some(views) = &mut self.views else { return };

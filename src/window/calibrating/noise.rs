@@ -15,7 +15,7 @@ use super::super::region_picker::{self, RegionPrompt, RegionPurpose};
 use super::super::session::Session;
 use super::super::task::Ticket;
 use super::super::tool::Tools;
-use super::parts::{self, FrameRegion, ListAction, Verdict};
+use super::parts::{self, FrameRegion, ListAction, RegionVerdict};
 use locard_engine::calibrate::{
     NoisePoint, PickedError, PickedNoise, PickedRegion, SceneMotion, min_side_px, picked_noise, sigma_over_profile,
 };
@@ -52,7 +52,7 @@ impl NoiseRequest {
 /// reasons.
 #[derive(Clone, Debug, Default)]
 struct NoiseResult {
-    verdicts: Vec<Verdict>,
+    verdicts: Vec<RegionVerdict>,
     noise: Option<Result<PickedNoise, String>>,
 }
 
@@ -64,10 +64,10 @@ impl NoiseResult {
 
 /// The section.
 #[derive(Debug)]
-pub struct Noise {
+pub struct NoisePanel {
     places: Vec<FrameRegion>,
     /// Verdicts of the regions.
-    verdicts: Vec<Verdict>,
+    verdicts: Vec<RegionVerdict>,
     at_rest: bool,
     /// Frames at rest, first and last.
     range: [usize; 2],
@@ -75,14 +75,14 @@ pub struct Noise {
     channel: usize,
 }
 
-impl Default for Noise {
+impl Default for NoisePanel {
     fn default() -> Self {
         let (places, verdicts) = Default::default();
         Self { places, verdicts, at_rest: false, range: [0, 9], measured: Background::default(), channel: 1 }
     }
 }
 
-impl Noise {
+impl NoisePanel {
     pub fn marks(&self, frame: usize) -> impl Iterator<Item = (Rect, String)> {
         let is_here = move |of: usize| if self.at_rest { self.covers(frame) } else { of == frame };
         let all = parts::marks("plain", &self.places, &self.verdicts);
@@ -112,7 +112,7 @@ impl Noise {
     pub fn take_picked(&mut self, session: &Session, tools: &mut Tools) {
         if let Some(picked) = parts::answer(tools, RegionPurpose::PlainPlace, session) {
             self.places.push(picked);
-            self.verdicts.push(Verdict::Waits);
+            self.verdicts.push(RegionVerdict::Waits);
         }
     }
 
@@ -183,7 +183,7 @@ impl Noise {
             });
         });
         if self.at_rest != was_at_rest {
-            self.verdicts.fill(Verdict::Waits);
+            self.verdicts.fill(RegionVerdict::Waits);
         }
     }
 
@@ -236,7 +236,7 @@ impl Noise {
             if present.is_some() { "the present curve goes on, scaled to meet it" } else { "it stays as at the ends" };
         let text = format!("Measured from code {} to {}; beyond, {beyond}.", fixed(low, 0), fixed(high, 0));
         ui.label(RichText::new(text).small());
-        let used = self.verdicts.iter().enumerate().filter(|(_, verdict)| matches!(verdict, Verdict::Good(_)));
+        let used = self.verdicts.iter().enumerate().filter(|(_, verdict)| matches!(verdict, RegionVerdict::Good(_)));
         let used: Vec<usize> = used.map(|(n, _)| n + 1).collect();
         found.warnings.iter().for_each(|warning| parts::aside(ui, calibration_messages::noise_warning(warning, &used)));
         if let Some(over) = present.as_ref().and_then(|present| excess_noise_ratio(&found.points, present)) {
@@ -270,7 +270,7 @@ fn excess_noise_ratio(points: &[Vec<NoisePoint>; 3], present: &NoiseProfile) -> 
 
 fn measure(shot: &Shot, shown: &Arc<Frame>, of: &NoiseRequest, ticket: &Ticket) -> NoiseResult {
     let failed = |why: String| NoiseResult {
-        verdicts: vec![Verdict::Waits; of.places.len()],
+        verdicts: vec![RegionVerdict::Waits; of.places.len()],
         noise: Some(Err(why)).filter(|_| !ticket.is_cancelled()),
     };
     let places = match read(shot, shown, of, ticket) {
@@ -279,9 +279,9 @@ fn measure(shot: &Shot, shown: &Arc<Frame>, of: &NoiseRequest, ticket: &Ticket) 
     };
     let found = picked_noise(&places, of.motion, of.present.as_ref());
     let verdict = |n: usize| match found.places.get(n) {
-        Some(Ok(code)) => Verdict::Good(format!("used, code {}", fixed(*code, 0))),
-        Some(Err(why)) => Verdict::Bad(why.to_string()),
-        None => Verdict::Waits,
+        Some(Ok(code)) => RegionVerdict::Good(format!("used, code {}", fixed(*code, 0))),
+        Some(Err(why)) => RegionVerdict::Bad(why.to_string()),
+        None => RegionVerdict::Waits,
     };
     let noise = match found.noise {
         Err(PickedError::NoneFit) => None,

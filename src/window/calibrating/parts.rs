@@ -23,7 +23,7 @@ pub fn answer(tools: &mut Tools, purpose: RegionPurpose, session: &Session) -> O
 
 /// Result of a picked region.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Verdict {
+pub enum RegionVerdict {
     /// Not measured yet.
     Waits,
     Good(String),
@@ -43,7 +43,7 @@ pub enum ListAction {
 const DROP_BUTTON_PT: f32 = 56.0;
 
 /// The picked regions, each with its verdict and a button to remove it.
-pub fn list<'a>(ui: &mut Ui, what: &str, verdicts: impl IntoIterator<Item = &'a Verdict>) -> Option<ListAction> {
+pub fn list<'a>(ui: &mut Ui, what: &str, verdicts: impl IntoIterator<Item = &'a RegionVerdict>) -> Option<ListAction> {
     let mut action = None;
     for (n, verdict) in verdicts.into_iter().enumerate() {
         let name = format!("{what} {}", n + 1);
@@ -55,9 +55,9 @@ pub fn list<'a>(ui: &mut Ui, what: &str, verdicts: impl IntoIterator<Item = &'a 
             ui.allocate_ui_with_layout(vec2(room, 0.0), Layout::top_down(Align::LEFT), |ui| {
                 ui.set_width(room);
                 match verdict {
-                    Verdict::Waits => ui.weak("…"),
-                    Verdict::Good(text) => ui.label(text),
-                    Verdict::Bad(why) => ui.label(RichText::new(why).color(ui.visuals().warn_fg_color)),
+                    RegionVerdict::Waits => ui.weak("…"),
+                    RegionVerdict::Good(text) => ui.label(text),
+                    RegionVerdict::Bad(why) => ui.label(RichText::new(why).color(ui.visuals().warn_fg_color)),
                 };
             });
             let drop = ui.small_button("Drop");
@@ -74,10 +74,10 @@ pub fn list<'a>(ui: &mut Ui, what: &str, verdicts: impl IntoIterator<Item = &'a 
 pub fn marks<'a>(
     what: &'static str,
     places: &'a [FrameRegion],
-    verdicts: &'a [Verdict],
+    verdicts: &'a [RegionVerdict],
 ) -> impl Iterator<Item = (usize, Rect, String)> + 'a {
     places.iter().enumerate().map(move |(n, place)| {
-        let end = if matches!(verdicts.get(n), Some(Verdict::Bad(_))) { ": left out" } else { "" };
+        let end = if matches!(verdicts.get(n), Some(RegionVerdict::Bad(_))) { ": left out" } else { "" };
         (place.frame, place.at, format!("{what} {}{end}", n + 1))
     })
 }

@@ -11,7 +11,7 @@ use super::super::region_picker::{self, RegionPrompt, RegionPurpose};
 use super::super::session::Session;
 use super::super::task::Ticket;
 use super::super::tool::Tools;
-use super::parts::{self, FrameRegion, ListAction, Verdict};
+use super::parts::{self, FrameRegion, ListAction, RegionVerdict};
 use locard_engine::calibrate::sharpness::{self, PARAMETER, combine};
 use locard_engine::measure::slanted::{MIN_EXTENT_PX, SlantedEdge};
 use locard_engine::params::Value;
@@ -28,15 +28,15 @@ type MeasurementKey = (Vec<FrameRegion>, usize, u64);
 
 /// State of the section.
 #[derive(Debug, Default)]
-pub struct Sharpness {
+pub struct SharpnessPanel {
     edges: Vec<FrameRegion>,
-    verdicts: Vec<Verdict>,
+    verdicts: Vec<RegionVerdict>,
     /// Signal of the edges: 0 is luma, then the channels.
     of: usize,
     measured: Background<MeasurementKey, Edges>,
 }
 
-impl Sharpness {
+impl SharpnessPanel {
     pub fn marks(&self, frame: usize) -> impl Iterator<Item = (Rect, String)> {
         let all = parts::marks("edge", &self.edges, &self.verdicts);
         all.filter(move |(of, ..)| *of == frame).map(|(_, at, name)| (at, name))
@@ -51,7 +51,7 @@ impl Sharpness {
     pub fn take_picked(&mut self, session: &Session, tools: &mut Tools) {
         if let Some(picked) = parts::answer(tools, RegionPurpose::Edge, session) {
             self.edges.push(picked);
-            self.verdicts.push(Verdict::Waits);
+            self.verdicts.push(RegionVerdict::Waits);
         }
     }
 
@@ -149,10 +149,10 @@ impl Sharpness {
     }
 }
 
-fn verdict(edge: &Result<(SlantedEdge, [f64; 2]), RejectedEdge>) -> Verdict {
+fn verdict(edge: &Result<(SlantedEdge, [f64; 2]), RejectedEdge>) -> RegionVerdict {
     match edge {
-        Ok((edge, _)) => Verdict::Good(width_text(edge)),
-        Err(rejected) => Verdict::Bad(rejected.why.clone()),
+        Ok((edge, _)) => RegionVerdict::Good(width_text(edge)),
+        Err(rejected) => RegionVerdict::Bad(rejected.why.clone()),
     }
 }
 

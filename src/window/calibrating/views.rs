@@ -32,27 +32,27 @@ pub struct CollectionStatus {
 }
 
 #[derive(Debug)]
-struct Shared {
+struct SharedViews {
     status: CollectionStatus,
     ends: bool,
 }
 
 /// A frame with its predecessor, for the detection of motion. When detection is slower than the
 /// camera, frames are skipped, and consecutively processed frames are not neighbours.
-type Pair = (Option<Arc<Frame>>, Arc<Frame>);
+type FramePair = (Option<Arc<Frame>>, Arc<Frame>);
 
 /// Handle of the collecting thread, which ends when this is dropped.
 #[derive(Debug)]
 pub struct Views {
-    putter: Putter<Pair>,
+    putter: Putter<FramePair>,
     before: Option<Arc<Frame>>,
-    shared: Arc<Mutex<Shared>>,
+    shared: Arc<Mutex<SharedViews>>,
     task: BackgroundTask<Result<CameraCalibration, String>>,
     size: (u32, u32),
     last_s: f64,
 }
 
-fn lock(shared: &Mutex<Shared>) -> MutexGuard<'_, Shared> {
+fn lock(shared: &Mutex<SharedViews>) -> MutexGuard<'_, SharedViews> {
     // A panic under the lock leaves plain values.
     shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -63,7 +63,7 @@ impl Views {
         let search = BoardDetector::new(&TargetChoice::Any, response).map_err(|error| error.to_string())?;
         let taking = ViewCollector::new(size, TARGET_VIEWS, LensOptions::default());
         let (putter, newest) = Newest::new();
-        let shared = Arc::new(Mutex::new(Shared { status: status(&taking, None), ends: false }));
+        let shared = Arc::new(Mutex::new(SharedViews { status: status(&taking, None), ends: false }));
         let of_thread = Arc::clone(&shared);
         let work = move |reporter: &Reporter<'_, _>| watch(&newest, search, taking, &of_thread, reporter);
         let task = BackgroundTask::stream("views", wake, work);
@@ -109,10 +109,10 @@ fn status(taking: &ViewCollector, look: Option<ViewOutcome>) -> CollectionStatus
 }
 
 fn watch(
-    newest: &Newest<Pair>,
+    newest: &Newest<FramePair>,
     mut search: BoardDetector,
     mut taking: ViewCollector,
-    shared: &Mutex<Shared>,
+    shared: &Mutex<SharedViews>,
     reporter: &Reporter<'_, Result<CameraCalibration, String>>,
 ) {
     let mut last_processed_s = f64::NEG_INFINITY;

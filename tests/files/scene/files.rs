@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use glam::{DVec3, Mat4, Vec3};
-use locard::scene::{Description, Scene, describe, load};
+use locard::scene::{Scene, SceneDescription, describe, load};
 
 use crate::common::data;
 
@@ -35,7 +35,7 @@ fn gltf_files(folder: &Path) -> Vec<PathBuf> {
 }
 
 #[track_caller]
-fn compare(path: &Path) -> (Scene, Description) {
+fn compare(path: &Path) -> (Scene, SceneDescription) {
     let scene = load(path, None).unwrap();
     let description = describe(&scene);
     let (corners, low, high) = by_the_gltf_crate(path);
