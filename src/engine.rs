@@ -19,6 +19,7 @@ pub mod pixels;
 pub mod plane;
 pub mod pose;
 pub mod quality;
+pub mod stage;
 pub mod text;
 
 // 1: physics without GPU or files; least-squares fits and poses
@@ -31,7 +32,6 @@ pub mod gpu;
 pub mod recording;
 pub mod sink;
 pub mod source;
-pub mod stage;
 pub mod stream;
 pub mod tags;
 pub mod tracking;
@@ -50,7 +50,8 @@ pub mod effects;
 pub mod compositor;
 pub mod profile;
 
-// 6: footage with what is put into it, and what is written of it; cost, noise calibration, comparison, photographs, simulated recordings
+// 6: footage with what is put into it, and what is written of it; cost, noise calibration,
+// comparison, photographs, simulated recordings
 pub mod analyse;
 pub mod bench;
 pub mod calibrate;
