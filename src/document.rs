@@ -170,8 +170,8 @@ pub fn table_of(params: &dyn Params) -> Table {
     table
 }
 
-/// Edits `old` to say what `after` says. `before` is what it said so far. Keys of `old` that are
-/// not in `before` stay. Without `before`, every key that `after` lacks is removed.
+/// Edits `old` so that it has the values of `after`. `before` has its values so far. Keys of `old`
+/// that are not in `before` stay. Without `before`, every key that `after` lacks is removed.
 pub fn merge(old: &mut dyn TableLike, before: Option<&dyn TableLike>, after: &dyn TableLike) {
     let is_gone = |key: &str| !after.contains_key(key) && before.is_none_or(|before| before.contains_key(key));
     let gone: Vec<String> = old.iter().map(|(key, _)| key.to_owned()).filter(|key| is_gone(key)).collect();

@@ -47,17 +47,17 @@ pub fn eight_bits(code: u16) -> u8 {
     ((u32::from(code) + 128) / 257) as u8
 }
 
-/// The next whole number below, without a call into the mathematics library: the pixel in which a
-/// place lies. What is too large for it becomes the largest there is.
+/// The next whole number below, without a call into the mathematics library: the pixel of a
+/// position. Values that are too large become the largest `i32`.
 pub fn floor(at: f32) -> i32 {
     let whole = at as i32;
     whole.saturating_sub(i32::from((whole as f32) > at))
 }
 
-/// The same of what is nearer to 0 than 2²², without the question whether it fits: many at a time.
-/// Anything else, and what is no number, becomes some number of at most 1.3·10⁹.
+/// [`floor`] of values nearer to 0 than 2²². It has no range check, so that loops over it are
+/// vectorized. Any other value, and NaN, becomes a number of at most 1.3·10⁹.
 pub fn floor_of_small(at: f32) -> i32 {
-    // Beside 1.5·2²³ numbers of 32 bits are whole, and so is what is added to it, to the nearest.
+    // Near 1.5·2²³, 32-bit floats are whole numbers: an addition rounds to the nearest one.
     const WHOLE: f32 = 12_582_912.0;
     let nearest = (at + WHOLE) - WHOLE;
     let below = if nearest > at { nearest - 1.0 } else { nearest };

@@ -64,8 +64,8 @@ impl Pose {
     }
 }
 
-/// What the cameras had above them on the mean, unit length; z without any. `world_from_camera`:
-/// one rotation per camera.
+/// Mean of the cameras' own up directions, unit length; z without cameras. `world_from_camera`: one
+/// rotation per camera.
 pub fn held_up(world_from_camera: impl Iterator<Item = DQuat>) -> DVec3 {
     world_from_camera.map(|rotation| rotation * DVec3::NEG_Y).sum::<DVec3>().normalize_or(DVec3::Z)
 }

@@ -67,8 +67,8 @@ fn cut(text: &str, most: usize) -> String {
     out
 }
 
-/// A message where there is no command line: what it says of one stands in parentheses, as in "
-/// (--force)", and is left out.
+/// A message for the window, without parentheses that name options of the command line, as in
+/// " (--force)".
 pub fn without_options(text: &str) -> String {
     let mut out = String::new();
     let mut rest = text;

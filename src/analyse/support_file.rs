@@ -15,7 +15,7 @@ use crate::support::SupportReport;
 use crate::text::count;
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-struct Written {
+struct SupportFile {
     /// The scene's file, without its folders.
     scene: String,
     object: Vec<SupportReport>,
@@ -25,7 +25,7 @@ struct Written {
 pub fn write_support_reports(folder: &Path, scene: &Path, grounds: &[SupportReport]) -> Result<(), AnalysisError> {
     let path = folder.join(STANDING);
     let name = scene.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let document = Document::new(Written { scene: name, object: grounds.to_vec() })
+    let document = Document::new(SupportFile { scene: name, object: grounds.to_vec() })
         .map_err(|problem| AnalysisError::Content { file: path.clone(), problem: problem.to_string() })?;
     let head = format!(
         "# What {} of a scene stand on, and what takes their shadows, in the scene's world, metres. By `locard analyse \

@@ -126,7 +126,7 @@ impl FrameStats {
         }
     }
 
-    /// Adds what the plan of the frame determines.
+    /// Adds the results of the frame's plan.
     pub(super) fn add_plan(&mut self, job: &Job<'_>, view: &FrameView, plan: &Plan<'_>) {
         self.fastest_px_per_s = view.footprint.fastest_px_per_s;
         self.effects = plan.active.iter().map(|effect| effect.table()).collect();

@@ -48,7 +48,7 @@ pub use settings::{DepthSettings, ON, Settings, SettingsError, ShadowSettings};
 use mix::CameraUpload;
 use pending::Work;
 use plan::{FrameView, Plan, frame_context};
-use retained::{LightmapsKey, Retained, ShadowMapsKey, StageLog};
+use retained::{LightmapsKey, ShadowMapsKey, StageLog, StageMemos};
 use stages::FrameInputs;
 
 /// Draws a scene into frames. Final frames are those of a new compositor: the state between them is
@@ -64,7 +64,7 @@ pub struct Compositor {
     readbacks: ReadbackSet,
     /// Quality of the next frame.
     requested: Quality,
-    retained: Retained,
+    retained: StageMemos,
     /// Stages of the current frame.
     log: StageLog,
 }
@@ -80,7 +80,7 @@ impl Compositor {
             radiance: None,
             readbacks: ReadbackSet::default(),
             requested: Quality::Final,
-            retained: Retained::default(),
+            retained: StageMemos::default(),
             log: StageLog::default(),
         }
     }
@@ -152,6 +152,8 @@ impl Compositor {
         target: Target<'_>,
     ) -> Result<Pending, SubmitError> {
         let requested = std::mem::take(&mut self.requested);
+        // A refused frame and `prepare` leave entries.
+        self.log = StageLog::default();
         target.check_size(&job.frame)?;
         let mut stats = FrameStats::of(&job);
         // A photograph is composited even if the layer is invisible.

@@ -1,4 +1,4 @@
-//! Second phase of a frame: the depth of the real scene, and when it occludes objects.
+//! The stage [`Stage::Depth`] of a frame: the depth of the real scene, and its forms for occlusion.
 
 use std::sync::Arc;
 
@@ -24,7 +24,7 @@ use crate::quality::Quality;
 use crate::render::{COLOR, GridPlacement, grid_depth, real_depth};
 use crate::stage::Stage;
 
-/// Depth of the real scene (m, 0 unknown) in the forms that later phases read. Rectangles are those
+/// Depth of the real scene (m, 0 unknown) in the forms that later stages read. Rectangles are those
 /// of the drawn layer unless noted.
 #[derive(Clone, Debug, Default)]
 pub struct FrameOcclusion {

@@ -1,4 +1,4 @@
-//! First phase of a frame: objects in view, active effects, and the rectangles of work.
+//! The plan of a frame: objects in view, active effects, and the rectangles of work.
 
 use glam::DVec3;
 

@@ -26,7 +26,7 @@ use crate::stage::Stage;
 
 /// The last result of each stage, with its inputs.
 #[derive(Debug)]
-pub struct Retained {
+pub struct StageMemos {
     pub shadow_maps: Memo<ShadowMapsKey, ()>,
     pub lightmaps: Memo<LightmapsKey, ()>,
     pub depth: Memo<DepthKey, FrameOcclusion>,
@@ -35,7 +35,7 @@ pub struct Retained {
     pub layer: Memo<EffectsKey, Layer>,
 }
 
-impl Default for Retained {
+impl Default for StageMemos {
     fn default() -> Self {
         Self {
             shadow_maps: Memo::new(1),
@@ -207,7 +207,8 @@ pub struct EffectsKey {
     effects: Vec<Box<dyn Effect>>,
     foreground: Option<(usize, ForegroundMatte)>,
     tolerance_m: f32,
-    /// Whether the layer or an effect of the mixed stage reads the resulting geometry.
+    /// Whether the resulting geometry is read, because the layer is requested. Effects of the mix do
+    /// not read it.
     geometry_is_read: bool,
     drawn_rect: Rect,
     objects_px: Rect,

@@ -134,6 +134,7 @@ impl Compositor {
                 None => layer,
             };
             let mut run = layer_run(&mut self.recorder, inputs);
+            run.recorder.part("objects");
             let mut layer = occlude(&mut run, drawn, 0);
             for (n, effect) in active.iter().enumerate() {
                 if effect.stage() == Stage::Effects {
@@ -147,7 +148,7 @@ impl Compositor {
         })
     }
 
-    /// The stage [`Stage::Mix`]: the composite of each piece, and what is read back.
+    /// The stage [`Stage::Mix`]: the composite of each piece, and the readbacks.
     pub(super) fn mix(
         &mut self,
         inputs: &FrameInputs<'_>,

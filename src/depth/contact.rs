@@ -19,7 +19,7 @@ use crate::pose::Pose;
 
 /// Distance from a plane up to which measured points belong to it, m, at least.
 pub const PLANE_TOLERANCE_M: f64 = 0.015;
-/// The same at a depth of 1 m, m: three times the sensor's error. It grows with the depth's square.
+/// Growth of that distance with depth², 1/m: three times the sensor's error.
 pub const PLANE_TOLERANCE_PER_DEPTH2: f32 = 3.0 * SENSOR_ERROR as f32;
 /// Height over a plane from which on measured points belong to other objects, m.
 pub const MIN_HEIGHT_OVER_PLANE_M: f64 = 2.0 * PLANE_TOLERANCE_M;

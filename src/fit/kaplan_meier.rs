@@ -4,11 +4,11 @@
 //! off the survival function; a censored one only leaves the remaining weight.
 
 /// A value, its weight, and whether it is censored: a lower bound of the true value.
-pub type Censored = (f32, f32, bool);
+pub type CensoredSample = (f32, f32, bool);
 
 /// The `share` quantile, and true if it is only a lower bound because the rest is censored. `None`
 /// without values. Sorts the values.
-pub fn kaplan_meier(values: &mut [Censored], share: f64) -> Option<(f32, bool)> {
+pub fn kaplan_meier(values: &mut [CensoredSample], share: f64) -> Option<(f32, bool)> {
     // Among equal values the observed come first: a lower bound is at least as large.
     values.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.2.cmp(&b.2)));
     let mut left: f64 = values.iter().map(|value| f64::from(value.1)).sum();

@@ -18,7 +18,7 @@ use std::sync::LazyLock;
 
 use glam::{DVec3, IVec3, Vec3};
 
-use crate::fit::kaplan_meier::{Censored, kaplan_meier};
+use crate::fit::kaplan_meier::{CensoredSample, kaplan_meier};
 
 /// Side of a cell, m.
 const CELL_M: f64 = 0.02;
@@ -47,7 +47,7 @@ pub type LazyRadiance = LazyLock<SurfaceRadiance, Box<dyn FnOnce() -> SurfaceRad
 
 impl SurfaceRadiance {
     pub fn of(samples: impl Iterator<Item = SurfaceSample>) -> Self {
-        let mut by_cell: HashMap<IVec3, [Vec<Censored>; 3]> = HashMap::new();
+        let mut by_cell: HashMap<IVec3, [Vec<CensoredSample>; 3]> = HashMap::new();
         for sample in samples.filter(|sample| sample.at_m.is_finite()) {
             let cell = by_cell.entry((sample.at_m / CELL_M).floor().as_ivec3()).or_default();
             for (c, values) in cell.iter_mut().enumerate() {
@@ -55,7 +55,7 @@ impl SurfaceRadiance {
             }
         }
         by_cell.retain(|_, values| values[0].len() >= MIN_OBSERVATIONS);
-        let median = |mut values: Vec<Censored>| kaplan_meier(&mut values, 0.5).map_or(0.0, |(light, _)| light);
+        let median = |mut values: Vec<CensoredSample>| kaplan_meier(&mut values, 0.5).map_or(0.0, |(light, _)| light);
         Self { cells: by_cell.into_iter().map(|(cell, values)| (cell, values.map(median))).collect() }
     }
 

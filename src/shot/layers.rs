@@ -1,5 +1,6 @@
 //! Layers of parameter values: profiles, estimates of an analysis, a scene file's settings and
-//! `--set`. Each is sparse; the values of the higher ones override those of the lower ones.
+//! `--set`. Each is sparse; the values of the higher ones override those of the lower ones. Of the
+//! estimates, only the readout time overrides profiles.
 
 use std::path::{Path, PathBuf};
 

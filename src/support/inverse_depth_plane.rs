@@ -45,8 +45,8 @@ impl InverseDepthPlane {
         (t > 0.0 && t.is_finite()).then(|| origin + t * along)
     }
 
-    /// Fits the plane to the surface at a position of a map, px. `ray` returns the ray
-    /// of a position, with length 1 by the map's convention of depth.
+    /// Fits the plane to the surface at a position of a map, px. `ray` returns the ray of
+    /// a position, with length 1 by the map's convention of depth.
     pub fn around(depth: &DepthMap, at_px: DVec2, ray: impl Fn(DVec2) -> Option<DVec3>) -> Option<Self> {
         let radius = (RADIUS_SHARE * f64::from(depth.width)).max(4.0);
         let step = ((2.0 * radius / f64::from(MAX_SAMPLES_A_SIDE)).ceil() as i32).max(1);
@@ -141,7 +141,7 @@ mod tests {
         // The surface in front faces the camera.
         let front = InverseDepthPlane::around(&depth, DVec2::new(86.0, 50.0), ray).unwrap();
         assert!(front.inverse_depth.abs_diff_eq(DVec3::Z, 1e-5), "{}", front.inverse_depth);
-        // Without measured depth.
+        // A map without measured depth has no plane.
         assert!(InverseDepthPlane::around(&map(|_, _| 0.0), at, ray).is_none());
     }
 }

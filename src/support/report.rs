@@ -92,7 +92,7 @@ impl SupportReport {
         });
     }
 
-    /// Named lines for a person.
+    /// Labelled lines for display.
     pub fn lines(&self) -> Vec<(&'static str, String)> {
         let name = shown(&self.name);
         let receiver = |receiver: &ShadowReceiver| ("receiver", format!("of {name}'s shadow: {receiver}"));

@@ -11,13 +11,13 @@
 //!
 //! Not modelled: planes that end. A table's plane goes on beyond its rim.
 
-use crate::fit::quantile::upper_median;
 use std::collections::{HashMap, HashSet};
 
 use glam::{DVec3, IVec3};
 
 use super::plane_fit::plane_through;
 use super::ransac::{MeasuredPoint, best_hypothesis, random_index};
+use crate::fit::quantile::upper_median;
 use crate::plane::HessePlane;
 
 /// Largest number of planes of a room.
@@ -39,7 +39,7 @@ const LINK_CELL_M: f64 = 0.1;
 /// Smallest number of points that a dominant plane must explain to replace a local fit, as a share
 /// of the local fit's inliers.
 const MIN_OF_LOCAL: f64 = 0.85;
-/// The same as a share of all points around.
+/// Smallest number of those points as a share of all points around.
 const MIN_OF_ALL: f64 = 0.3;
 /// Cosine of the largest angle between the normal of a level surface and the cameras' own up: 50°,
 /// since people point cameras downwards.

@@ -162,7 +162,11 @@ fn displacement_px(shot: &Shot, n: usize, exposure_s: f64) -> Option<f64> {
 }
 
 /// Band of a frame with the scene composited into it, and mask of the scene.
-fn rendered(shot: Shot, compositor: &mut Compositor, n: usize) -> Result<Option<(BandPassed, Vec<bool>)>, VerifyError> {
+fn rendered(
+    shot: Shot,
+    compositor: &mut Compositor,
+    n: usize,
+) -> Result<Option<(BandPassImage, Vec<bool>)>, VerifyError> {
     let Some(made) = shot.frames(compositor, n..n + 1, true, 1)?.next().transpose()? else { return Ok(None) };
     let whole = made.layer.map(|layer| layer.rgba.iter().map(|p| p[3] > 0.999).collect());
     Ok(whole.map(|whole| (band(&GreyImage::luma_601(&made.pixels)), whole)))
@@ -182,16 +186,16 @@ fn kept(shot: &Shot, compositor: &mut Compositor, n: usize) -> Result<Option<f64
 /// The virtual picture at one multiple of the exposure.
 struct BlurredRender {
     by: f64,
-    band: BandPassed,
+    band: BandPassImage,
     whole: Vec<bool>,
 }
 
 /// Ratios of virtual to real blur in the areas with the most detail. `unblurred`: the virtual
 /// picture without motion blur.
 fn areas(
-    real: &BandPassed,
+    real: &BandPassImage,
     kept: f64,
-    unblurred: &BandPassed,
+    unblurred: &BandPassImage,
     made: &[BlurredRender],
     noise: Option<&BandNoise>,
 ) -> Vec<f64> {
@@ -211,7 +215,7 @@ fn areas(
 }
 
 /// Corners of the areas with the most detail that lie within all masks.
-fn places(band: &BandPassed, masks: &[&[bool]]) -> Vec<(usize, usize)> {
+fn places(band: &BandPassImage, masks: &[&[bool]]) -> Vec<(usize, usize)> {
     let (w, h) = (band.detail.width, band.detail.height);
     let mut found = Vec::new();
     for y in (0..h.saturating_sub(AREA_PX - 1)).step_by(AREA_PX / 2) {
@@ -247,7 +251,7 @@ fn crossing(powers: &[(f64, f64)], value: f64) -> Option<f64> {
     Some((a.0.ln() + share * (b.0 / a.0).ln()).exp())
 }
 
-/// The camera's noise in a [`BandPassed`].
+/// The camera's noise in a [`BandPassImage`].
 struct BandNoise {
     profile: NoiseProfile,
     /// Variance of unit noise after the band-pass.
@@ -262,8 +266,8 @@ impl BandNoise {
         Self { profile, share }
     }
 
-    /// The noise's part of [`BandPassed::power`].
-    fn power(&self, of: &BandPassed, x: usize, y: usize) -> f64 {
+    /// The noise's part of [`BandPassImage::power`].
+    fn power(&self, of: &BandPassImage, x: usize, y: usize) -> f64 {
         let code = of.mean_code(x, y);
         let area = (AREA_PX * AREA_PX) as f64;
         area * self.share * (luma_sigma(&self.profile, code) / code).powi(2)
@@ -271,12 +275,12 @@ impl BandNoise {
 }
 
 /// Band-passed luma, and its local mean.
-struct BandPassed {
+struct BandPassImage {
     detail: GreyImage,
     mean: GreyImage,
 }
 
-impl BandPassed {
+impl BandPassImage {
     /// Power of an area by the square of its mean.
     fn power(&self, x: usize, y: usize) -> f64 {
         let power: f64 = self.rows(x, y).flat_map(|row| &self.detail.values[row]).map(|v| f64::from(*v).powi(2)).sum();
@@ -295,10 +299,10 @@ impl BandPassed {
     }
 }
 
-fn band(luma: &GreyImage) -> BandPassed {
+fn band(luma: &GreyImage) -> BandPassImage {
     let (fine, coarse) = (luma.filtered(&gaussian(BAND_SIGMAS_PX.0)), luma.filtered(&gaussian(BAND_SIGMAS_PX.1)));
     let values = fine.values.iter().zip(&coarse.values).map(|(a, b)| a - b).collect();
-    BandPassed { detail: GreyImage { values, ..fine }, mean: coarse }
+    BandPassImage { detail: GreyImage { values, ..fine }, mean: coarse }
 }
 
 #[cfg(test)]
@@ -329,7 +333,7 @@ mod tests {
         const PIXELS: usize = AREA_PX * AREA_PX;
         let detail = |power: f64| {
             let values = vec![power.sqrt() as f32; PIXELS];
-            BandPassed {
+            BandPassImage {
                 detail: GreyImage { width: AREA_PX, height: AREA_PX, values },
                 mean: GreyImage::uniform(AREA_PX, AREA_PX, 1.0),
             }

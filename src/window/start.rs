@@ -111,7 +111,7 @@ impl Start {
     fn drop(&mut self, ctx: &egui::Context, path: PathBuf) {
         let (wake, dropped) = (ctx.clone(), path.clone());
         match BackgroundTask::spawn("looking", move || wake.request_repaint(), move || FileKind::of(&dropped)) {
-            Ok(recovery_search) => self.dropped = Some((path, recovery_search)),
+            Ok(kind) => self.dropped = Some((path, kind)),
             Err(error) => {
                 self.message = Some(MessageWindow::new(format!("No thread can be started that opens it: {error}")))
             }

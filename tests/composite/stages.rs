@@ -29,7 +29,7 @@ struct Display {
     texture: wgpu::Texture,
 }
 
-/// From half a metre away, looking down at the box.
+/// Pose of a camera half a metre away that looks down at the box.
 fn pose(along_m: f64) -> Pose {
     let eye = DVec3::new(0.1 + along_m, -0.45, 0.4);
     let forward = -DVec3::new(0.1, -0.45, 0.4).normalize();
@@ -68,7 +68,7 @@ impl Display {
             usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
             view_formats: &[],
         });
-        // Its exposure and brightness are known, but for the exposure time, which is the camera's.
+        // Exposure and brightness are known; the exposure time is the camera's.
         let brightness =
             RelativeBrightness { factors: [1.3, 1.2, 1.1], median_s: Some(0.01), spatial_gain: SpatialGain::default() };
         let photo = PhotoSettings { iso: Some(200.0), f_number: Some(2.0), time_s: Some(0.02), ..Default::default() };

@@ -9,7 +9,7 @@ use std::f64::consts::PI;
 use glam::{DQuat, DVec3, Vec2, Vec3};
 
 use super::sample::LightSample;
-use crate::fit::kaplan_meier::{Censored, kaplan_meier};
+use crate::fit::kaplan_meier::{CensoredSample, kaplan_meier};
 use crate::render::panorama;
 
 pub const WIDTH: usize = 256;
@@ -107,7 +107,7 @@ impl PanoramaBuilder {
     pub fn finish(&self) -> PartialPanorama {
         let of = |texel: &Texel| -> Option<[f32; 3]> {
             let light = |c: usize| {
-                let mut values: Vec<Censored> =
+                let mut values: Vec<CensoredSample> =
                     texel.kept.iter().map(|(light, w, clip)| (light[c], *w, clip[c])).collect();
                 Some(kaplan_meier(&mut values, 0.5)?.0)
             };

@@ -12,7 +12,7 @@ use std::collections::HashMap;
 use glam::{DMat3, DVec3, Vec3};
 
 use super::sample::{LightSample, luminance, relative_luminance};
-use crate::fit::kaplan_meier::{Censored, kaplan_meier};
+use crate::fit::kaplan_meier::{CensoredSample, kaplan_meier};
 use crate::frame::SURFEL_SPACING_M;
 use crate::parallel::over_rows;
 
@@ -207,7 +207,8 @@ impl Voxels {
         let light_of = |half: usize| (cube.frames[half] >= 2).then(|| lower(&cube.means[half])).flatten();
         let light = [light_of(0), light_of(1), lower(&means)];
         let median_of = |of: &dyn Fn(&FrameMean) -> (f32, bool)| {
-            let mut values: Vec<Censored> = means.iter().map(of).map(|(value, clip)| (value, 1.0, clip)).collect();
+            let mut values: Vec<CensoredSample> =
+                means.iter().map(of).map(|(value, clip)| (value, 1.0, clip)).collect();
             kaplan_meier(&mut values, 0.5).unwrap_or_default()
         };
         let median = [0, 1, 2].map(|c| median_of(&|mean| (mean.light[c], mean.clipped[c])));

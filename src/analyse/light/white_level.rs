@@ -18,7 +18,7 @@ use glam::DVec3;
 use super::exposure::ExposureLevel;
 use super::sample::relative_luminance;
 use super::voxels::{SIDE_M, Voxel};
-use crate::fit::kaplan_meier::{Censored, kaplan_meier};
+use crate::fit::kaplan_meier::{CensoredSample, kaplan_meier};
 use crate::fit::quantile::upper_median;
 
 /// Quantile of the room's reflectances that counts as white if the lamps are known.
@@ -296,7 +296,7 @@ fn area_m2(voxels: usize) -> f64 {
 
 fn top_of(patches: &[&Patch]) -> Option<(f64, bool)> {
     let value = |patch: &&Patch| (relative_luminance(patch.light) as f32, 1.0, patch.is_bound);
-    let mut values: Vec<Censored> = patches.iter().map(value).collect();
+    let mut values: Vec<CensoredSample> = patches.iter().map(value).collect();
     kaplan_meier(&mut values, TOP_QUANTILE)
         .map(|(value, is_bound)| (f64::from(value), is_bound))
         .filter(|(value, _)| *value > 0.0)
@@ -328,7 +328,7 @@ pub fn white_level_by_lamps(
     place: DVec3,
     exposure: &ExposureLevel,
 ) -> Option<WhiteLevel> {
-    let of = |faces: &dyn Fn(&&Patch) -> bool| -> Vec<Censored> {
+    let of = |faces: &dyn Fn(&&Patch) -> bool| -> Vec<CensoredSample> {
         patches.iter().filter(faces).map(|patch| (patch.brightest as f32, 1.0, patch.is_bound)).collect()
     };
     let mut values = of(&|patch| patch.normal.dot(up) > MIN_UPWARD_COS);
