@@ -2,7 +2,7 @@
 //! Estimates of the recording (poses, gain) or of the tracking system (clocks) stay in the
 //! analysis.
 
-use super::findings::{Findings, Sharpness};
+use super::findings::{Findings, SharpnessFindings};
 use super::registration_result::MAX_READOUT_SIGMA_S;
 use crate::calibrate::sharpness::PARAMETER;
 use crate::camera::{CameraExposure, Intrinsics};
@@ -81,7 +81,7 @@ fn readout_s(findings: &Findings) -> Result<f64, String> {
 }
 
 /// The profile's σ by which rendered edges measure as sharp as the footage's.
-fn sigma_px(spread: Option<&Sharpness>) -> Result<f64, String> {
+fn sigma_px(spread: Option<&SharpnessFindings>) -> Result<f64, String> {
     let unknown = "it was not looked for".to_owned();
     let spread = spread.ok_or_else(|| unknown.clone())?;
     let sigma_px = spread.sigma_px.ok_or_else(|| spread.why.clone().unwrap_or(unknown))?;

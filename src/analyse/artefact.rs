@@ -9,7 +9,7 @@ use serde::Deserialize;
 use sha2::{Digest, Sha256};
 
 use super::dependencies::Dependencies;
-use super::findings::{Findings, GainFindings, PoseFindings, Sharpness, ShutterFindings, SurfelFindings, Tone};
+use super::findings::{Findings, GainFindings, PoseFindings, SharpnessFindings, ShutterFindings, SurfelFindings, Tone};
 use super::inputs;
 use super::light::RoomLight;
 use super::light_findings::{Environment, LightFindings};
@@ -17,7 +17,7 @@ use super::recorded_motion::{RecordedMotion, moves_as_recorded};
 use super::registration_result::{HeldOutResidual, Registration, Verdict};
 use super::shutter::ExposureRuns;
 use super::spatial_gain::{MAX_EV, SpatialGainFit};
-use super::spread::PointSpread;
+use super::spread::PointSpreadEstimate;
 use super::surfel_file::SurfelMap;
 use super::times;
 use super::tone::ToneBand;
@@ -77,7 +77,7 @@ pub struct Estimates<'a> {
     pub gains: &'a [Option<[f64; 3]>],
     pub across: Option<(Vec<SpatialGain>, SpatialGainFit)>,
     pub exposure: Result<ExposureRuns, String>,
-    pub spread: Result<PointSpread, String>,
+    pub spread: Result<PointSpreadEstimate, String>,
     pub tone: Result<Vec<ToneBand>, String>,
     pub light: Result<RoomLight, String>,
     pub surfels: Vec<Surfel>,
@@ -161,7 +161,7 @@ impl Analysis {
             gain: gain.ok(),
             across: fitted,
             shutter: Some(ShutterFindings::of(exposure, nominal_interval_s)),
-            spread: Some(Sharpness::of(spread)),
+            spread: Some(SharpnessFindings::of(spread)),
             tone: Some(Tone::of(tone)),
             light: Some(LightFindings::of(&light, environment.as_ref())),
             surfels: surfels.as_ref().map(SurfelFindings::of),

@@ -11,7 +11,7 @@ use super::registration_result::{MAX_READOUT_SIGMA_S, Registration, Verdict};
 use super::rig_offset::RigOffset;
 use super::shutter::{ExposureRun, ExposureRuns};
 use super::spatial_gain::SpatialGainFit;
-use super::spread::PointSpread;
+use super::spread::PointSpreadEstimate;
 use super::surfel_file::SurfelMap;
 use super::tone::ToneBand;
 use crate::camera::Geometry;
@@ -48,7 +48,7 @@ pub struct Findings {
     /// Gain that varies within the picture; `None` where it is unknown.
     pub across: Option<SpatialGainFit>,
     pub shutter: Option<ShutterFindings>,
-    pub spread: Option<Sharpness>,
+    pub spread: Option<SharpnessFindings>,
     /// Advice; it is not applied.
     pub tone: Option<Tone>,
     pub light: Option<LightFindings>,
@@ -146,7 +146,7 @@ pub struct ShutterFindings {
 /// Point spread of the camera.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Sharpness {
+pub struct SharpnessFindings {
     /// Standard deviation of the Gaussian point spread of lens and sensor, px; `None` where it is
     /// unknown.
     pub sigma_px: Option<f64>,
@@ -329,10 +329,10 @@ impl PoseFindings {
     }
 }
 
-impl Sharpness {
-    pub fn of(found: Result<PointSpread, String>) -> Self {
+impl SharpnessFindings {
+    pub fn of(found: Result<PointSpreadEstimate, String>) -> Self {
         match found {
-            Ok(PointSpread { sigma_px, between_px, edges, by_px }) => Self {
+            Ok(PointSpreadEstimate { sigma_px, between_px, edges, by_px }) => Self {
                 sigma_px: Some(sigma_px),
                 between_px: Some(between_px),
                 edges: Some(edges),
@@ -344,7 +344,7 @@ impl Sharpness {
     }
 }
 
-impl fmt::Display for Sharpness {
+impl fmt::Display for SharpnessFindings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let px = |px: f64| fixed(px, 2);
         match (self.sigma_px, self.between_px, self.edges) {

@@ -98,7 +98,7 @@ use depth_source::DepthSource;
 use findings::GainFindings;
 use gain::{GAPS, Gains, Pair};
 use progress::{Passes, with_timed_progress};
-use shutter::{Shutter, ShutterEvidence};
+use shutter::{ShutterEstimator, ShutterEvidence};
 use spatial_gain::SpatialGainPair;
 use state::CameraState;
 use tone::ToneSample;
@@ -251,7 +251,8 @@ fn compare_frames(
     let gaps: Vec<usize> = GAPS.into_iter().chain(HELD_OUT_GAPS).collect();
     let mut gains = Gains::new(model, capture, &gaps, is_unsure, threads);
     let (times_s, interval_s) = (&recording.timestamps_s, recording.frame_interval_s);
-    let mut shutter = Shutter::new(model, capture.response, capture.noise, states, times_s, interval_s, threads);
+    let mut shutter =
+        ShutterEstimator::new(model, capture.response, capture.noise, states, times_s, interval_s, threads);
     let mut depths = DepthSource::new(model, recording, states, later_s, threads)?;
     let mut coming = recording.frames(0..recording.frame_count())?;
     while let Some(frame) = times.of(times::READING, || coming.next()) {

@@ -7,7 +7,7 @@ use super::depth_source::DepthSource;
 use super::plane_sweep::camera_model_for;
 use super::registration_result::recorded;
 use super::shutter::ExposureRun;
-use super::spread::{EdgeSpreads, FrameMotion, PointSpread, stillest_frames};
+use super::spread::{EdgeSpreads, FrameMotion, PointSpreadEstimate, stillest_frames};
 use super::state::CameraState;
 use crate::camera::{Geometry, Response};
 use crate::fit::twist::Twist;
@@ -32,7 +32,7 @@ pub fn of_recording(
     capture: &CaptureInfo<'_>,
     inputs: &SharpnessInputs<'_>,
     threads: usize,
-) -> Result<Result<PointSpread, String>, RecordingError> {
+) -> Result<Result<PointSpreadEstimate, String>, RecordingError> {
     let mut spreads =
         EdgeSpreads::new(model, capture.response, if recording.bits > 8 { 0xffff } else { 0xff }, threads);
     let mut depths = DepthSource::new(model, recording, inputs.states, inputs.depth_later_s, threads)?;

@@ -112,7 +112,7 @@ pub struct ShutterEvidence {
 }
 
 /// Compares frames, which are added in order.
-pub struct Shutter<'a> {
+pub struct ShutterEstimator<'a> {
     model: &'a CameraModel,
     response: &'a Response,
     noise: Option<&'a NoiseProfile>,
@@ -126,7 +126,7 @@ pub struct Shutter<'a> {
     evidence: ShutterEvidence,
 }
 
-impl<'a> Shutter<'a> {
+impl<'a> ShutterEstimator<'a> {
     /// `states`, `timestamps_s`: one per frame; `interval_s`: the usual one.
     pub fn new(
         model: &'a CameraModel,
@@ -504,7 +504,7 @@ mod tests {
         assert_eq!(plan(&model, &[turning(1.0); 40]), []);
         assert_eq!(plan(&model, &[None; 40]), []);
         let response = Response::default();
-        let shutter = Shutter::new(&model, &response, None, &[turning(1.0); 40], &[0.0; 40], 0.033, 1);
+        let shutter = ShutterEstimator::new(&model, &response, None, &[turning(1.0); 40], &[0.0; 40], 0.033, 1);
         assert!(shutter.evidence().exposure_runs(40).unwrap_err().contains("too even"));
         // One frame of forty moves: it is compared with its neighbours, and they with it.
         let mut states = [turning(0.0); 40];

@@ -68,7 +68,7 @@ const EDGE_BINS: usize = 40;
 
 /// The camera's point spread.
 #[derive(Clone, Debug, PartialEq)]
-pub struct PointSpread {
+pub struct PointSpreadEstimate {
     /// Standard deviation of the Gaussian, px.
     pub sigma_px: f64,
     /// Interval of σ with a confidence of two thirds.
@@ -136,7 +136,7 @@ impl<'a> EdgeSpreads<'a> {
     }
 
     /// The point spread, or the reason for which it is unknown.
-    pub fn finish(mut self) -> Result<PointSpread, String> {
+    pub fn finish(mut self) -> Result<PointSpreadEstimate, String> {
         let edges = self.variances.len();
         if edges < MIN_EDGES {
             return Err(format!("{edges} straight edges that stand alone and hardly move; {MIN_EDGES} are needed"));
@@ -156,7 +156,7 @@ impl<'a> EdgeSpreads<'a> {
         for variance in &self.variances {
             by_px[((variance.max(0.0).sqrt() / EDGE_BIN_PX) as usize).min(EDGE_BINS - 1)] += 1;
         }
-        Ok(PointSpread { sigma_px: at(0.0), between_px: [at(-1.0), at(1.0)], edges, by_px })
+        Ok(PointSpreadEstimate { sigma_px: at(0.0), between_px: [at(-1.0), at(1.0)], edges, by_px })
     }
 
     fn linear(&self, pixels: &Pixels) -> GreyImage {
@@ -297,7 +297,7 @@ mod tests {
         assert!(measured(&picture(&stripes)).is_empty());
     }
 
-    fn of(variances: Vec<f64>) -> Result<PointSpread, String> {
+    fn of(variances: Vec<f64>) -> Result<PointSpreadEstimate, String> {
         let model = CameraModel {
             geometry: Geometry::new(Intrinsics::default(), Distortion::default()),
             rays: Vec::new(),

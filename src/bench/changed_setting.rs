@@ -3,7 +3,7 @@
 
 use std::time::Instant;
 
-use super::{INTERVAL_S, Load, Table};
+use super::{BenchTable, INTERVAL_S, Load};
 use crate::compositor::{Compositor, Job, Settings, SubmitError, Target};
 use crate::frame::{Frame, FrameExposure};
 use crate::params::{Kind, Params, Spec, Value};
@@ -43,14 +43,14 @@ const REMEASURED: usize = 5;
 
 /// Times every parameter of the camera and of every effect, in all cases of the effect. Adds rows
 /// for the one with the largest ratio of changed to unchanged time.
-pub fn time(table: &mut Table<'_>, load: &Load, pixels: &Pixels) -> Result<(), SubmitError> {
+pub fn time(table: &mut BenchTable<'_>, load: &Load, pixels: &Pixels) -> Result<(), SubmitError> {
     const CHANGED: &str = "a setting changed";
     const SAME: &str = "the same frame, unchanged";
     if !table.includes(CHANGED) && !table.includes(SAME) {
         return Ok(());
     }
     let by_cost =
-        |all: Vec<TimedParameter>, table: &Table<'_>| -> Result<Vec<(TimedParameter, [f64; 2])>, SubmitError> {
+        |all: Vec<TimedParameter>, table: &BenchTable<'_>| -> Result<Vec<(TimedParameter, [f64; 2])>, SubmitError> {
             let mut found = Vec::new();
             for parameter in all {
                 if let Some(pair) = parameter.time(table, load, pixels)? {
@@ -106,7 +106,7 @@ impl TimedParameter {
     /// Times of the value with the median ratio, milliseconds: right after the change, and
     /// unchanged. `None` if the parameter cannot be changed with this load, or its effect never
     /// runs.
-    fn time(&self, table: &Table<'_>, load: &Load, pixels: &Pixels) -> Result<Option<[f64; 2]>, SubmitError> {
+    fn time(&self, table: &BenchTable<'_>, load: &Load, pixels: &Pixels) -> Result<Option<[f64; 2]>, SubmitError> {
         if let Some(found) = self.time_in(self.state.clone(), table, load, pixels)? {
             return Ok(Some(found));
         }
@@ -121,7 +121,7 @@ impl TimedParameter {
     fn time_in(
         &self,
         mut state: BenchSettings,
-        table: &Table<'_>,
+        table: &BenchTable<'_>,
         load: &Load,
         pixels: &Pixels,
     ) -> Result<Option<[f64; 2]>, SubmitError> {

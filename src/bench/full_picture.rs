@@ -1,6 +1,6 @@
 //! Cost of depth of field over a whole picture, without the renderer.
 
-use super::{Table, median_ms};
+use super::{BenchTable, median_ms};
 use crate::camera::{Camera, Capture, Geometry, Intrinsics, Opening};
 use crate::compositor::SubmitError;
 use crate::effects::depth_of_field::DepthOfField;
@@ -53,7 +53,7 @@ fn site(x: f64, y: f64) -> f64 {
 
 /// Times the methods over a whole picture: `layered` for several depths and for a scene, the others
 /// for one depth.
-pub fn depth_of_field(table: &mut Table<'_>) -> Result<(), SubmitError> {
+pub fn depth_of_field(table: &mut BenchTable<'_>) -> Result<(), SubmitError> {
     let gpu = table.gpu;
     let (width, height) = (table.picture[0].width, table.picture[0].height);
     let intrinsics = Intrinsics { width_px: width, height_px: height, fx_px: FOCAL_PX, ..Intrinsics::default() };

@@ -181,7 +181,7 @@ fn turning(geometry: &Geometry, px: f64) -> PoseTrack {
 
 /// The rows and the reference, a full-screen copy of rgba16f. The reference is timed before the
 /// first row and after each, because the machine's speed may drift.
-struct Table<'a> {
+struct BenchTable<'a> {
     gpu: &'a Gpu,
     /// Filter: rows whose names contain this.
     only: Option<&'a str>,
@@ -191,7 +191,7 @@ struct Table<'a> {
     rows: Vec<(String, f64)>,
 }
 
-impl<'a> Table<'a> {
+impl<'a> BenchTable<'a> {
     fn new(gpu: &'a Gpu, width: u32, height: u32, only: Option<&'a str>) -> Result<Self, GpuError> {
         let format = wgpu::TextureFormat::Rgba16Float;
         let picture = ["from", "to"].map(|label| Texture::new(gpu, label, width, height, format, 1));
@@ -270,7 +270,7 @@ fn median_frame_ms(
 /// effects at their defaults, occlusion and shadows, a shown frame, a changed setting, and depth of
 /// field over a whole picture. With `only`, the copy and the rows whose names contain it.
 pub fn bench(gpu: &Gpu, width: u32, height: u32, only: Option<&str>) -> Result<Vec<Row>, SubmitError> {
-    let mut table = Table::new(gpu, width, height, only)?;
+    let mut table = BenchTable::new(gpu, width, height, only)?;
     let load = Load::new(width, height);
     let scene = &load.scene;
     let pixels = Pixels::from_u8(width, height, vec![120; 3 * width as usize * height as usize])
@@ -316,7 +316,7 @@ mod tests {
     #[test]
     fn rows_are_multiples_of_the_median_copy() {
         let gpu = Gpu::open().expect("an adapter");
-        let mut table = Table::new(&gpu, 8, 8, None).unwrap();
+        let mut table = BenchTable::new(&gpu, 8, 8, None).unwrap();
         table.copies_ms = vec![0.5, 9.0, 0.25];
         table.rows = vec![("plain composite".to_owned(), 2.0), ("cheap".to_owned(), 0.125)];
         let rows: Vec<_> = table.rows().into_iter().map(|row| (row.name, row.ms, row.copies)).collect();

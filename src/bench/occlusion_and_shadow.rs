@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::{Load, Table, median_frame_ms};
+use super::{BenchTable, Load, median_frame_ms};
 use crate::compositor::{Settings, SubmitError};
 use crate::pixels::{DepthMap, Pixels};
 use crate::plane::Plane;
@@ -46,7 +46,7 @@ impl FloorLoad {
 }
 
 /// Adds rows for occlusion, for shadows, and for both, over a plain composite.
-pub fn time(table: &mut Table<'_>, load: &Load, pixels: &Pixels) -> Result<(), SubmitError> {
+pub fn time(table: &mut BenchTable<'_>, load: &Load, pixels: &Pixels) -> Result<(), SubmitError> {
     let FloorLoad { scene, pixels, depth } = FloorLoad::new(load, pixels);
     let mut plain = Settings::default();
     plain.plain();

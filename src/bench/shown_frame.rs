@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use super::occlusion_and_shadow::FloorLoad;
-use super::{INTERVAL_S, Load, Table, median_ms};
+use super::{BenchTable, INTERVAL_S, Load, median_ms};
 use crate::compositor::{Compositor, Job, Settings, SubmitError, Target};
 use crate::frame::Frame;
 use crate::gpu::Texture;
@@ -20,7 +20,7 @@ const CHANGES: [(&str, Option<(&str, &str)>); 4] = [
 ];
 
 /// Adds a row for each of the changes: all effects at their defaults, with occlusion and shadows.
-pub fn time(table: &mut Table<'_>, load: &Load, pixels: &Pixels) -> Result<(), SubmitError> {
+pub fn time(table: &mut BenchTable<'_>, load: &Load, pixels: &Pixels) -> Result<(), SubmitError> {
     let floor = FloorLoad::new(load, pixels);
     for (name, change) in CHANGES {
         if table.includes(name) {
@@ -32,7 +32,7 @@ pub fn time(table: &mut Table<'_>, load: &Load, pixels: &Pixels) -> Result<(), S
 }
 
 fn shown_frame_ms(
-    table: &Table<'_>,
+    table: &BenchTable<'_>,
     load: &Load,
     floor: &FloorLoad,
     change: Option<(&str, &str)>,

@@ -13,9 +13,9 @@ const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
 
 /// Called with the number of completed frames and of all frames, first with (0, all). A break stops
 /// the calibration.
-pub type Progress<'a> = &'a mut dyn FnMut(usize, usize) -> ControlFlow<()>;
+pub type LoadProgress<'a> = &'a mut dyn FnMut(usize, usize) -> ControlFlow<()>;
 
-fn report_progress(progress: &mut Progress<'_>, done: usize, all: usize) -> Result<(), CalibrateError> {
+fn report_progress(progress: &mut LoadProgress<'_>, done: usize, all: usize) -> Result<(), CalibrateError> {
     if progress(done, all).is_break() { Err(CalibrateError::Stopped) } else { Ok(()) }
 }
 
@@ -26,7 +26,7 @@ pub fn noise_from_paths(
     frames: &[PathBuf],
     means: &[PathBuf],
     options: &NoiseOptions,
-    mut progress: Progress<'_>,
+    mut progress: LoadProgress<'_>,
 ) -> Result<NoiseCalibration, CalibrateError> {
     let scenes = group(frames, means)?;
     let mut calibrator = NoiseCalibrator::new(options.clone())?;
@@ -62,7 +62,7 @@ const MAX_MOVING_FRAMES: usize = 120;
 pub fn moving_noise_from_paths(
     frames: &[PathBuf],
     options: &NoiseOptions,
-    mut progress: Progress<'_>,
+    mut progress: LoadProgress<'_>,
 ) -> Result<NoiseCalibration, CalibrateError> {
     let mut calibrator = MovingCalibrator::new(options.clone())?;
     let (mut pictures, mut recordings) = (Vec::new(), Vec::new());

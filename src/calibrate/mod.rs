@@ -26,7 +26,7 @@ mod unsteady;
 mod warning;
 
 pub use bins::BinReport;
-pub use load::{Progress, is_picture, moving_noise_from_paths, noise_from_paths};
+pub use load::{LoadProgress, is_picture, moving_noise_from_paths, noise_from_paths};
 pub use noise::{CalibrateError, NoiseCalibration, NoiseCalibrator, NoiseOptions, SceneMotion};
 pub use picked::{PickedNoise, PickedResult, picked_noise};
 pub use picked_region::{PickedError, PickedRegion, RegionError, min_side_px};

@@ -19,7 +19,7 @@ use locard_engine::depth::unknown_fraction;
 use locard_engine::document;
 use locard_engine::params::{Params, Value};
 use locard_engine::profile::Rig;
-use locard_engine::recording::{Duplicates, OpenOptions, Recording, Registration};
+use locard_engine::recording::{DepthRegistration, Duplicates, OpenOptions, Recording};
 use locard_engine::shot::{AnalysisState, Shot, ShotError, ShotOptions};
 use locard_engine::source::file::{self, MAX_DOCUMENT_BYTES};
 use locard_engine::stream::Protocol;
@@ -287,13 +287,13 @@ fn depth(recording: &Recording, has_camera: bool) -> String {
     let size = |w: u32, h: u32| format!("yes, {w}x{h} px");
     match recording.registration() {
         None => "none".to_owned(),
-        Some(Registration::SameView) => "yes".to_owned(),
-        Some(Registration::Enlarged(w, h)) => format!("{}, enlarged to the frames", size(w, h)),
-        Some(Registration::Unknown(w, h)) => format!("{}: another view than the frames", size(w, h)),
-        Some(Registration::OtherCamera(w, h)) if !has_camera => {
+        Some(DepthRegistration::SameView) => "yes".to_owned(),
+        Some(DepthRegistration::Enlarged(w, h)) => format!("{}, enlarged to the frames", size(w, h)),
+        Some(DepthRegistration::Unknown(w, h)) => format!("{}: another view than the frames", size(w, h)),
+        Some(DepthRegistration::OtherCamera(w, h)) if !has_camera => {
             format!("{} by a camera of its own; the frames' camera is needed to see it from there", size(w, h))
         }
-        Some(Registration::OtherCamera(w, h)) => {
+        Some(DepthRegistration::OtherCamera(w, h)) => {
             let frames = recording.frame_count();
             let read = |frame: usize| recording.frames(frame..frame + 1).ok()?.next()?.ok()?.depth;
             let maps: Vec<_> = [0, frames / 2, frames - 1].into_iter().filter_map(read).collect();

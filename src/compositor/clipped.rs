@@ -38,7 +38,7 @@ use crate::pixels::CLIP_LEVEL;
 use crate::pixels::{Codes, Pixels, Rect};
 use crate::pose::Pose;
 use crate::render::COLOR;
-use crate::shadow::{LazyRadiance, Sampler};
+use crate::shadow::{LazyRadiance, RadianceSampler};
 
 use super::shade::ShadeImage;
 
@@ -193,7 +193,13 @@ fn has_code_from(pixels: &Pixels, y: i32, rect: Rect, first: u32, is_equirectang
 impl FrameRadiance<'_> {
     /// Linear radiance of a pixel in this frame's exposure, or a lower bound of it. `None` if
     /// unknown.
-    fn at(&self, (x, y): (i32, i32), pose: &Pose, picture: Rect, sampler: &mut Sampler<'_>) -> Option<[f32; 3]> {
+    fn at(
+        &self,
+        (x, y): (i32, i32),
+        pose: &Pose,
+        picture: Rect,
+        sampler: &mut RadianceSampler<'_>,
+    ) -> Option<[f32; 3]> {
         let (depth_m, rect) = self.depth_m;
         if !rect.contains(x, y) || !picture.contains(x, y) {
             return None;

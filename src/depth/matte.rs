@@ -248,7 +248,7 @@ impl MatteInput<'_> {
 
     /// Light of the nearer and of the farther side around a pixel. `None` for a side without
     /// samples.
-    fn sides(&self, at: &Pixel, both_m: [f32; 2]) -> [Option<Side>; 2] {
+    fn sides(&self, at: &Pixel, both_m: [f32; 2]) -> [Option<EdgeSide>; 2] {
         let per_margin = 1.0 / (CERTAIN_PX + 0.5 * at.motion_length_px);
         let radius_px = SAMPLE_RADIUS_PX + 0.5 * at.motion_length_px;
         let [mut near, mut far] = [Sums::default(); 2];
@@ -294,7 +294,7 @@ fn fringe(alpha: f32, light: [f32; 3], near: [f32; 3], far: [f32; 3], variation:
 /// Mean light of one side of an edge, and the variance of a pixel's light along the difference of
 /// both sides.
 #[derive(Clone, Copy)]
-struct Side {
+struct EdgeSide {
     light: [f32; 3],
     variance: f32,
 }
@@ -313,7 +313,7 @@ impl Sums {
         self.squares += weighted * light;
     }
 
-    fn side(&self) -> Option<Side> {
+    fn side(&self) -> Option<EdgeSide> {
         let [r, g, b, weight] = self.light.to_array();
         if weight == 0.0 {
             return None;
@@ -324,7 +324,7 @@ impl Sums {
         // The largest variance of the three channels approximates that along the difference.
         let variance = (0..3).map(variation).fold(least * least, f32::max);
         let few = SPARSE_WEIGHT / weight;
-        Some(Side { light, variance: variance + few * few * SPARSE_SIGMA * SPARSE_SIGMA })
+        Some(EdgeSide { light, variance: variance + few * few * SPARSE_SIGMA * SPARSE_SIGMA })
     }
 }
 

@@ -150,7 +150,7 @@ impl<'a> Reprojection<'a> {
 }
 
 /// A rectangle of a depth map, of at most [`LANES`] points a side.
-pub struct Tile {
+pub struct ReprojectedTile {
     rect: Rect,
     /// Its smallest depth, m.
     nearest_m: f32,
@@ -161,7 +161,7 @@ pub struct Tile {
     probes: Points,
 }
 
-impl Tile {
+impl ReprojectedTile {
     /// `None` without any depth, or without a ray at a corner. `ray` returns a pixel's ray.
     pub fn of(rect: Rect, map: &DepthMap, ray: impl Fn(i32, i32) -> Option<[f32; 3]>) -> Option<Self> {
         let (nearest, farthest) = range_of(map, rect)?;
@@ -234,7 +234,7 @@ where
 /// Reprojection of a tile's points.
 pub struct TileReprojection<'a> {
     reprojection: &'a Reprojection<'a>,
-    tile: &'a Tile,
+    tile: &'a ReprojectedTile,
     reprojected: Reprojected,
     interpolation: Option<Interpolation>,
 }
@@ -250,7 +250,7 @@ struct Interpolation {
 }
 
 impl<'a> TileReprojection<'a> {
-    pub fn new(tile: &'a Tile, reprojection: &'a Reprojection<'a>) -> Self {
+    pub fn new(tile: &'a ReprojectedTile, reprojection: &'a Reprojection<'a>) -> Self {
         let reprojected = reprojection.reproject(&tile.probes);
         let mut tile_reprojection = Self { reprojection, tile, reprojected, interpolation: None };
         tile_reprojection.interpolation = tile_reprojection.interpolation();
@@ -267,7 +267,7 @@ impl<'a> TileReprojection<'a> {
         let near = Bilinear::of([0, 2, 4, 6].map(place), across, down);
         let farther = Bilinear::of([1, 3, 5, 7].map(|n| place(n) - place(n - 1)), across, down);
         let stretch = [0, 2, 4, 6].map(|n| (reprojected.depth_m[n] - reprojection.shift_m.z) / tile.nearest_m);
-        let (x, y) = Tile::middle(tile.rect);
+        let (x, y) = ReprojectedTile::middle(tile.rect);
         let at = |of: &Bilinear<Vec2>| {
             let (first, step) = of.row(y as f32);
             first + step * x as f32
@@ -294,7 +294,7 @@ impl<'a> TileReprojection<'a> {
 
     /// Reprojects a row of the tile. `rays` are those of all pixels of the map's row.
     pub fn reproject(&self, map: &DepthMap, y: i32, rays: &[[f32; 3]]) -> Reprojected {
-        let Tile { rect, per_nearest, per_range, .. } = *self.tile;
+        let ReprojectedTile { rect, per_nearest, per_range, .. } = *self.tile;
         let depth_m = row_of(map, rect, y);
         let Some(Interpolation { near, farther, stretch }) = &self.interpolation else {
             return self.reprojection.reproject(&Points::of(depth_m, &rays[rect.x0 as usize..rect.x1 as usize]));

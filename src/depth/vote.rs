@@ -16,7 +16,7 @@ use std::sync::Mutex;
 use super::Rays;
 use super::discontinuity::{DEPTH_STEP, is_step};
 use super::moment::SOURCE_MARGIN_PX;
-use super::reprojection::{LANES, Points, Reprojection, Tile, TileReprojection};
+use super::reprojection::{LANES, Points, ReprojectedTile, Reprojection, TileReprojection};
 use super::requested::{NOT_REQUESTED, RequestedPixels, gain};
 use super::sqrt_colors::SqrtColors;
 use crate::parallel::{over_rows, processors};
@@ -125,7 +125,7 @@ impl TargetView<'_> {
         let gain = gain(&self.voter_color_pairs(voter, source, &here, &there));
         for rect in tiles(source, full) {
             let ray = |x: i32, y: i32| Some(self.rays.row(y as usize)?[x as usize]);
-            let Some(tile) = Tile::of(rect, voter.depth, ray) else { continue };
+            let Some(tile) = ReprojectedTile::of(rect, voter.depth, ray) else { continue };
             // Skips tiles that do not reproject to any requested pixel.
             let here = TileReprojection::new(&tile, &here);
             let is_requested = here.bounds(DISTORTION_MARGIN_PX).is_none_or(|bounds| {

@@ -18,7 +18,7 @@ const MAX_STEPS_PER_ROUND: usize = 40;
 const MIN_RELATIVE_GAIN: f64 = 1e-11;
 
 /// A model fitted to image points.
-pub trait Problem {
+pub trait LeastSquaresProblem {
     /// The parameters.
     type State;
     /// The normal equations JᵀWJ · step = JᵀWr at a state, in a representation of the problem's
@@ -48,7 +48,11 @@ pub struct Converged<State> {
 
 /// Iterates until convergence, with δ estimated `rounds` times. `None` if points cannot be
 /// projected in the initial state.
-pub fn minimize<P: Problem>(problem: &P, mut state: P::State, rounds: usize) -> Option<Converged<P::State>> {
+pub fn minimize<P: LeastSquaresProblem>(
+    problem: &P,
+    mut state: P::State,
+    rounds: usize,
+) -> Option<Converged<P::State>> {
     let mut now = problem.residuals(&state)?;
     let mut delta_px = delta(&now);
     for _ in 0..rounds {
@@ -109,7 +113,7 @@ mod tests {
     /// Estimates the centre of points.
     struct Middle(Vec<DVec2>);
 
-    impl Problem for Middle {
+    impl LeastSquaresProblem for Middle {
         type State = DVec2;
         type Equations = (f64, DVec2);
 

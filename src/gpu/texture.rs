@@ -28,7 +28,7 @@ impl PartialEq for Texture {
 
 /// A texture's size, format, samples and levels.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Spec {
+pub struct TextureSpec {
     pub width: u32,
     pub height: u32,
     pub format: wgpu::TextureFormat,
@@ -39,12 +39,12 @@ pub struct Spec {
 impl Texture {
     /// A texture outside any pool.
     pub fn new(gpu: &Gpu, label: &str, width: u32, height: u32, format: wgpu::TextureFormat, samples: u32) -> Self {
-        Self::of(gpu, label, Spec { width, height, format, samples, levels: 1 })
+        Self::of(gpu, label, TextureSpec { width, height, format, samples, levels: 1 })
     }
 
-    fn of(gpu: &Gpu, label: &str, spec: Spec) -> Self {
+    fn of(gpu: &Gpu, label: &str, spec: TextureSpec) -> Self {
         use wgpu::TextureUsages as U;
-        let Spec { format, samples, levels, .. } = spec;
+        let TextureSpec { format, samples, levels, .. } = spec;
         let (width, height) = (spec.width.max(1), spec.height.max(1));
         let mut usage = U::TEXTURE_BINDING;
         if samples == 1 {
@@ -67,9 +67,9 @@ impl Texture {
         Self { texture, view, width, height, format, _lease: None }
     }
 
-    fn spec(&self) -> Spec {
+    fn spec(&self) -> TextureSpec {
         let (samples, levels) = (self.texture.sample_count(), self.texture.mip_level_count());
-        Spec { width: self.width, height: self.height, format: self.format, samples, levels }
+        TextureSpec { width: self.width, height: self.height, format: self.format, samples, levels }
     }
 
     /// Writes texels into the upper left corner, ahead of the next submission. Nothing recorded
@@ -166,10 +166,10 @@ impl TexturePool {
 
     fn of(&self, gpu: &Gpu, size: (u32, u32), format: wgpu::TextureFormat, samples: u32, to_write: bool) -> Texture {
         let [width, height] = [size.0, size.1].map(|side| side.div_ceil(SIZE_STEP_PX).max(1) * SIZE_STEP_PX);
-        self.find(gpu, Spec { width, height, format, samples, levels: 1 }, to_write)
+        self.find(gpu, TextureSpec { width, height, format, samples, levels: 1 }, to_write)
     }
 
-    fn find(&self, gpu: &Gpu, spec: Spec, to_write: bool) -> Texture {
+    fn find(&self, gpu: &Gpu, spec: TextureSpec, to_write: bool) -> Texture {
         let mut idle = self.idle();
         let now = idle.submission;
         let fits = |(texture, used): &(Texture, u64)| texture.spec() == spec && (!to_write || *used < now);
@@ -192,7 +192,7 @@ impl TexturePool {
     /// half) has texels of 2^l pixels for any size, up to level 4.
     pub fn lend_pyramid(&self, gpu: &Gpu, size: (u32, u32), format: wgpu::TextureFormat, levels: u32) -> Pyramid {
         let [width, height] = [size.0, size.1].map(|side| side.div_ceil(SIZE_STEP_PX).max(1) * SIZE_STEP_PX / 2);
-        let all = self.find(gpu, Spec { width, height, format, samples: 1, levels }, false);
+        let all = self.find(gpu, TextureSpec { width, height, format, samples: 1, levels }, false);
         let levels = (0..levels)
             .map(|level| {
                 let view = all.texture.create_view(&wgpu::TextureViewDescriptor {

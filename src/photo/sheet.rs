@@ -13,13 +13,13 @@ const LABEL_STYLE: Style = Style { height_px: 24.0, ink: Rgb([230, 230, 230]) };
 const LINE_PX: u32 = 26;
 const PAPER: Rgb<u8> = Rgb([24, 24, 24]);
 
-type Picture = RgbImage;
+type SheetPicture = RgbImage;
 
 /// A photograph reduced to the sheet's size, to save memory. `None` for 16 bits, which photographs
 /// do not have.
-pub fn thumbnail(pixels: &Pixels) -> Option<Picture> {
+pub fn thumbnail(pixels: &Pixels) -> Option<SheetPicture> {
     let codes = pixels.codes.eight_bit()?;
-    let picture = Picture::from_raw(pixels.width, pixels.height, codes.to_vec())?;
+    let picture = SheetPicture::from_raw(pixels.width, pixels.height, codes.to_vec())?;
     let height = (u64::from(PICTURE_PX) * u64::from(pixels.height) / u64::from(pixels.width.max(1))).max(1) as u32;
     if pixels.width > PICTURE_PX {
         return Some(imageops::thumbnail(&picture, PICTURE_PX, height));
@@ -29,14 +29,14 @@ pub fn thumbnail(pixels: &Pixels) -> Option<Picture> {
 
 /// The sheet, filled from the upper left, with a number of columns that makes it about square.
 /// Labels may have several lines.
-pub fn contact_sheet(pictures: &[(Picture, String)]) -> Pixels {
+pub fn contact_sheet(pictures: &[(SheetPicture, String)]) -> Pixels {
     let count = pictures.len().max(1) as u32;
     let columns = f64::from(count).sqrt().ceil() as u32;
     let rows = count.div_ceil(columns);
     let lines = pictures.iter().map(|(_, label)| label.lines().count()).max().unwrap_or(0) as u32;
     let tallest = pictures.iter().map(|(picture, _)| picture.height()).max().unwrap_or(0);
     let cell = (PICTURE_PX + MARGIN_PX, tallest + lines * LINE_PX + 2 * MARGIN_PX);
-    let mut sheet = Picture::from_pixel(columns * cell.0 + MARGIN_PX, rows * cell.1 + MARGIN_PX, PAPER);
+    let mut sheet = SheetPicture::from_pixel(columns * cell.0 + MARGIN_PX, rows * cell.1 + MARGIN_PX, PAPER);
     for (n, (picture, label)) in (0u32..).zip(pictures) {
         let (x, y) = (MARGIN_PX + n % columns * cell.0, MARGIN_PX + n / columns * cell.1);
         imageops::replace(&mut sheet, picture, x.into(), y.into());

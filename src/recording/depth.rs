@@ -50,7 +50,7 @@ pub struct DepthFiles {
 
 /// Registration of the depth to the frames' picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Registration {
+pub enum DepthRegistration {
     /// The depth has the frames' size and view.
     SameView,
     /// The depth has the frames' view at this size, px.
@@ -68,7 +68,7 @@ pub struct Depth {
     of_frame: Vec<Option<(f64, PathBuf)>>,
     confidence: Vec<PathBuf>,
     stored: DepthEncoding,
-    pub registration: Registration,
+    pub registration: DepthRegistration,
     /// Pictures that could not be decoded, with the reason.
     undecoded: Mutex<BTreeMap<PathBuf, String>>,
 }
@@ -115,7 +115,7 @@ impl Depth {
         stored: DepthEncoding,
         size: (u32, u32),
     ) -> Result<(Self, Vec<String>), RecordingError> {
-        let (mut registration, mut warning) = (Registration::SameView, None);
+        let (mut registration, mut warning) = (DepthRegistration::SameView, None);
         // One depth picture may serve several frames.
         let files: BTreeSet<PathBuf> = of_frame.iter().flatten().map(|(_, file)| file.clone()).collect();
         let mut unread: BTreeMap<&PathBuf, String> = BTreeMap::new();
@@ -140,12 +140,12 @@ impl Depth {
                 Some(camera) if camera.size() != (width, height) => {
                     return Err(RecordingError::content(file, other_size((width, height), camera.size())));
                 }
-                Some(_) => Registration::OtherCamera(width, height),
+                Some(_) => DepthRegistration::OtherCamera(width, height),
                 None if (width, height) == size => continue,
-                None if is_same_aspect((width, height), size) => Registration::Enlarged(width, height),
-                None => Registration::Unknown(width, height),
+                None if is_same_aspect((width, height), size) => DepthRegistration::Enlarged(width, height),
+                None => DepthRegistration::Unknown(width, height),
             };
-            if matches!(found, Registration::Unknown(..)) && warning.is_none() {
+            if matches!(found, DepthRegistration::Unknown(..)) && warning.is_none() {
                 warning = Some(format!(
                     "{}: depth is {width}x{height}, the frames are {}x{}: of another shape it hides nothing (a camera \
                      of its own, `camera` in [depth] of a recording.toml, would say what it sees)",
@@ -154,7 +154,7 @@ impl Depth {
                     size.1
                 ));
             }
-            if !matches!(registration, Registration::Unknown(..)) {
+            if !matches!(registration, DepthRegistration::Unknown(..)) {
                 registration = found;
             }
         }

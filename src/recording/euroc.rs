@@ -131,10 +131,14 @@ fn parse_pictures(text: &str, list: &Path) -> Result<Vec<(f64, String)>, TextErr
     Ok(pictures)
 }
 
-type Poses = Vec<(f64, Pose)>;
+type TimedPoses = Vec<(f64, Pose)>;
 
-fn parse_poses(text: &str, file: &Path, truth_from_camera: &RigidTransform) -> Result<(Poses, Vec<String>), TextError> {
-    let (mut poses, mut odd) = (Poses::new(), PoseNotes::default());
+fn parse_poses(
+    text: &str,
+    file: &Path,
+    truth_from_camera: &RigidTransform,
+) -> Result<(TimedPoses, Vec<String>), TextError> {
+    let (mut poses, mut odd) = (TimedPoses::new(), PoseNotes::default());
     for (line, record) in records::records(text) {
         let refuse = |problem: String| TextError::line(file, line, problem);
         let (time, rest) = record.split_once(',').unwrap_or((record, ""));

@@ -35,7 +35,7 @@ use std::sync::Arc;
 use glam::DVec3;
 
 pub use cameras::is_representable;
-pub use depth::Registration;
+pub use depth::DepthRegistration;
 pub use error::RecordingError;
 pub use frame_camera::FrameCamera;
 pub use frames::Frames;
@@ -379,14 +379,14 @@ impl Recording {
     }
 
     /// Registration of the depth to the frames' picture; `None` without depth.
-    pub fn registration(&self) -> Option<Registration> {
+    pub fn registration(&self) -> Option<DepthRegistration> {
         self.depth.as_ref().filter(|depth| depth.has_any()).map(|depth| depth.registration)
     }
 
     /// Sets the cameras to which the depth of a separate camera is registered: `given` maps each
     /// frame's own camera to the one used from now on.
     pub fn set_cameras(&mut self, given: impl Fn(Option<&Geometry>) -> Option<Geometry>) {
-        if matches!(self.registration(), Some(Registration::OtherCamera(..))) {
+        if matches!(self.registration(), Some(DepthRegistration::OtherCamera(..))) {
             let own = self.cameras();
             let all: Vec<_> = own.iter().map(|camera| given(camera.as_ref())).collect();
             self.registration_cameras = Some(if all.is_empty() { Arc::from([given(None)]) } else { all.into() });

@@ -15,9 +15,9 @@ use super::light::{EnvironmentLight, LightUniform, unsupported};
 use super::lightmap::{Lightmap, PartLightmaps};
 use super::material::bind_groups;
 use super::meshes::Meshes;
-use super::motion::Motion;
+use super::motion::MotionGrid;
 use super::occlusion::Occlusion;
-use super::pipeline::{COLOR, DEPTH, GEOMETRY, Instance, RenderPipelines, SAMPLES, Variant, Writes};
+use super::pipeline::{COLOR, DEPTH, DrawInstance, GEOMETRY, RenderPipelines, SAMPLES, Variant, Writes};
 use super::plan::{Layer, RenderSample, SamplePlan};
 use super::unwrap::Unwrapped;
 use super::view::{NEAR_M, Shutter, View, ViewKeys, ViewUniform};
@@ -58,7 +58,7 @@ struct Draw {
 struct Draws {
     list: Vec<Draw>,
     diced: Option<(wgpu::Buffer, wgpu::Buffer)>,
-    motion: Motion,
+    motion: MotionGrid,
 }
 
 /// The data shared by all samples of a frame.
@@ -343,10 +343,10 @@ impl Renderer {
                 gpu.buffer("diced indices", bytemuck::cast_slice(&indices), wgpu::BufferUsages::INDEX),
             )
         });
-        Draws { list: draws, diced: buffers, motion: Motion::new(gpu, view) }
+        Draws { list: draws, diced: buffers, motion: MotionGrid::new(gpu, view) }
     }
 
-    fn instances(&self, view: &View<'_>, sample: &RenderSample) -> Vec<Instance> {
+    fn instances(&self, view: &View<'_>, sample: &RenderSample) -> Vec<DrawInstance> {
         let mut out = Vec::new();
         for (object, parts) in self.scene.objects.iter().map(|o| &o.parts).enumerate() {
             let offset_px = sample.offsets_px.get(object).copied().unwrap_or_default();
@@ -355,7 +355,7 @@ impl Renderer {
                 let t = part.world_from_mesh.translation - view.keys.origin_in_world_m;
                 let row = |i: usize| [m.x_axis[i] as f32, m.y_axis[i] as f32, m.z_axis[i] as f32, t[i] as f32];
                 let mirror = m.determinant().signum() as f32;
-                out.push(Instance { rows: [row(0), row(1), row(2)], mirror, offset_px });
+                out.push(DrawInstance { rows: [row(0), row(1), row(2)], mirror, offset_px });
             }
         }
         // A buffer must not be empty.

@@ -20,7 +20,7 @@ use crate::pixels::Rect;
 
 /// The motion grid over a rectangle, on the GPU.
 #[derive(Debug)]
-pub struct Motion {
+pub struct MotionGrid {
     /// Side of a cell, px.
     pub side_px: u32,
     /// The covered area.
@@ -44,7 +44,7 @@ struct MotionNode {
     unused: [f32; 2],
 }
 
-impl Motion {
+impl MotionGrid {
     /// Motion at the middle of the exposure. 0 for orthographic projection, which is used for
     /// single pictures only.
     pub fn new(gpu: &Gpu, view: &View<'_>) -> Self {

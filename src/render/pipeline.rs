@@ -112,7 +112,7 @@ pub enum Writes {
 /// Per-object data of its draw calls: the instance attributes of shaders/raster.wgsl.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
-pub struct Instance {
+pub struct DrawInstance {
     /// The 3×4 matrix from the mesh to world axes around the camera.
     pub rows: [[f32; 4]; 3],
     /// Sign of its determinant.
@@ -181,7 +181,7 @@ impl RenderPipelines {
                         attributes: &corner,
                     }),
                     Some(wgpu::VertexBufferLayout {
-                        array_stride: size_of::<Instance>() as u64,
+                        array_stride: size_of::<DrawInstance>() as u64,
                         step_mode: wgpu::VertexStepMode::Instance,
                         attributes: &instance,
                     }),

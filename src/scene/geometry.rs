@@ -8,7 +8,7 @@ use super::{TextureUse, Vertex};
 
 /// Primitive topology (glTF 2.0, section 3.7.2.1).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Assembly {
+pub(super) enum PrimitiveAssembly {
     List,
     Strip,
     Fan,
@@ -16,21 +16,21 @@ pub(super) enum Assembly {
 
 /// Three indices per triangle, with the winding of the first. Degenerate triangles of strips and
 /// fans, which only join pieces, are removed, as are incomplete triangles at the end of a list.
-pub(super) fn triangles(assembly: Assembly, mut indices: Vec<u32>) -> Vec<u32> {
+pub(super) fn triangles(assembly: PrimitiveAssembly, mut indices: Vec<u32>) -> Vec<u32> {
     let keep = |t: &[u32; 3]| t[0] != t[1] && t[1] != t[2] && t[0] != t[2];
     match assembly {
-        Assembly::List => {
+        PrimitiveAssembly::List => {
             indices.truncate(indices.len() / 3 * 3);
             indices
         }
-        Assembly::Strip => indices
+        PrimitiveAssembly::Strip => indices
             .windows(3)
             .enumerate()
             .map(|(i, w)| if i % 2 == 0 { [w[0], w[1], w[2]] } else { [w[0], w[2], w[1]] })
             .filter(keep)
             .flatten()
             .collect(),
-        Assembly::Fan => {
+        PrimitiveAssembly::Fan => {
             let Some((&first, rest)) = indices.split_first() else { return indices };
             rest.windows(2).map(|w| [w[0], w[1], first]).filter(keep).flatten().collect()
         }
@@ -150,15 +150,15 @@ mod tests {
         // 1-3-5
         // |\|\|   all counter-clockwise
         // 0-2-4
-        let strip = triangles(Assembly::Strip, vec![0, 2, 1, 3, 3]);
+        let strip = triangles(PrimitiveAssembly::Strip, vec![0, 2, 1, 3, 3]);
         assert_eq!(strip, [0, 2, 1, 2, 3, 1]);
-        assert!(triangles(Assembly::Strip, vec![7, 8]).is_empty());
+        assert!(triangles(PrimitiveAssembly::Strip, vec![7, 8]).is_empty());
     }
 
     #[test]
     fn fan_triangles_share_the_first_vertex() {
-        assert_eq!(triangles(Assembly::Fan, vec![9, 1, 2, 3]), [1, 2, 9, 2, 3, 9]);
-        assert!(triangles(Assembly::Fan, vec![]).is_empty());
+        assert_eq!(triangles(PrimitiveAssembly::Fan, vec![9, 1, 2, 3]), [1, 2, 9, 2, 3, 9]);
+        assert!(triangles(PrimitiveAssembly::Fan, vec![]).is_empty());
     }
 
     #[test]

@@ -1,11 +1,11 @@
 //! Converts glTF materials and textures.
 
 use super::picture::{self, MAX_PIXELS, Rgba};
-use super::reader::Reader;
+use super::reader::ModelReader;
 use super::schema::{self, TextureInfo};
 use super::{Alpha, Material, SceneError, Texture, TextureUse, Wrap, bytes};
 
-impl Reader<'_> {
+impl ModelReader<'_> {
     /// Index of a material in the scene, loaded on first use. `None` is glTF's default.
     pub(super) fn material(&mut self, index: Option<usize>, what: &str) -> Result<usize, SceneError> {
         if let Some(&known) = self.materials.get(&index) {

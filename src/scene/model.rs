@@ -9,11 +9,11 @@ use std::sync::Arc;
 use glam::{DAffine3, DVec3, Vec3};
 
 use super::extension;
-use super::geometry::{self, Assembly, unit_tangent};
+use super::geometry::{self, PrimitiveAssembly, unit_tangent};
 use super::gltf::{Gltf, place};
 use super::loader::{Loader, MAX_PARTS};
 use super::model_cache::{LightKind, Model, ModelLight};
-use super::reader::Reader;
+use super::reader::ModelReader;
 use super::rest_pose::RestPose;
 use super::schema::{Light, Primitive};
 use super::{Mesh, Part, SceneError, Vertex, nodes};
@@ -46,7 +46,7 @@ pub(super) fn load(loader: &mut Loader, file: &Path, needed_by: Option<&Path>) -
 fn read(loader: &mut Loader, file: &Path, needed_by: Option<&Path>) -> Result<Model, SceneError> {
     let gltf = &Gltf::open(file, needed_by)?;
     loader.scene.files.extend(gltf.files());
-    let mut reader = Reader {
+    let mut reader = ModelReader {
         gltf,
         loader,
         materials: HashMap::new(),
@@ -59,7 +59,7 @@ fn read(loader: &mut Loader, file: &Path, needed_by: Option<&Path>) -> Result<Mo
     reader.read()
 }
 
-impl Reader<'_> {
+impl ModelReader<'_> {
     /// Adds a warning once, with the file's name.
     pub fn warn(&mut self, text: String) {
         self.loader.warn(&self.gltf.file, text);
@@ -141,9 +141,9 @@ impl Reader<'_> {
     ) -> Result<Option<Mesh>, SceneError> {
         let gltf = self.gltf;
         let assembly = match primitive.mode.unwrap_or(4) {
-            4 => Assembly::List,
-            5 => Assembly::Strip,
-            6 => Assembly::Fan,
+            4 => PrimitiveAssembly::List,
+            5 => PrimitiveAssembly::Strip,
+            6 => PrimitiveAssembly::Fan,
             0..=3 => {
                 self.warn("points and lines are not supported: ignored".to_owned());
                 return Ok(None);
@@ -163,7 +163,7 @@ impl Reader<'_> {
             Some(index) => gltf.count(index, &format!("{what}.indices"))?,
             None => vertices,
         };
-        if assembly == Assembly::List && corners % 3 != 0 {
+        if assembly == PrimitiveAssembly::List && corners % 3 != 0 {
             self.warn(format!("{what}: the last of {corners} corners make no triangle: left out"));
         }
         let material = self.material(primitive.material, &format!("{what}.material"))?;
@@ -171,7 +171,7 @@ impl Reader<'_> {
         // Without normals, triangles do not share vertices, except for unlit materials, which use
         // no normals.
         let flat = primitive.attributes.normal.is_none() && !unlit;
-        let triangles = if assembly == Assembly::List { corners } else { corners.saturating_mul(3) };
+        let triangles = if assembly == PrimitiveAssembly::List { corners } else { corners.saturating_mul(3) };
         let made = vertices.max(if flat { triangles } else { 0 });
         self.loader.count_geometry(&gltf.file, what, made, triangles)?;
 

@@ -40,12 +40,12 @@ const MAX_CONTACT_DEPTH_M: f64 = 5e-4;
 /// Maximum number of tested pairs.
 const MAX_PAIRS: usize = 4096;
 
-type Triangle = [DVec3; 3];
+type TriangleCorners = [DVec3; 3];
 
 struct Solid {
     low: DVec3,
     high: DVec3,
-    triangles: Vec<Triangle>,
+    triangles: Vec<TriangleCorners>,
 }
 
 /// All pairs of intersecting objects, in order.
@@ -70,7 +70,7 @@ pub fn overlaps(scene: &Scene) -> Vec<Overlap> {
 }
 
 fn solid(scene: &Scene, object: &Object) -> Option<Solid> {
-    let triangles: Vec<Triangle> = object
+    let triangles: Vec<TriangleCorners> = object
         .parts
         .iter()
         .flat_map(|part| {
@@ -131,7 +131,7 @@ fn along_axis(a: &Solid, b: &Solid, low: DVec3, high: DVec3, axis: usize) -> f64
 }
 
 /// Records where a triangle crosses lines along z, and whether they enter.
-fn add_crossings([a, b, c]: Triangle, low: DVec2, step: DVec2, lines: &mut [Vec<(f64, i32)>]) {
+fn add_crossings([a, b, c]: TriangleCorners, low: DVec2, step: DVec2, lines: &mut [Vec<(f64, i32)>]) {
     let [p, q, r] = [a, b, c].map(|corner| corner.truncate());
     let area = (q - p).perp_dot(r - p);
     // Lines are offset from the cell centres, so that none runs along an edge shared by two

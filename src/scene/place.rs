@@ -24,7 +24,7 @@ pub(super) fn shortest_rotation(from: DVec3, to: DVec3) -> DQuat {
 }
 
 /// Placement of a model without its size.
-pub(super) struct Placement {
+pub(super) struct FilePlacement {
     pub world_up: DVec3,
     pub model_up: DVec3,
     pub position_m: DVec3,
@@ -33,7 +33,7 @@ pub(super) struct Placement {
     pub ground: bool,
 }
 
-impl Placement {
+impl FilePlacement {
     /// position · rotation · rotation of the model's up to the world's · scale. `None` if that is
     /// not finite, or if the model has no extent to scale by.
     pub fn world_from_model(&self, scene: &Scene, parts: &[Part], size: Size) -> Option<DAffine3> {
@@ -127,7 +127,7 @@ mod tests {
 
     #[test]
     fn largest_extent_along_any_axis_becomes_the_size() {
-        let upright = Placement {
+        let upright = FilePlacement {
             world_up: DVec3::Y,
             model_up: DVec3::Y,
             position_m: DVec3::ZERO,

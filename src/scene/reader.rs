@@ -17,7 +17,7 @@ pub(super) type TextureKey = (usize, bool, [Wrap; 2], bool, bool);
 pub(super) type RestKey = (Option<usize>, Option<usize>);
 
 /// Reads one file into the scene, and caches its elements.
-pub(super) struct Reader<'a> {
+pub(super) struct ModelReader<'a> {
     pub gltf: &'a Gltf,
     pub loader: &'a mut Loader,
     pub materials: HashMap<Option<usize>, usize>,

@@ -8,7 +8,7 @@ use glam::{DAffine3, DMat3, DVec3, Vec3};
 
 use super::geometry::unit_tangent;
 use super::gltf::{Gltf, place};
-use super::reader::{Reader, RestKey};
+use super::reader::{ModelReader, RestKey};
 use super::schema::{Attributes, Primitive};
 use super::{SceneError, Vertex};
 
@@ -21,7 +21,7 @@ pub(super) struct RestPose<'a> {
     pub skin: Option<Rc<Vec<DAffine3>>>,
 }
 
-impl<'a> Reader<'a> {
+impl<'a> ModelReader<'a> {
     /// The rest pose of a mesh at a node; `model_from_node` has all nodes of the scene.
     pub fn rest(
         &mut self,

@@ -13,7 +13,7 @@ use super::loader::Loader;
 use super::missing;
 use super::model_cache::{MissingModels, Model, Panorama};
 use super::panorama::PanoramaPixels;
-use super::place::{Placement, Size, shortest_rotation};
+use super::place::{FilePlacement, Size, shortest_rotation};
 use super::{Environment, EnvironmentMap, LightingOrigin, Object, PointLight, SceneError, Sun, model, panorama};
 
 /// Adds the contents of a scene file to the loader. Errors name `file`, and models are found
@@ -103,7 +103,7 @@ fn place(
         let hidden = object.hidden || instance.is_some_and(|i| i.hidden);
         let shadowless = is_missing || object.shadowless || instance.is_some_and(|i| i.shadowless);
         let heading_deg = instance.and_then(|i| i.heading_deg).or(object.heading_deg).unwrap_or(0.0);
-        let placement = Placement {
+        let placement = FilePlacement {
             world_up,
             model_up,
             position_m: DVec3::from(position),

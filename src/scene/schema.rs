@@ -18,9 +18,9 @@ const MAX_LIST: usize = 1 << 16;
 /// A list of up to `MAX` entries. An entry of three bytes, `{},`, takes a hundred times that in
 /// memory.
 fn list<'de, D: Deserializer<'de>, T: Deserialize<'de>, const MAX: usize>(from: D) -> Result<Vec<T>, D::Error> {
-    struct List<T, const MAX: usize>(PhantomData<T>);
+    struct BoundedList<T, const MAX: usize>(PhantomData<T>);
 
-    impl<'de, T: Deserialize<'de>, const MAX: usize> Visitor<'de> for List<T, MAX> {
+    impl<'de, T: Deserialize<'de>, const MAX: usize> Visitor<'de> for BoundedList<T, MAX> {
         type Value = Vec<T>;
 
         fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -38,7 +38,7 @@ fn list<'de, D: Deserializer<'de>, T: Deserialize<'de>, const MAX: usize>(from: 
             Ok(list)
         }
     }
-    from.deserialize_seq(List::<T, MAX>(PhantomData))
+    from.deserialize_seq(BoundedList::<T, MAX>(PhantomData))
 }
 
 #[derive(Debug, Default, Deserialize)]

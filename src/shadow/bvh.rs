@@ -30,7 +30,7 @@ struct BvhNode {
 
 /// A vertex, two edges and the index in the input.
 #[derive(Clone, Copy, Debug)]
-struct Triangle {
+struct BvhTriangle {
     corner: Vec3,
     edges: [Vec3; 2],
     number: u32,
@@ -41,7 +41,7 @@ pub struct Bvh {
     /// Vector instructions of this processor.
     level: Level,
     nodes: Vec<BvhNode>,
-    triangles: Vec<Triangle>,
+    triangles: Vec<BvhTriangle>,
 }
 
 /// Directions of rays from one point.
@@ -94,7 +94,7 @@ impl Bvh {
     pub fn new(corners: &[Vec3], triangles: &[[u32; 3]]) -> Self {
         let triangle = |(number, t): (u32, &[u32; 3])| {
             let [a, b, c] = t.map(|i| corners[i as usize]);
-            Triangle { corner: a, edges: [b - a, c - a], number }
+            BvhTriangle { corner: a, edges: [b - a, c - a], number }
         };
         let triangles = (0..).zip(triangles).map(triangle).collect();
         let mut bvh = Self { level: Level::new(), nodes: Vec::new(), triangles };
@@ -208,7 +208,7 @@ fn larger(a: f32, b: f32) -> f32 {
 }
 
 /// Number of sorted triangles in the first part, by the surface area heuristic.
-fn cheapest(sorted: &[Triangle]) -> usize {
+fn cheapest(sorted: &[BvhTriangle]) -> usize {
     let mut behind: Vec<f32> = Vec::with_capacity(sorted.len());
     let mut rest = Aabb::of(&[]);
     for triangle in sorted.iter().rev() {
@@ -234,13 +234,13 @@ struct Aabb {
 }
 
 impl Aabb {
-    fn of(triangles: &[Triangle]) -> Self {
+    fn of(triangles: &[BvhTriangle]) -> Self {
         let mut all = Self { low: Vec3::INFINITY, high: Vec3::NEG_INFINITY };
         triangles.iter().for_each(|triangle| all.add(triangle));
         all
     }
 
-    fn add(&mut self, triangle: &Triangle) {
+    fn add(&mut self, triangle: &BvhTriangle) {
         for corner in [Vec3::ZERO, triangle.edges[0], triangle.edges[1]].map(|edge| triangle.corner + edge) {
             (self.low, self.high) = (self.low.min(corner), self.high.max(corner));
         }
@@ -253,7 +253,7 @@ impl Aabb {
     }
 }
 
-impl Triangle {
+impl BvhTriangle {
     fn middle(&self) -> Vec3 {
         self.corner + (self.edges[0] + self.edges[1]) / 3.0
     }

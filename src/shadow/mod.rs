@@ -61,7 +61,7 @@ mod steps;
 mod white_radiance;
 
 pub use lightmaps::Lightmaps;
-pub use radiance::{LazyRadiance, Sampler, SurfaceRadiance, SurfaceSample};
+pub use radiance::{LazyRadiance, RadianceSampler, SurfaceRadiance, SurfaceSample};
 pub use receiver_plane::ReceiverPlane;
 pub use room::Room;
 pub use shadow_map::{ShadowMap, ShadowTexture, UvRect};

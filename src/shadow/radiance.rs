@@ -64,20 +64,20 @@ impl SurfaceRadiance {
     }
 
     /// A sampler for a sequence of positions that are mostly close to the one before.
-    pub fn sampler(&self) -> Sampler<'_> {
-        Sampler { of: self, cached: None }
+    pub fn sampler(&self) -> RadianceSampler<'_> {
+        RadianceSampler { of: self, cached: None }
     }
 }
 
 /// Interpolates radiance, with a cache of the last cells.
 #[derive(Debug)]
-pub struct Sampler<'a> {
+pub struct RadianceSampler<'a> {
     of: &'a SurfaceRadiance,
     /// The lowest of the last eight cells, and their values.
     cached: Option<(IVec3, [Option<[f32; 3]>; 8])>,
 }
 
-impl Sampler<'_> {
+impl RadianceSampler<'_> {
     /// Radiance at a position, or a lower bound of it, at the exposure of the reference frame, from
     /// the observed ones of the eight cells around it. `None` if none of them was observed.
     pub fn at(&mut self, at_m: DVec3) -> Option<[f32; 3]> {

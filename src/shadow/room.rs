@@ -20,7 +20,7 @@ use glam::{DVec3, IVec3, Vec2, Vec3};
 use super::extent::Extent;
 use super::mask::jitter;
 use super::receiver_plane::ReceiverPlane;
-use super::sky::{PlaneLighting, Ray, RaySource, SampledLamp};
+use super::sky::{PlaneLighting, RaySource, SampledLamp, SkyRay};
 use crate::depth::MIN_HEIGHT_OVER_PLANE_M;
 use crate::digest::{Digester, Digestible};
 
@@ -211,7 +211,7 @@ impl OccluderMask {
         all.chunks(WORD_BITS).enumerate().map(of_word).collect()
     }
 
-    fn of_ray(&self, nearest: &mut [f32], voxels: &[Vec3], n: usize, ray: &Ray) -> f32 {
+    fn of_ray(&self, nearest: &mut [f32], voxels: &[Vec3], n: usize, ray: &SkyRay) -> f32 {
         if ray.source == RaySource::Dim {
             return 0.0;
         }

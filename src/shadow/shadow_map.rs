@@ -15,7 +15,7 @@ use super::receiver_mask::ReceiverMask;
 use super::receiver_plane::ReceiverPlane;
 use super::room::OccluderMask;
 use super::silhouette::SilhouetteMesh;
-use super::sky::{CLASSES, PlaneLighting, Ray, SampledLamp, class};
+use super::sky::{CLASSES, PlaneLighting, SampledLamp, SkyRay, class};
 use crate::digest::{Digester, Digestible};
 use crate::interpolation::bilinear;
 use crate::parallel::{over_rows, processors};
@@ -301,7 +301,7 @@ impl ShadowTexture {
                 }
             }
             for of in (0..CLASSES).filter(|of| rays.iter().any(|ray| class(ray.angle_rad) == *of)) {
-                let light = |ray: &Ray| if class(ray.angle_rad) == of { ray.light } else { Vec3::ZERO };
+                let light = |ray: &SkyRay| if class(ray.angle_rad) == of { ray.light } else { Vec3::ZERO };
                 let sums = BitSums::of(&rays.iter().map(light).collect::<Vec<_>>());
                 for (texel, word) in texels.iter_mut().zip(&mask.bits).filter(|(_, word)| **word != 0) {
                     texel.blocked[of] += sums.sum(*word);

@@ -17,7 +17,7 @@ use super::receiver_mask::ReceiverMask;
 use super::receiver_plane::ReceiverPlane;
 use super::room::{MIN_HEIGHT_M, OccluderMask, Room};
 use super::shadow_map::{RealOcclusion, ShadowMap, ShadowTexture};
-use super::sky::{EnvSample, EnvironmentImage, PlaneLighting, Ray, rays};
+use super::sky::{EnvSample, EnvironmentImage, PlaneLighting, SkyRay, rays};
 use crate::digest::{Digest, Digester};
 use crate::memo::Memo;
 use crate::quality::Quality;
@@ -59,7 +59,7 @@ pub struct Shadows {
     memo: &'static ShadowMemo,
     casters: CasterBuilder,
     /// Distant light by the axes of the receiver plane.
-    rays: Memo<DMat3, Arc<[Ray]>>,
+    rays: Memo<DMat3, Arc<[SkyRay]>>,
     /// Samples of the whole environment, computed on demand.
     environment: Option<Arc<[EnvSample]>>,
     /// Real objects, and their digest.

@@ -57,7 +57,7 @@ pub enum RaySource {
 
 /// A ray of distant light.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Ray {
+pub struct SkyRay {
     /// Horizontal offset of a shadow for each metre of height, in the plane's axes.
     pub slope: Vec2,
     pub light: Vec3,
@@ -91,7 +91,7 @@ pub struct SampledLamp {
 /// All incident light of a plane.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlaneLighting {
-    pub rays: Arc<[Ray]>,
+    pub rays: Arc<[SkyRay]>,
     pub lamps: Vec<SampledLamp>,
     /// Sum over all rays.
     pub light: Vec3,
@@ -107,7 +107,7 @@ pub struct BackLight {
 }
 
 digestible! {
-    Ray { slope, light, angle_rad, source }
+    SkyRay { slope, light, angle_rad, source }
     EnvSample { towards, light, solid_sr }
     SampledLamp { at_m, color, range_m, spot, radius_m, points_m }
     PlaneLighting { rays, lamps, light, back_light }
@@ -142,7 +142,7 @@ impl EnvironmentImage {
     }
 
     /// Rays in the plane's axes.
-    fn rays(&self, plane_from_world: Mat3) -> Vec<Ray> {
+    fn rays(&self, plane_from_world: Mat3) -> Vec<SkyRay> {
         let plane_from_map = plane_from_world * self.world_from_map;
         let weighting = |towards: Vec3, radiance: Vec3, solid_sr: f32| {
             let light = radiance * ((plane_from_map * towards).z.max(0.0) * solid_sr / PI);
@@ -226,9 +226,9 @@ fn morton_curve() -> impl Iterator<Item = (u32, u32)> {
     (0..WIDTH * HEIGHT).map(move |n| (every_other(n), every_other(n >> 1)))
 }
 
-fn ray(towards: Vec3, light: Vec3, angle_rad: f32, source: RaySource) -> Ray {
+fn ray(towards: Vec3, light: Vec3, angle_rad: f32, source: RaySource) -> SkyRay {
     let slope = towards.truncate() / towards.z.max(1e-6);
-    Ray { slope: slope.clamp_length_max(MAX_SLOPE), light, angle_rad, source }
+    SkyRay { slope: slope.clamp_length_max(MAX_SLOPE), light, angle_rad, source }
 }
 
 /// Points distributed uniformly over the unit disc: a spiral of Vogel's.
@@ -240,7 +240,7 @@ pub fn disc(count: usize) -> impl Iterator<Item = Vec2> {
 }
 
 /// All distant light on planes with these axes.
-pub fn rays(lighting: &Lighting, environment: &EnvironmentImage, floor: &ReceiverPlane) -> Arc<[Ray]> {
+pub fn rays(lighting: &Lighting, environment: &EnvironmentImage, floor: &ReceiverPlane) -> Arc<[SkyRay]> {
     let plane_from_world = floor.plane_from_world().matrix3.as_mat3();
     let mut rays = environment.rays(plane_from_world);
     for sun in &lighting.suns {
@@ -262,7 +262,7 @@ pub fn rays(lighting: &Lighting, environment: &EnvironmentImage, floor: &Receive
 impl PlaneLighting {
     /// `rays`: the result of [`rays`] for planes with these axes. `far`: for a facet, samples over
     /// the sphere.
-    pub fn new(lighting: &Lighting, rays: Arc<[Ray]>, floor: &ReceiverPlane, far: Option<&[EnvSample]>) -> Self {
+    pub fn new(lighting: &Lighting, rays: Arc<[SkyRay]>, floor: &ReceiverPlane, far: Option<&[EnvSample]>) -> Self {
         let plane_from_world = floor.plane_from_world();
         let turn = plane_from_world.matrix3.as_mat3();
         let lamps = lighting.points.iter().map(|point| {
@@ -302,13 +302,16 @@ impl PlaneLighting {
     /// An eighth of the rays and of the lamps' points, with the light of all: for previews.
     pub fn sparse(&self) -> Self {
         let stride = PREVIEW_STRIDE;
-        let kept: Vec<Ray> = self.rays.iter().skip(stride / 2).step_by(stride).copied().collect();
+        let kept: Vec<SkyRay> = self.rays.iter().skip(stride / 2).step_by(stride).copied().collect();
         let sum: Vec3 = kept.iter().map(|ray| ray.light).sum();
         let brighter = Vec3::select(sum.cmpgt(Vec3::ZERO), self.light / sum.max(Vec3::splat(1e-20)), Vec3::ONE);
         // The patch of each ray is larger by the same factor.
-        let of =
-            |ray: Ray| Ray { light: ray.light * brighter, angle_rad: ray.angle_rad * (stride as f32).sqrt(), ..ray };
-        let rays: Vec<Ray> = kept.into_iter().map(of).collect();
+        let of = |ray: SkyRay| SkyRay {
+            light: ray.light * brighter,
+            angle_rad: ray.angle_rad * (stride as f32).sqrt(),
+            ..ray
+        };
+        let rays: Vec<SkyRay> = kept.into_iter().map(of).collect();
         let light = rays.iter().map(|ray| ray.light).sum();
         let sparse_lamp = |lamp: &SampledLamp| {
             let points_m = lamp.points_m.iter().skip(stride / 2).step_by(stride).copied().collect();

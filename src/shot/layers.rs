@@ -17,7 +17,7 @@ use crate::scene;
 
 /// A layer of given values, in order of increasing precedence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Layer {
+pub enum ValueLayer {
     Profile,
     Scene,
     Set,
@@ -89,14 +89,14 @@ impl SettingsLayers {
     }
 
     /// The highest layer that gives a parameter.
-    pub fn given_by(&self, table: &str, name: &str) -> Option<Layer> {
+    pub fn given_by(&self, table: &str, name: &str) -> Option<ValueLayer> {
         let is_it = |text: &String| parse_set(text).is_some_and(|set| (set.table, set.name) == (table, name));
         if self.sets.iter().any(is_it) {
-            Some(Layer::Set)
+            Some(ValueLayer::Set)
         } else if self.of_scene.has(table, name) {
-            Some(Layer::Scene)
+            Some(ValueLayer::Scene)
         } else if self.of_profiles.has(table, name) {
-            Some(Layer::Profile)
+            Some(ValueLayer::Profile)
         } else {
             None
         }
@@ -134,8 +134,8 @@ impl SettingsLayers {
     pub fn effective_estimates(&self) -> impl Iterator<Item = &EstimatedParam> {
         self.estimates.iter().filter(|estimate| match self.given_by(estimate.table, estimate.name) {
             None => true,
-            Some(Layer::Profile) => estimate.overrides_profiles(),
-            Some(Layer::Scene | Layer::Set) => false,
+            Some(ValueLayer::Profile) => estimate.overrides_profiles(),
+            Some(ValueLayer::Scene | ValueLayer::Set) => false,
         })
     }
 
@@ -254,14 +254,14 @@ mod tests {
     #[test]
     fn highest_layer_that_gives_a_parameter_is_named() {
         let mut layers = layers("[noise]\nscale = 2\n", "[noise]\nscale = 1.5\non = false\n", &["noise.scale=1"]);
-        assert_eq!(layers.given_by("noise", "scale"), Some(Layer::Set));
-        assert_eq!(layers.given_by("noise", "on"), Some(Layer::Scene));
+        assert_eq!(layers.given_by("noise", "scale"), Some(ValueLayer::Set));
+        assert_eq!(layers.given_by("noise", "on"), Some(ValueLayer::Scene));
         assert_eq!(layers.given_by("noise", "iso"), None);
         layers.sets.clear();
         layers.set_scene(&ShotSettings::default());
-        assert_eq!(layers.given_by("noise", "scale"), Some(Layer::Profile));
+        assert_eq!(layers.given_by("noise", "scale"), Some(ValueLayer::Profile));
         layers.replace_profiles(Vec::new(), &values("[noise]\niso = 800\n"));
-        assert_eq!(layers.given_by("noise", "iso"), Some(Layer::Profile));
-        assert_eq!(layers.given_by("noise", "scale"), Some(Layer::Profile));
+        assert_eq!(layers.given_by("noise", "iso"), Some(ValueLayer::Profile));
+        assert_eq!(layers.given_by("noise", "scale"), Some(ValueLayer::Profile));
     }
 }

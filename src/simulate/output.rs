@@ -12,7 +12,7 @@ use super::manifest::Manifest;
 use crate::cleanup::{MadeFolder, Undo, Unfinished};
 
 /// An unfinished recording, in a hidden folder next to its final place.
-pub struct Output {
+pub struct RecordingOutput {
     part: TempDir,
     place: PathBuf,
     name: String,
@@ -22,7 +22,7 @@ pub struct Output {
     made: MadeFolder,
 }
 
-impl Output {
+impl RecordingOutput {
     /// Creates the hidden folder, after checking that the recording may appear at `out`.
     pub fn begin(out: &Path, force: bool) -> Result<Self, SimulateError> {
         // The target of a symbolic link.

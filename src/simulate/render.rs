@@ -97,13 +97,13 @@ impl SimulatedLens {
 }
 
 /// The camera's position and axes at fixed intervals over one frame.
-struct Shutter {
+struct ShutterPoses {
     start_s: f64,
     /// Position in the world and `world_from_camera`.
     poses: Vec<(DVec3, DMat3)>,
 }
 
-impl Shutter {
+impl ShutterPoses {
     fn new(track: &PoseTrack, start_s: f64, end_s: f64) -> Self {
         let steps = ((end_s - start_s) / POSE_INTERVAL_S).ceil() as usize + 1;
         let pose = |i: usize| {
@@ -155,7 +155,7 @@ pub fn shoot(site: &Site, lens: &SimulatedLens, track: &PoseTrack, snapshot: &Sn
     let g = &lens.geometry;
     let (w, h) = (g.intrinsics.width_px, g.intrinsics.height_px);
     let reach_s = 0.5 * (g.intrinsics.readout_time_s + snapshot.exposure_time_s);
-    let shutter = Shutter::new(track, snapshot.timestamp_s - reach_s, snapshot.timestamp_s + reach_s);
+    let shutter = ShutterPoses::new(track, snapshot.timestamp_s - reach_s, snapshot.timestamp_s + reach_s);
     let mut pixels = vec![ShotPixel::default(); w as usize * h as usize];
     over_rows(&mut pixels, w as usize, threads, |y, row| {
         for (x, pixel) in row.iter_mut().enumerate() {
@@ -192,7 +192,7 @@ pub fn map_central_rays<T: Clone + Default + Send>(
     let i = &lens.geometry.intrinsics;
     let (w, h) = (i.width_px as usize, i.height_px as usize);
     let reach_s = 0.5 * (i.readout_time_s + snapshot.exposure_time_s);
-    let shutter = Shutter::new(track, snapshot.timestamp_s - reach_s, snapshot.timestamp_s + reach_s);
+    let shutter = ShutterPoses::new(track, snapshot.timestamp_s - reach_s, snapshot.timestamp_s + reach_s);
     let mut values = vec![T::default(); w * h];
     over_rows(&mut values, w, threads, |y, row| {
         let time_s = snapshot.timestamp_s + lens.geometry.row_time_s(y as f64 + 0.5);
@@ -205,7 +205,14 @@ pub fn map_central_rays<T: Clone + Default + Send>(
     values
 }
 
-fn expose(site: &Site, lens: &SimulatedLens, shutter: &Shutter, snapshot: &Snapshot, x: usize, y: usize) -> ShotPixel {
+fn expose(
+    site: &Site,
+    lens: &SimulatedLens,
+    shutter: &ShutterPoses,
+    snapshot: &Snapshot,
+    x: usize,
+    y: usize,
+) -> ShotPixel {
     if !lens.is_in_view(x, y) {
         return ShotPixel::default();
     }

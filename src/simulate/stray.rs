@@ -22,13 +22,13 @@ pub const FOLDERS: [&str; 2] = ["depth", "confidence"];
 pub type NamedFile = (String, Vec<u8>);
 
 /// An export in progress.
-pub struct Scan {
+pub struct StrayScan {
     video: Box<dyn Sink>,
     file: PathBuf,
     odometry: String,
 }
 
-impl Scan {
+impl StrayScan {
     pub fn begin(folder: &Path, simulation: &Simulation) -> Result<Self, SimulateError> {
         let options = simulation.options();
         let file = folder.join("rgb.mp4");

@@ -22,9 +22,9 @@ use super::depth::DepthSensor;
 use super::encode::{self, depth_png, encoding, extension};
 use super::local_tone::locally_tone_mapped;
 use super::manifest::{Manifest, TRUTH};
-use super::output::{Output, writing};
+use super::output::{RecordingOutput, writing};
 use super::static_scenes::noise_through_file;
-use super::stray::{self, Scan};
+use super::stray::{self, StrayScan};
 use super::truth::{self, rounded, rounded_noise, truth_toml};
 use super::{Flaws, FolderLayout, Format, Options, SimulateError, Simulation, board};
 
@@ -55,7 +55,7 @@ pub fn write(
     made: impl FnOnce() -> Result<Simulation, SimulateError>,
     progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
 ) -> Result<(), SimulateError> {
-    let output = Output::begin(out, force)?;
+    let output = RecordingOutput::begin(out, force)?;
     let simulation = made()?;
     if progress(0, simulation.options().frames as usize).is_break() {
         return Err(SimulateError::Stopped);
@@ -85,7 +85,7 @@ fn fill(
     }
     let frames = options.frames as usize;
     let sensor = DepthSensor::new(simulation)?;
-    let mut scan = if is_scan { Some(Scan::begin(folder, simulation)?) } else { None };
+    let mut scan = if is_scan { Some(StrayScan::begin(folder, simulation)?) } else { None };
     let (mut pictures, mut depths, mut exposures) = (Vec::new(), Vec::new(), Vec::new());
     let mut true_depths = Vec::new();
     let mut blur = Vec::new();

@@ -10,7 +10,7 @@ use std::sync::mpsc::{Receiver, sync_channel};
 
 use super::SourceError;
 use super::ffmpeg::{self, Running};
-use super::index::{Index, Start};
+use super::index::{DecodingStart, Index};
 use super::video::{CONVERSION_FLAGS, ColorMatrix, ColorRange, MEND, Video};
 use crate::pixels::{Codes, Pixels};
 
@@ -48,7 +48,7 @@ impl Video {
 impl Source {
     /// ffmpeg's arguments for frames that start at `start`, or at their number from the file's
     /// first.
-    fn arguments(&self, Range { start: first, end }: Range<usize>, start: Option<&Start>) -> Vec<OsString> {
+    fn arguments(&self, Range { start: first, end }: Range<usize>, start: Option<&DecodingStart>) -> Vec<OsString> {
         let pixel_format = if self.wide { "rgb48le" } else { "rgb24" };
         let range_name = match self.range {
             ColorRange::Limited => "limited",
@@ -63,7 +63,7 @@ impl Source {
             None => format!("trim=start_frame={first}:end_frame={end}"),
             // If seeking fails to land before the frame, no frame is selected rather than a wrong
             // one.
-            Some(Start { ticks, tick_s, .. }) => {
+            Some(DecodingStart { ticks, tick_s, .. }) => {
                 format!("settb={tick_s},select='eq(pts,{ticks})+gte(prev_selected_pts,{ticks})',trim=end_frame={count}")
             }
         };
@@ -72,7 +72,7 @@ impl Source {
         let filter =
             format!("{chosen},settb=1/25,setpts=N,scale={input}flags={CONVERSION_FLAGS},format={pixel_format}");
         let mut arguments: Vec<OsString> = ["-nostdin", "-v", "error", "-noautorotate"].map(OsString::from).into();
-        if let Some(Start { time_s, .. }) = start {
+        if let Some(DecodingStart { time_s, .. }) = start {
             // Time stamps as in the file; frames from the keyframe on, not from the time.
             let seek = ["-copyts", "-seek_timestamp", "1", "-noaccurate_seek", "-ss", &format!("{time_s:.6}")];
             arguments.extend(seek.map(OsString::from));
@@ -124,7 +124,7 @@ pub struct VideoFrames {
 
 impl VideoFrames {
     /// Starts ffmpeg for the remaining frames.
-    fn begin(&mut self, start: Option<Start>) -> Result<(), SourceError> {
+    fn begin(&mut self, start: Option<DecodingStart>) -> Result<(), SourceError> {
         self.stream = None;
         if self.next >= self.range.end {
             return Ok(());

@@ -26,7 +26,7 @@ pub struct IndexEntry {
 
 /// A position in a file from which a frame can be decoded.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Start {
+pub struct DecodingStart {
     /// A keyframe's time, seconds.
     pub time_s: f64,
     /// The requested frame's time in the file, in ticks of `tick_s` seconds.
@@ -51,13 +51,13 @@ impl Index {
     /// It is the keyframe before the one that the frame depends on. Frames displayed before a
     /// keyframe may come after it in the file and depend on earlier data (open GOP), and intra
     /// refresh completes a picture only a round later.
-    pub fn start(&self, frame: usize) -> Option<Start> {
+    pub fn start(&self, frame: usize) -> Option<DecodingStart> {
         let ticks = *self.frames.get(frame)?;
         let before = self.keyframes.partition_point(|key| key.0 <= ticks);
         // The first keyframe is the file's start.
         let (_, time_s) = *self.keyframes.get(before.checked_sub(2).filter(|n| *n > 0)?)?;
         let is_right = time_s >= 0.0 && !self.is_wrong.load(Ordering::Relaxed);
-        is_right.then(|| Start { time_s, ticks, tick_s: self.tick_s.clone() })
+        is_right.then(|| DecodingStart { time_s, ticks, tick_s: self.tick_s.clone() })
     }
 
     /// Decodes all later frames from the start of the file.

@@ -119,7 +119,7 @@ struct File<'a> {
     size: [usize; 2],
     components: Vec<JpegComponent>,
     /// Tables for DC differences, and for the AC coefficients.
-    huffman: [[Option<Table>; 4]; 2],
+    huffman: [[Option<HuffmanTable>; 4]; 2],
     /// Which quantisation tables are defined.
     quantized: [bool; 4],
     restart_every: usize,
@@ -180,7 +180,7 @@ impl File<'_> {
             let count = lengths.iter().map(|&n| usize::from(n)).sum();
             let symbols = rest.get(..count)?;
             *self.huffman.get_mut(usize::from(kind >> 4))?.get_mut(usize::from(kind & 15))? =
-                Some(Table::new(lengths, symbols)?);
+                Some(HuffmanTable::new(lengths, symbols)?);
             segment = rest.get(count..)?;
         }
         Some(())
@@ -278,7 +278,7 @@ impl File<'_> {
 }
 
 /// A Huffman table: symbols by code (T.81, annex C and F.2.2.3).
-struct Table {
+struct HuffmanTable {
     /// Length and symbol for each prefix of a code; length 0 if the code is longer.
     lookup: Vec<(u8, u8)>,
     /// One past the last code of each length, and the offset from a code to its index in `symbols`.
@@ -286,7 +286,7 @@ struct Table {
     symbols: Vec<u8>,
 }
 
-impl Table {
+impl HuffmanTable {
     fn new(lengths: &[u8; 16], symbols: &[u8]) -> Option<Self> {
         let mut lookup = vec![(0, 0); 1 << LOOKUP_BITS];
         let mut ends = [(0, 0); 17];
@@ -345,7 +345,7 @@ impl Bits<'_> {
         Ok((self.buffer >> self.count) as u32 & ((1 << count) - 1))
     }
 
-    fn symbol(&mut self, table: Option<&Table>) -> Result<u8, ScanStop> {
+    fn symbol(&mut self, table: Option<&HuffmanTable>) -> Result<u8, ScanStop> {
         let table = table.ok_or(ScanStop::Invalid)?;
         if self.count < 16 {
             self.fill();
@@ -371,7 +371,7 @@ impl Bits<'_> {
     }
 
     /// T.81, F.2.2.1 and F.2.2.2.
-    fn sequential(&mut self, dc: Option<&Table>, ac: Option<&Table>) -> Result<(), ScanStop> {
+    fn sequential(&mut self, dc: Option<&HuffmanTable>, ac: Option<&HuffmanTable>) -> Result<(), ScanStop> {
         let size = self.symbol(dc)?;
         self.take(u32::from(size & 15))?;
         let mut k = 1;
@@ -393,8 +393,8 @@ impl Bits<'_> {
     /// blocks without codes.
     fn progressive(
         &mut self,
-        dc: Option<&Table>,
-        ac: Option<&Table>,
+        dc: Option<&HuffmanTable>,
+        ac: Option<&HuffmanTable>,
         band: SpectralBand,
         known: &mut u64,
         run: &mut u32,

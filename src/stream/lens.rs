@@ -38,7 +38,7 @@ pub struct LensState {
 
 /// Reason why a stream's lens gives no camera.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum LensError {
+pub enum StreamLensError {
     #[error("the stream has not said {0}")]
     Missing(&'static str),
     #[error("its distortion has no inverse on the sensor")]
@@ -94,11 +94,12 @@ impl LensState {
 
     /// The camera for pictures of this size that show the whole sensor, and the largest error of
     /// its distortion, px.
-    pub fn geometry(&self, width_px: u32, height_px: u32) -> Result<(Geometry, f64), LensError> {
-        let focal_mm = self.focal_length_mm.ok_or(LensError::Missing("lens.pinholeFocalLength"))?;
-        let sensor_mm = self.sensor_mm.ok_or(LensError::Missing("static.camera.activeSensorPhysicalDimensions"))?;
+    pub fn geometry(&self, width_px: u32, height_px: u32) -> Result<(Geometry, f64), StreamLensError> {
+        let focal_mm = self.focal_length_mm.ok_or(StreamLensError::Missing("lens.pinholeFocalLength"))?;
+        let sensor_mm =
+            self.sensor_mm.ok_or(StreamLensError::Missing("static.camera.activeSensorPhysicalDimensions"))?;
         if let Some(model) = &self.other_model {
-            return Err(LensError::Model(model.clone()));
+            return Err(StreamLensError::Model(model.clone()));
         }
         let size_px = DVec2::new(width_px.into(), height_px.into());
         let px_per_mm = size_px / sensor_mm;
@@ -106,7 +107,7 @@ impl LensState {
         let (f, c) = (focal_mm * px_per_mm, 0.5 * size_px + offset_mm * px_per_mm);
         let (mut intrinsics, mut distortion) = (Intrinsics::default(), Distortion::default());
         let set = |table: &mut dyn Params, name: &str, value: f64| {
-            table.set(name, &Given::Number(value)).map_err(|error| LensError::Param(Box::new(error)))
+            table.set(name, &Given::Number(value)).map_err(|error| StreamLensError::Param(Box::new(error)))
         };
         let values = [("width_px", size_px.x), ("height_px", size_px.y), ("film_width_mm", sensor_mm.x)];
         let places = [("fx_px", f.x), ("fy_px", f.y), ("cx_px", c.x), ("cy_px", c.y)];
@@ -118,7 +119,7 @@ impl LensState {
             let centre_mm = self.distortion_offset_mm.unwrap_or_default();
             let (coefficients, off_mm) = match lens.as_opencv(focal_mm).filter(|_| centre_mm == DVec2::ZERO) {
                 Some(exact) => (exact, 0.0),
-                None => lens.fit(focal_mm, sensor_mm, offset_mm, centre_mm).ok_or(LensError::Distortion)?,
+                None => lens.fit(focal_mm, sensor_mm, offset_mm, centre_mm).ok_or(StreamLensError::Distortion)?,
             };
             for (name, value) in ["k1", "k2", "k3", "p1", "p2"].into_iter().zip(coefficients) {
                 set(&mut distortion, name, value)?;

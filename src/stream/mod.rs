@@ -26,7 +26,7 @@ pub use address::{ListenOptions, Protocol, StreamTarget};
 pub use assemble::{Assembler, Assembly};
 pub use buffer::{PushOutcome, ReleasedItem, ReorderBuffer, TimedItem};
 pub use error::{PacketError, SampleError, StreamError};
-pub use lens::{LensError, LensState};
+pub use lens::{LensState, StreamLensError};
 pub use offset::ClockOffset;
 pub use open_lens::OpenLens;
 pub use packet::{Encoding, MAX_PAYLOAD_BYTES, Packet, packets};

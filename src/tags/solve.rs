@@ -5,7 +5,7 @@ use glam::{DMat3, DQuat, DVec2, DVec3};
 use nalgebra::{SMatrix, SVector};
 
 use crate::camera::Geometry;
-use crate::fit::robust::{Converged, Problem, minimize, weight};
+use crate::fit::robust::{Converged, LeastSquaresProblem, minimize, weight};
 use crate::fit::{RigidPose, homography, pose_jacobian};
 use crate::pose::Pose;
 
@@ -91,7 +91,7 @@ impl PnpProblem<'_> {
     }
 }
 
-impl Problem for PnpProblem<'_> {
+impl LeastSquaresProblem for PnpProblem<'_> {
     type State = RigidPose;
     type Equations = Equations;
 

@@ -1,6 +1,6 @@
 //! The choice of a camera's mode.
 
-use super::list::Mode;
+use super::list::CameraMode;
 use super::picture::Layout;
 use super::wanted::Wanted;
 
@@ -15,21 +15,21 @@ fn nominal_hz(listed_hz: f64) -> f64 {
 
 /// The layout that was requested, or the best of those that come in this size at this rate, else of
 /// all.
-pub fn layout(offered: &[Mode], wanted: &Wanted) -> Option<Layout> {
-    let has = |layout: Layout, fits: &dyn Fn(&Mode) -> bool| {
+pub fn layout(offered: &[CameraMode], wanted: &Wanted) -> Option<Layout> {
+    let has = |layout: Layout, fits: &dyn Fn(&CameraMode) -> bool| {
         offered.iter().any(|mode| mode.layout == Some(layout) && fits(mode))
     };
     if let Some(layout) = wanted.layout {
         return has(layout, &|_| true).then_some(layout);
     }
-    let fits = |mode: &Mode| {
+    let fits = |mode: &CameraMode| {
         let [least, most] = mode.sizes;
         let (w, h) = wanted.size;
         let in_size = (least.0..=most.0).contains(&w) && (least.1..=most.1).contains(&h);
         let is_met = |rate: &f64| nominal_hz(*rate) > 0.99 * wanted.rate_hz;
         in_size && (mode.rates_hz.is_empty() || mode.rates_hz.iter().any(is_met))
     };
-    let of = |fits: &dyn Fn(&Mode) -> bool| Layout::PREFERRED.into_iter().find(|layout| has(*layout, fits));
+    let of = |fits: &dyn Fn(&CameraMode) -> bool| Layout::PREFERRED.into_iter().find(|layout| has(*layout, fits));
     of(&fits).or_else(|| of(&|_| true))
 }
 
@@ -43,10 +43,10 @@ pub struct ExactMode {
 
 /// The mode nearest to the request, of modes of single sizes: layout first, then size, then rate.
 /// Of two rates equally near, the faster one.
-pub fn exact(offered: &[Mode], wanted: &Wanted) -> Option<ExactMode> {
+pub fn exact(offered: &[CameraMode], wanted: &Wanted) -> Option<ExactMode> {
     let layout = layout(offered, wanted)?;
     let of_layout = offered.iter().filter(|mode| mode.layout == Some(layout) && !mode.rates_hz.is_empty());
-    let distance_px = |mode: &&Mode| {
+    let distance_px = |mode: &&CameraMode| {
         let (width, height) = mode.sizes[0];
         width.abs_diff(wanted.size.0) + height.abs_diff(wanted.size.1)
     };
@@ -67,12 +67,12 @@ pub fn names(layout: Option<Layout>) -> String {
 mod tests {
     use super::*;
 
-    fn mode(layout: Layout, size: (u32, u32), rates_hz: &[f64]) -> Mode {
-        Mode { code: String::new(), layout: Some(layout), sizes: [size; 2], rates_hz: rates_hz.to_vec() }
+    fn mode(layout: Layout, size: (u32, u32), rates_hz: &[f64]) -> CameraMode {
+        CameraMode { code: String::new(), layout: Some(layout), sizes: [size; 2], rates_hz: rates_hz.to_vec() }
     }
 
     /// A webcam as they are: raw at 30 Hz only when small.
-    fn webcam() -> [Mode; 3] {
+    fn webcam() -> [CameraMode; 3] {
         [
             mode(Layout::Yuyv, (640, 480), &[30.0, 15.0]),
             mode(Layout::Yuyv, (1280, 720), &[10.0]),

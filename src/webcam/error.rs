@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::driver_name::DriverName;
-use super::list::Mode;
+use super::list::CameraMode;
 use crate::source::SourceError;
 
 #[derive(Debug, thiserror::Error)]
@@ -43,7 +43,7 @@ pub enum CameraError {
 
 impl CameraError {
     /// No mode of those that are offered has the layout.
-    pub fn layout(camera: &str, asked: &str, offered: &[Mode]) -> Self {
+    pub fn layout(camera: &str, asked: &str, offered: &[CameraMode]) -> Self {
         let mut has: Vec<&str> = offered.iter().map(|mode| mode.code.as_str()).collect();
         has.dedup();
         Self::Layout { camera: camera.to_owned(), asked: asked.to_owned(), has: has.join(", ") }

@@ -8,7 +8,7 @@ use crate::text::fixed;
 
 /// A size in which a camera gives pictures.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Mode {
+pub struct CameraMode {
     /// Four letters by which its driver names the layout.
     pub code: String,
     /// `None` if it is not read here.
@@ -19,7 +19,7 @@ pub struct Mode {
     pub rates_hz: Vec<f64>,
 }
 
-impl fmt::Display for Mode {
+impl fmt::Display for CameraMode {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.layout {
             Some(layout) => write!(f, "{layout} ")?,
@@ -48,5 +48,5 @@ pub struct Listed {
     pub place: String,
     pub name: String,
     /// Its modes, or why they are not known.
-    pub modes: Result<Vec<Mode>, String>,
+    pub modes: Result<Vec<CameraMode>, String>,
 }

@@ -33,7 +33,7 @@ mod wanted;
 pub use clock::monotonic_s;
 pub use driver_name::DriverName;
 pub use error::CameraError;
-pub use list::{Listed, Mode};
+pub use list::{CameraMode, Listed};
 pub use newest::{Drops, Newest, Putter, Taken};
 pub use open::{Camera, cameras, open};
 pub use picture::{Delivered, Layout, Picture, PictureError};

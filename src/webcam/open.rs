@@ -11,7 +11,7 @@ use super::list::Listed;
 use super::newest::Newest;
 use super::picture::Picture;
 use super::played::Played;
-use super::session::{Limits, Session, guarded};
+use super::session::{Session, SessionLimits, guarded};
 use super::wanted::{Given, Wanted};
 
 /// A camera that has agreed on what it gives, and is not started.
@@ -25,7 +25,7 @@ impl Camera {
         driver: Arc<dyn Driver>,
         id: &str,
         wanted: &Wanted,
-        limits: Limits,
+        limits: SessionLimits,
     ) -> Result<Self, CameraError> {
         driver.prepare()?;
         let (session, given) = Session::open(driver, id, wanted, limits)?;
@@ -64,11 +64,15 @@ pub fn cameras() -> Vec<(DriverName, Result<Vec<Listed>, CameraError>)> {
 }
 
 fn cameras_of(name: DriverName) -> Result<Vec<Listed>, CameraError> {
-    listed(name, driver(name)?, Limits::default())
+    listed(name, driver(name)?, SessionLimits::default())
 }
 
 /// A driver's cameras, if it answers in time. A thread that does not return is left behind.
-pub(super) fn listed(name: DriverName, driver: Arc<dyn Driver>, limits: Limits) -> Result<Vec<Listed>, CameraError> {
+pub(super) fn listed(
+    name: DriverName,
+    driver: Arc<dyn Driver>,
+    limits: SessionLimits,
+) -> Result<Vec<Listed>, CameraError> {
     let (sender, answer) = mpsc::channel();
     let camera = format!("the driver {name}");
     let broken = |problem| CameraError::Driver { camera: camera.clone(), problem };
@@ -86,7 +90,7 @@ pub(super) fn listed(name: DriverName, driver: Arc<dyn Driver>, limits: Limits) 
 pub fn open(asked: &str, wanted: &Wanted) -> Result<Camera, CameraError> {
     if camera_id::number(asked).is_some() {
         let name = wanted.driver.or(DriverName::AVAILABLE.first().copied()).ok_or(CameraError::NotBuilt)?;
-        return Camera::open(driver(name)?, asked, wanted, Limits::default());
+        return Camera::open(driver(name)?, asked, wanted, SessionLimits::default());
     }
     let file = Path::new(asked);
     if !file.exists() {
@@ -101,7 +105,7 @@ pub fn open(asked: &str, wanted: &Wanted) -> Result<Camera, CameraError> {
             CameraError::None { asked: asked.to_owned(), found }
         });
     }
-    let mut camera = Camera::open(driver(DriverName::Played)?, asked, wanted, Limits::default())?;
+    let mut camera = Camera::open(driver(DriverName::Played)?, asked, wanted, SessionLimits::default())?;
     if let Some(name) = wanted.driver.filter(|name| *name != DriverName::Played) {
         camera.given.warnings.push(format!("a video stands in for the camera; the driver {name} does not read it"));
     }

@@ -19,7 +19,7 @@ use super::wanted::{Given, Wanted};
 
 /// How long a driver may take.
 #[derive(Clone, Copy, Debug)]
-pub struct Limits {
+pub struct SessionLimits {
     /// Time from the start to the first picture. On macOS and Windows the stream begins then.
     pub first_picture: Duration,
     /// Between two pictures. Without one for so long, a camera counts as stalled.
@@ -30,7 +30,7 @@ pub struct Limits {
     pub retry: Duration,
 }
 
-impl Default for Limits {
+impl Default for SessionLimits {
     fn default() -> Self {
         Self {
             first_picture: Duration::from_secs(15),
@@ -171,7 +171,7 @@ pub struct Session {
     id: String,
     wanted: Wanted,
     given: Given,
-    limits: Limits,
+    limits: SessionLimits,
     worker: Option<Worker>,
     /// Threads that were left behind in the driver.
     blocked: Vec<JoinHandle<()>>,
@@ -183,7 +183,7 @@ impl Session {
         driver: Arc<dyn Driver>,
         id: &str,
         wanted: &Wanted,
-        limits: Limits,
+        limits: SessionLimits,
     ) -> Result<(Self, Given), CameraError> {
         let mut blocked = Vec::new();
         let request = Request { id: id.to_owned(), name: None, wanted: *wanted };

@@ -12,7 +12,7 @@ use super::list::Listed;
 use super::newest::{Drops, Newest, Taken};
 use super::open::{Camera, listed};
 use super::picture::{Delivered, Layout, Picture};
-use super::session::{Limits, MAX_BLOCKED_THREADS};
+use super::session::{MAX_BLOCKED_THREADS, SessionLimits};
 use super::wanted::{Assumed, Given, TimeSource, Wanted};
 use crate::source::video::{ColorMatrix, ColorRange};
 
@@ -27,9 +27,10 @@ const DELIVERED: Delivered = Delivered {
 /// No test waits for longer than this.
 const DEADLINE: Duration = Duration::from_secs(20);
 /// Patient limits: only what the driver does counts.
-const PATIENT: Limits = Limits { first_picture: DEADLINE, picture: DEADLINE, opening: DEADLINE, retry: Duration::ZERO };
+const PATIENT: SessionLimits =
+    SessionLimits { first_picture: DEADLINE, picture: DEADLINE, opening: DEADLINE, retry: Duration::ZERO };
 const SHORT: Duration = Duration::from_millis(30);
-const IMPATIENT: Limits = Limits { first_picture: SHORT, picture: SHORT, ..PATIENT };
+const IMPATIENT: SessionLimits = SessionLimits { first_picture: SHORT, picture: SHORT, ..PATIENT };
 
 /// What a capture does next.
 enum Step {
@@ -151,7 +152,7 @@ impl Controls {
 }
 
 /// A camera that delivers, its first capture's ends, and its driver's.
-fn started(limits: Limits) -> (Newest<Picture>, (Sender<Step>, Receiver<()>), Controls) {
+fn started(limits: SessionLimits) -> (Newest<Picture>, (Sender<Step>, Receiver<()>), Controls) {
     let (driver, controls) = Controls::new(true);
     let capture = controls.capture(DELIVERED);
     let camera = Camera::open(driver, "0", &Wanted::default(), limits).unwrap();
@@ -213,7 +214,7 @@ fn gone_after(newest: &Newest<Picture>, before: &str) -> String {
     panic!("{before}: nothing else is reported");
 }
 
-fn open_error(opening: Option<Opening>, limits: Limits) -> String {
+fn open_error(opening: Option<Opening>, limits: SessionLimits) -> String {
     let (driver, controls) = Controls::new(true);
     opening.into_iter().for_each(|opening| controls.openings.send(opening).unwrap());
     Camera::open(driver, "0", &Wanted::default(), limits).err().unwrap().to_string()
@@ -240,7 +241,7 @@ fn stalled_camera_is_reported_and_reopened_and_its_thread_left_behind() {
 
 #[test]
 fn first_picture_has_a_limit_of_its_own() {
-    let (newest, (steps, _closed), _controls) = started(Limits { first_picture: DEADLINE, ..IMPATIENT });
+    let (newest, (steps, _closed), _controls) = started(SessionLimits { first_picture: DEADLINE, ..IMPATIENT });
     assert_eq!(newest.take(Instant::now() + 3 * SHORT), Taken::Nothing);
     steps.send(Step::Deliver(sample(1))).unwrap();
     assert_eq!(code(&newest), 1);
@@ -266,7 +267,7 @@ fn camera_that_delivers_damaged_pictures_alone_is_reported() {
 
 #[test]
 fn failure_is_reported_though_closing_blocks() {
-    let (newest, (steps, _closed), _controls) = started(Limits { first_picture: DEADLINE, ..IMPATIENT });
+    let (newest, (steps, _closed), _controls) = started(SessionLimits { first_picture: DEADLINE, ..IMPATIENT });
     steps.send(Step::FailAndBlock("it was unplugged")).unwrap();
     assert_eq!(gone(&newest), "eye stopped: it was unplugged");
     // A file.
@@ -324,7 +325,7 @@ fn panic_in_a_driver_is_reported_and_the_camera_reopened() {
 
 #[test]
 fn camera_that_does_not_open_is_an_error() {
-    let silent = Limits { opening: Duration::from_millis(30), ..PATIENT };
+    let silent = SessionLimits { opening: Duration::from_millis(30), ..PATIENT };
     let error = open_error(None, silent);
     assert_eq!(error, "0: its driver has not answered for 0.03 s; unplug it, or end the program that uses it");
     assert_eq!(open_error(Some(Opening::Panic), PATIENT), "0: its driver broke down");

@@ -12,10 +12,10 @@ use super::task::BackgroundTask;
 const POLL_INTERVAL: Duration = Duration::from_secs(2);
 
 /// Modification time and length of a file; `None` if it does not exist.
-pub type Stamp = Option<(SystemTime, u64)>;
+pub type WatchStamp = Option<(SystemTime, u64)>;
 
 /// Reads the stamp from disk; may block.
-pub fn stamp(path: &Path) -> Stamp {
+pub fn stamp(path: &Path) -> WatchStamp {
     let there = std::fs::metadata(path).ok()?;
     Some((there.modified().ok()?, if there.is_file() { there.len() } else { 0 }))
 }
@@ -30,9 +30,9 @@ pub enum Change {
 /// Watches a few files.
 #[derive(Debug, Default)]
 pub struct FileWatch {
-    recorded: BTreeMap<PathBuf, Stamp>,
+    recorded: BTreeMap<PathBuf, WatchStamp>,
     /// Missing files, each with its last stamp.
-    missing: BTreeMap<PathBuf, Stamp>,
+    missing: BTreeMap<PathBuf, WatchStamp>,
     /// A missing file has appeared or changed.
     has_returned: bool,
     /// Changes that are not resolved.
@@ -41,7 +41,7 @@ pub struct FileWatch {
     ignored: Vec<PathBuf>,
     last_request: Option<Instant>,
     /// The poll in progress.
-    stamps: Option<BackgroundTask<Vec<(PathBuf, Stamp)>>>,
+    stamps: Option<BackgroundTask<Vec<(PathBuf, WatchStamp)>>>,
     /// The poll began before a file was read or written: its result is dropped.
     is_stale: bool,
 }
@@ -53,7 +53,7 @@ impl FileWatch {
     }
 
     /// Records the stamp of a file: from before it was read, or from after it was written.
-    pub fn record(&mut self, path: &Path, stamp: Stamp) {
+    pub fn record(&mut self, path: &Path, stamp: WatchStamp) {
         self.recorded.insert(path.to_owned(), stamp);
         self.changes.remove(path);
         self.ignored.retain(|ignored| ignored != path);
@@ -119,7 +119,7 @@ impl FileWatch {
     }
 
     /// Compares a file on disk with its record.
-    fn compare(&mut self, path: PathBuf, stamp: Stamp) {
+    fn compare(&mut self, path: PathBuf, stamp: WatchStamp) {
         if let Some(last) = self.missing.get_mut(&path) {
             self.has_returned |= stamp.is_some() && *last != stamp;
             *last = stamp;

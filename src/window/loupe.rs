@@ -16,7 +16,7 @@ const CELL_PT: f32 = 12.0;
 pub const MIN_NUMBERED_PX: f32 = 40.0;
 
 /// A picture in the loupe.
-pub struct Side<'a> {
+pub struct LoupeSide<'a> {
     pub name: &'a str,
     pub shown: &'a DisplayTexture,
     /// `None` while they are not available.
@@ -24,7 +24,7 @@ pub struct Side<'a> {
 }
 
 /// Shows the magnified surroundings of the pointer in each picture, side by side, with code values.
-pub fn show(picture: &PictureOutput, sides: &[Side<'_>]) {
+pub fn show(picture: &PictureOutput, sides: &[LoupeSide<'_>]) {
     let Some(pointed) = picture.pointed else { return };
     let (x, y) = (pointed.x.floor() as i32, pointed.y.floor() as i32);
     let square = ACROSS_PX as f32 * CELL_PT;

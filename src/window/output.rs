@@ -19,7 +19,7 @@ use locard_engine::text::count;
 
 /// Range of frames to export.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Frames {
+pub enum FrameRange {
     #[default]
     All,
     Loop,
@@ -30,8 +30,8 @@ pub enum Frames {
 
 /// The panel's state.
 #[derive(Clone, Debug, Default)]
-pub struct Output {
-    frames: Frames,
+pub struct OutputPanel {
+    frames: FrameRange,
     /// The loop at the last call.
     looped: Option<Range<usize>>,
     given: [usize; 2],
@@ -84,12 +84,12 @@ pub struct PlaybackState {
     pub looped: Option<Range<usize>>,
 }
 
-impl Output {
+impl OutputPanel {
     fn range(&self, now: &PlaybackState) -> Range<usize> {
         match (self.frames, &now.looped) {
-            (Frames::This, _) => now.frame..now.frame + 1,
-            (Frames::Loop, Some(looped)) => looped.clone(),
-            (Frames::Given, _) => self.given[0].min(self.given[1])..self.given[0].max(self.given[1]) + 1,
+            (FrameRange::This, _) => now.frame..now.frame + 1,
+            (FrameRange::Loop, Some(looped)) => looped.clone(),
+            (FrameRange::Given, _) => self.given[0].min(self.given[1])..self.given[0].max(self.given[1]) + 1,
             _ => 0..now.count,
         }
     }
@@ -123,28 +123,28 @@ impl Output {
         if self.looped.as_ref() != looped {
             self.looped = looped.cloned();
             self.frames = match (looped, self.frames) {
-                (Some(_), Frames::All) => Frames::Loop,
-                (None, Frames::Loop) => Frames::All,
+                (Some(_), FrameRange::All) => FrameRange::Loop,
+                (None, FrameRange::Loop) => FrameRange::All,
                 (_, frames) => frames,
             };
         }
         ui.horizontal_wrapped(|ui| {
-            let mut choice = |ui: &mut Ui, frames: Frames, text: String| {
+            let mut choice = |ui: &mut Ui, frames: FrameRange, text: String| {
                 if ui.radio(self.frames == frames, text).clicked() {
                     self.frames = frames;
-                    if frames == Frames::Given && self.given == [0, 0] {
+                    if frames == FrameRange::Given && self.given == [0, 0] {
                         self.given = [0, last];
                     }
                 }
             };
-            choice(ui, Frames::All, format!("all {}", count(now.count, "frame")));
+            choice(ui, FrameRange::All, format!("all {}", count(now.count, "frame")));
             if let Some(looped) = looped {
-                choice(ui, Frames::Loop, format!("the loop, {} to {}", looped.start, looped.end - 1));
+                choice(ui, FrameRange::Loop, format!("the loop, {} to {}", looped.start, looped.end - 1));
             }
-            choice(ui, Frames::This, format!("frame {} alone", now.frame));
-            choice(ui, Frames::Given, "from … to …".to_owned());
+            choice(ui, FrameRange::This, format!("frame {} alone", now.frame));
+            choice(ui, FrameRange::Given, "from … to …".to_owned());
         });
-        if self.frames == Frames::Given {
+        if self.frames == FrameRange::Given {
             ui.horizontal(|ui| {
                 for (at, name) in self.given.iter_mut().zip(["first frame", "last frame"]) {
                     ui.label(name);
@@ -276,9 +276,9 @@ mod tests {
     #[test]
     fn export_range_follows_the_selection() {
         let now = PlaybackState { frame: 7, count: 20, looped: Some(3..9) };
-        let of = |frames, given| Output { frames, given, ..Output::default() }.range(&now);
-        assert_eq!(of(Frames::All, [0, 0]), 0..20);
-        assert_eq!((of(Frames::Loop, [0, 0]), of(Frames::This, [0, 0])), (3..9, 7..8));
-        assert_eq!((of(Frames::Given, [4, 4]), of(Frames::Given, [9, 2])), (4..5, 2..10));
+        let of = |frames, given| OutputPanel { frames, given, ..OutputPanel::default() }.range(&now);
+        assert_eq!(of(FrameRange::All, [0, 0]), 0..20);
+        assert_eq!((of(FrameRange::Loop, [0, 0]), of(FrameRange::This, [0, 0])), (3..9, 7..8));
+        assert_eq!((of(FrameRange::Given, [4, 4]), of(FrameRange::Given, [9, 2])), (4..5, 2..10));
     }
 }

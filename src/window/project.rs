@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::History;
-use super::file_watch::{Stamp, stamp};
+use super::file_watch::{WatchStamp, stamp};
 use locard_engine::camera::{Geometry, NoiseProfile};
 use locard_engine::compositor::{ON, Settings};
 use locard_engine::live::LiveSpec;
@@ -113,7 +113,7 @@ pub struct Project {
     variant_version: u64,
     last_variant: Option<Box<ComparisonVariant>>,
     /// State of the files when they were last read or written.
-    stamps: BTreeMap<PathBuf, Stamp>,
+    stamps: BTreeMap<PathBuf, WatchStamp>,
 }
 
 impl Project {
@@ -180,7 +180,7 @@ impl Project {
     }
 
     /// State of a file before it was read or after it was written; `None` if it did not exist.
-    pub fn stamp(&self, path: &Path) -> Stamp {
+    pub fn stamp(&self, path: &Path) -> WatchStamp {
         self.stamps.get(path).copied().flatten()
     }
 

@@ -16,7 +16,7 @@ use self::frozen_folder::FrozenRecordings;
 use self::live::LiveCamera;
 pub use self::live::{FROZEN, LiveStatus};
 use self::messages::Message;
-use self::pictures::Pictures;
+use self::pictures::DisplayedPictures;
 pub use self::recent_frames::RECENT_S;
 use super::player::Player;
 use super::project::Project;
@@ -31,7 +31,7 @@ pub struct Session {
     pub viewer: Viewer,
     /// `None` if no thread could be started for them.
     pub thumbnails: Option<Thumbnails>,
-    pictures: Pictures,
+    pictures: DisplayedPictures,
     /// Last update of the playback clock.
     last_tick: Option<Instant>,
     /// The last message.
@@ -54,7 +54,7 @@ impl Session {
             player,
             viewer,
             thumbnails,
-            pictures: Pictures::default(),
+            pictures: DisplayedPictures::default(),
             last_tick: None,
             message: None,
             live: None,

@@ -9,11 +9,11 @@ use locard_engine::text::without_options;
 /// The warnings, with the ones that need every frame's pose cached.
 #[derive(Debug, Default)]
 pub struct Warnings {
-    poses: Option<Poses>,
+    poses: Option<MissingPoses>,
 }
 
 #[derive(Debug)]
-struct Poses {
+struct MissingPoses {
     recording: Weak<Recording>,
     /// `None` if every frame has a pose.
     missing: Option<String>,
@@ -33,12 +33,12 @@ impl Warnings {
         if recording.is_live() {
             return None;
         }
-        let is_of = |poses: &&Poses| std::ptr::eq(poses.recording.as_ptr(), Arc::as_ptr(recording));
+        let is_of = |poses: &&MissingPoses| std::ptr::eq(poses.recording.as_ptr(), Arc::as_ptr(recording));
         if let Some(poses) = self.poses.as_ref().filter(is_of) {
             return poses.missing.clone();
         }
         let missing = recording.missing_poses(0..recording.frame_count());
-        self.poses = Some(Poses { recording: Arc::downgrade(recording), missing: missing.clone() });
+        self.poses = Some(MissingPoses { recording: Arc::downgrade(recording), missing: missing.clone() });
         missing
     }
 }

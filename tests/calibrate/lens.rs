@@ -13,7 +13,7 @@ use locard::calibrate::board::{
     BoardDetection, ChessboardError, ChessboardSize, DetectedTarget, TargetChoice, find_chessboard,
 };
 use locard::calibrate::geometry::{
-    CameraCalibration, LensError, LensOptions, NamedView, Views, calibrate, views_from_paths,
+    CameraCalibration, LensCalibrationError, LensOptions, NamedView, Views, calibrate, views_from_paths,
 };
 use locard::camera::{Distortion, Geometry, Intrinsics, LensModel, Response};
 use locard::compositor::Settings;
@@ -351,7 +351,9 @@ fn too_few_views_name_the_requirement() {
         facing.iter().enumerate().map(|(n, s)| named_view(n, simulated_detection(&geometry, s, 0.1, &mut random)));
     match calibrate(SIZE, flat.collect(), Vec::new(), &LensOptions::default()) {
         Ok(calibrated) => assert!(calibrated.missing.iter().any(|m| m.to_string().contains("tilted")), "{calibrated}"),
-        Err(error) => assert!(matches!(error, LensError::Undetermined | LensError::Unexplained), "{error}"),
+        Err(error) => {
+            assert!(matches!(error, LensCalibrationError::Undetermined | LensCalibrationError::Unexplained), "{error}")
+        }
     }
     let blank = GreyImage::from_fn(300, 200, |x, y| ((x * 7 + y * 13) % 11) as f32);
     assert_eq!(find_chessboard(&blank, None), Err(ChessboardError::None));

@@ -15,7 +15,7 @@ use image::{ImageBuffer, Luma};
 use locard::depth::unknown_fraction;
 use locard::frame::Frame;
 use locard::pixels::LayerImage;
-use locard::recording::{OpenOptions, Recording, Registration};
+use locard::recording::{DepthRegistration, OpenOptions, Recording};
 use locard::simulate::{self, Flaws, FolderLayout, Format, Motion, Options};
 
 fn depth_png(file: &Path, width: u32, height: u32, code: impl Fn(u32, u32) -> u16) {
@@ -50,7 +50,7 @@ fn phone_export_opens_unmodified() {
         assert_eq!((r.timestamps_s[0], r.warnings.clone()), (100.5, vec![]));
         assert_eq!(r.geometry.as_ref().unwrap().intrinsics.fx_px, 7.5);
         assert!((r.pose_at_frame(2).unwrap().position_in_world_m() - DVec3::new(0.2, 1.5, 0.0)).length() < 1e-12);
-        assert_eq!(r.registration(), Some(Registration::Enlarged(4, 3)));
+        assert_eq!(r.registration(), Some(DepthRegistration::Enlarged(4, 3)));
         assert_eq!(r.files().filter(|file| file.ends_with("confidence/000001.png")).count(), 1);
         let depth = frames(&r, 1..2)[0].depth.clone().unwrap();
         assert_eq!((depth.width, depth.height), (8, 6));
@@ -153,7 +153,7 @@ fn depth_of_a_separate_camera_is_reprojected_to_the_colour_camera() {
     let path = unregistered(folder.path());
     // The recording alone has no camera for the frames.
     let r = open(&path);
-    assert_eq!(r.registration(), Some(Registration::OtherCamera(32, 24)));
+    assert_eq!(r.registration(), Some(DepthRegistration::OtherCamera(32, 24)));
     assert!(frames(&r, 0..1)[0].depth.is_none());
     let row = |frame: &Frame| frame.depth.as_ref().unwrap().depth_m[12 * 32..13 * 32].to_vec();
     let shot = shot::open(&path, None, Path::new("scenes/marker-1.glb"));
@@ -269,7 +269,7 @@ fn redkitchen_opens_with_depth_registered_to_colour() {
     let Some(folder) = common::data("redkitchen") else { return };
     let r = open(&folder);
     assert_eq!((r.kind.name(), r.frame_count(), r.up), ("7-Scenes", 90, None));
-    assert_eq!(r.registration(), Some(Registration::OtherCamera(640, 480)));
+    assert_eq!(r.registration(), Some(DepthRegistration::OtherCamera(640, 480)));
     assert!(r.warnings.iter().any(|w| w.contains("25 mm to the right of depth")), "{:?}", r.warnings);
     assert!((0..90).all(|i| r.pose_at_frame(i).is_ok()));
     let frame = &frames(&r, 30..31)[0];
@@ -388,10 +388,10 @@ fn phone_export_and_unregistered_depth_composite_like_the_own_format() {
     let opened = open(&stray);
     assert_eq!(
         (opened.kind.name(), opened.registration()),
-        ("Stray Scanner", Some(Registration::Enlarged(stray_size.0, stray_size.1)))
+        ("Stray Scanner", Some(DepthRegistration::Enlarged(stray_size.0, stray_size.1)))
     );
     assert!(opened.warnings.is_empty(), "{:?}", opened.warnings);
-    assert_eq!(open(&beside).registration(), Some(Registration::OtherCamera(beside_size.0, beside_size.1)));
+    assert_eq!(open(&beside).registration(), Some(DepthRegistration::OtherCamera(beside_size.0, beside_size.1)));
     // The video is lossless in this test: the same pixels.
     assert!(
         frames(&opened, 0..site_frames())

@@ -15,7 +15,7 @@ use crate::text::{count, fixed};
 
 /// Reason why a calibration failed.
 #[derive(Clone, Debug, thiserror::Error, PartialEq)]
-pub enum LensError {
+pub enum LensCalibrationError {
     #[error(
         "{} of {all} can be used; {MIN_VIEWS} with the board tilted differently are needed, {RECOMMENDED_VIEWS} are good{}",
         count(*usable, "view"), first_reason(refused)
@@ -51,11 +51,11 @@ pub fn calibrate(
     views: Vec<NamedView>,
     mut refused: Vec<RejectedView>,
     options: &LensOptions,
-) -> Result<CameraCalibration, LensError> {
+) -> Result<CameraCalibration, LensCalibrationError> {
     let all = views.len() + refused.len();
     let size_px = DVec2::new(f64::from(width_px), f64::from(height_px));
     let enough = |views: &[NamedView], refused: &[RejectedView]| match views.len() {
-        usable if usable < MIN_VIEWS => Err(LensError::Few { usable, all, refused: refused.to_vec() }),
+        usable if usable < MIN_VIEWS => Err(LensCalibrationError::Few { usable, all, refused: refused.to_vec() }),
         _ => Ok(()),
     };
     enough(&views, &refused)?;
@@ -130,13 +130,13 @@ fn choose_model(
     size_px: DVec2,
     views: &[&BoardDetection],
     wanted: Option<LensModel>,
-) -> Result<(LensFit, Vec<String>), LensError> {
+) -> Result<(LensFit, Vec<String>), LensCalibrationError> {
     let of = |model| fit(model, size_px, views);
     match wanted {
         Some(model @ (LensModel::Opencv | LensModel::OpencvFisheye)) => {
-            of(model).map(|fit| (fit, Vec::new())).ok_or(LensError::Unexplained)
+            of(model).map(|fit| (fit, Vec::new())).ok_or(LensCalibrationError::Unexplained)
         }
-        Some(LensModel::Equirectangular) => Err(LensError::Round),
+        Some(LensModel::Equirectangular) => Err(LensCalibrationError::Round),
         None => match (of(LensModel::Opencv), of(LensModel::OpencvFisheye)) {
             (Some(brown), Some(fisheye)) if fisheye.mean_px() < MAX_FISHEYE_RESIDUAL_RATIO * brown.mean_px() => {
                 let [own, other] = [&fisheye, &brown].map(|fit| fixed(fit.mean_px(), 2));
@@ -145,17 +145,17 @@ fn choose_model(
                 );
                 Ok((fisheye, vec![note]))
             }
-            (brown, fisheye) => brown.or(fisheye).map(|fit| (fit, Vec::new())).ok_or(LensError::Unexplained),
+            (brown, fisheye) => brown.or(fisheye).map(|fit| (fit, Vec::new())).ok_or(LensCalibrationError::Unexplained),
         },
     }
 }
 
 /// Final fit. The last radial coefficient is left out if it is not significant, because it would
 /// bend the picture beyond the views. The covariance treats it as unknown all the same.
-fn final_fit(views: &[&BoardDetection], from: &LensFit) -> Result<(LensFit, DMatrix<f64>), LensError> {
+fn final_fit(views: &[&BoardDetection], from: &LensFit) -> Result<(LensFit, DMatrix<f64>), LensCalibrationError> {
     let at = |with_last| {
-        let fit = finish(views, from.lens, from.stands.clone(), with_last).ok_or(LensError::Unexplained)?;
-        let covariance = fit.covariance(views).ok_or(LensError::Undetermined)?;
+        let fit = finish(views, from.lens, from.stands.clone(), with_last).ok_or(LensCalibrationError::Unexplained)?;
+        let covariance = fit.covariance(views).ok_or(LensCalibrationError::Undetermined)?;
         Ok((fit, covariance))
     };
     let (whole, covariance) = at(true)?;

@@ -20,7 +20,7 @@ mod start;
 mod view_collector;
 
 pub use calibration::{CameraCalibration, LensOptions, NamedView, RejectedView};
-pub use choose::{LensError, calibrate};
+pub use choose::{LensCalibrationError, calibrate};
 pub use load::{LensProgress, LoadError, Views, views_from_paths};
 pub use missing::{MissingViews, PictureCorner, PictureEdge};
 pub use parameter::Parameter;

@@ -14,7 +14,7 @@ use super::model::{LensVector, MAX_PARAMETERS};
 use super::start::stand;
 use crate::calibrate::board::BoardDetection;
 use crate::camera::LensModel;
-use crate::fit::robust::{self, Problem, median_length, weight};
+use crate::fit::robust::{self, LeastSquaresProblem, median_length, weight};
 use crate::fit::{RigidPose, pose_jacobian};
 
 /// Initial focal lengths, in units of the picture's longer side: from a wide fisheye to a long
@@ -139,7 +139,7 @@ struct BundleAdjustment<'a> {
     free: Free<'a>,
 }
 
-impl Problem for BundleAdjustment<'_> {
+impl LeastSquaresProblem for BundleAdjustment<'_> {
     type State = (LensVector, Vec<RigidPose>);
     type Equations = Vec<ViewEquations>;
 

@@ -4,7 +4,7 @@
 use glam::DVec2;
 
 use super::calibration::{CameraCalibration, LensOptions, NamedView};
-use super::choose::{LensError, calibrate};
+use super::choose::{LensCalibrationError, calibrate};
 use super::missing::{MissingViews, missing, tilt_deg};
 use super::model::LensVector;
 use super::parameter::Parameter;
@@ -147,7 +147,7 @@ impl ViewCollector {
     }
 
     /// Calibrates from the views collected so far, complete or not.
-    pub fn calibrated(&self) -> Result<CameraCalibration, LensError> {
+    pub fn calibrated(&self) -> Result<CameraCalibration, LensCalibrationError> {
         calibrate(self.size, self.views.clone(), Vec::new(), &self.options)
     }
 

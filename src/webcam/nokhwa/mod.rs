@@ -34,19 +34,19 @@ const PERMISSION_LIMIT: Duration = Duration::from_secs(60);
 pub struct Nokhwa;
 
 /// A camera's number and name.
-struct CameraEntry {
+struct FoundCamera {
     number: usize,
     name: String,
     place: String,
 }
 
-fn found() -> Result<Vec<CameraEntry>, CameraError> {
+fn found() -> Result<Vec<FoundCamera>, CameraError> {
     let query = ::nokhwa::query(ApiBackend::Auto).map_err(|error| errors::camera_error("nokhwa", &error))?;
     let camera = |info: &::nokhwa::utils::CameraInfo| {
         let number = info.index().as_index().ok()? as usize;
-        Some(CameraEntry { number, name: quoted(info.human_name().trim()), place: quoted(info.description().trim()) })
+        Some(FoundCamera { number, name: quoted(info.human_name().trim()), place: quoted(info.description().trim()) })
     };
-    let mut found: Vec<CameraEntry> = query.iter().filter_map(camera).collect();
+    let mut found: Vec<FoundCamera> = query.iter().filter_map(camera).collect();
     found.sort_by_key(|camera| camera.number);
     Ok(found)
 }
@@ -60,7 +60,7 @@ impl Driver for Nokhwa {
     }
 
     fn cameras(&self) -> Result<Vec<Listed>, CameraError> {
-        let listed = |camera: CameraEntry| {
+        let listed = |camera: FoundCamera| {
             let modes = if System::CURRENT.opens_to_list() && capture::is_open(camera.number) {
                 Err(format!("{}: is open in this program", camera.name))
             } else {
@@ -70,7 +70,7 @@ impl Driver for Nokhwa {
                     Err(error) => Err(error.to_string()),
                 }
             };
-            let CameraEntry { number, name, place } = camera;
+            let FoundCamera { number, name, place } = camera;
             Some(Listed { driver: DriverName::Nokhwa, number, name, place, modes })
         };
         Ok(found()?.into_iter().filter_map(listed).collect())
@@ -88,7 +88,7 @@ impl Driver for Nokhwa {
         let names = || cameras.iter().map(|camera| format!("{} ({})", camera.number, camera.name)).collect();
         let camera = cameras.iter().find(|camera| Some(camera.number) == number(id));
         let none = || CameraError::None { asked: id.to_owned(), found: names() };
-        let CameraEntry { number, name, .. } = camera.ok_or_else(none)?;
+        let FoundCamera { number, name, .. } = camera.ok_or_else(none)?;
         let refused = |error| errors::camera_error(name, &error);
         let offered = modes::offered(*number, name)?;
         let mode = choose::exact(&offered, wanted)

@@ -9,7 +9,7 @@ use nokhwa::utils::{CameraFormat, CameraIndex};
 use super::errors;
 use super::system::{System, layout_of};
 use crate::webcam::error::CameraError;
-use crate::webcam::list::Mode;
+use crate::webcam::list::CameraMode;
 
 /// Rates beyond this are numbers of another unit, Hz.
 #[cfg_attr(target_os = "linux", allow(dead_code, reason = "used on macOS and Windows, tested on Linux"))]
@@ -19,7 +19,7 @@ const MAX_RATE_HZ: u32 = 1000;
 ///
 /// On Linux Video4Linux lists them, which leaves the camera as it is: nokhwa sets a mode before it
 /// lists any, and takes the denominators of intervals as rates, 25 Hz for 2/25 s.
-pub fn offered(number: usize, name: &str) -> Result<Vec<Mode>, CameraError> {
+pub fn offered(number: usize, name: &str) -> Result<Vec<CameraMode>, CameraError> {
     #[cfg(target_os = "linux")]
     let offered = {
         let _ = name;
@@ -34,14 +34,14 @@ pub fn offered(number: usize, name: &str) -> Result<Vec<Mode>, CameraError> {
 
 /// Modes of one size, layouts that are read and whole rates. Of a range of sizes the largest.
 #[cfg(target_os = "linux")]
-fn readable(modes: Vec<Mode>) -> Vec<Mode> {
-    let is_read = |mode: &Mode| {
+fn readable(modes: Vec<CameraMode>) -> Vec<CameraMode> {
+    let is_read = |mode: &CameraMode| {
         let mut layouts = System::Linux.formats().iter().filter_map(|format| layout_of(*format));
         layouts.any(|layout| mode.layout == Some(layout))
     };
-    let whole = |mode: Mode| {
+    let whole = |mode: CameraMode| {
         let rates_hz = mode.rates_hz.iter().copied().filter(|rate_hz| rate_hz.fract() == 0.0).collect();
-        Mode { sizes: [mode.sizes[1]; 2], rates_hz, ..mode }
+        CameraMode { sizes: [mode.sizes[1]; 2], rates_hz, ..mode }
     };
     modes.into_iter().filter(is_read).map(whole).filter(|mode| !mode.rates_hz.is_empty()).collect()
 }
@@ -75,7 +75,7 @@ fn formats(index: CameraIndex) -> Result<Vec<CameraFormat>, NokhwaError> {
 
 /// Modes by layout and size, rates ascending.
 #[cfg_attr(target_os = "linux", allow(dead_code, reason = "used on macOS and Windows, tested on Linux"))]
-fn modes(system: System, offered: &[CameraFormat]) -> Vec<Mode> {
+fn modes(system: System, offered: &[CameraFormat]) -> Vec<CameraMode> {
     let offered = if system == System::MacOs { without_aborts(offered) } else { offered.to_vec() };
     let mut modes: BTreeMap<(usize, u32, u32), Vec<u32>> = BTreeMap::new();
     for format in offered.iter().filter(|format| (1..=MAX_RATE_HZ).contains(&format.frame_rate())) {
@@ -88,7 +88,7 @@ fn modes(system: System, offered: &[CameraFormat]) -> Vec<Mode> {
         rates.dedup();
         let format = system.formats()[at];
         let rates_hz = rates.into_iter().map(f64::from).collect();
-        Mode { code: format.to_string(), layout: layout_of(format), sizes: [(width, height); 2], rates_hz }
+        CameraMode { code: format.to_string(), layout: layout_of(format), sizes: [(width, height); 2], rates_hz }
     };
     modes.into_iter().map(mode).collect()
 }
@@ -124,8 +124,8 @@ mod tests {
     }
 
     /// `yuyv 640x480 at 15.00, 30.00 Hz`.
-    fn summary(modes: &[Mode]) -> Vec<String> {
-        modes.iter().map(Mode::to_string).collect()
+    fn summary(modes: &[CameraMode]) -> Vec<String> {
+        modes.iter().map(CameraMode::to_string).collect()
     }
 
     const VGA: (u32, u32) = (640, 480);
@@ -149,7 +149,7 @@ mod tests {
     #[test]
     fn on_linux_fractional_rates_and_unread_layouts_are_left_out() {
         use crate::webcam::picture::Layout;
-        let mode = |layout, sizes, rates_hz: &[f64]| Mode {
+        let mode = |layout, sizes, rates_hz: &[f64]| CameraMode {
             code: "CODE".to_owned(),
             layout,
             sizes,

@@ -17,7 +17,7 @@ use crate::text::{quoted, reason};
 use crate::webcam::choose::{self, ExactMode};
 use crate::webcam::driver_name::DriverName;
 use crate::webcam::error::CameraError;
-use crate::webcam::list::{Listed, Mode};
+use crate::webcam::list::{CameraMode, Listed};
 use crate::webcam::picture::{Delivered, Layout};
 use crate::webcam::session::guarded;
 use crate::webcam::wanted::Wanted;
@@ -111,7 +111,7 @@ pub fn names() -> Vec<String> {
 }
 
 /// Everything that a camera offers.
-fn modes(device: &Device) -> io::Result<Vec<Mode>> {
+fn modes(device: &Device) -> io::Result<Vec<CameraMode>> {
     let mut modes = Vec::new();
     for format in asked(|| device.enum_formats())? {
         let sizes = asked(|| device.enum_framesizes(format.fourcc)).unwrap_or_default();
@@ -126,7 +126,7 @@ fn modes(device: &Device) -> io::Result<Vec<Mode>> {
                 intervals.into_iter().take(MOST_LISTED).flat_map(|i| rates(&i.interval)).collect();
             rates_hz.sort_by(f64::total_cmp);
             let code = quoted(format.fourcc.str().unwrap_or("????").trim());
-            modes.push(Mode { code, layout: layout_of(format.fourcc), sizes, rates_hz });
+            modes.push(CameraMode { code, layout: layout_of(format.fourcc), sizes, rates_hz });
         }
     }
     Ok(modes)
@@ -198,7 +198,7 @@ pub fn set_mode(number: usize, mode: &ExactMode) -> Result<(), CameraError> {
 }
 
 /// Everything that a camera offers. Leaves its mode as it is.
-pub fn modes_of(number: usize) -> Result<Vec<Mode>, CameraError> {
+pub fn modes_of(number: usize) -> Result<Vec<CameraMode>, CameraError> {
     let path = path_of(number);
     let device = open(&path)?;
     if !takes_pictures(&device) {

@@ -169,9 +169,10 @@ impl App {
         if self.document.view.loupe && seen.pointed.is_some() {
             self.document.session.viewer.plain(frame);
             let viewer = &self.document.session.viewer;
-            let camera = viewer.camera().map(|shown| loupe::Side { name: "camera", shown, codes: Some(&frame.pixels) });
+            let camera =
+                viewer.camera().map(|shown| loupe::LoupeSide { name: "camera", shown, codes: Some(&frame.pixels) });
             let pixels = codes.as_ref().map(|codes| &*codes.pixels);
-            let with = viewer.composite().map(|shown| loupe::Side { name: "with evidence", shown, codes: pixels });
+            let with = viewer.composite().map(|shown| loupe::LoupeSide { name: "with evidence", shown, codes: pixels });
             loupe::show(seen, &camera.into_iter().chain(with).collect::<Vec<_>>());
         }
     }

@@ -7,7 +7,7 @@ use eframe::egui::{self, Color32, Sense, Ui};
 
 use super::super::session::Session;
 use super::parts;
-use super::views::{CollectionStatus, Views};
+use super::views::{CollectionStatus, ViewCollection};
 use locard_engine::calibrate::geometry::{CameraCalibration, Coverage, Parameter, ViewOutcome};
 use locard_engine::frame::Frame;
 use locard_engine::params::Value;
@@ -19,7 +19,7 @@ const MIN_VIEWS: usize = 3;
 /// State of the section.
 #[derive(Debug, Default)]
 pub struct LensPanel {
-    views: Option<Views>,
+    views: Option<ViewCollection>,
     /// Result of the fit.
     found: Option<Result<CameraCalibration, String>>,
 }
@@ -78,7 +78,7 @@ impl LensPanel {
     fn begin(&mut self, ui: &Ui, session: &mut Session, frame: &Arc<Frame>) {
         let (size, wake) = ((frame.pixels.width, frame.pixels.height), ui.ctx().clone());
         self.found = None;
-        match Views::begin(size, &session.project.edit().rig.response, move || wake.request_repaint()) {
+        match ViewCollection::begin(size, &session.project.edit().rig.response, move || wake.request_repaint()) {
             Ok(views) => self.views = Some(views),
             Err(why) => session.show_error(why),
         }

@@ -43,7 +43,7 @@ type FramePair = (Option<Arc<Frame>>, Arc<Frame>);
 
 /// Handle of the collecting thread, which ends when this is dropped.
 #[derive(Debug)]
-pub struct Views {
+pub struct ViewCollection {
     putter: Putter<FramePair>,
     before: Option<Arc<Frame>>,
     shared: Arc<Mutex<SharedViews>>,
@@ -57,7 +57,7 @@ fn lock(shared: &Mutex<SharedViews>) -> MutexGuard<'_, SharedViews> {
     shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-impl Views {
+impl ViewCollection {
     /// Starts for frames of a size. `wake` is called from the thread when the status changes.
     pub fn begin(size: (u32, u32), response: &Response, wake: impl Fn() + Send + 'static) -> Result<Self, String> {
         let search = BoardDetector::new(&TargetChoice::Any, response).map_err(|error| error.to_string())?;

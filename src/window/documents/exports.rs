@@ -6,7 +6,7 @@ use eframe::egui;
 
 use super::super::analysing::Analysing;
 use super::super::jobs::{JobState, Jobs};
-use super::super::output::{Output, OutputRequest, PlaybackState};
+use super::super::output::{OutputPanel, OutputRequest, PlaybackState};
 use super::super::session::Session;
 
 /// Exports, photographs and analyses.
@@ -14,7 +14,7 @@ use super::super::session::Session;
 pub struct Exports {
     jobs: Option<Jobs>,
     analysing: Analysing,
-    panel: Output,
+    panel: OutputPanel,
     /// The window is shown.
     pub is_open: bool,
 }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::super::file_kind::FileKind;
-use super::super::file_watch::{Stamp, stamp};
+use super::super::file_watch::{WatchStamp, stamp};
 use super::light::panorama_of_analysis;
 use super::save_targets::{ProfileScope, ProfileValues};
 use super::{Edit, Project, tables};
@@ -39,7 +39,7 @@ pub enum SaveError {
 pub struct Draft {
     path: PathBuf,
     /// Required state of the file; with `None` it is overwritten in any state.
-    known: Option<Stamp>,
+    known: Option<WatchStamp>,
     content: DraftContent,
 }
 
@@ -124,7 +124,7 @@ fn read_panorama(path: &Path) -> std::io::Result<Vec<u8>> {
 #[derive(Debug)]
 pub struct WrittenFile {
     pub path: PathBuf,
-    stamp: Stamp,
+    stamp: WatchStamp,
     content: DraftContent,
 }
 
@@ -140,7 +140,7 @@ impl WrittenFile {
 
 impl Draft {
     /// Refuses to overwrite changes by another program since the file was read.
-    pub fn unless_changed(self, known: Stamp) -> Self {
+    pub fn unless_changed(self, known: WatchStamp) -> Self {
         Self { known: Some(known), ..self }
     }
 

@@ -46,7 +46,7 @@ pub struct ShownCodes {
 
 /// Requested and displayed pictures.
 #[derive(Debug, Default)]
-pub(super) struct Pictures {
+pub(super) struct DisplayedPictures {
     /// Rendering has ended.
     ended: bool,
     /// The last requested picture, and that of the A/B variant.
