@@ -191,9 +191,10 @@ fn row_of(p: vec3<f32>, at: vec2<f32>) -> f32 {
 }
 
 // OpenCV's models, continued along their tangent beyond the valid radius (camera/distortion.rs).
-// Through a point l of the aperture, what lies at the focus distance d is seen where the middle
-// sees it: (p − l)/z + l/d. What is beside or behind the camera is not drawn: triangles end at the
-// near plane. A fisheye that sees it is assembled from views (shaders/around.wgsl).
+// Through a point l of the aperture, a point at the focus distance d projects to the same pixel as
+// through the middle: (p − l)/z + l/d. Surfaces beside or behind the camera are not drawn:
+// triangles end at the near plane. A fisheye that sees it is assembled from views
+// (shaders/around.wgsl).
 fn project(p: vec3<f32>) -> vec2<f32> {
     if parallel {
         return p.xy * view.focal_px + view.middle_px;
@@ -316,7 +317,7 @@ fn specular_pi(s: Surface, n_l: f32, h: vec3<f32>) -> f32 {
 fn lit(s: Surface, towards: vec3<f32>, color: vec3<f32>) -> vec3<f32> {
     let n_l = dot(s.normal, towards);
     // A bump gets no light where its underlying surface faces away, and little close to there: at
-    // most ten times what that surface gets. Without a normal map this is n_l.
+    // most ten times as much as that surface. Without a normal map this is n_l.
     let reached = min(n_l, 10.0 * dot(s.smooth_normal, towards));
     if reached <= 0.0 {
         return vec3<f32>(0.0);
@@ -361,8 +362,8 @@ fn albedo(roughness: f32, n_v: f32) -> vec3<f32> {
     return textureSampleLevel(albedo_table, environment_sampler, at, 0.0).xyz;
 }
 
-// What of the light reaches a place: of the surroundings, thrown by other things, and the share of
-// each sun and lamp.
+// Incident light at a place: from the surroundings, reflected by other objects, and the visible
+// share of each sun and lamp.
 struct Reaching { open: vec3<f32>, thrown: vec3<f32>, seen: array<f32, MAX_LIGHTS> }
 
 fn reaching(at: vec2<f32>, front: bool) -> Reaching {
@@ -438,8 +439,8 @@ fn shade(in: Fragment, front: bool, base: vec3<f32>) -> vec3<f32> {
     let f_mean = min(base + (1.0 - base) / 21.0, vec3<f32>(1.0));
     let more = f_mean * once.z / (1.0 - f_mean * (1.0 - once.z)) * (1.0 / (once.x + once.y) - 1.0);
     let gain = 1.0 + more * base * metallic / max(f0, vec3<f32>(1e-4));
-    // Below a dielectric's specular layer is what that layer lets through. A metal has nothing
-    // below it.
+    // A dielectric's diffuse layer gets the light that its specular layer transmits. A metal has
+    // nothing below it.
     let matt = base * (1.0 - metallic) * (1.0 - 0.04 * once.x - once.y);
     let s = Surface(matt, f0, gain, roughness * roughness * roughness * roughness, n, smooth_normal, towards_eye, n_v);
 
@@ -466,7 +467,7 @@ fn shade(in: Fragment, front: bool, base: vec3<f32>) -> vec3<f32> {
     // A bump sees its own surface where it does not see the sky.
     let sky = mix(base, vec3<f32>(1.0), 0.5 + 0.5 * dot(n, smooth_normal));
     let specular = (f0 * once.x + once.y) * gain;
-    // A model's own picture of its creases and the lightmap tell of the same light: the less
+    // A model's own occlusion texture and the lightmap describe the same light: the smaller value
     // counts.
     let open = min(vec3<f32>(shadowed), reached.open);
     // How much of a mirror image's light arrives where so much of all light does: Lagarde and de
@@ -522,8 +523,8 @@ fn whole(in: Fragment, @builtin(front_facing) front: bool) -> @location(0) vec4<
     return surface(in, front, base_of(in));
 }
 
-// Whether what is seen at a pixel is hidden by a texel of the real depth. Rays are not parallel
-// here: w is 1 / depth.
+// 1 if a texel of the real depth hides the surface at a pixel. Rays are not parallel here: w is 1 /
+// depth.
 fn is_hidden(texel: vec2<i32>, at: vec4<f32>) -> f32 {
     let wall = textureLoad(real_depth, texel, 0).r;
     return f32(wall > 0.0 && 1.0 > (wall + view.tolerance_m) * at.w);
@@ -538,8 +539,8 @@ fn sample_place(n: u32) -> vec2<f32> {
     return all[n];
 }
 
-// Which samples are seen. Between the middles of four texels it is interpolated what they hide, and
-// where that is a half the real thing ends: its edge runs straight from texel to texel, not in
+// Mask of the visible samples. Occlusion is interpolated between the middles of four texels, and
+// the real object ends where it is a half: its edge runs straight from texel to texel, not in
 // steps.
 fn samples_before_grid(at: vec4<f32>) -> u32 {
     let place = at.xy * view.per_texel + view.in_depth;

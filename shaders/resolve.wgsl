@@ -12,8 +12,8 @@ struct Resolve {
 @group(0) @binding(0) var<uniform> resolve: Resolve;
 @group(0) @binding(1) var color: texture_multisampled_2d<f32>;
 @group(0) @binding(2) var depth: texture_depth_multisampled_2d;
-// At the cells' corners: velocity at infinite distance, and what nearness adds to it, px/s; how the
-// time of rows changes from place to place, s/px (src/render/motion.rs).
+// At the cells' corners: velocity at infinite distance, and its change with nearness, px/s;
+// gradient of the rows' time, s/px (src/render/motion.rs).
 struct Node { motion: vec4<f32>, row_time: vec2<f32>, unused: vec2<f32> }
 @group(0) @binding(3) var<storage, read> nodes: array<Node>;
 

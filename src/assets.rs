@@ -66,7 +66,7 @@ fn same(a: &Path, b: &Path) -> bool {
     a == b || a.canonicalize().ok().zip(b.canonicalize().ok()).is_some_and(|(a, b)| a == b)
 }
 
-/// The same, or its name alone where it is nowhere, for whoever says then what is missing.
+/// The path of [`find`], or the name alone if there is none, for the error of the reader.
 pub fn path(name: &str) -> PathBuf {
     find(name).unwrap_or_else(|| name.into())
 }

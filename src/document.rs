@@ -10,7 +10,7 @@ use toml_edit::{ArrayOfTables, DocumentMut, Formatted, Item, Table, TableLike, V
 use crate::params::{self, Params};
 use crate::text::brief;
 
-/// A problem with a text: where it is, and what was expected. Displays as one line.
+/// A problem with a text: its place, and the expected text. Displays as one line.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub struct Problem {
     /// Starts at 1.

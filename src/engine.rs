@@ -43,15 +43,15 @@ pub mod scene;
 pub mod shadow;
 pub mod support;
 
-// 4: what lens and sensor do
+// 4: effects of lens and sensor
 pub mod effects;
 
 // 5: the frame loop; camera profiles
 pub mod compositor;
 pub mod profile;
 
-// 6: footage with what is put into it, and what is written of it; cost, noise calibration,
-// comparison, photographs, simulated recordings
+// 6: composited footage and its files; cost, noise calibration, comparison, photographs, simulated
+// recordings
 pub mod analyse;
 pub mod bench;
 pub mod calibrate;

@@ -12,8 +12,8 @@ pub fn processors() -> usize {
 }
 
 /// Fills `values`, `row_length` of them per row, by calling `fill(row number, row)` on `threads`
-/// threads. What `fill` writes must depend on the row number alone, so that no value depends on the
-/// number of threads.
+/// threads. The values must depend on the row number alone, so that no value depends on the number
+/// of threads.
 pub fn over_rows<T: Send>(values: &mut [T], row_length: usize, threads: usize, fill: impl Fn(usize, &mut [T]) + Sync) {
     let (row_length, threads) = (row_length.max(1), threads.max(1));
     let band = values.len().div_ceil(row_length).div_ceil(BANDS * threads).max(1);

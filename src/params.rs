@@ -48,7 +48,7 @@ impl fmt::Display for Value {
 }
 
 impl Value {
-    /// Parses what a person typed after `--set table.name=`.
+    /// Parses the text after `--set table.name=`.
     pub fn parse(text: &str) -> Self {
         match text.trim() {
             "none" => Self::None,
@@ -93,7 +93,7 @@ impl fmt::Display for Kind {
 #[derive(Clone, Debug)]
 pub struct Spec {
     pub name: &'static str,
-    /// What a person reads, where the name alone reads badly; see [`Spec::words`].
+    /// Displayed name, if the key alone reads badly; see [`Spec::words`].
     pub called: Option<&'static str>,
     /// Empty for switches and choices.
     pub unit: &'static str,
@@ -112,7 +112,8 @@ pub struct Spec {
     pub stage: Option<Stage>,
 }
 
-/// What another parameter of the same table must be, or must not be, so that one does something.
+/// Condition under which a parameter has an effect: another parameter of its table has, or lacks, a
+/// value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ActsIf {
     pub other: &'static str,
@@ -129,7 +130,7 @@ impl fmt::Display for ActsIf {
     }
 }
 
-/// The ends of names that say a unit.
+/// Suffixes of names that denote a unit.
 const UNITS: [(&str, &str); 7] =
     [("px", "_px"), ("s", "_s"), ("m", "_m"), ("mm", "_mm"), ("deg", "_deg"), ("EV", "_ev"), ("1/s", "_per_s")];
 
@@ -146,11 +147,11 @@ impl Spec {
     pub fn idle(&self, params: &dyn Params) -> Option<String> {
         let acts_if = self.acts_if?;
         let other = params.specs().into_iter().find(|spec| spec.name == acts_if.other)?;
-        // What depends on something idle is idle itself.
+        // A parameter that depends on an idle one is idle itself.
         if let Some(why) = other.idle(params) {
             return Some(why);
         }
-        // A choice may be called what is a switch's value elsewhere.
+        // The name of a choice may equal a switch's value elsewhere.
         let (now, value) = (params.get(acts_if.other)?, acts_if.value);
         if (now == Value::parse(value) || now == Value::Text(value.to_owned())) == acts_if.is {
             return None;

@@ -1,4 +1,4 @@
-//! Pictures as plain values: what a camera delivered, what a depth sensor measured, linear light.
+//! Pictures as plain values: camera codes, measured depth, linear light.
 
 use std::borrow::Cow;
 

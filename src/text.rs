@@ -5,7 +5,7 @@ pub fn count(number: usize, thing: &str) -> String {
     format!("{number} {thing}{}", if number == 1 { "" } else { "s" })
 }
 
-/// Why a file could not be read or written, and what to do about it if that is known.
+/// Reason why a file could not be read or written, with advice if there is any.
 pub fn reason(error: &std::io::Error) -> String {
     use std::io::ErrorKind;
     let text = match error.kind() {

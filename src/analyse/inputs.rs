@@ -13,10 +13,10 @@ use crate::recording::Recording;
 const END_BYTES: u64 = 4096;
 
 /// SHA-256 over the recording's files, hexadecimal: their names, lengths and contents (of pictures
-/// the ends), the frames' times, the poses in the format's unit, how depth is stored, and what was
-/// recognised. Of poses whose unit's length is given beside the files, positions count to the
-/// precision of an `f32`: what multiplying and dividing by that length leaves of them. A recording
-/// in another folder is the same recording. A file that cannot be read counts as empty.
+/// the ends), the frames' times, the poses in the format's unit, the storage of depth, and the
+/// recognised format. Of poses whose unit's length is given beside the files, positions count to
+/// the precision of an `f32`: the precision left by multiplying and dividing by that length. A
+/// recording in another folder is the same recording. A file that cannot be read counts as empty.
 pub fn fingerprint(recording: &Recording) -> String {
     let mut hash = Sha256::new();
     let number = |n: u64, hash: &mut Sha256| hash.update(n.to_le_bytes());

@@ -36,8 +36,8 @@ pub struct RigOffset {
     pub hand_eye: Twist,
     /// Added to a frame's time to look up its pose, s.
     pub clock_s: f64,
-    /// One standard deviation of each: jackknife over parts of the recording, combined with what is
-    /// not observable.
+    /// One standard deviation of each: jackknife over parts of the recording, combined with the
+    /// unobservable part.
     pub hand_eye_sigma: Twist,
     pub clock_sigma_s: f64,
 }

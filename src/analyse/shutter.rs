@@ -16,6 +16,8 @@
 //! Not modelled: exposures that differ between the two frames of a pair. Frames are preferably
 //! compared with slower ones, whose blur has little effect, so the estimate is mostly the frame's
 //! own exposure.
+//!
+//! A fifth of the file is its tests.
 
 use std::collections::BTreeMap;
 

@@ -43,9 +43,9 @@ pub(crate) struct BlockVerdict {
 /// A block's statistic and how many values went into it. `None` if there were too few.
 type Statistic = Option<(f64, usize)>;
 
-/// The blocks that stand out: beyond what chance explains, and by more than `relevant(statistic,
-/// median)` accepts. Motion only adds, so the spread is measured below the median. Blocks that
-/// stand out are removed and the rest is judged again. Also returns the median of the rest.
+/// The blocks that stand out: beyond chance, and by more than `relevant(statistic, median)`
+/// accepts. Motion only adds, so the spread is measured below the median. Blocks that stand out are
+/// removed and the rest is judged again. Also returns the median of the rest.
 fn outliers(
     statistics: &[Statistic],
     chance: impl Fn(f64) -> f64,

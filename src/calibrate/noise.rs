@@ -7,7 +7,7 @@
 //! exclude moving content. docs/calibration.md derives each.
 //!
 //! Not modelled: noise correlated over time, fixed patterns (they belong to the mean), noise that
-//! is not normally distributed, correlation beyond what the nearest neighbours imply.
+//! is not normally distributed, correlation beyond that of the nearest neighbours.
 
 use super::bins::{BinReport, BinRules, Pool};
 use super::blocks::judge;

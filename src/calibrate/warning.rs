@@ -7,7 +7,7 @@ use crate::text::count;
 /// A doubtful measurement. Displays as one line.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Warning {
-    /// The whole picture moves a little from frame to frame. `percent` of what changes is explained
+    /// The whole picture moves a little from frame to frame. `percent` of the changes is explained
     /// by that.
     Unsteady { scene: usize, percent: f64, known_mean: bool },
     /// Much of the picture moves or drifts.

@@ -111,7 +111,7 @@ crate::choices! {
     pub enum LensType {
         /// More than 60° on the diagonal: shorter than 37 mm on 36×24.
         Wide = "wide",
-        /// 40° to 60°, near what a person looks at.
+        /// 40° to 60°, close to a person's field of attention.
         Normal = "normal",
         /// Less than 40°: longer than 59 mm on 36×24.
         Tele = "tele",

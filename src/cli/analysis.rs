@@ -59,7 +59,7 @@ impl Analysis {
     }
 }
 
-/// Prints what an analysis would add if there is none, and a warning if `--without registration`
+/// Prints the benefit of an analysis if there is none, and a warning if `--without registration`
 /// has no effect.
 pub fn print_hints(quiet: bool, shot: &Shot, recorded_poses: bool) {
     let is_moved = matches!(&shot.analysis, AnalysisState::Used(_, findings) if findings.registration.pose_lines > 0);

@@ -87,7 +87,7 @@ enum Command {
     Track(track::Args),
     /// List every parameter: unit, range, default, help
     Params(params::Args),
-    /// Report what is installed on this machine, what is missing and how to get it
+    /// Report installed and missing components of this machine, with advice
     #[command(after_help = doctor::HELP)]
     Doctor,
     /// Measure the cost of each effect on this machine

@@ -35,7 +35,7 @@ pub struct CameraArgs {
     pub pictures: PicturesArgs,
 }
 
-/// What a camera is asked for.
+/// Requested properties of a camera.
 #[derive(clap::Args)]
 pub struct PicturesArgs {
     /// Which driver reads the camera: v4l2 (Linux; the default there) or nokhwa

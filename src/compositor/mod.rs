@@ -16,6 +16,7 @@ mod occlusion;
 mod paste;
 mod pending;
 mod plan;
+mod ray_grid;
 mod real;
 mod retained;
 mod rgba;

@@ -207,8 +207,8 @@ pub struct EffectsKey {
     effects: Vec<Box<dyn Effect>>,
     foreground: Option<(usize, ForegroundMatte)>,
     tolerance_m: f32,
-    /// Whether the resulting geometry is read, because the layer is requested. Effects of the mix do
-    /// not read it.
+    /// Whether the resulting geometry is read, because the layer is requested. Effects of the mix
+    /// do not read it.
     geometry_is_read: bool,
     drawn_rect: Rect,
     objects_px: Rect,

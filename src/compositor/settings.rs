@@ -38,7 +38,7 @@ pub struct Settings {
     pub depth: DepthSettings,
     pub shadow: ShadowSettings,
     pub seed: u64,
-    /// Whether the camera's exposure overrides what the recording reports for each frame.
+    /// Whether the camera's exposure overrides that of each recorded frame.
     pub overrule_recorded_exposure: bool,
 }
 

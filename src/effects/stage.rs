@@ -125,7 +125,7 @@ pub struct LayerRun<'a> {
     pub context: &'a FrameContext<'a>,
     /// The part of the picture that the layer covers; may extend beyond the picture.
     pub drawn: Rect,
-    /// The part of the picture that virtual objects can affect, including what effects spread.
+    /// The part of the picture that virtual objects can affect, including the spread of effects.
     pub objects_px: Rect,
     /// Whether anything still reads the geometry of the resulting layer.
     pub geometry_is_read: bool,

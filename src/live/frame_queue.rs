@@ -267,7 +267,7 @@ mod tests {
                 now_s += if kind == 4 { step } else { 0.03 * step };
                 match kind {
                     0 => w.push_frame(now_s, now_s, (0.012, 0.012), now_s),
-                    // A source may know poses in advance.
+                    // A source may have poses in advance.
                     1 | 2 => while next_pose_s < now_s - 0.01 * f64::from(late) + if late == 9 { 0.5 } else { 0.0 } {
                         w.add_pose(next_pose_s, &pose(next_pose_s));
                         next_pose_s += 0.008;

@@ -16,8 +16,8 @@ use crate::tracking::covariance::Covariance;
 pub trait PoseSource: Send {
     /// Adds a picture, before its poses are requested.
     fn add_picture(&mut self, _time_s: f64, _pixels: &Pixels) {}
-    /// Takes the poses that are known by now, ascending in time, each once. A source that knows all
-    /// poses in advance returns those until `until_s`.
+    /// Takes the poses available by now, ascending in time, each once. A source that has all poses
+    /// in advance returns those until `until_s`.
     fn take_poses(&mut self, until_s: f64) -> Result<Vec<(f64, Pose)>, LiveError>;
     /// Up direction of the poses' world.
     fn up(&self) -> Option<DVec3>;

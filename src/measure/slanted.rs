@@ -14,6 +14,8 @@
 //!
 //! Not modelled: non-Gaussian point spread functions, sharpening. [`SlantedEdge::misfit`] indicates
 //! them.
+//!
+//! All steps are in one file because they share the samples of one edge.
 
 use super::spread::{CONVERGENCE, EdgeFit, EdgeSample, EdgeStep, fit};
 use super::{MeasureError, edge};

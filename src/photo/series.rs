@@ -41,7 +41,7 @@ pub enum PhotoEvent {
 
 impl PhotoRequest {
     /// Takes the requested photographs of a shot. All checks are made before a device is requested.
-    /// `tell` receives the events; if it returns `false`, the work ends with
+    /// Events are passed to `tell`; if it returns `false`, the work ends with
     /// [`TakeError::Cancelled`], and written files are kept.
     pub fn take(
         &self,

@@ -1,4 +1,4 @@
-//! What a page is made of, and why there is none.
+//! The inputs of a page, and the reasons for its absence.
 
 use crate::analyse::{Analysis, Times};
 use crate::camera::{Geometry, Response};
@@ -6,7 +6,7 @@ use crate::measure::MeasureError;
 use crate::recording::{Recording, RecordingError};
 use crate::support::SupportReport;
 
-/// What a page is made of.
+/// The inputs of a page.
 #[derive(Clone, Copy)]
 pub struct Source<'a> {
     /// The recording without its analysis.

@@ -1,4 +1,4 @@
-//! Cache of models and panoramas: stores what was loaded, and inserts cached data into a new scene.
+//! Cache of models and panoramas: stores loaded data, and inserts them into a new scene.
 
 use std::path::Path;
 use std::rc::Rc;

@@ -49,7 +49,7 @@ pub struct ReferencePick {
     pub reflectance: f64,
 }
 
-/// A neutral reference surface and what it implies for the estimated light.
+/// A neutral reference surface and its implication for the estimated light.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WhiteReference {
     /// Factors on the lighting: red, green, blue.

@@ -22,7 +22,7 @@ pub struct Exif {
     /// How the picture should be turned or mirrored to be shown, 2 to 8. `None` if it should not
     /// be.
     pub orientation: Option<u32>,
-    /// What is wrong with the rest.
+    /// Damage in the rest of the data.
     pub damage: Option<String>,
 }
 

@@ -153,7 +153,7 @@ impl Running {
         drop(self.stdin.take());
         // It may be killed from elsewhere until it ends, so the lock is not held meanwhile.
         if let Some(thread) = self.listener.take() {
-            // It panics only if one of our locks does; what it kept is available anyway.
+            // It panics only if one of our locks does; its data are available anyway.
             let _ = thread.join();
         }
         let status = locked(&self.child).wait();

@@ -20,7 +20,7 @@ const JPEG_SIGNATURE: &[u8] = b"\xff\xd8\xff";
 pub struct PictureHeader {
     pub width: u32,
     pub height: u32,
-    /// 8 or 16: what [`read_pixels`] will return.
+    /// 8 or 16: depth of the result of [`read_pixels`].
     pub bits: u32,
 }
 
@@ -129,8 +129,8 @@ fn read(file: &Path) -> Result<Vec<u8>, SourceError> {
         .map_err(|source| SourceError::Read { file: file.to_owned(), source })
 }
 
-/// A PNG reduced to what its pixels need: texts and colour profiles may unpack to a thousand times
-/// their length, and anything after the end is ignored.
+/// A PNG reduced to the chunks of its pixels: texts and colour profiles may unpack to a thousand
+/// times their length, and anything after the end is ignored.
 pub(crate) fn bare_png(bytes: &[u8]) -> Cow<'_, [u8]> {
     let Some(mut rest) = bytes.strip_prefix(PNG_SIGNATURE) else { return Cow::Borrowed(bytes) };
     let mut bare = PNG_SIGNATURE.to_vec();
@@ -158,7 +158,7 @@ fn decode(bytes: &[u8]) -> Result<DynamicImage, String> {
     }
     if bytes.starts_with(JPEG_SIGNATURE) {
         let bytes = jpeg_tables::with_tables(bytes);
-        // The decoder fills in what is missing, and takes a missing end marker for missing pixels.
+        // The decoder fills in missing data, and takes a missing end marker for missing pixels.
         let bytes = match jpeg::check(&bytes)? {
             Ending::Marked => bytes,
             Ending::Unmarked => Cow::Owned([&bytes, &b"\xff\xd9"[..]].concat()),
@@ -339,8 +339,8 @@ mod tests {
         assert!(error.starts_with(&file.display().to_string()) && error.contains("truncated"), "{error}");
     }
 
-    /// Cut off anywhere in its data and ended with a marker, as left by programs that save what
-    /// they could read.
+    /// Cut off anywhere in its data and ended with a marker, as left by programs that save a
+    /// partial read.
     #[test]
     fn an_end_marker_does_not_make_a_jpeg_whole() {
         let whole = jpeg();

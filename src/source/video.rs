@@ -1,5 +1,6 @@
 //! Video files, probed by the `ffprobe` program. Colour range and matrix are always passed to
-//! ffmpeg for decoding, so that its defaults do not determine the meaning of a code value.
+//! ffmpeg for decoding, so that its defaults do not determine the meaning of a code value. A third
+//! of the file is its tests.
 
 use std::ffi::OsString;
 use std::io::Read;
@@ -72,7 +73,7 @@ pub struct Video {
     pub file: PathBuf,
     pub width: u32,
     pub height: u32,
-    /// 8 or 16: what [`Video::read`] will return; 16 for sources of more than 8 bits.
+    /// 8 or 16: depth of the result of [`Video::read`]; 16 for sources of more than 8 bits.
     pub bits: u32,
     pub range: ColorRange,
     pub matrix: ColorMatrix,

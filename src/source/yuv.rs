@@ -118,7 +118,7 @@ mod tests {
         use {ColorMatrix::*, ColorRange::*};
         let rgb = |matrix, range, yuv| Table::new(matrix, range).rgb(yuv);
         for matrix in MATRICES {
-            // Black, white, and what lies beyond them.
+            // Black, white, and codes beyond them.
             assert_eq!(rgb(matrix, Limited, [16, 128, 128]), [0; 3]);
             assert_eq!(rgb(matrix, Limited, [235, 128, 128]), [255; 3]);
             assert_eq!(rgb(matrix, Limited, [255, 128, 128]), [255; 3]);

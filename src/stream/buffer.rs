@@ -6,7 +6,8 @@
 //! A clock is followed as long as it advances like time. When it jumps, the second item in a row on
 //! the new clock confirms it, and a new epoch begins. A single such item is an outlier. A smaller
 //! step needs three consistent items in a row, which are held back until then. A step forward
-//! continues the epoch. After a step back times repeat, so a new epoch begins.
+//! continues the epoch. After a step back times repeat, so a new epoch begins. Two fifths of the
+//! file are its tests.
 
 use std::collections::VecDeque;
 

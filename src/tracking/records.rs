@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use crate::source::file::{self, MAX_DOCUMENT_BYTES, MAX_LISTING_BYTES, MAX_TEXT_BYTES};
 use crate::text::{quoted, reason};
 
-/// A text file cannot be read or does not contain what it should.
+/// A text file cannot be read or has invalid contents.
 #[derive(Debug, thiserror::Error)]
 pub enum TextError {
     #[error("{}: cannot be read: {}", file.display(), reason(source))]

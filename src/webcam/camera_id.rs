@@ -1,4 +1,4 @@
-//! What a camera is called on the command line.
+//! Identifiers of cameras on the command line.
 
 use std::path::Path;
 

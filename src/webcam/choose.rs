@@ -57,7 +57,7 @@ pub fn exact(offered: &[CameraMode], wanted: &Wanted) -> Option<ExactMode> {
     Some(ExactMode { layout, size, rate_hz })
 }
 
-/// What was requested, for a message.
+/// The requested layout, for a message.
 #[cfg(feature = "camera")]
 pub fn names(layout: Option<Layout>) -> String {
     layout.map_or_else(|| Layout::PREFERRED.map(Layout::name).join(", "), |layout| layout.to_string())

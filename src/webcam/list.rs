@@ -44,7 +44,7 @@ pub struct Listed {
     pub driver: DriverName,
     /// The number by which `--camera` selects it.
     pub number: usize,
-    /// Its device, or what the system calls it beside its name.
+    /// Its device, or the system's description of it.
     pub place: String,
     pub name: String,
     /// Its modes, or why they are not known.

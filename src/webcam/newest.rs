@@ -44,13 +44,13 @@ impl<T> Shared<T> {
     }
 }
 
-/// What [`Newest::take`] found.
+/// Result of [`Newest::take`].
 #[derive(Debug, PartialEq, Eq)]
 pub enum Taken<T> {
     New(T),
     /// Nothing came in time.
     Nothing,
-    /// Nothing came, and why: unplugged, say. More may come later.
+    /// Nothing came, for a reason such as an unplugged camera. More may come later.
     Gone(String),
     /// Nothing will come any more.
     Ended,
@@ -119,7 +119,7 @@ impl<T> Putter<T> {
         drops.arrival_timed += add.arrival_timed;
     }
 
-    /// Says why nothing comes; the next picture takes it back.
+    /// Reports the reason for missing pictures; the next picture clears it.
     pub fn gone(&self, why: String) {
         self.0.lock().gone = Some(why);
         self.0.changed.notify_all();

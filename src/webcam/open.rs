@@ -1,4 +1,4 @@
-//! The cameras of all drivers, and one by what a person calls it.
+//! The cameras of all drivers, and the selection of one by number, device or name.
 
 use std::path::Path;
 use std::sync::{Arc, mpsc};
@@ -14,7 +14,7 @@ use super::played::Played;
 use super::session::{Session, SessionLimits, guarded};
 use super::wanted::{Given, Wanted};
 
-/// A camera that has agreed on what it gives, and is not started.
+/// A camera with a negotiated format that is not started.
 pub struct Camera {
     pub given: Given,
     session: Session,
@@ -32,7 +32,7 @@ impl Camera {
         Ok(Self { given, session })
     }
 
-    /// Has it deliver, until what is given here is dropped. A video begins now.
+    /// Starts the delivery, until the returned receiver is dropped. A video begins now.
     pub fn start(self) -> Result<Newest<Picture>, CameraError> {
         let (putter, newest) = Newest::new();
         let thread = std::thread::Builder::new().name("camera".to_owned());
@@ -98,7 +98,7 @@ pub fn open(asked: &str, wanted: &Wanted) -> Result<Camera, CameraError> {
         let default = DriverName::AVAILABLE.first().map(|name| cameras_of(*name));
         let found = default.and_then(Result::ok).unwrap_or_default();
         let found = found.into_iter().map(|camera| format!("{} ({})", camera.number, camera.name)).collect();
-        // What looks like a file's name was meant as one.
+        // A text in the form of a file name is one.
         return Err(if file.extension().is_some() || asked.contains(std::path::MAIN_SEPARATOR) {
             CameraError::NoFile { path: file.to_owned(), found }
         } else {

@@ -69,7 +69,7 @@ impl fmt::Display for Layout {
     }
 }
 
-/// What all pictures of a camera have in common.
+/// Format shared by all pictures of a camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Delivered {
     pub layout: Layout,
@@ -117,7 +117,7 @@ pub struct Picture {
     pub bytes: Vec<u8>,
     /// Seconds of [`super::monotonic_s`].
     pub time_s: f64,
-    /// How long each row gathered light, seconds, if the camera says it.
+    /// Exposure time of each row, seconds, if the camera reports it.
     pub exposure_s: Option<f64>,
 }
 

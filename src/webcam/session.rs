@@ -83,7 +83,7 @@ impl Request {
     }
 }
 
-/// What a capture's thread reports.
+/// A report of a capture's thread.
 enum Event {
     Opened(Agreement),
     Refused(CameraError),
@@ -217,7 +217,7 @@ impl Session {
         }
     }
 
-    /// Opens the camera again under its present id. It has to deliver what it delivered before.
+    /// Opens the camera again under its present id. It must deliver the same format as before.
     fn reopened(&mut self) -> Result<Worker, String> {
         let name = &self.given.name;
         self.blocked.retain(|thread| !thread.is_finished());

@@ -26,13 +26,13 @@ const DELIVERED: Delivered = Delivered {
 };
 /// No test waits for longer than this.
 const DEADLINE: Duration = Duration::from_secs(20);
-/// Patient limits: only what the driver does counts.
+/// Limits that are never reached, so that only the driver's actions count.
 const PATIENT: SessionLimits =
     SessionLimits { first_picture: DEADLINE, picture: DEADLINE, opening: DEADLINE, retry: Duration::ZERO };
 const SHORT: Duration = Duration::from_millis(30);
 const IMPATIENT: SessionLimits = SessionLimits { first_picture: SHORT, picture: SHORT, ..PATIENT };
 
-/// What a capture does next.
+/// Next action of a capture.
 enum Step {
     Deliver(DriverPicture),
     Fail(&'static str),
@@ -42,16 +42,15 @@ enum Step {
     End,
 }
 
-/// What a call of `Driver::open` does.
+/// Action of a call of `Driver::open`.
 enum Opening {
-    /// Follows the steps; without one it blocks. The sender's receiver is told when the capture is
-    /// closed.
+    /// Follows the steps; without one it blocks. The sender signals that the capture is closed.
     Steps(Receiver<Step>, Sender<()>, Delivered),
     Refuse,
     Panic,
 }
 
-/// Each call blocks until the test says what it does.
+/// Each call blocks until the test sends its action.
 struct TestDriver {
     openings: Mutex<Receiver<Opening>>,
     ids: Mutex<Receiver<Option<&'static str>>>,
@@ -142,7 +141,7 @@ impl Controls {
         (Arc::new(driver), Self { openings, ids, opened })
     }
 
-    /// Prepares a capture. Returns its steps, and the receiver that is told when it is closed.
+    /// Prepares a capture. Returns its steps, and a receiver that is notified when it is closed.
     fn capture(&self, delivered: Delivered) -> (Sender<Step>, Receiver<()>) {
         let (steps, of_capture) = mpsc::channel();
         let (to_test, closed) = mpsc::channel();

@@ -1,4 +1,4 @@
-//! What is asked of a camera, and what it gives.
+//! The requested and the negotiated format of a camera.
 
 use std::fmt;
 
@@ -6,7 +6,7 @@ use super::driver_name::DriverName;
 use super::picture::{Delivered, Layout};
 use crate::source::video::{ColorMatrix, ColorRange};
 
-/// A camera gives what comes nearest to it.
+/// The requested format, of which a camera delivers the closest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wanted {
     /// `None`: this system's default. Not used for a file.
@@ -17,7 +17,7 @@ pub struct Wanted {
     pub rate_hz: f64,
     /// `None`: the first of [`Layout::PREFERRED`] that the camera has in this size at this rate.
     pub layout: Option<Layout>,
-    /// Override what the driver says of its Y'CbCr.
+    /// Overrides the range that the driver reports; `matrix` overrides its matrix.
     pub range: Option<ColorRange>,
     pub matrix: Option<ColorMatrix>,
 }
@@ -52,21 +52,21 @@ impl fmt::Display for TimeSource {
     }
 }
 
-/// What a camera gives.
+/// The negotiated format of a camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Given {
     pub driver: DriverName,
     pub name: String,
     pub delivered: Delivered,
-    /// Pictures a second, as its driver says.
+    /// Pictures a second, as reported by its driver.
     pub rate_hz: Option<f64>,
     pub times: TimeSource,
-    /// Whether its pictures say how long they were exposed.
+    /// True if its pictures have exposure times.
     pub has_exposure: bool,
     /// Which of range and matrix the driver does not state and nobody set, so that they are
     /// assumed.
     pub assumed: Assumed,
-    /// What its pictures do not keep of a video that stands in for it, a sentence each.
+    /// Properties of a video played in its place that the pictures lose, a sentence each.
     pub warnings: Vec<String>,
 }
 

@@ -22,7 +22,7 @@ const MAX_NAMES: usize = 6;
 const MODEL_ALONE: &str = "A model that is opened alone has no scene file: all changed settings are written to the \
                            profile, exposure and effects included.";
 
-/// Asks; `Some(None)` cancels saving.
+/// Shows the question; `Some(None)` cancels saving.
 pub fn ask(ctx: &Context, project: &Project) -> Option<Option<CameraValueTarget>> {
     let has_scene = project.can_place();
     let (title, choices) = question(has_scene);

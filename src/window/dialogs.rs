@@ -34,7 +34,7 @@ impl Consequences {
 
 const RECORDED: &str = "The camera is being recorded. The recording ends here, and is whole.";
 
-/// Asks before the window is closed or another document is opened.
+/// Confirmation before the window is closed or another document is opened.
 pub fn confirm_discard(ctx: &Context, consequences: Consequences) -> Option<Answer> {
     let Consequences { closes, is_changed, is_busy, is_recording } = consequences;
     let is_busy = closes && is_busy;

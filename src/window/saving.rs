@@ -19,7 +19,7 @@ pub enum SaveStep {
     /// A name is needed.
     NameScene,
     NameProfile,
-    /// Asks whether changed camera values go into the profile or the scene.
+    /// Question whether changed camera values go into the profile or the scene.
     AskCameraValues,
     /// A shared profile whose overwriting is not approved yet.
     AskSharedProfile(PathBuf),

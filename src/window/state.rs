@@ -235,7 +235,7 @@ mod tests {
         let mut other = UserState::read(temp.path());
         (0..MAX_RECENT).for_each(|n| state.add_recent(document(n)));
         drop(state);
-        // It has not read what the first one added.
+        // It has not read the entries that the first one added.
         other.add_recent(document(99));
         other.add_recent(document(5));
         drop(other);

@@ -1,4 +1,5 @@
-//! Analyses of footage compared with the known truth.
+//! Analyses of footage compared with the known truth. One file, because the tests share the footage
+//! and its analyses.
 
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;

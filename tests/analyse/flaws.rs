@@ -1,6 +1,6 @@
 //! Analyses of recordings with realistic flaws of cameras and trackers, compared with the truth
 //! written by `simulate`. Anomalies must not make anything worse; unobservable quantities are
-//! refused with a reason.
+//! refused with a reason. One file, because the tests share the simulated sites and their truth.
 
 use std::fs;
 use std::ops::ControlFlow;

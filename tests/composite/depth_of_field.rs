@@ -1,5 +1,6 @@
 //! Depth of field on the GPU compared with the thin lens, the analytic disc and the CPU reference,
-//! and its typical artefacts.
+//! and its typical artefacts. One file, because the tests share the camera and scenes of
+//! rectangles.
 
 use std::sync::Arc;
 

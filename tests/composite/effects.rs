@@ -1,5 +1,5 @@
 //! Effects on the GPU compared with their formulas: blur lengths, noise variance, the CPU
-//! reference.
+//! reference. One file, because the tests share the cameras and the measures of a blur.
 
 use crate::board;
 use crate::board::{FOCAL_PX, board, sideways};

@@ -1,4 +1,5 @@
-//! The laws of ARCHITECTURE.md, on real frames if required.
+//! The laws of ARCHITECTURE.md, on real frames if required. One file, because the laws share the
+//! frames and cases.
 
 use std::path::Path;
 use std::sync::Arc;

@@ -1,4 +1,5 @@
-//! 360° pictures and wide fisheyes: objects composited into them.
+//! 360° pictures and wide fisheyes: objects composited into them. One file, because the tests share
+//! the cameras and scenes around them.
 
 use std::borrow::Cow;
 use std::f64::consts::PI;

@@ -1,4 +1,5 @@
-//! Photographs: noise added to the real part, the rendered part, and the files of the command.
+//! Photographs: noise added to the real part, the rendered part, and the files of the command. One
+//! file, because the tests share the camera and its photographs.
 
 use crate::board;
 use crate::board::{FOCAL_PX, board, sideways};

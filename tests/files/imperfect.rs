@@ -1,4 +1,5 @@
 //! Recordings with an unusable file or frame: the rest opens, and omissions are counted and named.
+//! One file, because the tests share the writers of damaged files.
 
 use std::fs;
 use std::path::Path;

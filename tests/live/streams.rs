@@ -1,4 +1,5 @@
-//! Pose streams over real sockets of this machine, and the receiver with arbitrary input.
+//! Pose streams over real sockets of this machine, and the receiver with arbitrary input. One file,
+//! because the tests share the receiver and the packets.
 
 use std::net::{SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};

@@ -10,7 +10,7 @@ use glam::DVec3;
 use super::gather::FrameSamples;
 use super::sample::{LightSample, relative_luminance};
 
-/// Mean linear light of a picture by what matt white shows in it: 0.17 to 0.45 in real rooms.
+/// Ratio of a picture's mean linear light to that of matt white in it: 0.17 to 0.45 in real rooms.
 const MEAN_BY_WHITE: f64 = 0.25;
 /// Largest mean linear light of a metered picture: a brighter one shows white things, or is
 /// overexposed, and its mean does not imply a brighter white.

@@ -10,6 +10,8 @@
 //! Claim, unclipped: ln W = 0.85·ln(top/0.8) + 0.15·ln AE. Clipped: AE between top/0.8 and 1.4
 //! times that. Not modelled: grey surfaces that agree with the exposure are mistaken for white;
 //! light that varies within the radius.
+//!
+//! A quarter of the file is its tests.
 
 use std::fmt;
 

@@ -52,7 +52,7 @@ fn found() -> Result<Vec<FoundCamera>, CameraError> {
 }
 
 impl Driver for Nokhwa {
-    /// Asks for the permission to use cameras, where the system has one (macOS).
+    /// Requests the permission to use cameras, on systems that have one (macOS).
     fn prepare(&self) -> Result<(), CameraError> {
         let (sender, answer) = mpsc::channel();
         ::nokhwa::nokhwa_initialize(move |may| _ = sender.send(may));
@@ -123,7 +123,7 @@ impl Driver for Nokhwa {
     }
 }
 
-/// Y'CbCr is assumed to be BT.601 in limited range, unless the request says otherwise.
+/// Y'CbCr is assumed to be BT.601 in limited range, unless the request overrides it.
 fn delivered(layout: Layout, (width, height): (u32, u32), wanted: &Wanted) -> Delivered {
     let (matrix, range) = match layout {
         Layout::Rgb => (ColorMatrix::Rgb, ColorRange::Full),

@@ -43,7 +43,7 @@ struct V4l2Capture {
     stream: Stream<'static>,
     delivered: Delivered,
     stamps: BufferStamps,
-    /// What pictures were last exposed for, seconds, if that is known at all.
+    /// Last known exposure time, seconds.
     exposure_s: Option<f64>,
     exposure_read: Option<Instant>,
 }
@@ -103,7 +103,7 @@ impl Capture for V4l2Capture {
         let (bytes, metadata) = self.stream.next().map_err(|error| stopped(&error, limit))?;
         let arrived_s = monotonic_s();
         let lost = self.stamps.lost(metadata.sequence, arrived_s);
-        // Drivers that do not say it have filled all.
+        // Drivers that do not report the length have filled the buffer.
         let length = if metadata.bytesused == 0 { bytes.len() } else { metadata.bytesused as usize };
         Ok(Some(DriverPicture {
             delivered: self.delivered,
@@ -119,7 +119,7 @@ impl Capture for V4l2Capture {
 
 impl BufferStamps {
     /// Pictures lost since the one before, by the driver's count. A count that goes back has begun
-    /// anew, and one that leaps by more pictures than came in the time says nothing: v4l2loopback's
+    /// anew, and one that leaps by more pictures than fit into the time is ignored: v4l2loopback's
     /// first picture is always its number 0.
     fn lost(&mut self, sequence: u32, time_s: f64) -> u64 {
         let Some((before, before_s)) = self.before.replace((sequence, time_s)) else { return 0 };
@@ -137,8 +137,8 @@ fn stamp(metadata: &Metadata) -> Stamp {
     if is_monotonic { Stamp::Monotonic(time_s) } else { Stamp::UnnamedClock(time_s) }
 }
 
-/// How long the shutter is open, seconds, where somebody has set it. One that the camera sets
-/// itself is not reliably told.
+/// Exposure time, seconds, if it was set by hand. Drivers do not report automatic exposure
+/// reliably.
 fn exposure(device: &Device) -> Option<f64> {
     let value = |id| match asked(|| device.control(id)).ok()?.value {
         Value::Integer(value) => Some(value),

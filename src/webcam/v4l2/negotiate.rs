@@ -158,7 +158,7 @@ fn interval(rate_hz: f64) -> Fraction {
     Fraction::new(1000 / divisor, millihertz / divisor)
 }
 
-/// Has a camera take what comes nearest to what is wanted. Gives what it agreed to, and the rate,
+/// Sets the camera's format closest to the wanted one. Returns the negotiated format, and the rate,
 /// Hz.
 pub fn agree(device: &Device, path: &Path, wanted: &Wanted) -> Result<(Delivered, Option<f64>), CameraError> {
     let failed = |error| why(path, error);

@@ -1,4 +1,4 @@
-//! What to do where a device may not be opened.
+//! Advice for a device that may not be opened.
 
 use std::path::Path;
 

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use locard_engine::recording::Recording;
 use locard_engine::text::reason;
 
-/// What the chooser selects.
+/// Kind of item that the chooser selects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ChooserMode {
     /// An existing file with one of these extensions.

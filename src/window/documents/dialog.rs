@@ -109,7 +109,7 @@ impl Documents {
         }
     }
 
-    /// Closes a question that gives way to a new action; it is asked again later.
+    /// Closes a question that gives way to a new action; it is repeated later.
     pub(super) fn set_question_aside(&mut self) {
         match self.dialog.take() {
             Some(Dialog::Recovery(recoverable)) => self.recovery.found.push(recoverable),
