@@ -36,7 +36,7 @@ pub struct LightArgs {
     #[arg(long)]
     pub profile: Option<PathBuf>,
     /// Set a parameter, as in --set camera.lens.blades=5; camera.exposure and camera.lens.f_number
-    /// say how the recording was taken
+    /// describe how the recording was taken
     #[arg(long = "set", value_name = "TABLE.NAME=VALUE")]
     pub sets: Vec<String>,
     /// Length of a nerfstudio or COLMAP unit

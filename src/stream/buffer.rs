@@ -163,7 +163,7 @@ impl<T> ReorderBuffer<T> {
     }
 
     /// True if an item was sent after the last released one but is stamped before it, or continues
-    /// such items. Without sequence numbers an item that was overtaken looks the same;
+    /// such items. Without sequence numbers an item that was overtaken is indistinguishable;
     /// [`ReorderBuffer::push_behind`] distinguishes the two.
     fn runs_backwards(&self, item: &TimedItem<T>) -> bool {
         let Some((epoch, time_s, sequence)) = self.last else { return false };
@@ -446,7 +446,7 @@ mod tests {
     #[test]
     fn clock_step_loses_and_mistimes_no_pose() {
         for is_numbered in [true, false] {
-            // Without numbers a step as long as the wait looks like overtaken items.
+            // Without numbers a step as long as the wait resembles overtaken items.
             let small_s = if is_numbered { -0.03 } else { -0.05 };
             for by_s in [-3.0, -0.5, -0.05, small_s, 0.1, 2.0] {
                 let Step { lost, mistimed, reported } = stepped(by_s, is_numbered);

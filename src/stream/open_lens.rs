@@ -14,7 +14,7 @@
 //!
 //! Ours is OpenCV's: undistorted to distorted, on ε/F, without a denominator and about the centre
 //! of projection. With k₂ = k₄ = k₆ = 0 and ΔC = 0, D is ours exactly: k₁F², k₃F⁴, k₅F⁶, p₁F, p₂F.
-//! (SMPTE's sheet on OpenCV says p·F², which does not follow from (16): both sides have F once
+//! (SMPTE's sheet on OpenCV gives p·F², which does not follow from (16): both sides have F once
 //! more.) Anything else is fitted by least squares over the sensor, and the largest error of the
 //! fit is reported.
 

@@ -1,5 +1,5 @@
-//! Resolves the pose ambiguity of a flat tag: at a distance it looks nearly the same when it leans
-//! the other way. The poses of neighbouring pictures decide, because a camera does not jump.
+//! Resolves the pose ambiguity of a flat tag: at a distance its picture is nearly the same when it
+//! leans the other way. The poses of neighbouring pictures decide, because a camera does not jump.
 
 use glam::DQuat;
 

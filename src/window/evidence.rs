@@ -35,7 +35,7 @@ pub struct Evidence {
     /// The selection, in the list and in the picture.
     pub selected: Option<SceneItem>,
     renaming: Option<Renaming>,
-    /// A missing file of the scene that the user wants to locate.
+    /// The missing file whose button "Locate…" was pressed.
     pub locates: Option<PathBuf>,
 }
 

@@ -18,7 +18,7 @@ pub fn reload(project: &mut Project) -> Result<(), SceneError> {
     project.change_scene("loaded again", |_| ())
 }
 
-/// Shows a line for each missing file. Returns the one that the user wants to locate.
+/// Shows a line for each missing file. Returns the one whose button was pressed.
 pub fn show(ui: &mut Ui, project: &Project) -> Option<PathBuf> {
     let mut located = None;
     for missing in project.shot().scene.missing.iter().filter(|missing| missing.is_needed) {

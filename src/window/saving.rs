@@ -1,4 +1,4 @@
-//! The steps of saving: files to write, and questions to ask before.
+//! The steps of saving: files to write, and the questions before.
 
 use std::path::{Path, PathBuf};
 

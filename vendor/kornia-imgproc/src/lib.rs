@@ -12,7 +12,7 @@ pub mod simd {
         pub has_fma: bool,
     }
 
-    /// Asked of the processor once.
+    /// Queried from the processor once.
     pub fn cpu_features() -> &'static CpuFeatures {
         static FOUND: OnceLock<CpuFeatures> = OnceLock::new();
         FOUND.get_or_init(found)
