@@ -1,10 +1,10 @@
 //! Detects a moving camera. Noise does not depend on the picture; changes from a moving camera do.
 //!
 //! - *common*: the share of a frame difference's energy that one affine motion of the whole picture
-//! explains. For a small motion u the difference is −∇I·u (Lucas and Kanade 1981); u has 6
-//! parameters, fitted by least squares together with a constant for flicker. Larger motions are
-//! small in a picture reduced by 4 or 16; energy explained there still counts as a share of the
-//! whole picture's.
+//!   explains. For a small motion u the difference is −∇I·u (Lucas and Kanade 1981); u has 6
+//!   parameters, fitted by least squares together with a constant for flicker. Larger motions are
+//!   small in a picture reduced by 4 or 16; energy explained there still counts as a share of the
+//!   whole picture's.
 //! - *patches*: the share of a block's energy that is in its mean, relative to the whole picture's
 //!   mean; the median over blocks. Finds frames whose views differ too much for any motion to be
 //!   followed.
