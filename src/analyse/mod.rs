@@ -74,7 +74,7 @@ pub use interrupted::Interrupted;
 pub use light::{ASSUMED_LAMP_DIAMETER_M, LampEstimate, MAX_LAMPS, WHITE_REFLECTANCE};
 pub use light_findings::{Environment, LightFindings};
 pub use light_table::panorama_beside;
-pub use progress::{Progress, Stage};
+pub use progress::{AnalysisStage, Progress};
 pub use registration_result::{HeldOutResidual, RegistrationError, Verdict};
 pub use relight::relight;
 pub use sharpness::{drawn_spread_px, footage_spread_px, still_frames};
@@ -136,7 +136,7 @@ pub fn analyse(
     let registration =
         registration::register(recording, camera, capture.noise, threads, checkpoints, &mut times, &mut |done, of| {
             passes.path = of;
-            report(passes.progress(Stage::Path, done))
+            report(passes.progress(AnalysisStage::Path, done))
         })?;
     let mut geometry = camera.clone();
     geometry.intrinsics.readout_time_s = registration.readout_s;
@@ -147,7 +147,7 @@ pub fn analyse(
     let states = registration.states.as_slice();
     let comparison = checkpoints.stage(|| {
         compare_frames(recording, &model, capture, (states, later_s), is_refused, threads, &mut times, &mut |n| {
-            report(passes.progress(Stage::Exposure, n))
+            report(passes.progress(AnalysisStage::Exposure, n))
         })
     })?;
     // Registration can fail for reasons that leave the poses good enough for brightness, blur and
@@ -181,10 +181,10 @@ pub fn analyse(
         exposure_runs: exposure.as_ref().map_or(&[][..], |exposure| &exposure.runs),
     };
     let passes_took = begun.elapsed();
-    report(passes.progress(Stage::Sharpness, 0))?;
+    report(passes.progress(AnalysisStage::Sharpness, 0))?;
     let spread =
         times.of(times::SHARPNESS, || sharpness::of_recording(recording, &model, capture, &inputs, threads))?;
-    report(passes.progress(Stage::Light, 0))?;
+    report(passes.progress(AnalysisStage::Light, 0))?;
     let factors = artefact::gain_factors(&gains);
     let rotation = |state: &CameraState| DQuat::from_mat3(&state.world_from_camera.matrix3);
     let inputs = light::LightInputs {
@@ -204,7 +204,7 @@ pub fn analyse(
             Ok((checkpoints.stage(|| light::of_recording(&inputs, None, &mut times))?, surfels))
         };
         with_timed_progress(work, &mut |elapsed| {
-            report(passes.progress(Stage::Light, passes.light_after(elapsed, passes_took)))
+            report(passes.progress(AnalysisStage::Light, passes.light_after(elapsed, passes_took)))
         })??
     } else {
         (Err("where the camera was is not known".to_owned()), Vec::new())

@@ -18,12 +18,12 @@ pub struct Progress {
     /// Out of `of`, about proportional to time.
     pub done: usize,
     pub of: usize,
-    pub stage: Stage,
+    pub stage: AnalysisStage,
 }
 
 /// The stages of an analysis that are shown to a user.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stage {
+pub enum AnalysisStage {
     Path,
     Exposure,
     Sharpness,
@@ -32,7 +32,7 @@ pub enum Stage {
     Light,
 }
 
-impl Stage {
+impl AnalysisStage {
     pub fn name(self) -> &'static str {
         match self {
             Self::Path => "camera path",
@@ -71,8 +71,8 @@ impl Passes {
         self.frames() + self.sharpness() + self.light()
     }
 
-    /// Estimated progress of [`Stage::Light`] in frames, if the passes took `passes_took`. It
-    /// approaches the whole stage exponentially, with three quarters at the expected duration.
+    /// Estimated progress of [`AnalysisStage::Light`] in frames, if the passes took `passes_took`.
+    /// It approaches the whole stage exponentially, with three quarters at the expected duration.
     pub fn light_after(self, elapsed: Duration, passes_took: Duration) -> usize {
         let share_of_passes = self.light() as f64 / self.frames().max(1) as f64;
         let expected_s = (share_of_passes * passes_took.as_secs_f64()).max(1.0);
@@ -81,13 +81,13 @@ impl Passes {
     }
 
     /// The progress after a number of frames of a stage.
-    pub fn progress(self, stage: Stage, frames: usize) -> Progress {
+    pub fn progress(self, stage: AnalysisStage, frames: usize) -> Progress {
         let passes = self.frames();
         let done = match stage {
-            Stage::Path => frames,
-            Stage::Exposure => self.path + frames,
-            Stage::Sharpness => passes,
-            Stage::Light => passes + self.sharpness() + frames,
+            AnalysisStage::Path => frames,
+            AnalysisStage::Exposure => self.path + frames,
+            AnalysisStage::Sharpness => passes,
+            AnalysisStage::Light => passes + self.sharpness() + frames,
         };
         Progress { done, of: self.of(), stage }
     }
@@ -130,7 +130,12 @@ mod tests {
     fn total_includes_the_last_stages() {
         let passes = Passes { path: 300, exposure: 100 };
         let at = |stage, frames| passes.progress(stage, frames).done;
-        let order = [at(Stage::Path, 300), at(Stage::Exposure, 100), at(Stage::Sharpness, 0), at(Stage::Light, 0)];
+        let order = [
+            at(AnalysisStage::Path, 300),
+            at(AnalysisStage::Exposure, 100),
+            at(AnalysisStage::Sharpness, 0),
+            at(AnalysisStage::Light, 0),
+        ];
         assert_eq!((order, passes.of()), ([300, 400, 400, 420], 590));
     }
 
@@ -141,7 +146,7 @@ mod tests {
         // 170 frames take 17 s where 400 took 40.
         assert_eq!([0.0, 17.0, 34.0].map(after), [0, 127, 159]);
         assert!([10.0, 20.0, 30.0, 40.0].into_iter().all(|s| after(s + 10.0) > after(s)));
-        let last = passes.progress(Stage::Light, after(1e6));
+        let last = passes.progress(AnalysisStage::Light, after(1e6));
         assert_eq!((last.done, last.of), (590, 590));
     }
 

@@ -53,7 +53,7 @@ pub struct Args {
     pub width: Option<u32>,
     /// A series over the range of one setting, and a contact sheet
     #[arg(long, value_enum)]
-    pub bracket: Option<Bracket>,
+    pub bracket: Option<BracketArg>,
     #[command(flatten)]
     pub which: Which,
     /// Seed of the grain
@@ -71,7 +71,7 @@ pub struct Args {
 }
 
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
-pub enum Bracket {
+pub enum BracketArg {
     /// f/2.8 to f/22
     Aperture,
     /// Three stops to both sides
@@ -82,13 +82,13 @@ pub enum Bracket {
     Focus,
 }
 
-impl From<Bracket> for photo::Bracket {
-    fn from(bracket: Bracket) -> Self {
+impl From<BracketArg> for photo::Bracket {
+    fn from(bracket: BracketArg) -> Self {
         match bracket {
-            Bracket::Aperture => Self::Aperture,
-            Bracket::Shutter => Self::Shutter,
-            Bracket::Iso => Self::Iso,
-            Bracket::Focus => Self::Focus,
+            BracketArg::Aperture => Self::Aperture,
+            BracketArg::Shutter => Self::Shutter,
+            BracketArg::Iso => Self::Iso,
+            BracketArg::Focus => Self::Focus,
         }
     }
 }

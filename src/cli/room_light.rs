@@ -48,8 +48,8 @@ pub struct Args {
     /// A visible lamp: the frame, column and row; without depth there also its distance from the
     /// camera in metres, or its place in another frame. Its brightness follows from the light on
     /// surfaces; may be repeated for several lamps
-    #[arg(long, value_name = "FRAME:X,Y[,M][+FRAME:X,Y]", value_parser = lamp::LampPick::parse, allow_hyphen_values = true)]
-    lamp: Vec<lamp::LampPick>,
+    #[arg(long, value_name = "FRAME:X,Y[,M][+FRAME:X,Y]", value_parser = lamp::MarkedLamp::parse, allow_hyphen_values = true)]
+    lamp: Vec<lamp::MarkedLamp>,
     /// A Radiance or OpenEXR panorama of the place, which replaces the estimated one and its lamps;
     /// it is scaled to their brightness
     #[arg(long, value_name = "HDR")]

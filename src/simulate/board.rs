@@ -12,7 +12,7 @@ use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
 use crate::camera::Response;
 use crate::scene::{Texture, Wrap};
 
-use super::chart::Chart;
+use super::chart::SiteChart;
 use super::shapes::SiteShape;
 
 /// Texels per side; each is 5 mm.
@@ -72,7 +72,7 @@ impl Board {
     }
 
     /// The board as a panel with linear emitted light, for the ray caster.
-    pub(super) fn emissive_panel(&self) -> Option<(SiteShape, Chart)> {
+    pub(super) fn emissive_panel(&self) -> Option<(SiteShape, SiteChart)> {
         let [upper_left, upper_right, _, lower_left] = self.corners_in_world_m;
         let response = Response::default();
         let light = |texel: &[u8]| {
@@ -81,7 +81,7 @@ impl Board {
         };
         let cells = self.texture.rgba.chunks_exact(4).map(light).collect();
         let shape = SiteShape::Panel { corner: upper_left, u: upper_right - upper_left, v: lower_left - upper_left };
-        Some((shape, Chart::new(SIDE as usize, SIDE as usize, cells)?))
+        Some((shape, SiteChart::new(SIDE as usize, SIDE as usize, cells)?))
     }
 
     /// The board as a binary glTF 2.0 file: unlit, double-sided, in the recording's world

@@ -6,14 +6,14 @@ use crate::parallel::over_rows;
 
 /// A grid over a face's UV chart, interpolated bilinearly between cell centres.
 #[derive(Clone, Debug)]
-pub struct Chart {
+pub struct SiteChart {
     width: usize,
     height: usize,
     /// Linear R, G, B and gloss.
     cells: Vec<[f32; 4]>,
 }
 
-impl Chart {
+impl SiteChart {
     pub fn new(width: usize, height: usize, cells: Vec<[f32; 4]>) -> Option<Self> {
         (width > 0 && cells.len() == width * height).then_some(Self { width, height, cells })
     }

@@ -3,7 +3,7 @@
 
 use glam::{DVec2, DVec3};
 
-use super::chart::Chart;
+use super::chart::SiteChart;
 use super::finish::fractal;
 use super::path::START_S;
 use super::shapes::{SiteHit, SiteShape};
@@ -22,7 +22,7 @@ pub struct Person {
     /// The shape at the start of the path.
     shape: SiteShape,
     /// Emitted light, one per face.
-    clothes: Vec<Chart>,
+    clothes: Vec<SiteChart>,
 }
 
 impl Person {
@@ -40,7 +40,7 @@ impl Person {
                 let (light, hue) = (0.02 + 0.5 * cloth(0).powi(2), cloth(1) - 0.5);
                 [light * (1.0 + hue), light, light * (1.0 - hue), 0.0]
             };
-            Chart::new(width, height, (0..width * height).map(cell).collect())
+            SiteChart::new(width, height, (0..width * height).map(cell).collect())
         };
         let clothes = (0..shape.faces()).filter_map(chart).collect();
         Self { speed_m_per_s, shape, clothes }

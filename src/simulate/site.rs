@@ -7,7 +7,7 @@
 use glam::{DVec2, DVec3};
 
 use super::Ground;
-use super::chart::Chart;
+use super::chart::SiteChart;
 use super::evidence::{Evidence, SiteLight};
 use super::finish::{Finish, gloss, reflectance};
 use super::hemisphere::{GATHER_DIRECTIONS, spiral_direction};
@@ -31,7 +31,7 @@ struct SiteObject {
     finish: Option<Finish>,
     /// One per face.
     mean_albedo: Vec<DVec3>,
-    light: Vec<Chart>,
+    light: Vec<SiteChart>,
 }
 
 /// Resolution of the light computation.
@@ -161,7 +161,7 @@ impl Site {
         detail: Detail,
         lamps: Vec<SiteLamp>,
         (placement_seed, ground): (Option<u64>, Option<Ground>),
-        board: Option<(SiteShape, Chart)>,
+        board: Option<(SiteShape, SiteChart)>,
         threads: usize,
     ) -> Self {
         let contents = match ground {
@@ -181,7 +181,7 @@ impl Site {
     }
 
     /// Light that leaves an object's faces.
-    fn bake(&self, object: &SiteObject, detail: Detail, threads: usize) -> Vec<Chart> {
+    fn bake(&self, object: &SiteObject, detail: Detail, threads: usize) -> Vec<SiteChart> {
         let Some(finish) = object.finish else { return Vec::new() };
         let cells = |length: f64, cell: f64| ((length / cell).ceil() as usize).clamp(4, 8192);
         let chart = |face| {
@@ -193,14 +193,14 @@ impl Site {
                 _ => false,
             };
             let coarse = if is_unseen { 8.0 } else { 1.0 };
-            let incident = Chart::from_fn(
+            let incident = SiteChart::from_fn(
                 cells(size.x, detail.light_m * coarse),
                 cells(size.y, detail.light_m * coarse),
                 threads,
                 |uv| self.incident(object, face, uv),
             );
             let texture_m = detail.texture_m * coarse;
-            Chart::from_fn(cells(size.x, texture_m), cells(size.y, texture_m), threads, |uv| {
+            SiteChart::from_fn(cells(size.x, texture_m), cells(size.y, texture_m), threads, |uv| {
                 let (s, e) = (reflectance(finish, face, uv, size), incident.at(uv));
                 let a = s.albedo.as_vec3().max(glam::Vec3::ZERO);
                 [a.x * e[0], a.y * e[1], a.z * e[2], s.gloss as f32 * e[3]]
@@ -397,7 +397,7 @@ fn lamp_reflection(lamp: &SiteLamp, finish: Finish, p: DVec3, direction: DVec3, 
 }
 
 impl SiteObject {
-    fn new(shape: SiteShape, finish: Option<Finish>, light: Vec<Chart>) -> Self {
+    fn new(shape: SiteShape, finish: Option<Finish>, light: Vec<SiteChart>) -> Self {
         const SIDE: usize = 8;
         let mean = |face| {
             let place = |i: usize| DVec2::new((i % SIDE) as f64 + 0.5, (i / SIDE) as f64 + 0.5) / SIDE as f64;

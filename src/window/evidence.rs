@@ -7,7 +7,7 @@ use eframe::egui::{self, Ui};
 
 use super::Project;
 use super::fields::{is_typed_reverted, row};
-use super::ground::Ground;
+use super::ground::GroundPanel;
 use super::library::{Library, name};
 use super::list;
 use super::missing;
@@ -26,7 +26,7 @@ pub struct Evidence {
     /// The models that can be placed.
     library: Library,
     /// Surface to place on.
-    pub ground: Ground,
+    pub ground: GroundPanel,
     scene_checks: SceneChecks,
     /// Heading of the next placement, relative to facing the camera.
     turned_deg: f64,

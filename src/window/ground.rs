@@ -97,7 +97,7 @@ fn paint_points(points_m: &[DVec3], picture: &PictureOutput, project: &Project, 
 
 /// State of the surface and scale controls.
 #[derive(Clone, Debug)]
-pub struct Ground {
+pub struct GroundPanel {
     /// Surface to place on, instead of the one that the depth shows.
     pub plane: Option<HessePlane>,
     /// Picked points whose true distance the user enters.
@@ -106,13 +106,13 @@ pub struct Ground {
     distance_m: f64,
 }
 
-impl Default for Ground {
+impl Default for GroundPanel {
     fn default() -> Self {
         Self { plane: None, scale_points_m: None, distance_m: 1.0 }
     }
 }
 
-impl Ground {
+impl GroundPanel {
     /// Drops the picked points of a scale. Returns false if there are none.
     pub fn cancel_scale(&mut self) -> bool {
         self.scale_points_m.take().is_some()

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use super::dials::options_as_dials;
 use super::task::BackgroundTask;
-use locard_engine::analyse::{Analysis, Interrupted, Progress, Stage};
+use locard_engine::analyse::{Analysis, AnalysisStage, Interrupted, Progress};
 use locard_engine::compositor::Target;
 use locard_engine::export::{Export, ExportError, Inputs};
 use locard_engine::gpu::{Gpu, GpuError};
@@ -43,7 +43,7 @@ pub enum JobState {
         progress: f64,
         begun: Instant,
         /// Stage of an analysis.
-        stage: Option<Stage>,
+        stage: Option<AnalysisStage>,
     },
     /// The job has ended with a message.
     Done(String),
@@ -228,7 +228,7 @@ impl From<ShotError> for JobFailure {
 fn run(queued: &QueuedJob, gpu: &mut Option<Gpu>, send_event: &dyn Fn(JobEvent)) -> JobState {
     let begun = Instant::now();
     send_event(JobEvent::State(JobState::Running { progress: 0.0, begun, stage: None }));
-    let report_stage = |progress: f64, stage: Option<Stage>| {
+    let report_stage = |progress: f64, stage: Option<AnalysisStage>| {
         send_event(JobEvent::State(JobState::Running { progress, begun, stage }));
         !queued.cancelled.load(Ordering::Acquire)
     };
@@ -342,7 +342,7 @@ fn take_snapshot(
 fn analyse_recording(
     shot: &Shot,
     folder: &Path,
-    report: &dyn Fn(f64, Option<Stage>) -> bool,
+    report: &dyn Fn(f64, Option<AnalysisStage>) -> bool,
     take_analysis: &dyn Fn(Box<Analysis>),
 ) -> Result<String, JobFailure> {
     let report_progress = &mut |Progress { done, of, stage }: Progress| {

@@ -11,7 +11,7 @@ use super::dials::Dials;
 use super::fields::typed_parser;
 use super::jobs::{JobKind, JobState, Jobs, remaining_time};
 use super::progress;
-use locard_engine::analyse::Stage;
+use locard_engine::analyse::AnalysisStage;
 use locard_engine::export::Export;
 use locard_engine::photo::PhotoRequest;
 use locard_engine::sink::OutPath;
@@ -214,7 +214,7 @@ fn queue(ui: &mut Ui, jobs: &mut Jobs) {
     }
 }
 
-pub fn percent(share: f64, begun: Instant, stage: Option<Stage>) -> String {
+pub fn percent(share: f64, begun: Instant, stage: Option<AnalysisStage>) -> String {
     let rest = remaining_time(share, begun.elapsed());
     let rest = rest.map(|left| format!(", {} left", duration(left.as_secs_f64()))).unwrap_or_default();
     let stage = stage.map(|stage| format!("{}, ", stage.name())).unwrap_or_default();
@@ -256,7 +256,7 @@ mod tests {
     #[test]
     fn progress_shows_the_stage_and_the_time_left() {
         let begun = Instant::now().checked_sub(std::time::Duration::from_secs(10)).unwrap();
-        for (stage, name) in [(Stage::Path, "camera path, 50 %, "), (Stage::Light, "light, 50 %, ")] {
+        for (stage, name) in [(AnalysisStage::Path, "camera path, 50 %, "), (AnalysisStage::Light, "light, 50 %, ")] {
             let text = percent(0.5, begun, Some(stage));
             assert!(text.starts_with(name) && text.ends_with(" s left"), "{text}");
         }

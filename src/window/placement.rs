@@ -8,7 +8,7 @@ use glam::{DVec2, DVec3};
 
 use super::Project;
 use super::fields::numeric;
-use super::ground::Ground;
+use super::ground::GroundPanel;
 use super::handles::{PlacementPreview, PreviewKey, intersect_plane};
 use super::library::name;
 use super::picture::PictureOutput;
@@ -102,7 +102,7 @@ impl Placement {
     pub fn turn(
         &mut self,
         picture: &PictureOutput,
-        ground: &Ground,
+        ground: &GroundPanel,
         project: &Project,
         frame: &Frame,
     ) -> Option<DVec2> {
@@ -157,7 +157,13 @@ impl Placement {
     }
 
     /// Shows the preview at the pointer.
-    pub fn show_preview(&mut self, picture: &PictureOutput, ground: &Ground, project: &Project, frame: &Arc<Frame>) {
+    pub fn show_preview(
+        &mut self,
+        picture: &PictureOutput,
+        ground: &GroundPanel,
+        project: &Project,
+        frame: &Arc<Frame>,
+    ) {
         let turned = self.turning.map(|turning| (turning.at_px, turning.turned_deg));
         let pointed = picture.pointed.map(|at| (DVec2::new(at.x.into(), at.y.into()), self.turned_deg));
         let Some((at_px, turned_deg)) = turned.or(pointed) else { return };

@@ -15,7 +15,7 @@ use eframe::egui_wgpu::RenderState;
 use self::frozen_folder::FrozenRecordings;
 use self::live::LiveCamera;
 pub use self::live::{FROZEN, LiveStatus};
-use self::messages::Message;
+use self::messages::StatusMessage;
 use self::pictures::DisplayedPictures;
 pub use self::recent_frames::RECENT_S;
 use super::player::Player;
@@ -35,7 +35,7 @@ pub struct Session {
     /// Last update of the playback clock.
     last_tick: Option<Instant>,
     /// The last message.
-    message: Option<Message>,
+    message: Option<StatusMessage>,
     /// A live camera that replaces the recording.
     live: Option<LiveCamera>,
     frozen: FrozenRecordings,

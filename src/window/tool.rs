@@ -5,7 +5,7 @@ use std::sync::Arc;
 use eframe::egui::CursorIcon;
 use glam::DVec2;
 
-use super::ground::{Ground, GroundPick};
+use super::ground::{GroundPanel, GroundPick};
 use super::handles::ActiveTransform;
 use super::lamps::LampPick;
 use super::picture::PictureOutput;
@@ -54,7 +54,7 @@ impl Tool {
 /// The scene that a click changes.
 pub struct ClickContext<'a> {
     pub project: &'a mut Project,
-    pub ground: &'a mut Ground,
+    pub ground: &'a mut GroundPanel,
     pub frame: &'a Arc<Frame>,
     pub selected: &'a mut Option<SceneItem>,
 }

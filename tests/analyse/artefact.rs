@@ -7,7 +7,7 @@ use crate::findings::late;
 use crate::footage::{demo_by_tier, leave_out_light, opened};
 use crate::program::{locard, refused, stdout_of};
 use crate::tier::fast_or_full;
-use locard::analyse::{Analysis, Interrupted, Stage, beside};
+use locard::analyse::{Analysis, AnalysisStage, Interrupted, beside};
 use locard::recording::OpenOptions;
 use locard::shot::{Shot, ShotOptions};
 
@@ -22,7 +22,7 @@ fn interrupted_analysis_resumes_from_its_checkpoint() {
         let mut reports = Vec::new();
         let done = shot.analyse(folder, &mut |progress| {
             // Progress of the last stage depends on time.
-            if progress.stage != Stage::Light {
+            if progress.stage != AnalysisStage::Light {
                 reports.push(progress.done);
             }
             if reports.len() < most { Ok(()) } else { Err(Interrupted) }

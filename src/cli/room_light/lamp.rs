@@ -20,14 +20,14 @@ const EXPECTED_FORMAT: &str = "FRAME:X,Y, and where depth says nothing how far a
 
 /// The position of a lamp in a frame's picture.
 #[derive(Clone, Debug, PartialEq)]
-pub struct LampPick {
+pub struct MarkedLamp {
     view: FramePoint,
     /// Distance from the camera, m.
     distance_m: Option<f64>,
     also: Vec<FramePoint>,
 }
 
-impl LampPick {
+impl MarkedLamp {
     /// From `FRAME:X,Y`, `FRAME:X,Y,M` or `FRAME:X,Y+FRAME:X,Y` with any number of other frames.
     pub fn parse(text: &str) -> Result<Self, String> {
         let mut parts = text.split('+');
@@ -83,7 +83,7 @@ impl LampPick {
 
 /// The room's light with the lamps that the user pointed at, which come first among its lamps.
 /// `None` without such lamps.
-pub fn relit(shot: &Shot, found: &Analysis, lamps: &[LampPick]) -> Result<Option<(LightFindings, Environment)>> {
+pub fn relit(shot: &Shot, found: &Analysis, lamps: &[MarkedLamp]) -> Result<Option<(LightFindings, Environment)>> {
     if lamps.is_empty() {
         return Ok(None);
     }
@@ -97,15 +97,15 @@ pub fn relit(shot: &Shot, found: &Analysis, lamps: &[LampPick]) -> Result<Option
 
 /// Warnings about lamps with hardly any light at the centre of the analysed surfaces. `white` is
 /// the radiance of white there, with these lamps first.
-pub fn dark_lamp_warnings(lamps: &[LampPick], white: &WhiteRadiance) -> Vec<(&'static str, String)> {
+pub fn dark_lamp_warnings(lamps: &[MarkedLamp], white: &WhiteRadiance) -> Vec<(&'static str, String)> {
     let whole = white.light().element_sum();
-    let is_dark = |(_, (light, _)): &(&LampPick, &(Vec3, f32))| light.element_sum() < MIN_LIGHT_FRACTION * whole;
+    let is_dark = |(_, (light, _)): &(&MarkedLamp, &(Vec3, f32))| light.element_sum() < MIN_LIGHT_FRACTION * whole;
     let dark = lamps.iter().zip(&white.lamps).filter(is_dark);
     dark.map(|(lamp, _)| ("odd", format!("--lamp {lamp}: surfaces hardly show its light: is it there, and on?")))
         .collect()
 }
 
-impl std::fmt::Display for LampPick {
+impl std::fmt::Display for MarkedLamp {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{}", of_view(&self.view))?;
         self.distance_m.iter().try_for_each(|distance_m| write!(f, ",{}", number(*distance_m)))?;
@@ -119,7 +119,7 @@ mod tests {
 
     #[test]
     fn lamp_with_hardly_any_light_is_reported() {
-        let lamps = ["1:2,3", "4:5,6"].map(|text| LampPick::parse(text).unwrap());
+        let lamps = ["1:2,3", "4:5,6"].map(|text| MarkedLamp::parse(text).unwrap());
         let by =
             WhiteRadiance { far: Vec3::splat(0.5), lamps: vec![(Vec3::splat(0.4), 1.0), (Vec3::splat(0.02), 1.0)] };
         let told = dark_lamp_warnings(&lamps, &by);
@@ -129,12 +129,12 @@ mod tests {
     #[test]
     fn lamp_survives_a_round_trip_through_text() {
         for text in ["30:320,12", "30:320,12.5,2.4", "30:320,12+45:310,20+50:1,2"] {
-            assert_eq!(LampPick::parse(text).unwrap().to_string(), text);
+            assert_eq!(MarkedLamp::parse(text).unwrap().to_string(), text);
         }
-        assert_eq!(LampPick::parse("3:1,2,2.5").unwrap().distance_m, Some(2.5));
+        assert_eq!(MarkedLamp::parse("3:1,2,2.5").unwrap().distance_m, Some(2.5));
         for wrong in ["", "320,12", "3:1", "3:1,2,0", "3:1,2,99", "3:1,2,3,4", "x:1,2,3", "3:1,2,2+4:5,6", "3:1,2+5,6"]
         {
-            assert!(LampPick::parse(wrong).is_err(), "{wrong}");
+            assert!(MarkedLamp::parse(wrong).is_err(), "{wrong}");
         }
     }
 }

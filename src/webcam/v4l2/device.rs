@@ -19,10 +19,10 @@ use crate::webcam::list::Listed;
 use crate::webcam::picture::Delivered;
 use crate::webcam::wanted::{Assumed, Given, TimeSource, Wanted};
 
-/// Limits of the driver's wait for a picture. They are below those of [`Limits::default`], so that
-/// the driver reports a stall first.
+/// Limits of the driver's wait for a picture. They are below those of [`SessionLimits::default`],
+/// so that the driver reports a stall first.
 ///
-/// [`Limits::default`]: crate::webcam::session::Limits::default
+/// [`SessionLimits::default`]: crate::webcam::session::SessionLimits::default
 const FIRST_PICTURE_LIMIT: Duration = Duration::from_millis(14_500);
 const PICTURE_LIMIT: Duration = Duration::from_millis(1500);
 /// How often the exposure is read.

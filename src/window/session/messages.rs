@@ -9,7 +9,7 @@ use locard_engine::text::without_options;
 
 /// A report of success or failure.
 #[derive(Debug)]
-pub(super) struct Message {
+pub(super) struct StatusMessage {
     text: String,
     is_error: bool,
     /// Project version and frame at the time of the message: it disappears after the next action.
@@ -45,7 +45,7 @@ impl Session {
 
     fn set_message(&mut self, text: &str, is_error: bool) {
         let shown_at = (self.project.version(), self.player.frame());
-        self.message = Some(Message { text: without_options(text), is_error, shown_at, since_s: None });
+        self.message = Some(StatusMessage { text: without_options(text), is_error, shown_at, since_s: None });
     }
 
     /// The last message, if it is still new at a time of the window's clock.
