@@ -69,7 +69,11 @@ pub fn run(args: &Args) -> Result<()> {
         writeln!(out)?;
     }
     let stages: Vec<String> = Stage::ALL.iter().map(Stage::to_string).collect();
-    writeln!(out, "In brackets: the first stage of a frame that a change recomputes, of {}.", stages.join(", "))?;
+    writeln!(
+        out,
+        "In brackets: the first stage of a frame that reads the parameter, of {}. A change recomputes that stage and those after it; from depth on, if an effect then reaches over more pixels.",
+        stages.join(", ")
+    )?;
     writeln!(out, "Every effect also has `{ON} = true    (true or false)`: without, it does not run.")?;
     Ok(())
 }

@@ -1,6 +1,5 @@
 //! The compositor's input and output.
 
-use super::plan::{FrameView, Plan};
 use super::{ExposureTime, Settings};
 use crate::camera::{Camera, Capture, Geometry, LensError};
 use crate::depth::{DepthGrid, Surfaces};
@@ -124,16 +123,6 @@ impl FrameStats {
             fastest_px_per_s: 0.0,
             effects: Vec::new(),
         }
-    }
-
-    /// Adds the results of the frame's plan.
-    pub(super) fn add_plan(&mut self, job: &Job<'_>, view: &FrameView, plan: &Plan<'_>) {
-        self.fastest_px_per_s = view.footprint.fastest_px_per_s;
-        self.effects = plan.active.iter().map(|effect| effect.table()).collect();
-        let Some(work_rects) = &plan.work_rects else { return };
-        self.objects_in_sight = !view.footprint.rect.intersection(&job.capture.region).is_empty();
-        let bounds = work_rects.bounds;
-        self.rect_px = Some([bounds.x0, bounds.y0, bounds.x1, bounds.y1]);
     }
 }
 

@@ -136,6 +136,12 @@ impl Compositor {
         self.requested = Quality::Preview;
     }
 
+    /// Drops the retained results of shown frames. To be called after a frame whose submission or
+    /// work on the GPU failed: its results were recorded, and may never have been computed.
+    pub fn forget_results(&mut self) {
+        self.retained = StageMemos::default();
+    }
+
     /// Features of the scene that are not drawn.
     pub fn warnings(&self) -> Vec<String> {
         self.renderer.warnings()

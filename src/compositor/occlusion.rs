@@ -13,7 +13,7 @@ use super::stages::FrameInputs;
 use super::work_rects::WorkRects;
 use crate::camera::Geometry;
 use crate::depth::{
-    DepthGrid, DepthRequest, LastRepair, MattePixel, ProjectedPoint, Proxies, Rays, Repair, RepairedDepth,
+    DepthGrid, DepthRequest, LastRepair, MattePixel, ProjectedPoint, Proxies, ProxyView, Rays, Repair, RepairedDepth,
     SecondSurface, measured_from, neighbours,
 };
 use crate::gpu::{Recorder, Texture, half_texels};
@@ -180,8 +180,9 @@ fn repair(
     let neighbours = neighbours(&job.frame, job.picture, job.track);
     let (frame, neighbours, planes) = (&frame, &neighbours, &view.planes);
     let seen = |point: DVec3| project_rolling(job.picture, |time_s| view.keys.pose_at(time_s), point);
-    let proxies = &state.proxies;
-    let proxies = (!proxies.is_empty()).then_some((proxies, &seen as &dyn Fn(DVec3) -> ProjectedPoint));
+    let poses = (&view.keys.poses[..], view.keys.reach_s);
+    let proxies = ProxyView { proxies: &state.proxies, project: &seen, poses };
+    let proxies = (!state.proxies.is_empty()).then_some(proxies);
     let surfels = &job.frame.surfels[..];
     let repair = Repair { rays, measured, frame, shutter, pixels, response, planes, proxies, neighbours, surfels };
     let request = depth_request(view, work_rects, dark, rays);

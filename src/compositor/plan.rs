@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::shade::{VisibleShadowMap, union_of_rects, visible_shadow_maps};
 use super::work_rects::{WorkRects, WorkRequest};
-use super::{Compositor, ExposureTime, Job, RealDepth, Settings, SubmitError};
+use super::{Compositor, ExposureTime, FrameStats, Job, RealDepth, Settings, SubmitError};
 use crate::camera::{Camera, Geometry};
 use crate::depth::{DepthGrid, Proxies, Surfaces};
 use crate::effects::{Effect, FrameContext, ObjectMotion, OnReal, Reach};
@@ -218,5 +218,17 @@ impl<'a> Plan<'a> {
     /// test.
     pub fn effect_occludes(&self) -> bool {
         self.surfaces.is_some() && self.active.iter().any(|effect| effect.on_real() == OnReal::ActsAndOccludes)
+    }
+}
+
+impl FrameStats {
+    /// Adds the results of the frame's plan.
+    pub(super) fn add_plan(&mut self, job: &Job<'_>, view: &FrameView, plan: &Plan<'_>) {
+        self.fastest_px_per_s = view.footprint.fastest_px_per_s;
+        self.effects = plan.active.iter().map(|effect| effect.table()).collect();
+        let Some(work_rects) = &plan.work_rects else { return };
+        self.objects_in_sight = !view.footprint.rect.intersection(&job.capture.region).is_empty();
+        let bounds = work_rects.bounds;
+        self.rect_px = Some([bounds.x0, bounds.y0, bounds.x1, bounds.y1]);
     }
 }

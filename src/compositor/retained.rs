@@ -12,7 +12,7 @@ use super::foreground_matte::ForegroundMatte;
 use super::occlusion::{DepthAreas, FrameOcclusion};
 use super::settings::ShadowSettings;
 use super::shade::{ShadeImage, VisibleShadowMap};
-use super::stages::{FrameInputs, geometry_is_read_after};
+use super::stages::{FrameInputs, geometry_is_read_by_mix};
 use crate::camera::{Camera, Capture, Geometry, Response};
 use crate::depth::RepairedDepth;
 use crate::effects::{Effect, ObjectMotion};
@@ -234,7 +234,7 @@ impl EffectsKey {
             effects: on_layer.map(|effect| effect.boxed()).collect(),
             foreground: occlusion.foreground.clone(),
             tolerance_m: inputs.settings.depth.tolerance_m,
-            geometry_is_read: geometry_is_read_after(inputs, plan.active.len()),
+            geometry_is_read: geometry_is_read_by_mix(inputs),
             drawn_rect: work_rects.drawn,
             objects_px: work_rects.objects_px,
             camera: context.camera.clone(),

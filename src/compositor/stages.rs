@@ -138,7 +138,8 @@ impl Compositor {
             let mut layer = occlude(&mut run, drawn, 0);
             for (n, effect) in active.iter().enumerate() {
                 if effect.stage() == Stage::Effects {
-                    run.geometry_is_read = after > n || geometry_is_read_after(inputs, n + 1);
+                    let is_read_later = active[n + 1..].iter().any(|effect| effect.reads_geometry());
+                    run.geometry_is_read = after > n || inputs.job.want_layer || is_read_later;
                     run.recorder.part(effect.table());
                     layer = effect.run(&mut run, layer);
                 }
@@ -200,10 +201,10 @@ fn layer_run<'a>(recorder: &'a mut Recorder, inputs: &FrameInputs<'a>) -> LayerR
     LayerRun { recorder, context, drawn, objects_px, geometry_is_read: true }
 }
 
-/// Whether the layer's geometry is read after the first `done` of the active effects.
-pub fn geometry_is_read_after(inputs: &FrameInputs<'_>, done: usize) -> bool {
-    let effects = &inputs.plan.active;
-    inputs.job.want_layer || effects[done..].iter().any(|effect| effect.reads_geometry())
+/// Whether the resulting layer's geometry is read: with the layer, or by an effect on code values.
+pub fn geometry_is_read_by_mix(inputs: &FrameInputs<'_>) -> bool {
+    let mut mixed = inputs.plan.active.iter().filter(|effect| effect.stage() == Stage::Mix);
+    inputs.job.want_layer || mixed.any(|effect| effect.reads_geometry())
 }
 
 /// The rectangles of the picture in which pixels may change.

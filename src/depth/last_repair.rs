@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::proxies::Proxies;
-use super::repair::{DepthRequest, Repair, RepairedDepth};
+use super::repair::{DepthRequest, Neighbour, Repair, RepairedDepth};
 use crate::camera::{Geometry, Response};
 use crate::frame::{Frame, FrameIdentity, NeighbourFrame, Surfel};
 use crate::memo::Memo;
@@ -32,12 +32,14 @@ struct RepairKey {
     frame: FrameIdentity,
     /// Compared by address: they are equal only if they were decoded with the same frame.
     neighbours: Vec<Arc<NeighbourFrame>>,
+    /// Which of them vote.
+    voters: Vec<Option<usize>>,
     surfels: Arc<[Surfel]>,
     geometry: Geometry,
     response: Response,
     poses: Vec<Pose>,
     planes: Vec<Plane>,
-    proxies: Option<Proxies>,
+    proxies: Option<(Proxies, Vec<Pose>, f64)>,
     rects: [Rect; 3],
     request: DepthRequest,
 }
@@ -73,15 +75,17 @@ impl RepairKey {
         let measured = repair.measured.map(|(_, pose)| *pose);
         let own = [repair.frame, repair.shutter[0], repair.shutter[1]].map(|pose| *pose);
         let theirs = repair.neighbours.iter().flat_map(|neighbour| [neighbour.measured, neighbour.taken]);
+        let place = |voter: &Neighbour<'_>| frame.neighbours.iter().position(|of| std::ptr::eq(&**of, voter.frame));
         Self {
             frame: frame.identity(),
             neighbours: frame.neighbours.clone(),
+            voters: repair.neighbours.iter().map(place).collect(),
             surfels: Arc::clone(&frame.surfels),
             geometry: repair.rays.geometry().clone(),
             response: repair.response.clone(),
             poses: own.into_iter().chain(measured).chain(theirs).collect(),
             planes: repair.planes.to_vec(),
-            proxies: repair.proxies.map(|(proxies, _)| proxies.clone()),
+            proxies: repair.proxies.map(|view| (view.proxies.clone(), view.poses.0.to_vec(), view.poses.1)),
             rects,
             request: request.clone(),
         }
@@ -90,10 +94,12 @@ impl RepairKey {
 
 impl PartialEq for RepairKey {
     fn eq(&self, other: &Self) -> bool {
-        let Self { frame, neighbours, surfels, geometry, response, poses, planes, proxies, rects, request } = self;
+        let Self { frame, neighbours, voters, surfels, geometry, response, poses, planes, proxies, rects, request } =
+            self;
         *frame == other.frame
             && neighbours.len() == other.neighbours.len()
             && neighbours.iter().zip(&other.neighbours).all(|(a, b)| Arc::ptr_eq(a, b))
+            && *voters == other.voters
             && Arc::ptr_eq(surfels, &other.surfels)
             && *geometry == other.geometry
             && *response == other.response
@@ -109,7 +115,7 @@ impl PartialEq for RepairKey {
 mod tests {
     use super::*;
     use crate::camera::Curve;
-    use crate::depth::{Neighbour, ProjectedPoint, Rays};
+    use crate::depth::{ProjectedPoint, ProxyView, Rays};
     use crate::pixels::{DepthMap, Pixels};
     use glam::{DQuat, DVec3, Vec3};
 
@@ -189,6 +195,7 @@ mod tests {
         let linear = Response { curve: Curve::Linear, ..Response::default() };
         let planes = [1.0, 2.0].map(|y_m| [Plane { point_m: y_m * DVec3::Y, normal: DVec3::NEG_Y }]);
         let proxies = [1.0, 2.0].map(|z_m| Proxies { triangles: vec![[DVec3::X, DVec3::Y, z_m * DVec3::Z]] });
+        let (here_poses, moved_poses) = ([pose; 3], [pose, pose, moved]);
         let project: &dyn Fn(DVec3) -> ProjectedPoint = &|_| None;
         let neighbour = |measured, taken| [Neighbour { frame: &here.neighbours[0], measured, taken }];
         let neighbours = [neighbour(pose, pose), neighbour(moved, pose), neighbour(pose, moved)];
@@ -201,10 +208,11 @@ mod tests {
             pixels: &here.pixels,
             response: &Response::default(),
             planes: &planes[0],
-            proxies: Some((&proxies[0], project)),
+            proxies: Some(ProxyView { proxies: &proxies[0], project, poses: (&here_poses, 0.1) }),
             neighbours: &neighbours[0],
             surfels: &here.surfels,
         };
+        let view = repair.proxies.unwrap();
         let surfel = Surfel { position_m: Vec3::Z, normal: Vec3::NEG_Z, sqrt_color: [0.5; 3] };
         let rects = [Rect::full(96, 64); 3];
         let request = DepthRequest::all(rects[0]);
@@ -219,7 +227,9 @@ mod tests {
             ("response", Repair { response: &linear, ..repair }),
             ("planes", Repair { planes: &planes[1], ..repair }),
             ("no planes", Repair { planes: &[], ..repair }),
-            ("proxies", Repair { proxies: Some((&proxies[1], project)), ..repair }),
+            ("proxies", Repair { proxies: Some(ProxyView { proxies: &proxies[1], ..view }), ..repair }),
+            ("poses of rows", Repair { proxies: Some(ProxyView { poses: (&moved_poses, 0.1), ..view }), ..repair }),
+            ("times of rows", Repair { proxies: Some(ProxyView { poses: (&here_poses, 0.2), ..view }), ..repair }),
             ("no proxies", Repair { proxies: None, ..repair }),
             ("pose of a neighbour's map", Repair { neighbours: &neighbours[1], ..repair }),
             ("pose of a neighbour", Repair { neighbours: &neighbours[2], ..repair }),

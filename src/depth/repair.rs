@@ -47,12 +47,27 @@ pub struct Repair<'a> {
     pub response: &'a Response,
     /// Support planes of objects.
     pub planes: &'a [Plane],
-    /// Models in place of real objects, and the projection of the camera.
-    pub proxies: Option<(&'a Proxies, &'a dyn Fn(DVec3) -> ProjectedPoint)>,
+    /// Models in place of real objects.
+    pub proxies: Option<ProxyView<'a>>,
     /// Frames that vote where the map is unreliable.
     pub neighbours: &'a [Neighbour<'a>],
     /// Surfaces from the whole recording.
     pub surfels: &'a [Surfel],
+}
+
+/// Models in place of real objects as a camera sees them.
+#[derive(Clone, Copy)]
+pub struct ProxyView<'a> {
+    pub proxies: &'a Proxies,
+    pub project: &'a dyn Fn(DVec3) -> ProjectedPoint,
+    /// The poses that `project` interpolates, at equal steps over ± the seconds beside them.
+    pub poses: (&'a [Pose], f64),
+}
+
+impl std::fmt::Debug for ProxyView<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("ProxyView").field("proxies", &self.proxies).finish_non_exhaustive()
+    }
 }
 
 /// Another frame, with the poses at which its map was measured and its picture was taken.
@@ -167,7 +182,7 @@ impl<'a> Repair<'a> {
         let (mut depth_m, width) = (all.part(&measured_m, region), region.width() as usize);
         let max_depth_m = request.max_depth_m(region, SMOOTHING_MARGIN_PX);
         let is_reliable = self.apply_consensus(&mut depth_m, &sqrt_colors, region, &max_depth_m);
-        if let Some((proxies, project)) = self.proxies {
+        if let Some(ProxyView { proxies, project, .. }) = self.proxies {
             proxies.rasterize(&mut depth_m, region, project);
         }
         if self.measured.is_none() {

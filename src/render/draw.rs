@@ -125,7 +125,9 @@ impl Renderer {
 
     /// Computes lightmap coordinates for the scene's meshes, if they have none yet.
     pub fn unwrap(&mut self, gpu: &Gpu) {
-        self.meshes.unwrap(gpu, &self.scene);
+        if self.meshes.unwrap(gpu, &self.scene) {
+            self.revision += 1;
+        }
     }
 
     /// The scene's meshes as drawn.

@@ -54,13 +54,15 @@ impl Meshes {
     }
 
     /// Computes lightmap coordinates, if there are none yet. This is expensive, and only needed for
-    /// lightmaps.
-    pub fn unwrap(&mut self, gpu: &Gpu, scene: &Scene) {
-        if !self.has_lightmap_coordinates {
-            self.surfaces = unwrap_all(scene);
-            [self.vertices, self.indices] = uploaded(gpu, &self.surfaces, &mut self.all);
-            self.has_lightmap_coordinates = true;
+    /// lightmaps. Returns false if there are some already.
+    pub fn unwrap(&mut self, gpu: &Gpu, scene: &Scene) -> bool {
+        if self.has_lightmap_coordinates {
+            return false;
         }
+        self.surfaces = unwrap_all(scene);
+        [self.vertices, self.indices] = uploaded(gpu, &self.surfaces, &mut self.all);
+        self.has_lightmap_coordinates = true;
+        true
     }
 }
 

@@ -226,6 +226,12 @@ fn changed_parameter_recomputes_its_stage_and_those_after_it() {
                 let Some((stages, changed)) = display.show(&mut reused, &to) else { continue };
                 let (_, expected) = display.show(&mut compositor(&gpu), &to).unwrap();
                 assert!(changed == expected, "case {case}, {name} = {value}: another picture than a new compositor's");
+                // Another reach of an effect recomputes depth as well.
+                assert!(stages[0] >= declared.min(Stage::Depth), "case {case}, {name} = {value}: {stages:?}");
+                if declared >= Stage::Draw && stages[0] == declared {
+                    let after = Stage::ALL.into_iter().filter(|stage| *stage >= declared);
+                    assert_eq!(stages, after.collect::<Vec<_>>(), "case {case}, {name} = {value}");
+                }
                 if changed != unchanged && stages[0] == declared {
                     left.remove(name.as_str());
                 }
@@ -246,4 +252,15 @@ fn shown_frame_is_mixed_again_alone_for_another_noise() {
     let (noisier, picture) = display.show(&mut compositor, &inputs).unwrap();
     assert_eq!(noisier, [Stage::Mix]);
     assert!(picture != unchanged);
+}
+
+#[test]
+fn forgotten_results_are_computed_again() {
+    let gpu = gpu::gpu();
+    let (display, mut compositor, inputs) = (Display::new(&gpu), compositor(&gpu), base(0));
+    let (_, first) = display.show(&mut compositor, &inputs).unwrap();
+    compositor.forget_results();
+    let (stages, again) = display.show(&mut compositor, &inputs).unwrap();
+    assert_eq!(stages, Stage::ALL);
+    assert!(again == first);
 }

@@ -1,0 +1,114 @@
+//! Reads profiles.
+
+use std::path::Path;
+
+use super::shot_settings::ShotSettings;
+use super::{ProfileError, Rig, noise};
+use crate::compositor::Settings;
+use crate::document as text;
+use crate::params::{Params, Value};
+use crate::source::file::{self, MAX_DOCUMENT_BYTES};
+use crate::text::quoted;
+
+impl Rig {
+    /// The camera parameters of a profile.
+    pub fn of_file(path: &Path) -> Result<Self, ProfileError> {
+        let mut rig = Self::default();
+        rig.read(path, &mut Settings::default())?;
+        Ok(rig)
+    }
+
+    /// Reads a profile, overriding the rig and the settings. Returns the values that it gives.
+    pub fn read(&mut self, path: &Path, settings: &mut Settings) -> Result<ShotSettings, ProfileError> {
+        let text = file::read_text(path, MAX_DOCUMENT_BYTES)
+            .map_err(|source| ProfileError::Read { path: path.to_owned(), source })?;
+        self.read_text(&text, path, settings)
+    }
+
+    /// Like [`Rig::read`], from a text; `path` is for error messages.
+    pub fn read_text(
+        &mut self,
+        text: &str,
+        path: &Path,
+        settings: &mut Settings,
+    ) -> Result<ShotSettings, ProfileError> {
+        let path = path.to_owned();
+        let mut given = ShotSettings::default();
+        let mut root: toml::Table =
+            text::read(text).map_err(|source| ProfileError::Syntax { path: path.clone(), source })?;
+        match root.remove("version") {
+            Some(toml::Value::Integer(1)) => {}
+            other => {
+                let found = other.map_or_else(|| "missing".to_owned(), |v| quoted(&v.to_string()));
+                return Err(ProfileError::Version { path, found });
+            }
+        }
+        for (name, value) in root {
+            self.read_table(&name, value, &path, settings, &mut given)?;
+        }
+        match self.distortion.missing() {
+            Some(name) => {
+                let model = self.distortion.get("model").unwrap_or(Value::None);
+                Err(ProfileError::Coefficient { path, name, model })
+            }
+            None => Ok(given),
+        }
+    }
+
+    fn read_table(
+        &mut self,
+        table: &str,
+        value: toml::Value,
+        path: &Path,
+        settings: &mut Settings,
+        given: &mut ShotSettings,
+    ) -> Result<(), ProfileError> {
+        let unknown = |rig: &Self, settings: &Settings| ProfileError::UnknownTable {
+            path: path.to_owned(),
+            table: quoted(table),
+            known: rig.known_tables(settings),
+        };
+        let toml::Value::Table(entries) = value else { return Err(unknown(self, settings)) };
+        if !self.table_names(settings).contains(&table) {
+            return Err(unknown(self, settings));
+        }
+        if table == "camera.noise" {
+            let noise = noise::from_toml(&entries)
+                .map_err(|e| ProfileError::Noise { path: path.to_owned(), message: e.to_string() })?;
+            given.set_noise(noise.clone());
+            self.noise = Some(noise);
+            return Ok(());
+        }
+        if table == "camera.lens" && ["aperture_diameter_mm", "f_number"].iter().all(|key| entries.contains_key(*key)) {
+            return Err(ProfileError::TwoOpenings { path: path.to_owned() });
+        }
+        for (key, value) in entries {
+            let as_value = match &value {
+                toml::Value::Table(_) if table == "camera" => {
+                    self.read_table(&format!("camera.{key}"), value, path, settings, given)?;
+                    continue;
+                }
+                toml::Value::Boolean(b) => Value::Bool(*b),
+                toml::Value::Integer(i) => Value::Number(*i as f64),
+                toml::Value::Float(f) => Value::Number(*f),
+                toml::Value::String(s) => Value::Text(s.clone()),
+                other => {
+                    return Err(ProfileError::Type {
+                        path: path.to_owned(),
+                        table: table.to_owned(),
+                        key: quoted(&key),
+                        found: quoted(&other.to_string()),
+                    });
+                }
+            };
+            match self.set(settings, table, &key, &as_value) {
+                Some(Ok(())) => given.insert(table, &key, as_value),
+                Some(Err(source)) => {
+                    return Err(ProfileError::Param { path: path.to_owned(), source: Box::new(source) });
+                }
+                None => return Err(unknown(self, settings)),
+            }
+        }
+        Ok(())
+    }
+}
