@@ -10,6 +10,7 @@ mod clipped;
 mod dirty_tiles;
 mod exposure_time;
 mod foreground_matte;
+mod frame_inputs;
 mod job;
 mod mix;
 mod occlusion;
@@ -23,6 +24,7 @@ mod rgba;
 mod run;
 mod settings;
 mod shade;
+mod stage_log;
 mod stages;
 mod work_rects;
 
@@ -46,11 +48,12 @@ pub use plan::poses_within_s;
 pub use run::{IN_FLIGHT, Input, Run, RunError, Stream};
 pub use settings::{DepthSettings, ON, Settings, SettingsError, ShadowSettings};
 
+use frame_inputs::FrameInputs;
 use mix::CameraUpload;
 use pending::Work;
 use plan::{FrameView, Plan, frame_context};
-use retained::{LightmapsKey, ShadowMapsKey, StageLog, StageMemos};
-use stages::FrameInputs;
+use retained::{LightmapsKey, ShadowMapsKey, StageMemos};
+use stage_log::StageLog;
 
 /// Draws a scene into frames. Final frames are those of a new compositor: the state between them is
 /// memoized. Previews may reuse earlier results.

@@ -6,10 +6,10 @@ use glam::DVec3;
 
 use super::RealDepth;
 use super::foreground_matte::{ForegroundMatte, max_depth_within};
+use super::frame_inputs::FrameInputs;
 use super::plan::FrameView;
-use super::retained::{ByAddress, DepthKey, StageLog};
 use super::shade::union_of_dark_rects;
-use super::stages::FrameInputs;
+use super::stage_log::{ByAddress, StageLog};
 use super::work_rects::WorkRects;
 use crate::camera::Geometry;
 use crate::depth::{
@@ -75,6 +75,22 @@ pub struct DepthAreas {
     pub dark: Rect,
     /// Bounds of the drawn and the shaded rectangle.
     pub around: Rect,
+}
+
+/// Inputs of a frame's occlusion.
+#[derive(Debug, PartialEq)]
+pub enum DepthKey {
+    /// Nothing real occludes, with the reason if there is one.
+    Nothing(Option<String>),
+    Repaired {
+        repaired: ByAddress<RepairedDepth>,
+        areas: DepthAreas,
+        has_shadows: bool,
+        /// The number of effects before the matte.
+        effects: usize,
+        /// The distance to which they blur, px.
+        reach_px: usize,
+    },
 }
 
 impl FrameOcclusion {

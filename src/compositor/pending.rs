@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
+use super::frame_inputs::FrameInputs;
 use super::mix::CompositePiece;
 use super::paste::{fill_noise, paste, paste_fringe, paste_layer, paste_shade};
-use super::stages::FrameInputs;
 use super::{Composited, Compositor, FrameStats};
 use crate::camera::Response;
 use crate::frame::Frame;

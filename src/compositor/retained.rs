@@ -5,16 +5,15 @@
 //! Inputs are compared by value, large ones by their addresses. Textures among the inputs are kept
 //! with them, so that the pool cannot lend them to other work in the meantime.
 
-use std::ops::Deref;
 use std::sync::Arc;
 
 use super::foreground_matte::ForegroundMatte;
-use super::occlusion::{DepthAreas, FrameOcclusion};
+use super::frame_inputs::FrameInputs;
+use super::occlusion::{DepthKey, FrameOcclusion};
 use super::settings::ShadowSettings;
 use super::shade::{ShadeImage, VisibleShadowMap};
-use super::stages::{FrameInputs, geometry_is_read_by_mix};
+use super::stage_log::ByAddress;
 use crate::camera::{Camera, Capture, Geometry, Response};
-use crate::depth::RepairedDepth;
 use crate::effects::{Effect, ObjectMotion};
 use crate::frame::{FrameExposure, FrameIdentity, RelativeBrightness};
 use crate::gpu::Texture;
@@ -48,56 +47,6 @@ impl Default for StageMemos {
     }
 }
 
-/// The stages that a frame needs, of those that may be retained.
-#[derive(Debug, Default)]
-pub struct StageLog(Vec<Stage>);
-
-impl StageLog {
-    /// The result of a stage: the retained one of an equal key, or a new one. Without a key, it is
-    /// neither looked up nor retained.
-    pub fn run<K: PartialEq, V: Clone>(
-        &mut self,
-        stage: Stage,
-        retained: &Memo<K, V>,
-        key: Option<K>,
-        compute: impl FnOnce() -> V,
-    ) -> V {
-        if let Some(value) = key.as_ref().and_then(|key| retained.get(key)) {
-            return value;
-        }
-        self.0.push(stage);
-        let value = compute();
-        key.map_or(value.clone(), |key| retained.insert(key, value))
-    }
-
-    /// Logs a stage whose result is not retained.
-    pub fn run_always(&mut self, stage: Stage) {
-        self.0.push(stage);
-    }
-
-    pub fn into_stages(self) -> Vec<Stage> {
-        self.0
-    }
-}
-
-/// A value that is compared by its address.
-#[derive(Debug)]
-pub struct ByAddress<T: ?Sized>(pub Arc<T>);
-
-impl<T: ?Sized> PartialEq for ByAddress<T> {
-    fn eq(&self, other: &Self) -> bool {
-        Arc::ptr_eq(&self.0, &other.0)
-    }
-}
-
-impl<T: ?Sized> Deref for ByAddress<T> {
-    type Target = T;
-
-    fn deref(&self) -> &T {
-        &self.0
-    }
-}
-
 #[derive(Debug, PartialEq)]
 pub struct ShadowMapsKey(Vec<(ByAddress<ShadowTexture>, ReceiverPlane)>);
 
@@ -114,22 +63,6 @@ impl LightmapsKey {
     pub fn new(lightmaps: &[Option<Arc<Lightmap>>]) -> Self {
         Self(lightmaps.iter().map(|map| map.clone().map(ByAddress)).collect())
     }
-}
-
-/// Inputs of a frame's occlusion.
-#[derive(Debug, PartialEq)]
-pub enum DepthKey {
-    /// Nothing real occludes, with the reason if there is one.
-    Nothing(Option<String>),
-    Repaired {
-        repaired: ByAddress<RepairedDepth>,
-        areas: DepthAreas,
-        has_shadows: bool,
-        /// The number of effects before the matte.
-        effects: usize,
-        /// The distance to which they blur, px.
-        reach_px: usize,
-    },
 }
 
 #[derive(Debug, PartialEq)]
@@ -234,7 +167,7 @@ impl EffectsKey {
             effects: on_layer.map(|effect| effect.boxed()).collect(),
             foreground: occlusion.foreground.clone(),
             tolerance_m: inputs.settings.depth.tolerance_m,
-            geometry_is_read: geometry_is_read_by_mix(inputs),
+            geometry_is_read: inputs.geometry_is_read_by_mix(),
             drawn_rect: work_rects.drawn,
             objects_px: work_rects.objects_px,
             camera: context.camera.clone(),

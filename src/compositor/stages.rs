@@ -2,38 +2,21 @@
 
 use super::clipped::{self, FrameRadiance};
 use super::foreground_matte;
+use super::frame_inputs::FrameInputs;
 use super::mix::{CameraUpload, mix};
 use super::occlusion::FrameOcclusion;
 use super::pending::{LayerReadback, Work};
-use super::plan::{FrameView, Plan};
 use super::real;
 use super::retained::{DrawKey, EffectsKey, ShadeKey};
 use super::shade::{self, ShadeImage};
 use super::work_rects::WorkRects;
-use super::{Compositor, Job, Settings, Target};
-use crate::camera::Camera;
-use crate::effects::{FrameContext, LayerRun};
+use super::{Compositor, Target};
+use crate::effects::LayerRun;
 use crate::frame::Frame;
 use crate::gpu::Recorder;
 use crate::pixels::Rect;
-use crate::quality::Quality;
 use crate::render::{Layer, Occlusion, View};
 use crate::stage::Stage;
-
-/// The inputs that a frame's stages share.
-#[derive(Clone, Copy, Debug)]
-pub struct FrameInputs<'a> {
-    pub job: &'a Job<'a>,
-    pub camera: &'a Camera,
-    pub settings: &'a Settings,
-    pub view: &'a FrameView,
-    pub context: &'a FrameContext<'a>,
-    pub plan: &'a Plan<'a>,
-    pub work_rects: &'a WorkRects,
-    pub requested: Quality,
-    /// Whether stages' results are retained for the next frame.
-    pub is_retained: bool,
-}
 
 impl Compositor {
     /// The stage [`Stage::Depth`].
@@ -199,12 +182,6 @@ fn layer_run<'a>(recorder: &'a mut Recorder, inputs: &FrameInputs<'a>) -> LayerR
     let FrameInputs { context, work_rects, .. } = *inputs;
     let (drawn, objects_px) = (work_rects.drawn, work_rects.objects_px);
     LayerRun { recorder, context, drawn, objects_px, geometry_is_read: true }
-}
-
-/// Whether the resulting layer's geometry is read: with the layer, or by an effect on code values.
-pub fn geometry_is_read_by_mix(inputs: &FrameInputs<'_>) -> bool {
-    let mut mixed = inputs.plan.active.iter().filter(|effect| effect.stage() == Stage::Mix);
-    inputs.job.want_layer || mixed.any(|effect| effect.reads_geometry())
 }
 
 /// The rectangles of the picture in which pixels may change.
