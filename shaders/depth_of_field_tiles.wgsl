@@ -96,7 +96,7 @@ fn around(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let one_level = smallest >= HALF_PX && level_of(smallest) == level_of(largest);
     var kind = select(ANY, COARSE, one_level);
     kind = select(kind, WIDER, largest < HALF_PX);
-    kind = select(kind, FINE, largest < FEW_PX);
+    kind = select(kind, FINE, largest < FINE_CIRCLE_PX);
     kind = select(kind, SHARP, 2.0 * largest < SHARP_PX);
     kind = select(TWO_DEEP, kind, one);
     // With two surfaces of which one is sharp, only the other needs a lower resolution.

@@ -37,19 +37,19 @@ fn is_plain(number: f64) -> bool {
 }
 
 /// Longest quotation of a foreign word in a message, characters.
-const MOST_QUOTED: usize = 60;
+const MAX_QUOTED_CHARS: usize = 60;
 /// Longest message, characters.
-const MOST_SHOWN: usize = 2000;
+const MAX_SHOWN_CHARS: usize = 2000;
 
 /// Quotes a word from a file in a message. Characters that would move the cursor or begin a line
 /// are escaped, and long words are cut.
 pub fn quoted(text: &str) -> String {
-    cut(text, MOST_QUOTED)
+    cut(text, MAX_QUOTED_CHARS)
 }
 
 /// Makes a line safe for a terminal, whatever names and words it contains; see [`quoted`].
 pub fn shown(text: &str) -> String {
-    cut(text, MOST_SHOWN)
+    cut(text, MAX_SHOWN_CHARS)
 }
 
 fn cut(text: &str, most: usize) -> String {
@@ -99,7 +99,7 @@ pub fn fixed(number: f64, digits: usize) -> String {
 }
 
 /// More digits in a row are a number of any size, written without an exponent.
-const MOST_DIGITS: usize = 40;
+const MAX_DIGITS: usize = 40;
 
 /// A length for a person, in millimetres: whole ones from 10 on.
 pub fn millimetres(length_m: f64) -> String {
@@ -118,7 +118,7 @@ pub fn brief(text: &str) -> String {
         let (digits, after) = from.split_at(from.find(|c| !is_digit(c)).unwrap_or(from.len()));
         out += before;
         match digits.parse() {
-            Ok(value) if digits.len() > MOST_DIGITS => out += &number(value),
+            Ok(value) if digits.len() > MAX_DIGITS => out += &number(value),
             _ => out += digits,
         }
         rest = after;

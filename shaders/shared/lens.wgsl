@@ -23,7 +23,7 @@ const SIXTEENTH_PX: f32 = 64.0;
 // Largest radius at which texels of half the resolution are sampled where a quarter is drawn (px).
 const FINER_PX: f32 = 16.0;
 // Radii up to which four points are enough (px).
-const FEW_PX: f32 = 1.6;
+const FINE_CIRCLE_PX: f32 = 1.6;
 // HALF_PX where two surfaces lie behind each other, which costs more.
 const TWO_HALF_PX: f32 = 2.5;
 // Circles below this are points (px).

@@ -127,8 +127,8 @@ impl Pending {
         self.is_preview
     }
 
-    /// The stages whose results were not the retained ones, in order ([`Compositor::submit`]). Shadow
-    /// maps, lightmaps and repaired depth of such a stage may still come from a memo.
+    /// The stages whose results were not the retained ones, in order ([`Compositor::submit`]).
+    /// Shadow maps, lightmaps and repaired depth of such a stage may still come from a memo.
     pub fn stages(&self) -> &[Stage] {
         &self.stages
     }

@@ -79,7 +79,7 @@ pub struct ObjectIssue {
 const LIGHT_REACH_M: f64 = 1.2;
 
 /// Further overlaps are only counted.
-const MOST_OVERLAPS: usize = 8;
+const MAX_REPORTED_OVERLAPS: usize = 8;
 
 impl fmt::Display for Note {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -251,9 +251,9 @@ impl Shot {
     pub fn overlap_notes(&self) -> Vec<Note> {
         let found = overlaps(&self.scene);
         let mut notes: Vec<_> =
-            found.iter().take(MOST_OVERLAPS).map(|o| Note::Overlap(o.message(&self.scene))).collect();
-        if found.len() > MOST_OVERLAPS {
-            notes.push(Note::MoreOverlaps(found.len() - MOST_OVERLAPS));
+            found.iter().take(MAX_REPORTED_OVERLAPS).map(|o| Note::Overlap(o.message(&self.scene))).collect();
+        if found.len() > MAX_REPORTED_OVERLAPS {
+            notes.push(Note::MoreOverlaps(found.len() - MAX_REPORTED_OVERLAPS));
         }
         notes
     }

@@ -31,7 +31,7 @@ const CODES: [(Layout, &[u8; 4]); 6] = [
     (Layout::Grey, b"GREY"),
 ];
 /// Sizes and rates that a driver may list, each: no camera has more.
-const MOST_LISTED: usize = 200;
+const MAX_LISTED_MODES: usize = 200;
 
 fn layout_of(code: FourCC) -> Option<Layout> {
     CODES.into_iter().find(|(_, known)| **known == code.repr).map(|(layout, _)| layout)
@@ -115,7 +115,7 @@ fn modes(device: &Device) -> io::Result<Vec<CameraMode>> {
     let mut modes = Vec::new();
     for format in asked(|| device.enum_formats())? {
         let sizes = asked(|| device.enum_framesizes(format.fourcc)).unwrap_or_default();
-        for size in sizes.into_iter().take(MOST_LISTED) {
+        for size in sizes.into_iter().take(MAX_LISTED_MODES) {
             let sizes = match size.size {
                 FrameSizeEnum::Discrete(size) => [(size.width, size.height); 2],
                 FrameSizeEnum::Stepwise(step) => [(step.min_width, step.min_height), (step.max_width, step.max_height)],
@@ -123,7 +123,7 @@ fn modes(device: &Device) -> io::Result<Vec<CameraMode>> {
             let (width, height) = sizes[0];
             let intervals = asked(|| device.enum_frameintervals(format.fourcc, width, height)).unwrap_or_default();
             let mut rates_hz: Vec<f64> =
-                intervals.into_iter().take(MOST_LISTED).flat_map(|i| rates(&i.interval)).collect();
+                intervals.into_iter().take(MAX_LISTED_MODES).flat_map(|i| rates(&i.interval)).collect();
             rates_hz.sort_by(f64::total_cmp);
             let code = quoted(format.fourcc.str().unwrap_or("????").trim());
             modes.push(CameraMode { code, layout: layout_of(format.fourcc), sizes, rates_hz });
