@@ -107,7 +107,8 @@ pub fn of_recording(
         let at = Location { place, centre, up, is_guess: inputs.recording.up.is_none() };
         let mut light = room_light(&at, &panorama.finish(), &solved, &level);
         if metered.len() < MIN_FRAMES {
-            light.between = [light.between[0] / FEW_FRAMES_INTERVAL_RATIO, light.between[1] * FEW_FRAMES_INTERVAL_RATIO];
+            light.between =
+                [light.between[0] / FEW_FRAMES_INTERVAL_RATIO, light.between[1] * FEW_FRAMES_INTERVAL_RATIO];
         }
         Ok(light)
     }))
