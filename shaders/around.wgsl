@@ -4,7 +4,9 @@
 // Each pixel is the mean of places inside it. Each place is interpolated between four texels of the
 // view that its direction goes through. Depth becomes distance from the camera. Velocity becomes
 // the picture's: the chord over the exposure, by the shorter way round. Occlusion by the real scene
-// is left out here. @import shared/fullscreen @import shared/layer
+// is left out here.
+// @import shared/fullscreen
+// @import shared/layer
 
 override fisheye: bool = false;       // OpenCV's fisheye model; otherwise longitude and latitude
 
