@@ -47,6 +47,7 @@ impl Recording {
             depth_later_s: 0.0,
             surfels: Arc::default(),
             surfels_unit_m: 1.0,
+            guard: None,
         }
     }
 

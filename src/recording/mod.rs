@@ -28,6 +28,7 @@ mod unsupported_capture;
 pub mod write;
 
 use std::collections::BTreeSet;
+use std::fmt::Debug;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -142,6 +143,8 @@ pub struct Recording {
     /// [`Refinement::surfels`], and the unit's length at their estimation.
     surfels: Arc<[Surfel]>,
     surfels_unit_m: f64,
+    /// Kept as long as any clone of the recording exists, such as the lock of its folder.
+    pub guard: Option<Arc<dyn Debug + Send + Sync>>,
 }
 
 /// A landmark observed in a frame, as in structure from motion.

@@ -12,7 +12,6 @@ use std::time::Instant;
 use eframe::egui;
 use eframe::egui_wgpu::RenderState;
 
-use self::frozen_folder::FrozenRecordings;
 use self::live::LiveCamera;
 pub use self::live::{FROZEN, LiveStatus};
 use self::messages::StatusMessage;
@@ -38,7 +37,6 @@ pub struct Session {
     message: Option<StatusMessage>,
     /// A live camera that replaces the recording.
     live: Option<LiveCamera>,
-    frozen: FrozenRecordings,
 }
 
 impl Session {
@@ -58,7 +56,6 @@ impl Session {
             last_tick: None,
             message: None,
             live: None,
-            frozen: FrozenRecordings::default(),
         };
         if !warnings.is_empty() {
             session.show_message(warnings);

@@ -3,10 +3,8 @@
 use std::fs::{self, OpenOptions};
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use super::super::file_lock::FileLock;
-use locard_engine::recording::Recording;
 
 /// Largest number of frozen recordings on disk, besides those in use.
 const MAX_FROZEN_RECORDINGS: usize = 5;
@@ -47,11 +45,14 @@ impl FrozenFolder {
     }
 
     fn remove(&self) -> io::Result<()> {
-        match fs::remove_dir_all(&self.path) {
-            Err(error) if error.kind() != ErrorKind::NotFound => Err(error),
-            _ => fs::remove_file(&self.lock_file),
-        }
+        accept_missing(fs::remove_dir_all(&self.path))?;
+        accept_missing(fs::remove_file(&self.lock_file))
     }
+}
+
+/// Another window may have removed it first.
+fn accept_missing(removed: io::Result<()>) -> io::Result<()> {
+    removed.or_else(|error| if error.kind() == ErrorKind::NotFound { Ok(()) } else { Err(error) })
 }
 
 /// Sorted numbers of all frozen recordings, including those that are still being written.
@@ -64,23 +65,12 @@ fn numbers_in(folder: &Path) -> io::Result<Vec<u64>> {
     Ok(numbers)
 }
 
-/// The frozen recordings that this window still uses: the displayed one and those being exported.
-#[derive(Debug, Default)]
-pub struct FrozenRecordings(Vec<(Arc<Recording>, FrozenFolder)>);
-
-impl FrozenRecordings {
-    pub fn add(&mut self, recording: Arc<Recording>, folder: FrozenFolder) {
-        self.0.push((recording, folder));
-    }
-
-    /// Releases the folders of recordings that nothing else refers to.
-    pub fn release_unused(&mut self) {
-        self.0.retain(|(recording, _)| Arc::strong_count(recording) > 1);
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
+    use locard_engine::recording::Recording;
+
     use super::*;
 
     #[test]
@@ -101,6 +91,30 @@ mod tests {
         drop(create());
         assert!(!was_shown.exists() && !unused[1].exists() && unused[2].is_dir());
         assert_eq!(fs::read_dir(temp.path()).unwrap().count(), 2 * MAX_FROZEN_RECORDINGS);
+    }
+
+    #[test]
+    fn folder_is_locked_while_a_clone_of_its_recording_exists() {
+        let temp = tempfile::tempdir().unwrap();
+        let folder = FrozenFolder::create(temp.path()).unwrap();
+        let is_locked = || FrozenFolder::lock(temp.path(), 1, &mut OpenOptions::new()).is_none();
+        let mut shown = Recording::open(Path::new("recordings/demo"), &Default::default()).unwrap();
+        shown.guard = Some(Arc::new(folder));
+        let mut exported = Arc::new(shown.clone());
+        let tracked = Arc::clone(&exported);
+        Arc::make_mut(&mut exported).name = "adopted".to_owned();
+        drop((shown, tracked));
+        assert!(is_locked());
+        drop(exported);
+        assert!(!is_locked());
+    }
+
+    #[test]
+    fn folder_without_files_is_removed() {
+        let temp = tempfile::tempdir().unwrap();
+        let folder = FrozenFolder::create(temp.path()).unwrap();
+        fs::remove_file(&folder.lock_file).unwrap();
+        folder.remove().unwrap();
     }
 
     #[test]

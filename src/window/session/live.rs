@@ -28,7 +28,7 @@ pub const FROZEN: &str = ", frozen";
 enum LiveState {
     Showing,
     /// The last seconds are being written.
-    Freezing(BackgroundTask<Result<(Recording, FrozenFolder), String>>),
+    Freezing(BackgroundTask<Result<Recording, String>>),
     Frozen,
 }
 
@@ -223,11 +223,9 @@ impl Session {
         let LiveState::Freezing(task) = &live.state else { return };
         let Some(done) = task.take() else { return };
         match done.and_then(|recording| recording) {
-            Ok((recording, folder)) => {
+            Ok(recording) => {
                 live.state = LiveState::Frozen;
-                let recording = Arc::new(recording);
-                self.frozen.add(Arc::clone(&recording), folder);
-                self.replace_recording(ctx, recording);
+                self.replace_recording(ctx, Arc::new(recording));
                 self.player.step(isize::MAX);
             }
             Err(why) => {
@@ -254,7 +252,6 @@ impl Session {
         if latest.frames() == 0 {
             return;
         }
-        self.frozen.release_unused();
         let name = live.live_recording.name.clone();
         let (folder, draft, wake) = (folder.to_owned(), self.project.profile_text(), ctx.clone());
         let spawned = BackgroundTask::spawn(
@@ -270,7 +267,8 @@ impl Session {
                 // The project already has the profile, with later changes; only differences from
                 // its own files are saved.
                 recording.camera_profile = None;
-                Ok((recording, folder))
+                recording.guard = Some(Arc::new(folder));
+                Ok(recording)
             },
         );
         match spawned {
@@ -284,7 +282,7 @@ impl Session {
 
     /// Copies the displayed recording into a new folder.
     pub fn copy_recording(&mut self, ctx: &egui::Context, to: PathBuf) {
-        let from = self.project.shot().recording.path.clone();
+        let recording = Arc::clone(&self.project.shot().recording);
         let Some(live) = &mut self.live else { return };
         let wake = ctx.clone();
         let spawned = BackgroundTask::spawn(
@@ -294,7 +292,7 @@ impl Session {
                 let copied = if std::fs::read_dir(&to).is_ok_and(|mut entries| entries.next().is_some()) {
                     return Err(format!("{}: exists already; name a new folder", to.display()));
                 } else {
-                    copy_folder(&from, &to)
+                    copy_folder(&recording.path, &to)
                 };
                 copied.map(|()| to.clone()).map_err(|error| format!("{}: {error}", to.display()))
             },
