@@ -1,6 +1,7 @@
 //! Recovery: autosave of the open document, search for work of other processes, and the restart
 //! after the graphics device was lost.
 
+use std::fmt::Display;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -79,11 +80,14 @@ impl Recovery {
     pub(super) fn search(&mut self, ctx: &egui::Context, session: &mut Session) {
         if let Some(folder) = self.folder.take() {
             let wake = ctx.clone();
-            self.search = RecoverySearch::begin(folder, move || wake.request_repaint()).ok();
+            match RecoverySearch::begin(folder, move || wake.request_repaint()) {
+                Ok(search) => self.search = Some(search),
+                Err(error) => show_failed_search(session, &error),
+            }
         }
         match self.search.as_mut().and_then(RecoverySearch::take) {
             Some(Ok(found)) => (self.found, self.search) = (found, None),
-            Some(Err(why)) => session.show_error(format!("Unsaved work is not searched for: {why}")),
+            Some(Err(why)) => show_failed_search(session, &why),
             None => {}
         }
     }
@@ -113,6 +117,10 @@ impl Recovery {
             session.show_message(problem);
         }
     }
+}
+
+fn show_failed_search(session: &mut Session, why: &dyn Display) {
+    session.show_error(format!("Unsaved work is not searched for: {why}"));
 }
 
 /// Unsaved work that a crash would lose, without a drag in progress and without an uncommitted
