@@ -3,6 +3,7 @@
 //! while the next is recorded.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Sender, channel};
 use std::time::{Duration, Instant};
 
@@ -104,7 +105,9 @@ impl FrameRenderer {
         let (requests, incoming) = channel::<RenderRequest>();
         let (submissions, submitted) =
             channel::<(RenderRequest, Instant, Option<Arc<Frame>>, Result<Pending, ShotError>)>();
-        let renderer_gpu = gpu.clone();
+        // Set by the waiter: results that the compositor retains may be incomplete.
+        let wait_failed = Arc::new(AtomicBool::new(false));
+        let (renderer_gpu, last_wait_failed) = (gpu.clone(), Arc::clone(&wait_failed));
         let renderer = BackgroundTask::stream("window maker", wake.clone(), move |_| {
             let Ok(first) = incoming.recv() else { return };
             let mut scene = Arc::clone(&first.shot.scene);
@@ -114,6 +117,9 @@ impl FrameRenderer {
             let mut reduced: Option<(Arc<Frame>, ReducedFrame)> = None;
             for request in std::iter::once(first).chain(incoming) {
                 let started = Instant::now();
+                if last_wait_failed.swap(false, Ordering::Relaxed) {
+                    compositor.forget_results();
+                }
                 if !Arc::ptr_eq(&scene, &request.shot.scene) {
                     scene = Arc::clone(&request.shot.scene);
                     compositor.set_scene(Scene::clone(&scene));
@@ -145,6 +151,9 @@ impl FrameRenderer {
                         };
                         let failed = |source| ShotError::Gpu { frame: request.key.frame, source };
                         let pending = renderer_gpu.in_error_scope(submit).map_err(failed).and_then(|pending| pending);
+                        if pending.is_err() {
+                            compositor.forget_results();
+                        }
                         (Some(frame), pending)
                     }
                     Err(error) => (None, Err(error.into())),
@@ -158,7 +167,10 @@ impl FrameRenderer {
         let finished = BackgroundTask::stream("window waiter", wake, move |reporter| {
             for (request, started, frame, pending) in submitted {
                 let picture = pending.and_then(|pending| {
-                    let failed = |source| ShotError::Gpu { frame: request.key.frame, source };
+                    let failed = |source| {
+                        wait_failed.store(true, Ordering::Relaxed);
+                        ShotError::Gpu { frame: request.key.frame, source }
+                    };
                     waiter_gpu
                         .in_error_scope(|| await_picture(&waiter_gpu, &request, &pending))
                         .and_then(|done| done)
