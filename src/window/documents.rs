@@ -1,10 +1,12 @@
 //! The user's documents: opening and saving, confirmation questions, crash recovery, and exported
 //! files.
 
+mod chooser_purpose;
 mod choosing;
 mod dialog;
 mod exports;
 mod open;
+mod pending_action;
 mod recovery;
 mod save;
 
@@ -15,6 +17,7 @@ use eframe::egui;
 
 use self::dialog::Dialog;
 use self::exports::Exports;
+use self::pending_action::PendingAction;
 use self::recovery::Recovery;
 use self::save::Save;
 use super::camera_dialog::CameraDialog;
@@ -30,38 +33,6 @@ use super::session::Session;
 use super::state::UserState;
 use super::task::BackgroundTask;
 use locard_engine::live;
-
-/// Action that waits until unsaved work is safe.
-#[derive(Debug)]
-enum PendingAction {
-    Close,
-    Open(Box<DocumentRef>, Option<RecoverableWork>),
-    /// Replaces the open document with the loaded one.
-    Show(Box<LoadedDocument>),
-}
-
-impl PendingAction {
-    fn open(document: DocumentRef) -> Self {
-        Self::Open(Box::new(document), None)
-    }
-
-    /// True if recovered work replaces the picture.
-    fn recovers(&self) -> bool {
-        match self {
-            Self::Open(_, recoverable) => recoverable.is_some(),
-            Self::Show(loaded) => loaded.recoverable.is_some(),
-            Self::Close => false,
-        }
-    }
-}
-
-/// A loaded document and the reference it was loaded from.
-#[derive(Debug)]
-struct LoadedDocument {
-    document: DocumentRef,
-    project: Box<Project>,
-    recoverable: Option<RecoverableWork>,
-}
 
 /// The last refused document, until another one is opened.
 #[derive(Debug, Default)]

@@ -218,7 +218,7 @@ impl Evidence {
 
     /// Begins the placement of a model.
     fn choose(&mut self, model: PathBuf, tools: &mut Tools) {
-        self.ground.cancel_scale();
+        self.ground.picked.cancel_scale();
         let placement = Placement::new(model, self.turned_deg, Arc::clone(&self.models));
         tools.begin(Tool::Place(Box::new(placement)));
     }

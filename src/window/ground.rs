@@ -1,134 +1,39 @@
-//! Placement surface and scale without depth: a plane through three picked points, and the scale by
-//! two points and their true distance.
+//! Controls of the placement surface and of the scale without depth.
 
-use eframe::egui::{Key, RichText, Ui, vec2};
-use glam::{DVec2, DVec3};
+use eframe::egui::{Key, RichText, Ui};
+use glam::DVec3;
 
 use super::Project;
 use super::fields::{numeric, rounded};
-use super::picture::PictureOutput;
-use super::point_picker::{Click, PointPicker, is_scaled, paint_ring};
-use super::tool::{ClickContext, Tools};
-use locard_engine::plane::HessePlane;
+use super::ground_pick::{GroundPick, GroundPurpose};
+use super::picked_ground::PickedGround;
+use super::point_picker::is_scaled;
+use super::tool::Tools;
 use locard_engine::scene::SceneFile;
 use locard_engine::shot::metres_per_unit;
-use locard_engine::support::plane_through;
 use locard_engine::text::fixed;
-
-/// Purpose of picked points.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum GroundPurpose {
-    Plane,
-    Scale,
-}
-
-impl GroundPurpose {
-    fn points(self) -> usize {
-        match self {
-            Self::Plane => 3,
-            Self::Scale => 2,
-        }
-    }
-}
-
-/// Picks the points of a plane or of a scale.
-#[derive(Clone, Debug)]
-pub struct GroundPick {
-    purpose: GroundPurpose,
-    picker: PointPicker,
-    points_m: Vec<DVec3>,
-}
-
-impl GroundPick {
-    fn new(purpose: GroundPurpose) -> Self {
-        Self { purpose, picker: PointPicker::default(), points_m: Vec::new() }
-    }
-
-    /// True if no further point is needed.
-    pub fn is_complete(&self) -> bool {
-        self.points_m.len() == self.purpose.points()
-    }
-
-    /// Handles a click. Returns a message.
-    pub fn click(&mut self, context: ClickContext<'_>, at_px: DVec2) -> Result<Option<String>, String> {
-        let ClickContext { project, ground, frame, .. } = context;
-        let (shot, plane, up) = (project.shot(), ground.plane, project.up());
-        let (support, accuracy) = match self.picker.click(plane, shot, up, frame, at_px)? {
-            Click::SecondView(text) => return Ok(Some(text)),
-            Click::Point { support, accuracy } => (support, accuracy),
-        };
-        self.points_m.push(support.point_m);
-        match (self.purpose, self.points_m.as_slice()) {
-            (GroundPurpose::Scale, [a, b]) => ground.scale_points_m = Some([*a, *b]),
-            (GroundPurpose::Plane, [a, _, _]) => {
-                let eye = shot.recording.pose_at_frame(frame.index).map_err(|e| e.to_string())?.position_in_world_m();
-                let towards = shot.recording.up.unwrap_or(eye - *a);
-                let plane = plane_through(&self.points_m).map(|fit| fit.plane.facing(towards));
-                ground.plane = Some(plane.map_err(|e| e.to_string())?);
-                return Ok(Some("Things are placed on the plane through the three points.".to_owned()));
-            }
-            _ => {}
-        }
-        Ok(accuracy)
-    }
-
-    /// Paints the picked points and an instruction.
-    pub fn paint(&self, picture: &PictureOutput, project: &Project, frame: usize) {
-        paint_points(&self.points_m, picture, project, frame);
-        if !self.picker.awaits_second_view() {
-            let (number, all) = (self.points_m.len() + 1, self.purpose.points());
-            picture.prompt(&match self.purpose {
-                GroundPurpose::Plane => format!("Click three points of the surface ({number} of {all})"),
-                GroundPurpose::Scale => format!("Click two points whose distance you know ({number} of {all})"),
-            });
-        }
-        self.picker.paint(picture, project.shot(), frame);
-    }
-}
-
-fn paint_points(points_m: &[DVec3], picture: &PictureOutput, project: &Project, frame: usize) {
-    let Ok(eye) = project.shot().posed_camera(frame) else { return };
-    for (n, point) in points_m.iter().enumerate() {
-        if let Some(px) = eye.project(*point) {
-            paint_ring(picture, picture.placed.screen(vec2(px.x as f32, px.y as f32)), &(n + 1).to_string());
-        }
-    }
-}
 
 /// State of the surface and scale controls.
 #[derive(Clone, Debug)]
 pub struct GroundPanel {
-    /// Surface to place on, instead of the one that the depth shows.
-    pub plane: Option<HessePlane>,
-    /// Picked points whose true distance the user enters.
-    scale_points_m: Option<[DVec3; 2]>,
-    /// True distance of the two points, as entered.
+    pub picked: PickedGround,
+    /// True distance of the two points of a scale, as entered.
     distance_m: f64,
 }
 
 impl Default for GroundPanel {
     fn default() -> Self {
-        Self { plane: None, scale_points_m: None, distance_m: 1.0 }
+        Self { picked: PickedGround::default(), distance_m: 1.0 }
     }
 }
 
 impl GroundPanel {
-    /// Drops the picked points of a scale. Returns false if there are none.
-    pub fn cancel_scale(&mut self) -> bool {
-        self.scale_points_m.take().is_some()
-    }
-
     fn begin(&mut self, purpose: GroundPurpose, tools: &mut Tools) {
-        self.cancel_scale();
+        self.picked.cancel_scale();
         if purpose == GroundPurpose::Plane {
-            self.plane = None;
+            self.picked.plane = None;
         }
         tools.pick_ground(GroundPick::new(purpose));
-    }
-
-    /// Paints the picked points of a scale.
-    pub fn paint(&self, picture: &PictureOutput, project: &Project, frame: usize) {
-        paint_points(self.scale_points_m.as_ref().map_or(&[], |points| points), picture, project, frame);
     }
 
     /// Shows the controls. Returns a message or an error.
@@ -137,7 +42,7 @@ impl GroundPanel {
         let is_metric = project.shot().recording.kind.is_metric();
         ui.horizontal_wrapped(|ui| {
             ui.label("Surface");
-            match self.plane {
+            match self.picked.plane {
                 Some(_) => {
                     ui.label("a plane");
                     let back = if has_depth {
@@ -148,7 +53,7 @@ impl GroundPanel {
                         "None"
                     };
                     if ui.button(back).clicked() {
-                        self.plane = None;
+                        self.picked.plane = None;
                     }
                 }
                 None if has_depth => _ = ui.label("as the depth shows"),
@@ -178,7 +83,7 @@ impl GroundPanel {
                 self.begin(GroundPurpose::Scale, tools);
             }
         });
-        let [a, b] = self.scale_points_m?;
+        let [a, b] = self.picked.scale_points_m?;
         let mut result = None;
         ui.horizontal_wrapped(|ui| {
             ui.label("Distance");
@@ -188,14 +93,14 @@ impl GroundPanel {
                 result = Some(set_scale(project, a, b, self.distance_m));
             }
             if ui.button("Cancel").clicked() {
-                self.cancel_scale();
+                self.picked.cancel_scale();
             }
         });
         let unit = if is_scaled(project.shot()) { "m" } else { "units" };
         ui.label(RichText::new(format!("Now it is {} {unit}.", fixed(a.distance(b), 4))).weak());
         if matches!(result, Some(Ok(_))) {
-            self.cancel_scale();
-            self.plane = None;
+            self.picked.cancel_scale();
+            self.picked.plane = None;
         }
         result
     }

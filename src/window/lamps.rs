@@ -3,65 +3,17 @@
 use std::sync::Arc;
 
 use eframe::egui::{self, Ui, vec2};
-use glam::{DVec2, DVec3};
 
 use super::Project;
 use super::environment_light;
 use super::fields::{color_picker, rounded, row};
+use super::lamp_pick::{LampPick, add_above_centre};
 use super::object_actions;
-use super::point_picker::surface_point;
 use super::theme;
-use super::tool::{ClickContext, Tools};
+use super::tool::Tools;
 use locard_engine::frame::Frame;
+use locard_engine::scene::SceneItem;
 use locard_engine::scene::document::{Color, LampTable};
-use locard_engine::scene::{Scene, SceneItem, bounds_m};
-use locard_engine::shot::FramePoint;
-
-/// Purpose of a click in the picture.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum LampPick {
-    /// Position of a new lamp.
-    Position,
-    /// A white surface to match the light to.
-    White,
-}
-
-/// Default height of a lamp above the centre of the scene, m.
-const DEFAULT_HEIGHT_M: f64 = 1.0;
-const DEFAULT_HEIGHT_NOTE: &str = "No depth here: the lamp hangs 1 m above the scene's middle.";
-
-impl LampPick {
-    /// Instruction for the click.
-    pub fn prompt(self) -> &'static str {
-        match self {
-            Self::White => "Click on white paper or paint in the light. Esc ends it",
-            Self::Position => "Click where the lamp shall be. Esc ends it",
-        }
-    }
-
-    /// Handles a click in the picture: matches the light to a white surface, or adds a lamp that
-    /// touches the surface. Returns a message.
-    pub fn click(self, context: ClickContext<'_>, at_px: DVec2) -> Result<Option<String>, String> {
-        let ClickContext { project, ground, frame, selected } = context;
-        if self == Self::White {
-            return project.match_white(FramePoint { frame: frame.index, at_px }).map(Some);
-        }
-        match surface_point(ground.plane, project.shot(), frame, at_px) {
-            Some(support) => {
-                let radius_m = 0.5 * LampTable::default().diameter_or_default_m();
-                *selected = Some(project.add_lamp(support.point_m + radius_m * support.normal)?);
-                Ok(None)
-            }
-            None => add_above_centre(project, selected).map(Some),
-        }
-    }
-}
-
-/// Adds a lamp above the centre of the scene. Returns a note.
-fn add_above_centre(project: &mut Project, selected: &mut Option<SceneItem>) -> Result<String, String> {
-    *selected = Some(project.add_lamp(default_position_m(project))?);
-    Ok(DEFAULT_HEIGHT_NOTE.to_owned())
-}
 
 /// Shows the panel of the scene's light: white matching, the lamps, and the controls of the
 /// selected one. Returns a message.
@@ -139,17 +91,6 @@ pub fn show(
     message
 }
 
-/// Point above the centre of the scene's bounding box; above the world's origin in an empty scene.
-fn default_position_m(project: &Project) -> DVec3 {
-    centre_m(&project.shot().scene) + project.up() * DEFAULT_HEIGHT_M
-}
-
-fn centre_m(scene: &Scene) -> DVec3 {
-    let boxes = scene.objects.iter().filter_map(|object| bounds_m(scene, object));
-    let around = boxes.reduce(|(low, high), (l, h)| (low.min(l), high.max(h)));
-    around.map_or(DVec3::ZERO, |(low, high)| 0.5 * (low + high))
-}
-
 /// Fields of a lamp. Returns an error.
 fn fields(ui: &mut Ui, project: &mut Project, n: usize, lamp: &LampTable) -> Option<String> {
     let mut changed = lamp.clone();
@@ -198,26 +139,4 @@ fn fields(ui: &mut Ui, project: &mut Project, n: usize, lamp: &LampTable) -> Opt
         project.close_step();
     }
     wrong
-}
-
-#[cfg(test)]
-mod tests {
-    use std::path::Path;
-
-    use super::*;
-    use locard_engine::recording::OpenOptions;
-    use locard_engine::shot::ShotOptions;
-
-    #[test]
-    fn default_lamp_position_is_above_the_centre_of_the_scene() {
-        let open = |scene: Option<&str>| {
-            let given = ShotOptions { scene: scene.map(Into::into), ..ShotOptions::default() };
-            Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap()
-        };
-        // Things from the marker at the left, x = −0.1, to those on the stool at the right, 0 to
-        // 0.41 m above the floor.
-        let at_m = default_position_m(&open(Some("scenes/demo.toml")));
-        assert!((at_m - DVec3::new(0.2, -0.1, 1.25)).abs().max_element() < 0.1, "{at_m}");
-        assert_eq!(default_position_m(&open(None)), DVec3::Z);
-    }
 }

@@ -24,8 +24,8 @@
 //! - Scene: `evidence`, `library`, `list`, `object_actions`, `scene_checks`, `missing`, `tilt`,
 //!   `lamps`, `environment_light`, `ground`, `obstacle`, `notice`, `warnings`.
 //! - Input in the picture: `tool` is the active tool, and only it gets clicks, drags and Esc.
-//!   Tools: `handles` (transforms), `placement`, `ground`, `lamps`, `region_picker`. `point_picker`
-//!   and `keyboard_cursor` serve several of them.
+//!   Tools: `handles` (transforms), `placement`, `ground_pick`, `lamp_pick`, `region_picker`.
+//!   `point_picker`, `picked_ground`, `click_context` and `keyboard_cursor` serve several of them.
 //! - Background work: `task` starts all threads. `background` is for a value of which the latest
 //!   request wins.
 
@@ -43,6 +43,7 @@ mod camera_dialog;
 mod camera_values;
 mod canvas;
 mod chooser;
+mod click_context;
 mod command;
 mod controls;
 mod damage;
@@ -58,11 +59,13 @@ mod file_watch;
 mod frame_renderer;
 mod gpu_times;
 mod ground;
+mod ground_pick;
 mod handles;
 mod history;
 mod jobs;
 mod keyboard_cursor;
 mod keys;
+mod lamp_pick;
 mod lamps;
 mod library;
 mod list;
@@ -77,6 +80,7 @@ mod obstacle;
 mod opening;
 mod output;
 mod painter;
+mod picked_ground;
 mod picture;
 mod picture_transform;
 mod placement;

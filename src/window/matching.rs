@@ -15,7 +15,7 @@ use super::picture::{PictureOutput, plate};
 use super::plots::{self, Axes, DataSource};
 use super::pointer_probe::PointerProbe;
 use super::progress;
-use super::region_picker::{self, RegionPrompt, RegionPurpose};
+use super::region_picker::{RegionPrompt, RegionPurpose};
 use super::session::Session;
 use super::task::Ticket;
 use super::theme::MIN_TEXT_PT;
@@ -251,9 +251,9 @@ impl Matching {
         ui.horizontal(|ui| {
             let edge = |purpose, hint| RegionPrompt { purpose, hint, min_side_px: MIN_EXTENT_PX, repeats: false };
             let hint = GOOD_EDGE;
-            region_picker::button(ui, "Pick a real edge", tools, edge(RegionPurpose::RealEdge, hint));
+            tools.region_button(ui, "Pick a real edge", edge(RegionPurpose::RealEdge, hint));
             let hint = "Drag a rectangle that one straight edge of something virtual crosses from side to side, between two plain parts";
-            region_picker::button(ui, "Pick a virtual edge", tools, edge(RegionPurpose::VirtualEdge, hint));
+            tools.region_button(ui, "Pick a virtual edge", edge(RegionPurpose::VirtualEdge, hint));
         });
         if self.edges != [None; 2] {
             ui.horizontal(|ui| plots::choose_luma_or_channel(ui, &mut self.edges_of));
@@ -294,7 +294,7 @@ impl Matching {
     fn patch(&mut self, ui: &mut Ui, session: &Session, tools: &mut Tools) {
         let hint = "Drag a rectangle: its mean brightness is followed through the frames";
         let prompt = RegionPrompt { purpose: RegionPurpose::Patch, hint, min_side_px: 1, repeats: false };
-        region_picker::button(ui, "Pick a patch", tools, prompt);
+        tools.region_button(ui, "Pick a patch", prompt);
         let Some(patch) = self.patch.filter(|_| !session.is_live()) else { return };
         let recording = Arc::clone(&session.project.shot().recording);
         self.brightness.request(ui.ctx(), patch, move |ticket| means(&recording, patch, ticket));

@@ -7,13 +7,13 @@ use eframe::egui::{self, RichText, Ui};
 use glam::{DVec2, DVec3};
 
 use super::Project;
+use super::click_context::ClickContext;
 use super::fields::numeric;
-use super::ground::GroundPanel;
 use super::handles::{PlacementPreview, PreviewKey, intersect_plane};
 use super::library::name;
+use super::picked_ground::PickedGround;
 use super::picture::PictureOutput;
 use super::point_picker::{Click, PointPicker, surface_point};
-use super::tool::ClickContext;
 use locard_engine::frame::Frame;
 use locard_engine::plane::{HessePlane, Plane};
 use locard_engine::scene::document::{PlacedModel, Up};
@@ -102,7 +102,7 @@ impl Placement {
     pub fn turn(
         &mut self,
         picture: &PictureOutput,
-        ground: &GroundPanel,
+        ground: &PickedGround,
         project: &Project,
         frame: &Frame,
     ) -> Option<DVec2> {
@@ -160,7 +160,7 @@ impl Placement {
     pub fn show_preview(
         &mut self,
         picture: &PictureOutput,
-        ground: &GroundPanel,
+        ground: &PickedGround,
         project: &Project,
         frame: &Arc<Frame>,
     ) {

@@ -1,11 +1,10 @@
 //! Lets the user drag rectangles in the picture for another part of the window.
 
-use eframe::egui::{self, Align2, Color32, Key, Stroke, Ui, vec2};
+use eframe::egui::{self, Align2, Color32, Key, Stroke, vec2};
 use glam::DVec2;
 
 use super::fields::is_typed_reverted;
 use super::picture::{PictureOutput, plate};
-use super::tool::Tools;
 use locard_engine::pixels::Rect;
 
 /// The part of the window that needs a region.
@@ -37,15 +36,6 @@ pub struct RegionPrompt {
 fn pixel_rect([from, to]: [DVec2; 2]) -> Option<Rect> {
     let [x0, y0, x1, y1] = [from.x, from.y, to.x, to.y].map(|at| at.round() as i32);
     Some(Rect::new(x0, y0, x1, y1)).filter(|rect| !rect.is_empty())
-}
-
-/// Shows a button that starts a prompt. It is highlighted while the prompt is active; pressing it
-/// again cancels the prompt.
-pub fn button(ui: &mut Ui, text: &str, tools: &mut Tools, prompt: RegionPrompt) {
-    let is_active = tools.region_purpose() == Some(prompt.purpose);
-    if ui.add(egui::Button::selectable(is_active, text).frame_when_inactive(true)).clicked() {
-        tools.toggle_region_pick(RegionPick::new(prompt));
-    }
 }
 
 /// Picks rectangles by dragging from corner to corner.

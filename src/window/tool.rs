@@ -1,20 +1,17 @@
 //! The active tool. Clicks, drags and Esc in the picture go to it, and to nothing else.
 
-use std::sync::Arc;
-
-use eframe::egui::CursorIcon;
+use eframe::egui::{Button, CursorIcon, Ui};
 use glam::DVec2;
 
-use super::ground::{GroundPanel, GroundPick};
+use super::click_context::ClickContext;
+use super::ground_pick::GroundPick;
 use super::handles::ActiveTransform;
-use super::lamps::LampPick;
+use super::lamp_pick::LampPick;
 use super::picture::PictureOutput;
 use super::placement::Placement;
 use super::project::Project;
-use super::region_picker::{RegionPick, RegionPurpose};
-use locard_engine::frame::Frame;
+use super::region_picker::{RegionPick, RegionPrompt, RegionPurpose};
 use locard_engine::pixels::Rect;
-use locard_engine::scene::SceneItem;
 
 /// A tool, with its state.
 #[derive(Debug, Default)]
@@ -51,14 +48,6 @@ impl Tool {
     }
 }
 
-/// The scene that a click changes.
-pub struct ClickContext<'a> {
-    pub project: &'a mut Project,
-    pub ground: &'a mut GroundPanel,
-    pub frame: &'a Arc<Frame>,
-    pub selected: &'a mut Option<SceneItem>,
-}
-
 /// The active tool, and the tools that it interrupts.
 #[derive(Debug, Default)]
 pub struct Tools {
@@ -89,7 +78,7 @@ impl Tools {
 
     /// Activates a tool until it ends, then resumes the present one. A transform is completed
     /// before.
-    pub fn interrupt(&mut self, tool: Tool) {
+    fn interrupt(&mut self, tool: Tool) {
         let waiting = match self.active {
             Tool::Transform(_) => tool,
             _ => std::mem::replace(&mut self.active, tool),
@@ -100,14 +89,31 @@ impl Tools {
     }
 
     /// Ends the active tool.
-    pub fn finish(&mut self) -> Tool {
+    fn finish(&mut self) -> Tool {
         std::mem::replace(&mut self.active, self.interrupted.pop().unwrap_or_default())
     }
 
-    /// Ends all tools. Returns false if none was active.
+    /// Ends all tools except a transform, which ends in [`Self::update_transform`] with its
+    /// uncommitted change. Returns false if no tool was active.
     pub fn cancel(&mut self) -> bool {
         self.interrupted.clear();
-        !matches!(self.finish(), Tool::Select)
+        self.transform().is_some() || !matches!(self.finish(), Tool::Select)
+    }
+
+    /// Begins, changes or ends a transform.
+    pub fn update_transform<T>(&mut self, update: impl FnOnce(&mut Option<Box<ActiveTransform>>) -> T) -> T {
+        let mut transform = self.take_transform();
+        let result = update(&mut transform);
+        transform.into_iter().for_each(|transform| self.interrupt(Tool::Transform(transform)));
+        result
+    }
+
+    fn take_transform(&mut self) -> Option<Box<ActiveTransform>> {
+        self.transform()?;
+        match self.finish() {
+            Tool::Transform(active) => Some(active),
+            _ => None,
+        }
     }
 
     /// The transform in progress.
@@ -181,6 +187,15 @@ impl Tools {
         }
     }
 
+    /// Shows a button that begins to pick regions. It is highlighted meanwhile; pressing it again
+    /// cancels.
+    pub fn region_button(&mut self, ui: &mut Ui, text: &str, prompt: RegionPrompt) {
+        let is_active = self.region_purpose() == Some(prompt.purpose);
+        if ui.add(Button::selectable(is_active, text).frame_when_inactive(true)).clicked() {
+            self.toggle_region_pick(RegionPick::new(prompt));
+        }
+    }
+
     /// Ends picking of regions.
     pub fn cancel_region_pick(&mut self) {
         if matches!(self.active, Tool::PickRegion(_)) {
@@ -243,7 +258,6 @@ impl Tools {
 
 #[cfg(test)]
 mod tests {
-    use super::super::region_picker::RegionPrompt;
     use super::*;
 
     fn region(purpose: RegionPurpose) -> RegionPick {

@@ -76,7 +76,7 @@ impl App {
 
     /// Ends the tools; without any, closes the windows; without any, clears the selection.
     fn leave(&mut self) {
-        if self.document.tools.cancel() | self.document.evidence.ground.cancel_scale() {
+        if self.document.tools.cancel() | self.document.evidence.ground.picked.cancel_scale() {
             return;
         }
         let was_open = self.shows_keys | self.shows_history | self.documents.close_windows();

@@ -136,7 +136,7 @@ impl App {
                 let of_evidence = evidence.show(ui, &mut session.project, gpu, frame.as_ref(), tools);
                 let of_lamps = lamps::show(ui, &mut session.project, frame.as_ref(), &mut evidence.selected, tools);
                 if tools.lamp_pick().is_some() {
-                    evidence.ground.cancel_scale();
+                    evidence.ground.picked.cancel_scale();
                 }
                 of_evidence.or(of_lamps)
             });

@@ -5,12 +5,13 @@ use std::sync::Arc;
 use eframe::egui::{self, Ui};
 use glam::DVec2;
 
+use super::super::click_context::ClickContext;
 use super::super::handles::Overlay;
 use super::super::loupe;
 use super::super::notice::{self, Notice, NoticeButton, Refusal, Remedy};
 use super::super::obstacle::{self, Obstacle};
 use super::super::picture::{self, CapturedInput, Comparison, PictureOutput};
-use super::super::tool::{ClickContext, Tool};
+use super::super::tool::Tool;
 use super::App;
 use locard_engine::frame::Frame;
 
@@ -61,12 +62,15 @@ impl App {
             is_hidden: self.document.view.plain
                 || (self.document.session.player.playing && !self.document.session.is_live()),
         };
-        match self.document.handles.show(
-            &over,
-            &mut self.document.session.project,
-            &mut self.document.evidence.selected,
-            &mut self.document.tools,
-        ) {
+        let transformed = self.document.tools.update_transform(|transform| {
+            self.document.handles.show(
+                &over,
+                &mut self.document.session.project,
+                &mut self.document.evidence.selected,
+                transform,
+            )
+        });
+        match transformed {
             Some(Ok(done)) => self.document.session.show_message(done),
             Some(Err(error)) => self.document.session.show_message(error),
             None => {}
@@ -75,7 +79,7 @@ impl App {
         if needs_place && obstacle.is_some() {
             return;
         }
-        self.document.evidence.ground.paint(&seen, &self.document.session.project, frame.index);
+        self.document.evidence.ground.picked.paint(&seen, &self.document.session.project, frame.index);
         self.document.tools.paint(&seen, &self.document.session.project, frame.index);
         if needs_place {
             self.pick_point(&seen, &frame);
@@ -85,7 +89,7 @@ impl App {
 
     /// Passes clicks and drags to a tool that picks a point of the world.
     fn pick_point(&mut self, seen: &PictureOutput, frame: &Arc<Frame>) {
-        let (project, ground) = (&mut self.document.session.project, &mut self.document.evidence.ground);
+        let (project, ground) = (&mut self.document.session.project, &mut self.document.evidence.ground.picked);
         let is_press_consumed = self.document.handles.has_consumed_press();
         let clicked = seen.clicked.filter(|_| !(is_press_consumed && seen.response.clicked()));
         let clicked = clicked.map(|at| DVec2::new(at.x.into(), at.y.into()));

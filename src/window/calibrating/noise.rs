@@ -11,7 +11,7 @@ use super::super::fields::typed_parser;
 use super::super::matching::curve;
 use super::super::plots::{self, Axes, DataSource};
 use super::super::progress;
-use super::super::region_picker::{self, RegionPrompt, RegionPurpose};
+use super::super::region_picker::{RegionPrompt, RegionPurpose};
 use super::super::session::Session;
 use super::super::task::Ticket;
 use super::super::tool::Tools;
@@ -124,7 +124,7 @@ impl NoisePanel {
             min_side_px: min_side_px(self.motion()),
             repeats: true,
         };
-        region_picker::button(ui, "Pick plain places", tools, wanted);
+        tools.region_button(ui, "Pick plain places", wanted);
         self.frames(ui, session);
         if self.places.is_empty() {
             return;

@@ -7,7 +7,7 @@ use super::super::background::Background;
 use super::super::matching::{GOOD_EDGE, draw_edge, edge_signal, plot_rejected_edges, width_text};
 use super::super::plots::{self, Axes, DataSource};
 use super::super::progress;
-use super::super::region_picker::{self, RegionPrompt, RegionPurpose};
+use super::super::region_picker::{RegionPrompt, RegionPurpose};
 use super::super::session::Session;
 use super::super::task::Ticket;
 use super::super::tool::Tools;
@@ -59,7 +59,7 @@ impl SharpnessPanel {
         parts::aside(ui, "Pick straight edges between two plain places, in focus, best while the camera rests.");
         let wanted =
             RegionPrompt { purpose: RegionPurpose::Edge, hint: GOOD_EDGE, min_side_px: MIN_EXTENT_PX, repeats: true };
-        region_picker::button(ui, "Pick edges", tools, wanted);
+        tools.region_button(ui, "Pick edges", wanted);
         if self.edges.is_empty() {
             return;
         }

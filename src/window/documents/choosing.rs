@@ -12,39 +12,11 @@ use super::super::output::{OutputRequest, default_name};
 use super::super::project::Project;
 use super::super::saving::{self, SaveStep};
 use super::super::session::Session;
-use super::super::state::FolderUse;
 use super::Documents;
+use super::chooser_purpose::ChooserPurpose;
 use super::dialog::Dialog;
 use locard_engine::assets;
 use locard_engine::scene::is_model;
-
-/// Purpose of a path chosen in a dialog.
-#[derive(Debug)]
-pub(super) enum ChooserPurpose {
-    Open,
-    OpenProfile,
-    OpenScene,
-    /// A missing file that the scene refers to.
-    Locate(PathBuf),
-    SaveProfile,
-    SaveScene,
-    Output(OutputRequest),
-    /// Folder for the camera's frames from now on.
-    Record,
-    /// Folder for the frozen last seconds.
-    KeepFrozen,
-}
-
-impl ChooserPurpose {
-    fn folder_use(&self) -> FolderUse {
-        match self {
-            Self::Open => FolderUse::Recording,
-            Self::OpenProfile | Self::SaveProfile => FolderUse::Profile,
-            Self::OpenScene | Self::SaveScene | Self::Locate(_) => FolderUse::Scene,
-            Self::Output(_) | Self::Record | Self::KeepFrozen => FolderUse::Output,
-        }
-    }
-}
 
 impl Documents {
     pub fn open(&mut self, project: &Project) {

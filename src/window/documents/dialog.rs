@@ -14,8 +14,9 @@ use super::super::recovery_search::RecoverableWork;
 use super::super::saving;
 use super::super::session::Session;
 use super::super::titles;
-use super::choosing::ChooserPurpose;
-use super::{Documents, LoadedDocument, PendingAction};
+use super::Documents;
+use super::chooser_purpose::ChooserPurpose;
+use super::pending_action::{LoadedDocument, PendingAction};
 
 /// A modal dialog.
 #[derive(Debug)]

@@ -13,7 +13,8 @@ use super::super::recovery_search::RecoverableWork;
 use super::super::session::Session;
 use super::super::task::BackgroundTask;
 use super::dialog::Dialog;
-use super::{DocumentSwitch, Documents, LoadedDocument, PendingAction, RefusedOpening};
+use super::pending_action::{LoadedDocument, PendingAction};
+use super::{DocumentSwitch, Documents, RefusedOpening};
 use locard_engine::live;
 
 impl Documents {

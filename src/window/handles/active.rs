@@ -7,10 +7,20 @@ use super::super::Project;
 use super::drag_state::{drag_state, gizmo_offset_m};
 use super::gizmo::Handle;
 use super::outline::Outline;
+use super::overlay::Overlay;
 use super::transform::{Constraint, Pointer, Transform, TransformKind};
-use super::{Overlay, TransformCommand};
 use locard_engine::scene::{ItemPlacement, SceneFile, SceneItem};
 use locard_engine::shot::PosedCamera;
+
+/// Modal command of a key.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TransformCommand {
+    Move,
+    Turn,
+    Scale,
+    /// Duplicates the thing and moves the copy.
+    Duplicate,
+}
 
 /// A transform in progress.
 #[derive(Debug)]

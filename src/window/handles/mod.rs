@@ -36,11 +36,10 @@ use self::transform::{Constraint, TransformKind};
 use super::Project;
 use super::picture::WIPE_GRIP_PT;
 use super::theme;
-use super::tool::{Tool, Tools};
 use locard_engine::scene::{ItemPlacement, SceneItem, Size};
 use locard_engine::shot::PosedCamera;
 
-pub use self::active::ActiveTransform;
+pub use self::active::{ActiveTransform, TransformCommand};
 pub use self::maths::intersect_plane;
 pub use self::overlay::Overlay;
 pub use self::placement_preview::{PlacementPreview, PreviewKey};
@@ -49,16 +48,6 @@ pub use self::placement_preview::{PlacementPreview, PreviewKey};
 const NUDGE_M: f64 = 1e-3;
 /// Distance from the press at which a drag begins, points.
 const DRAG_THRESHOLD_PT: f32 = 3.0;
-
-/// Modal command of a key.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum TransformCommand {
-    Move,
-    Turn,
-    Scale,
-    /// Duplicates the thing and moves the copy.
-    Duplicate,
-}
 
 /// Cached outline of a thing.
 #[derive(Debug)]
@@ -117,36 +106,33 @@ impl Handles {
         over: &Overlay<'_>,
         project: &mut Project,
         selected: &mut Option<SceneItem>,
-        tools: &mut Tools,
+        transform: &mut Option<Box<ActiveTransform>>,
     ) -> Option<Result<String, String>> {
         *selected = selected.filter(|thing| project.edit().scene.placement(*thing).is_some());
         let pending = self.pending.take();
         let keys = std::mem::take(&mut self.keys);
         let Ok(eye) = project.shot().posed_camera(over.frame.index) else {
-            self.cancel(project, selected, tools);
+            self.cancel(project, selected, transform);
             return None;
         };
         let mut refused = None;
-        match (pending, *selected, tools.transform()) {
-            (Some(TransformCommand::Turn), Some(SceneItem::Lamp(_)), None) => {
+        match (pending, *selected, transform.is_some()) {
+            (Some(TransformCommand::Turn), Some(SceneItem::Lamp(_)), false) => {
                 refused = Some(Err("A lamp shines alike into all directions: there is nothing to turn.".to_owned()));
             }
-            (Some(command), Some(thing), None) => {
-                let transform = begin_by_key(command, over, project, &eye, thing, selected);
-                transform.into_iter().for_each(|transform| tools.interrupt(Tool::Transform(transform)));
+            (Some(command), Some(thing), false) => {
+                *transform = begin_by_key(command, over, project, &eye, thing, selected);
             }
             _ => {}
         }
-        let result = if tools.transform().is_some() {
-            self.update_transform(over, project, &eye, keys, selected, tools)
+        let result = if transform.is_some() {
+            self.update_transform(over, project, &eye, keys, selected, transform)
         } else {
-            if let Some(transform) = self.update_pointer(over, project, &eye, selected) {
-                tools.interrupt(Tool::Transform(transform));
-            }
+            *transform = self.update_pointer(over, project, &eye, selected);
             None
         };
         if !over.is_hidden {
-            self.paint(over, project, &eye, *selected, tools.transform());
+            self.paint(over, project, &eye, *selected, transform.as_deref());
         }
         refused.or(result)
     }
@@ -170,9 +156,9 @@ impl Handles {
         eye: &PosedCamera,
         keys: Vec<TransformKey>,
         selected: &mut Option<SceneItem>,
-        tools: &mut Tools,
+        transform: &mut Option<Box<ActiveTransform>>,
     ) -> Option<Result<String, String>> {
-        let Tool::Transform(active) = tools.active_mut() else { return None };
+        let active = transform.as_mut()?;
         let (at, modifiers, pressed, released, right) = over.picture.response.ctx.input(|i| {
             let pointer = &i.pointer;
             let right = pointer.button_pressed(PointerButton::Secondary);
@@ -198,7 +184,7 @@ impl Handles {
         }
         if is_cancelled {
             self.press_is_consumed = true;
-            self.cancel(project, selected, tools);
+            self.cancel(project, selected, transform);
             return None;
         }
         let frame = over.frame;
@@ -223,7 +209,7 @@ impl Handles {
             return error;
         }
         self.press_is_consumed = pressed || released;
-        let Tool::Transform(active) = tools.finish() else { return None };
+        let active = transform.take()?;
         self.pressed = None;
         let title = project.edit().scene.title(active.thing);
         let done = labels::history(&active.transform);
@@ -238,11 +224,14 @@ impl Handles {
     }
 
     /// Cancels the active transform and restores scene and selection.
-    fn cancel(&mut self, project: &mut Project, selected: &mut Option<SceneItem>, tools: &mut Tools) {
+    fn cancel(
+        &mut self,
+        project: &mut Project,
+        selected: &mut Option<SceneItem>,
+        transform: &mut Option<Box<ActiveTransform>>,
+    ) {
         self.pressed = None;
-        if tools.transform().is_some()
-            && let Tool::Transform(active) = tools.finish()
-        {
+        if let Some(active) = transform.take() {
             project.discard_uncommitted();
             *selected = Some(active.selected_before);
         }
