@@ -121,7 +121,7 @@ pub struct PairCounts {
     pub pairs: usize,
     /// Pairs with too few common flat areas.
     pub few: usize,
-    /// Pairs whose points do not match.
+    /// Pairs with inconsistent points.
     pub unlike: usize,
     /// Pairs with uncertain poses whose points match by the poses only.
     pub confirming: usize,
