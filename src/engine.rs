@@ -7,6 +7,7 @@
 // 0: plain values
 pub mod assets;
 pub mod cleanup;
+pub mod coding;
 pub mod digest;
 pub mod document;
 pub mod frame;

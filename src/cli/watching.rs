@@ -7,9 +7,9 @@ use anyhow::{Context, Result};
 
 use super::{interrupt, print_message, warn};
 use locard_engine::camera::Camera;
+use locard_engine::coding::{ColorMatrix, ColorRange};
 use locard_engine::live::{self, CaptureEvent, DelayMode, LiveCapture, LiveError, LiveInput, LiveOptions, LiveSpec};
 use locard_engine::recording::recorder::RecordingInfo;
-use locard_engine::source::video::{ColorMatrix, ColorRange};
 use locard_engine::text::{count, fixed};
 use locard_engine::webcam::{DriverName, Layout};
 

@@ -6,7 +6,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::delayed::DelayMode;
-use crate::source::video::{ColorMatrix, ColorRange};
+use crate::coding::{ColorMatrix, ColorRange};
 use crate::tracking::smooth::MAX_TIME_CONSTANT_S;
 use crate::webcam::{DriverName, Layout};
 

@@ -26,7 +26,7 @@ pub fn description(description: Description) -> Result<Document<Description>, Re
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::source::video::{ColorMatrix, ColorRange};
+    use crate::coding::{ColorMatrix, ColorRange};
     use proptest::prelude::*;
 
     fn number() -> impl Strategy<Value = f64> {

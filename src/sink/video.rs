@@ -9,10 +9,11 @@ use std::sync::Arc;
 use super::atomic::Partial;
 use super::{Sink, SinkError, SinkOptions, little_endian, rotation, timed};
 use crate::cleanup::MadeFolder;
+use crate::coding::ColorMatrix;
 use crate::pixels::Pixels;
 use crate::source::ffmpeg::{self, Running};
 use crate::source::orientation::Orientation;
-use crate::source::video::{CONVERSION_FLAGS, ColorMatrix};
+use crate::source::video::CONVERSION_FLAGS;
 
 const ENDED_EARLY: &str = "ffmpeg ended before it had all frames, and did not say why; see whether `ffmpeg` is ffmpeg";
 

@@ -11,7 +11,8 @@ use std::sync::mpsc::{Receiver, sync_channel};
 use super::SourceError;
 use super::ffmpeg::{self, Running};
 use super::index::{DecodingStart, Index};
-use super::video::{CONVERSION_FLAGS, ColorMatrix, ColorRange, MEND, Video};
+use super::video::{CONVERSION_FLAGS, MEND, Video};
+use crate::coding::{ColorMatrix, ColorRange};
 use crate::pixels::{Codes, Pixels};
 
 /// Properties of a video that decoding depends on.

@@ -13,6 +13,7 @@ use super::ffmpeg::{self, FfmpegError};
 use super::index::{Index, IndexEntry};
 use super::presentation::{Presentation, ProbedPresentation};
 use super::{SourceError, file as plain, unsupported};
+use crate::coding::{ColorMatrix, ColorRange};
 use crate::text::{count, fixed};
 
 /// Advice about a damaged file.
@@ -22,42 +23,6 @@ pub(super) const MEND: &str =
 /// Scaling flags for every conversion between Y'CbCr and R'G'B': full chroma at both ends and exact
 /// rounding. Without them swscale's fast paths are off by several code values.
 pub(crate) const CONVERSION_FLAGS: &str = "bicubic+accurate_rnd+full_chroma_int+full_chroma_inp";
-
-/// Range of Y' in a file: 16 to 235 of 255, or all.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum ColorRange {
-    Limited,
-    Full,
-}
-
-/// Matrix from R'G'B' to Y'CbCr.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum ColorMatrix {
-    /// None: R'G'B' is stored.
-    Rgb,
-    Bt601,
-    Bt709,
-    Bt2020,
-}
-
-impl ColorMatrix {
-    /// Default by height for a file that does not state its matrix.
-    pub fn usual(height: u32) -> Self {
-        if height < 720 { Self::Bt601 } else { Self::Bt709 }
-    }
-
-    /// Its name in ffmpeg's scale filter; `None` if there is nothing to convert.
-    pub(super) fn name(self) -> Option<&'static str> {
-        match self {
-            Self::Rgb => None,
-            Self::Bt601 => Some("bt601"),
-            Self::Bt709 => Some("bt709"),
-            Self::Bt2020 => Some("bt2020"),
-        }
-    }
-}
 
 /// The user's statements about a file; they override the file's own.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

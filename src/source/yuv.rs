@@ -5,7 +5,7 @@
 //! in JFIF 1.02 (ITU-T T.871 §7). Two (4:2:2) or four (4:2:0) pixels share a chroma sample, without
 //! interpolation.
 
-use super::video::{ColorMatrix, ColorRange};
+use crate::coding::{ColorMatrix, ColorRange};
 
 /// Fixed point: 2^50 units a code. Sums of three terms stay below 2^61.
 const ONE: i128 = 1 << 50;
@@ -27,11 +27,7 @@ impl Table {
     /// R'G'B' is not Y'CbCr: its matrix counts as BT.601.
     pub fn new(matrix: ColorMatrix, range: ColorRange) -> Self {
         // In units of 10^-4.
-        let (kr, kb): (i128, i128) = match matrix {
-            ColorMatrix::Rgb | ColorMatrix::Bt601 => (2990, 1140),
-            ColorMatrix::Bt709 => (2126, 722),
-            ColorMatrix::Bt2020 => (2627, 593),
-        };
+        let [kr, kb] = matrix.luma_coefficients().map(i128::from);
         let kg = 10_000 - kr - kb;
         let (black, y_span, c_span) = match range {
             ColorRange::Limited => (16, 219, 224),

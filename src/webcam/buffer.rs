@@ -53,7 +53,7 @@ fn stride(delivered: &Delivered, length: usize) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::source::video::{ColorMatrix, ColorRange};
+    use crate::coding::{ColorMatrix, ColorRange};
     use crate::webcam::Picture;
 
     fn fitted(layout: Layout, (width, height): (u32, u32), length: usize) -> (usize, usize) {

@@ -5,8 +5,8 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
+use crate::coding::{ColorMatrix, ColorRange};
 use crate::pixels::Pixels;
-use crate::source::video::{ColorMatrix, ColorRange};
 use crate::source::yuv::Table;
 use crate::source::{jpeg_end, jpeg_tables, still};
 

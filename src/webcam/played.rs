@@ -10,9 +10,10 @@ use super::error::CameraError;
 use super::list::Listed;
 use super::picture::{Delivered, Layout};
 use super::wanted::{Assumed, Given, TimeSource, Wanted};
+use crate::coding::{ColorMatrix, ColorRange};
 use crate::pixels::{Codes, eight_bits};
 use crate::source::decoding::VideoFrames;
-use crate::source::video::{ColorMatrix, ColorRange, Overrides, Video, probe};
+use crate::source::video::{Overrides, Video, probe};
 use crate::tracking::median_interval_s;
 
 /// Video files. The id is a file's path.

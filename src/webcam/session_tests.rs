@@ -14,7 +14,7 @@ use super::open::{Camera, listed};
 use super::picture::{Delivered, Layout, Picture};
 use super::session::{MAX_BLOCKED_THREADS, SessionLimits};
 use super::wanted::{Assumed, Given, TimeSource, Wanted};
-use crate::source::video::{ColorMatrix, ColorRange};
+use crate::coding::{ColorMatrix, ColorRange};
 
 const DELIVERED: Delivered = Delivered {
     layout: Layout::Grey,

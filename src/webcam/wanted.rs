@@ -4,7 +4,7 @@ use std::fmt;
 
 use super::driver_name::DriverName;
 use super::picture::{Delivered, Layout};
-use crate::source::video::{ColorMatrix, ColorRange};
+use crate::coding::{ColorMatrix, ColorRange};
 
 /// The requested format, of which a camera delivers the closest.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -8,13 +8,13 @@ use crate::random::Random;
 use crate::tier;
 use glam::{DVec2, DVec3};
 use locard::camera::Geometry;
+use locard::coding::{ColorMatrix, ColorRange};
 use locard::live::{LensTrack, LiveCompositor, LiveCounts, PictureOutcome, RecorderThread};
 use locard::pixels::Codes;
 use locard::pose::Pose;
 use locard::recording::recorder::{Recorder, RecordingInfo};
 use locard::recording::{FrameCamera, OpenOptions, Recording};
 use locard::shot::{Shot, ShotOptions};
-use locard::source::video::{ColorMatrix, ColorRange};
 use locard::stream::{LensState, OpenLens};
 use locard::webcam::{Delivered, Layout, Picture};
 

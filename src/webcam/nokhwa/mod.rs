@@ -24,7 +24,7 @@ use super::error::CameraError;
 use super::list::Listed;
 use super::picture::{Delivered, Layout};
 use super::wanted::{Assumed, Given, TimeSource, Wanted};
-use crate::source::video::{ColorMatrix, ColorRange};
+use crate::coding::{ColorMatrix, ColorRange};
 use crate::text::quoted;
 
 /// Time limit for the user's answer to the camera permission prompt.

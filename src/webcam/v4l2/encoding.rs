@@ -11,7 +11,7 @@ use v4l::format::Colorspace;
 use v4l::v4l_sys::v4l2_format;
 use v4l::v4l2::{ioctl, vidioc::VIDIOC_G_FMT};
 
-use crate::source::video::ColorMatrix;
+use crate::coding::ColorMatrix;
 
 /// `ycbcr_enc` of a format that leaves it to its colour space.
 pub const DEFAULT: u32 = 0;

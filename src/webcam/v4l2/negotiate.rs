@@ -12,7 +12,7 @@ use v4l::video::capture::Parameters;
 use v4l::{Device, Format, FourCC, Fraction};
 
 use super::{encoding, permission};
-use crate::source::video::{ColorMatrix, ColorRange};
+use crate::coding::{ColorMatrix, ColorRange};
 use crate::text::{quoted, reason};
 use crate::webcam::choose::{self, ExactMode};
 use crate::webcam::driver_name::DriverName;
