@@ -14,9 +14,22 @@
 //!
 //! Sources: ITU-T T.81 (JPEG), ITU-T T.871 (JFIF), ITU-R BT.601-7, BT.709-6 and BT.2020-2.
 
+pub mod chroma;
 mod color;
+pub mod conversion;
+pub mod dct;
+#[cfg(test)]
+pub(crate) mod jpeg_writer;
+pub mod path;
+#[cfg(test)]
+mod path_tests;
+mod plane;
+mod swscale;
+pub mod upsampling;
+pub mod yuv;
 
 pub use color::{ColorMatrix, ColorRange, YcbcrColor};
+pub use plane::SamplePlane;
 
 /// Samples of a block, rows and columns each.
 pub const BLOCK: usize = 8;
@@ -75,8 +88,13 @@ pub enum Decoder {
     /// libjpeg and libjpeg-turbo: inverse DCT with 13-bit constants (`islow`), "fancy" upsampling
     /// with weights 3 and 1 (4:2:0: 9, 3, 3, 1, rounded once), colour with 16-bit constants.
     Libjpeg,
-    /// ffmpeg's scaler as this program calls it: bicubic chroma, exact rounding.
-    Swscale,
+    /// ffmpeg's scaler as this program calls it: bicubic chroma with 14-bit and 12-bit weights,
+    /// colour with 13-bit constants.
+    Swscale {
+        /// Position that the scaler assumes for chroma samples, across and down. ffmpeg 5.1 assumes
+        /// the centre, wherever the file has them.
+        siting: [ChromaSiting; 2],
+    },
     /// Pixels share a chroma sample without interpolation; the nearest code of the exact
     /// conversion (webcams' YUYV and NV12).
     Nearest,
@@ -93,8 +111,8 @@ impl PictureCoding {
         self.chroma_factor().map(|factor| BLOCK as u32 * factor)
     }
 
-    /// Planes of samples: 1 for a grey picture, otherwise 3.
-    pub fn planes(&self) -> usize {
+    /// 1 for a grey picture, otherwise 3.
+    pub fn plane_count(&self) -> usize {
         if self.chroma.is_some() { 3 } else { 1 }
     }
 }

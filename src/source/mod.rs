@@ -15,7 +15,6 @@ pub mod presentation;
 pub mod still;
 pub mod unsupported;
 pub mod video;
-pub mod yuv;
 
 use std::path::{Path, PathBuf};
 

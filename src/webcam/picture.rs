@@ -5,9 +5,9 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
+use crate::coding::yuv::Table;
 use crate::coding::{ColorMatrix, ColorRange};
 use crate::pixels::Pixels;
-use crate::source::yuv::Table;
 use crate::source::{jpeg_end, jpeg_tables, still};
 
 /// How a picture's bytes lie.

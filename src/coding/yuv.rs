@@ -5,7 +5,7 @@
 //! in JFIF 1.02 (ITU-T T.871 §7). Two (4:2:2) or four (4:2:0) pixels share a chroma sample, without
 //! interpolation.
 
-use crate::coding::{ColorMatrix, ColorRange};
+use super::{ColorMatrix, ColorRange};
 
 /// Fixed point: 2^50 units a code. Sums of three terms stay below 2^61.
 const ONE: i128 = 1 << 50;

@@ -1,0 +1,161 @@
+//! DCT of 8×8 blocks: forward in floating point, inverse in the decoders' integer arithmetic.
+//!
+//! F(v, u) = ¼ C(u) C(v) Σ f(y, x) cos((2x + 1) u π/16) cos((2y + 1) v π/16), C(0) = 1/√2 (ITU-T
+//! T.81, A.3.3). Blocks are row-major: index 8 v + u, or 8 y + x.
+//!
+//! The integer inverse is the one-dimensional transform of Loeffler, Ligtenberg and Moschytz
+//! (*Practical Fast 1-D DCT Algorithms with 11 Multiplications*, ICASSP 1989), over columns, then
+//! rows, scaled by √8 in each pass. Decoders differ in the bits of its constants and in the
+//! fraction that they keep between both passes. Sums wrap as the decoders' do; only coefficients
+//! far beyond those of 8-bit samples get there.
+
+use std::sync::LazyLock;
+
+use super::BLOCK;
+
+/// Values of a block.
+pub const BLOCK_LEN: usize = BLOCK * BLOCK;
+
+/// Row u has the samples of the frequency u; orthonormal.
+static BASIS: LazyLock<[[f32; BLOCK]; BLOCK]> = LazyLock::new(|| {
+    std::array::from_fn(|u| {
+        let scale = if u == 0 { 0.5f64.sqrt() / 2.0 } else { 0.5 };
+        std::array::from_fn(|x| {
+            let angle = ((2 * x + 1) * u) as f64 * std::f64::consts::PI / 16.0;
+            (scale * angle.cos()) as f32
+        })
+    })
+});
+
+/// Coefficients of samples that are centred about 0. Each sum runs over its index upwards, over
+/// columns first, then over rows.
+pub fn forward(samples: &[f32; BLOCK_LEN]) -> [f32; BLOCK_LEN] {
+    let basis = &*BASIS;
+    let mut columns = [0.0; BLOCK_LEN];
+    for v in 0..BLOCK {
+        for (y, weight) in basis[v].iter().enumerate() {
+            for x in 0..BLOCK {
+                columns[BLOCK * v + x] += weight * samples[BLOCK * y + x];
+            }
+        }
+    }
+    let row = |v: usize, u: usize| (0..BLOCK).fold(0.0, |sum, x| sum + basis[u][x] * columns[BLOCK * v + x]);
+    std::array::from_fn(|i| row(i / BLOCK, i % BLOCK))
+}
+
+/// Multiples of the quantisation steps that are nearest to coefficients; halves away from 0, as
+/// encoders round.
+pub fn quantize(coefficients: &[f32; BLOCK_LEN], steps: &[u16; BLOCK_LEN]) -> [i32; BLOCK_LEN] {
+    std::array::from_fn(|i| {
+        let step = steps[i].max(1);
+        ((coefficients[i] / f32::from(step)).round() as i32).wrapping_mul(step.into())
+    })
+}
+
+/// Fixed point of an inverse DCT.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct InverseDct {
+    /// Fraction of the constants, bits.
+    constant_bits: u32,
+    /// Fraction of the values between both passes, bits.
+    pass_bits: u32,
+    /// Added before the last rounding, in units of 2^-(`constant_bits` + `pass_bits` + 3).
+    bias: i32,
+    /// √2 times cosines of multiples of π/16 and their sums, in units of 2^-`constant_bits`.
+    constants: Constants,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Constants {
+    /// Rotation by 6π/16 of the frequencies 2 and 6.
+    even: [i32; 3],
+    /// √2 cos(3π/16), common to all odd frequencies.
+    shared: i32,
+    /// Of the frequencies 7, 5, 3 and 1.
+    single: [i32; 4],
+    /// Of the pairs (7, 1), (5, 3), (7, 3) and (5, 1).
+    paired: [i32; 4],
+}
+
+impl InverseDct {
+    /// 12 and 2 bits: the `image` crate's JPEG decoder. Its shortcuts for blocks of few
+    /// coefficients have the same results.
+    pub const ZUNE: Self = Self {
+        constant_bits: 12,
+        pass_bits: 2,
+        bias: 1 << 9,
+        constants: Constants {
+            even: [2217, -7567, 3135],
+            shared: 4816,
+            single: [1223, 8410, 12586, 6149],
+            paired: [-3685, -10497, -8034, -1597],
+        },
+    };
+    /// 13 and 2 bits: libjpeg's `islow`.
+    pub const LIBJPEG: Self = Self {
+        constant_bits: 13,
+        pass_bits: 2,
+        bias: 0,
+        constants: Constants {
+            even: [4433, -15137, 6270],
+            shared: 9633,
+            single: [2446, 16819, 25172, 12299],
+            paired: [-7373, -20995, -16069, -3196],
+        },
+    };
+
+    /// Samples of a block of coefficients: + 128, cut off at 0 and 255.
+    pub fn samples(&self, coefficients: &[i32; BLOCK_LEN]) -> [u8; BLOCK_LEN] {
+        let mut columns = [0; BLOCK_LEN];
+        for x in 0..BLOCK {
+            let column = self.pass(std::array::from_fn(|v| coefficients[BLOCK * v + x]));
+            for (y, value) in column.into_iter().enumerate() {
+                columns[BLOCK * y + x] = rounded_shift(value, self.constant_bits - self.pass_bits);
+            }
+        }
+        // √8 in each pass: 8 in total.
+        let shift = self.constant_bits + self.pass_bits + 3;
+        let mut samples = [0; BLOCK_LEN];
+        for (row, sample_row) in columns.as_chunks::<BLOCK>().0.iter().zip(samples.as_chunks_mut::<BLOCK>().0) {
+            *sample_row = self.pass(*row).map(|value| {
+                let sample = rounded_shift(value.wrapping_add(self.bias), shift);
+                sample.wrapping_add(128).clamp(0, 255) as u8
+            });
+        }
+        samples
+    }
+
+    /// The one-dimensional inverse, times √8 · 2^`constant_bits`.
+    fn pass(&self, f: [i32; BLOCK]) -> [i32; BLOCK] {
+        let Constants { even, shared, single, paired } = self.constants;
+        let add = i32::wrapping_add;
+        let mul = i32::wrapping_mul;
+        let rotation = mul(add(f[2], f[6]), even[0]);
+        let even_2 = add(rotation, mul(f[6], even[1]));
+        let even_3 = add(rotation, mul(f[2], even[2]));
+        let even_0 = add(f[0], f[4]).wrapping_shl(self.constant_bits);
+        let even_1 = f[0].wrapping_sub(f[4]).wrapping_shl(self.constant_bits);
+        let evens =
+            [add(even_0, even_3), add(even_1, even_2), even_1.wrapping_sub(even_2), even_0.wrapping_sub(even_3)];
+        let common = mul(add(add(f[7], f[3]), add(f[5], f[1])), shared);
+        let by_71 = mul(add(f[7], f[1]), paired[0]);
+        let by_53 = mul(add(f[5], f[3]), paired[1]);
+        let by_73 = add(common, mul(add(f[7], f[3]), paired[2]));
+        let by_51 = add(common, mul(add(f[5], f[1]), paired[3]));
+        let odds = [
+            add(mul(f[1], single[3]), add(by_71, by_51)),
+            add(mul(f[3], single[2]), add(by_53, by_73)),
+            add(mul(f[5], single[1]), add(by_53, by_51)),
+            add(mul(f[7], single[0]), add(by_71, by_73)),
+        ];
+        std::array::from_fn(|i| match i {
+            0..4 => add(evens[i], odds[i]),
+            _ => evens[7 - i].wrapping_sub(odds[7 - i]),
+        })
+    }
+}
+
+/// Nearest to value / 2^bits, halves up.
+fn rounded_shift(value: i32, bits: u32) -> i32 {
+    value.wrapping_add(1 << (bits - 1)) >> bits
+}

@@ -1,0 +1,168 @@
+//! The path of a picture through its coding, on the processor: the reference of the shaders.
+
+use super::chroma::ChromaFilters;
+use super::conversion::IntegerConversion;
+use super::dct::{self, BLOCK_LEN, InverseDct};
+use super::yuv::Table;
+use super::{BLOCK, BlockQuantization, ChromaSampling, ColorMatrix, Decoder, PictureCoding, SamplePlane};
+use super::{swscale, upsampling};
+
+/// Pixels that the coded planes cover.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CodedExtent {
+    /// Pixels of the picture, across and down.
+    pub size: [usize; 2],
+    /// Left and upper pixels of the planes outside the picture.
+    pub before: [usize; 2],
+    /// Luma samples, across and down.
+    pub padded: [usize; 2],
+}
+
+impl PictureCoding {
+    /// Extent of the planes of a picture: whole coded units, or whole chroma samples where there
+    /// are no units.
+    pub fn extent(&self, size: [usize; 2]) -> CodedExtent {
+        let (origin, unit) = match &self.quantization {
+            Some(quantization) => (quantization.origin, self.unit_px()),
+            None => ([0, 0], self.chroma_factor()),
+        };
+        let before = origin.map(|at| at.min(0).unsigned_abs() as usize);
+        let padded = [0, 1].map(|axis| (size[axis] + before[axis]).next_multiple_of(unit[axis] as usize));
+        CodedExtent { size, before, padded }
+    }
+
+    /// Planes of rendered R'G'B' codes, which need be neither whole nor between 0 and 255. Chroma
+    /// samples are means of pixels. The picture's edge pixels repeat up to the planes' ends, as in
+    /// encoders.
+    pub fn planes(&self, rgb: &[[f32; 3]], size: [usize; 2]) -> Vec<SamplePlane<f32>> {
+        self.filtered_planes(rgb, size, |chroma| ChromaFilters::mean(chroma))
+    }
+
+    /// Planes that decode to given R'G'B' codes: those of the camera, up to the rounding of codes.
+    pub fn recovered_planes(&self, codes: &[u8], size: [usize; 2]) -> Vec<SamplePlane<f32>> {
+        let rgb: Vec<[f32; 3]> = codes.as_chunks::<3>().0.iter().map(|code| code.map(f32::from)).collect();
+        self.filtered_planes(&rgb, size, |chroma| ChromaFilters::recovery(chroma, self.decoder))
+    }
+
+    fn filtered_planes(
+        &self,
+        rgb: &[[f32; 3]],
+        size: [usize; 2],
+        filters: impl Fn(ChromaSampling) -> ChromaFilters,
+    ) -> Vec<SamplePlane<f32>> {
+        let extent = self.extent(size);
+        let (rows, black) = self.color.forward();
+        let full = |plane: usize| {
+            let row = rows[plane].map(|weight| weight as f32);
+            SamplePlane::new(extent.padded[0], extent.padded[1], |x, y| {
+                let inside = |at: usize, axis: usize| at.saturating_sub(extent.before[axis]).min(size[axis] - 1);
+                let [r, g, b] = rgb[inside(y, 1) * size[0] + inside(x, 0)];
+                black[plane] as f32 + row[0] * r + row[1] * g + row[2] * b
+            })
+        };
+        let Some(chroma) = self.chroma else { return vec![full(0)] };
+        let filters = filters(chroma);
+        (0..3).map(|plane| if plane == 0 { full(0) } else { filters.apply(&full(plane)) }).collect()
+    }
+
+    /// Samples as the decoder has them after the inverse DCT; without [`BlockQuantization`] samples
+    /// rounded to 8 bits.
+    pub fn quantized(&self, planes: &[SamplePlane<f32>]) -> Vec<SamplePlane<u8>> {
+        let Some(quantization) = &self.quantization else {
+            return planes.iter().map(|plane| plane.map(|sample| sample.round() as u8)).collect();
+        };
+        let inverse = match self.decoder {
+            Decoder::Libjpeg => InverseDct::LIBJPEG,
+            Decoder::ZuneJpeg | Decoder::Swscale { .. } | Decoder::Nearest => InverseDct::ZUNE,
+        };
+        let by_plane = planes.iter().zip(&quantization.steps);
+        by_plane.map(|(plane, steps)| decoded_samples(&coefficients(plane, steps), plane.width, inverse)).collect()
+    }
+
+    /// R'G'B' codes of a picture, interleaved, from its decoded samples.
+    pub fn decode(&self, planes: &[SamplePlane<u8>], size: [usize; 2]) -> Vec<u8> {
+        let extent = self.extent(size);
+        let [width, height] = extent.padded;
+        let factor = self.chroma_factor();
+        let [luma, cb, cr] = planes else { return crop(&extent, |x, y| [planes[0].at(x, y); 3]) };
+        if self.color.matrix == ColorMatrix::Rgb {
+            return crop(&extent, |x, y| [luma, cb, cr].map(|plane| plane.at(x, y)));
+        }
+        let converted = |chroma: [SamplePlane<u8>; 2], rgb: &dyn Fn([u8; 3]) -> [u8; 3]| {
+            crop(&extent, |x, y| rgb([luma.at(x, y), chroma[0].at(x, y), chroma[1].at(x, y)]))
+        };
+        match self.decoder {
+            Decoder::ZuneJpeg => {
+                let chroma = [cb, cr].map(|plane| upsampling::zune(plane, factor));
+                converted(chroma, &|sample| IntegerConversion::ZUNE.rgb(sample))
+            }
+            Decoder::Libjpeg => {
+                let inside = [0, 1].map(|axis| (extent.before[axis] + size[axis]).div_ceil(factor[axis] as usize));
+                let chroma = [cb, cr].map(|plane| upsampling::libjpeg(&plane.cropped(inside[0], inside[1]), factor));
+                converted(chroma, &|sample| IntegerConversion::LIBJPEG.rgb(sample))
+            }
+            Decoder::Nearest => {
+                let table = Table::new(self.color.matrix, self.color.range);
+                let chroma = [cb, cr].map(|plane| upsampling::repeated(plane, factor));
+                converted(chroma, &|sample| table.rgb(sample))
+            }
+            Decoder::Swscale { siting } => {
+                let planes = [luma.clone(), cb.clone(), cr.clone()];
+                let codes = swscale::rgb(&planes, [width, height], factor, siting, self.color);
+                crop(&extent, |x, y| {
+                    let at = 3 * (y * width + x);
+                    [codes[at], codes[at + 1], codes[at + 2]]
+                })
+            }
+        }
+    }
+
+    /// A decoded picture, coded and decoded once more. The result equals the picture where its
+    /// codes determine the camera's samples.
+    pub fn recode(&self, codes: &[u8], size: [usize; 2]) -> Vec<u8> {
+        self.decode(&self.quantized(&self.recovered_planes(codes, size)), size)
+    }
+}
+
+/// The picture's part of a padded picture.
+fn crop(extent: &CodedExtent, rgb: impl Fn(usize, usize) -> [u8; 3]) -> Vec<u8> {
+    let [width, height] = extent.size;
+    let [left, top] = extent.before;
+    let rgb = &rgb;
+    (top..top + height).flat_map(|y| (left..left + width).flat_map(move |x| rgb(x, y))).collect()
+}
+
+/// Dequantised coefficients of a plane, block by block in rows. Its sides are multiples of 8.
+pub fn coefficients(plane: &SamplePlane<f32>, steps: &[u16; BLOCK_LEN]) -> Vec<[i32; BLOCK_LEN]> {
+    unquantized_coefficients(plane).map(|block| dct::quantize(&block, steps)).collect()
+}
+
+/// Coefficients of a plane's samples − 128, block by block in rows.
+pub fn unquantized_coefficients(plane: &SamplePlane<f32>) -> impl Iterator<Item = [f32; BLOCK_LEN]> {
+    let across = plane.width / BLOCK;
+    (0..across * (plane.height / BLOCK)).map(move |block| {
+        let [left, top] = [block % across * BLOCK, block / across * BLOCK];
+        dct::forward(&std::array::from_fn(|i| plane.at(left + i % BLOCK, top + i / BLOCK) - 128.0))
+    })
+}
+
+/// Samples of dequantised coefficients, block by block in rows, of a plane of given width.
+pub fn decoded_samples(blocks: &[[i32; BLOCK_LEN]], width: usize, inverse: InverseDct) -> SamplePlane<u8> {
+    let across = (width / BLOCK).max(1);
+    let mut plane = SamplePlane::new(width, blocks.len() / across * BLOCK, |_, _| 0);
+    for (i, block) in blocks.iter().enumerate() {
+        let [left, top] = [i % across * BLOCK, i / across * BLOCK];
+        for (y, row) in inverse.samples(block).as_chunks::<BLOCK>().0.iter().enumerate() {
+            let start = (top + y) * width + left;
+            plane.samples[start..start + BLOCK].copy_from_slice(row);
+        }
+    }
+    plane
+}
+
+impl BlockQuantization {
+    /// Tables at the top left corner of the picture.
+    pub fn at_corner(steps: [[u16; BLOCK_LEN]; 3]) -> Self {
+        Self { steps, origin: [0, 0] }
+    }
+}
