@@ -2,9 +2,9 @@
 //!
 //! A decoder that interpolates makes pixels o = U s of samples s. Means of such pixels are not the
 //! samples that they came from, so a picture that is coded again would blur with each generation.
-//! The least-squares solution s = (UᵀU)⁻¹Uᵀ o returns them up to the rounding of codes. U is the same
-//! at every sample, so its inverse is a filter with taps that fall off geometrically; for JPEG's
-//! weights ¾ and ¼ they are ⅔ (−⅓)^k at the k-th pixel pair from the sample.
+//! The least-squares solution s = (UᵀU)⁻¹Uᵀ o returns them up to the rounding of codes. U is the
+//! same at every sample, so its inverse is a filter with taps that fall off geometrically; for
+//! JPEG's weights ¾ and ¼ they are ⅔ (−⅓)^k at the k-th pixel pair from the sample.
 
 use super::{ChromaSampling, ChromaSiting, Decoder, SamplePlane, swscale};
 

@@ -16,6 +16,17 @@ use super::BLOCK;
 /// Values of a block.
 pub const BLOCK_LEN: usize = BLOCK * BLOCK;
 
+/// Index 8 v + u of each coefficient in the order of a JPEG file (T.81, figure A.6): along
+/// diagonals, by turns upwards and downwards.
+pub static ZIGZAG: LazyLock<[usize; BLOCK_LEN]> = LazyLock::new(|| {
+    let mut order = std::array::from_fn(|i| i);
+    order.sort_by_key(|i| {
+        let (v, u) = (i / BLOCK, i % BLOCK);
+        (u + v, if (u + v) % 2 == 0 { u } else { v })
+    });
+    order
+});
+
 /// Row u has the samples of the frequency u; orthonormal.
 static BASIS: LazyLock<[[f32; BLOCK]; BLOCK]> = LazyLock::new(|| {
     std::array::from_fn(|u| {

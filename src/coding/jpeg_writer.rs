@@ -1,17 +1,7 @@
 //! Writes baseline JPEG files with given quantised coefficients, for tests. Source: ITU-T T.81
 //! (markers: annex B; Huffman coding: annex F.1.2; tables: annex K.3, luminance's for all planes).
 
-use super::dct::BLOCK_LEN;
-
-/// Index 8 v + u of each coefficient in the order of the file (T.81, figure A.6).
-pub fn zigzag() -> [usize; BLOCK_LEN] {
-    let mut order: Vec<usize> = (0..BLOCK_LEN).collect();
-    order.sort_by_key(|i| {
-        let (v, u) = (i / 8, i % 8);
-        (u + v, if (u + v) % 2 == 0 { u } else { v })
-    });
-    order.try_into().unwrap()
-}
+use super::dct::{BLOCK_LEN, ZIGZAG};
 
 /// Code and length of each symbol.
 struct Codes(Vec<Option<(u32, u32)>>);
@@ -103,13 +93,12 @@ pub struct JpegPlanes<'a> {
 
 impl JpegPlanes<'_> {
     pub fn file(&self) -> Vec<u8> {
-        let order = zigzag();
         let mut file = vec![0xff, 0xd8];
         if let Some(transform) = self.adobe {
             segment(&mut file, 0xee, &[b"Adobe".as_slice(), &[0, 100, 0, 0, 0, 0, transform]].concat());
         }
         for (i, steps) in self.steps.iter().enumerate() {
-            let values = order.iter().flat_map(|&at| steps[at].to_be_bytes());
+            let values = ZIGZAG.iter().flat_map(|&at| steps[at].to_be_bytes());
             segment(&mut file, 0xdb, &[vec![0x10 | i as u8], values.collect()].concat());
         }
         let count = self.blocks.len() as u8;
@@ -129,12 +118,12 @@ impl JpegPlanes<'_> {
         let mut scan = vec![count];
         scan.extend((0..count).flat_map(|plane| [plane + 1, 0]));
         segment(&mut file, 0xda, &[scan, vec![0, 63, 0]].concat());
-        file.extend(self.scan(&order, &Codes::new(&DC_LENGTHS, &dc_symbols)));
+        file.extend(self.scan(&Codes::new(&DC_LENGTHS, &dc_symbols)));
         file.extend([0xff, 0xd9]);
         file
     }
 
-    fn scan(&self, order: &[usize; BLOCK_LEN], dc: &Codes) -> Vec<u8> {
+    fn scan(&self, dc: &Codes) -> Vec<u8> {
         let ac = Codes::new(&AC_LENGTHS, &ac_symbols());
         let units = [0, 1].map(|i| usize::from(self.size[i]).div_ceil(8 * usize::from(self.factor[i])));
         let mut bits = BitWriter::default();
@@ -149,7 +138,7 @@ impl JpegPlanes<'_> {
                     bits.symbol(dc, size_of(difference) as u8);
                     bits.magnitude(difference, size_of(difference));
                     let mut zeros = 0;
-                    for value in order[1..].iter().map(|&i| block[i]) {
+                    for value in ZIGZAG[1..].iter().map(|&i| block[i]) {
                         if value == 0 {
                             zeros += 1;
                             continue;

@@ -1,5 +1,5 @@
-use super::dct::{BLOCK_LEN, InverseDct};
-use super::jpeg_writer::{JpegPlanes, zigzag};
+use super::dct::{BLOCK_LEN, InverseDct, ZIGZAG};
+use super::jpeg_writer::JpegPlanes;
 use super::path::decoded_samples;
 use super::*;
 
@@ -18,13 +18,12 @@ fn hashed(seed: u32, count: u32) -> u32 {
 /// Quantised coefficients: blocks of a DC alone, of the lowest ten frequencies, of all, and of
 /// extreme values.
 fn quantized_blocks(count: usize, seed: u32) -> Vec<[i32; BLOCK_LEN]> {
-    let order = zigzag();
     let block = |i: u32| {
         let of = |k: u32, count: u32| hashed(seed.wrapping_add(i * 977 + k * 13), count) as i32;
         let kind = of(99, 5);
         let length = [1, 10, 64, 64, 30][kind as usize];
         let mut block = [0; BLOCK_LEN];
-        for (k, &at) in order.iter().enumerate().take(length) {
+        for (k, &at) in ZIGZAG.iter().enumerate().take(length) {
             let k = k as u32;
             block[at] = match (k, kind) {
                 (0, _) => of(0, 120) - 60,

@@ -15,7 +15,7 @@ const FRACTION_BITS: u32 = 7;
 
 /// Interpolation of one sample: four weights from a first sample on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Taps {
+struct TapRow {
     first: usize,
     weights: [i32; TAPS],
 }
@@ -44,7 +44,7 @@ pub fn position(at: usize, factor: u32, siting: ChromaSiting) -> f64 {
 
 /// Weights in units of 2^-`bits` for each pixel of an axis of `samples` chroma samples. Samples
 /// beyond an end count as the one at the end.
-fn taps(pixels: usize, samples: usize, factor: u32, siting: ChromaSiting, bits: u32) -> Vec<Taps> {
+fn taps(pixels: usize, samples: usize, factor: u32, siting: ChromaSiting, bits: u32) -> Vec<TapRow> {
     let of = |at: usize| {
         let position = position(at, factor, siting);
         let nominal = position.floor() as isize - 1;
@@ -55,7 +55,7 @@ fn taps(pixels: usize, samples: usize, factor: u32, siting: ChromaSiting, bits: 
             let place = (nominal + i).clamp(0, samples as isize - 1) as usize - first;
             exact[place] += kernel(position - (nominal + i) as f64);
         }
-        Taps { first, weights: rounded(exact, bits) }
+        TapRow { first, weights: rounded(exact, bits) }
     };
     (0..pixels).map(of).collect()
 }
@@ -80,7 +80,7 @@ fn interpolated(
     factor: [u32; 2],
     siting: [ChromaSiting; 2],
 ) -> SamplePlane<i32> {
-    let sum = |taps: &Taps, sample: &dyn Fn(usize) -> i32, length: usize| -> i32 {
+    let sum = |taps: &TapRow, sample: &dyn Fn(usize) -> i32, length: usize| -> i32 {
         (0..TAPS.min(length)).map(|i| taps.weights[i] * sample(taps.first + i)).sum()
     };
     let columns = taps(size[0], plane.width, factor[0], siting[0], HORIZONTAL_BITS);

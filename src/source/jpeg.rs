@@ -9,6 +9,8 @@
 //! [`unsupported`] refuses them. Not checked: whether a progressive file that ends between two
 //! scans should have had more of them.
 
+use super::jpeg_header::{FrameHeader, PlaneHeader, QuantizationTables, parse_quantization};
+
 /// Ending of a complete picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ending {
@@ -71,7 +73,9 @@ pub fn check(bytes: &[u8]) -> Result<Ending, String> {
             },
             0xc0..=0xc2 => return Ok(Ending::Marked),
             0xc4 => file.tables(segment).ok_or_else(|| DAMAGED.to_owned())?,
-            0xdb => file.quantizations(segment).ok_or_else(|| DAMAGED.to_owned())?,
+            0xdb => {
+                parse_quantization(segment, &mut file.quantizations).ok_or_else(|| DAMAGED.to_owned())?;
+            }
             0xdd => file.restart_every = segment.first_chunk().map_or(0, |n| usize::from(u16::from_be_bytes(*n))),
             0xda if scans == MAX_SCANS => {
                 return Err(format!("the JPEG has more than {MAX_SCANS} scans; save it anew"));
@@ -101,7 +105,7 @@ fn truncated(how: &str) -> String {
 }
 
 /// The next marker, skipping anything before it; `at` is moved past it.
-fn next_marker(bytes: &[u8], at: &mut usize) -> Option<u8> {
+pub(super) fn next_marker(bytes: &[u8], at: &mut usize) -> Option<u8> {
     loop {
         let pair = bytes.get(*at..*at + 2)?;
         if pair[0] == 0xff && !matches!(pair[1], 0x00 | 0xff) {
@@ -120,22 +124,23 @@ struct File<'a> {
     components: Vec<JpegComponent>,
     /// Tables for DC differences, and for the AC coefficients.
     huffman: [[Option<HuffmanTable>; 4]; 2],
-    /// Which quantisation tables are defined.
-    quantized: [bool; 4],
+    quantizations: QuantizationTables,
     restart_every: usize,
 }
 
 struct JpegComponent {
-    id: u8,
-    /// Its quantisation table.
-    quantization: u8,
-    /// Blocks per unit, across and down.
-    sampling: [usize; 2],
+    header: PlaneHeader,
     /// Whether a scan contained its DC coefficients.
     seen: bool,
     /// Bit masks of the coefficients of each block of a progressive file that are known to be
     /// nonzero.
     known: Vec<u64>,
+}
+
+impl JpegComponent {
+    fn new(header: PlaneHeader) -> Self {
+        Self { header, seen: false, known: Vec::new() }
+    }
 }
 
 /// The part of each block's coefficients that a scan codes.
@@ -149,24 +154,18 @@ struct SpectralBand {
 impl File<'_> {
     /// `None` if the frame is not of a kind that is checked.
     fn frame(&mut self, segment: &[u8], is_progressive: bool) -> Option<()> {
-        let word = |at: usize| Some(usize::from(u16::from_be_bytes([*segment.get(at)?, *segment.get(at + 1)?])));
+        let header = FrameHeader::parse(segment)?;
         self.is_progressive = is_progressive;
-        self.size = [word(3)?, word(1)?];
-        let count = usize::from(*segment.get(5)?);
-        for part in segment.get(6..6 + 3 * count)?.chunks_exact(3) {
-            let sampling = [usize::from(part[1] >> 4), usize::from(part[1] & 15)];
-            let component =
-                JpegComponent { id: part[0], quantization: part[2], sampling, seen: false, known: Vec::new() };
-            self.components.push(component);
-        }
-        let fits = self.components.iter().all(|c| c.sampling.iter().all(|s| (1..=4).contains(s)));
+        self.size = header.size;
+        self.components = header.planes.into_iter().map(JpegComponent::new).collect();
+        let fits = self.components.iter().all(|c| c.header.sampling.iter().all(|s| (1..=4).contains(s)));
         let [across, down] = self.units();
         (fits && across * down > 0 && across * down <= MAX_BLOCKS).then_some(())
     }
 
     /// Blocks per unit of the component with the finest sampling.
     fn finest(&self, axis: usize) -> usize {
-        self.components.iter().map(|c| c.sampling[axis]).max().unwrap_or(1)
+        self.components.iter().map(|c| c.header.sampling[axis]).max().unwrap_or(1)
     }
 
     /// Units across and down, each containing blocks of all components.
@@ -182,15 +181,6 @@ impl File<'_> {
             *self.huffman.get_mut(usize::from(kind >> 4))?.get_mut(usize::from(kind & 15))? =
                 Some(HuffmanTable::new(lengths, symbols)?);
             segment = rest.get(count..)?;
-        }
-        Some(())
-    }
-
-    /// T.81, B.2.4.1: precision and destination, then 64 values of one or two bytes.
-    fn quantizations(&mut self, mut segment: &[u8]) -> Option<()> {
-        while let Some((&kind, rest)) = segment.split_first() {
-            *self.quantized.get_mut(usize::from(kind & 15))? = true;
-            segment = rest.get(if kind >> 4 == 0 { 64 } else { 128 }..)?;
         }
         Some(())
     }
@@ -220,8 +210,9 @@ impl File<'_> {
         };
         let mut chosen = Vec::new();
         for part in parts.chunks_exact(2) {
-            let index = self.components.iter().position(|c| c.id == part[0]).ok_or_else(damaged)?;
-            if self.quantized.get(usize::from(self.components[index].quantization)) != Some(&true) {
+            let index = self.components.iter().position(|c| c.header.id == part[0]).ok_or_else(damaged)?;
+            let table = self.quantizations.get(usize::from(self.components[index].header.quantization));
+            if table.is_none_or(Option::is_none) {
                 return Err(NO_QUANTIZATION.to_owned());
             }
             chosen.push((index, [usize::from(part[1] >> 4), usize::from(part[1] & 15)]));
@@ -231,14 +222,15 @@ impl File<'_> {
             let component = &mut self.components[index];
             component.seen |= band.first == 0;
             if self.is_progressive && component.known.is_empty() {
-                component.known = vec![0; units[0] * units[1] * component.sampling[0] * component.sampling[1]];
+                component.known =
+                    vec![0; units[0] * units[1] * component.header.sampling[0] * component.header.sampling[1]];
             }
         }
         // A scan of one component has only the blocks inside the picture, without those that fill
         // up units.
         let grid = match chosen.as_slice() {
             [(index, _)] => {
-                let sampling = self.components[*index].sampling;
+                let sampling = self.components[*index].header.sampling;
                 [0, 1].map(|axis| (self.size[axis] * sampling[axis]).div_ceil(self.finest(axis)).div_ceil(8))
             }
             _ => units,
@@ -260,8 +252,8 @@ impl File<'_> {
             for &(index, tables) in &chosen {
                 let component = &mut self.components[index];
                 let alone = chosen.len() == 1;
-                let [h, v] = if alone { [1, 1] } else { component.sampling };
-                let width = units[0] * component.sampling[0];
+                let [h, v] = if alone { [1, 1] } else { component.header.sampling };
+                let width = units[0] * component.header.sampling[0];
                 let [dc, ac] = [0, 1].map(|kind| self.huffman[kind].get(tables[kind]).and_then(Option::as_ref));
                 for block in 0..h * v {
                     let (x, y) = (unit % grid[0] * h + block % h, unit / grid[0] * v + block / h);

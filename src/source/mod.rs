@@ -9,6 +9,7 @@ pub mod file;
 mod index;
 pub mod jpeg;
 pub mod jpeg_end;
+pub mod jpeg_header;
 pub mod jpeg_tables;
 pub mod orientation;
 pub mod presentation;
