@@ -180,11 +180,31 @@ fn camera_at(p: vec2<i32>) -> Mixed {
 
 // `apply_effects`, with the enabled effects of the mixed stage, is appended.
 
+// Whether the picture keeps the camera's codes at a pixel.
+fn is_unchanged(p: vec2<i32>, virtual_light: vec4<f32>) -> bool {
+    return all(virtual_light == vec4<f32>(0.0)) && all(shadow_ratio_at(p) == vec3<f32>(1.0)) && !whole;
+}
+
+// The picture before it is coded (src/compositor/coded.rs): R'G'B' on the scale of 8-bit codes, not
+// clipped; alpha is 1 where it differs from the camera's. Beyond the picture its rim continues, as
+// encoders pad it.
+@fragment
+fn uncoded(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
+    let rim = composite.camera_size - composite.in_camera - 1;
+    let p = clamp(vec2<i32>(at.xy), -composite.in_camera, rim);
+    let virtual_light = layer_at(p);
+    if is_unchanged(p, virtual_light) {
+        return vec4<f32>(vec3<f32>(camera_codes(p).rgb), 0.0);
+    }
+    let pixel = apply_effects(p, mixed_at(p, virtual_light.rgb, coverage_at(p, virtual_light.a)));
+    return vec4<f32>(255.0 * pixel.code, 1.0);
+}
+
 @fragment
 fn main(@builtin(position) at: vec4<f32>) -> @location(0) vec4<u32> {
     let p = vec2<i32>(at.xy);
     let virtual_light = layer_at(p);
-    if all(virtual_light == vec4<f32>(0.0)) && all(shadow_ratio_at(p) == vec3<f32>(1.0)) && !whole {
+    if is_unchanged(p, virtual_light) {
         return camera_codes(p);
     }
     let pixel = apply_effects(p, mixed_at(p, virtual_light.rgb, coverage_at(p, virtual_light.a)));

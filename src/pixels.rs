@@ -1,6 +1,9 @@
 //! Pictures as plain values: camera codes, measured depth, linear light.
 
 use std::borrow::Cow;
+use std::sync::Arc;
+
+use crate::coding::PictureCoding;
 
 /// Lowest code of an 8-bit picture at which a channel may be clipped.
 const CLIP_CODE: u32 = 250;
@@ -14,6 +17,9 @@ pub struct Pixels {
     pub width: u32,
     pub height: u32,
     pub codes: Codes,
+    /// How the codes were coded in the camera or its file. `None` if that is unknown, or if they
+    /// were changed since.
+    pub coding: Option<Arc<PictureCoding>>,
 }
 
 /// Code values of [`Pixels`]; the length is `3 * width * height`.
@@ -65,18 +71,19 @@ pub fn floor_of_small(at: f32) -> i32 {
 }
 
 impl Pixels {
+    /// Pixels whose coding is unknown. The length of the codes must be `3 * width * height`.
+    pub fn uncoded(width: u32, height: u32, codes: Codes) -> Self {
+        Self { width, height, codes, coding: None }
+    }
+
     /// 8-bit pixels. `None` if the length is not `3 * width * height`.
     pub fn from_u8(width: u32, height: u32, codes: Vec<u8>) -> Option<Self> {
-        (codes.len() == 3 * width as usize * height as usize).then_some(Self { width, height, codes: Codes::U8(codes) })
+        (codes.len() == 3 * width as usize * height as usize).then(|| Self::uncoded(width, height, Codes::U8(codes)))
     }
 
     /// 16-bit pixels. `None` if the length is not `3 * width * height`.
     pub fn from_u16(width: u32, height: u32, codes: Vec<u16>) -> Option<Self> {
-        (codes.len() == 3 * width as usize * height as usize).then_some(Self {
-            width,
-            height,
-            codes: Codes::U16(codes),
-        })
+        (codes.len() == 3 * width as usize * height as usize).then(|| Self::uncoded(width, height, Codes::U16(codes)))
     }
 
     /// The largest code value: 255 or 65535.

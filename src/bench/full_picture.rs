@@ -84,6 +84,7 @@ pub fn depth_of_field(table: &mut BenchTable<'_>) -> Result<(), SubmitError> {
             capture: &capture,
             frame: 0,
             seed: 0,
+            coding: None,
             recorded: Default::default(),
             interval_s: 1.0,
             fastest_px_per_s: 0.0,

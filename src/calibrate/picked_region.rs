@@ -69,7 +69,7 @@ fn crop(frame: &Pixels, place: &Rect) -> Pixels {
             Codes::U16(rows.flat_map(|start| codes[start..start + 3 * width].iter().copied()).collect())
         }
     };
-    Pixels { width: place.width(), height: place.height(), codes }
+    Pixels::uncoded(place.width(), place.height(), codes)
 }
 
 /// Reason why a region gives no noise.

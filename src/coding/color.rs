@@ -79,4 +79,19 @@ impl YcbcrColor {
         ];
         (rows, [black, 128.0, 128.0])
     }
+
+    /// Rows of the matrix back: code[i] = Σ rows[i][j] · (sample[j] − black[j]).
+    pub fn inverse(self) -> [[f64; 3]; 3] {
+        if self.matrix == ColorMatrix::Rgb {
+            return self.forward().0;
+        }
+        let [kr, kb] = self.matrix.luma_coefficients().map(|k| f64::from(k) / 10_000.0);
+        let kg = 1.0 - kr - kb;
+        let (y, c) = match self.range {
+            ColorRange::Full => (1.0, 1.0),
+            ColorRange::Limited => (255.0 / 219.0, 255.0 / 224.0),
+        };
+        let (red, blue) = (2.0 * (1.0 - kr) * c, 2.0 * (1.0 - kb) * c);
+        [[y, 0.0, red], [y, -kb / kg * blue, -kr / kg * red], [y, blue, 0.0]]
+    }
 }

@@ -4,11 +4,22 @@
 use crate::pixels::Rect;
 
 /// Side of the picture's tiles, px.
-const TILE_PX: i32 = 16;
+pub const TILE_PX: i32 = 16;
 
 /// The tiles of `area` that intersect `changed`, with runs of a row joined. They cover each pixel
 /// of `changed` once.
 pub fn dirty_tiles(area: Rect, changed: &[Rect]) -> Vec<Rect> {
+    tiles_on_grid(area, [0, 0], changed)
+}
+
+/// [`dirty_tiles`] of a grid with a corner at `origin`.
+pub fn tiles_on_grid(area: Rect, [x, y]: [i32; 2], changed: &[Rect]) -> Vec<Rect> {
+    let changed: Vec<Rect> = changed.iter().map(|rect| rect.moved(-x, -y)).collect();
+    let tiles = tiles_at_origin(area.moved(-x, -y), &changed);
+    tiles.into_iter().map(|tile| tile.moved(x, y)).collect()
+}
+
+fn tiles_at_origin(area: Rect, changed: &[Rect]) -> Vec<Rect> {
     let first = |edge: i32| edge.div_euclid(TILE_PX);
     let (x0, y0) = (first(area.x0), first(area.y0));
     let (columns, rows) =

@@ -48,7 +48,7 @@ impl CameraUpload {
     }
 
     /// Records a copy of a rectangle of the picture into a texture.
-    fn copy(&self, recorder: &mut Recorder, rect: Rect, to: &Texture) {
+    pub fn copy(&self, recorder: &mut Recorder, rect: Rect, to: &Texture) {
         let (from, size) = self.part(rect);
         recorder.encoder().copy_texture_to_texture(from, to.texture.as_image_copy(), size);
     }
@@ -126,17 +126,56 @@ pub fn mixed_module(parts: &[(Shader, &str)], acted_on_real: bool) -> (Vec<Shade
     (shaders, tail)
 }
 
-/// Records the composite of a piece. `shade` is the fraction of the real light that is removed.
-/// Outside the rectangles `changed` of the picture, layer and shade are empty.
+/// The inputs of a composite.
+#[derive(Clone, Copy, Debug)]
+pub struct MixInputs<'a> {
+    pub camera: &'a Camera,
+    pub job: &'a Job<'a>,
+    pub upload: &'a CameraUpload,
+    pub layer: &'a Layer,
+    /// The fraction of the real light that is removed.
+    pub shade: Option<&'a Texture>,
+}
+
+/// Records the composite of a piece. Outside the rectangles `changed` of the picture, layer and
+/// shade are empty.
 pub fn mix(
     recorder: &mut Recorder,
-    camera: &Camera,
-    job: &Job<'_>,
-    upload: &CameraUpload,
-    (layer, shade): (&Layer, Option<&Texture>),
-    (piece, changed): (&CompositePiece, &[Rect]),
-    parts: Vec<MixedPart>,
+    inputs: &MixInputs<'_>,
+    piece: &CompositePiece,
+    changed: &[Rect],
+    parts: &[MixedPart],
 ) -> Texture {
+    let (upload, rect) = (inputs.upload, piece.rect);
+    let tiles = dirty_tiles(rect, changed);
+    let out = recorder.pool.lend(&recorder.gpu, (rect.width(), rect.height()), upload.texture.format);
+    if tiles != [rect] {
+        upload.copy(recorder, rect, &out);
+    }
+    composite(recorder, inputs, piece, &tiles, parts, "main", &out);
+    out
+}
+
+/// Rectangles of the picture as corners in a texture whose origin is at `origin`.
+pub fn corners_in(rects: &[Rect], origin: Rect) -> Vec<[i32; 4]> {
+    let corners = |part: &Rect| [part.x0 - origin.x0, part.y0 - origin.y0, part.x1 - origin.x0, part.y1 - origin.y0];
+    rects.iter().map(corners).collect()
+}
+
+/// Records the composite of rectangles of a piece into a texture of the piece's size.
+pub fn composite(
+    recorder: &mut Recorder,
+    inputs: &MixInputs<'_>,
+    piece: &CompositePiece,
+    tiles: &[Rect],
+    parts: &[MixedPart],
+    entry: &'static str,
+    out: &Texture,
+) {
+    if tiles.is_empty() {
+        return;
+    }
+    let MixInputs { camera, job, upload, layer, shade } = *inputs;
     let (CompositePiece { rect, drawn, shaded }, capture) = (*piece, &job.capture);
     let size = (rect.width(), rect.height());
     let uniform = CompositeUniform {
@@ -155,18 +194,9 @@ pub fn mix(
         opacity: job.frame.opacity as f32,
     };
     let sigma = recorder.memoized(SigmaKey(camera.noise.clone()), sigma_table);
-    let changed = dirty_tiles(rect, changed);
-    let out = recorder.pool.lend(&recorder.gpu, size, upload.texture.format);
-    if changed != [rect] {
-        upload.copy(recorder, rect, &out);
-    }
-    let in_piece = |part: &Rect| [part.x0 - rect.x0, part.y0 - rect.y0, part.x1 - rect.x0, part.y1 - rect.y0];
-    let quads: Vec<[i32; 4]> = changed.iter().map(in_piece).collect();
-    if quads.is_empty() {
-        return out;
-    }
+    let quads = corners_in(tiles, rect);
     let list = recorder.storage(bytemuck::cast_slice(&quads));
-    let entry = Entry::over("part", "main")
+    let entry = Entry::over("part", entry)
         .choose("curve", curve_choice(&camera.response))
         .choose("whole", capture.whole)
         .choose("parted", layer.coverage.is_some())
@@ -185,7 +215,7 @@ pub fn mix(
         .texture("coverage", layer.coverage.as_ref().unwrap_or(&layer.color))
         .texture("shade", shade.unwrap_or(&layer.color))
         .texture("fringes", layer.fringe.as_ref().unwrap_or(&layer.color));
-    for part in &parts {
+    for part in parts {
         pass = pass.packed(part.name, &part.uniform);
         for (name, texture) in &part.textures {
             pass = pass.texture(name, texture);
@@ -194,6 +224,5 @@ pub fn mix(
     if let Some(real) = &layer.real {
         pass = pass.texture("real_light", &real.light);
     }
-    pass.tiles(quads.len() as u32).over().draw_into(&[&out], size);
-    out
+    pass.tiles(quads.len() as u32).over().draw_into(&[out], size);
 }

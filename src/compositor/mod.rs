@@ -7,6 +7,7 @@
 //! effects (effects/) → mix (mix.rs).
 
 mod clipped;
+mod coded;
 mod dirty_tiles;
 mod exposure_time;
 mod foreground_matte;

@@ -6,6 +6,7 @@ use super::shade::{VisibleShadowMap, union_of_rects, visible_shadow_maps};
 use super::work_rects::{WorkRects, WorkRequest};
 use super::{Compositor, ExposureTime, FrameStats, Job, RealDepth, Settings, SubmitError};
 use crate::camera::{Camera, Geometry};
+use crate::coding::PictureCoding;
 use crate::depth::{DepthGrid, Proxies, Surfaces};
 use crate::effects::{Effect, FrameContext, ObjectMotion, OnReal, Reach};
 use crate::frame::Frame;
@@ -120,6 +121,7 @@ pub fn frame_context<'a>(
         capture: &job.capture,
         frame: job.frame.index,
         seed: settings.seed,
+        coding: job.frame.pixels.coding.as_deref(),
         recorded: job.frame.exposure,
         interval_s: job.interval_s,
         fastest_px_per_s: footprint.fastest_px_per_s,
@@ -153,6 +155,8 @@ pub struct Plan<'a> {
     /// The effects that are not neutral, in order.
     pub active: Vec<&'a dyn Effect>,
     pub samples: SamplePlan,
+    /// The coding that changed pixels follow. `None`: they are rounded to codes.
+    pub coding: Option<PictureCoding>,
     /// Surfaces of the real part, if an effect acts on it.
     pub surfaces: Option<&'a Surfaces>,
     /// `None` if the frame does not change.
@@ -193,7 +197,8 @@ impl<'a> Plan<'a> {
             Some(_) => active.iter().fold(SamplePlan::single(), |samples, effect| effect.plan(context, samples)),
             None => SamplePlan::single(),
         };
-        let plan = Self { active, samples, surfaces, work_rects };
+        let coding = active.iter().find_map(|effect| effect.coding(context));
+        let plan = Self { active, samples, coding, surfaces, work_rects };
         plan.check_size(gpu, context)?;
         Ok(plan)
     }

@@ -3,13 +3,13 @@
 use super::clipped::{self, FrameRadiance};
 use super::foreground_matte;
 use super::frame_inputs::FrameInputs;
-use super::mix::{CameraUpload, mix};
+use super::coded::{CodedRegion, mix_coded};
+use super::mix::{CameraUpload, MixInputs, mix};
 use super::occlusion::FrameOcclusion;
 use super::pending::{LayerReadback, Work};
 use super::real;
 use super::retained::{DrawKey, EffectsKey, ShadeKey};
 use super::shade::{self, ShadeImage};
-use super::work_rects::WorkRects;
 use super::{Compositor, Target};
 use crate::effects::LayerRun;
 use crate::frame::Frame;
@@ -144,20 +144,25 @@ impl Compositor {
         self.log.run_always(Stage::Mix);
         let mut run = layer_run(&mut self.recorder, inputs);
         run.recorder.part("mix");
+        let pixels = &job.frame.pixels;
+        let regions: Vec<_> = work_rects.pieces.iter().map(|piece| coded_region(inputs, piece.rect)).collect();
+        let composited = |i: usize| regions[i].as_ref().map_or(work_rects.pieces[i].rect, |region| region.rect);
         let upload_px = match target {
-            Target::Pixels => upload_rects(work_rects, &job.frame),
+            Target::Pixels => (0..regions.len()).map(|i| upload_rect(composited(i), &job.frame)).collect(),
             Target::View(..) => vec![whole(&job.frame)],
         };
-        let pixels = &job.frame.pixels;
         let uploads: Vec<_> = upload_px.into_iter().map(|rect| CameraUpload::new(run.recorder, pixels, rect)).collect();
         let changed = changed_rects(inputs, layer, shade);
         let shade_texture = shade.map(|image| &image.texture);
         let mut work = Work::default();
         for (i, piece) in work_rects.pieces.iter().enumerate() {
-            let parts: Vec<_> = plan.active.iter().filter_map(|effect| effect.mix(&mut run, piece.rect)).collect();
+            let parts: Vec<_> = plan.active.iter().filter_map(|effect| effect.mix(&mut run, composited(i))).collect();
             let upload = uploads.get(i).unwrap_or(&uploads[0]);
-            let layers = (layer, shade_texture);
-            let made = mix(run.recorder, inputs.camera, job, upload, layers, (piece, &changed), parts);
+            let mixed = MixInputs { camera: inputs.camera, job, upload, layer, shade: shade_texture };
+            let made = match &regions[i] {
+                Some(region) => mix_coded(run.recorder, &mixed, region, piece, &changed, &parts),
+                None => mix(run.recorder, &mixed, piece, &changed, &parts),
+            };
             match target {
                 Target::Pixels => {
                     let size = (piece.rect.width(), piece.rect.height());
@@ -197,10 +202,16 @@ fn changed_rects(inputs: &FrameInputs<'_>, layer: &Layer, shade: Option<&ShadeIm
     objects.chain(shade.iter().flat_map(|image| image.pieces.iter().copied())).collect()
 }
 
-/// The rectangle of the camera's picture that each piece reads, with a margin of 1 px for effects
-/// that read neighbours.
-fn upload_rects(work_rects: &WorkRects, frame: &Frame) -> Vec<Rect> {
-    work_rects.pieces.iter().map(|piece| piece.rect.grown(1).intersection(&whole(frame))).collect()
+/// The region that is coded with a piece, if the frame's format is to be followed.
+fn coded_region<'a>(inputs: &FrameInputs<'a>, piece: Rect) -> Option<CodedRegion<'a>> {
+    let coding = inputs.plan.coding.as_ref()?;
+    Some(CodedRegion::new(coding, piece, whole(&inputs.job.frame)))
+}
+
+/// The rectangle of the camera's picture that the composite of `rect` reads, with a margin of 1 px
+/// for effects that read neighbours.
+fn upload_rect(rect: Rect, frame: &Frame) -> Rect {
+    rect.grown(1).intersection(&whole(frame))
 }
 
 fn whole(frame: &Frame) -> Rect {

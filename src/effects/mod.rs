@@ -5,6 +5,7 @@ pub mod chromatic_aberration;
 pub mod depth_of_field;
 pub mod edge_blend;
 pub mod exposure;
+pub mod format;
 pub mod halation;
 pub mod motion_blur;
 pub mod noise;
@@ -30,5 +31,6 @@ pub fn all() -> Vec<Box<dyn Effect>> {
         Box::new(chromatic_aberration::ChromaticAberration::default()),
         Box::new(edge_blend::EdgeBlend::default()),
         Box::new(noise::Noise::default()),
+        Box::new(format::Format::default()),
     ]
 }

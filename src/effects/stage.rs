@@ -1,6 +1,7 @@
 //! The interface of effects: their inputs, declarations and results.
 
 use crate::camera::{Camera, Capture, Curve, Geometry, Response};
+use crate::coding::PictureCoding;
 use crate::frame::FrameExposure;
 use crate::gpu::{Packed, Recorder, Shader, Texture, Uniform};
 use crate::params::{Params, Value};
@@ -28,6 +29,8 @@ pub struct FrameContext<'a> {
     /// Position in the recording.
     pub frame: usize,
     pub seed: u64,
+    /// How the camera's picture was coded; `None` if unknown.
+    pub coding: Option<&'a PictureCoding>,
     /// The frame's exposure according to the recording.
     pub recorded: FrameExposure,
     /// Time to the next frame, s.
@@ -214,6 +217,10 @@ pub trait Effect: Params + Boxed + std::fmt::Debug + Send + Sync {
     /// Its part of the composite pass for the rectangle `shown` of the picture. The pass runs over
     /// every pixel if the whole picture is composited, else over those that the layer changes.
     fn mix(&self, _: &mut LayerRun<'_>, _shown: Rect) -> Option<MixedPart> {
+        None
+    }
+    /// The coding that changed pixels follow after the mixed effects.
+    fn coding(&self, _: &FrameContext<'_>) -> Option<PictureCoding> {
         None
     }
 }

@@ -77,7 +77,7 @@ impl RealPart {
         });
         let codes = Codes::U16(codes.into_flattened());
         let left = across.noise_left(neighbours[0]) * down.noise_left(neighbours[1]);
-        Self { pixels: Pixels { width, height, codes }, noise_left: summed * left }
+        Self { pixels: Pixels::uncoded(width, height, codes), noise_left: summed * left }
     }
 }
 
@@ -91,7 +91,7 @@ fn cut(pixels: &Pixels, framed: &Crop, width: u32, height: u32) -> Pixels {
         .flat_map(|(x, y)| pixels.at(place(left + x, pixels.width), place(top + y, pixels.height)))
         .map(|code| (code * scale) as u16)
         .collect();
-    Pixels { width, height, codes: Codes::U16(codes) }
+    Pixels::uncoded(width, height, Codes::U16(codes))
 }
 
 fn sum(frames: &[(f64, impl Borrow<Pixels>)], response: &Response) -> SummedLight {

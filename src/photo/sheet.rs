@@ -47,7 +47,7 @@ pub fn contact_sheet(pictures: &[(SheetPicture, String)]) -> Pixels {
         }
     }
     let (width, height) = sheet.dimensions();
-    Pixels { width, height, codes: Codes::U8(sheet.into_raw()) }
+    Pixels::uncoded(width, height, Codes::U8(sheet.into_raw()))
 }
 
 #[cfg(test)]

@@ -162,7 +162,7 @@ pub fn take(
         pixels = composited.pixels;
         develop(&mut pixels, before, region, &mut out);
     }
-    Ok(Photograph { pixels: Pixels { width, height, codes: Codes::U8(out) }, shows_objects })
+    Ok(Photograph { pixels: Pixels::uncoded(width, height, Codes::U8(out)), shows_objects })
 }
 
 /// The recorded picture's depth at the frame's time, with the objects' support planes and proxies.
@@ -250,7 +250,7 @@ mod tests {
     fn developed_region_is_8_bit_and_the_rest_is_restored() {
         let recorded: Vec<u16> = (0..3 * 4 * 2).collect();
         let region = Rect::new(1, 0, 3, 2);
-        let mut pixels = Pixels { width: 4, height: 2, codes: Codes::U16(recorded.clone()) };
+        let mut pixels = Pixels::uncoded(4, 2, Codes::U16(recorded.clone()));
         let before = copied(&pixels, region);
         pixels.codes = Codes::U16((0..24).map(|c| c * 257).collect());
         let mut out = vec![0; 24];

@@ -48,7 +48,7 @@ impl Shot {
             labels.extend(label(&self.scene, &seen, ink));
         }
         names(&mut picture, labels, unit);
-        Ok(Pixels { width, height, codes: Codes::U8(picture.into_raw()) })
+        Ok(Pixels::uncoded(width, height, Codes::U8(picture.into_raw())))
     }
 }
 

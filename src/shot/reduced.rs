@@ -27,7 +27,7 @@ impl ReducedFrame {
             Codes::U16(codes) => Codes::U16(means(codes, frame.pixels.width, (width, height), by)),
         };
         let depth = frame.depth.as_ref().map(|depth| Arc::new(reduced_depth(depth, by)));
-        let pixels = Pixels { width, height, codes };
+        let pixels = Pixels::uncoded(width, height, codes);
         let Frame { index, timestamp_s, exposure, opacity, .. } = *frame;
         // A preview uses the frame's own depth alone.
         let alone = Frame::new(index, timestamp_s, pixels);

@@ -93,7 +93,7 @@ impl Source {
         } else {
             Codes::U8(bytes)
         };
-        Pixels { width, height, codes }
+        Pixels::uncoded(width, height, codes)
     }
 }
 

@@ -71,7 +71,7 @@ pub fn decode_pixels(bytes: &[u8]) -> Result<Pixels, String> {
     } else {
         Codes::U8(picture.into_rgb8().into_raw())
     };
-    Ok(Pixels { width, height, codes })
+    Ok(Pixels::uncoded(width, height, codes))
 }
 
 /// The depth in a 16-bit grey PNG: value / `codes_per_metre`, 0 where nothing was measured.

@@ -337,6 +337,7 @@ fn noise_matches_the_cpu_reference() {
             capture: &capture,
             frame: 7,
             seed: 0,
+            coding: None,
             recorded: FrameExposure::default(),
             interval_s: 1.0 / 30.0,
             fastest_px_per_s: 0.0,

@@ -85,6 +85,7 @@ fn effects_pass_unchanged_textures_on() {
         capture: &capture,
         frame: 1,
         seed: 0,
+        coding: None,
         recorded: Default::default(),
         interval_s: 1.0 / 30.0,
         fastest_px_per_s: 400.0,

@@ -95,7 +95,7 @@ fn noisy_grey(width: u32, height: u32, code: f64, noise: &NoiseProfile) -> Pixel
     let codes = (0..3 * width * height).map(|i| {
         (257.0 * (code + noise.sigma(i as usize % 3, code) * random.normal())).round().clamp(0.0, 65535.0) as u16
     });
-    Pixels { width, height, codes: Codes::U16(codes.collect()) }
+    Pixels::uncoded(width, height, Codes::U16(codes.collect()))
 }
 
 fn mean_and_sigma(pixels: &Pixels, channel: usize) -> (f64, f64) {

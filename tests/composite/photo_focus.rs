@@ -26,7 +26,7 @@ fn pictured(code: impl Fn(u32, u32) -> u16, depth_m: impl Fn(u32, u32) -> f32) -
     let places = || (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
     let codes = places().flat_map(|(x, y)| [code(x, y); 3]).collect();
     let depth_m = places().map(|(x, y)| depth_m(x, y)).collect();
-    (Pixels { width, height, codes: Codes::U16(codes) }, DepthMap { width, height, depth_m, timestamp_s: 0.0 })
+    (Pixels::uncoded(width, height, Codes::U16(codes)), DepthMap { width, height, depth_m, timestamp_s: 0.0 })
 }
 
 fn photo(camera: &Camera, scene: Scene, pixels: &Pixels, depth: &DepthMap, opening: Opening, width: u32) -> Pixels {
@@ -284,7 +284,7 @@ impl Room {
 fn codes(light: &[[f32; 3]], (width, height): (u32, u32)) -> Pixels {
     let response = Response::default();
     let code = |l: &f32| (65535.0 * response.encode(f64::from(*l).clamp(0.0, 1.0))).round() as u16;
-    Pixels { width, height, codes: Codes::U16(light.as_flattened().iter().map(code).collect()) }
+    Pixels::uncoded(width, height, Codes::U16(light.as_flattened().iter().map(code).collect()))
 }
 
 /// Mean difference in linear light over the selected pixels.

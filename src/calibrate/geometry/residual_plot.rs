@@ -61,7 +61,7 @@ pub fn residuals(calibrated: &CameraCalibration) -> Pixels {
     };
     write(&mut sheet, (from, height as f32 + 0.5 * (LEGEND_PX as f32 - style.height_px)), width as f32, &text, style);
     let (width, height) = sheet.dimensions();
-    Pixels { width, height, codes: Codes::U8(sheet.into_raw()) }
+    Pixels::uncoded(width, height, Codes::U8(sheet.into_raw()))
 }
 
 /// Rounds down to 1, 2 or 5 times a power of ten.

@@ -1,0 +1,102 @@
+// Decodes the coded samples to R'G'B' codes as the frame's decoder did (src/coding/). Pixels that
+// nothing virtual changes keep the camera's codes.
+// @import shared/fullscreen
+// @import shared/coding
+
+// The decoder: its upsampling of chroma and its arithmetic.
+const ZUNE: u32 = 0u;
+const LIBJPEG: u32 = 1u;
+const NEAREST: u32 = 2u;
+override decoder: u32 = 0u;
+
+@group(0) @binding(0) var<uniform> coding: Coding;
+@group(0) @binding(1) var uncoded: texture_2d<f32>;
+@group(0) @binding(2) var camera: texture_2d<u32>;
+@group(0) @binding(3) var<storage, read> samples: array<u32>;
+// Rectangles of the target: x0, y0, x1, y1.
+@group(0) @binding(4) var<storage, read> parts: array<vec4<i32>>;
+struct Placement {
+    made_size: vec2<i32>,
+    in_region: vec2<i32>,   // the target's origin in the region
+    in_camera: vec2<i32>,   // and in the camera's texture
+}
+@group(0) @binding(5) var<uniform> placement: Placement;
+
+@vertex
+fn part(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> @builtin(position) vec4<f32> {
+    let rect = parts[instance];
+    let at = select(rect.xy, rect.zw, vec2<bool>((vertex & 1u) == 1u, (vertex >> 1u) == 1u));
+    return vec4<f32>(vec2<f32>(at) / vec2<f32>(placement.made_size) * vec2<f32>(2.0, -2.0) + vec2<f32>(-1.0, 1.0), 0.0, 1.0);
+}
+
+fn luma_at(at: vec2<i32>) -> i32 {
+    let i = u32(at.y * coding.region.x + at.x);
+    return i32((samples[i >> 2u] >> (8u * (i & 3u))) & 255u);
+}
+
+// Cb and Cr of a sample.
+fn chroma_at(at: vec2<i32>) -> vec2<i32> {
+    let p = clamp(at, coding.inside.xy / coding.factor, (coding.inside.zw - 1) / coding.factor);
+    let size = coding.region / coding.factor;
+    let i = u32(p.y * size.x + p.x);
+    let blue = u32(coding.region.x * coding.region.y) + i;
+    let red = blue + u32(size.x * size.y);
+    return vec2<i32>(
+        i32((samples[blue >> 2u] >> (8u * (blue & 3u))) & 255u),
+        i32((samples[red >> 2u] >> (8u * (red & 3u))) & 255u),
+    );
+}
+
+// Cb and Cr at a pixel. Interpolating decoders weigh the sample of the pixel 3 to 1 against the
+// nearest other along each axis.
+fn upsampled(p: vec2<i32>) -> vec2<i32> {
+    let own = p / coding.factor;
+    if decoder == NEAREST || all(coding.factor == vec2<i32>(1)) {
+        return chroma_at(own);
+    }
+    let is_second = (p % coding.factor) != vec2<i32>(0);
+    let other = own + select(vec2<i32>(-1), vec2<i32>(1), is_second);
+    let beside = vec2<i32>(other.x, own.y);
+    let below = vec2<i32>(own.x, other.y);
+    if coding.factor.y == 1 {
+        let rounding = select(2, select(1, 2, is_second.x), decoder == LIBJPEG);
+        return (3 * chroma_at(own) + chroma_at(beside) + rounding) >> vec2<u32>(2u);
+    }
+    if coding.factor.x == 1 {
+        let rounding = select(2, select(1, 2, is_second.y), decoder == LIBJPEG);
+        return (3 * chroma_at(own) + chroma_at(below) + rounding) >> vec2<u32>(2u);
+    }
+    let near = 3 * chroma_at(own) + chroma_at(below);
+    let far = 3 * chroma_at(beside) + chroma_at(other);
+    if decoder == LIBJPEG {
+        return (3 * near + far + select(8, 7, is_second.x)) >> vec2<u32>(4u);
+    }
+    return (3 * ((near + 2) >> vec2<u32>(2u)) + ((far + 2) >> vec2<u32>(2u)) + 2) >> vec2<u32>(2u);
+}
+
+fn rgb_of(y: i32, chroma: vec2<i32>) -> vec3<i32> {
+    let c = chroma - 128;
+    if decoder == ZUNE {
+        // In units of 2⁻¹⁴, rounded with a little less than a half.
+        let light = 16384 * y + 8191;
+        return vec3<i32>(light + 22970 * c.y, light - 5638 * c.x - 11700 * c.y, light + 29032 * c.x) >> vec3<u32>(14u);
+    }
+    if decoder == LIBJPEG {
+        let half = 32768;
+        return y + (vec3<i32>(91881 * c.y + half, half - 22554 * c.x - 46802 * c.y, 116130 * c.x + half) >> vec3<u32>(16u));
+    }
+    let light = f32(y) - coding.luma.w;
+    let rgb = light * coding.from_luma + f32(c.x) * coding.from_blue + f32(c.y) * coding.from_red;
+    return vec3<i32>(floor(rgb.rgb + 0.5));
+}
+
+@fragment
+fn main(@builtin(position) at: vec4<f32>) -> @location(0) vec4<u32> {
+    let q = vec2<i32>(at.xy);
+    let p = q + placement.in_region;
+    if textureLoad(uncoded, p, 0).a == 0.0 {
+        return textureLoad(camera, q + placement.in_camera, 0);
+    }
+    let rgb = rgb_of(luma_at(p), upsampled(p));
+    return vec4<u32>(vec3<u32>(clamp(rgb, vec3<i32>(0), vec3<i32>(255))), 255u);
+}

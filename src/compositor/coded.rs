@@ -1,0 +1,242 @@
+//! Takes composited pixels through the coding of the camera's picture: subsampling of chroma,
+//! quantisation of 8×8 blocks, and the arithmetic of its decoder (coding/).
+//!
+//! Blocks that contain changed pixels are coded as a whole; only the changed pixels are written.
+//! The result at a pixel depends on the picture within its blocks and those beside them, not on the
+//! rectangle that is composited.
+//!
+//! Not modelled: a change within a block also changes the block's other pixels in a camera. Here
+//! those keep their codes.
+
+use super::dirty_tiles::{TILE_PX, tiles_on_grid};
+use super::mix::{CompositePiece, MixInputs, composite, corners_in};
+use crate::coding::{BLOCK, ChromaSampling, ChromaSiting, Decoder, PictureCoding};
+use crate::effects::MixedPart;
+use crate::gpu::{Entry, Recorder, Shader, Texture};
+use crate::pixels::Rect;
+
+/// Distance at which a changed pixel depends on others through chroma, px: two samples of bicubic
+/// interpolation, and the pixels of the farthest.
+const CHROMA_REACH_PX: i32 = 6;
+/// Blocks for each workgroup of shaders/coding_blocks.wgsl.
+const BLOCKS_PER_GROUP: u32 = 8;
+/// Most workgroups along an axis of a dispatch that every adapter allows.
+const MAX_GROUPS_IN_ROW: u32 = 65_535;
+
+const UNCODED: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;
+const CHROMA: wgpu::TextureFormat = wgpu::TextureFormat::Rg32Float;
+
+crate::uniform! {
+    struct CodingUniform {
+        luma: [f32; 4],
+        blue: [f32; 4],
+        red: [f32; 4],
+        from_luma: [f32; 4],
+        from_blue: [f32; 4],
+        from_red: [f32; 4],
+        taps_across: [f32; 4],
+        taps_down: [f32; 4],
+        inside: [i32; 4],
+        region: [i32; 2],
+        factor: [i32; 2],
+        tile_count: u32,
+        groups_in_row: u32,
+    }
+}
+
+crate::uniform! {
+    struct PlacementUniform { made_size: [i32; 2], in_region: [i32; 2], in_camera: [i32; 2] }
+}
+
+/// The region of a picture that is coded anew to change the pixels of `rect`.
+#[derive(Clone, Debug)]
+pub struct CodedRegion<'a> {
+    coding: &'a PictureCoding,
+    picture: Rect,
+    /// Whole tiles on the coding's grid. It may extend beyond the picture.
+    pub rect: Rect,
+}
+
+impl<'a> CodedRegion<'a> {
+    pub fn new(coding: &'a PictureCoding, rect: Rect, picture: Rect) -> Self {
+        let [x, y] = grid_origin(coding);
+        let down = |edge: i32, origin: i32| (edge - origin).div_euclid(TILE_PX) * TILE_PX + origin;
+        let up = |edge: i32, origin: i32| down(edge + TILE_PX - 1, origin);
+        let needed = rect.grown(CHROMA_REACH_PX).intersection(&picture);
+        let rect = Rect::new(down(needed.x0, x), down(needed.y0, y), up(needed.x1, x), up(needed.y1, y));
+        Self { coding, picture, rect }
+    }
+
+    /// The tiles that are coded if pixels of `changed` change.
+    fn tiles(&self, changed: &[Rect]) -> Vec<Rect> {
+        let reached: Vec<Rect> = changed.iter().map(|rect| rect.grown(CHROMA_REACH_PX)).collect();
+        tiles_on_grid(self.rect, grid_origin(self.coding), &reached)
+    }
+
+    /// The pixels that decoders read chroma from, in the region's coordinates. The picture's rim is
+    /// repeated beyond them.
+    fn inside(&self) -> [i32; 4] {
+        let Rect { x0, y0, mut x1, mut y1 } = self.picture;
+        if self.coding.decoder == Decoder::ZuneJpeg {
+            // It interpolates towards the padding of the last blocks.
+            let [unit_x, unit_y] = self.coding.unit_px().map(|px| px as i32);
+            (x1, y1) = (x1 + (-x1).rem_euclid(unit_x), y1 + (-y1).rem_euclid(unit_y));
+        }
+        [x0 - self.rect.x0, y0 - self.rect.y0, x1 - self.rect.x0, y1 - self.rect.y0]
+    }
+
+    fn uniform(&self, tile_count: u32, groups_in_row: u32) -> CodingUniform {
+        let (rows, black) = self.coding.color.forward();
+        let rows: [[f32; 4]; 3] =
+            std::array::from_fn(|i| [rows[i][0], rows[i][1], rows[i][2], black[i]].map(|value| value as f32));
+        let back = self.coding.color.inverse();
+        let column = |i: usize| [back[0][i] as f32, back[1][i] as f32, back[2][i] as f32, 0.0];
+        let chroma = self.coding.chroma.unwrap_or(ChromaSampling::FULL);
+        CodingUniform {
+            luma: rows[0],
+            blue: rows[1],
+            red: rows[2],
+            from_luma: column(0),
+            from_blue: column(1),
+            from_red: column(2),
+            taps_across: taps(chroma, 0),
+            taps_down: taps(chroma, 1),
+            inside: self.inside(),
+            region: [self.rect.width() as i32, self.rect.height() as i32],
+            factor: chroma.factor.map(|factor| factor as i32),
+            tile_count,
+            groups_in_row,
+        }
+    }
+}
+
+/// Corner of the grid of tiles, px.
+fn grid_origin(coding: &PictureCoding) -> [i32; 2] {
+    coding.quantization.as_ref().map_or([0, 0], |quantization| quantization.origin)
+}
+
+/// Weights of the pixels of a chroma sample along an axis, from the one before its first.
+fn taps(chroma: ChromaSampling, axis: usize) -> [f32; 4] {
+    match (chroma.factor[axis], chroma.siting[axis]) {
+        (1, _) => [0.0, 1.0, 0.0, 0.0],
+        (_, ChromaSiting::Centered) => [0.0, 0.5, 0.5, 0.0],
+        (_, ChromaSiting::Cosited) => [0.25, 0.5, 0.25, 0.0],
+    }
+}
+
+/// Records the composite of a piece through the coding. Outside the rectangles `changed` of the
+/// picture, layer and shade are empty. `parts` are those of the region.
+pub fn mix_coded(
+    recorder: &mut Recorder,
+    inputs: &MixInputs<'_>,
+    region: &CodedRegion<'_>,
+    piece: &CompositePiece,
+    changed: &[Rect],
+    parts: &[MixedPart],
+) -> Texture {
+    let (upload, rect) = (inputs.upload, piece.rect);
+    let out = recorder.pool.lend(&recorder.gpu, (rect.width(), rect.height()), upload.texture.format);
+    upload.copy(recorder, rect, &out);
+    let tiles = region.tiles(changed);
+    if tiles.is_empty() {
+        return out;
+    }
+    let size = (region.rect.width(), region.rect.height());
+    let uncoded = recorder.pool.lend(&recorder.gpu, size, UNCODED);
+    let whole = CompositePiece { rect: region.rect, ..*piece };
+    composite(recorder, inputs, &whole, &tiles, parts, "uncoded", &uncoded);
+
+    let blocks = Blocks::new(recorder, region, &tiles);
+    blocks.code(recorder, region.coding, &uncoded);
+
+    let shown: Vec<Rect> = tiles.iter().map(|tile| tile.intersection(&rect)).filter(|tile| !tile.is_empty()).collect();
+    let corners = corners_in(&shown, rect);
+    let list = recorder.storage(bytemuck::cast_slice(&corners));
+    let placement = PlacementUniform {
+        made_size: [rect.width() as i32, rect.height() as i32],
+        in_region: [rect.x0 - region.rect.x0, rect.y0 - region.rect.y0],
+        in_camera: [rect.x0 - upload.rect.x0, rect.y0 - upload.rect.y0],
+    };
+    recorder
+        .pass(Shader::CodingDecode, Entry::over("part", "main").choose("decoder", decoder_choice(region.coding.decoder)))
+        .uniform("coding", &blocks.uniform)
+        .uniform("placement", &placement)
+        .texture("uncoded", &uncoded)
+        .texture("camera", &upload.texture)
+        .buffer("samples", &blocks.samples)
+        .buffer("parts", list)
+        .tiles(corners.len() as u32)
+        .over()
+        .draw_into(&[&out], (rect.width(), rect.height()));
+    out
+}
+
+/// The value of the `override` decoder in shaders/coding_decode.wgsl.
+fn decoder_choice(decoder: Decoder) -> f64 {
+    match decoder {
+        Decoder::ZuneJpeg => 0.0,
+        Decoder::Libjpeg => 1.0,
+        Decoder::Nearest => 2.0,
+        Decoder::Swscale => 3.0,
+    }
+}
+
+/// The coded samples of a region.
+struct Blocks {
+    uniform: CodingUniform,
+    /// Corners of tiles in the region.
+    tiles: Vec<[i32; 2]>,
+    groups: (u32, u32),
+    /// Decoded samples: planes of Y', Cb and Cr, a byte each.
+    samples: wgpu::Buffer,
+}
+
+impl Blocks {
+    fn new(recorder: &Recorder, region: &CodedRegion<'_>, tiles: &[Rect]) -> Self {
+        let tiles: Vec<[i32; 2]> = tiles.iter().flat_map(|run| corners_of_tiles(run, region.rect)).collect();
+        let factor = region.coding.chroma_factor();
+        let (count, chroma_share) = (tiles.len() as u32, factor[0] * factor[1]);
+        let groups = (count * (4 + 8 / chroma_share)).div_ceil(BLOCKS_PER_GROUP);
+        let groups = (groups.min(MAX_GROUPS_IN_ROW), groups.div_ceil(MAX_GROUPS_IN_ROW));
+        let luma_bytes = u64::from(region.rect.width()) * u64::from(region.rect.height());
+        let samples = recorder.gpu.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("coded samples"),
+            size: luma_bytes + 2 * luma_bytes / u64::from(chroma_share),
+            usage: wgpu::BufferUsages::STORAGE,
+            mapped_at_creation: false,
+        });
+        Self { uniform: region.uniform(count, groups.0), tiles, groups, samples }
+    }
+
+    fn code(&self, recorder: &mut Recorder, coding: &PictureCoding, uncoded: &Texture) {
+        let size = [0, 1].map(|axis| (self.uniform.region[axis] / self.uniform.factor[axis]) as u32);
+        let chroma = recorder.pass(Shader::CodingChroma, "main").uniform("coding", &self.uniform);
+        let [chroma] = chroma.texture("uncoded", uncoded).draw([CHROMA], (size[0], size[1]));
+        let steps: Vec<f32> = match &coding.quantization {
+            Some(quantization) => quantization.steps.as_flattened().iter().map(|&step| f32::from(step)).collect(),
+            None => vec![1.0; 3 * BLOCK * BLOCK],
+        };
+        let is_libjpeg = coding.decoder == Decoder::Libjpeg;
+        let entry = Entry::from("main")
+            .choose("quantized", coding.quantization.is_some())
+            .choose("factor_bits", if is_libjpeg { 13.0 } else { 12.0 })
+            .choose("last_bias", if is_libjpeg { 0.0 } else { 512.0 });
+        let tiles = recorder.storage(bytemuck::cast_slice(&self.tiles));
+        let steps = recorder.storage(bytemuck::cast_slice(&steps));
+        recorder
+            .pass(Shader::CodingBlocks, entry)
+            .uniform("coding", &self.uniform)
+            .texture("uncoded", uncoded)
+            .texture("chroma", &chroma)
+            .buffer("tiles", tiles)
+            .buffer("quantizers", steps)
+            .buffer("samples", &self.samples)
+            .dispatch(self.groups);
+    }
+}
+
+/// Corners of the tiles of a run, in a region.
+fn corners_of_tiles(run: &Rect, region: Rect) -> impl Iterator<Item = [i32; 2]> + use<> {
+    let (x0, y0) = (run.x0 - region.x0, run.y0 - region.y0);
+    (0..run.width() as i32 / TILE_PX).map(move |tile| [x0 + tile * TILE_PX, y0])
+}
