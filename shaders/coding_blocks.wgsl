@@ -63,13 +63,12 @@ fn sample_at(component: u32, at: vec2<i32>) -> f32 {
 
 // Number of the word that has a sample and the three after it.
 fn word_of(component: u32, at: vec2<i32>) -> u32 {
-    let luma_words = u32(coding.region.x * coding.region.y) / 4u;
-    let size = coding.region / coding.factor;
-    let within = u32(at.y * size.x + at.x) / 4u;
     if component == 0u {
-        return within;
+        return u32(at.y * coding.region.x + at.x) / 4u;
     }
-    return luma_words + (component - 1u) * u32(size.x * size.y) / 4u + within;
+    let size = coding.region / coding.factor;
+    let before = coding.region.x * coding.region.y + (i32(component) - 1) * size.x * size.y;
+    return u32(before + at.y * size.x + at.x) / 4u;
 }
 
 fn pack(v: vec4<i32>) -> u32 {

@@ -65,18 +65,20 @@ impl PictureCoding {
         (0..3).map(|plane| if plane == 0 { full(0) } else { filters.apply(&full(plane)) }).collect()
     }
 
-    /// Samples as the decoder has them after the inverse DCT; without [`BlockQuantization`] samples
-    /// rounded to 8 bits.
+    /// Samples as the decoder has them after the inverse DCT. Samples are rounded to 8 bits first, as
+    /// in encoders; without [`BlockQuantization`] that is all.
     pub fn quantized(&self, planes: &[SamplePlane<f32>]) -> Vec<SamplePlane<u8>> {
-        let Some(quantization) = &self.quantization else {
-            return planes.iter().map(|plane| plane.map(|sample| sample.round() as u8)).collect();
-        };
+        let rounded = planes.iter().map(|plane| plane.map(|sample| sample.round() as u8));
+        let Some(quantization) = &self.quantization else { return rounded.collect() };
         let inverse = match self.decoder {
             Decoder::Libjpeg => InverseDct::LIBJPEG,
             Decoder::ZuneJpeg | Decoder::Swscale { .. } | Decoder::Nearest => InverseDct::ZUNE,
         };
-        let by_plane = planes.iter().zip(&quantization.steps);
-        by_plane.map(|(plane, steps)| decoded_samples(&coefficients(plane, steps), plane.width, inverse)).collect()
+        let by_plane = rounded.zip(&quantization.steps);
+        let decoded = |(plane, steps): (SamplePlane<u8>, _)| {
+            decoded_samples(&coefficients(&plane.map(|&sample| f32::from(sample)), steps), plane.width, inverse)
+        };
+        by_plane.map(decoded).collect()
     }
 
     /// R'G'B' codes of a picture, interleaved, from its decoded samples.

@@ -10,7 +10,8 @@
 
 use super::dirty_tiles::{TILE_PX, tiles_on_grid};
 use super::mix::{CompositePiece, MixInputs, composite, corners_in};
-use crate::coding::{BLOCK, ChromaSampling, ChromaSiting, Decoder, PictureCoding};
+use crate::coding::chroma::ChromaFilter;
+use crate::coding::{BLOCK, ChromaSampling, Decoder, PictureCoding};
 use crate::effects::MixedPart;
 use crate::gpu::{Entry, Recorder, Shader, Texture};
 use crate::pixels::Rect;
@@ -117,11 +118,10 @@ fn grid_origin(coding: &PictureCoding) -> [i32; 2] {
 
 /// Weights of the pixels of a chroma sample along an axis, from the one before its first.
 fn taps(chroma: ChromaSampling, axis: usize) -> [f32; 4] {
-    match (chroma.factor[axis], chroma.siting[axis]) {
-        (1, _) => [0.0, 1.0, 0.0, 0.0],
-        (_, ChromaSiting::Centered) => [0.0, 0.5, 0.5, 0.0],
-        (_, ChromaSiting::Cosited) => [0.25, 0.5, 0.25, 0.0],
-    }
+    let filter = ChromaFilter::mean(chroma.factor[axis], chroma.siting[axis]);
+    let mut taps = [0.0; 4];
+    taps[(1 + filter.first) as usize..][..filter.weights.len()].copy_from_slice(&filter.weights);
+    taps
 }
 
 /// Records the composite of a piece through the coding. Outside the rectangles `changed` of the
@@ -177,7 +177,7 @@ fn decoder_choice(decoder: Decoder) -> f64 {
         Decoder::ZuneJpeg => 0.0,
         Decoder::Libjpeg => 1.0,
         Decoder::Nearest => 2.0,
-        Decoder::Swscale => 3.0,
+        Decoder::Swscale { .. } => 3.0,
     }
 }
 

@@ -33,6 +33,7 @@ mod srgb;
 #[path = "../common/tier.rs"]
 mod tier;
 
+mod coded;
 mod compositor;
 mod cycles;
 mod demo;

@@ -1,0 +1,96 @@
+//! Changed pixels take the path of the camera's picture, as the processor's reference has it.
+
+use crate::board::{FOCAL_PX, board, sideways};
+use crate::gpu;
+use locard::camera::{NoiseBin, NoiseProfile};
+use locard::coding::{BlockQuantization, ChromaSampling, Decoder, PictureCoding, YcbcrColor};
+use locard::compositor::Composited;
+use locard::params::Value;
+use locard::pixels::{Codes, Pixels};
+use std::sync::Arc;
+
+const WIDTH: u32 = 90;
+const HEIGHT: u32 = 70;
+
+/// Steps that grow with the frequency, as a camera's do.
+fn steps(scale: u16) -> [[u16; 64]; 3] {
+    let table = |base: u16| std::array::from_fn(|i| base + scale * (i / 8 + i % 8) as u16);
+    [table(3), table(4), table(5)]
+}
+
+fn jpeg(factor: [u32; 2], decoder: Decoder, origin: [i32; 2]) -> PictureCoding {
+    PictureCoding {
+        color: YcbcrColor::JFIF,
+        chroma: Some(ChromaSampling::centered(factor)),
+        quantization: Some(BlockQuantization { steps: steps(2), origin }),
+        decoder,
+    }
+}
+
+/// A picture with gradients of all channels.
+fn camera_code(i: u32) -> [u16; 3] {
+    let (x, y) = (i % WIDTH, i / WIDTH);
+    [40 + 2 * x as u16, 60 + 2 * y as u16, 200 - (x + y) as u16 + 9 * (x as u16 / 5 % 2)]
+}
+
+/// Composites a board into the picture at 8 bits with a coding, or at 16 bits without.
+fn composite(coding: Option<PictureCoding>, noise: f64) -> Composited {
+    let codes = (0..WIDTH * HEIGHT).flat_map(camera_code);
+    let pixels = match coding {
+        Some(coding) => {
+            let pixels = Pixels::from_u8(WIDTH, HEIGHT, codes.map(|code| code as u8).collect()).unwrap();
+            Pixels { coding: Some(Arc::new(coding)), ..pixels }
+        }
+        None => Pixels::from_u16(WIDTH, HEIGHT, codes.map(|code| 257 * code).collect()).unwrap(),
+    };
+    let mut camera = gpu::camera(&gpu::pinhole(WIDTH, HEIGHT, FOCAL_PX), 0.0);
+    let bins = vec![NoiseBin { code: 0.0, sigma: 6.0 }, NoiseBin { code: 255.0, sigma: 6.0 }];
+    camera.noise = Some(NoiseProfile {
+        bins: [bins.clone(), bins.clone(), bins],
+        channel_correlation: [0.0; 3],
+        neighbour_correlation: [0.3, 0.2],
+    });
+    let settings = gpu::settings(&[("noise", "scale", Value::Number(noise))]);
+    let scene = board([21.3, 17.8], 0.4);
+    gpu::composite(&gpu::gpu(), &camera, settings, scene, &sideways([3.0, 2.0]), gpu::frame(0, 0.0, pixels))
+}
+
+/// The reference: the composite without rounding through the path, where it differs from the
+/// camera's picture.
+fn reference(coding: &PictureCoding, noise: f64) -> Vec<u8> {
+    let Codes::U16(fine) = composite(None, noise).pixels.codes else { panic!("16 bits are kept") };
+    let rgb: Vec<[f32; 3]> = fine.as_chunks::<3>().0.iter().map(|code| code.map(|c| f32::from(c) / 257.0)).collect();
+    let size = [WIDTH as usize, HEIGHT as usize];
+    let coded = coding.decode(&coding.quantized(&coding.planes(&rgb, size)), size);
+    let camera = (0..WIDTH * HEIGHT).flat_map(camera_code);
+    camera.zip(fine).zip(coded).map(|((own, fine), coded)| if 257 * own == fine { own as u8 } else { coded }).collect()
+}
+
+#[test]
+fn changed_pixels_take_the_path_of_the_cameras_picture() {
+    for (factor, decoder, origin) in [
+        ([2, 2], Decoder::ZuneJpeg, [0, 0]),
+        ([2, 1], Decoder::ZuneJpeg, [0, 0]),
+        ([1, 1], Decoder::ZuneJpeg, [0, 0]),
+        ([2, 2], Decoder::Libjpeg, [-8, -3]),
+        ([2, 1], Decoder::Libjpeg, [-5, 0]),
+        ([1, 2], Decoder::Libjpeg, [0, 0]),
+    ] {
+        let coding = jpeg(factor, decoder, origin);
+        let expected = reference(&coding, 1.0);
+        let found = composite(Some(coding), 1.0).pixels;
+        let found = found.codes.eight_bit().unwrap();
+        let (mut changed, mut differing) = (0, 0);
+        for (i, (found, expected)) in found.iter().zip(&expected).enumerate() {
+            changed += usize::from(u16::from(*found) != camera_code(i as u32 / 3)[i % 3]);
+            differing += usize::from(found != expected);
+        }
+        if 200 * differing > changed {
+            for (i, (found, expected)) in found.iter().zip(&expected).enumerate().filter(|(_, (a, b))| a != b).take(24) {
+                println!("{} {} {}: {found} for {expected}, camera {}", i / 3 % 90, i / 270, i % 3, camera_code(i as u32 / 3)[i % 3]);
+            }
+        }
+        // The 16-bit composite is rounded, which moves a few coefficients over a threshold.
+        assert!(changed > 3000 && 200 * differing <= changed, "{factor:?} {decoder:?}: {differing} of {changed}");
+    }
+}
