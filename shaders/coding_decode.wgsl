@@ -1,5 +1,5 @@
-// Decodes the coded samples to R'G'B' codes as the frame's decoder did (src/coding/). Pixels that
-// nothing virtual changes keep the camera's codes.
+// Decodes the coded samples to R'G'B' codes as the frame's decoder did (src/coding/), and mixes them
+// by their share. Pixels that nothing virtual changes keep the camera's codes.
 // @import shared/fullscreen
 // @import shared/coding
 
@@ -75,7 +75,7 @@ fn upsampled(p: vec2<i32>) -> vec2<i32> {
 }
 
 fn rgb_of(y: i32, chroma: vec2<i32>) -> vec3<i32> {
-    let c = chroma - 128;
+    let c = chroma - vec2<i32>(vec2<f32>(coding.blue.w, coding.red.w));
     if decoder == ZUNE {
         // In units of 2⁻¹⁴, rounded with a little less than a half.
         let light = 16384 * y + 8191;
@@ -94,9 +94,11 @@ fn rgb_of(y: i32, chroma: vec2<i32>) -> vec3<i32> {
 fn main(@builtin(position) at: vec4<f32>) -> @location(0) vec4<u32> {
     let q = vec2<i32>(at.xy);
     let p = q + placement.in_region;
-    if textureLoad(uncoded, p, 0).a == 0.0 {
+    let own = textureLoad(uncoded, p, 0);
+    if own.a == 0.0 {
         return textureLoad(camera, q + placement.in_camera, 0);
     }
-    let rgb = rgb_of(luma_at(p), upsampled(p));
-    return vec4<u32>(vec3<u32>(clamp(rgb, vec3<i32>(0), vec3<i32>(255))), 255u);
+    let coded = vec3<f32>(clamp(rgb_of(luma_at(p), upsampled(p)), vec3<i32>(0), vec3<i32>(255)));
+    let rgb = select(mix(own.rgb, coded, own.a), coded, own.a == 1.0);
+    return vec4<u32>(vec3<u32>(clamp(floor(rgb + 0.5), vec3<f32>(0.0), vec3<f32>(255.0))), 255u);
 }

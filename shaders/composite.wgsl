@@ -185,9 +185,13 @@ fn is_unchanged(p: vec2<i32>, virtual_light: vec4<f32>) -> bool {
     return all(virtual_light == vec4<f32>(0.0)) && all(shadow_ratio_at(p) == vec3<f32>(1.0)) && !whole;
 }
 
+// Share of the coded picture at pixels that hardly change, so that they differ from those that stay.
+const SMALLEST_SHARE: f32 = 1e-4;
+
 // The picture before it is coded (src/compositor/coded.rs): R'G'B' on the scale of 8-bit codes, not
-// clipped; alpha is 1 where it differs from the camera's. Beyond the picture its rim continues, as
-// encoders pad it.
+// clipped. Alpha is the share of the coded picture in the result, 0 where the camera's codes stay:
+// real light has come through the coding already, so only the virtual share and shade need it, in
+// full from a half on. Beyond the picture its rim continues, as encoders pad it.
 @fragment
 fn uncoded(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let rim = composite.camera_size - composite.in_camera - 1;
@@ -197,7 +201,9 @@ fn uncoded(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
         return vec4<f32>(vec3<f32>(camera_codes(p).rgb), 0.0);
     }
     let pixel = apply_effects(p, mixed_at(p, virtual_light.rgb, coverage_at(p, virtual_light.a)));
-    return vec4<f32>(255.0 * pixel.code, 1.0);
+    let changed = max(pixel.virtual_share, 1.0 - shadow_ratio_at(p));
+    let share = max(changed.x, max(changed.y, changed.z));
+    return vec4<f32>(255.0 * pixel.code, clamp(2.0 * share, SMALLEST_SHARE, 1.0));
 }
 
 @fragment

@@ -1,7 +1,8 @@
 //! Takes composited pixels through the coding of the camera's picture: subsampling of chroma,
 //! quantisation of 8×8 blocks, and the arithmetic of its decoder (coding/).
 //!
-//! Blocks that contain changed pixels are coded as a whole; only the changed pixels are written.
+//! Blocks that contain changed pixels are coded as a whole; only the changed pixels are written, and
+//! of a pixel that is partly real only a share: its real part has come through the coding already.
 //! The result at a pixel depends on the picture within its blocks and those beside them, not on the
 //! rectangle that is composited.
 //!
@@ -11,7 +12,7 @@
 use super::dirty_tiles::{TILE_PX, tiles_on_grid};
 use super::mix::{CompositePiece, MixInputs, composite, corners_in};
 use crate::coding::chroma::ChromaFilter;
-use crate::coding::{BLOCK, ChromaSampling, Decoder, PictureCoding};
+use crate::coding::{BLOCK, ChromaSampling, ColorMatrix, Decoder, PictureCoding};
 use crate::effects::MixedPart;
 use crate::gpu::{Entry, Recorder, Shader, Texture};
 use crate::pixels::Rect;
@@ -88,8 +89,12 @@ impl<'a> CodedRegion<'a> {
 
     fn uniform(&self, tile_count: u32, groups_in_row: u32) -> CodingUniform {
         let (rows, black) = self.coding.color.forward();
-        let rows: [[f32; 4]; 3] =
+        let mut rows: [[f32; 4]; 3] =
             std::array::from_fn(|i| [rows[i][0], rows[i][1], rows[i][2], black[i]].map(|value| value as f32));
+        if self.coding.chroma.is_none() {
+            // A grey camera's picture has no colour.
+            rows[1..].iter_mut().for_each(|row| row[..3].fill(0.0));
+        }
         let back = self.coding.color.inverse();
         let column = |i: usize| [back[0][i] as f32, back[1][i] as f32, back[2][i] as f32, 0.0];
         let chroma = self.coding.chroma.unwrap_or(ChromaSampling::FULL);
@@ -158,7 +163,7 @@ pub fn mix_coded(
         in_camera: [rect.x0 - upload.rect.x0, rect.y0 - upload.rect.y0],
     };
     recorder
-        .pass(Shader::CodingDecode, Entry::over("part", "main").choose("decoder", decoder_choice(region.coding.decoder)))
+        .pass(Shader::CodingDecode, Entry::over("part", "main").choose("decoder", decoder_choice(region.coding)))
         .uniform("coding", &blocks.uniform)
         .uniform("placement", &placement)
         .texture("uncoded", &uncoded)
@@ -172,8 +177,10 @@ pub fn mix_coded(
 }
 
 /// The value of the `override` decoder in shaders/coding_decode.wgsl.
-fn decoder_choice(decoder: Decoder) -> f64 {
-    match decoder {
+fn decoder_choice(coding: &PictureCoding) -> f64 {
+    match coding.decoder {
+        // The samples are codes.
+        _ if coding.color.matrix == ColorMatrix::Rgb => 2.0,
         Decoder::ZuneJpeg => 0.0,
         Decoder::Libjpeg => 1.0,
         Decoder::Nearest => 2.0,

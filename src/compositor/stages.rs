@@ -1,9 +1,9 @@
 //! The stages of a frame after its plan, each with the inputs that its retained result depends on.
 
 use super::clipped::{self, FrameRadiance};
+use super::coded::{CodedRegion, mix_coded};
 use super::foreground_matte;
 use super::frame_inputs::FrameInputs;
-use super::coded::{CodedRegion, mix_coded};
 use super::mix::{CameraUpload, MixInputs, mix};
 use super::occlusion::FrameOcclusion;
 use super::pending::{LayerReadback, Work};

@@ -5,11 +5,12 @@
 use std::borrow::Cow;
 use std::io::{BufRead, BufReader, Cursor, Read, Seek};
 use std::path::Path;
+use std::sync::Arc;
 
 use image::{DynamicImage, ImageDecoder};
 
 use super::jpeg::{self, Ending};
-use super::{SourceError, file as plain, jpeg_tables, unsupported};
+use super::{SourceError, file as plain, jpeg_header, jpeg_tables, unsupported};
 use crate::pixels::{Codes, DepthMap, Pixels};
 
 const PNG_SIGNATURE: &[u8] = b"\x89PNG\r\n\x1a\n";
@@ -71,7 +72,8 @@ pub fn decode_pixels(bytes: &[u8]) -> Result<Pixels, String> {
     } else {
         Codes::U8(picture.into_rgb8().into_raw())
     };
-    Ok(Pixels::uncoded(width, height, codes))
+    let coding = bytes.starts_with(JPEG_SIGNATURE).then(|| jpeg_header::coding(bytes).ok()).flatten().map(Arc::new);
+    Ok(Pixels { coding, ..Pixels::uncoded(width, height, codes) })
 }
 
 /// The depth in a 16-bit grey PNG: value / `codes_per_metre`, 0 where nothing was measured.
