@@ -7,6 +7,7 @@
 const ZUNE: u32 = 0u;
 const LIBJPEG: u32 = 1u;
 const NEAREST: u32 = 2u;
+const SWSCALE: u32 = 3u;
 override decoder: u32 = 0u;
 
 @group(0) @binding(0) var<uniform> coding: Coding;
@@ -21,6 +22,21 @@ struct Placement {
     in_camera: vec2<i32>,   // and in the camera's texture
 }
 @group(0) @binding(5) var<uniform> placement: Placement;
+
+// The integers of SWSCALE (src/coding/swscale.rs).
+struct Scaler {
+    // Weights across, of the first and of the second pixel of a chroma sample, and down.
+    across: array<vec4<i32>, 2>,
+    down: array<vec4<i32>, 2>,
+    // The first weight's sample relative to the pixel's own, for both pixels.
+    first_across: vec2<i32>,
+    first_down: vec2<i32>,
+    // Factors of Cr in R', of Cb and Cr in G', and of Cb in B'.
+    chroma: vec4<i32>,
+    black: i32,
+    luma: i32,
+}
+@group(0) @binding(6) var<uniform> scaler: Scaler;
 
 @vertex
 fn part(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> @builtin(position) vec4<f32> {
@@ -74,6 +90,34 @@ fn upsampled(p: vec2<i32>) -> vec2<i32> {
     return (3 * ((near + 2) >> vec2<u32>(2u)) + ((far + 2) >> vec2<u32>(2u)) + 2) >> vec2<u32>(2u);
 }
 
+// Cb and Cr at a pixel by SWSCALE, in units of 2⁻¹⁹ codes.
+fn scaled(p: vec2<i32>) -> vec2<i32> {
+    let phase = p % coding.factor;
+    let own = p / coding.factor;
+    let first = own + vec2<i32>(scaler.first_across[phase.x], scaler.first_down[phase.y]);
+    let across = scaler.across[phase.x];
+    let down = scaler.down[phase.y];
+    var sum = vec2<i32>(0);
+    for (var row = 0; row < 4; row++) {
+        let at = first + vec2<i32>(0, row);
+        let wide = across.x * chroma_at(at) + across.y * chroma_at(at + vec2<i32>(1, 0))
+            + across.z * chroma_at(at + vec2<i32>(2, 0)) + across.w * chroma_at(at + vec2<i32>(3, 0));
+        sum += down[row] * min(wide >> vec2<u32>(7u), vec2<i32>(32767));
+    }
+    return sum;
+}
+
+fn scaled_rgb(p: vec2<i32>) -> vec3<i32> {
+    let c = (scaled(p) + 512 - (128 << 19u)) >> vec2<u32>(10u);
+    let light = ((luma_at(p) - scaler.black) << 9u) * scaler.luma + (1 << 21u);
+    let sum = light + vec3<i32>(
+        scaler.chroma.x * c.y,
+        scaler.chroma.y * c.x + scaler.chroma.z * c.y,
+        scaler.chroma.w * c.x,
+    );
+    return clamp(sum, vec3<i32>(0), vec3<i32>((1 << 30u) - 1)) >> vec3<u32>(22u);
+}
+
 fn rgb_of(y: i32, chroma: vec2<i32>) -> vec3<i32> {
     let c = chroma - vec2<i32>(vec2<f32>(coding.blue.w, coding.red.w));
     if decoder == ZUNE {
@@ -98,7 +142,13 @@ fn main(@builtin(position) at: vec4<f32>) -> @location(0) vec4<u32> {
     if own.a == 0.0 {
         return textureLoad(camera, q + placement.in_camera, 0);
     }
-    let coded = vec3<f32>(clamp(rgb_of(luma_at(p), upsampled(p)), vec3<i32>(0), vec3<i32>(255)));
+    var codes: vec3<i32>;
+    if decoder == SWSCALE {
+        codes = scaled_rgb(p);
+    } else {
+        codes = clamp(rgb_of(luma_at(p), upsampled(p)), vec3<i32>(0), vec3<i32>(255));
+    }
+    let coded = vec3<f32>(codes);
     let rgb = select(mix(own.rgb, coded, own.a), coded, own.a == 1.0);
     return vec4<u32>(vec3<u32>(clamp(floor(rgb + 0.5), vec3<f32>(0.0), vec3<f32>(255.0))), 255u);
 }

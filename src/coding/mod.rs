@@ -24,7 +24,7 @@ pub mod path;
 #[cfg(test)]
 mod path_tests;
 mod plane;
-mod swscale;
+pub mod swscale;
 pub mod upsampling;
 pub mod yuv;
 

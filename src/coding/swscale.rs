@@ -20,6 +20,36 @@ struct TapRow {
     weights: [i32; TAPS],
 }
 
+/// Interpolation away from the ends of an axis: for the first and the second pixel of a chroma
+/// sample, the weights, and the first weight's sample relative to the pixel's own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Phases {
+    pub first: [i32; 2],
+    pub weights: [[i32; TAPS]; 2],
+}
+
+impl Phases {
+    pub fn across(factor: u32, siting: ChromaSiting) -> Self {
+        Self::new(factor, siting, HORIZONTAL_BITS)
+    }
+
+    pub fn down(factor: u32, siting: ChromaSiting) -> Self {
+        Self::new(factor, siting, VERTICAL_BITS)
+    }
+
+    fn new(factor: u32, siting: ChromaSiting, bits: u32) -> Self {
+        // Any sample that is far from both ends.
+        const SAMPLE: usize = 8;
+        let pixel = factor as usize * SAMPLE;
+        let all = taps(pixel + 2, 2 * SAMPLE, factor, siting, bits);
+        let of = |phase: usize| all[pixel + phase % factor as usize];
+        Self {
+            first: [0, 1].map(|phase| of(phase).first as i32 - SAMPLE as i32),
+            weights: [0, 1].map(|phase| of(phase).weights),
+        }
+    }
+}
+
 /// Keys' kernel of the parameter −0.6 at a distance in samples.
 pub fn kernel(distance: f64) -> f64 {
     const A: f64 = -0.6;
@@ -93,17 +123,18 @@ fn interpolated(
 }
 
 /// Constants of the conversion in units of 2^-13.
-struct Conversion {
-    black: i32,
-    luma: i32,
-    red_cr: i32,
-    green_cb: i32,
-    green_cr: i32,
-    blue_cb: i32,
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Conversion {
+    pub black: i32,
+    pub luma: i32,
+    pub red_cr: i32,
+    pub green_cb: i32,
+    pub green_cr: i32,
+    pub blue_cb: i32,
 }
 
 impl Conversion {
-    fn new(color: YcbcrColor) -> Self {
+    pub fn new(color: YcbcrColor) -> Self {
         // Limited range, in units of 2^-16, as the scaler's tables have them.
         let [red_cr, blue_cb, green_cb, green_cr] = match color.matrix {
             ColorMatrix::Rgb | ColorMatrix::Bt601 => [104_597, 132_201, 25_675, 53_279],

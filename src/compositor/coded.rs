@@ -12,6 +12,7 @@
 use super::dirty_tiles::{TILE_PX, tiles_on_grid};
 use super::mix::{CompositePiece, MixInputs, composite, corners_in};
 use crate::coding::chroma::ChromaFilter;
+use crate::coding::swscale::{Conversion, Phases};
 use crate::coding::{BLOCK, ChromaSampling, ColorMatrix, Decoder, PictureCoding};
 use crate::effects::MixedPart;
 use crate::gpu::{Entry, Recorder, Shader, Texture};
@@ -48,6 +49,37 @@ crate::uniform! {
 
 crate::uniform! {
     struct PlacementUniform { made_size: [i32; 2], in_region: [i32; 2], in_camera: [i32; 2] }
+}
+
+crate::uniform! {
+    struct ScalerUniform {
+        across: [[i32; 4]; 2],
+        down: [[i32; 4]; 2],
+        first_across: [i32; 2],
+        first_down: [i32; 2],
+        chroma: [i32; 4],
+        black: i32,
+        luma: i32,
+    }
+}
+
+impl ScalerUniform {
+    /// Zeros for other decoders.
+    fn new(coding: &PictureCoding) -> Self {
+        let Decoder::Swscale { siting } = coding.decoder else { return bytemuck::Zeroable::zeroed() };
+        let factor = coding.chroma_factor();
+        let (across, down) = (Phases::across(factor[0], siting[0]), Phases::down(factor[1], siting[1]));
+        let Conversion { black, luma, red_cr, green_cb, green_cr, blue_cb } = Conversion::new(coding.color);
+        Self {
+            across: across.weights,
+            down: down.weights,
+            first_across: across.first,
+            first_down: down.first,
+            chroma: [red_cr, green_cb, green_cr, blue_cb],
+            black,
+            luma,
+        }
+    }
 }
 
 /// The region of a picture that is coded anew to change the pixels of `rect`.
@@ -166,6 +198,7 @@ pub fn mix_coded(
         .pass(Shader::CodingDecode, Entry::over("part", "main").choose("decoder", decoder_choice(region.coding)))
         .uniform("coding", &blocks.uniform)
         .uniform("placement", &placement)
+        .uniform("scaler", &ScalerUniform::new(region.coding))
         .texture("uncoded", &uncoded)
         .texture("camera", &upload.texture)
         .buffer("samples", &blocks.samples)

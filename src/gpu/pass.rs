@@ -214,7 +214,7 @@ impl<'a> Pass<'a> {
     pub fn dispatch(self, (columns, rows): (u32, u32)) {
         let gpu = self.recorder.gpu.clone();
         for entry in &self.entries {
-            let made = self.recorder.pipelines.computed(&gpu, &self.shaders, &self.module, entry.fragment);
+            let made = self.recorder.pipelines.computed(&gpu, &self.shaders, &self.module, entry);
             let groups = self.groups(&gpu, &made);
             let stamps = self.recorder.stamps();
             let mut pass = self.recorder.encoder().begin_compute_pass(&wgpu::ComputePassDescriptor {

@@ -69,7 +69,7 @@ struct RenderPipelineKey {
 pub struct Pipelines {
     modules: Memo<Vec<Shader>, Arc<Module>>,
     drawn: Memo<RenderPipelineKey, Arc<CompiledPipeline<wgpu::RenderPipeline>>>,
-    computed: Memo<(Vec<Shader>, &'static str), Arc<CompiledPipeline<wgpu::ComputePipeline>>>,
+    computed: Memo<(Vec<Shader>, Entry), Arc<CompiledPipeline<wgpu::ComputePipeline>>>,
 }
 
 impl Default for Pipelines {
@@ -143,17 +143,20 @@ impl Pipelines {
         gpu: &Gpu,
         shaders: &[Shader],
         module: &Module,
-        entry: &'static str,
+        entry: &Entry,
     ) -> Arc<CompiledPipeline<wgpu::ComputePipeline>> {
-        self.computed.get_or_insert_with((shaders.to_vec(), entry), |_| {
-            let globals = module.interface.globals(&[entry]);
+        self.computed.get_or_insert_with((shaders.to_vec(), entry.clone()), |_| {
+            let globals = module.interface.globals(&[entry.fragment]);
             let (groups, layout) = layouts(&gpu.device, module.label, &globals);
             let pipeline = gpu.compute_pipeline(&wgpu::ComputePipelineDescriptor {
-                label: Some(&format!("{} {entry}", module.label)),
+                label: Some(&format!("{} {}", module.label, entry.fragment)),
                 layout: Some(&layout),
                 module: &module.module,
-                entry_point: Some(entry),
-                compilation_options: Default::default(),
+                entry_point: Some(entry.fragment),
+                compilation_options: wgpu::PipelineCompilationOptions {
+                    constants: &entry.constants(),
+                    ..Default::default()
+                },
                 cache: None,
             });
             Arc::new(CompiledPipeline { pipeline, groups, globals })

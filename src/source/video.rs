@@ -68,6 +68,7 @@ struct ProbedStream {
     width: Option<u32>,
     height: Option<u32>,
     pix_fmt: Option<String>,
+    chroma_location: Option<String>,
     color_range: Option<String>,
     color_space: Option<String>,
     avg_frame_rate: Option<String>,
@@ -129,7 +130,7 @@ pub fn probe(file: &Path, overrides: &Overrides) -> Result<Video, SourceError> {
     if let Some(kind) = unsupported::by_content(&start) {
         return Err(SourceError::content(file, kind.refusal()));
     }
-    let entries = "stream=width,height,pix_fmt,color_range,color_space,color_transfer,color_primaries,\
+    let entries = "stream=width,height,pix_fmt,chroma_location,color_range,color_space,color_transfer,color_primaries,\
                    sample_aspect_ratio,avg_frame_rate,time_base,field_order,nb_frames:\
                    stream_tags=DURATION:stream_side_data=rotation,displaymatrix:packet=pts,pts_time,dts_time,flags:\
                    format=format_name";
