@@ -13,6 +13,7 @@ use super::findings::{Findings, GainFindings, PoseFindings, SharpnessFindings, S
 use super::inputs;
 use super::light::RoomLight;
 use super::light_findings::{Environment, LightFindings};
+use super::noise_findings::NoiseFindings;
 use super::recorded_motion::{RecordedMotion, moves_as_recorded};
 use super::registration_result::{HeldOutResidual, Registration, Verdict};
 use super::shutter::ExposureRuns;
@@ -78,6 +79,8 @@ pub struct Estimates<'a> {
     pub across: Option<(Vec<SpatialGain>, SpatialGainFit)>,
     pub exposure: Result<ExposureRuns, String>,
     pub spread: Result<PointSpreadEstimate, String>,
+    /// `None` if the camera's noise is known otherwise.
+    pub noise: Option<NoiseFindings>,
     pub tone: Result<Vec<ToneBand>, String>,
     pub light: Result<RoomLight, String>,
     pub surfels: Vec<Surfel>,
@@ -122,7 +125,7 @@ pub fn digest(folder: &Path) -> Option<String> {
 
 impl Analysis {
     pub fn new(recording: &Recording, camera: &Geometry, registration: &Registration, found: Estimates<'_>) -> Self {
-        let Estimates { gain, gains, across, exposure, spread, tone, light, surfels } = found;
+        let Estimates { gain, gains, across, exposure, spread, noise, tone, light, surfels } = found;
         let surfels = SurfelMap::of(&surfels);
         let (across, fitted) = across.unzip();
         let across = across.filter(|_| fitted.is_some_and(|fitted| fitted.is_followed)).unwrap_or_default();
@@ -162,6 +165,7 @@ impl Analysis {
             across: fitted,
             shutter: Some(ShutterFindings::of(exposure, nominal_interval_s)),
             spread: Some(SharpnessFindings::of(spread)),
+            noise,
             tone: Some(Tone::of(tone)),
             light: Some(LightFindings::of(&light, environment.as_ref())),
             surfels: surfels.as_ref().map(SurfelFindings::of),
@@ -201,6 +205,9 @@ impl Analysis {
         let findings: Findings = document::read(&text).map_err(|problem| content(&path, problem.to_string()))?;
         if let Some(shutter) = &findings.shutter {
             shutter.check(findings.frames).map_err(|problem| content(&path, problem))?;
+        }
+        if let Some(noise) = &findings.noise {
+            noise.check().map_err(|problem| content(&path, problem))?;
         }
         let (mut lines, mut track) = (Vec::new(), None);
         if findings.registration.is_refined() || findings.registration.motion_px.is_some() {

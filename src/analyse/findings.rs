@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::dependencies::Dependencies;
 use super::depth_clock::DepthOffset;
 use super::light_findings::LightFindings;
+use super::noise_findings::NoiseFindings;
 use super::registration_result::{MAX_READOUT_SIGMA_S, Registration, Verdict};
 use super::rig_offset::RigOffset;
 use super::shutter::{ExposureRun, ExposureRuns};
@@ -49,6 +50,9 @@ pub struct Findings {
     pub across: Option<SpatialGainFit>,
     pub shutter: Option<ShutterFindings>,
     pub spread: Option<SharpnessFindings>,
+    /// `None` if the camera's noise was known otherwise.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub noise: Option<NoiseFindings>,
     /// Advice; it is not applied.
     pub tone: Option<Tone>,
     pub light: Option<LightFindings>,
@@ -472,6 +476,7 @@ impl Findings {
         lines.push(("gain", gain.unwrap_or_else(|| format!("unknown: {}", self.no_gain()))));
         lines.extend(self.across.iter().map(|across| ("across", across.to_string())));
         lines.extend(self.spread.iter().map(|spread| ("spread", spread.to_string())));
+        lines.extend(self.noise.iter().map(|noise| ("noise", noise.to_string())));
         lines.extend(self.tone.iter().map(|tone| ("tone", tone.to_string())));
         lines.extend(self.light.iter().flat_map(LightFindings::lines));
         lines.extend(self.surfels.iter().map(|fused| {

@@ -36,6 +36,7 @@ mod link_blur;
 mod link_failure;
 mod links;
 mod motion_only;
+mod noise_findings;
 mod noise_level;
 mod pass_runner;
 mod plane_sweep;
@@ -74,6 +75,7 @@ pub use interrupted::Interrupted;
 pub use light::{ASSUMED_LAMP_DIAMETER_M, LampEstimate, MAX_LAMPS, WHITE_REFLECTANCE};
 pub use light_findings::{Environment, LightFindings};
 pub use light_table::panorama_beside;
+pub use noise_findings::NoiseFindings;
 pub use progress::{AnalysisStage, Progress};
 pub use registration_result::{HeldOutResidual, RegistrationError, Verdict};
 pub use relight::relight;
@@ -97,6 +99,7 @@ use camera_model::CameraModel;
 use depth_source::DepthSource;
 use findings::GainFindings;
 use gain::{GAPS, Gains, Pair};
+use noise_findings::NoiseSampler;
 use progress::{Passes, with_timed_progress};
 use shutter::{ShutterEstimator, ShutterEvidence};
 use spatial_gain::SpatialGainPair;
@@ -221,7 +224,8 @@ pub fn analyse(
         }
         gain => gain.ok_or_else(|| comparison.pair_counts.why()),
     };
-    let estimates = artefact::Estimates { gain, gains: &gains, across, exposure, spread, tone, light, surfels };
+    let noise = comparison.noise;
+    let estimates = artefact::Estimates { gain, gains: &gains, across, exposure, spread, noise, tone, light, surfels };
     Ok((Analysis::new(recording, camera, &registration, estimates), times))
 }
 
@@ -233,6 +237,7 @@ struct FrameComparison {
     tone_samples: Vec<ToneSample>,
     across: Vec<SpatialGainPair>,
     pair_counts: gain::PairCounts,
+    noise: Option<NoiseFindings>,
 }
 
 /// Compares the frames of a recording. `states`: one per frame, and the time that is added to the
@@ -254,10 +259,12 @@ fn compare_frames(
     let mut shutter =
         ShutterEstimator::new(model, capture.response, capture.noise, states, times_s, interval_s, threads);
     let mut depths = DepthSource::new(model, recording, states, later_s, threads)?;
+    let mut noise = NoiseSampler::new(capture.noise, recording.frame_count());
     let mut coming = recording.frames(0..recording.frame_count())?;
     while let Some(frame) = times.of(times::READING, || coming.next()) {
         let frame = frame?;
         report(frame.index)?;
+        times.of(times::NOISE, || noise.add(frame.index, &frame.pixels));
         if let Some(state) = states[frame.index] {
             let depth = times.of(times::DEPTHS, || depths.of(model, &frame, &state))?;
             times.of(times::GAIN, || gains.add(&frame, state, &depth, recording.landmarks(frame.index)));
@@ -270,6 +277,7 @@ fn compare_frames(
         tone_samples: gains.tone_samples,
         across: gains.across,
         pair_counts: gains.counts,
+        noise: noise.finish(),
     })
 }
 

@@ -25,6 +25,7 @@ pub const DEPTH: &str = "depth's clock";
 pub const DEPTHS: &str = "each frame's depth";
 pub const GAIN: &str = "gain";
 pub const EXPOSURE: &str = "exposure";
+pub const NOISE: &str = "noise";
 pub const SHARPNESS: &str = "sharpness";
 pub const SURFACES: &str = "surfaces of the room";
 pub const LIGHT: &str = "light";

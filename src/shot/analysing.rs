@@ -52,7 +52,11 @@ impl Shot {
         let camera = self.geometry_at(0)?;
         let rig = self.camera();
         let exposure_s = |frame: &Frame| self.exposure_time(frame).s;
-        let capture = CaptureInfo { response: &rig.response, noise: rig.noise.as_ref(), exposure_s: &exposure_s };
+        let capture = CaptureInfo {
+            response: &rig.response,
+            noise: self.layers.rig_of_profiles().noise.as_ref(),
+            exposure_s: &exposure_s,
+        };
         let mut checkpoints = Checkpoints::of(folder, &self.recording, &camera, &capture);
         let made = analyse(&self.recording, &camera, &capture, processors(), &mut checkpoints, report);
         let failed = |source| AnalyseError::Footage { recording: self.recording.path.clone(), source };
@@ -77,15 +81,20 @@ impl Shot {
         })
     }
 
-    /// Applies an analysis to the recording. Scene, camera and settings stay as they are. Returns
-    /// the estimated parameters that neither profiles nor `--set` override. An analysis for another
+    /// Applies an analysis to the recording. Scene, camera and settings stay as they are, except for
+    /// the camera's noise where nothing else gives it. Returns the estimated parameters that neither
+    /// profiles nor `--set` override. An analysis for another
     /// camera is not used.
     pub fn apply_analysis(&mut self, folder: PathBuf, analysis: Analysis) -> Result<Vec<EstimatedParam>, ShotError> {
         if let Err(problem) = analysis.fits_camera(&self.geometry_at(0)?) {
             self.analysis = AnalysisState::Unfit(folder, problem);
             return Ok(Vec::new());
         }
+        let earlier_noise = self.estimated_noise().cloned();
         self.adopt(folder, analysis);
+        if self.rig.noise == earlier_noise {
+            self.rig.noise = self.estimated_noise().cloned();
+        }
         self.register_depth();
         self.follow_scene();
         Ok(self.estimates())

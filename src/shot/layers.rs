@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use super::ShotError;
 use super::options::ShotOptions;
-use crate::analyse::Analysis;
-use crate::camera::{CameraExposure, Lens};
+use crate::analyse::{Analysis, NoiseFindings};
+use crate::camera::{CameraExposure, Lens, NoiseProfile};
 use crate::compositor::Settings;
 use crate::effects::point_spread::sigma_for_measured_px;
 use crate::params::Value;
@@ -39,6 +39,8 @@ pub struct SettingsLayers {
     /// The values by the profiles and the recording's own camera.
     base: ResolvedSettings,
     estimates: Vec<EstimatedParam>,
+    /// The camera's noise by an analysis, below the profiles.
+    estimated_noise: Option<NoiseProfile>,
     /// The scene file and its settings.
     scene: PathBuf,
     of_scene: ShotSettings,
@@ -71,7 +73,7 @@ impl SettingsLayers {
         let scene = given.scene.clone().unwrap_or_default();
         let of_scene = ShotSettings::read(&scene::document::settings(&scene)?, &scene)?;
         let (base, sets) = (ResolvedSettings { rig, settings }, given.sets.clone());
-        Ok(Self { profiles, of_profiles, base, estimates: Vec::new(), scene, of_scene, sets })
+        Ok(Self { profiles, of_profiles, base, estimates: Vec::new(), estimated_noise: None, scene, of_scene, sets })
     }
 
     /// The profiles that were read, the recording's own first.
@@ -115,6 +117,7 @@ impl SettingsLayers {
             rig.set_text(text, &mut settings)?;
         }
         EstimatedParam::apply(self.effective_estimates(), &mut rig, &mut settings);
+        rig.noise = rig.noise.or_else(|| self.effective_noise().cloned());
         Ok(ResolvedSettings { rig, settings })
     }
 
@@ -139,8 +142,15 @@ impl SettingsLayers {
         })
     }
 
-    pub fn set_estimates(&mut self, estimates: Vec<EstimatedParam>) {
-        self.estimates = estimates;
+    /// Replaces the estimates by those of an analysis.
+    pub fn set_estimates(&mut self, analysis: &Analysis) {
+        self.estimates = EstimatedParam::all_of(analysis);
+        self.estimated_noise = analysis.findings.noise.as_ref().and_then(NoiseFindings::profile);
+    }
+
+    /// The camera's noise by an analysis, if no profile gives it.
+    pub fn effective_noise(&self) -> Option<&NoiseProfile> {
+        self.estimated_noise.as_ref().filter(|_| self.base.rig.noise.is_none())
     }
 
     /// Replaces the scene's settings by values that were accepted before.
@@ -216,6 +226,7 @@ mod tests {
             of_profiles,
             base: ResolvedSettings { rig, settings },
             estimates: vec![estimate(READOUT, 0.02), estimate(SHARPNESS, 0.75)],
+            estimated_noise: None,
             scene: PathBuf::new(),
             of_scene: values(scene),
             sets: sets.iter().map(|&text| text.to_owned()).collect(),

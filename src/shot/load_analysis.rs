@@ -5,7 +5,6 @@ use std::sync::Arc;
 
 use super::Shot;
 use super::error::ShotError;
-use super::layers::EstimatedParam;
 use super::options::{AnalysisChoice, ShotOptions};
 use crate::analyse::{Analysis, FILE_NAME, Findings, beside};
 use crate::effects::exposure::equivalent_exposure_s;
@@ -62,7 +61,7 @@ impl Shot {
         let analysis = analysis.without_stale(&recording);
         recording.refine(&analysis.refinement(median_exposure_s(&recording)));
         self.recording = Arc::new(recording);
-        self.layers.set_estimates(EstimatedParam::all_of(&analysis));
+        self.layers.set_estimates(&analysis);
         self.supports = Arc::default();
         self.cached_frame = None;
         self.estimated_lighting = analysis.lighting().map(Arc::new);

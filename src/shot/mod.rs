@@ -35,7 +35,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use crate::camera::{Camera, Geometry};
+use crate::camera::{Camera, Geometry, NoiseProfile};
 use crate::compositor::{Compositor, ExposureTime, Settings};
 use crate::frame::Frame;
 use crate::gpu::Gpu;
@@ -220,6 +220,11 @@ impl Shot {
     /// profiles nor `--set` override.
     pub fn estimates(&self) -> Vec<EstimatedParam> {
         self.layers.without_scene().effective_estimates().cloned().collect()
+    }
+
+    /// The camera's noise as the analysis measured it, if no profile gives it.
+    pub fn estimated_noise(&self) -> Option<&NoiseProfile> {
+        self.layers.effective_noise()
     }
 
     /// The profiles that were read, the recording's own first.

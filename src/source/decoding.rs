@@ -12,6 +12,7 @@ use super::SourceError;
 use super::ffmpeg::{self, Running};
 use super::index::{DecodingStart, Index};
 use super::video::{CONVERSION_FLAGS, MEND, Video};
+use crate::coding::PictureCoding;
 use crate::coding::{ColorMatrix, ColorRange};
 use crate::pixels::{Codes, Pixels};
 
@@ -23,6 +24,7 @@ struct Source {
     wide: bool,
     range: ColorRange,
     matrix: ColorMatrix,
+    coding: Option<Arc<PictureCoding>>,
     index: Option<Arc<Index>>,
 }
 
@@ -30,13 +32,14 @@ impl Video {
     /// Frames `range`, exactly. If the file's times distinguish the frames, decoding starts at a
     /// keyframe before them.
     pub fn read(&self, range: Range<usize>) -> Result<VideoFrames, SourceError> {
-        let Self { file, width, height, bits, range: colors, matrix, index, .. } = self;
+        let Self { file, width, height, bits, range: colors, matrix, coding, index, .. } = self;
         let source = Source {
             file: file.clone(),
             size: (*width, *height),
             wide: *bits == 16,
             range: *colors,
             matrix: *matrix,
+            coding: coding.clone(),
             index: index.clone(),
         };
         let start = source.index.as_ref().and_then(|index| index.start(range.start)).filter(|_| !range.is_empty());
@@ -93,7 +96,7 @@ impl Source {
         } else {
             Codes::U8(bytes)
         };
-        Pixels::uncoded(width, height, codes)
+        Pixels { coding: self.coding.clone(), ..Pixels::uncoded(width, height, codes) }
     }
 }
 

@@ -13,7 +13,7 @@ use super::ffmpeg::{self, FfmpegError};
 use super::index::{Index, IndexEntry};
 use super::presentation::{Presentation, ProbedPresentation};
 use super::{SourceError, file as plain, unsupported};
-use crate::coding::{ColorMatrix, ColorRange};
+use crate::coding::{ChromaSampling, ChromaSiting, ColorMatrix, ColorRange, Decoder, PictureCoding, YcbcrColor};
 use crate::text::{count, fixed};
 
 /// Advice about a damaged file.
@@ -42,6 +42,8 @@ pub struct Video {
     pub bits: u32,
     pub range: ColorRange,
     pub matrix: ColorMatrix,
+    /// `None` for R'G'B' and for more than 8 bits.
+    pub coding: Option<Arc<PictureCoding>>,
     pub presentation: Presentation,
     /// One per frame, in display order; the first is at 0.
     pub timestamps_s: Vec<f64>,
@@ -208,7 +210,10 @@ fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video,
     let entries: Option<Vec<IndexEntry>> = probe.packets.iter().map(VideoPacket::entry).collect();
     let index = Index::new(stream.time_base.as_deref().unwrap_or_default(), &entries.unwrap_or_default());
     let index = index.map(Arc::new);
-    Ok(Video { file: file.to_owned(), width, height, bits, range, matrix, presentation, timestamps_s, warnings, index })
+    let chroma = chroma_sampling(format, stream.chroma_location.as_deref()).filter(|_| bits == 8 && !is_rgb(format));
+    let coding = chroma.map(|chroma| Arc::new(coding(chroma, YcbcrColor { matrix, range })));
+    let file = file.to_owned();
+    Ok(Video { file, width, height, bits, range, matrix, coding, presentation, timestamps_s, warnings, index })
 }
 
 /// Checks that there are as many frames as the container promises: by their number (MP4), or by
@@ -320,6 +325,42 @@ fn is_rgb(format: &str) -> bool {
 
 /// ffmpeg names the byte order of every format whose components need more than a byte, and of the
 /// packed ones with 4 to 6 bits.
+/// Chroma of ffmpeg's pixel formats; grey has none. `None` for other formats. If the file does not
+/// state its position, it is that of H.264 and MPEG-2, or of JPEG for full range by definition.
+fn chroma_sampling(format: &str, location: Option<&str>) -> Option<Option<ChromaSampling>> {
+    use ChromaSiting::{Centered, Cosited};
+    if format.starts_with("gray") {
+        return Some(None);
+    }
+    let sampled = |name: &str| format.contains(name);
+    let factor = if sampled("420") || sampled("nv12") || sampled("nv21") {
+        [2, 2]
+    } else if sampled("422") {
+        [2, 1]
+    } else if sampled("440") {
+        [1, 2]
+    } else if sampled("444") {
+        [1, 1]
+    } else {
+        return None;
+    };
+    let siting = match location {
+        Some("center") => [Centered, Centered],
+        Some("top") => [Centered, Cosited],
+        Some("topleft") => [Cosited, Cosited],
+        None | Some("unspecified") if format.starts_with("yuvj") => [Centered, Centered],
+        _ => [Cosited, Centered],
+    };
+    Some(Some(ChromaSampling { factor, siting }))
+}
+
+/// Coding of a video's frames. Their quantisation is not known, and varies.
+fn coding(chroma: Option<ChromaSampling>, color: YcbcrColor) -> PictureCoding {
+    // The scaler's own assumption.
+    let siting = [ChromaSiting::Centered; 2];
+    PictureCoding { color, chroma, quantization: None, decoder: Decoder::Swscale { siting } }
+}
+
 fn more_than_8_bits(format: &str) -> bool {
     let packed = ["444le", "444be", "555le", "555be", "565le", "565be"].iter().any(|s| format.ends_with(s));
     (format.ends_with("le") || format.ends_with("be")) && !(packed && is_rgb(format))
@@ -341,6 +382,27 @@ mod tests {
     }
 
     const ONE: &str = r#"{"pts_time": "0.5"}"#;
+
+    #[test]
+    fn coding_follows_the_pixel_format() {
+        use ChromaSiting::{Centered, Cosited};
+        let coding = |format: &str, more: &str| {
+            let stream = format!(r#""pix_fmt": "{format}"{more}"#);
+            parse(&stream, ONE, &Overrides::default()).unwrap().coding
+        };
+        let chroma = |format: &str, more: &str| coding(format, more).unwrap().chroma.map(|c| (c.factor, c.siting));
+        assert_eq!(chroma("yuv420p", ""), Some(([2, 2], [Cosited, Centered])));
+        assert_eq!(chroma("yuvj420p", ""), Some(([2, 2], [Centered, Centered])));
+        assert_eq!(chroma("nv12", r#", "chroma_location": "topleft""#), Some(([2, 2], [Cosited, Cosited])));
+        assert_eq!(chroma("yuyv422", r#", "chroma_location": "center""#), Some(([2, 1], [Centered, Centered])));
+        assert_eq!(chroma("yuv444p", r#", "chroma_location": "unspecified""#).map(|c| c.0), Some([1, 1]));
+        assert_eq!(chroma("gray", ""), None);
+        let color = coding("yuv420p", r#", "color_space": "bt709", "color_range": "pc""#).unwrap().color;
+        assert_eq!((color.matrix, color.range), (ColorMatrix::Bt709, ColorRange::Full));
+        for format in ["rgb24", "yuv420p10le", "pal8"] {
+            assert!(coding(format, "").is_none(), "{format}");
+        }
+    }
 
     #[test]
     fn range_and_matrix_as_stated_or_as_usual() {

@@ -107,7 +107,15 @@ fn assert_follows_reference(coding: PictureCoding) {
             differing += usize::from(found != expected);
         }
     }
-    for (i, (f, e)) in found.iter().zip(&expected).enumerate().filter(|(i, (f, e))| layer[i / 3][3] == 1.0 && f != e).take(if 10 * differing > covered { 30 } else { 0 }) { println!("{} {} {}: {f} for {e}", i / 3 % 90, i / 270, i % 3); }
+    for (i, (f, e)) in found
+        .iter()
+        .zip(&expected)
+        .enumerate()
+        .filter(|(i, (f, e))| layer[i / 3][3] == 1.0 && f != e)
+        .take(if 10 * differing > covered { 30 } else { 0 })
+    {
+        println!("{} {} {}: {f} for {e}", i / 3 % 90, i / 270, i % 3);
+    }
     println!("{what}: {differing} of {covered}");
     // The 16-bit composite is rounded, which moves a few coefficients over a threshold.
     assert!(covered > 3000 && 10 * differing <= covered, "{what}: {differing} of {covered}");

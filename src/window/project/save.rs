@@ -10,6 +10,7 @@ use super::light::panorama_of_analysis;
 use super::save_targets::{ProfileScope, ProfileValues};
 use super::{Edit, Project, tables};
 use locard_engine::analyse::panorama_beside;
+use locard_engine::camera::NoiseProfile;
 use locard_engine::compositor::{ON, Settings};
 use locard_engine::profile::{self, ParameterValues, ProfileError, Rig, ShotSettings};
 use locard_engine::recording::Recording;
@@ -58,6 +59,7 @@ struct ProfileDraft {
     values: ProfileValues,
     /// Results of an analysis, which do not belong to the camera.
     found: Vec<EstimatedParam>,
+    found_noise: Option<NoiseProfile>,
     from: Option<PathBuf>,
 }
 
@@ -154,7 +156,13 @@ impl Draft {
             DraftContent::Profile(draft) => {
                 // A new file starts as a copy of the open profile.
                 let from = draft.from.as_ref().filter(|from| !path.exists() && from.exists());
-                profile_text(&draft.recording, &draft.resulting_edit, from.unwrap_or(&path), &draft.found)?
+                profile_text(
+                    &draft.recording,
+                    &draft.resulting_edit,
+                    from.unwrap_or(&path),
+                    &draft.found,
+                    draft.found_noise.as_ref(),
+                )?
             }
             DraftContent::Scene(_) if is_other_kind(&path) => {
                 let reason = "the file is no scene, and is kept: choose another name".to_owned();
@@ -183,6 +191,7 @@ fn profile_text(
     edit: &Edit,
     path: &Path,
     found: &[EstimatedParam],
+    found_noise: Option<&NoiseProfile>,
 ) -> Result<String, SaveError> {
     let (mut rig, mut settings) = (Rig::default(), Settings::default());
     if let Some(own) = &recording.camera_profile {
@@ -224,6 +233,8 @@ fn profile_text(
         document.switch(effect, edit.settings.is_on(effect));
     }
     match changes.noise() {
+        // It stays the analysis's.
+        Some(noise) if noise.is_some() && noise == found_noise => {}
         Some(Some(noise)) => document.set_noise(noise, "`'s method, from places picked in the window."),
         Some(None) => document.remove_noise(),
         None => {}
@@ -242,6 +253,7 @@ impl Project {
             resulting_edit: self.resulting_edit(&values),
             values,
             found: self.shot.estimates(),
+            found_noise: self.shot.estimated_noise().cloned(),
             from: self.profile.clone(),
         };
         Draft { path: path.to_owned(), known: None, content: DraftContent::Profile(Box::new(draft)) }
@@ -252,7 +264,7 @@ impl Project {
     pub fn profile_text(&self) -> impl FnOnce() -> Result<String, SaveError> + Send + 'static {
         let (recording, edit) = (Arc::clone(&self.shot.recording), self.edit().clone());
         let path = self.profile.clone().unwrap_or_default();
-        move || profile_text(&recording, &edit, &path, &[])
+        move || profile_text(&recording, &edit, &path, &[], None)
     }
 
     /// The scene file with its comments and order. In another folder it refers to the same models.
