@@ -1,4 +1,4 @@
-// Cb and Cr at the resolution of the coding's chroma: the weighted mean over the pixels of a sample.
+// Cb and Cr at the resolution of the coding's chroma: weighted means over the pixels of a sample.
 // @import shared/fullscreen
 // @import shared/coding
 @group(0) @binding(0) var<uniform> coding: Coding;

@@ -1,5 +1,5 @@
-// Decodes the coded samples to R'G'B' codes as the frame's decoder did (src/coding/), and mixes them
-// by their share. Pixels that nothing virtual changes keep the camera's codes.
+// Decodes the coded samples to R'G'B' codes as the frame's decoder did (src/coding/), and mixes
+// them by their share. Pixels that nothing virtual changes keep the camera's codes.
 // @import shared/fullscreen
 // @import shared/coding
 

@@ -185,7 +185,7 @@ fn is_unchanged(p: vec2<i32>, virtual_light: vec4<f32>) -> bool {
     return all(virtual_light == vec4<f32>(0.0)) && all(shadow_ratio_at(p) == vec3<f32>(1.0)) && !whole;
 }
 
-// Share of the coded picture at pixels that hardly change, so that they differ from those that stay.
+// Share of the coded picture at pixels that hardly change: not 0, which marks those that stay.
 const SMALLEST_SHARE: f32 = 1e-4;
 
 // The picture before it is coded (src/compositor/coded.rs): R'G'B' on the scale of 8-bit codes, not

@@ -35,7 +35,7 @@ impl PictureCoding {
     /// samples are means of pixels. The picture's edge pixels repeat up to the planes' ends, as in
     /// encoders.
     pub fn planes(&self, rgb: &[[f32; 3]], size: [usize; 2]) -> Vec<SamplePlane<f32>> {
-        self.filtered_planes(rgb, size, |chroma| ChromaFilters::mean(chroma))
+        self.filtered_planes(rgb, size, ChromaFilters::mean)
     }
 
     /// Planes that decode to given R'G'B' codes: those of the camera, up to the rounding of codes.
@@ -65,8 +65,8 @@ impl PictureCoding {
         (0..3).map(|plane| if plane == 0 { full(0) } else { filters.apply(&full(plane)) }).collect()
     }
 
-    /// Samples as the decoder has them after the inverse DCT. Samples are rounded to 8 bits first, as
-    /// in encoders; without [`BlockQuantization`] that is all.
+    /// Samples as the decoder has them after the inverse DCT. Samples are rounded to 8 bits first,
+    /// as in encoders; without [`BlockQuantization`] that is all.
     pub fn quantized(&self, planes: &[SamplePlane<f32>]) -> Vec<SamplePlane<u8>> {
         let rounded = planes.iter().map(|plane| plane.map(|sample| sample.round() as u8));
         let Some(quantization) = &self.quantization else { return rounded.collect() };

@@ -45,7 +45,7 @@ pub fn repeated<T: Copy>(plane: &SamplePlane<T>, factor: [u32; 2]) -> SamplePlan
 /// The nearest sample, and the next one on the pixel's side of it. Both are the same at an end.
 fn neighbours(at: usize, length: usize) -> [usize; 2] {
     let nearest = at / 2;
-    let next = if at % 2 == 0 { nearest.saturating_sub(1) } else { (nearest + 1).min(length - 1) };
+    let next = if at.is_multiple_of(2) { nearest.saturating_sub(1) } else { (nearest + 1).min(length - 1) };
     [nearest, next]
 }
 

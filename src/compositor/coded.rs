@@ -1,8 +1,8 @@
 //! Takes composited pixels through the coding of the camera's picture: subsampling of chroma,
 //! quantisation of 8×8 blocks, and the arithmetic of its decoder (coding/).
 //!
-//! Blocks that contain changed pixels are coded as a whole; only the changed pixels are written, and
-//! of a pixel that is partly real only a share: its real part has come through the coding already.
+//! Blocks that contain changed pixels are coded as a whole. Only the changed pixels are written,
+//! and partly real ones only in part: real light has come through the coding already.
 //! The result at a pixel depends on the picture within its blocks and those beside them, not on the
 //! rectangle that is composited.
 //!

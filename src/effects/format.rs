@@ -13,13 +13,13 @@ use crate::stage::Stage;
 
 crate::params! {
     /// Parameters of the format.
-    pub struct Format in "format" at Mix {
+    pub struct FrameFormat in "format" at Mix {
         "quantise blocks as the frame's file does; off: only its resolution of chroma and rounding"
         quantization: bool = true;
     }
 }
 
-impl Effect for Format {
+impl Effect for FrameFormat {
     fn summary(&self) -> &'static str {
         "codes virtual pixels as the frame's file codes the camera's"
     }

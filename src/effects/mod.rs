@@ -31,6 +31,6 @@ pub fn all() -> Vec<Box<dyn Effect>> {
         Box::new(chromatic_aberration::ChromaticAberration::default()),
         Box::new(edge_blend::EdgeBlend::default()),
         Box::new(noise::Noise::default()),
-        Box::new(format::Format::default()),
+        Box::new(format::FrameFormat::default()),
     ]
 }

@@ -81,9 +81,9 @@ impl Shot {
         })
     }
 
-    /// Applies an analysis to the recording. Scene, camera and settings stay as they are, except for
-    /// the camera's noise where nothing else gives it. Returns the estimated parameters that neither
-    /// profiles nor `--set` override. An analysis for another
+    /// Applies an analysis to the recording. Scene, camera and settings stay as they are; the
+    /// camera's noise follows the analysis where nothing else gives it. Returns the estimated
+    /// parameters that neither profiles nor `--set` override. An analysis for another
     /// camera is not used.
     pub fn apply_analysis(&mut self, folder: PathBuf, analysis: Analysis) -> Result<Vec<EstimatedParam>, ShotError> {
         if let Err(problem) = analysis.fits_camera(&self.geometry_at(0)?) {
