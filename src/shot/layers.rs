@@ -112,12 +112,12 @@ impl SettingsLayers {
     /// The values of all layers.
     pub fn resolve(&self) -> Result<ResolvedSettings, ShotError> {
         let ResolvedSettings { mut rig, mut settings } = self.base.clone();
+        rig.noise = rig.noise.or_else(|| self.effective_noise().cloned());
         self.of_scene.apply(&mut rig, &mut settings, &self.scene)?;
         for text in &self.sets {
             rig.set_text(text, &mut settings)?;
         }
         EstimatedParam::apply(self.effective_estimates(), &mut rig, &mut settings);
-        rig.noise = rig.noise.or_else(|| self.effective_noise().cloned());
         Ok(ResolvedSettings { rig, settings })
     }
 
@@ -148,9 +148,9 @@ impl SettingsLayers {
         self.estimated_noise = analysis.findings.noise.as_ref().and_then(NoiseFindings::profile);
     }
 
-    /// The camera's noise by an analysis, if no profile gives it.
+    /// The camera's noise by an analysis, if no profile gives or removes it.
     pub fn effective_noise(&self) -> Option<&NoiseProfile> {
-        self.estimated_noise.as_ref().filter(|_| self.base.rig.noise.is_none())
+        self.estimated_noise.as_ref().filter(|_| self.base.rig.noise.is_none() && self.of_profiles.noise().is_none())
     }
 
     /// Replaces the scene's settings by values that were accepted before.
@@ -211,6 +211,7 @@ impl EstimatedParam {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::camera::NoiseBin;
 
     fn values(text: &str) -> ShotSettings {
         ShotSettings::read(&text.parse().unwrap(), Path::new("scene.toml")).unwrap()
@@ -240,6 +241,25 @@ mod tests {
             let table = settings.tables().into_iter().find(|table| table.table() == SHARPNESS.0).unwrap();
             (rig.intrinsics.readout_time_s, table.get(SHARPNESS.1).unwrap())
         })
+    }
+
+    #[test]
+    fn estimated_noise_is_used_where_nothing_else_gives_noise() {
+        const NOISE: &str = "[camera.noise]\ncode = [0]\nsigma_r = [1]\nsigma_g = [1]\nsigma_b = [1]\n\
+                             channel_correlation = [0, 0, 0]\nneighbour_correlation = [0, 0]\n";
+        let estimate = NoiseProfile {
+            bins: std::array::from_fn(|_| vec![NoiseBin { code: 128.0, sigma: 2.0 }]),
+            channel_correlation: [0.0; 3],
+            neighbour_correlation: [0.0; 2],
+        };
+        let sigma = |profile: &str, scene: &str| {
+            let layers = SettingsLayers { estimated_noise: Some(estimate.clone()), ..layers(profile, scene, &[]) };
+            layers.resolve().unwrap().rig.noise.map(|noise| noise.sigma(0, 50.0))
+        };
+        assert_eq!(sigma("", ""), Some(2.0));
+        assert_eq!(sigma(NOISE, ""), Some(1.0));
+        assert_eq!(sigma("", NOISE), Some(1.0));
+        assert_eq!(sigma("", "[camera]\nnoise = \"none\"\n"), None);
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Segments of a JPEG's header that describe its planes, and the coding that follows from them.
 //! Sources: ITU-T T.81, annex B.2; Adobe's APP14 segment: ITU-T T.872, section 6.5.3.
 
-use super::jpeg;
+use super::jpeg_marker::{is_frame, next_marker, unsupported};
 use crate::coding::dct::{BLOCK_LEN, ZIGZAG};
 use crate::coding::{BlockQuantization, ChromaSampling, ColorMatrix, Decoder, PictureCoding, YcbcrColor};
 
@@ -66,7 +66,7 @@ pub fn coding(bytes: &[u8]) -> Result<PictureCoding, String> {
     let (mut frame, mut adobe_transform) = (None, None);
     let mut at = 0;
     loop {
-        let marker = jpeg::next_marker(bytes, &mut at).ok_or_else(truncated)?;
+        let marker = next_marker(bytes, &mut at).ok_or_else(truncated)?;
         if matches!(marker, 0x01 | 0xd0..=0xd8) {
             continue;
         }
@@ -74,9 +74,9 @@ pub fn coding(bytes: &[u8]) -> Result<PictureCoding, String> {
         let segment = bytes.get(at + 2..at + length).ok_or_else(truncated)?;
         at += length;
         match marker {
-            _ if jpeg::is_frame(marker) => {
+            _ if is_frame(marker) => {
                 let parsed = FrameHeader::parse(segment).ok_or_else(truncated)?;
-                if let Some(problem) = jpeg::unsupported(marker, parsed.bits) {
+                if let Some(problem) = unsupported(marker, parsed.bits) {
                     return Err(problem);
                 }
                 frame = Some(parsed);

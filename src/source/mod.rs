@@ -10,6 +10,7 @@ mod index;
 pub mod jpeg;
 pub mod jpeg_end;
 pub mod jpeg_header;
+mod jpeg_marker;
 pub mod jpeg_tables;
 pub mod orientation;
 pub mod presentation;

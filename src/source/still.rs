@@ -10,7 +10,7 @@ use std::sync::Arc;
 use image::{DynamicImage, ImageDecoder};
 
 use super::jpeg::{self, Ending};
-use super::{SourceError, file as plain, jpeg_header, jpeg_tables, unsupported};
+use super::{SourceError, file as plain, jpeg_header, jpeg_marker, jpeg_tables, unsupported};
 use crate::pixels::{Codes, DepthMap, Pixels};
 
 const PNG_SIGNATURE: &[u8] = b"\x89PNG\r\n\x1a\n";
@@ -233,10 +233,10 @@ fn jpeg_header(reader: &mut (impl Read + Seek)) -> Result<PictureHeader, String>
         let length = u16::from_be_bytes([byte()?, byte()?]);
         let mut left = i64::from(length) - 2;
         match marker {
-            _ if jpeg::is_frame(marker) => {
+            _ if jpeg_marker::is_frame(marker) => {
                 let frame = [byte()?, byte()?, byte()?, byte()?, byte()?];
                 left -= 5;
-                if let Some(problem) = jpeg::unsupported(marker, frame[0]) {
+                if let Some(problem) = jpeg_marker::unsupported(marker, frame[0]) {
                     return Err(problem);
                 }
                 let size = |at: usize| u32::from(u16::from_be_bytes([frame[at], frame[at + 1]]));

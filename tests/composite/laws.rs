@@ -122,6 +122,9 @@ fn law_1_footage_without_objects_is_unchanged() {
         for (n, settings) in cases_of_all_effects().into_iter().enumerate() {
             let done = composite_with(compositor, site, &settings, (range.clone(), IN_FLIGHT), true);
             assert_footage_unchanged(site, &done, range.clone());
+            // Frames of unknown format have none to follow.
+            let is_coded = done[0].pixels.coding.is_some();
+            let all: Vec<_> = all.iter().copied().filter(|effect| is_coded || *effect != "format").collect();
             assert!(
                 done.iter().any(|done| done.stats.effects == all),
                 "{} {n}: {:?}",

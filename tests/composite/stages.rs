@@ -2,12 +2,14 @@
 //! read its result, and the picture is that of a new compositor.
 
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 use crate::gpu;
 use crate::reused_compositor::PictureInputs;
 use crate::shadow::box_scene;
 use glam::{DMat3, DQuat, DVec2, DVec3, Vec3};
 use locard::camera::Geometry;
+use locard::coding::{BlockQuantization, ChromaSampling, Decoder, PictureCoding, YcbcrColor};
 use locard::compositor::{Compositor, Job, Settings, Target};
 use locard::frame::{Frame, FrameExposure, PhotoSettings, RelativeBrightness, SpatialGain};
 use locard::gpu::Gpu;
@@ -38,6 +40,16 @@ fn pose(along_m: f64) -> Pose {
     Pose::from_camera_in_world(eye, turn)
 }
 
+/// A JPEG's, with coarse steps.
+fn coding() -> PictureCoding {
+    PictureCoding {
+        color: YcbcrColor::JFIF,
+        chroma: Some(ChromaSampling::centered([2, 2])),
+        quantization: Some(BlockQuantization::at_corner([[16; 64]; 3])),
+        decoder: Decoder::ZuneJpeg,
+    }
+}
+
 fn geometry() -> Geometry {
     gpu::pinhole(WIDTH, HEIGHT, 110.0)
 }
@@ -57,7 +69,8 @@ impl Display {
             x if x < 42 => [30, 40, 50],
             x => [150 + (x % 60) as u8, 160, 120 + (i / WIDTH) as u8],
         });
-        let frame = gpu::frame(7, 0.0, Pixels::from_u8(WIDTH, HEIGHT, codes.collect()).unwrap());
+        let pixels = Pixels::from_u8(WIDTH, HEIGHT, codes.collect()).unwrap();
+        let frame = gpu::frame(7, 0.0, Pixels { coding: Some(Arc::new(coding())), ..pixels });
         let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
             label: None,
             size: wgpu::Extent3d { width: WIDTH, height: HEIGHT, depth_or_array_layers: 1 },
