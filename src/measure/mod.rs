@@ -3,6 +3,7 @@
 //! Uses plain slices and [`Pixels`], independent of the pictures' origin.
 
 pub mod across;
+pub mod detectors;
 pub mod displacement;
 pub mod edge;
 pub mod histogram;
@@ -25,6 +26,11 @@ pub enum MeasureError {
     Nothing(&'static str),
     #[error("{what} = {found} is refused: accepted is {accepted}")]
     Option { what: &'static str, found: f64, accepted: &'static str },
+    #[error(
+        "{side}: {found} of the {needed} patches of 32x32 pixels that are needed lie in its mask; \
+         use larger or more pictures, or a wider mask"
+    )]
+    TooFewPatches { side: &'static str, found: usize, needed: usize },
 }
 
 /// Refuses pictures that cannot be compared value by value.

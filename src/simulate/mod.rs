@@ -27,7 +27,7 @@ mod output;
 mod path;
 mod person;
 mod pose_errors;
-mod random;
+pub(crate) mod random;
 mod random_walk;
 mod render;
 mod sensor;
