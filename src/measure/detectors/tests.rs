@@ -168,7 +168,7 @@ fn unusable_input_is_an_error() {
     }
     let options = SeparabilityOptions { families: vec![DetectorFamily::FrameCorrelation], ..default };
     assert!(matches!(judged(source, &options), Err(MeasureError::Nothing(_))));
-    assert!(matches!(find_repeats(&PatchSource::new(&grey_picture(32, &[1.0; 1024]))), Err(_)));
+    assert!(find_repeats(&PatchSource::new(&grey_picture(32, &[1.0; 1024]))).is_err());
 }
 
 #[test]
