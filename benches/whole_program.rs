@@ -12,7 +12,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result};
 use locard::bench::{ALL_EFFECTS, INTERVAL_S, Load, bench};
-use locard::compositor::{Compositor, IN_FLIGHT, Input, Settings, Stream};
+use locard::compositor::{Compositor, IN_FLIGHT, Settings, StreamFrame, StreamInputs};
 use locard::frame::Frame;
 use locard::gpu::Gpu;
 use locard::recording::{OpenOptions, Recording, RecordingError};
@@ -73,7 +73,7 @@ fn main() -> Result<()> {
     let mut sink = RawSink::new(std::io::sink(), &options);
     // The load's poses cover only a moment: every frame is drawn at its middle.
     let settings = Settings::default();
-    let stream = Stream {
+    let inputs = StreamInputs {
         camera: Cow::Borrowed(&load.camera),
         settings: &settings,
         track: &load.track,
@@ -82,11 +82,11 @@ fn main() -> Result<()> {
     };
     let frames_in = recording.frames(0..frames)?.map(|frame| {
         let frame = Frame { timestamp_s: 0.0, ..frame? };
-        Ok::<_, RecordingError>(Input { frame, geometry: load.geometry.clone(), interval_s: INTERVAL_S })
+        Ok::<_, RecordingError>(StreamFrame { frame, geometry: load.geometry.clone(), interval_s: INTERVAL_S })
     });
     let mut start = Instant::now();
     let mut count = 0;
-    for done in compositor.run(stream, frames_in) {
+    for done in compositor.composite_stream(inputs, frames_in) {
         let done = done?;
         sink.write(done.frame, &done.pixels)?;
         count += 1;

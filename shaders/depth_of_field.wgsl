@@ -16,7 +16,7 @@ struct Aperture {
     twelve: array<vec4<f32>, 6>,
     // For each radius of the aperture's image (in quarters of a texel), and for the next one: the
     // rim, and the distance of the outermost texels from the middle.
-    rims: array<vec4<f32>, RIMS>,
+    rims: array<vec4<f32>, RIM_COUNT>,
     // Row by row around the image's middle: the rim on which a texel lies, in the image of a point
     // behind the focus plane and of one in front of it; then the same with the middle between four
     // texels.
@@ -25,7 +25,7 @@ struct Aperture {
     // the apothem, in radii; the area, in squares of the apothem.
     shape: vec4<f32>,
 }
-const RIMS: u32 = 64u;
+const RIM_COUNT: u32 = 64u;
 const REACH: i32 = 13;
 const COLUMNS: i32 = 27;
 const PLACES: u32 = 729u;
@@ -186,7 +186,7 @@ fn rim_of(image: Image, radius_px: f32) -> vec2<f32> {
 
 // The rim for a radius in quarters of a texel.
 fn rim_at(quarters: f32) -> vec2<f32> {
-    let i = min(u32(quarters), RIMS - 1u);
+    let i = min(u32(quarters), RIM_COUNT - 1u);
     let rims = aperture.rims[i];
     return mix(rims.xy, rims.zw, quarters - f32(i));
 }

@@ -362,17 +362,17 @@ fn albedo(roughness: f32, n_v: f32) -> vec3<f32> {
     return textureSampleLevel(albedo_table, environment_sampler, at, 0.0).xyz;
 }
 
-// Incident light at a place: from the surroundings, reflected by other objects, and the visible
-// share of each sun and lamp.
-struct Reaching { open: vec3<f32>, thrown: vec3<f32>, seen: array<f32, MAX_LIGHTS> }
+// Incident light at a surface point: the visible share of the environment, by channel, the light
+// that other objects reflect, and the visible share of each sun and lamp.
+struct IncidentLight { sky_visibility: vec3<f32>, indirect: vec3<f32>, light_visibility: array<f32, MAX_LIGHTS> }
 
-fn reaching(at: vec2<f32>, front: bool) -> Reaching {
-    var found = Reaching(vec3<f32>(1.0), vec3<f32>(0.0), array<f32, MAX_LIGHTS>());
+fn incident_light(at: vec2<f32>, front: bool) -> IncidentLight {
+    var incident = IncidentLight(vec3<f32>(1.0), vec3<f32>(0.0), array<f32, MAX_LIGHTS>());
     for (var i = 0u; i < MAX_LIGHTS; i++) {
-        found.seen[i] = 1.0;
+        incident.light_visibility[i] = 1.0;
     }
     if !has_lightmap {
-        return found;
+        return incident;
     }
     let own = 2u + (max(suns + points, 2u) + 1u) / 4u;
     // A single-sided surface has no layers for its back.
@@ -380,20 +380,20 @@ fn reaching(at: vec2<f32>, front: bool) -> Reaching {
     let around = textureSampleLevel(lightmap, environment_sampler, at, first, 0.0);
     let other = textureSampleLevel(lightmap, environment_sampler, at, first + 1u, 0.0);
     let strength = light.strength.x;
-    found.open = max(1.0 - strength * (1.0 - around.rgb), vec3<f32>(0.0));
-    found.thrown = strength * other.rgb;
-    found.seen[0] = around.a;
-    found.seen[1] = other.a;
+    incident.sky_visibility = max(1.0 - strength * (1.0 - around.rgb), vec3<f32>(0.0));
+    incident.indirect = strength * other.rgb;
+    incident.light_visibility[0] = around.a;
+    incident.light_visibility[1] = other.a;
     for (var i = 2u; i < suns + points; i += 4u) {
         let more = textureSampleLevel(lightmap, environment_sampler, at, first + 2u + (i - 2u) / 4u, 0.0);
         for (var n = 0u; n < 4u; n++) {
-            found.seen[i + n] = more[n];
+            incident.light_visibility[i + n] = more[n];
         }
     }
     for (var i = 0u; i < suns + points; i++) {
-        found.seen[i] = max(1.0 - strength * (1.0 - found.seen[i]), 0.0);
+        incident.light_visibility[i] = max(1.0 - strength * (1.0 - incident.light_visibility[i]), 0.0);
     }
-    return found;
+    return incident;
 }
 
 fn shade(in: Fragment, front: bool, base: vec3<f32>) -> vec3<f32> {
@@ -445,9 +445,9 @@ fn shade(in: Fragment, front: bool, base: vec3<f32>) -> vec3<f32> {
     let s = Surface(matt, f0, gain, roughness * roughness * roughness * roughness, n, smooth_normal, towards_eye, n_v);
 
     var sum = vec3<f32>(0.0);
-    let reached = reaching(in.on_lightmap, front);
+    let incident = incident_light(in.on_lightmap, front);
     for (var i = 0u; i < suns; i++) {
-        sum += lit(s, light.sun_towards[i].xyz, light.sun_color[i].xyz * reached.seen[i]);
+        sum += lit(s, light.sun_towards[i].xyz, light.sun_color[i].xyz * incident.light_visibility[i]);
     }
     for (var i = 0u; i < points; i++) {
         let point = light.points[i];
@@ -462,18 +462,18 @@ fn shade(in: Fragment, front: bool, base: vec3<f32>) -> vec3<f32> {
             let ramp = clamp((c - point.spot.w) / max(point.spot_inner.x - point.spot.w, 1e-4), 0.0, 1.0);
             falloff *= ramp * ramp;
         }
-        sum += lit(s, towards, point.color.xyz * (falloff * reached.seen[suns + i]));
+        sum += lit(s, towards, point.color.xyz * (falloff * incident.light_visibility[suns + i]));
     }
     // A bump sees its own surface where it does not see the sky.
     let sky = mix(base, vec3<f32>(1.0), 0.5 + 0.5 * dot(n, smooth_normal));
     let specular = (f0 * once.x + once.y) * gain;
     // A model's own occlusion texture and the lightmap describe the same light: the smaller value
     // counts.
-    let open = min(vec3<f32>(shadowed), reached.open);
+    let open = min(vec3<f32>(shadowed), incident.sky_visibility);
     // How much of a mirror image's light arrives where so much of all light does: Lagarde and de
     // Rousiers 2014, "Moving Frostbite to Physically Based Rendering", section 4.10.2.
     let mirrored = clamp(pow(n_v + open, vec3<f32>(exp2(-16.0 * roughness - 1.0))) - 1.0 + open, vec3<f32>(0.0), vec3<f32>(1.0));
-    return sum + (irradiance_over_pi(n) * open + reached.thrown) * sky * matt
+    return sum + (irradiance_over_pi(n) * open + incident.indirect) * sky * matt
         + radiance(reflect(-towards_eye, n), roughness) * specular * mirrored;
 }
 

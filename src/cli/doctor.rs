@@ -7,7 +7,7 @@ use anyhow::{Result, bail};
 
 use locard_engine::gpu::{Gpu, adapters};
 use locard_engine::source::ffmpeg;
-use locard_engine::webcam::{self, CameraError, DriverName, Listed};
+use locard_engine::webcam::{self, CameraError, CameraListing, DriverName};
 
 /// How to control the choice of an adapter.
 pub const HELP: &str = "\
@@ -60,8 +60,9 @@ fn cameras(out: &mut impl Write) -> Result<()> {
     if drivers.is_empty() {
         writeln!(out, "camera    {}", CameraError::NotBuilt)?;
     }
-    let has_none =
-        |(_, cameras): &(DriverName, Result<Vec<Listed>, CameraError>)| cameras.as_ref().is_ok_and(Vec::is_empty);
+    let has_none = |(_, cameras): &(DriverName, Result<Vec<CameraListing>, CameraError>)| {
+        cameras.as_ref().is_ok_and(Vec::is_empty)
+    };
     if !drivers.is_empty() && drivers.iter().all(has_none) {
         writeln!(out, "camera    none takes pictures (plug one in; a video may stand in for one)")?;
     }
@@ -74,8 +75,8 @@ fn cameras(out: &mut impl Write) -> Result<()> {
     Ok(())
 }
 
-fn listed(out: &mut impl Write, camera: &Listed) -> Result<()> {
-    let Listed { driver, number, name, place, modes } = camera;
+fn listed(out: &mut impl Write, camera: &CameraListing) -> Result<()> {
+    let CameraListing { driver, number, name, place, modes } = camera;
     writeln!(out, "camera    {number} {name} ({place}; driver {driver})")?;
     match modes {
         Ok(modes) => {

@@ -103,8 +103,8 @@ fn headless(args: &Args, output: &Path) -> Result<()> {
     }
     let camera = OpenCamera::open(&args.camera, profile)?;
     sink::check(&out, args.force)?;
-    let delivered = camera.opened.camera.given.delivered;
-    let (width, height, interval_s) = (delivered.width, delivered.height, camera.opened.interval_s);
+    let format = camera.opened.camera.negotiated.picture_format;
+    let (width, height, interval_s) = (format.width, format.height, camera.opened.interval_s);
     let shot_options = ShotOptions {
         profile: args.profile.clone(),
         sets: args.sets.clone(),

@@ -175,7 +175,7 @@ impl OpenCamera {
     fn of(spec: &LiveSpec, args: &PicturesArgs, profile_camera: Option<&Camera>) -> Result<Self> {
         let opened = live::open(spec, profile_camera)?;
         warn(args.quiet, &opened.description);
-        opened.camera.given.warnings.iter().for_each(|warning| warn(args.quiet, warning));
+        opened.camera.negotiated.warnings.iter().for_each(|warning| warn(args.quiet, warning));
         // Commands that need an unknown lens report it themselves.
         let known = opened.lens.iter().filter(|lens| lens.camera.geometry.is_some() || profile_camera.is_some());
         known.for_each(|lens| warn(args.quiet, &lens.description));

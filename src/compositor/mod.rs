@@ -12,6 +12,7 @@ mod dirty_tiles;
 mod exposure_time;
 mod foreground_matte;
 mod frame_inputs;
+mod frame_stream;
 mod job;
 mod mix;
 mod occlusion;
@@ -22,7 +23,6 @@ mod ray_grid;
 mod real;
 mod retained;
 mod rgba;
-mod run;
 mod settings;
 mod shade;
 mod stage_log;
@@ -41,17 +41,17 @@ use crate::shadow::{LazyRadiance, Lightmaps, Room, ShadowMap, Shadows};
 use crate::stage::Stage;
 
 pub use exposure_time::{ExposureSource, ExposureTime};
+pub use frame_stream::{FrameStream, FrameStreamError, IN_FLIGHT, StreamFrame, StreamInputs};
 pub use job::{Composited, FrameStats, Job, RealDepth, SubmitError, Target};
 pub use mix::mixed_module;
 pub use occlusion::project_rolling;
 pub use pending::Pending;
 pub use plan::poses_within_s;
-pub use run::{IN_FLIGHT, Input, Run, RunError, Stream};
 pub use settings::{DepthSettings, ON, Settings, SettingsError, ShadowSettings};
 
 use frame_inputs::FrameInputs;
 use mix::CameraUpload;
-use pending::Work;
+use pending::FrameReadbacks;
 use plan::{FrameView, Plan, frame_context};
 use retained::{LightmapsKey, ShadowMapsKey, StageMemos};
 use stage_log::StageLog;
@@ -188,22 +188,22 @@ impl Compositor {
         let shade = self.shade(&inputs, &occlusion);
         let drawn = self.draw(&inputs, &occlusion, shade.as_ref());
         let layer = self.apply_effects(&inputs, &occlusion, drawn);
-        let work = self.mix(&inputs, &layer, shade.as_ref(), target);
+        let readbacks = self.mix(&inputs, &layer, shade.as_ref(), target);
 
         stats.no_occlusion = occlusion.failure;
         let is_preview = quality.is_preview() || occlusion.is_preview;
-        Ok(self.finish(job, stats, work, is_preview))
+        Ok(self.finish(job, stats, readbacks, is_preview))
     }
 
     /// Submits the recorded work of a frame.
-    fn finish(&mut self, job: Job<'_>, stats: FrameStats, mut work: Work, is_preview: bool) -> Pending {
+    fn finish(&mut self, job: Job<'_>, stats: FrameStats, mut readbacks: FrameReadbacks, is_preview: bool) -> Pending {
         let submission = self.recorder.submit();
-        work.submitted(&submission);
+        readbacks.submitted(&submission);
         Pending {
             frame: job.frame,
             stats,
             want_layer: job.want_layer,
-            work: Some(work),
+            readbacks: Some(readbacks),
             timed: self.recorder.timed(),
             parts: self.recorder.parts(),
             last: Some(submission),
@@ -276,7 +276,7 @@ impl Compositor {
         }
         let timed = self.recorder.timed();
         let (frame, want_layer, is_preview) = (job.frame, job.want_layer, false);
-        let (work, parts, stages) = (None, Vec::new(), Vec::new());
-        Pending { frame, stats, want_layer, work, parts, last, timed, is_preview, stages }
+        let (readbacks, parts, stages) = (None, Vec::new(), Vec::new());
+        Pending { frame, stats, want_layer, readbacks, parts, last, timed, is_preview, stages }
     }
 }

@@ -66,9 +66,9 @@ impl DepthState {
     }
 }
 
-/// Rectangles over which depth is known.
+/// Rectangles for which depth is computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct DepthAreas {
+pub struct DepthRects {
     /// Rectangle of the drawn layer.
     pub drawn: Rect,
     /// Bounds of dark shadows. Under faint ones, the receiver is found by the measured depth alone.
@@ -84,7 +84,7 @@ pub enum DepthKey {
     Nothing(Option<String>),
     Repaired {
         repaired: ByAddress<RepairedDepth>,
-        areas: DepthAreas,
+        rects: DepthRects,
         has_shadows: bool,
         /// The number of effects before the matte.
         effects: usize,
@@ -111,12 +111,12 @@ impl FrameOcclusion {
             return nothing(log, None);
         }
         let dark = union_of_dark_rects(&view.shadows).intersection(&work_rects.shaded);
-        let areas = DepthAreas { drawn: work_rects.drawn, dark, around: work_rects.drawn.union(&work_rects.shaded) };
+        let rects = DepthRects { drawn: work_rects.drawn, dark, around: work_rects.drawn.union(&work_rects.shaded) };
         if let RealDepth::Known { grid, .. } = job.real {
-            let known = || grid.map_or_else(Self::default, |grid| Self::of_grid(recorder, grid, inputs, areas));
+            let known = || grid.map_or_else(Self::default, |grid| Self::of_grid(recorder, grid, inputs, rects));
             return log.run(Stage::Depth, retained, None, known);
         }
-        let (repaired, quality) = match repair(state, inputs, areas) {
+        let (repaired, quality) = match repair(state, inputs, rects) {
             Ok(repaired) => repaired,
             Err(failure) => return nothing(log, failure),
         };
@@ -128,25 +128,25 @@ impl FrameOcclusion {
         let has_shadows = !view.shadows.is_empty();
         let key = inputs.is_retained.then(|| {
             let repaired = ByAddress(Arc::clone(&repaired));
-            DepthKey::Repaired { repaired, areas, has_shadows, effects, reach_px }
+            DepthKey::Repaired { repaired, rects, has_shadows, effects, reach_px }
         });
         let is_preview = quality.is_preview();
         log.run(Stage::Depth, retained, key, || {
             recorder.part("depth");
-            let occlusion = Self::of_repaired(recorder, repaired, areas, has_shadows, (effects, reach_px));
+            let occlusion = Self::of_repaired(recorder, repaired, rects, has_shadows, (effects, reach_px));
             Self { is_preview, ..occlusion }
         })
     }
 
     /// Occlusion by depth that is known at the picture's time.
-    fn of_grid(recorder: &mut Recorder, grid: &DepthGrid, inputs: &FrameInputs<'_>, areas: DepthAreas) -> Self {
+    fn of_grid(recorder: &mut Recorder, grid: &DepthGrid, inputs: &FrameInputs<'_>, rects: DepthRects) -> Self {
         recorder.part("depth");
         let FrameInputs { job, view, plan, .. } = *inputs;
-        let around = areas.around;
+        let around = rects.around;
         let by_effect = plan.effect_occludes() && job.real.moments().is_empty();
         let scene_depth =
             (!view.shadows.is_empty()).then(|| (real_depth(recorder, &grid.over(around), around), around));
-        let depth_test = (!by_effect).then(|| grid_depth(recorder, grid, areas.drawn, job.picture.needs_cube_map()));
+        let depth_test = (!by_effect).then(|| grid_depth(recorder, grid, rects.drawn, job.picture.needs_cube_map()));
         Self { depth_test, scene_depth, ..Self::default() }
     }
 
@@ -155,7 +155,7 @@ impl FrameOcclusion {
     fn of_repaired(
         recorder: &Recorder,
         repaired: Arc<RepairedDepth>,
-        DepthAreas { drawn, dark, around }: DepthAreas,
+        DepthRects { drawn, dark, around }: DepthRects,
         has_shadows: bool,
         (effects, reach_px): (usize, usize),
     ) -> Self {
@@ -177,7 +177,7 @@ impl FrameOcclusion {
 fn repair(
     state: &DepthState,
     inputs: &FrameInputs<'_>,
-    DepthAreas { drawn, dark, around }: DepthAreas,
+    DepthRects { drawn, dark, around }: DepthRects,
 ) -> Result<(Arc<RepairedDepth>, Quality), Option<String>> {
     let FrameInputs { job, view, work_rects, .. } = *inputs;
     let depth = job.frame.depth.as_deref();

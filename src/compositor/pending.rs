@@ -19,7 +19,7 @@ pub struct Pending {
     pub(super) frame: Frame,
     pub(super) stats: FrameStats,
     pub(super) want_layer: bool,
-    pub(super) work: Option<Work>,
+    pub(super) readbacks: Option<FrameReadbacks>,
     /// Earlier submissions of the frame, in order, without the last.
     pub(super) parts: Vec<wgpu::SubmissionIndex>,
     /// `None` if nothing had to be drawn.
@@ -31,7 +31,7 @@ pub struct Pending {
 
 /// The readbacks of a frame.
 #[derive(Debug, Default)]
-pub struct Work {
+pub struct FrameReadbacks {
     /// Empty if the picture went into a view.
     pub codes: Vec<(CompositePiece, Readback)>,
     pub layer: Option<LayerReadback>,
@@ -105,7 +105,7 @@ impl LayerReadback {
     }
 }
 
-impl Work {
+impl FrameReadbacks {
     fn readbacks(&self) -> impl Iterator<Item = &Readback> {
         self.codes.iter().map(|(_, readback)| readback).chain(self.layer.iter().flat_map(LayerReadback::readbacks))
     }
@@ -150,7 +150,7 @@ impl Pending {
 impl Compositor {
     /// True if [`Compositor::collect`] would return without waiting.
     pub fn is_done(&self, pending: &Pending) -> Result<bool, GpuError> {
-        for readback in pending.work.iter().flat_map(Work::readbacks) {
+        for readback in pending.readbacks.iter().flat_map(FrameReadbacks::readbacks) {
             if !readback.is_ready(self.gpu())? {
                 return Ok(false);
             }
@@ -171,11 +171,11 @@ impl Compositor {
     /// Waits for a frame and returns its picture: the camera's pixels, with the composited
     /// rectangles pasted in.
     pub fn collect(&mut self, pending: Pending) -> Result<Composited, GpuError> {
-        let Pending { frame, stats, want_layer, work, .. } = pending;
+        let Pending { frame, stats, want_layer, readbacks, .. } = pending;
         let index = frame.index;
         let mut pixels = Arc::unwrap_or_clone(frame.pixels);
         let mut layer = want_layer.then(|| LayerImage::empty(pixels.width, pixels.height));
-        let Work { codes, layer: layer_readback } = work.unwrap_or_default();
+        let FrameReadbacks { codes, layer: layer_readback } = readbacks.unwrap_or_default();
         let camera = layer_readback.is_some().then(|| pixels.clone());
         for (piece, codes) in codes {
             paste(self.gpu(), &codes, piece.rect, &mut pixels)?;

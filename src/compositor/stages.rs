@@ -6,7 +6,7 @@ use super::foreground_matte;
 use super::frame_inputs::FrameInputs;
 use super::mix::{CameraUpload, MixInputs, mix};
 use super::occlusion::FrameOcclusion;
-use super::pending::{LayerReadback, Work};
+use super::pending::{FrameReadbacks, LayerReadback};
 use super::real;
 use super::retained::{DrawKey, EffectsKey, ShadeKey};
 use super::shade::{self, ShadeImage};
@@ -139,7 +139,7 @@ impl Compositor {
         layer: &Layer,
         shade: Option<&ShadeImage>,
         target: Target<'_>,
-    ) -> Work {
+    ) -> FrameReadbacks {
         let FrameInputs { job, work_rects, plan, .. } = *inputs;
         self.log.run_always(Stage::Mix);
         let mut run = layer_run(&mut self.recorder, inputs);
@@ -154,7 +154,7 @@ impl Compositor {
         let uploads: Vec<_> = upload_px.into_iter().map(|rect| CameraUpload::new(run.recorder, pixels, rect)).collect();
         let changed = changed_rects(inputs, layer, shade);
         let shade_texture = shade.map(|image| &image.texture);
-        let mut work = Work::default();
+        let mut readbacks = FrameReadbacks::default();
         for (i, piece) in work_rects.pieces.iter().enumerate() {
             let parts: Vec<_> = plan.active.iter().filter_map(|effect| effect.mix(&mut run, composited(i))).collect();
             let upload = uploads.get(i).unwrap_or(&uploads[0]);
@@ -166,7 +166,7 @@ impl Compositor {
             match target {
                 Target::Pixels => {
                     let size = (piece.rect.width(), piece.rect.height());
-                    work.codes.push((*piece, run.recorder.read_back(&mut self.readbacks, &made, size)));
+                    readbacks.codes.push((*piece, run.recorder.read_back(&mut self.readbacks, &made, size)));
                 }
                 Target::View(..) => upload.copy_piece(run.recorder, &made, piece.rect),
             }
@@ -174,11 +174,11 @@ impl Compositor {
         if let (Target::View(view, format), Some(upload)) = (target, uploads.first()) {
             upload.show(run.recorder, view, format);
         }
-        work.layer = job.want_layer.then(|| {
+        readbacks.layer = job.want_layer.then(|| {
             let readbacks = &mut self.readbacks;
             LayerReadback::new(run.recorder, readbacks, inputs, layer, shade_texture)
         });
-        work
+        readbacks
     }
 }
 

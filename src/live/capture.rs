@@ -10,7 +10,7 @@ use crate::pixels::Pixels;
 use crate::pose::Pose;
 use crate::stream::LensState;
 use crate::tracking::covariance::Covariance;
-use crate::webcam::{Drops, Newest, Picture, PictureError, Taken};
+use crate::webcam::{Drops, Newest, Picture, PictureError, TakeOutcome};
 
 /// Poses that are known in advance are requested until this long after the last frame, seconds.
 const LOOKAHEAD_S: f64 = 1.0;
@@ -43,7 +43,7 @@ impl LiveCapture {
     /// and counted.
     pub fn next(&mut self, until: Instant) -> CaptureEvent {
         match self.newest.take(until) {
-            Taken::New(picture) => {
+            TakeOutcome::New(picture) => {
                 self.outage = None;
                 match picture.pixels() {
                     Ok(pixels) => {
@@ -57,12 +57,12 @@ impl LiveCapture {
                     }
                 }
             }
-            Taken::Nothing => CaptureEvent::Nothing,
-            Taken::Gone(why) => {
+            TakeOutcome::Nothing => CaptureEvent::Nothing,
+            TakeOutcome::Gone(why) => {
                 self.outage = Some(why);
                 CaptureEvent::Nothing
             }
-            Taken::Ended => CaptureEvent::Ended,
+            TakeOutcome::Ended => CaptureEvent::Ended,
         }
     }
 

@@ -15,7 +15,7 @@ use super::replay_buffer::ReplayBuffer;
 use crate::recording::recorder::RecordingInfo;
 use crate::shot::Shot;
 use crate::tracking::PoseTrack;
-use crate::webcam::{Drops, Newest, Putter, Taken, monotonic_s};
+use crate::webcam::{Drops, Newest, Putter, TakeOutcome, monotonic_s};
 
 /// A frame and the pose track that it is composited with.
 #[derive(Clone, Debug)]
@@ -105,8 +105,8 @@ impl Feed {
     /// The newest frame that was not taken yet. Never blocks.
     pub fn take(&self) -> Option<TrackedFrame> {
         match self.frames.as_ref()?.take(Instant::now()) {
-            Taken::New(frame) => Some(frame),
-            Taken::Nothing | Taken::Gone(_) | Taken::Ended => None,
+            TakeOutcome::New(frame) => Some(frame),
+            TakeOutcome::Nothing | TakeOutcome::Gone(_) | TakeOutcome::Ended => None,
         }
     }
 

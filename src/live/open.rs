@@ -20,7 +20,7 @@ use crate::recording::recorder::RecordingInfo;
 use crate::recording::{FrameCamera, Recording};
 use crate::stream::Protocol;
 use crate::text::{fixed, shown};
-use crate::webcam::{self, Wanted};
+use crate::webcam::{self, FormatRequest};
 
 /// Reads the camera of a profile. Poses from tags need a complete geometry, if the profile has any.
 pub fn camera_of_profile(path: &Path, poses: &str) -> Result<Camera, LiveError> {
@@ -80,22 +80,22 @@ pub fn open(spec: &LiveSpec, profile_camera: Option<&Camera>) -> Result<LiveInpu
     let mut poses = delayed(open_poses(&spec.poses, profile_camera, smooth_s)?, delay, profile_camera)?;
     let geometry = profile_camera.and_then(|camera| camera.geometry.as_ref());
     let profile_px = geometry.map(|geometry| (geometry.intrinsics.width_px, geometry.intrinsics.height_px));
-    let defaults = Wanted::default();
+    let defaults = FormatRequest::default();
     let size = size.or(profile_px).unwrap_or(defaults.size);
-    let wanted = Wanted { driver, size, rate_hz: rate_hz.unwrap_or(defaults.rate_hz), layout, range, matrix };
-    let camera = webcam::open(&spec.camera, &wanted)?;
-    let given = &camera.given;
-    let rate_hz = given.rate_hz.unwrap_or(wanted.rate_hz);
+    let request = FormatRequest { driver, size, rate_hz: rate_hz.unwrap_or(defaults.rate_hz), layout, range, matrix };
+    let camera = webcam::open(&spec.camera, &request)?;
+    let negotiated = &camera.negotiated;
+    let rate_hz = negotiated.rate_hz.unwrap_or(request.rate_hz);
     let hz = |rate: f64| fixed(rate, 2);
-    let delivers = format!("{} gives {} at {} Hz", shown(&given.name), given.delivered, hz(rate_hz));
-    let is_as_requested = (given.delivered.width, given.delivered.height) == wanted.size
-        && (rate_hz - wanted.rate_hz).abs() < 0.05
-        && wanted.layout.is_none_or(|layout| layout == given.delivered.layout);
-    let layout = wanted.layout.map_or(String::new(), |layout| format!("{layout} "));
-    let requested = format!("{}x{} {layout}at {} Hz", wanted.size.0, wanted.size.1, hz(wanted.rate_hz));
+    let delivers = format!("{} gives {} at {} Hz", shown(&negotiated.name), negotiated.picture_format, hz(rate_hz));
+    let is_as_requested = (negotiated.picture_format.width, negotiated.picture_format.height) == request.size
+        && (rate_hz - request.rate_hz).abs() < 0.05
+        && request.layout.is_none_or(|layout| layout == negotiated.picture_format.layout);
+    let layout = request.layout.map_or(String::new(), |layout| format!("{layout} "));
+    let requested = format!("{}x{} {layout}at {} Hz", request.size.0, request.size.1, hz(request.rate_hz));
     let description = if is_as_requested { delivers } else { format!("{delivers}; asked for was {requested}") };
-    let description = format!("{description}; {}", given.notes());
-    let (size_px, interval_s) = ((given.delivered.width, given.delivered.height), 1.0 / rate_hz);
+    let description = format!("{description}; {}", negotiated.notes());
+    let (size_px, interval_s) = ((negotiated.picture_format.width, negotiated.picture_format.height), 1.0 / rate_hz);
     let lens = poses.has_lens_data().then(|| wait_for_lens_data(&mut *poses, &spec.poses, size_px, interval_s));
     Ok(LiveInput { interval_s, camera, poses, description, lens })
 }
@@ -109,15 +109,15 @@ impl std::fmt::Debug for LiveInput {
 impl LiveInput {
     /// Metadata of a recording of this camera. `profile` is the profile's text.
     pub fn about(&self, profile: Option<String>) -> RecordingInfo {
-        let given = &self.camera.given;
+        let negotiated = &self.camera.negotiated;
         RecordingInfo {
             interval_s: self.interval_s,
             max_gap_s: self.poses.max_gap_s(),
             up: self.poses.up(),
             has_floor: self.poses.has_floor(),
-            camera: Some(given.name.clone()),
-            delivered: Some(given.delivered.to_string()),
-            has_exposure: given.has_exposure,
+            camera: Some(negotiated.name.clone()),
+            delivered: Some(negotiated.picture_format.to_string()),
+            has_exposure: negotiated.has_exposure,
             has_cameras: self.lens.is_some(),
             profile,
         }
@@ -125,11 +125,11 @@ impl LiveInput {
 
     /// An empty recording of this camera, to build a shot on.
     pub fn recording(&self) -> Recording {
-        let (given, poses) = (&self.camera.given, &self.poses);
-        let (width, height) = (given.delivered.width, given.delivered.height);
-        let mut recording = Recording::live(&given.name, width, height, self.interval_s, poses.up());
+        let (negotiated, poses) = (&self.camera.negotiated, &self.poses);
+        let (width, height) = (negotiated.picture_format.width, negotiated.picture_format.height);
+        let mut recording = Recording::live(&negotiated.name, width, height, self.interval_s, poses.up());
         recording.has_floor = poses.has_floor();
-        recording.warnings.clone_from(&given.warnings);
+        recording.warnings.clone_from(&negotiated.warnings);
         self.lens.iter().for_each(|lens| recording.expect(&lens.camera));
         recording
     }
@@ -137,8 +137,8 @@ impl LiveInput {
     /// The camera of each frame, if the stream has lens data. The rig's settings override it.
     pub fn lens_track(&self, rig: &Rig) -> Option<LensTrack> {
         let first = self.lens.as_ref()?.camera.clone();
-        let delivered = &self.camera.given.delivered;
-        Some(LensTrack::new((delivered.width, delivered.height), self.interval_s, rig.clone(), first))
+        let format = &self.camera.negotiated.picture_format;
+        Some(LensTrack::new((format.width, format.height), self.interval_s, rig.clone(), first))
     }
 
     /// Longest time that a frame waits for its poses, seconds.

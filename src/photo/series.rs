@@ -41,13 +41,13 @@ pub enum PhotoEvent {
 
 impl PhotoRequest {
     /// Takes the requested photographs of a shot. All checks are made before a device is requested.
-    /// Events are passed to `tell`; if it returns `false`, the work ends with
+    /// Events are passed to `report`; if it returns `false`, the work ends with
     /// [`TakeError::Cancelled`], and written files are kept.
     pub fn take(
         &self,
         shot: Shot,
         device: impl FnOnce() -> Result<Gpu, GpuError>,
-        tell: &mut dyn FnMut(PhotoEvent) -> bool,
+        report: &mut dyn FnMut(PhotoEvent) -> bool,
     ) -> Result<(), PhotoError> {
         let index = self.frame;
         shot.check_poses(index..index.saturating_add(1))?;
@@ -96,8 +96,8 @@ impl PhotoRequest {
             photograph::check(&path, self.force)?;
             inputs.check_file(&path)?;
         }
-        let mut say = |told: PhotoEvent| if tell(told) { Ok(()) } else { Err(TakeError::Cancelled) };
-        let mut warn = |text: String| say(PhotoEvent::Warning(text));
+        let mut send = |event: PhotoEvent| if report(event) { Ok(()) } else { Err(TakeError::Cancelled) };
+        let mut warn = |text: String| send(PhotoEvent::Warning(text));
         if lux.is_none() {
             warn(format!(
                 "nothing says how bright the scene is in EXIF or a profile (--lux does): {INDOORS_LX} lx are taken"
@@ -150,7 +150,7 @@ impl PhotoRequest {
         };
         let framings = series.iter().map(framed).collect::<Result<Vec<_>, _>>()?;
         for (n, (asked, framing)) in series.iter().zip(framings).enumerate() {
-            let mut warn = |text: String| say(PhotoEvent::Warning(text));
+            let mut warn = |text: String| send(PhotoEvent::Warning(text));
             let opening = shoot.lens(asked).opening(&framing.geometry)?;
             let flat = shoot.frame.depth.is_none() && acts_on_real;
             if flat && !is_told && opening.is_some_and(|opening| blurs(&opening, &framing)) {
@@ -160,16 +160,17 @@ impl PhotoRequest {
                 is_told = true;
             }
             dials.exposure_warning(asked).into_iter().try_for_each(&mut warn)?;
-            let goes_on = |share: f64| say(PhotoEvent::Taking { number: n + 1, of: series.len(), share }).is_ok();
-            let Photograph { pixels, shows_objects } = shoot.take(&dials, asked, &framing, opening, goes_on)?;
+            let report_progress =
+                |share: f64| send(PhotoEvent::Taking { number: n + 1, of: series.len(), share }).is_ok();
+            let Photograph { pixels, shows_objects } = shoot.take(&dials, asked, &framing, opening, report_progress)?;
             if !shows_objects && n == 0 {
-                say(PhotoEvent::Warning(Note::NothingSeen.to_string()))?;
+                send(PhotoEvent::Warning(Note::NothingSeen.to_string()))?;
             }
             let path = self.path_of(&(n + 1).to_string());
             let notes = shoot.notes(&dials, asked, &framing);
             photograph::write(&path, &pixels, Some(&notes), self.force)?;
             let settings = label(asked, &framing);
-            let written = say(PhotoEvent::Written { path, settings: settings.replace('\n', ", ") });
+            let written = send(PhotoEvent::Written { path, settings: settings.replace('\n', ", ") });
             // After a single photograph nothing is left to cancel.
             if self.bracket.is_some() {
                 written?;
@@ -179,7 +180,7 @@ impl PhotoRequest {
         if self.bracket.is_some() {
             let path = self.path_of("sheet");
             photograph::write(&path, &contact_sheet(&sheet), None, self.force)?;
-            let _ = say(PhotoEvent::Written { path, settings: String::new() });
+            let _ = send(PhotoEvent::Written { path, settings: String::new() });
         }
         Ok(())
     }

@@ -88,7 +88,7 @@ impl PhotoShoot<'_> {
         asked: &SeriesEntry,
         framing: &Framing,
         opening: Option<Opening>,
-        goes_on: impl FnMut(f64) -> bool,
+        report_progress: impl FnMut(f64) -> bool,
     ) -> Result<Photograph, PhotoError> {
         let (index, shot, recording) = (self.wanted.frame, &self.shot, &self.shot.recording);
         let has_times = recording.kind.has_times();
@@ -99,7 +99,7 @@ impl PhotoShoot<'_> {
             (index..index + 1, vec![1.0])
         };
         let mut frames = Vec::with_capacity(weights.len());
-        let (mut summed, mut hiding) = (Vec::new(), Vec::new());
+        let (mut summed, mut summed_occlusion) = (Vec::new(), Vec::new());
         if range.len() == 1 {
             frames.push((1.0, self.frame.pixels.clone()));
         } else {
@@ -117,7 +117,7 @@ impl PhotoShoot<'_> {
             for (frame, weight) in recording.frames_with_neighbours(range)?.zip(weights) {
                 let frame = frame?;
                 let time_s = frame.timestamp_s - self.frame.timestamp_s;
-                hiding.extend(by_depth.as_ref().and_then(|hiding| Some((time_s, hiding.of(&frame)?))));
+                summed_occlusion.extend(by_depth.as_ref().and_then(|occlusion| Some((time_s, occlusion.of(&frame)?))));
                 let exposure_s = self.exposure_time(&frame).s;
                 summed.push(SummedExposure { time_s, exposure_s, weight });
                 frames.push((weight, frame.pixels));
@@ -156,9 +156,9 @@ impl PhotoShoot<'_> {
             opacity: self.frame.opacity,
             summed: &summed,
             depth_m: self.depth_m.as_deref(),
-            hiding: &hiding,
+            summed_occlusion: &summed_occlusion,
         };
-        Ok(take::take(&mut self.compositor, &standpoint, framing, real, &exposed, goes_on)?)
+        Ok(take::take(&mut self.compositor, &standpoint, framing, real, &exposed, report_progress)?)
     }
 
     pub fn notes(&self, dials: &ExposureControls, asked: &SeriesEntry, framing: &Framing) -> ExifNotes {

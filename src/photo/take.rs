@@ -45,7 +45,7 @@ pub struct Standpoint<'a> {
     /// Depth for occlusion in each of the summed frames
     /// ([`SummedFrameOcclusion`](super::SummedFrameOcclusion)), with its time in seconds relative
     /// to the frame's. If empty, `depth_m` is used.
-    pub hiding: &'a [(f64, DepthGrid)],
+    pub summed_occlusion: &'a [(f64, DepthGrid)],
 }
 
 /// Exposure of the photograph.
@@ -81,15 +81,15 @@ pub struct Photograph {
     pub shows_objects: bool,
 }
 
-/// Composites the compositor's scene into the real part and exposes both. Calls `goes_on` with the
-/// progress; if it returns `false`, the work ends.
+/// Composites the compositor's scene into the real part and exposes both. `report_progress` receives
+/// the finished share; if it returns `false`, the work ends.
 pub fn take(
     compositor: &mut Compositor,
     standpoint: &Standpoint<'_>,
     framing: &Framing,
     real: RealPart,
     exposed: &PhotoExposure,
-    mut goes_on: impl FnMut(f64) -> bool,
+    mut report_progress: impl FnMut(f64) -> bool,
 ) -> Result<Photograph, TakeError> {
     let (width, height) = framing.size();
     let alone = SummedExposure { time_s: 0.0, exposure_s: exposed.time_s, weight: 1.0 };
@@ -107,23 +107,25 @@ pub fn take(
         enlargement: framing.enlargement(),
     };
     let mut pixels = real.pixels;
-    // The largest visible circles of confusion follow from the measured depths alone.
+    // The largest visible circle of confusion follows from the measured depths alone.
     let measured_m = standpoint.depth_m;
-    let least_m = measured_m.into_iter().flatten().copied().filter(|z| *z > 0.0).fold(f32::INFINITY, f32::min);
-    let circles_px = exposed.opening.map_or(0.0, |opening| {
+    let nearest_m = measured_m.into_iter().flatten().copied().filter(|z| *z > 0.0).fold(f32::INFINITY, f32::min);
+    let largest_circle_px = exposed.opening.map_or(0.0, |opening| {
         let circle = |z: f64| opening.circle_px(framing.geometry.intrinsics.fx_px, z).abs();
-        circle(f64::from(least_m)).max(circle(f64::INFINITY))
+        circle(f64::from(nearest_m)).max(circle(f64::INFINITY))
     });
     let is_measured = measured_m.is_some();
     let depth_m = real_depth_m(compositor, standpoint);
-    let grid =
-        depth_m.as_deref().filter(|_| circles_px > 0.0 || standpoint.settings.depth.occlusion).and_then(|depth_m| {
+    let grid = depth_m.as_deref().filter(|_| largest_circle_px > 0.0 || standpoint.settings.depth.occlusion).and_then(
+        |depth_m| {
             let recorded = &standpoint.recorded.intrinsics;
             let depth = (depth_m, is_measured);
             DepthGrid::new(&pixels, recorded, depth, &framing.framed, &standpoint.camera.response)
-        });
-    let reach_px = 0.5 * circles_px.min(f64::from(width.max(height)) / 4.0).min(f64::from(MAX_CIRCLE_PX));
-    let surfaces = grid.as_ref().filter(|_| circles_px > 0.0 && is_measured).map(|grid| Surfaces::new(grid, reach_px));
+        },
+    );
+    let reach_px = 0.5 * largest_circle_px.min(f64::from(width.max(height)) / 4.0).min(f64::from(MAX_CIRCLE_PX));
+    let surfaces =
+        grid.as_ref().filter(|_| largest_circle_px > 0.0 && is_measured).map(|grid| Surfaces::new(grid, reach_px));
     let tile_px = match &surfaces {
         Some(_) => (MAX_DRAWN_TILE_PX - (2.5 * reach_px) as i32 - 64).clamp(MIN_TILE_PX, TILE_PX),
         None => TILE_PX,
@@ -132,8 +134,8 @@ pub fn take(
     let tiles = tiles(width, height, tile_px);
     let mut shows_objects = false;
     for (n, &region) in tiles.iter().enumerate() {
-        let mut goes_on = |share: f64| goes_on((n as f64 + share) / tiles.len() as f64);
-        if !goes_on(0.0) {
+        let mut report_progress = |share: f64| report_progress((n as f64 + share) / tiles.len() as f64);
+        if !report_progress(0.0) {
             return Err(TakeError::Cancelled);
         }
         let before = copied(&pixels, region);
@@ -146,14 +148,18 @@ pub fn take(
             frame,
             picture: &framing.geometry,
             capture: Capture { region, ..capture.clone() },
-            real: RealDepth::Known { grid: grid.as_ref(), surfaces: surfaces.as_ref(), moments: standpoint.hiding },
+            real: RealDepth::Known {
+                grid: grid.as_ref(),
+                surfaces: surfaces.as_ref(),
+                moments: standpoint.summed_occlusion,
+            },
             track: standpoint.track,
             interval_s: standpoint.interval_s,
             want_layer: false,
         };
         let pending = compositor.submit(job, standpoint.camera, standpoint.settings, Target::Pixels)?;
         let mut is_wanted = true;
-        compositor.await_parts(&pending, |share| is_wanted &= goes_on(share))?;
+        compositor.await_parts(&pending, |share| is_wanted &= report_progress(share))?;
         if !is_wanted {
             return Err(TakeError::Cancelled);
         }

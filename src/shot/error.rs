@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use crate::camera::LensError;
-use crate::compositor::{RunError, SubmitError};
+use crate::compositor::{FrameStreamError, SubmitError};
 use crate::effects::EffectError;
 use crate::gpu::GpuError;
 use crate::params::Value;
@@ -82,12 +82,12 @@ pub enum ShotError {
     Black { frame: usize },
 }
 
-impl From<RunError<ShotError>> for ShotError {
-    fn from(error: RunError<ShotError>) -> Self {
+impl From<FrameStreamError<ShotError>> for ShotError {
+    fn from(error: FrameStreamError<ShotError>) -> Self {
         match error {
-            RunError::Source(error) => error,
-            RunError::Gpu { frame, source } => Self::Gpu { frame, source },
-            RunError::Submit { frame, source } => Self::Submit { frame, source },
+            FrameStreamError::Source(error) => error,
+            FrameStreamError::Gpu { frame, source } => Self::Gpu { frame, source },
+            FrameStreamError::Submit { frame, source } => Self::Submit { frame, source },
         }
     }
 }

@@ -6,7 +6,9 @@ use std::sync::Arc;
 
 use super::{Shot, ShotError};
 use crate::camera::Geometry;
-use crate::compositor::{Composited, Compositor, Input, Job, Pending, Stream, SubmitError, Target, poses_within_s};
+use crate::compositor::{
+    Composited, Compositor, Job, Pending, StreamFrame, StreamInputs, SubmitError, Target, poses_within_s,
+};
 use crate::frame::Frame;
 
 /// The composited frames of a range, in order, from [`Shot::frames`]. Ends after an error.
@@ -85,15 +87,15 @@ impl Shot {
         let frames = self.recording.frames_with_neighbours(range)?.map(|frame| {
             let frame = frame?;
             let (geometry, interval_s) = (self.geometry_at(frame.index)?, self.interval_s(frame.index));
-            Ok(Input { frame, geometry, interval_s })
+            Ok(StreamFrame { frame, geometry, interval_s })
         });
-        let stream = Stream {
+        let inputs = StreamInputs {
             camera: Cow::Owned(self.camera()),
             settings: &self.settings,
             track: &self.recording.track,
             want_layers,
             in_flight,
         };
-        Ok(Composites(Box::new(compositor.run(stream, frames).map(|done| Ok(done?)))))
+        Ok(Composites(Box::new(compositor.composite_stream(inputs, frames).map(|done| Ok(done?)))))
     }
 }

@@ -2,7 +2,7 @@
 
 use super::Shot;
 use crate::scene::Object;
-use crate::support::{SupportReport, Tilt, facets};
+use crate::support::{SupportReport, TiltedSupport, facets};
 
 impl Shot {
     /// The support of each object that has one. Empty if neither the scene nor the recording
@@ -26,11 +26,11 @@ impl Shot {
 
     /// The tilted surfaces below the scene's objects, by depth or the recording's floor. Reads the
     /// recording's depth on first use.
-    pub fn tilts(&self) -> Vec<Tilt> {
+    pub fn tilts(&self) -> Vec<TiltedSupport> {
         let Some(up) = self.up() else { return Vec::new() };
         let of = |(object, placed): (usize, Object)| {
             let support = placed.support.filter(|_| !placed.is_missing && !placed.hidden)?;
-            Tilt::of(object, support, &placed.points_m(&self.scene).collect::<Vec<_>>(), up)
+            TiltedSupport::of(object, support, &placed.points_m(&self.scene).collect::<Vec<_>>(), up)
         };
         self.objects().into_iter().enumerate().filter_map(of).collect()
     }

@@ -31,4 +31,4 @@ pub use ransac::MeasuredPoint;
 pub use report::{PlaneSource, SupportReport};
 pub use room_planes::{RoomPlanes, up_on_surface};
 pub use room_points::{DepthSamples, RoomPoints, points_by_frame};
-pub use tilt::Tilt;
+pub use tilt::TiltedSupport;

@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::footprint::{footprint_height_m, lowest_points};
 use crate::plane::Plane;
 
-/// Tilt from which on a surface counts as tilted, degrees.
+/// TiltedSupport from which on a surface counts as tilted, degrees.
 const MIN_TILT_DEG: f64 = 1.0;
 /// Largest tilt of a support, degrees.
 const MAX_TILT_DEG: f64 = 40.0;
@@ -14,7 +14,7 @@ const MIN_GAP_M: f64 = 0.0005;
 
 /// The tilted surface below an object.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Tilt {
+pub struct TiltedSupport {
     /// Index into [`Scene::objects`](crate::scene::Scene::objects).
     pub object: usize,
     pub support: Plane,
@@ -24,7 +24,7 @@ pub struct Tilt {
     pub gap_m: f64,
 }
 
-impl Tilt {
+impl TiltedSupport {
     /// The tilt of the support of an object with these points. `None` if the support is level or
     /// too steep, or if the gap is too small to see.
     pub fn of(object: usize, support: Plane, points_m: &[DVec3], up: DVec3) -> Option<Self> {

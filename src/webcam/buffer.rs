@@ -1,6 +1,6 @@
 //! The rows in a buffer whose driver states neither their stride nor the length of a JPEG file.
 
-use super::picture::{Delivered, Layout};
+use super::picture::{Layout, PictureFormat};
 use crate::source::jpeg_end;
 
 /// Some drivers round buffers up to whole memory pages, bytes.
@@ -14,34 +14,34 @@ const MAX_ROW_PADDING: usize = 256;
 /// behind the last row. For any other length the stride is 0, and
 /// [`Picture::pixels`](super::Picture::pixels) reports the buffer as damaged. So it does with a
 /// JPEG file that has no end, which is left as it is.
-pub fn fit(delivered: Delivered, mut bytes: Vec<u8>) -> (Delivered, Vec<u8>) {
-    if delivered.layout == Layout::Mjpeg {
+pub fn fit(picture_format: PictureFormat, mut bytes: Vec<u8>) -> (PictureFormat, Vec<u8>) {
+    if picture_format.layout == Layout::Mjpeg {
         let length = jpeg_end::length(&bytes).unwrap_or(bytes.len());
         bytes.truncate(length);
-        return (delivered, bytes);
+        return (picture_format, bytes);
     }
-    let Some(stride) = stride(&delivered, bytes.len()) else {
-        return (Delivered { stride: 0, ..delivered }, bytes);
+    let Some(stride) = stride(&picture_format, bytes.len()) else {
+        return (PictureFormat { stride: 0, ..picture_format }, bytes);
     };
-    bytes.truncate(stride * rows(&delivered));
-    (Delivered { stride, ..delivered }, bytes)
+    bytes.truncate(stride * rows(&picture_format));
+    (PictureFormat { stride, ..picture_format }, bytes)
 }
 
 /// Rows of all planes.
-fn rows(delivered: &Delivered) -> usize {
-    let height = delivered.height as usize;
-    if delivered.layout == Layout::Nv12 { height + height.div_ceil(2) } else { height }
+fn rows(picture_format: &PictureFormat) -> usize {
+    let height = picture_format.height as usize;
+    if picture_format.layout == Layout::Nv12 { height + height.div_ceil(2) } else { height }
 }
 
-fn stride(delivered: &Delivered, length: usize) -> Option<usize> {
-    let (rows, row) = (rows(delivered), delivered.layout.row_bytes(delivered.width));
+fn stride(picture_format: &PictureFormat, length: usize) -> Option<usize> {
+    let (rows, row) = (rows(picture_format), picture_format.layout.row_bytes(picture_format.width));
     let whole = rows * row;
     if length == whole {
         return Some(row);
     }
     let is_stride = |stride: usize| {
         // YUYV and the second plane of NV12 hold pairs of bytes.
-        let is_aligned = !matches!(delivered.layout, Layout::Yuyv | Layout::Nv12) || stride.is_multiple_of(2);
+        let is_aligned = !matches!(picture_format.layout, Layout::Yuyv | Layout::Nv12) || stride.is_multiple_of(2);
         is_aligned && (row..=row + MAX_ROW_PADDING).contains(&stride)
     };
     if rows > 0 && length.is_multiple_of(rows) && is_stride(length / rows) {
@@ -58,12 +58,12 @@ mod tests {
 
     fn fitted(layout: Layout, (width, height): (u32, u32), length: usize) -> (usize, usize) {
         let (range, matrix) = (ColorRange::Limited, ColorMatrix::Bt601);
-        let delivered = Delivered { layout, width, height, stride: 0, range, matrix };
-        let (delivered, bytes) = fit(delivered, vec![128; length]);
-        let is_whole = delivered.stride > 0;
-        let picture = Picture { delivered, bytes, time_s: 0.0, exposure_s: None };
+        let picture_format = PictureFormat { layout, width, height, stride: 0, range, matrix };
+        let (picture_format, bytes) = fit(picture_format, vec![128; length]);
+        let is_whole = picture_format.stride > 0;
+        let picture = Picture { picture_format, bytes, time_s: 0.0, exposure_s: None };
         assert_eq!(picture.pixels().is_ok(), is_whole, "{layout} {width}x{height} of {length} bytes");
-        (delivered.stride, picture.bytes.len())
+        (picture_format.stride, picture.bytes.len())
     }
 
     #[test]

@@ -1,8 +1,8 @@
 //! The choice of a camera's mode.
 
 use super::list::CameraMode;
+use super::negotiation::FormatRequest;
 use super::picture::Layout;
-use super::wanted::Wanted;
 
 /// The rates of 24000/1001, 30000/1001, 60000/1001 and 120000/1001 Hz, as a driver that lists whole
 /// numbers truncates them.
@@ -15,18 +15,18 @@ fn nominal_hz(listed_hz: f64) -> f64 {
 
 /// The layout that was requested, or the best of those that come in this size at this rate, else of
 /// all.
-pub fn layout(offered: &[CameraMode], wanted: &Wanted) -> Option<Layout> {
+pub fn layout(offered: &[CameraMode], requested: &FormatRequest) -> Option<Layout> {
     let has = |layout: Layout, fits: &dyn Fn(&CameraMode) -> bool| {
         offered.iter().any(|mode| mode.layout == Some(layout) && fits(mode))
     };
-    if let Some(layout) = wanted.layout {
+    if let Some(layout) = requested.layout {
         return has(layout, &|_| true).then_some(layout);
     }
     let fits = |mode: &CameraMode| {
         let [least, most] = mode.sizes;
-        let (w, h) = wanted.size;
+        let (w, h) = requested.size;
         let in_size = (least.0..=most.0).contains(&w) && (least.1..=most.1).contains(&h);
-        let is_met = |rate: &f64| nominal_hz(*rate) > 0.99 * wanted.rate_hz;
+        let is_met = |rate: &f64| nominal_hz(*rate) > 0.99 * requested.rate_hz;
         in_size && (mode.rates_hz.is_empty() || mode.rates_hz.iter().any(is_met))
     };
     let of = |fits: &dyn Fn(&CameraMode) -> bool| Layout::PREFERRED.into_iter().find(|layout| has(*layout, fits));
@@ -43,16 +43,16 @@ pub struct ExactMode {
 
 /// The mode nearest to the request, of modes of single sizes: layout first, then size, then rate.
 /// Of two rates equally near, the faster one.
-pub fn exact(offered: &[CameraMode], wanted: &Wanted) -> Option<ExactMode> {
-    let layout = layout(offered, wanted)?;
+pub fn exact(offered: &[CameraMode], requested: &FormatRequest) -> Option<ExactMode> {
+    let layout = layout(offered, requested)?;
     let of_layout = offered.iter().filter(|mode| mode.layout == Some(layout) && !mode.rates_hz.is_empty());
     let distance_px = |mode: &&CameraMode| {
         let (width, height) = mode.sizes[0];
-        width.abs_diff(wanted.size.0) + height.abs_diff(wanted.size.1)
+        width.abs_diff(requested.size.0) + height.abs_diff(requested.size.1)
     };
     let size = of_layout.clone().min_by_key(distance_px)?.sizes[0];
     let rates = of_layout.filter(|mode| mode.sizes[0] == size).flat_map(|mode| &mode.rates_hz);
-    let away = |rate: &&f64| (**rate - wanted.rate_hz).abs();
+    let away = |rate: &&f64| (**rate - requested.rate_hz).abs();
     let rate_hz = *rates.min_by(|a, b| away(a).total_cmp(&away(b)).then(b.total_cmp(a)))?;
     Some(ExactMode { layout, size, rate_hz })
 }
@@ -82,7 +82,7 @@ mod tests {
 
     #[test]
     fn layout_is_the_best_that_comes_as_fast_as_requested() {
-        let of = |size, layout| super::layout(&webcam(), &Wanted { size, layout, ..Wanted::default() });
+        let of = |size, layout| super::layout(&webcam(), &FormatRequest { size, layout, ..FormatRequest::default() });
         assert_eq!(of((640, 480), None), Some(Layout::Yuyv));
         assert_eq!(of((1280, 720), None), Some(Layout::Mjpeg));
         assert_eq!(of((1280, 720), Some(Layout::Yuyv)), Some(Layout::Yuyv));
@@ -91,14 +91,14 @@ mod tests {
         assert_eq!(of((99, 99), None), Some(Layout::Yuyv));
         // A driver that truncates 29.97.
         let truncated = [mode(Layout::Yuyv, (640, 480), &[5.0]), mode(Layout::Mjpeg, (640, 480), &[29.0])];
-        assert_eq!(super::layout(&truncated, &Wanted::default()), Some(Layout::Mjpeg));
+        assert_eq!(super::layout(&truncated, &FormatRequest::default()), Some(Layout::Mjpeg));
     }
 
     #[test]
     fn truncated_rates_meet_the_ntsc_rates_alone() {
         let is_met = |listed_hz, rate_hz| {
             let offered = [mode(Layout::Yuyv, (640, 480), &[listed_hz]), mode(Layout::Mjpeg, (640, 480), &[1000.0])];
-            super::layout(&offered, &Wanted { rate_hz, ..Wanted::default() }) == Some(Layout::Yuyv)
+            super::layout(&offered, &FormatRequest { rate_hz, ..FormatRequest::default() }) == Some(Layout::Yuyv)
         };
         for (listed_hz, rate_hz) in [(23.0, 24.0), (29.0, 30.0), (29.0, 29.97), (59.0, 60.0), (119.0, 120.0)] {
             assert!(is_met(listed_hz, rate_hz), "{listed_hz} meets {rate_hz}");
@@ -110,13 +110,15 @@ mod tests {
 
     #[test]
     fn exact_mode_is_the_nearest_one() {
-        let of = |size, rate_hz, layout| exact(&webcam(), &Wanted { size, rate_hz, layout, ..Wanted::default() });
+        let of = |size, rate_hz, layout| {
+            exact(&webcam(), &FormatRequest { size, rate_hz, layout, ..FormatRequest::default() })
+        };
         let mode = |layout, size, rate_hz| Some(ExactMode { layout, size, rate_hz });
         assert_eq!(of((640, 480), 25.0, None), mode(Layout::Yuyv, (640, 480), 30.0));
         assert_eq!(of((640, 480), 22.5, None), mode(Layout::Yuyv, (640, 480), 30.0));
         assert_eq!(of((640, 480), 16.0, None), mode(Layout::Yuyv, (640, 480), 15.0));
         assert_eq!(of((1920, 1080), 30.0, Some(Layout::Yuyv)), mode(Layout::Yuyv, (1280, 720), 10.0));
         assert_eq!(of((640, 480), 30.0, Some(Layout::Rgb)), None);
-        assert_eq!(exact(&[super::tests::mode(Layout::Rgb, (2, 2), &[])], &Wanted::default()), None);
+        assert_eq!(exact(&[super::tests::mode(Layout::Rgb, (2, 2), &[])], &FormatRequest::default()), None);
     }
 }

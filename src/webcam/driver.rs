@@ -4,9 +4,9 @@
 //! stalls, reopens a camera that was unplugged, and counts dropped pictures, for all drivers alike.
 
 use super::error::CameraError;
-use super::list::Listed;
-use super::picture::Delivered;
-use super::wanted::{Given, Wanted};
+use super::list::CameraListing;
+use super::negotiation::{FormatRequest, NegotiatedFormat};
+use super::picture::PictureFormat;
 
 /// When a picture was taken, as its driver stamps it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -29,7 +29,7 @@ pub enum Stamp {
 /// A picture from a driver, before its time is converted.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DriverPicture {
-    pub delivered: Delivered,
+    pub picture_format: PictureFormat,
     pub bytes: Vec<u8>,
     pub stamp: Stamp,
     /// When it arrived, seconds of [`super::monotonic_s`].
@@ -48,14 +48,14 @@ pub trait Driver: Send + Sync {
     }
 
     /// The cameras, with their modes.
-    fn cameras(&self) -> Result<Vec<Listed>, CameraError>;
+    fn cameras(&self) -> Result<Vec<CameraListing>, CameraError>;
 
     /// The present id of a camera that had an id and a name when it was opened; the same id is
     /// preferred. `None`: it is unplugged. Called on the camera's thread; may block without end.
     fn find(&self, id: &str, name: &str) -> Option<String>;
 
     /// Opens a camera by its id. Called on the camera's thread; may block without end.
-    fn open(&self, id: &str, wanted: &Wanted) -> Result<(Box<dyn Capture>, Given), CameraError>;
+    fn open(&self, id: &str, requested: &FormatRequest) -> Result<(Box<dyn Capture>, NegotiatedFormat), CameraError>;
 
     /// False for a file: pictures may be far apart, and after a failure it is not reopened.
     fn is_live(&self) -> bool {

@@ -40,7 +40,7 @@ impl fmt::Display for CameraMode {
 
 /// A camera, or a device that may be one.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Listed {
+pub struct CameraListing {
     pub driver: DriverName,
     /// The number by which `--camera` selects it.
     pub number: usize,

@@ -17,6 +17,7 @@ mod driver_name;
 mod error;
 mod frame_clock;
 mod list;
+mod negotiation;
 mod newest;
 #[cfg(feature = "camera")]
 mod nokhwa;
@@ -28,13 +29,12 @@ mod session;
 mod session_tests;
 #[cfg(all(feature = "camera", target_os = "linux"))]
 mod v4l2;
-mod wanted;
 
 pub use clock::monotonic_s;
 pub use driver_name::DriverName;
 pub use error::CameraError;
-pub use list::{CameraMode, Listed};
-pub use newest::{Drops, Newest, Putter, Taken};
+pub use list::{CameraListing, CameraMode};
+pub use negotiation::{AssumedColor, FormatRequest, NegotiatedFormat, TimeSource};
+pub use newest::{Drops, Newest, Putter, TakeOutcome};
 pub use open::{Camera, cameras, open};
-pub use picture::{Delivered, Layout, Picture, PictureError};
-pub use wanted::{Assumed, Given, TimeSource, Wanted};
+pub use picture::{Layout, Picture, PictureError, PictureFormat};

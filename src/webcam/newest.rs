@@ -46,7 +46,7 @@ impl<T> Shared<T> {
 
 /// Result of [`Newest::take`].
 #[derive(Debug, PartialEq, Eq)]
-pub enum Taken<T> {
+pub enum TakeOutcome<T> {
     New(T),
     /// Nothing came in time.
     Nothing,
@@ -72,19 +72,19 @@ impl<T> Newest<T> {
     }
 
     /// Waits for the newest picture, at most until then.
-    pub fn take(&self, until: Instant) -> Taken<T> {
+    pub fn take(&self, until: Instant) -> TakeOutcome<T> {
         let mut state = self.0.lock();
         loop {
             if let Some(item) = state.item.take() {
-                return Taken::New(item);
+                return TakeOutcome::New(item);
             }
             if state.ended {
                 // The reason is given once.
-                return state.gone.take().map_or(Taken::Ended, Taken::Gone);
+                return state.gone.take().map_or(TakeOutcome::Ended, TakeOutcome::Gone);
             }
             let left = until.saturating_duration_since(Instant::now());
             if left.is_zero() {
-                return state.gone.clone().map_or(Taken::Nothing, Taken::Gone);
+                return state.gone.clone().map_or(TakeOutcome::Nothing, TakeOutcome::Gone);
             }
             state = self.0.changed.wait_timeout(state, left).unwrap_or_else(PoisonError::into_inner).0;
         }
@@ -148,27 +148,27 @@ impl<T> Drop for Putter<T> {
 mod tests {
     use super::*;
 
-    fn now<T>(newest: &Newest<T>) -> Taken<T> {
+    fn now<T>(newest: &Newest<T>) -> TakeOutcome<T> {
         newest.take(Instant::now())
     }
 
     #[test]
     fn the_newest_wins_and_the_others_are_counted() {
         let (putter, newest) = Newest::new();
-        assert_eq!(now(&newest), Taken::Nothing);
+        assert_eq!(now(&newest), TakeOutcome::Nothing);
         (1..=4).for_each(|i| putter.put(i));
-        assert_eq!((now(&newest), now(&newest)), (Taken::New(4), Taken::Nothing));
+        assert_eq!((now(&newest), now(&newest)), (TakeOutcome::New(4), TakeOutcome::Nothing));
         putter.count(Drops { lost: 2, damaged: 1, ..Drops::default() });
         assert_eq!(newest.drops(), Drops { replaced: 3, lost: 2, damaged: 1, arrival_timed: 0 });
         assert_eq!(newest.drops().all(), 6);
         putter.gone("unplugged".to_owned());
-        assert_eq!(now(&newest), Taken::Gone("unplugged".to_owned()));
+        assert_eq!(now(&newest), TakeOutcome::Gone("unplugged".to_owned()));
         putter.put(5);
-        assert_eq!((now(&newest), now(&newest)), (Taken::New(5), Taken::Nothing));
+        assert_eq!((now(&newest), now(&newest)), (TakeOutcome::New(5), TakeOutcome::Nothing));
         // The last one is not lost by the end.
         putter.put(6);
         drop(putter);
-        assert_eq!((now(&newest), now(&newest)), (Taken::New(6), Taken::Ended));
+        assert_eq!((now(&newest), now(&newest)), (TakeOutcome::New(6), TakeOutcome::Ended));
     }
 
     #[test]
@@ -176,6 +176,6 @@ mod tests {
         let (putter, newest) = Newest::<()>::new();
         putter.gone("damaged".to_owned());
         drop(putter);
-        assert_eq!((now(&newest), now(&newest)), (Taken::Gone("damaged".to_owned()), Taken::Ended));
+        assert_eq!((now(&newest), now(&newest)), (TakeOutcome::Gone("damaged".to_owned()), TakeOutcome::Ended));
     }
 }

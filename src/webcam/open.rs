@@ -7,16 +7,16 @@ use super::camera_id;
 use super::driver::Driver;
 use super::driver_name::DriverName;
 use super::error::CameraError;
-use super::list::Listed;
+use super::list::CameraListing;
+use super::negotiation::{FormatRequest, NegotiatedFormat};
 use super::newest::Newest;
 use super::picture::Picture;
 use super::played::Played;
 use super::session::{Session, SessionLimits, guarded};
-use super::wanted::{Given, Wanted};
 
 /// A camera with a negotiated format that is not started.
 pub struct Camera {
-    pub given: Given,
+    pub negotiated: NegotiatedFormat,
     session: Session,
 }
 
@@ -24,12 +24,12 @@ impl Camera {
     pub(super) fn open(
         driver: Arc<dyn Driver>,
         id: &str,
-        wanted: &Wanted,
+        requested: &FormatRequest,
         limits: SessionLimits,
     ) -> Result<Self, CameraError> {
         driver.prepare()?;
-        let (session, given) = Session::open(driver, id, wanted, limits)?;
-        Ok(Self { given, session })
+        let (session, negotiated) = Session::open(driver, id, requested, limits)?;
+        Ok(Self { negotiated, session })
     }
 
     /// Starts the delivery, until the returned receiver is dropped. A video begins now.
@@ -58,12 +58,12 @@ fn driver(name: DriverName) -> Result<Arc<dyn Driver>, CameraError> {
 
 /// The cameras of each driver on this system, the default driver first. Devices that take no
 /// pictures are left out.
-pub fn cameras() -> Vec<(DriverName, Result<Vec<Listed>, CameraError>)> {
+pub fn cameras() -> Vec<(DriverName, Result<Vec<CameraListing>, CameraError>)> {
     let of = |name: &DriverName| (*name, cameras_of(*name));
     DriverName::AVAILABLE.iter().map(of).collect()
 }
 
-fn cameras_of(name: DriverName) -> Result<Vec<Listed>, CameraError> {
+fn cameras_of(name: DriverName) -> Result<Vec<CameraListing>, CameraError> {
     listed(name, driver(name)?, SessionLimits::default())
 }
 
@@ -72,7 +72,7 @@ pub(super) fn listed(
     name: DriverName,
     driver: Arc<dyn Driver>,
     limits: SessionLimits,
-) -> Result<Vec<Listed>, CameraError> {
+) -> Result<Vec<CameraListing>, CameraError> {
     let (sender, answer) = mpsc::channel();
     let camera = format!("the driver {name}");
     let broken = |problem| CameraError::Driver { camera: camera.clone(), problem };
@@ -87,10 +87,10 @@ pub(super) fn listed(
 
 /// Opens a camera by its number, by its device (`/dev/video0`), or a video in its place by its
 /// file.
-pub fn open(asked: &str, wanted: &Wanted) -> Result<Camera, CameraError> {
+pub fn open(asked: &str, requested: &FormatRequest) -> Result<Camera, CameraError> {
     if camera_id::number(asked).is_some() {
-        let name = wanted.driver.or(DriverName::AVAILABLE.first().copied()).ok_or(CameraError::NotBuilt)?;
-        return Camera::open(driver(name)?, asked, wanted, SessionLimits::default());
+        let name = requested.driver.or(DriverName::AVAILABLE.first().copied()).ok_or(CameraError::NotBuilt)?;
+        return Camera::open(driver(name)?, asked, requested, SessionLimits::default());
     }
     let file = Path::new(asked);
     if !file.exists() {
@@ -105,9 +105,12 @@ pub fn open(asked: &str, wanted: &Wanted) -> Result<Camera, CameraError> {
             CameraError::None { asked: asked.to_owned(), found }
         });
     }
-    let mut camera = Camera::open(driver(DriverName::Played)?, asked, wanted, SessionLimits::default())?;
-    if let Some(name) = wanted.driver.filter(|name| *name != DriverName::Played) {
-        camera.given.warnings.push(format!("a video stands in for the camera; the driver {name} does not read it"));
+    let mut camera = Camera::open(driver(DriverName::Played)?, asked, requested, SessionLimits::default())?;
+    if let Some(name) = requested.driver.filter(|name| *name != DriverName::Played) {
+        camera
+            .negotiated
+            .warnings
+            .push(format!("a video stands in for the camera; the driver {name} does not read it"));
     }
     Ok(camera)
 }

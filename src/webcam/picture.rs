@@ -72,7 +72,7 @@ impl fmt::Display for Layout {
 
 /// Format shared by all pictures of a camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Delivered {
+pub struct PictureFormat {
     pub layout: Layout,
     pub width: u32,
     pub height: u32,
@@ -83,7 +83,7 @@ pub struct Delivered {
     pub matrix: ColorMatrix,
 }
 
-impl Delivered {
+impl PictureFormat {
     /// True if a buffer holds all rows of a picture, or a JPEG file up to its end.
     pub fn is_complete(&self, bytes: &[u8]) -> bool {
         let Self { layout, width, height, stride, .. } = *self;
@@ -96,7 +96,7 @@ impl Delivered {
     }
 }
 
-impl fmt::Display for Delivered {
+impl fmt::Display for PictureFormat {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}x{} {}", self.width, self.height, self.layout)?;
         let range = if self.range == ColorRange::Full { "full" } else { "limited" };
@@ -114,7 +114,7 @@ impl fmt::Display for Delivered {
 /// A picture with the driver's time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
-    pub delivered: Delivered,
+    pub picture_format: PictureFormat,
     pub bytes: Vec<u8>,
     /// Seconds of [`super::monotonic_s`].
     pub time_s: f64,
@@ -131,12 +131,12 @@ impl Picture {
     /// The file of a JPEG picture as it was delivered; tables that cameras leave out are put in.
     /// `None` of other layouts.
     pub fn jpeg(&self) -> Option<Cow<'_, [u8]>> {
-        (self.delivered.layout == Layout::Mjpeg).then(|| jpeg_tables::with_tables(&self.bytes))
+        (self.picture_format.layout == Layout::Mjpeg).then(|| jpeg_tables::with_tables(&self.bytes))
     }
 
     /// The pixels, R'G'B' of 8 bits.
     pub fn pixels(&self) -> Result<Pixels, PictureError> {
-        let Delivered { layout, width, height, stride, range, matrix } = self.delivered;
+        let PictureFormat { layout, width, height, stride, range, matrix } = self.picture_format;
         let table = || Table::new(matrix, range);
         let codes = match layout {
             Layout::Yuyv => table().yuyv(&self.bytes, width, height, stride),
@@ -190,8 +190,8 @@ mod tests {
 
     fn picture(layout: Layout, stride: usize, bytes: &[u8]) -> Picture {
         let (range, matrix) = (ColorRange::Full, ColorMatrix::Bt601);
-        let delivered = Delivered { layout, width: 2, height: 2, stride, range, matrix };
-        Picture { delivered, bytes: bytes.to_vec(), time_s: 0.0, exposure_s: None }
+        let picture_format = PictureFormat { layout, width: 2, height: 2, stride, range, matrix };
+        Picture { picture_format, bytes: bytes.to_vec(), time_s: 0.0, exposure_s: None }
     }
 
     #[test]
@@ -204,7 +204,7 @@ mod tests {
         let grey = picture(Layout::Grey, 3, &[1, 2, 0, 3, 4]).pixels().unwrap();
         assert_eq!(grey, yuyv);
         let mut limited = picture(Layout::Grey, 2, &[16, 126, 235, 255]);
-        limited.delivered.range = ColorRange::Limited;
+        limited.picture_format.range = ColorRange::Limited;
         let codes = limited.pixels().unwrap();
         assert_eq!([(0, 0), (1, 0), (0, 1), (1, 1)].map(|(x, y)| codes.at(x, y)[1]), [0, 128, 255, 255]);
     }
@@ -222,14 +222,14 @@ mod tests {
                 let picture = picture(layout, stride, &vec![128; length]);
                 assert_eq!(
                     picture.pixels().is_ok(),
-                    picture.delivered.is_complete(&picture.bytes),
+                    picture.picture_format.is_complete(&picture.bytes),
                     "{layout} {length}"
                 );
                 picture.pixels().is_ok()
             };
             assert!(is_complete(length) && !is_complete(length - 1), "{layout}");
         }
-        assert!(!picture(Layout::Grey, 0, &[128; 9]).delivered.is_complete(&[128; 9]));
+        assert!(!picture(Layout::Grey, 0, &[128; 9]).picture_format.is_complete(&[128; 9]));
     }
 
     #[test]
@@ -241,7 +241,7 @@ mod tests {
         assert_eq!(whole.jpeg().unwrap(), file);
         assert_eq!(whole.pixels().unwrap().at(0, 0), [90; 3]);
         let mut other = whole.clone();
-        other.delivered.width = 4;
+        other.picture_format.width = 4;
         assert_eq!(other.pixels().unwrap_err().to_string(), "a picture is damaged: it is 2x2, and 4x2 was announced");
         let cut = picture(Layout::Mjpeg, 0, &file[..file.len() - 9]);
         assert!(cut.pixels().is_err());

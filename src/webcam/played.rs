@@ -7,9 +7,9 @@ use super::clock::monotonic_s;
 use super::driver::{Capture, Driver, DriverPicture, Stamp};
 use super::driver_name::DriverName;
 use super::error::CameraError;
-use super::list::Listed;
-use super::picture::{Delivered, Layout};
-use super::wanted::{Assumed, Given, TimeSource, Wanted};
+use super::list::CameraListing;
+use super::negotiation::{AssumedColor, FormatRequest, NegotiatedFormat, TimeSource};
+use super::picture::{Layout, PictureFormat};
 use crate::coding::{ColorMatrix, ColorRange};
 use crate::pixels::{Codes, eight_bits};
 use crate::source::decoding::VideoFrames;
@@ -22,14 +22,14 @@ pub struct Played;
 struct PlayedCapture {
     video: Video,
     frames: VideoFrames,
-    delivered: Delivered,
+    picture_format: PictureFormat,
     next: usize,
     /// When the first picture came, s.
     first_s: Option<f64>,
 }
 
 impl Driver for Played {
-    fn cameras(&self) -> Result<Vec<Listed>, CameraError> {
+    fn cameras(&self) -> Result<Vec<CameraListing>, CameraError> {
         Ok(Vec::new())
     }
 
@@ -37,26 +37,26 @@ impl Driver for Played {
         Some(id.to_owned())
     }
 
-    fn open(&self, id: &str, wanted: &Wanted) -> Result<(Box<dyn Capture>, Given), CameraError> {
-        let overrides = Overrides { range: wanted.range, matrix: wanted.matrix, ..Overrides::default() };
+    fn open(&self, id: &str, requested: &FormatRequest) -> Result<(Box<dyn Capture>, NegotiatedFormat), CameraError> {
+        let overrides = Overrides { range: requested.range, matrix: requested.matrix, ..Overrides::default() };
         let video = probe(Path::new(id), &overrides)?;
         let frames = video.read(0..video.timestamps_s.len())?;
         let (width, height) = (video.width, video.height);
         let (layout, range, matrix) = (Layout::Rgb, ColorRange::Full, ColorMatrix::Rgb);
-        let delivered = Delivered { layout, width, height, stride: layout.row_bytes(width), range, matrix };
+        let picture_format = PictureFormat { layout, width, height, stride: layout.row_bytes(width), range, matrix };
         let name = id.to_owned();
         let lost = video.presentation.lost_without_tags();
-        let given = Given {
+        let negotiated = NegotiatedFormat {
             driver: DriverName::Played,
-            delivered,
+            picture_format,
             rate_hz: median_interval_s(&video.timestamps_s).map(|s| 1.0 / s),
             times: TimeSource::File,
             has_exposure: false,
-            assumed: Assumed::default(),
+            assumed: AssumedColor::default(),
             warnings: lost.map(|lost| format!("{name}: {lost}")).into_iter().collect(),
             name,
         };
-        Ok((Box::new(PlayedCapture { video, frames, delivered, next: 0, first_s: None }), given))
+        Ok((Box::new(PlayedCapture { video, frames, picture_format, next: 0, first_s: None }), negotiated))
     }
 
     fn is_live(&self) -> bool {
@@ -78,7 +78,7 @@ impl Capture for PlayedCapture {
         let time_s = *self.first_s.get_or_insert_with(monotonic_s) + at_s;
         std::thread::sleep(Duration::from_secs_f64((time_s - monotonic_s()).max(0.0)));
         Ok(Some(DriverPicture {
-            delivered: self.delivered,
+            picture_format: self.picture_format,
             bytes,
             stamp: Stamp::Exact(time_s),
             arrived_s: monotonic_s(),

@@ -13,9 +13,9 @@ use std::time::{Duration, Instant};
 use super::driver::{Capture, Driver, DriverPicture};
 use super::error::CameraError;
 use super::frame_clock::FrameClock;
+use super::negotiation::{FormatRequest, NegotiatedFormat};
 use super::newest::{Drops, Putter};
-use super::picture::{Delivered, Picture};
-use super::wanted::{Given, Wanted};
+use super::picture::{Picture, PictureFormat};
 
 /// How long a driver may take.
 #[derive(Clone, Copy, Debug)]
@@ -48,7 +48,7 @@ const CHECK_EVERY: Duration = Duration::from_millis(100);
 
 /// Runs a call into a driver. A panic becomes an error.
 pub fn guarded<T>(call: impl FnOnce() -> T) -> Result<T, String> {
-    catch_unwind(AssertUnwindSafe(call)).map_err(|_| "its driver broke down".to_owned())
+    catch_unwind(AssertUnwindSafe(call)).map_err(|_| "its driver failed".to_owned())
 }
 
 /// The camera that a capture's thread opens.
@@ -57,13 +57,13 @@ struct Request {
     id: String,
     /// The camera's name, if it was open before: it is looked up first, for it may have another id.
     name: Option<String>,
-    wanted: Wanted,
+    requested: FormatRequest,
 }
 
 /// A camera that was opened, with its present id.
 struct Agreement {
     id: String,
-    given: Given,
+    negotiated: NegotiatedFormat,
 }
 
 impl Request {
@@ -78,8 +78,8 @@ impl Request {
             None => Some(self.id.clone()),
         };
         let id = id.ok_or_else(|| CameraError::Unplugged { camera: self.camera() })?;
-        let (capture, given) = driver.open(&id, &self.wanted)?;
-        Ok((capture, Agreement { id, given }))
+        let (capture, negotiated) = driver.open(&id, &self.requested)?;
+        Ok((capture, Agreement { id, negotiated }))
     }
 }
 
@@ -169,8 +169,8 @@ fn close(capture: Box<dyn Capture>) {
 pub struct Session {
     driver: Arc<dyn Driver>,
     id: String,
-    wanted: Wanted,
-    given: Given,
+    requested: FormatRequest,
+    negotiated: NegotiatedFormat,
     limits: SessionLimits,
     worker: Option<Worker>,
     /// Threads that were left behind in the driver.
@@ -182,23 +182,23 @@ impl Session {
     pub fn open(
         driver: Arc<dyn Driver>,
         id: &str,
-        wanted: &Wanted,
+        requested: &FormatRequest,
         limits: SessionLimits,
-    ) -> Result<(Self, Given), CameraError> {
+    ) -> Result<(Self, NegotiatedFormat), CameraError> {
         let mut blocked = Vec::new();
-        let request = Request { id: id.to_owned(), name: None, wanted: *wanted };
-        let (worker, Agreement { id, given }) = Worker::open(&driver, &request, limits.opening, &mut blocked)?;
+        let request = Request { id: id.to_owned(), name: None, requested: *requested };
+        let (worker, Agreement { id, negotiated }) = Worker::open(&driver, &request, limits.opening, &mut blocked)?;
         let session = Self {
             driver,
             id,
-            wanted: *wanted,
-            given: given.clone(),
+            requested: *requested,
+            negotiated: negotiated.clone(),
             limits,
             worker: Some(worker),
             blocked,
             clock: FrameClock::default(),
         };
-        Ok((session, given))
+        Ok((session, negotiated))
     }
 
     /// Delivers until nobody takes pictures any more. A camera that stops is waited for, and
@@ -219,17 +219,17 @@ impl Session {
 
     /// Opens the camera again under its present id. It must deliver the same format as before.
     fn reopened(&mut self) -> Result<Worker, String> {
-        let name = &self.given.name;
+        let name = &self.negotiated.name;
         self.blocked.retain(|thread| !thread.is_finished());
         if self.blocked.len() >= MAX_BLOCKED_THREADS {
             let count = self.blocked.len();
             return Err(format!("{name}: {count} attempts wait for its driver; unplug it, or start anew"));
         }
-        let request = Request { id: self.id.clone(), name: Some(name.clone()), wanted: self.wanted };
+        let request = Request { id: self.id.clone(), name: Some(name.clone()), requested: self.requested };
         let opened = Worker::open(&self.driver, &request, self.limits.opening, &mut self.blocked);
-        let (worker, Agreement { id, given }) = opened.map_err(|error| error.to_string())?;
-        if given.delivered != self.given.delivered {
-            let (now, before) = (given.delivered, self.given.delivered);
+        let (worker, Agreement { id, negotiated }) = opened.map_err(|error| error.to_string())?;
+        if negotiated.picture_format != self.negotiated.picture_format {
+            let (now, before) = (negotiated.picture_format, self.negotiated.picture_format);
             return Err(format!("{name} gives {now} now, and gave {before} before"));
         }
         self.id = id;
@@ -238,7 +238,7 @@ impl Session {
 
     /// Puts a capture's pictures until nobody takes them, or the last one came.
     fn deliver(&mut self, worker: Worker, putter: &Putter<Picture>) -> Result<(), String> {
-        let name = self.given.name.clone();
+        let name = self.negotiated.name.clone();
         // A thread that has ended is noticed below.
         let _ = worker.start.send(());
         let mut last = Instant::now();
@@ -264,7 +264,7 @@ impl Session {
                 }
                 Ok(Event::Failed(problem)) => return Err(problem),
                 Ok(Event::Opened(_) | Event::Refused(_)) | Err(RecvTimeoutError::Timeout) => {}
-                Err(RecvTimeoutError::Disconnected) => return Err(format!("{name} stopped: its driver broke down")),
+                Err(RecvTimeoutError::Disconnected) => return Err(format!("{name} stopped: its driver failed")),
             }
             if self.driver.is_live() && last.elapsed() >= limit {
                 self.blocked.push(worker.thread);
@@ -293,15 +293,17 @@ impl Session {
 
     /// Puts an undamaged picture. Returns whether it did.
     fn put(&mut self, sample: DriverPicture, putter: &Putter<Picture>) -> bool {
-        let DriverPicture { delivered, bytes, stamp, arrived_s, exposure_s, lost, is_damaged } = sample;
-        let of = |delivered: &Delivered| (delivered.layout, delivered.width, delivered.height);
-        let is_damaged = is_damaged || of(&delivered) != of(&self.given.delivered) || !delivered.is_complete(&bytes);
+        let DriverPicture { picture_format, bytes, stamp, arrived_s, exposure_s, lost, is_damaged } = sample;
+        let of = |picture_format: &PictureFormat| (picture_format.layout, picture_format.width, picture_format.height);
+        let is_damaged = is_damaged
+            || of(&picture_format) != of(&self.negotiated.picture_format)
+            || !picture_format.is_complete(&bytes);
         let implausible = self.clock.implausible;
         let time_s = self.clock.time_s(stamp, arrived_s);
         let arrival_timed = self.clock.implausible - implausible;
         putter.count(Drops { lost, damaged: u64::from(is_damaged), arrival_timed, ..Drops::default() });
         if !is_damaged {
-            putter.put(Picture { delivered, bytes, time_s, exposure_s });
+            putter.put(Picture { picture_format, bytes, time_s, exposure_s });
         }
         !is_damaged
     }

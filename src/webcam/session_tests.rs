@@ -8,15 +8,15 @@ use super::clock::monotonic_s;
 use super::driver::{Capture, Driver, DriverPicture, Stamp};
 use super::driver_name::DriverName;
 use super::error::CameraError;
-use super::list::Listed;
-use super::newest::{Drops, Newest, Taken};
+use super::list::CameraListing;
+use super::negotiation::{AssumedColor, FormatRequest, NegotiatedFormat, TimeSource};
+use super::newest::{Drops, Newest, TakeOutcome};
 use super::open::{Camera, listed};
-use super::picture::{Delivered, Layout, Picture};
+use super::picture::{Layout, Picture, PictureFormat};
 use super::session::{MAX_BLOCKED_THREADS, SessionLimits};
-use super::wanted::{Assumed, Given, TimeSource, Wanted};
 use crate::coding::{ColorMatrix, ColorRange};
 
-const DELIVERED: Delivered = Delivered {
+const DELIVERED: PictureFormat = PictureFormat {
     layout: Layout::Grey,
     width: 2,
     height: 1,
@@ -45,7 +45,7 @@ enum Step {
 /// Action of a call of `Driver::open`.
 enum Opening {
     /// Follows the steps; without one it blocks. The sender signals that the capture is closed.
-    Steps(Receiver<Step>, Sender<()>, Delivered),
+    Steps(Receiver<Step>, Sender<()>, PictureFormat),
     Refuse,
     Panic,
 }
@@ -87,7 +87,7 @@ impl Capture for TestCapture {
 }
 
 impl Driver for TestDriver {
-    fn cameras(&self) -> Result<Vec<Listed>, CameraError> {
+    fn cameras(&self) -> Result<Vec<CameraListing>, CameraError> {
         let opening = self.openings.lock().unwrap().recv();
         assert!(!matches!(opening, Ok(Opening::Panic)), "a driver's assertion");
         Ok(Vec::new())
@@ -97,22 +97,22 @@ impl Driver for TestDriver {
         self.ids.lock().unwrap().recv().ok().flatten().map(str::to_owned)
     }
 
-    fn open(&self, id: &str, _: &Wanted) -> Result<(Box<dyn Capture>, Given), CameraError> {
+    fn open(&self, id: &str, _: &FormatRequest) -> Result<(Box<dyn Capture>, NegotiatedFormat), CameraError> {
         let opening = self.openings.lock().unwrap().recv();
         let _ = self.opened.send(id.to_owned());
         match opening {
-            Ok(Opening::Steps(steps, closed, delivered)) => {
-                let given = Given {
+            Ok(Opening::Steps(steps, closed, picture_format)) => {
+                let negotiated = NegotiatedFormat {
                     driver: DriverName::Nokhwa,
                     name: "eye".to_owned(),
-                    delivered,
+                    picture_format,
                     rate_hz: None,
                     times: TimeSource::Driver,
                     has_exposure: false,
-                    assumed: Assumed::default(),
+                    assumed: AssumedColor::default(),
                     warnings: Vec::new(),
                 };
-                Ok((Box::new(TestCapture { steps, closed, closing_blocks: false }), given))
+                Ok((Box::new(TestCapture { steps, closed, closing_blocks: false }), negotiated))
             }
             Ok(Opening::Panic) => panic!("a driver's assertion"),
             Ok(Opening::Refuse) | Err(_) => Err(CameraError::Busy { camera: "eye".to_owned() }),
@@ -142,10 +142,10 @@ impl Controls {
     }
 
     /// Prepares a capture. Returns its steps, and a receiver that is notified when it is closed.
-    fn capture(&self, delivered: Delivered) -> (Sender<Step>, Receiver<()>) {
+    fn capture(&self, picture_format: PictureFormat) -> (Sender<Step>, Receiver<()>) {
         let (steps, of_capture) = mpsc::channel();
         let (to_test, closed) = mpsc::channel();
-        self.openings.send(Opening::Steps(of_capture, to_test, delivered)).unwrap();
+        self.openings.send(Opening::Steps(of_capture, to_test, picture_format)).unwrap();
         (steps, closed)
     }
 }
@@ -154,7 +154,7 @@ impl Controls {
 fn started(limits: SessionLimits) -> (Newest<Picture>, (Sender<Step>, Receiver<()>), Controls) {
     let (driver, controls) = Controls::new(true);
     let capture = controls.capture(DELIVERED);
-    let camera = Camera::open(driver, "0", &Wanted::default(), limits).unwrap();
+    let camera = Camera::open(driver, "0", &FormatRequest::default(), limits).unwrap();
     assert_eq!(controls.opened.recv().unwrap(), "0");
     (camera.start().unwrap(), capture, controls)
 }
@@ -162,7 +162,7 @@ fn started(limits: SessionLimits) -> (Newest<Picture>, (Sender<Step>, Receiver<(
 fn sample(code: u8) -> DriverPicture {
     let now_s = monotonic_s();
     DriverPicture {
-        delivered: DELIVERED,
+        picture_format: DELIVERED,
         bytes: vec![code; 2],
         stamp: Stamp::Monotonic(now_s),
         arrived_s: now_s,
@@ -176,8 +176,8 @@ fn picture(newest: &Newest<Picture>) -> Picture {
     let deadline = Instant::now() + DEADLINE;
     loop {
         match newest.take(deadline) {
-            Taken::New(picture) => return picture,
-            Taken::Gone(_) if Instant::now() < deadline => {}
+            TakeOutcome::New(picture) => return picture,
+            TakeOutcome::Gone(_) if Instant::now() < deadline => {}
             other => panic!("{other:?}; a picture is expected"),
         }
     }
@@ -193,8 +193,8 @@ fn gone(newest: &Newest<Picture>) -> String {
     let deadline = Instant::now() + DEADLINE;
     while Instant::now() < deadline {
         match newest.take(Instant::now() + Duration::from_millis(5)) {
-            Taken::Gone(why) => return why,
-            Taken::Nothing => {}
+            TakeOutcome::Gone(why) => return why,
+            TakeOutcome::Nothing => {}
             other => panic!("{other:?}; a camera that is gone is expected"),
         }
     }
@@ -216,7 +216,7 @@ fn gone_after(newest: &Newest<Picture>, before: &str) -> String {
 fn open_error(opening: Option<Opening>, limits: SessionLimits) -> String {
     let (driver, controls) = Controls::new(true);
     opening.into_iter().for_each(|opening| controls.openings.send(opening).unwrap());
-    Camera::open(driver, "0", &Wanted::default(), limits).err().unwrap().to_string()
+    Camera::open(driver, "0", &FormatRequest::default(), limits).err().unwrap().to_string()
 }
 
 #[test]
@@ -241,7 +241,7 @@ fn stalled_camera_is_reported_and_reopened_and_its_thread_left_behind() {
 #[test]
 fn first_picture_has_a_limit_of_its_own() {
     let (newest, (steps, _closed), _controls) = started(SessionLimits { first_picture: DEADLINE, ..IMPATIENT });
-    assert_eq!(newest.take(Instant::now() + 3 * SHORT), Taken::Nothing);
+    assert_eq!(newest.take(Instant::now() + 3 * SHORT), TakeOutcome::Nothing);
     steps.send(Step::Deliver(sample(1))).unwrap();
     assert_eq!(code(&newest), 1);
     assert_eq!(gone(&newest), "eye stopped: no picture came for 0.03 s");
@@ -255,8 +255,8 @@ fn camera_that_delivers_damaged_pictures_alone_is_reported() {
         let damaged = DriverPicture { is_damaged: true, ..sample(1) };
         let _ = steps.send(Step::Deliver(damaged));
         match newest.take(Instant::now() + Duration::from_millis(5)) {
-            Taken::Gone(why) => break why,
-            Taken::Nothing if Instant::now() < deadline => {}
+            TakeOutcome::Gone(why) => break why,
+            TakeOutcome::Nothing if Instant::now() < deadline => {}
             other => panic!("{other:?}; a camera that is gone is expected"),
         }
     };
@@ -273,9 +273,9 @@ fn failure_is_reported_though_closing_blocks() {
     let (driver, controls) = Controls::new(false);
     let (steps, _closed) = controls.capture(DELIVERED);
     steps.send(Step::FailAndBlock("frame 3 is damaged")).unwrap();
-    let newest = Camera::open(driver, "a.mkv", &Wanted::default(), PATIENT).unwrap().start().unwrap();
-    assert_eq!(newest.take(Instant::now() + DEADLINE), Taken::Gone("frame 3 is damaged".to_owned()));
-    assert_eq!(newest.take(Instant::now() + DEADLINE), Taken::Ended);
+    let newest = Camera::open(driver, "a.mkv", &FormatRequest::default(), PATIENT).unwrap().start().unwrap();
+    assert_eq!(newest.take(Instant::now() + DEADLINE), TakeOutcome::Gone("frame 3 is damaged".to_owned()));
+    assert_eq!(newest.take(Instant::now() + DEADLINE), TakeOutcome::Ended);
 }
 
 #[test]
@@ -303,7 +303,7 @@ fn camera_that_returns_with_another_format_is_not_used() {
     let (newest, (steps, _closed), controls) = started(PATIENT);
     steps.send(Step::Fail("it was unplugged")).unwrap();
     let stopped = gone(&newest);
-    let (_again, closed) = controls.capture(Delivered { width: 4, stride: 4, ..DELIVERED });
+    let (_again, closed) = controls.capture(PictureFormat { width: 4, stride: 4, ..DELIVERED });
     controls.ids.send(Some("0")).unwrap();
     let why = gone_after(&newest, &stopped);
     assert_eq!(why, "eye gives 4x1 grey (full range) now, and gave 2x1 grey (full range) before");
@@ -314,7 +314,7 @@ fn camera_that_returns_with_another_format_is_not_used() {
 fn panic_in_a_driver_is_reported_and_the_camera_reopened() {
     let (newest, (steps, closed), controls) = started(PATIENT);
     steps.send(Step::Panic).unwrap();
-    assert_eq!(gone(&newest), "eye stopped: its driver broke down");
+    assert_eq!(gone(&newest), "eye stopped: its driver failed");
     assert!(closed.recv_timeout(DEADLINE).is_ok());
     let (again, _closed) = controls.capture(DELIVERED);
     again.send(Step::Deliver(sample(6))).unwrap();
@@ -327,7 +327,7 @@ fn camera_that_does_not_open_is_an_error() {
     let silent = SessionLimits { opening: Duration::from_millis(30), ..PATIENT };
     let error = open_error(None, silent);
     assert_eq!(error, "0: its driver has not answered for 0.03 s; unplug it, or end the program that uses it");
-    assert_eq!(open_error(Some(Opening::Panic), PATIENT), "0: its driver broke down");
+    assert_eq!(open_error(Some(Opening::Panic), PATIENT), "0: its driver failed");
     assert!(open_error(Some(Opening::Refuse), PATIENT).contains("another program uses it"));
     // A list that does not come.
     let (driver, _controls) = Controls::new(true);
@@ -336,7 +336,7 @@ fn camera_that_does_not_open_is_an_error() {
     let (driver, controls) = Controls::new(true);
     controls.openings.send(Opening::Panic).unwrap();
     let error = listed(DriverName::Nokhwa, driver, PATIENT).unwrap_err().to_string();
-    assert_eq!(error, "the driver nokhwa: its driver broke down");
+    assert_eq!(error, "the driver nokhwa: its driver failed");
 }
 
 #[test]
@@ -362,11 +362,11 @@ fn threads_blocked_in_a_driver_are_bounded() {
 #[test]
 fn wrong_sizes_and_damaged_pictures_are_counted_and_not_delivered() {
     let (newest, (steps, _closed), _controls) = started(PATIENT);
-    let lying = DriverPicture { delivered: Delivered { height: 2, ..DELIVERED }, ..sample(1) };
+    let lying = DriverPicture { picture_format: PictureFormat { height: 2, ..DELIVERED }, ..sample(1) };
     let damaged = DriverPicture { is_damaged: true, lost: 3, ..sample(2) };
     let short = DriverPicture { bytes: vec![7], ..sample(3) };
     // Of a length that fits no stride.
-    let odd = DriverPicture { delivered: Delivered { stride: 0, ..DELIVERED }, ..sample(4) };
+    let odd = DriverPicture { picture_format: PictureFormat { stride: 0, ..DELIVERED }, ..sample(4) };
     let samples = [lying, damaged, short, odd, sample(5)];
     samples.into_iter().for_each(|sample| steps.send(Step::Deliver(sample)).unwrap());
     assert_eq!(code(&newest), 5);
@@ -411,11 +411,11 @@ fn file_ends_after_its_last_picture_or_its_first_error() {
         let (driver, controls) = Controls::new(false);
         let (steps, _closed) = controls.capture(DELIVERED);
         steps.send(step).unwrap();
-        let newest = Camera::open(driver, "a.mkv", &Wanted::default(), PATIENT).unwrap().start().unwrap();
+        let newest = Camera::open(driver, "a.mkv", &FormatRequest::default(), PATIENT).unwrap().start().unwrap();
         if is_error {
-            assert_eq!(newest.take(Instant::now() + DEADLINE), Taken::Gone("frame 3 is damaged".to_owned()));
+            assert_eq!(newest.take(Instant::now() + DEADLINE), TakeOutcome::Gone("frame 3 is damaged".to_owned()));
         }
-        assert_eq!(newest.take(Instant::now() + DEADLINE), Taken::Ended);
+        assert_eq!(newest.take(Instant::now() + DEADLINE), TakeOutcome::Ended);
     }
 }
 
@@ -432,6 +432,6 @@ fn capture_is_closed_when_nobody_takes_its_pictures() {
     // A camera that was never started.
     let (driver, controls) = Controls::new(true);
     let (_steps, closed) = controls.capture(DELIVERED);
-    drop(Camera::open(driver, "0", &Wanted::default(), PATIENT).unwrap());
+    drop(Camera::open(driver, "0", &FormatRequest::default(), PATIENT).unwrap());
     assert!(closed.recv_timeout(DEADLINE).is_ok());
 }

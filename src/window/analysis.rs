@@ -4,7 +4,7 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::calibration_messages;
-use super::task::Ticket;
+use super::task::TaskControl;
 use locard_engine::calibrate::sharpness;
 use locard_engine::calibrate::{NoiseOptions, NoisePoint, moving, rendered_noise};
 use locard_engine::camera::Response;
@@ -96,14 +96,14 @@ pub fn analyse(
     shot: &Shot,
     frame: &Frame,
     wanted: &AnalysisRequest,
-    ticket: &Ticket,
+    control: &TaskControl,
 ) -> Analysis {
     let mut found = Analysis::default();
     let response = shot.camera().response;
     // Real and virtual edges are compared including motion blur.
     let of_edge = |pixels: &Pixels, region: Rect| edge(pixels, &response, region, [0.0; 2], wanted.edges_of);
     found.edges[0] = wanted.edges[0].map(|region| of_edge(&frame.pixels, region));
-    if wanted.noise && !ticket.is_cancelled() {
+    if wanted.noise && !control.is_cancelled() {
         let options = NoiseOptions { min_independent: MIN_INDEPENDENT_SAMPLES, ..NoiseOptions::default() };
         let real = moving::from_frames(std::slice::from_ref(&frame.pixels), &options);
         found.real = Some(real.map(|real| real.points()).map_err(|error| calibration_messages::noise_error(&error)));
@@ -111,7 +111,7 @@ pub fn analyse(
     if !(wanted.noise || wanted.histograms || wanted.edges[1].is_some()) {
         return found;
     }
-    let composited = gpu.in_error_scope(|| composited(compositor_cache, gpu, shot, frame, wanted.noise, ticket));
+    let composited = gpu.in_error_scope(|| composited(compositor_cache, gpu, shot, frame, wanted.noise, control));
     let composited = composited.map_err(|source| ShotError::Gpu { frame: frame.index, source }).and_then(|done| done);
     match composited {
         Ok(None) => {}
@@ -149,9 +149,9 @@ fn composited(
     shot: &Shot,
     frame: &Frame,
     twice: bool,
-    ticket: &Ticket,
+    control: &TaskControl,
 ) -> Result<Option<(Composited, Option<Composited>)>, ShotError> {
-    if ticket.is_cancelled() {
+    if control.is_cancelled() {
         return Ok(None);
     }
     let mut kept = compositor_cache.0.lock().unwrap_or_else(PoisonError::into_inner);
@@ -166,7 +166,7 @@ fn composited(
         compositor.collect(pending).map_err(|source| ShotError::Gpu { frame: frame.index, source })
     };
     let with = make(shot, true)?;
-    if ticket.is_cancelled() {
+    if control.is_cancelled() {
         return Ok(None);
     }
     let without = twice.then(|| {

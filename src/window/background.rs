@@ -3,7 +3,7 @@
 
 use eframe::egui::Context;
 
-use super::task::{BackgroundTask, Reporter, Ticket};
+use super::task::{BackgroundTask, Reporter, TaskControl};
 
 #[derive(Debug)]
 struct RunningTask<K, T> {
@@ -30,11 +30,11 @@ impl<K: PartialEq, T: Send + 'static> Background<K, T> {
     /// Starts a computation unless its result exists or it is running. A computation for another
     /// key is cancelled; the new one starts with a later call, when that has ended. After a panic
     /// it is not started again until another key is requested.
-    pub fn request(&mut self, ctx: &Context, key: K, work: impl FnOnce(&Ticket) -> T + Send + 'static) {
+    pub fn request(&mut self, ctx: &Context, key: K, work: impl FnOnce(&TaskControl) -> T + Send + 'static) {
         self.poll();
         if let Some(running) = &self.running {
             if running.key != key {
-                running.task.ticket().cancel();
+                running.task.control().cancel();
             }
             return;
         }
@@ -43,7 +43,7 @@ impl<K: PartialEq, T: Send + 'static> Background<K, T> {
         }
         self.failure = None;
         let ctx = ctx.clone();
-        let run = move |reporter: &Reporter<'_, T>| _ = reporter.send(work(reporter.ticket));
+        let run = move |reporter: &Reporter<'_, T>| _ = reporter.send(work(reporter.control));
         match BackgroundTask::stream("window work", move || ctx.request_repaint(), run) {
             Ok(task) => self.running = Some(RunningTask { key, task }),
             Err(error) => self.failure = Some((key, format!("no thread can be had for it: {error}"))),
@@ -54,7 +54,7 @@ impl<K: PartialEq, T: Send + 'static> Background<K, T> {
     pub fn cancel(&mut self) {
         self.poll();
         if let Some(running) = &self.running {
-            running.task.ticket().cancel();
+            running.task.control().cancel();
         }
     }
 
@@ -62,7 +62,7 @@ impl<K: PartialEq, T: Send + 'static> Background<K, T> {
         let Some(result) = self.running.as_ref().and_then(|running| running.task.take()) else { return };
         let Some(RunningTask { key, task }) = self.running.take() else { return };
         match result {
-            Ok(result) if !task.ticket().is_cancelled() => self.last = Some((key, result)),
+            Ok(result) if !task.control().is_cancelled() => self.last = Some((key, result)),
             Ok(_) => {}
             Err(why) => self.failure = Some((key, why)),
         }
@@ -90,13 +90,13 @@ impl<K: PartialEq, T: Send + 'static> Background<K, T> {
 
     /// Progress of the running computation, 0 to 1.
     pub fn progress(&self) -> Option<f32> {
-        self.running.as_ref().map(|running| running.task.ticket().progress())
+        self.running.as_ref().map(|running| running.task.control().progress())
     }
 
     /// Drops all results and cancels the running computation.
     pub fn clear(&mut self) {
         if let Some(running) = &self.running {
-            running.task.ticket().cancel();
+            running.task.control().cancel();
         }
         (self.last, self.failure) = (None, None);
     }
@@ -139,8 +139,8 @@ mod tests {
         let ctx = Context::default();
         let mut background: Background<u32, ()> = Background::default();
         let (tell, ended) = channel();
-        background.request(&ctx, 1, move |ticket| {
-            while !ticket.is_cancelled() {
+        background.request(&ctx, 1, move |control| {
+            while !control.is_cancelled() {
                 std::thread::yield_now();
             }
             tell.send(()).unwrap();
@@ -158,8 +158,8 @@ mod tests {
         let ctx = Context::default();
         let mut background: Background<u32, u32> = Background::default();
         let (go, waits) = channel::<()>();
-        background.request(&ctx, 1, move |ticket| {
-            ticket.set_progress(0.25);
+        background.request(&ctx, 1, move |control| {
+            control.set_progress(0.25);
             let _ = waits.recv();
             1
         });

@@ -13,7 +13,7 @@ use self::lens::LensPanel;
 use self::noise::NoisePanel;
 use self::sharpness::SharpnessPanel;
 use super::session::Session;
-use super::tool::Tools;
+use super::tool::ToolStack;
 use locard_engine::calibrate::NoisePoint;
 use locard_engine::pixels::Rect;
 
@@ -47,7 +47,7 @@ impl Calibrating {
         self.sharpness.cancel();
     }
 
-    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, tools: &mut Tools) {
+    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, tools: &mut ToolStack) {
         self.noise.take_picked(session, tools);
         self.sharpness.take_picked(session, tools);
         egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {

@@ -4,8 +4,8 @@
 mod chooser_purpose;
 mod choosing;
 mod dialog;
-mod exports;
 mod open;
+mod output_jobs;
 mod pending_action;
 mod recovery;
 mod save;
@@ -16,10 +16,10 @@ use std::time::Instant;
 use eframe::egui;
 
 use self::dialog::Dialog;
-use self::exports::Exports;
+use self::output_jobs::OutputJobs;
 use self::pending_action::PendingAction;
 use self::recovery::Recovery;
-use self::save::Save;
+use self::save::SaveProgress;
 use super::camera_dialog::CameraDialog;
 use super::file_kind::FileKind;
 use super::file_watch::{Change, FileWatch};
@@ -59,8 +59,8 @@ pub struct Documents {
     user_state: UserState,
     recovery: Recovery,
     watch: FileWatch,
-    pub exports: Exports,
-    save: Save,
+    pub output_jobs: OutputJobs,
+    save: SaveProgress,
     dialog: Option<Dialog>,
     /// The camera dialog as the user last confirmed it.
     last_camera_dialog: Option<CameraDialog>,
@@ -107,8 +107,8 @@ impl Documents {
 
     /// Closes windows that need no answer. Returns false if none was open.
     pub fn close_windows(&mut self) -> bool {
-        let was_open = self.exports.is_open || self.is_start_open || self.message.is_some();
-        (self.exports.is_open, self.is_start_open, self.message) = (false, false, None);
+        let was_open = self.output_jobs.is_open || self.is_start_open || self.message.is_some();
+        (self.output_jobs.is_open, self.is_start_open, self.message) = (false, false, None);
         was_open
     }
 
@@ -160,8 +160,8 @@ impl Documents {
         self.advance_save(ctx, session);
         self.open_identified_file(session);
         let confirmed = self.show_dialog(ctx, session);
-        self.exports.report_ended(session);
-        if let Some(request) = self.exports.show(ctx, session) {
+        self.output_jobs.report_ended(session);
+        if let Some(request) = self.output_jobs.show(ctx, session) {
             self.choose_output(&session.project, request);
         }
         if let Some(message) = &mut self.message
@@ -248,6 +248,6 @@ impl Documents {
     }
 
     pub fn jobs(&self) -> Option<&Jobs> {
-        self.exports.jobs()
+        self.output_jobs.jobs()
     }
 }

@@ -15,7 +15,7 @@ use super::object_actions;
 use super::placement::Placement;
 use super::scene_checks::SceneChecks;
 use super::tilt;
-use super::tool::{Tool, Tools};
+use super::tool::{Tool, ToolStack};
 use locard_engine::frame::Frame;
 use locard_engine::gpu::Gpu;
 use locard_engine::scene::{Entry, ItemPlacement, ModelCache, SceneFile, SceneItem, Size};
@@ -63,7 +63,7 @@ impl Evidence {
         project: &mut Project,
         gpu: &Gpu,
         frame: Option<&Arc<Frame>>,
-        tools: &mut Tools,
+        tools: &mut ToolStack,
     ) -> Option<String> {
         let mut message = None;
         ui.strong("Evidence");
@@ -211,13 +211,13 @@ impl Evidence {
     }
 
     /// Takes a file that was dropped into the window; the next click places it.
-    pub fn drop(&mut self, model: PathBuf, tools: &mut Tools) {
+    pub fn drop(&mut self, model: PathBuf, tools: &mut ToolStack) {
         self.library.add(&model);
         self.choose(model, tools);
     }
 
     /// Begins the placement of a model.
-    fn choose(&mut self, model: PathBuf, tools: &mut Tools) {
+    fn choose(&mut self, model: PathBuf, tools: &mut ToolStack) {
         self.ground.picked.cancel_scale();
         let placement = Placement::new(model, self.turned_deg, Arc::clone(&self.models));
         tools.begin(Tool::Place(Box::new(placement)));

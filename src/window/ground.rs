@@ -8,7 +8,7 @@ use super::fields::{numeric, rounded};
 use super::ground_pick::{GroundPick, GroundPurpose};
 use super::picked_ground::PickedGround;
 use super::point_picker::is_scaled;
-use super::tool::Tools;
+use super::tool::ToolStack;
 use locard_engine::scene::SceneFile;
 use locard_engine::shot::metres_per_unit;
 use locard_engine::text::fixed;
@@ -28,7 +28,7 @@ impl Default for GroundPanel {
 }
 
 impl GroundPanel {
-    fn begin(&mut self, purpose: GroundPurpose, tools: &mut Tools) {
+    fn begin(&mut self, purpose: GroundPurpose, tools: &mut ToolStack) {
         self.picked.cancel_scale();
         if purpose == GroundPurpose::Plane {
             self.picked.plane = None;
@@ -37,7 +37,12 @@ impl GroundPanel {
     }
 
     /// Shows the controls. Returns a message or an error.
-    pub fn show(&mut self, ui: &mut Ui, project: &mut Project, tools: &mut Tools) -> Option<Result<String, String>> {
+    pub fn show(
+        &mut self,
+        ui: &mut Ui,
+        project: &mut Project,
+        tools: &mut ToolStack,
+    ) -> Option<Result<String, String>> {
         let has_depth = project.shot().recording.has_depth();
         let is_metric = project.shot().recording.kind.is_metric();
         ui.horizontal_wrapped(|ui| {

@@ -10,7 +10,7 @@ use super::fields::{color_picker, rounded, row};
 use super::lamp_pick::{LampPick, add_above_centre};
 use super::object_actions;
 use super::theme;
-use super::tool::Tools;
+use super::tool::ToolStack;
 use locard_engine::frame::Frame;
 use locard_engine::scene::SceneItem;
 use locard_engine::scene::document::{Color, LampTable};
@@ -22,7 +22,7 @@ pub fn show(
     project: &mut Project,
     frame: Option<&Arc<Frame>>,
     selected: &mut Option<SceneItem>,
-    tools: &mut Tools,
+    tools: &mut ToolStack,
 ) -> Option<String> {
     if !project.can_place() {
         return None;

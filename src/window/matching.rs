@@ -17,9 +17,9 @@ use super::pointer_probe::PointerProbe;
 use super::progress;
 use super::region_picker::{RegionPrompt, RegionPurpose};
 use super::session::Session;
-use super::task::Ticket;
+use super::task::TaskControl;
 use super::theme::MIN_TEXT_PT;
-use super::tool::Tools;
+use super::tool::ToolStack;
 use locard_engine::calibrate::{NoisePoint, sharpness, sigma_over_profile};
 use locard_engine::camera::NoiseProfile;
 use locard_engine::measure::slanted::{MIN_EXTENT_PX, SlantedEdge};
@@ -82,7 +82,7 @@ impl Matching {
         &mut self,
         ui: &mut Ui,
         session: &mut Session,
-        tools: &mut Tools,
+        tools: &mut ToolStack,
         pointed: Option<DVec2>,
         picked: Option<&[Vec<NoisePoint>; 3]>,
     ) {
@@ -139,7 +139,7 @@ impl Matching {
         self.brightness.cancel();
     }
 
-    fn take_picked(&mut self, tools: &mut Tools) {
+    fn take_picked(&mut self, tools: &mut ToolStack) {
         for (edge, purpose) in self.edges.iter_mut().zip([RegionPurpose::RealEdge, RegionPurpose::VirtualEdge]) {
             *edge = tools.take_region(purpose).or(*edge);
         }
@@ -155,7 +155,7 @@ impl Matching {
         let (compositor_cache, key) =
             (self.compositor_cache.clone(), (frame.index, session.project.version(), wanted.clone()));
         self.analysis
-            .request(ui.ctx(), key, move |ticket| analyse(&compositor_cache, &gpu, &shot, &frame, &wanted, ticket));
+            .request(ui.ctx(), key, move |control| analyse(&compositor_cache, &gpu, &shot, &frame, &wanted, control));
     }
 
     fn noise(&self, ui: &mut Ui, session: &Session, picked: Option<&[Vec<NoisePoint>; 3]>) {
@@ -247,7 +247,7 @@ impl Matching {
         }
     }
 
-    fn edges(&mut self, ui: &mut Ui, tools: &mut Tools) {
+    fn edges(&mut self, ui: &mut Ui, tools: &mut ToolStack) {
         ui.horizontal(|ui| {
             let edge = |purpose, hint| RegionPrompt { purpose, hint, min_side_px: MIN_EXTENT_PX, repeats: false };
             let hint = GOOD_EDGE;
@@ -291,13 +291,13 @@ impl Matching {
         plot_rejected_edges(ui, out);
     }
 
-    fn patch(&mut self, ui: &mut Ui, session: &Session, tools: &mut Tools) {
+    fn patch(&mut self, ui: &mut Ui, session: &Session, tools: &mut ToolStack) {
         let hint = "Drag a rectangle: its mean brightness is followed through the frames";
         let prompt = RegionPrompt { purpose: RegionPurpose::Patch, hint, min_side_px: 1, repeats: false };
         tools.region_button(ui, "Pick a patch", prompt);
         let Some(patch) = self.patch.filter(|_| !session.is_live()) else { return };
         let recording = Arc::clone(&session.project.shot().recording);
-        self.brightness.request(ui.ctx(), patch, move |ticket| means(&recording, patch, ticket));
+        self.brightness.request(ui.ctx(), patch, move |control| means(&recording, patch, control));
         let c = self.channel;
         progress::of(ui, "Brightness over the frames", &self.brightness);
         match self.brightness.last() {
@@ -407,15 +407,15 @@ fn blur(ui: &mut Ui, session: &Session, pointed: Option<DVec2>) {
 }
 
 /// Mean of a patch over all frames.
-fn means(recording: &Recording, patch: Rect, ticket: &Ticket) -> PatchMeans {
+fn means(recording: &Recording, patch: Rect, control: &TaskControl) -> PatchMeans {
     let count = recording.frame_count();
     let mut series = Vec::with_capacity(count);
     for frame in recording.frames(0..count).map_err(|error| error.to_string())? {
-        if ticket.is_cancelled() {
+        if control.is_cancelled() {
             break;
         }
         series.push(mean(&frame.map_err(|error| error.to_string())?.pixels, patch));
-        ticket.set_progress(series.len() as f64 / count as f64);
+        control.set_progress(series.len() as f64 / count as f64);
     }
     Ok(series)
 }

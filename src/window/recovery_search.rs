@@ -98,7 +98,7 @@ impl RecoverySearch {
         }
         let task = BackgroundTask::stream("left work", wake, move |reporter| {
             let started = Instant::now();
-            while !reporter.ticket.is_cancelled() && started.elapsed() < SEARCH_TIME {
+            while !reporter.control.is_cancelled() && started.elapsed() < SEARCH_TIME {
                 sleep(POLL_INTERVAL);
                 let found = RecoverableWork::find_in(&folder);
                 if !found.is_empty() {

@@ -9,7 +9,7 @@ use super::Project;
 use super::task::BackgroundTask;
 use locard_engine::frame::Frame;
 use locard_engine::shot::{Note, ObjectIssue};
-use locard_engine::support::Tilt;
+use locard_engine::support::TiltedSupport;
 
 /// Scene version and frame index of a check.
 type CheckedState = (u64, usize);
@@ -22,7 +22,7 @@ const SETTLE_TIME: Duration = Duration::from_millis(400);
 #[derive(Default)]
 struct CheckResults {
     wrongs: Vec<ObjectIssue>,
-    tilts: Vec<Tilt>,
+    tilts: Vec<TiltedSupport>,
 }
 
 /// Placement checks for the list of evidence.
@@ -86,7 +86,7 @@ impl SceneChecks {
     }
 
     /// The tilted surface below an object of a version of the scene.
-    pub fn tilt(&self, version: u64, object: usize) -> Option<Tilt> {
+    pub fn tilt(&self, version: u64, object: usize) -> Option<TiltedSupport> {
         self.checks(version)?.tilts.iter().find(|tilt| tilt.object == object).copied()
     }
 }
@@ -108,7 +108,7 @@ mod tests {
             Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &ShotOptions::default()).unwrap();
         let support = Plane { point_m: DVec3::ZERO, normal: DVec3::Z };
         let checks = || {
-            let tilt = Tilt { object: 0, support, degrees: 3.0, gap_m: 0.01 };
+            let tilt = TiltedSupport { object: 0, support, degrees: 3.0, gap_m: 0.01 };
             CheckResults { tilts: vec![tilt], ..CheckResults::default() }
         };
         let state = (project.scene_version(), 0);

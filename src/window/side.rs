@@ -8,7 +8,7 @@ use super::controls::Controls;
 use super::matching::{self, Matching};
 use super::picture::PictureOutput;
 use super::session::Session;
-use super::tool::Tools;
+use super::tool::ToolStack;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Tab {
@@ -31,11 +31,11 @@ pub struct Side {
 
 impl Side {
     /// Shows the chosen tab. Returns the error of a rejected value.
-    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, tools: &mut Tools) -> Option<String> {
+    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, tools: &mut ToolStack) -> Option<String> {
         fixed(ui, |ui| self.within(ui, session, tools))
     }
 
-    fn within(&mut self, ui: &mut Ui, session: &mut Session, tools: &mut Tools) -> Option<String> {
+    fn within(&mut self, ui: &mut Ui, session: &mut Session, tools: &mut ToolStack) -> Option<String> {
         // In every tab, since the user may be holding a board.
         self.calibrating.process_newest(session);
         let before = self.tab;

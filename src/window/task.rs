@@ -13,13 +13,13 @@ use std::thread::{Builder, JoinHandle};
 
 /// Cancellation flag and progress of a task.
 #[derive(Clone, Debug, Default)]
-pub struct Ticket {
+pub struct TaskControl {
     cancelled: Arc<AtomicBool>,
     /// Progress in thousandths.
     progress: Arc<AtomicU32>,
 }
 
-impl Ticket {
+impl TaskControl {
     /// True if the result is no longer needed.
     pub fn is_cancelled(&self) -> bool {
         self.cancelled.load(Ordering::Acquire)
@@ -43,7 +43,7 @@ impl Ticket {
 /// The side of a task that runs on the thread.
 pub struct Reporter<'a, T> {
     values: &'a Sender<Result<T, String>>,
-    pub ticket: &'a Ticket,
+    pub control: &'a TaskControl,
     wake: &'a dyn Fn(),
 }
 
@@ -52,7 +52,7 @@ impl<T> Reporter<'_, T> {
     pub fn send(&self, value: T) -> bool {
         let is_sent = self.values.send(Ok(value)).is_ok();
         self.wake();
-        is_sent && !self.ticket.is_cancelled()
+        is_sent && !self.control.is_cancelled()
     }
 
     /// Wakes the owner.
@@ -65,7 +65,7 @@ impl<T> Reporter<'_, T> {
 #[derive(Debug)]
 pub struct BackgroundTask<T> {
     values: Receiver<Result<T, String>>,
-    ticket: Ticket,
+    control: TaskControl,
     thread: Option<JoinHandle<()>>,
     /// A drop waits for the end of the thread.
     is_joined: bool,
@@ -93,8 +93,8 @@ impl<T: Send + 'static> BackgroundTask<T> {
         wake: impl Fn() + Send + 'static,
         work: impl FnOnce(&Reporter<'_, T>) + Send + 'static,
     ) -> io::Result<Self> {
-        Self::start(name, move |values, ticket| {
-            let reporter = Reporter { values: &values, ticket: &ticket, wake: &wake };
+        Self::start(name, move |values, control| {
+            let reporter = Reporter { values: &values, control: &control, wake: &wake };
             if let Err(why) = caught(|| work(&reporter)) {
                 let _ = values.send(Err(why));
                 wake();
@@ -102,11 +102,14 @@ impl<T: Send + 'static> BackgroundTask<T> {
         })
     }
 
-    fn start(name: &str, run: impl FnOnce(Sender<Result<T, String>>, Ticket) + Send + 'static) -> io::Result<Self> {
-        let ((sender, values), ticket) = (channel(), Ticket::default());
-        let of_thread = ticket.clone();
+    fn start(
+        name: &str,
+        run: impl FnOnce(Sender<Result<T, String>>, TaskControl) + Send + 'static,
+    ) -> io::Result<Self> {
+        let ((sender, values), control) = (channel(), TaskControl::default());
+        let of_thread = control.clone();
         let thread = start_thread(name, move || run(sender, of_thread))?;
-        Ok(Self { values, ticket, thread: Some(thread), is_joined: false })
+        Ok(Self { values, control, thread: Some(thread), is_joined: false })
     }
 
     /// Lets a drop wait for the end of the thread.
@@ -120,14 +123,14 @@ impl<T: Send + 'static> BackgroundTask<T> {
         self.values.try_recv().ok()
     }
 
-    pub fn ticket(&self) -> &Ticket {
-        &self.ticket
+    pub fn control(&self) -> &TaskControl {
+        &self.control
     }
 }
 
 impl<T> Drop for BackgroundTask<T> {
     fn drop(&mut self) {
-        self.ticket.cancel();
+        self.control.cancel();
         if let Some(thread) = self.thread.take().filter(|_| self.is_joined) {
             let _ = thread.join();
         }
@@ -193,7 +196,7 @@ mod tests {
             "test",
             || (),
             move |reporter| {
-                while !reporter.ticket.is_cancelled() {
+                while !reporter.control.is_cancelled() {
                     std::thread::yield_now();
                 }
                 sender.send(()).unwrap();

@@ -33,7 +33,7 @@ impl Thumbnails {
                     let decoded = recording.frames(frame..frame + 1).ok().and_then(|mut frames| frames.next()?.ok());
                     // Decoding errors are reported where the frame itself is shown.
                     let Some(decoded) = decoded else { continue };
-                    if reporter.ticket.is_cancelled() || !reporter.send((frame, downsample(&decoded.pixels))) {
+                    if reporter.control.is_cancelled() || !reporter.send((frame, downsample(&decoded.pixels))) {
                         return;
                     }
                 }

@@ -6,7 +6,7 @@ use glam::{DQuat, DVec3};
 
 use super::Project;
 use locard_engine::scene::{Entry, ItemPlacement, SceneError};
-use locard_engine::support::Tilt;
+use locard_engine::support::TiltedSupport;
 use locard_engine::text::{fixed, millimetres};
 
 /// Cosine of the largest tilt of an upright thing, half a degree.
@@ -19,7 +19,7 @@ fn is_upright(project: &Project, entry: Entry) -> bool {
 }
 
 /// Message about the gap below an upright thing's foot.
-pub fn text(project: &Project, entry: Entry, tilt: &Tilt) -> Option<String> {
+pub fn text(project: &Project, entry: Entry, tilt: &TiltedSupport) -> Option<String> {
     is_upright(project, entry).then(|| {
         let (degrees, gap) = (fixed(tilt.degrees, 1), millimetres(tilt.gap_m));
         format!("The surface is tilted by {degrees}°: the foot hovers by up to {gap}")
@@ -27,7 +27,7 @@ pub fn text(project: &Project, entry: Entry, tilt: &Tilt) -> Option<String> {
 }
 
 /// Shows the message with the button. Returns an error.
-pub fn show(ui: &mut Ui, project: &mut Project, entry: Entry, tilt: &Tilt) -> Option<String> {
+pub fn show(ui: &mut Ui, project: &mut Project, entry: Entry, tilt: &TiltedSupport) -> Option<String> {
     let text = text(project, entry, tilt)?;
     ui.label(RichText::new(text).small().color(ui.visuals().warn_fg_color));
     let button = ui.button("On the surface");
@@ -38,7 +38,7 @@ pub fn show(ui: &mut Ui, project: &mut Project, entry: Entry, tilt: &Tilt) -> Op
 }
 
 /// Turns a thing so that its foot lies in the surface.
-pub fn put_on_surface(project: &mut Project, entry: Entry, tilt: &Tilt) -> Result<(), SceneError> {
+pub fn put_on_surface(project: &mut Project, entry: Entry, tilt: &TiltedSupport) -> Result<(), SceneError> {
     let (scene, up) = (&project.edit().scene, project.up());
     let is_ground = scene.objects.get(entry.object).is_some_and(|object| object.ground);
     let loaded = &project.shot().scene;
@@ -60,7 +60,7 @@ fn stance_on_surface(
     placement: &ItemPlacement,
     origin: DVec3,
     points: &[DVec3],
-    tilt: &Tilt,
+    tilt: &TiltedSupport,
     up: DVec3,
     is_ground: bool,
 ) -> ItemPlacement {
@@ -85,7 +85,7 @@ mod tests {
     fn foot_lies_in_the_surface_after_the_turn() {
         let normal = DVec3::new(0.1, -0.05, 1.0).normalize();
         let support = Plane { point_m: DVec3::new(0.3, 0.2, 0.4), normal };
-        let tilt = Tilt { object: 0, support, degrees: 6.4, gap_m: 0.01 };
+        let tilt = TiltedSupport { object: 0, support, degrees: 6.4, gap_m: 0.01 };
         let corners = [-0.05, 0.05].map(|x| [-0.03, 0.03].map(|y| [0.0, 0.1].map(|z| DVec3::new(x, y, z))));
         let points: Vec<DVec3> = corners.into_iter().flatten().flatten().collect();
         let placement = ItemPlacement {

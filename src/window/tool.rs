@@ -50,7 +50,7 @@ impl Tool {
 
 /// The active tool, and the tools that it interrupts.
 #[derive(Debug, Default)]
-pub struct Tools {
+pub struct ToolStack {
     active: Tool,
     /// The last one resumes when the active tool ends.
     interrupted: Vec<Tool>,
@@ -58,7 +58,7 @@ pub struct Tools {
     picked_region: Option<(RegionPurpose, Option<Rect>)>,
 }
 
-impl Tools {
+impl ToolStack {
     pub fn active(&self) -> &Tool {
         &self.active
     }
@@ -266,7 +266,7 @@ mod tests {
 
     #[test]
     fn interrupted_tool_resumes_and_cancel_ends_all() {
-        let mut tools = Tools::default();
+        let mut tools = ToolStack::default();
         assert!(!tools.cancel());
         tools.begin(Tool::PickLamp(LampPick::White));
         tools.toggle_region_pick(region(RegionPurpose::Edge));

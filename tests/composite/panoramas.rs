@@ -11,7 +11,7 @@ use crate::program;
 use crate::tier::fast_or_full;
 use glam::{DAffine3, DQuat, DVec2, DVec3};
 use locard::camera::{Camera, Distortion, Geometry, Intrinsics, LensModel, NoiseBin, NoiseProfile};
-use locard::compositor::{Composited, Compositor, IN_FLIGHT, Input, Settings, Stream};
+use locard::compositor::{Composited, Compositor, IN_FLIGHT, Settings, StreamFrame, StreamInputs};
 use locard::grey_image::GreyImage;
 use locard::measure::displacement::{DisplacementOptions, displacements};
 use locard::params::Value;
@@ -256,7 +256,7 @@ fn footage_around_objects_is_unchanged_and_frames_are_independent() {
         let track = turning(1.2, DQuat::IDENTITY);
         let frame = |n: usize| gpu::frame(n, n as f64 * 0.02, speckled(&geometry));
         let settings = settings();
-        let stream = Stream {
+        let inputs = StreamInputs {
             camera: Cow::Borrowed(&camera),
             settings: &settings,
             track: &track,
@@ -265,9 +265,9 @@ fn footage_around_objects_is_unchanged_and_frames_are_independent() {
         };
         let run = |range: std::ops::Range<usize>| -> Vec<Composited> {
             let mut compositor = Compositor::new(gpu::gpu().clone(), scene.clone());
-            let input = |n| Input { frame: frame(n), geometry: geometry.clone(), interval_s: 0.02 };
+            let input = |n| StreamFrame { frame: frame(n), geometry: geometry.clone(), interval_s: 0.02 };
             let frames = range.map(|n| Ok::<_, std::io::Error>(input(n)));
-            compositor.run(stream.clone(), frames).map(Result::unwrap).collect()
+            compositor.composite_stream(inputs.clone(), frames).map(Result::unwrap).collect()
         };
         let (frames, alone) = fast_or_full((3, [2, 1]), (4, [3, 1]));
         let all = run(0..frames);

@@ -16,7 +16,7 @@ use locard::recording::recorder::{Recorder, RecordingInfo};
 use locard::recording::{FrameCamera, OpenOptions, Recording};
 use locard::shot::{Shot, ShotOptions};
 use locard::stream::{LensState, OpenLens};
-use locard::webcam::{Delivered, Layout, Picture};
+use locard::webcam::{Layout, Picture, PictureFormat};
 
 const SIZE: (u32, u32) = (96, 72);
 const INTERVAL_S: f64 = 1.0 / 30.0;
@@ -62,8 +62,9 @@ fn picture(layout: Layout, i: usize, time_s: f64) -> Picture {
             (0, file)
         }
     };
-    let delivered = Delivered { layout, width, height, stride, range: ColorRange::Limited, matrix: ColorMatrix::Bt601 };
-    Picture { delivered, bytes, time_s, exposure_s: None }
+    let picture_format =
+        PictureFormat { layout, width, height, stride, range: ColorRange::Limited, matrix: ColorMatrix::Bt601 };
+    Picture { picture_format, bytes, time_s, exposure_s: None }
 }
 
 #[derive(Clone, Copy)]

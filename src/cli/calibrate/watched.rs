@@ -24,8 +24,8 @@ pub fn collect_views(
 ) -> Result<ViewCollector> {
     let mut search = BoardDetector::new(board, response)?;
     let camera = OpenCamera::without_poses(camera, pictures)?;
-    let (delivered, interval_s) = (camera.opened.camera.given.delivered, camera.opened.interval_s);
-    let mut collector = ViewCollector::new((delivered.width, delivered.height), wanted, options);
+    let (format, interval_s) = (camera.opened.camera.negotiated.picture_format, camera.opened.interval_s);
+    let mut collector = ViewCollector::new((format.width, format.height), wanted, options);
     let line = progress_of(pictures.quiet, 0, "{wide_msg}");
     let mut session = camera.start()?;
     let (mut frames, mut searched_s) = (0, f64::NEG_INFINITY);

@@ -13,11 +13,14 @@ use crate::gpu::{Bytes, Gpu, constants};
 
 /// Texels to each side. The same as in shaders/depth_of_field.wgsl.
 const REACH: i32 = 13;
-/// Number of radii with a rim, radii per texel, and the radius up to which texels are counted one
-/// by one.
-const RIMS: usize = 64;
-const STEPS: f64 = 4.0;
-const COUNTED: f64 = 8.0;
+/// Number of radii in the table of rims, from 0 up to this one. The same as in
+/// shaders/depth_of_field.wgsl.
+const RIM_COUNT: usize = 64;
+/// Radii in the table of rims per texel.
+const RADII_PER_TEXEL: f64 = 4.0;
+/// Radius up to which rims are found by counting texels, texels. Larger ones follow from the second
+/// moment.
+const MAX_COUNTED_RADIUS: f64 = 8.0;
 
 /// The shape of an aperture, without its size and focus: key of its tables.
 #[derive(Clone, Debug, PartialEq)]
@@ -90,12 +93,12 @@ fn places(aperture: &Aperture) -> impl Iterator<Item = [[f64; 2]; 2]> {
 /// The rim at each radius, and the distance of the outermost texels' centres from the middle.
 fn rims(aperture: &Aperture) -> Vec<[f64; 2]> {
     let apothem = aperture.apothem();
-    let counted = Counted::new(aperture);
-    (0..=RIMS)
+    let counter = TexelCounter::new(aperture);
+    (0..=RIM_COUNT)
         .map(|i| {
-            let radius = i as f64 / STEPS;
-            let rim = if radius < COUNTED {
-                counted.rim(radius, apothem)
+            let radius = i as f64 / RADII_PER_TEXEL;
+            let rim = if radius < MAX_COUNTED_RADIUS {
+                counter.rim(radius, apothem)
             } else {
                 // A soft rim of half a texel adds 1/8 to a circle's second moment and removes 1/48.
                 (radius * radius - 0.104 / aperture.variance()).sqrt() * apothem + 0.5
@@ -105,8 +108,8 @@ fn rims(aperture: &Aperture) -> Vec<[f64; 2]> {
         .collect()
 }
 
-/// The data for counting texels one by one.
-struct Counted {
+/// Finds rims by the share of each texel.
+struct TexelCounter {
     reach: i32,
     /// Row by row.
     places: Vec<f64>,
@@ -114,9 +117,9 @@ struct Counted {
     points: Vec<[f64; 2]>,
 }
 
-impl Counted {
+impl TexelCounter {
     fn new(aperture: &Aperture) -> Self {
-        let reach = COUNTED as i32 + 3;
+        let reach = MAX_COUNTED_RADIUS as i32 + 3;
         let places = square(reach).map(|(x, y)| place(aperture, x, y)).collect();
         Self { reach, places, points: (0..2000).map(|i| aperture.sequence(i)).collect() }
     }
@@ -153,7 +156,7 @@ fn width(light: impl Iterator<Item = (f64, f64)>) -> f64 {
     const PLACES: usize = 5;
     let light: Vec<_> = light.filter(|(_, weight)| *weight > 0.0).collect();
     let all: f64 = light.iter().map(|(_, weight)| weight).sum();
-    let reach = COUNTED as i32 + 4;
+    let reach = MAX_COUNTED_RADIUS as i32 + 4;
     let width_at = |edge: f64| {
         let profile: Vec<f64> = (-reach..=reach)
             .map(|x| {
@@ -184,8 +187,8 @@ mod tests {
         let holds = |name| constant(shader, name) as usize;
         let columns = 2 * REACH as usize + 1;
         assert_eq!(
-            ["RIMS", "REACH", "COLUMNS", "PLACES"].map(holds),
-            [RIMS, REACH as usize, columns, columns * columns]
+            ["RIM_COUNT", "REACH", "COLUMNS", "PLACES"].map(holds),
+            [RIM_COUNT, REACH as usize, columns, columns * columns]
         );
     }
 }

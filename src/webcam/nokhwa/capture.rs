@@ -10,7 +10,7 @@ use super::system::System;
 use crate::webcam::buffer;
 use crate::webcam::clock::monotonic_s;
 use crate::webcam::driver::{Capture, DriverPicture};
-use crate::webcam::picture::Delivered;
+use crate::webcam::picture::PictureFormat;
 
 /// The numbers of the cameras that this program has open.
 static OPEN: Mutex<Vec<usize>> = Mutex::new(Vec::new());
@@ -44,7 +44,7 @@ impl Drop for OpenNumber {
 pub struct NokhwaCapture {
     camera: Camera,
     format: CameraFormat,
-    delivered: Delivered,
+    picture_format: PictureFormat,
     system: System,
     _number: OpenNumber,
 }
@@ -54,13 +54,13 @@ impl NokhwaCapture {
         number: usize,
         mut camera: Camera,
         format: CameraFormat,
-        delivered: Delivered,
+        picture_format: PictureFormat,
         system: System,
     ) -> Result<Self, NokhwaError> {
         if system.opens_stream_early() {
             camera.open_stream()?;
         }
-        Ok(Self { camera, format, delivered, system, _number: OpenNumber::new(number) })
+        Ok(Self { camera, format, picture_format, system, _number: OpenNumber::new(number) })
     }
 }
 
@@ -73,9 +73,9 @@ impl Capture for NokhwaCapture {
         let arrived_s = monotonic_s();
         let is_agreed =
             buffer.resolution() == self.format.resolution() && buffer.source_frame_format() == self.format.format();
-        let (delivered, bytes) = buffer::fit(self.delivered, buffer.buffer_bytes().into());
+        let (picture_format, bytes) = buffer::fit(self.picture_format, buffer.buffer_bytes().into());
         Ok(Some(DriverPicture {
-            delivered,
+            picture_format,
             bytes,
             stamp: self.system.stamp(buffer.capture_timestamp()),
             arrived_s,

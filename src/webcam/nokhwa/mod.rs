@@ -21,9 +21,9 @@ use super::choose;
 use super::driver::{Capture, Driver};
 use super::driver_name::DriverName;
 use super::error::CameraError;
-use super::list::Listed;
-use super::picture::{Delivered, Layout};
-use super::wanted::{Assumed, Given, TimeSource, Wanted};
+use super::list::CameraListing;
+use super::negotiation::{AssumedColor, FormatRequest, NegotiatedFormat, TimeSource};
+use super::picture::{Layout, PictureFormat};
 use crate::coding::{ColorMatrix, ColorRange};
 use crate::text::quoted;
 
@@ -59,7 +59,7 @@ impl Driver for Nokhwa {
         if answer.recv_timeout(PERMISSION_LIMIT).unwrap_or(false) { Ok(()) } else { Err(CameraError::NotAllowed) }
     }
 
-    fn cameras(&self) -> Result<Vec<Listed>, CameraError> {
+    fn cameras(&self) -> Result<Vec<CameraListing>, CameraError> {
         let listed = |camera: FoundCamera| {
             let modes = if System::CURRENT.opens_to_list() && capture::is_open(camera.number) {
                 Err(format!("{}: is open in this program", camera.name))
@@ -71,7 +71,7 @@ impl Driver for Nokhwa {
                 }
             };
             let FoundCamera { number, name, place } = camera;
-            Some(Listed { driver: DriverName::Nokhwa, number, name, place, modes })
+            Some(CameraListing { driver: DriverName::Nokhwa, number, name, place, modes })
         };
         Ok(found()?.into_iter().filter_map(listed).collect())
     }
@@ -83,7 +83,7 @@ impl Driver for Nokhwa {
         same.or_else(|| by_name.next()).map(|camera| camera.number.to_string())
     }
 
-    fn open(&self, id: &str, wanted: &Wanted) -> Result<(Box<dyn Capture>, Given), CameraError> {
+    fn open(&self, id: &str, requested: &FormatRequest) -> Result<(Box<dyn Capture>, NegotiatedFormat), CameraError> {
         let cameras = found()?;
         let names = || cameras.iter().map(|camera| format!("{} ({})", camera.number, camera.name)).collect();
         let camera = cameras.iter().find(|camera| Some(camera.number) == number(id));
@@ -91,8 +91,8 @@ impl Driver for Nokhwa {
         let FoundCamera { number, name, .. } = camera.ok_or_else(none)?;
         let refused = |error| errors::camera_error(name, &error);
         let offered = modes::offered(*number, name)?;
-        let mode = choose::exact(&offered, wanted)
-            .ok_or_else(|| CameraError::layout(name, &choose::names(wanted.layout), &offered))?;
+        let mode = choose::exact(&offered, requested)
+            .ok_or_else(|| CameraError::layout(name, &choose::names(requested.layout), &offered))?;
         let (width, height) = mode.size;
         let format = system::format_of(mode.layout);
         let exact = CameraFormat::new(Resolution::new(width, height), format, mode.rate_hz as u32);
@@ -102,35 +102,35 @@ impl Driver for Nokhwa {
         #[cfg(target_os = "linux")]
         super::v4l2::set_mode(*number, &mode)?;
         let camera = ::nokhwa::Camera::new(CameraIndex::Index(*number as u32), request).map_err(refused)?;
-        let delivered = delivered(mode.layout, mode.size, wanted);
-        let capture = NokhwaCapture::new(*number, camera, exact, delivered, System::CURRENT).map_err(refused)?;
+        let picture_format = picture_format(mode.layout, mode.size, requested);
+        let capture = NokhwaCapture::new(*number, camera, exact, picture_format, System::CURRENT).map_err(refused)?;
         let is_ycbcr = mode.layout.is_ycbcr();
         let has_matrix = is_ycbcr && mode.layout != Layout::Grey;
-        let given = Given {
+        let negotiated = NegotiatedFormat {
             driver: DriverName::Nokhwa,
             name: name.clone(),
-            delivered,
+            picture_format,
             rate_hz: Some(mode.rate_hz),
             times: if System::CURRENT == System::Windows { TimeSource::CameraClock } else { TimeSource::WallClock },
             has_exposure: false,
-            assumed: Assumed {
-                range: is_ycbcr && wanted.range.is_none(),
-                matrix: has_matrix && wanted.matrix.is_none(),
+            assumed: AssumedColor {
+                range: is_ycbcr && requested.range.is_none(),
+                matrix: has_matrix && requested.matrix.is_none(),
             },
             warnings: Vec::new(),
         };
-        Ok((Box::new(capture), given))
+        Ok((Box::new(capture), negotiated))
     }
 }
 
 /// Y'CbCr is assumed to be BT.601 in limited range, unless the request overrides it.
-fn delivered(layout: Layout, (width, height): (u32, u32), wanted: &Wanted) -> Delivered {
+fn picture_format(layout: Layout, (width, height): (u32, u32), requested: &FormatRequest) -> PictureFormat {
     let (matrix, range) = match layout {
         Layout::Rgb => (ColorMatrix::Rgb, ColorRange::Full),
         Layout::Mjpeg => (ColorMatrix::Bt601, ColorRange::Full),
         Layout::Yuyv | Layout::Nv12 | Layout::Grey => {
-            (wanted.matrix.unwrap_or(ColorMatrix::Bt601), wanted.range.unwrap_or(ColorRange::Limited))
+            (requested.matrix.unwrap_or(ColorMatrix::Bt601), requested.range.unwrap_or(ColorRange::Limited))
         }
     };
-    Delivered { layout, width, height, stride: layout.row_bytes(width), range, matrix }
+    PictureFormat { layout, width, height, stride: layout.row_bytes(width), range, matrix }
 }

@@ -113,7 +113,7 @@ fn without_aborts(offered: &[CameraFormat]) -> Vec<CameraFormat> {
 mod tests {
     use super::*;
     use crate::webcam::choose;
-    use crate::webcam::wanted::Wanted;
+    use crate::webcam::negotiation::FormatRequest;
     use nokhwa::utils::FrameFormat::{self, GRAY, MJPEG, NV12, RAWBGR, YUYV};
     use nokhwa::utils::Resolution;
 
@@ -182,7 +182,7 @@ mod tests {
         let modes = modes(System::MacOs, &offered);
         assert_eq!(summary(&modes), ["yuyv 160x120 at 29.00 Hz", "yuyv 1280x720 at 10.00 Hz"]);
         // The fast 720p would be paired with the slow one's range.
-        let wanted = Wanted { size: hd, ..Wanted::default() };
-        assert_eq!(choose::exact(&modes, &wanted).unwrap().rate_hz, 10.0);
+        let requested = FormatRequest { size: hd, ..FormatRequest::default() };
+        assert_eq!(choose::exact(&modes, &requested).unwrap().rate_hz, 10.0);
     }
 }

@@ -15,9 +15,9 @@ use crate::webcam::clock::monotonic_s;
 use crate::webcam::driver::{Capture, Driver, DriverPicture, Stamp};
 use crate::webcam::driver_name::DriverName;
 use crate::webcam::error::CameraError;
-use crate::webcam::list::Listed;
-use crate::webcam::picture::Delivered;
-use crate::webcam::wanted::{Assumed, Given, TimeSource, Wanted};
+use crate::webcam::list::CameraListing;
+use crate::webcam::negotiation::{AssumedColor, FormatRequest, NegotiatedFormat, TimeSource};
+use crate::webcam::picture::PictureFormat;
 
 /// Limits of the driver's wait for a picture. They are below those of [`SessionLimits::default`],
 /// so that the driver reports a stall first.
@@ -41,7 +41,7 @@ pub struct V4l2;
 struct V4l2Capture {
     device: Device,
     stream: Stream<'static>,
-    delivered: Delivered,
+    picture_format: PictureFormat,
     stamps: BufferStamps,
     /// Last known exposure time, seconds.
     exposure_s: Option<f64>,
@@ -55,7 +55,7 @@ struct BufferStamps {
 }
 
 impl Driver for V4l2 {
-    fn cameras(&self) -> Result<Vec<Listed>, CameraError> {
+    fn cameras(&self) -> Result<Vec<CameraListing>, CameraError> {
         Ok(negotiate::cameras())
     }
 
@@ -63,7 +63,7 @@ impl Driver for V4l2 {
         negotiate::find(number(id)?, name).map(|number| number.to_string())
     }
 
-    fn open(&self, id: &str, wanted: &Wanted) -> Result<(Box<dyn Capture>, Given), CameraError> {
+    fn open(&self, id: &str, requested: &FormatRequest) -> Result<(Box<dyn Capture>, NegotiatedFormat), CameraError> {
         let none = || CameraError::None { asked: id.to_owned(), found: names() };
         let number = number(id).ok_or_else(none)?;
         let path = path_of(number);
@@ -71,24 +71,24 @@ impl Driver for V4l2 {
             return Err(none());
         }
         let device = open(&path)?;
-        let (delivered, rate_hz) = agree(&device, &path, wanted)?;
+        let (picture_format, rate_hz) = agree(&device, &path, requested)?;
         // Another program that takes pictures is found here.
         let stream = asked(|| Stream::with_buffers(&device, Type::VideoCapture, BUFFERS));
         let stream = stream.map_err(|error| why(&path, error))?;
         let exposure_s = exposure(&device);
-        let given = Given {
+        let negotiated = NegotiatedFormat {
             driver: DriverName::V4l2,
             name: name_of(number),
-            delivered,
+            picture_format,
             rate_hz,
             times: TimeSource::Driver,
             has_exposure: exposure_s.is_some(),
-            assumed: Assumed::default(),
+            assumed: AssumedColor::default(),
             warnings: Vec::new(),
         };
         let stamps = BufferStamps { before: None, rate_hz };
-        let capture = V4l2Capture { device, stream, delivered, stamps, exposure_s, exposure_read: None };
-        Ok((Box::new(capture), given))
+        let capture = V4l2Capture { device, stream, picture_format, stamps, exposure_s, exposure_read: None };
+        Ok((Box::new(capture), negotiated))
     }
 }
 
@@ -106,7 +106,7 @@ impl Capture for V4l2Capture {
         // Drivers that do not report the length have filled the buffer.
         let length = if metadata.bytesused == 0 { bytes.len() } else { metadata.bytesused as usize };
         Ok(Some(DriverPicture {
-            delivered: self.delivered,
+            picture_format: self.picture_format,
             bytes: bytes.get(..length).unwrap_or(bytes).to_vec(),
             stamp: stamp(metadata),
             arrived_s,

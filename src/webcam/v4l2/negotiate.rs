@@ -17,10 +17,10 @@ use crate::text::{quoted, reason};
 use crate::webcam::choose::{self, ExactMode};
 use crate::webcam::driver_name::DriverName;
 use crate::webcam::error::CameraError;
-use crate::webcam::list::{CameraMode, Listed};
-use crate::webcam::picture::{Delivered, Layout};
+use crate::webcam::list::{CameraListing, CameraMode};
+use crate::webcam::negotiation::FormatRequest;
+use crate::webcam::picture::{Layout, PictureFormat};
 use crate::webcam::session::guarded;
-use crate::webcam::wanted::Wanted;
 
 const CODES: [(Layout, &[u8; 4]); 6] = [
     (Layout::Yuyv, b"YUYV"),
@@ -76,17 +76,17 @@ fn takes_pictures(device: &Device) -> bool {
     known.is_ok_and(|caps| caps.contains(Flags::VIDEO_CAPTURE | Flags::STREAMING))
 }
 
-pub fn cameras() -> Vec<Listed> {
+pub fn cameras() -> Vec<CameraListing> {
     numbers().into_iter().filter_map(listed).collect()
 }
 
-fn listed(number: usize) -> Option<Listed> {
+fn listed(number: usize) -> Option<CameraListing> {
     let modes = match modes_of(number) {
         Err(CameraError::TakesNone { .. }) => return None,
         modes => modes.map_err(|error| error.to_string()),
     };
     let place = path_of(number).display().to_string();
-    Some(Listed { driver: DriverName::V4l2, number, name: name_of(number), place, modes })
+    Some(CameraListing { driver: DriverName::V4l2, number, name: name_of(number), place, modes })
 }
 
 /// Opens a device.
@@ -160,15 +160,19 @@ fn interval(rate_hz: f64) -> Fraction {
 
 /// Sets the camera's format closest to the wanted one. Returns the negotiated format, and the rate,
 /// Hz.
-pub fn agree(device: &Device, path: &Path, wanted: &Wanted) -> Result<(Delivered, Option<f64>), CameraError> {
+pub fn agree(
+    device: &Device,
+    path: &Path,
+    requested: &FormatRequest,
+) -> Result<(PictureFormat, Option<f64>), CameraError> {
     let failed = |error| why(path, error);
     if !takes_pictures(device) {
         return Err(CameraError::TakesNone { camera: path.display().to_string() });
     }
     let offered = modes(device).map_err(failed)?;
-    let refused = || CameraError::layout(&path.display().to_string(), &choose::names(wanted.layout), &offered);
-    let layout = choose::layout(&offered, wanted).ok_or_else(refused)?;
-    let nearest = ExactMode { layout, size: wanted.size, rate_hz: wanted.rate_hz };
+    let refused = || CameraError::layout(&path.display().to_string(), &choose::names(requested.layout), &offered);
+    let layout = choose::layout(&offered, requested).ok_or_else(refused)?;
+    let nearest = ExactMode { layout, size: requested.size, rate_hz: requested.rate_hz };
     let (format, rate_hz) = set(device, &nearest).map_err(failed)?;
     let layout = layout_of(format.fourcc).ok_or_else(|| CameraError::Layout {
         camera: path.display().to_string(),
@@ -176,7 +180,7 @@ pub fn agree(device: &Device, path: &Path, wanted: &Wanted) -> Result<(Delivered
         has: quoted(format.fourcc.str().unwrap_or("????")),
     })?;
     let ycbcr_enc = encoding::stated(device).unwrap_or(encoding::DEFAULT);
-    Ok((delivered(&format, ycbcr_enc, layout, wanted), rate_hz))
+    Ok((picture_format(&format, ycbcr_enc, layout, requested), rate_hz))
 }
 
 /// Sets the mode that is nearest to one. Returns its format, and its rate, Hz.
@@ -209,7 +213,7 @@ pub fn modes_of(number: usize) -> Result<Vec<CameraMode>, CameraError> {
 
 /// A range that the driver leaves open follows from its colour space (V4L2_MAP_QUANTIZATION_DEFAULT
 /// of the kernel's videodev2.h).
-fn delivered(format: &Format, ycbcr_enc: u32, layout: Layout, wanted: &Wanted) -> Delivered {
+fn picture_format(format: &Format, ycbcr_enc: u32, layout: Layout, requested: &FormatRequest) -> PictureFormat {
     let matrix = encoding::matrix(ycbcr_enc, format.colorspace);
     let range = match (format.quantization, format.colorspace) {
         (Quantization::FullRange, _) | (Quantization::Default, Colorspace::JPEG) => ColorRange::Full,
@@ -218,10 +222,12 @@ fn delivered(format: &Format, ycbcr_enc: u32, layout: Layout, wanted: &Wanted) -
     let (matrix, range) = match layout {
         Layout::Rgb => (ColorMatrix::Rgb, ColorRange::Full),
         Layout::Mjpeg => (ColorMatrix::Bt601, ColorRange::Full),
-        Layout::Yuyv | Layout::Nv12 | Layout::Grey => (wanted.matrix.unwrap_or(matrix), wanted.range.unwrap_or(range)),
+        Layout::Yuyv | Layout::Nv12 | Layout::Grey => {
+            (requested.matrix.unwrap_or(matrix), requested.range.unwrap_or(range))
+        }
     };
     let Format { width, height, stride, .. } = *format;
-    Delivered { layout, width, height, stride: stride as usize, range, matrix }
+    PictureFormat { layout, width, height, stride: stride as usize, range, matrix }
 }
 
 #[cfg(test)]
@@ -239,13 +245,13 @@ mod tests {
 
     #[test]
     fn range_and_matrix_are_the_drivers_or_the_kernels_defaults() {
-        let of = |colorspace, quantization, layout, wanted: Wanted| {
+        let of = |colorspace, quantization, layout, requested: FormatRequest| {
             let format = Format { colorspace, quantization, ..Format::new(2, 2, FourCC::new(b"YUYV")) };
-            let delivered = delivered(&format, encoding::DEFAULT, layout, &wanted);
-            (delivered.matrix, delivered.range)
+            let picture_format = picture_format(&format, encoding::DEFAULT, layout, &requested);
+            (picture_format.matrix, picture_format.range)
         };
-        let none = Wanted::default();
-        let bt709 = delivered(&Format::new(2, 2, FourCC::new(b"YUYV")), 2, Layout::Yuyv, &none);
+        let none = FormatRequest::default();
+        let bt709 = picture_format(&Format::new(2, 2, FourCC::new(b"YUYV")), 2, Layout::Yuyv, &none);
         assert_eq!(bt709.matrix, ColorMatrix::Bt709);
         let (srgb, unsaid) = (Colorspace::SRGB, Quantization::Default);
         assert_eq!(of(srgb, unsaid, Layout::Yuyv, none), (ColorMatrix::Bt601, ColorRange::Limited));
@@ -253,7 +259,7 @@ mod tests {
         let full = Quantization::FullRange;
         assert_eq!(of(Colorspace::Rec709, full, Layout::Nv12, none), (ColorMatrix::Bt709, ColorRange::Full));
         assert_eq!(of(Colorspace::Rec709, unsaid, Layout::Mjpeg, none), (ColorMatrix::Bt601, ColorRange::Full));
-        let said = Wanted { range: Some(ColorRange::Full), matrix: Some(ColorMatrix::Bt2020), ..none };
+        let said = FormatRequest { range: Some(ColorRange::Full), matrix: Some(ColorMatrix::Bt2020), ..none };
         assert_eq!(of(srgb, unsaid, Layout::Yuyv, said), (ColorMatrix::Bt2020, ColorRange::Full));
         assert_eq!(of(srgb, unsaid, Layout::Rgb, said), (ColorMatrix::Rgb, ColorRange::Full));
     }

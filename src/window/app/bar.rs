@@ -56,7 +56,7 @@ impl App {
             if ui.add_enabled(unsaved, egui::Button::new("Save")).on_hover_text("Ctrl+S").clicked() {
                 self.documents.save();
             }
-            ui.toggle_value(&mut self.documents.exports.is_open, "Export").on_hover_text("Ctrl+E");
+            ui.toggle_value(&mut self.documents.output_jobs.is_open, "Export").on_hover_text("Ctrl+E");
             ui.separator();
             if ui.selectable_label(self.document.view.zoom.is_none(), "Fit").on_hover_text("F").clicked() {
                 self.document.view.zoom = None;

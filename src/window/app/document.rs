@@ -10,7 +10,7 @@ use super::super::picture_transform::PictureTransform;
 use super::super::session::Session;
 use super::super::side::Side;
 use super::super::timeline::StripDrag;
-use super::super::tool::Tools;
+use super::super::tool::ToolStack;
 use super::super::warnings::Warnings;
 
 /// The open document.
@@ -20,7 +20,7 @@ pub(super) struct OpenDocument {
     pub view: View,
     pub side: Side,
     pub evidence: Evidence,
-    pub tools: Tools,
+    pub tools: ToolStack,
     pub handles: Handles,
     /// The user closed the notice that the camera is missing.
     pub hides_obstacle: bool,
@@ -40,7 +40,7 @@ impl OpenDocument {
             view: View::default(),
             side: Side::default(),
             evidence: Evidence::default(),
-            tools: Tools::default(),
+            tools: ToolStack::default(),
             handles: Handles::default(),
             hides_obstacle: false,
             refusal: None,

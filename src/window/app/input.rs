@@ -41,7 +41,7 @@ impl App {
             Action::Redo => self.redo(),
             Action::Save => self.documents.save(),
             Action::Open => self.documents.open(&document.session.project),
-            Action::Export => self.documents.exports.is_open = !self.documents.exports.is_open,
+            Action::Export => self.documents.output_jobs.is_open = !self.documents.output_jobs.is_open,
             Action::Theme => theme::toggle(ctx),
             Action::Transform(command) => {
                 if !is_live {

@@ -149,7 +149,7 @@ impl App {
 
     /// Settings, plots and calibration, with the offer to analyse the footage above them.
     fn adjustments_panel(&mut self, ui: &mut Ui) {
-        self.documents.exports.show_analysis_offer(ui, &mut self.document.session);
+        self.documents.output_jobs.show_analysis_offer(ui, &mut self.document.session);
         if let Some(refused) = self.document.side.show(ui, &mut self.document.session, &mut self.document.tools) {
             self.document.session.show_message(refused);
         }

@@ -13,8 +13,8 @@ use super::super::plots::{self, Axes, DataSource};
 use super::super::progress;
 use super::super::region_picker::{RegionPrompt, RegionPurpose};
 use super::super::session::Session;
-use super::super::task::Ticket;
-use super::super::tool::Tools;
+use super::super::task::TaskControl;
+use super::super::tool::ToolStack;
 use super::parts::{self, FrameRegion, ListAction, RegionVerdict};
 use locard_engine::calibrate::{
     NoisePoint, PickedError, PickedNoise, PickedRegion, SceneMotion, min_side_px, picked_noise, sigma_over_profile,
@@ -109,14 +109,14 @@ impl NoisePanel {
     }
 
     /// Takes a newly picked region.
-    pub fn take_picked(&mut self, session: &Session, tools: &mut Tools) {
+    pub fn take_picked(&mut self, session: &Session, tools: &mut ToolStack) {
         if let Some(picked) = parts::answer(tools, RegionPurpose::PlainPlace, session) {
             self.places.push(picked);
             self.verdicts.push(RegionVerdict::Waits);
         }
     }
 
-    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, tools: &mut Tools) {
+    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, tools: &mut ToolStack) {
         parts::aside(ui, "Pick places of one colour, dark ones and bright ones: paper, walls, a table.");
         let wanted = RegionPrompt {
             purpose: RegionPurpose::PlainPlace,
@@ -143,7 +143,7 @@ impl NoisePanel {
         let is_current = is_taken || self.measured.is_of(&of);
         if !session.player.playing && !is_taken {
             let (shot, request) = (session.project.shot().clone(), of);
-            self.measured.request(ui.ctx(), request.clone(), move |ticket| measure(&shot, &frame, &request, ticket));
+            self.measured.request(ui.ctx(), request.clone(), move |control| measure(&shot, &frame, &request, control));
         }
         if is_same {
             self.verdicts.clone_from(&found.verdicts);
@@ -268,12 +268,12 @@ fn excess_noise_ratio(points: &[Vec<NoisePoint>; 3], present: &NoiseProfile) -> 
     Some(over).filter(|over| *over > EXCESS_NOISE_RATIO)
 }
 
-fn measure(shot: &Shot, shown: &Arc<Frame>, of: &NoiseRequest, ticket: &Ticket) -> NoiseResult {
+fn measure(shot: &Shot, shown: &Arc<Frame>, of: &NoiseRequest, control: &TaskControl) -> NoiseResult {
     let failed = |why: String| NoiseResult {
         verdicts: vec![RegionVerdict::Waits; of.places.len()],
-        noise: Some(Err(why)).filter(|_| !ticket.is_cancelled()),
+        noise: Some(Err(why)).filter(|_| !control.is_cancelled()),
     };
-    let places = match read(shot, shown, of, ticket) {
+    let places = match read(shot, shown, of, control) {
         Ok(places) => places,
         Err(why) => return failed(why),
     };
@@ -292,7 +292,7 @@ fn measure(shot: &Shot, shown: &Arc<Frame>, of: &NoiseRequest, ticket: &Ticket) 
 
 /// Reads the pixels of the regions. Each frame is decoded once, and only the regions' pixels are
 /// kept.
-fn read(shot: &Shot, shown: &Frame, of: &NoiseRequest, ticket: &Ticket) -> Result<Vec<PickedRegion>, String> {
+fn read(shot: &Shot, shown: &Frame, of: &NoiseRequest, control: &TaskControl) -> Result<Vec<PickedRegion>, String> {
     let [first, last] = of.frames;
     let wanted: BTreeSet<usize> = match of.motion {
         SceneMotion::Resting => {
@@ -302,7 +302,7 @@ fn read(shot: &Shot, shown: &Frame, of: &NoiseRequest, ticket: &Ticket) -> Resul
     };
     let mut places: Vec<PickedRegion> = of.places.iter().map(|place| PickedRegion::new(place.at)).collect();
     for (n, frame) in wanted.iter().enumerate() {
-        if ticket.is_cancelled() {
+        if control.is_cancelled() {
             return Err(String::new());
         }
         let read = if shown.index == *frame { None } else { Some(shot.read(*frame).map_err(|e| e.to_string())?) };
@@ -312,7 +312,7 @@ fn read(shot: &Shot, shown: &Frame, of: &NoiseRequest, ticket: &Ticket) -> Resul
                 place.add(pixels).map_err(|error| calibration_messages::picked_error(&error))?;
             }
         }
-        ticket.set_progress((n + 1) as f64 / wanted.len() as f64);
+        control.set_progress((n + 1) as f64 / wanted.len() as f64);
     }
     Ok(places)
 }

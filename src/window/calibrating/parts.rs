@@ -5,7 +5,7 @@ use eframe::egui::{self, Align, Layout, RichText, Ui, vec2};
 
 use super::super::region_picker::RegionPurpose;
 use super::super::session::Session;
-use super::super::tool::Tools;
+use super::super::tool::ToolStack;
 use locard_engine::pixels::Rect;
 
 /// A picked region of a frame.
@@ -16,7 +16,7 @@ pub struct FrameRegion {
 }
 
 /// A newly picked region of the displayed frame.
-pub fn answer(tools: &mut Tools, purpose: RegionPurpose, session: &Session) -> Option<FrameRegion> {
+pub fn answer(tools: &mut ToolStack, purpose: RegionPurpose, session: &Session) -> Option<FrameRegion> {
     let at = tools.take_region(purpose)?;
     Some(FrameRegion { frame: session.frame()?.index, at })
 }

@@ -9,8 +9,8 @@ use super::super::plots::{self, Axes, DataSource};
 use super::super::progress;
 use super::super::region_picker::{RegionPrompt, RegionPurpose};
 use super::super::session::Session;
-use super::super::task::Ticket;
-use super::super::tool::Tools;
+use super::super::task::TaskControl;
+use super::super::tool::ToolStack;
 use super::parts::{self, FrameRegion, ListAction, RegionVerdict};
 use locard_engine::calibrate::sharpness::{self, PARAMETER, combine};
 use locard_engine::measure::slanted::{MIN_EXTENT_PX, SlantedEdge};
@@ -48,14 +48,14 @@ impl SharpnessPanel {
     }
 
     /// Takes a newly picked edge.
-    pub fn take_picked(&mut self, session: &Session, tools: &mut Tools) {
+    pub fn take_picked(&mut self, session: &Session, tools: &mut ToolStack) {
         if let Some(picked) = parts::answer(tools, RegionPurpose::Edge, session) {
             self.edges.push(picked);
             self.verdicts.push(RegionVerdict::Waits);
         }
     }
 
-    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, tools: &mut Tools) {
+    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, tools: &mut ToolStack) {
         parts::aside(ui, "Pick straight edges between two plain places, in focus, best while the camera rests.");
         let wanted =
             RegionPrompt { purpose: RegionPurpose::Edge, hint: GOOD_EDGE, min_side_px: MIN_EXTENT_PX, repeats: true };
@@ -67,7 +67,7 @@ impl SharpnessPanel {
         if !session.player.playing {
             let (shot, edges, of) = (session.project.shot().clone(), self.edges.clone(), self.of);
             let key = (edges.clone(), of, session.project.version());
-            self.measured.request(ui.ctx(), key, move |ticket| measure(&shot, &edges, of, ticket));
+            self.measured.request(ui.ctx(), key, move |control| measure(&shot, &edges, of, control));
         }
         let found = self.measured.last_key().filter(|(edges, of, _)| (edges, *of) == (&self.edges, self.of));
         let found = found.and_then(|_| self.measured.last().cloned()).unwrap_or_default();
@@ -156,15 +156,15 @@ fn verdict(edge: &Result<(SlantedEdge, [f64; 2]), RejectedEdge>) -> RegionVerdic
     }
 }
 
-fn measure(shot: &Shot, edges: &[FrameRegion], of: usize, ticket: &Ticket) -> Edges {
+fn measure(shot: &Shot, edges: &[FrameRegion], of: usize, control: &TaskControl) -> Edges {
     let response = shot.camera().response;
     let edge = |(n, FrameRegion { frame, at }): (usize, &FrameRegion)| {
         let unread = |why: String| RejectedEdge { why, seen: Vec::new() };
         let frame = shot.read(*frame).map_err(|error| unread(error.to_string()))?;
         let moved = moved_px(shot, &frame, *at);
         let edge = analysis::edge(&frame.pixels, &response, *at, moved, edge_signal(of))?;
-        ticket.set_progress((n + 1) as f64 / edges.len() as f64);
+        control.set_progress((n + 1) as f64 / edges.len() as f64);
         Ok((edge, moved))
     };
-    edges.iter().enumerate().take_while(|_| !ticket.is_cancelled()).map(edge).collect()
+    edges.iter().enumerate().take_while(|_| !control.is_cancelled()).map(edge).collect()
 }

@@ -8,7 +8,7 @@ use locard_engine::calibrate::board::{BoardDetector, TargetChoice};
 use locard_engine::calibrate::geometry::{CameraCalibration, Coverage, LensOptions, ViewCollector, ViewOutcome};
 use locard_engine::camera::Response;
 use locard_engine::frame::Frame;
-use locard_engine::webcam::{Newest, Putter, Taken};
+use locard_engine::webcam::{Newest, Putter, TakeOutcome};
 
 /// Number of views to collect, as in `locard calibrate camera --camera`.
 const TARGET_VIEWS: usize = 20;
@@ -118,7 +118,7 @@ fn watch(
     let mut last_processed_s = f64::NEG_INFINITY;
     while !taking.missing().is_empty() && !lock(shared).ends {
         match newest.take(Instant::now() + END_CHECK_INTERVAL) {
-            Taken::New((before, frame)) => {
+            TakeOutcome::New((before, frame)) => {
                 for frame in before.into_iter().chain([frame]) {
                     if frame.timestamp_s <= last_processed_s {
                         continue;
@@ -130,9 +130,9 @@ fn watch(
                 }
                 reporter.wake();
             }
-            Taken::Nothing | Taken::Gone(_) => {}
+            TakeOutcome::Nothing | TakeOutcome::Gone(_) => {}
             // The handle was dropped.
-            Taken::Ended => return,
+            TakeOutcome::Ended => return,
         }
     }
     lock(shared).status.is_fitting = true;

@@ -173,7 +173,7 @@ impl Documents {
             Some("Save the profile as…") => {
                 self.name_profile(project);
             }
-            Some("Export and photograph…") => self.exports.is_open = true,
+            Some("Export and photograph…") => self.output_jobs.is_open = true,
             Some("Copy command line") => copy_command(ui.ctx(), session),
             Some("Home") => self.is_start_open = true,
             _ => {}
@@ -249,7 +249,7 @@ impl Documents {
             ChooserPurpose::SaveScene => self.write(ctx, session, &SaveStep::WriteScene(path), true),
             ChooserPurpose::Record => session.record(path),
             ChooserPurpose::KeepFrozen => session.copy_recording(ctx, path),
-            ChooserPurpose::Output(request) => self.exports.add(ctx, session, request, path, replaces),
+            ChooserPurpose::Output(request) => self.output_jobs.add(ctx, session, request, path, replaces),
         }
     }
 }

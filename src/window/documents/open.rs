@@ -107,7 +107,7 @@ impl Documents {
             }
             (Some(Answer::No), PendingAction::Close) => {
                 self.may_close = true;
-                self.exports.cancel_all();
+                self.output_jobs.cancel_all();
                 ctx.send_viewport_cmd(egui::ViewportCommand::Close);
             }
             (Some(Answer::No), PendingAction::Open(document, recoverable)) => {
@@ -123,7 +123,7 @@ impl Documents {
         Consequences {
             closes,
             is_changed: !session.project.is_saved(),
-            is_busy: self.exports.is_busy(),
+            is_busy: self.output_jobs.is_busy(),
             is_recording: session.is_recording() && !self.confirmed_recording_end,
         }
     }

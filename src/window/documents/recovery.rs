@@ -16,7 +16,7 @@ use super::super::unsaved_work::{HISTORY_STEPS, UnsavedWork};
 
 /// Project version and history revision while no mouse button was down.
 #[derive(Clone, Copy, Debug, Default)]
-struct IdleState {
+struct SettledRevision {
     version: u64,
     revision: u64,
 }
@@ -25,7 +25,7 @@ struct IdleState {
 #[derive(Debug, Default)]
 pub(super) struct Recovery {
     autosave: Option<Autosave>,
-    idle_state: IdleState,
+    settled: SettledRevision,
     /// Folder to search, before the first frame of the window.
     folder: Option<PathBuf>,
     search: Option<RecoverySearch>,
@@ -98,17 +98,17 @@ impl Recovery {
         let is_dragging = ctx.input(|i| i.pointer.any_down());
         let revision = project.history().revision();
         if !is_dragging {
-            self.idle_state = IdleState { version: project.version(), revision };
+            self.settled = SettledRevision { version: project.version(), revision };
         }
         // A slider drag changes the history. Any other drag does not, and an earlier edit is
         // written during it.
-        let can_autosave = self.idle_state.revision == revision;
+        let can_autosave = self.settled.revision == revision;
         let Some(autosave) = self.autosave.as_mut().filter(|_| can_autosave) else { return };
         if !is_dragging && ctx.input(|i| i.pointer.any_released()) {
             autosave.write_next_at_once();
         }
         // Saving changes the unsaved work but not the project's version.
-        let version = (self.idle_state.version << 1) | u64::from(project.is_committed_saved());
+        let version = (self.settled.version << 1) | u64::from(project.is_committed_saved());
         let status = autosave.update(version, now, || unsaved_work(session));
         if let Some(wait) = status.wait {
             ctx.request_repaint_after(wait);

@@ -15,7 +15,7 @@ use super::dialog::Dialog;
 
 /// State of a save.
 #[derive(Debug, Default)]
-pub(super) struct Save {
+pub(super) struct SaveProgress {
     writing: Option<BackgroundTask<Result<WrittenFile, SaveError>>>,
     /// Files that the user allowed to overwrite; `None` while nothing is being saved.
     approved_files: Option<Vec<PathBuf>>,
@@ -27,7 +27,7 @@ pub(super) struct Save {
     pub(super) camera_values: Option<CameraValueTarget>,
 }
 
-impl Save {
+impl SaveProgress {
     /// Starts saving unless it is in progress.
     pub(super) fn begin(&mut self) {
         if self.approved_files.is_none() {

@@ -3,12 +3,12 @@
 use std::fmt;
 
 use super::driver_name::DriverName;
-use super::picture::{Delivered, Layout};
+use super::picture::{Layout, PictureFormat};
 use crate::coding::{ColorMatrix, ColorRange};
 
 /// The requested format, of which a camera delivers the closest.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Wanted {
+pub struct FormatRequest {
     /// `None`: this system's default. Not used for a file.
     pub driver: Option<DriverName>,
     /// Width and height, px.
@@ -22,7 +22,7 @@ pub struct Wanted {
     pub matrix: Option<ColorMatrix>,
 }
 
-impl Default for Wanted {
+impl Default for FormatRequest {
     fn default() -> Self {
         Self { driver: None, size: (640, 480), rate_hz: 30.0, layout: None, range: None, matrix: None }
     }
@@ -54,10 +54,10 @@ impl fmt::Display for TimeSource {
 
 /// The negotiated format of a camera.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Given {
+pub struct NegotiatedFormat {
     pub driver: DriverName,
     pub name: String,
-    pub delivered: Delivered,
+    pub picture_format: PictureFormat,
     /// Pictures a second, as reported by its driver.
     pub rate_hz: Option<f64>,
     pub times: TimeSource,
@@ -65,22 +65,22 @@ pub struct Given {
     pub has_exposure: bool,
     /// Which of range and matrix the driver does not state and nobody set, so that they are
     /// assumed.
-    pub assumed: Assumed,
+    pub assumed: AssumedColor,
     /// Properties of a video played in its place that the pictures lose, a sentence each.
     pub warnings: Vec<String>,
 }
 
 /// Properties of Y'CbCr that are assumed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Assumed {
+pub struct AssumedColor {
     pub range: bool,
     pub matrix: bool,
 }
 
-impl Given {
+impl NegotiatedFormat {
     /// Driver, times and assumptions, for a person.
     pub fn notes(&self) -> String {
-        let Assumed { range, matrix } = self.assumed;
+        let AssumedColor { range, matrix } = self.assumed;
         let assumed = match (range, matrix) {
             (true, true) => "; range and matrix are assumed (--range, --matrix)",
             (true, false) => "; the range is assumed (--range)",

@@ -11,7 +11,7 @@ use super::super::session::Session;
 
 /// Exports, photographs and analyses.
 #[derive(Debug, Default)]
-pub struct Exports {
+pub struct OutputJobs {
     jobs: Option<Jobs>,
     analysing: Analysing,
     panel: OutputPanel,
@@ -19,7 +19,7 @@ pub struct Exports {
     pub is_open: bool,
 }
 
-impl Exports {
+impl OutputJobs {
     /// Shows the line that offers to analyse the footage, or the progress of the analysis.
     pub fn show_analysis_offer(&mut self, ui: &mut egui::Ui, session: &mut Session) {
         if !self.analysing.show(ui, session, self.jobs.as_mut()) {

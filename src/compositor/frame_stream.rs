@@ -15,7 +15,7 @@ pub const IN_FLIGHT: usize = 2;
 
 /// Inputs that all frames of a stream share.
 #[derive(Clone, Debug)]
-pub struct Stream<'a> {
+pub struct StreamInputs<'a> {
     pub camera: Cow<'a, Camera>,
     pub settings: &'a Settings,
     pub track: &'a PoseTrack,
@@ -26,7 +26,7 @@ pub struct Stream<'a> {
 
 /// A frame with its geometry and interval.
 #[derive(Clone, Debug)]
-pub struct Input {
+pub struct StreamFrame {
     pub frame: Frame,
     pub geometry: Geometry,
     /// Seconds to the next frame.
@@ -35,7 +35,7 @@ pub struct Input {
 
 /// Why a stream ended early.
 #[derive(Debug, thiserror::Error)]
-pub enum RunError<E: std::error::Error> {
+pub enum FrameStreamError<E: std::error::Error> {
     #[error(transparent)]
     Source(E),
     #[error("frame {frame}: {source}")]
@@ -44,11 +44,11 @@ pub enum RunError<E: std::error::Error> {
     Submit { frame: usize, source: SubmitError },
 }
 
-/// Iterator over composited frames, in order, from [`Compositor::run`]. It ends after an error.
+/// The composited frames of [`Compositor::composite_stream`], in order. It ends after an error.
 #[derive(Debug)]
-pub struct Run<'a, I> {
+pub struct FrameStream<'a, I> {
     compositor: &'a mut Compositor,
-    stream: Stream<'a>,
+    shared: StreamInputs<'a>,
     frames: Fuse<I>,
     pending: VecDeque<(usize, Pending)>,
     failed: bool,
@@ -56,41 +56,47 @@ pub struct Run<'a, I> {
 
 impl Compositor {
     /// Composites each frame of `frames`. Memory does not grow with the length of the stream.
-    pub fn run<'a, E, I>(&'a mut self, stream: Stream<'a>, frames: I) -> Run<'a, I::IntoIter>
+    pub fn composite_stream<'a, E, I>(&'a mut self, shared: StreamInputs<'a>, frames: I) -> FrameStream<'a, I::IntoIter>
     where
         E: std::error::Error,
-        I: IntoIterator<Item = Result<Input, E>>,
+        I: IntoIterator<Item = Result<StreamFrame, E>>,
     {
-        Run { compositor: self, stream, frames: frames.into_iter().fuse(), pending: VecDeque::new(), failed: false }
+        FrameStream {
+            compositor: self,
+            shared,
+            frames: frames.into_iter().fuse(),
+            pending: VecDeque::new(),
+            failed: false,
+        }
     }
 }
 
-impl<E: std::error::Error, I: Iterator<Item = Result<Input, E>>> Run<'_, I> {
-    fn submit(&mut self, input: Input) -> Result<(), RunError<E>> {
-        let Stream { camera, settings, track, want_layers, .. } = &self.stream;
-        let Input { frame, geometry, interval_s } = input;
+impl<E: std::error::Error, I: Iterator<Item = Result<StreamFrame, E>>> FrameStream<'_, I> {
+    fn submit(&mut self, input: StreamFrame) -> Result<(), FrameStreamError<E>> {
+        let StreamInputs { camera, settings, track, want_layers, .. } = &self.shared;
+        let StreamFrame { frame, geometry, interval_s } = input;
         let index = frame.index;
-        let failed = |source| RunError::Submit { frame: index, source };
+        let failed = |source| FrameStreamError::Submit { frame: index, source };
         let job = Job::of_frame(frame, camera, settings, &geometry, track, interval_s);
         let job = job.map_err(|lens| failed(lens.into()))?;
         let job = Job { want_layer: *want_layers, ..job };
-        let work = self.compositor.submit(job, camera, settings, Target::Pixels).map_err(failed)?;
-        self.pending.push_back((index, work));
+        let pending = self.compositor.submit(job, camera, settings, Target::Pixels).map_err(failed)?;
+        self.pending.push_back((index, pending));
         Ok(())
     }
 
-    fn step(&mut self) -> Result<Option<Composited>, RunError<E>> {
-        while self.pending.len() < self.stream.in_flight.max(1) {
+    fn step(&mut self) -> Result<Option<Composited>, FrameStreamError<E>> {
+        while self.pending.len() < self.shared.in_flight.max(1) {
             let Some(input) = self.frames.next() else { break };
-            self.submit(input.map_err(RunError::Source)?)?;
+            self.submit(input.map_err(FrameStreamError::Source)?)?;
         }
-        let Some((frame, work)) = self.pending.pop_front() else { return Ok(None) };
-        self.compositor.collect(work).map(Some).map_err(|source| RunError::Gpu { frame, source })
+        let Some((frame, pending)) = self.pending.pop_front() else { return Ok(None) };
+        self.compositor.collect(pending).map(Some).map_err(|source| FrameStreamError::Gpu { frame, source })
     }
 }
 
-impl<E: std::error::Error, I: Iterator<Item = Result<Input, E>>> Iterator for Run<'_, I> {
-    type Item = Result<Composited, RunError<E>>;
+impl<E: std::error::Error, I: Iterator<Item = Result<StreamFrame, E>>> Iterator for FrameStream<'_, I> {
+    type Item = Result<Composited, FrameStreamError<E>>;
 
     fn next(&mut self) -> Option<Self::Item> {
         if self.failed {
