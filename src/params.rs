@@ -184,7 +184,7 @@ fn sentence(words: &str) -> String {
 pub enum ParamError {
     #[error("there is no parameter {table}.{name}; {table} has: {known}")]
     UnknownName { table: String, name: String, known: String },
-    #[error("{table}.{name} = {found} is refused: accepted is {accepted}{unit}")]
+    #[error("{table}.{name} = {found} is refused: expected {accepted}{unit}")]
     Refused { table: String, name: String, found: String, accepted: String, unit: String },
 }
 
@@ -329,7 +329,7 @@ mod tests {
         demo.set("maybe", &Value::parse("0.25")).unwrap();
         assert_eq!(demo, Demo { amount: 1.5, count: 3, method: Method::Fast, maybe: Some(0.25), grade: 1, more: 1 });
         let error = demo.set("amount", &Value::Number(2.5)).unwrap_err().to_string();
-        assert_eq!(error, "demo.amount = 2.5 is refused: accepted is 0 to 2 (px)");
+        assert_eq!(error, "demo.amount = 2.5 is refused: expected 0 to 2 (px)");
         assert!(demo.set("count", &Value::Number(1.5)).is_err());
         assert!(demo.set("amount", &Value::Number(f64::NAN)).is_err());
         assert!(demo.set("amount", &Value::None).is_err());

@@ -9,11 +9,11 @@ pub fn count(number: usize, thing: &str) -> String {
 pub fn reason(error: &std::io::Error) -> String {
     use std::io::ErrorKind;
     let text = match error.kind() {
-        ErrorKind::FileTooLarge => "the file may grow no larger (`ulimit -f`); allow more, or write elsewhere",
+        ErrorKind::FileTooLarge => "the file size limit is reached (`ulimit -f`); raise it, or write elsewhere",
         ErrorKind::StorageFull => "the disk is full; make room, or write elsewhere",
-        ErrorKind::BrokenPipe => "whoever was reading has closed it",
+        ErrorKind::BrokenPipe => "the reader has closed it",
         ErrorKind::NotFound => "there is no such file or folder; check the path",
-        ErrorKind::PermissionDenied => "it is not permitted; check whose file it is",
+        ErrorKind::PermissionDenied => "permission denied; check the file's owner and permissions",
         ErrorKind::IsADirectory => "it is a folder; name a file",
         ErrorKind::InvalidData => "it is not text in UTF-8; check that it is the file meant",
         _ => return error.to_string(),

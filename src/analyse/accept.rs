@@ -37,7 +37,7 @@ pub enum Outcome {
 pub fn accept(findings: &Findings, profile: &mut Document) -> Vec<Accepted> {
     let (intrinsics, exposure) = (Intrinsics::default(), CameraExposure::default());
     let time_s = match profile.number(exposure.table(), SHUTTER_ANGLE) {
-        Some(_) => Err(format!("the profile says {SHUTTER_ANGLE}, which goes before it")),
+        Some(_) => Err(format!("the profile has {SHUTTER_ANGLE}, which takes precedence")),
         None => time_s(findings),
     };
     let found = [
@@ -68,9 +68,9 @@ fn rounded(value: f64, parts: f64) -> f64 {
 fn readout_s(findings: &Findings) -> Result<f64, String> {
     let why = || {
         if findings.registration.is_refined() {
-            "the camera moves too little to tell it"
+            "the camera moves too little to determine it"
         } else {
-            "it is found with the poses, and these are as recorded"
+            "it is estimated with the poses, which are as recorded"
         }
     };
     let readout_s = findings.readout_s().ok_or_else(|| why().to_owned())?;
@@ -82,7 +82,7 @@ fn readout_s(findings: &Findings) -> Result<f64, String> {
 
 /// The profile's σ by which rendered edges measure as sharp as the footage's.
 fn sigma_px(spread: Option<&SharpnessFindings>) -> Result<f64, String> {
-    let unknown = "it was not looked for".to_owned();
+    let unknown = "it was not estimated".to_owned();
     let spread = spread.ok_or_else(|| unknown.clone())?;
     let sigma_px = spread.sigma_px.ok_or_else(|| spread.why.clone().unwrap_or(unknown))?;
     Ok(rounded(sigma_for_measured_px(sigma_px), UNITS_PER_PIXEL))
@@ -92,13 +92,13 @@ fn sigma_px(spread: Option<&SharpnessFindings>) -> Result<f64, String> {
 fn time_s(findings: &Findings) -> Result<f64, String> {
     let shutter = findings.shutter.as_ref();
     if shutter.is_some_and(|shutter| shutter.nominal_interval_s.is_some()) {
-        return Err("the recording keeps no times: it is known as a share of the frame interval alone".to_owned());
+        return Err("the recording has no timestamps: it is known only as a fraction of the frame interval".to_owned());
     }
     match shutter.map_or(&[][..], |shutter| &shutter.runs) {
         [run] => Ok(rounded(run.exposure_s, UNITS_PER_SECOND)),
-        [] => Err(shutter.and_then(|shutter| shutter.why.clone()).unwrap_or("it was not looked for".to_owned())),
+        [] => Err(shutter.and_then(|shutter| shutter.why.clone()).unwrap_or("it was not estimated".to_owned())),
         runs => {
-            Err(format!("it differs from frame to frame ({}), and the analysis has it", count(runs.len(), "exposure")))
+            Err(format!("it varies between frames ({}), and is stored in the analysis", count(runs.len(), "exposure")))
         }
     }
 }
@@ -168,7 +168,7 @@ mod tests {
         let angled = "version = 1\n[camera.exposure]\nshutter_angle_deg = 180\n";
         let (told, written) = taken(&findings("right", &[(0, 20)]), angled);
         assert!(
-            told[2].contains("shutter_angle_deg, which goes before it") && !written.contains("time_s ="),
+            told[2].contains("shutter_angle_deg, which takes precedence") && !written.contains("time_s ="),
             "{told:?}"
         );
         // A readout with a large uncertainty.

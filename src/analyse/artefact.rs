@@ -100,8 +100,8 @@ pub enum AnalysisError {
     #[error(transparent)]
     Sink(#[from] SinkError),
     #[error(
-        "{}: holds {other}, which is no part of an analysis, so nothing is written into it; move that away, or name another \
-         folder (--output)",
+        "{}: contains {other}, which does not belong to an analysis, so nothing was written; move it elsewhere, or \
+         choose another folder (--output)",
         folder.display()
     )]
     Others { folder: PathBuf, other: String },
@@ -262,7 +262,7 @@ impl Analysis {
         };
         let document = Document::new(self.findings.clone()).map_err(problem)?;
         let head =
-            "# What the footage says of itself, by `locard analyse`. Frames are composited by it while it lies here.\n";
+            "# Estimates from the footage, by `locard analyse`. Compositing uses them as long as this file exists.\n";
         let mut files: Vec<(&'static str, Vec<u8>)> = vec![];
         if !self.lines.is_empty() {
             files.push((POSES, write_trajectory(&self.lines).into_bytes()));
@@ -280,8 +280,8 @@ impl Analysis {
             let line = |(n, across): (usize, &SpatialGain)| format!("{n}{}\n", nodes(across));
             let lines: String = self.across.iter().enumerate().map(line).collect();
             let head = format!(
-                "# frame, then by how many stops the picture is brighter there, row by row, {NODES_ACROSS} places from side to \
-                 side in each of {NODES_DOWN}\n"
+                "# frame, then the brightness at each grid point relative to the frame's gain, stops, row by row: \
+                 {NODES_ACROSS} points in each of {NODES_DOWN} rows\n"
             );
             files.push((ACROSS, (head + &lines).into_bytes()));
         }
@@ -290,8 +290,11 @@ impl Analysis {
             let lines: String = self.held_out.iter().map(line).collect();
             files.push((
                 LINKS,
-                format!("# from to recorded refined: px by which poses miss the alignment of held-out pairs\n{lines}")
-                    .into_bytes(),
+                format!(
+                    "# from to recorded refined: residuals of the poses against the alignment of held-out pairs, \
+                         px\n{lines}"
+                )
+                .into_bytes(),
             ));
         }
         files.extend(self.environment.as_ref().map(|around| (ENVIRONMENT, around.hdr.to_vec())));
@@ -327,10 +330,10 @@ impl Analysis {
     pub fn fits(&self, recording: &Recording, camera: &Geometry) -> Result<(), String> {
         let Findings { frames, recording: made_from, .. } = &self.findings;
         if *frames != recording.frame_count() {
-            return Err(format!("it is of {frames} frames, the recording has {}", recording.frame_count()));
+            return Err(format!("it was made from {frames} frames, but the recording has {}", recording.frame_count()));
         }
         if *made_from != inputs::fingerprint(recording) {
-            return Err("the recording is another now than when it was made".to_owned());
+            return Err("the recording has changed since it was made".to_owned());
         }
         self.fits_camera(camera)
     }
@@ -431,7 +434,7 @@ fn read_frames<T>(
         let one = of(&mut rest).map_err(wrong)?;
         records::end(rest).map_err(wrong)?;
         if number != all.len() as f64 {
-            return Err(wrong(format!("frame {number} stands where {} is expected", all.len())).into());
+            return Err(wrong(format!("found frame {number} where frame {} is expected", all.len())).into());
         }
         all.push(one);
     }

@@ -190,8 +190,8 @@ fn implausible_hand_eye(offset: &RigOffset) -> Option<String> {
     let is_far = way_m > MAX_HAND_EYE_M && way_m > 3.0 * sigma_m;
     (is_far || turn > MAX_HAND_EYE_RAD).then(|| {
         format!(
-            "the camera would stand {:.0} mm away from where the poses say, turned by {:.0}° (at most {:.0} mm and {:.0}°): poses, focal \
-             length or the unit of depth are not this recording's",
+            "the camera would be {:.0} mm from its recorded position, rotated by {:.0}° (at most {:.0} mm and {:.0}°): \
+             poses, focal length or the depth unit do not belong to this recording",
             1e3 * way_m,
             turn.to_degrees(),
             1e3 * MAX_HAND_EYE_M,

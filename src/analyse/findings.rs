@@ -26,7 +26,7 @@ const REFUSED: &str = "refused";
 const KEPT: &str = "kept";
 /// Explanation of the residuals of held-out pairs.
 const HELD_OUT_EXPLANATION: &str =
-    "how well alignments agree with each other; `locard verify` measures what slides in the picture";
+    "agreement of alignments with each other; `locard verify` measures slides in the picture";
 
 /// `analysis.toml`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -194,22 +194,22 @@ impl Tone {
 impl fmt::Display for Tone {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (Some(first), Some(last)) = (self.bands.first(), self.bands.last()) else {
-            return write!(f, "unknown: {}", self.why.as_deref().unwrap_or("nothing can be said"));
+            return write!(f, "unknown: {}", self.why.as_deref().unwrap_or("no reason was recorded"));
         };
         if !self.differs() {
             let most = self.bands.iter().map(|band| (band.slope - 1.0).abs()).fold(0.0, f64::max);
             let (from, to, most) = (first.from, last.to, fixed(100.0 * most, 0));
             return write!(f, "the response fits from code {from} to {to}, within {most} %");
         }
-        let told = self.bands.iter().filter(|band| band.differs()).map(|band| {
+        let slopes = self.bands.iter().filter(|band| band.differs()).map(|band| {
             let (from, to, slope, sigma) = (band.from, band.to, fixed(band.slope, 2), fixed(band.sigma, 2));
             format!("{slope} ± {sigma} times as much in codes {from} to {to}")
         });
-        let told = told.collect::<Vec<_>>().join(", ");
+        let slopes = slopes.collect::<Vec<_>>().join(", ");
         write!(
             f,
-            "by this response light changes {told} as in middle codes, and it must change alike: the camera has another one \
-             (camera.response). This is advice: nothing follows from it"
+            "with this response, light changes {slopes} as in middle codes, but it must change equally: the camera's \
+             response differs (camera.response). This is only advice"
         )
     }
 }
@@ -355,7 +355,7 @@ impl fmt::Display for SharpnessFindings {
             (Some(sigma), Some([low, high]), Some(edges)) => {
                 write!(f, "σ {} px, {} to {} ({edges} edges)", px(sigma), px(low), px(high))
             }
-            _ => write!(f, "unknown: {}", self.why.as_deref().unwrap_or("nothing can be said")),
+            _ => write!(f, "unknown: {}", self.why.as_deref().unwrap_or("no reason was recorded")),
         }
     }
 }
@@ -409,7 +409,7 @@ impl fmt::Display for PoseFindings {
                      {refined} ({HELD_OUT_EXPLANATION})"
                 )
             }
-            _ => write!(f, "kept as recorded: {}", self.why.as_deref().unwrap_or("nothing can be said")),
+            _ => write!(f, "kept as recorded: {}", self.why.as_deref().unwrap_or("no reason was recorded")),
         }
     }
 }
@@ -443,7 +443,7 @@ impl Findings {
             let px = fixed(px, 2);
             lines.push((
                 "motion",
-                format!("by the pictures: {px} px in half a frame's interval beside the recorded poses'"),
+                format!("by the pictures: {px} px from the recorded poses' motion in half a frame interval"),
             ));
         }
         let ms = |s: f64| fixed(1e3 * s, 1);
@@ -455,14 +455,14 @@ impl Findings {
         if let (Some(turn), Some(way), false) = (r.hand_eye_turn_deg, r.hand_eye_way_m, r.is_refused()) {
             let all = |values: [f64; 3], by: f64, digits| values.map(|v| fixed(by * v, digits)).join(", ");
             let (turn, way) = (all(turn, 1.0, 2), all(way, 1e3, 1));
-            lines.push(("hand-eye", format!("turned by {turn}°, {way} mm away from where the poses say")));
+            lines.push(("hand-eye", format!("rotated by {turn}°, {way} mm from the recorded position")));
         }
         let sigma = self.readout_uncertainty_s().map_or(String::new(), |s| format!(", ± {} ms", ms(s)));
         lines.push(("readout", format!("{} ms{sigma}", ms(self.camera.intrinsics.readout_time_s))));
         if let Some(sigma_s) = r.depth_later_sigma_s {
             let way = if r.depth_later_s < 0.0 { "earlier" } else { "later" };
             let by = ms(r.depth_later_s.abs());
-            lines.push(("depth", format!("{by} ms {way} than it says, ± {} ms", ms(sigma_s))));
+            lines.push(("depth", format!("{by} ms {way} than its timestamps, ± {} ms", ms(sigma_s))));
         }
         if let Some(shutter) = &self.shutter {
             lines.extend(shutter.why.iter().map(|why| ("exposure", format!("unknown: {why}"))));

@@ -15,7 +15,8 @@ use crate::text::{reason, shown};
 /// ignored.
 pub fn check_folder(folder: &Path) -> Result<(), AnalysisError> {
     if folder.exists() && !folder.is_dir() {
-        let reason = "a file of that name is there, and an analysis is a folder; move it away, or name another folder (--output)";
+        let reason = "a file of this name exists, but an analysis is a folder; move it elsewhere, or choose another \
+                      folder (--output)";
         return Err(AnalysisError::Unwritten { folder: folder.to_owned(), reason: reason.to_owned() });
     }
     let Ok(entries) = folder.read_dir() else { return Ok(()) };
@@ -31,7 +32,7 @@ pub fn check_writable(folder: &Path) -> Result<(), AnalysisError> {
     check_folder(folder)?;
     let unwritten = |error| AnalysisError::Unwritten {
         folder: folder.to_owned(),
-        reason: format!("{}, or name another folder (--output)", reason(&error)),
+        reason: format!("{}, or choose another folder (--output)", reason(&error)),
     };
     // Removed at the end of this check, unless it existed before.
     let _made = MadeFolder::make(folder).map_err(unwritten)?;

@@ -148,9 +148,12 @@ impl PairCounts {
         );
         let unsure = match unsure {
             0 => String::new(),
-            _ => format!(", {unsure} say another gain by other poses, and these are not sure"),
+            _ => format!(", {unsure} have a gain that depends on uncertain poses"),
         };
-        format!("of {} of frames {few}, {unlike} do not match where the poses say{unsure}", count(*pairs, "pair"))
+        format!(
+            "of {} of frames {few}, {unlike} do not match at the positions given by the poses{unsure}",
+            count(*pairs, "pair")
+        )
     }
 }
 

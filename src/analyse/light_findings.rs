@@ -143,14 +143,14 @@ impl LightFindings {
     /// One line per estimate, with its name.
     pub fn lines(&self) -> Vec<(&'static str, String)> {
         let (Some(white), Some([low, high])) = (self.white_level, self.between) else {
-            let why = self.why.as_deref().unwrap_or("nothing can be said");
+            let why = self.why.as_deref().unwrap_or("no reason was recorded");
             return vec![("light", format!("unknown: {why}"))];
         };
         let all = |values: [f64; 3]| values.map(|v| fixed(v, 2)).join(", ");
         let percent = |share: Option<f64>| fixed(100.0 * share.unwrap_or_default(), 0);
         let shows =
-            format!("white matt that looks up shows {} (times {} to {})", all(white), fixed(low, 2), fixed(high, 2));
-        let about_up = if self.guessed_up { "; up is what level surfaces say" } else { "" };
+            format!("upward-facing matt white shows {} (times {} to {})", all(white), fixed(low, 2), fixed(high, 2));
+        let about_up = if self.guessed_up { "; up follows from level surfaces" } else { "" };
         let light = match (self.claimed, &self.why) {
             (false, Some(why)) => format!(
                 "not claimed: {why}; by the camera's exposure alone {shows}: point at white paper \
@@ -164,7 +164,7 @@ impl LightFindings {
         };
         let mut lines = vec![("light", light)];
         lines.extend(
-            self.no_panorama.iter().map(|why| ("panorama", format!("even light instead of what was seen: {why}"))),
+            self.no_panorama.iter().map(|why| ("panorama", format!("even light instead of the observed light: {why}"))),
         );
         let halves = self.halves_deg.zip(self.halves_explain).map_or(String::new(), |(deg, share)| {
             format!(

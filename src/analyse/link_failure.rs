@@ -42,7 +42,7 @@ pub fn explain(
     let LinkCounts { accepted, tried, required } = links;
     let told = format!("of {tried} links between frames {accepted} fit, and {required} are needed: ");
     let Some(frame) = recording.frames(middle..middle + 1)?.next().transpose()? else {
-        return Ok(told + "there is no frame");
+        return Ok(told + "there are no frames");
     };
     let percent = |share: f64| number((100.0 * share).round());
     let BrightnessStatistics { clipped_share: clipped, sigma } = brightness_statistics(&frame.pixels);
@@ -59,17 +59,21 @@ pub fn explain(
         return Ok(told + "the middle frame has no depth");
     };
     let median_m = fixed(upper_median(known).unwrap_or(0.0), 3);
-    let unit = format!("half of the middle frame's depth is beyond {median_m} m; if that is wrong, so is depth's unit");
+    let unit = format!(
+        "half of the middle frame's depth is beyond {median_m} m; if that is wrong, the depth unit is \
+                        wrong"
+    );
     let pair = states.get(middle).copied().flatten().zip(states.get(middle + apart).copied().flatten());
     let overlap = pair.and_then(|(here, there)| overlap(geometry, depth, &here, &there));
     Ok(match overlap.filter(|overlap| *overlap < MIN_OVERLAP) {
         Some(overlap) => format!(
-            "{told}by poses and depth {} % of the middle frame is seen {apart} frames later, so the pictures do not overlap; {unit}",
+            "{told}according to poses and depth, {} % of the middle frame is visible {apart} frames later, so the \
+             pictures do not overlap; {unit}",
             percent(overlap)
         ),
         None => format!(
-            "{told}by poses and depth the pictures overlap, so they lack texture, something large moves in them, or poses or depth are \
-             another recording's; {unit}"
+            "{told}according to poses and depth, the pictures overlap, so they lack texture, something large moves in \
+             them, or poses or depth belong to another recording; {unit}"
         ),
     })
 }

@@ -176,7 +176,7 @@ pub fn analyse(
     let exposure = if has_poses {
         comparison.shutter.exposure_runs(frames)
     } else {
-        Err("where the camera was is not known".to_owned())
+        Err("the camera's poses are unknown".to_owned())
     };
     let inputs = sharpness::SharpnessInputs {
         states: &registration.states,
@@ -210,17 +210,17 @@ pub fn analyse(
             report(passes.progress(AnalysisStage::Light, passes.light_after(elapsed, passes_took)))
         })??
     } else {
-        (Err("where the camera was is not known".to_owned()), Vec::new())
+        (Err("the camera's poses are unknown".to_owned()), Vec::new())
     };
     let surfels: Vec<Surfel> = surfels.into_iter().map(Surfel::from_array).collect();
     let tone = match (has_poses, gains.is_empty()) {
         (true, false) => tone::bands(&comparison.tone_samples),
         (true, true) => Err("frames are equally bright".to_owned()),
-        (false, _) => Err("where the camera was is not known".to_owned()),
+        (false, _) => Err("the camera's poses are unknown".to_owned()),
     };
     let gain = match gain {
         Some(gain) if !has_poses && !gain.is_followed => {
-            Err("the poses were refused, and without them the pictures do not tell it".to_owned())
+            Err("the poses were rejected, and it cannot be estimated without them".to_owned())
         }
         gain => gain.ok_or_else(|| comparison.pair_counts.why()),
     };

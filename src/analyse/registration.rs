@@ -130,8 +130,9 @@ pub fn register(
         let faint =
             if 2 * linked.faint > linked.refused { "the pictures' contrast is hardly above their noise, " } else { "" };
         let why = format!(
-            "{share:.0} % of the links between frames do not fit (at most {:.0} %): {faint}the poses, the focal length or the depth are not this \
-             recording's, its frames are not in their order, or something that fills much of the picture moves",
+            "{share:.0} % of the links between frames do not fit (at most {:.0} %): {faint}the poses, the focal length \
+             or the depth do not belong to this recording, its frames are out of order, or something that fills much \
+             of the picture moves",
             100.0 * MAX_MISSING_SHARE
         );
         return refused(why, found);

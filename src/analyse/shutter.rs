@@ -209,7 +209,7 @@ impl ShutterEvidence {
         clear.sort_by_key(|sample| sample.frame);
         if clear.len() < MIN_CLEAR_SAMPLES {
             return Err(format!(
-                "{} of {} frames looked at say it clearly; {MIN_CLEAR_SAMPLES} are needed",
+                "{} of {} examined frames determine it clearly; {MIN_CLEAR_SAMPLES} are needed",
                 clear.len(),
                 self.compared
             ));

@@ -28,8 +28,8 @@ pub fn write_support_reports(folder: &Path, scene: &Path, grounds: &[SupportRepo
     let document = Document::new(SupportFile { scene: name, object: grounds.to_vec() })
         .map_err(|problem| AnalysisError::Content { file: path.clone(), problem: problem.to_string() })?;
     let head = format!(
-        "# What {} of a scene stand on, and what takes their shadows, in the scene's world, metres. By `locard analyse \
-         --scene`; frames are composited without it.\n",
+        "# Support surfaces and shadow receivers of {} of a scene, in the scene's world, metres. By `locard analyse \
+         --scene`; not used for compositing.\n",
         count(grounds.len(), "object")
     );
     write_atomically(&path, true, |out| out.write_all(format!("{head}{document}").as_bytes()))

@@ -84,13 +84,13 @@ pub enum CalibrateError {
     #[error("a picture without pixels")]
     Empty,
     #[error(
-        "a picture is {found}; its sums would not fit into memory: accepted are up to {MAX_PIXELS} pixels; cut the same \
+        "a picture is {found}; its sums would not fit into memory: expected up to {MAX_PIXELS} pixels; cut the same \
          part out of all pictures of the scene"
     )]
     TooLarge { found: String },
     #[error("stopped before it was done")]
     Stopped,
-    #[error("bins = {found} is refused: accepted is 1 to 256")]
+    #[error("bins = {found} is refused: expected 1 to 256")]
     Bins { found: usize },
     #[error("either all scenes have a known mean or none has")]
     MeansMixed,
@@ -105,22 +105,29 @@ pub enum CalibrateError {
     )]
     TooFew { channel: &'static str, needed: f64, best: f64 },
     #[error(
-        "channel {channel}: texture is almost everywhere in {} (of plain places the fullest intensity has {best:.0} \
-         independent samples, {needed} are needed); give pictures with plain, evenly lit places (a wall, the sky, something \
-         out of focus) and leave the others out: fewer pictures may tell more. Scenes at rest need no plain places",
+        "channel {channel}: texture is almost everywhere in {} (the fullest intensity has {best:.0} independent \
+         samples in plain places; {needed} are needed); give pictures with plain, evenly lit places (a wall, the sky, \
+         something out of focus) and leave the others out: fewer pictures may give a better result. Scenes at rest \
+         need no plain places",
         count(*frames, "picture")
     )]
     Textured { channel: &'static str, needed: f64, best: f64, frames: usize },
     #[error(
-        "scene {scene} is not at rest: the whole picture moves from frame to frame (one common motion explains {percent:.0} % of what changes; of noise it explains none); put the camera on a stand and give frames in which nothing moves, or give --moving, which takes the noise from textureless places"
+        "scene {scene} is not at rest: the whole picture moves from frame to frame (one common motion explains \
+         {percent:.0} % of the change; it would explain none of pure noise); put the camera on a tripod and give \
+         frames in which nothing moves, or give --moving, which takes the noise from textureless places"
     )]
     CameraMoves { scene: usize, percent: f64 },
     #[error(
-        "scene {scene} is not at rest: half of the picture or more changes in whole patches ({percent:.0} % of what changes; of noise less than 25 %); give frames from one place, in one light, in which nothing moves, and each scene as a folder of its own, or --moving, which takes the noise from textureless places"
+        "scene {scene} is not at rest: half of the picture or more changes in whole patches ({percent:.0} % of the \
+         change; less than 25 % if it were noise); give frames from one place, in one light, in which nothing moves, \
+         and each scene as a folder of its own, or --moving, which takes the noise from textureless places"
     )]
     SceneChanges { scene: usize, percent: f64 },
     #[error(
-        "scene {scene}: the frames differ from the mean given by more than noise ({percent:.0} % of what differs is a common motion or whole patches); the mean is likely of another scene, place or light, unless something moves in the frames: give the mean of this very scene, or leave --mean out and give ten frames"
+        "scene {scene}: the frames differ from the given mean by more than noise ({percent:.0} % of the difference is \
+         a common motion or whole patches); the mean is probably of another scene, place or light, unless something \
+         moves in the frames: give the mean of this scene, or omit --mean and give ten frames"
     )]
     WrongMean { scene: usize, percent: f64 },
     #[error("{path}: {reason}")]

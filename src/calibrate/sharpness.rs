@@ -31,8 +31,8 @@ const REPORTED_MOTION_PX: f64 = 1.0;
 #[derive(Clone, Debug, thiserror::Error, PartialEq)]
 pub enum SharpnessError {
     #[error(
-        "{percent:.0} % of the pixels are as bright as the camera can say: how the light goes on there is not known; choose an \
-         edge that is not overexposed"
+        "{percent:.0} % of the pixels are clipped, so the edge's profile is unknown there; choose an edge that is not \
+         overexposed"
     )]
     Clipped { percent: f64 },
     #[error("too little contrast: both sides differ by {codes:.1} of 255 codes; {MIN_STEP_CODES} and more are needed")]
@@ -180,14 +180,14 @@ pub fn notes(edge: &SlantedEdge, moved_px: [f64; 2]) -> Vec<String> {
     if edge.misfit > REPORTED_MISFIT {
         let percent = fixed(100.0 * edge.misfit, 1);
         notes.push(format!(
-            "its profile is no blurred step: it lies {percent} % of the step beside one (sharpening in the camera, or another \
-             response curve?)"
+            "its profile is not a blurred step: it deviates by {percent} % of the step (sharpening in the camera, or \
+             another response curve?)"
         ));
     }
     let across = (edge.normal[0] * moved_px[0] + edge.normal[1] * moved_px[1]).abs();
     if across > REPORTED_MOTION_PX {
         let across = fixed(across, 1);
-        notes.push(format!("it moved by {across} px while the shutter was open: a frame at rest tells more"));
+        notes.push(format!("it moved by {across} px while the shutter was open: a frame at rest is more accurate"));
     }
     notes
 }

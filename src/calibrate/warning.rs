@@ -35,7 +35,7 @@ impl fmt::Display for Warning {
         match self {
             Self::Unsteady { scene, percent, known_mean } => write!(
                 f,
-                "scene {scene}: the whole picture moves a little from frame to frame ({percent:.0} % of what changes); \
+                "scene {scene}: the whole picture moves a little from frame to frame ({percent:.0} % of the change); \
                  sigma is too large: is the camera fixed{}?",
                 if *known_mean { ", and the mean taken from the same place" } else { "" }
             ),
@@ -44,8 +44,8 @@ impl fmt::Display for Warning {
             }
             Self::Filtered { scene, percent } => write!(
                 f,
-                "scene {scene}: consecutive frames hang together ({percent:.0} % of the variance in half the picture): \
-                 the camera filters over time, or the light creeps; sigma is that of the whole"
+                "scene {scene}: consecutive frames are correlated ({percent:.0} % of the variance in half the \
+                 picture): the camera filters over time, or the light drifts; sigma is that of the whole"
             ),
             Self::Flicker { scene, codes } => write!(
                 f,

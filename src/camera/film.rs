@@ -27,8 +27,8 @@ const SIDE_MM: std::ops::RangeInclusive<f64> = 0.1..=1000.0;
 /// Error of an unknown film name.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
-    "{found} is no film format; accepted are 36x24, aps-c (Nikon), aps-c-canon, micro-4/3, 1in, 1/2.3in, 6x6 (56x56 mm) \
-     and any WIDTHxHEIGHT in mm, 0.1 to 1000 each"
+    "{found} is not a film format; expected 36x24, aps-c (Nikon), aps-c-canon, micro-4/3, 1in, 1/2.3in, 6x6 (56x56 \
+     mm) or any WIDTHxHEIGHT in mm, 0.1 to 1000 each"
 )]
 pub struct FilmError {
     pub found: String,

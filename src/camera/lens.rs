@@ -36,10 +36,10 @@ pub struct Opening {
 /// An impossible lens.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum LensError {
-    #[error("camera.lens.blades = {found} is refused: accepted is 0 (a circle) or 3 to 32")]
+    #[error("camera.lens.blades = {found} is refused: expected 0 (a circle) or 3 to 32")]
     Blades { found: u32 },
     #[error(
-        "camera.lens.aperture_diameter_mm = {} and camera.lens.f_number = {} are both given: accepted is one of them (the \
+        "camera.lens.aperture_diameter_mm = {} and camera.lens.f_number = {} are both given: expected one of them (the \
          other = none)",
         number(*diameter_mm), number(*f_number)
     )]

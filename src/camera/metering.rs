@@ -22,7 +22,7 @@ pub enum Mode {
 
 /// Error of an unknown mode.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("{found} is no mode; accepted are p (program), a (aperture priority), s (shutter priority), m (manual)")]
+#[error("{found} is not a mode; expected p (program), a (aperture priority), s (shutter priority), m (manual)")]
 pub struct ModeError {
     pub found: String,
 }

@@ -43,14 +43,14 @@ const ISO_SPEEDS: [f64; 25] = [
 /// Text that is not a camera setting.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum StopError {
-    #[error("an aperture of {found} is refused: accepted is an f-number from 0.5 to 256, as in 2.8 or f/2.8")]
+    #[error("an aperture of {found} is refused: expected an f-number from 0.5 to 256, as in 2.8 or f/2.8")]
     Aperture { found: String },
     #[error(
-        "a shutter time of {found} is refused: accepted is more than 0 and up to 60 s, as in 1/60, 1/60s, 0.5 or 2s \
+        "a shutter time of {found} is refused: expected more than 0 and up to 60 s, as in 1/60, 1/60s, 0.5 or 2s \
          (from 1/1000000)"
     )]
     Shutter { found: String },
-    #[error("a film speed of {found} is refused: accepted is ISO 100 to 25600, as in 400 or ISO400")]
+    #[error("a film speed of {found} is refused: expected ISO 100 to 25600, as in 400 or ISO400")]
     Iso { found: String },
 }
 

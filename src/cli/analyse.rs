@@ -149,8 +149,8 @@ fn print_accepted(accepted: &[Accepted], findings: &Findings, time_offset_s: f64
         let offset_s = fixed(time_offset_s + clock_s, 4);
         writeln!(
             out,
-            "accepted   the poses' clock stays: it belongs to what tracks the camera, and the analysis has it (in a recording.toml: \
-             poses.time_offset_s = {offset_s})"
+            "accepted   the clock of the poses is not written: it belongs to the tracker, and is stored in the \
+             analysis (in a recording.toml: poses.time_offset_s = {offset_s})"
         )?;
     }
     Ok(())
@@ -162,11 +162,14 @@ fn check_report(path: &Path, shot: &Shot, folder: &Path) -> Result<()> {
     Inputs::of(shot).check_file(path)?;
     sink::check_file(path, true)?;
     if resolved(path).parent() == Some(&resolved(folder)) {
-        bail!("{}: an analysis' folder holds nothing else; choose another place", path.display());
+        bail!("{}: the folder of an analysis contains nothing else; choose another folder", path.display());
     }
     let is_page = || file::read_text(path, MAX_REPORT_BYTES).is_ok_and(|text| text.contains(report::MADE_BY));
     if path.is_file() && path.metadata().is_ok_and(|there| there.len() > 0) && !is_page() {
-        bail!("{}: exists already and is no report of an analysis, so it is kept; name another file", path.display());
+        bail!(
+            "{}: exists already and is not a report of an analysis, so it is kept; choose another file",
+            path.display()
+        );
     }
     Ok(())
 }
@@ -179,10 +182,7 @@ fn support_reports(scene: &Path, args: &Args, folder: &Path) -> Result<Vec<Suppo
     let shot = Shot::open(&args.recording, &args.options(), &shot_options)?;
     shot.scene.warnings.iter().for_each(|text| warn(args.quiet, text));
     if shot.up().is_none() {
-        warn(
-            args.quiet,
-            "neither the scene nor the recording says where up is, so nothing is known of what objects stand on",
-        );
+        warn(args.quiet, "neither the scene nor the recording defines up, so the supports of objects are unknown");
     }
     let grounds = shot.support_report();
     // The same notes as those of `composite`, except for gaps in the lines of the support reports:
@@ -208,7 +208,7 @@ fn write_report(
     let response = shot.camera().response;
     let source =
         report::Source { recording: &shot.recording, camera: &camera, response: &response, analysis, grounds, times };
-    let page = report::html(&source).with_context(|| format!("{}: cannot be made", path.display()))?;
+    let page = report::html(&source).with_context(|| format!("{}: cannot be created", path.display()))?;
     write_atomically(path, true, |out| out.write_all(page.as_bytes()))?;
     Ok(())
 }
@@ -222,7 +222,7 @@ pub fn make(shot: &Shot, folder: &Path, force: bool, quiet: bool) -> Result<(Ana
         && there.fits(&shot.recording, &shot.geometry_at(0)?).is_ok()
         && there.is_current(&shot.recording)
     {
-        print_status(quiet, &format!("{}: was there and fits; --force makes it anew", folder.display()));
+        print_status(quiet, &format!("{}: exists and is up to date; --force repeats it", folder.display()));
         return Ok((there, Times::kept(folder)));
     }
     let bar = progress_of(quiet, 0, "{wide_bar} {percent} %, {msg}");

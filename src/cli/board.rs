@@ -31,7 +31,7 @@ pub struct Args {
 
 fn paper(text: &str) -> Result<Paper, String> {
     let named = Paper::from_value(&Value::Text(text.to_ascii_lowercase()), &Paper::kind(None));
-    named.ok_or_else(|| "accepted are a4 and letter".to_owned())
+    named.ok_or_else(|| "expected a4 or letter".to_owned())
 }
 
 pub fn run(args: &Args) -> Result<()> {

@@ -37,7 +37,7 @@ pub fn line(shot: &Shot) -> Result<String, ShotError> {
         Ok(found) => {
             let milliseconds = |s: f64| fixed(1e3 * s, 1);
             let fit = if found.delay_s.abs() <= 2.0 * found.sigma_s {
-                format!("as told, within {} ms", milliseconds(2.0 * found.sigma_s))
+                format!("as recorded, within {} ms", milliseconds(2.0 * found.sigma_s))
             } else {
                 format!(
                     "poses {} ms {} fit the pictures best: time_offset_s = {} (now {})",
@@ -50,7 +50,7 @@ pub fn line(shot: &Shot) -> Result<String, ShotError> {
             let quarters = match found.quarters {
                 0 => String::new(),
                 quarters => format!(
-                    "; the poses' camera is turned by {}° about its optical axis against the pictures",
+                    "; the poses' camera is rotated by {}° about its optical axis relative to the pictures",
                     90 * quarters
                 ),
             };

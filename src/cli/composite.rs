@@ -94,12 +94,12 @@ pub fn frame_range(requested: Option<(Option<usize>, Option<usize>)>, count: usi
     if let (Some(a), Some(b)) = (a, b)
         && a >= b
     {
-        bail!("--frames {a}..{b}: there is no frame in it; the end, which is not part of it, must be above the start");
+        bail!("--frames {a}..{b}: the range is empty; its end is exclusive and must be above its start");
     }
     let range = a.unwrap_or(0)..b.unwrap_or(count);
     if range.start >= range.end || range.end > count {
         bail!(
-            "--frames {}..{}: accepted is what lies within 0..{count}, for there are {count} frames",
+            "--frames {}..{}: expected a range within 0..{count}, because there are {count} frames",
             range.start,
             range.end
         );
@@ -151,10 +151,7 @@ pub fn run(args: Args) -> Result<()> {
     if let (Err(error), OutPath::Stdout, Some(report)) = (&done, &export.out, &export.report)
         && super::is_closed_stdout(error)
     {
-        bail!(
-            "{}: is not written, for whoever was reading the frames closed the pipe before the last",
-            report.display()
-        );
+        bail!("{}: was not written, because the reader closed the pipe before the last frame", report.display());
     }
     let done = done?;
     for note in done.notes() {
@@ -222,9 +219,9 @@ mod tests {
         assert!(frame_range(Some((Some(3), Some(10))), 9).unwrap_err().to_string().contains("0..9"));
         for empty in [(3, 3), (50, 40)] {
             let text = frame_range(Some((Some(empty.0), Some(empty.1))), 9).unwrap_err().to_string();
-            assert!(text.contains("there is no frame in it"), "{text}");
+            assert!(text.contains("there are no frames in it"), "{text}");
         }
         let text = frame_range(Some((Some(9), None)), 9).unwrap_err().to_string();
-        assert!(text.contains("--frames 9..9: accepted is what lies within 0..9"), "{text}");
+        assert!(text.contains("--frames 9..9: expected a range within 0..9"), "{text}");
     }
 }

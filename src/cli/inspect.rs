@@ -64,7 +64,7 @@ pub struct Args {
 
 fn seconds(text: &str) -> Result<f64, String> {
     let number = text.trim().parse().ok().filter(|seconds| (0.1..=86400.0).contains(seconds));
-    number.ok_or_else(|| format!("{text} is refused: accepted is a number of seconds from 0.1 to 86400"))
+    number.ok_or_else(|| format!("{text} is refused: expected a number of seconds from 0.1 to 86400"))
 }
 
 /// Maximum number of damaged pictures that are listed.
@@ -111,13 +111,13 @@ fn kind(path: &Path) -> Result<InputKind> {
 pub fn run(args: &Args) -> Result<()> {
     if let Some(url) = args.what.to_str().filter(|text| Protocol::of(text).is_some()) {
         if args.frame.is_some() {
-            bail!("{url}: --frame asks for a recording, and this is a stream");
+            bail!("{url}: --frame needs a recording, but this is a stream");
         }
         return listen::run(url, args.seconds);
     }
     let found = kind(&args.what)?;
     if args.frame.is_some() && !matches!(found, InputKind::Recording) {
-        bail!("{}: --frame asks for a recording, and this is none", args.what.display());
+        bail!("{}: --frame needs a recording, and this is not one", args.what.display());
     }
     match found {
         InputKind::Scene => {
@@ -179,10 +179,10 @@ fn profile(path: &Path) -> Result<()> {
     }
     match rig.missing_keys() {
         missing if missing.is_empty() => {}
-        _ if !rig.gives_geometry() => writeln!(out, "odd        no intrinsics: the recording must bring its own")?,
+        _ if !rig.gives_geometry() => writeln!(out, "odd        no intrinsics: the recording must have its own")?,
         missing => {
             let missing = missing.join(", ");
-            writeln!(out, "odd        no whole camera: without {missing} it lies over the recording's own")?;
+            writeln!(out, "odd        incomplete camera: without {missing} it overrides the recording's own")?;
         }
     }
     Ok(())
@@ -319,7 +319,7 @@ fn duplicates(recording: &Recording) -> Vec<String> {
     bar.finish_and_clear();
     let Duplicates { pictures, moved, poses, times } = match found {
         Ok(found) => found,
-        Err(error) => return vec![format!("whether pictures repeat is not known: {error}")],
+        Err(error) => return vec![format!("repeated pictures could not be searched for: {error}")],
     };
     let of = |frames: &[usize], what: &str| {
         let first = frames.first()?;
@@ -355,7 +355,7 @@ fn one_frame(args: &Args, shot: Shot, frame: usize, out: &mut impl Write) -> Res
     }
     let opacity = recording.opacity(frame);
     if opacity < 1.0 {
-        writeln!(out, "presence   {}: so much of the evidence is seen", fixed(opacity, 3))?;
+        writeln!(out, "presence   {}: opacity of the evidence", fixed(opacity, 3))?;
     }
     if args.picks.is_empty() {
         return Ok(());

@@ -35,7 +35,7 @@ pub fn install_handlers() -> anyhow::Result<()> {
             return;
         }
         // The message comes first. From here on no output is finished any more.
-        print_message("interrupted; what was finished stays, and nothing else");
+        print_message("interrupted; finished files are kept, unfinished ones are removed");
         let _no_new_output = undo_all();
         end_immediately();
     })

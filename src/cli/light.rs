@@ -65,7 +65,7 @@ fn number_in(text: &str, is_accepted: impl Fn(f64) -> bool, accepted: &str) -> R
         .parse()
         .ok()
         .filter(|v| is_accepted(*v))
-        .ok_or_else(|| format!("{text} is refused: accepted is {accepted}"))
+        .ok_or_else(|| format!("{text} is refused: expected {accepted}"))
 }
 
 fn lux(text: &str) -> Result<f64, String> {

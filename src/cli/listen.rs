@@ -34,16 +34,16 @@ pub fn run(url: &str, seconds: f64) -> Result<()> {
     if report.datagrams == 0 {
         let waited = fixed(began.elapsed().as_secs_f64(), 0);
         bail!(
-            "{}: nothing came to {} in {waited} s; see that it is the sender's address and port, and that no firewall is \
-             between ({})",
+            "{}: nothing arrived at {} in {waited} s; check that the sender uses this address and port, and that no \
+             firewall is in between ({})",
             shown(url),
             poses.address(),
-            if poses.address().ip().is_loopback() { "this address is heard by this machine alone" } else { "UDP" }
+            if poses.address().ip().is_loopback() { "only this machine can send to this address" } else { "UDP" }
         );
     }
     let mut out = std::io::stdout().lock();
     let listened_s = if last.is_some() { from_first } else { began }.elapsed().as_secs_f64();
-    writeln!(out, "stream     {}, heard for {} s", shown(url), fixed(listened_s, 1))?;
+    writeln!(out, "stream     {}, received for {} s", shown(url), fixed(listened_s, 1))?;
     sources(&mut out, report)?;
     if let Some(tracked) = &last {
         place(&mut out, report, tracked)?;
@@ -85,7 +85,7 @@ fn place(out: &mut impl Write, report: &Report, tracked: &StreamPose) -> Result<
 
 fn lens(lens: &LensState, last: Option<&StreamPose>) -> String {
     if last.is_some_and(|tracked| tracked.message.freed().is_some()) {
-        return "FreeD says nothing of it but its encoders".to_owned();
+        return "FreeD transmits only its encoders".to_owned();
     }
     let camera = lens.sensor_px.map(|[width, height]| lens.geometry(width, height));
     match camera {
@@ -101,7 +101,7 @@ fn drops(out: &mut impl Write, report: &Report) -> Result<()> {
     writeln!(out, "drops      {}", report.drops())?;
     if report.jumps + report.steps > 0 {
         let times = count((report.jumps + report.steps) as usize, "time");
-        writeln!(out, "odd        its clock was set anew {times}, the last by {} s", fixed(report.last_step_s, 3))?;
+        writeln!(out, "odd        its clock was reset {times}, the last by {} s", fixed(report.last_step_s, 3))?;
     }
     if report.changes > 0 {
         writeln!(out, "odd        another source took over {}", count(report.changes as usize, "time"))?;

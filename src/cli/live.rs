@@ -116,7 +116,7 @@ fn headless(args: &Args, output: &Path) -> Result<()> {
     args.which.apply(&mut shot.settings)?;
     let lacks = |error| match (&camera.opened.lens, error) {
         (Some(lens), ShotError::NoCamera { .. }) if lens.camera.geometry.is_none() => {
-            anyhow!("{}; give the camera's profile (--profile), or see to the stream", lens.description)
+            anyhow!("{}; give the camera's profile (--profile), or check the stream", lens.description)
         }
         (_, error) => anyhow::Error::from(error),
     };
@@ -181,7 +181,7 @@ fn headless(args: &Args, output: &Path) -> Result<()> {
         bail!("{error}; nothing was recorded");
     }
     if let Some((_, Some(error))) = recorded {
-        bail!("{error}; the recording is whole up to there");
+        bail!("{error}; the recording is complete up to there");
     }
     Ok(())
 }
@@ -266,7 +266,7 @@ fn composite_frames(
         }
         let failure = live.recorder().and_then(RecorderThread::failure);
         if let Some(error) = failure {
-            warn(quiet, &format!("{error}; the recording ends here, and is whole; the pictures go on"));
+            warn(quiet, &format!("{error}; the recording ends here and is complete; the pictures continue"));
             live.take_recorder();
         }
     }
@@ -297,7 +297,7 @@ fn write_on_thread(
         // The writer's error takes precedence: it stopped the frames.
         match writing.join() {
             Ok(written) => written?,
-            Err(_) => bail!("the thread that writes broke down; its message stands above"),
+            Err(_) => bail!("the writing thread panicked; see the message above"),
         }
         done
     })

@@ -215,7 +215,7 @@ fn print_message(text: &str) {
 
 /// The number of a frame, as an option's value.
 fn frame_number(text: &str) -> Result<usize, String> {
-    text.trim().parse().map_err(|_| format!("{text} is refused: accepted is the number of a frame, from 0 on"))
+    text.trim().parse().map_err(|_| format!("{text} is refused: expected the number of a frame, from 0 on"))
 }
 
 /// Checks that a recording has a frame.

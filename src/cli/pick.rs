@@ -156,7 +156,7 @@ pub fn print_points(picker: &Picker<'_>, query: &PointQuery<'_>, out: &mut impl 
     if let Some(distance_m) = distance_m {
         match picks.len() {
             2 if distance_m > 0.0 => {}
-            2 => bail!("--distance {distance_m}: accepted is what lies above 0"),
+            2 => bail!("--distance {distance_m}: expected a distance above 0"),
             given => bail!("--distance is that of two points: give --pick twice ({given} given)"),
         }
     }
@@ -177,7 +177,7 @@ pub fn print_points(picker: &Picker<'_>, query: &PointQuery<'_>, out: &mut impl 
                     write!(out, ", tilted by {:.1}°", surface.plane.tilt_deg(up))?;
                 }
                 let on = 100.0 * surface.share;
-                writeln!(out, ", uneven by {} {unit}, {on:.0} % of what is around", fixed(surface.sigma_m, 5))?;
+                writeln!(out, ", uneven by {} {unit}, {on:.0} % of the surroundings", fixed(surface.sigma_m, 5))?;
             }
             PointSource::Plane { .. } => {
                 let depth = shot.recording.pose_at_frame(picker.frame)?.transform_point(picked.point_m).z;

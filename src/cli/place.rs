@@ -65,13 +65,13 @@ pub struct Args {
 
 pub fn run(args: &Args) -> Result<()> {
     if let Some(odd) = args.heading.filter(|heading| !(-360.0..=360.0).contains(heading)) {
-        bail!("--heading {}: accepted is -360 to 360 degrees", number(odd));
+        bail!("--heading {}: expected -360 to 360 degrees", number(odd));
     }
     if let Some(odd) = args.size.filter(|size| !(1e-4..=1e3).contains(size)) {
-        bail!("--size {}: accepted is 0.0001 to 1000 metres", number(odd));
+        bail!("--size {}: expected 0.0001 to 1000 metres", number(odd));
     }
     if args.name.as_deref().is_some_and(|name| name.trim().is_empty()) {
-        bail!("--name: a name of nothing tells nothing; leave it out, and the model's file names it");
+        bail!("--name: the name is empty; omit it to use the name of the model's file");
     }
     let ending = args.scene.extension().unwrap_or_default().to_ascii_lowercase();
     if ending != "toml" {
@@ -144,7 +144,7 @@ pub fn run(args: &Args) -> Result<()> {
     match picked.source {
         PointSource::Depth(found) => writeln!(
             out,
-            "surface    tilted by {tilt:.1}°, depth {:.4} m, uneven by {:.1} mm, {:.0} % of what is around",
+            "surface    tilted by {tilt:.1}°, depth {:.4} m, uneven by {:.1} mm, {:.0} % of the surroundings",
             found.depth_m,
             1e3 * found.sigma_m,
             100.0 * found.share
@@ -166,13 +166,10 @@ pub fn run(args: &Args) -> Result<()> {
     }
     if is_guessed {
         let up = up.to_array().map(|n| fixed(n, 4)).join(", ");
-        let by = "across the surface, or what the cameras had above them where that leans far";
-        writeln!(
-            out,
-            "odd        nothing says which way is up: [{up}] is taken, {by}; `up` in the scene file says it now"
-        )?;
+        let by = "from the surface's normal, or from the cameras' up if that leans far";
+        writeln!(out, "odd        up is unknown: [{up}] is assumed, {by}, and written as `up` into the scene file")?;
     } else if file_up.is_none() && shot.recording.up.is_none() {
-        writeln!(out, "odd        nothing says which way is up: z is taken; `up` in the scene file says otherwise")?;
+        writeln!(out, "odd        up is unknown: z is assumed; `up` in the scene file overrides it")?;
     }
     let frame = shot.read(args.frame)?;
     let placed = shot.scene.objects.len() - 1;

@@ -34,7 +34,7 @@ const POSE_TIMEOUT_S: f64 = 0.2;
 /// Creates the parent folder of a recording.
 pub fn create_parent(recording: &Path) -> Result<MadeFolder> {
     let folder = recording.parent().unwrap_or(Path::new(""));
-    MadeFolder::make(folder).with_context(|| format!("{}: the folder cannot be made", folder.display()))
+    MadeFolder::make(folder).with_context(|| format!("{}: the folder cannot be created", folder.display()))
 }
 
 pub fn run(args: &Args) -> Result<()> {
@@ -87,7 +87,7 @@ pub fn run(args: &Args) -> Result<()> {
         if kept == 0 {
             bail!("{error}; nothing was recorded");
         }
-        bail!("{error}; the recording ends after {}, and is whole", count(kept, "frame"));
+        bail!("{error}; the recording ends after {} and is complete", count(kept, "frame"));
     }
     if kept == 0 {
         bail!("{}: nothing was recorded: {}", args.output.display(), session.no_picture_error());

@@ -106,7 +106,7 @@ impl RenderProjection {
 fn size(text: &str) -> Result<(u32, u32), String> {
     let side = |t: &str| t.parse().ok().filter(|n| (1..=16384).contains(n));
     let parsed = text.split_once(['x', 'X']).and_then(|(w, h)| Some((side(w)?, side(h)?)));
-    parsed.ok_or_else(|| format!("{text} is no size; accepted is WxH, each 1 to 16384, as in 1024x768"))
+    parsed.ok_or_else(|| format!("{text} is not a size; expected WxH, each 1 to 16384, as in 1024x768"))
 }
 
 fn angles(text: &str) -> Result<(f64, Option<f64>), String> {
@@ -115,12 +115,12 @@ fn angles(text: &str) -> Result<(f64, Option<f64>), String> {
         Some((x, y)) => angle(x).zip(angle(y)).map(|(x, y)| (x, Some(y))),
         None => angle(text).map(|x| (x, None)),
     };
-    parsed.ok_or_else(|| format!("{text} is no angle of view; accepted is more than 0 and up to 360 (degrees)"))
+    parsed.ok_or_else(|| format!("{text} is not an angle of view; expected more than 0 and up to 360 (degrees)"))
 }
 
 fn metres(text: &str) -> Result<f64, String> {
     let parsed = text.trim().parse().ok().filter(|m| *m >= 1e-6 && *m <= 1e6);
-    parsed.ok_or_else(|| format!("{text} is refused: accepted is 0.000001 to 1000000 (m)"))
+    parsed.ok_or_else(|| format!("{text} is refused: expected 0.000001 to 1000000 (m)"))
 }
 
 fn vector<const N: usize>(text: &str) -> Result<[f64; N], String> {
@@ -129,7 +129,7 @@ fn vector<const N: usize>(text: &str) -> Result<[f64; N], String> {
     let numbers = numbers.ok_or_else(|| format!("{text}: expected {N} numbers with commas between"))?;
     match numbers.iter().all(|v| v.abs() <= 1e9) {
         true => Ok(numbers),
-        false => Err(format!("{text}: accepted are numbers from -1000000000 to 1000000000")),
+        false => Err(format!("{text}: expected numbers from -1000000000 to 1000000000")),
     }
 }
 
@@ -145,8 +145,7 @@ pub fn run(args: &Args) -> Result<()> {
     if let Projection::Curved(curved) = &projection
         && let Some((wanted, drawn)) = limits(curved)
     {
-        let text =
-            format!("where it is finest the picture asks for cube faces of {wanted} px; they are drawn with {drawn}");
+        let text = format!("the picture's finest part needs cube faces of {wanted} px; they are drawn with {drawn}");
         warn(args.quiet, &text);
     }
     let has_picture = matches!(scene.lighting.environment, Environment::Map(_));
@@ -171,14 +170,14 @@ fn check(args: &Args) -> Result<()> {
     if let Some((fov, second)) = args.fov {
         let largest = kind.largest_fov_deg();
         if kind == RenderProjection::Orthographic {
-            bail!("--fov: parallel rays have no angle of view; --height says how much is seen, in metres");
+            bail!("--fov: parallel rays have no angle of view; --height sets the height of the view, in metres");
         }
         if second.is_some() && kind != RenderProjection::Environment {
             bail!("--fov: this camera has one angle of view; two are for --camera environment");
         }
         if fov > largest || second.is_some_and(|fov| fov > 180.0) {
             let also = if kind == RenderProjection::Environment { " by 180" } else { "" };
-            bail!("--fov {}: accepted is up to {largest}{also} degrees for this camera", short(second.unwrap_or(fov)));
+            bail!("--fov {}: expected up to {largest}{also} degrees for this camera", short(second.unwrap_or(fov)));
         }
     }
     if args.height.is_some() && kind != RenderProjection::Orthographic {
@@ -187,7 +186,7 @@ fn check(args: &Args) -> Result<()> {
     match (args.shift, kind) {
         (None, RenderProjection::OffCentre) => bail!("--camera off-centre needs --shift X,Y, as in --shift 0,0.25"),
         (Some(_), kind) if kind != RenderProjection::OffCentre => bail!("--shift is for --camera off-centre"),
-        (Some(shift), _) if shift.iter().any(|s| s.abs() > 10.0) => bail!("--shift: accepted is -10 to 10"),
+        (Some(shift), _) if shift.iter().any(|s| s.abs() > 10.0) => bail!("--shift: expected -10 to 10"),
         _ => Ok(()),
     }
 }
@@ -249,8 +248,8 @@ fn pose(args: &Args, (middle, radius): (DVec3, f64), scene_up: DVec3) -> Result<
     let up = if along && given_up.is_none() { ahead } else { up };
     let Some(pose) = Pose::look_at(eye, target, up) else {
         bail!(
-            "--from {eye}, --at {target} and --up {up} make no view: the first two must differ, and the line between \
-             them must not run along the third"
+            "--from {eye}, --at {target} and --up {up} do not define a view: the first two must differ, and the line \
+             between them must not run along the third"
         );
     };
     Ok(pose)

@@ -71,8 +71,11 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<()> {
     let (shot, folder, found) = open_analysed(args)?;
     let (Some(light), Some(around)) = (&found.findings.light, &found.environment) else {
-        let why = found.findings.light.as_ref().and_then(|light| light.why.as_deref()).unwrap_or("nothing can be said");
-        bail!("{}: the footage does not tell its light: {why}", folder.display());
+        let why = found.findings.light.as_ref().and_then(|light| light.why.as_deref()).unwrap_or(
+            "no reason was \
+                                                                                                  recorded",
+        );
+        bail!("{}: the light was not estimated from the footage: {why}", folder.display());
     };
     let path = match (&args.output, &args.scene) {
         (Some(path), _) | (None, Some(path)) => path,
@@ -156,11 +159,11 @@ fn open_analysed(args: &Args) -> Result<(Shot, PathBuf, Analysis)> {
     let folder = match &shot.analysis {
         AnalysisState::Used(folder, _) => folder.clone(),
         AnalysisState::Unfit(folder, problem) => {
-            bail!("{}: {problem}; `locard analyse {recording}` makes it anew", folder.display())
+            bail!("{}: {problem}; `locard analyse {recording}` creates it again", folder.display())
         }
         AnalysisState::Absent | AnalysisState::Ignored => {
             let place = beside(&shot.recording.path);
-            bail!("{}: there is no analysis, which finds the light: `locard analyse {recording}`", place.display())
+            bail!("{}: there is no analysis; `locard analyse {recording}` estimates the light", place.display())
         }
     };
     let found = Analysis::read(&folder)?;
@@ -169,7 +172,7 @@ fn open_analysed(args: &Args) -> Result<(Shot, PathBuf, Analysis)> {
         && !has_light(used)
         && has_light(&found.findings)
     {
-        bail!("{}: {}; `locard analyse {recording}` makes it anew", folder.display(), used.left_out.join("; "));
+        bail!("{}: {}; `locard analyse {recording}` creates it again", folder.display(), used.left_out.join("; "));
     }
     Ok((shot, folder, found))
 }

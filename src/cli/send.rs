@@ -40,7 +40,7 @@ pub struct Args {
 
 fn speed(text: &str) -> Result<f64, String> {
     let number = text.trim().parse().ok().filter(|speed| (1e-3..=1e4).contains(speed));
-    number.ok_or_else(|| format!("{text} is refused: accepted is a number from 0.001 to 10000"))
+    number.ok_or_else(|| format!("{text} is refused: expected a number from 0.001 to 10000"))
 }
 
 pub fn run(args: &Args) -> Result<()> {
@@ -135,7 +135,7 @@ fn lens(shot: &Shot, quiet: bool) -> Option<LensState> {
 fn notes(shot: &Shot, args: &Args) {
     let recording = &shot.recording;
     if !recording.kind.is_metric() && recording.metres_per_unit == 1.0 {
-        warn(args.quiet, "the recording's unit is taken for a metre; --metres-per-unit says how long it is");
+        warn(args.quiet, "the recording's unit is assumed to be a metre; --metres-per-unit sets its length");
     }
     if let Some(up) = recording.up.filter(|up| up.distance(DVec3::Z) > 1e-3) {
         let protocol = match Protocol::of(&args.to) {
@@ -143,13 +143,14 @@ fn notes(shot: &Shot, args: &Args) {
             _ => "OpenTrackIO",
         };
         let [x, y, z] = up.to_array().map(|v| fixed(v, 2));
-        let text = format!("up is {x} {y} {z} in the recording and z in {protocol}: the places are sent as they are");
+        let text = format!("up is {x} {y} {z} in the recording and z in {protocol}: positions are sent unchanged");
         warn(args.quiet, &text);
     }
     if recording.track.poses_in_frame_time().next().is_some_and(|pose| pose.0 < 0.0) {
         warn(
             args.quiet,
-            "the recording begins before 0, where no stream's clock does: its times are moved by whole seconds",
+            "the recording begins before time 0, which streams cannot represent: its times are shifted by whole \
+             seconds",
         );
     }
 }

@@ -71,7 +71,7 @@ pub fn run(args: &Args) -> Result<()> {
     };
     let recorded = open(AnalysisChoice::No)?;
     if !recorded.recording.has_depth() {
-        bail!("{}: there is no depth: nothing says where what its frames show stands", args.recording.display());
+        bail!("{}: there is no depth, so the positions of visible surfaces are unknown", args.recording.display());
     }
     let found = open(args.analysis.choice())?;
     for note in found.notes(0..found.recording.frame_count()) {

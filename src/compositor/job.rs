@@ -135,11 +135,11 @@ pub enum SubmitError {
     Effect(#[from] EffectError),
     #[error(
         "the objects, as far as they are blurred, take {width_px}x{height_px} px; this adapter draws up to {side_px} px \
-         a side and {area_px} in all: accepted are a shorter exposure, less blur{}, or smaller frames",
+         a side and {area_px} in all: expected a shorter exposure, less blur{}, or smaller frames",
         widest.map_or_else(String::new, |effect| format!(" ({effect} reaches farthest)"))
     )]
     TooLarge { width_px: u32, height_px: u32, side_px: u32, area_px: u32, widest: Option<&'static str> },
-    #[error("the view is {}x{} px, and the picture {}x{}: they must be alike", view_px.0, view_px.1, picture_px.0, picture_px.1)]
+    #[error("the view is {}x{} px, but the picture is {}x{}: both must have one size", view_px.0, view_px.1, picture_px.0, picture_px.1)]
     TargetSize { view_px: (u32, u32), picture_px: (u32, u32) },
     #[error(transparent)]
     Gpu(#[from] GpuError),

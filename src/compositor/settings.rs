@@ -98,7 +98,7 @@ impl TryFrom<SerializedSettings> for Settings {
 
 /// A name that is not an effect's.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("there is no effect {name}; there are: {known}")]
+#[error("there is no effect {name}; known effects: {known}")]
 pub struct SettingsError {
     pub name: String,
     pub known: String,

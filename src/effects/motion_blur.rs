@@ -142,7 +142,7 @@ impl Effect for MotionBlur {
             return Err(EffectError {
                 parameter: "motion_blur.method",
                 reason: "copies moves objects along a line, and in a picture of 170° and more nothing moves along one: \
-                         accepted there are velocity, accumulation and reference",
+                         expected velocity, accumulation or reference",
             });
         }
         Ok(())

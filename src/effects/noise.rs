@@ -122,7 +122,7 @@ impl Effect for Noise {
     }
     fn check(&self, camera: &Camera, _: &Geometry) -> Result<(), EffectError> {
         if self.iso.is_some() && camera.noise.is_some() && camera.exposure.iso.is_none() {
-            let reason = "the film speed at which the noise was measured is not known: accepted is none, or any of 100 \
+            let reason = "the film speed at which the noise was measured is not known: expected none, or any of 100 \
                           to 25600 with camera.exposure.iso given";
             return Err(EffectError { parameter: "noise.iso", reason });
         }

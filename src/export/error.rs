@@ -16,9 +16,9 @@ pub enum ExportError {
     /// The path must not be written to.
     #[error("{}: {problem}", path.display())]
     Refused { path: PathBuf, problem: String },
-    #[error("{}: cannot be made: {}", path.display(), reason(source))]
+    #[error("{}: cannot be created: {}", path.display(), reason(source))]
     Folder { path: PathBuf, source: io::Error },
-    #[error("no thread can be started that writes: {}", reason(source))]
+    #[error("the writing thread could not be started: {}", reason(source))]
     Thread { source: io::Error },
     #[error("the writing thread stopped early")]
     Stopped,

@@ -33,9 +33,9 @@ const MIN_CHANGE_S: f64 = 0.002;
 pub enum DelayError {
     #[error(transparent)]
     NoDelay(#[from] DelayFailure),
-    #[error("it is known within ± {:.0} ms only", 1e3 * sigma_s)]
+    #[error("it is known only within ± {:.0} ms", 1e3 * sigma_s)]
     Uncertain { sigma_s: f64 },
-    #[error("the poses' camera is turned by {degrees}° about its optical axis against the pictures")]
+    #[error("the poses' camera is rotated by {degrees}° about its optical axis relative to the pictures")]
     Rotated { degrees: u32 },
 }
 

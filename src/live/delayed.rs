@@ -160,7 +160,7 @@ impl DelayedSource {
                     DelayError::NoDelay(DelayFailure::AtEnd { .. }) => "; begin nearer to it, by the stream's delay_s",
                     _ => "",
                 };
-                self.message = Some(format!("the poses' delay is not found yet, and is taken for 0: {why}{help}"));
+                self.message = Some(format!("the poses' delay is not found yet, and 0 is assumed: {why}{help}"));
             }
             Err(_) => {}
         }
@@ -365,7 +365,7 @@ mod tests {
             source
                 .take_message()
                 .unwrap()
-                .contains("is not found yet, and is taken for 0: it is known within ± 50 ms only")
+                .contains("is not found yet, and 0 is assumed: it is known only within ± 50 ms")
         );
         source.apply(Err(why));
         assert_eq!(source.take_message(), None);

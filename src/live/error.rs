@@ -16,16 +16,18 @@ use crate::webcam::CameraError;
 #[derive(Debug, thiserror::Error)]
 pub enum LiveError {
     #[error(
-        "{name}: gives no poses; accepted are tags, tags:BOARD.toml, opentrackio://…, freed://…, file:RECORDING, none"
+        "{name}: is not a source of poses; expected tags, tags:BOARD.toml, opentrackio://…, freed://…, \
+         file:RECORDING, none"
     )]
     Poses { name: String },
     #[error("{}: the recording has no poses", path.display())]
     NoPoses { path: PathBuf },
     #[error(
-        "poses from tags need the camera's focal length, which its profile says (--profile; `locard calibrate camera` writes one)"
+        "poses from tags need the camera's focal length, from its profile (--profile; `locard calibrate camera` writes \
+         one)"
     )]
     NoCamera,
-    #[error("{}: [camera] lacks {}: poses from tags need a whole camera", path.display(), missing.join(", "))]
+    #[error("{}: [camera] lacks {}: poses from tags need a complete camera", path.display(), missing.join(", "))]
     IncompleteCamera { path: PathBuf, missing: Vec<&'static str> },
     #[error(transparent)]
     Profile(#[from] ProfileError),

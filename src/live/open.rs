@@ -61,14 +61,14 @@ fn wait_for_lens_data(poses: &mut dyn PoseSource, url: &str, size_px: (u32, u32)
     let until = Instant::now() + Duration::from_secs_f64(LENS_TIMEOUT_S);
     let Some(state) = poses.wait_for_lens(size_px, until) else {
         let why = poses.no_pose_reason().map_or_else(String::new, |why| format!(": {why}"));
-        let description = format!("no lens is known from {url} within {LENS_TIMEOUT_S} s{why}");
+        let description = format!("no lens was received from {url} within {LENS_TIMEOUT_S} s{why}");
         return StreamLens { camera: FrameCamera::default(), description };
     };
     let (camera, remark) = camera_of(&state, size_px, interval_s);
     let description = match (&camera.geometry, remark) {
         (Some(_), None) => format!("the lens is the stream's: {state}"),
         (Some(_), Some(remark)) => format!("the lens is the stream's: {state}; {remark}"),
-        (None, why) => format!("the stream's lens makes no camera: {}", why.unwrap_or_default()),
+        (None, why) => format!("the stream's lens is not a complete camera: {}", why.unwrap_or_default()),
     };
     StreamLens { camera, description }
 }
@@ -87,13 +87,13 @@ pub fn open(spec: &LiveSpec, profile_camera: Option<&Camera>) -> Result<LiveInpu
     let negotiated = &camera.negotiated;
     let rate_hz = negotiated.rate_hz.unwrap_or(request.rate_hz);
     let hz = |rate: f64| fixed(rate, 2);
-    let delivers = format!("{} gives {} at {} Hz", shown(&negotiated.name), negotiated.picture_format, hz(rate_hz));
+    let delivers = format!("{} delivers {} at {} Hz", shown(&negotiated.name), negotiated.picture_format, hz(rate_hz));
     let is_as_requested = (negotiated.picture_format.width, negotiated.picture_format.height) == request.size
         && (rate_hz - request.rate_hz).abs() < 0.05
         && request.layout.is_none_or(|layout| layout == negotiated.picture_format.layout);
     let layout = request.layout.map_or(String::new(), |layout| format!("{layout} "));
     let requested = format!("{}x{} {layout}at {} Hz", request.size.0, request.size.1, hz(request.rate_hz));
-    let description = if is_as_requested { delivers } else { format!("{delivers}; asked for was {requested}") };
+    let description = if is_as_requested { delivers } else { format!("{delivers}; {requested} was requested") };
     let description = format!("{description}; {}", negotiated.notes());
     let (size_px, interval_s) = ((negotiated.picture_format.width, negotiated.picture_format.height), 1.0 / rate_hz);
     let lens = poses.has_lens_data().then(|| wait_for_lens_data(&mut *poses, &spec.poses, size_px, interval_s));

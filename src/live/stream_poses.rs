@@ -136,7 +136,7 @@ impl PoseSource for StreamPoses {
             return None;
         }
         self.reported_steps = steps;
-        Some(format!("the clock of {} was set anew, by {} s, and is followed", self.url, fixed(by_s, 3)))
+        Some(format!("the clock of {} was reset by {} s, and is followed", self.url, fixed(by_s, 3)))
     }
     fn no_pose_reason(&self) -> Option<String> {
         let silent_s = monotonic_s() - self.last_s;
@@ -144,7 +144,8 @@ impl PoseSource for StreamPoses {
         (silent_s > SILENCE_S).then(|| {
             let why = lock(&self.report).silence_reason();
             format!(
-                "{url}, heard at {local_address}, is silent for {silent_s:.1} s: {why} (`locard inspect {url}` says what comes)"
+                "{url}, received at {local_address}, has been silent for {silent_s:.1} s: {why} (`locard inspect \
+                 {url}` shows what arrives)"
             )
         })
     }

@@ -200,10 +200,10 @@ impl PoseSource for TagPoses {
     fn no_pose_reason(&self) -> Option<String> {
         let Some(failure_reason) = &self.failure_reason else {
             let why = if self.board_check.has_misfits() {
-                "the tags that are seen do not stand to each other as on the board: do its file and the camera's profile \
-                 describe this board and this camera?"
+                "the visible tags are not arranged as on the board: do its file and the camera's profile describe this \
+                 board and this camera?"
             } else {
-                "the tags that are seen do not say yet that they are the board's; show several of them"
+                "the visible tags are not confirmed as the board's yet; show several of them"
             };
             return (!self.board_check.is_confirmed()).then(|| why.to_owned());
         };

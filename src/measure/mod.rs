@@ -24,7 +24,7 @@ pub enum MeasureError {
     Depths,
     #[error("nothing to measure: {0}")]
     Nothing(&'static str),
-    #[error("{what} = {found} is refused: accepted is {accepted}")]
+    #[error("{what} = {found} is refused: expected {accepted}")]
     Option { what: &'static str, found: f64, accepted: &'static str },
     #[error(
         "{side}: {found} of the {needed} patches of 32x32 pixels that are needed lie in its mask; \

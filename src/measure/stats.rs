@@ -49,7 +49,7 @@ fn summed<T: Copy + Into<u32>>(a: &[T], b: &[T], mask: Option<&[bool]>, peak: u3
         differing += usize::from(absolute != before);
     }
     if pixels == 0 {
-        return Err(MeasureError::Nothing("no pixel is looked at"));
+        return Err(MeasureError::Nothing("no pixel is selected"));
     }
     let values = 3.0 * pixels as f64;
     let mean_squared = squared / values;

@@ -35,18 +35,18 @@ pub struct Framing {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FramingError {
     #[error(
-        "a focal length of {found_mm:.1} mm on {film} sees more than the recording, {sees_deg:.1} degrees across where \
-         there are {has_deg:.1}: accepted is {least_mm:.2} mm or more"
+        "a focal length of {found_mm:.1} mm on {film} covers more than the recording, {sees_deg:.1} degrees across \
+         instead of {has_deg:.1}: expected {least_mm:.2} mm or more"
     )]
     TooWide { found_mm: f64, film: Film, sees_deg: f64, has_deg: f64, least_mm: f64 },
     #[error(
-        "a picture {found} px wide and {height} px high is refused: accepted are sides of 16 to 20000 px. Of the recording \
-         {seen:.0} px are seen across, fewer by a longer lens and the nearer it is focused"
+        "a picture {found} px wide and {height} px high is refused: expected sides of 16 to 20000 px. The picture \
+         covers {seen:.0} px of the recording across; a longer lens or a nearer focus covers fewer"
     )]
     Size { found: u32, height: u32, seen: f64 },
     #[error(
-        "{found} px across are more than there are: of the recording {most} px are seen with a film of this shape, and \
-         1 is the least"
+        "{found} px across is refused: the picture covers {most} px of the recording with a film of this shape; \
+         expected 1 to {most}"
     )]
     TooMany { found: f64, most: f64 },
     #[error("camera.film_width_mm with the picture's shape: {0}")]
@@ -236,7 +236,7 @@ mod tests {
         for wrong in [641.0, 0.5, f64::NAN] {
             let aim = Aim { around_px: Some(DVec2::new(wrong, 0.0)), ..Aim::default() };
             let error = Framing::aimed(&whole(), None, None, 1.0, None, aim).unwrap_err().to_string();
-            assert!(error.contains("640 px are seen"), "{error}");
+            assert!(error.contains("covers 640 px"), "{error}");
         }
     }
 

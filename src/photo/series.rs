@@ -57,7 +57,7 @@ impl PhotoRequest {
         let whole = with_film(whole, &shot.rig, in_file_m);
         if whole.is_equirectangular() {
             return refused(
-                "a photograph out of a 360° picture is not made: composite into the recording, and crop that"
+                "photographs from 360° pictures are not supported: composite into the recording, and crop the result"
                     .to_owned(),
             );
         }
@@ -82,8 +82,8 @@ impl PhotoRequest {
         let max_shutter_s = if sums { max_shutter_s(&shot.recording, index) } else { f64::INFINITY };
         if let Some(time_s) = self.time_s.filter(|&time_s| time_s > max_shutter_s * 1.001) {
             return refused(format!(
-                "--shutter {time_s}: the recording does not go on so long around frame {index}; accepted there are up to \
-                 {max_shutter_s:.3} s, or a frame further from its ends"
+                "--shutter {time_s}: the recording is too short around frame {index}; expected up to \
+                 {max_shutter_s:.3} s, or a frame farther from its ends"
             ));
         }
         limits.longest_s = limits.longest_s.min(max_shutter_s);
@@ -100,7 +100,8 @@ impl PhotoRequest {
         let mut warn = |text: String| send(PhotoEvent::Warning(text));
         if lux.is_none() {
             warn(format!(
-                "nothing says how bright the scene is in EXIF or a profile (--lux does): {INDOORS_LX} lx are taken"
+                "the brightness of the scene is neither in EXIF nor in a profile: {INDOORS_LX} lx is assumed (--lux \
+                 sets it)"
             ))?;
         }
         left_out.into_iter().try_for_each(&mut warn)?;
@@ -109,18 +110,18 @@ impl PhotoRequest {
         let frame = shot.read_with_neighbours(index)?;
         let depth = frame.depth.as_ref().filter(|_| shot.settings.depth.occlusion);
         if let Some(Err(why)) = depth.map(|depth| measured_from(depth, &whole, &shot.recording.track)) {
-            warn(format!("nothing real hides objects: {why}"))?;
+            warn(format!("real things do not occlude objects: {why}"))?;
         }
         let unknown_speed = camera.exposure.iso.or(taken.iso).is_none();
         if unknown_speed && camera.noise.is_some() && (self.iso.is_some() || self.bracket == Some(Bracket::Iso)) {
             warn(format!(
-                "nothing says at what speed this camera's noise was measured (camera.exposure.iso): ISO {DEFAULT_ISO} is \
-                 taken"
+                "the film speed at which this camera's noise was measured is unknown (camera.exposure.iso): ISO \
+                 {DEFAULT_ISO} is assumed"
             ))?;
         }
         if camera.noise.is_none() {
-            let text = "nothing says how noisy this camera is: the photograph has the recording's grain and no other; \
-                        calibrate it (`locard calibrate noise` from pictures of a scene at rest, with --moving from the \
+            let text = "this camera's noise is unknown: the photograph has only the recording's grain; measure the \
+                        noise (`locard calibrate noise` from pictures of a scene at rest, with --moving from the \
                         recording itself)";
             warn(text.to_owned())?;
         }
@@ -137,8 +138,8 @@ impl PhotoRequest {
         dials.focus_distance_m = distance_m;
         if self.bracket == Some(Bracket::Focus) && dials.focus_distance_m.is_infinite() {
             return refused(
-                "--bracket focus goes from half a distance to twice, and infinity is sharp here: give a distance, as in \
-                 --focus 2"
+                "--bracket focus goes from half the focus distance to twice, and that is infinite here: give a \
+                 distance, as in --focus 2"
                     .to_owned(),
             );
         }
@@ -154,8 +155,8 @@ impl PhotoRequest {
             let opening = shoot.lens(asked).opening(&framing.geometry)?;
             let flat = shoot.frame.depth.is_none() && acts_on_real;
             if flat && !is_told && opening.is_some_and(|opening| blurs(&opening, &framing)) {
-                let text = "virtual things alone are out of focus: the recording has no depth here, and its part stays as \
-                            sharp as it was recorded";
+                let text = "only virtual objects are out of focus: the recording has no depth here, and its part stays \
+                            as sharp as it was recorded";
                 warn(text.to_owned())?;
                 is_told = true;
             }

@@ -25,7 +25,7 @@ pub fn aim(wanted: &PhotoRequest, recording: &Recording, whole: &Geometry, scene
     let size = DVec2::new(whole.intrinsics.width_px.into(), whole.intrinsics.height_px.into());
     if let Some(at) = place(wanted) {
         if at.cmplt(DVec2::ZERO).any() || at.cmpgt(size).any() {
-            return refused(format!("--aim {wanted} lies outside of the picture, {}x{} px", size.x, size.y));
+            return refused(format!("--aim {wanted} lies outside the picture, {}x{} px", size.x, size.y));
         }
         return Ok(Aim { at_px: Some(at), around_px: across });
     }

@@ -51,17 +51,17 @@ pub enum ProfileError {
     Syntax { path: PathBuf, source: Problem },
     #[error("{path}: {source}")]
     Param { path: PathBuf, source: Box<ParamError> },
-    #[error("{path}: {table}.{key} = {found} is not a number, a switch or a word")]
+    #[error("{path}: {table}.{key} = {found} is not a number, a boolean or a string")]
     Type { path: PathBuf, table: String, key: String, found: String },
-    #[error("{path}: there is no table [{table}]; there are: {known}")]
+    #[error("{path}: there is no table [{table}]; known tables: {known}")]
     UnknownTable { path: PathBuf, table: String, known: String },
-    #[error("{path}: `version` is {found}; this program reads version 1: `version = 1` must stand in the file")]
+    #[error("{path}: `version` is {found}; this program reads version 1: the file must contain `version = 1`")]
     Version { path: PathBuf, found: String },
     #[error("{path}: {message}")]
     Noise { path: PathBuf, message: String },
     #[error(
-        "{path}: [camera.lens] has both aperture_diameter_mm and f_number: accepted is one of them, since the focal \
-         length frame_overrides from fx_px and film_width_mm"
+        "{path}: [camera.lens] has both aperture_diameter_mm and f_number: expected one of them, since the focal \
+         length follows from fx_px and film_width_mm"
     )]
     TwoOpenings { path: PathBuf },
     #[error(
@@ -75,7 +75,7 @@ pub enum ProfileError {
 pub enum SetError {
     #[error("--set {text}: expected table.name=value, as in --set noise.scale=1.5")]
     Syntax { text: String },
-    #[error("--set {text}: there is no table {table}; there are: {known}")]
+    #[error("--set {text}: there is no table {table}; known tables: {known}")]
     UnknownTable { text: String, table: String, known: String },
     #[error("--set {text}: {source}")]
     Param { text: String, source: Box<ParamError> },
@@ -379,7 +379,7 @@ mod tests {
         assert!(error("version = 2\n").contains("version"));
         assert!(error("[camera]\n").contains("missing"));
         let e = error("version = 1\n[camera.distortion]\nmodel = \"fov\"\n");
-        assert!(e.contains("accepted is opencv | opencv_fisheye"), "{e}");
+        assert!(e.contains("expected opencv | opencv_fisheye"), "{e}");
         let e = error("version = 1\n[camera.distortion]\nmodel = \"opencv_fisheye\"\np1 = 0.1\n");
         assert!(e.contains("camera.distortion.p1") && e.contains("opencv_fisheye has no p1"), "{e}");
     }

@@ -13,15 +13,15 @@ const KEYS: [&str; 6] = ["code", "sigma_r", "sigma_g", "sigma_b", "channel_corre
 pub enum NoiseTableError {
     #[error("[camera.noise] has no key {key}; it needs {}", KEYS.join(", "))]
     Missing { key: &'static str },
-    #[error("[camera.noise] does not know the key {found}; it has {}", KEYS.join(", "))]
+    #[error("[camera.noise] has no key {found}; its keys are {}", KEYS.join(", "))]
     Unknown { found: String },
-    #[error("[camera.noise] {key} = {found} is refused: accepted is a list of numbers")]
+    #[error("[camera.noise] {key} = {found} is refused: expected a list of numbers")]
     NotNumbers { key: &'static str, found: String },
     #[error("[camera.noise] {key} has {} where {expected} are expected ({why})", count(*found, "value"))]
     Length { key: &'static str, found: usize, expected: usize, why: &'static str },
-    #[error("[camera.noise] code is empty; accepted is one code or more")]
+    #[error("[camera.noise] code is empty; expected one code or more")]
     Empty,
-    #[error("[camera.noise] {key}, value {place}: {} is refused: accepted is {accepted}", number(*found))]
+    #[error("[camera.noise] {key}, value {place}: {} is refused: expected {accepted}", number(*found))]
     Value { key: &'static str, place: usize, found: f64, accepted: &'static str },
 }
 
@@ -123,20 +123,20 @@ mod tests {
     #[test]
     fn noise_table_errors_name_the_key() {
         for (from, to, told) in [
-            ("8, 24.5", "24.5, 8", "code, value 2: 8 is refused: accepted is more than the one before"),
+            ("8, 24.5", "24.5, 8", "code, value 2: 8 is refused: expected more than the one before"),
             ("8, 24.5", "8, 256", "code, value 2: 256 is refused"),
             ("code = [8, 24.5]", "code = []", "code is empty"),
             ("sigma_r = [1, 2]", "sigma_r = [1, -2]", "sigma_r, value 2: -2 is refused"),
             ("sigma_r = [1, 2]", "sigma_r = [1, inf]", "sigma_r, value 2: inf"),
             ("sigma_r = [1, 2]", "sigma_r = [1, nan]", "sigma_r, value 2: NaN"),
             ("sigma_r = [1, 2]", "sigma_r = [1]", "sigma_r has 1 value where 2 are expected (one for each code)"),
-            ("sigma_r = [1, 2]", "sigma_r = 'low'", "accepted is a list of numbers"),
+            ("sigma_r = [1, 2]", "sigma_r = 'low'", "expected a list of numbers"),
             ("sigma_r = [1, 2]", "", "has no key sigma_r"),
-            ("sigma_r", "sigma_x", "does not know the key sigma_x"),
+            ("sigma_r", "sigma_x", "has no key sigma_x"),
             ("0.1, -0.2, 0.3", "0.1, -0.2", "channel_correlation has 2 values where 3"),
-            ("0.1, -0.2, 0.3", "0.1, -0.2, 1.3", "value 3: 1.3 is refused: accepted is -1 to 1"),
+            ("0.1, -0.2, 0.3", "0.1, -0.2, 1.3", "value 3: 1.3 is refused: expected -1 to 1"),
             ("0.1, -0.2, 0.3", "0.9, 0.9, -0.9", "three channels can have together"),
-            ("[0.5, 0]", "[0.5, -0.1]", "neighbour_correlation, value 2: -0.1 is refused: accepted is 0 to 1"),
+            ("[0.5, 0]", "[0.5, -0.1]", "neighbour_correlation, value 2: -0.1 is refused: expected 0 to 1"),
         ] {
             let error = parse(&GOOD.replace(from, to)).unwrap_err().to_string();
             assert!(error.contains(told), "{error}\n{told}");

@@ -71,7 +71,7 @@ fn set(params: &mut dyn Params, table: &toml::Table) -> Result<(), String> {
             Toml::Integer(i) => Value::Number(*i as f64),
             Toml::Float(f) => Value::Number(*f),
             Toml::String(s) => Value::Text(s.clone()),
-            other => return Err(format!("{}.{} = {other} is no number", params.table(), quoted(key))),
+            other => return Err(format!("{}.{} = {other} is not a number", params.table(), quoted(key))),
         };
         params.set(key, &value).map_err(|e| e.to_string())?;
     }
@@ -98,7 +98,7 @@ mod tests {
             ("[camera]", "[kamera]", "lacks width_px, height_px"),
             ("fx_px = 210.5\n", "", "lacks fx_px"),
             ("fx_px = 210.5", "fx_px = -1.0", "fx_px"),
-            ("fx_px = 210.5", "fx_px = true", "camera.fx_px = true is no number"),
+            ("fx_px = 210.5", "fx_px = true", "camera.fx_px = true is not a number"),
             ("cx_px", "cxpx", "cxpx"),
             ("[camera.distortion]\nk1", "[camera.distortion]\nmodel = \"opencv_fisheye\"\np1", "its model has no p1"),
         ] {

@@ -68,7 +68,7 @@ pub fn parse_cameras(text: &str, list: &Path) -> Result<Vec<(f64, FrameCamera)>,
         let geometry = match known.len() {
             0 => None,
             _ if known.len() < GEOMETRY.len() => {
-                return Err(format!("a part of the camera is `{UNKNOWN}`; accepted are all of {}", GEOMETRY.join(" ")));
+                return Err(format!("a part of the camera is `{UNKNOWN}`; expected all of {}", GEOMETRY.join(" ")));
             }
             _ => Some(geometry_from(LensModel::Opencv, &known).map_err(|error| error.to_string())?),
         };
@@ -87,7 +87,7 @@ fn checked([f_number, focus_distance_m, exposure_s, iso]: [Option<f64>; 4]) -> R
     set(&mut exposure, "iso", iso)?;
     match exposure_s {
         Some(s) if !(s > 0.0 && s <= MAX_EXPOSURE_S) => {
-            Err(format!("exposure_s is {}; accepted is above 0, at most {MAX_EXPOSURE_S}", number(s)))
+            Err(format!("exposure_s is {}; expected above 0, at most {MAX_EXPOSURE_S}", number(s)))
         }
         _ => Ok(FrameLens { f_number, focus_distance_m, exposure_s, iso }),
     }
@@ -112,7 +112,7 @@ mod tests {
             (format!("1 {camera} - - - - 5\n"), "line 1"),
             ("1 640 480 500 501 320 - 36 0 0 0 0 0 - - - -\n".to_owned(), "a part of the camera is `-`"),
             (format!("1 {camera} 0 - - -\n"), "f_number"),
-            (format!("1 {camera} - - 61 -\n"), "accepted is above 0, at most 60"),
+            (format!("1 {camera} - - 61 -\n"), "expected above 0, at most 60"),
             (format!("1 {camera} - - - -\n0 {camera} - - - -\n"), "line 2"),
             ("1 0 480 500 501 320 240 36 0 0 0 0 0 - - - -\n".to_owned(), "width_px"),
         ] {

@@ -94,9 +94,7 @@ fn open(model: &Path, path: &Path, options: &OpenOptions) -> Result<Parts, Recor
     parts.geometries = geometries;
     parts.landmarks = landmarks;
     parts.description_files = vec![cameras_file, images_file];
-    parts
-        .warnings
-        .push(format!("COLMAP keeps no times: frames are taken to follow each other at {NOMINAL_FPS} a second"));
+    parts.warnings.push(format!("COLMAP stores no timestamps: {NOMINAL_FPS} frames a second are assumed"));
     parts.warnings.extend(odd);
     parts.warnings.extend(unsupported::unread_warning(&unread));
     Ok(parts)
@@ -107,7 +105,7 @@ fn parse_cameras(text: &str, file: &Path) -> Result<BTreeMap<u32, Geometry>, Tex
     for (line, record) in records::records(text) {
         let (id, geometry) = parse_camera(record).map_err(|problem| TextError::line(file, line, problem))?;
         if cameras.insert(id, geometry).is_some() {
-            return Err(TextError::line(file, line, format!("camera {id} stands twice")));
+            return Err(TextError::line(file, line, format!("camera {id} occurs twice")));
         }
     }
     Ok(cameras)
@@ -119,7 +117,7 @@ fn parse_camera(mut record: &str) -> Result<(u32, Geometry), String> {
     let width = records::number(&mut record, "WIDTH")?;
     let height = records::number(&mut record, "HEIGHT")?;
     let names = camera_parameters(model).ok_or_else(|| {
-        format!("the camera model `{}` is not supported; accepted are {MODELS}; {UNDISTORT_ADVICE}", quoted(model))
+        format!("the camera model `{}` is not supported; expected {MODELS}; {UNDISTORT_ADVICE}", quoted(model))
     })?;
     let mut values = vec![("width_px", width), ("height_px", height)];
     for name in names {
@@ -168,7 +166,7 @@ fn parse_images(text: &str, file: &Path, metres_per_unit: f64) -> Result<(Vec<Co
         let refuse = |problem: String| TextError::line(file, line, problem);
         let (image, norm_error) = parse_image(record, line, metres_per_unit).map_err(refuse)?;
         if !names.insert(image.name.clone()) {
-            return Err(refuse(format!("the image {} stands twice", quoted(&image.name))));
+            return Err(refuse(format!("the image {} occurs twice", quoted(&image.name))));
         }
         odd.note(norm_error, format!("line {line}"));
         let (line, points) = lines.next().unwrap_or_default();

@@ -147,8 +147,8 @@ impl Depth {
             };
             if matches!(found, DepthRegistration::Unknown(..)) && warning.is_none() {
                 warning = Some(format!(
-                    "{}: depth is {width}x{height}, the frames are {}x{}: of another shape it hides nothing (a camera \
-                     of its own, `camera` in [depth] of a recording.toml, would say what it sees)",
+                    "{}: depth is {width}x{height}, the frames are {}x{}: with another aspect ratio it cannot occlude \
+                     (describe its camera by `camera` in [depth] of a recording.toml)",
                     file.display(),
                     size.0,
                     size.1

@@ -13,16 +13,16 @@ pub enum RecordingError {
     #[error(transparent)]
     Source(#[from] SourceError),
     #[error(
-        "{}: is no recording: {found}; accepted are {accepted}",
+        "{}: is not a recording: {found}; expected {accepted}",
         path.display()
     )]
     NotARecording { path: PathBuf, found: String, accepted: String },
     /// A file of a recording has invalid content.
     #[error("{}: {problem}", file.display())]
     Content { file: PathBuf, problem: String },
-    #[error("the option {name} = {} is refused: accepted is {accepted}", number(*found))]
+    #[error("the option {name} = {} is refused: expected {accepted}", number(*found))]
     Option { name: &'static str, found: f64, accepted: &'static str },
-    #[error("frames {start}..{end} are asked for; the recording has 0..{count}")]
+    #[error("frames {start}..{end} were requested; the recording has 0..{count}")]
     Range { start: usize, end: usize, count: usize },
 }
 

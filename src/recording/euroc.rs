@@ -58,7 +58,7 @@ fn open(mav: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let truth = truths.iter().find(|truth| truth.exists()).ok_or_else(|| {
         let tried = GROUND_TRUTH_FOLDERS.map(|name| format!("{name}/data.csv")).join(", ");
         let problem = format!(
-            "holds no ground truth; accepted are {tried}. For poses from another source, write a trajectory and name it, \
+            "holds no ground truth; expected {tried}. For poses from another source, write a trajectory and name it, \
              with the pictures, in a recording.toml"
         );
         RecordingError::content(mav, problem)
@@ -232,14 +232,14 @@ impl Yaml<'_> {
 
     fn geometry(&self) -> Result<Geometry, RecordingError> {
         if self.word("camera_model") != "pinhole" {
-            let problem = format!("is `{}`; accepted is pinhole", quoted(self.word("camera_model")));
+            let problem = format!("is `{}`; expected pinhole", quoted(self.word("camera_model")));
             return Err(self.refuse("camera_model", &problem));
         }
         let (model, names) = match self.word("distortion_model") {
             "radial-tangential" | "radtan" | "plumb_bob" => (LensModel::Opencv, ["k1", "k2", "p1", "p2"]),
             "equidistant" => (LensModel::OpencvFisheye, ["k1", "k2", "k3", "k4"]),
             other => {
-                let problem = format!("is `{}`; accepted are radial-tangential and equidistant", quoted(other));
+                let problem = format!("is `{}`; expected radial-tangential or equidistant", quoted(other));
                 return Err(self.refuse("distortion_model", &problem));
             }
         };
@@ -320,13 +320,17 @@ mod tests {
     #[test]
     fn refusals_name_file_line_and_key() {
         for (from, to, told) in [
-            ("pinhole", "omni", "sensor.yaml, line 14: camera_model is `omni`; accepted is pinhole"),
-            ("radial-tangential", "fov", "sensor.yaml, line 16: distortion_model is `fov`; accepted are radial"),
+            ("pinhole", "omni", "sensor.yaml, line 14: camera_model is `omni`; expected pinhole"),
+            ("radial-tangential", "fov", "sensor.yaml, line 16: distortion_model is `fov`; expected radial"),
             ("[752, 480]", "[752]", "sensor.yaml, line 13: resolution must be 2 finite numbers"),
             ("[752, 480]", "[752, nan]", "sensor.yaml, line 13: resolution must be 2"),
             ("resolution", "size", "sensor.yaml: resolution is missing"),
-            ("0.0, 0.0, 1.0, 0.1", "0.0, 0.0, 2.0, 0.1", "sensor.yaml, line 8: T_BS.data is not a turn and a shift"),
-            ("0.0, 0.0, 0.0, 1.0]", "0.0, 0.0, 0.0, 2.0]", "line 8: T_BS.data is not a turn"),
+            (
+                "0.0, 0.0, 1.0, 0.1",
+                "0.0, 0.0, 2.0, 0.1",
+                "sensor.yaml, line 8: T_BS.data is not a rotation and a translation",
+            ),
+            ("0.0, 0.0, 0.0, 1.0]", "0.0, 0.0, 0.0, 2.0]", "line 8: T_BS.data is not a rotation"),
             ("[400.0,", "[-400.0,", "camera.fx_px = -400 is refused"),
         ] {
             let text = SENSOR.replace(from, to);

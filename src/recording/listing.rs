@@ -38,7 +38,7 @@ pub fn frames(text: &str, list: &Path) -> Result<Vec<ListedFrame<PathBuf>>, Text
 
 fn opacity(text: &str) -> Result<f64, String> {
     let opacity = text.trim().parse().ok().filter(|opacity| (0.0..=1.0).contains(opacity));
-    opacity.ok_or_else(|| format!("presence is `{}`; accepted is a number from 0 to 1", quoted(text)))
+    opacity.ok_or_else(|| format!("presence is `{}`; expected a number from 0 to 1", quoted(text)))
 }
 
 /// Frames as text, which [`frames`] reads back bit for bit. The opacity is written if it is not 1.
@@ -94,7 +94,7 @@ pub fn file_name(rest: &str, missing: &str) -> Result<String, String> {
     match rest.trim() {
         "" => Err(missing.to_owned()),
         name if name.len() > MAX_NAME_BYTES => {
-            Err(format!("the file's name is `{}`; accepted are up to {MAX_NAME_BYTES} bytes", quoted(name)))
+            Err(format!("the file's name is `{}`; expected up to {MAX_NAME_BYTES} bytes", quoted(name)))
         }
         name => Ok(name.to_owned()),
     }
@@ -116,7 +116,7 @@ pub fn parse_exposures(text: &str, list: &Path) -> Result<Vec<(f64, FrameExposur
 fn number_above_zero(rest: &mut &str, name: &str, most: f64) -> Result<f64, String> {
     match records::number(rest, name)? {
         value if value > 0.0 && value <= most => Ok(value),
-        value => Err(format!("{name} is {}; accepted is above 0, at most {most}", number(value))),
+        value => Err(format!("{name} is {}; expected above 0, at most {most}", number(value))),
     }
 }
 
@@ -209,8 +209,8 @@ pub fn missing_numbers(files: &[PathBuf]) -> Option<String> {
     let count = steps.iter().filter(|step| **step > usual).count();
     let name = |i: usize| files[i].file_name().unwrap_or_default().to_string_lossy().into_owned();
     Some(format!(
-        "pictures are missing by their numbers, in {} (first: {} is followed by {}): those behind come too early by \
-         what is missing",
+        "pictures are missing by their numbers, in {} (first: {} is followed by {}): the times of later ones are too \
+         early",
         text::count(count, "place"),
         name(first),
         name(first + 1)
@@ -276,7 +276,7 @@ mod tests {
         assert_eq!(seen, expected);
         for (bad, found) in [("-0.1", "-0.1"), ("1.5", "1.5"), ("nan", "nan"), ("", ""), ("0.5 x", "0.5 x")] {
             let error = read(&format!("1 a.png\n2 b.png presence={bad}")).unwrap_err().to_string();
-            let told = format!("frames.txt, line 2: presence is `{found}`; accepted is a number from 0 to 1");
+            let told = format!("frames.txt, line 2: presence is `{found}`; expected a number from 0 to 1");
             assert!(error.ends_with(&told), "{error}");
         }
         assert!(read("1  presence=0.5").unwrap_err().to_string().contains("the file's name is missing"));

@@ -417,10 +417,7 @@ impl Recording {
             return Err(RecordingError::Range { start: range.start, end: range.end, count: self.frame_count() });
         }
         if self.is_live() && !range.is_empty() {
-            return Err(RecordingError::content(
-                &self.path,
-                "a camera's frames are gone once they were seen; freeze it",
-            ));
+            return Err(RecordingError::content(&self.path, "a live camera keeps no frames; freeze it"));
         }
         Frames::new(self, range)
     }
@@ -457,7 +454,7 @@ fn find(path: &Path) -> Result<(&'static RecordingFormat, PathBuf), RecordingErr
         _ if binary => {
             "it holds a binary COLMAP model (`colmap model_converter --output_type TXT` makes a text model of it)"
         }
-        _ if path.is_dir() => "the folder holds none of the files that tell one",
+        _ if path.is_dir() => "the folder has none of the files that identify one",
         _ if path.exists() => "it is a pipe or a device",
         _ => "there is nothing at this path",
     };

@@ -140,13 +140,13 @@ pub fn parse(text: &str, file: &Path) -> Result<Description, RecordingError> {
 
 fn check(d: &Description) -> Result<(), String> {
     if d.version != 1 {
-        return Err(format!("version = {} is not known; accepted is 1", d.version));
+        return Err(format!("version = {} is not known; expected 1", d.version));
     }
     if d.floor && d.up.is_none() {
-        return Err("floor = true needs up: it lies across it, through the origin".to_owned());
+        return Err("floor = true needs up: the floor is perpendicular to it, through the origin".to_owned());
     }
     if let Some(up) = d.up.filter(|up| DVec3::from_array(*up).try_normalize().is_none()) {
-        return Err(format!("up = {up:?} is no direction"));
+        return Err(format!("up = {up:?} is not a direction"));
     }
     let f = &d.frames;
     match (&f.list, &f.images, &f.video) {
@@ -202,7 +202,7 @@ fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let mut read = |path: &Path| -> Result<String, RecordingError> {
         let mut text = records::read(path)?;
         if is_live && let Some(line) = records::drop_unended(&mut text) {
-            unended.push(format!("{}: the last line, {line}, has no end, and is left out", path.display()));
+            unended.push(format!("{}: the last line, {line}, is incomplete and left out", path.display()));
         }
         Ok(text)
     };

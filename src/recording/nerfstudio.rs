@@ -135,7 +135,7 @@ impl Camera {
         if let Some(model) = self.camera_model.as_deref().filter(|m| !known().any(|k| k == m)) {
             let names: Vec<_> = known().copied().collect();
             return Err(format!(
-                "camera_model is {}; accepted are {} (of others, undistort the pictures: colmap image_undistorter)",
+                "camera_model is {}; expected {} (of others, undistort the pictures: colmap image_undistorter)",
                 quoted(model),
                 names.join(", ")
             ));
@@ -420,7 +420,7 @@ mod tests {
         let instant = Camera { is_fisheye: Some(true), camera_model: None, ..t.camera.clone() };
         assert_eq!(instant.geometry(Path::new("")).unwrap().unwrap().distortion.model, LensModel::OpencvFisheye);
         assert!(model("OPENCV", Some(0.2)).unwrap_err().contains("k4 is not 0"));
-        assert!(model("FOV", None).unwrap_err().contains("accepted are OPENCV, PINHOLE"));
+        assert!(model("FOV", None).unwrap_err().contains("expected OPENCV, PINHOLE"));
     }
 
     proptest! {

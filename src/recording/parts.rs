@@ -313,7 +313,7 @@ impl Parts {
         if let Some((file, header)) = differs.and_then(|first| Some((files.get(first)?, headers.get(first)?))) {
             let text = |h: &PictureHeader| format!("{}x{} with {} bits", h.width, h.height, h.bits);
             self.warnings.push(format!(
-                "left out because most pictures are {}: {} of {} (first: {} is {}); a recording of their own takes them",
+                "left out because most pictures are {}: {} of {} (first: {} is {}); a separate recording can hold them",
                 text(&common),
                 headers.len() - often(&common),
                 text::count(files.len(), "picture"),
@@ -388,13 +388,13 @@ fn photo_settings(
         let number = text::count(1 + turned.count(), "picture");
         let are_alike = photos.iter().all(|(_, exif)| exif.orientation == Some(orientation));
         let output = if are_alike {
-            "a .mp4 that is written says so too, and players show it so; a .mkv has no such mark"
+            "a written .mp4 has the same tag, which players apply; a .mkv has no such tag"
         } else {
-            "a video that is written has no such mark, since others are to be shown differently"
+            "a written video has no such tag, since the others differ"
         };
         warnings.push(format!(
-            "{}: says it should be shown {shown} (EXIF orientation {orientation}); read as stored, in {number} that say \
-             so; {output}",
+            "{}: is tagged to be shown {shown} (EXIF orientation {orientation}); read as stored, in {number} with this \
+             tag; {output}",
             file.display()
         ));
         if are_alike {

@@ -5,7 +5,7 @@ use glam::{DMat3, DVec3};
 use crate::tracking::tum::MAX_NORM_ERROR;
 
 /// The error for other matrices; follows the name.
-pub const NOT_RIGID: &str = "is not a turn and a shift (unit axes at right angles, right-handed)";
+pub const NOT_RIGID: &str = "is not a rotation and a translation (unit axes at right angles, right-handed)";
 
 /// True if a transform is a lost pose, as written by trackers: non-finite, or without a rotation.
 pub fn is_lost(rows: &[[f64; 4]]) -> bool {

@@ -94,8 +94,8 @@ fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     });
     parts.description_files = description_files;
     parts.warnings.push(format!(
-        "7-Scenes says neither when its frames were taken nor how its cameras differ: taken are {NOMINAL_FPS} frames a \
-         second, f = {DEPTH_FOCAL_PX} px for depth and {COLOUR_FOCAL_PX} px for colour at 640x480, and colour {} mm to the \
+        "7-Scenes has neither timestamps nor a calibration of its cameras: assumed are {NOMINAL_FPS} frames a second, \
+         f = {DEPTH_FOCAL_PX} px for depth and {COLOUR_FOCAL_PX} px for colour at 640x480, and colour {} mm to the \
          right of depth",
         1e3 * COLOUR_AT_M.x
     ));
@@ -201,8 +201,8 @@ mod tests {
             ("1 0 0 0\n0 1 0\n0 0 1 0\n0 0 0 1", "a.pose.txt, line 2: column 4 is missing"),
             ("1 0 0 0\n0 1 0 x\n0 0 1 0\n0 0 0 1", "line 2: column 4 is `x`; a finite number"),
             ("1 0 0 0 0\n", "line 1: there is more than expected: `0`"),
-            ("1 0 0 0\n0 2 0 0\n0 0 1 0\n0 0 0 1", "the pose is not a turn and a shift"),
-            ("1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 1 1", "the pose is not a turn and a shift"),
+            ("1 0 0 0\n0 2 0 0\n0 0 1 0\n0 0 0 1", "the pose is not a rotation and a translation"),
+            ("1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 1 1", "the pose is not a rotation and a translation"),
         ] {
             let error = parse_pose(text, Path::new("a.pose.txt")).unwrap_err().to_string();
             assert!(error.contains(said), "{error}");

@@ -46,11 +46,11 @@ fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let frames = lines.len().min(video.timestamps_s.len());
     let mut warnings = video.warnings.clone();
     warnings.extend(odd);
-    let told = |line| format!("{}: the last line, {line}, has no end, and is left out", odometry.display());
+    let told = |line| format!("{}: the last line, {line}, is incomplete and left out", odometry.display());
     warnings.extend(unended.map(told));
     if lines.len() != video.timestamps_s.len() {
         warnings.push(format!(
-            "{} has {}, the video {}: the first {frames} of both are taken for each other",
+            "{} has {}, the video {}: the first {frames} of both are paired",
             odometry.display(),
             count(lines.len(), "line"),
             count(video.timestamps_s.len(), "frame")
@@ -86,12 +86,8 @@ fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     }
     let repeated = known().count() - poses.len();
     if repeated > 0 {
-        warnings.push(format!("{}: {} at the time of the one before", odometry.display(), {
-            if repeated == 1 {
-                "1 pose is left out, which stands".to_owned()
-            } else {
-                format!("{repeated} poses are left out, which stand")
-            }
+        warnings.push(format!("{}: {} left out, with the time of the one before", odometry.display(), {
+            if repeated == 1 { "1 pose is".to_owned() } else { format!("{repeated} poses are") }
         }));
     }
     parts.track = track_from(poses, options.max_gap_s, &odometry)?;

@@ -47,21 +47,21 @@ pub fn estimates(findings: &Findings, given_readout_s: f64) -> Vec<Estimate> {
 
 fn light(findings: &Findings) -> Estimate {
     let refused = |why: &str| estimate("room's light", Mark::Refused, "unknown", String::new(), why);
-    let Some(light) = &findings.light else { return refused("it was not looked for") };
+    let Some(light) = &findings.light else { return refused("it was not estimated") };
     match (&light.why, light.lines().into_iter().next()) {
         (None, Some((_, value))) => estimate("room's light", Mark::Changed, "found", value, ""),
         (Some(_), Some((_, value))) if light.white_level.is_some() => {
             estimate("room's light", Mark::Kept, "by exposure", value, "")
         }
-        (why, _) => refused(why.as_deref().unwrap_or("nothing can be said")),
+        (why, _) => refused(why.as_deref().unwrap_or("no reason was recorded")),
     }
 }
 
 fn lamps(findings: &Findings) -> Estimate {
     let refused = |why: &str| estimate("lamps", Mark::Refused, "none claimed", String::new(), why);
-    let Some(light) = &findings.light else { return refused("they were not looked for") };
+    let Some(light) = &findings.light else { return refused("they were not estimated") };
     if light.lamps.is_empty() {
-        return refused(light.no_lamp.as_deref().or(light.why.as_deref()).unwrap_or("nothing can be said"));
+        return refused(light.no_lamp.as_deref().or(light.why.as_deref()).unwrap_or("no reason was recorded"));
     }
     let lamps: Vec<String> =
         light.lines().into_iter().filter(|(name, _)| *name == "lamp").map(|(_, text)| text).collect();
@@ -69,7 +69,7 @@ fn lamps(findings: &Findings) -> Estimate {
 }
 
 /// Reason for estimates that depend on refined poses.
-const WITH_POSES: &str = "found with the poses, and these are as recorded";
+const WITH_POSES: &str = "estimated with the poses, which are as recorded";
 
 fn estimate(name: &'static str, mark: Mark, verdict: &'static str, value: String, why: impl Into<String>) -> Estimate {
     Estimate { name, mark, verdict, value, why: why.into() }
@@ -83,10 +83,17 @@ fn poses(findings: &Findings) -> Estimate {
         estimate("poses", Mark::Changed, "refined", value, "")
     } else if r.is_right() {
         let value = format!("{} px", px(r.recorded_px));
-        estimate("poses", Mark::Kept, "kept", value, "the links between frames ask for no more than their own error")
+        estimate(
+            "poses",
+            Mark::Kept,
+            "kept",
+            value,
+            "the links between frames need no correction beyond their own \
+                                                      error",
+        )
     } else {
         let (mark, verdict) = if r.is_refused() { (Mark::Refused, "refused") } else { (Mark::Kept, "kept") };
-        estimate("poses", mark, verdict, String::new(), r.why.as_deref().unwrap_or("nothing can be said"))
+        estimate("poses", mark, verdict, String::new(), r.why.as_deref().unwrap_or("no reason was recorded"))
     }
 }
 
@@ -117,7 +124,7 @@ fn readout(findings: &Findings, given_s: f64) -> Estimate {
         }
         None => {
             let why = if findings.registration.is_refined() {
-                "rows do not tell it: the camera moves too little"
+                "rows do not determine it: the camera moves too little"
             } else {
                 WITH_POSES
             };
@@ -171,9 +178,9 @@ fn across(findings: &Findings) -> Estimate {
 
 fn exposure(findings: &Findings) -> Estimate {
     let refused = |why: &str| estimate("exposure", Mark::Refused, "refused", String::new(), why);
-    let Some(shutter) = &findings.shutter else { return refused("it was not looked for") };
+    let Some(shutter) = &findings.shutter else { return refused("it was not estimated") };
     let value = match shutter.runs.as_slice() {
-        [] => return refused(shutter.why.as_deref().unwrap_or("nothing can be said")),
+        [] => return refused(shutter.why.as_deref().unwrap_or("no reason was recorded")),
         [run] => shutter.shown(|n| format!("{} ± {}", n(run.exposure_s), n(run.sigma_s))),
         runs => {
             let (low, high) = runs
@@ -194,7 +201,7 @@ fn sharpness(findings: &Findings) -> Estimate {
             estimate("sharpness", Mark::Changed, "found", value, "")
         }
         None => {
-            let why = spread.and_then(|spread| spread.why.as_deref()).unwrap_or("it was not looked for");
+            let why = spread.and_then(|spread| spread.why.as_deref()).unwrap_or("it was not estimated");
             estimate("sharpness", Mark::Refused, "refused", String::new(), why)
         }
     }
@@ -202,7 +209,7 @@ fn sharpness(findings: &Findings) -> Estimate {
 
 fn tone(findings: &Findings) -> Estimate {
     let refused = |why: &str| estimate("response", Mark::Refused, "unknown", String::new(), why);
-    let Some(tone) = &findings.tone else { return refused("it was not looked for") };
+    let Some(tone) = &findings.tone else { return refused("it was not estimated") };
     match &tone.why {
         Some(why) => refused(why),
         None if tone.differs() => estimate("response", Mark::Refused, "differs", String::new(), tone.to_string()),

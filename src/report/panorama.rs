@@ -27,7 +27,7 @@ pub fn panorama(source: &Source<'_>) -> Result<Figure, ReportError> {
     let analysis = source.analysis;
     let (Some(light), Some(around)) = (&analysis.findings.light, &analysis.environment) else {
         let why = analysis.findings.light.as_ref().and_then(|light| light.why.clone());
-        return Ok(Figure::left_out(title, why.unwrap_or_else(|| "it was not looked for".to_owned())));
+        return Ok(Figure::left_out(title, why.unwrap_or_else(|| "it was not estimated".to_owned())));
     };
     let (middle_m, up) = (light.middle_m.map_or(DVec3::ZERO, DVec3::from), light.up.map_or(DVec3::Z, DVec3::from));
     let lamps = light.lamps.iter().filter(|lamp| !lamp.is_bounce());
@@ -37,11 +37,11 @@ pub fn panorama(source: &Source<'_>) -> Result<Figure, ReportError> {
     let percent = |share: Option<f64>| fixed(100.0 * share.unwrap_or_default(), 0);
     let ringed = match lamps.len() {
         0 => "No lamp is claimed.".to_owned(),
-        lamps => format!("A ring lies where a lamp is: {}.", count(lamps, "lamp")),
+        lamps => format!("A ring marks each lamp: {}.", count(lamps, "lamp")),
     };
     let caption = format!(
-        "All directions around the middle of what was looked at, the horizon half-way down. {} % of them were seen; elsewhere it \
-         is the light that surfaces tell of. {ringed}",
+        "All directions around the middle of the observed scene, the horizon half-way down. {} % of them were seen; \
+         elsewhere the light is inferred from surfaces. {ringed}",
         percent(light.seen)
     );
     Ok(Figure { title, caption, legend: Vec::new(), body: Body::Panorama { picture, width, height } })

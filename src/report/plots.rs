@@ -19,13 +19,13 @@ const ASSUMED_DEPTH_M: f64 = 2.0;
 const RECORDED: (Ink, &str) = (Ink::Recorded, "as recorded");
 
 pub fn correction(source: &Source<'_>) -> Result<Figure, ReportError> {
-    let title = "What the recorded poses lack";
+    let title = "Corrections of the recorded poses";
     let registered = &source.analysis.findings.registration;
     if source.analysis.refined().is_none() {
         let why = if registered.is_right() {
             "the recorded poses are right, and are kept bit for bit".to_owned()
         } else {
-            format!("poses are as recorded: {}", registered.why.as_deref().unwrap_or("nothing can be said"))
+            format!("poses are as recorded: {}", registered.why.as_deref().unwrap_or("no reason was recorded"))
         };
         return Ok(Figure::left_out(title, why));
     }
@@ -54,9 +54,9 @@ pub fn correction(source: &Source<'_>) -> Result<Figure, ReportError> {
     Ok(Figure {
         title,
         caption: format!(
-            "How the refined camera is turned and placed against the recorded one, in its own axes, and how far apart both show \
-             things {} m away, mean over the picture. What is alike in all frames is how the camera sits on what was tracked; \
-             what changes is what made evidence slide.",
+            "How the refined camera is turned and placed against the recorded one, in its own axes, and how far apart \
+             both show things {} m away, mean over the picture. The constant part is the mounting of the camera on the \
+             tracked body; the varying part made evidence slide.",
             fixed(depth_m, 1)
         ),
         legend: vec![(Ink::Red, "right"), (Ink::Green, "down"), (Ink::Blue, "forward"), (Ink::Found, "on the picture")],
@@ -92,9 +92,9 @@ pub fn links(source: &Source<'_>) -> Result<Figure, ReportError> {
     Ok(Figure {
         title,
         caption: format!(
-            "{} of frames 3 and 7 apart, aligned by brightness and held out of the fit: by how much poses miss each alignment. What \
-             all alignments err by alike is not in it: what slides in the picture stands below. Median and 90 % as recorded: \
-             {}; {}: {}.",
+            "{} of frames 3 and 7 apart, aligned by brightness and held out of the fit: by how much poses miss each \
+             alignment. Errors common to all alignments are not included: see the slides in the picture below. Median \
+             and 90 % as recorded: {}; {}: {}.",
             count(missed.len(), "pair"),
             median_and_most(|m| m.recorded_px),
             if registered.is_refined() { "refined" } else { "if they were refined" },
@@ -154,10 +154,10 @@ pub fn slide(source: &Source<'_>) -> Result<Figure, ReportError> {
 }
 
 pub fn sharpness(source: &Source<'_>) -> Result<Figure, ReportError> {
-    let title = "How sharp edges are";
+    let title = "Sharpness of edges";
     let spread = source.analysis.findings.spread.as_ref();
     let Some((sigma_px, spread)) = spread.and_then(|spread| Some((spread.sigma_px?, spread))) else {
-        let why = spread.and_then(|spread| spread.why.as_deref()).unwrap_or("it was not looked for");
+        let why = spread.and_then(|spread| spread.why.as_deref()).unwrap_or("it was not estimated");
         return Ok(Figure::left_out(title, why.to_owned()));
     };
     let bar = |(n, edges): (usize, &u32)| (n as f64 * EDGE_BIN_PX, (n + 1) as f64 * EDGE_BIN_PX, f64::from(*edges));
@@ -175,20 +175,21 @@ pub fn sharpness(source: &Source<'_>) -> Result<Figure, ReportError> {
     Ok(Figure {
         title,
         caption: format!(
-            "Straight edges that stand alone, by the Gaussian that blurred each. What is round or out of focus is softer than the \
-             camera, nothing is sharper, so the 30th percentile counts: {} px. The last bar has the wider ones, too.",
+            "Straight edges that stand alone, by the Gaussian that blurred each. Round or defocused edges are softer \
+             than the camera's blur and none are sharper, so the 30th percentile is used: {} px. The last bar includes \
+             wider ones.",
             fixed(sigma_px, 2)
         ),
-        legend: vec![(Ink::Found, "here lies the camera's")],
+        legend: vec![(Ink::Found, "the camera's")],
         body: Body::Plots { plots: vec![chart.svg()?] },
     })
 }
 
 pub fn tone(source: &Source<'_>) -> Result<Figure, ReportError> {
-    let title = "How codes follow light";
+    let title = "Response of codes to light";
     let Some(tone) = source.analysis.findings.tone.as_ref().filter(|tone| !tone.bands.is_empty()) else {
         let why = source.analysis.findings.tone.as_ref().and_then(|tone| tone.why.as_deref());
-        return Ok(Figure::left_out(title, why.unwrap_or("it was not looked for").to_owned()));
+        return Ok(Figure::left_out(title, why.unwrap_or("it was not estimated").to_owned()));
     };
     let level = |band: &ToneBand| {
         let (from, to) = (band.from.into(), band.to.into());
@@ -206,8 +207,8 @@ pub fn tone(source: &Source<'_>) -> Result<Figure, ReportError> {
     };
     Ok(Figure {
         title,
-        caption: "Where light changes, surfaces of all codes must tell one change by the camera's response, with ± 1 σ. An exponent \
-                  of the whole is not seen. This is advice: nothing follows from it."
+        caption: "When the light changes, the camera's response must give the same change for surfaces of all codes, \
+                  with ± 1 σ. A common exponent is not observable. This is only advice."
             .to_owned(),
         legend: vec![(Ink::Found, "told by codes"), (Ink::Recorded, "by the right response")],
         body: Body::Plots { plots: vec![chart.svg()?] },
@@ -215,7 +216,7 @@ pub fn tone(source: &Source<'_>) -> Result<Figure, ReportError> {
 }
 
 pub fn gain(source: &Source<'_>) -> Result<Figure, ReportError> {
-    let title = "How bright each frame is";
+    let title = "Brightness of the frames";
     let gains = &source.analysis.gains;
     if gains.is_empty() {
         let why = match &source.analysis.findings.gain {
@@ -236,8 +237,8 @@ pub fn gain(source: &Source<'_>) -> Result<Figure, ReportError> {
     };
     Ok(Figure {
         title,
-        caption: "Light of the same surfaces against the recording's median, by colour: exposure and gain move the three lines \
-                  together, white balance moves them apart. What is drawn follows them."
+        caption: "Light of the same surfaces against the recording's median, by colour: exposure and gain move the \
+                  three lines together, white balance moves them apart. Virtual objects follow them."
             .to_owned(),
         legend: vec![(Ink::Red, "red"), (Ink::Green, "green"), (Ink::Blue, "blue")],
         body: Body::Plots { plots: vec![chart.svg()?] },
@@ -245,10 +246,10 @@ pub fn gain(source: &Source<'_>) -> Result<Figure, ReportError> {
 }
 
 pub fn exposure(source: &Source<'_>) -> Result<Figure, ReportError> {
-    let title = "How long frames were exposed";
+    let title = "Exposure time of the frames";
     let Some(shutter) = source.analysis.findings.shutter.as_ref().filter(|shutter| !shutter.runs.is_empty()) else {
         let why = source.analysis.findings.shutter.as_ref().and_then(|shutter| shutter.why.as_deref());
-        return Ok(Figure::left_out(title, why.unwrap_or("nothing can be said").to_owned()));
+        return Ok(Figure::left_out(title, why.unwrap_or("no reason was recorded").to_owned()));
     };
     let told = source.recording.exposure.iter().enumerate().filter_map(|(n, e)| Some((n as f64, 1e3 * e.time_s?)));
     let told: Vec<(f64, f64)> = told.collect();
@@ -278,8 +279,8 @@ pub fn exposure(source: &Source<'_>) -> Result<Figure, ReportError> {
     Ok(Figure {
         title,
         caption: format!(
-            "By motion blur against that of neighbouring frames; {interval_ms} ms lie between two frames{assumed}. One exposure holds for \
-             all frames unless a row of them says another."
+            "By motion blur against that of neighbouring frames; {interval_ms} ms lie between two frames{assumed}. One \
+             exposure holds for all frames unless a run of them differs."
         ),
         legend,
         body: Body::Plots { plots: vec![chart.svg()?] },
@@ -287,7 +288,7 @@ pub fn exposure(source: &Source<'_>) -> Result<Figure, ReportError> {
 }
 
 pub fn across(source: &Source<'_>) -> Result<Figure, ReportError> {
-    let title = "How parts of a picture differ";
+    let title = "Brightness across the picture";
     let parts = &source.analysis.across;
     if parts.is_empty() {
         let fitted = &source.analysis.findings.across;
@@ -313,8 +314,8 @@ pub fn across(source: &Source<'_>) -> Result<Figure, ReportError> {
     };
     Ok(Figure {
         title,
-        caption: "By how much the same surfaces are brighter in a part of the picture than the frame's gain says: a camera's tone \
-                  mapping, its lens's corners, a response that is another. What is drawn there follows it."
+        caption: "Brightness of the same surfaces in parts of the picture, relative to the frame's gain: local tone \
+                  mapping, vignetting, or another response. Virtual objects follow it."
             .to_owned(),
         legend: vec![
             (Ink::Recorded, "middle"),

@@ -58,13 +58,13 @@ pub fn point(source: &Source<'_>) -> Result<Figure, ReportError> {
     let mut caption = format!("{}, in frames that show it. ", chosen(&found));
     caption += &if is_refined {
         format!(
-            "The cross is where the poses say it is: above as recorded, below refined. They are up to {} px apart; in frame {} \
-             they agree.",
+            "The cross is its position by the poses: above as recorded, below refined. They are up to {} px apart; in \
+             frame {} they agree.",
             fixed(apart, 1),
             found.start
         )
     } else {
-        "The cross is where the recorded poses say it is.".to_owned()
+        "The cross is its position by the recorded poses.".to_owned()
     };
     let rows = [(Ink::Recorded, "as recorded"), (Ink::Found, "refined")];
     let rows = rows[..if is_refined { 2 } else { 1 }].to_vec();

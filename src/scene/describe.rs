@@ -92,7 +92,7 @@ fn describe_object(scene: &Scene, object: &Object, warnings: &mut Vec<String>) -
     let bounds = bounds_m(scene, object);
     match bounds.map(|(low, high)| (high - low).max_element()) {
         None if object.hidden => {}
-        None => warnings.push(format!("{}: there is nothing in it to see", object.name)),
+        None => warnings.push(format!("{}: it has nothing visible", object.name)),
         Some(extent_m) => warnings.extend(extent_warning(object, extent_m)),
     }
     ObjectDescription {

@@ -17,7 +17,7 @@ pub enum SceneError {
         source: std::io::Error,
     },
     /// An invalid value.
-    #[error("{}: {what}: found {found}; accepted: {accepted}", file.display())]
+    #[error("{}: {what}: found {found}; expected: {accepted}", file.display())]
     Invalid {
         file: PathBuf,
         /// The place, such as `meshes[2].primitives[0].attributes.POSITION` or `line 3`.

@@ -44,7 +44,7 @@ impl Gltf {
                 return SceneError::NotGltf { file: file.to_owned() };
             }
             let found = kind.map_or_else(|| error.to_string(), str::to_owned);
-            SceneError::bad(file, "the glTF JSON", found, "glTF 2.0 as its specification has it")
+            SceneError::bad(file, "the glTF JSON", found, "valid glTF 2.0")
         })?;
         check_version(file, &json.asset.version)?;
         let buffers = json.buffers.iter().map(|_| OnceCell::new()).collect();

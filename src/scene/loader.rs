@@ -63,14 +63,17 @@ impl Loader {
         if warnings.len() < MAX_WARNINGS && !warnings.contains(&text) {
             warnings.push(text);
             if warnings.len() == MAX_WARNINGS {
-                warnings.push("there is more like this, not said".to_owned());
+                warnings.push("further warnings of this kind are omitted".to_owned());
             }
         }
     }
 
     pub fn warn_of_dark_ambient(&mut self, file: &Path) {
         if matches!(self.scene.lighting.environment, Environment::Uniform(color) if color == Vec3::ZERO) {
-            self.warn(file, "there is no light from around: what lamps and suns do not reach is black".to_owned());
+            self.warn(
+                file,
+                "there is no environment light: surfaces that lamps and suns do not reach are black".to_owned(),
+            );
         }
     }
 

@@ -35,7 +35,7 @@ pub(super) fn load(loader: &mut Loader, file: &Path, needed_by: Option<&Path>) -
     let start = loader.counts();
     let model = Rc::new(read(loader, file, needed_by)?);
     if model.parts.is_empty() {
-        loader.warn(file, "there is nothing in it to see".to_owned());
+        loader.warn(file, "it has nothing visible".to_owned());
     }
     loader.cache(file, &model, start);
     loader.models.insert(file.to_owned(), Rc::clone(&model));
@@ -267,7 +267,7 @@ impl ModelReader<'_> {
             if vertices.iter().all(|v| v.tangent != [0.0; 4]) {
                 return;
             }
-            self.warn(format!("{what}: some tangents have no length: all are computed anew"));
+            self.warn(format!("{what}: some tangents have no length: all are recomputed"));
         }
         geometry::tangents(vertices, indices, &map);
     }

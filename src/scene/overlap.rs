@@ -28,7 +28,7 @@ impl Overlap {
     /// Message for the user.
     pub fn message(&self, scene: &Scene) -> String {
         let [a, b] = self.objects.map(|object| shown(&scene.objects[object].name));
-        format!("{a} and {b} stand inside each other, by {}", millimetres(self.depth_m))
+        format!("{a} and {b} overlap by {}", millimetres(self.depth_m))
     }
 }
 

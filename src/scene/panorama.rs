@@ -45,7 +45,7 @@ impl PanoramaError {
 
 impl fmt::Display for PanoramaError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}; accepted is {}", self.found, self.accepted)
+        write!(f, "{}; expected {}", self.found, self.accepted)
     }
 }
 
@@ -77,7 +77,7 @@ fn make_finite(light: &mut PanoramaPixels) -> Option<String> {
         *value = if *value == f32::INFINITY { MAX_HALF } else { 0.0 };
         changed += 1;
     }
-    let what = "light below 0, infinite or no number";
+    let what = "negative, infinite or not a number";
     (changed > 0).then(|| format!("{changed} of its values are {what}: 0 is used, and {MAX_HALF} for infinite ones"))
 }
 

@@ -49,7 +49,7 @@ pub(super) fn read(
     }
     loader.warn_of_hidden();
     if scene.objects.is_empty() {
-        loader.warn(file, "it has no [[objects]]: there is nothing to see".to_owned());
+        loader.warn(file, "it has no [[objects]], so nothing is visible".to_owned());
     }
     let light = &scene.light;
     for (i, sun) in light.sun.iter().enumerate() {

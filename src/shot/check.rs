@@ -49,7 +49,7 @@ pub fn geometry(recording: &Recording, rig: &Rig, frame: usize) -> Result<Geomet
     let Some(geometry) = rig.geometry_over(own) else {
         let path = recording.path.clone();
         return Err(if rig.gives_geometry() {
-            ShotError::PartOfCamera { path, missing: rig.missing_keys() }
+            ShotError::IncompleteCamera { path, missing: rig.missing_keys() }
         } else {
             ShotError::NoCamera { path }
         });
@@ -75,13 +75,13 @@ pub fn geometry(recording: &Recording, rig: &Rig, frame: usize) -> Result<Geomet
 fn check_round(geometry: &Geometry) -> Result<(), ShotError> {
     let Intrinsics { width_px, height_px, readout_time_s, .. } = geometry.intrinsics;
     if !geometry.is_equirectangular() {
-        return Err(ShotError::NotRound);
+        return Err(ShotError::PanoramaCamera);
     }
     if width_px != 2 * height_px {
-        return Err(ShotError::RoundSize { width_px, height_px });
+        return Err(ShotError::PanoramaSize { width_px, height_px });
     }
     if readout_time_s > 0.0 {
-        return Err(ShotError::RoundReadout { found: readout_time_s });
+        return Err(ShotError::PanoramaReadout { found: readout_time_s });
     }
     Ok(())
 }

@@ -34,37 +34,37 @@ pub enum ShotError {
     #[error("frame {frame}: {source}")]
     Gpu { frame: usize, source: GpuError },
     #[error(
-        "nothing says what camera took {}: give a profile whose table [camera] has its focal length and principal point \
+        "the camera of {} is unknown: give a profile whose table [camera] has its focal length and principal point \
          (--profile; profiles/ has examples)",
         path.display()
     )]
     NoCamera { path: PathBuf },
     #[error(
-        "what is given makes no camera, and {} has none of its own that it could lie over: {} must be given too \
-         (--profile, --set)",
+        "the given camera is incomplete, and {} has none of its own to complete it: {} must be given too (--profile, \
+         --set)",
         path.display(), missing.iter().map(|key| format!("camera.{key}")).collect::<Vec<_>>().join(", ")
     )]
-    PartOfCamera { path: PathBuf, missing: Vec<&'static str> },
+    IncompleteCamera { path: PathBuf, missing: Vec<&'static str> },
     #[error(
-        "the camera's picture is {}x{} px, the recording's frames are {}x{}: camera.width_px and camera.height_px must say \
-         what the intrinsics belong to",
+        "the camera's picture is {}x{} px, the recording's frames are {}x{}: camera.width_px and camera.height_px must \
+         be the picture size of the intrinsics",
         camera.0, camera.1, frames.0, frames.1
     )]
     Size { camera: (u32, u32), frames: (u32, u32) },
     #[error("camera.distortion.{name} is not 0, but the model {model} has no {name}; set it to 0, or name its model")]
     Coefficient { name: &'static str, model: Value },
     #[error(
-        "the recording is of 360° pictures, the profile's table [camera] of another camera: leave that table out, or \
-         write model = \"equirectangular\" into [camera.distortion]"
+        "the recording has 360° pictures, but the profile's table [camera] describes another camera: omit that table, \
+         or set model = \"equirectangular\" in [camera.distortion]"
     )]
-    NotRound,
-    #[error("a 360° picture (equirectangular) is twice as wide as high; found is {width_px}x{height_px}")]
-    RoundSize { width_px: u32, height_px: u32 },
+    PanoramaCamera,
+    #[error("a 360° picture (equirectangular) must be twice as wide as high; found: {width_px}x{height_px}")]
+    PanoramaSize { width_px: u32, height_px: u32 },
     #[error(
-        "camera.readout_time_s = {found} is refused: the rows of a 360° picture, put together from several sensors, have \
-         no times of their own; accepted is 0"
+        "camera.readout_time_s = {found} is refused: the rows of a 360° picture, which is stitched from \
+         several sensors, have no times of their own; expected 0"
     )]
-    RoundReadout { found: f64 },
+    PanoramaReadout { found: f64 },
     #[error("{problem}; without that file nothing is written: locate it, or hide the objects that need it")]
     MissingFile { problem: String },
     #[error("frame {frame} has no pose: {source}")]
@@ -72,13 +72,12 @@ pub enum ShotError {
     #[error("none of the recording's {} has a pose; its first one: {source}", count(*frames, "frame"))]
     NoPoses { frames: usize, source: NoPose },
     #[error(
-        "nothing says how bright the scene is: {} of frame {frame} {} not known, neither by EXIF nor by a \
-         profile; give that (--set camera.lens.f_number=…, camera.exposure.time_s=…, camera.exposure.iso=…), or the light \
-         (--lux)",
-        missing.join(" and "), if missing.len() == 1 { "is" } else { "are" }
+        "the brightness of the scene is unknown: frame {frame} has no {} in EXIF or a profile; give it (--set \
+         camera.lens.f_number=…, camera.exposure.time_s=…, camera.exposure.iso=…), or the light (--lux)",
+        missing.join(" and no ")
     )]
     NoLight { frame: usize, missing: Vec<&'static str> },
-    #[error("frame {frame} is black: it does not tell how bright the scene is; give the light (--lux)")]
+    #[error("frame {frame} is black, so the brightness of the scene cannot be estimated; give the light (--lux)")]
     Black { frame: usize },
 }
 

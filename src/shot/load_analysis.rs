@@ -39,7 +39,7 @@ impl Shot {
         };
         if !is_named && !folder.join(FILE_NAME).exists() {
             if folder.is_dir() {
-                let problem = format!("no {FILE_NAME} lies in it: no analysis, or an unfinished one");
+                let problem = format!("it has no {FILE_NAME}: it is not an analysis, or an unfinished one");
                 self.analysis = AnalysisState::Unfit(folder, problem);
             }
             return Ok(());

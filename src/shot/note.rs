@@ -84,7 +84,9 @@ const MAX_REPORTED_OVERLAPS: usize = 8;
 impl fmt::Display for Note {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Recording(text) | Self::Scene(text) | Self::MissingPoses(text) | Self::Overlap(text) => f.write_str(text),
+            Self::Recording(text) | Self::Scene(text) | Self::MissingPoses(text) | Self::Overlap(text) => {
+                f.write_str(text)
+            }
             Self::OddSize(text) => f.write_str(text),
             Self::Idle(text) => f.write_str(text),
             Self::Analysis(folder, problem) => {
@@ -93,46 +95,52 @@ impl fmt::Display for Note {
             Self::StaleEstimates(folder, which) => write!(f, "{}: {which}", folder.display()),
             Self::UnknownExposure { has_times } => {
                 f.write_str(if *has_times {
-                    "nothing says how long the frames were exposed: half the frame interval is taken, at most 1/60 s"
+                    "the exposure time of the frames is unknown: half the frame interval is assumed, at most 1/60 s"
                 } else {
-                    "the pictures bear no times, so that nothing is blurred by motion"
+                    "the pictures have no timestamps, so nothing is blurred by motion"
                 })?;
-                f.write_str("; the camera's exposure time says otherwise (--set camera.exposure.time_s=SECONDS)")
+                f.write_str("; the camera's exposure time overrides this (--set camera.exposure.time_s=SECONDS)")
             }
             Self::OtherUnit { of_scene, holds } => {
                 let (of_scene, holds) = (number(*of_scene), number(*holds));
-                write!(f, "the scene file's metres_per_unit = {of_scene} is left out: the recording's unit is {holds} m")
+                write!(
+                    f,
+                    "the scene file's metres_per_unit = {of_scene} is left out: the recording's unit is {holds} m"
+                )
             }
             Self::UnknownNoise => f.write_str(
-                "nothing says how noisy this camera is: objects are drawn without noise, and look too clean beside it; \
-                 calibrate it (`locard calibrate noise` from pictures of a scene at rest, with --moving from the recording \
-                 itself)",
+                "this camera's noise is unknown: objects are drawn without noise and look too clean; measure the noise \
+                 (`locard calibrate noise` from pictures of a scene at rest, with --moving from the recording itself)",
             ),
             Self::FarFromLight { names, distance_m } => {
                 let names = names.iter().map(|name| shown(name)).collect::<Vec<_>>().join(", ");
                 write!(
                     f,
-                    "{names}: up to {distance_m:.1} m from where the footage's light was measured; where the room is \
-                     darker or brighter there, objects do not follow (`locard light --white` points at something white \
-                     beside them)"
+                    "{names}: up to {distance_m:.1} m from the place of the measured light; objects do not follow if \
+                     the room is darker or brighter there (`locard light --white` measures the light at something \
+                     white beside them)"
                 )
             }
             Self::NothingHides { number, frames, first, because } => {
                 let of = format!("{number} of {}", count(*frames, "frame"));
-                write!(f, "nothing real hides objects in {of}, though there is depth (frame {first}: {because})")
+                write!(
+                    f,
+                    "real things do not occlude objects in {of}, although there is depth (frame {first}: \
+                           {because})"
+                )
             }
             Self::MoreOverlaps(more) => {
-                write!(f, "{} of objects stand inside each other", count(*more, "more pair"))
+                write!(f, "{} of objects overlap", count(*more, "more pair"))
             }
             Self::Gap { name, gap_m, frame } => {
                 let (name, far) = (shown(name), millimetres(gap_m.abs()));
                 let how = if *gap_m > 0.0 { "hovers" } else { "is sunk" };
                 let whence = if *gap_m > 0.0 { "over" } else { "into" };
-                write!(f, "{name} {how} {far} {whence} the surface that the depth of frame {frame} shows")
+                write!(f, "{name} {how} {far} {whence} the surface in the depth of frame {frame}")
             }
             Self::NothingSeen => f.write_str(
-                "no object of the scene is in the picture (`locard inspect RECORDING --frame N` says where the camera is \
-                 and looks, `locard inspect SCENE` where the objects are)",
+                "no object of the scene is in the picture (`locard inspect RECORDING --frame N` shows the camera's \
+                 position and direction, `locard inspect SCENE` the objects' positions)",
             ),
         }
     }
@@ -321,7 +329,7 @@ mod tests {
         let note = far_from(DVec3::ZERO, &scene).unwrap();
         let names = vec!["chair".to_owned(), "door".to_owned()];
         assert_eq!(note, Note::FarFromLight { names, distance_m: 4.0 });
-        assert!(note.to_string().starts_with("chair, door: up to 4.0 m from where"));
+        assert!(note.to_string().starts_with("chair, door: up to 4.0 m from the place"));
         // A scene's own light holds everywhere.
         let own = Scene { lighting_origin: LightingOrigin::Scene, ..scene };
         assert_eq!(far_from(DVec3::ZERO, &own), None);

@@ -30,7 +30,7 @@ pub struct Surface {
 pub enum SurfaceError {
     #[error("frame {frame} has no depth: give a plane, or pick the point in a second frame too (X,Y+FRAME:X,Y)")]
     NoDepth { frame: usize },
-    #[error("{} lies outside of the picture, {width}x{height} px", place(*.at_px))]
+    #[error("{} lies outside the picture, {width}x{height} px", place(*.at_px))]
     Outside { at_px: [f64; 2], width: u32, height: u32 },
     #[error("the lens model has no ray at {}", place(*.at_px))]
     NoRay { at_px: [f64; 2] },
@@ -112,7 +112,7 @@ impl Shot {
         let [a, b, c, d] = plane;
         let normal = DVec3::new(a, b, c);
         let refused = |reason| SurfaceError::Plane { plane: plane.map(number).join(","), reason };
-        let unit = normal.try_normalize().ok_or_else(|| refused("is no plane: the normal A,B,C has no length"))?;
+        let unit = normal.try_normalize().ok_or_else(|| refused("is not a plane: the normal A,B,C has no length"))?;
         let ray = self.posed_camera(frame)?.ray(at_px).ok_or(SurfaceError::NoRay { at_px: at_px.to_array() })?;
         let t = (d - normal.dot(ray.origin_m)) / normal.dot(ray.direction);
         if !(t.is_finite() && t > 0.0) {

@@ -82,7 +82,7 @@ fn of_rays(eyes: &[(PosedCamera, FramePoint)]) -> Result<TriangulatedPoint, Surf
         right += across * ray.origin_m;
     }
     let nearly_parallel = || {
-        let reason = "the frames see it from too nearly the same place to tell how far away it is";
+        let reason = "the frames see it from nearly the same place, so its distance is unknown";
         format!(
             "{reason} (rays at {}° to each other): take frames between which the camera moved sideways",
             fixed(angle_deg, 2)
@@ -180,13 +180,13 @@ mod tests {
         let twice = refused(&[views[1], views[1]]);
         assert!(twice.contains("frame 30 is given twice"), "{twice}");
         let next = refused(&[views[1], seen(31, DVec2::ZERO)]);
-        assert!(next.contains("too nearly the same place") && next.contains("31:"), "{next}");
-        assert!(refused(&[views[1]]).contains("too nearly the same place"));
+        assert!(next.contains("nearly the same place") && next.contains("31:"), "{next}");
+        assert!(refused(&[views[1]]).contains("nearly the same place"));
         let other = refused(&[views[0], seen(50, DVec2::new(0.0, 90.0))]);
         assert!(other.contains("is it the same point"), "{other}");
         assert!(
             refused(&[views[0], FramePoint { frame: 50, at_px: DVec2::new(-1.0, 3.0) }])
-                .contains("outside of the picture")
+                .contains("outside the picture")
         );
     }
 }

@@ -67,38 +67,35 @@ pub struct WhiteReference {
 #[derive(Debug, thiserror::Error)]
 pub enum WhiteReferenceError {
     #[error(
-        "it is clipped there ({percent:.0} % of the pixels around): how bright it is has no upper bound; point at a part of \
-         it that is darker, or take a frame that is"
+        "it is clipped there ({percent:.0} % of the surrounding pixels), so its brightness is unknown; pick a darker \
+         part of it, or a darker frame"
     )]
     Clipped { percent: f64 },
     #[error(
-        "there is an edge or a pattern: light differs by {percent:.0} % within a few pixels; point at an even part of it"
+        "there is an edge or a pattern: light differs by {percent:.0} % within a few pixels; pick an even part of it"
     )]
     Uneven { percent: f64 },
-    #[error("the edge of a thing is within a few pixels, by its depth; point at the middle of it")]
+    #[error("the edge of an object is within a few pixels, according to depth; pick the middle of it")]
     Edge,
-    #[error(
-        "it is nearly black there ({shown:.4} of the camera's white): that is nothing white, or no light falls on it"
-    )]
+    #[error("it is nearly black there ({shown:.4} of the camera's white): it is not white, or no light falls on it")]
     Dark { shown: f64 },
-    #[error(
-        "depth says nothing around it, so that which way it faces is not known; point at another part of it, or take another frame"
-    )]
+    #[error("depth is missing around it, so its orientation is unknown; pick another part of it, or another frame")]
     NoDepth,
     #[error(
-        "it lies at the edge of a lamp's shadow ({percent:.0} % of lamp {lamp} is seen from there); point at a part in the light"
+        "it lies at the edge of a lamp's shadow ({percent:.0} % of lamp {lamp} is visible from there); pick a part in \
+         the light"
     )]
     HalfShadow { lamp: usize, percent: f64 },
-    #[error("no light falls on it, by what was found")]
+    #[error("no light falls on it, according to the estimated lighting")]
     Unlit,
     #[error(
-        "all light would become {factor:.3} times as bright; accepted is {} to {}: it does not reflect {reflectance}, or it \
-         shines",
+        "all light would become {factor:.3} times as bright; expected {} to {}: its reflectance is not \
+         {reflectance}, or it emits light",
         ACCEPTED_FACTORS[0], ACCEPTED_FACTORS[1]
     )]
     Implausible { factor: f64, reflectance: f64 },
     #[error(
-        "by it one colour of the light would change {ratio:.1} times as much as another, and at most {MAX_TINT} times is \
+        "one colour of the light would change {ratio:.1} times as much as another, and at most {MAX_TINT} times is \
          accepted: it is coloured"
     )]
     Coloured { ratio: f64 },

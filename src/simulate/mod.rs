@@ -142,22 +142,22 @@ crate::params! {
 pub enum SimulateError {
     #[error("{0} exists already; it is kept unless --force is given")]
     Exists(PathBuf),
-    #[error("{folder} is not replaced: {foreign} in it is nothing that `locard simulate` wrote; choose another folder")]
+    #[error("{folder} is not replaced: {foreign} in it was not written by `locard simulate`; choose another folder")]
     Foreign { folder: PathBuf, foreign: PathBuf },
     #[error(
-        "{folder} is not replaced: {changed} in it is no longer as `locard simulate` wrote it; choose another folder"
+        "{folder} is not replaced: {changed} in it has changed since `locard simulate` wrote it; choose another folder"
     )]
     Changed { folder: PathBuf, changed: PathBuf },
     #[error(
-        "{0} is not replaced: it holds no truth.toml that lists its files as `locard simulate` wrote them; choose another \
-         folder, or remove this one"
+        "{0} is not replaced: it has no truth.toml that lists its files as `locard simulate` wrote them; choose \
+         another folder, or remove this one"
     )]
     NotSimulated(PathBuf),
-    #[error("{0} is the folder that one is in, or holds it; name a new one for the recording")]
+    #[error("{0} is the current folder or contains it; choose a new one for the recording")]
     Within(PathBuf),
     #[error("{path}: cannot be written: {}", reason(source))]
     Write { path: PathBuf, source: std::io::Error },
-    #[error("stopped; nothing is left of it")]
+    #[error("stopped; nothing was kept")]
     Stopped,
     #[error("its lists and descriptions cannot be written: {0}")]
     Text(String),
@@ -168,7 +168,7 @@ pub enum SimulateError {
          choose weaker distortion or a larger simulate.focal_px"
     )]
     Lens { x: u32, y: u32 },
-    #[error("simulate: a 360° picture (lens = equirectangular) is twice as wide as high; found is {width}x{height}")]
+    #[error("simulate: a 360° picture (lens = equirectangular) must be twice as wide as high; found: {width}x{height}")]
     PanoramaSize { width: u32, height: u32 },
     #[error("simulate.layout = stray: a phone has no such lens; give lens = opencv, and leave depth_beside_mm out")]
     UnsupportedPhoneLens,

@@ -74,7 +74,7 @@ impl OutPath {
     }
 }
 
-const ACCEPTED_OUTPUTS: &str = "accepted are a folder (PNG sequence), a .mp4 or .mkv file, or - (raw RGB)";
+const ACCEPTED_OUTPUTS: &str = "expected a folder (PNG sequence), a .mp4 or .mkv file, or - (raw RGB)";
 
 /// Output options.
 #[derive(Clone, Debug, PartialEq)]
@@ -171,7 +171,7 @@ pub fn open(out: &OutPath, options: &SinkOptions) -> Result<Box<dyn Sink + Send>
     };
     if !matches!(options.bits, 8 | 16) || options.width == 0 || options.height == 0 {
         let SinkOptions { bits, width, height, .. } = options;
-        let problem = format!("{width}x{height} with {bits} bits cannot be written; accepted are 8 and 16 bits");
+        let problem = format!("{width}x{height} with {bits} bits cannot be written; expected 8 or 16 bits");
         return Err(SinkError::Refused { path: path.to_owned(), problem });
     }
     check(out, options.force)?;
@@ -254,7 +254,7 @@ mod tests {
             assert_eq!(OutPath::parse(Path::new(path)).unwrap(), expected);
         }
         let error = OutPath::parse(Path::new("b.avi")).unwrap_err().to_string();
-        assert!(error.starts_with("b.avi: cannot write .avi; accepted are a folder"), "{error}");
+        assert!(error.starts_with("b.avi: cannot write .avi; expected a folder"), "{error}");
     }
 
     /// Regardless of the encoder's own error type.

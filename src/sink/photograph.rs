@@ -42,7 +42,7 @@ pub fn check(path: &Path, force: bool) -> Result<(), SinkError> {
         "jpg" | "jpeg" | "png" => check_file(path, force),
         other => {
             let found = if other.is_empty() { "no ending".to_owned() } else { format!(".{other}") };
-            let problem = format!("a photograph cannot be written with {found}; accepted are .jpg and .png");
+            let problem = format!("a photograph cannot be written with {found}; expected .jpg or .png");
             Err(SinkError::Refused { path: path.to_owned(), problem })
         }
     }
@@ -233,6 +233,6 @@ mod tests {
         let settings = crate::source::exif::read(&folder.path().join("a.jpg")).unwrap().settings;
         assert_eq!((settings.iso, settings.f_number), (Some(400.0), Some(2.8)));
         assert_eq!(settings.taken_s, Some(1_305_031_103.0), "whole seconds");
-        assert!(write(Path::new("a.gif"), &pixels, None, true).unwrap_err().to_string().contains(".jpg and .png"));
+        assert!(write(Path::new("a.gif"), &pixels, None, true).unwrap_err().to_string().contains(".jpg or .png"));
     }
 }

@@ -29,7 +29,7 @@ pub fn check(path: &Path, force: bool) -> Result<(), SinkError> {
         "png" | "exr" => check_file(path, force),
         other => {
             let found = if other.is_empty() { "no ending".to_owned() } else { format!(".{other}") };
-            let problem = format!("a picture cannot be written with {found}; accepted are .png and .exr");
+            let problem = format!("a picture cannot be written with {found}; expected .png or .exr");
             Err(SinkError::Refused { path: path.to_owned(), problem })
         }
     }
@@ -97,7 +97,7 @@ mod tests {
         write(&png, &picture, &Response::default(), true).unwrap();
         assert_eq!(image::open(&png).unwrap().color(), image::ColorType::Rgb8, "no alpha where nothing is transparent");
         let refused = write(Path::new("a.gif"), &picture, &Response::default(), true).unwrap_err().to_string();
-        assert_eq!(refused, "a.gif: a picture cannot be written with .gif; accepted are .png and .exr");
+        assert_eq!(refused, "a.gif: a picture cannot be written with .gif; expected .png or .exr");
     }
 
     #[test]

@@ -80,6 +80,6 @@ mod tests {
         drop(reader);
         let mut sink = RawSink::new(writer, &options);
         let error = sink.write(0, &Pixels::from_u8(1, 1, vec![1, 2, 3]).unwrap()).unwrap_err().to_string();
-        assert_eq!(error, "standard output: whoever was reading has closed it");
+        assert_eq!(error, "standard output: the reader has closed it");
     }
 }

@@ -15,7 +15,8 @@ use crate::source::ffmpeg::{self, Running};
 use crate::source::orientation::Orientation;
 use crate::source::video::CONVERSION_FLAGS;
 
-const ENDED_EARLY: &str = "ffmpeg ended before it had all frames, and did not say why; see whether `ffmpeg` is ffmpeg";
+const ENDED_EARLY: &str = "ffmpeg ended before it received all frames, without a message; check that the program \
+                           `ffmpeg` is FFmpeg";
 
 /// Writes under a temporary name and renames once ffmpeg has succeeded; otherwise no file is left.
 #[derive(Debug)]

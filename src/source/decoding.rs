@@ -164,7 +164,7 @@ impl VideoFrames {
         };
         match complaints.as_str() {
             "" => Ok(bytes),
-            said => Err(format!("is damaged at frame {at} or before it: ffmpeg says: {said}; {MEND}")),
+            said => Err(format!("is damaged at frame {at} or before it: ffmpeg reports: {said}; {MEND}")),
         }
     }
 }

@@ -51,7 +51,7 @@ fn format_of(file: &Path) -> Result<DepthFormat, SourceError> {
         _ => {
             let kind = unsupported::by_content(&start).or_else(|| unsupported::by_name(file));
             let problem = kind.map_or_else(
-                || format!("is no depth picture; accepted are {DEPTH_FORMATS}"),
+                || format!("is not a depth picture; expected {DEPTH_FORMATS}"),
                 UnsupportedKind::depth_refusal,
             );
             Err(SourceError::content(file, problem))
@@ -250,7 +250,7 @@ fn npy_values(bytes: &[u8]) -> Result<(DepthHeader, Vec<f64>), String> {
         "i4" => numbers(data, wanted, is_big_endian, |b| f64::from(i32::from_le_bytes(b))),
         other => {
             let kind = crate::text::quoted(other);
-            return Err(format!("holds numbers of the type {kind}; accepted are f2, f4, f8, u1, u2, u4, i2 and i4"));
+            return Err(format!("holds numbers of the type {kind}; expected f2, f4, f8, u1, u2, u4, i2 or i4"));
         }
     };
     if values.len() < width * height {

@@ -96,9 +96,8 @@ fn parse(segment: Vec<u8>) -> Exif {
     let iso = number(Tag::PhotographicSensitivity).filter(|iso| *iso != SEE_ELSEWHERE);
     let mut time_s = number(Tag::ExposureTime).or_else(|| of_apex(Tag::ExposureTime, Tag::ShutterSpeedValue, -1.0));
     if let Some(odd_s) = time_s.take_if(|time_s| *time_s > MAX_EXPOSURE_S) {
-        damage.get_or_insert_with(|| {
-            format!("the EXIF exposure time is {odd_s} s; accepted is at most {MAX_EXPOSURE_S} s")
-        });
+        damage
+            .get_or_insert_with(|| format!("the EXIF exposure time is {odd_s} s; expected at most {MAX_EXPOSURE_S} s"));
     }
     let settings = PhotoSettings {
         time_s,

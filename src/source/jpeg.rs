@@ -65,7 +65,7 @@ pub fn check(bytes: &[u8]) -> Result<Ending, String> {
             }
             0xdd => file.restart_every = segment.first_chunk().map_or(0, |n| usize::from(u16::from_be_bytes(*n))),
             0xda if scans == MAX_SCANS => {
-                return Err(format!("the JPEG has more than {MAX_SCANS} scans; save it anew"));
+                return Err(format!("the JPEG has more than {MAX_SCANS} scans; save it again"));
             }
             0xda => {
                 at = file.scan(segment, at)?;
@@ -77,9 +77,9 @@ pub fn check(bytes: &[u8]) -> Result<Ending, String> {
     file.end(Ending::Unmarked)
 }
 
-const NO_QUANTIZATION: &str = "the JPEG has no quantisation tables (an abbreviated file, whose tables are in another one): \
-                               extract the pictures anew, with their tables";
-const DAMAGED: &str = "the JPEG is damaged: its codes stand for nothing";
+const NO_QUANTIZATION: &str = "the JPEG has no quantisation tables (an abbreviated file, whose tables are in another \
+                               one): extract the pictures again, with their tables";
+const DAMAGED: &str = "the JPEG is damaged: its coded data is invalid";
 
 fn truncated(how: &str) -> String {
     format!("the JPEG is truncated{how}")

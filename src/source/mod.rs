@@ -33,7 +33,7 @@ pub enum SourceError {
     Ffmpeg(#[from] ffmpeg::FfmpegError),
     #[error("a decoding thread could not be started: {0}")]
     Thread(std::io::Error),
-    #[error("a decoding thread broke down; its message stands above")]
+    #[error("a decoding thread panicked; see the message above")]
     DecoderDied,
 }
 

@@ -94,8 +94,8 @@ impl Presentation {
         let lost: Vec<String> = [shown, pixels, transfer, primaries].into_iter().flatten().collect();
         (!lost.is_empty()).then(|| {
             format!(
-                "says that it {}; pictures recorded of it do not keep that, and their code values are taken for the \
-                 camera's usual ones: name the video in a recording.toml instead ([frames] video)",
+                "is tagged: it {}; recorded pictures lose the tag, and their code values are taken for the camera's \
+                 usual ones: name the video in a recording.toml instead ([frames] video)",
                 lost.join(" and ")
             )
         })
@@ -107,14 +107,14 @@ impl Presentation {
         if self.orientation != Orientation::default() {
             let shown = self.orientation;
             warnings.push(format!(
-                "says it should be shown {shown}; it is read as stored; a .mp4 that is written says so too, and players show \
-                 it so; a .mkv has no such mark, and players show it as stored: write a .mp4"
+                "is tagged to be shown {shown}; it is read as stored; a written .mp4 has the same tag, which players \
+                 apply; a .mkv has no such tag, and players show it as stored: write a .mp4"
             ));
         }
         if let Some((width, height)) = self.pixel_aspect {
             warnings.push(format!(
-                "its pixels are not square but {width}:{height}; they are read as stored, and a video that is written says so \
-                 too (the camera's fx_px and fy_px differ by that)"
+                "its pixels are not square but {width}:{height}; they are read as stored, and a written video has the \
+                 same tag (the camera's fx_px and fy_px differ by this ratio)"
             ));
         }
         if let Some(transfer) = self.unusual_transfer() {
@@ -127,8 +127,8 @@ impl Presentation {
                 false => "give the profile a response of that kind ([camera.response]), or convert it first",
             };
             warnings.push(format!(
-                "is in {transfer}; its code values are taken for the camera's usual ones, so that the light on objects is \
-                 wrong, and a video that is written is tagged {name} too; {to_do}"
+                "is in {transfer}; its code values are taken for the camera's usual ones, so the light on objects is \
+                 wrong, and a written video is tagged {name} too; {to_do}"
             ));
         }
         warnings
@@ -144,10 +144,7 @@ impl ProbedPresentation {
         ];
         let unknown = tags.into_iter().filter_map(|(what, said, known)| {
             let said = said.as_deref().filter(|said| known.is_none() && !UNSPECIFIED.contains(said))?;
-            Some(format!(
-                "is tagged with the {what} {}, which is not known; a video that is written has the usual tag",
-                quoted(said)
-            ))
+            Some(format!("is tagged with the unknown {what} {}; a written video has the usual tag", quoted(said)))
         });
         unknown.collect()
     }

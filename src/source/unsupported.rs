@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use crate::text::count;
 
 /// Names of the supported depth formats for messages.
-pub const DEPTH_FORMATS: &str = "16-bit grey PNG, OpenEXR and NumPy arrays (.npy)";
+pub const DEPTH_FORMATS: &str = "16-bit grey PNG, OpenEXR or NumPy arrays (.npy)";
 
 /// A kind of file that is not decoded.
 #[derive(Debug)]
@@ -154,7 +154,7 @@ impl UnsupportedKind {
                  the .npy in its place",
                 self.name
             ),
-            None => format!("is {}, which is not read as depth; accepted are {}", self.name, DEPTH_FORMATS),
+            None => format!("is {}, which is not read as depth; expected {}", self.name, DEPTH_FORMATS),
         }
     }
 }
@@ -231,7 +231,7 @@ mod tests {
         assert!(refusal(b"II*\0").contains("numpy.save('FILE.npy', cv2.imread('FILE.tif', -1))"));
         assert!(refusal(b"P5 3 2").contains("numpy.save('FILE.npy', cv2.imread('FILE.pgm', -1))"));
         let other = refusal(b"RIFF\0\0\0\0WEBP");
-        assert!(other.ends_with("accepted are 16-bit grey PNG, OpenEXR and NumPy arrays (.npy)"), "{other}");
+        assert!(other.ends_with("expected 16-bit grey PNG, OpenEXR or NumPy arrays (.npy)"), "{other}");
     }
 
     #[test]

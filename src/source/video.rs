@@ -18,7 +18,7 @@ use crate::text::{count, fixed};
 
 /// Advice about a damaged file.
 pub(super) const MEND: &str =
-    "copy it anew from where it came (ffmpeg -i FILE -c:v ffv1 NEW.mkv makes a file of what can still be read)";
+    "copy it again from its source (ffmpeg -i FILE -c:v ffv1 NEW.mkv recovers the readable part)";
 
 /// Scaling flags for every conversion between Y'CbCr and R'G'B': full chroma at both ends and exact
 /// rounding. Without them swscale's fast paths are off by several code values.
@@ -144,7 +144,8 @@ pub fn probe(file: &Path, overrides: &Overrides) -> Result<Video, SourceError> {
         FfmpegError::Failed { problem, .. } => {
             let cut = || {
                 format!(
-                    "cannot be opened; is it cut off before its index, or no video? ffprobe says: {problem}; {MEND}"
+                    "cannot be opened; is it truncated before its index, or not a video? ffprobe reports: {problem}; \
+                     {MEND}"
                 )
             };
             SourceError::content(file, ffmpeg::container_refusal(&problem).unwrap_or_else(cut))
@@ -157,12 +158,13 @@ pub fn probe(file: &Path, overrides: &Overrides) -> Result<Video, SourceError> {
     }
     // If a container is damaged, frames are left out, and those after them would be mistaken for
     // others.
-    Err(SourceError::content(file, format!("is damaged: ffprobe says: {}; {MEND}", output.complaints)))
+    Err(SourceError::content(file, format!("is damaged: ffprobe reports: {}; {MEND}", output.complaints)))
 }
 
 fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video, SourceError> {
     let refuse = |problem: String| SourceError::content(file, problem);
-    let probe: Probe = serde_json::from_slice(json).map_err(|e| refuse(format!("ffprobe's answer is odd: {e}")))?;
+    let probe: Probe =
+        serde_json::from_slice(json).map_err(|e| refuse(format!("ffprobe's output cannot be parsed: {e}")))?;
     let stream = probe.streams.first().ok_or_else(|| refuse("holds no video".to_owned()))?;
     let (Some(width @ 1..=65536), Some(height @ 1..=65536), Some(format)) =
         (stream.width, stream.height, stream.pix_fmt.as_deref())
@@ -178,8 +180,8 @@ fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video,
         (None, Some("bt709")) => ColorMatrix::Bt709,
         (None, Some("bt2020nc")) => ColorMatrix::Bt2020,
         (None, Some(other)) => {
-            let accepted = "bt601 (bt470bg, smpte170m), bt709 and bt2020 (bt2020nc)";
-            return Err(refuse(format!("its colour matrix is {other}; accepted are {accepted}, or give `matrix`")));
+            let accepted = "bt601 (bt470bg, smpte170m), bt709 or bt2020 (bt2020nc)";
+            return Err(refuse(format!("its colour matrix is {other}; expected {accepted}, or give `matrix`")));
         }
     };
     let range = match (overrides.range, stream.color_range.as_deref()) {
@@ -221,8 +223,8 @@ fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video,
 /// since containers round). An AVI's number counts the empty chunks that ffmpeg writes between
 /// frames, so it is a length.
 fn whole(stream: &ProbedStream, packets: &[VideoPacket], container: &Container) -> Result<(), String> {
-    const WHAT_TO_DO: &str = "is it truncated? Copy it anew from where it came, or cut it off there: \
-                              ffmpeg -i FILE -c copy NEW.mkv";
+    const WHAT_TO_DO: &str = "is it truncated? Copy it again from its source, or cut it off there: ffmpeg -i FILE -c \
+                              copy NEW.mkv";
     let there = packets.len();
     let promised = stream.nb_frames.as_deref().and_then(|n| n.parse::<usize>().ok());
     let is_avi = container.format_name == "avi";
@@ -243,7 +245,7 @@ fn whole(stream: &ProbedStream, packets: &[VideoPacket], container: &Container) 
     {
         let end_s = last_s + interval_s;
         return Err(format!(
-            "ends after {} s ({}), and says that it lasts {} s: {WHAT_TO_DO}",
+            "ends after {} s ({}), but its header gives {} s: {WHAT_TO_DO}",
             fixed(end_s, 3),
             count(there, "frame"),
             fixed(promised_s, 3)
@@ -292,7 +294,7 @@ fn timestamps(
         return Ok(counted(fps));
     }
     let Some(mut said) = times.iter().copied().collect::<Option<Vec<f64>>>() else {
-        let problem = "does not say when its frames are shown; give `fps`";
+        let problem = "has no timestamps for its frames; give `fps`";
         return stated_fps.map(counted).ok_or_else(|| SourceError::content(file, problem));
     };
     said.sort_by(f64::total_cmp);
@@ -425,7 +427,7 @@ mod tests {
         let v = parse(r#""pix_fmt": "yuv420p", "color_space": "smpte170m", "color_range": "tv""#, ONE, &given).unwrap();
         assert_eq!((v.range, v.matrix), (Full, Bt709));
         let error = parse(r#""pix_fmt": "yuv420p", "color_space": "ycgco""#, ONE, &Overrides::default()).unwrap_err();
-        assert!(error.starts_with("v.mkv: its colour matrix is ycgco; accepted are"), "{error}");
+        assert!(error.starts_with("v.mkv: its colour matrix is ycgco; expected"), "{error}");
     }
 
     #[test]
@@ -441,7 +443,7 @@ mod tests {
         };
         assert_eq!(v.presentation, expected);
         for said in
-            ["v.mkv: says it should be shown turned by 90° clockwise", "not square but 16:15", "v.mkv: is in PQ (high"]
+            ["v.mkv: is tagged to be shown turned by 90° clockwise", "not square but 16:15", "v.mkv: is in PQ (high"]
         {
             assert!(v.warnings.iter().any(|w| w.contains(said)), "{said}: {:?}", v.warnings);
         }
@@ -469,7 +471,7 @@ mod tests {
             let v = parse(&format!(r#""pix_fmt": "yuv420p", "side_data_list": {sides}"#), ONE, &Overrides::default());
             let v = v.unwrap();
             assert_eq!(v.presentation.orientation, Orientation::of_matrix(matrix.map(f64::from)).unwrap());
-            let told = format!("v.mkv: says it should be shown {shown}; it is read as stored");
+            let told = format!("v.mkv: is tagged to be shown {shown}; it is read as stored");
             assert!(v.warnings.iter().any(|warning| warning.starts_with(&told)), "{:?}", v.warnings);
         }
     }
@@ -496,10 +498,7 @@ mod tests {
         }
         let hlg = Presentation { transfer: Some("arib-std-b67"), ..Presentation::default() };
         let lost = hlg.lost_without_tags().unwrap();
-        assert!(
-            lost.starts_with("says that it is in HLG (high dynamic range); pictures recorded of it do not"),
-            "{lost}"
-        );
+        assert!(lost.starts_with("is tagged: it is in HLG (high dynamic range); recorded pictures lose the"), "{lost}");
         assert_eq!(Presentation::default().lost_without_tags(), None);
         let (kept, warning) = told("odd");
         assert!(kept.is_none() && warning.contains("the transfer function odd, which is not known"), "{warning}");
@@ -530,7 +529,7 @@ mod tests {
         assert!(error.starts_with("v.mkv: holds 2 frames, and its index has 3: is it truncated?"), "{error}");
         let lasting = |text: &str| parse(&stream(&format!(r#""tags": {{"DURATION": "{text}"}}"#)), packets, &given);
         let error = lasting("00:01:00.500000000").unwrap_err();
-        assert!(error.contains("ends after 0.200 s (2 frames), and says that it lasts 60.500 s"), "{error}");
+        assert!(error.contains("ends after 0.200 s (2 frames), but its header gives 60.500 s"), "{error}");
         for whole in ["00:00:00.200000000", "00:00:00.400", "odd"] {
             assert!(lasting(whole).is_ok(), "{whole}");
         }
@@ -555,7 +554,7 @@ mod tests {
         assert!(times_s.iter().enumerate().all(|(i, time_s)| (time_s - i as f64 / 30.0).abs() < 1e-6), "{times_s:?}");
         assert!(avi(1).unwrap_err().contains("ends after 0.017 s (1 frame)"));
         let error = avi(9).unwrap_err();
-        assert!(error.starts_with("v.avi: ends after 0.300 s (9 frames), and says that it lasts 0.400 s"), "{error}");
+        assert!(error.starts_with("v.avi: ends after 0.300 s (9 frames), but its header gives 0.400 s"), "{error}");
     }
 
     proptest! {

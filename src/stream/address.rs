@@ -105,7 +105,7 @@ impl StreamTarget {
             ttl: 1,
         };
         if parts.at.ip().is_unspecified() || parts.at.port() == 0 {
-            return Err(parts.problem("that is where to listen; to send takes one address and port".to_owned()));
+            return Err(parts.problem("this is an address to listen at; sending needs one address and port".to_owned()));
         }
         for (key, value) in &parts.options {
             match (*key, *value) {
@@ -134,10 +134,10 @@ impl<'a> UrlParts<'a> {
         let problem = |problem: String| StreamError::Address { url: url.to_owned(), problem };
         let accepted = "opentrackio://HOST:PORT or freed://HOST:PORT, as in opentrackio://127.0.0.1:55555";
         let found = Protocol::ALL.into_iter().find_map(|(scheme, p)| Some((p, url.strip_prefix(scheme)?)));
-        let (protocol, rest) = found.ok_or_else(|| problem(format!("is no stream: accepted is {accepted}")))?;
+        let (protocol, rest) = found.ok_or_else(|| problem(format!("is not a stream: expected {accepted}")))?;
         let (place, query) = rest.split_once('?').unwrap_or((rest, ""));
         let at = address(place.trim_end_matches('/'), protocol.default_port())
-            .map_err(|found| problem(format!("{found}; accepted is {accepted}")))?;
+            .map_err(|found| problem(format!("{found}; expected {accepted}")))?;
         if at.is_ipv6() && at.ip().is_multicast() {
             return Err(problem("groups are IPv4's, as in opentrackio://235.135.1.1:55555".to_owned()));
         }
@@ -151,11 +151,11 @@ impl<'a> UrlParts<'a> {
     }
 
     fn refused(&self, key: &str, value: &str, accepted: &str) -> StreamError {
-        self.problem(format!("{key}={value} is refused: accepted is {accepted}"))
+        self.problem(format!("{key}={value} is refused: expected {accepted}"))
     }
 
     fn unknown(&self, key: &str, known: &str) -> StreamError {
-        self.problem(format!("there is no option {key}; there are: {known}"))
+        self.problem(format!("there is no option {key}; known options: {known}"))
     }
 
     fn value<T: std::str::FromStr>(&self, key: &str, value: &str, accepted: &str) -> Result<T, StreamError> {
@@ -195,7 +195,7 @@ fn address(place: &str, default_port: u16) -> Result<SocketAddr, String> {
     if let Ok(ip) = bare.parse::<IpAddr>() {
         return Ok((ip, port).into());
     }
-    let found = (bare, port).to_socket_addrs().map_err(|_| format!("no machine is called {host}"))?;
+    let found = (bare, port).to_socket_addrs().map_err(|_| format!("the machine {host} is unknown"))?;
     // Names often resolve to an IPv6 address first, but trackers use IPv4.
     let found: Vec<SocketAddr> = found.collect();
     let v4 = found.iter().find(|at| at.is_ipv4());

@@ -11,7 +11,7 @@ pub enum PacketError {
     Short,
     #[error("does not begin with OTrk")]
     Identifier,
-    #[error("of another length than its header says")]
+    #[error("its length differs from its header's")]
     Length,
     #[error("the checksum is wrong")]
     Checksum,
@@ -22,26 +22,26 @@ pub enum PacketError {
 /// A payload that is not a sample, or bytes that are not a FreeD message.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SampleError {
-    #[error("is no JSON: {0}")]
+    #[error("is not JSON: {0}")]
     Json(String),
-    #[error("is no CBOR: {0}")]
+    #[error("is not CBOR: {0}")]
     Cbor(String),
     #[error("{0} bytes follow the CBOR")]
     Rest(usize),
-    #[error("is no map of names to values")]
+    #[error("is not a map of names to values")]
     NoMap,
-    #[error("is of the protocol {}, not of OpenTrackIO", quoted(.0))]
+    #[error("has the protocol {}, not OpenTrackIO", quoted(.0))]
     OtherProtocol(String),
     /// An invalid value: the path of its keys, and the accepted values.
     #[error("{key} is not {accepted}")]
     Value { key: String, accepted: &'static str },
-    #[error("a FreeD D1 message has 29 bytes, and these are {0}")]
+    #[error("a FreeD D1 message has 29 bytes, not {0}")]
     FreedLength(usize),
     #[error("a FreeD message of type {0:02X}, not D1")]
     FreedType(u8),
     #[error("the checksum of a FreeD message is wrong")]
     FreedChecksum,
-    #[error("{what} of {value} does not fit FreeD, which reaches from -{most} to {most}")]
+    #[error("{what} of {value} does not fit FreeD, whose range is -{most} to {most}")]
     FreedRange { what: &'static str, value: String, most: &'static str },
 }
 
@@ -49,9 +49,9 @@ pub enum SampleError {
 pub enum StreamError {
     #[error("{}: {problem}", quoted(url))]
     Address { url: String, problem: String },
-    #[error("{at}: cannot be listened at: {}", reason_of(source))]
+    #[error("{at}: cannot listen there: {}", reason_of(source))]
     Bind { at: SocketAddr, source: std::io::Error },
-    #[error("{at}: cannot be sent to: {}", reason_of(source))]
+    #[error("{at}: cannot send there: {}", reason_of(source))]
     Send { at: SocketAddr, source: std::io::Error },
     #[error("{at}: receiving failed: {}", reason_of(source))]
     Receive { at: SocketAddr, source: std::io::Error },
@@ -66,9 +66,9 @@ fn reason_of(error: &std::io::Error) -> String {
         ErrorKind::AddrNotAvailable => {
             "this machine has no such address; 127.0.0.1 is this machine alone, 0.0.0.0 all its networks".to_owned()
         }
-        ErrorKind::PermissionDenied => "it is not permitted; take a port from 1024 on".to_owned(),
+        ErrorKind::PermissionDenied => "permission denied; use a port from 1024 on".to_owned(),
         ErrorKind::NetworkUnreachable | ErrorKind::HostUnreachable => {
-            "no network leads there; check the address, or name this machine's own by ?interface=ADDRESS".to_owned()
+            "there is no route to it; check the address, or give this machine's own by ?interface=ADDRESS".to_owned()
         }
         _ => reason(error),
     }

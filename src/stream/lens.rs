@@ -39,11 +39,11 @@ pub struct LensState {
 /// Reason why a stream's lens gives no camera.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum StreamLensError {
-    #[error("the stream has not said {0}")]
+    #[error("the stream has not sent {0}")]
     Missing(&'static str),
     #[error("its distortion has no inverse on the sensor")]
     Distortion,
-    #[error("its distortion is of the model {}, which is not known here", crate::text::quoted(.0))]
+    #[error("its distortion has the model {}, which is not supported", crate::text::quoted(.0))]
     Model(String),
     #[error("{0}")]
     Param(Box<ParamError>),
@@ -237,7 +237,7 @@ impl fmt::Display for LensState {
             some(self.iso, "ISO ", ""),
         ];
         let said: Vec<String> = said.into_iter().flatten().collect();
-        f.write_str(if said.is_empty() { "nothing is said of it" } else { "" })?;
+        f.write_str(if said.is_empty() { "nothing was received of it" } else { "" })?;
         f.write_str(&said.join(", "))
     }
 }

@@ -136,9 +136,9 @@ impl Report {
     /// Reason why there is no pose, and a remedy.
     pub fn silence_reason(&self) -> String {
         let count_source = match (self.datagrams, self.poses) {
-            (0, _) => return "no packet came: is the sender on, and does it send there?".to_owned(),
-            (_, 0) => format!("{} came, and no pose in them", count(self.datagrams as usize, "packet")),
-            (_, poses) => format!("{} came until then", count(poses as usize, "pose")),
+            (0, _) => return "no packet arrived: is the sender running, and does it use this address?".to_owned(),
+            (_, 0) => format!("{} arrived, without a pose", count(self.datagrams as usize, "packet")),
+            (_, poses) => format!("{} arrived until then", count(poses as usize, "pose")),
         };
         let dropped = self.drops();
         match (dropped.as_str(), &self.last_problem) {
@@ -158,7 +158,7 @@ impl Report {
         );
         let events = [
             (self.jumps, "its clock jumped"),
-            (self.steps, "its clock was set anew"),
+            (self.steps, "its clock was reset"),
             (self.changes, "another source took over"),
         ];
         for (number, what) in events {
@@ -210,14 +210,14 @@ mod tests {
     #[test]
     fn silence_reason_follows_from_the_counts() {
         let mut report = Report::default();
-        assert_eq!(report.silence_reason(), "no packet came: is the sender on, and does it send there?");
+        assert_eq!(report.silence_reason(), "no packet arrived: is the sender running, and does it use this address?");
         report.datagrams = 3;
         (0..3).for_each(|_| report.count_drop(DropReason::NoPacket));
         report.last_problem = Some("too short".to_owned());
-        let told = "3 packets came, and no pose in them; dropped: 3 no packet of this protocol, or damaged (too short)";
+        let told = "3 packets arrived, without a pose; dropped: 3 no packet of this protocol, or damaged (too short)";
         assert_eq!(report.silence_reason(), told);
         report = Report { datagrams: 9, poses: 9, ..Report::default() };
-        assert_eq!(report.silence_reason(), "9 poses came until then");
+        assert_eq!(report.silence_reason(), "9 poses arrived until then");
     }
 
     #[test]

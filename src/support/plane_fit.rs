@@ -15,7 +15,7 @@ pub struct PlaneFit {
 
 /// Why points make no plane.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("the points make no plane: {0}")]
+#[error("the points do not define a plane: {0}")]
 pub struct PlaneFitError(&'static str);
 
 /// Smallest ratio of width to length of points that do not count as collinear.

@@ -96,22 +96,23 @@ impl Board {
     pub fn parse(text: &str) -> Result<Self, String> {
         let written: BoardFile = document::read(text).map_err(|problem| problem.to_string())?;
         if written.version != 1 {
-            return Err(format!("version = {} is not known; accepted is 1", written.version));
+            return Err(format!("version = {} is not known; expected 1", written.version));
         }
         let family = Family::of_name(&written.family).ok_or_else(|| {
             let known = Family::ALL.map(Family::name).join(", ");
-            format!("family = \"{}\" is not known; accepted are {known}", quoted(&written.family))
+            format!("family = \"{}\" is not known; expected {known}", quoted(&written.family))
         })?;
         if written.tags.is_empty() || written.tags.len() > MAX_TAGS {
             return Err(format!(
-                "there are {} tags; accepted are 1 to {MAX_TAGS}, each a table [[tags]]",
+                "there are {} tags; expected 1 to {MAX_TAGS}, each a table [[tags]]",
                 written.tags.len()
             ));
         }
         if !SCALES.contains(&written.scale) {
             let found = number(written.scale);
             return Err(format!(
-                "scale = {found} is refused; accepted is 0.1 to 10: the ruler's length divided by what it says"
+                "scale = {found} is refused; expected 0.1 to 10: the ruler's measured length divided by its nominal \
+                 length"
             ));
         }
         let mut tags: Vec<Tag> = Vec::new();
@@ -120,7 +121,7 @@ impl Board {
             let at = line(tag.get_ref().id.span().start);
             let tag = checked(tag.get_ref(), family).map_err(|problem| format!("line {at}, {problem}"))?;
             if tags.iter().any(|other| other.id == tag.id) {
-                return Err(format!("line {at}, tags.id: {} stands twice; each tag stands in one place", tag.id));
+                return Err(format!("line {at}, tags.id: {} occurs twice; each tag is in one place", tag.id));
             }
             tags.push(Tag { size_m: written.scale * tag.size_m, center_m: written.scale * tag.center_m, ..tag });
         }
@@ -142,7 +143,7 @@ fn checked(tag: &TagEntry, family: Family) -> Result<Tag, String> {
         let found = number(tag.size_m);
         return Err(named(
             "size_m",
-            format!("{found} is refused; accepted is the black square's side, 0.001 to 10 metres"),
+            format!("{found} is refused; expected the black square's side, 0.001 to 10 metres"),
         ));
     }
     let center_m = match tag.center_m[..] {
@@ -151,17 +152,17 @@ fn checked(tag: &TagEntry, family: Family) -> Result<Tag, String> {
         _ => {
             return Err(named(
                 "center_m",
-                "accepted are two numbers on the board's plane, or three in space, metres".to_owned(),
+                "expected two numbers on the board's plane, or three in space, metres".to_owned(),
             ));
         }
     };
     // NaN is refused too.
     if !(center_m.abs().max_element() <= MAX_DISTANCE_M && center_m.is_finite()) {
-        return Err(named("center_m", "accepted are numbers from -1000 to 1000 metres".to_owned()));
+        return Err(named("center_m", "expected numbers from -1000 to 1000 metres".to_owned()));
     }
     let rotation_deg = DVec3::from_array(tag.rotation_deg);
     if !(rotation_deg.is_finite() && rotation_deg.abs().max_element() <= 360.0) {
-        return Err(named("rotation_deg", "accepted are numbers from -360 to 360 degrees".to_owned()));
+        return Err(named("rotation_deg", "expected numbers from -360 to 360 degrees".to_owned()));
     }
     Ok(Tag { id, size_m: tag.size_m, center_m, rotation_deg })
 }
@@ -178,7 +179,7 @@ impl fmt::Display for Board {
             "# on the sheet of `locard board` the small cross in the middle of the tags, not the middle of the paper."
         )?;
         writeln!(f, "# size_m is the side of a tag's black square, center_m its middle.")?;
-        writeln!(f, "# If the printed ruler is not as long as it says: scale = its length divided by that.")?;
+        writeln!(f, "# If the printed ruler does not have its nominal length: scale = its length divided by that.")?;
         writeln!(f, "version = 1\nfamily = \"{}\"", self.family.name())?;
         for tag in &self.tags {
             let row = |v: DVec3| v.to_array().map(number).join(", ");
@@ -221,14 +222,14 @@ mod tests {
     fn errors_name_line_and_key() {
         for (from, to, said) in [
             ("version = 1", "version = 2", "version = 2 is not known"),
-            ("36h11", "36h12", "family = \"36h12\" is not known; accepted are 36h11, 25h9, 16h5"),
+            ("36h11", "36h12", "family = \"36h12\" is not known; expected 36h11, 25h9, 16h5"),
             ("id = 7", "id = 587", "line 4, tags.id of tag 587: family 36h11 has the ids 0 to 586"),
             ("id = 7", "id = -1", "line 4, tags.id: "),
             ("size_m = 0.1", "size_m = 100", "line 4, tags.size_m of tag 7: 100 is refused"),
             ("size_m = 0.1", "size_m = nan", "line 4, tags.size_m of tag 7: NaN"),
             ("size_m = 0.1", "size = 0.1", "line 5, tags.size: unknown field `size`"),
-            ("[1.0, 2.0]", "[1.0]", "line 4, tags.center_m of tag 7: accepted are two numbers"),
-            ("[1.0, 2.0]", "[1.0, inf]", "line 4, tags.center_m of tag 7: accepted are numbers"),
+            ("[1.0, 2.0]", "[1.0]", "line 4, tags.center_m of tag 7: expected two numbers"),
+            ("[1.0, 2.0]", "[1.0, inf]", "line 4, tags.center_m of tag 7: expected numbers"),
             ("[1.0, 2.0]", "[1, 2]\nrotation_deg = [0, 0, 720]", "line 4, tags.rotation_deg of tag 7"),
             (
                 "[[tags]]",

@@ -22,11 +22,12 @@ const VIDEO: &str = "video";
 /// Reason why a recording cannot be written.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
-    #[error("{}: is there already; choose another folder, or give --force to replace a recording that was tracked", .0.display())]
+    #[error("{}: exists already; choose another folder, or give --force to replace a recording that was tracked", .0.display())]
     Exists(PathBuf),
-    #[error("{}: holds {foreign}, which a tracked recording does not; nothing of it is removed: choose another folder", folder.display())]
+    #[error("{}: contains {foreign}, which does not belong to a tracked recording; nothing was removed: choose another \
+             folder", folder.display())]
     Foreign { folder: PathBuf, foreign: String },
-    #[error("{}: is no folder that can be made", .0.display())]
+    #[error("{}: cannot be created as a folder", .0.display())]
     NoFolder(PathBuf),
     #[error("{}: lies in the folder that would be replaced; choose another folder", .0.display())]
     Within(PathBuf),

@@ -48,13 +48,13 @@ pub struct BoardPose {
 pub enum PoseFailure {
     #[error("no tag is seen")]
     Nothing,
-    #[error("the tags that are seen are not on the board: {}", ids(.0))]
+    #[error("the visible tags are not on the board: {}", ids(.0))]
     NotOnBoard(Vec<u32>),
     #[error("{}", repeated_message(.0))]
     Repeated(Vec<u32>),
-    #[error("the tags {} do not stand to each other as on the board: off by {median_px:.1} px", ids(tags))]
+    #[error("the tags {} are not arranged as on the board: off by {median_px:.1} px", ids(tags))]
     Misfit { tags: Vec<u32>, median_px: f64 },
-    #[error("the tags {} do not say where the camera stood", ids(.0))]
+    #[error("the tags {} do not determine the camera's pose", ids(.0))]
     Unsolved(Vec<u32>),
 }
 

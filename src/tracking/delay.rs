@@ -87,11 +87,11 @@ pub struct Delay {
 pub enum DelayFailure {
     #[error("{found} motions from frame to frame are seen with poses at both ends; {MIN_MOTIONS} are needed")]
     TooFew { found: usize },
-    #[error("the picture hardly moves: as by a turn of {:.3}° from frame to frame", turn.to_degrees())]
+    #[error("the picture hardly moves: as by a rotation of {:.3}° from frame to frame", turn.to_degrees())]
     Still { turn: f64 },
-    #[error("the picture does not move as the poses say: the likeness is {likeness:.2}, {MIN_LIKENESS} is needed")]
+    #[error("the picture's motion does not match the poses: the likeness is {likeness:.2}, {MIN_LIKENESS} is needed")]
     Unlike { likeness: f64 },
-    #[error("the best delay, {:.0} ms, is at the end of what was searched, {:.0} ms", 1e3 * delay_s, 1e3 * reach_s)]
+    #[error("the best delay, {:.0} ms, is at the end of the searched range, {:.0} ms", 1e3 * delay_s, 1e3 * reach_s)]
     AtEnd { delay_s: f64, reach_s: f64 },
     #[error("two delays are as likely, {:.0} ms and {:.0} ms: the motion repeats itself", 1e3 * first_s, 1e3 * second_s)]
     Ambiguous { first_s: f64, second_s: f64 },

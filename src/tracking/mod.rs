@@ -44,7 +44,7 @@ pub enum NoPose {
     #[error("{} s lies after the last pose at {} s", fixed(*time_s, 6), fixed(*last_s, 6))]
     After { time_s: f64, last_s: f64 },
     /// The track is growing, and the pose may still be added.
-    #[error("the pose at {} s is not there yet", fixed(*time_s, 6))]
+    #[error("the pose at {} s has not arrived yet", fixed(*time_s, 6))]
     NotYet { time_s: f64 },
     #[error("{} s lies in a gap of {} s between poses", fixed(*time_s, 6), fixed(*gap_s, 3))]
     Gap { time_s: f64, gap_s: f64 },

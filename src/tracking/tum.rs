@@ -173,7 +173,10 @@ impl PoseNotes {
         let Self { count, worst, first, lost_count, first_lost_place } = self;
         let file = file.display();
         let off_unit = (*count > 0).then(|| {
-            format!("{file}: not of unit length are {count} of {of} quaternions, by up to {worst:.4} (first at {first}): normalised")
+            format!(
+                "{file}: {count} of {of} quaternions do not have unit length, by up to {worst:.4} (first at \
+                     {first}): normalised"
+            )
         });
         let lost = (*lost_count > 0).then(|| {
             let [are, have] = if *lost_count == 1 { ["is", "has"] } else { ["are", "have"] };

@@ -8,19 +8,19 @@ use crate::source::SourceError;
 
 #[derive(Debug, thiserror::Error)]
 pub enum CameraError {
-    #[error("{asked}: is no camera; there {}; or name a video's file", are(found))]
+    #[error("{asked}: is not a camera; there {}; or give a video file", are(found))]
     None { asked: String, found: Vec<String> },
-    #[error("{}: there is no such file; a video's file is expected, or a camera's number or device: there {}", path.display(), are(found))]
+    #[error("{}: there is no such file; expected a video file, or a camera's number or device: there {}", path.display(), are(found))]
     NoFile { path: PathBuf, found: Vec<String> },
-    #[error("{camera}: may not be opened: {advice}")]
+    #[error("{camera}: permission denied: {advice}")]
     Permission { camera: String, advice: String },
-    #[error("{camera}: another program uses it; end that one, then try again")]
+    #[error("{camera}: another program uses it; close that, then try again")]
     Busy { camera: String },
     #[error("{camera} is unplugged")]
     Unplugged { camera: String },
-    #[error("{camera}: takes no pictures")]
+    #[error("{camera}: captures no pictures")]
     TakesNone { camera: String },
-    #[error("{camera}: gives no {asked}; it has {}", if has.is_empty() { "nothing that is read here" } else { has })]
+    #[error("{camera}: does not offer {asked}; it has {}", if has.is_empty() { "no supported format" } else { has })]
     Layout { camera: String, asked: String, has: String },
     #[error("{camera}: {problem}")]
     Driver { camera: String, problem: String },
@@ -31,8 +31,8 @@ pub enum CameraError {
     #[error("the driver {asked} is not on this system; leave --driver out, or choose {here}")]
     NoDriver { asked: DriverName, here: DriverName },
     #[error(
-        "this program may not use cameras; allow it (System Settings, Privacy & Security, Camera: the terminal \
-             that it is started from), then start it anew"
+        "this program may not use cameras; allow it (System Settings, Privacy & Security, Camera: the terminal that it \
+         is started from), then start it again"
     )]
     NotAllowed,
     #[error("a thread for the camera could not be started: {0}")]

@@ -107,10 +107,7 @@ pub fn open(asked: &str, requested: &FormatRequest) -> Result<Camera, CameraErro
     }
     let mut camera = Camera::open(driver(DriverName::Played)?, asked, requested, SessionLimits::default())?;
     if let Some(name) = requested.driver.filter(|name| *name != DriverName::Played) {
-        camera
-            .negotiated
-            .warnings
-            .push(format!("a video stands in for the camera; the driver {name} does not read it"));
+        camera.negotiated.warnings.push(format!("a video replaces the camera; the driver {name} is not used"));
     }
     Ok(camera)
 }

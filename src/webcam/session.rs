@@ -223,14 +223,14 @@ impl Session {
         self.blocked.retain(|thread| !thread.is_finished());
         if self.blocked.len() >= MAX_BLOCKED_THREADS {
             let count = self.blocked.len();
-            return Err(format!("{name}: {count} attempts wait for its driver; unplug it, or start anew"));
+            return Err(format!("{name}: {count} attempts wait for its driver; unplug it, or restart the program"));
         }
         let request = Request { id: self.id.clone(), name: Some(name.clone()), requested: self.requested };
         let opened = Worker::open(&self.driver, &request, self.limits.opening, &mut self.blocked);
         let (worker, Agreement { id, negotiated }) = opened.map_err(|error| error.to_string())?;
         if negotiated.picture_format != self.negotiated.picture_format {
             let (now, before) = (negotiated.picture_format, self.negotiated.picture_format);
-            return Err(format!("{name} gives {now} now, and gave {before} before"));
+            return Err(format!("{name} delivers {now} now, but delivered {before} before"));
         }
         self.id = id;
         Ok(worker)

@@ -306,7 +306,7 @@ fn camera_that_returns_with_another_format_is_not_used() {
     let (_again, closed) = controls.capture(PictureFormat { width: 4, stride: 4, ..DELIVERED });
     controls.ids.send(Some("0")).unwrap();
     let why = gone_after(&newest, &stopped);
-    assert_eq!(why, "eye gives 4x1 grey (full range) now, and gave 2x1 grey (full range) before");
+    assert_eq!(why, "eye delivers 4x1 grey (full range) now, but delivered 2x1 grey (full range) before");
     assert!(closed.recv_timeout(DEADLINE).is_ok());
 }
 
@@ -350,7 +350,7 @@ fn threads_blocked_in_a_driver_are_bounded() {
     }
     let stalled = "eye stopped: no picture came for 0.03 s";
     let bounded = gone_after(&newest, stalled);
-    assert_eq!(bounded, "eye: 4 attempts wait for its driver; unplug it, or start anew");
+    assert_eq!(bounded, "eye: 4 attempts wait for its driver; unplug it, or restart the program");
     // One of them returns.
     captures[0].0.send(Step::End).unwrap();
     let (spare, _closed) = controls.capture(DELIVERED);

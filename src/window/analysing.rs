@@ -46,7 +46,7 @@ impl Analysing {
             AnalysisState::Unfit(_, why) => ("The analysis of this footage is not used", format!("{why}. ")),
             _ => ("This footage is not analysed", String::new()),
         };
-        let hint = format!("{why}Its pictures tell {finds}. What you have done here stays.");
+        let hint = format!("{why}Its pictures show {finds}. Your edits are kept.");
         let mut begins = false;
         ui.horizontal(|ui| {
             begins = ui.button("Analyse").on_hover_text(&hint).clicked();
@@ -101,7 +101,7 @@ fn show_progress(ui: &mut Ui, entry: &mut JobEntry) {
                 let text = format!("Analysing: {}", percent(*progress, *begun, *stage));
                 progress::bar(ui, "Analysing the footage", *progress as f32, Some(text));
             }
-            _ => _ = ui.weak("Analysed as soon as what is being exported is done"),
+            _ => _ = ui.weak("The analysis starts when the exports are done"),
         }
     });
 }

@@ -72,7 +72,7 @@ impl Autosave {
             move |output| {
                 for request in incoming {
                     if let Err(reason) = request.run() {
-                        output.send(format!("Your work is not kept for a crash: {reason}"));
+                        output.send(format!("Autosave is off: {reason}"));
                     }
                 }
             },
@@ -126,7 +126,7 @@ impl Autosave {
             None => WriteRequest::Remove(path),
         };
         let is_sent = self.requests.as_ref().is_some_and(|requests| requests.send(request).is_ok());
-        let ended = || "Your work is not kept for a crash: the thread that writes it has ended".to_owned();
+        let ended = || "Autosave is off: its thread has ended".to_owned();
         self.queued_version = Some(version);
         AutosaveStatus { wait: None, problem: problem.or_else(|| (!is_sent).then(ended)) }
     }

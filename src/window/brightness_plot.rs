@@ -18,9 +18,9 @@ pub fn show(ui: &mut Ui, session: &Session) {
         let why = match &shot.analysis {
             AnalysisState::Used(_, findings) => match &findings.gain {
                 Some(gain) => format!("The footage was analysed: {gain}."),
-                None => "The footage was analysed; too few surfaces are seen twice to tell.".to_owned(),
+                None => "The footage was analysed, but too few surfaces are seen twice.".to_owned(),
             },
-            _ => "Not known: the footage is not analysed.".to_owned(),
+            _ => "Unknown: the footage is not analysed.".to_owned(),
         };
         ui.label(RichText::new(why).weak());
         return;

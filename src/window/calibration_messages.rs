@@ -10,12 +10,12 @@ pub fn noise_error(error: &CalibrateError) -> String {
     match error {
         E::NoFrames => "no frame could be read".to_owned(),
         E::OneFrame { .. } => "noise at rest shows in the difference of frames: choose two or more".to_owned(),
-        E::TooManyFrames { .. } => "these are too many frames at once: choose fewer".to_owned(),
+        E::TooManyFrames { .. } => "too many frames at once: choose fewer".to_owned(),
         E::Size { expected, found } => format!("the frames differ in size: {found} beside {expected} px"),
         E::Depth { expected, found } => format!("the frames differ in depth: {found} beside {expected} bits a channel"),
         E::Empty => "the frame has no pixels".to_owned(),
         E::TooLarge { found } => format!("a frame of {found} px is too large to be summed up: pick smaller places"),
-        E::Stopped => "it was ended before it was done".to_owned(),
+        E::Stopped => "it was cancelled".to_owned(),
         E::Bins { .. } | E::MeansMixed | E::MeansCount { .. } => without_options(&error.to_string()),
         E::TooFew { channel, needed, best } => {
             format!("{} too few pixels of one brightness, in {}", samples(*best, *needed), channel_name(channel))
@@ -28,8 +28,8 @@ pub fn noise_error(error: &CalibrateError) -> String {
             )
         }
         E::CameraMoves { percent, .. } => format!(
-            "the camera moves in these frames ({} % of what changes is one common motion): choose frames at rest, or measure \
-             each place in its own frame",
+            "the camera moves in these frames ({} % of the change is one common motion): choose frames at rest, or \
+             measure each place in its own frame",
             fixed(*percent, 0)
         ),
         E::SceneChanges { .. } | E::WrongMean { .. } => {
@@ -60,8 +60,8 @@ pub fn noise_warning(warning: &Warning, used: &[usize]) -> String {
     };
     match warning {
         W::Unsteady { scene, percent, .. } => format!(
-            "{}the picture moves a little from frame to frame ({} % of what changes), and σ is too large: choose frames in \
-             which the camera stands still",
+            "{}the picture moves a little from frame to frame ({} % of the change), and σ is too large: choose frames \
+             in which the camera stands still",
             place(scene),
             fixed(*percent, 0)
         ),
@@ -69,7 +69,8 @@ pub fn noise_warning(warning: &Warning, used: &[usize]) -> String {
             format!("{}{} % of it moves or drifts, and is left out", place(scene), fixed(*percent, 0))
         }
         W::Filtered { scene, percent } => format!(
-            "{}frames that follow each other are alike ({} % of the variance): the camera filters over time, or the light creeps",
+            "{}consecutive frames are correlated ({} % of the variance): the camera filters over time, or the light \
+             drifts",
             place(scene),
             fixed(*percent, 0)
         ),
@@ -91,9 +92,9 @@ pub fn noise_warning(warning: &Warning, used: &[usize]) -> String {
                 fixed(*off, 1)
             )
         }
-        W::NoCorrelation(of) => format!("how pixels hang together ({of}) is too quiet to be measured: taken is 0"),
+        W::NoCorrelation(of) => format!("the correlation of pixels ({of}) is too weak to be measured: 0 is used"),
         W::LowCorrelation { of, found, written } => format!(
-            "how pixels hang together ({of}) is {}, less than noise can be: taken is {written}; does the camera sharpen?",
+            "the correlation of pixels ({of}) is {}, impossible for noise: {written} is used; does the camera sharpen?",
             fixed(*found, 2)
         ),
         W::Texture => "the intervals are those of chance: texture that is everywhere counts as noise".to_owned(),

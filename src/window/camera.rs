@@ -50,7 +50,7 @@ pub fn buttons(ui: &mut Ui, session: &Session) -> Option<CameraCommand> {
             }
         };
         if session.is_frozen() {
-            button(ui, true, "Back to live", "The camera again (C)", CameraCommand::Live);
+            button(ui, true, "Back to live", "Back to the camera (C)", CameraCommand::Live);
             button(ui, true, "Keep as a recording…", "A copy in a folder of yours", CameraCommand::Keep);
             ui.label("The last seconds, as they were seen");
         } else {
@@ -59,7 +59,7 @@ pub fn buttons(ui: &mut Ui, session: &Session) -> Option<CameraCommand> {
         }
         match told.status.recorded {
             None if session.is_frozen() => {}
-            None => button(ui, true, "Record…", "What comes from now on, into a new folder", CameraCommand::Record),
+            None => button(ui, true, "Record…", "Its pictures from now on, into a new folder", CameraCommand::Record),
             Some(frames) => {
                 button(ui, true, "Stop", "Ends the recording", CameraCommand::Stop);
                 ui.colored_label(LIGHT, format!("recording, {}", count(frames, "frame")));

@@ -220,7 +220,7 @@ impl CameraDialog {
         let label = ui.label("Pictures");
         ui.horizontal(|ui| {
             let field = egui::TextEdit::singleline(&mut self.size).desired_width(90.0).hint_text("640x480");
-            ui.add(field).labelled_by(label.id).on_hover_text("Their size, px; the profile's where nothing is said");
+            ui.add(field).labelled_by(label.id).on_hover_text("Their size, px; empty: the profile's");
             ui.label("px, at");
             let field = egui::TextEdit::singleline(&mut self.rate).desired_width(50.0).hint_text("30");
             ui.add(field).on_hover_text("Pictures a second").widget_info(|| text_field("Rate"));
@@ -238,7 +238,7 @@ impl CameraDialog {
                 ui.horizontal(|ui| {
                     ui.label("smoothed over");
                     let field = egui::TextEdit::singleline(&mut self.smoothing).desired_width(50.0).hint_text("0");
-                    let hint = "A time constant: poses are quieter, and as much later. Empty: as they are measured";
+                    let hint = "A time constant: poses are steadier, and as much later. Empty: as measured";
                     ui.add(field).on_hover_text(hint).widget_info(|| text_field("Smoothing"));
                     ui.label("s");
                 });
@@ -252,7 +252,8 @@ impl CameraDialog {
                     ui.label("delayed by");
                     let field = egui::TextEdit::singleline(&mut self.delay).desired_width(50.0).hint_text("0");
                     let hint =
-                        "Added to the time of each pose; auto: what fits the pictures best, found while they come";
+                        "Added to the time of each pose; auto: the delay that fits the pictures best, found while they \
+                         arrive";
                     ui.add(field).on_hover_text(hint).widget_info(|| text_field("Delay"));
                     ui.label("s, or auto");
                 });

@@ -245,9 +245,8 @@ impl Chooser {
             }
         };
         if entries.is_empty() {
-            let text =
-                if filter.is_empty() { "Nothing here that can be opened" } else { "Nothing here is called that" };
-            let text = if self.mode.is_new() { "Nothing is here yet" } else { text };
+            let text = if filter.is_empty() { "Nothing here that can be opened" } else { "Nothing here has this name" };
+            let text = if self.mode.is_new() { "This folder is empty" } else { text };
             area.show(ui, |ui| ui.weak(text));
             return;
         }
@@ -278,7 +277,7 @@ impl Chooser {
         let recording = self.recording();
         let is_slow = self.pending_entry.as_ref().is_some_and(PendingEntry::is_slow);
         match (&self.message, &recording) {
-            _ if is_slow => _ = ui.weak("The disk is being asked…"),
+            _ if is_slow => _ = ui.weak("Reading the disk…"),
             (Some(message), _) => _ = ui.label(message),
             (None, Some(path)) => {
                 let name = path.file_name().unwrap_or_default().to_string_lossy();
@@ -334,7 +333,7 @@ impl Chooser {
     fn replace_question(&mut self, ui: &mut Ui, path: &Path, existing: &[PathBuf]) -> Option<ChooserResult> {
         let (text, action) = match self.mode {
             ChooserMode::NewFolder => (
-                format!("There are files in {}. Those of the same names are replaced, no others.", path.display()),
+                format!("{} contains files. Only those of the same names are replaced.", path.display()),
                 "Write there",
             ),
             ChooserMode::NewSeries(_) => {
@@ -343,10 +342,7 @@ impl Chooser {
                     0 | 1 => "is".to_owned(),
                     many => format!("and {} more of its series are", many - 1),
                 };
-                (
-                    format!("{first} {are} there already. Those of the same names are replaced, no others."),
-                    "Replace them",
-                )
+                (format!("{first} {are} there already. Only files of the same names are replaced."), "Replace them")
             }
             _ => (format!("{} is there already.", path.display()), "Replace it"),
         };

@@ -58,7 +58,7 @@ impl Controls {
                 egui::TextEdit::singleline(&mut self.search).hint_text("Search parameters").desired_width(160.0);
             let response = ui.add(search);
             response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::TextInput, true, "Search parameters"));
-            ui.toggle_value(&mut self.changed_only, "Changed").on_hover_text("Only what you have changed");
+            ui.toggle_value(&mut self.changed_only, "Changed").on_hover_text("Only changed settings");
         });
         ui.separator();
         let mut refused = None;
@@ -71,8 +71,8 @@ impl Controls {
             }
             if is_empty {
                 ui.weak(match self.search.trim() {
-                    "" => "You have changed nothing.".to_owned(),
-                    words => format!("Nothing is called “{words}”."),
+                    "" => "No setting is changed.".to_owned(),
+                    words => format!("No setting is called “{words}”."),
                 });
             }
         });
@@ -127,7 +127,7 @@ impl Controls {
                     }
                     if project.is_pinned(table, ON) {
                         switch.context_menu(|ui| {
-                            if ui.button("As the profile says").clicked() {
+                            if ui.button("From the profile").clicked() {
                                 refused = project.reset_switch(table).err().map(|error| error.to_string());
                                 ui.close();
                             }
@@ -137,8 +137,8 @@ impl Controls {
                         let why = project.edit().settings.effects().find(|effect| effect.table() == table);
                         let why = why.map_or("", |effect| effect.neutral_hint());
                         ui.label(RichText::new("idle").weak().small()).on_hover_text(format!(
-                            "It changes nothing in the picture that is shown: {why}. Where no thing is in view, no effect has \
-                             anything to do."
+                            "It has no effect on this picture: {why}. Without an object in view, no effect does \
+                             anything."
                         ));
                     }
                 } else {
@@ -453,8 +453,8 @@ fn origin_marker(ui: &mut Ui, origin: Origin) {
         Origin::Default => {}
     }
     let hint = match origin {
-        Origin::User => "You have changed it",
-        Origin::File => "As the recording or a profile says",
+        Origin::User => "Changed by you",
+        Origin::File => "From the recording or a profile",
         Origin::Scene => "Kept by the scene, as the profile has it. Double-click the name to follow the profile",
         Origin::Default => "Its default",
     };
@@ -466,7 +466,7 @@ fn help(ui: &mut Ui, called: &str, full: &str, spec: &Spec, idle: Option<&str>, 
     ui.strong(called);
     ui.label(spec.help);
     if let Some(idle) = idle {
-        ui.label(RichText::new(format!("Idle: it does something {idle}.")).color(ui.visuals().warn_fg_color));
+        ui.label(RichText::new(format!("Idle: it has an effect {idle}.")).color(ui.visuals().warn_fg_color));
     }
     let unit = suffix(spec);
     ui.weak(format!("{}{unit}; default {}", spec.kind, spec.default));

@@ -32,7 +32,7 @@ impl Consequences {
     }
 }
 
-const RECORDED: &str = "The camera is being recorded. The recording ends here, and is whole.";
+const RECORDED: &str = "The camera is being recorded. The recording ends here and is complete.";
 
 /// Confirmation before the window is closed or another document is opened.
 pub fn confirm_discard(ctx: &Context, consequences: Consequences) -> Option<Answer> {
@@ -41,8 +41,8 @@ pub fn confirm_discard(ctx: &Context, consequences: Consequences) -> Option<Answ
     if !is_changed {
         let (title, answer) = match (is_recording, closes) {
             (true, true) => ("Close while the camera is recorded?", "End the recording and close"),
-            (true, false) => ("Leave the camera while it is recorded?", "End the recording and go on"),
-            (false, _) => ("Close while something is being made?", "Close and cancel it"),
+            (true, false) => ("Leave the camera while it is recorded?", "End the recording and continue"),
+            (false, _) => ("Close while a task is running?", "Close and cancel it"),
         };
         let choices = Choices { labels: ["", answer, "Cancel"], default: Answer::Cancel };
         return ask(ctx, title, choices, |ui| {
@@ -51,7 +51,7 @@ pub fn confirm_discard(ctx: &Context, consequences: Consequences) -> Option<Answ
             }
             if is_busy {
                 ui.label(
-                    "What is being exported or analysed is cancelled. Pictures that are whole stay; what is not finished is \
+                    "Running exports and analyses are cancelled. Finished pictures are kept, unfinished ones are \
                      removed.",
                 );
             }
@@ -60,15 +60,15 @@ pub fn confirm_discard(ctx: &Context, consequences: Consequences) -> Option<Answ
     let labels = if closes {
         ["Save and close", "Close without saving", "Cancel"]
     } else {
-        ["Save", "Go on without saving", "Cancel"]
+        ["Save", "Continue without saving", "Cancel"]
     };
     ask(ctx, "Save changes?", Choices { labels, default: Answer::Yes }, |ui| {
-        ui.label("The changes since the last save are lost otherwise.");
+        ui.label("Otherwise the changes since the last save are lost.");
         if is_recording {
             ui.label(RECORDED);
         }
         if is_busy {
-            ui.label("Something is being exported or analysed; it is cancelled when the window closes.");
+            ui.label("Running exports and analyses are cancelled when the window closes.");
         }
     })
 }
@@ -76,7 +76,7 @@ pub fn confirm_discard(ctx: &Context, consequences: Consequences) -> Option<Answ
 /// A file to write was changed by another program.
 pub fn confirm_overwrite(ctx: &Context, path: &Path) -> Option<Answer> {
     let choices = Choices { labels: ["Save mine", "Read theirs", "Cancel"], default: Answer::Cancel };
-    ask(ctx, "Replace what somebody else has written?", choices, |ui| {
+    ask(ctx, "Overwrite another program's changes?", choices, |ui| {
         ui.label(format!("{} was changed on disk since it was opened here.", path.display()));
     })
 }
@@ -97,11 +97,11 @@ pub fn confirm_shared_profile(ctx: &Context, path: &Path, owner: Option<ProfileO
 /// An open file was changed by another program.
 pub fn offer_reload(ctx: &Context, path: &Path, is_changed: bool) -> Option<Answer> {
     // It appears without a user action: Enter in another field must not discard changes.
-    let choices = Choices { labels: ["Read it again", "Keep what is here", ""], default: Answer::No };
+    let choices = Choices { labels: ["Read it again", "Keep mine", ""], default: Answer::No };
     ask(ctx, "A file was changed on disk", choices, |ui| {
         ui.label(format!("{} was changed by another program.", path.display()));
         if is_changed {
-            ui.label("What you have changed here is not lost: undo brings it back.");
+            ui.label("Your changes here are not lost: undo restores them.");
         }
     })
 }
@@ -217,10 +217,8 @@ pub fn show_start<'a>(
         ui.add(egui::Label::new(RichText::new(CAN_BE_DROPPED).weak()).wrap());
         if let StartBackground::Nothing(places) = behind {
             let places: Vec<String> = places.iter().map(|place| place.display().to_string()).collect();
-            let text = format!(
-                "The demonstration lies in the program's folder, and is not there. It was looked for at {}.",
-                places.join(", ")
-            );
+            let text =
+                format!("The demonstration is missing from the program's folder. Searched: {}.", places.join(", "));
             ui.add(egui::Label::new(RichText::new(text).weak()).wrap());
         }
         let recent: Vec<_> = recent.collect();
@@ -237,7 +235,7 @@ pub fn show_start<'a>(
                 let text = of.map_or_else(|| name.clone(), |scene| format!("{name}   {scene}"));
                 let button = ui.add_enabled(is_there, egui::Button::selectable(false, text).truncate());
                 let button = button.on_hover_text(files(document));
-                if button.on_disabled_hover_text("It is no longer there").clicked() {
+                if button.on_disabled_hover_text("It no longer exists").clicked() {
                     chosen = Some(StartChoice::Recent(Box::new(document.clone())));
                 }
             }

@@ -44,7 +44,7 @@ impl Dials {
             dial(ui, "Shutter", "automatic", &mut self.shutter, times);
             dial(ui, "ISO", "the recording's", &mut self.iso, speeds);
             dial(ui, "Focal length, mm", "sees the whole picture", &mut self.focal, Vec::new);
-            dial(ui, "Focus, m", "what is in the middle", &mut self.focus, || vec!["inf".to_owned()]);
+            dial(ui, "Focus, m", "the middle of the picture", &mut self.focus, || vec!["inf".to_owned()]);
             dial(ui, "Film", "the recording's", &mut self.film, || FILMS.map(str::to_owned).to_vec());
             dial(ui, "In the middle", "X,Y or an object's name", &mut self.aim, Vec::new);
             dial(ui, "Width, px", "as recorded", &mut self.width, Vec::new);
@@ -141,7 +141,7 @@ fn stop(read: Result<f64, StopError>) -> Result<f64, String> {
 
 fn number(text: &str, min: f64, max: f64) -> Result<f64, String> {
     let accepted = format!(
-        "{text} is refused: accepted is {} to {}",
+        "{text} is refused: expected {} to {}",
         locard_engine::text::number(min),
         locard_engine::text::number(max)
     );
@@ -206,8 +206,8 @@ mod tests {
 
     #[test]
     fn options_in_messages_become_dial_labels() {
-        let text = options_as_dials("--aim 9,9 lies outside of the picture, 4x4 px (--force); a smaller --iso helps");
-        assert_eq!(text, "In the middle 9,9 lies outside of the picture, 4x4 px; a smaller ISO helps");
+        let text = options_as_dials("--aim 9,9 lies outside the picture, 4x4 px (--force); a smaller --iso helps");
+        assert_eq!(text, "In the middle 9,9 lies outside the picture, 4x4 px; a smaller ISO helps");
     }
 
     #[test]

@@ -87,7 +87,7 @@ impl Documents {
         self.state_folder = Some(folder.to_owned());
         let work = folder.join("work");
         if let Err(error) = self.recovery.begin(&work) {
-            session.show_message(format!("Your work is not kept for a crash: {}: {error}", work.display()));
+            session.show_message(format!("Autosave is off: {}: {error}", work.display()));
         }
         self.document_opened(session);
     }
@@ -196,12 +196,11 @@ impl Documents {
         let wake = ctx.clone();
         match self.watch.poll(now, move || wake.request_repaint()) {
             Ok(wait) => ctx.request_repaint_after(wait),
-            Err(why) => session.show_error(format!("Changes on disk were not noticed: {why}")),
+            Err(why) => session.show_error(format!("Files could not be checked for changes: {why}")),
         }
         let recording = &session.project.shot().recording.path;
         if self.watch.change(recording) == Some(Change::Gone) {
-            session
-                .show_error(format!("{} is gone: bring it back, and its frames are shown again", recording.display()));
+            session.show_error(format!("{} is missing: restore it to see its frames again", recording.display()));
         }
         self.load_returned_files(session);
     }

@@ -49,7 +49,7 @@ fn offer(ui: &mut Ui, project: &mut Project) -> Option<String> {
             let lamps = if lamps == 0 { "no lamps".to_owned() } else { count(lamps, "lamp") };
             (format!("Light from the footage: panorama, {lamps}."), "Copy to scene and edit")
         }
-        None => ("Default light: nothing says how the room is lit.".to_owned(), "Edit light"),
+        None => ("Default light: the room's lighting is unknown.".to_owned(), "Edit light"),
     };
     ui.label(RichText::new(text).weak());
     let hint = "Writes that light into the scene, where it can be changed.";
@@ -67,7 +67,7 @@ fn fields(ui: &mut Ui, project: &mut Project) -> Option<String> {
             done |= panorama(ui, &mut light);
         }
         if let Some(ambient) = &mut light.ambient {
-            ui.label("even light").on_hover_text("What white matt shows by it");
+            ui.label("even light").on_hover_text("Its light on white matt surfaces");
             colour(ui, "even light colour", ambient);
             ui.end_row();
             let mut brightness = max_channel(*ambient);

@@ -68,7 +68,7 @@ impl Evidence {
         let mut message = None;
         ui.strong("Evidence");
         if !project.can_place() {
-            ui.label("A model alone stands by its own coordinates. Open a scene file, or none, to place evidence.");
+            ui.label("A model opened alone has its own coordinates. Open a scene file, or none, to place evidence.");
             return None;
         }
         self.library.scan(&project.scene_path());
@@ -90,9 +90,8 @@ impl Evidence {
         } else if menu.inner.is_some() && ui.input(|i| i.key_pressed(egui::Key::Escape)) {
             menu.response.request_focus();
         }
-        menu.response.on_hover_text(
-            "Choose a model, then click where it shall lie. A .glb dropped into the window is taken too.",
-        );
+        menu.response
+            .on_hover_text("Choose a model, then click a place for it. A .glb can also be dropped into the window.");
         if let Some(placement) = tools.placement_mut() {
             placement.show(ui);
             self.turned_deg = placement.turned_deg();
@@ -236,9 +235,9 @@ fn switches(ui: &mut Ui, project: &mut Project, entry: Entry) -> Option<String> 
     let all = if entry.instance.is_some() { ", with all instances of its object" } else { "" };
     let throwing = ui
         .add_enabled(!is_real, egui::Checkbox::new(&mut throws, "Throws a shadow"))
-        .on_hover_text("It takes light from what it stands on, and from what is beside it");
+        .on_hover_text("It blocks light from its support and from surfaces beside it");
     let standing = ui.checkbox(&mut is_real, "Stands in for something real").on_hover_text(format!(
-        "It is not drawn, and hides what is behind it: where depth was not measured, or not well{all}"
+        "It is not drawn and hides everything behind it, where measured depth is missing or poor{all}"
     ));
     let done = if throwing.changed() {
         let what = format!("{title}: {}", if throws { "with its shadow" } else { "without its shadow" });

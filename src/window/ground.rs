@@ -126,7 +126,7 @@ fn set_scale(project: &mut Project, a: DVec3, b: DVec3, distance_m: f64) -> Resu
     project.close_step();
     if project.shot().recording.metres_per_unit != unit {
         return Err(
-            "The recording was opened with a scale of its own, which holds: open it again, and the scene's does"
+            "The recording was opened with a scale of its own, which takes precedence: open it again to use the scene's"
                 .to_owned(),
         );
     }

@@ -27,7 +27,7 @@ impl LampPick {
     pub fn prompt(self) -> &'static str {
         match self {
             Self::White => "Click on white paper or paint in the light. Esc ends it",
-            Self::Position => "Click where the lamp shall be. Esc ends it",
+            Self::Position => "Click a place for the lamp. Esc ends it",
         }
     }
 

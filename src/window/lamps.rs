@@ -33,8 +33,7 @@ pub fn show(
     let mut message = environment_light::show(ui, project);
     if has_depth && !project.is_lit_by_models() {
         let is_picking = tools.lamp_pick() == Some(LampPick::White);
-        let hint =
-            "Then click on white paper or paint: all light becomes as bright and gets the colour that it shows there.";
+        let hint = "Then click on white paper or paint: the light is matched to its brightness and colour.";
         let matched = egui::Button::selectable(is_picking, "Match white").frame_when_inactive(true);
         if ui.add(matched).on_hover_text(hint).clicked() {
             tools.toggle_lamp_pick(LampPick::White);
@@ -58,7 +57,7 @@ pub fn show(
         });
     }
     let hint = if has_depth {
-        "Then click where it shall be; where no depth is, it hangs 1 m above the scene's middle."
+        "Then click a place for it; without depth there, it hangs 1 m above the scene's middle."
     } else {
         "1 m above the scene's middle, to be moved from there."
     };
@@ -109,7 +108,7 @@ fn fields(ui: &mut Ui, project: &mut Project, n: usize, lamp: &LampTable) -> Opt
         for (color, value) in ["red", "green", "blue"].into_iter().zip(&mut rgb) {
             done |= row(ui, color, &format!("lamp {color}"), value, speed(most), "");
         }
-        ui.label("colour").on_hover_text("What white matt that faces it shows at 1 m, times the intensity");
+        ui.label("colour").on_hover_text("Its light on white matt surfaces that face it at 1 m, times the intensity");
         color_picker(ui, "lamp colour", &mut rgb);
         ui.end_row();
         done |= row(ui, "diameter", "lamp diameter", &mut diameter_or_default_m, 0.002, " m");

@@ -204,8 +204,11 @@ impl Library {
             self.renderer = ThumbnailRenderer::new(gpu.clone(), ctx.clone()).ok();
         }
         let sent = self.renderer.as_ref().is_some_and(|renderer| renderer.requests.send(model.to_owned()).is_ok());
-        let thumbnail =
-            if sent { Thumbnail::Requested } else { Thumbnail::Failed("no thread can be had that draws".to_owned()) };
+        let thumbnail = if sent {
+            Thumbnail::Requested
+        } else {
+            Thumbnail::Failed("the drawing thread could not be started".to_owned())
+        };
         self.thumbnails.insert(model.to_owned(), thumbnail);
     }
 
@@ -278,7 +281,7 @@ impl ThumbnailRenderer {
 
 fn render_thumbnail(gpu: &Gpu, renderer: &mut Option<Renderer>, model: &Path) -> Result<ColorImage, String> {
     let scene = scene::load(model, Some(DVec3::Y)).map_err(|error| error.to_string())?;
-    let still = still(&scene).ok_or_else(|| format!("{}: there is nothing in it to see", model.display()))?;
+    let still = still(&scene).ok_or_else(|| format!("{}: it has nothing visible", model.display()))?;
     // The first thumbnail compiles the pipelines.
     let renderer = match renderer {
         Some(renderer) => {

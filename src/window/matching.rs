@@ -112,13 +112,14 @@ impl Matching {
                 wanted.edges = self.edges;
                 wanted.edges_of = edge_signal(self.edges_of);
             }
-            let good = "Good: real edges near the pointer look as long and as soft as this says.";
+            let good = "Good: real edges near the pointer look as long and as soft as this value.";
             section(ui, "Blur at the pointer", true, good, |ui| blur(ui, session, pointed));
             let good = "Good: a flat line, or exposure that follows it. Steps are the camera's automatic exposure.";
             if !section(ui, "A patch over the frames", false, good, |ui| self.patch(ui, session, tools)) {
                 self.brightness.cancel();
             }
-            let good = "Good: what you see. Objects follow it where the effect Exposure is on and told to follow.";
+            let good = "Good: it matches the picture. Objects follow it where the effect Exposure is on and follows \
+                        the footage.";
             section(ui, "Light over the frames", false, good, |ui| brightness_plot::show(ui, session));
             let good = "Good: no effect takes long that changes nothing you see.";
             section(ui, "Time by effect", false, good, |ui| {
@@ -200,7 +201,7 @@ impl Matching {
             ui.label(RichText::new(format!("σ over the profile's: {}", over.join(", "))).small());
         }
         if profile.is_none() {
-            ui.label("The profile has no noise: virtual things are drawn without. The tab Calibrate measures it.");
+            ui.label("The profile has no noise: virtual objects are drawn without. The tab Calibrate measures it.");
         }
         let parts = analysis.map(|a| [&a.real, &a.drawn]).into_iter().flatten();
         for why in parts.filter_map(|part| part.as_ref()?.as_ref().err()) {
@@ -329,13 +330,13 @@ pub fn width_text(edge: &SlantedEdge) -> String {
 }
 
 /// Notice instead of plots during a live view.
-const WAITS_FOR_FROZEN: &str = "No plot is drawn while the camera is shown: its picture is another one by the time it is \
-                                measured. Freeze it (Space), and plots are of the frozen picture.";
+const WAITS_FOR_FROZEN: &str = "No plot is drawn for the live camera: its picture changes before it is measured. \
+                                Freeze it (Space) to plot the frozen picture.";
 
 /// Advice for a frame without plain regions.
-const NO_PLAIN_PLACE: &str = "This frame shows too little that is plain to tell the camera's noise. Go to a frame with a wall, a \
-                              table or paper in it, or pick plain places yourself: the tab Calibrate measures them, and \
-                              their dots are shown here as rings.";
+const NO_PLAIN_PLACE: &str = "This frame has too few plain areas to estimate the camera's noise. Go to a frame with a \
+                              wall, a table or paper in it, or pick plain places yourself: the tab Calibrate measures \
+                              them, and their dots are shown here as rings.";
 
 /// Instructions for picking an edge.
 pub const GOOD_EDGE: &str = "Drag a rectangle that one straight edge crosses from side to side: plain on both sides, some 20 px each, \
@@ -370,7 +371,7 @@ pub fn plot_rejected_edges(ui: &mut Ui, edges: Vec<RejectedEdgePlot>) {
         }
     });
     plots::legend_of(ui, &names.iter().map(|(color, name)| (*color, name.as_str())).collect::<Vec<_>>());
-    ui.label(RichText::new("As it is seen there: one step between two level parts is what can be measured.").small());
+    ui.label(RichText::new("Only one step between two level parts can be measured.").small());
 }
 
 /// An edge spread function: samples as dots, the fit as a line.

@@ -30,7 +30,7 @@ pub fn hide(project: &mut Project, selected: Option<SceneItem>) -> Option<String
     let entry = match selected? {
         SceneItem::Object(entry) => entry,
         SceneItem::Lamp(_) => {
-            return Some("A lamp is not hidden; with an intensity of 0 it does not shine.".to_owned());
+            return Some("A lamp cannot be hidden; with an intensity of 0 it does not shine.".to_owned());
         }
     };
     let scene = &project.edit().scene;

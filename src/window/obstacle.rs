@@ -38,12 +38,12 @@ fn is_of_camera(error: &ShotError) -> bool {
     matches!(
         error,
         ShotError::NoCamera { .. }
-            | ShotError::PartOfCamera { .. }
+            | ShotError::IncompleteCamera { .. }
             | ShotError::Size { .. }
             | ShotError::Coefficient { .. }
-            | ShotError::NotRound
-            | ShotError::RoundSize { .. }
-            | ShotError::RoundReadout { .. }
+            | ShotError::PanoramaCamera
+            | ShotError::PanoramaSize { .. }
+            | ShotError::PanoramaReadout { .. }
             | ShotError::Lens(_)
             | ShotError::Profile(_)
     )
@@ -97,7 +97,7 @@ impl NearestPose {
 pub fn camera_text(error: &ShotError) -> String {
     match error {
         ShotError::NoCamera { .. } => "No camera profile for this recording. Choose one to place evidence.".to_owned(),
-        ShotError::PartOfCamera { missing, .. } => {
+        ShotError::IncompleteCamera { missing, .. } => {
             format!("The camera profile is incomplete: it lacks {}. Choose another one.", missing.join(", "))
         }
         ShotError::Size { camera, frames } => {

@@ -35,7 +35,7 @@ impl OpenRefusal {
     }
 
     fn of_shot(recording: &Path, error: &ShotError) -> Self {
-        let lacks_camera = matches!(error, ShotError::NoCamera { .. } | ShotError::PartOfCamera { .. });
+        let lacks_camera = matches!(error, ShotError::NoCamera { .. } | ShotError::IncompleteCamera { .. });
         let why = without_options(&error.to_string());
         // A scene's error names the scene.
         let is_scenes = matches!(error, ShotError::Scene(_));
@@ -56,7 +56,7 @@ impl OpenRefusal {
                      this camera."
                 )
             }
-            Err(ShotError::NoCamera { .. } | ShotError::PartOfCamera { .. }) if has_camera => format!(
+            Err(ShotError::NoCamera { .. } | ShotError::IncompleteCamera { .. }) if has_camera => format!(
                 "{name} lacks the camera's focal length or principal point: it was not opened for {recording}, whose \
                  camera is known. Write them into its table [camera.intrinsics], or choose a profile that has them."
             ),

@@ -99,7 +99,7 @@ impl OutputPanel {
         let mut request = None;
         egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
             ui.strong("Export");
-            ui.label(RichText::new("As it is set now: what is changed later is not in it.").weak());
+            ui.label(RichText::new("With the present settings: later changes are not included.").weak());
             if let Some(requested) = self.export(ui, now) {
                 request = Some(requested);
             }
@@ -184,7 +184,7 @@ fn queue(ui: &mut Ui, jobs: &mut Jobs) {
         ui.horizontal(|ui| {
             let over = entry.state.is_over();
             let (text, hint) =
-                if over { ("Clear", "Off the list") } else { ("Cancel", "What is not finished is removed") };
+                if over { ("Clear", "Off the list") } else { ("Cancel", "Unfinished output is removed") };
             let button = ui.button(text).on_hover_text(hint);
             button
                 .widget_info(|| egui::WidgetInfo::labeled(egui::Role::Button, true, format!("{text} {}", entry.name)));

@@ -25,7 +25,7 @@ impl PointerProbe {
     /// Probes the camera's picture and its surface.
     pub fn at(shot: &Shot, frame: &Frame, at_px: DVec2) -> Result<Self, String> {
         let surface = shot.surface_at(frame, at_px).map_err(|error| match error {
-            SurfaceError::NoDepth { .. } => "This frame has no depth, which says how far away the point is.".to_owned(),
+            SurfaceError::NoDepth { .. } => "This frame has no depth, so the point's distance is unknown.".to_owned(),
             error => error.to_string(),
         })?;
         let (camera, told) = (shot.camera(), |error: &dyn std::fmt::Display| error.to_string());

@@ -69,7 +69,7 @@ pub fn restart_if_lost(window: &RenderState) {
     let gpu = Gpu::from_device(&window.adapter, window.device.clone(), window.queue.clone());
     // The loss may have been reported to another caller before.
     if gpu.in_error_scope(|| gpu.buffer("a word", &[0; 4], wgpu::BufferUsages::COPY_SRC)).is_err() {
-        eprintln!("locard: the graphics device was lost; start it again ({})", restart());
+        eprintln!("locard: the graphics device was lost; start Locard again ({})", restart());
     }
 }
 

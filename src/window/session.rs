@@ -43,7 +43,7 @@ impl Session {
     pub fn new(window: RenderState, ctx: &egui::Context, project: Project) -> Result<Self, String> {
         let wake = ctx.clone();
         let viewer = Viewer::new(window, move || wake.request_repaint())
-            .map_err(|e| format!("no thread can be had to decode and draw with: {e}"))?;
+            .map_err(|e| format!("the thread for decoding and drawing could not be started: {e}"))?;
         let thumbnails = Thumbnails::new(project.shot().recording.clone(), ctx).ok();
         let player = Player::new(&project.shot().recording.timestamps_s);
         let warnings = project.shot().recording.warnings.join("; ");
@@ -72,7 +72,7 @@ impl Session {
     /// True if the camera of the frame is unknown or incomplete, for lack of a profile.
     pub fn lacks_camera(&self) -> bool {
         let camera = self.project.shot().geometry_at(self.player.frame());
-        matches!(camera, Err(ShotError::NoCamera { .. } | ShotError::PartOfCamera { .. }))
+        matches!(camera, Err(ShotError::NoCamera { .. } | ShotError::IncompleteCamera { .. }))
     }
 
     /// Takes finished work. Called first in a frame of the window; never blocks.

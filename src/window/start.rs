@@ -103,7 +103,8 @@ impl Start {
                 }
             }
             Err(error) => {
-                self.message = Some(MessageWindow::new(format!("No thread can be started that opens it: {error}")))
+                self.message =
+                    Some(MessageWindow::new(format!("The thread that opens it could not be started: {error}")))
             }
         }
     }
@@ -113,7 +114,8 @@ impl Start {
         match BackgroundTask::spawn("looking", move || wake.request_repaint(), move || FileKind::of(&dropped)) {
             Ok(kind) => self.dropped = Some((path, kind)),
             Err(error) => {
-                self.message = Some(MessageWindow::new(format!("No thread can be started that opens it: {error}")))
+                self.message =
+                    Some(MessageWindow::new(format!("The thread that opens it could not be started: {error}")))
             }
         }
     }

@@ -150,7 +150,7 @@ fn caught<T>(work: impl FnOnce() -> T) -> Result<T, String> {
 /// The message of a panic, for the user.
 fn panic_message(panic: &(dyn Any + Send)) -> String {
     let text = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
-    format!("it broke off by a mistake in the program: {}", text.unwrap_or("nothing more is known"))
+    format!("it failed because of a bug in the program: {}", text.unwrap_or("no message"))
 }
 
 /// Drops a value that waits for threads on a background thread.
@@ -169,7 +169,7 @@ mod tests {
         let task = BackgroundTask::spawn("test", move || woken.send(()).unwrap(), || panic!("no {}", "bread")).unwrap();
         wakes.recv().unwrap();
         let result: Result<(), String> = task.take().unwrap();
-        assert!(result.unwrap_err().ends_with("mistake in the program: no bread"));
+        assert!(result.unwrap_err().ends_with("bug in the program: no bread"));
     }
 
     #[test]

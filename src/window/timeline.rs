@@ -126,7 +126,7 @@ pub fn show(ui: &mut Ui, player: &mut Player, info: &PlaybackInfo) {
         ui.monospace(format!("{}/{last}  {:.3} s{rate}", player.frame(), info.time_s));
         if info.reduced_by > 1 {
             ui.label(format!("1/{} size", info.reduced_by))
-                .on_hover_text("So that it comes soon: at full size when it rests");
+                .on_hover_text("Reduced for speed; full size when the picture rests");
         }
         let range = player.range();
         if range.len() < player.count() {

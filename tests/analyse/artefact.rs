@@ -81,7 +81,7 @@ fn file_in_place_of_the_analysis_folder_is_refused_before_the_analysis() {
     std::fs::write(&file, "mine").unwrap();
     let problem = refused(&["analyse", "recordings/demo", "-o", file.to_str().unwrap()]);
     assert!(
-        problem.contains("found") && problem.contains("move it away, or name another folder (--output)"),
+        problem.contains("found") && problem.contains("move it elsewhere, or choose another folder (--output)"),
         "{problem}"
     );
     assert_eq!(std::fs::read_to_string(&file).unwrap(), "mine");
@@ -125,14 +125,14 @@ fn analysis_beside_the_recording_is_used_while_it_matches() {
     let (stale, said) = composite("d", &[]);
     assert!(
         stale == without
-            && said.contains("is not used: the recording is another now")
+            && said.contains("is not used: the recording has changed since it was made")
             && said.contains("analyse the recording again"),
         "{said}"
     );
     let named = ["composite", path, "--analysis", analysis.to_str().unwrap()];
     let out = folder.path().join("e");
     let problem = refused(&[&named[..], &marker, &[out.to_str().unwrap()]].concat());
-    assert!(problem.contains("the recording is another now"), "{problem}");
+    assert!(problem.contains("the recording has changed since it was made"), "{problem}");
 
     // Half-written, and of another version.
     let toml = analysis.join("analysis.toml");
@@ -145,7 +145,7 @@ fn analysis_beside_the_recording_is_used_while_it_matches() {
     std::fs::write(&toml, &text[..text.len() / 2]).unwrap();
     assert!(composite("g", &[]).1.contains("is not used"));
     std::fs::remove_file(&toml).unwrap();
-    assert!(composite("h", &[]).1.contains("no analysis.toml lies in it: no analysis, or an unfinished one"));
+    assert!(composite("h", &[]).1.contains("it has no analysis.toml: it is not an analysis, or an unfinished one"));
 
     // Analysed first, on request.
     let (made, _) = composite("i", &["--analyse"]);
@@ -155,5 +155,5 @@ fn analysis_beside_the_recording_is_used_while_it_matches() {
     // A folder that is not an analysis is not written into.
     std::fs::write(analysis.join("mine.txt"), "").unwrap();
     let problem = refused(&["analyse", path]);
-    assert!(problem.contains("holds mine.txt, which is no part of an analysis"), "{problem}");
+    assert!(problem.contains("contains mine.txt, which does not belong to an analysis"), "{problem}");
 }

@@ -354,7 +354,7 @@ fn unobservable_quantities_are_refused_with_a_reason() {
         before = scale(factor);
         let found = analysed_by_tier(&opened(&folder), 2);
         println!("{factor}: {}", found.findings);
-        assert!(refusal(&found).is_some_and(|why| why.contains("depth's unit")), "{factor}: {:?}", refusal(&found));
+        assert!(refusal(&found).is_some_and(|why| why.contains("the depth unit")), "{factor}: {:?}", refusal(&found));
     }
     let clipped = if is_full() {
         write_site(&Options { gain: 100.0, ..small(12) }, &tracked())

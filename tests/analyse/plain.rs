@@ -134,7 +134,7 @@ fn gain_by_poses_of_another_recording_is_followed_only_if_large() {
     // Of ln 0.18, the RMS difference of the exposures.
     assert!(found.gains.is_empty() || gain_error_ln(&found) < 0.03, "{:?}", found.gains);
     let light = found.findings.light.as_ref().unwrap();
-    assert_eq!(light.why.as_deref(), Some("where the camera was is not known"));
+    assert_eq!(light.why.as_deref(), Some("the camera's poses are unknown"));
 }
 
 #[test]

@@ -93,9 +93,14 @@ fn report_shows_the_findings_and_the_profile_accepts_the_camera_values() {
         "{followed} {edges} {light}"
     );
     assert_eq!(followed + edges + light, seen.pictures.len());
-    for title in
-        ["The light of the room", "Edges of the room", "What slides", "How sharp edges are", "How codes follow light"]
-    {
+    for title in [
+        "The light of the room",
+        "Edges of the room",
+        "What slides",
+        "Sharpness of edges",
+        "Response of codes to \
+                                                                                              light",
+    ] {
         assert!(seen.text.contains(title), "{title}");
     }
     assert!(seen.text.contains("Left out: ") && seen.text.contains("Time by part"));
@@ -171,8 +176,8 @@ fn existing_reports_and_analyses_are_not_overwritten() {
         assert!(left.into_iter().all(|name| !name.to_string_lossy().contains("partial")));
     };
     for (name, content, option, why) in [
-        ("notes.html", "<p>mine</p>", "--report", "is no report of an analysis, so it is kept"),
-        ("mine.toml", "version = 1\n[camera\n", "--accept", "no profile that could be added to"),
+        ("notes.html", "<p>mine</p>", "--report", "is not a report of an analysis, so it is kept"),
+        ("mine.toml", "version = 1\n[camera\n", "--accept", "not a profile that can be extended"),
         ("scene.toml", "version = 1\n[[objects]]\nmodel = 'a.glb'\n", "--accept", "there is no table [objects]"),
     ] {
         let file = folder.path().join(name);

@@ -356,7 +356,7 @@ fn foreign_and_edited_files_are_kept() {
         let error = run(&out, &small(), true, &mut quiet).unwrap_err();
         match name {
             "truth.toml" => assert!(matches!(error, SimulateError::NotSimulated(_)), "{error}"),
-            _ => assert!(error.to_string().contains(&format!("{name} in it is no longer as")), "{error}"),
+            _ => assert!(error.to_string().contains(&format!("{name} in it has changed since")), "{error}"),
         }
         assert_eq!(fs::read(&path).unwrap(), edited);
         fs::write(&path, before).unwrap();

@@ -71,7 +71,7 @@ fn analysis_of_a_model_is_valid_for_any_unit_length() {
         state => panic!("{state:?}"),
     };
     stdout_of(&["analyse", path, "--metres-per-unit", &unit]);
-    assert_eq!(made_with(unit_of_analysis()), 1.0, "it was there and fits");
+    assert_eq!(made_with(unit_of_analysis()), 1.0, "exists and is up to date");
     stdout_of(&["analyse", path, "--metres-per-unit", &unit, "--force"]);
     assert_eq!(made_with(unit_of_analysis()), UNIT_M);
     assert!(opened_in_metres(&site).stale_estimates().is_empty());
@@ -89,5 +89,5 @@ fn analysis_of_a_model_is_valid_for_any_unit_length() {
     words[5] = (words[5].parse::<f64>().unwrap() + 1e-4).to_string();
     fs::write(site.join("images.txt"), format!("{}\n{rest}", words.join(" "))).unwrap();
     let AnalysisState::Unfit(_, why) = opened_in_metres(&site).analysis else { panic!("it is used") };
-    assert!(why.contains("the recording is another now"), "{why}");
+    assert!(why.contains("the recording has changed since it was made"), "{why}");
 }

@@ -471,9 +471,9 @@ fn profile_takes_the_lens_and_keeps_the_rest() {
     assert_eq!(std::fs::read_to_string(&profile).unwrap(), written);
     for (extra, told) in [
         (["--board", "2x9"], "3 to 200 each"),
-        (["--board", "none.toml"], "there is no such file; accepted are the inner corners"),
+        (["--board", "none.toml"], "there is no such file; expected the inner corners"),
         (["--square-mm", "-1"], "0.01 to 100000 mm"),
-        (["--model", "equirectangular"], "opencv and opencv_fisheye"),
+        (["--model", "equirectangular"], "opencv or opencv_fisheye"),
     ] {
         let text = refused(&[&["calibrate", "camera", &photos, "-o", &profile], &extra[..]].concat());
         assert!(text.contains(told), "{text}");

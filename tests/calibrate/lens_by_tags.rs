@@ -135,7 +135,7 @@ fn program_detects_the_photographed_target() {
     std::fs::write(&file, "version = 1\nfamily = \"36h11\"\n[[tags]]\nid = 77\nsize_m = 0.1\ncenter_m = [0, 0]\n")
         .unwrap();
     let text = refused(&["calibrate", "camera", &photos, "--board", &file, "-o", &profile, "--force"]);
-    assert!(text.contains("the tags that are seen are not on the board: 0, 1"), "{text}");
+    assert!(text.contains("the visible tags are not on the board: 0, 1"), "{text}");
     assert!(Board::parse(&twice).is_ok() && text.lines().count() == 1, "{text}");
     // The board's file is not overwritten.
     let text = refused(&["calibrate", "camera", &photos, "--board", &file, "-o", &file, "--force"]);

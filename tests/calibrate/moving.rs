@@ -243,7 +243,7 @@ fn assert_program_writes_profile(temp: &Path, folder: &Path, found: &NoiseCalibr
         let before = std::fs::read(&other).unwrap();
         for force in [&[][..], &["--force"]] {
             let text = refused(&[&["calibrate", "noise", "--moving", &out, "-o", &path(&other)], force].concat());
-            assert!(text.contains("no profile that could be added to") && text.contains("there is no "), "{text}");
+            assert!(text.contains("not a profile that can be extended") && text.contains("there is no "), "{text}");
         }
         assert_eq!(std::fs::read(&other).unwrap(), before);
     }

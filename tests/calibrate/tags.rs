@@ -251,10 +251,7 @@ fn pictures_without_a_pose_name_the_reason() {
     let tags: Vec<DetectedTag> = tags.collect();
     let error = of(&sheet, &tags).unwrap_err();
     assert!(matches!(error, PoseFailure::Misfit { .. }), "{error}");
-    assert!(
-        error.to_string().starts_with("the tags 0, 1, 2, 3, 4, 5 do not stand to each other as on the board"),
-        "{error}"
-    );
+    assert!(error.to_string().starts_with("the tags 0, 1, 2, 3, 4, 5 are not arranged as on the board"), "{error}");
     // Corners that are not finite, or coincide.
     for at in [DVec2::NAN, DVec2::new(300.0, 200.0)] {
         assert!(of(&far_tag(), &[DetectedTag { id: 0, corners_px: [at; 4] }]).is_err());

@@ -160,8 +160,8 @@ fn tracked_video_becomes_a_recording_with_static_evidence() {
     let wrong_size = format!("line {tag_at}, tags.size_m of tag 0: 0 is refused");
     for (from, to, said) in [
         ("36h11", "25h9", wrong_family.as_str()),
-        ("id = ", "id = 10", "the tags that are seen are not on the board: 0, 1, 2, 3, 4, 5"),
-        ("0.0425", "0.0825", "do not stand to each other as on the board"),
+        ("id = ", "id = 10", "the visible tags are not on the board: 0, 1, 2, 3, 4, 5"),
+        ("0.0425", "0.0825", "are not arranged as on the board"),
         ("0.065", "0", wrong_size.as_str()),
     ] {
         std::fs::write(site.path("other.toml"), board.replace(from, to)).unwrap();
@@ -257,5 +257,5 @@ fn sheet_is_written_with_its_board_file() {
     assert!(!Path::new(&at("sheet.png")).exists());
     assert_eq!(std::fs::read_to_string(at("sheet.toml")).unwrap(), mine);
     assert!(refused(&["board", "-o", &at("sheet.svg")]).contains("a sheet is written as .pdf or .png"));
-    assert!(refused(&["board", "-o", &at("x.pdf"), "--paper", "a3"]).contains("accepted are a4 and letter"));
+    assert!(refused(&["board", "-o", &at("x.pdf"), "--paper", "a3"]).contains("expected a4 or letter"));
 }

@@ -173,7 +173,7 @@ pub fn analysed_by_tier(shot: &Shot, threads: usize) -> Analysis {
         analyse(&shot.recording, camera, capture, threads, &mut checkpoints, &mut |_| Ok(())).unwrap().0
     });
     let light = found.findings.light.as_ref().and_then(|light| light.why.as_deref());
-    let refusals = [NO_LIGHT, "where the camera was is not known", "no depth was measured"];
+    let refusals = [NO_LIGHT, "the camera's poses are unknown", "no depth was measured"];
     assert!(light.is_some_and(|why| refusals.contains(&why)), "{light:?}");
     found
 }

@@ -500,7 +500,7 @@ fn equirectangular_and_fisheye_recordings_open_and_invalid_ones_are_refused() {
             &["--set", "camera.lens.aperture_diameter_mm=20", "--set", "camera.lens.focus_distance_m=9"],
             "depth_of_field is refused",
         ),
-        (&["--profile", profile.to_str().unwrap()], "leave that table out"),
+        (&["--profile", profile.to_str().unwrap()], "omit that table"),
         (&["--profile", rows.to_str().unwrap()], "readout_time_s"),
     ] {
         let (done, text) = run("good", more);

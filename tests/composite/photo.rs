@@ -474,7 +474,7 @@ fn bracket_writes_a_series_with_contact_sheet_and_exif() {
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
     assert!(done.stdout.is_empty());
     let text = String::from_utf8_lossy(&done.stderr).into_owned();
-    assert!(!text.contains("virtual things alone"), "{text}");
+    assert!(!text.contains("only virtual objects"), "{text}");
     let settings =
         |n: usize| locard::source::exif::read(&folder.path().join(format!("door-{n}.jpg"))).unwrap().settings;
     for (n, iso) in [100.0, 200.0, 400.0, 800.0, 1600.0, 3200.0, 6400.0, 12800.0, 25600.0].into_iter().enumerate() {
@@ -502,23 +502,23 @@ fn impossible_camera_values_are_refused_with_the_accepted_range() {
     let cases: [(&[&str], &[&str]); 17] = [
         (&["--frame", "1", "--hand-held", "--tripod"], &["--hand-held", "cannot be used with", "--tripod"]),
         (&["--frame", "1", "--across", "300", "--focal", "90"], &["--across", "cannot be used with", "--focal"]),
-        (&["--frame", "1", "--across", "700"], &["700 px across", "640 px are seen"]),
-        (&["--frame", "1", "--aim", "640.5,3"], &["--aim 640.5,3 lies outside of the picture, 640x480 px"]),
+        (&["--frame", "1", "--across", "700"], &["700 px across", "covers 640 px"]),
+        (&["--frame", "1", "--aim", "640.5,3"], &["--aim 640.5,3 lies outside the picture, 640x480 px"]),
         (&["--frame", "1", "--aim", "knife"], &["--aim knife", "the name of one object", "marker 1"]),
         (&["--frame", "4000"], &["--frame 4000", "numbered 0 to "]),
         (&["--frame", "1", "--aperture", "0"], &["an aperture of 0", "0.5 to 256"]),
         (&["--frame", "1", "--shutter", "0"], &["a shutter time of 0", "more than 0"]),
         (&["--frame", "1", "--iso", "50"], &["a film speed of 50", "ISO 100 to 25600"]),
-        (&["--frame", "1", "--focal", "20"], &["20.0 mm", "sees more than the recording", "or more"]),
+        (&["--frame", "1", "--focal", "20"], &["20.0 mm", "covers more than the recording", "or more"]),
         (&["--frame", "1", "--focal", "100", "--focus", "0.05"], &["0.05 m", "within the focal length"]),
-        (&["--frame", "1", "--film", "huge"], &["huge is no film format", "36x24"]),
+        (&["--frame", "1", "--film", "huge"], &["huge is not a film format", "36x24"]),
         (&["--frame", "1", "--mode", "a"], &["--mode a needs --aperture"]),
         (
             &["--frame", "1", "--mode", "p", "--shutter", "1/60"],
             &["--mode p chooses the shutter", "leave --shutter out"],
         ),
         (&["--frame", "1", "--hand-held", "--shutter", "60"], &["--shutter 60", "around frame 1", "up to"]),
-        (&["--frame", "1", "--mode", "x"], &["no mode", "p (program)"]),
+        (&["--frame", "1", "--mode", "x"], &["not a mode", "p (program)"]),
         (&["--frame", "1", "--set", "camera.lens.blades=2"], &["camera.lens.blades = 2", "3 to 32"]),
     ];
     for (arguments, expected) in cases {
@@ -531,7 +531,7 @@ fn impossible_camera_values_are_refused_with_the_accepted_range() {
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "{arguments:?} left something");
     }
     let done = shoot(&["--frame", "1", "-o", "a.gif"]);
-    assert!(String::from_utf8_lossy(&done.stderr).contains("accepted are .jpg and .png"));
+    assert!(String::from_utf8_lossy(&done.stderr).contains("expected .jpg or .png"));
 }
 
 /// The demonstration's camera turns fast in frame 36. At 20 lx the shutter stays open for many

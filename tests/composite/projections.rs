@@ -293,10 +293,10 @@ fn invalid_cameras_are_refused() {
         (&["--shift", "1,1"], "off-centre"),
         (&["--height", "1"], "orthographic"),
         (&["--camera", "environment", "--fov", "360,200"], "360 by 180"),
-        (&["--from", "0,0,1", "--at", "0,0,1"], "make no view"),
-        (&["--from", "0,0,1", "--at", "0,0,0", "--up", "0,0,1"], "make no view"),
-        (&["--from", "0,nan,1"], "accepted are numbers from"),
-        (&["-o", "a.gif"], ".png and .exr"),
+        (&["--from", "0,0,1", "--at", "0,0,1"], "do not define a view"),
+        (&["--from", "0,0,1", "--at", "0,0,0", "--up", "0,0,1"], "do not define a view"),
+        (&["--from", "0,nan,1"], "expected numbers from"),
+        (&["-o", "a.gif"], ".png or .exr"),
     ] {
         let mut all = vec!["render", "scenes/l-scale.glb"];
         all.extend(arguments);

@@ -227,14 +227,16 @@ fn incomplete_camera_is_refused_unless_the_recording_has_one() {
     for given in [["--set", "camera.readout_time_s=0"], ["--set", "camera.width_px=640"], ["--profile", &profile]] {
         let text = refused(&[&arguments[..], &given].concat());
         assert!(
-            text.contains("makes no camera") && text.contains("camera.fy_px") && text.contains("camera.cx_px"),
+            text.contains("the given camera is incomplete")
+                && text.contains("camera.fy_px")
+                && text.contains("camera.cx_px"),
             "{text}"
         );
         assert!(!text.contains("camera.readout_time_s"), "{text}");
     }
     for given in [&[][..], &["--set", "camera.exposure.time_s=0"], &["--set", "noise.scale=0"]] {
         let text = refused(&[&arguments[..], given].concat());
-        assert!(text.contains("nothing says what camera took"), "{text}");
+        assert!(text.contains("is unknown: give a profile"), "{text}");
     }
     assert!(!Path::new(&out).exists());
     let whole = ["width_px=640", "height_px=480", "fx_px=520", "fy_px=520", "cx_px=320", "cy_px=240"];
@@ -274,7 +276,7 @@ fn truncated_picture_with_trailing_data_is_refused() {
 #[test]
 fn plane_without_a_normal_is_refused() {
     let arguments = ["inspect", "recordings/demo", "--frame", "30", "--pick", "320,300", "--plane", "0,0,0,0"];
-    assert!(refused(&arguments).contains("--plane: 0,0,0,0 is no plane: the normal A,B,C has no length"));
+    assert!(refused(&arguments).contains("--plane: 0,0,0,0 is not a plane: the normal A,B,C has no length"));
 }
 
 #[test]
@@ -377,7 +379,7 @@ fn frames_with_depth_but_no_pose_are_reported() {
     let stderr = String::from_utf8(output.stderr).unwrap();
     assert!(output.status.success(), "{stderr}");
     assert!(
-        stderr.contains("in 1 of 2 frames, though there is depth (frame 1: no pose of the depth: 0.900000 s"),
+        stderr.contains("in 1 of 2 frames, although there is depth (frame 1: no pose of the depth: 0.900000 s"),
         "{stderr}"
     );
     let report: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&report).unwrap()).unwrap();

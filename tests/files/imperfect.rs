@@ -228,7 +228,7 @@ fn unreadable_pictures_of_a_folder_are_named_and_keep_their_index() {
     assert!(error.contains("1 picture is not read (first: ") && error.contains("0.npy is a NumPy array"), "{error}");
     // Without any file that describes a recording.
     let error = refused(&folder.join("images"));
-    assert!(error.contains("is no recording: 2 pictures are not read") && error.contains("heif-convert"), "{error}");
+    assert!(error.contains("is not a recording: 2 pictures are not read") && error.contains("heif-convert"), "{error}");
 }
 
 #[test]
@@ -397,14 +397,9 @@ fn oriented(folder: &Path, orientations: &[(&str, u8)]) -> Recording {
 fn exif_orientation_is_reported_once() {
     let temp = tempfile::tempdir().unwrap();
     let r = oriented(temp.path(), &[("f0.jpg", 1), ("f1.jpg", 6), ("f2.jpg", 6)]);
-    let said = "f1.jpg: says it should be shown turned by 90° clockwise (EXIF orientation 6)";
+    let said = "f1.jpg: is tagged to be shown turned by 90° clockwise (EXIF orientation 6)";
     assert_eq!(warning_count(&r, said), 1, "{:?}", r.warnings);
-    assert_eq!(
-        warning_count(&r, "2 pictures that say so; a video that is written has no such mark"),
-        1,
-        "{:?}",
-        r.warnings
-    );
+    assert_eq!(warning_count(&r, "2 pictures with this tag; a written video has no such tag"), 1, "{:?}", r.warnings);
     assert_eq!(r.presentation().orientation, Orientation::default());
 }
 
@@ -415,7 +410,7 @@ fn stills_of_one_orientation_set_the_rotation_of_the_video() {
         let r = oriented(temp.path(), &[("f0.jpg", exif), ("f1.jpg", exif)]);
         let presentation = r.presentation();
         assert_eq!(presentation.orientation, Orientation::of_exif(exif.into()));
-        assert_eq!(warning_count(&r, "a .mp4 that is written says so too"), 1, "{:?}", r.warnings);
+        assert_eq!(warning_count(&r, "a written .mp4 has the same tag"), 1, "{:?}", r.warnings);
         let changed = SinkOptions { presentation, ..options(32, 16, 8) };
         let video = written(&temp.path().join("a.mp4"), changed);
         assert_eq!(video.presentation().orientation, presentation.orientation);
@@ -456,7 +451,7 @@ fn rotated_video_names_an_output_format_that_stays_upright() {
     for (name, is_turned) in [("a.mp4", 1), ("a.mkv", 0)] {
         let r = written(&temp.path().join(name), SinkOptions { presentation, lossless: false, ..options(32, 16, 8) });
         assert_eq!(
-            warning_count(&r, "a .mkv has no such mark, and players show it as stored: write a .mp4"),
+            warning_count(&r, "a .mkv has no such tag, and players show it as stored: write a .mp4"),
             is_turned,
             "{name}"
         );

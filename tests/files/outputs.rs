@@ -146,7 +146,7 @@ fn silent_early_exit_of_ffmpeg_is_a_failure() {
         let output = program().args(demo).arg(out.join("v.mkv")).env("PATH", &path).output().unwrap();
         let text = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{script}: {text}");
-        assert!(text.contains("v.mkv: ffmpeg ended before it had all frames"), "{text}");
+        assert!(text.contains("v.mkv: ffmpeg ended before it received all frames"), "{text}");
         assert_eq!(std::fs::read_dir(&out).unwrap().count(), 0);
     }
 }
@@ -191,7 +191,7 @@ fn assert_interrupted_cleanly(command: &mut Command, folder: &Path, signal: &str
     let output = running.wait_with_output().unwrap();
     let text = String::from_utf8(output.stderr).unwrap();
     assert_eq!((output.status.code(), text.lines().count()), (Some(2), 1), "{text}");
-    assert!(text.starts_with("locard: interrupted; what was finished stays, and nothing else"), "{text}");
+    assert!(text.starts_with("locard: interrupted; finished files are kept, unfinished ones are removed"), "{text}");
     assert!(!begun(), "{command:?}");
 }
 

@@ -136,7 +136,7 @@ fn damaged_video_is_an_error() {
     damaged[middle..middle + 3000].fill(0);
     std::fs::write(&file, damaged).unwrap();
     let error = refused(&folder);
-    assert!(error.contains("a.mkv: is damaged: ffprobe says: "), "{error}");
+    assert!(error.contains("a.mkv: is damaged: ffprobe reports: "), "{error}");
 
     // A small hole inside a picture.
     let mut damaged = whole.clone();
@@ -145,7 +145,7 @@ fn damaged_video_is_an_error() {
     std::fs::write(&file, damaged).unwrap();
     let read: Result<Vec<_>, _> = open(&folder).frames(0..30).unwrap().collect();
     let error = read.map(|frames| frames.len()).unwrap_err().to_string();
-    assert!(error.contains("a.mkv: is damaged at frame ") && error.contains("ffmpeg says: "), "{error}");
+    assert!(error.contains("a.mkv: is damaged at frame ") && error.contains("ffmpeg reports: "), "{error}");
 }
 
 #[test]
@@ -266,5 +266,5 @@ fn video_without_its_index_is_reported_as_truncated() {
     let bytes = std::fs::read(&path).unwrap();
     std::fs::write(&path, &bytes[..bytes.len() / 3]).unwrap();
     let error = refused(&describe(folder.path(), "[frames]\nvideo = \"a.mp4\"\n"));
-    assert!(error.contains("a.mp4: cannot be opened; is it cut off before its index"), "{error}");
+    assert!(error.contains("a.mp4: cannot be opened; is it truncated before its index"), "{error}");
 }

@@ -296,7 +296,7 @@ fn invalid_recordings_are_refused_in_one_line() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     assert!(refused(&at("nowhere")).contains("there is nothing at this path"));
-    assert!(refused(folder.path()).contains("accepted are a folder with recording.toml"));
+    assert!(refused(folder.path()).contains("expected a folder with recording.toml"));
     three_frames(folder.path());
     let list = |lines: &str| std::fs::write(at("rgb.txt"), lines).unwrap();
     list("1 rgb/frame_000000.png\n2 rgb/frame_000001.png\n");
@@ -334,7 +334,7 @@ fn invalid_recordings_are_refused_in_one_line() {
     assert!(got.len() == 2 && got[0].is_ok(), "after an error there is nothing more");
     let error = got[1].as_ref().unwrap_err().to_string();
     assert!(error.contains("frame_000001.png") && error.contains("truncated"), "{error}");
-    assert!(r.frames(1..4).err().unwrap().to_string().contains("1..4 are asked for; the recording has 0..3"));
+    assert!(r.frames(1..4).err().unwrap().to_string().contains("1..4 were requested; the recording has 0..3"));
     let bad = OpenOptions { metres_per_unit: 0.0, ..Default::default() };
     assert!(Recording::open(folder.path(), &bad).unwrap_err().to_string().contains("metres_per_unit = 0"));
 }

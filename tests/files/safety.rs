@@ -185,10 +185,7 @@ fn impossible_file_name_is_refused_while_reading() {
     std::fs::write(temp.path().join("rgb.txt"), format!("0 rgb/00000.jpg\n1 rgb/{long}\n")).unwrap();
     let text = refused(&["inspect", temp.path().to_str().unwrap()]);
     assert!(text.contains("rgb.txt, line 2: the file's name is `rgb/xxx"), "{text}");
-    assert!(
-        text.contains("xxx… (10000004 bytes in all)`; accepted are up to 4096 bytes") && text.len() < 400,
-        "{text}"
-    );
+    assert!(text.contains("xxx… (10000004 bytes in all)`; expected up to 4096 bytes") && text.len() < 400, "{text}");
 }
 
 #[test]
@@ -207,7 +204,7 @@ fn scene_beyond_the_object_limit_is_refused() {
     };
     write(16_384);
     let text = refused(&["inspect", scene.to_str().unwrap()]);
-    assert!(text.contains("scene.toml: the placed objects: found 16385; accepted: up to 16384"), "{text}");
+    assert!(text.contains("scene.toml: the placed objects: found 16385; expected: up to 16384"), "{text}");
     write(16_383);
     assert!(stdout_of(&["inspect", scene.to_str().unwrap()]).contains("marker 16383: "));
 }
@@ -295,7 +292,7 @@ fn oversized_picture_is_reported_as_such_and_not_as_truncated() {
 #[test]
 fn oversized_vector_is_refused_by_its_range_and_not_its_length() {
     let text = refused(&["render", "scenes/demo.toml", "--from", "1e300,0,0", "-o", "a.png"]);
-    assert!(text.contains("1e300,0,0: accepted are numbers from -1000000000 to 1000000000"), "{text}");
+    assert!(text.contains("1e300,0,0: expected numbers from -1000000000 to 1000000000"), "{text}");
     let text = refused(&["render", "scenes/demo.toml", "--from", "1,0", "-o", "a.png"]);
     assert!(text.contains("1,0: expected 3 numbers with commas between"), "{text}");
 }

@@ -125,7 +125,7 @@ fn truncated_line_is_left_out_and_reported() {
         fs::write(&odometry, &text[..cut]).unwrap();
         let r = open(folder.path());
         assert_eq!((r.frame_count(), r.track.poses().len()), (2, 2));
-        let said = "odometry.csv: the last line, 4, has no end, and is left out";
+        let said = "odometry.csv: the last line, 4, is incomplete and left out";
         assert!(r.warnings.iter().any(|w| w.contains(said)), "{:?}", r.warnings);
     }
 }

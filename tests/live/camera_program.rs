@@ -46,7 +46,7 @@ fn video_is_recorded_like_a_camera() {
     let output = locard(&arguments);
     let told = String::from_utf8(output.stderr).unwrap();
     assert!(output.status.success(), "{told}");
-    assert!(told.contains("gives 640x480 rgb at 4.00 Hz; asked for was 640x480 at 30.00 Hz"), "{told}");
+    assert!(told.contains("delivers 640x480 rgb at 4.00 Hz; 640x480 at 30.00 Hz was requested"), "{told}");
     assert!(told.contains("5 frames in "), "{told}");
     let recording = Recording::open(&site, &OpenOptions::default()).unwrap();
     assert_eq!((recording.frame_count(), recording.frame_interval_s), (5, 0.25));
@@ -73,7 +73,7 @@ fn high_dynamic_range_video_as_a_camera_is_reported_as_lost() {
     let output = locard(&["record", "--camera", text(&video), "--pose", "none", "--frames", "1", "-o", text(&site)]);
     let told = String::from_utf8(output.stderr).unwrap();
     assert!(output.status.success(), "{told}");
-    let said = "hlg.mp4: says that it is in HLG (high dynamic range); pictures recorded of it do not keep that";
+    let said = "hlg.mp4: is tagged: it is in HLG (high dynamic range); recorded pictures lose the tag";
     assert_eq!(told.matches(said).count(), 1, "{told}");
 }
 
@@ -107,16 +107,16 @@ fn unknown_cameras_and_pose_sources_are_refused_in_one_line() {
     let temp = tempfile::tempdir().unwrap();
     let (video, out) = (video(), temp.path().join("out"));
     for (arguments, said) in [
-        (["--camera", "77", "--pose", "none"], "77: is no camera; there "),
+        (["--camera", "77", "--pose", "none"], "77: is not a camera; there "),
         (
             ["--camera", "none.mp4", "--pose", "none"],
-            "none.mp4: there is no such file; a video's file is expected, or a camera's number or device: there ",
+            "none.mp4: there is no such file; expected a video file, or a camera's number or device: there ",
         ),
         (
             ["--camera", text(&video), "--pose", "http://x"],
-            "accepted are tags, tags:BOARD.toml, opentrackio://…, freed://…, file:RECORDING, none",
+            "expected tags, tags:BOARD.toml, opentrackio://…, freed://…, file:RECORDING, none",
         ),
-        (["--camera", text(&video), "--pose", "file:scenes"], "scenes: is no recording"),
+        (["--camera", text(&video), "--pose", "file:scenes"], "scenes: is not a recording"),
         (["--camera", "Cargo.toml", "--pose", "none"], "Cargo.toml: "),
     ] {
         let told = refused(&[&["record"][..], &arguments, &["-o", text(&out)]].concat());
@@ -332,7 +332,7 @@ fn stream_without_a_lens_or_profile_is_refused_with_the_reason() {
     let scene = ["--scene", "scenes/demo.toml", "--headless", "-o", text(&out)];
     let told = refused(&[&["live", "--camera", text(&video), "--pose", &url, "-q"][..], &scene].concat());
     assert!(
-        told.contains(&format!("no lens is known from {url} within 2 s: {url}, heard at "))
+        told.contains(&format!("no lens was received from {url} within 2 s: {url}, received at "))
             && told.contains("(--profile)"),
         "{told}"
     );

@@ -172,7 +172,7 @@ fn unterminated_line_is_left_out_and_reported() {
         for end in start + 1..=cut.len() {
             std::fs::write(&file, &cut[..end]).unwrap();
             let recording = open(temp.path());
-            let told = format!("{list}: the last line, 10, has no end, and is left out");
+            let told = format!("{list}: the last line, 10, is incomplete and left out");
             assert!(recording.warnings.iter().any(|w| w.ends_with(&told)), "{:?}", recording.warnings);
             let counts = [recording.frame_count(), recording.track.poses().len()];
             let expected = match list {
@@ -302,7 +302,7 @@ fn full_disk_ends_the_recording_with_complete_frames() {
             Ok(recording) => {
                 assert!(recording.frame_count() == frames && recording.check_ends().1.is_empty());
                 let told = &recording.warnings;
-                assert!(!told.iter().any(|warning| warning.contains("has no end")), "{told:?}");
+                assert!(!told.iter().any(|warning| warning.contains("is incomplete")), "{told:?}");
                 ends.insert(recording.frame_count());
             }
             Err(error) => {

@@ -449,7 +449,7 @@ fn clock_step_is_followed_and_counted() {
         assert!(late.iter().any(|(_, x)| (x - 599.0).abs() < 1e-6));
         assert_eq!((r.report().steps, r.report().jumps), (1, 0));
         assert!((r.report().last_step_s - by_s).abs() < 1e-6, "{}", r.report().last_step_s);
-        assert!(r.report().summary().contains("its clock was set anew 1 time"), "{}", r.report().summary());
+        assert!(r.report().summary().contains("its clock was reset 1 time"), "{}", r.report().summary());
     }
 }
 

@@ -240,8 +240,8 @@ fn unknown_exposure_is_reported_at_once() {
     let without: Vec<&str> = text.lines().filter(|line| !line.starts_with("time_s")).collect();
     assert!(without.len() < text.lines().count());
     std::fs::write(&camera, without.join("\n")).unwrap();
-    let told = "Exposure not known: nothing says how long the frames were exposed: half the frame interval is taken, at most 1/60 s; the \
-                camera's exposure time says otherwise.";
+    let told = "Exposure not known: the exposure time of the frames is unknown: half the frame interval is assumed, at \
+                most 1/60 s; the camera's exposure time overrides this.";
     let mut window = open_at(&recording);
     search(&mut window, "motion_blur");
     assert!(has_label(&window, told));

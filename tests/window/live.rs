@@ -191,14 +191,14 @@ fn closing_asks_before_ending_a_camera_recording() {
     // Another recording, with unsaved changes: one question covers both.
     window.state_mut().project_mut().set("noise", "scale", &Value::Number(0.5)).unwrap();
     drop_file(&mut window, Path::new("recordings/demo").canonicalize().unwrap());
-    wait_for_label(&mut window, "Go on without saving");
+    wait_for_label(&mut window, "Continue without saving");
     assert_eq!(window.query_all_by_label_contains("The camera is being recorded.").count(), 1);
     window.get_by_label("Cancel").click();
     window.run_steps(2);
     window.state_mut().project_mut().undo();
     drop_file(&mut window, Path::new("recordings/demo").canonicalize().unwrap());
-    wait_for_label(&mut window, "End the recording and go on");
-    window.get_by_label("End the recording and go on").click();
+    wait_for_label(&mut window, "End the recording and continue");
+    window.get_by_label("End the recording and continue").click();
     run_until(&mut window, |app| !app.project().shot().recording.is_live());
     let recording = Recording::open(&folder, &OpenOptions::default()).unwrap();
     assert!(recording.frame_count() > 0);
@@ -297,7 +297,7 @@ fn camera_dialog_shows_the_current_options_and_restarts_with_new_ones() {
     assert_eq!(value(&window, "Board"), site.path("board.toml"));
     assert_eq!(value(&window, "Camera"), site.path("endless.mkv"));
     replace_text(&mut window, "Smoothing", "five");
-    assert_eq!(window.query_all_by_label_contains("five is refused: accepted are seconds").count(), 1);
+    assert_eq!(window.query_all_by_label_contains("five is refused: expected seconds").count(), 1);
     assert!(window.get_by_label("Start").accesskit_node().is_disabled());
     replace_text(&mut window, "Smoothing", "0.05");
     replace_text(&mut window, "Rate", "25");

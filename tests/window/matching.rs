@@ -278,14 +278,14 @@ fn rejected_edge_is_shown_and_a_channel_can_be_chosen() {
     window.run_steps(2);
     drag(&mut window, WALL);
     await_text(&mut window, "real: ");
-    await_text(&mut window, "As it is seen there");
+    await_text(&mut window, "Only one step between two level parts");
     assert!(window.query_by_role_and_label(Role::Image, "Refused edges").is_some());
     window.get_by_label("real: refused");
     // An edge again, in the red channel alone.
     window.get_by_label("Pick a real edge").click();
     window.run_steps(2);
     drag(&mut window, EDGE);
-    await_no_text(&mut window, "As it is seen there");
+    await_no_text(&mut window, "Only one step between two level parts");
     let shot = window.state().project().shot().clone();
     let red =
         edge_in(&shot.read(0).unwrap().pixels, &shot.camera().response, EDGE, [0.0; 2], EdgeLight::Channel(0)).unwrap();

@@ -247,7 +247,7 @@ fn refused_profile_comes_before_the_question_about_unsaved_changes() {
     assert!(window.state().project().profile.is_none() && !window.state().project().is_saved());
     drop_file(&mut window, good.clone());
     wait_for_label(&mut window, "Save changes?");
-    press(&mut window, "Go on without saving");
+    press(&mut window, "Continue without saving");
     run_until(&mut window, |app| app.project().profile.as_ref() == Some(&good));
     assert!(window.state().project().is_saved());
 }

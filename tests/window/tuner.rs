@@ -121,7 +121,7 @@ fn every_parameter_has_one_control() {
         assert_eq!(window.query_all_by_label_contains("Vignetting").count(), 0);
     }
     search(&mut window, "zebra");
-    assert_eq!(window.query_all_by_label("Nothing is called “zebra”.").count(), 1);
+    assert_eq!(window.query_all_by_label("No setting is called “zebra”.").count(), 1);
 }
 
 #[test]

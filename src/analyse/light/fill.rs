@@ -48,7 +48,7 @@ pub fn filled(
     let of_all =
         [0, 1, 2].map(|c| (ratio[c] * white[c] + by_lamps[c]) / (white[c] + by_lamps[c]).max(f64::MIN_POSITIVE));
     if let Some(ratio) = of_all.into_iter().find(|ratio| !(between[0]..=between[1]).contains(ratio)) {
-        return Err(format!("white that looks up would show {ratio:.2} times the white level by it"));
+        return Err(format!("upward-facing white would have {ratio:.2} times the white level"));
     }
     let below = [0, 1, 2].map(|c| {
         let known = seen.iter().flatten().map(|light| f64::from(light[c]));

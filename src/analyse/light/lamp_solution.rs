@@ -94,15 +94,15 @@ pub fn solve(voxels: &[Voxel], solid: &[DVec3], place: DVec3, up: DVec3, threads
             let by_one = found.scores.get(1).map_or(0.0, |score| 1.0 - score / found.scores[0].max(1e-9));
             let by = percent(by_one.max(explained).max(0.0));
             Some(format!(
-                "a lamp explains {by} of what light from all around leaves, less than {}",
+                "a lamp explains {by} of the residual of light from all around, less than {}",
                 percent(MIN_EXPLAINED)
             ))
         }
-        None => Some("one half of the frames does not find it by itself".to_owned()),
+        None => Some("it is not found in one half of the frames alone".to_owned()),
         Some(HalvesCheck { explained, .. }) if explained < MIN_EXPLAINED => {
             let by = percent(explained.max(0.0));
             Some(format!(
-                "the lamp that one half of the frames finds explains {by} of the other half, less than {}",
+                "the lamp found in one half of the frames explains {by} of the other half, less than {}",
                 percent(MIN_EXPLAINED)
             ))
         }

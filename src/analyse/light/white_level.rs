@@ -147,13 +147,13 @@ pub enum Unclaimed {
 impl fmt::Display for Unclaimed {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::TooFew => write!(f, "too little that faces up was seen near the place"),
+            Self::TooFew => write!(f, "too little upward-facing surface was seen near the place"),
             Self::Coloured { saturation } => {
                 let percent = 100.0 * saturation;
                 write!(f, "the brightest surfaces are coloured (saturation {percent:.0} %), as wood and warm light are")
             }
-            Self::Ground => write!(f, "the ground itself is what is brightest, and nothing whiter lies on it"),
-            Self::Scrap => write!(f, "what is brightest is too small an area"),
+            Self::Ground => write!(f, "the ground itself is brightest, with nothing whiter on it"),
+            Self::Scrap => write!(f, "the brightest area is too small"),
             Self::Varies { growth } => {
                 write!(f, "the light varies: half as far again it is {growth:.1} times as bright")
             }

@@ -20,7 +20,7 @@ pub enum TagsError {
     None,
     #[error("of {} that are seen {readable} can be read to their edges; {MIN_TAGS} are needed", count(*seen, "tag"))]
     Few { seen: usize, readable: usize },
-    #[error("the tags that are seen are not on the board: {}", .0.iter().map(u32::to_string).collect::<Vec<_>>().join(", "))]
+    #[error("the visible tags are not on the board: {}", .0.iter().map(u32::to_string).collect::<Vec<_>>().join(", "))]
     NotOnBoard(Vec<u32>),
     #[error("{}", tags::repeated_message(.0))]
     Repeated(Vec<u32>),

@@ -26,7 +26,7 @@ pub enum LensCalibrationError {
     #[error("the views do not determine the camera: tilt the board by 20° to 45°, differently in each view")]
     Undetermined,
     #[error("a 360° picture's camera follows from its size; there is nothing to calibrate")]
-    Round,
+    Panorama,
 }
 
 fn first_reason(refused: &[RejectedView]) -> String {
@@ -136,7 +136,7 @@ fn choose_model(
         Some(model @ (LensModel::Opencv | LensModel::OpencvFisheye)) => {
             of(model).map(|fit| (fit, Vec::new())).ok_or(LensCalibrationError::Unexplained)
         }
-        Some(LensModel::Equirectangular) => Err(LensCalibrationError::Round),
+        Some(LensModel::Equirectangular) => Err(LensCalibrationError::Panorama),
         None => match (of(LensModel::Opencv), of(LensModel::OpencvFisheye)) {
             (Some(brown), Some(fisheye)) if fisheye.mean_px() < MAX_FISHEYE_RESIDUAL_RATIO * brown.mean_px() => {
                 let [own, other] = [&fisheye, &brown].map(|fit| fixed(fit.mean_px(), 2));
@@ -190,7 +190,7 @@ fn remarks(lens: &LensVector, parameters: &[Parameter], geometry: &Geometry, vie
     if last.value == 0.0 {
         let sigma = fixed(last.sigma, 3);
         notes.push(format!(
-            "{} is left at 0: the views tell it to ±{sigma} only; the other ± count it as unknown",
+            "{} is left at 0: the views determine it only to ±{sigma}; the other ± treat it as unknown",
             last.name
         ));
     }

@@ -76,7 +76,7 @@ impl BoardArg {
 }
 
 fn board(text: &str) -> Result<BoardArg, String> {
-    let accepted = "accepted are the inner corners of both sides of a chessboard, 3 to 200 each, as in 9x6, or the file of a \
+    let accepted = "expected the inner corners of both sides of a chessboard, 3 to 200 each, as in 9x6, or the file of a \
                     board of tags";
     let sides = text.trim().split_once(['x', 'X', '×']);
     let sides = sides.and_then(|(columns, rows)| Some((columns.trim().parse().ok()?, rows.trim().parse().ok()?)));
@@ -92,14 +92,14 @@ fn board(text: &str) -> Result<BoardArg, String> {
 
 fn square(text: &str) -> Result<f64, String> {
     let side = text.trim().parse().ok().filter(|mm: &f64| *mm >= 0.01 && *mm <= 1e5);
-    side.ok_or_else(|| "accepted is a length of 0.01 to 100000 mm".to_owned())
+    side.ok_or_else(|| "expected a length of 0.01 to 100000 mm".to_owned())
 }
 
 fn model(text: &str) -> Result<LensModel, String> {
     let kind = LensModel::kind(None);
     let named =
         LensModel::from_value(&Value::Text(text.to_owned()), &kind).filter(|m| *m != LensModel::Equirectangular);
-    named.ok_or_else(|| "accepted are opencv and opencv_fisheye".to_owned())
+    named.ok_or_else(|| "expected opencv or opencv_fisheye".to_owned())
 }
 
 fn from_photos(

@@ -19,7 +19,7 @@ pub fn existing(path: &Path) -> Result<(bool, Document)> {
         Err(error) => bail!("{}: cannot be read: {}", path.display(), reason(&error)),
         Ok(text) => {
             let read = Document::parse(&text, path);
-            Ok((true, read.context("the file is no profile that could be added to")?))
+            Ok((true, read.context("the file is not a profile that can be extended")?))
         }
     }
 }

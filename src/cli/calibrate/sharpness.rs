@@ -55,7 +55,7 @@ impl EdgeSource {
     fn open(args: &Args) -> Result<Self> {
         if is_picture(&args.what) {
             if args.frame.is_some() {
-                bail!("{}: --frame asks for a recording, and this is a picture", args.what.display());
+                bail!("{}: --frame needs a recording, but this is a picture", args.what.display());
             }
             let mut rig = Rig::default();
             if let Some(profile) = &args.profile {
@@ -126,7 +126,7 @@ pub fn run(args: &Args) -> Result<()> {
             let across = (DVec2::from(found.normal).dot(moved)).abs();
             writeln!(
                 out,
-                "           moved by {} px, {} px across the edge: taken off",
+                "           moved by {} px, {} px across the edge: subtracted",
                 fixed(moved.length(), 2),
                 fixed(across, 2)
             )?;
@@ -141,8 +141,8 @@ pub fn run(args: &Args) -> Result<()> {
     if all.between_px > 0.0 {
         writeln!(
             out,
-            "note       the edges differ by more than chance, by {} px: what is round, out of focus or moves is softer, and a lens is \
-             not sharp alike all over",
+            "note       the edges differ by {} px, more than by chance: round, defocused or moving edges are softer, \
+             and a lens is not equally sharp everywhere",
             fixed(all.between_px, 3)
         )?;
     }

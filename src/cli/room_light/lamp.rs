@@ -15,8 +15,8 @@ const MIN_DISTANCE_M: f64 = 0.1;
 const MAX_DISTANCE_M: f64 = 50.0;
 /// Smallest fraction of the light from a lamp that is lit.
 const MIN_LIGHT_FRACTION: f32 = 0.03;
-const EXPECTED_FORMAT: &str = "FRAME:X,Y, and where depth says nothing how far away it is in metres, as in 30:320,12,2.4, or where another frame \
-                     shows it, as in 30:320,12+45:310,20";
+const EXPECTED_FORMAT: &str = "FRAME:X,Y, without depth there also its distance in metres, as in 30:320,12,2.4, or its \
+                               place in another frame, as in 30:320,12+45:310,20";
 
 /// The position of a lamp in a frame's picture.
 #[derive(Clone, Debug, PartialEq)]
@@ -39,10 +39,10 @@ impl MarkedLamp {
         };
         let frame = frame.trim().parse().map_err(|_| format!("{text}: expected {EXPECTED_FORMAT}"))?;
         if !also.is_empty() {
-            return Err(format!("{text}: a distance, or where other frames show it; not both"));
+            return Err(format!("{text}: give a distance or its place in other frames, not both"));
         }
         if !(MIN_DISTANCE_M..=MAX_DISTANCE_M).contains(&distance_m) {
-            return Err(format!("{text}: accepted is a distance of {MIN_DISTANCE_M} to {MAX_DISTANCE_M} metres"));
+            return Err(format!("{text}: expected a distance of {MIN_DISTANCE_M} to {MAX_DISTANCE_M} metres"));
         }
         Ok(Self { view: FramePoint { frame, at_px: DVec2::new(x, y) }, distance_m: Some(distance_m), also })
     }
@@ -72,8 +72,8 @@ impl MarkedLamp {
             Err(SurfaceError::NoDepth { .. } | SurfaceError::NotMeasured { .. }) => {
                 let at = of_view(&self.view);
                 bail!(
-                    "no depth was measured there: say how far it is from the camera in metres, as in --lamp {at},2.4, or where \
-                     another frame shows it, as in --lamp {at}+45:310,20"
+                    "no depth was measured there: add its distance from the camera in metres, as in --lamp {at},2.4, \
+                     or its place in another frame, as in --lamp {at}+45:310,20"
                 )
             }
             Err(other) => Err(other.into()),
@@ -88,11 +88,11 @@ pub fn relit(shot: &Shot, found: &Analysis, lamps: &[MarkedLamp]) -> Result<Opti
         return Ok(None);
     }
     if lamps.len() > MAX_LAMPS {
-        bail!("--lamp is given {} times: accepted is up to {MAX_LAMPS}", lamps.len());
+        bail!("--lamp is given {} times: expected up to {MAX_LAMPS}", lamps.len());
     }
     let places = lamps.iter().map(|lamp| lamp.place(shot)).collect::<Result<Vec<_>>>()?;
     let lit = analyse::relight(&shot.recording, &shot.camera().response, found, &places, processors())?;
-    lit.map(Some).map_err(|why| anyhow!("--lamp: the footage does not tell how bright it is: {why}"))
+    lit.map(Some).map_err(|why| anyhow!("--lamp: its brightness cannot be estimated from the footage: {why}"))
 }
 
 /// Warnings about lamps with hardly any light at the centre of the analysed surfaces. `white` is

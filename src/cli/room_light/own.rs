@@ -42,13 +42,13 @@ pub fn light(
     let intensity = f64::from(target.element_sum()) / f64::from(unscaled.element_sum());
     if !(intensity.is_finite() && intensity > 0.0) {
         bail!(
-            "{}: no light comes from above in it, or none in the footage: nothing says how bright it is",
+            "{}: it has no light from above, or the footage has none, so its brightness is unknown",
             panorama.display()
         );
     }
     let shown = |light: Vec3| light.to_array().map(|v| fixed(v.into(), 2)).join(", ");
     let line = format!(
-        "white matt that looks up shows {} by it; times {}, as bright as the light that was found, {}",
+        "upward-facing matt white shows {} by it; times {}, as bright as the light that was found, {}",
         shown(unscaled),
         fixed(intensity, 4),
         shown(unscaled * intensity as f32)
@@ -60,7 +60,7 @@ pub fn light(
 
 pub fn turn(text: &str) -> Result<f64, String> {
     let deg = text.trim().parse().ok().filter(|deg| (-360.0..=360.0).contains(deg));
-    deg.ok_or_else(|| format!("{text} is refused: accepted is -360 to 360 degrees"))
+    deg.ok_or_else(|| format!("{text} is refused: expected -360 to 360 degrees"))
 }
 
 #[cfg(test)]

@@ -20,10 +20,10 @@ pub fn parse(text: &str) -> Result<ReferencePick, String> {
             let is_accepted = |value: &f64| (REFLECTANCE_RANGE[0]..=REFLECTANCE_RANGE[1]).contains(value);
             let [least, most] = REFLECTANCE_RANGE;
             let value = reflectance.trim().parse().ok().filter(is_accepted);
-            (at, value.ok_or_else(|| format!("{text}: accepted is a reflectance of {least} to {most}"))?)
+            (at, value.ok_or_else(|| format!("{text}: expected a reflectance of {least} to {most}"))?)
         }
     };
-    let view = view(at, "FRAME:X,Y, as in 30:320,300, or with what it reflects, as in 30:320,300=0.3")?;
+    let view = view(at, "FRAME:X,Y, as in 30:320,300, or with its reflectance, as in 30:320,300=0.3")?;
     Ok(ReferencePick { view, reflectance })
 }
 
@@ -50,13 +50,10 @@ pub fn correction(
     ));
     let upward = upward.to_array();
     let upward = [0, 1, 2].map(|c| fixed(scale * tint[c] * f64::from(upward[c]), 2)).join(", ");
-    lines.push(("light", format!("white matt that looks up shows {upward} now")));
+    lines.push(("light", format!("upward-facing matt white shows {upward} now")));
     if let Some([least, most]) = between.filter(|[least, most]| high < *least || low > *most) {
         let said = format!("{} to {}", times(least), times(most));
-        lines.push((
-            "odd",
-            format!("the footage says times {said}: is it neutral, matt, and in the light that was found?"),
-        ));
+        lines.push(("odd", format!("the footage implies {said}: is it neutral, matt, and in the estimated light?")));
     }
     Ok((correction, lines))
 }
@@ -73,7 +70,7 @@ fn about(pick: &ReferencePick, white: &WhiteReference) -> String {
     let hidden =
         if hidden.is_empty() { String::new() } else { format!("; {} is hidden from there", hidden.join(", ")) };
     format!(
-        "{} at {} m, which reflects {}, shows {}, by what was found {}: times {}{hidden}",
+        "{} at {} m with reflectance {} shows {}; estimated were {}: times {}{hidden}",
         of_view(&pick.view),
         triple(white.point_m),
         number(pick.reflectance),

@@ -42,7 +42,7 @@ fn advice() -> &'static str {
     if cfg!(windows) {
         "allow desktop apps to use the camera (Settings, Privacy & security, Camera)"
     } else {
-        "the group of the device may (`ls -l /dev/video*`); be added to it, then log in anew"
+        "the group of the device may (`ls -l /dev/video*`); have yourself added to it, then log in again"
     }
 }
 

@@ -40,7 +40,7 @@ fn layout_of(code: FourCC) -> Option<Layout> {
 /// Queries the driver. The `v4l` crate panics at values that it does not define; they become
 /// errors.
 pub fn asked<T>(ask: impl FnOnce() -> io::Result<T>) -> io::Result<T> {
-    guarded(ask).unwrap_or_else(|_| Err(io::Error::other("its driver's answer is not understood")))
+    guarded(ask).unwrap_or_else(|_| Err(io::Error::other("its driver's answer is invalid")))
 }
 
 /// The numbers of the system's video devices, ascending.

@@ -15,8 +15,8 @@ pub fn advice(path: &Path) -> String {
     // Nobody should be of root's group for a camera.
     match groups.lines().find_map(named).filter(|_| gid != Some(0)) {
         Some(group) => {
-            format!("the group {group} may, and you are not of it; `sudo usermod -aG {group} $USER`, then log in anew")
+            format!("you are not in the group {group}, which may; `sudo usermod -aG {group} $USER`, then log in again")
         }
-        None => "only root may; whoever looks after this machine can give it to the group video".to_owned(),
+        None => "only root may; an administrator can give it to the group video".to_owned(),
     }
 }

@@ -63,7 +63,7 @@ impl LensPanel {
                     self.begin(ui, session, &frame);
                 }
             }
-            None => parts::aside(ui, "A camera has to be shown for that: File, Live camera…"),
+            None => parts::aside(ui, "Open a camera first: File, Live camera…"),
         }
         match &self.found {
             Some(Ok(calibrated)) => {
@@ -112,7 +112,7 @@ impl LensPanel {
             Some(true) => {
                 session.project.set_geometry(&calibrated.geometry);
                 session.show_message(
-                    "Taken: the camera that was measured. Save it, and open the camera again: its tags are read with it then",
+                    "The measured camera is in use. Save it and open the camera again to read tags with it",
                 );
             }
             Some(false) => self.found = None,
@@ -136,7 +136,7 @@ fn view_progress(ui: &mut Ui, status: &CollectionStatus) {
         None => "looking for a board",
         Some(ViewOutcome::NoBoard) => "no board is seen",
         Some(ViewOutcome::Moving) => "it moves: hold it still",
-        Some(ViewOutcome::Redundant) => "this is known: hold it elsewhere",
+        Some(ViewOutcome::Redundant) => "this view is known: hold it elsewhere",
         Some(ViewOutcome::Accepted) => "taken: move on",
     };
     ui.label(now);

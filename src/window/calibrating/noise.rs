@@ -241,8 +241,8 @@ impl NoisePanel {
         found.warnings.iter().for_each(|warning| parts::aside(ui, calibration_messages::noise_warning(warning, &used)));
         if let Some(over) = present.as_ref().and_then(|present| excess_noise_ratio(&found.points, present)) {
             let text = format!(
-                "These places show {} times the noise that the present profile has there. Texture, shadows and dirt count as noise \
-                 here: look at them enlarged, and take this only if they are plain.",
+                "These places show {} times the noise that the present profile has there. Texture, shadows and dirt \
+                 count as noise here: look at them enlarged, and use this only if they are plain.",
                 fixed(over, 1)
             );
             ui.label(RichText::new(text).color(ui.visuals().warn_fg_color));
@@ -250,7 +250,7 @@ impl NoisePanel {
         match parts::take_or_leave(ui, "noise", is_taken) {
             Some(true) => {
                 session.project.set_noise(found.profile.clone());
-                session.show_message("Taken: the noise that was measured");
+                session.show_message("The measured noise is in use");
             }
             Some(false) => {
                 self.places.clear();

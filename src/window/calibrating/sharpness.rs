@@ -128,14 +128,15 @@ impl SharpnessPanel {
             fixed(all.uncertainty_px, 3)
         ));
         if all.between_px > 0.0 {
-            let text = "The edges differ by more than chance: what is round, out of focus or moves is softer. The sharpest tell most.";
+            let text = "The edges differ by more than chance: round, defocused or moving edges are softer. The \
+                        sharpest are the most reliable.";
             ui.label(RichText::new(text).small().weak());
         }
         match parts::take_or_leave(ui, "sharpness", present.as_ref() == Some(&taken)) {
             Some(true) => match session.project.set(table, name, &taken) {
                 Ok(()) => {
                     session.project.close_step();
-                    session.show_message("Taken: the sharpness that was measured");
+                    session.show_message("The measured sharpness is in use");
                 }
                 Err(error) => session.show_message(error.to_string()),
             },

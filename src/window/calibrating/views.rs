@@ -67,7 +67,7 @@ impl ViewCollection {
         let of_thread = Arc::clone(&shared);
         let work = move |reporter: &Reporter<'_, _>| watch(&newest, search, taking, &of_thread, reporter);
         let task = BackgroundTask::stream("views", wake, work);
-        let task = task.map_err(|error| format!("no thread can be started that looks for a board: {error}"))?;
+        let task = task.map_err(|error| format!("the thread that detects boards could not be started: {error}"))?;
         Ok(Self { putter, before: None, shared, task, size, last_s: f64::NEG_INFINITY })
     }
 

@@ -107,7 +107,7 @@ impl EnteredPath {
                 ChooserMode::NewFolder | ChooserMode::EmptyFolder => outcome(mode, folder),
                 ChooserMode::Recording if Recording::is_at(&folder) => outcome(mode, folder),
                 ChooserMode::Recording => {
-                    EntryOutcome::Rejected("There is no recording in this folder: go to one that is marked".to_owned())
+                    EntryOutcome::Rejected("There is no recording in this folder: choose a marked one".to_owned())
                 }
                 _ => EntryOutcome::Rejected("Choose a file, or type its name".to_owned()),
             };
@@ -158,10 +158,10 @@ pub fn make(folder: PathBuf) -> EntryOutcome {
         Ok(()) => EntryOutcome::Folder(folder),
         Err(error) => {
             let why = match error.kind() {
-                ErrorKind::AlreadyExists => "it is there already; choose another name".to_owned(),
+                ErrorKind::AlreadyExists => "it exists already; choose another name".to_owned(),
                 _ => reason(&error),
             };
-            EntryOutcome::Rejected(format!("{} is not made: {why}", folder.display()))
+            EntryOutcome::Rejected(format!("{} was not created: {why}", folder.display()))
         }
     }
 }
@@ -192,8 +192,8 @@ mod tests {
         assert_eq!(make(made.clone()), EntryOutcome::Folder(made.clone()));
         assert!(made.is_dir());
         std::fs::write(made.join("kept"), "").unwrap();
-        let EntryOutcome::Rejected(why) = make(made.clone()) else { panic!("it is there already") };
-        assert!(why.contains("case 7 is not made: ") && made.join("kept").exists(), "{why}");
+        let EntryOutcome::Rejected(why) = make(made.clone()) else { panic!("it exists already") };
+        assert!(why.contains("case 7 was not created: ") && made.join("kept").exists(), "{why}");
         assert!(matches!(make(temp.path().join("no/such")), EntryOutcome::Rejected(_)));
     }
 }

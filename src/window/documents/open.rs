@@ -23,7 +23,7 @@ impl Documents {
         let (wake, dropped) = (ctx.clone(), path.clone());
         match BackgroundTask::spawn("looking", move || wake.request_repaint(), move || FileKind::of(&dropped)) {
             Ok(kind_task) => self.dropped_files.push((path, kind_task)),
-            Err(error) => session.show_error(format!("no thread can be started that opens it: {error}")),
+            Err(error) => session.show_error(format!("the thread that opens it could not be started: {error}")),
         }
     }
 
@@ -153,7 +153,7 @@ impl Documents {
     fn set_opening(&mut self, session: &mut Session, opening: std::io::Result<Opening>) {
         match opening {
             Ok(opening) => self.dialog = Some(Dialog::Opening(Box::new(opening))),
-            Err(error) => session.show_error(format!("no thread can be started that opens it: {error}")),
+            Err(error) => session.show_error(format!("the thread that opens it could not be started: {error}")),
         }
     }
 
@@ -178,7 +178,7 @@ impl Documents {
         match done.project {
             Ok((fresh, _)) if done.is_reload => {
                 session.project.adopt_files(*fresh);
-                session.show_message("Read again from the files; undo brings back what you had");
+                session.show_message("Read again from the files; undo restores your version");
                 self.watch_files(&session.project);
                 None
             }

@@ -28,7 +28,7 @@ impl OutputJobs {
         self.ensure_queue(ui.ctx());
         match &mut self.jobs {
             Some(jobs) => self.analysing.begin(&session.project, jobs),
-            None => session.show_error("no thread can be started that analyses"),
+            None => session.show_error("the thread for analyses could not be started"),
         }
     }
 
@@ -54,7 +54,7 @@ impl OutputJobs {
         self.ensure_queue(ctx);
         match &mut self.jobs {
             Some(jobs) => _ = jobs.add(name, session.project.shot(), request.job(path, force)),
-            None => session.show_error("no thread can be started that exports"),
+            None => session.show_error("the thread for exports could not be started"),
         }
         self.is_open = true;
     }

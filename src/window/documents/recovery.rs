@@ -68,8 +68,8 @@ impl Recovery {
             None => session.project.is_saved(),
         };
         let again = self.restart_with.unwrap_or(restart::restart);
-        let why = if is_recoverable { again() } else { "your work is not kept: save it first".to_owned() };
-        let message = format!("The graphics device was lost: start it again ({why})");
+        let why = if is_recoverable { again() } else { "your work cannot be recovered: save it first".to_owned() };
+        let message = format!("The graphics device was lost: start Locard again ({why})");
         // The window may be unable to draw this message.
         eprintln!("locard: {message}");
         session.show_error(message);
@@ -120,7 +120,7 @@ impl Recovery {
 }
 
 fn show_failed_search(session: &mut Session, why: &dyn Display) {
-    session.show_error(format!("Unsaved work is not searched for: {why}"));
+    session.show_error(format!("Unsaved work could not be searched for: {why}"));
 }
 
 /// Unsaved work that a crash would lose, without a drag in progress and without an uncommitted

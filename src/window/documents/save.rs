@@ -74,7 +74,7 @@ impl Documents {
         let spawned = draft.map_err(|error| error.to_string()).and_then(|draft| {
             let draft = if is_approved { draft } else { draft.unless_changed(known) };
             let spawned = BackgroundTask::spawn("saving", move || wake.request_repaint(), move || draft.write());
-            spawned.map_err(|error| format!("no thread can be started that writes it: {error}"))
+            spawned.map_err(|error| format!("the thread that writes it could not be started: {error}"))
         });
         match spawned {
             Ok(writing) => self.save.writing = Some(writing),

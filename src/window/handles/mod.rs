@@ -118,7 +118,7 @@ impl Handles {
         let mut refused = None;
         match (pending, *selected, transform.is_some()) {
             (Some(TransformCommand::Turn), Some(SceneItem::Lamp(_)), false) => {
-                refused = Some(Err("A lamp shines alike into all directions: there is nothing to turn.".to_owned()));
+                refused = Some(Err("A lamp shines equally in all directions and cannot be turned.".to_owned()));
             }
             (Some(command), Some(thing), false) => {
                 *transform = begin_by_key(command, over, project, &eye, thing, selected);

@@ -165,7 +165,7 @@ impl Draft {
                 )?
             }
             DraftContent::Scene(_) if is_other_kind(&path) => {
-                let reason = "the file is no scene, and is kept: choose another name".to_owned();
+                let reason = "the file is not a scene, and is kept: choose another name".to_owned();
                 return Err(SaveError::Text { path, reason });
             }
             DraftContent::Scene(draft) => draft.text.clone(),
@@ -205,7 +205,7 @@ fn profile_text(
         let bytes = file::read(path, MAX_DOCUMENT_BYTES).map_err(failed)?;
         let text = String::from_utf8(bytes).map_err(|_| SaveError::Text {
             path: path.to_owned(),
-            reason: "the file is no text, so no profile: nothing was saved".to_owned(),
+            reason: "the file is not text, so it is not a profile: nothing was saved".to_owned(),
         })?;
         rig.read_text(&text, path, &mut settings)?;
         profile::Document::parse(&text, path)?

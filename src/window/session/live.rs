@@ -184,7 +184,7 @@ impl Session {
             match why {
                 None => self.show_message(format!("Recorded {}: {name}", locard_engine::text::count(*frames, "frame"))),
                 Some(why) if *frames == 0 => self.show_error(format!("{name}: {why}; nothing was recorded")),
-                Some(why) => self.show_error(format!("{name}: {why}; the recording is whole up to there")),
+                Some(why) => self.show_error(format!("{name}: {why}; the recording is complete up to there")),
             }
         }
         if status.pose_error != before.pose_error
@@ -276,7 +276,7 @@ impl Session {
                 live.state = LiveState::Freezing(task);
                 self.player.playing = false;
             }
-            Err(error) => self.show_error(format!("no thread can be started that freezes it: {error}")),
+            Err(error) => self.show_error(format!("the thread that freezes it could not be started: {error}")),
         }
     }
 
@@ -299,7 +299,7 @@ impl Session {
         );
         match spawned {
             Ok(task) => live.copying = Some(task),
-            Err(error) => self.show_error(format!("no thread can be started that copies it: {error}")),
+            Err(error) => self.show_error(format!("the thread that copies it could not be started: {error}")),
         }
     }
 

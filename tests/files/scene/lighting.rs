@@ -41,7 +41,7 @@ fn spot_of_1000_candela_shows_white_as_two_at_one_metre() {
     assert!(axis.abs_diff_eq(Vec3::X, 1e-6), "{axis}");
     assert_eq!(angles.to_array(), [0.1, 0.2]);
     assert_eq!(uniform(&scene), Vec3::ZERO);
-    assert!(scene.warnings[0].contains("no light from around"), "{:?}", scene.warnings);
+    assert!(scene.warnings[0].contains("no environment light"), "{:?}", scene.warnings);
 }
 
 #[test]
@@ -79,7 +79,7 @@ fn invalid_light_is_left_out_and_the_model_kept() {
         (json!({ "intensity": 1 }), "directional, point or spot"),
         (json!({ "type": "point", "intensity": -1 }), "color · intensity"),
         (json!({ "type": "point", "range": 0 }), "range"),
-        (json!({ "type": "point", "color": [1, 1] }), "→ color: found 2 numbers; accepted: red, green and blue"),
+        (json!({ "type": "point", "color": [1, 1] }), "→ color: found 2 numbers; expected: red, green and blue"),
     ] {
         let scene = with_light(light).load().unwrap();
         assert_eq!((scene.meshes.len(), scene.lighting.points.len()), (1, 0), "{word}");
@@ -108,7 +108,7 @@ fn spot_angles_equal_in_single_precision_are_accepted() {
     let scene = with_light(json!({ "type": "spot", "spot": angles })).load().unwrap();
     assert_eq!(scene.lighting.points[0].spot.unwrap().1.to_array(), [0.089_681_03; 2]);
     // The only warning concerns the missing ambient light.
-    assert!(scene.warnings.len() == 1 && scene.warnings[0].contains("no light from around"), "{:?}", scene.warnings);
+    assert!(scene.warnings.len() == 1 && scene.warnings[0].contains("no environment light"), "{:?}", scene.warnings);
 }
 
 #[test]

@@ -90,7 +90,7 @@ fn errors_in_scene_files_name_their_location() {
         ("version = 1\nup = 'upwards'", ["line 2", "\"-z\" or [x, y, z]"]),
         ("version = 1\nup = [0, 0, 0]", ["up", "a vector with a length"]),
         ("objects = []", ["line 1", "missing field `version`"]),
-        ("version = 2", ["version: found 2", "accepted: 1"]),
+        ("version = 2", ["version: found 2", "expected: 1"]),
         ("version = 1\nobjects = [{ model = 'a.obj' }]", ["objects[0] (a.obj).model", ".glb or .gltf"]),
         (
             "version = 1\nobjects = [{ model = 'triangle.glb', scale = 0 }]",

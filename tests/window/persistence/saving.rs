@@ -172,7 +172,7 @@ fn new_scene_is_saved_with_its_recording_in_a_new_folder() {
                 wait_for_label(
                     &mut window,
                     &format!(
-                        "{} is not made: it is there already; choose another name",
+                        "{} was not created: it exists already; choose another name",
                         recording.join(name).display()
                     ),
                 );
@@ -181,14 +181,14 @@ fn new_scene_is_saved_with_its_recording_in_a_new_folder() {
             name => wait_for_label(&mut window, name),
         }
     }
-    wait_for_label(&mut window, "Nothing is here yet");
+    wait_for_label(&mut window, "This folder is empty");
     // Files of the recording are never overwritten, whatever was confirmed.
     let own = recording.join("recording.toml");
     let before = std::fs::read_to_string(&own).unwrap();
     choose(&mut window, &own);
     press(&mut window, "Replace it");
     run_until(&mut window, |app| {
-        app.problem().is_some_and(|problem| problem.contains("recording.toml: the file is no scene"))
+        app.problem().is_some_and(|problem| problem.contains("recording.toml: the file is not a scene"))
     });
     assert_eq!(std::fs::read_to_string(&own).unwrap(), before);
     window.key_press_modifiers(Modifiers::COMMAND, Key::S);
@@ -274,7 +274,7 @@ fn foreign_changes_to_a_file_are_reloaded_or_asked_about() {
     // If the own state is kept, the question returns on saving.
     theirs(0.25);
     wait_for_label(&mut window, asked);
-    press(&mut window, "Keep what is here");
+    press(&mut window, "Keep mine");
     window.key_press_modifiers(Modifiers::COMMAND, Key::S);
     window.run_steps(3);
     assert!(!window.state().project().is_saved());
