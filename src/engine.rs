@@ -1,4 +1,4 @@
-//! Locard puts virtual evidence into real footage so that it looks photographed there by the same
+//! Locard puts virtual evidence into real footage so that it appears photographed there by the same
 //! camera at the same moment.
 //!
 //! source → frame + pose → virtual layer → lens effects → composite → sensor effects → sink. The

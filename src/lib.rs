@@ -1,4 +1,4 @@
-//! Locard puts virtual evidence into real footage so that it looks photographed there by the same
+//! Locard puts virtual evidence into real footage so that it appears photographed there by the same
 //! camera at the same moment.
 //!
 //! This crate is the program: its command line, and all of the engine and the window under one

@@ -28,8 +28,8 @@ impl Pose {
         Self { rotation, translation_m: -(rotation * position_in_world_m) }
     }
 
-    /// A camera at `eye` that looks at `target`; `up` points up in the picture. `None` if the three
-    /// do not define a view.
+    /// A camera at `eye` that points at `target`; `up` points up in the picture. `None` if the
+    /// three do not define a view.
     pub fn look_at(eye: DVec3, target: DVec3, up: DVec3) -> Option<Self> {
         let z = (target - eye).try_normalize()?;
         let x = z.cross(up).try_normalize()?;

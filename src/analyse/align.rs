@@ -5,7 +5,8 @@
 //! depth, projected into frame j with its rolling shutter. The unknowns are E, a motion in i's
 //! axes, and the gain a and the offset b of brightness:
 //!
-//!   r = I_j(π(T_j⁻¹ T_i E x)) − a·I_i(x) − b,   weight 1 / (1 + (r/2σ)²),   σ = 1.4826·MAD + 0.5 codes
+//!   r = I_j(π(T_j⁻¹ T_i E x)) − a·I_i(x) − b
+//!   weight 1 / (1 + (r/2σ)²),   σ = 1.4826·MAD + 0.5 codes
 //!
 //! A link is accepted if the correlation of its pictures exceeds 0.7 times the one that noise
 //! allows ([`noise_level`](super::noise_level)):
@@ -27,7 +28,7 @@ use serde::{Deserialize, Serialize};
 use super::camera_model::{CameraModel, is_same_surface};
 use super::noise_level::expected_correlation;
 use super::state::project_rolling_shutter;
-use super::view::View;
+use super::view::LinkView;
 use crate::fit::quantile::median_and_sigma;
 use crate::fit::twist::{self, Twist};
 
@@ -159,8 +160,8 @@ fn least_correlation(of: [(f64, f64); 2], points: usize) -> f64 {
 /// Aligns `from` to `to`, beginning at the level `coarsest` (at most the coarsest there is).
 pub fn align(
     model: &CameraModel,
-    from: &View,
-    to: &View,
+    from: &LinkView,
+    to: &LinkView,
     coarsest: usize,
     estimates_readout: bool,
 ) -> Result<Link, LinkFailure> {
@@ -254,8 +255,8 @@ impl Observations {
     /// `rows`: for each point its row in the previous iteration, px; NaN if it was not visible.
     fn new(
         model: &CameraModel,
-        from: &View,
-        to: &View,
+        from: &LinkView,
+        to: &LinkView,
         level: usize,
         j_from_i: &DAffine3,
         rows: &mut [f32],
@@ -307,8 +308,8 @@ impl Observations {
     #[expect(clippy::too_many_arguments)]
     fn readout(
         &self,
-        from: &View,
-        to: &View,
+        from: &LinkView,
+        to: &LinkView,
         level: usize,
         j_from_i: &DAffine3,
         gain: f64,
@@ -338,7 +339,7 @@ impl Observations {
         Some((information / sigma.powi(2), slope / sigma.powi(2)))
     }
 
-    fn sums(&self, from: &View, level: usize, gain: f64, shift: f64, is_first: bool) -> NormalEquations {
+    fn sums(&self, from: &LinkView, level: usize, gain: f64, shift: f64, is_first: bool) -> NormalEquations {
         let all = &from.levels[level].points;
         let residual = |(n, value, _): &(usize, f64, f64)| value - gain * all[*n].value - shift;
         let residuals: Vec<f64> = self.points.iter().map(residual).collect();
@@ -408,7 +409,7 @@ mod tests {
     use crate::pixels::Pixels;
 
     /// A static wall, with waves of a contrast, or blank.
-    fn view(model: &CameraModel, index: usize, contrast: f64, depth_m: f32) -> View {
+    fn view(model: &CameraModel, index: usize, contrast: f64, depth_m: f32) -> LinkView {
         let (width, height) = (320, 240);
         let code = |i: u32| {
             let (x, y) = (f64::from(i % width), f64::from(i / width));
@@ -421,13 +422,14 @@ mod tests {
             Pixels::from_u8(width, height, (0..width * height).flat_map(code).collect()).unwrap(),
         );
         let state = CameraState { world_from_camera: DAffine3::IDENTITY, twist: Twist::zeros() };
-        View::new(model, &frame, state, vec![depth_m; (width * height) as usize], 0, None)
+        LinkView::new(model, &frame, state, vec![depth_m; (width * height) as usize], 0, None)
     }
 
     #[test]
     fn blank_frames_share_few_points_and_another_depth_is_a_mismatch() {
         let model = CameraModel::new(Geometry::pinhole(320, 240, 260.0));
-        let link = |from: &View, to: &View| align(&model, from, to, usize::MAX, false).map(|link| link.is_good());
+        let link =
+            |from: &LinkView, to: &LinkView| align(&model, from, to, usize::MAX, false).map(|link| link.is_good());
         let (here, there) = (view(&model, 0, 30.0, 2.0), view(&model, 1, 30.0, 2.0));
         assert_eq!(link(&here, &there), Ok(true));
         assert_eq!(link(&view(&model, 0, 0.0, 2.0), &there), Err(LinkFailure::FewPoints));

@@ -23,7 +23,7 @@ use crate::text::fixed;
 const REFINED: &str = "refined";
 const RIGHT: &str = "right";
 const REFUSED: &str = "refused";
-const KEPT: &str = "kept";
+const RECORDED_POSES: &str = "kept";
 /// Explanation of the residuals of held-out pairs.
 const HELD_OUT_EXPLANATION: &str =
     "agreement of alignments with each other; `locard verify` measures slides in the picture";
@@ -277,7 +277,7 @@ impl PoseFindings {
     /// Recorded poses that could not be checked, with the reason.
     pub fn kept(why: String) -> Self {
         Self {
-            poses: KEPT.to_owned(),
+            poses: RECORDED_POSES.to_owned(),
             why: Some(why),
             links: 0,
             missing_links: 0,
@@ -306,7 +306,7 @@ impl PoseFindings {
         let (poses, why) = match &found.verdict {
             Verdict::Refined => (REFINED, None),
             Verdict::Right => (RIGHT, None),
-            Verdict::Kept(why) => (KEPT, Some(why.clone())),
+            Verdict::Kept(why) => (RECORDED_POSES, Some(why.clone())),
             Verdict::Refused(why) => (REFUSED, Some(why.clone())),
         };
         let of_offset = |of: fn(&RigOffset) -> f64| found.rig_offset.as_ref().map(of);

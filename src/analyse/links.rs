@@ -11,7 +11,7 @@ use super::camera_model::CameraModel;
 use super::depth_source::{DepthSource, measured};
 use super::sparse_frames::frames;
 use super::state::CameraState;
-use super::view::View;
+use super::view::LinkView;
 use crate::camera::NoiseProfile;
 use crate::parallel::over_rows;
 use crate::pixels::Pixels;
@@ -83,7 +83,7 @@ pub fn links(
     go_on: &mut dyn FnMut(usize) -> bool,
 ) -> Result<Links, RecordingError> {
     let reach = pass.gaps.iter().chain(pass.sparse.0).copied().max().unwrap_or(0);
-    let mut window: VecDeque<View> = VecDeque::new();
+    let mut window: VecDeque<LinkView> = VecDeque::new();
     let mut found = Links::default();
     let mut before: Option<Arc<Pixels>> = None;
     let mut frames = frames(recording, (0..recording.frame_count()).filter(|n| pass.finds_repeats || pass.needs(*n)));
@@ -109,7 +109,7 @@ pub fn links(
             let state = states[frame.index].filter(|_| pass.needs(frame.index));
             *view = state.map(|state| {
                 let depth = swept.take().unwrap_or_else(|| measured(model, frame, &state, later_s));
-                View::new(model, frame, state, depth, pass.finest, noise)
+                LinkView::new(model, frame, state, depth, pass.finest, noise)
             });
         });
         window.extend(views.into_iter().filter_map(|(.., view)| view));

@@ -4,7 +4,7 @@
 //! |---|---|
 //! | gain, gain across the picture, tone, point spread | the recording's files and the camera |
 //! | exposure | also whether the frames have times |
-//! | poses, clocks, readout | also the unit's length, with depth in metres, and whether frames have times |
+//! | poses, clocks, readout | also the unit (with depth in metres), and whether frames have times |
 //! | surfels | as the poses |
 //! | light | also the unit's length, and up |
 

@@ -50,7 +50,7 @@ pub struct Level {
 }
 
 #[derive(Debug)]
-pub struct View {
+pub struct LinkView {
     pub index: usize,
     pub state: CameraState,
     /// Depth at the frame's time, m or the recording's unit; 0 where unknown.
@@ -59,7 +59,7 @@ pub struct View {
     pub levels: Vec<Level>,
 }
 
-impl View {
+impl LinkView {
     /// `depth`: at the frame's time and pixels. Levels finer than `finest` have no points. `noise`:
     /// the camera's, if calibrated.
     pub fn new(

@@ -17,7 +17,7 @@ pub enum CurvedProjection {
     /// of the axis, with x and y from −1 to 1 across the picture (Lemme p.41-42). Up to 2π by π.
     Environment { fov_rad: DVec2 },
     /// Stereographic, projected from the point of the unit sphere behind the camera: r =
-    /// tan(θ/2)/tan(fov/4) in radii of the circle. A camera that looks down sees a little planet
+    /// tan(θ/2)/tan(fov/4) in radii of the circle. A camera that points down sees a little planet
     /// (Lemme p.40). Below 2π.
     LittlePlanet { fov_rad: f64 },
 }

@@ -1,6 +1,6 @@
 //! The cameras of the lecture slides as matrices: look-at, perspective, window, parallel, viewport.
 //!
-//! Axes here are those of the slides and of OpenGL: x right, y up, the camera looks along −z.
+//! Axes here are those of the slides and of OpenGL: x right, y up, the camera faces −z.
 //! Device coordinates are x and y from −1 to 1, y up, and z in one of two [`DepthRange`] ranges.
 //! The program itself uses [`super::Geometry`] (x right, y down, z forward); the tests compare the
 //! two. Corrections to the slides are noted where they apply.

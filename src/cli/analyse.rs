@@ -206,8 +206,14 @@ fn write_report(
 ) -> Result<()> {
     let camera = shot.geometry_at(0)?;
     let response = shot.camera().response;
-    let source =
-        report::Source { recording: &shot.recording, camera: &camera, response: &response, analysis, grounds, times };
+    let source = report::ReportSource {
+        recording: &shot.recording,
+        camera: &camera,
+        response: &response,
+        analysis,
+        grounds,
+        times,
+    };
     let page = report::html(&source).with_context(|| format!("{}: cannot be created", path.display()))?;
     write_atomically(path, true, |out| out.write_all(page.as_bytes()))?;
     Ok(())

@@ -11,7 +11,7 @@ use locard_engine::recording::Recording;
 use locard_engine::shot::{AnalysisChoice, AnalysisState, Shot, ShotOptions};
 
 #[derive(clap::Args)]
-pub struct Analysis {
+pub struct AnalysisArgs {
     /// The results of `locard analyse`, if they are not beside the recording
     #[arg(long, value_name = "DIR", conflicts_with = "no_analysis")]
     analysis: Option<PathBuf>,
@@ -23,7 +23,7 @@ pub struct Analysis {
     analyse: bool,
 }
 
-impl Analysis {
+impl AnalysisArgs {
     pub fn choice(&self) -> AnalysisChoice {
         match &self.analysis {
             Some(folder) => AnalysisChoice::At(folder.clone()),

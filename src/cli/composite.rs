@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 
-use super::analysis::{self, Analysis};
+use super::analysis::{self, AnalysisArgs};
 use super::skip::Skip;
 use super::which::Which;
 use super::{export_error, print_status, progress, warn};
@@ -72,7 +72,7 @@ pub struct Args {
     #[arg(long, default_value_t = 0.0, value_name = "S", allow_negative_numbers = true)]
     time_offset_s: f64,
     #[command(flatten)]
-    analysis: Analysis,
+    analysis: AnalysisArgs,
     #[command(flatten)]
     skip: Skip,
     /// No progress bar, no warnings

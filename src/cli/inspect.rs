@@ -8,7 +8,7 @@ use glam::DVec3;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
-use super::analysis::Analysis;
+use super::analysis::AnalysisArgs;
 use super::pick::{self, Pick, Picker, PointQuery, numbers};
 use super::skip::Skip;
 use super::{clock, listen, progress_of};
@@ -54,7 +54,7 @@ pub struct Args {
     #[arg(long, conflicts_with = "frame")]
     clock: bool,
     #[command(flatten)]
-    analysis: Analysis,
+    analysis: AnalysisArgs,
     #[command(flatten)]
     skip: Skip,
     /// Time for which a stream is received, from its first pose on

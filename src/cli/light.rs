@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 
-use super::analysis::Analysis;
+use super::analysis::AnalysisArgs;
 use super::skip::Skip;
 use locard_engine::camera::stops;
 use locard_engine::recording::{OpenOptions, Recording};
@@ -43,7 +43,7 @@ pub struct LightArgs {
     #[arg(long, default_value_t = 1.0, value_name = "M")]
     pub metres_per_unit: f64,
     #[command(flatten)]
-    pub analysis: Analysis,
+    pub analysis: AnalysisArgs,
     #[command(flatten)]
     pub skip: Skip,
 }

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use anyhow::{Context, Result, bail};
 use glam::DVec3;
 
-use super::analysis::Analysis;
+use super::analysis::AnalysisArgs;
 use super::pick::{Pick, Picker, PointSource, numbers};
 use super::warn;
 use locard_engine::export::Inputs;
@@ -60,7 +60,7 @@ pub struct Args {
     #[arg(long, value_name = "M", default_value_t = 1.0)]
     metres_per_unit: f64,
     #[command(flatten)]
-    analysis: Analysis,
+    analysis: AnalysisArgs,
 }
 
 pub fn run(args: &Args) -> Result<()> {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use anyhow::{Result, bail};
 
-use super::analysis::Analysis;
+use super::analysis::AnalysisArgs;
 use super::skip::Skip;
 use super::{progress, warn};
 use locard_engine::analyse;
@@ -34,7 +34,7 @@ pub struct Args {
     #[arg(long, value_name = "N", default_value_t = 8)]
     gap: usize,
     #[command(flatten)]
-    analysis: Analysis,
+    analysis: AnalysisArgs,
     #[command(flatten)]
     skip: Skip,
     /// No progress bar, no warnings
@@ -103,7 +103,7 @@ fn measure_slides(recorded: &Shot, found: &Shot) -> Result<Option<Vec<SlidePair>
     let analysis = analyse::Analysis::read(folder)?;
     let (camera, response) = (recorded.geometry_at(0)?, recorded.camera().response);
     let recording = &recorded.recording;
-    let source = report::Source {
+    let source = report::ReportSource {
         recording,
         camera: &camera,
         response: &response,

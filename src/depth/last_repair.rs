@@ -199,6 +199,7 @@ mod tests {
         let project: &dyn Fn(DVec3) -> ProjectedPoint = &|_| None;
         let neighbour = |measured, taken| [Neighbour { frame: &here.neighbours[0], measured, taken }];
         let neighbours = [neighbour(pose, pose), neighbour(moved, pose), neighbour(pose, moved)];
+        let other_voter = [Neighbour { frame: &here.neighbours[1], measured: pose, taken: pose }];
         let depth = here.depth.as_ref().unwrap();
         let repair = Repair {
             rays: &rays,
@@ -233,6 +234,7 @@ mod tests {
             ("no proxies", Repair { proxies: None, ..repair }),
             ("pose of a neighbour's map", Repair { neighbours: &neighbours[1], ..repair }),
             ("pose of a neighbour", Repair { neighbours: &neighbours[2], ..repair }),
+            ("voter", Repair { neighbours: &other_voter, ..repair }),
         ] {
             assert!(key != RepairKey::new(&here, &other, rects, &request), "{input}");
         }

@@ -81,8 +81,8 @@ pub struct Photograph {
     pub shows_objects: bool,
 }
 
-/// Composites the compositor's scene into the real part and exposes both. `report_progress` receives
-/// the finished share; if it returns `false`, the work ends.
+/// Composites the compositor's scene into the real part and exposes both. `report_progress`
+/// receives the finished share; if it returns `false`, the work ends.
 pub fn take(
     compositor: &mut Compositor,
     standpoint: &Standpoint<'_>,

@@ -266,7 +266,7 @@ mod tests {
     use glam::DVec2;
     use proptest::prelude::*;
 
-    /// Looks along the body's x from 0.1 m in front of it: the picture's x is the body's −y, its y
+    /// Faces along the body's x from 0.1 m in front of it: the picture's x is the body's −y, its y
     /// the body's −z.
     const SENSOR: &str = "%YAML:1.0\n# a camera\nsensor_type: camera\ncomment: \"cam0: grey\"\nT_BS:\n  cols: 4\n  rows: 4\n  \
         data: [0.0, 0.0, 1.0, 0.1, # along x\n         -1.0, 0.0, 0.0, 0.0,\n         0.0, -1.0, 0.0, 0.0,\n         \

@@ -42,7 +42,7 @@ pub static FORMAT: RecordingFormat = RecordingFormat {
 #[derive(Deserialize)]
 struct Transforms {
     #[serde(flatten)]
-    camera: Camera,
+    camera: TransformsCamera,
     frames: Vec<FrameEntry>,
     /// Metres per depth code.
     depth_unit_scale_factor: Option<f64>,
@@ -56,7 +56,7 @@ struct FrameEntry {
     transform_matrix: Vec<Vec<f64>>,
     depth_file_path: Option<String>,
     #[serde(flatten)]
-    camera: Camera,
+    camera: TransformsCamera,
 }
 
 /// A number of a matrix. Only in a matrix are non-finite numbers meaningful: the tracker lost the
@@ -87,7 +87,7 @@ fn matrix_rows<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<Vec<f64>>, D::E
 
 /// Camera parameters, common to all frames or of one frame.
 #[derive(Clone, Deserialize)]
-struct Camera {
+struct TransformsCamera {
     camera_model: Option<String>,
     is_fisheye: Option<bool>,
     camera_angle_x: Option<f64>,
@@ -106,7 +106,7 @@ struct Camera {
     p2: Option<f64>,
 }
 
-impl Camera {
+impl TransformsCamera {
     /// A frame's own values override the common ones.
     fn or(self, all: &Self) -> Self {
         Self {
@@ -323,7 +323,7 @@ mod tests {
 
     #[test]
     fn opengl_axes_become_opencv_axes() {
-        // At (1, 2, 3), unrotated: looks along world −z, world y is up in the picture.
+        // At (1, 2, 3), unrotated: faces world −z, world y is up in the picture.
         let m = [[1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 0.0, 2.0], [0.0, 0.0, 1.0, 3.0], [0.0, 0.0, 0.0, 1.0]].map(row);
         for matrix in [&m[..], &m[..3]] {
             let p = pose(matrix, 2.0).unwrap().unwrap().transform_point(DVec3::new(2.5, 5.0, 2.0));
@@ -406,7 +406,7 @@ mod tests {
         let i = &g.intrinsics;
         assert_eq!((i.fx_px, i.fy_px, i.cx_px, i.cy_px, g.distortion.k1), (400.0, 400.0, 300.5, 240.0, 0.1));
         let model = |name: &str, k4| {
-            let camera = Camera { camera_model: Some(name.to_owned()), k4, ..t.camera.clone() };
+            let camera = TransformsCamera { camera_model: Some(name.to_owned()), k4, ..t.camera.clone() };
             camera.geometry(Path::new("")).map(|g| g.unwrap().distortion)
         };
         for name in ["SIMPLE_RADIAL", "RADIAL"] {
@@ -417,7 +417,7 @@ mod tests {
             let d = model(name, Some(0.2)).unwrap();
             assert_eq!((d.model, d.k1, d.k4), (LensModel::OpencvFisheye, 0.1, 0.2));
         }
-        let instant = Camera { is_fisheye: Some(true), camera_model: None, ..t.camera.clone() };
+        let instant = TransformsCamera { is_fisheye: Some(true), camera_model: None, ..t.camera.clone() };
         assert_eq!(instant.geometry(Path::new("")).unwrap().unwrap().distortion.model, LensModel::OpencvFisheye);
         assert!(model("OPENCV", Some(0.2)).unwrap_err().contains("k4 is not 0"));
         assert!(model("FOV", None).unwrap_err().contains("expected OPENCV, PINHOLE"));

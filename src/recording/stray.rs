@@ -253,7 +253,7 @@ mod tests {
     #[test]
     fn projected_point_matches_hand_calculation() {
         // At (1, 2, 3), rotated by 180° about x: the camera's y is the world's −y, which is down,
-        // and it looks along −z.
+        // and it faces −z.
         let line = format!("{HEAD}\n5021.25, 000007, 1.0, 2.0, 3.0, 1.0, 0.0, 0.0, 0.0\n");
         let lines = parse(&line).unwrap();
         let OdometryLine { at, time_s, name, pose, intrinsics } = &lines[0];

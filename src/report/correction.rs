@@ -2,7 +2,7 @@
 
 use glam::{DAffine3, DVec2, DVec3};
 
-use super::Source;
+use super::ReportSource;
 use super::rolling_camera::RollingCamera;
 use crate::fit::quantile::upper_median;
 use crate::fit::twist;
@@ -21,7 +21,7 @@ pub struct Correction {
 }
 
 /// The corrections of all frames with both poses. `depth_m`: typical depth.
-pub fn corrections(source: &Source<'_>, depth_m: f64) -> Vec<Correction> {
+pub fn corrections(source: &ReportSource<'_>, depth_m: f64) -> Vec<Correction> {
     let Some(refined) = refined(source) else { return Vec::new() };
     let recorded = recorded(source);
     let of = |(frame, time_s): (usize, &f64)| {
@@ -31,17 +31,17 @@ pub fn corrections(source: &Source<'_>, depth_m: f64) -> Vec<Correction> {
     source.recording.timestamps_s.iter().enumerate().filter_map(of).collect()
 }
 
-pub fn recorded<'a>(source: &Source<'a>) -> RollingCamera<'a> {
+pub fn recorded<'a>(source: &ReportSource<'a>) -> RollingCamera<'a> {
     RollingCamera { track: &source.recording.track, geometry: source.camera }
 }
 
 /// `None` if the recorded poses were kept.
-pub fn refined<'a>(source: &Source<'a>) -> Option<RollingCamera<'a>> {
+pub fn refined<'a>(source: &ReportSource<'a>) -> Option<RollingCamera<'a>> {
     let track = source.analysis.refined()?;
     Some(RollingCamera { track, geometry: &source.analysis.findings.camera })
 }
 
-fn correction(frame: usize, source: &Source<'_>, was: &Pose, now: &Pose, depth_m: f64) -> Correction {
+fn correction(frame: usize, source: &ReportSource<'_>, was: &Pose, now: &Pose, depth_m: f64) -> Correction {
     let world_from_camera = |pose: &Pose| {
         DAffine3::from_rotation_translation(pose.world_from_camera_rotation(), pose.position_in_world_m())
     };
@@ -63,7 +63,7 @@ fn correction(frame: usize, source: &Source<'_>, was: &Pose, now: &Pose, depth_m
 }
 
 /// The median depth of the recording's middle frame, m; `None` without depth.
-pub fn usual_depth_m(source: &Source<'_>) -> Result<Option<f64>, RecordingError> {
+pub fn usual_depth_m(source: &ReportSource<'_>) -> Result<Option<f64>, RecordingError> {
     let middle = source.recording.frame_count() / 2;
     let Some(frame) = source.recording.frames(middle..middle + 1)?.next().transpose()? else { return Ok(None) };
     let known = frame.depth.iter().flat_map(|map| &map.depth_m).copied().filter(|z| *z > 0.0);

@@ -10,7 +10,7 @@ use super::point_track::is_unoccluded;
 use super::rolling_camera::RollingCamera;
 use super::strips::lacking;
 use super::tile::Tile;
-use super::{ReportError, Source};
+use super::{ReportError, ReportSource};
 use crate::fit::quantile::upper_median_in_place;
 use crate::frame::Frame;
 use crate::grey_image::{GreyImage, gaussian};
@@ -25,7 +25,7 @@ const MIN_GRADIENT: f32 = 9.0;
 /// Smallest number of edge points in a picture.
 const MIN_POINTS: usize = 60;
 
-pub fn edges(source: &Source<'_>) -> Result<Figure, ReportError> {
+pub fn edges(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
     let title = "Edges of the room";
     if let Some(why) = lacking(source) {
         return Ok(Figure::left_out(title, why.to_owned()));

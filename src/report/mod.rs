@@ -19,10 +19,10 @@ mod strips;
 mod tile;
 
 pub use slide::{LATER, SlidePair, slides, worse};
-pub use source::{MADE_BY, ReportError, Source};
+pub use source::{MADE_BY, ReportError, ReportSource};
 
-/// The page. The same analysis and recording give the same bytes, but for [`Source::times`].
-pub fn html(source: &Source<'_>) -> Result<String, ReportError> {
+/// The page. The same analysis and recording give the same bytes, but for [`ReportSource::times`].
+pub fn html(source: &ReportSource<'_>) -> Result<String, ReportError> {
     let mut figures = vec![plots::correction(source)?, plots::links(source)?, plots::slide(source)?];
     figures.extend([edges::edges(source)?, strips::point(source)?, plots::gain(source)?, plots::across(source)?]);
     figures.extend([

@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use super::chart::Ink;
 use super::estimates::{Estimate, Mark, estimates};
-use super::{MADE_BY, ReportError, Source};
+use super::{MADE_BY, ReportError, ReportSource};
 use crate::support::SupportReport;
 use crate::text::{count, fixed, shown};
 
@@ -82,7 +82,7 @@ struct Page {
     parts: Vec<PagePart>,
 }
 
-pub fn page(source: &Source<'_>, figures: Vec<Figure>) -> Result<String, ReportError> {
+pub fn page(source: &ReportSource<'_>, figures: Vec<Figure>) -> Result<String, ReportError> {
     let (recording, findings) = (source.recording, &source.analysis.findings);
     let estimates = estimates(findings, source.camera.intrinsics.readout_time_s);
     let (first, last) = (recording.timestamps_s.first(), recording.timestamps_s.last());

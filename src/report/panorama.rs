@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::page::{Body, Figure};
 use super::tile::png_uri;
-use super::{ReportError, Source};
+use super::{ReportError, ReportSource};
 use crate::analyse::{Environment, LampEstimate};
 use crate::camera::Response;
 use crate::fit::quantile::lower_quantile;
@@ -22,7 +22,7 @@ const RIM_PX: f64 = 1.5;
 const RING_COLOUR: [u8; 3] = [255, 214, 10];
 const RIM_COLOUR: [u8; 3] = [20, 20, 20];
 
-pub fn panorama(source: &Source<'_>) -> Result<Figure, ReportError> {
+pub fn panorama(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
     let title = "The light of the room";
     let analysis = source.analysis;
     let (Some(light), Some(around)) = (&analysis.findings.light, &analysis.environment) else {

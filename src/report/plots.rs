@@ -4,7 +4,7 @@ use super::chart::{Chart, ChartShape, Ink, XAxis};
 use super::correction::{Correction, corrections, usual_depth_m};
 use super::page::{Body, Figure};
 use super::slide::{LATER, SlidePair, slides, worse};
-use super::{ReportError, Source};
+use super::{ReportError, ReportSource};
 use crate::analyse::{EDGE_BIN_PX, HeldOutResidual, ToneBand};
 use crate::fit::quantile::{upper_median, upper_quantile};
 use crate::text::{count, fixed, short};
@@ -18,7 +18,7 @@ const ASSUMED_DEPTH_M: f64 = 2.0;
 
 const RECORDED: (Ink, &str) = (Ink::Recorded, "as recorded");
 
-pub fn correction(source: &Source<'_>) -> Result<Figure, ReportError> {
+pub fn correction(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
     let title = "Corrections of the recorded poses";
     let registered = &source.analysis.findings.registration;
     if source.analysis.refined().is_none() {
@@ -64,7 +64,7 @@ pub fn correction(source: &Source<'_>) -> Result<Figure, ReportError> {
     })
 }
 
-pub fn links(source: &Source<'_>) -> Result<Figure, ReportError> {
+pub fn links(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
     let title = "Held-out frame pairs";
     let registered = &source.analysis.findings.registration;
     let missed = &source.analysis.held_out;
@@ -105,7 +105,7 @@ pub fn links(source: &Source<'_>) -> Result<Figure, ReportError> {
     })
 }
 
-pub fn slide(source: &Source<'_>) -> Result<Figure, ReportError> {
+pub fn slide(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
     let title = "What slides";
     let slid = match slides(source)? {
         Ok(slid) => slid,
@@ -153,7 +153,7 @@ pub fn slide(source: &Source<'_>) -> Result<Figure, ReportError> {
     Ok(Figure { title, caption: caption + ".", legend, body: Body::Plots { plots: vec![chart.svg()?] } })
 }
 
-pub fn sharpness(source: &Source<'_>) -> Result<Figure, ReportError> {
+pub fn sharpness(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
     let title = "Sharpness of edges";
     let spread = source.analysis.findings.spread.as_ref();
     let Some((sigma_px, spread)) = spread.and_then(|spread| Some((spread.sigma_px?, spread))) else {
@@ -185,7 +185,7 @@ pub fn sharpness(source: &Source<'_>) -> Result<Figure, ReportError> {
     })
 }
 
-pub fn tone(source: &Source<'_>) -> Result<Figure, ReportError> {
+pub fn tone(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
     let title = "Response of codes to light";
     let Some(tone) = source.analysis.findings.tone.as_ref().filter(|tone| !tone.bands.is_empty()) else {
         let why = source.analysis.findings.tone.as_ref().and_then(|tone| tone.why.as_deref());
@@ -215,7 +215,7 @@ pub fn tone(source: &Source<'_>) -> Result<Figure, ReportError> {
     })
 }
 
-pub fn gain(source: &Source<'_>) -> Result<Figure, ReportError> {
+pub fn gain(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
     let title = "Brightness of the frames";
     let gains = &source.analysis.gains;
     if gains.is_empty() {
@@ -245,7 +245,7 @@ pub fn gain(source: &Source<'_>) -> Result<Figure, ReportError> {
     })
 }
 
-pub fn exposure(source: &Source<'_>) -> Result<Figure, ReportError> {
+pub fn exposure(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
     let title = "Exposure time of the frames";
     let Some(shutter) = source.analysis.findings.shutter.as_ref().filter(|shutter| !shutter.runs.is_empty()) else {
         let why = source.analysis.findings.shutter.as_ref().and_then(|shutter| shutter.why.as_deref());
@@ -287,7 +287,7 @@ pub fn exposure(source: &Source<'_>) -> Result<Figure, ReportError> {
     })
 }
 
-pub fn across(source: &Source<'_>) -> Result<Figure, ReportError> {
+pub fn across(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
     let title = "Brightness across the picture";
     let parts = &source.analysis.across;
     if parts.is_empty() {

@@ -2,7 +2,7 @@
 
 use glam::{DVec2, DVec3};
 
-use super::Source;
+use super::ReportSource;
 use super::correction::{recorded, refined};
 use super::places::Place;
 use super::tile::Tile;
@@ -67,7 +67,10 @@ struct Candidate {
 }
 
 /// The place with the best rank; `None` if none is visible in enough frames.
-pub fn track_place(source: &Source<'_>, criteria: &PlaceCriteria<'_>) -> Result<Option<TrackedPlace>, RecordingError> {
+pub fn track_place(
+    source: &ReportSource<'_>,
+    criteria: &PlaceCriteria<'_>,
+) -> Result<Option<TrackedPlace>, RecordingError> {
     let count = source.recording.frame_count();
     let mut candidates = Vec::new();
     let mut starts: Vec<usize> = (0..START_FRAMES).map(|k| (2 * k + 1) * count / (2 * START_FRAMES)).collect();
@@ -106,7 +109,7 @@ fn around(start: usize, count: usize) -> Vec<usize> {
     (from..from + reach).filter(|n| n.abs_diff(start).is_multiple_of(every)).collect()
 }
 
-fn candidate(source: &Source<'_>, criteria: &PlaceCriteria<'_>, start: usize, place: Place) -> Option<Candidate> {
+fn candidate(source: &ReportSource<'_>, criteria: &PlaceCriteria<'_>, start: usize, place: Place) -> Option<Candidate> {
     let times_s = &source.recording.timestamps_s;
     let recorded = recorded(source);
     let used = refined(source).unwrap_or(recorded);
@@ -121,14 +124,14 @@ fn candidate(source: &Source<'_>, criteria: &PlaceCriteria<'_>, start: usize, pl
 }
 
 /// True if a whole tile lies in the picture.
-fn is_inside(source: &Source<'_>, criteria: &PlaceCriteria<'_>, at: DVec2) -> bool {
+fn is_inside(source: &ReportSource<'_>, criteria: &PlaceCriteria<'_>, at: DVec2) -> bool {
     let (rim, size) = (criteria.side as f64 / 2.0 + 1.0, &source.recording);
     at.x > rim && at.y > rim && at.x < f64::from(size.width) - rim && at.y < f64::from(size.height) - rim
 }
 
 /// Views of each candidate of one frame.
 fn views(
-    source: &Source<'_>,
+    source: &ReportSource<'_>,
     criteria: &PlaceCriteria<'_>,
     of_frame: &[Candidate],
 ) -> Result<Vec<Vec<TrackedView>>, RecordingError> {

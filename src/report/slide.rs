@@ -13,7 +13,7 @@ use glam::{DVec2, DVec3};
 use super::correction::{recorded, refined};
 use super::rolling_camera::RollingCamera;
 use super::strips::lacking;
-use super::{ReportError, Source};
+use super::{ReportError, ReportSource};
 use crate::depth::reprojected_at_frame;
 use crate::fit::quantile::upper_median;
 use crate::frame::Frame;
@@ -68,7 +68,7 @@ pub fn worse(slid: &[SlidePair]) -> Option<(usize, usize, f64)> {
 }
 
 /// Slides from frames spread over the recording, or the reason for which there are none.
-pub fn slides(source: &Source<'_>) -> Result<Result<Vec<SlidePair>, &'static str>, ReportError> {
+pub fn slides(source: &ReportSource<'_>) -> Result<Result<Vec<SlidePair>, &'static str>, ReportError> {
     if let Some(why) = lacking(source) {
         return Ok(Err(why));
     }
@@ -117,7 +117,7 @@ pub fn slides(source: &Source<'_>) -> Result<Result<Vec<SlidePair>, &'static str
 }
 
 /// Rays of unit depth, one per pixel; `None` where a pixel has none.
-fn rays(source: &Source<'_>) -> Vec<Option<DVec3>> {
+fn rays(source: &ReportSource<'_>) -> Vec<Option<DVec3>> {
     let (width, height) = (source.recording.width, source.recording.height);
     let places = (0..height).flat_map(|y| (0..width).map(move |x| DVec2::new(f64::from(x), f64::from(y)) + 0.5));
     places.map(|at| source.camera.unproject(at)).collect()
@@ -133,7 +133,7 @@ struct FramePoints<'a> {
 
 impl<'a> FramePoints<'a> {
     fn new(
-        source: &Source<'a>,
+        source: &ReportSource<'a>,
         frame: &Frame,
         rays: &[Option<DVec3>],
         camera: RollingCamera<'a>,

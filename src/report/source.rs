@@ -8,7 +8,7 @@ use crate::support::SupportReport;
 
 /// The inputs of a page.
 #[derive(Clone, Copy)]
-pub struct Source<'a> {
+pub struct ReportSource<'a> {
     /// The recording without its analysis.
     pub recording: &'a Recording,
     /// The camera as it was given.

@@ -7,7 +7,7 @@ use super::page::{Body, Cell, Figure};
 use super::places::{Place, flat, textured};
 use super::point_track::{PlaceCriteria, TrackedPlace, track_place};
 use super::tile::Tile;
-use super::{ReportError, Source};
+use super::{ReportError, ReportSource};
 use crate::text::fixed;
 
 /// Size of a tile, px.
@@ -16,7 +16,7 @@ const SIDE: usize = 64;
 const CODES: (f64, f64) = (8.0, 247.0);
 
 /// The reason for which no place of a recording can be tracked, if there is one.
-pub fn lacking(source: &Source<'_>) -> Option<&'static str> {
+pub fn lacking(source: &ReportSource<'_>) -> Option<&'static str> {
     let camera = refined(source).unwrap_or(recorded(source));
     let posed = source.recording.timestamps_s.iter().filter(|t| camera.pose(**t).is_some()).count();
     if !source.recording.has_depth() {
@@ -30,7 +30,7 @@ pub fn lacking(source: &Source<'_>) -> Option<&'static str> {
     }
 }
 
-pub fn point(source: &Source<'_>) -> Result<Figure, ReportError> {
+pub fn point(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
     let title = "A fixed point of the room";
     if let Some(why) = lacking(source) {
         return Ok(Figure::left_out(title, why.to_owned()));
@@ -71,7 +71,7 @@ pub fn point(source: &Source<'_>) -> Result<Figure, ReportError> {
     Ok(Figure { title, caption, legend: rows.clone(), body: Body::Strip { rows, side: 2 * SIDE, cells } })
 }
 
-pub fn brightness(source: &Source<'_>) -> Result<Figure, ReportError> {
+pub fn brightness(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
     let title = "A flat place of the room";
     let gains = &source.analysis.gains;
     if gains.is_empty() {

@@ -60,12 +60,12 @@ pub(super) fn shell_quoted(path: &Path) -> String {
 }
 
 /// The error of a file of glTF 1.0.
-pub(super) fn gltf_1_error(file: &Path, what: &str, found: impl Display) -> SceneError {
+pub(super) fn gltf_1_error(file: &Path, location: &str, found: impl Display) -> SceneError {
     let stem = file.file_stem().unwrap_or_default().to_string_lossy();
     let converted = file.with_file_name(format!("{stem}-2.glb"));
     let (from, to) = (shell_quoted(file), shell_quoted(&converted));
     let accepted = format!("glTF 2.0; `gltf-pipeline -i {from} -o {to}` converts it");
-    SceneError::bad(file, what, found, accepted)
+    SceneError::bad(file, location, found, accepted)
 }
 
 /// Strips U+FEFF, which some editors write at the start of UTF-8 text.
@@ -99,15 +99,15 @@ fn u32_at(bytes: &[u8], at: usize) -> Option<u32> {
 }
 
 /// Bytes of a URI in `file`: the content of a `data:` URI, or of a file relative to `file`.
-pub(super) fn resolve(file: &Path, what: &str, uri: &str) -> Result<Vec<u8>, SceneError> {
+pub(super) fn resolve(file: &Path, location: &str, uri: &str) -> Result<Vec<u8>, SceneError> {
     let accepted = "a relative file name or a base64 data: URI";
     if let Some(data) = uri.strip_prefix("data:") {
         let (_, text) = data
             .split_once(";base64,")
-            .ok_or_else(|| SceneError::bad(file, what, "a data: URI without base64", accepted))?;
-        return base64(text).ok_or_else(|| SceneError::bad(file, what, "text that is not base64", accepted));
+            .ok_or_else(|| SceneError::bad(file, location, "a data: URI without base64", accepted))?;
+        return base64(text).ok_or_else(|| SceneError::bad(file, location, "text that is not base64", accepted));
     }
-    let path = relative_file(file, uri).ok_or_else(|| SceneError::bad(file, what, format!("{uri:?}"), accepted))?;
+    let path = relative_file(file, uri).ok_or_else(|| SceneError::bad(file, location, format!("{uri:?}"), accepted))?;
     read(&path, Some(file))
 }
 

@@ -401,8 +401,8 @@ pub enum Axis {
 }
 
 impl Up {
-    /// The unit vector; `what` is the key that contains it.
-    pub fn axis(self, file: &Path, what: &str) -> Result<DVec3, SceneError> {
+    /// The unit vector; `location` is the key that contains it.
+    pub fn axis(self, file: &Path, location: &str) -> Result<DVec3, SceneError> {
         Ok(match self {
             Self::Named(Axis::X) => DVec3::X,
             Self::Named(Axis::Y) => DVec3::Y,
@@ -412,7 +412,7 @@ impl Up {
             Self::Named(Axis::NegZ) => DVec3::NEG_Z,
             Self::Direction(v) => DVec3::from(v)
                 .try_normalize()
-                .ok_or_else(|| SceneError::bad(file, what, DVec3::from(v), "a vector with a length"))?,
+                .ok_or_else(|| SceneError::bad(file, location, DVec3::from(v), "a vector with a length"))?,
         })
     }
 }

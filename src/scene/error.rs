@@ -17,11 +17,11 @@ pub enum SceneError {
         source: std::io::Error,
     },
     /// An invalid value.
-    #[error("{}: {what}: found {found}; expected: {accepted}", file.display())]
+    #[error("{}: {location}: found {found}; expected: {accepted}", file.display())]
     Invalid {
         file: PathBuf,
         /// The place, such as `meshes[2].primitives[0].attributes.POSITION` or `line 3`.
-        what: String,
+        location: String,
         found: String,
         accepted: String,
     },
@@ -53,10 +53,10 @@ fn sizes(found: usize, needed: usize) -> String {
 }
 
 impl SceneError {
-    pub(super) fn bad(file: &Path, what: impl Display, found: impl Display, accepted: impl Display) -> Self {
+    pub(super) fn bad(file: &Path, location: impl Display, found: impl Display, accepted: impl Display) -> Self {
         Self::Invalid {
             file: file.to_owned(),
-            what: what.to_string(),
+            location: location.to_string(),
             // The text may contain anything from a file.
             found: shown(&brief(&found.to_string())),
             accepted: accepted.to_string(),

@@ -61,19 +61,19 @@ impl Gltf {
         std::iter::once(self.file.clone()).chain(named)
     }
 
-    pub fn bad(&self, what: impl Display, found: impl Display, accepted: impl Display) -> SceneError {
-        SceneError::bad(&self.file, what, found, accepted)
+    pub fn bad(&self, location: impl Display, found: impl Display, accepted: impl Display) -> SceneError {
+        SceneError::bad(&self.file, location, found, accepted)
     }
 
-    /// `list[index]`; `what` is the place that contains the index.
+    /// `list[index]`; `location` is the place that contains the index.
     pub fn get<'a, T>(
         &self,
         list: &'a [T],
         list_name: &str,
         index: usize,
-        what: impl Display,
+        location: impl Display,
     ) -> Result<&'a T, SceneError> {
-        list.get(index).ok_or_else(|| self.bad(what, index, format!("an index into {} {list_name}", list.len())))
+        list.get(index).ok_or_else(|| self.bad(location, index, format!("an index into {} {list_name}", list.len())))
     }
 
     fn check_required_extensions(&self) -> Result<(), SceneError> {
@@ -85,54 +85,59 @@ impl Gltf {
     }
 
     /// Error for content that is only available in an unsupported extension, if there is one.
-    pub fn only_in_extension(&self, what: &str, extensions: &ExtensionNames, accepted: &str) -> Result<(), SceneError> {
+    pub fn only_in_extension(
+        &self,
+        location: &str,
+        extensions: &ExtensionNames,
+        accepted: &str,
+    ) -> Result<(), SceneError> {
         let Some(name) = extensions.keys().find(|name| !extension::is_supported(name)) else { return Ok(()) };
         let found = format!("its content in {name} only, which is not supported");
-        Err(self.bad(what, found, extension::with_conversion(accepted, name, &self.file)))
+        Err(self.bad(location, found, extension::with_conversion(accepted, name, &self.file)))
     }
 
-    /// Bytes of a buffer; `what` is its place for errors.
-    fn buffer(&self, index: usize, what: &str) -> Result<&[u8], SceneError> {
-        let buffer = self.get(&self.json.buffers, "buffers", index, what)?;
+    /// Bytes of a buffer; `location` is its place for errors.
+    fn buffer(&self, index: usize, location: &str) -> Result<&[u8], SceneError> {
+        let buffer = self.get(&self.json.buffers, "buffers", index, location)?;
         if let Some(bytes) = self.buffers[index].get() {
             return Ok(bytes);
         }
-        let what = format!("buffers[{index}]");
+        let location = format!("buffers[{index}]");
         let chunk = if index == 0 && buffer.uri.is_none() { self.chunk.take() } else { None };
         let mut bytes = match (&buffer.uri, chunk) {
-            (Some(uri), _) => bytes::resolve(&self.file, &format!("{what}.uri"), uri)?,
+            (Some(uri), _) => bytes::resolve(&self.file, &format!("{location}.uri"), uri)?,
             (None, Some(chunk)) => chunk,
             (None, None) => {
-                self.only_in_extension(&what, &buffer.extensions, "a uri or a binary chunk")?;
-                return Err(self.bad(what, "neither a uri nor a binary chunk", "one of them"));
+                self.only_in_extension(&location, &buffer.extensions, "a uri or a binary chunk")?;
+                return Err(self.bad(location, "neither a uri nor a binary chunk", "one of them"));
             }
         };
         if bytes.len() < buffer.byte_length {
             let found = format!("{} bytes", bytes.len());
-            return Err(self.bad(what, found, format!("{} bytes, its byteLength", buffer.byte_length)));
+            return Err(self.bad(location, found, format!("{} bytes, its byteLength", buffer.byte_length)));
         }
         bytes.truncate(buffer.byte_length);
         let held: usize = self.buffers.iter().filter_map(OnceCell::get).map(Vec::len).sum();
         let total = (held + bytes.len()) as u64;
         if total > MAX_FILE_BYTES {
-            return Err(self.bad(what, format!("{total} bytes in all"), format!("up to {MAX_FILE_BYTES}")));
+            return Err(self.bad(location, format!("{total} bytes in all"), format!("up to {MAX_FILE_BYTES}")));
         }
         Ok(self.buffers[index].get_or_init(|| bytes))
     }
 
     /// All bytes of a buffer view and its stride, 0 if its elements are contiguous.
-    pub fn view(&self, index: usize, what: &str) -> Result<(&[u8], usize), SceneError> {
-        let view = self.get(&self.json.buffer_views, "bufferViews", index, what)?;
-        let what = format!("bufferViews[{index}]");
-        let buffer = self.buffer(view.buffer, &format!("{what}.buffer"))?;
+    pub fn view(&self, index: usize, location: &str) -> Result<(&[u8], usize), SceneError> {
+        let view = self.get(&self.json.buffer_views, "bufferViews", index, location)?;
+        let location = format!("bufferViews[{index}]");
+        let buffer = self.buffer(view.buffer, &format!("{location}.buffer"))?;
         let bytes = view.byte_offset.checked_add(view.byte_length).and_then(|end| buffer.get(view.byte_offset..end));
         let bytes = bytes.ok_or_else(|| {
             let found = format!("{} bytes from byte {}", view.byte_length, view.byte_offset);
-            self.bad(&what, found, format!("a part of the {} bytes of buffers[{}]", buffer.len(), view.buffer))
+            self.bad(&location, found, format!("a part of the {} bytes of buffers[{}]", buffer.len(), view.buffer))
         })?;
         match view.byte_stride {
             Some(stride) if !(4..=252).contains(&stride) => {
-                Err(self.bad(format!("{what}.byteStride"), stride, "4 to 252"))
+                Err(self.bad(format!("{location}.byteStride"), stride, "4 to 252"))
             }
             stride => Ok((bytes, stride.unwrap_or(0))),
         }
@@ -142,33 +147,33 @@ impl Gltf {
     pub fn floats<const N: usize>(
         &self,
         index: usize,
-        what: &str,
+        location: &str,
         shapes: &[&str],
         fill: f32,
     ) -> Result<Vec<[f32; N]>, SceneError> {
-        let rows = self.numbers(index, what, shapes, fill)?;
+        let rows = self.numbers(index, location, shapes, fill)?;
         for (row, values) in rows.iter().enumerate() {
             if let Some(bad) = values.iter().find(|v| !v.is_finite()) {
-                return Err(self.bad(format!("{what} (accessors[{index}], element {row})"), bad, "finite numbers"));
+                return Err(self.bad(format!("{location} (accessors[{index}], element {row})"), bad, "finite numbers"));
             }
         }
         Ok(rows)
     }
 
-    /// The accessor's elements as numbers; `what` is its place for errors. Missing components up to
+    /// The accessor's elements as numbers; `location` is for errors. Missing components up to
     /// N are set to `fill`. Normalized integers become -1 to 1 (glTF 2.0, section 3.6.2.2).
     pub fn numbers<const N: usize>(
         &self,
         index: usize,
-        what: &str,
+        location: &str,
         shapes: &[&str],
         fill: f32,
     ) -> Result<Vec<[f32; N]>, SceneError> {
-        let accessor = self.accessor(index, what, shapes)?;
-        let elements = self.elements(index, accessor, what)?;
+        let accessor = self.accessor(index, location, shapes)?;
+        let elements = self.elements(index, accessor, location)?;
         let component = elements.component;
         if accessor.normalized && component == Component::U32 {
-            return Err(self.bad(what, "normalized 32-bit numbers", "normalized numbers of 8 or 16 bits"));
+            return Err(self.bad(location, "normalized 32-bit numbers", "normalized numbers of 8 or 16 bits"));
         }
         let mut rows = Vec::with_capacity(elements.count);
         for element in elements.bytes.chunks_exact(elements.size) {
@@ -182,17 +187,17 @@ impl Gltf {
     }
 
     /// An accessor of vertex indices, each below `vertices`.
-    pub fn indices(&self, index: usize, what: &str, vertices: usize) -> Result<Vec<u32>, SceneError> {
-        let accessor = self.accessor(index, what, &["SCALAR"])?;
-        let elements = self.elements(index, accessor, what)?;
+    pub fn indices(&self, index: usize, location: &str, vertices: usize) -> Result<Vec<u32>, SceneError> {
+        let accessor = self.accessor(index, location, &["SCALAR"])?;
+        let elements = self.elements(index, accessor, location)?;
         if !elements.component.is_unsigned() {
-            return Err(self.bad(what, accessor.component_type, "componentType 5121, 5123 or 5125 (unsigned)"));
+            return Err(self.bad(location, accessor.component_type, "componentType 5121, 5123 or 5125 (unsigned)"));
         }
         let mut indices = Vec::with_capacity(elements.count);
         for (row, bytes) in elements.bytes.chunks_exact(elements.size).enumerate() {
             let value = elements.component.unsigned(bytes);
             if value as usize >= vertices {
-                let place = format!("{what} (accessors[{index}], element {row})");
+                let place = format!("{location} (accessors[{index}], element {row})");
                 return Err(self.bad(place, value, format!("an index into {vertices} vertices")));
             }
             indices.push(value);
@@ -201,74 +206,86 @@ impl Gltf {
     }
 
     /// Number of elements declared by an accessor, without reading them.
-    pub fn count(&self, index: usize, what: &str) -> Result<usize, SceneError> {
-        Ok(self.get(&self.json.accessors, "accessors", index, what)?.count)
+    pub fn count(&self, index: usize, location: &str) -> Result<usize, SceneError> {
+        Ok(self.get(&self.json.accessors, "accessors", index, location)?.count)
     }
 
     /// True if an accessor has bytes in the file; otherwise all its elements are zero.
-    pub fn has_bytes(&self, index: usize, what: &str) -> Result<bool, SceneError> {
-        let accessor = self.get(&self.json.accessors, "accessors", index, what)?;
+    pub fn has_bytes(&self, index: usize, location: &str) -> Result<bool, SceneError> {
+        let accessor = self.get(&self.json.accessors, "accessors", index, location)?;
         Ok(accessor.buffer_view.is_some() || accessor.sparse.is_some())
     }
 
-    fn accessor(&self, index: usize, what: &str, shapes: &[&str]) -> Result<&Accessor, SceneError> {
-        let accessor = self.get(&self.json.accessors, "accessors", index, what)?;
+    fn accessor(&self, index: usize, location: &str, shapes: &[&str]) -> Result<&Accessor, SceneError> {
+        let accessor = self.get(&self.json.accessors, "accessors", index, location)?;
         if !shapes.contains(&accessor.shape.as_str()) {
-            let place = format!("{what} (accessors[{index}].type)");
+            let place = format!("{location} (accessors[{index}].type)");
             return Err(self.bad(place, format!("{:?}", accessor.shape), shapes.join(" or ")));
         }
         Ok(accessor)
     }
 
     /// The accessor's bytes without gaps, including sparse elements.
-    fn elements(&self, index: usize, accessor: &Accessor, what: &str) -> Result<Elements, SceneError> {
-        let what = format!("{what} (accessors[{index}])");
+    fn elements(&self, index: usize, accessor: &Accessor, location: &str) -> Result<Elements, SceneError> {
+        let location = format!("{location} (accessors[{index}])");
         let component = Component::from_code(accessor.component_type)
-            .ok_or_else(|| self.bad(&what, accessor.component_type, "componentType 5120 to 5123, 5125 or 5126"))?;
+            .ok_or_else(|| self.bad(&location, accessor.component_type, "componentType 5120 to 5123, 5125 or 5126"))?;
         let size = component.size() * components(&accessor.shape);
         let count = accessor.count;
         let mut bytes = match accessor.buffer_view {
-            Some(view) => self.packed(view, accessor.byte_offset, count, size, &what)?,
+            Some(view) => self.packed(view, accessor.byte_offset, count, size, &location)?,
             None if count <= MAX_COUNT_WITHOUT_BYTES => vec![0; count * size],
             None => {
                 let accepted = format!("up to {MAX_COUNT_WITHOUT_BYTES} where there is no bufferView");
-                return Err(self.bad(format!("{what}.count"), count, accepted));
+                return Err(self.bad(format!("{location}.count"), count, accepted));
             }
         };
         if let Some(sparse) = &accessor.sparse {
-            self.put_sparse(sparse, &mut bytes, size, &what)?;
+            self.put_sparse(sparse, &mut bytes, size, &location)?;
         }
         Ok(Elements { bytes, component, size, count })
     }
 
-    fn put_sparse(&self, sparse: &schema::Sparse, bytes: &mut [u8], size: usize, what: &str) -> Result<(), SceneError> {
-        let what = format!("{what}.sparse");
+    fn put_sparse(
+        &self,
+        sparse: &schema::Sparse,
+        bytes: &mut [u8],
+        size: usize,
+        location: &str,
+    ) -> Result<(), SceneError> {
+        let location = format!("{location}.sparse");
         let code = sparse.indices.component_type.unwrap_or(0);
-        let component = Component::from_code(code)
-            .filter(|c| c.is_unsigned())
-            .ok_or_else(|| self.bad(format!("{what}.indices.componentType"), code, "5121, 5123 or 5125 (unsigned)"))?;
+        let component = Component::from_code(code).filter(|c| c.is_unsigned()).ok_or_else(|| {
+            self.bad(format!("{location}.indices.componentType"), code, "5121, 5123 or 5125 (unsigned)")
+        })?;
         let part = &sparse.indices;
-        let places = self.packed(part.buffer_view, part.byte_offset, sparse.count, component.size(), &what)?;
+        let places = self.packed(part.buffer_view, part.byte_offset, sparse.count, component.size(), &location)?;
         let part = &sparse.values;
-        let values = self.packed(part.buffer_view, part.byte_offset, sparse.count, size, &what)?;
+        let values = self.packed(part.buffer_view, part.byte_offset, sparse.count, size, &location)?;
         let count = bytes.len() / size;
         for (place, value) in places.chunks_exact(component.size()).zip(values.chunks_exact(size)) {
             let place = component.unsigned(place) as usize;
-            let element = place
-                .checked_mul(size)
-                .and_then(|at| bytes.get_mut(at..at + size))
-                .ok_or_else(|| self.bad(format!("{what}.indices"), place, format!("an index into {count} elements")))?;
+            let element = place.checked_mul(size).and_then(|at| bytes.get_mut(at..at + size)).ok_or_else(|| {
+                self.bad(format!("{location}.indices"), place, format!("an index into {count} elements"))
+            })?;
             element.copy_from_slice(value);
         }
         Ok(())
     }
 
     /// `count` elements of `size` bytes, `offset` bytes into a view, tightly packed.
-    fn packed(&self, view: usize, offset: usize, count: usize, size: usize, what: &str) -> Result<Vec<u8>, SceneError> {
-        let (bytes, stride) = self.view(view, what)?;
+    fn packed(
+        &self,
+        view: usize,
+        offset: usize,
+        count: usize,
+        size: usize,
+        location: &str,
+    ) -> Result<Vec<u8>, SceneError> {
+        let (bytes, stride) = self.view(view, location)?;
         let stride = if stride == 0 { size } else { stride };
         if stride < size {
-            return Err(self.bad(what, format!("a byteStride of {stride}"), format!("{size} or more")));
+            return Err(self.bad(location, format!("a byteStride of {stride}"), format!("{size} or more")));
         }
         if count == 0 {
             return Ok(Vec::new());
@@ -277,7 +294,7 @@ impl Gltf {
         let end = (count - 1).checked_mul(stride).and_then(|n| n.checked_add(size)).and_then(|n| n.checked_add(offset));
         let part = end.and_then(|end| bytes.get(offset..end)).ok_or_else(|| {
             let found = format!("{count} elements of {size} bytes, {stride} apart, from byte {offset}");
-            self.bad(what, found, format!("elements within the {} bytes of bufferViews[{view}]", bytes.len()))
+            self.bad(location, found, format!("elements within the {} bytes of bufferViews[{view}]", bytes.len()))
         })?;
         if stride == size {
             return Ok(part.to_vec());
@@ -287,8 +304,8 @@ impl Gltf {
 }
 
 /// The place of an attribute of a primitive.
-pub(super) fn place(what: &str, attribute: &str) -> String {
-    format!("{what}.attributes.{attribute}")
+pub(super) fn place(location: &str, attribute: &str) -> String {
+    format!("{location}.attributes.{attribute}")
 }
 
 fn check_version(file: &Path, version: &Value) -> Result<(), SceneError> {

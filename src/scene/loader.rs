@@ -129,7 +129,7 @@ impl Loader {
     pub fn count_geometry(
         &mut self,
         file: &Path,
-        what: &str,
+        location: &str,
         vertices: usize,
         indices: usize,
     ) -> Result<(), SceneError> {
@@ -137,7 +137,12 @@ impl Loader {
         self.indices = self.indices.saturating_add(indices);
         if self.vertices > MAX_VERTICES || self.indices > MAX_INDICES {
             let found = format!("{} vertices and {} indices so far", self.vertices, self.indices);
-            return Err(SceneError::bad(file, what, found, format!("up to {MAX_VERTICES} and {MAX_INDICES} in all")));
+            return Err(SceneError::bad(
+                file,
+                location,
+                found,
+                format!("up to {MAX_VERTICES} and {MAX_INDICES} in all"),
+            ));
         }
         Ok(())
     }

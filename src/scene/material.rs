@@ -7,7 +7,7 @@ use super::{Alpha, Material, SceneError, Texture, TextureUse, Wrap, bytes};
 
 impl ModelReader<'_> {
     /// Index of a material in the scene, loaded on first use. `None` is glTF's default.
-    pub(super) fn material(&mut self, index: Option<usize>, what: &str) -> Result<usize, SceneError> {
+    pub(super) fn material(&mut self, index: Option<usize>, location: &str) -> Result<usize, SceneError> {
         if let Some(&known) = self.materials.get(&index) {
             return Ok(known);
         }
@@ -15,7 +15,7 @@ impl ModelReader<'_> {
             None => Material::default(),
             Some(i) => {
                 let gltf = self.gltf;
-                let json = gltf.get(&gltf.json.materials, "materials", i, what)?;
+                let json = gltf.get(&gltf.json.materials, "materials", i, location)?;
                 self.read_material(json, &format!("materials[{i}]"))?
             }
         };
@@ -25,10 +25,10 @@ impl ModelReader<'_> {
         Ok(known)
     }
 
-    fn read_material(&mut self, json: &schema::Material, what: &str) -> Result<Material, SceneError> {
+    fn read_material(&mut self, json: &schema::MaterialJson, location: &str) -> Result<Material, SceneError> {
         let pbr = &json.pbr_metallic_roughness;
-        let place = |key: &str| format!("{what}.{key}");
-        let pbr_place = |key: &str| format!("{what}.pbrMetallicRoughness.{key}");
+        let place = |key: &str| format!("{location}.{key}");
+        let pbr_place = |key: &str| format!("{location}.pbrMetallicRoughness.{key}");
         let strength = json.extensions.emissive_strength.as_ref().and_then(|e| e.emissive_strength).unwrap_or(1.0);
         let strength = self.factor(strength, f32::MAX, &place("extensions.KHR_materials_emissive_strength"))?;
         let mut base_color = pbr.base_color_factor.unwrap_or([1.0; 4]);
@@ -45,14 +45,14 @@ impl ModelReader<'_> {
         }
         let occlusion = json.occlusion_texture.as_ref().and_then(|t| t.strength).unwrap_or(1.0);
         Ok(Material {
-            name: json.name.clone().unwrap_or_else(|| what.to_owned()),
+            name: json.name.clone().unwrap_or_else(|| location.to_owned()),
             base_color,
             metallic: self.factor(pbr.metallic_factor.unwrap_or(1.0), 1.0, &pbr_place("metallicFactor"))?,
             roughness: self.factor(pbr.roughness_factor.unwrap_or(1.0), 1.0, &pbr_place("roughnessFactor"))?,
             emissive,
             normal_scale,
             occlusion_strength: self.factor(occlusion, 1.0, &place("occlusionTexture.strength"))?,
-            alpha: self.alpha(json, what)?,
+            alpha: self.alpha(json, location)?,
             double_sided: json.double_sided,
             unlit: json.extensions.unlit.is_some(),
             base_color_texture: self.texture(&pbr.base_color_texture, true, &pbr_place("baseColorTexture"))?,
@@ -68,28 +68,28 @@ impl ModelReader<'_> {
     }
 
     /// A factor from 0 to `max`. Outside values are clamped with a warning.
-    fn factor(&mut self, value: f32, max: f32, what: &str) -> Result<f32, SceneError> {
+    fn factor(&mut self, value: f32, max: f32, location: &str) -> Result<f32, SceneError> {
         if !value.is_finite() {
-            return Err(self.gltf.bad(what, value, "a finite number"));
+            return Err(self.gltf.bad(location, value, "a finite number"));
         }
         let clamped = value.clamp(0.0, max);
         if clamped != value {
-            self.warn(format!("{what} is {value}, outside 0 to {max}: {clamped} is used"));
+            self.warn(format!("{location} is {value}, outside 0 to {max}: {clamped} is used"));
         }
         Ok(clamped)
     }
 
-    fn alpha(&mut self, json: &schema::Material, what: &str) -> Result<Alpha, SceneError> {
+    fn alpha(&mut self, json: &schema::MaterialJson, location: &str) -> Result<Alpha, SceneError> {
         match json.alpha_mode.as_deref() {
             None | Some("OPAQUE") => Ok(Alpha::Opaque),
             Some("BLEND") => Ok(Alpha::Blend),
             Some("MASK") => {
                 let cutoff = json.alpha_cutoff.unwrap_or(0.5);
                 // A cutoff above 1 removes everything, as specified by the file.
-                Ok(Alpha::Mask(self.factor(cutoff, f32::MAX, &format!("{what}.alphaCutoff"))?))
+                Ok(Alpha::Mask(self.factor(cutoff, f32::MAX, &format!("{location}.alphaCutoff"))?))
             }
             Some(other) => {
-                self.warn(format!("{what}.alphaMode is {other:?}, none of OPAQUE, MASK and BLEND: OPAQUE is used"));
+                self.warn(format!("{location}.alphaMode is {other:?}, none of OPAQUE, MASK and BLEND: OPAQUE is used"));
                 Ok(Alpha::Opaque)
             }
         }
@@ -99,12 +99,12 @@ impl ModelReader<'_> {
         &mut self,
         info: &Option<TextureInfo>,
         srgb: bool,
-        what: &str,
+        location: &str,
     ) -> Result<Option<TextureUse>, SceneError> {
         let Some(info) = info else { return Ok(None) };
         let gltf = self.gltf;
         let place = format!("textures[{}]", info.index);
-        let texture = gltf.get(&gltf.json.textures, "textures", info.index, format!("{what}.index"))?;
+        let texture = gltf.get(&gltf.json.textures, "textures", info.index, format!("{location}.index"))?;
         let Some(image) = texture.source else {
             gltf.only_in_extension(&place, &texture.extensions, "a source that is PNG or JPEG")?;
             self.warn(format!("{place} has no source: ignored"));
@@ -113,13 +113,13 @@ impl ModelReader<'_> {
         let transform = info.extensions.transform.as_ref();
         let uv_set = transform.and_then(|t| t.tex_coord).unwrap_or(info.tex_coord);
         if uv_set > 1 {
-            self.warn(format!("{what} uses TEXCOORD_{uv_set}, only TEXCOORD_0 and _1 are supported: ignored"));
+            self.warn(format!("{location} uses TEXCOORD_{uv_set}, only TEXCOORD_0 and _1 are supported: ignored"));
             return Ok(None);
         }
         let rows = transform.map_or([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], transform_rows);
         if !rows.as_flattened().iter().all(|v| v.is_finite()) {
-            let what = format!("{what}.extensions.KHR_texture_transform");
-            return Err(gltf.bad(what, "a number that is not finite", "finite numbers"));
+            let location = format!("{location}.extensions.KHR_texture_transform");
+            return Err(gltf.bad(location, "a number that is not finite", "finite numbers"));
         }
         let default = schema::Sampler::default();
         let sampler = match texture.sampler {
@@ -143,14 +143,14 @@ impl ModelReader<'_> {
 
     /// Wrap modes, smooth magnification, and mipmapped minification. An unknown code is replaced by
     /// the default, with a warning.
-    fn sampling(&mut self, sampler: &schema::Sampler, what: &str) -> ([Wrap; 2], bool, bool) {
+    fn sampling(&mut self, sampler: &schema::Sampler, location: &str) -> ([Wrap; 2], bool, bool) {
         let mut known = |key: &str, code: Option<u32>, codes: &[u32]| {
             let code = code?;
             if codes.contains(&code) {
                 return Some(code);
             }
             let codes: Vec<_> = codes.iter().map(u32::to_string).collect();
-            self.warn(format!("{what}.{key} is {code}, none of {}: the default is used", codes.join(", ")));
+            self.warn(format!("{location}.{key} is {code}, none of {}: the default is used", codes.join(", ")));
             None
         };
         let mut wrap = |key, code| match known(key, code, &[10497, 33071, 33648]) {
@@ -165,23 +165,23 @@ impl ModelReader<'_> {
         (wraps, smooth, mipmaps)
     }
 
-    fn image(&mut self, index: usize, what: &str) -> Result<Rgba, SceneError> {
+    fn image(&mut self, index: usize, location: &str) -> Result<Rgba, SceneError> {
         if let Some(known) = self.images.get(&index) {
             return Ok(known.clone());
         }
         let gltf = self.gltf;
-        let image = gltf.get(&gltf.json.images, "images", index, what)?;
-        let what = format!("images[{index}]");
+        let image = gltf.get(&gltf.json.images, "images", index, location)?;
+        let location = format!("images[{index}]");
         let outside;
         let bytes = match (&image.uri, image.buffer_view) {
             (Some(uri), _) => {
-                outside = bytes::resolve(&gltf.file, &format!("{what}.uri"), uri)?;
+                outside = bytes::resolve(&gltf.file, &format!("{location}.uri"), uri)?;
                 &outside[..]
             }
-            (None, Some(view)) => gltf.view(view, &format!("{what}.bufferView"))?.0,
-            (None, None) => return Err(gltf.bad(what, "neither a uri nor a bufferView", "one of them")),
+            (None, Some(view)) => gltf.view(view, &format!("{location}.bufferView"))?.0,
+            (None, None) => return Err(gltf.bad(location, "neither a uri nor a bufferView", "one of them")),
         };
-        let decoded = picture::decode(&gltf.file, &what, bytes, MAX_PIXELS - self.loader.pixels)?;
+        let decoded = picture::decode(&gltf.file, &location, bytes, MAX_PIXELS - self.loader.pixels)?;
         self.loader.pixels += u64::from(decoded.width) * u64::from(decoded.height);
         self.images.insert(index, decoded.clone());
         Ok(decoded)

@@ -88,14 +88,14 @@ impl ModelReader<'_> {
         for &(index, model_from_node) in &tree.nodes {
             let node = &gltf.json.nodes[index];
             if let Some(mesh) = node.mesh {
-                let what = format!("nodes[{index}].mesh");
-                let rest = self.rest(mesh, index, &joint_places, &what)?;
+                let location = format!("nodes[{index}].mesh");
+                let rest = self.rest(mesh, index, &joint_places, &location)?;
                 // glTF 2.0, section 3.7.3.1: only the joints place a skinned mesh.
                 let model_from_mesh = if rest.skin.is_some() { DAffine3::IDENTITY } else { model_from_node };
                 if model_from_mesh.matrix3.determinant() == 0.0 {
                     self.warn(format!("nodes[{index}] is scaled to nothing along an axis: its mesh is left out"));
                 } else {
-                    let meshes = self.mesh(mesh, &rest, &what)?;
+                    let meshes = self.mesh(mesh, &rest, &location)?;
                     if parts.len() + meshes.len() > MAX_PARTS {
                         return Err(gltf.bad("nodes", "more placed meshes", format!("up to {MAX_PARTS}")));
                     }
@@ -103,10 +103,10 @@ impl ModelReader<'_> {
                 }
             }
             if let Some(light) = &node.extensions.light {
-                let what = format!("nodes[{index}].extensions.KHR_lights_punctual.light");
+                let location = format!("nodes[{index}].extensions.KHR_lights_punctual.light");
                 let list = &gltf.json.extensions.lights.lights;
-                let light = gltf.get(list, "lights", light.light, &what);
-                match light.and_then(|light| self.light(light, model_from_node, &what)) {
+                let light = gltf.get(list, "lights", light.light, &location);
+                match light.and_then(|light| self.light(light, model_from_node, &location)) {
                     Ok(light) => lights.push(light),
                     Err(error) => self.loader.warn_verbatim(format!("{error}; this light is left out")),
                 }
@@ -116,14 +116,14 @@ impl ModelReader<'_> {
     }
 
     /// The scene's meshes for a mesh of the file, one per primitive.
-    fn mesh(&mut self, index: usize, rest: &RestPose<'_>, what: &str) -> Result<Vec<usize>, SceneError> {
+    fn mesh(&mut self, index: usize, rest: &RestPose<'_>, location: &str) -> Result<Vec<usize>, SceneError> {
         let key = (index, rest.key);
         if let Some(known) = self.meshes.get(&key) {
             return Ok(known.clone());
         }
         let gltf = self.gltf;
         let mut meshes = Vec::new();
-        for (i, primitive) in gltf.get(&gltf.json.meshes, "meshes", index, what)?.primitives.iter().enumerate() {
+        for (i, primitive) in gltf.get(&gltf.json.meshes, "meshes", index, location)?.primitives.iter().enumerate() {
             if let Some(mesh) = self.primitive(primitive, rest, &format!("meshes[{index}].primitives[{i}]"))? {
                 self.loader.scene.meshes.push(Arc::new(mesh));
                 meshes.push(self.loader.scene.meshes.len() - 1);
@@ -137,7 +137,7 @@ impl ModelReader<'_> {
         &mut self,
         primitive: &Primitive,
         rest: &RestPose<'_>,
-        what: &str,
+        location: &str,
     ) -> Result<Option<Mesh>, SceneError> {
         let gltf = self.gltf;
         let assembly = match primitive.mode.unwrap_or(4) {
@@ -148,42 +148,42 @@ impl ModelReader<'_> {
                 self.warn("points and lines are not supported: ignored".to_owned());
                 return Ok(None);
             }
-            other => return Err(gltf.bad(format!("{what}.mode"), other, "0 to 6")),
+            other => return Err(gltf.bad(format!("{location}.mode"), other, "0 to 6")),
         };
         let Some(position) = primitive.attributes.position else {
-            self.warn(format!("{what} has no POSITION: ignored"));
+            self.warn(format!("{location} has no POSITION: ignored"));
             return Ok(None);
         };
-        let position_place = place(what, "POSITION");
+        let position_place = place(location, "POSITION");
         if !gltf.has_bytes(position, &position_place)? {
-            gltf.only_in_extension(what, &primitive.extensions, "positions in an accessor with a bufferView")?;
+            gltf.only_in_extension(location, &primitive.extensions, "positions in an accessor with a bufferView")?;
         }
         let vertices = gltf.count(position, &position_place)?;
         let corners = match primitive.indices {
-            Some(index) => gltf.count(index, &format!("{what}.indices"))?,
+            Some(index) => gltf.count(index, &format!("{location}.indices"))?,
             None => vertices,
         };
         if assembly == PrimitiveAssembly::List && corners % 3 != 0 {
-            self.warn(format!("{what}: the last of {corners} corners make no triangle: left out"));
+            self.warn(format!("{location}: the last of {corners} corners make no triangle: left out"));
         }
-        let material = self.material(primitive.material, &format!("{what}.material"))?;
+        let material = self.material(primitive.material, &format!("{location}.material"))?;
         let unlit = self.loader.scene.materials[material].unlit;
         // Without normals, triangles do not share vertices, except for unlit materials, which use
         // no normals.
         let flat = primitive.attributes.normal.is_none() && !unlit;
         let triangles = if assembly == PrimitiveAssembly::List { corners } else { corners.saturating_mul(3) };
         let made = vertices.max(if flat { triangles } else { 0 });
-        self.loader.count_geometry(&gltf.file, what, made, triangles)?;
+        self.loader.count_geometry(&gltf.file, location, made, triangles)?;
 
-        let mut vertices = self.vertices(primitive, position, what)?;
+        let mut vertices = self.vertices(primitive, position, location)?;
         let indices = match primitive.indices {
-            Some(index) => gltf.indices(index, &format!("{what}.indices"), vertices.len())?,
+            Some(index) => gltf.indices(index, &format!("{location}.indices"), vertices.len())?,
             None => (0..vertices.len() as u32).collect(),
         };
         let mut indices = geometry::triangles(assembly, indices);
-        rest.apply(gltf, primitive, &mut vertices, &mut indices, what)?;
+        rest.apply(gltf, primitive, &mut vertices, &mut indices, location)?;
         if indices.is_empty() {
-            self.warn(format!("{what} has no triangles: ignored"));
+            self.warn(format!("{location} has no triangles: ignored"));
             return Ok(None);
         }
         if flat {
@@ -193,27 +193,27 @@ impl ModelReader<'_> {
             if missing > 0 {
                 geometry::fill_normals(&mut vertices, &indices);
                 if primitive.attributes.normal.is_some() {
-                    self.warn(format!("{what}: {missing} normals have no length: computed from the triangles"));
+                    self.warn(format!("{location}: {missing} normals have no length: computed from the triangles"));
                 }
             }
         }
-        self.tangents(primitive, material, &mut vertices, &mut indices, what);
-        self.warn_of_missing_uv(primitive, material, what);
+        self.tangents(primitive, material, &mut vertices, &mut indices, location);
+        self.warn_of_missing_uv(primitive, material, location);
         Ok(Some(Mesh { vertices, indices, material }))
     }
 
     /// The attributes of all vertices; normals of unit length or zero.
-    fn vertices(&mut self, primitive: &Primitive, position: usize, what: &str) -> Result<Vec<Vertex>, SceneError> {
+    fn vertices(&mut self, primitive: &Primitive, position: usize, location: &str) -> Result<Vec<Vertex>, SceneError> {
         let attributes = &primitive.attributes;
-        let positions = self.gltf.floats::<3>(position, &place(what, "POSITION"), &["VEC3"], 0.0)?;
+        let positions = self.gltf.floats::<3>(position, &place(location, "POSITION"), &["VEC3"], 0.0)?;
         let count = positions.len();
-        let normals = self.attribute::<3>(attributes.normal, what, "NORMAL", &["VEC3"], count)?;
+        let normals = self.attribute::<3>(attributes.normal, location, "NORMAL", &["VEC3"], count)?;
         // glTF 2.0, section 3.7.2.1: without normals, tangents are to be ignored.
         let tangents = attributes.tangent.filter(|_| normals.is_some());
-        let tangents = self.attribute::<4>(tangents, what, "TANGENT", &["VEC4"], count)?;
-        let uv0 = self.attribute::<2>(attributes.uv0, what, "TEXCOORD_0", &["VEC2"], count)?;
-        let uv1 = self.attribute::<2>(attributes.uv1, what, "TEXCOORD_1", &["VEC2"], count)?;
-        let colors = self.attribute::<4>(attributes.color, what, "COLOR_0", &["VEC3", "VEC4"], count)?;
+        let tangents = self.attribute::<4>(tangents, location, "TANGENT", &["VEC4"], count)?;
+        let uv0 = self.attribute::<2>(attributes.uv0, location, "TEXCOORD_0", &["VEC2"], count)?;
+        let uv1 = self.attribute::<2>(attributes.uv1, location, "TEXCOORD_1", &["VEC2"], count)?;
+        let colors = self.attribute::<4>(attributes.color, location, "COLOR_0", &["VEC3", "VEC4"], count)?;
         let vertex = |(i, position)| Vertex {
             position,
             normal: normals.as_ref().map_or(Vec3::ZERO, |n| Vec3::from(n[i]).normalize_or_zero()).to_array(),
@@ -229,22 +229,22 @@ impl ModelReader<'_> {
     fn attribute<const N: usize>(
         &mut self,
         index: Option<usize>,
-        what: &str,
+        location: &str,
         name: &str,
         shapes: &[&str],
         count: usize,
     ) -> Result<Option<Vec<[f32; N]>>, SceneError> {
         let Some(index) = index else { return Ok(None) };
-        let what = place(what, name);
-        let found = self.gltf.count(index, &what)?;
+        let location = place(location, name);
+        let found = self.gltf.count(index, &location)?;
         if found != count {
-            return Err(self.gltf.bad(what, format!("{found} elements"), format!("{count}, as POSITION")));
+            return Err(self.gltf.bad(location, format!("{found} elements"), format!("{count}, as POSITION")));
         }
-        let mut rows = self.gltf.numbers(index, &what, shapes, 1.0)?;
+        let mut rows = self.gltf.numbers(index, &location, shapes, 1.0)?;
         let odd = rows.as_flattened_mut().iter_mut().filter(|value| !value.is_finite());
         let odd = odd.map(|value| *value = 0.0).count();
         if odd > 0 {
-            self.warn(format!("{what}: {odd} numbers are not finite: 0 is used"));
+            self.warn(format!("{location}: {odd} numbers are not finite: 0 is used"));
         }
         Ok(Some(rows))
     }
@@ -256,7 +256,7 @@ impl ModelReader<'_> {
         material: usize,
         vertices: &mut Vec<Vertex>,
         indices: &mut [u32],
-        what: &str,
+        location: &str,
     ) {
         let Some(map) = self.loader.scene.materials[material].normal_texture else {
             vertices.iter_mut().for_each(|v| v.tangent = [0.0; 4]);
@@ -267,12 +267,12 @@ impl ModelReader<'_> {
             if vertices.iter().all(|v| v.tangent != [0.0; 4]) {
                 return;
             }
-            self.warn(format!("{what}: some tangents have no length: all are recomputed"));
+            self.warn(format!("{location}: some tangents have no length: all are recomputed"));
         }
         geometry::tangents(vertices, indices, &map);
     }
 
-    fn warn_of_missing_uv(&mut self, primitive: &Primitive, material: usize, what: &str) {
+    fn warn_of_missing_uv(&mut self, primitive: &Primitive, material: usize, location: &str) {
         let m = &self.loader.scene.materials[material];
         let uses = [
             m.base_color_texture,
@@ -283,14 +283,14 @@ impl ModelReader<'_> {
         ];
         let there = [primitive.attributes.uv0.is_some(), primitive.attributes.uv1.is_some()];
         if let Some(set) = uses.iter().flatten().map(|t| t.uv_set).find(|&set| !there[set as usize & 1]) {
-            self.warn(format!("{what} has no TEXCOORD_{set}, which its material uses: 0, 0 is used"));
+            self.warn(format!("{location} has no TEXCOORD_{set}, which its material uses: 0, 0 is used"));
         }
     }
 
-    fn light(&mut self, light: &Light, model_from_light: DAffine3, what: &str) -> Result<ModelLight, SceneError> {
+    fn light(&mut self, light: &Light, model_from_light: DAffine3, location: &str) -> Result<ModelLight, SceneError> {
         let gltf = self.gltf;
         let bad = |key: &str, found: &dyn std::fmt::Display, accepted: &str| {
-            gltf.bad(format!("{what} → {key}"), found, accepted)
+            gltf.bad(format!("{location} → {key}"), found, accepted)
         };
         let color = match *light.color {
             [] => Vec3::ONE,
@@ -317,7 +317,7 @@ impl ModelReader<'_> {
                 if !(0.0 <= inner && inner < outer && outer <= FRAC_PI_2 + 1e-6) {
                     let [inner_used, outer_used] = angles;
                     self.warn(format!(
-                        "{what} → spot: inner {inner}, outer {outer}, which are not 0 ≤ inner < outer ≤ π/2: \
+                        "{location} → spot: inner {inner}, outer {outer}, which are not 0 ≤ inner < outer ≤ π/2: \
                          {inner_used} and {outer_used} are used"
                     ));
                 }

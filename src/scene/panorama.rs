@@ -77,8 +77,9 @@ fn make_finite(light: &mut PanoramaPixels) -> Option<String> {
         *value = if *value == f32::INFINITY { MAX_HALF } else { 0.0 };
         changed += 1;
     }
-    let what = "negative, infinite or not a number";
-    (changed > 0).then(|| format!("{changed} of its values are {what}: 0 is used, and {MAX_HALF} for infinite ones"))
+    let location = "negative, infinite or not a number";
+    (changed > 0)
+        .then(|| format!("{changed} of its values are {location}: 0 is used, and {MAX_HALF} for infinite ones"))
 }
 
 /// Decodes a Radiance HDR picture, in W/(sr·m²) if its header contains the exposure.

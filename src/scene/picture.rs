@@ -23,9 +23,9 @@ pub(super) struct Rgba {
     pub rgba: Arc<Vec<u8>>,
 }
 
-/// Decodes a PNG or JPEG of at most `pixels_left` pixels. `what` is its place in `file`.
-pub(super) fn decode(file: &Path, what: &str, bytes: &[u8], pixels_left: u64) -> Result<Rgba, SceneError> {
-    let bad = |found: String, accepted: &str| SceneError::bad(file, what, found, accepted);
+/// Decodes a PNG or JPEG of at most `pixels_left` pixels. `location` is its place in `file`.
+pub(super) fn decode(file: &Path, location: &str, bytes: &[u8], pixels_left: u64) -> Result<Rgba, SceneError> {
+    let bad = |found: String, accepted: &str| SceneError::bad(file, location, found, accepted);
     let format = match image::guess_format(bytes) {
         Ok(format @ (ImageFormat::Png | ImageFormat::Jpeg)) => format,
         Ok(other) => {

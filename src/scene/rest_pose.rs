@@ -28,17 +28,17 @@ impl<'a> ModelReader<'a> {
         mesh: usize,
         node: usize,
         model_from_node: &HashMap<usize, DAffine3>,
-        what: &str,
+        location: &str,
     ) -> Result<RestPose<'a>, SceneError> {
         let gltf = self.gltf;
-        let mesh = gltf.get(&gltf.json.meshes, "meshes", mesh, what)?;
+        let mesh = gltf.get(&gltf.json.meshes, "meshes", mesh, location)?;
         let node_json = &gltf.json.nodes[node];
         let has_own_weights = !node_json.weights.is_empty();
         let weights = if has_own_weights { &node_json.weights } else { &mesh.weights };
         let mut key = (None, has_own_weights.then_some(node));
         let Some(skin) = node_json.skin else { return Ok(RestPose { key, weights, skin: None }) };
         if mesh.primitives.iter().any(|p| p.attributes.joints0.is_none() || p.attributes.weights0.is_none()) {
-            self.warn(format!("{what} has no JOINTS_0 or WEIGHTS_0: nodes[{node}].skin is ignored"));
+            self.warn(format!("{location} has no JOINTS_0 or WEIGHTS_0: nodes[{node}].skin is ignored"));
             return Ok(RestPose { key, weights, skin: None });
         }
         let matrices = self.skin(skin, model_from_node, &format!("nodes[{node}].skin"))?;
@@ -52,21 +52,25 @@ impl<'a> ModelReader<'a> {
         &mut self,
         index: usize,
         model_from_node: &HashMap<usize, DAffine3>,
-        what: &str,
+        location: &str,
     ) -> Result<Option<Rc<Vec<DAffine3>>>, SceneError> {
         if let Some(known) = self.skins.get(&index) {
             return Ok(known.clone());
         }
         let gltf = self.gltf;
-        let skin = gltf.get(&gltf.json.skins, "skins", index, what)?;
+        let skin = gltf.get(&gltf.json.skins, "skins", index, location)?;
         let count = skin.joints.len();
         let joint_from_mesh = match skin.inverse_bind_matrices {
             None => vec![DAffine3::IDENTITY; count],
             Some(accessor) => {
-                let what = format!("skins[{index}].inverseBindMatrices");
-                let columns = gltf.floats::<16>(accessor, &what, &["MAT4"], 0.0)?;
+                let location = format!("skins[{index}].inverseBindMatrices");
+                let columns = gltf.floats::<16>(accessor, &location, &["MAT4"], 0.0)?;
                 if columns.len() < count {
-                    return Err(gltf.bad(what, format!("{} matrices", columns.len()), format!("{count}, one a joint")));
+                    return Err(gltf.bad(
+                        location,
+                        format!("{} matrices", columns.len()),
+                        format!("{count}, one a joint"),
+                    ));
                 }
                 columns.iter().map(|c| DAffine3::from_mat4(glam::Mat4::from_cols_array(c).as_dmat4())).collect()
             }
@@ -91,30 +95,30 @@ impl RestPose<'_> {
         primitive: &Primitive,
         vertices: &mut [Vertex],
         indices: &mut [u32],
-        what: &str,
+        location: &str,
     ) -> Result<(), SceneError> {
         for (i, (target, &weight)) in primitive.targets.iter().zip(self.weights).enumerate() {
             if weight != 0.0 {
-                let what = |name| format!("{what}.targets[{i}].{name}");
-                displace(gltf, target.position, weight, vertices, &what("POSITION"), |v| &mut v.position)?;
+                let location = |name| format!("{location}.targets[{i}].{name}");
+                displace(gltf, target.position, weight, vertices, &location("POSITION"), |v| &mut v.position)?;
                 let normals = target.normal.filter(|_| primitive.attributes.normal.is_some());
-                displace(gltf, normals, weight, vertices, &what("NORMAL"), |v| &mut v.normal)?;
+                displace(gltf, normals, weight, vertices, &location("NORMAL"), |v| &mut v.normal)?;
             }
         }
         if !primitive.targets.is_empty() && self.weights.iter().any(|&weight| weight != 0.0) {
             for vertex in vertices.iter_mut() {
                 vertex.normal = Vec3::from(vertex.normal).normalize_or_zero().to_array();
             }
-            check_finite(gltf, vertices, &format!("{what}.targets"))?;
+            check_finite(gltf, vertices, &format!("{location}.targets"))?;
         }
         let Some(matrices) = &self.skin else { return Ok(()) };
-        let influences = influences(gltf, &primitive.attributes, vertices.len(), what)?;
+        let influences = influences(gltf, &primitive.attributes, vertices.len(), location)?;
         let mut is_mirrored = Vec::with_capacity(vertices.len());
         for (vertex, influence) in vertices.iter_mut().zip(&influences) {
-            let model_from_mesh = blended(gltf, matrices, influence, what)?;
+            let model_from_mesh = blended(gltf, matrices, influence, location)?;
             is_mirrored.push(skinned(vertex, &model_from_mesh));
         }
-        check_finite(gltf, vertices, what)?;
+        check_finite(gltf, vertices, location)?;
         for triangle in indices.chunks_exact_mut(3) {
             if is_mirrored.get(triangle[0] as usize) == Some(&true) {
                 triangle.swap(1, 2);
@@ -124,11 +128,11 @@ impl RestPose<'_> {
     }
 }
 
-fn check_finite(gltf: &Gltf, vertices: &[Vertex], what: &str) -> Result<(), SceneError> {
+fn check_finite(gltf: &Gltf, vertices: &[Vertex], location: &str) -> Result<(), SceneError> {
     if vertices.iter().all(|vertex| Vec3::from(vertex.position).is_finite()) {
         return Ok(());
     }
-    Err(gltf.bad(what, "a vertex whose position is not finite", "finite numbers"))
+    Err(gltf.bad(location, "a vertex whose position is not finite", "finite numbers"))
 }
 
 /// Adds a morph target's displacements.
@@ -137,15 +141,15 @@ fn displace(
     accessor: Option<usize>,
     weight: f32,
     vertices: &mut [Vertex],
-    what: &str,
+    location: &str,
     of: impl Fn(&mut Vertex) -> &mut [f32; 3],
 ) -> Result<(), SceneError> {
     let Some(accessor) = accessor else { return Ok(()) };
-    let found = gltf.count(accessor, what)?;
+    let found = gltf.count(accessor, location)?;
     if found != vertices.len() {
-        return Err(gltf.bad(what, format!("{found} elements"), format!("{}, as POSITION", vertices.len())));
+        return Err(gltf.bad(location, format!("{found} elements"), format!("{}, as POSITION", vertices.len())));
     }
-    for (vertex, by) in vertices.iter_mut().zip(gltf.floats::<3>(accessor, what, &["VEC3"], 0.0)?) {
+    for (vertex, by) in vertices.iter_mut().zip(gltf.floats::<3>(accessor, location, &["VEC3"], 0.0)?) {
         let value = of(vertex);
         *value = (Vec3::from(*value) + weight * Vec3::from(by)).to_array();
     }
@@ -159,7 +163,12 @@ struct Influence {
     weights: [f32; 8],
 }
 
-fn influences(gltf: &Gltf, attributes: &Attributes, count: usize, what: &str) -> Result<Vec<Influence>, SceneError> {
+fn influences(
+    gltf: &Gltf,
+    attributes: &Attributes,
+    count: usize,
+    location: &str,
+) -> Result<Vec<Influence>, SceneError> {
     let mut influences = vec![Influence::default(); count];
     let sets = [
         (attributes.joints0, attributes.weights0, "JOINTS_0", "WEIGHTS_0"),
@@ -168,12 +177,12 @@ fn influences(gltf: &Gltf, attributes: &Attributes, count: usize, what: &str) ->
     for (set, (joints, weights, joints_name, weights_name)) in sets.into_iter().enumerate() {
         let (Some(joints), Some(weights)) = (joints, weights) else { continue };
         let read = |accessor, name| {
-            let what = place(what, name);
-            let rows = gltf.floats::<4>(accessor, &what, &["VEC4"], 0.0)?;
+            let location = place(location, name);
+            let rows = gltf.floats::<4>(accessor, &location, &["VEC4"], 0.0)?;
             if rows.len() == count {
                 return Ok(rows);
             }
-            Err(gltf.bad(what, format!("{} elements", rows.len()), format!("{count}, as POSITION")))
+            Err(gltf.bad(location, format!("{} elements", rows.len()), format!("{count}, as POSITION")))
         };
         let (joints, weights) = (read(joints, joints_name)?, read(weights, weights_name)?);
         for ((row, joints), weights) in influences.iter_mut().zip(joints).zip(weights) {
@@ -189,11 +198,11 @@ fn blended(
     gltf: &Gltf,
     matrices: &[DAffine3],
     Influence { joints, weights }: &Influence,
-    what: &str,
+    location: &str,
 ) -> Result<DAffine3, SceneError> {
     let matrix = |joint: f32| {
         let accepted = || format!("an index into {} joints", matrices.len());
-        matrices.get(joint as usize).ok_or_else(|| gltf.bad(place(what, "JOINTS_0"), joint, accepted()))
+        matrices.get(joint as usize).ok_or_else(|| gltf.bad(place(location, "JOINTS_0"), joint, accepted()))
     };
     let total: f64 = weights.iter().map(|&w| f64::from(w)).sum();
     if total <= 0.0 {

@@ -77,22 +77,22 @@ fn place(
     loader: &mut Loader,
     file: &Path,
     object: &PlacedModel,
-    what: &str,
+    location: &str,
     world_up: DVec3,
     white_lx: f64,
 ) -> Result<(), SceneError> {
     let path = file.parent().unwrap_or(Path::new("")).join(&object.model);
-    let (model, is_missing) = match model_of(loader, file, object, what, &path)? {
+    let (model, is_missing) = match model_of(loader, file, object, location, &path)? {
         Some(model) => (model, false),
         None => (loader.stand_in_box(), true),
     };
     let model_up = match object.up {
-        Some(up) => up.axis(file, &format!("{what}.up"))?,
+        Some(up) => up.axis(file, &format!("{location}.up"))?,
         None => DVec3::Y,
     };
-    let placement = |instance: Option<&Instance>, name: String, what: &str| -> Result<Object, SceneError> {
-        let turned = |rotation_deg, quaternion| rotation(file, what, rotation_deg, quaternion);
-        let sized = |scale, size_m| size(file, what, scale, size_m);
+    let placement = |instance: Option<&Instance>, name: String, location: &str| -> Result<Object, SceneError> {
+        let turned = |rotation_deg, quaternion| rotation(file, location, rotation_deg, quaternion);
+        let sized = |scale, size_m| size(file, location, scale, size_m);
         // Missing values of an instance are those of the object.
         let own = instance.map(|i| Ok((turned(i.rotation_deg, i.quaternion)?, sized(i.scale, i.size_m)?)));
         let (own_rotation, own_size) = own.transpose()?.unwrap_or_default();
@@ -113,7 +113,7 @@ fn place(
         let transform = placement.world_from_model(&loader.scene, &model.parts, size);
         let world_from_model = transform.ok_or_else(|| {
             let found = "numbers too large, or a model without extent";
-            SceneError::bad(file, what, found, "a place, a rotation and a size that fit the model")
+            SceneError::bad(file, location, found, "a place, a rotation and a size that fit the model")
         })?;
         let position_m = placement.position_m;
         let occluder = object.occluder && !is_missing;
@@ -126,10 +126,10 @@ fn place(
     let mut places = Vec::new();
     for (i, instance) in object.instances.iter().enumerate() {
         let own_name = instance.name.clone().unwrap_or_else(|| format!("{name} {}", i + 1));
-        places.push(placement(Some(instance), own_name, &format!("{what}.instances[{i}]"))?);
+        places.push(placement(Some(instance), own_name, &format!("{location}.instances[{i}]"))?);
     }
     if object.instances.is_empty() {
-        places.push(placement(None, name, what)?);
+        places.push(placement(None, name, location)?);
     }
     for object in places {
         loader.place(&path, &model, object, white_lx)?;
@@ -142,7 +142,7 @@ fn model_of(
     loader: &mut Loader,
     file: &Path,
     object: &PlacedModel,
-    what: &str,
+    location: &str,
     path: &Path,
 ) -> Result<Option<Rc<Model>>, SceneError> {
     let are_hidden = !object.instances.is_empty() && object.instances.iter().all(|instance| instance.hidden);
@@ -156,7 +156,7 @@ fn model_of(
         model::load(loader, path, Some(file))
     } else {
         let accepted = "a .glb or .gltf file; Blender imports other models and exports .glb";
-        Err(SceneError::bad(file, format!("{what}.model"), &object.model, accepted))
+        Err(SceneError::bad(file, format!("{location}.model"), &object.model, accepted))
     };
     match read {
         Ok(model) => Ok(Some(model)),
@@ -167,75 +167,75 @@ fn model_of(
     }
 }
 
-fn size(file: &Path, what: &str, scale: Option<Scale>, size_m: Option<f64>) -> Result<Option<Size>, SceneError> {
+fn size(file: &Path, location: &str, scale: Option<Scale>, size_m: Option<f64>) -> Result<Option<Size>, SceneError> {
     let scale = scale.map(|scale| match scale {
         Scale::All(s) => DVec3::splat(s),
         Scale::Each(s) => s.into(),
     });
     match (scale, size_m) {
         (None, None) => Ok(None),
-        (Some(_), Some(_)) => Err(SceneError::bad(file, what, "scale and size_m", "one of them")),
+        (Some(_), Some(_)) => Err(SceneError::bad(file, location, "scale and size_m", "one of them")),
         (Some(scale), None) if scale.is_finite() && scale.to_array().iter().all(|&s| s != 0.0) => {
             Ok(Some(Size::Scale(scale)))
         }
-        (Some(scale), None) => Err(SceneError::bad(file, format!("{what}.scale"), scale, "numbers other than 0")),
+        (Some(scale), None) => Err(SceneError::bad(file, format!("{location}.scale"), scale, "numbers other than 0")),
         (None, Some(size_m)) if size_m > 0.0 && size_m.is_finite() => Ok(Some(Size::LargestM(size_m))),
-        (None, Some(size_m)) => Err(SceneError::bad(file, format!("{what}.size_m"), size_m, "more than 0")),
+        (None, Some(size_m)) => Err(SceneError::bad(file, format!("{location}.size_m"), size_m, "more than 0")),
     }
 }
 
 fn rotation(
     file: &Path,
-    what: &str,
+    location: &str,
     rotation_deg: Option<[f64; 3]>,
     quaternion: Option<[f64; 4]>,
 ) -> Result<Option<DQuat>, SceneError> {
     match (rotation_deg.map(DVec3::from), quaternion.map(DQuat::from_array)) {
         (None, None) => Ok(None),
-        (Some(_), Some(_)) => Err(SceneError::bad(file, what, "rotation_deg and quaternion", "one of them")),
+        (Some(_), Some(_)) => Err(SceneError::bad(file, location, "rotation_deg and quaternion", "one of them")),
         (Some(angles), None) if angles.is_finite() => Ok(Some(edit::rotation(angles))),
         (Some(angles), None) => {
-            Err(SceneError::bad(file, format!("{what}.rotation_deg"), angles, "three finite numbers"))
+            Err(SceneError::bad(file, format!("{location}.rotation_deg"), angles, "three finite numbers"))
         }
         (None, Some(q)) if (q.length() - 1.0).abs() < 0.01 => Ok(Some(q.normalize())),
         (None, Some(q)) => {
-            Err(SceneError::bad(file, format!("{what}.quaternion"), format!("length {}", q.length()), "length 1"))
+            Err(SceneError::bad(file, format!("{location}.quaternion"), format!("length {}", q.length()), "length 1"))
         }
     }
 }
 
-fn read_sun(file: &Path, sun: &SunTable, what: &str) -> Result<Sun, SceneError> {
+fn read_sun(file: &Path, sun: &SunTable, location: &str) -> Result<Sun, SceneError> {
     let towards = DVec3::from(sun.towards);
     let towards_light_in_world = towards
         .try_normalize()
-        .ok_or_else(|| SceneError::bad(file, format!("{what}.towards"), towards, "a vector with a length"))?
+        .ok_or_else(|| SceneError::bad(file, format!("{location}.towards"), towards, "a vector with a length"))?
         .as_vec3();
     let color = sun.color.map_or(Vec3::ONE, Vec3::from) * sun.intensity.unwrap_or(1.0) as f32;
     let diameter_rad = match sun.diameter_deg {
         None => SUN_RAD,
         Some(deg) if (0.0..=170.0).contains(&deg) => deg.to_radians() as f32,
-        Some(found) => return Err(SceneError::bad(file, format!("{what}.diameter_deg"), found, "0 to 170")),
+        Some(found) => return Err(SceneError::bad(file, format!("{location}.diameter_deg"), found, "0 to 170")),
     };
-    let color = positive(file, &format!("{what}.color · intensity"), color)?;
+    let color = positive(file, &format!("{location}.color · intensity"), color)?;
     Ok(Sun { towards_light_in_world, color, diameter_rad })
 }
 
-fn read_lamp(file: &Path, lamp: &LampTable, what: &str) -> Result<PointLight, SceneError> {
+fn read_lamp(file: &Path, lamp: &LampTable, location: &str) -> Result<PointLight, SceneError> {
     let color = lamp.color.map_or(Vec3::ONE, Vec3::from) * lamp.intensity.unwrap_or(1.0) as f32;
-    let color = positive(file, &format!("{what}.color · intensity"), color)?;
+    let color = positive(file, &format!("{location}.color · intensity"), color)?;
     let diameter_m = match lamp.diameter_or_default_m() {
         diameter_or_default_m if (0.0..=100.0).contains(&diameter_or_default_m) => diameter_or_default_m as f32,
-        found => return Err(SceneError::bad(file, format!("{what}.diameter_m"), found, "0 to 100")),
+        found => return Err(SceneError::bad(file, format!("{location}.diameter_m"), found, "0 to 100")),
     };
     let at_m = lamp.at_m.into();
     Ok(PointLight { position_in_world_m: at_m, color, diameter_m, range_m: f32::INFINITY, spot: None })
 }
 
-fn positive(file: &Path, what: &str, color: Vec3) -> Result<Vec3, SceneError> {
+fn positive(file: &Path, location: &str, color: Vec3) -> Result<Vec3, SceneError> {
     if color.is_finite() && color.min_element() >= 0.0 {
         return Ok(color);
     }
-    Err(SceneError::bad(file, what, color, "0 or more"))
+    Err(SceneError::bad(file, location, color, "0 or more"))
 }
 
 /// The file's environment or ambient light, if any.

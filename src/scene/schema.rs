@@ -62,13 +62,13 @@ pub(super) struct Root {
     #[serde(deserialize_with = "list::<_, _, { MAX_LIST }>")]
     pub textures: Vec<Texture>,
     #[serde(deserialize_with = "list::<_, _, { MAX_LIST }>")]
-    pub materials: Vec<Material>,
+    pub materials: Vec<MaterialJson>,
     #[serde(deserialize_with = "list::<_, _, { MAX_LONG_LIST }>")]
-    pub meshes: Vec<Mesh>,
+    pub meshes: Vec<MeshJson>,
     #[serde(deserialize_with = "list::<_, _, { MAX_LONG_LIST }>")]
     pub nodes: Vec<Node>,
     #[serde(deserialize_with = "list::<_, _, { MAX_LIST }>")]
-    pub scenes: Vec<Scene>,
+    pub scenes: Vec<SceneJson>,
     pub scene: Option<usize>,
     pub extensions: RootExtensions,
     pub animations: Vec<IgnoredAny>,
@@ -171,7 +171,7 @@ pub(super) struct Texture {
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(rename_all = "camelCase", default)]
-pub(super) struct Material {
+pub(super) struct MaterialJson {
     pub name: Option<String>,
     pub pbr_metallic_roughness: PbrMetallicRoughness,
     pub normal_texture: Option<TextureInfo>,
@@ -240,7 +240,7 @@ pub(super) struct TextureTransform {
 }
 
 #[derive(Debug, Deserialize)]
-pub(super) struct Mesh {
+pub(super) struct MeshJson {
     pub primitives: Vec<Primitive>,
     /// Morph target weights, unless the node has its own.
     #[serde(default, deserialize_with = "list::<_, _, { MAX_LIST }>")]
@@ -330,7 +330,7 @@ pub(super) struct LightUse {
 }
 
 #[derive(Debug, Deserialize)]
-pub(super) struct Scene {
+pub(super) struct SceneJson {
     #[serde(default)]
     pub nodes: Vec<usize>,
 }

@@ -22,7 +22,7 @@ const SQUARE: u32 = 8;
 
 /// World position and texture of the board.
 #[derive(Clone, Debug)]
-pub struct Board {
+pub struct SimulatedBoard {
     /// Upper left, upper right, lower right, lower left as seen from its front; metres, world axes.
     pub corners_in_world_m: [DVec3; 4],
     /// Opaque, sRGB-encoded, smooth, no mipmaps, clamped. Its first row lies along the upper edge.
@@ -31,7 +31,7 @@ pub struct Board {
 
 /// The board: 0.32 m square, above the origin and leaning back, its front towards the camera in
 /// every motion.
-pub fn board() -> Board {
+pub fn board() -> SimulatedBoard {
     let (left, right) = (DVec3::new(-0.16, -0.04, 0.03), DVec3::new(0.16, -0.04, 0.03));
     let up = DVec3::new(0.0, 0.192, 0.256);
     let texel = |x: u32, y: u32| {
@@ -48,7 +48,7 @@ pub fn board() -> Board {
         [color[0], color[1], color[2], 255]
     };
     let rgba = (0..SIDE * SIDE).flat_map(|i| texel(i % SIDE, i / SIDE)).collect();
-    Board {
+    SimulatedBoard {
         corners_in_world_m: [left + up, right + up, right, left],
         texture: Texture {
             width: SIDE,
@@ -62,7 +62,7 @@ pub fn board() -> Board {
     }
 }
 
-impl Board {
+impl SimulatedBoard {
     /// World position, metres, of texture coordinates in texels from the upper left corner (texel
     /// centres at +0.5).
     pub fn point_at_texel(&self, texel: DVec2) -> DVec3 {

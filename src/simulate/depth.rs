@@ -4,7 +4,7 @@
 use glam::{DQuat, DVec3};
 
 use super::depth_errors::DepthErrors;
-use super::render::{self, Picture, SimulatedLens, Snapshot};
+use super::render::{self, SimulatedLens, SimulatedPicture, Snapshot};
 use super::sensor_depth::measured;
 use super::sensor_return::sensor_return;
 use super::{FolderLayout, Options, SimulateError, Simulation};
@@ -64,20 +64,25 @@ impl DepthSensor {
     }
 
     /// The error-free measurement for a frame. Only the depth of the picture is meaningful.
-    pub fn exact(&self, simulation: &Simulation, frame: usize) -> Picture {
+    pub fn exact(&self, simulation: &Simulation, frame: usize) -> SimulatedPicture {
         let snapshot = self.snapshot(simulation, frame);
         render::shoot(&simulation.site, &self.lens, &self.track, &snapshot, simulation.threads)
     }
 
     /// The measurement with errors, derived from an [`Self::exact`] picture; `None` if there are no
     /// errors.
-    pub fn measured(&self, simulation: &Simulation, frame: usize, exact: &Picture) -> Option<Picture> {
+    pub fn measured(
+        &self,
+        simulation: &Simulation,
+        frame: usize,
+        exact: &SimulatedPicture,
+    ) -> Option<SimulatedPicture> {
         let (flaws, snapshot) = (simulation.flaws(), self.snapshot(simulation, frame));
         let errors = Some(flaws.depth_errors()).filter(DepthErrors::is_any)?;
         let seen = render::map_central_rays(&self.lens, &self.track, &snapshot, simulation.threads, |ray| {
             sensor_return(&simulation.site, ray, &errors, self.beside_m.is_some())
         });
-        Some(Picture { depth_m: measured(exact, &seen, &errors, flaws.seed, frame as u64), ..exact.clone() })
+        Some(SimulatedPicture { depth_m: measured(exact, &seen, &errors, flaws.seed, frame as u64), ..exact.clone() })
     }
 
     fn snapshot(&self, simulation: &Simulation, frame: usize) -> Snapshot {

@@ -6,7 +6,7 @@
 //! picture's width, `whole` the geometric mean of the entire picture. Phones preserve edges better;
 //! the dependence of a surface's brightness on the rest of the picture is the same.
 
-use super::render::Picture;
+use super::render::SimulatedPicture;
 
 /// Cells across; the cells are square.
 const CELLS_ACROSS: usize = 32;
@@ -15,7 +15,7 @@ const SIGMA_CELLS: f64 = 4.0;
 const MIN_LIGHT: f64 = 1e-4;
 
 /// Reduces the large-scale contrast of a picture by a share.
-pub fn locally_tone_mapped(mut picture: Picture, share: f64) -> Picture {
+pub fn locally_tone_mapped(mut picture: SimulatedPicture, share: f64) -> SimulatedPicture {
     if share == 0.0 {
         return picture;
     }
@@ -60,14 +60,14 @@ mod tests {
     use super::*;
 
     /// The left half is four times as dark as the right one.
-    fn halves() -> Picture {
+    fn halves() -> SimulatedPicture {
         let light = (0..320 * 240).map(|i| if i % 320 < 160 { [0.1; 3] } else { [0.4; 3] }).collect();
-        Picture { width: 320, height: 240, light, depth_m: vec![1.0; 320 * 240], max_blur_px: 0.0 }
+        SimulatedPicture { width: 320, height: 240, light, depth_m: vec![1.0; 320 * 240], max_blur_px: 0.0 }
     }
 
     #[test]
     fn local_tone_reduces_large_scale_contrast_only() {
-        let at = |picture: &Picture, x: usize| picture.light[120 * 320 + x][1];
+        let at = |picture: &SimulatedPicture, x: usize| picture.light[120 * 320 + x][1];
         let by_half = locally_tone_mapped(halves(), 0.5);
         // Far from the border the surroundings are the half itself: 0.2 · (0.1 / 0.2)^0.5, and the
         // square root of 4 between the halves.

@@ -53,11 +53,11 @@ use crate::tracking::{NotAscending, PoseTrack};
 use evidence::Evidence;
 use person::Person;
 
-pub use board::{Board, board};
+pub use board::{SimulatedBoard, board};
 pub use depth_errors::DepthErrors;
 pub use flaws::{DepthSensorModel, Flaws};
 pub use path::{DOLLY_M_PER_S, PAN_RAD_PER_S};
-pub use render::{Picture, Snapshot};
+pub use render::{SimulatedPicture, Snapshot};
 pub use sensor::Sensor;
 pub use site::Detail;
 pub use static_scenes::{StaticScene, StaticScenes, static_scenes};
@@ -369,12 +369,12 @@ impl Simulation {
     }
 
     /// A frame in linear light, before the sensor.
-    pub fn picture(&self, frame: usize) -> Picture {
+    pub fn picture(&self, frame: usize) -> SimulatedPicture {
         self.shoot(&self.snapshot(frame))
     }
 
     /// Any snapshot of this camera.
-    pub fn shoot(&self, snapshot: &Snapshot) -> Picture {
+    pub fn shoot(&self, snapshot: &Snapshot) -> SimulatedPicture {
         render::shoot(&self.site, &self.lens, &self.track, snapshot, self.threads)
     }
 }

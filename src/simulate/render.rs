@@ -14,7 +14,7 @@ use crate::parallel::over_rows;
 /// depth (z in the camera's axes, metres; in a 360° picture the distance) at pixel centres in the
 /// middle of each row's exposure. Both are row by row, 0 where there is nothing.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Picture {
+pub struct SimulatedPicture {
     pub width: u32,
     pub height: u32,
     pub light: Vec<[f32; 3]>,
@@ -151,7 +151,13 @@ struct ShotPixel {
 }
 
 /// Renders a picture. The result does not depend on the number of threads.
-pub fn shoot(site: &Site, lens: &SimulatedLens, track: &PoseTrack, snapshot: &Snapshot, threads: usize) -> Picture {
+pub fn shoot(
+    site: &Site,
+    lens: &SimulatedLens,
+    track: &PoseTrack,
+    snapshot: &Snapshot,
+    threads: usize,
+) -> SimulatedPicture {
     let g = &lens.geometry;
     let (w, h) = (g.intrinsics.width_px, g.intrinsics.height_px);
     let reach_s = 0.5 * (g.intrinsics.readout_time_s + snapshot.exposure_time_s);
@@ -162,7 +168,7 @@ pub fn shoot(site: &Site, lens: &SimulatedLens, track: &PoseTrack, snapshot: &Sn
             *pixel = expose(site, lens, &shutter, snapshot, x, y);
         }
     });
-    Picture {
+    SimulatedPicture {
         width: w,
         height: h,
         light: pixels.iter().map(|p| p.light).collect(),

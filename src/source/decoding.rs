@@ -18,7 +18,7 @@ use crate::pixels::{Codes, Pixels};
 
 /// Properties of a video that decoding depends on.
 #[derive(Clone, Debug)]
-struct Source {
+struct VideoInput {
     file: PathBuf,
     size: (u32, u32),
     wide: bool,
@@ -33,7 +33,7 @@ impl Video {
     /// keyframe before them.
     pub fn read(&self, range: Range<usize>) -> Result<VideoFrames, SourceError> {
         let Self { file, width, height, bits, range: colors, matrix, coding, index, .. } = self;
-        let source = Source {
+        let source = VideoInput {
             file: file.clone(),
             size: (*width, *height),
             wide: *bits == 16,
@@ -49,7 +49,7 @@ impl Video {
     }
 }
 
-impl Source {
+impl VideoInput {
     /// ffmpeg's arguments for frames that start at `start`, or at their number from the file's
     /// first.
     fn arguments(&self, Range { start: first, end }: Range<usize>, start: Option<&DecodingStart>) -> Vec<OsString> {
@@ -118,7 +118,7 @@ fn read_ahead(mut pipe: ChildStdout, bytes: usize) -> Result<Receiver<Vec<u8>>, 
 /// The frames of a range of a video, in order. Dropping it kills its ffmpeg.
 #[derive(Debug)]
 pub struct VideoFrames {
-    source: Source,
+    source: VideoInput,
     stream: Option<(Running, Receiver<Vec<u8>>)>,
     /// True if decoding started in the middle of the file.
     is_sought: bool,

@@ -1,6 +1,6 @@
 //! FreeD's message D1: the pose of a camera in 29 bytes.
 //!
-//! | bytes | what, most significant byte first |
+//! | bytes | content, most significant byte first |
 //! |---|---|
 //! | 0 | `D1` |
 //! | 1 | the camera's number |

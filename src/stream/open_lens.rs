@@ -5,11 +5,11 @@
 //! projection, undistorted, and at ε'd, distorted:
 //!
 //! ```text
-//! ε'u = U(ε'd − ΔC) + ΔC                                                      (10), "Brown-Conrady D-U", the default
-//! ε'd = D(ε'u − ΔC) + ΔC                                                      "Brown-Conrady U-D"
-//! ε in the picture = ε'd + ΔP                                                 (13)
-//! U, D: ε·R + (2p₁xy + p₂(r² + 2x²), 2p₂xy + p₁(r² + 2y²))                    (16)
-//! R = (1 + k₁r² + k₃r⁴ + k₅r⁶) / (1 + k₂r² + k₄r⁴ + k₆r⁶)                     (17)
+//! ε'u = U(ε'd − ΔC) + ΔC                                        (10), "Brown-Conrady D-U", default
+//! ε'd = D(ε'u − ΔC) + ΔC                                        "Brown-Conrady U-D"
+//! ε in the picture = ε'd + ΔP                                   (13)
+//! U, D: ε·R + (2p₁xy + p₂(r² + 2x²), 2p₂xy + p₁(r² + 2y²))      (16)
+//! R = (1 + k₁r² + k₃r⁴ + k₅r⁶) / (1 + k₂r² + k₄r⁴ + k₆r⁶)       (17)
 //! ```
 //!
 //! Ours is OpenCV's: undistorted to distorted, on ε/F, without a denominator and about the centre

@@ -1,6 +1,6 @@
 //! The packets of OpenTrackIO over UDP: a header of 16 bytes, then a sample or a piece of one.
 //!
-//! | bytes | what, most significant byte first |
+//! | bytes | content, most significant byte first |
 //! |---|---|
 //! | 0 to 3 | `OTrk` |
 //! | 4 | reserved |

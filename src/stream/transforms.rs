@@ -6,7 +6,8 @@
 //! right, y forward and z up:
 //!
 //! ```text
-//! world_from_sensor = T₁ · T₂ · … · Tₙ,   Tᵢ = translate(tᵢ) · Rz(pan) · Rx(tilt) · Ry(roll) · scale(sᵢ)
+//! world_from_sensor = T₁ · T₂ · … · Tₙ
+//! Tᵢ = translate(tᵢ) · Rz(pan) · Rx(tilt) · Ry(roll) · scale(sᵢ)
 //! ```
 //!
 //! So pan turns to the left, tilt upwards, and roll lowers the right side (z towards x: clockwise,
@@ -138,7 +139,7 @@ mod tests {
     #[test]
     fn axes_match_computed_values() {
         let turned = |pan, tilt, roll| axes(&pose(&format!("[{}]", one(0.0, 0.0, 0.0, pan, tilt, roll))).unwrap());
-        // At rest it looks along y, with x right and z up.
+        // At rest it faces y, with x right and z up.
         near(turned(0.0, 0.0, 0.0), [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]);
         // Pan by 90° about z takes y to −x: to the left.
         near(turned(90.0, 0.0, 0.0), [[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]]);
@@ -147,7 +148,7 @@ mod tests {
         near(turned(0.0, 90.0, 0.0), [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
         // Roll by 90° about y takes z to x and x to −z: the right side is down.
         near(turned(0.0, 0.0, 90.0), [[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
-        // Pan, then tilt about the turned x: looks up still, its right is y.
+        // Pan, then tilt about the turned x: still faces up, its right is y.
         near(turned(90.0, 90.0, 0.0), [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]);
         // The official examples' pan 180, tilt 90, roll 45: x to −x, y to z, z to y, then roll
         // about the view.

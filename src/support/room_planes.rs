@@ -287,7 +287,7 @@ mod tests {
                 assert!(up.angle_between(DVec3::Z).to_degrees() < 0.2, "{guess}: {up}");
             }
         }
-        // A camera that looks down by 45° to 65° at floor and wall: its up leans towards the wall.
+        // A camera pitched down by 45° to 65°, towards floor and wall: its up leans to the wall.
         for pitch_deg in [45f64, 55.0, 65.0] {
             let guess = DVec3::new(0.0, pitch_deg.to_radians().sin(), pitch_deg.to_radians().cos());
             assert!(planes.up(guess).is_none_or(|up| up.z > 0.9999), "{pitch_deg}: {:?}", planes.up(guess));

@@ -155,9 +155,9 @@ pub fn solve_pose(geometry: &Geometry, corners: &Corners, near: &Pose) -> Option
     })
 }
 
-/// Initial poses of a flat tag from its four corners: two, because a distant flat object looks
-/// nearly the same when it leans the other way (Schweighofer and Pinz 2006). `corners_m` as in
-/// `Tag::corners_m`.
+/// Initial poses of a flat tag from its four corners: two, because the picture of a distant flat
+/// object hardly changes when it leans the other way (Schweighofer and Pinz 2006). `corners_m` as
+/// in `Tag::corners_m`.
 pub fn initial_poses(geometry: &Geometry, corners_m: &[DVec3; 4], seen_px: &[DVec2; 4]) -> Option<[Pose; 2]> {
     let rays: Option<Vec<DVec3>> = seen_px.iter().map(|at| geometry.direction(*at)).collect();
     let rays = rays?;

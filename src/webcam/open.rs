@@ -12,12 +12,12 @@ use super::negotiation::{FormatRequest, NegotiatedFormat};
 use super::newest::Newest;
 use super::picture::Picture;
 use super::played::Played;
-use super::session::{Session, SessionLimits, guarded};
+use super::session::{CaptureSession, SessionLimits, guarded};
 
 /// A camera with a negotiated format that is not started.
 pub struct Camera {
     pub negotiated: NegotiatedFormat,
-    session: Session,
+    session: CaptureSession,
 }
 
 impl Camera {
@@ -28,7 +28,7 @@ impl Camera {
         limits: SessionLimits,
     ) -> Result<Self, CameraError> {
         driver.prepare()?;
-        let (session, negotiated) = Session::open(driver, id, requested, limits)?;
+        let (session, negotiated) = CaptureSession::open(driver, id, requested, limits)?;
         Ok(Self { negotiated, session })
     }
 

@@ -165,8 +165,8 @@ fn close(capture: Box<dyn Capture>) {
     let _ = guarded(|| drop(capture));
 }
 
-/// A camera that is open, and delivers from [`Session::run`] on.
-pub struct Session {
+/// A camera that is open, and delivers from [`CaptureSession::run`] on.
+pub struct CaptureSession {
     driver: Arc<dyn Driver>,
     id: String,
     requested: FormatRequest,
@@ -178,7 +178,7 @@ pub struct Session {
     clock: FrameClock,
 }
 
-impl Session {
+impl CaptureSession {
     pub fn open(
         driver: Arc<dyn Driver>,
         id: &str,

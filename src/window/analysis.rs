@@ -67,7 +67,7 @@ impl AnalysisRequest {
 
 /// Result of an analysis. Each failed part has its reason.
 #[derive(Debug, Default)]
-pub struct Analysis {
+pub struct FrameAnalysis {
     pub drawn: Option<Result<[Vec<NoisePoint>; 3], String>>,
     /// Noise of plain regions of the camera's picture.
     pub real: Option<Result<[Vec<NoisePoint>; 3], String>>,
@@ -97,8 +97,8 @@ pub fn analyse(
     frame: &Frame,
     wanted: &AnalysisRequest,
     control: &TaskControl,
-) -> Analysis {
-    let mut found = Analysis::default();
+) -> FrameAnalysis {
+    let mut found = FrameAnalysis::default();
     let response = shot.camera().response;
     // Real and virtual edges are compared including motion blur.
     let of_edge = |pixels: &Pixels, region: Rect| edge(pixels, &response, region, [0.0; 2], wanted.edges_of);

@@ -21,7 +21,7 @@ use super::keyboard_cursor::KeyboardCursor;
 use super::keys;
 use super::measure::Measure;
 use super::painter;
-use super::picture::View;
+use super::picture::PictureView;
 use super::player::Player;
 use super::project::Project;
 use super::recent::ViewState;
@@ -156,11 +156,11 @@ impl App {
     }
 
     /// Zoom and display of the picture.
-    pub fn view(&self) -> &View {
+    pub fn view(&self) -> &PictureView {
         &self.document.view
     }
 
-    pub fn view_mut(&mut self) -> &mut View {
+    pub fn view_mut(&mut self) -> &mut PictureView {
         &mut self.document.view
     }
 

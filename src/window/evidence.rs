@@ -22,7 +22,7 @@ use locard_engine::scene::{Entry, ItemPlacement, ModelCache, SceneFile, SceneIte
 
 /// State of the panel.
 #[derive(Default)]
-pub struct Evidence {
+pub struct EvidencePanel {
     /// The models that can be placed.
     library: Library,
     /// Surface to place on.
@@ -49,7 +49,7 @@ struct Renaming {
     title: String,
 }
 
-impl Evidence {
+impl EvidencePanel {
     /// Drops the selection if the scene no longer has the thing.
     pub fn update_selection(&mut self, project: &Project) {
         let scene = &project.edit().scene;

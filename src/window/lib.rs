@@ -131,7 +131,7 @@ pub use eframe::Error;
 pub use history::{History, HistoryRecord};
 pub use jobs::{JobKind, JobState, Jobs};
 pub use measure::Measure;
-pub use picture::View;
+pub use picture::PictureView;
 pub use player::{Pace, Player};
 pub use project::{ComparisonVariant, Draft, Edit, Origin, ProfileScope, Project, SaveError, WrittenFile};
 pub use recovery_search::RecoverableWork;

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use eframe::egui::{self, RichText, Ui};
 use glam::DVec2;
 
-use super::analysis::{Analysis, AnalysisRequest, CompositorCache, HISTOGRAM_BINS, RejectedEdge, analyse};
+use super::analysis::{AnalysisRequest, CompositorCache, FrameAnalysis, HISTOGRAM_BINS, RejectedEdge, analyse};
 use super::background::Background;
 use super::brightness_plot;
 use super::controls::unknown_exposure;
@@ -41,7 +41,7 @@ pub struct Matching {
     /// Signal of the edges: 0 is luma, then the channels.
     edges_of: usize,
     patch: Option<Rect>,
-    analysis: Background<(usize, u64, AnalysisRequest), Analysis>,
+    analysis: Background<(usize, u64, AnalysisRequest), FrameAnalysis>,
     compositor_cache: CompositorCache,
     brightness: Background<Rect, PatchMeans>,
 }

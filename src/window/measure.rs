@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use eframe::egui;
 use glam::DVec3;
 
-use super::picture::View;
+use super::picture::PictureView;
 use super::project::tables;
 use super::session::Session;
 use super::{Pace, Player};
@@ -102,7 +102,7 @@ impl Measure {
     }
 
     /// Advances the benchmark; call it in each frame of the window. Returns true at the end.
-    pub fn step(&mut self, session: &mut Session, view: &mut View, ctx: &egui::Context) -> bool {
+    pub fn step(&mut self, session: &mut Session, view: &mut PictureView, ctx: &egui::Context) -> bool {
         let Some(step) = self.steps.front_mut() else {
             self.print();
             return true;

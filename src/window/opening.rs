@@ -79,14 +79,14 @@ pub struct OpenResult {
 
 /// An open operation in progress.
 #[derive(Debug)]
-pub struct Opening {
+pub struct DocumentOpening {
     document: DocumentRef,
     recoverable: Option<RecoverableWork>,
     is_reload: bool,
     task: BackgroundTask<Result<OpenedProject, OpenRefusal>>,
 }
 
-impl Opening {
+impl DocumentOpening {
     /// `wake` is called from the thread at the end. `left`: autosaved work to restore.
     /// `has_camera`: the same recording is open with known camera parameters.
     pub fn begin(

@@ -17,7 +17,7 @@ pub const WIPE_GRIP_PT: f32 = 6.0;
 
 /// Display settings of the picture.
 #[derive(Clone, Debug, PartialEq)]
-pub struct View {
+pub struct PictureView {
     /// Screen pixels per pixel of the picture; `None`: fitted to the panel.
     pub zoom: Option<f32>,
     /// Point of the picture at the centre of the panel, as a fraction of its size.
@@ -35,13 +35,13 @@ pub struct View {
     wiping: bool,
 }
 
-impl Default for View {
+impl Default for PictureView {
     fn default() -> Self {
         Self { zoom: None, centre: vec2(0.5, 0.5), wipe: None, plain: false, alone: false, loupe: false, wiping: false }
     }
 }
 
-impl View {
+impl PictureView {
     /// Placement of a picture of `size` px in a panel.
     pub fn placed(&self, panel: Rect, size: Vec2, pixels_per_point: f32) -> PictureTransform {
         let fit = (panel.size() / size).min_elem();
@@ -138,7 +138,7 @@ pub struct Comparison {
 /// Paints the picture of a frame into the rest of the window, or the reason why there is none.
 pub fn show(
     ui: &mut Ui,
-    view: &mut View,
+    view: &mut PictureView,
     viewer: &mut Viewer,
     frame: Result<&Frame, &str>,
     comparison: Option<Comparison>,
@@ -237,7 +237,7 @@ fn split(panel: Rect, line_x: Option<f32>, comparison: Option<Comparison>) -> (R
 
 fn wipe_or_pan(
     ui: &Ui,
-    view: &mut View,
+    view: &mut PictureView,
     response: &Response,
     size: Vec2,
     placed: PictureTransform,
@@ -276,7 +276,7 @@ mod tests {
 
     #[test]
     fn zoom_keeps_the_point_under_the_pointer() {
-        let mut view = View::default();
+        let mut view = PictureView::default();
         let placed = view.placed(PANEL, SIZE, 1.0);
         assert_eq!(placed.rect, PANEL);
         assert_eq!(placed.picture_px(pos2(500.0, 350.0)), vec2(320.0, 240.0));
@@ -295,7 +295,7 @@ mod tests {
 
     #[test]
     fn zoom_of_a_fitted_picture_is_about_its_centre() {
-        let mut view = View { zoom: Some(4.0), centre: vec2(0.1, 0.9), ..View::default() };
+        let mut view = PictureView { zoom: Some(4.0), centre: vec2(0.1, 0.9), ..PictureView::default() };
         // A magnified picture keeps its centre.
         view.zoom_to(1.0);
         assert_eq!(view.centre, vec2(0.1, 0.9));
@@ -306,7 +306,7 @@ mod tests {
 
     #[test]
     fn wipe_at_an_edge_shows_one_picture_only() {
-        let picture = View::default().placed(PANEL, SIZE, 1.0).rect;
+        let picture = PictureView::default().placed(PANEL, SIZE, 1.0).rect;
         let [composite, camera] = [picture.min.x, picture.max.x].map(|x| split(PANEL, Some(x), None));
         assert!(composite.1.contains_rect(picture) && composite.0.intersect(picture).width() <= 0.0);
         assert!(camera.0.contains_rect(picture) && camera.1.intersect(picture).width() <= 0.0);

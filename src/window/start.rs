@@ -15,7 +15,7 @@ use super::documents::DocumentSwitch;
 use super::file_kind::FileKind;
 use super::keys;
 use super::message::MessageWindow;
-use super::opening::Opening;
+use super::opening::DocumentOpening;
 use super::painter;
 use super::question::Answer;
 use super::recent::DocumentRef;
@@ -34,7 +34,7 @@ type OpenedTurn = (DocumentSwitch, Option<RecoverableWork>);
 enum StartDialog {
     Chooser(Box<Chooser>),
     Camera(Box<CameraDialog>),
-    Opening(Box<Opening>),
+    Opening(Box<DocumentOpening>),
     Recovery(RecoverableWork),
 }
 
@@ -94,7 +94,7 @@ impl Start {
 
     fn begin(&mut self, ctx: &egui::Context, document: DocumentRef, recoverable: Option<RecoverableWork>) {
         let wake = ctx.clone();
-        match Opening::begin(document, recoverable, false, move || wake.request_repaint()) {
+        match DocumentOpening::begin(document, recoverable, false, move || wake.request_repaint()) {
             Ok(opening) => {
                 if let Some(StartDialog::Recovery(waiting)) =
                     self.dialog.replace(StartDialog::Opening(Box::new(opening)))
@@ -192,7 +192,7 @@ impl Start {
     }
 
     /// Shows the progress of opening, and handles its result. Returns an opened project.
-    fn poll_opening(&mut self, ctx: &egui::Context, opening: Box<Opening>) -> Option<OpenedTurn> {
+    fn poll_opening(&mut self, ctx: &egui::Context, opening: Box<DocumentOpening>) -> Option<OpenedTurn> {
         let done = match opening.take() {
             Ok(done) => done,
             Err(opening) => {

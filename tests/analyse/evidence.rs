@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DVec2, DVec3};
 use locard::scene::{Alpha, Material, Mesh, Object, Part, Scene, Vertex};
-use locard::simulate::{Detail, Motion, Options, Picture, SimulateError, Simulation};
+use locard::simulate::{Detail, Motion, Options, SimulateError, SimulatedPicture, Simulation};
 
 const DETAIL: Detail = Detail { texture_m: 0.02, light_m: 0.05 };
 
@@ -44,7 +44,7 @@ fn site() -> Simulation {
 }
 
 /// Mean light of 3×3 px around the projection of a world point.
-fn mean_light_at(simulation: &Simulation, picture: &Picture, point: DVec3) -> DVec3 {
+fn mean_light_at(simulation: &Simulation, picture: &SimulatedPicture, point: DVec3) -> DVec3 {
     let pose = simulation.track().at(simulation.timestamp_s(0)).unwrap();
     let at: DVec2 = simulation.geometry().project(pose.transform_point(point)).unwrap();
     let around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (at.x as i64 + dx, at.y as i64 + dy)));

@@ -29,7 +29,7 @@ fn detect(place: &CameraPose, random: &mut Random) -> BoardDetection {
     BoardDetection { board, corners_px, target: DetectedTarget::Tags(6) }
 }
 
-/// A camera that looks at `beside`·`far` on the sheet from a distance of `far`, tilted to the
+/// A camera that points at `beside`·`far` on the sheet from a distance of `far`, tilted to the
 /// south. The sheet's far edge is the upper one in the picture, then rolled by `turn`: a quarter
 /// turn makes it the left one, two the lower one.
 fn leaning(tilt: f64, turn: f64, far: f64, beside: DVec2) -> CameraPose {
@@ -159,7 +159,7 @@ fn missing_views_are_requested_and_accepted() {
     assert_eq!(tilts, Some(vec![PictureEdge::Upper]), "{:?}", taking.missing());
     assert!(taking.hint().unwrap().contains("its upper edge away from the camera"), "{:?}", taking.hint());
     assert_eq!(show(&mut taking, &leaning(0.5, 0.0, 0.6, DVec2::ZERO)), ViewOutcome::Accepted);
-    // Now the corners: the camera looks beside the sheet, which then appears on the other side.
+    // Now the corners: the camera points beside the sheet, which then appears on the other side.
     let hint = taking.hint().unwrap();
     assert!(hint.starts_with("into the picture's ") && hint.contains(" corner"), "{hint}: {:?}", taking.missing());
     let views = taking.views().len();

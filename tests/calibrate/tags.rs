@@ -115,7 +115,7 @@ fn pose_matches_the_computed_one() {
     assert!(pose.position_in_world_m().distance(DVec3::new(0.0, 0.0, 1.0)) < 1e-6, "{pose:?}");
     assert!(pose.transform_point(DVec3::new(0.1, 0.2, 0.3)).distance(DVec3::new(0.1, -0.2, 0.7)) < 1e-6, "{pose:?}");
     assert_eq!(sight.other, None);
-    // On the wall of the same room: the camera looks along +y from 2 m away.
+    // On the wall of the same room: the camera faces +y from 2 m away.
     let wall = Board {
         family: Family::Tag36h11,
         tags: vec![Tag {

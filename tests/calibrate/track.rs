@@ -226,7 +226,7 @@ fn track_is_smoothed_on_request() {
     let told = stdout_of(&[&strs(&smooth)[..], &["--smooth", "0.05"]].concat());
     assert!(told.contains("smoothed   by a line through the poses around each, 0.05 s to 1/e"), "{told}");
     let (plain, smooth) = (recorded(&site.path("plain")), recorded(&site.path("smooth")));
-    // The frames in which the camera looks away are not bridged.
+    // The frames in which the camera points away are not bridged.
     let wanted = smooth_poses(&plain, 0.05, 0.05);
     assert_eq!((smooth.len(), wanted.len()), (FRAMES - AWAY.len(), FRAMES - AWAY.len()));
     for ((pose, sure), (wanted, wanted_sure)) in smooth.iter().zip(&wanted) {

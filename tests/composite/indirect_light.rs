@@ -44,7 +44,7 @@ fn scene(lighting: Lighting) -> Scene {
 }
 
 fn pose() -> Pose {
-    // Looks down onto the plate from the side that is not behind the wall.
+    // Points down onto the plate from the side that is not behind the wall.
     let eye = DVec3::new(-0.25, 0.0, 0.4);
     let forward = -eye.normalize();
     let right = forward.cross(DVec3::Z).normalize();

@@ -165,8 +165,8 @@ fn square_at_a_pole_covers_all_longitudes_and_nothing_else() {
     }
 }
 
-/// An object across the seam looks the same as in the middle of the picture of a camera turned by
-/// 180°, with motion blur too.
+/// An object across the seam has the same picture as in the middle, with the camera turned by 180°;
+/// with motion blur too.
 #[test]
 fn picture_is_continuous_across_the_seam() {
     let geometry = round(1024);

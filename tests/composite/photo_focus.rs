@@ -11,7 +11,7 @@ use locard::compositor::{Compositor, Settings};
 use locard::photo::{Framing, PhotoExposure, RealPart, Standpoint, take};
 use locard::pixels::{Codes, DepthMap, Pixels};
 use locard::scene::Scene;
-use locard::simulate::{Detail, Options, Picture, Simulation, Snapshot};
+use locard::simulate::{Detail, Options, SimulatedPicture, Simulation, Snapshot};
 
 const SIZE: (u32, u32) = (320, 240);
 
@@ -258,7 +258,7 @@ struct Room {
     snapshot: Snapshot,
     camera: Camera,
     recorded: Pixels,
-    seen: Picture,
+    seen: SimulatedPicture,
 }
 
 impl Room {

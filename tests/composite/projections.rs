@@ -230,7 +230,7 @@ fn environment_is_the_background_and_shows_through_partial_coverage() {
     };
     let mut scene = marks(&[DVec3::NEG_Z], 0.04, 1.0);
     scene.lighting = Lighting { environment: Environment::Map(map), ..Lighting::default() };
-    // Looks along the world's −z, y up.
+    // Faces the world's −z, y up.
     let pose = Pose::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y).unwrap();
     for projection in [Projection::Perspective(gpu::pinhole(200, 160, 100.0)), curved(all_around(), 800, 400)] {
         let image = shoot(scene.clone(), &projection, pose);

@@ -31,7 +31,7 @@ struct Display {
     texture: wgpu::Texture,
 }
 
-/// Pose of a camera half a metre away that looks down at the box.
+/// Pose of a camera half a metre away that points down at the box.
 fn pose(along_m: f64) -> Pose {
     let eye = DVec3::new(0.1 + along_m, -0.45, 0.4);
     let forward = -DVec3::new(0.1, -0.45, 0.4).normalize();

@@ -205,7 +205,7 @@ fn euroc_opens() {
         assert_eq!(r.name, folder.path().file_name().unwrap().to_string_lossy());
         assert!((r.frame_interval_s - 0.05).abs() < 1e-6 && r.warnings.is_empty(), "{:?}", r.warnings);
         assert!(r.kind.has_times() && r.kind.is_metric());
-        // The body at (2, 2, 3) looks along the world's y; a point 2 m in front of its camera is in
+        // The body at (2, 2, 3) faces the world's y; a point 2 m in front of its camera is in
         // the middle of the picture.
         let pose = r.pose_at_frame(2).unwrap();
         let at = r.geometry.as_ref().unwrap().project(pose.transform_point(DVec3::new(2.0, 4.1, 3.0))).unwrap();

@@ -154,7 +154,7 @@ fn click_places_evidence_on_the_sheet_while_live() {
     drop_model(&mut window, marker);
     let at_px = DVec2::new(320.0, 250.0);
     let at = window.state().on_screen(egui::vec2(320.0, 250.0)).unwrap();
-    // Sometimes the camera looks away, and there is nothing to place the evidence on.
+    // Sometimes the camera points away, and there is nothing to place the evidence on.
     while window.state().project().edit().scene.objects.len() == before {
         click_at(&mut window, at);
         harness::pause();

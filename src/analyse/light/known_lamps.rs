@@ -10,7 +10,7 @@ use glam::DVec3;
 
 use super::lamp_fit::{LampSource, MAX_LAMPS};
 use super::lamp_search::{FINAL_ITERATIONS, MIN_GAIN, MIN_GAIN_OF_TOTAL, MIN_LAMP_DISTANCE_M, Search};
-use super::lamp_solution::{LampSolution, LampVerdict, MIN_POINTS, TOO_FEW_SURFACES, fit_light};
+use super::lamp_solution::{INSUFFICIENT_SURFACES, LampSolution, LampVerdict, MIN_POINTS, fit_light};
 use super::occupancy::OccupancyGrid;
 use super::surfaces::{LightChannel, lit_points, search_volume};
 use super::voxels::Voxel;
@@ -34,7 +34,7 @@ pub fn solve(
 ) -> Result<LampSolution, String> {
     let points = lit_points(voxels, 2, LightChannel::Luminance);
     if points.len() < MIN_POINTS {
-        return Err(TOO_FEW_SURFACES.to_owned());
+        return Err(INSUFFICIENT_SURFACES.to_owned());
     }
     let occupancy = OccupancyGrid::new(solid);
     let search = Search { points: &points, occupancy: &occupancy, volume: search_volume(solid, up), threads };

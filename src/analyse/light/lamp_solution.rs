@@ -23,7 +23,7 @@ use super::voxels::Voxel;
 const MIN_EXPLAINED: f64 = 0.2;
 /// Smallest number of surface patches.
 pub const MIN_POINTS: usize = 200;
-pub const TOO_FEW_SURFACES: &str = "too few surfaces were seen";
+pub const INSUFFICIENT_SURFACES: &str = "too few surfaces were seen";
 const ROUNDS: usize = 20;
 /// Lower limit of light, in its own units.
 const MIN_LIGHT: f64 = 1e-6;
@@ -73,7 +73,7 @@ pub fn solve(voxels: &[Voxel], solid: &[DVec3], place: DVec3, up: DVec3, threads
     let all = by(2);
     if all.len() < MIN_POINTS {
         return LampSolution::without_lamps(
-            LampVerdict { no_lamp: Some(TOO_FEW_SURFACES.to_owned()), ..LampVerdict::default() },
+            LampVerdict { no_lamp: Some(INSUFFICIENT_SURFACES.to_owned()), ..LampVerdict::default() },
             up,
         );
     }

@@ -62,7 +62,7 @@ const MIN_LAMP_BRIGHTNESS: f32 = 3.0;
 /// Minimum number of frames for the usual interval of the white level. With fewer frames it is
 /// wider by a factor, each way.
 const MIN_FRAMES: usize = 8;
-const FEW_FRAMES_INTERVAL_RATIO: f64 = 1.5;
+const SPARSE_FRAMES_INTERVAL_RATIO: f64 = 1.5;
 
 /// The room's light, or the reason for which it is unknown. `given`: lamps that a user marked,
 /// which replace the lamp search.
@@ -108,7 +108,7 @@ pub fn of_recording(
         let mut light = room_light(&at, &panorama.finish(), &solved, &level);
         if metered.len() < MIN_FRAMES {
             light.between =
-                [light.between[0] / FEW_FRAMES_INTERVAL_RATIO, light.between[1] * FEW_FRAMES_INTERVAL_RATIO];
+                [light.between[0] / SPARSE_FRAMES_INTERVAL_RATIO, light.between[1] * SPARSE_FRAMES_INTERVAL_RATIO];
         }
         Ok(light)
     }))

@@ -5,10 +5,11 @@
 //! 2. Each pixel of the original spreads its light by its operator. Within a step, overlapping
 //!    light adds up. The steps are mixed from the largest to the smallest, channel by channel,
 //!    including coverage:
-//!    - `conserving` (default): they add up too, up to a coverage of 1. Light is conserved up to that coverage, and the order
-//!      does not matter.
-//!    - `printed`: F = min/max, F > K: K·A + K·B (2), else max + min·F (3). Equal values get 1.4 times as bright, other
-//!      light is lost, and at F = K there is a jump. The paper leaves F = K open; here (3) applies.
+//!    - `conserving` (default): they add up too, up to a coverage of 1. Light is conserved up to
+//!      that coverage, and the order does not matter.
+//!    - `printed`: F = min/max, F > K: K·A + K·B (2), else max + min·F (3). Equal values get 1.4
+//!      times as bright, other light is lost, and at F = K there is a jump. The paper leaves F = K
+//!      open; here (3) applies.
 //! 3. Where Q < w: spread·Q + (1 − Q)·original (4).
 //!
 //! Beyond the paper: in front of the focus plane the shape is upside down. As in the paper, hidden

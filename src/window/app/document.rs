@@ -1,11 +1,11 @@
 //! The open document, with all state of the window that belongs to it. Another document replaces it
 //! as a whole.
 
-use super::super::evidence::Evidence;
+use super::super::evidence::EvidencePanel;
 use super::super::handles::Handles;
 use super::super::notice::Refusal;
 use super::super::obstacle::NearestPose;
-use super::super::picture::View;
+use super::super::picture::PictureView;
 use super::super::picture_transform::PictureTransform;
 use super::super::session::Session;
 use super::super::side::Side;
@@ -17,9 +17,9 @@ use super::super::warnings::Warnings;
 pub(super) struct OpenDocument {
     /// The project with its history, files and unsaved changes; playback and pictures.
     pub session: Session,
-    pub view: View,
+    pub view: PictureView,
     pub side: Side,
-    pub evidence: Evidence,
+    pub evidence: EvidencePanel,
     pub tools: ToolStack,
     pub handles: Handles,
     /// The user closed the notice that the camera is missing.
@@ -37,9 +37,9 @@ impl OpenDocument {
     pub(super) fn new(session: Session) -> Self {
         Self {
             session,
-            view: View::default(),
+            view: PictureView::default(),
             side: Side::default(),
-            evidence: Evidence::default(),
+            evidence: EvidencePanel::default(),
             tools: ToolStack::default(),
             handles: Handles::default(),
             hides_obstacle: false,

@@ -8,7 +8,7 @@ use super::super::camera_dialog::CameraDialog;
 use super::super::camera_values;
 use super::super::chooser::{Chooser, ChooserResult};
 use super::super::dialogs;
-use super::super::opening::Opening;
+use super::super::opening::DocumentOpening;
 use super::super::question::Answer;
 use super::super::recovery_search::RecoverableWork;
 use super::super::saving;
@@ -25,7 +25,7 @@ pub(super) enum Dialog {
     /// Opens a live camera.
     Camera(Box<CameraDialog>),
     /// A document is being opened.
-    Opening(Box<Opening>),
+    Opening(Box<DocumentOpening>),
     /// The action would lose work or end something.
     ConfirmDiscard(PendingAction),
     /// The file to save was changed by another program.

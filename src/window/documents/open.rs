@@ -6,7 +6,7 @@ use eframe::egui;
 
 use super::super::dialogs::{self, Consequences};
 use super::super::file_kind::FileKind;
-use super::super::opening::{OpenRefusal, Opening};
+use super::super::opening::{DocumentOpening, OpenRefusal};
 use super::super::question::Answer;
 use super::super::recent::DocumentRef;
 use super::super::recovery_search::RecoverableWork;
@@ -130,7 +130,7 @@ impl Documents {
 
     pub(super) fn reload_files(&mut self, ctx: &egui::Context, session: &mut Session) {
         let wake = ctx.clone();
-        self.set_opening(session, Opening::reload(&session.project, move || wake.request_repaint()));
+        self.set_opening(session, DocumentOpening::reload(&session.project, move || wake.request_repaint()));
     }
 
     fn start_opening(
@@ -147,10 +147,13 @@ impl Documents {
         let is_open = document.recording == DocumentRef::of(&session.project).recording;
         let has_camera = is_open && !session.lacks_camera();
         let wake = ctx.clone();
-        self.set_opening(session, Opening::begin(document, recoverable, has_camera, move || wake.request_repaint()));
+        self.set_opening(
+            session,
+            DocumentOpening::begin(document, recoverable, has_camera, move || wake.request_repaint()),
+        );
     }
 
-    fn set_opening(&mut self, session: &mut Session, opening: std::io::Result<Opening>) {
+    fn set_opening(&mut self, session: &mut Session, opening: std::io::Result<DocumentOpening>) {
         match opening {
             Ok(opening) => self.dialog = Some(Dialog::Opening(Box::new(opening))),
             Err(error) => session.show_error(format!("the thread that opens it could not be started: {error}")),

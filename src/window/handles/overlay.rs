@@ -3,13 +3,13 @@
 use eframe::egui::{Pos2, Rect, vec2};
 use glam::DVec2;
 
-use super::super::picture::{PictureOutput, View};
+use super::super::picture::{PictureOutput, PictureView};
 use locard_engine::frame::Frame;
 
 /// The picture that the handles are painted over.
 pub struct Overlay<'a> {
     pub picture: &'a PictureOutput,
-    pub view: &'a View,
+    pub view: &'a PictureView,
     /// The displayed frame.
     pub frame: &'a Frame,
     /// No other part of the window uses clicks and drags in the picture.

@@ -1,11 +1,11 @@
-//! Stands for the crate of this name. Of its 75,000 lines kornia-apriltag calls two functions: what
-//! the processor can do, and the weights of a blur. The crate itself takes as long to build as the
-//! window's toolkit.
+//! Stands for the crate of this name. Of its 75,000 lines kornia-apriltag calls two functions: the
+//! features of the processor, and the weights of a blur. The crate itself takes as long to build
+//! as the window's toolkit.
 
 pub mod simd {
     use std::sync::OnceLock;
 
-    /// What the processor can do, of what the tags' detector has code for.
+    /// The processor's features for which the tag detector has code.
     #[derive(Clone, Copy, Debug)]
     pub struct CpuFeatures {
         pub has_avx2: bool,
