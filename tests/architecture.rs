@@ -250,7 +250,7 @@ fn imports_beside(folder: &Path) -> BTreeMap<String, BTreeSet<String>> {
 
     let imported = |name: &String, files: &Vec<PathBuf>| {
         let mut found = BTreeSet::new();
-        for file in files {
+        for file in files.iter().filter(|file| !file.ends_with("tests.rs")) {
             let text = read(file);
             let text = without_tests(&text);
             // A file in a subfolder needs one more `super::` to reach the folder.

@@ -1,7 +1,7 @@
 //! `profiles/<name>.toml`: a camera's calibrated values, and the parameters of each effect.
 //!
 //! A profile may have any of the tables of [`Rig::tables`] and of the settings. An unknown key is
-//! an error that names it. A quarter of the file is its tests.
+//! an error that names it.
 
 mod document;
 mod noise;

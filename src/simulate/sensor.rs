@@ -9,7 +9,7 @@
 use crate::camera::{NoiseBin, NoiseProfile, Response};
 
 use super::random::Random;
-use super::render::Picture;
+use super::render::SimulatedPicture;
 use crate::parallel::over_rows;
 
 /// σ of the green channel's integer codes at 8, 24, … 248 for a noise scale of 1.
@@ -68,14 +68,14 @@ impl Sensor {
     /// The noise-free picture in code values, not rounded; three per pixel. `gain`: factor on the
     /// light. Above white the curve continues linearly, because clipping applies to the noisy
     /// value: saturated pixels have little noise.
-    pub fn clean(&self, picture: &Picture, gain: f64) -> Vec<f32> {
+    pub fn clean(&self, picture: &SimulatedPicture, gain: f64) -> Vec<f32> {
         self.clean_balanced(picture, [gain; 3])
     }
 
     /// The noise-free picture with a gain for each colour. All three clip at camera white, before
     /// the response: red and blue are amplified by 1.5 to 2.5 for white, so the sensor is still
     /// saturated where a white balance takes some of that back.
-    pub fn clean_balanced(&self, picture: &Picture, gains: [f64; 3]) -> Vec<f32> {
+    pub fn clean_balanced(&self, picture: &SimulatedPicture, gains: [f64; 3]) -> Vec<f32> {
         let steepness = self.response.slope_at_code(1.0);
         let encode = |(light, gain): (&f32, f64)| {
             let light = gain * f64::from(*light);

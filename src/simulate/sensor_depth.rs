@@ -6,7 +6,7 @@ use super::correlated_noise::{correlated_noise, gaussian_mean};
 use super::depth_errors::DepthErrors;
 use super::edge_errors::DepthMapView;
 use super::random::Random;
-use super::render::Picture;
+use super::render::SimulatedPicture;
 use super::sensor_return::SensorReturn;
 
 /// Map width to which the lengths in px refer.
@@ -25,7 +25,7 @@ const ISOLATED_KEY: u64 = 36;
 
 /// The depths of `exact` with a sensor's errors, m; 0 for none.
 pub fn measured(
-    exact: &Picture,
+    exact: &SimulatedPicture,
     sensor_return: &[SensorReturn],
     errors: &DepthErrors,
     seed: u64,
@@ -85,7 +85,7 @@ mod tests {
     /// A wall at a distance with a given return.
     fn wall(depth_m: f32, light_per_m2: impl Into<Option<f64>>, errors: DepthErrors, frame: u64) -> Vec<f32> {
         let count = WIDTH * HEIGHT;
-        let exact = Picture {
+        let exact = SimulatedPicture {
             width: WIDTH as u32,
             height: HEIGHT as u32,
             light: vec![[0.0; 3]; count],

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use super::depth::phone_from_site;
 use super::encode::{confidence_png, depth_png, encoding};
-use super::render::Picture;
+use super::render::SimulatedPicture;
 use super::{Format, SimulateError, Simulation};
 use crate::pixels::Pixels;
 use crate::sink::{self, OutPath, Sink, SinkOptions};
@@ -53,7 +53,7 @@ impl StrayScan {
         recorded: &PoseTrack,
         frame: usize,
         codes: Vec<u8>,
-        depth: &Picture,
+        depth: &SimulatedPicture,
     ) -> Result<[NamedFile; 2], SimulateError> {
         let options = simulation.options();
         if let Some(pixels) = Pixels::from_u8(options.width_px, options.height_px, codes) {

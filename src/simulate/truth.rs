@@ -106,7 +106,7 @@ fn commented(mut table: Table, comment: &str) -> Item {
     Item::Table(table)
 }
 
-/// The text of truth.toml, sealed. `blur`: [`super::Picture::max_blur_px`], one per frame.
+/// The text of truth.toml, sealed. `blur`: [`super::SimulatedPicture::max_blur_px`], one per frame.
 pub fn truth_toml(simulation: &Simulation, blur: &[f64], written: &Manifest) -> String {
     let mut text = DocumentMut::new();
     text.insert("version", toml_edit::value(1));
