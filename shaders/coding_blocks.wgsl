@@ -6,7 +6,7 @@
 // @import shared/coding
 
 override quantized: bool = true;
-// Bits of the inverse DCT's factors, and what is added before the last shift beside a half.
+// Bits of the inverse DCT's factors, and the bias before the last shift, besides a half.
 override factor_bits: u32 = 12u;
 override last_bias: i32 = 512;
 

@@ -1,8 +1,8 @@
 //! Takes changed pixels through the format of the camera's picture: chroma at the file's
 //! resolution, quantised blocks, and the arithmetic of the decoder (coding/).
 //!
-//! Every real pixel came that way. Pixels that did not are told from it by their chroma, by the
-//! spectrum of their blocks and by the codes that cannot occur. It runs after all other effects,
+//! Every real pixel came that way. Pixels that did not differ from it by their chroma, by the
+//! spectrum of their blocks and by codes that cannot occur. It runs after all other effects,
 //! over the mixed codes before they are rounded or clipped. Passes: compositor/coded.rs.
 //!
 //! Not modelled: prediction between blocks and frames of video.

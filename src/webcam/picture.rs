@@ -163,7 +163,7 @@ impl Picture {
 
     /// Coding of a layout with Y'CbCr samples; `None` of other layouts.
     fn coding(&self) -> Option<PictureCoding> {
-        let Delivered { layout, range, matrix, .. } = self.delivered;
+        let PictureFormat { layout, range, matrix, .. } = self.picture_format;
         let chroma = match layout {
             Layout::Yuyv => Some(ChromaSampling::centered([2, 1])),
             Layout::Nv12 => Some(ChromaSampling::centered([2, 2])),
