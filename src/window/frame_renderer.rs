@@ -248,3 +248,64 @@ impl Drop for FrameRenderer {
         drop(self.requests.take());
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use locard_engine::recording::OpenOptions;
+    use locard_engine::shot::ShotOptions;
+    use std::path::Path;
+    use std::sync::mpsc::Receiver;
+
+    /// Reduction of the test's pictures.
+    const REDUCTION: u32 = 4;
+
+    fn renderer(gpu: &Gpu) -> (FrameRenderer, Receiver<()>) {
+        let (wake, finished) = channel();
+        (FrameRenderer::new(gpu, move || _ = wake.send(())).unwrap(), finished)
+    }
+
+    /// Renders a frame into a new texture with these usages, and returns its texels.
+    fn rendered(
+        gpu: &Gpu,
+        (renderer, finished): &mut (FrameRenderer, Receiver<()>),
+        shot: &Shot,
+        usage: wgpu::TextureUsages,
+    ) -> Result<Vec<u8>, String> {
+        let [width, height] = [shot.recording.width, shot.recording.height].map(|side| side / REDUCTION);
+        let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
+            label: Some("test"),
+            size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: FORMAT,
+            usage,
+            view_formats: &[],
+        });
+        let key = RenderKey { frame: 30, version: 0, is_variant: false, reduction: REDUCTION, is_approximate: false };
+        let (shot, outputs) = (shot.clone(), RenderOutputs::default());
+        renderer.make(RenderRequest { key, shot, live_frame: None, texture: texture.clone(), outputs });
+        let result = loop {
+            match renderer.take().unwrap() {
+                Some(result) => break result,
+                None => finished.recv().unwrap(),
+            }
+        };
+        result.picture.map_err(|error| error.to_string())?;
+        Ok(read_back(gpu, &texture).unwrap())
+    }
+
+    #[test]
+    fn picture_after_a_failed_one_equals_a_new_renderers() {
+        let gpu = Gpu::open().unwrap();
+        let given = ShotOptions { scene: Some("scenes/demo.toml".into()), ..ShotOptions::default() };
+        let mut shot = Shot::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap();
+        shot.settings.shadow.cast = false;
+        let drawable = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
+        let (mut reused, mut new) = (renderer(&gpu), renderer(&gpu));
+        rendered(&gpu, &mut reused, &shot, wgpu::TextureUsages::COPY_SRC).unwrap_err();
+        let after = rendered(&gpu, &mut reused, &shot, drawable).unwrap();
+        assert!(after == rendered(&gpu, &mut new, &shot, drawable).unwrap());
+    }
+}

@@ -78,7 +78,7 @@ fn photo_of_frame(
         opacity: 1.0,
         summed: &[],
         depth_m: None,
-        hiding: &[],
+        summed_occlusion: &[],
     };
     take(&mut compositor, &standpoint, framing, real, &exposed, |_| true).unwrap().pixels
 }

@@ -61,7 +61,7 @@ fn photo_with(
         opacity: 1.0,
         summed: &[],
         depth_m: Some(&depth.depth_m),
-        hiding: &[],
+        summed_occlusion: &[],
     };
     let exposed = PhotoExposure { opening: Some(opening), time_s: 0.0, over_ev: 0.0, iso_ratio: 1.0 };
     take(&mut compositor, &standpoint, &framing, real, &exposed, |_| true).unwrap().pixels

@@ -58,7 +58,7 @@ impl PhotoConditions<'_> {
             opacity: 1.0,
             summed: self.summed,
             depth_m: depth_m.as_deref(),
-            hiding,
+            summed_occlusion: hiding,
         };
         let exposed = PhotoExposure { opening: self.opening, time_s: self.time_s, over_ev: 0.0, iso_ratio: 1.0 };
         let mut told = Vec::new();
