@@ -10,7 +10,7 @@ use crate::tier::fast_or_full;
 use glam::{DVec2, DVec3};
 use locard::params::{Kind, Params, Value};
 use locard::simulate::{
-    self, Detail, Flaws, Format, Motion, Options, Picture, SimulateError, Simulation, Snapshot, board,
+    self, Detail, Flaws, Format, Motion, Options, SimulateError, SimulatedPicture, Simulation, Snapshot, board,
 };
 
 /// The board is emissive, so the site may be crude.
@@ -40,13 +40,13 @@ fn project(simulation: &Simulation, time_s: f64, point: DVec3) -> DVec2 {
     simulation.geometry().project(simulation.track().at(time_s).unwrap().transform_point(point)).unwrap()
 }
 
-fn green(picture: &Picture, x: usize, y: usize) -> f64 {
+fn green(picture: &SimulatedPicture, x: usize, y: usize) -> f64 {
     f64::from(picture.light[y * picture.width as usize + x][1])
 }
 
 /// The saddle point near `start`: the point whose direction to every surrounding pixel is
 /// perpendicular to the gradient there (Förstner and Gülch 1987).
-fn corner_near(picture: &Picture, start: DVec2) -> DVec2 {
+fn corner_near(picture: &SimulatedPicture, start: DVec2) -> DVec2 {
     let mut at = start;
     for _ in 0..20 {
         let (mut xx, mut xy, mut yy, mut bx, mut by) = (0.0, 0.0, 0.0, 0.0, 0.0);
@@ -117,7 +117,7 @@ fn clear_rows(simulation: &Simulation, time_s: f64) -> Vec<usize> {
 }
 
 /// Mean and variance of an edge's derivative in a row, px.
-fn edge(picture: &Picture, row: usize, near: f64, reach: usize) -> (f64, f64) {
+fn edge(picture: &SimulatedPicture, row: usize, near: f64, reach: usize) -> (f64, f64) {
     let (mut sum, mut first, mut second) = (0.0, 0.0, 0.0);
     for x in near as usize - reach..near as usize + reach {
         let step = green(picture, x + 1, row) - green(picture, x, row);
