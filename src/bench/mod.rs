@@ -1,7 +1,7 @@
 //! Cost of effects, in multiples of a full-screen copy of the same run.
 //!
 //! Fixed load: a sphere of 10,000 triangles over a tenth of the picture, and a noisy camera whose
-//! rotation blurs the sphere over 12 px at 640 px width.
+//! rotation blurs the sphere over 12 px at 640 px width, and whose pictures were JPEG files.
 
 use std::f32::consts::{PI, TAU};
 use std::sync::Arc;
@@ -15,6 +15,7 @@ mod occlusion_and_shadow;
 mod shown_frame;
 
 use crate::camera::{Camera, Geometry, NoiseBin, NoiseProfile};
+use crate::coding::{BLOCK, BlockQuantization, ChromaSampling, Decoder, PictureCoding, YcbcrColor};
 use crate::compositor::{Compositor, FrameStats, Job, Settings, SubmitError, Target};
 use crate::fit::quantile::upper_median;
 use crate::frame::{Frame, NeighbourFrame};
@@ -50,6 +51,17 @@ impl Load {
         let track = turning(&geometry, 12.0 * f64::from(width) / 640.0);
         let scene = scene(&geometry);
         Self { camera, geometry, track, scene }
+    }
+}
+
+/// A JPEG file's, with chroma of half the resolution.
+fn coding() -> PictureCoding {
+    let steps = std::array::from_fn(|i| 4 + (i / BLOCK + i % BLOCK) as u16);
+    PictureCoding {
+        color: YcbcrColor::JFIF,
+        chroma: Some(ChromaSampling::centered([2, 2])),
+        quantization: Some(BlockQuantization::at_corner([steps; 3])),
+        decoder: Decoder::ZuneJpeg,
     }
 }
 
@@ -275,6 +287,7 @@ pub fn bench(gpu: &Gpu, width: u32, height: u32, only: Option<&str>) -> Result<V
     let scene = &load.scene;
     let pixels = Pixels::from_u8(width, height, vec![120; 3 * width as usize * height as usize])
         .ok_or_else(|| GpuError::Failed("no picture".to_owned()))?;
+    let pixels = Pixels { coding: Some(Arc::new(coding())), ..pixels };
     // An effect that does not run with this load has no row.
     let mut time = |name: String, settings: Settings, effect: Option<&str>| -> Result<(), SubmitError> {
         if !table.includes(&name) {

@@ -1,6 +1,6 @@
 //! Changed pixels take the path of the camera's picture, as the processor's reference has it.
 
-use crate::board::{FOCAL_PX, board, sideways};
+use crate::board::{FOCAL_PX, board, merge_scenes, panel, sideways};
 use crate::gpu;
 use locard::camera::{NoiseBin, NoiseProfile};
 use locard::coding::{
@@ -9,6 +9,7 @@ use locard::coding::{
 use locard::compositor::Composited;
 use locard::params::Value;
 use locard::pixels::{Codes, Pixels};
+use locard::scene::Scene;
 use std::sync::Arc;
 
 const WIDTH: u32 = 90;
@@ -35,8 +36,13 @@ fn camera_code(i: u32) -> [u16; 3] {
     [40 + 2 * x as u16, 60 + 2 * y as u16, 200 - (x + y) as u16 + 9 * (x as u16 / 5 % 2)]
 }
 
-/// Composites a board into the picture at 8 bits with a coding, or at 16 bits without.
+/// Composites a board into the picture.
 fn composite(coding: Option<PictureCoding>, noise: f64) -> Composited {
+    composite_scene(board([21.3, 17.8], 0.4), coding, noise)
+}
+
+/// Composites a scene into the picture at 8 bits with a coding, or at 16 bits without.
+fn composite_scene(scene: Scene, coding: Option<PictureCoding>, noise: f64) -> Composited {
     let codes = (0..WIDTH * HEIGHT).flat_map(camera_code);
     let pixels = match coding {
         Some(coding) => {
@@ -53,7 +59,6 @@ fn composite(coding: Option<PictureCoding>, noise: f64) -> Composited {
         neighbour_correlation: [0.3, 0.2],
     });
     let settings = gpu::settings(&[("noise", "scale", Value::Number(noise))]);
-    let scene = board([21.3, 17.8], 0.4);
     gpu::composite(&gpu::gpu(), &camera, settings, scene, &sideways([3.0, 2.0]), gpu::frame(0, 0.0, pixels))
 }
 
@@ -95,7 +100,7 @@ fn changed_pixels_take_the_path_of_the_cameras_picture() {
 fn assert_follows_reference(coding: PictureCoding) {
     let what = format!("{:?} {:?} {:?}", coding.color, coding.chroma, coding.decoder);
     let expected = reference(&coding, 1.0);
-    let done = composite(Some(coding), 1.0);
+    let done = composite(Some(coding.clone()), 1.0);
     let (found, layer) = (done.pixels.codes.eight_bit().unwrap(), &done.layer.as_ref().unwrap().rgba);
     let (mut covered, mut differing) = (0, 0);
     for (i, (found, expected)) in found.iter().zip(&expected).enumerate() {
@@ -107,16 +112,23 @@ fn assert_follows_reference(coding: PictureCoding) {
             differing += usize::from(found != expected);
         }
     }
-    for (i, (f, e)) in found
-        .iter()
-        .zip(&expected)
-        .enumerate()
-        .filter(|(i, (f, e))| layer[i / 3][3] == 1.0 && f != e)
-        .take(if 10 * differing > covered { 30 } else { 0 })
-    {
-        println!("{} {} {}: {f} for {e}", i / 3 % 90, i / 270, i % 3);
+    // The reference's 16-bit picture is rounded, which moves a few samples and, in a few blocks, a
+    // coefficient over a threshold.
+    let tolerated = if coding.quantization.is_some() { covered / 10 } else { covered / 100 };
+    assert!(covered > 3000 && differing <= tolerated, "{what}: {differing} of {covered}");
+}
+
+/// A panel's pixels must not depend on what else the picture holds: regions of any extent join up.
+#[test]
+fn coded_pixels_do_not_depend_on_the_rectangle() {
+    let near = || panel([-33.0, -26.0], [-14.0, -9.0], 0.5);
+    let far = panel([15.0, 12.0], [39.0, 31.0], 0.2);
+    for coding in [jpeg([2, 2], Decoder::ZuneJpeg, [-8, -5]), jpeg([1, 2], Decoder::Libjpeg, [0, 0])] {
+        let alone = composite_scene(near(), Some(coding.clone()), 1.0).pixels;
+        let both = composite_scene(merge_scenes(near(), far.clone()), Some(coding), 1.0).pixels;
+        assert_ne!(alone, both);
+        for (x, y) in (0..34).flat_map(|y| (0..44).map(move |x| (x, y))) {
+            assert_eq!(alone.at(x, y), both.at(x, y), "({x}, {y})");
+        }
     }
-    println!("{what}: {differing} of {covered}");
-    // The 16-bit composite is rounded, which moves a few coefficients over a threshold.
-    assert!(covered > 3000 && 10 * differing <= covered, "{what}: {differing} of {covered}");
 }
