@@ -118,7 +118,7 @@ fn assert_follows_reference(coding: PictureCoding) {
     assert!(covered > 3000 && differing <= tolerated, "{what}: {differing} of {covered}");
 }
 
-/// A panel's pixels must not depend on what else the picture holds: regions of any extent join up.
+/// A panel's pixels are the same beside another panel: regions of any extent join up.
 #[test]
 fn coded_pixels_do_not_depend_on_the_rectangle() {
     let near = || panel([-33.0, -26.0], [-14.0, -9.0], 0.5);
