@@ -1,10 +1,12 @@
 //! Memoized results: values of pure functions by their keys, the least recently used evicted first.
+//! All data that is kept to save its computation is kept in a [`Memo`].
 //!
 //! A key holds all that its value depends on, exactly. Where that is much, it is a
 //! [`Digest`](crate::digest::Digest). Keys are compared one after another: a memo is for values
 //! that take far longer to compute than some hundred comparisons.
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::ops::Deref;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Values by their keys. Clones of a value are handed out, so that large ones stand in an `Arc`.
 #[derive(Debug)]
@@ -34,9 +36,32 @@ impl<K, V> Memo<K, V> {
         Self::new(usize::MAX)
     }
 
+    /// The most recently used value with its key, for a preview of another key's value.
+    pub fn latest(&self) -> Option<(K, V)>
+    where
+        K: Clone,
+        V: Clone,
+    {
+        self.entries().last().cloned()
+    }
+
     /// A thread that panicked left no entry half-written.
     fn entries(&self) -> MutexGuard<'_, Vec<(K, V)>> {
         self.entries.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// The clone has the same values.
+impl<K: Clone, V: Clone> Clone for Memo<K, V> {
+    fn clone(&self) -> Self {
+        Self { budget: self.budget, cost: self.cost, entries: Mutex::new(self.entries().clone()) }
+    }
+}
+
+/// Keeps the latest value alone.
+impl<K, V> Default for Memo<K, V> {
+    fn default() -> Self {
+        Self::new(1)
     }
 }
 
@@ -69,6 +94,14 @@ impl<K: PartialEq, V: Clone> Memo<K, V> {
             self.insert(key, value)
         })
     }
+
+    /// [`Memo::get_or_insert_with`] for a computation that may fail. An error is not kept.
+    pub fn get_or_try_insert_with<E>(&self, key: K, compute: impl FnOnce(&K) -> Result<V, E>) -> Result<V, E> {
+        match self.get(&key) {
+            Some(known) => Ok(known),
+            None => compute(&key).map(|value| self.insert(key, value)),
+        }
+    }
 }
 
 /// The value of a key among entries, which becomes the last of them.
@@ -76,6 +109,31 @@ fn used<K: PartialEq, V: Clone>(entries: &mut [(K, V)], key: &K) -> Option<V> {
     let at = entries.iter().rposition(|(known, _)| known == key)?;
     entries[at..].rotate_left(1);
     entries.last().map(|(_, value)| value.clone())
+}
+
+/// A shared value as a part of a key: compared by its address, not by its content. It keeps the
+/// value in memory, so that its address is not reused.
+#[derive(Debug)]
+pub struct ByAddress<T: ?Sized>(pub Arc<T>);
+
+impl<T: ?Sized> Clone for ByAddress<T> {
+    fn clone(&self) -> Self {
+        Self(Arc::clone(&self.0))
+    }
+}
+
+impl<T: ?Sized> PartialEq for ByAddress<T> {
+    fn eq(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.0, &other.0)
+    }
+}
+
+impl<T: ?Sized> Deref for ByAddress<T> {
+    type Target = T;
+
+    fn deref(&self) -> &T {
+        &self.0
+    }
 }
 
 #[cfg(test)]
@@ -112,5 +170,28 @@ mod tests {
         assert_eq!((values, memo.insert('a', 2), memo.insert('b', 3)), ([1, 1], 1, 3));
         // A value that another one needs.
         assert_eq!(memo.get_or_insert_with('c', |_| 10 * memo.get_or_insert_with('d', |_| 4)), 40);
+    }
+    #[test]
+    fn failed_computation_is_repeated() {
+        let memo = Memo::default();
+        assert_eq!(memo.get_or_try_insert_with(1, |_| Err("no")), Err("no"));
+        assert_eq!(memo.get_or_try_insert_with(1, |_| Ok::<_, &str>('a')), Ok('a'));
+        assert_eq!(memo.get_or_try_insert_with(1, |_| Err("no")), Ok('a'));
+    }
+
+    #[test]
+    fn latest_value_is_the_last_one_used() {
+        let memo = Memo::new(2);
+        assert_eq!(memo.latest(), None);
+        memo.insert(1, 'a');
+        memo.insert(2, 'b');
+        memo.get(&1);
+        assert_eq!(memo.latest(), Some((1, 'a')));
+    }
+
+    #[test]
+    fn values_at_two_addresses_differ_though_they_are_equal() {
+        let [one, other] = [Arc::new(1), Arc::new(1)].map(ByAddress);
+        assert!(one == one.clone() && one != other && *one == *other);
     }
 }

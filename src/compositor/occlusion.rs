@@ -9,7 +9,7 @@ use super::foreground_matte::{ForegroundMatte, max_depth_within};
 use super::frame_inputs::FrameInputs;
 use super::plan::FrameView;
 use super::shade::union_of_dark_rects;
-use super::stage_log::{ByAddress, StageLog};
+use super::stage_log::StageLog;
 use super::work_rects::WorkRects;
 use crate::camera::Geometry;
 use crate::depth::{
@@ -17,7 +17,7 @@ use crate::depth::{
     SecondSurface, measured_from, neighbours,
 };
 use crate::gpu::{Recorder, Texture, half_texels};
-use crate::memo::Memo;
+use crate::memo::{ByAddress, Memo};
 use crate::pixels::Rect;
 use crate::pose::Pose;
 use crate::quality::Quality;
@@ -45,18 +45,12 @@ pub struct FrameOcclusion {
 }
 
 /// Memos of depth repair, and the scene's real objects.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct DepthState {
     rays: Memo<Geometry, Arc<Rays>>,
     last: LastRepair,
     /// Proxy models of real objects.
     pub proxies: Proxies,
-}
-
-impl Default for DepthState {
-    fn default() -> Self {
-        Self { rays: Memo::new(1), last: LastRepair::default(), proxies: Proxies::default() }
-    }
 }
 
 impl DepthState {

@@ -12,19 +12,18 @@ use super::frame_inputs::FrameInputs;
 use super::occlusion::{DepthKey, FrameOcclusion};
 use super::settings::ShadowSettings;
 use super::shade::{ShadeImage, VisibleShadowMap};
-use super::stage_log::ByAddress;
 use crate::camera::{Camera, Capture, Geometry, Response};
 use crate::effects::{Effect, ObjectMotion};
 use crate::frame::{FrameExposure, FrameIdentity, RelativeBrightness};
 use crate::gpu::Texture;
-use crate::memo::Memo;
+use crate::memo::{ByAddress, Memo};
 use crate::pixels::Rect;
 use crate::render::{GridPlacement, Layer, Lightmap, SamplePlan, Shutter, ViewKeys};
 use crate::shadow::{LazyRadiance, ReceiverPlane, ShadowMap, ShadowTexture};
 use crate::stage::Stage;
 
 /// The last result of each stage, with its inputs.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct StageMemos {
     pub shadow_maps: Memo<ShadowMapsKey, ()>,
     pub lightmaps: Memo<LightmapsKey, ()>,
@@ -34,25 +33,12 @@ pub struct StageMemos {
     pub layer: Memo<EffectsKey, Layer>,
 }
 
-impl Default for StageMemos {
-    fn default() -> Self {
-        Self {
-            shadow_maps: Memo::new(1),
-            lightmaps: Memo::new(1),
-            depth: Memo::new(1),
-            shade: Memo::new(1),
-            drawn: Memo::new(1),
-            layer: Memo::new(1),
-        }
-    }
-}
-
 #[derive(Debug, PartialEq)]
 pub struct ShadowMapsKey(Vec<(ByAddress<ShadowTexture>, ReceiverPlane)>);
 
 impl ShadowMapsKey {
     pub fn new(shadow_maps: &[ShadowMap]) -> Self {
-        Self(shadow_maps.iter().map(|map| (ByAddress(map.texture.clone()), map.floor)).collect())
+        Self(shadow_maps.iter().map(|map| (map.texture.clone(), map.floor)).collect())
     }
 }
 

@@ -15,8 +15,6 @@
 //! Not modelled: the lens's blur of a shadow's edge beyond a pixel's width; mattes where the shadow
 //! removes less than a twentieth of the light, where the measured depth is used as it is; edges of
 //! objects lower than the depth step that counts as an edge.
-use std::sync::Arc;
-
 use glam::{DMat3, DVec2, DVec3, Vec3};
 
 use super::ray_grid::{RAY_GRID_PX, RayGrid};
@@ -24,6 +22,7 @@ use super::settings::ShadowSettings;
 use crate::camera::Geometry;
 use crate::depth::{PLANE_TOLERANCE_M, PLANE_TOLERANCE_PER_DEPTH2};
 use crate::gpu::{Entry, Gpu, Recorder, Shader, Texture, half_texels};
+use crate::memo::ByAddress;
 use crate::pixels::Rect;
 use crate::pose::Pose;
 use crate::render::{COLOR, Shutter, ViewKeys};
@@ -88,7 +87,7 @@ struct TileUniform {
 }
 
 /// A shadow map in a picture.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct VisibleShadowMap {
     shadow_map: ShadowMap,
     /// Bounds of its shadow while the shutter is open.
@@ -97,19 +96,6 @@ pub struct VisibleShadowMap {
     dark_rect: Rect,
     /// Height of the camera over the receiver plane, m.
     height_m: f64,
-}
-
-/// Shadow textures are compared by identity, not by their texels.
-impl PartialEq for VisibleShadowMap {
-    fn eq(&self, other: &Self) -> bool {
-        let Self { shadow_map: ShadowMap { floor, texture, is_beside }, rect, dark_rect, height_m } = self;
-        *floor == other.shadow_map.floor
-            && Arc::ptr_eq(texture, &other.shadow_map.texture)
-            && *is_beside == other.shadow_map.is_beside
-            && *rect == other.rect
-            && *dark_rect == other.dark_rect
-            && *height_m == other.height_m
-    }
 }
 
 /// The shadow maps whose shadows are in a picture.
@@ -179,14 +165,9 @@ struct Atlas {
     origins: Vec<[u32; 2]>,
 }
 
-/// Key of an atlas. Textures are compared by identity, not by their texels.
-struct AtlasKey(Vec<Arc<ShadowTexture>>);
-
-impl PartialEq for AtlasKey {
-    fn eq(&self, other: &Self) -> bool {
-        self.0.len() == other.0.len() && self.0.iter().zip(&other.0).all(|(a, b)| Arc::ptr_eq(a, b))
-    }
-}
+/// Key of an atlas.
+#[derive(PartialEq)]
+struct AtlasKey(Vec<ByAddress<ShadowTexture>>);
 
 impl Atlas {
     /// Packs shadow textures in rows, each as high as its highest texture. Textures beyond the
@@ -393,12 +374,13 @@ mod tests {
     use super::*;
     use crate::shadow::ReceiverPlane;
     use glam::{DQuat, Vec2};
+    use std::sync::Arc;
 
     #[test]
     fn homography_maps_the_ray_to_a_point_to_its_texel_and_depth() {
         let floor = ReceiverPlane::new(DVec3::new(0.2, -0.1, 0.5), DVec3::new(0.1, -0.9, 0.2).normalize());
         let texture = ShadowTexture::empty(Vec2::new(-0.3, -0.2), 0.002, 400, 300);
-        let shadow_map = ShadowMap { floor, texture: Arc::new(texture), is_beside: false };
+        let shadow_map = ShadowMap { floor, texture: ByAddress(Arc::new(texture)), is_beside: false };
         let pose = Pose::from_camera_in_world(
             DVec3::new(0.3, -1.2, -0.4),
             DQuat::from_scaled_axis(DVec3::new(-0.9, 0.2, 0.1)),

@@ -1,8 +1,5 @@
 //! Which stages of a frame were computed.
 
-use std::ops::Deref;
-use std::sync::Arc;
-
 use crate::memo::Memo;
 use crate::stage::Stage;
 
@@ -35,23 +32,5 @@ impl StageLog {
 
     pub fn into_stages(self) -> Vec<Stage> {
         self.0
-    }
-}
-
-/// A value that is compared by its address.
-#[derive(Debug)]
-pub struct ByAddress<T: ?Sized>(pub Arc<T>);
-
-impl<T: ?Sized> PartialEq for ByAddress<T> {
-    fn eq(&self, other: &Self) -> bool {
-        Arc::ptr_eq(&self.0, &other.0)
-    }
-}
-
-impl<T: ?Sized> Deref for ByAddress<T> {
-    type Target = T;
-
-    fn deref(&self) -> &T {
-        &self.0
     }
 }

@@ -6,7 +6,7 @@ use super::proxies::Proxies;
 use super::repair::{DepthRequest, Neighbour, Repair, RepairedDepth};
 use crate::camera::{Geometry, Response};
 use crate::frame::{Frame, FrameIdentity, NeighbourFrame, Surfel};
-use crate::memo::Memo;
+use crate::memo::{ByAddress, Memo};
 use crate::pixels::Rect;
 use crate::plane::Plane;
 use crate::pose::Pose;
@@ -14,27 +14,21 @@ use crate::quality::Quality;
 
 /// Memos of the last result of each quality. A result that was made again, with the same value, has
 /// another address.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct LastRepair {
     finals: Memo<RepairKey, Arc<RepairedDepth>>,
     previews: Memo<RepairKey, Arc<RepairedDepth>>,
 }
 
-impl Default for LastRepair {
-    fn default() -> Self {
-        Self { finals: Memo::new(1), previews: Memo::new(1) }
-    }
-}
-
 /// All inputs of a repair.
-#[derive(Debug)]
+#[derive(Debug, PartialEq)]
 struct RepairKey {
     frame: FrameIdentity,
-    /// Compared by address: they are equal only if they were decoded with the same frame.
-    neighbours: Vec<Arc<NeighbourFrame>>,
+    /// Equal only if they were decoded with the same frame.
+    neighbours: Vec<ByAddress<NeighbourFrame>>,
     /// Which of them vote.
     voters: Vec<Option<usize>>,
-    surfels: Arc<[Surfel]>,
+    surfels: ByAddress<[Surfel]>,
     geometry: Geometry,
     response: Response,
     poses: Vec<Pose>,
@@ -78,9 +72,9 @@ impl RepairKey {
         let place = |voter: &Neighbour<'_>| frame.neighbours.iter().position(|of| std::ptr::eq(&**of, voter.frame));
         Self {
             frame: frame.identity(),
-            neighbours: frame.neighbours.clone(),
+            neighbours: frame.neighbours.iter().cloned().map(ByAddress).collect(),
             voters: repair.neighbours.iter().map(place).collect(),
-            surfels: Arc::clone(&frame.surfels),
+            surfels: ByAddress(Arc::clone(&frame.surfels)),
             geometry: repair.rays.geometry().clone(),
             response: repair.response.clone(),
             poses: own.into_iter().chain(measured).chain(theirs).collect(),
@@ -89,25 +83,6 @@ impl RepairKey {
             rects,
             request: request.clone(),
         }
-    }
-}
-
-impl PartialEq for RepairKey {
-    fn eq(&self, other: &Self) -> bool {
-        let Self { frame, neighbours, voters, surfels, geometry, response, poses, planes, proxies, rects, request } =
-            self;
-        *frame == other.frame
-            && neighbours.len() == other.neighbours.len()
-            && neighbours.iter().zip(&other.neighbours).all(|(a, b)| Arc::ptr_eq(a, b))
-            && *voters == other.voters
-            && Arc::ptr_eq(surfels, &other.surfels)
-            && *geometry == other.geometry
-            && *response == other.response
-            && *poses == other.poses
-            && *planes == other.planes
-            && *proxies == other.proxies
-            && *rects == other.rects
-            && *request == other.request
     }
 }
 

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use crate::camera::{Geometry, Intrinsics};
 use crate::frame::FrameLens;
+use crate::memo::Memo;
 use crate::profile::Rig;
 use crate::recording::{FrameCamera, is_representable};
 use crate::stream::LensState;
@@ -23,8 +24,8 @@ struct LensHistory {
     size_px: (u32, u32),
     interval_s: f64,
     cameras: VecDeque<(f64, FrameCamera)>,
-    /// The last converted state and its camera.
-    last: Option<(Arc<LensState>, FrameCamera)>,
+    /// Cameras by lens state: most poses repeat the state before.
+    converted: Memo<Arc<LensState>, FrameCamera>,
 }
 
 /// Converts a stream's lens state to a camera, for pictures of a size, one every `interval_s`. Also
@@ -55,11 +56,9 @@ impl LensHistory {
         if !time_s.is_finite() || self.cameras.back().is_some_and(|(last_s, _)| time_s <= *last_s) {
             return;
         }
-        let camera = match self.last.as_ref().filter(|(last, _)| Arc::ptr_eq(last, state) || **last == **state) {
-            Some((_, camera)) => camera.clone(),
-            None => camera_of(state, self.size_px, self.interval_s).0,
-        };
-        self.last = Some((Arc::clone(state), camera.clone()));
+        let camera = self
+            .converted
+            .get_or_insert_with(Arc::clone(state), |state| camera_of(state, self.size_px, self.interval_s).0);
         self.cameras.push_back((time_s, camera));
         // Keeps one camera before the span.
         let is_old =
@@ -134,7 +133,11 @@ impl LensTrack {
     /// A track for pictures of a size, one every `interval_s`. `first` is used before the first
     /// lens data.
     pub fn new(size_px: (u32, u32), interval_s: f64, rig: Rig, first: FrameCamera) -> Self {
-        Self { history: LensHistory { size_px, interval_s, cameras: VecDeque::new(), last: None }, rig, first }
+        Self {
+            history: LensHistory { size_px, interval_s, cameras: VecDeque::new(), converted: Memo::default() },
+            rig,
+            first,
+        }
     }
 
     /// Adds the lens state that a stream sent with a pose.

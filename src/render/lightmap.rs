@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use crate::gpu::{Gpu, half_texels};
+use crate::memo::ByAddress;
 
 /// A part's lightmap.
 #[derive(Clone, Debug, PartialEq)]
@@ -16,19 +17,27 @@ pub struct Lightmap {
     pub layers: Vec<Vec<[f32; 4]>>,
 }
 
-/// Lightmaps of a scene's parts, in order.
+/// The lightmaps that a scene's parts are drawn with. No memo: it holds exactly the textures in
+/// use, however many parts there are.
 #[derive(Debug)]
 pub struct PartLightmaps {
-    of_parts: Vec<Option<Arc<Lightmap>>>,
-    bound: Vec<(Arc<Lightmap>, wgpu::BindGroup)>,
+    /// In the order of the parts.
+    of_parts: Vec<Option<BoundLightmap>>,
     none: wgpu::BindGroup,
     pub strength: f32,
+}
+
+/// A lightmap on the GPU.
+#[derive(Clone, Debug)]
+struct BoundLightmap {
+    map: ByAddress<Lightmap>,
+    group: wgpu::BindGroup,
 }
 
 impl PartLightmaps {
     pub fn new(gpu: &Gpu, layout: &wgpu::BindGroupLayout) -> Self {
         let none = upload(gpu, layout, &Lightmap { side: 1, layers: vec![vec![[1.0; 4]]; 2] });
-        Self { of_parts: Vec::new(), bound: Vec::new(), none, strength: 1.0 }
+        Self { of_parts: Vec::new(), none, strength: 1.0 }
     }
 
     /// Returns false if nothing changed.
@@ -40,31 +49,34 @@ impl PartLightmaps {
         strength: f32,
     ) -> bool {
         let previous_strength = std::mem::replace(&mut self.strength, strength);
-        let is_same = |(a, b): (&Option<Arc<Lightmap>>, &Option<Arc<Lightmap>>)| match (a, b) {
-            (Some(a), Some(b)) => Arc::ptr_eq(a, b),
-            (a, b) => a.is_none() && b.is_none(),
-        };
-        if self.of_parts.len() == of_parts.len() && self.of_parts.iter().zip(of_parts).all(is_same) {
+        let of_parts: Vec<_> = of_parts.iter().map(|map| map.clone().map(ByAddress)).collect();
+        let before = self.of_parts.iter().map(|bound| bound.as_ref().map(|bound| &bound.map));
+        if before.eq(of_parts.iter().map(Option::as_ref)) {
             return previous_strength != strength;
         }
-        self.bound.retain(|(bound, _)| of_parts.iter().flatten().any(|map| Arc::ptr_eq(map, bound)));
-        for map in of_parts.iter().flatten() {
-            if !self.bound.iter().any(|(bound, _)| Arc::ptr_eq(map, bound)) {
-                self.bound.push((map.clone(), upload(gpu, layout, map)));
-            }
+        let mut bound: Vec<Option<BoundLightmap>> = Vec::new();
+        for map in of_parts {
+            let of_part = map.map(|map| {
+                let mut known = self.of_parts.iter().chain(&bound).flatten();
+                let same = known.find(|known| known.map == map).cloned();
+                same.unwrap_or_else(|| BoundLightmap { group: upload(gpu, layout, &map), map })
+            });
+            bound.push(of_part);
         }
-        self.of_parts = of_parts.to_vec();
+        self.of_parts = bound;
         true
     }
 
     pub fn has_lightmap(&self, part: usize) -> bool {
-        self.of_parts.get(part).is_some_and(Option::is_some)
+        self.of_part(part).is_some()
     }
 
     pub fn of(&self, part: usize) -> &wgpu::BindGroup {
-        let map = self.of_parts.get(part).and_then(Option::as_ref);
-        let bound = map.and_then(|map| self.bound.iter().find(|(bound, _)| Arc::ptr_eq(map, bound)));
-        bound.map_or(&self.none, |(_, group)| group)
+        self.of_part(part).map_or(&self.none, |bound| &bound.group)
+    }
+
+    fn of_part(&self, part: usize) -> Option<&BoundLightmap> {
+        self.of_parts.get(part)?.as_ref()
     }
 }
 

@@ -198,6 +198,7 @@ mod tests {
     use super::super::sky::EnvSample;
     use super::*;
     use crate::digest::Digest;
+    use crate::memo::ByAddress;
     use crate::scene::{Lighting, PointLight, Sun};
 
     /// All that a lightmap depends on.
@@ -258,7 +259,7 @@ mod tests {
         );
         let shadow_map = ShadowMap {
             floor: ReceiverPlane::new(DVec3::ZERO, DVec3::Z),
-            texture: Arc::new(texture),
+            texture: ByAddress(Arc::new(texture)),
             is_beside: false,
         };
         let corners = vec![Vec3::ZERO, Vec3::X, Vec3::Y];
@@ -290,7 +291,7 @@ mod tests {
             |i| i.lighting.points[0].spot = Some(Default::default()),
             |i| i.lighting.points[0].range_m = 9.0,
             |i| i.shadow_maps[0].floor.origin_m.y = 1.0,
-            |i| Arc::make_mut(&mut i.shadow_maps[0].texture).removed[0][1] += 0.5,
+            |i| Arc::make_mut(&mut i.shadow_maps[0].texture.0).removed[0][1] += 0.5,
             |i| i.shadow_maps.clear(),
             |i| i.origin_m.z = 1e-9,
             |i| i.unwrapped.side = 17,

@@ -16,7 +16,7 @@ use super::shadow_map::{ShadowMap, ShadowTexture};
 use super::sky::{EnvSample, EnvironmentImage};
 use super::steps::{QuantizedTransform, dequantize, quantize, quantize_length};
 use crate::digest::{Digest, Digester};
-use crate::memo::Memo;
+use crate::memo::{ByAddress, Memo};
 use crate::quality::Quality;
 use crate::render::{Lightmap, MAX_POINTS, MAX_SUNS, Unwrapped};
 use crate::scene::{Lighting, Object, Part, PointLight, Scene};
@@ -36,24 +36,23 @@ static LIGHTMAPS: Memo<Digest, Arc<Lightmap>> =
 /// Computes lightmaps.
 #[derive(Debug)]
 pub struct Lightmaps {
-    lighting: Lighting,
+    lighting: ByAddress<Lighting>,
     /// Samples of the whole environment, computed on demand.
     environment: Option<Vec<EnvSample>>,
     /// Lightmaps by arrangement: also of objects that were moved as a whole, where exact inputs
     /// differ.
     by_arrangement: Memo<Arrangement, Arc<Lightmap>>,
-    last: Option<LastLightmaps>,
+    /// Lightmaps of all parts. Previews show the latest ones.
+    of_scene: Memo<LightmapInputs, Vec<Option<Arc<Lightmap>>>>,
 }
 
-/// The last request and its result.
-#[derive(Debug)]
-struct LastLightmaps {
+/// All inputs of a scene's lightmaps except its meshes.
+#[derive(Clone, Debug, PartialEq)]
+struct LightmapInputs {
     objects: Vec<Object>,
     shadow_maps: Vec<ShadowMap>,
     visibility: Vec<Option<Arc<Lightmap>>>,
-    lightmaps: Vec<Option<Arc<Lightmap>>>,
-    /// The light has changed since.
-    is_outdated: bool,
+    lighting: ByAddress<Lighting>,
 }
 
 /// All that a part's lightmap depends on except the scene's meshes and distant light, relative to
@@ -66,17 +65,11 @@ struct Arrangement {
     lamps: Vec<[i64; 3]>,
 }
 
-/// A shadow map with the place of its plane. Equal if the texture is the same one.
-#[derive(Clone, Debug)]
+/// A shadow map with the place of its plane.
+#[derive(Clone, Debug, PartialEq)]
 struct PlacedShadow {
     place: QuantizedTransform,
-    texture: Arc<ShadowTexture>,
-}
-
-impl PartialEq for PlacedShadow {
-    fn eq(&self, other: &Self) -> bool {
-        self.place == other.place && Arc::ptr_eq(&self.texture, &other.texture)
-    }
+    texture: ByAddress<ShadowTexture>,
 }
 
 /// An object with its bounding box, m.
@@ -89,16 +82,22 @@ struct BoundedObject<'a> {
 impl Lightmaps {
     /// Lightmaps for scenes of these meshes and this light.
     pub fn new(scene: &Scene) -> Self {
-        let by_arrangement = Memo::new(ARRANGEMENT_CAPACITY);
-        Self { lighting: scene.lighting.clone(), environment: None, by_arrangement, last: None }
+        Self {
+            lighting: ByAddress(Arc::new(scene.lighting.clone())),
+            environment: None,
+            by_arrangement: Memo::new(ARRANGEMENT_CAPACITY),
+            of_scene: Memo::default(),
+        }
     }
 
-    /// Replaces the light on the same meshes. If the numbers of suns and lamps stay, the last
+    /// Replaces the light on the same meshes. If the numbers of suns and lamps stay, the latest
     /// lightmaps are previews.
     pub fn set_lighting(&mut self, scene: &Scene) {
         let count = |lighting: &Lighting| (lighting.suns.len(), lighting.points.len());
-        let last = self.last.take().filter(|_| count(&self.lighting) == count(&scene.lighting));
-        *self = Self { last: last.map(|last| LastLightmaps { is_outdated: true, ..last }), ..Self::new(scene) };
+        let before = std::mem::replace(self, Self::new(scene));
+        if count(&before.lighting) == count(&scene.lighting) {
+            self.of_scene = before.of_scene;
+        }
     }
 
     /// One for each part of each object, in order; `None` for a part without a surface to light.
@@ -111,14 +110,14 @@ impl Lightmaps {
         shadow_maps: &[ShadowMap],
         visibility: &[Option<Arc<Lightmap>>],
     ) -> Vec<Option<Arc<Lightmap>>> {
-        let is_same = |last: &&LastLightmaps| {
-            !last.is_outdated
-                && last.objects == scene.objects
-                && last.shadow_maps == shadow_maps
-                && last.visibility == visibility
+        let inputs = LightmapInputs {
+            objects: scene.objects.clone(),
+            shadow_maps: shadow_maps.to_vec(),
+            visibility: visibility.to_vec(),
+            lighting: self.lighting.clone(),
         };
-        if let Some(last) = self.last.as_ref().filter(is_same) {
-            return last.lightmaps.clone();
+        if let Some(known) = self.of_scene.get(&inputs) {
+            return known;
         }
         let bounded = scene.objects.iter().filter_map(|object| BoundedObject::of(scene, object));
         let bounded: Vec<BoundedObject<'_>> = bounded.collect();
@@ -134,25 +133,18 @@ impl Lightmaps {
                 *map = Some(map_or_all.unwrap_or_else(|| visibility.clone()));
             }
         }
-        self.last = Some(LastLightmaps {
-            objects: scene.objects.clone(),
-            shadow_maps: shadow_maps.to_vec(),
-            visibility: visibility.to_vec(),
-            lightmaps: lightmaps.clone(),
-            is_outdated: false,
-        });
-        lightmaps
+        self.of_scene.insert(inputs, lightmaps)
     }
 
-    /// The last lightmaps, if the scene has the same parts, wherever they are now; and whether they
-    /// are final.
+    /// The latest lightmaps, if the scene has the same parts, wherever they are now; and whether
+    /// they are final.
     pub fn preview(&self, scene: &Scene) -> (Vec<Option<Arc<Lightmap>>>, Quality) {
         let meshes =
             |objects: &[Object]| objects.iter().flat_map(|o| &o.parts).map(|part| part.mesh).collect::<Vec<_>>();
         let quality = |is_final: bool| if is_final { Quality::Final } else { Quality::Preview };
-        match &self.last {
-            Some(last) if meshes(&last.objects) == meshes(&scene.objects) => {
-                (last.lightmaps.clone(), quality(!last.is_outdated && last.objects == scene.objects))
+        match self.of_scene.latest() {
+            Some((of, lightmaps)) if meshes(&of.objects) == meshes(&scene.objects) => {
+                (lightmaps, quality(of.lighting == self.lighting && of.objects == scene.objects))
             }
             _ => (Vec::new(), quality(scene.objects.is_empty())),
         }

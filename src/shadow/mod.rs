@@ -18,8 +18,8 @@
 //!   of suns and lamps behind them, from virtual objects.
 //! - `receiver_mask`: where a shadow map applies on a real surface beside the object.
 //! - `group`: which objects share a shadow map. `caster`: their parts and the light, with a digest.
-//!   `shadows`: shadow maps of a scene, memoized. `steps`: transforms as keys. `last`: the maps of
-//!   the last request.
+//!   `shadows`: shadow maps of a scene, memoized. `steps`: transforms as keys. `moved_planes`:
+//!   maps on planes that changed a little.
 //! - `white_radiance`: radiance of white at a place. `radiance`: radiance of surfaces that are
 //!   clipped in a frame. `albedo`: mean albedo of triangles.
 //!
@@ -42,11 +42,11 @@ mod bvh;
 mod caster;
 mod extent;
 mod group;
-mod last;
 mod light_visibility;
 mod lightmap;
 mod lightmaps;
 mod mask;
+mod moved_planes;
 mod occluders;
 mod penumbra;
 mod radiance;

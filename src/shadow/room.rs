@@ -418,7 +418,7 @@ mod tests {
         assert!(mean < 0.002, "{mean}");
         // In front of the wall no light is blocked: the shadow maps are identical.
         let front = scene(lighting, DVec2::new(2.0, 0.0));
-        assert_eq!(shadow_map(&front, Some(wall())).texture, shadow_map(&front, None).texture);
+        assert_eq!(*shadow_map(&front, Some(wall())).texture, *shadow_map(&front, None).texture);
     }
 
     #[test]
@@ -460,12 +460,12 @@ mod tests {
         };
         let room = Arc::new(Room::of(around.into_iter()));
         assert_eq!(
-            shadow_map(&scene_of(&lighting), Some(room.clone())).texture,
-            shadow_map(&scene_of(&lighting), None).texture
+            *shadow_map(&scene_of(&lighting), Some(room.clone())).texture,
+            *shadow_map(&scene_of(&lighting), None).texture
         );
         // A lamp at the wall of the room.
         let lit = sky(Vec::new(), vec![PointLight { position_in_world_m: DVec3::new(1.2, 0.0, 1.6), ..lamp(0.0) }]);
-        assert_eq!(shadow_map(&scene_of(&lit), Some(room)).texture, shadow_map(&scene_of(&lit), None).texture);
+        assert_eq!(*shadow_map(&scene_of(&lit), Some(room)).texture, *shadow_map(&scene_of(&lit), None).texture);
     }
 
     #[test]

@@ -2,7 +2,6 @@
 //! for each colour channel.
 
 use std::ops::Range;
-use std::sync::Arc;
 
 use glam::{DVec2, DVec3, Vec2, Vec3};
 
@@ -18,6 +17,7 @@ use super::silhouette::SilhouetteMesh;
 use super::sky::{CLASSES, PlaneLighting, SampledLamp, SkyRay, class};
 use crate::digest::{Digester, Digestible};
 use crate::interpolation::bilinear;
+use crate::memo::ByAddress;
 use crate::parallel::{over_rows, processors};
 use crate::quality::Quality;
 
@@ -104,10 +104,10 @@ pub struct RealOcclusion<'a> {
 }
 
 /// A shadow texture on a plane in the world.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct ShadowMap {
     pub floor: ReceiverPlane,
-    pub texture: Arc<ShadowTexture>,
+    pub texture: ByAddress<ShadowTexture>,
     /// The plane belongs to a real object beside, not to the support.
     pub is_beside: bool,
 }
@@ -124,12 +124,6 @@ impl Digestible for ShadowMap {
         into.add(width);
         into.add(height);
         into.add_numbers(removed);
-    }
-}
-
-impl PartialEq for ShadowMap {
-    fn eq(&self, other: &Self) -> bool {
-        self.floor == other.floor && Arc::ptr_eq(&self.texture, &other.texture) && self.is_beside == other.is_beside
     }
 }
 

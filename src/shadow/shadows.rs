@@ -11,15 +11,15 @@ use glam::{DMat3, DVec3, Vec3};
 use super::caster::{CasterBuilder, ShadowCaster};
 use super::extent::Extent;
 use super::group::ShadowGroup;
-use super::last::LastShadowMaps;
 use super::light_visibility;
+use super::moved_planes::{GroupShadowMap, on_planes_of};
 use super::receiver_mask::ReceiverMask;
 use super::receiver_plane::ReceiverPlane;
 use super::room::{MIN_HEIGHT_M, OccluderMask, Room};
 use super::shadow_map::{RealOcclusion, ShadowMap, ShadowTexture};
 use super::sky::{EnvSample, EnvironmentImage, PlaneLighting, SkyRay, rays};
 use crate::digest::{Digest, Digester};
-use crate::memo::Memo;
+use crate::memo::{ByAddress, Memo};
 use crate::quality::Quality;
 use crate::render::Lightmap;
 use crate::scene::{Lighting, Object, Scene};
@@ -64,9 +64,17 @@ pub struct Shadows {
     environment: Option<Arc<[EnvSample]>>,
     /// Real objects, and their digest.
     room: Option<(Arc<Room>, Digest)>,
-    last: Option<LastShadowMaps>,
+    /// Final shadow maps. Previews move the latest ones.
+    shadow_maps: Memo<ShadowInputs, Arc<[GroupShadowMap]>>,
     /// Lightmaps of one texel for the parts of objects.
-    light_visibility: Memo<Vec<Object>, Vec<Option<Arc<Lightmap>>>>,
+    light_visibility: Memo<ShadowInputs, Vec<Option<Arc<Lightmap>>>>,
+}
+
+/// All inputs of a scene's shadow maps except its meshes and light.
+#[derive(Clone, Debug, PartialEq)]
+struct ShadowInputs {
+    objects: Vec<Object>,
+    room: Option<Digest>,
 }
 
 impl Shadows {
@@ -84,8 +92,8 @@ impl Shadows {
             rays: Memo::new(MEMO_CAPACITY),
             environment: None,
             room: None,
-            last: None,
-            light_visibility: Memo::new(1),
+            shadow_maps: Memo::default(),
+            light_visibility: Memo::default(),
         }
     }
 
@@ -105,56 +113,63 @@ impl Shadows {
                 let digest = Digest::of(&*room);
                 (room, digest)
             });
-            (self.last, self.light_visibility) = (None, Memo::new(1));
         }
+    }
+
+    fn inputs(&self, scene: &Scene) -> ShadowInputs {
+        ShadowInputs { objects: scene.objects.clone(), room: self.room.as_ref().map(|(_, digest)| *digest) }
     }
 
     /// The fraction of suns and lamps that real objects leave visible from the scene's objects:
     /// lightmaps of one texel for their parts, in order.
     pub fn light_visibility(&self, scene: &Scene) -> Vec<Option<Arc<Lightmap>>> {
         let Some((room, _)) = &self.room else { return Vec::new() };
-        let compute = || light_visibility::lightmaps(room, scene);
-        let memo = &self.light_visibility;
-        memo.get(&scene.objects).unwrap_or_else(|| memo.insert(scene.objects.clone(), compute()))
+        self.light_visibility.get_or_insert_with(self.inputs(scene), |_| light_visibility::lightmaps(room, scene))
     }
 
     /// The shadow maps of the scene's objects as they are placed, and their quality: final ones may
     /// be known where previews are requested.
     pub fn shadow_maps(&mut self, scene: &Scene, quality: Quality) -> (Vec<ShadowMap>, Quality) {
-        if let Some(shadow_maps) = self.last.as_ref().and_then(|last| last.of(&scene.objects)) {
-            return (shadow_maps, Quality::Final);
+        let inputs = self.inputs(scene);
+        let ungrouped = |maps: &[GroupShadowMap]| maps.iter().map(|map| map.shadow_map.clone()).collect();
+        if let Some(known) = self.shadow_maps.get(&inputs) {
+            return (ungrouped(&known), Quality::Final);
         }
-        match quality {
-            Quality::Final => (self.final_maps(scene), Quality::Final),
-            Quality::Preview => self.preview_maps(scene),
+        if quality.is_preview() {
+            return self.preview_maps(scene, &inputs);
         }
+        let maps = self.final_maps(scene).into();
+        (ungrouped(&self.shadow_maps.insert(inputs, maps)), Quality::Final)
     }
 
-    fn final_maps(&mut self, scene: &Scene) -> Vec<ShadowMap> {
+    fn final_maps(&mut self, scene: &Scene) -> Vec<GroupShadowMap> {
         let mut shadow_maps = Vec::new();
         for members in self.groups(scene) {
-            shadow_maps.extend(self.group_shadow_map(scene, &members).map(|shadow_map| (shadow_map, members)));
+            let shadow_map = self.group_shadow_map(scene, &members);
+            shadow_maps.extend(shadow_map.map(|shadow_map| GroupShadowMap { shadow_map, members }));
         }
         for (floor, caster) in self.facets(scene) {
-            let texture = self.extent(scene, &caster).map(|extent| self.texture(scene, &floor, &caster, extent));
-            shadow_maps.extend(texture.map(|texture| (ShadowMap { floor, texture, is_beside: true }, Vec::new())));
+            let Some(extent) = self.extent(scene, &caster) else { continue };
+            let texture = ByAddress(self.texture(scene, &floor, &caster, extent));
+            let shadow_map = ShadowMap { floor, texture, is_beside: true };
+            shadow_maps.push(GroupShadowMap { shadow_map, members: Vec::new() });
         }
-        let last = self.last.insert(LastShadowMaps::new(scene.objects.clone(), shadow_maps));
-        last.shadow_maps()
+        shadow_maps
     }
 
-    /// Where only planes moved, and not far, as when a lens is changed, the last shadow maps move
+    /// Where only planes moved, and not far, as when a lens is changed, the latest shadow maps move
     /// with them. Elsewhere a group without a memoized shadow map gets a preview for each of its
     /// objects, so that light is subtracted twice where two of their shadows meet.
-    fn preview_maps(&mut self, scene: &Scene) -> (Vec<ShadowMap>, Quality) {
-        if let Some(shadow_maps) = self.last.as_ref().and_then(|last| last.on_floors_of(scene)) {
+    fn preview_maps(&mut self, scene: &Scene, inputs: &ShadowInputs) -> (Vec<ShadowMap>, Quality) {
+        let latest = self.shadow_maps.latest().filter(|(of, _)| of.room == inputs.room);
+        if let Some(shadow_maps) = latest.and_then(|(of, maps)| on_planes_of(scene, &of.objects, &maps)) {
             return (shadow_maps, Quality::Preview);
         }
         let (mut shadow_maps, mut quality) = (Vec::new(), Quality::Final);
         for members in self.groups(scene) {
             let known = self.group_caster(scene, &members).and_then(|(floor, caster, extent)| {
                 let texture = self.known_texture(&floor, &caster, extent)?;
-                Some(ShadowMap { floor, texture, is_beside: false })
+                Some(ShadowMap { floor, texture: ByAddress(texture), is_beside: false })
             });
             if let Some(shadow_map) = known {
                 shadow_maps.push(shadow_map);
@@ -164,14 +179,14 @@ impl Shadows {
             for member in members {
                 let Some((floor, caster, extent)) = self.group_caster(scene, &[member]) else { continue };
                 let (texture, _) = self.preview_texture(scene, &floor, &caster, extent);
-                shadow_maps.push(ShadowMap { floor, texture, is_beside: false });
+                shadow_maps.push(ShadowMap { floor, texture: ByAddress(texture), is_beside: false });
             }
         }
         for (floor, caster) in self.facets(scene) {
             let Some(extent) = self.extent(scene, &caster) else { continue };
             let (texture, of_texture) = self.preview_texture(scene, &floor, &caster, extent);
             quality = quality.min(of_texture);
-            shadow_maps.push(ShadowMap { floor, texture, is_beside: true });
+            shadow_maps.push(ShadowMap { floor, texture: ByAddress(texture), is_beside: true });
         }
         (shadow_maps, quality)
     }
@@ -231,7 +246,7 @@ impl Shadows {
 
     fn group_shadow_map(&mut self, scene: &Scene, members: &[usize]) -> Option<ShadowMap> {
         let (floor, caster, extent) = self.group_caster(scene, members)?;
-        let texture = self.texture(scene, &floor, &caster, extent);
+        let texture = ByAddress(self.texture(scene, &floor, &caster, extent));
         Some(ShadowMap { floor, texture, is_beside: false })
     }
 

@@ -143,9 +143,7 @@ fn approximate_map_is_close_to_the_final_one_which_is_reused() {
     moved.objects[1].move_by(DAffine3::from_translation(floor.axes * DVec3::new(-1.68, -0.1, 0.0)));
     let (shadow_maps, quality) = shadows.shadow_maps(&moved, Quality::Preview);
     assert!(quality.is_preview() && shadow_maps.len() == 2 && shadows.shadow_maps(&moved, Quality::Final).0.len() == 1);
-    assert!(
-        shadow_maps.iter().all(|shadow_map| exact.iter().any(|known| Arc::ptr_eq(&known.texture, &shadow_map.texture)))
-    );
+    assert!(shadow_maps.iter().all(|shadow_map| exact.iter().any(|known| known.texture == shadow_map.texture)));
 }
 
 #[test]
@@ -162,17 +160,17 @@ fn floor_that_moves_a_little_reuses_the_last_map() {
     };
     let (preview, quality) = shadows.shadow_maps(&moved(0.1, -0.02), Quality::Preview);
     let preview = only(preview);
-    assert!(quality.is_preview() && Arc::ptr_eq(&preview.texture, &exact.texture));
+    assert!(quality.is_preview() && preview.texture == exact.texture);
     assert!(preview.floor.normal().x > 0.09 && (preview.floor.origin_m.z - 0.98).abs() < 0.01, "{:?}", preview.floor);
     for (tilt, up_m) in [(0.3, 0.0), (0.0, -0.05)] {
         let (preview, quality) = shadows.shadow_maps(&moved(tilt, up_m), Quality::Preview);
-        assert!(quality.is_preview() && !Arc::ptr_eq(&only(preview).texture, &exact.texture), "{tilt} {up_m}");
+        assert!(quality.is_preview() && only(preview).texture != exact.texture, "{tilt} {up_m}");
     }
     let mut bare = moved(0.1, 0.0);
     bare.objects[0].shadowless = true;
     assert_eq!(shadows.shadow_maps(&bare, Quality::Preview).0, []);
     // A final map is that of the new floor.
-    assert!(!Arc::ptr_eq(&only(shadows.shadow_maps(&moved(0.1, 0.0), Quality::Final).0).texture, &exact.texture));
+    assert!(only(shadows.shadow_maps(&moved(0.1, 0.0), Quality::Final).0).texture != exact.texture);
 }
 
 #[test]
@@ -292,7 +290,7 @@ fn shadow_on_a_wall_matches_that_on_a_floor_in_its_plane() {
     // The shadow on the floor is that without a wall. A shadowless object has none on either.
     let ground = shadow_maps.iter().find(|shadow_map| !shadow_map.is_beside).unwrap();
     scene.objects[0].facets.clear();
-    assert_eq!(only(fresh(&scene).shadow_maps(&scene, Quality::Final).0).texture, ground.texture);
+    assert_eq!(*only(fresh(&scene).shadow_maps(&scene, Quality::Final).0).texture, *ground.texture);
     (scene.objects[0].facets, scene.objects[0].shadowless) = (vec![facet], true);
     assert_eq!(fresh(&scene).shadow_maps(&scene, Quality::Final).0, []);
 }
@@ -370,7 +368,7 @@ fn object_moved_on_its_floor_has_the_map_of_a_new_one() {
     let at = |x: f64, y: f64| scene(uniform_sky(), &floor, &[(x, y, 0.7)]);
     let first = only(shadows.shadow_maps(&at(0.0, 0.0), Quality::Final).0);
     let moved = only(shadows.shadow_maps(&at(0.731, -0.25), Quality::Final).0);
-    assert!(Arc::ptr_eq(&first.texture, &moved.texture), "it was worked out again");
+    assert!(first.texture == moved.texture, "it was worked out again");
     let scene = at(0.731, -0.25);
     assert_eq!(*only(fresh(&scene).shadow_maps(&scene, Quality::Final).0).texture, *moved.texture);
     let beside = moved.removed_at(floor.at(glam::DVec2::new(0.731, -0.25) + Vec2::new(0.0, 0.06).as_dvec2()));

@@ -38,7 +38,7 @@ impl Shot {
         recording.set_cameras(|own| self.rig.geometry_over(own));
         let (recording, scene) = (Arc::new(recording), Arc::<Scene>::default());
         let analysis = AnalysisState::Ignored;
-        Self { recording, scene, estimated_lighting: None, analysis, cached_frame: None, ..self.clone() }
+        Self { recording, scene, estimated_lighting: None, analysis, ..self.clone() }
     }
 
     /// Analyses a whole recording, which must be [`Shot::as_recorded`], and writes the result into

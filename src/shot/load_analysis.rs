@@ -62,8 +62,7 @@ impl Shot {
         recording.refine(&analysis.refinement(median_exposure_s(&recording)));
         self.recording = Arc::new(recording);
         self.layers.set_estimates(&analysis);
-        self.supports = Arc::default();
-        self.cached_frame = None;
+        self.room = Arc::default();
         self.estimated_lighting = analysis.lighting().map(Arc::new);
         self.analysis = AnalysisState::Used(folder, Box::new(analysis.findings));
     }

@@ -39,6 +39,7 @@ use crate::camera::{Camera, Geometry, NoiseProfile};
 use crate::compositor::{Compositor, ExposureTime, Settings};
 use crate::frame::Frame;
 use crate::gpu::Gpu;
+use crate::memo::{ByAddress, Memo};
 use crate::profile::{Rig, ShotSettings};
 use crate::recording::{OpenOptions, Recording, RecordingError};
 use crate::scene::{self, Gauge, Lighting, Scene};
@@ -57,7 +58,7 @@ pub use projected::ProjectedObject;
 pub use reduced::ReducedFrame;
 pub use stream::Composites;
 pub use support_gaps::SupportGap;
-use supports::SupportCache;
+use supports::RoomMemos;
 pub use surface::{Surface, SurfaceError};
 pub use triangulate::{FramePoint, TriangulatedPoint};
 pub use unit::metres_per_unit;
@@ -88,10 +89,10 @@ pub struct Shot {
     opened_unit_m: f64,
     /// Whether an analysis of the footage is used, and why not.
     pub analysis: AnalysisState,
-    /// The frame of the last picture, as recorded, for repeated pictures of it.
-    cached_frame: Option<Arc<Frame>>,
+    /// Decoded frames of [`Shot::picture`].
+    decoded: Memo<(ByAddress<Recording>, usize), Arc<Frame>>,
     /// Measured points and support planes.
-    supports: Arc<SupportCache>,
+    room: Arc<RoomMemos>,
 }
 
 impl Shot {
@@ -126,8 +127,8 @@ impl Shot {
             layers,
             opened_unit_m,
             analysis: AnalysisState::Absent,
-            cached_frame: None,
-            supports: Arc::default(),
+            decoded: Memo::default(),
+            room: Arc::default(),
         };
         shot.load_analysis(given)?;
         // Now with the analysis's estimates.
@@ -180,14 +181,14 @@ impl Shot {
         let wanted_m = unit_m(&self.scene, self.opened_unit_m);
         if wanted_m != self.recording.metres_per_unit && !self.recording.kind.is_metric() {
             Arc::make_mut(&mut self.recording).rescale(wanted_m);
-            self.supports = Arc::default();
+            self.room = Arc::default();
         }
         let estimated_lighting = self.estimated_lighting.as_deref().filter(|_| self.lighting_matches_unit());
         apply_lighting::apply_lighting(&mut self.scene, &self.scene_lighting, estimated_lighting);
         let held = self.scene.gauge.and_then(|g| self.recording.correction_to_gauge(g.frame, g.time_s, &g.pose()?));
         if let Some(world_from_other) = held {
             Arc::make_mut(&mut self.recording).move_to_world(&world_from_other);
-            self.supports = Arc::default();
+            self.room = Arc::default();
         }
     }
 

@@ -10,6 +10,7 @@ use crate::compositor::{
     Composited, Compositor, Job, Pending, StreamFrame, StreamInputs, SubmitError, Target, poses_within_s,
 };
 use crate::frame::Frame;
+use crate::memo::ByAddress;
 
 /// The composited frames of a range, in order, from [`Shot::frames`]. Ends after an error.
 pub struct Composites<'a>(Box<dyn Iterator<Item = Result<Composited, ShotError>> + 'a>);
@@ -29,23 +30,15 @@ impl Iterator for Composites<'_> {
 }
 
 impl Shot {
-    /// Starts a frame's picture with the current settings. The frame is decoded on first use, and
-    /// cached until the next frame is requested.
-    pub fn picture(
-        &mut self,
-        compositor: &mut Compositor,
-        frame: usize,
-        target: Target<'_>,
-    ) -> Result<Pending, ShotError> {
-        let recorded = match self.cached_frame.take() {
-            Some(cached) if cached.index == frame => cached,
-            _ => Arc::new(self.read_with_neighbours(frame)?),
-        };
-        let geometry = self.geometry_at(frame);
-        let pending =
-            geometry.and_then(|geometry| self.submit(compositor, Frame::clone(&recorded), &geometry, target, false));
-        self.cached_frame = Some(recorded);
-        pending
+    /// Starts a frame's picture with the current settings. A repeated frame is decoded once.
+    pub fn picture(&self, compositor: &mut Compositor, frame: usize, target: Target<'_>) -> Result<Pending, ShotError> {
+        let recorded = self.decoded_frame(frame)?;
+        self.submit(compositor, Frame::clone(&recorded), &self.geometry_at(frame)?, target, false)
+    }
+
+    fn decoded_frame(&self, frame: usize) -> Result<Arc<Frame>, ShotError> {
+        let key = (ByAddress(Arc::clone(&self.recording)), frame);
+        self.decoded.get_or_try_insert_with(key, |_| self.read_with_neighbours(frame).map(Arc::new))
     }
 
     /// Starts a frame's picture with the current settings, optionally with its layer. The frame is
@@ -97,5 +90,26 @@ impl Shot {
             in_flight,
         };
         Ok(Composites(Box::new(compositor.composite_stream(inputs, frames).map(|done| Ok(done?)))))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recording::OpenOptions;
+    use crate::shot::ShotOptions;
+    use std::path::Path;
+
+    #[test]
+    fn repeated_frame_is_decoded_once_and_again_after_the_recording_changed() {
+        let mut shot =
+            Shot::open(Path::new("recordings/demo"), &OpenOptions::default(), &ShotOptions::default()).unwrap();
+        let first = shot.decoded_frame(3).unwrap();
+        assert!(Arc::ptr_eq(&first, &shot.decoded_frame(3).unwrap()));
+        assert_eq!(shot.decoded_frame(4).unwrap().index, 4);
+        // Another camera may register depth elsewhere.
+        let before = shot.decoded_frame(3).unwrap();
+        shot.register_depth();
+        assert!(!Arc::ptr_eq(&before, &shot.decoded_frame(3).unwrap()));
     }
 }

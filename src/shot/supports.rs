@@ -1,7 +1,6 @@
-//! A shot's supports: the recording's depth is read once, and the supports of objects are cached
-//! until the objects change.
+//! A shot's supports: the recording's depth is read once, and the supports of objects are memoized.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use glam::{DVec2, DVec3};
 
@@ -11,6 +10,7 @@ use crate::camera::{Geometry, Response};
 use crate::compositor::Compositor;
 use crate::frame::Frame;
 use crate::gpu::Gpu;
+use crate::memo::{ByAddress, Memo};
 use crate::plane::{HessePlane, Plane};
 use crate::scene::{LightingOrigin, Mesh, Object, Scene};
 use crate::shadow::{LazyRadiance, Room};
@@ -23,29 +23,44 @@ const SINGLE_FRAME_SAMPLES_ACROSS: u32 = 320;
 /// Largest distance between a measured point and the intersection of its ray with a dominant plane,
 /// as a multiple of the measurement's error.
 const MAX_MOVE_PER_ERROR: f64 = 3.0;
-/// Measured points of the room and the supports of objects, computed on first use.
-#[derive(Debug, Default)]
-pub struct SupportCache(Mutex<Option<RoomScan>>);
 
-#[derive(Debug)]
-struct RoomScan {
-    samples: Vec<DepthSamples>,
-    /// The first frame's camera, with which `measured` was computed.
-    camera: Option<Geometry>,
-    measured: Arc<RoomPoints>,
-    /// Solids of the points, computed on first use.
-    solids: Option<Arc<Room>>,
-    /// Radiance of surfaces, with the camera response that it depends on.
-    radiance: Option<(Response, Arc<LazyRadiance>)>,
-    last: LastSupports,
+/// Memos of the data that is derived from a recording's depth, and of the supports of objects.
+#[derive(Debug, Default)]
+pub struct RoomMemos {
+    /// Locked while the depth is read, so that it is read once.
+    reading: Mutex<()>,
+    samples: OnceLock<Vec<DepthSamples>>,
+    /// Measured points, by the first frame's camera.
+    points: Memo<Option<Geometry>, Arc<RoomPoints>>,
+    /// The points as solids.
+    solids: Memo<ByAddress<RoomPoints>, Arc<Room>>,
+    /// Radiance of surfaces, by the camera response that it depends on.
+    radiance: Memo<(ByAddress<RoomPoints>, Response), Arc<LazyRadiance>>,
+    /// Objects with their supports.
+    supported: Memo<SupportInputs, Vec<Object>>,
 }
 
-impl RoomScan {
-    /// The measured points as solids.
-    fn solids(&mut self) -> Arc<Room> {
-        let points = &self.measured.points;
-        self.solids.get_or_insert_with(|| Arc::new(Room::of(points.iter().map(|point| point.at_m)))).clone()
+impl RoomMemos {
+    fn solids(&self, points: &Arc<RoomPoints>) -> Arc<Room> {
+        self.solids.get_or_insert_with(ByAddress(points.clone()), |points| {
+            Arc::new(Room::of(points.points.iter().map(|point| point.at_m)))
+        })
     }
+}
+
+/// All inputs of objects' supports.
+#[derive(Clone, Debug, PartialEq)]
+struct SupportInputs {
+    site: SupportSite,
+    objects: Vec<Object>,
+}
+
+/// The inputs that the supports of all objects share.
+#[derive(Clone, Debug, PartialEq)]
+struct SupportSite {
+    points: ByAddress<RoomPoints>,
+    meshes: Vec<ByAddress<Mesh>>,
+    up: Option<DVec3>,
 }
 
 /// Whether to wait for the first read of the recording's depth.
@@ -53,28 +68,6 @@ impl RoomScan {
 pub(super) enum Scan {
     Awaited,
     IfReady,
-}
-
-/// Memo of the last supports.
-#[derive(Debug, Default)]
-struct LastSupports {
-    meshes: Vec<Arc<Mesh>>,
-    up: Option<DVec3>,
-    objects: Vec<Object>,
-    supported: Vec<Object>,
-}
-
-impl LastSupports {
-    fn is_of(&self, scene: &Scene) -> bool {
-        let meshes = scene.meshes.len() == self.meshes.len()
-            && scene.meshes.iter().zip(&self.meshes).all(|(a, b)| Arc::ptr_eq(a, b));
-        meshes && scene.up_in_world == self.up
-    }
-
-    fn get(&self, object: &Object) -> Option<Object> {
-        let at = self.objects.iter().position(|known| known == object)?;
-        self.supported.get(at).cloned()
-    }
 }
 
 impl Shot {
@@ -86,47 +79,43 @@ impl Shot {
         if !is_needed || self.scene.objects.is_empty() {
             return self.scene.objects.clone();
         }
-        let mut known = self.supports.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let known = self.scan(&mut known);
-        if !known.last.is_of(&self.scene) {
-            known.last = LastSupports::default();
-        }
-        // While one object is moved, the supports of the others stay valid.
-        let with_support = |object: &Object| {
-            let new = || {
-                let support = self.support_of(object, &known.measured).map(|(support, _)| support);
-                let facets = support.map(|support| facets(&self.scene, object, &support, &known.measured.points));
-                Object { support, facets: facets.unwrap_or_default(), ..object.clone() }
-            };
-            known.last.get(object).unwrap_or_else(new)
-        };
-        let supported: Vec<_> = self.scene.objects.iter().map(with_support).collect();
+        let points = ByAddress(self.read_room());
         let Scene { meshes, up_in_world, objects, .. } = &*self.scene;
-        let (meshes, objects, up) = (meshes.clone(), objects.clone(), *up_in_world);
-        known.last = LastSupports { meshes, up, objects, supported: supported.clone() };
-        supported
+        let meshes = meshes.iter().cloned().map(ByAddress).collect();
+        let site = SupportSite { points, meshes, up: *up_in_world };
+        let memo = &self.room.supported;
+        memo.get_or_insert_with(SupportInputs { site, objects: objects.clone() }, |inputs| {
+            // While one object is moved, the supports of the others stay valid.
+            let latest = memo.latest().filter(|(of, _)| of.site == inputs.site);
+            let known = |object: &Object| {
+                let (of, supported) = latest.as_ref()?;
+                supported.get(of.objects.iter().position(|other| other == object)?).cloned()
+            };
+            let with_support = |object| known(object).unwrap_or_else(|| self.with_support(object, &inputs.site.points));
+            inputs.objects.iter().map(with_support).collect()
+        })
     }
 
-    /// The room's scan through the present camera. Reads the recording's depth on first use.
-    fn scan<'a>(&self, known: &'a mut Option<RoomScan>) -> &'a mut RoomScan {
-        let camera = self.known_geometry_at(0);
-        let known = known.get_or_insert_with(|| {
-            let samples = DepthSamples::of_recording(&self.recording);
-            let measured = Arc::new(self.points_of(&samples));
-            RoomScan {
-                measured,
-                samples,
-                camera: camera.clone(),
-                solids: None,
-                radiance: None,
-                last: LastSupports::default(),
-            }
-        });
-        if known.camera != camera {
-            (known.measured, known.camera) = (Arc::new(self.points_of(&known.samples)), camera);
-            (known.solids, known.radiance, known.last) = (None, None, LastSupports::default());
-        }
-        known
+    /// An object with its support plane and facets.
+    fn with_support(&self, object: &Object, measured: &RoomPoints) -> Object {
+        let support = self.support_of(object, measured).map(|(support, _)| support);
+        let facets = support.map(|support| facets(&self.scene, object, &support, &measured.points));
+        Object { support, facets: facets.unwrap_or_default(), ..object.clone() }
+    }
+
+    /// Measured points of the room through the present camera. Reads the recording's depth on first
+    /// use.
+    fn read_room(&self) -> Arc<RoomPoints> {
+        let _reading = self.room.reading.lock().unwrap_or_else(PoisonError::into_inner);
+        self.room.points.get_or_insert_with(self.known_geometry_at(0), |_| {
+            let samples = self.room.samples.get_or_init(|| DepthSamples::of_recording(&self.recording));
+            Arc::new(self.points_of(samples))
+        })
+    }
+
+    /// The points of [`Shot::read_room`], if they have been read.
+    fn known_room(&self) -> Option<Arc<RoomPoints>> {
+        self.room.points.get(&self.known_geometry_at(0))
     }
 
     /// The surface at a pixel for placing an object: as [`Shot::surface_at`] measures it, moved
@@ -165,15 +154,8 @@ impl Shot {
     /// wait.
     fn room_scan(&self, scan: Scan) -> Option<Arc<RoomPoints>> {
         match scan {
-            Scan::Awaited => {
-                let mut known = self.supports.0.lock().unwrap_or_else(PoisonError::into_inner);
-                Some(self.scan(&mut known).measured.clone())
-            }
-            Scan::IfReady => {
-                let known = self.supports.0.try_lock().ok()?;
-                let camera = self.known_geometry_at(0);
-                known.as_ref().filter(|known| known.camera == camera).map(|known| known.measured.clone())
-            }
+            Scan::Awaited => Some(self.read_room()),
+            Scan::IfReady => self.known_room(),
         }
     }
 
@@ -200,16 +182,13 @@ impl Shot {
         if !is_analysed || !self.settings.shadow.cast {
             return None;
         }
-        let response = self.camera().response;
-        let mut known = self.supports.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let known = known.as_mut().filter(|known| !known.measured.points.is_empty())?;
-        if known.radiance.as_ref().is_none_or(|(of, _)| *of != response) {
+        let measured = self.known_room().filter(|measured| !measured.points.is_empty())?;
+        let key = (ByAddress(measured), self.camera().response);
+        Some(self.room.radiance.get_or_insert_with(key, |(measured, response)| {
             let (recording, rig) = (self.recording.clone(), self.rig.clone());
-            let (of, measured) = (response.clone(), known.measured.clone());
-            let lazy = LazyRadiance::new(Box::new(move || radiance_of(&recording, &rig, &of, &measured)));
-            known.radiance = Some((response, Arc::new(lazy)));
-        }
-        known.radiance.as_ref().map(|(_, radiance)| radiance.clone())
+            let (measured, response) = (Arc::clone(&measured.0), response.clone());
+            Arc::new(LazyRadiance::new(Box::new(move || radiance_of(&recording, &rig, &response, &measured))))
+        }))
     }
 
     /// Solids of the room that occlude light. `None` for a default lighting, whose directions are
@@ -219,15 +198,13 @@ impl Shot {
         if is_default || !self.settings.shadow.cast {
             return None;
         }
-        let mut known = self.supports.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let known = known.as_mut().filter(|known| !known.measured.points.is_empty())?;
-        Some(known.solids())
+        let measured = self.known_room().filter(|measured| !measured.points.is_empty())?;
+        Some(self.room.solids(&measured))
     }
 
     /// Solids of the room, for any lighting. Reads the recording's depth on first use.
     pub(super) fn solids(&self) -> Arc<Room> {
-        let mut known = self.supports.0.lock().unwrap_or_else(PoisonError::into_inner);
-        self.scan(&mut known).solids()
+        self.room.solids(&self.read_room())
     }
 
     /// Measured points of the room, read again.
@@ -259,5 +236,41 @@ impl Shot {
             DepthSamples::new(frame.index, self.measured_from(frame, depth).ok()?, depth, SINGLE_FRAME_SAMPLES_ACROSS);
         let points = points_by_frame(&[samples], |frame| self.known_geometry_at(frame));
         height_over_points_m(&self.scene, object, up, points.into_iter().flat_map(|(_, points)| points).collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recording::OpenOptions;
+    use crate::shot::ShotOptions;
+    use glam::DAffine3;
+    use std::path::Path;
+
+    fn demo() -> Shot {
+        let options = ShotOptions { scene: Some("scenes/demo.toml".into()), ..ShotOptions::default() };
+        Shot::open(Path::new("recordings/demo"), &OpenOptions::default(), &options).unwrap()
+    }
+
+    #[test]
+    fn supports_after_changes_are_those_of_a_new_shot() {
+        let mut reused = demo();
+        let first = reused.objects();
+        assert!(first.len() > 1 && first.iter().all(|object| object.support.is_some()), "{first:?}");
+        let mut moved = Scene::clone(&reused.scene);
+        moved.objects[0].move_by(DAffine3::from_translation(DVec3::new(0.05, -0.02, 0.03)));
+        let mut tilted = moved.clone();
+        tilted.up_in_world = Some(DVec3::new(0.0, 0.3, 1.0).normalize());
+        for scene in [moved, tilted] {
+            reused.scene = Arc::new(scene);
+            let mut new = demo();
+            new.scene = reused.scene.clone();
+            assert!(reused.objects() == new.objects() && reused.objects() != first);
+        }
+        // Another camera measures other points.
+        let before = reused.read_room();
+        assert!(Arc::ptr_eq(&before, &reused.read_room()));
+        reused.rig.set_text("camera.fx_px=700", &mut reused.settings).unwrap();
+        assert!(reused.known_room().is_none() && reused.read_room().points[0].at_m != before.points[0].at_m);
     }
 }
