@@ -70,8 +70,6 @@ pub struct Compositor {
     /// Quality of the next frame.
     requested: Quality,
     retained: StageMemos,
-    /// Stages of the current frame.
-    log: StageLog,
 }
 
 impl Compositor {
@@ -86,7 +84,6 @@ impl Compositor {
             readbacks: ReadbackSet::default(),
             requested: Quality::Final,
             retained: StageMemos::default(),
-            log: StageLog::default(),
         }
     }
 
@@ -163,8 +160,6 @@ impl Compositor {
         target: Target<'_>,
     ) -> Result<Pending, SubmitError> {
         let requested = std::mem::take(&mut self.requested);
-        // A refused frame and `prepare` leave entries.
-        self.log = StageLog::default();
         target.check_size(&job.frame)?;
         let mut stats = FrameStats::of(&job);
         // A photograph is composited even if the layer is invisible.
@@ -173,7 +168,8 @@ impl Compositor {
             return Ok(self.pass_through(job, stats, target));
         }
         let is_retained = matches!(target, Target::View(..)) && matches!(job.real, RealDepth::OfFrame);
-        let (shadow_maps, quality) = self.update_shadows(&settings.shadow, requested, is_retained);
+        let mut log = StageLog::default();
+        let (shadow_maps, quality) = self.update_shadows(&settings.shadow, requested, is_retained, &mut log);
         let frame_view = FrameView::new(&self.renderer, shadow_maps, &job, settings);
         let context = frame_context(&job, camera, settings, &frame_view);
         let plan = Plan::new(self.gpu(), &job, camera, settings, &context, &frame_view)?;
@@ -184,19 +180,26 @@ impl Compositor {
             FrameInputs { job: &job, camera, settings, view, context, plan, work_rects, requested, is_retained };
 
         self.depth.proxies = self.proxies();
-        let occlusion = self.occlusion(&inputs);
-        let shade = self.shade(&inputs, &occlusion);
-        let drawn = self.draw(&inputs, &occlusion, shade.as_ref());
-        let layer = self.apply_effects(&inputs, &occlusion, drawn);
-        let readbacks = self.mix(&inputs, &layer, shade.as_ref(), target);
+        let occlusion = self.occlusion(&inputs, &mut log);
+        let shade = self.shade(&inputs, &occlusion, &mut log);
+        let drawn = self.draw(&inputs, &occlusion, shade.as_ref(), &mut log);
+        let layer = self.apply_effects(&inputs, &occlusion, drawn, &mut log);
+        let readbacks = self.mix(&inputs, &layer, shade.as_ref(), target, &mut log);
 
         stats.no_occlusion = occlusion.failure;
         let is_preview = quality.is_preview() || occlusion.is_preview;
-        Ok(self.finish(job, stats, readbacks, is_preview))
+        Ok(self.finish(job, stats, readbacks, is_preview, log))
     }
 
     /// Submits the recorded work of a frame.
-    fn finish(&mut self, job: Job<'_>, stats: FrameStats, mut readbacks: FrameReadbacks, is_preview: bool) -> Pending {
+    fn finish(
+        &mut self,
+        job: Job<'_>,
+        stats: FrameStats,
+        mut readbacks: FrameReadbacks,
+        is_preview: bool,
+        log: StageLog,
+    ) -> Pending {
         let submission = self.recorder.submit();
         readbacks.submitted(&submission);
         Pending {
@@ -208,13 +211,13 @@ impl Compositor {
             parts: self.recorder.parts(),
             last: Some(submission),
             is_preview,
-            stages: std::mem::take(&mut self.log).into_stages(),
+            stages: log.into_stages(),
         }
     }
 
     /// Computes shadow maps and lightmaps ahead of the first frame.
     pub fn prepare(&mut self, settings: &Settings) {
-        self.update_shadows(&settings.shadow, Quality::Final, false);
+        self.update_shadows(&settings.shadow, Quality::Final, false, &mut StageLog::default());
     }
 
     /// The stages [`Stage::ShadowMaps`] and [`Stage::Lightmaps`], which are memoized for the whole
@@ -225,18 +228,20 @@ impl Compositor {
         settings: &ShadowSettings,
         requested: Quality,
         is_retained: bool,
+        log: &mut StageLog,
     ) -> (Vec<ShadowMap>, Quality) {
         let (shadow_maps, lightmaps, quality) = if settings.cast && settings.strength > 0.0 {
             self.shadow_maps_and_lightmaps(settings, requested)
         } else {
             (Vec::new(), Vec::new(), Quality::Final)
         };
+        // Logged by results: a preview's depend on the memos' content, and so are no function of a
+        // key.
         let key = is_retained.then(|| ShadowMapsKey::new(&shadow_maps));
-        self.log.run(Stage::ShadowMaps, &self.retained.shadow_maps, key, || ());
+        log.run(Stage::ShadowMaps, &self.retained.shadow_maps, key, || ());
         let key = is_retained.then(|| LightmapsKey::new(&lightmaps));
-        let (renderer, gpu) = (&mut self.renderer, &self.recorder.gpu);
-        self.log.run(Stage::Lightmaps, &self.retained.lightmaps, key, || ());
-        renderer.set_lightmaps(gpu, &lightmaps, settings.strength);
+        log.run(Stage::Lightmaps, &self.retained.lightmaps, key, || ());
+        self.renderer.set_lightmaps(&self.recorder.gpu, &lightmaps, settings.strength);
         (shadow_maps, quality)
     }
 

@@ -10,6 +10,7 @@ use super::pending::{FrameReadbacks, LayerReadback};
 use super::real;
 use super::retained::{DrawKey, EffectsKey, ShadeKey};
 use super::shade::{self, ShadeImage};
+use super::stage_log::StageLog;
 use super::{Compositor, Target};
 use crate::effects::LayerRun;
 use crate::frame::Frame;
@@ -20,15 +21,20 @@ use crate::stage::Stage;
 
 impl Compositor {
     /// The stage [`Stage::Depth`].
-    pub(super) fn occlusion(&mut self, inputs: &FrameInputs<'_>) -> FrameOcclusion {
-        FrameOcclusion::new(&mut self.recorder, &self.depth, inputs, &self.retained.depth, &mut self.log)
+    pub(super) fn occlusion(&mut self, inputs: &FrameInputs<'_>, log: &mut StageLog) -> FrameOcclusion {
+        FrameOcclusion::new(&mut self.recorder, &self.depth, inputs, &self.retained.depth, log)
     }
 
     /// The stage [`Stage::Shade`]. `None` without shadows.
-    pub(super) fn shade(&mut self, inputs: &FrameInputs<'_>, occlusion: &FrameOcclusion) -> Option<ShadeImage> {
+    pub(super) fn shade(
+        &mut self,
+        inputs: &FrameInputs<'_>,
+        occlusion: &FrameOcclusion,
+        log: &mut StageLog,
+    ) -> Option<ShadeImage> {
         let key = inputs.is_retained.then(|| ShadeKey::new(inputs, occlusion, self.radiance.as_ref()));
         let FrameInputs { job, view, work_rects, .. } = *inputs;
-        self.log.run(Stage::Shade, &self.retained.shade, key, || {
+        log.run(Stage::Shade, &self.retained.shade, key, || {
             let recorder = &mut self.recorder;
             recorder.part("shadow");
             let request = shade::ShadeRequest {
@@ -64,11 +70,12 @@ impl Compositor {
         inputs: &FrameInputs<'_>,
         occlusion: &FrameOcclusion,
         shade: Option<&ShadeImage>,
+        log: &mut StageLog,
     ) -> Layer {
         let key = inputs.is_retained.then(|| DrawKey::new(inputs, occlusion, self.renderer.revision()));
         let FrameInputs { job, view, plan, work_rects, settings, .. } = *inputs;
         let tolerance_m = settings.depth.tolerance_m;
-        self.log.run(Stage::Draw, &self.retained.drawn, key, || {
+        log.run(Stage::Draw, &self.retained.drawn, key, || {
             let recorder = &mut self.recorder;
             recorder.part("objects");
             let view = View {
@@ -106,10 +113,11 @@ impl Compositor {
         inputs: &FrameInputs<'_>,
         occlusion: &FrameOcclusion,
         drawn: Layer,
+        log: &mut StageLog,
     ) -> Layer {
         let key = inputs.is_retained.then(|| EffectsKey::new(inputs, occlusion, &drawn));
         let (active, tolerance_m) = (&inputs.plan.active, inputs.settings.depth.tolerance_m);
-        self.log.run(Stage::Effects, &self.retained.layer, key, || {
+        log.run(Stage::Effects, &self.retained.layer, key, || {
             let (after, matte) =
                 occlusion.foreground.as_ref().map_or((0, None), |(after, matte)| (*after, Some(matte)));
             let occlude = |run: &mut LayerRun<'_>, layer: Layer, done: usize| match matte.filter(|_| after == done) {
@@ -139,9 +147,10 @@ impl Compositor {
         layer: &Layer,
         shade: Option<&ShadeImage>,
         target: Target<'_>,
+        log: &mut StageLog,
     ) -> FrameReadbacks {
         let FrameInputs { job, work_rects, plan, .. } = *inputs;
-        self.log.run_always(Stage::Mix);
+        log.run_always(Stage::Mix);
         let mut run = layer_run(&mut self.recorder, inputs);
         run.recorder.part("mix");
         let pixels = &job.frame.pixels;
