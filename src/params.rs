@@ -192,6 +192,8 @@ pub enum ParamError {
 pub trait Params {
     /// The TOML table's name: the part of `--set` before the last dot.
     fn table(&self) -> &'static str;
+    /// The first stage of a frame that reads its parameters, except those that declare their own.
+    fn table_stage(&self) -> Option<Stage>;
     fn specs(&self) -> Vec<Spec>;
     /// `None` if there is no such name.
     fn get(&self, name: &str) -> Option<Value>;

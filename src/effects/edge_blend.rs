@@ -34,7 +34,6 @@ use super::{Case, Effect, FrameContext, LayerRun, MixedPart};
 use crate::gpu::Shader;
 use crate::params::Value;
 use crate::pixels::Rect;
-use crate::stage::Stage;
 
 crate::params! {
     /// Parameters of the edge blend.
@@ -51,9 +50,6 @@ crate::uniform! {
 impl Effect for EdgeBlend {
     fn summary(&self) -> &'static str {
         "blends an object's edge pixels with their camera neighbours"
-    }
-    fn stage(&self) -> Stage {
-        Stage::Mix
     }
     fn neutral_hint(&self) -> &'static str {
         "its impact is 0; a larger value enables it"

@@ -9,7 +9,6 @@
 
 use super::{Effect, FrameContext};
 use crate::coding::PictureCoding;
-use crate::stage::Stage;
 
 crate::params! {
     /// Parameters of the format.
@@ -22,9 +21,6 @@ crate::params! {
 impl Effect for FrameFormat {
     fn summary(&self) -> &'static str {
         "codes virtual pixels as the frame's file codes the camera's"
-    }
-    fn stage(&self) -> Stage {
-        Stage::Mix
     }
     fn is_neutral(&self, context: &FrameContext<'_>) -> bool {
         context.capture.whole || context.coding.is_none()

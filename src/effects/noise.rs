@@ -34,7 +34,6 @@ use crate::camera::{Camera, Geometry, side_tap};
 use crate::gpu::Shader;
 use crate::params::Value;
 use crate::pixels::Rect;
-use crate::stage::Stage;
 
 crate::params! {
     /// Parameters of the noise.
@@ -116,9 +115,6 @@ impl Noise {
 impl Effect for Noise {
     fn summary(&self) -> &'static str {
         "gives virtual pixels the camera's noise"
-    }
-    fn stage(&self) -> Stage {
-        Stage::Mix
     }
     fn check(&self, camera: &Camera, _: &Geometry) -> Result<(), EffectError> {
         if self.iso.is_some() && camera.noise.is_some() && camera.exposure.iso.is_none() {

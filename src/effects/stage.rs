@@ -163,10 +163,6 @@ pub fn curve_choice(response: &Response) -> f64 {
 pub trait Effect: Params + Boxed + std::fmt::Debug + Send + Sync {
     /// Description in one line.
     fn summary(&self) -> &'static str;
-    /// Whether it acts on the layer, in [`Effect::run`], or on code values, in [`Effect::mix`].
-    fn stage(&self) -> Stage {
-        Stage::Effects
-    }
     /// True if it changes no pixel. Then it does not run.
     fn is_neutral(&self, context: &FrameContext<'_>) -> bool;
     /// Message for the user of a neutral effect, without a full stop: the reason, and the
@@ -222,6 +218,17 @@ pub trait Effect: Params + Boxed + std::fmt::Debug + Send + Sync {
     /// The coding that changed pixels follow after the mixed effects.
     fn coding(&self, _: &FrameContext<'_>) -> Option<PictureCoding> {
         None
+    }
+}
+
+impl dyn Effect + '_ {
+    /// The stage in which it acts: [`Stage::Mix`], in [`Effect::mix`], if its table is declared at
+    /// that stage, else [`Stage::Effects`], in [`Effect::run`].
+    pub fn stage(&self) -> Stage {
+        match self.table_stage() {
+            Some(Stage::Mix) => Stage::Mix,
+            _ => Stage::Effects,
+        }
     }
 }
 

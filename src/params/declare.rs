@@ -75,11 +75,14 @@ macro_rules! params {
         }
         impl $crate::params::Params for $name {
             fn table(&self) -> &'static str { $table }
+            fn table_stage(&self) -> Option<$crate::stage::Stage> {
+                #[allow(unused_mut, unused_assignments)]
+                let mut stage = None;
+                $(stage = Some($crate::stage::Stage::$table_stage);)?
+                stage
+            }
             fn specs(&self) -> Vec<$crate::params::Spec> {
                 let default = Self::default();
-                #[allow(unused_mut, unused_assignments)]
-                let mut table_stage: Option<$crate::stage::Stage> = None;
-                $(table_stage = Some($crate::stage::Stage::$table_stage);)?
                 vec![$({
                     #[allow(unused_mut, unused_assignments)]
                     let mut range: Option<(f64, f64)> = None;
@@ -92,7 +95,7 @@ macro_rules! params {
                     #[allow(unused_mut, unused_assignments)]
                     let mut acts_if = None;
                     #[allow(unused_mut, unused_assignments)]
-                    let mut stage = table_stage;
+                    let mut stage = self.table_stage();
                     $(stage = Some($crate::stage::Stage::$stage);)?
                     $(called = Some($called);)?
                     $(acts_if = Some($crate::params::ActsIf {
