@@ -7,9 +7,9 @@ use glam::DVec3;
 
 use super::document::SceneFile;
 use super::light::{DEFAULT_WHITE_LX, default_lighting};
+use super::loaded_models::MissingModels;
 use super::loader::Loader;
-use super::model_cache::MissingModels;
-use super::{Lighting, LightingOrigin, ModelCache, Object, Scene, SceneError, bytes, document, model, scene_file};
+use super::{Lighting, LightingOrigin, LoadedModels, Object, Scene, SceneError, bytes, document, model, scene_file};
 
 /// Loads a model or a scene file.
 ///
@@ -34,22 +34,22 @@ pub fn load_with(path: &Path, world_up: Option<DVec3>, missing_models: MissingMo
 /// Loads the contents of a scene file. `path` is its (possible) location; models are found relative
 /// to it.
 pub fn load_file(file: &SceneFile, path: &Path, world_up: Option<DVec3>) -> Result<Scene, SceneError> {
-    load_file_with(file, path, world_up, &mut ModelCache::default(), MissingModels::Refuse)
+    load_file_with(file, path, world_up, &mut LoadedModels::default(), MissingModels::Refuse)
 }
 
-/// Like [`load_file`], with a cache: cached models are read again only if their files have changed.
+/// Like [`load_file`]; loaded models are read again only if their files have changed.
 pub fn load_file_with(
     file: &SceneFile,
     path: &Path,
     world_up: Option<DVec3>,
-    models: &mut ModelCache,
+    models: &mut LoadedModels,
     missing_models: MissingModels,
 ) -> Result<Scene, SceneError> {
-    let model_cache = std::mem::take(models);
+    let loaded_models = std::mem::take(models);
     guarded(path, || {
-        let mut loader = Loader { model_cache, missing_models, ..Loader::default() };
+        let mut loader = Loader { loaded_models, missing_models, ..Loader::default() };
         let done = unit(path, world_up).and_then(|up| scene_file::read(&mut loader, file, path, up));
-        *models = loader.model_cache;
+        *models = loader.loaded_models;
         done.map(|()| loader.scene)
     })
 }

@@ -7,7 +7,7 @@ use std::rc::Rc;
 use glam::{DVec3, Vec2, Vec3};
 
 use super::light::{BULB_DIAMETER_M, SUN_RAD};
-use super::model_cache::{LightKind, MissingModels, Model, ModelCache};
+use super::loaded_models::{LightKind, LoadedModels, MissingModels, Model};
 use super::{Environment, Lighting, Object, Part, PointLight, Scene, SceneError, Sun};
 
 /// Vertices and indices of a scene at these limits take 1.6 GB.
@@ -25,8 +25,8 @@ pub(super) struct Loader {
     pub parts: usize,
     /// Models read so far, by file.
     pub models: HashMap<PathBuf, Rc<Model>>,
-    /// Cache of earlier scenes.
-    pub model_cache: ModelCache,
+    /// Files that earlier scenes loaded.
+    pub loaded_models: LoadedModels,
     pub missing_models: MissingModels,
     /// The box in place of missing models, once created.
     pub stand_in: Option<Rc<Model>>,
@@ -44,7 +44,7 @@ impl Default for Loader {
             indices: 0,
             parts: 0,
             models: HashMap::new(),
-            model_cache: ModelCache::default(),
+            loaded_models: LoadedModels::default(),
             missing_models: MissingModels::Refuse,
             stand_in: None,
         }

@@ -7,8 +7,8 @@ use std::sync::Arc;
 
 use glam::{DAffine3, Vec3};
 
+use super::loaded_models::{MissingModels, Model, SceneCounts};
 use super::loader::Loader;
-use super::model_cache::{MissingModels, Model, SceneCounts};
 use super::{Material, Mesh, Part, SceneError, Size, Texture, TextureUse, Vertex, Wrap};
 
 /// Side of the box if the scene file gives no size, m.
@@ -133,7 +133,7 @@ fn cube(material: usize) -> Mesh {
 mod tests {
     use super::*;
     use crate::scene::document::PlacedModel;
-    use crate::scene::{ModelCache, Scene, SceneFile, load_file, load_file_with};
+    use crate::scene::{LoadedModels, Scene, SceneFile, load_file, load_file_with};
     use glam::DVec3;
 
     fn scene_of(models: &[&str]) -> SceneFile {
@@ -143,7 +143,7 @@ mod tests {
 
     fn load_standing_in(file: &SceneFile) -> Scene {
         let path = Path::new("scenes/any.toml");
-        load_file_with(file, path, Some(DVec3::Z), &mut ModelCache::default(), MissingModels::StandIn).unwrap()
+        load_file_with(file, path, Some(DVec3::Z), &mut LoadedModels::default(), MissingModels::StandIn).unwrap()
     }
 
     #[test]

@@ -4,7 +4,6 @@
 //! `world_from_mesh` transforms them to the world, including the change of axes.
 
 mod bytes;
-mod cache;
 mod describe;
 pub mod document;
 mod edit;
@@ -17,11 +16,11 @@ mod lamp;
 mod light;
 mod light_correction;
 mod load;
+mod loaded_models;
 mod loader;
 mod material;
 mod missing;
 mod model;
-mod model_cache;
 mod nodes;
 mod overlap;
 mod panorama;
@@ -30,6 +29,7 @@ mod place;
 mod reader;
 mod rest_pose;
 mod resting;
+mod reuse;
 mod scene_file;
 mod schema;
 
@@ -48,9 +48,9 @@ pub use error::SceneError;
 pub use heading::Heading;
 pub use light_correction::LightCorrection;
 pub use load::{load, load_file, load_file_with, load_with};
+pub use loaded_models::{LoadedModels, MissingModels};
 pub use missing::MissingFile;
 pub use model::is_model;
-pub use model_cache::{MissingModels, ModelCache};
 pub use overlap::{Overlap, overlaps};
 pub use place::Size;
 pub use resting::{Facet, MIN_SUPPORT_COSINE, Posture, place_at_rest, relative};

@@ -11,8 +11,8 @@ use glam::{DAffine3, DVec3, Vec3};
 use super::extension;
 use super::geometry::{self, PrimitiveAssembly, unit_tangent};
 use super::gltf::{Gltf, place};
+use super::loaded_models::{LightKind, Model, ModelLight};
 use super::loader::{Loader, MAX_PARTS};
-use super::model_cache::{LightKind, Model, ModelLight};
 use super::reader::ModelReader;
 use super::rest_pose::RestPose;
 use super::schema::{Light, Primitive};
@@ -28,7 +28,7 @@ pub(super) fn load(loader: &mut Loader, file: &Path, needed_by: Option<&Path>) -
     if let Some(known) = loader.models.get(file) {
         return Ok(Rc::clone(known));
     }
-    if let Some(kept) = loader.insert_cached(file) {
+    if let Some(kept) = loader.insert_loaded(file) {
         loader.models.insert(file.to_owned(), Rc::clone(&kept));
         return Ok(kept);
     }
@@ -37,7 +37,7 @@ pub(super) fn load(loader: &mut Loader, file: &Path, needed_by: Option<&Path>) -
     if model.parts.is_empty() {
         loader.warn(file, "it has nothing visible".to_owned());
     }
-    loader.cache(file, &model, start);
+    loader.store(file, &model, start);
     loader.models.insert(file.to_owned(), Rc::clone(&model));
     Ok(model)
 }

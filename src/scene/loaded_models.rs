@@ -1,4 +1,4 @@
-//! Cache of models and panoramas for the next scene that references the same files.
+//! Models and panoramas for the next scene that references the same files.
 //!
 //! Interactive dragging builds a scene sixty times a second, with only transforms changed. Meshes
 //! and textures are shared between the scenes, and files are read again once they have changed on
@@ -12,6 +12,7 @@ use std::time::SystemTime;
 use glam::{DAffine3, Vec3};
 
 use super::{Material, Mesh, Part, Texture};
+use crate::memo::Memo;
 
 /// A model, loaded once for all its placements.
 pub(super) struct Model {
@@ -49,11 +50,22 @@ pub enum MissingModels {
     StandIn,
 }
 
-/// The cache, for [`super::load_file_with`].
-#[derive(Debug, Default)]
-pub struct ModelCache {
-    pub(super) models: HashMap<PathBuf, CachedModel>,
-    pub(super) panoramas: HashMap<PathBuf, (FileStamp, Panorama)>,
+/// Number of memoized panoramas: the scene's, and the one before it.
+const PANORAMA_CAPACITY: usize = 2;
+
+/// The loaded files, for [`super::load_file_with`].
+#[derive(Debug)]
+pub struct LoadedModels {
+    /// The last state of each model. No memo: the files that it depends on are known only once it
+    /// was read, and its indices change with the scene.
+    pub(super) models: HashMap<PathBuf, LoadedModel>,
+    pub(super) panoramas: Memo<FileStamp, Panorama>,
+}
+
+impl Default for LoadedModels {
+    fn default() -> Self {
+        Self { models: HashMap::new(), panoramas: Memo::new(PANORAMA_CAPACITY) }
+    }
 }
 
 /// Linear colours row by row.
@@ -86,9 +98,9 @@ impl FileStamp {
     }
 }
 
-/// A cached model, with indices as in the scene that it was read into.
+/// A loaded model, with indices as in the scene that it was last part of.
 #[derive(Clone, Debug)]
-pub(super) struct CachedModel {
+pub(super) struct LoadedModel {
     pub files: Vec<FileStamp>,
     pub start: SceneCounts,
     pub meshes: Vec<Arc<Mesh>>,
@@ -115,7 +127,7 @@ pub(super) struct SceneCounts {
     pub indices: usize,
 }
 
-impl CachedModel {
+impl LoadedModel {
     /// Rebases its indices. Meshes are copied only if their material indices change.
     pub fn rebase(&mut self, start: SceneCounts) {
         let from = std::mem::replace(&mut self.start, start);
@@ -147,7 +159,7 @@ impl CachedModel {
 mod tests {
     use super::*;
     use crate::scene::document::{Instance, PlacedModel};
-    use crate::scene::{Entry, MissingModels, ModelCache, SceneFile, load_file, load_file_with};
+    use crate::scene::{Entry, LoadedModels, MissingModels, SceneFile, load_file, load_file_with};
     use glam::DVec3;
 
     fn placed(models: &[&str]) -> SceneFile {
@@ -156,9 +168,9 @@ mod tests {
     }
 
     #[test]
-    fn cached_scene_is_equal_and_shares_its_meshes() {
+    fn reloaded_scene_is_equal_and_shares_its_meshes() {
         let path = Path::new("scenes/any.toml");
-        let mut models = ModelCache::default();
+        let mut models = LoadedModels::default();
         let [a, b, c] = ["marker-1.glb", "l-scale.glb", "cartridge-case-9mm.glb"];
         let first = placed(&[a, b]);
         let scene = load_file_with(&first, path, Some(DVec3::Z), &mut models, MissingModels::Refuse).unwrap();
@@ -167,13 +179,13 @@ mod tests {
         let again = load_file_with(&moved, path, Some(DVec3::Z), &mut models, MissingModels::Refuse).unwrap();
         assert!(scene.meshes.iter().zip(&again.meshes).all(|(a, b)| Arc::ptr_eq(a, b)));
         assert!(again.has_same_resources(&scene) && again != scene);
-        // In another order, with others, and back: as without a cache.
+        // In another order, with others, and back: as if read anew.
         for file in [placed(&[b, c, a]), placed(&[c]), moved.clone(), first] {
             let kept = load_file_with(&file, path, Some(DVec3::Z), &mut models, MissingModels::Refuse).unwrap();
             assert!(kept == load_file(&file, path, Some(DVec3::Z)).unwrap(), "{file:?}");
         }
         assert!(!load_file(&placed(&[a, c]), path, None).unwrap().has_same_resources(&scene));
-        // Errors do not invalidate the cache.
+        // Errors invalidate nothing.
         let before = load_file_with(&moved, path, Some(DVec3::Z), &mut models, MissingModels::Refuse).unwrap();
         load_file_with(&placed(&["none.glb"]), path, None, &mut models, MissingModels::Refuse).unwrap_err();
         let again = load_file_with(&moved, path, Some(DVec3::Z), &mut models, MissingModels::Refuse).unwrap();
@@ -185,7 +197,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let (path, model) = (folder.path().join("scene.toml"), folder.path().join("a.glb"));
         std::fs::copy("scenes/marker-1.glb", &model).unwrap();
-        let mut models = ModelCache::default();
+        let mut models = LoadedModels::default();
         let mut load = || load_file_with(&placed(&["a.glb"]), &path, None, &mut models, MissingModels::Refuse);
         let before = load().unwrap();
         std::fs::copy("scenes/l-scale.glb", &model).unwrap();
