@@ -4,17 +4,17 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::calibration_messages;
+use super::scene_compositor::SceneCompositor;
 use super::task::TaskControl;
 use locard_engine::calibrate::sharpness;
 use locard_engine::calibrate::{NoiseOptions, NoisePoint, moving, rendered_noise};
 use locard_engine::camera::Response;
-use locard_engine::compositor::{Composited, Compositor, Target};
+use locard_engine::compositor::{Composited, Target};
 use locard_engine::frame::Frame;
 use locard_engine::gpu::Gpu;
 use locard_engine::measure::histogram::{around, histograms};
 use locard_engine::measure::slanted::SlantedEdge;
 use locard_engine::pixels::{Pixels, Rect};
-use locard_engine::scene::Scene;
 use locard_engine::shot::{Shot, ShotError};
 
 /// Table of the noise effect, which is switched off for the reference.
@@ -76,11 +76,9 @@ pub struct FrameAnalysis {
     pub edges: [Option<Result<SlantedEdge, RejectedEdge>>; 2],
 }
 
-/// The compositor of the last analysis with its scene, for reuse.
+/// The compositor of all analyses, which the first one makes. One analysis at a time uses it.
 #[derive(Clone, Debug, Default)]
-pub struct CompositorCache(Arc<Mutex<Option<SceneCompositor>>>);
-
-type SceneCompositor = (Arc<Scene>, Compositor);
+pub struct SharedCompositor(Arc<Mutex<Option<SceneCompositor>>>);
 
 /// Motion of an edge's surface during the exposure, px; zero if unknown.
 pub fn moved_px(shot: &Shot, frame: &Frame, region: Rect) -> [f64; 2] {
@@ -91,7 +89,7 @@ pub fn moved_px(shot: &Shot, frame: &Frame, region: Rect) -> [f64; 2] {
 
 /// Analyses a frame and its composite. The result of cancelled work is incomplete.
 pub fn analyse(
-    compositor_cache: &CompositorCache,
+    compositor: &SharedCompositor,
     gpu: &Gpu,
     shot: &Shot,
     frame: &Frame,
@@ -111,7 +109,7 @@ pub fn analyse(
     if !(wanted.noise || wanted.histograms || wanted.edges[1].is_some()) {
         return found;
     }
-    let composited = gpu.in_error_scope(|| composited(compositor_cache, gpu, shot, frame, wanted.noise, control));
+    let composited = gpu.in_error_scope(|| composited(compositor, gpu, shot, frame, wanted.noise, control));
     let composited = composited.map_err(|source| ShotError::Gpu { frame: frame.index, source }).and_then(|done| done);
     match composited {
         Ok(None) => {}
@@ -144,7 +142,7 @@ pub fn analyse(
 /// The composite with its layer, and if requested (`twice`) the one without noise; `None` if
 /// cancelled.
 fn composited(
-    compositor_cache: &CompositorCache,
+    compositor: &SharedCompositor,
     gpu: &Gpu,
     shot: &Shot,
     frame: &Frame,
@@ -154,12 +152,8 @@ fn composited(
     if control.is_cancelled() {
         return Ok(None);
     }
-    let mut kept = compositor_cache.0.lock().unwrap_or_else(PoisonError::into_inner);
-    let (scene, compositor) = kept.get_or_insert_with(|| (Arc::clone(&shot.scene), shot.compositor(gpu.clone())));
-    if !Arc::ptr_eq(scene, &shot.scene) {
-        *scene = Arc::clone(&shot.scene);
-        compositor.set_scene(Scene::clone(scene));
-    }
+    let mut shared = compositor.0.lock().unwrap_or_else(PoisonError::into_inner);
+    let compositor = shared.get_or_insert_with(|| SceneCompositor::new(gpu.clone(), shot)).with_scene_of(shot);
     let geometry = shot.geometry_at(frame.index)?;
     let mut make = |shot: &Shot, layer: bool| -> Result<Composited, ShotError> {
         let pending = shot.submit(compositor, frame.clone(), &geometry, Target::Pixels, layer)?;

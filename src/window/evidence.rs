@@ -18,7 +18,7 @@ use super::tilt;
 use super::tool::{Tool, ToolStack};
 use locard_engine::frame::Frame;
 use locard_engine::gpu::Gpu;
-use locard_engine::scene::{Entry, ItemPlacement, ModelCache, SceneFile, SceneItem, Size};
+use locard_engine::scene::{Entry, ItemPlacement, LoadedModels, SceneFile, SceneItem, Size};
 
 /// State of the panel.
 #[derive(Default)]
@@ -31,7 +31,7 @@ pub struct EvidencePanel {
     /// Heading of the next placement, relative to facing the camera.
     turned_deg: f64,
     /// Loaded models of placement previews.
-    models: Arc<Mutex<ModelCache>>,
+    models: Arc<Mutex<LoadedModels>>,
     /// The selection, in the list and in the picture.
     pub selected: Option<SceneItem>,
     renaming: Option<Renaming>,

@@ -8,12 +8,13 @@ use std::sync::mpsc::{Sender, channel};
 use std::time::{Duration, Instant};
 
 use super::reader::Reader;
+use super::scene_compositor::SceneCompositor;
 use super::task::BackgroundTask;
 use locard_engine::compositor::{Compositor, FrameStats, Pending, Target};
 use locard_engine::frame::Frame;
 use locard_engine::gpu::{Gpu, GpuError, PartTime, read_back};
+use locard_engine::memo::{ByAddress, Memo};
 use locard_engine::pixels::Pixels;
-use locard_engine::scene::Scene;
 use locard_engine::shot::{ReducedFrame, Shot, ShotError};
 
 /// Contains code values, as the window expects of a texture.
@@ -110,19 +111,15 @@ impl FrameRenderer {
         let (renderer_gpu, last_wait_failed) = (gpu.clone(), Arc::clone(&wait_failed));
         let renderer = BackgroundTask::stream("window maker", wake.clone(), move |_| {
             let Ok(first) = incoming.recv() else { return };
-            let mut scene = Arc::clone(&first.shot.scene);
-            let mut compositor = first.shot.compositor(renderer_gpu.clone());
+            let mut scene_compositor = SceneCompositor::new(renderer_gpu.clone(), &first.shot);
             let mut reader = Reader::new(Arc::clone(&first.shot.recording));
-            // Reduced frame, reused while the same frame is rendered repeatedly.
-            let mut reduced: Option<(Arc<Frame>, ReducedFrame)> = None;
+            // During a drag the same frame is rendered repeatedly.
+            let reduced = ReducedFrames::default();
             for request in std::iter::once(first).chain(incoming) {
                 let started = Instant::now();
+                let compositor = scene_compositor.with_scene_of(&request.shot);
                 if last_wait_failed.swap(false, Ordering::Relaxed) {
                     compositor.forget_results();
-                }
-                if !Arc::ptr_eq(&scene, &request.shot.scene) {
-                    scene = Arc::clone(&request.shot.scene);
-                    compositor.set_scene(Scene::clone(&scene));
                 }
                 let view = request.texture.create_view(&Default::default());
                 let target = Target::View(&view, FORMAT);
@@ -143,10 +140,10 @@ impl FrameRenderer {
                     Ok(frame) => {
                         let submit = || {
                             if request.key.reduction > 1 {
-                                return submit_reduced(&request, &frame, &mut reduced, &mut compositor, target);
+                                return submit_reduced(&request, &frame, &reduced, compositor, target);
                             }
                             request.shot.geometry_at(frame.index).and_then(|geometry| {
-                                request.shot.submit(&mut compositor, Frame::clone(&frame), &geometry, target, false)
+                                request.shot.submit(compositor, Frame::clone(&frame), &geometry, target, false)
                             })
                         };
                         let failed = |source| ShotError::Gpu { frame: request.key.frame, source };
@@ -210,22 +207,20 @@ impl FrameRenderer {
     }
 }
 
-/// Submits a frame at reduced size. The reduced frame is cached: during a drag the same frame is
-/// rendered repeatedly.
+/// Frames by their reduction factors.
+type ReducedFrames = Memo<(ByAddress<Frame>, u32), Arc<ReducedFrame>>;
+
+/// Submits a frame at reduced size.
 fn submit_reduced(
     request: &RenderRequest,
     frame: &Arc<Frame>,
-    cache: &mut Option<(Arc<Frame>, ReducedFrame)>,
+    memo: &ReducedFrames,
     compositor: &mut Compositor,
     target: Target<'_>,
 ) -> Result<Pending, ShotError> {
-    let is_of =
-        |(of, reduced): &(Arc<Frame>, ReducedFrame)| Arc::ptr_eq(of, frame) && reduced.by() == request.key.reduction;
-    let cache = match cache.take().filter(is_of) {
-        Some(same) => cache.insert(same),
-        None => cache.insert((Arc::clone(frame), ReducedFrame::new(frame, request.key.reduction))),
-    };
-    request.shot.submit_reduced(compositor, &cache.1, target)
+    let key = (ByAddress(Arc::clone(frame)), request.key.reduction);
+    let reduced = memo.get_or_insert_with(key, |(frame, by)| Arc::new(ReducedFrame::new(frame, *by)));
+    request.shot.submit_reduced(compositor, &reduced, target)
 }
 
 fn await_picture(gpu: &Gpu, request: &RenderRequest, pending: &Pending) -> Result<RenderedPicture, GpuError> {

@@ -99,6 +99,7 @@ mod restart;
 mod row_widths;
 mod saving;
 mod scene_checks;
+mod scene_compositor;
 mod session;
 mod session_lock;
 mod side;

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use eframe::egui::{self, RichText, Ui};
 use glam::DVec2;
 
-use super::analysis::{AnalysisRequest, CompositorCache, FrameAnalysis, HISTOGRAM_BINS, RejectedEdge, analyse};
+use super::analysis::{AnalysisRequest, FrameAnalysis, HISTOGRAM_BINS, RejectedEdge, SharedCompositor, analyse};
 use super::background::Background;
 use super::brightness_plot;
 use super::controls::unknown_exposure;
@@ -42,7 +42,7 @@ pub struct Matching {
     edges_of: usize,
     patch: Option<Rect>,
     analysis: Background<(usize, u64, AnalysisRequest), FrameAnalysis>,
-    compositor_cache: CompositorCache,
+    compositor: SharedCompositor,
     brightness: Background<Rect, PatchMeans>,
 }
 
@@ -55,7 +55,7 @@ impl Default for Matching {
             edges_of: 0,
             patch: None,
             analysis: Background::default(),
-            compositor_cache: CompositorCache::default(),
+            compositor: SharedCompositor::default(),
             brightness: Background::default(),
         }
     }
@@ -153,10 +153,10 @@ impl Matching {
             return self.analysis.cancel();
         };
         let (shot, frame, gpu) = (session.project.shot().clone(), Arc::clone(frame), session.viewer.gpu().clone());
-        let (compositor_cache, key) =
-            (self.compositor_cache.clone(), (frame.index, session.project.version(), wanted.clone()));
+        let compositor = self.compositor.clone();
+        let key = (frame.index, session.project.version(), wanted.clone());
         self.analysis
-            .request(ui.ctx(), key, move |control| analyse(&compositor_cache, &gpu, &shot, &frame, &wanted, control));
+            .request(ui.ctx(), key, move |control| analyse(&compositor, &gpu, &shot, &frame, &wanted, control));
     }
 
     fn noise(&self, ui: &mut Ui, session: &Session, picked: Option<&[Vec<NoisePoint>; 3]>) {

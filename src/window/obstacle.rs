@@ -1,7 +1,8 @@
 //! Reasons why evidence can be neither drawn nor placed in a frame.
 
-use std::sync::{Arc, Weak};
+use std::sync::Arc;
 
+use locard_engine::memo::{ByAddress, Memo};
 use locard_engine::recording::Recording;
 use locard_engine::shot::{Shot, ShotError, SurfaceError};
 use locard_engine::text::without_options;
@@ -57,39 +58,25 @@ pub fn no_pose_text(nearest: Option<usize>) -> &'static str {
     }
 }
 
-/// A cache of the nearest frame that has a pose: without poses, a search visits every frame.
+/// Memo of the nearest frame that has a pose: without poses, a search visits every frame. A live
+/// recording is a new allocation after each of its frames.
 #[derive(Debug, Default)]
-pub struct NearestPose {
-    known: Option<Nearest>,
-}
-
-#[derive(Debug)]
-struct Nearest {
-    /// A live recording is a new allocation after each of its frames.
-    recording: Weak<Recording>,
-    frame: usize,
-    nearest: Option<usize>,
-}
+pub struct NearestPose(Memo<(ByAddress<Recording>, usize), Option<usize>>);
 
 impl NearestPose {
     /// The nearest frame with a pose, the earlier one of two.
-    pub fn of(&mut self, recording: &Arc<Recording>, frame: usize) -> Option<usize> {
-        self.cached(recording, frame, || nearest_with_pose(recording, frame))
+    pub fn of(&self, recording: &Arc<Recording>, frame: usize) -> Option<usize> {
+        self.memoized(recording, frame, nearest_with_pose)
     }
 
-    fn cached(
-        &mut self,
+    fn memoized(
+        &self,
         recording: &Arc<Recording>,
         frame: usize,
-        search: impl FnOnce() -> Option<usize>,
+        search: impl FnOnce(&Recording, usize) -> Option<usize>,
     ) -> Option<usize> {
-        let is_of = |known: &Nearest| std::ptr::eq(known.recording.as_ptr(), Arc::as_ptr(recording));
-        if let Some(known) = self.known.as_ref().filter(|known| is_of(known) && known.frame == frame) {
-            return known.nearest;
-        }
-        let nearest = search();
-        self.known = Some(Nearest { recording: Arc::downgrade(recording), frame, nearest });
-        nearest
+        let key = (ByAddress(Arc::clone(recording)), frame);
+        self.0.get_or_insert_with(key, |(recording, frame)| search(recording, *frame))
     }
 }
 
@@ -166,13 +153,13 @@ mod tests {
     fn nearest_pose_is_searched_once_for_a_frame_of_a_recording() {
         let open = || Recording::open(Path::new("recordings/demo"), &OpenOptions::default()).unwrap();
         let mut recording = Arc::new(open());
-        let mut nearest = NearestPose::default();
+        let nearest = NearestPose::default();
         assert_eq!(nearest.of(&recording, 4), Some(3));
-        assert_eq!(nearest.cached(&recording, 4, || unreachable!()), Some(3));
-        assert_eq!(nearest.cached(&recording, 5, || None), None);
-        assert_eq!(nearest.cached(&recording, 5, || unreachable!()), None);
+        assert_eq!(nearest.memoized(&recording, 4, |_, _| unreachable!()), Some(3));
+        assert_eq!(nearest.memoized(&recording, 5, |_, _| None), None);
+        assert_eq!(nearest.memoized(&recording, 5, |_, _| unreachable!()), None);
         // A frame that arrives brings a pose.
         Arc::make_mut(&mut recording);
-        assert_eq!(nearest.cached(&recording, 5, || Some(6)), Some(6));
+        assert_eq!(nearest.memoized(&recording, 5, |_, _| Some(6)), Some(6));
     }
 }

@@ -17,7 +17,7 @@ use super::point_picker::{Click, PointPicker, surface_point};
 use locard_engine::frame::Frame;
 use locard_engine::plane::{HessePlane, Plane};
 use locard_engine::scene::document::{PlacedModel, Up};
-use locard_engine::scene::{Entry, ModelCache, Posture, SceneError, SceneFile, place_at_rest, relative};
+use locard_engine::scene::{Entry, LoadedModels, Posture, SceneError, SceneFile, place_at_rest, relative};
 use locard_engine::shot::{PosedCamera, Shot, ViewRay};
 
 /// Smallest distance of the pointed target from the thing at which its direction counts.
@@ -48,7 +48,7 @@ struct DraggedTurn {
 }
 
 impl Placement {
-    pub fn new(model: PathBuf, turned_deg: f64, models: Arc<Mutex<ModelCache>>) -> Self {
+    pub fn new(model: PathBuf, turned_deg: f64, models: Arc<Mutex<LoadedModels>>) -> Self {
         Self {
             lies_flat: !is_upright_model(&model),
             model,

@@ -20,7 +20,7 @@ use locard_engine::live::LiveSpec;
 use locard_engine::params::{ParamError, Params, Value, called, title};
 use locard_engine::profile::{ParameterValues, Rig, ShotSettings};
 use locard_engine::recording::{OpenOptions, Recording};
-use locard_engine::scene::{self as scenes, MissingModels, ModelCache, SceneFile};
+use locard_engine::scene::{self as scenes, LoadedModels, MissingModels, SceneFile};
 use locard_engine::shot::{ResolvedSettings, Shot, ShotError, ShotOptions};
 use locard_engine::tracking::PoseTrack;
 
@@ -102,7 +102,7 @@ pub struct Project {
     /// The description that the shot's scene was loaded from.
     loaded_scene: SceneFile,
     /// Cache of all models loaded so far.
-    models: ModelCache,
+    models: LoadedModels,
     /// Why the shot's scene differs from the edited one.
     problem: Option<String>,
     /// Increases with every change; identifies the content of a picture.
@@ -168,7 +168,7 @@ impl Project {
             camera: None,
             scene_text,
             loaded_scene: edit.scene.clone(),
-            models: ModelCache::default(),
+            models: LoadedModels::default(),
             problem: None,
             shot,
             version: 0,

@@ -4,6 +4,7 @@
 use std::sync::Arc;
 
 use locard_engine::frame::Frame;
+use locard_engine::memo::Memo;
 use locard_engine::recording::{FramesWithNeighbours, Recording, RecordingError};
 
 /// Largest number of frames to skip in a running stream; beyond it a new stream is opened.
@@ -12,15 +13,15 @@ const MAX_SKIPPED_FRAMES: usize = 8;
 /// Decodes a recording's frames.
 pub struct Reader {
     recording: Arc<Recording>,
-    /// The last decoded frame, and whether it lacks its neighbours.
-    held: Option<(Arc<Frame>, bool)>,
+    /// Decoded frames, by index and by whether they lack their neighbours.
+    decoded: Memo<(usize, bool), Arc<Frame>>,
     /// The running stream with the index of its next frame.
     stream: Option<(usize, FramesWithNeighbours)>,
 }
 
 impl Reader {
     pub fn new(recording: Arc<Recording>) -> Self {
-        Self { recording, held: None, stream: None }
+        Self { recording, decoded: Memo::default(), stream: None }
     }
 
     pub fn is_of(&self, recording: &Arc<Recording>) -> bool {
@@ -30,9 +31,9 @@ impl Reader {
     /// Decodes a frame and blocks until it is available. `may_be_alone`: its neighbours are not
     /// required.
     pub fn frame(&mut self, frame: usize, may_be_alone: bool) -> Result<Arc<Frame>, RecordingError> {
-        let is_it = |(held, is_alone): &&(Arc<Frame>, bool)| held.index == frame && (may_be_alone || !is_alone);
-        if let Some((held, _)) = self.held.as_ref().filter(is_it) {
-            return Ok(Arc::clone(held));
+        let alone = || self.decoded.get(&(frame, true)).filter(|_| may_be_alone);
+        if let Some(decoded) = self.decoded.get(&(frame, false)).or_else(alone) {
+            return Ok(decoded);
         }
         let count = self.recording.frame_count();
         let missing = RecordingError::Range { start: frame, end: frame, count };
@@ -40,9 +41,8 @@ impl Reader {
         let running = self.stream.take_if(|running| !may_be_alone || is_near(running)).filter(is_near);
         if running.is_none() && may_be_alone {
             let decoded = self.recording.frames(frame..frame + 1)?.next().unwrap_or(Err(missing))?;
-            let (decoded, is_alone) = (Arc::new(decoded), self.recording.has_depth());
-            self.held = Some((Arc::clone(&decoded), is_alone));
-            return Ok(decoded);
+            let is_alone = self.recording.has_depth();
+            return Ok(self.decoded.insert((frame, is_alone), Arc::new(decoded)));
         }
         let (at, mut frames) = match running {
             Some(running) => running,
@@ -50,8 +50,7 @@ impl Reader {
         };
         let decoded = Arc::new(frames.nth(frame - at).unwrap_or(Err(missing))?);
         self.stream = Some((frame + 1, frames));
-        self.held = Some((Arc::clone(&decoded), false));
-        Ok(decoded)
+        Ok(self.decoded.insert((frame, false), decoded))
     }
 }
 

@@ -24,6 +24,8 @@ mod overlay;
 mod placement_preview;
 mod transform;
 
+use std::sync::Arc;
+
 use eframe::egui::{Context, CursorIcon, Event, Painter, PointerButton, Pos2, vec2};
 use glam::{DVec2, DVec3};
 
@@ -36,6 +38,7 @@ use self::transform::{Constraint, TransformKind};
 use super::Project;
 use super::picture::WIPE_GRIP_PT;
 use super::theme;
+use locard_engine::memo::Memo;
 use locard_engine::scene::{ItemPlacement, SceneItem, Size};
 use locard_engine::shot::PosedCamera;
 
@@ -49,15 +52,6 @@ const NUDGE_M: f64 = 1e-3;
 /// Distance from the press at which a drag begins, points.
 const DRAG_THRESHOLD_PT: f32 = 3.0;
 
-/// Cached outline of a thing.
-#[derive(Debug)]
-struct CachedOutline {
-    version: u64,
-    frame: usize,
-    thing: SceneItem,
-    outline: Outline,
-}
-
 /// Selection, and the handles of the selected thing.
 #[derive(Debug, Default)]
 pub struct Handles {
@@ -70,7 +64,8 @@ pub struct Handles {
     /// The press ended a transform: its release is no click.
     press_is_consumed: bool,
     hovered: Option<Handle>,
-    outline: Option<CachedOutline>,
+    /// Outlines by version of the project, frame and thing.
+    outlines: Memo<(u64, usize, SceneItem), Option<Arc<Outline>>>,
 }
 
 impl Handles {
@@ -310,33 +305,28 @@ impl Handles {
         }
         let gizmo_offset_m = gizmo_offset_m(over, project, eye, thing);
         let outline = self.outline(over, project, eye, thing)?;
-        let gizmo = gizmo(over, project, eye, thing, gizmo_offset_m, outline)?;
+        let gizmo = gizmo(over, project, eye, thing, gizmo_offset_m, &outline)?;
         let handle = gizmo.pick(DVec2::new(at.x.into(), at.y.into()));
-        handle.or_else(|| is_within(over.px(at), outline).then_some(Handle::Slide))
+        handle.or_else(|| is_within(over.px(at), &outline).then_some(Handle::Slide))
     }
 
     /// Outline of a thing, px of the picture.
     fn outline(
-        &mut self,
+        &self,
         over: &Overlay<'_>,
         project: &Project,
         eye: &PosedCamera,
         thing: SceneItem,
-    ) -> Option<&Outline> {
+    ) -> Option<Arc<Outline>> {
         let scene = &project.shot().scene;
-        let version = project.version();
-        let frame = over.frame.index;
-        let is_same = |cached: &CachedOutline| (cached.version, cached.frame, cached.thing) == (version, frame, thing);
-        if !self.outline.as_ref().is_some_and(is_same) {
-            let outline = match (thing, project.edit().scene.placement(thing)?) {
+        self.outlines.get_or_insert_with((project.version(), over.frame.index, thing), |_| {
+            Some(Arc::new(match (thing, project.edit().scene.placement(thing)?) {
                 (SceneItem::Lamp(_), ItemPlacement { position_m, size: Size::LargestM(diameter_m), .. }) => {
                     sphere_outline(eye, position_m, 0.5 * diameter_m)
                 }
                 _ => outline(eye, scene, scene.objects.get(object_of(project, thing)?)?),
-            };
-            self.outline = Some(CachedOutline { version, frame, thing, outline });
-        }
-        self.outline.as_ref().map(|cached| &cached.outline)
+            }))
+        })
     }
 
     fn paint(
@@ -371,8 +361,8 @@ impl Handles {
         let is_dragged = active.map(|active| active.is_dragged);
         let hovered = self.hovered;
         if let Some(outline) = self.outline(over, project, eye, thing) {
-            draw::outline(&painter, &on_screen(outline));
-            let gizmo = gizmo(over, project, eye, thing, gizmo_offset_m, outline);
+            draw::outline(&painter, &on_screen(&outline));
+            let gizmo = gizmo(over, project, eye, thing, gizmo_offset_m, &outline);
             if let Some(gizmo) = gizmo.filter(|_| is_dragged != Some(false)) {
                 draw::gizmo(&painter, &gizmo, hovered, is_dragged == Some(true));
             }

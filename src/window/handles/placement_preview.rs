@@ -15,7 +15,7 @@ use super::draw;
 use super::outline::{Outline, outline};
 use locard_engine::frame::Frame;
 use locard_engine::scene::document::PlacedModel;
-use locard_engine::scene::{MissingModels, ModelCache, SceneFile, load_file_with};
+use locard_engine::scene::{LoadedModels, MissingModels, SceneFile, load_file_with};
 use locard_engine::shot::Shot;
 
 /// Inputs of a preview.
@@ -33,13 +33,13 @@ pub struct PreviewKey {
 /// The current preview and the computation of the next one.
 #[derive(Debug)]
 pub struct PlacementPreview {
-    models: Arc<Mutex<ModelCache>>,
+    models: Arc<Mutex<LoadedModels>>,
     running: Option<(PreviewKey, BackgroundTask<Outline>)>,
     shown: Option<(PreviewKey, Outline)>,
 }
 
 impl PlacementPreview {
-    pub fn new(models: Arc<Mutex<ModelCache>>) -> Self {
+    pub fn new(models: Arc<Mutex<LoadedModels>>) -> Self {
         Self { models, running: None, shown: None }
     }
 
