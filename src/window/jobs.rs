@@ -333,7 +333,7 @@ fn take_snapshot(
     Inputs::of(shot).check_file(path)?;
     let failed = |error: GpuError| JobFailure::Failed(error.to_string());
     let mut compositor = shot.compositor(open_gpu(gpu).map_err(failed)?);
-    let pending = shot.clone().picture(&mut compositor, frame, Target::Pixels)?;
+    let pending = shot.picture(&mut compositor, frame, Target::Pixels)?;
     let done = compositor.collect(pending).map_err(failed)?;
     write_frame(path, &done.pixels, force).map_err(|error| JobFailure::Failed(without_options(&error.to_string())))?;
     Ok(format!("frame {frame}"))

@@ -144,7 +144,7 @@ fn typed_numbers_move_rotate_and_scale_exactly_in_one_step_each() {
     assert_eq!(steps(&window), names);
     // The picture matches a composite of the scene file.
     settle(&mut window);
-    let mut shot: Shot = window.state().project().shot().clone();
+    let shot: Shot = window.state().project().shot().clone();
     let mut compositor = shot.compositor(gpu::gpu().clone());
     let pending = shot.picture(&mut compositor, 0, Target::Pixels).unwrap();
     assert!(shown_codes(&window) == codes(&compositor.collect(pending).unwrap().pixels));

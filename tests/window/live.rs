@@ -74,7 +74,6 @@ fn window_of(site: &Site, video: &str, sets: &[&str]) -> Harness<'static, App> {
 
 /// A shot's frame, composited anew.
 fn composited(shot: &Shot, frame: usize) -> Vec<[u8; 3]> {
-    let mut shot = shot.clone();
     let mut compositor = shot.compositor(gpu::gpu().clone());
     let pending = shot.picture(&mut compositor, frame, Target::Pixels).unwrap();
     codes(&compositor.collect(pending).unwrap().pixels)

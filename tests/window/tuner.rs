@@ -38,7 +38,7 @@ fn plain(profile: Option<&Path>) -> ShotOptions {
 /// The picture that `locard composite` writes with these settings.
 fn written(sets: &[&str], frame: usize) -> Vec<[u8; 3]> {
     let given = ShotOptions { sets: sets.iter().map(ToString::to_string).collect(), ..given(None) };
-    let mut shot = Shot::open(&demo(), &OpenOptions::default(), &given).unwrap();
+    let shot = Shot::open(&demo(), &OpenOptions::default(), &given).unwrap();
     let mut compositor = shot.compositor(gpu::gpu().clone());
     let pending = shot.picture(&mut compositor, frame, Target::Pixels).unwrap();
     codes(&compositor.collect(pending).unwrap().pixels)

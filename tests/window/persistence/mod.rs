@@ -55,7 +55,7 @@ fn plain() -> Harness<'static, App> {
 fn written(sets: &[&str], frame: usize) -> Vec<[u8; 3]> {
     let sets = sets.iter().map(ToString::to_string).collect();
     let given = ShotOptions { sets, scene: Some(DEMO_SCENE.into()), ..ShotOptions::default() };
-    let mut shot = Shot::open(&harness::demo(), &OpenOptions::default(), &given).unwrap();
+    let shot = Shot::open(&harness::demo(), &OpenOptions::default(), &given).unwrap();
     let mut compositor = shot.compositor(gpu::gpu().clone());
     let pending = shot.picture(&mut compositor, frame, Target::Pixels).unwrap();
     codes(&compositor.collect(pending).unwrap().pixels)
