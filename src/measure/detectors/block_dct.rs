@@ -246,4 +246,11 @@ mod tests {
         assert!(found.agreement(&quantised)[0] > 0.9 && found.agreement(&other)[0].abs() < 0.1);
         assert_eq!(CombFit::default().agreement(&other), [0.0; 2]);
     }
+
+    #[test]
+    fn peak_at_zero_is_not_a_comb() {
+        let mut normals = Normals::new(4);
+        let blocks: Vec<DctBlock> = (0..1200).map(|_| std::array::from_fn(|_| 1.5 * normals.next())).collect();
+        assert_eq!(CombFit::new(blocks.iter()), CombFit::default());
+    }
 }
