@@ -12,6 +12,7 @@ pub mod digest;
 pub mod document;
 pub mod frame;
 pub mod grey_image;
+pub mod hash;
 pub mod interpolation;
 pub mod memo;
 pub mod parallel;
@@ -25,6 +26,7 @@ pub mod text;
 
 // 1: physics without GPU or files; least-squares fits and poses
 pub mod camera;
+pub mod exemplar_noise;
 pub mod fit;
 
 // 2: input and output, recordings and their depth, streams of poses, tags, cameras; the GPU

@@ -54,6 +54,21 @@ pub fn forward(samples: &[f32; BLOCK_LEN]) -> [f32; BLOCK_LEN] {
     std::array::from_fn(|i| row(i / BLOCK, i % BLOCK))
 }
 
+/// Samples, centred about 0, of coefficients: the transpose of [`forward`], without rounding.
+pub fn inverse(coefficients: &[f32; BLOCK_LEN]) -> [f32; BLOCK_LEN] {
+    let basis = &*BASIS;
+    let mut columns = [0.0; BLOCK_LEN];
+    for v in 0..BLOCK {
+        for (y, weight) in basis[v].iter().enumerate() {
+            for u in 0..BLOCK {
+                columns[BLOCK * y + u] += weight * coefficients[BLOCK * v + u];
+            }
+        }
+    }
+    let row = |y: usize, x: usize| (0..BLOCK).fold(0.0, |sum, u| sum + basis[u][x] * columns[BLOCK * y + u]);
+    std::array::from_fn(|i| row(i / BLOCK, i % BLOCK))
+}
+
 /// Multiples of the quantisation steps that are nearest to coefficients; halves away from 0, as
 /// encoders round.
 pub fn quantize(coefficients: &[f32; BLOCK_LEN], steps: &[u16; BLOCK_LEN]) -> [i32; BLOCK_LEN] {

@@ -41,7 +41,12 @@ impl PictureCoding {
     /// Planes that decode to given R'G'B' codes: those of the camera, up to the rounding of codes.
     pub fn recovered_planes(&self, codes: &[u8], size: [usize; 2]) -> Vec<SamplePlane<f32>> {
         let rgb: Vec<[f32; 3]> = codes.as_chunks::<3>().0.iter().map(|code| code.map(f32::from)).collect();
-        self.filtered_planes(&rgb, size, |chroma| ChromaFilters::recovery(chroma, self.decoder))
+        self.recovered_planes_of_floats(&rgb, size)
+    }
+
+    /// Planes of R'G'B' codes that went through this coding before they were averaged or corrected.
+    pub fn recovered_planes_of_floats(&self, rgb: &[[f32; 3]], size: [usize; 2]) -> Vec<SamplePlane<f32>> {
+        self.filtered_planes(rgb, size, |chroma| ChromaFilters::recovery(chroma, self.decoder))
     }
 
     fn filtered_planes(

@@ -10,6 +10,7 @@ use statrs::distribution::{ContinuousCDF, Normal};
 
 use crate::camera::{NoiseProfile, side_tap};
 use crate::gpu::{Gpu, Recorder, Shader, Texture};
+pub use crate::hash::pcg3d;
 use crate::pixels::Rect;
 
 /// Format of the pattern, in units of σ/4096.
@@ -46,22 +47,6 @@ crate::uniform! {
 
 crate::uniform! {
     struct FilterUniform { side: [f32; 2], norm: f32, l21: f32, l22: f32, l31: f32, l32: f32, l33: f32 }
-}
-
-/// pcg3d of Jarzynski and Olano 2020.
-pub fn pcg3d(v: [u32; 3]) -> [u32; 3] {
-    let [mut x, mut y, mut z] = v.map(|c| c.wrapping_mul(1_664_525).wrapping_add(1_013_904_223));
-    for round in 0..2 {
-        x = x.wrapping_add(y.wrapping_mul(z));
-        y = y.wrapping_add(z.wrapping_mul(x));
-        z = z.wrapping_add(x.wrapping_mul(y));
-        if round == 0 {
-            x ^= x >> 16;
-            y ^= y >> 16;
-            z ^= z >> 16;
-        }
-    }
-    [x, y, z]
 }
 
 /// Lower triangle (l21, l22, l31, l32, l33) of the Cholesky factor of the channels' correlation

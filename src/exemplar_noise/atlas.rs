@@ -1,0 +1,208 @@
+//! The atlas: normalised innovations of the calibration's frames, and the candidates among them for
+//! the cells of the synthesis.
+//!
+//! A candidate is a tile of 80 × 80 luma px of one frame. It starts at a multiple of the coding's
+//! unit, so that the traces of the block grid stay in place. Candidates have four classes, one for
+//! each parity of a cell's column and row. Tiles of different classes do not overlap, therefore
+//! neighbouring cells never repeat each other.
+
+use super::ModelNumbers;
+use super::bands::{ALL_BANDS, FIRST_BAND, split};
+use super::cells::TILE_PX;
+use super::content::{FEATURES, Features, MEAN_BLOCK_PX};
+use super::synthesis::amplitude;
+use crate::grey_image::GreyImage;
+
+/// Classes of candidates: parities of a cell's column and row.
+pub const CLASSES: usize = 4;
+/// Share of a tile's pixels that must not be clipped.
+const MIN_UNCLIPPED: f32 = 0.9;
+/// Fewest tiles of a class.
+pub const MIN_CLASS_TILES: usize = 8;
+/// Unit of stored residuals, code values.
+pub const RESIDUAL_STEP: f32 = 1.0 / 8.0;
+/// Bit of [`SourceFrame::flags`]: the pixel may be used.
+pub const USABLE: u8 = 1;
+/// Bit of [`SourceFrame::flags`]: the pixel is not clipped.
+pub const UNCLIPPED: u8 = 2;
+/// Fewest candidates of a class, if less clipped tiles can provide them.
+pub const MIN_CANDIDATES: usize = 24;
+
+/// Innovations of one frame: noise of each band over its amplitude, variance about 1. Bands of Y'
+/// first, then those of Cb and Cr at their resolution.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AtlasFrame {
+    pub bands: [GreyImage; ALL_BANDS],
+}
+
+/// Residuals of a frame in its coded planes, with the content that they belong to.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SourceFrame {
+    /// Size of the coded picture, a multiple of the coding's unit.
+    pub size: [usize; 2],
+    /// R', G', B' of the picture without noise, rounded.
+    pub content: Vec<[u8; 3]>,
+    /// Real minus noise-free samples of Y', Cb and Cr, in units of [`RESIDUAL_STEP`].
+    pub residuals: [Vec<i16>; 3],
+    /// [`USABLE`] and [`UNCLIPPED`] for each px.
+    pub flags: Vec<u8>,
+}
+
+impl SourceFrame {
+    /// Content as planes, code values.
+    pub fn rgb(&self) -> [GreyImage; 3] {
+        let [width, height] = self.size;
+        let channel = |c: usize| self.content.iter().map(|code| f32::from(code[c])).collect();
+        std::array::from_fn(|c| GreyImage { width, height, values: channel(c) })
+    }
+
+    /// 1 where a flag is set, otherwise 0.
+    pub fn mask(&self, flag: u8) -> GreyImage {
+        let [width, height] = self.size;
+        let values = self.flags.iter().map(|flags| if flags & flag == 0 { 0.0 } else { 1.0 }).collect();
+        GreyImage { width, height, values }
+    }
+
+    /// A plane of residuals, code values.
+    pub fn residual(&self, plane: usize, chroma_factor: [usize; 2]) -> GreyImage {
+        let factor = if plane == 0 { [1, 1] } else { chroma_factor };
+        let [width, height] = [0, 1].map(|axis| self.size[axis] / factor[axis]);
+        let values = self.residuals[plane].iter().map(|&v| RESIDUAL_STEP * f32::from(v)).collect();
+        GreyImage { width, height, values }
+    }
+}
+
+/// Innovations of the frames, and the candidates among their tiles.
+pub fn build(numbers: &ModelNumbers, sources: &[SourceFrame]) -> (Vec<AtlasFrame>, [Vec<TileCandidate>; CLASSES]) {
+    let factor = numbers.chroma_factor;
+    let of_source = |source: &SourceFrame| numbers.scale.standardised(Features::of(&source.rgb()));
+    let features: Vec<Features> = sources.iter().map(of_source).collect();
+    let innovations = |(source, features): (&SourceFrame, &Features)| {
+        let chroma = features.reduced(factor);
+        let mut bands = (0..3).flat_map(|plane| split(&source.residual(plane, factor), plane));
+        let bands = std::array::from_fn(|b| {
+            let features = if b < FIRST_BAND[1] { features } else { &chroma };
+            let mut band = bands.next().unwrap_or_else(|| GreyImage::uniform(0, 0, 0.0));
+            for (i, v) in band.values.iter_mut().enumerate() {
+                *v /= amplitude(&numbers.atlas_gains[b], &features.at(i));
+            }
+            band
+        });
+        AtlasFrame { bands }
+    };
+    let frames = sources.iter().zip(&features).map(innovations).collect();
+    let masks: Vec<[GreyImage; 2]> = sources.iter().map(|s| [USABLE, UNCLIPPED].map(|flag| s.mask(flag))).collect();
+    let tiles: Vec<FrameTiles<'_>> = features
+        .iter()
+        .zip(&masks)
+        .map(|(features, [usable, unclipped])| FrameTiles { features, usable, unclipped })
+        .collect();
+    (frames, candidates(&tiles, factor.map(|factor| MEAN_BLOCK_PX * factor)))
+}
+
+/// A tile of the atlas.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TileCandidate {
+    pub frame: u32,
+    /// Top left corner, luma px.
+    pub at: [u32; 2],
+    /// Mean standardised features of its content.
+    pub mean: [f32; FEATURES],
+}
+
+/// A frame's tiles by usability.
+pub struct FrameTiles<'a> {
+    /// Standardised features at luma's resolution.
+    pub features: &'a Features,
+    /// 1 where a pixel may be used, otherwise 0.
+    pub usable: &'a GreyImage,
+    /// 1 where a pixel is not clipped, otherwise 0.
+    pub unclipped: &'a GreyImage,
+}
+
+/// Means over the tile whose first block is `block`; blocks beyond the border are left out.
+pub fn tile_mean(blocks: &GreyImage, block: [i64; 2]) -> f32 {
+    let side = (TILE_PX / MEAN_BLOCK_PX) as i64;
+    let range = |first: i64, count: usize| first.max(0) as usize..(first + side).clamp(0, count as i64) as usize;
+    let (columns, rows) = (range(block[0], blocks.width), range(block[1], blocks.height));
+    let count = columns.len() * rows.len();
+    let row_sum = |row: usize| blocks.values[row * blocks.width..][columns.clone()].iter().sum::<f32>();
+    if count == 0 { 0.0 } else { rows.map(row_sum).sum::<f32>() / count as f32 }
+}
+
+/// How tiles are assigned to classes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Partition {
+    /// Quarters of each frame, rotated from frame to frame.
+    Quarters,
+    /// Squares of this side, in a pattern of 2 × 2, rotated from frame to frame.
+    Squares(usize),
+    /// Four strips across each frame, rotated from frame to frame.
+    Rows,
+    Columns,
+}
+
+impl Partition {
+    /// Class of a tile; `None` if it crosses a border.
+    fn class(self, frame: usize, at: [usize; 2], size: [usize; 2]) -> Option<usize> {
+        let part = |axis: usize, side: usize| {
+            let (first, last) = (at[axis] / side.max(1), (at[axis] + TILE_PX - 1) / side.max(1));
+            (first == last).then_some(first)
+        };
+        let place = match self {
+            Self::Quarters => part(0, size[0].div_ceil(2))? + 2 * part(1, size[1].div_ceil(2))?,
+            Self::Squares(side) => part(0, side)? % 2 + 2 * (part(1, side)? % 2),
+            Self::Rows => part(1, size[1].div_ceil(CLASSES))?,
+            Self::Columns => part(0, size[0].div_ceil(CLASSES))?,
+        };
+        Some((place + frame) % CLASSES)
+    }
+}
+
+/// Candidates of each class. `unit_px`: the coding's unit, across and down. Empty classes remain if
+/// there are too few tiles.
+pub fn candidates(frames: &[FrameTiles<'_>], unit_px: [usize; 2]) -> [Vec<TileCandidate>; CLASSES] {
+    // Usable tiles with the share of their unclipped pixels.
+    let mut tiles: Vec<(f32, TileCandidate, [usize; 2])> = Vec::new();
+    for (f, frame) in frames.iter().enumerate() {
+        let size = [frame.usable.width, frame.usable.height];
+        let means: Vec<GreyImage> = frame.features.0.iter().map(|plane| plane.reduced(MEAN_BLOCK_PX)).collect();
+        let [usable, unclipped] = [frame.usable, frame.unclipped].map(|mask| mask.reduced(MEAN_BLOCK_PX));
+        for y in (0..(size[1] + 1).saturating_sub(TILE_PX)).step_by(unit_px[1]) {
+            for x in (0..(size[0] + 1).saturating_sub(TILE_PX)).step_by(unit_px[0]) {
+                let block = [x, y].map(|v| (v / MEAN_BLOCK_PX) as i64);
+                if tile_mean(&usable, block) < 0.999 {
+                    continue;
+                }
+                let mean = std::array::from_fn(|k| tile_mean(&means[k], block));
+                let candidate = TileCandidate { frame: f as u32, at: [x as u32, y as u32], mean };
+                tiles.push((tile_mean(&unclipped, block), candidate, size));
+            }
+        }
+    }
+    let of = |partition: Partition| -> [Vec<TileCandidate>; CLASSES] {
+        let mut classes: [Vec<(f32, TileCandidate)>; CLASSES] = Default::default();
+        for (share, candidate, size) in &tiles {
+            let at = candidate.at.map(|v| v as usize);
+            if let Some(class) = partition.class(candidate.frame as usize, at, *size) {
+                classes[class].push((*share, *candidate));
+            }
+        }
+        classes.map(|mut tiles| {
+            tiles.sort_by(|a, b| b.0.total_cmp(&a.0));
+            let good = tiles.partition_point(|tile| tile.0 >= MIN_UNCLIPPED);
+            tiles.truncate(good.max(MIN_CANDIDATES));
+            tiles.into_iter().map(|tile| tile.1).collect()
+        })
+    };
+    let fewest = |classes: &[Vec<TileCandidate>; CLASSES]| classes.iter().map(Vec::len).min().unwrap_or(0);
+    let quarters = of(Partition::Quarters);
+    if fewest(&quarters) >= MIN_CANDIDATES {
+        return quarters;
+    }
+    // Masks can leave a quarter empty.
+    let others = [Partition::Squares(160), Partition::Squares(128), Partition::Rows, Partition::Columns].map(of);
+    let all = std::iter::once(quarters).chain(others);
+    // The first of the best.
+    all.reduce(|best, next| if fewest(&next) > fewest(&best) { next } else { best }).unwrap_or_default()
+}

@@ -1,0 +1,97 @@
+//! Cells of the synthesis and their sources in the atlas.
+//!
+//! Cell (i, j) covers luma px 64 i − 16 to 64 i + 63 of the coded picture across, and the same down
+//! for j: 80 px, of which the first 16 overlap the cell before it. In the overlap weights are
+//! sin(π/2 (t + ½)/16) of the later and the cosine of the earlier cell, so that their squares sum
+//! to 1 and the variance of independent noise stays.
+//!
+//! Source of a cell: of n candidates of the class (i & 1) + 2 (j & 1), m = ⌈n / 24⌉ (at most 64)
+//! drawn by hashes, the one whose mean features are nearest to those of the cell's content. Its
+//! expected rank by distance is about 24 among all candidates, without any sorting. Each draw is
+//! h mod n for the three words h of pcg3d(key + (i, j, 1 + draw / 3)). pcg3d(key + (i, j, 0)) gives
+//! the tile's mirroring: bit 31 of the first word across, of the second down.
+
+use super::atlas::{CLASSES, TileCandidate, tile_mean};
+use super::content::{FEATURES, Features, MEAN_BLOCK_PX};
+use crate::hash::pcg3d;
+
+/// Distance of cells, luma px.
+pub const CELL_PX: usize = 64;
+/// Overlap of neighbouring cells, luma px.
+pub const OVERLAP_PX: usize = 16;
+/// Side of a cell with both overlaps, and of its source, luma px.
+pub const TILE_PX: usize = CELL_PX + OVERLAP_PX;
+/// Expected rank of the drawn candidate by distance.
+pub const EXPECTED_RANK: usize = 24;
+/// Largest number of draws.
+const MAX_DRAWS: usize = 64;
+
+/// Source of a cell.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TileSource {
+    pub frame: u32,
+    /// Top left corner of the tile, luma px.
+    pub at: [u32; 2],
+    /// Mirrored across, down.
+    pub mirrored: [bool; 2],
+}
+
+/// Number of cells that cover a length, luma px.
+pub fn cell_count(length: usize) -> usize {
+    (length + OVERLAP_PX).div_ceil(CELL_PX)
+}
+
+/// Weight of a cell at the t-th luma or chroma sample of its tile. `factor`: luma px per sample.
+pub fn weight(t: usize, factor: usize) -> f32 {
+    let (cell, overlap) = (CELL_PX / factor, OVERLAP_PX / factor);
+    let rise = |t: usize| (std::f32::consts::FRAC_PI_2 * (t as f32 + 0.5) / overlap as f32).sin();
+    if t < overlap {
+        rise(t)
+    } else if t >= cell {
+        rise(cell + overlap - 1 - t)
+    } else {
+        1.0
+    }
+}
+
+/// Sources of all cells of a picture, row by row. `features` are standardised.
+pub fn sources(features: &Features, candidates: &[Vec<TileCandidate>; CLASSES], key: [u32; 3]) -> Vec<TileSource> {
+    let means: Vec<_> = features.0.iter().map(|plane| plane.reduced(MEAN_BLOCK_PX)).collect();
+    let (columns, rows) = (cell_count(features.width()), cell_count(features.height()));
+    let cell_blocks = (CELL_PX / MEAN_BLOCK_PX) as i64;
+    let first_block = |cell: usize| cell as i64 * cell_blocks - (OVERLAP_PX / MEAN_BLOCK_PX) as i64;
+    let mut out = Vec::with_capacity(columns * rows);
+    for j in 0..rows {
+        for i in 0..columns {
+            let block = [first_block(i), first_block(j)];
+            let mean = std::array::from_fn(|f| tile_mean(&means[f], block));
+            out.push(source([i as u32, j as u32], &mean, candidates, key));
+        }
+    }
+    out
+}
+
+/// Source of one cell whose content has these mean features.
+pub fn source(
+    cell: [u32; 2],
+    mean: &[f32; FEATURES],
+    candidates: &[Vec<TileCandidate>; CLASSES],
+    key: [u32; 3],
+) -> TileSource {
+    let hash = |n: u32| pcg3d([cell[0].wrapping_add(key[0]), cell[1].wrapping_add(key[1]), n.wrapping_add(key[2])]);
+    let class = &candidates[(cell[0] & 1) as usize + 2 * (cell[1] & 1) as usize];
+    let draws = class.len().div_ceil(EXPECTED_RANK).clamp(1, MAX_DRAWS);
+    let distance = |c: &TileCandidate| c.mean.iter().zip(mean).map(|(a, b)| (a - b) * (a - b)).sum::<f32>();
+    let mut nearest = (f32::INFINITY, 0);
+    for draw in 0..draws {
+        let word = hash(1 + draw as u32 / 3)[draw % 3];
+        let index = word as usize % class.len();
+        let d = distance(&class[index]);
+        if d < nearest.0 {
+            nearest = (d, index);
+        }
+    }
+    let mirror = hash(0);
+    let TileCandidate { frame, at, .. } = class[nearest.1];
+    TileSource { frame, at, mirrored: [0, 1].map(|axis| mirror[axis] >> 31 == 1) }
+}

@@ -1,0 +1,175 @@
+//! Features of the content by which the noise's amplitude varies: brightness, colour, activity.
+//!
+//! Of R'G'B' codes c on the 8-bit scale, m = c / 255 and y = (R + 2 G + B) / 4 of m:
+//!
+//! | feature | formula | reads, px around a pixel |
+//! |---|---|---|
+//! | 0 | y | 0 |
+//! | 1 | √(max(y, 0) + 0.002) | 0 |
+//! | 2 | R − G of m | 0 |
+//! | 3 | B − G of m | 0 |
+//! | 4 | A₄ | 11 |
+//! | 5 | A₂ | 6 |
+//! | 6 | ln(0.05 + s * (d²)), d = 255 (y − s * y) | 2 |
+//!
+//! Activity A_r = ln(0.5 + e_r), e_r: squared Sobel gradient of 255 y (code values per px), its
+//! mean over blocks of r × r px on the coded picture's grid, smoothed over blocks by (1 2 1)/4
+//! along both axes, bilinearly interpolated between the blocks' centres. Borders repeat.
+//!
+//! s is the kernel (1 2 1)/4 along both axes: the seventh feature is the energy of fine detail.
+//!
+//! Each feature is then clamped to the range of the calibration and standardised
+//! ([`FeatureScale`]). Features of a chroma sample are the means over its pixels.
+
+use serde::{Deserialize, Serialize};
+
+use crate::grey_image::GreyImage;
+
+/// Features besides the constant 1.
+pub const FEATURES: usize = 7;
+
+/// Percentiles of the calibration's features to which features are clamped.
+const CLAMPED_SHARE: f32 = 0.005;
+
+/// (1 2 1)/4: the middle, then one side.
+const SMOOTHING: [f32; 2] = [0.5, 0.25];
+
+/// Side of the blocks over which mean features are computed, luma px. Cells and candidates start
+/// at its multiples.
+pub const MEAN_BLOCK_PX: usize = 8;
+
+/// One plane per feature.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Features(pub [GreyImage; FEATURES]);
+
+/// Range, mean and standard deviation of each feature over the calibration's pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FeatureScale {
+    pub low: [f32; FEATURES],
+    pub high: [f32; FEATURES],
+    pub mean: [f32; FEATURES],
+    /// Greater than 0.
+    pub deviation: [f32; FEATURES],
+}
+
+impl Features {
+    /// Features of a picture's R', G', B' codes on the 8-bit scale, without noise, not clipped,
+    /// and not standardised.
+    pub fn of(rgb: &[GreyImage; 3]) -> Self {
+        let (width, height) = (rgb[0].width, rgb[0].height);
+        let each = |value: &dyn Fn(f32, f32, f32) -> f32| {
+            let [r, g, b] = [0, 1, 2].map(|c| &rgb[c].values);
+            let values = r.iter().zip(g).zip(b).map(|((r, g), b)| value(r / 255.0, g / 255.0, b / 255.0)).collect();
+            GreyImage { width, height, values }
+        };
+        let brightness = each(&|r, g, b| 0.25 * r + 0.5 * g + 0.25 * b);
+        let root = each(&|r, g, b| ((0.25 * r + 0.5 * g + 0.25 * b).max(0.0) + 0.002).sqrt());
+        let (along, down) = brightness.sobel();
+        let energy = along.values.iter().zip(&down.values).map(|(x, y)| 255.0 * 255.0 * (x * x + y * y)).collect();
+        let energy = GreyImage { width, height, values: energy };
+        let [coarse, fine] = [4, 2].map(|side| activity(&energy, side));
+        let detail = fine_detail(&brightness);
+        Self([brightness, root, each(&|r, g, _| r - g), each(&|_, g, b| b - g), coarse, fine, detail])
+    }
+
+    pub fn width(&self) -> usize {
+        self.0[0].width
+    }
+
+    pub fn height(&self) -> usize {
+        self.0[0].height
+    }
+
+    /// Features of the i-th pixel, row by row.
+    pub fn at(&self, i: usize) -> [f32; FEATURES] {
+        std::array::from_fn(|f| self.0[f].values[i])
+    }
+
+    /// Means over `factor` pixels across and down.
+    pub fn reduced(&self, factor: [usize; 2]) -> Self {
+        Self(std::array::from_fn(|f| block_means(&self.0[f], factor)))
+    }
+}
+
+/// Means over blocks of `factor` pixels across and down; incomplete blocks are dropped.
+pub fn block_means(image: &GreyImage, factor: [usize; 2]) -> GreyImage {
+    let [across, down] = factor;
+    let share = 1.0 / (across * down) as f32;
+    GreyImage::from_fn(image.width / across, image.height / down, |x, y| {
+        let row = |j: usize| {
+            let from = (down * y + j) * image.width + across * x;
+            image.values[from..from + across].iter().sum::<f32>()
+        };
+        share * (0..down).map(row).sum::<f32>()
+    })
+}
+
+/// Logarithm of the energy of fine detail of a brightness from 0 to 1.
+fn fine_detail(brightness: &GreyImage) -> GreyImage {
+    let mut energy = brightness.filtered(&SMOOTHING);
+    for (e, y) in energy.values.iter_mut().zip(&brightness.values) {
+        let detail = 255.0 * (y - *e);
+        *e = detail * detail;
+    }
+    let mut out = energy.filtered(&SMOOTHING);
+    out.values.iter_mut().for_each(|v| *v = (0.05 + *v).ln());
+    out
+}
+
+fn activity(energy: &GreyImage, side: usize) -> GreyImage {
+    let blocks = energy.reduced(side).filtered(&SMOOTHING);
+    if blocks.values.is_empty() {
+        return GreyImage::uniform(energy.width, energy.height, 0.5f32.ln());
+    }
+    let place = |x: usize| {
+        let at = (x as f32 + 0.5) / side as f32 - 0.5;
+        let first = at.floor();
+        (first as i64, at - first)
+    };
+    GreyImage::from_fn(energy.width, energy.height, |x, y| {
+        let ((column, across), (row, down)) = (place(x), place(y));
+        let mix = |row: i64| {
+            let (left, right) = (blocks.clamped(column, row), blocks.clamped(column + 1, row));
+            left + across * (right - left)
+        };
+        let (upper, lower) = (mix(row), mix(row + 1));
+        (0.5 + upper + down * (lower - upper)).ln()
+    })
+}
+
+impl FeatureScale {
+    /// The scale of these values, one list per feature. Lists must not be empty.
+    pub fn of(mut values: [Vec<f32>; FEATURES]) -> Self {
+        let mut scale =
+            Self { low: [0.0; FEATURES], high: [0.0; FEATURES], mean: [0.0; FEATURES], deviation: [1.0; FEATURES] };
+        for (f, values) in values.iter_mut().enumerate() {
+            values.sort_unstable_by(f32::total_cmp);
+            let at = |share: f32| values[(share * (values.len() - 1) as f32).round() as usize];
+            let count = values.len() as f64;
+            let mean = values.iter().map(|&v| f64::from(v)).sum::<f64>() / count;
+            let variance = values.iter().map(|&v| (f64::from(v) - mean).powi(2)).sum::<f64>() / count;
+            scale.low[f] = at(CLAMPED_SHARE);
+            scale.high[f] = at(1.0 - CLAMPED_SHARE);
+            scale.mean[f] = mean as f32;
+            scale.deviation[f] = variance.sqrt() as f32 + 1e-6;
+        }
+        scale
+    }
+
+    /// Features clamped and standardised.
+    pub fn standardised(&self, mut features: Features) -> Features {
+        for (f, plane) in features.0.iter_mut().enumerate() {
+            let (low, high, mean, inverse) = (self.low[f], self.high[f], self.mean[f], 1.0 / self.deviation[f]);
+            plane.values.iter_mut().for_each(|v| *v = (v.clamp(low, high) - mean) * inverse);
+        }
+        features
+    }
+
+    /// True if all values are finite, ranges are ordered and deviations are greater than 0.
+    pub fn is_valid(&self) -> bool {
+        let finite = [self.low, self.high, self.mean, self.deviation].iter().flatten().all(|v| v.is_finite());
+        let ordered = self.low.iter().zip(&self.high).all(|(low, high)| low <= high);
+        finite && ordered && self.deviation.iter().all(|&v| v > 0.0)
+    }
+}

@@ -1,0 +1,120 @@
+//! Camera noise by example: residuals of real frames, normalised by their predicted amplitude, are
+//! reassembled on other content.
+//!
+//! Noise lives in the planes Y', Cb and Cr of the camera's coding ([`PictureCoding`]), after chroma
+//! subsampling and before the DCT. Without quantisation the same planes are rounded to 8 bits.
+//! Places are px of the coded picture: the picture with the padding that its block grid needs
+//! before its first pixel.
+//!
+//! Calibration, once: [`content`] (features φ), [`bands`], [`regression`] (amplitudes),
+//! [`latent`] (clipping), [`atlas`] (normalised innovations), [`calibration`] (indirect inference
+//! of amplitudes and clipping). Synthesis, for each frame: [`cells`] and [`synthesis`]. Everything
+//! there is a function of the key, the place and the content within 104 px: no state, no order.
+//!
+//! Steps of the synthesis, each of which can be a shader's pass:
+//!
+//! | step | result | reads around a px |
+//! |---|---|---|
+//! | brightness and its squared Sobel gradient | 2 values per px | 1 px |
+//! | mean gradient over 4 × 4 and 2 × 2 px | a value per block | the block |
+//! | standardised features | 7 values per px | 11 px |
+//! | mean features over 8 × 8 px | 7 values per block | the block |
+//! | source of each cell | frame, x, y, mirroring per cell | 10 × 10 blocks |
+//! | noise of Y' | a value per px | at most 4 cells |
+//! | noise of Cb and Cr | 2 values per chroma sample | at most 4 cells |
+//!
+//! Sources: Starck and Murtagh 1994 (bands), McCullagh and Nelder 1989 (gamma regression),
+//! Gourieroux, Monfort and Renault 1993 (indirect inference), Efros and Freeman 2001 (texture from
+//! an example's tiles), Jarzynski and Olano 2020 (hash).
+//!
+//! Not modelled: correlation in time, fixed-pattern noise, correlation beyond a cell, covariance of
+//! noise and content.
+//!
+//! [`PictureCoding`]: crate::coding::PictureCoding
+
+pub mod atlas;
+pub mod bands;
+pub mod calibration;
+pub mod cells;
+pub mod content;
+pub mod file;
+pub mod latent;
+pub mod path;
+mod registration;
+pub mod regression;
+pub mod synthesis;
+#[cfg(test)]
+mod tests;
+
+use serde::{Deserialize, Serialize};
+
+use atlas::{AtlasFrame, CLASSES, MIN_CLASS_TILES, SourceFrame, TileCandidate};
+use bands::ALL_BANDS;
+use content::FeatureScale;
+use latent::LatentTable;
+use regression::COEFFICIENTS;
+
+/// Logarithm of each band's variance as a linear function of the constant 1 and the features.
+pub type BandGains = [[f32; COEFFICIENTS]; ALL_BANDS];
+
+/// Numbers of a model.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ModelNumbers {
+    pub scale: FeatureScale,
+    /// Amplitudes of the synthesis.
+    pub gains: BandGains,
+    /// Amplitudes by which the atlas was normalised.
+    pub atlas_gains: BandGains,
+    pub latent: LatentTable,
+    /// Luma px for each chroma sample, across and down: 1 or 2.
+    pub chroma_factor: [usize; 2],
+}
+
+/// Calibrated noise of a camera at one setting.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NoiseModel {
+    pub numbers: ModelNumbers,
+    /// Residuals and content from which the atlas is made; the form that files hold.
+    pub sources: Vec<SourceFrame>,
+    pub frames: Vec<AtlasFrame>,
+    pub candidates: [Vec<TileCandidate>; CLASSES],
+}
+
+/// Why no model results.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ModelError {
+    #[error(
+        "the frames have too few unmasked tiles of 80 × 80 px: {found:?} in the four classes, expected at least \
+         {MIN_CLASS_TILES} in each; use more frames, larger ones (160 × 160 px at least), or a smaller mask"
+    )]
+    TooFewTiles { found: [usize; CLASSES] },
+    #[error("there is no frame to calibrate from; give at least one")]
+    NoFrames,
+    #[error("frame {frame} of the calibration is {found:?} px, expected {expected:?}; use frames of one recording")]
+    Size { frame: usize, found: [usize; 2], expected: [usize; 2] },
+    #[error("{count} frames of a resting camera are too few for a mean picture, expected at least 4; record longer")]
+    TooFewFrames { count: usize },
+    #[error("the numbers of the model are not finite or not ordered; calibrate again")]
+    Numbers,
+    #[error("the picture is coded in grey; noise by example needs Y'CbCr")]
+    Grey,
+}
+
+impl NoiseModel {
+    /// The model of these numbers and frames; makes the atlas and its candidates.
+    pub fn new(numbers: ModelNumbers, sources: Vec<SourceFrame>) -> Result<Self, ModelError> {
+        let gains = [numbers.gains, numbers.atlas_gains];
+        let finite = gains.iter().flatten().flatten().all(|v| v.is_finite());
+        let factor = numbers.chroma_factor.iter().all(|factor| matches!(factor, 1 | 2));
+        if !(finite && factor && numbers.scale.is_valid() && numbers.latent.is_valid()) {
+            return Err(ModelError::Numbers);
+        }
+        let (frames, candidates) = atlas::build(&numbers, &sources);
+        let found = candidates.each_ref().map(Vec::len);
+        if found.iter().any(|&count| count < MIN_CLASS_TILES) {
+            return Err(ModelError::TooFewTiles { found });
+        }
+        Ok(Self { numbers, sources, frames, candidates })
+    }
+}
