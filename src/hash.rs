@@ -1,6 +1,7 @@
 //! Hash functions that shaders compute alike.
 
-/// pcg3d of Jarzynski and Olano 2020, "Hash Functions for GPU Rendering" (shaders/shared/hash.wgsl).
+/// pcg3d of Jarzynski and Olano 2020, "Hash Functions for GPU Rendering"; the same as in
+/// shaders/shared/hash.wgsl.
 pub fn pcg3d(v: [u32; 3]) -> [u32; 3] {
     let [mut x, mut y, mut z] = v.map(|c| c.wrapping_mul(1_664_525).wrapping_add(1_013_904_223));
     for round in 0..2 {
