@@ -24,7 +24,7 @@ fn coding(factor: [u32; 2]) -> PictureCoding {
     }
 }
 
-/// White noise, uniform with this standard deviation, equal in all channels.
+/// White noise, uniform with this standard deviation.
 fn noise(x: usize, y: usize, seed: u32, deviation: f32) -> f32 {
     let word = pcg3d([x as u32, y as u32, seed])[0];
     (word as f32 / u32::MAX as f32 - 0.5) * 12.0f32.sqrt() * deviation
@@ -38,7 +38,7 @@ fn frame(seed: u32) -> CalibrationFrame {
     let noisy = (0..SIDE * SIDE).flat_map(|i| {
         let (x, y) = (i % SIDE, i / SIDE);
         let deviation = if x < SIDE / 2 { 2.0 } else { 6.0 };
-        [(grey.values[i] + noise(x, y, seed, deviation)).round() as u8; 3]
+        [0, 1, 2].map(|c| (grey.values[i] + noise(x, y, 3 * seed + c, deviation)).round() as u8)
     });
     let noisy = noisy.collect();
     CalibrationFrame {
@@ -233,6 +233,7 @@ fn amplitude_factor_scales_luma_by_pixel_and_chroma_by_its_mean() {
     for (i, (whole, scaled)) in whole[0].values.iter().zip(&scaled[0].values).enumerate() {
         assert_eq!(whole * factor.values[i], *scaled);
     }
+    assert!(deviation(whole[1].values.iter().copied()) > 0.5, "there is noise in chroma");
     for (whole, scaled) in whole[1].values.iter().zip(&scaled[1].values) {
         assert_eq!(whole * 0.75, *scaled);
     }
