@@ -72,9 +72,9 @@ pub enum ShotError {
     #[error("none of the recording's {} has a pose; its first one: {source}", count(*frames, "frame"))]
     NoPoses { frames: usize, source: NoPose },
     #[error(
-        "the brightness of the scene is unknown: frame {frame} has no {} in EXIF or a profile; give it (--set \
+        "the brightness of the scene is unknown: {} of frame {frame} is in neither EXIF nor a profile; give it (--set \
          camera.lens.f_number=…, camera.exposure.time_s=…, camera.exposure.iso=…), or the light (--lux)",
-        missing.join(" and no ")
+        missing.join(" and ")
     )]
     NoLight { frame: usize, missing: Vec<&'static str> },
     #[error("frame {frame} is black, so the brightness of the scene cannot be estimated; give the light (--lux)")]
