@@ -68,7 +68,7 @@ impl ChromaFilter {
             for at in -radius..=radius {
                 let phase = angle * at as f64;
                 for (pixel, response) in responses.iter().enumerate() {
-                    let value = (response[0] * phase.cos() + response[1] * phase.sin()) / power;
+                    let value = (response[0] * phase.cos() - response[1] * phase.sin()) / power;
                     weights[(2 * (at + radius)) as usize + pixel] += value / FREQUENCIES as f64;
                 }
             }
@@ -123,5 +123,42 @@ impl ChromaFilters {
             let term = |(i, weight): (usize, &f32)| weight * narrow.at(x, down.pixel(y, i, narrow.height));
             down.weights.iter().enumerate().map(term).sum()
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn recovery_of_jpegs_interpolation_has_the_derived_taps() {
+        let filter = ChromaFilter::recovery(2, Decoder::ZuneJpeg, 0);
+        // Of the pixel pair k to the right the second pixel's, of that to the left the first's.
+        for k in 0..6 {
+            let expected = 2.0 / 3.0 * (-1.0f32 / 3.0).powi(k);
+            let right = filter.weights[(2 * k - filter.first + 1) as usize];
+            let left = filter.weights[(-2 * k - filter.first) as usize];
+            assert!((right - expected).abs() < 1e-4 && (left - expected).abs() < 1e-4, "{k}: {left} {right}");
+            let other = filter.weights[(2 * k - filter.first + 2) as usize];
+            assert!(other.abs() < 1e-4, "{k}: {other}");
+        }
+    }
+
+    #[test]
+    fn recovery_returns_the_samples_of_swscales_interpolation() {
+        let siting = [ChromaSiting::Centered; 2];
+        let samples: Vec<f64> = (0..40).map(|i| f64::from(i * i * 7 % 31)).collect();
+        let pixel = |at: usize| {
+            let position = swscale::position(at, 2, siting[0]);
+            let weigh = |i: usize| samples[i] * swscale::kernel(position - i as f64);
+            (0..samples.len()).map(weigh).sum::<f64>() as f32
+        };
+        let plane = SamplePlane::new(80, 1, |x, _| pixel(x));
+        let across = ChromaFilter::recovery(2, Decoder::Swscale { siting }, 0);
+        let down = ChromaFilter::mean(1, ChromaSiting::Centered);
+        let recovered = ChromaFilters([across, down]).apply(&plane);
+        for i in 10..30 {
+            assert!((f64::from(recovered.at(i, 0)) - samples[i]).abs() < 0.01, "{i}: {}", recovered.at(i, 0));
+        }
     }
 }

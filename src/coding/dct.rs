@@ -27,19 +27,18 @@ pub static ZIGZAG: LazyLock<[usize; BLOCK_LEN]> = LazyLock::new(|| {
     order
 });
 
-/// Row u has the samples of the frequency u; orthonormal.
+/// Row u has the samples of the frequency u, times √8: those of the frequencies 0 and 4 are ±1.
 static BASIS: LazyLock<[[f32; BLOCK]; BLOCK]> = LazyLock::new(|| {
-    std::array::from_fn(|u| {
-        let scale = if u == 0 { 0.5f64.sqrt() / 2.0 } else { 0.5 };
-        std::array::from_fn(|x| {
-            let angle = ((2 * x + 1) * u) as f64 * std::f64::consts::PI / 16.0;
-            (scale * angle.cos()) as f32
-        })
-    })
+    let sample = |u: usize, x: usize| {
+        let angle = ((2 * x + 1) * u) as f64 * std::f64::consts::PI / 16.0;
+        if u == 0 { 1.0 } else { (2f64.sqrt() * angle.cos()) as f32 }
+    };
+    std::array::from_fn(|u| std::array::from_fn(|x| sample(u, x)))
 });
 
 /// Coefficients of samples that are centred about 0. Each sum runs over its index upwards, over
-/// columns first, then over rows.
+/// columns first, then over rows. Of whole samples the coefficients of the frequencies 0 and 4
+/// are exact, so that halves of their steps are rounded as an encoder rounds them.
 pub fn forward(samples: &[f32; BLOCK_LEN]) -> [f32; BLOCK_LEN] {
     let basis = &*BASIS;
     let mut columns = [0.0; BLOCK_LEN];
@@ -51,7 +50,7 @@ pub fn forward(samples: &[f32; BLOCK_LEN]) -> [f32; BLOCK_LEN] {
         }
     }
     let row = |v: usize, u: usize| (0..BLOCK).fold(0.0, |sum, x| sum + basis[u][x] * columns[BLOCK * v + x]);
-    std::array::from_fn(|i| row(i / BLOCK, i % BLOCK))
+    std::array::from_fn(|i| row(i / BLOCK, i % BLOCK) / 8.0)
 }
 
 /// Samples, centred about 0, of coefficients: the transpose of [`forward`], without rounding.
@@ -184,4 +183,72 @@ impl InverseDct {
 /// Nearest to value / 2^bits, halves up.
 fn rounded_shift(value: i32, bits: u32) -> i32 {
     value.wrapping_add(1 << (bits - 1)) >> bits
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The definition, term by term.
+    fn exact(samples: &[f32; BLOCK_LEN], v: usize, u: usize) -> f64 {
+        let scale = |k: usize| if k == 0 { 0.5f64.sqrt() } else { 1.0 };
+        let wave = |k: usize, x: usize| (((2 * x + 1) * k) as f64 * std::f64::consts::PI / 16.0).cos();
+        let term = |i: usize| f64::from(samples[i]) * wave(v, i / BLOCK) * wave(u, i % BLOCK);
+        0.25 * scale(u) * scale(v) * (0..BLOCK_LEN).map(term).sum::<f64>()
+    }
+
+    fn samples(seed: usize) -> [f32; BLOCK_LEN] {
+        std::array::from_fn(|i| ((i * i * 37 + i * seed) % 251) as f32 - 125.0)
+    }
+
+    #[test]
+    fn forward_matches_its_definition() {
+        for seed in 0..20 {
+            let found = forward(&samples(seed));
+            for (i, value) in found.iter().enumerate() {
+                let expected = exact(&samples(seed), i / BLOCK, i % BLOCK);
+                assert!((f64::from(*value) - expected).abs() < 2e-4, "{seed} {i}: {value} {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn zigzag_runs_along_diagonals() {
+        assert_eq!(&ZIGZAG[..10], &[0, 1, 8, 16, 9, 2, 3, 10, 17, 24]);
+        assert_eq!(&ZIGZAG[60..], &[47, 55, 62, 63][..]);
+    }
+
+    #[test]
+    fn halves_of_a_step_are_rounded_away_from_zero() {
+        let mut coefficients = [0.0; BLOCK_LEN];
+        coefficients[..4].copy_from_slice(&[15.0, -15.0, 14.9, -25.0]);
+        assert_eq!(quantize(&coefficients, &[10; BLOCK_LEN])[..4], [20, -20, 10, -30]);
+        // 4 samples of 1: a coefficient of exactly ½ at the frequency 0.
+        let few: [f32; BLOCK_LEN] = std::array::from_fn(|i| f32::from(i < 4));
+        assert_eq!(forward(&few)[0], 0.5);
+    }
+
+    #[test]
+    fn both_inverses_return_samples_within_rounding() {
+        for inverse in [InverseDct::ZUNE, InverseDct::LIBJPEG] {
+            for seed in 0..50 {
+                let original = samples(seed);
+                let again = inverse.samples(&forward(&original).map(|value| value.round() as i32));
+                for (a, b) in original.iter().zip(again) {
+                    // Coefficients are rounded to whole ones, samples after that.
+                    assert!((a + 128.0 - f32::from(b)).abs() <= 2.0, "{inverse:?} {seed}: {a} {b}");
+                }
+            }
+        }
+    }
+
+    /// 4 of a DC is half a sample: up. Values beyond the 8 bits are cut off.
+    #[test]
+    fn dc_is_rounded_up_and_samples_are_cut_off() {
+        for inverse in [InverseDct::ZUNE, InverseDct::LIBJPEG] {
+            let of = |dc: i32| inverse.samples(&std::array::from_fn(|i| if i == 0 { dc } else { 0 }));
+            assert_eq!([4, 3, -4, -5, 2000, -2000].map(|dc| of(dc)[9]), [129, 128, 128, 127, 255, 0]);
+            assert!(of(4).iter().all(|sample| *sample == 129));
+        }
+    }
 }

@@ -14,10 +14,13 @@
 //!
 //! Sources: ITU-T T.81 (JPEG), ITU-T T.871 (JFIF), ITU-R BT.601-7, BT.709-6 and BT.2020-2.
 
+mod annex_k;
 pub mod chroma;
 mod color;
+mod comb;
 pub mod conversion;
 pub mod dct;
+pub mod estimate;
 #[cfg(test)]
 pub(crate) mod jpeg_writer;
 pub mod path;

@@ -4,8 +4,11 @@ use super::chroma::ChromaFilters;
 use super::conversion::IntegerConversion;
 use super::dct::{self, BLOCK_LEN, InverseDct};
 use super::yuv::Table;
-use super::{BLOCK, BlockQuantization, ChromaSampling, ColorMatrix, Decoder, PictureCoding, SamplePlane};
+use super::{BLOCK, BlockQuantization, ColorMatrix, Decoder, PictureCoding, SamplePlane};
 use super::{swscale, upsampling};
+
+/// Corrections of recovered chroma samples.
+const RECOVERY_PASSES: usize = 2;
 
 /// Pixels that the coded planes cover.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,39 +38,78 @@ impl PictureCoding {
     /// samples are means of pixels. The picture's edge pixels repeat up to the planes' ends, as in
     /// encoders.
     pub fn planes(&self, rgb: &[[f32; 3]], size: [usize; 2]) -> Vec<SamplePlane<f32>> {
-        self.filtered_planes(rgb, size, ChromaFilters::mean)
+        let full = self.full_planes(|x, y| rgb[y * size[0] + x], size);
+        let Some(chroma) = self.chroma else { return full };
+        let filters = ChromaFilters::mean(chroma);
+        full.iter().enumerate().map(|(i, plane)| if i == 0 { plane.clone() } else { filters.apply(plane) }).collect()
     }
 
-    /// Planes that decode to given R'G'B' codes: those of the camera, up to the rounding of codes.
+    /// Planes that decode to given R'G'B' codes: those of the camera, up to the rounding of codes
+    /// and to clipped ones.
+    ///
+    /// Luma of a decoded picture is whole, and of JPEG also each pixel's interpolated chroma: both
+    /// are rounded. Chroma samples are their least-squares solution. It is improved by the decoder's
+    /// own interpolation of the rounded samples, whose rounding depends on them.
     pub fn recovered_planes(&self, codes: &[u8], size: [usize; 2]) -> Vec<SamplePlane<f32>> {
-        let rgb: Vec<[f32; 3]> = codes.as_chunks::<3>().0.iter().map(|code| code.map(f32::from)).collect();
-        self.recovered_planes_of_floats(&rgb, size)
+        let pixels = codes.as_chunks::<3>().0;
+        let mut planes = self.full_planes(|x, y| pixels[y * size[0] + x].map(f32::from), size);
+        let Some(chroma) = self.chroma else { return planes };
+        let filters = ChromaFilters::recovery(chroma, self.decoder);
+        for plane in &mut planes[1..] {
+            let interpolated = match self.decoder {
+                Decoder::Swscale { .. } => plane.clone(),
+                Decoder::ZuneJpeg | Decoder::Libjpeg | Decoder::Nearest => plane.map(|sample| sample.round()),
+            };
+            let mut samples = filters.apply(&interpolated);
+            for _ in 0..RECOVERY_PASSES {
+                let Some(again) = self.upsampled(&samples.map(|sample| sample.round() as u8)) else { break };
+                let missing = SamplePlane::new(interpolated.width, interpolated.height, |x, y| {
+                    interpolated.at(x, y) - f32::from(again.at(x, y))
+                });
+                let correction = filters.apply(&missing);
+                samples = SamplePlane::new(samples.width, samples.height, |x, y| {
+                    samples.at(x, y).round() + correction.at(x, y)
+                });
+            }
+            *plane = samples;
+        }
+        planes
     }
 
     /// Planes of R'G'B' codes that went through this coding before they were averaged or corrected.
     pub fn recovered_planes_of_floats(&self, rgb: &[[f32; 3]], size: [usize; 2]) -> Vec<SamplePlane<f32>> {
-        self.filtered_planes(rgb, size, |chroma| ChromaFilters::recovery(chroma, self.decoder))
+        let mut planes = self.full_planes(|x, y| rgb[y * size[0] + x], size);
+        let Some(chroma) = self.chroma else { return planes };
+        let filters = ChromaFilters::recovery(chroma, self.decoder);
+        planes[1..].iter_mut().for_each(|plane| *plane = filters.apply(plane));
+        planes
     }
 
-    fn filtered_planes(
-        &self,
-        rgb: &[[f32; 3]],
-        size: [usize; 2],
-        filters: impl Fn(ChromaSampling) -> ChromaFilters,
-    ) -> Vec<SamplePlane<f32>> {
+    /// Y', Cb and Cr at every pixel of the planes' extent, or Y' alone.
+    fn full_planes(&self, rgb: impl Fn(usize, usize) -> [f32; 3], size: [usize; 2]) -> Vec<SamplePlane<f32>> {
         let extent = self.extent(size);
         let (rows, black) = self.color.forward();
-        let full = |plane: usize| {
+        let inside = |at: usize, axis: usize| at.saturating_sub(extent.before[axis]).min(size[axis] - 1);
+        let plane = |plane: usize| {
             let row = rows[plane].map(|weight| weight as f32);
             SamplePlane::new(extent.padded[0], extent.padded[1], |x, y| {
-                let inside = |at: usize, axis: usize| at.saturating_sub(extent.before[axis]).min(size[axis] - 1);
-                let [r, g, b] = rgb[inside(y, 1) * size[0] + inside(x, 0)];
+                let [r, g, b] = rgb(inside(x, 0), inside(y, 1));
                 black[plane] as f32 + row[0] * r + row[1] * g + row[2] * b
             })
         };
-        let Some(chroma) = self.chroma else { return vec![full(0)] };
-        let filters = filters(chroma);
-        (0..3).map(|plane| if plane == 0 { full(0) } else { filters.apply(&full(plane)) }).collect()
+        (0..self.plane_count()).map(plane).collect()
+    }
+
+    /// A chroma plane at the resolution of luma, in the decoder's whole samples. `None` of a
+    /// decoder whose interpolated samples have fractions.
+    fn upsampled(&self, plane: &SamplePlane<u8>) -> Option<SamplePlane<u8>> {
+        let factor = self.chroma_factor();
+        match self.decoder {
+            Decoder::ZuneJpeg => Some(upsampling::zune(plane, factor)),
+            Decoder::Libjpeg => Some(upsampling::libjpeg(plane, factor)),
+            Decoder::Nearest => Some(upsampling::repeated(plane, factor)),
+            Decoder::Swscale { .. } => None,
+        }
     }
 
     /// Samples as the decoder has them after the inverse DCT. Samples are rounded to 8 bits first,
@@ -104,6 +146,7 @@ impl PictureCoding {
                 converted(chroma, &|sample| IntegerConversion::ZUNE.rgb(sample))
             }
             Decoder::Libjpeg => {
+                // Its planes end with the picture.
                 let inside = [0, 1].map(|axis| (extent.before[axis] + size[axis]).div_ceil(factor[axis] as usize));
                 let chroma = [cb, cr].map(|plane| upsampling::libjpeg(&plane.cropped(inside[0], inside[1]), factor));
                 converted(chroma, &|sample| IntegerConversion::LIBJPEG.rgb(sample))

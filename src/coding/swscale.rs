@@ -81,7 +81,9 @@ fn taps(pixels: usize, samples: usize, factor: u32, siting: ChromaSiting, bits: 
         let last_start = samples.saturating_sub(TAPS);
         let first = nominal.clamp(0, last_start as isize) as usize;
         let mut exact = [0.0; TAPS];
-        for i in 0..TAPS as isize {
+        // Where the kernel begins before the plane, the scaler leaves its first tap out.
+        let begin = (position - 1.5) as isize;
+        for i in (0..TAPS as isize).filter(|i| nominal + i >= begin) {
             let place = (nominal + i).clamp(0, samples as isize - 1) as usize - first;
             exact[place] += kernel(position - (nominal + i) as f64);
         }
@@ -90,9 +92,9 @@ fn taps(pixels: usize, samples: usize, factor: u32, siting: ChromaSiting, bits: 
     (0..pixels).map(of).collect()
 }
 
-/// Weights in units of 2^-`bits`; each takes the rounding error of the one before it.
+/// Weights in units of 2^-`bits` of their sum; each takes the rounding error of the one before it.
 fn rounded(exact: [f64; TAPS], bits: u32) -> [i32; TAPS] {
-    let one = f64::from(1 << bits);
+    let one = f64::from(1 << bits) / exact.iter().sum::<f64>();
     let mut error = 0.0;
     exact.map(|weight| {
         let value = weight * one + error;
