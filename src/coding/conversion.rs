@@ -17,9 +17,9 @@ pub struct IntegerConversion {
 }
 
 impl IntegerConversion {
-    /// 14 bits; exact halves go down: the `image` crate's JPEG decoder.
+    /// 14 bits: the `image` crate's JPEG decoder. No sum of its constants is an exact half.
     pub const ZUNE: Self =
-        Self { bits: 14, half: (1 << 13) - 1, red_cr: 22970, green_cb: -5638, green_cr: -11700, blue_cb: 29032 };
+        Self { bits: 14, half: 1 << 13, red_cr: 22970, green_cb: -5638, green_cr: -11700, blue_cb: 29032 };
     /// 16 bits: libjpeg and libjpeg-turbo.
     pub const LIBJPEG: Self =
         Self { bits: 16, half: 1 << 15, red_cr: 91881, green_cb: -22554, green_cr: -46802, blue_cb: 116_130 };

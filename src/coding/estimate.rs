@@ -220,15 +220,16 @@ impl TrialPart {
     fn equal_share(&self, coding: &PictureCoding) -> f64 {
         let again = coding.recode(&self.codes, self.size);
         let [width, height] = self.size;
-        let margin = 2 * BLOCK;
+        let margin = self.size.map(|side| (2 * BLOCK).min(side / 4));
+        let inside = |y: usize| 3 * (y * width + margin[0])..3 * (y * width + width - margin[0]);
+        let rows = (margin[1]..height - margin[1]).map(inside);
         let (mut equal, mut count) = (0, 0);
-        for y in margin.min(height / 4)..height - margin.min(height / 4) {
-            for i in 3 * (y * width + margin.min(width / 4))..3 * (y * width + width - margin.min(width / 4)) {
-                equal += usize::from(again[i] == self.codes[i]);
-                count += 1;
-            }
+        for row in rows {
+            let pairs = again[row.clone()].iter().zip(&self.codes[row]);
+            count += pairs.len();
+            equal += pairs.filter(|(a, b)| a == b).count();
         }
-        equal as f64 / f64::from(count.max(1))
+        equal as f64 / count.max(1) as f64
     }
 }
 

@@ -48,8 +48,8 @@ impl PictureCoding {
     /// and to clipped ones.
     ///
     /// Luma of a decoded picture is whole, and of JPEG also each pixel's interpolated chroma: both
-    /// are rounded. Chroma samples are their least-squares solution. It is improved by the decoder's
-    /// own interpolation of the rounded samples, whose rounding depends on them.
+    /// are rounded. Chroma samples are their least-squares solution. It is improved by means of the
+    /// decoder's own interpolation of the rounded samples, whose rounding depends on them.
     pub fn recovered_planes(&self, codes: &[u8], size: [usize; 2]) -> Vec<SamplePlane<f32>> {
         let pixels = codes.as_chunks::<3>().0;
         let mut planes = self.full_planes(|x, y| pixels[y * size[0] + x].map(f32::from), size);

@@ -139,7 +139,7 @@ fn decoding_equals_libjpegs_bit_for_bit() {
     let mut failed = Vec::new();
     for (factor, size, checksum) in LIBJPEG_CHECKSUMS {
         let coding = coding(factor, Decoder::Libjpeg);
-        let (blocks, bytes) = file(&coding, size, None);
+        let (blocks, _) = file(&coding, size, None);
         let found = crc32fast::hash(&decoded(&coding, &blocks, size, InverseDct::LIBJPEG));
         if found != checksum {
             failed.push(format!("{factor:?} {size:?} {found:#010x}"));
