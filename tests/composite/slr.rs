@@ -89,7 +89,10 @@ fn metering_follows_the_sunny_sixteen_rule() {
 fn missing_and_invalid_meter_inputs_are_named() {
     // The demonstration's camera is a pinhole: no f-number, so no light.
     let error = refused(&["meter", "recordings/demo", "--frame", "0"]);
-    assert!(error.contains("the f-number of frame 0 is in neither EXIF nor a profile") && error.contains("--lux"), "{error}");
+    assert!(
+        error.contains("the f-number of frame 0 is in neither EXIF nor a profile") && error.contains("--lux"),
+        "{error}"
+    );
     assert_eq!(error.lines().count(), 1, "{error}");
     // With an f-number the picture suffices; with only the light, all modes but aperture priority
     // do.
