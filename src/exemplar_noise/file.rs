@@ -6,10 +6,10 @@
 //! | 4 | version, little endian like all numbers |
 //! | 4 | crc32 of the rest |
 //! | 4 | length of the header |
-//! | | header, JSON: the numbers, and for each frame its size and the lengths of its PNGs |
-//! | | five PNGs for each frame |
+//! | | header, JSON: the numbers, and for each frame its size and the lengths of its PNG files |
+//! | | five PNG files for each frame |
 //!
-//! The PNGs are content (RGB, 8 bits), flags (grey, 8 bits) and residuals of Y', Cb and Cr (grey,
+//! They are content (RGB, 8 bits), flags (grey, 8 bits) and residuals of Y', Cb and Cr (grey,
 //! 16 bits, 32768 is 0).
 
 use image::codecs::png::{CompressionType, FilterType, PngDecoder, PngEncoder};
