@@ -189,8 +189,8 @@ class BreaksTest(FakeBinaryTest):
 
 class SourceTest(unittest.TestCase):
     def test_source_is_found_by_the_path_of_a_test(self):
-        file, line = testing.source_of("architecture", "cycle_in_an_import_graph_is_found")
-        self.assertIn("fn cycle_in_an_import_graph_is_found", file.read_text().splitlines()[line])
+        file, line = testing.source_of("architecture", "imports_of_every_cycle_are_found")
+        self.assertIn("fn imports_of_every_cycle_are_found", file.read_text().splitlines()[line])
         self.assertIsNone(testing.source_of("composite", "laws::no_such_test"))
         self.assertIsNone(testing.source_of("composite", "no_such_module"))
         self.assertEqual(testing.source_of("lib", "window::history")[0], testing.ROOT / "src/window/history.rs")
