@@ -78,29 +78,29 @@ fn pack(v: vec4<i32>) -> u32 {
 
 struct Eight { low: vec4<f32>, high: vec4<f32> }
 
-// The forward DCT of eight values: X_u = c_u / 2 Σ x_i cos((2i + 1) u π / 16), c_0 = 1/√2, by its
-// even and odd halves.
+// The forward DCT of eight values, times √8, by its even and odd halves:
+// X_u = a_u Σ x_i cos((2i + 1) u π / 16), a_0 = 1, else √2. The frequencies 0 and 4 of whole numbers
+// are exact, so that halves of a step are rounded as an encoder rounds them.
 fn forward(x: Eight) -> Eight {
     let turned = x.high.wzyx;
     let e = x.low + turned;
     let o = x.low - turned;
-    // cos(kπ/16) / 2.
-    let c1 = 0.4903926402;
-    let c2 = 0.4619397663;
-    let c3 = 0.4157348062;
-    let c4 = 0.3535533906;
-    let c5 = 0.2777851165;
-    let c6 = 0.1913417162;
-    let c7 = 0.0975451610;
+    // √2 cos(kπ/16).
+    let c1 = 1.387039845;
+    let c2 = 1.306562965;
+    let c3 = 1.175875602;
+    let c5 = 0.785694958;
+    let c6 = 0.541196100;
+    let c7 = 0.275899379;
     return Eight(
         vec4<f32>(
-            c4 * (e.x + e.y + e.z + e.w),
+            e.x + e.y + e.z + e.w,
             dot(o, vec4<f32>(c1, c3, c5, c7)),
             dot(e, vec4<f32>(c2, c6, -c6, -c2)),
             dot(o, vec4<f32>(c3, -c7, -c1, -c5)),
         ),
         vec4<f32>(
-            c4 * (e.x - e.y - e.z + e.w),
+            e.x - e.y - e.z + e.w,
             dot(o, vec4<f32>(c5, -c1, c7, c3)),
             dot(e, vec4<f32>(c6, -c2, c2, -c6)),
             dot(o, vec4<f32>(c7, -c5, c3, -c1)),
@@ -181,8 +181,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         let q = block.component * 64u + u32(line);
         let low_step = vec4<f32>(quantizers[q], quantizers[q + 8u], quantizers[q + 16u], quantizers[q + 24u]);
         let high_step = vec4<f32>(quantizers[q + 32u], quantizers[q + 40u], quantizers[q + 48u], quantizers[q + 56u]);
-        let low = sign(down.low) * floor(abs(down.low) / low_step + 0.5) * low_step;
-        let high = sign(down.high) * floor(abs(down.high) / high_step + 0.5) * high_step;
+        let low = sign(down.low) * floor(0.125 * abs(down.low) / low_step + 0.5) * low_step;
+        let high = sign(down.high) * floor(0.125 * abs(down.high) / high_step + 0.5) * high_step;
         // Two more bits than whole codes.
         let shift = factor_bits - 2u;
         let column = inverse(EightInts(vec4<i32>(low), vec4<i32>(high)), 1 << (shift - 1u), shift);
