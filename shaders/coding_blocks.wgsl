@@ -79,7 +79,7 @@ fn pack(v: vec4<i32>) -> u32 {
 struct Eight { low: vec4<f32>, high: vec4<f32> }
 
 // The forward DCT of eight values, times √8, by its even and odd halves:
-// X_u = a_u Σ x_i cos((2i + 1) u π / 16), a_0 = 1, else √2. The frequencies 0 and 4 of whole numbers
+// X_u = a_u Σ x_i cos((2i + 1) u π / 16), a_0 = 1, else √2. Frequencies 0 and 4 of whole numbers
 // are exact, so that halves of a step are rounded as an encoder rounds them.
 fn forward(x: Eight) -> Eight {
     let turned = x.high.wzyx;
