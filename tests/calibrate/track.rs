@@ -136,7 +136,7 @@ fn tracked_video_becomes_a_recording_with_static_evidence() {
     }
 
     // A tracked recording is replaced on request, and no other folder ever is.
-    assert!(refused(&strs(&track)).contains("is there already"));
+    assert!(refused(&strs(&track)).contains("exists already"));
     let force: Vec<String> = track.iter().cloned().chain(["--force".to_owned()]).collect();
     assert_eq!(stdout_of(&strs(&force)), told);
     std::fs::write(site.path("tracked/mine.txt"), "mine").unwrap();

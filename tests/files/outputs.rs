@@ -102,7 +102,7 @@ fn report_missing_after_a_closed_pipe_is_reported() {
     };
     assert_eq!(run(&[]), (Some(0), String::new()));
     let (code, text) = run(&["--report".as_ref(), report.as_os_str()]);
-    assert!(code == Some(2) && text.contains("r.json: is not written") && !report.exists(), "{code:?}: {text}");
+    assert!(code == Some(2) && text.contains("r.json: was not written") && !report.exists(), "{code:?}: {text}");
 }
 
 /// Outputs of one run may not overlap, with `--force` or without.
