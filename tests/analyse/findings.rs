@@ -168,7 +168,7 @@ fn poses_of_another_recording_are_refused() {
     let found = analysed_by_tier(&opened(&later), 2);
     assert!(found.track.is_none() && found.findings.gain.is_none(), "{}", found.findings);
     let why = found.findings.registration.why.unwrap();
-    assert!(why.contains("from the recorded position"), "{why}");
+    assert!(why.contains("from its recorded position"), "{why}");
 }
 
 /// Removes the depth from a recording, and multiplies each frame's light by `gain` per colour.

@@ -130,7 +130,7 @@ fn scene_without_light_uses_the_estimated_one_and_keeps_its_own_otherwise() {
     let [site, bare, own] = [&site, &bare, &own].map(|path| path.to_str().unwrap());
     assert!(refused(&["light", site, "--scene", own]).contains("--force"));
     let told = stdout_of(&["light", site, "--scene", bare]);
-    assert!(told.contains("lamp ") && told.contains("looks up"), "{told}");
+    assert!(told.contains("lamp ") && told.contains("upward-facing"), "{told}");
     let text = std::fs::read_to_string(bare).unwrap();
     assert!(text.contains("# the tent") && text.contains("[[light.lamp]]"), "{text}");
     let edited = lit(Path::new(bare), AnalysisChoice::No);
