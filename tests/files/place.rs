@@ -105,7 +105,7 @@ fn refused_placement_changes_nothing() {
     let at = [&["--at", "320,300"], &marker[..]].concat();
     for (odd, told) in [
         (["--heading", "1e300"], "--heading 1e300: expected -360 to 360 degrees"),
-        (["--heading", "nan"], "--heading NaN: accepted"),
+        (["--heading", "nan"], "--heading NaN: expected"),
         (["--name", " "], "--name: "),
         (["--at", "-1,3"], "-1,3 lies outside the picture"),
     ] {
