@@ -13,6 +13,9 @@ use crate::text::{count, fixed};
 
 /// Number of evenly spaced frames that are measured.
 const FRAMES: usize = 64;
+/// Largest plausible σ of a camera's noise, 8-bit codes. Where even the flattest places vary more,
+/// they are texture.
+const MAX_SIGMA: f64 = 16.0;
 
 /// Noise of the camera.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -137,11 +140,19 @@ impl NoiseSampler {
         let Self { calibrator, frames, why, .. } = self;
         let measured = calibrator?.finish();
         Some(match (why, measured) {
+            (None, Ok(measured)) if largest_sigma(&measured.profile) > MAX_SIGMA => {
+                let why = "even the flattest places vary by more than a camera's noise: they are texture".to_owned();
+                NoiseFindings { why: Some(why), frames, table: None }
+            }
             (None, Ok(measured)) => NoiseFindings { why: None, frames, table: Some(NoiseTable::of(&measured.profile)) },
             (Some(why), _) => NoiseFindings { why: Some(why), frames, table: None },
             (None, Err(error)) => NoiseFindings { why: Some(error.to_string()), frames, table: None },
         })
     }
+}
+
+fn largest_sigma(profile: &NoiseProfile) -> f64 {
+    profile.bins.iter().flatten().map(|bin| bin.sigma).fold(0.0, f64::max)
 }
 
 #[cfg(test)]

@@ -219,7 +219,7 @@ mod tests {
         assert!(frame_range(Some((Some(3), Some(10))), 9).unwrap_err().to_string().contains("0..9"));
         for empty in [(3, 3), (50, 40)] {
             let text = frame_range(Some((Some(empty.0), Some(empty.1))), 9).unwrap_err().to_string();
-            assert!(text.contains("there are no frames in it"), "{text}");
+            assert!(text.contains("the range is empty"), "{text}");
         }
         let text = frame_range(Some((Some(9), None)), 9).unwrap_err().to_string();
         assert!(text.contains("--frames 9..9: expected a range within 0..9"), "{text}");

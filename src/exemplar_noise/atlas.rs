@@ -8,10 +8,16 @@
 
 use super::ModelNumbers;
 use super::bands::{ALL_BANDS, FIRST_BAND, split};
-use super::cells::TILE_PX;
 use super::content::{FEATURES, Features, MEAN_BLOCK_PX};
-use super::synthesis::amplitude;
+use super::regression::amplitude;
 use crate::grey_image::GreyImage;
+
+/// Distance of cells, luma px.
+pub const CELL_PX: usize = 64;
+/// Overlap of neighbouring cells, luma px.
+pub const OVERLAP_PX: usize = 16;
+/// Side of a cell with both overlaps, and of its source, luma px.
+pub const TILE_PX: usize = CELL_PX + OVERLAP_PX;
 
 /// Classes of candidates: parities of a cell's column and row.
 pub const CLASSES: usize = 4;

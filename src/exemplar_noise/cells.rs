@@ -11,16 +11,10 @@
 //! h mod n for the three words h of pcg3d(key + (i, j, 1 + draw / 3)). pcg3d(key + (i, j, 0)) gives
 //! the tile's mirroring: bit 31 of the first word across, of the second down.
 
-use super::atlas::{CLASSES, TileCandidate, tile_mean};
+use super::atlas::{CELL_PX, CLASSES, OVERLAP_PX, TileCandidate, tile_mean};
 use super::content::{FEATURES, Features, MEAN_BLOCK_PX};
 use crate::hash::pcg3d;
 
-/// Distance of cells, luma px.
-pub const CELL_PX: usize = 64;
-/// Overlap of neighbouring cells, luma px.
-pub const OVERLAP_PX: usize = 16;
-/// Side of a cell with both overlaps, and of its source, luma px.
-pub const TILE_PX: usize = CELL_PX + OVERLAP_PX;
 /// Expected rank of the drawn candidate by distance.
 pub const EXPECTED_RANK: usize = 24;
 /// Largest number of draws.

@@ -18,6 +18,12 @@ const RIDGE: f64 = 1e-3;
 
 pub type Coefficients = [f64; COEFFICIENTS];
 
+/// exp(g · φ / 2).
+pub fn amplitude(g: &[f32; COEFFICIENTS], row: &[f32; FEATURES]) -> f32 {
+    let exponent = row.iter().zip(&g[1..]).fold(g[0], |sum, (v, g)| sum + v * g);
+    (0.5 * exponent.clamp(-EXPONENT_LIMIT, EXPONENT_LIMIT)).exp()
+}
+
 /// Fits the coefficients; `initial` shortens the iteration from 10 to 4 steps. `rows` are features
 /// without the constant.
 pub fn fit(rows: &[[f32; FEATURES]], energies: &[f64], initial: Option<&Coefficients>) -> Coefficients {

@@ -6,18 +6,13 @@
 //! covered pixels; at a chroma sample it is the mean over its pixels.
 
 use super::NoiseModel;
+use super::atlas::{CELL_PX, OVERLAP_PX, TILE_PX};
 use super::bands::{BANDS, FIRST_BAND};
-use super::cells::{CELL_PX, OVERLAP_PX, TILE_PX, TileSource, cell_count, sources, weight};
-use super::content::{FEATURES, Features, block_means};
-use super::regression::{COEFFICIENTS, EXPONENT_LIMIT};
+use super::cells::{TileSource, cell_count, sources, weight};
+use super::content::{Features, block_means};
+use super::regression::amplitude;
 use crate::grey_image::GreyImage;
 use crate::parallel::{over_rows, processors};
-
-/// exp(g · φ / 2).
-pub fn amplitude(g: &[f32; COEFFICIENTS], row: &[f32; FEATURES]) -> f32 {
-    let exponent = row.iter().zip(&g[1..]).fold(g[0], |sum, (v, g)| sum + v * g);
-    (0.5 * exponent.clamp(-EXPONENT_LIMIT, EXPONENT_LIMIT)).exp()
-}
 
 impl NoiseModel {
     /// Noise planes Y', Cb, Cr of a picture, code values. `features`: standardised, at luma's

@@ -1,9 +1,9 @@
 //! Tests of the model as a whole, on synthetic frames.
 
-use super::atlas::{CLASSES, TileCandidate};
+use super::atlas::{CELL_PX, CLASSES, OVERLAP_PX, TILE_PX, TileCandidate};
 use super::bands::{ALL_BANDS, split};
 use super::calibration::{CalibrationFrame, calibrate, synthesise};
-use super::cells::{CELL_PX, EXPECTED_RANK, OVERLAP_PX, TILE_PX, cell_count, source, weight};
+use super::cells::{EXPECTED_RANK, cell_count, source, weight};
 use super::content::{FEATURES, Features};
 use super::file::{ModelFileError, from_bytes, to_bytes};
 use super::latent::{LatentStep, LatentTable, NODES};

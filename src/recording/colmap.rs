@@ -308,14 +308,14 @@ mod tests {
         for (text, said) in [
             (
                 "# c\n1 FOV 640 480 500 500 320 240 0.9",
-                "cameras.txt, line 2: the camera model `FOV` is not supported; acc",
+                "cameras.txt, line 2: the camera model `FOV` is not supported; exp",
             ),
             ("1 FULL_OPENCV 64 48 5 5 3 2 0 0 0 0 0 0.1 0 0", "cameras.txt, line 1: FULL_OPENCV with k4 = 0.1"),
             ("1 PINHOLE 640 480 500 400 320", "cameras.txt, line 1: cy_px is missing"),
             ("1 PINHOLE 640 480 -500 400 320 240", "cameras.txt, line 1: camera.fx_px = -500 is refused"),
             ("1 PINHOLE 640 480 NaN 400 320 240", "cameras.txt, line 1: fx_px is `NaN`"),
             ("1 SIMPLE_PINHOLE 640 480 500 320 240 7", "cameras.txt, line 1: there is more than expected"),
-            ("1 SIMPLE_PINHOLE 6 4 5 3 2\n1 SIMPLE_PINHOLE 6 4 5 3 2", "cameras.txt, line 2: camera 1 stands twice"),
+            ("1 SIMPLE_PINHOLE 6 4 5 3 2\n1 SIMPLE_PINHOLE 6 4 5 3 2", "cameras.txt, line 2: camera 1 occurs twice"),
         ] {
             let error = cameras(text).unwrap_err();
             assert!(error.starts_with(said), "{error}");
@@ -345,7 +345,7 @@ mod tests {
             ("1 1 0 0 0 0 0 0 1\n\n", "images.txt, line 1: NAME is missing"),
             (
                 "1 1 0 0 0 0 0 0 1 a.png\n\n2 1 0 0 0 0 0 0 1 a.png\n",
-                "images.txt, line 3: the image a.png stands twice",
+                "images.txt, line 3: the image a.png occurs twice",
             ),
         ] {
             let error = images(text, 1.0).unwrap_err();

@@ -234,7 +234,7 @@ mod tests {
             (
                 "[[tags]]",
                 "[[tags]]\nid = 7\nsize_m = 0.2\ncenter_m = [0, 0]\n[[tags]]",
-                "line 8, tags.id: 7 stands twice",
+                "line 8, tags.id: 7 occurs twice",
             ),
         ] {
             let error = Board::parse(&ONE.replace(from, to)).unwrap_err();

@@ -2,12 +2,11 @@
 
 use std::borrow::Cow;
 use std::fmt;
-use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
 use crate::coding::yuv::Table;
-use crate::coding::{ChromaSampling, ColorMatrix, ColorRange, Decoder, PictureCoding, YcbcrColor};
+use crate::coding::{ColorMatrix, ColorRange};
 use crate::pixels::Pixels;
 use crate::source::{jpeg_end, jpeg_tables, still};
 
@@ -157,21 +156,7 @@ impl Picture {
             }
         };
         let short = || PictureError(format!("{} bytes are not {width}x{height} px {layout}", self.bytes.len()));
-        let pixels = codes.and_then(|codes| Pixels::from_u8(width, height, codes)).ok_or_else(short)?;
-        Ok(Pixels { coding: self.coding().map(Arc::new), ..pixels })
-    }
-
-    /// Coding of a layout with Y'CbCr samples; `None` of other layouts.
-    fn coding(&self) -> Option<PictureCoding> {
-        let PictureFormat { layout, range, matrix, .. } = self.picture_format;
-        let chroma = match layout {
-            Layout::Yuyv => Some(ChromaSampling::centered([2, 1])),
-            Layout::Nv12 => Some(ChromaSampling::centered([2, 2])),
-            Layout::Grey => None,
-            Layout::Rgb | Layout::Mjpeg => return None,
-        };
-        let color = YcbcrColor { matrix, range };
-        Some(PictureCoding { color, chroma, quantization: None, decoder: Decoder::Nearest })
+        codes.and_then(|codes| Pixels::from_u8(width, height, codes)).ok_or_else(short)
     }
 }
 

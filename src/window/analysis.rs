@@ -19,6 +19,7 @@ use locard_engine::shot::{Shot, ShotError};
 
 /// Table of the noise effect, which is switched off for the reference.
 const NOISE_TABLE: &str = "noise";
+const FORMAT_TABLE: &str = "format";
 /// Smallest coverage of an object's pixel.
 const MIN_OBJECT_COVERAGE: f32 = 0.99;
 /// Width of the surroundings, px.
@@ -119,12 +120,12 @@ pub fn analyse(
             found.histograms = wanted.histograms.then(|| Err(error.clone()));
             found.edges[1] = wanted.edges[1].map(|_| Err(RejectedEdge { why: error, seen: Vec::new() }));
         }
-        Ok(Some((with, without))) => {
+        Ok(Some(CompositedFrame { whole: with, noise_pair })) => {
             let coverage: Vec<f32> = with.layer.iter().flat_map(|layer| &layer.rgba).map(|rgba| rgba[3]).collect();
             let objects: Vec<bool> = coverage.iter().map(|a| *a >= MIN_OBJECT_COVERAGE).collect();
             let touched: Vec<bool> = coverage.iter().map(|a| *a > 0.0).collect();
-            found.drawn = without.map(|without| {
-                let drawn = rendered_noise(&with.pixels, &without.pixels, &objects);
+            found.drawn = noise_pair.map(|[noisy, smooth]| {
+                let drawn = rendered_noise(&noisy.pixels, &smooth.pixels, &objects);
                 drawn.map_err(|error| error.to_string())
             });
             found.histograms = wanted.histograms.then(|| {
@@ -139,16 +140,22 @@ pub fn analyse(
     found
 }
 
-/// The composite with its layer, and if requested (`twice`) the one without noise; `None` if
+/// A composited frame, and without its format the same with and without noise.
+struct CompositedFrame {
+    whole: Composited,
+    noise_pair: Option<[Composited; 2]>,
+}
+
+/// The composite with its layer, and if requested the pair without format; `None` if
 /// cancelled.
 fn composited(
     compositor: &SharedCompositor,
     gpu: &Gpu,
     shot: &Shot,
     frame: &Frame,
-    twice: bool,
+    noise_pair: bool,
     control: &TaskControl,
-) -> Result<Option<(Composited, Option<Composited>)>, ShotError> {
+) -> Result<Option<CompositedFrame>, ShotError> {
     if control.is_cancelled() {
         return Ok(None);
     }
@@ -163,10 +170,11 @@ fn composited(
     if control.is_cancelled() {
         return Ok(None);
     }
-    let without = twice.then(|| {
-        let mut smooth = shot.clone();
-        let _ = smooth.settings.switch(NOISE_TABLE, false);
-        make(&smooth, false)
-    });
-    Ok(Some((with, without.transpose()?)))
+    // The difference of two coded pictures would also contain that of their quantisation.
+    let mut uncoded = shot.clone();
+    let _ = uncoded.settings.switch(FORMAT_TABLE, false);
+    let mut smooth = uncoded.clone();
+    let _ = smooth.settings.switch(NOISE_TABLE, false);
+    let pair = noise_pair.then(|| Ok::<_, ShotError>([make(&uncoded, false)?, make(&smooth, false)?]));
+    Ok(Some(CompositedFrame { whole: with, noise_pair: pair.transpose()? }))
 }

@@ -477,7 +477,7 @@ fn video_keeps_its_presentation_tags() {
         let r = written(&temp.path().join("a.mp4"), changed);
         let found = r.presentation();
         assert_eq!((found.orientation, found.pixel_aspect), (orientation, Some(aspect)));
-        assert_eq!(warning_count(&r, &format!("to be shown {orientation}; ")), 1, "{:?}", r.warnings);
+        assert_eq!(warning_count(&r, &format!("to be shown {orientation}; it")), 1, "{:?}", r.warnings);
     }
 }
 

@@ -129,7 +129,10 @@ fn damaged_video_is_an_error() {
 
     std::fs::write(&file, &whole[..whole.len() / 2]).unwrap();
     let error = refused(&folder);
-    assert!(error.contains("a.mkv: ends after 0.") && error.contains("its header gives 1.000 s: is it truncated?"), "{error}");
+    assert!(
+        error.contains("a.mkv: ends after 0.") && error.contains("its header gives 1.000 s: is it truncated?"),
+        "{error}"
+    );
 
     let mut damaged = whole.clone();
     let middle = whole.len() / 2;
