@@ -140,7 +140,7 @@ fn tracked_video_becomes_a_recording_with_static_evidence() {
     let force: Vec<String> = track.iter().cloned().chain(["--force".to_owned()]).collect();
     assert_eq!(stdout_of(&strs(&force)), told);
     std::fs::write(site.path("tracked/mine.txt"), "mine").unwrap();
-    assert!(refused(&strs(&force)).contains("holds mine.txt"));
+    assert!(refused(&strs(&force)).contains("contains mine.txt"));
     assert!(Path::new(&site.path("tracked/poses.txt")).exists());
 
     // A board other than the filmed one: in three frames in the fast tier.
