@@ -59,7 +59,7 @@ impl YcbcrColor {
     pub const JFIF: Self = Self { matrix: ColorMatrix::Bt601, range: ColorRange::Full };
 
     /// Rows of the matrix from R'G'B' codes to coded samples, and the samples of black:
-    /// sample[i] = black[i] + Σ rows[i][j] · code[j].
+    /// `sample[i] = black[i] + Σ rows[i][j] · code[j]`.
     pub fn forward(self) -> ([[f64; 3]; 3], [f64; 3]) {
         if self.matrix == ColorMatrix::Rgb {
             return ([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [0.0; 3]);
@@ -80,7 +80,7 @@ impl YcbcrColor {
         (rows, [black, 128.0, 128.0])
     }
 
-    /// Rows of the matrix back: code[i] = Σ rows[i][j] · (sample[j] − black[j]).
+    /// Rows of the matrix back: `code[i] = Σ rows[i][j] · (sample[j] − black[j])`.
     pub fn inverse(self) -> [[f64; 3]; 3] {
         if self.matrix == ColorMatrix::Rgb {
             return self.forward().0;

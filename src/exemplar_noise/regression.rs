@@ -1,6 +1,6 @@
 //! Amplitudes of the bands as a function of content: a gamma regression with logarithmic link.
 //!
-//! E[e] = exp(g · φ) for the energy e = n² + 0.001 of a band at a pixel, φ = (1, features). The
+//! E(e) = exp(g · φ) for the energy e = n² + 0.001 of a band at a pixel, φ = (1, features). The
 //! gamma likelihood (McCullagh and Nelder 1989, §8) is maximised by Newton steps with the Hessian
 //! at the optimum, ΦᵀΦ / n. Amplitude, code values: exp(g · φ / 2).
 

@@ -1,7 +1,8 @@
 //! A camera driver: lists cameras, opens one, and delivers its pictures one at a time.
 //!
-//! [`CaptureSession`](super::session::Session) runs a driver on a thread of its own. It watches for
-//! stalls, reopens a camera that was unplugged, and counts dropped pictures, for all drivers alike.
+//! [`CaptureSession`](super::session::CaptureSession) runs a driver on a thread of its own. It
+//! watches for stalls, reopens a camera that was unplugged, and counts dropped pictures, for all
+//! drivers alike.
 
 use super::error::CameraError;
 use super::list::CameraListing;
