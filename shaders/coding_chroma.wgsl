@@ -5,6 +5,17 @@
 // R'G'B' on the scale of 8-bit codes, not clipped.
 @group(0) @binding(1) var uncoded: texture_2d<f32>;
 
+// Rectangles of the target: x0, y0, x1, y1.
+@group(0) @binding(2) var<storage, read> parts: array<vec4<i32>>;
+
+@vertex
+fn part(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> @builtin(position) vec4<f32> {
+    let rect = parts[instance];
+    let at = select(rect.xy, rect.zw, vec2<bool>((vertex & 1u) == 1u, (vertex >> 1u) == 1u));
+    let size = vec2<f32>(coding.region / coding.factor);
+    return vec4<f32>(vec2<f32>(at) / size * vec2<f32>(2.0, -2.0) + vec2<f32>(-1.0, 1.0), 0.0, 1.0);
+}
+
 fn row(first: vec2<i32>) -> vec3<f32> {
     var sum = vec3<f32>(0.0);
     for (var i = 0; i < 3; i++) {

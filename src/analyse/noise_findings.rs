@@ -1,5 +1,5 @@
-//! The camera's noise by the recording's own textureless places, for a camera whose noise is not
-//! known otherwise (calibrate/moving.rs).
+//! Noise estimated from textureless places of the recording, if no profile gives the camera's
+//! (calibrate/moving.rs).
 
 use std::fmt;
 

@@ -1,7 +1,7 @@
 //! Cost of effects, in multiples of a full-screen copy of the same run.
 //!
 //! Fixed load: a sphere of 10,000 triangles over a tenth of the picture, and a noisy camera whose
-//! rotation blurs the sphere over 12 px at 640 px width, and whose pictures were JPEG files.
+//! rotation blurs the sphere over 12 px at 640 px width. Its pictures are coded as JPEG files are.
 
 use std::f32::consts::{PI, TAU};
 use std::sync::Arc;

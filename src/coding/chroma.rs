@@ -105,7 +105,7 @@ impl ChromaFilters {
         &self.0
     }
 
-    /// Samples of a plane at the resolution of luma, whose sides are multiples of the factors.
+    /// Subsamples a plane at luma's resolution. Its sides must be multiples of the factors.
     pub fn apply(&self, plane: &SamplePlane<f32>) -> SamplePlane<f32> {
         let [across, down] = &self.0;
         let narrow = if across.weights.len() == 1 {

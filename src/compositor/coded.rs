@@ -23,7 +23,7 @@ use crate::pixels::Rect;
 const CHROMA_REACH_PX: i32 = 6;
 /// Blocks for each workgroup of shaders/coding_blocks.wgsl.
 const BLOCKS_PER_GROUP: u32 = 8;
-/// Most workgroups along an axis of a dispatch that every adapter allows.
+/// Number of workgroups along an axis of a dispatch that every adapter allows.
 const MAX_GROUPS_IN_ROW: u32 = 65_535;
 
 const UNCODED: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;
@@ -183,8 +183,8 @@ pub fn mix_coded(
     let whole = CompositePiece { rect: region.rect, ..*piece };
     composite(recorder, inputs, &whole, &tiles, parts, "uncoded", &uncoded);
 
-    let blocks = Blocks::new(recorder, region, &tiles);
-    blocks.code(recorder, region.coding, &uncoded);
+    let coded = CodedSamples::new(recorder, region, &tiles);
+    coded.record(recorder, region.coding, &uncoded);
 
     let shown: Vec<Rect> = tiles.iter().map(|tile| tile.intersection(&rect)).filter(|tile| !tile.is_empty()).collect();
     let corners = corners_in(&shown, rect);
@@ -196,12 +196,12 @@ pub fn mix_coded(
     };
     recorder
         .pass(Shader::CodingDecode, Entry::over("part", "main").choose("decoder", decoder_choice(region.coding)))
-        .uniform("coding", &blocks.uniform)
+        .uniform("coding", &coded.uniform)
         .uniform("placement", &placement)
         .uniform("scaler", &ScalerUniform::new(region.coding))
         .texture("uncoded", &uncoded)
         .texture("camera", &upload.texture)
-        .buffer("samples", &blocks.samples)
+        .buffer("samples", &coded.samples)
         .buffer("parts", list)
         .tiles(corners.len() as u32)
         .over()
@@ -222,8 +222,10 @@ fn decoder_choice(coding: &PictureCoding) -> f64 {
 }
 
 /// The coded samples of a region.
-struct Blocks {
+struct CodedSamples {
     uniform: CodingUniform,
+    /// Runs of tiles, in chroma samples of the region.
+    chroma_parts: Vec<[i32; 4]>,
     /// Corners of tiles in the region.
     tiles: Vec<[i32; 2]>,
     groups: (u32, u32),
@@ -231,27 +233,48 @@ struct Blocks {
     samples: wgpu::Buffer,
 }
 
-impl Blocks {
-    fn new(recorder: &Recorder, region: &CodedRegion<'_>, tiles: &[Rect]) -> Self {
+/// Size of a buffer of samples, bytes.
+#[derive(Clone, Debug, PartialEq)]
+struct SamplesKey(u64);
+
+impl CodedSamples {
+    fn new(recorder: &mut Recorder, region: &CodedRegion<'_>, tiles: &[Rect]) -> Self {
+        let factor = region.coding.chroma_factor().map(|factor| factor as i32);
+        let scaled = |[x0, y0, x1, y1]: [i32; 4]| [x0 / factor[0], y0 / factor[1], x1 / factor[0], y1 / factor[1]];
+        let chroma_parts = corners_in(tiles, region.rect).into_iter().map(scaled).collect();
         let tiles: Vec<[i32; 2]> = tiles.iter().flat_map(|run| corners_of_tiles(run, region.rect)).collect();
-        let factor = region.coding.chroma_factor();
-        let (count, chroma_share) = (tiles.len() as u32, factor[0] * factor[1]);
+        let (count, chroma_share) = (tiles.len() as u32, (factor[0] * factor[1]) as u32);
         let groups = (count * (4 + 8 / chroma_share)).div_ceil(BLOCKS_PER_GROUP);
         let groups = (groups.min(MAX_GROUPS_IN_ROW), groups.div_ceil(MAX_GROUPS_IN_ROW));
         let luma_bytes = u64::from(region.rect.width()) * u64::from(region.rect.height());
-        let samples = recorder.gpu.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("coded samples"),
-            size: luma_bytes + 2 * luma_bytes / u64::from(chroma_share),
-            usage: wgpu::BufferUsages::STORAGE,
-            mapped_at_creation: false,
+        // Frames run one after another on the GPU, so they share a buffer. Powers of two, because a
+        // moving object's region changes its size with each frame.
+        let bytes = (luma_bytes + 2 * luma_bytes / u64::from(chroma_share)).next_power_of_two();
+        let samples = recorder.memoized(SamplesKey(bytes), |gpu, SamplesKey(size)| {
+            gpu.device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some("coded samples"),
+                size: *size,
+                usage: wgpu::BufferUsages::STORAGE,
+                mapped_at_creation: false,
+            })
         });
-        Self { uniform: region.uniform(count, groups.0), tiles, groups, samples }
+        Self { uniform: region.uniform(count, groups.0), chroma_parts, tiles, groups, samples }
     }
 
-    fn code(&self, recorder: &mut Recorder, coding: &PictureCoding, uncoded: &Texture) {
+    /// Records the passes that code the uncoded picture.
+    fn record(&self, recorder: &mut Recorder, coding: &PictureCoding, uncoded: &Texture) {
         let size = [0, 1].map(|axis| (self.uniform.region[axis] / self.uniform.factor[axis]) as u32);
-        let chroma = recorder.pass(Shader::CodingChroma, "main").uniform("coding", &self.uniform);
-        let [chroma] = chroma.texture("uncoded", uncoded).draw([CHROMA], (size[0], size[1]));
+        let size = (size[0], size[1]);
+        let chroma = recorder.pool.lend(&recorder.gpu, size, CHROMA);
+        let parts = recorder.storage(bytemuck::cast_slice(&self.chroma_parts));
+        recorder
+            .pass(Shader::CodingChroma, Entry::over("part", "main"))
+            .uniform("coding", &self.uniform)
+            .texture("uncoded", uncoded)
+            .buffer("parts", parts)
+            .tiles(self.chroma_parts.len() as u32)
+            .over()
+            .draw_into(&[&chroma], size);
         let steps: Vec<f32> = match &coding.quantization {
             Some(quantization) => quantization.steps.as_flattened().iter().map(|&step| f32::from(step)).collect(),
             None => vec![1.0; 3 * BLOCK * BLOCK],

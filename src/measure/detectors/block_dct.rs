@@ -9,9 +9,9 @@
 //! ([`CombFit`]).
 
 use super::patches::{BLOCK_PX, PATCH_PX, Planes};
+use crate::coding::dct;
 use crate::grey_image::GreyImage;
-use std::f64::consts::{PI, TAU};
-use std::sync::LazyLock;
+use std::f64::consts::TAU;
 
 const COEFFICIENTS: usize = BLOCK_PX * BLOCK_PX;
 /// Diagonals of AC coefficients: u + v from 1 to 14.
@@ -28,14 +28,6 @@ const COMB_STEPS: std::ops::RangeInclusive<usize> = 2..=40;
 const COMB_FALSE_ALARM: f64 = 0.01;
 /// Fewest coefficients outside the zero bin by which a comb is sought.
 const MIN_COMB_COEFFICIENTS: usize = 50;
-
-/// Basis vectors of the orthonormal DCT-II: `[frequency][sample]`.
-static BASIS: LazyLock<[[f64; BLOCK_PX]; BLOCK_PX]> = LazyLock::new(|| {
-    std::array::from_fn(|u| {
-        let scale = if u == 0 { (1.0 / BLOCK_PX as f64).sqrt() } else { (2.0 / BLOCK_PX as f64).sqrt() };
-        std::array::from_fn(|x| scale * (PI * (2 * x + 1) as f64 * u as f64 / (2 * BLOCK_PX) as f64).cos())
-    })
-});
 
 /// The coefficients of a block, row-major: 8 v + u.
 type DctBlock = [f64; COEFFICIENTS];
@@ -54,11 +46,8 @@ pub(super) fn transform(ycbcr: &Planes) -> PatchBlocks {
 }
 
 fn block_dct(plane: &GreyImage, [x0, y0]: [usize; 2]) -> DctBlock {
-    let rows: [[f64; BLOCK_PX]; BLOCK_PX] = std::array::from_fn(|y| {
-        let row = &plane.values[(y0 + y) * plane.width + x0..][..BLOCK_PX];
-        std::array::from_fn(|u| row.iter().zip(&BASIS[u]).map(|(value, basis)| f64::from(*value) * basis).sum())
-    });
-    std::array::from_fn(|i| (0..BLOCK_PX).map(|y| rows[y][i % BLOCK_PX] * BASIS[i / BLOCK_PX][y]).sum())
+    let value = |i: usize| plane.values[(y0 + i / BLOCK_PX) * plane.width + x0 + i % BLOCK_PX];
+    dct::forward(&std::array::from_fn(value)).map(f64::from)
 }
 
 /// u + v of a coefficient.
@@ -201,6 +190,7 @@ fn comb_cosine(coefficients: impl Iterator<Item = f64>, step: usize) -> (f64, f6
 mod tests {
     use super::super::synthetic::Normals;
     use super::*;
+    use std::f64::consts::PI;
 
     fn plane(value: impl Fn(usize, usize) -> f32) -> GreyImage {
         GreyImage::from_fn(PATCH_PX, PATCH_PX, value)
@@ -208,7 +198,8 @@ mod tests {
 
     #[test]
     fn dct_of_a_basis_function_is_one_coefficient() {
-        let wave = plane(|x, y| (40.0 * BASIS[3][x % 8] * BASIS[5][y % 8]) as f32);
+        let basis = |u: usize, x: usize| 0.5 * (PI * (2 * (x % 8) + 1) as f64 * u as f64 / 16.0).cos();
+        let wave = plane(|x, y| (40.0 * basis(3, x) * basis(5, y)) as f32);
         for block in &transform(&[wave.clone(), wave.clone(), wave])[0] {
             for (i, c) in block.iter().enumerate() {
                 let expected = if i == 8 * 5 + 3 { 40.0 } else { 0.0 };

@@ -17,9 +17,10 @@
 //! any copy have a few repeats (docs/detectors.md). Repeats at less than 32 px are not detected.
 
 use super::PatchSource;
-use super::fft::{Complex, Fft2, product};
+use super::fft::Fft2;
 use super::patches::{DetectorPatch, PATCH_PX, rgb_planes, ycbcr};
 use crate::grey_image::GreyImage;
+use rustfft::num_complex::Complex32;
 use std::collections::BTreeMap;
 
 /// Side of the window in which a tile's repeats are sought, px, and distance between windows.
@@ -179,7 +180,7 @@ struct SearchWindow {
     width: usize,
     height: usize,
     fft: Fft2,
-    spectrum: Vec<Complex>,
+    spectrum: Vec<Complex32>,
     /// Σ (v − v̄)² of each place's pixels; 0 where a place leaves the mask. Row by row.
     energy: Vec<f32>,
 }
@@ -190,11 +191,11 @@ impl SearchWindow {
         let width = (picture.width - origin_px[0]).min(WINDOW_PX);
         let height = (picture.height - origin_px[1]).min(WINDOW_PX);
         let fft = Fft2::holding(width, height);
-        let mut spectrum = vec![[0.0; 2]; fft.width * fft.height];
+        let mut spectrum = vec![Complex32::ZERO; fft.width * fft.height];
         let index = |x: usize, y: usize| (origin_px[1] + y) * picture.width + origin_px[0] + x;
         for y in 0..height {
             for x in 0..width {
-                spectrum[y * fft.width + x] = [picture.values[index(x, y)], 0.0];
+                spectrum[y * fft.width + x].re = picture.values[index(x, y)];
             }
         }
         fft.forward(&mut spectrum, height);
@@ -227,23 +228,25 @@ impl SearchWindow {
     /// The best matches of one or two tiles, by one inverse transform: one tile is the real part,
     /// the other the imaginary part.
     fn search(&self, residue: &Residue, tiles_px: &[[usize; 2]], z: f64) -> Vec<TileMatch> {
-        let mut values: Vec<Complex> = vec![[0.0; 2]; self.spectrum.len()];
+        let mut values: Vec<Complex32> = vec![Complex32::ZERO; self.spectrum.len()];
         for (part, [x0, y0]) in tiles_px.iter().enumerate() {
             let tile = |x: usize, y: usize| residue.values.values[(y0 + y) * residue.values.width + x0 + x];
             let pixels = (0..PATCH_PX).flat_map(|y| (0..PATCH_PX).map(move |x| [x, y]));
             let mean = pixels.clone().map(|[x, y]| tile(x, y)).sum::<f32>() / (PATCH_PX * PATCH_PX) as f32;
             // Mirrored, so that the convolution is a correlation.
             for [x, y] in pixels {
-                values[y * self.fft.width + x][part] = tile(PATCH_PX - 1 - x, PATCH_PX - 1 - y) - mean;
+                let value = tile(PATCH_PX - 1 - x, PATCH_PX - 1 - y) - mean;
+                let sum = &mut values[y * self.fft.width + x];
+                *(if part == 0 { &mut sum.re } else { &mut sum.im }) = value;
             }
         }
         self.fft.forward(&mut values, PATCH_PX);
-        values.iter_mut().zip(&self.spectrum).for_each(|(value, s)| *value = product(*value, *s));
+        values.iter_mut().zip(&self.spectrum).for_each(|(value, s)| *value *= s);
         self.fft.inverse(&mut values);
         tiles_px.iter().enumerate().map(|(part, tile)| self.best(residue, &values, part, *tile, z)).collect()
     }
 
-    fn best(&self, residue: &Residue, products: &[Complex], part: usize, tile_px: [usize; 2], z: f64) -> TileMatch {
+    fn best(&self, residue: &Residue, products: &[Complex32], part: usize, tile_px: [usize; 2], z: f64) -> TileMatch {
         let per_row = self.width + 1 - PATCH_PX;
         let at = [tile_px[0] - self.origin_px[0], tile_px[1] - self.origin_px[1]];
         let own_energy = self.energy[at[1] * per_row + at[0]];
@@ -262,7 +265,8 @@ impl SearchWindow {
                 if norm <= 1.0 {
                     continue;
                 }
-                let correlation = scale * product[part] / norm.sqrt();
+                let product = if part == 0 { product.re } else { product.im };
+                let correlation = scale * product / norm.sqrt();
                 let away = rows_away.max(x.abs_diff(at[0]));
                 if away >= PATCH_PX {
                     if correlation > largest {

@@ -1,13 +1,14 @@
 //! Square patches of a picture, on a grid that is aligned with the 8×8 blocks.
 
 use super::PatchSource;
+use crate::coding::{BLOCK, YcbcrColor};
 use crate::grey_image::GreyImage;
 use crate::pixels::Pixels;
 
 /// Side of a patch, px.
 pub const PATCH_PX: usize = 32;
 /// Side of the blocks of a DCT, px.
-pub(super) const BLOCK_PX: usize = 8;
+pub(super) const BLOCK_PX: usize = BLOCK;
 
 /// Codes on the 8-bit scale, or differences of them.
 pub(super) type Planes = [GreyImage; 3];
@@ -38,22 +39,16 @@ pub(super) fn rgb_planes(pixels: &Pixels) -> Planes {
     [plane(0), plane(1), plane(2)]
 }
 
-/// Y', Cb and Cr of R, G, B on the 8-bit scale, Cb and Cr around 0 (ITU-T T.871, §7, without 128
-/// and rounding).
+/// Y', Cb and Cr of R, G, B on the 8-bit scale, Cb and Cr around 0.
 pub(super) fn ycbcr(rgb: &Planes) -> Planes {
+    let (rows, _) = YcbcrColor::JFIF.forward();
     let [red, green, blue] = rgb;
-    let combined = |weights: [f32; 3]| GreyImage {
-        width: red.width,
-        height: red.height,
-        values: (red.values.iter().zip(&green.values).zip(&blue.values))
-            .map(|((r, g), b)| weights[0] * r + weights[1] * g + weights[2] * b)
-            .collect(),
-    };
-    [
-        combined([0.299, 0.587, 0.114]),
-        combined([-0.299 / 1.772, -0.587 / 1.772, 0.5]),
-        combined([0.5, -0.587 / 1.402, -0.114 / 1.402]),
-    ]
+    rows.map(|row| {
+        let [r_weight, g_weight, b_weight] = row.map(|weight| weight as f32);
+        let channels = red.values.iter().zip(&green.values).zip(&blue.values);
+        let values = channels.map(|((r, g), b)| r_weight * r + g_weight * g + b_weight * b).collect();
+        GreyImage { width: red.width, height: red.height, values }
+    })
 }
 
 /// The part of a plane from a left upper pixel on.
