@@ -213,6 +213,7 @@ mod tests {
         let gamma = Response { curve: Curve::Gamma, ..srgb };
         let steeper = Response { gamma: gamma.gamma + 0.1, ..gamma };
         let noise_of = |sigma| NoiseProfile {
+            example: None,
             bins: [0, 1, 2].map(|_| vec![NoiseBin { code: 0.0, sigma }]),
             channel_correlation: [0.0; 3],
             neighbour_correlation: [0.0; 2],

@@ -325,7 +325,8 @@ mod tests {
         let (own, other) = (DVec2::new(900.0, 0.0), DVec2::new(0.0, 300.0));
         let bins = vec![NoiseBin { code: 128.0, sigma: 5.1 }];
         let bins = [bins.clone(), bins.clone(), bins];
-        let profile = NoiseProfile { bins, channel_correlation: [0.0; 3], neighbour_correlation: [0.0; 2] };
+        let profile =
+            NoiseProfile { example: None, bins, channel_correlation: [0.0; 3], neighbour_correlation: [0.0; 2] };
         let without = curve(own, other, 0.005, 0.02, None).unwrap();
         let with = curve(own, other, 0.005, 0.02, Some(&profile)).unwrap();
         let floor = |curve: &BlurCurve| curve.values.iter().copied().fold(f64::MAX, f64::min);

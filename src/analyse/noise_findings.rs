@@ -55,6 +55,7 @@ impl NoiseTable {
             self.code.iter().zip(sigma).map(|(&code, &sigma)| NoiseBin { code, sigma }).collect::<Vec<_>>()
         };
         NoiseProfile {
+            example: None,
             bins: self.sigma.each_ref().map(bins),
             channel_correlation: self.channel_correlation,
             neighbour_correlation: self.neighbour_correlation,

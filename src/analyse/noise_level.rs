@@ -125,6 +125,7 @@ mod tests {
     fn profile(neighbour: f64) -> NoiseProfile {
         let bins = vec![NoiseBin { code: 128.0, sigma: 3.0 }];
         NoiseProfile {
+            example: None,
             bins: [bins.clone(), bins.clone(), bins],
             channel_correlation: [1.0; 3],
             neighbour_correlation: [neighbour; 2],

@@ -168,6 +168,7 @@ fn camera(width: u32, height: u32) -> (Camera, Geometry) {
         NoiseBin { code: 255.0, sigma: 2.5 },
     ];
     let noise = NoiseProfile {
+        example: None,
         bins: [bins.clone(), bins.clone(), bins],
         channel_correlation: [0.4, 0.3, 0.4],
         neighbour_correlation: [0.4, 0.4],

@@ -205,6 +205,7 @@ impl MovingCalibrator {
         let [right, below] = found.neighbour;
         let neighbour_correlation = [reported(right, "to the right", 0.0), reported(below, "below", 0.0)];
         let profile = NoiseProfile {
+            example: None,
             bins: [0, 1, 2]
                 .map(|c| bins[c].iter().map(|b| NoiseBin { code: b.code, sigma: round4(b.sigma) }).collect::<Vec<_>>()),
             channel_correlation,

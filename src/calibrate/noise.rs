@@ -308,6 +308,7 @@ impl NoiseCalibrator {
             check_bins(channel, bins, needed, &mut warnings)?;
         }
         let profile = NoiseProfile {
+            example: None,
             bins: [0, 1, 2]
                 .map(|c| bins[c].iter().map(|b| NoiseBin { code: b.code, sigma: round4(b.sigma) }).collect::<Vec<_>>()),
             channel_correlation,

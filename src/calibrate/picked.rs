@@ -73,7 +73,7 @@ pub fn picked_noise(places: &[PickedRegion], motion: SceneMotion, present: Optio
             return Err(PickedError::Channel(CHANNELS[missing]));
         }
         let bins = [0, 1, 2].map(|c| extend_by_profile(&points[c], present.map(|present| (present, c))));
-        let profile = NoiseProfile { bins, channel_correlation, neighbour_correlation };
+        let profile = NoiseProfile { example: None, bins, channel_correlation, neighbour_correlation };
         Ok(PickedNoise { profile, points, motion, warnings })
     });
     PickedResult { places: verdicts, noise }

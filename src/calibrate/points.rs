@@ -94,6 +94,7 @@ mod tests {
         let present =
             [0.0, 50.0, 100.0, 150.0, 200.0].map(|code| NoiseBin { code, sigma: 1.0 + code / 100.0 }).to_vec();
         let present = NoiseProfile {
+            example: None,
             bins: [present.clone(), present.clone(), present],
             channel_correlation: [0.0; 3],
             neighbour_correlation: [0.0; 2],
@@ -110,6 +111,7 @@ mod tests {
     fn ratio_to_a_profile_is_the_weighted_root_mean_square() {
         let bins = vec![NoiseBin { code: 0.0, sigma: 2.0 }, NoiseBin { code: 100.0, sigma: 4.0 }];
         let profile = NoiseProfile {
+            example: None,
             bins: [bins.clone(), bins.clone(), bins],
             channel_correlation: [0.0; 3],
             neighbour_correlation: [0.0; 2],

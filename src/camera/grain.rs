@@ -101,7 +101,8 @@ mod tests {
             })
             .collect();
         let bins = [bins.clone(), bins.clone(), bins];
-        let noise = NoiseProfile { bins, channel_correlation: [0.0; 3], neighbour_correlation: [0.0; 2] };
+        let noise =
+            NoiseProfile { example: None, bins, channel_correlation: [0.0; 3], neighbour_correlation: [0.0; 2] };
         (noise, Response { curve: Curve::Linear, ..Default::default() })
     }
 

@@ -1,6 +1,8 @@
 //! The sensor's noise: a standard deviation for each channel and intensity (Fischer, noise
 //! calibration), and the correlation of neighbours and channels.
 
+use crate::exemplar_noise::NoiseExample;
+
 /// σ of one intensity bin.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct NoiseBin {
@@ -19,6 +21,9 @@ pub struct NoiseProfile {
     pub channel_correlation: [f64; 3],
     /// Correlation of a pixel with its neighbour to the right and with the one below; 0 to 1.
     pub neighbour_correlation: [f64; 2],
+    /// Noise by example of the same camera and setting.
+    #[serde(skip)]
+    pub example: Option<NoiseExample>,
 }
 
 impl NoiseProfile {
@@ -85,6 +90,7 @@ mod tests {
     fn sigma_is_linear_between_bins_and_constant_beyond() {
         let bins = vec![NoiseBin { code: 64.0, sigma: 2.0 }, NoiseBin { code: 128.0, sigma: 4.0 }];
         let profile = NoiseProfile {
+            example: None,
             bins: [bins.clone(), bins.clone(), bins],
             channel_correlation: [0.0; 3],
             neighbour_correlation: [0.0; 2],

@@ -46,8 +46,11 @@ pub mod synthesis;
 #[cfg(test)]
 mod tests;
 
+use std::path::PathBuf;
+
 use serde::{Deserialize, Serialize};
 
+use crate::memo::ByAddress;
 use atlas::{AtlasFrame, CLASSES, MIN_CLASS_TILES, SourceFrame, TileCandidate};
 use bands::ALL_BANDS;
 use content::FeatureScale;
@@ -79,6 +82,14 @@ pub struct NoiseModel {
     pub sources: Vec<SourceFrame>,
     pub frames: Vec<AtlasFrame>,
     pub candidates: [Vec<TileCandidate>; CLASSES],
+}
+
+/// A camera's noise model with its file. Equal if both are the same object in memory.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NoiseExample {
+    /// Path in the profile that names it.
+    pub file: PathBuf,
+    pub model: ByAddress<NoiseModel>,
 }
 
 /// Why no model results.

@@ -178,7 +178,7 @@ mod tests {
     fn noise() -> NoiseProfile {
         let bins = [8.0, 24.5].map(|code| NoiseBin { code, sigma: 2.25 }).to_vec();
         let bins = [bins.clone(), bins.clone(), bins];
-        NoiseProfile { bins, channel_correlation: [0.5, 0.25, 0.5], neighbour_correlation: [0.0, 0.125] }
+        NoiseProfile { example: None, bins, channel_correlation: [0.5, 0.25, 0.5], neighbour_correlation: [0.0, 0.125] }
     }
 
     fn parse(text: &str) -> Document {
@@ -294,7 +294,7 @@ mod tests {
         ) {
             let codes: Vec<f64> = codes.into_iter().map(|code| f64::from(code) * 255.0 / 2e9).collect();
             let bins = [0, 1, 2].map(|c| codes.iter().zip(&sigmas).map(|(&code, s)| NoiseBin { code, sigma: s[c] }).collect());
-            let noise = NoiseProfile { bins, channel_correlation: [correlation; 3], neighbour_correlation: [0.0, below] };
+            let noise = NoiseProfile { example: None, bins, channel_correlation: [correlation; 3], neighbour_correlation: [0.0, below] };
             let intrinsics = Intrinsics { fx_px, ..Intrinsics::default() };
             let exposure = CameraExposure { time_s: Some(time_s), ..CameraExposure::default() };
             let mut profile = Document::new("");

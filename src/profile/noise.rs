@@ -65,7 +65,7 @@ pub fn from_toml(table: &Table) -> Result<NoiseProfile, NoiseTableError> {
         let accepted = "one that three channels can have together (1 + 2·rg·rb·gb ≥ rg² + rb² + gb²)";
         return Err(NoiseTableError::Value { key: "channel_correlation", place: 3, found: gb, accepted });
     }
-    Ok(NoiseProfile { bins, channel_correlation: [rg, rb, gb], neighbour_correlation })
+    Ok(NoiseProfile { example: None, bins, channel_correlation: [rg, rb, gb], neighbour_correlation })
 }
 
 fn numbers(
@@ -147,6 +147,7 @@ mod tests {
     fn channels_at_different_codes_keep_their_interpolation() {
         let bins = |list: &[(f64, f64)]| list.iter().map(|&(code, sigma)| NoiseBin { code, sigma }).collect::<Vec<_>>();
         let profile = NoiseProfile {
+            example: None,
             bins: [bins(&[(0.0, 1.0), (100.0, 3.0)]), bins(&[(50.0, 4.0)]), bins(&[(0.0, 1.0), (200.0, 2.0)])],
             channel_correlation: [0.0; 3],
             neighbour_correlation: [0.0; 2],

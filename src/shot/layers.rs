@@ -248,6 +248,7 @@ mod tests {
         const NOISE: &str = "[camera.noise]\ncode = [0]\nsigma_r = [1]\nsigma_g = [1]\nsigma_b = [1]\n\
                              channel_correlation = [0, 0, 0]\nneighbour_correlation = [0, 0]\n";
         let estimate = NoiseProfile {
+            example: None,
             bins: std::array::from_fn(|_| vec![NoiseBin { code: 128.0, sigma: 2.0 }]),
             channel_correlation: [0.0; 3],
             neighbour_correlation: [0.0; 2],

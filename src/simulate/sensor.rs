@@ -59,6 +59,7 @@ impl Sensor {
             NoiseBin { code, sigma: self.sigma(channel, code) }
         };
         NoiseProfile {
+            example: None,
             bins: [0, 1, 2].map(|channel| (0..16).map(|b| bin(channel, b)).collect()),
             channel_correlation: [self.channel_correlation; 3],
             neighbour_correlation: [self.neighbour_correlation; 2],

@@ -125,6 +125,7 @@ pub(super) fn noise_through_file<E>(
     };
     let bins = [0, 1, 2].map(|c| resampled(&measured(&bins[c])));
     Ok(NoiseProfile {
+        example: None,
         bins,
         channel_correlation: channels.map(|pair| pair.correlation().clamp(-1.0, 1.0)),
         neighbour_correlation: [right, below].map(|pair| pair.correlation().clamp(0.0, 0.99)),

@@ -94,6 +94,7 @@ fn numbers_in(values: impl IntoIterator<Item = f64>, digits: usize) -> Value {
 pub fn rounded_noise(noise: &NoiseProfile) -> NoiseProfile {
     let bin = |bin: &NoiseBin| NoiseBin { code: rounded(bin.code, 1), sigma: rounded(bin.sigma, 3) };
     NoiseProfile {
+        example: None,
         bins: noise.bins.each_ref().map(|bins| bins.iter().map(bin).collect()),
         channel_correlation: noise.channel_correlation.map(|v| rounded(v, 3)),
         neighbour_correlation: noise.neighbour_correlation.map(|v| rounded(v, 3)),

@@ -352,6 +352,7 @@ mod tests {
         let noise = |power: f64| {
             let bins = vec![NoiseBin { code: 1.0, sigma: 1.0 }];
             let profile = NoiseProfile {
+                example: None,
                 bins: [bins.clone(), bins.clone(), bins],
                 channel_correlation: [1.0; 3],
                 neighbour_correlation: [0.0; 2],

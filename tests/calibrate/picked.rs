@@ -360,6 +360,7 @@ fn rejected_regions_do_not_affect_usable_ones() {
 fn present_profile_extends_the_picked_intensities() {
     let bins = vec![NoiseBin { code: 0.0, sigma: 1.0 }, NoiseBin { code: 255.0, sigma: 3.55 }];
     let present = NoiseProfile {
+        example: None,
         bins: [bins.clone(), bins.clone(), bins],
         channel_correlation: [0.0; 3],
         neighbour_correlation: [0.0; 2],

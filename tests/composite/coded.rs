@@ -54,6 +54,7 @@ fn composite_scene(scene: Scene, coding: Option<PictureCoding>, noise: f64) -> C
     let mut camera = gpu::camera(&gpu::pinhole(WIDTH, HEIGHT, FOCAL_PX), 0.0);
     let bins = vec![NoiseBin { code: 0.0, sigma: 6.0 }, NoiseBin { code: 255.0, sigma: 6.0 }];
     camera.noise = Some(NoiseProfile {
+        example: None,
         bins: [bins.clone(), bins.clone(), bins],
         channel_correlation: [0.0; 3],
         neighbour_correlation: [0.3, 0.2],

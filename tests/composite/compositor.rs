@@ -215,7 +215,8 @@ fn nearly_transparent_object_leaves_the_footage_unchanged() {
         let mut camera = gpu::camera(&geometry, 0.0);
         let bin = |code| NoiseBin { code, sigma: 3.0 };
         let bins = std::array::from_fn(|_| vec![bin(0.0), bin(255.0)]);
-        camera.noise = Some(NoiseProfile { bins, channel_correlation: [0.0; 3], neighbour_correlation: [0.0; 2] });
+        camera.noise =
+            Some(NoiseProfile { example: None, bins, channel_correlation: [0.0; 3], neighbour_correlation: [0.0; 2] });
         let settings = gpu::settings(&sets);
         let mut compositor = Compositor::new(gpu.clone(), board([60.0, 50.0], 0.5));
         let frame = Frame { opacity, ..gpu::frame(0, 0.0, plain.clone()) };

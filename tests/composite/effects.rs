@@ -267,6 +267,7 @@ fn noisy_camera(geometry: &Geometry, correlation: f64) -> Camera {
     let mut camera = gpu::camera(geometry, 0.0);
     let bins = vec![NoiseBin { code: 0.0, sigma: 1.0 }, NoiseBin { code: 255.0, sigma: 6.1 }];
     camera.noise = Some(NoiseProfile {
+        example: None,
         bins: [bins.clone(), bins.clone(), bins],
         channel_correlation: [0.5, 0.2, 0.3],
         neighbour_correlation: [correlation; 2],

@@ -48,6 +48,7 @@ fn camera(geometry: &Geometry) -> Camera {
     let mut camera = gpu::camera(geometry, TIME_S);
     let bins = vec![NoiseBin { code: 0.0, sigma: 1.5 }, NoiseBin { code: 255.0, sigma: 4.0 }];
     camera.noise = Some(NoiseProfile {
+        example: None,
         bins: [bins.clone(), bins.clone(), bins],
         channel_correlation: [0.0; 3],
         neighbour_correlation: [0.3, 0.2],

@@ -242,6 +242,7 @@ fn under_curve(
     camera.response = response.clone();
     let bins = vec![NoiseBin { code: 0.0, sigma: 6.1 }, NoiseBin { code: 255.0, sigma: 1.0 }];
     camera.noise = Some(NoiseProfile {
+        example: None,
         bins: [bins.clone(), bins.clone(), bins],
         channel_correlation: [0.0; 3],
         neighbour_correlation: [0.0; 2],

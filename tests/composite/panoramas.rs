@@ -224,6 +224,7 @@ fn velocity_filter_matches_the_reference_at_the_seam_and_in_a_wide_fisheye() {
 fn noisy(mut camera: Camera) -> Camera {
     let bins = || vec![NoiseBin { code: 0.0, sigma: 2.0 }, NoiseBin { code: 255.0, sigma: 4.0 }];
     camera.noise = Some(NoiseProfile {
+        example: None,
         bins: [bins(), bins(), bins()],
         channel_correlation: [0.3; 3],
         neighbour_correlation: [0.4; 2],

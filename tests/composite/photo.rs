@@ -26,6 +26,7 @@ fn noise() -> NoiseProfile {
     let bins: Vec<NoiseBin> =
         (0..16).map(|i| NoiseBin { code: 8.0 + 16.0 * f64::from(i), sigma: 2.0 + f64::from(i) / 7.5 }).collect();
     NoiseProfile {
+        example: None,
         bins: [bins.clone(), bins.clone(), bins],
         channel_correlation: [0.0; 3],
         neighbour_correlation: [0.0; 2],

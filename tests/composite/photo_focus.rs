@@ -173,7 +173,12 @@ fn blurred_real_pixels_have_the_film_grain() {
         (0..16).map(|i| NoiseBin { code: 8.0 + 16.0 * f64::from(i), sigma: 2.0 + f64::from(i) / 7.5 }).collect();
     for neighbour_correlation in [[0.0; 2], [0.6, 0.5]] {
         let bins = [bins.clone(), bins.clone(), bins.clone()];
-        gets_the_films_grain(&NoiseProfile { bins, channel_correlation: [0.0; 3], neighbour_correlation });
+        gets_the_films_grain(&NoiseProfile {
+            example: None,
+            bins,
+            channel_correlation: [0.0; 3],
+            neighbour_correlation,
+        });
     }
 }
 

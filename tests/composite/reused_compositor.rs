@@ -41,6 +41,7 @@ impl PictureInputs {
         rig.lay_over(&geometry);
         let bins = vec![NoiseBin { code: 0.0, sigma: 2.0 }, NoiseBin { code: 255.0, sigma: 4.0 }];
         rig.noise = Some(NoiseProfile {
+            example: None,
             bins: [bins.clone(), bins.clone(), bins],
             channel_correlation: [0.2, 0.1, 0.2],
             neighbour_correlation: [0.3, 0.2],

@@ -375,6 +375,7 @@ fn noise_in_a_shadow_matches_the_camera_noise_at_that_brightness() {
     let bins: Vec<NoiseBin> = (0..52).map(bin).collect();
     for rho in [0.0, 0.4] {
         let noise = NoiseProfile {
+            example: None,
             bins: [bins.clone(), bins.clone(), bins.clone()],
             channel_correlation: [0.0; 3],
             neighbour_correlation: [rho; 2],

@@ -192,6 +192,7 @@ mod tests {
         let mut recorder = Recorder::new(Gpu::open().expect("an adapter"));
         let lattice = Rect::new(-7, 11, 70, 52);
         let profile = |neighbour_correlation| NoiseProfile {
+            example: None,
             channel_correlation: [0.5, -0.3, 0.2],
             neighbour_correlation,
             bins: Default::default(),

@@ -325,7 +325,8 @@ mod tests {
     #[test]
     fn excess_noise_of_regions_is_reported() {
         let bins = [0, 1, 2].map(|_| vec![NoiseBin { code: 100.0, sigma: 2.0 }]);
-        let present = NoiseProfile { bins, channel_correlation: [0.0; 3], neighbour_correlation: [0.0; 2] };
+        let present =
+            NoiseProfile { example: None, bins, channel_correlation: [0.0; 3], neighbour_correlation: [0.0; 2] };
         let point = |sigma| NoisePoint { code: 100.0, sigma, sigma_ci95: [sigma; 2], independent_count: 500.0 };
         let points = |sigma| [vec![point(2.0)], vec![point(sigma)], vec![point(2.0)]];
         assert_eq!(excess_noise_ratio(&points(2.9), &present), None);
