@@ -48,7 +48,8 @@ impl ColorMatrix {
 }
 
 /// Meaning of coded samples as colour. With [`ColorMatrix::Rgb`] the planes are R', G' and B'.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
 pub struct YcbcrColor {
     pub matrix: ColorMatrix,
     pub range: ColorRange,

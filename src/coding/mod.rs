@@ -31,6 +31,8 @@ pub mod swscale;
 pub mod upsampling;
 pub mod yuv;
 
+use serde::{Deserialize, Serialize};
+
 pub use color::{ColorMatrix, ColorRange, YcbcrColor};
 pub use plane::SamplePlane;
 
@@ -50,7 +52,8 @@ pub struct PictureCoding {
 }
 
 /// Resolution and position of the chroma samples.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct ChromaSampling {
     /// Luma samples for each chroma sample, across and down: 1 or 2. 4:2:0 is `[2, 2]`, 4:2:2 is
     /// `[2, 1]`.
@@ -60,7 +63,8 @@ pub struct ChromaSampling {
 }
 
 /// Position of a chroma sample among its two luma samples, along one axis.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum ChromaSiting {
     /// Between them: the mean of both (JPEG; vertically also MPEG-2 and H.264).
     Centered,
@@ -82,7 +86,8 @@ pub struct BlockQuantization {
 }
 
 /// The integer arithmetic that made R'G'B' codes from coded samples.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Decoder {
     /// The `image` crate's JPEG decoder: inverse DCT with 12-bit constants, chroma interpolated
     /// with weights 3 and 1 (4:2:0: rounded once vertically and once horizontally; both ends of
@@ -104,6 +109,18 @@ pub enum Decoder {
 }
 
 impl PictureCoding {
+    /// For a picture that was never Y'CbCr in a file: raw codes, or a PNG of a camera's R'G'B'.
+    /// Noise by example needs planes of luma and chroma for it; their rounding to 8 bits is the
+    /// picture's own.
+    pub fn of_uncoded() -> Self {
+        Self {
+            color: YcbcrColor::JFIF,
+            chroma: Some(ChromaSampling::FULL),
+            quantization: None,
+            decoder: Decoder::Nearest,
+        }
+    }
+
     /// Luma samples for each chroma sample, across and down; 1 for a grey picture.
     pub fn chroma_factor(&self) -> [u32; 2] {
         self.chroma.map_or([1, 1], |chroma| chroma.factor)

@@ -17,6 +17,7 @@ use super::atlas::{RESIDUAL_STEP, SourceFrame, UNCLIPPED, USABLE};
 use super::bands::{ALL_BANDS, BANDS, FIRST_BAND, split};
 use super::content::{FEATURES, FeatureScale, Features};
 use super::latent::{LatentStep, LatentTable, smoothed};
+use super::model_coding::ModelCoding;
 use super::path::{Planes, codes, content_planes, decoded_planes, padded, rgb_of_codes};
 use super::registration::correction;
 use super::regression::{COEFFICIENTS, Coefficients, ENERGY_FLOOR, fit};
@@ -283,8 +284,14 @@ pub fn calibrate(frames: &[CalibrationFrame], coding: &PictureCoding, seed: u32)
         [prepared.iter().map(|p| &p.usable).collect(), prepared.iter().map(|p| &p.unclipped).collect()];
     let mut gains = fit_all(&prepared, &real, &clear, factor, None);
     let atlas_gains = to_f32(&gains);
-    let numbers =
-        ModelNumbers { scale, gains: atlas_gains, atlas_gains, latent: LatentTable::default(), chroma_factor: factor };
+    let numbers = ModelNumbers {
+        scale,
+        gains: atlas_gains,
+        atlas_gains,
+        latent: LatentTable::default(),
+        chroma_factor: factor,
+        coding: ModelCoding::of(coding),
+    };
     let mut model = NoiseModel::new(numbers, prepared.iter().map(|p| p.source(coding)).collect())?;
 
     let target = fit_all(&prepared, &real, &whole, factor, None);

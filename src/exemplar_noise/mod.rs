@@ -29,8 +29,6 @@
 //!
 //! Not modelled: correlation in time, fixed-pattern noise, correlation beyond a cell, covariance of
 //! noise and content.
-//!
-//! [`PictureCoding`]: crate::coding::PictureCoding
 
 pub mod atlas;
 pub mod bands;
@@ -39,6 +37,7 @@ pub mod cells;
 pub mod content;
 pub mod file;
 pub mod latent;
+pub mod model_coding;
 pub mod path;
 mod registration;
 pub mod regression;
@@ -50,11 +49,13 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
+use crate::coding::PictureCoding;
 use crate::memo::ByAddress;
 use atlas::{AtlasFrame, CLASSES, MIN_CLASS_TILES, SourceFrame, TileCandidate};
 use bands::ALL_BANDS;
 use content::FeatureScale;
 use latent::LatentTable;
+use model_coding::{CodingDifference, ModelCoding};
 use regression::COEFFICIENTS;
 
 /// Logarithm of each band's variance as a linear function of the constant 1 and the features.
@@ -72,6 +73,21 @@ pub struct ModelNumbers {
     pub latent: LatentTable,
     /// Luma px for each chroma sample, across and down: 1 or 2.
     pub chroma_factor: [usize; 2],
+    /// Coding of the calibration's pictures; `None` if the file does not state it.
+    #[serde(default)]
+    pub coding: Option<ModelCoding>,
+}
+
+impl ModelNumbers {
+    /// The reason why the model does not fit pictures of a coding; `None` if it fits.
+    pub fn coding_difference(&self, coding: &PictureCoding) -> Option<CodingDifference> {
+        let is_same = coding.chroma_factor().map(|factor| factor as usize) == self.chroma_factor;
+        match self.coding {
+            _ if coding.chroma.is_none() => Some(CodingDifference::Grey),
+            Some(own) => own.difference(coding),
+            None => (!is_same).then_some(CodingDifference::Chroma),
+        }
+    }
 }
 
 /// Calibrated noise of a camera at one setting.
