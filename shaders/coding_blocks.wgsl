@@ -6,6 +6,8 @@
 // @import shared/coding
 
 override quantized: bool = true;
+// Whether noise is added to luma; that of chroma is in it already.
+override noisy: bool = false;
 // Bits of the inverse DCT's factors, and the bias before the last shift, besides a half.
 override factor_bits: u32 = 12u;
 override last_bias: i32 = 512;
@@ -21,6 +23,8 @@ override last_bias: i32 = 512;
 @group(0) @binding(4) var<storage, read> quantizers: array<f32, 192>;
 // Decoded samples of Y', Cb and Cr, four in a word, row by row.
 @group(0) @binding(5) var<storage, read_write> samples: array<u32>;
+// Noise of Y'.
+@group(0) @binding(6) var luma_noise: texture_2d<f32>;
 
 // Eight blocks; each thread has a row, then a column of one.
 var<workgroup> coefficients: array<f32, 512>;
@@ -54,6 +58,9 @@ fn sample_at(component: u32, at: vec2<i32>) -> f32 {
     var value: f32;
     if component == 0u {
         value = dot(coding.luma.rgb, textureLoad(uncoded, at, 0).rgb) + coding.luma.w;
+        if noisy {
+            value += textureLoad(luma_noise, at, 0).x;
+        }
     } else {
         let pair = textureLoad(chroma, at, 0).xy;
         value = select(pair.x, pair.y, component == 2u);

@@ -5,6 +5,12 @@
 // R'G'B' on the scale of 8-bit codes, not clipped.
 @group(0) @binding(1) var uncoded: texture_2d<f32>;
 
+// Noise of Cb and Cr.
+@group(0) @binding(3) var chroma_noise: texture_2d<f32>;
+
+// Whether noise is added.
+override noisy: bool = false;
+
 // Rectangles of the target: x0, y0, x1, y1.
 @group(0) @binding(2) var<storage, read> parts: array<vec4<i32>>;
 
@@ -33,5 +39,9 @@ fn main(@builtin(position) at: vec4<f32>) -> @location(0) vec2<f32> {
         let y = clamp(first.y + i, 0, coding.region.y - 1);
         sum += coding.taps_down[i] * row(vec2<i32>(first.x, y));
     }
-    return vec2<f32>(dot(coding.blue.rgb, sum), dot(coding.red.rgb, sum)) + vec2<f32>(coding.blue.w, coding.red.w);
+    var value = vec2<f32>(dot(coding.blue.rgb, sum), dot(coding.red.rgb, sum)) + vec2<f32>(coding.blue.w, coding.red.w);
+    if noisy {
+        value += textureLoad(chroma_noise, vec2<i32>(at.xy), 0).xy;
+    }
+    return value;
 }

@@ -8,7 +8,11 @@ const ZUNE: u32 = 0u;
 const LIBJPEG: u32 = 1u;
 const NEAREST: u32 = 2u;
 const SWSCALE: u32 = 3u;
+// No coding.
+const UNROUNDED: u32 = 4u;
 override decoder: u32 = 0u;
+// Whether noise was added to the planes.
+override noisy: bool = false;
 
 @group(0) @binding(0) var<uniform> coding: Coding;
 @group(0) @binding(1) var uncoded: texture_2d<f32>;
@@ -37,6 +41,10 @@ struct Scaler {
     luma: i32,
 }
 @group(0) @binding(6) var<uniform> scaler: Scaler;
+
+// Noise of Y', and of Cb and Cr.
+@group(0) @binding(7) var luma_noise: texture_2d<f32>;
+@group(0) @binding(8) var chroma_noise: texture_2d<f32>;
 
 @vertex
 fn part(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> @builtin(position) vec4<f32> {
@@ -142,6 +150,15 @@ fn main(@builtin(position) at: vec4<f32>) -> @location(0) vec4<u32> {
     if own.a == 0.0 {
         return textureLoad(camera, q + placement.in_camera, 0);
     }
+    var content = own.rgb;
+    if noisy && (own.a < 1.0 || decoder == UNROUNDED) {
+        let n = textureLoad(chroma_noise, p / coding.factor, 0).xy;
+        let rgb = textureLoad(luma_noise, p, 0).x * coding.from_luma + n.x * coding.from_blue + n.y * coding.from_red;
+        content += rgb.rgb;
+    }
+    if decoder == UNROUNDED {
+        return vec4<u32>(vec3<u32>(clamp(floor(content + 0.5), vec3<f32>(0.0), vec3<f32>(255.0))), 255u);
+    }
     var codes: vec3<i32>;
     if decoder == SWSCALE {
         codes = scaled_rgb(p);
@@ -149,6 +166,6 @@ fn main(@builtin(position) at: vec4<f32>) -> @location(0) vec4<u32> {
         codes = clamp(rgb_of(luma_at(p), upsampled(p)), vec3<i32>(0), vec3<i32>(255));
     }
     let coded = vec3<f32>(codes);
-    let rgb = select(mix(own.rgb, coded, own.a), coded, own.a == 1.0);
+    let rgb = select(mix(content, coded, own.a), coded, own.a == 1.0);
     return vec4<u32>(vec3<u32>(clamp(floor(rgb + 0.5), vec3<f32>(0.0), vec3<f32>(255.0))), 255u);
 }

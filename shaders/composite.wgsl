@@ -188,12 +188,14 @@ fn is_unchanged(p: vec2<i32>, virtual_light: vec4<f32>) -> bool {
 // Share of the coded picture at pixels that hardly change: not 0, which marks those that stay.
 const SMALLEST_SHARE: f32 = 1e-4;
 
+// Factor on the amplitude of noise by example, which apply_noise of that method sets.
+var<private> amplitude_factor: f32 = 0.0;
+
 // The picture before it is coded (src/compositor/coded.rs): R'G'B' on the scale of 8-bit codes, not
 // clipped. Alpha is the share of the coded picture in the result, 0 where the camera's codes stay:
 // real light has come through the coding already, so only the virtual share and shade need it, in
 // full from a half on. Beyond the picture its rim continues, as encoders pad it.
-@fragment
-fn uncoded(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
+fn uncoded_at(at: vec4<f32>) -> vec4<f32> {
     let rim = composite.camera_size - composite.in_camera - 1;
     let p = clamp(vec2<i32>(at.xy), -composite.in_camera, rim);
     let virtual_light = layer_at(p);
@@ -204,6 +206,22 @@ fn uncoded(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let changed = max(pixel.virtual_share, 1.0 - shadow_ratio_at(p));
     let share = max(changed.x, max(changed.y, changed.z));
     return vec4<f32>(255.0 * pixel.code, clamp(2.0 * share, SMALLEST_SHARE, 1.0));
+}
+
+@fragment
+fn uncoded(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
+    return uncoded_at(at);
+}
+
+struct UncodedWithFactor {
+    @location(0) picture: vec4<f32>,
+    @location(1) amplitude_factor: f32,
+}
+
+@fragment
+fn uncoded_with_factor(@builtin(position) at: vec4<f32>) -> UncodedWithFactor {
+    let picture = uncoded_at(at);
+    return UncodedWithFactor(picture, amplitude_factor);
 }
 
 @fragment

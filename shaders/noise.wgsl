@@ -1,4 +1,4 @@
-// @import shared/noise
+// @import shared/noise_overlay
 
 // Variance of the camera's noise at a code value, squared 8-bit codes.
 fn calibrated_variance(code: vec3<f32>) -> vec3<f32> {

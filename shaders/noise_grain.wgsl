@@ -1,4 +1,4 @@
-// @import shared/noise
+// @import shared/noise_overlay
 
 // At another film speed (src/camera/grain.rs): shot noise grows with the speed's ratio k, read
 // noise with k². At k = 1 it is the calibrated variance, bit for bit.

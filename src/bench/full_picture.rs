@@ -85,6 +85,7 @@ pub fn depth_of_field(table: &mut BenchTable<'_>) -> Result<(), SubmitError> {
             frame: 0,
             seed: 0,
             coding: None,
+            max_code: 255,
             recorded: Default::default(),
             interval_s: 1.0,
             fastest_px_per_s: 0.0,
@@ -98,6 +99,7 @@ pub fn depth_of_field(table: &mut BenchTable<'_>) -> Result<(), SubmitError> {
                 let mut run = LayerRun {
                     recorder: &mut recorder,
                     context: &context,
+                    coding: None,
                     drawn: Rect::full(width, height),
                     objects_px: Rect::new(0, 0, 0, 0),
                     geometry_is_read: false,

@@ -40,7 +40,7 @@ impl ChromaFilter {
         }
         // Weights of samples relative to the pixel pair's own, for the first and second pixel.
         let phases: [Vec<(isize, f64)>; 2] = match decoder {
-            Decoder::Nearest => return Self::mean(factor, ChromaSiting::Centered),
+            Decoder::Nearest | Decoder::Unrounded => return Self::mean(factor, ChromaSiting::Centered),
             Decoder::ZuneJpeg | Decoder::Libjpeg => [vec![(0, 0.75), (-1, 0.25)], vec![(0, 0.75), (1, 0.25)]],
             Decoder::Swscale { siting } => [0, 1].map(|pixel| {
                 let position = swscale::position(pixel, factor, siting[axis]);

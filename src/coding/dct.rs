@@ -65,7 +65,7 @@ pub fn inverse(coefficients: &[f32; BLOCK_LEN]) -> [f32; BLOCK_LEN] {
         }
     }
     let row = |y: usize, x: usize| (0..BLOCK).fold(0.0, |sum, u| sum + basis[u][x] * columns[BLOCK * y + u]);
-    std::array::from_fn(|i| row(i / BLOCK, i % BLOCK))
+    std::array::from_fn(|i| row(i / BLOCK, i % BLOCK) / 8.0)
 }
 
 /// Multiples of the quantisation steps that are nearest to coefficients; halves away from 0, as
@@ -208,6 +208,16 @@ mod tests {
             for (i, value) in found.iter().enumerate() {
                 let expected = exact(&samples(seed), i / BLOCK, i % BLOCK);
                 assert!((f64::from(*value) - expected).abs() < 2e-4, "{seed} {i}: {value} {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn inverse_returns_the_samples() {
+        for seed in 0..20 {
+            let original = samples(seed);
+            for (a, b) in inverse(&forward(&original)).iter().zip(original) {
+                assert!((a - b).abs() < 1e-3, "{seed}: {a} {b}");
             }
         }
     }

@@ -106,20 +106,18 @@ pub enum Decoder {
     /// Pixels share a chroma sample without interpolation; the nearest code of the exact
     /// conversion (webcams' YUYV and NV12).
     Nearest,
+    /// No coding: R'G'B' codes nearest to the exact conversion of planes that were not rounded.
+    Unrounded,
 }
 
 impl PictureCoding {
-    /// For a picture that was never Y'CbCr in a file: raw codes, or a PNG of a camera's R'G'B'.
-    /// Noise by example needs planes of luma and chroma for it; their rounding to 8 bits is the
-    /// picture's own.
-    pub fn of_uncoded() -> Self {
-        Self {
-            color: YcbcrColor::JFIF,
-            chroma: Some(ChromaSampling::FULL),
-            quantization: None,
-            decoder: Decoder::Nearest,
-        }
-    }
+    /// Of R'G'B' codes that never were Y'CbCr: raw pictures, or a PNG of a camera's R'G'B'.
+    pub const UNROUNDED: Self = Self {
+        color: YcbcrColor::JFIF,
+        chroma: Some(ChromaSampling::FULL),
+        quantization: None,
+        decoder: Decoder::Unrounded,
+    };
 
     /// Luma samples for each chroma sample, across and down; 1 for a grey picture.
     pub fn chroma_factor(&self) -> [u32; 2] {

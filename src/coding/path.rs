@@ -59,6 +59,7 @@ impl PictureCoding {
             let interpolated = match self.decoder {
                 Decoder::Swscale { .. } => plane.clone(),
                 Decoder::ZuneJpeg | Decoder::Libjpeg | Decoder::Nearest => plane.map(|sample| sample.round()),
+                Decoder::Unrounded => continue,
             };
             let mut samples = filters.apply(&interpolated);
             for _ in 0..RECOVERY_PASSES {
@@ -108,7 +109,7 @@ impl PictureCoding {
             Decoder::ZuneJpeg => Some(upsampling::zune(plane, factor)),
             Decoder::Libjpeg => Some(upsampling::libjpeg(plane, factor)),
             Decoder::Nearest => Some(upsampling::repeated(plane, factor)),
-            Decoder::Swscale { .. } => None,
+            Decoder::Swscale { .. } | Decoder::Unrounded => None,
         }
     }
 
@@ -119,7 +120,7 @@ impl PictureCoding {
         let Some(quantization) = &self.quantization else { return rounded.collect() };
         let inverse = match self.decoder {
             Decoder::Libjpeg => InverseDct::LIBJPEG,
-            Decoder::ZuneJpeg | Decoder::Swscale { .. } | Decoder::Nearest => InverseDct::ZUNE,
+            Decoder::ZuneJpeg | Decoder::Swscale { .. } | Decoder::Nearest | Decoder::Unrounded => InverseDct::ZUNE,
         };
         let by_plane = rounded.zip(&quantization.steps);
         let decoded = |(plane, steps): (SamplePlane<u8>, _)| {
@@ -151,7 +152,7 @@ impl PictureCoding {
                 let chroma = [cb, cr].map(|plane| upsampling::libjpeg(&plane.cropped(inside[0], inside[1]), factor));
                 converted(chroma, &|sample| IntegerConversion::LIBJPEG.rgb(sample))
             }
-            Decoder::Nearest => {
+            Decoder::Nearest | Decoder::Unrounded => {
                 let table = Table::new(self.color.matrix, self.color.range);
                 let chroma = [cb, cr].map(|plane| upsampling::repeated(plane, factor));
                 converted(chroma, &|sample| table.rgb(sample))
@@ -165,6 +166,18 @@ impl PictureCoding {
                 })
             }
         }
+    }
+
+    /// R'G'B' codes nearest to planes of [`Decoder::Unrounded`], interleaved.
+    pub fn unrounded_codes(&self, planes: &[SamplePlane<f32>; 3]) -> Vec<u8> {
+        let back = self.color.inverse().map(|row| row.map(|factor| factor as f32));
+        let black = self.color.forward().1.map(|level| level as f32);
+        let samples = planes[0].samples.iter().zip(&planes[1].samples).zip(&planes[2].samples);
+        let code = |((y, cb), cr): ((&f32, &f32), &f32)| {
+            let centred = [y - black[0], cb - black[1], cr - black[2]];
+            back.map(|row| (row[0] * centred[0] + row[1] * centred[1] + row[2] * centred[2]).round() as u8)
+        };
+        samples.flat_map(code).collect()
     }
 
     /// A decoded picture, coded and decoded once more. The result equals the picture where its

@@ -10,23 +10,25 @@
 //! those keep their codes.
 
 use super::dirty_tiles::{TILE_PX, tiles_on_grid};
-use super::mix::{CompositePiece, MixInputs, composite, corners_in};
+use super::example_noise::{NoisePlanes, UncodedPicture};
+use super::mix::{CompositePiece, CompositeTarget, MixInputs, composite, corners_in};
 use crate::coding::chroma::ChromaFilter;
 use crate::coding::swscale::{Conversion, Phases};
 use crate::coding::{BLOCK, ChromaSampling, ColorMatrix, Decoder, PictureCoding};
-use crate::effects::MixedPart;
+use crate::effects::{ExampleNoise, MixedPart};
 use crate::gpu::{Entry, Recorder, Shader, Texture};
 use crate::pixels::Rect;
 
 /// Distance at which a changed pixel depends on others through chroma, px: two samples of bicubic
 /// interpolation, and the pixels of the farthest.
-const CHROMA_REACH_PX: i32 = 6;
+pub const CHROMA_REACH_PX: i32 = 6;
 /// Blocks for each workgroup of shaders/coding_blocks.wgsl.
 const BLOCKS_PER_GROUP: u32 = 8;
 /// Number of workgroups along an axis of a dispatch that every adapter allows.
 const MAX_GROUPS_IN_ROW: u32 = 65_535;
 
 const UNCODED: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;
+const AMPLITUDE_FACTOR: wgpu::TextureFormat = wgpu::TextureFormat::R32Float;
 const CHROMA: wgpu::TextureFormat = wgpu::TextureFormat::Rg32Float;
 
 crate::uniform! {
@@ -87,23 +89,25 @@ impl ScalerUniform {
 pub struct CodedRegion<'a> {
     coding: &'a PictureCoding,
     picture: Rect,
+    /// Distance at which a changed pixel depends on others, px.
+    reach_px: i32,
     /// Whole tiles on the coding's grid. It may extend beyond the picture.
     pub rect: Rect,
 }
 
 impl<'a> CodedRegion<'a> {
-    pub fn new(coding: &'a PictureCoding, rect: Rect, picture: Rect) -> Self {
+    pub fn new(coding: &'a PictureCoding, rect: Rect, picture: Rect, reach_px: i32) -> Self {
         let [x, y] = grid_origin(coding);
         let down = |edge: i32, origin: i32| (edge - origin).div_euclid(TILE_PX) * TILE_PX + origin;
         let up = |edge: i32, origin: i32| down(edge + TILE_PX - 1, origin);
-        let needed = rect.grown(CHROMA_REACH_PX).intersection(&picture);
+        let needed = rect.grown(reach_px).intersection(&picture);
         let rect = Rect::new(down(needed.x0, x), down(needed.y0, y), up(needed.x1, x), up(needed.y1, y));
-        Self { coding, picture, rect }
+        Self { coding, picture, reach_px, rect }
     }
 
     /// The tiles that are coded if pixels of `changed` change.
     fn tiles(&self, changed: &[Rect]) -> Vec<Rect> {
-        let reached: Vec<Rect> = changed.iter().map(|rect| rect.grown(CHROMA_REACH_PX)).collect();
+        let reached: Vec<Rect> = changed.iter().map(|rect| rect.grown(self.reach_px)).collect();
         tiles_on_grid(self.rect, grid_origin(self.coding), &reached)
     }
 
@@ -117,6 +121,13 @@ impl<'a> CodedRegion<'a> {
             (x1, y1) = (x1 + (-x1).rem_euclid(unit_x), y1 + (-y1).rem_euclid(unit_y));
         }
         [x0 - self.rect.x0, y0 - self.rect.y0, x1 - self.rect.x0, y1 - self.rect.y0]
+    }
+
+    /// The coded picture with its padding, in the region's coordinates: x0, y0, x1, y1.
+    pub fn extent(&self) -> [i32; 4] {
+        let extent = self.coding.extent([self.picture.width() as usize, self.picture.height() as usize]);
+        let [x, y] = [0, 1].map(|axis| -(extent.before[axis] as i32) - [self.rect.x0, self.rect.y0][axis]);
+        [x, y, x + extent.padded[0] as i32, y + extent.padded[1] as i32]
     }
 
     fn uniform(&self, tile_count: u32, groups_in_row: u32) -> CodingUniform {
@@ -170,6 +181,7 @@ pub fn mix_coded(
     piece: &CompositePiece,
     changed: &[Rect],
     parts: &[MixedPart],
+    noise: Option<&ExampleNoise>,
 ) -> Texture {
     let (upload, rect) = (inputs.upload, piece.rect);
     let out = recorder.pool.lend(&recorder.gpu, (rect.width(), rect.height()), upload.texture.format);
@@ -181,10 +193,24 @@ pub fn mix_coded(
     let size = (region.rect.width(), region.rect.height());
     let uncoded = recorder.pool.lend(&recorder.gpu, size, UNCODED);
     let whole = CompositePiece { rect: region.rect, ..*piece };
-    composite(recorder, inputs, &whole, &tiles, parts, "uncoded", &uncoded);
+    let planes = match noise {
+        Some(noise) => {
+            let amplitude_factor = recorder.pool.lend(&recorder.gpu, size, AMPLITUDE_FACTOR);
+            let picture = UncodedPicture { codes: &uncoded, amplitude_factor: &amplitude_factor };
+            composite(recorder, inputs, &whole, &tiles, parts, CompositeTarget::UncodedWithFactor(picture));
+            Some(NoisePlanes::record(recorder, noise, region, &tiles, &picture))
+        }
+        None => {
+            composite(recorder, inputs, &whole, &tiles, parts, CompositeTarget::Uncoded(&uncoded));
+            None
+        }
+    };
 
     let coded = CodedSamples::new(recorder, region, &tiles);
-    coded.record(recorder, region.coding, &uncoded);
+    let is_coded = region.coding.decoder != Decoder::Unrounded;
+    if is_coded {
+        coded.record(recorder, region.coding, &uncoded, planes.as_ref());
+    }
 
     let shown: Vec<Rect> = tiles.iter().map(|tile| tile.intersection(&rect)).filter(|tile| !tile.is_empty()).collect();
     let corners = corners_in(&shown, rect);
@@ -194,12 +220,18 @@ pub fn mix_coded(
         in_region: [rect.x0 - region.rect.x0, rect.y0 - region.rect.y0],
         in_camera: [rect.x0 - upload.rect.x0, rect.y0 - upload.rect.y0],
     };
+    let entry = Entry::over("part", "main").choose("decoder", decoder_choice(region.coding));
+    let entry = entry.choose("noisy", planes.is_some());
+    // Content that is shown without coding is latent, too.
+    let shown_content = planes.as_ref().filter(|_| !is_coded).map_or(&uncoded, |planes| &planes.latent);
     recorder
-        .pass(Shader::CodingDecode, Entry::over("part", "main").choose("decoder", decoder_choice(region.coding)))
+        .pass(Shader::CodingDecode, entry)
         .uniform("coding", &coded.uniform)
         .uniform("placement", &placement)
         .uniform("scaler", &ScalerUniform::new(region.coding))
-        .texture("uncoded", &uncoded)
+        .texture("uncoded", shown_content)
+        .texture("luma_noise", planes.as_ref().map_or(&uncoded, |planes| &planes.luma))
+        .texture("chroma_noise", planes.as_ref().map_or(&uncoded, |planes| &planes.chroma))
         .texture("camera", &upload.texture)
         .buffer("samples", &coded.samples)
         .buffer("parts", list)
@@ -218,6 +250,7 @@ fn decoder_choice(coding: &PictureCoding) -> f64 {
         Decoder::Libjpeg => 1.0,
         Decoder::Nearest => 2.0,
         Decoder::Swscale { .. } => 3.0,
+        Decoder::Unrounded => 4.0,
     }
 }
 
@@ -262,15 +295,17 @@ impl CodedSamples {
     }
 
     /// Records the passes that code the uncoded picture.
-    fn record(&self, recorder: &mut Recorder, coding: &PictureCoding, uncoded: &Texture) {
+    fn record(&self, recorder: &mut Recorder, coding: &PictureCoding, uncoded: &Texture, noise: Option<&NoisePlanes>) {
+        let uncoded = noise.map_or(uncoded, |planes| &planes.latent);
         let size = [0, 1].map(|axis| (self.uniform.region[axis] / self.uniform.factor[axis]) as u32);
         let size = (size[0], size[1]);
         let chroma = recorder.pool.lend(&recorder.gpu, size, CHROMA);
         let parts = recorder.storage(bytemuck::cast_slice(&self.chroma_parts));
         recorder
-            .pass(Shader::CodingChroma, Entry::over("part", "main"))
+            .pass(Shader::CodingChroma, Entry::over("part", "main").choose("noisy", noise.is_some()))
             .uniform("coding", &self.uniform)
             .texture("uncoded", uncoded)
+            .texture("chroma_noise", noise.map_or(uncoded, |planes| &planes.chroma))
             .buffer("parts", parts)
             .tiles(self.chroma_parts.len() as u32)
             .over()
@@ -282,6 +317,7 @@ impl CodedSamples {
         let is_libjpeg = coding.decoder == Decoder::Libjpeg;
         let entry = Entry::from("main")
             .choose("quantized", coding.quantization.is_some())
+            .choose("noisy", noise.is_some())
             .choose("factor_bits", if is_libjpeg { 13.0 } else { 12.0 })
             .choose("last_bias", if is_libjpeg { 0.0 } else { 512.0 });
         let tiles = recorder.storage(bytemuck::cast_slice(&self.tiles));
@@ -290,6 +326,7 @@ impl CodedSamples {
             .pass(Shader::CodingBlocks, entry)
             .uniform("coding", &self.uniform)
             .texture("uncoded", uncoded)
+            .texture("luma_noise", noise.map_or(uncoded, |planes| &planes.luma))
             .texture("chroma", &chroma)
             .buffer("tiles", tiles)
             .buffer("quantizers", steps)

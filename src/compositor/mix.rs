@@ -2,6 +2,7 @@
 //! the whole picture into a view.
 
 use super::dirty_tiles::dirty_tiles;
+use super::example_noise::UncodedPicture;
 use super::job::Job;
 use super::rgba::rgba;
 use crate::camera::exposure::photographic_gain;
@@ -152,7 +153,7 @@ pub fn mix(
     if tiles != [rect] {
         upload.copy(recorder, rect, &out);
     }
-    composite(recorder, inputs, piece, &tiles, parts, "main", &out);
+    composite(recorder, inputs, piece, &tiles, parts, CompositeTarget::Codes(&out));
     out
 }
 
@@ -162,15 +163,25 @@ pub fn corners_in(rects: &[Rect], origin: Rect) -> Vec<[i32; 4]> {
     rects.iter().map(corners).collect()
 }
 
-/// Records the composite of rectangles of a piece into a texture of the piece's size.
+/// Textures of a composite, of the piece's size.
+#[derive(Clone, Copy, Debug)]
+pub enum CompositeTarget<'a> {
+    /// Codes, over those of the camera.
+    Codes(&'a Texture),
+    /// The picture before it is coded.
+    Uncoded(&'a Texture),
+    /// The same, cleared outside the rectangles, and the factor on the amplitude of its noise.
+    UncodedWithFactor(UncodedPicture<'a>),
+}
+
+/// Records the composite of rectangles of a piece.
 pub fn composite(
     recorder: &mut Recorder,
     inputs: &MixInputs<'_>,
     piece: &CompositePiece,
     tiles: &[Rect],
     parts: &[MixedPart],
-    entry: &'static str,
-    out: &Texture,
+    target: CompositeTarget<'_>,
 ) {
     if tiles.is_empty() {
         return;
@@ -196,6 +207,11 @@ pub fn composite(
     let sigma = recorder.memoized(SigmaKey(camera.noise.clone()), sigma_table);
     let quads = corners_in(tiles, rect);
     let list = recorder.storage(bytemuck::cast_slice(&quads));
+    let entry = match target {
+        CompositeTarget::Codes(_) => "main",
+        CompositeTarget::Uncoded(_) => "uncoded",
+        CompositeTarget::UncodedWithFactor(_) => "uncoded_with_factor",
+    };
     let entry = Entry::over("part", entry)
         .choose("curve", curve_choice(&camera.response))
         .choose("whole", capture.whole)
@@ -224,5 +240,11 @@ pub fn composite(
     if let Some(real) = &layer.real {
         pass = pass.texture("real_light", &real.light);
     }
-    pass.tiles(quads.len() as u32).over().draw_into(&[out], size);
+    let pass = pass.tiles(quads.len() as u32);
+    match target {
+        CompositeTarget::Codes(out) | CompositeTarget::Uncoded(out) => pass.over().draw_into(&[out], size),
+        CompositeTarget::UncodedWithFactor(UncodedPicture { codes, amplitude_factor }) => {
+            pass.draw_into(&[codes, amplitude_factor], size);
+        }
+    }
 }

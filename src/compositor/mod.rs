@@ -9,6 +9,7 @@
 mod clipped;
 mod coded;
 mod dirty_tiles;
+mod example_noise;
 mod exposure_time;
 mod foreground_matte;
 mod frame_inputs;

@@ -8,7 +8,7 @@ use super::{Compositor, ExposureTime, FrameStats, Job, RealDepth, Settings, Subm
 use crate::camera::{Camera, Geometry};
 use crate::coding::PictureCoding;
 use crate::depth::{DepthGrid, Proxies, Surfaces};
-use crate::effects::{Effect, FrameContext, ObjectMotion, OnReal, Reach};
+use crate::effects::{Effect, ExampleNoise, FrameContext, ObjectMotion, OnReal, Reach};
 use crate::frame::Frame;
 use crate::gpu::{Gpu, TexturePool};
 use crate::pixels::Rect;
@@ -122,6 +122,7 @@ pub fn frame_context<'a>(
         frame: job.frame.index,
         seed: settings.seed,
         coding: job.frame.pixels.coding.as_deref(),
+        max_code: job.frame.pixels.max_code(),
         recorded: job.frame.exposure,
         interval_s: job.interval_s,
         fastest_px_per_s: footprint.fastest_px_per_s,
@@ -157,6 +158,8 @@ pub struct Plan<'a> {
     pub samples: SamplePlan,
     /// The coding that changed pixels follow. `None`: they are rounded to codes.
     pub coding: Option<PictureCoding>,
+    /// Noise by example, if it is drawn.
+    pub noise: Option<ExampleNoise>,
     /// Surfaces of the real part, if an effect acts on it.
     pub surfaces: Option<&'a Surfaces>,
     /// `None` if the frame does not change.
@@ -198,7 +201,8 @@ impl<'a> Plan<'a> {
             None => SamplePlan::single(),
         };
         let coding = active.iter().find_map(|effect| effect.coding(context));
-        let plan = Self { active, samples, coding, surfaces, work_rects };
+        let noise = active.iter().find_map(|effect| effect.example_noise(context, coding.as_ref()));
+        let plan = Self { active, samples, coding, noise, surfaces, work_rects };
         plan.check_size(gpu, context)?;
         Ok(plan)
     }

@@ -1,7 +1,8 @@
 //! The stages of a frame after its plan, each with the inputs that its retained result depends on.
 
 use super::clipped::{self, FrameRadiance};
-use super::coded::{CodedRegion, mix_coded};
+use super::coded::{CHROMA_REACH_PX, CodedRegion, mix_coded};
+use super::example_noise::CONTENT_REACH_PX;
 use super::foreground_matte;
 use super::frame_inputs::FrameInputs;
 use super::mix::{CameraUpload, MixInputs, mix};
@@ -12,6 +13,7 @@ use super::retained::{DrawKey, EffectsKey, ShadeKey};
 use super::shade::{self, ShadeImage};
 use super::stage_log::StageLog;
 use super::{Compositor, Target};
+use crate::coding::PictureCoding;
 use crate::effects::LayerRun;
 use crate::frame::Frame;
 use crate::gpu::Recorder;
@@ -169,7 +171,7 @@ impl Compositor {
             let upload = uploads.get(i).unwrap_or(&uploads[0]);
             let mixed = MixInputs { camera: inputs.camera, job, upload, layer, shade: shade_texture };
             let made = match &regions[i] {
-                Some(region) => mix_coded(run.recorder, &mixed, region, piece, &changed, &parts),
+                Some(region) => mix_coded(run.recorder, &mixed, region, piece, &changed, &parts, plan.noise.as_ref()),
                 None => mix(run.recorder, &mixed, piece, &changed, &parts),
             };
             match target {
@@ -193,9 +195,9 @@ impl Compositor {
 
 /// Context of the passes of effects.
 fn layer_run<'a>(recorder: &'a mut Recorder, inputs: &FrameInputs<'a>) -> LayerRun<'a> {
-    let FrameInputs { context, work_rects, .. } = *inputs;
+    let FrameInputs { context, plan, work_rects, .. } = *inputs;
     let (drawn, objects_px) = (work_rects.drawn, work_rects.objects_px);
-    LayerRun { recorder, context, drawn, objects_px, geometry_is_read: true }
+    LayerRun { recorder, context, coding: plan.coding.as_ref(), drawn, objects_px, geometry_is_read: true }
 }
 
 /// The rectangles of the picture in which pixels may change.
@@ -211,10 +213,14 @@ fn changed_rects(inputs: &FrameInputs<'_>, layer: &Layer, shade: Option<&ShadeIm
     objects.chain(shade.iter().flat_map(|image| image.pieces.iter().copied())).collect()
 }
 
-/// The region that is coded with a piece, if the frame's format is to be followed.
+/// The region that is coded with a piece, if the frame's format is to be followed, or noise is added
+/// to planes.
 fn coded_region<'a>(inputs: &FrameInputs<'a>, piece: Rect) -> Option<CodedRegion<'a>> {
-    let coding = inputs.plan.coding.as_ref()?;
-    Some(CodedRegion::new(coding, piece, whole(&inputs.job.frame)))
+    let has_noise = inputs.plan.noise.is_some();
+    let unrounded = || has_noise.then_some(&PictureCoding::UNROUNDED);
+    let coding = inputs.plan.coding.as_ref().or_else(unrounded)?;
+    let reach_px = if has_noise { CONTENT_REACH_PX } else { CHROMA_REACH_PX };
+    Some(CodedRegion::new(coding, piece, whole(&inputs.job.frame), reach_px))
 }
 
 /// The rectangle of the camera's picture that the composite of `rect` reads, with a margin of 1 px

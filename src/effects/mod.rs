@@ -15,7 +15,8 @@ mod stage;
 pub mod vignetting;
 
 pub use stage::{
-    Boxed, Case, Effect, EffectError, FrameContext, LayerRun, MixedPart, ObjectMotion, OnReal, Reach, curve_choice,
+    Boxed, Case, Effect, EffectError, ExampleNoise, FrameContext, LayerRun, MixedPart, ObjectMotion, OnReal, Reach,
+    curve_choice,
 };
 
 /// Every effect at its defaults, in the order in which they run: the light's path, except for

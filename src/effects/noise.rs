@@ -26,18 +26,27 @@
 
 mod pattern;
 
-use pattern::{NORMAL_TABLE, Pattern, TABLE_UNIT, cholesky, pattern_key, pcg3d};
+pub use pattern::pattern_key;
+use pattern::{NORMAL_TABLE, Pattern, TABLE_UNIT, cholesky, pcg3d};
 
-use super::{Case, Effect, EffectError, FrameContext, LayerRun, MixedPart};
+use super::{Case, Effect, EffectError, ExampleNoise, FrameContext, LayerRun, MixedPart};
 use crate::camera::grain::{GrainRatios, read_light};
 use crate::camera::{Camera, Geometry, side_tap};
+use crate::coding::PictureCoding;
 use crate::gpu::Shader;
 use crate::params::Value;
 use crate::pixels::Rect;
 
+crate::choices! {
+    /// Method of the noise.
+    pub enum NoiseMethod { Example = "example", Pattern = "pattern", White = "white" }
+}
+
 crate::params! {
     /// Parameters of the noise.
     pub struct Noise in "noise" at Mix {
+        "example: the camera's own residuals, if its profile has them; pattern: filtered noise; white: Fischer's"
+        method: NoiseMethod = NoiseMethod::Example => scale isnt "0";
         "factor on the calibrated standard deviation of virtual pixels; 0 is off"
         scale: f32 = 1.0, "1", 0.0..=8.0;
         "size of a noise patch; 1 is as measured"
@@ -76,6 +85,12 @@ impl Noise {
     /// noise does not get coarser with speed: patches stay.
     fn recorded_speed(&self, context: &FrameContext<'_>) -> f64 {
         if self.iso.is_some() && context.capture.film.is_none() { 1.0 } else { context.recorded_speed() }
+    }
+
+    /// Whether patches and film are the calibrated ones.
+    fn is_as_calibrated(&self, context: &FrameContext<'_>) -> bool {
+        let as_calibrated = self.magnification <= 1.0 && !self.is_grain();
+        as_calibrated && context.capture.film.is_none() && context.recorded_speed() == 1.0
     }
 
     /// Size of the patches, px.
@@ -134,6 +149,7 @@ impl Effect for Noise {
     fn cases(&self) -> Vec<Case> {
         vec![
             ("", Vec::new()),
+            ("white", vec![("method", Value::Text("white".to_owned()))]),
             ("magnified", vec![("magnification", Value::Number(2.0))]),
             ("grain", vec![("iso", Value::Number(1600.0))]),
         ]
@@ -143,6 +159,15 @@ impl Effect for Noise {
             .then_some("noise.iso does nothing: the camera's profile has no table [camera.noise], so no noise is drawn at any speed")
     }
 
+    fn example_noise(&self, context: &FrameContext<'_>, coding: Option<&PictureCoding>) -> Option<ExampleNoise> {
+        let is_drawn = self.method == NoiseMethod::Example && self.is_as_calibrated(context) && !context.capture.whole;
+        let model = &context.camera.noise.as_ref()?.example.as_ref()?.model;
+        let coding = coding.unwrap_or(&PictureCoding::UNROUNDED);
+        let fits = model.numbers.coding_difference(coding).is_none() && context.max_code == 255;
+        let key = pattern_key(context.seed, context.frame, self.animation_delay);
+        (is_drawn && fits).then(|| ExampleNoise { model: model.clone(), key })
+    }
+
     fn mix(&self, run: &mut LayerRun<'_>, shown: Rect) -> Option<MixedPart> {
         let context = run.context;
         let ratios = self.ratios(context);
@@ -150,9 +175,9 @@ impl Effect for Noise {
         let patch_px = self.patch_px(&ratios);
         let lattice = Self::lattice(patch_px, shown);
         let Camera { noise, response, .. } = context.camera;
-        let pattern = Pattern::new(noise.as_ref(), context.seed, context.frame, self.animation_delay);
+        let correlated = noise.as_ref().filter(|_| self.method != NoiseMethod::White);
+        let pattern = Pattern::new(correlated, context.seed, context.frame, self.animation_delay);
         let neighbours = pattern.achieved_correlation();
-        let pattern = pattern.texture(run.recorder, lattice);
         let read = |c| noise.as_ref().map_or(0.0, |noise| read_light(noise, response, c) as f32);
         let uniform = NoiseUniform {
             neighbours,
@@ -166,9 +191,11 @@ impl Effect for Noise {
             recorded: if recorded == 1.0 { 0.0 } else { 1.0 },
             recorded_speed: recorded as f32,
         };
-        let as_calibrated = self.magnification <= 1.0 && !self.is_grain();
-        let same_film = context.capture.film.is_none() && context.recorded_speed() == 1.0;
-        let shader = if as_calibrated && same_film { Shader::Noise } else { Shader::NoiseGrain };
+        if self.example_noise(context, run.coding).is_some() {
+            return Some(MixedPart::new(Shader::NoiseExample, "noise", &uniform));
+        }
+        let pattern = pattern.texture(run.recorder, lattice);
+        let shader = if self.is_as_calibrated(context) { Shader::Noise } else { Shader::NoiseGrain };
         Some(MixedPart::new(shader, "noise", &uniform).texture("noise_pattern", pattern))
     }
 }

@@ -2,8 +2,10 @@
 
 use crate::camera::{Camera, Capture, Curve, Geometry, Response};
 use crate::coding::PictureCoding;
+use crate::exemplar_noise::NoiseModel;
 use crate::frame::FrameExposure;
 use crate::gpu::{Packed, Recorder, Shader, Texture, Uniform};
+use crate::memo::ByAddress;
 use crate::params::{Params, Value};
 use crate::pixels::Rect;
 use crate::render::{Layer, SamplePlan};
@@ -31,6 +33,8 @@ pub struct FrameContext<'a> {
     pub seed: u64,
     /// How the camera's picture was coded; `None` if unknown.
     pub coding: Option<&'a PictureCoding>,
+    /// The largest code value: 255 or 65535.
+    pub max_code: u32,
     /// The frame's exposure according to the recording.
     pub recorded: FrameExposure,
     /// Time to the next frame, s.
@@ -60,6 +64,14 @@ impl FrameContext<'_> {
         let speed = photo.iso.map(|iso| iso / measured).or(gain).unwrap_or(1.0);
         if speed.is_finite() && speed > 0.0 { speed } else { 1.0 }
     }
+}
+
+/// Noise by example over a frame's virtual pixels.
+#[derive(Clone, Debug)]
+pub struct ExampleNoise {
+    pub model: ByAddress<NoiseModel>,
+    /// Offset of the frame in the domain of the hash.
+    pub key: [u32; 3],
 }
 
 /// A parameter that the camera does not support: its name, and advice to the user.
@@ -126,6 +138,8 @@ pub type Case = (&'static str, Vec<(&'static str, Value)>);
 pub struct LayerRun<'a> {
     pub recorder: &'a mut Recorder,
     pub context: &'a FrameContext<'a>,
+    /// The coding that changed pixels follow after the mixed effects.
+    pub coding: Option<&'a PictureCoding>,
     /// The part of the picture that the layer covers; may extend beyond the picture.
     pub drawn: Rect,
     /// The part of the picture that virtual objects can affect, including the spread of effects.
@@ -217,6 +231,10 @@ pub trait Effect: Params + Boxed + std::fmt::Debug + Send + Sync {
     }
     /// The coding that changed pixels follow after the mixed effects.
     fn coding(&self, _: &FrameContext<'_>) -> Option<PictureCoding> {
+        None
+    }
+    /// The noise that is added to the planes of changed pixels, which follow this coding.
+    fn example_noise(&self, _: &FrameContext<'_>, _coding: Option<&PictureCoding>) -> Option<ExampleNoise> {
         None
     }
 }

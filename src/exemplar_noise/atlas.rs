@@ -8,7 +8,8 @@
 
 use super::ModelNumbers;
 use super::bands::{ALL_BANDS, FIRST_BAND, split};
-use super::content::{FEATURES, Features, MEAN_BLOCK_PX};
+use super::content::Features;
+use super::descriptor::{DESCRIPTOR_BLOCK_PX, Descriptor, DescriptorBlocks, DescriptorScale};
 use super::regression::amplitude;
 use crate::grey_image::GreyImage;
 
@@ -78,8 +79,11 @@ impl SourceFrame {
     }
 }
 
-/// Innovations of the frames, and the candidates among their tiles.
-pub fn build(numbers: &ModelNumbers, sources: &[SourceFrame]) -> (Vec<AtlasFrame>, [Vec<TileCandidate>; CLASSES]) {
+/// The parts of a model that follow from its sources.
+pub type Atlas = (Vec<AtlasFrame>, [Vec<TileCandidate>; CLASSES], DescriptorScale);
+
+/// Innovations of the frames, the candidates among their tiles, and the scale of descriptors.
+pub fn build(numbers: &ModelNumbers, sources: &[SourceFrame]) -> Atlas {
     let factor = numbers.chroma_factor;
     let of_source = |source: &SourceFrame| numbers.scale.standardised(Features::of(&source.rgb()));
     let features: Vec<Features> = sources.iter().map(of_source).collect();
@@ -97,13 +101,19 @@ pub fn build(numbers: &ModelNumbers, sources: &[SourceFrame]) -> (Vec<AtlasFrame
         AtlasFrame { bands }
     };
     let frames = sources.iter().zip(&features).map(innovations).collect();
-    let masks: Vec<[GreyImage; 2]> = sources.iter().map(|s| [USABLE, UNCLIPPED].map(|flag| s.mask(flag))).collect();
-    let tiles: Vec<FrameTiles<'_>> = features
-        .iter()
-        .zip(&masks)
-        .map(|(features, [usable, unclipped])| FrameTiles { features, usable, unclipped })
-        .collect();
-    (frames, candidates(&tiles, factor.map(|factor| MEAN_BLOCK_PX * factor)))
+    let tile_frames = |source: &SourceFrame| FrameTiles {
+        blocks: DescriptorBlocks::of(&source.rgb(), None),
+        usable: source.mask(USABLE),
+        unclipped: source.mask(UNCLIPPED),
+    };
+    let tiles: Vec<FrameTiles> = sources.iter().map(tile_frames).collect();
+    let mut candidates = candidates(&tiles, factor.map(|factor| DESCRIPTOR_BLOCK_PX * factor));
+    let descriptors: Vec<Descriptor> = candidates.iter().flatten().map(|candidate| candidate.descriptor).collect();
+    let scale = DescriptorScale::of(&descriptors);
+    for candidate in candidates.iter_mut().flatten() {
+        candidate.descriptor = scale.standardised(&candidate.descriptor);
+    }
+    (frames, candidates, scale)
 }
 
 /// A tile of the atlas.
@@ -112,28 +122,24 @@ pub struct TileCandidate {
     pub frame: u32,
     /// Top left corner, luma px.
     pub at: [u32; 2],
-    /// Mean standardised features of its content.
-    pub mean: [f32; FEATURES],
+    /// Of its content, standardised in a model.
+    pub descriptor: Descriptor,
 }
 
 /// A frame's tiles by usability.
-pub struct FrameTiles<'a> {
-    /// Standardised features at luma's resolution.
-    pub features: &'a Features,
+pub struct FrameTiles {
+    pub blocks: DescriptorBlocks,
     /// 1 where a pixel may be used, otherwise 0.
-    pub usable: &'a GreyImage,
+    pub usable: GreyImage,
     /// 1 where a pixel is not clipped, otherwise 0.
-    pub unclipped: &'a GreyImage,
+    pub unclipped: GreyImage,
 }
 
-/// Means over the tile whose first block is `block`; blocks beyond the border are left out.
-pub fn tile_mean(blocks: &GreyImage, block: [i64; 2]) -> f32 {
-    let side = (TILE_PX / MEAN_BLOCK_PX) as i64;
-    let range = |first: i64, count: usize| first.max(0) as usize..(first + side).clamp(0, count as i64) as usize;
-    let (columns, rows) = (range(block[0], blocks.width), range(block[1], blocks.height));
-    let count = columns.len() * rows.len();
-    let row_sum = |row: usize| blocks.values[row * blocks.width..][columns.clone()].iter().sum::<f32>();
-    if count == 0 { 0.0 } else { rows.map(row_sum).sum::<f32>() / count as f32 }
+/// Mean over the tile whose first block is `block`, of means over blocks.
+fn tile_mean(blocks: &GreyImage, block: [usize; 2]) -> f32 {
+    let side = TILE_PX / DESCRIPTOR_BLOCK_PX;
+    let row_sum = |row: usize| blocks.values[row * blocks.width + block[0]..][..side].iter().sum::<f32>();
+    (block[1]..block[1] + side).map(row_sum).sum::<f32>() / (side * side) as f32
 }
 
 /// How tiles are assigned to classes.
@@ -167,21 +173,20 @@ impl Partition {
 
 /// Candidates of each class. `unit_px`: the coding's unit, across and down. Empty classes remain if
 /// there are too few tiles.
-pub fn candidates(frames: &[FrameTiles<'_>], unit_px: [usize; 2]) -> [Vec<TileCandidate>; CLASSES] {
+pub fn candidates(frames: &[FrameTiles], unit_px: [usize; 2]) -> [Vec<TileCandidate>; CLASSES] {
     // Usable tiles with the share of their unclipped pixels.
     let mut tiles: Vec<(f32, TileCandidate, [usize; 2])> = Vec::new();
     for (f, frame) in frames.iter().enumerate() {
         let size = [frame.usable.width, frame.usable.height];
-        let means: Vec<GreyImage> = frame.features.0.iter().map(|plane| plane.reduced(MEAN_BLOCK_PX)).collect();
-        let [usable, unclipped] = [frame.usable, frame.unclipped].map(|mask| mask.reduced(MEAN_BLOCK_PX));
+        let [usable, unclipped] = [&frame.usable, &frame.unclipped].map(|mask| mask.reduced(DESCRIPTOR_BLOCK_PX));
         for y in (0..(size[1] + 1).saturating_sub(TILE_PX)).step_by(unit_px[1]) {
             for x in (0..(size[0] + 1).saturating_sub(TILE_PX)).step_by(unit_px[0]) {
-                let block = [x, y].map(|v| (v / MEAN_BLOCK_PX) as i64);
+                let block = [x, y].map(|v| v / DESCRIPTOR_BLOCK_PX);
                 if tile_mean(&usable, block) < 0.999 {
                     continue;
                 }
-                let mean = std::array::from_fn(|k| tile_mean(&means[k], block));
-                let candidate = TileCandidate { frame: f as u32, at: [x as u32, y as u32], mean };
+                let descriptor = frame.blocks.tile(block.map(|v| v as i64));
+                let candidate = TileCandidate { frame: f as u32, at: [x as u32, y as u32], descriptor };
                 tiles.push((tile_mean(&unclipped, block), candidate, size));
             }
         }

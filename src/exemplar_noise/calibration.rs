@@ -21,6 +21,7 @@ use super::model_coding::ModelCoding;
 use super::path::{Planes, codes, content_planes, decoded_planes, padded, rgb_of_codes};
 use super::registration::correction;
 use super::regression::{COEFFICIENTS, Coefficients, ENERGY_FLOOR, fit};
+use super::synthesis::NoiseContent;
 use super::{BandGains, ModelError, ModelNumbers, NoiseModel};
 use crate::coding::PictureCoding;
 use crate::grey_image::GreyImage;
@@ -332,9 +333,10 @@ pub fn synthesise(
     coding: &PictureCoding,
     key: [u32; 3],
 ) -> Result<Vec<u8>, ModelError> {
-    let features = model.numbers.scale.standardised(Features::of(&padded(clean, coding)));
+    let content = padded(clean, coding);
+    let noise = model.noise(&NoiseContent { rgb: &content, share: None, factor: None }, key);
     let mut planes = content_planes(&model.numbers.latent.latent(clean), coding)?;
-    for (plane, noise) in planes.iter_mut().zip(model.noise(&features, key, None)) {
+    for (plane, noise) in planes.iter_mut().zip(noise) {
         plane.values.iter_mut().zip(&noise.values).for_each(|(v, n)| *v += n);
     }
     Ok(codes(planes, coding, [clean[0].width, clean[0].height]))

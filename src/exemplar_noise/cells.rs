@@ -6,17 +6,19 @@
 //! to 1 and the variance of independent noise stays.
 //!
 //! Source of a cell: of n candidates of the class (i & 1) + 2 (j & 1), m = ⌈n / 24⌉ (at most 64)
-//! drawn by hashes, the one whose mean features are nearest to those of the cell's content. Its
-//! expected rank by distance is about 24 among all candidates, without any sorting. Each draw is
-//! h mod n for the three words h of pcg3d(key + (i, j, 1 + draw / 3)). pcg3d(key + (i, j, 0)) gives
-//! the tile's mirroring: bit 31 of the first word across, of the second down.
+//! drawn by hashes, the one whose [descriptor](super::descriptor) is nearest to that of the cell's
+//! content. Its expected rank by distance is about 24 among all candidates, without any sorting.
+//! Each draw is h mod n for the three words h of pcg3d(key + (i, j, 1 + draw / 3)).
+//! pcg3d(key + (i, j, 0)) gives the tile's mirroring: bit 31 of the first word across, of the second
+//! down.
 
-use super::atlas::{CELL_PX, CLASSES, OVERLAP_PX, TileCandidate, tile_mean};
-use super::content::{FEATURES, Features, MEAN_BLOCK_PX};
+use super::atlas::{CELL_PX, CLASSES, OVERLAP_PX, TileCandidate};
+use super::descriptor::{DESCRIPTOR_BLOCK_PX, Descriptor, DescriptorBlocks, DescriptorScale};
 use crate::hash::pcg3d;
 
 /// Expected rank of the drawn candidate by distance.
 pub const EXPECTED_RANK: usize = 24;
+const BLOCK_PX: i64 = DESCRIPTOR_BLOCK_PX as i64;
 /// Largest number of draws.
 const MAX_DRAWS: usize = 64;
 
@@ -48,34 +50,35 @@ pub fn weight(t: usize, factor: usize) -> f32 {
     }
 }
 
-/// Sources of all cells of a picture, row by row. `features` are standardised.
-pub fn sources(features: &Features, candidates: &[Vec<TileCandidate>; CLASSES], key: [u32; 3]) -> Vec<TileSource> {
-    let means: Vec<_> = features.0.iter().map(|plane| plane.reduced(MEAN_BLOCK_PX)).collect();
-    let (columns, rows) = (cell_count(features.width()), cell_count(features.height()));
-    let cell_blocks = (CELL_PX / MEAN_BLOCK_PX) as i64;
-    let first_block = |cell: usize| cell as i64 * cell_blocks - (OVERLAP_PX / MEAN_BLOCK_PX) as i64;
-    let mut out = Vec::with_capacity(columns * rows);
-    for j in 0..rows {
-        for i in 0..columns {
-            let block = [first_block(i), first_block(j)];
-            let mean = std::array::from_fn(|f| tile_mean(&means[f], block));
-            out.push(source([i as u32, j as u32], &mean, candidates, key));
-        }
-    }
-    out
+/// Sources of all cells of a picture of this size, row by row.
+pub fn sources(
+    blocks: &DescriptorBlocks,
+    size: [usize; 2],
+    scale: &DescriptorScale,
+    candidates: &[Vec<TileCandidate>; CLASSES],
+    key: [u32; 3],
+) -> Vec<TileSource> {
+    let first_block = |cell: usize| (cell * CELL_PX) as i64 / BLOCK_PX - OVERLAP_PX as i64 / BLOCK_PX;
+    let [columns, rows] = size.map(cell_count);
+    let cells = (0..rows).flat_map(|j| (0..columns).map(move |i| (i, j)));
+    let source = |(i, j): (usize, usize)| {
+        let descriptor = scale.standardised(&blocks.tile([first_block(i), first_block(j)]));
+        source([i as u32, j as u32], &descriptor, candidates, key)
+    };
+    cells.map(source).collect()
 }
 
-/// Source of one cell whose content has these mean features.
+/// Source of one cell whose content has this standardised descriptor.
 pub fn source(
     cell: [u32; 2],
-    mean: &[f32; FEATURES],
+    descriptor: &Descriptor,
     candidates: &[Vec<TileCandidate>; CLASSES],
     key: [u32; 3],
 ) -> TileSource {
     let hash = |n: u32| pcg3d([cell[0].wrapping_add(key[0]), cell[1].wrapping_add(key[1]), n.wrapping_add(key[2])]);
     let class = &candidates[(cell[0] & 1) as usize + 2 * (cell[1] & 1) as usize];
     let draws = class.len().div_ceil(EXPECTED_RANK).clamp(1, MAX_DRAWS);
-    let distance = |c: &TileCandidate| c.mean.iter().zip(mean).map(|(a, b)| (a - b) * (a - b)).sum::<f32>();
+    let distance = |c: &TileCandidate| c.descriptor.iter().zip(descriptor).map(|(a, b)| (a - b) * (a - b)).sum::<f32>();
     let mut nearest = (f32::INFINITY, 0);
     for draw in 0..draws {
         let word = hash(1 + draw as u32 / 3)[draw % 3];

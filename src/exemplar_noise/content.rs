@@ -8,15 +8,14 @@
 //! | 1 | √(max(y, 0) + 0.002) | 0 |
 //! | 2 | R − G of m | 0 |
 //! | 3 | B − G of m | 0 |
-//! | 4 | A₄ | 11 |
-//! | 5 | A₂ | 6 |
-//! | 6 | ln(0.05 + s * (d²)), d = 255 (y − s * y) | 2 |
+//! | 4 | ln(0.5 + i(s₂ * s * g)) | 10 |
+//! | 5 | ln(0.5 + i(s * g)) | 6 |
+//! | 6 | ln(0.05 + s * d²), d = 255 (y − s * y) | 2 |
 //!
-//! Activity A_r = ln(0.5 + e_r), e_r: squared Sobel gradient of 255 y (code values per px), its
-//! mean over blocks of r × r px on the coded picture's grid, smoothed over blocks by (1 2 1)/4
-//! along both axes, bilinearly interpolated between the blocks' centres. Borders repeat.
-//!
-//! s is the kernel (1 2 1)/4 along both axes: the seventh feature is the energy of fine detail.
+//! g: squared Sobel gradient of 255 y (code values per px), its mean over blocks of 2 × 2 px on the
+//! coded picture's grid. d² is the energy of fine detail. s is the kernel (1 2 1)/4 along both axes,
+//! over blocks for g, over pixels for d²; s₂ has its taps 2 blocks apart. i interpolates bilinearly
+//! between the blocks' centres. Borders repeat.
 //!
 //! Each feature is then clamped to the range of the calibration and standardised
 //! ([`FeatureScale`]). Features of a chroma sample are the means over its pixels.
@@ -33,10 +32,11 @@ const CLAMPED_SHARE: f32 = 0.005;
 
 /// (1 2 1)/4: the middle, then one side.
 const SMOOTHING: [f32; 2] = [0.5, 0.25];
+/// The same with its taps 2 apart.
+const WIDE_SMOOTHING: [f32; 3] = [0.5, 0.0, 0.25];
 
-/// Side of the blocks over which mean features are computed, luma px. Cells and candidates start
-/// at its multiples.
-pub const MEAN_BLOCK_PX: usize = 8;
+/// Side of the blocks over which energies are averaged, px.
+const ACTIVITY_BLOCK_PX: usize = 2;
 
 /// One plane per feature.
 #[derive(Clone, Debug, PartialEq)]
@@ -67,9 +67,11 @@ impl Features {
         let root = each(&|r, g, b| ((0.25 * r + 0.5 * g + 0.25 * b).max(0.0) + 0.002).sqrt());
         let (along, down) = brightness.sobel();
         let energy = along.values.iter().zip(&down.values).map(|(x, y)| 255.0 * 255.0 * (x * x + y * y)).collect();
-        let energy = GreyImage { width, height, values: energy };
-        let [coarse, fine] = [4, 2].map(|side| activity(&energy, side));
-        let detail = fine_detail(&brightness);
+        let fine = GreyImage { width, height, values: energy }.reduced(ACTIVITY_BLOCK_PX).filtered(&SMOOTHING);
+        let coarse = fine.filtered(&WIDE_SMOOTHING);
+        let mut detail = detail_energy(&brightness).filtered(&SMOOTHING);
+        let [coarse, fine] = [coarse, fine].map(|blocks| activity(&blocks, [width, height], 0.5));
+        detail.values.iter_mut().for_each(|v| *v = (0.05 + *v).ln());
         Self([brightness, root, each(&|r, g, _| r - g), each(&|_, g, b| b - g), coarse, fine, detail])
     }
 
@@ -105,36 +107,35 @@ pub fn block_means(image: &GreyImage, factor: [usize; 2]) -> GreyImage {
     })
 }
 
-/// Logarithm of the energy of fine detail of a brightness from 0 to 1.
-fn fine_detail(brightness: &GreyImage) -> GreyImage {
+/// Energy of fine detail of a brightness from 0 to 1, code values².
+fn detail_energy(brightness: &GreyImage) -> GreyImage {
     let mut energy = brightness.filtered(&SMOOTHING);
     for (e, y) in energy.values.iter_mut().zip(&brightness.values) {
         let detail = 255.0 * (y - *e);
         *e = detail * detail;
     }
-    let mut out = energy.filtered(&SMOOTHING);
-    out.values.iter_mut().for_each(|v| *v = (0.05 + *v).ln());
-    out
+    energy
 }
 
-fn activity(energy: &GreyImage, side: usize) -> GreyImage {
-    let blocks = energy.reduced(side).filtered(&SMOOTHING);
+/// Logarithm of energies of blocks, interpolated at the pixels of a picture. `floor` is added to
+/// the energies.
+fn activity(blocks: &GreyImage, [width, height]: [usize; 2], floor: f32) -> GreyImage {
     if blocks.values.is_empty() {
-        return GreyImage::uniform(energy.width, energy.height, 0.5f32.ln());
+        return GreyImage::uniform(width, height, floor.ln());
     }
     let place = |x: usize| {
-        let at = (x as f32 + 0.5) / side as f32 - 0.5;
+        let at = (x as f32 + 0.5) / ACTIVITY_BLOCK_PX as f32 - 0.5;
         let first = at.floor();
         (first as i64, at - first)
     };
-    GreyImage::from_fn(energy.width, energy.height, |x, y| {
+    GreyImage::from_fn(width, height, |x, y| {
         let ((column, across), (row, down)) = (place(x), place(y));
         let mix = |row: i64| {
             let (left, right) = (blocks.clamped(column, row), blocks.clamped(column + 1, row));
             left + across * (right - left)
         };
         let (upper, lower) = (mix(row), mix(row + 1));
-        (0.5 + upper + down * (lower - upper)).ln()
+        (floor + upper + down * (lower - upper)).ln()
     })
 }
 

@@ -11,16 +11,14 @@
 //! of amplitudes and clipping). Synthesis, for each frame: [`cells`] and [`synthesis`]. Everything
 //! there is a function of the key, the place and the content within 104 px: no state, no order.
 //!
-//! Steps of the synthesis, each of which can be a shader's pass:
+//! Steps of the synthesis, each a pass of shaders:
 //!
 //! | step | result | reads around a px |
 //! |---|---|---|
-//! | brightness and its squared Sobel gradient | 2 values per px | 1 px |
-//! | mean gradient over 4 × 4 and 2 × 2 px | a value per block | the block |
-//! | standardised features | 7 values per px | 11 px |
-//! | mean features over 8 × 8 px | 7 values per block | the block |
-//! | source of each cell | frame, x, y, mirroring per cell | 10 × 10 blocks |
-//! | noise of Y' | a value per px | at most 4 cells |
+//! | brightness, its squared gradient and fine detail | 2 values per px | 1 px |
+//! | their means and smoothed means over 2 × 2 px | 3 values per block | 4 blocks |
+//! | source of each cell, by its descriptor | frame, x, y, mirroring per cell | the cell |
+//! | standardised features, and noise of Y' | 8 values per px | at most 4 cells |
 //! | noise of Cb and Cr | 2 values per chroma sample | at most 4 cells |
 //!
 //! Sources: Starck and Murtagh 1994 (bands), McCullagh and Nelder 1989 (gamma regression),
@@ -35,6 +33,7 @@ pub mod bands;
 pub mod calibration;
 pub mod cells;
 pub mod content;
+pub mod descriptor;
 pub mod file;
 pub mod latent;
 pub mod model_coding;
@@ -43,7 +42,7 @@ mod registration;
 pub mod regression;
 pub mod synthesis;
 #[cfg(test)]
-mod tests;
+pub mod tests;
 
 use std::path::PathBuf;
 
@@ -54,6 +53,7 @@ use crate::memo::ByAddress;
 use atlas::{AtlasFrame, CLASSES, MIN_CLASS_TILES, SourceFrame, TileCandidate};
 use bands::ALL_BANDS;
 use content::FeatureScale;
+use descriptor::DescriptorScale;
 use latent::LatentTable;
 use model_coding::{CodingDifference, ModelCoding};
 use regression::COEFFICIENTS;
@@ -98,6 +98,7 @@ pub struct NoiseModel {
     pub sources: Vec<SourceFrame>,
     pub frames: Vec<AtlasFrame>,
     pub candidates: [Vec<TileCandidate>; CLASSES],
+    pub descriptor_scale: DescriptorScale,
 }
 
 /// A camera's noise model with its file. Equal if both are the same object in memory.
@@ -137,11 +138,11 @@ impl NoiseModel {
         if !(finite && factor && numbers.scale.is_valid() && numbers.latent.is_valid()) {
             return Err(ModelError::Numbers);
         }
-        let (frames, candidates) = atlas::build(&numbers, &sources);
+        let (frames, candidates, descriptor_scale) = atlas::build(&numbers, &sources);
         let found = candidates.each_ref().map(Vec::len);
         if found.iter().any(|&count| count < MIN_CLASS_TILES) {
             return Err(ModelError::TooFewTiles { found });
         }
-        Ok(Self { numbers, sources, frames, candidates })
+        Ok(Self { numbers, sources, frames, candidates, descriptor_scale })
     }
 }

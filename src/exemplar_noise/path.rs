@@ -1,7 +1,7 @@
 //! Pictures in the planes of their coding.
 
 use super::ModelError;
-use crate::coding::{BLOCK, BlockQuantization, PictureCoding, SamplePlane, dct};
+use crate::coding::{BLOCK, BlockQuantization, Decoder, PictureCoding, SamplePlane, dct};
 use crate::grey_image::GreyImage;
 
 /// Planes of pixels or of samples: R', G', B' or Y', Cb, Cr.
@@ -59,6 +59,9 @@ fn snapped(plane: &GreyImage, quantization: &BlockQuantization, index: usize) ->
 /// R'G'B' codes, interleaved, of planes that go through the coding and its decoder.
 pub fn codes(planes: Planes, coding: &PictureCoding, size: [usize; 2]) -> Vec<u8> {
     let planes = planes.map(|p| SamplePlane { width: p.width, height: p.height, samples: p.values });
+    if coding.decoder == Decoder::Unrounded {
+        return coding.unrounded_codes(&planes);
+    }
     coding.decode(&coding.quantized(&planes), size)
 }
 

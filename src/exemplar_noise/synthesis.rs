@@ -10,17 +10,32 @@ use super::atlas::{CELL_PX, OVERLAP_PX, TILE_PX};
 use super::bands::{BANDS, FIRST_BAND};
 use super::cells::{TileSource, cell_count, sources, weight};
 use super::content::{Features, block_means};
+use super::descriptor::DescriptorBlocks;
+use super::path::Planes;
 use super::regression::amplitude;
 use crate::grey_image::GreyImage;
 use crate::parallel::{over_rows, processors};
 
+/// Content of a coded picture (with its padding), on which noise is synthesised.
+#[derive(Clone, Copy, Debug)]
+pub struct NoiseContent<'a> {
+    /// R', G', B' codes on the 8-bit scale, without noise.
+    pub rgb: &'a Planes,
+    /// Weight of each pixel in its cells' descriptors; 1 without one.
+    pub share: Option<&'a GreyImage>,
+    /// Amplitude factor at each luma px, from 0 to 1; 1 without one.
+    pub factor: Option<&'a GreyImage>,
+}
+
 impl NoiseModel {
-    /// Noise planes Y', Cb, Cr of a picture, code values. `features`: standardised, at luma's
-    /// resolution, of the coded picture (with its padding). `factor`: amplitude factor at each
-    /// luma px, from 0 to 1; 1 without one.
-    pub fn noise(&self, features: &Features, key: [u32; 3], factor: Option<&GreyImage>) -> [GreyImage; 3] {
+    /// Noise planes Y', Cb, Cr of a picture, code values.
+    pub fn noise(&self, content: &NoiseContent<'_>, key: [u32; 3]) -> Planes {
+        let NoiseContent { rgb, share, factor } = *content;
+        let features = &self.numbers.scale.standardised(Features::of(rgb));
         let chroma_factor = self.numbers.chroma_factor;
-        let sources = sources(features, &self.candidates, key);
+        let blocks = DescriptorBlocks::of(rgb, share);
+        let size = [features.width(), features.height()];
+        let sources = sources(&blocks, size, &self.descriptor_scale, &self.candidates, key);
         let columns = cell_count(features.width());
         let chroma = features.reduced(chroma_factor);
         let chroma_amplitude = factor.map(|plane| block_means(plane, chroma_factor));

@@ -5,10 +5,12 @@ use super::bands::{ALL_BANDS, split};
 use super::calibration::{CalibrationFrame, calibrate, synthesise};
 use super::cells::{EXPECTED_RANK, cell_count, source, weight};
 use super::content::{FEATURES, Features};
+use super::descriptor::{DESCRIPTORS, DescriptorBlocks, DescriptorScale};
 use super::file::{ModelFileError, from_bytes, to_bytes};
 use super::latent::{LatentStep, LatentTable, NODES};
 use super::path::Planes;
 use super::regression::{self, Coefficients};
+use super::synthesis::NoiseContent;
 use super::{ModelError, NoiseModel};
 use crate::coding::{ChromaSampling, ColorMatrix, ColorRange, Decoder, PictureCoding, YcbcrColor};
 use crate::grey_image::GreyImage;
@@ -49,8 +51,12 @@ fn frame(seed: u32) -> CalibrationFrame {
     }
 }
 
-static MODEL: LazyLock<NoiseModel> =
-    LazyLock::new(|| calibrate(&[frame(1)], &coding([1, 1]), 7).expect("enough tiles"));
+static MODEL: LazyLock<NoiseModel> = LazyLock::new(|| model([1, 1]));
+
+/// A model of that frame, for chroma of this sampling.
+pub fn model(factor: [u32; 2]) -> NoiseModel {
+    calibrate(&[frame(1)], &coding(factor), 7).expect("enough tiles")
+}
 
 fn deviation(values: impl Iterator<Item = f32> + Clone) -> f32 {
     let count = values.clone().count() as f32;
@@ -63,8 +69,12 @@ fn correlation(a: &[f32], b: &[f32]) -> f32 {
     dot(a, b) / (dot(a, a) * dot(b, b)).sqrt()
 }
 
-fn uniform(side: [usize; 2], value: f32) -> Features {
-    Features(std::array::from_fn(|_| GreyImage::uniform(side[0], side[1], value)))
+fn uniform(side: [usize; 2], code: f32) -> Planes {
+    std::array::from_fn(|_| GreyImage::uniform(side[0], side[1], code))
+}
+
+fn noise_of(model: &NoiseModel, rgb: &Planes, key: [u32; 3], factor: Option<&GreyImage>) -> Planes {
+    model.noise(&NoiseContent { rgb, share: None, factor }, key)
 }
 
 #[test]
@@ -85,6 +95,41 @@ fn activity_of_a_ramp_is_its_squared_slope() {
     for activity in &features[4..6] {
         assert!((activity - 9.5f32.ln()).abs() < 1e-3, "{features:?}");
     }
+}
+
+#[test]
+fn descriptor_matches_hand_worked_values() {
+    // Columns 51 and 102 in turn at the sampled places, which are 2 px apart.
+    let stripes = GreyImage::from_fn(96, 96, |x, _| if x / 2 % 2 == 0 { 51.0 } else { 102.0 });
+    let red = GreyImage::from_fn(96, 96, |x, _| if x / 2 % 2 == 0 { 51.0 } else { 153.0 });
+    let found = DescriptorBlocks::of(&[red, stripes.clone(), stripes], None).tile([1, 1]);
+    // y = 0.2 and (0.6 + 2 · 0.4 + 0.4) / 4 = 0.45 in turn; half of the pairs, those across, differ
+    // by 63.75 codes.
+    let expected = [0.325, 0.327f32.sqrt(), 0.1, 0.0, (0.5 + 0.25 * 63.75f32 * 63.75).ln()];
+    for (found, expected) in found.iter().zip(expected) {
+        assert!((found - expected).abs() < 1e-3, "{found} {expected}");
+    }
+}
+
+#[test]
+fn descriptor_leaves_out_pixels_without_share_and_blocks_outside() {
+    let halves = GreyImage::from_fn(96, 96, |x, _| if x < 40 { 51.0 } else { 204.0 });
+    let share = GreyImage::from_fn(96, 96, |x, _| if x < 40 { 0.5 } else { 0.0 });
+    let rgb = [halves.clone(), halves.clone(), halves];
+    let of = |share, first| DescriptorBlocks::of(&rgb, share).tile(first);
+    let dark = DescriptorBlocks::of(&uniform([96, 96], 51.0), None).tile([0, 0]);
+    let is_dark = |found: [f32; DESCRIPTORS]| found.iter().zip(dark).all(|(a, b)| (a - b).abs() < 1e-5);
+    assert!(is_dark(of(Some(&share), [0, 0])));
+    assert!(is_dark(of(None, [-5, -2])), "the blocks to the left of x = 40");
+    let black = of(Some(&share), [8, 0]);
+    assert!(black[0] == 0.0 && black.iter().all(|v| v.is_finite()), "{black:?}");
+}
+
+#[test]
+fn descriptors_are_clamped_to_the_atlas_and_standardised() {
+    let scale = DescriptorScale::of(&[[1.0; DESCRIPTORS], [5.0; DESCRIPTORS]]);
+    assert!(scale.standardised(&[7.0; DESCRIPTORS]).iter().all(|v| (v - 1.0).abs() < 1e-4));
+    assert!(scale.standardised(&[3.0; DESCRIPTORS]).iter().all(|v| v.abs() < 1e-4));
 }
 
 #[test]
@@ -167,10 +212,10 @@ fn squares_of_overlapping_weights_sum_to_one() {
 
 #[test]
 fn drawn_source_has_the_expected_rank() {
-    let candidate = |i: u32| TileCandidate { frame: 0, at: [i, 0], mean: std::array::from_fn(|_| i as f32) };
+    let candidate = |i: u32| TileCandidate { frame: 0, at: [i, 0], descriptor: [i as f32; DESCRIPTORS] };
     let class: Vec<TileCandidate> = (0..480).map(candidate).collect();
     let candidates: [Vec<TileCandidate>; CLASSES] = std::array::from_fn(|_| class.clone());
-    let rank = |i: u32| source([i % 40, i / 40], &[0.0; FEATURES], &candidates, [5, 6, 7]).at[0] as f32;
+    let rank = |i: u32| source([i % 40, i / 40], &[0.0; DESCRIPTORS], &candidates, [5, 6, 7]).at[0] as f32;
     let mean = (0..1600).map(rank).sum::<f32>() / 1600.0;
     // The least of 20 draws among 480 has the mean 480 / 21 = 23; its standard error is 0.6.
     assert!((mean - EXPECTED_RANK as f32).abs() < 4.0, "{mean}");
@@ -206,8 +251,8 @@ fn noise_follows_the_brightness_of_the_content() {
 
 #[test]
 fn frames_of_different_keys_are_uncorrelated_and_equal_keys_agree() {
-    let features = uniform([320, 256], 0.0);
-    let of = |key| MODEL.noise(&features, key, None);
+    let content = uniform([320, 256], 120.0);
+    let of = |key| noise_of(&MODEL, &content, key, None);
     let [a, b] = [of([1, 2, 3]), of([900, 1, 77])];
     assert_eq!(a, of([1, 2, 3]));
     let r = correlation(&a[0].values, &b[0].values);
@@ -216,7 +261,7 @@ fn frames_of_different_keys_are_uncorrelated_and_equal_keys_agree() {
 
 #[test]
 fn noise_of_a_smaller_picture_is_a_part_of_the_larger() {
-    let [large, small] = [[320, 256], [200, 144]].map(|side| MODEL.noise(&uniform(side, 0.3), [4, 4, 4], None));
+    let [large, small] = [[320, 256], [200, 144]].map(|side| noise_of(&MODEL, &uniform(side, 90.0), [4, 4, 4], None));
     for (large, small) in large.iter().zip(&small) {
         for y in 0..144 {
             assert_eq!(large.values[y * 320..][..200], small.values[y * 200..][..200], "row {y}");
@@ -226,10 +271,10 @@ fn noise_of_a_smaller_picture_is_a_part_of_the_larger() {
 
 #[test]
 fn amplitude_factor_scales_luma_by_pixel_and_chroma_by_its_mean() {
-    let model = calibrate(&[frame(1)], &coding([2, 1]), 7).unwrap();
-    let features = uniform([64, 64], 0.0);
+    let model = model([2, 1]);
+    let content = uniform([64, 64], 120.0);
     let factor = GreyImage::from_fn(64, 64, |x, _| if x % 2 == 0 { 1.0 } else { 0.5 });
-    let [whole, scaled] = [None, Some(&factor)].map(|factor| model.noise(&features, [1, 1, 1], factor));
+    let [whole, scaled] = [None, Some(&factor)].map(|factor| noise_of(&model, &content, [1, 1, 1], factor));
     for (i, (whole, scaled)) in whole[0].values.iter().zip(&scaled[0].values).enumerate() {
         assert_eq!(whole * factor.values[i], *scaled);
     }

@@ -50,7 +50,7 @@ impl Texture {
         if samples == 1 {
             usage |= U::COPY_DST | U::COPY_SRC;
         }
-        if format != wgpu::TextureFormat::R32Float && format != wgpu::TextureFormat::R16Sint {
+        if format != wgpu::TextureFormat::R16Sint {
             usage |= U::RENDER_ATTACHMENT;
         }
         let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {

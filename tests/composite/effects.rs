@@ -339,6 +339,7 @@ fn noise_matches_the_cpu_reference() {
             frame: 7,
             seed: 0,
             coding: None,
+            max_code: 255,
             recorded: FrameExposure::default(),
             interval_s: 1.0 / 30.0,
             fastest_px_per_s: 0.0,

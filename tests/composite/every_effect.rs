@@ -87,6 +87,7 @@ fn effects_pass_unchanged_textures_on() {
         frame: 1,
         seed: 0,
         coding: None,
+        max_code: 255,
         recorded: Default::default(),
         interval_s: 1.0 / 30.0,
         fastest_px_per_s: 400.0,
@@ -113,6 +114,7 @@ fn effects_pass_unchanged_textures_on() {
         let mut run = LayerRun {
             recorder: &mut recorder,
             context: &context,
+            coding: None,
             drawn: Rect::full(size().0, size().1),
             objects_px: Rect::full(size().0, size().1),
             geometry_is_read: true,
