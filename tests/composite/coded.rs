@@ -148,8 +148,8 @@ fn coded_pixels_do_not_depend_on_the_rectangle() {
 
 /// Noise by example of σ 6 to 8 in all channels.
 fn example(coding: &PictureCoding) -> NoiseExample {
-    const SIDE: usize = 224;
-    let mean = GreyImage::from_fn(SIDE, SIDE, |x, y| 40.0 + 0.6 * x as f32 + 0.2 * y as f32);
+    const SIDE: usize = 288;
+    let mean = GreyImage::from_fn(SIDE, SIDE, |x, y| 40.0 + 0.5 * x as f32 + 0.15 * y as f32);
     let noise = |i: usize, c: u32| f32::from(pcg3d([i as u32, c, 9])[0] as u16) / 65_535.0 - 0.5;
     let sigma = |i: usize| (6.0 + 2.0 * mean.values[i] / 255.0) * 12.0f32.sqrt();
     let noisy =
