@@ -13,6 +13,7 @@ use super::findings::{Findings, GainFindings, PoseFindings, SharpnessFindings, S
 use super::inputs;
 use super::light::RoomLight;
 use super::light_findings::{Environment, LightFindings};
+use super::noise_example::{NoiseExampleFindings, NoiseExamples};
 use super::noise_findings::NoiseFindings;
 use super::recorded_motion::{RecordedMotion, moves_as_recorded};
 use super::registration_result::{HeldOutResidual, Registration, Verdict};
@@ -25,7 +26,9 @@ use super::tone::ToneBand;
 use super::track::{self, TrackKnot};
 use crate::camera::Geometry;
 use crate::document::{self, Document};
+use crate::exemplar_noise::{NoiseExample, file as model_file};
 use crate::frame::{NODES_ACROSS, NODES_DOWN, RelativeBrightness, SpatialGain, Surfel};
+use crate::memo::ByAddress;
 use crate::recording::{Recording, Refinement};
 use crate::scene::Lighting;
 use crate::sink::SinkError;
@@ -43,8 +46,11 @@ const LINKS: &str = "links.txt";
 pub const ENVIRONMENT: &str = "environment.hdr";
 pub const STANDING: &str = "standing.toml";
 const SURFELS: &str = "surfels.ply";
+const NOISE_EXAMPLE: &str = "noise.locnoise";
+const MAX_NOISE_EXAMPLE_BYTES: u64 = 1 << 28;
 /// All files of an analysis's folder.
-pub const FILES: [&str; 9] = [FILE_NAME, FRAMES, ACROSS, POSES, LINKS, ENVIRONMENT, SURFELS, STANDING, times::FILE];
+pub const FILES: [&str; 10] =
+    [FILE_NAME, FRAMES, ACROSS, POSES, LINKS, ENVIRONMENT, SURFELS, NOISE_EXAMPLE, STANDING, times::FILE];
 /// Version of the format. Analyses of other versions are not read.
 pub const VERSION: u32 = 13;
 
@@ -69,6 +75,30 @@ pub struct Analysis {
     /// Surfels fused from all depth maps; `None` without a depth sensor, or if the poses were
     /// refused.
     pub surfels: Option<SurfelMap>,
+    /// Noise by example; `None` without one.
+    pub noise_example: Option<NoiseExampleFile>,
+}
+
+/// The file of a noise model, and the model.
+#[derive(Clone, Debug)]
+pub struct NoiseExampleFile {
+    pub bytes: Arc<[u8]>,
+    pub example: NoiseExample,
+}
+
+impl PartialEq for NoiseExampleFile {
+    fn eq(&self, other: &Self) -> bool {
+        self.bytes == other.bytes
+    }
+}
+
+impl NoiseExampleFile {
+    /// `path`: that of the file. The message says why it is not usable.
+    fn of(bytes: Vec<u8>, path: &Path) -> Result<Self, String> {
+        let model = model_file::from_bytes(&bytes).map_err(|error| error.to_string())?;
+        let example = NoiseExample { file: path.to_owned(), model: ByAddress(Arc::new(model)) };
+        Ok(Self { bytes: bytes.into(), example })
+    }
 }
 
 /// All estimates except for the registration.
@@ -81,6 +111,7 @@ pub struct Estimates<'a> {
     pub spread: Result<PointSpreadEstimate, String>,
     /// `None` if the camera's noise is known otherwise.
     pub noise: Option<NoiseFindings>,
+    pub noise_examples: NoiseExamples,
     pub tone: Result<Vec<ToneBand>, String>,
     pub light: Result<RoomLight, String>,
     pub surfels: Vec<Surfel>,
@@ -125,7 +156,15 @@ pub fn digest(folder: &Path) -> Option<String> {
 
 impl Analysis {
     pub fn new(recording: &Recording, camera: &Geometry, registration: &Registration, found: Estimates<'_>) -> Self {
-        let Estimates { gain, gains, across, exposure, spread, noise, tone, light, surfels } = found;
+        let Estimates { gain, gains, across, exposure, spread, noise, noise_examples, tone, light, surfels } = found;
+        let NoiseExamples { why, frames, usable_share, file } = noise_examples;
+        let noise_example = NoiseExampleFile::of(file, Path::new(NOISE_EXAMPLE)).ok();
+        let noise_example_findings = NoiseExampleFindings {
+            why,
+            frames,
+            usable_share,
+            sha256: noise_example.as_ref().map(|file| inputs::hex(&Sha256::digest(&file.bytes))),
+        };
         let surfels = SurfelMap::of(&surfels);
         let (across, fitted) = across.unzip();
         let across = across.filter(|_| fitted.is_some_and(|fitted| fitted.is_followed)).unwrap_or_default();
@@ -166,6 +205,7 @@ impl Analysis {
             shutter: Some(ShutterFindings::of(exposure, nominal_interval_s)),
             spread: Some(SharpnessFindings::of(spread)),
             noise,
+            noise_example: Some(noise_example_findings),
             tone: Some(Tone::of(tone)),
             light: Some(LightFindings::of(&light, environment.as_ref())),
             surfels: surfels.as_ref().map(SurfelFindings::of),
@@ -174,7 +214,7 @@ impl Analysis {
         // They ascend.
         let track = track_of(&lines).ok().filter(|_| !lines.is_empty());
         let (gains, held_out) = (gain_factors(gains), registration.held_out.clone());
-        Self { findings, track, lines, gains, across, held_out, environment, surfels }
+        Self { findings, track, lines, gains, across, held_out, environment, surfels, noise_example }
     }
 
     /// The track, if its poses are refined.
@@ -251,7 +291,19 @@ impl Analysis {
             }
             None => None,
         };
-        Ok(Self { findings, track, lines, gains, across, held_out, environment, surfels })
+        let noise_example = match findings.noise_example.as_ref().and_then(|found| found.sha256.as_ref()) {
+            Some(sha256) => {
+                let path = folder.join(NOISE_EXAMPLE);
+                let bytes = file::read(&path, MAX_NOISE_EXAMPLE_BYTES).map_err(|error| unread(&path, &error))?;
+                if inputs::hex(&Sha256::digest(&bytes)) != *sha256 {
+                    let problem = "this is not the noise that was found; analyse the recording again".to_owned();
+                    return Err(content(&path, problem));
+                }
+                Some(NoiseExampleFile::of(bytes, &path).map_err(|problem| content(&path, problem))?)
+            }
+            None => None,
+        };
+        Ok(Self { findings, track, lines, gains, across, held_out, environment, surfels, noise_example })
     }
 
     /// The files, by name.
@@ -299,6 +351,7 @@ impl Analysis {
         }
         files.extend(self.environment.as_ref().map(|around| (ENVIRONMENT, around.hdr.to_vec())));
         files.extend(self.surfels.as_ref().map(|map| (SURFELS, map.ply.to_vec())));
+        files.extend(self.noise_example.as_ref().map(|file| (NOISE_EXAMPLE, file.bytes.to_vec())));
         // Last, because its opacity marks a complete analysis.
         files.push((FILE_NAME, format!("{head}{document}").into_bytes()));
         Ok(files)

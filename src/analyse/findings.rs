@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::dependencies::Dependencies;
 use super::depth_clock::DepthOffset;
 use super::light_findings::LightFindings;
+use super::noise_example::NoiseExampleFindings;
 use super::noise_findings::NoiseFindings;
 use super::registration_result::{MAX_READOUT_SIGMA_S, Registration, Verdict};
 use super::rig_offset::RigOffset;
@@ -53,6 +54,9 @@ pub struct Findings {
     /// `None` if the camera's noise was known otherwise.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub noise: Option<NoiseFindings>,
+    /// `None` in analyses of earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub noise_example: Option<NoiseExampleFindings>,
     /// Advice; it is not applied.
     pub tone: Option<Tone>,
     pub light: Option<LightFindings>,
@@ -477,6 +481,7 @@ impl Findings {
         lines.extend(self.across.iter().map(|across| ("across", across.to_string())));
         lines.extend(self.spread.iter().map(|spread| ("spread", spread.to_string())));
         lines.extend(self.noise.iter().map(|noise| ("noise", noise.to_string())));
+        lines.extend(self.noise_example.iter().map(|example| ("examples", example.to_string())));
         lines.extend(self.tone.iter().map(|tone| ("tone", tone.to_string())));
         lines.extend(self.light.iter().flat_map(LightFindings::lines));
         lines.extend(self.surfels.iter().map(|fused| {

@@ -36,6 +36,7 @@ mod link_blur;
 mod link_failure;
 mod links;
 mod motion_only;
+mod noise_example;
 mod noise_findings;
 mod noise_level;
 mod pass_runner;
@@ -99,6 +100,7 @@ use camera_model::CameraModel;
 use depth_source::DepthSource;
 use findings::GainFindings;
 use gain::{GAPS, Gains, Pair};
+use noise_example::{ExampleInputs, NoiseExamples};
 use noise_findings::NoiseSampler;
 use progress::{Passes, with_timed_progress};
 use shutter::{ShutterEstimator, ShutterEvidence};
@@ -225,7 +227,27 @@ pub fn analyse(
         gain => gain.ok_or_else(|| comparison.pair_counts.why()),
     };
     let noise = comparison.noise;
-    let estimates = artefact::Estimates { gain, gains: &gains, across, exposure, spread, noise, tone, light, surfels };
+    let measured = noise.as_ref().and_then(NoiseFindings::profile);
+    let noise_examples = match capture.noise.or(measured.as_ref()) {
+        Some(profile) if !is_refused => {
+            let inputs = ExampleInputs { recording, model: &model, states, later_s, noise: profile, threads };
+            checkpoints.stage(|| times.of(times::NOISE_EXAMPLES, || noise_example::examples(&inputs)))?
+        }
+        Some(_) => NoiseExamples::none("the camera's poses are unknown"),
+        None => NoiseExamples::none("the strength of the camera's noise is unknown"),
+    };
+    let estimates = artefact::Estimates {
+        gain,
+        gains: &gains,
+        across,
+        exposure,
+        spread,
+        noise,
+        noise_examples,
+        tone,
+        light,
+        surfels,
+    };
     Ok((Analysis::new(recording, camera, &registration, estimates), times))
 }
 

@@ -26,6 +26,7 @@ pub const DEPTHS: &str = "each frame's depth";
 pub const GAIN: &str = "gain";
 pub const EXPOSURE: &str = "exposure";
 pub const NOISE: &str = "noise";
+pub const NOISE_EXAMPLES: &str = "examples of noise";
 pub const SHARPNESS: &str = "sharpness";
 pub const SURFACES: &str = "surfaces of the room";
 pub const LIGHT: &str = "light";

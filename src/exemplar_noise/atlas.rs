@@ -8,9 +8,11 @@
 
 use super::ModelNumbers;
 use super::bands::{ALL_BANDS, FIRST_BAND, split};
-use super::content::Features;
+use super::content::{Features, block_means};
 use super::descriptor::{DESCRIPTOR_BLOCK_PX, Descriptor, DescriptorBlocks, DescriptorScale};
+use super::filling::{fill, replacements};
 use super::regression::amplitude;
+use crate::coding::BLOCK;
 use crate::grey_image::GreyImage;
 
 /// Distance of cells, luma px.
@@ -22,6 +24,8 @@ pub const TILE_PX: usize = CELL_PX + OVERLAP_PX;
 
 /// Classes of candidates: parities of a cell's column and row.
 pub const CLASSES: usize = 4;
+/// Share of a tile's pixels that must be usable; the others are [filled](super::filling).
+const MIN_USABLE: f32 = 0.6;
 /// Share of a tile's pixels that must not be clipped.
 const MIN_UNCLIPPED: f32 = 0.9;
 /// Fewest tiles of a class.
@@ -89,13 +93,24 @@ pub fn build(numbers: &ModelNumbers, sources: &[SourceFrame]) -> Atlas {
     let features: Vec<Features> = sources.iter().map(of_source).collect();
     let innovations = |(source, features): (&SourceFrame, &Features)| {
         let chroma = features.reduced(factor);
-        let mut bands = (0..3).flat_map(|plane| split(&source.residual(plane, factor), plane));
+        let usable = source.mask(USABLE);
+        let replaced = [
+            replacements(&usable, factor.map(|factor| BLOCK * factor)),
+            replacements(&whole_blocks(&usable, factor), [BLOCK; 2]),
+        ];
+        let mut bands = (0..3).flat_map(|plane| {
+            let mut residual = source.residual(plane, factor);
+            fill(&mut residual, &replaced[plane.min(1)]);
+            split(&residual, plane)
+        });
         let bands = std::array::from_fn(|b| {
-            let features = if b < FIRST_BAND[1] { features } else { &chroma };
+            let (features, replaced) =
+                if b < FIRST_BAND[1] { (features, &replaced[0]) } else { (&chroma, &replaced[1]) };
             let mut band = bands.next().unwrap_or_else(|| GreyImage::uniform(0, 0, 0.0));
             for (i, v) in band.values.iter_mut().enumerate() {
                 *v /= amplitude(&numbers.atlas_gains[b], &features.at(i));
             }
+            fill(&mut band, replaced);
             band
         });
         AtlasFrame { bands }
@@ -114,6 +129,13 @@ pub fn build(numbers: &ModelNumbers, sources: &[SourceFrame]) -> Atlas {
         candidate.descriptor = scale.standardised(&candidate.descriptor);
     }
     (frames, candidates, scale)
+}
+
+/// 1 where all pixels of a chroma sample are usable, otherwise 0.
+fn whole_blocks(usable: &GreyImage, factor: [usize; 2]) -> GreyImage {
+    let mut share = block_means(usable, factor);
+    share.values.iter_mut().for_each(|v| *v = if *v > 0.999 { 1.0 } else { 0.0 });
+    share
 }
 
 /// A tile of the atlas.
@@ -182,7 +204,7 @@ pub fn candidates(frames: &[FrameTiles], unit_px: [usize; 2]) -> [Vec<TileCandid
         for y in (0..(size[1] + 1).saturating_sub(TILE_PX)).step_by(unit_px[1]) {
             for x in (0..(size[0] + 1).saturating_sub(TILE_PX)).step_by(unit_px[0]) {
                 let block = [x, y].map(|v| v / DESCRIPTOR_BLOCK_PX);
-                if tile_mean(&usable, block) < 0.999 {
+                if tile_mean(&usable, block) < MIN_USABLE {
                     continue;
                 }
                 let descriptor = frame.blocks.tile(block.map(|v| v as i64));

@@ -35,6 +35,7 @@ pub mod cells;
 pub mod content;
 pub mod descriptor;
 pub mod file;
+mod filling;
 pub mod latent;
 pub mod model_coding;
 pub mod path;

@@ -10,6 +10,7 @@ use crate::analyse::{Analysis, NoiseFindings};
 use crate::camera::{CameraExposure, Lens, NoiseProfile};
 use crate::compositor::Settings;
 use crate::effects::point_spread::sigma_for_measured_px;
+use crate::exemplar_noise::NoiseExample;
 use crate::params::Value;
 use crate::profile::{Rig, ShotSettings, parse_set};
 use crate::recording::Recording;
@@ -41,6 +42,7 @@ pub struct SettingsLayers {
     estimates: Vec<EstimatedParam>,
     /// The camera's noise by an analysis, below the profiles.
     estimated_noise: Option<NoiseProfile>,
+    estimated_example: Option<NoiseExample>,
     /// The scene file and its settings.
     scene: PathBuf,
     of_scene: ShotSettings,
@@ -73,7 +75,17 @@ impl SettingsLayers {
         let scene = given.scene.clone().unwrap_or_default();
         let of_scene = ShotSettings::read(&scene::document::settings(&scene)?, &scene)?;
         let (base, sets) = (ResolvedSettings { rig, settings }, given.sets.clone());
-        Ok(Self { profiles, of_profiles, base, estimates: Vec::new(), estimated_noise: None, scene, of_scene, sets })
+        Ok(Self {
+            profiles,
+            of_profiles,
+            base,
+            estimates: Vec::new(),
+            estimated_noise: None,
+            estimated_example: None,
+            scene,
+            of_scene,
+            sets,
+        })
     }
 
     /// The profiles that were read, the recording's own first.
@@ -146,6 +158,12 @@ impl SettingsLayers {
     pub fn set_estimates(&mut self, analysis: &Analysis) {
         self.estimates = EstimatedParam::all_of(analysis);
         self.estimated_noise = analysis.findings.noise.as_ref().and_then(NoiseFindings::profile);
+        self.estimated_example = analysis.noise_example.as_ref().map(|file| file.example.clone());
+    }
+
+    /// Noise by example of the recording itself.
+    pub fn estimated_example(&self) -> Option<&NoiseExample> {
+        self.estimated_example.as_ref()
     }
 
     /// The camera's noise by an analysis, if no profile gives or removes it.
@@ -228,6 +246,7 @@ mod tests {
             base: ResolvedSettings { rig, settings },
             estimates: vec![estimate(READOUT, 0.02), estimate(SHARPNESS, 0.75)],
             estimated_noise: None,
+            estimated_example: None,
             scene: PathBuf::new(),
             of_scene: values(scene),
             sets: sets.iter().map(|&text| text.to_owned()).collect(),

@@ -243,6 +243,9 @@ impl Shot {
     /// meaningful frame times, the exposure is 0: such pictures have no motion blur.
     pub fn camera(&self) -> Camera {
         let mut camera = self.rig.camera();
+        if let Some(noise) = &mut camera.noise {
+            noise.example = noise.example.take().or_else(|| self.layers.estimated_example().cloned());
+        }
         if self.lacks_exposure() && !self.recording.kind.has_times() {
             camera.exposure.time_s = Some(0.0);
         }

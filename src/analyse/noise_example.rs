@@ -1,0 +1,423 @@
+//! Noise by example from a moving camera: what differs between a frame and its neighbours at the
+//! same places of the scene is noise.
+//!
+//! At each pixel of a frame with known depth, up to 8 neighbouring frames are sampled by cubic
+//! convolution (Keys 1981) where they see the same point, by the poses of the analysis and with
+//! their rolling shutter. Each is scaled by a factor for each channel, for its exposure. Samples
+//! that differ from their median by more than noise are left out: they see another surface. The
+//! mean of the others is the picture without noise.
+//!
+//! The residual of a pixel is its own code minus that mean, so the frame's noise is not
+//! interpolated. The mean of n samples whose squared weights sum to cᵢ adds the variance
+//! σ² Σ cᵢ / n²; [`CalibrationFrame::variance_gain`] takes it out.
+//!
+//! A place is used if the residual's variance over 7 × 7 px is that of the camera's noise, within
+//! factors. Edges that registration leaves displaced, and things that moved, are not.
+//!
+//! Not modelled: the mean's own spectrum (interpolation smooths it), and detail that interpolation
+//! removes from it.
+
+use std::fmt;
+
+use glam::{DAffine3, DVec3};
+use serde::{Deserialize, Serialize};
+
+use super::box_blur::cubic_weights;
+use super::camera_model::CameraModel;
+use super::depth_source::DepthSource;
+use super::registration_result::RegistrationError;
+use super::state::{CameraState, move_point, project_rolling_shutter};
+use crate::camera::NoiseProfile;
+use crate::coding::PictureCoding;
+use crate::exemplar_noise::calibration::{CalibrationFrame, calibrate};
+use crate::exemplar_noise::{NoiseModel, path::Planes};
+use crate::fit::twist;
+use crate::frame::Frame;
+use crate::grey_image::GreyImage;
+use crate::parallel::over_rows;
+use crate::pixels::Codes;
+use crate::recording::Recording;
+use crate::text::count;
+
+/// Number of frames whose noise becomes examples.
+const FRAMES: usize = 4;
+/// Largest sum of their pixels.
+const MAX_PIXELS: usize = 1 << 22;
+/// Distance of neighbours that are tried, and number of those that are used.
+const REACH: usize = 10;
+const NEIGHBOURS: usize = 8;
+/// Fewest samples of a place.
+const MIN_SAMPLES: usize = 4;
+/// Frames that differ by less, in standard deviations of the noise, repeat each other. Independent
+/// noise alone differs by 1.13.
+const REPEATED: f64 = 0.4;
+/// Largest difference of a sample from the median, standard deviations of the noise, and codes.
+const MAX_DEVIATION: f32 = 4.0;
+const MAX_DEVIATION_CODES: f32 = 2.0;
+/// Half side of the area of a local variance, px, and its range relative to that of the noise.
+const AREA_RADIUS_PX: usize = 3;
+const VARIANCE_RANGE: std::ops::RangeInclusive<f32> = 0.2..=2.2;
+/// Largest mean of a local residual, standard deviations of the noise.
+const MAX_LOCAL_MEAN: f32 = 0.8;
+/// Codes of a channel by which exposures are compared.
+const COMPARED_CODES: std::ops::RangeInclusive<f32> = 20.0..=235.0;
+/// Distance of the pixels by which exposures and repeats are compared, px.
+const COMPARED_STEP_PX: usize = 8;
+/// Distance of samples from the picture's edge, px.
+const MARGIN_PX: f64 = 2.0;
+/// Blur of a frame where it has no samples, px: a picture without much noise.
+const BLUR_PX: f64 = 2.0;
+/// Smallest share of a frame's pixels that must be usable.
+const MIN_USABLE_SHARE: f64 = 0.1;
+/// Weights of brightness.
+const LUMA: [f32; 3] = [0.25, 0.5, 0.25];
+
+/// Noise by example of a recording, without the model.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NoiseExampleFindings {
+    /// The reason for which there is none.
+    pub why: Option<String>,
+    /// Number of frames that gave examples.
+    pub frames: usize,
+    /// Share of their pixels that were usable.
+    pub usable_share: f64,
+    /// SHA-256 of the model's file, hexadecimal.
+    pub sha256: Option<String>,
+}
+
+impl fmt::Display for NoiseExampleFindings {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.sha256.is_none() {
+            return write!(f, "none of noise: {}", self.why.as_deref().unwrap_or("no reason is given"));
+        }
+        write!(f, "of noise, from {}, {:.0} % of their pixels", count(self.frames, "frame"), 100.0 * self.usable_share)
+    }
+}
+
+/// The result of a search for examples.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub struct NoiseExamples {
+    pub why: Option<String>,
+    pub frames: usize,
+    pub usable_share: f64,
+    /// The model's file; empty without one.
+    pub file: Vec<u8>,
+}
+
+/// What examples are taken from.
+pub struct ExampleInputs<'a> {
+    pub recording: &'a Recording,
+    pub model: &'a CameraModel,
+    /// One for each frame.
+    pub states: &'a [Option<CameraState>],
+    /// Added to the depth maps' times, s.
+    pub later_s: f64,
+    pub noise: &'a NoiseProfile,
+    pub threads: usize,
+}
+
+impl NoiseExamples {
+    pub fn none(why: impl Into<String>) -> Self {
+        Self { why: Some(why.into()), ..Self::default() }
+    }
+}
+
+/// Searches a recording for examples.
+pub fn examples(inputs: &ExampleInputs<'_>) -> Result<NoiseExamples, RegistrationError> {
+    let (width, height) = inputs.model.size();
+    let wanted = FRAMES.min(MAX_PIXELS / (width * height).max(1));
+    if wanted == 0 {
+        return Ok(NoiseExamples::none("the frames are too large for examples of their noise"));
+    }
+    if !inputs.recording.has_depth() || inputs.model.geometry.needs_cube_map() {
+        return Ok(NoiseExamples::none("examples of a moving camera's noise need measured depth"));
+    }
+    let mut frames = Vec::new();
+    let (mut coding, mut usable) = (None, 0.0);
+    let mut why = None;
+    for target in slowest_frames(inputs, wanted) {
+        match example(inputs, target)? {
+            Ok((frame, of_frame)) => {
+                let share = frame.mask.iter().filter(|usable| **usable).count() as f64 / frame.mask.len().max(1) as f64;
+                if share < MIN_USABLE_SHARE {
+                    why = Some(format!("only {:.0} % of a frame repeat in its neighbours", 100.0 * share));
+                    continue;
+                }
+                if coding.get_or_insert_with(|| of_frame.clone()) != &of_frame {
+                    // Another quality of the same camera: its tables are another scale.
+                    continue;
+                }
+                usable += share;
+                frames.push(frame);
+            }
+            Err(reason) => why = Some(reason),
+        }
+    }
+    let Some(coding) = coding.filter(|_| !frames.is_empty()) else {
+        return Ok(NoiseExamples::none(why.unwrap_or_else(|| "no frame has neighbours with known poses".to_owned())));
+    };
+    Ok(match calibrate(&frames, &coding, 1).map_err(|error| error.to_string()).and_then(|model| to_file(&model)) {
+        Ok(file) => NoiseExamples { why: None, frames: frames.len(), usable_share: usable / frames.len() as f64, file },
+        Err(why) => NoiseExamples::none(why),
+    })
+}
+
+fn to_file(model: &NoiseModel) -> Result<Vec<u8>, String> {
+    crate::exemplar_noise::file::to_bytes(model).map_err(|error| error.to_string())
+}
+
+/// The slowest frame of each of `count` parts of the recording, in order.
+fn slowest_frames(inputs: &ExampleInputs<'_>, count: usize) -> Vec<usize> {
+    let frames = inputs.states.len();
+    let focal_px = inputs.model.geometry.intrinsics.fx_px;
+    let speed = |n: usize| {
+        let state = inputs.states[n]?;
+        let turning = twist::rotation_vector(&state.twist).length();
+        let moving = twist::translation(&state.twist).length();
+        Some(focal_px * (turning + moving / inputs.model.typical_depth_m))
+    };
+    let part = |k: usize| k * frames / count..(k + 1) * frames / count;
+    let slowest = |k: usize| {
+        let known = part(k).filter_map(|n| Some((n, speed(n)?)));
+        known.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(n, _)| n)
+    };
+    (0..count).filter_map(slowest).collect()
+}
+
+/// A neighbour, and the factor for each channel by which it is scaled.
+struct Neighbour {
+    planes: Planes,
+    state: CameraState,
+    gain: [f32; 3],
+}
+
+/// A frame with the mean of its neighbours, and its coding.
+fn example(
+    inputs: &ExampleInputs<'_>,
+    target: usize,
+) -> Result<Result<(CalibrationFrame, PictureCoding), String>, RegistrationError> {
+    let ExampleInputs { recording, model, states, noise, threads, .. } = *inputs;
+    let (width, height) = model.size();
+    let range = target.saturating_sub(REACH)..(target + REACH + 1).min(recording.frame_count());
+    let mut read: Vec<Frame> = Vec::new();
+    for frame in recording.frames(range.clone())? {
+        read.push(frame?);
+    }
+    let frame = &read[target - range.start];
+    let Some(state) = states[target] else { return Ok(Err("the frame's pose is unknown".to_owned())) };
+    let Codes::U8(codes) = &frame.pixels.codes else {
+        return Ok(Err("examples need frames of 8 bits".to_owned()));
+    };
+    let coding = frame.pixels.coding.as_deref().cloned().unwrap_or(PictureCoding::UNROUNDED);
+    let is_grey = codes.as_chunks::<3>().0.iter().all(|[r, g, b]| r == g && g == b);
+    if coding.chroma.is_none() || is_grey {
+        return Ok(Err("examples need frames in colour".to_owned()));
+    }
+    let own = planes(codes, width, height);
+    let mut source = DepthSource::new(model, recording, states, inputs.later_s, threads)?;
+    let depth = source.of(model, frame, &state)?;
+    let view = View { model, state, depth: &depth };
+
+    // The nearest first.
+    let mut order: Vec<usize> = range.clone().filter(|n| *n != target && states[*n].is_some()).collect();
+    order.sort_by_key(|n| n.abs_diff(target));
+    let mut neighbours: Vec<Neighbour> = Vec::new();
+    for n in order {
+        let (Codes::U8(codes), Some(state)) = (&read[n - range.start].pixels.codes, states[n]) else { continue };
+        let planes = planes(codes, width, height);
+        let repeats = std::iter::once(&own).chain(neighbours.iter().map(|other| &other.planes));
+        if repeats.into_iter().any(|other| is_repeated(other, &planes, noise)) {
+            continue;
+        }
+        let mut neighbour = Neighbour { planes, state, gain: [1.0; 3] };
+        if let Some(gain) = view.gain(&own, &neighbour) {
+            neighbour.gain = gain;
+            neighbours.push(neighbour);
+        }
+        if neighbours.len() == NEIGHBOURS {
+            break;
+        }
+    }
+    if neighbours.len() < MIN_SAMPLES {
+        return Ok(Err(format!("a frame has {} different neighbours, expected {MIN_SAMPLES}", neighbours.len())));
+    }
+    // Mean, and the variance that it adds relative to that of a pixel; not finite without samples.
+    let mut means = vec![[f32::NAN; 4]; width * height];
+    let table = noise.table();
+    over_rows(&mut means, width, threads, |y, row| {
+        for (x, mean) in row.iter_mut().enumerate() {
+            if let Some(found) = view.mean(&neighbours, x, y, &table) {
+                *mean = found;
+            }
+        }
+    });
+    Ok(Ok((calibration_frame(&own, codes.clone(), &means, &table), coding)))
+}
+
+fn planes(codes: &[u8], width: usize, height: usize) -> Planes {
+    let pixels = codes.as_chunks::<3>().0;
+    std::array::from_fn(|c| GreyImage { width, height, values: pixels.iter().map(|p| f32::from(p[c])).collect() })
+}
+
+/// Whether two frames have the same noise.
+fn is_repeated(a: &Planes, b: &Planes, noise: &NoiseProfile) -> bool {
+    let pairs = a[1].values.iter().zip(&b[1].values).step_by(COMPARED_STEP_PX + 1);
+    let (mut differences, mut sigmas) = (0.0, 0.0);
+    for (a, b) in pairs {
+        differences += f64::from((a - b).abs());
+        sigmas += noise.sigma(1, f64::from(*a));
+    }
+    differences < REPEATED * sigmas
+}
+
+/// A frame's view of the scene.
+struct View<'a> {
+    model: &'a CameraModel,
+    state: CameraState,
+    /// One for each pixel, m; 0 where unknown.
+    depth: &'a [f32],
+}
+
+impl View<'_> {
+    /// The point at a pixel, world axes.
+    fn point(&self, x: usize, y: usize) -> Option<DVec3> {
+        let i = y * self.model.size().0 + x;
+        let (z, ray) = (self.depth[i], self.model.rays[i]);
+        if !(z > 0.0 && ray[0].is_finite()) {
+            return None;
+        }
+        let at_row = f64::from(z) * DVec3::from(ray.map(f64::from));
+        let row_s = self.model.geometry.row_time_s(y as f64 + 0.5);
+        Some(self.state.world_from_camera.transform_point3(move_point(at_row, &self.state.twist, row_s)))
+    }
+
+    /// A neighbour's codes at a point near row `y`, before its gain, and the sum of the squared
+    /// weights.
+    fn sample(&self, neighbour: &Neighbour, camera_from_world: &DAffine3, point: DVec3, y: usize) -> Option<[f32; 4]> {
+        let there = camera_from_world.transform_point3(point);
+        let geometry = &self.model.geometry;
+        if there.z <= 0.0 {
+            return None;
+        }
+        let (at, _) = project_rolling_shutter(geometry, there, &neighbour.state.twist, Some(y as f64 + 0.5), 2)?;
+        let (width, height) = self.model.size();
+        let inside =
+            at.x > MARGIN_PX && at.y > MARGIN_PX && at.x < width as f64 - MARGIN_PX && at.y < height as f64 - MARGIN_PX;
+        if !inside {
+            return None;
+        }
+        let (u, v) = (at.x - 0.5, at.y - 0.5);
+        let (column, row) = (u.floor() as usize - 1, v.floor() as usize - 1);
+        let across = cubic_weights((u - u.floor()) as f32);
+        let down = cubic_weights((v - v.floor()) as f32);
+        let mut sums = [0.0f32; 4];
+        for (c, plane) in neighbour.planes.iter().enumerate() {
+            for (dy, weight) in down.iter().enumerate() {
+                let values = &plane.values[(row + dy) * width + column..][..4];
+                sums[c] += weight * values.iter().zip(across).map(|(v, w)| v * w).sum::<f32>();
+            }
+        }
+        sums[3] = across.iter().map(|w| w * w).sum::<f32>() * down.iter().map(|w| w * w).sum::<f32>();
+        Some(sums)
+    }
+
+    /// The factors on a neighbour's codes that make it as bright as this frame. `None` if they
+    /// share too few pixels.
+    fn gain(&self, own: &Planes, neighbour: &Neighbour) -> Option<[f32; 3]> {
+        let (width, height) = self.model.size();
+        let camera_from_world = neighbour.state.world_from_camera.inverse();
+        let mut ratios: [Vec<f32>; 3] = Default::default();
+        for y in (0..height).step_by(COMPARED_STEP_PX) {
+            for x in (0..width).step_by(COMPARED_STEP_PX) {
+                let Some(point) = self.point(x, y) else { continue };
+                let Some(found) = self.sample(neighbour, &camera_from_world, point, y) else { continue };
+                for (c, ratios) in ratios.iter_mut().enumerate() {
+                    let code = own[c].values[y * width + x];
+                    if COMPARED_CODES.contains(&code) && COMPARED_CODES.contains(&found[c]) {
+                        ratios.push(code / found[c]);
+                    }
+                }
+            }
+        }
+        let mut gain = [1.0; 3];
+        for (gain, ratios) in gain.iter_mut().zip(&mut ratios) {
+            if ratios.len() < 50 {
+                return None;
+            }
+            let middle = ratios.len() / 2;
+            *gain = *ratios.select_nth_unstable_by(middle, f32::total_cmp).1;
+        }
+        Some(gain)
+    }
+
+    /// Mean of the neighbours' samples at a pixel, and Σ cᵢ / n². `table`: σ by code.
+    fn mean(&self, neighbours: &[Neighbour], x: usize, y: usize, table: &[[f32; 3]]) -> Option<[f32; 4]> {
+        let point = self.point(x, y)?;
+        let mut samples: Vec<([f32; 4], f32)> = Vec::with_capacity(neighbours.len());
+        for neighbour in neighbours {
+            let camera_from_world = neighbour.state.world_from_camera.inverse();
+            if let Some(mut sample) = self.sample(neighbour, &camera_from_world, point, y) {
+                (0..3).for_each(|c| sample[c] *= neighbour.gain[c]);
+                samples.push((sample, brightness(&sample)));
+            }
+        }
+        if samples.len() < MIN_SAMPLES {
+            return None;
+        }
+        samples.sort_by(|a, b| a.1.total_cmp(&b.1));
+        let median = samples[samples.len() / 2].1;
+        let sigma = table[median.clamp(0.0, 255.0) as usize][1];
+        let within = MAX_DEVIATION * sigma + MAX_DEVIATION_CODES;
+        let mut sum = [0.0; 4];
+        let mut count = 0;
+        for (sample, _) in samples.iter().filter(|(_, light)| (light - median).abs() <= within) {
+            sum.iter_mut().zip(sample).for_each(|(sum, v)| *sum += v);
+            count += 1;
+        }
+        let n = count as f32;
+        (count >= MIN_SAMPLES).then(|| [sum[0] / n, sum[1] / n, sum[2] / n, sum[3] / (n * n)])
+    }
+}
+
+fn brightness(rgb: &[f32; 4]) -> f32 {
+    LUMA.iter().zip(rgb).map(|(weight, v)| weight * v).sum()
+}
+
+/// A frame with its means, where the residual is noise.
+fn calibration_frame(own: &Planes, codes: Vec<u8>, means: &[[f32; 4]], table: &[[f32; 3]]) -> CalibrationFrame {
+    let (width, height) = (own[0].width, own[0].height);
+    let blurred = own.each_ref().map(|plane| plane.blurred(BLUR_PX));
+    let mean: Planes = std::array::from_fn(|c| {
+        let value = |(i, mean): (usize, &[f32; 4])| if mean[3].is_finite() { mean[c] } else { blurred[c].values[i] };
+        GreyImage { width, height, values: means.iter().enumerate().map(value).collect() }
+    });
+    // Residual of G over its expected σ; 0 without samples, and whether there is one.
+    let normalised: Vec<[f32; 2]> = means
+        .iter()
+        .enumerate()
+        .map(|(i, mean)| {
+            let sigma = table[mean[1].clamp(0.0, 255.0) as usize][1].max(0.3) * (1.0 + mean[3]).sqrt();
+            if mean[3].is_finite() { [(own[1].values[i] - mean[1]) / sigma, 1.0] } else { [0.0, 0.0] }
+        })
+        .collect();
+    let plane =
+        |value: &dyn Fn(&[f32; 2]) -> f32| GreyImage { width, height, values: normalised.iter().map(value).collect() };
+    let kernel = [1.0; AREA_RADIUS_PX + 1];
+    let [known, sums, squares] =
+        [plane(&|v| v[1]), plane(&|v| v[0]), plane(&|v| v[0] * v[0])].map(|plane| plane.filtered(&kernel));
+    let whole = (2 * AREA_RADIUS_PX + 1).pow(2) as f32;
+    let mask: Vec<bool> = (0..width * height)
+        .map(|i| {
+            let n = known.values[i];
+            let local_mean = sums.values[i] / n.max(1.0);
+            n > 0.9 * whole
+                && means[i][3].is_finite()
+                && VARIANCE_RANGE.contains(&(squares.values[i] / n))
+                && local_mean.abs() < MAX_LOCAL_MEAN
+        })
+        .collect();
+    let added = || means.iter().zip(&mask).filter(|(_, usable)| **usable).map(|(mean, _)| f64::from(mean[3]));
+    let mean_added = added().sum::<f64>() / added().count().max(1) as f64;
+    CalibrationFrame { mean, noisy: codes, mask, variance_gain: (1.0 / (1.0 + mean_added)) as f32 }
+}

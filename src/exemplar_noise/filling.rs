@@ -1,0 +1,64 @@
+//! Fills masked places of planes with values from beside them, so that a tile of the atlas need not
+//! be usable throughout.
+//!
+//! A masked px takes the value of the nearest usable px that is a multiple of the coding's unit away
+//! along an axis or a diagonal, so that the phase of the block grid stays. Which of equally near
+//! ones is first depends on the unit, so that a row of units does not repeat one of them.
+
+use crate::grey_image::GreyImage;
+use crate::hash::pcg3d;
+
+const DIRECTIONS: [[isize; 2]; 8] = [[1, 0], [0, 1], [-1, 0], [0, -1], [1, 1], [-1, 1], [-1, -1], [1, -1]];
+/// Largest distance, units.
+const MAX_DISTANCE: isize = 12;
+
+/// For each masked px of a picture the px that replaces it, as indices; px without one are left
+/// out. `usable` is 1 or 0 for each luma px, `unit_px` the coding's unit.
+pub fn replacements(usable: &GreyImage, unit_px: [usize; 2]) -> Vec<[usize; 2]> {
+    let (width, height) = (usable.width as isize, usable.height as isize);
+    let mut out = Vec::new();
+    for (i, _) in usable.values.iter().enumerate().filter(|(_, usable)| **usable < 0.5) {
+        let (x, y) = (i as isize % width, i as isize / width);
+        let unit = [x as u32 / unit_px[0] as u32, y as u32 / unit_px[1] as u32];
+        let first = pcg3d([unit[0], unit[1], 0])[0] as usize;
+        let place = |distance: isize, n: usize| {
+            let [dx, dy] = DIRECTIONS[(first + n) % DIRECTIONS.len()];
+            let [x, y] = [x + distance * dx * unit_px[0] as isize, y + distance * dy * unit_px[1] as isize];
+            let inside = (0..width).contains(&x) && (0..height).contains(&y);
+            inside.then(|| (y * width + x) as usize).filter(|&at| usable.values[at] > 0.5)
+        };
+        let found = (1..=MAX_DISTANCE).find_map(|distance| (0..DIRECTIONS.len()).find_map(|n| place(distance, n)));
+        out.extend(found.map(|from| [i, from]));
+    }
+    out
+}
+
+/// Replaces values of a plane.
+pub fn fill(plane: &mut GreyImage, replacements: &[[usize; 2]]) {
+    for &[to, from] in replacements {
+        plane.values[to] = plane.values[from];
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn masked_px_take_the_nearest_usable_px_at_the_same_phase() {
+        // A hole of 16 × 8 px whose neighbours left and right are masked too, of a ramp.
+        let usable =
+            GreyImage::from_fn(64, 48, |x, y| if (8..48).contains(&x) && (16..24).contains(&y) { 0.0 } else { 1.0 });
+        let mut ramp = GreyImage::from_fn(64, 48, |x, y| (100 * y + x) as f32);
+        let found = replacements(&usable, [8, 8]);
+        assert_eq!(found.len(), 40 * 8);
+        fill(&mut ramp, &found);
+        for [to, from] in found {
+            let [[x, y], [u, v]] = [to, from].map(|i| [i % 64, i / 64]);
+            assert!(usable.values[from] == 1.0 && x.abs_diff(u) % 8 == 0 && y.abs_diff(v) % 8 == 0);
+            assert!(x.abs_diff(u) <= 8 && y.abs_diff(v) <= 8, "({x}, {y}) from ({u}, {v})");
+            assert_eq!(ramp.values[to], (100 * v + u) as f32);
+        }
+        assert!(replacements(&GreyImage::uniform(64, 48, 0.0), [8, 8]).is_empty());
+    }
+}
