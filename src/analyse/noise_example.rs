@@ -11,8 +11,9 @@
 //! interpolated. The mean of n samples whose squared weights sum to cᵢ adds the variance
 //! σ² Σ cᵢ / n²; [`CalibrationFrame::variance_gain`] takes it out.
 //!
-//! A place is used if the residual's variance over 7 × 7 px is that of the camera's noise, within
-//! factors. Edges that registration leaves displaced, and things that moved, are not.
+//! A place is used if poses that are wrong by 0.15 px change its codes by less than noise: where
+//! the mean's gradient is small. That depends on the content alone, so that it selects no noise.
+//! Where the residual's variance over 7 × 7 px exceeds 9 times that of noise, something moved.
 //!
 //! Not modelled: the mean's own spectrum (interpolation smooths it), and detail that interpolation
 //! removes from it.
@@ -40,7 +41,7 @@ use crate::recording::Recording;
 use crate::text::count;
 
 /// Number of frames whose noise becomes examples.
-const FRAMES: usize = 4;
+const FRAMES: usize = 6;
 /// Largest sum of their pixels.
 const MAX_PIXELS: usize = 1 << 22;
 /// Distance of neighbours that are tried, and number of those that are used.
@@ -54,11 +55,18 @@ const REPEATED: f64 = 0.4;
 /// Largest difference of a sample from the median, standard deviations of the noise, and codes.
 const MAX_DEVIATION: f32 = 4.0;
 const MAX_DEVIATION_CODES: f32 = 2.0;
-/// Half side of the area of a local variance, px, and its range relative to that of the noise.
+/// Half side of the areas over which residuals and gradients are averaged, px.
 const AREA_RADIUS_PX: usize = 3;
-const VARIANCE_RANGE: std::ops::RangeInclusive<f32> = 0.2..=2.2;
-/// Largest mean of a local residual, standard deviations of the noise.
-const MAX_LOCAL_MEAN: f32 = 0.8;
+/// Largest variance of an area's residual by that of the noise.
+const MAX_VARIANCE: f32 = 9.0;
+/// Assumed error of the poses in the picture, px, and the largest variance by it, by that of the
+/// noise.
+const POSE_ERROR_PX: f32 = 0.15;
+const MAX_POSE_VARIANCE: f32 = 0.5;
+/// Smallest share of an area's pixels with samples.
+const MIN_KNOWN_SHARE: f32 = 0.7;
+/// Smallest standard deviation of noise, codes: that of rounding.
+const MIN_SIGMA: f32 = 0.3;
 /// Codes of a channel by which exposures are compared.
 const COMPARED_CODES: std::ops::RangeInclusive<f32> = 20.0..=235.0;
 /// Distance of the pixels by which exposures and repeats are compared, px.
@@ -392,32 +400,136 @@ fn calibration_frame(own: &Planes, codes: Vec<u8>, means: &[[f32; 4]], table: &[
         let value = |(i, mean): (usize, &[f32; 4])| if mean[3].is_finite() { mean[c] } else { blurred[c].values[i] };
         GreyImage { width, height, values: means.iter().enumerate().map(value).collect() }
     });
-    // Residual of G over its expected σ; 0 without samples, and whether there is one.
-    let normalised: Vec<[f32; 2]> = means
-        .iter()
-        .enumerate()
-        .map(|(i, mean)| {
-            let sigma = table[mean[1].clamp(0.0, 255.0) as usize][1].max(0.3) * (1.0 + mean[3]).sqrt();
-            if mean[3].is_finite() { [(own[1].values[i] - mean[1]) / sigma, 1.0] } else { [0.0, 0.0] }
-        })
-        .collect();
-    let plane =
-        |value: &dyn Fn(&[f32; 2]) -> f32| GreyImage { width, height, values: normalised.iter().map(value).collect() };
+    let light =
+        |rgb: &Planes, i: usize| LUMA.iter().zip(rgb).map(|(weight, plane)| weight * plane.values[i]).sum::<f32>();
+    let (along, down) = GreyImage::from_fn(width, height, |x, y| light(&mean, y * width + x)).sobel();
+    // Of each pixel with samples: 1, the residual's variance and that by the poses' error, relative
+    // to that of noise. 0 without.
+    let relative = |i: usize| {
+        let sigma = table[light(&mean, i).clamp(0.0, 255.0) as usize][1].max(MIN_SIGMA);
+        let residual = light(own, i) - light(&mean, i);
+        let gradient = along.values[i].powi(2) + down.values[i].powi(2);
+        let variances = [residual * residual / (1.0 + means[i][3]), POSE_ERROR_PX * POSE_ERROR_PX * gradient];
+        if means[i][3].is_finite() {
+            [1.0, variances[0] / (sigma * sigma), variances[1] / (sigma * sigma)]
+        } else {
+            [0.0; 3]
+        }
+    };
+    let relative: Vec<[f32; 3]> = (0..width * height).map(relative).collect();
     let kernel = [1.0; AREA_RADIUS_PX + 1];
-    let [known, sums, squares] =
-        [plane(&|v| v[1]), plane(&|v| v[0]), plane(&|v| v[0] * v[0])].map(|plane| plane.filtered(&kernel));
+    let sums: [GreyImage; 3] = std::array::from_fn(|k| {
+        GreyImage { width, height, values: relative.iter().map(|v| v[k]).collect() }.filtered(&kernel)
+    });
     let whole = (2 * AREA_RADIUS_PX + 1).pow(2) as f32;
     let mask: Vec<bool> = (0..width * height)
         .map(|i| {
-            let n = known.values[i];
-            let local_mean = sums.values[i] / n.max(1.0);
-            n > 0.9 * whole
+            let [n, residual, by_poses] = sums.each_ref().map(|sum| sum.values[i]);
+            n > MIN_KNOWN_SHARE * whole
                 && means[i][3].is_finite()
-                && VARIANCE_RANGE.contains(&(squares.values[i] / n))
-                && local_mean.abs() < MAX_LOCAL_MEAN
+                && residual < MAX_VARIANCE * n
+                && by_poses < MAX_POSE_VARIANCE * n
         })
         .collect();
     let added = || means.iter().zip(&mask).filter(|(_, usable)| **usable).map(|(mean, _)| f64::from(mean[3]));
     let mean_added = added().sum::<f64>() / added().count().max(1) as f64;
     CalibrationFrame { mean, noisy: codes, mask, variance_gain: (1.0 / (1.0 + mean_added)) as f32 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::{Geometry, NoiseBin};
+    use crate::fit::twist::Twist;
+    use crate::hash::pcg3d;
+
+    const WIDTH: usize = 160;
+    const HEIGHT: usize = 120;
+    const SIGMA: f32 = 3.0;
+
+    fn noise(i: usize, seed: u32) -> f32 {
+        let word = pcg3d([i as u32, seed, 0])[0];
+        (word as f32 / u32::MAX as f32 - 0.5) * 12.0f32.sqrt() * SIGMA
+    }
+
+    /// A camera `step` cm to the right of the first, before a wall at 2 m with a step of brightness
+    /// at its middle.
+    fn neighbour(step: f64, seed: u32, exposure: f32) -> Neighbour {
+        let shift_px = 100.0 * 0.01 * step / 2.0;
+        let light = |x: f64| if x + shift_px < 80.0 { 60.0 } else { 140.0 };
+        let plane = |c: u32| {
+            GreyImage::from_fn(WIDTH, HEIGHT, |x, y| exposure * light(x as f64) + noise(y * WIDTH + x, 3 * seed + c))
+        };
+        let world_from_camera = DAffine3::from_translation(DVec3::X * 0.01 * step);
+        let state = CameraState { world_from_camera, twist: Twist::zeros() };
+        Neighbour { planes: [0, 1, 2].map(plane), state, gain: [1.0; 3] }
+    }
+
+    fn table() -> NoiseProfile {
+        let bins = vec![NoiseBin { code: 128.0, sigma: f64::from(SIGMA) }];
+        NoiseProfile {
+            bins: [bins.clone(), bins.clone(), bins],
+            channel_correlation: [0.0; 3],
+            neighbour_correlation: [0.0; 2],
+            example: None,
+        }
+    }
+
+    #[test]
+    fn mean_of_neighbours_follows_exposure_and_leaves_out_what_moved() {
+        let model = CameraModel::new(Geometry::pinhole(WIDTH as u32, HEIGHT as u32, 100.0));
+        let own = neighbour(0.0, 0, 1.0);
+        let view = View { model: &model, state: own.state, depth: &[2.0; WIDTH * HEIGHT] };
+        let mut neighbours: Vec<Neighbour> = (1..=8)
+            .map(|n| {
+                let mut neighbour = neighbour(2.0 * f64::from(n) - 9.0, n, if n == 3 { 0.8 } else { 1.0 });
+                neighbour.gain = view.gain(&own.planes, &neighbour).expect("enough pixels");
+                neighbour
+            })
+            .collect();
+        assert!((neighbours[2].gain[1] - 1.25).abs() < 0.02, "{:?}", neighbours[2].gain);
+        // Something white passes before one of them.
+        neighbours[5].planes.iter_mut().for_each(|plane| plane.values.fill(250.0));
+        let table = table().table();
+        let (mut squares, mut added, mut count) = (0.0, 0.0, 0.0);
+        for (x, y) in (20..60).flat_map(|x| (10..110).map(move |y| (x, y))) {
+            let mean = view.mean(&neighbours, x, y, &table).expect("eight samples");
+            squares += (mean[1] - 60.0).powi(2);
+            added += mean[3];
+            count += 1.0;
+        }
+        // Seven samples; the scaled one has 1.25² of their variance.
+        let expected = SIGMA * SIGMA * added / count * (6.0 + 1.5625) / 7.0;
+        assert!((squares / count / expected - 1.0).abs() < 0.15, "{} {expected}", squares / count);
+        assert!(added / count < 1.0 / 7.0 && added / count > 0.4 / 7.0, "interpolation averages: {}", added / count);
+    }
+
+    #[test]
+    fn edges_changes_and_places_without_samples_are_masked() {
+        let own = neighbour(0.0, 0, 1.0).planes;
+        let mean = |i: usize| if i % WIDTH < 80 { 60.0 } else { 140.0 };
+        let mut means: Vec<[f32; 4]> = (0..WIDTH * HEIGHT).map(|i| [mean(i), mean(i), mean(i), 0.1]).collect();
+        for (x, y) in (20..40).flat_map(|x| (30..50).map(move |y| (x, y))) {
+            means[y * WIDTH + x] = [90.0, 90.0, 90.0, 0.1];
+        }
+        for (x, y) in (120..140).flat_map(|x| (30..50).map(move |y| (x, y))) {
+            means[y * WIDTH + x] = [f32::NAN; 4];
+        }
+        let codes = own[0].values.iter().flat_map(|v| [v.round() as u8; 3]).collect();
+        let frame = calibration_frame(&own, codes, &means, &table().table());
+        let usable = |x: usize, y: usize| frame.mask[y * WIDTH + x];
+        assert!(usable(30, 90) && usable(110, 90) && usable(60, 40));
+        assert!(!usable(79, 90) && !usable(82, 60), "the edge");
+        assert!(!usable(30, 40), "a change by 30 codes");
+        assert!(!usable(130, 40) && frame.mean[1].values[40 * WIDTH + 130].is_finite());
+        assert!((frame.variance_gain - 1.0 / 1.1).abs() < 1e-3);
+    }
+
+    #[test]
+    fn repeated_frames_are_recognised() {
+        let frames = [1, 2].map(|seed| neighbour(0.0, seed, 1.0).planes);
+        let mut again = frames[0].clone();
+        again.iter_mut().flat_map(|plane| &mut plane.values).for_each(|v| *v = v.round());
+        assert!(is_repeated(&frames[0], &again, &table()) && !is_repeated(&frames[0], &frames[1], &table()));
+    }
 }

@@ -25,7 +25,7 @@ pub const TILE_PX: usize = CELL_PX + OVERLAP_PX;
 /// Classes of candidates: parities of a cell's column and row.
 pub const CLASSES: usize = 4;
 /// Share of a tile's pixels that must be usable; the others are [filled](super::filling).
-const MIN_USABLE: f32 = 0.6;
+const MIN_USABLE: f32 = 0.4;
 /// Share of a tile's pixels that must not be clipped.
 const MIN_UNCLIPPED: f32 = 0.9;
 /// Fewest tiles of a class.
