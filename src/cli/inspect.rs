@@ -219,6 +219,10 @@ fn recording(args: &Args) -> Result<()> {
         fixed(duration, 3),
         fixed(recording.frame_interval_s, 4)
     )?;
+    match recording.stored_format() {
+        Ok(format) => writeln!(out, "format     {format}")?,
+        Err(error) => writeln!(out, "format     unknown: {}", shown(&error.to_string()))?,
+    }
     let frames = recording.frame_count();
     writeln!(out, "poses      {}, for {posed} of {}", recording.track.poses().len(), count(frames, "frame"))?;
     writeln!(out, "depth      {}", depth(recording, geometry.is_some()))?;

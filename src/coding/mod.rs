@@ -31,6 +31,8 @@ pub mod swscale;
 pub mod upsampling;
 pub mod yuv;
 
+use std::fmt;
+
 use serde::{Deserialize, Serialize};
 
 pub use color::{ColorMatrix, ColorRange, YcbcrColor};
@@ -132,6 +134,23 @@ impl PictureCoding {
     /// 1 for a grey picture, otherwise 3.
     pub fn plane_count(&self) -> usize {
         if self.chroma.is_some() { 3 } else { 1 }
+    }
+}
+
+/// As in "chroma 4:2:0, quantisation steps 6 to 120".
+impl fmt::Display for PictureCoding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self.chroma.map(|chroma| chroma.factor) {
+            None => "grey",
+            Some([1, 1]) => "chroma 4:4:4",
+            Some([2, 1]) => "chroma 4:2:2",
+            Some([1, _]) => "chroma 4:4:0",
+            Some(_) => "chroma 4:2:0",
+        })?;
+        let Some(quantization) = &self.quantization else { return Ok(()) };
+        let steps = || quantization.steps.iter().take(self.plane_count()).flatten();
+        let range = steps().min().zip(steps().max());
+        range.map_or(Ok(()), |(least, most)| write!(f, ", quantisation steps {least} to {most}"))
     }
 }
 

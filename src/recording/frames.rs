@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use super::parts::Pictures;
 use super::{Recording, RecordingError};
+use crate::coding::PictureCoding;
 use crate::frame::{Frame, FrameExposure, Surfel};
 use crate::pixels::{DepthMap, Pixels};
 use crate::source::ahead::Ahead;
@@ -29,6 +30,8 @@ pub struct Frames {
     pictures: Arc<Pictures>,
     depth_later_s: f64,
     surfels: Arc<[Surfel]>,
+    /// Of pictures that do not hold their own.
+    coding: Option<Arc<PictureCoding>>,
 }
 
 #[derive(Debug)]
@@ -112,7 +115,13 @@ impl Frames {
             pictures: Arc::clone(&recording.pictures),
             depth_later_s: recording.depth_later_s,
             surfels: recording.surfels(),
+            coding: None,
         })
+    }
+
+    /// The same frames with a coding for pictures that do not hold their own.
+    pub(super) fn with_coding(self, coding: Option<Arc<PictureCoding>>) -> Self {
+        Self { coding, ..self }
     }
 
     fn read(&mut self) -> Result<Frame, RecordingError> {
@@ -131,6 +140,8 @@ impl Frames {
             let problem = format!("frame {index} is {}x{}; the others are {w}x{h}", pixels.width, pixels.height);
             return Err(RecordingError::content(&self.pictures.file(index), problem));
         }
+        let coding = pixels.coding.clone().or_else(|| self.coding.clone());
+        let pixels = Pixels { coding, ..pixels };
         let timestamp_s = self.timestamps_s.get(index).copied().unwrap_or_default();
         Ok(Frame {
             depth: depth.map(Arc::new),

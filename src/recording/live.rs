@@ -42,6 +42,7 @@ impl Recording {
             has_frame_cameras: true,
             registration_cameras: None,
             pictures: Arc::new(Pictures::Stills(Vec::new())),
+            estimated_coding: Arc::default(),
             presentation: Presentation::default(),
             depth: None,
             depth_later_s: 0.0,

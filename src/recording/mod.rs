@@ -5,6 +5,7 @@
 
 mod camera_file;
 mod cameras;
+mod coding;
 mod colmap;
 mod depth;
 mod duplicates;
@@ -48,6 +49,7 @@ use crate::pose::Pose;
 use crate::source::presentation::Presentation;
 use crate::source::{SourceError, still, unsupported};
 use crate::tracking::{NoPose, PoseTrack};
+use coding::CodingEstimate;
 use depth::Depth;
 pub use duplicates::Duplicates;
 use parts::Pictures;
@@ -135,6 +137,7 @@ pub struct Recording {
     /// See [`Recording::set_cameras`].
     registration_cameras: Option<Arc<[Option<Geometry>]>>,
     pictures: Arc<Pictures>,
+    estimated_coding: CodingEstimate,
     /// See [`Recording::presentation`].
     presentation: Presentation,
     depth: Option<Arc<Depth>>,

@@ -29,7 +29,8 @@ pub struct FramesWithNeighbours {
 }
 
 impl Recording {
-    /// Like [`Recording::frames`], with the depth of the neighbours for each frame that has depth.
+    /// Frames to composite: like [`Recording::frames`], with the depth of the neighbours for each
+    /// frame that has depth, and with [`Recording::estimated_coding`] for each without a coding.
     pub fn frames_with_neighbours(&self, range: Range<usize>) -> Result<FramesWithNeighbours, RecordingError> {
         let reading = if self.has_depth() && !range.is_empty() {
             range.start.saturating_sub(NEIGHBOURS_EACH_WAY)
@@ -39,6 +40,7 @@ impl Recording {
         };
         // Errors of the range refer to the requested range.
         let frames = self.frames(if range.end > self.frame_count() { range.clone() } else { reading.clone() })?;
+        let frames = if range.is_empty() { frames } else { frames.with_coding(self.estimated_coding()) };
         let (ready, known) = (VecDeque::new(), VecDeque::new());
         Ok(FramesWithNeighbours { recording: self.clone(), range, reading, frames, ready, known })
     }
@@ -73,7 +75,7 @@ impl FramesWithNeighbours {
     /// Restarts decoding after an unreadable frame.
     fn restart(&mut self) {
         match self.recording.frames(self.reading.clone()) {
-            Ok(frames) => self.frames = frames,
+            Ok(frames) => self.frames = frames.with_coding(self.recording.estimated_coding()),
             Err(error) => {
                 self.ready.push_back(Err(error));
                 self.reading.end = self.reading.start;

@@ -247,6 +247,7 @@ impl Parts {
             exposure: exposure.collect(),
             warnings,
             pictures: Arc::new(self.pictures),
+            estimated_coding: Arc::default(),
             presentation,
             depth,
             depth_later_s: 0.0,

@@ -119,7 +119,7 @@ const MAX_DECODED_BYTES: u64 = 512 << 20;
 const MAX_EXTRA_BYTES: u64 = 64 << 20;
 
 /// A picture's file, limited to the size that such a picture can have.
-fn read(file: &Path) -> Result<Vec<u8>, SourceError> {
+pub fn read(file: &Path) -> Result<Vec<u8>, SourceError> {
     let PictureHeader { width, height, bits } = read_header(file)?;
     let pixels = u64::from(width) * u64::from(height);
     if pixels.saturating_mul(3 * u64::from(bits / 8)) > MAX_DECODED_BYTES {
