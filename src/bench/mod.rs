@@ -10,6 +10,7 @@ use std::time::Instant;
 use glam::{DAffine3, DQuat, DVec3};
 
 mod changed_setting;
+mod example_noise;
 mod full_picture;
 mod occlusion_and_shadow;
 mod shown_frame;
@@ -37,7 +38,7 @@ pub struct Row {
 }
 
 /// The fixed load at a picture size: scene and camera.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Load {
     pub camera: Camera,
     pub geometry: Geometry,
@@ -316,6 +317,7 @@ pub fn bench(gpu: &Gpu, width: u32, height: u32, only: Option<&str>) -> Result<V
         }
     }
     time(ALL_EFFECTS.to_owned(), Settings::default(), None)?;
+    example_noise::time(&mut table, &load, &pixels)?;
     occlusion_and_shadow::time(&mut table, &load, &pixels)?;
     shown_frame::time(&mut table, &load, &pixels)?;
     changed_setting::time(&mut table, &load, &pixels)?;
