@@ -94,6 +94,9 @@ pub struct FrameStats {
     pub no_pose: Option<String>,
     /// Why the frame's depth occluded nothing, although it exists and occlusion is on.
     pub no_occlusion: Option<String>,
+    /// Why the camera's noise by example was not drawn, but the pattern.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub no_example_noise: Option<String>,
     /// Bounds of the composited pixels: x0, y0, x1, y1.
     pub rect_px: Option<[i32; 4]>,
     /// Whether objects may be in the composited region. A photograph is composited even without
@@ -116,6 +119,7 @@ impl FrameStats {
             timestamp_s: job.frame.timestamp_s,
             no_pose: no_pose.map(|reason| reason.to_string()),
             no_occlusion: None,
+            no_example_noise: None,
             rect_px: None,
             objects_in_sight: false,
             exposure_time_s: job.capture.exposure_time_s,

@@ -9,6 +9,7 @@ use crate::camera::{Camera, Geometry};
 use crate::coding::PictureCoding;
 use crate::depth::{DepthGrid, Proxies, Surfaces};
 use crate::effects::{Effect, ExampleNoise, FrameContext, ObjectMotion, OnReal, Reach};
+use crate::exemplar_noise::model_coding::CodingDifference;
 use crate::frame::Frame;
 use crate::gpu::{Gpu, TexturePool};
 use crate::pixels::Rect;
@@ -160,6 +161,8 @@ pub struct Plan<'a> {
     pub coding: Option<PictureCoding>,
     /// Noise by example, if it is drawn.
     pub noise: Option<ExampleNoise>,
+    /// Why noise by example is replaced by the pattern.
+    pub no_example_noise: Option<CodingDifference>,
     /// Surfaces of the real part, if an effect acts on it.
     pub surfaces: Option<&'a Surfaces>,
     /// `None` if the frame does not change.
@@ -201,8 +204,13 @@ impl<'a> Plan<'a> {
             None => SamplePlan::single(),
         };
         let coding = active.iter().find_map(|effect| effect.coding(context));
-        let noise = active.iter().find_map(|effect| effect.example_noise(context, coding.as_ref()));
-        let plan = Self { active, samples, coding, noise, surfaces, work_rects };
+        let noise: Result<Vec<_>, _> =
+            active.iter().map(|effect| effect.example_noise(context, coding.as_ref())).collect();
+        let (noise, no_example_noise) = match noise {
+            Ok(noise) => (noise.into_iter().flatten().next(), None),
+            Err(difference) => (None, Some(difference)),
+        };
+        let plan = Self { active, samples, coding, noise, no_example_noise, surfaces, work_rects };
         plan.check_size(gpu, context)?;
         Ok(plan)
     }
@@ -236,6 +244,7 @@ impl FrameStats {
         self.fastest_px_per_s = view.footprint.fastest_px_per_s;
         self.effects = plan.active.iter().map(|effect| effect.table()).collect();
         let Some(work_rects) = &plan.work_rects else { return };
+        self.no_example_noise = plan.no_example_noise.map(|difference| difference.to_string());
         self.objects_in_sight = !view.footprint.rect.intersection(&job.capture.region).is_empty();
         let bounds = work_rects.bounds;
         self.rect_px = Some([bounds.x0, bounds.y0, bounds.x1, bounds.y1]);

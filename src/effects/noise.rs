@@ -33,6 +33,8 @@ use super::{Case, Effect, EffectError, ExampleNoise, FrameContext, LayerRun, Mix
 use crate::camera::grain::{GrainRatios, read_light};
 use crate::camera::{Camera, Geometry, side_tap};
 use crate::coding::PictureCoding;
+use crate::exemplar_noise::NoiseExample;
+use crate::exemplar_noise::model_coding::CodingDifference;
 use crate::gpu::Shader;
 use crate::params::Value;
 use crate::pixels::Rect;
@@ -159,13 +161,24 @@ impl Effect for Noise {
             .then_some("noise.iso does nothing: the camera's profile has no table [camera.noise], so no noise is drawn at any speed")
     }
 
-    fn example_noise(&self, context: &FrameContext<'_>, coding: Option<&PictureCoding>) -> Option<ExampleNoise> {
+    fn example_noise(
+        &self,
+        context: &FrameContext<'_>,
+        coding: Option<&PictureCoding>,
+    ) -> Result<Option<ExampleNoise>, CodingDifference> {
+        let example = context.camera.noise.as_ref().and_then(|noise| noise.example.as_ref());
         let is_drawn = self.method == NoiseMethod::Example && self.is_as_calibrated(context) && !context.capture.whole;
-        let model = &context.camera.noise.as_ref()?.example.as_ref()?.model;
-        let coding = coding.unwrap_or(&PictureCoding::UNROUNDED);
-        let fits = model.numbers.coding_difference(coding).is_none() && context.max_code == 255;
-        let key = pattern_key(context.seed, context.frame, self.animation_delay);
-        (is_drawn && fits).then(|| ExampleNoise { model: model.clone(), key })
+        let Some(NoiseExample { model, .. }) = example.filter(|_| is_drawn) else { return Ok(None) };
+        if context.max_code != 255 {
+            return Err(CodingDifference::Depth);
+        }
+        match model.numbers.coding_difference(coding.unwrap_or(&PictureCoding::UNROUNDED)) {
+            Some(difference) => Err(difference),
+            None => {
+                let key = pattern_key(context.seed, context.frame, self.animation_delay);
+                Ok(Some(ExampleNoise { model: model.clone(), key }))
+            }
+        }
     }
 
     fn mix(&self, run: &mut LayerRun<'_>, shown: Rect) -> Option<MixedPart> {
@@ -191,7 +204,7 @@ impl Effect for Noise {
             recorded: if recorded == 1.0 { 0.0 } else { 1.0 },
             recorded_speed: recorded as f32,
         };
-        if self.example_noise(context, run.coding).is_some() {
+        if let Ok(Some(_)) = self.example_noise(context, run.coding) {
             return Some(MixedPart::new(Shader::NoiseExample, "noise", &uniform));
         }
         let pattern = pattern.texture(run.recorder, lattice);

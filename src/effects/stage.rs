@@ -3,6 +3,7 @@
 use crate::camera::{Camera, Capture, Curve, Geometry, Response};
 use crate::coding::PictureCoding;
 use crate::exemplar_noise::NoiseModel;
+use crate::exemplar_noise::model_coding::CodingDifference;
 use crate::frame::FrameExposure;
 use crate::gpu::{Packed, Recorder, Shader, Texture, Uniform};
 use crate::memo::ByAddress;
@@ -233,9 +234,14 @@ pub trait Effect: Params + Boxed + std::fmt::Debug + Send + Sync {
     fn coding(&self, _: &FrameContext<'_>) -> Option<PictureCoding> {
         None
     }
-    /// The noise that is added to the planes of changed pixels, which follow this coding.
-    fn example_noise(&self, _: &FrameContext<'_>, _coding: Option<&PictureCoding>) -> Option<ExampleNoise> {
-        None
+    /// The noise that is added to the planes of changed pixels, which follow this coding; or why the
+    /// camera's model does not fit it.
+    fn example_noise(
+        &self,
+        _: &FrameContext<'_>,
+        _coding: Option<&PictureCoding>,
+    ) -> Result<Option<ExampleNoise>, CodingDifference> {
+        Ok(None)
     }
 }
 

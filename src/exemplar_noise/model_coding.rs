@@ -27,6 +27,8 @@ pub struct ModelCoding {
 pub enum CodingDifference {
     /// The picture is grey.
     Grey,
+    /// The picture has more than 8 bits.
+    Depth,
     Color,
     Chroma,
     Quantization,
@@ -70,6 +72,7 @@ impl fmt::Display for CodingDifference {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Grey => "the picture is grey",
+            Self::Depth => "the picture has more than 8 bits",
             Self::Color => "the picture has another colour matrix or range",
             Self::Chroma => "the picture has another resolution or position of chroma",
             Self::Quantization => "one of both was JPEG and the other was not",

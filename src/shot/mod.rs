@@ -37,9 +37,11 @@ use std::sync::Arc;
 
 use crate::camera::{Camera, Geometry, NoiseProfile};
 use crate::compositor::{Compositor, ExposureTime, Settings};
+use crate::effects::noise::NoiseMethod;
 use crate::frame::Frame;
 use crate::gpu::Gpu;
 use crate::memo::{ByAddress, Memo};
+use crate::params::Field;
 use crate::profile::{Rig, ShotSettings};
 use crate::recording::{OpenOptions, Recording, RecordingError};
 use crate::scene::{self, Gauge, Lighting, Scene};
@@ -250,6 +252,13 @@ impl Shot {
             camera.exposure.time_s = Some(0.0);
         }
         camera
+    }
+
+    /// Whether noise by example is drawn over frames whose coding its model fits.
+    pub fn has_noise_by_example(&self) -> bool {
+        let noise = self.settings.on().find(|effect| effect.table() == "noise");
+        let is_chosen = noise.and_then(|noise| noise.get("method")) == Some(NoiseMethod::Example.to_value());
+        is_chosen && self.camera().noise.is_some_and(|noise| noise.example.is_some())
     }
 
     /// The camera of a frame: the given values over the recording's own. A frame with an unknown

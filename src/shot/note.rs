@@ -50,6 +50,13 @@ pub enum Note {
         first: usize,
         because: String,
     },
+    /// Frames whose noise is a pattern, although there are examples of it.
+    NoExampleNoise {
+        number: usize,
+        frames: usize,
+        first: usize,
+        because: String,
+    },
     /// No object was in any picture.
     NothingSeen,
     /// An object whose model has an implausible size in metres.
@@ -129,6 +136,14 @@ impl fmt::Display for Note {
                            {because})"
                 )
             }
+            Self::NoExampleNoise { number, frames, first, because } => {
+                let of = format!("{number} of {}", count(*frames, "frame"));
+                write!(
+                    f,
+                    "the examples of the camera's noise do not fit {of}, whose noise is a pattern (frame {first}: \
+                     {because}; `locard calibrate noise` from the same camera's frames makes examples that fit)"
+                )
+            }
             Self::MoreOverlaps(more) => {
                 write!(f, "{} of objects overlap", count(*more, "more pair"))
             }
@@ -162,6 +177,9 @@ pub struct Tally {
     /// Frames in which depth occluded nothing; the first of them, and the reason.
     hides_nothing: usize,
     first: Option<(usize, String)>,
+    /// The same of frames without their noise by example.
+    no_example_noise: usize,
+    first_without_example: Option<(usize, String)>,
     /// Whether an object may have been visible.
     shows: bool,
 }
@@ -174,6 +192,10 @@ impl Tally {
             self.hides_nothing += 1;
             self.first.get_or_insert_with(|| (stats.frame, because.clone()));
         }
+        if let Some(because) = &stats.no_example_noise {
+            self.no_example_noise += 1;
+            self.first_without_example.get_or_insert_with(|| (stats.frame, because.clone()));
+        }
     }
 
     /// Number of frames that were added.
@@ -185,7 +207,13 @@ impl Tally {
         let (number, frames) = (self.hides_nothing, self.frames);
         let hides_nothing =
             self.first.clone().map(|(first, because)| Note::NothingHides { number, frames, first, because });
-        hides_nothing.into_iter().chain((!self.shows).then_some(Note::NothingSeen)).collect()
+        let no_example = self.first_without_example.clone().map(|(first, because)| Note::NoExampleNoise {
+            number: self.no_example_noise,
+            frames,
+            first,
+            because,
+        });
+        hides_nothing.into_iter().chain(no_example).chain((!self.shows).then_some(Note::NothingSeen)).collect()
     }
 }
 

@@ -170,11 +170,14 @@ fn composited(
     if control.is_cancelled() {
         return Ok(None);
     }
-    // The difference of two coded pictures would also contain that of their quantisation.
-    let mut uncoded = shot.clone();
-    let _ = uncoded.settings.switch(FORMAT_TABLE, false);
-    let mut smooth = uncoded.clone();
+    // The difference of two coded pictures also contains that of their quantisation. Noise by
+    // example is drawn only through the coding.
+    let mut noisy = shot.clone();
+    if !shot.has_noise_by_example() {
+        let _ = noisy.settings.switch(FORMAT_TABLE, false);
+    }
+    let mut smooth = noisy.clone();
     let _ = smooth.settings.switch(NOISE_TABLE, false);
-    let pair = noise_pair.then(|| Ok::<_, ShotError>([make(&uncoded, false)?, make(&smooth, false)?]));
+    let pair = noise_pair.then(|| Ok::<_, ShotError>([make(&noisy, false)?, make(&smooth, false)?]));
     Ok(Some(CompositedFrame { whole: with, noise_pair: pair.transpose()? }))
 }

@@ -275,6 +275,7 @@ fn notes_follow_the_settings() {
         timestamp_s: 0.0,
         no_pose: None,
         no_occlusion: no_occlusion.map(str::to_owned),
+        no_example_noise: None,
         rect_px: None,
         objects_in_sight: no_occlusion.is_some(),
         opacity: None,
@@ -285,6 +286,9 @@ fn notes_follow_the_settings() {
     assert_eq!(Note::of_frames(&[seen(0, None), seen(1, None)]), [Note::NothingSeen]);
     let [note] = &Note::of_frames(&[seen(0, None), seen(1, Some("why")), seen(2, Some("else"))])[..] else { panic!() };
     assert!(note.to_string().contains("2 of 3 frames") && note.to_string().contains("(frame 1: why)"), "{note}");
+    let refused = FrameStats { no_example_noise: Some("another".to_owned()), ..seen(5, None) };
+    let [note, Note::NothingSeen] = &Note::of_frames(&[seen(4, None), refused])[..] else { panic!() };
+    assert!(note.to_string().contains("1 of 2 frames") && note.to_string().contains("(frame 5: another"), "{note}");
 }
 
 #[test]
