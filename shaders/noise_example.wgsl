@@ -1,5 +1,5 @@
-// Noise by example over virtual pixels: its amplitude factor alone. The noise is added to the planes
-// of the coding later (src/compositor/example_noise.rs).
+// Noise by example over virtual pixels: its amplitude factor alone. The noise is added to the
+// planes of the coding later (src/compositor/example_noise.rs).
 // @import shared/noise
 
 // Variance of the camera's noise at a code value, squared 8-bit codes.

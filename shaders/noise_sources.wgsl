@@ -13,7 +13,8 @@ struct Candidate {
 // R'G'B' on the scale of 8-bit codes; alpha is the changed share, 0 where nothing is drawn.
 @group(0) @binding(1) var uncoded: texture_2d<f32>;
 @group(0) @binding(2) var<storage, read> candidates: array<Candidate>;
-// For each cell: first px and first chroma sample in the atlas, stride, mirroring (1 across, 2 down).
+// For each cell: first px and first chroma sample in the atlas, stride, mirroring (1 across, 2
+// down).
 @group(0) @binding(3) var<storage, read_write> sources: array<vec4<u32>>;
 
 const BLOCK_PX: i32 = 8;

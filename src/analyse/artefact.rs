@@ -93,7 +93,7 @@ impl PartialEq for NoiseExampleFile {
 }
 
 impl NoiseExampleFile {
-    /// `path`: that of the file. The message says why it is not usable.
+    /// `path`: that of the file. The error is the reason for which it is not usable.
     fn of(bytes: Vec<u8>, path: &Path) -> Result<Self, String> {
         let model = model_file::from_bytes(&bytes).map_err(|error| error.to_string())?;
         let example = NoiseExample { file: path.to_owned(), model: ByAddress(Arc::new(model)) };

@@ -1,5 +1,5 @@
-//! Noise by example from a moving camera: what differs between a frame and its neighbours at the
-//! same places of the scene is noise.
+//! Noise by example from a moving camera: the difference between a frame and its neighbours at the
+//! same places of the scene.
 //!
 //! At each pixel of a frame with known depth, up to 8 neighbouring frames are sampled by cubic
 //! convolution (Keys 1981) where they see the same point, by the poses of the analysis and with
@@ -113,7 +113,7 @@ pub struct NoiseExamples {
     pub file: Vec<u8>,
 }
 
-/// What examples are taken from.
+/// The recording and its analysis, from which examples are taken.
 pub struct ExampleInputs<'a> {
     pub recording: &'a Recording,
     pub model: &'a CameraModel,
@@ -194,7 +194,7 @@ fn slowest_frames(inputs: &ExampleInputs<'_>, count: usize) -> Vec<usize> {
 }
 
 /// A neighbour, and the factor for each channel by which it is scaled.
-struct Neighbour {
+struct SampledFrame {
     planes: Planes,
     state: CameraState,
     gain: [f32; 3],
@@ -225,12 +225,12 @@ fn example(
     let own = planes(codes, width, height);
     let mut source = DepthSource::new(model, recording, states, inputs.later_s, threads)?;
     let depth = source.of(model, frame, &state)?;
-    let view = View { model, state, depth: &depth };
+    let view = DepthView { model, state, depth: &depth };
 
     // The nearest first.
     let mut order: Vec<usize> = range.clone().filter(|n| *n != target && states[*n].is_some()).collect();
     order.sort_by_key(|n| n.abs_diff(target));
-    let mut neighbours: Vec<Neighbour> = Vec::new();
+    let mut neighbours: Vec<SampledFrame> = Vec::new();
     for n in order {
         let (Codes::U8(codes), Some(state)) = (&read[n - range.start].pixels.codes, states[n]) else { continue };
         let planes = planes(codes, width, height);
@@ -238,7 +238,7 @@ fn example(
         if repeats.into_iter().any(|other| is_repeated(other, &planes, noise)) {
             continue;
         }
-        let mut neighbour = Neighbour { planes, state, gain: [1.0; 3] };
+        let mut neighbour = SampledFrame { planes, state, gain: [1.0; 3] };
         if let Some(gain) = view.gain(&own, &neighbour) {
             neighbour.gain = gain;
             neighbours.push(neighbour);
@@ -280,14 +280,14 @@ fn is_repeated(a: &Planes, b: &Planes, noise: &NoiseProfile) -> bool {
 }
 
 /// A frame's view of the scene.
-struct View<'a> {
+struct DepthView<'a> {
     model: &'a CameraModel,
     state: CameraState,
     /// One for each pixel, m; 0 where unknown.
     depth: &'a [f32],
 }
 
-impl View<'_> {
+impl DepthView<'_> {
     /// The point at a pixel, world axes.
     fn point(&self, x: usize, y: usize) -> Option<DVec3> {
         let i = y * self.model.size().0 + x;
@@ -302,7 +302,13 @@ impl View<'_> {
 
     /// A neighbour's codes at a point near row `y`, before its gain, and the sum of the squared
     /// weights.
-    fn sample(&self, neighbour: &Neighbour, camera_from_world: &DAffine3, point: DVec3, y: usize) -> Option<[f32; 4]> {
+    fn sample(
+        &self,
+        neighbour: &SampledFrame,
+        camera_from_world: &DAffine3,
+        point: DVec3,
+        y: usize,
+    ) -> Option<[f32; 4]> {
         let there = camera_from_world.transform_point3(point);
         let geometry = &self.model.geometry;
         if there.z <= 0.0 {
@@ -332,7 +338,7 @@ impl View<'_> {
 
     /// The factors on a neighbour's codes that make it as bright as this frame. `None` if they
     /// share too few pixels.
-    fn gain(&self, own: &Planes, neighbour: &Neighbour) -> Option<[f32; 3]> {
+    fn gain(&self, own: &Planes, neighbour: &SampledFrame) -> Option<[f32; 3]> {
         let (width, height) = self.model.size();
         let camera_from_world = neighbour.state.world_from_camera.inverse();
         let mut ratios: [Vec<f32>; 3] = Default::default();
@@ -360,7 +366,7 @@ impl View<'_> {
     }
 
     /// Mean of the neighbours' samples at a pixel, and Σ cᵢ / n². `table`: σ by code.
-    fn mean(&self, neighbours: &[Neighbour], x: usize, y: usize, table: &[[f32; 3]]) -> Option<[f32; 4]> {
+    fn mean(&self, neighbours: &[SampledFrame], x: usize, y: usize, table: &[[f32; 3]]) -> Option<[f32; 4]> {
         let point = self.point(x, y)?;
         let mut samples: Vec<([f32; 4], f32)> = Vec::with_capacity(neighbours.len());
         for neighbour in neighbours {
@@ -454,7 +460,7 @@ mod tests {
 
     /// A camera `step` cm to the right of the first, before a wall at 2 m with a step of brightness
     /// at its middle.
-    fn neighbour(step: f64, seed: u32, exposure: f32) -> Neighbour {
+    fn neighbour(step: f64, seed: u32, exposure: f32) -> SampledFrame {
         let shift_px = 100.0 * 0.01 * step / 2.0;
         let light = |x: f64| if x + shift_px < 80.0 { 60.0 } else { 140.0 };
         let plane = |c: u32| {
@@ -462,7 +468,7 @@ mod tests {
         };
         let world_from_camera = DAffine3::from_translation(DVec3::X * 0.01 * step);
         let state = CameraState { world_from_camera, twist: Twist::zeros() };
-        Neighbour { planes: [0, 1, 2].map(plane), state, gain: [1.0; 3] }
+        SampledFrame { planes: [0, 1, 2].map(plane), state, gain: [1.0; 3] }
     }
 
     fn table() -> NoiseProfile {
@@ -479,8 +485,8 @@ mod tests {
     fn mean_of_neighbours_follows_exposure_and_leaves_out_what_moved() {
         let model = CameraModel::new(Geometry::pinhole(WIDTH as u32, HEIGHT as u32, 100.0));
         let own = neighbour(0.0, 0, 1.0);
-        let view = View { model: &model, state: own.state, depth: &[2.0; WIDTH * HEIGHT] };
-        let mut neighbours: Vec<Neighbour> = (1..=8)
+        let view = DepthView { model: &model, state: own.state, depth: &[2.0; WIDTH * HEIGHT] };
+        let mut neighbours: Vec<SampledFrame> = (1..=8)
             .map(|n| {
                 let mut neighbour = neighbour(2.0 * f64::from(n) - 9.0, n, if n == 3 { 0.8 } else { 1.0 });
                 neighbour.gain = view.gain(&own.planes, &neighbour).expect("enough pixels");

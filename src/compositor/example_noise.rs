@@ -75,7 +75,7 @@ impl NoisePlanes {
         tiles: &[Rect],
         picture: &UncodedPicture<'_>,
     ) -> Self {
-        let atlas = recorder.memoized_large(noise.model.clone(), |gpu, model| GpuAtlas::new(gpu, model));
+        let atlas = recorder.memoized_large(noise.model.clone(), GpuAtlas::new);
         let uniform = ExampleUniform::new(noise, region, &atlas);
         let example = recorder.uniform(bytemuck::bytes_of(&uniform));
         let (size, [across, down]) = ((region.rect.width(), region.rect.height()), uniform.factor);

@@ -213,8 +213,8 @@ fn changed_rects(inputs: &FrameInputs<'_>, layer: &Layer, shade: Option<&ShadeIm
     objects.chain(shade.iter().flat_map(|image| image.pieces.iter().copied())).collect()
 }
 
-/// The region that is coded with a piece, if the frame's format is to be followed, or noise is added
-/// to planes.
+/// The region that is coded with a piece, if the frame's format is to be followed, or noise is
+/// added to planes.
 fn coded_region<'a>(inputs: &FrameInputs<'a>, piece: Rect) -> Option<CodedRegion<'a>> {
     let has_noise = inputs.plan.noise.is_some();
     let unrounded = || has_noise.then_some(&PictureCoding::UNROUNDED);

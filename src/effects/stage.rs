@@ -234,8 +234,8 @@ pub trait Effect: Params + Boxed + std::fmt::Debug + Send + Sync {
     fn coding(&self, _: &FrameContext<'_>) -> Option<PictureCoding> {
         None
     }
-    /// The noise that is added to the planes of changed pixels, which follow this coding; or why the
-    /// camera's model does not fit it.
+    /// The noise that is added to the planes of changed pixels, which follow this coding. Fails if
+    /// the camera's model does not fit it.
     fn example_noise(
         &self,
         _: &FrameContext<'_>,

@@ -84,10 +84,10 @@ impl SourceFrame {
 }
 
 /// The parts of a model that follow from its sources.
-pub type Atlas = (Vec<AtlasFrame>, [Vec<TileCandidate>; CLASSES], DescriptorScale);
+pub type AtlasParts = (Vec<AtlasFrame>, [Vec<TileCandidate>; CLASSES], DescriptorScale);
 
 /// Innovations of the frames, the candidates among their tiles, and the scale of descriptors.
-pub fn build(numbers: &ModelNumbers, sources: &[SourceFrame]) -> Atlas {
+pub fn build(numbers: &ModelNumbers, sources: &[SourceFrame]) -> AtlasParts {
     let factor = numbers.chroma_factor;
     let of_source = |source: &SourceFrame| numbers.scale.standardised(Features::of(&source.rgb()));
     let features: Vec<Features> = sources.iter().map(of_source).collect();

@@ -9,8 +9,8 @@
 //! drawn by hashes, the one whose [descriptor](super::descriptor) is nearest to that of the cell's
 //! content. Its expected rank by distance is about 24 among all candidates, without any sorting.
 //! Each draw is h mod n for the three words h of pcg3d(key + (i, j, 1 + draw / 3)).
-//! pcg3d(key + (i, j, 0)) gives the tile's mirroring: bit 31 of the first word across, of the second
-//! down.
+//! pcg3d(key + (i, j, 0)) gives the tile's mirroring: bit 31 of the first word across, of the
+//! second down.
 
 use super::atlas::{CELL_PX, CLASSES, OVERLAP_PX, TileCandidate};
 use super::descriptor::{DESCRIPTOR_BLOCK_PX, Descriptor, DescriptorBlocks, DescriptorScale};

@@ -13,9 +13,9 @@
 //! | 6 | ln(0.05 + s * d²), d = 255 (y − s * y) | 2 |
 //!
 //! g: squared Sobel gradient of 255 y (code values per px), its mean over blocks of 2 × 2 px on the
-//! coded picture's grid. d² is the energy of fine detail. s is the kernel (1 2 1)/4 along both axes,
-//! over blocks for g, over pixels for d²; s₂ has its taps 2 blocks apart. i interpolates bilinearly
-//! between the blocks' centres. Borders repeat.
+//! coded picture's grid. d² is the energy of fine detail. s is the kernel (1 2 1)/4 along both
+//! axes, over blocks for g, over pixels for d²; s₂ has its taps 2 blocks apart. i interpolates
+//! bilinearly between the blocks' centres. Borders repeat.
 //!
 //! Each feature is then clamped to the range of the calibration and standardised
 //! ([`FeatureScale`]). Features of a chroma sample are the means over its pixels.

@@ -12,9 +12,9 @@
 //! | 3 | mean of B − G |
 //! | 4 | ln(0.5 + e) |
 //!
-//! e: half of the mean of (255 Δy)² over neighbouring samples, to the right and below, within blocks
-//! of 8 × 8 px, weighted by the product of their shares. It is about the squared gradient, codes²
-//! per px².
+//! e: half of the mean of (255 Δy)² over neighbouring samples, to the right and below, within
+//! blocks of 8 × 8 px, weighted by the product of their shares. It is about the squared gradient,
+//! codes² per px².
 //!
 //! Sums are kept for each block, so that a tile's are sums over its blocks.
 

@@ -1,9 +1,9 @@
 //! Fills masked places of planes with values from beside them, so that a tile of the atlas need not
 //! be usable throughout.
 //!
-//! A masked px takes the value of the nearest usable px that is a multiple of the coding's unit away
-//! along an axis or a diagonal, so that the phase of the block grid stays. Which of equally near
-//! ones is first depends on the unit, so that a row of units does not repeat one of them.
+//! A masked px takes the value of the nearest usable px that is a multiple of the coding's unit
+//! away along an axis or a diagonal, so that the phase of the block grid stays. The order of
+//! equally near ones depends on the unit, so that a row of units does not repeat one of them.
 
 use crate::grey_image::GreyImage;
 use crate::hash::pcg3d;

@@ -25,7 +25,8 @@ impl Recording {
         self.estimated_coding.get_or_init(|| self.estimate_coding().map(Arc::new)).clone()
     }
 
-    /// The format of the pictures as the video or the first frame's header states it, for a message.
+    /// The format of the pictures, as the video or the first frame's header states it, for a
+    /// message.
     /// Pixels are not decoded.
     pub fn stored_format(&self) -> Result<String, SourceError> {
         let (kind, coding) = match &*self.pictures {
