@@ -1,5 +1,6 @@
 //! Frames for a calibration, from files and folders, one at a time.
 
+use super::example::{ExampleCalibration, ExampleSampler, NoExample};
 use super::moving::MovingCalibrator;
 use super::noise::{CalibrateError, NoiseCalibration, NoiseCalibrator, NoiseOptions};
 use super::warning::Warning;
@@ -26,10 +27,31 @@ pub fn noise_from_paths(
     frames: &[PathBuf],
     means: &[PathBuf],
     options: &NoiseOptions,
-    mut progress: LoadProgress<'_>,
+    progress: LoadProgress<'_>,
 ) -> Result<NoiseCalibration, CalibrateError> {
     let scenes = group(frames, means)?;
-    let mut calibrator = NoiseCalibrator::new(options.clone())?;
+    calibrated(&scenes, NoiseCalibrator::new(options.clone())?, progress).map(|(calibration, _)| calibration)
+}
+
+/// [`noise_from_paths`], and noise by example from the same frames.
+pub fn noise_and_example_from_paths(
+    frames: &[PathBuf],
+    means: &[PathBuf],
+    options: &NoiseOptions,
+    progress: LoadProgress<'_>,
+) -> Result<(NoiseCalibration, Result<ExampleCalibration, NoExample>), CalibrateError> {
+    let scenes = group(frames, means)?;
+    let calibrator = NoiseCalibrator::with_example(options.clone(), scenes.len())?;
+    let (calibration, sampler) = calibrated(&scenes, calibrator, progress)?;
+    let example = sampler.map_or(Err(NoExample::TooFewFrames { frames: 0 }), ExampleSampler::finish);
+    Ok((calibration, example))
+}
+
+fn calibrated(
+    scenes: &Scenes,
+    mut calibrator: NoiseCalibrator,
+    mut progress: LoadProgress<'_>,
+) -> Result<(NoiseCalibration, Option<ExampleSampler>), CalibrateError> {
     let (mut done, all) = (0, scenes.iter().map(|(_, files)| files.len()).sum());
     let mut jpeg = false;
     for (number, (mean, files)) in scenes.iter().enumerate() {
@@ -37,6 +59,7 @@ pub fn noise_from_paths(
             read(only)?;
             return Err(in_file(only)(CalibrateError::OneFrame { scene: number + 1 }));
         }
+        calibrator.expect_frames(files.len());
         calibrator.begin_scene(mean.as_deref().map(read).transpose()?)?;
         for file in files {
             report_progress(&mut progress, done, all)?;
@@ -48,9 +71,10 @@ pub fn noise_from_paths(
         let folder = first.parent().filter(|folder| !folder.as_os_str().is_empty());
         calibrator.end_scene().map_err(in_file(folder.unwrap_or(first)))?;
     }
+    let sampler = calibrator.take_sampler();
     let mut calibration = calibrator.finish()?;
     calibration.warnings.extend(jpeg.then_some(Warning::Jpeg));
-    Ok(calibration)
+    Ok((calibration, sampler))
 }
 
 /// Approximate number of frames of a moving camera that are used, evenly spaced: they contain

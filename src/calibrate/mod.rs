@@ -8,6 +8,7 @@ mod blocks;
 pub mod board;
 mod censoring;
 mod common_motion;
+mod example;
 pub mod geometry;
 mod load;
 pub mod moving;
@@ -26,7 +27,8 @@ mod unsteady;
 mod warning;
 
 pub use bins::BinReport;
-pub use load::{LoadProgress, is_picture, moving_noise_from_paths, noise_from_paths};
+pub use example::{ExampleCalibration, ExampleMethod, NoExample};
+pub use load::{LoadProgress, is_picture, moving_noise_from_paths, noise_and_example_from_paths, noise_from_paths};
 pub use noise::{CalibrateError, NoiseCalibration, NoiseCalibrator, NoiseOptions, SceneMotion};
 pub use picked::{PickedNoise, PickedResult, picked_noise};
 pub use picked_region::{PickedError, PickedRegion, RegionError, min_side_px};

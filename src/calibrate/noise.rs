@@ -11,6 +11,7 @@
 
 use super::bins::{BinReport, BinRules, Pool};
 use super::blocks::judge;
+use super::example::ExampleSampler;
 use super::rounding::{Rounding, UNIT};
 use super::scene_sums::{MAX_FRAMES, MAX_PIXELS, SceneSums};
 use super::unsteady::{Unsteady, unsteady};
@@ -156,6 +157,8 @@ pub struct NoiseCalibrator {
     moving: u64,
     drifting: u64,
     warnings: Vec<Warning>,
+    /// Samples frames for noise by example, if that is wanted.
+    sampler: Option<ExampleSampler>,
 }
 
 fn bits(pixels: &Pixels) -> u32 {
@@ -184,7 +187,25 @@ impl NoiseCalibrator {
             moving: 0,
             drifting: 0,
             warnings: Vec::new(),
+            sampler: None,
         })
+    }
+
+    /// A calibration of so many scenes that samples frames for noise by example.
+    pub(super) fn with_example(options: NoiseOptions, scenes: usize) -> Result<Self, CalibrateError> {
+        Ok(Self { sampler: Some(ExampleSampler::new(scenes)), ..Self::new(options)? })
+    }
+
+    /// Number of frames of the next scene, for [`Self::with_example`].
+    pub(super) fn expect_frames(&mut self, frames: usize) {
+        if let Some(sampler) = &mut self.sampler {
+            sampler.begin_scene(frames);
+        }
+    }
+
+    /// The frames for noise by example, after the last scene.
+    pub(super) fn take_sampler(&mut self) -> Option<ExampleSampler> {
+        self.sampler.take()
     }
 
     /// Starts a scene, which the following frames show. `mean` is its noise-free picture, if known.
@@ -229,6 +250,9 @@ impl NoiseCalibrator {
             return Err(CalibrateError::TooManyFrames { scene: self.scenes });
         }
         scene.add(frame);
+        if let Some(sampler) = &mut self.sampler {
+            sampler.add_frame(frame);
+        }
         self.frames += 1;
         Ok(())
     }
@@ -283,6 +307,9 @@ impl NoiseCalibrator {
         let flicker = scene.flicker();
         if flicker > 0.1 {
             self.warnings.push(Warning::Flicker { scene: number, codes: flicker });
+        }
+        if let Some(sampler) = &mut self.sampler {
+            sampler.end_scene(&scene, &verdict.still);
         }
         self.pools.push(Pool::new(&scene, &verdict.still, &verdict.scales, &rounding));
         Ok(())

@@ -7,7 +7,8 @@ mod watched;
 
 use std::io::Write;
 use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use anyhow::{Result, bail};
 
@@ -15,9 +16,12 @@ pub use existing::existing;
 use existing::{pictures_beside, unreadable};
 
 use locard_engine::calibrate::{
-    NoiseCalibration, NoiseOptions, SceneMotion, moving_noise_from_paths, noise_from_paths,
+    ExampleCalibration, NoExample, NoiseCalibration, NoiseOptions, SceneMotion, moving_noise_from_paths,
+    noise_and_example_from_paths,
 };
+use locard_engine::exemplar_noise::{NoiseExample, file as model_file};
 use locard_engine::export::Inputs;
+use locard_engine::memo::ByAddress;
 use locard_engine::sink::atomic::write_atomically;
 use locard_engine::text::count;
 
@@ -52,10 +56,11 @@ struct NoiseArgs {
     /// The scene's known mean, for single noisy frames; repeated for each of them
     #[arg(long)]
     mean: Vec<PathBuf>,
-    /// The profile to write; its other tables are kept
+    /// The profile to write; its other tables are kept. Noise by example goes beside it, into a file
+    /// of the same name that ends in .locnoise, where there are four frames at rest or a known mean
     #[arg(short = 'o', long = "output", value_name = "PROFILE")]
     output: PathBuf,
-    /// Replace the table [camera.noise] of a profile that exists
+    /// Replace the table [camera.noise] of a profile that exists, and its noise by example
     #[arg(long)]
     force: bool,
 }
@@ -75,10 +80,19 @@ fn noise(args: NoiseArgs) -> Result<()> {
     if let Some(problem) = unreadable(read.clone()).1.into_iter().next() {
         return Err(problem.into());
     }
-    Inputs::default().and(read.clone()).and(&pictures_beside(read)).check_file(&args.output)?;
+    let inputs = Inputs::default().and(read.clone()).and(&pictures_beside(read));
+    let example_file = args.output.with_extension(EXAMPLE_EXTENSION);
+    inputs.check_file(&args.output)?;
+    inputs.check_file(&example_file)?;
     let (is_there, mut profile) = existing(&args.output)?;
     if profile.has_noise() && !args.force {
         bail!(failed("has a table [camera.noise] already; it is kept unless --force is given"));
+    }
+    if example_file == args.output {
+        bail!(failed("ends as a file of noise by example; name the profile *.toml"));
+    }
+    if example_file.exists() && !args.force {
+        bail!("{}: exists already; it is kept unless --force is given", example_file.display());
     }
     let options = NoiseOptions::default();
     let bar = super::progress(false, 0);
@@ -88,16 +102,44 @@ fn noise(args: NoiseArgs) -> Result<()> {
         ControlFlow::Continue(())
     };
     let calibration = if args.moving {
-        moving_noise_from_paths(&args.frames, &options, &mut shown)
+        moving_noise_from_paths(&args.frames, &options, &mut shown).map(|found| (found, Err(NoExample::Moving)))
     } else {
-        noise_from_paths(&args.frames, &args.mean, &options, &mut shown)
+        noise_and_example_from_paths(&args.frames, &args.mean, &options, &mut shown)
     };
     bar.finish_and_clear();
-    let calibration = calibration?;
-    profile.set_noise(&calibration.profile, &origin(&calibration));
+    let (mut calibration, example) = calibration?;
+    let example = match example {
+        Ok(example) => Ok(WrittenExample::write(example, &example_file, args.force)?),
+        Err(reason) => Err(reason),
+    };
+    calibration.profile.example = example.as_ref().ok().map(|written| written.example.clone());
+    profile.set_noise(&calibration.profile, &origin(&calibration), &args.output);
     write_atomically(&args.output, is_there, |file| file.write_all(profile.to_string().as_bytes()))?;
-    write!(std::io::stdout().lock(), "{calibration}")?;
+    let mut out = std::io::stdout().lock();
+    write!(out, "{calibration}")?;
+    match example {
+        Ok(written) => write!(out, "{}", written.report)?,
+        Err(reason) => writeln!(out, "no noise by example: {reason}")?,
+    }
     Ok(())
+}
+
+const EXAMPLE_EXTENSION: &str = "locnoise";
+
+/// Noise by example in its file.
+struct WrittenExample {
+    example: NoiseExample,
+    report: String,
+}
+
+impl WrittenExample {
+    fn write(calibration: ExampleCalibration, file: &Path, overwrite: bool) -> Result<Self> {
+        let bytes = model_file::to_bytes(&calibration.model)?;
+        write_atomically(file, overwrite, |writer| writer.write_all(&bytes))?;
+        let report = format!("{calibration}{}: {:.1} MB\n", file.display(), bytes.len() as f64 / 1e6);
+        let model = ByAddress(Arc::new(calibration.model));
+        Ok(Self { example: NoiseExample { file: file.to_owned(), model }, report })
+    }
 }
 
 /// The method by which the noise was found.

@@ -89,9 +89,17 @@ impl CalibrationFrame {
     }
 }
 
+/// A frame with its coding. The quantisation can differ from frame to frame.
+#[derive(Clone, Copy, Debug)]
+pub struct CodedFrame<'a> {
+    pub frame: &'a CalibrationFrame,
+    pub coding: &'a PictureCoding,
+}
+
 /// A frame with the results that do not change during calibration.
 struct PreparedFrame<'a> {
     frame: &'a CalibrationFrame,
+    coding: &'a PictureCoding,
     /// Standardised, at the resolution of luma and of chroma.
     features: [Features; 2],
     /// Means with smoothed dark values, for the table of latent values.
@@ -201,16 +209,24 @@ fn to_f32(gains: &[Coefficients; ALL_BANDS]) -> BandGains {
     gains.map(|row| row.map(|v| v as f32))
 }
 
-fn checked(frames: &[CalibrationFrame]) -> Result<(), ModelError> {
-    let expected = frames.first().ok_or(ModelError::NoFrames)?.size();
-    for (frame, f) in frames.iter().enumerate() {
+/// Checks sizes and codings; returns the coding that all frames share.
+fn checked(frames: &[CodedFrame<'_>]) -> Result<ModelCoding, ModelError> {
+    let first = frames.first().ok_or(ModelError::NoFrames)?;
+    let expected = first.frame.size();
+    for (index, CodedFrame { frame, .. }) in frames.iter().enumerate() {
         let pixels = expected[0] * expected[1];
-        let sizes = f.mean.iter().all(|p| [p.width, p.height] == expected && p.values.len() == pixels);
-        if !sizes || f.noisy.len() != 3 * pixels || f.mask.len() != pixels {
-            return Err(ModelError::Size { frame, found: f.size(), expected });
+        let sizes = frame.mean.iter().all(|p| [p.width, p.height] == expected && p.values.len() == pixels);
+        if !sizes || frame.noisy.len() != 3 * pixels || frame.mask.len() != pixels {
+            return Err(ModelError::Size { frame: index, found: frame.size(), expected });
         }
     }
-    Ok(())
+    let shared = ModelCoding::of(first.coding).ok_or(ModelError::Grey)?;
+    let extent = first.coding.extent(expected);
+    let differs = |coded: &CodedFrame<'_>| shared != *coded.coding || coded.coding.extent(expected) != extent;
+    match frames.iter().position(differs) {
+        Some(frame) => Err(ModelError::Coding { frame }),
+        None => Ok(shared),
+    }
 }
 
 fn feature_scale(raw: &[Features], usable: &[GreyImage]) -> FeatureScale {
@@ -224,8 +240,7 @@ fn feature_scale(raw: &[Features], usable: &[GreyImage]) -> FeatureScale {
 }
 
 fn prepare<'a>(
-    frame: &'a CalibrationFrame,
-    coding: &PictureCoding,
+    CodedFrame { frame, coding }: CodedFrame<'a>,
     features: Features,
     usable: GreyImage,
 ) -> Result<PreparedFrame<'a>, ModelError> {
@@ -243,12 +258,12 @@ fn prepare<'a>(
     let chroma = features.reduced(factor);
     let bands = all_bands(&residuals);
     let smoothed = frame.mean.each_ref().map(smoothed);
-    Ok(PreparedFrame { frame, features: [features, chroma], smoothed, residuals, bands, usable, unclipped })
+    Ok(PreparedFrame { frame, coding, features: [features, chroma], smoothed, residuals, bands, usable, unclipped })
 }
 
 impl PreparedFrame<'_> {
-    fn source(&self, coding: &PictureCoding) -> SourceFrame {
-        let [r, g, b] = padded(&self.frame.mean, coding);
+    fn source(&self) -> SourceFrame {
+        let [r, g, b] = padded(&self.frame.mean, self.coding);
         let code = |v: f32| v.round().clamp(0.0, 255.0) as u8;
         let pixels = r.values.iter().zip(&g.values).zip(&b.values);
         let flag = |(usable, unclipped): (&f32, &f32)| {
@@ -266,18 +281,25 @@ impl PreparedFrame<'_> {
     }
 }
 
-/// Calibrates a model. `seed` selects the noise of the rounds; equal inputs give equal models.
+/// Calibrates a model of frames with one coding.
 pub fn calibrate(frames: &[CalibrationFrame], coding: &PictureCoding, seed: u32) -> Result<NoiseModel, ModelError> {
-    checked(frames)?;
-    let factor = coding.chroma_factor().map(|factor| factor as usize);
-    let raw: Vec<Features> = frames.iter().map(|f| Features::of(&padded(&f.mean, coding))).collect();
-    let usable: Vec<GreyImage> = frames.iter().map(|f| coded_mask(&f.mask, f.size(), coding)).collect();
+    let coded: Vec<CodedFrame<'_>> = frames.iter().map(|frame| CodedFrame { frame, coding }).collect();
+    calibrate_coded(&coded, seed)
+}
+
+/// Calibrates a model. `seed` selects the noise of the rounds; equal inputs give equal models.
+pub fn calibrate_coded(frames: &[CodedFrame<'_>], seed: u32) -> Result<NoiseModel, ModelError> {
+    let shared = checked(frames)?;
+    let factor = shared.chroma.factor.map(|factor| factor as usize);
+    let raw: Vec<Features> = frames.iter().map(|f| Features::of(&padded(&f.frame.mean, f.coding))).collect();
+    let usable = |f: &CodedFrame<'_>| coded_mask(&f.frame.mask, f.frame.size(), f.coding);
+    let usable: Vec<GreyImage> = frames.iter().map(usable).collect();
     if usable.iter().flat_map(|mask| &mask.values).all(|&v| v < 0.5) {
         return Err(ModelError::TooFewTiles { found: [0; 4] });
     }
     let scale = feature_scale(&raw, &usable);
     let prepared = frames.iter().zip(raw).zip(usable);
-    let prepared = prepared.map(|((frame, raw), usable)| prepare(frame, coding, scale.standardised(raw), usable));
+    let prepared = prepared.map(|((frame, raw), usable)| prepare(*frame, scale.standardised(raw), usable));
     let prepared: Vec<PreparedFrame<'_>> = prepared.collect::<Result<_, _>>()?;
 
     let real: Vec<&[GreyImage]> = prepared.iter().map(|p| p.bands.as_slice()).collect();
@@ -291,9 +313,9 @@ pub fn calibrate(frames: &[CalibrationFrame], coding: &PictureCoding, seed: u32)
         atlas_gains,
         latent: LatentTable::default(),
         chroma_factor: factor,
-        coding: ModelCoding::of(coding),
+        coding: Some(shared),
     };
-    let mut model = NoiseModel::new(numbers, prepared.iter().map(|p| p.source(coding)).collect())?;
+    let mut model = NoiseModel::new(numbers, prepared.iter().map(|p| p.source()).collect())?;
 
     let target = fit_all(&prepared, &real, &whole, factor, None);
     let mut previous = gains;
@@ -301,14 +323,14 @@ pub fn calibrate(frames: &[CalibrationFrame], coding: &PictureCoding, seed: u32)
         let mut step = LatentStep::default();
         let mut synthesised = Vec::with_capacity(prepared.len());
         for (f, p) in prepared.iter().enumerate() {
-            let codes = synthesise(&model, &p.frame.mean, coding, [seed, round as u32, f as u32])?;
+            let codes = synthesise(&model, &p.frame.mean, p.coding, [seed, round as u32, f as u32])?;
             for (i, _) in p.frame.mask.iter().enumerate().filter(|(_, usable)| **usable) {
                 for c in 0..3 {
                     step.add(c, p.smoothed[c].values[i], p.frame.noisy[3 * i + c], codes[3 * i + c]);
                 }
             }
             let noisy = rgb_of_codes(&codes, p.frame.size());
-            synthesised.push(all_bands(&residuals(&noisy, p.frame, coding)?));
+            synthesised.push(all_bands(&residuals(&noisy, p.frame, p.coding)?));
         }
         let bands: Vec<&[GreyImage]> = synthesised.iter().map(Vec::as_slice).collect();
         let got = fit_all(&prepared, &bands, &whole, factor, Some(&target));

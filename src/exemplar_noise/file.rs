@@ -62,7 +62,7 @@ pub enum ModelFileError {
     Picture { frame: usize, part: usize, source: image::ImageError },
     #[error("the noise model cannot be encoded")]
     Encoding(#[source] image::ImageError),
-    #[error("the noise model is not usable")]
+    #[error(transparent)]
     Model(#[from] ModelError),
 }
 

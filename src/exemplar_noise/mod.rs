@@ -102,12 +102,17 @@ pub struct NoiseModel {
     pub descriptor_scale: DescriptorScale,
 }
 
-/// A camera's noise model with its file. Equal if both are the same object in memory.
-#[derive(Clone, Debug, PartialEq)]
+/// A camera's noise model with its file. Equal if both models are the same object in memory.
+#[derive(Clone, Debug)]
 pub struct NoiseExample {
-    /// Path in the profile that names it.
     pub file: PathBuf,
     pub model: ByAddress<NoiseModel>,
+}
+
+impl PartialEq for NoiseExample {
+    fn eq(&self, other: &Self) -> bool {
+        self.model == other.model
+    }
 }
 
 /// Why no model results.
@@ -120,6 +125,8 @@ pub enum ModelError {
     TooFewTiles { found: [usize; CLASSES] },
     #[error("there is no frame to calibrate from; give at least one")]
     NoFrames,
+    #[error("frame {frame} of the calibration has another coding than the first; use frames of one recording")]
+    Coding { frame: usize },
     #[error("frame {frame} of the calibration is {found:?} px, expected {expected:?}; use frames of one recording")]
     Size { frame: usize, found: [usize; 2], expected: [usize; 2] },
     #[error("{count} frames of a resting camera are too few for a mean picture, expected at least 4; record longer")]

@@ -2,17 +2,18 @@
 
 use super::atlas::{CELL_PX, CLASSES, OVERLAP_PX, TILE_PX, TileCandidate};
 use super::bands::{ALL_BANDS, split};
-use super::calibration::{CalibrationFrame, calibrate, synthesise};
+use super::calibration::{CalibrationFrame, CodedFrame, calibrate, calibrate_coded, synthesise};
 use super::cells::{EXPECTED_RANK, cell_count, source, weight};
 use super::content::{FEATURES, Features};
 use super::descriptor::{DESCRIPTORS, DescriptorBlocks, DescriptorScale};
 use super::file::{ModelFileError, from_bytes, to_bytes};
 use super::latent::{LatentStep, LatentTable, NODES};
+use super::model_coding::CodingDifference;
 use super::path::Planes;
 use super::regression::{self, Coefficients};
 use super::synthesis::NoiseContent;
 use super::{ModelError, NoiseModel};
-use crate::coding::{ChromaSampling, ColorMatrix, ColorRange, Decoder, PictureCoding, YcbcrColor};
+use crate::coding::{BlockQuantization, ChromaSampling, ColorMatrix, ColorRange, Decoder, PictureCoding, YcbcrColor};
 use crate::grey_image::GreyImage;
 use crate::hash::pcg3d;
 use std::sync::LazyLock;
@@ -51,12 +52,17 @@ fn frame(seed: u32) -> CalibrationFrame {
     }
 }
 
+<<<<<<< HEAD
 static MODEL: LazyLock<NoiseModel> = LazyLock::new(|| model([1, 1]));
 
 /// A model of that frame, for chroma of this sampling.
 pub fn model(factor: [u32; 2]) -> NoiseModel {
     calibrate(&[frame(1)], &coding(factor), 7).expect("enough tiles")
 }
+=======
+pub(crate) static MODEL: LazyLock<NoiseModel> =
+    LazyLock::new(|| calibrate(&[frame(1)], &coding([1, 1]), 7).expect("enough tiles"));
+>>>>>>> 7fc88c23 (Profiles name a noise model; calibrate noise writes it from frames at rest and from pairs)
 
 fn deviation(values: impl Iterator<Item = f32> + Clone) -> f32 {
     let count = values.clone().count() as f32;
@@ -310,6 +316,26 @@ fn unusable_frames_are_refused() {
     assert!(matches!(calibrate(&[cut], &coding([1, 1]), 1).err(), Some(ModelError::Size { frame: 0, .. })));
     let grey = PictureCoding { chroma: None, ..coding([1, 1]) };
     assert_eq!(calibrate(&[frame(1)], &grey, 1).err(), Some(ModelError::Grey));
+}
+
+#[test]
+fn frames_of_different_quantisation_share_a_model_and_other_codings_are_refused() {
+    let jpeg = |step: u16, origin: [i32; 2]| PictureCoding {
+        quantization: Some(BlockQuantization { steps: [[step; 64]; 3], origin }),
+        ..coding([1, 1])
+    };
+    let frames = [frame(1), frame(2)];
+    let calibrated = |codings: [PictureCoding; 2]| {
+        let coded: Vec<CodedFrame<'_>> =
+            frames.iter().zip(&codings).map(|(frame, coding)| CodedFrame { frame, coding }).collect();
+        calibrate_coded(&coded, 7)
+    };
+    let model = calibrated([jpeg(1, [0, 0]), jpeg(2, [0, 0])]).unwrap();
+    assert_eq!(model.numbers.coding_difference(&jpeg(5, [-3, 0])), None);
+    assert_eq!(model.numbers.coding_difference(&coding([1, 1])), Some(CodingDifference::Quantization));
+    let refused = Some(ModelError::Coding { frame: 1 });
+    assert_eq!(calibrated([jpeg(1, [0, 0]), jpeg(1, [-3, 0])]).err(), refused);
+    assert_eq!(calibrated([jpeg(1, [0, 0]), coding([1, 1])]).err(), refused);
 }
 
 #[test]

@@ -7,10 +7,11 @@ use toml_edit::{DocumentMut, Item, Table, TableLike};
 
 use super::{ProfileError, Rig, noise};
 use crate::camera::{Geometry, NoiseProfile};
-use crate::compositor::{ON, Settings};
+use crate::compositor::ON;
 use crate::document::{self, Problem, merge, table_of};
 use crate::params::Params;
 
+const NOISE_TABLE: &str = "camera.noise";
 /// Prefix of the origin comment above a noise table.
 const NOISE_SIGNATURE: &str = "# By `locard calibrate noise";
 /// Prefix of the origin comment above a camera's intrinsics.
@@ -38,9 +39,9 @@ impl Document {
     }
 
     /// Parses the text of a profile; `path` is for error messages. Other files, such as a
-    /// recording's or a scene's, are refused.
+    /// recording's or a scene's, are refused. A noise example that it names need not exist.
     pub fn parse(text: &str, path: &Path) -> Result<Self, ProfileError> {
-        Rig::default().read_text(text, path, &mut Settings::default())?;
+        Rig::check_text(text, path)?;
         let failed = |source: Problem| ProfileError::Syntax { path: path.to_owned(), source };
         Ok(Self { text: document::edited(text).map_err(failed)? })
     }
@@ -52,9 +53,11 @@ impl Document {
 
     /// Replaces the camera's noise. `origin` becomes a comment above it, as in "by `locard
     /// calibrate noise`, from 20 frames", and replaces an earlier such comment. Empty for none.
-    pub fn set_noise(&mut self, profile: &NoiseProfile, origin: &str) {
-        self.put("camera.noise", &noise::to_toml(profile));
-        self.sign("camera.noise", NOISE_SIGNATURE, origin);
+    /// `file`: the file to which the profile is written; the path of a noise example is relative to
+    /// it.
+    pub fn set_noise(&mut self, profile: &NoiseProfile, origin: &str, file: &Path) {
+        self.put(NOISE_TABLE, &noise::to_toml(profile, file));
+        self.sign(NOISE_TABLE, NOISE_SIGNATURE, origin);
     }
 
     /// Replaces size, focal lengths, principal point and distortion; the camera's other keys are
@@ -83,6 +86,19 @@ impl Document {
         kept.extend(lines.next().map(|first| format!("{signature}{first}\n")));
         kept.extend(lines.map(|line| format!("{CONTINUATION_PREFIX}{line}\n")));
         decor.set_prefix(kept);
+    }
+
+    /// Adapts the path of a noise example to a profile that was read from one file and is written to
+    /// another.
+    pub fn relocate(&mut self, from: &Path, to: &Path) {
+        let camera = self.text.get_mut("camera").and_then(|camera| camera.get_mut("noise"));
+        let Some(item) = camera.and_then(|noise| noise.get_mut(noise::EXAMPLE)) else { return };
+        let Some(name) = item.as_str().map(str::to_owned) else { return };
+        let folder = |path: &Path| std::path::absolute(path).ok().and_then(|path| Some(path.parent()?.to_owned()));
+        let (Some(value), true) = (item.as_value_mut(), folder(from) != folder(to)) else { return };
+        let mut name = noise::example_name(&from.with_file_name(name), to);
+        *name.decor_mut() = value.decor().clone();
+        *value = name;
     }
 
     /// Removes the camera's noise.
@@ -168,6 +184,7 @@ impl fmt::Display for Document {
 mod tests {
     use super::*;
     use crate::camera::{CameraExposure, Intrinsics, NoiseBin};
+    use crate::compositor::Settings;
     use crate::params;
     use proptest::prelude::*;
 
@@ -231,7 +248,7 @@ mod tests {
     fn setting_noise_replaces_only_the_noise() {
         let mut profile = parse(PROFILE);
         assert!(profile.has_noise());
-        profile.set_noise(&noise(), "`, from 3 frames.");
+        profile.set_noise(&noise(), "`, from 3 frames.", Path::new("p.toml"));
         let expected = PROFILE
             .replace("# measured in May\n", "# measured in May\n# By `locard calibrate noise`, from 3 frames.\n")
             .replace("[0.0] # old", "[8.0, 24.5] # old")
@@ -239,14 +256,14 @@ mod tests {
             .replace("[0, 0, 0]", "[0.5, 0.25, 0.5]")
             .replace("[0, 0] # none", "[0.0, 0.125] # none");
         assert_eq!(profile.to_string(), expected);
-        profile.set_noise(&noise(), "`, from 4 frames.");
+        profile.set_noise(&noise(), "`, from 4 frames.", Path::new("p.toml"));
         assert_eq!(profile.to_string(), expected.replace("3 frames", "4 frames"));
 
         let from = PROFILE.find("# measured").unwrap();
         let without = [&PROFILE[..from], &PROFILE[PROFILE.find("[noise]").unwrap()..]].concat();
         let mut profile = parse(&without);
         assert!(!profile.has_noise());
-        profile.set_noise(&noise(), "");
+        profile.set_noise(&noise(), "", Path::new("p.toml"));
         let added = profile.to_string();
         assert!(added.contains("\n[camera.noise]\ncode = [8.0, 24.5]\nsigma_r = [2.25, 2.25]\n"), "{added}");
         for line in without.lines() {
@@ -258,7 +275,7 @@ mod tests {
     #[test]
     fn new_profile_has_heading_version_and_contents() {
         let mut profile = Document::new("The first.\nThe second.");
-        profile.set_noise(&noise(), "");
+        profile.set_noise(&noise(), "", Path::new("p.toml"));
         let text = profile.to_string();
         let start = "# The first.\n# The second.\nversion = 1\n\n[camera.noise]\ncode = [8.0, 24.5]\n";
         assert!(text.starts_with(start), "{text}");
@@ -300,7 +317,7 @@ mod tests {
             let mut profile = Document::new("");
             profile.set_params(&intrinsics);
             profile.set_params(&exposure);
-            profile.set_noise(&noise, "");
+            profile.set_noise(&noise, "", Path::new("p.toml"));
             let mut rig = Rig::default();
             rig.read_text(&profile.to_string(), Path::new("p.toml"), &mut Settings::default()).unwrap();
             // The shortest text of a number preserves every bit of it.

@@ -5,6 +5,7 @@
 
 mod document;
 mod noise;
+mod noise_example;
 mod read;
 mod serialized;
 mod shot_settings;

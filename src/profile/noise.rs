@@ -1,19 +1,26 @@
 //! The table `[camera.noise]`: a calibration's results, as text and back.
 
+use std::path::{Path, PathBuf};
+
+use super::noise_example;
 use crate::camera::{NoiseBin, NoiseProfile};
 use crate::document::numbers as numbers_of;
+use crate::exemplar_noise::NoiseExample;
+use crate::scene;
 use crate::text::{count, number, quoted};
 use toml::{Table, Value};
 
 const SIGMAS: [&str; 3] = ["sigma_r", "sigma_g", "sigma_b"];
 const KEYS: [&str; 6] = ["code", "sigma_r", "sigma_g", "sigma_b", "channel_correlation", "neighbour_correlation"];
+/// Optional key: the file of the camera's noise by example, relative to the file with the table.
+pub(super) const EXAMPLE: &str = "example";
 
 /// Errors of a noise table.
 #[derive(Clone, Debug, thiserror::Error, PartialEq)]
 pub enum NoiseTableError {
     #[error("[camera.noise] has no key {key}; it needs {}", KEYS.join(", "))]
     Missing { key: &'static str },
-    #[error("[camera.noise] has no key {found}; its keys are {}", KEYS.join(", "))]
+    #[error("[camera.noise] has no key {found}; its keys are {}, {EXAMPLE}", KEYS.join(", "))]
     Unknown { found: String },
     #[error("[camera.noise] {key} = {found} is refused: expected a list of numbers")]
     NotNumbers { key: &'static str, found: String },
@@ -23,23 +30,56 @@ pub enum NoiseTableError {
     Empty,
     #[error("[camera.noise] {key}, value {place}: {} is refused: expected {accepted}", number(*found))]
     Value { key: &'static str, place: usize, found: f64, accepted: &'static str },
+    #[error(
+        "[camera.noise] {EXAMPLE} = {found} is refused: expected the name of a file of `locard calibrate noise`, \
+         relative to this file"
+    )]
+    ExampleName { found: String },
+    #[error("[camera.noise] {EXAMPLE}: {file}: {reason}")]
+    Example { file: PathBuf, reason: String },
 }
 
-/// The noise table of a profile. If channels were measured at different codes, each is written at
-/// the codes of all.
-pub fn to_toml(profile: &NoiseProfile) -> toml_edit::Table {
+/// Handling of the key `example`.
+#[derive(Clone, Copy, Debug)]
+pub enum ExampleLoading<'a> {
+    /// Reads the file, whose path is relative to this file's folder.
+    BesideFile(&'a Path),
+    /// Leaves the example out. The key's type is checked all the same.
+    Skip,
+}
+
+/// The noise table of a profile, for `file`. If channels were measured at different codes, each is
+/// written at the codes of all.
+pub fn to_toml(profile: &NoiseProfile, file: &Path) -> toml_edit::Table {
     let mut codes: Vec<f64> = profile.bins.iter().flatten().map(|b| b.code).collect();
     codes.sort_by(f64::total_cmp);
     codes.dedup();
     let sigma = |channel: usize| codes.iter().map(|&code| profile.sigma(channel, code)).collect();
     let lists = [codes.clone(), sigma(0), sigma(1), sigma(2)].into_iter();
     let lists = lists.chain([profile.channel_correlation.to_vec(), profile.neighbour_correlation.to_vec()]);
-    KEYS.into_iter().zip(lists).map(|(key, list): (_, Vec<f64>)| (key, numbers_of(list))).collect()
+    let lists = KEYS.into_iter().zip(lists).map(|(key, list): (_, Vec<f64>)| (key, numbers_of(list)));
+    let example = profile.example.as_ref().map(|example| (EXAMPLE, example_name(&example.file, file)));
+    lists.chain(example).collect()
+}
+
+/// The value of [`EXAMPLE`] in `file`: a relative path, or an absolute one where none leads there.
+pub(super) fn example_name(example: &Path, file: &Path) -> toml_edit::Value {
+    scene::relative(example, file).into()
+}
+
+fn example(table: &Table, loading: ExampleLoading<'_>) -> Result<Option<NoiseExample>, NoiseTableError> {
+    let Some(value) = table.get(EXAMPLE) else { return Ok(None) };
+    let name = value.as_str().filter(|name| !name.is_empty());
+    let name = name.ok_or_else(|| NoiseTableError::ExampleName { found: quoted(&value.to_string()) })?;
+    let ExampleLoading::BesideFile(beside) = loading else { return Ok(None) };
+    let file = beside.with_file_name(name);
+    let failed = |reason| NoiseTableError::Example { file: file.clone(), reason };
+    noise_example::read(&file).map(Some).map_err(failed)
 }
 
 /// Reads and checks the table `[camera.noise]`.
-pub fn from_toml(table: &Table) -> Result<NoiseProfile, NoiseTableError> {
-    if let Some(found) = table.keys().find(|k| !KEYS.contains(&k.as_str())) {
+pub fn from_toml(table: &Table, loading: ExampleLoading<'_>) -> Result<NoiseProfile, NoiseTableError> {
+    if let Some(found) = table.keys().find(|k| !KEYS.contains(&k.as_str()) && *k != EXAMPLE) {
         return Err(NoiseTableError::Unknown { found: quoted(found) });
     }
     let codes = numbers(table, "code", "an 8-bit code value, 0 to 255", |v| (0.0..=255.0).contains(&v))?;
@@ -65,7 +105,8 @@ pub fn from_toml(table: &Table) -> Result<NoiseProfile, NoiseTableError> {
         let accepted = "one that three channels can have together (1 + 2·rg·rb·gb ≥ rg² + rb² + gb²)";
         return Err(NoiseTableError::Value { key: "channel_correlation", place: 3, found: gb, accepted });
     }
-    Ok(NoiseProfile { example: None, bins, channel_correlation: [rg, rb, gb], neighbour_correlation })
+    let example = example(table, loading)?;
+    Ok(NoiseProfile { example, bins, channel_correlation: [rg, rb, gb], neighbour_correlation })
 }
 
 fn numbers(
@@ -108,7 +149,7 @@ mod tests {
         channel_correlation = [0.1, -0.2, 0.3]\nneighbour_correlation = [0.5, 0]";
 
     fn parse(text: &str) -> Result<NoiseProfile, NoiseTableError> {
-        from_toml(&text.parse().unwrap())
+        from_toml(&text.parse().unwrap(), ExampleLoading::BesideFile(Path::new("p.toml")))
     }
 
     #[test]
@@ -117,7 +158,7 @@ mod tests {
         assert_eq!(profile.bins[0][1], NoiseBin { code: 24.5, sigma: 2.0 });
         assert_eq!(profile.bins[2][0].sigma, 0.0);
         assert_eq!((profile.channel_correlation, profile.neighbour_correlation), ([0.1, -0.2, 0.3], [0.5, 0.0]));
-        assert_eq!(parse(&to_toml(&profile).to_string()).unwrap(), profile);
+        assert_eq!(parse(&to_toml(&profile, Path::new("p.toml")).to_string()).unwrap(), profile);
     }
 
     #[test]
@@ -132,7 +173,14 @@ mod tests {
             ("sigma_r = [1, 2]", "sigma_r = [1]", "sigma_r has 1 value where 2 are expected (one for each code)"),
             ("sigma_r = [1, 2]", "sigma_r = 'low'", "expected a list of numbers"),
             ("sigma_r = [1, 2]", "", "has no key sigma_r"),
-            ("sigma_r", "sigma_x", "has no key sigma_x"),
+            (
+                "sigma_r",
+                "sigma_x",
+                "has no key sigma_x; its keys are code, sigma_r, sigma_g, sigma_b, channel_correlation, \
+                neighbour_correlation, example",
+            ),
+            ("code =", "example = 3\ncode =", "example = 3 is refused: expected the name of a file"),
+            ("code =", "example = ''\ncode =", "example = \"\" is refused"),
             ("0.1, -0.2, 0.3", "0.1, -0.2", "channel_correlation has 2 values where 3"),
             ("0.1, -0.2, 0.3", "0.1, -0.2, 1.3", "value 3: 1.3 is refused: expected -1 to 1"),
             ("0.1, -0.2, 0.3", "0.9, 0.9, -0.9", "three channels can have together"),
@@ -152,7 +200,7 @@ mod tests {
             channel_correlation: [0.0; 3],
             neighbour_correlation: [0.0; 2],
         };
-        let read = parse(&to_toml(&profile).to_string()).unwrap();
+        let read = parse(&to_toml(&profile, Path::new("p.toml")).to_string()).unwrap();
         for c in 0..3 {
             for code in 0..256 {
                 let code = f64::from(code);
@@ -176,8 +224,8 @@ mod tests {
             }
             table.insert("channel_correlation".to_owned(), list(&pair));
             table.insert("neighbour_correlation".to_owned(), list(&pair[..pair.len().min(2)]));
-            if let Ok(profile) = from_toml(&table) {
-                prop_assert_eq!(parse(&to_toml(&profile).to_string()).unwrap(), profile);
+            if let Ok(profile) = from_toml(&table, ExampleLoading::Skip) {
+                prop_assert_eq!(parse(&to_toml(&profile, Path::new("p.toml")).to_string()).unwrap(), profile);
             }
         }
     }

@@ -2,13 +2,23 @@
 
 use std::path::Path;
 
+use super::noise::{self, ExampleLoading};
 use super::shot_settings::ShotSettings;
-use super::{ProfileError, Rig, noise};
+use super::{ProfileError, Rig};
 use crate::compositor::Settings;
 use crate::document as text;
 use crate::params::{Params, Value};
 use crate::source::file::{self, MAX_DOCUMENT_BYTES};
 use crate::text::quoted;
+
+/// Where the values of a profile's text go.
+struct ReadTarget<'a> {
+    /// The profile's file.
+    path: &'a Path,
+    settings: &'a mut Settings,
+    given: &'a mut ShotSettings,
+    loading: ExampleLoading<'a>,
+}
 
 impl Rig {
     /// The camera parameters of a profile.
@@ -32,6 +42,21 @@ impl Rig {
         path: &Path,
         settings: &mut Settings,
     ) -> Result<ShotSettings, ProfileError> {
+        self.read_with(text, path, settings, ExampleLoading::BesideFile(path))
+    }
+
+    /// Checks the text of a profile without the files that it names.
+    pub(super) fn check_text(text: &str, path: &Path) -> Result<(), ProfileError> {
+        Self::default().read_with(text, path, &mut Settings::default(), ExampleLoading::Skip).map(drop)
+    }
+
+    fn read_with(
+        &mut self,
+        text: &str,
+        path: &Path,
+        settings: &mut Settings,
+        loading: ExampleLoading<'_>,
+    ) -> Result<ShotSettings, ProfileError> {
         let path = path.to_owned();
         let mut given = ShotSettings::default();
         let mut root: toml::Table =
@@ -44,7 +69,8 @@ impl Rig {
             }
         }
         for (name, value) in root {
-            self.read_table(&name, value, &path, settings, &mut given)?;
+            let mut target = ReadTarget { path: &path, settings, given: &mut given, loading };
+            self.read_table(&name, value, &mut target)?;
         }
         match self.distortion.missing() {
             Some(name) => {
@@ -55,27 +81,21 @@ impl Rig {
         }
     }
 
-    fn read_table(
-        &mut self,
-        table: &str,
-        value: toml::Value,
-        path: &Path,
-        settings: &mut Settings,
-        given: &mut ShotSettings,
-    ) -> Result<(), ProfileError> {
+    fn read_table(&mut self, table: &str, value: toml::Value, target: &mut ReadTarget<'_>) -> Result<(), ProfileError> {
+        let ReadTarget { path, loading, .. } = *target;
         let unknown = |rig: &Self, settings: &Settings| ProfileError::UnknownTable {
             path: path.to_owned(),
             table: quoted(table),
             known: rig.known_tables(settings),
         };
-        let toml::Value::Table(entries) = value else { return Err(unknown(self, settings)) };
-        if !self.table_names(settings).contains(&table) {
-            return Err(unknown(self, settings));
+        let toml::Value::Table(entries) = value else { return Err(unknown(self, target.settings)) };
+        if !self.table_names(target.settings).contains(&table) {
+            return Err(unknown(self, target.settings));
         }
         if table == "camera.noise" {
-            let noise = noise::from_toml(&entries)
+            let noise = noise::from_toml(&entries, loading)
                 .map_err(|e| ProfileError::Noise { path: path.to_owned(), message: e.to_string() })?;
-            given.set_noise(noise.clone());
+            target.given.set_noise(noise.clone());
             self.noise = Some(noise);
             return Ok(());
         }
@@ -85,7 +105,7 @@ impl Rig {
         for (key, value) in entries {
             let as_value = match &value {
                 toml::Value::Table(_) if table == "camera" => {
-                    self.read_table(&format!("camera.{key}"), value, path, settings, given)?;
+                    self.read_table(&format!("camera.{key}"), value, target)?;
                     continue;
                 }
                 toml::Value::Boolean(b) => Value::Bool(*b),
@@ -101,12 +121,12 @@ impl Rig {
                     });
                 }
             };
-            match self.set(settings, table, &key, &as_value) {
-                Some(Ok(())) => given.insert(table, &key, as_value),
+            match self.set(target.settings, table, &key, &as_value) {
+                Some(Ok(())) => target.given.insert(table, &key, as_value),
                 Some(Err(source)) => {
                     return Err(ProfileError::Param { path: path.to_owned(), source: Box::new(source) });
                 }
-                None => return Err(unknown(self, settings)),
+                None => return Err(unknown(self, target.settings)),
             }
         }
         Ok(())

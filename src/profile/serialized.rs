@@ -2,10 +2,11 @@
 //! keys.
 
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
-use super::Rig;
+use super::{Rig, noise_example};
 use crate::camera::NoiseProfile;
 use crate::params::{ParamError, Params, Value, values};
 
@@ -17,6 +18,10 @@ struct SerializedRig {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     yielding: Vec<(String, String)>,
     noise: Option<NoiseProfile>,
+    /// File of the camera's noise by example, absolute. Where it can no longer be read, the noise
+    /// follows its table alone: unsaved work is worth more than its noise.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    noise_example: Option<PathBuf>,
 }
 
 /// Errors of a serialized rig.
@@ -33,11 +38,14 @@ pub enum RigFormatError {
 impl From<Rig> for SerializedRig {
     fn from(rig: Rig) -> Self {
         let table = |table: &dyn Params| (table.table().to_owned(), values(table));
+        let example = rig.noise.as_ref().and_then(|noise| noise.example.as_ref());
+        let absolute = |file: &PathBuf| std::path::absolute(file).unwrap_or_else(|_| file.clone());
         let owned = |(table, name): &(&str, &str)| ((*table).to_owned(), (*name).to_owned());
         Self {
             tables: rig.tables().into_iter().map(table).collect(),
             given: rig.given.iter().map(owned).collect(),
             yielding: rig.yielding.iter().map(owned).collect(),
+            noise_example: example.map(|example| absolute(&example.file)),
             noise: rig.noise,
         }
     }
@@ -47,7 +55,11 @@ impl TryFrom<SerializedRig> for Rig {
     type Error = RigFormatError;
 
     fn try_from(written: SerializedRig) -> Result<Self, RigFormatError> {
-        let mut rig = Self { noise: written.noise, ..Self::default() };
+        let mut noise = written.noise;
+        if let Some(noise) = &mut noise {
+            noise.example = written.noise_example.and_then(|file| noise_example::read(&file).ok());
+        }
+        let mut rig = Self { noise, ..Self::default() };
         for (table, values) in &written.tables {
             let own = rig.tables_mut().into_iter().find(|own| own.table() == table);
             let own = own.ok_or_else(|| RigFormatError::Table(table.clone()))?;

@@ -6,7 +6,8 @@ use std::path::Path;
 
 use toml::{Table, Value as Toml};
 
-use super::{ProfileError, Rig, noise};
+use super::noise::{self, ExampleLoading};
+use super::{ProfileError, Rig};
 use crate::camera::NoiseProfile;
 use crate::compositor::{ON, Settings};
 use crate::params::{Kind, Params, Value};
@@ -71,7 +72,7 @@ impl ShotSettings {
                 path: path.to_owned(),
                 message: error.to_string(),
             };
-            self.noise = Some(Some(noise::from_toml(keys).map_err(failed)?));
+            self.noise = Some(Some(noise::from_toml(keys, ExampleLoading::BesideFile(path)).map_err(failed)?));
             return Ok(());
         }
         let opens = |name: &str| keys.get(name).is_some_and(|value| value.as_str() != Some(NONE));
@@ -248,8 +249,8 @@ impl ShotSettings {
         Self { noise: None, ..self }
     }
 
-    /// The table `[settings]` of a scene file.
-    pub fn to_toml(&self) -> Table {
+    /// The table `[settings]` of the scene file `file`.
+    pub fn to_toml(&self, file: &Path) -> Table {
         let mut settings = Table::new();
         let (rig, defaults) = (Rig::default(), Settings::default());
         let tables = ParameterValues { rig: &rig, settings: &defaults }.tables();
@@ -269,7 +270,7 @@ impl ShotSettings {
         }
         match self.noise() {
             Some(Some(profile)) => {
-                let table = noise::to_toml(profile).to_string().parse::<Table>();
+                let table = noise::to_toml(profile, file).to_string().parse::<Table>();
                 for (name, value) in table.into_iter().flatten() {
                     insert(&mut settings, NOISE, &name, value);
                 }
@@ -326,7 +327,7 @@ mod tests {
         before.lens.aperture_diameter_mm = Some(5.0);
         let found = ShotSettings::between(ParameterValues { rig: &before, settings: &Settings::default() }, now);
         assert_eq!(found, own);
-        assert_eq!(ShotSettings::read(&found.to_toml(), Path::new(SCENE)).unwrap(), own);
+        assert_eq!(ShotSettings::read(&found.to_toml(Path::new(SCENE)), Path::new(SCENE)).unwrap(), own);
         assert!(ShotSettings::between(now, now).is_empty());
     }
 
@@ -337,7 +338,7 @@ mod tests {
         let look = |rig| ParameterValues { rig, settings: &settings };
         let removed = ShotSettings::between(look(&with), look(&without));
         assert_eq!(removed.noise(), Some(None));
-        assert_eq!(ShotSettings::read(&removed.to_toml(), Path::new(SCENE)).unwrap(), removed);
+        assert_eq!(ShotSettings::read(&removed.to_toml(Path::new(SCENE)), Path::new(SCENE)).unwrap(), removed);
         let (mut rig, mut changed) = (with.clone(), settings.clone());
         removed.apply(&mut rig, &mut changed, Path::new(SCENE)).unwrap();
         assert_eq!(rig.noise, None);

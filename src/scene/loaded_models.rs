@@ -5,14 +5,14 @@
 //! disk.
 
 use std::collections::HashMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::SystemTime;
 
 use glam::{DAffine3, Vec3};
 
 use super::{Material, Mesh, Part, Texture};
 use crate::memo::Memo;
+use crate::source::file::FileStamp;
 
 /// A model, loaded once for all its placements.
 pub(super) struct Model {
@@ -77,27 +77,6 @@ pub(super) struct Panorama {
     pub warning: Option<String>,
 }
 
-/// Identifies the state of a file on disk.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) struct FileStamp {
-    pub file: PathBuf,
-    modified: Option<SystemTime>,
-    length: Option<u64>,
-}
-
-impl FileStamp {
-    pub fn of(file: &Path) -> Self {
-        let found = std::fs::metadata(file).ok();
-        let modified = found.as_ref().and_then(|m| m.modified().ok());
-        Self { file: file.to_owned(), modified, length: found.map(|m| m.len()) }
-    }
-
-    /// A file may be missing both times.
-    pub fn is_fresh(&self) -> bool {
-        *self == Self::of(&self.file)
-    }
-}
-
 /// A loaded model, with indices as in the scene that it was last part of.
 #[derive(Clone, Debug)]
 pub(super) struct LoadedModel {
@@ -157,6 +136,8 @@ impl LoadedModel {
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+
     use super::*;
     use crate::scene::document::{Instance, PlacedModel};
     use crate::scene::{Entry, LoadedModels, MissingModels, SceneFile, load_file, load_file_with};

@@ -3,9 +3,10 @@
 use std::path::Path;
 use std::rc::Rc;
 
-use super::loaded_models::{FileStamp, LoadedModel, Model, Panorama, SceneCounts};
+use super::loaded_models::{LoadedModel, Model, Panorama, SceneCounts};
 use super::loader::{Loader, MAX_INDICES, MAX_VERTICES};
 use super::picture::MAX_PIXELS;
+use crate::source::file::FileStamp;
 
 impl Loader {
     pub fn counts(&self) -> SceneCounts {

@@ -150,7 +150,7 @@ pub fn truth_toml(simulation: &Simulation, blur: &[f64], written: &Manifest) -> 
             );
         }
     }
-    let before_file = profile::noise_table(&rounded_noise(&simulation.sensor.profile()));
+    let before_file = profile::noise_table(&rounded_noise(&simulation.sensor.profile()), std::path::Path::new(""));
     text.insert("noise_before_file", commented(before_file, "σ before rounding and compression."));
     if !simulation.evidence().is_empty() {
         let names = simulation.evidence().iter().map(Value::from).collect();

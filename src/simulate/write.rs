@@ -264,6 +264,6 @@ fn camera_toml(simulation: &Simulation, noise: &NoiseProfile) -> String {
     let tables: [&dyn Params; 5] =
         [&geometry.intrinsics, &geometry.distortion, &lens, &exposure, &simulation.sensor.response];
     tables.into_iter().for_each(|table| profile.set_params(table));
-    profile.set_noise(&rounded_noise(noise), "");
+    profile.set_noise(&rounded_noise(noise), "", Path::new(""));
     profile.to_string()
 }

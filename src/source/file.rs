@@ -2,7 +2,8 @@
 
 use std::fs::File;
 use std::io::{self, Read, Seek};
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
 
 /// Largest text of people and programs, bytes: ten hours of poses at 200 per second.
 pub const MAX_TEXT_BYTES: u64 = 1 << 30;
@@ -55,6 +56,27 @@ fn plain(metadata: &std::fs::Metadata) -> io::Result<()> {
         (true, _) => Ok(()),
         (_, true) => Err(io::ErrorKind::IsADirectory.into()),
         _ => Err(io::Error::other("it is a pipe or a device; a plain file is needed")),
+    }
+}
+
+/// Identifies the state of a file on disk.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FileStamp {
+    pub file: PathBuf,
+    modified: Option<SystemTime>,
+    length: Option<u64>,
+}
+
+impl FileStamp {
+    pub fn of(file: &Path) -> Self {
+        let found = std::fs::metadata(file).ok();
+        let modified = found.as_ref().and_then(|m| m.modified().ok());
+        Self { file: file.to_owned(), modified, length: found.map(|m| m.len()) }
+    }
+
+    /// A file may be missing both times.
+    pub fn is_fresh(&self) -> bool {
+        *self == Self::of(&self.file)
     }
 }
 

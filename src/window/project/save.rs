@@ -159,7 +159,7 @@ impl Draft {
                 profile_text(
                     &draft.recording,
                     &draft.resulting_edit,
-                    from.unwrap_or(&path),
+                    ProfileFiles { from: from.unwrap_or(&path), to: &path },
                     &draft.found,
                     draft.found_noise.as_ref(),
                 )?
@@ -183,16 +183,24 @@ fn is_other_kind(path: &Path) -> bool {
     matches!(FileKind::of(path), FileKind::Recording | FileKind::Profile) && scene::document::read(path).is_err()
 }
 
+/// The file whose text a profile starts from, and the file to which it is written.
+#[derive(Clone, Copy, Debug)]
+struct ProfileFiles<'a> {
+    from: &'a Path,
+    to: &'a Path,
+}
+
 /// Sets the values in the profile's text that differ from the recording's own camera and from that
 /// text. For a recording without a camera the text includes a complete one. Values equal to those
 /// `found` by an analysis are left out.
 fn profile_text(
     recording: &Recording,
     edit: &Edit,
-    path: &Path,
+    files: ProfileFiles<'_>,
     found: &[EstimatedParam],
     found_noise: Option<&NoiseProfile>,
 ) -> Result<String, SaveError> {
+    let ProfileFiles { from: path, to } = files;
     let (mut rig, mut settings) = (Rig::default(), Settings::default());
     if let Some(own) = &recording.camera_profile {
         rig.read(own, &mut settings)?;
@@ -212,6 +220,7 @@ fn profile_text(
     } else {
         profile::Document::new("")
     };
+    document.relocate(path, to);
     // A complete camera also includes values equal to the default.
     let is_complete = edit.rig.missing_keys().is_empty();
     for name in rig.missing_keys().into_iter().filter(|_| is_complete && edit.rig.gives_geometry()) {
@@ -235,7 +244,7 @@ fn profile_text(
     match changes.noise() {
         // It stays the analysis's.
         Some(noise) if noise.is_some() && noise == found_noise => {}
-        Some(Some(noise)) => document.set_noise(noise, "`'s method, from places picked in the window."),
+        Some(Some(noise)) => document.set_noise(noise, "`'s method, from places picked in the window.", to),
         Some(None) => document.remove_noise(),
         None => {}
     }
@@ -259,12 +268,13 @@ impl Project {
         Draft { path: path.to_owned(), known: None, content: DraftContent::Profile(Box::new(draft)) }
     }
 
-    /// Returns a function that formats the whole camera and all settings as a profile, for another
-    /// thread.
-    pub fn profile_text(&self) -> impl FnOnce() -> Result<String, SaveError> + Send + 'static {
+    /// Returns a function that formats the whole camera and all settings as a profile for the file
+    /// `to`, for another thread.
+    pub fn profile_text(&self, to: &Path) -> impl FnOnce() -> Result<String, SaveError> + Send + 'static {
         let (recording, edit) = (Arc::clone(&self.shot.recording), self.edit().clone());
         let path = self.profile.clone().unwrap_or_default();
-        move || profile_text(&recording, &edit, &path, &[], None)
+        let to = to.to_owned();
+        move || profile_text(&recording, &edit, ProfileFiles { from: &path, to: &to }, &[], None)
     }
 
     /// The scene file with its comments and order. In another folder it refers to the same models.
@@ -280,7 +290,7 @@ impl Project {
         let failed =
             |error: &dyn std::fmt::Display| SaveError::Text { path: path.to_owned(), reason: error.to_string() };
         let settings = self.file_settings(self.edit());
-        let with_settings = SceneFile { settings: settings.to_toml(), ..scene.clone() };
+        let with_settings = SceneFile { settings: settings.to_toml(path), ..scene.clone() };
         let text = match &mut self.scene_text {
             Some(text) => {
                 text.set(with_settings).map_err(|e| failed(&e))?;

@@ -253,7 +253,7 @@ impl Session {
             return;
         }
         let name = live.live_recording.name.clone();
-        let (folder, draft, wake) = (folder.to_owned(), self.project.profile_text(), ctx.clone());
+        let (folder, draft, wake) = (folder.to_owned(), self.project.profile_text(Path::new("")), ctx.clone());
         let spawned = BackgroundTask::spawn(
             "freezing",
             move || wake.request_repaint(),
@@ -327,11 +327,13 @@ impl Session {
     pub fn record(&mut self, folder: PathBuf) {
         let Some(live) = &mut self.live else { return };
         let mut about = live.feed.about.clone();
-        let spawned = self.project.profile_text()().map_err(|error| error.to_string()).and_then(|profile| {
-            about.profile = Some(profile);
-            let recorder = Recorder::create(&folder, &about).map_err(|error| error.to_string())?;
-            RecorderThread::new(recorder).map_err(|error| error.to_string())
-        });
+        let spawned = self.project.profile_text(&folder.join("camera.toml"))()
+            .map_err(|error| error.to_string())
+            .and_then(|profile| {
+                about.profile = Some(profile);
+                let recorder = Recorder::create(&folder, &about).map_err(|error| error.to_string())?;
+                RecorderThread::new(recorder).map_err(|error| error.to_string())
+            });
         match spawned {
             Ok(writer) => {
                 live.feed.record(writer);

@@ -1,0 +1,500 @@
+//! Noise by example from frames at rest, and from pairs of a noisy picture and a clean one.
+//!
+//! Frames are sampled while a scene is summed: whole ones, evenly spaced, or windows of large ones,
+//! each at another quarter of the picture. Their mean and the blocks that stood still come from the
+//! scene's sums.
+
+use std::fmt;
+
+use super::scene_sums::{BLOCK, SceneSums};
+use crate::coding::PictureCoding;
+use crate::exemplar_noise::calibration::{CalibrationFrame, CodedFrame, calibrate_coded, synthesise};
+use crate::exemplar_noise::path::Planes;
+use crate::exemplar_noise::{ModelError, NoiseModel};
+use crate::fit::quantile::midpoint_median;
+use crate::grey_image::GreyImage;
+use crate::pixels::{Codes, Pixels};
+use crate::text::count;
+
+/// Largest area of all frames of a model, px. Its file has 3 to 4 bytes for each.
+const MAX_ATLAS_PX: usize = 1 << 21;
+/// Windows of a picture that is too large for its whole frames.
+const WINDOWS: usize = 4;
+/// Largest number of scenes that are sampled; more would leave too small windows.
+const MAX_SCENES: usize = 8;
+/// Windows start at multiples of this: the largest unit of a coding, px.
+const GRID_PX: usize = 16;
+/// Border of a window that is left out, where chroma and features depend on pixels outside, px.
+const WINDOW_MARGIN_PX: usize = 16;
+/// Fewest frames of a scene whose mean is not known.
+pub const MIN_FRAMES: usize = 4;
+/// Frames of half a second to a second, from which the mean has little noise left.
+const GOOD_FRAMES: usize = 16;
+/// Key of the synthesis whose result is compared with the frames.
+const CHECK_KEY: [u32; 3] = [0, 99, 0];
+const SEED: u32 = 1;
+/// Codes of a bin of the comparison, and its smallest number of samples.
+const BIN_CODES: usize = 16;
+const MIN_BIN_SAMPLES: usize = 2000;
+/// Width of the range of codes below which more content is recommended.
+const WIDE_CODES: f32 = 128.0;
+
+/// How the clean picture was found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ExampleMethod {
+    /// The mean of so many frames at rest.
+    Resting { frames: usize },
+    /// The given picture.
+    Pairs,
+}
+
+/// A model with a description of its origin; prints as lines of a report.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ExampleCalibration {
+    pub model: NoiseModel,
+    pub method: ExampleMethod,
+    /// Share of the pixels that did not move, 0 to 1.
+    pub usable_share: f64,
+    /// Codes of the clean pictures between which 98 % of their values are.
+    pub code_range: [f32; 2],
+    /// Median over intensities of the relative difference between the standard deviations of
+    /// synthesised and real noise. `None` if there are too few pixels.
+    pub sigma_error: Option<f64>,
+}
+
+/// Why there is no noise by example.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NoExample {
+    #[error(
+        "{} at rest; at least {MIN_FRAMES} are needed, {GOOD_FRAMES} are better: hold the camera still for two seconds",
+        count(*frames, "frame")
+    )]
+    TooFewFrames { frames: usize },
+    #[error("the pictures have 16 bits for each channel; it is for pictures of 8 bits")]
+    Depth,
+    #[error("the scenes have different sizes; give scenes of one size")]
+    Sizes,
+    #[error(
+        "it needs still pictures of a camera at rest: hold the camera still for two seconds, and calibrate from these frames without --moving"
+    )]
+    Moving,
+    #[error(transparent)]
+    Model(#[from] ModelError),
+}
+
+/// A part of the picture, px.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Window {
+    at: [usize; 2],
+    size: [usize; 2],
+}
+
+/// Frames and windows that are sampled.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+struct SamplingPlan {
+    /// Index of the frame, ascending, and the window.
+    samples: Vec<(usize, Window)>,
+}
+
+impl SamplingPlan {
+    /// Samples of so many frames, of at most `budget_px` altogether.
+    fn of(size: [usize; 2], frames: usize, budget_px: usize) -> Self {
+        let area = (size[0] * size[1]).max(1);
+        let whole = (budget_px / area).min(frames);
+        if whole >= WINDOWS.min(frames) {
+            let frame = |i: usize| (i * frames / whole, Window { at: [0, 0], size });
+            return Self { samples: (0..whole).map(frame).collect() };
+        }
+        let side = (budget_px / WINDOWS).isqrt() / GRID_PX * GRID_PX;
+        let window = size.map(|length| length.min(side));
+        let sample = |i: usize| {
+            let at = [i % 2, i / 2 % 2];
+            let first = |axis: usize| {
+                let middle = size[axis] * (1 + 2 * at[axis]) / 4;
+                let last = size[axis] - window[axis];
+                middle.saturating_sub(window[axis] / 2).min(last) / GRID_PX * GRID_PX
+            };
+            (i * frames / WINDOWS, Window { at: [first(0), first(1)], size: window })
+        };
+        Self { samples: (0..WINDOWS).map(sample).collect() }
+    }
+}
+
+/// Codes of a window, and their coding.
+#[derive(Clone, Debug)]
+struct Sample {
+    window: Window,
+    noisy: Vec<u8>,
+    coding: PictureCoding,
+}
+
+/// A frame of the calibration.
+#[derive(Clone, Debug)]
+struct ExampleFrame {
+    frame: CalibrationFrame,
+    coding: PictureCoding,
+}
+
+/// Samples frames during a calibration.
+#[derive(Clone, Debug)]
+pub(super) struct ExampleSampler {
+    budget_px: usize,
+    /// Distance of the scenes that are sampled.
+    scene_step: usize,
+    scenes: usize,
+    expected_frames: usize,
+    plan: Option<SamplingPlan>,
+    next_frame: usize,
+    samples: Vec<Sample>,
+    frames: Vec<ExampleFrame>,
+    /// Frames of the scenes that were used.
+    resting_frames: usize,
+    known_mean: bool,
+    /// The first reason against a model.
+    problem: Option<NoExample>,
+    /// Most frames of a scene that had too few.
+    most_frames: usize,
+}
+
+impl ExampleSampler {
+    /// For so many scenes.
+    pub fn new(scenes: usize) -> Self {
+        let scene_step = scenes.div_ceil(MAX_SCENES).max(1);
+        Self {
+            budget_px: MAX_ATLAS_PX / scenes.div_ceil(scene_step).max(1),
+            scene_step,
+            scenes: 0,
+            expected_frames: 0,
+            plan: None,
+            next_frame: 0,
+            samples: Vec::new(),
+            frames: Vec::new(),
+            resting_frames: 0,
+            known_mean: false,
+            problem: None,
+            most_frames: 0,
+        }
+    }
+
+    /// Starts a scene of so many frames.
+    pub fn begin_scene(&mut self, frames: usize) {
+        self.expected_frames = frames;
+        let is_sampled = self.scenes.is_multiple_of(self.scene_step);
+        self.scenes += 1;
+        self.plan = (!is_sampled).then(SamplingPlan::default);
+        self.next_frame = 0;
+        self.samples.clear();
+    }
+
+    pub fn add_frame(&mut self, pixels: &Pixels) {
+        let index = self.next_frame;
+        self.next_frame += 1;
+        let size = [pixels.width as usize, pixels.height as usize];
+        let plan = self.plan.get_or_insert_with(|| SamplingPlan::of(size, self.expected_frames, self.budget_px));
+        let Codes::U8(codes) = &pixels.codes else {
+            self.problem.get_or_insert(NoExample::Depth);
+            return;
+        };
+        let coding = pixels.coding.as_deref().cloned().unwrap_or_else(PictureCoding::of_uncoded);
+        for (_, window) in plan.samples.iter().filter(|(frame, _)| *frame == index) {
+            let Window { at: [x, y], size: [width, height] } = *window;
+            let row = |row: usize| &codes[3 * ((y + row) * size[0] + x)..][..3 * width];
+            let noisy = (0..height).flat_map(row).copied().collect();
+            self.samples.push(Sample { window: *window, noisy, coding: cropped(&coding, window.at) });
+        }
+    }
+
+    /// Ends a scene; `still` is true for each block that stood still.
+    pub fn end_scene(&mut self, scene: &SceneSums, still: &[bool]) {
+        let frames = scene.frames as usize;
+        if self.samples.is_empty() {
+            return;
+        }
+        if !scene.known_mean && frames < MIN_FRAMES {
+            self.most_frames = self.most_frames.max(frames);
+            return;
+        }
+        self.known_mean |= scene.known_mean;
+        self.resting_frames += frames;
+        let size = [scene.width, scene.height];
+        let gain = if scene.known_mean { 1.0 } else { frames as f32 / (frames as f32 - 1.0) };
+        for Sample { window, noisy, coding } in self.samples.drain(..) {
+            let [width, height] = window.size;
+            let place = |x: usize, y: usize| (window.at[1] + y) * size[0] + window.at[0] + x;
+            let mean: Planes = std::array::from_fn(|c| {
+                GreyImage::from_fn(width, height, |x, y| scene.pixel(3 * place(x, y) + c).mean as f32)
+            });
+            let inside = |v: usize, axis: usize| {
+                let (first, last) = (window.at[axis], window.at[axis] + window.size[axis]);
+                (first == 0 || v >= WINDOW_MARGIN_PX)
+                    && (last == size[axis] || v + WINDOW_MARGIN_PX < window.size[axis])
+            };
+            let mask = (0..width * height).map(|i| {
+                let (x, y) = (i % width, i / width);
+                let block = (window.at[1] + y) / BLOCK * size[0].div_ceil(BLOCK) + (window.at[0] + x) / BLOCK;
+                still[block] && inside(x, 0) && inside(y, 1)
+            });
+            let frame = CalibrationFrame { mean, noisy, mask: mask.collect(), variance_gain: gain };
+            self.frames.push(ExampleFrame { frame, coding });
+        }
+    }
+
+    /// Calibrates the model.
+    pub fn finish(self) -> Result<ExampleCalibration, NoExample> {
+        if let Some(problem) = self.problem {
+            return Err(problem);
+        }
+        let Some(first) = self.frames.first() else {
+            return Err(NoExample::TooFewFrames { frames: self.most_frames });
+        };
+        let size = |frame: &ExampleFrame| [frame.frame.mean[0].width, frame.frame.mean[0].height];
+        if self.frames.iter().any(|frame| size(frame) != size(first)) {
+            return Err(NoExample::Sizes);
+        }
+        let coded = self.frames.iter().map(|ExampleFrame { frame, coding }| CodedFrame { frame, coding });
+        let coded: Vec<CodedFrame<'_>> = coded.collect();
+        let model = calibrate_coded(&coded, SEED)?;
+        let method = match self.known_mean {
+            true => ExampleMethod::Pairs,
+            false => ExampleMethod::Resting { frames: self.resting_frames },
+        };
+        let usable = |frame: &ExampleFrame| frame.frame.mask.iter().filter(|usable| **usable).count();
+        let pixels = self.frames.iter().map(|frame| frame.frame.mask.len()).sum::<usize>().max(1);
+        let usable_share = self.frames.iter().map(usable).sum::<usize>() as f64 / pixels as f64;
+        let sigma_error = sigma_error(&model, first)?;
+        let code_range = code_range(&self.frames);
+        Ok(ExampleCalibration { model, method, usable_share, code_range, sigma_error })
+    }
+}
+
+/// The coding of a picture that is cut at a pixel.
+fn cropped(coding: &PictureCoding, at: [usize; 2]) -> PictureCoding {
+    let mut coding = coding.clone();
+    let unit = coding.unit_px();
+    if let Some(quantization) = &mut coding.quantization {
+        let origin = quantization.origin;
+        quantization.origin = [0, 1].map(|axis| -((at[axis] as i32 - origin[axis]).rem_euclid(unit[axis] as i32)));
+    }
+    coding
+}
+
+/// Codes between which 98 % of the usable pixels of the clean pictures are, over all channels.
+fn code_range(frames: &[ExampleFrame]) -> [f32; 2] {
+    let mut histogram = [0usize; 256];
+    for frame in frames.iter().map(|frame| &frame.frame) {
+        for plane in &frame.mean {
+            for (value, _) in plane.values.iter().zip(&frame.mask).filter(|(_, usable)| **usable) {
+                histogram[value.round().clamp(0.0, 255.0) as usize] += 1;
+            }
+        }
+    }
+    let total: usize = histogram.iter().sum();
+    let at = |share: f64| {
+        let mut below = 0;
+        let reached = |n: &usize| {
+            below += n;
+            below as f64 > share * total as f64
+        };
+        histogram.iter().position(reached).unwrap_or(255) as f32
+    };
+    [at(0.01), at(0.99)]
+}
+
+/// Median over intensities of |σ of synthesised noise / σ of real noise − 1| in a frame.
+fn sigma_error(model: &NoiseModel, frame: &ExampleFrame) -> Result<Option<f64>, ModelError> {
+    let ExampleFrame { frame, coding } = frame;
+    let synthesised = synthesise(model, &frame.mean, coding, CHECK_KEY)?;
+    // Samples, and squared differences from the mean of both.
+    let mut bins = [(0usize, 0.0f64, 0.0f64); 256 / BIN_CODES];
+    for (i, _) in frame.mask.iter().enumerate().filter(|(_, usable)| **usable) {
+        for c in 0..3 {
+            let mean = frame.mean[c].values[i];
+            let bin = &mut bins[(mean.clamp(0.0, 255.0) as usize) / BIN_CODES];
+            let square = |codes: &[u8]| f64::from(f32::from(codes[3 * i + c]) - mean).powi(2);
+            *bin = (bin.0 + 1, bin.1 + square(&frame.noisy), bin.2 + square(&synthesised));
+        }
+    }
+    let gain = f64::from(frame.variance_gain);
+    let full = bins.iter().filter(|bin| bin.0 >= MIN_BIN_SAMPLES && bin.1 > 0.0);
+    Ok(midpoint_median(full.map(|(_, real, drawn)| ((drawn / (gain * real)).sqrt() - 1.0).abs())))
+}
+
+impl fmt::Display for ExampleCalibration {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let sources = &self.model.sources;
+        let megapixels = sources.iter().map(|source| source.size[0] * source.size[1]).sum::<usize>() as f64 / 1e6;
+        let parts = count(sources.len(), "part");
+        match self.method {
+            ExampleMethod::Resting { frames } => {
+                write!(f, "noise by example, from {} at rest", count(frames, "frame"))?;
+            }
+            ExampleMethod::Pairs => write!(f, "noise by example, from frames with a clean picture")?,
+        }
+        writeln!(f, ": {parts} of {megapixels:.1} Mpx in all, {:.0} % of it usable", 100.0 * self.usable_share)?;
+        if let Some(error) = self.sigma_error {
+            writeln!(
+                f,
+                "its sigma differs from that of the frames by {:.0} % (median over intensities)",
+                100.0 * error
+            )?;
+        }
+        match self.method {
+            ExampleMethod::Resting { frames } if frames < GOOD_FRAMES => writeln!(
+                f,
+                "note: {GOOD_FRAMES} or more frames give a cleaner mean: hold the camera still for two seconds"
+            )?,
+            _ => {}
+        }
+        let [dark, bright] = self.code_range;
+        if bright - dark < WIDE_CODES {
+            writeln!(
+                f,
+                "note: the pictures have codes from {dark:.0} to {bright:.0} alone; other content gets the noise of the \
+                 most similar: show dark and bright, plain and detailed things"
+            )?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::ops::ControlFlow;
+    use std::path::{Path, PathBuf};
+
+    use super::*;
+    use crate::calibrate::{NoiseOptions, noise_and_example_from_paths};
+    use crate::coding::{BlockQuantization, ChromaSampling, Decoder, YcbcrColor};
+    use crate::exemplar_noise::atlas::USABLE;
+    use crate::exemplar_noise::file::{from_bytes, to_bytes};
+    use crate::hash::pcg3d;
+
+    const SIDE: usize = 208;
+    /// First column and row of a patch that moves.
+    const MOVING_PX: usize = 184;
+
+    /// A picture of a camera at rest: left half dark with σ 2, right half bright with σ 5.
+    fn picture(frame: u32) -> image::RgbImage {
+        image::RgbImage::from_fn(SIDE as u32, SIDE as u32, |x, y| {
+            let (level, sigma) = if (x as usize) < SIDE / 2 { (60.0, 2.0) } else { (180.0, 5.0) };
+            let moves = x as usize >= MOVING_PX && y as usize >= MOVING_PX;
+            let level = if moves { 40.0 + 30.0 * frame as f32 } else { level };
+            let words = pcg3d([x, y, frame]);
+            image::Rgb(words.map(|word| {
+                let uniform = (word as f32 / u32::MAX as f32 - 0.5) * 12.0f32.sqrt();
+                (level + sigma * uniform).round() as u8
+            }))
+        })
+    }
+
+    fn write_frames(folder: &Path, frames: u32) -> Vec<PathBuf> {
+        let file = |frame| {
+            let file = folder.join(format!("{frame}.png"));
+            picture(frame).save(&file).unwrap();
+            file
+        };
+        (0..frames).map(file).collect()
+    }
+
+    fn example(frames: &[PathBuf], means: &[PathBuf]) -> Result<ExampleCalibration, NoExample> {
+        let mut progress = |_, _| ControlFlow::Continue(());
+        let options = NoiseOptions { min_independent: 100.0, ..NoiseOptions::default() };
+        noise_and_example_from_paths(frames, means, &options, &mut progress).unwrap().1
+    }
+
+    #[test]
+    fn uncoded_frames_at_rest_give_a_model_without_the_moving_part() {
+        let folder = tempfile::tempdir().unwrap();
+        let example = example(&write_frames(folder.path(), 4), &[]).unwrap();
+        let numbers = &example.model.numbers;
+        assert_eq!((example.method, example.model.sources.len()), (ExampleMethod::Resting { frames: 4 }, 4));
+        assert_eq!((numbers.chroma_factor, numbers.coding_difference(&PictureCoding::of_uncoded())), ([1, 1], None));
+        for source in &example.model.sources {
+            let usable = |x: usize, y: usize| source.flags[y * SIDE + x] & USABLE != 0;
+            assert!(usable(20, 20) && usable(120, 190) && !usable(MOVING_PX, MOVING_PX) && !usable(207, 207));
+        }
+        // Blocks of 8 px: 24² of 208² px.
+        let moving = (24.0f64 / 208.0).powi(2);
+        assert!((example.usable_share - (1.0 - moving)).abs() < 0.01, "{}", example.usable_share);
+        assert_eq!(example.code_range.map(|code| (code / 10.0).round()), [6.0, 18.0]);
+        let error = example.sigma_error.unwrap();
+        assert!(error < 0.08, "{error}");
+        let text = example.to_string();
+        assert!(text.contains("from 4 frames at rest") && text.contains("hold the camera still"), "{text}");
+        assert!(from_bytes(&to_bytes(&example.model).unwrap()).unwrap() == example.model);
+    }
+
+    #[test]
+    fn noisy_picture_and_its_mean_give_a_model() {
+        let folder = tempfile::tempdir().unwrap();
+        let mean = folder.path().join("mean.png");
+        let levels = image::RgbImage::from_fn(SIDE as u32, SIDE as u32, |x, _| {
+            image::Rgb([if (x as usize) < SIDE / 2 { 60 } else { 180 }; 3])
+        });
+        levels.save(&mean).unwrap();
+        let found = example(&write_frames(folder.path(), 1), &[mean]).unwrap();
+        assert_eq!((found.method, found.model.sources.len()), (ExampleMethod::Pairs, 1));
+        assert!(found.sigma_error.unwrap() < 0.08 && found.to_string().contains("clean picture"), "{found}");
+    }
+
+    #[test]
+    fn few_or_deep_frames_give_no_model_with_the_reason() {
+        let folder = tempfile::tempdir().unwrap();
+        let files = write_frames(folder.path(), 3);
+        let few = example(&files, &[]).unwrap_err();
+        assert_eq!(few, NoExample::TooFewFrames { frames: 3 });
+        assert!(few.to_string().starts_with("3 frames at rest; at least 4 are needed"), "{few}");
+        let deep = |frame: u32| {
+            let file = folder.path().join(format!("deep{frame}.png"));
+            let wide = picture(frame).into_raw().into_iter().map(|code| u16::from(code) * 257).collect();
+            let wide = image::ImageBuffer::<image::Rgb<u16>, Vec<u16>>::from_raw(SIDE as u32, SIDE as u32, wide);
+            wide.unwrap().save(&file).unwrap();
+            file
+        };
+        let deep: Vec<PathBuf> = (0..4).map(deep).collect();
+        assert_eq!(example(&deep, &[]).unwrap_err(), NoExample::Depth);
+    }
+
+    #[test]
+    fn small_frames_are_sampled_whole_and_evenly() {
+        let plan = SamplingPlan::of([640, 480], 50, MAX_ATLAS_PX);
+        let frames: Vec<usize> = plan.samples.iter().map(|sample| sample.0).collect();
+        // 2,097,152 / 307,200 = 6.8.
+        assert_eq!(frames, [0, 8, 16, 25, 33, 41]);
+        assert!(plan.samples.iter().all(|sample| sample.1 == Window { at: [0, 0], size: [640, 480] }));
+        assert_eq!(SamplingPlan::of([640, 480], 4, MAX_ATLAS_PX).samples.len(), 4);
+        // One frame of a pair.
+        assert_eq!(SamplingPlan::of([1600, 1200], 1, MAX_ATLAS_PX).samples.len(), 1);
+    }
+
+    #[test]
+    fn large_frames_are_sampled_as_aligned_windows_within_the_budget() {
+        for (size, frames) in [([1920, 1080], 30), ([6000, 4000], 1), ([6000, 300], 9)] {
+            let plan = SamplingPlan::of(size, frames, MAX_ATLAS_PX);
+            assert_eq!(plan.samples.len(), WINDOWS);
+            let mut area = 0;
+            for (frame, window) in &plan.samples {
+                assert!(*frame < frames && (0..2).all(|axis| window.at[axis] + window.size[axis] <= size[axis]));
+                assert!(window.at.iter().all(|at| at % GRID_PX == 0), "{window:?}");
+                area += window.size[0] * window.size[1];
+            }
+            assert!(area <= MAX_ATLAS_PX, "{size:?}: {area}");
+            assert!(plan.samples[0].1.at[0] < plan.samples[1].1.at[0]);
+        }
+    }
+
+    #[test]
+    fn cropped_coding_keeps_the_grid_in_place() {
+        let coding = PictureCoding {
+            color: YcbcrColor::JFIF,
+            chroma: Some(ChromaSampling::centered([2, 1])),
+            quantization: Some(BlockQuantization { steps: [[4; 64]; 3], origin: [-8, 0] }),
+            decoder: Decoder::ZuneJpeg,
+        };
+        let origin = |at| cropped(&coding, at).quantization.unwrap().origin;
+        // Units start at x = 8, 24, 40 and at y = 0, 8.
+        assert_eq!((origin([0, 0]), origin([16, 16]), origin([24, 9])), ([-8, 0], [-8, 0], [0, -1]));
+        let uncoded = PictureCoding::of_uncoded();
+        assert_eq!(cropped(&uncoded, [3, 5]), uncoded);
+    }
+}
