@@ -195,7 +195,7 @@ impl ExampleSampler {
             self.problem.get_or_insert(NoExample::Depth);
             return;
         };
-        let coding = pixels.coding.as_deref().cloned().unwrap_or_else(PictureCoding::of_uncoded);
+        let coding = pixels.coding.as_deref().cloned().unwrap_or(PictureCoding::UNROUNDED);
         for (_, window) in plan.samples.iter().filter(|(frame, _)| *frame == index) {
             let Window { at: [x, y], size: [width, height] } = *window;
             let row = |row: usize| &codes[3 * ((y + row) * size[0] + x)..][..3 * width];
@@ -408,7 +408,7 @@ mod tests {
         let example = example(&write_frames(folder.path(), 4), &[]).unwrap();
         let numbers = &example.model.numbers;
         assert_eq!((example.method, example.model.sources.len()), (ExampleMethod::Resting { frames: 4 }, 4));
-        assert_eq!((numbers.chroma_factor, numbers.coding_difference(&PictureCoding::of_uncoded())), ([1, 1], None));
+        assert_eq!((numbers.chroma_factor, numbers.coding_difference(&PictureCoding::UNROUNDED)), ([1, 1], None));
         for source in &example.model.sources {
             let usable = |x: usize, y: usize| source.flags[y * SIDE + x] & USABLE != 0;
             assert!(usable(20, 20) && usable(120, 190) && !usable(MOVING_PX, MOVING_PX) && !usable(207, 207));
@@ -494,7 +494,7 @@ mod tests {
         let origin = |at| cropped(&coding, at).quantization.unwrap().origin;
         // Units start at x = 8, 24, 40 and at y = 0, 8.
         assert_eq!((origin([0, 0]), origin([16, 16]), origin([24, 9])), ([-8, 0], [-8, 0], [0, -1]));
-        let uncoded = PictureCoding::of_uncoded();
+        let uncoded = PictureCoding::UNROUNDED;
         assert_eq!(cropped(&uncoded, [3, 5]), uncoded);
     }
 }

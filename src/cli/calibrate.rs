@@ -56,8 +56,8 @@ struct NoiseArgs {
     /// The scene's known mean, for single noisy frames; repeated for each of them
     #[arg(long)]
     mean: Vec<PathBuf>,
-    /// The profile to write; its other tables are kept. Noise by example goes beside it, into a file
-    /// of the same name that ends in .locnoise, where there are four frames at rest or a known mean
+    /// The profile to write; its other tables are kept. From four frames at rest or a known mean,
+    /// noise by example is written beside it, as a file that ends in .locnoise
     #[arg(short = 'o', long = "output", value_name = "PROFILE")]
     output: PathBuf,
     /// Replace the table [camera.noise] of a profile that exists, and its noise by example

@@ -52,17 +52,12 @@ fn frame(seed: u32) -> CalibrationFrame {
     }
 }
 
-<<<<<<< HEAD
-static MODEL: LazyLock<NoiseModel> = LazyLock::new(|| model([1, 1]));
+pub static MODEL: LazyLock<NoiseModel> = LazyLock::new(|| model([1, 1]));
 
 /// A model of that frame, for chroma of this sampling.
 pub fn model(factor: [u32; 2]) -> NoiseModel {
     calibrate(&[frame(1)], &coding(factor), 7).expect("enough tiles")
 }
-=======
-pub(crate) static MODEL: LazyLock<NoiseModel> =
-    LazyLock::new(|| calibrate(&[frame(1)], &coding([1, 1]), 7).expect("enough tiles"));
->>>>>>> 7fc88c23 (Profiles name a noise model; calibrate noise writes it from frames at rest and from pairs)
 
 fn deviation(values: impl Iterator<Item = f32> + Clone) -> f32 {
     let count = values.clone().count() as f32;
