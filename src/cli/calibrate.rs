@@ -17,7 +17,7 @@ use existing::{pictures_beside, unreadable};
 
 use locard_engine::calibrate::{
     ExampleCalibration, NoExample, NoiseCalibration, NoiseOptions, SceneMotion, moving_noise_from_paths,
-    noise_and_example_from_paths,
+    noise_and_example_from_paths, noise_from_paths,
 };
 use locard_engine::exemplar_noise::{NoiseExample, file as model_file};
 use locard_engine::export::Inputs;
@@ -60,6 +60,9 @@ struct NoiseArgs {
     /// noise by example is written beside it, as a file that ends in .locnoise
     #[arg(short = 'o', long = "output", value_name = "PROFILE")]
     output: PathBuf,
+    /// Write the table alone, without noise by example
+    #[arg(long)]
+    no_example: bool,
     /// Replace the table [camera.noise] of a profile that exists, and its noise by example
     #[arg(long)]
     force: bool,
@@ -83,7 +86,9 @@ fn noise(args: NoiseArgs) -> Result<()> {
     let inputs = Inputs::default().and(read.clone()).and(&pictures_beside(read));
     let example_file = args.output.with_extension(EXAMPLE_EXTENSION);
     inputs.check_file(&args.output)?;
-    inputs.check_file(&example_file)?;
+    if !args.no_example {
+        inputs.check_file(&example_file)?;
+    }
     let (is_there, mut profile) = existing(&args.output)?;
     if profile.has_noise() && !args.force {
         bail!(failed("has a table [camera.noise] already; it is kept unless --force is given"));
@@ -91,7 +96,7 @@ fn noise(args: NoiseArgs) -> Result<()> {
     if example_file == args.output {
         bail!(failed("ends as a file of noise by example; name the profile *.toml"));
     }
-    if example_file.exists() && !args.force {
+    if example_file.exists() && !args.force && !args.no_example && !args.moving {
         bail!("{}: exists already; it is kept unless --force is given", example_file.display());
     }
     let options = NoiseOptions::default();
@@ -101,26 +106,30 @@ fn noise(args: NoiseArgs) -> Result<()> {
         bar.set_position(done as u64);
         ControlFlow::Continue(())
     };
+    let wanted = !args.no_example;
     let calibration = if args.moving {
-        moving_noise_from_paths(&args.frames, &options, &mut shown).map(|found| (found, Err(NoExample::Moving)))
+        let found = moving_noise_from_paths(&args.frames, &options, &mut shown);
+        found.map(|found| (found, wanted.then_some(Err(NoExample::Moving))))
+    } else if wanted {
+        let found = noise_and_example_from_paths(&args.frames, &args.mean, &options, &mut shown);
+        found.map(|(found, example)| (found, Some(example)))
     } else {
-        noise_and_example_from_paths(&args.frames, &args.mean, &options, &mut shown)
+        noise_from_paths(&args.frames, &args.mean, &options, &mut shown).map(|found| (found, None))
     };
     bar.finish_and_clear();
     let (mut calibration, example) = calibration?;
-    let example = match example {
-        Ok(example) => Ok(WrittenExample::write(example, &example_file, args.force)?),
-        Err(reason) => Err(reason),
+    let report = match example {
+        Some(Ok(example)) => {
+            let written = WrittenExample::write(example, &example_file, args.force)?;
+            calibration.profile.example = Some(written.example);
+            written.report
+        }
+        Some(Err(reason)) => format!("no noise by example: {reason}\n"),
+        None => String::new(),
     };
-    calibration.profile.example = example.as_ref().ok().map(|written| written.example.clone());
     profile.set_noise(&calibration.profile, &origin(&calibration), &args.output);
     write_atomically(&args.output, is_there, |file| file.write_all(profile.to_string().as_bytes()))?;
-    let mut out = std::io::stdout().lock();
-    write!(out, "{calibration}")?;
-    match example {
-        Ok(written) => write!(out, "{}", written.report)?,
-        Err(reason) => writeln!(out, "no noise by example: {reason}")?,
-    }
+    write!(std::io::stdout().lock(), "{calibration}{report}")?;
     Ok(())
 }
 

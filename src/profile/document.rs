@@ -88,8 +88,8 @@ impl Document {
         decor.set_prefix(kept);
     }
 
-    /// Adapts the path of a noise example to a profile that was read from one file and is written to
-    /// another.
+    /// Adapts the path of a noise example to a profile that was read from one file and is written
+    /// to another.
     pub fn relocate(&mut self, from: &Path, to: &Path) {
         let camera = self.text.get_mut("camera").and_then(|camera| camera.get_mut("noise"));
         let Some(item) = camera.and_then(|noise| noise.get_mut(noise::EXAMPLE)) else { return };

@@ -25,6 +25,7 @@ mod live;
 mod measure;
 mod moving;
 mod noise;
+mod noise_example;
 mod picked;
 mod simulated;
 mod tags;

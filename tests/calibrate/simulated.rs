@@ -89,7 +89,7 @@ fn program_recovers_the_simulated_camera_from_folders() {
     };
     let mut paths: Vec<&Path> = folders.iter().map(PathBuf::as_path).collect();
     paths.extend([Path::new("--output"), &profile]);
-    let table = locard(&["calibrate", "noise"], &paths);
+    let table = locard(&["calibrate", "noise", "--no-example"], &paths);
     assert!(table.starts_with("4 scenes, 40 frames;"), "{table}");
 
     let mut rig = Rig::default();
