@@ -157,12 +157,13 @@ pub fn digest(folder: &Path) -> Option<String> {
 impl Analysis {
     pub fn new(recording: &Recording, camera: &Geometry, registration: &Registration, found: Estimates<'_>) -> Self {
         let Estimates { gain, gains, across, exposure, spread, noise, noise_examples, tone, light, surfels } = found;
-        let NoiseExamples { why, frames, usable_share, file } = noise_examples;
+        let NoiseExamples { why, frames, usable_share, frame_correlation, file } = noise_examples;
         let noise_example = NoiseExampleFile::of(file, Path::new(NOISE_EXAMPLE)).ok();
         let noise_example_findings = NoiseExampleFindings {
             why,
             frames,
             usable_share,
+            frame_correlation,
             sha256: noise_example.as_ref().map(|file| inputs::hex(&Sha256::digest(&file.bytes))),
         };
         let surfels = SurfelMap::of(&surfels);

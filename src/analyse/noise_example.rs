@@ -15,6 +15,10 @@
 //! the mean's gradient is small. That depends on the content alone, so that it selects no noise.
 //! Where the residual's variance over 7 × 7 px exceeds 9 times that of noise, something moved.
 //!
+//! Correlation of noise with the nearest frame (in time): Σ (own − mean)(sample − mean) over
+//! Σ (own − mean)². Of independent noise it is 0, because the sample's part in the mean cancels the
+//! mean's variance.
+//!
 //! Not modelled: the mean's own spectrum (interpolation smooths it), and detail that interpolation
 //! removes from it.
 
@@ -90,6 +94,9 @@ pub struct NoiseExampleFindings {
     pub frames: usize,
     /// Share of their pixels that were usable.
     pub usable_share: f64,
+    /// Correlation of a frame's noise with that of the nearest frame, at the same points of the
+    /// scene. Not drawn.
+    pub frame_correlation: f64,
     /// SHA-256 of the model's file, hexadecimal.
     pub sha256: Option<String>,
 }
@@ -99,7 +106,13 @@ impl fmt::Display for NoiseExampleFindings {
         if self.sha256.is_none() {
             return write!(f, "none of noise: {}", self.why.as_deref().unwrap_or("no reason is given"));
         }
-        write!(f, "of noise, from {}, {:.0} % of their pixels", count(self.frames, "frame"), 100.0 * self.usable_share)
+        write!(
+            f,
+            "of noise, from {}, {:.0} % of their pixels; noise of neighbouring frames correlates by {:.2}",
+            count(self.frames, "frame"),
+            100.0 * self.usable_share,
+            self.frame_correlation
+        )
     }
 }
 
@@ -109,6 +122,7 @@ pub struct NoiseExamples {
     pub why: Option<String>,
     pub frames: usize,
     pub usable_share: f64,
+    pub frame_correlation: f64,
     /// The model's file; empty without one.
     pub file: Vec<u8>,
 }
@@ -142,11 +156,11 @@ pub fn examples(inputs: &ExampleInputs<'_>) -> Result<NoiseExamples, Registratio
         return Ok(NoiseExamples::none("examples of a moving camera's noise need measured depth"));
     }
     let mut frames = Vec::new();
-    let (mut coding, mut usable) = (None, 0.0);
+    let (mut coding, mut usable, mut products) = (None, 0.0, [0.0; 2]);
     let mut why = None;
     for target in slowest_frames(inputs, wanted) {
         match example(inputs, target)? {
-            Ok((frame, of_frame)) => {
+            Ok((frame, of_frame, of_neighbour)) => {
                 let share = frame.mask.iter().filter(|usable| **usable).count() as f64 / frame.mask.len().max(1) as f64;
                 if share < MIN_USABLE_SHARE {
                     why = Some(format!("only {:.0} % of a frame repeat in its neighbours", 100.0 * share));
@@ -157,6 +171,7 @@ pub fn examples(inputs: &ExampleInputs<'_>) -> Result<NoiseExamples, Registratio
                     continue;
                 }
                 usable += share;
+                products.iter_mut().zip(of_neighbour).for_each(|(sum, v)| *sum += v);
                 frames.push(frame);
             }
             Err(reason) => why = Some(reason),
@@ -166,7 +181,13 @@ pub fn examples(inputs: &ExampleInputs<'_>) -> Result<NoiseExamples, Registratio
         return Ok(NoiseExamples::none(why.unwrap_or_else(|| "no frame has neighbours with known poses".to_owned())));
     };
     Ok(match calibrate(&frames, &coding, 1).map_err(|error| error.to_string()).and_then(|model| to_file(&model)) {
-        Ok(file) => NoiseExamples { why: None, frames: frames.len(), usable_share: usable / frames.len() as f64, file },
+        Ok(file) => NoiseExamples {
+            why: None,
+            frames: frames.len(),
+            usable_share: usable / frames.len() as f64,
+            frame_correlation: products[0] / products[1].max(f64::MIN_POSITIVE),
+            file,
+        },
         Err(why) => NoiseExamples::none(why),
     })
 }
@@ -200,11 +221,11 @@ struct SampledFrame {
     gain: [f32; 3],
 }
 
-/// A frame with the mean of its neighbours, and its coding.
-fn example(
-    inputs: &ExampleInputs<'_>,
-    target: usize,
-) -> Result<Result<(CalibrationFrame, PictureCoding), String>, RegistrationError> {
+/// A frame with the mean of its neighbours, its coding, and two sums: of the products of its
+/// residuals with those of the nearest frame, and of their squares.
+type FrameExample = (CalibrationFrame, PictureCoding, [f64; 2]);
+
+fn example(inputs: &ExampleInputs<'_>, target: usize) -> Result<Result<FrameExample, String>, RegistrationError> {
     let ExampleInputs { recording, model, states, noise, threads, .. } = *inputs;
     let (width, height) = model.size();
     let range = target.saturating_sub(REACH)..(target + REACH + 1).min(recording.frame_count());
@@ -260,7 +281,9 @@ fn example(
             }
         }
     });
-    Ok(Ok((calibration_frame(&own, codes.clone(), &means, &table), coding)))
+    let frame = calibration_frame(&own, codes.clone(), &means, &table);
+    let products = view.products(&own, &neighbours[0], &frame);
+    Ok(Ok((frame, coding, products)))
 }
 
 fn planes(codes: &[u8], width: usize, height: usize) -> Planes {
@@ -363,6 +386,24 @@ impl DepthView<'_> {
             *gain = *ratios.select_nth_unstable_by(middle, f32::total_cmp).1;
         }
         Some(gain)
+    }
+
+    /// Sums over usable pixels: of the products of the frame's residual and a neighbour's, and of
+    /// the squares of the frame's.
+    fn products(&self, own: &Planes, neighbour: &SampledFrame, frame: &CalibrationFrame) -> [f64; 2] {
+        let (width, height) = self.model.size();
+        let camera_from_world = neighbour.state.world_from_camera.inverse();
+        let mut sums = [0.0; 2];
+        for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
+            let i = y * width + x;
+            let Some(point) = self.point(x, y).filter(|_| frame.mask[i]) else { continue };
+            let Some(sample) = self.sample(neighbour, &camera_from_world, point, y) else { continue };
+            let mean = frame.mean[1].values[i];
+            let [residual, other] = [own[1].values[i] - mean, neighbour.gain[1] * sample[1] - mean];
+            sums[0] += f64::from(residual * other);
+            sums[1] += f64::from(residual * residual);
+        }
+        sums
     }
 
     /// Mean of the neighbours' samples at a pixel, and Σ cᵢ / n². `table`: σ by code.
