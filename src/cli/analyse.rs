@@ -23,6 +23,7 @@ use locard_engine::sink::atomic::write_atomically;
 use locard_engine::source::file;
 use locard_engine::support::SupportReport;
 use locard_engine::text::{count, fixed, number};
+use locard_engine::verify::NoiseComparison;
 
 /// Largest report, bytes.
 const MAX_REPORT_BYTES: u64 = 64 << 20;
@@ -102,7 +103,7 @@ pub fn run(args: &Args) -> Result<()> {
         writeln!(std::io::stdout().lock(), "{name:<11}{text}")?;
     }
     if let Some(path) = &args.report {
-        write_report(path, &shot, (&analysis, grounds), times.as_ref())?;
+        write_report(path, &shot, (&analysis, grounds), times.as_ref(), None)?;
     }
     if let (Some(path), Some(mut profile)) = (&args.accept, updated_profile) {
         let accepted = accept(&analysis.findings, &mut profile);
@@ -158,7 +159,7 @@ fn print_accepted(accepted: &[Accepted], findings: &Findings, time_offset_s: f64
 
 /// Checks before the analysis starts that the report can be written, and replaces nothing but a
 /// report.
-fn check_report(path: &Path, shot: &Shot, folder: &Path) -> Result<()> {
+pub fn check_report(path: &Path, shot: &Shot, folder: &Path) -> Result<()> {
     Inputs::of(shot).check_file(path)?;
     sink::check_file(path, true)?;
     if resolved(path).parent() == Some(&resolved(folder)) {
@@ -198,11 +199,12 @@ fn support_reports(scene: &Path, args: &Args, folder: &Path) -> Result<Vec<Suppo
     Ok(grounds)
 }
 
-fn write_report(
+pub fn write_report(
     path: &Path,
     shot: &Shot,
     (analysis, grounds): (&Analysis, &[SupportReport]),
     times: Option<&Times>,
+    noise: Option<&NoiseComparison>,
 ) -> Result<()> {
     let camera = shot.geometry_at(0)?;
     let response = shot.camera().response;
@@ -213,6 +215,7 @@ fn write_report(
         analysis,
         grounds,
         times,
+        noise,
     };
     let page = report::html(&source).with_context(|| format!("{}: cannot be created", path.display()))?;
     write_atomically(path, true, |out| out.write_all(page.as_bytes()))?;

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use anyhow::{Result, bail};
 
+use super::analyse::{check_report, write_report};
 use super::analysis::AnalysisArgs;
 use super::skip::Skip;
 use super::{progress, warn};
@@ -15,7 +16,10 @@ use locard_engine::recording::OpenOptions;
 use locard_engine::report::{self, SlidePair};
 use locard_engine::shot::{AnalysisChoice, AnalysisState, Shot, ShotOptions};
 use locard_engine::text::{count, fixed};
-use locard_engine::verify::{Brightness, DisplacementSummary, Verification, VerificationPlan, real_px, verify};
+use locard_engine::verify::{
+    self, Brightness, DisplacementSummary, NoiseComparison, NoiseNotCompared, Verification, VerificationPlan, real_px,
+    verify,
+};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -33,6 +37,9 @@ pub struct Args {
     /// Number of frames before and after it
     #[arg(long, value_name = "N", default_value_t = 8)]
     gap: usize,
+    /// Also write the report of the recording's analysis, with the comparison of noise
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
     #[command(flatten)]
     analysis: AnalysisArgs,
     #[command(flatten)]
@@ -74,6 +81,12 @@ pub fn run(args: &Args) -> Result<()> {
         bail!("{}: there is no depth, so the positions of visible surfaces are unknown", args.recording.display());
     }
     let found = open(args.analysis.choice())?;
+    if let Some(path) = &args.report {
+        let AnalysisState::Used(folder, _) = &found.analysis else {
+            bail!("{}: --report needs an analysis; make one with `locard analyse`", args.recording.display());
+        };
+        check_report(path, &recorded, folder)?;
+    }
     for note in found.notes(0..found.recording.frame_count()) {
         warn(args.quiet, &note.to_string());
     }
@@ -92,8 +105,27 @@ pub fn run(args: &Args) -> Result<()> {
     let by_findings = is_analysed.then(|| verify_shot(&found, 1)).transpose()?;
     let real_px = real_px(&found)?;
     let slides = measure_slides(&recorded, &found)?;
+    let noise = verify::noise(&gpu, &found, |done, of| {
+        bar.set_length(of as u64);
+        bar.set_position(done as u64);
+    })?;
     bar.finish_and_clear();
+    if let (Some(path), AnalysisState::Used(folder, _)) = (&args.report, &found.analysis) {
+        let (analysis, times) = (analyse::Analysis::read(folder)?, analyse::Times::kept(folder));
+        write_report(path, &recorded, (&analysis, &[]), times.as_ref(), noise.as_ref().ok())?;
+    }
+    print_noise(&noise)?;
     print_verdicts(args, &by_record, by_findings.as_ref(), &real_px, slides.as_deref())
+}
+
+/// The comparison of noise, which fails nothing: no model of noise passes for every camera.
+fn print_noise(found: &Result<NoiseComparison, NoiseNotCompared>) -> Result<()> {
+    let mut out = std::io::stdout().lock();
+    match found {
+        Ok(noise) => noise.lines().iter().try_for_each(|(label, text)| writeln!(out, "{label:<12} {text}"))?,
+        Err(why) => writeln!(out, "noise        not compared: {why}")?,
+    }
+    Ok(())
 }
 
 /// Slides with recorded and with refined poses; `None` without an analysis or without measured
@@ -110,6 +142,7 @@ fn measure_slides(recorded: &Shot, found: &Shot) -> Result<Option<Vec<SlidePair>
         analysis: &analysis,
         grounds: &[],
         times: None,
+        noise: None,
     };
     Ok(report::slides(&source)?.ok())
 }

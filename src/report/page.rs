@@ -12,6 +12,7 @@ use super::estimates::{Estimate, Mark, estimates};
 use super::{MADE_BY, ReportError, ReportSource};
 use crate::support::SupportReport;
 use crate::text::{count, fixed, shown};
+use crate::verify::NoiseComparison;
 
 /// A figure, or the reason for its absence.
 #[derive(Clone, Debug, Serialize)]
@@ -101,7 +102,7 @@ pub fn page(source: &ReportSource<'_>, figures: Vec<Figure>) -> Result<String, R
         reasons: reasons(&estimates),
         estimates,
         figures,
-        lines: findings.lines().into_iter().chain(source.grounds.iter().flat_map(SupportReport::lines)).collect(),
+        lines: lines(source),
         whole,
         parts,
     };
@@ -109,6 +110,13 @@ pub fn page(source: &ReportSource<'_>, figures: Vec<Figure>) -> Result<String, R
     // Undefined names are errors.
     templates.set_undefined_behavior(UndefinedBehavior::Strict);
     Ok(templates.render_named_str(TEMPLATE.0, TEMPLATE.1, Serde(page))? + "\n")
+}
+
+/// Labels and texts of the table of estimates, supports and noise.
+fn lines(source: &ReportSource<'_>) -> Vec<(&'static str, String)> {
+    let supports = source.grounds.iter().flat_map(SupportReport::lines);
+    let noise = source.noise.map(NoiseComparison::lines).unwrap_or_default();
+    source.analysis.findings.lines().into_iter().chain(supports).chain(noise).collect()
 }
 
 /// Kept and refused estimates: names, verdict and reason. Neighbours with the same reason are

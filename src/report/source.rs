@@ -5,6 +5,7 @@ use crate::camera::{Geometry, Response};
 use crate::measure::MeasureError;
 use crate::recording::{Recording, RecordingError};
 use crate::support::SupportReport;
+use crate::verify::NoiseComparison;
 
 /// The inputs of a page.
 #[derive(Clone, Copy)]
@@ -20,6 +21,8 @@ pub struct ReportSource<'a> {
     pub grounds: &'a [SupportReport],
     /// How long it took, if that is known.
     pub times: Option<&'a Times>,
+    /// Virtual noise beside the camera's, if it was compared.
+    pub noise: Option<&'a NoiseComparison>,
 }
 
 /// Marker by which a page of this program is recognized.

@@ -5,12 +5,16 @@
 //! ([`crate::analyse`]). Registration is measured by phase correlation of patches, brightness by
 //! the luma of small flat areas. From both the noise floor is subtracted, which is the result for
 //! two frames at rest ([`noise_floor`]). Noise and blur are off, because the source frame already
-//! contains them. Motion blur and sharpness have measurements of their own.
+//! contains them. Motion blur, sharpness and noise have measurements of their own.
 
 mod blur;
 mod error;
+mod flat_patches;
 mod frame_scene;
+mod noise;
+mod noise_figures;
 mod noise_floor;
+mod noise_lines;
 mod sharpness;
 
 use std::sync::Arc;
@@ -18,6 +22,8 @@ use std::sync::Arc;
 pub use blur::{BlurRatio, blur};
 pub use error::VerifyError;
 pub use frame_scene::frame_scene;
+pub use noise::{AIM_AUC, NoiseComparison, NoiseNotCompared, NoiseScore, noise};
+pub use noise_figures::{NoiseFigures, RealAndVirtual, SigmaBin};
 pub use noise_floor::DisplacementSummary;
 pub use sharpness::{real_px, sharpness_px};
 

@@ -24,7 +24,11 @@ fn lines(arguments: &[&str]) -> Vec<Line> {
             .map_or(f64::NAN, |(_, told)| told.split(' ').next().unwrap().parse().unwrap_or(f64::NAN)),
         verdict: line.rsplit(": ").next().unwrap().to_owned(),
     };
-    let found: Vec<Line> = text.lines().filter(|line| !line.starts_with("pairs")).map(line).collect();
+    let found: Vec<Line> = text
+        .lines()
+        .filter(|line| !["pairs", "noise", " "].iter().any(|start| line.starts_with(start)))
+        .map(line)
+        .collect();
     let names: Vec<&str> = found.iter().map(|line| line.name.as_str()).collect();
     assert_eq!(names, ["registration", "gain", "blur", "sharpness", "slide", "worse"], "{text}");
     let is_well = found.iter().all(|line| line.verdict != "FAIL");
