@@ -14,6 +14,11 @@
 //! A place is used if poses that are wrong by 0.15 px change its codes by less than noise: where
 //! the mean's gradient is small. That depends on the content alone, so that it selects no noise.
 //! Where the residual's variance over 7 × 7 px exceeds 9 times that of noise, something moved.
+//! The residual's own mean about a place, by a Gaussian of 16 px over usable pixels, is taken out:
+//! light and vignetting differ between frames by more than noise does over such distances.
+//!
+//! Errors of registration at edges are not noise, but grow with the content's activity. Activity
+//! is therefore clamped to its lower part: noise at edges has the strength of that beside them.
 //!
 //! Correlation of noise with the nearest frame (in time): Σ (own − mean)(sample − mean) over
 //! Σ (own − mean)². Of independent noise it is 0, because the sample's part in the mean cancels the
@@ -34,7 +39,7 @@ use super::registration_result::RegistrationError;
 use super::state::{CameraState, move_point, project_rolling_shutter};
 use crate::camera::NoiseProfile;
 use crate::coding::PictureCoding;
-use crate::exemplar_noise::calibration::{CalibrationFrame, calibrate};
+use crate::exemplar_noise::calibration::{CalibrationFrame, CodedFrame, calibrate_coded};
 use crate::exemplar_noise::{NoiseModel, path::Planes};
 use crate::fit::twist;
 use crate::frame::Frame;
@@ -66,7 +71,11 @@ const MAX_VARIANCE: f32 = 9.0;
 /// Assumed error of the poses in the picture, px, and the largest variance by it, by that of the
 /// noise.
 const POSE_ERROR_PX: f32 = 0.15;
-const MAX_POSE_VARIANCE: f32 = 0.5;
+const MAX_POSE_VARIANCE: f32 = 0.2;
+/// Standard deviation of the blur by which drift is found, px, and smallest share of usable pixels
+/// that determine it.
+const DRIFT_PX: f64 = 16.0;
+const MIN_DRIFT_WEIGHT: f32 = 0.02;
 /// Smallest share of an area's pixels with samples.
 const MIN_KNOWN_SHARE: f32 = 0.7;
 /// Smallest standard deviation of noise, codes: that of rounding.
@@ -81,6 +90,10 @@ const MARGIN_PX: f64 = 2.0;
 const BLUR_PX: f64 = 2.0;
 /// Smallest share of a frame's pixels that must be usable.
 const MIN_USABLE_SHARE: f64 = 0.1;
+/// Share of the pixels whose activity is clamped to that of the others.
+const CLAMPED_ACTIVITY: f32 = 0.65;
+/// Seed of the calibration's noise.
+const SEED: u32 = 1;
 /// Weights of brightness.
 const LUMA: [f32; 3] = [0.25, 0.5, 0.25];
 
@@ -155,32 +168,31 @@ pub fn examples(inputs: &ExampleInputs<'_>) -> Result<NoiseExamples, Registratio
     if !inputs.recording.has_depth() || inputs.model.geometry.needs_cube_map() {
         return Ok(NoiseExamples::none("examples of a moving camera's noise need measured depth"));
     }
-    let mut frames = Vec::new();
-    let (mut coding, mut usable, mut products) = (None, 0.0, [0.0; 2]);
+    let mut found: Vec<FrameExample> = Vec::new();
+    let (mut usable, mut products) = (0.0, [0.0; 2]);
     let mut why = None;
     for target in slowest_frames(inputs, wanted) {
         match example(inputs, target)? {
-            Ok((frame, of_frame, of_neighbour)) => {
+            Ok(example) => {
+                let frame = &example.0;
                 let share = frame.mask.iter().filter(|usable| **usable).count() as f64 / frame.mask.len().max(1) as f64;
                 if share < MIN_USABLE_SHARE {
                     why = Some(format!("only {:.0} % of a frame repeat in its neighbours", 100.0 * share));
                     continue;
                 }
-                if coding.get_or_insert_with(|| of_frame.clone()) != &of_frame {
-                    // Another quality of the same camera: its tables are another scale.
-                    continue;
-                }
                 usable += share;
-                products.iter_mut().zip(of_neighbour).for_each(|(sum, v)| *sum += v);
-                frames.push(frame);
+                products.iter_mut().zip(example.2).for_each(|(sum, v)| *sum += v);
+                found.push(example);
             }
             Err(reason) => why = Some(reason),
         }
     }
-    let Some(coding) = coding.filter(|_| !frames.is_empty()) else {
+    if found.is_empty() {
         return Ok(NoiseExamples::none(why.unwrap_or_else(|| "no frame has neighbours with known poses".to_owned())));
-    };
-    Ok(match calibrate(&frames, &coding, 1).map_err(|error| error.to_string()).and_then(|model| to_file(&model)) {
+    }
+    let frames: Vec<CodedFrame<'_>> = found.iter().map(|(frame, coding, _)| CodedFrame { frame, coding }).collect();
+    let model = calibrate_coded(&frames, SEED, CLAMPED_ACTIVITY).map_err(|error| error.to_string());
+    Ok(match model.and_then(|model| to_file(&model)) {
         Ok(file) => NoiseExamples {
             why: None,
             frames: frames.len(),
@@ -439,6 +451,22 @@ fn brightness(rgb: &[f32; 4]) -> f32 {
     LUMA.iter().zip(rgb).map(|(weight, v)| weight * v).sum()
 }
 
+/// Adds the residual's low frequencies to the means.
+fn remove_drift(own: &Planes, mean: &mut Planes, mask: &[bool]) {
+    let (width, height) = (own[0].width, own[0].height);
+    let blurred = |value: &dyn Fn(usize) -> f32| {
+        let value = |i: usize| if mask[i] { value(i) } else { 0.0 };
+        GreyImage { width, height, values: (0..width * height).map(value).collect() }.blurred(DRIFT_PX)
+    };
+    let weights = blurred(&|_| 1.0);
+    for (own, mean) in own.iter().zip(mean) {
+        let sums = blurred(&|i| own.values[i] - mean.values[i]);
+        for ((mean, sum), weight) in mean.values.iter_mut().zip(&sums.values).zip(&weights.values) {
+            *mean += sum / weight.max(MIN_DRIFT_WEIGHT);
+        }
+    }
+}
+
 /// A frame with its means, where the residual is noise.
 fn calibration_frame(own: &Planes, codes: Vec<u8>, means: &[[f32; 4]], table: &[[f32; 3]]) -> CalibrationFrame {
     let (width, height) = (own[0].width, own[0].height);
@@ -478,6 +506,8 @@ fn calibration_frame(own: &Planes, codes: Vec<u8>, means: &[[f32; 4]], table: &[
                 && by_poses < MAX_POSE_VARIANCE * n
         })
         .collect();
+    let mut mean = mean;
+    remove_drift(own, &mut mean, &mask);
     let added = || means.iter().zip(&mask).filter(|(_, usable)| **usable).map(|(mean, _)| f64::from(mean[3]));
     let mean_added = added().sum::<f64>() / added().count().max(1) as f64;
     CalibrationFrame { mean, noisy: codes, mask, variance_gain: (1.0 / (1.0 + mean_added)) as f32 }

@@ -27,8 +27,10 @@ use crate::grey_image::GreyImage;
 /// Features besides the constant 1.
 pub const FEATURES: usize = 7;
 
-/// Percentiles of the calibration's features to which features are clamped.
-const CLAMPED_SHARE: f32 = 0.005;
+/// Shares of the calibration's pixels beyond which features are clamped.
+pub const CLAMPED_SHARE: f32 = 0.005;
+/// The first feature of activity; all after it are, too.
+const FIRST_ACTIVITY: usize = 4;
 
 /// (1 2 1)/4: the middle, then one side.
 const SMOOTHING: [f32; 2] = [0.5, 0.25];
@@ -141,7 +143,8 @@ fn activity(blocks: &GreyImage, [width, height]: [usize; 2], floor: f32) -> Grey
 
 impl FeatureScale {
     /// The scale of these values, one list per feature. Lists must not be empty.
-    pub fn of(mut values: [Vec<f32>; FEATURES]) -> Self {
+    /// `clamped_activity`: share of the pixels whose activity is clamped to that of the others.
+    pub fn of(mut values: [Vec<f32>; FEATURES], clamped_activity: f32) -> Self {
         let mut scale =
             Self { low: [0.0; FEATURES], high: [0.0; FEATURES], mean: [0.0; FEATURES], deviation: [1.0; FEATURES] };
         for (f, values) in values.iter_mut().enumerate() {
@@ -151,7 +154,7 @@ impl FeatureScale {
             let mean = values.iter().map(|&v| f64::from(v)).sum::<f64>() / count;
             let variance = values.iter().map(|&v| (f64::from(v) - mean).powi(2)).sum::<f64>() / count;
             scale.low[f] = at(CLAMPED_SHARE);
-            scale.high[f] = at(1.0 - CLAMPED_SHARE);
+            scale.high[f] = at(1.0 - if f < FIRST_ACTIVITY { CLAMPED_SHARE } else { clamped_activity });
             scale.mean[f] = mean as f32;
             scale.deviation[f] = variance.sqrt() as f32 + 1e-6;
         }

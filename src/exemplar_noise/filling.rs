@@ -2,20 +2,22 @@
 //! be usable throughout.
 //!
 //! A masked px takes the value of the nearest usable px that is a multiple of the coding's unit
-//! away along an axis or a diagonal, so that the phase of the block grid stays. The order of
-//! equally near ones depends on the unit, so that a row of units does not repeat one of them.
+//! away along an axis or a diagonal, so that the phase of the block grid stays; 0 without one. The
+//! order of equally near ones depends on the unit, so that a row of units does not repeat one.
 
 use crate::grey_image::GreyImage;
 use crate::hash::pcg3d;
 
 const DIRECTIONS: [[isize; 2]; 8] = [[1, 0], [0, 1], [-1, 0], [0, -1], [1, 1], [-1, 1], [-1, -1], [1, -1]];
-/// Largest distance, units.
-const MAX_DISTANCE: isize = 12;
 
-/// For each masked px of a picture the px that replaces it, as indices; px without one are left
-/// out. `usable` is 1 or 0 for each luma px, `unit_px` the coding's unit.
-pub fn replacements(usable: &GreyImage, unit_px: [usize; 2]) -> Vec<[usize; 2]> {
+/// A masked px, and the px that replaces it, as indices; `None` if there is none.
+pub type Replacement = (usize, Option<usize>);
+
+/// The replacements of a picture's masked px. `usable` is 1 or 0 for each px, `unit_px` the
+/// coding's unit.
+pub fn replacements(usable: &GreyImage, unit_px: [usize; 2]) -> Vec<Replacement> {
     let (width, height) = (usable.width as isize, usable.height as isize);
+    let max_distance = (usable.width / unit_px[0]).max(usable.height / unit_px[1]) as isize;
     let mut out = Vec::new();
     for (i, _) in usable.values.iter().enumerate().filter(|(_, usable)| **usable < 0.5) {
         let (x, y) = (i as isize % width, i as isize / width);
@@ -27,16 +29,16 @@ pub fn replacements(usable: &GreyImage, unit_px: [usize; 2]) -> Vec<[usize; 2]> 
             let inside = (0..width).contains(&x) && (0..height).contains(&y);
             inside.then(|| (y * width + x) as usize).filter(|&at| usable.values[at] > 0.5)
         };
-        let found = (1..=MAX_DISTANCE).find_map(|distance| (0..DIRECTIONS.len()).find_map(|n| place(distance, n)));
-        out.extend(found.map(|from| [i, from]));
+        let found = (1..=max_distance).find_map(|distance| (0..DIRECTIONS.len()).find_map(|n| place(distance, n)));
+        out.push((i, found));
     }
     out
 }
 
-/// Replaces values of a plane.
-pub fn fill(plane: &mut GreyImage, replacements: &[[usize; 2]]) {
-    for &[to, from] in replacements {
-        plane.values[to] = plane.values[from];
+/// Replaces values of a plane; by 0 where there is no replacement.
+pub fn fill(plane: &mut GreyImage, replacements: &[Replacement]) {
+    for &(to, from) in replacements {
+        plane.values[to] = from.map_or(0.0, |from| plane.values[from]);
     }
 }
 
@@ -53,12 +55,15 @@ mod tests {
         let found = replacements(&usable, [8, 8]);
         assert_eq!(found.len(), 40 * 8);
         fill(&mut ramp, &found);
-        for [to, from] in found {
+        for (to, from) in found {
+            let from = from.expect("there are usable px");
             let [[x, y], [u, v]] = [to, from].map(|i| [i % 64, i / 64]);
             assert!(usable.values[from] == 1.0 && x.abs_diff(u) % 8 == 0 && y.abs_diff(v) % 8 == 0);
             assert!(x.abs_diff(u) <= 8 && y.abs_diff(v) <= 8, "({x}, {y}) from ({u}, {v})");
             assert_eq!(ramp.values[to], (100 * v + u) as f32);
         }
-        assert!(replacements(&GreyImage::uniform(64, 48, 0.0), [8, 8]).is_empty());
+        let mut masked = GreyImage::uniform(16, 16, 3.0);
+        fill(&mut masked, &replacements(&GreyImage::uniform(16, 16, 0.0), [8, 8]));
+        assert_eq!(masked, GreyImage::uniform(16, 16, 0.0));
     }
 }

@@ -4,7 +4,7 @@ use super::atlas::{CELL_PX, CLASSES, OVERLAP_PX, TILE_PX, TileCandidate};
 use super::bands::{ALL_BANDS, split};
 use super::calibration::{CalibrationFrame, CodedFrame, calibrate, calibrate_coded, synthesise};
 use super::cells::{EXPECTED_RANK, cell_count, source, weight};
-use super::content::{FEATURES, Features};
+use super::content::{CLAMPED_SHARE, FEATURES, Features};
 use super::descriptor::{DESCRIPTORS, DescriptorBlocks, DescriptorScale};
 use super::file::{ModelFileError, from_bytes, to_bytes};
 use super::latent::{LatentStep, LatentTable, NODES};
@@ -323,7 +323,7 @@ fn frames_of_different_quantisation_share_a_model_and_other_codings_are_refused(
     let calibrated = |codings: [PictureCoding; 2]| {
         let coded: Vec<CodedFrame<'_>> =
             frames.iter().zip(&codings).map(|(frame, coding)| CodedFrame { frame, coding }).collect();
-        calibrate_coded(&coded, 7)
+        calibrate_coded(&coded, 7, CLAMPED_SHARE)
     };
     let model = calibrated([jpeg(1, [0, 0]), jpeg(2, [0, 0])]).unwrap();
     assert_eq!(model.numbers.coding_difference(&jpeg(5, [-3, 0])), None);
