@@ -14,7 +14,7 @@
 //! A place is used if poses that are wrong by 0.15 px change its codes by less than noise: where
 //! the mean's gradient is small. That depends on the content alone, so that it selects no noise.
 //! Where the residual's variance over 7 × 7 px exceeds 9 times that of noise, something moved.
-//! The residual's own mean about a place, by a Gaussian of 16 px over usable pixels, is taken out:
+//! The residual's own mean about a place, by a Gaussian of 24 px over usable pixels, is taken out:
 //! light and vignetting differ between frames by more than noise does over such distances.
 //!
 //! Errors of registration at edges are not noise, but grow with the content's activity. Activity
@@ -71,10 +71,10 @@ const MAX_VARIANCE: f32 = 9.0;
 /// Assumed error of the poses in the picture, px, and the largest variance by it, by that of the
 /// noise.
 const POSE_ERROR_PX: f32 = 0.15;
-const MAX_POSE_VARIANCE: f32 = 0.2;
+const MAX_POSE_VARIANCE: f32 = 0.5;
 /// Standard deviation of the blur by which drift is found, px, and smallest share of usable pixels
 /// that determine it.
-const DRIFT_PX: f64 = 16.0;
+const DRIFT_PX: f64 = 24.0;
 const MIN_DRIFT_WEIGHT: f32 = 0.02;
 /// Smallest share of an area's pixels with samples.
 const MIN_KNOWN_SHARE: f32 = 0.7;
@@ -90,8 +90,8 @@ const MARGIN_PX: f64 = 2.0;
 const BLUR_PX: f64 = 2.0;
 /// Smallest share of a frame's pixels that must be usable.
 const MIN_USABLE_SHARE: f64 = 0.1;
-/// Share of the pixels whose activity is clamped to that of the others.
-const CLAMPED_ACTIVITY: f32 = 0.65;
+/// Largest activity, deviations about its mean.
+const MAX_ACTIVITY: f32 = -0.5;
 /// Seed of the calibration's noise.
 const SEED: u32 = 1;
 /// Weights of brightness.
@@ -191,8 +191,8 @@ pub fn examples(inputs: &ExampleInputs<'_>) -> Result<NoiseExamples, Registratio
         return Ok(NoiseExamples::none(why.unwrap_or_else(|| "no frame has neighbours with known poses".to_owned())));
     }
     let frames: Vec<CodedFrame<'_>> = found.iter().map(|(frame, coding, _)| CodedFrame { frame, coding }).collect();
-    let model = calibrate_coded(&frames, SEED, CLAMPED_ACTIVITY).map_err(|error| error.to_string());
-    Ok(match model.and_then(|model| to_file(&model)) {
+    let model = calibrate_coded(&frames, SEED).and_then(|model| model.with_clamped_activity(MAX_ACTIVITY));
+    Ok(match model.map_err(|error| error.to_string()).and_then(|model| to_file(&model)) {
         Ok(file) => NoiseExamples {
             why: None,
             frames: frames.len(),

@@ -9,7 +9,6 @@ use std::fmt;
 use super::scene_sums::{BLOCK, SceneSums};
 use crate::coding::PictureCoding;
 use crate::exemplar_noise::calibration::{CalibrationFrame, CodedFrame, calibrate_coded, synthesise};
-use crate::exemplar_noise::content::CLAMPED_SHARE;
 use crate::exemplar_noise::path::Planes;
 use crate::exemplar_noise::{ModelError, NoiseModel};
 use crate::fit::quantile::midpoint_median;
@@ -255,7 +254,7 @@ impl ExampleSampler {
         }
         let coded = self.frames.iter().map(|ExampleFrame { frame, coding }| CodedFrame { frame, coding });
         let coded: Vec<CodedFrame<'_>> = coded.collect();
-        let model = calibrate_coded(&coded, SEED, CLAMPED_SHARE)?;
+        let model = calibrate_coded(&coded, SEED)?;
         let method = match self.known_mean {
             true => ExampleMethod::Pairs,
             false => ExampleMethod::Resting { frames: self.resting_frames },

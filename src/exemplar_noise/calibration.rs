@@ -15,7 +15,7 @@
 
 use super::atlas::{RESIDUAL_STEP, SourceFrame, UNCLIPPED, USABLE};
 use super::bands::{ALL_BANDS, BANDS, FIRST_BAND, split};
-use super::content::{CLAMPED_SHARE, FEATURES, FeatureScale, Features};
+use super::content::{FEATURES, FeatureScale, Features};
 use super::latent::{LatentStep, LatentTable, smoothed};
 use super::model_coding::ModelCoding;
 use super::path::{Planes, codes, content_planes, decoded_planes, padded, rgb_of_codes};
@@ -229,15 +229,14 @@ fn checked(frames: &[CodedFrame<'_>]) -> Result<ModelCoding, ModelError> {
     }
 }
 
-fn feature_scale(raw: &[Features], usable: &[GreyImage], clamped_activity: f32) -> FeatureScale {
-    let values = std::array::from_fn(|f| {
+fn feature_scale(raw: &[Features], usable: &[GreyImage]) -> FeatureScale {
+    FeatureScale::of(std::array::from_fn(|f| {
         let of = |(features, usable): (&Features, &GreyImage)| -> Vec<f32> {
             let usable = features.0[f].values.iter().zip(&usable.values).filter(|(_, usable)| **usable > 0.5);
             usable.map(|(v, _)| *v).step_by(SCALE_STEP).collect()
         };
         raw.iter().zip(usable).flat_map(of).collect()
-    });
-    FeatureScale::of(values, clamped_activity)
+    }))
 }
 
 fn prepare<'a>(
@@ -285,13 +284,11 @@ impl PreparedFrame<'_> {
 /// Calibrates a model of frames with one coding.
 pub fn calibrate(frames: &[CalibrationFrame], coding: &PictureCoding, seed: u32) -> Result<NoiseModel, ModelError> {
     let coded: Vec<CodedFrame<'_>> = frames.iter().map(|frame| CodedFrame { frame, coding }).collect();
-    calibrate_coded(&coded, seed, CLAMPED_SHARE)
+    calibrate_coded(&coded, seed)
 }
 
 /// Calibrates a model. `seed` selects the noise of the rounds; equal inputs give equal models.
-/// `clamped_activity`: share of the pixels whose activity is clamped to that of the others, where
-/// residuals of active content contain errors that are not noise.
-pub fn calibrate_coded(frames: &[CodedFrame<'_>], seed: u32, clamped_activity: f32) -> Result<NoiseModel, ModelError> {
+pub fn calibrate_coded(frames: &[CodedFrame<'_>], seed: u32) -> Result<NoiseModel, ModelError> {
     let shared = checked(frames)?;
     let factor = shared.chroma.factor.map(|factor| factor as usize);
     let raw: Vec<Features> = frames.iter().map(|f| Features::of(&padded(&f.frame.mean, f.coding))).collect();
@@ -300,7 +297,7 @@ pub fn calibrate_coded(frames: &[CodedFrame<'_>], seed: u32, clamped_activity: f
     if usable.iter().flat_map(|mask| &mask.values).all(|&v| v < 0.5) {
         return Err(ModelError::TooFewTiles { found: [0; 4] });
     }
-    let scale = feature_scale(&raw, &usable, clamped_activity);
+    let scale = feature_scale(&raw, &usable);
     let prepared = frames.iter().zip(raw).zip(usable);
     let prepared = prepared.map(|((frame, raw), usable)| prepare(*frame, scale.standardised(raw), usable));
     let prepared: Vec<PreparedFrame<'_>> = prepared.collect::<Result<_, _>>()?;

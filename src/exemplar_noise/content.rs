@@ -28,7 +28,7 @@ use crate::grey_image::GreyImage;
 pub const FEATURES: usize = 7;
 
 /// Shares of the calibration's pixels beyond which features are clamped.
-pub const CLAMPED_SHARE: f32 = 0.005;
+const CLAMPED_SHARE: f32 = 0.005;
 /// The first feature of activity; all after it are, too.
 const FIRST_ACTIVITY: usize = 4;
 
@@ -143,8 +143,7 @@ fn activity(blocks: &GreyImage, [width, height]: [usize; 2], floor: f32) -> Grey
 
 impl FeatureScale {
     /// The scale of these values, one list per feature. Lists must not be empty.
-    /// `clamped_activity`: share of the pixels whose activity is clamped to that of the others.
-    pub fn of(mut values: [Vec<f32>; FEATURES], clamped_activity: f32) -> Self {
+    pub fn of(mut values: [Vec<f32>; FEATURES]) -> Self {
         let mut scale =
             Self { low: [0.0; FEATURES], high: [0.0; FEATURES], mean: [0.0; FEATURES], deviation: [1.0; FEATURES] };
         for (f, values) in values.iter_mut().enumerate() {
@@ -154,11 +153,19 @@ impl FeatureScale {
             let mean = values.iter().map(|&v| f64::from(v)).sum::<f64>() / count;
             let variance = values.iter().map(|&v| (f64::from(v) - mean).powi(2)).sum::<f64>() / count;
             scale.low[f] = at(CLAMPED_SHARE);
-            scale.high[f] = at(1.0 - if f < FIRST_ACTIVITY { CLAMPED_SHARE } else { clamped_activity });
+            scale.high[f] = at(1.0 - CLAMPED_SHARE);
             scale.mean[f] = mean as f32;
             scale.deviation[f] = variance.sqrt() as f32 + 1e-6;
         }
         scale
+    }
+
+    /// The scale with activity clamped to so many deviations about its mean.
+    pub fn with_clamped_activity(mut self, deviations: f32) -> Self {
+        for f in FIRST_ACTIVITY..FEATURES {
+            self.high[f] = (self.mean[f] + deviations * self.deviation[f]).clamp(self.low[f], self.high[f]);
+        }
+        self
     }
 
     /// Features clamped and standardised.

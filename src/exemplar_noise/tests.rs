@@ -4,7 +4,7 @@ use super::atlas::{CELL_PX, CLASSES, OVERLAP_PX, TILE_PX, TileCandidate};
 use super::bands::{ALL_BANDS, split};
 use super::calibration::{CalibrationFrame, CodedFrame, calibrate, calibrate_coded, synthesise};
 use super::cells::{EXPECTED_RANK, cell_count, source, weight};
-use super::content::{CLAMPED_SHARE, FEATURES, Features};
+use super::content::{FEATURES, FeatureScale, Features};
 use super::descriptor::{DESCRIPTORS, DescriptorBlocks, DescriptorScale};
 use super::file::{ModelFileError, from_bytes, to_bytes};
 use super::latent::{LatentStep, LatentTable, NODES};
@@ -96,6 +96,18 @@ fn activity_of_a_ramp_is_its_squared_slope() {
     for activity in &features[4..6] {
         assert!((activity - 9.5f32.ln()).abs() < 1e-3, "{features:?}");
     }
+}
+
+#[test]
+fn clamped_activity_leaves_brightness_and_colour() {
+    let values = std::array::from_fn(|_| (0..=1000).map(|i| i as f32 / 1000.0).collect());
+    let scale = FeatureScale::of(values);
+    let clamped = scale.with_clamped_activity(-0.5);
+    assert_eq!((clamped.low, clamped.high[..4].to_vec()), (scale.low, scale.high[..4].to_vec()));
+    // The uniform distribution's deviation is √(1/12).
+    assert!(clamped.high[4..].iter().all(|high| (high - (0.5 - 0.5 / 12.0f32.sqrt())).abs() < 1e-3), "{clamped:?}");
+    let below = scale.with_clamped_activity(-9.0);
+    assert!(below.is_valid() && below.high[6] == scale.low[6]);
 }
 
 #[test]
@@ -323,7 +335,7 @@ fn frames_of_different_quantisation_share_a_model_and_other_codings_are_refused(
     let calibrated = |codings: [PictureCoding; 2]| {
         let coded: Vec<CodedFrame<'_>> =
             frames.iter().zip(&codings).map(|(frame, coding)| CodedFrame { frame, coding }).collect();
-        calibrate_coded(&coded, 7, CLAMPED_SHARE)
+        calibrate_coded(&coded, 7)
     };
     let model = calibrated([jpeg(1, [0, 0]), jpeg(2, [0, 0])]).unwrap();
     assert_eq!(model.numbers.coding_difference(&jpeg(5, [-3, 0])), None);
