@@ -18,7 +18,7 @@ fn scaled(variance: vec3<f32>, virtual_share: vec3<f32>) -> vec3<f32> {
     return variance * (1.0 + (noise.scale * noise.scale - 1.0) * virtual_share);
 }
 
-// The variance that a pixel lacks to the noise of its code value, in squared 8-bit codes.
+// Variance to add so that a pixel reaches the noise of its code value, squared 8-bit codes.
 fn missing_variance(p: vec2<i32>, pixel: Mixed, recorded: vec3<f32>) -> vec3<f32> {
     let present_variance = pixel.camera_variance * recorded;
     let scaled_variance = scaled(calibrated_variance(pixel.code), pixel.virtual_share);

@@ -24,6 +24,8 @@ const WINDOWS: usize = 4;
 const MAX_SCENES: usize = 8;
 /// Windows start at multiples of this: the largest unit of a coding, px.
 const GRID_PX: usize = 16;
+/// Smallest side of a window with tiles of two classes, px.
+const MIN_WINDOW_PX: usize = 160;
 /// Border of a window that is left out, where chroma and features depend on pixels outside, px.
 const WINDOW_MARGIN_PX: usize = 16;
 /// Fewest frames of a scene whose mean is not known.
@@ -70,13 +72,13 @@ pub enum NoExample {
         count(*frames, "frame")
     )]
     TooFewFrames { frames: usize },
-    #[error("the pictures have 16 bits for each channel; it is for pictures of 8 bits")]
+    #[error("the pictures have 16 bits for each channel, but noise by example needs pictures of 8 bits")]
     Depth,
     #[error("the scenes have different sizes; give scenes of one size")]
     Sizes,
     #[error(
-        "it needs a camera at rest: hold it still for two seconds, and calibrate from these frames without --moving; or \
-         use `locard analyse`, which finds it along the registration of a recording"
+        "noise by example needs a camera at rest: hold it still for two seconds, and calibrate from these frames without \
+         --moving; or use `locard analyse`, which makes it from a recording with measured depth"
     )]
     Moving,
     #[error(transparent)]
@@ -101,13 +103,16 @@ impl SamplingPlan {
     /// Samples of so many frames, of at most `budget_px` altogether.
     fn of(size: [usize; 2], frames: usize, budget_px: usize) -> Self {
         let area = (size[0] * size[1]).max(1);
-        let whole = (budget_px / area).min(frames);
-        if whole >= WINDOWS.min(frames) {
+        // Independent of the number of frames: all scenes have the same size.
+        if budget_px / area >= WINDOWS {
+            let whole = (budget_px / area).min(frames);
             let frame = |i: usize| (i * frames / whole, AtlasWindow { at: [0, 0], size });
             return Self { samples: (0..whole).map(frame).collect() };
         }
         let side = (budget_px / WINDOWS).isqrt() / GRID_PX * GRID_PX;
-        let window = size.map(|length| length.min(side));
+        // Halves do not overlap, so that a frame's windows have different noise.
+        let half = size.map(|length| length / 2 / GRID_PX * GRID_PX);
+        let window = [0, 1].map(|axis| if half[axis] >= MIN_WINDOW_PX { half[axis] } else { size[axis] }.min(side));
         let sample = |i: usize| {
             let at = [i % 2, i / 2 % 2];
             let first = |axis: usize| {
@@ -117,7 +122,14 @@ impl SamplingPlan {
             };
             (i * frames / WINDOWS, AtlasWindow { at: [first(0), first(1)], size: window })
         };
-        Self { samples: (0..WINDOWS).map(sample).collect() }
+        let mut samples: Vec<(usize, AtlasWindow)> = Vec::new();
+        for (frame, window) in (0..WINDOWS).map(sample) {
+            // Tiles of two windows must not have the same noise.
+            if !samples.contains(&(frame, window)) {
+                samples.push((frame, window));
+            }
+        }
+        Self { samples }
     }
 }
 
@@ -255,10 +267,8 @@ impl ExampleSampler {
         let coded = self.frames.iter().map(|ExampleFrame { frame, coding }| CodedFrame { frame, coding });
         let coded: Vec<CodedFrame<'_>> = coded.collect();
         let model = calibrate_coded(&coded, SEED)?;
-        let method = match self.known_mean {
-            true => ExampleMethod::Pairs,
-            false => ExampleMethod::Resting { frames: self.resting_frames },
-        };
+        let method =
+            if self.known_mean { ExampleMethod::Pairs } else { ExampleMethod::Resting { frames: self.resting_frames } };
         let usable = |frame: &ExampleFrame| frame.frame.mask.iter().filter(|usable| **usable).count();
         let pixels = self.frames.iter().map(|frame| frame.frame.mask.len()).sum::<usize>().max(1);
         let usable_share = self.frames.iter().map(usable).sum::<usize>() as f64 / pixels as f64;
@@ -351,7 +361,7 @@ impl fmt::Display for ExampleCalibration {
             writeln!(
                 f,
                 "note: the pictures have codes from {dark:.0} to {bright:.0} alone; other content gets the noise of the \
-                 most similar: show dark and bright, plain and detailed things"
+                 most similar: record dark and bright, smooth and detailed surfaces"
             )?;
         }
         Ok(())
@@ -474,10 +484,18 @@ mod tests {
 
     #[test]
     fn large_frames_are_sampled_as_aligned_windows_within_the_budget() {
-        for (size, frames) in [([1920, 1080], 30), ([6000, 4000], 1), ([6000, 300], 9)] {
+        for (size, frames) in
+            [([1920, 1080], 30), ([6000, 4000], 1), ([1000, 800], 1), ([6000, 300], 9), ([6000, 300], 1)]
+        {
             let plan = SamplingPlan::of(size, frames, MAX_ATLAS_PX);
-            assert_eq!(plan.samples.len(), WINDOWS);
             let mut area = 0;
+            for (i, (frame, window)) in plan.samples.iter().enumerate() {
+                let apart = |other: &AtlasWindow| {
+                    (0..2).any(|axis| other.at[axis].abs_diff(window.at[axis]) >= window.size[axis])
+                };
+                let others = plan.samples[i + 1..].iter().filter(|sample| sample.0 == *frame);
+                assert!(others.clone().all(|(_, other)| apart(other)), "{size:?}");
+            }
             for (frame, window) in &plan.samples {
                 assert!(*frame < frames && (0..2).all(|axis| window.at[axis] + window.size[axis] <= size[axis]));
                 assert!(window.at.iter().all(|at| at % GRID_PX == 0), "{window:?}");

@@ -51,9 +51,9 @@ crate::uniform! {
 pub struct NoisePlanes {
     /// R'G'B' of the content, latent where pixels change; alpha is the changed share.
     pub latent: Texture,
-    /// Of Y', code values.
+    /// Noise of Y', code values.
     pub luma: Texture,
-    /// Of Cb and Cr, code values.
+    /// Noise of Cb and Cr, code values.
     pub chroma: Texture,
 }
 
@@ -226,8 +226,8 @@ impl GpuAtlas {
     }
 }
 
-/// Lists of fewer than eight numbers, each in two vectors.
-fn in_pairs<const N: usize>(lists: [[f32; N]; 4]) -> [[f32; 4]; 8] {
+/// Four lists of at most eight numbers, each padded with 0 to two vectors.
+fn padded_to_vectors<const N: usize>(lists: [[f32; N]; 4]) -> [[f32; 4]; 8] {
     std::array::from_fn(|i| std::array::from_fn(|k| lists[i / 2].get(4 * (i % 2) + k).copied().unwrap_or(0.0)))
 }
 
@@ -254,9 +254,14 @@ impl ExampleUniform {
                 let [r, g, b] = latent.values.map(|values| values[i]);
                 [r, g, b, NODES[i]]
             }),
-            features: in_pairs([scale.low, scale.high, scale.mean, inverse]),
+            features: padded_to_vectors([scale.low, scale.high, scale.mean, inverse]),
             gains: std::array::from_fn(|i| std::array::from_fn(|k| gains[i / 2][4 * (i % 2) + k])),
-            descriptors: in_pairs([descriptors.low, descriptors.high, descriptors.mean, descriptors.inverse_deviation]),
+            descriptors: padded_to_vectors([
+                descriptors.low,
+                descriptors.high,
+                descriptors.mean,
+                descriptors.inverse_deviation,
+            ]),
         }
     }
 }

@@ -170,7 +170,8 @@ pub enum CompositeTarget<'a> {
     Codes(&'a Texture),
     /// The picture before it is coded.
     Uncoded(&'a Texture),
-    /// The same, cleared outside the rectangles, and the factor on the amplitude of its noise.
+    /// The picture before it is coded, cleared outside the rectangles, with the factor on the
+    /// amplitude of its noise.
     UncodedWithFactor(UncodedPicture<'a>),
 }
 

@@ -25,6 +25,8 @@ const VERSION: u32 = 1;
 const PREFIX: usize = 20;
 /// Largest side of a frame, px.
 const MAX_SIDE: usize = 1 << 14;
+/// Largest number of px of all frames.
+const MAX_PX: usize = 1 << 23;
 const PARTS: usize = 5;
 /// Stored value of a residual of 0.
 const ZERO: i32 = 1 << 15;
@@ -60,6 +62,8 @@ pub enum ModelFileError {
     Size { frame: usize, part: usize, found: [usize; 2], expected: [usize; 2] },
     #[error("picture {part} of frame {frame} in the noise model is not valid; calibrate again")]
     Picture { frame: usize, part: usize, source: image::ImageError },
+    #[error("the noise model has frames of {found} px in all, expected at most {MAX_PX}; calibrate again")]
+    TooLarge { found: usize },
     #[error("the noise model cannot be encoded")]
     Encoding(#[source] image::ImageError),
     #[error(transparent)]
@@ -133,6 +137,11 @@ pub fn from_bytes(bytes: &[u8]) -> Result<NoiseModel, ModelFileError> {
     // Before any division by them.
     if header.numbers.chroma_factor.iter().any(|factor| !matches!(factor, 1 | 2)) {
         return Err(ModelError::Numbers.into());
+    }
+    let area = |frame: &AtlasFrameHeader| frame.size[0].saturating_mul(frame.size[1]);
+    let found = header.frames.iter().map(area).fold(0, usize::saturating_add);
+    if found > MAX_PX {
+        return Err(ModelFileError::TooLarge { found });
     }
     let mut sources = Vec::new();
     for (frame, AtlasFrameHeader { size, lengths }) in header.frames.into_iter().enumerate() {

@@ -48,7 +48,7 @@ mod tests {
 
     #[test]
     fn masked_px_take_the_nearest_usable_px_at_the_same_phase() {
-        // A hole of 16 × 8 px whose neighbours left and right are masked too, of a ramp.
+        // A masked area of 40 × 8 px in a ramp.
         let usable =
             GreyImage::from_fn(64, 48, |x, y| if (8..48).contains(&x) && (16..24).contains(&y) { 0.0 } else { 1.0 });
         let mut ramp = GreyImage::from_fn(64, 48, |x, y| (100 * y + x) as f32);

@@ -9,9 +9,9 @@
 //! Calibration, once: [`content`] (features φ), [`bands`], [`regression`] (amplitudes),
 //! [`latent`] (clipping), [`atlas`] (normalised innovations), [`calibration`] (indirect inference
 //! of amplitudes and clipping). Synthesis, for each frame: [`cells`] and [`synthesis`]. Everything
-//! there is a function of the key, the place and the content within 104 px: no state, no order.
+//! there is a function of the key, the place and the content within 80 px: no state, no order.
 //!
-//! Steps of the synthesis, each a pass of shaders:
+//! Steps of the synthesis. The second is three passes of shaders, the others are one each:
 //!
 //! | step | result | reads around a px |
 //! |---|---|---|

@@ -75,7 +75,7 @@ impl fmt::Display for CodingDifference {
             Self::Depth => "the picture has more than 8 bits",
             Self::Color => "the picture has another colour matrix or range",
             Self::Chroma => "the picture has another resolution or position of chroma",
-            Self::Quantization => "one of both was JPEG and the other was not",
+            Self::Quantization => "only one of the picture and the calibration's pictures was JPEG",
             Self::Decoder => "the picture was decoded by another decoder",
         })
     }

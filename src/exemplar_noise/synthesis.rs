@@ -23,7 +23,7 @@ pub struct NoiseContent<'a> {
     pub rgb: &'a Planes,
     /// Weight of each pixel in its cells' descriptors; 1 without one.
     pub share: Option<&'a GreyImage>,
-    /// Amplitude factor at each luma px, from 0 to 1; 1 without one.
+    /// Amplitude factor at each luma px, at least 0; 1 without one.
     pub factor: Option<&'a GreyImage>,
 }
 

@@ -372,6 +372,12 @@ fn damaged_files_are_refused() {
     let sum = crc32fast::hash(&other[16..]).to_le_bytes();
     other[12..16].copy_from_slice(&sum);
     assert!(matches!(from_bytes(&other), Err(ModelFileError::Size { frame: 0, part: 0, .. })));
+    // A size beyond the limit, with as many digits.
+    let mut vast = bytes.clone();
+    vast[at + 8..at + 15].copy_from_slice(b"9999999");
+    let sum = crc32fast::hash(&vast[16..]).to_le_bytes();
+    vast[12..16].copy_from_slice(&sum);
+    assert!(matches!(from_bytes(&vast), Err(ModelFileError::Header(_) | ModelFileError::TooLarge { .. })));
 }
 
 #[test]

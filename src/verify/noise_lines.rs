@@ -8,7 +8,10 @@ impl NoiseComparison {
     /// Labels and texts: the verdict first, then figures, then a line for each detector.
     pub fn lines(&self) -> Vec<(&'static str, String)> {
         let pair = |pair: &RealAndVirtual| format!("{} (real {})", fixed(pair.virtual_, 2), fixed(pair.real, 2));
-        let ratio = |pair: &RealAndVirtual| fixed(pair.ratio(), 2);
+        let ratio = |pair: &RealAndVirtual| match pair.ratio() {
+            ratio if ratio.is_finite() => fixed(ratio, 2),
+            _ => "–".to_owned(),
+        };
         let mut lines = vec![("noise", self.verdict())];
         if let Some((median, worst)) = self.figures.sigma_ratio() {
             let channel = ["red", "green", "blue"][worst.channel];
@@ -19,7 +22,7 @@ impl NoiseComparison {
         lines.push(("  octaves", format!("power {octaves} of real, fine to coarse")));
         let [red_green, red_blue, green_blue] = self.figures.channel_correlation.each_ref().map(pair);
         lines.push(("  channels", format!("correlation R-G {red_green}, R-B {red_blue}, G-B {green_blue}")));
-        lines.push(("  tails", format!("kurtosis {}", pair(&self.figures.kurtosis))));
+        lines.push(("  tails", format!("excess kurtosis {}", pair(&self.figures.kurtosis))));
         if self.has_blocks {
             lines.push(("  blocks", format!("contrast at edges {}", pair(&self.figures.block_contrast))));
         }
