@@ -91,8 +91,10 @@ impl Document {
     /// Adapts the path of a noise example to a profile that was read from one file and is written
     /// to another.
     pub fn relocate(&mut self, from: &Path, to: &Path) {
-        let camera = self.text.get_mut("camera").and_then(|camera| camera.get_mut("noise"));
-        let Some(item) = camera.and_then(|noise| noise.get_mut(noise::EXAMPLE)) else { return };
+        // `Item::get_mut` inserts missing keys, a table's does not.
+        let camera = self.text.get_mut("camera").and_then(Item::as_table_like_mut);
+        let noise = camera.and_then(|camera| camera.get_mut("noise")).and_then(Item::as_table_like_mut);
+        let Some(item) = noise.and_then(|noise| noise.get_mut(noise::EXAMPLE)) else { return };
         let Some(name) = item.as_str().map(str::to_owned) else { return };
         let folder = |path: &Path| std::path::absolute(path).ok().and_then(|path| Some(path.parent()?.to_owned()));
         let (Some(value), true) = (item.as_value_mut(), folder(from) != folder(to)) else { return };

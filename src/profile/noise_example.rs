@@ -96,6 +96,10 @@ mod tests {
         let text = moved.to_string();
         assert_eq!(text, TABLE.replace("\"camera", "\"../camera"));
         assert!(read_text(&text, &other).unwrap() == rig);
+        let without = "version = 1\n[camera]\nwidth_px = 640\n";
+        let mut unchanged = Document::parse(without, &profile).unwrap();
+        unchanged.relocate(&profile, &other);
+        assert_eq!(unchanged.to_string(), without);
         let mut new = Document::new("");
         new.set_noise(rig.noise.as_ref().unwrap(), "", &other);
         assert!(new.to_string().contains("\nexample = \"../camera.locnoise\"\n"), "{new}");
