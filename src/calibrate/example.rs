@@ -479,7 +479,7 @@ mod tests {
         assert!(plan.samples.iter().all(|sample| sample.1 == AtlasWindow { at: [0, 0], size: [640, 480] }));
         assert_eq!(SamplingPlan::of([640, 480], 4, MAX_ATLAS_PX).samples.len(), 4);
         // One frame of a pair.
-        assert_eq!(SamplingPlan::of([1600, 1200], 1, MAX_ATLAS_PX).samples.len(), 1);
+        assert_eq!(SamplingPlan::of([640, 480], 1, MAX_ATLAS_PX).samples.len(), 1);
     }
 
     #[test]

@@ -10,7 +10,7 @@
 //! those keep their codes.
 
 use super::dirty_tiles::{TILE_PX, tiles_on_grid};
-use super::example_noise::{NoisePlanes, UncodedPicture};
+use super::example_noise::{NoisePlanes, NoiseRegion, UncodedPicture};
 use super::mix::{CompositePiece, CompositeTarget, MixInputs, composite, corners_in};
 use crate::coding::chroma::ChromaFilter;
 use crate::coding::swscale::{Conversion, Phases};
@@ -198,7 +198,9 @@ pub fn mix_coded(
             let amplitude_factor = recorder.pool.lend(&recorder.gpu, size, AMPLITUDE_FACTOR);
             let picture = UncodedPicture { codes: &uncoded, amplitude_factor: &amplitude_factor };
             composite(recorder, inputs, &whole, &tiles, parts, CompositeTarget::UncodedWithFactor(picture));
-            Some(NoisePlanes::record(recorder, noise, region, &tiles, &picture))
+            let tiles = corners_in(&tiles, region.rect);
+            let noise_region = NoiseRegion { size, extent: region.extent(), tiles: &tiles };
+            Some(NoisePlanes::record(recorder, noise, &noise_region, &picture))
         }
         None => {
             composite(recorder, inputs, &whole, &tiles, parts, CompositeTarget::Uncoded(&uncoded));

@@ -4,8 +4,6 @@
 //! The passes are the steps of exemplar_noise/mod.rs, over the tiles that are coded anew. The
 //! result at a pixel depends on the picture within 12 px, and on the changed pixels of its cells.
 
-use super::coded::CodedRegion;
-use super::mix::corners_in;
 use crate::effects::ExampleNoise;
 use crate::exemplar_noise::atlas::{CELL_PX, CLASSES, OVERLAP_PX};
 use crate::exemplar_noise::bands::{ALL_BANDS, BANDS, FIRST_BAND};
@@ -15,7 +13,6 @@ use crate::exemplar_noise::latent::NODES;
 use crate::exemplar_noise::{ModelNumbers, NoiseModel};
 use crate::gpu::{Entry, Gpu, Recorder, Shader, Texture};
 use crate::memo::ByAddress;
-use crate::pixels::Rect;
 
 /// Distance to which the noise of a pixel reads the content, px: 10 for its features, and the
 /// pixels of its chroma sample.
@@ -66,23 +63,32 @@ pub struct UncodedPicture<'a> {
     pub amplitude_factor: &'a Texture,
 }
 
+/// The region of a picture over which noise is synthesised.
+#[derive(Clone, Copy, Debug)]
+pub struct NoiseRegion<'a> {
+    /// Size, px.
+    pub size: (u32, u32),
+    /// The coded picture with its padding, in the region's coordinates: x0, y0, x1, y1.
+    pub extent: [i32; 4],
+    /// Corners of the tiles that are coded, in the region's coordinates.
+    pub tiles: &'a [[i32; 4]],
+}
+
 impl NoisePlanes {
     /// Records the passes over tiles of the picture.
     pub fn record(
         recorder: &mut Recorder,
         noise: &ExampleNoise,
-        region: &CodedRegion<'_>,
-        tiles: &[Rect],
+        region: &NoiseRegion<'_>,
         picture: &UncodedPicture<'_>,
     ) -> Self {
         let atlas = recorder.memoized_large(noise.model.clone(), GpuAtlas::new);
         let uniform = ExampleUniform::new(noise, region, &atlas);
         let example = recorder.uniform(bytemuck::bytes_of(&uniform));
-        let (size, [across, down]) = ((region.rect.width(), region.rect.height()), uniform.factor);
+        let (size, [across, down]) = (region.size, uniform.factor);
         let blocks_size = (size.0 / BLOCK_PX as u32, size.1 / BLOCK_PX as u32);
-        let corners = corners_in(tiles, region.rect);
-        let parts = recorder.storage(bytemuck::cast_slice(&corners));
-        let count = corners.len() as u32;
+        let parts = recorder.storage(bytemuck::cast_slice(region.tiles));
+        let count = region.tiles.len() as u32;
         let lend = |recorder: &mut Recorder, size, format| recorder.pool.lend(&recorder.gpu, size, format);
 
         let sources = sources_buffer(recorder, uniform.cells);
@@ -232,12 +238,12 @@ fn padded_to_vectors<const N: usize>(lists: [[f32; N]; 4]) -> [[f32; 4]; 8] {
 }
 
 impl ExampleUniform {
-    fn new(noise: &ExampleNoise, region: &CodedRegion<'_>, atlas: &GpuAtlas) -> Self {
+    fn new(noise: &ExampleNoise, region: &NoiseRegion<'_>, atlas: &GpuAtlas) -> Self {
         let ModelNumbers { scale, gains, latent, chroma_factor, .. } = &noise.model.numbers;
-        let extent = region.extent();
+        let extent = region.extent;
         let in_cells = |px: i32| (px + OVERLAP_PX as i32) / CELL_PX as i32;
         let axes = [0, 1];
-        let size = [region.rect.width(), region.rect.height()].map(|side| side as i32);
+        let size = [region.size.0 as i32, region.size.1 as i32];
         let first_cell = axes.map(|axis| (in_cells((-extent[axis]).max(0)) - 1).max(0));
         let end = axes.map(|axis| size[axis].min(extent[2 + axis]) - extent[axis]);
         let inverse: [f32; FEATURES] = scale.deviation.map(|deviation| 1.0 / deviation);
@@ -270,7 +276,9 @@ impl ExampleUniform {
 mod tests {
     use std::sync::Arc;
 
+    use super::super::coded::CodedRegion;
     use super::super::dirty_tiles::tiles_on_grid;
+    use super::super::mix::corners_in;
     use super::*;
     use crate::coding::{BlockQuantization, ChromaSampling, Decoder, PictureCoding, YcbcrColor};
     use crate::exemplar_noise::path::Planes;
@@ -278,6 +286,7 @@ mod tests {
     use crate::exemplar_noise::tests::model;
     use crate::gpu::{Readback, ReadbackSet};
     use crate::grey_image::GreyImage;
+    use crate::pixels::Rect;
 
     const PICTURE: [usize; 2] = [235, 150];
     /// The changed pixels.
@@ -351,9 +360,11 @@ mod tests {
             codes.write(&gpu, size.0, size.1, &texels);
             let amplitude_factor = recorder.pool.lend_to_write(&gpu, size, LUMA_NOISE);
             amplitude_factor.write(&gpu, size.0, size.1, &factors);
+            let corners = corners_in(&tiles, region.rect);
+            let noise_region = NoiseRegion { size, extent: region.extent(), tiles: &corners };
             let noise = ExampleNoise { model: model.clone(), key: [3, 500, 77] };
             let uncoded = UncodedPicture { codes: &codes, amplitude_factor: &amplitude_factor };
-            let planes = NoisePlanes::record(&mut recorder, &noise, &region, &tiles, &uncoded);
+            let planes = NoisePlanes::record(&mut recorder, &noise, &noise_region, &uncoded);
             let luma = floats(&mut recorder, &planes.luma, size);
             let chroma_size = (size.0 / factor[0], size.1 / factor[1]);
             let chroma = floats(&mut recorder, &planes.chroma, chroma_size);

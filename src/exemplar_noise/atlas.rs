@@ -12,15 +12,9 @@ use super::content::{Features, block_means};
 use super::descriptor::{DESCRIPTOR_BLOCK_PX, Descriptor, DescriptorBlocks, DescriptorScale};
 use super::filling::{fill, replacements};
 use super::regression::amplitude;
+pub use super::tile::{CELL_PX, OVERLAP_PX, TILE_PX};
 use crate::coding::BLOCK;
 use crate::grey_image::GreyImage;
-
-/// Distance of cells, luma px.
-pub const CELL_PX: usize = 64;
-/// Overlap of neighbouring cells, luma px.
-pub const OVERLAP_PX: usize = 16;
-/// Side of a cell with both overlaps, and of its source, luma px.
-pub const TILE_PX: usize = CELL_PX + OVERLAP_PX;
 
 /// Classes of candidates: parities of a cell's column and row.
 pub const CLASSES: usize = 4;

@@ -18,7 +18,7 @@
 //!
 //! Sums are kept for each block, so that a tile's are sums over its blocks.
 
-use super::atlas::TILE_PX;
+use super::tile::TILE_PX;
 use crate::grey_image::GreyImage;
 
 /// Numbers of a descriptor.

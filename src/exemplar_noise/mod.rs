@@ -44,6 +44,7 @@ pub mod regression;
 pub mod synthesis;
 #[cfg(test)]
 pub mod tests;
+mod tile;
 
 use std::path::PathBuf;
 

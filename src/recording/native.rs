@@ -211,6 +211,7 @@ fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     parts.opacity = frames.opacity;
     parts.warnings = frames.warnings;
     parts.interval_s = description.live.as_ref().map(|live| live.interval_s);
+    parts.estimates_coding = !is_live;
     if let Some(name) = description.name {
         parts.name = name;
     }

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use glam::DVec3;
 
@@ -102,6 +102,9 @@ pub struct Parts {
     pub opacity: Vec<f64>,
     /// Nominal frame interval, seconds, if the recording contains it.
     pub interval_s: Option<f64>,
+    /// Whether the coding of PNG files is estimated. Not of a live camera's recording, whose frames
+    /// were composited without one.
+    pub estimates_coding: bool,
     pub track: PoseTrack,
     /// One per frame, or empty.
     pub geometries: Vec<Option<Geometry>>,
@@ -132,6 +135,7 @@ impl Parts {
             timestamps_s,
             opacity: Vec::new(),
             interval_s: None,
+            estimates_coding: true,
             track: PoseTrack::default(),
             geometries: Vec::new(),
             cameras: None,
@@ -247,7 +251,7 @@ impl Parts {
             exposure: exposure.collect(),
             warnings,
             pictures: Arc::new(self.pictures),
-            estimated_coding: Arc::default(),
+            estimated_coding: Arc::new(if self.estimates_coding { OnceLock::new() } else { OnceLock::from(None) }),
             presentation,
             depth,
             depth_later_s: 0.0,
