@@ -6,11 +6,11 @@
 //! each parity of a cell's column and row. Tiles of different classes do not overlap, therefore
 //! neighbouring cells never repeat each other.
 
-use super::ModelNumbers;
 use super::bands::{ALL_BANDS, FIRST_BAND, split};
 use super::content::{Features, block_means};
 use super::descriptor::{DESCRIPTOR_BLOCK_PX, Descriptor, DescriptorBlocks, DescriptorScale};
 use super::filling::{fill, replacements};
+use super::numbers::ModelNumbers;
 use super::regression::amplitude;
 pub use super::tile::{CELL_PX, OVERLAP_PX, TILE_PX};
 use crate::coding::BLOCK;
