@@ -1,5 +1,6 @@
 // The fraction of light that shadows remove from pixels at the camera's white
 // (src/compositor/clipped.rs).
+// @import shared/fullscreen
 // @import shared/half
 
 struct Clipped {
@@ -18,9 +19,7 @@ struct Clipped {
 
 @vertex
 fn part(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> @builtin(position) vec4<f32> {
-    let rect = parts[instance];
-    let at = select(rect.xy, rect.zw, vec2<bool>((vertex & 1u) == 1u, (vertex >> 1u) == 1u));
-    return vec4<f32>(vec2<f32>(at) / clipped.part_px * vec2<f32>(2.0, -2.0) + vec2<f32>(-1.0, 1.0), 0.0, 1.0);
+    return corner_of(parts[instance], vertex, clipped.part_px);
 }
 
 @fragment

@@ -16,10 +16,7 @@ override noisy: bool = false;
 
 @vertex
 fn part(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> @builtin(position) vec4<f32> {
-    let rect = parts[instance];
-    let at = select(rect.xy, rect.zw, vec2<bool>((vertex & 1u) == 1u, (vertex >> 1u) == 1u));
-    let size = vec2<f32>(coding.region / coding.factor);
-    return vec4<f32>(vec2<f32>(at) / size * vec2<f32>(2.0, -2.0) + vec2<f32>(-1.0, 1.0), 0.0, 1.0);
+    return corner_of(parts[instance], vertex, vec2<f32>(coding.region / coding.factor));
 }
 
 fn row(first: vec2<i32>) -> vec3<f32> {

@@ -16,18 +16,15 @@
 // the four of Cb and the four of Cr.
 @group(0) @binding(6) var<storage, read> atlas_luma: array<u32>;
 @group(0) @binding(7) var<storage, read> atlas_chroma: array<u32>;
-// Of px: energies of the gradient and of fine detail.
-@group(0) @binding(10) var energies: texture_2d<f32>;
 // Standardised features.
 @group(0) @binding(8) var features_low: texture_2d<f32>;
 @group(0) @binding(9) var features_high: texture_2d<f32>;
+// Of px: energies of the gradient and of fine detail.
+@group(0) @binding(10) var energies: texture_2d<f32>;
 
 @vertex
 fn part(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> @builtin(position) vec4<f32> {
-    let rect = parts[instance];
-    let at = select(rect.xy, rect.zw, vec2<bool>((vertex & 1u) == 1u, (vertex >> 1u) == 1u));
-    let size = vec2<f32>(example.region);
-    return vec4<f32>(vec2<f32>(at) / size * vec2<f32>(2.0, -2.0) + vec2<f32>(-1.0, 1.0), 0.0, 1.0);
+    return corner_of(parts[instance], vertex, vec2<f32>(example.region));
 }
 
 fn standardised(half_of: i32, values: vec4<f32>) -> vec4<f32> {
@@ -129,8 +126,9 @@ struct Luma {
 @fragment
 fn luma(@builtin(position) at: vec4<f32>) -> Luma {
     let p = vec2<i32>(at.xy);
-    let m = clamp(textureLoad(uncoded, p, 0).rgb, vec3<f32>(0.0), vec3<f32>(255.0)) / 255.0;
-    let y = dot(m, vec3<f32>(0.25, 0.5, 0.25));
+    let content = textureLoad(uncoded, p, 0).rgb;
+    let m = clamp(content, vec3<f32>(0.0), vec3<f32>(255.0)) / 255.0;
+    let y = brightness_of(content) / 255.0;
     let gradients = activity_at(p);
     let low = standardised(0, vec4<f32>(y, sqrt(y + 0.002), m.r - m.g, m.b - m.g));
     let high = standardised(1, vec4<f32>(log(vec3<f32>(vec2<f32>(0.5), 0.05) + vec3<f32>(gradients, detail_at(p))), 0.0));

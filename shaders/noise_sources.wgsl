@@ -44,7 +44,7 @@ fn add_block(corner: vec2<i32>, local: u32) {
         for (var i = 0; i < SAMPLES; i++) {
             let texel = textureLoad(uncoded, corner + 2 * vec2<i32>(i, j), 0);
             let m = clamp(texel.rgb, vec3<f32>(0.0), vec3<f32>(255.0)) / 255.0;
-            let own = vec2<f32>(texel.a, dot(m, vec3<f32>(0.25, 0.5, 0.25)));
+            let own = vec2<f32>(texel.a, brightness_of(texel.rgb) / 255.0);
             colors[local] += texel.a * vec4<f32>(1.0, own.y, m.r - m.g, m.b - m.g);
             let across = 255.0 * (own.y - before.y);
             let down = 255.0 * (own.y - above[i].y);

@@ -13,7 +13,7 @@ use super::findings::{Findings, GainFindings, PoseFindings, SharpnessFindings, S
 use super::inputs;
 use super::light::RoomLight;
 use super::light_findings::{Environment, LightFindings};
-use super::noise_example::{NoiseExampleFindings, NoiseExamples};
+use super::noise_example::{NoiseExampleFile, NoiseExamples};
 use super::noise_findings::NoiseFindings;
 use super::recorded_motion::{RecordedMotion, moves_as_recorded};
 use super::registration_result::{HeldOutResidual, Registration, Verdict};
@@ -26,9 +26,7 @@ use super::tone::ToneBand;
 use super::track::{self, TrackKnot};
 use crate::camera::Geometry;
 use crate::document::{self, Document};
-use crate::exemplar_noise::{NoiseExample, file as model_file};
 use crate::frame::{NODES_ACROSS, NODES_DOWN, RelativeBrightness, SpatialGain, Surfel};
-use crate::memo::ByAddress;
 use crate::recording::{Recording, Refinement};
 use crate::scene::Lighting;
 use crate::sink::SinkError;
@@ -77,28 +75,6 @@ pub struct Analysis {
     pub surfels: Option<SurfelMap>,
     /// Noise by example; `None` without one.
     pub noise_example: Option<NoiseExampleFile>,
-}
-
-/// The file of a noise model, and the model.
-#[derive(Clone, Debug)]
-pub struct NoiseExampleFile {
-    pub bytes: Arc<[u8]>,
-    pub example: NoiseExample,
-}
-
-impl PartialEq for NoiseExampleFile {
-    fn eq(&self, other: &Self) -> bool {
-        self.bytes == other.bytes
-    }
-}
-
-impl NoiseExampleFile {
-    /// `path`: that of the file. The error is the reason for which it is not usable.
-    fn of(bytes: Vec<u8>, path: &Path) -> Result<Self, String> {
-        let model = model_file::from_bytes(&bytes).map_err(|error| error.to_string())?;
-        let example = NoiseExample { file: path.to_owned(), model: ByAddress(Arc::new(model)) };
-        Ok(Self { bytes: bytes.into(), example })
-    }
 }
 
 /// All estimates except for the registration.
@@ -157,15 +133,8 @@ pub fn digest(folder: &Path) -> Option<String> {
 impl Analysis {
     pub fn new(recording: &Recording, camera: &Geometry, registration: &Registration, found: Estimates<'_>) -> Self {
         let Estimates { gain, gains, across, exposure, spread, noise, noise_examples, tone, light, surfels } = found;
-        let NoiseExamples { why, frames, usable_share, frame_correlation, file } = noise_examples;
+        let NoiseExamples { findings: example_findings, file } = noise_examples;
         let noise_example = NoiseExampleFile::of(file, Path::new(NOISE_EXAMPLE)).ok();
-        let noise_example_findings = NoiseExampleFindings {
-            why,
-            frames,
-            usable_share,
-            frame_correlation,
-            sha256: noise_example.as_ref().map(|file| inputs::hex(&Sha256::digest(&file.bytes))),
-        };
         let surfels = SurfelMap::of(&surfels);
         let (across, fitted) = across.unzip();
         let across = across.filter(|_| fitted.is_some_and(|fitted| fitted.is_followed)).unwrap_or_default();
@@ -206,7 +175,7 @@ impl Analysis {
             shutter: Some(ShutterFindings::of(exposure, nominal_interval_s)),
             spread: Some(SharpnessFindings::of(spread)),
             noise,
-            noise_example: Some(noise_example_findings),
+            noise_example: Some(example_findings),
             tone: Some(Tone::of(tone)),
             light: Some(LightFindings::of(&light, environment.as_ref())),
             surfels: surfels.as_ref().map(SurfelFindings::of),

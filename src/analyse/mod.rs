@@ -36,6 +36,7 @@ mod link_blur;
 mod link_failure;
 mod links;
 mod motion_only;
+mod neighbour_mean;
 mod noise_example;
 mod noise_findings;
 mod noise_level;

@@ -1,11 +1,8 @@
 //! Noise by example from a moving camera: the difference between a frame and its neighbours at the
 //! same places of the scene.
 //!
-//! At each pixel of a frame with known depth, up to 8 neighbouring frames are sampled by cubic
-//! convolution (Keys 1981) where they see the same point, by the poses of the analysis and with
-//! their rolling shutter. Each is scaled by a factor for each channel, for its exposure. Samples
-//! that differ from their median by more than noise are left out: they see another surface. The
-//! mean of the others is the picture without noise.
+//! The mean of up to 8 neighbouring frames at the same points, by measured depth and the poses of
+//! the analysis, is a frame's picture without noise ([`neighbour_mean`](super::neighbour_mean)).
 //!
 //! The residual of a pixel is its own code minus that mean, so the frame's noise is not
 //! interpolated. The mean of n samples with factors gᵢ, whose squared weights sum to cᵢ, adds the
@@ -29,42 +26,43 @@
 //! removes from it.
 
 use std::fmt;
+use std::path::Path;
+use std::sync::Arc;
 
-use glam::{DAffine3, DVec3};
 use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
 
-use super::box_blur::cubic_weights;
 use super::camera_model::CameraModel;
-use super::depth_source::DepthSource;
+use super::depth_source::measured;
+use super::inputs::hex;
+use super::neighbour_mean::{DepthView, MAX_NEIGHBOURS, MIN_SAMPLES, SampledFrame};
 use super::registration_result::RegistrationError;
-use super::state::{CameraState, move_point, project_rolling_shutter};
+use super::spread::stillest_frames;
+use super::state::CameraState;
 use crate::camera::NoiseProfile;
 use crate::coding::PictureCoding;
+use crate::exemplar_noise::NoiseExample;
 use crate::exemplar_noise::calibration::{CalibrationFrame, CodedFrame, calibrate_coded};
-use crate::exemplar_noise::{NoiseModel, path::Planes};
-use crate::fit::twist;
+use crate::exemplar_noise::content::brightness;
+use crate::exemplar_noise::file::{from_bytes, to_bytes};
+use crate::exemplar_noise::path::{Planes, rgb_of_codes};
 use crate::frame::Frame;
 use crate::grey_image::GreyImage;
+use crate::memo::ByAddress;
 use crate::parallel::over_rows;
 use crate::pixels::Codes;
 use crate::recording::Recording;
 use crate::text::count;
 
-/// Number of frames whose noise becomes examples.
+/// Number of frames from which noise is taken.
 const FRAMES: usize = 6;
 /// Largest sum of their pixels.
 const MAX_PIXELS: usize = 1 << 22;
-/// Distance of neighbours that are tried, and number of those that are used.
+/// Distance of neighbours that are tried.
 const REACH: usize = 10;
-const NEIGHBOURS: usize = 8;
-/// Fewest samples of a place.
-const MIN_SAMPLES: usize = 4;
 /// Frames that differ by less, in standard deviations of the noise, repeat each other. Independent
 /// noise alone differs by 1.13.
 const REPEATED: f64 = 0.4;
-/// Largest difference of a sample from the median, standard deviations of the noise, and codes.
-const MAX_DEVIATION: f32 = 4.0;
-const MAX_DEVIATION_CODES: f32 = 2.0;
 /// Half side of the areas over which residuals and gradients are averaged, px.
 const AREA_RADIUS_PX: usize = 3;
 /// Largest variance of an area's residual, relative to that of the noise of G.
@@ -81,12 +79,8 @@ const MIN_DRIFT_WEIGHT: f32 = 0.02;
 const MIN_KNOWN_SHARE: f32 = 0.7;
 /// Smallest standard deviation of noise, codes: that of rounding.
 const MIN_SIGMA: f32 = 0.3;
-/// Codes of a channel by which exposures are compared.
-const COMPARED_CODES: std::ops::RangeInclusive<f32> = 20.0..=235.0;
-/// Distance of the pixels by which exposures and repeats are compared, px.
-const COMPARED_STEP_PX: usize = 8;
-/// Distance of samples from the picture's edge, px.
-const MARGIN_PX: f64 = 2.0;
+/// Every so many pixels of two frames are compared to recognise repeats.
+const REPEAT_STEP: usize = 9;
 /// Blur of a frame where it has no samples, px: a picture without much noise.
 const BLUR_PX: f64 = 2.0;
 /// Smallest share of a frame's pixels that must be usable.
@@ -95,8 +89,6 @@ const MIN_USABLE_SHARE: f64 = 0.1;
 const MAX_ACTIVITY_DEVIATIONS: f32 = -0.5;
 /// Seed of the calibration's noise.
 const SEED: u32 = 1;
-/// Weights of brightness.
-const BRIGHTNESS: [f32; 3] = [0.25, 0.5, 0.25];
 
 /// Noise by example of a recording, without the model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -131,14 +123,33 @@ impl fmt::Display for NoiseExampleFindings {
 }
 
 /// The result of a search for examples.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct NoiseExamples {
-    pub why: Option<String>,
-    pub frames: usize,
-    pub usable_share: f64,
-    pub frame_correlation: f64,
+    pub findings: NoiseExampleFindings,
     /// The model's file; empty without one.
     pub file: Vec<u8>,
+}
+
+/// The file of a noise model, and the model.
+#[derive(Clone, Debug)]
+pub struct NoiseExampleFile {
+    pub bytes: Arc<[u8]>,
+    pub example: NoiseExample,
+}
+
+impl PartialEq for NoiseExampleFile {
+    fn eq(&self, other: &Self) -> bool {
+        self.bytes == other.bytes
+    }
+}
+
+impl NoiseExampleFile {
+    /// `path`: that of the file. The error is the reason for which it is not usable.
+    pub fn of(bytes: Vec<u8>, path: &Path) -> Result<Self, String> {
+        let model = from_bytes(&bytes).map_err(|error| error.to_string())?;
+        let example = NoiseExample { file: path.to_owned(), model: ByAddress(Arc::new(model)) };
+        Ok(Self { bytes: bytes.into(), example })
+    }
 }
 
 /// The recording and its analysis, from which examples are taken.
@@ -155,7 +166,9 @@ pub struct ExampleInputs<'a> {
 
 impl NoiseExamples {
     pub fn none(why: impl Into<String>) -> Self {
-        Self { why: Some(why.into()), ..Self::default() }
+        let why = Some(why.into());
+        let findings = NoiseExampleFindings { why, frames: 0, usable_share: 0.0, frame_correlation: 0.0, sha256: None };
+        Self { findings, file: Vec::new() }
     }
 }
 
@@ -172,7 +185,7 @@ pub fn examples(inputs: &ExampleInputs<'_>) -> Result<NoiseExamples, Registratio
     let mut found: Vec<FrameExample> = Vec::new();
     let (mut usable, mut products) = (0.0, [0.0; 2]);
     let mut why = None;
-    for target in slowest_frames(inputs, wanted) {
+    for target in stillest_frames(inputs.states, wanted) {
         match example(inputs, target)? {
             Ok(example) => {
                 let frame = &example.0;
@@ -193,45 +206,21 @@ pub fn examples(inputs: &ExampleInputs<'_>) -> Result<NoiseExamples, Registratio
     }
     let frames: Vec<CodedFrame<'_>> = found.iter().map(|(frame, coding, _)| CodedFrame { frame, coding }).collect();
     let model = calibrate_coded(&frames, SEED).and_then(|model| model.with_clamped_activity(MAX_ACTIVITY_DEVIATIONS));
-    Ok(match model.map_err(|error| error.to_string()).and_then(|model| to_file(&model)) {
-        Ok(file) => NoiseExamples {
-            why: None,
-            frames: frames.len(),
-            usable_share: usable / frames.len() as f64,
-            frame_correlation: products[0] / products[1].max(f64::MIN_POSITIVE),
-            file,
-        },
+    let file = model.map_err(|error| error.to_string());
+    let file = file.and_then(|model| to_bytes(&model).map_err(|error| error.to_string()));
+    Ok(match file {
+        Ok(file) => {
+            let findings = NoiseExampleFindings {
+                why: None,
+                frames: frames.len(),
+                usable_share: usable / frames.len() as f64,
+                frame_correlation: products[0] / products[1].max(f64::MIN_POSITIVE),
+                sha256: Some(hex(&Sha256::digest(&file))),
+            };
+            NoiseExamples { findings, file }
+        }
         Err(why) => NoiseExamples::none(why),
     })
-}
-
-fn to_file(model: &NoiseModel) -> Result<Vec<u8>, String> {
-    crate::exemplar_noise::file::to_bytes(model).map_err(|error| error.to_string())
-}
-
-/// The slowest frame of each of `count` parts of the recording, in order.
-fn slowest_frames(inputs: &ExampleInputs<'_>, count: usize) -> Vec<usize> {
-    let frames = inputs.states.len();
-    let focal_px = inputs.model.geometry.intrinsics.fx_px;
-    let speed = |n: usize| {
-        let state = inputs.states[n]?;
-        let turning = twist::rotation_vector(&state.twist).length();
-        let moving = twist::translation(&state.twist).length();
-        Some(focal_px * (turning + moving / inputs.model.typical_depth_m))
-    };
-    let part = |k: usize| k * frames / count..(k + 1) * frames / count;
-    let slowest = |k: usize| {
-        let known = part(k).filter_map(|n| Some((n, speed(n)?)));
-        known.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(n, _)| n)
-    };
-    (0..count).filter_map(slowest).collect()
-}
-
-/// A neighbour, and the factor for each channel by which it is scaled.
-struct SampledFrame {
-    planes: Planes,
-    state: CameraState,
-    gain: [f32; 3],
 }
 
 /// A frame with the mean of its neighbours, its coding, and two sums: of the products of its
@@ -256,9 +245,8 @@ fn example(inputs: &ExampleInputs<'_>, target: usize) -> Result<Result<FrameExam
     if coding.chroma.is_none() || is_grey {
         return Ok(Err("examples need frames in colour".to_owned()));
     }
-    let own = planes(codes, width, height);
-    let mut source = DepthSource::new(model, recording, states, inputs.later_s, threads)?;
-    let depth = source.of(model, frame, &state)?;
+    let own = rgb_of_codes(codes, [width, height]);
+    let depth = measured(model, frame, &state, inputs.later_s);
     let view = DepthView { model, state, depth: &depth };
 
     // The nearest first.
@@ -267,17 +255,17 @@ fn example(inputs: &ExampleInputs<'_>, target: usize) -> Result<Result<FrameExam
     let mut neighbours: Vec<SampledFrame> = Vec::new();
     for n in order {
         let (Codes::U8(codes), Some(state)) = (&read[n - range.start].pixels.codes, states[n]) else { continue };
-        let planes = planes(codes, width, height);
+        let planes = rgb_of_codes(codes, [width, height]);
         let repeats = std::iter::once(&own).chain(neighbours.iter().map(|other| &other.planes));
         if repeats.into_iter().any(|other| is_repeated(other, &planes, noise)) {
             continue;
         }
-        let mut neighbour = SampledFrame { planes, state, gain: [1.0; 3] };
+        let mut neighbour = SampledFrame::new(planes, &state);
         if let Some(gain) = view.gain(&own, &neighbour) {
             neighbour.gain = gain;
             neighbours.push(neighbour);
         }
-        if neighbours.len() == NEIGHBOURS {
+        if neighbours.len() == MAX_NEIGHBOURS {
             break;
         }
     }
@@ -299,169 +287,15 @@ fn example(inputs: &ExampleInputs<'_>, target: usize) -> Result<Result<FrameExam
     Ok(Ok((frame, coding, products)))
 }
 
-fn planes(codes: &[u8], width: usize, height: usize) -> Planes {
-    let pixels = codes.as_chunks::<3>().0;
-    std::array::from_fn(|c| GreyImage { width, height, values: pixels.iter().map(|p| f32::from(p[c])).collect() })
-}
-
 /// Whether two frames have the same noise.
 fn is_repeated(a: &Planes, b: &Planes, noise: &NoiseProfile) -> bool {
-    let pairs = a[1].values.iter().zip(&b[1].values).step_by(COMPARED_STEP_PX + 1);
+    let pairs = a[1].values.iter().zip(&b[1].values).step_by(REPEAT_STEP);
     let (mut differences, mut sigmas) = (0.0, 0.0);
     for (a, b) in pairs {
         differences += f64::from((a - b).abs());
         sigmas += noise.sigma(1, f64::from(*a));
     }
     differences < REPEATED * sigmas
-}
-
-/// A frame's view of the scene.
-struct DepthView<'a> {
-    model: &'a CameraModel,
-    state: CameraState,
-    /// One for each pixel, m; 0 where unknown.
-    depth: &'a [f32],
-}
-
-impl DepthView<'_> {
-    /// The point at a pixel, world axes.
-    fn point(&self, x: usize, y: usize) -> Option<DVec3> {
-        let i = y * self.model.size().0 + x;
-        let (z, ray) = (self.depth[i], self.model.rays[i]);
-        if !(z > 0.0 && ray[0].is_finite()) {
-            return None;
-        }
-        let at_row = f64::from(z) * DVec3::from(ray.map(f64::from));
-        let row_s = self.model.geometry.row_time_s(y as f64 + 0.5);
-        Some(self.state.world_from_camera.transform_point3(move_point(at_row, &self.state.twist, row_s)))
-    }
-
-    /// A neighbour's codes at a point near row `y`, before its gain, and the sum of the squared
-    /// weights.
-    fn sample(
-        &self,
-        neighbour: &SampledFrame,
-        camera_from_world: &DAffine3,
-        point: DVec3,
-        y: usize,
-    ) -> Option<[f32; 4]> {
-        let there = camera_from_world.transform_point3(point);
-        let geometry = &self.model.geometry;
-        if there.z <= 0.0 {
-            return None;
-        }
-        let (at, _) = project_rolling_shutter(geometry, there, &neighbour.state.twist, Some(y as f64 + 0.5), 2)?;
-        let (width, height) = self.model.size();
-        let inside =
-            at.x > MARGIN_PX && at.y > MARGIN_PX && at.x < width as f64 - MARGIN_PX && at.y < height as f64 - MARGIN_PX;
-        if !inside {
-            return None;
-        }
-        let (u, v) = (at.x - 0.5, at.y - 0.5);
-        let (column, row) = (u.floor() as usize - 1, v.floor() as usize - 1);
-        let across = cubic_weights((u - u.floor()) as f32);
-        let down = cubic_weights((v - v.floor()) as f32);
-        let mut sums = [0.0f32; 4];
-        for (c, plane) in neighbour.planes.iter().enumerate() {
-            for (dy, weight) in down.iter().enumerate() {
-                let values = &plane.values[(row + dy) * width + column..][..4];
-                sums[c] += weight * values.iter().zip(across).map(|(v, w)| v * w).sum::<f32>();
-            }
-        }
-        sums[3] = across.iter().map(|w| w * w).sum::<f32>() * down.iter().map(|w| w * w).sum::<f32>();
-        Some(sums)
-    }
-
-    /// The factors on a neighbour's codes that make it as bright as this frame. `None` if they
-    /// share too few pixels.
-    fn gain(&self, own: &Planes, neighbour: &SampledFrame) -> Option<[f32; 3]> {
-        let (width, height) = self.model.size();
-        let camera_from_world = neighbour.state.world_from_camera.inverse();
-        let mut ratios: [Vec<f32>; 3] = Default::default();
-        for y in (0..height).step_by(COMPARED_STEP_PX) {
-            for x in (0..width).step_by(COMPARED_STEP_PX) {
-                let Some(point) = self.point(x, y) else { continue };
-                let Some(found) = self.sample(neighbour, &camera_from_world, point, y) else { continue };
-                for (c, ratios) in ratios.iter_mut().enumerate() {
-                    let code = own[c].values[y * width + x];
-                    if COMPARED_CODES.contains(&code) && COMPARED_CODES.contains(&found[c]) {
-                        ratios.push(code / found[c]);
-                    }
-                }
-            }
-        }
-        let mut gain = [1.0; 3];
-        for (gain, ratios) in gain.iter_mut().zip(&mut ratios) {
-            if ratios.len() < 50 {
-                return None;
-            }
-            let middle = ratios.len() / 2;
-            *gain = *ratios.select_nth_unstable_by(middle, f32::total_cmp).1;
-        }
-        Some(gain)
-    }
-
-    /// Sums over usable pixels: of the products of the frame's residual and a neighbour's, and of
-    /// the squares of the frame's.
-    fn products(
-        &self,
-        own: &Planes,
-        neighbour: &SampledFrame,
-        frame: &CalibrationFrame,
-        table: &[[f32; 3]],
-    ) -> [f64; 2] {
-        let (width, height) = self.model.size();
-        let camera_from_world = neighbour.state.world_from_camera.inverse();
-        let mut sums = [0.0; 2];
-        for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
-            let i = y * width + x;
-            let Some(point) = self.point(x, y).filter(|_| frame.mask[i]) else { continue };
-            let Some(sample) = self.sample(neighbour, &camera_from_world, point, y) else { continue };
-            let mean = frame.mean[1].values[i];
-            let [residual, other] = [own[1].values[i] - mean, neighbour.gain[1] * sample[1] - mean];
-            let sigma = table[mean.clamp(0.0, 255.0) as usize][1];
-            if other.abs() > MAX_DEVIATION * sigma + MAX_DEVIATION_CODES {
-                // Another surface.
-                continue;
-            }
-            sums[0] += f64::from(residual * other);
-            sums[1] += f64::from(residual * residual);
-        }
-        sums
-    }
-
-    /// Mean of the neighbours' samples at a pixel, and Σ gᵢ² cᵢ / n². `table`: σ by code.
-    fn mean(&self, neighbours: &[SampledFrame], x: usize, y: usize, table: &[[f32; 3]]) -> Option<[f32; 4]> {
-        let point = self.point(x, y)?;
-        let mut samples: Vec<([f32; 4], f32)> = Vec::with_capacity(neighbours.len());
-        for neighbour in neighbours {
-            let camera_from_world = neighbour.state.world_from_camera.inverse();
-            if let Some(mut sample) = self.sample(neighbour, &camera_from_world, point, y) {
-                (0..3).for_each(|c| sample[c] *= neighbour.gain[c]);
-                sample[3] *= neighbour.gain[1].powi(2);
-                samples.push((sample, brightness(&sample)));
-            }
-        }
-        if samples.len() < MIN_SAMPLES {
-            return None;
-        }
-        samples.sort_by(|a, b| a.1.total_cmp(&b.1));
-        let median = samples[samples.len() / 2].1;
-        let sigma = table[median.clamp(0.0, 255.0) as usize][1];
-        let within = MAX_DEVIATION * sigma + MAX_DEVIATION_CODES;
-        let mut sum = [0.0; 4];
-        let mut count = 0;
-        for (sample, _) in samples.iter().filter(|(_, light)| (light - median).abs() <= within) {
-            sum.iter_mut().zip(sample).for_each(|(sum, v)| *sum += v);
-            count += 1;
-        }
-        let n = count as f32;
-        (count >= MIN_SAMPLES).then(|| [sum[0] / n, sum[1] / n, sum[2] / n, sum[3] / (n * n)])
-    }
-}
-
-fn brightness(rgb: &[f32; 4]) -> f32 {
-    BRIGHTNESS.iter().zip(rgb).map(|(weight, v)| weight * v).sum()
 }
 
 /// Adds the residual's low frequencies to the means.
@@ -488,9 +322,7 @@ fn calibration_frame(own: &Planes, codes: Vec<u8>, means: &[[f32; 4]], table: &[
         let value = |(i, mean): (usize, &[f32; 4])| if mean[3].is_finite() { mean[c] } else { blurred[c].values[i] };
         GreyImage { width, height, values: means.iter().enumerate().map(value).collect() }
     });
-    let light = |rgb: &Planes, i: usize| {
-        BRIGHTNESS.iter().zip(rgb).map(|(weight, plane)| weight * plane.values[i]).sum::<f32>()
-    };
+    let light = |rgb: &Planes, i: usize| brightness(rgb.each_ref().map(|plane| plane.values[i]));
     let (along, down) = GreyImage::from_fn(width, height, |x, y| light(&mean, y * width + x)).sobel();
     // Of each pixel with samples: 1, the residual's variance and that by the poses' error, relative
     // to that of noise. 0 without.
@@ -529,71 +361,8 @@ fn calibration_frame(own: &Planes, codes: Vec<u8>, means: &[[f32; 4]], table: &[
 
 #[cfg(test)]
 mod tests {
+    use super::super::neighbour_mean::tests::{HEIGHT, WIDTH, neighbour, table};
     use super::*;
-    use crate::camera::{Geometry, NoiseBin};
-    use crate::fit::twist::Twist;
-    use crate::hash::pcg3d;
-
-    const WIDTH: usize = 160;
-    const HEIGHT: usize = 120;
-    const SIGMA: f32 = 3.0;
-
-    fn noise(i: usize, seed: u32) -> f32 {
-        let word = pcg3d([i as u32, seed, 0])[0];
-        (word as f32 / u32::MAX as f32 - 0.5) * 12.0f32.sqrt() * SIGMA
-    }
-
-    /// A camera `step` cm to the right of the first, before a wall at 2 m with a step of brightness
-    /// at its middle.
-    fn neighbour(step: f64, seed: u32, exposure: f32) -> SampledFrame {
-        let shift_px = 100.0 * 0.01 * step / 2.0;
-        let light = |x: f64| if x + shift_px < 80.0 { 60.0 } else { 140.0 };
-        let plane = |c: u32| {
-            GreyImage::from_fn(WIDTH, HEIGHT, |x, y| exposure * light(x as f64) + noise(y * WIDTH + x, 3 * seed + c))
-        };
-        let world_from_camera = DAffine3::from_translation(DVec3::X * 0.01 * step);
-        let state = CameraState { world_from_camera, twist: Twist::zeros() };
-        SampledFrame { planes: [0, 1, 2].map(plane), state, gain: [1.0; 3] }
-    }
-
-    fn table() -> NoiseProfile {
-        let bins = vec![NoiseBin { code: 128.0, sigma: f64::from(SIGMA) }];
-        NoiseProfile {
-            bins: [bins.clone(), bins.clone(), bins],
-            channel_correlation: [0.0; 3],
-            neighbour_correlation: [0.0; 2],
-            example: None,
-        }
-    }
-
-    #[test]
-    fn mean_of_neighbours_follows_exposure_and_leaves_out_what_moved() {
-        let model = CameraModel::new(Geometry::pinhole(WIDTH as u32, HEIGHT as u32, 100.0));
-        let own = neighbour(0.0, 0, 1.0);
-        let view = DepthView { model: &model, state: own.state, depth: &[2.0; WIDTH * HEIGHT] };
-        let mut neighbours: Vec<SampledFrame> = (1..=8)
-            .map(|n| {
-                let mut neighbour = neighbour(2.0 * f64::from(n) - 9.0, n, if n == 3 { 0.8 } else { 1.0 });
-                neighbour.gain = view.gain(&own.planes, &neighbour).expect("enough pixels");
-                neighbour
-            })
-            .collect();
-        assert!((neighbours[2].gain[1] - 1.25).abs() < 0.02, "{:?}", neighbours[2].gain);
-        // Something white passes before one of them.
-        neighbours[5].planes.iter_mut().for_each(|plane| plane.values.fill(250.0));
-        let table = table().table();
-        let (mut squares, mut added, mut count) = (0.0, 0.0, 0.0);
-        for (x, y) in (20..60).flat_map(|x| (10..110).map(move |y| (x, y))) {
-            let mean = view.mean(&neighbours, x, y, &table).expect("eight samples");
-            squares += (mean[1] - 60.0).powi(2);
-            added += mean[3];
-            count += 1.0;
-        }
-        // Seven samples; the scaled one has 1.25² of their variance.
-        let expected = SIGMA * SIGMA * added / count;
-        assert!((squares / count / expected - 1.0).abs() < 0.15, "{} {expected}", squares / count);
-        assert!(added / count < 1.1 / 7.0 && added / count > 0.4 / 7.0, "interpolation averages: {}", added / count);
-    }
 
     #[test]
     fn edges_changes_and_places_without_samples_are_masked() {

@@ -7,7 +7,7 @@ use super::depth_source::DepthSource;
 use super::plane_sweep::camera_model_for;
 use super::registration_result::recorded;
 use super::shutter::ExposureRun;
-use super::spread::{EdgeSpreads, FrameMotion, PointSpreadEstimate, stillest_frames};
+use super::spread::{EdgeSpreads, FrameMotion, PointSpreadEstimate, measured_frames, stillest_frames};
 use super::state::CameraState;
 use crate::camera::{Geometry, Response};
 use crate::fit::twist::Twist;
@@ -36,7 +36,7 @@ pub fn of_recording(
     let mut spreads =
         EdgeSpreads::new(model, capture.response, if recording.bits > 8 { 0xffff } else { 0xff }, threads);
     let mut depths = DepthSource::new(model, recording, inputs.states, inputs.depth_later_s, threads)?;
-    for n in stillest_frames(inputs.states) {
+    for n in stillest_frames(inputs.states, measured_frames(inputs.states.len())) {
         let Some(state) = inputs.states[n] else { continue };
         for frame in recording.frames(n..n + 1)? {
             let mut frame = frame?;
@@ -75,5 +75,6 @@ pub fn drawn_spread_px(camera: &Geometry, response: &Response, pixels: Pixels, t
 
 /// The frames with the least camera motion, one from each part of the recording.
 pub fn still_frames(recording: &Recording) -> Vec<usize> {
-    stillest_frames(&recorded(recording, 0.0))
+    let states = recorded(recording, 0.0);
+    stillest_frames(&states, measured_frames(states.len()))
 }

@@ -226,9 +226,13 @@ fn variance_px2(light: &GreyImage, line: &EdgeLine, moved_px: f64) -> Option<f64
     (off <= MAX_RESIDUAL * height && variance <= MAX_SIGMA_PX * MAX_SIGMA_PX).then_some(variance)
 }
 
-/// The frame with the least camera motion in each part of the recording.
-pub fn stillest_frames(states: &[Option<CameraState>]) -> Vec<usize> {
-    let count = states.len().div_ceil(FRAME_STRIDE).min(MAX_FRAMES);
+/// Number of frames from which the point spread of a recording is measured.
+pub fn measured_frames(frame_count: usize) -> usize {
+    frame_count.div_ceil(FRAME_STRIDE).min(MAX_FRAMES)
+}
+
+/// The frame with the least camera motion in each of `count` parts of the recording.
+pub fn stillest_frames(states: &[Option<CameraState>], count: usize) -> Vec<usize> {
     // A rotation of 1 rad/s moves the picture like a translation of 1 m/s at a distance of 1 m.
     let fast = |n: &usize| states[*n].map_or(f64::INFINITY, |state| state.twist.norm());
     let part = |k: usize| k * states.len() / count..(k + 1) * states.len() / count;
@@ -326,8 +330,8 @@ mod tests {
             Some(CameraState { world_from_camera: glam::DAffine3::IDENTITY, twist: Twist::from_element(speed) })
         };
         let states = [Some(3.0), None, Some(5.0), Some(2.0), Some(4.0), Some(0.1), None].map(|s| s.and_then(state));
-        assert_eq!(stillest_frames(&states), [0, 3, 5]);
-        assert!(stillest_frames(&[]).is_empty() && stillest_frames(&[None]).is_empty());
+        assert_eq!(stillest_frames(&states, measured_frames(states.len())), [0, 3, 5]);
+        assert!(stillest_frames(&[], 0).is_empty() && stillest_frames(&[None], 2).is_empty());
     }
 
     /// Measured σ of an edge that is rendered by coverage and then blurred.

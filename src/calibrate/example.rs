@@ -6,6 +6,7 @@
 
 use std::fmt;
 
+use super::sampling_plan::{AtlasWindow, MAX_ATLAS_PX, SamplingPlan};
 use super::scene_sums::{BLOCK, SceneSums};
 use crate::coding::PictureCoding;
 use crate::exemplar_noise::calibration::{CalibrationFrame, CodedFrame, calibrate_coded, synthesise};
@@ -16,30 +17,22 @@ use crate::grey_image::GreyImage;
 use crate::pixels::{Codes, Pixels};
 use crate::text::count;
 
-/// Largest area of all frames of a model, px. Its file has 3 to 4 bytes for each.
-const MAX_ATLAS_PX: usize = 1 << 21;
-/// Windows of a picture that is too large for its whole frames.
-const WINDOWS: usize = 4;
 /// Largest number of scenes that are sampled; more would leave too small windows.
 const MAX_SCENES: usize = 8;
-/// Windows start at multiples of this: the largest unit of a coding, px.
-const GRID_PX: usize = 16;
-/// Smallest side of a window with tiles of two classes, px.
-const MIN_WINDOW_PX: usize = 160;
 /// Border of a window that is left out, where chroma and features depend on pixels outside, px.
 const WINDOW_MARGIN_PX: usize = 16;
-/// Fewest frames of a scene whose mean is not known.
+/// Fewest frames of a scene without a clean picture.
 pub const MIN_FRAMES: usize = 4;
 /// Frames of half a second to a second, from which the mean has little noise left.
-const GOOD_FRAMES: usize = 16;
-/// Key of the synthesis whose result is compared with the frames.
+const RECOMMENDED_FRAMES: usize = 16;
+/// Key of the synthesised noise that is compared with the frames' own.
 const CHECK_KEY: [u32; 3] = [0, 99, 0];
 const SEED: u32 = 1;
 /// Codes of a bin of the comparison, and its smallest number of samples.
 const BIN_CODES: usize = 16;
 const MIN_BIN_SAMPLES: usize = 2000;
 /// Width of the range of codes below which more content is recommended.
-const WIDE_CODES: f32 = 128.0;
+const RECOMMENDED_CODE_RANGE: f32 = 128.0;
 
 /// How the clean picture was found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -68,7 +61,7 @@ pub struct ExampleCalibration {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoExample {
     #[error(
-        "{} at rest; at least {MIN_FRAMES} are needed, {GOOD_FRAMES} are better: hold the camera still for two seconds",
+        "{} at rest; at least {MIN_FRAMES} are needed, {RECOMMENDED_FRAMES} are better: hold the camera still for two seconds",
         count(*frames, "frame")
     )]
     TooFewFrames { frames: usize },
@@ -83,54 +76,6 @@ pub enum NoExample {
     Moving,
     #[error(transparent)]
     Model(#[from] ModelError),
-}
-
-/// A part of the picture, px.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct AtlasWindow {
-    at: [usize; 2],
-    size: [usize; 2],
-}
-
-/// Frames and windows that are sampled.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-struct SamplingPlan {
-    /// Index of the frame, ascending, and the window.
-    samples: Vec<(usize, AtlasWindow)>,
-}
-
-impl SamplingPlan {
-    /// Samples of so many frames, of at most `budget_px` altogether.
-    fn of(size: [usize; 2], frames: usize, budget_px: usize) -> Self {
-        let area = (size[0] * size[1]).max(1);
-        // Independent of the number of frames: all scenes have the same size.
-        if budget_px / area >= WINDOWS {
-            let whole = (budget_px / area).min(frames);
-            let frame = |i: usize| (i * frames / whole, AtlasWindow { at: [0, 0], size });
-            return Self { samples: (0..whole).map(frame).collect() };
-        }
-        let side = (budget_px / WINDOWS).isqrt() / GRID_PX * GRID_PX;
-        // Halves do not overlap, so that a frame's windows have different noise.
-        let half = size.map(|length| length / 2 / GRID_PX * GRID_PX);
-        let window = [0, 1].map(|axis| if half[axis] >= MIN_WINDOW_PX { half[axis] } else { size[axis] }.min(side));
-        let sample = |i: usize| {
-            let at = [i % 2, i / 2 % 2];
-            let first = |axis: usize| {
-                let middle = size[axis] * (1 + 2 * at[axis]) / 4;
-                let last = size[axis] - window[axis];
-                middle.saturating_sub(window[axis] / 2).min(last) / GRID_PX * GRID_PX
-            };
-            (i * frames / WINDOWS, AtlasWindow { at: [first(0), first(1)], size: window })
-        };
-        let mut samples: Vec<(usize, AtlasWindow)> = Vec::new();
-        for (frame, window) in (0..WINDOWS).map(sample) {
-            // Tiles of two windows must not have the same noise.
-            if !samples.contains(&(frame, window)) {
-                samples.push((frame, window));
-            }
-        }
-        Self { samples }
-    }
 }
 
 /// Codes of a window, and their coding.
@@ -350,14 +295,14 @@ impl fmt::Display for ExampleCalibration {
             )?;
         }
         match self.method {
-            ExampleMethod::Resting { frames } if frames < GOOD_FRAMES => writeln!(
+            ExampleMethod::Resting { frames } if frames < RECOMMENDED_FRAMES => writeln!(
                 f,
-                "note: {GOOD_FRAMES} or more frames give a cleaner mean: hold the camera still for two seconds"
+                "note: {RECOMMENDED_FRAMES} or more frames give a cleaner mean: hold the camera still for two seconds"
             )?,
             _ => {}
         }
         let [dark, bright] = self.code_range;
-        if bright - dark < WIDE_CODES {
+        if bright - dark < RECOMMENDED_CODE_RANGE {
             writeln!(
                 f,
                 "note: the pictures have codes from {dark:.0} to {bright:.0} alone; other content gets the noise of the \
@@ -419,7 +364,7 @@ mod tests {
         let example = example(&write_frames(folder.path(), 4), &[]).unwrap();
         let numbers = &example.model.numbers;
         assert_eq!((example.method, example.model.sources.len()), (ExampleMethod::Resting { frames: 4 }, 4));
-        assert_eq!((numbers.chroma_factor, numbers.coding_difference(&PictureCoding::UNROUNDED)), ([1, 1], None));
+        assert_eq!(numbers.coding.difference(&PictureCoding::UNROUNDED), None);
         for source in &example.model.sources {
             let usable = |x: usize, y: usize| source.flags[y * SIDE + x] & USABLE != 0;
             assert!(usable(20, 20) && usable(120, 190) && !usable(MOVING_PX, MOVING_PX) && !usable(207, 207));
@@ -468,42 +413,6 @@ mod tests {
         };
         let deep: Vec<PathBuf> = (0..4).map(deep).collect();
         assert_eq!(example(&deep, &[]).unwrap_err(), NoExample::Depth);
-    }
-
-    #[test]
-    fn small_frames_are_sampled_whole_and_evenly() {
-        let plan = SamplingPlan::of([640, 480], 50, MAX_ATLAS_PX);
-        let frames: Vec<usize> = plan.samples.iter().map(|sample| sample.0).collect();
-        // 2,097,152 / 307,200 = 6.8.
-        assert_eq!(frames, [0, 8, 16, 25, 33, 41]);
-        assert!(plan.samples.iter().all(|sample| sample.1 == AtlasWindow { at: [0, 0], size: [640, 480] }));
-        assert_eq!(SamplingPlan::of([640, 480], 4, MAX_ATLAS_PX).samples.len(), 4);
-        // One frame of a pair.
-        assert_eq!(SamplingPlan::of([640, 480], 1, MAX_ATLAS_PX).samples.len(), 1);
-    }
-
-    #[test]
-    fn large_frames_are_sampled_as_aligned_windows_within_the_budget() {
-        for (size, frames) in
-            [([1920, 1080], 30), ([6000, 4000], 1), ([1000, 800], 1), ([6000, 300], 9), ([6000, 300], 1)]
-        {
-            let plan = SamplingPlan::of(size, frames, MAX_ATLAS_PX);
-            let mut area = 0;
-            for (i, (frame, window)) in plan.samples.iter().enumerate() {
-                let apart = |other: &AtlasWindow| {
-                    (0..2).any(|axis| other.at[axis].abs_diff(window.at[axis]) >= window.size[axis])
-                };
-                let others = plan.samples[i + 1..].iter().filter(|sample| sample.0 == *frame);
-                assert!(others.clone().all(|(_, other)| apart(other)), "{size:?}");
-            }
-            for (frame, window) in &plan.samples {
-                assert!(*frame < frames && (0..2).all(|axis| window.at[axis] + window.size[axis] <= size[axis]));
-                assert!(window.at.iter().all(|at| at % GRID_PX == 0), "{window:?}");
-                area += window.size[0] * window.size[1];
-            }
-            assert!(area <= MAX_ATLAS_PX, "{size:?}: {area}");
-            assert!(plan.samples[0].1.at[0] < plan.samples[1].1.at[0]);
-        }
     }
 
     #[test]

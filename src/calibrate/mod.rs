@@ -20,6 +20,7 @@ mod points;
 mod rendered_noise;
 mod report;
 mod rounding;
+mod sampling_plan;
 mod scene_sums;
 pub mod sharpness;
 mod single;

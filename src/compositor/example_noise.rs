@@ -193,7 +193,7 @@ struct GpuCandidate {
 
 impl GpuAtlas {
     fn new(gpu: &Gpu, model: &ByAddress<NoiseModel>) -> Self {
-        let factor = model.numbers.chroma_factor;
+        let factor = model.numbers.chroma_factor();
         let (mut luma, mut chroma): (Vec<u16>, Vec<u16>) = Default::default();
         // First px and chroma sample, and width, of each frame.
         let mut frames = Vec::new();
@@ -239,7 +239,8 @@ fn padded_to_vectors<const N: usize>(lists: [[f32; N]; 4]) -> [[f32; 4]; 8] {
 
 impl ExampleUniform {
     fn new(noise: &ExampleNoise, region: &NoiseRegion<'_>, atlas: &GpuAtlas) -> Self {
-        let ModelNumbers { scale, gains, latent, chroma_factor, .. } = &noise.model.numbers;
+        let numbers = &noise.model.numbers;
+        let ModelNumbers { scale, gains, latent, .. } = numbers;
         let extent = region.extent;
         let in_cells = |px: i32| (px + OVERLAP_PX as i32) / CELL_PX as i32;
         let axes = [0, 1];
@@ -253,7 +254,7 @@ impl ExampleUniform {
             first_cell,
             cells: axes.map(|axis| in_cells(end[axis] - 1) + 1 - first_cell[axis]),
             region: size,
-            factor: chroma_factor.map(|factor| factor as i32),
+            factor: numbers.chroma_factor().map(|factor| factor as i32),
             key: [noise.key[0], noise.key[1], noise.key[2], 0],
             classes: atlas.classes,
             latent: std::array::from_fn(|i| {

@@ -172,7 +172,7 @@ impl Effect for Noise {
         if context.max_code != 255 {
             return Err(CodingDifference::Depth);
         }
-        match model.numbers.coding_difference(coding.unwrap_or(&PictureCoding::UNROUNDED)) {
+        match model.numbers.coding.difference(coding.unwrap_or(&PictureCoding::UNROUNDED)) {
             Some(difference) => Err(difference),
             None => {
                 let key = pattern_key(context.seed, context.frame, self.animation_delay);

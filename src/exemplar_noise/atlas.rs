@@ -82,7 +82,7 @@ pub type AtlasParts = (Vec<AtlasFrame>, [Vec<TileCandidate>; CLASSES], Descripto
 
 /// Innovations of the frames, the candidates among their tiles, and the scale of descriptors.
 pub fn build(numbers: &ModelNumbers, sources: &[SourceFrame]) -> AtlasParts {
-    let factor = numbers.chroma_factor;
+    let factor = numbers.chroma_factor();
     let of_source = |source: &SourceFrame| numbers.scale.standardised(Features::of(&source.rgb()));
     let features: Vec<Features> = sources.iter().map(of_source).collect();
     let innovations = |(source, features): (&SourceFrame, &Features)| {
@@ -151,7 +151,7 @@ pub struct FrameTiles {
     pub unclipped: GreyImage,
 }
 
-/// Mean over the tile whose first block is `block`, of means over blocks.
+/// Mean of a tile's blocks, from its upper left block `block`.
 fn tile_mean(blocks: &GreyImage, block: [usize; 2]) -> f32 {
     let side = TILE_PX / DESCRIPTOR_BLOCK_PX;
     let row_sum = |row: usize| blocks.values[row * blocks.width + block[0]..][..side].iter().sum::<f32>();

@@ -222,7 +222,8 @@ fn checked(frames: &[CodedFrame<'_>]) -> Result<ModelCoding, ModelError> {
     }
     let shared = ModelCoding::of(first.coding).ok_or(ModelError::Grey)?;
     let extent = first.coding.extent(expected);
-    let differs = |coded: &CodedFrame<'_>| shared != *coded.coding || coded.coding.extent(expected) != extent;
+    let differs =
+        |coded: &CodedFrame<'_>| shared.difference(coded.coding).is_some() || coded.coding.extent(expected) != extent;
     match frames.iter().position(differs) {
         Some(frame) => Err(ModelError::Coding { frame }),
         None => Ok(shared),
@@ -307,14 +308,8 @@ pub fn calibrate_coded(frames: &[CodedFrame<'_>], seed: u32) -> Result<NoiseMode
         [prepared.iter().map(|p| &p.usable).collect(), prepared.iter().map(|p| &p.unclipped).collect()];
     let mut gains = fit_all(&prepared, &real, &clear, factor, None);
     let atlas_gains = to_f32(&gains);
-    let numbers = ModelNumbers {
-        scale,
-        gains: atlas_gains,
-        atlas_gains,
-        latent: LatentTable::default(),
-        chroma_factor: factor,
-        coding: Some(shared),
-    };
+    let numbers =
+        ModelNumbers { scale, gains: atlas_gains, atlas_gains, latent: LatentTable::default(), coding: shared };
     let mut model = NoiseModel::new(numbers, prepared.iter().map(|p| p.source()).collect())?;
 
     let target = fit_all(&prepared, &real, &whole, factor, None);

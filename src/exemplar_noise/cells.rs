@@ -5,9 +5,10 @@
 //! sin(π/2 (t + ½)/16) of the later and the cosine of the earlier cell, so that their squares sum
 //! to 1 and the variance of independent noise stays.
 //!
-//! Source of a cell: of n candidates of the class (i & 1) + 2 (j & 1), m = ⌈n / 24⌉ (at most 64)
-//! drawn by hashes, the one whose [descriptor](super::descriptor) is nearest to that of the cell's
-//! content. Its expected rank by distance is about 24 among all candidates, without any sorting.
+//! Source of a cell: m = ⌈n / 24⌉ (at most 64) of the n candidates of the class
+//! (i & 1) + 2 (j & 1) are drawn by hashes. The source is the one with the
+//! [descriptor](super::descriptor) nearest to that of the cell's content. Its expected rank by
+//! distance is about 24 among all candidates, without any sorting.
 //! Each draw is h mod n for the three words h of pcg3d(key + (i, j, 1 + draw / 3)).
 //! pcg3d(key + (i, j, 0)) gives the tile's mirroring: bit 31 of the first word across, of the
 //! second down.
@@ -68,7 +69,7 @@ pub fn sources(
     cells.map(source).collect()
 }
 
-/// Source of one cell whose content has this standardised descriptor.
+/// Source of one cell, by the standardised descriptor of its content.
 pub fn source(
     cell: [u32; 2],
     descriptor: &Descriptor,

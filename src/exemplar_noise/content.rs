@@ -40,6 +40,11 @@ const WIDE_SMOOTHING: [f32; 3] = [0.5, 0.0, 0.25];
 /// Side of the blocks over which energies are averaged, px.
 const ACTIVITY_BLOCK_PX: usize = 2;
 
+/// Brightness of R', G', B', in their unit.
+pub fn brightness([r, g, b]: [f32; 3]) -> f32 {
+    0.25 * r + 0.5 * g + 0.25 * b
+}
+
 /// One plane per feature.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Features(pub [GreyImage; FEATURES]);
@@ -65,16 +70,16 @@ impl Features {
             let values = r.iter().zip(g).zip(b).map(|((r, g), b)| value(r / 255.0, g / 255.0, b / 255.0)).collect();
             GreyImage { width, height, values }
         };
-        let brightness = each(&|r, g, b| 0.25 * r + 0.5 * g + 0.25 * b);
-        let root = each(&|r, g, b| ((0.25 * r + 0.5 * g + 0.25 * b).max(0.0) + 0.002).sqrt());
-        let (along, down) = brightness.sobel();
+        let y = each(&|r, g, b| brightness([r, g, b]));
+        let root = each(&|r, g, b| (brightness([r, g, b]).max(0.0) + 0.002).sqrt());
+        let (along, down) = y.sobel();
         let energy = along.values.iter().zip(&down.values).map(|(x, y)| 255.0 * 255.0 * (x * x + y * y)).collect();
         let fine = GreyImage { width, height, values: energy }.reduced(ACTIVITY_BLOCK_PX).filtered(&SMOOTHING);
         let coarse = fine.filtered(&WIDE_SMOOTHING);
-        let mut detail = detail_energy(&brightness).filtered(&SMOOTHING);
+        let mut detail = detail_energy(&y).filtered(&SMOOTHING);
         let [coarse, fine] = [coarse, fine].map(|blocks| activity(&blocks, [width, height], 0.5));
         detail.values.iter_mut().for_each(|v| *v = (0.05 + *v).ln());
-        Self([brightness, root, each(&|r, g, _| r - g), each(&|_, g, b| b - g), coarse, fine, detail])
+        Self([y, root, each(&|r, g, _| r - g), each(&|_, g, b| b - g), coarse, fine, detail])
     }
 
     pub fn width(&self) -> usize {

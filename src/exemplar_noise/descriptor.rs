@@ -18,6 +18,7 @@
 //!
 //! Sums are kept for each block, so that a tile's are sums over its blocks.
 
+use super::content::brightness;
 use super::tile::TILE_PX;
 use crate::grey_image::GreyImage;
 
@@ -74,7 +75,7 @@ impl DescriptorBlocks {
         let sample = |x: usize, y: usize| {
             let i = y * width + x;
             let [r, g, b] = rgb.each_ref().map(|plane| plane.values[i].clamp(0.0, 255.0) / 255.0);
-            (share.map_or(1.0, |share| share.values[i]), [0.25 * r + 0.5 * g + 0.25 * b, r - g, b - g])
+            (share.map_or(1.0, |share| share.values[i]), [brightness([r, g, b]), r - g, b - g])
         };
         let block = |column: usize, row: usize| {
             let mut sums = DescriptorSums::default();
@@ -99,8 +100,8 @@ impl DescriptorBlocks {
         Self { size, sums: sums.map(|(column, row)| block(column, row)).collect() }
     }
 
-    /// The descriptor of the tile whose first block is `first`. Blocks beyond the picture are left
-    /// out.
+    /// The descriptor of a tile, from its upper left block `first`. Blocks beyond the picture are
+    /// left out.
     pub fn tile(&self, first: [i64; 2]) -> Descriptor {
         let side = (TILE_PX / DESCRIPTOR_BLOCK_PX) as i64;
         let range = |axis: usize| {

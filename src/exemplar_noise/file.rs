@@ -92,7 +92,7 @@ fn encoded(bytes: &[u8], size: [usize; 2], part: usize) -> Result<Vec<u8>, Model
 
 /// The bytes of a model's file.
 pub fn to_bytes(model: &NoiseModel) -> Result<Vec<u8>, ModelFileError> {
-    let factor = model.numbers.chroma_factor;
+    let factor = model.numbers.chroma_factor();
     let (mut frames, mut pictures) = (Vec::new(), Vec::new());
     for source in &model.sources {
         let mut lengths = [0; PARTS];
@@ -135,7 +135,7 @@ pub fn from_bytes(bytes: &[u8]) -> Result<NoiseModel, ModelFileError> {
     let (header, mut rest) = bytes[PREFIX..].split_at_checked(length as usize).ok_or_else(damaged)?;
     let header: Header = serde_json::from_slice(header).map_err(ModelFileError::Header)?;
     // Before any division by them.
-    if header.numbers.chroma_factor.iter().any(|factor| !matches!(factor, 1 | 2)) {
+    if header.numbers.chroma_factor().iter().any(|factor| !matches!(factor, 1 | 2)) {
         return Err(ModelError::Numbers.into());
     }
     let area = |frame: &AtlasFrameHeader| frame.size[0].saturating_mul(frame.size[1]);
@@ -149,7 +149,7 @@ pub fn from_bytes(bytes: &[u8]) -> Result<NoiseModel, ModelFileError> {
         for (part, length) in lengths.into_iter().enumerate() {
             let (png, after) = rest.split_at_checked(length).ok_or_else(damaged)?;
             rest = after;
-            parts[part] = decoded(png, part_size(size, part, header.numbers.chroma_factor), frame, part)?;
+            parts[part] = decoded(png, part_size(size, part, header.numbers.chroma_factor()), frame, part)?;
         }
         let [content, flags, residuals @ ..] = parts;
         let residual = |bytes: Vec<u8>| {

@@ -105,7 +105,7 @@ impl NoiseModel {
     pub fn new(numbers: ModelNumbers, sources: Vec<SourceFrame>) -> Result<Self, ModelError> {
         let gains = [numbers.gains, numbers.atlas_gains];
         let finite = gains.iter().flatten().flatten().all(|v| v.is_finite());
-        let factor = numbers.chroma_factor.iter().all(|factor| matches!(factor, 1 | 2));
+        let factor = numbers.chroma_factor().iter().all(|factor| matches!(factor, 1 | 2));
         if !(finite && factor && numbers.scale.is_valid() && numbers.latent.is_valid()) {
             return Err(ModelError::Numbers);
         }

@@ -32,7 +32,7 @@ impl NoiseModel {
     pub fn noise(&self, content: &NoiseContent<'_>, key: [u32; 3]) -> Planes {
         let NoiseContent { rgb, share, factor } = *content;
         let features = &self.numbers.scale.standardised(Features::of(rgb));
-        let chroma_factor = self.numbers.chroma_factor;
+        let chroma_factor = self.numbers.chroma_factor();
         let blocks = DescriptorBlocks::of(rgb, share);
         let size = [features.width(), features.height()];
         let sources = sources(&blocks, size, &self.descriptor_scale, &self.candidates, key);

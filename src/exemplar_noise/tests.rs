@@ -338,8 +338,8 @@ fn frames_of_different_quantisation_share_a_model_and_other_codings_are_refused(
         calibrate_coded(&coded, 7)
     };
     let model = calibrated([jpeg(1, [0, 0]), jpeg(2, [0, 0])]).unwrap();
-    assert_eq!(model.numbers.coding_difference(&jpeg(5, [-3, 0])), None);
-    assert_eq!(model.numbers.coding_difference(&coding([1, 1])), Some(CodingDifference::Quantization));
+    assert_eq!(model.numbers.coding.difference(&jpeg(5, [-3, 0])), None);
+    assert_eq!(model.numbers.coding.difference(&coding([1, 1])), Some(CodingDifference::Quantization));
     let refused = Some(ModelError::Coding { frame: 1 });
     assert_eq!(calibrated([jpeg(1, [0, 0]), jpeg(1, [-3, 0])]).err(), refused);
     assert_eq!(calibrated([jpeg(1, [0, 0]), coding([1, 1])]).err(), refused);
@@ -390,7 +390,7 @@ fn numbers_out_of_range_are_refused() {
     assert_eq!(refused(&|n| n.gains[ALL_BANDS - 1][0] = f32::NAN), Some(ModelError::Numbers));
     assert_eq!(refused(&|n| n.scale.deviation[2] = 0.0), Some(ModelError::Numbers));
     assert_eq!(refused(&|n| n.latent.values[0][4] = -1.0), Some(ModelError::Numbers));
-    assert_eq!(refused(&|n| n.chroma_factor = [0, 1]), Some(ModelError::Numbers));
+    assert_eq!(refused(&|n| n.coding.chroma.factor = [0, 1]), Some(ModelError::Numbers));
 }
 
 #[test]

@@ -42,7 +42,7 @@ pub enum NoiseTableError {
 /// Handling of the key `example`.
 #[derive(Clone, Copy, Debug)]
 pub enum ExampleLoading<'a> {
-    /// Reads the file, whose path is relative to this file's folder.
+    /// Reads the file. Its path is relative to the folder of this one.
     BesideFile(&'a Path),
     /// Leaves the example out. The key's type is checked all the same.
     Skip,

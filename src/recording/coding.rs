@@ -26,8 +26,7 @@ impl Recording {
     }
 
     /// The format of the pictures, as the video or the first frame's header states it, for a
-    /// message.
-    /// Pixels are not decoded.
+    /// message. Pixels are not decoded.
     pub fn stored_format(&self) -> Result<String, SourceError> {
         let (kind, coding) = match &*self.pictures {
             Pictures::Video(video, _) => ("video", video.coding.as_deref().cloned().ok_or_else(String::new)),

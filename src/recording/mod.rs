@@ -413,6 +413,11 @@ impl Recording {
         Self { depth: None, ..self.clone() }
     }
 
+    /// At most `most` frames, spread evenly: the middles of as many equal parts.
+    pub fn spread_frames(&self, most: usize) -> impl Iterator<Item = usize> + use<> {
+        middles_of_parts(self.frame_count(), most)
+    }
+
     /// Streams the frames of a half-open range in order, decoded ahead on separate threads. Memory
     /// does not depend on the range's length. An error ends the stream.
     pub fn frames(&self, range: Range<usize>) -> Result<Frames, RecordingError> {
@@ -424,6 +429,12 @@ impl Recording {
         }
         Frames::new(self, range)
     }
+}
+
+/// Middles of at most `most` equal parts of so many frames.
+fn middles_of_parts(count: usize, most: usize) -> impl Iterator<Item = usize> + use<> {
+    let parts = most.min(count);
+    (0..parts).map(move |n| (2 * n + 1) * count / (2 * parts))
 }
 
 fn check(options: &OpenOptions) -> Result<(), RecordingError> {
@@ -463,4 +474,16 @@ fn find(path: &Path) -> Result<(&'static RecordingFormat, PathBuf), RecordingErr
     };
     let accepted = FORMATS.map(|format| format.marker).join(", ");
     Err(RecordingError::NotARecording { path: path.to_owned(), found: found.to_owned(), accepted })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn spread_frames_are_the_middles_of_equal_parts() {
+        let of = |count, most| middles_of_parts(count, most).collect::<Vec<_>>();
+        assert_eq!(of(240, 24)[..3], [5, 15, 25]);
+        assert_eq!((of(0, 24), of(3, 24), of(5, 3)), (vec![], vec![0, 1, 2], vec![0, 2, 4]));
+    }
 }

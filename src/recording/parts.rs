@@ -102,8 +102,8 @@ pub struct Parts {
     pub opacity: Vec<f64>,
     /// Nominal frame interval, seconds, if the recording contains it.
     pub interval_s: Option<f64>,
-    /// Whether the coding of PNG files is estimated. Not of a live camera's recording, whose frames
-    /// were composited without one.
+    /// Whether the coding of PNG files is estimated. False for the recording of a live camera: its
+    /// frames were composited without one.
     pub estimates_coding: bool,
     pub track: PoseTrack,
     /// One per frame, or empty.

@@ -71,11 +71,8 @@ pub fn track_place(
     source: &ReportSource<'_>,
     criteria: &PlaceCriteria<'_>,
 ) -> Result<Option<TrackedPlace>, RecordingError> {
-    let count = source.recording.frame_count();
     let mut candidates = Vec::new();
-    let mut starts: Vec<usize> = (0..START_FRAMES).map(|k| (2 * k + 1) * count / (2 * START_FRAMES)).collect();
-    starts.dedup();
-    for start in starts {
+    for start in source.recording.spread_frames(START_FRAMES) {
         let Some(frame) = source.recording.frames(start..start + 1)?.next().transpose()? else { continue };
         let mut of_frame: Vec<Candidate> = (criteria.places)(&frame)
             .into_iter()

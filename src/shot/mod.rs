@@ -254,7 +254,8 @@ impl Shot {
         camera
     }
 
-    /// Whether noise by example is drawn over frames whose coding its model fits.
+    /// Whether noise by example is chosen and has a model. Frames of another coding still get the
+    /// pattern.
     pub fn has_noise_by_example(&self) -> bool {
         let noise = self.settings.on().find(|effect| effect.table() == "noise");
         let is_chosen = noise.and_then(|noise| noise.get("method")) == Some(NoiseMethod::Example.to_value());

@@ -50,7 +50,7 @@ pub enum Note {
         first: usize,
         because: String,
     },
-    /// Frames whose noise is a pattern, although there are examples of it.
+    /// Frames with the pattern for noise, because the examples do not fit them.
     NoExampleNoise {
         number: usize,
         frames: usize,

@@ -48,18 +48,16 @@ impl DepthSamples {
     /// Samples of the depth of frames spread over the recording. Empty without readable depth: an
     /// unreadable file is reported when its frame is read.
     pub fn of_recording(recording: &Arc<Recording>) -> Vec<Self> {
-        let count = recording.frame_count();
-        if !recording.has_depth() || count == 0 {
+        if !recording.has_depth() {
             return Vec::new();
         }
-        let taken = count.min(SAMPLED_FRAMES);
-        let number = move |n: usize| (2 * n + 1) * count / (2 * taken);
-        let of = recording.clone();
-        let Ok(maps) = Ahead::new(0..taken, move |n| of.depth_at(number(n))) else { return Vec::new() };
-        let samples = |(n, map)| {
+        let numbers: Arc<[usize]> = recording.spread_frames(SAMPLED_FRAMES).collect();
+        let (of, sampled) = (recording.clone(), numbers.clone());
+        let Ok(maps) = Ahead::new(0..numbers.len(), move |n| of.depth_at(sampled[n])) else { return Vec::new() };
+        let samples = |(n, map): (usize, _)| {
             let Ok(Ok(Some(map @ DepthMap { timestamp_s, .. }))) = map else { return None };
             let pose = recording.track.at(timestamp_s).ok()?;
-            Some(Self::new(number(n), pose, &map, SAMPLES_ACROSS))
+            Some(Self::new(numbers[n], pose, &map, SAMPLES_ACROSS))
         };
         maps.enumerate().filter_map(samples).collect()
     }

@@ -51,9 +51,8 @@ const MIN_REAL_PATCHES: usize = 2 * MIN_PATCHES;
 const REPEAT_FRAMES: usize = 2;
 /// Opacity of a covered pixel.
 const COVERED: f32 = 0.999;
-/// Two numbers of equal classes scatter by 0.06 over recordings (docs/detectors.md), and the
-/// largest of eight is judged: an area is above its floor by more than chance if it exceeds it by
-/// this, and two standard errors.
+/// Margin of an area above its floor, besides two standard errors. Areas of equal classes vary by
+/// 0.06 between recordings (docs/detectors.md), and the largest of eight is judged.
 pub const AUC_MARGIN: f64 = 0.15;
 /// Largest mean area that is aimed at.
 pub const AIM_AUC: f64 = 0.62;
@@ -84,7 +83,7 @@ impl NoiseScore {
         self.auc - self.floor.max(0.5)
     }
 
-    /// True if the detector separates both by more than chance.
+    /// True if the detector separates virtual noise from real noise by more than chance.
     pub fn is_separated(&self) -> bool {
         self.excess() - 2.0 * self.standard_error > AUC_MARGIN
     }
@@ -168,20 +167,20 @@ struct ComparedFrame {
 /// Compares the noise of a shot. `progress(done, of)` is called before each frame and at the end.
 pub fn noise(
     gpu: &Gpu,
-    by: &Shot,
+    verified: &Shot,
     mut progress: impl FnMut(usize, usize),
 ) -> Result<Result<NoiseComparison, NoiseNotCompared>, VerifyError> {
-    let Some(profile) = by.camera().noise else { return Ok(Err(NoiseNotCompared::Unknown)) };
-    if !by.settings.is_on("noise") {
+    let Some(profile) = verified.camera().noise else { return Ok(Err(NoiseNotCompared::Unknown)) };
+    if !verified.settings.is_on("noise") {
         return Ok(Err(NoiseNotCompared::Off));
     }
-    let mut shot = by.clone();
+    let mut shot = verified.clone();
     shot.settings.plain();
-    for (effect, is_on) in [("exposure", true), ("noise", true), ("format", by.settings.is_on("format"))] {
+    for (effect, is_on) in [("exposure", true), ("noise", true), ("format", verified.settings.is_on("format"))] {
         let _ = shot.settings.switch(effect, is_on);
     }
     let mut compositor = shot.compositor(gpu.clone());
-    let candidates = candidate_frames(shot.recording.frame_count());
+    let candidates: Vec<usize> = shot.recording.spread_frames(CANDIDATE_FRAMES).collect();
     let steps = 2 * candidates.len() + 1;
     let mut statistics = Vec::new();
     let pictures = shot.recording.without_depth();
@@ -211,12 +210,6 @@ pub fn noise(
     }
     progress(steps - 1, steps);
     Ok(compare(&frames))
-}
-
-/// Frames spread over a recording.
-fn candidate_frames(count: usize) -> Vec<usize> {
-    let chosen = CANDIDATE_FRAMES.min(count);
-    (0..chosen).map(|n| (2 * n + 1) * count / (2 * chosen)).collect()
 }
 
 /// The coding of a frame's picture, stated by its file or estimated.
@@ -416,8 +409,6 @@ mod tests {
             all.sort_by_key(|[x, y]| (*y, *x));
             assert_eq!(all, frame.patches);
         }
-        assert_eq!((candidate_frames(0), candidate_frames(3)), (vec![], vec![0, 1, 2]));
-        assert_eq!(candidate_frames(240)[..3], [5, 15, 25]);
         assert_eq!(evenly_chosen(&[0, 1, 2, 3, 4, 5, 6], 3), [0, 2, 4]);
         assert_eq!(evenly_chosen(&[7, 8], 3), [7, 8]);
     }

@@ -39,7 +39,7 @@ fn resting_frames_give_a_profile_whose_model_fits_uncoded_pictures() {
     let written = std::fs::read_to_string(&profile).unwrap();
     assert!(written.contains("\nexample = \"camera.locnoise\"\n"), "{written}");
     let example = Rig::of_file(Path::new(&profile)).unwrap().noise.unwrap().example.unwrap();
-    assert_eq!(example.model.numbers.coding_difference(&PictureCoding::UNROUNDED), None);
+    assert_eq!(example.model.numbers.coding.difference(&PictureCoding::UNROUNDED), None);
 
     assert!(refused(&arguments).contains("[camera.noise] already"));
     let again = stdout_of(&[&arguments[..], &["--force", "--no-example"]].concat());

@@ -98,9 +98,7 @@ pub struct LightInputs<'a> {
 impl LightInputs<'_> {
     /// At most `most` frames with a pose, spread over the recording.
     fn chosen(&self, most: usize) -> Vec<usize> {
-        let count = self.recording.frame_count();
-        let taken = count.min(most);
-        (0..taken).map(|n| (2 * n + 1) * count / (2 * taken)).filter(|n| self.states[*n].is_some()).collect()
+        self.recording.spread_frames(most).filter(|n| self.states[*n].is_some()).collect()
     }
 
     /// A few frames spread over the recording, and the room's surfaces by them. A single view of a
