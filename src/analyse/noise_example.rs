@@ -240,7 +240,9 @@ fn example(inputs: &ExampleInputs<'_>, target: usize) -> Result<Result<FrameExam
     let Codes::U8(codes) = &frame.pixels.codes else {
         return Ok(Err("examples need frames of 8 bits".to_owned()));
     };
-    let coding = frame.pixels.coding.as_deref().cloned().unwrap_or(PictureCoding::UNROUNDED);
+    // As composites have it.
+    let coding = frame.pixels.coding.clone().or_else(|| recording.estimated_coding());
+    let coding = coding.as_deref().cloned().unwrap_or(PictureCoding::UNROUNDED);
     let is_grey = codes.as_chunks::<3>().0.iter().all(|[r, g, b]| r == g && g == b);
     if coding.chroma.is_none() || is_grey {
         return Ok(Err("examples need frames in colour".to_owned()));

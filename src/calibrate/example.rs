@@ -9,6 +9,7 @@ use std::fmt;
 use super::sampling_plan::{AtlasWindow, MAX_ATLAS_PX, SamplingPlan};
 use super::scene_sums::{BLOCK, SceneSums};
 use crate::coding::PictureCoding;
+use crate::coding::estimate::estimate;
 use crate::exemplar_noise::calibration::{CalibrationFrame, CodedFrame, calibrate_coded, synthesise};
 use crate::exemplar_noise::path::Planes;
 use crate::exemplar_noise::{ModelError, NoiseModel};
@@ -103,6 +104,8 @@ pub(super) struct ExampleSampler {
     expected_frames: usize,
     plan: Option<SamplingPlan>,
     next_frame: usize,
+    /// Of the first sampled frame whose file states none, as composites estimate it.
+    estimated_coding: Option<PictureCoding>,
     samples: Vec<SampledWindow>,
     frames: Vec<ExampleFrame>,
     /// Frames of the scenes that were used.
@@ -125,6 +128,7 @@ impl ExampleSampler {
             expected_frames: 0,
             plan: None,
             next_frame: 0,
+            estimated_coding: None,
             samples: Vec::new(),
             frames: Vec::new(),
             resting_frames: 0,
@@ -153,8 +157,19 @@ impl ExampleSampler {
             self.problem.get_or_insert(NoExample::Depth);
             return;
         };
-        let coding = pixels.coding.as_deref().cloned().unwrap_or(PictureCoding::UNROUNDED);
-        for (_, window) in plan.samples.iter().filter(|(frame, _)| *frame == index) {
+        let sampled: Vec<AtlasWindow> =
+            plan.samples.iter().filter(|(frame, _)| *frame == index).map(|(_, window)| *window).collect();
+        if sampled.is_empty() {
+            return;
+        }
+        let coding = match pixels.coding.as_deref() {
+            Some(stated) => stated.clone(),
+            None => {
+                let estimated = || estimate(codes, size).map_or(PictureCoding::UNROUNDED, |found| found.coding);
+                self.estimated_coding.get_or_insert_with(estimated).clone()
+            }
+        };
+        for window in &sampled {
             let AtlasWindow { at: [x, y], size: [width, height] } = *window;
             let row = |row: usize| &codes[3 * ((y + row) * size[0] + x)..][..3 * width];
             let noisy = (0..height).flat_map(row).copied().collect();
@@ -395,6 +410,26 @@ mod tests {
         let found = example(&write_frames(folder.path(), 1), &[mean]).unwrap();
         assert_eq!((found.method, found.model.sources.len()), (ExampleMethod::Pairs, 1));
         assert!(found.sigma_error.unwrap() < 0.08 && found.to_string().contains("clean picture"), "{found}");
+    }
+
+    #[test]
+    fn png_files_that_were_jpegs_give_a_model_of_their_coding() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = |frame: u32| {
+            let picture = image::RgbImage::from_fn(SIDE as u32, SIDE as u32, |x, y| {
+                let wave = 128.0 + 50.0 * (x as f32 * 0.09).sin() * (y as f32 * 0.05).cos();
+                let noise = pcg3d([x, y, frame]).map(|word| 16.0 * (word as f32 / u32::MAX as f32 - 0.5));
+                image::Rgb(noise.map(|noise| (wave + noise) as u8))
+            });
+            let mut jpeg = Vec::new();
+            image::codecs::jpeg::JpegEncoder::new_with_quality(&mut jpeg, 85).encode_image(&picture).unwrap();
+            let file = folder.path().join(format!("{frame}.png"));
+            image::load_from_memory(&jpeg).unwrap().save(&file).unwrap();
+            file
+        };
+        let files: Vec<PathBuf> = (0..5).map(file).collect();
+        let coding = example(&files, &[]).unwrap().model.numbers.coding;
+        assert_eq!((coding.quantized, coding.decoder), (true, Decoder::Libjpeg));
     }
 
     #[test]
