@@ -4,6 +4,7 @@ use super::plan::{FrameView, Plan};
 use super::work_rects::WorkRects;
 use super::{Job, Settings};
 use crate::camera::Camera;
+use crate::depth::Proxies;
 use crate::effects::FrameContext;
 use crate::quality::Quality;
 use crate::stage::Stage;
@@ -18,6 +19,8 @@ pub struct FrameInputs<'a> {
     pub context: &'a FrameContext<'a>,
     pub plan: &'a Plan<'a>,
     pub work_rects: &'a WorkRects,
+    /// Proxy models of real objects.
+    pub proxies: &'a Proxies,
     pub requested: Quality,
     /// Whether stages' results are retained for the next frame.
     pub is_retained: bool,

@@ -65,7 +65,7 @@ pub struct Compositor {
     shadows: Shadows,
     lightmaps: Lightmaps,
     recorder: Recorder,
-    depth: occlusion::DepthState,
+    depth: occlusion::DepthMemos,
     radiance: Option<Arc<LazyRadiance>>,
     readbacks: ReadbackSet,
     /// Quality of the next frame.
@@ -80,7 +80,7 @@ impl Compositor {
             lightmaps: Lightmaps::new(&scene),
             renderer: Renderer::new(&gpu, scene),
             recorder: Recorder::new(gpu),
-            depth: occlusion::DepthState::default(),
+            depth: occlusion::DepthMemos::default(),
             radiance: None,
             readbacks: ReadbackSet::default(),
             requested: Quality::Final,
@@ -176,11 +176,20 @@ impl Compositor {
         let plan = Plan::new(self.gpu(), &job, camera, settings, &context, &frame_view)?;
         stats.add_plan(&job, &frame_view, &plan);
         let Some(work_rects) = &plan.work_rects else { return Ok(self.pass_through(job, stats, target)) };
-        let (view, context, plan) = (&frame_view, &context, &plan);
-        let inputs =
-            FrameInputs { job: &job, camera, settings, view, context, plan, work_rects, requested, is_retained };
+        let (view, context, plan, proxies) = (&frame_view, &context, &plan, &self.proxies());
+        let inputs = FrameInputs {
+            job: &job,
+            camera,
+            settings,
+            view,
+            context,
+            plan,
+            work_rects,
+            proxies,
+            requested,
+            is_retained,
+        };
 
-        self.depth.proxies = self.proxies();
         let occlusion = self.occlusion(&inputs, &mut log);
         let shade = self.shade(&inputs, &occlusion, &mut log);
         let drawn = self.draw(&inputs, &occlusion, shade.as_ref(), &mut log);

@@ -13,7 +13,7 @@ use super::stage_log::StageLog;
 use super::work_rects::WorkRects;
 use crate::camera::Geometry;
 use crate::depth::{
-    DepthGrid, DepthRequest, LastRepair, MattePixel, ProjectedPoint, Proxies, ProxyView, Rays, Repair, RepairedDepth,
+    DepthGrid, DepthRequest, LastRepair, MattePixel, ProjectedPoint, ProxyView, Rays, Repair, RepairedDepth,
     SecondSurface, measured_from, neighbours,
 };
 use crate::gpu::{Recorder, Texture, half_texels};
@@ -44,16 +44,14 @@ pub struct FrameOcclusion {
     pub is_preview: bool,
 }
 
-/// Memos of depth repair, and the scene's real objects.
+/// Memos of depth repair.
 #[derive(Debug, Default)]
-pub struct DepthState {
+pub struct DepthMemos {
     rays: Memo<Geometry, Arc<Rays>>,
     last: LastRepair,
-    /// Proxy models of real objects.
-    pub proxies: Proxies,
 }
 
-impl DepthState {
+impl DepthMemos {
     /// The rays of a camera's pixels.
     pub fn rays(&self, geometry: &Geometry) -> Arc<Rays> {
         self.rays.get_or_insert_with(geometry.clone(), |geometry| Arc::new(Rays::new(geometry)))
@@ -91,7 +89,7 @@ impl FrameOcclusion {
     /// The stage [`Stage::Depth`].
     pub fn new(
         recorder: &mut Recorder,
-        state: &DepthState,
+        memos: &DepthMemos,
         inputs: &FrameInputs<'_>,
         retained: &Memo<DepthKey, Self>,
         log: &mut StageLog,
@@ -110,7 +108,7 @@ impl FrameOcclusion {
             let known = || grid.map_or_else(Self::default, |grid| Self::of_grid(recorder, grid, inputs, rects));
             return log.run(Stage::Depth, retained, None, known);
         }
-        let (repaired, quality) = match repair(state, inputs, rects) {
+        let (repaired, quality) = match repair(memos, inputs, rects) {
             Ok(repaired) => repaired,
             Err(failure) => return nothing(log, failure),
         };
@@ -169,20 +167,20 @@ impl FrameOcclusion {
 /// A frame's repaired depth, from its own map, its neighbours and proxy models. An error, with the
 /// reason if there is one, without any of them.
 fn repair(
-    state: &DepthState,
+    memos: &DepthMemos,
     inputs: &FrameInputs<'_>,
     DepthRects { drawn, dark, around }: DepthRects,
 ) -> Result<(Arc<RepairedDepth>, Quality), Option<String>> {
-    let FrameInputs { job, view, work_rects, .. } = *inputs;
+    let FrameInputs { job, view, work_rects, proxies, .. } = *inputs;
     let depth = job.frame.depth.as_deref();
     let measured = depth.map(|depth| measured_from(depth, job.picture, job.track));
     let failure = measured.as_ref().and_then(|pose| pose.as_ref().err().cloned());
     let measured = measured.and_then(Result::ok);
     let measured = depth.zip(measured.as_ref());
-    if measured.is_none() && state.proxies.is_empty() {
+    if measured.is_none() && proxies.is_empty() {
         return Err(failure);
     }
-    let rays = &*state.rays(job.picture);
+    let rays = &*memos.rays(job.picture);
     let (pixels, response) = (&job.frame.pixels, &inputs.camera.response);
     let half_s = 0.5 * view.shutter.exposure_time_s;
     let [opened, closed] = [-half_s, half_s].map(|offset_s| view.keys.pose_at(offset_s));
@@ -191,12 +189,11 @@ fn repair(
     let (frame, neighbours, planes) = (&frame, &neighbours, &view.planes);
     let seen = |point: DVec3| project_rolling(job.picture, |time_s| view.keys.pose_at(time_s), point);
     let poses = (&view.keys.poses[..], view.keys.reach_s);
-    let proxies = ProxyView { proxies: &state.proxies, project: &seen, poses };
-    let proxies = (!state.proxies.is_empty()).then_some(proxies);
+    let proxies = (!proxies.is_empty()).then_some(ProxyView { proxies, project: &seen, poses });
     let surfels = &job.frame.surfels[..];
     let repair = Repair { rays, measured, frame, shutter, pixels, response, planes, proxies, neighbours, surfels };
     let request = depth_request(view, work_rects, dark, rays);
-    Ok(state.last.over(&job.frame, &repair, [around, drawn.union(&dark), drawn], &request, inputs.requested))
+    Ok(memos.last.over(&job.frame, &repair, [around, drawn.union(&dark), drawn], &request, inputs.requested))
 }
 
 /// Uploads the second surfaces of a rectangle's pixels: their share of each channel's light, and
