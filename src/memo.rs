@@ -171,6 +171,20 @@ mod tests {
         // A value that another one needs.
         assert_eq!(memo.get_or_insert_with('c', |_| 10 * memo.get_or_insert_with('d', |_| 4)), 40);
     }
+
+    #[test]
+    fn clone_has_the_same_values_and_budget_and_grows_alone() {
+        let memo = Memo::with_budget(10, |value: &usize| *value);
+        for value in [4, 5] {
+            memo.insert(value, value);
+        }
+        let clone = memo.clone();
+        assert_eq!([4, 5].map(|key| clone.get(&key)), [Some(4), Some(5)]);
+        clone.insert(6, 6);
+        assert_eq!([4, 5, 6].map(|key| clone.get(&key)), [None, None, Some(6)]);
+        assert_eq!([4, 5, 6].map(|key| memo.get(&key)), [Some(4), Some(5), None]);
+    }
+
     #[test]
     fn failed_computation_is_repeated() {
         let memo = Memo::default();
