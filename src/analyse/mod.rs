@@ -230,11 +230,12 @@ pub fn analyse(
     let noise = comparison.noise;
     let measured = noise.as_ref().and_then(NoiseFindings::profile);
     let noise_examples = match capture.noise.or(measured.as_ref()) {
-        Some(profile) if !is_refused => {
-            let inputs = ExampleInputs { recording, model: &model, states, later_s, noise: profile, threads };
+        Some(profile) => {
+            let has_poses = !is_refused;
+            let inputs =
+                ExampleInputs { recording, model: &model, states, has_poses, later_s, noise: profile, threads };
             checkpoints.stage(|| times.of(times::NOISE_EXAMPLES, || noise_example::examples(&inputs)))?
         }
-        Some(_) => NoiseExamples::none("the camera's poses are unknown"),
         None => NoiseExamples::none("the strength of the camera's noise is unknown"),
     };
     let estimates = artefact::Estimates {

@@ -1,5 +1,6 @@
 //! Noise by example from a moving camera: the difference between a frame and its neighbours at the
-//! same places of the scene.
+//! same places of the scene, where depth is measured. Without it, the textureless places of single
+//! frames ([`flat_places`](crate::exemplar_noise::flat_places)).
 //!
 //! The mean of up to 8 neighbouring frames at the same points, by measured depth and the poses of
 //! the analysis, is a frame's picture without noise ([`neighbour_mean`](super::neighbour_mean)).
@@ -45,6 +46,8 @@ use crate::exemplar_noise::NoiseExample;
 use crate::exemplar_noise::calibration::{CalibrationFrame, CodedFrame, calibrate_coded};
 use crate::exemplar_noise::content::brightness;
 use crate::exemplar_noise::file::{from_bytes, to_bytes};
+use crate::exemplar_noise::flat_places::textureless_places;
+use crate::exemplar_noise::masked_blur::MaskedBlur;
 use crate::exemplar_noise::path::{Planes, rgb_of_codes};
 use crate::frame::Frame;
 use crate::grey_image::GreyImage;
@@ -54,8 +57,9 @@ use crate::pixels::Codes;
 use crate::recording::Recording;
 use crate::text::count;
 
-/// Number of frames from which noise is taken.
+/// Number of frames from which noise is taken, with neighbours and by textureless places.
 const FRAMES: usize = 6;
+const TEXTURELESS_FRAMES: usize = 12;
 /// Largest sum of their pixels.
 const MAX_PIXELS: usize = 1 << 22;
 /// Distance of neighbours that are tried.
@@ -70,11 +74,9 @@ const MAX_VARIANCE: f32 = 9.0;
 /// Assumed error of the poses in the picture, px, and the largest variance by it, relative to that
 /// of the noise of G.
 const POSE_ERROR_PX: f32 = 0.15;
-const MAX_POSE_VARIANCE: f32 = 0.5;
-/// Standard deviation of the blur by which drift is found, px, and smallest share of usable pixels
-/// that determine it.
+const MAX_POSE_VARIANCE: f32 = 0.05;
+/// Standard deviation of the blur by which drift is found, px.
 const DRIFT_PX: f64 = 24.0;
-const MIN_DRIFT_WEIGHT: f32 = 0.02;
 /// Smallest share of an area's pixels with samples.
 const MIN_KNOWN_SHARE: f32 = 0.7;
 /// Smallest standard deviation of noise, codes: that of rounding.
@@ -90,19 +92,32 @@ const MAX_ACTIVITY_DEVIATIONS: f32 = -0.5;
 /// Seed of the calibration's noise.
 const SEED: u32 = 1;
 
+/// How a frame's picture without noise is found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ExampleOrigin {
+    /// By the mean of its neighbours at the same points of the scene.
+    #[default]
+    Neighbours,
+    /// By a smooth picture, in textureless places alone.
+    Textureless,
+}
+
 /// Noise by example of a recording, without the model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NoiseExampleFindings {
     /// Why the recording has no noise by example.
     pub why: Option<String>,
+    #[serde(default)]
+    pub origin: ExampleOrigin,
     /// Number of frames that gave examples.
     pub frames: usize,
     /// Share of their pixels that were usable.
     pub usable_share: f64,
     /// Correlation of a frame's noise with that of the nearest frame, at the same points of the
-    /// scene. Not drawn.
-    pub frame_correlation: f64,
+    /// scene. Not drawn. `None` where it was not measured.
+    pub frame_correlation: Option<f64>,
     /// SHA-256 of the model's file, hexadecimal.
     pub sha256: Option<String>,
 }
@@ -112,13 +127,15 @@ impl fmt::Display for NoiseExampleFindings {
         if self.sha256.is_none() {
             return write!(f, "none of noise: {}", self.why.as_deref().unwrap_or("no reason is given"));
         }
-        write!(
-            f,
-            "of noise, from {}, {:.0} % of their pixels; noise of neighbouring frames correlates by {:.2}",
-            count(self.frames, "frame"),
-            100.0 * self.usable_share,
-            self.frame_correlation
-        )
+        let places = match self.origin {
+            ExampleOrigin::Neighbours => "of their pixels, by neighbouring frames",
+            ExampleOrigin::Textureless => "of their pixels, without texture",
+        };
+        write!(f, "of noise, from {}, {:.0} % {places}", count(self.frames, "frame"), 100.0 * self.usable_share)?;
+        match self.frame_correlation {
+            Some(correlation) => write!(f, "; noise of neighbouring frames correlates by {correlation:.2}"),
+            None => Ok(()),
+        }
     }
 }
 
@@ -158,6 +175,8 @@ pub struct ExampleInputs<'a> {
     pub model: &'a CameraModel,
     /// One for each frame.
     pub states: &'a [Option<CameraState>],
+    /// Whether the states are reliable.
+    pub has_poses: bool,
     /// Added to the depth maps' times, s.
     pub later_s: f64,
     pub noise: &'a NoiseProfile,
@@ -167,31 +186,58 @@ pub struct ExampleInputs<'a> {
 impl NoiseExamples {
     pub fn none(why: impl Into<String>) -> Self {
         let why = Some(why.into());
-        let findings = NoiseExampleFindings { why, frames: 0, usable_share: 0.0, frame_correlation: 0.0, sha256: None };
+        let findings = NoiseExampleFindings {
+            why,
+            origin: ExampleOrigin::default(),
+            frames: 0,
+            usable_share: 0.0,
+            frame_correlation: None,
+            sha256: None,
+        };
         Self { findings, file: Vec::new() }
     }
 }
 
-/// Searches a recording for examples.
+/// Searches a recording for examples: by neighbouring frames where depth is measured, otherwise in
+/// textureless places.
 pub fn examples(inputs: &ExampleInputs<'_>) -> Result<NoiseExamples, RegistrationError> {
     let (width, height) = inputs.model.size();
-    let wanted = FRAMES.min(MAX_PIXELS / (width * height).max(1));
-    if wanted == 0 {
+    let possible = MAX_PIXELS / (width * height).max(1);
+    if possible == 0 {
         return Ok(NoiseExamples::none("the frames are too large for examples of their noise"));
     }
-    if !inputs.recording.has_depth() || inputs.model.geometry.needs_cube_map() {
-        return Ok(NoiseExamples::none("examples of a moving camera's noise need measured depth"));
+    let has_neighbours = inputs.has_poses && inputs.recording.has_depth() && !inputs.model.geometry.needs_cube_map();
+    if has_neighbours && let Ok(found) = of_frames(inputs, possible.min(FRAMES), ExampleOrigin::Neighbours)? {
+        return Ok(found);
     }
+    Ok(of_frames(inputs, possible.min(TEXTURELESS_FRAMES), ExampleOrigin::Textureless)?
+        .unwrap_or_else(NoiseExamples::none))
+}
+
+/// Examples of up to `wanted` frames. The inner error is the reason for which there are none.
+fn of_frames(
+    inputs: &ExampleInputs<'_>,
+    wanted: usize,
+    origin: ExampleOrigin,
+) -> Result<Result<NoiseExamples, String>, RegistrationError> {
     let mut found: Vec<FrameExample> = Vec::new();
     let (mut usable, mut products) = (0.0, [0.0; 2]);
     let mut why = None;
-    for target in stillest_frames(inputs.states, wanted) {
-        match example(inputs, target)? {
+    for target in targets(inputs, wanted) {
+        let example = match origin {
+            ExampleOrigin::Neighbours => by_neighbours(inputs, target)?,
+            ExampleOrigin::Textureless => by_textureless_places(inputs, target)?,
+        };
+        match example {
             Ok(example) => {
                 let frame = &example.0;
                 let share = frame.mask.iter().filter(|usable| **usable).count() as f64 / frame.mask.len().max(1) as f64;
                 if share < MIN_USABLE_SHARE {
-                    why = Some(format!("only {:.0} % of a frame repeat in its neighbours", 100.0 * share));
+                    let places = match origin {
+                        ExampleOrigin::Neighbours => "repeats in its neighbours",
+                        ExampleOrigin::Textureless => "is without texture",
+                    };
+                    why = Some(format!("only {:.0} % of a frame {places}", 100.0 * share));
                     continue;
                 }
                 usable += share;
@@ -202,32 +248,69 @@ pub fn examples(inputs: &ExampleInputs<'_>) -> Result<NoiseExamples, Registratio
         }
     }
     if found.is_empty() {
-        return Ok(NoiseExamples::none(why.unwrap_or_else(|| "no frame has neighbours with known poses".to_owned())));
+        return Ok(Err(why.unwrap_or_else(|| "no frame has a known pose".to_owned())));
     }
     let frames: Vec<CodedFrame<'_>> = found.iter().map(|(frame, coding, _)| CodedFrame { frame, coding }).collect();
     let model = calibrate_coded(&frames, SEED).and_then(|model| model.with_clamped_activity(MAX_ACTIVITY_DEVIATIONS));
     let file = model.map_err(|error| error.to_string());
     let file = file.and_then(|model| to_bytes(&model).map_err(|error| error.to_string()));
-    Ok(match file {
-        Ok(file) => {
-            let findings = NoiseExampleFindings {
-                why: None,
-                frames: frames.len(),
-                usable_share: usable / frames.len() as f64,
-                frame_correlation: products[0] / products[1].max(f64::MIN_POSITIVE),
-                sha256: Some(hex(&Sha256::digest(&file))),
-            };
-            NoiseExamples { findings, file }
-        }
-        Err(why) => NoiseExamples::none(why),
-    })
+    Ok(file.map(|file| {
+        let findings = NoiseExampleFindings {
+            why: None,
+            origin,
+            frames: frames.len(),
+            usable_share: usable / frames.len() as f64,
+            frame_correlation: (products[1] > 0.0).then(|| products[0] / products[1]),
+            sha256: Some(hex(&Sha256::digest(&file))),
+        };
+        NoiseExamples { findings, file }
+    }))
 }
 
-/// A frame with the mean of its neighbours, its coding, and two sums: of the products of its
+/// Frames that give examples: those with the slowest camera, or evenly spaced ones without poses.
+fn targets(inputs: &ExampleInputs<'_>, wanted: usize) -> Vec<usize> {
+    if inputs.has_poses {
+        return stillest_frames(inputs.states, wanted);
+    }
+    let frames = inputs.recording.frame_count();
+    let wanted = wanted.min(frames);
+    (0..wanted).map(|k| (2 * k + 1) * frames / (2 * wanted)).collect()
+}
+
+/// A frame with its picture without noise, its coding, and two sums: of the products of its
 /// residuals with those of the nearest frame, and of their squares.
 type FrameExample = (CalibrationFrame, PictureCoding, [f64; 2]);
 
-fn example(inputs: &ExampleInputs<'_>, target: usize) -> Result<Result<FrameExample, String>, RegistrationError> {
+/// Codes of a frame and their coding, if a model can be made of them.
+fn coded(recording: &Recording, frame: &Frame) -> Result<(Vec<u8>, PictureCoding), String> {
+    let Codes::U8(codes) = &frame.pixels.codes else {
+        return Err("examples need frames of 8 bits".to_owned());
+    };
+    // As composites have it.
+    let coding = frame.pixels.coding.clone().or_else(|| recording.estimated_coding());
+    let coding = coding.as_deref().cloned().unwrap_or(PictureCoding::UNROUNDED);
+    let is_grey = codes.as_chunks::<3>().0.iter().all(|[r, g, b]| r == g && g == b);
+    if coding.chroma.is_none() || is_grey {
+        return Err("examples need frames in colour".to_owned());
+    }
+    Ok((codes.clone(), coding))
+}
+
+fn by_textureless_places(
+    inputs: &ExampleInputs<'_>,
+    target: usize,
+) -> Result<Result<FrameExample, String>, RegistrationError> {
+    let (width, height) = inputs.model.size();
+    let Some(frame) = inputs.recording.frames(target..target + 1)?.next() else {
+        return Ok(Err("a frame is missing".to_owned()));
+    };
+    Ok(coded(inputs.recording, &frame?).map(|(codes, coding)| {
+        let frame = textureless_places(codes, [width, height], &inputs.noise.table());
+        (frame, coding, [0.0; 2])
+    }))
+}
+
+fn by_neighbours(inputs: &ExampleInputs<'_>, target: usize) -> Result<Result<FrameExample, String>, RegistrationError> {
     let ExampleInputs { recording, model, states, noise, threads, .. } = *inputs;
     let (width, height) = model.size();
     let range = target.saturating_sub(REACH)..(target + REACH + 1).min(recording.frame_count());
@@ -237,17 +320,11 @@ fn example(inputs: &ExampleInputs<'_>, target: usize) -> Result<Result<FrameExam
     }
     let frame = &read[target - range.start];
     let Some(state) = states[target] else { return Ok(Err("the frame's pose is unknown".to_owned())) };
-    let Codes::U8(codes) = &frame.pixels.codes else {
-        return Ok(Err("examples need frames of 8 bits".to_owned()));
+    let (codes, coding) = match coded(recording, frame) {
+        Ok(coded) => coded,
+        Err(why) => return Ok(Err(why)),
     };
-    // As composites have it.
-    let coding = frame.pixels.coding.clone().or_else(|| recording.estimated_coding());
-    let coding = coding.as_deref().cloned().unwrap_or(PictureCoding::UNROUNDED);
-    let is_grey = codes.as_chunks::<3>().0.iter().all(|[r, g, b]| r == g && g == b);
-    if coding.chroma.is_none() || is_grey {
-        return Ok(Err("examples need frames in colour".to_owned()));
-    }
-    let own = rgb_of_codes(codes, [width, height]);
+    let own = rgb_of_codes(&codes, [width, height]);
     let depth = measured(model, frame, &state, inputs.later_s);
     let view = DepthView { model, state, depth: &depth };
 
@@ -284,7 +361,7 @@ fn example(inputs: &ExampleInputs<'_>, target: usize) -> Result<Result<FrameExam
             }
         }
     });
-    let frame = calibration_frame(&own, codes.clone(), &means, &table);
+    let frame = calibration_frame(&own, codes, &means, &table);
     let products = view.products(&own, &neighbours[0], &frame, &table);
     Ok(Ok((frame, coding, products)))
 }
@@ -302,17 +379,10 @@ fn is_repeated(a: &Planes, b: &Planes, noise: &NoiseProfile) -> bool {
 
 /// Adds the residual's low frequencies to the means.
 fn remove_drift(own: &Planes, mean: &mut Planes, mask: &[bool]) {
-    let (width, height) = (own[0].width, own[0].height);
-    let blurred = |value: &dyn Fn(usize) -> f32| {
-        let value = |i: usize| if mask[i] { value(i) } else { 0.0 };
-        GreyImage { width, height, values: (0..width * height).map(value).collect() }.blurred(DRIFT_PX)
-    };
-    let weights = blurred(&|_| 1.0);
+    let blur = MaskedBlur::new(mask, [own[0].width, own[0].height], DRIFT_PX);
     for (own, mean) in own.iter().zip(mean) {
-        let sums = blurred(&|i| own.values[i] - mean.values[i]);
-        for ((mean, sum), weight) in mean.values.iter_mut().zip(&sums.values).zip(&weights.values) {
-            *mean += sum / weight.max(MIN_DRIFT_WEIGHT);
-        }
+        let drift = blur.of(|i| own.values[i] - mean.values[i]);
+        mean.values.iter_mut().zip(&drift.values).for_each(|(mean, drift)| *mean += drift);
     }
 }
 

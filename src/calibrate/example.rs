@@ -8,9 +8,11 @@ use std::fmt;
 
 use super::sampling_plan::{AtlasWindow, MAX_ATLAS_PX, SamplingPlan};
 use super::scene_sums::{BLOCK, SceneSums};
+use crate::camera::NoiseProfile;
 use crate::coding::PictureCoding;
 use crate::coding::estimate::estimate;
 use crate::exemplar_noise::calibration::{CalibrationFrame, CodedFrame, calibrate_coded, synthesise};
+use crate::exemplar_noise::flat_places::textureless_places;
 use crate::exemplar_noise::path::Planes;
 use crate::exemplar_noise::{ModelError, NoiseModel};
 use crate::fit::quantile::midpoint_median;
@@ -29,6 +31,8 @@ const RECOMMENDED_FRAMES: usize = 16;
 /// Key of the synthesised noise that is compared with the frames' own.
 const CHECK_KEY: [u32; 3] = [0, 99, 0];
 const SEED: u32 = 1;
+/// Smallest share of a frame's pixels without texture.
+const MIN_TEXTURELESS_SHARE: f64 = 0.1;
 /// Codes of a bin of the comparison, and its smallest number of samples.
 const BIN_CODES: usize = 16;
 const MIN_BIN_SAMPLES: usize = 2000;
@@ -42,6 +46,8 @@ pub enum ExampleMethod {
     Resting { frames: usize },
     /// The given picture.
     Pairs,
+    /// A smooth picture, in textureless places.
+    Textureless,
 }
 
 /// A model with a description of its origin; prints as lines of a report.
@@ -71,10 +77,10 @@ pub enum NoExample {
     #[error("the scenes have different sizes; give scenes of one size")]
     Sizes,
     #[error(
-        "noise by example needs a camera at rest: hold it still for two seconds, and calibrate from these frames without \
-         --moving; or use `locard analyse`, which makes it from a recording with measured depth"
+        "too little of the pictures is without texture: hold the camera still for two seconds, or use `locard analyse`, \
+         which makes it from a recording with measured depth"
     )]
-    Moving,
+    Textured,
     #[error(transparent)]
     Model(#[from] ModelError),
 }
@@ -103,6 +109,8 @@ pub(super) struct ExampleSampler {
     scenes: usize,
     expected_frames: usize,
     plan: Option<SamplingPlan>,
+    /// Of the scene's first frame. Others are left out.
+    size: Option<[usize; 2]>,
     next_frame: usize,
     /// Of the first sampled frame whose file states none, as composites estimate it.
     estimated_coding: Option<PictureCoding>,
@@ -111,6 +119,7 @@ pub(super) struct ExampleSampler {
     /// Frames of the scenes that were used.
     resting_frames: usize,
     known_mean: bool,
+    is_textureless: bool,
     /// The first reason against a model.
     problem: Option<NoExample>,
     /// Most frames of a scene that had too few.
@@ -127,12 +136,14 @@ impl ExampleSampler {
             scenes: 0,
             expected_frames: 0,
             plan: None,
+            size: None,
             next_frame: 0,
             estimated_coding: None,
             samples: Vec::new(),
             frames: Vec::new(),
             resting_frames: 0,
             known_mean: false,
+            is_textureless: false,
             problem: None,
             most_frames: 0,
         }
@@ -144,6 +155,7 @@ impl ExampleSampler {
         let is_sampled = self.scenes.is_multiple_of(self.scene_step);
         self.scenes += 1;
         self.plan = (!is_sampled).then(SamplingPlan::default);
+        self.size = None;
         self.next_frame = 0;
         self.samples.clear();
     }
@@ -152,6 +164,10 @@ impl ExampleSampler {
         let index = self.next_frame;
         self.next_frame += 1;
         let size = [pixels.width as usize, pixels.height as usize];
+        if *self.size.get_or_insert(size) != size {
+            // Scenes have one size, so these are pictures of any kind.
+            return;
+        }
         let plan = self.plan.get_or_insert_with(|| SamplingPlan::of(size, self.expected_frames, self.budget_px));
         let Codes::U8(codes) = &pixels.codes else {
             self.problem.get_or_insert(NoExample::Depth);
@@ -212,6 +228,22 @@ impl ExampleSampler {
         }
     }
 
+    /// Calibrates the model from textureless places of the sampled frames, where `table` is the
+    /// strength of their noise.
+    pub fn finish_textureless(mut self, table: &NoiseProfile) -> Result<ExampleCalibration, NoExample> {
+        let table = table.table();
+        for SampledWindow { window, noisy, coding } in std::mem::take(&mut self.samples) {
+            self.frames.push(ExampleFrame { frame: textureless_places(noisy, window.size, &table), coding });
+        }
+        let usable = |frame: &ExampleFrame| frame.frame.mask.iter().filter(|usable| **usable).count();
+        self.frames.retain(|frame| usable(frame) as f64 >= MIN_TEXTURELESS_SHARE * frame.frame.mask.len() as f64);
+        if self.frames.is_empty() && self.problem.is_none() {
+            return Err(NoExample::Textured);
+        }
+        self.is_textureless = true;
+        self.finish()
+    }
+
     /// Calibrates the model.
     pub fn finish(self) -> Result<ExampleCalibration, NoExample> {
         if let Some(problem) = self.problem {
@@ -227,8 +259,13 @@ impl ExampleSampler {
         let coded = self.frames.iter().map(|ExampleFrame { frame, coding }| CodedFrame { frame, coding });
         let coded: Vec<CodedFrame<'_>> = coded.collect();
         let model = calibrate_coded(&coded, SEED)?;
-        let method =
-            if self.known_mean { ExampleMethod::Pairs } else { ExampleMethod::Resting { frames: self.resting_frames } };
+        let method = if self.is_textureless {
+            ExampleMethod::Textureless
+        } else if self.known_mean {
+            ExampleMethod::Pairs
+        } else {
+            ExampleMethod::Resting { frames: self.resting_frames }
+        };
         let usable = |frame: &ExampleFrame| frame.frame.mask.iter().filter(|usable| **usable).count();
         let pixels = self.frames.iter().map(|frame| frame.frame.mask.len()).sum::<usize>().max(1);
         let usable_share = self.frames.iter().map(usable).sum::<usize>() as f64 / pixels as f64;
@@ -300,6 +337,7 @@ impl fmt::Display for ExampleCalibration {
                 write!(f, "noise by example, from {} at rest", count(frames, "frame"))?;
             }
             ExampleMethod::Pairs => write!(f, "noise by example, from frames with a clean picture")?,
+            ExampleMethod::Textureless => write!(f, "noise by example, from places without texture")?,
         }
         writeln!(f, ": {parts} of {megapixels:.1} Mpx in all, {:.0} % of it usable", 100.0 * self.usable_share)?;
         if let Some(error) = self.sigma_error {
@@ -315,6 +353,12 @@ impl fmt::Display for ExampleCalibration {
                 "note: {RECOMMENDED_FRAMES} or more frames give a cleaner mean: hold the camera still for two seconds"
             )?,
             _ => {}
+        }
+        if self.method == ExampleMethod::Textureless {
+            writeln!(
+                f,
+                "note: a camera at rest gives examples of textures and edges too: hold it still for two seconds"
+            )?;
         }
         let [dark, bright] = self.code_range;
         if bright - dark < RECOMMENDED_CODE_RANGE {
@@ -334,7 +378,9 @@ mod tests {
     use std::path::{Path, PathBuf};
 
     use super::*;
-    use crate::calibrate::{NoiseOptions, noise_and_example_from_paths};
+    use crate::calibrate::{
+        NoiseOptions, SceneMotion, Warning, best_noise_and_example_from_paths, noise_and_example_from_paths,
+    };
     use crate::coding::{BlockQuantization, ChromaSampling, Decoder, YcbcrColor};
     use crate::exemplar_noise::atlas::USABLE;
     use crate::exemplar_noise::file::{from_bytes, to_bytes};
@@ -410,6 +456,43 @@ mod tests {
         let found = example(&write_frames(folder.path(), 1), &[mean]).unwrap();
         assert_eq!((found.method, found.model.sources.len()), (ExampleMethod::Pairs, 1));
         assert!(found.sigma_error.unwrap() < 0.08 && found.to_string().contains("clean picture"), "{found}");
+    }
+
+    /// A surface in smoothly varying light, moved to the right by so many px in each picture.
+    fn write_shifted(folder: &Path, shifts: &[f32]) {
+        for (frame, shift) in shifts.iter().enumerate() {
+            let picture = image::RgbImage::from_fn(SIDE as u32, SIDE as u32, |x, y| {
+                let light = 115.0 + 50.0 * ((x as f32 - shift) / 32.0).sin() * (y as f32 / 40.0).cos();
+                let words = pcg3d([x, y, 50 + frame as u32]);
+                image::Rgb(words.map(|word| (light + 10.0 * (word as f32 / u32::MAX as f32 - 0.5)).round() as u8))
+            });
+            picture.save(folder.join(format!("{frame:02}.png"))).unwrap();
+        }
+    }
+
+    // Slow: calibrates two models.
+    #[test]
+    fn best_method_is_a_stretch_at_rest_or_textureless_places() {
+        let best = |shifts: &[f32]| {
+            let folder = tempfile::tempdir().unwrap();
+            write_shifted(folder.path(), shifts);
+            let options = NoiseOptions { min_independent: 100.0, ..NoiseOptions::default() };
+            let mut progress = |_, _| ControlFlow::Continue(());
+            let (table, example) =
+                best_noise_and_example_from_paths(&[folder.path().to_owned()], &options, &mut progress).unwrap();
+            // Uniform noise of 10 codes: σ = 10 / √12 = 2.89.
+            let sigma = table.profile.sigma(1, 115.0);
+            assert!((sigma - 2.89).abs() < 0.3, "{shifts:?}: {sigma}");
+            (table, example.unwrap())
+        };
+        let (table, example) =
+            best(&[0.0, 8.0, 16.0, 24.0, 24.0, 24.0, 24.0, 24.0, 24.0, 24.0, 24.0, 24.0, 32.0, 40.0]);
+        assert_eq!((table.motion, example.method), (SceneMotion::Resting, ExampleMethod::Resting { frames: 9 }));
+        let is_stretch = |w: &Warning| matches!(w, Warning::Stretch { first: 3, last: 11, count: 14, .. });
+        assert!(table.warnings.iter().any(is_stretch), "{:?}", table.warnings);
+        let (table, example) = best(&[0.0]);
+        assert_eq!((table.motion, example.method), (SceneMotion::Moving, ExampleMethod::Textureless));
+        assert!(table.warnings.contains(&Warning::NotAtRest));
     }
 
     #[test]

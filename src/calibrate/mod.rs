@@ -9,6 +9,7 @@ pub mod board;
 mod censoring;
 mod common_motion;
 mod example;
+mod footage;
 pub mod geometry;
 mod load;
 pub mod moving;
@@ -19,6 +20,7 @@ mod plane;
 mod points;
 mod rendered_noise;
 mod report;
+mod rest;
 mod rounding;
 mod sampling_plan;
 mod scene_sums;
@@ -29,7 +31,10 @@ mod warning;
 
 pub use bins::BinReport;
 pub use example::{ExampleCalibration, ExampleMethod, NoExample};
-pub use load::{LoadProgress, is_picture, moving_noise_from_paths, noise_and_example_from_paths, noise_from_paths};
+pub use load::{
+    LoadProgress, NoiseWithExample, best_noise_and_example_from_paths, best_noise_from_paths, is_picture,
+    moving_noise_and_example_from_paths, moving_noise_from_paths, noise_and_example_from_paths, noise_from_paths,
+};
 pub use noise::{CalibrateError, NoiseCalibration, NoiseCalibrator, NoiseOptions, SceneMotion};
 pub use picked::{PickedNoise, PickedResult, picked_noise};
 pub use picked_region::{PickedError, PickedRegion, RegionError, min_side_px};

@@ -131,12 +131,30 @@ pub enum CalibrateError {
          moves in the frames: give the mean of this scene, or omit --mean and give ten frames"
     )]
     WrongMean { scene: usize, percent: f64 },
+    #[error(
+        "the camera rests nowhere for {needed} frames; hold it still for two seconds, or give --moving, which takes \
+         the noise from textureless places"
+    )]
+    NeverAtRest { needed: usize },
     #[error("{path}: {reason}")]
     Read { path: PathBuf, reason: String },
     #[error(transparent)]
     Picture(#[from] SourceError),
     #[error("{path}: {source}")]
     InFile { path: PathBuf, source: Box<CalibrateError> },
+}
+
+impl CalibrateError {
+    /// Whether the frames show no scene at rest. Their textureless places may still be usable.
+    pub fn is_motion(&self) -> bool {
+        match self {
+            Self::OneFrame { .. } | Self::CameraMoves { .. } | Self::SceneChanges { .. } | Self::NeverAtRest { .. } => {
+                true
+            }
+            Self::InFile { source, .. } => source.is_motion(),
+            _ => false,
+        }
+    }
 }
 
 pub(super) const CHANNELS: [&str; 3] = ["R", "G", "B"];

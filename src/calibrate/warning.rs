@@ -1,6 +1,7 @@
 //! Warnings about a noise calibration.
 
 use std::fmt;
+use std::path::PathBuf;
 
 use crate::text::count;
 
@@ -28,6 +29,10 @@ pub enum Warning {
     Texture,
     /// Compression has changed the noise.
     Jpeg,
+    /// The frames, of so many, in which the camera rests and which are used.
+    Stretch { path: PathBuf, first: usize, last: usize, count: usize },
+    /// The camera rests nowhere, so textureless places are used.
+    NotAtRest,
 }
 
 impl fmt::Display for Warning {
@@ -73,6 +78,13 @@ impl fmt::Display for Warning {
             ),
             Self::Jpeg => f.write_str(
                 "some frames are JPEG: compression has changed their noise; use lossless frames where you can",
+            ),
+            Self::Stretch { path, first, last, count } => {
+                write!(f, "{}: the camera rests in frames {first} to {last} of {count}, which were used", path.display())
+            }
+            Self::NotAtRest => f.write_str(
+                "the camera rests nowhere, so the noise is that of textureless places, which is less exact: hold the camera \
+                 still for two seconds, or put it on a tripod",
             ),
         }
     }

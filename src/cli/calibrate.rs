@@ -16,8 +16,9 @@ pub use existing::existing;
 use existing::{pictures_beside, unreadable};
 
 use locard_engine::calibrate::{
-    ExampleCalibration, NoExample, NoiseCalibration, NoiseOptions, SceneMotion, moving_noise_from_paths,
-    noise_and_example_from_paths, noise_from_paths,
+    ExampleCalibration, NoiseCalibration, NoiseOptions, SceneMotion, best_noise_and_example_from_paths,
+    best_noise_from_paths, moving_noise_and_example_from_paths, moving_noise_from_paths, noise_and_example_from_paths,
+    noise_from_paths,
 };
 use locard_engine::exemplar_noise::{NoiseExample, file as model_file};
 use locard_engine::export::Inputs;
@@ -36,8 +37,8 @@ enum What {
     /// Focal length, principal point and distortion, from pictures of a chessboard or of printed
     /// tags
     Camera(camera::Args),
-    /// Noise by channel and intensity, from scenes at rest or from a moving camera's textureless
-    /// places
+    /// Noise by channel and intensity, and by example: from scenes at rest, from stretches at
+    /// rest of recordings and videos, or from textureless places of any pictures
     Noise(NoiseArgs),
     /// The blur of lens and sensor, from straight edges in a picture
     Sharpness(sharpness::Args),
@@ -45,19 +46,18 @@ enum What {
 
 #[derive(clap::Args)]
 struct NoiseArgs {
-    /// Pictures of one static scene, or folders of one static scene each; with --moving any
-    /// pictures, folders and recordings
+    /// Pictures of one static scene; folders, recordings and videos of one scene each. If nothing
+    /// is at rest, the noise is taken from textureless places
     #[arg(required = true)]
     frames: Vec<PathBuf>,
-    /// The camera moved: take the noise from textureless places of its pictures, less exact than
-    /// from scenes at rest
+    /// Take the noise from textureless places, even of pictures at rest
     #[arg(long, conflicts_with = "mean")]
     moving: bool,
     /// The scene's known mean, for single noisy frames; repeated for each of them
     #[arg(long)]
     mean: Vec<PathBuf>,
-    /// The profile to write; its other tables are kept. From four frames at rest or a known mean,
-    /// noise by example is written beside it, as a file that ends in .locnoise
+    /// The profile to write; its other tables are kept. Noise by example is written beside it, as a
+    /// file that ends in .locnoise
     #[arg(short = 'o', long = "output", value_name = "PROFILE")]
     output: PathBuf,
     /// Write the table alone, without noise by example
@@ -96,7 +96,7 @@ fn noise(args: NoiseArgs) -> Result<()> {
     if example_file == args.output {
         bail!(failed("ends as a file of noise by example; name the profile *.toml"));
     }
-    if example_file.exists() && !args.force && !args.no_example && !args.moving {
+    if example_file.exists() && !args.force && !args.no_example {
         bail!("{}: exists already; it is kept unless --force is given", example_file.display());
     }
     let options = NoiseOptions::default();
@@ -106,18 +106,28 @@ fn noise(args: NoiseArgs) -> Result<()> {
         bar.set_position(done as u64);
         ControlFlow::Continue(())
     };
-    let wanted = !args.no_example;
-    let calibration = if args.moving {
-        let found = moving_noise_from_paths(&args.frames, &options, &mut shown);
-        found.map(|found| (found, wanted.then_some(Err(NoExample::Moving))))
-    } else if wanted {
-        let found = noise_and_example_from_paths(&args.frames, &args.mean, &options, &mut shown);
-        found.map(|(found, example)| (found, Some(example)))
+    let (frames, means) = (&args.frames, &args.mean);
+    let found = if args.no_example {
+        let table = if args.moving {
+            moving_noise_from_paths(frames, &options, &mut shown)
+        } else if means.is_empty() {
+            best_noise_from_paths(frames, &options, &mut shown)
+        } else {
+            noise_from_paths(frames, means, &options, &mut shown)
+        };
+        table.map(|table| (table, None))
     } else {
-        noise_from_paths(&args.frames, &args.mean, &options, &mut shown).map(|found| (found, None))
+        let both = if args.moving {
+            moving_noise_and_example_from_paths(frames, &options, &mut shown)
+        } else if means.is_empty() {
+            best_noise_and_example_from_paths(frames, &options, &mut shown)
+        } else {
+            noise_and_example_from_paths(frames, means, &options, &mut shown)
+        };
+        both.map(|(table, example)| (table, Some(example)))
     };
     bar.finish_and_clear();
-    let (mut calibration, example) = calibration?;
+    let (mut calibration, example) = found?;
     let report = match example {
         Some(Ok(example)) => {
             let written = WrittenExample::write(example, &example_file, args.force)?;
@@ -156,6 +166,6 @@ fn origin(calibration: &NoiseCalibration) -> String {
     let frames = count(calibration.frames, "frame");
     match calibration.motion {
         SceneMotion::Resting => format!("`, from {frames} of {} at rest.", count(calibration.scenes, "scene")),
-        SceneMotion::Moving => format!(" --moving`, from textureless places of {frames} of a moving camera."),
+        SceneMotion::Moving => format!("`, from textureless places of {frames} of a moving camera."),
     }
 }

@@ -108,6 +108,7 @@ pub fn run(args: &Args) -> Result<()> {
     let noise = verify::noise(&gpu, &found, |done, of| {
         bar.set_length(of as u64);
         bar.set_position(done as u64);
+        true
     })?;
     bar.finish_and_clear();
     if let (Some(path), AnalysisState::Used(folder, _)) = (&args.report, &found.analysis) {

@@ -27,7 +27,7 @@
 mod pattern;
 
 pub use pattern::pattern_key;
-use pattern::{NORMAL_TABLE, Pattern, TABLE_UNIT, cholesky, pcg3d};
+use pattern::{NORMAL_TABLE, Pattern, TABLE_UNIT, pcg3d};
 
 use super::{Case, Effect, EffectError, ExampleNoise, FrameContext, LayerRun, MixedPart};
 use crate::camera::grain::{GrainRatios, read_light};
@@ -35,19 +35,28 @@ use crate::camera::{Camera, Geometry, side_tap};
 use crate::coding::PictureCoding;
 use crate::exemplar_noise::NoiseExample;
 use crate::exemplar_noise::model_coding::CodingDifference;
+use crate::fit::cholesky::correlation_factor;
 use crate::gpu::Shader;
+use crate::memo::ByAddress;
 use crate::params::Value;
 use crate::pixels::Rect;
 
 crate::choices! {
     /// Method of the noise.
-    pub enum NoiseMethod { Example = "example", Pattern = "pattern", White = "white" }
+    pub enum NoiseMethod { Example = "example", Parametric = "parametric", Pattern = "pattern", White = "white" }
+}
+
+impl NoiseMethod {
+    /// Whether it draws by a model of the profile's noise.
+    pub fn uses_example(self) -> bool {
+        matches!(self, Self::Example | Self::Parametric)
+    }
 }
 
 crate::params! {
     /// Parameters of the noise.
     pub struct Noise in "noise" at Mix {
-        "example: the camera's own residuals, if its profile has them; pattern: filtered noise; white: Fischer's"
+        "example: the camera's own residuals, where known; parametric: normal noise like them; pattern: by table; white: Fischer's"
         method: NoiseMethod = NoiseMethod::Example => scale isnt "0";
         "factor on the calibrated standard deviation of virtual pixels; 0 is off"
         scale: f32 = 1.0, "1", 0.0..=8.0;
@@ -157,8 +166,16 @@ impl Effect for Noise {
         ]
     }
     fn ineffective_setting(&self, camera: &Camera) -> Option<&'static str> {
-        (self.iso.is_some() && camera.noise.is_none())
-            .then_some("noise.iso does nothing: the camera's profile has no table [camera.noise], so no noise is drawn at any speed")
+        if self.iso.is_some() && camera.noise.is_none() {
+            return Some(
+                "noise.iso does nothing: the camera's profile has no table [camera.noise], so no noise is drawn at any speed",
+            );
+        }
+        let has_model = camera.noise.as_ref().is_some_and(|noise| noise.example.is_some());
+        (self.method == NoiseMethod::Parametric && !has_model).then_some(
+            "noise.method = \"parametric\" draws the pattern: the camera has no noise by example, whose strength it takes; \
+             `locard calibrate noise` or `locard analyse` makes it",
+        )
     }
 
     fn example_noise(
@@ -167,7 +184,7 @@ impl Effect for Noise {
         coding: Option<&PictureCoding>,
     ) -> Result<Option<ExampleNoise>, CodingDifference> {
         let example = context.camera.noise.as_ref().and_then(|noise| noise.example.as_ref());
-        let is_drawn = self.method == NoiseMethod::Example && self.is_as_calibrated(context) && !context.capture.whole;
+        let is_drawn = self.method.uses_example() && self.is_as_calibrated(context) && !context.capture.whole;
         let Some(NoiseExample { model, .. }) = example.filter(|_| is_drawn) else { return Ok(None) };
         if context.max_code != 255 {
             return Err(CodingDifference::Depth);
@@ -176,7 +193,11 @@ impl Effect for Noise {
             Some(difference) => Err(difference),
             None => {
                 let key = pattern_key(context.seed, context.frame, self.animation_delay);
-                Ok(Some(ExampleNoise { model: model.clone(), key }))
+                let model = match self.method {
+                    NoiseMethod::Parametric => ByAddress(model.parametric()),
+                    _ => model.clone(),
+                };
+                Ok(Some(ExampleNoise { model, key }))
             }
         }
     }
@@ -264,7 +285,7 @@ pub fn twin_pattern(params: &Noise, context: &FrameContext<'_>, x: i32, y: i32) 
         }
         sum.map(|s| s / variance.sqrt())
     };
-    let l = cholesky(channels);
+    let l = correlation_factor(channels);
     let [r, g, b] = independent;
     [r, l[0] * r + l[1] * g, l[2] * r + l[3] * g + l[4] * b]
 }

@@ -7,13 +7,12 @@
 //! neighbouring cells never repeat each other.
 
 use super::bands::{ALL_BANDS, FIRST_BAND, split};
-use super::content::{Features, block_means};
+use super::content::Features;
 use super::descriptor::{DESCRIPTOR_BLOCK_PX, Descriptor, DescriptorBlocks, DescriptorScale};
-use super::filling::{fill, replacements};
+use super::filling::MaskedPlanes;
 use super::numbers::ModelNumbers;
 use super::regression::amplitude;
 pub use super::tile::{CELL_PX, OVERLAP_PX, TILE_PX};
-use crate::coding::BLOCK;
 use crate::grey_image::GreyImage;
 
 /// Classes of candidates: parities of a cell's column and row.
@@ -87,24 +86,19 @@ pub fn build(numbers: &ModelNumbers, sources: &[SourceFrame]) -> AtlasParts {
     let features: Vec<Features> = sources.iter().map(of_source).collect();
     let innovations = |(source, features): (&SourceFrame, &Features)| {
         let chroma = features.reduced(factor);
-        let usable = source.mask(USABLE);
-        let replaced = [
-            replacements(&usable, factor.map(|factor| BLOCK * factor)),
-            replacements(&whole_blocks(&usable, factor), [BLOCK; 2]),
-        ];
+        let masked = MaskedPlanes::new(&source.mask(USABLE), factor);
         let mut bands = (0..3).flat_map(|plane| {
             let mut residual = source.residual(plane, factor);
-            fill(&mut residual, &replaced[plane.min(1)]);
+            masked.fill(&mut residual, plane);
             split(&residual, plane)
         });
         let bands = std::array::from_fn(|b| {
-            let (features, replaced) =
-                if b < FIRST_BAND[1] { (features, &replaced[0]) } else { (&chroma, &replaced[1]) };
+            let (features, plane) = if b < FIRST_BAND[1] { (features, 0) } else { (&chroma, 1) };
             let mut band = bands.next().unwrap_or_else(|| GreyImage::uniform(0, 0, 0.0));
             for (i, v) in band.values.iter_mut().enumerate() {
                 *v /= amplitude(&numbers.atlas_gains[b], &features.at(i));
             }
-            fill(&mut band, replaced);
+            masked.fill(&mut band, plane);
             band
         });
         AtlasFrame { bands }
@@ -123,13 +117,6 @@ pub fn build(numbers: &ModelNumbers, sources: &[SourceFrame]) -> AtlasParts {
         candidate.descriptor = scale.standardised(&candidate.descriptor);
     }
     (frames, candidates, scale)
-}
-
-/// 1 where all pixels of a chroma sample are usable, otherwise 0.
-fn whole_blocks(usable: &GreyImage, factor: [usize; 2]) -> GreyImage {
-    let mut share = block_means(usable, factor);
-    share.values.iter_mut().for_each(|v| *v = if *v > 0.999 { 1.0 } else { 0.0 });
-    share
 }
 
 /// A tile of the atlas.

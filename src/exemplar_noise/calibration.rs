@@ -1,7 +1,8 @@
 //! Calibration of the model: noisy frames, and the same view without noise.
 //!
 //! 1. Residual of a frame: its decoded planes minus those of the mean picture after
-//!    [`registration`](super::registration), split into [`bands`](super::bands).
+//!    [`registration`](super::registration), [filled](super::filling) where it is masked and split
+//!    into [`bands`](super::bands).
 //! 2. Amplitudes by [`regression`](super::regression) where nothing clips; they normalise the
 //!    atlas.
 //! 3. Four rounds of indirect inference: the calibration's pictures are synthesised, their
@@ -16,6 +17,7 @@
 use super::atlas::{RESIDUAL_STEP, SourceFrame, UNCLIPPED, USABLE};
 use super::bands::{ALL_BANDS, BANDS, FIRST_BAND, split};
 use super::content::{FEATURES, FeatureScale, Features};
+use super::filling::MaskedPlanes;
 use super::latent::{LatentStep, LatentTable, smoothed};
 use super::model_coding::ModelCoding;
 use super::path::{Planes, codes, content_planes, decoded_planes, padded, rgb_of_codes};
@@ -105,6 +107,7 @@ struct PreparedFrame<'a> {
     /// Means with smoothed dark values, for the table of latent values.
     smoothed: Planes,
     residuals: Planes,
+    masked: MaskedPlanes,
     bands: Vec<GreyImage>,
     usable: GreyImage,
     unclipped: GreyImage,
@@ -124,8 +127,15 @@ fn residuals(noisy: &Planes, frame: &CalibrationFrame, coding: &PictureCoding) -
     Ok(planes)
 }
 
-fn all_bands(planes: &Planes) -> Vec<GreyImage> {
-    planes.iter().enumerate().flat_map(|(index, plane)| split(plane, index)).collect()
+/// Bands of residuals. Masked ones are filled first: they may be much larger than noise, and the
+/// bands of the pixels beside them would contain them.
+fn all_bands(planes: &Planes, masked: &MaskedPlanes) -> Vec<GreyImage> {
+    let bands = |(index, plane): (usize, &GreyImage)| {
+        let mut plane = plane.clone();
+        masked.fill(&mut plane, index);
+        split(&plane, index)
+    };
+    planes.iter().enumerate().flat_map(bands).collect()
 }
 
 /// A mask in the coded picture, 1 or 0.
@@ -257,9 +267,11 @@ fn prepare<'a>(
     }
     let factor = coding.chroma_factor().map(|factor| factor as usize);
     let chroma = features.reduced(factor);
-    let bands = all_bands(&residuals);
+    let masked = MaskedPlanes::new(&usable, factor);
+    let bands = all_bands(&residuals, &masked);
     let smoothed = frame.mean.each_ref().map(smoothed);
-    Ok(PreparedFrame { frame, coding, features: [features, chroma], smoothed, residuals, bands, usable, unclipped })
+    let features = [features, chroma];
+    Ok(PreparedFrame { frame, coding, features, smoothed, residuals, masked, bands, usable, unclipped })
 }
 
 impl PreparedFrame<'_> {
@@ -325,7 +337,7 @@ pub fn calibrate_coded(frames: &[CodedFrame<'_>], seed: u32) -> Result<NoiseMode
                 }
             }
             let noisy = rgb_of_codes(&codes, p.frame.size());
-            synthesised.push(all_bands(&residuals(&noisy, p.frame, p.coding)?));
+            synthesised.push(all_bands(&residuals(&noisy, p.frame, p.coding)?, &p.masked));
         }
         let bands: Vec<&[GreyImage]> = synthesised.iter().map(Vec::as_slice).collect();
         let got = fit_all(&prepared, &bands, &whole, factor, Some(&target));

@@ -5,17 +5,19 @@
 //! away along an axis or a diagonal, so that the phase of the block grid stays; 0 without one. The
 //! order of equally near ones depends on the unit, so that a row of units does not repeat one.
 
+use super::content::block_means;
+use crate::coding::BLOCK;
 use crate::grey_image::GreyImage;
 use crate::hash::pcg3d;
 
 const DIRECTIONS: [[isize; 2]; 8] = [[1, 0], [0, 1], [-1, 0], [0, -1], [1, 1], [-1, 1], [-1, -1], [1, -1]];
 
 /// A masked px, and the px that replaces it, as indices; `None` if there is none.
-pub type Replacement = (usize, Option<usize>);
+type Replacement = (usize, Option<usize>);
 
 /// The replacements of a picture's masked px. `usable` is 1 or 0 for each px, `unit_px` the
 /// coding's unit.
-pub fn replacements(usable: &GreyImage, unit_px: [usize; 2]) -> Vec<Replacement> {
+fn replacements(usable: &GreyImage, unit_px: [usize; 2]) -> Vec<Replacement> {
     let (width, height) = (usable.width as isize, usable.height as isize);
     let max_distance = (usable.width / unit_px[0]).max(usable.height / unit_px[1]) as isize;
     let mut out = Vec::new();
@@ -35,8 +37,26 @@ pub fn replacements(usable: &GreyImage, unit_px: [usize; 2]) -> Vec<Replacement>
     out
 }
 
+/// Replacements for planes at the resolution of luma and of chroma.
+pub struct MaskedPlanes([Vec<Replacement>; 2]);
+
+impl MaskedPlanes {
+    /// `usable` is 1 or 0 for each px; `factor`: luma px for each chroma sample.
+    pub fn new(usable: &GreyImage, factor: [usize; 2]) -> Self {
+        // 1 where all px of a chroma sample are usable.
+        let mut whole = block_means(usable, factor);
+        whole.values.iter_mut().for_each(|v| *v = if *v > 0.999 { 1.0 } else { 0.0 });
+        Self([replacements(usable, factor.map(|factor| BLOCK * factor)), replacements(&whole, [BLOCK; 2])])
+    }
+
+    /// Fills a plane, or a band, of Y' (0), Cb or Cr.
+    pub fn fill(&self, image: &mut GreyImage, plane: usize) {
+        fill(image, &self.0[plane.min(1)]);
+    }
+}
+
 /// Replaces values of a plane; by 0 where there is no replacement.
-pub fn fill(plane: &mut GreyImage, replacements: &[Replacement]) {
+fn fill(plane: &mut GreyImage, replacements: &[Replacement]) {
     for &(to, from) in replacements {
         plane.values[to] = from.map_or(0.0, |from| plane.values[from]);
     }

@@ -36,9 +36,12 @@ pub mod content;
 pub mod descriptor;
 pub mod file;
 mod filling;
+pub mod flat_places;
 pub mod latent;
+pub mod masked_blur;
 pub mod model_coding;
 mod numbers;
+pub mod parametric;
 pub mod path;
 mod registration;
 pub mod regression;
@@ -53,6 +56,7 @@ use crate::memo::ByAddress;
 use atlas::{AtlasFrame, CLASSES, MIN_CLASS_TILES, SourceFrame, TileCandidate};
 use descriptor::DescriptorScale;
 pub use numbers::{BandGains, ModelNumbers};
+use parametric::ParametricField;
 
 /// Calibrated noise of a camera at one setting.
 #[derive(Clone, Debug, PartialEq)]
@@ -63,6 +67,7 @@ pub struct NoiseModel {
     pub frames: Vec<AtlasFrame>,
     pub candidates: [Vec<TileCandidate>; CLASSES],
     pub descriptor_scale: DescriptorScale,
+    parametric: ParametricField,
 }
 
 /// A camera's noise model with its file. Equal if both models are the same object in memory.
@@ -114,7 +119,7 @@ impl NoiseModel {
         if found.iter().any(|&count| count < MIN_CLASS_TILES) {
             return Err(ModelError::TooFewTiles { found });
         }
-        Ok(Self { numbers, sources, frames, candidates, descriptor_scale })
+        Ok(Self { numbers, sources, frames, candidates, descriptor_scale, parametric: ParametricField::default() })
     }
 
     /// The model with activity clamped to so many deviations about its mean, where residuals of

@@ -2,8 +2,8 @@
 //! frame and its mean picture.
 //!
 //! For each channel the residual is regressed on first and second differences of the mean picture
-//! along both axes. The sum of the fitted part and of the remaining residual's mean over 101 × 101
-//! px is the correction.
+//! along both axes. The sum of the fitted part and of the remaining residual's mean over the
+//! unmasked ones of 101 × 101 px is the correction.
 
 use super::regression::solved;
 use crate::grey_image::GreyImage;
@@ -39,9 +39,12 @@ pub fn correction(noisy: &GreyImage, mean: &GreyImage, mask: &[bool]) -> GreyIma
     let weights = solved(normal, right).map(|v| v as f32);
     let fitted =
         GreyImage::from_fn(w, h, |x, y| differences(x, y).iter().zip(&weights).map(|(d, w)| d * w).sum::<f32>());
-    let rest = GreyImage::from_fn(w, h, |x, y| residual[y * w + x] - fitted.values[y * w + x]);
-    let smooth = window_mean(&rest);
-    GreyImage::from_fn(w, h, |x, y| fitted.values[y * w + x] + smooth.values[y * w + x])
+    let used = |i: usize, v: f32| if mask[i] { v } else { 0.0 };
+    let rest = GreyImage::from_fn(w, h, |x, y| used(y * w + x, residual[y * w + x] - fitted.values[y * w + x]));
+    let [smooth, share] =
+        [rest, GreyImage::from_fn(w, h, |x, y| used(y * w + x, 1.0))].map(|image| window_mean(&image));
+    let mean = |i: usize| if share.values[i] > 0.0 { smooth.values[i] / share.values[i] } else { 0.0 };
+    GreyImage::from_fn(w, h, |x, y| fitted.values[y * w + x] + mean(y * w + x))
 }
 
 /// Mean over the window around each pixel, as far as it is inside the picture.

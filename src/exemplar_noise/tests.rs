@@ -59,6 +59,19 @@ pub fn model(factor: [u32; 2]) -> NoiseModel {
     calibrate(&[frame(1)], &coding(factor), 7).expect("enough tiles")
 }
 
+#[test]
+fn residuals_of_masked_places_do_not_reach_the_amplitudes_beside_them() {
+    let inside = |i: usize| (64..96).contains(&(i % SIDE)) && (96..160).contains(&(i / SIDE));
+    let mut masked = frame(1);
+    masked.mask.iter_mut().enumerate().for_each(|(i, usable)| *usable = !inside(i));
+    let mut changed = masked.clone();
+    for (i, code) in changed.noisy.iter_mut().enumerate().filter(|(i, _)| inside(i / 3)) {
+        *code += if i % 7 < 3 { 60 } else { 20 };
+    }
+    let [a, b] = [masked, changed].map(|frame| calibrate(&[frame], &coding([2, 1]), 7).expect("enough tiles").numbers);
+    assert_eq!(a, b);
+}
+
 fn deviation(values: impl Iterator<Item = f32> + Clone) -> f32 {
     let count = values.clone().count() as f32;
     let mean = values.clone().sum::<f32>() / count;

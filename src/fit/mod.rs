@@ -5,6 +5,7 @@
 //! (`robust`).
 
 pub mod band;
+pub mod cholesky;
 pub mod homography;
 pub mod kaplan_meier;
 pub mod quantile;

@@ -258,7 +258,10 @@ impl Shot {
     /// pattern.
     pub fn has_noise_by_example(&self) -> bool {
         let noise = self.settings.on().find(|effect| effect.table() == "noise");
-        let is_chosen = noise.and_then(|noise| noise.get("method")) == Some(NoiseMethod::Example.to_value());
+        let method = noise.and_then(|noise| noise.get("method"));
+        let is_chosen = method.is_some_and(|value| {
+            [NoiseMethod::Example, NoiseMethod::Parametric].iter().any(|method| method.to_value() == value)
+        });
         is_chosen && self.camera().noise.is_some_and(|noise| noise.example.is_some())
     }
 

@@ -33,7 +33,7 @@ use crate::measure::detectors::{
     DetectorClassifier, DetectorFamily, DetectorScore, MIN_PATCHES, PATCH_PX, PatchSource, SeparabilityOptions,
     find_repeats, separability,
 };
-use crate::pixels::Pixels;
+use crate::pixels::{DepthMap, Pixels};
 use crate::recording::Recording;
 use crate::scene::Scene;
 use crate::shot::Shot;
@@ -49,6 +49,8 @@ const MAX_FRAME_PATCHES: usize = 48;
 const MIN_REAL_PATCHES: usize = 2 * MIN_PATCHES;
 /// Number of frames in which repeats are sought.
 const REPEAT_FRAMES: usize = 2;
+/// Distance of the object where depth is unknown, m.
+const ASSUMED_DEPTH_M: f32 = 2.0;
 /// Opacity of a covered pixel.
 const COVERED: f32 = 0.999;
 /// Margin of an area above its floor, besides two standard errors. Areas of equal classes vary by
@@ -145,9 +147,11 @@ pub enum NoiseNotCompared {
     Unknown,
     #[error("the effect `noise` is off")]
     Off,
+    #[error("stopped before it was done")]
+    Stopped,
     #[error(
         "{found} flat patches of 32x32 pixels were found and {MIN_REAL_PATCHES} are needed; frames with plain, evenly \
-         lit walls at a known depth help"
+         lit walls help"
     )]
     FewPatches { found: usize },
     #[error("the detectors cannot be trained: {0}")]
@@ -165,10 +169,11 @@ struct ComparedFrame {
 }
 
 /// Compares the noise of a shot. `progress(done, of)` is called before each frame and at the end.
+/// If it returns false, the comparison ends.
 pub fn noise(
     gpu: &Gpu,
     verified: &Shot,
-    mut progress: impl FnMut(usize, usize),
+    mut progress: impl FnMut(usize, usize) -> bool,
 ) -> Result<Result<NoiseComparison, NoiseNotCompared>, VerifyError> {
     let Some(profile) = verified.camera().noise else { return Ok(Err(NoiseNotCompared::Unknown)) };
     if !verified.settings.is_on("noise") {
@@ -185,7 +190,9 @@ pub fn noise(
     let mut statistics = Vec::new();
     let pictures = shot.recording.without_depth();
     for (done, index) in candidates.iter().enumerate() {
-        progress(done, steps);
+        if !progress(done, steps) {
+            return Ok(Err(NoiseNotCompared::Stopped));
+        }
         for frame in pictures.frames(*index..index + 1)? {
             let pixels = frame?.pixels;
             let planes = code_planes(&pixels);
@@ -202,13 +209,17 @@ pub fn noise(
         if found >= ENOUGH_PATCHES {
             break;
         }
-        progress(statistics.len() + done, steps);
+        if !progress(statistics.len() + done, steps) {
+            return Ok(Err(NoiseNotCompared::Stopped));
+        }
         if let Some(frame) = compared_frame(&mut shot, &mut compositor, index, patches)? {
             found += frame.patches.len();
             frames.push(frame);
         }
     }
-    progress(steps - 1, steps);
+    if !progress(steps - 1, steps) {
+        return Ok(Err(NoiseNotCompared::Stopped));
+    }
     Ok(compare(&frames))
 }
 
@@ -223,7 +234,7 @@ fn block_origin_px(coding: Option<&PictureCoding>) -> [usize; 2] {
     origin.map(|origin| origin.rem_euclid(BLOCK as i32) as usize)
 }
 
-/// Composites a frame's smoothed content over it. `None` without depth, pose or covered patches.
+/// Composites a frame's smoothed content over it. `None` without a pose or covered patches.
 fn compared_frame(
     shot: &mut Shot,
     compositor: &mut Compositor,
@@ -253,9 +264,18 @@ fn compared_frame(
     Ok(Some(ComparedFrame { index, real, composite: made.pixels, origin_px, patches }))
 }
 
-/// A frame as an object with content in place of its picture.
+/// A frame as an object with content in place of its picture. Without measured depth it is at an
+/// arbitrary distance, which does not matter to the frame's own view.
 fn content_scene(shot: &Shot, frame: &Frame, content: &CodePlanes) -> Option<Scene> {
-    let mut scene = frame_scene(shot, frame)?;
+    let mut scene = match frame.depth {
+        Some(_) => frame_scene(shot, frame)?,
+        None => {
+            let Pixels { width, height, .. } = *frame.pixels;
+            let depth_m = vec![ASSUMED_DEPTH_M; width as usize * height as usize];
+            let depth = DepthMap { width, height, depth_m, timestamp_s: frame.timestamp_s };
+            frame_scene(shot, &Frame { depth: Some(Arc::new(depth)), ..frame.clone() })?
+        }
+    };
     let response = shot.camera().response;
     let (width, height) = (content[0].width, content[0].height);
     for vertex in scene.meshes.iter_mut().flat_map(|mesh| &mut Arc::make_mut(mesh).vertices) {

@@ -36,6 +36,11 @@ pub fn noise_error(error: &CalibrateError) -> String {
             "too much moves or changes in these frames: choose frames at rest, or measure each place in its own frame"
                 .to_owned()
         }
+        E::NeverAtRest { .. } => {
+            "the camera rests nowhere in these frames: hold it still for two seconds, or measure each place in its own \
+             frame"
+                .to_owned()
+        }
         E::Read { path, reason } => format!("{}: {reason}", path.display()),
         E::Picture(error) => without_options(&error.to_string()),
         E::InFile { path, source } => format!("{}: {}", path.display(), noise_error(source)),
@@ -98,6 +103,7 @@ pub fn noise_warning(warning: &Warning, used: &[usize]) -> String {
             fixed(*found, 2)
         ),
         W::Texture => "the intervals are those of chance: texture that is everywhere counts as noise".to_owned(),
+        W::Stretch { .. } | W::NotAtRest => without_options(&warning.to_string()),
         W::Jpeg => "the frames are JPEG, which has changed their noise".to_owned(),
     }
 }

@@ -74,6 +74,7 @@ mod matching;
 mod measure;
 mod message;
 mod missing;
+mod noise_match;
 mod notice;
 mod object_actions;
 mod obstacle;

@@ -11,6 +11,7 @@ use super::background::Background;
 use super::brightness_plot;
 use super::controls::unknown_exposure;
 use super::gpu_times;
+use super::noise_match::NoiseMatch;
 use super::picture::{PictureOutput, plate};
 use super::plots::{self, Axes, DataSource};
 use super::pointer_probe::PointerProbe;
@@ -44,6 +45,7 @@ pub struct Matching {
     analysis: Background<(usize, u64, AnalysisRequest), FrameAnalysis>,
     compositor: SharedCompositor,
     brightness: Background<Rect, PatchMeans>,
+    noise_match: NoiseMatch,
 }
 
 impl Default for Matching {
@@ -57,6 +59,7 @@ impl Default for Matching {
             analysis: Background::default(),
             compositor: SharedCompositor::default(),
             brightness: Background::default(),
+            noise_match: NoiseMatch::default(),
         }
     }
 }
@@ -98,6 +101,7 @@ impl Matching {
             // The results belong to a frame that is no longer shown.
             self.analysis.clear();
             self.brightness.clear();
+            self.noise_match.clear();
             ui.add(egui::Label::new(WAITS_FOR_FROZEN).wrap());
         }
         ui.separator();
@@ -105,6 +109,10 @@ impl Matching {
         egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
             let good = "Good: the virtual dots lie on the profile's line, among the real ones.";
             wanted.noise = section(ui, "Noise", true, good, |ui| self.noise(ui, session, picked));
+            let good = "Good: no detector separates virtual from real patches: areas near 0.5, ratios near 1.";
+            if !section(ui, "Noise beside the camera's", false, good, |ui| self.noise_match.show(ui, session)) {
+                self.noise_match.cancel();
+            }
             let good = "Good: neither side has darker blacks or brighter whites than the light explains.";
             wanted.histograms = section(ui, "Brightness", false, good, |ui| self.histograms(ui));
             let good = "Good: both curves rise alike, and the widths agree within their uncertainty.";
@@ -138,6 +146,7 @@ impl Matching {
     pub fn cancel(&mut self) {
         self.analysis.cancel();
         self.brightness.cancel();
+        self.noise_match.cancel();
     }
 
     fn take_picked(&mut self, tools: &mut ToolStack) {

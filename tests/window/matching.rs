@@ -71,6 +71,22 @@ fn await_numbers(window: &mut Harness<'_, App>, begin: &str, is_wanted: impl Fn(
     wait_for(window, begin, |window| numbers(window, begin).as_deref().is_some_and(&is_wanted));
 }
 
+/// Four frames of the demonstration have too few flat patches.
+#[test]
+fn comparison_with_the_cameras_noise_runs_on_request_and_reports_the_reason_without_one() {
+    let mut window = open();
+    window.get_by_label("Match").click();
+    wait_for(&mut window, "the tab", |window| has_label(window, "Noise beside the camera's"));
+    window.get_by_label("Noise beside the camera's").click();
+    wait_for(&mut window, "the section", |window| has_label(window, "Compare with the camera"));
+    assert!(window.query_by_label_contains("flat patches of 32x32 pixels were found").is_none());
+    window.get_by_label("Compare with the camera").click();
+    wait_for(&mut window, "the reason", |window| {
+        window.query_by_label_contains("The noise was not compared: ").is_some()
+            && window.query_by_label_contains("flat patches of 32x32 pixels were found").is_some()
+    });
+}
+
 /// The measured sharpness matches the set one within three standard deviations of the measurement;
 /// the footage has its noise.
 #[test]

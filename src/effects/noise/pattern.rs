@@ -9,6 +9,7 @@ use std::sync::LazyLock;
 use statrs::distribution::{ContinuousCDF, Normal};
 
 use crate::camera::{NoiseProfile, side_tap};
+use crate::fit::cholesky::correlation_factor;
 use crate::gpu::{Gpu, Recorder, Shader, Texture};
 pub use crate::hash::pcg3d;
 use crate::pixels::Rect;
@@ -22,8 +23,8 @@ pub struct Pattern {
     key: [u32; 3],
     /// Side taps a of the filters (a, 1, a), across and down.
     taps: [f64; 2],
-    /// Cholesky factor of the channels' correlation.
-    cholesky: [f64; 5],
+    /// [`correlation_factor`] of the channels.
+    factor: [f64; 5],
 }
 
 /// Side of the square table of quantiles.
@@ -49,23 +50,6 @@ crate::uniform! {
     struct FilterUniform { side: [f32; 2], norm: f32, l21: f32, l22: f32, l31: f32, l32: f32, l33: f32 }
 }
 
-/// Lower triangle (l21, l22, l31, l32, l33) of the Cholesky factor of the channels' correlation
-/// (r-g, r-b, g-b). Impossible correlations are shrunk towards 0 until the matrix is positive
-/// semidefinite.
-pub fn cholesky(correlation: [f64; 3]) -> [f64; 5] {
-    let mut shrink = 1.0f64;
-    loop {
-        let [rg, rb, gb] = correlation.map(|c| c.clamp(-1.0, 1.0) * shrink);
-        let l22 = (1.0 - rg * rg).max(0.0).sqrt();
-        let l32 = if l22 > 1e-9 { (gb - rb * rg) / l22 } else { 0.0 };
-        let rest = 1.0 - rb * rb - l32 * l32;
-        if rest >= 0.0 {
-            return [rg, l22, rb, l32, rest.sqrt()];
-        }
-        shrink *= 0.98;
-    }
-}
-
 /// The table of quantiles on the GPU.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Quantiles;
@@ -83,7 +67,7 @@ impl Pattern {
         let (neighbours, channels) =
             profile.map_or(([0.0; 2], [0.0; 3]), |n| (n.neighbour_correlation, n.channel_correlation));
         let key = pattern_key(seed, frame, delay);
-        Self { key, taps: neighbours.map(side_tap), cholesky: cholesky(channels) }
+        Self { key, taps: neighbours.map(side_tap), factor: correlation_factor(channels) }
     }
 
     /// The neighbour correlation that the filter achieves, which may be below the measured one.
@@ -109,7 +93,7 @@ impl Pattern {
         let pass = recorder.pass(Shader::NoiseWhite, "main").uniform("white", &white);
         let [white] = pass.texture("normal_table", &table).draw([FORMAT], around);
 
-        let [l21, l22, l31, l32, l33] = self.cholesky.map(|v| v as f32);
+        let [l21, l22, l31, l32, l33] = self.factor.map(|v| v as f32);
         let filter =
             FilterUniform { side: self.taps.map(|tap| tap as f32), norm: self.norm(), l21, l22, l31, l32, l33 };
         let entry = if self.taps == [0.0; 2] { "unfiltered" } else { "filtered" };
@@ -141,7 +125,7 @@ impl Pattern {
         let (width, table) = (lattice.width() as usize, NORMAL_TABLE.as_slice());
         let [a, b] = self.taps.map(|tap| tap as f32);
         let norm = self.norm();
-        let [l21, l22, l31, l32, l33] = self.cholesky.map(|v| v as f32);
+        let [l21, l22, l31, l32, l33] = self.factor.map(|v| v as f32);
         let quantile = |hash: u32| f32::from(table[(hash >> 20) as usize]);
         let mut white = vec![[0.0f32; 3]; width + 2];
         // Filtered across: the row and its neighbours.
@@ -229,16 +213,6 @@ mod tests {
             let a = side_tap(rho);
             assert!((2.0 * a / (1.0 + 2.0 * a * a) - rho).abs() < 1e-9, "{rho}");
         }
-    }
-
-    #[test]
-    fn cholesky_factor_matches_a_hand_computed_example() {
-        // rg = 0.6: l21 = 0.6, l22 = 0.8; rb = 0: l31 = 0; gb = 0.4: l32 = 0.5; l33 = √0.75.
-        let l = cholesky([0.6, 0.0, 0.4]);
-        for (got, want) in l.iter().zip([0.6, 0.8, 0.0, 0.5, 0.75f64.sqrt()]) {
-            assert!((got - want).abs() < 1e-12, "{l:?}");
-        }
-        assert!(cholesky([1.0, -1.0, 1.0]).iter().all(|v| v.is_finite()));
     }
 
     #[test]

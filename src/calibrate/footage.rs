@@ -1,0 +1,100 @@
+//! Pictures of one camera in order: files, a recording or a video.
+
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use super::load::{is_picture, pictures_in, read};
+use super::noise::CalibrateError;
+use crate::pixels::Pixels;
+use crate::recording::{OpenOptions, Recording, RecordingError};
+use crate::source::still;
+use crate::source::video::{Overrides, Video, probe};
+
+#[derive(Debug)]
+pub enum Footage {
+    /// In order of name.
+    Files(Vec<PathBuf>),
+    Recording(Box<Recording>),
+    Video(Box<Video>),
+}
+
+pub type FootagePixels<'a> = Box<dyn Iterator<Item = Result<Pixels, CalibrateError>> + 'a>;
+
+impl Footage {
+    /// A picture, a recording, a folder of pictures or a video.
+    pub fn open(path: &Path) -> Result<Self, CalibrateError> {
+        if is_picture(path) {
+            return Ok(Self::Files(vec![path.to_owned()]));
+        }
+        let refused = match Recording::open(path, &OpenOptions::default()) {
+            Ok(recording) => return Ok(Self::Recording(Box::new(recording))),
+            Err(error) => error,
+        };
+        if path.is_dir() {
+            return pictures_in(path).map(Self::Files);
+        }
+        probe(path, &Overrides::default()).map(|video| Self::Video(Box::new(video))).map_err(|video| {
+            let reason = format!("neither a picture nor a folder of PNG or JPEG files, nor a recording ({refused}), nor a video ({video})");
+            CalibrateError::Read { path: path.to_owned(), reason }
+        })
+    }
+
+    pub fn count(&self) -> usize {
+        match self {
+            Self::Files(files) => files.len(),
+            Self::Recording(recording) => recording.frame_count(),
+            Self::Video(video) => video.timestamps_s.len(),
+        }
+    }
+
+    /// File, folder or video.
+    pub fn path(&self) -> &Path {
+        match self {
+            Self::Files(files) => files.first().map_or(Path::new(""), PathBuf::as_path),
+            Self::Recording(recording) => &recording.path,
+            Self::Video(video) => &video.file,
+        }
+    }
+
+    /// The file of a frame, as far as it has its own.
+    pub fn frame_path(&self, frame: usize) -> &Path {
+        match self {
+            Self::Files(files) => files.get(frame).map_or(Path::new(""), PathBuf::as_path),
+            _ => self.path(),
+        }
+    }
+
+    /// Whether a frame is a JPEG file.
+    pub fn has_jpeg(&self) -> Result<bool, CalibrateError> {
+        let any = |files: &mut dyn Iterator<Item = &Path>| -> Result<bool, CalibrateError> {
+            for file in files {
+                if still::is_jpeg(file)? {
+                    return Ok(true);
+                }
+            }
+            Ok(false)
+        };
+        match self {
+            Self::Files(files) => any(&mut files.iter().map(PathBuf::as_path)),
+            Self::Recording(recording) => any(&mut recording.stills()),
+            Self::Video(_) => Ok(false),
+        }
+    }
+
+    /// The frames of a range, in order.
+    pub fn pixels(&self, range: Range<usize>) -> Result<FootagePixels<'_>, CalibrateError> {
+        Ok(match self {
+            Self::Files(files) => Box::new(files[range].iter().map(|file| read(file))),
+            Self::Recording(recording) => {
+                let failed = |error: RecordingError| CalibrateError::Read {
+                    path: recording.path.clone(),
+                    reason: error.to_string(),
+                };
+                let frames = recording.frames(range).map_err(failed)?;
+                Box::new(frames.map(move |frame| Ok(Arc::unwrap_or_clone(frame.map_err(failed)?.pixels))))
+            }
+            Self::Video(video) => Box::new(video.read(range)?.map(|frame| Ok(frame?))),
+        })
+    }
+}
