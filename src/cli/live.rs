@@ -79,7 +79,7 @@ fn in_window(args: &Args) -> Result<()> {
         scene: args.scene.clone(),
         ..ShotOptions::default()
     };
-    let mut project = Project::of(camera.opened.recording(), 1.0, &shot_options)?;
+    let mut project = Project::of(camera.opened.recording(), &shot_options)?;
     project.camera = Some(args.camera.spec().absolute());
     let (camera, record) = (Some(camera.opened), args.record.clone());
     super::tune::check_opened(locard_window::open(InitialContent {

@@ -1,7 +1,8 @@
 //! Mixing of independent values to three correlated ones.
 
-/// Lower triangle (l21, l22, l31, l32, l33) of the Cholesky factor of a correlation (1-2, 1-3, 2-3). Impossible correlations are shrunk towards 0 until the matrix is positive
-/// semidefinite.
+/// Lower triangle (l21, l22, l31, l32, l33) of the Cholesky factor of a correlation matrix with the
+/// elements 1-2, 1-3, 2-3. Impossible correlations are shrunk towards 0 until the matrix is
+/// positive semidefinite.
 pub fn correlation_factor(correlation: [f64; 3]) -> [f64; 5] {
     let mut shrink = 1.0f64;
     loop {

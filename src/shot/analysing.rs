@@ -90,10 +90,10 @@ impl Shot {
             self.analysis = AnalysisState::Unfit(folder, problem);
             return Ok(Vec::new());
         }
-        let earlier_noise = self.estimated_noise().cloned();
+        let is_resolved = self.rig.noise == self.layers.resolve()?.rig.noise;
         self.adopt(folder, analysis);
-        if self.rig.noise == earlier_noise {
-            self.rig.noise = self.estimated_noise().cloned();
+        if is_resolved {
+            self.rig.noise = self.layers.resolve()?.rig.noise;
         }
         self.register_depth();
         self.follow_scene();

@@ -12,7 +12,7 @@ use crate::compositor::Settings;
 use crate::effects::point_spread::sigma_for_measured_px;
 use crate::exemplar_noise::NoiseExample;
 use crate::params::Value;
-use crate::profile::{Rig, ShotSettings, parse_set};
+use crate::profile::{ParameterValues, Rig, ShotSettings, parse_set};
 use crate::recording::Recording;
 use crate::scene;
 
@@ -25,10 +25,16 @@ pub enum ValueLayer {
 }
 
 /// The values that the layers result in.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct ResolvedSettings {
     pub rig: Rig,
     pub settings: Settings,
+}
+
+impl ResolvedSettings {
+    pub fn values(&self) -> ParameterValues<'_> {
+        ParameterValues { rig: &self.rig, settings: &self.settings }
+    }
 }
 
 /// The layers of a shot.

@@ -87,7 +87,7 @@ pub struct Shot {
     estimated_lighting: Option<Arc<Lighting>>,
     /// The sources of `rig` and `settings`.
     layers: SettingsLayers,
-    /// The unit with which the recording was opened, m: 1 if none was given.
+    /// Unit of the recording as it was opened, m.
     opened_unit_m: f64,
     /// Whether an analysis of the footage is used, and why not.
     pub analysis: AnalysisState,
@@ -162,6 +162,11 @@ impl Shot {
     /// Recording, scene and camera stay.
     pub fn take_files(&mut self, fresh: Self) {
         self.layers = fresh.layers;
+    }
+
+    /// The unit with which the recording was opened, m: 1 if none was given.
+    pub fn opened_unit_m(&self) -> f64 {
+        self.opened_unit_m
     }
 
     /// Values in text form that override all files ([`ShotOptions::sets`]).

@@ -242,6 +242,7 @@ impl Shot {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::frame::{RelativeBrightness, SpatialGain};
     use crate::recording::OpenOptions;
     use crate::shot::ShotOptions;
     use glam::DAffine3;
@@ -261,16 +262,47 @@ mod tests {
         moved.objects[0].move_by(DAffine3::from_translation(DVec3::new(0.05, -0.02, 0.03)));
         let mut tilted = moved.clone();
         tilted.up_in_world = Some(DVec3::new(0.0, 0.3, 1.0).normalize());
-        for scene in [moved, tilted] {
+        let mut reshaped = tilted.clone();
+        let parts = &reshaped.objects[0].parts;
+        let mesh = Arc::make_mut(&mut reshaped.meshes[parts[0].mesh]);
+        mesh.vertices.iter_mut().for_each(|vertex| vertex.position[0] += 0.02);
+        let mut before = first;
+        for scene in [moved, tilted, reshaped] {
             reused.scene = Arc::new(scene);
             let mut new = demo();
             new.scene = reused.scene.clone();
-            assert!(reused.objects() == new.objects() && reused.objects() != first);
+            let objects = reused.objects();
+            assert!(objects == new.objects() && objects != before);
+            before = objects;
         }
         // Another camera measures other points.
-        let before = reused.read_room();
-        assert!(Arc::ptr_eq(&before, &reused.read_room()));
+        let points = reused.read_room();
+        assert!(Arc::ptr_eq(&points, &reused.read_room()));
         reused.rig.set_text("camera.fx_px=700", &mut reused.settings).unwrap();
-        assert!(reused.known_room().is_none() && reused.read_room().points[0].at_m != before.points[0].at_m);
+        assert!(reused.known_room().is_none() && reused.read_room().points[0].at_m != points.points[0].at_m);
+        assert!(reused.objects() != before);
+    }
+
+    #[test]
+    fn solids_and_radiance_are_kept_until_their_inputs_change() {
+        let mut shot = demo();
+        let brightness = RelativeBrightness { factors: [1.0; 3], median_s: None, spatial_gain: SpatialGain::default() };
+        let recording = Arc::make_mut(&mut shot.recording);
+        Arc::make_mut(&mut recording.exposure)[0].brightness = Some(brightness);
+        shot.read_room();
+        let derived = |shot: &Shot| (shot.light_occluders().unwrap(), shot.surface_radiance().unwrap());
+        let (solids, radiance) = derived(&shot);
+        let is_kept = |shot: &Shot| {
+            let (solids_now, radiance_now) = derived(shot);
+            [Arc::ptr_eq(&solids, &solids_now), Arc::ptr_eq(&radiance, &radiance_now)]
+        };
+        assert_eq!(is_kept(&shot), [true; 2]);
+        let mut linear = shot.clone();
+        linear.rig.set_text("camera.response.curve=linear", &mut linear.settings).unwrap();
+        assert_eq!(is_kept(&linear), [true, false]);
+        // Another camera measures other points.
+        shot.rig.set_text("camera.fx_px=700", &mut shot.settings).unwrap();
+        shot.read_room();
+        assert_eq!(is_kept(&shot), [false; 2]);
     }
 }

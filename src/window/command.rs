@@ -39,8 +39,9 @@ pub fn composite(project: &Project, frame: usize) -> CommandLine {
     if now.settings.seed != 0 {
         words.extend(["--seed".to_owned(), now.settings.seed.to_string()]);
     }
-    if project.metres_per_unit != 1.0 {
-        words.extend(["--metres-per-unit".to_owned(), number(project.metres_per_unit)]);
+    let unit_m = project.shot().opened_unit_m();
+    if unit_m != 1.0 {
+        words.extend(["--metres-per-unit".to_owned(), number(unit_m)]);
     }
     words.extend(["--frames".to_owned(), format!("{frame}..{}", frame + 1), "-o".to_owned(), "composited".to_owned()]);
     let mut before = Vec::new();

@@ -185,7 +185,7 @@ fn project_of(recording: Recording, document: &DocumentRef, sets: Vec<String>) -
         ..ShotOptions::default()
     };
     let mut project =
-        Project::of(recording, 1.0, &given).map_err(|error| OpenRefusal::of_shot(&document.recording, &error))?;
+        Project::of(recording, &given).map_err(|error| OpenRefusal::of_shot(&document.recording, &error))?;
     project.camera.clone_from(&document.camera);
     Ok(project)
 }

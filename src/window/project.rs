@@ -80,8 +80,8 @@ pub enum Origin {
 pub struct Project {
     shot: Shot,
     history: History<Edit>,
-    /// State by the recording, the profiles and the analysis, without the scene's own settings.
-    baseline: Edit,
+    /// Values by the recording, the profiles and the analysis, without the scene's own settings.
+    baseline: ResolvedSettings,
     saved: Edit,
     /// Settings in the scene file, and whether they are out of date.
     scene_settings: ShotSettings,
@@ -90,12 +90,10 @@ pub struct Project {
     unpinned: ShotSettings,
     /// Settings of the scene file that [`ShotOptions::sets`] overrides. They remain in the file.
     overridden: ShotSettings,
-    /// State without any file.
-    defaults: Edit,
+    /// Values without any file.
+    defaults: ResolvedSettings,
     pub profile: Option<PathBuf>,
     pub scene: Option<PathBuf>,
-    /// Unit of the recording as it was opened.
-    pub metres_per_unit: f64,
     /// Source of the frames while the recording is still arriving.
     pub camera: Option<LiveSpec>,
     scene_text: Option<scenes::Document>,
@@ -120,13 +118,13 @@ impl Project {
     /// Opens a recording with the given files, as [`Shot::open`].
     pub fn open(recording: &Path, options: &OpenOptions, given: &ShotOptions) -> Result<Self, ShotError> {
         let before = stamp(recording);
-        let mut project = Self::of(Recording::open(recording, options)?, options.metres_per_unit, given)?;
+        let mut project = Self::of(Recording::open(recording, options)?, given)?;
         project.stamps.extend([recording.to_owned(), project.shot.recording.path.clone()].map(|path| (path, before)));
         Ok(project)
     }
 
     /// Like [`Project::open`], for a recording that is already open.
-    pub fn of(recording: Recording, metres_per_unit: f64, given: &ShotOptions) -> Result<Self, ShotError> {
+    pub fn of(recording: Recording, given: &ShotOptions) -> Result<Self, ShotError> {
         // Taken before reading, so that a change in between is noticed.
         let files = [given.profile.as_deref(), given.scene.as_deref()].into_iter().flatten();
         let stamps: BTreeMap<_, _> = files.map(|path| (path.to_owned(), stamp(path))).collect();
@@ -145,26 +143,17 @@ impl Project {
             other: None,
             unpinned: BTreeSet::new(),
         };
-        let ResolvedSettings { rig, settings } = shot.baseline()?;
-        let opened = Edit { rig, settings, ..edit.clone() };
         Ok(Self {
             history: History::new(edit.clone()),
-            baseline: opened,
+            baseline: shot.baseline()?,
             saved: edit.clone(),
             overridden: scene_settings.overridden(edit.look()),
             scene_settings,
             scene_is_stale: false,
             unpinned: ShotSettings::default(),
-            defaults: Edit {
-                rig: Rig::default(),
-                settings: Settings::default(),
-                scene: SceneFile::default(),
-                other: None,
-                unpinned: BTreeSet::new(),
-            },
+            defaults: ResolvedSettings::default(),
             profile: given.profile.clone(),
             scene: given.scene.clone(),
-            metres_per_unit,
             camera: None,
             scene_text,
             loaded_scene: edit.scene.clone(),
@@ -323,7 +312,7 @@ impl Project {
 
     /// Value of a parameter.
     pub fn value(&self, table: &str, name: &str) -> Option<Value> {
-        value(self.edit(), table, name)
+        value(self.edit().look(), table, name)
     }
 
     /// Switches an effect on or off.
@@ -388,14 +377,14 @@ impl Project {
 
     /// The value by the recording, the profiles and the analysis.
     pub fn baseline_value(&self, table: &str, name: &str) -> Option<Value> {
-        value(&self.baseline, table, name)
+        value(self.baseline.values(), table, name)
     }
 
     pub fn origin(&self, table: &str, name: &str) -> Origin {
-        let (now, opened) = (value(self.edit(), table, name), self.baseline_value(table, name));
+        let (now, opened) = (self.value(table, name), self.baseline_value(table, name));
         if now != opened {
             Origin::User
-        } else if now != value(&self.defaults, table, name) {
+        } else if now != value(self.defaults.values(), table, name) {
             Origin::File
         } else {
             Origin::Default
@@ -437,6 +426,6 @@ pub fn tables<'a>(rig: &'a Rig, settings: &'a Settings) -> Vec<&'a dyn Params> {
     rig.tables().into_iter().chain(settings.tables()).collect()
 }
 
-fn value(edit: &Edit, table: &str, name: &str) -> Option<Value> {
-    tables(&edit.rig, &edit.settings).into_iter().find(|params| params.table() == table)?.get(name)
+fn value(of: ParameterValues<'_>, table: &str, name: &str) -> Option<Value> {
+    tables(of.rig, of.settings).into_iter().find(|params| params.table() == table)?.get(name)
 }

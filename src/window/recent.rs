@@ -61,7 +61,7 @@ impl DocumentRef {
             None => Self {
                 scene,
                 profile,
-                metres_per_unit: project.metres_per_unit,
+                metres_per_unit: project.shot().opened_unit_m(),
                 ..Self::recording(absolute(&project.shot().recording.path))
             },
         }

@@ -64,7 +64,7 @@ fn window_of(site: &Site, video: &str, sets: &[&str]) -> Harness<'static, App> {
     let sets = sets.iter().chain(shadows).map(ToString::to_string).collect();
     let given =
         ShotOptions { profile: Some(profile), sets, scene: Some(site.scene().into()), ..ShotOptions::default() };
-    let mut project = Project::of(opened.recording(), 1.0, &given).unwrap();
+    let mut project = Project::of(opened.recording(), &given).unwrap();
     project.camera = Some(LiveSpec::new(video, &tags));
     let builder = Harness::builder().with_size(egui::vec2(1400.0, 900.0)).renderer(Device::new());
     let mut window = builder.build_eframe(|context| App::new(context, project, Some(opened)).unwrap());
@@ -394,7 +394,7 @@ fn live_camera_calibration_is_accepted_or_discarded() {
     let camera = locard::profile::Rig::of_file(&profile).unwrap().camera();
     let opened = live::open(&LiveSpec::new(&video, "none"), Some(&camera)).unwrap();
     let given = ShotOptions { profile: Some(profile), ..ShotOptions::default() };
-    let mut project = Project::of(opened.recording(), 1.0, &given).unwrap();
+    let mut project = Project::of(opened.recording(), &given).unwrap();
     project.camera = Some(LiveSpec::new(&video, "none"));
     let builder = Harness::builder().with_size(egui::vec2(1400.0, 900.0)).renderer(Device::new());
     let mut window = builder.build_eframe(|context| App::new(context, project, Some(opened)).unwrap());

@@ -258,7 +258,7 @@ fn recording_warnings_stay_visible_and_a_click_shows_them_in_full() {
     let hlg = "walk.mp4 is in HLG (high dynamic range); the light on objects is wrong";
     let mut recording = Recording::open(&demo(), &OpenOptions::default()).unwrap();
     recording.warnings = vec![hlg.to_owned(), "2 of 30 pictures are missing".to_owned()];
-    let mut window = window(Project::of(recording, 1.0, &ShotOptions::default()).unwrap(), SIZE);
+    let mut window = window(Project::of(recording, &ShotOptions::default()).unwrap(), SIZE);
     // The first message has disappeared, and another action was done.
     let begun = std::time::Instant::now();
     while begun.elapsed().as_secs_f64() < 4.5 {

@@ -130,7 +130,7 @@ fn unsaved_work(session: &Session) -> Option<UnsavedWork> {
     if project.is_committed_saved() {
         return None;
     }
-    let (recording, unit) = (&project.shot().recording.path, project.metres_per_unit);
+    let (recording, unit) = (&project.shot().recording.path, project.shot().opened_unit_m());
     let (profile, scene) = (project.profile.as_deref(), project.scene.as_deref());
     let mut work = UnsavedWork::new(recording, unit, profile, scene, project.history().committed().clone())
         .with_history(project.history().record(HISTORY_STEPS));

@@ -15,17 +15,18 @@ impl Project {
     /// replace the values of the recording and the profiles in every step, which is not an unsaved
     /// change. Values set by the scene or the user stay.
     pub fn adopt_analysis(&mut self, folder: PathBuf, analysis: Analysis) -> Result<(), ShotError> {
-        let earlier_noise = self.shot.estimated_noise().cloned();
         let follows = self.shot.apply_analysis(folder, analysis)?;
         let (opened, pins) = (self.baseline.clone(), self.pins(&BTreeSet::new()));
-        let noise = self.shot.estimated_noise().cloned();
+        EstimatedParam::apply(&follows, &mut self.baseline.rig, &mut self.baseline.settings);
+        self.baseline.rig.noise = self.shot.baseline()?.rig.noise;
+        let noise = &self.baseline.rig.noise;
         let apply_to = |rig: &mut Rig, settings: &mut Settings, unpinned: &BTreeSet<String>| {
-            if rig.noise == earlier_noise {
-                rig.noise.clone_from(&noise);
-            }
             let pins = pins.filtered(|table, name| !unpinned.contains(&full_name(table, name)));
-            let own = settings_of_scene(opened.look(), &pins, ParameterValues { rig, settings });
+            let own = settings_of_scene(opened.values(), &pins, ParameterValues { rig, settings });
             EstimatedParam::apply(follows.iter().filter(|found| !own.has(found.table, found.name)), rig, settings);
+            if own.noise().is_none() {
+                rig.noise.clone_from(noise);
+            }
         };
         let apply_to_edit = |edit: &mut Edit| {
             apply_to(&mut edit.rig, &mut edit.settings, &edit.unpinned);
@@ -35,10 +36,6 @@ impl Project {
         };
         self.history.change_all(apply_to_edit);
         apply_to_edit(&mut self.saved);
-        EstimatedParam::apply(&follows, &mut self.baseline.rig, &mut self.baseline.settings);
-        if self.baseline.rig.noise == earlier_noise {
-            self.baseline.rig.noise = noise;
-        }
         // Other poses change the placement checks and the variant.
         self.scene_version += 1;
         self.variant_version = self.version + 1;

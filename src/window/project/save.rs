@@ -15,7 +15,7 @@ use locard_engine::compositor::{ON, Settings};
 use locard_engine::profile::{self, ParameterValues, ProfileError, Rig, ShotSettings};
 use locard_engine::recording::Recording;
 use locard_engine::scene::{self, SceneError, SceneFile};
-use locard_engine::shot::EstimatedParam;
+use locard_engine::shot::{EstimatedParam, ResolvedSettings};
 use locard_engine::sink::SinkError;
 use locard_engine::sink::atomic::write_atomically;
 use locard_engine::source::file::{self, MAX_DOCUMENT_BYTES};
@@ -53,9 +53,9 @@ enum DraftContent {
 #[derive(Debug)]
 struct ProfileDraft {
     recording: Arc<Recording>,
-    /// The state at this moment, and the state that the profile results in.
+    /// The state at this moment, and the values that the profile results in.
     edit: Edit,
-    resulting_edit: Edit,
+    by_profile: ResolvedSettings,
     values: ProfileValues,
     /// Results of an analysis, which do not belong to the camera.
     found: Vec<EstimatedParam>,
@@ -158,7 +158,7 @@ impl Draft {
                 let from = draft.from.as_ref().filter(|from| !path.exists() && from.exists());
                 profile_text(
                     &draft.recording,
-                    &draft.resulting_edit,
+                    draft.by_profile.values(),
                     ProfileFiles { from: from.unwrap_or(&path), to: &path },
                     &draft.found,
                     draft.found_noise.as_ref(),
@@ -195,7 +195,7 @@ struct ProfileFiles<'a> {
 /// `found` by an analysis are left out.
 fn profile_text(
     recording: &Recording,
-    edit: &Edit,
+    now: ParameterValues<'_>,
     files: ProfileFiles<'_>,
     found: &[EstimatedParam],
     found_noise: Option<&NoiseProfile>,
@@ -222,14 +222,14 @@ fn profile_text(
     };
     document.relocate(path, to);
     // A complete camera also includes values equal to the default.
-    let is_complete = edit.rig.missing_keys().is_empty();
-    for name in rig.missing_keys().into_iter().filter(|_| is_complete && edit.rig.gives_geometry()) {
-        document.set_param(&edit.rig.intrinsics, name);
+    let is_complete = now.rig.missing_keys().is_empty();
+    for name in rig.missing_keys().into_iter().filter(|_| is_complete && now.rig.gives_geometry()) {
+        document.set_param(&now.rig.intrinsics, name);
     }
     // A profile cannot express that its exposure overrides each frame's own.
-    settings.overrule_recorded_exposure = edit.settings.overrule_recorded_exposure;
-    let changes = ShotSettings::between(ParameterValues { rig: &rig, settings: &settings }, edit.look());
-    for params in tables(&edit.rig, &edit.settings) {
+    settings.overrule_recorded_exposure = now.settings.overrule_recorded_exposure;
+    let changes = ShotSettings::between(ParameterValues { rig: &rig, settings: &settings }, now);
+    for params in tables(now.rig, now.settings) {
         let table = params.table();
         for spec in params.specs().into_iter().filter(|spec| changes.has(table, spec.name)) {
             let is_same_param = |found: &&EstimatedParam| (found.table, found.name) == (table, spec.name);
@@ -238,8 +238,8 @@ fn profile_text(
             }
         }
     }
-    for effect in edit.settings.effects().map(|effect| effect.table()).filter(|effect| changes.has(effect, ON)) {
-        document.switch(effect, edit.settings.is_on(effect));
+    for effect in now.settings.effects().map(|effect| effect.table()).filter(|effect| changes.has(effect, ON)) {
+        document.switch(effect, now.settings.is_on(effect));
     }
     match changes.noise() {
         // It stays the analysis's.
@@ -259,7 +259,7 @@ impl Project {
         let draft = ProfileDraft {
             recording: Arc::clone(&self.shot.recording),
             edit: self.edit().clone(),
-            resulting_edit: self.resulting_edit(&values),
+            by_profile: self.by_profile(&values),
             values,
             found: self.shot.estimates(),
             found_noise: self.shot.estimated_noise().cloned(),
@@ -274,7 +274,7 @@ impl Project {
         let (recording, edit) = (Arc::clone(&self.shot.recording), self.edit().clone());
         let path = self.profile.clone().unwrap_or_default();
         let to = to.to_owned();
-        move || profile_text(&recording, &edit, ProfileFiles { from: &path, to: &to }, &[], None)
+        move || profile_text(&recording, edit.look(), ProfileFiles { from: &path, to: &to }, &[], None)
     }
 
     /// The scene file with its comments and order. In another folder it refers to the same models.
@@ -325,7 +325,7 @@ impl Project {
                     panorama.iter().for_each(|panorama| panorama.put_into(scene, &path));
                 };
                 self.history.change_all(|edit| relocate(&mut edit.scene));
-                [&mut self.baseline.scene, &mut self.loaded_scene].into_iter().for_each(relocate);
+                relocate(&mut self.loaded_scene);
                 self.mark_scene_written(settings, &edit);
                 self.saved = Edit { scene, other: self.saved.other.take(), ..edit };
                 self.relocate_missing(&from, &named, &path);

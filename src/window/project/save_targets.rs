@@ -5,9 +5,10 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use super::{Edit, Project, full_name};
+use locard_engine::compositor::Settings;
 use locard_engine::params::Value;
-use locard_engine::profile::{ParameterValues, ShotSettings};
-use locard_engine::shot::EstimatedParam;
+use locard_engine::profile::{ParameterValues, Rig, ShotSettings};
+use locard_engine::shot::{EstimatedParam, ResolvedSettings};
 
 /// Tables that describe the camera itself. Shot settings among them are in [`SHOT_PARAMETERS`].
 const CAMERA_TABLES: [&str; 5] = ["camera", "camera.distortion", "camera.lens", "camera.response", "point_spread"];
@@ -47,8 +48,8 @@ pub(super) fn settings_of_scene(
 }
 
 /// Applies values of another edit, whose names and ranges are valid.
-fn apply_values(values: &ShotSettings, edit: &mut Edit) {
-    let _ = values.apply(&mut edit.rig, &mut edit.settings, Path::new(""));
+fn apply_values(values: &ShotSettings, rig: &mut Rig, settings: &mut Settings) {
+    let _ = values.apply(rig, settings, Path::new(""));
 }
 
 impl Project {
@@ -118,7 +119,7 @@ impl Project {
 
     /// The scene's own settings for another camera and other effects.
     pub(super) fn settings_of(&self, now: ParameterValues<'_>, unpinned: &BTreeSet<String>) -> ShotSettings {
-        settings_of_scene(self.baseline.look(), &self.pins(unpinned), now)
+        settings_of_scene(self.baseline.values(), &self.pins(unpinned), now)
     }
 
     /// The settings to write into the scene file: the scene's own, and those that
@@ -126,7 +127,7 @@ impl Project {
     ///
     /// [`ShotOptions::sets`]: locard_engine::shot::ShotOptions::sets
     pub(super) fn file_settings(&self, edit: &Edit) -> ShotSettings {
-        let overridden = self.overridden.where_equal(self.baseline.look(), edit.look());
+        let overridden = self.overridden.where_equal(self.baseline.values(), edit.look());
         self.settings_of(edit.look(), &edit.unpinned).or(&overridden)
     }
 
@@ -181,25 +182,25 @@ impl Project {
     }
 
     /// The camera and settings that the written profile results in.
-    pub(super) fn resulting_edit(&self, values: &ProfileValues) -> Edit {
-        let mut edit = self.baseline.clone();
-        apply_values(&values.from_baseline, &mut edit);
-        edit
+    pub(super) fn by_profile(&self, values: &ProfileValues) -> ResolvedSettings {
+        let ResolvedSettings { mut rig, mut settings } = self.baseline.clone();
+        apply_values(&values.from_baseline, &mut rig, &mut settings);
+        ResolvedSettings { rig, settings }
     }
 
     /// Called when values have been written into the profile; `edit` is the state of that moment.
     pub(super) fn mark_profile_written(&mut self, values: &ProfileValues, edit: &Edit) {
-        apply_values(&values.from_saved, &mut self.saved);
-        apply_values(&values.from_baseline, &mut self.baseline);
+        apply_values(&values.from_saved, &mut self.saved.rig, &mut self.saved.settings);
+        self.baseline = self.by_profile(values);
         // The profile does not override these values, so differences stay in the scene.
         let found = self.shot.estimates();
         let overriding = found.iter().filter(|found| found.overrides_profiles());
         EstimatedParam::apply(overriding, &mut self.baseline.rig, &mut self.baseline.settings);
-        let is_same = |one: &Edit| ShotSettings::between(one.look(), edit.look()).is_empty();
-        if is_same(&self.saved) {
+        let is_same = |one: ParameterValues<'_>| ShotSettings::between(one, edit.look()).is_empty();
+        if is_same(self.saved.look()) {
             (self.saved.rig, self.saved.settings) = (edit.rig.clone(), edit.settings.clone());
         }
-        if is_same(&self.baseline) {
+        if is_same(self.baseline.values()) {
             self.baseline.rig = edit.rig.clone();
         }
         self.scene_is_stale = self.file_settings(&self.saved) != self.scene_settings;

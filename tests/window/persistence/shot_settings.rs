@@ -27,6 +27,20 @@ impl Case {
         project(Some(&self.profile), Some(&self.scene))
     }
 
+    /// A project of a recording whose camera has no noise.
+    fn project_without_noise(&self) -> Project {
+        let recording = self.profile.with_file_name("rec");
+        if !recording.exists() {
+            crate::program::copied(&harness::demo(), &recording);
+        }
+        let camera = std::fs::read_to_string(harness::demo().join("camera.toml")).unwrap();
+        let without = camera.split("[camera.noise]").next().unwrap();
+        std::fs::write(recording.join("camera.toml"), without).unwrap();
+        let (profile, scene) = (Some(self.profile.clone()), Some(self.scene.clone()));
+        let given = ShotOptions { profile, scene, ..ShotOptions::default() };
+        Project::open(&recording, &OpenOptions::default(), &given).unwrap()
+    }
+
     fn texts(&self) -> [String; 2] {
         [&self.profile, &self.scene].map(|path| std::fs::read_to_string(path).unwrap())
     }
@@ -196,15 +210,8 @@ fn film_speed_takes_effect_when_set() {
 #[test]
 fn undone_noise_is_removed_from_the_profile() {
     let case = Case::new();
-    let recording = case.profile.with_file_name("rec");
-    crate::program::copied(&harness::demo(), &recording);
-    let camera = std::fs::read_to_string(recording.join("camera.toml")).unwrap();
-    let without = camera.split("[camera.noise]").next().unwrap();
-    std::fs::write(recording.join("camera.toml"), without).unwrap();
     let noise = Rig::of_file(&harness::demo().join("camera.toml")).unwrap().noise.unwrap();
-    let given =
-        ShotOptions { profile: Some(case.profile.clone()), scene: Some(case.scene.clone()), ..ShotOptions::default() };
-    let mut project = Project::open(&recording, &OpenOptions::default(), &given).unwrap();
+    let mut project = case.project_without_noise();
     project.set_noise(noise.clone());
     save_camera(&mut project, &case.profile);
     assert!(case.texts()[0].contains("[camera.noise]") && project.is_saved());
@@ -218,7 +225,7 @@ fn undone_noise_is_removed_from_the_profile() {
     project.undo();
     project.save_scene(&case.scene).unwrap();
     assert!(case.texts()[1].contains("[settings.camera]\nnoise = \"none\"\n"), "{}", case.texts()[1]);
-    let again = Project::open(&recording, &OpenOptions::default(), &given).unwrap();
+    let again = case.project_without_noise();
     assert!(again.edit().rig.noise.is_none() && again.edit() == project.edit());
 }
 
@@ -227,7 +234,7 @@ fn save_camera(project: &mut Project, profile: &Path) {
     project.written(written);
 }
 
-/// An analysis of [`harness::demo`] with a readout time and a sharpness.
+/// An analysis of [`harness::demo`] with a readout time, a sharpness and noise.
 fn analysis(folder: &Path, project: &Project) -> Analysis {
     std::fs::create_dir_all(folder).unwrap();
     let poses = std::fs::read_to_string(harness::demo().join("groundtruth.txt")).unwrap();
@@ -238,7 +245,9 @@ fn analysis(folder: &Path, project: &Project) -> Analysis {
     let frames = project.shot().recording.frame_count();
     let text = format!(
         "version = 13\nrecording = \"\"\nframes = {frames}\n[registration]\nposes = \"refined\"\nlinks = 0\n\
-         missing_links = 0\ndepth_later_s = 0.0\npose_lines = {count}\n[spread]\nsigma_px = 0.75\n"
+         missing_links = 0\ndepth_later_s = 0.0\npose_lines = {count}\n[spread]\nsigma_px = 0.75\n\
+         [noise]\nframes = 1\n[noise.table]\ncode = [128.0]\nsigma = [[2.0], [2.0], [2.0]]\n\
+         channel_correlation = [0.0, 0.0, 0.0]\nneighbour_correlation = [0.0, 0.0]\n"
     );
     let mut table: toml::Table = text.parse().unwrap();
     table.insert("camera".to_owned(), toml::Value::try_from(&geometry).unwrap());
@@ -280,6 +289,26 @@ fn analysis_keeps_settings_of_the_scene_and_of_a_newer_profile() {
     assert_eq!(names.map(|(table, name)| number(&project, table, name)), [0.01, 1.5]);
     assert_eq!(project.baseline_value("point_spread", "sigma_px"), Some(Value::Number(1.5)));
     assert_eq!(project.shot().estimates().len(), 1);
+}
+
+#[test]
+fn estimated_noise_reaches_every_step_without_noise_of_its_own() {
+    let case = Case::new();
+    let mut project = case.project_without_noise();
+    let folder = case.profile.with_file_name("found");
+    let found = analysis(&folder, &project);
+    let own = Rig::of_file(&harness::demo().join("camera.toml")).unwrap().noise.unwrap();
+    project.set_noise(own.clone());
+    project.adopt_analysis(folder.clone(), found.clone()).unwrap();
+    assert_eq!(project.edit().rig.noise, Some(own));
+    project.undo();
+    let estimated = project.shot().estimated_noise().unwrap();
+    assert!(project.edit().rig.noise.as_ref() == Some(estimated) && project.is_saved());
+    // A scene may remove the camera's noise. This is its own setting, too.
+    std::fs::write(&case.scene, format!("{SCENE}\n[settings.camera]\nnoise = \"none\"\n")).unwrap();
+    let mut project = case.project_without_noise();
+    project.adopt_analysis(folder, found).unwrap();
+    assert!(project.edit().rig.noise.is_none() && project.shot().rig.noise.is_none() && project.is_saved());
 }
 
 #[test]
