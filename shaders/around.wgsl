@@ -8,7 +8,8 @@
 // @import shared/fullscreen
 // @import shared/layer
 
-override fisheye: bool = false;       // OpenCV's fisheye model; otherwise longitude and latitude
+override fisheye: bool = false;       // a fisheye; otherwise longitude and latitude
+override thin_prism: bool = false;    // the fisheye has tangential and thin-prism terms
 
 const PI: f32 = 3.14159265;
 // Places per side of a pixel.
@@ -18,6 +19,7 @@ struct Around {
     focal_px: vec2<f32>,
     middle_px: vec2<f32>,
     lens: vec4<f32>,          // k1 to k4 of a fisheye
+    decentring: vec4<f32>,    // p1, p2, sx1, sy1 of a fisheye with thin prism
     in_picture: vec2<f32>,    // where the target begins
     size_px: vec2<f32>,       // of the picture
     valid_angle: f32,         // of a fisheye, rad
@@ -84,15 +86,19 @@ fn radius_slope(theta: f32) -> vec2<f32> {
     );
 }
 
-// The direction (unit length) of a place in the picture, and 1. 0 where nothing is seen
+// Tangential and thin-prism terms at θ times the direction, which ends at the valid angle
 // (camera/distortion.rs).
-fn direction(at_px: vec2<f32>) -> vec4<f32> {
-    let p = (at_px - around.middle_px) / around.focal_px;
-    if !fisheye {
-        // Rows continue over the poles.
-        return vec4<f32>(sin(p.x) * cos(p.y), sin(p.y), cos(p.x) * cos(p.y), 1.0);
-    }
-    let r = length(p);
+fn decentring(p: vec2<f32>) -> vec2<f32> {
+    let c = around.decentring;
+    let r2 = dot(p, p);
+    return vec2<f32>(
+        2.0 * c.x * p.x * p.y + c.y * (r2 + 2.0 * p.x * p.x) + c.z * r2,
+        c.x * (r2 + 2.0 * p.y * p.y) + 2.0 * c.y * p.x * p.y + c.w * r2,
+    );
+}
+
+// A fisheye's angle from the axis at a radius of its radial part.
+fn fisheye_angle(r: f32) -> f32 {
     let valid = around.valid_angle;
     var theta = valid + (r - around.rim_radius) / around.rim_slope;
     if r <= around.rim_radius {
@@ -108,6 +114,28 @@ fn direction(at_px: vec2<f32>) -> vec4<f32> {
             theta = select(0.5 * (low + high), newton, newton >= low && newton <= high);
         }
     }
+    return theta;
+}
+
+// The direction (unit length) of a place in the picture, and 1. 0 where nothing is seen
+// (camera/distortion.rs).
+fn direction(at_px: vec2<f32>) -> vec4<f32> {
+    var p = (at_px - around.middle_px) / around.focal_px;
+    if !fisheye {
+        // Rows continue over the poles.
+        return vec4<f32>(sin(p.x) * cos(p.y), sin(p.y), cos(p.x) * cos(p.y), 1.0);
+    }
+    let valid = around.valid_angle;
+    if thin_prism {
+        // The radial part, by fixed-point iteration.
+        let distorted = p;
+        for (var i = 0; i < 8; i++) {
+            let r = length(p);
+            p = distorted - decentring(p / max(r, 1e-12) * min(fisheye_angle(r), valid));
+        }
+    }
+    let r = length(p);
+    let theta = fisheye_angle(r);
     let is_seen = theta <= valid || theta < 0.5 * PI;
     let towards = p / max(r, 1e-12);
     return vec4<f32>(towards * sin(theta), cos(theta), select(0.0, 1.0, is_seen));
@@ -121,6 +149,9 @@ fn place(d: vec3<f32>) -> vec2<f32> {
         let theta = atan2(r, d.z);
         let valid = min(theta, around.valid_angle);
         p = d.xy / max(r, 1e-12) * (radius_slope(valid).x + around.rim_slope * (theta - valid));
+        if thin_prism {
+            p += decentring(d.xy / max(r, 1e-12) * valid);
+        }
     } else {
         p = vec2<f32>(atan2(d.x, d.z), atan2(d.y, length(d.xz)));
     }

@@ -6,7 +6,7 @@
 // The features of a draw call. Each combination is a pipeline of its own, so that an untextured
 // object does not pay for five textures (software drivers execute both sides of an `if`).
 override rolling: bool = false;                // rows have their own times
-override fisheye: bool = false;                // the lens model is OpenCV's fisheye
+override lens: u32 = 0u;                       // the lens model
 override around: bool = false;                 // one view of a picture that sees all around; rows are that picture's
 override parallel: bool = false;               // rays are parallel; focal lengths are px per metre
 override has_colors: bool = false;             // of vertices
@@ -25,6 +25,12 @@ override points: u32 = 0u;
 override has_map: bool = false;                // the environment is a picture
 override has_lightmap: bool = false;           // it is known how much light reaches each place of the surface
 
+// The lens models (render/pipeline.rs). 0 is OpenCV's polynomial.
+const FISHEYE: u32 = 1u;
+const RATIONAL: u32 = 2u;
+const FIELD_OF_VIEW: u32 = 3u;
+const THIN_PRISM_FISHEYE: u32 = 4u;
+
 const MAX_KEYS: u32 = 33u;
 const MAX_SUNS: u32 = 4u;
 const MAX_POINTS: u32 = 8u;
@@ -37,6 +43,8 @@ struct View {
     focal_px: vec2<f32>,      // fx, fy
     middle_px: vec2<f32>,     // cx, cy
     distortion: vec4<f32>,    // k1, k2, p1, p2; for a fisheye k1, k2, k3, k4
+    // Rational: k4, k5, k6. Field of view: ω, 2 tan(ω/2). Thin prism: p1, p2, sx1, sy1.
+    lens_terms: vec4<f32>,
     outer_turn: vec4<f32>,    // from a view's axes to those of the camera whose picture it belongs to
     // The camera's rotation and position at the sample time.
     rotation: vec4<f32>,
@@ -168,7 +176,28 @@ fn distort_polynomial(p: vec2<f32>) -> vec2<f32> {
         2.0 * view.distortion.z * p.x * p.y + view.distortion.w * (r2 + 2.0 * p.x * p.x),
         view.distortion.z * (r2 + 2.0 * p.y * p.y) + 2.0 * view.distortion.w * p.x * p.y,
     );
+    if lens == RATIONAL {
+        let k = view.lens_terms;
+        return p * (radial / (1.0 + r2 * (k.x + r2 * (k.y + r2 * k.z)))) + tangential;
+    }
     return p * radial + tangential;
+}
+
+// The model of the field of view.
+fn fov_radius(r: f32) -> f32 {
+    let valid = min(r, view.valid_radius);
+    return atan(view.lens_terms.y * valid) / view.lens_terms.x + view.rim_slope * (r - valid);
+}
+
+// A fisheye's tangential and thin-prism terms, which end at the valid angle.
+fn decentring(direction: vec2<f32>, theta: f32) -> vec2<f32> {
+    let c = view.lens_terms;
+    let p = direction * min(theta, view.valid_radius);
+    let r2 = dot(p, p);
+    return vec2<f32>(
+        2.0 * c.x * p.x * p.y + c.y * (r2 + 2.0 * p.x * p.x) + c.z * r2,
+        c.x * (r2 + 2.0 * p.y * p.y) + 2.0 * c.y * p.x * p.y + c.w * r2,
+    );
 }
 
 fn fisheye_radius(theta: f32) -> f32 {
@@ -187,10 +216,15 @@ fn row_of(p: vec3<f32>, at: vec2<f32>) -> f32 {
     }
     let q = rotate(view.outer_turn, p);
     let r = length(q.xy);
-    return q.y / max(r, 1e-12) * fisheye_radius(atan2(r, q.z)) * view.outer_fy_px + view.outer_cy_px;
+    let theta = atan2(r, q.z);
+    if lens == THIN_PRISM_FISHEYE {
+        let direction = q.xy / max(r, 1e-12);
+        return (direction.y * fisheye_radius(theta) + decentring(direction, theta).y) * view.outer_fy_px + view.outer_cy_px;
+    }
+    return q.y / max(r, 1e-12) * fisheye_radius(theta) * view.outer_fy_px + view.outer_cy_px;
 }
 
-// OpenCV's models, continued along their tangent beyond the valid radius (camera/distortion.rs).
+// The lens models, continued along their tangent beyond the valid radius (camera/distortion.rs).
 // Through a point l of the aperture, a point at the focus distance d projects to the same pixel as
 // through the middle: (p − l)/z + l/d. Surfaces beside or behind the camera are not drawn:
 // triangles end at the near plane. A fisheye that sees it is assembled from views
@@ -206,8 +240,13 @@ fn project(p: vec3<f32>) -> vec2<f32> {
     let r = length(n);
     let direction = n / max(r, 1e-12);
     var d: vec2<f32>;
-    if fisheye {
+    if lens == FISHEYE {
         d = direction * fisheye_radius(atan(r));
+    } else if lens == THIN_PRISM_FISHEYE {
+        let theta = atan(r);
+        d = direction * fisheye_radius(theta) + decentring(direction, theta);
+    } else if lens == FIELD_OF_VIEW {
+        d = direction * fov_radius(r);
     } else {
         let valid = min(r, view.valid_radius);
         d = distort_polynomial(direction * valid) + direction * (view.rim_slope * (r - valid));

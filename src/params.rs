@@ -119,8 +119,15 @@ pub struct ActsIf {
     pub other: &'static str,
     /// It must have the value, or else any other one.
     pub is: bool,
-    /// The value as it is typed.
+    /// The value as it is typed, or several: `a or b`.
     pub value: &'static str,
+}
+
+impl ActsIf {
+    /// The values as they are typed.
+    pub fn values(&self) -> impl Iterator<Item = &'static str> {
+        self.value.split(" or ")
+    }
 }
 
 impl fmt::Display for ActsIf {
@@ -153,7 +160,9 @@ impl Spec {
         }
         // The name of a choice may equal a switch's value elsewhere.
         let (now, value) = (params.get(acts_if.other)?, acts_if.value);
-        if (now == Value::parse(value) || now == Value::Text(value.to_owned())) == acts_if.is {
+        if acts_if.values().any(|value| now == Value::parse(value) || now == Value::Text(value.to_owned()))
+            == acts_if.is
+        {
             return None;
         }
         let is = if acts_if.is { "is" } else { "is not" };

@@ -1,5 +1,14 @@
-//! Lens models from rays to image points: Brown-Conrady for ordinary lenses and Kannala-Brandt for
-//! fisheyes, both after OpenCV, and equirectangular for 360° pictures.
+//! Lens models from rays to image points, with r the distance of (x/z, y/z) from the axis and θ the
+//! angle from it:
+//!
+//! | model | image point | source |
+//! |---|---|---|
+//! | `opencv` | polynomial in r², tangential terms | Brown, Conrady; OpenCV's `projectPoints` |
+//! | `opencv_rational` | ratio of polynomials in r², tangential | the same; COLMAP's FULL_OPENCV |
+//! | `fov` | atan(2 r tan(ω/2))/ω | Devernay and Faugeras 2001, (13); COLMAP's FOV |
+//! | `opencv_fisheye` | polynomial in θ² | Kannala and Brandt; OpenCV's `fisheye::projectPoints` |
+//! | `thin_prism_fisheye` | the same, tangential, thin prism | Weng et al. 1992, on θ; COLMAP |
+//! | `equirectangular` | longitude and latitude | 360° pictures |
 //!
 //! To add a model: a name in [`LensModel`], its branch in `valid_radius`, `slope`, `project` and
 //! `unproject` here and in shaders/raster.wgsl or shaders/around.wgsl, its unused parameters in
@@ -8,6 +17,8 @@
 use std::f64::consts::PI;
 
 use glam::{DVec2, DVec3};
+
+use crate::params::{Params, Value};
 
 crate::choices! {
     /// Mapping from rays to image points.
@@ -21,26 +32,55 @@ crate::choices! {
         /// Longitude to the right of the axis, latitude below it, rad: the whole sphere in a
         /// picture twice as wide as it is high.
         Equirectangular = "equirectangular",
+        /// x' = x(1 + k1 r² + k2 r⁴ + k3 r⁶)/(1 + k4 r² + k5 r⁴ + k6 r⁶) + tangential p1, p2:
+        /// OpenCV's `projectPoints` with eight coefficients.
+        OpencvRational = "opencv_rational",
+        /// r' = atan(2 r tan(ω/2))/ω, without other terms.
+        Fov = "fov",
+        /// (x', y') = θ_d along the direction, as `opencv_fisheye`, + tangential p1, p2 + thin
+        /// prism (sx1 θ², sy1 θ²), both on θ times the direction.
+        ThinPrismFisheye = "thin_prism_fisheye",
+    }
+}
+
+impl LensModel {
+    /// True if image points depend on the angle from the axis, so that the field of view may exceed
+    /// a hemisphere.
+    pub fn is_fisheye(self) -> bool {
+        matches!(self, Self::OpencvFisheye | Self::ThinPrismFisheye)
     }
 }
 
 crate::params! {
-    /// Coefficients of OpenCV's models, on normalised image coordinates.
+    /// Coefficients of the models, on normalised image coordinates.
     pub struct Distortion in "camera.distortion" at Depth {
         "projection of the lens" model: LensModel = LensModel::Opencv;
-        "radial, r² (θ² of a fisheye)" k1 as "k1": f64 = 0.0, "1", -100.0..=100.0, by_ratio => model isnt "equirectangular";
-        "radial, r⁴ (θ⁴)" k2 as "k2": f64 = 0.0, "1", -1000.0..=1000.0, by_ratio => model isnt "equirectangular";
-        "tangential; not of a fisheye" p1 as "p1": f64 = 0.0, "1", -10.0..=10.0, by_ratio => model is "opencv";
-        "tangential; not of a fisheye" p2 as "p2": f64 = 0.0, "1", -10.0..=10.0, by_ratio => model is "opencv";
-        "radial, r⁶ (θ⁶)" k3 as "k3": f64 = 0.0, "1", -10000.0..=10000.0, by_ratio => model isnt "equirectangular";
-        "radial, θ⁸ of a fisheye alone" k4 as "k4": f64 = 0.0, "1", -10000.0..=10000.0, by_ratio => model is "opencv_fisheye";
+        "radial, r² (θ² of a fisheye)" k1 as "k1": f64 = 0.0, "1", -100.0..=100.0, by_ratio => model isnt "equirectangular or fov";
+        "radial, r⁴ (θ⁴)" k2 as "k2": f64 = 0.0, "1", -1000.0..=1000.0, by_ratio => model isnt "equirectangular or fov";
+        "tangential" p1 as "p1": f64 = 0.0, "1", -10.0..=10.0, by_ratio => model is "opencv or opencv_rational or thin_prism_fisheye";
+        "tangential" p2 as "p2": f64 = 0.0, "1", -10.0..=10.0, by_ratio => model is "opencv or opencv_rational or thin_prism_fisheye";
+        "radial, r⁶ (θ⁶)" k3 as "k3": f64 = 0.0, "1", -10000.0..=10000.0, by_ratio => model isnt "equirectangular or fov";
+        "radial, θ⁸ of a fisheye; r² of the denominator of a rational model" k4 as "k4": f64 = 0.0, "1", -10000.0..=10000.0, by_ratio => model is "opencv_fisheye or opencv_rational or thin_prism_fisheye";
+        "radial, r⁴ of the denominator" k5 as "k5": f64 = 0.0, "1", -10000.0..=10000.0, by_ratio => model is "opencv_rational";
+        "radial, r⁶ of the denominator" k6 as "k6": f64 = 0.0, "1", -10000.0..=10000.0, by_ratio => model is "opencv_rational";
+        "the angle ω of the model fov" omega as "ω": f64 = 0.0, "rad", 0.0..=3.1 => model is "fov";
+        "thin prism, horizontal" sx1 as "sx1": f64 = 0.0, "1", -10.0..=10.0, by_ratio => model is "thin_prism_fisheye";
+        "thin prism, vertical" sy1 as "sy1": f64 = 0.0, "1", -10.0..=10.0, by_ratio => model is "thin_prism_fisheye";
     }
 }
 
 /// Minimum slope of the radial polynomial within its valid range.
 const MIN_SLOPE: f64 = 0.05;
-/// Maximum normalised radius of `opencv` lenses: 84° off the axis, tan 84° ≈ 9.5.
+/// Minimum denominator of a rational model within its valid range: at 0 it has a pole.
+const MIN_DENOMINATOR: f64 = 0.05;
+/// Maximum normalised radius of models on x/z and y/z: 84° off the axis, tan 84° ≈ 9.5.
 const MAX_NORMALISED_RADIUS: f64 = 10.0;
+/// Minimum angle ω of the model `fov`, rad. Below it the model is a pinhole to within 1e-9.
+const MIN_OMEGA: f64 = 1e-4;
+/// Iterations of the inverse of tangential and thin-prism terms, which contract by about six times
+/// their largest coefficient.
+const DECENTRING_ITERATIONS: usize = 100;
+
 /// Longitude to the right and latitude below, rad.
 fn longitude_latitude(d: DVec3) -> DVec2 {
     DVec2::new(d.x.atan2(d.z), d.y.atan2(d.x.hypot(d.z)))
@@ -56,7 +96,7 @@ impl Distortion {
     }
 
     fn is_fisheye(&self) -> bool {
-        self.model == LensModel::OpencvFisheye
+        self.model.is_fisheye()
     }
 
     fn is_equirectangular(&self) -> bool {
@@ -66,17 +106,54 @@ impl Distortion {
     /// A non-zero coefficient that does not exist in the model.
     pub fn missing(&self) -> Option<&'static str> {
         let unused: &[_] = match self.model {
-            LensModel::Opencv => &[("k4", self.k4)],
-            LensModel::OpencvFisheye => &[("p1", self.p1), ("p2", self.p2)],
-            LensModel::Equirectangular => {
-                &[("k1", self.k1), ("k2", self.k2), ("k3", self.k3), ("k4", self.k4), ("p1", self.p1), ("p2", self.p2)]
-            }
+            LensModel::Opencv => &["k4", "k5", "k6", "omega", "sx1", "sy1"],
+            LensModel::OpencvRational => &["omega", "sx1", "sy1"],
+            LensModel::OpencvFisheye => &["p1", "p2", "k5", "k6", "omega", "sx1", "sy1"],
+            LensModel::ThinPrismFisheye => &["k5", "k6", "omega"],
+            LensModel::Fov => &["k1", "k2", "k3", "k4", "p1", "p2", "k5", "k6", "sx1", "sy1"],
+            LensModel::Equirectangular => &["k1", "k2", "k3", "k4", "p1", "p2", "k5", "k6", "omega", "sx1", "sy1"],
         };
-        unused.iter().find(|(_, value)| *value != 0.0).map(|(name, _)| *name)
+        unused.iter().copied().find(|name| self.get(name) != Some(Value::Number(0.0)))
     }
 
-    /// d/dr of r·(1 + k1 r² + k2 r⁴ + k3 r⁶). For a fisheye, θ replaces r and there is k4 θ⁸.
+    /// 1 + k4 r² + k5 r⁴ + k6 r⁶ of a rational model.
+    fn denominator(&self, r2: f64) -> f64 {
+        1.0 + r2 * (self.k4 + r2 * (self.k5 + r2 * self.k6))
+    }
+
+    /// ω and 2 tan(ω/2) of the model `fov`.
+    pub fn field_of_view(&self) -> [f64; 2] {
+        let omega = self.omega.max(MIN_OMEGA);
+        [omega, 2.0 * (0.5 * omega).tan()]
+    }
+
+    /// d/dr of r·N/D, the ratio of two polynomials in r².
+    fn rational_slope(&self, r: f64) -> f64 {
+        let r2 = r * r;
+        let (n, d) = (1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3)), self.denominator(r2));
+        let by_r2 = |[a, b, c]: [f64; 3]| a + r2 * (2.0 * b + r2 * 3.0 * c);
+        let (n_by_r2, d_by_r2) = (by_r2([self.k1, self.k2, self.k3]), by_r2([self.k4, self.k5, self.k6]));
+        n / d + 2.0 * r2 * (n_by_r2 * d - n * d_by_r2) / (d * d)
+    }
+
+    /// True if the radial function is well behaved at a radius.
+    fn is_regular(&self, r: f64) -> bool {
+        let has_pole = self.model == LensModel::OpencvRational && self.denominator(r * r) < MIN_DENOMINATOR;
+        // A slope of NaN counts as none.
+        !has_pole && self.slope(r) >= MIN_SLOPE
+    }
+
+    /// Derivative of the radial function: d/dr of r·(1 + k1 r² + k2 r⁴ + k3 r⁶). For a fisheye, θ
+    /// replaces r and there is k4 θ⁸.
     pub fn slope(&self, r: f64) -> f64 {
+        match self.model {
+            LensModel::OpencvRational => return self.rational_slope(r),
+            LensModel::Fov => {
+                let [omega, double_tan] = self.field_of_view();
+                return double_tan / (omega * (1.0 + (double_tan * r).powi(2)));
+            }
+            _ => {}
+        }
         let r2 = r * r;
         let k4 = if self.is_fisheye() { self.k4 } else { 0.0 };
         1.0 + r2 * (3.0 * self.k1 + r2 * (5.0 * self.k2 + r2 * (7.0 * self.k3 + r2 * 9.0 * k4)))
@@ -86,7 +163,11 @@ impl Distortion {
     /// polynomial is injective. Beyond it the polynomial folds back and would image points twice.
     /// The map continues along its tangent there; see [`Distortion::distort`].
     pub fn valid_radius(&self) -> f64 {
-        let flat = !self.is_fisheye() && self.k1 == 0.0 && self.k2 == 0.0 && self.k3 == 0.0;
+        let flat = !self.is_fisheye() && [self.k1, self.k2, self.k3, self.k4, self.k5, self.k6] == [0.0; 6];
+        if self.model == LensModel::Fov {
+            // Injective everywhere.
+            return MAX_NORMALISED_RADIUS;
+        }
         if flat || self.is_equirectangular() {
             return f64::INFINITY;
         }
@@ -95,11 +176,11 @@ impl Distortion {
         let step = 1e-2;
         let mut r = 0.0;
         while r < largest {
-            if self.slope(r + step) < MIN_SLOPE {
+            if !self.is_regular(r + step) {
                 let (mut low, mut high) = (r, r + step);
                 for _ in 0..50 {
                     let middle = 0.5 * (low + high);
-                    if self.slope(middle) < MIN_SLOPE { high = middle } else { low = middle }
+                    if self.is_regular(middle) { low = middle } else { high = middle }
                 }
                 return low;
             }
@@ -119,7 +200,7 @@ impl Distortion {
         if self.is_fisheye() && d.is_finite() {
             let theta = d.truncate().length().atan2(d.z);
             let seen = d != DVec3::ZERO && (d.z > 0.0 || theta <= valid_radius);
-            return seen.then(|| d.truncate().normalize_or_zero() * self.fisheye(theta, valid_radius));
+            return seen.then(|| self.fisheye_point(d.truncate().normalize_or_zero(), theta, valid_radius));
         }
         (d.z > 0.0).then(|| self.distort(d.truncate() / d.z, valid_radius))
     }
@@ -136,7 +217,8 @@ impl Distortion {
     pub fn project_extended(&self, direction: DVec3, valid_radius: f64) -> DVec2 {
         if self.is_fisheye() {
             let across = direction.truncate();
-            return across.normalize_or_zero() * self.fisheye(across.length().atan2(direction.z), valid_radius);
+            let theta = across.length().atan2(direction.z);
+            return self.fisheye_point(across.normalize_or_zero(), theta, valid_radius);
         }
         self.project(direction, valid_radius).unwrap_or_default()
     }
@@ -153,16 +235,70 @@ impl Distortion {
         if !self.is_fisheye() {
             return self.undistort(distorted, valid_radius).map(|p| p.extend(1.0).normalize());
         }
-        let theta_d = distorted.length();
+        let radial = self.without_decentring(distorted, valid_radius)?;
+        let theta_d = radial.length();
+        let theta = self.fisheye_angle(theta_d, valid_radius);
+        let seen = theta < std::f64::consts::FRAC_PI_2 || theta <= valid_radius;
+        let towards = radial.try_normalize().unwrap_or(DVec2::X);
+        (seen && theta_d.is_finite()).then(|| (towards * theta.sin()).extend(theta.cos()))
+    }
+
+    /// A fisheye's angle from the axis, rad, at a radius of its radial part; the inverse of
+    /// [`Distortion::fisheye`].
+    fn fisheye_angle(&self, theta_d: f64, valid_radius: f64) -> f64 {
         let rim = self.fisheye(valid_radius, valid_radius);
-        let theta = if theta_d > rim {
+        if theta_d > rim {
             valid_radius + (theta_d - rim) / self.slope(valid_radius)
         } else {
             self.fisheye_inverse(theta_d, valid_radius)
-        };
-        let seen = theta < std::f64::consts::FRAC_PI_2 || theta <= valid_radius;
-        let towards = distorted.try_normalize().unwrap_or(DVec2::X);
-        (seen && theta_d.is_finite()).then(|| (towards * theta.sin()).extend(theta.cos()))
+        }
+    }
+
+    /// The radial part of a fisheye's image point: without the tangential and the thin-prism terms,
+    /// by fixed-point iteration. `None` if it does not converge.
+    fn without_decentring(&self, distorted: DVec2, valid_radius: f64) -> Option<DVec2> {
+        if self.model != LensModel::ThinPrismFisheye {
+            return Some(distorted);
+        }
+        let mut radial = distorted;
+        for _ in 0..DECENTRING_ITERATIONS {
+            let theta = self.fisheye_angle(radial.length(), valid_radius);
+            let next = distorted - self.decentring(radial.normalize_or_zero() * theta.min(valid_radius));
+            let change = next.distance(radial);
+            radial = next;
+            if change < 1e-14 {
+                return Some(radial);
+            }
+            if !change.is_finite() {
+                return None;
+            }
+        }
+        let theta = self.fisheye_angle(radial.length(), valid_radius);
+        let error = self.fisheye_point(radial.normalize_or_zero(), theta, valid_radius) - distorted;
+        (error.length() < 1e-10).then_some(radial)
+    }
+
+    /// A fisheye's image point of a direction across the axis (unit length) and an angle from it.
+    fn fisheye_point(&self, towards: DVec2, theta: f64, valid_radius: f64) -> DVec2 {
+        let radial = towards * self.fisheye(theta, valid_radius);
+        if self.model == LensModel::ThinPrismFisheye {
+            return radial + self.decentring(towards * theta.min(valid_radius));
+        }
+        radial
+    }
+
+    /// The tangential and thin-prism terms of `thin_prism_fisheye`, at θ times the direction.
+    fn decentring(&self, p: DVec2) -> DVec2 {
+        let r2 = p.length_squared();
+        DVec2::new(
+            2.0 * self.p1 * p.x * p.y + self.p2 * (r2 + 2.0 * p.x * p.x) + self.sx1 * r2,
+            self.p1 * (r2 + 2.0 * p.y * p.y) + 2.0 * self.p2 * p.x * p.y + self.sy1 * r2,
+        )
+    }
+
+    /// The model without tangential and thin-prism terms.
+    pub fn radial_part(&self) -> Self {
+        Self { p1: 0.0, p2: 0.0, sx1: 0.0, sy1: 0.0, ..self.clone() }
     }
 
     /// Distorts normalised coordinates (x/z, y/z), OpenCV's `projectPoints`: x' = x(1 + k1 r² + k2
@@ -175,7 +311,7 @@ impl Distortion {
             return longitude_latitude(p.extend(1.0));
         }
         if self.is_fisheye() {
-            return p.normalize_or_zero() * self.fisheye(p.length().atan(), valid_radius);
+            return self.fisheye_point(p.normalize_or_zero(), p.length().atan(), valid_radius);
         }
         if p.length_squared() > valid_radius * valid_radius {
             let r = p.length();
@@ -217,16 +353,36 @@ impl Distortion {
 
     fn polynomial(&self, p: DVec2) -> DVec2 {
         let r2 = p.length_squared();
-        let radial = 1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3));
+        if self.model == LensModel::Fov {
+            let [omega, double_tan] = self.field_of_view();
+            let r = r2.sqrt();
+            return if r > 0.0 { p * ((double_tan * r).atan() / (omega * r)) } else { DVec2::ZERO };
+        }
+        let mut radial = 1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3));
+        if self.model == LensModel::OpencvRational {
+            radial /= self.denominator(r2);
+        }
         DVec2::new(
             p.x * radial + 2.0 * self.p1 * p.x * p.y + self.p2 * (r2 + 2.0 * p.x * p.x),
             p.y * radial + self.p1 * (r2 + 2.0 * p.y * p.y) + 2.0 * self.p2 * p.x * p.y,
         )
     }
 
-    /// The inverse of [`Distortion::distort`] for `opencv`, by Newton's method with a numerical
-    /// Jacobian and step halving. `None` if no undistorted point is found within 1e-10.
+    /// The inverse of [`Distortion::distort`] for models on x/z and y/z, by Newton's method with a
+    /// numerical Jacobian and step halving. `None` if no undistorted point is found within 1e-10.
+    /// That of `fov` is exact: r = tan(ω r')/(2 tan(ω/2)).
     fn undistort(&self, distorted: DVec2, valid_radius: f64) -> Option<DVec2> {
+        if self.model == LensModel::Fov {
+            let [omega, double_tan] = self.field_of_view();
+            let radius = distorted.length();
+            let rim = (double_tan * valid_radius).atan() / omega;
+            let r = if radius > rim {
+                valid_radius + (radius - rim) / self.slope(valid_radius)
+            } else {
+                (omega * radius).tan() / double_tan
+            };
+            return radius.is_finite().then(|| distorted.normalize_or_zero() * r);
+        }
         let mut p = distorted;
         let mut error = (self.distort(p, valid_radius) - distorted).length();
         for _ in 0..60 {
@@ -263,115 +419,4 @@ impl Distortion {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-
-    /// The published model of the camera of TUM's fr1 recordings.
-    const FR1: Distortion =
-        Distortion { model: LensModel::Opencv, k1: 0.2624, k2: -0.9531, p1: -0.0054, p2: 0.0026, k3: 1.1633, k4: 0.0 };
-
-    fn fisheye([k1, k2, k3, k4]: [f64; 4]) -> Distortion {
-        Distortion { model: LensModel::OpencvFisheye, k1, k2, k3, k4, ..Default::default() }
-    }
-
-    #[test]
-    fn fisheye_matches_hand_calculation() {
-        // (1, 1, √2): 45° off the axis. θ = 0.785398, θ² = 0.616850; 1 + 0.0616850 − 0.0190252 +
-        // 0.0070415 − 0.0014478 = 1.0482535, times θ = 0.823296.
-        let lens = fisheye([0.1, -0.05, 0.03, -0.01]);
-        let at = lens.project(DVec3::new(1.0, 1.0, 2f64.sqrt()), lens.valid_radius()).unwrap();
-        assert!((at - DVec2::splat(0.823_296 / 2f64.sqrt())).length() < 1e-6, "{at}");
-        // Without coefficients, equal angles are equal distances, even behind the camera: 120° off
-        // the axis.
-        let equal = fisheye([0.0; 4]);
-        let at = equal.project(DVec3::new(0.0, 3f64.sqrt(), -1.0), equal.valid_radius()).unwrap();
-        assert!((at - DVec2::new(0.0, 120f64.to_radians())).length() < 1e-12, "{at}");
-        assert_eq!(equal.project(DVec3::NEG_Z, equal.valid_radius()), None);
-        assert_eq!(equal.project(DVec3::ZERO, equal.valid_radius()), None);
-    }
-
-    #[test]
-    fn folding_fisheye_continues_monotonically() {
-        // θ(1 − 0.1 θ²): slope 1 − 0.3 θ² reaches 0.05 at θ = √(0.95/0.3) = 1.78, 102°.
-        let lens = fisheye([-0.1, 0.0, 0.0, 0.0]);
-        let valid = lens.valid_radius();
-        assert!((valid - (0.95f64 / 0.3).sqrt()).abs() < 1e-9);
-        let seen = |degrees: f64| {
-            let (s, c) = degrees.to_radians().sin_cos();
-            lens.project(DVec3::new(s, 0.0, c), valid)
-        };
-        assert!(seen(101.0).is_some() && seen(103.0).is_none());
-        // This one folds before 90°: 0.05 at √(0.95/0.9) = 58.9°. From there to 90° it continues
-        // along the tangent.
-        let lens = fisheye([-0.3, 0.0, 0.0, 0.0]);
-        let valid = lens.valid_radius();
-        let mut last = -1.0;
-        for i in 0..900 {
-            let (s, c) = (f64::from(i) * 0.1).to_radians().sin_cos();
-            let at = lens.project(DVec3::new(s, 0.0, c), valid).unwrap();
-            assert!(at.x > last && at.y == 0.0, "folds back at {i}");
-            last = at.x;
-            let back = lens.unproject(at, valid).unwrap();
-            assert!((back - DVec3::new(s, 0.0, c)).length() < 1e-9, "{i}: {back}");
-        }
-        assert_eq!(lens.unproject(DVec2::new(9.0, 0.0), valid), None);
-    }
-
-    #[test]
-    fn coefficients_of_another_model_are_reported() {
-        assert_eq!(Distortion { p2: 0.1, ..fisheye([0.0; 4]) }.missing(), Some("p2"));
-        assert_eq!(Distortion { k4: 0.1, ..FR1 }.missing(), Some("k4"));
-        assert_eq!((FR1.missing(), fisheye([0.1; 4]).missing()), (None, None));
-    }
-
-    #[test]
-    fn distortion_matches_hand_calculation() {
-        // x = 0.3, y = -0.2: r² = 0.13; radial = 1 + 0.034112 - 0.01610739 + 0.0025557701 =
-        // 1.02056038 x' = 0.3·1.02056038 + 2·(-0.0054)(-0.06) + 0.0026·(0.13 + 0.18) = 0.306168114
-        // + 0.000648 + 0.000806
-        let d = FR1.distort(DVec2::new(0.3, -0.2), FR1.valid_radius());
-        assert!((d.x - 0.307_622_11).abs() < 1e-7, "{}", d.x);
-        // y' = -0.2·1.02056038 - 0.0054·(0.13 + 0.08) + 2·0.0026·(-0.06) = -0.204112076 - 0.001134
-        // - 0.000312
-        assert!((d.y + 0.205_558_08).abs() < 1e-7, "{}", d.y);
-    }
-
-    #[test]
-    fn valid_radius_is_where_the_slope_vanishes() {
-        // r(1 - 0.25 r²): slope 1 - 0.75 r² reaches 0.05 at r = sqrt(0.95/0.75).
-        let barrel = Distortion { k1: -0.25, ..Default::default() };
-        let valid = barrel.valid_radius();
-        assert!((valid - (0.95f64 / 0.75).sqrt()).abs() < 1e-9);
-        let mut last = -1.0;
-        for i in 0..1000 {
-            let r = f64::from(i) * 0.01;
-            let d = barrel.distort(DVec2::new(r, 0.0), valid).x;
-            assert!(d > last, "folds back at {r}");
-            last = d;
-        }
-    }
-
-    proptest! {
-        /// One round trip for all models, over their whole field of view.
-        #[test]
-        fn round_trip(
-            around in 0.0..std::f64::consts::TAU, share in 0.0f64..1.0, k1 in -0.4f64..0.4, k2 in -0.1f64..0.1, p in -0.004f64..0.004,
-            k in prop::array::uniform4(-0.05f64..0.05),
-        ) {
-            let brown = Distortion { k1, k2, p1: p, p2: -p, ..Default::default() };
-            let round = Distortion { model: LensModel::Equirectangular, ..Default::default() };
-            for model in [FR1, brown, fisheye(k), fisheye([k1, k2, 0.0, 0.0]), fisheye([0.0; 4]), round] {
-                let valid = model.valid_radius();
-                let theta = share * match model.model {
-                    LensModel::Opencv => (0.95 * valid).atan().min(0.85),
-                    LensModel::OpencvFisheye => valid,
-                    LensModel::Equirectangular => PI,
-                };
-                let d = DVec3::new(theta.sin() * around.cos(), theta.sin() * around.sin(), theta.cos());
-                let back = model.unproject(model.project(3.0 * d, valid).unwrap(), valid).unwrap();
-                prop_assert!((back - d).length() < 1e-7, "{:?}: {} {}", model, d, back);
-            }
-        }
-    }
-}
+mod tests;

@@ -152,10 +152,12 @@ impl Geometry {
         let (w, h) = (f64::from(self.intrinsics.width_px), f64::from(self.intrinsics.height_px));
         let wide = |at: DVec2| self.direction(at).is_none_or(|d| d.angle_between(DVec3::Z) > MAX_PLANE_ANGLE_RAD);
         match self.distortion.model {
-            LensModel::Opencv => false,
+            LensModel::Opencv | LensModel::OpencvRational | LensModel::Fov => false,
             // A corner is farthest from the axis. One without a direction is outside the lens's
             // field of view.
-            LensModel::OpencvFisheye => [(0.0, 0.0), (w, 0.0), (0.0, h), (w, h)].into_iter().any(|at| wide(at.into())),
+            LensModel::OpencvFisheye | LensModel::ThinPrismFisheye => {
+                [(0.0, 0.0), (w, 0.0), (0.0, h), (w, h)].into_iter().any(|at| wide(at.into()))
+            }
             LensModel::Equirectangular => true,
         }
     }

@@ -126,8 +126,11 @@ fn lens(shot: &Shot, quiet: bool) -> Option<LensState> {
         return None;
     }
     let distortion = &geometry.distortion;
-    if distortion.model == LensModel::OpencvFisheye {
+    if distortion.model.is_fisheye() {
         warn(quiet, "OpenTrackIO has no fisheye: the lens is sent without its distortion");
+    }
+    if matches!(distortion.model, LensModel::OpencvRational | LensModel::Fov) {
+        warn(quiet, "the lens is sent without its distortion: its model is not sent; expected opencv");
     }
     Some(LensState::of(&geometry, &camera.lens, &camera.exposure, 1.0 / shot.recording.frame_interval_s))
 }

@@ -344,7 +344,8 @@ mod tests {
         let fisheye = Distortion { model: LensModel::OpencvFisheye, k1: 0.02, ..Distortion::default() };
         let from = Pose::from_camera_in_world(DVec3::new(0.3, 0.1, -0.2), DQuat::from_rotation_y(0.05));
         let to = Pose::from_camera_in_world(DVec3::new(0.32, 0.08, -0.21), DQuat::from_rotation_x(0.04));
-        for distortion in [k, Distortion::default(), fisheye] {
+        let fov = Distortion { model: LensModel::Fov, omega: 0.9, ..Distortion::default() };
+        for distortion in [k, Distortion::default(), fisheye, fov] {
             let geometry = Geometry::new(i.clone(), distortion);
             let reprojection = Reprojection::new(&geometry, &from, &to);
             // Some points are outside the corners.

@@ -30,8 +30,8 @@ macro_rules! choices {
 
 /// Declares a table of parameters. After a name, `as` gives the label of a user interface, if the
 /// field's own words read badly; `=> other is` or `=> other isnt` names the value of another
-/// parameter with which this one has an effect. `at` names the first [`Stage`](crate::stage::Stage)
-/// that reads the parameters of a table, or one of them.
+/// parameter, or several (`"a or b"`), with which this one has an effect. `at` names the first
+/// [`Stage`](crate::stage::Stage) that reads the parameters of a table, or one of them.
 ///
 /// ```
 /// locard_engine::params! {

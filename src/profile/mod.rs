@@ -379,7 +379,7 @@ mod tests {
         assert!(e.len() < 1000, "{} bytes", e.len());
         assert!(error("version = 2\n").contains("version"));
         assert!(error("[camera]\n").contains("missing"));
-        let e = error("version = 1\n[camera.distortion]\nmodel = \"fov\"\n");
+        let e = error("version = 1\n[camera.distortion]\nmodel = \"division\"\n");
         assert!(e.contains("expected opencv | opencv_fisheye"), "{e}");
         let e = error("version = 1\n[camera.distortion]\nmodel = \"opencv_fisheye\"\np1 = 0.1\n");
         assert!(e.contains("camera.distortion.p1") && e.contains("opencv_fisheye has no p1"), "{e}");

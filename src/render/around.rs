@@ -127,6 +127,7 @@ crate::uniform! {
         focal_px: [f32; 2],
         middle_px: [f32; 2],
         lens: [f32; 4],
+        decentring: [f32; 4],
         in_picture: [f32; 2],
         size_px: [f32; 2],
         valid_angle: f32,
@@ -165,12 +166,13 @@ impl AroundUniform {
             focal_px: [i.fx_px as f32, i.fy_px as f32],
             middle_px: [i.cx_px as f32, i.cy_px as f32],
             lens: [d.k1, d.k2, d.k3, d.k4].map(|k| k as f32),
+            decentring: [d.p1, d.p2, d.sx1, d.sy1].map(|term| term as f32),
             in_picture: [target.x0 as f32, target.y0 as f32],
             size_px: [i.width_px as f32, i.height_px as f32],
             valid_angle: valid as f32,
             rim_slope: geometry.rim_slope() as f32,
             // The radius of the valid angle, measured horizontally to the right.
-            rim_radius: d.project_extended(DVec3::new(valid.sin(), 0.0, valid.cos()), valid).x as f32,
+            rim_radius: d.radial_part().project_extended(DVec3::new(valid.sin(), 0.0, valid.cos()), valid).x as f32,
             step_s: view.shutter.velocity_step_s() as f32,
             most_px_per_s: max_speed_px_per_s(geometry, view.shutter) as f32,
             view_focal: views.fx_px as f32,
@@ -195,9 +197,10 @@ pub fn gather(recorder: &mut Recorder, view: &View<'_>, sides: &[(FaceView, Laye
     let nothing = recorder.memoized(EmptyFace, |gpu, _| {
         [COLOR, GEOMETRY].map(|format| Texture::new(gpu, "nothing drawn", 1, 1, format, 1))
     });
-    let fisheye = view.geometry.distortion.model == LensModel::OpencvFisheye;
+    let model = view.geometry.distortion.model;
+    let around = Entry::from("main").choose("fisheye", model.is_fisheye());
     let mut pass = recorder
-        .pass(Shader::Around, Entry::from("main").choose("fisheye", fisheye))
+        .pass(Shader::Around, around.choose("thin_prism", model == LensModel::ThinPrismFisheye))
         .uniform("around", &AroundUniform::new(view, sides.iter().map(|(side, _)| side)))
         .texture("real_depth", view.occlusion.map_or(no_depth, |occlusion| occlusion.depth));
     for (face, (color, geometry)) in CubeFace::ALL.into_iter().zip(COLORS.into_iter().zip(GEOMETRIES)) {

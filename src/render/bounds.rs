@@ -10,7 +10,7 @@ use glam::{DVec2, DVec3};
 use super::dice::CLIP_DEPTH_M;
 use super::in_view::{ScreenExtent, clipped_at_near_plane, visible_extent};
 use super::view::{NEAR_M, ViewKeys};
-use crate::camera::{Geometry, LensModel};
+use crate::camera::Geometry;
 use crate::pixels::Rect;
 use crate::pose::Pose;
 use crate::scene::{Part, Scene};
@@ -95,7 +95,7 @@ fn normalised(points: &[DVec3], pose: &Pose) -> Option<Vec<DVec2>> {
 
 /// The image of a rectangle of normalised coordinates: points along its border.
 fn border_px(extent: ScreenExtent, geometry: &Geometry) -> impl Iterator<Item = DVec2> {
-    border(extent, geometry.distortion.model == LensModel::OpencvFisheye).map(|p| geometry.distorted_px(p))
+    border(extent, geometry.distortion.model.is_fisheye()).map(|p| geometry.distorted_px(p))
 }
 
 /// The bounding rectangle in the picture of a rectangle of normalised coordinates, plus a pixel for
@@ -273,7 +273,7 @@ pub fn rotation_speed_px_per_s(geometry: &Geometry, keys: &ViewKeys) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::camera::{Distortion, Intrinsics};
+    use crate::camera::{Distortion, Intrinsics, LensModel};
     use crate::pose::Pose;
     use crate::render::Shutter;
     use crate::scene::{Mesh, Object, Vertex};
@@ -351,10 +351,13 @@ mod tests {
             Just(Distortion { k1: -0.3, k2: 0.1, p1: 0.002, ..Default::default() }),
             Just(Distortion { k1: 0.2624, k2: -0.9531, k3: 1.1633, ..Default::default() }),
             Just(Distortion { model: LensModel::OpencvFisheye, k1: 0.01, ..Default::default() }),
+            Just(Distortion { model: LensModel::OpencvRational, k1: -0.2, k4: 0.1, k5: 0.02, ..Default::default() }),
+            Just(Distortion { model: LensModel::Fov, omega: 0.9, ..Default::default() }),
+            Just(Distortion { model: LensModel::ThinPrismFisheye, p1: 0.002, sx1: 0.003, ..Default::default() }),
         ];
         let own = (numbers(3, 0.6), numbers(4, 1.0), prop::collection::vec(-2.3f64..0.0, 3));
         (lens, own, numbers(3, 1.0), numbers(3, 1.0)).prop_map(|(lens, (at, turn, sides), moves, turns)| {
-            let focal_px = if lens.model == LensModel::OpencvFisheye { 300.0 } else { 525.0 };
+            let focal_px = if lens.model.is_fisheye() { 300.0 } else { 525.0 };
             let intrinsics = Intrinsics { fx_px: focal_px, fy_px: focal_px, ..Default::default() };
             let shutter = Shutter { exposure_time_s: 0.02, readout_time_s: 0.02, beyond_s: 0.0 };
             let (moves, turns) = (DVec3::from_slice(&moves), DVec3::from_slice(&turns));

@@ -6,7 +6,7 @@ use glam::{DAffine3, DVec2, DVec3};
 
 use super::unwrap::{LightmapVertex, Unwrapped};
 use super::view::{NEAR_M, ViewKeys};
-use crate::camera::{Geometry, LensModel};
+use crate::camera::Geometry;
 use crate::scene::Vertex;
 
 /// Maximum deviation of a drawn edge from its true image, px.
@@ -34,11 +34,8 @@ impl EdgeCurvature {
         if geometry.distortion.is_identity() && readout_time_s == 0.0 {
             return Self { safe_px: f64::INFINITY };
         }
-        let by_curvature = if geometry.distortion.model == LensModel::OpencvFisheye {
-            Self::of_fisheye(geometry)
-        } else {
-            Self::of_opencv(geometry)
-        };
+        let by_curvature =
+            if geometry.distortion.model.is_fisheye() { Self::of_fisheye(geometry) } else { Self::of_opencv(geometry) };
         Self { safe_px: if readout_time_s > 0.0 { by_curvature.min(MAX_EDGE_PX) } else { by_curvature } }
     }
 

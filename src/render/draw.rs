@@ -17,11 +17,11 @@ use super::material::bind_groups;
 use super::meshes::Meshes;
 use super::motion::MotionGrid;
 use super::occlusion::Occlusion;
-use super::pipeline::{COLOR, DEPTH, DrawInstance, GEOMETRY, RenderPipelines, SAMPLES, Variant, Writes};
+use super::pipeline::{COLOR, DEPTH, DrawInstance, GEOMETRY, RenderPipelines, SAMPLES, Variant, Writes, lens_number};
 use super::plan::{Layer, RenderSample, SamplePlan};
 use super::unwrap::Unwrapped;
 use super::view::{NEAR_M, Shutter, View, ViewKeys, ViewUniform};
-use crate::camera::{Geometry, LensModel};
+use crate::camera::Geometry;
 use crate::gpu::{Entry, Gpu, Recorder, Shader, Stamps, Texture};
 use crate::pixels::Rect;
 use crate::pose::Pose;
@@ -316,7 +316,7 @@ impl Renderer {
                 colors: gpu_mesh.has_colors,
                 mirrored: part.world_from_mesh.matrix3.determinant() < 0.0,
                 rolling: view.shutter.readout_time_s > 0.0,
-                fisheye: view.geometry.distortion.model == LensModel::OpencvFisheye,
+                lens: lens_number(view.outer.map_or(view.geometry, |outer| outer.geometry).distortion.model),
                 around: view.outer.is_some(),
                 parallel: view.parallel_to_m.is_some(),
                 hidden_by_depth: view.occlusion.is_some(),

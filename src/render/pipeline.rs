@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use super::light::{MAX_POINTS, MAX_SUNS};
 use super::unwrap::LightmapVertex;
+use crate::camera::LensModel;
 use crate::gpu::{Gpu, Shader};
 use crate::memo::Memo;
 use crate::scene::{Alpha, Environment, Lighting, Material};
@@ -34,8 +35,8 @@ pub struct Variant {
     pub environment_map: bool,
     /// Rolling shutter.
     pub rolling: bool,
-    /// OpenCV's fisheye model.
-    pub fisheye: bool,
+    /// The lens model of the picture's camera, as [`lens_number`] gives it.
+    pub lens: u8,
     /// One face of a 360° picture.
     pub around: bool,
     /// Orthographic projection.
@@ -46,6 +47,17 @@ pub struct Variant {
     pub depth_on_grid: bool,
     /// The part has a lightmap.
     pub lightmap: bool,
+}
+
+/// Number of a lens model in shaders/raster.wgsl. Pinhole views of other models are 0.
+pub fn lens_number(model: LensModel) -> u8 {
+    match model {
+        LensModel::Opencv | LensModel::Equirectangular => 0,
+        LensModel::OpencvFisheye => 1,
+        LensModel::OpencvRational => 2,
+        LensModel::Fov => 3,
+        LensModel::ThinPrismFisheye => 4,
+    }
 }
 
 impl Variant {
@@ -77,7 +89,6 @@ impl Variant {
         let [base_color, metallic_roughness, normals, occlusion, emissive] = self.textures;
         let features = [
             ("rolling", self.rolling),
-            ("fisheye", self.fisheye),
             ("around", self.around),
             ("parallel", self.parallel),
             ("has_colors", self.colors),
@@ -95,7 +106,7 @@ impl Variant {
             ("has_lightmap", self.lightmap && !self.unlit),
         ]
         .map(|(name, on)| (name, u8::from(on)));
-        let counts = [("suns", self.suns), ("points", self.points)];
+        let counts = [("suns", self.suns), ("points", self.points), ("lens", self.lens)];
         features.into_iter().chain(counts).map(|(name, value)| (name, f64::from(value))).collect()
     }
 }

@@ -134,6 +134,7 @@ crate::uniform! {
         focal_px: [f32; 2],
         middle_px: [f32; 2],
         distortion: [f32; 4],
+        lens_terms: [f32; 4],
         outer_turn: [f32; 4],
         rotation: [f32; 4],
         eye: [f32; 4],
@@ -173,9 +174,15 @@ impl ViewUniform {
         let camera = view.outer.map_or(geometry, |outer| outer.geometry);
         let d = &camera.distortion;
         let valid = camera.valid_radius();
-        let (k3_or_p1, k4_or_p2) = match d.model {
-            LensModel::OpencvFisheye => (d.k3, d.k4),
-            LensModel::Opencv | LensModel::Equirectangular => (d.p1, d.p2),
+        let (k3_or_p1, k4_or_p2) = if d.model.is_fisheye() { (d.k3, d.k4) } else { (d.p1, d.p2) };
+        let lens_terms = match d.model {
+            LensModel::OpencvRational => [d.k4, d.k5, d.k6, 0.0],
+            LensModel::Fov => {
+                let [omega, double_tan] = d.field_of_view();
+                [omega, double_tan, 0.0, 0.0]
+            }
+            LensModel::ThinPrismFisheye => [d.p1, d.p2, d.sx1, d.sy1],
+            LensModel::Opencv | LensModel::OpencvFisheye | LensModel::Equirectangular => [0.0; 4],
         };
         // A large finite number for "everywhere".
         let (valid, slope) = if valid.is_finite() { (valid, camera.rim_slope()) } else { (1e9, 1.0) };
@@ -201,6 +208,7 @@ impl ViewUniform {
             focal_px: [i.fx_px as f32, i.fy_px as f32],
             middle_px: [i.cx_px as f32, i.cy_px as f32],
             distortion: [d.k1, d.k2, k3_or_p1, k4_or_p2].map(|k| k as f32),
+            lens_terms: lens_terms.map(|term| term as f32),
             outer_turn: view.outer.map_or(DQuat::IDENTITY, |outer| outer.camera_from_view).as_quat().to_array(),
             rotation: rotation.as_quat().to_array(),
             eye: eye.as_vec3().extend(0.0).to_array(),

@@ -178,6 +178,8 @@ pub enum SimulateError {
     Video(#[from] SinkError),
     #[error("simulate.aperture_diameter_mm: only lens = opencv has an opening; give 0, or that lens")]
     NoAperture,
+    #[error("simulate.lens: this model is not simulated; expected opencv, opencv_fisheye or equirectangular")]
+    UnsupportedLens,
     #[error("simulate.fps: the camera's path has no ascending times: {0}")]
     Path(#[from] NotAscending),
 }
@@ -222,6 +224,9 @@ impl Simulation {
         detail: Detail,
         threads: usize,
     ) -> Result<Self, SimulateError> {
+        if matches!(options.lens, LensModel::OpencvRational | LensModel::Fov | LensModel::ThinPrismFisheye) {
+            return Err(SimulateError::UnsupportedLens);
+        }
         let geometry = geometry(options);
         let Options { width_px: width, height_px: height, .. } = *options;
         if geometry.is_equirectangular() && width != 2 * height {
@@ -386,7 +391,9 @@ fn geometry(options: &Options) -> Geometry {
         LensModel::Opencv if options.layout == Some(FolderLayout::Stray) => Distortion::default(),
         LensModel::Opencv => Distortion { k1, k2, p1, p2, ..Distortion::default() },
         LensModel::OpencvFisheye => Distortion { model: lens, k1, k2, ..Distortion::default() },
-        LensModel::Equirectangular => Distortion { model: lens, ..Distortion::default() },
+        LensModel::Equirectangular | LensModel::OpencvRational | LensModel::Fov | LensModel::ThinPrismFisheye => {
+            Distortion { model: lens, ..Distortion::default() }
+        }
     };
     let intrinsics = Intrinsics {
         width_px,

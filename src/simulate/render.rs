@@ -64,8 +64,10 @@ impl SimulatedLens {
             for x in 0..=w {
                 let at = DVec2::new(x.into(), y.into());
                 corners.push(match geometry.distortion.model {
-                    LensModel::Opencv => geometry.unproject(at).ok_or(SimulateError::Lens { x, y })?,
-                    LensModel::OpencvFisheye | LensModel::Equirectangular => geometry.direction(at).unwrap_or_default(),
+                    LensModel::Opencv | LensModel::OpencvRational | LensModel::Fov => {
+                        geometry.unproject(at).ok_or(SimulateError::Lens { x, y })?
+                    }
+                    _ => geometry.direction(at).unwrap_or_default(),
                 });
             }
         }
@@ -82,8 +84,8 @@ impl SimulatedLens {
     /// along the axis, at least 0.
     fn depth_per_t(&self, ray: DVec3) -> f64 {
         match self.geometry.distortion.model {
-            LensModel::Opencv => 1.0,
-            LensModel::OpencvFisheye => ray.z.max(0.0),
+            LensModel::Opencv | LensModel::OpencvRational | LensModel::Fov => 1.0,
+            LensModel::OpencvFisheye | LensModel::ThinPrismFisheye => ray.z.max(0.0),
             LensModel::Equirectangular => ray.length(),
         }
     }

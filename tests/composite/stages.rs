@@ -153,7 +153,8 @@ fn prerequisites(inputs: &PictureInputs, table: &str, spec: &Spec) -> Vec<String
         }
         ("vignetting", "rim_radius_mm") => vec!["vignetting.rim_distance_mm=100".to_owned()],
         _ => {
-            let Some(ActsIf { other, is: true, value }) = spec.acts_if else { return Vec::new() };
+            let Some(acts_if @ ActsIf { other, is: true, .. }) = spec.acts_if else { return Vec::new() };
+            let value = acts_if.values().next().unwrap_or_default();
             let specs = inputs.parameters(0);
             let (_, other_spec) = specs.iter().find(|(of, spec)| *of == table && spec.name == other).unwrap();
             let mut before = prerequisites(inputs, table, other_spec);
@@ -166,7 +167,7 @@ fn prerequisites(inputs: &PictureInputs, table: &str, spec: &Spec) -> Vec<String
 /// Other values of a parameter, near its own ones first.
 fn changes(table: &str, spec: &Spec, value: &Value) -> Vec<Value> {
     let numbers = match (table, spec.name) {
-        ("camera.distortion", "k4") => vec![50.0, 100.0],
+        ("camera.distortion", "k4" | "k5" | "k6") => vec![50.0, 100.0],
         ("camera.lens", "blades") => vec![3.0],
         ("camera.lens", "blade_rotation_deg") => vec![20.0],
         ("camera.exposure", "shutter_angle_deg") => vec![200.0, 250.0],

@@ -27,6 +27,8 @@ pub enum LensCalibrationError {
     Undetermined,
     #[error("a 360° picture's camera follows from its size; there is nothing to calibrate")]
     Panorama,
+    #[error("this lens model is not calibrated; expected opencv or opencv_fisheye")]
+    Model,
 }
 
 fn first_reason(refused: &[RejectedView]) -> String {
@@ -137,6 +139,9 @@ fn choose_model(
             of(model).map(|fit| (fit, Vec::new())).ok_or(LensCalibrationError::Unexplained)
         }
         Some(LensModel::Equirectangular) => Err(LensCalibrationError::Panorama),
+        Some(LensModel::OpencvRational | LensModel::Fov | LensModel::ThinPrismFisheye) => {
+            Err(LensCalibrationError::Model)
+        }
         None => match (of(LensModel::Opencv), of(LensModel::OpencvFisheye)) {
             (Some(brown), Some(fisheye)) if fisheye.mean_px() < MAX_FISHEYE_RESIDUAL_RATIO * brown.mean_px() => {
                 let [own, other] = [&fisheye, &brown].map(|fit| fixed(fit.mean_px(), 2));

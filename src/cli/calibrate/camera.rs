@@ -97,8 +97,8 @@ fn square(text: &str) -> Result<f64, String> {
 
 fn model(text: &str) -> Result<LensModel, String> {
     let kind = LensModel::kind(None);
-    let named =
-        LensModel::from_value(&Value::Text(text.to_owned()), &kind).filter(|m| *m != LensModel::Equirectangular);
+    let named = LensModel::from_value(&Value::Text(text.to_owned()), &kind)
+        .filter(|model| matches!(model, LensModel::Opencv | LensModel::OpencvFisheye));
     named.ok_or_else(|| "expected opencv or opencv_fisheye".to_owned())
 }
 
