@@ -19,8 +19,9 @@ pub fn gltf(bytes: &[u8]) {
 }
 
 /// Files by which the formats of recordings are recognised. The input is split at zero bytes, one
-/// piece per file; the first byte of a piece selects the file (a is the first, b the next).
-const FILES: [&str; 18] = [
+/// piece per file; the first byte of a piece selects the file (a is the first, b the next). The
+/// bytes of a `.bin` are combined with [`BINARY_MASK`], since they may be zero.
+const FILES: [&str; 20] = [
     "recording.toml",
     "trajectory.txt",
     "rgb.txt",
@@ -39,7 +40,12 @@ const FILES: [&str; 18] = [
     "depth.toml",
     "frame-000000.pose.txt",
     "frame-000001.pose.txt",
+    "cameras.bin",
+    "images.bin",
 ];
+
+/// Exclusive or of the bytes of binary files and those of the input.
+const BINARY_MASK: u8 = 0xa5;
 
 /// Files that those may name: pictures of 4×3 px and a depth map.
 const PICTURES: [(&str, &[u8]); 11] = [
@@ -68,8 +74,10 @@ pub fn recording(bytes: &[u8]) -> usize {
     }
     for piece in bytes.split(|&byte| byte == 0) {
         if let Some((&which, content)) = piece.split_first() {
-            let path = folder.path().join(FILES[usize::from(which.wrapping_sub(b'a')) % FILES.len()]);
-            std::fs::write(path, content).expect("a temporary file");
+            let name = FILES[usize::from(which.wrapping_sub(b'a')) % FILES.len()];
+            let mask = if name.ends_with(".bin") { BINARY_MASK } else { 0 };
+            let content: Vec<u8> = content.iter().map(|byte| byte ^ mask).collect();
+            std::fs::write(folder.path().join(name), content).expect("a temporary file");
         }
     }
     let Ok(recording) = Recording::open(folder.path(), &OpenOptions::default()) else { return 0 };

@@ -20,6 +20,9 @@ pub enum RecordingError {
     /// A file of a recording has invalid content.
     #[error("{}: {problem}", file.display())]
     Content { file: PathBuf, problem: String },
+    /// A binary file of a recording has invalid content. Bytes count from 0.
+    #[error("{}, byte {offset}: {problem}", file.display())]
+    Bytes { file: PathBuf, offset: usize, problem: String },
     #[error("the option {name} = {} is refused: expected {accepted}", number(*found))]
     Option { name: &'static str, found: f64, accepted: &'static str },
     #[error("frames {start}..{end} were requested; the recording has 0..{count}")]
@@ -35,7 +38,9 @@ impl RecordingError {
     /// that of the recording found there: a recording may reference any file, and the reader of the
     /// message may lack permission to read it.
     pub(super) fn without_foreign_text(mut self, given: &Path, found: &Path) -> Self {
-        let Self::Text(TextError::Line { file, problem, .. }) = &mut self else { return self };
+        let (Self::Text(TextError::Line { file, problem, .. }) | Self::Bytes { file, problem, .. }) = &mut self else {
+            return self;
+        };
         let Ok(file) = file.canonicalize() else { return self };
         // Symbolic links in the given path are intended; those in the recording may lead anywhere.
         let of_given = given.canonicalize().ok().and_then(|given| folder_of(&given).map(Path::to_owned));

@@ -3,6 +3,7 @@
 //! Each format has its own module, which converts axes, units, pixel centres and times while
 //! reading. docs/recordings.md documents every convention.
 
+mod arkit;
 mod camera_file;
 mod cameras;
 mod coding;
@@ -80,12 +81,13 @@ impl Default for OpenOptions {
 
 /// The formats, in the order in which they are tried. A new format is a file in this module and a
 /// line here.
-static FORMATS: [&RecordingFormat; 7] = [
+static FORMATS: [&RecordingFormat; 8] = [
     &native::FORMAT,
     &nerfstudio::FORMAT,
     &tum::FORMAT,
     &euroc::FORMAT,
     &stray::FORMAT,
+    &arkit::FORMAT,
     &colmap::FORMAT,
     &seven_scenes::FORMAT,
 ];
@@ -455,7 +457,6 @@ fn find(path: &Path) -> Result<(&'static RecordingFormat, PathBuf), RecordingErr
     if let Some(found) = FORMATS.iter().find_map(|format| Some((*format, (format.find)(path)?))) {
         return Ok(found);
     }
-    let binary = colmap::MODEL_FOLDERS.iter().any(|at| path.join(at).join("images.bin").exists());
     let unread = unsupported::by_name(path).filter(|_| path.is_file()).map(|kind| format!("it {}", kind.refusal()));
     let in_folder = || {
         let unread = unsupported::unread_warning(&unsupported::in_folder(path))?;
@@ -465,9 +466,6 @@ fn find(path: &Path) -> Result<(&'static RecordingFormat, PathBuf), RecordingErr
     let found = match path {
         _ if foreign.is_some() => foreign.as_deref().unwrap_or_default(),
         _ if path.is_file() => "it is a file of another kind (frames or a video alone: name them in a recording.toml)",
-        _ if binary => {
-            "it holds a binary COLMAP model (`colmap model_converter --output_type TXT` makes a text model of it)"
-        }
         _ if path.is_dir() => "the folder has none of the files that identify one",
         _ if path.exists() => "it is a pipe or a device",
         _ => "there is nothing at this path",

@@ -356,6 +356,19 @@ pub fn geometry_from(model: LensModel, values: &[(&str, f64)]) -> Result<Geometr
     Ok(Geometry::new(intrinsics, distortion))
 }
 
+/// A camera without distortion, from fx, fy, cx and cy, px.
+pub fn pinhole_geometry([fx, fy, cx, cy]: [f64; 4], width: u32, height: u32) -> Result<Geometry, ParamError> {
+    let values = [
+        ("width_px", f64::from(width)),
+        ("height_px", f64::from(height)),
+        ("fx_px", fx),
+        ("fy_px", fy),
+        ("cx_px", cx),
+        ("cy_px", cy),
+    ];
+    geometry_from(LensModel::Opencv, &values)
+}
+
 /// The camera of an equirectangular 360° picture of this size.
 pub fn equirectangular(width: u32, height: u32) -> Result<Geometry, String> {
     if u64::from(width) != 2 * u64::from(height) {

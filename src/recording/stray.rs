@@ -13,10 +13,8 @@ use std::path::Path;
 use glam::{DQuat, DVec3};
 
 use super::depth::{DepthEncoding, DepthFiles};
-use super::parts::{Parts, Pictures, RecordingFormat, file_or_in_folder, folder_of, geometry_from, track_from};
+use super::parts::{Parts, Pictures, RecordingFormat, file_or_in_folder, folder_of, pinhole_geometry, track_from};
 use super::{OpenOptions, RecordingError};
-use crate::camera::{Geometry, LensModel};
-use crate::params::ParamError;
 use crate::pose::Pose;
 use crate::source::video::{self, Overrides};
 use crate::text::{count, number, quoted};
@@ -65,7 +63,7 @@ fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     } else {
         None
     };
-    let of_size = |intrinsics| geometry(intrinsics, video.width, video.height);
+    let of_size = |intrinsics| pinhole_geometry(intrinsics, video.width, video.height);
     let of_all = of_all.map(of_size).transpose().map_err(|e| RecordingError::content(&matrix, e))?;
     let camera = |line: &OdometryLine| {
         let own = line.intrinsics.map(of_size).transpose().map_err(|e| TextError::line(&odometry, line.at, e))?;
@@ -125,18 +123,6 @@ fn depth_pictures(
         )
     });
     (there.into_iter().map(|line| (line.time_s, named(line))).collect(), warning)
-}
-
-fn geometry([fx, fy, cx, cy]: [f64; 4], width: u32, height: u32) -> Result<Geometry, ParamError> {
-    let values = [
-        ("width_px", f64::from(width)),
-        ("height_px", f64::from(height)),
-        ("fx_px", fx),
-        ("fy_px", fy),
-        ("cx_px", cx),
-        ("cy_px", cy),
-    ];
-    geometry_from(LensModel::Opencv, &values)
 }
 
 /// A line of `odometry.csv`.
@@ -262,7 +248,7 @@ mod tests {
         let seen = pose.unwrap().transform_point(DVec3::new(1.5, 1.75, 1.0));
         assert!((seen - DVec3::new(0.5, 0.25, 2.0)).length() < 1e-12, "{seen}");
         let matrix = parse_matrix("1600.0,0.0,960.5\n0.0,1601.0,720.25\n0,0,1\n", Path::new(MATRIX)).unwrap();
-        let at = geometry(matrix, 1920, 1440).unwrap().project(seen).unwrap();
+        let at = pinhole_geometry(matrix, 1920, 1440).unwrap().project(seen).unwrap();
         assert!((at - glam::DVec2::new(1360.5, 920.375)).length() < 1e-9, "{at}");
     }
 

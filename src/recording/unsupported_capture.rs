@@ -16,7 +16,7 @@ fn ends_with(path: &Path, ending: &str) -> bool {
     path.is_file() && path.extension().is_some_and(|own| own.eq_ignore_ascii_case(ending))
 }
 
-static CAPTURES: [UnsupportedCapture; 5] = [
+static CAPTURES: [UnsupportedCapture; 4] = [
     UnsupportedCapture {
         is_at: |path| has(path, &["keyframes/images"]) || has(path, &["images", "corrected_cameras"]),
         refusal: "it is a capture of Polycam; `ns-process-data polycam --data CAPTURE.zip --output-dir NEW` (nerfstudio) makes \
@@ -30,18 +30,14 @@ static CAPTURES: [UnsupportedCapture; 5] = [
                   NEW` (nerfstudio) makes a recording of it",
     },
     UnsupportedCapture {
-        is_at: |path| has(path, &["ARposes.txt"]),
-        refusal: "it is a log of ARKit; `ns-process-data video --data frames.m4v --output-dir NEW` (nerfstudio) finds the poses \
-                  anew, or a recording.toml names the video and a trajectory of the logged poses",
-    },
-    UnsupportedCapture {
         is_at: |path| has(path, &["lowres_wide.traj"]),
         refusal: "it is a scan of ARKitScenes; a recording.toml that names the pictures, the depth and a trajectory of \
                   lowres_wide.traj makes a recording of it",
     },
     UnsupportedCapture {
         is_at: |path| has(path, &["database.db"]) && !has(path, &["sparse"]),
-        refusal: "it is a COLMAP project without a model; `colmap mapper`, then `colmap model_converter --output_type TXT` make one",
+        refusal: "it is a COLMAP project without a model; `colmap mapper --database_path database.db --image_path images --output_path \
+                  sparse` makes one",
     },
 ];
 
@@ -59,7 +55,6 @@ mod tests {
         for (file, said) in [
             ("keyframes/images/1.jpg", "ns-process-data polycam"),
             ("EXR_RGBD/metadata.json", "ns-process-data record3d"),
-            ("ARposes.txt", "ns-process-data video"),
             ("lowres_wide.traj", "lowres_wide.traj"),
             ("database.db", "colmap mapper"),
         ] {

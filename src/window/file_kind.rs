@@ -91,8 +91,8 @@ mod tests {
             other => panic!("{name}: {other:?}"),
         };
         for (file, command) in [
-            ("colmap/sparse/0/images.bin", "colmap model_converter --output_type TXT"),
-            ("arkit/ARposes.txt", "ns-process-data video"),
+            ("colmap/database.db", "colmap mapper"),
+            ("polycam/keyframes/images/1.jpg", "ns-process-data polycam"),
             ("heic/still.heic", "heif-convert"),
         ] {
             let path = folder.path().join(file);

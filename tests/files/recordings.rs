@@ -119,6 +119,48 @@ fn lund_door_points_reproject() {
     assert!((a.position_in_world_m() * 2.0 - b.position_in_world_m()).length() < 1e-9);
 }
 
+/// The binary model of the castle: each point's mean reprojection error over its track is the one
+/// that COLMAP stored with the point.
+#[test]
+fn castle_points_reproject_with_the_errors_stored_by_colmap() {
+    let Some(folder) = common::data("bring/colmap-binary") else { return };
+    let r = open(&folder);
+    assert_eq!((r.kind.name(), r.frame_count(), r.width, r.height, r.up), ("COLMAP", 11, 2832, 2128, None));
+    assert_eq!(open(&folder.join("sparse/0/cameras.bin")).frame_count(), 11);
+    let geometry = r.geometry.clone().unwrap();
+
+    let mut seen = std::collections::HashMap::<u64, Vec<(usize, DVec2)>>::new();
+    for frame in 0..r.frame_count() {
+        for landmark in r.landmarks(frame) {
+            seen.entry(landmark.number).or_default().push((frame, DVec2::from(landmark.at_px.map(f64::from))));
+        }
+    }
+    let bytes = std::fs::read(folder.join("sparse/0/points3D.bin")).unwrap();
+    let u64_at = |at: usize| u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap());
+    let f64_at = |at: usize| f64::from_bits(u64_at(at));
+    // After the number of points, each has: its number, x, y, z, a colour of three bytes, its error
+    // in px, the track's length, and 8 bytes for each observation.
+    let (mut at, mut own_px, mut stored_px, mut worst_px) = (8, 0.0, 0.0, 0.0f64);
+    let count = u64_at(0);
+    for _ in 0..count {
+        let (point, error_px, length) =
+            (DVec3::from([8, 16, 24].map(|i| f64_at(at + i))), f64_at(at + 35), u64_at(at + 43));
+        let track = &seen[&u64_at(at)];
+        assert_eq!(track.len() as u64, length);
+        let off_px = |&(frame, at): &(usize, DVec2)| {
+            let pose = r.pose_at_frame(frame).unwrap();
+            geometry.project(pose.transform_point(point)).unwrap().distance(at)
+        };
+        let mean_px = track.iter().map(off_px).sum::<f64>() / length as f64;
+        worst_px = worst_px.max((mean_px - error_px).abs());
+        own_px += mean_px / count as f64;
+        stored_px += error_px / count as f64;
+        at += 51 + 8 * length as usize;
+    }
+    println!("{count} points: mean {own_px:.4} px, stored {stored_px:.4} px, largest difference {worst_px:.5} px");
+    assert!(at == bytes.len() && count > 1000 && (own_px - stored_px).abs() < 1e-3 && worst_px < 1e-2);
+}
+
 #[test]
 fn cycles_recordings_open() {
     for case in ["defocus-behind", "motion-translate", "rolling-shutter"] {
@@ -276,6 +318,45 @@ fn unregistered_colmap_image_is_a_frame_without_a_pose() {
             r.missing_poses(1..2).unwrap().contains("no pose for 1 of 1 frames") && r.missing_poses(2..3).is_none()
         );
     }
+}
+
+/// The binary form of the model in a folder with both. Its only image is the second picture.
+#[test]
+fn binary_colmap_model_takes_precedence_over_the_text_beside_it() {
+    let folder = tempfile::tempdir().unwrap();
+    three_frames(folder.path());
+    std::fs::rename(folder.path().join("rgb"), folder.path().join("images")).unwrap();
+    let write = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).unwrap();
+    write("cameras.txt", b"1 PINHOLE 4 2 5 5 2 1\n");
+    write("images.txt", b"1 1 0 0 0 1 0 0 1 frame_000000.png\n\n");
+    let numbers = |values: &[f64]| values.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>();
+    let counts = |values: &[u64]| values.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>();
+    let words = |values: &[u32]| values.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>();
+    write("cameras.bin", &[counts(&[1]), words(&[1, 0]), counts(&[4, 2]), numbers(&[7.0, 2.0, 1.0])].concat());
+    let posed = |i: usize| {
+        assert_eq!((open(folder.path()).frame_count(), open(folder.path()).pose_at_frame(i).is_ok()), (3, true));
+    };
+    // Incomplete, it is not taken.
+    posed(0);
+    let image =
+        [words(&[1]), numbers(&[1.0, 0.0, 0.0, 0.0, 2.0, 0.0, 0.0]), words(&[1]), b"frame_000001.png\0".to_vec()];
+    write("images.bin", &[counts(&[1]), image.concat(), counts(&[0])].concat());
+    posed(1);
+    let r = open(folder.path());
+    assert_eq!(r.geometry.as_ref().unwrap().intrinsics.fx_px, 7.0);
+    assert_eq!(r.pose_at_frame(1).unwrap().position_in_world_m(), DVec3::new(-2.0, 0.0, 0.0));
+    assert!(r.pose_at_frame(0).is_err());
+    // A named file decides.
+    for (name, fx_px) in [("cameras.bin", 7.0), ("images.bin", 7.0), ("cameras.txt", 5.0), ("images.txt", 5.0)] {
+        let r = open(&folder.path().join(name));
+        assert_eq!(r.geometry.unwrap().intrinsics.fx_px, fx_px, "{name}");
+    }
+    write("cameras.bin", &[counts(&[1]), words(&[3, 0]), counts(&[4, 2]), numbers(&[7.0, 2.0, 1.0])].concat());
+    let error = refused(folder.path());
+    assert!(
+        error.contains("images.bin, byte 8: frame_000001.png names camera 1, which cameras.bin does not have"),
+        "{error}"
+    );
 }
 
 #[test]

@@ -60,6 +60,39 @@ fn phone_export_opens_unmodified() {
     }
 }
 
+/// The real log has two poses to a frame, with the frames' times. Its video is made here.
+#[test]
+fn arkit_log_has_a_camera_and_a_pose_for_each_frame() {
+    let Some(log) = common::data("bring/arkit") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let first = |name: &str, lines: usize| {
+        let text = fs::read_to_string(log.join(name)).unwrap();
+        fs::write(folder.path().join(name), text.lines().take(lines).collect::<Vec<_>>().join("\n")).unwrap();
+    };
+    first("ARposes.txt", 9);
+    first("Frames.txt", 5);
+    let pictures: Vec<_> = (0..4).map(|i| picture(i, 8, 6, 8)).collect();
+    let video = folder.path().join("Frames.mp4");
+    write(&video, &options(8, 6, 8), &pictures);
+    fs::rename(&video, folder.path().join("Frames.m4v")).unwrap();
+    for path in [folder.path().to_owned(), folder.path().join("ARposes.txt")] {
+        let r = open(&path);
+        assert_eq!((r.kind.name(), r.frame_count(), r.up), ("ARKit log", 4, Some(DVec3::Y)));
+        assert!(r.warnings.iter().any(|w| w.contains("has 5 lines, the video 4 frames")), "{:?}", r.warnings);
+        assert_eq!(r.timestamps_s[1], 1_627_530_745.073_46);
+        assert_eq!(r.geometry_at_frame(1).unwrap().intrinsics.fx_px, 1_467.578_613);
+        assert_eq!(r.geometry_at_frame(2).unwrap().intrinsics.cy_px, 693.571_716);
+        let pose = r.pose_at_frame(1).unwrap();
+        let position_m = DVec3::new(-0.307_841, 0.000_384, -0.024_564);
+        assert!((pose.position_in_world_m() - position_m).length() < 1e-9);
+        // The phone is held upright enough: the world's up is upwards in the picture, or to a side.
+        let up_in_camera = pose.rotation * DVec3::Y;
+        assert!((up_in_camera.length() - 1.0).abs() < 1e-9 && up_in_camera.y < 0.0, "{up_in_camera}");
+    }
+    fs::remove_file(folder.path().join("Frames.m4v")).unwrap();
+    assert!(refused(folder.path()).contains("Frames.m4v"), "{}", refused(folder.path()));
+}
+
 #[test]
 fn missing_parts_of_an_export_are_reported() {
     let folder = tempfile::tempdir().unwrap();
