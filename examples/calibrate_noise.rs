@@ -1,23 +1,23 @@
-//! Calibrates a camera's noise from frames of a static scene.
+//! Calibrates a camera's noise from pictures, a recording or a video.
 //!
-//! `cargo run --example calibrate_noise -- FOLDER`, with a folder of PNG or JPEG files.
+//! `cargo run --example calibrate_noise -- INPUT`
 
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
-use locard::calibrate::{NoiseOptions, noise_from_paths};
+use locard::calibrate::{NoiseOptions, NoiseSource, noise_from_paths};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let folder = PathBuf::from(std::env::args().nth(1).ok_or("give a folder of frames")?);
-    let calibration = noise_from_paths(&[folder], &[], &NoiseOptions::default(), &mut |done, all| {
+    let input = PathBuf::from(std::env::args().nth(1).ok_or("give pictures, a recording or a video")?);
+    let found = noise_from_paths(&[input], NoiseSource::Best, &NoiseOptions::default(), &mut |done, all| {
         println!("{done} of {all} frames");
         ControlFlow::Continue(())
     })?;
-    for warning in &calibration.warnings {
+    for warning in &found.table.warnings {
         println!("warning: {warning}");
     }
     for code in [32.0, 64.0, 128.0, 192.0] {
-        let sigma = [0, 1, 2].map(|channel| calibration.profile.sigma(channel, code));
+        let sigma = [0, 1, 2].map(|channel| found.table.profile.sigma(channel, code));
         println!("code {code}: sigma {sigma:.2?} codes of 8 bits");
     }
     Ok(())

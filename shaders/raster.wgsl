@@ -2,6 +2,8 @@
 //
 // A vertex is seen from the pose at the moment its own row is read, plus the sample's time in the
 // shutter. Distortion is applied to vertices, so triangles must be fine enough.
+//
+// The file is long because it contains the lens models that vertices and samples share.
 
 // The features of a draw call. Each combination is a pipeline of its own, so that an untextured
 // object does not pay for five textures (software drivers execute both sides of an `if`).

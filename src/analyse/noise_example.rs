@@ -9,15 +9,17 @@
 //! interpolated. The mean of n samples with factors gᵢ, whose squared weights sum to cᵢ, adds the
 //! variance σ² Σ gᵢ² cᵢ / n²; [`CalibrationFrame::variance_gain`] takes it out.
 //!
-//! A place is used if poses that are wrong by 0.15 px change its codes by less than noise: where
-//! the mean's gradient is small. That depends on the content alone, so that it selects no noise.
+//! A place is used if poses that are wrong by 0.15 px change its codes by less than 0.22 σ of the
+//! noise: where the mean's gradient is small. That depends on the content alone, so that it selects
+//! no noise.
 //! Where the residual's variance over 7 × 7 px exceeds 9 times that of noise, something moved.
 //! The residual's own mean about a place, by a Gaussian of 24 px over usable pixels, is taken out:
 //! light and vignetting differ between frames by more than noise does over such distances.
 //!
 //! Errors of registration at edges are not noise, but grow with the content's activity. Activity
 //! is therefore clamped at half a standard deviation below its mean: noise at edges has the
-//! strength of that beside them.
+//! strength of that beside them. Textureless places contain no activity to calibrate from, so the
+//! same limit holds.
 //!
 //! Correlation of noise with the nearest frame (in time): Σ (own − mean)(sample − mean) over
 //! Σ (own − mean)². Of independent noise it is 0, because the sample's part in the mean cancels the
@@ -272,9 +274,7 @@ fn targets(inputs: &ExampleInputs<'_>, wanted: usize) -> Vec<usize> {
     if inputs.has_poses {
         return stillest_frames(inputs.states, wanted);
     }
-    let frames = inputs.recording.frame_count();
-    let wanted = wanted.min(frames);
-    (0..wanted).map(|k| (2 * k + 1) * frames / (2 * wanted)).collect()
+    inputs.recording.spread_frames(wanted).collect()
 }
 
 /// A frame with its picture without noise, its coding, and two sums: of the products of its
@@ -381,7 +381,7 @@ fn is_repeated(a: &Planes, b: &Planes, noise: &NoiseProfile) -> bool {
 fn remove_drift(own: &Planes, mean: &mut Planes, mask: &[bool]) {
     let blur = MaskedBlur::new(mask, [own[0].width, own[0].height], DRIFT_PX);
     for (own, mean) in own.iter().zip(mean) {
-        let drift = blur.of(|i| own.values[i] - mean.values[i]);
+        let drift = blur.mean_of(|i| own.values[i] - mean.values[i]);
         mean.values.iter_mut().zip(&drift.values).for_each(|(mean, drift)| *mean += drift);
     }
 }

@@ -2,7 +2,9 @@
 //!
 //! Frames are sampled while a scene is summed: whole ones, evenly spaced, or windows of large ones,
 //! each at another quarter of the picture. Their mean and the blocks that stood still come from the
-//! scene's sums.
+//! scene's sums. Pictures of anything give their textureless places.
+//!
+//! A third of the file is tests.
 
 use std::fmt;
 
@@ -46,7 +48,7 @@ pub enum ExampleMethod {
     Resting { frames: usize },
     /// The given picture.
     Pairs,
-    /// A smooth picture, in textureless places.
+    /// A Gaussian mean over textureless pixels.
     Textureless,
 }
 
@@ -109,7 +111,7 @@ pub(super) struct ExampleSampler {
     scenes: usize,
     expected_frames: usize,
     plan: Option<SamplingPlan>,
-    /// Of the scene's first frame. Others are left out.
+    /// Size of the scene's first frame; frames of other sizes are not sampled.
     size: Option<[usize; 2]>,
     next_frame: usize,
     /// Of the first sampled frame whose file states none, as composites estimate it.
@@ -165,7 +167,7 @@ impl ExampleSampler {
         self.next_frame += 1;
         let size = [pixels.width as usize, pixels.height as usize];
         if *self.size.get_or_insert(size) != size {
-            // Scenes have one size, so these are pictures of any kind.
+            // Frames of a scene at rest have one size; only unrelated pictures differ.
             return;
         }
         let plan = self.plan.get_or_insert_with(|| SamplingPlan::of(size, self.expected_frames, self.budget_px));
@@ -378,9 +380,7 @@ mod tests {
     use std::path::{Path, PathBuf};
 
     use super::*;
-    use crate::calibrate::{
-        NoiseOptions, SceneMotion, Warning, best_noise_and_example_from_paths, noise_and_example_from_paths,
-    };
+    use crate::calibrate::{NoiseOptions, NoiseSource, SceneMotion, Warning, noise_from_paths};
     use crate::coding::{BlockQuantization, ChromaSampling, Decoder, YcbcrColor};
     use crate::exemplar_noise::atlas::USABLE;
     use crate::exemplar_noise::file::{from_bytes, to_bytes};
@@ -415,8 +415,9 @@ mod tests {
 
     fn example(frames: &[PathBuf], means: &[PathBuf]) -> Result<ExampleCalibration, NoExample> {
         let mut progress = |_, _| ControlFlow::Continue(());
-        let options = NoiseOptions { min_independent: 100.0, ..NoiseOptions::default() };
-        noise_and_example_from_paths(frames, means, &options, &mut progress).unwrap().1
+        let options = NoiseOptions { min_independent: 100.0, with_example: true, ..NoiseOptions::default() };
+        let source = if means.is_empty() { NoiseSource::Rest } else { NoiseSource::KnownMeans(means) };
+        noise_from_paths(frames, source, &options, &mut progress).unwrap().example.unwrap()
     }
 
     #[test]
@@ -476,10 +477,11 @@ mod tests {
         let best = |shifts: &[f32]| {
             let folder = tempfile::tempdir().unwrap();
             write_shifted(folder.path(), shifts);
-            let options = NoiseOptions { min_independent: 100.0, ..NoiseOptions::default() };
+            let options = NoiseOptions { min_independent: 100.0, with_example: true, ..NoiseOptions::default() };
             let mut progress = |_, _| ControlFlow::Continue(());
-            let (table, example) =
-                best_noise_and_example_from_paths(&[folder.path().to_owned()], &options, &mut progress).unwrap();
+            let frames = [folder.path().to_owned()];
+            let found = noise_from_paths(&frames, NoiseSource::Best, &options, &mut progress).unwrap();
+            let (table, example) = (found.table, found.example.unwrap());
             // Uniform noise of 10 codes: σ = 10 / √12 = 2.89.
             let sigma = table.profile.sigma(1, 115.0);
             assert!((sigma - 2.89).abs() < 0.3, "{shifts:?}: {sigma}");
@@ -492,7 +494,7 @@ mod tests {
         assert!(table.warnings.iter().any(is_stretch), "{:?}", table.warnings);
         let (table, example) = best(&[0.0]);
         assert_eq!((table.motion, example.method), (SceneMotion::Moving, ExampleMethod::Textureless));
-        assert!(table.warnings.contains(&Warning::NotAtRest));
+        assert!(table.warnings.contains(&Warning::NoSceneAtRest));
     }
 
     #[test]

@@ -13,7 +13,7 @@ use crate::source::video::{Overrides, Video, probe};
 
 #[derive(Debug)]
 pub enum Footage {
-    /// In order of name.
+    /// A folder's pictures by name, or loose files in the given order.
     Files(Vec<PathBuf>),
     Recording(Box<Recording>),
     Video(Box<Video>),
@@ -32,7 +32,10 @@ impl Footage {
             Err(error) => error,
         };
         if path.is_dir() {
-            return pictures_in(path).map(Self::Files);
+            return match refused {
+                RecordingError::NotARecording { .. } => pictures_in(path).map(Self::Files),
+                error => Err(CalibrateError::Read { path: path.to_owned(), reason: error.to_string() }),
+            };
         }
         probe(path, &Overrides::default()).map(|video| Self::Video(Box::new(video))).map_err(|video| {
             let reason = format!("neither a picture nor a folder of PNG or JPEG files, nor a recording ({refused}), nor a video ({video})");
@@ -48,10 +51,14 @@ impl Footage {
         }
     }
 
-    /// File, folder or video.
+    /// The only picture's file, the pictures' folder, the recording or the video.
     pub fn path(&self) -> &Path {
         match self {
-            Self::Files(files) => files.first().map_or(Path::new(""), PathBuf::as_path),
+            Self::Files(files) => {
+                let first = files.first().map_or(Path::new(""), PathBuf::as_path);
+                let folder = first.parent().filter(|folder| files.len() > 1 && !folder.as_os_str().is_empty());
+                folder.unwrap_or(first)
+            }
             Self::Recording(recording) => &recording.path,
             Self::Video(video) => &video.file,
         }
@@ -66,20 +73,18 @@ impl Footage {
     }
 
     /// Whether a frame is a JPEG file.
-    pub fn has_jpeg(&self) -> Result<bool, CalibrateError> {
-        let any = |files: &mut dyn Iterator<Item = &Path>| -> Result<bool, CalibrateError> {
-            for file in files {
-                if still::is_jpeg(file)? {
-                    return Ok(true);
-                }
-            }
-            Ok(false)
+    pub fn contains_jpeg(&self) -> Result<bool, CalibrateError> {
+        let files: Box<dyn Iterator<Item = &Path> + '_> = match self {
+            Self::Files(files) => Box::new(files.iter().map(PathBuf::as_path)),
+            Self::Recording(recording) => Box::new(recording.stills()),
+            Self::Video(_) => Box::new(std::iter::empty()),
         };
-        match self {
-            Self::Files(files) => any(&mut files.iter().map(PathBuf::as_path)),
-            Self::Recording(recording) => any(&mut recording.stills()),
-            Self::Video(_) => Ok(false),
+        for file in files {
+            if still::is_jpeg(file)? {
+                return Ok(true);
+            }
         }
+        Ok(false)
     }
 
     /// The frames of a range, in order.

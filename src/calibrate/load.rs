@@ -6,6 +6,7 @@ use super::footage::Footage;
 use super::moving::MovingCalibrator;
 use super::noise::{CalibrateError, NoiseCalibration, NoiseCalibrator, NoiseOptions};
 use super::rest::RestSearch;
+use super::scene_sums::MAX_FRAMES;
 use super::warning::Warning;
 use crate::pixels::Pixels;
 use crate::source::{still, unsupported};
@@ -16,128 +17,83 @@ use std::path::{Path, PathBuf};
 const MIN_REST_FRAMES: usize = 8;
 const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
 
-/// Called with the number of completed frames and of all frames, first with (0, all). A break stops
-/// the calibration.
+/// Called with the number of completed frames and of all frames. Each pass counts from 0 with its
+/// own total: the search for rest in each scene, then the calibration. A break stops it.
 pub type LoadProgress<'a> = &'a mut dyn FnMut(usize, usize) -> ControlFlow<()>;
 
 fn report_progress(progress: LoadProgress<'_>, done: usize, all: usize) -> Result<(), CalibrateError> {
     if progress(done, all).is_break() { Err(CalibrateError::Stopped) } else { Ok(()) }
 }
 
-/// Calibrates from scenes at rest. Each folder, recording and video among `frames` is a scene; all
-/// loose files together are one. Of recordings and videos the longest stretch at rest is used.
-/// `means` is empty, or has one for everything, or one for each entry of `frames` (each loose file
-/// is then a scene of its own).
+/// Where a calibration finds the noise.
+#[derive(Clone, Copy, Debug)]
+pub enum NoiseSource<'a> {
+    /// In scenes at rest, in their longest stretches at rest, or in textureless places: the first
+    /// of these that the frames permit.
+    Best,
+    /// In scenes at rest. Of recordings and videos the longest stretch at rest is used.
+    Rest,
+    /// In the difference from the scenes' known means: one for everything, or one for each entry
+    /// (each loose file is then a scene of its own).
+    KnownMeans(&'a [PathBuf]),
+    /// In textureless places.
+    Textureless,
+}
+
+/// Calibrated noise.
+#[derive(Clone, Debug)]
+pub struct MeasuredNoise {
+    pub table: NoiseCalibration,
+    /// From the same frames, if [`NoiseOptions::with_example`].
+    pub example: Option<Result<ExampleCalibration, NoExample>>,
+}
+
+/// Calibrates from pictures, folders, recordings and videos. Each folder, recording and video is a
+/// scene; all loose files together are one.
 pub fn noise_from_paths(
     frames: &[PathBuf],
-    means: &[PathBuf],
+    source: NoiseSource<'_>,
     options: &NoiseOptions,
     progress: LoadProgress<'_>,
-) -> Result<NoiseCalibration, CalibrateError> {
-    let (scenes, stretches) = at_rest(group(frames, means)?, false, progress)?;
-    let (mut calibration, _) = calibrated(&scenes, NoiseCalibrator::new(options.clone())?, progress)?;
-    calibration.warnings.extend(stretches);
-    Ok(calibration)
-}
-
-/// A noise table, and noise by example from the same frames.
-pub type NoiseWithExample = (NoiseCalibration, Result<ExampleCalibration, NoExample>);
-
-/// [`noise_from_paths`], and noise by example from the same frames.
-pub fn noise_and_example_from_paths(
-    frames: &[PathBuf],
-    means: &[PathBuf],
-    options: &NoiseOptions,
-    progress: LoadProgress<'_>,
-) -> Result<NoiseWithExample, CalibrateError> {
-    let (scenes, stretches) = at_rest(group(frames, means)?, false, progress)?;
-    let (mut calibration, example) = with_example(&scenes, options, progress)?;
-    calibration.warnings.extend(stretches);
-    Ok((calibration, example))
-}
-
-fn with_example(
-    scenes: &[SceneFootage],
-    options: &NoiseOptions,
-    progress: LoadProgress<'_>,
-) -> Result<NoiseWithExample, CalibrateError> {
-    let calibrator = NoiseCalibrator::with_example(options.clone(), scenes.len())?;
-    let (calibration, sampler) = calibrated(scenes, calibrator, progress)?;
-    let example = sampler.map_or(Err(NoExample::TooFewFrames { frames: 0 }), ExampleSampler::finish);
-    Ok((calibration, example))
-}
-
-/// Calibrates by the best method that the frames permit: scenes at rest, their longest stretches at
-/// rest, or textureless places.
-pub fn best_noise_from_paths(
-    frames: &[PathBuf],
-    options: &NoiseOptions,
-    progress: LoadProgress<'_>,
-) -> Result<NoiseCalibration, CalibrateError> {
-    best(
-        frames,
-        &mut |scenes, progress| {
-            calibrated(scenes, NoiseCalibrator::new(options.clone())?, progress)
-                .map(|(calibration, _)| (calibration, ()))
-        },
-        &mut |progress| Ok((moving_noise_from_paths(frames, options, progress)?, ())),
-        progress,
-    )
-    .map(|(calibration, ())| calibration)
-}
-
-/// [`best_noise_from_paths`], and noise by example by the same method.
-pub fn best_noise_and_example_from_paths(
-    frames: &[PathBuf],
-    options: &NoiseOptions,
-    progress: LoadProgress<'_>,
-) -> Result<NoiseWithExample, CalibrateError> {
-    best(
-        frames,
-        &mut |scenes, progress| with_example(scenes, options, progress),
-        &mut |progress| moving_noise_and_example_from_paths(frames, options, progress),
-        progress,
-    )
-}
-
-type AtRest<'a, E> =
-    &'a mut dyn FnMut(&[SceneFootage], LoadProgress<'_>) -> Result<(NoiseCalibration, E), CalibrateError>;
-type Moving<'a, E> = &'a mut dyn FnMut(LoadProgress<'_>) -> Result<(NoiseCalibration, E), CalibrateError>;
-
-fn best<E>(
-    frames: &[PathBuf],
-    resting: AtRest<'_, E>,
-    moving: Moving<'_, E>,
-    progress: LoadProgress<'_>,
-) -> Result<(NoiseCalibration, E), CalibrateError> {
-    for searches_files in [false, true] {
-        let found = at_rest(group(frames, &[])?, searches_files, progress).and_then(|(scenes, stretches)| {
-            let (mut calibration, example) = resting(&scenes, progress)?;
-            calibration.warnings.extend(stretches);
-            Ok((calibration, example))
-        });
-        match found {
-            Err(error) if error.is_motion() => {}
-            done => return done,
+) -> Result<MeasuredNoise, CalibrateError> {
+    match source {
+        NoiseSource::KnownMeans(means) => resting(&group(frames, means)?, options, progress),
+        NoiseSource::Textureless => textureless(frames, options, progress),
+        NoiseSource::Rest => {
+            let scenes = group(frames, &[])?;
+            stretches(scenes, |footage| !matches!(footage, Footage::Files(_)), options, progress)
+        }
+        NoiseSource::Best => {
+            let found = noise_from_paths(frames, NoiseSource::Rest, options, progress);
+            if !matches!(&found, Err(error) if error.lacks_scene_at_rest()) {
+                return found;
+            }
+            let scenes = group(frames, &[])?;
+            if scenes.iter().any(|scene| matches!(scene.footage, Footage::Files(_))) {
+                let found = stretches(scenes, |_| true, options, progress);
+                if !matches!(&found, Err(error) if error.lacks_scene_at_rest()) {
+                    return found;
+                }
+            }
+            let mut found = textureless(frames, options, progress)?;
+            found.table.warnings.push(Warning::NoSceneAtRest);
+            Ok(found)
         }
     }
-    let (mut calibration, example) = moving(progress)?;
-    calibration.warnings.push(Warning::NotAtRest);
-    Ok((calibration, example))
 }
 
-/// Limits recordings and videos, and files too if `searches_files`, to their longest stretches at
-/// rest. Scenes without one are left out.
-fn at_rest(
+/// Calibrates from scenes at rest, after those for which `is_limited` are limited to their longest
+/// stretches at rest.
+fn stretches(
     scenes: Vec<SceneFootage>,
-    searches_files: bool,
+    is_limited: impl Fn(&Footage) -> bool,
+    options: &NoiseOptions,
     progress: LoadProgress<'_>,
-) -> Result<(Vec<SceneFootage>, Vec<Warning>), CalibrateError> {
-    let (mut found, mut stretches) = (Vec::new(), Vec::new());
+) -> Result<MeasuredNoise, CalibrateError> {
+    let (mut used, mut warnings) = (Vec::new(), Vec::new());
     for mut scene in scenes {
-        let is_searched = searches_files || !matches!(scene.footage, Footage::Files(_));
-        if scene.mean.is_some() || !is_searched {
-            found.push(scene);
+        if !is_limited(&scene.footage) {
+            used.push(scene);
             continue;
         }
         let count = scene.footage.count();
@@ -146,21 +102,33 @@ fn at_rest(
             report_progress(progress, done, count)?;
             search.add(&pixels?);
         }
-        scene.range = search.longest();
-        if scene.range.len() >= MIN_REST_FRAMES {
-            let path = scene.footage.path().to_owned();
-            stretches.push(Warning::Stretch { path, first: scene.range.start, last: scene.range.end - 1, count });
-            found.push(scene);
+        let Range { start, end } = search.longest();
+        let path = scene.footage.path().to_owned();
+        if end - start < MIN_REST_FRAMES.min(count).max(2) {
+            warnings.push(Warning::LeftOut { path, needed: MIN_REST_FRAMES });
+            continue;
         }
+        scene.range = start..end.min(start + MAX_FRAMES as usize);
+        if scene.range.len() < count {
+            warnings.push(Warning::Stretch { path, first: start, last: scene.range.end - 1, count });
+        }
+        used.push(scene);
     }
-    if found.is_empty() { Err(CalibrateError::NeverAtRest { needed: MIN_REST_FRAMES }) } else { Ok((found, stretches)) }
+    if used.is_empty() {
+        return Err(CalibrateError::NeverAtRest { needed: MIN_REST_FRAMES });
+    }
+    let mut found = resting(&used, options, progress)?;
+    found.table.warnings.extend(warnings);
+    Ok(found)
 }
 
-fn calibrated(
+fn resting(
     scenes: &[SceneFootage],
-    mut calibrator: NoiseCalibrator,
+    options: &NoiseOptions,
     progress: LoadProgress<'_>,
-) -> Result<(NoiseCalibration, Option<ExampleSampler>), CalibrateError> {
+) -> Result<MeasuredNoise, CalibrateError> {
+    let mut calibrator = NoiseCalibrator::new(options.clone())?;
+    calibrator.sample_examples(options.with_example.then(|| ExampleSampler::new(scenes.len())));
     let (mut done, all) = (0, scenes.iter().map(|scene| scene.range.len()).sum());
     let mut jpeg = false;
     for (number, SceneFootage { mean, footage, range }) in scenes.iter().enumerate() {
@@ -175,57 +143,29 @@ fn calibrated(
             done += 1;
             calibrator.add_frame(&pixels?).map_err(in_file(footage.frame_path(range.start + i)))?;
         }
-        jpeg |= footage.has_jpeg()?;
-        let first = footage.path();
-        let folder = match footage {
-            Footage::Files(_) => first.parent().filter(|folder| !folder.as_os_str().is_empty()),
-            _ => None,
-        };
-        calibrator.end_scene().map_err(in_file(folder.unwrap_or(first)))?;
+        jpeg |= footage.contains_jpeg()?;
+        calibrator.end_scene().map_err(in_file(footage.path()))?;
     }
     let sampler = calibrator.take_sampler();
-    let mut calibration = calibrator.finish()?;
-    calibration.warnings.extend(jpeg.then_some(Warning::Jpeg));
-    Ok((calibration, sampler))
+    let mut table = calibrator.finish()?;
+    table.warnings.extend(jpeg.then_some(Warning::Jpeg));
+    Ok(MeasuredNoise { table, example: sampler.map(ExampleSampler::finish) })
 }
 
-/// Approximate number of frames of a moving camera that are used, evenly spaced: they contain
-/// enough textureless areas.
-const MAX_MOVING_FRAMES: usize = 120;
-
-/// Calibrates from textureless places of any pictures, folders of them, recordings and videos.
-pub fn moving_noise_from_paths(
-    frames: &[PathBuf],
-    options: &NoiseOptions,
-    progress: LoadProgress<'_>,
-) -> Result<NoiseCalibration, CalibrateError> {
-    textureless(frames, options, None, progress).map(|(calibration, _)| calibration)
-}
-
-/// [`moving_noise_from_paths`], and noise by example from the same places.
-pub fn moving_noise_and_example_from_paths(
-    frames: &[PathBuf],
-    options: &NoiseOptions,
-    progress: LoadProgress<'_>,
-) -> Result<NoiseWithExample, CalibrateError> {
-    let (calibration, sampler) = textureless(frames, options, Some(ExampleSampler::new(1)), progress)?;
-    let example = match sampler {
-        Some(sampler) => sampler.finish_textureless(&calibration.profile),
-        None => Err(NoExample::TooFewFrames { frames: 0 }),
-    };
-    Ok((calibration, example))
-}
+/// Approximate number of frames whose textureless places are used, evenly spaced: they contain
+/// enough of them.
+const MAX_TEXTURELESS_FRAMES: usize = 120;
 
 fn textureless(
     frames: &[PathBuf],
     options: &NoiseOptions,
-    mut sampler: Option<ExampleSampler>,
     progress: LoadProgress<'_>,
-) -> Result<(NoiseCalibration, Option<ExampleSampler>), CalibrateError> {
+) -> Result<MeasuredNoise, CalibrateError> {
     let mut calibrator = MovingCalibrator::new(options.clone())?;
+    let mut sampler = options.with_example.then(|| ExampleSampler::new(1));
     let footage = frames.iter().map(|path| Footage::open(path)).collect::<Result<Vec<_>, _>>()?;
-    let every = footage.iter().map(Footage::count).sum::<usize>().div_ceil(MAX_MOVING_FRAMES).max(1);
-    // Loose files count as one sequence.
+    let every = footage.iter().map(Footage::count).sum::<usize>().div_ceil(MAX_TEXTURELESS_FRAMES).max(1);
+    // All inputs count as one sequence, so that the step also spans short folders.
     let mut first = 0;
     let used =
         |footage: &Footage, first: usize| (0..footage.count()).skip((every - first % every) % every).step_by(every);
@@ -244,7 +184,7 @@ fn textureless(
         if used.peek().is_none() {
             continue;
         }
-        jpeg |= footage.has_jpeg()?;
+        jpeg |= footage.contains_jpeg()?;
         let mut take = |i: usize, pixels: Pixels| -> Result<(), CalibrateError> {
             report_progress(progress, done, all)?;
             done += 1;
@@ -270,9 +210,10 @@ fn textureless(
             }
         }
     }
-    let mut calibration = calibrator.finish()?;
-    calibration.warnings.extend(jpeg.then_some(Warning::Jpeg));
-    Ok((calibration, sampler))
+    let mut table = calibrator.finish()?;
+    table.warnings.extend(jpeg.then_some(Warning::Jpeg));
+    let example = sampler.map(|sampler| sampler.finish_textureless(&table.profile));
+    Ok(MeasuredNoise { table, example })
 }
 
 /// True if a file has the extension of a picture.

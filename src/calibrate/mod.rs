@@ -31,10 +31,7 @@ mod warning;
 
 pub use bins::BinReport;
 pub use example::{ExampleCalibration, ExampleMethod, NoExample};
-pub use load::{
-    LoadProgress, NoiseWithExample, best_noise_and_example_from_paths, best_noise_from_paths, is_picture,
-    moving_noise_and_example_from_paths, moving_noise_from_paths, noise_and_example_from_paths, noise_from_paths,
-};
+pub use load::{LoadProgress, MeasuredNoise, NoiseSource, is_picture, noise_from_paths};
 pub use noise::{CalibrateError, NoiseCalibration, NoiseCalibrator, NoiseOptions, SceneMotion};
 pub use picked::{PickedNoise, PickedResult, picked_noise};
 pub use picked_region::{PickedError, PickedRegion, RegionError, min_side_px};

@@ -31,11 +31,13 @@ pub struct NoiseOptions {
     pub min_independent: f64,
     /// Leaves out blocks that move or drift, and refuses scenes in which everything does.
     pub leave_out_motion: bool,
+    /// Calibrates noise by example too.
+    pub with_example: bool,
 }
 
 impl Default for NoiseOptions {
     fn default() -> Self {
-        Self { bins: 16, min_independent: 1000.0, leave_out_motion: true }
+        Self { bins: 16, min_independent: 1000.0, leave_out_motion: true, with_example: false }
     }
 }
 
@@ -132,8 +134,8 @@ pub enum CalibrateError {
     )]
     WrongMean { scene: usize, percent: f64 },
     #[error(
-        "the camera rests nowhere for {needed} frames; hold it still for two seconds, or give --moving, which takes \
-         the noise from textureless places"
+        "no scene at rest was found ({needed} or more consecutive frames without motion); hold the camera still for two \
+         seconds, or give --moving, which takes the noise from textureless places"
     )]
     NeverAtRest { needed: usize },
     #[error("{path}: {reason}")]
@@ -145,13 +147,15 @@ pub enum CalibrateError {
 }
 
 impl CalibrateError {
-    /// Whether the frames show no scene at rest. Their textureless places may still be usable.
-    pub fn is_motion(&self) -> bool {
+    /// True if the frames contain no scene at rest. Their textureless places may still be usable.
+    pub fn lacks_scene_at_rest(&self) -> bool {
         match self {
-            Self::OneFrame { .. } | Self::CameraMoves { .. } | Self::SceneChanges { .. } | Self::NeverAtRest { .. } => {
-                true
-            }
-            Self::InFile { source, .. } => source.is_motion(),
+            Self::OneFrame { .. }
+            | Self::CameraMoves { .. }
+            | Self::SceneChanges { .. }
+            | Self::Size { .. }
+            | Self::NeverAtRest { .. } => true,
+            Self::InFile { source, .. } => source.lacks_scene_at_rest(),
             _ => false,
         }
     }
@@ -209,12 +213,12 @@ impl NoiseCalibrator {
         })
     }
 
-    /// A calibration of so many scenes that samples frames for noise by example.
-    pub(super) fn with_example(options: NoiseOptions, scenes: usize) -> Result<Self, CalibrateError> {
-        Ok(Self { sampler: Some(ExampleSampler::new(scenes)), ..Self::new(options)? })
+    /// Sets the sampler of frames for noise by example.
+    pub(super) fn sample_examples(&mut self, sampler: Option<ExampleSampler>) {
+        self.sampler = sampler;
     }
 
-    /// Number of frames of the next scene, for [`Self::with_example`].
+    /// Number of frames of the next scene, for [`Self::sample_examples`].
     pub(super) fn expect_frames(&mut self, frames: usize) {
         if let Some(sampler) = &mut self.sampler {
             sampler.begin_scene(frames);

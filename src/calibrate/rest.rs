@@ -1,4 +1,4 @@
-//! Stretches of footage in which the camera rests.
+//! Stretches of footage in which camera and scene are at rest.
 //!
 //! Frames are compared by the means of green over large blocks, which have little noise: σ / s with
 //! blocks of s × s px. The blocks of a moving picture change wherever the content does. A factor
@@ -16,12 +16,13 @@ use crate::pixels::Pixels;
 
 /// Number of blocks across the larger side.
 const BLOCKS: usize = 32;
-/// Largest change of a block from the stretch's first frame at this quantile of all blocks: so many
-/// codes, and so many σ / s. Of independent noise alone it is 2.8 σ / s.
-const MAX_CHANGE: f64 = 0.5;
-const MAX_CHANGE_BY_NOISE: f64 = 4.0;
+/// Largest change of a block's mean from the stretch's first frame, codes, at `QUANTILE` of all
+/// blocks.
+const MAX_CHANGE_CODES: f64 = 0.5;
+/// Added for noise, in σ / s. Two frames of independent noise differ by 2.8.
+const MAX_CHANGE_SIGMAS: f64 = 4.0;
 const QUANTILE: f64 = 0.95;
-/// Every so many rows and columns of details are measured.
+/// Step between measured details, px.
 const DETAIL_STEP: usize = 3;
 /// Ratio of the standard deviation of a normal distribution to the median of its absolute values.
 const SIGMA_BY_MEDIAN: f64 = 1.4826;
@@ -41,7 +42,7 @@ impl RestSearch {
         let green = GreyImage::of_codes(pixels, |[_, green, _]| scale * green as f32);
         let side = (green.width.max(green.height) / BLOCKS).max(1);
         let blocks = green.reduced(side);
-        let allowed = MAX_CHANGE + MAX_CHANGE_BY_NOISE * fine_sigma(&green) / side as f64;
+        let allowed = MAX_CHANGE_CODES + MAX_CHANGE_SIGMAS * fine_sigma(&green) / side as f64;
         if self.first.as_ref().is_some_and(|first| change(first, &blocks) <= allowed) {
             self.current.end += 1;
         } else {
@@ -68,7 +69,8 @@ fn fine_sigma(image: &GreyImage) -> f64 {
     upper_median(details).map_or(0.0, |median| 0.5 * SIGMA_BY_MEDIAN * median)
 }
 
-/// Change of the blocks but for a common factor, codes. Infinite for pictures of different sizes.
+/// Change of the blocks after a common gain is removed, codes. Infinite for pictures of different
+/// sizes.
 fn change(from: &GreyImage, to: &GreyImage) -> f64 {
     if (from.width, from.height) != (to.width, to.height) {
         return f64::INFINITY;

@@ -29,10 +29,12 @@ pub enum Warning {
     Texture,
     /// Compression has changed the noise.
     Jpeg,
-    /// The frames, of so many, in which the camera rests and which are used.
+    /// Longest stretch at rest of `count` frames; only it is used.
     Stretch { path: PathBuf, first: usize, last: usize, count: usize },
-    /// The camera rests nowhere, so textureless places are used.
-    NotAtRest,
+    /// Footage without a stretch at rest beside others that have one.
+    LeftOut { path: PathBuf, needed: usize },
+    /// Textureless places are used.
+    NoSceneAtRest,
 }
 
 impl fmt::Display for Warning {
@@ -79,12 +81,19 @@ impl fmt::Display for Warning {
             Self::Jpeg => f.write_str(
                 "some frames are JPEG: compression has changed their noise; use lossless frames where you can",
             ),
-            Self::Stretch { path, first, last, count } => {
-                write!(f, "{}: the camera rests in frames {first} to {last} of {count}, which were used", path.display())
-            }
-            Self::NotAtRest => f.write_str(
-                "the camera rests nowhere, so the noise is that of textureless places, which is less exact: hold the camera \
-                 still for two seconds, or put it on a tripod",
+            Self::Stretch { path, first, last, count } => write!(
+                f,
+                "{}: frames {first} to {last}, counted from 0, of {count} are at rest and were used",
+                path.display()
+            ),
+            Self::LeftOut { path, needed } => write!(
+                f,
+                "{}: left out, because nowhere {needed} consecutive frames are at rest",
+                path.display()
+            ),
+            Self::NoSceneAtRest => f.write_str(
+                "no scene at rest was found, so the noise is that of textureless places, which is less exact: hold the \
+                 camera still for two seconds, or put it on a tripod",
             ),
         }
     }

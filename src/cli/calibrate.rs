@@ -16,9 +16,7 @@ pub use existing::existing;
 use existing::{pictures_beside, unreadable};
 
 use locard_engine::calibrate::{
-    ExampleCalibration, NoiseCalibration, NoiseOptions, SceneMotion, best_noise_and_example_from_paths,
-    best_noise_from_paths, moving_noise_and_example_from_paths, moving_noise_from_paths, noise_and_example_from_paths,
-    noise_from_paths,
+    ExampleCalibration, MeasuredNoise, NoiseCalibration, NoiseOptions, NoiseSource, SceneMotion, noise_from_paths,
 };
 use locard_engine::exemplar_noise::{NoiseExample, file as model_file};
 use locard_engine::export::Inputs;
@@ -99,35 +97,23 @@ fn noise(args: NoiseArgs) -> Result<()> {
     if example_file.exists() && !args.force && !args.no_example {
         bail!("{}: exists already; it is kept unless --force is given", example_file.display());
     }
-    let options = NoiseOptions::default();
+    let options = NoiseOptions { with_example: !args.no_example, ..NoiseOptions::default() };
     let bar = super::progress(false, 0);
     let mut shown = |done, all| {
         bar.set_length(all as u64);
         bar.set_position(done as u64);
         ControlFlow::Continue(())
     };
-    let (frames, means) = (&args.frames, &args.mean);
-    let found = if args.no_example {
-        let table = if args.moving {
-            moving_noise_from_paths(frames, &options, &mut shown)
-        } else if means.is_empty() {
-            best_noise_from_paths(frames, &options, &mut shown)
-        } else {
-            noise_from_paths(frames, means, &options, &mut shown)
-        };
-        table.map(|table| (table, None))
+    let source = if args.moving {
+        NoiseSource::Textureless
+    } else if args.mean.is_empty() {
+        NoiseSource::Best
     } else {
-        let both = if args.moving {
-            moving_noise_and_example_from_paths(frames, &options, &mut shown)
-        } else if means.is_empty() {
-            best_noise_and_example_from_paths(frames, &options, &mut shown)
-        } else {
-            noise_and_example_from_paths(frames, means, &options, &mut shown)
-        };
-        both.map(|(table, example)| (table, Some(example)))
+        NoiseSource::KnownMeans(&args.mean)
     };
+    let found = noise_from_paths(&args.frames, source, &options, &mut shown);
     bar.finish_and_clear();
-    let (mut calibration, example) = found?;
+    let MeasuredNoise { table: mut calibration, example } = found?;
     let report = match example {
         Some(Ok(example)) => {
             let written = WrittenExample::write(example, &example_file, args.force)?;

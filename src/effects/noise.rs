@@ -56,7 +56,7 @@ impl NoiseMethod {
 crate::params! {
     /// Parameters of the noise.
     pub struct Noise in "noise" at Mix {
-        "example: the camera's own residuals, where known; parametric: normal noise like them; pattern: by table; white: Fischer's"
+        "example: the camera's own residuals; parametric: normal noise of their amplitudes; pattern: by the table; white: uncorrelated"
         method: NoiseMethod = NoiseMethod::Example => scale isnt "0";
         "factor on the calibrated standard deviation of virtual pixels; 0 is off"
         scale: f32 = 1.0, "1", 0.0..=8.0;
@@ -171,9 +171,9 @@ impl Effect for Noise {
                 "noise.iso does nothing: the camera's profile has no table [camera.noise], so no noise is drawn at any speed",
             );
         }
-        let has_model = camera.noise.as_ref().is_some_and(|noise| noise.example.is_some());
-        (self.method == NoiseMethod::Parametric && !has_model).then_some(
-            "noise.method = \"parametric\" draws the pattern: the camera has no noise by example, whose strength it takes; \
+        let lacks_model = camera.noise.as_ref().is_some_and(|noise| noise.example.is_none());
+        (self.method == NoiseMethod::Parametric && lacks_model).then_some(
+            "noise.method = \"parametric\" draws the pattern: the camera has no noise by example, which gives its amplitudes; \
              `locard calibrate noise` or `locard analyse` makes it",
         )
     }

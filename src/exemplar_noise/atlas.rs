@@ -9,7 +9,7 @@
 use super::bands::{ALL_BANDS, FIRST_BAND, split};
 use super::content::Features;
 use super::descriptor::{DESCRIPTOR_BLOCK_PX, Descriptor, DescriptorBlocks, DescriptorScale};
-use super::filling::MaskedPlanes;
+use super::filling::PlaneFilling;
 use super::numbers::ModelNumbers;
 use super::regression::amplitude;
 pub use super::tile::{CELL_PX, OVERLAP_PX, TILE_PX};
@@ -86,7 +86,7 @@ pub fn build(numbers: &ModelNumbers, sources: &[SourceFrame]) -> AtlasParts {
     let features: Vec<Features> = sources.iter().map(of_source).collect();
     let innovations = |(source, features): (&SourceFrame, &Features)| {
         let chroma = features.reduced(factor);
-        let masked = MaskedPlanes::new(&source.mask(USABLE), factor);
+        let masked = PlaneFilling::new(&source.mask(USABLE), factor);
         let mut bands = (0..3).flat_map(|plane| {
             let mut residual = source.residual(plane, factor);
             masked.fill(&mut residual, plane);

@@ -17,7 +17,7 @@
 use super::atlas::{RESIDUAL_STEP, SourceFrame, UNCLIPPED, USABLE};
 use super::bands::{ALL_BANDS, BANDS, FIRST_BAND, split};
 use super::content::{FEATURES, FeatureScale, Features};
-use super::filling::MaskedPlanes;
+use super::filling::PlaneFilling;
 use super::latent::{LatentStep, LatentTable, smoothed};
 use super::model_coding::ModelCoding;
 use super::path::{Planes, codes, content_planes, decoded_planes, padded, rgb_of_codes};
@@ -52,7 +52,8 @@ pub struct CalibrationFrame {
     pub mean: Planes,
     /// R', G', B' codes of the frame, interleaved.
     pub noisy: Vec<u8>,
-    /// True where a pixel may be used: where nothing moves.
+    /// True where a pixel may be used: where nothing moves and, of single frames, where there is no
+    /// texture.
     pub mask: Vec<bool>,
     /// Ratio of the noise's variance to that of the frame's difference from the mean.
     pub variance_gain: f32,
@@ -107,7 +108,7 @@ struct PreparedFrame<'a> {
     /// Means with smoothed dark values, for the table of latent values.
     smoothed: Planes,
     residuals: Planes,
-    masked: MaskedPlanes,
+    masked: PlaneFilling,
     bands: Vec<GreyImage>,
     usable: GreyImage,
     unclipped: GreyImage,
@@ -129,7 +130,7 @@ fn residuals(noisy: &Planes, frame: &CalibrationFrame, coding: &PictureCoding) -
 
 /// Bands of residuals. Masked ones are filled first: they may be much larger than noise, and the
 /// bands of the pixels beside them would contain them.
-fn all_bands(planes: &Planes, masked: &MaskedPlanes) -> Vec<GreyImage> {
+fn all_bands(planes: &Planes, masked: &PlaneFilling) -> Vec<GreyImage> {
     let bands = |(index, plane): (usize, &GreyImage)| {
         let mut plane = plane.clone();
         masked.fill(&mut plane, index);
@@ -267,7 +268,7 @@ fn prepare<'a>(
     }
     let factor = coding.chroma_factor().map(|factor| factor as usize);
     let chroma = features.reduced(factor);
-    let masked = MaskedPlanes::new(&usable, factor);
+    let masked = PlaneFilling::new(&usable, factor);
     let bands = all_bands(&residuals, &masked);
     let smoothed = frame.mean.each_ref().map(smoothed);
     let features = [features, chroma];

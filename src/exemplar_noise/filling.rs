@@ -1,5 +1,6 @@
-//! Fills masked places of planes with values from beside them, so that a tile of the atlas need not
-//! be usable throughout.
+//! Fills masked places of planes with values from beside them, so that large residuals there do not
+//! leak into the bands of pixels beside them, and a tile of the atlas need not be usable
+//! throughout.
 //!
 //! A masked px takes the value of the nearest usable px that is a multiple of the coding's unit
 //! away along an axis or a diagonal, so that the phase of the block grid stays; 0 without one. The
@@ -38,9 +39,9 @@ fn replacements(usable: &GreyImage, unit_px: [usize; 2]) -> Vec<Replacement> {
 }
 
 /// Replacements for planes at the resolution of luma and of chroma.
-pub struct MaskedPlanes([Vec<Replacement>; 2]);
+pub struct PlaneFilling([Vec<Replacement>; 2]);
 
-impl MaskedPlanes {
+impl PlaneFilling {
     /// `usable` is 1 or 0 for each px; `factor`: luma px for each chroma sample.
     pub fn new(usable: &GreyImage, factor: [usize; 2]) -> Self {
         // 1 where all px of a chroma sample are usable.

@@ -2,9 +2,9 @@
 //!
 //! The picture without noise is a Gaussian mean over textureless pixels alone, so that edges beside
 //! them do not spread into it. A pixel is textureless if the squared residual around it is at most
-//! a small multiple of the variance in the noise table, which the flattest places determine. First
-//! the residual from a narrow mean judges, which the content's slope does not touch; then, three
-//! times, the residual from the wide one.
+//! a small multiple of the variance in the noise table, which the flattest places determine. The
+//! first test uses the residual from a narrow mean, which a gradient of the content barely affects.
+//! Three further rounds use the residual from the wide mean.
 //!
 //! Not modelled: noise that is coarser than the mean, noise of texture and edges.
 
@@ -39,14 +39,14 @@ pub fn textureless_places(codes: Vec<u8>, size: [usize; 2], table: &[[f32; 3]]) 
     let variance = |i: usize| table[narrow.values[i].clamp(0.0, 255.0) as usize][1].max(MIN_SIGMA).powi(2) + ROUNDING;
     let mut mask = quiet_areas(&light, &narrow, &variance);
     for _ in 0..ROUNDS {
-        let mean = MaskedBlur::new(&mask, size, MEAN_PX).of(|i| light.values[i]);
+        let mean = MaskedBlur::new(&mask, size, MEAN_PX).mean_of(|i| light.values[i]);
         let wide = quiet_areas(&light, &mean, &variance);
-        // A mean about edges alone is none.
+        // Rejected pixels stay rejected: near edges the masked mean has edge pixels alone.
         mask.iter_mut().zip(wide).for_each(|(usable, quiet)| *usable &= quiet);
     }
     let blur = MaskedBlur::new(&mask, size, MEAN_PX);
     let mean: Planes = own.each_ref().map(|plane| {
-        let mut mean = blur.of(|i| plane.values[i]);
+        let mut mean = blur.mean_of(|i| plane.values[i]);
         let blurred = plane.blurred(BLUR_PX);
         for (i, mean) in mean.values.iter_mut().enumerate().filter(|(i, _)| !blur.is_known(*i)) {
             *mean = blurred.values[i];

@@ -21,8 +21,8 @@ impl<'a> MaskedBlur<'a> {
         Self { mask, sigma_px, weights }
     }
 
-    /// Means of the i-th pixels' values.
-    pub fn of(&self, value: impl Fn(usize) -> f32) -> GreyImage {
+    /// Local mean of `value(i)` over unmasked pixels; `i` is the pixel's index.
+    pub fn mean_of(&self, value: impl Fn(usize) -> f32) -> GreyImage {
         let GreyImage { width, height, .. } = self.weights;
         let values = self.mask.iter().enumerate().map(|(i, counts)| if *counts { value(i) } else { 0.0 }).collect();
         let mut sums = GreyImage { width, height, values }.blurred(self.sigma_px);

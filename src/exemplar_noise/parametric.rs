@@ -3,7 +3,7 @@
 //! Independent normal noise in Y', Cb and Cr is mixed to the correlation of the planes that the
 //! atlas has at the resolution of chroma, and split into bands. Each band gets the variance of the
 //! atlas's. Spectrum, covariance and dependence on content are the model's; the distribution is
-//! normal, and nothing of the calibration's frames repeats.
+//! normal. No residual of the calibration is in it, but tiles of the field repeat.
 
 use std::sync::{Arc, OnceLock};
 
@@ -18,13 +18,13 @@ use crate::grey_image::GreyImage;
 use crate::hash::pcg3d;
 
 /// Side of the field's only frame, px.
-const SIDE: usize = 512;
+const SIDE: usize = 1024;
 const SEED: u32 = 0x9a1d;
 
-/// A model's parametric field, made when it is first drawn. It follows from the model, so all are
-/// equal.
+/// A model's parametric field, made when it is first drawn. Derived from the model, so comparisons
+/// ignore it.
 #[derive(Clone, Debug, Default)]
-pub struct ParametricField(OnceLock<Arc<NoiseModel>>);
+pub(super) struct ParametricField(OnceLock<Arc<NoiseModel>>);
 
 impl PartialEq for ParametricField {
     fn eq(&self, _: &Self) -> bool {
@@ -47,7 +47,7 @@ impl NoiseModel {
         let [luma, mut blue, mut red] = [0, 1, 2].map(white);
         let [y_blue, blue_scale, y_red, blue_red, red_scale] =
             correlation_factor(self.plane_correlation()).map(|v| v as f32);
-        // Block means keep their variance.
+        // Scaled so that block means of white noise have variance 1 again.
         let reduced = block_means(&luma, factor);
         let root = ((factor[0] * factor[1]) as f32).sqrt();
         for ((y, blue), red) in reduced.values.iter().zip(&mut blue.values).zip(&mut red.values) {
@@ -144,7 +144,7 @@ mod tests {
         }
         let correlation = [&example, &*field].map(NoiseModel::plane_correlation);
         for (a, b) in correlation[0].iter().zip(correlation[1]) {
-            // 512 × 256 samples.
+            // 1024 × 512 samples.
             assert!((a - b).abs() < 0.1, "{correlation:?}");
         }
         let grey = [(); 3].map(|()| GreyImage::uniform(320, 320, 128.0));

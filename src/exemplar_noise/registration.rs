@@ -2,8 +2,8 @@
 //! frame and its mean picture.
 //!
 //! For each channel the residual is regressed on first and second differences of the mean picture
-//! along both axes. The sum of the fitted part and of the remaining residual's mean over the
-//! unmasked ones of 101 × 101 px is the correction.
+//! along both axes. The correction is the fitted part plus the mean of the remaining residual over
+//! the usable pixels within 101 × 101 px, which is 0 where there are none.
 
 use super::regression::solved;
 use crate::grey_image::GreyImage;
@@ -12,7 +12,8 @@ use crate::grey_image::GreyImage;
 const WINDOW_REACH: usize = 50;
 const RIDGE: f64 = 1e3;
 
-/// The correction of one channel, code values. `mask`: pixels used by the regression.
+/// The correction of one channel, code values. `mask`: usable pixels; only they enter the
+/// regression and the local mean.
 pub fn correction(noisy: &GreyImage, mean: &GreyImage, mask: &[bool]) -> GreyImage {
     let (w, h) = (mean.width, mean.height);
     let residual: Vec<f32> = noisy.values.iter().zip(&mean.values).map(|(a, b)| a - b).collect();
@@ -43,8 +44,8 @@ pub fn correction(noisy: &GreyImage, mean: &GreyImage, mask: &[bool]) -> GreyIma
     let rest = GreyImage::from_fn(w, h, |x, y| used(y * w + x, residual[y * w + x] - fitted.values[y * w + x]));
     let [smooth, share] =
         [rest, GreyImage::from_fn(w, h, |x, y| used(y * w + x, 1.0))].map(|image| window_mean(&image));
-    let mean = |i: usize| if share.values[i] > 0.0 { smooth.values[i] / share.values[i] } else { 0.0 };
-    GreyImage::from_fn(w, h, |x, y| fitted.values[y * w + x] + mean(y * w + x))
+    let local_mean = |i: usize| if share.values[i] > 0.0 { smooth.values[i] / share.values[i] } else { 0.0 };
+    GreyImage::from_fn(w, h, |x, y| fitted.values[y * w + x] + local_mean(y * w + x))
 }
 
 /// Mean over the window around each pixel, as far as it is inside the picture.

@@ -140,12 +140,12 @@ mod tests {
 
     #[test]
     fn arkit_axes_become_opencv_axes() {
-        // Unturned at (1, 2, 3): the camera looks along the world's −z, the world's y is up.
+        // Unturned at (1, 2, 3): the camera's axis is the world's −z, the world's y is up.
         let read = poses("# t\n5.5,1,2,3,1,0,0,0\n").unwrap();
         assert_eq!(read[0].0, 5.5);
         let p = read[0].1.transform_point(DVec3::new(1.5, 3.0, 1.0));
         assert!((p - DVec3::new(0.5, -1.0, 2.0)).length() < 1e-12, "{p}");
-        // A quarter turn about y: the camera looks along −x, its right is −z.
+        // A quarter turn about y: the camera's axis is −x, its right is −z.
         let half = std::f64::consts::FRAC_1_SQRT_2;
         let read = poses(&format!("0,0,0,0,{half},0,{half},0\n")).unwrap();
         let p = read[0].1.transform_point(DVec3::new(-2.0, 0.5, -1.0));

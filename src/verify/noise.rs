@@ -143,7 +143,7 @@ impl NoiseComparison {
 /// Why noise was not compared.
 #[derive(Clone, Debug, thiserror::Error, PartialEq)]
 pub enum NoiseNotCompared {
-    #[error("the camera's noise is unknown; `locard calibrate noise` or `locard analyse` measures it")]
+    #[error("the camera's noise is unknown (`locard calibrate noise` or `locard analyse` measures it)")]
     Unknown,
     #[error("the effect `noise` is off")]
     Off,

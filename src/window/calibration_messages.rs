@@ -37,7 +37,7 @@ pub fn noise_error(error: &CalibrateError) -> String {
                 .to_owned()
         }
         E::NeverAtRest { .. } => {
-            "the camera rests nowhere in these frames: hold it still for two seconds, or measure each place in its own \
+            "no scene at rest was found in these frames: hold the camera still for two seconds, or measure each place in its own \
              frame"
                 .to_owned()
         }
@@ -103,7 +103,7 @@ pub fn noise_warning(warning: &Warning, used: &[usize]) -> String {
             fixed(*found, 2)
         ),
         W::Texture => "the intervals are those of chance: texture that is everywhere counts as noise".to_owned(),
-        W::Stretch { .. } | W::NotAtRest => without_options(&warning.to_string()),
+        W::Stretch { .. } | W::LeftOut { .. } | W::NoSceneAtRest => without_options(&warning.to_string()),
         W::Jpeg => "the frames are JPEG, which has changed their noise".to_owned(),
     }
 }

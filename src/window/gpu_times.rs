@@ -74,7 +74,7 @@ pub fn show(ui: &mut Ui, times: &GpuTimes) {
         .small()
         .weak();
     ui.label(gpu).on_hover_text(
-        "Noise, edges, exposure and vignetting act while objects are mixed into the picture, in one pass. A software driver \
+        "Noise and edges act while objects are mixed into the picture, in one pass. A software driver \
          shares its processors with the rest of the machine.",
     );
 }

@@ -1,11 +1,12 @@
 //! Comparison of virtual noise with the camera's in flat places of the whole recording, in the tab
 //! Match.
 
-use eframe::egui::{Grid, RichText, Ui};
+use eframe::egui::{Button, Grid, RichText, Ui};
 
 use super::background::Background;
 use super::progress;
 use super::session::Session;
+use locard_engine::text::without_options;
 use locard_engine::verify::{self, NoiseComparison};
 
 /// The last comparison.
@@ -18,7 +19,7 @@ pub struct NoiseMatch {
 
 impl NoiseMatch {
     pub fn show(&mut self, ui: &mut Ui, session: &Session) {
-        if ui.button("Compare with the camera").clicked() {
+        if ui.add_enabled(!session.is_live(), Button::new("Compare with the camera")).clicked() {
             self.requested = Some(session.project.version());
         }
         if let Some(version) = self.requested {
@@ -46,7 +47,7 @@ impl NoiseMatch {
                     }
                 });
             }
-            Some(Err(why)) => progress::refused(ui, &format!("The noise was not compared: {why}")),
+            Some(Err(why)) => progress::refused(ui, &format!("The noise was not compared: {}", without_options(why))),
             None => {}
         }
         if self.comparison.last_key().is_some_and(|version| *version != session.project.version()) {
@@ -59,7 +60,7 @@ impl NoiseMatch {
         self.comparison.cancel();
     }
 
-    /// Drops results of another recording.
+    /// Drops the result while the pictures of a live camera change.
     pub fn clear(&mut self) {
         self.requested = None;
         self.comparison.clear();

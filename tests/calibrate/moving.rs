@@ -9,7 +9,7 @@ use crate::program::{refused, stdout_of};
 use crate::random::Random;
 use crate::tier;
 use locard::calibrate::moving::from_frames;
-use locard::calibrate::{self, CalibrateError, NoiseCalibration, NoiseOptions, SceneMotion, noise_from_paths};
+use locard::calibrate::{CalibrateError, NoiseCalibration, NoiseOptions, NoiseSource, SceneMotion, noise_from_paths};
 use locard::camera::NoiseProfile;
 use locard::compositor::Settings;
 use locard::fit::quantile::upper_median;
@@ -18,7 +18,8 @@ use locard::profile::Rig;
 use locard::simulate::{Options, Simulation};
 
 fn moving_noise_from_paths(frames: &[PathBuf], options: &NoiseOptions) -> Result<NoiseCalibration, CalibrateError> {
-    calibrate::moving_noise_from_paths(frames, options, &mut |_, _| ControlFlow::Continue(()))
+    let found = noise_from_paths(frames, NoiseSource::Textureless, options, &mut |_, _| ControlFlow::Continue(()));
+    found.map(|found| found.table)
 }
 
 const WIDTH: usize = 384;
@@ -210,7 +211,7 @@ fn assert_program_writes_profile(temp: &Path, folder: &Path, found: &NoiseCalibr
     let frames = std::fs::read_dir(folder.join("rgb")).unwrap().count();
     let table = stdout_of(&["calibrate", "noise", &out, "-o", &profile]);
     assert!(
-        table.contains("the camera rests nowhere") && table.contains("noise by example, from places without texture")
+        table.contains("no scene at rest was found") && table.contains("noise by example, from places without texture")
     );
     assert!(table.starts_with(&format!("{frames} frames of a moving camera")), "{table}");
 
@@ -323,10 +324,12 @@ fn single_frames_of_real_cameras_match_their_known_noise() {
 #[test]
 fn texture_everywhere_and_a_fixed_pattern_only_increase_sigma() {
     let Some(folder) = common::data("static-burst-grey") else { return };
-    let rest = noise_from_paths(std::slice::from_ref(&folder), &[], &NoiseOptions::default(), &mut |_, _| {
-        ControlFlow::Continue(())
-    })
-    .unwrap();
+    let rest =
+        noise_from_paths(std::slice::from_ref(&folder), NoiseSource::Rest, &NoiseOptions::default(), &mut |_, _| {
+            ControlFlow::Continue(())
+        })
+        .unwrap()
+        .table;
     let found = moving_noise_from_paths(&[folder], &NoiseOptions::default()).unwrap();
     let errors = errors(&found, |c, code| rest.profile.sigma(c, code));
     println!("RESULT median {:+.2}, of {} bins\n{found}", upper_median(errors.clone()).unwrap(), errors.len());
@@ -416,7 +419,7 @@ fn loose_pictures_and_folders_are_read_and_missing_ones_are_refused() {
     assert_eq!(found, moving_noise_from_paths(&[temp.path().to_owned()], &options).unwrap());
     assert_eq!(found, from_frames(&frames(3, 3.0, 0.3, 0), &options).unwrap());
     let mut told = Vec::new();
-    let stopped = calibrate::moving_noise_from_paths(&files, &options, &mut |done, all| {
+    let stopped = noise_from_paths(&files, NoiseSource::Textureless, &options, &mut |done, all| {
         told.push((done, all));
         if done == 2 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });

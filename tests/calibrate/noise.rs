@@ -4,7 +4,7 @@ use crate::common;
 use crate::random::Random;
 use crate::tier;
 use locard::calibrate::noise::{from_known_means, from_scenes};
-use locard::calibrate::{self, CalibrateError, NoiseCalibration, NoiseOptions};
+use locard::calibrate::{self, CalibrateError, NoiseCalibration, NoiseOptions, NoiseSource};
 use locard::camera::NoiseProfile;
 use locard::fit::quantile::midpoint_median;
 use locard::pixels::{Codes, Pixels};
@@ -16,7 +16,9 @@ fn noise_from_paths(
     means: &[PathBuf],
     options: &NoiseOptions,
 ) -> Result<NoiseCalibration, CalibrateError> {
-    calibrate::noise_from_paths(frames, means, options, &mut |_, _| ControlFlow::Continue(()))
+    let source = if means.is_empty() { NoiseSource::Rest } else { NoiseSource::KnownMeans(means) };
+    let found = calibrate::noise_from_paths(frames, source, options, &mut |_, _| ControlFlow::Continue(()));
+    found.map(|found| found.table)
 }
 
 /// A field of unit variance; `rho`: correlation between adjacent pixels in rows and columns.
@@ -356,7 +358,7 @@ fn folders_are_scenes_and_loose_files_are_one() {
 
     // Stopped before the second of the three frames.
     let mut told = Vec::new();
-    let stopped = calibrate::noise_from_paths(&loose, &[], &options, &mut |done, all| {
+    let stopped = calibrate::noise_from_paths(&loose, NoiseSource::Rest, &options, &mut |done, all| {
         told.push((done, all));
         if done == 1 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });

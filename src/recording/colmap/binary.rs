@@ -6,8 +6,8 @@
 
 use std::path::Path;
 
-use super::camera_models::CameraModel;
-use super::model::{Cameras, ImageRecord, ModelImage, ModelImages, POSE_FIELDS, Place, add_camera};
+use super::camera_models::ColmapCameraModel;
+use super::model::{Cameras, FilePosition, ImageRecord, ModelImage, ModelImages, POSE_FIELDS, add_camera};
 use crate::recording::{Landmark, RecordingError};
 use crate::text::{count, number, quoted};
 
@@ -29,14 +29,14 @@ pub fn parse_cameras(bytes: &[u8], file: &Path) -> Result<Cameras, RecordingErro
         let start = reader.at;
         let id = reader.u32("CAMERA_ID")?;
         let model_at = reader.at;
-        let model = CameraModel::numbered(reader.u32("MODEL_ID")?.cast_signed());
-        let model = model.map_err(|problem| Place::Byte(model_at).error(file, problem))?;
+        let model = ColmapCameraModel::numbered(reader.u32("MODEL_ID")?.cast_signed());
+        let model = model.map_err(|problem| FilePosition::Byte(model_at).error(file, problem))?;
         let size_px = [reader.u64("WIDTH")? as f64, reader.u64("HEIGHT")? as f64];
         let parameters: Vec<f64> =
             model.parameters().iter().map(|name| reader.finite(name)).collect::<Result<_, _>>()?;
         let geometry = model.geometry(size_px, &parameters);
         let added = geometry.and_then(|geometry| add_camera(&mut cameras, id, geometry));
-        added.map_err(|problem| Place::Byte(start).error(file, problem))?;
+        added.map_err(|problem| FilePosition::Byte(start).error(file, problem))?;
     }
     reader.end("camera")?;
     Ok(cameras)
@@ -50,7 +50,7 @@ pub fn parse_images(
     let mut reader = BinaryReader { bytes, at: 0, file };
     let mut images = ModelImages::default();
     for _ in 0..reader.count("images", MIN_IMAGE_BYTES)? {
-        let place = Place::Byte(reader.at);
+        let place = FilePosition::Byte(reader.at);
         let _: u32 = reader.u32("IMAGE_ID")?;
         let mut pose = [0.0; 7];
         for (field, name) in pose.iter_mut().zip(POSE_FIELDS) {
@@ -85,7 +85,7 @@ impl BinaryReader<'_> {
     }
 
     fn error(&self, problem: String) -> RecordingError {
-        Place::Byte(self.at).error(self.file, problem)
+        FilePosition::Byte(self.at).error(self.file, problem)
     }
 
     fn take<const N: usize>(&mut self, name: &str) -> Result<[u8; N], RecordingError> {
@@ -116,7 +116,7 @@ impl BinaryReader<'_> {
             return Ok(value);
         }
         let problem = format!("{name} is {}; a finite number is needed; {REMEDY}", number(value));
-        Err(Place::Byte(before).error(self.file, problem))
+        Err(FilePosition::Byte(before).error(self.file, problem))
     }
 
     /// A number of records of at least `min_bytes` each, which must fit into the rest of the file.
@@ -130,7 +130,7 @@ impl BinaryReader<'_> {
                 "the number of {things} is {found}, and the {left} bytes left hold at most {most}: the file is cut off \
                  or damaged; {REMEDY}"
             );
-            return Err(Place::Byte(before).error(self.file, problem));
+            return Err(FilePosition::Byte(before).error(self.file, problem));
         }
         Ok(found)
     }

@@ -13,27 +13,27 @@ const UNDISTORT_ADVICE: &str = "make pictures without distortion: colmap image_u
 
 /// A camera model of COLMAP.
 #[derive(Debug)]
-pub struct CameraModel {
+pub struct ColmapCameraModel {
     pub name: &'static str,
-    projection: Projection,
+    projection: ModelLens,
 }
 
 /// The projection of a camera model.
 #[derive(Debug)]
-enum Projection {
+enum ModelLens {
     /// A lens model with its parameters in COLMAP's order. `f` sets both focal lengths.
     Lens(LensModel, &'static [&'static str]),
     Unsupported,
 }
 
-use Projection::{Lens, Unsupported};
+use ModelLens::{Lens, Unsupported};
 
-const fn model(name: &'static str, projection: Projection) -> CameraModel {
-    CameraModel { name, projection }
+const fn model(name: &'static str, projection: ModelLens) -> ColmapCameraModel {
+    ColmapCameraModel { name, projection }
 }
 
 /// All models; a model's index is its number in binary files.
-static CAMERA_MODELS: [CameraModel; 18] = [
+static CAMERA_MODELS: [ColmapCameraModel; 18] = [
     model("SIMPLE_PINHOLE", Lens(LensModel::Opencv, &["f", "cx_px", "cy_px"])),
     model("PINHOLE", Lens(LensModel::Opencv, &["fx_px", "fy_px", "cx_px", "cy_px"])),
     model("SIMPLE_RADIAL", Lens(LensModel::Opencv, &["f", "cx_px", "cy_px", "k1"])),
@@ -69,7 +69,7 @@ static CAMERA_MODELS: [CameraModel; 18] = [
     model("EQUIRECTANGULAR", Unsupported),
 ];
 
-impl CameraModel {
+impl ColmapCameraModel {
     /// The supported model of a name.
     pub fn named(name: &str) -> Result<&'static Self, String> {
         let found = CAMERA_MODELS.iter().find(|model| model.name == name);

@@ -15,14 +15,14 @@ use crate::tracking::tum::{PoseNotes, unit_quaternion};
 
 /// Position of a record in its file.
 #[derive(Clone, Copy, Debug)]
-pub enum Place {
+pub enum FilePosition {
     /// From 1.
     Line(usize),
     /// From 0.
     Byte(usize),
 }
 
-impl Place {
+impl FilePosition {
     pub fn error(self, file: &Path, problem: String) -> RecordingError {
         match self {
             Self::Line(line) => TextError::line(file, line, problem).into(),
@@ -56,7 +56,7 @@ pub struct ModelImage {
     pub camera: u32,
     pub camera_from_world: Pose,
     pub landmarks: Vec<Landmark>,
-    pub place: Place,
+    pub place: FilePosition,
 }
 
 /// The fields of an image as they are stored.
@@ -81,7 +81,12 @@ pub struct ModelImages {
 
 impl ModelImages {
     /// Adds an image without landmarks. One unit of the model is `metres_per_unit`.
-    pub fn add(&mut self, record: ImageRecord, metres_per_unit: f64, place: Place) -> Result<&mut ModelImage, String> {
+    pub fn add(
+        &mut self,
+        record: ImageRecord,
+        metres_per_unit: f64,
+        place: FilePosition,
+    ) -> Result<&mut ModelImage, String> {
         let ImageRecord { pose: [qw, qx, qy, qz, tx, ty, tz], camera, name } = record;
         let name = listing::file_name(&name, "NAME is missing")?;
         let (rotation, norm_error) = unit_quaternion(DQuat::from_xyzw(qx, qy, qz, qw))?;

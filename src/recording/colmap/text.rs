@@ -3,8 +3,8 @@
 
 use std::path::Path;
 
-use super::camera_models::CameraModel;
-use super::model::{Cameras, ImageRecord, ModelImage, ModelImages, POSE_FIELDS, Place, add_camera};
+use super::camera_models::ColmapCameraModel;
+use super::model::{Cameras, FilePosition, ImageRecord, ModelImage, ModelImages, POSE_FIELDS, add_camera};
 use crate::camera::Geometry;
 use crate::recording::{Landmark, RecordingError};
 use crate::text::quoted;
@@ -14,7 +14,7 @@ pub fn parse_cameras(text: &str, file: &Path) -> Result<Cameras, RecordingError>
     let mut cameras = Cameras::new();
     for (line, record) in records::records(text) {
         let added = parse_camera(record).and_then(|(id, geometry)| add_camera(&mut cameras, id, geometry));
-        added.map_err(|problem| Place::Line(line).error(file, problem))?;
+        added.map_err(|problem| FilePosition::Line(line).error(file, problem))?;
     }
     Ok(cameras)
 }
@@ -24,7 +24,7 @@ fn parse_camera(mut record: &str) -> Result<(u32, Geometry), String> {
     let model = records::word(&mut record);
     let width = records::number(&mut record, "WIDTH")?;
     let height = records::number(&mut record, "HEIGHT")?;
-    let model = CameraModel::named(model)?;
+    let model = ColmapCameraModel::named(model)?;
     let parameters: Vec<f64> =
         model.parameters().iter().map(|name| records::number(&mut record, name)).collect::<Result<_, _>>()?;
     records::end(record)?;
@@ -43,13 +43,13 @@ pub fn parse_images(
         if record.is_empty() || record.starts_with('#') {
             continue;
         }
-        let place = Place::Line(line);
+        let place = FilePosition::Line(line);
         let added = parse_image(record).and_then(|record| images.add(record, metres_per_unit, place));
         let image = added.map_err(|problem| place.error(file, problem))?;
         let (line, points) = lines.next().unwrap_or_default();
         image.landmarks = landmarks(points).ok_or_else(|| {
             let problem = "the line after an image's pose must list its points (X Y POINT3D_ID each), or be blank";
-            Place::Line(line).error(file, problem.to_owned())
+            FilePosition::Line(line).error(file, problem.to_owned())
         })?;
     }
     Ok(images.finish(file))
@@ -115,7 +115,8 @@ mod tests {
                 "1 FULL_OPENCV 640 480 500 400 320 240 -0.1 0.4 0.01 0.02 8 0.1 0.4 -2",
                 (320.0 + 500.0 * (0.1994 / 1.00575 + 0.003), 240.0 + 400.0 * (0.0997 / 1.00575 + 0.0015)),
             ),
-            // r = 0.2236068, 2 tan 0.25 = 0.5106838: atan(0.1141924)/0.5 = 0.2273996, along (2, 1)/√5
+            // r = 0.2236068, 2 tan 0.25 = 0.5106838: atan(0.1141924)/0.5 = 0.2273996. The direction
+            // is (2, 1)/√5.
             ("1 FOV 640 480 500 400 320 240 0.5", (421.696_258_85, 280.678_503_54)),
         ] {
             let landed = cameras(text).unwrap()[&1].project(DVec3::new(0.4, 0.2, 2.0)).unwrap();
