@@ -4,12 +4,13 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::load::{is_picture, pictures_in, read};
 use super::noise::CalibrateError;
 use crate::pixels::Pixels;
 use crate::recording::{OpenOptions, Recording, RecordingError};
-use crate::source::still;
 use crate::source::video::{Overrides, Video, probe};
+use crate::source::{still, unsupported};
+
+const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
 
 #[derive(Debug)]
 pub enum Footage {
@@ -102,4 +103,39 @@ impl Footage {
             Self::Video(video) => Box::new(video.read(range)?.map(|frame| Ok(frame?))),
         })
     }
+}
+
+/// True if a file has the extension of a picture.
+pub fn is_picture(path: &Path) -> bool {
+    let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+    path.is_file() && ending.is_some_and(|e| EXTENSIONS.contains(&e.as_str()))
+}
+
+fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, CalibrateError> {
+    let failed = |reason: String| CalibrateError::Read { path: folder.to_owned(), reason };
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(|e| failed(e.to_string()))? {
+        let path = entry.map_err(|e| failed(e.to_string()))?.path();
+        if is_picture(&path) {
+            files.push(path);
+        }
+    }
+    if files.is_empty()
+        && let Some(message) = unsupported::unread_warning(&unsupported::in_folder(folder))
+    {
+        return Err(failed(message));
+    }
+    if files.is_empty() {
+        return Err(failed(
+            "no PNG or JPEG files in this folder, and no recording; give pictures, folders of them, recordings or videos"
+                .to_owned(),
+        ));
+    }
+    files.sort();
+    Ok(files)
+}
+
+/// Reads a file as recordings do: a truncated file is an error.
+pub fn read(path: &Path) -> Result<Pixels, CalibrateError> {
+    Ok(still::read_pixels(path)?)
 }

@@ -2,20 +2,19 @@
 //! of the method.
 
 use super::example::{ExampleCalibration, ExampleSampler, NoExample};
-use super::footage::Footage;
+use super::footage::{Footage, is_picture, read};
 use super::moving::MovingCalibrator;
 use super::noise::{CalibrateError, NoiseCalibration, NoiseCalibrator, NoiseOptions};
 use super::rest::RestSearch;
 use super::scene_sums::MAX_FRAMES;
 use super::warning::Warning;
 use crate::pixels::Pixels;
-use crate::source::{still, unsupported};
+use crate::source::unsupported;
 use std::ops::{ControlFlow, Range};
 use std::path::{Path, PathBuf};
 
 /// Fewest frames of a stretch at rest.
 const MIN_REST_FRAMES: usize = 8;
-const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
 
 /// Called with the number of completed frames and of all frames. Each pass counts from 0 with its
 /// own total: the search for rest in each scene, then the calibration. A break stops it.
@@ -216,12 +215,6 @@ fn textureless(
     Ok(MeasuredNoise { table, example })
 }
 
-/// True if a file has the extension of a picture.
-pub fn is_picture(path: &Path) -> bool {
-    let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
-    path.is_file() && ending.is_some_and(|e| EXTENSIONS.contains(&e.as_str()))
-}
-
 fn in_file(path: &Path) -> impl Fn(CalibrateError) -> CalibrateError {
     let path = path.to_owned();
     move |source| CalibrateError::InFile { path: path.clone(), source: Box::new(source) }
@@ -267,33 +260,4 @@ fn group(frames: &[PathBuf], means: &[PathBuf]) -> Result<Vec<SceneFootage>, Cal
         scenes.push(SceneFootage::new(means.first().cloned(), Footage::Files(loose)));
     }
     Ok(scenes)
-}
-
-pub fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, CalibrateError> {
-    let failed = |reason: String| CalibrateError::Read { path: folder.to_owned(), reason };
-    let mut files = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(|e| failed(e.to_string()))? {
-        let path = entry.map_err(|e| failed(e.to_string()))?.path();
-        if is_picture(&path) {
-            files.push(path);
-        }
-    }
-    if files.is_empty()
-        && let Some(message) = unsupported::unread_warning(&unsupported::in_folder(folder))
-    {
-        return Err(failed(message));
-    }
-    if files.is_empty() {
-        return Err(failed(
-            "no PNG or JPEG files in this folder, and no recording; give pictures, folders of them, recordings or videos"
-                .to_owned(),
-        ));
-    }
-    files.sort();
-    Ok(files)
-}
-
-/// Reads a file as recordings do: a truncated file is an error.
-pub fn read(path: &Path) -> Result<Pixels, CalibrateError> {
-    Ok(still::read_pixels(path)?)
 }

@@ -31,7 +31,8 @@ mod warning;
 
 pub use bins::BinReport;
 pub use example::{ExampleCalibration, ExampleMethod, NoExample};
-pub use load::{LoadProgress, MeasuredNoise, NoiseSource, is_picture, noise_from_paths};
+pub use footage::is_picture;
+pub use load::{LoadProgress, MeasuredNoise, NoiseSource, noise_from_paths};
 pub use noise::{CalibrateError, NoiseCalibration, NoiseCalibrator, NoiseOptions, SceneMotion};
 pub use picked::{PickedNoise, PickedResult, picked_noise};
 pub use picked_region::{PickedError, PickedRegion, RegionError, min_side_px};

@@ -51,12 +51,12 @@ pub mod tests;
 mod tile;
 
 use std::path::PathBuf;
+use std::sync::{Arc, OnceLock};
 
 use crate::memo::ByAddress;
 use atlas::{AtlasFrame, CLASSES, MIN_CLASS_TILES, SourceFrame, TileCandidate};
 use descriptor::DescriptorScale;
 pub use numbers::{BandGains, ModelNumbers};
-use parametric::ParametricField;
 
 /// Calibrated noise of a camera at one setting.
 #[derive(Clone, Debug, PartialEq)]
@@ -68,6 +68,17 @@ pub struct NoiseModel {
     pub candidates: [Vec<TileCandidate>; CLASSES],
     pub descriptor_scale: DescriptorScale,
     parametric: ParametricField,
+}
+
+/// A model's parametric field, made when it is first drawn. Derived from the model, so comparisons
+/// ignore it.
+#[derive(Clone, Debug, Default)]
+struct ParametricField(OnceLock<Arc<NoiseModel>>);
+
+impl PartialEq for ParametricField {
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
 }
 
 /// A camera's noise model with its file. Equal if both models are the same object in memory.

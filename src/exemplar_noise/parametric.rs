@@ -5,14 +5,13 @@
 //! atlas's. Spectrum, covariance and dependence on content are the model's; the distribution is
 //! normal. No residual of the calibration is in it, but tiles of the field repeat.
 
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
-use super::NoiseModel;
 use super::atlas::{AtlasFrame, CLASSES, TILE_PX, TileCandidate};
 use super::bands::{ALL_BANDS, BANDS, FIRST_BAND, split};
 use super::content::block_means;
 use super::descriptor::{DESCRIPTOR_BLOCK_PX, DESCRIPTORS, DescriptorScale};
-use super::path::Planes;
+use super::{NoiseModel, ParametricField};
 use crate::fit::cholesky::correlation_factor;
 use crate::grey_image::GreyImage;
 use crate::hash::pcg3d;
@@ -20,17 +19,6 @@ use crate::hash::pcg3d;
 /// Side of the field's only frame, px.
 const SIDE: usize = 1024;
 const SEED: u32 = 0x9a1d;
-
-/// A model's parametric field, made when it is first drawn. Derived from the model, so comparisons
-/// ignore it.
-#[derive(Clone, Debug, Default)]
-pub(super) struct ParametricField(OnceLock<Arc<NoiseModel>>);
-
-impl PartialEq for ParametricField {
-    fn eq(&self, _: &Self) -> bool {
-        true
-    }
-}
 
 impl NoiseModel {
     /// The model with normal noise in place of its atlas.
@@ -55,7 +43,7 @@ impl NoiseModel {
             *blue = y_blue * y + blue_scale * first;
             *red = y_red * y + blue_red * first + red_scale * second;
         }
-        let planes: Planes = [luma, blue, red];
+        let planes = [luma, blue, red];
         let mut bands = planes.iter().enumerate().flat_map(|(plane, image)| split(image, plane));
         let bands: [GreyImage; ALL_BANDS] = std::array::from_fn(|b| {
             let mut band = bands.next().unwrap_or_else(|| GreyImage::uniform(0, 0, 0.0));
