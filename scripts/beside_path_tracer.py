@@ -8,7 +8,7 @@
 For each model two views, one pinhole, and for each of --lights one light: a sun, the same light from
 everywhere, or a panorama (--hdr). What glTF asks and Cycles does not do is done to its scene: faces that
 are not double-sided are invisible from behind. Extensions that Locard does not know are taken out. Surfaces
-neither shadow nor mirror each other, for Locard's do not; --shadows lets them, to see what is missing.
+neither shadow nor mirror each other, as in `composite --plain`; --shadows lets them, to see what is missing.
 Prints a table and writes NAME-LIGHT.png: Locard, Cycles, and four times their difference about grey; rows
 are the views. Figures are of linear premultiplied RGBA.
 
