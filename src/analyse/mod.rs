@@ -88,11 +88,13 @@ pub use support_file::write_support_reports;
 pub use times::Times;
 pub use tone::ToneBand;
 
+use std::ops::Range;
 use std::time::Instant;
 
 use glam::DQuat;
 use serde::{Deserialize, Serialize};
 
+use crate::calibrate::RestSearch;
 use crate::camera::Geometry;
 use crate::frame::Surfel;
 use crate::pose::held_up;
@@ -232,8 +234,9 @@ pub fn analyse(
     let noise_examples = match capture.noise.or(measured.as_ref()) {
         Some(profile) => {
             let has_poses = !is_refused;
+            let rest = comparison.rest.clone();
             let inputs =
-                ExampleInputs { recording, model: &model, states, has_poses, later_s, noise: profile, threads };
+                ExampleInputs { recording, model: &model, states, has_poses, rest, later_s, noise: profile, threads };
             checkpoints.stage(|| times.of(times::NOISE_EXAMPLES, || noise_example::examples(&inputs)))?
         }
         None => NoiseExamples::none("the strength of the camera's noise is unknown"),
@@ -262,6 +265,8 @@ struct FrameComparison {
     across: Vec<SpatialGainPair>,
     pair_counts: gain::PairCounts,
     noise: Option<NoiseFindings>,
+    /// The longest stretch in which camera and scene are at rest.
+    rest: Range<usize>,
 }
 
 /// Compares the frames of a recording. `states`: one per frame, and the time that is added to the
@@ -284,11 +289,15 @@ fn compare_frames(
         ShutterEstimator::new(model, capture.response, capture.noise, states, times_s, interval_s, threads);
     let mut depths = DepthSource::new(model, recording, states, later_s, threads)?;
     let mut noise = NoiseSampler::new(capture.noise, recording.frame_count());
+    let mut rest = RestSearch::default();
     let mut coming = recording.frames(0..recording.frame_count())?;
     while let Some(frame) = times.of(times::READING, || coming.next()) {
         let frame = frame?;
         report(frame.index)?;
-        times.of(times::NOISE, || noise.add(frame.index, &frame.pixels));
+        times.of(times::NOISE, || {
+            noise.add(frame.index, &frame.pixels);
+            rest.add(&frame.pixels);
+        });
         if let Some(state) = states[frame.index] {
             let depth = times.of(times::DEPTHS, || depths.of(model, &frame, &state))?;
             times.of(times::GAIN, || gains.add(&frame, state, &depth, recording.landmarks(frame.index)));
@@ -302,6 +311,7 @@ fn compare_frames(
         across: gains.across,
         pair_counts: gains.counts,
         noise: noise.finish(),
+        rest: rest.longest(),
     })
 }
 

@@ -29,6 +29,7 @@
 //! removes from it.
 
 use std::fmt;
+use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -42,15 +43,16 @@ use super::neighbour_mean::{DepthView, MAX_NEIGHBOURS, MIN_SAMPLES, SampledFrame
 use super::registration_result::RegistrationError;
 use super::spread::stillest_frames;
 use super::state::CameraState;
+use crate::calibrate::RestingExample;
 use crate::camera::NoiseProfile;
 use crate::coding::PictureCoding;
-use crate::exemplar_noise::NoiseExample;
 use crate::exemplar_noise::calibration::{CalibrationFrame, CodedFrame, calibrate_coded};
 use crate::exemplar_noise::content::brightness;
 use crate::exemplar_noise::file::{from_bytes, to_bytes};
 use crate::exemplar_noise::flat_places::textureless_places;
 use crate::exemplar_noise::masked_blur::MaskedBlur;
 use crate::exemplar_noise::path::{Planes, rgb_of_codes};
+use crate::exemplar_noise::{NoiseExample, NoiseModel};
 use crate::frame::Frame;
 use crate::grey_image::GreyImage;
 use crate::memo::ByAddress;
@@ -62,6 +64,9 @@ use crate::text::count;
 /// Number of frames from which noise is taken, with neighbours and by textureless places.
 const FRAMES: usize = 6;
 const TEXTURELESS_FRAMES: usize = 12;
+/// Fewest and largest number of frames of a stretch at rest.
+const MIN_REST_FRAMES: usize = 12;
+const MAX_REST_FRAMES: usize = 64;
 /// Largest sum of their pixels.
 const MAX_PIXELS: usize = 1 << 22;
 /// Distance of neighbours that are tried.
@@ -103,6 +108,8 @@ pub enum ExampleOrigin {
     Neighbours,
     /// By a smooth picture, in textureless places alone.
     Textureless,
+    /// By the mean of a stretch at rest.
+    Rest,
 }
 
 /// Noise by example of a recording, without the model.
@@ -132,6 +139,7 @@ impl fmt::Display for NoiseExampleFindings {
         let places = match self.origin {
             ExampleOrigin::Neighbours => "of their pixels, by neighbouring frames",
             ExampleOrigin::Textureless => "of their pixels, without texture",
+            ExampleOrigin::Rest => "of their pixels, from a stretch at rest",
         };
         write!(f, "of noise, from {}, {:.0} % {places}", count(self.frames, "frame"), 100.0 * self.usable_share)?;
         match self.frame_correlation {
@@ -179,6 +187,8 @@ pub struct ExampleInputs<'a> {
     pub states: &'a [Option<CameraState>],
     /// Whether the states are reliable.
     pub has_poses: bool,
+    /// The longest stretch in which camera and scene are at rest.
+    pub rest: Range<usize>,
     /// Added to the depth maps' times, s.
     pub later_s: f64,
     pub noise: &'a NoiseProfile,
@@ -186,6 +196,19 @@ pub struct ExampleInputs<'a> {
 }
 
 impl NoiseExamples {
+    fn of(
+        model: &NoiseModel,
+        origin: ExampleOrigin,
+        frames: usize,
+        usable_share: f64,
+        frame_correlation: Option<f64>,
+    ) -> Result<Self, String> {
+        let file = to_bytes(model).map_err(|error| error.to_string())?;
+        let sha256 = Some(hex(&Sha256::digest(&file)));
+        let findings = NoiseExampleFindings { why: None, origin, frames, usable_share, frame_correlation, sha256 };
+        Ok(Self { findings, file })
+    }
+
     pub fn none(why: impl Into<String>) -> Self {
         let why = Some(why.into());
         let findings = NoiseExampleFindings {
@@ -200,46 +223,72 @@ impl NoiseExamples {
     }
 }
 
-/// Searches a recording for examples: by neighbouring frames where depth is measured, otherwise in
-/// textureless places.
+/// Searches a recording for examples: in a stretch at rest, by neighbouring frames where depth is
+/// measured, or in textureless places.
 pub fn examples(inputs: &ExampleInputs<'_>) -> Result<NoiseExamples, RegistrationError> {
     let (width, height) = inputs.model.size();
     let possible = MAX_PIXELS / (width * height).max(1);
     if possible == 0 {
         return Ok(NoiseExamples::none("the frames are too large for examples of their noise"));
     }
-    let has_neighbours = inputs.has_poses && inputs.recording.has_depth() && !inputs.model.geometry.needs_cube_map();
-    if has_neighbours && let Ok(found) = of_frames(inputs, possible.min(FRAMES), ExampleOrigin::Neighbours)? {
+    if inputs.rest.len() >= MIN_REST_FRAMES
+        && let Ok(found) = of_rest(inputs)?
+    {
         return Ok(found);
     }
-    Ok(of_frames(inputs, possible.min(TEXTURELESS_FRAMES), ExampleOrigin::Textureless)?
-        .unwrap_or_else(NoiseExamples::none))
+    let has_neighbours = inputs.has_poses && inputs.recording.has_depth() && !inputs.model.geometry.needs_cube_map();
+    if has_neighbours {
+        let wanted = possible.min(FRAMES);
+        let found = of_frames(inputs, wanted, ExampleOrigin::Neighbours, by_neighbours, "repeats in its neighbours")?;
+        if let Ok(found) = found {
+            return Ok(found);
+        }
+    }
+    let wanted = possible.min(TEXTURELESS_FRAMES);
+    let found = of_frames(inputs, wanted, ExampleOrigin::Textureless, by_textureless_places, "is without texture")?;
+    Ok(found.unwrap_or_else(NoiseExamples::none))
 }
 
-/// Examples of up to `wanted` frames. The inner error is the reason for which there are none.
+/// Examples of the stretch at rest. The inner error is the reason for which there are none.
+fn of_rest(inputs: &ExampleInputs<'_>) -> Result<Result<NoiseExamples, String>, RegistrationError> {
+    let rest = inputs.rest.start..inputs.rest.end.min(inputs.rest.start + MAX_REST_FRAMES);
+    let mut example = match RestingExample::new(rest.len()) {
+        Ok(example) => example,
+        Err(error) => return Ok(Err(error.to_string())),
+    };
+    for frame in inputs.recording.frames(rest)? {
+        if let Err(error) = example.add(&frame?.pixels) {
+            return Ok(Err(error.to_string()));
+        }
+    }
+    let found = match example.finish() {
+        Ok(Ok(found)) => found,
+        Ok(Err(error)) => return Ok(Err(error.to_string())),
+        Err(error) => return Ok(Err(error.to_string())),
+    };
+    let frames = found.model.sources.len();
+    Ok(NoiseExamples::of(&found.model, ExampleOrigin::Rest, frames, found.usable_share, None))
+}
+
+/// Examples of up to `wanted` frames by a method; `usable_places` describes its places. The inner
+/// error is the reason for which there are none.
 fn of_frames(
     inputs: &ExampleInputs<'_>,
     wanted: usize,
     origin: ExampleOrigin,
+    method: impl Fn(&ExampleInputs<'_>, usize) -> Result<Result<FrameExample, String>, RegistrationError>,
+    usable_places: &str,
 ) -> Result<Result<NoiseExamples, String>, RegistrationError> {
     let mut found: Vec<FrameExample> = Vec::new();
     let (mut usable, mut products) = (0.0, [0.0; 2]);
     let mut why = None;
     for target in targets(inputs, wanted) {
-        let example = match origin {
-            ExampleOrigin::Neighbours => by_neighbours(inputs, target)?,
-            ExampleOrigin::Textureless => by_textureless_places(inputs, target)?,
-        };
-        match example {
+        match method(inputs, target)? {
             Ok(example) => {
                 let frame = &example.0;
                 let share = frame.mask.iter().filter(|usable| **usable).count() as f64 / frame.mask.len().max(1) as f64;
                 if share < MIN_USABLE_SHARE {
-                    let places = match origin {
-                        ExampleOrigin::Neighbours => "repeats in its neighbours",
-                        ExampleOrigin::Textureless => "is without texture",
-                    };
-                    why = Some(format!("only {:.0} % of a frame {places}", 100.0 * share));
+                    why = Some(format!("only {:.0} % of a frame {usable_places}", 100.0 * share));
                     continue;
                 }
                 usable += share;
@@ -254,19 +303,12 @@ fn of_frames(
     }
     let frames: Vec<CodedFrame<'_>> = found.iter().map(|(frame, coding, _)| CodedFrame { frame, coding }).collect();
     let model = calibrate_coded(&frames, SEED).and_then(|model| model.with_clamped_activity(MAX_ACTIVITY_DEVIATIONS));
-    let file = model.map_err(|error| error.to_string());
-    let file = file.and_then(|model| to_bytes(&model).map_err(|error| error.to_string()));
-    Ok(file.map(|file| {
-        let findings = NoiseExampleFindings {
-            why: None,
-            origin,
-            frames: frames.len(),
-            usable_share: usable / frames.len() as f64,
-            frame_correlation: (products[1] > 0.0).then(|| products[0] / products[1]),
-            sha256: Some(hex(&Sha256::digest(&file))),
-        };
-        NoiseExamples { findings, file }
-    }))
+    let usable_share = usable / frames.len() as f64;
+    let correlation = (products[1] > 0.0).then(|| products[0] / products[1]);
+    Ok(match model {
+        Ok(model) => NoiseExamples::of(&model, origin, frames.len(), usable_share, correlation),
+        Err(error) => Err(error.to_string()),
+    })
 }
 
 /// Frames that give examples: those with the slowest camera, or evenly spaced ones without poses.
@@ -435,6 +477,9 @@ fn calibration_frame(own: &Planes, codes: Vec<u8>, means: &[[f32; 4]], table: &[
 mod tests {
     use super::super::neighbour_mean::tests::{HEIGHT, WIDTH, neighbour, table};
     use super::*;
+    use crate::camera::Geometry;
+    use crate::hash::pcg3d;
+    use crate::recording::OpenOptions;
 
     #[test]
     fn edges_changes_and_places_without_samples_are_masked() {
@@ -463,5 +508,44 @@ mod tests {
         let mut again = frames[0].clone();
         again.iter_mut().flat_map(|plane| &mut plane.values).for_each(|v| *v = v.round());
         assert!(is_repeated(&frames[0], &again, &table()) && !is_repeated(&frames[0], &frames[1], &table()));
+    }
+
+    // Slow: calibrates two models.
+    #[test]
+    fn recording_without_depth_gives_examples_of_its_rest_or_of_textureless_places() {
+        const SIDE: u32 = 176;
+        let temp = tempfile::tempdir().unwrap();
+        std::fs::create_dir(temp.path().join("rgb")).unwrap();
+        for frame in 0..MIN_REST_FRAMES as u32 {
+            let picture = image::RgbImage::from_fn(SIDE, SIDE, |x, y| {
+                let words = pcg3d([x, y, frame]);
+                image::Rgb(words.map(|word| (80.0 + 0.4 * x as f32 + 10.0 * (word as f32 / u32::MAX as f32)) as u8))
+            });
+            picture.save(temp.path().join(format!("rgb/{frame:02}.png"))).unwrap();
+        }
+        std::fs::write(temp.path().join("recording.toml"), "version = 1\n[frames]\nimages = \"rgb\"\nfps = 30.0\n")
+            .unwrap();
+        let recording = Recording::open(temp.path(), &OpenOptions::default()).unwrap();
+        let model = CameraModel::new(Geometry::pinhole(SIDE, SIDE, 150.0));
+        let of = |rest: Range<usize>| {
+            let states = &[None; MIN_REST_FRAMES];
+            let (noise, threads) = (&table(), 1);
+            let inputs = ExampleInputs {
+                recording: &recording,
+                model: &model,
+                states,
+                has_poses: false,
+                rest,
+                later_s: 0.0,
+                noise,
+                threads,
+            };
+            examples(&inputs).unwrap().findings
+        };
+        let found = of(0..MIN_REST_FRAMES);
+        assert_eq!((found.origin, found.frames, found.why), (ExampleOrigin::Rest, MIN_REST_FRAMES, None));
+        let found = of(0..0);
+        assert_eq!((found.origin, found.why.as_deref()), (ExampleOrigin::Textureless, None));
+        assert!(found.usable_share > 0.9 && found.to_string().contains("without texture"), "{found}");
     }
 }
