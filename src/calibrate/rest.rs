@@ -1,76 +1,66 @@
 //! Stretches of footage in which camera and scene are at rest.
 //!
-//! Frames are compared by the means of green over large blocks, which have little noise: σ / s with
-//! blocks of s × s px. The blocks of a moving picture change wherever the content does. A factor
-//! common to all blocks, flicker, is taken out. The search is generous: motion by a small part of a
-//! pixel is left to [`unsteady`](super::unsteady).
+//! Frames are compared by the means of green over large blocks. Two frames differ by the upper
+//! quantile of the blocks' changes, after a common gain, flicker, is removed. The smallest difference
+//! of consecutive frames of the footage is taken for that of noise, whatever its correlation. A
+//! stretch at rest ends where the difference from its first frame is larger: motion adds up, noise
+//! does not. Without any rest the slowest motion is taken for noise, but adds up within few frames.
 //!
-//! σ is that of the finest diagonal detail a − b − c + d of 2 × 2 px, whose variance is 4 σ². Its
-//! median leaves out edges.
+//! The search is generous: motion by a small part of a pixel is left to
+//! [`unsteady`](super::unsteady).
 
 use std::ops::Range;
 
-use crate::fit::quantile::{upper_median, upper_quantile};
+use crate::fit::quantile::upper_quantile;
 use crate::grey_image::GreyImage;
 use crate::pixels::Pixels;
 
 /// Number of blocks across the larger side.
 const BLOCKS: usize = 32;
-/// Largest change of a block's mean from the stretch's first frame, codes, at `QUANTILE` of all
-/// blocks.
-const MAX_CHANGE_CODES: f64 = 0.5;
-/// Added for noise, in σ / s. Two frames of independent noise differ by 2.8.
-const MAX_CHANGE_SIGMAS: f64 = 4.0;
+/// Quantile of the blocks' changes.
 const QUANTILE: f64 = 0.95;
-/// Step between measured details, px.
-const DETAIL_STEP: usize = 3;
-/// Ratio of the standard deviation of a normal distribution to the median of its absolute values.
-const SIGMA_BY_MEDIAN: f64 = 1.4826;
+/// Largest difference of a stretch's frames, relative to that of noise, and codes added to it.
+const MAX_GROWTH: f64 = 2.0;
+const MAX_CHANGE_CODES: f64 = 0.3;
+/// Consecutive frames that differ by less repeat each other, codes.
+const REPEAT_CODES: f64 = 0.05;
 
-/// Finds the longest stretch at rest among frames that are added in order.
+/// Finds the longest stretch at rest among frames that are added in order. Memory: 3 kB a frame.
 #[derive(Clone, Debug, Default)]
 pub struct RestSearch {
-    /// Blocks of the first frame of the current stretch.
-    first: Option<GreyImage>,
-    current: Range<usize>,
-    longest: Range<usize>,
+    /// Blocks of each frame.
+    frames: Vec<GreyImage>,
 }
 
 impl RestSearch {
     pub fn add(&mut self, pixels: &Pixels) {
         let scale = 255.0 / pixels.max_code() as f32;
         let green = GreyImage::of_codes(pixels, |[_, green, _]| scale * green as f32);
-        let side = (green.width.max(green.height) / BLOCKS).max(1);
-        let blocks = green.reduced(side);
-        let allowed = MAX_CHANGE_CODES + MAX_CHANGE_SIGMAS * fine_sigma(&green) / side as f64;
-        if self.first.as_ref().is_some_and(|first| change(first, &blocks) <= allowed) {
-            self.current.end += 1;
-        } else {
-            self.current = self.current.end..self.current.end + 1;
-            self.first = Some(blocks);
-        }
-        if self.current.len() > self.longest.len() {
-            self.longest = self.current.clone();
-        }
+        self.frames.push(green.reduced((green.width.max(green.height) / BLOCKS).max(1)));
     }
 
     /// Indices of the frames of the longest stretch.
     pub fn longest(self) -> Range<usize> {
-        self.longest
+        let consecutive = self.frames.windows(2).map(|pair| change(&pair[0], &pair[1]));
+        let noise = consecutive.filter(|change| *change > REPEAT_CODES).min_by(f64::total_cmp).unwrap_or(0.0);
+        let allowed = MAX_GROWTH * noise + MAX_CHANGE_CODES;
+        let mut longest = 0..self.frames.len().min(1);
+        let mut current = longest.clone();
+        for (n, frame) in self.frames.iter().enumerate().skip(1) {
+            if change(&self.frames[current.start], frame) <= allowed {
+                current.end = n + 1;
+            } else {
+                current = n..n + 1;
+            }
+            if current.len() > longest.len() {
+                longest = current.clone();
+            }
+        }
+        longest
     }
 }
 
-/// σ of the finest diagonal detail.
-fn fine_sigma(image: &GreyImage) -> f64 {
-    let at = |x: usize, y: usize| f64::from(image.values[y * image.width + x]);
-    let rows = (1..image.height).step_by(DETAIL_STEP);
-    let places = rows.flat_map(|y| (1..image.width).step_by(DETAIL_STEP).map(move |x| (x, y)));
-    let details = places.map(|(x, y)| (at(x, y) - at(x - 1, y) - at(x, y - 1) + at(x - 1, y - 1)).abs());
-    upper_median(details).map_or(0.0, |median| 0.5 * SIGMA_BY_MEDIAN * median)
-}
-
-/// Change of the blocks after a common gain is removed, codes. Infinite for pictures of different
-/// sizes.
+/// Difference of two frames' blocks, codes. Infinite for pictures of different sizes.
 fn change(from: &GreyImage, to: &GreyImage) -> f64 {
     if (from.width, from.height) != (to.width, to.height) {
         return f64::INFINITY;
