@@ -1,10 +1,11 @@
 //! Stretches of footage in which camera and scene are at rest.
 //!
 //! Frames are compared by the means of green over large blocks. Two frames differ by the upper
-//! quantile of the blocks' changes, after a common gain, flicker, is removed. The smallest difference
-//! of consecutive frames of the footage is taken for that of noise, whatever its correlation. A
-//! stretch at rest ends where the difference from its first frame is larger: motion adds up, noise
-//! does not. Without any rest the slowest motion is taken for noise, but adds up within few frames.
+//! quantile of the blocks' changes, after a common gain, flicker, is removed. The smallest
+//! difference of consecutive frames of the footage is taken for that of noise, whatever its
+//! correlation. A stretch at rest ends where the difference from its first frame is larger: motion
+//! adds up, noise does not. Without any rest the slowest motion is taken for noise, but adds up
+//! within few frames.
 //!
 //! The search is generous: motion by a small part of a pixel is left to
 //! [`unsteady`](super::unsteady).
