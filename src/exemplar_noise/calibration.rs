@@ -5,7 +5,7 @@
 //!    into [`bands`](super::bands).
 //! 2. Amplitudes by [`regression`](super::regression) where nothing clips; they normalise the
 //!    atlas.
-//! 3. Four rounds of indirect inference: the calibration's pictures are synthesised, their
+//! 3. Four rounds of indirect inference: up to four of the pictures are synthesised, their
 //!    residuals are fitted in the same way as the real ones, and the amplitudes move by the
 //!    difference of both fits: by 0.8 of it in the first two rounds, then by 0.5, at most 1.5 for
 //!    each coefficient. The table of [`latent`](super::latent) values moves at the same time. The
@@ -32,8 +32,12 @@ use crate::grey_image::GreyImage;
 const RATES: [f64; 4] = [0.8, 0.8, 0.5, 0.5];
 /// Largest change of a coefficient in a round.
 const MAX_CHANGE: f64 = 1.5;
-/// Distance of the pixels of a fit, px.
-const FIT_STEP: usize = 3;
+/// Largest number of frames that a round synthesises, evenly spaced.
+const ROUND_FRAMES: usize = 4;
+/// Smallest distance of the pixels of a fit, px, and their largest number. Distances are odd, so
+/// that pixels of all phases of the block grid are taken.
+const MIN_FIT_STEP: usize = 3;
+const MAX_FIT_PIXELS: usize = 100_000;
 /// Distance of the pixels from which the features' scale is taken.
 const SCALE_STEP: usize = 5;
 /// Codes beyond these may be clipped.
@@ -178,10 +182,12 @@ impl FitSamples {
     fn of(prepared: &[PreparedFrame<'_>], masks: &[&GreyImage], plane: usize, factor: [usize; 2]) -> Self {
         let factor = if plane == 0 { [1, 1] } else { factor };
         let (mut rows, mut places) = (Vec::new(), Vec::new());
+        let pixels = prepared.iter().map(|frame| frame.features[plane.min(1)].0[0].values.len()).sum();
+        let step = fit_step(pixels);
         for (f, (frame, mask)) in prepared.iter().zip(masks).enumerate() {
             let features = &frame.features[plane.min(1)];
-            for y in (0..features.height()).step_by(FIT_STEP) {
-                for x in (0..features.width()).step_by(FIT_STEP) {
+            for y in (0..features.height()).step_by(step) {
+                for x in (0..features.width()).step_by(step) {
                     let first = y * factor[1] * mask.width + x * factor[0];
                     let row = |j: usize| &mask.values[first + j * mask.width..][..factor[0]];
                     if (0..factor[1]).all(|j| row(j).iter().all(|&v| v > 0.5)) {
@@ -194,6 +200,15 @@ impl FitSamples {
         }
         Self { rows, places }
     }
+}
+
+/// Distance of a fit's pixels among so many.
+fn fit_step(pixels: usize) -> usize {
+    let mut step = MIN_FIT_STEP;
+    while pixels / (step * step) > MAX_FIT_PIXELS {
+        step += 2;
+    }
+    step
 }
 
 /// Fits all bands; `bands[i]` belongs to `prepared[i]`.
@@ -317,14 +332,17 @@ pub fn calibrate_coded(frames: &[CodedFrame<'_>], seed: u32) -> Result<NoiseMode
     let prepared: Vec<PreparedFrame<'_>> = prepared.collect::<Result<_, _>>()?;
 
     let real: Vec<&[GreyImage]> = prepared.iter().map(|p| p.bands.as_slice()).collect();
-    let [whole, clear]: [Vec<&GreyImage>; 2] =
-        [prepared.iter().map(|p| &p.usable).collect(), prepared.iter().map(|p| &p.unclipped).collect()];
+    let clear: Vec<&GreyImage> = prepared.iter().map(|p| &p.unclipped).collect();
     let mut gains = fit_all(&prepared, &real, &clear, factor, None);
     let atlas_gains = to_f32(&gains);
     let numbers =
         ModelNumbers { scale, gains: atlas_gains, atlas_gains, latent: LatentTable::default(), coding: shared };
     let mut model = NoiseModel::new(numbers, prepared.iter().map(|p| p.source()).collect())?;
 
+    let every = prepared.len().div_ceil(ROUND_FRAMES);
+    let prepared: Vec<PreparedFrame<'_>> = prepared.into_iter().step_by(every).collect();
+    let real: Vec<&[GreyImage]> = prepared.iter().map(|p| p.bands.as_slice()).collect();
+    let whole: Vec<&GreyImage> = prepared.iter().map(|p| &p.usable).collect();
     let target = fit_all(&prepared, &real, &whole, factor, None);
     let mut previous = gains;
     for (round, rate) in RATES.into_iter().enumerate() {
