@@ -13,7 +13,7 @@ use super::findings::{Findings, GainFindings, PoseFindings, SharpnessFindings, S
 use super::inputs;
 use super::light::RoomLight;
 use super::light_findings::{Environment, LightFindings};
-use super::noise_example::{NoiseExampleFile, NoiseExamples};
+use super::noise_example_findings::{NoiseExampleFile, NoiseExamples};
 use super::noise_findings::NoiseFindings;
 use super::recorded_motion::{RecordedMotion, moves_as_recorded};
 use super::registration_result::{HeldOutResidual, Registration, Verdict};

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::dependencies::Dependencies;
 use super::depth_clock::DepthOffset;
 use super::light_findings::LightFindings;
-use super::noise_example::NoiseExampleFindings;
+use super::noise_example_findings::NoiseExampleFindings;
 use super::noise_findings::NoiseFindings;
 use super::registration_result::{MAX_READOUT_SIGMA_S, Registration, Verdict};
 use super::rig_offset::RigOffset;

@@ -28,18 +28,12 @@
 //! Not modelled: the mean's own spectrum (interpolation smooths it), and detail that interpolation
 //! removes from it.
 
-use std::fmt;
 use std::ops::Range;
-use std::path::Path;
-use std::sync::Arc;
-
-use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
 
 use super::camera_model::CameraModel;
 use super::depth_source::measured;
-use super::inputs::hex;
 use super::neighbour_mean::{DepthView, MAX_NEIGHBOURS, MIN_SAMPLES, SampledFrame};
+use super::noise_example_findings::{ExampleOrigin, NoiseExamples};
 use super::registration_result::RegistrationError;
 use super::spread::stillest_frames;
 use super::state::CameraState;
@@ -48,18 +42,14 @@ use crate::camera::NoiseProfile;
 use crate::coding::PictureCoding;
 use crate::exemplar_noise::calibration::{CalibrationFrame, CodedFrame, calibrate_coded};
 use crate::exemplar_noise::content::brightness;
-use crate::exemplar_noise::file::{from_bytes, to_bytes};
 use crate::exemplar_noise::flat_places::textureless_places;
 use crate::exemplar_noise::masked_blur::MaskedBlur;
 use crate::exemplar_noise::path::{Planes, rgb_of_codes};
-use crate::exemplar_noise::{NoiseExample, NoiseModel};
 use crate::frame::Frame;
 use crate::grey_image::GreyImage;
-use crate::memo::ByAddress;
 use crate::parallel::over_rows;
 use crate::pixels::Codes;
 use crate::recording::Recording;
-use crate::text::count;
 
 /// Number of frames from which noise is taken, with neighbours and by textureless places.
 const FRAMES: usize = 6;
@@ -99,86 +89,6 @@ const MAX_ACTIVITY_DEVIATIONS: f32 = -0.5;
 /// Seed of the calibration's noise.
 const SEED: u32 = 1;
 
-/// How a frame's picture without noise is found.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum ExampleOrigin {
-    /// By the mean of its neighbours at the same points of the scene.
-    #[default]
-    Neighbours,
-    /// By a smooth picture, in textureless places alone.
-    Textureless,
-    /// By the mean of a stretch at rest.
-    Rest,
-}
-
-/// Noise by example of a recording, without the model.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct NoiseExampleFindings {
-    /// Why the recording has no noise by example.
-    pub why: Option<String>,
-    #[serde(default)]
-    pub origin: ExampleOrigin,
-    /// Number of frames that gave examples.
-    pub frames: usize,
-    /// Share of their pixels that were usable.
-    pub usable_share: f64,
-    /// Correlation of a frame's noise with that of the nearest frame, at the same points of the
-    /// scene. Not drawn. `None` where it was not measured.
-    pub frame_correlation: Option<f64>,
-    /// SHA-256 of the model's file, hexadecimal.
-    pub sha256: Option<String>,
-}
-
-impl fmt::Display for NoiseExampleFindings {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if self.sha256.is_none() {
-            return write!(f, "none of noise: {}", self.why.as_deref().unwrap_or("no reason is given"));
-        }
-        let places = match self.origin {
-            ExampleOrigin::Neighbours => "of their pixels, by neighbouring frames",
-            ExampleOrigin::Textureless => "of their pixels, without texture",
-            ExampleOrigin::Rest => "of their pixels, from a stretch at rest",
-        };
-        write!(f, "of noise, from {}, {:.0} % {places}", count(self.frames, "frame"), 100.0 * self.usable_share)?;
-        match self.frame_correlation {
-            Some(correlation) => write!(f, "; noise of neighbouring frames correlates by {correlation:.2}"),
-            None => Ok(()),
-        }
-    }
-}
-
-/// The result of a search for examples.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct NoiseExamples {
-    pub findings: NoiseExampleFindings,
-    /// The model's file; empty without one.
-    pub file: Vec<u8>,
-}
-
-/// The file of a noise model, and the model.
-#[derive(Clone, Debug)]
-pub struct NoiseExampleFile {
-    pub bytes: Arc<[u8]>,
-    pub example: NoiseExample,
-}
-
-impl PartialEq for NoiseExampleFile {
-    fn eq(&self, other: &Self) -> bool {
-        self.bytes == other.bytes
-    }
-}
-
-impl NoiseExampleFile {
-    /// `path`: that of the file. The error is the reason for which it is not usable.
-    pub fn of(bytes: Vec<u8>, path: &Path) -> Result<Self, String> {
-        let model = from_bytes(&bytes).map_err(|error| error.to_string())?;
-        let example = NoiseExample { file: path.to_owned(), model: ByAddress(Arc::new(model)) };
-        Ok(Self { bytes: bytes.into(), example })
-    }
-}
-
 /// The recording and its analysis, from which examples are taken.
 pub struct ExampleInputs<'a> {
     pub recording: &'a Recording,
@@ -193,34 +103,6 @@ pub struct ExampleInputs<'a> {
     pub later_s: f64,
     pub noise: &'a NoiseProfile,
     pub threads: usize,
-}
-
-impl NoiseExamples {
-    fn of(
-        model: &NoiseModel,
-        origin: ExampleOrigin,
-        frames: usize,
-        usable_share: f64,
-        frame_correlation: Option<f64>,
-    ) -> Result<Self, String> {
-        let file = to_bytes(model).map_err(|error| error.to_string())?;
-        let sha256 = Some(hex(&Sha256::digest(&file)));
-        let findings = NoiseExampleFindings { why: None, origin, frames, usable_share, frame_correlation, sha256 };
-        Ok(Self { findings, file })
-    }
-
-    pub fn none(why: impl Into<String>) -> Self {
-        let why = Some(why.into());
-        let findings = NoiseExampleFindings {
-            why,
-            origin: ExampleOrigin::default(),
-            frames: 0,
-            usable_share: 0.0,
-            frame_correlation: None,
-            sha256: None,
-        };
-        Self { findings, file: Vec::new() }
-    }
 }
 
 /// Searches a recording for examples: in a stretch at rest, by neighbouring frames where depth is

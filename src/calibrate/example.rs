@@ -3,11 +3,8 @@
 //! Frames are sampled while a scene is summed: whole ones, evenly spaced, or windows of large ones,
 //! each at another quarter of the picture. Their mean and the blocks that stood still come from the
 //! scene's sums. Pictures of anything give their textureless places.
-//!
-//! A third of the file is tests.
 
-use std::fmt;
-
+use super::example_report::{ExampleCalibration, ExampleMethod, MIN_FRAMES, NoExample};
 use super::sampling_plan::{AtlasWindow, MAX_ATLAS_PX, SamplingPlan};
 use super::scene_sums::{BLOCK, SceneSums};
 use crate::camera::NoiseProfile;
@@ -20,16 +17,11 @@ use crate::exemplar_noise::{ModelError, NoiseModel};
 use crate::fit::quantile::midpoint_median;
 use crate::grey_image::GreyImage;
 use crate::pixels::{Codes, Pixels};
-use crate::text::count;
 
 /// Largest number of scenes that are sampled; more would leave too small windows.
 const MAX_SCENES: usize = 8;
 /// Border of a window that is left out, where chroma and features depend on pixels outside, px.
 const WINDOW_MARGIN_PX: usize = 16;
-/// Fewest frames of a scene without a clean picture.
-pub const MIN_FRAMES: usize = 4;
-/// Frames of half a second to a second, from which the mean has little noise left.
-const RECOMMENDED_FRAMES: usize = 16;
 /// Key of the synthesised noise that is compared with the frames' own.
 const CHECK_KEY: [u32; 3] = [0, 99, 0];
 const SEED: u32 = 1;
@@ -38,54 +30,6 @@ const MIN_TEXTURELESS_SHARE: f64 = 0.1;
 /// Codes of a bin of the comparison, and its smallest number of samples.
 const BIN_CODES: usize = 16;
 const MIN_BIN_SAMPLES: usize = 2000;
-/// Width of the range of codes below which more content is recommended.
-const RECOMMENDED_CODE_RANGE: f32 = 128.0;
-
-/// How the clean picture was found.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ExampleMethod {
-    /// The mean of so many frames at rest.
-    Resting { frames: usize },
-    /// The given picture.
-    Pairs,
-    /// A Gaussian mean over textureless pixels.
-    Textureless,
-}
-
-/// A model with a description of its origin; prints as lines of a report.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ExampleCalibration {
-    pub model: NoiseModel,
-    pub method: ExampleMethod,
-    /// Share of the pixels that did not move, 0 to 1.
-    pub usable_share: f64,
-    /// Codes of the clean pictures between which 98 % of their values are.
-    pub code_range: [f32; 2],
-    /// Median over intensities of the relative difference between the standard deviations of
-    /// synthesised and real noise. `None` if there are too few pixels.
-    pub sigma_error: Option<f64>,
-}
-
-/// Why there is no noise by example.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum NoExample {
-    #[error(
-        "{} at rest; at least {MIN_FRAMES} are needed, {RECOMMENDED_FRAMES} are better: hold the camera still for two seconds",
-        count(*frames, "frame")
-    )]
-    TooFewFrames { frames: usize },
-    #[error("the pictures have 16 bits for each channel, but noise by example needs pictures of 8 bits")]
-    Depth,
-    #[error("the scenes have different sizes; give scenes of one size")]
-    Sizes,
-    #[error(
-        "too little of the pictures is without texture: hold the camera still for two seconds, or use `locard analyse`, \
-         which makes it from a recording with measured depth"
-    )]
-    Textured,
-    #[error(transparent)]
-    Model(#[from] ModelError),
-}
 
 /// Codes of a window, and their coding.
 #[derive(Clone, Debug)]
@@ -114,7 +58,7 @@ pub(super) struct ExampleSampler {
     /// Size of the scene's first frame; frames of other sizes are not sampled.
     size: Option<[usize; 2]>,
     next_frame: usize,
-    /// Of the first sampled frame whose file states none, as composites estimate it.
+    /// Estimated coding of the first sampled frame whose file states none.
     estimated_coding: Option<PictureCoding>,
     samples: Vec<SampledWindow>,
     frames: Vec<ExampleFrame>,
@@ -327,51 +271,6 @@ fn sigma_error(model: &NoiseModel, frame: &ExampleFrame) -> Result<Option<f64>, 
     let gain = f64::from(frame.variance_gain);
     let full = bins.iter().filter(|bin| bin.0 >= MIN_BIN_SAMPLES && bin.1 > 0.0);
     Ok(midpoint_median(full.map(|(_, real, drawn)| ((drawn / (gain * real)).sqrt() - 1.0).abs())))
-}
-
-impl fmt::Display for ExampleCalibration {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let sources = &self.model.sources;
-        let megapixels = sources.iter().map(|source| source.size[0] * source.size[1]).sum::<usize>() as f64 / 1e6;
-        let parts = count(sources.len(), "part");
-        match self.method {
-            ExampleMethod::Resting { frames } => {
-                write!(f, "noise by example, from {} at rest", count(frames, "frame"))?;
-            }
-            ExampleMethod::Pairs => write!(f, "noise by example, from frames with a clean picture")?,
-            ExampleMethod::Textureless => write!(f, "noise by example, from places without texture")?,
-        }
-        writeln!(f, ": {parts} of {megapixels:.1} Mpx in all, {:.0} % of it usable", 100.0 * self.usable_share)?;
-        if let Some(error) = self.sigma_error {
-            writeln!(
-                f,
-                "its sigma differs from that of the frames by {:.0} % (median over intensities)",
-                100.0 * error
-            )?;
-        }
-        match self.method {
-            ExampleMethod::Resting { frames } if frames < RECOMMENDED_FRAMES => writeln!(
-                f,
-                "note: {RECOMMENDED_FRAMES} or more frames give a cleaner mean: hold the camera still for two seconds"
-            )?,
-            _ => {}
-        }
-        if self.method == ExampleMethod::Textureless {
-            writeln!(
-                f,
-                "note: a camera at rest gives examples of textures and edges too: hold it still for two seconds"
-            )?;
-        }
-        let [dark, bright] = self.code_range;
-        if bright - dark < RECOMMENDED_CODE_RANGE {
-            writeln!(
-                f,
-                "note: the pictures have codes from {dark:.0} to {bright:.0} alone; other content gets the noise of the \
-                 most similar: record dark and bright, smooth and detailed surfaces"
-            )?;
-        }
-        Ok(())
-    }
 }
 
 #[cfg(test)]

@@ -1,7 +1,8 @@
 //! Calibration from files, folders, recordings and videos, read one frame at a time; and the choice
 //! of the method.
 
-use super::example::{ExampleCalibration, ExampleSampler, NoExample};
+use super::example::ExampleSampler;
+use super::example_report::{ExampleCalibration, NoExample};
 use super::footage::{Footage, is_picture, read};
 use super::moving::MovingCalibrator;
 use super::noise::{CalibrateError, NoiseCalibration, NoiseCalibrator, NoiseOptions};
@@ -151,8 +152,7 @@ fn resting(
     Ok(MeasuredNoise { table, example: sampler.map(ExampleSampler::finish) })
 }
 
-/// Approximate number of frames whose textureless places are used, evenly spaced: they contain
-/// enough of them.
+/// Approximate number of evenly spaced frames whose textureless places are used.
 const MAX_TEXTURELESS_FRAMES: usize = 120;
 
 fn textureless(

@@ -9,6 +9,7 @@ pub mod board;
 mod censoring;
 mod common_motion;
 mod example;
+mod example_report;
 mod footage;
 pub mod geometry;
 mod load;
@@ -31,7 +32,7 @@ mod unsteady;
 mod warning;
 
 pub use bins::BinReport;
-pub use example::{ExampleCalibration, ExampleMethod, NoExample};
+pub use example_report::{ExampleCalibration, ExampleMethod, NoExample};
 pub use footage::is_picture;
 pub use load::{LoadProgress, MeasuredNoise, NoiseSource, noise_from_paths};
 pub use noise::{CalibrateError, NoiseCalibration, NoiseCalibrator, NoiseOptions, SceneMotion};

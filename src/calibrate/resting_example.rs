@@ -1,6 +1,7 @@
 //! Noise by example of frames at rest that are read elsewhere.
 
-use super::example::{ExampleCalibration, ExampleSampler, NoExample};
+use super::example::ExampleSampler;
+use super::example_report::{ExampleCalibration, NoExample};
 use super::noise::{CalibrateError, NoiseCalibrator, NoiseOptions};
 use crate::pixels::Pixels;
 

@@ -176,16 +176,16 @@ impl Compositor {
         let plan = Plan::new(self.gpu(), &job, camera, settings, &context, &frame_view)?;
         stats.add_plan(&job, &frame_view, &plan);
         let Some(work_rects) = &plan.work_rects else { return Ok(self.pass_through(job, stats, target)) };
-        let (view, context, plan, proxies) = (&frame_view, &context, &plan, &self.proxies());
+        let proxies = self.proxies();
         let inputs = FrameInputs {
             job: &job,
             camera,
             settings,
-            view,
-            context,
-            plan,
+            view: &frame_view,
+            context: &context,
+            plan: &plan,
             work_rects,
-            proxies,
+            proxies: &proxies,
             requested,
             is_retained,
         };

@@ -47,10 +47,8 @@ crate::choices! {
 }
 
 impl NoiseMethod {
-    /// Whether it draws by a model of the profile's noise.
-    pub fn uses_example(self) -> bool {
-        matches!(self, Self::Example | Self::Parametric)
-    }
+    /// Those that draw by a model of the camera's noise.
+    pub const BY_MODEL: [Self; 2] = [Self::Example, Self::Parametric];
 }
 
 crate::params! {
@@ -184,7 +182,8 @@ impl Effect for Noise {
         coding: Option<&PictureCoding>,
     ) -> Result<Option<ExampleNoise>, CodingDifference> {
         let example = context.camera.noise.as_ref().and_then(|noise| noise.example.as_ref());
-        let is_drawn = self.method.uses_example() && self.is_as_calibrated(context) && !context.capture.whole;
+        let is_drawn =
+            NoiseMethod::BY_MODEL.contains(&self.method) && self.is_as_calibrated(context) && !context.capture.whole;
         let Some(NoiseExample { model, .. }) = example.filter(|_| is_drawn) else { return Ok(None) };
         if context.max_code != 255 {
             return Err(CodingDifference::Depth);

@@ -264,9 +264,8 @@ impl Shot {
     pub fn has_noise_by_example(&self) -> bool {
         let noise = self.settings.on().find(|effect| effect.table() == "noise");
         let method = noise.and_then(|noise| noise.get("method"));
-        let is_chosen = method.is_some_and(|value| {
-            [NoiseMethod::Example, NoiseMethod::Parametric].iter().any(|method| method.to_value() == value)
-        });
+        let is_chosen =
+            method.is_some_and(|value| NoiseMethod::BY_MODEL.iter().any(|method| method.to_value() == value));
         is_chosen && self.camera().noise.is_some_and(|noise| noise.example.is_some())
     }
 
