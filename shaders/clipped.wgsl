@@ -4,13 +4,13 @@
 // @import shared/half
 
 struct Clipped {
-    part_px: vec2<f32>,      // size of the part that is shaded
+    part_px: vec2<f32>,      // size of the part that is shadowed
     in_light: vec2<i32>,     // where the part begins in the clipped light
     light_size: vec2<i32>,   // of the clipped light; its texture may be larger
 }
 @group(0) @binding(0) var<uniform> clipped: Clipped;
 // The fraction of light that shadows remove, over the part.
-@group(0) @binding(1) var shade: texture_2d<f32>;
+@group(0) @binding(1) var shadow_mask: texture_2d<f32>;
 // Ratio of the true radiance to the recorded light, 0 for channels that do not clip; and the degree
 // to which all channels clip, 0 to 1.
 @group(0) @binding(2) var excess: texture_2d<f32>;
@@ -25,7 +25,7 @@ fn part(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u
 @fragment
 fn main(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let p = vec2<i32>(at.xy);
-    let removed = textureLoad(shade, p, 0);
+    let removed = textureLoad(shadow_mask, p, 0);
     let q = p + clipped.in_light;
     if any(q < vec2<i32>(0)) || any(q >= clipped.light_size) {
         return removed;

@@ -14,8 +14,8 @@ override whole: bool = false;
 override parted: bool = false;
 // Whether there may be light without coverage.
 override light_alone: bool = false;
-// Whether virtual objects shade the real part.
-override shaded: bool = false;
+// Whether virtual objects cast shadows on the real part.
+override shadowed: bool = false;
 // Whether real objects occlude the layer with a matte.
 override fringed: bool = false;
 
@@ -24,10 +24,10 @@ struct Composite {
     in_picture: vec2<i32>,   // its origin in the picture
     in_camera: vec2<i32>,    // in the camera's texture
     in_layer: vec2<i32>,     // in the layer
-    in_shade: vec2<i32>,     // in the shade
+    in_shadow_mask: vec2<i32>,
     camera_size: vec2<i32>,
     layer_size: vec2<i32>,
-    shade_size: vec2<i32>,
+    shadow_mask_size: vec2<i32>,
     made_size: vec2<i32>,    // of the rectangle
     max_code: f32,
     gain: f32,               // on the real light
@@ -43,7 +43,7 @@ struct Composite {
 // Coverage of red, green and blue.
 @group(0) @binding(4) var coverage: texture_2d<f32>;
 // The fraction of the real light that is removed.
-@group(0) @binding(6) var shade: texture_2d<f32>;
+@group(0) @binding(6) var shadow_mask: texture_2d<f32>;
 // α·(F − B) at the edges of real foreground objects (src/compositor/foreground_matte.rs).
 @group(0) @binding(7) var fringes: texture_2d<f32>;
 
@@ -95,12 +95,12 @@ fn coverage_at(p: vec2<i32>, mean: f32) -> vec3<f32> {
 
 // Shadow ratio at a pixel of the rectangle.
 fn shadow_ratio_at(p: vec2<i32>) -> vec3<f32> {
-    if !shaded {
+    if !shadowed {
         return vec3<f32>(1.0);
     }
-    let q = p + composite.in_shade;
-    let inside = all(q >= vec2<i32>(0)) && all(q < composite.shade_size);
-    return select(vec3<f32>(1.0), shadow_ratio(textureLoad(shade, q, 0).rgb), inside);
+    let q = p + composite.in_shadow_mask;
+    let inside = all(q >= vec2<i32>(0)) && all(q < composite.shadow_mask_size);
+    return select(vec3<f32>(1.0), shadow_ratio(textureLoad(shadow_mask, q, 0).rgb), inside);
 }
 
 // Fringe of real foreground objects at a pixel, exposed as the real light.
@@ -168,7 +168,7 @@ fn mixed_at(p: vec2<i32>, virtual_light: vec3<f32>, coverage: vec3<f32>) -> Mixe
 
 // A camera pixel without the layer.
 fn camera_at(p: vec2<i32>) -> Mixed {
-    if whole || shaded {
+    if whole || shadowed {
         return mixed_at(p, vec3<f32>(0.0), vec3<f32>(0.0));
     }
     let code = vec3<f32>(camera_codes(p).rgb) / composite.max_code;
@@ -191,8 +191,8 @@ var<private> amplitude_factor: f32 = 0.0;
 
 // The picture before it is coded (src/compositor/coded.rs): R'G'B' on the scale of 8-bit codes, not
 // clipped. Alpha is the share of the coded picture in the result, 0 where the camera's codes stay:
-// real light has come through the coding already, so only the virtual share and shade need it, in
-// full from a half on. Beyond the picture its rim continues, as encoders pad it.
+// real light has come through the coding already, so only the virtual share and the shadow need it,
+// in full from a half on. Beyond the picture its rim continues, as encoders pad it.
 fn uncoded_at(at: vec4<f32>) -> vec4<f32> {
     let rim = composite.camera_size - composite.in_camera - 1;
     let p = clamp(vec2<i32>(at.xy), -composite.in_camera, rim);

@@ -4,8 +4,8 @@
 // @import shared/response
 // @import shared/shadow_ratio
 override curve: f32 = 0.0;
-// Whether virtual objects shade it.
-override shaded: bool = false;
+// Whether virtual objects cast shadows on it.
+override shadowed: bool = false;
 
 struct Grid {
     size: vec2<i32>,
@@ -20,7 +20,7 @@ struct Grid {
 @group(0) @binding(3) var far_light: texture_2d<f32>;
 @group(0) @binding(4) var depths: texture_2d<u32>;
 // The fraction of the light that is removed, over the part.
-@group(0) @binding(5) var shade: texture_2d<f32>;
+@group(0) @binding(5) var shadow_mask: texture_2d<f32>;
 
 // σ of colours (square roots of light) within one surface.
 const COLOR_SIGMA: f32 = 0.05;
@@ -75,8 +75,8 @@ fn main(@builtin(position) at: vec4<f32>) -> Out {
     let found = select(far, near, near.y >= far.y);
     let depth = found.y / max(found.x, 1e-12);
     var left = light;
-    if shaded {
-        left *= shadow_ratio(textureLoad(shade, vec2<i32>(at.xy), 0).rgb);
+    if shadowed {
+        left *= shadow_ratio(textureLoad(shadow_mask, vec2<i32>(at.xy), 0).rgb);
     }
     return Out(vec4<f32>(left, 1.0), vec4<f32>(behind.rgb, 1.0), vec4<u32>(words(depth), words(1.0 / behind.a)));
 }

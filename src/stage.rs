@@ -8,13 +8,13 @@ use std::fmt;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Stage {
     /// The fraction of light that objects remove from real surfaces.
-    ShadowMaps,
+    PlanarShadows,
     /// The fraction of light that reaches objects, and the indirect light on them.
     Lightmaps,
     /// The real scene's depth, repaired, and the foreground's matte.
     Depth,
     /// The fraction of the real light that is removed, at each pixel.
-    Shade,
+    ShadowMask,
     /// The objects, drawn.
     Draw,
     /// The effects on the drawn layer, in linear light.
@@ -25,16 +25,16 @@ pub enum Stage {
 
 impl Stage {
     pub const ALL: [Self; 7] =
-        [Self::ShadowMaps, Self::Lightmaps, Self::Depth, Self::Shade, Self::Draw, Self::Effects, Self::Mix];
+        [Self::PlanarShadows, Self::Lightmaps, Self::Depth, Self::ShadowMask, Self::Draw, Self::Effects, Self::Mix];
 }
 
 impl fmt::Display for Stage {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::ShadowMaps => "shadow maps",
+            Self::PlanarShadows => "planar shadows",
             Self::Lightmaps => "lightmaps",
             Self::Depth => "depth",
-            Self::Shade => "shade",
+            Self::ShadowMask => "shadow mask",
             Self::Draw => "draw",
             Self::Effects => "effects",
             Self::Mix => "mix",

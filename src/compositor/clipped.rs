@@ -17,8 +17,8 @@
 //!
 //! Cameras compress light below their white. So L̂ rises from V to its value between the codes 240
 //! and 250 of 255, and channels are equalized over the same range. On a saturated colour only one
-//! or two channels clip, and L̂ would change the hue between the lit and the shaded part: it rises
-//! to its value as the smallest channel rises from 200 to 240. Below that, V is used for L.
+//! or two channels clip, and L̂ would change the hue between the lit and the shadowed part: it
+//! rises to its value as the smallest channel rises from 200 to 240. Below that, V is used for L.
 //!
 //! The result is stored as the fraction of the recorded light that is removed. Mixing, noise and
 //! layer files treat it like that of any other pixel.
@@ -40,7 +40,7 @@ use crate::pose::Pose;
 use crate::render::COLOR;
 use crate::shadow::{LazyRadiance, RadianceSampler};
 
-use super::shade::ShadeImage;
+use super::shadow_mask::ShadowMask;
 
 /// Code from which on the camera compresses light below its white, as a fraction of the largest
 /// code.
@@ -78,13 +78,13 @@ struct ClippedLight {
 /// Limits the light that shadows remove from clipped pixels of `part`.
 pub fn limit_clipped_shadow(
     recorder: &mut Recorder,
-    shade: ShadeImage,
+    shadow_mask: ShadowMask,
     part: Rect,
     (pixels, response, geometry): (&Pixels, &Response, &Geometry),
     known: Option<&FrameRadiance<'_>>,
-) -> ShadeImage {
-    let rects = dirty_tiles(part, &shade.pieces);
-    let Some(light) = ClippedLight::new(pixels, response, geometry, &rects, known) else { return shade };
+) -> ShadowMask {
+    let rects = dirty_tiles(part, &shadow_mask.pieces);
+    let Some(light) = ClippedLight::new(pixels, response, geometry, &rects, known) else { return shadow_mask };
     let size = (light.rect.width(), light.rect.height());
     let texture = recorder.pool.lend_to_write(&recorder.gpu, size, COLOR);
     texture.write(&recorder.gpu, size.0, size.1, &half_texels(&light.excess));
@@ -97,9 +97,9 @@ pub fn limit_clipped_shadow(
     let quads: Vec<[i32; 4]> = rects.iter().map(in_part).collect();
     let list = recorder.storage(bytemuck::cast_slice(&quads));
     let pass = recorder.pass(Shader::Clipped, Entry::over("part", "main")).uniform("clipped", &uniform);
-    let pass = pass.texture("shade", &shade.texture).texture("excess", &texture).buffer("parts", list);
+    let pass = pass.texture("shadow_mask", &shadow_mask.texture).texture("excess", &texture).buffer("parts", list);
     let [texture] = pass.tiles(quads.len() as u32).draw([COLOR], (part.width(), part.height()));
-    ShadeImage { texture, ..shade }
+    ShadowMask { texture, ..shadow_mask }
 }
 
 /// Degree to which a code, as a fraction of the largest one, clips: 0 to 1.

@@ -173,7 +173,7 @@ fn taps(chroma: ChromaSampling, axis: usize) -> [f32; 4] {
 }
 
 /// Records the composite of a piece through the coding. Outside the rectangles `changed` of the
-/// picture, layer and shade are empty. `parts` are those of the region.
+/// picture, layer and shadow mask are empty. `parts` are those of the region.
 pub fn mix_coded(
     recorder: &mut Recorder,
     inputs: &MixInputs<'_>,

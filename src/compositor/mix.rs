@@ -21,8 +21,8 @@ pub struct CompositePiece {
     /// The layer's rectangle in this piece's coordinates; may extend beyond the picture. Elsewhere
     /// the layer is empty.
     pub drawn: Rect,
-    /// The shade's rectangle in this piece's coordinates.
-    pub shaded: Rect,
+    /// The shadow mask's rectangle in this piece's coordinates.
+    pub shadowed: Rect,
 }
 
 /// The part of the camera's picture that the composite reads, on the GPU.
@@ -86,10 +86,10 @@ crate::uniform! {
         in_picture: [i32; 2],
         in_camera: [i32; 2],
         in_layer: [i32; 2],
-        in_shade: [i32; 2],
+        in_shadow_mask: [i32; 2],
         camera_size: [i32; 2],
         layer_size: [i32; 2],
-        shade_size: [i32; 2],
+        shadow_mask_size: [i32; 2],
         made_size: [i32; 2],
         max_code: f32,
         gain: f32,
@@ -135,11 +135,11 @@ pub struct MixInputs<'a> {
     pub upload: &'a CameraUpload,
     pub layer: &'a Layer,
     /// The fraction of the real light that is removed.
-    pub shade: Option<&'a Texture>,
+    pub shadow_mask: Option<&'a Texture>,
 }
 
 /// Records the composite of a piece. Outside the rectangles `changed` of the picture, layer and
-/// shade are empty.
+/// shadow mask are empty.
 pub fn mix(
     recorder: &mut Recorder,
     inputs: &MixInputs<'_>,
@@ -187,17 +187,17 @@ pub fn composite(
     if tiles.is_empty() {
         return;
     }
-    let MixInputs { camera, job, upload, layer, shade } = *inputs;
-    let (CompositePiece { rect, drawn, shaded }, capture) = (*piece, &job.capture);
+    let MixInputs { camera, job, upload, layer, shadow_mask } = *inputs;
+    let (CompositePiece { rect, drawn, shadowed }, capture) = (*piece, &job.capture);
     let size = (rect.width(), rect.height());
     let uniform = CompositeUniform {
         in_picture: [rect.x0, rect.y0],
         in_camera: [rect.x0 - upload.rect.x0, rect.y0 - upload.rect.y0],
         in_layer: [rect.x0 - drawn.x0, rect.y0 - drawn.y0],
-        in_shade: [rect.x0 - shaded.x0, rect.y0 - shaded.y0],
+        in_shadow_mask: [rect.x0 - shadowed.x0, rect.y0 - shadowed.y0],
         camera_size: [upload.rect.width() as i32, upload.rect.height() as i32],
         layer_size: [drawn.width() as i32, drawn.height() as i32],
-        shade_size: [shaded.width() as i32, shaded.height() as i32],
+        shadow_mask_size: [shadowed.width() as i32, shadowed.height() as i32],
         made_size: [size.0 as i32, size.1 as i32],
         max_code: upload.max_code,
         gain: photographic_gain(capture.over_ev) as f32,
@@ -218,7 +218,7 @@ pub fn composite(
         .choose("whole", capture.whole)
         .choose("parted", layer.coverage.is_some())
         .choose("light_alone", layer.light_alone)
-        .choose("shaded", shade.is_some())
+        .choose("shadowed", shadow_mask.is_some())
         .choose("fringed", layer.fringe.is_some());
     let named: Vec<_> = parts.iter().map(|part| (part.shader, part.name)).collect();
     let (shaders, tail) = mixed_module(&named, layer.real.is_some());
@@ -230,7 +230,7 @@ pub fn composite(
         .texture("camera", &upload.texture)
         .texture("layer", &layer.color)
         .texture("coverage", layer.coverage.as_ref().unwrap_or(&layer.color))
-        .texture("shade", shade.unwrap_or(&layer.color))
+        .texture("shadow_mask", shadow_mask.unwrap_or(&layer.color))
         .texture("fringes", layer.fringe.as_ref().unwrap_or(&layer.color));
     for part in parts {
         pass = pass.packed(part.name, &part.uniform);

@@ -3,8 +3,8 @@
 //!
 //! [`Compositor::submit`] plans a frame (plan.rs) and runs its stages (stages.rs):
 //!
-//! shadow maps and lightmaps (shadow/) → depth (occlusion.rs) → shade (shade.rs) → draw (render/) →
-//! effects (effects/) → mix (mix.rs).
+//! planar shadows and lightmaps (shadow/) → depth (occlusion.rs) → shadow mask (shadow_mask.rs) →
+//! draw (render/) → effects (effects/) → mix (mix.rs).
 
 mod clipped;
 mod coded;
@@ -25,7 +25,7 @@ mod real;
 mod retained;
 mod rgba;
 mod settings;
-mod shade;
+mod shadow_mask;
 mod stage_log;
 mod stages;
 mod work_rects;
@@ -38,7 +38,7 @@ use crate::pixels::Rect;
 use crate::quality::Quality;
 use crate::render::{Lightmap, Renderer};
 use crate::scene::{Object, Scene};
-use crate::shadow::{LazyRadiance, Lightmaps, Room, ShadowMap, Shadows};
+use crate::shadow::{LazyRadiance, Lightmaps, PlanarShadow, Room, Shadows};
 use crate::stage::Stage;
 
 pub use exposure_time::{ExposureSource, ExposureTime};
@@ -54,7 +54,7 @@ use frame_inputs::FrameInputs;
 use mix::CameraUpload;
 use pending::FrameReadbacks;
 use plan::{FrameView, Plan, frame_context};
-use retained::{LightmapsKey, ShadowMapsKey, StageMemos};
+use retained::StageMemos;
 use stage_log::StageLog;
 
 /// Draws a scene into frames. Final frames are those of a new compositor: the state between them is
@@ -75,9 +75,10 @@ pub struct Compositor {
 
 impl Compositor {
     pub fn new(gpu: Gpu, scene: Scene) -> Self {
+        let shadows = Shadows::new(&scene);
         Self {
-            shadows: Shadows::new(&scene),
-            lightmaps: Lightmaps::new(&scene),
+            lightmaps: Lightmaps::new(&scene, shadows.environment()),
+            shadows,
             renderer: Renderer::new(&gpu, scene),
             recorder: Recorder::new(gpu),
             depth: occlusion::DepthMemos::default(),
@@ -90,14 +91,14 @@ impl Compositor {
 
     /// Replaces the scene. Compiled pipelines stay: the cost is that of the upload.
     pub fn set_scene(&mut self, scene: Scene) {
-        // Shadow maps and lightmaps stay valid for the same geometry under the same lights.
+        // Planar shadows and lightmaps stay valid for the same geometry under the same lights.
         let before = self.renderer.scene();
         if !before.has_same_resources(&scene) {
             self.shadows = Shadows::new(&scene);
-            self.lightmaps = Lightmaps::new(&scene);
+            self.lightmaps = Lightmaps::new(&scene, self.shadows.environment());
         } else if before.lighting != scene.lighting {
             self.shadows.set_lighting(&scene);
-            self.lightmaps.set_lighting(&scene);
+            self.lightmaps.set_lighting(&scene, self.shadows.environment());
         }
         self.renderer.set_scene(&self.recorder.gpu, scene);
     }
@@ -170,8 +171,8 @@ impl Compositor {
         }
         let is_retained = matches!(target, Target::View(..)) && matches!(job.real, RealDepth::OfFrame);
         let mut log = StageLog::default();
-        let (shadow_maps, quality) = self.update_shadows(&settings.shadow, requested, is_retained, &mut log);
-        let frame_view = FrameView::new(&self.renderer, shadow_maps, &job, settings);
+        let (planar_shadows, quality) = self.update_shadows(&settings.shadow, requested, &mut log);
+        let frame_view = FrameView::new(&self.renderer, planar_shadows, &job, settings);
         let context = frame_context(&job, camera, settings, &frame_view);
         let plan = Plan::new(self.gpu(), &job, camera, settings, &context, &frame_view)?;
         stats.add_plan(&job, &frame_view, &plan);
@@ -191,10 +192,10 @@ impl Compositor {
         };
 
         let occlusion = self.occlusion(&inputs, &mut log);
-        let shade = self.shade(&inputs, &occlusion, &mut log);
-        let drawn = self.draw(&inputs, &occlusion, shade.as_ref(), &mut log);
+        let shadow_mask = self.shadow_mask(&inputs, &occlusion, &mut log);
+        let drawn = self.draw(&inputs, &occlusion, shadow_mask.as_ref(), &mut log);
         let layer = self.apply_effects(&inputs, &occlusion, drawn, &mut log);
-        let readbacks = self.mix(&inputs, &layer, shade.as_ref(), target, &mut log);
+        let readbacks = self.mix(&inputs, &layer, shadow_mask.as_ref(), target, &mut log);
 
         stats.no_occlusion = occlusion.failure;
         let is_preview = quality.is_preview() || occlusion.is_preview;
@@ -225,58 +226,63 @@ impl Compositor {
         }
     }
 
-    /// Computes shadow maps and lightmaps ahead of the first frame.
+    /// Computes planar shadows and lightmaps ahead of the first frame.
     pub fn prepare(&mut self, settings: &Settings) {
-        self.update_shadows(&settings.shadow, Quality::Final, false, &mut StageLog::default());
+        self.update_shadows(&settings.shadow, Quality::Final, &mut StageLog::default());
     }
 
-    /// The stages [`Stage::ShadowMaps`] and [`Stage::Lightmaps`], which are memoized for the whole
-    /// process. Returns the shadow maps, and the lower quality of the two. Lightmaps go to the
-    /// renderer.
+    /// The stages [`Stage::PlanarShadows`] and [`Stage::Lightmaps`], whose results are memoized:
+    /// they run if a result is missing. Returns the planar shadows, and the lower quality of the
+    /// two. Lightmaps go to the renderer.
     fn update_shadows(
         &mut self,
         settings: &ShadowSettings,
         requested: Quality,
-        is_retained: bool,
         log: &mut StageLog,
-    ) -> (Vec<ShadowMap>, Quality) {
-        let (shadow_maps, lightmaps, quality) = if settings.cast && settings.strength > 0.0 {
-            self.shadow_maps_and_lightmaps(settings, requested)
+    ) -> (Vec<PlanarShadow>, Quality) {
+        let before = self.shadow_runs();
+        // With strength 0 they are computed too, so that a change of strength repeats no stage
+        // before the shadow mask.
+        let (planar_shadows, lightmaps, quality) = if settings.cast {
+            self.planar_shadows_and_lightmaps(settings, requested)
         } else {
             (Vec::new(), Vec::new(), Quality::Final)
         };
-        // Logged by results: a preview's depend on the memos' content, and so are no function of a
-        // key.
-        let key = is_retained.then(|| ShadowMapsKey::new(&shadow_maps));
-        log.run(Stage::ShadowMaps, &self.retained.shadow_maps, key, || ());
-        let key = is_retained.then(|| LightmapsKey::new(&lightmaps));
-        log.run(Stage::Lightmaps, &self.retained.lightmaps, key, || ());
-        self.renderer.set_lightmaps(&self.recorder.gpu, &lightmaps, settings.strength);
-        (shadow_maps, quality)
+        let runs = before.into_iter().zip(self.shadow_runs());
+        runs.filter(|(before, after)| before != after).for_each(|((stage, _), _)| log.run_always(stage));
+        let drawn = if settings.strength > 0.0 { &lightmaps[..] } else { &[] };
+        self.renderer.set_lightmaps(&self.recorder.gpu, drawn, settings.strength);
+        (planar_shadows, quality)
     }
 
-    fn shadow_maps_and_lightmaps(
+    /// Number of computations of planar shadows and of lightmaps since the light was set.
+    fn shadow_runs(&self) -> [(Stage, u64); 2] {
+        let lightmap_runs = self.shadows.visibility_runs() + self.lightmaps.runs();
+        [(Stage::PlanarShadows, self.shadows.runs()), (Stage::Lightmaps, lightmap_runs)]
+    }
+
+    fn planar_shadows_and_lightmaps(
         &mut self,
         settings: &ShadowSettings,
         requested: Quality,
-    ) -> (Vec<ShadowMap>, Vec<Option<Arc<Lightmap>>>, Quality) {
-        let (shadow_maps, quality) = self.shadows.shadow_maps(self.renderer.scene(), requested);
+    ) -> (Vec<PlanarShadow>, Vec<Option<Arc<Lightmap>>>, Quality) {
+        let (planar_shadows, quality) = self.shadows.planar_shadows(self.renderer.scene(), requested);
         if !settings.on_things {
             let lightmaps = self.shadows.light_visibility(self.renderer.scene());
-            return (shadow_maps, lightmaps, quality);
+            return (planar_shadows, lightmaps, quality);
         }
         if requested.is_preview() {
             let (lightmaps, of_lightmaps) = self.lightmaps.preview(self.renderer.scene());
-            return (shadow_maps, lightmaps, quality.min(of_lightmaps));
+            return (planar_shadows, lightmaps, quality.min(of_lightmaps));
         }
         self.renderer.unwrap(&self.recorder.gpu);
         let visibility = self.shadows.light_visibility(self.renderer.scene());
         // Receiver planes beside the support reflect no light onto objects.
-        let floors = shadow_maps.iter().filter(|shadow_map| !shadow_map.is_beside);
-        let floors: Vec<ShadowMap> = floors.cloned().collect();
+        let floors = planar_shadows.iter().filter(|planar_shadow| !planar_shadow.is_beside);
+        let floors: Vec<PlanarShadow> = floors.cloned().collect();
         let (scene, unwrapped) = (self.renderer.scene(), self.renderer.unwrapped());
         let lightmaps = self.lightmaps.lightmaps(scene, unwrapped, &floors, &visibility);
-        (shadow_maps, lightmaps, quality)
+        (planar_shadows, lightmaps, quality)
     }
 
     /// Passes a frame through unchanged.

@@ -8,7 +8,7 @@ use super::RealDepth;
 use super::foreground_matte::{ForegroundMatte, max_depth_within};
 use super::frame_inputs::FrameInputs;
 use super::plan::FrameView;
-use super::shade::union_of_dark_rects;
+use super::shadow_mask::union_of_dark_rects;
 use super::stage_log::StageLog;
 use super::work_rects::WorkRects;
 use crate::camera::Geometry;
@@ -32,7 +32,7 @@ pub struct FrameOcclusion {
     pub depth_test: Option<(Texture, Option<GridPlacement>)>,
     /// The number of active effects after which the matte occludes the layer, and the matte.
     pub foreground: Option<(usize, ForegroundMatte)>,
-    /// Full depth over the bounds of the drawn and the shaded rectangle. `None` without shadows.
+    /// Full depth over the bounds of the drawn and the shadowed rectangle. `None` without shadows.
     pub scene_depth: Option<(Texture, Rect)>,
     /// The same depth in memory.
     pub repaired: Option<(Arc<RepairedDepth>, Rect)>,
@@ -65,7 +65,7 @@ pub struct DepthRects {
     pub drawn: Rect,
     /// Bounds of dark shadows. Under faint ones, the receiver is found by the measured depth alone.
     pub dark: Rect,
-    /// Bounds of the drawn and the shaded rectangle.
+    /// Bounds of the drawn and the shadowed rectangle.
     pub around: Rect,
 }
 
@@ -102,8 +102,8 @@ impl FrameOcclusion {
         if !settings.depth.occlusion {
             return nothing(log, None);
         }
-        let dark = union_of_dark_rects(&view.shadows).intersection(&work_rects.shaded);
-        let rects = DepthRects { drawn: work_rects.drawn, dark, around: work_rects.drawn.union(&work_rects.shaded) };
+        let dark = union_of_dark_rects(&view.shadows).intersection(&work_rects.shadowed);
+        let rects = DepthRects { drawn: work_rects.drawn, dark, around: work_rects.drawn.union(&work_rects.shadowed) };
         if let RealDepth::Known { grid, .. } = job.real {
             let known = || grid.map_or_else(Self::default, |grid| Self::of_grid(recorder, grid, inputs, rects));
             return log.run(Stage::Depth, retained, None, known);

@@ -59,15 +59,15 @@ pub fn paste_layer(
 }
 
 /// Copies the shadow ratio over `rect`, from the fraction of light that is removed.
-pub fn paste_shade(
+pub fn paste_shadow_mask(
     gpu: &Gpu,
-    shade: &Readback,
+    shadow_mask: &Readback,
     rect: Rect,
     over_seam: bool,
     out: &mut LayerImage,
 ) -> Result<(), GpuError> {
     let at = indices(rect, over_seam, out);
-    shade.rows(gpu, |row, bytes| {
+    shadow_mask.rows(gpu, |row, bytes| {
         for (column, t) in bytes.chunks_exact(8).enumerate() {
             if let Some(i) = at(row, column) {
                 let [r, g, b, _] = texel(t);
@@ -77,7 +77,7 @@ pub fn paste_shade(
     })
 }
 
-/// Adds the fringe of real foreground edges (`foreground_matte.rs`), after [`paste_shade`].
+/// Adds the fringe of real foreground edges (`foreground_matte.rs`), after [`paste_shadow_mask`].
 pub fn paste_fringe(
     gpu: &Gpu,
     fringe: &Readback,

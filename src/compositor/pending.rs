@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::frame_inputs::FrameInputs;
 use super::mix::CompositePiece;
-use super::paste::{fill_noise, paste, paste_fringe, paste_layer, paste_shade};
+use super::paste::{fill_noise, paste, paste_fringe, paste_layer, paste_shadow_mask};
 use super::{Composited, Compositor, FrameStats};
 use crate::camera::Response;
 use crate::frame::Frame;
@@ -46,8 +46,8 @@ pub struct LayerReadback {
     opacity: f32,
     parts: [Readback; 2],
     fringe: Option<Readback>,
-    shaded: Rect,
-    shade: Option<Readback>,
+    shadowed: Rect,
+    shadow_mask: Option<Readback>,
     response: Response,
 }
 
@@ -57,10 +57,10 @@ impl LayerReadback {
         readbacks: &mut ReadbackSet,
         inputs: &FrameInputs<'_>,
         layer: &Layer,
-        shade: Option<&Texture>,
+        shadow_mask: Option<&Texture>,
     ) -> Self {
         let pieces = &inputs.work_rects.pieces;
-        let shaded = &inputs.work_rects.shaded;
+        let shadowed = &inputs.work_rects.shadowed;
         let mut read_back = |texture, size| recorder.read_back(readbacks, texture, size);
         Self {
             drawn: pieces[0].drawn,
@@ -69,9 +69,9 @@ impl LayerReadback {
             opacity: inputs.job.frame.opacity as f32,
             parts: [&layer.color, &layer.geometry].map(|texture| read_back(texture, layer.size)),
             fringe: layer.fringe.as_ref().map(|texture| read_back(texture, layer.size)),
-            shaded: pieces[0].shaded,
+            shadowed: pieces[0].shadowed,
             response: inputs.camera.response.clone(),
-            shade: shade.map(|texture| read_back(texture, (shaded.width(), shaded.height()))),
+            shadow_mask: shadow_mask.map(|texture| read_back(texture, (shadowed.width(), shadowed.height()))),
         }
     }
 
@@ -82,8 +82,8 @@ impl LayerReadback {
         image.light_alone = self.light_alone;
         paste_layer(gpu, [color, geometry], self.drawn, self.over_seam, image)?;
         image.fade(self.opacity);
-        if let Some(shade) = &self.shade {
-            paste_shade(gpu, shade, self.shaded, self.over_seam, image)?;
+        if let Some(shadow_mask) = &self.shadow_mask {
+            paste_shadow_mask(gpu, shadow_mask, self.shadowed, self.over_seam, image)?;
         }
         if let Some(fringe) = &self.fringe {
             paste_fringe(gpu, fringe, self.drawn, self.over_seam, image)?;
@@ -93,15 +93,15 @@ impl LayerReadback {
     }
 
     fn readbacks(&self) -> impl Iterator<Item = &Readback> {
-        self.parts.iter().chain(&self.shade).chain(&self.fringe)
+        self.parts.iter().chain(&self.shadow_mask).chain(&self.fringe)
     }
 
     fn readbacks_mut(&mut self) -> impl Iterator<Item = &mut Readback> {
-        self.parts.iter_mut().chain(&mut self.shade).chain(&mut self.fringe)
+        self.parts.iter_mut().chain(&mut self.shadow_mask).chain(&mut self.fringe)
     }
 
     fn into_readbacks(self) -> impl Iterator<Item = Readback> {
-        self.parts.into_iter().chain(self.shade).chain(self.fringe)
+        self.parts.into_iter().chain(self.shadow_mask).chain(self.fringe)
     }
 }
 
@@ -127,8 +127,8 @@ impl Pending {
         self.is_preview
     }
 
-    /// The stages whose results were not the retained ones, in order ([`Compositor::submit`]).
-    /// Shadow maps, lightmaps and repaired depth of such a stage may still come from a memo.
+    /// The stages that were computed, in order ([`Compositor::submit`]). Single textures, lightmaps
+    /// or the repaired depth of such a stage may still come from a memo of the process.
     pub fn stages(&self) -> &[Stage] {
         &self.stages
     }

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::shade::{VisibleShadowMap, union_of_rects, visible_shadow_maps};
+use super::shadow_mask::{VisibleShadow, union_of_rects, visible_shadows};
 use super::work_rects::{WorkRects, WorkRequest};
 use super::{Compositor, ExposureTime, FrameStats, Job, RealDepth, Settings, SubmitError};
 use crate::camera::{Camera, Geometry};
@@ -17,7 +17,7 @@ use crate::plane::Plane;
 use crate::pose::Pose;
 use crate::render::{Footprint, Renderer, SamplePlan, Shutter, ViewKeys, largest_sum_px};
 use crate::scene::Scene;
-use crate::shadow::ShadowMap;
+use crate::shadow::PlanarShadow;
 
 /// The parts of the scene in view while the shutter is open.
 #[derive(Debug)]
@@ -26,14 +26,14 @@ pub struct FrameView {
     pub keys: ViewKeys,
     pub footprint: Footprint,
     pub objects: Vec<ObjectMotion>,
-    /// Shadow maps in the picture.
-    pub shadows: Vec<VisibleShadowMap>,
+    /// Planar shadows in the picture.
+    pub shadows: Vec<VisibleShadow>,
     /// Support planes of the objects.
     pub planes: Vec<Plane>,
 }
 
 impl FrameView {
-    pub fn new(renderer: &Renderer, shadow_maps: Vec<ShadowMap>, job: &Job<'_>, settings: &Settings) -> Self {
+    pub fn new(renderer: &Renderer, planar_shadows: Vec<PlanarShadow>, job: &Job<'_>, settings: &Settings) -> Self {
         let capture = &job.capture;
         let exposure_time_s = capture.exposure_time_s;
         let summed_to_s = capture.summed.iter().map(|f| f.time_s.abs() + 0.5 * (f.exposure_s - exposure_time_s));
@@ -44,7 +44,7 @@ impl FrameView {
         let keys = ViewKeys::new(shutter, |offset_s| pose_at(time_s + offset_s));
         let footprint = renderer.footprint(job.picture, &keys, shutter);
         let objects = motions(renderer, job.picture, &keys.middle(), &pose_at(time_s + job.interval_s));
-        let shadows = visible_shadow_maps(shadow_maps, job.picture, &keys);
+        let shadows = visible_shadows(planar_shadows, job.picture, &keys);
         let planes = support_planes(renderer.scene());
         Self { shutter, keys, footprint, objects, shadows, planes }
     }
@@ -192,7 +192,7 @@ impl<'a> Plan<'a> {
         let work_rects = WorkRects::of(&WorkRequest {
             region: job.capture.region.intersection(&picture),
             footprint: frame_view.footprint.rect,
-            shaded: union_of_rects(&frame_view.shadows),
+            shadowed: union_of_rects(&frame_view.shadows),
             reach_px: total(|reach| reach.read_px),
             spread_px: total(|reach| reach.spread_px),
             is_equirectangular: job.picture.is_equirectangular(),

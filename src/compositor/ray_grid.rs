@@ -11,8 +11,8 @@ use crate::parallel::{over_rows, processors};
 /// Spacing of the grid of rays, px. Between two of them a lens bends rays by less than a thousandth
 /// of a pixel.
 pub const RAY_GRID_PX: u32 = 8;
-/// Possible sides of the tiles in which a shadow map is drawn, px. The largest is used within which
-/// rays are straight to `MAX_BEND_PX`. The smallest is a cell of the grid.
+/// Possible sides of the tiles in which a planar shadow is drawn, px. The largest is used within
+/// which rays are straight to `MAX_BEND_PX`. The smallest is a cell of the grid.
 const TILE_SIDES_PX: [i32; 3] = [32, 16, RAY_GRID_PX as i32];
 /// Largest error of rays interpolated across a tile, px.
 const MAX_BEND_PX: f64 = 0.1;
@@ -24,7 +24,7 @@ pub struct RayGrid {
     /// The texels: a ray, and 1 if it exists.
     nodes: Arc<[[f32; 4]]>,
     pub size: [u32; 2],
-    /// Side of the tiles in which a shadow map is drawn, px.
+    /// Side of the tiles in which a planar shadow is drawn, px.
     pub tile_px: i32,
 }
 

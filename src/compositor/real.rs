@@ -13,7 +13,7 @@ crate::uniform! {
 }
 
 /// The real part over `drawn`, which may extend beyond the picture: edge pixels are repeated there.
-/// `shade` is the fraction of its light that virtual objects remove.
+/// `shadow_mask` is the fraction of its light that virtual objects remove.
 pub fn real_layer(
     recorder: &mut Recorder,
     pixels: &Pixels,
@@ -21,7 +21,7 @@ pub fn real_layer(
     drawn: Rect,
     tolerance_m: Option<f32>,
     response: &Response,
-    shade: Option<&Texture>,
+    shadow_mask: Option<&Texture>,
 ) -> RealLayer {
     let gpu = recorder.gpu.clone();
     let size = (drawn.width(), drawn.height());
@@ -60,10 +60,10 @@ pub fn real_layer(
         step: surfaces.nearest.enlargement.recip() as f32,
         gamma: response.gamma as f32,
     };
-    let entry = Entry::from("main").choose("curve", curve_choice(response)).choose("shaded", shade.is_some());
+    let entry = Entry::from("main").choose("curve", curve_choice(response)).choose("shadowed", shadow_mask.is_some());
     let pass = recorder.pass(Shader::RealPart, entry).uniform("grid", &uniform).texture("codes", &camera);
     let pass = pass.texture("near_light", &near).texture("far_light", &behind).texture("depths", &depths);
-    let pass = pass.texture("shade", shade.unwrap_or(&near));
+    let pass = pass.texture("shadow_mask", shadow_mask.unwrap_or(&near));
     let [light, behind, depths] = pass.draw([COLOR, COLOR, GEOMETRY], size);
     let ranges_m = surfaces.ranges_m(drawn, RealLayer::SIDE_PX);
     RealLayer { light, behind, depths, tolerance_m, ranges_m }

@@ -11,49 +11,31 @@ use super::foreground_matte::ForegroundMatte;
 use super::frame_inputs::FrameInputs;
 use super::occlusion::{DepthKey, FrameOcclusion};
 use super::settings::ShadowSettings;
-use super::shade::{ShadeImage, VisibleShadowMap};
+use super::shadow_mask::{ShadowMask, VisibleShadow};
 use crate::camera::{Camera, Capture, Geometry, Response};
 use crate::effects::{Effect, ObjectMotion};
 use crate::frame::{FrameExposure, FrameIdentity, RelativeBrightness};
 use crate::gpu::Texture;
 use crate::memo::{ByAddress, Memo};
 use crate::pixels::Rect;
-use crate::render::{GridPlacement, Layer, Lightmap, SamplePlan, Shutter, ViewKeys};
-use crate::shadow::{LazyRadiance, ReceiverPlane, ShadowMap, ShadowTexture};
+use crate::render::{GridPlacement, Layer, SamplePlan, Shutter, ViewKeys};
+use crate::shadow::LazyRadiance;
 use crate::stage::Stage;
 
-/// The last result of each stage, with its inputs.
+/// The last result of each stage from [`Stage::Depth`] on, with its inputs. Planar shadows and
+/// lightmaps have memos of their own (shadow/).
 #[derive(Debug, Default)]
 pub struct StageMemos {
-    pub shadow_maps: Memo<ShadowMapsKey, ()>,
-    pub lightmaps: Memo<LightmapsKey, ()>,
     pub depth: Memo<DepthKey, FrameOcclusion>,
-    pub shade: Memo<ShadeKey, Option<ShadeImage>>,
+    pub shadow_mask: Memo<ShadowMaskKey, Option<ShadowMask>>,
     pub drawn: Memo<DrawKey, Layer>,
     pub layer: Memo<EffectsKey, Layer>,
 }
 
+/// Inputs of the shadow mask.
 #[derive(Debug, PartialEq)]
-pub struct ShadowMapsKey(Vec<(ByAddress<ShadowTexture>, ReceiverPlane)>);
-
-impl ShadowMapsKey {
-    pub fn new(shadow_maps: &[ShadowMap]) -> Self {
-        Self(shadow_maps.iter().map(|map| (map.texture.clone(), map.floor)).collect())
-    }
-}
-
-#[derive(Debug, PartialEq)]
-pub struct LightmapsKey(Vec<Option<ByAddress<Lightmap>>>);
-
-impl LightmapsKey {
-    pub fn new(lightmaps: &[Option<Arc<Lightmap>>]) -> Self {
-        Self(lightmaps.iter().map(|map| map.clone().map(ByAddress)).collect())
-    }
-}
-
-#[derive(Debug, PartialEq)]
-pub struct ShadeKey {
-    shadows: Vec<VisibleShadowMap>,
+pub struct ShadowMaskKey {
+    shadows: Vec<VisibleShadow>,
     geometry: Geometry,
     keys: ViewKeys,
     shutter: Shutter,
@@ -68,7 +50,7 @@ pub struct ShadeKey {
     brightness: Option<RelativeBrightness>,
 }
 
-impl ShadeKey {
+impl ShadowMaskKey {
     pub fn new(inputs: &FrameInputs<'_>, occlusion: &FrameOcclusion, radiance: Option<&Arc<LazyRadiance>>) -> Self {
         let FrameInputs { job, view, .. } = *inputs;
         Self {
@@ -76,7 +58,7 @@ impl ShadeKey {
             geometry: job.picture.clone(),
             keys: view.keys.clone(),
             shutter: view.shutter,
-            part: inputs.work_rects.shaded,
+            part: inputs.work_rects.shadowed,
             depth: occlusion.scene_depth.clone(),
             matte: occlusion.receiver_matte.clone(),
             settings: inputs.settings.shadow.clone(),
@@ -89,6 +71,7 @@ impl ShadeKey {
     }
 }
 
+/// Inputs of the drawn layer. The revision of the renderer stands for its scene and lightmaps.
 #[derive(Debug, PartialEq)]
 pub struct DrawKey {
     renderer_revision: u64,

@@ -9,8 +9,8 @@ use super::mix::{CameraUpload, MixInputs, mix};
 use super::occlusion::FrameOcclusion;
 use super::pending::{FrameReadbacks, LayerReadback};
 use super::real;
-use super::retained::{DrawKey, EffectsKey, ShadeKey};
-use super::shade::{self, ShadeImage};
+use super::retained::{DrawKey, EffectsKey, ShadowMaskKey};
+use super::shadow_mask::{self, ShadowMask};
 use super::stage_log::StageLog;
 use super::{Compositor, Target};
 use crate::coding::PictureCoding;
@@ -27,29 +27,29 @@ impl Compositor {
         FrameOcclusion::new(&mut self.recorder, &self.depth, inputs, &self.retained.depth, log)
     }
 
-    /// The stage [`Stage::Shade`]. `None` without shadows.
-    pub(super) fn shade(
+    /// The stage [`Stage::ShadowMask`]. `None` without shadows.
+    pub(super) fn shadow_mask(
         &mut self,
         inputs: &FrameInputs<'_>,
         occlusion: &FrameOcclusion,
         log: &mut StageLog,
-    ) -> Option<ShadeImage> {
-        let key = inputs.is_retained.then(|| ShadeKey::new(inputs, occlusion, self.radiance.as_ref()));
+    ) -> Option<ShadowMask> {
+        let key = inputs.is_retained.then(|| ShadowMaskKey::new(inputs, occlusion, self.radiance.as_ref()));
         let FrameInputs { job, view, work_rects, .. } = *inputs;
-        log.run(Stage::Shade, &self.retained.shade, key, || {
+        log.run(Stage::ShadowMask, &self.retained.shadow_mask, key, || {
             let recorder = &mut self.recorder;
             recorder.part("shadow");
-            let request = shade::ShadeRequest {
+            let request = shadow_mask::ShadowMaskRequest {
                 geometry: job.picture,
                 keys: &view.keys,
                 shutter: view.shutter,
-                part: work_rects.shaded,
+                part: work_rects.shadowed,
                 depth: occlusion.scene_depth.as_ref().map(|(depth, rect)| (depth, *rect)),
                 matte: occlusion.receiver_matte.as_ref().map(|(matte, rect)| (matte, *rect)),
                 settings: &inputs.settings.shadow,
                 opacity: job.frame.opacity,
             };
-            let image = shade::shade(recorder, &view.shadows, &request)?;
+            let image = shadow_mask::shadow_mask(recorder, &view.shadows, &request)?;
             let pose_at = |offset_s| view.keys.pose_at(offset_s);
             let rays = self.depth.rays(job.picture);
             let known = self.radiance.as_deref().zip(occlusion.repaired.as_ref()).zip(job.frame.exposure.brightness);
@@ -61,7 +61,7 @@ impl Compositor {
                 brightness,
             });
             let camera_light = (&*job.frame.pixels, &inputs.camera.response, job.picture);
-            let part = work_rects.shaded;
+            let part = work_rects.shadowed;
             Some(clipped::limit_clipped_shadow(recorder, image, part, camera_light, radiance.as_ref()))
         })
     }
@@ -71,7 +71,7 @@ impl Compositor {
         &mut self,
         inputs: &FrameInputs<'_>,
         occlusion: &FrameOcclusion,
-        shade: Option<&ShadeImage>,
+        shadow_mask: Option<&ShadowMask>,
         log: &mut StageLog,
     ) -> Layer {
         let key = inputs.is_retained.then(|| DrawKey::new(inputs, occlusion, self.renderer.revision()));
@@ -100,9 +100,9 @@ impl Compositor {
                 // With summed exposures, the layer was occluded exposure by exposure.
                 let hides = settings.depth.occlusion && job.real.moments().is_empty();
                 let (pixels, response) = (&job.frame.pixels, &inputs.camera.response);
-                let shade = shade.map(|image| &image.texture);
+                let shadow_mask = shadow_mask.map(|image| &image.texture);
                 let tolerance_m = hides.then_some(tolerance_m);
-                real::real_layer(recorder, pixels, surfaces, work_rects.drawn, tolerance_m, response, shade)
+                real::real_layer(recorder, pixels, surfaces, work_rects.drawn, tolerance_m, response, shadow_mask)
             });
             layer
         })
@@ -147,7 +147,7 @@ impl Compositor {
         &mut self,
         inputs: &FrameInputs<'_>,
         layer: &Layer,
-        shade: Option<&ShadeImage>,
+        shadow_mask: Option<&ShadowMask>,
         target: Target<'_>,
         log: &mut StageLog,
     ) -> FrameReadbacks {
@@ -163,13 +163,13 @@ impl Compositor {
             Target::View(..) => vec![whole(&job.frame)],
         };
         let uploads: Vec<_> = upload_px.into_iter().map(|rect| CameraUpload::new(run.recorder, pixels, rect)).collect();
-        let changed = changed_rects(inputs, layer, shade);
-        let shade_texture = shade.map(|image| &image.texture);
+        let changed = changed_rects(inputs, layer, shadow_mask);
+        let mask_texture = shadow_mask.map(|image| &image.texture);
         let mut readbacks = FrameReadbacks::default();
         for (i, piece) in work_rects.pieces.iter().enumerate() {
             let parts: Vec<_> = plan.active.iter().filter_map(|effect| effect.mix(&mut run, composited(i))).collect();
             let upload = uploads.get(i).unwrap_or(&uploads[0]);
-            let mixed = MixInputs { camera: inputs.camera, job, upload, layer, shade: shade_texture };
+            let mixed = MixInputs { camera: inputs.camera, job, upload, layer, shadow_mask: mask_texture };
             let made = match &regions[i] {
                 Some(region) => mix_coded(run.recorder, &mixed, region, piece, &changed, &parts, plan.noise.as_ref()),
                 None => mix(run.recorder, &mixed, piece, &changed, &parts),
@@ -187,7 +187,7 @@ impl Compositor {
         }
         readbacks.layer = job.want_layer.then(|| {
             let readbacks = &mut self.readbacks;
-            LayerReadback::new(run.recorder, readbacks, inputs, layer, shade_texture)
+            LayerReadback::new(run.recorder, readbacks, inputs, layer, mask_texture)
         });
         readbacks
     }
@@ -201,7 +201,7 @@ fn layer_run<'a>(recorder: &'a mut Recorder, inputs: &FrameInputs<'a>) -> LayerR
 }
 
 /// The rectangles of the picture in which pixels may change.
-fn changed_rects(inputs: &FrameInputs<'_>, layer: &Layer, shade: Option<&ShadeImage>) -> Vec<Rect> {
+fn changed_rects(inputs: &FrameInputs<'_>, layer: &Layer, shadow_mask: Option<&ShadowMask>) -> Vec<Rect> {
     let FrameInputs { job, view, work_rects, .. } = *inputs;
     let pieces = &work_rects.pieces;
     // Effects on real pixels and layers across a seam change pixels everywhere.
@@ -210,7 +210,7 @@ fn changed_rects(inputs: &FrameInputs<'_>, layer: &Layer, shade: Option<&ShadeIm
         return pieces.iter().map(|piece| piece.rect).collect();
     }
     let objects = view.footprint.parts.iter().map(|(rect, _)| rect.grown(work_rects.spread_px));
-    objects.chain(shade.iter().flat_map(|image| image.pieces.iter().copied())).collect()
+    objects.chain(shadow_mask.iter().flat_map(|image| image.pieces.iter().copied())).collect()
 }
 
 /// The region that is coded with a piece, if the frame's format is to be followed, or noise is

@@ -1,4 +1,4 @@
-//! Rectangles of a frame's work: the drawn layer, the shade, and the pieces to composite.
+//! Rectangles of a frame's work: the drawn layer, the shadow mask, and the pieces to composite.
 
 use super::mix::CompositePiece;
 use crate::pixels::Rect;
@@ -15,7 +15,7 @@ pub struct WorkRequest {
     /// Bounds of the objects while the shutter is open.
     pub footprint: Rect,
     /// Bounds of their shadows on real surfaces.
-    pub shaded: Rect,
+    pub shadowed: Rect,
     /// Radius over which effects read, px, summed over the effects.
     pub reach_px: i32,
     /// Distance beyond the objects to which effects spread light, px, summed over the effects.
@@ -28,12 +28,13 @@ pub struct WorkRequest {
     pub acts_on_real: bool,
 }
 
+/// Rectangles of a frame, px of the output picture.
 #[derive(Debug)]
 pub struct WorkRects {
     /// The layer's rectangle; may extend beyond the picture.
     pub drawn: Rect,
-    /// The shade's rectangle; may be empty.
-    pub shaded: Rect,
+    /// The shadow mask's rectangle; may be empty.
+    pub shadowed: Rect,
     /// Bounds of the objects with the light that effects spread.
     pub objects_px: Rect,
     /// Distance to which effects spread light beyond the objects, px.
@@ -57,10 +58,10 @@ impl WorkRects {
         }
         let objects_px =
             if request.footprint.is_empty() { request.footprint } else { request.footprint.grown(request.spread_px) };
-        // Across a seam, and where effects read shaded real pixels, shade and layer have the same
+        // Across a seam, and where effects read shadowed real pixels, mask and layer have the same
         // rectangle.
         let together = is_equirectangular || request.acts_on_real;
-        let changed = if together { objects_px.union(&request.shaded) } else { objects_px };
+        let changed = if together { objects_px.union(&request.shadowed) } else { objects_px };
         let mut drawn = if request.acts_on_real { reach } else { changed.intersection(&reach) };
         if is_equirectangular && drawn.width() >= region.width() {
             (drawn.x0, drawn.x1) = (-reach_px, width + reach_px);
@@ -68,24 +69,24 @@ impl WorkRects {
         // The pixels of lower resolutions must be the same in every part of a photograph.
         let on_grid = |edge: i32| if request.is_whole { edge.div_euclid(GRID_PX) * GRID_PX } else { edge };
         let drawn = Rect { x0: on_grid(drawn.x0), y0: on_grid(drawn.y0), ..drawn };
-        let shaded = if request.shaded.is_empty() {
-            request.shaded
+        let shadowed = if request.shadowed.is_empty() {
+            request.shadowed
         } else if together {
             drawn
         } else {
-            request.shaded.intersection(&reach)
+            request.shadowed.intersection(&reach)
         };
-        let mut pieces = pieces(drawn, shaded, region, is_equirectangular);
+        let mut pieces = pieces(drawn, shadowed, region, is_equirectangular);
         let is_whole = request.is_whole && !region.is_empty();
         if pieces.is_empty() && !is_whole {
             return None;
         }
         // A layer has at least one pixel.
         let none = drawn.is_empty() || pieces.is_empty();
-        let first = if shaded.intersection(&region).is_empty() { region } else { shaded.intersection(&region) };
+        let first = if shadowed.intersection(&region).is_empty() { region } else { shadowed.intersection(&region) };
         let drawn = if none { Rect::new(first.x0, first.y0, first.x0 + 1, first.y0 + 1) } else { drawn };
         if is_whole {
-            pieces = vec![CompositePiece { rect: region, drawn, shaded }];
+            pieces = vec![CompositePiece { rect: region, drawn, shadowed }];
         } else if none {
             pieces.iter_mut().for_each(|piece| piece.drawn = drawn);
         }
@@ -93,19 +94,19 @@ impl WorkRects {
             [one] => one.rect,
             _ => drawn.intersection(&Rect { x0: reach.x0, x1: reach.x1, ..region }),
         };
-        Some(Self { drawn, shaded, objects_px, spread_px: request.spread_px, pieces, bounds })
+        Some(Self { drawn, shadowed, objects_px, spread_px: request.spread_px, pieces, bounds })
     }
 }
 
-/// The pieces of the picture that a layer and its shade cover. In a 360° picture, columns beyond a
-/// rim continue at the opposite one.
-fn pieces(drawn: Rect, shaded: Rect, region: Rect, is_equirectangular: bool) -> Vec<CompositePiece> {
+/// The pieces of the picture that a layer and its shadow mask cover. In a 360° picture, columns
+/// beyond a rim continue at the opposite one.
+fn pieces(drawn: Rect, shadowed: Rect, region: Rect, is_equirectangular: bool) -> Vec<CompositePiece> {
     let width = region.width() as i32;
     // A layer that spans the whole picture already contains the columns beyond the rims.
     let turns: &[i32] = if is_equirectangular && (drawn.width() as i32) < width { &[0, 1, -1] } else { &[0] };
     let piece = |turn: &i32| {
-        let [drawn, shaded] = [drawn, shaded].map(|rect| rect.moved(-turn * width, 0));
-        CompositePiece { rect: drawn.union(&shaded).intersection(&region), drawn, shaded }
+        let [drawn, shadowed] = [drawn, shadowed].map(|rect| rect.moved(-turn * width, 0));
+        CompositePiece { rect: drawn.union(&shadowed).intersection(&region), drawn, shadowed }
     };
     turns.iter().map(piece).filter(|piece| !piece.rect.is_empty()).collect()
 }
@@ -118,7 +119,7 @@ mod tests {
         WorkRequest {
             region: Rect::new(0, 0, 100, 50),
             footprint,
-            shaded: Rect::new(0, 0, 0, 0),
+            shadowed: Rect::new(0, 0, 0, 0),
             reach_px: 10,
             spread_px: 4,
             is_equirectangular: false,
@@ -138,11 +139,11 @@ mod tests {
     }
 
     #[test]
-    fn shade_and_layer_have_separate_rectangles_unless_they_must_coincide() {
-        let shaded = Rect::new(60, 20, 90, 70);
-        let beside = WorkRequest { shaded, ..request(Rect::new(10, 10, 20, 20)) };
+    fn shadow_mask_and_layer_have_separate_rectangles_unless_they_must_coincide() {
+        let shadowed = Rect::new(60, 20, 90, 70);
+        let beside = WorkRequest { shadowed, ..request(Rect::new(10, 10, 20, 20)) };
         let rects = WorkRects::of(&beside).unwrap();
-        assert_eq!((rects.drawn, rects.shaded), (Rect::new(6, 6, 24, 24), Rect::new(60, 20, 90, 60)));
+        assert_eq!((rects.drawn, rects.shadowed), (Rect::new(6, 6, 24, 24), Rect::new(60, 20, 90, 60)));
         assert_eq!(rects.pieces[0].rect, Rect::new(6, 6, 90, 50));
         // Without objects, the layer is one pixel.
         let rects = WorkRects::of(&WorkRequest { footprint: Rect::new(0, 0, 0, 0), ..beside }).unwrap();
@@ -153,8 +154,8 @@ mod tests {
         for beside in [WorkRequest { acts_on_real: true, ..beside }, WorkRequest { is_equirectangular: true, ..beside }]
         {
             let rects = WorkRects::of(&beside).unwrap();
-            assert_eq!(rects.drawn, rects.shaded);
-            assert_eq!(rects.drawn.union(&shaded.intersection(&beside.region)), rects.drawn);
+            assert_eq!(rects.drawn, rects.shadowed);
+            assert_eq!(rects.drawn.union(&shadowed.intersection(&beside.region)), rects.drawn);
         }
     }
 

@@ -2,7 +2,7 @@
 
 /// Neighbouring depths that differ by more than this factor belong to two surfaces. A floor seen
 /// under 15° from 4 m changes by 1 % from row to row. `DEPTH_STEP` of shaders/real_part.wgsl and
-/// shaders/shade.wgsl is the same.
+/// shaders/shadow_mask.wgsl is the same.
 pub const DEPTH_STEP: f32 = 1.04;
 
 /// True if two neighbouring depths belong to two surfaces. Unknown depth is 0, a step to any other.
@@ -21,7 +21,7 @@ mod tests {
 
     #[test]
     fn shaders_have_the_same_discontinuity_threshold() {
-        let shaders = [include_str!("../../shaders/real_part.wgsl"), include_str!("../../shaders/shade.wgsl")];
+        let shaders = [include_str!("../../shaders/real_part.wgsl"), include_str!("../../shaders/shadow_mask.wgsl")];
         for shader in shaders {
             let line = shader.lines().find_map(|line| line.strip_prefix("const DEPTH_STEP: f32 = ")).unwrap();
             assert_eq!(line.trim_end_matches(';').parse::<f32>().unwrap(), DEPTH_STEP);

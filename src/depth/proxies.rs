@@ -10,7 +10,7 @@ use glam::{DVec2, DVec3};
 use crate::pixels::Rect;
 
 /// Depth of pixels without a sensor and without a proxy, m: so large that nothing is occluded.
-/// `FAR_M` of shaders/shade.wgsl is the same.
+/// `FAR_M` of shaders/shadow_mask.wgsl is the same.
 pub const FAR_M: f32 = 1e4;
 /// Longest side of a triangle that is rasterized, px. Lens distortion between its corners is less
 /// than a tenth of a pixel.

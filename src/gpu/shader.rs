@@ -83,7 +83,7 @@ shaders! {
     Raster = "raster",
     RealPart = "real_part",
     Resolve = "resolve",
-    Shade = "shade",
+    ShadowMask = "shadow_mask",
     Show = "show",
     SpreadGeometry = "spread_geometry",
     Vignetting = "vignetting",

@@ -9,7 +9,7 @@ use glam::{DVec3, Vec3};
 
 use super::bvh::{Bvh, RAYS, RayPacket};
 use super::occluders::Occluders;
-use super::shadow_map::ShadowMap;
+use super::planar_shadow::PlanarShadow;
 use super::sky::{EnvSample, disc, on_surface};
 use crate::digest::{Digester, Digestible};
 use crate::scene::{Lighting, PointLight};
@@ -33,14 +33,14 @@ pub struct BakeInputs<'a> {
     pub occluders: &'a Occluders,
     pub environment: &'a [EnvSample],
     pub lighting: &'a Lighting,
-    pub shadow_maps: &'a [ShadowMap],
+    pub planar_shadows: &'a [PlanarShadow],
     /// Largest number of suns and of lamps.
     pub max_lights: [usize; 2],
 }
 
 impl Digestible for BakeInputs<'_> {
     fn digest(&self, into: &mut Digester) {
-        let Self { origin_m, occluders, environment, lighting, shadow_maps, max_lights } = self;
+        let Self { origin_m, occluders, environment, lighting, planar_shadows, max_lights } = self;
         // The samples of the environment stand for it.
         let Lighting { environment: _, suns, points } = lighting;
         into.add(origin_m);
@@ -48,7 +48,7 @@ impl Digestible for BakeInputs<'_> {
         into.add(*environment);
         into.add(suns);
         into.add(points);
-        into.add(*shadow_maps);
+        into.add(*planar_shadows);
         into.add_numbers(max_lights);
     }
 }
@@ -120,7 +120,8 @@ pub struct BakeScene<'a> {
     sparse_rays: Vec<RayPacket>,
     lights: Vec<BakeLight<'a>>,
     offset_m: f32,
-    /// Irradiance / π of each cluster's first triangle on its front, computed on demand.
+    /// Irradiance / π of each cluster's first triangle on its front, computed on demand. No memo:
+    /// indexed by each ray that hits a triangle, on all threads.
     irradiance: Vec<OnceLock<Vec3>>,
     /// First triangle of each triangle's cluster.
     cluster_of: Vec<u32>,
@@ -216,17 +217,17 @@ impl<'a> BakeScene<'a> {
         1.0 - hidden as f32 / DISC_SAMPLES as f32
     }
 
-    /// Transmittance of the shadow maps where a ray meets the floors.
+    /// Transmittance of the planar shadows where a ray meets the floors.
     fn floor_transmittance(&self, from: Vec3, towards: Vec3) -> Vec3 {
         let mut transmittance = Vec3::ONE;
-        for shadow_map in self.inputs.shadow_maps {
-            let normal = shadow_map.floor.normal();
+        for planar_shadow in self.inputs.planar_shadows {
+            let normal = planar_shadow.floor.normal();
             let down = -normal.dot(towards.as_dvec3());
             let at = self.inputs.origin_m + from.as_dvec3();
-            let height = shadow_map.floor.height_m(at);
+            let height = planar_shadow.floor.height_m(at);
             if down > 1e-6 && height > 0.0 {
                 let meets = at + towards.as_dvec3() * (height / down);
-                transmittance *= (Vec3::ONE - shadow_map.removed_at(meets)).max(Vec3::ZERO);
+                transmittance *= (Vec3::ONE - planar_shadow.removed_at(meets)).max(Vec3::ZERO);
             }
         }
         transmittance

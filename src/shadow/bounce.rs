@@ -30,7 +30,7 @@ use crate::parallel::{over_rows, processors};
 
 /// Directions from each place on the plane.
 const DIRECTIONS: usize = 64;
-/// Ratio of a texel of indirect light to one of the shadow map. Indirect light varies slowly.
+/// Ratio of a texel of indirect light to one of the planar shadow. Indirect light varies slowly.
 const TEXEL_RATIO: u32 = 3;
 /// Albedo of the plane. Concrete, wood and carpets have 0.1 to 0.6.
 const PLANE_ALBEDO: f32 = 0.35;
@@ -51,7 +51,7 @@ pub struct ReceiverTexels<'a> {
     pub min_height: f32,
 }
 
-/// Indirect light on a shadow map's plane, as the radiance of white, at a lower resolution.
+/// Indirect light on a planar shadow's plane, as the radiance of white, at a lower resolution.
 #[derive(Debug)]
 pub struct Bounce {
     width: usize,
@@ -88,7 +88,7 @@ impl Bounce {
         Self { width, height, light }
     }
 
-    /// Reflected light at a texel of the shadow map.
+    /// Reflected light at a texel of the planar shadow.
     pub fn at(&self, x: usize, y: usize) -> Vec3 {
         let place = |at: usize| ((at as f32 + 0.5) / TEXEL_RATIO as f32 - 0.5).max(0.0);
         let (across, down) = (place(x), place(y));
@@ -233,7 +233,7 @@ mod tests {
     use crate::quality::Quality;
     use crate::scene::{Environment, Lighting};
     use crate::shadow::extent::Extent;
-    use crate::shadow::shadow_map::RealOcclusion;
+    use crate::shadow::planar_shadow::RealOcclusion;
     use crate::shadow::sky::{EnvironmentImage, rays};
     use crate::shadow::{ReceiverPlane, ShadowTexture};
     use glam::DVec3;

@@ -36,6 +36,7 @@ struct BvhTriangle {
     number: u32,
 }
 
+/// Triangles and the boxes around them, the root first.
 #[derive(Clone, Debug)]
 pub struct Bvh {
     /// Vector instructions of this processor.
@@ -131,22 +132,22 @@ impl Bvh {
     /// The first intersection of each ray up to its length, in lengths of its direction. Rays of
     /// length 0 are skipped.
     pub fn first(&self, from: Vec3, rays: &RayPacket, farthest: [f32; RAYS]) -> [Option<Hit>; RAYS] {
-        let mut found = [None; RAYS];
+        let mut hits = [None; RAYS];
         dispatch!(self.level, _ => self.intersect(from, rays, farthest, |n, hit| {
-            found[n] = Some(hit);
+            hits[n] = Some(hit);
             hit.along
         }));
-        found
+        hits
     }
 
     /// True for each ray that intersects any triangle.
     pub fn any(&self, from: Vec3, rays: &RayPacket, farthest: [f32; RAYS]) -> [bool; RAYS] {
-        let mut found = [false; RAYS];
+        let mut is_hit = [false; RAYS];
         dispatch!(self.level, _ => self.intersect(from, rays, farthest, |n, _| {
-            found[n] = true;
+            is_hit[n] = true;
             0.0
         }));
-        found
+        is_hit
     }
 
     /// Calls `met` for each intersection that is nearer than those before. It returns the remaining

@@ -1,4 +1,4 @@
-//! Objects as casters of a shadow: all that their shadow map depends on except its rectangle and
+//! Objects as casters of a shadow: all that their planar shadow depends on except its rectangle and
 //! real occluders.
 
 use std::sync::Arc;
@@ -25,7 +25,8 @@ pub struct ShadowCaster {
 /// Makes casters of one scene's meshes.
 #[derive(Debug, Default)]
 pub struct CasterBuilder {
-    /// Digests of the meshes with their materials, computed on demand.
+    /// Digests of the meshes with their materials, computed on demand. No memo: all of one scene,
+    /// by index.
     meshes: Vec<Option<Digest>>,
 }
 

@@ -6,8 +6,8 @@ use glam::{Vec2, Vec3};
 use super::sky::PlaneLighting;
 use crate::digest::digestible;
 
-/// Smallest visible fraction of blocked light, after the fade at the shadow map's border: less than
-/// a code of a mid-grey floor.
+/// Smallest visible fraction of blocked light, after the fade at the planar shadow's border: less
+/// than a code of a mid-grey floor.
 const MIN_SHADOW: f32 = 0.005;
 /// Distances from the box of the samples of its shadow, in heights.
 const SAMPLE_DISTANCES: [f32; 19] =
@@ -38,7 +38,7 @@ impl Extent {
         // Flat objects have a margin too.
         let step = height.max(0.05 * (high - low).max_element()).max(1e-4);
         let [xs, ys] = [(low.x, high.x), (low.y, high.y)].map(|(low, high)| sample_coordinates(low, high, step));
-        let mut found = Self { low, high };
+        let mut extent = Self { low, high };
         for (row, y) in ys.iter().enumerate() {
             for (column, x) in xs.iter().enumerate() {
                 if blocked_fraction(Vec2::new(*x, *y), low, high, height, sky) <= MIN_SHADOW {
@@ -50,10 +50,10 @@ impl Extent {
                     (halfway(at.saturating_sub(1)), halfway((at + 1).min(list.len() - 1)))
                 };
                 let ((left, right), (top, bottom)) = (next(&xs, column), next(&ys, row));
-                found = found.union(Self { low: Vec2::new(left, top), high: Vec2::new(right, bottom) });
+                extent = extent.union(Self { low: Vec2::new(left, top), high: Vec2::new(right, bottom) });
             }
         }
-        found
+        extent
     }
 }
 

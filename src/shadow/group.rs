@@ -1,4 +1,4 @@
-//! Objects on one plane whose shadows may overlap share a shadow map, so that blocked light is
+//! Objects on one plane whose shadows may overlap share a planar shadow, so that blocked light is
 //! subtracted once.
 
 use glam::{Mat3, Vec3};

@@ -5,7 +5,7 @@
 //! (render/unwrap.rs), by ray casting ([`BakeScene`]):
 //!
 //! - sky visibility a = Σ L·V·cos θ / Σ L·cos θ over the environment's rays, V = 0 where a ray hits
-//!   an object; a ray that continues to a real floor is attenuated by the floor's shadow map;
+//!   an object; a ray that continues to a real floor is attenuated by the floor's planar shadow;
 //! - indirect light b = Σ ρ·E·cos θ·Δω/π over the rays that hit, with the albedo ρ and the
 //!   irradiance E of the triangle that is hit;
 //! - the visible fraction of each sun's and lamp's disc.
@@ -193,8 +193,8 @@ mod tests {
 
     use super::super::bake_scene::BakeInputs;
     use super::super::occluders::Occluders;
+    use super::super::planar_shadow::PlanarShadow;
     use super::super::receiver_plane::ReceiverPlane;
-    use super::super::shadow_map::ShadowMap;
     use super::super::sky::EnvSample;
     use super::*;
     use crate::digest::Digest;
@@ -207,7 +207,7 @@ mod tests {
         occluders: Occluders,
         environment: Vec<EnvSample>,
         lighting: Lighting,
-        shadow_maps: Vec<ShadowMap>,
+        planar_shadows: Vec<PlanarShadow>,
         origin_m: DVec3,
         unwrapped: Unwrapped,
         scene_from_mesh: DAffine3,
@@ -220,14 +220,20 @@ mod tests {
                 occluders,
                 environment,
                 lighting,
-                shadow_maps,
+                planar_shadows,
                 origin_m,
                 unwrapped,
                 scene_from_mesh,
                 double_sided,
             } = self;
-            let inputs =
-                BakeInputs { origin_m: *origin_m, occluders, environment, lighting, shadow_maps, max_lights: [1, 3] };
+            let inputs = BakeInputs {
+                origin_m: *origin_m,
+                occluders,
+                environment,
+                lighting,
+                planar_shadows,
+                max_lights: [1, 3],
+            };
             let mut digester = Digester::default();
             digester.add(&inputs);
             digester.add(&PartSurface { unwrapped, scene_from_mesh: *scene_from_mesh, double_sided: *double_sided });
@@ -254,10 +260,10 @@ mod tests {
                 &ReceiverPlane::new(DVec3::ZERO, DVec3::Z),
                 None,
             ),
-            super::super::shadow_map::RealOcclusion::default(),
+            super::super::planar_shadow::RealOcclusion::default(),
             crate::quality::Quality::Final,
         );
-        let shadow_map = ShadowMap {
+        let planar_shadow = PlanarShadow {
             floor: ReceiverPlane::new(DVec3::ZERO, DVec3::Z),
             texture: ByAddress(Arc::new(texture)),
             is_beside: false,
@@ -272,7 +278,7 @@ mod tests {
             },
             environment: vec![EnvSample { towards: Vec3::Z, light: Vec3::ONE, solid_sr: 1.0 }],
             lighting: Lighting { suns: vec![sun], points: vec![lamp], ..Lighting::default() },
-            shadow_maps: vec![shadow_map],
+            planar_shadows: vec![planar_shadow],
             origin_m: DVec3::ZERO,
             unwrapped: Unwrapped { corners: Vec::new(), indices: vec![0, 1, 2], side: 16 },
             scene_from_mesh: DAffine3::IDENTITY,
@@ -290,9 +296,9 @@ mod tests {
             |i| i.lighting.points[0].position_in_world_m.x = f64::MIN_POSITIVE,
             |i| i.lighting.points[0].spot = Some(Default::default()),
             |i| i.lighting.points[0].range_m = 9.0,
-            |i| i.shadow_maps[0].floor.origin_m.y = 1.0,
-            |i| Arc::make_mut(&mut i.shadow_maps[0].texture.0).removed[0][1] += 0.5,
-            |i| i.shadow_maps.clear(),
+            |i| i.planar_shadows[0].floor.origin_m.y = 1.0,
+            |i| Arc::make_mut(&mut i.planar_shadows[0].texture.0).removed[0][1] += 0.5,
+            |i| i.planar_shadows.clear(),
             |i| i.origin_m.z = 1e-9,
             |i| i.unwrapped.side = 17,
             |i| i.scene_from_mesh.translation.x = 1e-12,

@@ -17,15 +17,15 @@ pub const R2_STEP: Vec2 = Vec2::new(0.754_877_7, 0.569_840_3);
 /// Range of a row without steps.
 const EMPTY_RANGE: (usize, usize) = (usize::MAX, 0);
 
-/// Bit masks of some rows of a shadow map.
+/// Bit masks of some rows of a planar shadow.
 #[derive(Debug)]
 pub struct Mask {
     pub bits: Vec<u32>,
     width: usize,
     rows: Range<usize>,
     cast: CastBuffers,
-    /// Change of the number of layers at each texel. Rows are a texel longer than the shadow map's.
-    /// All are 0 between calls of `rasterize`.
+    /// Change of the number of layers at each texel. Rows are a texel longer than the planar
+    /// shadow's. All are 0 between calls of `rasterize`.
     steps: Vec<i32>,
     /// The first and the last texel with a step in each row.
     ranges: Vec<(usize, usize)>,
@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn triangles_beyond_the_shadow_map_are_clipped() {
+    fn triangles_beyond_the_planar_shadow_are_clipped() {
         let corners = [Vec3::new(-1e9, -5.0, 0.0), Vec3::new(1e9, -5.0, 0.0), Vec3::new(0.0, 1e9, 0.0)];
         let silhouette = silhouette(&corners, &[[0, 1, 2]]);
         let mut mask = Mask::new(4, 0..4);

@@ -1,8 +1,8 @@
 //! Shadows of virtual objects on real planes and on each other, with indirect light.
 //!
 //! Room and objects are static, so that shadows are precomputed and looked up for every frame.
-//! Below an object the shadow map stores D = 1 − E_with / E_without for each colour channel, with
-//! the irradiance E with and without the objects. The albedo of the plane cancels: the real
+//! Below an object the planar shadow stores D = 1 − E_with / E_without for each colour channel,
+//! with the irradiance E with and without the objects. The albedo of the plane cancels: the real
 //! picture's light is multiplied by 1 − D. As in Heckbert and Herf (1996), "Fast shadow generation
 //! with projective textures", soft shadows are sums of hard ones over many points of a light.
 //!
@@ -13,13 +13,14 @@
 //! - `occluders`: triangles above the plane. `silhouette`: outlines of their shadows. `mask`: where
 //!   32 rays at a time are blocked. `penumbra`: the blur of each ray's shadow by its angular size.
 //! - `bounce`: light that occluders reflect onto the plane.
-//! - `extent`: the rectangle in which the shadow is visible. `shadow_map`: D over that rectangle.
+//! - `extent`: the rectangle in which the shadow is visible. `planar_shadow`: D over that
+//!   rectangle.
 //! - `room`: real surfaces, and the rays that they block. `light_visibility`: the visible fraction
 //!   of suns and lamps behind them, from virtual objects.
-//! - `receiver_mask`: where a shadow map applies on a real surface beside the object.
-//! - `group`: which objects share a shadow map. `caster`: their parts and the light, with a digest.
-//!   `shadows`: shadow maps of a scene, memoized. `steps`: transforms as keys. `moved_planes`:
-//!   maps on planes that changed a little.
+//! - `receiver_mask`: where a planar shadow applies on a real surface beside the object.
+//! - `group`: which objects share a planar shadow. `caster`: their parts and the light, with a
+//!   digest. `shadows`: planar shadows of a scene, memoized. `steps`: transforms as keys.
+//!   `moved_planes`: maps on planes that changed a little.
 //! - `white_radiance`: radiance of white at a place. `radiance`: radiance of surfaces that are
 //!   clipped in a frame. `albedo`: mean albedo of triangles.
 //!
@@ -49,11 +50,11 @@ mod mask;
 mod moved_planes;
 mod occluders;
 mod penumbra;
+mod planar_shadow;
 mod radiance;
 mod receiver_mask;
 mod receiver_plane;
 mod room;
-mod shadow_map;
 mod shadows;
 mod silhouette;
 mod sky;
@@ -61,9 +62,9 @@ mod steps;
 mod white_radiance;
 
 pub use lightmaps::Lightmaps;
+pub use planar_shadow::{PlanarShadow, ShadowTexture, UvRect};
 pub use radiance::{LazyRadiance, RadianceSampler, SurfaceRadiance, SurfaceSample};
 pub use receiver_plane::ReceiverPlane;
 pub use room::Room;
-pub use shadow_map::{ShadowMap, ShadowTexture, UvRect};
 pub use shadows::Shadows;
 pub use white_radiance::{WhiteRadiance, white_radiance};

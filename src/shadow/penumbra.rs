@@ -16,7 +16,7 @@ use crate::parallel::{over_rows, processors};
 /// Largest radius of a blur, texels. Twice as many make no difference.
 const MAX_RADIUS_TEXELS: f32 = 64.0;
 
-/// Blurs values of a shadow map, row by row, each by `angle_rad` times its distance from the
+/// Blurs values of a planar shadow, row by row, each by `angle_rad` times its distance from the
 /// nearest texel below an object. Objects are at least `min_height` texels above the plane.
 pub fn blur_penumbra(values: &mut [Vec3], width: usize, is_below_object: &[bool], min_height: f32, angle_rad: f32) {
     if width == 0 || !is_below_object.contains(&true) {
@@ -41,7 +41,7 @@ fn box_blur(values: &mut [Vec3], width: usize, radius: impl Fn(usize) -> f32 + S
             sums[(y + 1) * (width + 1) + x + 1] = sums[y * (width + 1) + x + 1] + along;
         }
     }
-    // Values outside the shadow map are 0.
+    // Values outside the planar shadow are 0.
     let mean = |x: usize, y: usize, side: usize| {
         let (x0, x1) = (x.saturating_sub(side), (x + side + 1).min(width));
         let (y0, y1) = (y.saturating_sub(side), (y + side + 1).min(height));
@@ -116,7 +116,7 @@ mod tests {
         let is_marked: Vec<bool> = (0..width * height).map(|i| i % width == 0).collect();
         let mut uniform = vec![Vec3::splat(0.25); width * height];
         blur_penumbra(&mut uniform, width, &is_marked, 0.0, 0.1);
-        // Away from the shadow map's border.
+        // Away from the planar shadow's border.
         assert!(
             (0..width * height)
                 .filter(|i| i % width < 120 && (20..80).contains(&(i / width)))

@@ -73,7 +73,8 @@ impl SurfaceRadiance {
 #[derive(Debug)]
 pub struct RadianceSampler<'a> {
     of: &'a SurfaceRadiance,
-    /// The lowest of the last eight cells, and their values.
+    /// The lowest of the last eight cells, and their values. No memo: it is looked up for each
+    /// pixel, where a lock costs more than the values.
     cached: Option<(IVec3, [Option<[f32; 3]>; 8])>,
 }
 

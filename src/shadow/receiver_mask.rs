@@ -1,10 +1,10 @@
-//! Weight of a shadow map on a facet: 1 within its rectangle, except near another real surface with
-//! a shadow map of its own.
+//! Weight of a planar shadow on a facet: 1 within its rectangle, except near another real surface
+//! with a planar shadow of its own.
 //!
 //! Near a corner of the room a pixel is equally close to two planes, within the error of depth, and
 //! would be darkened twice. Points near a surface of higher priority therefore belong to that one,
-//! by its weight there (`weight_around` in shaders/shade.wgsl). Beyond 1.9 m, where the error of
-//! depth exceeds `TOLERANCE_M`, both apply in a part of the transition.
+//! by its weight there (`weight_around` in shaders/shadow_mask.wgsl). Beyond 1.9 m, where the error
+//! of depth exceeds `TOLERANCE_M`, both apply in a part of the transition.
 
 use glam::{DVec2, DVec3, Vec2, Vec3};
 
@@ -63,7 +63,7 @@ impl ReceiverMask {
         Self { own: Rectangle::new(&object.facets[facet], floor), prior: support.chain(prior).collect() }
     }
 
-    /// Weight of the shadow map at a point, 0 to 1.
+    /// Weight of the planar shadow at a point, 0 to 1.
     pub fn weight(&self, place_m: Vec2) -> f32 {
         let remaining = |surface: &PriorSurface| {
             let height_m = linear_at(surface.height, place_m).abs();
@@ -79,7 +79,7 @@ impl ReceiverMask {
     }
 
     /// The part of an extent in the rectangle or in `under`, the place of the object, with a margin
-    /// in which a shadow map fades out.
+    /// in which a planar shadow fades out.
     pub fn clip(&self, extent: Extent, under: Extent) -> Extent {
         let own = self.own.bounds().union(under);
         let margin = 0.1 * (own.high - own.low);

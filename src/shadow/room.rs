@@ -48,7 +48,10 @@ const LAMP_RAYS: usize = 8;
 /// Rays, and points of a lamp, in a word.
 const WORD_BITS: usize = 32;
 
-/// Voxels of the real room.
+/// Voxels of the real room, sparse and at fixed places, so that their digest is the same whichever
+/// other points were measured. `OccupancyGrid` (analyse/light/occupancy.rs) is another walk: a
+/// dense grid from the lowest point on, whose empty blocks millions of rays between any two points
+/// skip.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Room {
     /// The mean of each voxel's points, in the world, m.
@@ -325,7 +328,7 @@ mod tests {
     use super::*;
     use crate::plane::Plane;
     use crate::scene::{Environment, EnvironmentMap, Lighting, Material, Object, Part, PointLight, Scene, Sun};
-    use crate::shadow::{ShadowMap, Shadows};
+    use crate::shadow::{PlanarShadow, Shadows};
     use glam::{DAffine3, DVec2, Quat};
 
     /// A black box of 8 × 8 × 10 cm on the floor z = 0.
@@ -353,14 +356,14 @@ mod tests {
         Arc::new(Room::of(points.map(point)))
     }
 
-    fn shadow_map(scene: &Scene, room: Option<Arc<Room>>) -> ShadowMap {
+    fn planar_shadow(scene: &Scene, room: Option<Arc<Room>>) -> PlanarShadow {
         let mut shadows = Shadows::new(scene);
         shadows.set_room(room);
-        shadows.shadow_maps(scene, crate::quality::Quality::Final).0.remove(0)
+        shadows.planar_shadows(scene, crate::quality::Quality::Final).0.remove(0)
     }
 
-    /// Mean and largest difference between two shadow maps around a place.
-    fn difference(a: &ShadowMap, b: &ShadowMap, middle: DVec2) -> [f32; 2] {
+    /// Mean and largest difference between two planar shadows around a place.
+    fn difference(a: &PlanarShadow, b: &PlanarShadow, middle: DVec2) -> [f32; 2] {
         let places = (-12..=12).flat_map(|x| (-12..=12).map(move |y| 0.01 * DVec2::new(x.into(), y.into())));
         let off = |place: DVec2| {
             let at = (middle + place).extend(0.0);
@@ -398,8 +401,8 @@ mod tests {
         for (lighting, mean_off, most_off) in lights {
             let behind = scene(lighting, DVec2::ZERO);
             let (alone, twice) =
-                (shadow_map(&scene(sky(Vec::new(), Vec::new()), DVec2::ZERO), None), shadow_map(&behind, None));
-            let once = shadow_map(&behind, Some(wall()));
+                (planar_shadow(&scene(sky(Vec::new(), Vec::new()), DVec2::ZERO), None), planar_shadow(&behind, None));
+            let once = planar_shadow(&behind, Some(wall()));
             // A shadow without the blocked light is smaller: its texels have another size, which is
             // visible at the object's foot, and it fades out closer to the object.
             let [mean, most] = difference(&once, &alone, DVec2::ZERO);
@@ -413,12 +416,12 @@ mod tests {
     fn white_object_does_not_reflect_blocked_light_and_is_unaffected_in_front_of_the_wall() {
         let lighting = sky(vec![sun()], Vec::new());
         let white = |lighting: &Lighting| colored(lighting.clone(), DVec2::ZERO, 0.8);
-        let alone = shadow_map(&white(&sky(Vec::new(), Vec::new())), None);
-        let [mean, _] = difference(&shadow_map(&white(&lighting), Some(wall())), &alone, DVec2::ZERO);
+        let alone = planar_shadow(&white(&sky(Vec::new(), Vec::new())), None);
+        let [mean, _] = difference(&planar_shadow(&white(&lighting), Some(wall())), &alone, DVec2::ZERO);
         assert!(mean < 0.002, "{mean}");
-        // In front of the wall no light is blocked: the shadow maps are identical.
+        // In front of the wall no light is blocked: the planar shadows are identical.
         let front = scene(lighting, DVec2::new(2.0, 0.0));
-        assert_eq!(*shadow_map(&front, Some(wall())).texture, *shadow_map(&front, None).texture);
+        assert_eq!(*planar_shadow(&front, Some(wall())).texture, *planar_shadow(&front, None).texture);
     }
 
     #[test]
@@ -426,9 +429,9 @@ mod tests {
         // The wall is 2 m high: the edge of its shadow is at 1.2 − 2 · 0.78/0.6 = −1.4 m, below the
         // object.
         let edge = scene(sky(vec![sun()], Vec::new()), DVec2::new(-1.4, 0.0));
-        let (once, all) = (shadow_map(&edge, Some(wall())), shadow_map(&edge, None));
-        let alone = shadow_map(&scene(sky(Vec::new(), Vec::new()), DVec2::new(-1.4, 0.0)), None);
-        let at = |shadow_map: &ShadowMap, x: f64| shadow_map.removed_at(DVec3::new(x, 0.0, 0.0)).x;
+        let (once, all) = (planar_shadow(&edge, Some(wall())), planar_shadow(&edge, None));
+        let alone = planar_shadow(&scene(sky(Vec::new(), Vec::new()), DVec2::new(-1.4, 0.0)), None);
+        let at = |planar_shadow: &PlanarShadow, x: f64| planar_shadow.removed_at(DVec3::new(x, 0.0, 0.0)).x;
         // East of the edge the wall blocks the sun, west of it the object does, to within two
         // voxels.
         assert!((at(&once, -1.35) - at(&alone, -1.35)).abs() < 0.01, "{} {}", at(&once, -1.35), at(&alone, -1.35));
@@ -460,12 +463,12 @@ mod tests {
         };
         let room = Arc::new(Room::of(around.into_iter()));
         assert_eq!(
-            *shadow_map(&scene_of(&lighting), Some(room.clone())).texture,
-            *shadow_map(&scene_of(&lighting), None).texture
+            *planar_shadow(&scene_of(&lighting), Some(room.clone())).texture,
+            *planar_shadow(&scene_of(&lighting), None).texture
         );
         // A lamp at the wall of the room.
         let lit = sky(Vec::new(), vec![PointLight { position_in_world_m: DVec3::new(1.2, 0.0, 1.6), ..lamp(0.0) }]);
-        assert_eq!(*shadow_map(&scene_of(&lit), Some(room)).texture, *shadow_map(&scene_of(&lit), None).texture);
+        assert_eq!(*planar_shadow(&scene_of(&lit), Some(room)).texture, *planar_shadow(&scene_of(&lit), None).texture);
     }
 
     #[test]

@@ -1,8 +1,8 @@
-//! The shadow maps of a scene's objects.
+//! The planar shadows of a scene's objects.
 //!
-//! A shadow map depends on the arrangement of a group's objects and on the light. If all light is
-//! distant, it stays the same wherever the group is moved on its plane. Results are memoized by the
-//! digests of all their inputs, for all compositors of the process.
+//! A planar shadow depends on the arrangement of a group's objects and on the light. If all light
+//! is distant, it stays the same wherever the group is moved on its plane. Results are memoized by
+//! the digests of all their inputs, for all compositors of the process.
 
 use std::sync::Arc;
 
@@ -12,11 +12,11 @@ use super::caster::{CasterBuilder, ShadowCaster};
 use super::extent::Extent;
 use super::group::ShadowGroup;
 use super::light_visibility;
-use super::moved_planes::{GroupShadowMap, on_planes_of};
+use super::moved_planes::{GroupShadow, on_planes_of};
+use super::planar_shadow::{PlanarShadow, RealOcclusion, ShadowTexture};
 use super::receiver_mask::ReceiverMask;
 use super::receiver_plane::ReceiverPlane;
 use super::room::{MIN_HEIGHT_M, OccluderMask, Room};
-use super::shadow_map::{RealOcclusion, ShadowMap, ShadowTexture};
 use super::sky::{EnvSample, EnvironmentImage, PlaneLighting, SkyRay, rays};
 use crate::digest::{Digest, Digester};
 use crate::memo::{ByAddress, Memo};
@@ -51,26 +51,26 @@ impl ShadowMemo {
     }
 }
 
-/// Computes shadow maps.
+/// Computes planar shadows.
 #[derive(Debug)]
 pub struct Shadows {
     lighting: Lighting,
-    environment_image: EnvironmentImage,
+    environment: Arc<EnvironmentImage>,
     memo: &'static ShadowMemo,
     casters: CasterBuilder,
     /// Distant light by the axes of the receiver plane.
     rays: Memo<DMat3, Arc<[SkyRay]>>,
-    /// Samples of the whole environment, computed on demand.
-    environment: Option<Arc<[EnvSample]>>,
-    /// Real objects, and their digest.
+    /// Real objects, and their digest: an input, digested when it is set.
     room: Option<(Arc<Room>, Digest)>,
-    /// Final shadow maps. Previews move the latest ones.
-    shadow_maps: Memo<ShadowInputs, Arc<[GroupShadowMap]>>,
+    /// Final planar shadows. Previews move the latest ones.
+    planar_shadows: Memo<ShadowInputs, Arc<[GroupShadow]>>,
     /// Lightmaps of one texel for the parts of objects.
     light_visibility: Memo<ShadowInputs, Vec<Option<Arc<Lightmap>>>>,
+    runs: u64,
+    visibility_runs: u64,
 }
 
-/// All inputs of a scene's shadow maps except its meshes and light.
+/// All inputs of a scene's planar shadows except its meshes and light.
 #[derive(Clone, Debug, PartialEq)]
 struct ShadowInputs {
     objects: Vec<Object>,
@@ -80,30 +80,35 @@ struct ShadowInputs {
 impl Shadows {
     /// Shadows for scenes of these meshes and this light.
     pub fn new(scene: &Scene) -> Self {
-        Self::with_memo(scene, EnvironmentImage::new(&scene.lighting.environment), &SHADOW_MEMO)
+        Self::with_memo(scene, Arc::new(EnvironmentImage::new(&scene.lighting.environment)), &SHADOW_MEMO)
     }
 
-    fn with_memo(scene: &Scene, environment_image: EnvironmentImage, memo: &'static ShadowMemo) -> Self {
+    fn with_memo(scene: &Scene, environment: Arc<EnvironmentImage>, memo: &'static ShadowMemo) -> Self {
         Self {
             lighting: scene.lighting.clone(),
-            environment_image,
+            environment,
             memo,
             casters: CasterBuilder::default(),
             rays: Memo::new(MEMO_CAPACITY),
-            environment: None,
             room: None,
-            shadow_maps: Memo::default(),
+            planar_shadows: Memo::default(),
             light_visibility: Memo::default(),
+            runs: 0,
+            visibility_runs: 0,
         }
     }
 
-    /// Replaces the light on the same meshes. Samples of an unchanged environment stay.
+    /// Replaces the light on the same meshes. The image of an unchanged environment stays.
     pub fn set_lighting(&mut self, scene: &Scene) {
         let is_same = self.lighting.environment == scene.lighting.environment;
-        let environment_image =
-            if is_same { self.environment_image.clone() } else { EnvironmentImage::new(&scene.lighting.environment) };
-        let environment = self.environment.take().filter(|_| is_same);
-        *self = Self { environment, ..Self::with_memo(scene, environment_image, self.memo) };
+        let image = || Arc::new(EnvironmentImage::new(&scene.lighting.environment));
+        let environment = if is_same { self.environment.clone() } else { image() };
+        *self = Self::with_memo(scene, environment, self.memo);
+    }
+
+    /// The environment of the scene's light.
+    pub fn environment(&self) -> &Arc<EnvironmentImage> {
+        &self.environment
     }
 
     /// Sets the real objects that block light, too.
@@ -122,73 +127,88 @@ impl Shadows {
 
     /// The fraction of suns and lamps that real objects leave visible from the scene's objects:
     /// lightmaps of one texel for their parts, in order.
-    pub fn light_visibility(&self, scene: &Scene) -> Vec<Option<Arc<Lightmap>>> {
+    pub fn light_visibility(&mut self, scene: &Scene) -> Vec<Option<Arc<Lightmap>>> {
+        let inputs = self.inputs(scene);
         let Some((room, _)) = &self.room else { return Vec::new() };
-        self.light_visibility.get_or_insert_with(self.inputs(scene), |_| light_visibility::lightmaps(room, scene))
+        self.light_visibility.get_or_insert_with(inputs, |_| {
+            self.visibility_runs += 1;
+            light_visibility::lightmaps(room, scene)
+        })
     }
 
-    /// The shadow maps of the scene's objects as they are placed, and their quality: final ones may
-    /// be known where previews are requested.
-    pub fn shadow_maps(&mut self, scene: &Scene, quality: Quality) -> (Vec<ShadowMap>, Quality) {
+    /// Number of computations of planar shadows, previews included, since the light was set.
+    pub fn runs(&self) -> u64 {
+        self.runs
+    }
+
+    /// Number of computations of [`Shadows::light_visibility`] since the light was set.
+    pub fn visibility_runs(&self) -> u64 {
+        self.visibility_runs
+    }
+
+    /// The planar shadows of the scene's objects as they are placed, and their quality: final ones
+    /// may be known where previews are requested.
+    pub fn planar_shadows(&mut self, scene: &Scene, quality: Quality) -> (Vec<PlanarShadow>, Quality) {
         let inputs = self.inputs(scene);
-        let ungrouped = |maps: &[GroupShadowMap]| maps.iter().map(|map| map.shadow_map.clone()).collect();
-        if let Some(known) = self.shadow_maps.get(&inputs) {
+        let ungrouped = |maps: &[GroupShadow]| maps.iter().map(|map| map.planar_shadow.clone()).collect();
+        if let Some(known) = self.planar_shadows.get(&inputs) {
             return (ungrouped(&known), Quality::Final);
         }
+        self.runs += 1;
         if quality.is_preview() {
             return self.preview_maps(scene, &inputs);
         }
         let maps = self.final_maps(scene).into();
-        (ungrouped(&self.shadow_maps.insert(inputs, maps)), Quality::Final)
+        (ungrouped(&self.planar_shadows.insert(inputs, maps)), Quality::Final)
     }
 
-    fn final_maps(&mut self, scene: &Scene) -> Vec<GroupShadowMap> {
-        let mut shadow_maps = Vec::new();
+    fn final_maps(&mut self, scene: &Scene) -> Vec<GroupShadow> {
+        let mut planar_shadows = Vec::new();
         for members in self.groups(scene) {
-            let shadow_map = self.group_shadow_map(scene, &members);
-            shadow_maps.extend(shadow_map.map(|shadow_map| GroupShadowMap { shadow_map, members }));
+            let planar_shadow = self.group_planar_shadow(scene, &members);
+            planar_shadows.extend(planar_shadow.map(|planar_shadow| GroupShadow { planar_shadow, members }));
         }
         for (floor, caster) in self.facets(scene) {
             let Some(extent) = self.extent(scene, &caster) else { continue };
             let texture = ByAddress(self.texture(scene, &floor, &caster, extent));
-            let shadow_map = ShadowMap { floor, texture, is_beside: true };
-            shadow_maps.push(GroupShadowMap { shadow_map, members: Vec::new() });
+            let planar_shadow = PlanarShadow { floor, texture, is_beside: true };
+            planar_shadows.push(GroupShadow { planar_shadow, members: Vec::new() });
         }
-        shadow_maps
+        planar_shadows
     }
 
-    /// Where only planes moved, and not far, as when a lens is changed, the latest shadow maps move
-    /// with them. Elsewhere a group without a memoized shadow map gets a preview for each of its
-    /// objects, so that light is subtracted twice where two of their shadows meet.
-    fn preview_maps(&mut self, scene: &Scene, inputs: &ShadowInputs) -> (Vec<ShadowMap>, Quality) {
-        let latest = self.shadow_maps.latest().filter(|(of, _)| of.room == inputs.room);
-        if let Some(shadow_maps) = latest.and_then(|(of, maps)| on_planes_of(scene, &of.objects, &maps)) {
-            return (shadow_maps, Quality::Preview);
+    /// Where only planes moved, and not far, as when a lens is changed, the latest planar shadows
+    /// move with them. Elsewhere a group without a memoized planar shadow gets a preview for each
+    /// of its objects, so that light is subtracted twice where two of their shadows meet.
+    fn preview_maps(&mut self, scene: &Scene, inputs: &ShadowInputs) -> (Vec<PlanarShadow>, Quality) {
+        let latest = self.planar_shadows.latest().filter(|(of, _)| of.room == inputs.room);
+        if let Some(planar_shadows) = latest.and_then(|(of, maps)| on_planes_of(scene, &of.objects, &maps)) {
+            return (planar_shadows, Quality::Preview);
         }
-        let (mut shadow_maps, mut quality) = (Vec::new(), Quality::Final);
+        let (mut planar_shadows, mut quality) = (Vec::new(), Quality::Final);
         for members in self.groups(scene) {
             let known = self.group_caster(scene, &members).and_then(|(floor, caster, extent)| {
                 let texture = self.known_texture(&floor, &caster, extent)?;
-                Some(ShadowMap { floor, texture: ByAddress(texture), is_beside: false })
+                Some(PlanarShadow { floor, texture: ByAddress(texture), is_beside: false })
             });
-            if let Some(shadow_map) = known {
-                shadow_maps.push(shadow_map);
+            if let Some(planar_shadow) = known {
+                planar_shadows.push(planar_shadow);
                 continue;
             }
             quality = Quality::Preview;
             for member in members {
                 let Some((floor, caster, extent)) = self.group_caster(scene, &[member]) else { continue };
                 let (texture, _) = self.preview_texture(scene, &floor, &caster, extent);
-                shadow_maps.push(ShadowMap { floor, texture: ByAddress(texture), is_beside: false });
+                planar_shadows.push(PlanarShadow { floor, texture: ByAddress(texture), is_beside: false });
             }
         }
         for (floor, caster) in self.facets(scene) {
             let Some(extent) = self.extent(scene, &caster) else { continue };
             let (texture, of_texture) = self.preview_texture(scene, &floor, &caster, extent);
             quality = quality.min(of_texture);
-            shadow_maps.push(ShadowMap { floor, texture: ByAddress(texture), is_beside: true });
+            planar_shadows.push(PlanarShadow { floor, texture: ByAddress(texture), is_beside: true });
         }
-        (shadow_maps, quality)
+        (planar_shadows, quality)
     }
 
     /// The final texture if it is known, else a preview.
@@ -244,10 +264,10 @@ impl Shadows {
         self.memo.textures.get(&texture_key(caster, extent, &real, Quality::Final))
     }
 
-    fn group_shadow_map(&mut self, scene: &Scene, members: &[usize]) -> Option<ShadowMap> {
+    fn group_planar_shadow(&mut self, scene: &Scene, members: &[usize]) -> Option<PlanarShadow> {
         let (floor, caster, extent) = self.group_caster(scene, members)?;
         let texture = ByAddress(self.texture(scene, &floor, &caster, extent));
-        Some(ShadowMap { floor, texture, is_beside: false })
+        Some(PlanarShadow { floor, texture, is_beside: false })
     }
 
     /// The facets of all objects that cast shadows: each with its plane and its caster. Objects do
@@ -263,9 +283,7 @@ impl Shadows {
                 else {
                     continue;
                 };
-                let environment =
-                    self.environment.get_or_insert_with(|| self.environment_image.sphere_samples().into()).clone();
-                let mut sky = self.sky(&floor, Some(&environment));
+                let mut sky = self.sky(&floor, Some(&self.environment.sphere_samples()));
                 if let Some((room, _)) = &self.room {
                     sky = without_occluded_back_lights(sky, room, &floor, scene, object);
                 }
@@ -330,7 +348,7 @@ impl Shadows {
 
     /// Light on a plane. `environment`: for a facet, all samples of the environment.
     fn sky(&self, floor: &ReceiverPlane, environment: Option<&[EnvSample]>) -> Arc<PlaneLighting> {
-        let compute = |_: &DMat3| rays(&self.lighting, &self.environment_image, floor);
+        let compute = |_: &DMat3| rays(&self.lighting, &self.environment, floor);
         let rays = self.rays.get_or_insert_with(floor.axes, compute);
         Arc::new(PlaneLighting::new(&self.lighting, rays, floor, environment))
     }

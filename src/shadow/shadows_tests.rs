@@ -7,7 +7,7 @@ use glam::{DAffine3, DQuat, DVec3, Vec2, Vec3};
 /// Shadows with an empty memo.
 fn fresh(scene: &Scene) -> Shadows {
     let memo = Box::leak(Box::new(ShadowMemo::new()));
-    Shadows::with_memo(scene, EnvironmentImage::new(&scene.lighting.environment), memo)
+    Shadows::with_memo(scene, Arc::new(EnvironmentImage::new(&scene.lighting.environment)), memo)
 }
 
 const HALF: Vec3 = Vec3::new(0.04, 0.03, 0.05);
@@ -32,9 +32,9 @@ fn scene(lighting: Lighting, floor: &ReceiverPlane, boxes: &[(f64, f64, f64)]) -
     }
 }
 
-fn only(shadow_map: Vec<ShadowMap>) -> ShadowMap {
-    assert_eq!(shadow_map.len(), 1);
-    shadow_map.into_iter().next().unwrap()
+fn only(planar_shadow: Vec<PlanarShadow>) -> PlanarShadow {
+    assert_eq!(planar_shadow.len(), 1);
+    planar_shadow.into_iter().next().unwrap()
 }
 
 fn uniform_sky() -> Lighting {
@@ -52,7 +52,7 @@ fn hits_box(at: DVec3, towards: DVec3) -> bool {
 fn shadow_of_a_uniform_sky_matches_many_rays() {
     let floor = ReceiverPlane::new(DVec3::new(0.3, -0.2, 1.0), DVec3::new(0.2, -0.9, 0.3).normalize());
     let scene = scene(uniform_sky(), &floor, &[(0.0, 0.0, 0.0)]);
-    let shadow_map = only(fresh(&scene).shadow_maps(&scene, Quality::Final).0);
+    let planar_shadow = only(fresh(&scene).planar_shadows(&scene, Quality::Final).0);
     let mut worst = 0.0f64;
     for at in [(0.045, 0.0), (0.06, 0.02), (0.0, 0.04), (0.1, -0.05), (-0.15, 0.1), (0.0, 0.25), (0.02, 0.01)] {
         // Cosine-distributed: a disc projected to the hemisphere.
@@ -64,13 +64,13 @@ fn shadow_of_a_uniform_sky_matches_many_rays() {
             hits_box(DVec3::new(at.0, at.1, 0.0), towards)
         });
         let truth = blocked.count() as f64 / count as f64;
-        let found = shadow_map.removed_at(floor.at(glam::DVec2::new(at.0, at.1)));
+        let found = planar_shadow.removed_at(floor.at(glam::DVec2::new(at.0, at.1)));
         assert!(found.abs_diff_eq(Vec3::splat(found.x), 1e-4), "a grey sky: {found}");
         worst = worst.max((f64::from(found.x) - truth).abs());
     }
     // An edge between two of 512 rays is 1/512. A code of a mid-grey floor is 0.009.
     assert!(worst < 0.008, "{worst}");
-    assert_eq!(shadow_map.removed_at(floor.at(glam::DVec2::new(3.0, 0.0))), Vec3::ZERO);
+    assert_eq!(planar_shadow.removed_at(floor.at(glam::DVec2::new(3.0, 0.0))), Vec3::ZERO);
 }
 
 #[test]
@@ -86,8 +86,8 @@ fn shadow_of_a_lamp_has_its_outline_and_its_colour() {
     };
     let lighting = Lighting { points: vec![lamp], ..uniform_sky() };
     let scene = scene(lighting, &floor, &[(0.0, 0.0, 0.0)]);
-    let shadow_map = only(fresh(&scene).shadow_maps(&scene, Quality::Final).0);
-    let at = |x: f64, y: f64| shadow_map.removed_at(floor.at(glam::DVec2::new(x, y)));
+    let planar_shadow = only(fresh(&scene).planar_shadows(&scene, Quality::Final).0);
+    let at = |x: f64, y: f64| planar_shadow.removed_at(floor.at(glam::DVec2::new(x, y)));
     // From 0.6 m the top at 0.1 m is magnified by 0.6/0.5: its edge is at 0.048 m, with the lamp's
     // penumbra.
     let (inside, outside) = (at(0.043, 0.0), at(0.056, 0.0));
@@ -100,7 +100,7 @@ fn shadow_of_a_lamp_has_its_outline_and_its_colour() {
 fn bounds_contain_all_visible_shadow_and_the_dark_part() {
     let floor = ReceiverPlane::new(DVec3::ZERO, DVec3::Z);
     let scene = scene(uniform_sky(), &floor, &[(0.0, 0.0, 0.0)]);
-    let texture = only(fresh(&scene).shadow_maps(&scene, Quality::Final).0).texture;
+    let texture = only(fresh(&scene).planar_shadows(&scene, Quality::Final).0).texture;
     let size = glam::DVec2::new(texture.width.into(), texture.height.into());
     let outside = |part: crate::shadow::UvRect, least: f32| {
         texture.removed.iter().enumerate().any(|(i, removed)| {
@@ -122,28 +122,34 @@ fn approximate_map_is_close_to_the_final_one_which_is_reused() {
         Sun { towards_light_in_world: Vec3::new(0.4, -0.8, 0.3).normalize(), color: Vec3::ONE, diameter_rad: 0.3 };
     let apart = scene(Lighting { suns: vec![sun], ..uniform_sky() }, &floor, &[(0.0, 0.0, 0.0), (1.5, 0.0, 0.3)]);
     let mut shadows = fresh(&apart);
-    let (preview, quality) = shadows.shadow_maps(&apart, Quality::Preview);
-    let exact = shadows.shadow_maps(&apart, Quality::Final).0;
+    let (preview, quality) = shadows.planar_shadows(&apart, Quality::Preview);
+    let exact = shadows.planar_shadows(&apart, Quality::Final).0;
     assert!(quality.is_preview() && preview.len() == exact.len());
     let (mut off, mut dark, mut count) = (0.0, 0.0, 0.0);
     for (x, y) in (-20..=20).flat_map(|x| (-20..=20).map(move |y| (0.01 * f64::from(x), 0.01 * f64::from(y)))) {
         let at = floor.at(glam::DVec2::new(x, y));
         let [preview, exact] =
-            [&preview, &exact].map(|all| all.iter().map(|shadow_map| shadow_map.removed_at(at).x).sum::<f32>());
+            [&preview, &exact].map(|all| all.iter().map(|planar_shadow| planar_shadow.removed_at(at).x).sum::<f32>());
         (off, dark, count) = (off + (preview - exact).abs(), dark + exact, count + 1.0);
     }
     assert!(dark / count > 0.05 && off < 0.15 * dark, "{off} of {dark}");
     // Now all maps are memoized, also after an object elsewhere has moved.
-    assert_eq!(shadows.shadow_maps(&apart, Quality::Preview), (exact.clone(), Quality::Final));
+    assert_eq!(shadows.planar_shadows(&apart, Quality::Preview), (exact.clone(), Quality::Final));
     let mut moved = apart.clone();
     moved.objects[1].move_by(DAffine3::from_translation(floor.axes * DVec3::new(0.3, 0.1, 0.0)));
-    let (shadow_maps, quality) = shadows.shadow_maps(&moved, Quality::Preview);
-    assert!(!quality.is_preview() && shadow_maps.len() == 2);
-    // In a preview, objects that come close keep their separate shadow maps.
+    let (planar_shadows, quality) = shadows.planar_shadows(&moved, Quality::Preview);
+    assert!(!quality.is_preview() && planar_shadows.len() == 2);
+    // In a preview, objects that come close keep their separate planar shadows.
     moved.objects[1].move_by(DAffine3::from_translation(floor.axes * DVec3::new(-1.68, -0.1, 0.0)));
-    let (shadow_maps, quality) = shadows.shadow_maps(&moved, Quality::Preview);
-    assert!(quality.is_preview() && shadow_maps.len() == 2 && shadows.shadow_maps(&moved, Quality::Final).0.len() == 1);
-    assert!(shadow_maps.iter().all(|shadow_map| exact.iter().any(|known| known.texture == shadow_map.texture)));
+    let (planar_shadows, quality) = shadows.planar_shadows(&moved, Quality::Preview);
+    assert!(
+        quality.is_preview()
+            && planar_shadows.len() == 2
+            && shadows.planar_shadows(&moved, Quality::Final).0.len() == 1
+    );
+    assert!(
+        planar_shadows.iter().all(|planar_shadow| exact.iter().any(|known| known.texture == planar_shadow.texture))
+    );
 }
 
 #[test]
@@ -151,30 +157,30 @@ fn floor_that_moves_a_little_reuses_the_last_map() {
     let floor = ReceiverPlane::new(DVec3::new(0.3, -0.2, 1.0), DVec3::Z);
     let scene = scene(uniform_sky(), &floor, &[(0.0, 0.0, 0.0)]);
     let mut shadows = fresh(&scene);
-    let exact = only(shadows.shadow_maps(&scene, Quality::Final).0);
+    let exact = only(shadows.planar_shadows(&scene, Quality::Final).0);
     let moved = |tilt: f64, up_m: f64| {
         let mut moved = scene.clone();
         let (point_m, normal) = (floor.origin_m + up_m * DVec3::Z, (DVec3::Z + tilt * DVec3::X).normalize());
         moved.objects[0].support = Some(Plane { point_m, normal });
         moved
     };
-    let (preview, quality) = shadows.shadow_maps(&moved(0.1, -0.02), Quality::Preview);
+    let (preview, quality) = shadows.planar_shadows(&moved(0.1, -0.02), Quality::Preview);
     let preview = only(preview);
     assert!(quality.is_preview() && preview.texture == exact.texture);
     assert!(preview.floor.normal().x > 0.09 && (preview.floor.origin_m.z - 0.98).abs() < 0.01, "{:?}", preview.floor);
     for (tilt, up_m) in [(0.3, 0.0), (0.0, -0.05)] {
-        let (preview, quality) = shadows.shadow_maps(&moved(tilt, up_m), Quality::Preview);
+        let (preview, quality) = shadows.planar_shadows(&moved(tilt, up_m), Quality::Preview);
         assert!(quality.is_preview() && only(preview).texture != exact.texture, "{tilt} {up_m}");
     }
     let mut bare = moved(0.1, 0.0);
     bare.objects[0].shadowless = true;
-    assert_eq!(shadows.shadow_maps(&bare, Quality::Preview).0, []);
+    assert_eq!(shadows.planar_shadows(&bare, Quality::Preview).0, []);
     // A final map is that of the new floor.
-    assert!(only(shadows.shadow_maps(&moved(0.1, 0.0), Quality::Final).0).texture != exact.texture);
+    assert!(only(shadows.planar_shadows(&moved(0.1, 0.0), Quality::Final).0).texture != exact.texture);
 }
 
 #[test]
-fn shadow_maps_after_a_change_of_light_are_those_of_the_new_light() {
+fn planar_shadows_after_a_change_of_light_are_those_of_the_new_light() {
     let floor = ReceiverPlane::new(DVec3::new(0.3, -0.2, 1.0), DVec3::Z);
     let lamp = |x: f64| PointLight {
         position_in_world_m: floor.at(glam::DVec2::new(x, 0.1)) + DVec3::Z,
@@ -188,30 +194,30 @@ fn shadow_maps_after_a_change_of_light_are_those_of_the_new_light() {
     let dark_sky = Environment::Uniform(Vec3::splat(0.1));
     let dark = of(Lighting { points: vec![lamp(0.5)], environment: dark_sky, ..Lighting::default() });
     let mut shadows = fresh(&left);
-    let first = shadows.shadow_maps(&left, Quality::Final).0;
-    // Shadow maps are compared by address, textures by value.
-    let textures = |shadow_maps: Vec<ShadowMap>| {
-        shadow_maps.iter().map(|shadow_map| ShadowTexture::clone(&shadow_map.texture)).collect::<Vec<_>>()
+    let first = shadows.planar_shadows(&left, Quality::Final).0;
+    // Planar shadows are compared by address, textures by value.
+    let textures = |planar_shadows: Vec<PlanarShadow>| {
+        planar_shadows.iter().map(|planar_shadow| ShadowTexture::clone(&planar_shadow.texture)).collect::<Vec<_>>()
     };
     for scene in [&right, &dark, &left] {
         shadows.set_lighting(scene);
-        let (preview, quality) = shadows.shadow_maps(scene, Quality::Preview);
+        let (preview, quality) = shadows.planar_shadows(scene, Quality::Preview);
         if std::ptr::eq(scene, &left) {
             // Memoized from before.
             assert!(!quality.is_preview() && preview == first);
             continue;
         }
         assert!(quality.is_preview());
-        assert!(textures(preview) == textures(fresh(scene).shadow_maps(scene, Quality::Preview).0));
+        assert!(textures(preview) == textures(fresh(scene).planar_shadows(scene, Quality::Preview).0));
         assert!(
-            textures(shadows.shadow_maps(scene, Quality::Final).0)
-                == textures(fresh(scene).shadow_maps(scene, Quality::Final).0)
+            textures(shadows.planar_shadows(scene, Quality::Final).0)
+                == textures(fresh(scene).planar_shadows(scene, Quality::Final).0)
         );
     }
     let first = textures(first);
     assert!(
-        textures(shadows.shadow_maps(&left, Quality::Final).0) == first
-            && textures(fresh(&right).shadow_maps(&right, Quality::Final).0) != first
+        textures(shadows.planar_shadows(&left, Quality::Final).0) == first
+            && textures(fresh(&right).planar_shadows(&right, Quality::Final).0) != first
     );
 }
 
@@ -222,33 +228,33 @@ fn shadow_of_a_sun_is_on_the_opposite_side() {
     let sun = Sun { towards_light_in_world: towards, color: Vec3::ONE, diameter_rad: 0.01 };
     let lighting = Lighting { suns: vec![sun], points: Vec::new(), environment: Environment::Uniform(Vec3::ZERO) };
     let scene = scene(lighting, &floor, &[(0.0, 0.0, 0.0)]);
-    let shadow_map = only(fresh(&scene).shadow_maps(&scene, Quality::Final).0);
-    let at = |x: f64, y: f64| shadow_map.removed_at(floor.at(glam::DVec2::new(x, y))).x;
+    let planar_shadow = only(fresh(&scene).planar_shadows(&scene, Quality::Final).0);
+    let at = |x: f64, y: f64| planar_shadow.removed_at(floor.at(glam::DVec2::new(x, y))).x;
     // A height of 0.1 m under 45°: from −0.04 m to −0.14 m.
     assert!(at(-0.135, 0.0) > 0.99 && at(-0.145, 0.0) < 0.01, "{} {}", at(-0.135, 0.0), at(-0.145, 0.0));
     assert!(at(-0.1, 0.027) > 0.99 && at(-0.1, 0.033) < 0.01 && at(0.05, 0.0) < 0.01);
 }
 
 #[test]
-fn objects_with_overlapping_shadows_share_a_shadow_map() {
+fn objects_with_overlapping_shadows_share_a_planar_shadow() {
     let floor = ReceiverPlane::new(DVec3::ZERO, DVec3::Z);
     let both = scene(uniform_sky(), &floor, &[(0.0, 0.0, 0.0), (0.12, 0.0, 0.4)]);
-    let shadow_map = only(fresh(&both).shadow_maps(&both, Quality::Final).0);
+    let planar_shadow = only(fresh(&both).planar_shadows(&both, Quality::Final).0);
     let alone = |n: usize| {
         let one = Scene { objects: vec![both.objects[n].clone()], ..both.clone() };
-        only(fresh(&one).shadow_maps(&one, Quality::Final).0)
+        only(fresh(&one).planar_shadows(&one, Quality::Final).0)
     };
     let between = floor.at(glam::DVec2::new(0.06, 0.0));
     let [together, left, right] =
-        [&shadow_map, &alone(0), &alone(1)].map(|shadow_map| shadow_map.removed_at(between).x);
+        [&planar_shadow, &alone(0), &alone(1)].map(|planar_shadow| planar_shadow.removed_at(between).x);
     // They block light from different sides.
     assert!((together - left - right).abs() < 0.03 && together < 1.0, "{together} {left} {right}");
     let apart = scene(uniform_sky(), &floor, &[(0.0, 0.0, 0.0), (5.0, 0.0, 0.4)]);
-    assert_eq!(fresh(&apart).shadow_maps(&apart, Quality::Final).0.len(), 2);
+    assert_eq!(fresh(&apart).planar_shadows(&apart, Quality::Final).0.len(), 2);
     let shadowless = scene(uniform_sky(), &floor, &[(0.0, 0.0, 0.0)]);
     let object = Object { shadowless: true, ..shadowless.objects[0].clone() };
     let shadowless = Scene { objects: vec![object], ..shadowless };
-    assert!(fresh(&shadowless).shadow_maps(&shadowless, Quality::Final).0.is_empty());
+    assert!(fresh(&shadowless).planar_shadows(&shadowless, Quality::Final).0.is_empty());
 }
 
 #[test]
@@ -264,21 +270,24 @@ fn shadow_on_a_wall_matches_that_on_a_floor_in_its_plane() {
     let facet = Facet { plane, along: DVec3::Y, low_m: -half, high_m: half };
     scene.objects[0].facets = vec![facet];
     let mut shadows = fresh(&scene);
-    let (preview, quality) = shadows.shadow_maps(&scene, Quality::Preview);
+    let (preview, quality) = shadows.planar_shadows(&scene, Quality::Preview);
     assert!(quality.is_preview() && preview.len() == 2);
-    let shadow_maps = shadows.shadow_maps(&scene, Quality::Final).0;
-    assert_eq!((shadow_maps.len(), shadow_maps.iter().filter(|shadow_map| shadow_map.is_beside).count()), (2, 1));
-    assert_eq!(shadows.shadow_maps(&scene, Quality::Preview), (shadow_maps.clone(), Quality::Final));
-    let wall = shadow_maps.iter().find(|shadow_map| shadow_map.is_beside).unwrap();
-    let preview = preview.iter().find(|shadow_map| shadow_map.is_beside).unwrap();
+    let planar_shadows = shadows.planar_shadows(&scene, Quality::Final).0;
+    assert_eq!(
+        (planar_shadows.len(), planar_shadows.iter().filter(|planar_shadow| planar_shadow.is_beside).count()),
+        (2, 1)
+    );
+    assert_eq!(shadows.planar_shadows(&scene, Quality::Preview), (planar_shadows.clone(), Quality::Final));
+    let wall = planar_shadows.iter().find(|planar_shadow| planar_shadow.is_beside).unwrap();
+    let preview = preview.iter().find(|planar_shadow| planar_shadow.is_beside).unwrap();
     // The same box near an unbounded floor in the plane of the wall.
     let mut lying = scene.clone();
     (lying.objects[0].support, lying.objects[0].facets) = (Some(plane), Vec::new());
-    let lying = only(fresh(&lying).shadow_maps(&lying, Quality::Final).0);
+    let lying = only(fresh(&lying).planar_shadows(&lying, Quality::Final).0);
     let at = |y: f64, z: f64| DVec3::new(plane.point_m.x, y, z);
     let (mut dark, mut off) = (0.0f32, 0.0f32);
     for (y, z) in (-10..=10).flat_map(|y| (3..10).map(move |z| (0.01 * f64::from(y), 0.02 * f64::from(z)))) {
-        let [found, expected] = [wall, &lying].map(|shadow_map| shadow_map.removed_at(at(y, z)).x);
+        let [found, expected] = [wall, &lying].map(|planar_shadow| planar_shadow.removed_at(at(y, z)).x);
         (dark, off) = (dark.max(found), off.max((found - expected).abs()));
         assert!((preview.removed_at(at(y, z)).x - found).abs() < 0.3);
     }
@@ -288,11 +297,11 @@ fn shadow_on_a_wall_matches_that_on_a_floor_in_its_plane() {
     assert!(lying.removed_at(at(0.0, 0.01)).x > 0.3, "{}", lying.removed_at(at(0.0, 0.01)));
     assert_eq!([wall.removed_at(at(0.0, 0.01)), wall.removed_at(at(0.32, 0.1))], [Vec3::ZERO; 2]);
     // The shadow on the floor is that without a wall. A shadowless object has none on either.
-    let ground = shadow_maps.iter().find(|shadow_map| !shadow_map.is_beside).unwrap();
+    let ground = planar_shadows.iter().find(|planar_shadow| !planar_shadow.is_beside).unwrap();
     scene.objects[0].facets.clear();
-    assert_eq!(*only(fresh(&scene).shadow_maps(&scene, Quality::Final).0).texture, *ground.texture);
+    assert_eq!(*only(fresh(&scene).planar_shadows(&scene, Quality::Final).0).texture, *ground.texture);
     (scene.objects[0].facets, scene.objects[0].shadowless) = (vec![facet], true);
-    assert_eq!(fresh(&scene).shadow_maps(&scene, Quality::Final).0, []);
+    assert_eq!(fresh(&scene).planar_shadows(&scene, Quality::Final).0, []);
 }
 
 /// A red box, 4 cm to its right a wall of 0.2 m that faces it, and a lamp.
@@ -313,8 +322,12 @@ fn in_front_of_a_wall(at_m: DVec3, bright: f32) -> Scene {
 fn on_the_wall(scene: &Scene, room: Option<Room>) -> Vec3 {
     let mut shadows = fresh(scene);
     shadows.set_room(room.map(Arc::new));
-    let wall =
-        shadows.shadow_maps(scene, Quality::Final).0.into_iter().find(|shadow_map| shadow_map.is_beside).unwrap();
+    let wall = shadows
+        .planar_shadows(scene, Quality::Final)
+        .0
+        .into_iter()
+        .find(|planar_shadow| planar_shadow.is_beside)
+        .unwrap();
     wall.removed_at(scene.objects[0].facets[0].plane.point_m - 0.03 * DVec3::Z)
 }
 
@@ -366,11 +379,11 @@ fn object_moved_on_its_floor_has_the_map_of_a_new_one() {
     let floor = ReceiverPlane::new(DVec3::new(0.1, 0.2, 0.3), DVec3::new(0.1, 0.2, 0.9).normalize());
     let mut shadows = fresh(&scene(uniform_sky(), &floor, &[]));
     let at = |x: f64, y: f64| scene(uniform_sky(), &floor, &[(x, y, 0.7)]);
-    let first = only(shadows.shadow_maps(&at(0.0, 0.0), Quality::Final).0);
-    let moved = only(shadows.shadow_maps(&at(0.731, -0.25), Quality::Final).0);
+    let first = only(shadows.planar_shadows(&at(0.0, 0.0), Quality::Final).0);
+    let moved = only(shadows.planar_shadows(&at(0.731, -0.25), Quality::Final).0);
     assert!(first.texture == moved.texture, "it was worked out again");
     let scene = at(0.731, -0.25);
-    assert_eq!(*only(fresh(&scene).shadow_maps(&scene, Quality::Final).0).texture, *moved.texture);
+    assert_eq!(*only(fresh(&scene).planar_shadows(&scene, Quality::Final).0).texture, *moved.texture);
     let beside = moved.removed_at(floor.at(glam::DVec2::new(0.731, -0.25) + Vec2::new(0.0, 0.06).as_dvec2()));
     assert!(beside.x > 0.05, "{beside}");
     assert_eq!(first.removed_at(floor.at(glam::DVec2::new(0.731, -0.25))), Vec3::ZERO);

@@ -15,6 +15,7 @@ use glam::{DVec3, Mat3, Vec2, Vec3};
 use super::mask::R2_STEP;
 use super::receiver_plane::ReceiverPlane;
 use crate::digest::{Digester, Digestible, digestible};
+use crate::memo::Memo;
 use crate::render::panorama::{MipLevel, direction, direction_at, resampled, solid_sr};
 use crate::scene::{Environment, Lighting, Sun};
 
@@ -120,25 +121,25 @@ impl Digestible for RaySource {
     }
 }
 
-/// A scene's environment, resampled once for all planes.
-#[derive(Clone, Debug)]
+/// A scene's environment, resampled once for all planes and lightmaps.
+#[derive(Debug)]
 pub struct EnvironmentImage {
     level: MipLevel,
     world_from_map: Mat3,
+    sphere_samples: Memo<(), Arc<[EnvSample]>>,
 }
 
 impl EnvironmentImage {
     pub fn new(environment: &Environment) -> Self {
-        match environment {
-            Environment::Uniform(color) => {
-                Self { level: (WIDTH, HEIGHT, vec![*color; (WIDTH * HEIGHT) as usize]), world_from_map: Mat3::IDENTITY }
-            }
+        let (level, world_from_map) = match environment {
+            Environment::Uniform(color) => ((WIDTH, HEIGHT, vec![*color; (WIDTH * HEIGHT) as usize]), Mat3::IDENTITY),
             Environment::Map(map) => {
                 let mut level = resampled((map.width, map.height, &map.rgb), WIDTH, HEIGHT);
                 level.2.iter_mut().for_each(|texel| *texel *= map.color);
-                Self { level, world_from_map: Mat3::from_quat(map.map_from_world).transpose() }
+                (level, Mat3::from_quat(map.map_from_world).transpose())
             }
-        }
+        };
+        Self { level, world_from_map, sphere_samples: Memo::default() }
     }
 
     /// Rays in the plane's axes.
@@ -159,8 +160,12 @@ impl EnvironmentImage {
     }
 
     /// Samples over the sphere, half of them by brightness and half uniformly: reflecting surfaces
-    /// may be in front of a dark part.
-    pub fn sphere_samples(&self) -> Vec<EnvSample> {
+    /// may be in front of a dark part. Computed by the first call.
+    pub fn sphere_samples(&self) -> Arc<[EnvSample]> {
+        self.sphere_samples.get_or_insert_with((), |()| self.sample_sphere())
+    }
+
+    fn sample_sphere(&self) -> Arc<[EnvSample]> {
         let texels = || (0..HEIGHT).flat_map(|y| (0..WIDTH).map(move |x| (x, y)));
         let bright =
             |(x, y): (u32, u32)| self.level.2[(y * WIDTH + x) as usize].element_sum() * solid_sr(y, WIDTH, HEIGHT);

@@ -48,7 +48,7 @@ pub fn plane_through(points_m: &[DVec3]) -> Result<PlaneFit, PlaneFitError> {
 }
 
 /// Step to which the normals of supports and facets are rounded, below their accuracy. An object
-/// that is moved over a desk then keeps the same plane, and its shadow map stays valid.
+/// that is moved over a desk then keeps the same plane, and its planar shadow stays valid.
 const NORMAL_STEP: f64 = 1.0 / 512.0;
 
 /// A normal of unit length with components rounded to the step. `None` if it is not finite.

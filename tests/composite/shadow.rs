@@ -1,4 +1,4 @@
-//! Shadows on real receiver surfaces, compared with the shadow map pixel by pixel, and their
+//! Shadows on real receiver surfaces, compared with the planar shadow pixel by pixel, and their
 //! typical artefacts.
 
 use std::sync::Arc;
@@ -108,9 +108,9 @@ fn applied_share(taken: Vec3) -> Vec3 {
 }
 
 #[test]
-fn shadowed_pixels_match_the_shadow_map_and_others_are_unchanged() {
+fn shadowed_pixels_match_the_planar_shadow_and_others_are_unchanged() {
     let done = composite_frame(Settings::default(), &camera(), grey_frame(), scene());
-    let shadow_map = &Shadows::new(&scene()).shadow_maps(&scene(), locard::quality::Quality::Final).0[0];
+    let planar_shadow = &Shadows::new(&scene()).planar_shadows(&scene(), locard::quality::Quality::Final).0[0];
     let layer = done.layer.as_ref().unwrap();
     let (mut worst, mut shaded, mut free, mut darkest) = (0.0f64, 0, 0, 255.0f64);
     for (i, out) in done.pixels.codes.eight_bit().unwrap().chunks_exact(3).enumerate() {
@@ -123,8 +123,9 @@ fn shadowed_pixels_match_the_shadow_map_and_others_are_unchanged() {
         if (-2..=2).any(|dy| (-2..=2).any(|dx| touched(dx, dy))) {
             continue;
         }
-        let places: Vec<Vec3> =
-            floor_samples(x, y).map(|place| place.map_or(Vec3::ZERO, |place| shadow_map.removed_at(place))).collect();
+        let places: Vec<Vec3> = floor_samples(x, y)
+            .map(|place| place.map_or(Vec3::ZERO, |place| planar_shadow.removed_at(place)))
+            .collect();
         let taken = applied_share(places.iter().sum::<Vec3>() / 4.0);
         if layer.left[i] == [1.0; 3] {
             free += 1;

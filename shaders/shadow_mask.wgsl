@@ -1,7 +1,7 @@
 // The fraction of the real light that virtual objects remove, at each pixel
-// (src/compositor/shade.rs): the shadow map is sampled where the pixel's ray meets the receiver
-// plane, by the pose of its row at several samples of the exposure. The homogeneous texel is
-// computed at the corners of tiles of the picture. In between it is interpolated before the
+// (src/compositor/shadow_mask.rs): the planar shadow is sampled where the pixel's ray meets the
+// receiver plane, by the pose of its row at several samples of the exposure. The homogeneous texel
+// is computed at the corners of tiles of the picture. In between it is interpolated before the
 // division, where it is nearly linear.
 // @import shared/half
 override has_depth: bool = false;   // of the real scene
@@ -20,7 +20,7 @@ const DEPTH_STEP: f32 = 1.04;
 const INVISIBLE_SHADE: f32 = 1.0 / 256.0;
 const VISIBLE_SHADE: f32 = 1.0 / 64.0;
 
-struct Shade {
+struct ShadowMask {
     in_picture: vec2<f32>,   // origin of the part in the picture
     part_px: vec2<f32>,      // size of the part
     in_depth: vec2<f32>,     // origin of the part in the depth
@@ -38,7 +38,7 @@ struct Shade {
     tile_px: i32,            // side of a tile
 }
 
-struct ShadowMap {
+struct PlanarShadow {
     rect_px: vec4<f32>,      // bounds in the picture: x0, y0, x1, y1
     in_atlas: vec2<f32>,
     size: vec2<f32>,         // texels
@@ -48,21 +48,21 @@ struct ShadowMap {
     unused1: f32,
 }
 
-// A tile of the picture that may contain a shadow of a shadow map.
+// A tile of the picture that may contain a part of a planar shadow.
 struct Tile {
     at_px: vec2<i32>,
-    shadow_map: u32,
+    planar_shadow: u32,
     homography: u32,         // the first of EXPOSURE_SAMPLES of the tile's upper edge; those of its lower edge follow
 }
 
-// From a ray to (x/t, y/t, 1/t): x, y in texels of the shadow map, t the distance along the ray.
+// From a ray to (x/t, y/t, 1/t): x, y in texels of the planar shadow, t the distance along the ray.
 struct Homography { x: vec4<f32>, y: vec4<f32>, z: vec4<f32> }
 
-@group(0) @binding(0) var<uniform> shade: Shade;
+@group(0) @binding(0) var<uniform> shadow_mask: ShadowMask;
 @group(0) @binding(1) var rays: texture_2d<f32>;
 @group(0) @binding(2) var atlas: texture_2d<f32>;
 @group(0) @binding(3) var real_depth: texture_2d<f32>;
-@group(0) @binding(4) var<storage, read> shadow_maps: array<ShadowMap>;
+@group(0) @binding(4) var<storage, read> planar_shadows: array<PlanarShadow>;
 @group(0) @binding(5) var<storage, read> tiles: array<Tile>;
 @group(0) @binding(6) var<storage, read> homographies: array<Homography>;
 @group(0) @binding(7) var between: sampler;
@@ -75,8 +75,8 @@ struct Cell { upper: array<vec4<f32>, 2>, lower: array<vec4<f32>, 2>, corner: ve
 
 // The cell around a position in the picture.
 fn cell_at(at_px: vec2<f32>) -> Cell {
-    let on_grid = clamp(at_px * shade.per_step, vec2<f32>(0.0), vec2<f32>(shade.size - 1));
-    let corner = min(floor(on_grid), vec2<f32>(shade.size - 2));
+    let on_grid = clamp(at_px * shadow_mask.per_step, vec2<f32>(0.0), vec2<f32>(shadow_mask.size - 1));
+    let corner = min(floor(on_grid), vec2<f32>(shadow_mask.size - 2));
     let i = vec2<i32>(corner);
     let right = i + vec2<i32>(1, 0);
     let below = i + vec2<i32>(0, 1);
@@ -89,7 +89,7 @@ fn cell_at(at_px: vec2<f32>) -> Cell {
 
 // The ray through a position in the cell or close to it; w is 1 if it exists.
 fn ray_at(cell: Cell, at_px: vec2<f32>) -> vec4<f32> {
-    let f = at_px * shade.per_step - cell.corner;
+    let f = at_px * shadow_mask.per_step - cell.corner;
     return mix(mix(cell.upper[0], cell.upper[1], f.x), mix(cell.lower[0], cell.lower[1], f.x), f.y);
 }
 
@@ -102,7 +102,7 @@ fn offset_px(index: u32) -> vec2<f32> {
 }
 
 // Depth of unmeasured pixels behind a proxy model (depth/proxies.rs), m.
-const FAR_M = 1e4;
+const FAR_M: f32 = 1e4;
 
 // The receiver plane at a pixel, with which depth samples are compared.
 struct ReceiverDepth {
@@ -111,9 +111,9 @@ struct ReceiverDepth {
     unmeasured: f32,         // receiver weight of a pixel without depth
 }
 
-fn receiver_depth(nearness: f32, shadow_map: ShadowMap) -> ReceiverDepth {
-    let near_m = max(shade.tolerance_m, shade.per_depth2 / max(nearness * nearness, 1e-6));
-    return ReceiverDepth(nearness, 0.5 * shadow_map.height_m / near_m, shadow_map.unmeasured);
+fn receiver_depth(nearness: f32, planar_shadow: PlanarShadow) -> ReceiverDepth {
+    let near_m = max(shadow_mask.tolerance_m, shadow_mask.per_depth2 / max(nearness * nearness, 1e-6));
+    return ReceiverDepth(nearness, 0.5 * planar_shadow.height_m / near_m, planar_shadow.unmeasured);
 }
 
 // Receiver weight of a depth sample: 1 within the tolerance of the plane, 0 beyond three times
@@ -124,7 +124,7 @@ fn receiver_weight(real_m: f32, receiver: ReceiverDepth) -> f32 {
 }
 
 fn depth_at(at_px: vec2<f32>) -> f32 {
-    return textureLoad(real_depth, clamp(vec2<i32>(floor(at_px)), vec2<i32>(0), shade.depth_size - 1), 0).x;
+    return textureLoad(real_depth, clamp(vec2<i32>(floor(at_px)), vec2<i32>(0), shadow_mask.depth_size - 1), 0).x;
 }
 
 // Receiver weight of the depth around a pixel. Where nothing was measured, the support plane
@@ -158,19 +158,19 @@ fn weight_of_surface(at_px: vec2<f32>, receiver: ReceiverDepth) -> f32 {
 // The share of each channel's light in a pixel that comes from the receiver.
 fn receiver_share(at_px: vec2<f32>, receiver: ReceiverDepth) -> vec3<f32> {
     if has_matte {
-        let q = vec2<i32>(floor(at_px + shade.in_matte));
-        if all(q >= vec2<i32>(0)) && all(q < shade.matte_size) {
-            let own = vec3<f32>(weight_of_surface(at_px + shade.in_depth, receiver));
+        let q = vec2<i32>(floor(at_px + shadow_mask.in_matte));
+        if all(q >= vec2<i32>(0)) && all(q < shadow_mask.matte_size) {
+            let own = vec3<f32>(weight_of_surface(at_px + shadow_mask.in_depth, receiver));
             let second = textureLoad(matte, q, 0);
             return mix(own, vec3<f32>(receiver_weight(second.w, receiver)), select(vec3<f32>(0.0), second.rgb, second.w > 0.0));
         }
     }
-    return vec3<f32>(weight_around(at_px + shade.in_depth, receiver));
+    return vec3<f32>(weight_around(at_px + shadow_mask.in_depth, receiver));
 }
 
 struct Corner {
     @builtin(position) at: vec4<f32>,
-    @location(0) @interpolate(flat) shadow_map: u32,
+    @location(0) @interpolate(flat) planar_shadow: u32,
     // For each exposure sample, the homogeneous texel of the ray, and 1 if the ray exists.
     @location(1) @interpolate(linear) first: vec4<f32>,
     @location(2) @interpolate(linear) second: vec4<f32>,
@@ -188,17 +188,17 @@ fn texel_of_ray(cell: Cell, at_px: vec2<f32>, h: Homography) -> vec4<f32> {
 fn tile(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> Corner {
     let own = tiles[instance];
     let corner = vec2<u32>(vertex & 1u, vertex >> 1u);
-    var at_px = vec2<f32>(own.at_px + vec2<i32>(corner) * shade.tile_px);
-    let at = (at_px - shade.in_picture) / shade.part_px * vec2<f32>(2.0, -2.0) + vec2<f32>(-1.0, 1.0);
-    if shade.round_px > 0.0 {
-        at_px.x -= floor(at_px.x / shade.round_px) * shade.round_px;
+    var at_px = vec2<f32>(own.at_px + vec2<i32>(corner) * shadow_mask.tile_px);
+    let at = (at_px - shadow_mask.in_picture) / shadow_mask.part_px * vec2<f32>(2.0, -2.0) + vec2<f32>(-1.0, 1.0);
+    if shadow_mask.round_px > 0.0 {
+        at_px.x -= floor(at_px.x / shadow_mask.round_px) * shadow_mask.round_px;
     }
     // The cell within the tile: beyond it rays may not exist.
     let cell = cell_at(at_px + 0.5 - vec2<f32>(corner));
     let first = own.homography + corner.y * EXPOSURE_SAMPLES;
     return Corner(
         vec4<f32>(at, 0.0, 1.0),
-        own.shadow_map,
+        own.planar_shadow,
         texel_of_ray(cell, at_px + offset_px(0u), homographies[first]),
         texel_of_ray(cell, at_px + offset_px(1u), homographies[first + 1u]),
         texel_of_ray(cell, at_px + offset_px(2u), homographies[first + 2u]),
@@ -206,10 +206,10 @@ fn tile(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u
     );
 }
 
-// Transmittances 1 − d of overlapping shadow maps multiply: the pass blends by D + (1 − D)·d.
+// Transmittances 1 − d of overlapping planar shadows multiply: the pass blends by D + (1 − D)·d.
 @fragment
 fn main(corner: Corner) -> @location(0) vec4<f32> {
-    let shadow_map = shadow_maps[corner.shadow_map];
+    let planar_shadow = planar_shadows[corner.planar_shadow];
     let texels = array<vec4<f32>, EXPOSURE_SAMPLES>(corner.first, corner.second, corner.third, corner.fourth);
     var removed = vec3<f32>(0.0);
     var nearness = 0.0;
@@ -217,21 +217,21 @@ fn main(corner: Corner) -> @location(0) vec4<f32> {
         let homogeneous = texels[i];
         let texel = homogeneous.xy / max(homogeneous.z, 1e-9);
         let is_on = homogeneous.w > 0.999 && homogeneous.z > 1e-6
-            && all(texel > vec2<f32>(0.0)) && all(texel < shadow_map.size);
-        let inside = shadow_map.in_atlas + clamp(texel, vec2<f32>(0.5), shadow_map.size - 0.5);
-        let sampled = textureSampleLevel(atlas, between, inside * shade.per_texel, 0.0).rgb;
+            && all(texel > vec2<f32>(0.0)) && all(texel < planar_shadow.size);
+        let inside = planar_shadow.in_atlas + clamp(texel, vec2<f32>(0.5), planar_shadow.size - 0.5);
+        let sampled = textureSampleLevel(atlas, between, inside * shadow_mask.per_texel, 0.0).rgb;
         removed += select(vec3<f32>(0.0), sampled, is_on);
         nearness += homogeneous.z;
     }
     removed /= f32(EXPOSURE_SAMPLES);
     removed *= smoothstep(INVISIBLE_SHADE, VISIBLE_SHADE, max(abs(removed.r), max(abs(removed.g), abs(removed.b))));
     // Tiles extend beyond the bounds.
-    let at = corner.at.xy + shade.in_picture;
-    removed *= f32(all(at > shadow_map.rect_px.xy) && all(at < shadow_map.rect_px.zw));
+    let at = corner.at.xy + shadow_mask.in_picture;
+    removed *= f32(all(at > planar_shadow.rect_px.xy) && all(at < planar_shadow.rect_px.zw));
     // Depth is read only where there is a shadow.
     if any(removed != vec3<f32>(0.0)) {
-        removed *= receiver_share(corner.at.xy, receiver_depth(nearness / f32(EXPOSURE_SAMPLES), shadow_map));
+        removed *= receiver_share(corner.at.xy, receiver_depth(nearness / f32(EXPOSURE_SAMPLES), planar_shadow));
     }
-    let fraction = clamp(shade.strength * shade.opacity * removed, vec3<f32>(-1.0), vec3<f32>(1.0));
+    let fraction = clamp(shadow_mask.strength * shadow_mask.opacity * removed, vec3<f32>(-1.0), vec3<f32>(1.0));
     return rounded_to_half(vec4<f32>(fraction, 0.0));
 }

@@ -99,13 +99,13 @@ struct TexelLight {
 pub struct RealOcclusion<'a> {
     /// Rays that real objects block. `None` for none.
     pub blocked: Option<&'a OccluderMask>,
-    /// Surfaces to which the shadow map applies. `None` for everywhere.
+    /// Surfaces to which the planar shadow applies. `None` for everywhere.
     pub receiver: Option<&'a ReceiverMask>,
 }
 
 /// A shadow texture on a plane in the world.
 #[derive(Clone, Debug, PartialEq)]
-pub struct ShadowMap {
+pub struct PlanarShadow {
     pub floor: ReceiverPlane,
     pub texture: ByAddress<ShadowTexture>,
     /// The plane belongs to a real object beside, not to the support.
@@ -113,7 +113,7 @@ pub struct ShadowMap {
 }
 
 /// Bounds and blocks follow from `removed`; `is_beside` does not change the light.
-impl Digestible for ShadowMap {
+impl Digestible for PlanarShadow {
     fn digest(&self, into: &mut Digester) {
         let Self { floor, texture, is_beside: _ } = self;
         let ShadowTexture { low_m, texel_m, width, height, removed, visible_bounds: _, dark_bounds: _, blocks: _ } =
@@ -349,7 +349,7 @@ impl ShadowTexture {
         self.low_m + self.texel_m * (Vec2::new(x as f32, y as f32) + 0.5)
     }
 
-    /// Fade at the border: 1 inside the shadow map, smoothly 0 at its outermost texels.
+    /// Fade at the border: 1 inside the planar shadow, smoothly 0 at its outermost texels.
     fn border_fade(&self, x: usize, y: usize) -> f32 {
         let towards = |at: usize, side: u32| {
             let from_edge = (at as f32).min(side as f32 - 1.0 - at as f32) / (FADE_WIDTH * side as f32);
@@ -359,7 +359,8 @@ impl ShadowTexture {
         towards(x, self.width) * towards(y, self.height)
     }
 
-    /// D interpolated at a position in texels, the same as in the shader; 0 outside the shadow map.
+    /// D interpolated at a position in texels, the same as in the shader; 0 outside the planar
+    /// shadow.
     pub fn at_texel(&self, at: DVec2) -> Vec3 {
         let size = DVec2::new(self.width.into(), self.height.into());
         if at.cmplt(DVec2::ZERO).any() || at.cmpgt(size).any() {
@@ -376,7 +377,7 @@ impl ShadowTexture {
     }
 }
 
-impl ShadowMap {
+impl PlanarShadow {
     /// World position at coordinates relative to the texture's sides.
     pub fn at(&self, across: f64, down: f64) -> DVec3 {
         let texture = &self.texture;

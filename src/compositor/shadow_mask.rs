@@ -1,11 +1,12 @@
 //! The fraction of the real light that virtual objects remove, at each pixel of a frame.
 //!
-//! A shadow map (shadow/) lies on a receiver plane. The intersection of a pixel's ray r with it is
-//! a homography of the ray: [u/t, v/t, 1/t] = H·r, with u, v in texels of the shadow map and t the
-//! distance along the ray. Each row has its own pose (rolling shutter), and so has each sample of
-//! the exposure. H is computed here in double precision for the edges between tiles of the picture;
-//! H·r is interpolated across tiles in which rays are straight enough. Drivers interpolate relative
-//! to the region that is drawn, so that two regions of a picture may differ in the last bit.
+//! A planar shadow (shadow/) lies on a receiver plane. The intersection of a pixel's ray r with it
+//! is a homography of the ray: [u/t, v/t, 1/t] = H·r, with u, v in texels of the planar shadow and
+//! t the distance along the ray. Each row has its own pose (rolling shutter), and so has each
+//! sample of the exposure. H is computed here in double precision for the edges between tiles of
+//! the picture; H·r is interpolated across tiles in which rays are straight enough. Drivers
+//! interpolate relative to the region that is drawn, so that two regions of a picture may differ in
+//! the last bit.
 //!
 //! A real object on or before the receiver is not darkened: only pixels whose depth is within a
 //! tolerance of the plane are. At the object's edge a pixel shows I = α·F + (1 − α)·B, with the
@@ -26,14 +27,14 @@ use crate::memo::ByAddress;
 use crate::pixels::Rect;
 use crate::pose::Pose;
 use crate::render::{COLOR, Shutter, ViewKeys};
-use crate::shadow::{ShadowMap, ShadowTexture, UvRect};
+use crate::shadow::{PlanarShadow, ShadowTexture, UvRect};
 
-/// Samples over the exposure; the same number as in shaders/shade.wgsl.
+/// Samples over the exposure; the same number as in shaders/shadow_mask.wgsl, by a test.
 const EXPOSURE_SAMPLES: usize = 4;
-/// Intervals along each side of a shadow map, whose ends are projected to find its bounds in the
+/// Intervals along each side of a planar shadow, whose ends are projected to find its bounds in the
 /// picture.
 const SIDE_INTERVALS: usize = 8;
-/// D + (1 − D)·d: transmittances 1 − d of overlapping shadow maps multiply.
+/// D + (1 − D)·d: transmittances 1 − d of overlapping planar shadows multiply.
 const MULTIPLY_TRANSMITTANCES: wgpu::BlendState = wgpu::BlendState {
     color: wgpu::BlendComponent {
         src_factor: wgpu::BlendFactor::OneMinusDst,
@@ -42,11 +43,11 @@ const MULTIPLY_TRANSMITTANCES: wgpu::BlendState = wgpu::BlendState {
     },
     alpha: wgpu::BlendComponent::REPLACE,
 };
-/// Largest width of the atlas of shadow maps, texels.
+/// Largest width of the atlas of planar shadows, texels.
 const MAX_ATLAS_WIDTH: u32 = 4096;
 
 crate::uniform! {
-    struct ShadeUniform {
+    struct ShadowMaskUniform {
         in_picture: [f32; 2],
         part_px: [f32; 2],
         in_depth: [f32; 2],
@@ -65,10 +66,10 @@ crate::uniform! {
     }
 }
 
-/// `ShadowMap` in shaders/shade.wgsl.
+/// `PlanarShadow` in shaders/shadow_mask.wgsl.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
-struct ShadowMapUniform {
+struct PlanarShadowUniform {
     rect_px: [f32; 4],
     in_atlas: [f32; 2],
     size: [f32; 2],
@@ -77,19 +78,19 @@ struct ShadowMapUniform {
     unused: [f32; 2],
 }
 
-/// `Tile` in shaders/shade.wgsl.
+/// `Tile` in shaders/shadow_mask.wgsl.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
 struct TileUniform {
     at_px: [i32; 2],
-    shadow_map: u32,
+    planar_shadow: u32,
     homography: u32,
 }
 
-/// A shadow map in a picture.
+/// A planar shadow in a picture.
 #[derive(Clone, Debug, PartialEq)]
-pub struct VisibleShadowMap {
-    shadow_map: ShadowMap,
+pub struct VisibleShadow {
+    planar_shadow: PlanarShadow,
     /// Bounds of its shadow while the shutter is open.
     rect: Rect,
     /// Bounds of its dark part.
@@ -98,40 +99,41 @@ pub struct VisibleShadowMap {
     height_m: f64,
 }
 
-/// The shadow maps whose shadows are in a picture.
-pub fn visible_shadow_maps(shadow_maps: Vec<ShadowMap>, geometry: &Geometry, keys: &ViewKeys) -> Vec<VisibleShadowMap> {
+/// The planar shadows whose shadows are in a picture.
+pub fn visible_shadows(planar_shadows: Vec<PlanarShadow>, geometry: &Geometry, keys: &ViewKeys) -> Vec<VisibleShadow> {
     let i = &geometry.intrinsics;
     let picture = Rect::full(i.width_px, i.height_px);
-    let visible = |shadow_map: ShadowMap| {
-        let height_m = shadow_map.floor.height_m(keys.middle().position_in_world_m());
-        let [rect, dark_rect] = [shadow_map.texture.visible_bounds, shadow_map.texture.dark_bounds]
-            .map(|part| projected_bounds(&shadow_map, part, geometry, keys).map(|rect| rect.intersection(&picture)));
+    let visible = |planar_shadow: PlanarShadow| {
+        let height_m = planar_shadow.floor.height_m(keys.middle().position_in_world_m());
+        let [rect, dark_rect] = [planar_shadow.texture.visible_bounds, planar_shadow.texture.dark_bounds]
+            .map(|part| projected_bounds(&planar_shadow, part, geometry, keys).map(|rect| rect.intersection(&picture)));
         let (rect, dark_rect) = (rect?, dark_rect.unwrap_or(Rect::new(0, 0, 0, 0)));
-        (height_m > 0.0 && !rect.is_empty()).then_some(VisibleShadowMap { shadow_map, rect, dark_rect, height_m })
+        (height_m > 0.0 && !rect.is_empty()).then_some(VisibleShadow { planar_shadow, rect, dark_rect, height_m })
     };
-    shadow_maps.into_iter().filter_map(visible).collect()
+    planar_shadows.into_iter().filter_map(visible).collect()
 }
 
 /// Bounds of all shadows.
-pub fn union_of_rects(shadows: &[VisibleShadowMap]) -> Rect {
+pub fn union_of_rects(shadows: &[VisibleShadow]) -> Rect {
     shadows.iter().fold(Rect::new(0, 0, 0, 0), |all, shadow| all.union(&shadow.rect))
 }
 
 /// Bounds of the dark parts of all shadows.
-pub fn union_of_dark_rects(shadows: &[VisibleShadowMap]) -> Rect {
+pub fn union_of_dark_rects(shadows: &[VisibleShadow]) -> Rect {
     shadows.iter().fold(Rect::new(0, 0, 0, 0), |all, shadow| all.union(&shadow.dark_rect))
 }
 
-/// Bounds of a part of a shadow map in the picture. The whole picture if some of the part is beside
-/// or behind the camera; `None` if all of it is, or if the part is empty.
-fn projected_bounds(shadow_map: &ShadowMap, part: UvRect, geometry: &Geometry, keys: &ViewKeys) -> Option<Rect> {
+/// Bounds of a part of a planar shadow in the picture. The whole picture if some of the part is
+/// beside or behind the camera; `None` if all of it is, or if the part is empty.
+fn projected_bounds(planar_shadow: &PlanarShadow, part: UvRect, geometry: &Geometry, keys: &ViewKeys) -> Option<Rect> {
     let (poses, _) = keys.sampled();
     if part.is_empty() {
         return None;
     }
     let sides = (0..=SIDE_INTERVALS).map(|n| n as f64 / SIDE_INTERVALS as f64);
     let at = |x: f64, y: f64| part.low + (part.high - part.low) * DVec2::new(x, y);
-    let points = sides.clone().flat_map(|y| sides.clone().map(move |x| at(x, y))).map(|at| shadow_map.at(at.x, at.y));
+    let points =
+        sides.clone().flat_map(|y| sides.clone().map(move |x| at(x, y))).map(|at| planar_shadow.at(at.x, at.y));
     let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
     let (mut is_unbounded, mut is_visible) = (geometry.is_equirectangular(), false);
     for point in points {
@@ -172,27 +174,27 @@ struct AtlasKey(Vec<ByAddress<ShadowTexture>>);
 impl Atlas {
     /// Packs shadow textures in rows, each as high as its highest texture. Textures beyond the
     /// device's largest size are left out.
-    fn new(gpu: &Gpu, AtlasKey(shadow_maps): &AtlasKey) -> Self {
+    fn new(gpu: &Gpu, AtlasKey(planar_shadows): &AtlasKey) -> Self {
         let max_side = gpu.max_side_px();
         let (mut origins, mut at, mut row) = (Vec::new(), [0, 0], 0);
         let (mut width, mut height) = (1, 1);
-        for shadow_map in shadow_maps {
-            if at[0] + shadow_map.width > MAX_ATLAS_WIDTH.min(max_side) {
+        for planar_shadow in planar_shadows {
+            if at[0] + planar_shadow.width > MAX_ATLAS_WIDTH.min(max_side) {
                 (at, row) = ([0, at[1] + row], 0);
             }
             origins.push(at);
             (width, height, row) = (
-                width.max(at[0] + shadow_map.width),
-                height.max(at[1] + shadow_map.height),
-                row.max(shadow_map.height),
+                width.max(at[0] + planar_shadow.width),
+                height.max(at[1] + planar_shadow.height),
+                row.max(planar_shadow.height),
             );
-            at[0] += shadow_map.width;
+            at[0] += planar_shadow.width;
         }
         let height = height.min(max_side);
         let texture = Texture::new(gpu, "shadows", width, height, COLOR, 1);
         let mut texels = vec![[0.0f32; 4]; width as usize * height as usize];
-        for (shadow_map, [x, y]) in shadow_maps.iter().zip(&origins) {
-            for (row, removed) in (*y..height).zip(shadow_map.removed.chunks_exact(shadow_map.width as usize)) {
+        for (planar_shadow, [x, y]) in planar_shadows.iter().zip(&origins) {
+            for (row, removed) in (*y..height).zip(planar_shadow.removed.chunks_exact(planar_shadow.width as usize)) {
                 let start = row as usize * width as usize + *x as usize;
                 let out = &mut texels[start..start + removed.len()];
                 out.iter_mut().zip(removed).for_each(|(out, [r, g, b])| *out = [*r, *g, *b, 0.0]);
@@ -203,7 +205,7 @@ impl Atlas {
     }
 }
 
-/// Whether a tile of the picture contains no shadow of a shadow map, by the homographies of its
+/// Whether a tile of the picture contains no shadow of a planar shadow, by the homographies of its
 /// upper and its lower edge.
 fn is_unshadowed(texture: &ShadowTexture, rays: &RayGrid, at_px: [i32; 2], homographies: &[[[f32; 4]; 3]]) -> bool {
     let side = rays.tile_px;
@@ -226,9 +228,9 @@ fn is_unshadowed(texture: &ShadowTexture, rays: &RayGrid, at_px: [i32; 2], homog
     texture.is_unshadowed(low - pixel, high + pixel)
 }
 
-/// The inputs of [`shade`].
+/// The inputs of [`shadow_mask`].
 #[derive(Debug)]
-pub struct ShadeRequest<'a> {
+pub struct ShadowMaskRequest<'a> {
     pub geometry: &'a Geometry,
     pub keys: &'a ViewKeys,
     pub shutter: Shutter,
@@ -246,55 +248,61 @@ pub struct ShadeRequest<'a> {
 
 /// The fraction of the real light that is removed, over a part of the picture.
 #[derive(Clone, Debug, PartialEq)]
-pub struct ShadeImage {
+pub struct ShadowMask {
     pub texture: Texture,
     /// Outside these rectangles of the picture it is 0.
     pub pieces: Vec<Rect>,
 }
 
-/// Records the pass, over `request.part`. `None` if no shadow is in it.
-pub fn shade(recorder: &mut Recorder, shadows: &[VisibleShadowMap], request: &ShadeRequest<'_>) -> Option<ShadeImage> {
-    if shadows.is_empty() || request.part.is_empty() {
+/// Records the pass, over `request.part`. `None` if no shadow is in it, or if its strength is 0.
+pub fn shadow_mask(
+    recorder: &mut Recorder,
+    shadows: &[VisibleShadow],
+    request: &ShadowMaskRequest<'_>,
+) -> Option<ShadowMask> {
+    if shadows.is_empty() || request.part.is_empty() || request.settings.strength <= 0.0 {
         return None;
     }
-    let ShadeRequest { geometry, part, settings, .. } = *request;
-    let key = AtlasKey(shadows.iter().map(|shadow| shadow.shadow_map.texture.clone()).collect());
+    let ShadowMaskRequest { geometry, part, settings, .. } = *request;
+    let key = AtlasKey(shadows.iter().map(|shadow| shadow.planar_shadow.texture.clone()).collect());
     let atlas = recorder.memoized_large(key, Atlas::new);
     let rays = recorder.memoized_large(geometry.clone(), RayGrid::new);
     let tile_px = rays.tile_px;
-    let (mut shadow_maps, mut tiles, mut homographies) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut planar_shadows, mut tiles, mut homographies) = (Vec::new(), Vec::new(), Vec::new());
     for (shadow, in_atlas) in shadows.iter().zip(&atlas.origins) {
         let rect = shadow.rect.intersection(&part);
-        let texture = &shadow.shadow_map.texture;
+        let texture = &shadow.planar_shadow.texture;
         if !rect.is_empty() && in_atlas[1] + texture.height <= atlas.size[1] {
             // Tiles are aligned to the picture, not to the part.
             let first = rect.y0.div_euclid(tile_px) * tile_px;
             let mut lines = Vec::new();
             for y in (first..rect.y1).step_by(tile_px as usize) {
                 let first = homographies.len();
-                homographies
-                    .extend((0..EXPOSURE_SAMPLES).map(|sample| row_homography(&shadow.shadow_map, request, y, sample)));
+                homographies.extend(
+                    (0..EXPOSURE_SAMPLES).map(|sample| row_homography(&shadow.planar_shadow, request, y, sample)),
+                );
                 lines.push((y, first));
             }
             let last = rect.y1 + (tile_px - rect.y1.rem_euclid(tile_px)) % tile_px;
-            homographies
-                .extend((0..EXPOSURE_SAMPLES).map(|sample| row_homography(&shadow.shadow_map, request, last, sample)));
+            homographies.extend(
+                (0..EXPOSURE_SAMPLES).map(|sample| row_homography(&shadow.planar_shadow, request, last, sample)),
+            );
             let x0 = rect.x0.div_euclid(tile_px) * tile_px;
             for (y, first) in lines {
-                let [shadow_map, homography] = [shadow_maps.len(), first].map(|index| index as u32);
+                let [planar_shadow, homography] = [planar_shadows.len(), first].map(|index| index as u32);
                 let both = &homographies[first..first + 2 * EXPOSURE_SAMPLES];
                 let along = (x0..rect.x1).step_by(tile_px as usize).map(|x| [x, y]);
                 let shadowed = along.filter(|at_px| !is_unshadowed(texture, &rays, *at_px, both));
-                tiles.extend(shadowed.map(|at_px| TileUniform { at_px, shadow_map, homography }));
+                tiles.extend(shadowed.map(|at_px| TileUniform { at_px, planar_shadow, homography }));
             }
         }
         let all = shadow.rect;
-        shadow_maps.push(ShadowMapUniform {
+        planar_shadows.push(PlanarShadowUniform {
             rect_px: [all.x0, all.y0, all.x1, all.y1].map(|edge| edge as f32),
             in_atlas: in_atlas.map(|at| at as f32),
             size: [texture.width as f32, texture.height as f32],
             height_m: shadow.height_m as f32,
-            unmeasured: f32::from(u8::from(!shadow.shadow_map.is_beside)),
+            unmeasured: f32::from(u8::from(!shadow.planar_shadow.is_beside)),
             unused: [0.0; 2],
         });
     }
@@ -303,7 +311,7 @@ pub fn shade(recorder: &mut Recorder, shadows: &[VisibleShadowMap], request: &Sh
     }
     let around = request.depth.map_or(part, |(_, rect)| rect);
     let matte = request.matte.map_or(Rect::new(part.x0, part.y0, part.x0, part.y0), |(_, rect)| rect);
-    let uniform = ShadeUniform {
+    let uniform = ShadowMaskUniform {
         in_picture: [part.x0 as f32, part.y0 as f32],
         part_px: [part.width() as f32, part.height() as f32],
         in_depth: [(part.x0 - around.x0) as f32, (part.y0 - around.y0) as f32],
@@ -323,39 +331,44 @@ pub fn shade(recorder: &mut Recorder, shadows: &[VisibleShadowMap], request: &Sh
     let count = tiles.len() as u32;
     let rect = |[x, y]: [i32; 2]| Rect::new(x, y, x + tile_px, y + tile_px);
     let drawn = tiles.iter().map(|tile| rect(tile.at_px)).collect();
-    let [shadow_maps, tiles, homographies] =
-        [bytemuck::cast_slice(&shadow_maps), bytemuck::cast_slice(&tiles), bytemuck::cast_slice(&homographies)]
+    let [planar_shadows, tiles, homographies] =
+        [bytemuck::cast_slice(&planar_shadows), bytemuck::cast_slice(&tiles), bytemuck::cast_slice(&homographies)]
             .map(|bytes| recorder.storage(bytes));
     let entry = Entry::over("tile", "main").choose("has_depth", request.depth.is_some());
     let entry = entry.choose("has_matte", request.matte.is_some());
-    let pass = recorder.pass(Shader::Shade, entry).uniform("shade", &uniform).texture("rays", &rays.texture);
-    let pass = pass.texture("atlas", &atlas.texture).buffer("shadow_maps", shadow_maps);
+    let pass = recorder.pass(Shader::ShadowMask, entry).uniform("shadow_mask", &uniform).texture("rays", &rays.texture);
+    let pass = pass.texture("atlas", &atlas.texture).buffer("planar_shadows", planar_shadows);
     let pass = pass.buffer("tiles", tiles).buffer("homographies", homographies);
     let pass = pass.texture("real_depth", request.depth.map_or(&rays.texture, |(depth, _)| depth));
     let pass = pass.texture("matte", request.matte.map_or(&rays.texture, |(matte, _)| matte));
     let pass = pass.tiles(count).blend(MULTIPLY_TRANSMITTANCES);
     let [texture] = pass.draw([COLOR], (part.width(), part.height()));
-    Some(ShadeImage { texture, pieces: drawn })
+    Some(ShadowMask { texture, pieces: drawn })
 }
 
-/// Homography from a ray in the camera's axes to the shadow map, for the line above a row of the
+/// Homography from a ray in the camera's axes to the planar shadow, for the line above a row of the
 /// picture at a sample of its exposure.
-fn row_homography(shadow_map: &ShadowMap, request: &ShadeRequest<'_>, row: i32, sample: usize) -> [[f32; 4]; 3] {
-    let ShadeRequest { geometry, keys, shutter, .. } = *request;
+fn row_homography(
+    planar_shadow: &PlanarShadow,
+    request: &ShadowMaskRequest<'_>,
+    row: i32,
+    sample: usize,
+) -> [[f32; 4]; 3] {
+    let ShadowMaskRequest { geometry, keys, shutter, .. } = *request;
     let down = f64::from(row) / f64::from(geometry.intrinsics.height_px) - 0.5;
     let within = (sample as f64 + 0.5) / EXPOSURE_SAMPLES as f64 - 0.5;
     let (rotation, eye) = keys.at(down * shutter.readout_time_s + within * shutter.exposure_time_s);
     let pose = Pose::from_camera_in_world(eye + keys.origin_in_world_m, rotation.inverse());
-    homography(shadow_map, &pose).to_cols_array_2d().map(|[x, y, z]| [x as f32, y as f32, z as f32, 0.0])
+    homography(planar_shadow, &pose).to_cols_array_2d().map(|[x, y, z]| [x as f32, y as f32, z as f32, 0.0])
 }
 
 /// The transpose of H: each column's dot product with a ray gives one coordinate.
 ///
 /// A ray r from the eye e meets the plane at e + t·R·r, where its height h + t·(n·R·r) is 0:
-/// 1/t = −(n·R·r)/h. Along an axis a of the plane, from the shadow map's corner c:
+/// 1/t = −(n·R·r)/h. Along an axis a of the plane, from the planar shadow's corner c:
 /// (a·(e − o) − c)/t + a·R·r.
-fn homography(shadow_map: &ShadowMap, pose: &Pose) -> DMat3 {
-    let (floor, texture) = (&shadow_map.floor, &shadow_map.texture);
+fn homography(planar_shadow: &PlanarShadow, pose: &Pose) -> DMat3 {
+    let (floor, texture) = (&planar_shadow.floor, &planar_shadow.texture);
     let eye = pose.position_in_world_m();
     let world_from_camera = DMat3::from_quat(pose.world_from_camera_rotation());
     // Row vectors: aᵀR is Rᵀa.
@@ -372,20 +385,29 @@ fn homography(shadow_map: &ShadowMap, pose: &Pose) -> DMat3 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::depth::FAR_M;
+    use crate::gpu::constant;
     use crate::shadow::ReceiverPlane;
     use glam::{DQuat, Vec2};
     use std::sync::Arc;
 
     #[test]
+    fn constants_equal_the_shaders() {
+        let shader = Shader::ShadowMask.module();
+        let value = |name| constant(&shader, name);
+        assert_eq!([value("EXPOSURE_SAMPLES"), value("FAR_M")], [EXPOSURE_SAMPLES as f64, f64::from(FAR_M)]);
+    }
+
+    #[test]
     fn homography_maps_the_ray_to_a_point_to_its_texel_and_depth() {
         let floor = ReceiverPlane::new(DVec3::new(0.2, -0.1, 0.5), DVec3::new(0.1, -0.9, 0.2).normalize());
         let texture = ShadowTexture::empty(Vec2::new(-0.3, -0.2), 0.002, 400, 300);
-        let shadow_map = ShadowMap { floor, texture: ByAddress(Arc::new(texture)), is_beside: false };
+        let planar_shadow = PlanarShadow { floor, texture: ByAddress(Arc::new(texture)), is_beside: false };
         let pose = Pose::from_camera_in_world(
             DVec3::new(0.3, -1.2, -0.4),
             DQuat::from_scaled_axis(DVec3::new(-0.9, 0.2, 0.1)),
         );
-        let h = homography(&shadow_map, &pose);
+        let h = homography(&planar_shadow, &pose);
         for place in [DVec2::new(0.1, 0.05), DVec2::new(-0.25, 0.3)] {
             let point = pose.transform_point(floor.at(place));
             let ray = point / point.z;
