@@ -55,7 +55,7 @@ fn spread(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let around = textureLoad(around_tiles, p / lens.side_px, 0);
     let reach = select(-1, min(i32(ceil(around.y)) + wang.margin, wang.half_side), around.w > 0.0);
     var sum = vec4<f32>(0.0);
-    var steps: array<vec4<f32>, 33>;
+    var steps: array<vec4<f32>, MAX_STEPS + 1>;
     for (var y = -reach; y <= reach; y++) {
         for (var x = -reach; x <= reach; x++) {
             let away = vec2<i32>(x, y);

@@ -5,9 +5,11 @@
 // @import shared/layer
 // @import shared/lens
 
+const SECOND_POINTS: u32 = 16u;
+
 struct Discs {
     radii: vec2<f32>,                // of both discs, relative to the circle's
-    second: array<vec2<f32>, 16>,    // in radii
+    second: array<vec2<f32>, SECOND_POINTS>,    // in radii
     first: array<vec2<f32>>,
 }
 @group(0) @binding(0) var<uniform> lens: Lens;
@@ -41,8 +43,8 @@ fn first(@builtin(position) at: vec4<f32>) -> Filtered {
 fn second(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let radius = discs.radii.y * textureLoad(radii, vec2<i32>(at.xy), 0).x;
     var sum = vec4<f32>(0.0);
-    for (var i = 0; i < 16; i++) {
+    for (var i = 0u; i < SECOND_POINTS; i++) {
         sum += textureSampleLevel(color, between, (at.xy + radius * discs.second[i]) * lens.texel, 0.0);
     }
-    return rounded_to_half(sum / 16.0);
+    return rounded_to_half(sum / f32(SECOND_POINTS));
 }

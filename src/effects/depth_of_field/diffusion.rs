@@ -191,6 +191,12 @@ pub fn twin(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::gpu::constant;
+
+    #[test]
+    fn largest_number_of_steps_equals_the_shaders() {
+        assert_eq!(constant(&Shader::DepthOfFieldDiffusion.module(), "MAX_STEPS"), f64::from(MAX_STEPS));
+    }
 
     #[test]
     fn mix_matches_hand_computed_values() {

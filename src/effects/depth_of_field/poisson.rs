@@ -19,7 +19,7 @@ use super::layered::{largest_radius_px, reach_px};
 use super::surroundings::{LensUniform, Tiling, surroundings, with_color};
 
 /// Points of the second disc; the same as in shaders/depth_of_field_poisson.wgsl.
-const SECOND: usize = 16;
+const SECOND_POINTS: usize = 16;
 /// Radius of the second disc, in radii of a disc as large as one point's share of the first.
 const OVERLAP: f32 = 1.5;
 
@@ -64,7 +64,7 @@ struct Discs(usize);
 fn discs(gpu: &Gpu, Discs(points): &Discs) -> Bytes {
     let [first, second] = radii(*points);
     let texels = |count| poisson_disc(count).into_iter().map(|[x, y]| [x as f32, y as f32]);
-    let all: Vec<_> = std::iter::once([first, second]).chain(texels(SECOND)).chain(texels(*points)).collect();
+    let all: Vec<_> = std::iter::once([first, second]).chain(texels(SECOND_POINTS)).chain(texels(*points)).collect();
     Bytes::from(&gpu.buffer("discs", bytemuck::cast_slice(&all), wgpu::BufferUsages::STORAGE))
 }
 
@@ -120,10 +120,16 @@ pub fn twin(rgba: &[[f64; 4]], width: usize, circles_px: &[f64]) -> Vec<[f64; 4]
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::gpu::constant;
+
+    #[test]
+    fn second_disc_has_as_many_points_as_in_the_shader() {
+        assert_eq!(constant(&Shader::DepthOfFieldPoisson.module(), "SECOND_POINTS"), SECOND_POINTS as f64);
+    }
 
     #[test]
     fn poisson_disc_points_keep_their_distance_and_have_the_discs_variance() {
-        for count in [8, SECOND, 48, 64] {
+        for count in [8, SECOND_POINTS, 48, 64] {
             let points = poisson_disc(count);
             assert_eq!(points.len(), count);
             let mut nearest = f64::INFINITY;
