@@ -1,5 +1,6 @@
 //! Memoized results: values of pure functions by their keys, the least recently used evicted first.
-//! All data that is kept to save its computation is kept in a [`Memo`].
+//! All data that is kept to save its computation is kept in a [`Memo`], except where a sentence
+//! ("No memo: …") gives the reason.
 //!
 //! A key holds all that its value depends on, exactly. Where that is much, it is a
 //! [`Digest`](crate::digest::Digest). Keys are compared one after another: a memo is for values

@@ -422,3 +422,29 @@ fn window_uses_the_system_clipboard() {
     // Without it egui copies into a private string that no other program can read.
     assert!(dependency.contains("\"clipboard\""), "{dependency}");
 }
+
+/// Values that are written once and are no derived data: drivers that stay loaded, the state of a
+/// readback, the start of a clock, an environment variable.
+const NOT_DERIVED: [&str; 4] = ["gpu/device.rs", "gpu/readback.rs", "webcam/clock.rs", "window/restart.rs"];
+
+#[test]
+fn derived_data_outside_a_memo_has_a_reason() {
+    let folder = root().join("src");
+    let mut places = 0;
+    for path in rust_files(&folder) {
+        let name = path.strip_prefix(&folder).unwrap().to_string_lossy().replace('\\', "/");
+        let text = read(&path);
+        let lines: Vec<&str> = text.lines().collect();
+        for (n, line) in
+            code(&text).filter(|(_, line)| ["OnceLock<", "OnceCell<"].iter().any(|cell| line.contains(cell)))
+        {
+            let comment = lines[..n - 1].iter().rev().take_while(|line| line.trim_start().starts_with(['/', '#']));
+            // A sentence may continue on the next line.
+            let comment: Vec<&str> = comment.map(|line| line.trim_start().trim_start_matches('/').trim()).collect();
+            let is_explained = comment.into_iter().rev().collect::<Vec<_>>().join(" ").contains("No memo: ");
+            assert!(is_explained || NOT_DERIVED.contains(&name.as_str()), "{name}:{n}: no memo, and no reason: {line}");
+            places += usize::from(is_explained);
+        }
+    }
+    assert!(places > 5, "{places}");
+}

@@ -64,6 +64,7 @@ pub enum PointSource {
     Views(TriangulatedPoint),
 }
 
+/// A point of the room in world axes, m, and its measurement.
 pub struct PickedPoint {
     pub point_m: DVec3,
     pub source: PointSource,
@@ -95,6 +96,7 @@ pub struct Picker<'a> {
     /// Overrides depth.
     pub plane: Option<[f64; 4]>,
     surface_at: SurfaceAt,
+    /// The frame, decoded for the first point. No memo: a picker has one frame.
     picture: OnceCell<Frame>,
 }
 

@@ -36,6 +36,7 @@ pub fn measured_from(depth: &DepthMap, camera: &Geometry, track: &PoseTrack) -> 
 pub struct Rays {
     geometry: Geometry,
     /// Scaled so that depth × ray is the point. NaN for pixels without a ray, or without a depth.
+    /// No memo: rows by index, which pixel loops read in place.
     rows: Vec<OnceLock<Vec<[f32; 3]>>>,
 }
 
@@ -68,8 +69,8 @@ impl Rays {
         over_rows(&mut rays, width, processors(), |n, row| {
             for (x, ray) in row.iter_mut().enumerate() {
                 let at = DVec2::new(x as f64 + 0.5, missing[n] as f64 + 0.5);
-                if let Some(found) = self.geometry.depth_ray(at) {
-                    *ray = found.as_vec3().to_array();
+                if let Some(unit_ray) = self.geometry.depth_ray(at) {
+                    *ray = unit_ray.as_vec3().to_array();
                 }
             }
         });

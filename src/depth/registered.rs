@@ -161,7 +161,8 @@ pub struct DepthCamera {
     geometry: Geometry,
     colour_from_depth: Pose,
     /// Rays through the pixel centres in the axes of the colour camera, scaled so that depth × ray
-    /// is the point relative to the depth camera's centre; NaN for pixels without a ray.
+    /// is the point relative to the depth camera's centre; NaN for pixels without a ray. No memo:
+    /// they depend on the other fields alone.
     rays: OnceLock<Vec<DVec3>>,
 }
 

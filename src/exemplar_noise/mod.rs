@@ -70,8 +70,8 @@ pub struct NoiseModel {
     parametric: ParametricField,
 }
 
-/// A model's parametric field, made when it is first drawn. Derived from the model, so comparisons
-/// ignore it.
+/// A model's parametric field, made when it is first drawn. No memo: it is derived from the model
+/// alone, so that comparisons ignore it.
 #[derive(Clone, Debug, Default)]
 struct ParametricField(OnceLock<Arc<NoiseModel>>);
 

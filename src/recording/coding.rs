@@ -11,7 +11,8 @@ use crate::coding::estimate::estimate;
 use crate::parallel;
 use crate::source::{SourceError, jpeg_header, still};
 
-/// An estimate that is made at its first use. Clones share it.
+/// An estimate that is made at its first use. Clones share it. No memo: a recording's pictures do
+/// not change, so that it has no key.
 pub(super) type CodingEstimate = Arc<OnceLock<Option<Arc<PictureCoding>>>>;
 
 impl Recording {

@@ -37,7 +37,8 @@ impl<'a> Occlusion<'a> {
         samples
     }
 
-    /// Occlusion of a sample. `cached` caches the last moment's depth.
+    /// Occlusion of a sample. `cached` is the last moment's depth. No memo: it lasts for one
+    /// drawing.
     pub fn of<'h>(
         &self,
         sample: &RenderSample,

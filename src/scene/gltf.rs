@@ -20,7 +20,7 @@ pub(super) struct Gltf {
     pub json: Root,
     /// Binary chunk of a GLB container, until it is taken as the first buffer.
     chunk: RefCell<Option<Vec<u8>>>,
-    /// Loaded on first use.
+    /// Loaded on first use. No memo: slices of them are borrowed while the file is read.
     buffers: Vec<OnceCell<Vec<u8>>>,
 }
 

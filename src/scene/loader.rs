@@ -23,7 +23,7 @@ pub(super) struct Loader {
     pub vertices: usize,
     pub indices: usize,
     pub parts: usize,
-    /// Models read so far, by file.
+    /// Models read so far, by file. No memo: none may be evicted, since parts refer to them.
     pub models: HashMap<PathBuf, Rc<Model>>,
     /// Files that earlier scenes loaded.
     pub loaded_models: LoadedModels,

@@ -16,7 +16,8 @@ pub(super) type TextureKey = (usize, bool, [Wrap; 2], bool, bool);
 /// Identity of a mesh's rest pose: its skin, and the node if that has weights of its own.
 pub(super) type RestKey = (Option<usize>, Option<usize>);
 
-/// Reads one file into the scene, and caches its elements.
+/// Reads one file into the scene. Its maps from elements of the file to those of the scene are no
+/// memos: an element that is evicted and read again would be in the scene twice.
 pub(super) struct ModelReader<'a> {
     pub gltf: &'a Gltf,
     pub loader: &'a mut Loader,

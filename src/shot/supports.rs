@@ -29,6 +29,7 @@ const MAX_MOVE_PER_ERROR: f64 = 3.0;
 pub struct RoomMemos {
     /// Locked while the depth is read, so that it is read once.
     reading: Mutex<()>,
+    /// Depth of the recording. No memo: it has no key, since the recording stays the same.
     samples: OnceLock<Vec<DepthSamples>>,
     /// Measured points, by the first frame's camera.
     points: Memo<Option<Geometry>, Arc<RoomPoints>>,

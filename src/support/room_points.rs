@@ -106,7 +106,8 @@ pub fn points_by_frame(
     geometry_of: impl Fn(usize) -> Option<Geometry>,
 ) -> Vec<(usize, Vec<MeasuredPoint>)> {
     let mut by_frame = Vec::new();
-    // Rays of the previous frame's camera: in most recordings all frames share one.
+    // Rays of the previous frame's camera: in most recordings all frames share one. No memo: they
+    // last for this loop.
     let mut rays: Option<(Geometry, Vec<Option<DVec3>>)> = None;
     for DepthSamples { frame, pose, width, height, across, depth_m } in samples {
         let Some(geometry) = geometry_of(*frame) else { continue };

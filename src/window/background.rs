@@ -15,6 +15,7 @@ struct RunningTask<K, T> {
 #[derive(Debug)]
 pub struct Background<K, T> {
     running: Option<RunningTask<K, T>>,
+    /// No memo: it is shown until the result for a newer key has arrived.
     last: Option<(K, T)>,
     /// Key and message of a computation that panicked: it is not started again for the same key.
     failure: Option<(K, String)>,

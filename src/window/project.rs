@@ -99,7 +99,7 @@ pub struct Project {
     scene_text: Option<scenes::Document>,
     /// The description that the shot's scene was loaded from.
     loaded_scene: SceneFile,
-    /// Cache of all models loaded so far.
+    /// All models loaded so far.
     models: LoadedModels,
     /// Why the shot's scene differs from the edited one.
     problem: Option<String>,

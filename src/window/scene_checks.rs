@@ -31,6 +31,7 @@ pub struct SceneChecks {
     running: Option<(CheckedState, BackgroundTask<CheckResults>)>,
     /// The state to check, and since when it has been current.
     pending: Option<(CheckedState, Instant)>,
+    /// No memo: those of another frame are shown until the newer ones have arrived.
     results: Option<(CheckedState, CheckResults)>,
 }
 

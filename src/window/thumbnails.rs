@@ -15,6 +15,7 @@ const MAX_THUMBNAILS: usize = 40;
 
 /// Thumbnails, decoded from coarse to fine.
 pub struct Thumbnails {
+    /// By frame, as far as they are decoded. No memo: all of them stay, and the nearest is shown.
     pictures: Vec<(usize, TextureHandle)>,
     decoded: BackgroundTask<(usize, ColorImage)>,
     /// Aspect ratio, width by height.

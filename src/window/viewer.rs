@@ -38,7 +38,8 @@ pub struct Viewer {
     pending: VecDeque<DisplayTexture>,
     /// Textures for reuse.
     free: Vec<DisplayTexture>,
-    /// The camera's own picture, with the index of its frame.
+    /// The camera's own picture, with the index of its frame. No memo: the next frame's picture is
+    /// written into the same texture.
     plain: Option<(usize, DisplayTexture)>,
 }
 

@@ -12,6 +12,8 @@ pub struct Warnings {
     poses: Option<MissingPoses>,
 }
 
+/// Text about missing poses, by recording. No memo: a memo's key would keep the recording in
+/// memory, and with it its temporary folder.
 #[derive(Debug)]
 struct MissingPoses {
     recording: Weak<Recording>,

@@ -37,7 +37,7 @@ pub struct NotOnPlane(u32);
 pub struct TagBoardDetector {
     board: tags::Board,
     light: Vec<f32>,
-    /// Detector for pictures of one size.
+    /// Detector for pictures of one size. No memo: detection changes its buffers.
     detector: Option<((u32, u32), Detector)>,
 }
 

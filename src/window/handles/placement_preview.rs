@@ -35,6 +35,7 @@ pub struct PreviewKey {
 pub struct PlacementPreview {
     models: Arc<Mutex<LoadedModels>>,
     running: Option<(PreviewKey, BackgroundTask<Outline>)>,
+    /// No memo: it is shown until the outline of a newer key has arrived.
     shown: Option<(PreviewKey, Outline)>,
 }
 

@@ -11,6 +11,7 @@ use locard_engine::plane::Plane;
 use locard_engine::scene::ItemPlacement;
 use locard_engine::shot::ViewRay;
 
+/// Kind of a modal transform.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TransformKind {
     Move,
