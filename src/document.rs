@@ -297,8 +297,8 @@ mod tests {
     #[test]
     fn a_problem_names_line_and_key() {
         let problem = |text: &str| read::<Toy>(text).unwrap_err().to_string();
-        let told = problem("version = 1\nsize = 1\n[[things]]\nname = 'a'\nat = [1,\n[2], 3]\n");
-        assert!(told.starts_with("line 6, things.at: invalid type") && !told.contains('\n'), "{told}");
+        let message = problem("version = 1\nsize = 1\n[[things]]\nname = 'a'\nat = [1,\n[2], 3]\n");
+        assert!(message.starts_with("line 6, things.at: invalid type") && !message.contains('\n'), "{message}");
         assert!(
             problem("version = 1\nsize = = 2\n").starts_with("line 2, size: "),
             "{}",

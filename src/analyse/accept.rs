@@ -25,6 +25,7 @@ pub struct Accepted {
     pub outcome: Outcome,
 }
 
+/// Result for one parameter of the profile; values are in the unit of the parameter.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Outcome {
     /// `before`: the profile's value, which can be the same as `after`.
@@ -130,20 +131,20 @@ mod tests {
 
     fn taken(findings: &Findings, text: &str) -> (Vec<String>, String) {
         let mut profile = Document::parse(text, Path::new("p.toml")).unwrap();
-        let told = accept(findings, &mut profile).into_iter().map(|accepted| match accepted.outcome {
+        let outcomes = accept(findings, &mut profile).into_iter().map(|accepted| match accepted.outcome {
             Outcome::Written { before, after } => format!("{} {before:?} {after}", accepted.key),
             Outcome::Kept(why) => format!("{} stays: {why}", accepted.key),
         });
-        (told.collect(), profile.to_string())
+        (outcomes.collect(), profile.to_string())
     }
 
     #[test]
     fn camera_estimates_are_written_and_comments_are_kept() {
         let text = "version = 1\n# a camera\n[camera]\nreadout_time_s = 0.02 # guessed\n[point_spread]\nsigma_px = 1 # by eye\n";
-        let (told, written) = taken(&findings("refined", &[(0, 20)]), text);
+        let (outcomes, written) = taken(&findings("refined", &[(0, 20)]), text);
         // An edge rendered with 0.6 px measures 0.566 px.
         assert_eq!(
-            told,
+            outcomes,
             [
                 "camera.readout_time_s Some(0.02) 0.02665",
                 "point_spread.sigma_px Some(1.0) 0.6",
@@ -161,15 +162,18 @@ mod tests {
         let text = "version = 1\n[camera.exposure]\ntime_s = 0.01\n";
         let mut found = findings("right", &[(0, 9), (9, 20)]);
         found.spread = None;
-        let (told, written) = taken(&found, text);
+        let (outcomes, written) = taken(&found, text);
         assert_eq!(written, text);
-        assert!(told.iter().all(|told| told.contains(" stays: ")) && told[2].contains("2 exposures"), "{told:?}");
+        assert!(
+            outcomes.iter().all(|outcomes| outcomes.contains(" stays: ")) && outcomes[2].contains("2 exposures"),
+            "{outcomes:?}"
+        );
         // The angle takes precedence over the time.
         let angled = "version = 1\n[camera.exposure]\nshutter_angle_deg = 180\n";
-        let (told, written) = taken(&findings("right", &[(0, 20)]), angled);
+        let (outcomes, written) = taken(&findings("right", &[(0, 20)]), angled);
         assert!(
-            told[2].contains("shutter_angle_deg, which takes precedence") && !written.contains("time_s ="),
-            "{told:?}"
+            outcomes[2].contains("shutter_angle_deg, which takes precedence") && !written.contains("time_s ="),
+            "{outcomes:?}"
         );
         // A readout with a large uncertainty.
         let mut unsure = findings("refined", &[(0, 20)]);

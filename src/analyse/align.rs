@@ -352,9 +352,9 @@ impl Observations {
             let w = weight(*r, sigma);
             let [a, b, c, d, e, f] = point.value_by.map(|by| gain * by);
             let row = [a, b, c, d, e, f, point.value, 1.0];
-            let told = if is_first { 1.0 } else { w };
+            let robust_weight = if is_first { 1.0 } else { w };
             for k in 0..N {
-                let by = told * row[k];
+                let by = robust_weight * row[k];
                 g[k] += by * r;
                 for m in 0..=k {
                     h[k][m] += by * row[m];

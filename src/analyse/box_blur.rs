@@ -15,6 +15,7 @@ pub struct ExposureGrid {
 }
 
 pub const PIXELS: usize = BLOCK * BLOCK;
+/// A square block of a picture, row by row.
 pub type Block = [f32; PIXELS];
 
 /// Samples a block of a plane at a subpixel offset; `None` where it reaches beyond the plane. Cubic

@@ -22,8 +22,8 @@ pub fn pixel_rays(geometry: &Geometry) -> Vec<[f32; 3]> {
     let mut rays = vec![[f32::NAN; 3]; width * height];
     crate::parallel::over_rows(&mut rays, width, crate::parallel::processors(), |y, row| {
         for (x, ray) in row.iter_mut().enumerate() {
-            if let Some(found) = geometry.depth_ray(DVec2::new(x as f64 + 0.5, y as f64 + 0.5)) {
-                *ray = found.as_vec3().to_array();
+            if let Some(camera_ray) = geometry.depth_ray(DVec2::new(x as f64 + 0.5, y as f64 + 0.5)) {
+                *ray = camera_ray.as_vec3().to_array();
             }
         }
     });

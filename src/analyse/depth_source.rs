@@ -8,6 +8,7 @@ use super::state::CameraState;
 use crate::frame::Frame;
 use crate::recording::{Recording, RecordingError};
 
+/// Origin of the depth of the frames.
 pub enum DepthSource<'a> {
     /// `later_s`: added to the maps' times, s.
     Measured { later_s: f64 },

@@ -71,11 +71,11 @@ pub fn edges(
     }
     ridge.sort_by(|a, b| slope.values[b.0].total_cmp(&slope.values[a.0]).then(a.0.cmp(&b.0)));
     let mut is_taken = vec![false; w * h];
-    let mut found = Vec::new();
+    let mut lines = Vec::new();
     let mut looked = 0;
     for (i, n) in ridge {
         let (x, y) = (i % w, i / w);
-        if found.len() == most || looked == MAX_CANDIDATES {
+        if lines.len() == most || looked == MAX_CANDIDATES {
             break;
         }
         if is_taken[i] || !wanted(x, y, n) {
@@ -86,9 +86,9 @@ pub fn edges(
         for row in is_taken.chunks_mut(w).skip(y - SUPPRESSION_RADIUS_PX).take(2 * SUPPRESSION_RADIUS_PX + 1) {
             row[x - SUPPRESSION_RADIUS_PX..=x + SUPPRESSION_RADIUS_PX].fill(true);
         }
-        found.push(line);
+        lines.push(line);
     }
-    found
+    lines
 }
 
 /// Fits a line at a ridge point; `None` if the edge is not straight.

@@ -250,8 +250,10 @@ impl ShutterFindings {
                 return Err(format!("[[shutter.runs]]: from {} to {}; from {next} is expected", run.from, run.to));
             }
             if !(run.exposure_s > 0.0 && run.exposure_s <= 1.0) {
-                let found = run.exposure_s;
-                return Err(format!("[[shutter.runs]]: exposure_s is {found}; above 0 and at most 1 s is expected"));
+                let estimate_s = run.exposure_s;
+                return Err(format!(
+                    "[[shutter.runs]]: exposure_s is {estimate_s}; above 0 and at most 1 s is expected"
+                ));
             }
             next = run.to;
         }

@@ -41,14 +41,14 @@ pub fn surfels(inputs: &LightInputs<'_>, times: &mut Times) -> Result<Vec<[f32; 
     Ok(times.of(times::SURFACES, || {
         let step = depths.len().div_ceil(MAX_TESTED_FRAMES).max(1);
         let tested: Vec<&CoarseDepth> = depths.iter().step_by(step).collect();
-        let found = voxels.surfaces(MIN_FRAMES, inputs.threads);
-        let mut is_solid = vec![false; found.len()];
+        let surfaces = voxels.surfaces(MIN_FRAMES, inputs.threads);
+        let mut is_solid = vec![false; surfaces.len()];
         over_rows(&mut is_solid, VOXELS_PER_BLOCK, inputs.threads, |block, is_solid| {
-            for (is_solid, voxel) in is_solid.iter_mut().zip(&found[block * VOXELS_PER_BLOCK..]) {
+            for (is_solid, voxel) in is_solid.iter_mut().zip(&surfaces[block * VOXELS_PER_BLOCK..]) {
                 *is_solid = !is_seen_through(inputs.model, &tested, voxel.at);
             }
         });
-        let solid = found.iter().zip(is_solid).filter(|(_, is_solid)| *is_solid);
+        let solid = surfaces.iter().zip(is_solid).filter(|(_, is_solid)| *is_solid);
         solid.map(|(voxel, _)| surfel(voxel).to_array()).collect()
     }))
 }

@@ -222,14 +222,14 @@ impl<'a> Gains<'a> {
     pub fn add(&mut self, frame: &Frame, state: CameraState, depth: &[f32], landmarks: &[Landmark]) {
         let new = self.prepared(frame, state, depth, landmarks);
         let window = &self.window;
-        let mut found: Vec<(usize, PairResult)> = self
+        let mut results: Vec<(usize, PairResult)> = self
             .gaps
             .iter()
             .filter_map(|gap| window.iter().position(|old| old.index + gap == new.index))
             .map(|old| (old, Err(PairFailure::TooFew)))
             .collect();
-        over_rows(&mut found, 1, self.threads, |_, slot| slot[0].1 = self.compared(&window[slot[0].0], &new));
-        for (_, compared) in found {
+        over_rows(&mut results, 1, self.threads, |_, slot| slot[0].1 = self.compared(&window[slot[0].0], &new));
+        for (_, compared) in results {
             self.counts.pairs += 1;
             match compared {
                 Ok(PairComparison { pair, tone_samples, across, confirms }) => {

@@ -40,23 +40,25 @@ pub fn explain(
 ) -> Result<String, RecordingError> {
     let middle = recording.frame_count() / 2;
     let LinkCounts { accepted, tried, required } = links;
-    let told = format!("of {tried} links between frames {accepted} fit, and {required} are needed: ");
+    let message = format!("of {tried} links between frames {accepted} fit, and {required} are needed: ");
     let Some(frame) = recording.frames(middle..middle + 1)?.next().transpose()? else {
-        return Ok(told + "there are no frames");
+        return Ok(message + "there are no frames");
     };
     let percent = |share: f64| number((100.0 * share).round());
     let BrightnessStatistics { clipped_share: clipped, sigma } = brightness_statistics(&frame.pixels);
     if clipped > MAX_CLIPPED_SHARE {
-        return Ok(told + &format!("{} % of the middle frame's pixels are clipped to white or black", percent(clipped)));
+        return Ok(
+            message + &format!("{} % of the middle frame's pixels are clipped to white or black", percent(clipped))
+        );
     }
     if sigma < MIN_BRIGHTNESS_SIGMA {
         let sigma = fixed(sigma, 1);
-        return Ok(told + &format!("the middle frame lacks texture (its brightness varies by {sigma} of 255 codes)"));
+        return Ok(message + &format!("the middle frame lacks texture (its brightness varies by {sigma} of 255 codes)"));
     }
     let known: Vec<f64> =
         frame.depth.iter().flat_map(|map| &map.depth_m).filter(|m| **m > 0.0).map(|m| f64::from(*m)).collect();
     let Some(depth) = frame.depth.as_ref().filter(|_| !known.is_empty()) else {
-        return Ok(told + "the middle frame has no depth");
+        return Ok(message + "the middle frame has no depth");
     };
     let median_m = fixed(upper_median(known).unwrap_or(0.0), 3);
     let unit = format!(
@@ -67,12 +69,12 @@ pub fn explain(
     let overlap = pair.and_then(|(here, there)| overlap(geometry, depth, &here, &there));
     Ok(match overlap.filter(|overlap| *overlap < MIN_OVERLAP) {
         Some(overlap) => format!(
-            "{told}according to poses and depth, {} % of the middle frame is visible {apart} frames later, so the \
+            "{message}according to poses and depth, {} % of the middle frame is visible {apart} frames later, so the \
              pictures do not overlap; {unit}",
             percent(overlap)
         ),
         None => format!(
-            "{told}according to poses and depth, the pictures overlap, so they lack texture, something large moves in \
+            "{message}according to poses and depth, the pictures overlap, so they lack texture, something large moves in \
              them, or poses or depth belong to another recording; {unit}"
         ),
     })

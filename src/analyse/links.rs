@@ -84,17 +84,17 @@ pub fn links(
 ) -> Result<Links, RecordingError> {
     let reach = pass.gaps.iter().chain(pass.sparse.0).copied().max().unwrap_or(0);
     let mut window: VecDeque<LinkView> = VecDeque::new();
-    let mut found = Links::default();
+    let mut links_found = Links::default();
     let mut before: Option<Arc<Pixels>> = None;
     let mut frames = frames(recording, (0..recording.frame_count()).filter(|n| pass.finds_repeats || pass.needs(*n)));
     loop {
         let begun = Instant::now();
         let batch: Vec<_> = frames.by_ref().take(BATCH_PER_THREAD * threads.max(1)).collect::<Result<_, _>>()?;
-        found.waited += begun.elapsed();
-        let (Some(first), Some(last)) = (batch.first(), batch.last()) else { return Ok(found) };
+        links_found.waited += begun.elapsed();
+        let (Some(first), Some(last)) = (batch.first(), batch.last()) else { return Ok(links_found) };
         let (first, last) = (first.index, last.index);
         for frame in batch.iter().filter(|_| pass.finds_repeats) {
-            found.repeats.push(before.as_ref() == Some(&frame.pixels));
+            links_found.repeats.push(before.as_ref() == Some(&frame.pixels));
             before = Some(frame.pixels.clone());
         }
         let mut views = Vec::new();
@@ -134,11 +134,11 @@ pub fn links(
         });
         for (_, link) in tasks {
             match link {
-                Ok(link) if link.is_good() => found.good.push(link),
+                Ok(link) if link.is_good() => links_found.good.push(link),
                 other => {
-                    found.refused += 1;
-                    found.few_points += usize::from(matches!(other, Err(LinkFailure::FewPoints)));
-                    found.faint += usize::from(other.is_ok_and(|link| link.is_faint()));
+                    links_found.refused += 1;
+                    links_found.few_points += usize::from(matches!(other, Err(LinkFailure::FewPoints)));
+                    links_found.faint += usize::from(other.is_ok_and(|link| link.is_faint()));
                 }
             }
         }
@@ -146,7 +146,7 @@ pub fn links(
             window.pop_front();
         }
         if !go_on(last) {
-            return Ok(found);
+            return Ok(links_found);
         }
     }
 }

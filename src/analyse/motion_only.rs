@@ -38,9 +38,9 @@ pub fn refine_motion(
     why: &str,
 ) -> Result<Registration, RegistrationError> {
     let recording = runner.recording;
-    let found = Registration::as_recorded(recording, geometry, Verdict::Kept(why.to_owned()));
+    let registration = Registration::as_recorded(recording, geometry, Verdict::Kept(why.to_owned()));
     if are_far_apart(recording) {
-        return Ok(found);
+        return Ok(registration);
     }
     let repeats = runner.repeats()?;
     let start = recorded(recording, 0.0);
@@ -57,15 +57,15 @@ pub fn refine_motion(
         finds_repeats: false,
     };
     let linked = runner.links(times::LINKS, &model, &distinct, 0.0, pass)?;
-    let found = Registration { links: linked.good.len(), missing: linked.refused, ..found };
+    let registration = Registration { links: linked.good.len(), missing: linked.refused, ..registration };
     if linked.good.is_empty() || linked.refused as f64 > MAX_MISSING_SHARE * (linked.good.len() + linked.refused) as f64
     {
-        return Ok(found);
+        return Ok(registration);
     }
     let none = vec![Twist::zeros(); distinct.len()];
     let exposure_s = assumed_exposure_s(runner.recording.frame_interval_s);
     let by = runner.times.of(times::GRAPH, || pose_graph::solve(&linked.good, &distinct, &none, exposure_s));
-    let Some(by) = by else { return Ok(found) };
+    let Some(by) = by else { return Ok(registration) };
     let corrected: Vec<_> =
         distinct.iter().zip(&by).map(|(state, by)| state.map(|state| state.corrected(by))).collect();
     let moving =
@@ -79,7 +79,7 @@ pub fn refine_motion(
         .collect();
     let difference_px = motion_difference_px(&linked.good, &distinct, &states, 0.5 * recording.frame_interval_s);
     if difference_px < RIGHT_PX {
-        return Ok(found);
+        return Ok(registration);
     }
     // A repeated picture keeps its recorded pose and gets the motion of the picture that it
     // repeats.
@@ -88,7 +88,7 @@ pub fn refine_motion(
         here.map(|here| CameraState { twist: motion.map_or(here.twist, |motion| motion.twist), ..here })
     };
     let states = start.iter().zip(motion).map(with).collect();
-    Ok(Registration { states, repeats, motion_px: Some(difference_px), ..found })
+    Ok(Registration { states, repeats, motion_px: Some(difference_px), ..registration })
 }
 
 /// One per frame: whether it has a link.

@@ -106,11 +106,11 @@ impl DepthView<'_> {
         for y in (0..height).step_by(COMPARED_STEP_PX) {
             for x in (0..width).step_by(COMPARED_STEP_PX) {
                 let Some(point) = self.point(x, y) else { continue };
-                let Some(found) = self.sample(neighbour, point, y) else { continue };
+                let Some(sample) = self.sample(neighbour, point, y) else { continue };
                 for (c, ratios) in ratios.iter_mut().enumerate() {
                     let code = own[c].values[y * width + x];
-                    if COMPARED_CODES.contains(&code) && COMPARED_CODES.contains(&found[c]) {
-                        ratios.push(code / found[c]);
+                    if COMPARED_CODES.contains(&code) && COMPARED_CODES.contains(&sample[c]) {
+                        ratios.push(code / sample[c]);
                     }
                 }
             }

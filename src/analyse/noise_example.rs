@@ -161,7 +161,7 @@ fn of_frames(
     method: impl Fn(&ExampleInputs<'_>, usize) -> Result<Result<FrameExample, String>, RegistrationError>,
     usable_places: &str,
 ) -> Result<Result<NoiseExamples, String>, RegistrationError> {
-    let mut found: Vec<FrameExample> = Vec::new();
+    let mut examples: Vec<FrameExample> = Vec::new();
     let (mut usable, mut products) = (0.0, [0.0; 2]);
     let mut why = None;
     for target in targets(inputs, wanted) {
@@ -175,15 +175,15 @@ fn of_frames(
                 }
                 usable += share;
                 products.iter_mut().zip(example.2).for_each(|(sum, v)| *sum += v);
-                found.push(example);
+                examples.push(example);
             }
             Err(reason) => why = Some(reason),
         }
     }
-    if found.is_empty() {
+    if examples.is_empty() {
         return Ok(Err(why.unwrap_or_else(|| "no frame has a known pose".to_owned())));
     }
-    let frames: Vec<CodedFrame<'_>> = found.iter().map(|(frame, coding, _)| CodedFrame { frame, coding }).collect();
+    let frames: Vec<CodedFrame<'_>> = examples.iter().map(|(frame, coding, _)| CodedFrame { frame, coding }).collect();
     let model = calibrate_coded(&frames, SEED).and_then(|model| model.with_clamped_activity(MAX_ACTIVITY_DEVIATIONS));
     let usable_share = usable / frames.len() as f64;
     let correlation = (products[1] > 0.0).then(|| products[0] / products[1]);

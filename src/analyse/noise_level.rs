@@ -86,8 +86,8 @@ pub fn variance_bound(by_profile: Option<f64>, picture: &GreyImage) -> f64 {
 fn flattest_variance(picture: &GreyImage) -> Option<f64> {
     let (across, down) = (picture.width / BLOCK, picture.height / BLOCK);
     let blocks = (0..down).flat_map(|y| (0..across).map(move |x| (BLOCK * x, BLOCK * y)));
-    let mut found: Vec<f64> = blocks.filter_map(|(x, y)| about_its_plane(picture, x, y)).collect();
-    upper_quantile(&mut found, FLAT_QUANTILE)
+    let mut residuals: Vec<f64> = blocks.filter_map(|(x, y)| about_its_plane(picture, x, y)).collect();
+    upper_quantile(&mut residuals, FLAT_QUANTILE)
 }
 
 /// Variance of a block about its least-squares plane. `None` if it may be clipped.
@@ -152,14 +152,14 @@ mod tests {
         let fine = picture.filtered(&gaussian(1.0));
         for level in 0..3 {
             let plane = if level == 0 { &fine } else { &picture };
-            let told = whole * share_kept(&profile(0.0), level);
+            let predicted = whole * share_kept(&profile(0.0), level);
             let mean = plane.values.iter().sum::<f32>() / plane.values.len() as f32;
             let variance =
                 plane.values.iter().map(|v| f64::from(v - mean).powi(2)).sum::<f64>() / plane.values.len() as f64;
             // At level 2 128² values are worth some 1,500 independent ones: σ 4 %.
-            assert!((variance / told - 1.0).abs() < 0.1, "{level}: {variance} for {told}");
+            assert!((variance / predicted - 1.0).abs() < 0.1, "{level}: {variance} for {predicted}");
             let flattest = flattest_variance(plane).unwrap();
-            assert!(flattest < told && flattest > 0.3 * told, "{level}: {flattest} for {told}");
+            assert!(flattest < predicted && flattest > 0.3 * predicted, "{level}: {flattest} for {predicted}");
             picture = picture.halved();
         }
     }

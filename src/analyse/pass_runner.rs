@@ -18,6 +18,7 @@ use crate::recording::{Recording, RecordingError};
 /// Largest number of frames from which depth's clock is estimated.
 const MAX_DEPTH_CLOCK_FRAMES: usize = 200;
 
+/// State of an analysis, shared by its passes.
 pub struct PassRunner<'a> {
     pub recording: &'a Recording,
     /// The camera's, if calibrated.

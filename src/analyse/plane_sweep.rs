@@ -142,9 +142,9 @@ impl<'a> PlaneSweep<'a> {
                 for (k, at) in planes.iter_mut().enumerate() {
                     let there = turned + step * k as f64 * motion.translation;
                     if there.z > 1e-3
-                        && let Some(found) = model.geometry.project(there)
+                        && let Some(projected) = model.geometry.project(there)
                     {
-                        *at = ((found + beyond - 0.5) / scale as f64).as_vec2().to_array();
+                        *at = ((projected + beyond - 0.5) / scale as f64).as_vec2().to_array();
                     }
                 }
             }
@@ -177,17 +177,17 @@ pub fn camera_model_for(geometry: Geometry, recording: &Recording, states: &[Opt
 /// Baselines and indices of a frame's neighbours, the longest baseline first.
 fn neighbours(states: &[Option<CameraState>], n: usize) -> Vec<(f64, usize)> {
     let Some(here) = states[n] else { return Vec::new() };
-    let mut found = Vec::new();
+    let mut matches = Vec::new();
     for other in NEIGHBOUR_GAPS.iter().flat_map(|gap| [n.checked_sub(*gap), Some(n + gap)]).flatten() {
         let Some(there) = states.get(other).copied().flatten() else { continue };
         let motion = here.world_from_camera.inverse() * there.world_from_camera;
         if motion.matrix3.z_axis.z.clamp(-1.0, 1.0).acos() < MAX_VIEW_ANGLE_RAD {
-            found.push((motion.translation.length(), other));
+            matches.push((motion.translation.length(), other));
         }
     }
-    found.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-    found.truncate(MAX_NEIGHBOURS);
-    found
+    matches.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    matches.truncate(MAX_NEIGHBOURS);
+    matches
 }
 
 impl Small {

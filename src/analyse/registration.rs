@@ -80,13 +80,14 @@ pub fn register(
     let total = clock_frames + refined_clock_frames + 2 * frames;
     let mut runner = PassRunner { recording, noise, threads, checkpoints, done: 0, total, times, report };
     let mut shared = SharedParameters::new(geometry, frames);
-    let mut found = as_recorded(Verdict::Right);
+    let mut registration = as_recorded(Verdict::Right);
     let given_s = geometry.intrinsics.readout_time_s;
-    let refused = |why: String, found: Registration| Ok(Registration { verdict: Verdict::Refused(why), ..found });
+    let refused =
+        |why: String, registration: Registration| Ok(Registration { verdict: Verdict::Refused(why), ..registration });
 
     // 1. Shared parameters.
-    if let Some(why) = clocks::estimate(&mut runner, &mut shared, &mut found)? {
-        return refused(why, found);
+    if let Some(why) = clocks::estimate(&mut runner, &mut shared, &mut registration)? {
+        return refused(why, registration);
     }
 
     // 2. Pose graph of all frames.
@@ -105,7 +106,7 @@ pub fn register(
     let start = shared.states(recording);
     let model = CameraModel::new(shared.geometry.clone());
     let linked = runner.links(times::LINKS, &model, &start, shared.depth_later_s, first)?;
-    (found.links, found.missing) = (linked.good.len(), linked.refused);
+    (registration.links, registration.missing) = (linked.good.len(), linked.refused);
     let whole = linked.good.len() + linked.refused;
     let comparable = whole - linked.few_points;
     let mismatched = linked.refused - linked.few_points;
@@ -123,7 +124,7 @@ pub fn register(
             100.0 * MAX_MISSING_SHARE,
             linked.few_points
         );
-        return refused(why, found);
+        return refused(why, registration);
     }
     if linked.refused as f64 > MAX_MISSING_SHARE * whole as f64 {
         // Links between pictures of little contrast are no evidence against the poses.
@@ -135,7 +136,7 @@ pub fn register(
              of the picture moves",
             100.0 * MAX_MISSING_SHARE
         );
-        return refused(why, found);
+        return refused(why, registration);
     }
     let none = vec![Twist::zeros(); frames];
     let Some(refined) = solve(&mut runner, &linked.good, &start, &none) else {
@@ -143,7 +144,7 @@ pub fn register(
     };
 
     // 3. Readout and depth's clock, without the bias by jitter.
-    clocks::estimate_with_refined_poses(&mut runner, &mut shared, &mut found, &refined, given_s)?;
+    clocks::estimate_with_refined_poses(&mut runner, &mut shared, &mut registration, &refined, given_s)?;
 
     // 4. Pose graph again, with links that are held out of the fit.
     let again = LinkPass { sparse: (&HELD_OUT, held_out_stride), coarsest: 1, finest: 0, ..first };
@@ -160,27 +161,27 @@ pub fn register(
 
     // 5. Acceptance.
     let before = recorded(recording, 0.0);
-    found.held_out = held_out_residuals(&held_out, &before, &refined, &used);
-    let middle = |of: fn(&HeldOutResidual) -> f64| upper_median(found.held_out.iter().map(of)).unwrap_or(0.0);
+    registration.held_out = held_out_residuals(&held_out, &before, &refined, &used);
+    let middle = |of: fn(&HeldOutResidual) -> f64| upper_median(registration.held_out.iter().map(of)).unwrap_or(0.0);
     let (recorded_px, refined_px) = (middle(|missed| missed.recorded_px), middle(|missed| missed.refined_px));
-    found.held_out_px = Some((recorded_px, refined_px));
+    registration.held_out_px = Some((recorded_px, refined_px));
     if refined_px > MAX_HELD_OUT_PX {
         return refused(
             format!(
                 "refined poses agree with the alignment of held-out frame pairs to {refined_px:.2} px only; at most {MAX_HELD_OUT_PX} px \
                  is accepted"
             ),
-            found,
+            registration,
         );
     }
     if median_residual_px(&linked, &before, &used) >= RIGHT_PX && refined_px <= (1.0 - MIN_IMPROVEMENT) * recorded_px {
         let refined = align_gauge(&refined, &before, &linked);
-        found.verdict = Verdict::Refined;
-        found.readout_s = shared.geometry.intrinsics.readout_time_s;
-        found.states = copy_repeated_states(refined, &shared.repeats);
-        found.repeats = shared.repeats;
+        registration.verdict = Verdict::Refined;
+        registration.readout_s = shared.geometry.intrinsics.readout_time_s;
+        registration.states = copy_repeated_states(refined, &shared.repeats);
+        registration.repeats = shared.repeats;
     }
-    Ok(found)
+    Ok(registration)
 }
 
 const NO_SOLUTION: &str = "the links' equations have no solution";

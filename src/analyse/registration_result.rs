@@ -25,6 +25,7 @@ pub enum Verdict {
     Refused(String),
 }
 
+/// Poses of all frames and the parameters that they share. σ are standard deviations.
 #[derive(Clone, Debug)]
 pub struct Registration {
     pub verdict: Verdict,
@@ -97,6 +98,7 @@ pub fn recorded(recording: &Recording, later_s: f64) -> Vec<Option<CameraState>>
     recording.timestamps_s.iter().map(of).collect()
 }
 
+/// Why registration ended early.
 #[derive(Debug, thiserror::Error)]
 pub enum RegistrationError {
     #[error(transparent)]

@@ -259,7 +259,7 @@ fn plan(model: &CameraModel, states: &[Option<CameraState>]) -> Vec<(usize, Vec<
     let least_px_s = min_flow_difference_px_s(model) * scale;
     let partners = |own: usize| -> Option<(f64, Vec<usize>)> {
         let here = flow_moments[own]?;
-        let mut found: Vec<(f64, usize)> = Vec::new();
+        let mut estimates: Vec<(f64, usize)> = Vec::new();
         for other in PARTNER_GAPS.iter().flat_map(|gap| [own.checked_sub(*gap), Some(own + gap)]).flatten() {
             let Some(there) = flow_moments.get(other).copied().flatten() else { continue };
             let (Some(a), Some(b)) = (states[own], states[other]) else { continue };
@@ -271,13 +271,13 @@ fn plan(model: &CameraModel, states: &[Option<CameraState>]) -> Vec<(usize, Vec<
             let is_slower = difference.x_axis.x + difference.y_axis.y > 0.0;
             if difference_px_s > least_px_s {
                 let weight = if is_slower { 1.0 } else { FASTER_PARTNER_WEIGHT };
-                found.push((weight * difference_px_s, other));
+                estimates.push((weight * difference_px_s, other));
             }
         }
-        found.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-        found.truncate(MAX_PARTNERS);
-        let score = found.first()?.0;
-        Some((score, found.into_iter().map(|(_, other)| other).collect()))
+        estimates.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+        estimates.truncate(MAX_PARTNERS);
+        let score = estimates.first()?.0;
+        Some((score, estimates.into_iter().map(|(_, other)| other).collect()))
     };
     let parts = (frames / FRAMES_PER_SAMPLE).clamp(MIN_SAMPLES, MAX_SAMPLES).min(frames);
     let best_of = |part: usize| {

@@ -220,9 +220,9 @@ fn variance_px2(light: &GreyImage, line: &EdgeLine, moved_px: f64) -> Option<f64
     if !(height >= MIN_STEP && uneven.iter().all(|u| *u <= MAX_PLATEAU_SIGMA * height)) {
         return None;
     }
-    let found = fit(&samples, step, FIT_TOLERANCE)?;
-    let off = (found.left / samples.len() as f64).sqrt();
-    let variance = found.step.variance_px2;
+    let profile = fit(&samples, step, FIT_TOLERANCE)?;
+    let off = (profile.left / samples.len() as f64).sqrt();
+    let variance = profile.step.variance_px2;
     (off <= MAX_RESIDUAL * height && variance <= MAX_SIGMA_PX * MAX_SIGMA_PX).then_some(variance)
 }
 

@@ -114,11 +114,11 @@ pub fn bands(samples: &[ToneSample]) -> Result<Vec<ToneBand>, String> {
             sigma: sigma / whole,
         })
     };
-    let found: Vec<ToneBand> = (0..BANDS).filter_map(band).collect();
-    if found.len() < middle.len() + MIN_OTHER_BANDS {
+    let tone_bands: Vec<ToneBand> = (0..BANDS).filter_map(band).collect();
+    if tone_bands.len() < middle.len() + MIN_OTHER_BANDS {
         return Err("too few codes are seen in frames that differ in light".to_owned());
     }
-    Ok(found)
+    Ok(tone_bands)
 }
 
 #[cfg(test)]

@@ -27,6 +27,7 @@ const MARGIN_PX: usize = 4;
 const DEPTH_EDGE_DISTANCE_PX: usize = 3;
 const DEPTH_EDGE_STEP: f32 = 0.05;
 
+/// A point of a frame with a high gradient and known depth.
 #[derive(Clone, Copy, Debug)]
 pub struct AlignPoint {
     /// Position in the camera's axes at the middle row's time, m.
@@ -41,6 +42,7 @@ pub struct AlignPoint {
     pub row: f64,
 }
 
+/// A level of an image pyramid, half as wide as the one before.
 #[derive(Debug)]
 pub struct Level {
     pub picture: GreyImage,
@@ -49,6 +51,7 @@ pub struct Level {
     pub noise: f64,
 }
 
+/// A frame with all that its alignment to other frames needs.
 #[derive(Debug)]
 pub struct LinkView {
     pub index: usize,
@@ -125,17 +128,17 @@ fn points(
         };
         places.filter(is_steep).map(|(x, y)| y * w + x).collect()
     };
-    let mut found = steeper_by(GRADIENT_OFFSET);
+    let mut steep = steeper_by(GRADIENT_OFFSET);
     let mean_slope = slope.iter().sum::<f32>() / slope.len().max(1) as f32;
-    if found.len() < ENOUGH_POINTS && mean_slope < LOW_GRADIENT {
-        found = steeper_by(0.0);
+    if steep.len() < ENOUGH_POINTS && mean_slope < LOW_GRADIENT {
+        steep = steeper_by(0.0);
     }
     let most = MAX_POINTS[level.min(MAX_POINTS.len() - 1)];
-    if found.len() > most {
+    if steep.len() > most {
         // The smallest hashes of the positions: an even spread, the same in every run.
-        found.sort_unstable_by_key(|i| (scattered(*i as u64), *i));
-        found.truncate(most);
-        found.sort_unstable();
+        steep.sort_unstable_by_key(|i| (scattered(*i as u64), *i));
+        steep.truncate(most);
+        steep.sort_unstable();
     }
     let point = |i: usize| {
         let (x, y) = ((i % w) * scale, (i / w) * scale);
@@ -145,7 +148,7 @@ fn points(
         let slope = DVec2::new(along.values[i].into(), down.values[i].into()) / scale as f64;
         of_place(&model.geometry, z * ray, y as f64 + 0.5, f64::from(picture.values[i]), slope, state)
     };
-    found.into_iter().filter_map(point).collect()
+    steep.into_iter().filter_map(point).collect()
 }
 
 /// The point of a pixel. `there`: its position in the camera's axes at its row's time.

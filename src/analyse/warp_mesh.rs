@@ -38,6 +38,7 @@ pub struct MeshNode {
     is_valid: bool,
 }
 
+/// Nodes of the mesh, row by row, `across` in each.
 pub struct WarpMesh {
     across: usize,
     down: usize,

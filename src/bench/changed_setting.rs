@@ -51,15 +51,15 @@ pub fn time(table: &mut BenchTable<'_>, load: &Load, pixels: &Pixels) -> Result<
     }
     let by_cost =
         |all: Vec<TimedParameter>, table: &BenchTable<'_>| -> Result<Vec<(TimedParameter, [f64; 2])>, SubmitError> {
-            let mut found = Vec::new();
+            let mut settings = Vec::new();
             for parameter in all {
                 if let Some(pair) = parameter.time(table, load, pixels)? {
-                    found.push((parameter, pair));
+                    settings.push((parameter, pair));
                 }
             }
             let ratio = |[changed, same]: [f64; 2]| changed / same;
-            found.sort_by(|(_, a), (_, b)| ratio(*b).total_cmp(&ratio(*a)));
-            Ok(found)
+            settings.sort_by(|(_, a), (_, b)| ratio(*b).total_cmp(&ratio(*a)));
+            Ok(settings)
         };
     let worst =
         by_cost(parameters(load), table)?.into_iter().take(REMEASURED).map(|(parameter, _)| parameter).collect();
@@ -107,8 +107,8 @@ impl TimedParameter {
     /// unchanged. `None` if the parameter cannot be changed with this load, or its effect never
     /// runs.
     fn time(&self, table: &BenchTable<'_>, load: &Load, pixels: &Pixels) -> Result<Option<[f64; 2]>, SubmitError> {
-        if let Some(found) = self.time_in(self.state.clone(), table, load, pixels)? {
-            return Ok(Some(found));
+        if let Some(ms) = self.time_in(self.state.clone(), table, load, pixels)? {
+            return Ok(Some(ms));
         }
         let mut behind_a_lens = self.state.clone();
         for set in LENS {

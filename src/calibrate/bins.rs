@@ -280,11 +280,11 @@ impl BinFit {
         let touched: u64 = scenes.iter().flat_map(|s| s.iter()).map(|l| l.touched).sum();
         let estimates: Vec<VarianceEstimate> =
             scenes.iter().filter_map(|levels| VarianceEstimate::new(levels, rules.independent_share)).collect();
-        let found = combined(&estimates);
-        let worth = found.map_or(0.0, |f| f.1);
-        let found = found.map(|f| f.0);
-        let variance = found.map_or(0.0, |e| e.variance);
-        let independent_count = found.map_or(0.0, |e| e.independent);
+        let combined_estimate = combined(&estimates);
+        let worth = combined_estimate.map_or(0.0, |f| f.1);
+        let combined_estimate = combined_estimate.map(|f| f.0);
+        let variance = combined_estimate.map_or(0.0, |e| e.variance);
+        let independent_count = combined_estimate.map_or(0.0, |e| e.independent);
         let sigma_ci95 = chi_square_interval(worth).map(|ci| ci.map(|factor| rules.rounding.sigma(variance * factor)));
         let report = BinReport {
             code_range: [low, high],
@@ -292,12 +292,12 @@ impl BinFit {
             count: seen,
             clipped_share: if seen > 0 { touched as f64 / seen as f64 } else { 0.0 },
             independent_count,
-            mu: found.map_or(0.0, |e| e.mu),
+            mu: combined_estimate.map_or(0.0, |e| e.mu),
             sigma: rules.rounding.sigma(variance),
             sigma_ci95,
-            filled_from_neighbours: independent_count < rules.needed || found.is_none(),
+            filled_from_neighbours: independent_count < rules.needed || combined_estimate.is_none(),
         };
-        Self { report, found }
+        Self { report, found: combined_estimate }
     }
 }
 

@@ -58,8 +58,8 @@ fn outliers(
         let whole = |s: &Statistic| s.filter(|s| s.1 as f64 >= 0.75 * most).map(|s| s.0);
         let mut rest: Vec<f64> =
             statistics.iter().zip(&out).filter(|(_, out)| !**out).filter_map(|(s, _)| whole(s)).collect();
-        let Some(found) = upper_median_in_place(&mut rest) else { break };
-        middle = found;
+        let Some(median) = upper_median_in_place(&mut rest) else { break };
+        middle = median;
         let below = rest.iter().filter(|v| **v <= middle).map(|v| middle - v);
         let spread = (SIGMA_PER_MAD * upper_median(below).unwrap_or(0.0)).max(chance(middle));
         let stands_out = |s: &Statistic| {

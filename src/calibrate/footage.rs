@@ -12,6 +12,7 @@ use crate::source::{still, unsupported};
 
 const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
 
+/// Source of the pictures of one camera.
 #[derive(Debug)]
 pub enum Footage {
     /// A folder's pictures by name, or loose files in the given order.
@@ -20,6 +21,7 @@ pub enum Footage {
     Video(Box<Video>),
 }
 
+/// Pictures in order, decoded on demand; an error ends them.
 pub type FootagePixels<'a> = Box<dyn Iterator<Item = Result<Pixels, CalibrateError>> + 'a>;
 
 impl Footage {

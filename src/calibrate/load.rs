@@ -64,20 +64,20 @@ pub fn noise_from_paths(
             stretches(scenes, |footage| !matches!(footage, Footage::Files(_)), options, progress)
         }
         NoiseSource::Best => {
-            let found = noise_from_paths(frames, NoiseSource::Rest, options, progress);
-            if !matches!(&found, Err(error) if error.lacks_scene_at_rest()) {
-                return found;
+            let noise = noise_from_paths(frames, NoiseSource::Rest, options, progress);
+            if !matches!(&noise, Err(error) if error.lacks_scene_at_rest()) {
+                return noise;
             }
             let scenes = group(frames, &[])?;
             if scenes.iter().any(|scene| matches!(scene.footage, Footage::Files(_))) {
-                let found = stretches(scenes, |_| true, options, progress);
-                if !matches!(&found, Err(error) if error.lacks_scene_at_rest()) {
-                    return found;
+                let noise = stretches(scenes, |_| true, options, progress);
+                if !matches!(&noise, Err(error) if error.lacks_scene_at_rest()) {
+                    return noise;
                 }
             }
-            let mut found = textureless(frames, options, progress)?;
-            found.table.warnings.push(Warning::NoSceneAtRest);
-            Ok(found)
+            let mut noise = textureless(frames, options, progress)?;
+            noise.table.warnings.push(Warning::NoSceneAtRest);
+            Ok(noise)
         }
     }
 }
@@ -117,9 +117,9 @@ fn stretches(
     if used.is_empty() {
         return Err(CalibrateError::NeverAtRest { needed: MIN_REST_FRAMES });
     }
-    let mut found = resting(&used, options, progress)?;
-    found.table.warnings.extend(warnings);
-    Ok(found)
+    let mut noise = resting(&used, options, progress)?;
+    noise.table.warnings.extend(warnings);
+    Ok(noise)
 }
 
 fn resting(

@@ -257,7 +257,7 @@ impl MovingCalibrator {
 
     fn estimate(&self) -> NoiseEstimate {
         let bins = self.options.bins;
-        let mut found = NoiseEstimate {
+        let mut noise_estimate = NoiseEstimate {
             variance: std::array::from_fn(|_| vec![1.0; bins]),
             independent: std::array::from_fn(|_| vec![0.0; bins]),
             measured: std::array::from_fn(|_| vec![false; bins]),
@@ -269,14 +269,14 @@ impl MovingCalibrator {
         for round in 0..ROUNDS {
             // Before the correlation is known, noise seems to spread too much.
             let strict = round >= ROUNDS / 2;
-            let freedom = found.covariance.map(|r| self.plane.freedom(&r));
-            let kept = found.covariance.map(|r| self.plane.kept(&r));
+            let freedom = noise_estimate.covariance.map(|r| self.plane.freedom(&r));
+            let kept = noise_estimate.covariance.map(|r| self.plane.kept(&r));
             for channel in 0..3 {
-                self.variances(&mut found, channel, (freedom[channel], kept[channel]), strict);
+                self.variances(&mut noise_estimate, channel, (freedom[channel], kept[channel]), strict);
             }
-            self.correlations(&mut found, freedom, kept);
+            self.correlations(&mut noise_estimate, freedom, kept);
         }
-        found
+        noise_estimate
     }
 
     /// Moves one channel's variances towards those of its lowest blocks.

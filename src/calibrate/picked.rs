@@ -59,7 +59,7 @@ impl PickedNoise {
 /// without one σ is constant there.
 pub fn picked_noise(places: &[PickedRegion], motion: SceneMotion, present: Option<&NoiseProfile>) -> PickedResult {
     let (mut verdicts, mut warnings) = (Vec::new(), Vec::new());
-    let found = match motion {
+    let estimate = match motion {
         _ if places.is_empty() => Err(PickedError::NoPlace),
         _ if places.iter().any(|place| place.frames().is_empty()) => {
             Err(PickedError::Calibrate(CalibrateError::NoFrames))
@@ -67,7 +67,7 @@ pub fn picked_noise(places: &[PickedRegion], motion: SceneMotion, present: Optio
         SceneMotion::Resting => from_resting_frames(places, &mut verdicts, &mut warnings),
         SceneMotion::Moving => from_single_frames(places, &mut verdicts, &mut warnings),
     };
-    let noise = found.and_then(|RegionNoise { points, channel_correlation, neighbour_correlation }| {
+    let noise = estimate.and_then(|RegionNoise { points, channel_correlation, neighbour_correlation }| {
         let points = points.map(merge_close);
         if let Some(missing) = (0..3).find(|c| points[*c].is_empty()) {
             return Err(PickedError::Channel(CHANNELS[missing]));

@@ -62,6 +62,7 @@ impl BlockArea {
     }
 }
 
+/// Sums over the frames of one scene, code values.
 #[derive(Clone, Debug)]
 pub(crate) struct SceneSums {
     pub width: usize,

@@ -88,11 +88,11 @@ pub fn edge_in(
     of: EdgeLight,
 ) -> Result<SlantedEdge, SharpnessError> {
     let measured = |light| edge_of(picture, response, region, moved_px, light);
-    let found = measured(of.weights());
+    let sigma = measured(of.weights());
     if of != EdgeLight::Best {
-        return found;
+        return sigma;
     }
-    found.or_else(|error| {
+    sigma.or_else(|error| {
         let best = (0..3).filter_map(|channel| measured(EdgeLight::Channel(channel).weights()).ok());
         best.min_by(|a, b| a.uncertainty_px.total_cmp(&b.uncertainty_px)).ok_or(error)
     })
@@ -114,15 +114,15 @@ fn edge_of(
     let Some(light) = light else {
         return Err(EdgeError::Small { width: region.width(), height: region.height() }.into());
     };
-    let mut found = slanted_edge(&light, Rect::full(region.width(), region.height()), moved_px)?;
-    let codes = 255.0 * (response.encode(found.bright) - response.encode(found.dark.max(0.0)));
+    let mut edge = slanted_edge(&light, Rect::full(region.width(), region.height()), moved_px)?;
+    let codes = 255.0 * (response.encode(edge.bright) - response.encode(edge.dark.max(0.0)));
     if codes < MIN_STEP_CODES {
         return Err(SharpnessError::Faint { codes });
     }
-    for end in &mut found.line_px {
+    for end in &mut edge.line_px {
         *end = [end[0] + f64::from(region.x0), end[1] + f64::from(region.y0)];
     }
-    Ok(found)
+    Ok(edge)
 }
 
 /// Light of a region, and the percentage of clipped pixels.

@@ -45,8 +45,8 @@ impl AnalysisArgs {
     ) -> Result<(Shot, T)> {
         let checked = |recording| -> Result<(Shot, T)> {
             let mut shot = Shot::of(recording, shot_options)?;
-            let found = check(&mut shot)?;
-            Ok((shot, found))
+            let state = check(&mut shot)?;
+            Ok((shot, state))
         };
         if !self.analyse {
             return checked(recording);

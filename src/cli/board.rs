@@ -55,7 +55,7 @@ pub fn run(args: &Args) -> Result<()> {
     if !same {
         write_atomically(&board, args.force, |out| out.write_all(text.as_bytes()))?;
     }
-    let told = format!("{} and {}: print at 100 %, then measure the ruler", args.output.display(), board.display());
-    print_status(args.quiet, &told);
+    let message = format!("{} and {}: print at 100 %, then measure the ruler", args.output.display(), board.display());
+    print_status(args.quiet, &message);
     Ok(())
 }

@@ -111,9 +111,9 @@ fn noise(args: NoiseArgs) -> Result<()> {
     } else {
         NoiseSource::KnownMeans(&args.mean)
     };
-    let found = noise_from_paths(&args.frames, source, &options, &mut shown);
+    let outcome = noise_from_paths(&args.frames, source, &options, &mut shown);
     bar.finish_and_clear();
-    let MeasuredNoise { table: mut calibration, example } = found?;
+    let MeasuredNoise { table: mut calibration, example } = outcome?;
     let report = match example {
         Some(Ok(example)) => {
             let written = WrittenExample::write(example, &example_file, args.force)?;

@@ -34,20 +34,20 @@ pub fn line(shot: &Shot) -> Result<String, ShotError> {
     }
     let (track, offset_s) = (&recording.track, recording.track.clock_offset_s());
     Ok(match estimate(&motions, |from_s, to_s| track.motion_between(from_s, to_s), MAX_SEARCHED_DELAY_S) {
-        Ok(found) => {
+        Ok(delay) => {
             let milliseconds = |s: f64| fixed(1e3 * s, 1);
-            let fit = if found.delay_s.abs() <= 2.0 * found.sigma_s {
-                format!("as recorded, within {} ms", milliseconds(2.0 * found.sigma_s))
+            let fit = if delay.delay_s.abs() <= 2.0 * delay.sigma_s {
+                format!("as recorded, within {} ms", milliseconds(2.0 * delay.sigma_s))
             } else {
                 format!(
                     "poses {} ms {} fit the pictures best: time_offset_s = {} (now {})",
-                    milliseconds(found.delay_s.abs()),
-                    if found.delay_s > 0.0 { "later" } else { "earlier" },
-                    fixed(offset_s + found.delay_s, 4),
+                    milliseconds(delay.delay_s.abs()),
+                    if delay.delay_s > 0.0 { "later" } else { "earlier" },
+                    fixed(offset_s + delay.delay_s, 4),
                     fixed(offset_s, 4)
                 )
             };
-            let quarters = match found.quarters {
+            let quarters = match delay.quarters {
                 0 => String::new(),
                 quarters => format!(
                     "; the poses' camera is rotated by {}° about its optical axis relative to the pictures",
@@ -56,9 +56,9 @@ pub fn line(shot: &Shot) -> Result<String, ShotError> {
             };
             format!(
                 "clock      {fit}; ± {} ms by {}, likeness {}{quarters}",
-                milliseconds(found.sigma_s),
-                count(found.motions, "motion"),
-                fixed(found.likeness, 2)
+                milliseconds(delay.sigma_s),
+                count(delay.motions, "motion"),
+                fixed(delay.likeness, 2)
             )
         }
         Err(why) => format!("clock      unknown: {}", shown(&why.to_string())),

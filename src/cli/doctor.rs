@@ -19,8 +19,8 @@ Environment variables:
 pub fn run() -> Result<()> {
     let mut out = std::io::stdout().lock();
     let mut missing = 0;
-    let found = adapters();
-    for a in &found {
+    let all_adapters = adapters();
+    for a in &all_adapters {
         let kind = if a.software { "software" } else { "hardware" };
         writeln!(out, "adapter   {} ({}, {kind}; {})", a.name, a.backend, a.driver)?;
     }

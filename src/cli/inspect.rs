@@ -115,11 +115,11 @@ pub fn run(args: &Args) -> Result<()> {
         }
         return listen::run(url, args.seconds);
     }
-    let found = kind(&args.what)?;
-    if args.frame.is_some() && !matches!(found, InputKind::Recording) {
+    let input = kind(&args.what)?;
+    if args.frame.is_some() && !matches!(input, InputKind::Recording) {
         bail!("{}: --frame needs a recording, and this is not one", args.what.display());
     }
-    match found {
+    match input {
         InputKind::Scene => {
             let scene = locard_engine::scene::load(&args.what, None)?;
             write!(std::io::stdout().lock(), "{}", locard_engine::scene::describe(&scene))?;
@@ -319,10 +319,10 @@ fn duplicates(recording: &Recording) -> Vec<String> {
         recording.frame_count(),
         "looking for pictures that repeat: {wide_bar} {pos}/{len}, {eta} left",
     );
-    let found = recording.repeats(|| bar.inc(1));
+    let repeated = recording.repeats(|| bar.inc(1));
     bar.finish_and_clear();
-    let Duplicates { pictures, moved, poses, times } = match found {
-        Ok(found) => found,
+    let Duplicates { pictures, moved, poses, times } = match repeated {
+        Ok(repeated) => repeated,
         Err(error) => return vec![format!("repeated pictures could not be searched for: {error}")],
     };
     let of = |frames: &[usize], what: &str| {

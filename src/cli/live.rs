@@ -357,8 +357,8 @@ mod tests {
         let mut at = |frame: usize, is_lost| lost.next(frame, 0.1 * frame as f64, is_lost, || Some("fog".to_owned()));
         // Half a second is too short.
         assert!((0..5).all(|frame| at(frame, true).is_none()) && at(5, false).is_none());
-        let said: Vec<String> = (6..14).filter_map(|frame| at(frame, true)).collect();
-        assert_eq!(said, ["no pose from frame 6 on: fog"]);
+        let opacities: Vec<String> = (6..14).filter_map(|frame| at(frame, true)).collect();
+        assert_eq!(opacities, ["no pose from frame 6 on: fog"]);
         assert_eq!(at(14, false).unwrap(), "poses again from frame 14 on, after 0.8 s");
         assert_eq!(at(15, false), None);
     }

@@ -282,9 +282,9 @@ mod tests {
         let named = Err::<(), _>(std::io::Error::other("odd")).context("p.toml: cannot be read").unwrap_err();
         assert_eq!(super::message(&named), "p.toml: cannot be read: odd");
         let gone = || std::io::Error::from_raw_os_error(2);
-        let said = format!("p.toml: cannot be read: {}", super::reason(&gone()));
-        let told = Err::<(), _>(gone()).context(said.clone()).unwrap_err();
-        assert_eq!(super::message(&told), said);
+        let text = format!("p.toml: cannot be read: {}", super::reason(&gone()));
+        let error = Err::<(), _>(gone()).context(text.clone()).unwrap_err();
+        assert_eq!(super::message(&error), text);
         let bare = anyhow::Error::from(std::io::Error::from(std::io::ErrorKind::StorageFull));
         assert!(super::message(&bare).starts_with("standard output: cannot be written: the disk is full"));
     }

@@ -70,6 +70,7 @@ pub struct Args {
     pub quiet: bool,
 }
 
+/// The dial that a series varies, as `--bracket` names it.
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
 pub enum BracketArg {
     /// f/2.8 to f/22

@@ -166,13 +166,13 @@ fn open_analysed(args: &Args) -> Result<(Shot, PathBuf, Analysis)> {
             bail!("{}: there is no analysis; `locard analyse {recording}` estimates the light", place.display())
         }
     };
-    let found = Analysis::read(&folder)?;
+    let artefact = Analysis::read(&folder)?;
     let has_light = |findings: &Findings| findings.light.as_ref().is_some_and(|light| light.white_level.is_some());
     if let AnalysisState::Used(_, used) = &shot.analysis
         && !has_light(used)
-        && has_light(&found.findings)
+        && has_light(&artefact.findings)
     {
         bail!("{}: {}; `locard analyse {recording}` creates it again", folder.display(), used.left_out.join("; "));
     }
-    Ok((shot, folder, found))
+    Ok((shot, folder, artefact))
 }

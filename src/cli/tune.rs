@@ -83,9 +83,9 @@ mod tests {
     #[test]
     fn reason_omits_source_files_of_libraries() {
         let error = "os error at /src/linux/mod.rs:788: Failed to open connection to X server";
-        let said = super::reason(error);
-        assert!(!said.contains("mod.rs") && (said.contains("X server") || said.contains("no display")), "{said}");
-        if said.contains("X server") {
+        let text = super::reason(error);
+        assert!(!text.contains("mod.rs") && (text.contains("X server") || text.contains("no display")), "{text}");
+        if text.contains("X server") {
             assert_eq!(super::reason("no adapter"), "no adapter");
         }
     }

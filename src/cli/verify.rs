@@ -80,20 +80,20 @@ pub fn run(args: &Args) -> Result<()> {
     if !recorded.recording.has_depth() {
         bail!("{}: there is no depth, so the positions of visible surfaces are unknown", args.recording.display());
     }
-    let found = open(args.analysis.choice())?;
+    let state = open(args.analysis.choice())?;
     if let Some(path) = &args.report {
-        let AnalysisState::Used(folder, _) = &found.analysis else {
+        let AnalysisState::Used(folder, _) = &state.analysis else {
             bail!("{}: --report needs an analysis; make one with `locard analyse`", args.recording.display());
         };
         check_report(path, &recorded, folder)?;
     }
-    for note in found.notes(0..found.recording.frame_count()) {
+    for note in state.notes(0..state.recording.frame_count()) {
         warn(args.quiet, &note.to_string());
     }
     let gpu = Gpu::open()?;
     let plan = VerificationPlan { every: args.every, gap: args.gap };
     let bar = progress(args.quiet, 0);
-    let is_analysed = matches!(found.analysis, AnalysisState::Used(..));
+    let is_analysed = matches!(state.analysis, AnalysisState::Used(..));
     let runs = 1 + u64::from(is_analysed);
     let verify_shot = |shot: &Shot, run: u64| {
         verify(&gpu, shot, plan, |done, of| {
@@ -102,16 +102,16 @@ pub fn run(args: &Args) -> Result<()> {
         })
     };
     let by_record = verify_shot(&recorded, 0)?;
-    let by_findings = is_analysed.then(|| verify_shot(&found, 1)).transpose()?;
-    let real_px = real_px(&found)?;
-    let slides = measure_slides(&recorded, &found)?;
-    let noise = verify::noise(&gpu, &found, |done, of| {
+    let by_findings = is_analysed.then(|| verify_shot(&state, 1)).transpose()?;
+    let real_px = real_px(&state)?;
+    let slides = measure_slides(&recorded, &state)?;
+    let noise = verify::noise(&gpu, &state, |done, of| {
         bar.set_length(of as u64);
         bar.set_position(done as u64);
         true
     })?;
     bar.finish_and_clear();
-    if let (Some(path), AnalysisState::Used(folder, _)) = (&args.report, &found.analysis) {
+    if let (Some(path), AnalysisState::Used(folder, _)) = (&args.report, &state.analysis) {
         let (analysis, times) = (analyse::Analysis::read(folder)?, analyse::Times::kept(folder));
         write_report(path, &recorded, (&analysis, &[]), times.as_ref(), noise.as_ref().ok())?;
     }

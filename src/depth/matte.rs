@@ -124,9 +124,9 @@ pub fn mattes(
         for (x, (((matte, edge), z), max_depth_m)) in row.enumerate() {
             if edge.distance_px <= reach_px
                 && edge.near_m.min(*z) < *max_depth_m
-                && let Some(found) = input.matte_at(&input.pixel(first[0] + x, first[1] + y))
+                && let Some(solved) = input.matte_at(&input.pixel(first[0] + x, first[1] + y))
             {
-                *matte = found;
+                *matte = solved;
             }
         }
     });

@@ -38,21 +38,21 @@ pub fn edges(depth_m: &[f32], width: usize, within_px: f32) -> Vec<DepthEdge> {
     // Edges with the bonus of their steps, px. The first stands for no edge, at an infinite
     // distance.
     let none = DepthEdge { distance_px: f32::INFINITY, near_m: 0.0, far_m: 0.0 };
-    let mut found = vec![(none, f32::INFINITY)];
+    let mut nearest = vec![(none, f32::INFINITY)];
     let mut paths = Paths::new(depth_m.len(), width, within_px);
     let is_edge = |a: f32, b: f32| (a.min(b) > 0.0) & is_step(a, b);
     each_edge(depth_m, width, is_edge, |[i, beside], [a, b]| {
         let (near_m, far_m) = (a.min(b), a.max(b));
         let bonus_px = (BONUS_PER_LOG_RATIO_PX * (far_m / near_m).ln()).min(MAX_BONUS_PX);
-        [i, beside].into_iter().for_each(|at| paths.begin(at, 0.5 - bonus_px, found.len() as u32));
-        found.push((DepthEdge { distance_px: 0.5, near_m, far_m }, bonus_px));
+        [i, beside].into_iter().for_each(|at| paths.begin(at, 0.5 - bonus_px, nearest.len() as u32));
+        nearest.push((DepthEdge { distance_px: 0.5, near_m, far_m }, bonus_px));
     });
-    if found.len() == 1 {
+    if nearest.len() == 1 {
         return vec![none; depth_m.len()];
     }
     paths.spread();
     let edge = |(cost, from): (f32, u32)| {
-        let (edge, bonus_px) = found[from as usize];
+        let (edge, bonus_px) = nearest[from as usize];
         DepthEdge { distance_px: cost + bonus_px, ..edge }
     };
     let mut out = Vec::with_capacity(depth_m.len());

@@ -6,6 +6,7 @@ use crate::pixels::{Codes, Pixels, Rect};
 /// Bits of a code that are decoded: finer differences are noise.
 const BITS: u32 = 10;
 
+/// The square roots of a picture's linear light, 0 to 1, by a table of code values.
 pub struct SqrtColors<'a> {
     pixels: &'a Pixels,
     of_code: Vec<f32>,

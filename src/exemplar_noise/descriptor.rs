@@ -29,6 +29,7 @@ pub const DESCRIPTOR_BLOCK_PX: usize = 8;
 /// Distance of samples, px.
 const SAMPLE_STEP_PX: usize = 2;
 
+/// Content of a tile, by the rows of the table above.
 pub type Descriptor = [f32; DESCRIPTORS];
 
 /// Weighted sums over the samples of a block or a tile.

@@ -32,8 +32,8 @@ fn replacements(usable: &GreyImage, unit_px: [usize; 2]) -> Vec<Replacement> {
             let inside = (0..width).contains(&x) && (0..height).contains(&y);
             inside.then(|| (y * width + x) as usize).filter(|&at| usable.values[at] > 0.5)
         };
-        let found = (1..=max_distance).find_map(|distance| (0..DIRECTIONS.len()).find_map(|n| place(distance, n)));
-        out.push((i, found));
+        let nearest = (1..=max_distance).find_map(|distance| (0..DIRECTIONS.len()).find_map(|n| place(distance, n)));
+        out.push((i, nearest));
     }
     out
 }

@@ -16,6 +16,7 @@ pub const EXPONENT_LIMIT: f32 = 12.0;
 const RATIO_LIMIT: f64 = 60.0;
 const RIDGE: f64 = 1e-3;
 
+/// g of one band: the constant, then one for each feature.
 pub type Coefficients = [f64; COEFFICIENTS];
 
 /// exp(g · φ / 2).

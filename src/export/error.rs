@@ -7,6 +7,7 @@ use crate::shot::ShotError;
 use crate::sink::SinkError;
 use crate::text::reason;
 
+/// Why a range of frames could not be written completely.
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {
     #[error(transparent)]

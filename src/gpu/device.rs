@@ -23,6 +23,7 @@ pub struct Gpu {
     failure: Arc<Mutex<Option<GpuError>>>,
 }
 
+/// Why there is no device, or why it did not finish its work.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum GpuError {
     /// `besides`: note on adapters excluded by an environment variable; empty if there is none.

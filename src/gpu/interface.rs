@@ -63,7 +63,7 @@ impl Interface {
     /// # Panics
     /// If there is no such entry point.
     pub fn globals(&self, entries: &[&str]) -> BTreeMap<String, Global> {
-        let mut found: BTreeMap<String, Global> = BTreeMap::new();
+        let mut of_entries: BTreeMap<String, Global> = BTreeMap::new();
         for entry in entries {
             let at = self.module.entry_points.iter().position(|e| e.name == *entry);
             let at = at.unwrap_or_else(|| panic!("{}: there is no entry {entry}", self.label));
@@ -79,7 +79,7 @@ impl Interface {
                 let sampled = uses.sampling_set.iter().any(|key| key.image == handle);
                 let name = global.name.clone().unwrap_or_default();
                 let new = self.global(&name, global, place, sampled);
-                let known = found.entry(name).or_insert_with(|| new.clone());
+                let known = of_entries.entry(name).or_insert_with(|| new.clone());
                 known.visibility |= stage;
                 // One of the entries may only load a texture that another samples.
                 if sampled {
@@ -87,7 +87,7 @@ impl Interface {
                 }
             }
         }
-        found
+        of_entries
     }
 
     /// True if the module has a global of this name.

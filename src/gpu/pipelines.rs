@@ -65,6 +65,7 @@ struct RenderPipelineKey {
     blend: Option<wgpu::BlendState>,
 }
 
+/// Compiled modules and pipelines of a device, all of which stay.
 #[derive(Debug)]
 pub struct Pipelines {
     modules: Memo<Vec<Shader>, Arc<Module>>,

@@ -173,9 +173,9 @@ impl TexturePool {
         let mut idle = self.idle();
         let now = idle.submission;
         let fits = |(texture, used): &(Texture, u64)| texture.spec() == spec && (!to_write || *used < now);
-        let found = idle.textures.iter().rposition(fits).map(|i| idle.textures.swap_remove(i).0);
+        let idle_texture = idle.textures.iter().rposition(fits).map(|i| idle.textures.swap_remove(i).0);
         drop(idle);
-        let texture = found.unwrap_or_else(|| Texture::of(gpu, "lent", spec));
+        let texture = idle_texture.unwrap_or_else(|| Texture::of(gpu, "lent", spec));
         let lease = Lease { texture: texture.clone(), pool: self.clone() };
         Texture { _lease: Some(Arc::new(lease)), ..texture }
     }

@@ -13,6 +13,7 @@ use crate::stream::StreamError;
 use crate::tags::{BoardError, DetectError};
 use crate::webcam::CameraError;
 
+/// Why a live session could not start, or had to end.
 #[derive(Debug, thiserror::Error)]
 pub enum LiveError {
     #[error(

@@ -110,25 +110,25 @@ pub fn displacements(
         return Err(MeasureError::Option { what: "step_px", found: 0.0, accepted: "1 or more" });
     }
     let correlator = Correlator::new(side);
-    let mut found = Displacements::default();
+    let mut all = Displacements::default();
     for y in (0..(a.height + 1).saturating_sub(side)).step_by(options.step_px) {
         for x in (0..(a.width + 1).saturating_sub(side)).step_by(options.step_px) {
             if let Some(mask) = mask {
                 let inside: usize =
                     (y..y + side).map(|row| mask[row * a.width + x..][..side].iter().filter(|m| **m).count()).sum();
                 if (inside as f64) < options.min_mask_share * (side * side) as f64 {
-                    found.masked += 1;
+                    all.masked += 1;
                     continue;
                 }
             }
             match correlator.measure(a, b, x, y, options) {
-                PatchResult::Flat => found.flat += 1,
-                PatchResult::Unreliable => found.unreliable += 1,
-                PatchResult::Displaced(patch) => found.patches.push(patch),
+                PatchResult::Flat => all.flat += 1,
+                PatchResult::Unreliable => all.unreliable += 1,
+                PatchResult::Displaced(patch) => all.patches.push(patch),
             }
         }
     }
-    Ok(found)
+    Ok(all)
 }
 
 enum PatchResult {

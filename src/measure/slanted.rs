@@ -135,16 +135,16 @@ pub fn slanted_edge(light: &GreyImage<f64>, region: Rect, moved_px: [f64; 2]) ->
     let mut step = EdgeStep { moved_px: moved(&line), ..line };
     let mut samples = seen.near(&step, MAX_BLUR_PX);
     let nothing = || EdgeError::NoLine { percent: 0.0 };
-    let mut found = fit(&samples, step, CONVERGENCE).ok_or_else(nothing)?;
+    let mut fitted = fit(&samples, step, CONVERGENCE).ok_or_else(nothing)?;
     // Dark and bright pixels have different noise; pixels far from the edge no longer count.
     for _ in 0..2 {
-        step = EdgeStep { moved_px: moved(&found.step), ..found.step };
+        step = EdgeStep { moved_px: moved(&fitted.step), ..fitted.step };
         let reach = (4.0 * blur_px(&step) + 2.0).clamp(5.0, MAX_BLUR_PX);
         samples = seen.near(&step, reach);
-        weigh(&mut samples, &found);
-        found = fit(&samples, step, CONVERGENCE).ok_or_else(nothing)?;
+        weigh(&mut samples, &fitted);
+        fitted = fit(&samples, step, CONVERGENCE).ok_or_else(nothing)?;
     }
-    seen.judge(found, samples)
+    seen.judge(fitted, samples)
 }
 
 /// Standard deviation of the total blur, px.

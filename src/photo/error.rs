@@ -11,6 +11,7 @@ use crate::shot::ShotError;
 use crate::sink::SinkError;
 use crate::tracking::NoPose;
 
+/// Why no photograph could be taken or written.
 #[derive(Debug, thiserror::Error)]
 pub enum PhotoError {
     #[error(transparent)]

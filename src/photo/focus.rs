@@ -28,8 +28,9 @@ pub fn distance_m(layer: &LayerImage, depth_m: Option<&[f32]>, picture: Rect) ->
     let median = |rect: Rect, real: bool| {
         let width = layer.width as usize;
         let index = |y: i32, x: i32| y as usize * width + x as usize;
-        let found = (rect.y0..rect.y1).flat_map(|y| (rect.x0..rect.x1).filter_map(move |x| nearest(index(y, x), real)));
-        upper_median(found).map(f64::from)
+        let depths =
+            (rect.y0..rect.y1).flat_map(|y| (rect.x0..rect.x1).filter_map(move |x| nearest(index(y, x), real)));
+        upper_median(depths).map(f64::from)
     };
     median(around(FOCUS_FIELD_SHARE), true).or_else(|| median(around(1.0), false))
 }

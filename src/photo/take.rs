@@ -61,6 +61,7 @@ pub struct PhotoExposure {
     pub iso_ratio: f64,
 }
 
+/// Why the composite of a photograph was not finished.
 #[derive(Debug, thiserror::Error)]
 pub enum TakeError {
     #[error(transparent)]

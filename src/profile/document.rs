@@ -289,7 +289,7 @@ mod tests {
 
     #[test]
     fn other_files_are_refused_as_profile() {
-        for (text, told) in [
+        for (text, message) in [
             ("version = 1\n[frames]\nlist = 'rgb.txt'\n", "there is no table [frames]"),
             ("version = 1\n[[objects]]\nmodel = 'a.glb'\n", "there is no table [objects]"),
             ("fx_px = 1\n", "`version` is missing"),
@@ -297,7 +297,7 @@ mod tests {
             ("version = 1\n[camera]\nfx_px = 1 1\n", "p.toml: line 3, camera.fx_px: "),
         ] {
             let error = Document::parse(text, Path::new("p.toml")).unwrap_err().to_string();
-            assert!(error.contains(told) && !error.contains('\n'), "{error}");
+            assert!(error.contains(message) && !error.contains('\n'), "{error}");
         }
     }
 

@@ -44,6 +44,7 @@ pub struct Rig {
 /// The required keys of a complete camera. Without all of them there is no geometry.
 const REQUIRED_KEYS: [&str; 6] = ["width_px", "height_px", "fx_px", "fy_px", "cx_px", "cy_px"];
 
+/// Why a profile or a setting was refused.
 #[derive(Debug, thiserror::Error)]
 pub enum ProfileError {
     #[error("{path}: cannot be read: {}", reason(source))]

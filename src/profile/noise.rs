@@ -163,7 +163,7 @@ mod tests {
 
     #[test]
     fn noise_table_errors_name_the_key() {
-        for (from, to, told) in [
+        for (from, to, message) in [
             ("8, 24.5", "24.5, 8", "code, value 2: 8 is refused: expected more than the one before"),
             ("8, 24.5", "8, 256", "code, value 2: 256 is refused"),
             ("code = [8, 24.5]", "code = []", "code is empty"),
@@ -187,7 +187,7 @@ mod tests {
             ("[0.5, 0]", "[0.5, -0.1]", "neighbour_correlation, value 2: -0.1 is refused: expected 0 to 1"),
         ] {
             let error = parse(&GOOD.replace(from, to)).unwrap_err().to_string();
-            assert!(error.contains(told), "{error}\n{told}");
+            assert!(error.contains(message), "{error}\n{message}");
         }
     }
 

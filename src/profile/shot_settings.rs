@@ -112,28 +112,28 @@ impl ShotSettings {
     /// The values that differ from `before` in `now`. An exposure that overrides that of each frame
     /// in `now` alone differs, even if its values are the same.
     pub fn between(before: ParameterValues<'_>, now: ParameterValues<'_>) -> Self {
-        let mut found = Self::default();
+        let mut settings = Self::default();
         for (old, new) in before.tables().into_iter().zip(now.tables()) {
             for spec in new.specs() {
                 let value = new.get(spec.name).filter(|value| old.get(spec.name).as_ref() != Some(value));
                 let key = (new.table().to_owned(), spec.name.to_owned());
-                found.values.extend(value.map(|value| (key, value)));
+                settings.values.extend(value.map(|value| (key, value)));
             }
         }
         for effect in now.settings.effects().map(|effect| effect.table()) {
             let on = now.settings.is_on(effect);
             if before.settings.is_on(effect) != on {
-                found.values.insert((effect.to_owned(), ON.to_owned()), Value::Bool(on));
+                settings.values.insert((effect.to_owned(), ON.to_owned()), Value::Bool(on));
             }
         }
         let exposure = now.rig.exposure.table();
         let overrides = now.settings.overrule_recorded_exposure && !before.settings.overrule_recorded_exposure;
-        if overrides && !found.values.keys().any(|(table, _)| table == exposure) {
+        if overrides && !settings.values.keys().any(|(table, _)| table == exposure) {
             let time_s = now.value(exposure, TIME);
-            found.values.extend(time_s.map(|value| ((exposure.to_owned(), TIME.to_owned()), value)));
+            settings.values.extend(time_s.map(|value| ((exposure.to_owned(), TIME.to_owned()), value)));
         }
-        found.noise = (before.rig.noise != now.rig.noise).then(|| now.rig.noise.clone());
-        found
+        settings.noise = (before.rig.noise != now.rig.noise).then(|| now.rig.noise.clone());
+        settings
     }
 
     /// Adds those values of `earlier` settings that are still in effect in `now`. They are kept
@@ -365,7 +365,7 @@ mod tests {
 
     #[test]
     fn refused_values_name_the_scene_file_and_the_key() {
-        for (text, told) in [
+        for (text, message) in [
             ("noise = 1", "settings.noise = 1 is not"),
             ("[noise]\nscale = -1", "noise.scale = -1 is refused"),
             ("[nose]\nscale = 1", "there is no table [nose]"),
@@ -373,7 +373,7 @@ mod tests {
             ("[camera.lens]\nf_number = 2\naperture_diameter_mm = 5", "both aperture_diameter_mm and f_number"),
         ] {
             let error = read(text).unwrap_err().to_string();
-            assert!(error.starts_with(SCENE) && error.contains(told), "{error}");
+            assert!(error.starts_with(SCENE) && error.contains(message), "{error}");
         }
     }
 }

@@ -6,6 +6,7 @@ use crate::source::SourceError;
 use crate::text::number;
 use crate::tracking::records::TextError;
 
+/// Why a recording, or one of its frames, could not be read.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
     #[error(transparent)]

@@ -319,7 +319,7 @@ mod tests {
 
     #[test]
     fn refusals_name_file_line_and_key() {
-        for (from, to, told) in [
+        for (from, to, message) in [
             ("pinhole", "omni", "sensor.yaml, line 14: camera_model is `omni`; expected pinhole"),
             ("radial-tangential", "fov", "sensor.yaml, line 16: distortion_model is `fov`; expected radial"),
             ("[752, 480]", "[752]", "sensor.yaml, line 13: resolution must be 2 finite numbers"),
@@ -336,7 +336,7 @@ mod tests {
             let text = SENSOR.replace(from, to);
             let (geometry, placed) = (yaml(&text).geometry().map(drop), yaml(&text).body_from_sensor().map(drop));
             let error = geometry.and(placed).unwrap_err().to_string();
-            assert!(error.contains(told), "{error}\n{told}");
+            assert!(error.contains(message), "{error}\n{message}");
         }
         let poses = |text: &str| {
             let none = RigidTransform { turn: DQuat::IDENTITY, shift_m: DVec3::ZERO };

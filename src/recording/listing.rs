@@ -75,8 +75,8 @@ pub fn write_pictures<'a>(entries: impl IntoIterator<Item = (f64, &'a str)>) -> 
 /// a time are left out.
 pub fn write_exposures(entries: &[(f64, FrameExposure)]) -> String {
     let head = "# timestamp exposure_time_s gain\n".to_owned();
-    let told = entries.iter().filter_map(|(time_s, exposure)| Some((time_s, exposure.time_s?, exposure.gain)));
-    told.fold(head, |text, (time_s, exposure_s, gain)| {
+    let exposures = entries.iter().filter_map(|(time_s, exposure)| Some((time_s, exposure.time_s?, exposure.gain)));
+    exposures.fold(head, |text, (time_s, exposure_s, gain)| {
         let gain = gain.map_or_else(String::new, |gain| format!(" {}", number(gain)));
         text + &format!("{} {}{gain}\n", number(*time_s), number(exposure_s))
     })
@@ -276,8 +276,8 @@ mod tests {
         assert_eq!(seen, expected);
         for (bad, found) in [("-0.1", "-0.1"), ("1.5", "1.5"), ("nan", "nan"), ("", ""), ("0.5 x", "0.5 x")] {
             let error = read(&format!("1 a.png\n2 b.png presence={bad}")).unwrap_err().to_string();
-            let told = format!("frames.txt, line 2: presence is `{found}`; expected a number from 0 to 1");
-            assert!(error.ends_with(&told), "{error}");
+            let message = format!("frames.txt, line 2: presence is `{found}`; expected a number from 0 to 1");
+            assert!(error.ends_with(&message), "{error}");
         }
         assert!(read("1  presence=0.5").unwrap_err().to_string().contains("the file's name is missing"));
     }
@@ -321,13 +321,13 @@ mod tests {
 
     #[test]
     fn missing_numbers_are_reported() {
-        let told = |names: &[&str]| missing_numbers(&names.iter().map(PathBuf::from).collect::<Vec<_>>());
-        assert_eq!(told(&["r/f_08.png", "r/f_09.png", "r/f_10.png"]), None);
-        assert_eq!(told(&["0.jpg", "10.jpg", "20.jpg"]), None, "every tenth");
+        let missing = |names: &[&str]| missing_numbers(&names.iter().map(PathBuf::from).collect::<Vec<_>>());
+        assert_eq!(missing(&["r/f_08.png", "r/f_09.png", "r/f_10.png"]), None);
+        assert_eq!(missing(&["0.jpg", "10.jpg", "20.jpg"]), None, "every tenth");
         for other in [&["a1.png", "b7.png", "b8.png"][..], &["door.png", "wall.png"], &["1.png"], &[]] {
-            assert_eq!(told(other), None);
+            assert_eq!(missing(other), None);
         }
-        let text = told(&["f_1.png", "f_2.png", "f_3.png", "f_5.png", "f_6.png", "f_9.png"]).unwrap();
+        let text = missing(&["f_1.png", "f_2.png", "f_3.png", "f_5.png", "f_6.png", "f_9.png"]).unwrap();
         assert!(text.contains("in 2 places (first: f_3.png is followed by f_5.png)"), "{text}");
     }
 

@@ -71,6 +71,7 @@ pub struct FrameFiles {
     pub matrix: Option<ColorMatrix>,
 }
 
+/// The table `[poses]`: file of the trajectory, and times in s.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct PoseFile {
@@ -79,6 +80,7 @@ pub struct PoseFile {
     pub max_gap_s: Option<f64>,
 }
 
+/// The table `[depth]`: list of the depth maps, and their encoding.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct DepthList {
@@ -91,6 +93,7 @@ pub struct DepthList {
     pub colour_from_depth: Option<SensorPose>,
 }
 
+/// The table `[exposure]`: list of the frames' exposures.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct ExposureList {
@@ -307,8 +310,8 @@ fn open_images(folder: &Path, fps: f64) -> Result<OpenedFrames, RecordingError> 
     let mut files = listing::pictures_in(folder)?;
     let unread = unsupported::in_folder(folder);
     let mut warnings: Vec<String> = unsupported::unread_warning(&unread).into_iter().collect();
-    if let Some(told) = warnings.first().filter(|_| files.is_empty()) {
-        return Err(RecordingError::content(folder, told));
+    if let Some(message) = warnings.first().filter(|_| files.is_empty()) {
+        return Err(RecordingError::content(folder, message));
     }
     files.extend(unread.iter().cloned());
     files.sort_by(|a, b| listing::natural_order(&a.to_string_lossy(), &b.to_string_lossy()));

@@ -44,8 +44,8 @@ fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let frames = lines.len().min(video.timestamps_s.len());
     let mut warnings = video.warnings.clone();
     warnings.extend(odd);
-    let told = |line| format!("{}: the last line, {line}, is incomplete and left out", odometry.display());
-    warnings.extend(unended.map(told));
+    let message = |line| format!("{}: the last line, {line}, is incomplete and left out", odometry.display());
+    warnings.extend(unended.map(message));
     if lines.len() != video.timestamps_s.len() {
         warnings.push(format!(
             "{} has {}, the video {}: the first {frames} of both are paired",

@@ -335,10 +335,13 @@ mod tests {
             let farthest =
                 |points: &mut dyn Iterator<Item = DVec3>| points.map(|p| p.dot(towards)).fold(f64::MIN, f64::max);
             let exact = farthest(&mut points.iter().map(|p| DVec3::from(p.map(f64::from))));
-            let told = farthest(&mut outline.iter().copied());
+            let bound = farthest(&mut outline.iter().copied());
             // Each side of a cell's box touches a point. A corner is farther by at most the other
             // two sides' share, 2/√3 of a cell.
-            assert!(told >= exact && told < exact + 1.155 * 2.5 / CELLS_PER_SIDE, "{towards}: {told}, exact {exact}");
+            assert!(
+                bound >= exact && bound < exact + 1.155 * 2.5 / CELLS_PER_SIDE,
+                "{towards}: {bound}, exact {exact}"
+            );
         }
     }
 

@@ -253,8 +253,8 @@ mod tests {
                 g.project(pose.transform_point(point)).expect("before the camera")
             };
             let truth = (seen(1e-4) - seen(-1e-4)) / 2e-4;
-            let told = velocity(&g, 0.0, going, turning, at, z);
-            assert!(told.distance(truth) < 2e-3 * truth.length(), "{at}, {z} m: {told}, truth {truth}");
+            let estimated = velocity(&g, 0.0, going, turning, at, z);
+            assert!(estimated.distance(truth) < 2e-3 * truth.length(), "{at}, {z} m: {estimated}, truth {truth}");
         }
     }
 }

@@ -125,7 +125,7 @@ impl Unwrapped {
     /// Surface points of all used texels, in order.
     pub fn places(&self) -> Vec<TexelPoint> {
         let side = self.side as i32;
-        let mut found: Vec<Option<(f32, TexelPoint)>> = vec![None; (side * side) as usize];
+        let mut hits: Vec<Option<(f32, TexelPoint)>> = vec![None; (side * side) as usize];
         for (triangle, corners) in (0..).zip(self.indices.chunks_exact(3)) {
             let flat: [Vec2; 3] =
                 std::array::from_fn(|n| Vec2::from(self.corners[corners[n] as usize].at) * side as f32);
@@ -137,12 +137,12 @@ impl Unwrapped {
                 let Some(weights) = nearest(middle, &flat) else { continue };
                 let distance = (weights.x * a + weights.y * b + weights.z * c).distance(middle);
                 let texel = (y * side + x) as usize;
-                if distance < COVERAGE_RADIUS_TEXELS && found[texel].is_none_or(|(least, _)| distance < least) {
-                    found[texel] = Some((distance, TexelPoint { texel: texel as u32, triangle, weights }));
+                if distance < COVERAGE_RADIUS_TEXELS && hits[texel].is_none_or(|(least, _)| distance < least) {
+                    hits[texel] = Some((distance, TexelPoint { texel: texel as u32, triangle, weights }));
                 }
             }
         }
-        found.into_iter().flatten().map(|(_, place)| place).collect()
+        hits.into_iter().flatten().map(|(_, place)| place).collect()
     }
 }
 

@@ -54,6 +54,7 @@ impl Ink {
     }
 }
 
+/// A series of a plot, as pairs of x and y in the units of the axes.
 #[derive(Clone, Debug)]
 pub enum ChartShape {
     /// A value per frame; where frames are missing the line is interrupted.
@@ -79,6 +80,7 @@ pub enum XAxis {
     Values(&'static str, Range<f64>),
 }
 
+/// A plot of some series over a common horizontal axis; the height is in px.
 #[derive(Clone, Debug)]
 pub struct Chart {
     pub x_axis: XAxis,

@@ -38,14 +38,14 @@ pub fn edges(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
     }
     let none = || Ok(Figure::left_out(title, "no edges with depth are seen in two frames".to_owned()));
     let Some(first) = frames.first() else { return none() };
-    let found = points(first);
+    let edge_points = points(first);
     let was = recorded(source);
     let now = refined(source).unwrap_or(was);
-    let Some(centre) = centre(&found, first, &frames, &now) else { return none() };
+    let Some(centre) = centre(&edge_points, first, &frames, &now) else { return none() };
     let near = |at: &DVec2| (*at - centre.0).abs().max_element() < SIDE as f64 / 2.0;
-    let found: Vec<(DVec2, f64)> = found.into_iter().filter(|(at, _)| near(at)).collect();
+    let edge_points: Vec<(DVec2, f64)> = edge_points.into_iter().filter(|(at, _)| near(at)).collect();
     let world = |camera: &RollingCamera<'_>| -> Vec<DVec3> {
-        found.iter().filter_map(|(at, z)| camera.unproject(first.timestamp_s, *at, *z)).collect()
+        edge_points.iter().filter_map(|(at, z)| camera.unproject(first.timestamp_s, *at, *z)).collect()
     };
     let is_refined = source.analysis.refined().is_some();
     let cameras = if is_refined { vec![was, now] } else { vec![was] };
@@ -85,7 +85,7 @@ fn points(frame: &Frame) -> Vec<(DVec2, f64)> {
     }
     let (along, down) = GreyImage::luma_601(&frame.pixels).filtered(&gaussian(1.0)).sobel();
     let slope = |x: usize, y: usize| along.values[y * width + x].hypot(down.values[y * width + x]);
-    let mut found = Vec::new();
+    let mut edge_points = Vec::new();
     for y in 8..height.saturating_sub(8) {
         for x in 8..width.saturating_sub(8) {
             let here = slope(x, y);
@@ -98,11 +98,11 @@ fn points(frame: &Frame) -> Vec<(DVec2, f64)> {
                 && here > at(-1.0)
                 && let Some(z) = smooth(depth, x, y)
             {
-                found.push((DVec2::new(x as f64 + 0.5, y as f64 + 0.5), z));
+                edge_points.push((DVec2::new(x as f64 + 0.5, y as f64 + 0.5), z));
             }
         }
     }
-    found
+    edge_points
 }
 
 fn is_inside(frame: &Frame, at: DVec2) -> bool {

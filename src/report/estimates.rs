@@ -17,6 +17,7 @@ pub enum Mark {
     Refused,
 }
 
+/// A row of the summary.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Estimate {
     pub name: &'static str,

@@ -23,6 +23,7 @@ pub struct Figure {
     pub body: Body,
 }
 
+/// Content of a figure.
 #[derive(Clone, Debug, Serialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Body {
@@ -42,6 +43,7 @@ pub enum Body {
     LeftOut,
 }
 
+/// The pictures of one frame in a strip.
 #[derive(Clone, Debug, Serialize)]
 pub struct Cell {
     pub frame: usize,

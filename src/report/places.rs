@@ -55,7 +55,7 @@ fn best(frame: &Frame, score: impl Fn(usize, usize) -> Option<f64>) -> Vec<Place
     if (depth.width as usize, depth.height as usize) != (width, height) {
         return Vec::new();
     }
-    let mut found = Vec::new();
+    let mut places = Vec::new();
     for top in (MARGIN_PX..height.saturating_sub(MARGIN_PX)).step_by(CELL_PX) {
         for left in (MARGIN_PX..width.saturating_sub(MARGIN_PX)).step_by(CELL_PX) {
             let mut of_cell: Option<Place> = None;
@@ -68,10 +68,10 @@ fn best(frame: &Frame, score: impl Fn(usize, usize) -> Option<f64>) -> Vec<Place
                     }
                 }
             }
-            found.extend(of_cell);
+            places.extend(of_cell);
         }
     }
-    found
+    places
 }
 
 /// Depth of a place; `None` if it is unknown or not smooth around it.

@@ -251,13 +251,14 @@ pub fn exposure(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
         let why = source.analysis.findings.shutter.as_ref().and_then(|shutter| shutter.why.as_deref());
         return Ok(Figure::left_out(title, why.unwrap_or("no reason was recorded").to_owned()));
     };
-    let told = source.recording.exposure.iter().enumerate().filter_map(|(n, e)| Some((n as f64, 1e3 * e.time_s?)));
-    let told: Vec<(f64, f64)> = told.collect();
+    let recorded_ms =
+        source.recording.exposure.iter().enumerate().filter_map(|(n, e)| Some((n as f64, 1e3 * e.time_s?)));
+    let recorded_ms: Vec<(f64, f64)> = recorded_ms.collect();
     let mut legend = vec![(Ink::Found, "by blur: single frames, and runs with ± 1 σ")];
     let mut shapes = Vec::new();
-    if !told.is_empty() {
+    if !recorded_ms.is_empty() {
         legend.push(RECORDED);
-        shapes.push((Ink::Recorded, ChartShape::Line(told)));
+        shapes.push((Ink::Recorded, ChartShape::Line(recorded_ms)));
     }
     shapes.extend(shutter.runs.iter().map(|run| {
         let (from, to) = (run.from as f64, (run.to - 1) as f64);

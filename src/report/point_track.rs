@@ -35,6 +35,7 @@ pub struct TrackedView {
     pub by_used: Tile,
 }
 
+/// A place of the room with its views.
 #[derive(Clone, Debug)]
 pub struct TrackedPlace {
     /// The frame in which the place was chosen: recorded and refined poses agree there.
@@ -136,13 +137,13 @@ fn views(
     let (Some(first), Some(last)) = (frames.first(), frames.last()) else { return Ok(Vec::new()) };
     let recorded = recorded(source);
     let used = refined(source).unwrap_or(recorded);
-    let mut found: Vec<Vec<TrackedView>> = of_frame.iter().map(|_| Vec::new()).collect();
+    let mut views_of_places: Vec<Vec<TrackedView>> = of_frame.iter().map(|_| Vec::new()).collect();
     for frame in source.recording.frames(*first..*last + 1)? {
         let frame = frame?;
         if frames.binary_search(&frame.index).is_err() {
             continue;
         }
-        for (candidate, found) in of_frame.iter().zip(&mut found) {
+        for (candidate, views_of_places) in of_frame.iter().zip(&mut views_of_places) {
             let at =
                 |camera: &super::rolling_camera::RollingCamera<'_>, point| camera.project(frame.timestamp_s, point);
             let (Some((was, _)), Some((now, far_m))) =
@@ -156,11 +157,17 @@ fn views(
             let by_used = Tile::cut(&frame.pixels, now, criteria.side);
             if (criteria.is_sound)(&by_used) {
                 let by_recorded = Tile::cut(&frame.pixels, was, criteria.side);
-                found.push(TrackedView { frame: frame.index, recorded: was, by_recorded, used: now, by_used });
+                views_of_places.push(TrackedView {
+                    frame: frame.index,
+                    recorded: was,
+                    by_recorded,
+                    used: now,
+                    by_used,
+                });
             }
         }
     }
-    Ok(found)
+    Ok(views_of_places)
 }
 
 /// True if the measured depth agrees, so that the point is not occluded.

@@ -35,13 +35,13 @@ impl RollingCamera<'_> {
     /// row.
     pub fn project_by_rows(&self, rows: &[Pose], point: DVec3) -> Option<(DVec2, f64)> {
         let mut row = rows.len() / 2;
-        let mut found = None;
+        let mut at_row = None;
         for _ in 0..3 {
             let there = rows.get(row)?.transform_point(point);
             let at = self.geometry.project(there).filter(|_| there.z > 0.0)?;
-            (row, found) = ((at.y.max(0.0) as usize).min(rows.len() - 1), Some((at, there.z)));
+            (row, at_row) = ((at.y.max(0.0) as usize).min(rows.len() - 1), Some((at, there.z)));
         }
-        found
+        at_row
     }
 
     /// The world point of a frame's pixel at a depth along the optical axis.
@@ -54,13 +54,13 @@ impl RollingCamera<'_> {
     /// pose. The pixel can lie outside of the picture.
     pub fn project(&self, time_s: f64, point: DVec3) -> Option<(DVec2, f64)> {
         let mut row_px = f64::from(self.geometry.intrinsics.height_px) / 2.0;
-        let mut found = None;
+        let mut at_row = None;
         for _ in 0..ROW_ITERATIONS {
             let there = self.of_row(time_s, row_px)?.transform_point(point);
             let at = self.geometry.project(there).filter(|_| there.z > 0.0)?;
-            (row_px, found) = (at.y, Some((at, there.z)));
+            (row_px, at_row) = (at.y, Some((at, there.z)));
         }
-        found
+        at_row
     }
 }
 

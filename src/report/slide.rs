@@ -159,11 +159,11 @@ impl<'a> FramePoints<'a> {
         let Some(poses) = self.camera.rows(frame.timestamp_s) else { return Ok(Vec::new()) };
         let (made, mask) = self.reproject(&poses);
         let options = DisplacementOptions { patch_px: PATCH_PX, step_px: PATCH_PX / 2, ..Default::default() };
-        let found = displacements(&GreyImage::luma_709(&frame.pixels), &made, Some(&mask), &options)?.patches;
-        if found.len() < MIN_PATCHES {
+        let patches = displacements(&GreyImage::luma_709(&frame.pixels), &made, Some(&mask), &options)?.patches;
+        if patches.len() < MIN_PATCHES {
             return Ok(Vec::new());
         }
-        Ok(found.iter().map(|patch| patch.displacement_px[0].hypot(patch.displacement_px[1])).collect())
+        Ok(patches.iter().map(|patch| patch.displacement_px[0].hypot(patch.displacement_px[1])).collect())
     }
 
     /// The picture reprojected by the poses of a frame's rows, and the mask of its valid pixels.

@@ -42,26 +42,26 @@ pub fn point(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
         order: &|frame| frame as f64,
         side: SIDE,
     };
-    let Some(found) = track_place(source, &criteria)? else {
+    let Some(track) = track_place(source, &criteria)? else {
         return Ok(Figure::left_out(title, "no textured place with depth is seen in four frames".to_owned()));
     };
     let is_refined = source.analysis.refined().is_some();
     let mut cells = Vec::new();
-    for seen in &found.seen {
+    for seen in &track.seen {
         let mut pictures = vec![seen.by_recorded.crossed(seen.recorded)?];
         if is_refined {
             pictures.push(seen.by_used.crossed(seen.used)?);
         }
-        cells.push(Cell { frame: seen.frame, is_start: seen.frame == found.start, pictures });
+        cells.push(Cell { frame: seen.frame, is_start: seen.frame == track.start, pictures });
     }
-    let apart = found.seen.iter().map(|seen| (seen.recorded - seen.used).length()).fold(0.0, f64::max);
-    let mut caption = format!("{}, in frames that show it. ", chosen(&found));
+    let apart = track.seen.iter().map(|seen| (seen.recorded - seen.used).length()).fold(0.0, f64::max);
+    let mut caption = format!("{}, in frames that show it. ", chosen(&track));
     caption += &if is_refined {
         format!(
             "The cross is its position by the poses: above as recorded, below refined. They are up to {} px apart; in \
              frame {} they agree.",
             fixed(apart, 1),
-            found.start
+            track.start
         )
     } else {
         "The cross is its position by the recorded poses.".to_owned()
@@ -92,7 +92,7 @@ pub fn brightness(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
         order: &|frame| green(&frame),
         side: SIDE,
     };
-    let Some(found) = track_place(source, &criteria)? else {
+    let Some(track) = track_place(source, &criteria)? else {
         return Ok(Figure::left_out(title, "no flat place with depth is seen in four frames".to_owned()));
     };
     let response = source.response;
@@ -105,17 +105,17 @@ pub fn brightness(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
     };
     let light = |tile: &Tile| response.decode(mean(tile)[1] / 255.0).max(1e-6).log2();
     let (mut cells, mut before, mut after) = (Vec::new(), Vec::new(), Vec::new());
-    for seen in &found.seen {
+    for seen in &track.seen {
         let even = evened(seen.frame, &seen.by_used);
         before.push(light(&seen.by_used));
         after.push(light(&even));
         let pictures = vec![seen.by_used.plain()?, even.plain()?];
-        cells.push(Cell { frame: seen.frame, is_start: seen.frame == found.start, pictures });
+        cells.push(Cell { frame: seen.frame, is_start: seen.frame == track.start, pictures });
     }
     let caption = format!(
         "{}, in frames that show it, the darkest and the brightest among them: above as recorded, below divided by the gain that \
          was found. Its green light scatters by {} stops above, {} below (root mean square).",
-        chosen(&found),
+        chosen(&track),
         fixed(scatter(&before), 2),
         fixed(scatter(&after), 2)
     );

@@ -47,10 +47,10 @@ fn parsed<T>(file: &Path, parse: impl FnOnce(&str) -> Result<T, document::Proble
 /// Each object is drawn separately, with its own motion.
 const MAX_OBJECTS: usize = 1 << 14;
 
+/// A whole scene file, of version 1.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct SceneFile {
-    /// 1.
     pub version: u32,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub up: Option<Up>,
@@ -69,9 +69,8 @@ pub struct SceneFile {
     pub settings: toml::Table,
 }
 
-/// Camera pose of one frame in the scene's world. If the recording's poses are refined later, the
-/// whole recording is transformed so that they agree, and objects placed on a surface in that frame
-/// stay on it.
+/// Camera pose of one frame in the scene's world. If poses are refined later, the recording is
+/// transformed so that they agree, and objects stay on the surface of that frame.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Gauge {
@@ -175,6 +174,7 @@ impl From<Color> for Vec3 {
     }
 }
 
+/// The table `[light]`. Intensities are factors, colours linear.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct LightTable {
@@ -193,11 +193,10 @@ pub struct LightTable {
     pub lamp: Vec<LampTable>,
 }
 
-/// An isotropic lamp.
+/// An isotropic lamp, world axes.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct LampTable {
-    /// World axes.
     pub at_m: [f64; 3],
     pub color: Option<Color>,
     /// Linear radiance of a white diffuse surface facing the lamp at 1 m; default 1.
@@ -206,6 +205,7 @@ pub struct LampTable {
     pub diameter_m: Option<f64>,
 }
 
+/// An entry of `[[light.sun]]`: a distant light, in the scene's axes.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct SunTable {
@@ -292,8 +292,7 @@ impl SceneFile {
         })
     }
 
-    /// Excludes an object from rendering, or includes it. If all instances were hidden by the
-    /// parent's key, the others stay hidden by their own keys.
+    /// Excludes or includes an object. Instances that the parent hid stay hidden by their own keys.
     pub fn set_hidden(&mut self, entry: Entry, hidden: bool) {
         self.switch(entry, hidden, |object| &mut object.hidden, |instance| &mut instance.hidden);
     }
@@ -384,6 +383,7 @@ pub enum Up {
     Direction([f64; 3]),
 }
 
+/// An axis of the world with its sign.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
 pub enum Axis {
     #[serde(rename = "x")]

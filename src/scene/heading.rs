@@ -29,8 +29,8 @@ impl Heading {
             Self::Deg(degrees) => degrees,
             Self::Towards { direction, turned_deg } => {
                 let unturned = shortest_rotation(model_up, world_up) * model_front(model_up);
-                let found = horizontal_angle_deg(unturned, direction, world_up).unwrap_or(0.0);
-                (wrapped_degrees(found + turned_deg) * DEGREE_ROUNDING).round() / DEGREE_ROUNDING
+                let angle_deg = horizontal_angle_deg(unturned, direction, world_up).unwrap_or(0.0);
+                (wrapped_degrees(angle_deg + turned_deg) * DEGREE_ROUNDING).round() / DEGREE_ROUNDING
             }
         }
     }
@@ -107,9 +107,9 @@ mod tests {
                     [[objects]]\nmodel = \"c.glb\"\n";
         let file = super::super::Document::parse(text).unwrap().value().clone();
         let of = |object, instance| file.heading_deg(Entry { object, instance }, DVec3::Z);
-        let told = [of(0, Some(0)), of(0, Some(1)), of(0, Some(2)), of(1, None), of(2, None)];
-        for (found, expected) in told.into_iter().zip([45.0, 45.0, -170.0, 170.0, 0.0]) {
-            assert!((found.unwrap() - expected).abs() < 1e-5, "{told:?}");
+        let headings = [of(0, Some(0)), of(0, Some(1)), of(0, Some(2)), of(1, None), of(2, None)];
+        for (found, expected) in headings.into_iter().zip([45.0, 45.0, -170.0, 170.0, 0.0]) {
+            assert!((found.unwrap() - expected).abs() < 1e-5, "{headings:?}");
         }
         assert_eq!(of(7, None), None);
     }

@@ -30,6 +30,7 @@ pub(super) struct ModelLight {
     pub kind: LightKind,
 }
 
+/// Shape of a model's light.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum LightKind {
     Directional,

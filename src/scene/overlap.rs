@@ -60,13 +60,13 @@ pub fn overlaps(scene: &Scene) -> Vec<Overlap> {
             .take_while(|(_, b)| b.low.x < a.high.x - MAX_CONTACT_DEPTH_M)
             .map(move |(j, b)| (*i, *a, *j, *b))
     });
-    let found = near.take(MAX_PAIRS).filter_map(|(i, a, j, b)| {
+    let pairs = near.take(MAX_PAIRS).filter_map(|(i, a, j, b)| {
         let depth_m = intersection_depth(a, b)?;
         Some(Overlap { objects: [i.min(j), i.max(j)], depth_m })
     });
-    let mut found: Vec<_> = found.collect();
-    found.sort_by_key(|overlap| overlap.objects);
-    found
+    let mut pairs: Vec<_> = pairs.collect();
+    pairs.sort_by_key(|overlap| overlap.objects);
+    pairs
 }
 
 fn solid(scene: &Scene, object: &Object) -> Option<Solid> {

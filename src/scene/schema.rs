@@ -41,6 +41,7 @@ fn list<'de, D: Deserializer<'de>, T: Deserialize<'de>, const MAX: usize>(from: 
     from.deserialize_seq(BoundedList::<T, MAX>(PhantomData))
 }
 
+/// The top-level object of a glTF file.
 #[derive(Debug, Default, Deserialize)]
 #[serde(rename_all = "camelCase", default)]
 pub(super) struct Root {
@@ -87,6 +88,7 @@ pub(super) struct Head {
     pub asset: Asset,
 }
 
+/// The object `asset`: version of the format.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct Asset {
@@ -94,6 +96,7 @@ pub(super) struct Asset {
     pub version: Value,
 }
 
+/// An entry of `buffers`; its length is in bytes.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct Buffer {
@@ -103,6 +106,7 @@ pub(super) struct Buffer {
     pub extensions: ExtensionNames,
 }
 
+/// An entry of `bufferViews`: a range of a buffer, bytes.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct BufferView {
@@ -113,6 +117,8 @@ pub(super) struct BufferView {
     pub byte_stride: Option<usize>,
 }
 
+/// An entry of `accessors`: `count` elements of a buffer view. `component_type` is an OpenGL
+/// constant.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct Accessor {
@@ -128,6 +134,7 @@ pub(super) struct Accessor {
     pub sparse: Option<Sparse>,
 }
 
+/// Elements that replace those of an accessor.
 #[derive(Debug, Deserialize)]
 pub(super) struct Sparse {
     pub count: usize,
@@ -135,6 +142,7 @@ pub(super) struct Sparse {
     pub values: SparsePart,
 }
 
+/// The indices or the values of replaced elements.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct SparsePart {
@@ -145,6 +153,7 @@ pub(super) struct SparsePart {
     pub component_type: Option<u32>,
 }
 
+/// An entry of `images`: a file, or a buffer view.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct Image {
@@ -152,6 +161,7 @@ pub(super) struct Image {
     pub buffer_view: Option<usize>,
 }
 
+/// An entry of `samplers`: filters and wrap modes as OpenGL constants.
 #[derive(Debug, Default, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct Sampler {
@@ -161,6 +171,7 @@ pub(super) struct Sampler {
     pub wrap_t: Option<u32>,
 }
 
+/// An entry of `textures`: indices of its sampler and its image.
 #[derive(Debug, Deserialize)]
 pub(super) struct Texture {
     pub sampler: Option<usize>,
@@ -169,6 +180,7 @@ pub(super) struct Texture {
     pub extensions: ExtensionNames,
 }
 
+/// An entry of `materials`; colours are linear.
 #[derive(Debug, Default, Deserialize)]
 #[serde(rename_all = "camelCase", default)]
 pub(super) struct MaterialJson {
@@ -184,6 +196,7 @@ pub(super) struct MaterialJson {
     pub extensions: MaterialExtensions,
 }
 
+/// Metallic-roughness parameters of a material, factors from 0 to 1.
 #[derive(Debug, Default, Deserialize)]
 #[serde(rename_all = "camelCase", default)]
 pub(super) struct PbrMetallicRoughness {
@@ -194,6 +207,7 @@ pub(super) struct PbrMetallicRoughness {
     pub metallic_roughness_texture: Option<TextureInfo>,
 }
 
+/// Extensions of a material.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct MaterialExtensions {
@@ -203,12 +217,14 @@ pub(super) struct MaterialExtensions {
     pub emissive_strength: Option<EmissiveStrength>,
 }
 
+/// Factor on a material's emitted light (`KHR_materials_emissive_strength`).
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct EmissiveStrength {
     pub emissive_strength: Option<f32>,
 }
 
+/// A texture of a material, with the set of coordinates.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct TextureInfo {
@@ -223,6 +239,7 @@ pub(super) struct TextureInfo {
     pub extensions: TextureInfoExtensions,
 }
 
+/// Extensions of a texture of a material.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct TextureInfoExtensions {
@@ -230,6 +247,7 @@ pub(super) struct TextureInfoExtensions {
     pub transform: Option<TextureTransform>,
 }
 
+/// Transform of texture coordinates (`KHR_texture_transform`); the rotation is in radians.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct TextureTransform {
@@ -239,6 +257,7 @@ pub(super) struct TextureTransform {
     pub tex_coord: Option<u32>,
 }
 
+/// An entry of `meshes`.
 #[derive(Debug, Deserialize)]
 pub(super) struct MeshJson {
     pub primitives: Vec<Primitive>,
@@ -247,6 +266,7 @@ pub(super) struct MeshJson {
     pub weights: Vec<f32>,
 }
 
+/// A part of a mesh with one material: indices of accessors; `mode` is an OpenGL constant.
 #[derive(Debug, Deserialize)]
 pub(super) struct Primitive {
     pub attributes: Attributes,
@@ -268,6 +288,7 @@ pub(super) struct MorphTarget {
     pub normal: Option<usize>,
 }
 
+/// Accessors of a primitive's vertices.
 #[derive(Debug, Deserialize)]
 pub(super) struct Attributes {
     #[serde(rename = "POSITION")]
@@ -292,6 +313,7 @@ pub(super) struct Attributes {
     pub weights1: Option<usize>,
 }
 
+/// An entry of `nodes`: a matrix by columns, or translation (m), rotation and scale.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct Node {
@@ -309,6 +331,7 @@ pub(super) struct Node {
     pub extensions: NodeExtensions,
 }
 
+/// An entry of `skins`: nodes of its joints, and the accessor of their matrices.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct Skin {
@@ -317,6 +340,7 @@ pub(super) struct Skin {
     pub inverse_bind_matrices: Option<usize>,
 }
 
+/// Extensions of a node.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct NodeExtensions {
@@ -324,17 +348,20 @@ pub(super) struct NodeExtensions {
     pub light: Option<LightUse>,
 }
 
+/// Index of a node's light (`KHR_lights_punctual`).
 #[derive(Debug, Deserialize)]
 pub(super) struct LightUse {
     pub light: usize,
 }
 
+/// An entry of `scenes`: its root nodes.
 #[derive(Debug, Deserialize)]
 pub(super) struct SceneJson {
     #[serde(default)]
     pub nodes: Vec<usize>,
 }
 
+/// Extensions of the file.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct RootExtensions {
@@ -342,6 +369,7 @@ pub(super) struct RootExtensions {
     pub lights: Lights,
 }
 
+/// The lights of the file (`KHR_lights_punctual`).
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct Lights {
@@ -349,6 +377,7 @@ pub(super) struct Lights {
     pub lights: Vec<Light>,
 }
 
+/// A light: intensity in lx or cd, range in m.
 #[derive(Debug, Deserialize)]
 pub(super) struct Light {
     #[serde(rename = "type", default)]
@@ -362,6 +391,7 @@ pub(super) struct Light {
     pub spot: Spot,
 }
 
+/// Angles of a spot light from its axis, radians.
 #[derive(Debug, Default, Deserialize)]
 #[serde(rename_all = "camelCase", default)]
 pub(super) struct Spot {

@@ -13,6 +13,7 @@ use crate::scene::SceneError;
 use crate::text::count;
 use crate::tracking::NoPose;
 
+/// Why a shot could not be opened, or a frame not be composited.
 #[derive(Debug, thiserror::Error)]
 pub enum ShotError {
     #[error("{}: {problem}; analyse the recording again, or name another folder", folder.display())]

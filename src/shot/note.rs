@@ -285,11 +285,11 @@ impl Shot {
 
     /// Notes on objects that stand inside each other.
     pub fn overlap_notes(&self) -> Vec<Note> {
-        let found = overlaps(&self.scene);
+        let pairs = overlaps(&self.scene);
         let mut notes: Vec<_> =
-            found.iter().take(MAX_REPORTED_OVERLAPS).map(|o| Note::Overlap(o.message(&self.scene))).collect();
-        if found.len() > MAX_REPORTED_OVERLAPS {
-            notes.push(Note::MoreOverlaps(found.len() - MAX_REPORTED_OVERLAPS));
+            pairs.iter().take(MAX_REPORTED_OVERLAPS).map(|o| Note::Overlap(o.message(&self.scene))).collect();
+        if pairs.len() > MAX_REPORTED_OVERLAPS {
+            notes.push(Note::MoreOverlaps(pairs.len() - MAX_REPORTED_OVERLAPS));
         }
         notes
     }

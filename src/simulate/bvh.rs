@@ -6,6 +6,7 @@ use glam::{DVec2, DVec3};
 /// Maximum number of triangles of a leaf.
 const MAX_LEAF_TRIANGLES: usize = 4;
 
+/// A corner, and the sides from there to the second and the third corner, m.
 #[derive(Clone, Copy, Debug)]
 pub struct Triangle {
     pub corner: DVec3,
@@ -33,6 +34,7 @@ struct FacesNode {
     second: usize,
 }
 
+/// Triangles with their hierarchy.
 #[derive(Clone, Debug)]
 pub struct Triangles {
     all: Vec<Triangle>,
@@ -82,7 +84,7 @@ impl Triangles {
     /// The nearest intersection closer than `max_t`.
     pub fn hit(&self, origin: DVec3, direction: DVec3, max_t: f64) -> Option<TriangleHit> {
         let inverse = direction.recip();
-        let mut found: Option<TriangleHit> = None;
+        let mut nearest: Option<TriangleHit> = None;
         let mut far = max_t;
         let (mut stack, mut count) = ([0usize; 64], 1);
         if self.all.is_empty() {
@@ -110,11 +112,11 @@ impl Triangles {
                     && t < far
                 {
                     far = t;
-                    found = Some(TriangleHit { t, face: *face, barycentric });
+                    nearest = Some(TriangleHit { t, face: *face, barycentric });
                 }
             }
         }
-        found
+        nearest
     }
 }
 

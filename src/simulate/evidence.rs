@@ -62,6 +62,7 @@ pub trait SiteLight {
     fn coarse_light(&self, origin: DVec3, direction: DVec3, more: &mut dyn FnMut(DVec3, DVec3) -> DVec3) -> DVec3;
 }
 
+/// Triangles of all objects in world axes, with their materials.
 #[derive(Clone, Debug)]
 pub struct Evidence {
     triangles: Triangles,

@@ -22,6 +22,7 @@ pub const CENTRE_M: DVec3 = DVec3::new(0.0, 0.0, 0.1);
 /// Key of the lamps' random numbers, in addition to the seed.
 const LAMP_KEY: u64 = 0x6c61_6d70;
 
+/// Shape of a lamp that emits light evenly.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LampShape {
     /// A rectangle that emits downwards: half extents along x and y, metres.
@@ -30,6 +31,7 @@ pub enum LampShape {
     Bulb,
 }
 
+/// A lamp of a site, world axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SiteLamp {
     pub centre_m: DVec3,

@@ -147,12 +147,12 @@ struct Contents {
 }
 
 fn contents(folder: &Path, written: &Manifest) -> io::Result<Contents> {
-    let mut found = Contents::default();
+    let mut listed = Contents::default();
     let mut sort = |name: String, kind: fs::FileType| {
         let list = match &name {
-            name if !kind.is_file() || !written.lists(name) => &mut found.foreign,
-            name if written.is_unchanged(folder, name) => &mut found.ours,
-            _ => &mut found.changed,
+            name if !kind.is_file() || !written.lists(name) => &mut listed.foreign,
+            name if written.is_unchanged(folder, name) => &mut listed.ours,
+            _ => &mut listed.changed,
         };
         list.push(PathBuf::from(name));
     };
@@ -166,7 +166,7 @@ fn contents(folder: &Path, written: &Manifest) -> io::Result<Contents> {
             sort(name, kind);
         }
     }
-    Ok(found)
+    Ok(listed)
 }
 
 /// Removes a recording, except files that were added or modified since.

@@ -16,6 +16,7 @@ const PATH_LENGTH_M: f64 = 0.6;
 /// Size of the largest patches of the clothes, m.
 const PATCH_M: f64 = 0.08;
 
+/// A textured block as tall as a person, which moves along a path.
 #[derive(Clone, Debug)]
 pub struct Person {
     speed_m_per_s: f64,

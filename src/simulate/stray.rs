@@ -32,7 +32,7 @@ impl StrayScan {
     pub fn begin(folder: &Path, simulation: &Simulation) -> Result<Self, SimulateError> {
         let options = simulation.options();
         let file = folder.join("rgb.mp4");
-        let as_told = SinkOptions {
+        let written = SinkOptions {
             force: false,
             fps: options.fps,
             times_s: None,
@@ -42,7 +42,7 @@ impl StrayScan {
             height: options.height_px,
             bits: 8,
         };
-        let video = sink::open(&OutPath::Video(file.clone()), &as_told)?;
+        let video = sink::open(&OutPath::Video(file.clone()), &written)?;
         Ok(Self { video, file, odometry: "timestamp, frame, x, y, z, qx, qy, qz, qw\n".to_owned() })
     }
 

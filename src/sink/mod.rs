@@ -120,6 +120,7 @@ pub fn check_file(path: &Path, force: bool) -> Result<(), SinkError> {
     tempfile::tempfile_in(there).map(drop).map_err(|source| SinkError::of_writing(path, source))
 }
 
+/// Why an output could not be written.
 #[derive(Debug, thiserror::Error)]
 pub enum SinkError {
     #[error("{}: {problem}", path.display())]
@@ -206,12 +207,12 @@ impl SinkOptions {
 fn of_image(error: image::ImageError) -> std::io::Error {
     let image::ImageError::IoError(error) = error else {
         let causes = std::iter::successors(std::error::Error::source(&error), |cause| cause.source());
-        let said = causes.filter_map(|cause| cause.downcast_ref::<std::io::Error>()).find_map(|e| e.raw_os_error());
-        return said.map_or_else(|| std::io::Error::other(error), std::io::Error::from_raw_os_error);
+        let code = causes.filter_map(|cause| cause.downcast_ref::<std::io::Error>()).find_map(|e| e.raw_os_error());
+        return code.map_or_else(|| std::io::Error::other(error), std::io::Error::from_raw_os_error);
     };
     // In the middle of a picture the encoder returns only the text.
-    let said = error.to_string();
-    let number = said.rsplit_once("(os error ").and_then(|(_, rest)| rest.strip_suffix(')')?.parse().ok());
+    let text = error.to_string();
+    let number = text.rsplit_once("(os error ").and_then(|(_, rest)| rest.strip_suffix(')')?.parse().ok());
     match number.filter(|_| error.raw_os_error().is_none()) {
         Some(number) => std::io::Error::from_raw_os_error(number),
         None => error,

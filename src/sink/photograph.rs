@@ -199,7 +199,7 @@ mod tests {
             let exif =
                 exif::Reader::new().read_from_container(&mut io::BufReader::new(std::fs::File::open(&path).unwrap()));
             let exif = exif.unwrap();
-            let said = |tag| exif.get_field(tag, In::PRIMARY).unwrap().display_value().with_unit(&exif).to_string();
+            let text = |tag| exif.get_field(tag, In::PRIMARY).unwrap().display_value().with_unit(&exif).to_string();
             let tags = [
                 Tag::Make,
                 Tag::Model,
@@ -224,7 +224,7 @@ mod tests {
                 "2011-05-10 12:38:23",
                 "aperture priority",
             ];
-            assert_eq!(tags.map(said), expected, "{name}");
+            assert_eq!(tags.map(text), expected, "{name}");
             let read = image::open(&path).unwrap().to_rgb8();
             assert!(read.as_raw().iter().all(|c| c.abs_diff(100) <= 1));
             assert!(write(&path, &pixels, None, false).unwrap_err().to_string().contains("--force"));

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use super::{Sink, SinkError, SinkOptions, little_endian};
 use crate::pixels::Pixels;
 
+/// Writes frames to a pipe or a file.
 #[derive(Debug)]
 pub struct RawSink<W> {
     writer: W,

@@ -156,15 +156,15 @@ impl VideoFrames {
             // Nothing is left to write, so it ends by itself, and all its messages are complete.
             Some((running, _)) if at + 1 == end => running.finish().unwrap_or_else(|error| error.to_string()),
             Some((running, frames)) => {
-                let said = running.complaints();
+                let message = running.complaints();
                 self.stream = Some((running, frames));
-                said
+                message
             }
             None => String::new(),
         };
         match complaints.as_str() {
             "" => Ok(bytes),
-            said => Err(format!("is damaged at frame {at} or before it: ffmpeg reports: {said}; {MEND}")),
+            message => Err(format!("is damaged at frame {at} or before it: ffmpeg reports: {message}; {MEND}")),
         }
     }
 }

@@ -363,13 +363,13 @@ mod tests {
         ] {
             reads(&exr(&channels, (3, 2)), 1.0, true, &expected);
         }
-        for (channels, said) in [
+        for (channels, message) in [
             (vec![("R", depth.clone()), ("G", other.clone()), ("B", depth.clone())], "a picture in colour"),
             (vec![("N", depth.clone()), ("M", other)], "depth is the channel Z"),
         ] {
             let (_folder, file) = saved(&exr(&channels, (3, 2)));
             let error = read(&file, 1.0, 0.0).unwrap_err().to_string();
-            assert!(error.contains(said), "{error}");
+            assert!(error.contains(message), "{error}");
         }
     }
 
@@ -382,7 +382,7 @@ mod tests {
             let error = check_end(&file).unwrap_err().to_string();
             assert!(error.contains("truncated"), "{error}");
         }
-        for (bytes, said) in [
+        for (bytes, message) in [
             (npy("|O", "False", "(2, 3)", &[0; 48]), "numbers of the type O;"),
             (npy("<f4", "False", "(6,)", &[0; 24]), "a depth map has rows and columns"),
             (npy("<f4", "False", "(99999999, 99999999)", &[]), "at most 134217728 numbers"),
@@ -390,7 +390,7 @@ mod tests {
         ] {
             let (_folder, file) = saved(&bytes);
             let error = read(&file, 1.0, 0.0).unwrap_err().to_string();
-            assert!(error.contains(said), "{error}");
+            assert!(error.contains(message), "{error}");
         }
     }
 

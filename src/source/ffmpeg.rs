@@ -15,6 +15,7 @@ const MAX_MESSAGE_LINES: usize = 4;
 /// The C library's word for a full disk.
 const NO_SPACE: &str = "No space left on device";
 
+/// Why a program did not run, or failed.
 #[derive(Debug, thiserror::Error)]
 pub enum FfmpegError {
     #[error(
@@ -62,8 +63,8 @@ pub fn file_argument(path: &Path) -> OsString {
 
 /// The first line of `ffmpeg -version`.
 pub fn version() -> Result<String, FfmpegError> {
-    let said = output("ffmpeg", &["-version".into()])?.written;
-    Ok(String::from_utf8_lossy(&said).lines().next().unwrap_or_default().to_owned())
+    let banner = output("ffmpeg", &["-version".into()])?.written;
+    Ok(String::from_utf8_lossy(&banner).lines().next().unwrap_or_default().to_owned())
 }
 
 /// A program's standard output, and the first of its complaints, which need not be failures.
@@ -157,13 +158,13 @@ impl Running {
             let _ = thread.join();
         }
         let status = locked(&self.child).wait();
-        let said = self.complaints();
+        let complaints = self.complaints();
         let failed = |problem| Err(FfmpegError::Failed { program: self.program.clone(), problem });
         match status {
-            Ok(status) if status.success() => Ok(said),
-            Ok(status) if said.is_empty() => failed(format!("it ended with {status}")),
-            Ok(_) if said.contains(NO_SPACE) => failed(reason(&std::io::ErrorKind::StorageFull.into())),
-            Ok(_) => failed(said),
+            Ok(status) if status.success() => Ok(complaints),
+            Ok(status) if complaints.is_empty() => failed(format!("it ended with {status}")),
+            Ok(_) if complaints.contains(NO_SPACE) => failed(reason(&std::io::ErrorKind::StorageFull.into())),
+            Ok(_) => failed(complaints),
             Err(e) => failed(e.to_string()),
         }
     }
@@ -217,8 +218,8 @@ mod tests {
 
     #[test]
     fn complaints_without_a_failure_are_kept() {
-        let said = "echo '[h264 @ 0x55ad] gray chroma' >&2; echo '[a] b' >&2; echo out";
-        let output = output("sh", &["-c".into(), said.into()]).unwrap();
+        let script = "echo '[h264 @ 0x55ad] gray chroma' >&2; echo '[a] b' >&2; echo out";
+        let output = output("sh", &["-c".into(), script.into()]).unwrap();
         assert_eq!(
             (output.complaints.as_str(), output.written.as_slice()),
             ("h264: gray chroma; [a] b", &b"out\n"[..])

@@ -69,9 +69,9 @@ pub struct FileStamp {
 
 impl FileStamp {
     pub fn of(file: &Path) -> Self {
-        let found = std::fs::metadata(file).ok();
-        let modified = found.as_ref().and_then(|m| m.modified().ok());
-        Self { file: file.to_owned(), modified, length: found.map(|m| m.len()) }
+        let data = std::fs::metadata(file).ok();
+        let modified = data.as_ref().and_then(|m| m.modified().ok());
+        Self { file: file.to_owned(), modified, length: data.map(|m| m.len()) }
     }
 
     /// A file may be missing both times.

@@ -18,6 +18,7 @@ pub(super) struct FrameHeader {
     pub planes: Vec<PlaneHeader>,
 }
 
+/// A plane of a frame header (T.81, B.2.2).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct PlaneHeader {
     pub id: u8,

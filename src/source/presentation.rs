@@ -142,9 +142,9 @@ impl ProbedPresentation {
             ("transfer function", &self.color_transfer, presentation.transfer),
             ("primaries", &self.color_primaries, presentation.primaries),
         ];
-        let unknown = tags.into_iter().filter_map(|(what, said, known)| {
-            let said = said.as_deref().filter(|said| known.is_none() && !UNSPECIFIED.contains(said))?;
-            Some(format!("is tagged with the unknown {what} {}; a written video has the usual tag", quoted(said)))
+        let unknown = tags.into_iter().filter_map(|(what, tag, known)| {
+            let tag = tag.as_deref().filter(|tag| known.is_none() && !UNSPECIFIED.contains(tag))?;
+            Some(format!("is tagged with the unknown {what} {}; a written video has the usual tag", quoted(tag)))
         });
         unknown.collect()
     }

@@ -217,7 +217,7 @@ fn jpeg_header(reader: &mut (impl Read + Seek)) -> Result<PictureHeader, String>
     let truncated = |_| "the JPEG is truncated in its header".to_owned();
     // The signature's last byte belongs to the first marker.
     reader.seek_relative(JPEG_SIGNATURE.len() as i64 - 1).map_err(truncated)?;
-    let mut found = None;
+    let mut header = None;
     loop {
         let mut byte = || -> Result<u8, String> {
             let mut one = [0];
@@ -240,9 +240,9 @@ fn jpeg_header(reader: &mut (impl Read + Seek)) -> Result<PictureHeader, String>
                     return Err(problem);
                 }
                 let size = |at: usize| u32::from(u16::from_be_bytes([frame[at], frame[at + 1]]));
-                found = Some(PictureHeader { width: size(3), height: size(1), bits: 8 });
+                header = Some(PictureHeader { width: size(3), height: size(1), bits: 8 });
             }
-            0xda => return found.ok_or_else(|| "the JPEG's header is damaged: it has no size".to_owned()),
+            0xda => return header.ok_or_else(|| "the JPEG's header is damaged: it has no size".to_owned()),
             _ => {}
         }
         if left < 0 {

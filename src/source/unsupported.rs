@@ -187,12 +187,12 @@ pub fn in_folder(folder: &Path) -> Vec<PathBuf> {
         let is_unread = |file: &PathBuf| !is_hidden(file) && !converted.contains(&stem(file)) && file.is_file();
         files().filter(is_of_kind).filter(is_unread).collect()
     };
-    let mut found = unread(true);
-    if found.is_empty() && converted.is_empty() {
-        found = unread(false);
+    let mut unread_files = unread(true);
+    if unread_files.is_empty() && converted.is_empty() {
+        unread_files = unread(false);
     }
-    found.sort();
-    found
+    unread_files.sort();
+    unread_files
 }
 
 /// Warning with the number of undecoded pictures and a remedy for the first; `None` if there are
@@ -242,10 +242,10 @@ mod tests {
         }
         let found = in_folder(folder.path());
         assert_eq!(found, ["a.TIF", "b.heic"].map(|name| folder.path().join(name)));
-        let told = unread_warning(&found).unwrap();
+        let warning = unread_warning(&found).unwrap();
         assert!(
-            told.starts_with("2 pictures are not read (first: ") && told.contains("a.TIF is TIFF, which"),
-            "{told}"
+            warning.starts_with("2 pictures are not read (first: ") && warning.contains("a.TIF is TIFF, which"),
+            "{warning}"
         );
         assert!(in_folder(&folder.path().join("none")).is_empty());
         // Arrays alone.

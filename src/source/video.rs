@@ -292,24 +292,24 @@ fn timestamps(
     if let Some(fps) = given_fps {
         return Ok(counted(fps));
     }
-    let Some(mut said) = times.iter().copied().collect::<Option<Vec<f64>>>() else {
+    let Some(mut stated_s) = times.iter().copied().collect::<Option<Vec<f64>>>() else {
         let problem = "has no timestamps for its frames; give `fps`";
         return stated_fps.map(counted).ok_or_else(|| SourceError::content(file, problem));
     };
-    said.sort_by(f64::total_cmp);
-    let first = said.first().copied().unwrap_or_default();
-    said.iter_mut().for_each(|time_s| *time_s -= first);
+    stated_s.sort_by(f64::total_cmp);
+    let first = stated_s.first().copied().unwrap_or_default();
+    stated_s.iter_mut().for_each(|time_s| *time_s -= first);
     // Containers round to a millisecond or so; a steady rate is restored exactly.
     if let Some(fps) = stated_fps {
         let steady: Vec<f64> = counted(fps);
-        if steady.iter().zip(&said).all(|(a, b)| (a - b).abs() < 2e-3) {
+        if steady.iter().zip(&stated_s).all(|(a, b)| (a - b).abs() < 2e-3) {
             return Ok(steady);
         }
     }
-    if let Some(i) = said.windows(2).position(|pair| pair[1] <= pair[0]) {
+    if let Some(i) = stated_s.windows(2).position(|pair| pair[1] <= pair[0]) {
         warnings.push(format!("{}: frames {i} and {} are shown at the same time", file.display(), i + 1));
     }
-    Ok(said)
+    Ok(stated_s)
 }
 
 fn ratio(text: &str) -> Option<f64> {

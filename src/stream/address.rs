@@ -6,6 +6,7 @@ use std::ops::RangeInclusive;
 use super::error::StreamError;
 use super::packet::Encoding;
 
+/// Protocol of a stream of poses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Protocol {
     OpenTrackIo,
@@ -195,11 +196,11 @@ fn address(place: &str, default_port: u16) -> Result<SocketAddr, String> {
     if let Ok(ip) = bare.parse::<IpAddr>() {
         return Ok((ip, port).into());
     }
-    let found = (bare, port).to_socket_addrs().map_err(|_| format!("the machine {host} is unknown"))?;
+    let addresses = (bare, port).to_socket_addrs().map_err(|_| format!("the machine {host} is unknown"))?;
     // Names often resolve to an IPv6 address first, but trackers use IPv4.
-    let found: Vec<SocketAddr> = found.collect();
-    let v4 = found.iter().find(|at| at.is_ipv4());
-    v4.or(found.first()).copied().ok_or_else(|| format!("{host} has no address"))
+    let addresses: Vec<SocketAddr> = addresses.collect();
+    let v4 = addresses.iter().find(|at| at.is_ipv4());
+    v4.or(addresses.first()).copied().ok_or_else(|| format!("{host} has no address"))
 }
 
 #[cfg(test)]

@@ -72,6 +72,7 @@ pub enum Assembly {
     Stray,
 }
 
+/// Incomplete samples by sender; those that take too long are dropped.
 #[derive(Debug, Default)]
 pub struct Assembler {
     senders: VecDeque<SenderState>,

@@ -21,6 +21,7 @@ const BUFFER_CAPACITY: usize = 256;
 /// A larger gap in the sequence numbers is not a loss but a restart.
 const MAX_SEQUENCE_GAP: u32 = 1000;
 
+/// An item with its times.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TimedItem<T> {
     /// Time stamp, seconds.
@@ -68,6 +69,7 @@ impl PushOutcome {
     }
 }
 
+/// An item that left the buffer, in the order of its clock.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReleasedItem<T> {
     /// Number of jumps of the clock. Times ascend within an epoch.
@@ -86,6 +88,7 @@ struct Queued<T> {
     held: TimedItem<T>,
 }
 
+/// Holds items back for `wait_s`, so that late ones can still be put in order.
 #[derive(Debug)]
 pub struct ReorderBuffer<T> {
     wait_s: f64,

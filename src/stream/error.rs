@@ -45,6 +45,7 @@ pub enum SampleError {
     FreedRange { what: &'static str, value: String, most: &'static str },
 }
 
+/// Why a stream could not be opened, or its data not be read.
 #[derive(Debug, thiserror::Error)]
 pub enum StreamError {
     #[error("{}: {problem}", quoted(url))]

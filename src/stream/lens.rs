@@ -223,7 +223,7 @@ impl fmt::Display for LensState {
         use crate::text::short;
         let some = |value: Option<f64>, before: &str, unit: &str| value.map(|v| format!("{before}{}{unit}", short(v)));
         let direction = |lens: &OpenLens| lens.model().to_owned();
-        let said = [
+        let parts = [
             some(self.focal_length_mm, "focal length ", " mm"),
             some(self.focus_distance_m, "focus at ", " m"),
             some(self.f_stop, "f/", ""),
@@ -236,9 +236,9 @@ impl fmt::Display for LensState {
             some(self.shutter_angle_deg, "shutter ", "°"),
             some(self.iso, "ISO ", ""),
         ];
-        let said: Vec<String> = said.into_iter().flatten().collect();
-        f.write_str(if said.is_empty() { "nothing was received of it" } else { "" })?;
-        f.write_str(&said.join(", "))
+        let parts: Vec<String> = parts.into_iter().flatten().collect();
+        f.write_str(if parts.is_empty() { "nothing was received of it" } else { "" })?;
+        f.write_str(&parts.join(", "))
     }
 }
 
@@ -341,9 +341,9 @@ mod tests {
             let sent = Geometry::new(intrinsics, distortion);
             let lens = Lens { f_number: Some(5.6), focus_distance_m: Some(3.0), ..Lens::default() };
             let exposure = CameraExposure { time_s: Some(0.01), iso: Some(800.0), ..CameraExposure::default() };
-            let said = LensState::of(&sent, &lens, &exposure, 25.0);
+            let state = LensState::of(&sent, &lens, &exposure, 25.0);
             let mut sample = Sample::default();
-            said.write(&mut sample, true);
+            state.write(&mut sample, true);
             let mut heard = LensState::default();
             heard.update(&Sample::decode(Encoding::Cbor, &sample.encode(Encoding::Cbor).unwrap()).unwrap());
             let (back, off_px) = heard.geometry(1920, 1080).unwrap();

@@ -22,6 +22,7 @@ const LAST_FLAG: u16 = 0x8000;
 /// and the header 16.
 pub const MAX_PAYLOAD_BYTES: usize = 1500 - 20 - 8 - HEADER_BYTES;
 
+/// Encoding of a sample, by the field of the header.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Encoding {
     #[default]
@@ -132,9 +133,9 @@ mod tests {
         let sent = packets(Encoding::Cbor, 0xFFFF, &sample);
         assert!(sent.iter().all(|bytes| bytes.len() <= 1472));
         let parsed: Vec<_> = sent.iter().map(|bytes| Packet::parse(bytes).unwrap()).collect();
-        let told: Vec<_> = parsed.iter().map(|p| (p.sequence, p.offset, p.is_last, p.payload.len())).collect();
+        let fragments: Vec<_> = parsed.iter().map(|p| (p.sequence, p.offset, p.is_last, p.payload.len())).collect();
         let n = MAX_PAYLOAD_BYTES;
-        assert_eq!(told, [(0xFFFF, 0, false, n), (0xFFFF, n as u32, false, n), (0xFFFF, 2 * n as u32, true, 1)]);
+        assert_eq!(fragments, [(0xFFFF, 0, false, n), (0xFFFF, n as u32, false, n), (0xFFFF, 2 * n as u32, true, 1)]);
         assert!(packets(Encoding::Json, 1, b"").is_empty());
     }
 

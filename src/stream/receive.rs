@@ -83,6 +83,7 @@ struct PendingPose {
     message: Message,
 }
 
+/// State of a receiver: it follows one source, and starts anew if that one restarts.
 pub struct Receiver {
     listen: ListenOptions,
     assembler: Assembler,

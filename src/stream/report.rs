@@ -129,8 +129,8 @@ impl Report {
         let known = [(self.lost, "lost on the way"), (self.incomplete, "with pieces missing")];
         let aside = self.dropped.iter().map(|(why, number)| (*number, why.to_string()));
         let all = known.into_iter().map(|(number, why)| (number, why.to_owned())).chain(aside);
-        let told: Vec<String> = all.filter(|(number, _)| *number > 0).map(|(n, why)| format!("{n} {why}")).collect();
-        if told.is_empty() { "none".to_owned() } else { told.join(", ") }
+        let reasons: Vec<String> = all.filter(|(number, _)| *number > 0).map(|(n, why)| format!("{n} {why}")).collect();
+        if reasons.is_empty() { "none".to_owned() } else { reasons.join(", ") }
     }
 
     /// Reason why there is no pose, and a remedy.
@@ -214,8 +214,9 @@ mod tests {
         report.datagrams = 3;
         (0..3).for_each(|_| report.count_drop(DropReason::NoPacket));
         report.last_problem = Some("too short".to_owned());
-        let told = "3 packets arrived, without a pose; dropped: 3 no packet of this protocol, or damaged (too short)";
-        assert_eq!(report.silence_reason(), told);
+        let message =
+            "3 packets arrived, without a pose; dropped: 3 no packet of this protocol, or damaged (too short)";
+        assert_eq!(report.silence_reason(), message);
         report = Report { datagrams: 9, poses: 9, ..Report::default() };
         assert_eq!(report.silence_reason(), "9 poses arrived until then");
     }

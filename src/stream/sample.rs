@@ -104,8 +104,8 @@ impl Sample {
                 *at = Value::Map(Vec::new());
             }
             let Value::Map(map) = at else { return };
-            let found = map.iter().position(|(name, _)| name.as_text() == Some(key));
-            let i = found.unwrap_or_else(|| {
+            let index = map.iter().position(|(name, _)| name.as_text() == Some(key));
+            let i = index.unwrap_or_else(|| {
                 map.push((Value::from(*key), Value::Null));
                 map.len() - 1
             });

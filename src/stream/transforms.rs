@@ -72,8 +72,8 @@ pub fn pose_of(transforms: &Value) -> Result<Pose, SampleError> {
     let (mut world_from_parent, mut rotation) = (DAffine3::IDENTITY, DQuat::IDENTITY);
     for (i, transform) in list.iter().enumerate() {
         let part = |key: &str, names, default: Option<DVec3>| {
-            let found = member(transform, key).map_or(default, |value| triple(value, names));
-            found.ok_or_else(|| refused(format!("transforms[{i}].{key}"), "a map of finite numbers"))
+            let axes = member(transform, key).map_or(default, |value| triple(value, names));
+            axes.ok_or_else(|| refused(format!("transforms[{i}].{key}"), "a map of finite numbers"))
         };
         let translation_m = part("translation", ["x", "y", "z"], None)?;
         let angles = part("rotation", ["pan", "tilt", "roll"], None)?;

@@ -220,7 +220,7 @@ mod tests {
 
     #[test]
     fn errors_name_line_and_key() {
-        for (from, to, said) in [
+        for (from, to, message) in [
             ("version = 1", "version = 2", "version = 2 is not known"),
             ("36h11", "36h12", "family = \"36h12\" is not known; expected 36h11, 25h9, 16h5"),
             ("id = 7", "id = 587", "line 4, tags.id of tag 587: family 36h11 has the ids 0 to 586"),
@@ -238,7 +238,7 @@ mod tests {
             ),
         ] {
             let error = Board::parse(&ONE.replace(from, to)).unwrap_err();
-            assert!(error.starts_with(said) && !error.contains('\n'), "{error}");
+            assert!(error.starts_with(message) && !error.contains('\n'), "{error}");
         }
         let scaled = Board::parse(&ONE.replace("[[tags]]", "scale = 0.5\n[[tags]]")).unwrap();
         assert_eq!((scaled.tags[0].size_m, scaled.tags[0].center_m), (0.05, DVec3::new(0.5, 1.0, 0.0)));

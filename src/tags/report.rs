@@ -87,8 +87,8 @@ mod tests {
             repeated: vec![vec![4, 5], vec![4, 5], vec![1]],
             smoothed_s: None,
         };
-        let told = track.to_string();
-        let lines: Vec<&str> = told.lines().filter(|line| line.starts_with("repeated")).collect();
+        let text = track.to_string();
+        let lines: Vec<&str> = text.lines().filter(|line| line.starts_with("repeated")).collect();
         assert_eq!(
             lines,
             [
@@ -98,6 +98,6 @@ mod tests {
                  its pose, by the other tags",
             ]
         );
-        assert!(!told.contains("left out"), "{told}");
+        assert!(!text.contains("left out"), "{text}");
     }
 }

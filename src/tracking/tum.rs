@@ -211,7 +211,7 @@ mod tests {
     #[test]
     fn refusals_name_file_and_line() {
         let good = "1 0 0 0 0 0 0 1\n";
-        for (bad, said) in [
+        for (bad, message) in [
             ("1 0 0 0 0 0 0 1", "t.txt, line 3: the time stands twice"),
             ("0.5 0 0 0 0 0 0 1", "t.txt, line 3: the time runs backwards"),
             ("2 0 0 0 0 0 0 1.02", "t.txt, line 3: the quaternion has length 1.02"),
@@ -222,7 +222,7 @@ mod tests {
             ("2 0 0 0 0 0 0 1 7", "t.txt, line 3: there is more than expected: `7`"),
         ] {
             let error = parse(&format!("# comment\n{good}{bad}\n{good}")).unwrap_err();
-            assert!(error.starts_with(said), "{error}");
+            assert!(error.starts_with(message), "{error}");
         }
     }
 

@@ -105,11 +105,11 @@ pub fn blur(
             }
             made.extend(rendered(shot, compositor, fast)?.map(|(band, whole)| BlurredRender { by, band, whole }));
         }
-        let told = areas(&real, kept, &unblurred, &made, noise.as_ref());
-        if !told.is_empty() {
+        let area_ratios = areas(&real, kept, &unblurred, &made, noise.as_ref());
+        if !area_ratios.is_empty() {
             lengths.push(length_px);
         }
-        ratios.extend(told);
+        ratios.extend(area_ratios);
     }
     if ratios.len() < MIN_AREAS {
         return Ok(None);
@@ -127,16 +127,16 @@ fn exposure_s(shot: &Shot, n: usize) -> Result<f64, VerifyError> {
 /// first.
 fn chosen(ways: &[Option<f64>]) -> Vec<(usize, usize, f64)> {
     let count = ways.len();
-    let mut found = Vec::new();
+    let mut pairs = Vec::new();
     for fast in 0..count {
         let Some(way) = ways[fast].filter(|way| *way >= MIN_FAST_PX) else { continue };
         let near = fast.saturating_sub(MAX_GAP)..(fast + MAX_GAP + 1).min(count);
         let slow = near.filter_map(|n| Some((n, ways[n]?))).min_by(|a, b| a.1.total_cmp(&b.1));
-        found.extend(slow.filter(|slow| slow.1 <= MAX_SLOW_SHARE * way).map(|slow| (fast, slow.0, way)));
+        pairs.extend(slow.filter(|slow| slow.1 <= MAX_SLOW_SHARE * way).map(|slow| (fast, slow.0, way)));
     }
-    found.sort_by(|a, b| b.2.total_cmp(&a.2).then(a.0.cmp(&b.0)));
-    found.truncate(MAX_PAIRS);
-    found
+    pairs.sort_by(|a, b| b.2.total_cmp(&a.2).then(a.0.cmp(&b.0)));
+    pairs.truncate(MAX_PAIRS);
+    pairs
 }
 
 /// Length of each frame's motion blur, px. `None` where exposure or poses are unknown.
@@ -217,20 +217,20 @@ fn areas(
 /// Corners of the areas with the most detail that lie within all masks.
 fn places(band: &BandPassImage, masks: &[&[bool]]) -> Vec<(usize, usize)> {
     let (w, h) = (band.detail.width, band.detail.height);
-    let mut found = Vec::new();
+    let mut areas = Vec::new();
     for y in (0..h.saturating_sub(AREA_PX - 1)).step_by(AREA_PX / 2) {
         for x in (0..w.saturating_sub(AREA_PX - 1)).step_by(AREA_PX / 2) {
             let is_whole = |mask: &&[bool]| {
                 (y..y + AREA_PX).all(|y| mask[y * w + x..y * w + x + AREA_PX].iter().all(|inside| *inside))
             };
             if masks.iter().all(is_whole) {
-                found.push((band.power(x, y), (x, y)));
+                areas.push((band.power(x, y), (x, y)));
             }
         }
     }
-    found.sort_by(|a, b| b.0.total_cmp(&a.0));
-    found.truncate(MAX_AREAS);
-    found.into_iter().map(|(_, at)| at).collect()
+    areas.sort_by(|a, b| b.0.total_cmp(&a.0));
+    areas.truncate(MAX_AREAS);
+    areas.into_iter().map(|(_, at)| at).collect()
 }
 
 /// Abscissa at which a falling curve has a value, with logarithmic interpolation; clamped to its

@@ -4,6 +4,7 @@ use crate::measure::MeasureError;
 use crate::recording::RecordingError;
 use crate::shot::ShotError;
 
+/// Why no difference could be measured.
 #[derive(Debug, thiserror::Error)]
 pub enum VerifyError {
     #[error(transparent)]

@@ -122,8 +122,8 @@ pub fn verify(
     let (mut displaced, mut at_rest) = (Vec::new(), Vec::new());
     let (mut brighter, mut brighter_at_rest) = (Vec::new(), Vec::new());
     let (mut pairs, mut unmatched) = (0, 0);
-    let lengths = |found: &Displacements| -> Vec<f64> {
-        found.patches.iter().map(|patch| patch.displacement_px[0].hypot(patch.displacement_px[1])).collect()
+    let lengths = |of_patches: &Displacements| -> Vec<f64> {
+        of_patches.patches.iter().map(|patch| patch.displacement_px[0].hypot(patch.displacement_px[1])).collect()
     };
     for (done, n) in from.iter().enumerate() {
         seen(done, steps);
@@ -149,11 +149,11 @@ pub fn verify(
             let Some(layer) = made.layer else { continue };
             let mask: Vec<bool> = layer.rgba.iter().map(|p| p[3] > 0.999).collect();
             let (real, made) = (GreyImage::luma_709(&real), GreyImage::luma_709(&made.pixels));
-            let found = displacements(&real, &made, Some(&mask), &options)?;
-            if found.patches.len() >= MIN_PATCHES {
-                displaced.extend(lengths(&found));
+            let of_patches = displacements(&real, &made, Some(&mask), &options)?;
+            if of_patches.patches.len() >= MIN_PATCHES {
+                displaced.extend(lengths(&of_patches));
                 pairs += 1;
-            } else if found.patches.len() + found.unreliable >= MIN_PATCHES {
+            } else if of_patches.patches.len() + of_patches.unreliable >= MIN_PATCHES {
                 unmatched += 1;
             }
             brighter.extend(difference(&real, &made, &mask));

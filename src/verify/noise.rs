@@ -350,7 +350,7 @@ fn scores(frames: &[ComparedFrame]) -> Result<Vec<NoiseScore>, MeasureError> {
         frames.iter().zip(&half).map(|(frame, patches)| patch_mask(&frame.real, patches)).collect()
     });
     let options = SeparabilityOptions { families: FAMILIES.to_vec(), ..SeparabilityOptions::default() };
-    let found = separability(&sources(frames, &all, false), &sources(frames, &all, true), &options)?;
+    let detection = separability(&sources(frames, &all, false), &sources(frames, &all, true), &options)?;
     let [first, second] = &halves;
     let floor = separability(&sources(frames, first, false), &sources(frames, second, false), &options)?;
     let score = |(score, floor): (&DetectorScore, &DetectorScore)| NoiseScore {
@@ -360,7 +360,7 @@ fn scores(frames: &[ComparedFrame]) -> Result<Vec<NoiseScore>, MeasureError> {
         standard_error: score.standard_error,
         floor: floor.auc,
     };
-    Ok(found.iter().zip(&floor).map(score).collect())
+    Ok(detection.iter().zip(&floor).map(score).collect())
 }
 
 /// The frames, or their composites, with masks.

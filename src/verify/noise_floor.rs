@@ -100,8 +100,8 @@ mod tests {
 
     #[test]
     fn nothing_is_subtracted_for_unknown_noise() {
-        let told = DisplacementSummary::of(&mut lengths(100, 0.0, 1), &mut []).unwrap();
-        assert_eq!((told.px, told.floor), (told.measured, None));
+        let summary = DisplacementSummary::of(&mut lengths(100, 0.0, 1), &mut []).unwrap();
+        assert_eq!((summary.px, summary.floor), (summary.measured, None));
         assert_eq!(DisplacementSummary::of(&mut [], &mut [0.3]), None);
     }
 }

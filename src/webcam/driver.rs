@@ -42,6 +42,7 @@ pub struct DriverPicture {
     pub is_damaged: bool,
 }
 
+/// Access to the cameras of a system. Methods may be called on any thread.
 pub trait Driver: Send + Sync {
     /// Called before a camera is opened, on the thread that opens it.
     fn prepare(&self) -> Result<(), CameraError> {

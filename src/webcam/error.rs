@@ -6,6 +6,7 @@ use super::driver_name::DriverName;
 use super::list::CameraMode;
 use crate::source::SourceError;
 
+/// Why a camera could not be opened, or has no pictures.
 #[derive(Debug, thiserror::Error)]
 pub enum CameraError {
     #[error("{asked}: is not a camera; there {}; or give a video file", are(found))]

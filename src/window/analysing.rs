@@ -67,10 +67,10 @@ impl Analysing {
     /// Adopts the result when an entry of the queue that is the analysis has ended.
     pub fn ended(&mut self, entry: usize, jobs: &mut Jobs, session: &mut Session) {
         let Some(begun) = self.0.take_if(|begun| begun.entry == entry) else { return };
-        let Some(found) = jobs.entries.get_mut(entry).and_then(|entry| entry.analysis.take()) else { return };
+        let Some(analysis) = jobs.entries.get_mut(entry).and_then(|entry| entry.analysis.take()) else { return };
         // Another recording may be open by now.
         if begun.is_of(&session.project)
-            && let Err(error) = session.project.adopt_analysis(begun.folder, *found)
+            && let Err(error) = session.project.adopt_analysis(begun.folder, *analysis)
         {
             session.show_error(error.to_string());
         }

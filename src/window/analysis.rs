@@ -97,18 +97,18 @@ pub fn analyse(
     wanted: &AnalysisRequest,
     control: &TaskControl,
 ) -> FrameAnalysis {
-    let mut found = FrameAnalysis::default();
+    let mut analysis = FrameAnalysis::default();
     let response = shot.camera().response;
     // Real and virtual edges are compared including motion blur.
     let of_edge = |pixels: &Pixels, region: Rect| edge(pixels, &response, region, [0.0; 2], wanted.edges_of);
-    found.edges[0] = wanted.edges[0].map(|region| of_edge(&frame.pixels, region));
+    analysis.edges[0] = wanted.edges[0].map(|region| of_edge(&frame.pixels, region));
     if wanted.noise && !control.is_cancelled() {
         let options = NoiseOptions { min_independent: MIN_INDEPENDENT_SAMPLES, ..NoiseOptions::default() };
         let real = moving::from_frames(std::slice::from_ref(&frame.pixels), &options);
-        found.real = Some(real.map(|real| real.points()).map_err(|error| calibration_messages::noise_error(&error)));
+        analysis.real = Some(real.map(|real| real.points()).map_err(|error| calibration_messages::noise_error(&error)));
     }
     if !(wanted.noise || wanted.histograms || wanted.edges[1].is_some()) {
-        return found;
+        return analysis;
     }
     let composited = gpu.in_error_scope(|| composited(compositor, gpu, shot, frame, wanted.noise, control));
     let composited = composited.map_err(|source| ShotError::Gpu { frame: frame.index, source }).and_then(|done| done);
@@ -116,28 +116,28 @@ pub fn analyse(
         Ok(None) => {}
         Err(error) => {
             let error = error.to_string();
-            found.drawn = wanted.noise.then(|| Err(error.clone()));
-            found.histograms = wanted.histograms.then(|| Err(error.clone()));
-            found.edges[1] = wanted.edges[1].map(|_| Err(RejectedEdge { why: error, seen: Vec::new() }));
+            analysis.drawn = wanted.noise.then(|| Err(error.clone()));
+            analysis.histograms = wanted.histograms.then(|| Err(error.clone()));
+            analysis.edges[1] = wanted.edges[1].map(|_| Err(RejectedEdge { why: error, seen: Vec::new() }));
         }
         Ok(Some(CompositedFrame { whole: with, noise_pair })) => {
             let coverage: Vec<f32> = with.layer.iter().flat_map(|layer| &layer.rgba).map(|rgba| rgba[3]).collect();
             let objects: Vec<bool> = coverage.iter().map(|a| *a >= MIN_OBJECT_COVERAGE).collect();
             let touched: Vec<bool> = coverage.iter().map(|a| *a > 0.0).collect();
-            found.drawn = noise_pair.map(|[noisy, smooth]| {
+            analysis.drawn = noise_pair.map(|[noisy, smooth]| {
                 let drawn = rendered_noise(&noisy.pixels, &smooth.pixels, &objects);
                 drawn.map_err(|error| error.to_string())
             });
-            found.histograms = wanted.histograms.then(|| {
+            analysis.histograms = wanted.histograms.then(|| {
                 let surroundings = around(&objects, &touched, with.pixels.width as usize, SURROUNDINGS_PX);
                 let of = |mask: &[bool]| histograms(&with.pixels, mask, HISTOGRAM_BINS);
                 let both = of(&objects).and_then(|object| Ok([object, of(&surroundings)?]));
                 both.map_err(|error| error.to_string())
             });
-            found.edges[1] = wanted.edges[1].map(|region| of_edge(&with.pixels, region));
+            analysis.edges[1] = wanted.edges[1].map(|region| of_edge(&with.pixels, region));
         }
     }
-    found
+    analysis
 }
 
 /// A composited frame, and without its format the same with and without noise.

@@ -29,19 +29,19 @@ const LIGHT: Color32 = Color32::from_rgb(222, 54, 54);
 
 /// Status in place of the time line during a live view.
 pub fn show(ui: &mut Ui, session: &Session) {
-    let Some(told) = session.live_status() else { return };
+    let Some(live) = session.live_status() else { return };
     strip(ui, session);
     ui.add_space(3.0);
     ui.horizontal(|ui| {
-        light(ui, state_word(&told.status));
+        light(ui, state_word(&live.status));
         ui.separator();
-        status_line(ui, session, &told);
+        status_line(ui, session, &live);
     });
 }
 
 /// Buttons of the camera, if there is one.
 pub fn buttons(ui: &mut Ui, session: &Session) -> Option<CameraCommand> {
-    let told = session.live_status()?;
+    let live = session.live_status()?;
     let mut command = None;
     ui.horizontal(|ui| {
         let mut button = |ui: &mut Ui, enabled: bool, text: &str, hint: &str, what: CameraCommand| {
@@ -55,9 +55,9 @@ pub fn buttons(ui: &mut Ui, session: &Session) -> Option<CameraCommand> {
             ui.label("The last seconds, as they were seen");
         } else {
             let hint = "Its last seconds become a recording (Space)";
-            button(ui, !told.is_freezing, "Freeze", hint, CameraCommand::Freeze);
+            button(ui, !live.is_freezing, "Freeze", hint, CameraCommand::Freeze);
         }
-        match told.status.recorded {
+        match live.status.recorded {
             None if session.is_frozen() => {}
             None => button(ui, true, "Record…", "Its pictures from now on, into a new folder", CameraCommand::Record),
             Some(frames) => {
@@ -123,9 +123,9 @@ fn ended_text(has_picture: bool) -> &'static str {
     }
 }
 
-fn status_line(ui: &mut Ui, session: &Session, told: &LiveStatus) {
-    let status = &told.status;
-    if told.is_freezing {
+fn status_line(ui: &mut Ui, session: &Session, live: &LiveStatus) {
+    let status = &live.status;
+    if live.is_freezing {
         ui.spinner();
         ui.label("the last seconds are being written");
         return;
@@ -141,7 +141,7 @@ fn status_line(ui: &mut Ui, session: &Session, told: &LiveStatus) {
         ui.colored_label(ui.visuals().warn_fg_color, format!("{why}; waiting for it"));
         return;
     }
-    match told.tracking {
+    match live.tracking {
         Tracking::Tracked => _ = ui.label("tracked"),
         Tracking::Predicted => _ = ui.colored_label(ui.visuals().warn_fg_color, "predicted"),
         Tracking::Lost => {
@@ -151,7 +151,7 @@ fn status_line(ui: &mut Ui, session: &Session, told: &LiveStatus) {
             ui.colored_label(ui.visuals().warn_fg_color, text).on_hover_text(hint);
         }
     }
-    let latency = told.latency_s.map_or(String::new(), |latency_s| format!(", {:3.0} ms old", 1e3 * latency_s));
+    let latency = live.latency_s.map_or(String::new(), |latency_s| format!(", {:3.0} ms old", 1e3 * latency_s));
     ui.monospace(format!("{:2.0}/s{latency}", session.pictures_per_s()))
         .on_hover_text("Pictures of the last second; from when they were taken until they were composited");
     let drops = status.drops;
@@ -160,7 +160,7 @@ fn status_line(ui: &mut Ui, session: &Session, told: &LiveStatus) {
         (drops.damaged, "damaged"),
         (drops.replaced, "before they were decoded"),
         (status.not_recorded, "for the disk"),
-        (told.not_shown, "not shown"),
+        (live.not_shown, "not shown"),
     ];
     let lost: u64 = parts.iter().map(|(n, _)| n).sum();
     if lost > 0 {

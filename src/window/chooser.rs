@@ -29,6 +29,7 @@ use locard_engine::text::reason;
 pub use self::disk::{ChooserResult, StartLocation};
 pub use self::listing::ChooserMode;
 
+/// State of the dialog: the shown folder, the typed name, and running tasks.
 #[derive(Debug)]
 pub struct Chooser {
     title: String,

@@ -25,12 +25,12 @@ pub fn add_damage(
 ) {
     let mut rest = before;
     for shape in now {
-        let found = if uses(&shape.shape, &has_new_texels) {
+        let rect = if uses(&shape.shape, &has_new_texels) {
             None
         } else {
             rest.iter().take(MAX_SKIPPED_SHAPES).position(|before| is_same(before, shape))
         };
-        match found {
+        match rect {
             Some(at) => {
                 rest[..at].iter().for_each(|removed| areas.add(extent(removed)));
                 rest = &rest[at + 1..];

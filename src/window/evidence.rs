@@ -96,8 +96,8 @@ impl EvidencePanel {
             placement.show(ui);
             self.turned_deg = placement.turned_deg();
         }
-        if let Some(Ok(said) | Err(said)) = self.ground.show(ui, project, tools) {
-            message = Some(said);
+        if let Some(Ok(outcome) | Err(outcome)) = self.ground.show(ui, project, tools) {
+            message = Some(outcome);
         }
         ui.separator();
         self.locates = missing::show(ui, project);

@@ -7,6 +7,7 @@ use locard_engine::recording::Recording;
 use locard_engine::scene::{self, is_model};
 use locard_engine::source::file::{self, MAX_DOCUMENT_BYTES};
 
+/// Kind of a file, by its content.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum FileKind {
     Recording,

@@ -80,6 +80,7 @@ pub struct RenderResult {
     pub elapsed: Duration,
 }
 
+/// Result of a request; its picture is in the texture of the request.
 #[derive(Debug)]
 pub struct RenderedPicture {
     pub stats: FrameStats,

@@ -170,7 +170,7 @@ impl Jobs {
                     entry.state = state;
                 }
                 JobEvent::Note(note) => entry.notes.push(note),
-                JobEvent::Analysis(found) => entry.analysis = Some(found),
+                JobEvent::Analysis(analysis) => entry.analysis = Some(analysis),
             }
         }
         ended
@@ -356,10 +356,10 @@ fn analyse_recording(
         }
     })?;
     // Read in the same way as when the recording is opened.
-    let found = Analysis::read(folder).map_err(|error| JobFailure::Failed(error.to_string()))?;
-    let summary = found.findings.lines().into_iter().map(|(name, text)| format!("{name} {text}"));
+    let analysis = Analysis::read(folder).map_err(|error| JobFailure::Failed(error.to_string()))?;
+    let summary = analysis.findings.lines().into_iter().map(|(name, text)| format!("{name} {text}"));
     let summary = summary.collect::<Vec<_>>().join("; ");
-    take_analysis(Box::new(found));
+    take_analysis(Box::new(analysis));
     Ok(summary)
 }
 

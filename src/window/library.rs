@@ -44,8 +44,10 @@ struct ThumbnailRenderer {
 #[derive(Default)]
 pub struct Library {
     models: Vec<PathBuf>,
-    /// Folder of the scene file at the last scan.
+    /// Folder of the scene file at the last scan. No memo: models of other folders are added to
+    /// `models`.
     scanned: Option<PathBuf>,
+    /// No memo: a requested thumbnail arrives later, from a thread.
     thumbnails: HashMap<PathBuf, Thumbnail>,
     renderer: Option<ThumbnailRenderer>,
     /// The pass of the window in which the library was last shown.
@@ -63,16 +65,16 @@ impl Library {
             return;
         }
         let folders = [folder.clone(), assets::path("scenes")];
-        let mut found: Vec<PathBuf> = folders
+        let mut models: Vec<PathBuf> = folders
             .iter()
             .filter_map(|folder| std::fs::read_dir(folder).ok())
             .flat_map(|entries| entries.flatten().map(|entry| entry.path()))
             .filter(|path| is_model(path))
             .collect();
-        found.sort();
+        models.sort();
         let mut seen = std::collections::BTreeSet::new();
-        found.retain(|path| seen.insert(std::fs::canonicalize(path).unwrap_or_else(|_| path.clone())));
-        self.models = found;
+        models.retain(|path| seen.insert(std::fs::canonicalize(path).unwrap_or_else(|_| path.clone())));
+        self.models = models;
         self.scanned = Some(folder);
     }
 

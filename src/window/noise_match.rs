@@ -29,8 +29,8 @@ impl NoiseMatch {
                     control.set_progress(done as f64 / of.max(1) as f64);
                     !control.is_cancelled()
                 };
-                let found = verify::noise(&gpu, &shot, progress).map_err(|error| error.to_string())?;
-                found.map_err(|why| why.to_string())
+                let comparison = verify::noise(&gpu, &shot, progress).map_err(|error| error.to_string())?;
+                comparison.map_err(|why| why.to_string())
             });
             if self.comparison.is_of(&version) || self.comparison.failure().is_some() {
                 self.requested = None;
@@ -38,9 +38,9 @@ impl NoiseMatch {
         }
         progress::of(ui, "Comparison of noise", &self.comparison);
         match self.comparison.last() {
-            Some(Ok(found)) => {
+            Some(Ok(comparison)) => {
                 Grid::new("noise beside the camera's").num_columns(2).show(ui, |ui| {
-                    for (label, text) in found.lines() {
+                    for (label, text) in comparison.lines() {
                         ui.label(RichText::new(label.trim()).small().weak());
                         ui.add(eframe::egui::Label::new(RichText::new(text).small()).wrap());
                         ui.end_row();

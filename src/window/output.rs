@@ -199,7 +199,7 @@ fn queue(ui: &mut Ui, jobs: &mut Jobs) {
             JobState::Running { progress, begun, stage } => {
                 progress::bar(ui, &entry.name, *progress as f32, Some(percent(*progress, *begun, *stage)));
             }
-            JobState::Done(said) => _ = ui.label(format!("done: {said}")),
+            JobState::Done(message) => _ = ui.label(format!("done: {message}")),
             JobState::Failed(why) => {
                 let text = RichText::new(why).color(ui.visuals().error_fg_color);
                 ui.add(egui::Label::new(text).wrap().selectable(true));

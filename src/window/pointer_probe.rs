@@ -28,13 +28,13 @@ impl PointerProbe {
             SurfaceError::NoDepth { .. } => "This frame has no depth, so the point's distance is unknown.".to_owned(),
             error => error.to_string(),
         })?;
-        let (camera, told) = (shot.camera(), |error: &dyn std::fmt::Display| error.to_string());
-        let geometry = shot.geometry_at(frame.index).map_err(|error| told(&error))?;
-        let opening = camera.lens_in(&frame.exposure.lens).opening(&geometry).map_err(|error| told(&error))?;
+        let (camera, message) = (shot.camera(), |error: &dyn std::fmt::Display| error.to_string());
+        let geometry = shot.geometry_at(frame.index).map_err(|error| message(&error))?;
+        let opening = camera.lens_in(&frame.exposure.lens).opening(&geometry).map_err(|error| message(&error))?;
         Ok(Self {
             depth_m: surface.depth_m,
             exposure_s: shot.exposure_time(frame).s,
-            moved_px: shot.motion_px(frame, at_px, &surface).map_err(|error| told(&error)),
+            moved_px: shot.motion_px(frame, at_px, &surface).map_err(|error| message(&error)),
             circle_px: opening.map(|o| o.circle_px(geometry.intrinsics.fx_px, surface.depth_m).abs()),
             codes: frame.pixels.eight_bits_at(at_px.x as u32, at_px.y as u32),
         })

@@ -32,7 +32,7 @@ impl RecoverableWork {
         remove_old_locks(folder);
         let entries = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
         let of_work = entries.filter(|path| is_recovery_file(path));
-        let mut found: Vec<Self> = of_work
+        let mut all: Vec<Self> = of_work
             .filter_map(|path| {
                 let files = SessionFiles::adopt(path)?;
                 let text = file::read_text(&files.work_file, MAX_LISTING_BYTES).ok();
@@ -45,8 +45,8 @@ impl RecoverableWork {
                 }
             })
             .collect();
-        found.sort_by_key(|left| std::cmp::Reverse(left.work.at_s));
-        found
+        all.sort_by_key(|left| std::cmp::Reverse(left.work.at_s));
+        all
     }
 
     /// The files with their lock, to continue in them.

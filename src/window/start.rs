@@ -145,7 +145,7 @@ impl Start {
         }
         if self.dialog.is_none() {
             match self.recovery_search.as_mut().and_then(RecoverySearch::take) {
-                Some(Ok(found)) => (self.recoverable, self.recovery_search) = (found, None),
+                Some(Ok(work)) => (self.recoverable, self.recovery_search) = (work, None),
                 Some(Err(why)) => self.message = Some(MessageWindow::new(why)),
                 None => {}
             }

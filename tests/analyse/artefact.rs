@@ -93,12 +93,12 @@ fn analysis_beside_the_recording_is_used_while_it_matches() {
     let folder = demo_by_tier(8, &late(0.01), 2);
     let site = folder.path().join("site");
     let path = site.to_str().unwrap();
-    let told = stdout_of(&["analyse", path]);
-    assert!(told.contains("poses      ") && told.contains("readout"), "{told}");
+    let stdout = stdout_of(&["analyse", path]);
+    assert!(stdout.contains("poses      ") && stdout.contains("readout"), "{stdout}");
     let analysis = folder.path().join("site.analysis");
     assert_eq!(beside(&site), analysis.canonicalize().unwrap());
-    assert_eq!(stdout_of(&["inspect", analysis.to_str().unwrap()]), told);
-    assert_eq!(stdout_of(&["analyse", path]), told, "once is enough");
+    assert_eq!(stdout_of(&["inspect", analysis.to_str().unwrap()]), stdout);
+    assert_eq!(stdout_of(&["analyse", path]), stdout, "once is enough");
 
     // The use of an analysis shows without shadows, which take most of the time.
     let marker = ["--scene", "scenes/demo.toml", "--set", "shadow.cast=false", "--frames", "2..3", "-o"];
@@ -114,20 +114,23 @@ fn analysis_beside_the_recording_is_used_while_it_matches() {
     let (without, _) = composite("c", &["--no-analysis"]);
     assert!(by_default == named);
 
-    let (left, said) = composite("r", &["--without", "registration", "--no-analysis"]);
-    assert!(left == without && said.contains("--without registration changes nothing: no analysis is used"), "{said}");
+    let (left, message) = composite("r", &["--without", "registration", "--no-analysis"]);
+    assert!(
+        left == without && message.contains("--without registration changes nothing: no analysis is used"),
+        "{message}"
+    );
 
     // Another recording in the same place.
     let poses = std::fs::read_to_string(site.join("groundtruth.txt")).unwrap();
     let dropped: String =
         poses.lines().enumerate().filter(|(n, _)| *n != 3).map(|(_, line)| format!("{line}\n")).collect();
     std::fs::write(site.join("groundtruth.txt"), dropped).unwrap();
-    let (stale, said) = composite("d", &[]);
+    let (stale, message) = composite("d", &[]);
     assert!(
         stale == without
-            && said.contains("is not used: the recording has changed since it was made")
-            && said.contains("analyse the recording again"),
-        "{said}"
+            && message.contains("is not used: the recording has changed since it was made")
+            && message.contains("analyse the recording again"),
+        "{message}"
     );
     let named = ["composite", path, "--analysis", analysis.to_str().unwrap()];
     let out = folder.path().join("e");
@@ -140,8 +143,8 @@ fn analysis_beside_the_recording_is_used_while_it_matches() {
     let version: u32 = text.lines().find_map(|line| line.strip_prefix("version = ")?.parse().ok()).unwrap();
     let [this, next] = [version, version + 1].map(|version| format!("version = {version}"));
     std::fs::write(&toml, text.replace(&this, &next)).unwrap();
-    let told = format!("version {}; this program makes and reads version {version}", version + 1);
-    assert!(composite("f", &[]).1.contains(&told));
+    let stdout = format!("version {}; this program makes and reads version {version}", version + 1);
+    assert!(composite("f", &[]).1.contains(&stdout));
     std::fs::write(&toml, &text[..text.len() / 2]).unwrap();
     assert!(composite("g", &[]).1.contains("is not used"));
     std::fs::remove_file(&toml).unwrap();

@@ -76,8 +76,8 @@ fn assert_findings_used_without_registration(site: &Path) {
         // Shadows take most of the time, and are not part of this test.
         let without_shadows = ["--set", "shadow.cast=false", "--set", "shadow.on_things=false"];
         let sets = fast_or_full(&without_shadows[..], &[]);
-        let told = locard(&[&all[..], &[at.to_str().unwrap()], sets, more].concat());
-        assert!(told.status.success() && !String::from_utf8_lossy(&told.stderr).contains("changes nothing"));
+        let output = locard(&[&all[..], &[at.to_str().unwrap()], sets, more].concat());
+        assert!(output.status.success() && !String::from_utf8_lossy(&output.stderr).contains("changes nothing"));
         std::fs::read(at.join("frame_000002.png")).unwrap()
     };
     assert!(picture(&["--without", "registration"]) != picture(&[]));
@@ -491,8 +491,8 @@ fn clock_offset_beyond_the_last_pose_keeps_all_frames() {
 fn unset_sharpness_follows_the_footage() {
     let folder = demo_by_tier(3, &Flaws::default(), 4);
     let site = folder.path().join("site");
-    let told = stdout_of(&["analyse", site.to_str().unwrap()]);
-    assert!(told.contains("spread     unknown: ") && told.contains("40 are needed"), "{told}");
+    let stdout = stdout_of(&["analyse", site.to_str().unwrap()]);
+    assert!(stdout.contains("spread     unknown: ") && stdout.contains("40 are needed"), "{stdout}");
     let toml = folder.path().join("site.analysis/analysis.toml");
     let sigma_px = |sets: &[&str]| {
         let given = ShotOptions { sets: sets.iter().map(|&s| s.to_owned()).collect(), ..ShotOptions::default() };
@@ -509,8 +509,8 @@ fn unset_sharpness_follows_the_footage() {
     std::fs::write(&toml, text.replace("[spread]\n", "[spread]\nsigma_px = 0.566\n")).unwrap();
     assert!((sigma_px(&[]) - 0.6).abs() < 1e-12);
     // A value that equals the default counts as set.
-    for said in [0.0, 0.6, 1.0, 2.5] {
-        assert_eq!(sigma_px(&[&format!("point_spread.sigma_px={said}")]), said);
+    for message in [0.0, 0.6, 1.0, 2.5] {
+        assert_eq!(sigma_px(&[&format!("point_spread.sigma_px={message}")]), message);
     }
     let camera = site.join("camera.toml");
     let profile = std::fs::read_to_string(&camera).unwrap();

@@ -129,8 +129,8 @@ fn scene_without_light_uses_the_estimated_one_and_keeps_its_own_otherwise() {
     // Written into the scene for editing: the same light.
     let [site, bare, own] = [&site, &bare, &own].map(|path| path.to_str().unwrap());
     assert!(refused(&["light", site, "--scene", own]).contains("--force"));
-    let told = stdout_of(&["light", site, "--scene", bare]);
-    assert!(told.contains("lamp ") && told.contains("upward-facing"), "{told}");
+    let stdout = stdout_of(&["light", site, "--scene", bare]);
+    assert!(stdout.contains("lamp ") && stdout.contains("upward-facing"), "{stdout}");
     let text = std::fs::read_to_string(bare).unwrap();
     assert!(text.contains("# the tent") && text.contains("[[light.lamp]]"), "{text}");
     let edited = lit(Path::new(bare), AnalysisChoice::No);
@@ -210,11 +210,11 @@ fn assert_supports(folder: &tempfile::TempDir) {
     std::fs::write(at("scene.toml"), hovering).unwrap();
     let (scene, written) = (at("scene.toml"), folder.path().join("site.analysis/standing.toml"));
     let output = locard(&["analyse", &site, "--scene", &scene]);
-    let (told, warned) = (String::from_utf8(output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap());
+    let (stdout, warned) = (String::from_utf8(output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap());
     // The first object's hover distance is reported once.
     assert!(output.status.success() && !warned.contains("hovers"), "{warned}");
-    let stands: Vec<&str> = told.lines().filter_map(|line| line.strip_prefix("stands     ")).collect();
-    assert_eq!(stands.len(), 7, "{told}");
+    let stands: Vec<&str> = stdout.lines().filter_map(|line| line.strip_prefix("stands     ")).collect();
+    assert_eq!(stands.len(), 7, "{stdout}");
     let text = std::fs::read_to_string(&written).unwrap();
     let table: toml::Table = text.parse().unwrap();
     let number = |of: &toml::Value, key: &str| of[key].as_float().unwrap();
@@ -225,8 +225,8 @@ fn assert_supports(folder: &tempfile::TempDir) {
         assert!((number(object, "height_m") - height_m).abs() < 1e-3, "{text}");
         assert!(number(object, "tilt_deg") < 0.5, "{text}");
     }
-    assert!(stands[0].contains("marker 1: ") && stands[0].contains(" mm over a plane"), "{told}");
-    assert!(stands[1..].iter().all(|line| line.contains(": on a plane that depth shows")), "{told}");
+    assert!(stands[0].contains("marker 1: ") && stands[0].contains(" mm over a plane"), "{stdout}");
+    assert!(stands[1..].iter().all(|line| line.contains(": on a plane that depth shows")), "{stdout}");
     // Identical when repeated, byte for byte, and on the page.
     let page = at("page.html");
     stdout_of(&["analyse", &site, "--scene", &scene, "--report", &page]);
@@ -253,7 +253,7 @@ fn assert_white_paper_correction(folder: &tempfile::TempDir, found: &Analysis) {
     let denied = |more: &[&str]| refused(&[&["light", &site, "-o", &new, "--force"], more].concat());
 
     // The paper on the floor, beside its title.
-    let told = asked(&["--white", "6:267,139"]);
+    let stdout = asked(&["--white", "6:267,139"]);
     let (table, simulation) = (written(), Simulation::new(&Options::default()).unwrap());
     let factor = table.environment_intensity.unwrap();
     assert!(table.lamp.iter().all(|lamp| lamp.intensity == Some(factor)), "{table:?}");
@@ -267,17 +267,18 @@ fn assert_white_paper_correction(folder: &tempfile::TempDir, found: &Analysis) {
     check_light(light, &simulation, 6.0, 0.25);
     let place = DVec3::from(light.place_m.unwrap());
     let (white, truth) = (mean(light.white_level.unwrap()), true_white(&simulation, place));
-    println!("white {white} times {factor} of {truth}\n{told}");
+    println!("white {white} times {factor} of {truth}\n{stdout}");
     // With the paper the error is at most a twentieth, and no larger than before.
     let off = |white: f64| (white / truth).ln().abs();
     let (found, corrected) = (off(white), off(factor * white));
     assert!(corrected < 0.05 && corrected <= found, "{white} times {factor} of {truth}");
-    assert!(told.contains("factor ") && told.contains("between"), "{told}");
+    assert!(stdout.contains("factor ") && stdout.contains("between"), "{stdout}");
     // Invalid points change nothing: an edge, a missing frame, a position outside.
     std::fs::remove_file(&new).unwrap();
-    for (place, says) in [("6:281,150", "edge"), ("6:455,240", "black"), ("99:3,4", "frame"), ("6:900,3", "outside")] {
-        let told = denied(&["--white", place]);
-        assert!(told.contains(says) && told.contains(place), "{told}");
+    for (place, message) in [("6:281,150", "edge"), ("6:455,240", "black"), ("99:3,4", "frame"), ("6:900,3", "outside")]
+    {
+        let stdout = denied(&["--white", place]);
+        assert!(stdout.contains(message) && stdout.contains(place), "{stdout}");
     }
     assert!(!Path::new(&new).exists());
 }
@@ -292,10 +293,10 @@ fn assert_lamp_and_panorama_corrections(folder: &tempfile::TempDir, found: &Anal
     let denied = |more: &[&str]| refused(&with(more).split('\n').collect::<Vec<_>>());
 
     // By its distance along the ray. The real lamp stays; this one is not real, and dim beside it.
-    let told = asked(&["--lamp", "6:320,10,1.5"]);
+    let stdout = asked(&["--lamp", "6:320,10,1.5"]);
     let lamps = written().lamp;
     let place = opened(folder).posed_camera(6).unwrap().ray(glam::DVec2::new(320.0, 10.0)).unwrap().at(1.5);
-    assert!(DVec3::from(lamps[0].at_m).distance(place) < 1e-3, "{lamps:?} {place}\n{told}");
+    assert!(DVec3::from(lamps[0].at_m).distance(place) < 1e-3, "{lamps:?} {place}\n{stdout}");
     let color = |lamp: &scene::document::LampTable| glam::Vec3::from(lamp.color.unwrap()).element_sum();
     let real = DVec3::from(light.lamps[0].at_m);
     let [bulbs, bounced]: [Vec<&scene::document::LampTable>; 2] = [false, true]
@@ -313,18 +314,18 @@ fn assert_lamp_and_panorama_corrections(folder: &tempfile::TempDir, found: &Anal
 
     // A user's panorama replaces the estimated one and its lamps, at the same brightness.
     let sky = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/demo-light.hdr");
-    let told = asked(&["--environment", sky.to_str().unwrap(), "--turn", "30"]);
+    let stdout = asked(&["--environment", sky.to_str().unwrap(), "--turn", "30"]);
     let table = written();
-    assert!(told.contains("panorama") && told.contains("as bright as") && !told.contains("lamp "), "{told}");
+    assert!(stdout.contains("panorama") && stdout.contains("as bright as") && !stdout.contains("lamp "), "{stdout}");
     assert!(table.environment.as_ref().is_some_and(|name| name.ends_with("demo-light.hdr")), "{table:?}");
     assert_eq!((table.environment_rotation_deg, table.lamp.len()), (Some(30.0), 0));
     // White paper sets the intensity by the same key.
     let intensity = table.environment_intensity.unwrap();
-    let told = asked(&["--environment", sky.to_str().unwrap(), "--turn", "30", "--white", "6:267,139"]);
+    let stdout = asked(&["--environment", sky.to_str().unwrap(), "--turn", "30", "--white", "6:267,139"]);
     let tint = glam::Vec3::from(written().environment_color.unwrap());
     assert!(
         (tint.to_array().into_iter().product::<f32>() - 1.0).abs() < 1e-3 && tint != glam::Vec3::ONE,
-        "{tint} {told}"
+        "{tint} {stdout}"
     );
     let factor = written().environment_intensity.unwrap() / intensity;
     assert!((0.4..2.5).contains(&factor) && factor != 1.0, "{factor}");

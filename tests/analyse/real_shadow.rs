@@ -42,8 +42,8 @@ fn real_shadow_is_not_darkened_twice_and_darkens_evidence() {
     let simulated = |name: &str, more: &[&str]| small_site(8, &path(name), more);
     simulated("empty", &[]);
     simulated("there", &["--evidence", &path("evidence.toml")]);
-    let told = std::fs::read_to_string(path("there/truth.toml")).unwrap();
-    assert!(told.contains("lamps_at_m = [[1.5976, -0.7469, 1.9565]]"), "{told}");
+    let text = std::fs::read_to_string(path("there/truth.toml")).unwrap();
+    assert!(text.contains("lamps_at_m = [[1.5976, -0.7469, 1.9565]]"), "{text}");
     let composited = |out: &str, more: &[&str]| {
         let (recording, scene, to, range) =
             (path("empty"), path("lit.toml"), path(out), format!("{FRAME}..{}", FRAME + 1));

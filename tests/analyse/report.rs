@@ -66,9 +66,9 @@ fn report_shows_the_findings_and_the_profile_accepts_the_camera_values() {
     let text = "# mine\nversion = 1\n\n[camera]\n# by hand\nreadout_time_s = 0.03 # guessed\n";
     std::fs::write(&profile, text).unwrap();
     let [site, page_at, profile_at] = [&site, &page, &profile].map(|path| path.to_str().unwrap());
-    let told = stdout_of(&["analyse", site, "--report", page_at, "--accept", profile_at]);
-    let (found, accepted) = told.split_at(told.find("accepted ").unwrap());
-    assert!(found.contains("refined"), "{told}");
+    let stdout = stdout_of(&["analyse", site, "--report", page_at, "--accept", profile_at]);
+    let (found, accepted) = stdout.split_at(stdout.find("accepted ").unwrap());
+    assert!(found.contains("refined"), "{stdout}");
 
     let html = std::fs::read_to_string(&page).unwrap();
     let seen = parsed(&html);
@@ -129,8 +129,8 @@ fn report_shows_the_findings_and_the_profile_accepts_the_camera_values() {
     let is_kept = accepted.contains("camera.exposure.time_s stays: ");
     assert_eq!(written.contains("time_s = 0.0") && written.contains("[camera.exposure]"), !is_kept, "{written}");
     // A second time nothing changes.
-    let told = stdout_of(&["analyse", site, "--accept", profile_at]);
-    assert!(told.contains("camera.readout_time_s: 0.015 -> 0.015"), "{told}");
+    let stdout = stdout_of(&["analyse", site, "--accept", profile_at]);
+    assert!(stdout.contains("camera.readout_time_s: 0.015 -> 0.015"), "{stdout}");
     assert_eq!(std::fs::read_to_string(&profile).unwrap(), written);
     // A new profile starts as a copy.
     let new = folder.path().join("new.toml");
@@ -151,7 +151,7 @@ fn unavailable_findings_are_left_out_with_a_reason() {
     std::fs::write(site.join("recording.toml"), without).unwrap();
     let [page, profile] = ["page.html", "mine.toml"].map(|name| folder.path().join(name));
     let [site, page_at, profile_at] = [&site, &page, &profile].map(|path| path.to_str().unwrap());
-    let told = stdout_of(&["analyse", site, "--report", page_at, "--accept", profile_at]);
+    let stdout = stdout_of(&["analyse", site, "--report", page_at, "--accept", profile_at]);
     let seen = parsed(&std::fs::read_to_string(&page).unwrap());
     assert!(seen.pictures.is_empty() && !seen.elements.contains(&"svg".to_owned()));
     for why in ["poses are as recorded: there is no depth", "so no place of the room can be followed"] {
@@ -159,7 +159,7 @@ fn unavailable_findings_are_left_out_with_a_reason() {
     }
     assert!(seen.text.contains("poses kept: there is no depth"), "{}", seen.text);
     // Nothing was found, so nothing is written.
-    assert_eq!(told.matches(" stays: ").count(), 3, "{told}");
+    assert_eq!(stdout.matches(" stays: ").count(), 3, "{stdout}");
     assert!(!profile.exists());
 }
 

@@ -258,13 +258,13 @@ fn recording_contains_the_simulated_data() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("some/site");
     let options = Options { board: true, ..small() };
-    let mut told = Vec::new();
+    let mut progress = Vec::new();
     let mut tell = |done, of| {
-        told.push((done, of));
+        progress.push((done, of));
         ControlFlow::Continue(())
     };
     run(&out, &options, false, &mut tell).unwrap();
-    assert_eq!(told, [(0, 3), (1, 3), (2, 3), (3, 3)]);
+    assert_eq!(progress, [(0, 3), (1, 3), (2, 3), (3, 3)]);
     assert_eq!(fs::read_dir(out.parent().unwrap()).unwrap().count(), 1, "nothing else is left behind");
 
     let simulation = Simulation::new(&options).unwrap();

@@ -65,8 +65,8 @@ fn evidence_composited_into_an_empty_site_matches_the_simulated_truth() {
     let simulated = |name: &str, more: &[&str]| small_site(1, &path(name), more);
     simulated("empty", &[]);
     simulated("there", &["--evidence", &path("evidence.toml")]);
-    let told = std::fs::read_to_string(path("there/truth.toml")).unwrap();
-    assert!(told.contains("[evidence]"), "{told}");
+    let text = std::fs::read_to_string(path("there/truth.toml")).unwrap();
+    assert!(text.contains("[evidence]"), "{text}");
     stdout_of(&["analyse", "-q", &path("empty")]);
 
     let [empty, there] =

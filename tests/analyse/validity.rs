@@ -52,8 +52,8 @@ fn analysis_of_a_model_is_valid_for_any_unit_length() {
     model(&site);
     let path = site.to_str().unwrap();
     let unit = UNIT_M.to_string();
-    let told = stdout_of(&["analyse", path]);
-    assert!(told.contains("stops from the darkest to the brightest"), "{told}");
+    let stdout = stdout_of(&["analyse", path]);
+    assert!(stdout.contains("stops from the darkest to the brightest"), "{stdout}");
     // Analysed without the unit's length, and used with it.
     let shot = opened_in_metres(&site);
     assert!(matches!(shot.analysis, AnalysisState::Used(..)), "{:?}", shot.analysis);

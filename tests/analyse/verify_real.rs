@@ -21,7 +21,7 @@ fn lines(arguments: &[&str]) -> Vec<Line> {
         name: line.split(' ').next().unwrap().to_owned(),
         recorded: line
             .split_once("recorded ")
-            .map_or(f64::NAN, |(_, told)| told.split(' ').next().unwrap().parse().unwrap_or(f64::NAN)),
+            .map_or(f64::NAN, |(_, value)| value.split(' ').next().unwrap().parse().unwrap_or(f64::NAN)),
         verdict: line.rsplit(": ").next().unwrap().to_owned(),
     };
     let found: Vec<Line> = text

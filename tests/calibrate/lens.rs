@@ -280,7 +280,7 @@ fn deviations_include_bent_boards() {
 /// zero coefficients seems to be more than two deviations from 0.
 #[test]
 fn last_coefficient_is_kept_if_it_is_significant() {
-    for (k3, count, told) in [(0.25, 10, 6..7), (0.0, 4, 0..3)] {
+    for (k3, count, expected) in [(0.25, 10, 6..7), (0.0, 4, 0..3)] {
         let geometry =
             Geometry::new(brown().intrinsics, Distortion { k1: -0.1, k2: 0.02, k3, ..Distortion::default() });
         let mut kept = 0;
@@ -299,7 +299,7 @@ fn last_coefficient_is_kept_if_it_is_significant() {
             let left = calibrated.notes.iter().any(|note| note.starts_with("k3 is left at 0"));
             assert_eq!(left, last.value == 0.0, "{calibrated}");
         }
-        assert!(told.contains(&kept), "k3 = {k3}: kept in {kept} of 6");
+        assert!(expected.contains(&kept), "k3 = {k3}: kept in {kept} of 6");
     }
 }
 
@@ -446,12 +446,12 @@ fn profile_takes_the_lens_and_keeps_the_rest() {
         "--residuals",
         &residuals,
     ];
-    let told = stdout_of(&arguments);
+    let message = stdout_of(&arguments);
     assert!(
-        told.contains("dark.png: no chessboard is seen") && told.contains("6 views of a board of 8x5 corners, "),
-        "{told}"
+        message.contains("dark.png: no chessboard is seen") && message.contains("6 views of a board of 8x5 corners, "),
+        "{message}"
     );
-    assert!(told.contains("missing    6 views so far") && told.contains(" mm away"), "{told}");
+    assert!(message.contains("missing    6 views so far") && message.contains(" mm away"), "{message}");
     let written = std::fs::read_to_string(&profile).unwrap();
     for line in ["# my camera", "film_width_mm = 5.5 # by its data sheet", "scale = 1.5", "[camera] # a webcam"] {
         assert!(written.contains(line), "{line} is gone:\n{written}");
@@ -469,14 +469,14 @@ fn profile_takes_the_lens_and_keeps_the_rest() {
     assert!(text.contains("has a lens already") && std::fs::read_to_string(&profile).unwrap() == written, "{text}");
     stdout_of(&[&arguments[..], &["--force"]].concat());
     assert_eq!(std::fs::read_to_string(&profile).unwrap(), written);
-    for (extra, told) in [
+    for (extra, message) in [
         (["--board", "2x9"], "3 to 200 each"),
         (["--board", "none.toml"], "there is no such file; expected the inner corners"),
         (["--square-mm", "-1"], "0.01 to 100000 mm"),
         (["--model", "equirectangular"], "opencv or opencv_fisheye"),
     ] {
         let text = refused(&[&["calibrate", "camera", &photos, "-o", &profile], &extra[..]].concat());
-        assert!(text.contains(told), "{text}");
+        assert!(text.contains(message), "{text}");
     }
     let text = refused(&["calibrate", "camera", &photos, "--board", "6x4", "-o", &profile, "--force"]);
     assert!(text.contains("0 views of 7 can be used") && text.contains("more than the board's 6x4"), "{text}");

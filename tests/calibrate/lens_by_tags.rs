@@ -110,7 +110,7 @@ fn program_detects_the_photographed_target() {
     save(squares.collect(), &photos.join("squares.png"));
     save(vec![128; (3 * SIZE.0 * SIZE.1) as usize], &photos.join("wall.png"));
     let (profile, photos) = (path(&folder.path().join("mine.toml")), path(&photos));
-    let told = stdout_of(&["calibrate", "camera", &photos, "-o", &profile]);
+    let stdout = stdout_of(&["calibrate", "camera", &photos, "-o", &profile]);
     for part in [
         "views      6 views of a board of 6 tags, ",
         "squares.png: shows a chessboard where most show printed tags",
@@ -118,7 +118,7 @@ fn program_detects_the_photographed_target() {
         " of 24 corners, rms ",
         " mm away",
     ] {
-        assert!(told.contains(part), "{part} is not in\n{told}");
+        assert!(stdout.contains(part), "{part} is not in\n{stdout}");
     }
     let written = std::fs::read_to_string(&profile).unwrap();
     assert!(written.contains("from 6 views of a board of 6 tags, ") && written.contains("k1 = -0.2"), "{written}");
@@ -128,8 +128,8 @@ fn program_detects_the_photographed_target() {
     let file = path(&folder.path().join("twice.toml"));
     std::fs::write(&file, &twice).unwrap();
     let again = stdout_of(&["calibrate", "camera", &photos, "--board", &file, "-o", &profile, "--force"]);
-    let line = |told: &str, name: &str| told.lines().find(|line| line.starts_with(name)).unwrap().to_owned();
-    assert_eq!(line(&told, "camera.fx_px"), line(&again, "camera.fx_px"));
+    let line = |stdout: &str, name: &str| stdout.lines().find(|line| line.starts_with(name)).unwrap().to_owned();
+    assert_eq!(line(&stdout, "camera.fx_px"), line(&again, "camera.fx_px"));
     assert!(again.contains("squares.png: no tags are seen"), "{again}");
     // Tags of another board.
     std::fs::write(&file, "version = 1\nfamily = \"36h11\"\n[[tags]]\nid = 77\nsize_m = 0.1\ncenter_m = [0, 0]\n")

@@ -221,11 +221,11 @@ fn program_calibrates_a_live_camera() {
     let [video, profile] = [video, folder.path().join("mine.toml")].map(|path| path.to_str().unwrap().to_owned());
     let arguments = ["calibrate", "camera", "--camera", &video, "-o", &profile];
     let output = locard(&arguments);
-    let told = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.success(), "{told}");
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{stderr}");
     // The rewritten status line fits a terminal of 80 columns.
-    assert!(told.lines().filter(|line| line.contains(" seen; ")).all(|line| line.chars().count() <= 88), "{told}");
-    assert!(told.contains(" of 20 views, ") && told.contains(" % seen; taken; "), "{told}");
+    assert!(stderr.lines().filter(|line| line.contains(" seen; ")).all(|line| line.chars().count() <= 88), "{stderr}");
+    assert!(stderr.contains(" of 20 views, ") && stderr.contains(" % seen; taken; "), "{stderr}");
     let report = String::from_utf8(output.stdout).unwrap();
     assert!(report.contains(" of a board of 6 tags, ") && report.contains("frame "), "{report}");
     let written = std::fs::read_to_string(&profile).unwrap();

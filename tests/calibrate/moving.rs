@@ -418,12 +418,12 @@ fn loose_pictures_and_folders_are_read_and_missing_ones_are_refused() {
     let found = moving_noise_from_paths(&files, &options).unwrap();
     assert_eq!(found, moving_noise_from_paths(&[temp.path().to_owned()], &options).unwrap());
     assert_eq!(found, from_frames(&frames(3, 3.0, 0.3, 0), &options).unwrap());
-    let mut told = Vec::new();
+    let mut progress = Vec::new();
     let stopped = noise_from_paths(&files, NoiseSource::Textureless, &options, &mut |done, all| {
-        told.push((done, all));
+        progress.push((done, all));
         if done == 2 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });
-    assert!(matches!(stopped, Err(CalibrateError::Stopped)) && told == [(0, 3), (1, 3), (2, 3)], "{told:?}");
+    assert!(matches!(stopped, Err(CalibrateError::Stopped)) && progress == [(0, 3), (1, 3), (2, 3)], "{progress:?}");
     let error = moving_noise_from_paths(&[temp.path().join("nowhere")], &options).unwrap_err().to_string();
     assert!(error.contains("nowhere"), "{error}");
     assert!(moving_noise_from_paths(&[], &options).is_err());

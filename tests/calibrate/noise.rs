@@ -357,12 +357,12 @@ fn folders_are_scenes_and_loose_files_are_one() {
     assert_eq!((both.scenes, both.frames), (2, 5));
 
     // Stopped before the second of the three frames.
-    let mut told = Vec::new();
+    let mut progress = Vec::new();
     let stopped = calibrate::noise_from_paths(&loose, NoiseSource::Rest, &options, &mut |done, all| {
-        told.push((done, all));
+        progress.push((done, all));
         if done == 1 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });
-    assert!(matches!(stopped, Err(CalibrateError::Stopped)) && told == [(0, 3), (1, 3)], "{told:?}");
+    assert!(matches!(stopped, Err(CalibrateError::Stopped)) && progress == [(0, 3), (1, 3)], "{progress:?}");
     let failure =
         |frames: &[PathBuf], means: &[PathBuf]| noise_from_paths(frames, means, &options).unwrap_err().to_string();
     let error = failure(&loose[..1], &[]);
@@ -478,14 +478,17 @@ fn frames_of_a_moving_real_camera_are_refused() {
     let Some(folder) = common::data("tum-fr1-rpy/rgb") else { return };
     let mut files: Vec<PathBuf> = std::fs::read_dir(&folder).unwrap().map(|f| f.unwrap().path()).collect();
     files.sort();
-    for (some, told) in [
+    for (some, message) in [
         (files[..6].to_vec(), "the whole picture moves"),
         (files[40..46].to_vec(), "the whole picture moves"),
         (files[70..76].to_vec(), "the whole picture moves"),
         (files.iter().step_by(30).cloned().collect(), "changes in whole patches"),
     ] {
         let error = refused(&some);
-        assert!(error.contains(told) && error.contains("scene 1 is not at rest") && error.contains("rgb: "), "{error}");
+        assert!(
+            error.contains(message) && error.contains("scene 1 is not at rest") && error.contains("rgb: "),
+            "{error}"
+        );
     }
 }
 

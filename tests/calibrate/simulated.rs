@@ -43,9 +43,9 @@ fn scenes_of(noise_scale: f64) -> (StaticScenes, Vec<Vec<Pixels>>) {
 /// Largest relative error of a profile's σ, over the bins with 4,000 independent samples in a
 /// calibration.
 fn worst(profile: &NoiseProfile, calibration: &NoiseCalibration, truth: &NoiseProfile) -> f64 {
-    let told =
+    let compared =
         calibration.bins.iter().enumerate().flat_map(|(channel, bins)| bins.iter().map(move |bin| (channel, bin)));
-    let good: Vec<_> = told.filter(|(_, bin)| bin.independent_count >= 4000.0).collect();
+    let good: Vec<_> = compared.filter(|(_, bin)| bin.independent_count >= 4000.0).collect();
     assert!(good.len() >= 36, "only {} of 48 bins have 4,000 independent samples:\n{calibration}", good.len());
     let error = |(channel, code): (usize, f64)| (profile.sigma(channel, code) / truth.sigma(channel, code) - 1.0).abs();
     good.into_iter().map(|(channel, bin)| error((channel, bin.code))).fold(0.0, f64::max)

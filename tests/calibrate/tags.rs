@@ -292,14 +292,14 @@ fn lost_frames_get_no_poses() {
     assert!(gap_s > 0.15 && gap_s < 0.2, "{gap_s}");
     assert_eq!(track.lost(), [(2..4, &PoseFailure::Nothing), (6..7, &PoseFailure::Nothing)]);
     assert_eq!(track.doubtful(), [0..2, 4..6, 7..8]);
-    let told = track.to_string();
+    let text = track.to_string();
     for line in [
         "poses      5 of 8 frames, from 1.0 tags each in the mean\n",
         "lost       frames 2 to 3 (0.200 to 0.300 s): no tag is seen\n",
         "lost       frame 6 (0.650 s): no tag is seen\n",
         "doubtful   frames 4 to 5 (0.400 to 0.550 s): a flat tag may lean the other way, and no frame nearby decides\n",
     ] {
-        assert!(told.contains(line), "{told}");
+        assert!(text.contains(line), "{text}");
     }
 }
 

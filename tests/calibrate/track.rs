@@ -40,14 +40,14 @@ fn differs(a: &Path, b: &Path) -> (f64, f64, usize) {
 fn tracked_video_becomes_a_recording_with_static_evidence() {
     let site = Site::shared(&CAMERA);
     let track = site.track("board.toml", "tracked");
-    let told = stdout_of(&strs(&track));
+    let stdout = stdout_of(&strs(&track));
     for line in [
         "poses      15 of 18 frames, from 6.0 tags each",
         "lost       frames 10 to 12 (0.333 to 0.400 s): no tag is seen",
     ] {
-        assert!(told.contains(line), "{told}");
+        assert!(stdout.contains(line), "{stdout}");
     }
-    assert!(!told.contains("doubtful"), "{told}");
+    assert!(!stdout.contains("doubtful"), "{stdout}");
     let tracked = PathBuf::from(site.path("tracked"));
     let recording = Recording::open(&tracked, &OpenOptions::default()).unwrap();
     assert_eq!((recording.frame_count(), recording.up), (FRAMES, Some(DVec3::Z)));
@@ -138,7 +138,7 @@ fn tracked_video_becomes_a_recording_with_static_evidence() {
     // A tracked recording is replaced on request, and no other folder ever is.
     assert!(refused(&strs(&track)).contains("exists already"));
     let force: Vec<String> = track.iter().cloned().chain(["--force".to_owned()]).collect();
-    assert_eq!(stdout_of(&strs(&force)), told);
+    assert_eq!(stdout_of(&strs(&force)), stdout);
     std::fs::write(site.path("tracked/mine.txt"), "mine").unwrap();
     assert!(refused(&strs(&force)).contains("contains mine.txt"));
     assert!(Path::new(&site.path("tracked/poses.txt")).exists());
@@ -158,7 +158,7 @@ fn tracked_video_becomes_a_recording_with_static_evidence() {
     // The line number of a tag is that of its id.
     let tag_at = board.lines().position(|line| line == "id = 0").unwrap() + 1;
     let wrong_size = format!("line {tag_at}, tags.size_m of tag 0: 0 is refused");
-    for (from, to, said) in [
+    for (from, to, message) in [
         ("36h11", "25h9", wrong_family.as_str()),
         ("id = ", "id = 10", "the visible tags are not on the board: 0, 1, 2, 3, 4, 5"),
         ("0.0425", "0.0825", "are not arranged as on the board"),
@@ -166,7 +166,7 @@ fn tracked_video_becomes_a_recording_with_static_evidence() {
     ] {
         std::fs::write(site.path("other.toml"), board.replace(from, to)).unwrap();
         let error = track_few();
-        assert!(error.contains(said), "{error}");
+        assert!(error.contains(message), "{error}");
         assert!(!Path::new(&site.path("other")).exists(), "{error}");
     }
     let small = CAMERA.profile().replace("width_px = 640", "width_px = 1280");
@@ -223,8 +223,8 @@ fn track_is_smoothed_on_request() {
     let plain = site.track("board.toml", "plain");
     stdout_of(&strs(&plain));
     let smooth: Vec<String> = site.track("board.toml", "smooth");
-    let told = stdout_of(&[&strs(&smooth)[..], &["--smooth", "0.05"]].concat());
-    assert!(told.contains("smoothed   by a line through the poses around each, 0.05 s to 1/e"), "{told}");
+    let stdout = stdout_of(&[&strs(&smooth)[..], &["--smooth", "0.05"]].concat());
+    assert!(stdout.contains("smoothed   by a line through the poses around each, 0.05 s to 1/e"), "{stdout}");
     let (plain, smooth) = (recorded(&site.path("plain")), recorded(&site.path("smooth")));
     // The frames in which the camera points away are not bridged.
     let wanted = smooth_poses(&plain, 0.05, 0.05);

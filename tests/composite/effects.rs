@@ -560,8 +560,11 @@ fn iso_without_measured_noise_is_reported() {
     let with_speed = || gpu::settings(&[("noise", "iso", Value::Number(800.0))]);
     assert!(with_speed().ineffective_settings(&camera).is_empty());
     camera.noise = None;
-    let told = with_speed().ineffective_settings(&camera);
-    assert!(told.len() == 1 && told[0].contains("noise.iso") && told[0].contains("[camera.noise]"), "{told:?}");
+    let ineffective = with_speed().ineffective_settings(&camera);
+    assert!(
+        ineffective.len() == 1 && ineffective[0].contains("noise.iso") && ineffective[0].contains("[camera.noise]"),
+        "{ineffective:?}"
+    );
     assert!(Settings::default().ineffective_settings(&camera).is_empty());
     let mut off = with_speed();
     off.without(&["noise".to_owned()]).unwrap();

@@ -174,15 +174,15 @@ fn photographed(
 
 /// Asserts equality within one code value: texture sizes differ, and with them the rounding of
 /// positions and of light.
-fn assert_within_one_code(a: &Pixels, b: &Pixels, told: &str) {
+fn assert_within_one_code(a: &Pixels, b: &Pixels, label: &str) {
     let apart = |i: u32| {
         let [a, b] = [a, b].map(|picture| picture.at(i % size().0, i / size().0));
         a.iter().zip(b).map(|(a, b)| a.abs_diff(b)).max().unwrap()
     };
     let (most, at) = (0..size().0 * size().1).map(|i| (apart(i), i)).max().unwrap();
     let differ = (0..size().0 * size().1).filter(|i| apart(*i) > 0).count();
-    println!("{told} {differ} pixels differ, by {most} at most");
-    assert!(most <= 1, "{told} {differ} pixels differ, by {most} at ({}, {})", at % size().0, at / size().0);
+    println!("{label} {differ} pixels differ, by {most} at most");
+    assert!(most <= 1, "{label} {differ} pixels differ, by {most} at ({}, {})", at % size().0, at / size().0);
 }
 
 // Slow: every method of every effect, in whole and in five parts.

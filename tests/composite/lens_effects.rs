@@ -43,8 +43,8 @@ fn number(table: &'static str, name: &'static str, value: f64) -> (&'static str,
 }
 
 /// Asserts that all components agree within a tolerance.
-fn assert_close(found: [f64; 4], expected: [f64; 4], within: f64, told: &str) {
-    assert!(found.iter().zip(expected).all(|(f, e)| (f - e).abs() <= within), "{told}: {found:?} is not {expected:?}");
+fn assert_close(found: [f64; 4], expected: [f64; 4], within: f64, label: &str) {
+    assert!(found.iter().zip(expected).all(|(f, e)| (f - e).abs() <= within), "{label}: {found:?} is not {expected:?}");
 }
 
 #[test]

@@ -483,7 +483,7 @@ fn equirectangular_and_fisheye_recordings_open_and_invalid_ones_are_refused() {
     std::fs::write(folder("profile.toml"), other).unwrap();
     std::fs::write(folder("rows.toml"), "version = 1\n[camera]\nwidth_px = 128\nheight_px = 64\nreadout_time_s = 0.01\n[camera.distortion]\nmodel = \"equirectangular\"\n").unwrap();
     let (profile, rows) = (folder("profile.toml"), folder("rows.toml"));
-    for (more, said) in [
+    for (more, message) in [
         (
             &[
                 "--set",
@@ -505,11 +505,11 @@ fn equirectangular_and_fisheye_recordings_open_and_invalid_ones_are_refused() {
         (&["--profile", rows.to_str().unwrap()], "readout_time_s"),
     ] {
         let (done, text) = run("good", more);
-        assert!(said.is_empty() == done && text.contains(said), "{more:?}: {text}");
+        assert!(message.is_empty() == done && text.contains(message), "{more:?}: {text}");
     }
 
     // nerfstudio's own conventions: OpenGL axes, meaningless focal lengths.
-    for ((width, height), said) in [((128, 64), ""), ((128, 100), "twice as wide as high")] {
+    for ((width, height), message) in [((128, 64), ""), ((128, 100), "twice as wide as high")] {
         let folder = folder(&format!("nerf{height}"));
         recording(&folder, (width, height), "");
         std::fs::remove_file(folder.join("recording.toml")).unwrap();
@@ -519,6 +519,6 @@ fn equirectangular_and_fisheye_recordings_open_and_invalid_ones_are_refused() {
         );
         std::fs::write(folder.join("transforms.json"), text).unwrap();
         let (done, text) = run(&format!("nerf{height}"), &[]);
-        assert!(said.is_empty() == done && text.contains(said), "{text}");
+        assert!(message.is_empty() == done && text.contains(message), "{text}");
     }
 }

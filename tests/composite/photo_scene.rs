@@ -61,13 +61,13 @@ impl PhotoConditions<'_> {
             summed_occlusion: hiding,
         };
         let exposed = PhotoExposure { opening: self.opening, time_s: self.time_s, over_ev: 0.0, iso_ratio: 1.0 };
-        let mut told = Vec::new();
+        let mut progress = Vec::new();
         let told_all = |share| {
-            told.push(share);
+            progress.push(share);
             true
         };
         let taken = take(&mut compositor, &standpoint, &framing, real, &exposed, told_all).unwrap();
-        (taken.pixels, told)
+        (taken.pixels, progress)
     }
 }
 
@@ -159,10 +159,10 @@ fn long_exposure_reports_its_progress() {
         opening: None,
         time_s: 0.2,
     };
-    let (_, told) = of.photo(board([6.0, 20.0], 0.5), gpu::grey(160, 60, 0));
+    let (_, progress) = of.photo(board([6.0, 20.0], 0.5), gpu::grey(160, 60, 0));
     // The picture is one tile. Its blur of 80 px takes two moments a pixel; progress is reported
     // every 32 moments and for the rest.
-    assert_eq!(told, [0.0, 1.0 / 6.0, 2.0 / 6.0, 3.0 / 6.0, 4.0 / 6.0, 5.0 / 6.0]);
+    assert_eq!(progress, [0.0, 1.0 / 6.0, 2.0 / 6.0, 3.0 / 6.0, 4.0 / 6.0, 5.0 / 6.0]);
 }
 
 /// A black object in front of a wall with depth at its border and in one pixel in fifty: without a

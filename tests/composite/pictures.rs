@@ -27,12 +27,12 @@ fn pictures_layers_and_reports_match_their_hashes() {
         .arg(root.join("tests/pictures/hashes.txt"))
         .output()
         .expect("python3 starts: this test needs it");
-    let said = String::from_utf8_lossy(&output.stdout);
-    println!("{said}");
+    let stdout = String::from_utf8_lossy(&output.stdout);
+    println!("{stdout}");
     match output.status.code() {
         Some(0) => {}
         // Another driver or processor.
-        Some(3) => eprintln!("skipped: {said}"),
-        code => panic!("exit {code:?}\n{said}{}", String::from_utf8_lossy(&output.stderr)),
+        Some(3) => eprintln!("skipped: {stdout}"),
+        code => panic!("exit {code:?}\n{stdout}{}", String::from_utf8_lossy(&output.stderr)),
     }
 }

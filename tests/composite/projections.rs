@@ -283,7 +283,7 @@ fn program_frames_a_scene_with_every_projection() {
 #[test]
 fn invalid_cameras_are_refused() {
     let out = std::env::temp_dir().join("never-written.png");
-    for (arguments, said) in [
+    for (arguments, message) in [
         (&["--fov", "0"][..], "more than 0"),
         (&["--fov", "180"], "up to 175"),
         (&["--fov", "90,45"], "one angle of view"),
@@ -304,7 +304,7 @@ fn invalid_cameras_are_refused() {
             all.extend(["-o", out.to_str().unwrap()]);
         }
         let (done, text) = program::success_and_stderr(&all);
-        assert!(!done && text.contains(said), "{arguments:?}: {text}");
+        assert!(!done && text.contains(message), "{arguments:?}: {text}");
     }
     assert!(!Path::new(&out).exists());
 }

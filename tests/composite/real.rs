@@ -112,17 +112,17 @@ fn props_on_a_real_desk_are_occluded_by_nearer_things_only() {
             // Occlusion is certain if all measurements around are nearer by more than the
             // tolerance, or none is.
             let object_m = open.depth_m[i] - tolerance_m;
-            let said = |(nearest, farthest): (f32, f32)| match () {
+            let label = |(nearest, farthest): (f32, f32)| match () {
                 () if farthest < object_m - 0.01 => Some(0.0),
                 () if nearest > object_m + 0.03 => Some(1.0),
                 () => None,
             };
-            let Some(expected) = measured_around(depth, i, UNCERTAIN_PX).and_then(said) else { continue };
+            let Some(expected) = measured_around(depth, i, UNCERTAIN_PX).and_then(label) else { continue };
             judged += 1;
             wrong += usize::from((shown - expected).abs() > 0.5);
             // Edges are soft along the camera's motion while the shutter is open; beyond it pixels
             // are covered completely or not at all.
-            if measured_around(depth, i, UNCERTAIN_PX + soft_px).and_then(said).is_some() {
+            if measured_around(depth, i, UNCERTAIN_PX + soft_px).and_then(label).is_some() {
                 whole += 1;
                 partly += usize::from(shown != expected);
             }

@@ -146,28 +146,28 @@ fn reused_compositor_matches_a_new_one_over_every_parameter_range() {
     // Own device: the test counts its pipelines.
     let gpu = Gpu::open().unwrap();
     let mut held = Compositor::new(gpu.clone(), scene());
-    let pictures: Vec<_> = sweep(false).map(|(told, one)| (told, one.picture(&mut held))).collect();
+    let pictures: Vec<_> = sweep(false).map(|(label, one)| (label, one.picture(&mut held))).collect();
     let drawn = pictures.iter().filter(|(_, picture)| picture.is_ok()).count();
     println!("{} values, {drawn} pictures", pictures.len());
     assert!(drawn > fast_or_full(100, 200) && drawn * 2 > pictures.len(), "{drawn} of {}", pictures.len());
 
     // Each choice has been drawn by now. Other numbers create no pipeline.
     let mut made = gpu.pipeline_count();
-    for (told, one) in sweep(true) {
+    for (label, one) in sweep(true) {
         let _ = one.picture(&mut held);
         let now = gpu.pipeline_count();
-        assert_eq!(now, made, "{told}: {} pipelines more", now - made);
+        assert_eq!(now, made, "{label}: {} pipelines more", now - made);
         made = now;
     }
     let (again, anew) = fast_or_full((8, 24), (3, 9));
-    for (n, ((told, one), (_, first))) in sweep(false).zip(&pictures).enumerate() {
+    for (n, ((label, one), (_, first))) in sweep(false).zip(&pictures).enumerate() {
         if n % again == 0 {
-            assert!(one.picture(&mut held) == *first, "{told}: another picture the second time");
+            assert!(one.picture(&mut held) == *first, "{label}: another picture the second time");
         }
         // A new compositor for every picture would take minutes.
         if n % anew == 0 {
             let anew = one.picture(&mut Compositor::new(gpu.clone(), scene()));
-            assert!(anew == *first, "{told}: not what a new compositor gives");
+            assert!(anew == *first, "{label}: not what a new compositor gives");
         }
     }
 }

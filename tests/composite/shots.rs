@@ -173,12 +173,12 @@ fn photo_can_be_cancelled() {
     let mut wanted = PhotoRequest::new(31, temp.path().join("a.jpg"));
     (wanted.lux, wanted.width_px) = (Some(300.0), Some(320));
     let device = || Ok(gpu::gpu().clone());
-    let ended = wanted.take(demo(&[]), device, &mut |told| !matches!(told, PhotoEvent::Taking { .. }));
+    let ended = wanted.take(demo(&[]), device, &mut |event| !matches!(event, PhotoEvent::Taking { .. }));
     assert!(matches!(ended, Err(PhotoError::Take(TakeError::Cancelled))), "{ended:?}");
     assert_eq!(std::fs::read_dir(temp.path()).unwrap().count(), 0);
     let mut written = Vec::new();
-    let taken = wanted.take(demo(&[]), device, &mut |told| {
-        if let PhotoEvent::Written { path, .. } = told {
+    let taken = wanted.take(demo(&[]), device, &mut |event| {
+        if let PhotoEvent::Written { path, .. } = event {
             written.push(path);
         }
         true
@@ -190,17 +190,18 @@ fn photo_can_be_cancelled() {
     // Cancelled by a warning before a device is opened, and between two of a series, the first of
     // which stays.
     let dark = PhotoRequest { lux: None, output: temp.path().join("dark.jpg"), ..wanted.clone() };
-    let ended = dark.take(demo(&[]), || panic!("none is needed"), &mut |told| !matches!(told, PhotoEvent::Warning(_)));
+    let ended =
+        dark.take(demo(&[]), || panic!("none is needed"), &mut |event| !matches!(event, PhotoEvent::Warning(_)));
     assert!(matches!(ended, Err(PhotoError::Take(TakeError::Cancelled))), "{ended:?}");
     let series =
         PhotoRequest { bracket: Some(Bracket::Iso), width_px: Some(64), output: temp.path().join("s.jpg"), ..wanted };
     let mut photographs = Vec::new();
-    let ended = series.take(demo(&[]), device, &mut |told| match told {
+    let ended = series.take(demo(&[]), device, &mut |event| match event {
         PhotoEvent::Taking { number, .. } => {
             photographs.push(number);
             true
         }
-        told => !matches!(told, PhotoEvent::Written { .. }),
+        event => !matches!(event, PhotoEvent::Written { .. }),
     });
     assert!(matches!(ended, Err(PhotoError::Take(TakeError::Cancelled))), "{ended:?}");
     assert!(photographs.iter().all(|number| *number == 1), "{photographs:?}");

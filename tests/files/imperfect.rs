@@ -105,8 +105,8 @@ fn unreadable_depth_is_left_out() {
     }
     let r = open(folder);
     assert_eq!((r.frame_count(), r.has_depth()), (3, false));
-    let said = "3 of 3 depth pictures cannot be read, and their frames have no depth (first: ";
-    assert_eq!(warning_count(&r, said), 1, "{:?}", r.warnings);
+    let message = "3 of 3 depth pictures cannot be read, and their frames have no depth (first: ";
+    assert_eq!(warning_count(&r, message), 1, "{:?}", r.warnings);
     assert_eq!(warning_count(&r, "the array is truncated in its header"), 1, "{:?}", r.warnings);
     // Commands for colour pictures would change the values.
     fs::write(folder.join("d0"), b"II*\0").unwrap();
@@ -145,8 +145,8 @@ fn truncated_depth_is_counted_when_it_is_decoded() {
         "{inspected}"
     );
     assert_eq!(frames(&r, 0..3).iter().map(|frame| frame.depth.is_some()).collect::<Vec<_>>(), [true, false, true]);
-    let told = r.undecoded_depth().unwrap();
-    assert!(told.starts_with("1 of 3 depth pictures cannot be read") && told.contains("d1.png: "), "{told}");
+    let warning = r.undecoded_depth().unwrap();
+    assert!(warning.starts_with("1 of 3 depth pictures cannot be read") && warning.contains("d1.png: "), "{warning}");
 }
 
 /// An array of 6×8 floats as written by `numpy.save`.
@@ -259,12 +259,12 @@ fn foreign_format_named_jpg_affects_only_its_own_frame() {
         assert_eq!(warning_count(&r, "no focal length"), 0, "{:?}", r.warnings);
     }
     // If there are no others, the recording is refused with advice.
-    for ((_, bytes), said) in foreign.into_iter().zip(["heif-convert", "`git lfs pull`"]) {
+    for ((_, bytes), message) in foreign.into_iter().zip(["heif-convert", "`git lfs pull`"]) {
         for name in names {
             fs::write(folder.join("images").join(name), bytes).unwrap();
         }
-        assert!(refused(folder).contains(said), "{}", refused(folder));
-        assert!(refused(&folder.join("transforms.json")).contains(said));
+        assert!(refused(folder).contains(message), "{}", refused(folder));
+        assert!(refused(&folder.join("transforms.json")).contains(message));
     }
     // One that is damaged, and one that is not a picture.
     pictures(folder, &names);
@@ -273,12 +273,12 @@ fn foreign_format_named_jpg_affects_only_its_own_frame() {
         (b"x\n", "f2.jpg: is neither a PNG nor a JPEG"),
         (b"", "f2.jpg: is neither a PNG nor a JPEG"),
     ];
-    for (bytes, said) in damaged {
+    for (bytes, message) in damaged {
         fs::write(folder.join("images/f2.jpg"), bytes).unwrap();
         for r in [open(folder), open(&folder.join("transforms.json"))] {
             assert_eq!(times(&r), [0.0, 1.0, 3.0, 4.0]);
             assert_eq!(warning_count(&r, "1 of 5 pictures is not read and left out (first: "), 1, "{:?}", r.warnings);
-            assert_eq!(warning_count(&r, said), 1, "{:?}", r.warnings);
+            assert_eq!(warning_count(&r, message), 1, "{:?}", r.warnings);
         }
     }
 }
@@ -318,7 +318,7 @@ fn jpeg_of_kind(marker: u8, bits: u8) -> Vec<u8> {
 fn jpegs_of_other_kinds_are_reported_as_unsupported() {
     let temp = tempfile::tempdir().unwrap();
     let file = temp.path().join("f.jpg");
-    for (marker, bits, said) in [
+    for (marker, bits, message) in [
         (0xc3, 8, "is a lossless JPEG, which is not supported; convert it: ffmpeg"),
         (0xc9, 8, "is an arithmetic-coded JPEG, which is not supported; convert it: jpegtran"),
         (0xc1, 12, "is a JPEG of more than 8 bits, which is not supported"),
@@ -333,7 +333,7 @@ fn jpegs_of_other_kinds_are_reported_as_unsupported() {
             still::check_end(&file).unwrap_err().to_string(),
             still::decode_pixels(&bytes).unwrap_err(),
         ];
-        assert!(errors.iter().all(|error| error.contains(said)), "{errors:?}");
+        assert!(errors.iter().all(|error| error.contains(message)), "{errors:?}");
     }
 }
 
@@ -397,8 +397,8 @@ fn oriented(folder: &Path, orientations: &[(&str, u8)]) -> Recording {
 fn exif_orientation_is_reported_once() {
     let temp = tempfile::tempdir().unwrap();
     let r = oriented(temp.path(), &[("f0.jpg", 1), ("f1.jpg", 6), ("f2.jpg", 6)]);
-    let said = "f1.jpg: is tagged to be shown turned by 90° clockwise (EXIF orientation 6)";
-    assert_eq!(warning_count(&r, said), 1, "{:?}", r.warnings);
+    let message = "f1.jpg: is tagged to be shown turned by 90° clockwise (EXIF orientation 6)";
+    assert_eq!(warning_count(&r, message), 1, "{:?}", r.warnings);
     assert_eq!(warning_count(&r, "2 pictures with this tag; a written video has no such tag"), 1, "{:?}", r.warnings);
     assert_eq!(r.presentation().orientation, Orientation::default());
 }

@@ -70,7 +70,7 @@ fn missing_output_folders_are_created_after_the_input_is_checked() {
     std::fs::write(path("a.jpg"), "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 9\n").unwrap();
     std::fs::write(path("a.hdr"), "#?RADIANCE\n").unwrap();
     std::fs::write(path("s.toml"), "version = 1\n[light]\nenvironment = \"a.hdr\"\n").unwrap();
-    for (input, told) in [
+    for (input, message) in [
         (["render", &path("s.toml")].to_vec(), "a.hdr: the panorama"),
         (["calibrate", "camera", &path("a.heic")].to_vec(), "is HEIC, which is not read; convert it"),
         (["calibrate", "noise", &path("a.jpg")].to_vec(), "Git LFS pointer"),
@@ -80,7 +80,7 @@ fn missing_output_folders_are_created_after_the_input_is_checked() {
         // Neither with a missing folder nor with another error of the output.
         for output in ["none/p.toml", "a.heic/p.toml"] {
             let text = refused(&[&input[..], &["-o", &path(output)]].concat());
-            assert!(text.contains(told) && !Path::new(&path("none")).exists(), "{input:?}: {text}");
+            assert!(text.contains(message) && !Path::new(&path("none")).exists(), "{input:?}: {text}");
         }
     }
 }
@@ -219,12 +219,12 @@ fn output_into_the_recording_is_refused() {
     with_a_truncated_frame(temp.path());
     let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
     let before = std::fs::read_dir(temp.path().join("rgb")).unwrap().count();
-    for (out, told) in
+    for (out, message) in
         [(path(""), "is the recording's folder"), (path("rgb/../rgb"), "is the folder of the recording's frames")]
     {
         let profile = ["--scene", "scenes/marker-1.glb", "--profile", "profiles/simulated.toml", "--force", "-o", &out];
         let text = refused(&[&["composite", &path("recording.toml")], &profile[..]].concat());
-        assert!(text.contains(told), "{text}");
+        assert!(text.contains(message), "{text}");
     }
     assert_eq!(std::fs::read_dir(temp.path().join("rgb")).unwrap().count(), before);
 }

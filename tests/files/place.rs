@@ -22,8 +22,8 @@ fn placed_objects_rest_on_the_floor_and_the_file_keeps_its_comments() {
     let scene = file.to_str().unwrap();
     let text = "# the site\nversion = 1 # so far\nup = \"z\"\n";
     std::fs::write(&file, text).unwrap();
-    let told = stdout_of(&place(scene, &["--at", "320,300", "--model", "scenes/marker-1.glb", "--heading", "30"]));
-    assert!(told.contains("tilted by 0.") && told.contains("placed"), "{told}");
+    let stdout = stdout_of(&place(scene, &["--at", "320,300", "--model", "scenes/marker-1.glb", "--heading", "30"]));
+    assert!(stdout.contains("tilted by 0.") && stdout.contains("placed"), "{stdout}");
     stdout_of(&place(
         scene,
         &["--at", "300,330", "--model", "scenes/cartridge-case-9mm.glb", "--flat", "--name", "case"],
@@ -65,8 +65,8 @@ fn surface_on_a_real_desk_is_found() {
     let scene = temp.path().join("scene.toml");
     let arguments = ["--frame", "20", "--at", "320,300", "--model", "scenes/l-scale.glb", "--flat", "--profile"];
     let folder = [folder.to_str().unwrap(), "profiles/tum-fr1.toml", scene.to_str().unwrap()];
-    let told = stdout_of(&[&["place", folder[0]], &arguments[..], &[folder[1], "--scene", folder[2]]].concat());
-    assert!(told.contains("of the surroundings") && scene.exists(), "{told}");
+    let stdout = stdout_of(&[&["place", folder[0]], &arguments[..], &[folder[1], "--scene", folder[2]]].concat());
+    assert!(stdout.contains("of the surroundings") && scene.exists(), "{stdout}");
 }
 
 #[test]
@@ -75,19 +75,19 @@ fn recording_without_an_up_takes_the_normal_of_the_first_surface() {
     let temp = tempfile::tempdir().unwrap();
     let file = temp.path().join("scene.toml");
     let at = ["--frame", "22", "--at", "440,290", "--model", "scenes/marker-1.glb", "--scene", file.to_str().unwrap()];
-    let told = stdout_of(&[&["place", folder.to_str().unwrap()], &at[..]].concat());
-    assert!(told.contains("up is unknown: [") && told.contains("written as `up`"), "{told}");
+    let stdout = stdout_of(&[&["place", folder.to_str().unwrap()], &at[..]].concat());
+    assert!(stdout.contains("up is unknown: [") && stdout.contains("written as `up`"), "{stdout}");
     let up = document::read(&file).unwrap().value().up.unwrap().axis(&file, "up").unwrap();
     // The table's normal by a plane through 2,000 of its points.
     let off_deg = up.angle_between(glam::DVec3::new(0.035, -0.887, -0.46)).to_degrees();
     assert!(off_deg < 4.0, "{up}: {off_deg}");
     // Later objects use the same up axis, and earlier ones are not rotated.
-    let told = stdout_of(&[&["place", folder.to_str().unwrap()], &at[..]].concat());
-    assert!(!told.contains("up is unknown"), "{told}");
+    let stdout = stdout_of(&[&["place", folder.to_str().unwrap()], &at[..]].concat());
+    assert!(!stdout.contains("up is unknown"), "{stdout}");
     std::fs::write(&file, "version = 1\n[[objects]]\nmodel = \"marker-1.glb\"\n").unwrap();
     std::fs::copy("scenes/marker-1.glb", temp.path().join("marker-1.glb")).unwrap();
-    let told = stdout_of(&[&["place", folder.to_str().unwrap()], &at[..]].concat());
-    assert!(told.contains("z is assumed") && document::read(&file).unwrap().value().up.is_none(), "{told}");
+    let stdout = stdout_of(&[&["place", folder.to_str().unwrap()], &at[..]].concat());
+    assert!(stdout.contains("z is assumed") && document::read(&file).unwrap().value().up.is_none(), "{stdout}");
 }
 
 #[test]
@@ -103,7 +103,7 @@ fn refused_placement_changes_nothing() {
     let both = refused(&place(scene, &[&["--at", "320,300", "--flat", "--upright"], &marker[..]].concat()));
     assert!(both.contains("--flat") && both.contains("--upright"), "{both}");
     let at = [&["--at", "320,300"], &marker[..]].concat();
-    for (odd, told) in [
+    for (odd, message) in [
         (["--heading", "1e300"], "--heading 1e300: expected -360 to 360 degrees"),
         (["--heading", "nan"], "--heading NaN: expected"),
         (["--name", " "], "--name: "),
@@ -111,17 +111,17 @@ fn refused_placement_changes_nothing() {
     ] {
         let odd = if odd[0] == "--at" { [&odd[..], &marker].concat() } else { [&at[..], &odd].concat() };
         let text = refused(&place(scene, &odd));
-        assert!(text.contains(told), "{text}");
+        assert!(text.contains(message), "{text}");
     }
     assert!(!file.exists());
     // A scene file must end in .toml, as commands require, and must not be among the frames.
-    for (other, told) in [
+    for (other, message) in [
         (temp.path().join("x.glb"), "ends in .toml"),
         (temp.path().join("scene"), "ends in .toml"),
         (Path::new("recordings/demo/rgb/scene.toml").to_owned(), "the folder of the recording's frames"),
     ] {
         let text = refused(&place(other.to_str().unwrap(), &at));
-        assert!(text.contains(told) && !other.exists(), "{text}");
+        assert!(text.contains(message) && !other.exists(), "{text}");
     }
     std::fs::write(&file, "version = 2\n").unwrap();
     refused(&place(scene, &[&["--at", "320,300"], &marker[..]].concat()));
@@ -136,9 +136,12 @@ fn model_name_is_escaped_on_the_terminal() {
     std::fs::copy("scenes/marker-1.glb", &model).unwrap();
     let at = ["--at", "320,300", "--model", model.to_str().unwrap()];
     // The second is inside the first, which is reported with their names.
-    let told = [(); 2].map(|()| stdout_of(&place(scene.to_str().unwrap(), &at))).concat();
-    assert!(told.contains("placed     a\\u{1b}]0;pwn\\u{7}.glb at ") && told.contains("odd        a\\u{1b}"), "{told}");
-    assert!(told.chars().all(|c| c == '\n' || !c.is_control()), "{told:?}");
+    let stdout = [(); 2].map(|()| stdout_of(&place(scene.to_str().unwrap(), &at))).concat();
+    assert!(
+        stdout.contains("placed     a\\u{1b}]0;pwn\\u{7}.glb at ") && stdout.contains("odd        a\\u{1b}"),
+        "{stdout}"
+    );
+    assert!(stdout.chars().all(|c| c == '\n' || !c.is_control()), "{stdout:?}");
 }
 
 /// The floor of the demonstration is z = 0.
@@ -155,21 +158,21 @@ fn two_frames_triangulate_a_point_and_three_points_give_a_plane() {
     let points = [[0.1, -0.1, 0.0], [0.3, 0.2, 0.0], [-0.2, 0.1, 0.0]];
     let picks = points.map(|point| format!("{}+50:{}", seen(30, point), seen(50, point)));
     let at = ["--at", &picks[0], "--model", "scenes/marker-1.glb"];
-    let told = stdout_of(&place(scene, &at));
-    assert!(told.contains("taken for level; the point is known within"), "{told}");
+    let stdout = stdout_of(&place(scene, &at));
+    assert!(stdout.contains("taken for level; the point is known within"), "{stdout}");
     let placed = document::read(Path::new(scene)).unwrap().value().objects[0].position_m.unwrap();
     assert!(placed.iter().zip(points[0]).all(|(a, b)| (a - b).abs() < 1e-3), "{placed:?}");
 
     let mut inspect = vec!["inspect", "recordings/demo", "--frame", "30"];
     picks.iter().for_each(|pick| inspect.extend(["--pick", pick.as_str()]));
-    let told = stdout_of(&inspect);
+    let stdout = stdout_of(&inspect);
     // By Pythagoras: 0.2, 0.3 and 0.5, 0.1 and 0.3, 0.2.
     for (apart_m, which) in [(0.3606, "1 to 2"), (0.5099, "2 to 3"), (0.3606, "1 to 3")] {
-        let line = told.lines().find(|line| line.ends_with(which)).unwrap();
+        let line = stdout.lines().find(|line| line.ends_with(which)).unwrap();
         let found_m: f64 = line.split_whitespace().nth(1).unwrap().parse().unwrap();
         assert!(line.starts_with("distance ") && (found_m - apart_m).abs() < 2e-4, "{line}");
     }
-    let plane = told.lines().find_map(|line| line.strip_prefix("plane      --plane ")).unwrap();
+    let plane = stdout.lines().find_map(|line| line.strip_prefix("plane      --plane ")).unwrap();
     let on_plane = seen(40, [0.0, 0.3, 0.0]);
     let other = temp.path().join("other.toml");
     let other = other.to_str().unwrap();
@@ -200,8 +203,8 @@ fn misplaced_objects_are_reported_and_previewed() {
     assert!(!stdout_of(&place(scene, &marker)).contains("odd"));
     let composite = ["composite", "recordings/demo", "--preview", "30", "--force", "-o", preview, "--scene"];
     let sound = program::locard(&[&composite[..], &["scenes/demo.toml"], tier::no_shadows()].concat());
-    let told = String::from_utf8(sound.stderr).unwrap();
-    assert!(!told.contains("stand") && !told.contains("hovers") && !told.contains("sunk"), "{told}");
+    let stderr = String::from_utf8(sound.stderr).unwrap();
+    assert!(!stderr.contains("stand") && !stderr.contains("hovers") && !stderr.contains("sunk"), "{stderr}");
     // A second one in the same place.
     let twice = stdout_of(&place(scene, &[&marker[..], &["--name", "second"]].concat()));
     assert!(twice.contains("odd        marker-1 and second overlap"), "{twice}");
@@ -239,7 +242,7 @@ fn overhanging_object_is_supported_by_the_surface_below_it() {
     let file = temp.path().join("scene.toml");
     let model = std::path::absolute("scenes/l-scale.glb").unwrap();
     // The stool's top is at z = 0.41, and its left edge at x = 0.35; the floor is below.
-    let told = |x: f64, z: f64| {
+    let notes = |x: f64, z: f64| {
         let text = format!(
             "version = 1\nup = \"z\"\n[[objects]]\nmodel = {:?}\nposition_m = [{x}, -0.28, {z}]\n",
             model.display().to_string()
@@ -250,15 +253,16 @@ fn overhanging_object_is_supported_by_the_surface_below_it() {
         shot.object_issues(&frame).into_iter().map(|wrong| wrong.note.to_string()).collect::<Vec<_>>()
     };
     for x in [0.4, 0.35, 0.34, 0.33] {
-        assert_eq!(told(x, 0.41), Vec::<String>::new(), "{x}");
+        assert_eq!(notes(x, 0.41), Vec::<String>::new(), "{x}");
     }
-    let over = |told: Vec<String>, mm: std::ops::Range<i32>| {
-        let far = told.first().and_then(|told| told.strip_prefix("l-scale hovers ")?.split_once(" mm")?.0.parse().ok());
-        assert!(far.is_some_and(|far: i32| mm.contains(&far)), "{told:?}");
+    let over = |notes: Vec<String>, mm: std::ops::Range<i32>| {
+        let far =
+            notes.first().and_then(|notes| notes.strip_prefix("l-scale hovers ")?.split_once(" mm")?.0.parse().ok());
+        assert!(far.is_some_and(|far: i32| mm.contains(&far)), "{notes:?}");
     };
     // Half over the stool, 8 cm above it; beside it, as high as its top.
-    over(told(0.34, 0.49), 77..84);
-    over(told(0.22, 0.41), 408..413);
+    over(notes(0.34, 0.49), 77..84);
+    over(notes(0.22, 0.41), 408..413);
 }
 
 #[test]
@@ -282,8 +286,11 @@ fn unused_analysis_is_reported() {
         "--scene",
         scene,
     ]);
-    let told = String::from_utf8(done.stderr).unwrap();
-    assert!(done.status.success() && told.contains("site.analysis is not used") && told.contains("again"), "{told}");
+    let stderr = String::from_utf8(done.stderr).unwrap();
+    assert!(
+        done.status.success() && stderr.contains("site.analysis is not used") && stderr.contains("again"),
+        "{stderr}"
+    );
 }
 
 #[test]
@@ -291,7 +298,7 @@ fn object_in_front_of_a_steep_surface_hovers_over_the_floor() {
     let temp = tempfile::tempdir().unwrap();
     let file = temp.path().join("scene.toml");
     let model = std::path::absolute("scenes/cartridge-case-9mm.glb").unwrap();
-    let told = |position: [f64; 3]| {
+    let notes = |position: [f64; 3]| {
         let text = format!(
             "version = 1\nup = \"z\"\n[[objects]]\nmodel = {:?}\nposition_m = {position:?}\n",
             model.display().to_string()
@@ -303,10 +310,10 @@ fn object_in_front_of_a_steep_surface_hovers_over_the_floor() {
     };
     // Frame 30 shows a box's side there. On the side, and 10 cm towards the camera, 19 cm over the
     // floor.
-    assert_eq!(told([0.536, 0.520, 0.135]), Vec::<String>::new());
-    let told = told([0.503, 0.444, 0.19]);
-    let mm = told.first().and_then(|told| told.split_once(" hovers ")?.1.split_once(" mm")?.0.parse::<i32>().ok());
-    assert!(mm.is_some_and(|mm| (185..195).contains(&mm)), "{told:?}");
+    assert_eq!(notes([0.536, 0.520, 0.135]), Vec::<String>::new());
+    let notes = notes([0.503, 0.444, 0.19]);
+    let mm = notes.first().and_then(|notes| notes.split_once(" hovers ")?.1.split_once(" mm")?.0.parse::<i32>().ok());
+    assert!(mm.is_some_and(|mm| (185..195).contains(&mm)), "{notes:?}");
 }
 
 /// A scene file is UTF-8, and a Unix file's name need not be.

@@ -207,8 +207,8 @@ fn own_format_with_all_parts_opens() {
     let warnings = r.warnings.join("\n");
     let missing = r.missing_poses(0..3).unwrap();
     assert!(missing.contains("no pose for 1 of 3 frames (frame 2"), "{missing}");
-    for said in ["1 of 3 quaternions", "no exposure within 0"] {
-        assert!(warnings.contains(said), "{warnings}");
+    for message in ["1 of 3 quaternions", "no exposure within 0"] {
+        assert!(warnings.contains(message), "{warnings}");
     }
     let later = Recording::open(folder.path(), &OpenOptions { time_offset_s: 0.05, ..Default::default() }).unwrap();
     assert!((later.track.clock_offset_s() + 9.85).abs() < 1e-12);
@@ -404,8 +404,9 @@ fn invalid_recordings_are_refused_in_one_line() {
     write(&at("other"), &options(5, 2, 8), &[picture(0, 5, 2, 8)]);
     list("1 rgb/frame_000000.png\n2 rgb/frame_000001.png\n3 other/frame_000000.png\n");
     let r = open(folder.path());
-    let told = |w: &String| w.contains("most pictures are 4x2") && w.contains("other/frame_000000.png is 5x2");
-    assert!(r.frame_count() == 2 && r.warnings.iter().any(told), "{:?}", r.warnings);
+    let is_size_warning =
+        |w: &String| w.contains("most pictures are 4x2") && w.contains("other/frame_000000.png is 5x2");
+    assert!(r.frame_count() == 2 && r.warnings.iter().any(is_size_warning), "{:?}", r.warnings);
 
     list("1 rgb/frame_000000.png\n2 rgb/frame_000001.png\n3 rgb/frame_000002.png\n");
     let whole = std::fs::read(at("rgb/frame_000001.png")).unwrap();

@@ -161,8 +161,8 @@ fn oversized_file_is_refused_by_its_length() {
     grow("poses.txt", 6 << 30);
     assert!(narrow(temp.path()).contains("poses.txt: cannot be read: it holds 6442450944 bytes; at most 1073741824"));
     grow("recording.toml", 5 << 20);
-    let told = "it holds 5242880 bytes; at most 4194304 are read";
-    assert!(narrow(temp.path()).contains(&format!("recording.toml: cannot be read: {told}")));
+    let message = "it holds 5242880 bytes; at most 4194304 are read";
+    assert!(narrow(temp.path()).contains(&format!("recording.toml: cannot be read: {message}")));
     for name in ["recording.toml", "rgb.txt"] {
         std::fs::remove_file(at(name)).unwrap();
     }
@@ -173,7 +173,7 @@ fn oversized_file_is_refused_by_its_length() {
     std::fs::create_dir_all(at("mav0/cam0")).unwrap();
     std::fs::write(at("mav0/cam0/data.csv"), "#t,f\n0,a.png\n").unwrap();
     grow("mav0/cam0/sensor.yaml", 5 << 20);
-    assert!(narrow(temp.path()).contains(&format!("sensor.yaml: cannot be read: {told}")));
+    assert!(narrow(temp.path()).contains(&format!("sensor.yaml: cannot be read: {message}")));
 }
 
 /// A word of 10 MB in place of a picture's name, whose search used to take a second.

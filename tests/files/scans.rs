@@ -100,10 +100,10 @@ fn missing_parts_of_an_export_are_reported() {
     fs::remove_file(folder.path().join("depth/000001.png")).unwrap();
     let r = open(folder.path());
     assert_eq!(r.frame_count(), 3);
-    for said in
+    for message in
         ["has 3 lines, the video 5 frames: the first 3 of both", "1 of 3 lines have no depth picture (first: line 3,"]
     {
-        assert!(r.warnings.iter().any(|w| w.contains(said)), "{said}: {:?}", r.warnings);
+        assert!(r.warnings.iter().any(|w| w.contains(message)), "{message}: {:?}", r.warnings);
     }
     let has: Vec<bool> = frames(&r, 0..3).iter().map(|frame| frame.depth.is_some()).collect();
     assert_eq!(has, [true, false, true]);
@@ -158,8 +158,8 @@ fn truncated_line_is_left_out_and_reported() {
         fs::write(&odometry, &text[..cut]).unwrap();
         let r = open(folder.path());
         assert_eq!((r.frame_count(), r.track.poses().len()), (2, 2));
-        let said = "odometry.csv: the last line, 4, is incomplete and left out";
-        assert!(r.warnings.iter().any(|w| w.contains(said)), "{:?}", r.warnings);
+        let message = "odometry.csv: the last line, 4, is incomplete and left out";
+        assert!(r.warnings.iter().any(|w| w.contains(message)), "{:?}", r.warnings);
     }
 }
 
@@ -207,13 +207,13 @@ fn invalid_depth_camera_description_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = unregistered(folder.path());
     let toml = fs::read_to_string(path.join("recording.toml")).unwrap();
-    for (from, to, said) in [
+    for (from, to, message) in [
         ("camera = \"depth.toml\"\n", "", "depth.colour_from_depth goes with depth.camera only"),
         ("[0, 0, 0, 1]", "[0, 0, 0, 2]", "colour_from_depth.quaternion: the quaternion has length 2"),
         ("depth.toml", "none.toml", "none.toml: cannot be read"),
     ] {
         fs::write(path.join("recording.toml"), toml.replacen(from, to, 1)).unwrap();
-        assert!(refused(&path).contains(said), "{}", refused(&path));
+        assert!(refused(&path).contains(message), "{}", refused(&path));
     }
     fs::write(path.join("recording.toml"), &toml).unwrap();
     depth_png(&path.join("d.png"), 16, 12, |_, _| 1000);

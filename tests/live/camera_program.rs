@@ -44,10 +44,10 @@ fn video_is_recorded_like_a_camera() {
     let arguments =
         ["record", "--camera", text(&video), "--pose", "file:recordings/demo", "--frames", "5", "-o", text(&site)];
     let output = locard(&arguments);
-    let told = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.success(), "{told}");
-    assert!(told.contains("delivers 640x480 rgb at 4.00 Hz; 640x480 at 30.00 Hz was requested"), "{told}");
-    assert!(told.contains("5 frames in "), "{told}");
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{stderr}");
+    assert!(stderr.contains("delivers 640x480 rgb at 4.00 Hz; 640x480 at 30.00 Hz was requested"), "{stderr}");
+    assert!(stderr.contains("5 frames in "), "{stderr}");
     let recording = Recording::open(&site, &OpenOptions::default()).unwrap();
     assert_eq!((recording.frame_count(), recording.frame_interval_s), (5, 0.25));
     // The first pose is the first frame's, on a separate clock.
@@ -71,10 +71,10 @@ fn high_dynamic_range_video_as_a_camera_is_reported_as_lost() {
     ffmpeg.args(["-v", "error", "-f", "lavfi", "-i", "testsrc=s=64x48:d=0.4:r=5", "-pix_fmt", "yuv420p"]);
     assert!(ffmpeg.args(["-color_trc", "arib-std-b67"]).arg(&video).status().unwrap().success());
     let output = locard(&["record", "--camera", text(&video), "--pose", "none", "--frames", "1", "-o", text(&site)]);
-    let told = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.success(), "{told}");
-    let said = "hlg.mp4: is tagged: it is in HLG (high dynamic range); recorded pictures lose the tag";
-    assert_eq!(told.matches(said).count(), 1, "{told}");
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{stderr}");
+    let message = "hlg.mp4: is tagged: it is in HLG (high dynamic range); recorded pictures lose the tag";
+    assert_eq!(stderr.matches(message).count(), 1, "{stderr}");
 }
 
 #[test]
@@ -89,11 +89,11 @@ fn live_pictures_match_the_recording() {
     arguments.extend(["--profile", "recordings/demo/camera.toml", "--frames", "3"]);
     arguments.extend(["--record", text(&site), "-o", text(&seen)]);
     let output = locard(&arguments);
-    let told = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.success(), "{told}");
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{stderr}");
     // All recorded pictures were tracked, however slow the machine is.
     let taken = std::fs::read_dir(&seen).unwrap().count();
-    assert!(taken > 0 && told.contains(" tracked, 0 by predicted poses, 0 without"), "{told}");
+    assert!(taken > 0 && stderr.contains(" tracked, 0 by predicted poses, 0 without"), "{stderr}");
     stdout_of(&[&["composite", text(&site), "-o", text(&again)][..], &scene, tier::no_shadows()].concat());
     assert_eq!(std::fs::read_dir(&again).unwrap().count(), taken);
     for frame in 0..taken {
@@ -106,7 +106,7 @@ fn live_pictures_match_the_recording() {
 fn unknown_cameras_and_pose_sources_are_refused_in_one_line() {
     let temp = tempfile::tempdir().unwrap();
     let (video, out) = (video(), temp.path().join("out"));
-    for (arguments, said) in [
+    for (arguments, expected) in [
         (["--camera", "77", "--pose", "none"], "77: is not a camera; there "),
         (
             ["--camera", "none.mp4", "--pose", "none"],
@@ -119,8 +119,8 @@ fn unknown_cameras_and_pose_sources_are_refused_in_one_line() {
         (["--camera", text(&video), "--pose", "file:scenes"], "scenes: is not a recording"),
         (["--camera", "Cargo.toml", "--pose", "none"], "Cargo.toml: "),
     ] {
-        let told = refused(&[&["record"][..], &arguments, &["-o", text(&out)]].concat());
-        assert!(told.contains(said) && told.lines().count() == 1, "{told}");
+        let error = refused(&[&["record"][..], &arguments, &["-o", text(&out)]].concat());
+        assert!(error.contains(expected) && error.lines().count() == 1, "{error}");
         assert!(!out.exists());
     }
 }
@@ -216,8 +216,9 @@ fn smoothed_poses_are_composited_and_recorded() {
             [&seen, &again].map(|at| std::fs::read(Path::new(at).join(format!("frame_{frame:06}.png"))).unwrap());
         assert!(live == again, "frame {frame} differs");
     }
-    let told = refused(&["record", "--camera", &endless, "--pose", "none", "--smooth", "0.05", "-o", &site.path("no")]);
-    assert!(told.contains("smoothing is refused: it is for poses from tags"), "{told}");
+    let error =
+        refused(&["record", "--camera", &endless, "--pose", "none", "--smooth", "0.05", "-o", &site.path("no")]);
+    assert!(error.contains("smoothing is refused: it is for poses from tags"), "{error}");
 }
 
 /// A lens that zooms while it is sent.
@@ -271,9 +272,12 @@ fn lens_of_a_stream_is_the_camera_live_and_recorded() {
             std::thread::sleep(Duration::from_millis(10));
         }
         let output = running.wait_with_output().unwrap();
-        let told = String::from_utf8(output.stderr).unwrap();
-        assert!(output.status.success(), "{told}");
-        assert!(told.contains("the lens is the stream's: focal length 28") && told.contains("36x27 mm"), "{told}");
+        let stderr = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.success(), "{stderr}");
+        assert!(
+            stderr.contains("the lens is the stream's: focal length 28") && stderr.contains("36x27 mm"),
+            "{stderr}"
+        );
     }
     for folder in [&site, &bare] {
         let recording = Recording::open(folder, &OpenOptions::default()).unwrap();
@@ -301,25 +305,25 @@ fn unwritable_output_leaves_no_files() {
     let mut command = Command::new("sh");
     command.args(["-c", "ulimit -f 1; exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_locard"), "record"]);
     let output = command.args(["--camera", text(&video), "--frames", "3", "-o", text(&site)]).output().unwrap();
-    let told = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(2), "{told}");
-    assert!(told.contains("; nothing was recorded") && !site.exists(), "{told}");
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2), "{stderr}");
+    assert!(stderr.contains("; nothing was recorded") && !site.exists(), "{stderr}");
 }
 
 #[test]
 fn recording_without_frames_fails_and_leaves_no_files() {
     let temp = tempfile::tempdir().unwrap();
     let (video, site) = (video(), temp.path().join("site"));
-    let told = refused(&["record", "--camera", text(&video), "--seconds", "0.000001", "-o", text(&site)]);
-    assert!(told.contains("site: nothing was recorded: no picture came from the camera in 0.0"), "{told}");
-    assert!(!told.contains("0 frames") && !site.exists(), "{told}");
+    let error = refused(&["record", "--camera", text(&video), "--seconds", "0.000001", "-o", text(&site)]);
+    assert!(error.contains("site: nothing was recorded: no picture came from the camera in 0.0"), "{error}");
+    assert!(!error.contains("0 frames") && !site.exists(), "{error}");
     let out = temp.path().join("out.mkv");
     let live = ["--seconds", "0.000001", "--scene", tier::any_scene(), "--headless", "-o", text(&out)];
     let profile = ["--profile", "recordings/demo/camera.toml", "--record", text(&site)];
-    let told =
+    let error =
         refused(&[&["live", "--camera", text(&video), "--pose", "file:recordings/demo"][..], &live, &profile].concat());
-    assert!(told.contains("nothing was composited: no picture came from the camera"), "{told}");
-    assert!(!out.exists() && !site.exists(), "{told}");
+    assert!(error.contains("nothing was composited: no picture came from the camera"), "{error}");
+    assert!(!out.exists() && !site.exists(), "{error}");
 }
 
 #[test]
@@ -330,11 +334,11 @@ fn stream_without_a_lens_or_profile_is_refused_with_the_reason() {
     let url = format!("opentrackio://127.0.0.1:{port}");
     let out = temp.path().join("out");
     let scene = ["--scene", "scenes/demo.toml", "--headless", "-o", text(&out)];
-    let told = refused(&[&["live", "--camera", text(&video), "--pose", &url, "-q"][..], &scene].concat());
+    let error = refused(&[&["live", "--camera", text(&video), "--pose", &url, "-q"][..], &scene].concat());
     assert!(
-        told.contains(&format!("no lens was received from {url} within 2 s: {url}, received at "))
-            && told.contains("(--profile)"),
-        "{told}"
+        error.contains(&format!("no lens was received from {url} within 2 s: {url}, received at "))
+            && error.contains("(--profile)"),
+        "{error}"
     );
 }
 
@@ -361,10 +365,10 @@ fn closing_lines_count_the_received_poses() {
         count += 1;
         std::thread::sleep(Duration::from_millis(10));
     }
-    let told = String::from_utf8(recording.wait_with_output().unwrap().stderr).unwrap();
-    let line = told.lines().find(|line| line.contains(&format!("{url}: "))).unwrap_or_else(|| panic!("{told}"));
+    let stderr = String::from_utf8(recording.wait_with_output().unwrap().stderr).unwrap();
+    let line = stderr.lines().find(|line| line.contains(&format!("{url}: "))).unwrap_or_else(|| panic!("{stderr}"));
     for part in [" poses in ", " datagrams; dropped: ", " of another source", " no packet of this protocol, or damaged"]
     {
-        assert!(line.contains(part), "{part}: {told}");
+        assert!(line.contains(part), "{part}: {stderr}");
     }
 }

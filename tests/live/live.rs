@@ -140,11 +140,11 @@ fn assert_live_equals_replay_with(
     let gpu = gpu();
     let mut compositor = shot.compositor(gpu.clone());
     let mut live = LiveCompositor::new(&shot, &mut compositor, MAX_GAP_S, INTERVAL_S, Some(writer), lenses).unwrap();
-    let (mut seen, mut told) = (Vec::new(), Vec::new());
+    let (mut seen, mut opacities) = (Vec::new(), Vec::new());
     let mut show = |live: &mut LiveCompositor<'_>, now_s: f64| {
         while let Some(submitted) = live.submit(now_s).unwrap() {
             let shown = live.collect(submitted).unwrap();
-            told.push(shown.opacity);
+            opacities.push(shown.opacity);
             seen.push(shown.done);
         }
     };
@@ -174,7 +174,7 @@ fn assert_live_equals_replay_with(
     let given = ShotOptions { sets, scene, ..ShotOptions::default() };
     let shot = Shot::open(&folder, &OpenOptions::default(), &given).unwrap();
     assert_eq!(shot.recording.frame_count(), frames);
-    (0..frames).for_each(|frame| assert_eq!(shot.recording.opacity(frame), told[frame], "frame {frame}"));
+    (0..frames).for_each(|frame| assert_eq!(shot.recording.opacity(frame), opacities[frame], "frame {frame}"));
     let mut compositor = shot.compositor(gpu.clone());
     let replayed = shot.frames(&mut compositor, 0..frames, false, 2).unwrap();
     let (mut drawn, mut opacity) = (0, Vec::new());

@@ -184,6 +184,6 @@ fn board_of_other_sizes_gives_no_pose() {
 fn other_visible_family_is_named() {
     let (found, why) = poses_by(|text| text.replace("36h11", "25h9"), 3);
     let why = why.unwrap();
-    let said = "no tag of family 25h9 is seen; tags of 36h11 are: `family` in the board's file names another";
-    assert!(found == 0 && why.contains(said), "{why}");
+    let message = "no tag of family 25h9 is seen; tags of 36h11 are: `family` in the board's file names another";
+    assert!(found == 0 && why.contains(message), "{why}");
 }

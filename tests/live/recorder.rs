@@ -172,8 +172,8 @@ fn unterminated_line_is_left_out_and_reported() {
         for end in start + 1..=cut.len() {
             std::fs::write(&file, &cut[..end]).unwrap();
             let recording = open(temp.path());
-            let told = format!("{list}: the last line, 10, is incomplete and left out");
-            assert!(recording.warnings.iter().any(|w| w.ends_with(&told)), "{:?}", recording.warnings);
+            let message = format!("{list}: the last line, 10, is incomplete and left out");
+            assert!(recording.warnings.iter().any(|w| w.ends_with(&message)), "{:?}", recording.warnings);
             let counts = [recording.frame_count(), recording.track.poses().len()];
             let expected = match list {
                 "frames.txt" => [8, 9],
@@ -301,8 +301,8 @@ fn full_disk_ends_the_recording_with_complete_frames() {
         match Recording::open(temp.path(), &OpenOptions::default()) {
             Ok(recording) => {
                 assert!(recording.frame_count() == frames && recording.check_ends().1.is_empty());
-                let told = &recording.warnings;
-                assert!(!told.iter().any(|warning| warning.contains("is incomplete")), "{told:?}");
+                let warnings = &recording.warnings;
+                assert!(!warnings.iter().any(|warning| warning.contains("is incomplete")), "{warnings:?}");
                 ends.insert(recording.frame_count());
             }
             Err(error) => {

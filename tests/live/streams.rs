@@ -283,8 +283,8 @@ fn late_lost_repeated_and_odd_poses_are_counted() {
     assert_eq!(places(&mut r, 0.2), [(0, 8.0)]);
     let report = r.report();
     assert_eq!((report.poses, report.lost, report.jumps), (6, 2, 0), "5 and 7");
-    let told = [DropReason::Late, DropReason::Repeated, DropReason::OddTime].map(|why| report.count(why));
-    assert_eq!(told, [1, 1, 1]);
+    let counts = [DropReason::Late, DropReason::Repeated, DropReason::OddTime].map(|why| report.count(why));
+    assert_eq!(counts, [1, 1, 1]);
     // The clock jumps, and continues from there.
     r.take(&packet("a", 9, 70.0, 9.0), from(1, 50), 0.30);
     r.take(&packet("a", 10, 70.02, 10.0), from(1, 50), 0.32);

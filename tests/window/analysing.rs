@@ -105,7 +105,7 @@ fn analysis_from_the_window_is_adopted_at_the_current_frame() {
     settle(&mut window);
     let app = window.state();
     let entries = &app.documents().jobs().unwrap().entries;
-    assert!(matches!(&entries[0].state, JobState::Done(said) if said.contains("poses refined")), "{entries:?}");
+    assert!(matches!(&entries[0].state, JobState::Done(output) if output.contains("poses refined")), "{entries:?}");
     assert!(!has_label(&window, "Analyse") && !has_label(&window, "The analysis of this footage is not used"));
     let AnalysisState::Used(at, findings) = &app.project().shot().analysis else { panic!("it is not used") };
     assert!(at.canonicalize().unwrap() == analysis.canonicalize().unwrap() && findings.registration.is_refined());
@@ -137,8 +137,8 @@ fn analysis_from_the_window_is_adopted_at_the_current_frame() {
     press(&mut window, "Light over the frames");
     window.run_steps(20);
     let [r, g, b] = seen_ev[frame()].map(|ev| format!("{ev:.2}"));
-    let told = format!("this frame: red {r}, green {g}, blue {b} stops over the recording's median");
-    assert!(has_label(&window, &told), "{told}");
+    let brightness = format!("this frame: red {r}, green {g}, blue {b} stops over the recording's median");
+    assert!(has_label(&window, &brightness), "{brightness}");
 }
 
 #[test]

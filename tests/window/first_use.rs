@@ -240,14 +240,14 @@ fn unknown_exposure_is_reported_at_once() {
     let without: Vec<&str> = text.lines().filter(|line| !line.starts_with("time_s")).collect();
     assert!(without.len() < text.lines().count());
     std::fs::write(&camera, without.join("\n")).unwrap();
-    let told = "Exposure not known: the exposure time of the frames is unknown: half the frame interval is assumed, at \
+    let message = "Exposure not known: the exposure time of the frames is unknown: half the frame interval is assumed, at \
                 most 1/60 s; the camera's exposure time overrides this.";
     let mut window = open_at(&recording);
     search(&mut window, "motion_blur");
-    assert!(has_label(&window, told));
+    assert!(has_label(&window, message));
     window.state_mut().project_mut().set("camera.exposure", "time_s", &Value::Number(0.01)).unwrap();
     window.run_steps(2);
-    assert!(!has_label(&window, told));
+    assert!(!has_label(&window, message));
 }
 
 #[test]

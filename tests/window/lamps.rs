@@ -183,7 +183,7 @@ fn lamp_in_the_picture_follows_the_pointer() {
     assert_eq!(window.state().project().edit().scene.placement(LAMP).unwrap().size, Size::LargestM(0.08));
     let before = window.state().project().edit().clone();
     press_key(&mut window, Key::R);
-    assert!(window.state().message().is_some_and(|said| said.contains("cannot be turned")));
+    assert!(window.state().message().is_some_and(|text| text.contains("cannot be turned")));
     type_text(&mut window, "45");
     press_key(&mut window, Key::Enter);
     press_key(&mut window, Key::H);

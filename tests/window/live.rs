@@ -256,14 +256,14 @@ fn plots_exist_only_while_the_camera_is_frozen() {
     window.key_press(Key::Space);
     window.step();
     run_until(&mut window, |app| !app.project().shot().recording.is_live() && app.is_settled());
-    let told = |window: &Harness<'_, App>| window.query_all_by_label_contains("σ over the profile's").count();
+    let plot_count = |window: &Harness<'_, App>| window.query_all_by_label_contains("σ over the profile's").count();
     wait_for(&mut window, "the plot", |window| {
         assert!(!waits(window));
-        told(window) > 0
+        plot_count(window) > 0
     });
     window.key_press(Key::C);
     window.run_steps(3);
-    assert!(waits(&window) && told(&window) == 0);
+    assert!(waits(&window) && plot_count(&window) == 0);
 }
 
 /// Replaces the text of a field.

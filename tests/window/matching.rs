@@ -391,10 +391,10 @@ fn only_open_plots_are_computed() {
     window.hover_at(at);
     window.run_steps(3);
     await_text(&mut window, "m away, code values");
-    let told = window.query_all_by_label_contains("m away, code values").next().unwrap();
-    let told = told.accesskit_node().label().or(told.accesskit_node().value()).unwrap();
-    let told_m: f64 = told.split(' ').next().unwrap().parse().unwrap();
+    let label = window.query_all_by_label_contains("m away, code values").next().unwrap();
+    let label = label.accesskit_node().label().or(label.accesskit_node().value()).unwrap();
+    let told_m: f64 = label.split(' ').next().unwrap().parse().unwrap();
     // The sensor's depth has a noise of 1.5 mm, and the row's pose differs slightly from the
     // frame's.
-    assert!((told_m - depth_m).abs() < 5e-3, "{told}: {depth_m}");
+    assert!((told_m - depth_m).abs() < 5e-3, "{label}: {depth_m}");
 }

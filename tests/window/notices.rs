@@ -121,14 +121,14 @@ fn profile_of_another_size_is_refused_with_both_sizes() {
     drop_file(&mut window, other);
     run_until(&mut window, |app| app.problem().is_some());
     window.run_steps(2);
-    let told = format!("This profile is for 1920x1080; the recording is {width}x{height}");
-    assert!(window.state().problem().unwrap().starts_with(&told), "{:?}", window.state().problem());
+    let message = format!("This profile is for 1920x1080; the recording is {width}x{height}");
+    assert!(window.state().problem().unwrap().starts_with(&message), "{:?}", window.state().problem());
     assert_eq!(window.state().project().profile, Some(good));
     assert!(window.state().project().shot().geometry_at(0).is_ok());
     // In the picture, too, until it is closed.
     let shown = |window: &Harness<'_, App>| {
         let picture = middle_of_picture(window);
-        window.query_all_by_label_contains(&told).filter(|node| picture.contains_rect(node.rect())).count()
+        window.query_all_by_label_contains(&message).filter(|node| picture.contains_rect(node.rect())).count()
     };
     assert_eq!(shown(&window), 1);
     press(&mut window, "Close");

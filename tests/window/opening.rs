@@ -27,8 +27,8 @@ fn high_dynamic_range_is_reported_when_the_recording_opens() {
     let project = Project::open(folder.path(), &OpenOptions::default(), &given).unwrap();
     let mut window = window_without_picture(project);
     window.run_steps(2);
-    let said = window.state().message().unwrap().to_owned();
-    assert!(said.contains("HLG") && has_label(&window, &said), "{said}");
+    let text = window.state().message().unwrap().to_owned();
+    assert!(text.contains("HLG") && has_label(&window, &text), "{text}");
 }
 
 #[test]

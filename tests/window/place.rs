@@ -224,14 +224,14 @@ fn placed_object_faces_the_camera_and_its_heading_is_the_full_rotation() {
 fn misplaced_objects_are_reported_and_hidden_ones_not_drawn() {
     let mut window = open();
     let before = shown_codes(&window);
-    let told = |window: &Harness<'_, App>| window.query_all_by_label_contains("stands wrong").count();
+    let issue_count = |window: &Harness<'_, App>| window.query_all_by_label_contains("stands wrong").count();
     // The check runs on another thread.
     let twice = window.state().project().edit().scene.objects[0].clone();
     let name = twice.name.clone().unwrap();
     let add = |scene: &mut locard::scene::SceneFile| scene.objects.push(twice);
     window.state_mut().project_mut().change_scene("twice", add).unwrap();
     settle(&mut window);
-    wait_for(&mut window, "each of the two", |window| told(window) == 2);
+    wait_for(&mut window, "each of the two", |window| issue_count(window) == 2);
     // First the older object is hidden, then the other too.
     let boxes = format!("{name}: shown");
     window.get_all_by_label(&boxes).next().unwrap().click();
@@ -280,6 +280,6 @@ fn object_shadow_is_switched_off_and_object_becomes_a_stand_in() {
     press(&mut window, "Throws a shadow");
     assert!(drawn(&window) && shown_codes(&window) == with_both);
     let history: Vec<_> = window.state().project().history().names().0.map(str::to_owned).collect();
-    let said = ["without its shadow", "stands in for something real", "is evidence", "with its shadow"];
-    assert!(said.iter().all(|said| history.contains(&format!("marker 1: {said}"))), "{history:?}");
+    let steps = ["without its shadow", "stands in for something real", "is evidence", "with its shadow"];
+    assert!(steps.iter().all(|steps| history.contains(&format!("marker 1: {steps}"))), "{history:?}");
 }

@@ -24,12 +24,12 @@ fn hovering_object_on_a_slope_is_put_on_the_surface() {
     let project = Project::open(&demo(), &OpenOptions::default(), &given).unwrap();
     let mut window = window(project, egui::vec2(1400.0, 1000.0));
     window.get_by_role_and_label(egui::accesskit::Role::Button, "marker-1").click();
-    let told = "The surface is tilted by ";
-    wait_for(&mut window, told, |window| window.query_all_by_label_contains(told).count() > 0);
+    let message = "The surface is tilted by ";
+    wait_for(&mut window, message, |window| window.query_all_by_label_contains(message).count() > 0);
     window.get_by_label("On the surface").click();
     window.run_steps(3);
     assert_eq!(steps(&window), ["opened", "marker-1: on the surface"]);
-    assert_eq!(window.query_all_by_label_contains(told).count(), 0);
+    assert_eq!(window.query_all_by_label_contains(message).count(), 0);
     let scene = &window.state().project().shot().scene;
     let object = &scene.objects[0];
     let stands = object.world_from_model.transform_vector3(DVec3::Y).normalize();

@@ -154,8 +154,8 @@ fn message_disappears_with_the_next_action() {
     set(&mut window, 0.5);
     window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
     window.run_steps(2);
-    let told = "Undone: Noise: Scale";
-    let is_told = |window: &Harness<'_, App>| window.query_all_by_label(told).count() == 1;
+    let undone = "Undone: Noise: Scale";
+    let is_told = |window: &Harness<'_, App>| window.query_all_by_label(undone).count() == 1;
     assert!(is_told(&window));
     // The message stays as long as nothing else is done.
     window.run_steps(60);

@@ -46,6 +46,7 @@ pub struct LightFit {
     pub bounce: [f64; MAX_LAMPS],
 }
 
+/// The light of lamps at given positions, fitted to the surfaces. A lower score is a better fit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LampFit {
     pub light: LightFit,

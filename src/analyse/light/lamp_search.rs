@@ -63,6 +63,7 @@ impl SearchVolume {
     }
 }
 
+/// The lamps with the lowest score, and the fit of their light.
 #[derive(Clone, Debug)]
 pub struct LampSearchResult {
     pub lamps: Vec<LampSource>,
@@ -81,7 +82,8 @@ struct LampGrid {
 
 struct LampGridCell {
     at: DVec3,
-    /// Whether each of the grid's points is visible from here; computed on first use.
+    /// Whether each of the grid's points is visible from here; computed on first use. No memo: one
+    /// value for each cell, borrowed by all threads of the search.
     visible: OnceLock<Vec<bool>>,
 }
 
@@ -126,6 +128,7 @@ struct Trial {
     score: f64,
 }
 
+/// Inputs of a search for lamps.
 pub struct Search<'a> {
     pub points: &'a [LitPoint],
     pub occupancy: &'a OccupancyGrid,
@@ -190,8 +193,8 @@ impl Search<'_> {
 
     pub fn lamps(&self, most: usize) -> LampSearchResult {
         let grid = self.grid();
-        let mut found = self.with(&[], FINAL_ITERATIONS);
-        let mut scores = vec![found.score];
+        let mut solution = self.with(&[], FINAL_ITERATIONS);
+        let mut scores = vec![solution.score];
         let mut lamps: Vec<LampSource> = Vec::new();
         // With two lamps in the room, the best position for one is between them. Therefore several
         // positions are kept, and a second lamp is searched for each.
@@ -201,10 +204,10 @@ impl Search<'_> {
                 kept.iter().flat_map(|lamps| self.with_one_more(&grid, lamps)).collect();
             next.sort_by(|a, b| a.1.score.total_cmp(&b.1.score));
             next.truncate(DESCENT_STARTS);
-            let worth = (MIN_GAIN * found.score).max(MIN_GAIN_OF_TOTAL * scores[0]);
+            let worth = (MIN_GAIN * solution.score).max(MIN_GAIN_OF_TOTAL * scores[0]);
             // The score with the first lamp is always recorded, because it is reported.
             let is_promising =
-                |fit: &LampFit| lamps.is_empty() || found.score - fit.score > MIN_APPROXIMATE_GAIN * worth;
+                |fit: &LampFit| lamps.is_empty() || solution.score - fit.score > MIN_APPROXIMATE_GAIN * worth;
             if next.first().is_none_or(|(_, fit)| !is_promising(fit)) {
                 break;
             }
@@ -212,12 +215,12 @@ impl Search<'_> {
             let Some(best) = kept.first_mut() else { break };
             let better = self.relocate(&grid, best);
             scores.push(better.score);
-            if found.score - better.score < worth {
+            if solution.score - better.score < worth {
                 break;
             }
-            (lamps, found) = (best.clone(), better);
+            (lamps, solution) = (best.clone(), better);
         }
-        LampSearchResult { lamps, fit: found, scores }
+        LampSearchResult { lamps, fit: solution, scores }
     }
 
     /// Moves lamps to where they fit best. Then removes each, the oldest first, and searches it

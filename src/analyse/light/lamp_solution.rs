@@ -78,9 +78,9 @@ pub fn solve(voxels: &[Voxel], solid: &[DVec3], place: DVec3, up: DVec3, threads
         );
     }
     let search = Search { points: &all, occupancy: &occupancy, volume, threads };
-    let found = search.lamps(MAX_LAMPS);
-    let explained = 1.0 - found.fit.score / found.scores[0].max(1e-9);
-    let halves = (!found.lamps.is_empty() && explained >= MIN_EXPLAINED)
+    let result = search.lamps(MAX_LAMPS);
+    let explained = 1.0 - result.fit.score / result.scores[0].max(1e-9);
+    let halves = (!result.lamps.is_empty() && explained >= MIN_EXPLAINED)
         .then(|| {
             let points = [0, 1].map(by);
             let searches = points.each_ref().map(|points| Search { points, occupancy: &occupancy, volume, threads });
@@ -91,7 +91,7 @@ pub fn solve(voxels: &[Voxel], solid: &[DVec3], place: DVec3, up: DVec3, threads
     let percent = |share: f64| format!("{:.1} %", 100.0 * share);
     let no_lamp = match halves {
         _ if explained < MIN_EXPLAINED => {
-            let by_one = found.scores.get(1).map_or(0.0, |score| 1.0 - score / found.scores[0].max(1e-9));
+            let by_one = result.scores.get(1).map_or(0.0, |score| 1.0 - score / result.scores[0].max(1e-9));
             let by = percent(by_one.max(explained).max(0.0));
             Some(format!(
                 "a lamp explains {by} of the residual of light from all around, less than {}",
@@ -112,8 +112,8 @@ pub fn solve(voxels: &[Voxel], solid: &[DVec3], place: DVec3, up: DVec3, threads
     if verdict.no_lamp.is_some() {
         return LampSolution::without_lamps(verdict, up);
     }
-    let light = fit_light(voxels, &search, &found.lamps);
-    LampSolution::new(found.lamps, light, occupancy, up, verdict)
+    let light = fit_light(voxels, &search, &result.lamps);
+    LampSolution::new(result.lamps, light, occupancy, up, verdict)
 }
 
 /// Fits the light of lamps at known positions, for luminance and for each colour channel. The ratio
@@ -226,12 +226,12 @@ impl LampSolution {
 
 /// Fits each half's single lamp to the other half. `None` if one half finds no lamp.
 fn check_halves(halves: &[Search; 2], place: DVec3) -> Option<HalvesCheck> {
-    let found = halves.each_ref().map(|half| half.lamps(1));
-    let at = |half: usize| Some(found[half].lamps.first()?.at - place);
+    let of_halves = halves.each_ref().map(|half| half.lamps(1));
+    let at = |half: usize| Some(of_halves[half].lamps.first()?.at - place);
     let apart_deg = at(0)?.angle_between(at(1)?).to_degrees();
     let explained = [0, 1].map(|half: usize| {
-        let none = found[half].scores[0].max(1e-9);
-        1.0 - halves[half].with(&found[1 - half].lamps, ROUNDS).score / none
+        let none = of_halves[half].scores[0].max(1e-9);
+        1.0 - halves[half].with(&of_halves[1 - half].lamps, ROUNDS).score / none
     });
     Some(HalvesCheck { explained: explained[0].min(explained[1]), apart_deg })
 }

@@ -1,5 +1,8 @@
 //! Occupancy grid of the room's surfaces, for visibility by ray marching. Most of a room is free
 //! space, so empty blocks of cells are skipped in one step.
+//!
+//! [`Room`](crate::shadow::Room) is another walk: a sparse set of finer voxels, each with several
+//! points, whose rays leave out the voxels of the receiver plane and those around the lamp.
 
 use glam::{DVec3, IVec3};
 
@@ -16,6 +19,8 @@ const BLOCK_LOG2: u32 = 3;
 /// A ray leaves a block earlier by this number of steps, so that rounding errors skip no cell.
 const EXIT_MARGIN_STEPS: f64 = 1e-6;
 
+/// Occupied cells of 4 cm in the box around the points; larger cells if the box needs too many.
+/// Lengths in m.
 #[derive(Clone, Debug)]
 pub struct OccupancyGrid {
     low: DVec3,

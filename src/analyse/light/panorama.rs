@@ -35,6 +35,7 @@ struct Texel {
     now_far_m: f32,
 }
 
+/// Observations of each direction from a place, world axes, m.
 pub struct PanoramaBuilder {
     middle: Vec3,
     map_from_world: DQuat,

@@ -28,6 +28,7 @@ impl LampEstimate {
     }
 }
 
+/// White level, panorama and lamps of a room, in the axes of its recording, m.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RoomLight {
     /// The place of the white level, on the largest support.

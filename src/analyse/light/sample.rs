@@ -2,6 +2,7 @@
 
 use glam::Vec3;
 
+/// Light and place of a surface point, as one frame shows them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LightSample {
     /// World axes, m.

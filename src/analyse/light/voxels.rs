@@ -100,6 +100,7 @@ impl Voxel {
     }
 }
 
+/// Voxels in cubes, by their place, up to a limit.
 #[derive(Clone, Debug)]
 pub struct Voxels {
     index: HashMap<VoxelKey, u32>,

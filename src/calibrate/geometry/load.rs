@@ -82,12 +82,12 @@ pub fn views_from_paths(
     if all == 0 {
         return Err(LoadError::Nothing);
     }
-    let mut found = from_photos(&photos, &begin, all, progress)?;
+    let mut views = from_photos(&photos, &begin, all, progress)?;
     for video in &videos {
-        let done = found.len();
-        found.extend(from_video(video, every(video), &mut search, &mut |n| progress(done + n, all))?);
+        let done = views.len();
+        views.extend(from_video(video, every(video), &mut search, &mut |n| progress(done + n, all))?);
     }
-    Ok(keep_majority(found))
+    Ok(keep_majority(views))
 }
 
 /// The PNG and JPEG files of a folder, ordered by name.

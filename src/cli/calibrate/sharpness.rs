@@ -80,11 +80,11 @@ impl EdgeSource {
     }
 
     fn measure(&self, region: Rect, moved_px: [f64; 2]) -> Result<SlantedEdge> {
-        let found = match self {
+        let measurement = match self {
             Self::Picture(response, pixels) => edge(pixels, response, region, moved_px)?,
             Self::Recording(shot, frame) => edge(&frame.pixels, &shot.camera().response, region, moved_px)?,
         };
-        Ok(found)
+        Ok(measurement)
     }
 }
 
@@ -110,20 +110,20 @@ pub fn run(args: &Args) -> Result<()> {
         let moved = source.moved_px(region);
         let moved_px = moved.unwrap_or_default().to_array();
         let place = corners.map(number).join(",");
-        let found = source.measure(region, moved_px).with_context(|| format!("--edge {place}"))?;
+        let measurement = source.measure(region, moved_px).with_context(|| format!("--edge {place}"))?;
         let percent = |share: f64| fixed(100.0 * share, 1);
         writeln!(
             out,
             "edge       {place}: σ {} ± {} px; 10-90 % {} px with the pixel's own, slanted by {}°, light {} to {} %",
-            fixed(found.sigma_px, 3),
-            fixed(found.uncertainty_px, 3),
-            found.rise_10_90_px.map_or("?".to_owned(), |rise| fixed(rise, 2)),
-            fixed(found.slant_deg, 1),
-            percent(found.dark),
-            percent(found.bright)
+            fixed(measurement.sigma_px, 3),
+            fixed(measurement.uncertainty_px, 3),
+            measurement.rise_10_90_px.map_or("?".to_owned(), |rise| fixed(rise, 2)),
+            fixed(measurement.slant_deg, 1),
+            percent(measurement.dark),
+            percent(measurement.bright)
         )?;
         if let Some(moved) = moved {
-            let across = (DVec2::from(found.normal).dot(moved)).abs();
+            let across = (DVec2::from(measurement.normal).dot(moved)).abs();
             writeln!(
                 out,
                 "           moved by {} px, {} px across the edge: subtracted",
@@ -131,10 +131,10 @@ pub fn run(args: &Args) -> Result<()> {
                 fixed(across, 2)
             )?;
         }
-        for note in notes(&found, moved_px) {
+        for note in notes(&measurement, moved_px) {
             writeln!(out, "note       {note}")?;
         }
-        edges.push(found);
+        edges.push(measurement);
     }
     let Some(all) = combine(&edges) else { return Ok(()) };
     writeln!(out, "{table}.{name} = {} ± {}", fixed(all.sigma_px, 3), fixed(all.uncertainty_px, 3))?;

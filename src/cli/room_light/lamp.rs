@@ -122,8 +122,8 @@ mod tests {
         let lamps = ["1:2,3", "4:5,6"].map(|text| MarkedLamp::parse(text).unwrap());
         let by =
             WhiteRadiance { far: Vec3::splat(0.5), lamps: vec![(Vec3::splat(0.4), 1.0), (Vec3::splat(0.02), 1.0)] };
-        let told = dark_lamp_warnings(&lamps, &by);
-        assert!(told.len() == 1 && told[0].1.contains("4:5,6"), "{told:?}");
+        let warnings = dark_lamp_warnings(&lamps, &by);
+        assert!(warnings.len() == 1 && warnings[0].1.contains("4:5,6"), "{warnings:?}");
     }
 
     #[test]

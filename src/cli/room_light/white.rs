@@ -52,8 +52,8 @@ pub fn correction(
     let upward = [0, 1, 2].map(|c| fixed(scale * tint[c] * f64::from(upward[c]), 2)).join(", ");
     lines.push(("light", format!("upward-facing matt white shows {upward} now")));
     if let Some([least, most]) = between.filter(|[least, most]| high < *least || low > *most) {
-        let said = format!("{} to {}", times(least), times(most));
-        lines.push(("odd", format!("the footage implies {said}: is it neutral, matt, and in the estimated light?")));
+        let message = format!("{} to {}", times(least), times(most));
+        lines.push(("odd", format!("the footage implies {message}: is it neutral, matt, and in the estimated light?")));
     }
     Ok((correction, lines))
 }

@@ -145,13 +145,13 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer) -> Layer {
     // Highlights are found at the lowest resolution, and removed from all.
     let has_highlights = largest >= highlights::MIN_RADIUS_PX;
     let of_level = |level: usize| (width.div_ceil(2 << level), height.div_ceil(2 << level));
-    let found = highlights::list(run.recorder);
+    let highlight_list = highlights::list(run.recorder);
     for (step, level) in (0..LEVELS as usize).chain(if has_highlights { 2..LEVELS as usize } else { 0..0 }).enumerate()
     {
         if step == LEVELS as usize {
-            highlights::find(run.recorder, &lens, &layer, [&colors.all, &circles.all], &found);
+            highlights::find(run.recorder, &lens, &layer, [&colors.all, &circles.all], &highlight_list);
             let first_two = [0, 1].map(|level| (&colors.levels[level], of_level(level)));
-            highlights::dim(run.recorder, &lens, &found, first_two);
+            highlights::dim(run.recorder, &lens, &highlight_list, first_two);
         }
         let entry = if level == 0 { "first" } else { "next" };
         let pass = run.recorder.pass(Shader::DepthOfFieldPyramid, entry).uniform("lens", &lens);
@@ -181,7 +181,7 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer) -> Layer {
         corners,
         layer: [layer.color.clone(), layer.geometry.clone()],
         smaller: [colors.all.clone(), circles.all],
-        found,
+        found: highlight_list,
     };
     // A render target cannot be read: at first, other textures are bound as the lower resolutions.
     let nothing = [&colors.all; 3];

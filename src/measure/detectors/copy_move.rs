@@ -77,17 +77,17 @@ pub(super) fn matches(source: &PatchSource, patches: &[&DetectorPatch]) -> Vec<T
     let places = |side: usize| side.min(WINDOW_PX) - PATCH_PX + 1;
     let hypotheses = patches.len() * places(residue.values.width) * places(residue.values.height);
     let z = chance_quantile(hypotheses as f64);
-    let mut found: Vec<Option<TileMatch>> = vec![None; patches.len()];
+    let mut best: Vec<Option<TileMatch>> = vec![None; patches.len()];
     for (origin, tiles) in by_window {
         let window = SearchWindow::new(&residue, origin);
         for pair in tiles.chunks(2) {
             let origins: Vec<[usize; 2]> = pair.iter().map(|i| patches[*i].origin_px).collect();
             for (i, tile) in pair.iter().zip(window.search(&residue, &origins, z)) {
-                found[*i] = Some(tile);
+                best[*i] = Some(tile);
             }
         }
     }
-    found.into_iter().flatten().collect()
+    best.into_iter().flatten().collect()
 }
 
 /// The window of a tile: on a grid, the tile near its middle.

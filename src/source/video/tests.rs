@@ -72,10 +72,10 @@ fn presentation_is_kept_and_reported() {
         primaries: Some("bt2020"),
     };
     assert_eq!(v.presentation, expected);
-    for said in
+    for message in
         ["v.mkv: is tagged to be shown turned by 90° clockwise", "not square but 16:15", "v.mkv: is in PQ (high"]
     {
-        assert!(v.warnings.iter().any(|w| w.contains(said)), "{said}: {:?}", v.warnings);
+        assert!(v.warnings.iter().any(|w| w.contains(message)), "{message}: {:?}", v.warnings);
     }
     for plain in ["1:1", "0:1", "N/A"] {
         let stream = format!(r#""pix_fmt": "yuv420p", "color_transfer": "unknown", "sample_aspect_ratio": "{plain}""#);
@@ -99,35 +99,35 @@ fn mirrored_video_is_distinguished_from_a_rotated_one() {
         let v = parse(&format!(r#""pix_fmt": "yuv420p", "side_data_list": {sides}"#), ONE, &Overrides::default());
         let v = v.unwrap();
         assert_eq!(v.presentation.orientation, Orientation::of_matrix(matrix.map(f64::from)).unwrap());
-        let told = format!("v.mkv: is tagged to be shown {shown}; it is read as stored");
-        assert!(v.warnings.iter().any(|warning| warning.starts_with(&told)), "{:?}", v.warnings);
+        let message = format!("v.mkv: is tagged to be shown {shown}; it is read as stored");
+        assert!(v.warnings.iter().any(|warning| warning.starts_with(&message)), "{:?}", v.warnings);
     }
 }
 
 #[test]
 fn unusual_and_unknown_transfer_functions_are_reported() {
-    let told = |name: &str| {
+    let matrix_and_warning = |name: &str| {
         let stream = format!(r#""pix_fmt": "yuv420p", "color_transfer": "{name}""#);
         let v = parse(&stream, ONE, &Overrides::default()).unwrap();
         (v.presentation.transfer.map(str::to_owned), v.warnings.join("; "))
     };
-    for (name, said) in [
+    for (name, message) in [
         ("log100", "is in a logarithmic scale of 100:1; its code values"),
         ("bt470bg", "is in a gamma of 2.8; "),
         ("smpte428", "is in a gamma of 2.6 (digital cinema); "),
         ("linear", "is in linear light; its code values are taken for the camera's usual ones"),
     ] {
-        let (kept, warning) = told(name);
-        assert!(kept.as_deref() == Some(name) && warning.contains(said), "{name}: {kept:?} {warning}");
+        let (kept, warning) = matrix_and_warning(name);
+        assert!(kept.as_deref() == Some(name) && warning.contains(message), "{name}: {kept:?} {warning}");
         assert!(warning.contains("[camera.response]") && warning.contains(&format!("tagged {name} too")), "{warning}");
     }
     let hlg = Presentation { transfer: Some("arib-std-b67"), ..Presentation::default() };
     let lost = hlg.lost_without_tags().unwrap();
     assert!(lost.starts_with("is tagged: it is in HLG (high dynamic range); recorded pictures lose the"), "{lost}");
     assert_eq!(Presentation::default().lost_without_tags(), None);
-    let (kept, warning) = told("odd");
+    let (kept, warning) = matrix_and_warning("odd");
     assert!(kept.is_none() && warning.contains("the unknown transfer function odd"), "{warning}");
-    assert_eq!(told("bt709"), (Some("bt709".to_owned()), String::new()));
+    assert_eq!(matrix_and_warning("bt709"), (Some("bt709".to_owned()), String::new()));
 }
 
 #[test]

@@ -40,15 +40,15 @@ struct FoundCamera {
     place: String,
 }
 
-fn found() -> Result<Vec<FoundCamera>, CameraError> {
+fn system_cameras() -> Result<Vec<FoundCamera>, CameraError> {
     let query = ::nokhwa::query(ApiBackend::Auto).map_err(|error| errors::camera_error("nokhwa", &error))?;
     let camera = |info: &::nokhwa::utils::CameraInfo| {
         let number = info.index().as_index().ok()? as usize;
         Some(FoundCamera { number, name: quoted(info.human_name().trim()), place: quoted(info.description().trim()) })
     };
-    let mut found: Vec<FoundCamera> = query.iter().filter_map(camera).collect();
-    found.sort_by_key(|camera| camera.number);
-    Ok(found)
+    let mut cameras: Vec<FoundCamera> = query.iter().filter_map(camera).collect();
+    cameras.sort_by_key(|camera| camera.number);
+    Ok(cameras)
 }
 
 impl Driver for Nokhwa {
@@ -73,18 +73,18 @@ impl Driver for Nokhwa {
             let FoundCamera { number, name, place } = camera;
             Some(CameraListing { driver: DriverName::Nokhwa, number, name, place, modes })
         };
-        Ok(found()?.into_iter().filter_map(listed).collect())
+        Ok(system_cameras()?.into_iter().filter_map(listed).collect())
     }
 
     fn find(&self, id: &str, name: &str) -> Option<String> {
-        let cameras = found().ok()?;
+        let cameras = system_cameras().ok()?;
         let mut by_name = cameras.iter().filter(|camera| camera.name == name);
         let same = by_name.clone().find(|camera| Some(camera.number) == number(id));
         same.or_else(|| by_name.next()).map(|camera| camera.number.to_string())
     }
 
     fn open(&self, id: &str, requested: &FormatRequest) -> Result<(Box<dyn Capture>, NegotiatedFormat), CameraError> {
-        let cameras = found()?;
+        let cameras = system_cameras()?;
         let names = || cameras.iter().map(|camera| format!("{} ({})", camera.number, camera.name)).collect();
         let camera = cameras.iter().find(|camera| Some(camera.number) == number(id));
         let none = || CameraError::None { asked: id.to_owned(), found: names() };

@@ -7,6 +7,7 @@ use nokhwa::utils::FrameFormat;
 use crate::webcam::driver::Stamp;
 use crate::webcam::picture::Layout;
 
+/// An operating system with a driver of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum System {
     Linux,

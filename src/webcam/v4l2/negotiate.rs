@@ -259,8 +259,8 @@ mod tests {
         let full = Quantization::FullRange;
         assert_eq!(of(Colorspace::Rec709, full, Layout::Nv12, none), (ColorMatrix::Bt709, ColorRange::Full));
         assert_eq!(of(Colorspace::Rec709, unsaid, Layout::Mjpeg, none), (ColorMatrix::Bt601, ColorRange::Full));
-        let said = FormatRequest { range: Some(ColorRange::Full), matrix: Some(ColorMatrix::Bt2020), ..none };
-        assert_eq!(of(srgb, unsaid, Layout::Yuyv, said), (ColorMatrix::Bt2020, ColorRange::Full));
-        assert_eq!(of(srgb, unsaid, Layout::Rgb, said), (ColorMatrix::Rgb, ColorRange::Full));
+        let bt2020 = FormatRequest { range: Some(ColorRange::Full), matrix: Some(ColorMatrix::Bt2020), ..none };
+        assert_eq!(of(srgb, unsaid, Layout::Yuyv, bt2020), (ColorMatrix::Bt2020, ColorRange::Full));
+        assert_eq!(of(srgb, unsaid, Layout::Rgb, bt2020), (ColorMatrix::Rgb, ColorRange::Full));
     }
 }

@@ -29,8 +29,8 @@ impl LensPanel {
     pub fn process_newest(&mut self, session: &Session) {
         let Some(views) = &mut self.views else { return };
         session.newest().iter().for_each(|frame| views.process(frame));
-        if let Some(found) = views.take() {
-            (self.views, self.found) = (None, Some(found));
+        if let Some(result) = views.take() {
+            (self.views, self.found) = (None, Some(result));
         }
     }
 

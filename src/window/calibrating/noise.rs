@@ -99,8 +99,8 @@ impl NoisePanel {
 
     /// Last measured noise points.
     pub fn points(&self) -> Option<&[Vec<NoisePoint>; 3]> {
-        let found = self.measured.last().filter(|_| !self.places.is_empty())?;
-        found.noise.as_ref()?.as_ref().ok().map(|noise| &noise.points)
+        let measured = self.measured.last().filter(|_| !self.places.is_empty())?;
+        measured.noise.as_ref()?.as_ref().ok().map(|noise| &noise.points)
     }
 
     /// Cancels a running measurement.
@@ -138,15 +138,15 @@ impl NoisePanel {
         };
         // Once accepted, the result is the present noise; it is not measured again.
         let is_same = self.measured.last_key().is_some_and(|last| last.measures_like(&of));
-        let found = self.measured.last().cloned().unwrap_or_default();
-        let is_taken = is_same && found.profile().is_some_and(|profile| Some(profile) == of.present.as_ref());
+        let results = self.measured.last().cloned().unwrap_or_default();
+        let is_taken = is_same && results.profile().is_some_and(|profile| Some(profile) == of.present.as_ref());
         let is_current = is_taken || self.measured.is_of(&of);
         if !session.player.playing && !is_taken {
             let (shot, request) = (session.project.shot().clone(), of);
             self.measured.request(ui.ctx(), request.clone(), move |control| measure(&shot, &frame, &request, control));
         }
         if is_same {
-            self.verdicts.clone_from(&found.verdicts);
+            self.verdicts.clone_from(&results.verdicts);
         }
         match parts::list(ui, "plain", &self.verdicts) {
             Some(ListAction::Show(n)) => session.player.seek(self.places[n].frame),
@@ -157,7 +157,7 @@ impl NoisePanel {
             None => {}
         }
         progress::of(ui, "Noise", &self.measured);
-        match found.noise {
+        match results.noise {
             Some(Ok(noise)) => _ = ui.add_enabled_ui(is_current, |ui| self.found(ui, session, &noise, is_taken)),
             Some(Err(why)) if is_same => progress::refused(ui, &why),
             _ => {}

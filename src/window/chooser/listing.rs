@@ -39,6 +39,7 @@ impl ChooserMode {
     }
 }
 
+/// A file or folder that can be chosen or opened.
 #[derive(Clone, Debug)]
 pub struct FolderEntry {
     pub name: String,

@@ -23,7 +23,11 @@ impl Project {
         let apply_to = |rig: &mut Rig, settings: &mut Settings, unpinned: &BTreeSet<String>| {
             let pins = pins.filtered(|table, name| !unpinned.contains(&full_name(table, name)));
             let own = settings_of_scene(opened.values(), &pins, ParameterValues { rig, settings });
-            EstimatedParam::apply(follows.iter().filter(|found| !own.has(found.table, found.name)), rig, settings);
+            EstimatedParam::apply(
+                follows.iter().filter(|estimate| !own.has(estimate.table, estimate.name)),
+                rig,
+                settings,
+            );
             if own.noise().is_none() {
                 rig.noise.clone_from(noise);
             }

@@ -158,8 +158,9 @@ impl Project {
         if table == EXPOSURE_TABLE && self.edit().settings.overrule_recorded_exposure {
             return !self.shot.recording.has_exposure_times();
         }
-        let overrides =
-            |found: &EstimatedParam| found.overrides_profiles() && (found.table, found.name) == (table, name);
+        let overrides = |estimate: &EstimatedParam| {
+            estimate.overrides_profiles() && (estimate.table, estimate.name) == (table, name)
+        };
         self.can_place() || !self.shot.estimates().iter().any(overrides)
     }
 
@@ -193,8 +194,8 @@ impl Project {
         apply_values(&values.from_saved, &mut self.saved.rig, &mut self.saved.settings);
         self.baseline = self.by_profile(values);
         // The profile does not override these values, so differences stay in the scene.
-        let found = self.shot.estimates();
-        let overriding = found.iter().filter(|found| found.overrides_profiles());
+        let estimates = self.shot.estimates();
+        let overriding = estimates.iter().filter(|estimate| estimate.overrides_profiles());
         EstimatedParam::apply(overriding, &mut self.baseline.rig, &mut self.baseline.settings);
         let is_same = |one: ParameterValues<'_>| ShotSettings::between(one, edit.look()).is_empty();
         if is_same(self.saved.look()) {

@@ -78,7 +78,7 @@ fn photo_from_the_window_matches_the_command_line() {
     choose(&mut window, &taken);
     run_until(&mut window, all_over);
     let state = window.state().documents().jobs().unwrap().entries[0].state.clone();
-    assert!(matches!(&state, JobState::Done(said) if said.contains("f/4")), "{state:?}");
+    assert!(matches!(&state, JobState::Done(message) if message.contains("f/4")), "{state:?}");
     let by_program = temp.path().join("program.png");
     let dials = ["--aperture", "4", "--lux", "300", "--width", "320", "--set", "noise.scale=0.5"];
     let recording = harness::demo();

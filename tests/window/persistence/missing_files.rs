@@ -112,8 +112,8 @@ fn missing_models_in_one_folder_are_located_together() {
     }
     let mut project = project(None, Some(&case.scene));
     assert_eq!(project.shot().scene.missing.len(), 2);
-    let told = project.locate(&case.folder.path().join("models/knife.glb"), &moved.join("knife.glb")).unwrap();
-    assert!(told.ends_with("and 1 more in the same folder"), "{told}");
+    let message = project.locate(&case.folder.path().join("models/knife.glb"), &moved.join("knife.glb")).unwrap();
+    assert!(message.ends_with("and 1 more in the same folder"), "{message}");
     let models: Vec<_> = project.edit().scene.objects[1..].iter().map(|object| object.model.as_str()).collect();
     assert_eq!(models, ["moved/knife.glb", "moved/case.glb"]);
     assert!(project.shot().scene.missing.is_empty() && project.history().can_undo());
@@ -153,8 +153,8 @@ fn unreadable_models_in_the_folder_do_not_prevent_locating_one() {
     let mut project = project(None, Some(&case.scene));
     std::fs::copy("scenes/l-scale.glb", models.join("blade.glb")).unwrap();
     std::fs::copy("scenes/l-scale.glb", models.join("case.glb")).unwrap();
-    let told = project.locate(&models.join("knife.glb"), &models.join("blade.glb")).unwrap();
-    assert!(told.ends_with("blade.glb"), "{told}");
+    let message = project.locate(&models.join("knife.glb"), &models.join("blade.glb")).unwrap();
+    assert!(message.ends_with("blade.glb"), "{message}");
     let named: Vec<_> = project.edit().scene.objects[1..].iter().map(|object| object.model.as_str()).collect();
     assert_eq!(named, ["models/blade.glb", "./models/../models/cut.glb", "models/case.glb", "gone/other.glb"]);
     let missing = &project.shot().scene.missing;
@@ -195,8 +195,8 @@ fn truncated_model_is_refused_when_dropped() {
     let mut window = plain();
     drop_file(&mut window, cut);
     run_until(&mut window, |app| app.problem().is_some());
-    let told = format!("kaputt.glb is incomplete (2 of {} kB)", (whole.len() + 500) / 1000);
-    assert_eq!(window.state().problem(), Some(told.as_str()));
+    let message = format!("kaputt.glb is incomplete (2 of {} kB)", (whole.len() + 500) / 1000);
+    assert_eq!(window.state().problem(), Some(message.as_str()));
     window.run_steps(2);
     assert!(has_label(&window, "Place…"), "nothing is being placed");
 }

@@ -292,15 +292,15 @@ fn message_is_shown_in_full_and_can_be_copied() {
     drop_file(&mut window, nowhere);
     run_until(&mut window, |app| app.problem().is_some());
     window.run_steps(2);
-    let told = window.state().problem().unwrap().to_owned();
-    assert!(told.contains("with a rather long name.toml"), "{told}");
-    window.get_by_label(&told).click();
+    let message = window.state().problem().unwrap().to_owned();
+    assert!(message.contains("with a rather long name.toml"), "{message}");
+    window.get_by_label(&message).click();
     window.run_steps(3);
     press(&mut window, "Copy");
     window.key_press(Key::Escape);
     window.run_steps(3);
     assert!(!has_label(&window, "Copy"));
-    assert_eq!(window.query_all_by_label(&told).count(), 1);
+    assert_eq!(window.query_all_by_label(&message).count(), 1);
 }
 
 #[test]

@@ -326,16 +326,16 @@ fn save_without_a_scene_names_the_unsaved_settings() {
     window.key_press_modifiers(Modifiers::COMMAND, Key::S);
     window.run_steps(3);
     press(&mut window, "Save to the profile");
-    run_until(&mut window, |app| app.message().is_some_and(|said| said.contains("Not saved without a scene: ")));
-    let said = window.state().message().unwrap().to_owned();
-    assert!(said.starts_with("Saved the profile mine.toml") && said.contains("eadout"), "{said}");
+    run_until(&mut window, |app| app.message().is_some_and(|text| text.contains("Not saved without a scene: ")));
+    let text = window.state().message().unwrap().to_owned();
+    assert!(text.starts_with("Saved the profile mine.toml") && text.contains("eadout"), "{text}");
     let profile = &case.texts()[0];
     assert!(profile.contains("scale = 0.25") && !profile.contains("time_s"), "{profile}");
     // The second time it is reported at once, and nothing is written.
     window.key_press_modifiers(Modifiers::COMMAND, Key::S);
     window.run_steps(3);
-    let said = window.state().message().unwrap();
-    assert!(said.contains("Not saved without a scene: ") && !has_label(&window, "Save to the profile"), "{said}");
+    let text = window.state().message().unwrap();
+    assert!(text.contains("Not saved without a scene: ") && !has_label(&window, "Save to the profile"), "{text}");
 }
 
 #[test]
