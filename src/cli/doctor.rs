@@ -6,6 +6,7 @@ use std::io::Write;
 use anyhow::{Result, bail};
 
 use locard_engine::gpu::{Gpu, adapters};
+use locard_engine::sfm;
 use locard_engine::source::ffmpeg;
 use locard_engine::webcam::{self, CameraError, CameraListing, DriverName};
 
@@ -45,6 +46,11 @@ pub fn run() -> Result<()> {
             missing += 1;
             writeln!(out, "missing   {error}")?;
         }
+    }
+    // Only `solve` needs it.
+    match sfm::version() {
+        Ok(version) => writeln!(out, "colmap    {version}")?,
+        Err(error) => writeln!(out, "colmap    {error}")?,
     }
     cameras(&mut out)?;
     if missing > 0 {

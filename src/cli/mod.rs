@@ -25,6 +25,7 @@ mod room_light;
 mod send;
 mod simulate;
 mod skip;
+mod solve;
 mod start;
 mod track;
 #[cfg(feature = "window")]
@@ -83,6 +84,9 @@ enum Command {
     Send(send::Args),
     /// Make a printable sheet of tags, by which `track` finds a camera's poses
     Board(board::Args),
+    /// Find the camera's path and lens from a video or photographs alone, and make a recording;
+    /// needs the program `colmap`
+    Solve(solve::Args),
     /// Track a camera through a video that shows printed tags, and make a recording with poses
     Track(track::Args),
     /// List every parameter: unit, range, default, help
@@ -133,6 +137,7 @@ pub fn main() -> ExitCode {
         Command::Render(args) => render::run(&args),
         Command::Send(args) => send::run(&args),
         Command::Board(args) => board::run(&args),
+        Command::Solve(args) => solve::run(&args),
         Command::Track(args) => track::run(&args),
         Command::Params(args) => params::run(&args),
         Command::Doctor => doctor::run(),

@@ -12,7 +12,7 @@ use locard_engine::live::LiveOptions;
 use locard_engine::profile::Rig;
 use locard_engine::source::file::{self, MAX_DOCUMENT_BYTES};
 use locard_engine::source::video::{Overrides, probe};
-use locard_engine::tags::{Board, Paper, RecordingInputs, Sheet, check, record, track};
+use locard_engine::tags::{Board, Paper, RecordingInputs, Sheet, new_folder, record, track};
 use locard_engine::text::{count, reason};
 
 #[derive(clap::Args)]
@@ -62,7 +62,8 @@ pub fn run(args: &Args) -> Result<()> {
     };
     let video = probe(&args.video, &Overrides::default())?;
     // Checked before the work starts, so that no files of the user are lost.
-    check(&args.output, args.force, &inputs)?;
+    let folder = new_folder(&args.output, args.force);
+    folder.check(&inputs)?;
     video.warnings.iter().for_each(|text| warn(args.quiet, text));
     let bar = progress(args.quiet, video.timestamps_s.len());
     let tracked = track(&video, &board, &geometry, &camera.response, &mut |done, _| {
@@ -74,11 +75,7 @@ pub fn run(args: &Args) -> Result<()> {
     if let Some(tau_s) = args.smooth {
         tracked.smooth(tau_s);
     }
-    record(
-        &args.output,
-        args.force,
-        &RecordingInputs { video: &video, profile: &profile, board: &board, track: &tracked },
-    )?;
+    record(&folder, &RecordingInputs { video: &video, profile: &profile, board: &board, track: &tracked })?;
     write!(std::io::stdout().lock(), "{tracked}")?;
     print_status(args.quiet, &format!("{}: {}", count(tracked.chosen().count(), "pose"), args.output.display()));
     Ok(())

@@ -17,7 +17,7 @@ use std::sync::Arc;
 
 use self::atomic::Destination;
 use crate::pixels::{Codes, Pixels};
-use crate::source::ffmpeg::FfmpegError;
+use crate::program::ProgramError;
 use crate::source::presentation::Presentation;
 use crate::text::reason;
 
@@ -132,9 +132,9 @@ pub enum SinkError {
     #[error("standard output: {}", reason(source))]
     Stdout { source: std::io::Error },
     #[error(transparent)]
-    Ffmpeg(#[from] FfmpegError),
+    Program(#[from] ProgramError),
     #[error("{}: {source}", path.display())]
-    Encoder { path: PathBuf, source: FfmpegError },
+    Encoder { path: PathBuf, source: ProgramError },
     #[error("frame {frame} is {found}; {expected} was announced")]
     Shape { frame: usize, found: String, expected: String },
 }

@@ -11,7 +11,8 @@ use super::{Sink, SinkError, SinkOptions, little_endian, rotation, timed};
 use crate::cleanup::MadeFolder;
 use crate::coding::ColorMatrix;
 use crate::pixels::Pixels;
-use crate::source::ffmpeg::{self, Running};
+use crate::program::Running;
+use crate::source::ffmpeg;
 use crate::source::orientation::Orientation;
 use crate::source::video::CONVERSION_FLAGS;
 

@@ -9,12 +9,13 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, sync_channel};
 
 use super::SourceError;
-use super::ffmpeg::{self, Running};
+use super::ffmpeg;
 use super::index::{DecodingStart, Index};
 use super::video::{CONVERSION_FLAGS, MEND, Video};
 use crate::coding::PictureCoding;
 use crate::coding::{ColorMatrix, ColorRange};
 use crate::pixels::{Codes, Pixels};
+use crate::program::Running;
 
 /// Properties of a video that decoding depends on.
 #[derive(Clone, Debug)]

@@ -20,6 +20,7 @@ pub mod video;
 
 use std::path::{Path, PathBuf};
 
+use crate::program::ProgramError;
 use crate::text::reason;
 
 /// Why there are no pixels.
@@ -30,7 +31,7 @@ pub enum SourceError {
     #[error("{}: {problem}", file.display())]
     Content { file: PathBuf, problem: String },
     #[error(transparent)]
-    Ffmpeg(#[from] ffmpeg::FfmpegError),
+    Program(#[from] ProgramError),
     #[error("a decoding thread could not be started: {0}")]
     Thread(std::io::Error),
     #[error("a decoding thread panicked; see the message above")]

@@ -8,11 +8,12 @@ use std::sync::Arc;
 
 use serde::Deserialize;
 
-use super::ffmpeg::{self, FfmpegError};
+use super::ffmpeg;
 use super::index::{Index, IndexEntry};
 use super::presentation::{Presentation, ProbedPresentation};
 use super::{SourceError, file as plain, unsupported};
 use crate::coding::{ChromaSampling, ChromaSiting, ColorMatrix, ColorRange, Decoder, PictureCoding, YcbcrColor};
+use crate::program::{self, ProgramError};
 use crate::text::{count, fixed};
 
 /// Advice about a damaged file.
@@ -138,9 +139,9 @@ pub fn probe(file: &Path, overrides: &Overrides) -> Result<Video, SourceError> {
     let mut arguments: Vec<OsString> =
         ["-v", "error", "-select_streams", "v:0", "-show_entries", entries, "-of", "json"].map(OsString::from).into();
     arguments.extend(ffmpeg::input(file));
-    let output = ffmpeg::output("ffprobe", &arguments).map_err(|error| match error {
+    let output = program::output("ffprobe", &arguments).map_err(|error| match error {
         // An MP4's index is usually at its end.
-        FfmpegError::Failed { problem, .. } => {
+        ProgramError::Failed { problem, .. } => {
             let cut = || {
                 format!(
                     "cannot be opened; is it truncated before its index, or not a video? ffprobe reports: {problem}; \

@@ -27,7 +27,7 @@ pub use footprint::FootprintSamples;
 pub use inverse_depth_plane::InverseDepthPlane;
 pub use object_support::{height_over_points_m, object_support};
 pub use plane_fit::{PlaneFit, PlaneFitError, plane_through};
-pub use ransac::MeasuredPoint;
+pub use ransac::{MeasuredPoint, ransac_plane};
 pub use report::{PlaneSource, SupportReport};
 pub use room_planes::{RoomPlanes, up_on_surface};
 pub use room_points::{DepthSamples, RoomPoints, points_by_frame};

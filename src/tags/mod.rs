@@ -27,7 +27,7 @@ pub use detect::{DetectError, DetectedTag, DetectedTags, Detector};
 pub use family::Family;
 pub use luma_codes::LumaCodes;
 pub use print::{pdf, picture, png};
-pub use recorded::{RecordError, RecordingInputs, check, record};
+pub use recorded::{RecordingInputs, new_folder, record};
 pub use refine::{refine_corners, refine_corners_without_lens};
 pub use rolling::correct_rolling_shutter;
 pub use sheet::{Paper, Sheet, SheetMark, SheetRect};

@@ -1,17 +1,13 @@
-//! Writes a tracked video as a recording: a folder that appears once it is complete.
+//! Writes a tracked video as a recording.
 
-use std::fs;
-use std::io;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use super::board::Board;
 use super::continuity::ChosenPose;
 use super::track::Track;
-use crate::cleanup::{MadeFolder, Undo, Unfinished};
-use crate::recording::RecordingError;
+use crate::recording::new_folder::{Contents, NewFolder, RecordError, name_of};
 use crate::recording::write::{self, CameraFile, Description, FILE_NAME, FrameFiles, Line, PoseFile};
 use crate::source::video::Video;
-use crate::text::reason;
 
 const POSES: &str = "poses.txt";
 const COVARIANCE: &str = "covariance.txt";
@@ -19,60 +15,14 @@ const CAMERA: &str = "camera.toml";
 const BOARD: &str = "board.toml";
 const VIDEO: &str = "video";
 
-/// Reason why a recording cannot be written.
-#[derive(Debug, thiserror::Error)]
-pub enum RecordError {
-    #[error("{}: exists already; choose another folder, or give --force to replace a recording that was tracked", .0.display())]
-    Exists(PathBuf),
-    #[error("{}: contains {foreign}, which does not belong to a tracked recording; nothing was removed: choose another \
-             folder", folder.display())]
-    Foreign { folder: PathBuf, foreign: String },
-    #[error("{}: cannot be created as a folder", .0.display())]
-    NoFolder(PathBuf),
-    #[error("{}: lies in the folder that would be replaced; choose another folder", .0.display())]
-    Within(PathBuf),
-    #[error("{}: cannot be written: {}", path.display(), reason(source))]
-    Write { path: PathBuf, source: io::Error },
-    #[error(transparent)]
-    Recording(#[from] RecordingError),
-}
-
-fn writing(path: &Path) -> impl FnOnce(io::Error) -> RecordError {
-    let path = path.to_owned();
-    move |source| RecordError::Write { path, source }
-}
-
 fn is_ours(name: &str) -> bool {
     [FILE_NAME, POSES, COVARIANCE, CAMERA, BOARD].contains(&name)
-        || Path::new(name).file_stem().is_some_and(|stem| stem == VIDEO)
+        || (!name.contains('/') && Path::new(name).file_stem().is_some_and(|stem| stem == VIDEO))
 }
 
-/// Checks that a recording of these inputs may be written to a place: one that does not exist, an
-/// empty folder, or with `force` a folder that only contains files of such a recording.
-pub fn check(place: &Path, force: bool, inputs: &[&Path]) -> Result<(), RecordError> {
-    let Ok(there) = fs::symlink_metadata(place) else { return Ok(()) };
-    let folder = || place.to_owned();
-    if !there.is_dir() {
-        return Err(RecordError::Exists(folder()));
-    }
-    let own = place.canonicalize().map_err(writing(place))?;
-    if let Some(input) = inputs.iter().find(|input| input.canonicalize().is_ok_and(|input| input.starts_with(&own))) {
-        return Err(RecordError::Within(input.to_path_buf()));
-    }
-    let mut names = Vec::new();
-    for entry in fs::read_dir(place).map_err(writing(place))? {
-        let entry = entry.map_err(writing(place))?;
-        let is_file = entry.file_type().is_ok_and(|kind| kind.is_file());
-        names.push((entry.file_name().to_string_lossy().into_owned(), is_file));
-    }
-    names.sort();
-    let foreign = names.iter().find(|(name, is_file)| !(*is_file && is_ours(name)));
-    match foreign {
-        _ if names.is_empty() => Ok(()),
-        _ if !force => Err(RecordError::Exists(folder())),
-        Some((foreign, _)) => Err(RecordError::Foreign { folder: folder(), foreign: foreign.clone() }),
-        None => Ok(()),
-    }
+/// The place of a tracked recording.
+pub fn new_folder(place: &Path, force: bool) -> NewFolder<'_> {
+    NewFolder { place, force, is_own: is_ours }
 }
 
 /// Inputs of a recording.
@@ -85,46 +35,12 @@ pub struct RecordingInputs<'a> {
     pub track: &'a Track,
 }
 
-/// Writes a recording to a place that [`check`] accepts. The video is copied into it.
-pub fn record(place: &Path, force: bool, parts: &RecordingInputs<'_>) -> Result<(), RecordError> {
-    let name = place.file_name().ok_or_else(|| RecordError::NoFolder(place.to_owned()))?.to_string_lossy().into_owned();
-    let parent = place.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let made = MadeFolder::make(parent).map_err(writing(parent))?;
-    let (part, unfinished) = Unfinished::begin(|| {
-        let mut builder = tempfile::Builder::new();
-        let prefix = format!(".{name}.part-");
-        builder.prefix(&prefix);
-        #[cfg(unix)]
-        {
-            use std::os::unix::fs::PermissionsExt;
-            // Like any folder: subject to the umask.
-            builder.permissions(fs::Permissions::from_mode(0o777));
-        }
-        let part = builder.tempdir_in(parent)?;
-        let path = part.path().to_owned();
-        let undo: Undo = Box::new(move || _ = fs::remove_dir_all(path));
-        Ok::<_, io::Error>((part, undo))
-    })
-    .map_err(writing(place))?;
-    for (name, text) in texts(&name, parts)? {
-        fs::write(part.path().join(&name), text).map_err(writing(&place.join(&name)))?;
-    }
-    let video = video_name(parts.video);
-    fs::copy(&parts.video.file, part.path().join(&video)).map_err(writing(&place.join(&video)))?;
-    unfinished.finish(|| {
-        // Checked again: it may have changed meanwhile.
-        check(place, force, &[])?;
-        if place.exists() {
-            for entry in fs::read_dir(place).map_err(writing(place))? {
-                let path = entry.map_err(writing(place))?.path();
-                fs::remove_file(&path).map_err(writing(&path))?;
-            }
-            fs::remove_dir(place).map_err(writing(place))?;
-        }
-        fs::rename(part.path(), place).map_err(writing(place))
-    })?;
-    made.keep();
-    Ok(())
+/// Writes a recording. The video is copied into it.
+pub fn record(folder: &NewFolder<'_>, parts: &RecordingInputs<'_>) -> Result<(), RecordError> {
+    let texts = texts(&name_of(folder.place)?, parts)?;
+    let mut files: Vec<_> = texts.map(|(name, text)| (name, Contents::Text(text))).into();
+    files.push((video_name(parts.video), Contents::Copy(&parts.video.file)));
+    folder.write(&files)
 }
 
 fn video_name(video: &Video) -> String {

@@ -28,5 +28,7 @@ mod noise;
 mod noise_example;
 mod picked;
 mod simulated;
+#[cfg(unix)]
+mod solve;
 mod tags;
 mod track;

@@ -1,10 +1,13 @@
-//! The binary form of a COLMAP model, which GLOMAP writes as well: `cameras.bin`, `images.bin`.
-//! Numbers are little-endian. Source: `scene/reconstruction_io_binary.cc` of COLMAP.
+//! The binary form of a COLMAP model, which GLOMAP writes as well: `cameras.bin`, `images.bin`,
+//! `points3D.bin`. Numbers are little-endian. Source: `scene/reconstruction_io_binary.cc` of COLMAP.
 //!
-//! Not read: `points3D.bin`, since landmarks are triangulated anew, and `rigs.bin` and `frames.bin`
-//! of COLMAP 3.12 and later, since `images.bin` still has the pose of each image.
+//! Not read: `rigs.bin` and `frames.bin` of COLMAP 3.12 and later, since `images.bin` still has the
+//! pose of each image.
 
+use std::collections::BTreeMap;
 use std::path::Path;
+
+use glam::DVec3;
 
 use super::camera_models::ColmapCameraModel;
 use super::model::{Cameras, FilePosition, ImageRecord, ModelImage, ModelImages, POSE_FIELDS, add_camera};
@@ -17,6 +20,10 @@ const MIN_CAMERA_BYTES: usize = 4 + 4 + 8 + 8 + 3 * 8;
 const MIN_IMAGE_BYTES: usize = 4 + 7 * 8 + 4 + 1 + 8;
 /// A point: two coordinates and the landmark's number.
 const POINT_BYTES: usize = 3 * 8;
+/// Smallest landmark: number, position, colour, error, the count of images. An image that shows it:
+/// the image's number and that of the point.
+const MIN_LANDMARK_BYTES: usize = 8 + 3 * 8 + 3 + 8 + 8;
+const TRACK_ENTRY_BYTES: usize = 8;
 /// Landmark number of points without a landmark.
 const NO_LANDMARK: u64 = u64::MAX;
 
@@ -70,6 +77,24 @@ pub fn parse_images(
     }
     reader.end("image")?;
     Ok(images.finish(file))
+}
+
+/// The positions of a model's landmarks by their numbers.
+pub fn parse_landmarks(bytes: &[u8], file: &Path) -> Result<BTreeMap<u64, DVec3>, RecordingError> {
+    let mut reader = BinaryReader { bytes, at: 0, file };
+    let mut landmarks = BTreeMap::new();
+    for _ in 0..reader.count("landmarks", MIN_LANDMARK_BYTES)? {
+        let number = reader.u64("POINT3D_ID")?;
+        let position = DVec3::new(reader.finite("X")?, reader.finite("Y")?, reader.finite("Z")?);
+        let _: [u8; 3] = reader.take("the colour")?;
+        let _: f64 = reader.f64("ERROR")?;
+        for _ in 0..reader.count("images of a landmark", TRACK_ENTRY_BYTES)? {
+            let _: [u8; TRACK_ENTRY_BYTES] = reader.take("an image of a landmark")?;
+        }
+        landmarks.insert(number, position);
+    }
+    reader.end("landmark")?;
+    Ok(landmarks)
 }
 
 /// Reads values in order. Errors name the file, the byte and the value.
@@ -196,6 +221,29 @@ mod tests {
         fn image(self, pose: [f64; 7], name: &[u8]) -> Self {
             self.u32(1).numbers(&pose).u32(1).name(name).u64(0)
         }
+    }
+
+    /// A landmark with so many images.
+    fn landmark(number: u64, at: [f64; 3], images: u64) -> Written {
+        let Written(mut bytes) = Written::default().u64(number).numbers(&at);
+        bytes.extend([9, 8, 7]);
+        let start = Written(bytes).numbers(&[0.5]).u64(images);
+        (0..images).fold(start, |written, _| written.u32(1).u32(2))
+    }
+
+    #[test]
+    fn landmarks_are_read_and_damaged_ones_refused() {
+        let file = Path::new("points3D.bin");
+        let two = [landmark(7, [1.0, 2.0, 3.0], 2), landmark(9, [-1.0, 0.5, 4.0], 0)];
+        let bytes: Vec<u8> = Written::default().u64(2).0.into_iter().chain(two.into_iter().flat_map(|w| w.0)).collect();
+        let read = parse_landmarks(&bytes, file).unwrap();
+        assert_eq!(read, [(7, DVec3::new(1.0, 2.0, 3.0)), (9, DVec3::new(-1.0, 0.5, 4.0))].into());
+        for end in 0..bytes.len() {
+            assert!(parse_landmarks(&bytes[..end], file).is_err(), "{end}");
+        }
+        let infinite = [Written::default().u64(1).0, landmark(7, [1.0, f64::INFINITY, 3.0], 0).0].concat();
+        let error = parse_landmarks(&infinite, file).unwrap_err().to_string();
+        assert!(error.starts_with("points3D.bin, byte 24: Y is inf"), "{error}");
     }
 
     const UNTURNED: [f64; 7] = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];

@@ -3,7 +3,9 @@
 //!
 //! To add a model: its parameters in [`CAMERA_MODELS`], with Locard's names.
 
+use crate::camera::LensModel::{Opencv, OpencvRational};
 use crate::camera::{Geometry, LensModel};
+use crate::params::{Params, Value};
 use crate::recording::parts::geometry_from;
 use crate::text::quoted;
 
@@ -117,6 +119,28 @@ impl ColmapCameraModel {
     }
 }
 
+/// The model and parameters of a camera. `None` if COLMAP has no such lens.
+pub fn camera_parameters(geometry: &Geometry) -> Option<(&'static str, Vec<f64>)> {
+    let Geometry { intrinsics, distortion, .. } = geometry;
+    let coefficient = |name: &str| match distortion.get(name) {
+        Some(Value::Number(value)) => Some(value),
+        _ => None,
+    };
+    let used: Vec<_> = distortion.specs().into_iter().map(|spec| spec.name).collect();
+    let used: Vec<_> = used.into_iter().filter(|name| coefficient(name).is_some_and(|value| value != 0.0)).collect();
+    // FULL_OPENCV without a denominator is the polynomial with k3.
+    let is_same = |lens| lens == distortion.model || (lens, distortion.model) == (OpencvRational, Opencv);
+    CAMERA_MODELS.iter().find_map(|model| {
+        let Lens(lens, names) = model.projection else { return None };
+        let is_complete = !names.contains(&"f") && used.iter().all(|name| names.contains(name));
+        let value = |name: &&str| match intrinsics.get(name) {
+            Some(Value::Number(value)) => Some(value),
+            _ => coefficient(name),
+        };
+        (is_same(lens) && is_complete).then(|| Some((model.name, names.iter().map(value).collect::<Option<_>>()?)))?
+    })
+}
+
 fn refusal(name: &str) -> String {
     let supported: Vec<&str> =
         CAMERA_MODELS.iter().filter(|model| model.is_supported()).map(|model| model.name).collect();
@@ -125,4 +149,33 @@ fn refusal(name: &str) -> String {
         quoted(name),
         supported.join(", ")
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::{Distortion, Intrinsics};
+
+    #[test]
+    fn camera_and_its_parameters_are_the_same_camera() {
+        let intrinsics = Intrinsics { fx_px: 500.0, fy_px: 510.0, cx_px: 320.0, cy_px: 241.0, ..Intrinsics::default() };
+        let lens = |model, k3: f64, k4: f64| {
+            let distortion = Distortion { model, k1: 0.1, k2: -0.05, k3, k4, ..Distortion::default() };
+            Geometry::new(intrinsics.clone(), distortion)
+        };
+        for (geometry, name) in [
+            (Geometry::new(intrinsics.clone(), Distortion::default()), "PINHOLE"),
+            (lens(Opencv, 0.0, 0.0), "OPENCV"),
+            (lens(Opencv, 0.02, 0.0), "FULL_OPENCV"),
+            (lens(OpencvRational, 0.02, 0.03), "FULL_OPENCV"),
+            (lens(LensModel::OpencvFisheye, 0.02, 0.03), "OPENCV_FISHEYE"),
+        ] {
+            let (found, parameters) = camera_parameters(&geometry).unwrap();
+            assert_eq!(found, name);
+            let size = [f64::from(intrinsics.width_px), f64::from(intrinsics.height_px)];
+            let read = ColmapCameraModel::named(name).unwrap().geometry(size, &parameters).unwrap();
+            assert_eq!(read, geometry);
+        }
+        assert!(camera_parameters(&lens(LensModel::Equirectangular, 0.0, 0.0)).is_none());
+    }
 }

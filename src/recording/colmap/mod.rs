@@ -10,16 +10,24 @@ mod text;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
+use glam::DVec3;
+
 use super::parts::{NOMINAL_FPS, Parts, Pictures, RecordingFormat, folder_of, track_from};
 use super::{OpenOptions, RecordingError, listing};
+use crate::camera::Geometry;
 use crate::source::{file, unsupported};
 use crate::text::quoted;
 use crate::tracking::records::{self, TextError};
-use model::{Cameras, ModelImage};
+pub use camera_models::camera_parameters;
+use model::Cameras;
+pub use model::ModelImage;
 
 /// Names of the files with the cameras and the images, as binary and as text. In a folder with
 /// both forms the binary one is read, as COLMAP does.
 const FORMS: [[&str; 2]; 2] = [["cameras.bin", "images.bin"], ["cameras.txt", "images.txt"]];
+
+/// Name of the file with the landmarks' positions, as binary.
+const POINTS_NAME: &str = "points3D.bin";
 
 /// Locations of a model in a folder.
 const MODEL_FOLDERS: [&str; 4] = ["", "colmap", "sparse/0", "sparse"];
@@ -46,6 +54,27 @@ fn find(path: &Path) -> Option<PathBuf> {
         let [_, images] = FORMS.iter().find(is_complete).or_else(|| FORMS.iter().find(has_images))?;
         Some(folder.join(images))
     })
+}
+
+/// A model with its landmarks, in its own arbitrary unit.
+#[derive(Debug)]
+pub struct Model {
+    pub cameras: BTreeMap<u32, Geometry>,
+    pub images: Vec<ModelImage>,
+    /// Positions of the landmarks by their numbers.
+    pub landmarks: BTreeMap<u64, DVec3>,
+}
+
+impl Model {
+    /// Reads the binary files of a model's folder.
+    pub fn read_binary(folder: &Path) -> Result<Self, RecordingError> {
+        let [_, images_name] = FORMS[0];
+        let ModelContents { cameras, images, .. } = read_model(&folder.join(images_name), 1.0)?;
+        let file = folder.join(POINTS_NAME);
+        let bytes =
+            file::read(&file, file::MAX_TEXT_BYTES).map_err(|source| TextError::Read { file: file.clone(), source })?;
+        Ok(Self { cameras, images, landmarks: binary::parse_landmarks(&bytes, &file)? })
+    }
 }
 
 /// The contents of a model, and the file of its cameras.

@@ -1,0 +1,110 @@
+//! The pose of a frame from landmarks that neighbouring frames of the model show (resection).
+//!
+//! The landmarks' patches are tracked from those frames into this one ([`super::patch`]). Their
+//! positions give the pose by robust least squares ([`solve_pose`]). Landmarks on moving things do
+//! not fit and are left out.
+
+use glam::{DMat2, DVec2, DVec3};
+
+use super::patch::{PredictedPatch, Pyramid, track_patch};
+use crate::camera::Geometry;
+use crate::fit::robust::median_length;
+use crate::pose::Pose;
+use crate::tags::{Corners, solve_pose};
+
+/// Largest number of landmarks of a neighbour that are tracked.
+const MAX_LANDMARKS: usize = 250;
+/// Rounds of tracking, each with the predictions of the pose of the one before.
+const ROUNDS: usize = 2;
+/// Largest residual of a landmark that fits: this many median residuals, but at least so many px.
+const MAX_RESIDUAL_MEDIANS: f64 = 3.0;
+const MIN_OUTLIER_PX: f64 = 1.0;
+/// Smallest number of landmarks that fit, and their smallest share of those that were tracked.
+const MIN_FITTING: usize = 20;
+const MIN_FITTING_SHARE: f64 = 0.5;
+/// Largest root mean square residual of the landmarks that fit, px.
+const MAX_RMS_PX: f64 = 2.0;
+
+/// A frame with a known pose, and the landmarks that it shows.
+#[derive(Debug)]
+pub struct PosedFrame {
+    pub frame: usize,
+    pub pose: Pose,
+    /// Position in the world, and in the frame, px.
+    pub landmarks: Vec<(DVec3, DVec2)>,
+}
+
+/// A pose, with the number of landmarks that fit it and their root mean square residual.
+#[derive(Clone, Copy, Debug)]
+pub struct Resection {
+    pub pose: Pose,
+    pub fitting: usize,
+    pub rms_px: f64,
+}
+
+/// The pose of the frame `target`, near `initial`. `None` if too few landmarks are found or fit.
+pub fn resect(
+    geometry: &Geometry,
+    neighbours: &[(&PosedFrame, &Pyramid)],
+    target: &Pyramid,
+    initial: &Pose,
+) -> Option<Resection> {
+    let mut found = Resection { pose: *initial, fitting: 0, rms_px: f64::INFINITY };
+    for _ in 0..ROUNDS {
+        let mut tracked = Corners::default();
+        for (neighbour, picture) in neighbours {
+            let step = neighbour.landmarks.len().div_ceil(MAX_LANDMARKS).max(1);
+            for (in_world, at_px) in neighbour.landmarks.iter().step_by(step) {
+                let predicted = predict(geometry, &neighbour.pose, &found.pose, *in_world, *at_px);
+                if let Some(seen) = predicted.and_then(|predicted| track_patch(picture, target, &predicted)) {
+                    tracked.in_world_m.push(*in_world);
+                    tracked.seen_px.push(seen);
+                }
+            }
+        }
+        found = fit(geometry, &tracked, &found.pose)?;
+    }
+    Some(found)
+}
+
+/// Where a patch of one camera appears in another, if its surface faces the first.
+pub fn predict(
+    geometry: &Geometry,
+    first: &Pose,
+    second: &Pose,
+    in_world: DVec3,
+    at_px: DVec2,
+) -> Option<PredictedPatch> {
+    let depth = first.transform_point(in_world).z;
+    let project = |point: DVec3| geometry.project(second.transform_point(point));
+    let beside = |step: DVec2| {
+        let ray = geometry.unproject(at_px + step)?;
+        project(first.inverse_transform_point(depth * ray))
+    };
+    let slope = |step: DVec2| Some(0.5 * (beside(step)? - beside(-step)?));
+    let by = DMat2::from_cols(slope(DVec2::X)?, slope(DVec2::Y)?);
+    Some(PredictedPatch { from: at_px, to: project(in_world)?, by }).filter(|patch| patch.by.is_finite())
+}
+
+/// The pose by those landmarks that fit one.
+fn fit(geometry: &Geometry, tracked: &Corners, initial: &Pose) -> Option<Resection> {
+    if tracked.in_world_m.len() < MIN_FITTING {
+        return None;
+    }
+    let first = solve_pose(geometry, tracked, initial)?;
+    let limit_px = (MAX_RESIDUAL_MEDIANS * median_length(first.residuals_px.iter())).max(MIN_OUTLIER_PX);
+    let mut fitting = Corners::default();
+    for ((in_world, seen), residual) in tracked.in_world_m.iter().zip(&tracked.seen_px).zip(&first.residuals_px) {
+        if residual.length() <= limit_px {
+            fitting.in_world_m.push(*in_world);
+            fitting.seen_px.push(*seen);
+        }
+    }
+    let count = fitting.in_world_m.len();
+    if count < MIN_FITTING || (count as f64) < MIN_FITTING_SHARE * tracked.in_world_m.len() as f64 {
+        return None;
+    }
+    let solved = solve_pose(geometry, &fitting, &first.pose)?;
+    let rms_px = solved.rms_px();
+    (rms_px <= MAX_RMS_PX).then_some(Resection { pose: solved.pose, fitting: count, rms_px })
+}
