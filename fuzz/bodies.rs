@@ -21,7 +21,7 @@ pub fn gltf(bytes: &[u8]) {
 /// Files by which the formats of recordings are recognised. The input is split at zero bytes, one
 /// piece per file; the first byte of a piece selects the file (a is the first, b the next). The
 /// bytes of a `.bin` are combined with [`BINARY_MASK`], since they may be zero.
-const FILES: [&str; 20] = [
+const FILES: [&str; 26] = [
     "recording.toml",
     "trajectory.txt",
     "rgb.txt",
@@ -42,13 +42,19 @@ const FILES: [&str; 20] = [
     "frame-000001.pose.txt",
     "cameras.bin",
     "images.bin",
+    "cameras.xml",
+    "export.csv",
+    "images/a.xmp",
+    "images/b.xmp",
+    "poses.txt",
+    "K.txt",
 ];
 
 /// Exclusive or of the bytes of binary files and those of the input.
 const BINARY_MASK: u8 = 0xa5;
 
 /// Files that those may name: pictures of 4×3 px and a depth map.
-const PICTURES: [(&str, &[u8]); 11] = [
+const PICTURES: [(&str, &[u8]); 15] = [
     ("a.png", include_bytes!("picture.png")),
     ("b.png", include_bytes!("picture.png")),
     ("d.png", include_bytes!("depth.png")),
@@ -56,6 +62,10 @@ const PICTURES: [(&str, &[u8]); 11] = [
     ("images/b.png", include_bytes!("picture.png")),
     ("mav0/cam0/data/a.png", include_bytes!("picture.png")),
     ("mav0/cam0/data/b.png", include_bytes!("picture.png")),
+    ("rgb/1.png", include_bytes!("picture.png")),
+    ("rgb/2.png", include_bytes!("picture.png")),
+    ("depth/1.png", include_bytes!("depth.png")),
+    ("depth/2.png", include_bytes!("depth.png")),
     ("frame-000000.color.png", include_bytes!("picture.png")),
     ("frame-000001.color.png", include_bytes!("picture.png")),
     ("frame-000000.depth.png", include_bytes!("depth.png")),
@@ -66,7 +76,7 @@ const PICTURES: [(&str, &[u8]); 11] = [
 #[allow(dead_code, reason = "each target uses one")]
 pub fn recording(bytes: &[u8]) -> usize {
     let folder = tempfile::tempdir().expect("a temporary folder");
-    for inner in ["images", "mav0/cam0/data", "mav0/state_groundtruth_estimate0"] {
+    for inner in ["images", "rgb", "depth", "mav0/cam0/data", "mav0/state_groundtruth_estimate0"] {
         std::fs::create_dir_all(folder.path().join(inner)).expect("a temporary folder");
     }
     for (name, content) in PICTURES {

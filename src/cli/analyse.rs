@@ -38,7 +38,7 @@ pub struct Args {
     /// Set a parameter of the camera, as in --set camera.fx_px=520
     #[arg(long = "set", value_name = "TABLE.NAME=VALUE")]
     sets: Vec<String>,
-    /// Length of a nerfstudio or COLMAP unit
+    /// Length of a unit, for formats without a scale (nerfstudio, COLMAP, Metashape …)
     #[arg(long, default_value_t = 1.0, value_name = "M")]
     metres_per_unit: f64,
     /// The folder of the analysis; by default beside the recording, with its name and .analysis,

@@ -65,7 +65,7 @@ pub struct Args {
     /// A frame without a pose is an error
     #[arg(long)]
     strict: bool,
-    /// Length of a nerfstudio or COLMAP unit
+    /// Length of a unit, for formats without a scale (nerfstudio, COLMAP, Metashape …)
     #[arg(long, default_value_t = 1.0, value_name = "M")]
     metres_per_unit: f64,
     /// Offset added to frame times when poses are looked up

@@ -40,13 +40,14 @@ pub struct Args {
     /// Without depth: the plane a·x + b·y + c·z = d of the world that the points lie on
     #[arg(long, value_name = "A,B,C,D", requires = "picks", value_parser = numbers::<4>, allow_hyphen_values = true)]
     plane: Option<[f64; 4]>,
-    /// The true distance of two picked points, for the length of a nerfstudio or COLMAP unit
+    /// The true distance of two picked points, for the length of a unit, for formats without a
+    /// scale
     #[arg(long, value_name = "M", requires = "picks", allow_negative_numbers = true)]
     distance: Option<f64>,
     /// The camera, if the recording lacks it
     #[arg(long)]
     profile: Option<PathBuf>,
-    /// Length of a nerfstudio or COLMAP unit
+    /// Length of a unit, for formats without a scale (nerfstudio, COLMAP, Metashape …)
     #[arg(long, value_name = "M")]
     metres_per_unit: Option<f64>,
     /// Compare the pictures' motion with the poses', to find the offset of their clocks. Decodes
@@ -85,13 +86,21 @@ struct Keys {
     light: Option<IgnoredAny>,
 }
 
-/// The kind of a file by its extension; of a .toml file by its contents.
+/// True for a calibration that OpenCV wrote as XML.
+fn is_opencv_storage(path: &Path) -> bool {
+    file::read_text(path, MAX_DOCUMENT_BYTES).is_ok_and(|text| text.contains("<opencv_storage"))
+}
+
+/// The kind of a file by its extension; of a .toml or .xml file by its contents.
 fn kind(path: &Path) -> Result<InputKind> {
     let ending = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     Ok(match ending.as_str() {
         _ if path.join(analyse::FILE_NAME).is_file() => InputKind::Analysis,
         _ if path.is_dir() => InputKind::Recording,
         "glb" | "gltf" => InputKind::Scene,
+        "yaml" | "yml" => InputKind::Profile,
+        // Metashape's cameras are XML, too.
+        "xml" if is_opencv_storage(path) => InputKind::Profile,
         "toml" => {
             let text = file::read_text(path, MAX_DOCUMENT_BYTES)
                 .map_err(|error| anyhow!("{}: cannot be read: {}", path.display(), reason(&error)))?;

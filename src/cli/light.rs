@@ -39,7 +39,7 @@ pub struct LightArgs {
     /// describe how the recording was taken
     #[arg(long = "set", value_name = "TABLE.NAME=VALUE")]
     pub sets: Vec<String>,
-    /// Length of a nerfstudio or COLMAP unit
+    /// Length of a unit, for formats without a scale (nerfstudio, COLMAP, Metashape …)
     #[arg(long, default_value_t = 1.0, value_name = "M")]
     pub metres_per_unit: f64,
     #[command(flatten)]

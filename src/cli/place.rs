@@ -56,7 +56,7 @@ pub struct Args {
     /// The camera, if the recording lacks it
     #[arg(long)]
     profile: Option<PathBuf>,
-    /// Length of a nerfstudio or COLMAP unit
+    /// Length of a unit, for formats without a scale (nerfstudio, COLMAP, Metashape …)
     #[arg(long, value_name = "M", default_value_t = 1.0)]
     metres_per_unit: f64,
     #[command(flatten)]

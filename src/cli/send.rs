@@ -30,7 +30,7 @@ pub struct Args {
     /// The camera whose lens is sent, if the recording lacks it
     #[arg(long)]
     profile: Option<PathBuf>,
-    /// Length of a nerfstudio or COLMAP unit
+    /// Length of a unit, for formats without a scale (nerfstudio, COLMAP, Metashape …)
     #[arg(long, value_name = "M")]
     metres_per_unit: Option<f64>,
     /// No progress bar and no warnings

@@ -1,8 +1,10 @@
-//! `profiles/<name>.toml`: a camera's calibrated values, and the parameters of each effect.
+//! `profiles/<name>.toml`: a camera's calibrated values, and the parameters of each effect. A
+//! calibration file of another program is read in its place.
 //!
 //! A profile may have any of the tables of [`Rig::tables`] and of the settings. An unknown key is
 //! an error that names it.
 
+mod calibration_file;
 mod document;
 mod noise;
 mod noise_example;
@@ -10,6 +12,7 @@ mod read;
 mod serialized;
 mod shot_settings;
 
+pub use calibration_file::is_calibration;
 pub use document::Document;
 pub use noise::{NoiseTableError, to_toml as noise_table};
 pub use shot_settings::{ParameterValues, ShotSettings};
@@ -70,6 +73,9 @@ pub enum ProfileError {
         "{path}: camera.distortion.{name} is not 0, but the model {model} has no {name}; set it to 0, or name its model"
     )]
     Coefficient { path: PathBuf, name: &'static str, model: Value },
+    /// A calibration file of another program.
+    #[error("{path}: {message}")]
+    Calibration { path: PathBuf, message: String },
 }
 
 /// A problem with a `--set table.name=value`.

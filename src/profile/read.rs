@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use super::calibration_file::{self, is_calibration};
 use super::noise::{self, ExampleLoading};
 use super::shot_settings::ShotSettings;
 use super::{ProfileError, Rig};
@@ -35,18 +36,46 @@ impl Rig {
         self.read_text(&text, path, settings)
     }
 
-    /// Like [`Rig::read`], from a text; `path` is for error messages.
+    /// Like [`Rig::read`], from a text; `path` is for error messages. A calibration file of another
+    /// program replaces size, focal lengths, principal point and distortion.
     pub fn read_text(
         &mut self,
         text: &str,
         path: &Path,
         settings: &mut Settings,
     ) -> Result<ShotSettings, ProfileError> {
+        if is_calibration(path, text) {
+            return self.read_calibration(text, path, settings);
+        }
         self.read_with(text, path, settings, ExampleLoading::BesideFile(path))
+    }
+
+    fn read_calibration(
+        &mut self,
+        text: &str,
+        path: &Path,
+        settings: &mut Settings,
+    ) -> Result<ShotSettings, ProfileError> {
+        let failed = |message| ProfileError::Calibration { path: path.to_owned(), message };
+        let mut given = ShotSettings::default();
+        for (table, name, value) in calibration_file::read(text).map_err(failed)? {
+            // Both tables are the rig's own.
+            if let Some(Err(source)) = self.set(settings, table, name, &value) {
+                return Err(ProfileError::Param { path: path.to_owned(), source: Box::new(source) });
+            }
+            given.insert(table, name, value);
+        }
+        Ok(given)
     }
 
     /// Checks the text of a profile without the files that it names.
     pub(super) fn check_text(text: &str, path: &Path) -> Result<(), ProfileError> {
+        if is_calibration(path, text) {
+            let message = "is a calibration of another program, which is read as a profile and not written; choose \
+                           another name for the profile"
+                .to_owned();
+            return Err(ProfileError::Calibration { path: path.to_owned(), message });
+        }
         Self::default().read_with(text, path, &mut Settings::default(), ExampleLoading::Skip).map(drop)
     }
 

@@ -6,11 +6,8 @@
 //! aerial vehicle datasets", IJRR 2016,
 //! <https://projects.asl.ethz.ch/datasets/doku.php?id=kmavvisualinertialdatasets>.
 //!
-//! Only a subset of YAML is parsed: `key: value`, one level of indented keys, lists in brackets.
-//! The files contain no more, and a full YAML parser rejects the header `%YAML:1.0` that OpenCV's
-//! tools write.
+//! Only a subset of YAML is parsed ([`crate::yaml`]). The files contain no more.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use glam::{DQuat, DVec3};
@@ -24,6 +21,7 @@ use crate::pose::Pose;
 use crate::text::quoted;
 use crate::tracking::records::{self, TextError};
 use crate::tracking::tum::{PoseNotes, ascends, is_lost, unit_quaternion};
+use crate::yaml::{self, YamlKeys};
 
 const PICTURES: &str = "cam0/data.csv";
 /// Folders of ground truth with full poses, in order of preference: EuRoC, TUM VI, a Vicon system.
@@ -51,7 +49,7 @@ fn open(mav: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let (list, sensor) = (mav.join(PICTURES), mav.join("cam0/sensor.yaml"));
     let pictures = parse_pictures(&records::read(&list)?, &list)?;
     let sensor_text = records::read_description(&sensor)?;
-    let camera = Yaml { keys: parse_yaml(&sensor_text), file: &sensor };
+    let camera = Yaml { keys: yaml::parse(&sensor_text), file: &sensor };
     let (geometry, body_from_camera) = (camera.geometry()?, camera.body_from_sensor()?);
 
     let truths = GROUND_TRUTH_FOLDERS.map(|name| mav.join(name).join("data.csv"));
@@ -69,7 +67,7 @@ fn open(mav: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let body_from_truth = if truth_sensor.exists() {
         let text = records::read_description(&truth_sensor)?;
         description_files.push(truth_sensor.clone());
-        Yaml { keys: parse_yaml(&text), file: &truth_sensor }.body_from_sensor()?
+        Yaml { keys: yaml::parse(&text), file: &truth_sensor }.body_from_sensor()?
     } else {
         RigidTransform { turn: DQuat::IDENTITY, shift_m: DVec3::ZERO }
     };
@@ -165,38 +163,9 @@ fn parse_poses(
     Ok((poses, warnings))
 }
 
-/// Keys with their lines, from 1, and values; inner keys as `T_BS.data`. Anything other than `key:
-/// value` is skipped.
-fn parse_yaml(text: &str) -> BTreeMap<String, (usize, String)> {
-    let mut keys: BTreeMap<String, (usize, String)> = BTreeMap::new();
-    let (mut parent, mut open): (String, Option<String>) = Default::default();
-    for (i, line) in text.trim_start_matches('\u{feff}').lines().enumerate() {
-        let line = line.split_once(" #").map_or(line, |(before, _)| before);
-        let bare = line.trim();
-        if bare.is_empty() || bare.starts_with(['#', '%']) {
-            continue;
-        }
-        // A list may continue over lines until its bracket closes.
-        if let Some(value) = open.as_ref().and_then(|key| keys.get_mut(key)) {
-            value.1 += bare;
-        } else if let Some((key, value)) = bare.split_once(':') {
-            let is_inner = line.starts_with(char::is_whitespace);
-            let key = if is_inner { format!("{parent}.{}", key.trim()) } else { key.trim().to_owned() };
-            if !is_inner {
-                parent.clone_from(&key);
-            }
-            open = Some(key.clone());
-            keys.insert(key, (i + 1, value.trim().to_owned()));
-        }
-        let still = |key: &String| keys.get(key).is_some_and(|v| v.1.starts_with('[') && !v.1.ends_with(']'));
-        open = open.filter(still);
-    }
-    keys
-}
-
 /// A `sensor.yaml`.
 struct Yaml<'a> {
-    keys: BTreeMap<String, (usize, String)>,
+    keys: YamlKeys,
     file: &'a Path,
 }
 
@@ -209,13 +178,11 @@ impl Yaml<'_> {
     }
 
     fn word(&self, key: &str) -> &str {
-        self.keys.get(key).map_or("", |value| value.1.trim_matches(['"', '\'']))
+        self.keys.get(key).map_or("", |value| yaml::word(&value.1))
     }
 
     fn numbers<const N: usize>(&self, key: &str) -> Result<[f64; N], RecordingError> {
-        let text = self.word(key).trim_start_matches('[').trim_end_matches(']');
-        let finite = |part: &str| part.trim().parse().ok().filter(|n: &f64| n.is_finite());
-        let numbers: Option<Vec<f64>> = text.split(',').map(finite).collect();
+        let numbers = yaml::numbers(self.word(key));
         let problem = format!("must be {N} finite numbers, as in [1, 2]");
         numbers.and_then(|numbers| numbers.try_into().ok()).ok_or_else(|| self.refuse(key, &problem))
     }
@@ -275,7 +242,7 @@ mod tests {
         distortion_coefficients: [-0.1, 0.4, 0.01, 0.02]\n";
 
     fn yaml(text: &str) -> Yaml<'_> {
-        Yaml { keys: parse_yaml(text), file: Path::new("sensor.yaml") }
+        Yaml { keys: yaml::parse(text), file: Path::new("sensor.yaml") }
     }
 
     #[test]

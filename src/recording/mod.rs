@@ -4,6 +4,7 @@
 //! reading. docs/recordings.md documents every convention.
 
 mod arkit;
+mod brown_camera;
 mod camera_file;
 mod cameras;
 mod coding;
@@ -17,11 +18,15 @@ mod frame_camera;
 mod frames;
 mod listing;
 mod live;
+mod metashape;
 mod native;
 mod neighbours;
 mod nerfstudio;
 pub mod new_folder;
 mod parts;
+mod photogrammetry;
+mod plain_folder;
+mod realitycapture;
 pub mod recorder;
 mod rigid;
 mod seven_scenes;
@@ -29,6 +34,7 @@ mod stray;
 mod tum;
 mod unsupported_capture;
 pub mod write;
+mod xml;
 
 use std::collections::BTreeSet;
 use std::fmt::Debug;
@@ -61,7 +67,7 @@ pub use parts::RecordingFormat;
 /// Parameters that a recording does not contain.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OpenOptions {
-    /// Length of one world unit for nerfstudio and COLMAP, whose scale is arbitrary.
+    /// Length of one world unit for formats whose scale is arbitrary.
     pub metres_per_unit: f64,
     /// Added to frame times to look up poses, in addition to the recording's own offset, seconds.
     pub time_offset_s: f64,
@@ -83,7 +89,7 @@ impl Default for OpenOptions {
 
 /// The formats, in the order in which they are tried. A new format is a file in this module and a
 /// line here.
-static FORMATS: [&RecordingFormat; 8] = [
+static FORMATS: [&RecordingFormat; 11] = [
     &native::FORMAT,
     &nerfstudio::FORMAT,
     &tum::FORMAT,
@@ -91,7 +97,10 @@ static FORMATS: [&RecordingFormat; 8] = [
     &stray::FORMAT,
     &arkit::FORMAT,
     &colmap::FORMAT,
+    &metashape::FORMAT,
+    &realitycapture::FORMAT,
     &seven_scenes::FORMAT,
+    &plain_folder::FORMAT,
 ];
 
 /// An opened recording: everything except the pixels and depths, which [`Recording::frames`]
@@ -248,7 +257,8 @@ impl Recording {
         }
     }
 
-    /// True if there is a recording at a path, by its file names. No file is read.
+    /// True if there is a recording at a path, by its file names. Of files of any name with the
+    /// right extension the start is read.
     pub fn is_at(path: &Path) -> bool {
         Self::refusal_at(path).is_none()
     }

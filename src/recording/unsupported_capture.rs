@@ -16,7 +16,7 @@ fn ends_with(path: &Path, ending: &str) -> bool {
     path.is_file() && path.extension().is_some_and(|own| own.eq_ignore_ascii_case(ending))
 }
 
-static CAPTURES: [UnsupportedCapture; 4] = [
+static CAPTURES: [UnsupportedCapture; 6] = [
     UnsupportedCapture {
         is_at: |path| has(path, &["keyframes/images"]) || has(path, &["images", "corrected_cameras"]),
         refusal: "it is a capture of Polycam; `ns-process-data polycam --data CAPTURE.zip --output-dir NEW` (nerfstudio) makes \
@@ -33,6 +33,16 @@ static CAPTURES: [UnsupportedCapture; 4] = [
         is_at: |path| has(path, &["lowres_wide.traj"]),
         refusal: "it is a scan of ARKitScenes; a recording.toml that names the pictures, the depth and a trajectory of \
                   lowres_wide.traj makes a recording of it",
+    },
+    UnsupportedCapture {
+        is_at: |path| ends_with(path, "psx") || ends_with(path, "psz"),
+        refusal: "it is a project of Metashape; export its cameras (File > Export > Export Cameras, Agisoft XML) as cameras.xml \
+                  beside the pictures",
+    },
+    UnsupportedCapture {
+        is_at: |path| has(path, &["rgb", "K.txt"]) || has(path, &["rgb", "intrinsics.txt"]),
+        refusal: "it has pictures and a camera matrix, and no poses; expected poses.txt, a pose of 12 or 16 numbers a line for \
+                  each picture, or pose/ with a file for each",
     },
     UnsupportedCapture {
         is_at: |path| has(path, &["database.db"]) && !has(path, &["sparse"]),
@@ -68,5 +78,10 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("a.r3d"), "").unwrap();
         assert!(refusal(&folder.path().join("a.r3d")).unwrap().contains("Record3D"));
+        std::fs::write(folder.path().join("a.psx"), "").unwrap();
+        assert!(refusal(&folder.path().join("a.psx")).unwrap().contains("cameras.xml"));
+        std::fs::create_dir(folder.path().join("rgb")).unwrap();
+        std::fs::write(folder.path().join("K.txt"), "").unwrap();
+        assert!(refusal(folder.path()).unwrap().contains("expected poses.txt"));
     }
 }

@@ -293,7 +293,8 @@ impl CameraDialog {
         }
         let mode = match file_field {
             FileField::Video => ChooserMode::File(&["mp4", "mkv", "mov", "webm", "avi"]),
-            FileField::Board | FileField::Profile => ChooserMode::File(&["toml"]),
+            FileField::Board => ChooserMode::File(&["toml"]),
+            FileField::Profile => ChooserMode::File(&["toml", "yaml", "yml", "xml"]),
         };
         // Starts in the folder of a file that is already named.
         let known = [self.text_of(file_field).clone(), self.profile.clone(), self.board.clone(), self.camera.clone()];

@@ -30,6 +30,9 @@ impl FileKind {
         }
         let text = file::read_text(path, MAX_DOCUMENT_BYTES).map_err(|error| error.to_string());
         let of_profile = text.and_then(|text| {
+            if profile::is_calibration(path, &text) {
+                return profile::Rig::of_file(path).map(drop).map_err(|error| error.to_string());
+            }
             let read = profile::Document::parse(&text, path).map_err(|error| error.to_string());
             read.map(drop)
         });

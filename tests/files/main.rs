@@ -25,6 +25,7 @@ mod cli;
 mod fuzz_seeds;
 mod imperfect;
 mod outputs;
+mod photogrammetry;
 mod pixels;
 mod place;
 mod recordings;

@@ -33,7 +33,7 @@ impl ChooserMode {
             Self::File(endings) | Self::NewFile(endings) | Self::NewSeries(endings) => {
                 endings.contains(&ending.as_str())
             }
-            Self::Recording => matches!(ending.as_str(), "toml" | "json" | "txt"),
+            Self::Recording => matches!(ending.as_str(), "toml" | "json" | "txt" | "xml" | "csv" | "xmp"),
             Self::NewFolder | Self::EmptyFolder => false,
         }
     }

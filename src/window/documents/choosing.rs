@@ -82,7 +82,13 @@ impl Documents {
 
     /// Opens a dialog for a profile of the open recording.
     pub fn choose_profile(&mut self, project: &Project) {
-        self.choose(project, ChooserPurpose::OpenProfile, "Open a profile", ChooserMode::File(&["toml"]), None);
+        self.choose(
+            project,
+            ChooserPurpose::OpenProfile,
+            "Open a profile",
+            ChooserMode::File(&["toml", "yaml", "yml", "xml"]),
+            None,
+        );
     }
 
     /// Opens a dialog to locate a missing file of the scene.

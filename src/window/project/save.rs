@@ -216,7 +216,14 @@ fn profile_text(
             reason: "the file is not text, so it is not a profile: nothing was saved".to_owned(),
         })?;
         rig.read_text(&text, path, &mut settings)?;
-        profile::Document::parse(&text, path)?
+        if path != to && profile::is_calibration(path, &text) {
+            // The calibration of another program becomes a profile.
+            let mut document = profile::Document::new("");
+            rig.camera().geometry.iter().for_each(|geometry| document.set_geometry(geometry, ""));
+            document
+        } else {
+            profile::Document::parse(&text, path)?
+        }
     } else {
         profile::Document::new("")
     };
