@@ -135,11 +135,10 @@ pub fn run(args: &Args) -> Result<()> {
 
 /// A profile with an estimated lens.
 fn estimated_profile(geometry: &Geometry) -> String {
-    let mut profile = Document::new("The camera of solved footage.");
-    profile.set_geometry(
-        geometry,
-        "`locard solve`, together with the camera's path. `locard calibrate camera` is more exact.",
+    let mut profile = Document::new(
+        "The camera as `locard solve` estimated it, together with its path; `locard calibrate camera` is more exact.",
     );
+    profile.set_estimated_geometry(geometry);
     profile.to_string()
 }
 

@@ -64,11 +64,16 @@ impl Document {
     /// kept. `origin` as for [`Document::set_noise`], above the camera's table; its further lines
     /// become comments too.
     pub fn set_geometry(&mut self, geometry: &Geometry, origin: &str) {
+        self.set_estimated_geometry(geometry);
+        self.sign("camera", LENS_SIGNATURE, origin);
+    }
+
+    /// Like [`Document::set_geometry`], for a geometry that is not calibrated: without its comment.
+    pub fn set_estimated_geometry(&mut self, geometry: &Geometry) {
         for name in GEOMETRY_KEYS {
             self.set_param(&geometry.intrinsics, name);
         }
         self.set_params(&geometry.distortion);
-        self.sign("camera", LENS_SIGNATURE, origin);
     }
 
     /// Puts a comment above a table, replacing one with the same prefix.

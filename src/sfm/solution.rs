@@ -14,6 +14,7 @@ use super::keyframes::{MAX_KEYFRAMES, MotionMeter, choose};
 use super::patch::Pyramid;
 use super::resection::{PosedFrame, Resection, resect};
 use crate::camera::{Geometry, Response};
+use crate::cleanup::{Undo, Unfinished};
 use crate::fit::quantile::upper_median;
 use crate::parallel::{over_rows, processors};
 use crate::pixels::{Codes, Pixels};
@@ -86,8 +87,7 @@ pub fn solve(footage: &Footage, options: &SolveOptions<'_>, report: Report<'_>) 
     if count < 3 {
         return Err(SolveError::TooFew(count));
     }
-    let folder = tempfile::Builder::new().prefix("locard-solve-").tempdir();
-    let folder = folder.map_err(SolveError::writing(&std::env::temp_dir()))?;
+    let (folder, _unfinished) = temporary_folder()?;
     let chosen = ChosenFrames::of(footage, folder.path(), report)?;
     let names = chosen.names();
     let inputs = ColmapInputs {
@@ -99,8 +99,11 @@ pub fn solve(footage: &Footage, options: &SolveOptions<'_>, report: Report<'_>) 
     };
     let mut models = colmap::models(&inputs, report)?.into_iter();
     let model = models.next().ok_or(SolveError::NoModel)?;
-    let apart: Vec<Vec<usize>> = models.map(|model| chosen.frames_of(&model)).collect();
     let in_model = chosen.frames_of(&model);
+    // Models overlap.
+    let rest =
+        |model: Model| chosen.frames_of(&model).into_iter().filter(|i| in_model.binary_search(i).is_err()).collect();
+    let apart: Vec<Vec<usize>> = models.map(rest).filter(|frames: &Vec<usize>| !frames.is_empty()).collect();
     if in_model.len() < 3 || (in_model.len() as f64) < MIN_MODEL_SHARE * names.len() as f64 {
         let span = in_model.first().copied().unwrap_or_default()..=in_model.last().copied().unwrap_or_default();
         return Err(SolveError::SmallModel { frames: in_model.len(), chosen: names.len(), span });
@@ -146,6 +149,17 @@ pub fn solve(footage: &Footage, options: &SolveOptions<'_>, report: Report<'_>) 
         gauge,
         apart,
     })
+}
+
+/// A folder for pictures and COLMAP's files. Removed at the end, also of an interrupted program.
+fn temporary_folder() -> Result<(tempfile::TempDir, Unfinished), SolveError> {
+    let made = Unfinished::begin(|| {
+        let folder = tempfile::Builder::new().prefix("locard-solve-").tempdir()?;
+        let path = folder.path().to_owned();
+        let undo: Undo = Box::new(move || _ = std::fs::remove_dir_all(path));
+        Ok((folder, undo))
+    });
+    made.map_err(SolveError::writing(&std::env::temp_dir()))
 }
 
 /// The frames that are solved, as pictures in a folder.
