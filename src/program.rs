@@ -27,7 +27,7 @@ pub enum ProgramError {
     Failed { program: String, problem: String },
 }
 
-/// How to install a missing program, and what else serves.
+/// Installation of a missing program, and alternatives to it.
 fn advice(program: &str) -> &'static str {
     match program {
         "ffmpeg" | "ffprobe" => {

@@ -14,7 +14,7 @@ use locard_engine::camera::Geometry;
 use locard_engine::compositor::Settings;
 use locard_engine::profile::{Document, Rig};
 use locard_engine::recording::OpenOptions;
-use locard_engine::sfm::{Footage, MeasuredDistance, SolveOptions, new_folder, record, solve};
+use locard_engine::sfm::{FootageFrames, MeasuredDistance, SolveOptions, new_folder, record, solve};
 use locard_engine::shot::{AnalysisChoice, Shot, ShotOptions};
 use locard_engine::source::file::{self, MAX_DOCUMENT_BYTES};
 use locard_engine::tags::{Board, Paper, Sheet};
@@ -97,7 +97,7 @@ pub fn run(args: &Args) -> Result<()> {
         .collect();
     // Checked before the work starts, so that no files of the user are lost.
     folder.check(&inputs)?;
-    let footage = Footage::open(&args.input)?;
+    let footage = FootageFrames::open(&args.input)?;
     footage.warnings().iter().for_each(|text| warn(args.quiet, text));
     let bar = progress_of(args.quiet, 100, "{wide_bar} {pos}/{len}, {msg}");
     let solved = solve(

@@ -33,7 +33,7 @@ fn writing(path: &Path) -> impl FnOnce(io::Error) -> RecordError {
 
 /// The contents of a file of a new recording.
 #[derive(Debug)]
-pub enum Contents<'a> {
+pub enum FileContents<'a> {
     Text(String),
     /// A copy of another file.
     Copy(&'a Path),
@@ -74,7 +74,7 @@ impl NewFolder<'_> {
     }
 
     /// Writes all files. [`Self::check`] is repeated before an existing folder is replaced.
-    pub fn write(&self, files: &[(String, Contents<'_>)]) -> Result<(), RecordError> {
+    pub fn write(&self, files: &[(String, FileContents<'_>)]) -> Result<(), RecordError> {
         let place = self.place;
         let parent = place.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let made = MadeFolder::make(parent).map_err(writing(parent))?;
@@ -98,8 +98,8 @@ impl NewFolder<'_> {
             let to = part.path().join(name);
             let folder = to.parent().unwrap_or(part.path());
             let written = fs::create_dir_all(folder).and_then(|()| match contents {
-                Contents::Text(text) => fs::write(&to, text),
-                Contents::Copy(from) => fs::copy(from, &to).map(drop),
+                FileContents::Text(text) => fs::write(&to, text),
+                FileContents::Copy(from) => fs::copy(from, &to).map(drop),
             });
             written.map_err(writing(&place.join(name)))?;
         }
@@ -149,8 +149,8 @@ mod tests {
         ["a.txt", "images/b.txt"].contains(&name)
     }
 
-    fn text(name: &str) -> (String, Contents<'static>) {
-        (name.to_owned(), Contents::Text(format!("{name}!")))
+    fn text(name: &str) -> (String, FileContents<'static>) {
+        (name.to_owned(), FileContents::Text(format!("{name}!")))
     }
 
     #[test]

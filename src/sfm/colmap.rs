@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use super::error::{SolveError, SolveStage};
 use crate::camera::Geometry;
 use crate::program::{self, ProgramError};
-use crate::recording::colmap::Model;
+use crate::recording::colmap::ColmapModel;
 
 const PROGRAM: &str = "colmap";
 /// Largest side of a picture in which features are detected, px.
@@ -21,7 +21,7 @@ const MIN_MODEL_SIZE: usize = 3;
 
 /// Which pictures are matched.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Matching {
+pub enum PairMatching {
     /// Each with its successors.
     Sequential,
     /// Each with every other.
@@ -35,13 +35,13 @@ pub struct ColmapInputs<'a> {
     pub images: &'a Path,
     /// Names of the pictures below `images`.
     pub names: &'a [String],
-    pub matching: Matching,
+    pub matching: PairMatching,
     /// A known camera; it is not refined.
     pub camera: Option<&'a Geometry>,
 }
 
 /// Receives the stage, and how much of it is done. A break stops.
-pub type Report<'a> = &'a mut dyn FnMut(SolveStage, usize, usize) -> ControlFlow<()>;
+pub type ReportStage<'a> = &'a mut dyn FnMut(SolveStage, usize, usize) -> ControlFlow<()>;
 
 /// First line of the program's help, with its version.
 pub fn version() -> Result<String, ProgramError> {
@@ -50,7 +50,7 @@ pub fn version() -> Result<String, ProgramError> {
 }
 
 /// The models that the program finds, the one with most pictures first.
-pub fn models(inputs: &ColmapInputs<'_>, report: Report<'_>) -> Result<Vec<Model>, SolveError> {
+pub fn models(inputs: &ColmapInputs<'_>, report: ReportStage<'_>) -> Result<Vec<ColmapModel>, SolveError> {
     let ColmapInputs { folder, images, names, .. } = *inputs;
     let list = folder.join("images.txt");
     let sparse = folder.join("sparse");
@@ -59,7 +59,7 @@ pub fn models(inputs: &ColmapInputs<'_>, report: Report<'_>) -> Result<Vec<Model
     let database: PathBuf = folder.join("database.db");
     let path = |option: &str, path: &Path| [OsString::from(option), path.as_os_str().to_owned()];
     let database = || path("--database_path", &database);
-    let options = Options::of_installed()?;
+    let options = ColmapOptions::of_installed()?;
 
     let mut features: Vec<OsString> = vec!["feature_extractor".into()];
     features.extend(database());
@@ -70,16 +70,17 @@ pub fn models(inputs: &ColmapInputs<'_>, report: Report<'_>) -> Result<Vec<Model
     run(&features, names.len(), SolveStage::Features, "Processed file [", report)?;
 
     let mut matches: Vec<OsString> = match inputs.matching {
-        Matching::Exhaustive => vec!["exhaustive_matcher".into()],
-        Matching::Sequential => ["sequential_matcher", "--SequentialMatching.overlap"].map(OsString::from).into(),
+        PairMatching::Exhaustive => vec!["exhaustive_matcher".into()],
+        PairMatching::Sequential => ["sequential_matcher", "--SequentialMatching.overlap"].map(OsString::from).into(),
     };
-    if inputs.matching == Matching::Sequential {
+    if inputs.matching == PairMatching::Sequential {
         matches.push(SEQUENTIAL_OVERLAP.to_string().into());
     }
     matches.extend(database());
     matches.extend(options.matching());
-    // Blocks of 50 pictures: "Matching block [1/2, 2/2]".
-    let prefix = if inputs.matching == Matching::Sequential { "Matching image [" } else { "Matching block [" };
+    // Blocks of 50 pictures: "PairMatching block [1/2, 2/2]".
+    let prefix =
+        if inputs.matching == PairMatching::Sequential { "PairMatching image [" } else { "PairMatching block [" };
     run(&matches, names.len(), SolveStage::Matches, prefix, report)?;
 
     let mut mapper: Vec<OsString> = vec!["mapper".into()];
@@ -104,12 +105,12 @@ fn is_empty(folder: &Path) -> bool {
     fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_none())
 }
 
-fn read_models(sparse: &Path) -> Result<Vec<Model>, SolveError> {
+fn read_models(sparse: &Path) -> Result<Vec<ColmapModel>, SolveError> {
     let mut models = Vec::new();
     for entry in fs::read_dir(sparse).map_err(SolveError::writing(sparse))? {
         let folder = entry.map_err(SolveError::writing(sparse))?.path();
         if folder.is_dir() {
-            models.push(Model::read_binary(&folder)?);
+            models.push(ColmapModel::read_binary(&folder)?);
         }
     }
     models.sort_by_key(|model| std::cmp::Reverse(model.images.len()));
@@ -122,7 +123,7 @@ fn run(
     steps: usize,
     stage: SolveStage,
     prefix: &str,
-    report: Report<'_>,
+    report: ReportStage<'_>,
 ) -> Result<(), SolveError> {
     let mut done = 0;
     if report(stage, done, steps).is_break() {
@@ -130,7 +131,7 @@ fn run(
     }
     let mut on_line = |line: &str| {
         let Some((_, rest)) = line.split_once(prefix) else { return ControlFlow::Continue(()) };
-        // "Processed file [3/90]", "Matching block [1/2, 2/2]", "Registering image #17 (3)".
+        // "Processed file [3/90]", "PairMatching block [1/2, 2/2]", "Registering image #17 (3)".
         let fraction = rest.split(']').next().unwrap_or_default();
         let fraction = fraction.split(',').next().unwrap_or_default().split_once('/');
         let fraction =
@@ -149,13 +150,13 @@ fn run(
 
 /// The installed version's names of options, and whether it uses a GPU.
 #[derive(Debug)]
-struct Options {
+struct ColmapOptions {
     extraction: &'static str,
     matching: &'static str,
     has_cuda: bool,
 }
 
-impl Options {
+impl ColmapOptions {
     fn of_installed() -> Result<Self, SolveError> {
         let help = |arguments: &[OsString]| -> Result<String, SolveError> {
             Ok(String::from_utf8_lossy(&program::output(PROGRAM, arguments)?.written).into_owned())
@@ -213,9 +214,10 @@ mod tests {
 
     #[test]
     fn options_follow_the_installed_version() {
-        let old = Options::of_help("COLMAP 3.8 (Commit Unknown without CUDA)", "--SiftExtraction.use_gpu arg (=1)");
+        let old =
+            ColmapOptions::of_help("COLMAP 3.8 (Commit Unknown without CUDA)", "--SiftExtraction.use_gpu arg (=1)");
         assert_eq!(old.matching(), ["--SiftMatching.use_gpu", "0"].map(OsString::from));
-        let new = Options::of_help("COLMAP 3.13 (Commit abc with CUDA)", "--FeatureExtraction.use_gpu arg (=1)");
+        let new = ColmapOptions::of_help("COLMAP 3.13 (Commit abc with CUDA)", "--FeatureExtraction.use_gpu arg (=1)");
         assert_eq!(new.extraction()[..2], ["--FeatureExtraction.use_gpu", "1"].map(OsString::from));
     }
 }

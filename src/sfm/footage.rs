@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use super::colmap::Matching;
+use super::colmap::PairMatching;
 use super::error::SolveError;
 use crate::pixels::Pixels;
 use crate::recording::pictures_in;
@@ -18,7 +18,7 @@ pub const NOMINAL_FPS: f64 = 30.0;
 
 /// The pictures.
 #[derive(Debug)]
-pub enum Footage {
+pub enum FootageFrames {
     Video(Video),
     /// Pictures in the order of their names, all of one size.
     Pictures {
@@ -28,9 +28,9 @@ pub enum Footage {
 }
 
 /// Pictures one after another.
-pub type FootagePixels<'a> = Box<dyn Iterator<Item = Result<Pixels, SolveError>> + 'a>;
+pub type FrameIterator<'a> = Box<dyn Iterator<Item = Result<Pixels, SolveError>> + 'a>;
 
-impl Footage {
+impl FootageFrames {
     pub fn open(path: &Path) -> Result<Self, SolveError> {
         if !path.is_dir() {
             return Ok(Self::Video(probe(path, &Overrides::default())?));
@@ -73,8 +73,8 @@ impl Footage {
         matches!(self, Self::Pictures { files, .. } if files.len() <= MAX_PHOTOGRAPHS)
     }
 
-    pub fn matching(&self) -> Matching {
-        if self.is_unordered() { Matching::Exhaustive } else { Matching::Sequential }
+    pub fn matching(&self) -> PairMatching {
+        if self.is_unordered() { PairMatching::Exhaustive } else { PairMatching::Sequential }
     }
 
     /// The frames' times; nominal ones for pictures.
@@ -92,7 +92,7 @@ impl Footage {
         }
     }
 
-    pub fn pixels(&self, range: Range<usize>) -> Result<FootagePixels<'_>, SolveError> {
+    pub fn pixels(&self, range: Range<usize>) -> Result<FrameIterator<'_>, SolveError> {
         Ok(match self {
             Self::Video(video) => Box::new(video.read(range)?.map(|pixels| Ok(pixels?))),
             Self::Pictures { files, .. } => Box::new(files[range].iter().map(|file| Ok(still::read_pixels(file)?))),

@@ -11,9 +11,9 @@ use std::collections::BTreeMap;
 use glam::{DMat3, DQuat, DVec2, DVec3};
 
 use super::error::SolveError;
-use super::patch::{Pyramid, track_patch};
+use super::patch::{LumaPyramid, track_patch};
 use super::resection::{PosedFrame, predict};
-use super::similarity::Similarity;
+use super::similarity::SimilarityTransform;
 use super::triangulation::triangulate;
 use crate::camera::Geometry;
 use crate::fit::quantile::upper_median;
@@ -34,20 +34,19 @@ const MAX_BOARD_ERROR: f64 = 0.02;
 /// landmarks where there is none, m.
 const ASSUMED_HEIGHT_M: f64 = 1.5;
 const ASSUMED_DISTANCE_M: f64 = 2.5;
-/// Median distance of the landmarks while a level surface is searched, m: the tolerances of
-/// [`MeasuredPoint`] are those of rooms.
-const SEARCH_DISTANCE_M: f64 = 2.5;
+/// Tolerance of a landmark on a level surface, as a share of its distance from the nearest camera.
+const TOLERANCE_SHARE: f64 = 0.01;
 /// Cosine of the largest angle between a level surface's normal and the cameras' own up.
 const LEVEL_COSINE: f64 = 0.64;
 /// Smallest share of the landmarks on a level surface.
-const MIN_LEVEL_SHARE: f64 = 0.08;
+const MIN_LEVEL_SHARE: f64 = 0.05;
 /// Number of nearest landmarks that give the first guess of a picked point's depth.
 const NEAREST: usize = 5;
 
 /// How the scale is known.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ScaleSource {
-    /// Tags of a board: their number, and the root mean square distance of their corners from it, m.
+    /// Tags of a board: their number, and the rms distance of their corners from it, m.
     Board { tags: usize, rms_m: f64 },
     /// A measured distance between two points.
     Distance { length_m: f64, views: usize },
@@ -69,8 +68,8 @@ pub enum UpSource {
 
 /// The world of a model.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Gauge {
-    pub world_from_model: Similarity,
+pub struct WorldGauge {
+    pub world_from_model: SimilarityTransform,
     pub scale: ScaleSource,
     pub up: UpSource,
 }
@@ -103,7 +102,7 @@ pub fn gauge(
     inputs: &GaugeInputs<'_>,
     distance: Option<&MeasuredDistance>,
     read: ReadFrame<'_>,
-) -> Result<Gauge, SolveError> {
+) -> Result<WorldGauge, SolveError> {
     if distance.is_none()
         && let Some(found) = by_board(inputs, read)?
     {
@@ -116,7 +115,7 @@ pub fn gauge(
         .iter()
         .flat_map(|frame| frame.landmarks.iter().map(|(point, _)| point.distance(frame.pose.position_in_world_m())));
     let median = upper_median(depths).filter(|median| *median > 0.0).unwrap_or(1.0);
-    let surface = level_surface(inputs, guess, SEARCH_DISTANCE_M / median);
+    let surface = level_surface(inputs, guess);
     let above = |plane: &HessePlane| upper_median(cameras.iter().map(|camera| plane.height_m(*camera)));
     let height = surface.as_ref().and_then(|(plane, _)| above(plane)).filter(|height| *height > 0.1 * median);
     let (scale, source) = match distance {
@@ -133,8 +132,8 @@ pub fn gauge(
     // The origin is below the first camera: on the surface, else at the camera.
     let camera = first.position_in_world_m();
     let origin = surface.as_ref().map_or(camera, |(plane, _)| camera - plane.height_m(camera) * plane.normal);
-    Ok(Gauge {
-        world_from_model: Similarity { scale, rotation, translation_m: -scale * (rotation * origin) },
+    Ok(WorldGauge {
+        world_from_model: SimilarityTransform { scale, rotation, translation_m: -scale * (rotation * origin) },
         scale: source,
         up: surface.map_or(UpSource::Cameras, |(_, share)| UpSource::Surface { share }),
     })
@@ -147,31 +146,35 @@ fn upright(up: DVec3, forward: DVec3) -> DQuat {
     DQuat::from_mat3(&DMat3::from_cols(y.cross(up), y, up)).conjugate()
 }
 
-/// The level surface with most landmarks, in the model's unit, and its share of them. `scale`:
-/// metres per unit, roughly.
-fn level_surface(inputs: &GaugeInputs<'_>, guess: DVec3, scale: f64) -> Option<(HessePlane, f64)> {
-    let mut points = Vec::new();
-    let mut seen = BTreeMap::new();
+/// The level surface with most landmarks, in the model's unit, and its share of them.
+fn level_surface(inputs: &GaugeInputs<'_>, guess: DVec3) -> Option<(HessePlane, f64)> {
+    // Each landmark by the camera nearest to it.
+    let mut nearest: BTreeMap<[u64; 3], MeasuredPoint> = BTreeMap::new();
     for frame in inputs.frames {
-        let camera = scale * frame.pose.position_in_world_m();
+        let camera_m = frame.pose.position_in_world_m();
         for (point, _) in &frame.landmarks {
-            let key = point.to_array().map(f64::to_bits);
-            seen.entry(key).or_insert_with(|| {
-                let depth = scale * frame.pose.transform_point(*point).z;
-                points.push(MeasuredPoint::new(scale * *point, depth, camera));
+            let tolerance_m = TOLERANCE_SHARE * point.distance(camera_m);
+            let point = nearest.entry(point.to_array().map(f64::to_bits)).or_insert(MeasuredPoint {
+                at_m: *point,
+                tolerance_m,
+                camera_m,
             });
+            if tolerance_m < point.tolerance_m {
+                (point.tolerance_m, point.camera_m) = (tolerance_m, camera_m);
+            }
         }
     }
+    let points: Vec<MeasuredPoint> = nearest.into_values().collect();
     let plane = ransac_plane(&points, |normal| normal.dot(guess).abs() > LEVEL_COSINE)?.facing(guess);
     let on = points.iter().filter(|point| point.is_inlier(&plane)).count() as f64;
     // Cameras look down on floors and tables; a ceiling is no ground.
-    let is_below = inputs.frames.iter().all(|frame| plane.height_m(scale * frame.pose.position_in_world_m()) > 0.0);
+    let is_below = inputs.frames.iter().all(|frame| plane.height_m(frame.pose.position_in_world_m()) > 0.0);
     let share = on / points.len().max(1) as f64;
-    (is_below && share >= MIN_LEVEL_SHARE).then_some((HessePlane { offset_m: plane.offset_m / scale, ..plane }, share))
+    (is_below && share >= MIN_LEVEL_SHARE).then_some((plane, share))
 }
 
 /// The world of a board of tags. `None` if too few of its tags are seen.
-fn by_board(inputs: &GaugeInputs<'_>, read: ReadFrame<'_>) -> Result<Option<Gauge>, SolveError> {
+fn by_board(inputs: &GaugeInputs<'_>, read: ReadFrame<'_>) -> Result<Option<WorldGauge>, SolveError> {
     let GaugeInputs { geometry, frames, board, is_board_named, light, .. } = *inputs;
     let (width, height) = (geometry.intrinsics.width_px, geometry.intrinsics.height_px);
     let mut detector = Detector::new(board.family, width, height)?;
@@ -196,7 +199,9 @@ fn by_board(inputs: &GaugeInputs<'_>, read: ReadFrame<'_>) -> Result<Option<Gaug
     }
     tags.dedup();
     let least = if is_board_named { 1 } else { MIN_UNNAMED_TAGS };
-    let Some(similarity) = Similarity::between(&pairs).filter(|_| tags.len() >= least) else { return Ok(None) };
+    let Some(similarity) = SimilarityTransform::between(&pairs).filter(|_| tags.len() >= least) else {
+        return Ok(None);
+    };
     let squares: f64 = pairs.iter().map(|(from, to)| similarity.transform_point(*from).distance_squared(*to)).sum();
     let rms_m = (squares / pairs.len() as f64).sqrt();
     let extent_m = pairs.iter().map(|(_, to)| to.distance(pairs[0].1)).fold(0.0, f64::max);
@@ -208,7 +213,7 @@ fn by_board(inputs: &GaugeInputs<'_>, read: ReadFrame<'_>) -> Result<Option<Gaug
         return Ok(None);
     }
     let scale = ScaleSource::Board { tags: tags.len(), rms_m };
-    Ok(Some(Gauge { world_from_model: similarity, scale, up: UpSource::Board }))
+    Ok(Some(WorldGauge { world_from_model: similarity, scale, up: UpSource::Board }))
 }
 
 /// Metres per unit, by a measured distance.
@@ -223,14 +228,14 @@ fn by_distance(
         SolveError::DistanceFrame { frame, nearest: nearest.unwrap_or_default() }
     })?;
     let others: Vec<&PosedFrame> = inputs.frames.iter().filter(|posed| posed.frame != frame).collect();
-    let picture = Pyramid::of(&read(frame)?, 3);
+    let picture = LumaPyramid::of(&read(frame)?, 3);
     let mut found = [DVec3::ZERO; 2];
     let mut fewest = usize::MAX;
     let step = others.len().div_ceil(MAX_SEARCHED).max(1);
-    let searched: Vec<(&PosedFrame, Pyramid)> = others
+    let searched: Vec<(&PosedFrame, LumaPyramid)> = others
         .into_iter()
         .step_by(step)
-        .map(|other| Ok((other, Pyramid::of(&read(other.frame)?, 3))))
+        .map(|other| Ok((other, LumaPyramid::of(&read(other.frame)?, 3))))
         .collect::<Result<_, SolveError>>()?;
     for (found, at_px) in found.iter_mut().zip(points_px) {
         let lost = SolveError::DistancePoint { frame, at_px };
@@ -274,7 +279,7 @@ mod tests {
         assert!((rotation * up - DVec3::Z).length() < 1e-12);
         let ahead = rotation * DVec3::new(0.3, 0.2, 0.9);
         assert!(ahead.x.abs() < 1e-12 && ahead.y > 0.0, "{ahead}");
-        // A camera that looks straight down still has a world.
+        // A vertical optical axis has a world, too.
         assert!((upright(DVec3::Z, DVec3::NEG_Z) * DVec3::Z - DVec3::Z).length() < 1e-12);
     }
 

@@ -2,7 +2,7 @@
 
 use glam::{DMat2, DVec2};
 
-use super::patch::{PredictedPatch, Pyramid, track_patch};
+use super::patch::{LumaPyramid, PredictedPatch, track_patch};
 use crate::fit::quantile::upper_median;
 use crate::grey_image::GreyImage;
 use crate::pixels::Pixels;
@@ -27,7 +27,7 @@ pub const MAX_KEYFRAMES: usize = 240;
 
 /// A frame's motion and sharpness.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FrameMotion {
+pub struct MotionSample {
     /// Median displacement of patches since the frame before, as a share of the width.
     pub share: f64,
     /// Mean square gradient, codes² per px². Comparable among neighbouring frames only.
@@ -37,25 +37,25 @@ pub struct FrameMotion {
 /// Measures one frame after another.
 #[derive(Debug, Default)]
 pub struct MotionMeter {
-    before: Option<Pyramid>,
+    before: Option<LumaPyramid>,
 }
 
 impl MotionMeter {
-    pub fn measure(&mut self, pixels: &Pixels) -> FrameMotion {
+    pub fn measure(&mut self, pixels: &Pixels) -> MotionSample {
         let by = (pixels.width as usize).div_ceil(REDUCED_WIDTH_PX);
         let reduced = GreyImage::luma_601(pixels).reduced(by);
         let (across, down) = reduced.sobel();
         let squares: f64 =
             across.values.iter().zip(&down.values).map(|(x, y)| f64::from(x * x) + f64::from(y * y)).sum();
         let sharpness = squares / reduced.values.len().max(1) as f64;
-        let now = Pyramid::new(reduced, LEVELS);
+        let now = LumaPyramid::new(reduced, LEVELS);
         let share = self.before.as_ref().map_or(0.0, |before| displacement_share(before, &now));
         self.before = Some(now);
-        FrameMotion { share, sharpness }
+        MotionSample { share, sharpness }
     }
 }
 
-fn displacement_share(before: &Pyramid, now: &Pyramid) -> f64 {
+fn displacement_share(before: &LumaPyramid, now: &LumaPyramid) -> f64 {
     let (width, height) = now.size();
     let [columns, rows] = GRID;
     let centres = (0..rows).flat_map(|y| (0..columns).map(move |x| DVec2::new(x as f64 + 0.5, y as f64 + 0.5)));
@@ -74,7 +74,7 @@ fn displacement_share(before: &Pyramid, now: &Pyramid) -> f64 {
 
 /// The chosen frames, ascending: the sharpest of each stretch of [`KEYFRAME_SHARE`] of motion or
 /// [`MAX_INTERVAL_S`]. In a long video stretches are longer, so that there are at most `most`.
-pub fn choose(motions: &[FrameMotion], times_s: &[f64], most: usize) -> Vec<usize> {
+pub fn choose(motions: &[MotionSample], times_s: &[f64], most: usize) -> Vec<usize> {
     let mut factor = 1.0;
     loop {
         let chosen = choose_by(motions, times_s, factor);
@@ -85,7 +85,7 @@ pub fn choose(motions: &[FrameMotion], times_s: &[f64], most: usize) -> Vec<usiz
     }
 }
 
-fn choose_by(motions: &[FrameMotion], times_s: &[f64], factor: f64) -> Vec<usize> {
+fn choose_by(motions: &[MotionSample], times_s: &[f64], factor: f64) -> Vec<usize> {
     let mut chosen = Vec::new();
     let (mut start, mut moved) = (0, 0.0);
     for (i, motion) in motions.iter().enumerate() {
@@ -105,13 +105,13 @@ fn choose_by(motions: &[FrameMotion], times_s: &[f64], factor: f64) -> Vec<usize
 mod tests {
     use super::*;
 
-    fn motion(share: f64, sharpness: f64) -> FrameMotion {
-        FrameMotion { share, sharpness }
+    fn motion(share: f64, sharpness: f64) -> MotionSample {
+        MotionSample { share, sharpness }
     }
 
     #[test]
     fn sharpest_frame_of_each_stretch_is_chosen() {
-        let motions: Vec<FrameMotion> = (0..12).map(|i| motion(0.01, if i % 3 == 1 { 9.0 } else { 5.0 })).collect();
+        let motions: Vec<MotionSample> = (0..12).map(|i| motion(0.01, if i % 3 == 1 { 9.0 } else { 5.0 })).collect();
         let times: Vec<f64> = (0..12).map(|i| f64::from(i) / 30.0).collect();
         assert_eq!(choose(&motions, &times, 100), [1, 3, 4, 7, 9, 10]);
         assert!(choose(&motions, &times, 3).len() <= 3);

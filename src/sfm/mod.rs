@@ -19,7 +19,7 @@ mod triangulation;
 
 pub use colmap::version;
 pub use error::{SolveError, SolveStage};
-pub use footage::Footage;
-pub use gauge::{Gauge, MeasuredDistance, ScaleSource, UpSource};
+pub use footage::FootageFrames;
+pub use gauge::{MeasuredDistance, ScaleSource, UpSource, WorldGauge};
 pub use record::{new_folder, record};
 pub use solution::{Solution, SolveOptions, SolvedFrame, solve};

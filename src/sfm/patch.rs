@@ -1,7 +1,7 @@
 //! Tracks a patch from one picture into another (Lucas and Kanade 1981).
 //!
 //! The patch's pixels x + d lie at y + A d + u in the other picture. A is the affine map that the
-//! known geometry predicts. u minimises Σ w (T̂(d) − Î(y + A d + u))², coarse to fine, where T̂ and Î
+//! known geometry predicts. u minimises Σ w (T̂(d) − Î(y + A d + u))², coarse to fine. T̂ and Î
 //! have zero mean and unit variance within the window: gain and offset of brightness do not matter.
 //! w is a Gaussian.
 
@@ -28,9 +28,9 @@ const MIN_CORRELATION: f64 = 0.85;
 
 /// A picture's luma at full, half, quarter … resolution.
 #[derive(Clone, Debug)]
-pub struct Pyramid(Vec<GreyImage>);
+pub struct LumaPyramid(Vec<GreyImage>);
 
-impl Pyramid {
+impl LumaPyramid {
     /// `levels` is at least 1.
     pub fn new(finest: GreyImage, levels: usize) -> Self {
         let mut all = vec![finest];
@@ -60,7 +60,7 @@ pub struct PredictedPatch {
 }
 
 /// Position of the patch's centre in `other`. `None` if it cannot be found reliably.
-pub fn track_patch(picture: &Pyramid, other: &Pyramid, predicted: &PredictedPatch) -> Option<DVec2> {
+pub fn track_patch(picture: &LumaPyramid, other: &LumaPyramid, predicted: &PredictedPatch) -> Option<DVec2> {
     let mut to = predicted.to;
     for (level, (template, target)) in picture.0.iter().zip(&other.0).enumerate().rev() {
         // A coarser level's pixel k stands on pixel 2k of the finer one.
@@ -79,16 +79,16 @@ pub fn track_patch(picture: &Pyramid, other: &Pyramid, predicted: &PredictedPatc
 }
 
 /// A window's samples with zero mean and unit variance, by the window's weights.
-struct Window {
+struct PatchSamples {
     values: Vec<f64>,
     deviation: f64,
 }
 
-fn normalised(values: Vec<f64>, weights: &[f64]) -> Window {
+fn normalised(values: Vec<f64>, weights: &[f64]) -> PatchSamples {
     let mean: f64 = values.iter().zip(weights).map(|(v, w)| v * w).sum();
     let variance: f64 = values.iter().zip(weights).map(|(v, w)| w * (v - mean).powi(2)).sum();
     let deviation = variance.sqrt();
-    Window { values: values.into_iter().map(|v| (v - mean) / deviation.max(1e-9)).collect(), deviation }
+    PatchSamples { values: values.into_iter().map(|v| (v - mean) / deviation.max(1e-9)).collect(), deviation }
 }
 
 /// Displacements of a window's samples, and their weights, which sum to 1.
@@ -158,8 +158,8 @@ mod tests {
         (120.0 + 30.0 * (wave(0.5, 0.3, 0.0) + wave(-0.35, 0.6, 1.0) + wave(0.8, -0.15, 2.0))) as f32
     }
 
-    fn picture(of: impl Fn(DVec2) -> f32) -> Pyramid {
-        Pyramid::new(GreyImage::from_fn(120, 100, |x, y| of(DVec2::new(x as f64 + 0.5, y as f64 + 0.5))), 3)
+    fn picture(of: impl Fn(DVec2) -> f32) -> LumaPyramid {
+        LumaPyramid::new(GreyImage::from_fn(120, 100, |x, y| of(DVec2::new(x as f64 + 0.5, y as f64 + 0.5))), 3)
     }
 
     #[test]

@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use super::footage::{Footage, NOMINAL_FPS};
+use super::footage::{FootageFrames, NOMINAL_FPS};
 use super::gauge::UpSource;
 use super::solution::Solution;
-use crate::recording::new_folder::{Contents, NewFolder, RecordError, name_of};
+use crate::recording::new_folder::{FileContents, NewFolder, RecordError, name_of};
 use crate::recording::write::{self, CameraFile, Description, FILE_NAME, FrameFiles, Line, PoseFile};
 
 const POSES: &str = "poses.txt";
@@ -33,13 +33,13 @@ pub fn new_folder(place: &Path, force: bool) -> NewFolder<'_> {
 /// Writes a recording with a camera's `profile`. The footage is copied into it.
 pub fn record(
     folder: &NewFolder<'_>,
-    footage: &Footage,
+    footage: &FootageFrames,
     solution: &Solution,
     profile: String,
 ) -> Result<(), RecordError> {
     let fps = if footage.is_unordered() { PHOTOGRAPH_FPS } else { NOMINAL_FPS };
     let (frames, times_s): (FrameFiles, Vec<f64>) = match footage {
-        Footage::Video(video) => {
+        FootageFrames::Video(video) => {
             let ending = video.file.extension().map(|ending| format!(".{}", ending.to_string_lossy()));
             let video_name = format!("{VIDEO}{}", ending.unwrap_or_default());
             let frames = FrameFiles {
@@ -50,7 +50,7 @@ pub fn record(
             };
             (frames, solution.times_s.clone())
         }
-        Footage::Pictures { files, .. } => {
+        FootageFrames::Pictures { files, .. } => {
             let frames = FrameFiles { images: Some(PICTURES.into()), fps: Some(fps), ..FrameFiles::default() };
             (frames, (0..files.len()).map(|i| i as f64 / fps).collect())
         }
@@ -77,18 +77,18 @@ pub fn record(
         camera: Some(CameraFile { profile: Some(CAMERA.into()), kind: None, list: None }),
     };
     let mut contents = vec![
-        (FILE_NAME.to_owned(), Contents::Text(write::description(description)?.to_string())),
-        (POSES.to_owned(), Contents::Text(write::trajectory(&lines))),
-        (CAMERA.to_owned(), Contents::Text(profile)),
+        (FILE_NAME.to_owned(), FileContents::Text(write::description(description)?.to_string())),
+        (POSES.to_owned(), FileContents::Text(write::trajectory(&lines))),
+        (CAMERA.to_owned(), FileContents::Text(profile)),
     ];
     match footage {
-        Footage::Video(video) => {
+        FootageFrames::Video(video) => {
             let name = frames.video.unwrap_or_default().to_string_lossy().into_owned();
-            contents.push((name, Contents::Copy(&video.file)));
+            contents.push((name, FileContents::Copy(&video.file)));
         }
-        Footage::Pictures { files, .. } => contents.extend(files.iter().map(|file| {
+        FootageFrames::Pictures { files, .. } => contents.extend(files.iter().map(|file| {
             let name = file.file_name().unwrap_or_default().to_string_lossy();
-            (format!("{PICTURES}/{name}"), Contents::Copy(file.as_path()))
+            (format!("{PICTURES}/{name}"), FileContents::Copy(file.as_path()))
         })),
     }
     folder.write(&contents)

@@ -1,4 +1,4 @@
-//! Report of solved footage.
+//! ReportStage of solved footage.
 
 use std::fmt;
 use std::ops::Range;

@@ -6,7 +6,7 @@
 
 use glam::{DMat2, DVec2, DVec3};
 
-use super::patch::{PredictedPatch, Pyramid, track_patch};
+use super::patch::{LumaPyramid, PredictedPatch, track_patch};
 use crate::camera::Geometry;
 use crate::fit::robust::median_length;
 use crate::pose::Pose;
@@ -45,8 +45,8 @@ pub struct Resection {
 /// The pose of the frame `target`, near `initial`. `None` if too few landmarks are found or fit.
 pub fn resect(
     geometry: &Geometry,
-    neighbours: &[(&PosedFrame, &Pyramid)],
-    target: &Pyramid,
+    neighbours: &[(&PosedFrame, &LumaPyramid)],
+    target: &LumaPyramid,
     initial: &Pose,
 ) -> Option<Resection> {
     let mut found = Resection { pose: *initial, fitting: 0, rms_px: f64::INFINITY };

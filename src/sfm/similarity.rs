@@ -1,4 +1,4 @@
-//! Similarity transforms: a model's arbitrary frame to the world's.
+//! SimilarityTransform transforms: a model's arbitrary frame to the world's.
 
 use glam::{DMat3, DQuat, DVec3};
 use nalgebra::Matrix3;
@@ -7,14 +7,14 @@ use crate::pose::Pose;
 
 /// x ↦ scale · rotation · x + translation.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Similarity {
+pub struct SimilarityTransform {
     /// Metres per unit of the model.
     pub scale: f64,
     pub rotation: DQuat,
     pub translation_m: DVec3,
 }
 
-impl Similarity {
+impl SimilarityTransform {
     pub fn transform_point(&self, point: DVec3) -> DVec3 {
         self.scale * (self.rotation * point) + self.translation_m
     }
@@ -68,7 +68,7 @@ mod tests {
 
     #[test]
     fn transform_between_points_is_recovered() {
-        let truth = Similarity {
+        let truth = SimilarityTransform {
             scale: 0.37,
             rotation: DQuat::from_euler(glam::EulerRot::ZYX, 2.0, -0.4, 0.9),
             translation_m: DVec3::new(3.0, -1.0, 0.5),
@@ -76,19 +76,22 @@ mod tests {
         // Flat, as the corners of a sheet are.
         let flat = [(0.0, 0.0), (2.0, 0.0), (2.0, 1.0), (0.0, 1.5)].map(|(x, y)| DVec3::new(x, y, 0.0));
         let pairs = flat.map(|point| (point, truth.transform_point(point)));
-        let found = Similarity::between(&pairs).unwrap();
+        let found = SimilarityTransform::between(&pairs).unwrap();
         assert!((found.scale - truth.scale).abs() < 1e-12);
         assert!(found.rotation.angle_between(truth.rotation) < 1e-7);
         assert!((found.translation_m - truth.translation_m).length() < 1e-12);
         let line = [0.0, 1.0, 2.0].map(|x| (DVec3::X * x, DVec3::Y * x));
-        assert_eq!(Similarity::between(&line), None);
-        assert_eq!(Similarity::between(&pairs[..2]), None);
+        assert_eq!(SimilarityTransform::between(&line), None);
+        assert_eq!(SimilarityTransform::between(&pairs[..2]), None);
     }
 
     #[test]
     fn pose_moves_with_its_points() {
-        let move_by =
-            Similarity { scale: 2.0, rotation: DQuat::from_rotation_z(0.7), translation_m: DVec3::new(1.0, 2.0, 3.0) };
+        let move_by = SimilarityTransform {
+            scale: 2.0,
+            rotation: DQuat::from_rotation_z(0.7),
+            translation_m: DVec3::new(1.0, 2.0, 3.0),
+        };
         let pose = Pose::from_camera_in_world(DVec3::new(0.3, 0.1, -1.0), DQuat::from_rotation_x(0.2));
         let point = DVec3::new(0.5, -0.4, 4.0);
         let after = move_by.transform_pose(&pose).transform_point(move_by.transform_point(point));

@@ -6,12 +6,12 @@ use std::path::{Path, PathBuf};
 
 use glam::{DVec2, DVec3};
 
-use super::colmap::{self, ColmapInputs, Report};
+use super::colmap::{self, ColmapInputs, ReportStage};
 use super::error::{SolveError, SolveStage};
-use super::footage::Footage;
-use super::gauge::{Gauge, GaugeInputs, MeasuredDistance, gauge};
+use super::footage::FootageFrames;
+use super::gauge::{GaugeInputs, MeasuredDistance, WorldGauge, gauge};
 use super::keyframes::{MAX_KEYFRAMES, MotionMeter, choose};
-use super::patch::Pyramid;
+use super::patch::LumaPyramid;
 use super::resection::{PosedFrame, Resection, resect};
 use crate::camera::{Geometry, Response};
 use crate::cleanup::{Undo, Unfinished};
@@ -19,7 +19,7 @@ use crate::fit::quantile::upper_median;
 use crate::parallel::{over_rows, processors};
 use crate::pixels::{Codes, Pixels};
 use crate::pose::Pose;
-use crate::recording::colmap::Model;
+use crate::recording::colmap::ColmapModel;
 use crate::sink::folder::write_frame;
 use crate::source::still;
 use crate::tags::{Board, LumaCodes};
@@ -33,7 +33,7 @@ const LEVELS: usize = 4;
 /// Largest number of frames between two solved ones that are held in memory.
 const MAX_HELD_FRAMES: usize = 64;
 
-/// What the user knows about the footage.
+/// The known properties of the footage.
 #[derive(Debug)]
 pub struct SolveOptions<'a> {
     /// A calibrated camera; it is not refined.
@@ -69,13 +69,17 @@ pub struct Solution {
     /// Number of frames that were chosen, and of landmarks.
     pub chosen: usize,
     pub landmarks: usize,
-    pub gauge: Gauge,
+    pub gauge: WorldGauge,
     /// Chosen frames of further models, which do not fit the largest one.
     pub apart: Vec<Vec<usize>>,
 }
 
 /// Solves footage. `report` receives the progress.
-pub fn solve(footage: &Footage, options: &SolveOptions<'_>, report: Report<'_>) -> Result<Solution, SolveError> {
+pub fn solve(
+    footage: &FootageFrames,
+    options: &SolveOptions<'_>,
+    report: ReportStage<'_>,
+) -> Result<Solution, SolveError> {
     let (width, height) = footage.size();
     if let Some(intrinsics) = options.camera.map(|camera| &camera.intrinsics)
         && (intrinsics.width_px, intrinsics.height_px) != (width, height)
@@ -101,8 +105,9 @@ pub fn solve(footage: &Footage, options: &SolveOptions<'_>, report: Report<'_>) 
     let model = models.next().ok_or(SolveError::NoModel)?;
     let in_model = chosen.frames_of(&model);
     // Models overlap.
-    let rest =
-        |model: Model| chosen.frames_of(&model).into_iter().filter(|i| in_model.binary_search(i).is_err()).collect();
+    let rest = |model: ColmapModel| {
+        chosen.frames_of(&model).into_iter().filter(|i| in_model.binary_search(i).is_err()).collect()
+    };
     let apart: Vec<Vec<usize>> = models.map(rest).filter(|frames: &Vec<usize>| !frames.is_empty()).collect();
     if in_model.len() < 3 || (in_model.len() as f64) < MIN_MODEL_SHARE * names.len() as f64 {
         let span = in_model.first().copied().unwrap_or_default()..=in_model.last().copied().unwrap_or_default();
@@ -171,8 +176,8 @@ struct ChosenFrames {
 
 impl ChosenFrames {
     /// Photographs stay where they are. Of a video the chosen frames are written.
-    fn of(footage: &Footage, work: &Path, report: Report<'_>) -> Result<Self, SolveError> {
-        if let Footage::Pictures { files, .. } = footage
+    fn of(footage: &FootageFrames, work: &Path, report: ReportStage<'_>) -> Result<Self, SolveError> {
+        if let FootageFrames::Pictures { files, .. } = footage
             && footage.is_unordered()
         {
             let folder = files.first().and_then(|file| file.parent()).unwrap_or(Path::new("")).to_owned();
@@ -216,7 +221,7 @@ impl ChosenFrames {
         names.into_iter().map(|(name, _)| name.clone()).collect()
     }
 
-    fn frames_of(&self, model: &Model) -> Vec<usize> {
+    fn frames_of(&self, model: &ColmapModel) -> Vec<usize> {
         let mut frames: Vec<usize> =
             model.images.iter().filter_map(|image| self.frames.get(&image.name).copied()).collect();
         frames.sort_unstable();
@@ -236,7 +241,7 @@ fn eight_bit(pixels: Pixels) -> Pixels {
 }
 
 /// The frames of a model, ascending.
-fn posed_frames(model: &Model, chosen: &ChosenFrames) -> Vec<PosedFrame> {
+fn posed_frames(model: &ColmapModel, chosen: &ChosenFrames) -> Vec<PosedFrame> {
     let mut posed: Vec<PosedFrame> = model
         .images
         .iter()
@@ -267,11 +272,11 @@ fn residual_rms_px(geometry: &Geometry, frame: &PosedFrame) -> f64 {
 
 /// Poses the frames between those of the model, before the first and after the last.
 fn pose_others(
-    footage: &Footage,
+    footage: &FootageFrames,
     geometry: &Geometry,
     posed: &[PosedFrame],
     frames: &mut [Option<SolvedFrame>],
-    report: Report<'_>,
+    report: ReportStage<'_>,
 ) -> Result<(), SolveError> {
     // Photographs that are not in the model have no neighbours in time.
     if footage.is_unordered() {
@@ -279,11 +284,11 @@ fn pose_others(
     }
     let count = frames.len();
     let mut pictures = footage.pixels(0..count)?;
-    let mut before: Option<(&PosedFrame, Pyramid)> = None;
-    let mut held: Vec<(usize, Pyramid)> = Vec::new();
+    let mut before: Option<(&PosedFrame, LumaPyramid)> = None;
+    let mut held: Vec<(usize, LumaPyramid)> = Vec::new();
     for i in 0..count {
         let Some(pixels) = pictures.next() else { break };
-        let picture = Pyramid::of(&pixels?, LEVELS);
+        let picture = LumaPyramid::of(&pixels?, LEVELS);
         let here = posed.iter().find(|posed| posed.frame == i);
         match here {
             Some(here) => {
@@ -309,8 +314,8 @@ fn pose_others(
 /// Poses the held frames by one or two neighbours, and empties the list.
 fn resect_held(
     geometry: &Geometry,
-    neighbours: &[(&PosedFrame, &Pyramid)],
-    held: &mut Vec<(usize, Pyramid)>,
+    neighbours: &[(&PosedFrame, &LumaPyramid)],
+    held: &mut Vec<(usize, LumaPyramid)>,
     frames: &mut [Option<SolvedFrame>],
 ) {
     let initial = |i: usize| match neighbours {

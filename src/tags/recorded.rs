@@ -5,7 +5,7 @@ use std::path::Path;
 use super::board::Board;
 use super::continuity::ChosenPose;
 use super::track::Track;
-use crate::recording::new_folder::{Contents, NewFolder, RecordError, name_of};
+use crate::recording::new_folder::{FileContents, NewFolder, RecordError, name_of};
 use crate::recording::write::{self, CameraFile, Description, FILE_NAME, FrameFiles, Line, PoseFile};
 use crate::source::video::Video;
 
@@ -38,8 +38,8 @@ pub struct RecordingInputs<'a> {
 /// Writes a recording. The video is copied into it.
 pub fn record(folder: &NewFolder<'_>, parts: &RecordingInputs<'_>) -> Result<(), RecordError> {
     let texts = texts(&name_of(folder.place)?, parts)?;
-    let mut files: Vec<_> = texts.map(|(name, text)| (name, Contents::Text(text))).into();
-    files.push((video_name(parts.video), Contents::Copy(&parts.video.file)));
+    let mut files: Vec<_> = texts.map(|(name, text)| (name, FileContents::Text(text))).into();
+    files.push((video_name(parts.video), FileContents::Copy(&parts.video.file)));
     folder.write(&files)
 }
 

@@ -165,7 +165,7 @@ fn model_and_frames_between_become_a_recording_in_the_boards_world() {
     let profile = std::fs::read_to_string(site.path("solved/camera.toml")).unwrap();
     assert!(profile.contains("fx_px = 560") && profile.contains("k1 = -0.21"), "{profile}");
 
-    // A measured distance in the board's place: between the outer corners of two tags, 150 mm apart.
+    // A measured distance in the board's place: the diagonal of a tag.
     let corners = [landmarks()[0], landmarks()[80]];
     let frame = known[known.len() / 2];
     let seen = corners.map(|corner| place(frame as f64 / FPS).project(&CAMERA, corner));

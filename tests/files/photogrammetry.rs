@@ -175,7 +175,7 @@ fn depth_of_a_real_sequence_decides_between_conventions() {
         std::fs::copy(of("depth.png"), at(&format!("depth/{i}.png"))).unwrap();
         let text = std::fs::read_to_string(of("pose.txt")).unwrap();
         let values: Vec<f64> = text.split_whitespace().map(|word| word.parse().unwrap()).collect();
-        // The axes of the recorded matrices are not quite at right angles; their inverses would differ.
+        // The recorded axes are not quite at right angles; their inverses would differ.
         let (_, rotation, translation) = DMat4::from_cols_slice(&values).transpose().to_scale_rotation_translation();
         let matrix = DMat4::from_rotation_translation(rotation.normalize(), translation);
         let row = |m: DMat4| m.transpose().to_cols_array().map(|value| value.to_string()).join(" ") + "\n";

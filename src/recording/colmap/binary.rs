@@ -1,5 +1,5 @@
 //! The binary form of a COLMAP model, which GLOMAP writes as well: `cameras.bin`, `images.bin`,
-//! `points3D.bin`. Numbers are little-endian. Source: `scene/reconstruction_io_binary.cc` of COLMAP.
+//! `points3D.bin`. Numbers are little-endian. Source: `scene/reconstruction_io_binary.cc` there.
 //!
 //! Not read: `rigs.bin` and `frames.bin` of COLMAP 3.12 and later, since `images.bin` still has the
 //! pose of each image.

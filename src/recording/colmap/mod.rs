@@ -58,14 +58,14 @@ fn find(path: &Path) -> Option<PathBuf> {
 
 /// A model with its landmarks, in its own arbitrary unit.
 #[derive(Debug)]
-pub struct Model {
+pub struct ColmapModel {
     pub cameras: BTreeMap<u32, Geometry>,
     pub images: Vec<ModelImage>,
     /// Positions of the landmarks by their numbers.
     pub landmarks: BTreeMap<u64, DVec3>,
 }
 
-impl Model {
+impl ColmapModel {
     /// Reads the binary files of a model's folder.
     pub fn read_binary(folder: &Path) -> Result<Self, RecordingError> {
         let [_, images_name] = FORMS[0];
