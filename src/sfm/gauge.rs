@@ -12,15 +12,15 @@ use glam::{DMat3, DQuat, DVec2, DVec3};
 
 use super::error::SolveError;
 use super::patch::{LumaPyramid, track_patch};
-use super::resection::{PosedFrame, predict};
+use super::resection::{PosedFrame, predict_on};
 use super::similarity::SimilarityTransform;
 use super::triangulation::triangulate;
 use crate::camera::Geometry;
 use crate::fit::quantile::upper_median;
 use crate::pixels::Pixels;
-use crate::plane::HessePlane;
+use crate::plane::{HessePlane, Plane};
 use crate::pose::{Pose, held_up};
-use crate::support::{MeasuredPoint, ransac_plane};
+use crate::support::{MeasuredPoint, plane_through, ransac_plane};
 use crate::tags::{Board, Detector, LumaCodes, refine_corners};
 
 /// Largest number of pictures that are searched for tags or for measured points.
@@ -40,8 +40,10 @@ const TOLERANCE_SHARE: f64 = 0.01;
 const LEVEL_COSINE: f64 = 0.64;
 /// Smallest share of the landmarks on a level surface.
 const MIN_LEVEL_SHARE: f64 = 0.05;
-/// Number of nearest landmarks that give the first guess of a picked point's depth.
-const NEAREST: usize = 5;
+/// Number of nearest landmarks that give the surface at a picked point, and the smallest cosine
+/// between its normal and the view.
+const NEAREST: usize = 9;
+const MIN_FACING: f64 = 0.15;
 
 /// How the scale is known.
 #[derive(Clone, Debug, PartialEq)]
@@ -216,6 +218,21 @@ fn by_board(inputs: &GaugeInputs<'_>, read: ReadFrame<'_>) -> Result<Option<Worl
     Ok(Some(WorldGauge { world_from_model: similarity, scale, up: UpSource::Board }))
 }
 
+/// The surface at a pixel of a frame: the plane through the nearest landmarks, or one that faces
+/// the camera at their median depth if they are not on one.
+fn surface_at(landmarks: &[(DVec3, DVec2)], pose: &Pose, at_px: DVec2) -> Option<HessePlane> {
+    let mut near: Vec<(f64, DVec3)> = landmarks.iter().map(|(point, seen)| (seen.distance(at_px), *point)).collect();
+    near.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let near: Vec<DVec3> = near.into_iter().take(NEAREST).map(|(_, point)| point).collect();
+    let depth = upper_median(near.iter().map(|point| pose.transform_point(*point).z))?;
+    let normal = pose.world_from_camera_rotation() * DVec3::Z;
+    let facing = Plane { point_m: pose.inverse_transform_point(DVec3::new(0.0, 0.0, depth)), normal }.into();
+    let fitted = plane_through(&near).ok().filter(|fit| fit.rms_m < TOLERANCE_SHARE * depth);
+    // A plane that is seen along itself is a bad guess.
+    let fitted = fitted.map(|fit| fit.plane).filter(|plane| plane.normal.dot(normal).abs() > MIN_FACING);
+    Some(fitted.unwrap_or(facing))
+}
+
 /// Metres per unit, by a measured distance.
 fn by_distance(
     inputs: &GaugeInputs<'_>,
@@ -239,20 +256,17 @@ fn by_distance(
         .collect::<Result<_, SolveError>>()?;
     for (found, at_px) in found.iter_mut().zip(points_px) {
         let lost = SolveError::DistancePoint { frame, at_px };
-        let mut near: Vec<(f64, f64)> = at
-            .landmarks
-            .iter()
-            .map(|(point, seen)| (seen.distance(at_px), at.pose.transform_point(*point).z))
-            .collect();
-        near.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let depth = upper_median(near.iter().take(NEAREST).map(|(_, depth)| *depth));
-        let ray = inputs.geometry.unproject(at_px);
-        let Some(guess) = depth.zip(ray).map(|(depth, ray)| at.pose.inverse_transform_point(depth * ray)) else {
-            return Err(lost);
-        };
+        let surface = surface_at(&at.landmarks, &at.pose, at_px);
+        let camera = at.pose.position_in_world_m();
+        let ray = inputs.geometry.unproject(at_px).map(|ray| at.pose.world_from_camera_rotation() * ray);
+        let guess = surface.zip(ray).map(|(surface, ray)| {
+            let along = -surface.height_m(camera) / surface.normal.dot(ray);
+            (surface, camera + along * ray)
+        });
+        let Some((surface, guess)) = guess.filter(|(_, guess)| guess.is_finite()) else { return Err(lost) };
         let mut views = vec![(at.pose, at_px)];
         for (other, pyramid) in &searched {
-            let predicted = predict(inputs.geometry, &at.pose, &other.pose, guess, at_px);
+            let predicted = predict_on(inputs.geometry, &at.pose, &other.pose, &surface, guess, at_px);
             if let Some(seen) = predicted.and_then(|predicted| track_patch(&picture, pyramid, &predicted)) {
                 views.push((other.pose, seen));
             }

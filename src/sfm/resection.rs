@@ -9,6 +9,7 @@ use glam::{DMat2, DVec2, DVec3};
 use super::patch::{LumaPyramid, PredictedPatch, track_patch};
 use crate::camera::Geometry;
 use crate::fit::robust::median_length;
+use crate::plane::{HessePlane, Plane};
 use crate::pose::Pose;
 use crate::tags::{Corners, solve_pose};
 
@@ -68,18 +69,27 @@ pub fn resect(
 }
 
 /// Where a patch of one camera appears in another, if its surface faces the first.
-pub fn predict(
+fn predict(geometry: &Geometry, first: &Pose, second: &Pose, in_world: DVec3, at_px: DVec2) -> Option<PredictedPatch> {
+    let normal = first.world_from_camera_rotation() * DVec3::Z;
+    let surface = HessePlane::from(Plane { point_m: in_world, normal });
+    predict_on(geometry, first, second, &surface, in_world, at_px)
+}
+
+/// Where a patch of one camera around `in_world` appears in another, on a plane through that point.
+pub fn predict_on(
     geometry: &Geometry,
     first: &Pose,
     second: &Pose,
+    surface: &HessePlane,
     in_world: DVec3,
     at_px: DVec2,
 ) -> Option<PredictedPatch> {
-    let depth = first.transform_point(in_world).z;
     let project = |point: DVec3| geometry.project(second.transform_point(point));
+    let camera = first.position_in_world_m();
     let beside = |step: DVec2| {
-        let ray = geometry.unproject(at_px + step)?;
-        project(first.inverse_transform_point(depth * ray))
+        let ray = first.world_from_camera_rotation() * geometry.unproject(at_px + step)?;
+        let along = -surface.height_m(camera) / surface.normal.dot(ray);
+        project(camera + along * ray)
     };
     let slope = |step: DVec2| Some(0.5 * (beside(step)? - beside(-step)?));
     let by = DMat2::from_cols(slope(DVec2::X)?, slope(DVec2::Y)?);

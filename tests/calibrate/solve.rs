@@ -165,20 +165,26 @@ fn model_and_frames_between_become_a_recording_in_the_boards_world() {
     let profile = std::fs::read_to_string(site.path("solved/camera.toml")).unwrap();
     assert!(profile.contains("fx_px = 560") && profile.contains("k1 = -0.21"), "{profile}");
 
-    // A measured distance in the board's place: the diagonal of a tag.
+    // A measured distance in the board's place: the diagonal of a tag, stated twice as long. A
+    // frame that was not chosen is refused; the message names the nearest one that was.
+    let path_m = |recording: &Recording| -> f64 {
+        let at: Vec<DVec3> = recording.track.poses().iter().map(|(_, pose)| pose.position_in_world_m()).collect();
+        at.windows(2).map(|pair| pair[0].distance(pair[1])).sum()
+    };
+    let by_board_m = path_m(&recording);
     let corners = [landmarks()[0], landmarks()[80]];
-    let frame = known[known.len() / 2];
-    let seen = corners.map(|corner| place(frame as f64 / FPS).project(&CAMERA, corner));
-    let apart = 2.0 * corners[0].distance(corners[1]);
-    let distance = format!("{frame}:{},{}:{},{}={apart}", seen[0].x, seen[0].y, seen[1].x, seen[1].y);
-    let chosen = text(&solve(&path, &site, &["--force", "--distance", &distance]).stdout);
-    if chosen.is_empty() {
-        // The frame is not among the chosen ones: the message names the nearest.
-        let error = text(&solve(&path, &site, &["--force", "--distance", &distance]).stderr);
-        assert!(error.contains("the nearest is"), "{error}");
-    } else {
-        assert!(chosen.contains("scale      by the measured distance of"), "{chosen}");
-    }
+    let distance = |frame: usize| {
+        let [a, b] = corners.map(|corner| place(frame as f64 / FPS).project(&CAMERA, corner));
+        format!("{frame}:{},{}:{},{}={}", a.x, a.y, b.x, b.y, 2.0 * corners[0].distance(corners[1]))
+    };
+    let refused = text(&solve(&path, &site, &["--force", "--distance", &distance(AWAY.start)]).stderr);
+    let (_, nearest) = refused.trim_end().rsplit_once("the nearest is ").unwrap_or_else(|| panic!("{refused}"));
+    let output = solve(&path, &site, &["--force", "--distance", &distance(nearest.parse().unwrap())]);
+    let told = text(&output.stdout);
+    assert!(told.contains("scale      by the measured distance of"), "{told}{}", text(&output.stderr));
+    let measured = Recording::open(Path::new(&site.path("solved")), &OpenOptions::default()).unwrap();
+    let ratio = path_m(&measured) / by_board_m;
+    assert!((ratio - 2.0).abs() < 0.02, "{ratio}");
 }
 
 #[test]
