@@ -1,7 +1,7 @@
 //! Camera noise by example: residuals of real frames, normalised by their predicted amplitude, are
 //! reassembled on other content.
 //!
-//! Noise lives in the planes Y', Cb and Cr of the camera's coding ([`PictureCoding`]), after chroma
+//! Noise lives in the planes Y', Cb and Cr of the camera's coding (`PictureCoding`), after chroma
 //! subsampling and before the DCT. Without quantisation the same planes are rounded to 8 bits.
 //! Places are px of the coded picture: the picture with the padding that its block grid needs
 //! before its first pixel.
