@@ -56,7 +56,7 @@ pub mod compositor;
 pub mod profile;
 
 // 6: composited footage and its files; cost, noise calibration, comparison, photographs, simulated
-// recordings
+// recordings, structure from motion
 pub mod analyse;
 pub mod bench;
 pub mod calibrate;

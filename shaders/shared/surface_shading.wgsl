@@ -1,4 +1,4 @@
-// Shading of a surface by lights, environment and the room (raster.wgsl, whose bindings it reads).
+// Surface shading: lights, environment and the room. It reads the bindings of raster.wgsl.
 
 struct Surface {
     matt: vec3<f32>,   // diffuse reflectance

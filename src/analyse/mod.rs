@@ -239,7 +239,8 @@ pub fn analyse(
             let rest = comparison.rest.clone();
             let inputs =
                 ExampleInputs { recording, model: &model, states, has_poses, rest, later_s, noise: profile, threads };
-            checkpoints.stage(|| times.of(times::NOISE_EXAMPLES, || noise_example::examples(&inputs)))?
+            let found = checkpoints.stage(|| times.of(times::NOISE_EXAMPLES, || noise_example::examples(&inputs)))?;
+            found.unwrap_or_else(NoiseExamples::none)
         }
         None => NoiseExamples::none("the strength of the camera's noise is unknown"),
     };

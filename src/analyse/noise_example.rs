@@ -106,29 +106,28 @@ pub struct ExampleInputs<'a> {
 }
 
 /// Searches a recording for examples: in a stretch at rest, by neighbouring frames where depth is
-/// measured, or in textureless places.
-pub fn examples(inputs: &ExampleInputs<'_>) -> Result<NoiseExamples, RegistrationError> {
+/// measured, or in textureless places. The inner error is the reason for which there are none.
+pub fn examples(inputs: &ExampleInputs<'_>) -> Result<Result<NoiseExamples, String>, RegistrationError> {
     let (width, height) = inputs.model.size();
     let possible = MAX_PIXELS / (width * height).max(1);
     if possible == 0 {
-        return Ok(NoiseExamples::none("the frames are too large for examples of their noise"));
+        return Ok(Err("the frames are too large for examples of their noise".to_owned()));
     }
     if inputs.rest.len() >= MIN_REST_FRAMES
         && let Ok(found) = of_rest(inputs)?
     {
-        return Ok(found);
+        return Ok(Ok(found));
     }
     let has_neighbours = inputs.has_poses && inputs.recording.has_depth() && !inputs.model.geometry.needs_cube_map();
     if has_neighbours {
         let wanted = possible.min(FRAMES);
         let found = of_frames(inputs, wanted, ExampleOrigin::Neighbours, by_neighbours, "repeats in its neighbours")?;
-        if let Ok(found) = found {
+        if found.is_ok() {
             return Ok(found);
         }
     }
     let wanted = possible.min(TEXTURELESS_FRAMES);
-    let found = of_frames(inputs, wanted, ExampleOrigin::Textureless, by_textureless_places, "is without texture")?;
-    Ok(found.unwrap_or_else(NoiseExamples::none))
+    of_frames(inputs, wanted, ExampleOrigin::Textureless, by_textureless_places, "is without texture")
 }
 
 /// Examples of the stretch at rest. The inner error is the reason for which there are none.
@@ -422,7 +421,7 @@ mod tests {
                 noise,
                 threads,
             };
-            examples(&inputs).unwrap().findings
+            examples(&inputs).unwrap().unwrap().findings
         };
         let found = of(0..MIN_REST_FRAMES);
         assert_eq!((found.origin, found.frames, found.why), (ExampleOrigin::Rest, MIN_REST_FRAMES, None));

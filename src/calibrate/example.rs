@@ -58,7 +58,7 @@ pub(super) struct ExampleSampler {
     /// Size of the scene's first frame; frames of other sizes are not sampled.
     size: Option<[usize; 2]>,
     next_frame: usize,
-    /// Estimated coding of the first sampled frame whose file states none.
+    /// Estimated coding of the first sampled frame that has no JPEG tables.
     estimated_coding: Option<PictureCoding>,
     samples: Vec<SampledWindow>,
     frames: Vec<ExampleFrame>,

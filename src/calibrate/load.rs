@@ -152,7 +152,7 @@ fn resting(
     Ok(MeasuredNoise { table, example: sampler.map(ExampleSampler::finish) })
 }
 
-/// Approximate number of evenly spaced frames whose textureless places are used.
+/// Approximate number of frames, evenly spaced, in which textureless places are measured.
 const MAX_TEXTURELESS_FRAMES: usize = 120;
 
 fn textureless(

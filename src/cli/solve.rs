@@ -27,7 +27,7 @@ pub struct Args {
     /// The profile of the camera, if it is calibrated; without it, the lens is estimated
     #[arg(long)]
     profile: Option<PathBuf>,
-    /// The positions of tags in view; by default the sheet that `locard board` prints is looked for
+    /// The positions of the tags in view; by default those of the sheet that `locard board` prints
     #[arg(long, value_name = "FILE")]
     board: Option<PathBuf>,
     /// A measured distance in metres between two points of a frame, in px, for the scale

@@ -231,8 +231,8 @@ impl Compositor {
         self.update_shadows(&settings.shadow, Quality::Final, &mut StageLog::default());
     }
 
-    /// The stages [`Stage::PlanarShadows`] and [`Stage::Lightmaps`], whose results are memoized:
-    /// they run if a result is missing. Returns the planar shadows, and the lower quality of the
+    /// Runs the stages [`Stage::PlanarShadows`] and [`Stage::Lightmaps`] unless their results are
+    /// memoized. Returns the planar shadows, and the lower quality of the
     /// two. Lightmaps go to the renderer.
     fn update_shadows(
         &mut self,

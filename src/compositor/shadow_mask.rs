@@ -31,7 +31,7 @@ use crate::shadow::{PlanarShadow, ShadowTexture, UvRect};
 
 /// Samples over the exposure; the same number as in shaders/shadow_mask.wgsl, by a test.
 const EXPOSURE_SAMPLES: usize = 4;
-/// Intervals along each side of a planar shadow, whose ends are projected to find its bounds in the
+/// Subdivisions of each side of a planar shadow. Their ends are projected for its bounds in the
 /// picture.
 const SIDE_INTERVALS: usize = 8;
 /// D + (1 − D)·d: transmittances 1 − d of overlapping planar shadows multiply.
@@ -99,7 +99,7 @@ pub struct VisibleShadow {
     height_m: f64,
 }
 
-/// The planar shadows whose shadows are in a picture.
+/// The planar shadows in view.
 pub fn visible_shadows(planar_shadows: Vec<PlanarShadow>, geometry: &Geometry, keys: &ViewKeys) -> Vec<VisibleShadow> {
     let i = &geometry.intrinsics;
     let picture = Rect::full(i.width_px, i.height_px);

@@ -25,7 +25,7 @@ impl StageLog {
         key.map_or(value.clone(), |key| retained.insert(key, value))
     }
 
-    /// Logs a stage whose result is not retained, or is memoized elsewhere.
+    /// Logs a stage that retains no result here.
     pub fn run_always(&mut self, stage: Stage) {
         self.0.push(stage);
     }

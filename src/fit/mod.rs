@@ -9,8 +9,12 @@ pub mod cholesky;
 pub mod homography;
 pub mod kaplan_meier;
 pub mod quantile;
+mod ray_intersection;
 mod rigid_pose;
 pub mod robust;
+mod similarity;
 pub mod twist;
 
+pub use ray_intersection::ray_intersection;
 pub use rigid_pose::{RigidPose, pose_jacobian};
+pub use similarity::SimilarityTransform;

@@ -25,6 +25,7 @@ use super::photogrammetry::{self, LabelledPicture, LocatedPicture, PosedPicture}
 use super::rigid::{NOT_RIGID, is_lost, rigid};
 use super::{OpenOptions, RecordingError, xml};
 use crate::camera::{Geometry, LensModel};
+use crate::fit::SimilarityTransform;
 use crate::pose::Pose;
 use crate::text::{count, quoted};
 use crate::tracking::records;
@@ -85,37 +86,27 @@ fn open(file: &Path, path: &Path, options: &OpenOptions) -> Result<Parts, Record
     Ok(parts)
 }
 
-/// A similarity: x in one frame is scale · rotation · x + translation in the other.
-#[derive(Clone, Copy, Debug)]
-struct Similarity {
-    scale: f64,
-    rotation: DMat3,
-    translation: DVec3,
-}
-
-impl Similarity {
-    const IDENTITY: Self = Self { scale: 1.0, rotation: DMat3::IDENTITY, translation: DVec3::ZERO };
-
-    fn of(node: Node<'_, '_>, file: &Path) -> Result<Self, RecordingError> {
-        let refuse = |problem: String| xml::error_at(node, file, format!("transform: {problem}; {EXPORT_ADVICE}"));
-        let text = |name: &str| xml::child(node, name).and_then(|child| child.text());
-        let mut similarity = Self::IDENTITY;
-        if let Some(text) = text("translation") {
-            similarity.translation = xml::finite_numbers::<3>(text, "translation").map_err(refuse)?.into();
-        }
-        if let Some(text) = text("rotation") {
-            let [a, b, c, d, e, f, g, h, i] = xml::finite_numbers::<9>(text, "rotation").map_err(refuse)?;
-            let rows = [[a, b, c, 0.0], [d, e, f, 0.0], [g, h, i, 0.0]];
-            similarity.rotation = rigid(rows).ok_or_else(|| refuse(format!("rotation {NOT_RIGID}")))?.0;
-        }
-        if let Some(text) = text("scale") {
-            [similarity.scale] = xml::finite_numbers(text, "scale").map_err(refuse)?;
-        }
-        if similarity.scale > 0.0 {
-            return Ok(similarity);
-        }
-        Err(refuse(format!("scale is {}; expected above 0", similarity.scale)))
+/// The contents of a `<transform>`.
+fn similarity(node: Node<'_, '_>, file: &Path) -> Result<SimilarityTransform, RecordingError> {
+    let refuse = |problem: String| xml::error_at(node, file, format!("transform: {problem}; {EXPORT_ADVICE}"));
+    let text = |name: &str| xml::child(node, name).and_then(|child| child.text());
+    let mut similarity = SimilarityTransform::IDENTITY;
+    if let Some(text) = text("translation") {
+        similarity.translation_m = xml::finite_numbers::<3>(text, "translation").map_err(refuse)?.into();
     }
+    if let Some(text) = text("rotation") {
+        let [a, b, c, d, e, f, g, h, i] = xml::finite_numbers::<9>(text, "rotation").map_err(refuse)?;
+        let rows = [[a, b, c, 0.0], [d, e, f, 0.0], [g, h, i, 0.0]];
+        let (rotation, _) = rigid(rows).ok_or_else(|| refuse(format!("rotation {NOT_RIGID}")))?;
+        similarity.rotation = DQuat::from_mat3(&rotation).normalize();
+    }
+    if let Some(text) = text("scale") {
+        [similarity.scale] = xml::finite_numbers(text, "scale").map_err(refuse)?;
+    }
+    if similarity.scale > 0.0 {
+        return Ok(similarity);
+    }
+    Err(refuse(format!("scale is {}; expected above 0", similarity.scale)))
 }
 
 fn parse(text: &str, file: &Path) -> Result<CamerasFile, RecordingError> {
@@ -187,16 +178,16 @@ fn parse(text: &str, file: &Path) -> Result<CamerasFile, RecordingError> {
 /// The transforms to the world.
 #[derive(Debug)]
 struct Components {
-    of_chunk: Similarity,
-    by_id: BTreeMap<String, Similarity>,
-    /// The component whose cameras are read; `None` for files without components.
+    of_chunk: SimilarityTransform,
+    by_id: BTreeMap<String, SimilarityTransform>,
+    /// The selected component; `None` for files without components.
     active: Option<String>,
     has_transform: bool,
 }
 
 impl Components {
     fn of(chunk: Node<'_, '_>, file: &Path) -> Result<Self, RecordingError> {
-        let transform = |node| xml::child(node, "transform").map(|node| Similarity::of(node, file)).transpose();
+        let transform = |node| xml::child(node, "transform").map(|node| similarity(node, file)).transpose();
         let of_chunk = transform(chunk)?;
         let (mut by_id, mut active, mut ids) = (BTreeMap::new(), None, Vec::new());
         if let Some(components) = xml::child(chunk, "components") {
@@ -213,11 +204,11 @@ impl Components {
             active = ids.into_iter().next();
         }
         let has_transform = of_chunk.is_some() || active.as_ref().is_some_and(|active| by_id.contains_key(active));
-        Ok(Self { of_chunk: of_chunk.unwrap_or(Similarity::IDENTITY), by_id, active, has_transform })
+        Ok(Self { of_chunk: of_chunk.unwrap_or(SimilarityTransform::IDENTITY), by_id, active, has_transform })
     }
 
     /// The transform of a camera's component; `None` if it is not the active one.
-    fn world_from_chunk(&self, component: Option<&str>) -> Option<Similarity> {
+    fn world_from_chunk(&self, component: Option<&str>) -> Option<SimilarityTransform> {
         let Some((component, active)) = component.zip(self.active.as_deref()) else { return Some(self.of_chunk) };
         (component == active).then(|| self.by_id.get(component).copied().unwrap_or(self.of_chunk))
     }
@@ -303,7 +294,7 @@ fn camera(
 }
 
 /// Position and rotation of a camera in the world. `None` if the pose is lost.
-fn pose(matrix: &str, world_from_chunk: &Similarity) -> Result<Option<(DVec3, DQuat)>, String> {
+fn pose(matrix: &str, world_from_chunk: &SimilarityTransform) -> Result<Option<(DVec3, DQuat)>, String> {
     let n: [f64; 16] = xml::numbers(matrix, "transform")?;
     let row = |i: usize| [n[4 * i], n[4 * i + 1], n[4 * i + 2], n[4 * i + 3]];
     let rows = [row(0), row(1), row(2), row(3)];
@@ -315,9 +306,8 @@ fn pose(matrix: &str, world_from_chunk: &Similarity) -> Result<Option<(DVec3, DQ
         return Err("transform: the last row must be 0 0 0 1".to_owned());
     }
     let (turn, at) = rigid([a, b, c]).ok_or_else(|| format!("transform {NOT_RIGID}"))?;
-    let Similarity { scale, rotation, translation } = world_from_chunk;
-    let turn = DQuat::from_mat3(&(*rotation * turn)).normalize();
-    Ok(Some((*rotation * at * *scale + *translation, turn)))
+    let turn = (world_from_chunk.rotation * DQuat::from_mat3(&turn)).normalize();
+    Ok(Some((world_from_chunk.transform_point(at), turn)))
 }
 
 /// The geometries of the sensors with these ids.

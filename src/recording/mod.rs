@@ -67,7 +67,7 @@ pub use parts::RecordingFormat;
 /// Parameters that a recording does not contain.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OpenOptions {
-    /// Length of one world unit for formats whose scale is arbitrary.
+    /// Length of one world unit in formats without a metric scale, m.
     pub metres_per_unit: f64,
     /// Added to frame times to look up poses, in addition to the recording's own offset, seconds.
     pub time_offset_s: f64,

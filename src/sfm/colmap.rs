@@ -16,6 +16,11 @@ const PROGRAM: &str = "colmap";
 const MAX_FEATURE_SIDE_PX: usize = 1600;
 /// Number of successive pictures to which each one is matched, and at doubling distances beyond.
 const SEQUENTIAL_OVERLAP: usize = 8;
+/// Beginnings of the lines that report a step of each command.
+const FEATURE_LINE: &str = "Processed file [";
+const SEQUENTIAL_LINE: &str = "Matching image [";
+const EXHAUSTIVE_LINE: &str = "Matching block [";
+const MAPPING_LINE: &str = "Registering image #";
 /// Smallest number of pictures of a model.
 const MIN_MODEL_SIZE: usize = 3;
 
@@ -50,7 +55,11 @@ pub fn version() -> Result<String, ProgramError> {
 }
 
 /// The models that the program finds, the one with most pictures first.
-pub fn models(inputs: &ColmapInputs<'_>, report: ReportStage<'_>) -> Result<Vec<ColmapModel>, SolveError> {
+pub fn models(
+    inputs: &ColmapInputs<'_>,
+    options: &ColmapOptions,
+    report: ReportStage<'_>,
+) -> Result<Vec<ColmapModel>, SolveError> {
     let ColmapInputs { folder, images, names, .. } = *inputs;
     let list = folder.join("images.txt");
     let sparse = folder.join("sparse");
@@ -59,7 +68,6 @@ pub fn models(inputs: &ColmapInputs<'_>, report: ReportStage<'_>) -> Result<Vec<
     let database: PathBuf = folder.join("database.db");
     let path = |option: &str, path: &Path| [OsString::from(option), path.as_os_str().to_owned()];
     let database = || path("--database_path", &database);
-    let options = ColmapOptions::of_installed()?;
 
     let mut features: Vec<OsString> = vec!["feature_extractor".into()];
     features.extend(database());
@@ -67,7 +75,7 @@ pub fn models(inputs: &ColmapInputs<'_>, report: ReportStage<'_>) -> Result<Vec<
     features.extend(path("--image_list_path", &list));
     features.extend(options.extraction());
     features.extend(camera_options(inputs.camera)?);
-    run(&features, names.len(), SolveStage::Features, "Processed file [", report)?;
+    run(&features, names.len(), SolveStage::Features, FEATURE_LINE, report)?;
 
     let mut matches: Vec<OsString> = match inputs.matching {
         PairMatching::Exhaustive => vec!["exhaustive_matcher".into()],
@@ -78,9 +86,7 @@ pub fn models(inputs: &ColmapInputs<'_>, report: ReportStage<'_>) -> Result<Vec<
     }
     matches.extend(database());
     matches.extend(options.matching());
-    // Blocks of 50 pictures: "PairMatching block [1/2, 2/2]".
-    let prefix =
-        if inputs.matching == PairMatching::Sequential { "PairMatching image [" } else { "PairMatching block [" };
+    let prefix = if inputs.matching == PairMatching::Sequential { SEQUENTIAL_LINE } else { EXHAUSTIVE_LINE };
     run(&matches, names.len(), SolveStage::Matches, prefix, report)?;
 
     let mut mapper: Vec<OsString> = vec!["mapper".into()];
@@ -93,7 +99,7 @@ pub fn models(inputs: &ColmapInputs<'_>, report: ReportStage<'_>) -> Result<Vec<
             mapper.extend([format!("--Mapper.{name}").into(), "0".into()]);
         }
     }
-    match run(&mapper, names.len(), SolveStage::Mapping, "Registering image #", report) {
+    match run(&mapper, names.len(), SolveStage::Mapping, MAPPING_LINE, report) {
         // The mapper ends with an error if it finds no model.
         Err(SolveError::Program(ProgramError::Failed { .. })) if is_empty(&sparse) => {}
         other => other?,
@@ -129,18 +135,12 @@ fn run(
     if report(stage, done, steps).is_break() {
         return Err(SolveError::Stopped);
     }
-    let mut on_line = |line: &str| {
-        let Some((_, rest)) = line.split_once(prefix) else { return ControlFlow::Continue(()) };
-        // "Processed file [3/90]", "PairMatching block [1/2, 2/2]", "Registering image #17 (3)".
-        let fraction = rest.split(']').next().unwrap_or_default();
-        let fraction = fraction.split(',').next().unwrap_or_default().split_once('/');
-        let fraction =
-            fraction.and_then(|(a, b)| Some((a.trim().parse::<usize>().ok()?, b.trim().parse::<usize>().ok()?)));
-        done = match fraction {
-            Some((part, all)) if all > 0 => part * steps / all,
-            _ => done + 1,
-        };
-        report(stage, done.min(steps), steps)
+    let mut on_line = |line: &str| match steps_done(line, prefix, steps, done) {
+        Some(now) => {
+            done = now;
+            report(stage, done, steps)
+        }
+        None => ControlFlow::Continue(()),
     };
     match program::follow(PROGRAM, arguments, &mut on_line)? {
         Some(()) => Ok(()),
@@ -148,16 +148,31 @@ fn run(
     }
 }
 
+/// Number of completed steps after a line of the program; `None` for other lines. The line has a
+/// fraction, as "Processed file [3/90]" or "Matching block [1/2, 2/2]", or is one more step, as
+/// "Registering image #17 (3)".
+fn steps_done(line: &str, prefix: &str, steps: usize, done: usize) -> Option<usize> {
+    let (_, rest) = line.split_once(prefix)?;
+    let fraction = rest.split([']', ',']).next()?.split_once('/');
+    let fraction =
+        fraction.and_then(|(part, all)| Some((part.trim().parse::<usize>().ok()?, all.trim().parse::<usize>().ok()?)));
+    let now = match fraction {
+        Some((part, all)) if all > 0 => part.saturating_mul(steps) / all,
+        _ => done + 1,
+    };
+    Some(now.min(steps))
+}
+
 /// The installed version's names of options, and whether it uses a GPU.
 #[derive(Debug)]
-struct ColmapOptions {
+pub struct ColmapOptions {
     extraction: &'static str,
     matching: &'static str,
     has_cuda: bool,
 }
 
 impl ColmapOptions {
-    fn of_installed() -> Result<Self, SolveError> {
+    pub fn of_installed() -> Result<Self, SolveError> {
         let help = |arguments: &[OsString]| -> Result<String, SolveError> {
             Ok(String::from_utf8_lossy(&program::output(PROGRAM, arguments)?.written).into_owned())
         };
@@ -211,6 +226,18 @@ fn camera_options(camera: Option<&Geometry>) -> Result<Vec<OsString>, SolveError
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn progress_follows_the_lines_of_each_command() {
+        let done = |line: &str, prefix: &str| steps_done(line, prefix, 90, 4);
+        assert_eq!(done("Processed file [3/90]", FEATURE_LINE), Some(3));
+        // As COLMAP logs since 3.9.
+        assert_eq!(done("I20250101 12:00:00.1 7 pairing.cc:168] Matching image [45/90]", SEQUENTIAL_LINE), Some(45));
+        assert_eq!(done("Matching block [1/2, 2/2] in 3.1s", EXHAUSTIVE_LINE), Some(45));
+        assert_eq!(done("Registering image #17 (3)", MAPPING_LINE), Some(5));
+        assert_eq!(steps_done("Registering image #17 (3)", MAPPING_LINE, 90, 90), Some(90));
+        assert_eq!(done("  Features:        1214", FEATURE_LINE), None);
+    }
 
     #[test]
     fn options_follow_the_installed_version() {

@@ -70,6 +70,8 @@ pub enum SolveError {
     Focal { focal_px: f64, width_px: u32 },
     #[error("the board's file does not describe the tags in the pictures: their corners are {} mm off a board of {} mm", fixed(1e3 * rms_m, 1), fixed(1e3 * extent_m, 0))]
     Board { rms_m: f64, extent_m: f64 },
+    #[error("the measured distance is in frame {frame}: expected a frame below {count}, and points within {}x{} px", size.0, size.1)]
+    DistanceOutside { frame: usize, count: usize, size: (u32, u32) },
     #[error("frame {frame} of the measured distance is not among the solved frames; the nearest is {nearest}")]
     DistanceFrame { frame: usize, nearest: usize },
     #[error("the point {}, {} of frame {frame} is not found in other frames; pick a corner or a spot with texture that several frames show from different sides", number(at_px.x), number(at_px.y))]

@@ -13,7 +13,6 @@ mod patch;
 mod record;
 mod report;
 mod resection;
-mod similarity;
 mod solution;
 mod triangulation;
 

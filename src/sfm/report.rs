@@ -1,4 +1,4 @@
-//! ReportStage of solved footage.
+//! Report of solved footage.
 
 use std::fmt;
 use std::ops::Range;

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DVec2, DVec3};
 
-use super::colmap::{self, ColmapInputs, ReportStage};
+use super::colmap::{self, ColmapInputs, ColmapOptions, ReportStage};
 use super::error::{SolveError, SolveStage};
 use super::footage::FootageFrames;
 use super::gauge::{GaugeInputs, MeasuredDistance, WorldGauge, gauge};
@@ -91,6 +91,15 @@ pub fn solve(
     if count < 3 {
         return Err(SolveError::TooFew(count));
     }
+    let is_inside =
+        |at_px: &DVec2| at_px.cmpge(DVec2::ZERO).all() && at_px.cmplt(DVec2::new(width.into(), height.into())).all();
+    if let Some(distance) = &options.distance
+        && !(distance.frame < count && distance.points_px.iter().all(is_inside))
+    {
+        return Err(SolveError::DistanceOutside { frame: distance.frame, count, size: (width, height) });
+    }
+    // Before the video is decoded: a missing program is reported at once.
+    let program = ColmapOptions::of_installed()?;
     let (folder, _unfinished) = temporary_folder()?;
     let chosen = ChosenFrames::of(footage, folder.path(), report)?;
     let names = chosen.names();
@@ -101,7 +110,7 @@ pub fn solve(
         matching: footage.matching(),
         camera: options.camera,
     };
-    let mut models = colmap::models(&inputs, report)?.into_iter();
+    let mut models = colmap::models(&inputs, &program, report)?.into_iter();
     let model = models.next().ok_or(SolveError::NoModel)?;
     let in_model = chosen.frames_of(&model);
     // Models overlap.

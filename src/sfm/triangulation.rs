@@ -1,8 +1,9 @@
 //! A point from several views of it.
 
-use glam::{DMat3, DVec2, DVec3};
+use glam::{DVec2, DVec3};
 
 use crate::camera::Geometry;
+use crate::fit::ray_intersection;
 use crate::pose::Pose;
 
 /// Smallest angle between two of the rays, radians: at smaller ones the distance is unknown.
@@ -24,13 +25,7 @@ pub fn triangulate(geometry: &Geometry, views: &[(Pose, DVec2)]) -> Option<DVec3
     if parallax < MIN_PARALLAX {
         return None;
     }
-    let (mut normal, mut right) = (DMat3::ZERO, DVec3::ZERO);
-    for (origin, ray) in rays {
-        let across = DMat3::IDENTITY - DMat3::from_cols(ray * ray.x, ray * ray.y, ray * ray.z);
-        normal += across;
-        right += across * origin;
-    }
-    let point = normal.inverse() * right;
+    let point = ray_intersection(rays);
     let is_seen = |(pose, at_px): &(Pose, DVec2)| {
         geometry.project(pose.transform_point(point)).is_some_and(|at| (at - at_px).length() <= MAX_ERROR_PX)
     };

@@ -8,6 +8,7 @@
 use glam::{DMat3, DVec2, DVec3};
 
 use super::{PosedCamera, Shot, SurfaceError};
+use crate::fit::ray_intersection;
 use crate::text::{fixed, number};
 
 /// A position in a frame's picture.
@@ -73,14 +74,6 @@ fn of_rays(eyes: &[(PosedCamera, FramePoint)]) -> Result<TriangulatedPoint, Surf
     }
     let pairs = rays.iter().enumerate().flat_map(|(i, a)| rays[..i].iter().map(move |b| (a, b)));
     let angle_deg = pairs.map(|(a, b)| a.direction.angle_between(b.direction).to_degrees()).fold(0.0, f64::max);
-    // The least-squares intersection of the rays.
-    let (mut matrix, mut right) = (DMat3::ZERO, DVec3::ZERO);
-    for ray in &rays {
-        let d = ray.direction;
-        let across = DMat3::IDENTITY - DMat3::from_cols(d * d.x, d * d.y, d * d.z);
-        matrix += across;
-        right += across * ray.origin_m;
-    }
     let nearly_parallel = || {
         let reason = "the frames see it from nearly the same place, so its distance is unknown";
         format!(
@@ -88,7 +81,7 @@ fn of_rays(eyes: &[(PosedCamera, FramePoint)]) -> Result<TriangulatedPoint, Surf
             fixed(angle_deg, 2)
         )
     };
-    let mut point = matrix.inverse() * right;
+    let mut point = ray_intersection(rays.iter().map(|ray| (ray.origin_m, ray.direction)));
     if !point.is_finite() {
         return refused(nearly_parallel());
     }

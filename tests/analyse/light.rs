@@ -92,6 +92,8 @@ fn scene_without_light_uses_the_estimated_one_and_keeps_its_own_otherwise() {
     let site = folder.path().join("site");
     let analysis = folder.path().join("site.analysis");
     let light = found.findings.light.as_ref().unwrap();
+    let examples = found.findings.noise_example.as_ref().unwrap();
+    assert!(examples.sha256.is_some() && examples.frames >= 6, "{examples:?}");
     // The lamp, and a virtual lamp for the indirect light around it.
     assert_eq!(light.lamps.iter().map(|lamp| lamp.is_bounce()).collect::<Vec<_>>(), [false, true], "{light:?}");
     assert_eq!(light.lamps[0].at_m, light.lamps[1].at_m);
@@ -185,6 +187,7 @@ fn analysed_demo() -> (tempfile::TempDir, Analysis) {
         assert!(Analysis::read(&to.join("site.analysis")).unwrap() == found);
     });
     let analysis = folder.path().join("site.analysis");
+    // The one whole analysis of the fast tier: others leave out light and examples.
     copied(&made.join("site.analysis"), &analysis);
     (folder, Analysis::read(&analysis).unwrap())
 }

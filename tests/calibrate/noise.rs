@@ -1,4 +1,5 @@
-//! Noise calibration compared with known noise, and with real cameras.
+//! Noise calibration compared with known noise, and with real cameras. One file, because the tests
+//! share the simulated scenes and their noise.
 
 use crate::common;
 use crate::random::Random;

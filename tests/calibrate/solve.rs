@@ -177,7 +177,8 @@ fn model_and_frames_between_become_a_recording_in_the_boards_world() {
         let [a, b] = corners.map(|corner| place(frame as f64 / FPS).project(&CAMERA, corner));
         format!("{frame}:{},{}:{},{}={}", a.x, a.y, b.x, b.y, 2.0 * corners[0].distance(corners[1]))
     };
-    let refused = text(&solve(&path, &site, &["--force", "--distance", &distance(AWAY.start)]).stderr);
+    let unsolved = format!("{}:1,2:3,4=1", AWAY.start);
+    let refused = text(&solve(&path, &site, &["--force", "--distance", &unsolved]).stderr);
     let (_, nearest) = refused.trim_end().rsplit_once("the nearest is ").unwrap_or_else(|| panic!("{refused}"));
     let output = solve(&path, &site, &["--force", "--distance", &distance(nearest.parse().unwrap())]);
     let told = text(&output.stdout);
@@ -210,6 +211,10 @@ fn failures_name_their_cause_and_remedy_and_write_nothing() {
     assert!(error.contains("`colmap` is missing") && error.contains("apt-get install colmap"), "{error}");
     let error = refused(&path, &["--distance", "3:1,2=1"]);
     assert!(error.contains("30:210,330:330,260=0.42"), "{error}");
+    for outside in ["18:1,2:3,4=1", "3:1,2:640,4=1"] {
+        let error = refused(&path, &["--distance", outside]);
+        assert!(error.contains("below 18") && error.contains("640x480"), "{error}");
+    }
     let small = folder.path().join("small.toml");
     std::fs::write(&small, CAMERA.profile().replace("width_px = 640", "width_px = 320")).unwrap();
     let error = refused(&path, &["--profile", small.to_str().unwrap()]);

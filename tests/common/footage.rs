@@ -155,13 +155,13 @@ pub fn demo_reduced(frames: usize, flaws: &Flaws, reduction: u32) -> tempfile::T
     demo_from(&Reduction { max_frames: REDUCED_FRAMES, ..Reduction::by(reduction) }.demo(), frames, flaws)
 }
 
-/// Refusal that a test's checkpoint stores in place of the estimated room light.
-const NO_LIGHT: &str = "the test does not need the light of the room";
+/// Refusal that a test's checkpoint stores in place of the room's light and of examples of noise.
+const NOT_NEEDED: &str = "the test does not need it";
 /// Upper bound of the number of stages of an analysis.
 const STAGES: usize = 32;
 
 /// [`analysed`]; in the fast tier without the search for the room's light, which takes 10 s at any
-/// picture size.
+/// picture size, and without examples of noise, which take some seconds.
 pub fn analysed_by_tier(shot: &Shot, threads: usize) -> Analysis {
     if is_full() {
         return analysed(shot, threads);
@@ -169,18 +169,19 @@ pub fn analysed_by_tier(shot: &Shot, threads: usize) -> Analysis {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("site.analysis");
     let found = with_capture_info(shot, |camera, capture| {
-        let mut checkpoints = checkpoints_without_light(&path, shot, camera, capture);
+        let mut checkpoints = checkpoints_of_refusals(&path, shot, camera, capture);
         analyse(&shot.recording, camera, capture, threads, &mut checkpoints, &mut |_| Ok(())).unwrap().0
     });
     let light = found.findings.light.as_ref().and_then(|light| light.why.as_deref());
-    let refusals = [NO_LIGHT, "the camera's poses are unknown", "no depth was measured"];
+    let refusals = [NOT_NEEDED, "the camera's poses are unknown", "no depth was measured"];
     assert!(light.is_some_and(|why| refusals.contains(&why)), "{light:?}");
     found
 }
 
-/// Makes the next analysis of a shot, written to `folder`, leave out the room's light.
+/// Makes the next analysis of a shot, written to `folder`, leave out the room's light and examples
+/// of noise.
 pub fn leave_out_light(shot: &Shot, folder: &Path) {
-    with_capture_info(shot, |camera, capture| drop(checkpoints_without_light(folder, shot, camera, capture)));
+    with_capture_info(shot, |camera, capture| drop(checkpoints_of_refusals(folder, shot, camera, capture)));
 }
 
 /// [`leave_out_light`] in the fast tier.
@@ -190,12 +191,12 @@ pub fn leave_out_light_by_tier(shot: &Shot, folder: &Path) {
     }
 }
 
-/// A checkpoint in which the room's light is refused. A stage reads only values of its own type, so
-/// all other stages ignore the stored refusal.
-fn checkpoints_without_light(folder: &Path, shot: &Shot, camera: &Geometry, capture: &CaptureInfo<'_>) -> Checkpoints {
+/// A checkpoint in which stages that may be refused are. A stage reads only values of its own type,
+/// so all others ignore the stored refusal.
+fn checkpoints_of_refusals(folder: &Path, shot: &Shot, camera: &Geometry, capture: &CaptureInfo<'_>) -> Checkpoints {
     let mut checkpoints = Checkpoints::of(folder, &shot.recording, camera, capture);
     for _ in 0..STAGES {
-        let refused: Result<Result<(), String>, ()> = checkpoints.stage(|| Ok(Err(NO_LIGHT.to_owned())));
+        let refused: Result<Result<(), String>, ()> = checkpoints.stage(|| Ok(Err(NOT_NEEDED.to_owned())));
         refused.unwrap().unwrap_err();
     }
     Checkpoints::of(folder, &shot.recording, camera, capture)

@@ -1,8 +1,8 @@
 //! Occupancy grid of the room's surfaces, for visibility by ray marching. Most of a room is free
 //! space, so empty blocks of cells are skipped in one step.
 //!
-//! [`Room`](crate::shadow::Room) is another walk: a sparse set of finer voxels, each with several
-//! points, whose rays leave out the voxels of the receiver plane and those around the lamp.
+//! [`Room`](crate::shadow::Room) is another walk: a sparse set of finer voxels with several
+//! points each. Its rays skip the voxels of the receiver plane and those around the lamp.
 
 use glam::{DVec3, IVec3};
 

@@ -1,4 +1,4 @@
-//! SimilarityTransform transforms: a model's arbitrary frame to the world's.
+//! Similarity transforms, as from the arbitrary frame of a reconstruction to the world's.
 
 use glam::{DMat3, DQuat, DVec3};
 use nalgebra::Matrix3;
@@ -8,22 +8,24 @@ use crate::pose::Pose;
 /// x ↦ scale · rotation · x + translation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SimilarityTransform {
-    /// Metres per unit of the model.
+    /// Metres per unit of the source.
     pub scale: f64,
     pub rotation: DQuat,
     pub translation_m: DVec3,
 }
 
 impl SimilarityTransform {
+    pub const IDENTITY: Self = Self { scale: 1.0, rotation: DQuat::IDENTITY, translation_m: DVec3::ZERO };
+
     pub fn transform_point(&self, point: DVec3) -> DVec3 {
         self.scale * (self.rotation * point) + self.translation_m
     }
 
-    /// The pose of a camera of the model in the world.
-    pub fn transform_pose(&self, camera_from_model: &Pose) -> Pose {
+    /// The pose of a camera in the other frame.
+    pub fn transform_pose(&self, camera_from_source: &Pose) -> Pose {
         Pose::from_camera_in_world(
-            self.transform_point(camera_from_model.position_in_world_m()),
-            self.rotation * camera_from_model.world_from_camera_rotation(),
+            self.transform_point(camera_from_source.position_in_world_m()),
+            self.rotation * camera_from_source.world_from_camera_rotation(),
         )
     }
 
