@@ -93,6 +93,7 @@ fn analysis_beside_the_recording_is_used_while_it_matches() {
     let folder = demo_by_tier(8, &late(0.01), 2);
     let site = folder.path().join("site");
     let path = site.to_str().unwrap();
+    leave_out_light(&opened(&folder), &folder.path().join("site.analysis"));
     let stdout = stdout_of(&["analyse", path]);
     assert!(stdout.contains("poses      ") && stdout.contains("readout"), "{stdout}");
     let analysis = folder.path().join("site.analysis");
