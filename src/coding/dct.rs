@@ -17,7 +17,7 @@ use super::BLOCK;
 pub const BLOCK_LEN: usize = BLOCK * BLOCK;
 
 /// Index 8 v + u of each coefficient in the order of a JPEG file (T.81, figure A.6): along
-/// diagonals, by turns upwards and downwards.
+/// diagonals, by turns upwards and downwards. No memo: a constant table.
 pub static ZIGZAG: LazyLock<[usize; BLOCK_LEN]> = LazyLock::new(|| {
     let mut order = std::array::from_fn(|i| i);
     order.sort_by_key(|i| {
@@ -28,6 +28,7 @@ pub static ZIGZAG: LazyLock<[usize; BLOCK_LEN]> = LazyLock::new(|| {
 });
 
 /// Row u has the samples of the frequency u, times √8: those of the frequencies 0 and 4 are ±1.
+/// No memo: a constant table.
 static BASIS: LazyLock<[[f32; BLOCK]; BLOCK]> = LazyLock::new(|| {
     let sample = |u: usize, x: usize| {
         let angle = ((2 * x + 1) * u) as f64 * std::f64::consts::PI / 16.0;
@@ -204,8 +205,8 @@ mod tests {
     #[test]
     fn forward_matches_its_definition() {
         for seed in 0..20 {
-            let found = forward(&samples(seed));
-            for (i, value) in found.iter().enumerate() {
+            let coefficients = forward(&samples(seed));
+            for (i, value) in coefficients.iter().enumerate() {
                 let expected = exact(&samples(seed), i / BLOCK, i % BLOCK);
                 assert!((f64::from(*value) - expected).abs() < 2e-4, "{seed} {i}: {value} {expected}");
             }

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use std::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Values by their types.
+/// Values by their types. No memo: it holds the device's memos, one of each type.
 #[derive(Clone, Default)]
 pub struct TypeMap(Arc<Mutex<HashMap<TypeId, Arc<dyn Any + Send + Sync>>>>);
 

@@ -42,7 +42,7 @@ pub struct SurfaceRadiance {
     cells: HashMap<IVec3, [f32; 3]>,
 }
 
-/// Radiance that is computed for the first clipped pixel.
+/// Radiance that is computed for the first clipped pixel. No memo: `Supports` keeps it in one.
 pub type LazyRadiance = LazyLock<SurfaceRadiance, Box<dyn FnOnce() -> SurfaceRadiance + Send>>;
 
 impl SurfaceRadiance {
@@ -117,21 +117,21 @@ mod tests {
         let samples = red.iter().enumerate().map(|(n, (light, is_clipped))| {
             sample(0.01, [*light, 0.4 + 0.1 * n as f32, 0.2], [*is_clipped, true, false])
         });
-        let found = SurfaceRadiance::of(samples).sampler().at(DVec3::splat(0.01)).unwrap();
+        let radiance = SurfaceRadiance::of(samples).sampler().at(DVec3::splat(0.01)).unwrap();
         // The survival function falls by a third at each of the three unclipped values.
-        assert_eq!(found, [1.25, 0.8, 0.2]);
+        assert_eq!(radiance, [1.25, 0.8, 0.2]);
     }
 
     #[test]
     fn radiance_between_two_cells_is_interpolated_and_of_too_few_samples_unknown() {
         let cell = |x_m: f64, light: f32, count: usize| (0..count).map(move |_| sample(x_m, [light; 3], [false; 3]));
-        let known = SurfaceRadiance::of(cell(0.01, 1.0, 3).chain(cell(0.03, 2.0, 3)).chain(cell(0.15, 9.0, 2)));
-        let mut sampler = known.sampler();
+        let surfaces = SurfaceRadiance::of(cell(0.01, 1.0, 3).chain(cell(0.03, 2.0, 3)).chain(cell(0.15, 9.0, 2)));
+        let mut sampler = surfaces.sampler();
         let mut red_at = |x_m: f64| sampler.at(DVec3::new(x_m, 0.01, 0.01)).map(|light| light[0]);
         for (x_m, light) in [(0.01, 1.0), (0.015, 1.25), (0.025, 1.75), (0.045, 2.0), (-0.005, 1.0)] {
             assert!((red_at(x_m).unwrap() - light).abs() < 1e-5, "{x_m}");
         }
         assert_eq!([0.15, 0.3].map(red_at), [None; 2]);
-        assert!(SurfaceRadiance::of(std::iter::empty()).is_empty() && !known.is_empty());
+        assert!(SurfaceRadiance::of(std::iter::empty()).is_empty() && !surfaces.is_empty());
     }
 }

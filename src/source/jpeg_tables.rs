@@ -12,7 +12,8 @@ const START: [u8; 2] = [0xff, 0xd8];
 const TABLES: u8 = 0xc4;
 const SCAN: u8 = 0xda;
 
-/// The segments with the standard's tables. The encoder has no others.
+/// The segments with the standard's tables. The encoder has no others. No memo: constant
+/// tables.
 static STANDARD: LazyLock<Vec<u8>> = LazyLock::new(|| {
     let mut file = Vec::new();
     let encoded = JpegEncoder::new(&mut file).encode(&[0; 3], 1, 1, ExtendedColorType::Rgb8);

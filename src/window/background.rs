@@ -18,6 +18,7 @@ pub struct Background<K, T> {
     /// No memo: it is shown until the result for a newer key has arrived.
     last: Option<(K, T)>,
     /// Key and message of a computation that panicked: it is not started again for the same key.
+    /// No memo: it is the counterpart of `last`.
     failure: Option<(K, String)>,
 }
 

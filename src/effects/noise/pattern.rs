@@ -33,7 +33,7 @@ const TABLE_SIDE: u32 = 64;
 pub const TABLE_UNIT: f64 = 1.0 / 4096.0;
 
 /// Quantiles of the normal distribution at (i + ½)/4096, rounded to units of σ/4096 and scaled so
-/// that the table's own variance is 1.
+/// that the table's own variance is 1. No memo: a constant table.
 pub static NORMAL_TABLE: LazyLock<Vec<i16>> = LazyLock::new(|| {
     let count = TABLE_SIDE * TABLE_SIDE;
     let normal = Normal::standard();
