@@ -9,7 +9,7 @@ use serde::Deserialize;
 use serde::de::IgnoredAny;
 
 use super::analysis::AnalysisArgs;
-use super::pick::{self, Pick, Picker, PointQuery, numbers};
+use super::pick::{self, Pick, Picker, PointQuery, plane};
 use super::skip::Skip;
 use super::{clock, listen, progress_of};
 use locard_engine::analyse;
@@ -38,7 +38,7 @@ pub struct Args {
     #[arg(long = "pick", value_name = "X,Y[+N:X,Y]", requires = "frame", value_parser = Pick::parse)]
     picks: Vec<Pick>,
     /// Without depth: the plane a·x + b·y + c·z = d of the world that the points lie on
-    #[arg(long, value_name = "A,B,C,D", requires = "picks", value_parser = numbers::<4>, allow_hyphen_values = true)]
+    #[arg(long, value_name = "A,B,C,D", requires = "picks", value_parser = plane, allow_hyphen_values = true)]
     plane: Option<[f64; 4]>,
     /// The true distance of two picked points, for the length of a unit, for formats without a
     /// scale

@@ -23,7 +23,7 @@ impl Pick {
     /// From `X,Y`, or `X,Y+FRAME:X,Y` with any number of other frames.
     pub fn parse(text: &str) -> Result<Self, String> {
         let mut parts = text.split('+');
-        let at_px = numbers::<2>(parts.next().unwrap_or_default())?.into();
+        let at_px = pixel(parts.next().unwrap_or_default())?.into();
         let also = |part| view(part, "FRAME:X,Y after +, as in 320,300+45:310,290");
         Ok(Self { at_px, also: parts.map(also).collect::<Result<_, String>>()? })
     }
@@ -34,7 +34,7 @@ pub fn view(text: &str, expected: &str) -> Result<FramePoint, String> {
     let wrong = || format!("{text}: expected {expected}");
     let (frame, at) = text.split_once(':').ok_or_else(wrong)?;
     let frame = frame.trim().parse().map_err(|_| wrong())?;
-    Ok(FramePoint { frame, at_px: numbers::<2>(at)?.into() })
+    Ok(FramePoint { frame, at_px: pixel(at)?.into() })
 }
 
 /// The text that [`view`] parses.
@@ -50,11 +50,22 @@ impl std::fmt::Display for Pick {
     }
 }
 
-/// Parses finite numbers separated by commas.
-pub fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
+/// Column and row from the upper left, px.
+fn pixel(text: &str) -> Result<[f64; 2], String> {
+    numbers(text, "320,240.5")
+}
+
+/// The coefficients a, b, c and d of the plane a·x + b·y + c·z = d.
+pub fn plane(text: &str) -> Result<[f64; 4], String> {
+    numbers(text, "0,0,1,0.75")
+}
+
+/// Parses finite numbers separated by commas. Errors quote the example.
+pub fn numbers<const N: usize>(text: &str, example: &str) -> Result<[f64; N], String> {
     let parsed: Option<Vec<f64>> =
         text.split(',').map(|t| t.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
-    parsed.and_then(|v| v.try_into().ok()).ok_or_else(|| format!("{text}: expected {N} numbers with commas between"))
+    let numbers = parsed.and_then(|v| v.try_into().ok());
+    numbers.ok_or_else(|| format!("{text}: expected {N} numbers with commas between, as in {example}"))
 }
 
 /// The source of a picked point.
@@ -114,8 +125,8 @@ impl<'a> Picker<'a> {
                 .chain(pick.also.iter().copied())
                 .collect();
             views.iter().try_for_each(|view| super::check_frame(view.frame, self.shot.recording.frame_count()))?;
-            let found = self.shot.triangulate(&views)?;
-            return Ok(PickedPoint { point_m: found.point_m, source: PointSource::Views(found) });
+            let triangulated = self.shot.triangulate(&views)?;
+            return Ok(PickedPoint { point_m: triangulated.point_m, source: PointSource::Views(triangulated) });
         }
         let on = |plane| {
             let support = self.shot.support_on_plane(self.frame, pick.at_px, plane);
@@ -213,12 +224,12 @@ pub fn print_points(picker: &Picker<'_>, query: &PointQuery<'_>, out: &mut impl 
         }
     }
     if let (Some(distance_m), [a, b]) = (distance_m, points.as_slice()) {
-        let found = a.distance(*b);
+        let measured_m = a.distance(*b);
         let now = query.metres_per_unit.unwrap_or(1.0);
         let Some(scale) = metres_per_unit(*a, *b, distance_m, now) else {
             bail!("--distance {distance_m}: the two points are one and the same");
         };
-        let percent = 100.0 * (found / distance_m - 1.0);
+        let percent = 100.0 * (measured_m / distance_m - 1.0);
         if is_metric {
             writeln!(out, "scale      {} % off: the recording is in metres already", fixed(percent, 1))?;
         } else {

@@ -8,7 +8,7 @@ use anyhow::{Context, Result, bail};
 use glam::DVec3;
 
 use super::analysis::AnalysisArgs;
-use super::pick::{Pick, Picker, PointSource, numbers};
+use super::pick::{Pick, Picker, PointSource, plane};
 use super::warn;
 use locard_engine::export::Inputs;
 use locard_engine::recording::{OpenOptions, Recording};
@@ -51,7 +51,7 @@ pub struct Args {
     #[arg(long)]
     name: Option<String>,
     /// Without depth: the plane a·x + b·y + c·z = d of the world that it stands on
-    #[arg(long, value_name = "A,B,C,D", value_parser = numbers::<4>, allow_hyphen_values = true)]
+    #[arg(long, value_name = "A,B,C,D", value_parser = plane, allow_hyphen_values = true)]
     plane: Option<[f64; 4]>,
     /// The camera, if the recording lacks it
     #[arg(long)]

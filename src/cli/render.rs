@@ -126,10 +126,13 @@ fn metres(text: &str) -> Result<f64, String> {
 fn vector<const N: usize>(text: &str) -> Result<[f64; N], String> {
     let parsed: Option<Vec<f64>> = text.split(',').map(|t| t.trim().parse().ok()).collect();
     let numbers: Option<[f64; N]> = parsed.and_then(|v| v.try_into().ok());
-    let numbers = numbers.ok_or_else(|| format!("{text}: expected {N} numbers with commas between"))?;
-    match numbers.iter().all(|v| v.abs() <= 1e9) {
-        true => Ok(numbers),
-        false => Err(format!("{text}: expected numbers from -1000000000 to 1000000000")),
+    let example = ["0.4", "-0.2", "1.5"][..N].join(",");
+    let numbers =
+        numbers.ok_or_else(|| format!("{text}: expected {N} numbers with commas between, as in {example}"))?;
+    if numbers.iter().all(|v| v.abs() <= 1e9) {
+        Ok(numbers)
+    } else {
+        Err(format!("{text}: expected numbers from -1000000000 to 1000000000"))
     }
 }
 

@@ -48,7 +48,14 @@ pub fn run(args: &Args) -> Result<()> {
         .map(PathBuf::as_path)
         .collect();
     let profile = file::read_text(&args.profile, MAX_DOCUMENT_BYTES)
-        .map_err(|error| anyhow::anyhow!("{}: cannot be read: {}", args.profile.display(), reason(&error)))?;
+        .map_err(|error| {
+        anyhow::anyhow!(
+            "--profile {}: cannot be read: {}; expected a camera's profile, as `locard calibrate camera -o camera.toml` \
+             writes it",
+            args.profile.display(),
+            reason(&error)
+        )
+    })?;
     let mut rig = Rig::default();
     rig.read_text(&profile, &args.profile, &mut Settings::default())?;
     let camera = rig.camera();

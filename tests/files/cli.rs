@@ -150,12 +150,26 @@ fn inspect_takes_the_camera_from_a_profile_and_units_from_the_format() {
 
 #[test]
 fn huge_number_is_printed_in_few_digits() {
-    let given = ["--set", "noise.scale=1e300", "--frames", "0..1", "-o", "-"];
-    let text = refused(&[&["composite", "recordings/demo", "--scene", "scenes/demo.toml"][..], &given].concat());
+    let composite_options = ["--set", "noise.scale=1e300", "--frames", "0..1", "-o", "-"];
+    let text =
+        refused(&[&["composite", "recordings/demo", "--scene", "scenes/demo.toml"][..], &composite_options].concat());
     assert!(text.contains("noise.scale = 1e300 is refused"), "{text}");
-    let given = ["--frame", "0", "--pick", "1e300,-1e300", "--plane", "0,0,1,1e300"];
-    let text = refused(&[&["inspect", "recordings/demo"][..], &given].concat());
+    let inspect_options = ["--frame", "0", "--pick", "1e300,-1e300", "--plane", "0,0,1,1e300"];
+    let text = refused(&[&["inspect", "recordings/demo"][..], &inspect_options].concat());
     assert!(text.len() < 200 && text.contains("1e300,-1e300"), "{text}");
+}
+
+#[test]
+fn malformed_values_are_refused_with_an_example() {
+    let inspect = ["inspect", "recordings/demo", "--frame", "0", "--pick"];
+    let text = refused(&[&inspect[..], &["32"]].concat());
+    assert!(text.contains("32: expected 2 numbers with commas between, as in 320,240.5"), "{text}");
+    let text = refused(&[&inspect[..], &["32,24", "--plane", "0,0,1"]].concat());
+    assert!(text.contains("0,0,1: expected 4 numbers with commas between, as in 0,0,1,0.75"), "{text}");
+    let text = refused(&["calibrate", "sharpness", "recordings/demo", "--frame", "0", "--edge", "1,2"]);
+    assert!(text.contains("1,2: expected 4 numbers with commas between, as in 600,380,680,460"), "{text}");
+    let text = refused(&["track", "recordings/demo/rgb.mp4", "--profile", "nosuch", "-o", "tracked"]);
+    assert!(text.contains("--profile nosuch: cannot be read") && text.contains("locard calibrate camera"), "{text}");
 }
 
 /// If variables exclude every adapter, the message names them and the excluded adapters.

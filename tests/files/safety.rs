@@ -294,7 +294,7 @@ fn oversized_vector_is_refused_by_its_range_and_not_its_length() {
     let text = refused(&["render", "scenes/demo.toml", "--from", "1e300,0,0", "-o", "a.png"]);
     assert!(text.contains("1e300,0,0: expected numbers from -1000000000 to 1000000000"), "{text}");
     let text = refused(&["render", "scenes/demo.toml", "--from", "1,0", "-o", "a.png"]);
-    assert!(text.contains("1,0: expected 3 numbers with commas between"), "{text}");
+    assert!(text.contains("1,0: expected 3 numbers with commas between, as in 0.4,-0.2,1.5"), "{text}");
 }
 
 #[test]

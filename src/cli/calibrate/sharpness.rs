@@ -32,7 +32,7 @@ pub struct Args {
     #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = crate::cli::frame_number)]
     frame: Option<usize>,
     /// A rectangle that one straight edge crosses: column and row of two corners; may be repeated
-    #[arg(long, value_name = "X0,Y0,X1,Y1", required = true, value_parser = numbers::<4>, allow_hyphen_values = true)]
+    #[arg(long, value_name = "X0,Y0,X1,Y1", required = true, value_parser = corners, allow_hyphen_values = true)]
     edge: Vec<[f64; 4]>,
     /// The camera with its response curve, if the recording lacks it
     #[arg(long)]
@@ -43,6 +43,11 @@ pub struct Args {
     /// Replace the sharpness of a profile that has one
     #[arg(long)]
     force: bool,
+}
+
+/// Columns and rows of two opposite corners, px.
+fn corners(text: &str) -> Result<[f64; 4], String> {
+    numbers(text, "600,380,680,460")
 }
 
 /// The picture with the edges.

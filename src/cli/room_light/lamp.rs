@@ -34,7 +34,7 @@ impl MarkedLamp {
         let first = parts.next().unwrap_or_default();
         let also = parts.map(|part| view(part, EXPECTED_FORMAT)).collect::<Result<Vec<_>, _>>()?;
         let (frame, at) = first.split_once(':').ok_or_else(|| format!("{text}: expected {EXPECTED_FORMAT}"))?;
-        let Ok([x, y, distance_m]) = numbers::<3>(at) else {
+        let Ok([x, y, distance_m]) = numbers(at, "320,10,1.5") else {
             return Ok(Self { view: view(first, EXPECTED_FORMAT)?, distance_m: None, also });
         };
         let frame = frame.trim().parse().map_err(|_| format!("{text}: expected {EXPECTED_FORMAT}"))?;
@@ -83,7 +83,7 @@ impl MarkedLamp {
 
 /// The room's light with the lamps that the user pointed at, which come first among its lamps.
 /// `None` without such lamps.
-pub fn relit(shot: &Shot, found: &Analysis, lamps: &[MarkedLamp]) -> Result<Option<(LightFindings, Environment)>> {
+pub fn relit(shot: &Shot, analysis: &Analysis, lamps: &[MarkedLamp]) -> Result<Option<(LightFindings, Environment)>> {
     if lamps.is_empty() {
         return Ok(None);
     }
@@ -91,7 +91,7 @@ pub fn relit(shot: &Shot, found: &Analysis, lamps: &[MarkedLamp]) -> Result<Opti
         bail!("--lamp is given {} times: expected up to {MAX_LAMPS}", lamps.len());
     }
     let places = lamps.iter().map(|lamp| lamp.place(shot)).collect::<Result<Vec<_>>>()?;
-    let lit = analyse::relight(&shot.recording, &shot.camera().response, found, &places, processors())?;
+    let lit = analyse::relight(&shot.recording, &shot.camera().response, analysis, &places, processors())?;
     lit.map(Some).map_err(|why| anyhow!("--lamp: its brightness cannot be estimated from the footage: {why}"))
 }
 
