@@ -72,28 +72,14 @@ impl CubeFace {
     /// The face that contains a direction.
     fn of(d: DVec3) -> Self {
         let a = d.abs();
-        match () {
-            () if a.z >= a.x && a.z >= a.y => {
-                if d.z > 0.0 {
-                    Self::Front
-                } else {
-                    Self::Back
-                }
-            }
-            () if a.x >= a.y => {
-                if d.x > 0.0 {
-                    Self::Right
-                } else {
-                    Self::Left
-                }
-            }
-            () => {
-                if d.y > 0.0 {
-                    Self::Down
-                } else {
-                    Self::Up
-                }
-            }
+        if a.z >= a.x && a.z >= a.y {
+            if d.z > 0.0 { Self::Front } else { Self::Back }
+        } else if a.x >= a.y {
+            if d.x > 0.0 { Self::Right } else { Self::Left }
+        } else if d.y > 0.0 {
+            Self::Down
+        } else {
+            Self::Up
         }
     }
 }
@@ -113,13 +99,13 @@ fn finest_angle_and_faces(curved: &Curved) -> (f64, Vec<CubeFace>) {
     const STEPS: u32 = 96;
     let size = DVec2::new(curved.width_px.into(), curved.height_px.into());
     let mut finest = f64::INFINITY;
-    let mut seen = Vec::new();
+    let mut faces = Vec::new();
     for n in 0..=STEPS * STEPS + 2 * STEPS {
         let at = DVec2::new((n % (STEPS + 1)).into(), (n / (STEPS + 1)).into()) / f64::from(STEPS) * size;
         let Some(d) = curved.unproject(at) else { continue };
         let face = CubeFace::of(d);
-        if !seen.contains(&face) {
-            seen.push(face);
+        if !faces.contains(&face) {
+            faces.push(face);
         }
         let inwards = (0.5 * size - at).signum();
         let step = |to: DVec2| curved.unproject(at + to * inwards).map(|e| e.angle_between(d));
@@ -127,7 +113,7 @@ fn finest_angle_and_faces(curved: &Curved) -> (f64, Vec<CubeFace>) {
             finest = finest.min(x.max(y));
         }
     }
-    (finest, seen)
+    (finest, faces)
 }
 
 /// Required and available side of the faces, px, if the available side loses detail.

@@ -150,10 +150,12 @@ fn thinnest_axis(scene: &Scene) -> Axis {
     let size = high - low;
     // A difference of less than 1 % counts as a tie.
     let thinnest = 1.01 * size.min_element();
-    match () {
-        () if size.y <= thinnest => Axis::Y,
-        () if size.z <= thinnest => Axis::Z,
-        () => Axis::X,
+    if size.y <= thinnest {
+        Axis::Y
+    } else if size.z <= thinnest {
+        Axis::Z
+    } else {
+        Axis::X
     }
 }
 

@@ -112,10 +112,8 @@ fn props_on_a_real_desk_are_occluded_by_nearer_things_only() {
             // Occlusion is certain if all measurements around are nearer by more than the
             // tolerance, or none is.
             let object_m = open.depth_m[i] - tolerance_m;
-            let label = |(nearest, farthest): (f32, f32)| match () {
-                () if farthest < object_m - 0.01 => Some(0.0),
-                () if nearest > object_m + 0.03 => Some(1.0),
-                () => None,
+            let label = |(nearest, farthest): (f32, f32)| {
+                if farthest < object_m - 0.01 { Some(0.0) } else { (nearest > object_m + 0.03).then_some(1.0) }
             };
             let Some(expected) = measured_around(depth, i, UNCERTAIN_PX).and_then(label) else { continue };
             judged += 1;
@@ -176,10 +174,10 @@ fn best_points(folder: &Path, count: usize) -> Vec<ReconstructedPoint> {
         pairs
             .filter_map(|pair| {
                 let words: Vec<&str> = pair[1].split(' ').collect();
-                let seen = words.chunks_exact(3).find(|seen| seen[2] == id)?;
+                let keypoint = words.chunks_exact(3).find(|seen| seen[2] == id)?;
                 // DSC_0001.JPG is frame 0.
                 let frame = pair[0].rsplit(' ').next()?.get(4..8)?.parse::<usize>().ok()? - 1;
-                Some((frame, DVec2::new(seen[0].parse().ok()?, seen[1].parse().ok()?)))
+                Some((frame, DVec2::new(keypoint[0].parse().ok()?, keypoint[1].parse().ok()?)))
             })
             .collect()
     };
