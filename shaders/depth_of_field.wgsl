@@ -307,9 +307,9 @@ fn gather_two(p: vec2<i32>, around: vec2<f32>) -> Layers {
             near += select(w, 0.0, range.x >= two.split) * light;
             near_weight += w;
             let v = share_of(place, back_part, back);
-            let seen = select(0.0, v, range.x >= two.split);
-            far += seen * light;
-            far_weight += select(max(seen, v * (1.0 - light.a)), seen, range.y >= two.split);
+            let visible = select(0.0, v, range.x >= two.split);
+            far += visible * light;
+            far_weight += select(max(visible, v * (1.0 - light.a)), visible, range.y >= two.split);
         }
     }
     return layers(near, near_weight, far, far_weight);

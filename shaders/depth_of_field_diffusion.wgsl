@@ -33,8 +33,8 @@ fn blur_factors(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let depth = unpack_geometry(textureLoad(geometry, vec2<i32>(at.xy), 0)).x;
     let circle = circle_of(depth);
     let q = abs(circle) / lens.largest_px;
-    let found = vec4<f32>(round(q * lens.steps), q, select(1.0, -1.0, circle < 0.0), 1.0);
-    return select(vec4<f32>(0.0), found, depth > 0.0);
+    let factors = vec4<f32>(round(q * lens.steps), q, select(1.0, -1.0, circle < 0.0), 1.0);
+    return select(vec4<f32>(0.0), factors, depth > 0.0);
 }
 
 // Wang (2) and (3) for one channel.

@@ -167,18 +167,18 @@ fn nothing(@builtin(position) at: vec4<f32>) -> Sums {
 @group(0) @binding(6) var between: sampler;
 
 fn added(p: vec2<i32>, real: vec4<f32>, layer: vec4<f32>) -> Sums {
-    let held = textureLoad(sum_held, p, 0);
+    let covered = textureLoad(sum_held, p, 0);
     // Surfaces of the same kind share a pixel.
-    let fresh = min(vec2<f32>(real.a, layer.a), max(vec2<f32>(1.0) - held.xy, vec2<f32>(0.0)));
+    let fresh = min(vec2<f32>(real.a, layer.a), max(vec2<f32>(1.0) - covered.xy, vec2<f32>(0.0)));
     let fits = fresh / max(vec2<f32>(real.a, layer.a), vec2<f32>(1e-6));
     // Attenuation by the nearer slices of the other kind.
     let hides = select(1.0, 0.0, slice.tolerance_m >= NO_OCCLUSION_M);
-    let seen = fits * max(vec2<f32>(1.0) - held.yx * vec2<f32>(1.0, hides), vec2<f32>(0.0));
-    let noise = slice.noise * seen.x * real.a;
+    let visible = fits * max(vec2<f32>(1.0) - covered.yx * vec2<f32>(1.0, hides), vec2<f32>(0.0));
+    let noise = slice.noise * visible.x * real.a;
     return Sums(
-        textureLoad(sum_real, p, 0) + seen.x * real,
-        textureLoad(sum_layer, p, 0) + seen.y * layer,
-        held + vec4<f32>(fresh, noise, 0.0),
+        textureLoad(sum_real, p, 0) + visible.x * real,
+        textureLoad(sum_layer, p, 0) + visible.y * layer,
+        covered + vec4<f32>(fresh, noise, 0.0),
     );
 }
 
@@ -210,7 +210,7 @@ fn finish(@builtin(position) at: vec4<f32>) -> Finished {
     let real = textureLoad(all_real, p, 0);
     let noise = textureLoad(all_held, p, 0).z / max(real.a, 1e-6);
     // Without any visible light, its colour is unknown and hardly needed.
-    let known = real.a > 1e-3 && slice.size.x > 0;
-    let light = select(textureLoad(recorded, p, 0), vec4<f32>(real.rgb / max(real.a, 1e-6), noise), known);
+    let has_light = real.a > 1e-3 && slice.size.x > 0;
+    let light = select(textureLoad(recorded, p, 0), vec4<f32>(real.rgb / max(real.a, 1e-6), noise), has_light);
     return Finished(textureLoad(all_layer, p, 0), light);
 }

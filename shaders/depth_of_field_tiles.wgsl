@@ -85,9 +85,9 @@ fn around(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
         for (var x = low.x; x <= high.x; x++) {
             let q = vec2<i32>(x, y);
             let range = textureLoad(before, q, 0);
-            let seen = spread >= apart_px(q - p);
-            near = min(near, select(NOTHING, range.x, seen));
-            far = max(far, select(-NOTHING, range.y, seen));
+            let is_reached = spread >= apart_px(q - p);
+            near = min(near, select(NOTHING, range.x, is_reached));
+            far = max(far, select(-NOTHING, range.y, is_reached));
         }
     }
     let smallest = smallest_radius(near, far);
@@ -133,9 +133,9 @@ fn corners(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     for (var i = 0; i < 4; i++) {
         let p = corner - vec2<i32>(i & 1, i >> 1);
         let own = textureLoad(before, p, 0);
-        let seen = textureLoad(touched, p, 0);
-        let there = all(p >= vec2<i32>(0)) && all(p <= last_tile()) && seen.z > 0.0;
-        let middle = select(0.5 * (seen.x + seen.y), own.z, own.w > 0.0);
+        let circles = textureLoad(touched, p, 0);
+        let there = all(p >= vec2<i32>(0)) && all(p <= last_tile()) && circles.z > 0.0;
+        let middle = select(0.5 * (circles.x + circles.y), own.z, own.w > 0.0);
         sum += select(vec2<f32>(0.0), vec2<f32>(middle, 1.0), there);
     }
     return vec4<f32>(sum.x / max(sum.y, 1.0), 0.0, 0.0, 0.0);

@@ -113,9 +113,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
                 nearest = i;
             }
         }
-        let found = candidates[first + hash(cell, 1u + nearest / 3u)[nearest % 3u] % count];
+        let candidate = candidates[first + hash(cell, 1u + nearest / 3u)[nearest % 3u] % count];
         let mirror = hash(cell, 0u).xy >> vec2<u32>(31u);
         sources[group.y * u32(example.cells.x) + group.x]
-            = vec4<u32>(found.luma, found.chroma, found.stride, mirror.x + 2u * mirror.y);
+            = vec4<u32>(candidate.luma, candidate.chroma, candidate.stride, mirror.x + 2u * mirror.y);
     }
 }

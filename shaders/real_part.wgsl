@@ -72,8 +72,8 @@ fn main(@builtin(position) at: vec4<f32>) -> Out {
         near += select(vec2<f32>(0.0), both, is_near);
         far += select(both, vec2<f32>(0.0), is_near);
     }
-    let found = select(far, near, near.y >= far.y);
-    let depth = found.y / max(found.x, 1e-12);
+    let weighted = select(far, near, near.y >= far.y);
+    let depth = weighted.y / max(weighted.x, 1e-12);
     var left = light;
     if shadowed {
         left *= shadow_ratio(textureLoad(shadow_mask, vec2<i32>(at.xy), 0).rgb);

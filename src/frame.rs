@@ -246,10 +246,10 @@ mod tests {
         let turn = camera.rotation * world_from_other.rotation;
         let moved_camera = Pose::new(turn, camera.transform_point(world_from_other.translation_m));
         let moved = surfel.in_world(&world_from_other);
-        let seen = |camera: &Pose, of: &Surfel| {
+        let in_camera = |camera: &Pose, of: &Surfel| {
             (camera.transform_point(of.position_m.as_dvec3()), camera.rotation * of.normal.as_dvec3())
         };
-        let (before, after) = (seen(&camera, &surfel), seen(&moved_camera, &moved));
+        let (before, after) = (in_camera(&camera, &surfel), in_camera(&moved_camera, &moved));
         assert!(before.0.abs_diff_eq(after.0, 1e-6) && before.1.abs_diff_eq(after.1, 1e-6), "{before:?} {after:?}");
     }
 

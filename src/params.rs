@@ -191,10 +191,10 @@ fn sentence(words: &str) -> String {
 /// Why a value was refused.
 #[derive(Clone, Debug, thiserror::Error, PartialEq)]
 pub enum ParamError {
-    #[error("there is no parameter {table}.{name}; {table} has: {known}")]
-    UnknownName { table: String, name: String, known: String },
-    #[error("{table}.{name} = {found} is refused: expected {accepted}{unit}")]
-    Refused { table: String, name: String, found: String, accepted: String, unit: String },
+    #[error("there is no parameter {table}.{name}; {table} has: {names}")]
+    UnknownName { table: String, name: String, names: String },
+    #[error("{table}.{name} = {actual} is refused: expected {accepted}{unit}")]
+    Refused { table: String, name: String, actual: String, accepted: String, unit: String },
 }
 
 /// A table of parameters: reads and writes its fields by name.
@@ -225,8 +225,8 @@ pub fn of_values<P: Params + Default>(values: BTreeMap<String, Value>) -> Result
 
 #[doc(hidden)]
 pub fn unknown_name(table: &str, name: &str, specs: &[Spec]) -> ParamError {
-    let known = specs.iter().map(|s| s.name).collect::<Vec<_>>().join(", ");
-    ParamError::UnknownName { table: table.to_owned(), name: name.to_owned(), known }
+    let names = specs.iter().map(|s| s.name).collect::<Vec<_>>().join(", ");
+    ParamError::UnknownName { table: table.to_owned(), name: name.to_owned(), names }
 }
 
 #[doc(hidden)]
@@ -236,7 +236,7 @@ pub fn refused(table: &str, spec: &Spec, value: &Value) -> ParamError {
     ParamError::Refused {
         table: table.to_owned(),
         name: spec.name.to_owned(),
-        found: value.to_string(),
+        actual: value.to_string(),
         accepted,
         unit,
     }

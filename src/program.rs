@@ -261,14 +261,14 @@ mod tests {
 
     #[test]
     fn followed_program_reports_every_line_and_its_last_ones_on_failure() {
-        let mut seen = Vec::new();
+        let mut lines_seen = Vec::new();
         let mut follow_sh = |script: &str, most: usize| {
-            seen.clear();
+            lines_seen.clear();
             let followed = follow("sh", &["-c".into(), script.into()], &mut |line| {
-                seen.push(line.to_owned());
-                if seen.len() == most { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+                lines_seen.push(line.to_owned());
+                if lines_seen.len() == most { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
             });
-            (followed, seen.clone())
+            (followed, lines_seen.clone())
         };
         let (followed, lines) = follow_sh("echo a; echo b >&2; echo; echo c", 9);
         assert_eq!(followed.unwrap(), Some(()));

@@ -41,13 +41,13 @@ pub fn accept(findings: &Findings, profile: &mut Document) -> Vec<Accepted> {
         Some(_) => Err(format!("the profile has {SHUTTER_ANGLE}, which takes precedence")),
         None => time_s(findings),
     };
-    let found = [
+    let estimates = [
         (intrinsics.table(), "readout_time_s", readout_s(findings)),
         (PARAMETER.0, PARAMETER.1, sigma_px(findings.spread.as_ref())),
         (exposure.table(), "time_s", time_s),
     ];
-    let put = |(table, name, found): (&str, &str, Result<f64, String>)| {
-        let outcome = match found {
+    let put = |(table, name, estimates): (&str, &str, Result<f64, String>)| {
+        let outcome = match estimates {
             Ok(after) => {
                 let before = profile.number(table, name);
                 if before != Some(after) {
@@ -59,7 +59,7 @@ pub fn accept(findings: &Findings, profile: &mut Document) -> Vec<Accepted> {
         };
         Accepted { key: format!("{table}.{name}"), outcome }
     };
-    found.map(put).into()
+    estimates.map(put).into()
 }
 
 fn rounded(value: f64, parts: f64) -> f64 {
@@ -122,11 +122,11 @@ mod tests {
             "poses": poses, "links": 9, "missing_links": 0, "depth_later_s": 0.0, "readout_sigma_s": 0.0004
         });
         let spread = json!({ "sigma_px": 0.566, "between_px": [0.5, 0.6], "edges": 50 });
-        let found = json!({
+        let json = json!({
             "version": 2, "recording": "", "frames": 20, "registration": registration, "spread": spread,
             "shutter": { "runs": runs.iter().map(run).collect::<Vec<_>>() }, "camera": camera
         });
-        serde_json::from_value(found).unwrap()
+        serde_json::from_value(json).unwrap()
     }
 
     fn taken(findings: &Findings, text: &str) -> (Vec<String>, String) {
@@ -160,12 +160,12 @@ mod tests {
     #[test]
     fn values_without_an_estimate_are_kept() {
         let text = "version = 1\n[camera.exposure]\ntime_s = 0.01\n";
-        let mut found = findings("right", &[(0, 9), (9, 20)]);
-        found.spread = None;
-        let (outcomes, written) = taken(&found, text);
+        let mut two_runs = findings("right", &[(0, 9), (9, 20)]);
+        two_runs.spread = None;
+        let (outcomes, written) = taken(&two_runs, text);
         assert_eq!(written, text);
         assert!(
-            outcomes.iter().all(|outcomes| outcomes.contains(" stays: ")) && outcomes[2].contains("2 exposures"),
+            outcomes.iter().all(|outcome| outcome.contains(" stays: ")) && outcomes[2].contains("2 exposures"),
             "{outcomes:?}"
         );
         // The angle takes precedence over the time.

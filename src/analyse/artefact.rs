@@ -131,8 +131,14 @@ pub fn digest(folder: &Path) -> Option<String> {
 }
 
 impl Analysis {
-    pub fn new(recording: &Recording, camera: &Geometry, registration: &Registration, found: Estimates<'_>) -> Self {
-        let Estimates { gain, gains, across, exposure, spread, noise, noise_examples, tone, light, surfels } = found;
+    pub fn new(
+        recording: &Recording,
+        camera: &Geometry,
+        registration: &Registration,
+        estimates: Estimates<'_>,
+    ) -> Self {
+        let Estimates { gain, gains, across, exposure, spread, noise, noise_examples, tone, light, surfels } =
+            estimates;
         let NoiseExamples { findings: example_findings, file } = noise_examples;
         let noise_example = NoiseExampleFile::of(file, Path::new(NOISE_EXAMPLE)).ok();
         let surfels = SurfelMap::of(&surfels);
@@ -209,8 +215,11 @@ impl Analysis {
         let text = file::read_text(&path, MAX_DOCUMENT_BYTES).map_err(|error| unread(&path, &error))?;
         let version: Version = document::read(&text).map_err(|problem| content(&path, problem.to_string()))?;
         if version.version != VERSION {
-            let found = version.version;
-            return Err(content(&path, format!("version {found}; this program makes and reads version {VERSION}")));
+            let file_version = version.version;
+            return Err(content(
+                &path,
+                format!("version {file_version}; this program makes and reads version {VERSION}"),
+            ));
         }
         let findings: Findings = document::read(&text).map_err(|problem| content(&path, problem.to_string()))?;
         if let Some(shutter) = &findings.shutter {
@@ -249,8 +258,8 @@ impl Analysis {
             Some(light) => {
                 light.check().map_err(|problem| content(&path, problem))?;
                 let path = folder.join(ENVIRONMENT);
-                let known = light.panorama.as_deref().unwrap_or_default();
-                Some(Environment::read(&path, known).map_err(|problem| content(&path, problem))?)
+                let fingerprint = light.panorama.as_deref().unwrap_or_default();
+                Some(Environment::read(&path, fingerprint).map_err(|problem| content(&path, problem))?)
             }
             None => None,
         };
@@ -335,7 +344,7 @@ impl Analysis {
     /// The estimates that are applied to a recording. `median_s`: [`RelativeBrightness::median_s`].
     pub fn refinement(&self, median_s: Option<f64>) -> Refinement {
         let registered = &self.findings.registration;
-        let seen = |(n, factors): (usize, &[f64; 3])| RelativeBrightness {
+        let brightness = |(n, factors): (usize, &[f64; 3])| RelativeBrightness {
             factors: *factors,
             median_s,
             spatial_gain: self.across.get(n).copied().unwrap_or_default(),
@@ -343,7 +352,7 @@ impl Analysis {
         Refinement {
             track: self.track.clone(),
             depth_later_s: if self.track.is_some() { registered.depth_later_s } else { 0.0 },
-            seen: self.gains.iter().enumerate().map(seen).collect(),
+            brightness: self.gains.iter().enumerate().map(brightness).collect(),
             blur_estimate_s: self.findings.shutter.as_ref().map_or(Vec::new(), |shutter| shutter.of_frames()),
             surfels: self.surfels.as_ref().map_or_else(Arc::default, |map| Arc::clone(&map.surfels)),
         }
@@ -397,11 +406,12 @@ struct Version {
 /// Factors on light from ln. Frames without a gain are interpolated between their neighbours. Empty
 /// if no frame has one.
 pub fn gain_factors(gains: &[Option<[f64; 3]>]) -> Vec<[f64; 3]> {
-    let known: Vec<(usize, [f64; 3])> = gains.iter().enumerate().filter_map(|(n, g)| Some((n, (*g)?))).collect();
-    let (Some(first), Some(last)) = (known.first(), known.last()) else { return Vec::new() };
+    let measured: Vec<(usize, [f64; 3])> = gains.iter().enumerate().filter_map(|(n, g)| Some((n, (*g)?))).collect();
+    let (Some(first), Some(last)) = (measured.first(), measured.last()) else { return Vec::new() };
     let at = |n: usize| {
-        let after = known.partition_point(|k| k.0 < n);
-        let (a, b) = (known[after.saturating_sub(1).min(known.len() - 1)], known.get(after).copied().unwrap_or(*last));
+        let after = measured.partition_point(|k| k.0 < n);
+        let (a, b) =
+            (measured[after.saturating_sub(1).min(measured.len() - 1)], measured.get(after).copied().unwrap_or(*last));
         let a = if after == 0 { *first } else { a };
         let share = if b.0 > a.0 { (n - a.0) as f64 / (b.0 - a.0) as f64 } else { 0.0 };
         [0, 1, 2].map(|c| (a.1[c] + share * (b.1[c] - a.1[c])).exp())
@@ -410,8 +420,8 @@ pub fn gain_factors(gains: &[Option<[f64; 3]>]) -> Vec<[f64; 3]> {
 }
 
 /// Checks the number of a file's lines.
-fn whole(found: usize, written: usize, of: &str) -> Result<(), String> {
-    if found == written { Ok(()) } else { Err(format!("it has {found} {of}, {written} were written")) }
+fn whole(length: usize, written: usize, of: &str) -> Result<(), String> {
+    if length == written { Ok(()) } else { Err(format!("it has {length} {of}, {written} were written")) }
 }
 
 fn read_gains(path: &Path, frames: usize) -> Result<Vec<[f64; 3]>, AnalysisError> {

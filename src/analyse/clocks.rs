@@ -65,9 +65,9 @@ impl SharedParameters {
     }
 
     /// Takes a fraction of a readout step, if it is certain.
-    fn update_readout(&mut self, step: Option<ReadoutStep>, share: f64, found: &mut Registration) {
+    fn update_readout(&mut self, step: Option<ReadoutStep>, share: f64, registration: &mut Registration) {
         let Some(ReadoutStep { step_s, sigma_s, parts_sigma_s }) = step else { return };
-        (found.readout_sigma_s, found.readout_parts_sigma_s) = (Some(sigma_s), parts_sigma_s);
+        (registration.readout_sigma_s, registration.readout_parts_sigma_s) = (Some(sigma_s), parts_sigma_s);
         if sigma_s < MAX_READOUT_SIGMA_S {
             let readout_s = &mut self.geometry.intrinsics.readout_time_s;
             *readout_s = (*readout_s + share * step_s).clamp(0.0, MAX_READOUT_S);
@@ -87,7 +87,7 @@ impl SharedParameters {
 pub fn estimate(
     runner: &mut PassRunner<'_>,
     shared: &mut SharedParameters,
-    found: &mut Registration,
+    registration: &mut Registration,
 ) -> Result<Option<String>, RegistrationError> {
     let recording = runner.recording;
     let stride = recording.frame_count().div_ceil(CLOCK_FRAMES);
@@ -110,8 +110,8 @@ pub fn estimate(
         let model = CameraModel::new(shared.geometry.clone());
         let states = shared.states(recording);
         if round == 1 {
-            found.depth = runner.depth_clock(&model, &states)?;
-            shared.depth_later_s = found.depth_later_s();
+            registration.depth = runner.depth_clock(&model, &states)?;
+            shared.depth_later_s = registration.depth_later_s();
         }
         let linked = runner.links(times::CLOCKS, &model, &states, shared.depth_later_s, pass)?;
         if finds_repeats {
@@ -129,19 +129,21 @@ pub fn estimate(
         // Corrections of the corrected offset accumulate.
         shared.hand_eye = twist::log(&(twist::exp(&shared.hand_eye) * twist::exp(&offset.hand_eye)));
         shared.clock_s += offset.clock_s;
-        found.rig_offset = Some(RigOffset { hand_eye: shared.hand_eye, clock_s: shared.clock_s, ..offset });
+        registration.rig_offset = Some(RigOffset { hand_eye: shared.hand_eye, clock_s: shared.clock_s, ..offset });
         shared.update_readout(
             rig_offset::readout(&linked.good, runner.recording.frame_count()),
             READOUT_DAMPING,
-            found,
+            registration,
         );
     }
-    if let Some(reason) = found.rig_offset.as_ref().filter(|_| median_px > RIGHT_PX).and_then(implausible_hand_eye) {
+    if let Some(reason) =
+        registration.rig_offset.as_ref().filter(|_| median_px > RIGHT_PX).and_then(implausible_hand_eye)
+    {
         return Ok(Some(reason));
     }
     // The clock offset keeps the value of the joint estimate: without a hand-eye offset in the fit
     // it would be biased.
-    if let Some(offset) = found.rig_offset.as_mut().filter(|offset| !offset.is_hand_eye_significant()) {
+    if let Some(offset) = registration.rig_offset.as_mut().filter(|offset| !offset.is_hand_eye_significant()) {
         offset.hand_eye = Twist::zeros();
         shared.hand_eye = Twist::zeros();
     }
@@ -153,12 +155,12 @@ pub fn estimate(
 pub fn estimate_with_refined_poses(
     runner: &mut PassRunner<'_>,
     shared: &mut SharedParameters,
-    found: &mut Registration,
+    registration: &mut Registration,
     refined: &[Option<CameraState>],
     given_s: f64,
 ) -> Result<(), RegistrationError> {
-    found.depth = runner.depth_clock(&CameraModel::new(shared.geometry.clone()), refined)?;
-    shared.depth_later_s = found.depth_later_s();
+    registration.depth = runner.depth_clock(&CameraModel::new(shared.geometry.clone()), refined)?;
+    shared.depth_later_s = registration.depth_later_s();
     let stride = runner.recording.frame_count().div_ceil(REFINED_CLOCK_FRAMES);
     let pass = LinkPass {
         gaps: &REFINED_CLOCK_GAPS,
@@ -173,7 +175,7 @@ pub fn estimate_with_refined_poses(
     for _ in 0..REFINED_CLOCK_ITERATIONS {
         let model = CameraModel::new(shared.geometry.clone());
         let linked = runner.links(times::CLOCKS, &model, refined, shared.depth_later_s, pass)?;
-        shared.update_readout(rig_offset::readout(&linked.good, runner.recording.frame_count()), 1.0, found);
+        shared.update_readout(rig_offset::readout(&linked.good, runner.recording.frame_count()), 1.0, registration);
     }
     if (shared.geometry.intrinsics.readout_time_s - given_s).abs() < READOUT_TOLERANCE_S {
         shared.geometry.intrinsics.readout_time_s = given_s;

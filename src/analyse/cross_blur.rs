@@ -293,16 +293,16 @@ mod tests {
             (0.020, DVec2::new(300.0, 250.0), DVec2::new(0.0, 0.0)),
             (0.005, DVec2::new(0.0, 900.0), DVec2::new(500.0, 0.0)),
         ] {
-            let found = curve(own, other, exposure_s, 0.0, None).unwrap();
-            let error = minimum_ms(&found) / (1e3 * exposure_s) - 1.0;
-            assert!(error.abs() < 0.03, "{exposure_s}: {} ms, {:?}", minimum_ms(&found), found.values);
+            let curve = curve(own, other, exposure_s, 0.0, None).unwrap();
+            let error = minimum_ms(&curve) / (1e3 * exposure_s) - 1.0;
+            assert!(error.abs() < 0.03, "{exposure_s}: {} ms, {:?}", minimum_ms(&curve), curve.values);
             // By hand: for perpendicular flows √‖diag(v², −u²)‖ = ⁴√(v⁴ + u⁴).
             if own.x * own.y == 0.0 {
                 let expected = (own.length().powi(4) + other.length().powi(4)).powf(0.25);
                 assert!(
-                    (found.flow_difference_px_s / expected - 1.0).abs() < 0.01,
+                    (curve.flow_difference_px_s / expected - 1.0).abs() < 0.01,
                     "{} {expected}",
-                    found.flow_difference_px_s
+                    curve.flow_difference_px_s
                 );
             }
         }
@@ -311,11 +311,11 @@ mod tests {
     #[test]
     fn curve_of_two_equal_motions_is_flat() {
         let flow = DVec2::new(400.0, 100.0);
-        let found = curve(flow, flow, 0.01, 0.0, None).unwrap();
+        let curve = curve(flow, flow, 0.01, 0.0, None).unwrap();
         assert!(
-            found.flow_difference_px_s < 1.0 && found.values.iter().all(|value| *value < 0.01),
+            curve.flow_difference_px_s < 1.0 && curve.values.iter().all(|value| *value < 0.01),
             "{:?}",
-            found.values
+            curve.values
         );
     }
 

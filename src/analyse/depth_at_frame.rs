@@ -92,8 +92,8 @@ fn fill_pinholes(depth: &[f32], width: usize) -> Vec<f32> {
 /// by less than `share` of it.
 pub fn smooth_mask(depth: &[f32], width: usize, reach: usize, share: f32) -> Vec<bool> {
     let largest = dilated(depth, width, reach);
-    let known: Vec<f32> = depth.iter().map(|z| if *z > 0.0 { *z } else { f32::MAX }).collect();
-    let least = eroded(&known, width, reach);
+    let depth_or_max: Vec<f32> = depth.iter().map(|z| if *z > 0.0 { *z } else { f32::MAX }).collect();
+    let least = eroded(&depth_or_max, width, reach);
     let is_smooth = |((z, high), low): ((&f32, &f32), &f32)| *z > 0.0 && high - low < share * low;
     depth.iter().zip(&largest).zip(&least).map(is_smooth).collect()
 }

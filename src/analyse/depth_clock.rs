@@ -129,8 +129,8 @@ fn clamped_gradient(frame: &Frame) -> GreyImage {
 
 /// Pixels on the near side of a depth step, with no unknown depth within 2 px.
 fn occluding_edges(depth: &[f32], width: usize) -> Vec<usize> {
-    let known: Vec<f32> = depth.iter().map(|z| if *z > 0.0 { *z } else { -1.0 }).collect();
-    let low = eroded(&known, width, 2);
+    let depth_or_min: Vec<f32> = depth.iter().map(|z| if *z > 0.0 { *z } else { -1.0 }).collect();
+    let low = eroded(&depth_or_min, width, 2);
     let is_step = |i: usize, other: usize| depth[other] - depth[i] > MIN_EDGE_STEP * depth[i];
     let is_edge = |i: &usize| low[*i] > 0.0 && [i - 1, i + 1, i - width, i + width].iter().any(|o| is_step(*i, *o));
     let height = depth.len() / width;
@@ -147,10 +147,10 @@ mod tests {
         for expected_s in [0.0015, -0.0015, 0.0213, -0.0338] {
             let score = |n| 1.0 - (offset_s(n) - expected_s).powi(2);
             let scores: Vec<f64> = (0..=2 * STEPS_PER_SIDE as usize).map(score).collect();
-            let found = DepthClock { scores: vec![scores; MIN_FRAMES] }.finish().unwrap();
-            assert!((found.offset_s - expected_s).abs() < 1e-6, "{} s, not {expected_s} s", found.offset_s);
+            let offset = DepthClock { scores: vec![scores; MIN_FRAMES] }.finish().unwrap();
+            assert!((offset.offset_s - expected_s).abs() < 1e-6, "{} s, not {expected_s} s", offset.offset_s);
             // All frames agree, so only the systematic uncertainty remains.
-            assert!((found.sigma_s - SYSTEMATIC_SIGMA_S).abs() < 1e-6, "{} s", found.sigma_s);
+            assert!((offset.sigma_s - SYSTEMATIC_SIGMA_S).abs() < 1e-6, "{} s", offset.sigma_s);
         }
     }
 }

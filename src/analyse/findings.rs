@@ -182,8 +182,8 @@ pub struct Tone {
 }
 
 impl Tone {
-    pub fn of(found: Result<Vec<ToneBand>, String>) -> Self {
-        match found {
+    pub fn of(bands: Result<Vec<ToneBand>, String>) -> Self {
+        match bands {
             Ok(bands) => Self { why: None, bands },
             Err(why) => Self { why: Some(why), bands: Vec::new() },
         }
@@ -219,8 +219,8 @@ impl fmt::Display for Tone {
 }
 
 impl ShutterFindings {
-    pub fn of(found: Result<ExposureRuns, String>, nominal_interval_s: Option<f64>) -> Self {
-        match found {
+    pub fn of(runs: Result<ExposureRuns, String>, nominal_interval_s: Option<f64>) -> Self {
+        match runs {
             Ok(ExposureRuns { runs, samples }) => {
                 let samples = samples.iter().map(|sample| (sample.frame, sample.exposure_s)).collect();
                 Self { why: None, samples, runs, nominal_interval_s }
@@ -308,40 +308,40 @@ impl PoseFindings {
         self.poses == RIGHT
     }
 
-    pub fn of(found: &Registration) -> Self {
-        let (poses, why) = match &found.verdict {
+    pub fn of(registration: &Registration) -> Self {
+        let (poses, why) = match &registration.verdict {
             Verdict::Refined => (REFINED, None),
             Verdict::Right => (RIGHT, None),
             Verdict::Kept(why) => (RECORDED_POSES, Some(why.clone())),
             Verdict::Refused(why) => (REFUSED, Some(why.clone())),
         };
-        let of_offset = |of: fn(&RigOffset) -> f64| found.rig_offset.as_ref().map(of);
-        let hand_eye = found.rig_offset.map(|offset| offset.hand_eye).filter(|by| *by != Twist::zeros());
+        let of_offset = |of: fn(&RigOffset) -> f64| registration.rig_offset.as_ref().map(of);
+        let hand_eye = registration.rig_offset.map(|offset| offset.hand_eye).filter(|by| *by != Twist::zeros());
         Self {
             poses: poses.to_owned(),
             why,
-            links: found.links,
-            missing_links: found.missing,
-            recorded_px: found.held_out_px.map(|px| px.0),
-            refined_px: found.held_out_px.map(|px| px.1),
-            motion_px: found.motion_px,
+            links: registration.links,
+            missing_links: registration.missing,
+            recorded_px: registration.held_out_px.map(|px| px.0),
+            refined_px: registration.held_out_px.map(|px| px.1),
+            motion_px: registration.motion_px,
             clock_s: of_offset(|offset| offset.clock_s),
             clock_sigma_s: of_offset(|offset| offset.clock_sigma_s),
             hand_eye_turn_deg: hand_eye.map(|by| twist::rotation_vector(&by).to_array().map(f64::to_degrees)),
             hand_eye_way_m: hand_eye.map(|by| twist::translation(&by).to_array()),
-            readout_sigma_s: found.readout_sigma_s,
-            readout_parts_sigma_s: found.readout_parts_sigma_s,
-            depth_later_s: found.depth_later_s(),
-            depth_later_sigma_s: found.depth.map(|DepthOffset { sigma_s, .. }| sigma_s),
+            readout_sigma_s: registration.readout_sigma_s,
+            readout_parts_sigma_s: registration.readout_parts_sigma_s,
+            depth_later_s: registration.depth_later_s(),
+            depth_later_sigma_s: registration.depth.map(|DepthOffset { sigma_s, .. }| sigma_s),
             pose_lines: 0,
-            link_lines: found.held_out.len(),
+            link_lines: registration.held_out.len(),
         }
     }
 }
 
 impl SharpnessFindings {
-    pub fn of(found: Result<PointSpreadEstimate, String>) -> Self {
-        match found {
+    pub fn of(estimate: Result<PointSpreadEstimate, String>) -> Self {
+        match estimate {
             Ok(PointSpreadEstimate { sigma_px, between_px, edges, by_px }) => Self {
                 sigma_px: Some(sigma_px),
                 between_px: Some(between_px),

@@ -33,8 +33,10 @@ pub struct LightFindings {
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub guessed_up: bool,
     /// Fractions of all directions, and of those above the horizon, that were seen.
-    pub seen: Option<f64>,
-    pub seen_above: Option<f64>,
+    #[serde(rename = "seen")]
+    pub seen_share: Option<f64>,
+    #[serde(rename = "seen_above")]
+    pub seen_above_share: Option<f64>,
     /// Light of upward-facing matt white at the place, that is the irradiance from above by π, and
     /// its interval as factors.
     pub white_level: Option<[f64; 3]>,
@@ -70,9 +72,9 @@ fn short<const N: usize>(values: [f64; N]) -> [f64; N] {
 }
 
 impl LightFindings {
-    pub fn of(found: &Result<RoomLight, String>, around: Option<&Environment>) -> Self {
-        let light = found.as_ref().ok();
-        let [seen, seen_above] = [|l: &RoomLight| l.seen_share, |l: &RoomLight| l.seen_above_share]
+    pub fn of(result: &Result<RoomLight, String>, around: Option<&Environment>) -> Self {
+        let light = result.as_ref().ok();
+        let [seen_share, seen_above_share] = [|l: &RoomLight| l.seen_share, |l: &RoomLight| l.seen_above_share]
             .map(|of| light.map(|l| short([of(l)])[0]));
         let lamp = |lamp: &LampEstimate| LampEstimate {
             at_m: short(lamp.at_m),
@@ -81,13 +83,13 @@ impl LightFindings {
         };
         Self {
             claimed: light.is_some_and(|light| light.unclaimed.is_none()),
-            why: found.as_ref().map_or_else(|why| Some(why.clone()), |light| light.unclaimed.clone()),
+            why: result.as_ref().map_or_else(|why| Some(why.clone()), |light| light.unclaimed.clone()),
             place_m: light.map(|light| short(light.place_m)),
             middle_m: light.map(|light| short(light.middle_m)),
             up: light.map(|light| light.up),
             guessed_up: light.is_some_and(|light| light.is_up_guessed),
-            seen,
-            seen_above,
+            seen_share,
+            seen_above_share,
             white_level: light.map(|light| short(light.white_level)),
             between: light.map(|light| short(light.between)),
             explained: light.map(|light| short([light.explained])[0]),
@@ -158,8 +160,8 @@ impl LightFindings {
             ),
             _ => format!(
                 "{shows}; {} % of all directions seen, {} % of those above{about_up}",
-                percent(self.seen),
-                percent(self.seen_above)
+                percent(self.seen_share),
+                percent(self.seen_above_share)
             ),
         };
         let mut lines = vec![("light", light)];
@@ -233,10 +235,10 @@ mod tests {
     #[test]
     fn panorama_with_another_fingerprint_is_refused() {
         let rgb = vec![[0.5f32; 3]; WIDTH * HEIGHT];
-        let found = Environment::of(&rgb).unwrap();
+        let environment = Environment::of(&rgb).unwrap();
         let file = tempfile::NamedTempFile::new().unwrap();
-        std::fs::write(file.path(), &found.hdr).unwrap();
-        assert_eq!(Environment::read(file.path(), &found.fingerprint()), Ok(found));
+        std::fs::write(file.path(), &environment.hdr).unwrap();
+        assert_eq!(Environment::read(file.path(), &environment.fingerprint()), Ok(environment));
         let other = Environment::of(&vec![[0.25f32; 3]; rgb.len()]).unwrap();
         let problem = Environment::read(file.path(), &other.fingerprint()).unwrap_err();
         assert!(problem.contains("it is not the panorama that was found"), "{problem}");

@@ -56,12 +56,12 @@ mod tests {
 
     #[test]
     fn scene_gets_the_lamps_and_the_panorama_keeps_a_different_up() {
-        let found = LightFindings {
+        let findings = LightFindings {
             up: Some([0.0, 0.0, 1.0]),
             lamps: vec![LampEstimate { at_m: [1.0, 2.0, 2.4], shown_at_1_m: [5.0, 4.0, 3.0], diameter_m: 0.25 }],
             ..LightFindings::of(&Err(String::new()), None)
         };
-        let put = |scene: &mut SceneFile| found.put_into(scene, Path::new("a.toml"), "a-light.hdr".to_owned());
+        let put = |scene: &mut SceneFile| findings.put_into(scene, Path::new("a.toml"), "a-light.hdr".to_owned());
         let mut scene = SceneFile::default();
         (scene.light.ambient, scene.light.white_lx) = (Some(Color::Grey(0.3)), Some(200.0));
         put(&mut scene).unwrap();

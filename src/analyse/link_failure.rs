@@ -55,12 +55,12 @@ pub fn explain(
         let sigma = fixed(sigma, 1);
         return Ok(message + &format!("the middle frame lacks texture (its brightness varies by {sigma} of 255 codes)"));
     }
-    let known: Vec<f64> =
+    let depths_m: Vec<f64> =
         frame.depth.iter().flat_map(|map| &map.depth_m).filter(|m| **m > 0.0).map(|m| f64::from(*m)).collect();
-    let Some(depth) = frame.depth.as_ref().filter(|_| !known.is_empty()) else {
+    let Some(depth) = frame.depth.as_ref().filter(|_| !depths_m.is_empty()) else {
         return Ok(message + "the middle frame has no depth");
     };
-    let median_m = fixed(upper_median(known).unwrap_or(0.0), 3);
+    let median_m = fixed(upper_median(depths_m).unwrap_or(0.0), 3);
     let unit = format!(
         "half of the middle frame's depth is beyond {median_m} m; if that is wrong, the depth unit is \
                         wrong"

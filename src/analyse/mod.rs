@@ -239,8 +239,9 @@ pub fn analyse(
             let rest = comparison.rest.clone();
             let inputs =
                 ExampleInputs { recording, model: &model, states, has_poses, rest, later_s, noise: profile, threads };
-            let found = checkpoints.stage(|| times.of(times::NOISE_EXAMPLES, || noise_example::examples(&inputs)))?;
-            found.unwrap_or_else(NoiseExamples::none)
+            let examples =
+                checkpoints.stage(|| times.of(times::NOISE_EXAMPLES, || noise_example::examples(&inputs)))?;
+            examples.unwrap_or_else(NoiseExamples::none)
         }
         None => NoiseExamples::none("the strength of the camera's noise is unknown"),
     };

@@ -158,22 +158,22 @@ impl DepthView<'_> {
     pub fn mean(&self, neighbours: &[SampledFrame], x: usize, y: usize, table: &[[f32; 3]]) -> Option<[f32; 4]> {
         let point = self.point(x, y)?;
         let mut samples = [([0.0; 4], 0.0); MAX_NEIGHBOURS];
-        let mut found = 0;
+        let mut sample_count = 0;
         for neighbour in neighbours.iter().take(MAX_NEIGHBOURS) {
             if let Some(mut sample) = self.sample(neighbour, point, y) {
                 (0..3).for_each(|c| sample[c] *= neighbour.gain[c]);
                 sample[3] *= neighbour.gain[1].powi(2);
                 let [r, g, b, _] = sample;
-                samples[found] = (sample, brightness([r, g, b]));
-                found += 1;
+                samples[sample_count] = (sample, brightness([r, g, b]));
+                sample_count += 1;
             }
         }
-        let samples = &mut samples[..found];
-        if found < MIN_SAMPLES {
+        let samples = &mut samples[..sample_count];
+        if sample_count < MIN_SAMPLES {
             return None;
         }
         samples.sort_by(|a, b| a.1.total_cmp(&b.1));
-        let median = samples[found / 2].1;
+        let median = samples[sample_count / 2].1;
         let sigma = table[median.clamp(0.0, 255.0) as usize][1];
         let within = MAX_DEVIATION * sigma + MAX_DEVIATION_CODES;
         let mut sum = [0.0; 4];

@@ -121,9 +121,10 @@ pub fn examples(inputs: &ExampleInputs<'_>) -> Result<Result<NoiseExamples, Stri
     let has_neighbours = inputs.has_poses && inputs.recording.has_depth() && !inputs.model.geometry.needs_cube_map();
     if has_neighbours {
         let wanted = possible.min(FRAMES);
-        let found = of_frames(inputs, wanted, ExampleOrigin::Neighbours, by_neighbours, "repeats in its neighbours")?;
-        if found.is_ok() {
-            return Ok(found);
+        let examples =
+            of_frames(inputs, wanted, ExampleOrigin::Neighbours, by_neighbours, "repeats in its neighbours")?;
+        if examples.is_ok() {
+            return Ok(examples);
         }
     }
     let wanted = possible.min(TEXTURELESS_FRAMES);
@@ -142,13 +143,13 @@ fn of_rest(inputs: &ExampleInputs<'_>) -> Result<Result<NoiseExamples, String>, 
             return Ok(Err(error.to_string()));
         }
     }
-    let found = match example.finish() {
+    let finished = match example.finish() {
         Ok(Ok(found)) => found,
         Ok(Err(error)) => return Ok(Err(error.to_string())),
         Err(error) => return Ok(Err(error.to_string())),
     };
-    let frames = found.model.sources.len();
-    Ok(NoiseExamples::of(&found.model, ExampleOrigin::Rest, frames, found.usable_share, None))
+    let frames = finished.model.sources.len();
+    Ok(NoiseExamples::of(&finished.model, ExampleOrigin::Rest, frames, finished.usable_share, None))
 }
 
 /// Examples of up to `wanted` frames by a method; `usable_places` describes its places. The inner
@@ -423,10 +424,10 @@ mod tests {
             };
             examples(&inputs).unwrap().unwrap().findings
         };
-        let found = of(0..MIN_REST_FRAMES);
-        assert_eq!((found.origin, found.frames, found.why), (ExampleOrigin::Rest, MIN_REST_FRAMES, None));
-        let found = of(0..0);
-        assert_eq!((found.origin, found.why.as_deref()), (ExampleOrigin::Textureless, None));
-        assert!(found.usable_share > 0.9 && found.to_string().contains("without texture"), "{found}");
+        let at_rest = of(0..MIN_REST_FRAMES);
+        assert_eq!((at_rest.origin, at_rest.frames, at_rest.why), (ExampleOrigin::Rest, MIN_REST_FRAMES, None));
+        let in_motion = of(0..0);
+        assert_eq!((in_motion.origin, in_motion.why.as_deref()), (ExampleOrigin::Textureless, None));
+        assert!(in_motion.usable_share > 0.9 && in_motion.to_string().contains("without texture"), "{in_motion}");
     }
 }

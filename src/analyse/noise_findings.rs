@@ -117,8 +117,8 @@ pub struct NoiseSampler {
 
 impl NoiseSampler {
     /// A sampler of a recording. If the camera's noise is known, nothing is measured.
-    pub fn new(known: Option<&NoiseProfile>, frame_count: usize) -> Self {
-        let calibrator = match known {
+    pub fn new(profile: Option<&NoiseProfile>, frame_count: usize) -> Self {
+        let calibrator = match profile {
             None => MovingCalibrator::new(NoiseOptions::default()).ok(),
             Some(_) => None,
         };
@@ -190,8 +190,8 @@ mod tests {
 
     #[test]
     fn known_noise_is_not_measured_again() {
-        let known = measured().profile();
-        let mut sampler = NoiseSampler::new(known.as_ref(), 10);
+        let profile = measured().profile();
+        let mut sampler = NoiseSampler::new(profile.as_ref(), 10);
         sampler.add(0, &wall(0));
         assert_eq!(sampler.finish(), None);
     }

@@ -44,21 +44,21 @@ impl PassRunner<'_> {
     ) -> Result<Links, RegistrationError> {
         let Self { recording, noise, threads, checkpoints, done, total, times, report } = self;
         let frames = recording.frame_count().div_ceil(pass.stride);
-        let found = checkpoints.stage(|| -> Result<Links, RegistrationError> {
+        let links = checkpoints.stage(|| -> Result<Links, RegistrationError> {
             let begun = Instant::now();
             let mut ended = Ok(());
             let mut depths = DepthSource::new(model, recording, states, depth_later_s, *threads)?;
-            let found = links(model, recording, states, &mut depths, pass, *noise, *threads, &mut |seen: usize| {
+            let links = links(model, recording, states, &mut depths, pass, *noise, *threads, &mut |seen: usize| {
                 ended = report(*done + (seen + 1) * frames / recording.frame_count(), *total);
                 ended.is_ok()
             })?;
             ended?;
-            times.add(name, begun.elapsed().saturating_sub(found.waited));
-            times.add(times::READING, found.waited);
-            Ok(found)
+            times.add(name, begun.elapsed().saturating_sub(links.waited));
+            times.add(times::READING, links.waited);
+            Ok(links)
         })?;
         *done += frames;
-        Ok(found)
+        Ok(links)
     }
 
     /// One per frame: whether its picture has the code values of the one before.

@@ -406,7 +406,7 @@ mod tests {
     #[test]
     fn sigma_filter_keeps_edges() {
         let planes: Vec<f32> = (0..16 * 16).map(|i| if i % 16 < 8 { 3.0 + (i % 2) as f32 } else { 20.0 }).collect();
-        let found = sigma_filtered(&planes, 16, 1);
-        assert!(found.iter().enumerate().all(|(i, p)| if i % 16 < 8 { (p - 3.5).abs() < 0.3 } else { *p == 20.0 }));
+        let filtered = sigma_filtered(&planes, 16, 1);
+        assert!(filtered.iter().enumerate().all(|(i, p)| if i % 16 < 8 { (p - 3.5).abs() < 0.3 } else { *p == 20.0 }));
     }
 }

@@ -161,8 +161,8 @@ mod tests {
                 link(from, to, along(lacking(from) - lacking(to) + error))
             })
             .collect();
-        let found = solve(&links, &states, &[Twist::zeros(); 12], 0.01).unwrap();
-        found.iter().enumerate().map(|(n, by)| by[0] - lacking(n)).collect()
+        let corrections = solve(&links, &states, &[Twist::zeros(); 12], 0.01).unwrap();
+        corrections.iter().enumerate().map(|(n, by)| by[0] - lacking(n)).collect()
     }
 
     #[test]

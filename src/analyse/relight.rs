@@ -28,7 +28,7 @@ pub fn relight(
         return Ok(Err("nothing was found of the room's light".to_owned()));
     };
     let model = CameraModel::new(analysis.findings.camera.clone());
-    let found: Vec<DVec3> = was
+    let lamps: Vec<DVec3> = was
         .iter()
         .flat_map(|light| &light.lamps)
         .filter(|lamp| !lamp.is_bounce())
@@ -46,8 +46,8 @@ pub fn relight(
         up,
         threads,
     };
-    let given = KnownLamps { marked, found: &found };
-    let light = of_recording(&inputs, Some(&given), &mut Times::default())?;
+    let known_lamps = KnownLamps { marked, estimated: &lamps };
+    let light = of_recording(&inputs, Some(&known_lamps), &mut Times::default())?;
     let Ok(panorama) = light.as_ref().map(|light| Environment::of(&light.panorama)) else {
         return Ok(Err(light.err().unwrap_or_default()));
     };

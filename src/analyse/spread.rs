@@ -126,13 +126,13 @@ impl<'a> EdgeSpreads<'a> {
         };
         let is_slow = |x: usize, y: usize, n: [f32; 2]| moved_px(x, y, n).is_some_and(|px| px <= MAX_EDGE_MOTION_PX);
         let lines = edges(&light, &clipped(&frame.pixels), MAX_EDGES_PER_FRAME, is_slow);
-        let mut found: Vec<(EdgeLine, Option<f64>)> = lines.into_iter().map(|line| (line, None)).collect();
-        over_rows(&mut found, 1, self.threads, |_, slot| {
+        let mut measured: Vec<(EdgeLine, Option<f64>)> = lines.into_iter().map(|line| (line, None)).collect();
+        over_rows(&mut measured, 1, self.threads, |_, slot| {
             let (line, variance) = &mut slot[0];
             let (sin, cos) = line.angle.sin_cos();
             *variance = moved_px(line.x, line.y, [cos, sin]).and_then(|px| variance_px2(&light, line, px));
         });
-        self.variances.extend(found.into_iter().filter_map(|(_, variance)| variance));
+        self.variances.extend(measured.into_iter().filter_map(|(_, variance)| variance));
     }
 
     /// The point spread, or the reason for which it is unknown.
@@ -175,8 +175,8 @@ impl<'a> EdgeSpreads<'a> {
             return None;
         }
         let at = f64::from(nearest) * DVec3::from(self.model.rays[y * width + x].map(f64::from));
-        let seen = |time_s: f64| self.model.geometry.project(move_point(at, &motion.state.twist, -time_s));
-        let way = seen(0.5 * motion.exposure_s)? - seen(-0.5 * motion.exposure_s)?;
+        let projected = |time_s: f64| self.model.geometry.project(move_point(at, &motion.state.twist, -time_s));
+        let way = projected(0.5 * motion.exposure_s)? - projected(-0.5 * motion.exposure_s)?;
         Some((way.x * f64::from(normal[0]) + way.y * f64::from(normal[1])).abs())
     }
 }
@@ -264,9 +264,9 @@ mod tests {
     fn detected_edge_has_the_true_place_direction_and_sigma() {
         for (angle, sigma, moved) in [(7.0, 0.4, 0.0), (-100.0, 0.8, 0.5), (50.0, 1.3, 0.0)] {
             let light = drawn(61, angle, sigma, moved);
-            let found = edges(&light, &vec![false; 61 * 61], 20, |_, _, _| true);
-            assert!(found.len() >= 2, "{found:?}");
-            for line in &found {
+            let lines = edges(&light, &vec![false; 61 * 61], 20, |_, _, _| true);
+            assert!(lines.len() >= 2, "{lines:?}");
+            for line in &lines {
                 let off = (f64::from(line.angle).to_degrees() - angle).rem_euclid(360.0);
                 assert!(off.min(360.0 - off) < 0.5, "{line:?}");
                 let variance = variance_px2(&light, line, moved).unwrap();
@@ -293,8 +293,8 @@ mod tests {
             values: (0..side * side).map(of).collect(),
         };
         let measured = |light: &GreyImage| {
-            let found = edges(light, &vec![false; side * side], 50, |_, _, _| true);
-            found.into_iter().filter_map(|line| variance_px2(light, &line, 0.0).map(|v| (line, v))).collect::<Vec<_>>()
+            let lines = edges(light, &vec![false; side * side], 50, |_, _, _| true);
+            lines.into_iter().filter_map(|line| variance_px2(light, &line, 0.0).map(|v| (line, v))).collect::<Vec<_>>()
         };
         let near_the_corner = measured(&picture(&corner));
         assert!(near_the_corner.iter().all(|(line, _)| line.x.max(line.y) > 36), "{near_the_corner:?}");
@@ -317,10 +317,10 @@ mod tests {
     fn estimate_is_the_30th_percentile_and_needs_40_edges() {
         // 1, 2, … 100 hundredths: np = 30 lies between the 30th and the 31st; √(100·0.3·0.7) =
         // 4.583 to either side.
-        let found = of((1..=100).rev().map(|n| 0.01 * f64::from(n)).collect()).unwrap();
-        assert!((found.sigma_px.powi(2) - 0.305).abs() < 1e-9 && found.edges == 100, "{found:?}");
-        let [low, high] = found.between_px.map(|px| px * px);
-        assert!((low - 0.25917).abs() < 1e-4 && (high - 0.35083).abs() < 1e-4, "{found:?}");
+        let spread = of((1..=100).rev().map(|n| 0.01 * f64::from(n)).collect()).unwrap();
+        assert!((spread.sigma_px.powi(2) - 0.305).abs() < 1e-9 && spread.edges == 100, "{spread:?}");
+        let [low, high] = spread.between_px.map(|px| px * px);
+        assert!((low - 0.25917).abs() < 1e-4 && (high - 0.35083).abs() < 1e-4, "{spread:?}");
         assert_eq!(of(vec![0.2; 39]).unwrap_err(), "39 straight edges that stand alone and hardly move; 40 are needed");
     }
 

@@ -127,23 +127,23 @@ mod tests {
         let registration =
             json!({ "poses": "refined", "links": 9, "missing_links": 0, "depth_later_s": 0.0, "pose_lines": 3 });
         let run = json!({ "from": 0, "to": 20, "exposure_s": 0.01, "sigma_s": 0.001, "heard": 8 });
-        let found = json!({
+        let json = json!({
             "version": 11, "recording": "", "frames": 20, "registration": registration, "camera": camera,
             "gain": { "pairs": 3, "recorded": 0.1, "left": 0.01, "range_ev": 1.0, "is_followed": true },
             "shutter": { "runs": [run] }, "light": { "claimed": true, "panorama": "00" },
             "surfels": { "count": 1, "sha256": "00" },
             "made_with": { "metres_per_unit": 0.5, "is_metric": false, "has_times": false, "up": [0.0, 0.0, 1.0] },
         });
-        serde_json::from_value(found).unwrap()
+        serde_json::from_value(json).unwrap()
     }
 
     #[test]
     fn estimates_are_stale_only_by_changes_of_their_own_inputs() {
-        let found = findings();
-        let same = found.made_with.clone();
-        assert!(found.stale(&same).is_empty());
+        let findings = findings();
+        let same = findings.made_with.clone();
+        assert!(findings.stale(&same).is_empty());
         let of = |now: Dependencies| {
-            let stale = found.stale(&now);
+            let stale = findings.stale(&now);
             assert_eq!(stale.len(), 1, "{stale:?}");
             assert_eq!(stale[0].surfels, stale[0].registration, "both follow the poses");
             ((stale[0].registration, stale[0].shutter, stale[0].light), stale[0].why.clone())
@@ -157,11 +157,11 @@ mod tests {
         assert_eq!(of(Dependencies { is_metric: true, ..same.clone() }).0, (true, false, true));
         // Without depth nothing was found by a length, and the unit may be any.
         let registration = PoseFindings::kept("there is no depth to align them by".to_owned());
-        let without = Findings { registration, light: None, surfels: None, ..found.clone() };
+        let without = Findings { registration, light: None, surfels: None, ..findings.clone() };
         let shorter = Dependencies { metres_per_unit: 0.4, up: None, ..same };
         assert!(without.stale(&shorter).is_empty());
         // Surfels of poses that nothing was aligned by.
-        let surfels = Findings { surfels: found.surfels.clone(), ..without };
+        let surfels = Findings { surfels: findings.surfels.clone(), ..without };
         assert!(surfels.stale(&shorter).iter().any(|stale| stale.surfels && !stale.registration));
     }
 }

@@ -134,13 +134,13 @@ mod tests {
         let light = |code: f32| assumed.decode(f64::from(code) / 255.0).ln();
         let mut all = Vec::new();
         for (frame, change) in changes.iter().enumerate() {
-            let seen: Vec<(f32, f32)> = (1..4000)
+            let code_pairs: Vec<(f32, f32)> = (1..4000)
                 .map(|k| f64::from(k) / 4000.0)
                 .map(|l| (code(l), code(l * change.exp())))
                 .filter(|(a, b)| *a > 15.0 && *b > 15.0 && *a < 240.0 && *b < 240.0)
                 .collect();
-            let whole = upper_median(seen.iter().map(|(a, b)| light(*b) - light(*a))).unwrap();
-            let points = seen.iter().map(|(a, b)| ([0.5 * (a + b); 3], [light(*b) - light(*a); 3]));
+            let whole = upper_median(code_pairs.iter().map(|(a, b)| light(*b) - light(*a))).unwrap();
+            let points = code_pairs.iter().map(|(a, b)| ([0.5 * (a + b); 3], [light(*b) - light(*a); 3]));
             all.extend(of_pair(frame, points, [whole; 3]));
         }
         all
@@ -153,9 +153,9 @@ mod tests {
         let srgb = Response::default();
         let gamma = |gamma: f64| Response { curve: Curve::Gamma, gamma };
         for (camera, assumed) in [(&srgb, &srgb), (&gamma(2.2), &gamma(1.5))] {
-            let found = bands(&samples(camera, assumed, &CHANGES)).unwrap();
-            assert_eq!(found.len(), BANDS);
-            assert!(found.iter().all(|band| (band.slope - 1.0).abs() < 0.06 && !band.differs()), "{found:?}");
+            let bands = bands(&samples(camera, assumed, &CHANGES)).unwrap();
+            assert_eq!(bands.len(), BANDS);
+            assert!(bands.iter().all(|band| (band.slope - 1.0).abs() < 0.06 && !band.differs()), "{bands:?}");
         }
     }
 
@@ -165,9 +165,9 @@ mod tests {
         // ln of sRGB's light by that of the code: 2.4·c/(c + 0.055), 1.73 about code 36 and 2.11
         // over the middle bands. Light that is taken for the code changes by the inverse: 1.22
         // times as much in the dark, and half as much as it does in truth.
-        let found = bands(&samples(&Response::default(), &linear, &CHANGES.map(|ln| 2.0 * ln))).unwrap();
-        assert!((found[0].slope - 1.22).abs() < 0.03 && found[0].differs(), "{found:?}");
-        assert!(!found[2].differs() && !found[5].differs(), "{found:?}");
+        let bands = bands(&samples(&Response::default(), &linear, &CHANGES.map(|ln| 2.0 * ln))).unwrap();
+        assert!((bands[0].slope - 1.22).abs() < 0.03 && bands[0].differs(), "{bands:?}");
+        assert!(!bands[2].differs() && !bands[5].differs(), "{bands:?}");
     }
 
     #[test]

@@ -87,8 +87,8 @@ mod tests {
             assert!((a.twist - motion).norm() < 2e-4, "{k}: {} {motion}", a.twist);
             for share in [0.0, 0.3, 0.5, 1.0] {
                 let interval_s = times_s[k + 1] - times_s[k];
-                let found = between(&a, &b, interval_s, share);
-                assert!(found.abs_diff_eq(truth(times_s[k] + share * interval_s), 2e-6), "{k} {share}");
+                let interpolated = between(&a, &b, interval_s, share);
+                assert!(interpolated.abs_diff_eq(truth(times_s[k] + share * interval_s), 2e-6), "{k} {share}");
             }
         }
     }

@@ -81,7 +81,7 @@ impl WarpMesh {
         let (x, y) = (x * scale, y * scale);
         let Some((z, ray)) = depth_near(model, &j.depth, x, y) else { return none };
         let there = f64::from(z) * DVec3::from(ray.map(f64::from));
-        let found = || {
+        let correspondence = || {
             let own = flow(model, there, &j.at_row(model.geometry.row_time_s(y as f64 + 0.5)))?;
             let now =
                 i_from_j.transform_point3(move_point(there, &j.state.twist, model.geometry.row_time_s(y as f64 + 0.5)));
@@ -93,7 +93,7 @@ impl WarpMesh {
             let other = flow(model, move_point(now, &i.state.twist, -row_s), &i.at_row(row_s))?;
             Some((own, at, far, other))
         };
-        let Some((own, at, far, other)) = found() else { return none };
+        let Some((own, at, far, other)) = correspondence() else { return none };
         let (width, height) = model.size();
         let margin = MARGIN_PX * small;
         let is_inside = at.x > margin && at.y > margin && at.x < width as f64 - margin && at.y < height as f64 - margin;
@@ -143,11 +143,11 @@ impl WarpMesh {
     /// nodes.
     fn extrapolate(&mut self) {
         let place = |n: usize, across: usize| DVec2::new((n % across * CELL) as f64, (n / across * CELL) as f64);
-        let mut known: Vec<bool> = self.nodes.iter().map(|node| node.depth > 0.0).collect();
+        let mut has_depth: Vec<bool> = self.nodes.iter().map(|node| node.depth > 0.0).collect();
         for _ in 0..self.across.max(self.down) {
-            let mut next = known.clone();
+            let mut next = has_depth.clone();
             for n in 0..self.nodes.len() {
-                if known[n] {
+                if has_depth[n] {
                     continue;
                 }
                 let (x, y) = (n % self.across, n / self.across);
@@ -158,7 +158,7 @@ impl WarpMesh {
                     (y + 1 < self.down).then(|| n + self.across),
                 ];
                 let (mut sum, mut count) = (DVec2::ZERO, 0.0);
-                for m in around.into_iter().flatten().filter(|m| known[*m]) {
+                for m in around.into_iter().flatten().filter(|m| has_depth[*m]) {
                     sum += self.nodes[m].at - place(m, self.across);
                     count += 1.0;
                 }
@@ -167,10 +167,10 @@ impl WarpMesh {
                     next[n] = true;
                 }
             }
-            if next == known {
+            if next == has_depth {
                 break;
             }
-            known = next;
+            has_depth = next;
         }
     }
 
@@ -239,7 +239,7 @@ impl WarpMesh {
 fn depth_near(model: &CameraModel, depth: &[f32], x: usize, y: usize) -> Option<(f32, [f32; 3])> {
     let (width, height) = model.size();
     let (x, y) = (x.min(width - 1), y.min(height - 1));
-    let mut known = [0.0f32; 9];
+    let mut depths = [0.0f32; 9];
     let mut count = 0;
     for dy in 0..3 {
         for dx in 0..3 {
@@ -247,13 +247,13 @@ fn depth_near(model: &CameraModel, depth: &[f32], x: usize, y: usize) -> Option<
                 ((x + 2 * dx).saturating_sub(2).min(width - 1), (y + 2 * dy).saturating_sub(2).min(height - 1));
             let z = depth[y * width + x];
             if z > 0.0 {
-                known[count] = z;
+                depths[count] = z;
                 count += 1;
             }
         }
     }
     let ray = model.rays[y * width + x];
-    let depth_m = upper_median_in_place(&mut known[..count])?;
+    let depth_m = upper_median_in_place(&mut depths[..count])?;
     (count >= 5 && ray[0].is_finite()).then_some((depth_m, ray))
 }
 

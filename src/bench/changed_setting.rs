@@ -94,8 +94,8 @@ fn parameters(load: &Load) -> Vec<TimedParameter> {
     for effect in crate::effects::all() {
         for (label, sets) in effect.cases() {
             let mut state = state.clone();
-            let known = sets.iter().all(|(name, value)| state.set(effect.table(), name, value));
-            assert!(known, "{} {label}", effect.table());
+            let are_set = sets.iter().all(|(name, value)| state.set(effect.table(), name, value));
+            assert!(are_set, "{} {label}", effect.table());
             all.extend(of(effect.as_ref(), label, &state));
         }
     }

@@ -75,8 +75,8 @@ pub fn depth_of_field(table: &mut BenchTable<'_>) -> Result<(), SubmitError> {
             continue;
         }
         let mut effect = DepthOfField::default();
-        let known = effect.set("method", &Value::Text(method.to_owned()));
-        assert!(known.is_ok(), "{method}");
+        let is_set = effect.set("method", &Value::Text(method.to_owned()));
+        assert!(is_set.is_ok(), "{method}");
         let layer = layer(gpu, width, height, circles);
         let context = FrameContext {
             camera: &camera,

@@ -47,7 +47,7 @@ pub struct BinReport {
 #[derive(Clone, Copy, Debug, Default)]
 struct CodeLevel {
     /// Pixels times frames: all of them, and those in pixels that touched an end of the code range.
-    seen: u64,
+    pixels: u64,
     touched: u64,
     /// Usable pixels times frames. This and the following fields count only usable ones.
     samples: f64,
@@ -137,7 +137,7 @@ impl Pool {
     fn add_pixel(&mut self, channel: usize, pixel: PixelSums, scene: &SceneSums) {
         let place = ((pixel.mean * LEVELS_PER_CODE).round() as usize).min(LEVELS - 1);
         let level = &mut self.levels[channel][place];
-        level.seen += u64::from(scene.frames);
+        level.pixels += u64::from(scene.frames);
         level.touched += u64::from(pixel.touched) * u64::from(scene.frames);
         if place.min(LEVELS - 1 - place) < EXCLUDED_END_LEVELS {
             return;
@@ -221,8 +221,8 @@ struct VarianceEstimate {
 
 impl VarianceEstimate {
     fn new(levels: &[CodeLevel], independent_share: f64) -> Option<Self> {
-        let seen: Vec<&CodeLevel> = levels.iter().filter(|l| l.freedom > 0.0).collect();
-        let (mu, variance, usable) = unclipped(&seen);
+        let informative: Vec<&CodeLevel> = levels.iter().filter(|l| l.freedom > 0.0).collect();
+        let (mu, variance, usable) = unclipped(&informative);
         let freedom: f64 = usable.iter().map(|l| l.freedom).sum();
         let codes: f64 = usable.iter().map(|l| l.codes).sum();
         let independent = freedom * independent_share;
@@ -269,14 +269,14 @@ fn combined(estimates: &[VarianceEstimate]) -> Option<(VarianceEstimate, f64)> {
 /// A bin being estimated, with the variance at its pixels' own mean code if there is one.
 struct BinFit {
     report: BinReport,
-    found: Option<VarianceEstimate>,
+    estimate: Option<VarianceEstimate>,
 }
 
 impl BinFit {
     fn new(bin: usize, scenes: &[&[CodeLevel]], rules: &BinRules) -> Self {
         let edge = |k: usize| (k as f64 * 256.0 / rules.bins as f64).min(255.0);
         let (low, high) = (edge(bin), edge(bin + 1));
-        let seen: u64 = scenes.iter().flat_map(|s| s.iter()).map(|l| l.seen).sum();
+        let samples: u64 = scenes.iter().flat_map(|s| s.iter()).map(|l| l.pixels).sum();
         let touched: u64 = scenes.iter().flat_map(|s| s.iter()).map(|l| l.touched).sum();
         let estimates: Vec<VarianceEstimate> =
             scenes.iter().filter_map(|levels| VarianceEstimate::new(levels, rules.independent_share)).collect();
@@ -289,15 +289,15 @@ impl BinFit {
         let report = BinReport {
             code_range: [low, high],
             code: 0.5 * (low + high),
-            count: seen,
-            clipped_share: if seen > 0 { touched as f64 / seen as f64 } else { 0.0 },
+            count: samples,
+            clipped_share: if samples > 0 { touched as f64 / samples as f64 } else { 0.0 },
             independent_count,
             mu: combined_estimate.map_or(0.0, |e| e.mu),
             sigma: rules.rounding.sigma(variance),
             sigma_ci95,
             filled_from_neighbours: independent_count < rules.needed || combined_estimate.is_none(),
         };
-        Self { report, found: combined_estimate }
+        Self { report, estimate: combined_estimate }
     }
 }
 
@@ -370,7 +370,7 @@ pub(crate) fn chi_square_interval(freedom: f64) -> Option<[f64; 2]> {
 fn shift_to_bin_centres(bins: &mut [BinFit], rounding: &Rounding) {
     let points: Vec<Option<(f64, f64)>> = bins
         .iter()
-        .map(|b| b.found.filter(|_| !b.report.filled_from_neighbours).map(|e| (e.code, e.variance)))
+        .map(|b| b.estimate.filter(|_| !b.report.filled_from_neighbours).map(|e| (e.code, e.variance)))
         .collect();
     for (i, bin) in bins.iter_mut().enumerate() {
         let Some(here) = points[i] else { continue };

@@ -353,9 +353,9 @@ mod tests {
             image::Rgb([if is_patch { 40 } else { level }; 3])
         });
         levels.save(&mean).unwrap();
-        let found = example(&write_frames(folder.path(), 1), &[mean]).unwrap();
-        assert_eq!((found.method, found.model.sources.len()), (ExampleMethod::Pairs, 1));
-        assert!(found.sigma_error.unwrap() < 0.08 && found.to_string().contains("clean picture"), "{found}");
+        let example = example(&write_frames(folder.path(), 1), &[mean]).unwrap();
+        assert_eq!((example.method, example.model.sources.len()), (ExampleMethod::Pairs, 1));
+        assert!(example.sigma_error.unwrap() < 0.08 && example.to_string().contains("clean picture"), "{example}");
     }
 
     /// A surface in smoothly varying light, moved to the right by so many px in each picture.
@@ -379,8 +379,8 @@ mod tests {
             let options = NoiseOptions { min_independent: 100.0, with_example: true, ..NoiseOptions::default() };
             let mut progress = |_, _| ControlFlow::Continue(());
             let frames = [folder.path().to_owned()];
-            let found = noise_from_paths(&frames, NoiseSource::Best, &options, &mut progress).unwrap();
-            let (table, example) = (found.table, found.example.unwrap());
+            let noise = noise_from_paths(&frames, NoiseSource::Best, &options, &mut progress).unwrap();
+            let (table, example) = (noise.table, noise.example.unwrap());
             // Uniform noise of 10 codes: σ = 10 / √12 = 2.89.
             let sigma = table.profile.sigma(1, 115.0);
             assert!((sigma - 2.89).abs() < 0.3, "{shifts:?}: {sigma}");

@@ -80,7 +80,7 @@ pub struct MovingCalibrator {
     blocks: u64,
     /// Number of blocks and a random sample of them, by green's mean.
     strata: [(u64, Vec<SampledBlock>); STRATA],
-    seen: [Vec<PixelCounts>; 3],
+    pixel_counts: [Vec<PixelCounts>; 3],
 }
 
 /// Variances at the bins' middles, rounding included, and the other estimates.
@@ -101,11 +101,11 @@ impl MovingCalibrator {
     /// Fails unless `bins` is 1 to 256.
     pub fn new(options: NoiseOptions) -> Result<Self, CalibrateError> {
         if options.bins == 0 || options.bins > 256 {
-            return Err(CalibrateError::Bins { found: options.bins });
+            return Err(CalibrateError::Bins { actual: options.bins });
         }
-        let seen = std::array::from_fn(|_| vec![PixelCounts::default(); options.bins]);
+        let pixel_counts = std::array::from_fn(|_| vec![PixelCounts::default(); options.bins]);
         let plane = PlaneDetrend::new();
-        Ok(Self { options, plane, frame_bits: None, frames: 0, blocks: 0, strata: Default::default(), seen })
+        Ok(Self { options, plane, frame_bits: None, frames: 0, blocks: 0, strata: Default::default(), pixel_counts })
     }
 
     /// Adds a frame. Frames may differ in size. Fails if it is empty or its bit depth differs from
@@ -117,7 +117,7 @@ impl MovingCalibrator {
         let bits = if frame.max_code() == 255 { 8 } else { 16 };
         let expected = *self.frame_bits.get_or_insert(bits);
         if bits != expected {
-            return Err(CalibrateError::Depth { expected, found: bits });
+            return Err(CalibrateError::Depth { expected, actual: bits });
         }
         self.frames += 1;
         for y in 0..frame.height as usize / SIDE {
@@ -149,8 +149,8 @@ impl MovingCalibrator {
             let mean = values.iter().sum::<f64>() / pixels;
             let clipped = values.iter().filter(|v| **v <= 0.0 || **v >= 255.0).count();
             let bin = bin_of(mean, self.options.bins);
-            let seen = &mut self.seen[channel][bin];
-            *seen = PixelCounts { pixels: seen.pixels + pixels as u64, clipped: seen.clipped + clipped as u64 };
+            let counts = &mut self.pixel_counts[channel][bin];
+            *counts = PixelCounts { pixels: counts.pixels + pixels as u64, clipped: counts.clipped + clipped as u64 };
             self.plane.subtract(values);
             let products = PlaneDetrend::products(values);
             block.mean[channel] = mean as f32;
@@ -231,11 +231,11 @@ impl MovingCalibrator {
         }
     }
 
-    fn reports(&self, channel: usize, found: &NoiseEstimate, rounding: &Rounding) -> Vec<BinReport> {
+    fn reports(&self, channel: usize, estimate: &NoiseEstimate, rounding: &Rounding) -> Vec<BinReport> {
         let mut reports: Vec<BinReport> = (0..self.options.bins)
             .map(|bin| {
-                let (variance, independent) = (found.variance[channel][bin], found.independent[channel][bin]);
-                let PixelCounts { pixels, clipped } = self.seen[channel][bin];
+                let (variance, independent) = (estimate.variance[channel][bin], estimate.independent[channel][bin]);
+                let PixelCounts { pixels, clipped } = self.pixel_counts[channel][bin];
                 let code_range = range_of(bin, self.options.bins);
                 BinReport {
                     code_range,
@@ -247,7 +247,7 @@ impl MovingCalibrator {
                     sigma: rounding.sigma(variance),
                     sigma_ci95: chi_square_interval(independent)
                         .map(|ci| ci.map(|factor| rounding.sigma(variance * factor))),
-                    filled_from_neighbours: !found.measured[channel][bin],
+                    filled_from_neighbours: !estimate.measured[channel][bin],
                 }
             })
             .collect();
@@ -280,11 +280,11 @@ impl MovingCalibrator {
     }
 
     /// Moves one channel's variances towards those of its lowest blocks.
-    fn variances(&self, found: &mut NoiseEstimate, channel: usize, (freedom, kept): (f64, f64), strict: bool) {
+    fn variances(&self, estimate: &mut NoiseEstimate, channel: usize, (freedom, kept): (f64, f64), strict: bool) {
         let bins = self.options.bins;
         let mut ratios: Vec<Vec<f64>> = vec![Vec::new(); bins];
         for block in self.blocks() {
-            let ratio = ratio(block, channel, &found.variance[channel]);
+            let ratio = ratio(block, channel, &estimate.variance[channel]);
             ratios[bin_of(f64::from(block.mean[channel]), bins)].extend(ratio.map(|r| r / kept));
         }
         let lowest: Vec<Option<(f64, f64)>> = ratios
@@ -293,32 +293,32 @@ impl MovingCalibrator {
             .collect();
         for (bin, lowest) in lowest.iter().enumerate() {
             let (factor, blocks) = lowest.unwrap_or((1.0, 0.0));
-            found.variance[channel][bin] *= factor;
-            found.independent[channel][bin] = blocks * freedom;
-            found.measured[channel][bin] = lowest.is_some() && blocks * freedom >= self.options.min_independent;
+            estimate.variance[channel][bin] *= factor;
+            estimate.independent[channel][bin] = blocks * freedom;
+            estimate.measured[channel][bin] = lowest.is_some() && blocks * freedom >= self.options.min_independent;
         }
         // The other bins are interpolated: blocks near a bin's edge need both sides.
         let good: Vec<(f64, f64)> = (0..bins)
-            .filter(|bin| found.measured[channel][*bin])
-            .map(|bin| (bin as f64, found.variance[channel][bin]))
+            .filter(|bin| estimate.measured[channel][*bin])
+            .map(|bin| (bin as f64, estimate.variance[channel][bin]))
             .collect();
         for bin in 0..bins {
-            if let Some(variance) = interpolate(&good, bin as f64).filter(|_| !found.measured[channel][bin]) {
-                found.variance[channel][bin] = variance;
+            if let Some(variance) = interpolate(&good, bin as f64).filter(|_| !estimate.measured[channel][bin]) {
+                estimate.variance[channel][bin] = variance;
             }
         }
     }
 
     /// The noise's correlations, from blocks that are flat in every channel.
-    fn correlations(&self, found: &mut NoiseEstimate, freedom: [f64; 3], kept: [f64; 3]) {
+    fn correlations(&self, estimate: &mut NoiseEstimate, freedom: [f64; 3], kept: [f64; 3]) {
         let (bins, rounding) = (self.options.bins, self.rounding());
         let rounded: [Vec<f64>; 3] =
-            [0, 1, 2].map(|c| found.variance[c].iter().map(|v| 1.0 - rounding.sigma(*v).powi(2) / v).collect());
+            [0, 1, 2].map(|c| estimate.variance[c].iter().map(|v| 1.0 - rounding.sigma(*v).powi(2) / v).collect());
         let most = freedom.map(|nu| 1.0 + (2.0 / nu).sqrt());
         let (mut products, mut cross, mut shares) = ([[0.0; LAGS]; 3], [0.0; 3], [0.0; 3]);
         let mut flat = 0usize;
         for block in self.blocks() {
-            let ratios = [0, 1, 2].map(|c| ratio(block, c, &found.variance[c]).filter(|r| *r <= most[c] * kept[c]));
+            let ratios = [0, 1, 2].map(|c| ratio(block, c, &estimate.variance[c]).filter(|r| *r <= most[c] * kept[c]));
             let [Some(r), Some(g), Some(b)] = ratios else { continue };
             flat += 1;
             let scale: [f64; 3] = std::array::from_fn(|c| [r, g, b][c] / f64::from(block.products[c][0]));
@@ -332,7 +332,7 @@ impl MovingCalibrator {
                 *sum += f64::from(*cross) * (scale[a] * scale[b]).sqrt();
             }
         }
-        found.flat = flat;
+        estimate.flat = flat;
         if flat == 0 {
             return;
         }
@@ -341,17 +341,17 @@ impl MovingCalibrator {
         if covariance.iter().any(|r| r[0] <= 0.0) {
             return;
         }
-        found.covariance = covariance.map(|r| r.map(|v| (v / r[0]).clamp(-1.0, 1.0)));
+        estimate.covariance = covariance.map(|r| r.map(|v| (v / r[0]).clamp(-1.0, 1.0)));
         // Rounding is independent from pixel to pixel.
         let own: [f64; 3] = std::array::from_fn(|c| covariance[c][0] - shares[c] / n);
         if own.iter().any(|v| *v <= 0.0) {
             return;
         }
-        found.neighbour = NEIGHBOURS.map(|k| {
+        estimate.neighbour = NEIGHBOURS.map(|k| {
             let covariance: f64 = covariance.iter().map(|r| r[k]).sum();
             Some(covariance / own.iter().sum::<f64>())
         });
-        found.channel = std::array::from_fn(|i| {
+        estimate.channel = std::array::from_fn(|i| {
             let (a, b) = PAIRS[i];
             Some(cross[i] / n / (kept[a] * kept[b] * own[a] * own[b]).sqrt())
         });

@@ -79,22 +79,22 @@ pub enum CalibrateError {
     #[error("scene {scene} has more than {MAX_FRAMES} frames; leave some out")]
     TooManyFrames { scene: usize },
     #[error(
-        "a frame is {found} pixels where {expected} are expected; all frames of a scene and its mean must have one size"
+        "a frame is {actual} pixels where {expected} are expected; all frames of a scene and its mean must have one size"
     )]
-    Size { expected: String, found: String },
-    #[error("a picture has {found} bits a channel where the frames before have {expected}; give frames of one depth")]
-    Depth { expected: u32, found: u32 },
+    Size { expected: String, actual: String },
+    #[error("a picture has {actual} bits a channel where the frames before have {expected}; give frames of one depth")]
+    Depth { expected: u32, actual: u32 },
     #[error("a picture without pixels")]
     Empty,
     #[error(
-        "a picture is {found}; its sums would not fit into memory: expected up to {MAX_PIXELS} pixels; cut the same \
+        "a picture is {actual}; its sums would not fit into memory: expected up to {MAX_PIXELS} pixels; cut the same \
          part out of all pictures of the scene"
     )]
-    TooLarge { found: String },
+    TooLarge { actual: String },
     #[error("stopped before it was done")]
     Stopped,
-    #[error("bins = {found} is refused: expected 1 to 256")]
-    Bins { found: usize },
+    #[error("bins = {actual} is refused: expected 1 to 256")]
+    Bins { actual: usize },
     #[error("either all scenes have a known mean or none has")]
     MeansMixed,
     #[error(
@@ -194,7 +194,7 @@ fn code_step(bits: u32) -> f64 {
 impl NoiseCalibrator {
     pub fn new(options: NoiseOptions) -> Result<Self, CalibrateError> {
         if options.bins == 0 || options.bins > 256 {
-            return Err(CalibrateError::Bins { found: options.bins });
+            return Err(CalibrateError::Bins { actual: options.bins });
         }
         Ok(Self {
             options,
@@ -250,22 +250,25 @@ impl NoiseCalibrator {
         if self.scenes == 0 {
             self.begin_scene(None)?;
         }
-        let (found, expected) = (bits(frame), *self.frame_bits.get_or_insert(bits(frame)));
-        if found != expected {
-            return Err(CalibrateError::Depth { expected, found });
+        let (actual, expected) = (bits(frame), *self.frame_bits.get_or_insert(bits(frame)));
+        if actual != expected {
+            return Err(CalibrateError::Depth { expected, actual });
         }
         let size = |w: usize, h: usize| format!("{w}x{h}");
-        let found = (frame.width as usize, frame.height as usize);
+        let size_px = (frame.width as usize, frame.height as usize);
         let expected = match (&self.scene, &self.mean) {
             (Some(scene), _) => (scene.width, scene.height),
             (None, Some(mean)) => (mean.width as usize, mean.height as usize),
-            (None, None) => found,
+            (None, None) => size_px,
         };
-        if found != expected {
-            return Err(CalibrateError::Size { expected: size(expected.0, expected.1), found: size(found.0, found.1) });
+        if size_px != expected {
+            return Err(CalibrateError::Size {
+                expected: size(expected.0, expected.1),
+                actual: size(size_px.0, size_px.1),
+            });
         }
-        if found.0 * found.1 > MAX_PIXELS {
-            return Err(CalibrateError::TooLarge { found: size(found.0, found.1) });
+        if size_px.0 * size_px.1 > MAX_PIXELS {
+            return Err(CalibrateError::TooLarge { actual: size(size_px.0, size_px.1) });
         }
         let scene = self.scene.get_or_insert_with(|| SceneSums::new(frame, self.mean.as_ref()));
         if scene.frames >= MAX_FRAMES {
@@ -403,7 +406,7 @@ pub(crate) fn reported_correlation(
     if measured.is_none() {
         warnings.push(Warning::NoCorrelation(of));
     } else if value < low - 0.02 {
-        warnings.push(Warning::LowCorrelation { of, found: value, written: low });
+        warnings.push(Warning::LowCorrelation { of, measured: value, written: low });
     }
     round4(value.clamp(low, 1.0))
 }

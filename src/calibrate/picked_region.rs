@@ -42,8 +42,8 @@ impl PickedRegion {
     pub fn add(&mut self, frame: &Pixels) -> Result<(), PickedError> {
         let (width, height) = *self.frame_px.get_or_insert((frame.width, frame.height));
         if (frame.width, frame.height) != (width, height) {
-            let (expected, found) = (format!("{width}x{height}"), format!("{}x{}", frame.width, frame.height));
-            return Err(PickedError::Calibrate(CalibrateError::Size { expected, found }));
+            let (expected, actual) = (format!("{width}x{height}"), format!("{}x{}", frame.width, frame.height));
+            return Err(PickedError::Calibrate(CalibrateError::Size { expected, actual }));
         }
         self.frames.push(crop(frame, &self.rect.intersection(&Rect::full(width, height))));
         Ok(())

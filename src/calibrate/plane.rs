@@ -120,8 +120,8 @@ impl PlaneDetrend {
             }
         }
         for i in (0..LAGS).rev() {
-            let known: f64 = (i + 1..LAGS).map(|k| matrix[i][k] * right[k]).sum();
-            right[i] = (right[i] - known) / matrix[i][i];
+            let solved_part: f64 = (i + 1..LAGS).map(|k| matrix[i][k] * right[k]).sum();
+            right[i] = (right[i] - solved_part) / matrix[i][i];
         }
         right
     }
@@ -223,8 +223,8 @@ mod tests {
         let products = PlaneDetrend::products(&columns[30]);
         let counted = mean_by_lag(|a, b| columns[30][a] * columns[30][b]);
         assert!(products.iter().zip(&counted).all(|(a, b)| (a - b).abs() < 1e-15), "{products:?}");
-        let found = plane.covariance(&expected);
-        assert!(found.iter().zip(&r).all(|(a, b)| (a - b).abs() < 1e-9), "{found:?}");
+        let covariance = plane.covariance(&expected);
+        assert!(covariance.iter().zip(&r).all(|(a, b)| (a - b).abs() < 1e-9), "{covariance:?}");
         assert!((plane.kept(&r) - expected[0]).abs() < 1e-12);
         let (mut trace, mut squares) = (0.0, 0.0);
         for a in 0..PIXELS {

@@ -119,8 +119,8 @@ mod tests {
         // The profile has 3 at code 50: ratio 1. At 100 the ratio is 0.5, with three times the
         // samples: √((1 + 3/4) / 4).
         let often = NoisePoint { independent_count: 1500.0, ..point(100.0, 2.0) };
-        let found = sigma_over_profile(&[point(50.0, 3.0), often], &profile, 2).unwrap();
-        assert!((found - 0.4375f64.sqrt()).abs() < 1e-12, "{found}");
+        let ratio = sigma_over_profile(&[point(50.0, 3.0), often], &profile, 2).unwrap();
+        assert!((ratio - 0.4375f64.sqrt()).abs() < 1e-12, "{ratio}");
         assert_eq!(sigma_over_profile(&[], &profile, 0), None);
     }
 

@@ -22,7 +22,7 @@ pub fn rendered_noise(with: &Pixels, without: &Pixels, mask: &[bool]) -> Result<
         return Err(MeasureError::Sizes { a: size(with), b: size(without) });
     }
     if mask.len() != pixels {
-        return Err(MeasureError::Length { what: "the mask", found: mask.len(), expected: pixels });
+        return Err(MeasureError::Length { what: "the mask", actual: mask.len(), expected: pixels });
     }
     let scale = 255.0 / f64::from(without.max_code());
     // Count, sum of codes, of differences, of their squares.
@@ -66,9 +66,9 @@ mod tests {
         let without = Pixels::from_u8(10, 10, vec![100; 300]).unwrap();
         // Alternating ±4: variance 16·100/99. Rounding of both adds 1/6.
         let with = Pixels::from_u8(10, 10, (0..300).map(|i| if i / 3 % 2 == 0 { 96 } else { 104 }).collect()).unwrap();
-        let found = rendered_noise(&with, &without, &[true; 100]).unwrap();
+        let channels = rendered_noise(&with, &without, &[true; 100]).unwrap();
         let expected = (1600.0f64 / 99.0 - 1.0 / 6.0).sqrt();
-        for points in &found {
+        for points in &channels {
             assert_eq!(points.len(), 1);
             assert!((points[0].sigma - expected).abs() < 1e-6 && points[0].code == 100.0, "{points:?}");
         }

@@ -250,18 +250,18 @@ mod tests {
     fn sums_match_computed_values_around_own_and_known_means() {
         let frames = [10, 12, 17].map(frame);
         let mut own = SceneSums::new(&frames[0], None);
-        let mut known = SceneSums::new(&frames[0], Some(&frame(12)));
+        let mut around_mean = SceneSums::new(&frames[0], Some(&frame(12)));
         for frame in &frames {
             own.add(frame);
-            known.add(frame);
+            around_mean.add(frame);
         }
         let p = own.pixel(1);
         // 11, 13, 18: mean 14, squares 9 + 1 + 16.
         assert!((p.mean - 14.0).abs() < 1e-12 && (p.squares - 26.0).abs() < 1e-12 && p.sum == 0.0);
-        let p = known.pixel(1);
+        let p = around_mean.pixel(1);
         // −2, 0, 5 around 13.
         assert!((p.mean - 13.0).abs() < 1e-12 && (p.squares - 29.0).abs() < 1e-12 && (p.sum - 3.0).abs() < 1e-12);
-        assert_eq!((own.freedom(), known.freedom()), (2.0, 3.0));
+        assert_eq!((own.freedom(), around_mean.freedom()), (2.0, 3.0));
         // Differences 2 and 5 in every pixel: 64 pixels, 56 pairs in each direction.
         let unit = UNIT * UNIT;
         assert_eq!(own.blocks[0].squares, [64 * 29 * unit; 3]);

@@ -24,7 +24,7 @@ pub enum Warning {
     /// A correlation could not be measured.
     NoCorrelation(&'static str),
     /// A correlation is lower than noise can have it.
-    LowCorrelation { of: &'static str, found: f64, written: f64 },
+    LowCorrelation { of: &'static str, measured: f64, written: f64 },
     /// Texture that is everywhere counts as noise.
     Texture,
     /// Compression has changed the noise.
@@ -72,8 +72,8 @@ impl fmt::Display for Warning {
             Self::NoCorrelation(of) => {
                 write!(f, "correlation {of} could not be measured (too quiet or clipped); 0 is written")
             }
-            Self::LowCorrelation { of, found, written } => {
-                write!(f, "correlation {of} is {found:.2}; {written} is written (sharpening in the camera?)")
+            Self::LowCorrelation { of, measured, written } => {
+                write!(f, "correlation {of} is {measured:.2}; {written} is written (sharpening in the camera?)")
             }
             Self::Texture => f.write_str(
                 "the intervals are those of chance; texture that is everywhere counts as noise, so sigma may be too large",

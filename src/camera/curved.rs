@@ -130,11 +130,11 @@ mod tests {
         assert!((at - DVec2::new(100.0, 100.0 + 100.0 * (2f64.sqrt() - 1.0))).length() < 1e-9, "{at}");
         // It is conformal: small steps along and across the radius are equally long.
         let step = 1e-4;
-        let seen = |theta: f64, phi: f64| {
+        let project = |theta: f64, phi: f64| {
             p.project(DVec3::new(theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos())).unwrap()
         };
-        let along = seen(2.0 + step, 0.3).distance(seen(2.0 - step, 0.3));
-        let across = seen(2.0, 0.3 + step / 2f64.sin()).distance(seen(2.0, 0.3 - step / 2f64.sin()));
+        let along = project(2.0 + step, 0.3).distance(project(2.0 - step, 0.3));
+        let across = project(2.0, 0.3 + step / 2f64.sin()).distance(project(2.0, 0.3 - step / 2f64.sin()));
         assert!((along / across - 1.0).abs() < 1e-6, "{along} {across}");
     }
 

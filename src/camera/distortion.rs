@@ -199,8 +199,8 @@ impl Distortion {
         }
         if self.is_fisheye() && d.is_finite() {
             let theta = d.truncate().length().atan2(d.z);
-            let seen = d != DVec3::ZERO && (d.z > 0.0 || theta <= valid_radius);
-            return seen.then(|| self.fisheye_point(d.truncate().normalize_or_zero(), theta, valid_radius));
+            let is_visible = d != DVec3::ZERO && (d.z > 0.0 || theta <= valid_radius);
+            return is_visible.then(|| self.fisheye_point(d.truncate().normalize_or_zero(), theta, valid_radius));
         }
         (d.z > 0.0).then(|| self.distort(d.truncate() / d.z, valid_radius))
     }
@@ -238,9 +238,9 @@ impl Distortion {
         let radial = self.without_decentring(distorted, valid_radius)?;
         let theta_d = radial.length();
         let theta = self.fisheye_angle(theta_d, valid_radius);
-        let seen = theta < std::f64::consts::FRAC_PI_2 || theta <= valid_radius;
+        let is_visible = theta < std::f64::consts::FRAC_PI_2 || theta <= valid_radius;
         let towards = radial.try_normalize().unwrap_or(DVec2::X);
-        (seen && theta_d.is_finite()).then(|| (towards * theta.sin()).extend(theta.cos()))
+        (is_visible && theta_d.is_finite()).then(|| (towards * theta.sin()).extend(theta.cos()))
     }
 
     /// A fisheye's angle from the axis, rad, at a radius of its radial part; the inverse of

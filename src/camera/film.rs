@@ -27,11 +27,11 @@ const SIDE_MM: std::ops::RangeInclusive<f64> = 0.1..=1000.0;
 /// Error of an unknown film name.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
-    "{found} is not a film format; expected 36x24, aps-c (Nikon), aps-c-canon, micro-4/3, 1in, 1/2.3in, 6x6 (56x56 \
+    "{actual} is not a film format; expected 36x24, aps-c (Nikon), aps-c-canon, micro-4/3, 1in, 1/2.3in, 6x6 (56x56 \
      mm) or any WIDTHxHEIGHT in mm, 0.1 to 1000 each"
 )]
 pub struct FilmError {
-    pub found: String,
+    pub actual: String,
 }
 
 impl Film {
@@ -42,7 +42,7 @@ impl Film {
     pub fn new(width_mm: f64, height_mm: f64) -> Result<Self, FilmError> {
         let film = Self { width_mm, height_mm };
         let fits = SIDE_MM.contains(&width_mm) && SIDE_MM.contains(&height_mm);
-        fits.then_some(film).ok_or_else(|| FilmError { found: film.size() })
+        fits.then_some(film).ok_or_else(|| FilmError { actual: film.size() })
     }
 
     pub fn width_mm(&self) -> f64 {
@@ -95,7 +95,7 @@ impl FromStr for Film {
     type Err = FilmError;
 
     fn from_str(text: &str) -> Result<Self, FilmError> {
-        let refuse = || FilmError { found: text.to_owned() };
+        let refuse = || FilmError { actual: text.to_owned() };
         let plain = text.trim().to_ascii_lowercase().replace('×', "x");
         if let Some((_, width_mm, height_mm)) = NAMED.iter().find(|(names, ..)| names.contains(&plain.as_str())) {
             return Ok(Self { width_mm: *width_mm, height_mm: *height_mm });

@@ -36,8 +36,8 @@ pub struct Opening {
 /// An impossible lens.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum LensError {
-    #[error("camera.lens.blades = {found} is refused: expected 0 (a circle) or 3 to 32")]
-    Blades { found: u32 },
+    #[error("camera.lens.blades = {actual} is refused: expected 0 (a circle) or 3 to 32")]
+    Blades { actual: u32 },
     #[error(
         "camera.lens.aperture_diameter_mm = {} and camera.lens.f_number = {} are both given: expected one of them (the \
          other = none)",
@@ -65,7 +65,7 @@ impl Lens {
     pub fn thin_lens(&self, geometry: &Geometry) -> Result<Option<ThinLens>, LensError> {
         // An impossible value is reported even if the blades have no effect.
         if matches!(self.blades, 1 | 2 | 33..) {
-            return Err(LensError::Blades { found: self.blades });
+            return Err(LensError::Blades { actual: self.blades });
         }
         let image_distance_m = ThinLens::calibrated_image_distance_m(&geometry.intrinsics);
         if !(image_distance_m.is_finite() && image_distance_m > 0.0) {

@@ -22,9 +22,9 @@ pub enum Mode {
 
 /// Error of an unknown mode.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("{found} is not a mode; expected p (program), a (aperture priority), s (shutter priority), m (manual)")]
+#[error("{actual} is not a mode; expected p (program), a (aperture priority), s (shutter priority), m (manual)")]
 pub struct ModeError {
-    pub found: String,
+    pub actual: String,
 }
 
 /// The range of a camera's settings, exact values.
@@ -87,7 +87,7 @@ impl std::str::FromStr for Mode {
             "a" | "av" => Self::AperturePriority,
             "s" | "tv" => Self::ShutterPriority,
             "m" | "manual" => Self::Manual,
-            _ => return Err(ModeError { found: format!("\"{text}\"") }),
+            _ => return Err(ModeError { actual: format!("\"{text}\"") }),
         })
     }
 }

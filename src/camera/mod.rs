@@ -76,7 +76,7 @@ impl Camera {
 
 #[cfg(test)]
 mod tests {
-    pub fn close(found: f64, expected: f64, within: f64) {
-        assert!((found - expected).abs() <= within, "{found} is not {expected}");
+    pub fn close(actual: f64, expected: f64, within: f64) {
+        assert!((actual - expected).abs() <= within, "{actual} is not {expected}");
     }
 }

@@ -43,15 +43,15 @@ const ISO_SPEEDS: [f64; 25] = [
 /// Text that is not a camera setting.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum StopError {
-    #[error("an aperture of {found} is refused: expected an f-number from 0.5 to 256, as in 2.8 or f/2.8")]
-    Aperture { found: String },
+    #[error("an aperture of {actual} is refused: expected an f-number from 0.5 to 256, as in 2.8 or f/2.8")]
+    Aperture { actual: String },
     #[error(
-        "a shutter time of {found} is refused: expected more than 0 and up to 60 s, as in 1/60, 1/60s, 0.5 or 2s \
+        "a shutter time of {actual} is refused: expected more than 0 and up to 60 s, as in 1/60, 1/60s, 0.5 or 2s \
          (from 1/1000000)"
     )]
-    Shutter { found: String },
-    #[error("a film speed of {found} is refused: expected ISO 100 to 25600, as in 400 or ISO400")]
-    Iso { found: String },
+    Shutter { actual: String },
+    #[error("a film speed of {actual} is refused: expected ISO 100 to 25600, as in 400 or ISO400")]
+    Iso { actual: String },
 }
 
 fn series(step: Step, marked: impl Iterator<Item = f64>, exact: impl Fn(f64) -> f64) -> Vec<Stop> {
@@ -105,7 +105,7 @@ fn same(a: f64, b: f64) -> bool {
 pub fn parse_f_number(text: &str) -> Result<f64, StopError> {
     let plain = text.trim().trim_start_matches(['f', 'F']).trim_start_matches('/');
     let value = f64::from_str(plain.trim()).ok().filter(|v| (0.5..=256.0).contains(v));
-    value.ok_or_else(|| StopError::Aperture { found: quoted(text) })
+    value.ok_or_else(|| StopError::Aperture { actual: quoted(text) })
 }
 
 /// Parses "1/60", "1/60s", "0.5", "2s" or "2\"", seconds.
@@ -116,7 +116,7 @@ pub fn parse_shutter_s(text: &str) -> Result<f64, StopError> {
         Some((over, under)) => number(over).zip(number(under)).map(|(over, under)| over / under),
         None => number(plain),
     };
-    value.filter(|v| (1e-6..=60.0).contains(v)).ok_or_else(|| StopError::Shutter { found: quoted(text) })
+    value.filter(|v| (1e-6..=60.0).contains(v)).ok_or_else(|| StopError::Shutter { actual: quoted(text) })
 }
 
 /// Parses "400" or "ISO 400".
@@ -124,7 +124,7 @@ pub fn parse_iso(text: &str) -> Result<f64, StopError> {
     let plain = text.trim();
     let plain = plain.get(..3).filter(|start| start.eq_ignore_ascii_case("iso")).map_or(plain, |_| &plain[3..]);
     let value = f64::from_str(plain.trim()).ok().filter(|v| (100.0..=25600.0).contains(v));
-    value.ok_or_else(|| StopError::Iso { found: quoted(text) })
+    value.ok_or_else(|| StopError::Iso { actual: quoted(text) })
 }
 
 /// Numbers unchanged; other text in quotes.

@@ -45,8 +45,8 @@ impl Sharpness {
 pub enum ThinLensError {
     #[error("a focal length of {} mm is refused: expected a finite number above 0", number(*found_mm))]
     FocalLength { found_mm: f64 },
-    #[error("an f-number of {} is refused: expected a finite number above 0", number(*found))]
-    FNumber { found: f64 },
+    #[error("an f-number of {} is refused: expected a finite number above 0", number(*actual))]
+    FNumber { actual: f64 },
     #[error("an opening of {} mm is refused: expected a finite number from 0 (a pinhole)", number(*found_mm))]
     Diameter { found_mm: f64 },
     #[error(
@@ -71,7 +71,7 @@ impl ThinLens {
     /// A lens from its focal length (m), f-number and focus distance (m, up to infinity).
     pub fn new(focal_length_m: f64, f_number: f64, focus_distance_m: f64) -> Result<Self, ThinLensError> {
         if !finite_above_zero(f_number) {
-            return Err(ThinLensError::FNumber { found: f_number });
+            return Err(ThinLensError::FNumber { actual: f_number });
         }
         Self::with_diameter(focal_length_m, focal_length_m / f_number, focus_distance_m)
     }

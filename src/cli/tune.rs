@@ -41,14 +41,14 @@ pub fn run(args: Args) -> Result<()> {
     }
     let recording = recording.or(demo).unwrap_or_else(|| DEMO.into());
     let new_profile = profile.clone().filter(|path| !path.exists());
-    let given = ShotOptions {
+    let shot_options = ShotOptions {
         profile: profile.filter(|path| path.exists()),
         sets: Vec::new(),
         scene,
         ..ShotOptions::default()
     };
     let options = OpenOptions { metres_per_unit, ..OpenOptions::default() };
-    let mut project = Project::open(&recording, &options, &given)?;
+    let mut project = Project::open(&recording, &options, &shot_options)?;
     if let Some(path) = new_profile {
         project.profile = Some(path);
     }

@@ -120,9 +120,9 @@ pub fn run(args: &Args) -> Result<()> {
 }
 
 /// The comparison of noise, which fails nothing: no model of noise passes for every camera.
-fn print_noise(found: &Result<NoiseComparison, NoiseNotCompared>) -> Result<()> {
+fn print_noise(noise: &Result<NoiseComparison, NoiseNotCompared>) -> Result<()> {
     let mut out = std::io::stdout().lock();
-    match found {
+    match noise {
         Ok(noise) => noise.lines().iter().try_for_each(|(label, text)| writeln!(out, "{label:<12} {text}"))?,
         Err(why) => writeln!(out, "noise        not compared: {why}")?,
     }
@@ -131,8 +131,8 @@ fn print_noise(found: &Result<NoiseComparison, NoiseNotCompared>) -> Result<()> 
 
 /// Slides with recorded and with refined poses; `None` without an analysis or without measured
 /// slides.
-fn measure_slides(recorded: &Shot, found: &Shot) -> Result<Option<Vec<SlidePair>>> {
-    let AnalysisState::Used(folder, _) = &found.analysis else { return Ok(None) };
+fn measure_slides(recorded: &Shot, refined: &Shot) -> Result<Option<Vec<SlidePair>>> {
+    let AnalysisState::Used(folder, _) = &refined.analysis else { return Ok(None) };
     let analysis = analyse::Analysis::read(folder)?;
     let (camera, response) = (recorded.geometry_at(0)?, recorded.camera().response);
     let recording = &recorded.recording;
@@ -151,17 +151,18 @@ fn measure_slides(recorded: &Shot, found: &Shot) -> Result<Option<Vec<SlidePair>
 fn print_verdicts(
     args: &Args,
     recorded: &Verification,
-    found: Option<&Verification>,
+    by_findings: Option<&Verification>,
     real_px: &Result<f64, String>,
     slides: Option<&[SlidePair]>,
 ) -> Result<()> {
     let mut out = std::io::stdout().lock();
-    let now = found.unwrap_or(recorded);
+    let now = by_findings.unwrap_or(recorded);
     writeln!(out, "pairs        {}, {} frames apart", count(now.pairs, "pair"), args.gap)?;
     let mut failed = Vec::new();
     let mut line =
         |name: &str, passes: Option<bool>, text: &dyn Fn(&Verification) -> String, bar: &str| -> Result<()> {
-            let analysed = found.map_or(String::new(), |found| format!(", as analysed {}", text(found)));
+            let analysed =
+                by_findings.map_or(String::new(), |by_findings| format!(", as analysed {}", text(by_findings)));
             let verdict = match passes {
                 Some(true) => "pass",
                 Some(false) => "FAIL",
@@ -223,13 +224,13 @@ fn print_verdicts(
 }
 
 /// The displacement by the error of poses, the measured one, and the noise floor.
-fn displaced(found: &DisplacementSummary) -> String {
+fn displaced(displacement: &DisplacementSummary) -> String {
     let px = |px: f64| fixed(px, 2);
-    let (median, ninety, measured) = (px(found.px.0), px(found.px.1), px(found.measured.0));
-    match found.floor {
+    let (median, ninety, measured) = (px(displacement.px.0), px(displacement.px.1), px(displacement.measured.0));
+    match displacement.floor {
         Some((floor, _)) => format!(
             "{median} px (± {}, 90 % {ninety}; measured {measured}, of which noise makes {})",
-            px(found.sigma_px),
+            px(displacement.sigma_px),
             px(floor)
         ),
         None => format!("{median} px (90 % {ninety}, noise's part not measured)"),
@@ -237,10 +238,10 @@ fn displaced(found: &DisplacementSummary) -> String {
 }
 
 /// The luma difference by the error of gains, the measured one, and the noise floor.
-fn brightness(found: &Brightness) -> String {
+fn brightness(brightness: &Brightness) -> String {
     let codes = |codes: f64| fixed(codes, 2);
-    let (median, most, measured) = (codes(found.codes.0), codes(found.codes.1), codes(found.measured.0));
-    match found.floor {
+    let (median, most, measured) = (codes(brightness.codes.0), codes(brightness.codes.1), codes(brightness.measured.0));
+    match brightness.floor {
         Some(floor) => {
             format!("{median} codes (worst pair {most}; measured {measured}, of which noise makes {})", codes(floor))
         }
@@ -249,10 +250,10 @@ fn brightness(found: &Brightness) -> String {
 }
 
 /// The displacement, or the reason why none was measured, and the number of pairs without a match.
-fn registration(found: &Verification) -> String {
-    let verb = if found.unmatched == 1 { "does" } else { "do" };
-    let unmatched = format!("{} with texture {verb} not match", count(found.unmatched, "pair"));
-    match (&found.displaced, found.unmatched) {
+fn registration(verification: &Verification) -> String {
+    let verb = if verification.unmatched == 1 { "does" } else { "do" };
+    let unmatched = format!("{} with texture {verb} not match", count(verification.unmatched, "pair"));
+    match (&verification.displaced, verification.unmatched) {
         (Some(px), 0) => displaced(px),
         (Some(px), _) => format!("{}; {unmatched}", displaced(px)),
         (None, 0) => "unknown, too little texture above the noise".to_owned(),

@@ -177,8 +177,8 @@ impl OpenCamera {
         warn(args.quiet, &opened.description);
         opened.camera.negotiated.warnings.iter().for_each(|warning| warn(args.quiet, warning));
         // Commands that need an unknown lens report it themselves.
-        let known = opened.lens.iter().filter(|lens| lens.camera.geometry.is_some() || profile_camera.is_some());
-        known.for_each(|lens| warn(args.quiet, &lens.description));
+        let lenses = opened.lens.iter().filter(|lens| lens.camera.geometry.is_some() || profile_camera.is_some());
+        lenses.for_each(|lens| warn(args.quiet, &lens.description));
         let (frames, seconds, quiet) = (args.frames, args.seconds, args.quiet);
         Ok(Self { opened, frames, seconds, quiet })
     }

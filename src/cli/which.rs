@@ -32,8 +32,8 @@ impl Which {
     /// Applies the choice. An unknown name is an error that lists the known ones.
     pub fn apply(&self, settings: &mut Settings) -> Result<()> {
         if self.only.iter().chain(&self.without).flatten().any(String::is_empty) {
-            let known: Vec<&str> = settings.effects().map(|e| e.table()).collect();
-            bail!("--only and --without need names of effects, commas between; there are: {}", known.join(", "));
+            let names: Vec<&str> = settings.effects().map(|e| e.table()).collect();
+            bail!("--only and --without need names of effects, commas between; there are: {}", names.join(", "));
         }
         if let Some(names) = &self.only {
             settings.only(names)?;

@@ -309,11 +309,11 @@ mod tests {
             let coding = coded(factor, 0.3);
             let cut = [0, 1].map(|axis| size[axis] - corner[axis]);
             let codes = cropped(&decoded(&coding, size), size[0], corner, cut);
-            let found = estimate(&codes, cut).unwrap();
-            let quantization = found.coding.quantization.unwrap();
-            assert_eq!((found.coding.chroma, quantization.origin), (coding.chroma, origin));
+            let estimated = estimate(&codes, cut).unwrap();
+            let quantization = estimated.coding.quantization.unwrap();
+            assert_eq!((estimated.coding.chroma, quantization.origin), (coding.chroma, origin));
             assert_eq!(quantization.steps, coding.quantization.unwrap().steps);
-            assert!(found.equal_share > 0.98, "{factor:?}: {}", found.equal_share);
+            assert!(estimated.equal_share > 0.98, "{factor:?}: {}", estimated.equal_share);
         }
     }
 
@@ -323,8 +323,8 @@ mod tests {
         let mut coding = coded([2, 1], 0.3);
         let quantization = coding.quantization.as_mut().unwrap();
         quantization.steps[0][9] += 1;
-        let found = estimate(&decoded(&coding, size), size).unwrap();
-        assert_eq!(found.coding.quantization.unwrap().steps[0], coding.quantization.unwrap().steps[0]);
+        let estimated = estimate(&decoded(&coding, size), size).unwrap();
+        assert_eq!(estimated.coding.quantization.unwrap().steps[0], coding.quantization.unwrap().steps[0]);
     }
 
     #[test]

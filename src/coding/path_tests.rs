@@ -140,9 +140,9 @@ fn decoding_equals_libjpegs_bit_for_bit() {
     for (factor, size, checksum) in LIBJPEG_CHECKSUMS {
         let coding = coding(factor, Decoder::Libjpeg);
         let (blocks, _) = file(&coding, size, None);
-        let found = crc32fast::hash(&decoded(&coding, &blocks, size, InverseDct::LIBJPEG));
-        if found != checksum {
-            failed.push(format!("{factor:?} {size:?} {found:#010x}"));
+        let crc = crc32fast::hash(&decoded(&coding, &blocks, size, InverseDct::LIBJPEG));
+        if crc != checksum {
+            failed.push(format!("{factor:?} {size:?} {crc:#010x}"));
         }
     }
     assert!(failed.is_empty(), "{failed:#?}");
@@ -174,9 +174,9 @@ fn decoding_equals_swscales_bit_for_bit() {
             let width = size[0] / across;
             SamplePlane::new(width, size[1] / down, |x, y| hashed((y * width + x) as u32 + 100_000 * plane, 256) as u8)
         };
-        let found = crc32fast::hash(&coding.decode(&[plane(0), plane(1), plane(2)], size));
-        if found != checksum {
-            failed.push(format!("{factor:?} {size:?} {color:?} {found:#010x}"));
+        let crc = crc32fast::hash(&coding.decode(&[plane(0), plane(1), plane(2)], size));
+        if crc != checksum {
+            failed.push(format!("{factor:?} {size:?} {color:?} {crc:#010x}"));
         }
     }
     assert!(failed.is_empty(), "{failed:#?}");

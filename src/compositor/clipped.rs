@@ -81,10 +81,10 @@ pub fn limit_clipped_shadow(
     shadow_mask: ShadowMask,
     part: Rect,
     (pixels, response, geometry): (&Pixels, &Response, &Geometry),
-    known: Option<&FrameRadiance<'_>>,
+    frame_radiance: Option<&FrameRadiance<'_>>,
 ) -> ShadowMask {
     let rects = dirty_tiles(part, &shadow_mask.pieces);
-    let Some(light) = ClippedLight::new(pixels, response, geometry, &rects, known) else { return shadow_mask };
+    let Some(light) = ClippedLight::new(pixels, response, geometry, &rects, frame_radiance) else { return shadow_mask };
     let size = (light.rect.width(), light.rect.height());
     let texture = recorder.pool.lend_to_write(&recorder.gpu, size, COLOR);
     texture.write(&recorder.gpu, size.0, size.1, &half_texels(&light.excess));
@@ -114,7 +114,7 @@ impl ClippedLight {
         response: &Response,
         geometry: &Geometry,
         rects: &[Rect],
-        known: Option<&FrameRadiance<'_>>,
+        frame_radiance: Option<&FrameRadiance<'_>>,
     ) -> Option<Self> {
         let picture = Rect::full(pixels.width, pixels.height);
         let beyond = if geometry.is_equirectangular() { pixels.width as i32 } else { 0 };
@@ -141,20 +141,21 @@ impl ClippedLight {
         let light: Vec<f32> =
             (first..=max_code).map(|code| response.decode(f64::from(code) / f64::from(max_code)) as f32).collect();
         let mut excess = vec![[0.0f32; 4]; rect.width() as usize * rect.height() as usize];
-        if let Some(known) = known {
+        if let Some(radiance) = frame_radiance {
             let rows = rect.intersection(&picture);
-            known.rays.prepare(rows.y0..rows.y1);
+            radiance.rays.prepare(rows.y0..rows.y1);
         }
         over_rows(&mut excess, rect.width() as usize, processors(), |row, excess| {
             let y = rect.y0 + row as i32;
-            let mut known = known.map(|known| {
-                let pose = (known.pose_at)(geometry.row_time_s(f64::from(y) + 0.5));
-                (known, pose, known.radiance.sampler())
+            let mut row_inputs = frame_radiance.map(|radiance| {
+                let pose = (radiance.pose_at)(geometry.row_time_s(f64::from(y) + 0.5));
+                (radiance, pose, radiance.radiance.sampler())
             });
             let columns = rects.iter().filter(|rect| (rect.y0..rect.y1).contains(&y)).flat_map(|rect| rect.x0..rect.x1);
             for (x, codes) in columns.filter_map(|x| Some((x, clips(x, y)?))) {
-                let radiance =
-                    known.as_mut().and_then(|(known, pose, sampler)| known.at((x, y), pose, picture, sampler));
+                let radiance = row_inputs
+                    .as_mut()
+                    .and_then(|(radiance, pose, sampler)| radiance.at((x, y), pose, picture, sampler));
                 let degree = codes.map(|code| clipping(code as f32 / max_code as f32));
                 let smallest = codes.into_iter().min().unwrap_or(0) as f32 / max_code as f32;
                 let paleness = ((smallest - SATURATED_LEVEL) / (SHOULDER_LEVEL - SATURATED_LEVEL)).clamp(0.0, 1.0);
@@ -232,17 +233,17 @@ mod tests {
     }
 
     /// Clipped light of a grey picture with one other pixel, at column 3 of row 2.
-    fn light_of(codes: [u8; 3], known: Option<&FrameRadiance<'_>>) -> Option<ClippedLight> {
+    fn light_of(codes: [u8; 3], radiance: Option<&FrameRadiance<'_>>) -> Option<ClippedLight> {
         let pixel = |i: usize| if i == 2 * 8 + 3 { codes } else { [90; 3] };
         let pixels = Pixels::from_u8(8, 6, (0..48).flat_map(pixel).collect()).unwrap();
-        ClippedLight::new(&pixels, &linear(), &Geometry::pinhole(8, 6, 8.0), &[PICTURE], known)
+        ClippedLight::new(&pixels, &linear(), &Geometry::pinhole(8, 6, 8.0), &[PICTURE], radiance)
     }
 
     #[test]
     fn clipped_light_without_other_frames_is_that_of_the_code() {
         assert!(light_of([240; 3], None).is_none());
-        let found = light_of([255, 245, 100], None).unwrap();
-        assert_eq!((found.rect, found.excess.as_slice()), (Rect::new(3, 2, 4, 3), [[1.0, 1.0, 0.0, 0.0]].as_slice()));
+        let light = light_of([255, 245, 100], None).unwrap();
+        assert_eq!((light.rect, light.excess.as_slice()), (Rect::new(3, 2, 4, 3), [[1.0, 1.0, 0.0, 0.0]].as_slice()));
         assert_eq!(light_of([255, 250, 251], None).unwrap().excess, [[1.0; 4]]);
         let half = light_of([255, 245, 251], None).unwrap().excess[0];
         assert!((half[3] - 0.5).abs() < 1e-5, "{half:?}");
@@ -261,25 +262,25 @@ mod tests {
             RelativeBrightness { factors: [1.5, 1.2, 1.0], median_s: None, spatial_gain: SpatialGain([1.0; NODES]) };
         let depth_m = vec![1.0; 48];
         let rays = Rays::new(&Geometry::pinhole(8, 6, 8.0));
-        let known = |codes: [u8; 3], x_m: f64| {
+        let excess = |codes: [u8; 3], x_m: f64| {
             let pose_at = move |_| Pose::from_camera_in_world(DVec3::X * x_m, glam::DQuat::IDENTITY);
-            let known = FrameRadiance {
+            let radiance = FrameRadiance {
                 radiance: &radiance,
                 depth_m: (&depth_m, PICTURE),
                 rays: &rays,
                 pose_at: &pose_at,
                 brightness,
             };
-            light_of(codes, Some(&known)).unwrap().excess[0]
+            light_of(codes, Some(&radiance)).unwrap().excess[0]
         };
         // Vignetting doubles the factors here. Green clips by half; blue's radiance is below its
         // code.
         let expected = [3.6, 1.0 + 0.5 * (2.16 * 255.0 / 245.0 - 1.0), 1.0];
-        let found = known([255, 245, 251], 0.0);
-        assert!((0..3).all(|c| (found[c] - expected[c]).abs() < 1e-3), "{found:?} {expected:?}");
-        assert_eq!(known([255, 245, 251], -0.9)[..3], [1.0; 3]);
+        let excess_of_light = excess([255, 245, 251], 0.0);
+        assert!((0..3).all(|c| (excess_of_light[c] - expected[c]).abs() < 1e-3), "{excess_of_light:?} {expected:?}");
+        assert_eq!(excess([255, 245, 251], -0.9)[..3], [1.0; 3]);
         // A colour of half paleness, and a saturated one.
-        let [half, none] = [220, 180].map(|blue| known([255, 245, blue], 0.0)[0]);
+        let [half, none] = [220, 180].map(|blue| excess([255, 245, blue], 0.0)[0]);
         assert!((half - 2.3).abs() < 1e-3 && none == 1.0, "{half} {none}");
     }
 }

@@ -413,8 +413,8 @@ mod tests {
                     let table = model.numbers.latent.at(c, code.clamp(0.0, 255.0));
                     let whole = if code > 255.0 { table.max(code) } else { table };
                     let expected = code + share * (whole - code);
-                    let found = latent[4 * i as usize + c];
-                    assert!((found - expected).abs() < 1e-2, "({x}, {y}): {found} {expected}");
+                    let value = latent[4 * i as usize + c];
+                    assert!((value - expected).abs() < 1e-2, "({x}, {y}): {value} {expected}");
                 }
             }
             let changed = (CHANGED.width() * CHANGED.height()) as f32;

@@ -61,8 +61,8 @@ pub fn occlude(recorder: &mut Recorder, layer: Layer, matte: &ForegroundMatte, t
 /// square around each pixel. 0 if one of its depths is unknown.
 pub fn max_depth_within(depth_m: &[f32], width: usize, reach_px: usize) -> Vec<f32> {
     let or_infinite = |m: &f32| if *m > 0.0 { *m } else { f32::INFINITY };
-    let known: Vec<f32> = depth_m.iter().map(or_infinite).collect();
-    dilated(&known, width, reach_px).into_iter().map(|m| if m.is_finite() { m } else { 0.0 }).collect()
+    let depth_or_infinite: Vec<f32> = depth_m.iter().map(or_infinite).collect();
+    dilated(&depth_or_infinite, width, reach_px).into_iter().map(|m| if m.is_finite() { m } else { 0.0 }).collect()
 }
 
 #[cfg(test)]

@@ -105,8 +105,8 @@ impl FrameOcclusion {
         let dark = union_of_dark_rects(&view.shadows).intersection(&work_rects.shadowed);
         let rects = DepthRects { drawn: work_rects.drawn, dark, around: work_rects.drawn.union(&work_rects.shadowed) };
         if let RealDepth::Known { grid, .. } = job.real {
-            let known = || grid.map_or_else(Self::default, |grid| Self::of_grid(recorder, grid, inputs, rects));
-            return log.run(Stage::Depth, retained, None, known);
+            let compute = || grid.map_or_else(Self::default, |grid| Self::of_grid(recorder, grid, inputs, rects));
+            return log.run(Stage::Depth, retained, None, compute);
         }
         let (repaired, quality) = match repair(memos, inputs, rects) {
             Ok(repaired) => repaired,
@@ -187,9 +187,9 @@ fn repair(
     let (frame, shutter) = (view.keys.middle(), [&opened, &closed]);
     let neighbours = neighbours(&job.frame, job.picture, job.track);
     let (frame, neighbours, planes) = (&frame, &neighbours, &view.planes);
-    let seen = |point: DVec3| project_rolling(job.picture, |time_s| view.keys.pose_at(time_s), point);
+    let project = |point: DVec3| project_rolling(job.picture, |time_s| view.keys.pose_at(time_s), point);
     let poses = (&view.keys.poses[..], view.keys.reach_s);
-    let proxies = (!proxies.is_empty()).then_some(ProxyView { proxies, project: &seen, poses });
+    let proxies = (!proxies.is_empty()).then_some(ProxyView { proxies, project: &project, poses });
     let surfels = &job.frame.surfels[..];
     let repair = Repair { rays, measured, frame, shutter, pixels, response, planes, proxies, neighbours, surfels };
     let request = depth_request(view, work_rects, dark, rays);

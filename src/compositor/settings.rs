@@ -98,10 +98,10 @@ impl TryFrom<SerializedSettings> for Settings {
 
 /// A name that is not an effect's.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("there is no effect {name}; known effects: {known}")]
+#[error("there is no effect {name}; known effects: {effects}")]
 pub struct SettingsError {
     pub name: String,
-    pub known: String,
+    pub effects: String,
 }
 
 impl Default for Settings {
@@ -123,7 +123,7 @@ impl Settings {
     fn position(&self, name: &str) -> Result<usize, SettingsError> {
         self.effects.iter().position(|e| e.table() == name).ok_or_else(|| SettingsError {
             name: name.to_owned(),
-            known: self.effects.iter().map(|e| e.table()).collect::<Vec<_>>().join(", "),
+            effects: self.effects.iter().map(|e| e.table()).collect::<Vec<_>>().join(", "),
         })
     }
 
@@ -210,9 +210,9 @@ impl Settings {
             && let Ok(effect) = self.position(table)
         {
             let Value::Bool(on) = value else {
-                let [table, name, found] = [table.to_owned(), name.to_owned(), value.to_string()];
+                let [table, name, actual] = [table.to_owned(), name.to_owned(), value.to_string()];
                 let (accepted, unit) = (Kind::Bool.to_string(), String::new());
-                return Some(Err(ParamError::Refused { table, name, found, accepted, unit }));
+                return Some(Err(ParamError::Refused { table, name, actual, accepted, unit }));
             };
             self.enabled[effect] = *on;
             return Some(Ok(()));

@@ -411,10 +411,10 @@ mod tests {
         for place in [DVec2::new(0.1, 0.05), DVec2::new(-0.25, 0.3)] {
             let point = pose.transform_point(floor.at(place));
             let ray = point / point.z;
-            let found = h.transpose() * ray;
+            let projected = h.transpose() * ray;
             let texel = (place - DVec2::new(-0.3, -0.2)) / 0.002;
-            assert!((found.truncate() / found.z).abs_diff_eq(texel, 1e-4), "{found}, {texel}");
-            assert!((1.0 / found.z - point.z).abs() < 1e-6, "{} {}", 1.0 / found.z, point.z);
+            assert!((projected.truncate() / projected.z).abs_diff_eq(texel, 1e-4), "{projected}, {texel}");
+            assert!((1.0 / projected.z - point.z).abs() < 1e-6, "{} {}", 1.0 / projected.z, point.z);
         }
     }
 }

@@ -52,8 +52,9 @@ impl Compositor {
             let image = shadow_mask::shadow_mask(recorder, &view.shadows, &request)?;
             let pose_at = |offset_s| view.keys.pose_at(offset_s);
             let rays = self.depth.rays(job.picture);
-            let known = self.radiance.as_deref().zip(occlusion.repaired.as_ref()).zip(job.frame.exposure.brightness);
-            let radiance = known.map(|((radiance, (repaired, rect)), brightness)| FrameRadiance {
+            let radiance_inputs =
+                self.radiance.as_deref().zip(occlusion.repaired.as_ref()).zip(job.frame.exposure.brightness);
+            let radiance = radiance_inputs.map(|((radiance, (repaired, rect)), brightness)| FrameRadiance {
                 radiance,
                 depth_m: (&repaired.depth_m, *rect),
                 rays: &rays,

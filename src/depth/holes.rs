@@ -36,11 +36,11 @@ const OVER_RELAXATION: f32 = 1.7;
 /// square roots of its picture's light. `focal_px`: focal length in its pixels. Returns the mask of
 /// pixels in a sensor shadow, or `None` if nothing was measured at all.
 pub fn fill(depth_m: &mut [f32], sqrt_colors: &[[f32; 3]], width: usize, focal_px: f32) -> Option<Vec<bool>> {
-    let known: Vec<bool> = depth_m.iter().map(|z| z.is_finite() && *z > 0.0).collect();
-    if width == 0 || !known.contains(&true) {
+    let is_measured: Vec<bool> = depth_m.iter().map(|z| z.is_finite() && *z > 0.0).collect();
+    if width == 0 || !is_measured.contains(&true) {
         return None;
     }
-    if !known.contains(&false) {
+    if !is_measured.contains(&false) {
         return Some(vec![false; depth_m.len()]);
     }
     let height = depth_m.len() / width;
@@ -48,21 +48,22 @@ pub fn fill(depth_m: &mut [f32], sqrt_colors: &[[f32; 3]], width: usize, focal_p
     // and a column's the narrower one counts.
     let mut shadow = vec![(u32::MAX, 0.0f32); depth_m.len()];
     let mut has_holes = vec![false; width];
-    for (y, row) in known.chunks_exact(width).enumerate().filter(|(_, row)| row.contains(&false)) {
+    for (y, row) in is_measured.chunks_exact(width).enumerate().filter(|(_, row)| row.contains(&false)) {
         let widest_px = |near_m: f32, far_m: f32| RAGGED_PX + focal_px * BASELINE_M * (1.0 / near_m - 1.0 / far_m);
-        mark_shadows(depth_m, &known, &mut shadow, [y * width, 1, width], widest_px);
-        has_holes.iter_mut().zip(row).for_each(|(has, known)| *has |= !known);
+        mark_shadows(depth_m, &is_measured, &mut shadow, [y * width, 1, width], widest_px);
+        has_holes.iter_mut().zip(row).for_each(|(has, is_measured)| *has |= !is_measured);
     }
     for x in (0..width).filter(|x| has_holes[*x]) {
         // Only holes within one surface.
         let widest_px = |near_m: f32, far_m: f32| if far_m > DEPTH_STEP * near_m { 0.0 } else { RAGGED_PX };
-        mark_shadows(depth_m, &known, &mut shadow, [x, width, height], widest_px);
+        mark_shadows(depth_m, &is_measured, &mut shadow, [x, width, height], widest_px);
     }
     let is_shadow: Vec<bool> = shadow.iter().map(|(length, _)| *length < u32::MAX).collect();
     for i in (0..depth_m.len()).filter(|&i| is_shadow[i]) {
         depth_m[i] = shadow[i].1;
     }
-    let is_fixed: Vec<bool> = known.iter().zip(&is_shadow).map(|(known, shadow)| *known || *shadow).collect();
+    let is_fixed: Vec<bool> =
+        is_measured.iter().zip(&is_shadow).map(|(is_measured, shadow)| *is_measured || *shadow).collect();
     if is_fixed.contains(&false) {
         let values = depth_m.iter().zip(&is_fixed).map(|(z, fixed)| if *fixed { z.recip() } else { 0.0 }).collect();
         let smooth =
@@ -81,14 +82,14 @@ pub fn fill(depth_m: &mut [f32], sqrt_colors: &[[f32; 3]], width: usize, focal_p
 /// sensor shadow. `widest_px` is its largest width, from the nearer and the farther end's depth.
 fn mark_shadows(
     depth_m: &[f32],
-    known: &[bool],
+    is_measured: &[bool],
     shadow: &mut [(u32, f32)],
     [first, step, count]: [usize; 3],
     widest_px: impl Fn(f32, f32) -> f32,
 ) {
     let at = |n: usize| first + n * step;
     let mut last: Option<usize> = None;
-    for n in (0..count).filter(|&n| known[at(n)]) {
+    for n in (0..count).filter(|&n| is_measured[at(n)]) {
         if let Some(before) = last.filter(|before| n - before > 1) {
             let [a, b] = [depth_m[at(before)], depth_m[at(n)]];
             let length = n - before - 1;

@@ -194,14 +194,14 @@ mod tests {
                 }
             })
             .collect();
-        let found = edges(&row.repeat(5), 30, 99.0);
-        let at = |x: usize| (found[60 + x].distance_px, found[60 + x].near_m, found[60 + x].far_m);
+        let row_edges = edges(&row.repeat(5), 30, 99.0);
+        let at = |x: usize| (row_edges[60 + x].distance_px, row_edges[60 + x].near_m, row_edges[60 + x].far_m);
         assert_eq!(at(13), (0.5, 1.06, 2.0));
         assert_eq!(at(20), (7.5, 1.06, 2.0));
         // The step to 2 m is 3 px farther away from here, and worth more than that.
         assert_eq!(at(9), (3.5, 1.06, 2.0));
-        assert_eq!(found[60 + 9].both_m(1.0), [1.0, 2.0]);
-        assert_eq!(found[60 + 15].both_m(1.99), [1.06, 1.99]);
+        assert_eq!(row_edges[60 + 9].both_m(1.0), [1.0, 2.0]);
+        assert_eq!(row_edges[60 + 15].both_m(1.99), [1.06, 1.99]);
         assert!(edges(&[1.0; 20], 5, 9.0).iter().all(|edge| edge.distance_px.is_infinite()));
         assert!(edges(&[], 0, 9.0).is_empty());
     }
@@ -251,9 +251,9 @@ mod tests {
         };
         let objects = (BLOCK..2 * BLOCK).map(|left| (object(left), 96));
         for (depth_m, width) in objects.chain([(boxes_on_a_floor(151, 61), 151)]) {
-            let found = distances_px(&depth_m, width, f32::INFINITY, is_step);
+            let distances = distances_px(&depth_m, width, f32::INFINITY, is_step);
             let expected = relaxed_distances(&depth_m, width, is_step);
-            let off = found.iter().zip(&expected).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            let off = distances.iter().zip(&expected).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
             assert!(off < 1e-4, "{off}");
         }
     }

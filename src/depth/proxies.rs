@@ -163,9 +163,9 @@ mod tests {
         for distortion in [Distortion::default(), bends] {
             let geometry = Geometry::new(i.clone(), distortion);
             let whole = Rect::full(200, 150);
-            let found = rasterize(&geometry, slanted_board(), whole);
+            let depth_m = rasterize(&geometry, slanted_board(), whole);
             let mut on_board = 0;
-            for (n, found) in found.iter().enumerate() {
+            for (n, depth_m) in depth_m.iter().enumerate() {
                 let ray = geometry.depth_ray(DVec2::new((n % 200) as f64 + 0.5, (n / 200) as f64 + 0.5)).unwrap();
                 let z = 1.5 / (1.0 - 0.4 * ray.x);
                 let inside = |margin: f64| {
@@ -173,9 +173,9 @@ mod tests {
                 };
                 if inside(-0.003) {
                     on_board += 1;
-                    assert!((f64::from(*found) / z - 1.0).abs() < 3e-4, "{n}: {found} is not {z}");
+                    assert!((f64::from(*depth_m) / z - 1.0).abs() < 3e-4, "{n}: {depth_m} is not {z}");
                 } else if !inside(0.003) {
-                    assert_eq!(*found, 0.0, "{n}");
+                    assert_eq!(*depth_m, 0.0, "{n}");
                 }
             }
             assert!(on_board > 5000, "{on_board}");
@@ -183,7 +183,7 @@ mod tests {
             let part = Rect::new(-10, 40, 90, 160);
             for (n, in_part) in rasterize(&geometry, slanted_board(), part).iter().enumerate() {
                 let (x, y) = (n as i32 % 100 - 10, n as i32 / 100 + 40);
-                let expected = if whole.contains(x, y) { found[(y * 200 + x) as usize] } else { *in_part };
+                let expected = if whole.contains(x, y) { depth_m[(y * 200 + x) as usize] } else { *in_part };
                 assert_eq!(*in_part, expected, "{x} {y}");
             }
         }
@@ -201,11 +201,11 @@ mod tests {
         // A floor 1 m below the camera that extends behind it: z = fy / (row − cy).
         let [a, b, c, d] =
             [[-20.0, -5.0], [20.0, -5.0], [20.0, 40.0], [-20.0, 40.0]].map(|[x, z]| DVec3::new(x, 1.0, z));
-        let found = rasterize(&geometry, vec![[a, b, c], [c, d, a]], whole);
-        for (i, found) in found.iter().enumerate().filter(|(i, _)| i / 64 > 28) {
+        let depth_m = rasterize(&geometry, vec![[a, b, c], [c, d, a]], whole);
+        for (i, depth_m) in depth_m.iter().enumerate().filter(|(i, _)| i / 64 > 28) {
             let expected = 60.0 / ((i / 64) as f32 + 0.5 - 24.0);
-            assert!((found / expected - 1.0).abs() < 1e-3, "{i}: {found} is not {expected}");
+            assert!((depth_m / expected - 1.0).abs() < 1e-3, "{i}: {depth_m} is not {expected}");
         }
-        assert!(found[..64 * 22].iter().all(|z| *z == 0.0));
+        assert!(depth_m[..64 * 22].iter().all(|z| *z == 0.0));
     }
 }

@@ -106,12 +106,14 @@ impl Samples {
         let w: Vec<f32> = map.depth_m.iter().map(inverse_depth).collect();
         let steepest = (GRAZING / focal_px) as f32;
         let is_joined = |i: usize, step: usize, at: usize, side: usize| {
-            let known = |i: usize| w.get(i).copied().filter(|w| *w > 0.0);
-            let Some((a, b)) = known(i).filter(|_| at + 1 < side).zip(known(i + step)) else { return false };
+            let inverse_depth = |i: usize| w.get(i).copied().filter(|w| *w > 0.0);
+            let Some((a, b)) = inverse_depth(i).filter(|_| at + 1 < side).zip(inverse_depth(i + step)) else {
+                return false;
+            };
             let (most, difference) = (a.max(b), b - a);
             let is_alike = |difference: f32| difference.abs() <= NOISE * most;
-            let before = if at > 0 { known(i - step) } else { None };
-            let after = if at + 2 < side { known(i + 2 * step) } else { None };
+            let before = if at > 0 { inverse_depth(i - step) } else { None };
+            let after = if at + 2 < side { inverse_depth(i + 2 * step) } else { None };
             let is_continued = || {
                 before.is_some_and(|before| is_alike(a - before - difference))
                     || after.is_some_and(|after| is_alike(after - b - difference))
@@ -206,8 +208,8 @@ impl DepthCamera {
             let depth = if is_equirectangular { point.length() } else { point.z };
             Some(ProjectedVertex { at_px, w: depth.recip() })
         };
-        let known = |i: usize| (samples.w[i] > 0.0).then(|| project(rays[i], samples.w[i])).flatten();
-        let vertices: Vec<Option<ProjectedVertex>> = (0..samples.w.len()).map(known).collect();
+        let projected = |i: usize| (samples.w[i] > 0.0).then(|| project(rays[i], samples.w[i])).flatten();
+        let vertices: Vec<Option<ProjectedVertex>> = (0..samples.w.len()).map(projected).collect();
         let width = samples.width;
         for y in 0..samples.height.saturating_sub(1) {
             for i in (0..width.saturating_sub(1)).map(|x| y * width + x) {

@@ -382,8 +382,8 @@ mod tests {
             places.map(|position_m| Surfel { position_m, normal: Vec3::NEG_Z, sqrt_color }).collect();
         let rect = Rect::full(WIDTH as u32, HEIGHT as u32);
         let near = |surfels: &[Surfel]| {
-            let found = repaired_with(surfels, &pixels, &depth, rect, &DepthRequest::all(rect)).depth_m;
-            let is_near = |i: &usize| (found[*i] - 1.0).abs() < 0.1;
+            let depth_m = repaired_with(surfels, &pixels, &depth, rect, &DepthRequest::all(rect)).depth_m;
+            let is_near = |i: &usize| (depth_m[*i] - 1.0).abs() < 0.1;
             (0..WIDTH * HEIGHT).filter(|i| inside(*i) == is_near(i)).count() as f64 / (WIDTH * HEIGHT) as f64
         };
         assert!(near(&surfels) > 0.98 && near(&[]) < 0.8, "{} {}", near(&surfels), near(&[]));
@@ -393,9 +393,9 @@ mod tests {
     fn screen_with_few_measurements_is_filled() {
         let (pixels, depth, inside) = screen();
         for rect in [Rect::full(160, 120), Rect::new(60, 20, 140, 100), Rect::new(20, 50, 50, 60)] {
-            let found = repaired(&pixels, &depth, rect, &DepthRequest::all(rect)).depth_m;
-            assert_eq!(found.len(), (rect.width() * rect.height()) as usize);
-            for (n, z) in found.iter().enumerate() {
+            let depth_m = repaired(&pixels, &depth, rect, &DepthRequest::all(rect)).depth_m;
+            assert_eq!(depth_m.len(), (rect.width() * rect.height()) as usize);
+            for (n, z) in depth_m.iter().enumerate() {
                 let (x, y) =
                     (rect.x0 as usize + n % rect.width() as usize, rect.y0 as usize + n / rect.width() as usize);
                 let expected = if inside(y * WIDTH + x) { 1.0 } else { 2.0 };

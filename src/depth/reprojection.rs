@@ -30,7 +30,7 @@ pub struct Points {
     x: [f32; LANES],
     y: [f32; LANES],
     z: [f32; LANES],
-    known: [bool; LANES],
+    is_measured: [bool; LANES],
 }
 
 /// Image positions and depths of reprojected points.
@@ -70,9 +70,10 @@ impl Points {
 
     /// Sets a point at `depth_m` along a ray; unknown if that is not positive.
     pub fn set(&mut self, lane: usize, depth_m: f32, ray: [f32; 3]) {
-        let known = depth_m > 0.0 && ray[2].is_finite();
-        let z = if known { depth_m } else { 0.0 };
-        (self.x[lane], self.y[lane], self.z[lane], self.known[lane]) = (z * ray[0], z * ray[1], z * ray[2], known);
+        let is_measured = depth_m > 0.0 && ray[2].is_finite();
+        let z = if is_measured { depth_m } else { 0.0 };
+        (self.x[lane], self.y[lane], self.z[lane], self.is_measured[lane]) =
+            (z * ray[0], z * ray[1], z * ray[2], is_measured);
     }
 
     fn at(&self, lane: usize) -> Vec3 {
@@ -135,8 +136,8 @@ impl<'a> Reprojection<'a> {
             reprojected.x_px[n] = (x * radial + tangential_x) * focal_px.x + middle_px.x;
             reprojected.y_px[n] = (y * radial + tangential_y) * focal_px.y + middle_px.y;
             let is_valid = (to_z > 0.0) & (r2 <= valid2);
-            reprojected.depth_m[n] = if points.known[n] & is_valid { to_z } else { 0.0 };
-            *is_left = points.known[n] & !is_valid;
+            reprojected.depth_m[n] = if points.is_measured[n] & is_valid { to_z } else { 0.0 };
+            *is_left = points.is_measured[n] & !is_valid;
         }
         for n in (0..LANES).filter(|&n| is_left[n]) {
             let point = turn * points.at(n) + shift_m;
@@ -354,11 +355,11 @@ mod tests {
                 let reprojected = reprojection.reproject(&Points::of(&[1.7; 15], &rays));
                 for (n, ray) in rays.iter().enumerate() {
                     let point = 1.7 * DVec3::from(ray.map(f64::from));
-                    let seen = to.transform_point(from.inverse_transform_point(point));
-                    let exact = geometry.project(seen).unwrap();
-                    let found = DVec2::new(reprojected.x_px[n].into(), reprojected.y_px[n].into());
-                    assert!((found - exact).length() < 1e-3, "{ray:?}: {found} is not {exact}");
-                    let depth = if geometry.needs_cube_map() { seen.length() } else { seen.z };
+                    let in_target = to.transform_point(from.inverse_transform_point(point));
+                    let exact = geometry.project(in_target).unwrap();
+                    let approximate = DVec2::new(reprojected.x_px[n].into(), reprojected.y_px[n].into());
+                    assert!((approximate - exact).length() < 1e-3, "{ray:?}: {approximate} is not {exact}");
+                    let depth = if geometry.needs_cube_map() { in_target.length() } else { in_target.z };
                     assert!((f64::from(reprojected.depth_m[n]) - depth).abs() < 1e-5);
                 }
                 assert_eq!(reprojected.depth_m[15], 0.0);

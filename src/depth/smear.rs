@@ -26,8 +26,8 @@ impl MotionField {
         let cells = |from: i32, to: i32| (from..to).step_by(CELL_PX as usize).map(|at| f64::from(at + CELL_PX / 2));
         let motion_px = |at: DVec2, z: f64| {
             let point = frame.inverse_transform_point(z * geometry.depth_ray(at)?);
-            let seen = |pose: &Pose| geometry.project(pose.transform_point(point));
-            Some(geometry.displacement_px(seen(opened)?, seen(closed)?))
+            let project = |pose: &Pose| geometry.project(pose.transform_point(point));
+            Some(geometry.displacement_px(project(opened)?, project(closed)?))
         };
         // Infinity is a thousand kilometres, for the limited precision of poses.
         let both = |at: DVec2| {
@@ -63,9 +63,9 @@ mod tests {
         let at = |x: f64| Pose::from_camera_in_world(DVec3::new(x, 0.0, 0.0), DQuat::IDENTITY);
         let camera = Geometry::pinhole(64, 48, 100.0);
         let smear = MotionField::new(&camera, &at(0.0), [&at(-0.01), &at(0.01)], Rect::new(3, 5, 64, 40));
-        let found = [1.0, 2.0].map(|z| smear.at(60, 34, z));
-        for ([x, y], expected) in found.into_iter().zip([-2.0, -1.0]) {
-            assert!((x - expected).abs() < 1e-3 && y.abs() < 1e-3, "{found:?}");
+        let motions = [1.0, 2.0].map(|z| smear.at(60, 34, z));
+        for ([x, y], expected) in motions.into_iter().zip([-2.0, -1.0]) {
+            assert!((x - expected).abs() < 1e-3 && y.abs() < 1e-3, "{motions:?}");
         }
         assert!((smear.max_length_px(0.5) - 4.0).abs() < 1e-3);
     }

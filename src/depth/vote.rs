@@ -412,8 +412,8 @@ mod tests {
             let of_part = vec![[0.5; 3]; part.width() as usize * part.height() as usize];
             let target = TargetView { part, sqrt_colors: &of_part, ..target };
             let everywhere = RequestedPixels::new(&vec![true; of_part.len()], &of_part, part.width() as usize);
-            let found = target.reprojected_depth(&voter, whole, &everywhere);
-            for (n, z) in found.iter().enumerate() {
+            let reprojected = target.reprojected_depth(&voter, whole, &everywhere);
+            for (n, z) in reprojected.iter().enumerate() {
                 let (x, y) = (part.x0 + n as i32 % part.width() as i32, part.y0 + n as i32 / part.width() as i32);
                 if whole.contains(x, y) {
                     assert_eq!(z.abs(), all[y as usize * WIDTH + x as usize].abs(), "{part:?} {x} {y}");

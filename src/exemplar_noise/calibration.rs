@@ -73,7 +73,7 @@ impl CalibrationFrame {
         }
         let length = 3 * size[0] * size[1];
         if let Some(frame) = frames.iter().position(|codes| codes.len() != length) {
-            return Err(ModelError::Size { frame, found: [frames[frame].len() / 3, 1], expected: size });
+            return Err(ModelError::Size { frame, actual: [frames[frame].len() / 3, 1], expected: size });
         }
         let mut sums = vec![0u32; length];
         for codes in frames {
@@ -243,7 +243,7 @@ fn checked(frames: &[CodedFrame<'_>]) -> Result<ModelCoding, ModelError> {
         let pixels = expected[0] * expected[1];
         let sizes = frame.mean.iter().all(|p| [p.width, p.height] == expected && p.values.len() == pixels);
         if !sizes || frame.noisy.len() != 3 * pixels || frame.mask.len() != pixels {
-            return Err(ModelError::Size { frame: index, found: frame.size(), expected });
+            return Err(ModelError::Size { frame: index, actual: frame.size(), expected });
         }
     }
     let shared = ModelCoding::of(first.coding).ok_or(ModelError::Grey)?;
@@ -324,7 +324,7 @@ pub fn calibrate_coded(frames: &[CodedFrame<'_>], seed: u32) -> Result<NoiseMode
     let usable = |f: &CodedFrame<'_>| coded_mask(&f.frame.mask, f.frame.size(), f.coding);
     let usable: Vec<GreyImage> = frames.iter().map(usable).collect();
     if usable.iter().flat_map(|mask| &mask.values).all(|&v| v < 0.5) {
-        return Err(ModelError::TooFewTiles { found: [0; 4] });
+        return Err(ModelError::TooFewTiles { actual: [0; 4] });
     }
     let scale = feature_scale(&raw, &usable);
     let prepared = frames.iter().zip(raw).zip(usable);

@@ -50,20 +50,20 @@ struct AtlasFrameHeader {
 pub enum ModelFileError {
     #[error("this is no noise model: it does not start with LOCNOISE; give a file of `locard calibrate noise`")]
     NoModel,
-    #[error("the noise model has version {found}, expected {VERSION}; calibrate again with this release")]
-    Version { found: u32 },
+    #[error("the noise model has version {actual}, expected {VERSION}; calibrate again with this release")]
+    Version { actual: u32 },
     #[error("the noise model is damaged or cut short at {length} bytes; copy it again or calibrate again")]
     Damaged { length: usize },
     #[error("the noise model's header is not valid; calibrate again")]
     Header(#[source] serde_json::Error),
     #[error(
-        "picture {part} of frame {frame} in the noise model is {found:?} px, expected {expected:?}; calibrate again"
+        "picture {part} of frame {frame} in the noise model is {actual:?} px, expected {expected:?}; calibrate again"
     )]
-    Size { frame: usize, part: usize, found: [usize; 2], expected: [usize; 2] },
+    Size { frame: usize, part: usize, actual: [usize; 2], expected: [usize; 2] },
     #[error("picture {part} of frame {frame} in the noise model is not valid; calibrate again")]
     Picture { frame: usize, part: usize, source: image::ImageError },
-    #[error("the noise model has frames of {found} px in all, expected at most {MAX_PX}; calibrate again")]
-    TooLarge { found: usize },
+    #[error("the noise model has frames of {actual} px in all, expected at most {MAX_PX}; calibrate again")]
+    TooLarge { actual: usize },
     #[error("the noise model cannot be encoded")]
     Encoding(#[source] image::ImageError),
     #[error(transparent)]
@@ -124,9 +124,9 @@ pub fn from_bytes(bytes: &[u8]) -> Result<NoiseModel, ModelFileError> {
     if bytes.get(..MAGIC.len()) != Some(&MAGIC[..]) {
         return Err(ModelFileError::NoModel);
     }
-    let found = u32_at(bytes, 8).ok_or_else(damaged)?;
-    if found != VERSION {
-        return Err(ModelFileError::Version { found });
+    let version = u32_at(bytes, 8).ok_or_else(damaged)?;
+    if version != VERSION {
+        return Err(ModelFileError::Version { actual: version });
     }
     let (sum, length) = u32_at(bytes, 12).zip(u32_at(bytes, 16)).ok_or_else(damaged)?;
     if crc32fast::hash(&bytes[16..]) != sum {
@@ -139,9 +139,9 @@ pub fn from_bytes(bytes: &[u8]) -> Result<NoiseModel, ModelFileError> {
         return Err(ModelError::Numbers.into());
     }
     let area = |frame: &AtlasFrameHeader| frame.size[0].saturating_mul(frame.size[1]);
-    let found = header.frames.iter().map(area).fold(0, usize::saturating_add);
-    if found > MAX_PX {
-        return Err(ModelFileError::TooLarge { found });
+    let area_px = header.frames.iter().map(area).fold(0, usize::saturating_add);
+    if area_px > MAX_PX {
+        return Err(ModelFileError::TooLarge { actual: area_px });
     }
     let mut sources = Vec::new();
     for (frame, AtlasFrameHeader { size, lengths }) in header.frames.into_iter().enumerate() {
@@ -167,10 +167,10 @@ fn decoded(png: &[u8], expected: [usize; 2], frame: usize, part: usize) -> Resul
     let invalid = |source| ModelFileError::Picture { frame, part, source };
     let decoder = PngDecoder::new(std::io::Cursor::new(png)).map_err(invalid)?;
     let (width, height) = decoder.dimensions();
-    let found = [width as usize, height as usize];
+    let size_px = [width as usize, height as usize];
     let is_small = expected.iter().all(|side| (1..=MAX_SIDE).contains(side));
-    if found != expected || !is_small || decoder.color_type() != color(part).0 {
-        return Err(ModelFileError::Size { frame, part, found, expected });
+    if size_px != expected || !is_small || decoder.color_type() != color(part).0 {
+        return Err(ModelFileError::Size { frame, part, actual: size_px, expected });
     }
     let mut samples = vec![0; decoder.total_bytes() as usize];
     decoder.read_image(&mut samples).map_err(invalid)?;

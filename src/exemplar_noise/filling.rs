@@ -73,10 +73,10 @@ mod tests {
         let usable =
             GreyImage::from_fn(64, 48, |x, y| if (8..48).contains(&x) && (16..24).contains(&y) { 0.0 } else { 1.0 });
         let mut ramp = GreyImage::from_fn(64, 48, |x, y| (100 * y + x) as f32);
-        let found = replacements(&usable, [8, 8]);
-        assert_eq!(found.len(), 40 * 8);
-        fill(&mut ramp, &found);
-        for (to, from) in found {
+        let pairs = replacements(&usable, [8, 8]);
+        assert_eq!(pairs.len(), 40 * 8);
+        fill(&mut ramp, &pairs);
+        for (to, from) in pairs {
             let from = from.expect("there are usable px");
             let [[x, y], [u, v]] = [to, from].map(|i| [i % 64, i / 64]);
             assert!(usable.values[from] == 1.0 && x.abs_diff(u) % 8 == 0 && y.abs_diff(v) % 8 == 0);

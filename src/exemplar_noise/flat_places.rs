@@ -91,8 +91,8 @@ mod tests {
 
     #[test]
     fn noise_of_a_wall_is_found_without_its_edges_and_texture() {
-        let found = textureless_places(frame(), [SIDE; 2], &vec![[SIGMA; 3]; 256]);
-        let usable = |x: usize, y: usize| found.mask[y * SIDE + x];
+        let places = textureless_places(frame(), [SIDE; 2], &vec![[SIGMA; 3]; 256]);
+        let usable = |x: usize, y: usize| places.mask[y * SIDE + x];
         let share = |x0: usize, x1: usize, y0: usize, y1: usize| {
             let places = (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y)));
             places.filter(|(x, y)| usable(*x, *y)).count() as f64 / ((x1 - x0) * (y1 - y0)) as f64
@@ -100,11 +100,11 @@ mod tests {
         assert!(share(40, 150, 10, 230) > 0.99, "wall {}", share(40, 150, 10, 230));
         assert!(share(165, 235, 110, 235) < 0.01, "stripes");
         assert!(share(19, 21, 0, 240) < 0.01, "edge");
-        let noisy = rgb_of_codes(&found.noisy, [SIDE; 2]);
+        let noisy = rgb_of_codes(&places.noisy, [SIDE; 2]);
         let (mut squares, mut count) = (0.0, 0.0);
         for (x, y) in (10..230).flat_map(|y| (40..150).map(move |x| (x, y))) {
             let i = y * SIDE + x;
-            squares += (noisy[1].values[i] - found.mean[1].values[i]).powi(2);
+            squares += (noisy[1].values[i] - places.mean[1].values[i]).powi(2);
             count += 1.0;
         }
         assert!((squares / count / (SIGMA * SIGMA + ROUNDING) - 1.0).abs() < 0.03, "{}", squares / count);

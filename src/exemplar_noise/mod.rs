@@ -98,16 +98,16 @@ impl PartialEq for NoiseExample {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ModelError {
     #[error(
-        "the frames have too few unmasked tiles of 80 × 80 px: {found:?} in the four classes, expected at least \
+        "the frames have too few unmasked tiles of 80 × 80 px: {actual:?} in the four classes, expected at least \
          {MIN_CLASS_TILES} in each; use more frames, larger ones (160 × 160 px at least), or a smaller mask"
     )]
-    TooFewTiles { found: [usize; CLASSES] },
+    TooFewTiles { actual: [usize; CLASSES] },
     #[error("there is no frame to calibrate from; give at least one")]
     NoFrames,
     #[error("frame {frame} of the calibration has another coding than the first; use frames of one recording")]
     Coding { frame: usize },
-    #[error("frame {frame} of the calibration is {found:?} px, expected {expected:?}; use frames of one recording")]
-    Size { frame: usize, found: [usize; 2], expected: [usize; 2] },
+    #[error("frame {frame} of the calibration is {actual:?} px, expected {expected:?}; use frames of one recording")]
+    Size { frame: usize, actual: [usize; 2], expected: [usize; 2] },
     #[error("{count} frames of a resting camera are too few for a mean picture, expected at least 4; record longer")]
     TooFewFrames { count: usize },
     #[error("the numbers of the model are not finite or not ordered; calibrate again")]
@@ -126,9 +126,9 @@ impl NoiseModel {
             return Err(ModelError::Numbers);
         }
         let (frames, candidates, descriptor_scale) = atlas::build(&numbers, &sources);
-        let found = candidates.each_ref().map(Vec::len);
-        if found.iter().any(|&count| count < MIN_CLASS_TILES) {
-            return Err(ModelError::TooFewTiles { found });
+        let counts = candidates.each_ref().map(Vec::len);
+        if counts.iter().any(|&count| count < MIN_CLASS_TILES) {
+            return Err(ModelError::TooFewTiles { actual: counts });
         }
         Ok(Self { numbers, sources, frames, candidates, descriptor_scale, parametric: ParametricField::default() })
     }

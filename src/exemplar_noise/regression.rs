@@ -79,8 +79,8 @@ pub fn solved<const N: usize>(mut a: [[f64; N]; N], mut b: [f64; N]) -> [f64; N]
         }
     }
     for k in (0..N).rev() {
-        let known: f64 = (k + 1..N).map(|j| a[k][j] * b[j]).sum();
-        b[k] = if a[k][k] > 0.0 { (b[k] - known) / a[k][k] } else { 0.0 };
+        let solved_part: f64 = (k + 1..N).map(|j| a[k][j] * b[j]).sum();
+        b[k] = if a[k][k] > 0.0 { (b[k] - solved_part) / a[k][k] } else { 0.0 };
     }
     b
 }

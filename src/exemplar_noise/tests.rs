@@ -128,12 +128,12 @@ fn descriptor_matches_hand_worked_values() {
     // Columns 51 and 102 in turn at the sampled places, which are 2 px apart.
     let stripes = GreyImage::from_fn(96, 96, |x, _| if x / 2 % 2 == 0 { 51.0 } else { 102.0 });
     let red = GreyImage::from_fn(96, 96, |x, _| if x / 2 % 2 == 0 { 51.0 } else { 153.0 });
-    let found = DescriptorBlocks::of(&[red, stripes.clone(), stripes], None).tile([1, 1]);
+    let values = DescriptorBlocks::of(&[red, stripes.clone(), stripes], None).tile([1, 1]);
     // y = 0.2 and (0.6 + 2 · 0.4 + 0.4) / 4 = 0.45 in turn; half of the pairs, those across, differ
     // by 63.75 codes.
     let expected = [0.325, 0.327f32.sqrt(), 0.1, 0.0, (0.5 + 0.25 * 63.75f32 * 63.75).ln()];
-    for (found, expected) in found.iter().zip(expected) {
-        assert!((found - expected).abs() < 1e-3, "{found} {expected}");
+    for (values, expected) in values.iter().zip(expected) {
+        assert!((values - expected).abs() < 1e-3, "{values} {expected}");
     }
 }
 
@@ -331,7 +331,7 @@ fn unusable_frames_are_refused() {
     assert_eq!(none.err(), Some(ModelError::NoFrames));
     let masked = CalibrationFrame { mask: vec![false; SIDE * SIDE], ..frame(1) };
     let refused = calibrate(&[masked], &coding([1, 1]), 1);
-    assert_eq!(refused.err(), Some(ModelError::TooFewTiles { found: [0; CLASSES] }));
+    assert_eq!(refused.err(), Some(ModelError::TooFewTiles { actual: [0; CLASSES] }));
     let cut = CalibrationFrame { noisy: vec![0; 3], ..frame(1) };
     assert!(matches!(calibrate(&[cut], &coding([1, 1]), 1).err(), Some(ModelError::Size { frame: 0, .. })));
     let grey = PictureCoding { chroma: None, ..coding([1, 1]) };
@@ -373,7 +373,7 @@ fn damaged_files_are_refused() {
     }
     let mut newer = bytes.clone();
     newer[8] = 2;
-    assert!(matches!(from_bytes(&newer), Err(ModelFileError::Version { found: 2 })));
+    assert!(matches!(from_bytes(&newer), Err(ModelFileError::Version { actual: 2 })));
     let mut flipped = bytes.clone();
     flipped[bytes.len() - 9] ^= 1;
     assert!(matches!(from_bytes(&flipped), Err(ModelFileError::Damaged { .. })));

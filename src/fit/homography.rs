@@ -91,9 +91,9 @@ mod tests {
         // A square of 2 at z = 4, its x axis up in the picture and its y axis to the left.
         let square = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)].map(DVec2::from);
         let rays = [(0.5, 0.25), (0.5, 0.0), (0.25, 0.0), (0.25, 0.25)].map(DVec2::from);
-        let found = plane_pose(&square, &rays).unwrap();
-        assert!(found.translation.distance(DVec3::new(2.0, 1.0, 4.0)) < 1e-9, "{found:?}");
-        assert!(found.rotation.abs_diff_eq(DMat3::from_cols(-DVec3::Y, -DVec3::X, -DVec3::Z), 1e-9), "{found:?}");
+        let pose = plane_pose(&square, &rays).unwrap();
+        assert!(pose.translation.distance(DVec3::new(2.0, 1.0, 4.0)) < 1e-9, "{pose:?}");
+        assert!(pose.rotation.abs_diff_eq(DMat3::from_cols(-DVec3::Y, -DVec3::X, -DVec3::Z), 1e-9), "{pose:?}");
         assert!(plane_pose(&square[..3], &rays[..3]).is_none());
         assert!(plane_pose(&[DVec2::ZERO; 4], &[DVec2::NAN; 4]).is_none());
     }

@@ -31,9 +31,9 @@ mod tests {
 
     #[test]
     fn weighted_median_without_censoring_is_the_middle_value() {
-        let known = |values: &[(f32, f32)]| values.iter().map(|(v, w)| (*v, *w, false)).collect::<Vec<_>>();
-        assert_eq!(kaplan_meier(&mut known(&[(3.0, 1.0), (1.0, 1.0), (2.0, 1.0)]), 0.5), Some((2.0, false)));
-        assert_eq!(kaplan_meier(&mut known(&[(3.0, 5.0), (1.0, 1.0), (2.0, 1.0)]), 0.5), Some((3.0, false)));
+        let uncensored = |values: &[(f32, f32)]| values.iter().map(|(v, w)| (*v, *w, false)).collect::<Vec<_>>();
+        assert_eq!(kaplan_meier(&mut uncensored(&[(3.0, 1.0), (1.0, 1.0), (2.0, 1.0)]), 0.5), Some((2.0, false)));
+        assert_eq!(kaplan_meier(&mut uncensored(&[(3.0, 5.0), (1.0, 1.0), (2.0, 1.0)]), 0.5), Some((3.0, false)));
         assert_eq!(kaplan_meier(&mut [], 0.5), None);
     }
 

@@ -59,8 +59,8 @@ impl SimilarityTransform {
         let scale = trace / variance;
         let rotation = DQuat::from_mat3(&DMat3::from_cols_slice(rotation.as_slice())).normalize();
         let translation_m = to_mean - scale * (rotation * from_mean);
-        let found = Self { scale, rotation, translation_m };
-        (scale > 0.0 && scale.is_finite() && rotation.is_finite()).then_some(found)
+        let transform = Self { scale, rotation, translation_m };
+        (scale > 0.0 && scale.is_finite() && rotation.is_finite()).then_some(transform)
     }
 }
 
@@ -78,10 +78,10 @@ mod tests {
         // Flat, as the corners of a sheet are.
         let flat = [(0.0, 0.0), (2.0, 0.0), (2.0, 1.0), (0.0, 1.5)].map(|(x, y)| DVec3::new(x, y, 0.0));
         let pairs = flat.map(|point| (point, truth.transform_point(point)));
-        let found = SimilarityTransform::between(&pairs).unwrap();
-        assert!((found.scale - truth.scale).abs() < 1e-12);
-        assert!(found.rotation.angle_between(truth.rotation) < 1e-7);
-        assert!((found.translation_m - truth.translation_m).length() < 1e-12);
+        let transform = SimilarityTransform::between(&pairs).unwrap();
+        assert!((transform.scale - truth.scale).abs() < 1e-12);
+        assert!(transform.rotation.angle_between(truth.rotation) < 1e-7);
+        assert!((transform.translation_m - truth.translation_m).length() < 1e-12);
         let line = [0.0, 1.0, 2.0].map(|x| (DVec3::X * x, DVec3::Y * x));
         assert_eq!(SimilarityTransform::between(&line), None);
         assert_eq!(SimilarityTransform::between(&pairs[..2]), None);

@@ -79,11 +79,11 @@ impl Interface {
                 let sampled = uses.sampling_set.iter().any(|key| key.image == handle);
                 let name = global.name.clone().unwrap_or_default();
                 let new = self.global(&name, global, place, sampled);
-                let known = of_entries.entry(name).or_insert_with(|| new.clone());
-                known.visibility |= stage;
+                let global = of_entries.entry(name).or_insert_with(|| new.clone());
+                global.visibility |= stage;
                 // One of the entries may only load a texture that another samples.
                 if sampled {
-                    known.kind = new.kind;
+                    global.kind = new.kind;
                 }
             }
         }

@@ -233,9 +233,9 @@ impl<'a> Pass<'a> {
         let label = self.module.label;
         let linear = wgpu::BindingResource::Sampler(&self.recorder.linear);
         let resource = |name: &str, kind: &wgpu::BindingType| {
-            let given = self.bound.iter().find(|(n, _)| *n == name).map(|(_, bound)| bound.resource());
+            let resource = self.bound.iter().find(|(n, _)| *n == name).map(|(_, bound)| bound.resource());
             let sampler = || matches!(kind, wgpu::BindingType::Sampler(_)).then(|| linear.clone());
-            given.or_else(sampler).unwrap_or_else(|| panic!("{label} reads {name}, and nothing was given for it"))
+            resource.or_else(sampler).unwrap_or_else(|| panic!("{label} reads {name}, and nothing was given for it"))
         };
         if cfg!(development) {
             self.check_layouts(made);

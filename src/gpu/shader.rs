@@ -122,14 +122,14 @@ pub fn module(shaders: &[Shader]) -> String {
     out
 }
 
-fn append(shader: Shader, seen: &mut Vec<Shader>, out: &mut String) {
-    if seen.contains(&shader) {
+fn append(shader: Shader, included: &mut Vec<Shader>, out: &mut String) {
+    if included.contains(&shader) {
         return;
     }
-    seen.push(shader);
+    included.push(shader);
     for line in shader.text().lines() {
         match line.trim().strip_prefix("// @import ") {
-            Some(name) => append(Shader::named(name), seen, out),
+            Some(name) => append(Shader::named(name), included, out),
             None => {
                 out.push_str(line);
                 out.push('\n');

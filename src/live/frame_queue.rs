@@ -217,9 +217,9 @@ mod tests {
     #[test]
     fn evidence_fades_before_a_known_gap() {
         let mut w = FrameQueue::new(0.1, 0.05);
-        let known = (0..10).chain(80..100).map(|i| 0.01 * f64::from(i));
+        let times_s = (0..10).chain(80..100).map(|i| 0.01 * f64::from(i));
         let even = |x: f64| Pose::from_camera_in_world(DVec3::new(x, 0.0, 1.0), DQuat::IDENTITY);
-        known.for_each(|time_s| assert_eq!(w.add_pose(time_s, &even(time_s)), PoseOutcome::Added));
+        times_s.for_each(|time_s| assert_eq!(w.add_pose(time_s, &even(time_s)), PoseOutcome::Added));
         let mut released = Vec::new();
         for i in 1..29 {
             let at_s = f64::from(i) / 30.0;

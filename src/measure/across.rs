@@ -56,16 +56,16 @@ mod tests {
 
     #[test]
     fn profile_of_a_line_has_its_shape() {
-        let seen = across(&crossed(), Rect::full(40, 30));
-        let near = |at: f64| seen.iter().min_by(|a, b| (a[0] - at).abs().total_cmp(&(b[0] - at).abs())).unwrap()[1];
-        assert!((near(-6.0) - 0.1).abs() < 0.02 && (near(6.0) - 0.3).abs() < 0.02, "{seen:?}");
+        let profile = across(&crossed(), Rect::full(40, 30));
+        let near = |at: f64| profile.iter().min_by(|a, b| (a[0] - at).abs().total_cmp(&(b[0] - at).abs())).unwrap()[1];
+        assert!((near(-6.0) - 0.1).abs() < 0.02 && (near(6.0) - 0.3).abs() < 0.02, "{profile:?}");
         // 0.1, half of 0.2, and 0.7; minus the effect of a half-pixel bin on the peak.
-        assert!((near(0.0) - 0.9).abs() < 0.02, "{seen:?}");
+        assert!((near(0.0) - 0.9).abs() < 0.02, "{profile:?}");
         // From the darker side, even if it is on the right.
         let mut turned = crossed();
         turned.values.reverse();
-        let seen = across(&turned, Rect::full(40, 30));
-        assert!(seen[0][1] < 0.15 && seen[seen.len() - 1][1] > 0.25, "{seen:?}");
+        let profile = across(&turned, Rect::full(40, 30));
+        assert!(profile[0][1] < 0.15 && profile[profile.len() - 1][1] > 0.25, "{profile:?}");
         assert!(across(&turned, Rect::new(39, 0, 50, 30)).is_empty());
     }
 }

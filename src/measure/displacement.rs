@@ -104,10 +104,10 @@ pub fn displacements(
     check_mask(mask, a.width * a.height)?;
     let side = options.patch_px;
     if !(8..=512).contains(&side) {
-        return Err(MeasureError::Option { what: "patch_px", found: side as f64, accepted: "8 to 512" });
+        return Err(MeasureError::Option { what: "patch_px", actual: side as f64, accepted: "8 to 512" });
     }
     if options.step_px == 0 {
-        return Err(MeasureError::Option { what: "step_px", found: 0.0, accepted: "1 or more" });
+        return Err(MeasureError::Option { what: "step_px", actual: 0.0, accepted: "1 or more" });
     }
     let correlator = Correlator::new(side);
     let mut all = Displacements::default();

@@ -22,7 +22,7 @@ pub struct Edge {
 /// 100 %.
 pub fn edge(profile: &[f64], pitch_px: f64) -> Result<Edge, MeasureError> {
     if !(pitch_px.is_finite() && pitch_px > 0.0) {
-        return Err(MeasureError::Option { what: "pitch_px", found: pitch_px, accepted: "more than 0" });
+        return Err(MeasureError::Option { what: "pitch_px", actual: pitch_px, accepted: "more than 0" });
     }
     let n = profile.len();
     if n < 4 {
@@ -70,7 +70,7 @@ pub struct BoxBlur {
 pub fn box_blur(profile: &[f64], pitch_px: f64, aperture_px: f64) -> Result<BoxBlur, MeasureError> {
     let start = edge(profile, pitch_px)?;
     if !(aperture_px.is_finite() && aperture_px > 0.0) {
-        return Err(MeasureError::Option { what: "aperture_px", found: aperture_px, accepted: "more than 0" });
+        return Err(MeasureError::Option { what: "aperture_px", actual: aperture_px, accepted: "more than 0" });
     }
     let residual = |position: f64, length: f64| residual(profile, pitch_px, aperture_px, position, length);
     let (mut position, mut length) = (start.position_px, start.width_10_90_px / 0.8);
@@ -78,12 +78,12 @@ pub fn box_blur(profile: &[f64], pitch_px: f64, aperture_px: f64) -> Result<BoxB
     let mut step = 0.5 * start.width_10_90_px.max(pitch_px);
     while step > 1e-4 * pitch_px {
         let tries = [(step, 0.0), (-step, 0.0), (0.0, step), (0.0, -step)];
-        let found = tries
+        let candidate = tries
             .map(|(p, l)| (position + p, (length + l).max(0.0)))
             .map(|(p, l)| (residual(p, l), p, l))
             .into_iter()
             .min_by(|a, b| a.0.total_cmp(&b.0));
-        match found {
+        match candidate {
             Some((value, p, l)) if value < best => (best, position, length) = (value, p, l),
             _ => step *= 0.5,
         }
@@ -132,13 +132,13 @@ pub fn profile(
     let (dx, dy) = (to[0] - from[0], to[1] - from[1]);
     let length = dx.hypot(dy);
     if !(length.is_finite() && length > 0.0 && length < 1e6) {
-        return Err(MeasureError::Option { what: "length", found: length, accepted: "more than 0, below 1e6 px" });
+        return Err(MeasureError::Option { what: "length", actual: length, accepted: "more than 0, below 1e6 px" });
     }
     if !(pitch_px.is_finite() && pitch_px >= 0.01) {
-        return Err(MeasureError::Option { what: "pitch_px", found: pitch_px, accepted: "0.01 or more" });
+        return Err(MeasureError::Option { what: "pitch_px", actual: pitch_px, accepted: "0.01 or more" });
     }
     if !(across_px.is_finite() && (0.0..=1e4).contains(&across_px)) {
-        return Err(MeasureError::Option { what: "across_px", found: across_px, accepted: "0 to 10000" });
+        return Err(MeasureError::Option { what: "across_px", actual: across_px, accepted: "0 to 10000" });
     }
     let (ux, uy) = (dx / length, dy / length);
     let rows = across_px.round().max(1.0);
@@ -184,11 +184,11 @@ mod tests {
         for length in [2.0, 3.3, 5.0, 8.0, 12.5, 20.0, 40.0] {
             for shift in [0.0, 0.3, 0.5] {
                 let profile = blurred(80, 40.0 + shift, length);
-                let found = box_blur(&profile, 1.0, 1.0).unwrap();
+                let blur = box_blur(&profile, 1.0, 1.0).unwrap();
                 // Sample 0 is the pixel whose centre is at 0.5.
-                assert!((found.position_px + 0.5 - 40.0 - shift).abs() < 0.02, "{found:?} at {shift}");
-                assert!((found.length_px - length).abs() < 0.05, "{found:?} for {length} at {shift}");
-                assert!(found.residual < 0.01);
+                assert!((blur.position_px + 0.5 - 40.0 - shift).abs() < 0.02, "{blur:?} at {shift}");
+                assert!((blur.length_px - length).abs() < 0.05, "{blur:?} for {length} at {shift}");
+                assert!(blur.residual < 0.01);
             }
         }
         assert!(box_blur(&[0.0; 20], 1.0, 1.0).is_err() && box_blur(&blurred(80, 40.0, 3.0), 1.0, 0.0).is_err());
@@ -200,8 +200,8 @@ mod tests {
         for (i, value) in profile.iter_mut().enumerate() {
             *value += 2.0 * (i as f64 * 12.9898).sin();
         }
-        let found = box_blur(&profile, 1.0, 1.0).unwrap();
-        assert!((found.length_px - 10.0).abs() < 0.4 && found.residual > 0.01, "{found:?}");
+        let blur = box_blur(&profile, 1.0, 1.0).unwrap();
+        assert!((blur.length_px - 10.0).abs() < 0.4 && blur.residual > 0.01, "{blur:?}");
         let soft: Vec<f64> = (0..80).map(|i| (f64::from(i - 40) / 6.0).tanh()).collect();
         assert!(box_blur(&soft, 1.0, 1.0).unwrap().residual > 0.01);
     }
@@ -209,12 +209,15 @@ mod tests {
     #[test]
     fn ramp_width_matches_hand_calculation() {
         let ramp: Vec<f64> = (0..21).map(|i| f64::from((i - 5).clamp(0, 10))).collect();
-        let found = edge(&ramp, 0.5).unwrap();
-        assert!((found.position_px - 5.0).abs() < 1e-12 && (found.width_10_90_px - 4.0).abs() < 1e-12, "{found:?}");
+        let rising = edge(&ramp, 0.5).unwrap();
+        assert!((rising.position_px - 5.0).abs() < 1e-12 && (rising.width_10_90_px - 4.0).abs() < 1e-12, "{rising:?}");
         let falling: Vec<f64> = ramp.iter().rev().map(|v| v - 3.0).collect();
-        let found = edge(&falling, 0.5).unwrap();
-        assert!((found.position_px - 5.0).abs() < 1e-12 && (found.width_10_90_px - 4.0).abs() < 1e-12, "{found:?}");
-        assert_eq!((found.before, found.after), (7.0, -3.0));
+        let falling_edge = edge(&falling, 0.5).unwrap();
+        assert!(
+            (falling_edge.position_px - 5.0).abs() < 1e-12 && (falling_edge.width_10_90_px - 4.0).abs() < 1e-12,
+            "{falling_edge:?}"
+        );
+        assert_eq!((falling_edge.before, falling_edge.after), (7.0, -3.0));
     }
 
     #[test]
@@ -229,8 +232,8 @@ mod tests {
         // ones at 41.
         let picture = GreyImage::new(60, 60, (0..3600).map(|i| f64::from(i % 60 + i / 60 + 1 > 40)).collect()).unwrap();
         let along = profile(&picture, [8.0, 8.0], [32.0, 32.0], 0.25, 9.0).unwrap();
-        let found = edge(&along, 0.25).unwrap();
-        assert!((found.position_px - (20.25 - 8.0) * 2f64.sqrt()).abs() < 0.15, "{found:?}");
+        let step = edge(&along, 0.25).unwrap();
+        assert!((step.position_px - (20.25 - 8.0) * 2f64.sqrt()).abs() < 0.15, "{step:?}");
         assert!(profile(&picture, [8.0, 8.0], [8.0, 8.0], 0.25, 9.0).is_err());
         assert!(profile(&picture, [8.0, 8.0], [9.0, f64::NAN], 0.25, 9.0).is_err());
     }

@@ -9,7 +9,7 @@ use crate::pixels::Pixels;
 pub fn histograms(pixels: &Pixels, mask: &[bool], bins: usize) -> Result<[Vec<f64>; 4], MeasureError> {
     check_mask(Some(mask), pixels.width as usize * pixels.height as usize)?;
     if bins == 0 {
-        return Err(MeasureError::Option { what: "bins", found: 0.0, accepted: "1 or more" });
+        return Err(MeasureError::Option { what: "bins", actual: 0.0, accepted: "1 or more" });
     }
     let (luma, scale) = (GreyImage::luma_709(pixels), 255.0 / f64::from(pixels.max_code()));
     let mut counts = [(); 4].map(|()| vec![0.0; bins]);
@@ -80,8 +80,8 @@ mod tests {
         let mut without = vec![false; 35];
         without[16] = true;
         // The middle of 7×5 pixels: 3×3 around it, without itself and its left neighbour.
-        let found = around(&mask, &without, 7, 1);
-        let places: Vec<usize> = (0..35).filter(|i| found[*i]).collect();
+        let ring = around(&mask, &without, 7, 1);
+        let places: Vec<usize> = (0..35).filter(|i| ring[*i]).collect();
         assert_eq!(places, [9, 10, 11, 18, 23, 24, 25]);
     }
 }

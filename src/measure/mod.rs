@@ -18,19 +18,19 @@ use crate::pixels::Pixels;
 pub enum MeasureError {
     #[error("the pictures are {a} and {b}; both must have one size")]
     Sizes { a: String, b: String },
-    #[error("{what} has {} where {expected} are expected", crate::text::count(*found, "value"))]
-    Length { what: &'static str, found: usize, expected: usize },
+    #[error("{what} has {} where {expected} are expected", crate::text::count(*actual, "value"))]
+    Length { what: &'static str, actual: usize, expected: usize },
     #[error("one picture has 8, the other 16 bits a channel; give both with one depth")]
     Depths,
     #[error("nothing to measure: {0}")]
     Nothing(&'static str),
-    #[error("{what} = {found} is refused: expected {accepted}")]
-    Option { what: &'static str, found: f64, accepted: &'static str },
+    #[error("{what} = {actual} is refused: expected {accepted}")]
+    Option { what: &'static str, actual: f64, accepted: &'static str },
     #[error(
-        "{side}: {found} of the {needed} patches of 32x32 pixels that are needed lie in its mask; \
+        "{side}: {actual} of the {needed} patches of 32x32 pixels that are needed lie in its mask; \
          use larger or more pictures, or a wider mask"
     )]
-    TooFewPatches { side: &'static str, found: usize, needed: usize },
+    TooFewPatches { side: &'static str, actual: usize, needed: usize },
 }
 
 /// Refuses pictures that cannot be compared value by value.
@@ -46,7 +46,7 @@ fn comparable(a: &Pixels, b: &Pixels) -> Result<(), MeasureError> {
 fn check_mask(mask: Option<&[bool]>, pixels: usize) -> Result<(), MeasureError> {
     match mask {
         Some(mask) if mask.len() != pixels => {
-            Err(MeasureError::Length { what: "the mask", found: mask.len(), expected: pixels })
+            Err(MeasureError::Length { what: "the mask", actual: mask.len(), expected: pixels })
         }
         _ => Ok(()),
     }

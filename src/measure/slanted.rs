@@ -124,27 +124,27 @@ pub fn slanted_edge(light: &GreyImage<f64>, region: Rect, moved_px: [f64; 2]) ->
         return Err(small);
     }
     if let Some(odd) = moved_px.into_iter().find(|way| !way.is_finite()) {
-        return Err(MeasureError::Option { what: "moved_px", found: odd, accepted: "a number" }.into());
+        return Err(MeasureError::Option { what: "moved_px", actual: odd, accepted: "a number" }.into());
     }
-    let seen = EdgeRegion::new(light, region);
-    let line = seen.line()?;
+    let edge_region = EdgeRegion::new(light, region);
+    let line = edge_region.line()?;
     let moved = |step: &EdgeStep| {
         let (sin, cos) = step.angle.sin_cos();
         (moved_px[0] * cos + moved_px[1] * sin).abs()
     };
     let mut step = EdgeStep { moved_px: moved(&line), ..line };
-    let mut samples = seen.near(&step, MAX_BLUR_PX);
+    let mut samples = edge_region.near(&step, MAX_BLUR_PX);
     let nothing = || EdgeError::NoLine { percent: 0.0 };
     let mut fitted = fit(&samples, step, CONVERGENCE).ok_or_else(nothing)?;
     // Dark and bright pixels have different noise; pixels far from the edge no longer count.
     for _ in 0..2 {
         step = EdgeStep { moved_px: moved(&fitted.step), ..fitted.step };
         let reach = (4.0 * blur_px(&step) + 2.0).clamp(5.0, MAX_BLUR_PX);
-        samples = seen.near(&step, reach);
+        samples = edge_region.near(&step, reach);
         weigh(&mut samples, &fitted);
         fitted = fit(&samples, step, CONVERGENCE).ok_or_else(nothing)?;
     }
-    seen.judge(fitted, samples)
+    edge_region.judge(fitted, samples)
 }
 
 /// Standard deviation of the total blur, px.
@@ -321,11 +321,11 @@ impl EdgeRegion {
     }
 
     /// The result, or the reason for rejecting it.
-    fn judge(&self, found: EdgeFit, samples: Vec<EdgeSample>) -> Result<SlantedEdge, EdgeError> {
-        let step = found.step;
-        let [dark, bright] = [found.sides[0][0], found.sides[1][0]];
+    fn judge(&self, fit: EdgeFit, samples: Vec<EdgeSample>) -> Result<SlantedEdge, EdgeError> {
+        let step = fit.step;
+        let [dark, bright] = [fit.sides[0][0], fit.sides[1][0]];
         let height = bright - dark;
-        let noise = (0.5 * noise(&samples, &found).iter().sum::<f64>()).sqrt();
+        let noise = (0.5 * noise(&samples, &fit).iter().sum::<f64>()).sqrt();
         if height.is_nan() || height <= MIN_CONTRAST_SIGMAS * noise {
             return Err(EdgeError::Faint { times: height.max(0.0) / noise });
         }
@@ -334,24 +334,24 @@ impl EdgeRegion {
         if beside < 1.5 * blur_px(&step) + 1.0 {
             return Err(EdgeError::Narrow { across_px: beside, blur_px: blur_px(&step) });
         }
-        let slope = found.sides.iter().map(|side| side[1].abs() * beside).fold(0.0, f64::max);
+        let slope = fit.sides.iter().map(|side| side[1].abs() * beside).fold(0.0, f64::max);
         if slope > MAX_SIDE_CHANGE * height {
             return Err(EdgeError::Uneven { percent: 100.0 * slope / height });
         }
-        let (pieces, rows) = deviations(&found, &samples);
+        let (pieces, rows) = deviations(&fit, &samples);
         let [bent, rough] = [(pieces, MAX_PIECE_DEVIATION_PX), (rows, MAX_ROW_DEVIATION_PX)]
             .map(|(d, most)| (d.beyond() > most + d.noise).then(|| d.beyond()));
         if let Some(deviation_px) = bent.or(rough) {
             return Err(EdgeError::Bent { deviation_px });
         }
-        let (spread, fitted, misfit) = binned(&found, &samples);
+        let (spread, fitted, misfit) = binned(&fit, &samples);
         let misfit = misfit / height;
         if misfit > MAX_BIN_MISFIT {
             return Err(EdgeError::Uneven { percent: 100.0 * misfit });
         }
         // The weights are the inverse noise variances estimated from the pixels themselves.
-        let own = found.variances[2] * found.left / (samples.len() as f64 - 9.0).max(1.0);
-        let variance = own.max(jackknife(&samples, &found).unwrap_or(0.0)).sqrt();
+        let own = fit.variances[2] * fit.left / (samples.len() as f64 - 9.0).max(1.0);
+        let variance = own.max(jackknife(&samples, &fit).unwrap_or(0.0)).sqrt();
         let root = |v: f64| v.max(0.0).sqrt();
         let sigma_px = if step.variance_px2 < 1e-6 { 0.0 } else { step.variance_px2.sqrt() };
         let uncertainty_px = 0.5 * (root(step.variance_px2 + variance) - root(step.variance_px2 - variance));
@@ -494,15 +494,15 @@ fn rise(spread: &[[f64; 2]]) -> Option<f64> {
 }
 
 /// Jackknife variance of σ² over pieces along the edge.
-fn jackknife(samples: &[EdgeSample], found: &EdgeFit) -> Option<f64> {
-    let way = |sample: &EdgeSample| found.step.place(sample.x, sample.y).1;
+fn jackknife(samples: &[EdgeSample], edge_fit: &EdgeFit) -> Option<f64> {
+    let way = |sample: &EdgeSample| edge_fit.step.place(sample.x, sample.y).1;
     let mut ways: Vec<f64> = samples.iter().map(way).collect();
     ways.sort_by(f64::total_cmp);
     let ends: Vec<f64> = (1..JACKKNIFE_PIECES).map(|k| ways[k * ways.len() / JACKKNIFE_PIECES]).collect();
     let without = |piece: usize| {
         let rest: Vec<EdgeSample> =
             samples.iter().filter(|sample| ends.partition_point(|end| *end <= way(sample)) != piece).copied().collect();
-        fit(&rest, found.step, CONVERGENCE).map(|fit| fit.step.variance_px2)
+        fit(&rest, edge_fit.step, CONVERGENCE).map(|fit| fit.step.variance_px2)
     };
     let all: Vec<f64> = (0..JACKKNIFE_PIECES).map(without).collect::<Option<_>>()?;
     let n = JACKKNIFE_PIECES as f64;

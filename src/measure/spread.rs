@@ -252,8 +252,8 @@ fn solve<const N: usize>(mut matrix: [[f64; N]; N], mut right: [f64; N]) -> Opti
         }
     }
     for i in (0..N).rev() {
-        let known: f64 = (i + 1..N).map(|k| matrix[i][k] * right[k]).sum();
-        right[i] = (right[i] - known) / matrix[i][i];
+        let solved_part: f64 = (i + 1..N).map(|k| matrix[i][k] * right[k]).sum();
+        right[i] = (right[i] - solved_part) / matrix[i][i];
     }
     Some(right)
 }
@@ -302,11 +302,11 @@ mod tests {
                 EdgeSample { x, y, light, weight: 1.0 }
             })
             .collect();
-        let found = fit(&samples, EdgeStep { offset_px: 0.0, ..step(10.0, 1.5, 0.0) }, CONVERGENCE).unwrap();
-        assert!((found.step.variance_px2.sqrt() - 0.8).abs() < 1e-4, "{found:?}");
-        assert!((found.step.offset_px - 0.37).abs() < 1e-4 && (found.step.angle.to_degrees() - 12.0).abs() < 1e-3);
-        assert!((found.sides[1][1] - 0.002).abs() < 1e-5 && (found.sides[0][2] - 0.001).abs() < 1e-5, "{found:?}");
-        let seen = &samples[16 * 30 + 17];
-        assert!((found.light(seen.x, seen.y) - seen.light).abs() < 1e-6);
+        let fitted = fit(&samples, EdgeStep { offset_px: 0.0, ..step(10.0, 1.5, 0.0) }, CONVERGENCE).unwrap();
+        assert!((fitted.step.variance_px2.sqrt() - 0.8).abs() < 1e-4, "{fitted:?}");
+        assert!((fitted.step.offset_px - 0.37).abs() < 1e-4 && (fitted.step.angle.to_degrees() - 12.0).abs() < 1e-3);
+        assert!((fitted.sides[1][1] - 0.002).abs() < 1e-5 && (fitted.sides[0][2] - 0.001).abs() < 1e-5, "{fitted:?}");
+        let sample = &samples[16 * 30 + 17];
+        assert!((fitted.light(sample.x, sample.y) - sample.light).abs() < 1e-6);
     }
 }

@@ -61,7 +61,7 @@ fn summed<T: Copy + Into<u32>>(a: &[T], b: &[T], mask: Option<&[bool]>, peak: u3
 /// are linear, premultiplied and of the same length.
 pub fn layer_error(a: &[[f32; 4]], b: &[[f32; 4]]) -> Result<f64, MeasureError> {
     if a.len() != b.len() {
-        return Err(MeasureError::Length { what: "the second layer", found: b.len(), expected: a.len() });
+        return Err(MeasureError::Length { what: "the second layer", actual: b.len(), expected: a.len() });
     }
     let (mut sum, mut values) = (0.0, 0usize);
     for (a, b) in a.iter().zip(b) {
@@ -99,10 +99,10 @@ mod tests {
         // 65535 = 257 · 255: codes 257 times as large have the same PSNR as in 8 bits.
         let pixels = |codes: [u16; 6]| Pixels::from_u16(2, 1, codes.map(|code| 257 * code).to_vec()).unwrap();
         let (a, b) = (pixels([10, 20, 30, 40, 50, 60]), pixels([10, 20, 33, 36, 50, 60]));
-        let found = difference(&a, &b, None).unwrap();
-        assert_eq!((found.largest, found.mean_absolute), (4 * 257, 7.0 * 257.0 / 6.0));
+        let difference = difference(&a, &b, None).unwrap();
+        assert_eq!((difference.largest, difference.mean_absolute), (4 * 257, 7.0 * 257.0 / 6.0));
         // 10 log10(65025 · 6/25) = 41.933, as of 8 bits.
-        assert!((found.psnr_db - 41.933).abs() < 1e-3, "{}", found.psnr_db);
+        assert!((difference.psnr_db - 41.933).abs() < 1e-3, "{}", difference.psnr_db);
     }
 
     #[test]

@@ -91,10 +91,10 @@ impl ExposureControls {
     }
 
     /// Warning if the mode could not achieve the exposure.
-    pub fn exposure_warning(&self, asked: &SeriesEntry) -> Option<String> {
-        let missed = self.mode != Mode::Manual && asked.over_ev.abs() > 0.5;
+    pub fn exposure_warning(&self, entry: &SeriesEntry) -> Option<String> {
+        let missed = self.mode != Mode::Manual && entry.over_ev.abs() > 0.5;
         missed.then(|| {
-            let (stops, side, helps) = match asked.over_ev {
+            let (stops, side, helps) = match entry.over_ev {
                 over if over > 0.0 => (over, "too bright", "a smaller --iso helps"),
                 over if self.hand_held => {
                     (-over, "too dark", "a larger --iso helps, or a frame further from the recording's ends")
@@ -104,7 +104,7 @@ impl ExposureControls {
             let Limits { shortest_s, longest_s, widest_f_number, narrowest_f_number, .. } = self.limits;
             format!(
                 "{} is {stops:.1} stops {side}: the shutter can be open from {} to {}, the aperture {} to {}; {helps}",
-                asked.settings,
+                entry.settings,
                 stops::format_shutter_s(shortest_s),
                 stops::format_shutter_s(longest_s),
                 stops::format_f_number(widest_f_number),

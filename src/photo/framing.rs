@@ -40,15 +40,15 @@ pub enum FramingError {
     )]
     TooWide { found_mm: f64, film: Film, sees_deg: f64, has_deg: f64, least_mm: f64 },
     #[error(
-        "a picture {found} px wide and {height} px high is refused: expected sides of 16 to 20000 px. The picture \
+        "a picture {actual} px wide and {height} px high is refused: expected sides of 16 to 20000 px. The picture \
          covers {seen:.0} px of the recording across; a longer lens or a nearer focus covers fewer"
     )]
-    Size { found: u32, height: u32, seen: f64 },
+    Size { actual: u32, height: u32, seen: f64 },
     #[error(
-        "{found} px across is refused: the picture covers {most} px of the recording with a film of this shape; \
+        "{actual} px across is refused: the picture covers {most} px of the recording with a film of this shape; \
          expected 1 to {most}"
     )]
-    TooMany { found: f64, most: f64 },
+    TooMany { actual: f64, most: f64 },
     #[error("camera.film_width_mm with the picture's shape: {0}")]
     Film(#[from] FilmError),
     #[error(transparent)]
@@ -98,7 +98,7 @@ impl Framing {
             (_, Some(around)) => {
                 let columns = around.x.max(around.y * aspect);
                 if !(1.0..=most * 1.0001).contains(&columns) {
-                    return Err(FramingError::TooMany { found: columns.round(), most: most.floor() });
+                    return Err(FramingError::TooMany { actual: columns.round(), most: most.floor() });
                 }
                 columns.min(most)
             }
@@ -126,7 +126,7 @@ impl Framing {
         let step = if width_px.is_none() && columns.fract() == 0.0 { 1.0 } else { columns / f64::from(width) };
         let height = (columns / aspect / step).round() as u32;
         if !SIDE_PX.contains(&width) || !SIDE_PX.contains(&height) {
-            return Err(FramingError::Size { found: width, height, seen: columns });
+            return Err(FramingError::Size { actual: width, height, seen: columns });
         }
         let edge = |whole: f64, pixels: u32, aimed: Option<f64>| {
             let left_over = whole - step * f64::from(pixels);
@@ -172,8 +172,8 @@ mod tests {
     use super::*;
     use crate::camera::{Distortion, Intrinsics};
 
-    fn close(found: f64, expected: f64, within: f64) {
-        assert!((found - expected).abs() <= within, "{found} is not {expected}");
+    fn close(actual: f64, expected: f64, within: f64) {
+        assert!((actual - expected).abs() <= within, "{actual} is not {expected}");
     }
 
     /// 640×480 with fx 525, film 36 mm: v = 525 · 36 / 640 = 29.53125 mm.

@@ -60,8 +60,8 @@ impl<'a> SummedFrameOcclusion<'a> {
         if let Ok(pose) = self.track.at(frame.timestamp_s) {
             snap_to_planes(&mut depth_m, &self.rays, &pose, self.rays.full(), self.planes);
         }
-        let seen = |point| seen_in(self.recorded, self.track, frame.timestamp_s, point);
-        self.proxies.rasterize(&mut depth_m, self.rays.full(), seen);
+        let project = |point| seen_in(self.recorded, self.track, frame.timestamp_s, point);
+        self.proxies.rasterize(&mut depth_m, self.rays.full(), project);
         DepthGrid::of_frame(
             &frame.pixels,
             intrinsics,

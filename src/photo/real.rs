@@ -27,9 +27,9 @@ pub fn shutter_weights(timestamps_s: &[f64], interval_s: f64, frame: usize, time
         let shared = (t - middle).abs() - 0.5 * (time_s + interval_s);
         (-shared).clamp(0.0, interval_s)
     };
-    let seen = |n: &usize| timestamps_s.get(*n).is_some_and(|t| part(*t) > 1e-9 * interval_s);
-    let first = (0..=frame).rev().take_while(seen).last().unwrap_or(frame);
-    let end = (frame..timestamps_s.len()).take_while(seen).last().unwrap_or(frame) + 1;
+    let is_exposed = |n: &usize| timestamps_s.get(*n).is_some_and(|t| part(*t) > 1e-9 * interval_s);
+    let first = (0..=frame).rev().take_while(is_exposed).last().unwrap_or(frame);
+    let end = (frame..timestamps_s.len()).take_while(is_exposed).last().unwrap_or(frame) + 1;
     let parts: Vec<f64> = (first..end).map(|n| part(timestamps_s[n])).collect();
     let whole: f64 = parts.iter().sum();
     (first..end, parts.iter().map(|p| p / whole).collect())

@@ -205,15 +205,15 @@ fn with_film(whole: Geometry, rig: &Rig, focal_length_m: Option<f64>) -> Geometr
     Geometry::new(intrinsics, distortion)
 }
 
-fn label(asked: &SeriesEntry, framing: &Framing) -> String {
+fn label(entry: &SeriesEntry, framing: &Framing) -> String {
     let off =
-        if asked.over_ev.abs() > 1.0 / 6.0 + 1e-6 { format!(", {:+.1} EV", asked.over_ev) } else { String::new() };
+        if entry.over_ev.abs() > 1.0 / 6.0 + 1e-6 { format!(", {:+.1} EV", entry.over_ev) } else { String::new() };
     let lens = format!("{:.1} mm", 1e3 * framing.focal_length_m);
     let focus = match framing.focus_distance_m {
         far if far.is_infinite() => "infinity".to_owned(),
         near => format!("{near:.2} m"),
     };
-    format!("{}\n{lens} at {focus}{off}", asked.settings)
+    format!("{}\n{lens} at {focus}{off}", entry.settings)
 }
 
 /// True if objects at half the focus distance or at infinity would be visibly blurred.

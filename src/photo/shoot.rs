@@ -56,23 +56,23 @@ impl PhotoShoot<'_> {
         let framing = framed(focal_length_m).or_else(|_| framed(None))?;
         let (width, height) = framing.size();
         let corner = framing.framed.source_px(glam::DVec2::new(f64::from(width), f64::from(height)));
-        let seen = Rect::new(
+        let visible = Rect::new(
             framing.framed.left_px as i32,
             framing.framed.top_px as i32,
             corner.x.round() as i32,
             corner.y.round() as i32,
         );
-        Ok(match distance_m(&layer, self.depth_m.as_deref(), seen) {
+        Ok(match distance_m(&layer, self.depth_m.as_deref(), visible) {
             Some(found_m) => (found_m, None),
             None => (f64::INFINITY, Some("there is nothing to focus on: infinity is sharp; set a distance (--focus)")),
         })
     }
 
-    pub fn lens(&self, asked: &SeriesEntry) -> Lens {
+    pub fn lens(&self, entry: &SeriesEntry) -> Lens {
         Lens {
-            f_number: Some(asked.settings.f_number),
+            f_number: Some(entry.settings.f_number),
             aperture_diameter_mm: None,
-            focus_distance_m: Some(asked.focus_distance_m).filter(|d| d.is_finite()),
+            focus_distance_m: Some(entry.focus_distance_m).filter(|d| d.is_finite()),
             ..self.shot.rig.lens.clone()
         }
     }
@@ -85,7 +85,7 @@ impl PhotoShoot<'_> {
     pub fn take(
         &mut self,
         dials: &ExposureControls,
-        asked: &SeriesEntry,
+        entry: &SeriesEntry,
         framing: &Framing,
         opening: Option<Opening>,
         report_progress: impl FnMut(f64) -> bool,
@@ -94,7 +94,7 @@ impl PhotoShoot<'_> {
         let has_times = recording.kind.has_times();
         let (range, weights) = if has_times && self.sums {
             let (times, interval_s) = (&recording.timestamps_s, recording.frame_interval_s);
-            shutter_weights(times, interval_s, index, asked.settings.time_s)
+            shutter_weights(times, interval_s, index, entry.settings.time_s)
         } else {
             (index..index + 1, vec![1.0])
         };
@@ -125,7 +125,7 @@ impl PhotoShoot<'_> {
         }
         let response = &shot.rig.response;
         // Relative to the frame itself, which was metered.
-        let gain = if self.mean > 0.0 { asked.settings.mean_light(dials.lux) / self.mean } else { 1.0 };
+        let gain = if self.mean > 0.0 { entry.settings.mean_light(dials.lux) / self.mean } else { 1.0 };
         // The recording's own settings leave its light unchanged, despite rounding.
         let gain = if (gain - 1.0).abs() < 1e-9 { 1.0 } else { gain };
         let neighbours = self.camera.noise.as_ref().map_or([0.0; 2], |noise| noise.neighbour_correlation);
@@ -136,13 +136,13 @@ impl PhotoShoot<'_> {
             opening,
             time_s: match (has_times, self.sums) {
                 (false, _) => 0.0,
-                (true, true) => asked.settings.time_s,
+                (true, true) => entry.settings.time_s,
                 // On a tripod the real part is a single frame, so virtual objects are blurred as in
                 // it.
                 (true, false) => self.exposure_time(&self.frame).s,
             },
             over_ev: gain.log2(),
-            iso_ratio: asked.settings.iso / measured_at,
+            iso_ratio: entry.settings.iso / measured_at,
         };
         let standpoint = Standpoint {
             camera: &self.camera,
@@ -161,8 +161,8 @@ impl PhotoShoot<'_> {
         Ok(take::take(&mut self.compositor, &standpoint, framing, real, &exposed, report_progress)?)
     }
 
-    pub fn notes(&self, dials: &ExposureControls, asked: &SeriesEntry, framing: &Framing) -> ExifNotes {
-        let ExposureSettings { f_number, time_s, iso } = asked.settings;
+    pub fn notes(&self, dials: &ExposureControls, entry: &SeriesEntry, framing: &Framing) -> ExifNotes {
+        let ExposureSettings { f_number, time_s, iso } = entry.settings;
         let focal_length_mm = 1e3 * framing.focal_length_m;
         let clock_s = Some(self.frame.timestamp_s).filter(|t| *t >= MIN_EPOCH_TIME_S);
         let recorded_s = self.frame.exposure.photo.taken_s.or(clock_s);
@@ -175,7 +175,7 @@ impl PhotoShoot<'_> {
             iso: stops::marked(&stops::iso_speeds(Step::Third), iso),
             focal_length_mm,
             equivalent_mm: framing.film.equivalent_35mm(focal_length_mm),
-            focus_distance_m: asked.focus_distance_m,
+            focus_distance_m: entry.focus_distance_m,
             compensation_ev: dials.compensation_ev,
             program: match dials.mode_of(self.wanted.bracket) {
                 Mode::Manual => 1,

@@ -31,9 +31,9 @@ pub fn aim(wanted: &PhotoRequest, recording: &Recording, whole: &Geometry, scene
     }
     let object = named(wanted, scene)?;
     let pose = recording.pose_at_frame(*frame)?;
-    let seen = points(object, scene).filter_map(|point| whole.project(pose.transform_point(point)));
-    let seen = seen.map(|at| (at, at)).reduce(|(low, high), (at, _)| (low.min(at), high.max(at)));
-    let in_picture = seen.map(|(low, high)| (low.max(DVec2::ZERO), high.min(size)));
+    let projected = points(object, scene).filter_map(|point| whole.project(pose.transform_point(point)));
+    let bounds = projected.map(|at| (at, at)).reduce(|(low, high), (at, _)| (low.min(at), high.max(at)));
+    let in_picture = bounds.map(|(low, high)| (low.max(DVec2::ZERO), high.min(size)));
     let Some((low, high)) = in_picture.filter(|(low, high)| low.cmplt(*high).all()) else {
         return refused(format!("--aim {wanted}: it is not in the picture of frame {frame}"));
     };

@@ -218,8 +218,8 @@ fn values([width, height]: [f64; 2], [fx, fy, cx, cy]: [f64; 4], lens: Calibrate
         intrinsics.into_iter().map(|(name, value)| (INTRINSICS_TABLE, name, Value::Number(value))).collect();
     let distortion = crate::camera::Distortion { model: lens.model, ..Default::default() };
     for spec in distortion.specs() {
-        let given = lens.coefficients.iter().find(|(name, _)| *name == spec.name);
-        let value = given.map(|(_, value)| Value::Number(*value)).or_else(|| distortion.get(spec.name));
+        let coefficient = lens.coefficients.iter().find(|(name, _)| *name == spec.name);
+        let value = coefficient.map(|(_, value)| Value::Number(*value)).or_else(|| distortion.get(spec.name));
         all.extend(value.map(|value| (DISTORTION_TABLE, spec.name, value)));
     }
     all

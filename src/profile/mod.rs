@@ -39,7 +39,7 @@ pub struct Rig {
     pub response: Response,
     pub noise: Option<NoiseProfile>,
     /// The given keys of the geometry: table and name. The defaults of the others are meaningless.
-    given: BTreeSet<(&'static str, &'static str)>,
+    set_keys: BTreeSet<(&'static str, &'static str)>,
     /// Keys that individual frames override ([`Rig::follow_frames`]).
     yielding: BTreeSet<(&'static str, &'static str)>,
 }
@@ -56,12 +56,12 @@ pub enum ProfileError {
     Syntax { path: PathBuf, source: Problem },
     #[error("{path}: {source}")]
     Param { path: PathBuf, source: Box<ParamError> },
-    #[error("{path}: {table}.{key} = {found} is not a number, a boolean or a string")]
-    Type { path: PathBuf, table: String, key: String, found: String },
-    #[error("{path}: there is no table [{table}]; known tables: {known}")]
-    UnknownTable { path: PathBuf, table: String, known: String },
-    #[error("{path}: `version` is {found}; this program reads version 1: the file must contain `version = 1`")]
-    Version { path: PathBuf, found: String },
+    #[error("{path}: {table}.{key} = {actual} is not a number, a boolean or a string")]
+    Type { path: PathBuf, table: String, key: String, actual: String },
+    #[error("{path}: there is no table [{table}]; known tables: {tables}")]
+    UnknownTable { path: PathBuf, table: String, tables: String },
+    #[error("{path}: `version` is {actual}; this program reads version 1: the file must contain `version = 1`")]
+    Version { path: PathBuf, actual: String },
     #[error("{path}: {message}")]
     Noise { path: PathBuf, message: String },
     #[error(
@@ -83,8 +83,8 @@ pub enum ProfileError {
 pub enum SetError {
     #[error("--set {text}: expected table.name=value, as in --set noise.scale=1.5")]
     Syntax { text: String },
-    #[error("--set {text}: there is no table {table}; known tables: {known}")]
-    UnknownTable { text: String, table: String, known: String },
+    #[error("--set {text}: there is no table {table}; known tables: {tables}")]
+    UnknownTable { text: String, table: String, tables: String },
     #[error("--set {text}: {source}")]
     Param { text: String, source: Box<ParamError> },
 }
@@ -147,7 +147,7 @@ impl Rig {
 
     /// True if the film's width was given.
     pub fn gives_film_width(&self) -> bool {
-        self.given.contains(&(self.intrinsics.table(), "film_width_mm"))
+        self.set_keys.contains(&(self.intrinsics.table(), "film_width_mm"))
     }
 
     /// The missing keys of `[camera]` for a complete camera, out of width, height, focal lengths
@@ -156,19 +156,19 @@ impl Rig {
         let table = self.intrinsics.table();
         // All other values of a 360° picture follow from its size.
         let round = self.distortion.model == LensModel::Equirectangular;
-        let asked = REQUIRED_KEYS.into_iter().filter(|name| !round || matches!(*name, "width_px" | "height_px"));
-        asked.filter(|name| !self.given.contains(&(table, name))).collect()
+        let required = REQUIRED_KEYS.into_iter().filter(|name| !round || matches!(*name, "width_px" | "height_px"));
+        required.filter(|name| !self.set_keys.contains(&(table, name))).collect()
     }
 
     /// True if focal lengths, principal point or distortion were given.
     pub fn gives_lens(&self) -> bool {
         let beside = ["width_px", "height_px", "film_width_mm", "readout_time_s"];
-        self.given.iter().any(|(_, name)| !beside.contains(name))
+        self.set_keys.iter().any(|(_, name)| !beside.contains(name))
     }
 
     /// True if any key of a camera's geometry was given.
     pub fn gives_geometry(&self) -> bool {
-        !self.given.is_empty()
+        !self.set_keys.is_empty()
     }
 
     /// The given camera if it is complete. Otherwise the recording's own camera overridden by the
@@ -187,7 +187,7 @@ impl Rig {
         let tables: [(&dyn Params, &mut dyn Params); 2] =
             [(&self.intrinsics, &mut intrinsics), (&self.distortion, &mut distortion)];
         for (from, to) in tables {
-            for (_, name) in self.given.iter().filter(|key| key.0 == from.table() && holds(key)) {
+            for (_, name) in self.set_keys.iter().filter(|key| key.0 == from.table() && holds(key)) {
                 // It was accepted when it was given.
                 from.get(name).and_then(|value| to.set(name, &value).ok())?;
             }
@@ -199,7 +199,7 @@ impl Rig {
     pub fn lay_over(&mut self, own: &Geometry) {
         if let Some(geometry) = self.geometry_over(Some(own)) {
             (self.intrinsics, self.distortion) = (geometry.intrinsics, geometry.distortion);
-            self.given.extend(REQUIRED_KEYS.map(|name| (Intrinsics::default().table(), name)));
+            self.set_keys.extend(REQUIRED_KEYS.map(|name| (Intrinsics::default().table(), name)));
         }
     }
 
@@ -211,9 +211,9 @@ impl Rig {
             let _ = geometry.intrinsics.get(name).map(|value| self.intrinsics.set(name, &value));
         }
         self.distortion = geometry.distortion.clone();
-        self.given.extend(REQUIRED_KEYS.map(|name| (self.intrinsics.table(), name)));
+        self.set_keys.extend(REQUIRED_KEYS.map(|name| (self.intrinsics.table(), name)));
         let of_distortion = self.distortion.specs().into_iter().map(|spec| (self.distortion.table(), spec.name));
-        self.given.extend(of_distortion);
+        self.set_keys.extend(of_distortion);
         let set = |key: &(&str, &str)| key.0 == self.distortion.table() || REQUIRED_KEYS.contains(&key.1);
         self.yielding.retain(|key| !set(key));
     }
@@ -243,7 +243,7 @@ impl Rig {
             let geometry: [&dyn Params; 2] = [&self.intrinsics, &self.distortion];
             let spec = geometry.into_iter().find(|t| t.table() == table).map(|t| (t.table(), t.specs()));
             if let Some((table, specs)) = spec {
-                self.given.extend(specs.into_iter().filter(|s| s.name == name).map(|s| (table, s.name)));
+                self.set_keys.extend(specs.into_iter().filter(|s| s.name == name).map(|s| (table, s.name)));
             }
             // Alternative keys of one quantity. The later one applies, as with any other setting.
             match (table, name) {
@@ -276,7 +276,7 @@ impl Rig {
             None => Err(SetError::UnknownTable {
                 text: text.to_owned(),
                 table: table.to_owned(),
-                known: self.known_tables(settings),
+                tables: self.known_tables(settings),
             }),
         }
     }
@@ -323,8 +323,8 @@ mod tests {
         );
         let fx = |rig: &Rig, own: Option<&Geometry>| rig.geometry_over(own).unwrap().intrinsics.fx_px;
         assert_eq!((fx(&rig, None), fx(&rig, Some(&own))), (50.0, 70.0));
-        let seen = rig.geometry_over(Some(&own)).unwrap();
-        assert_eq!((seen.intrinsics.readout_time_s, seen.distortion.k1), (0.01, -0.2));
+        let geometry = rig.geometry_over(Some(&own)).unwrap();
+        assert_eq!((geometry.intrinsics.readout_time_s, geometry.distortion.k1), (0.01, -0.2));
         assert_eq!(rig.effective_lens(lens), lens);
         assert_eq!(rig.camera().lens_in(&lens).f_number, Some(2.0));
         // An aperture without a focus would blur all near objects.

@@ -20,21 +20,21 @@ pub(super) const EXAMPLE: &str = "example";
 pub enum NoiseTableError {
     #[error("[camera.noise] has no key {key}; it needs {}", KEYS.join(", "))]
     Missing { key: &'static str },
-    #[error("[camera.noise] has no key {found}; its keys are {}, {EXAMPLE}", KEYS.join(", "))]
-    Unknown { found: String },
-    #[error("[camera.noise] {key} = {found} is refused: expected a list of numbers")]
-    NotNumbers { key: &'static str, found: String },
-    #[error("[camera.noise] {key} has {} where {expected} are expected ({why})", count(*found, "value"))]
-    Length { key: &'static str, found: usize, expected: usize, why: &'static str },
+    #[error("[camera.noise] has no key {actual}; its keys are {}, {EXAMPLE}", KEYS.join(", "))]
+    Unknown { actual: String },
+    #[error("[camera.noise] {key} = {actual} is refused: expected a list of numbers")]
+    NotNumbers { key: &'static str, actual: String },
+    #[error("[camera.noise] {key} has {} where {expected} are expected ({why})", count(*actual, "value"))]
+    Length { key: &'static str, actual: usize, expected: usize, why: &'static str },
     #[error("[camera.noise] code is empty; expected one code or more")]
     Empty,
-    #[error("[camera.noise] {key}, value {place}: {} is refused: expected {accepted}", number(*found))]
-    Value { key: &'static str, place: usize, found: f64, accepted: &'static str },
+    #[error("[camera.noise] {key}, value {place}: {} is refused: expected {accepted}", number(*actual))]
+    Value { key: &'static str, place: usize, actual: f64, accepted: &'static str },
     #[error(
-        "[camera.noise] {EXAMPLE} = {found} is refused: expected the name of a file of `locard calibrate noise`, \
+        "[camera.noise] {EXAMPLE} = {actual} is refused: expected the name of a file of `locard calibrate noise`, \
          relative to this file"
     )]
-    ExampleName { found: String },
+    ExampleName { actual: String },
     #[error("[camera.noise] {EXAMPLE}: {file}: {reason}")]
     Example { file: PathBuf, reason: String },
 }
@@ -70,7 +70,7 @@ pub(super) fn example_name(example: &Path, file: &Path) -> toml_edit::Value {
 fn example(table: &Table, loading: ExampleLoading<'_>) -> Result<Option<NoiseExample>, NoiseTableError> {
     let Some(value) = table.get(EXAMPLE) else { return Ok(None) };
     let name = value.as_str().filter(|name| !name.is_empty());
-    let name = name.ok_or_else(|| NoiseTableError::ExampleName { found: quoted(&value.to_string()) })?;
+    let name = name.ok_or_else(|| NoiseTableError::ExampleName { actual: quoted(&value.to_string()) })?;
     let ExampleLoading::BesideFile(beside) = loading else { return Ok(None) };
     let file = beside.with_file_name(name);
     let failed = |reason| NoiseTableError::Example { file: file.clone(), reason };
@@ -80,7 +80,7 @@ fn example(table: &Table, loading: ExampleLoading<'_>) -> Result<Option<NoiseExa
 /// Reads and checks the table `[camera.noise]`.
 pub fn from_toml(table: &Table, loading: ExampleLoading<'_>) -> Result<NoiseProfile, NoiseTableError> {
     if let Some(found) = table.keys().find(|k| !KEYS.contains(&k.as_str()) && *k != EXAMPLE) {
-        return Err(NoiseTableError::Unknown { found: quoted(found) });
+        return Err(NoiseTableError::Unknown { actual: quoted(found) });
     }
     let codes = numbers(table, "code", "an 8-bit code value, 0 to 255", |v| (0.0..=255.0).contains(&v))?;
     if codes.is_empty() {
@@ -88,7 +88,7 @@ pub fn from_toml(table: &Table, loading: ExampleLoading<'_>) -> Result<NoiseProf
     }
     if let Some(i) = (1..codes.len()).find(|&i| codes[i] <= codes[i - 1]) {
         let accepted = "more than the one before";
-        return Err(NoiseTableError::Value { key: "code", place: i + 1, found: codes[i], accepted });
+        return Err(NoiseTableError::Value { key: "code", place: i + 1, actual: codes[i], accepted });
     }
     let mut bins: [Vec<NoiseBin>; 3] = Default::default();
     for (bins, key) in bins.iter_mut().zip(SIGMAS) {
@@ -103,7 +103,7 @@ pub fn from_toml(table: &Table, loading: ExampleLoading<'_>) -> Result<NoiseProf
     let neighbour_correlation = fixed(&neighbour, "neighbour_correlation", "to the right, below")?;
     if 1.0 + 2.0 * rg * rb * gb - rg * rg - rb * rb - gb * gb < -1e-3 {
         let accepted = "one that three channels can have together (1 + 2·rg·rb·gb ≥ rg² + rb² + gb²)";
-        return Err(NoiseTableError::Value { key: "channel_correlation", place: 3, found: gb, accepted });
+        return Err(NoiseTableError::Value { key: "channel_correlation", place: 3, actual: gb, accepted });
     }
     let example = example(table, loading)?;
     Ok(NoiseProfile { example, bins, channel_correlation: [rg, rb, gb], neighbour_correlation })
@@ -116,7 +116,7 @@ fn numbers(
     accepts: impl Fn(f64) -> bool,
 ) -> Result<Vec<f64>, NoiseTableError> {
     let value = table.get(key).ok_or(NoiseTableError::Missing { key })?;
-    let refused = || NoiseTableError::NotNumbers { key, found: quoted(&value.to_string()) };
+    let refused = || NoiseTableError::NotNumbers { key, actual: quoted(&value.to_string()) };
     let mut numbers = Vec::new();
     for (i, item) in value.as_array().ok_or_else(refused)?.iter().enumerate() {
         let number = match item {
@@ -125,19 +125,19 @@ fn numbers(
             _ => return Err(refused()),
         };
         if !number.is_finite() || !accepts(number) {
-            return Err(NoiseTableError::Value { key, place: i + 1, found: number, accepted });
+            return Err(NoiseTableError::Value { key, place: i + 1, actual: number, accepted });
         }
         numbers.push(number);
     }
     Ok(numbers)
 }
 
-fn check_length(key: &'static str, found: usize, expected: usize, why: &'static str) -> Result<(), NoiseTableError> {
-    if found == expected { Ok(()) } else { Err(NoiseTableError::Length { key, found, expected, why }) }
+fn check_length(key: &'static str, length: usize, expected: usize, why: &'static str) -> Result<(), NoiseTableError> {
+    if length == expected { Ok(()) } else { Err(NoiseTableError::Length { key, actual: length, expected, why }) }
 }
 
 fn fixed<const N: usize>(values: &[f64], key: &'static str, why: &'static str) -> Result<[f64; N], NoiseTableError> {
-    values.try_into().map_err(|_| NoiseTableError::Length { key, found: values.len(), expected: N, why })
+    values.try_into().map_err(|_| NoiseTableError::Length { key, actual: values.len(), expected: N, why })
 }
 
 #[cfg(test)]

@@ -17,7 +17,7 @@ struct ReadTarget<'a> {
     /// The profile's file.
     path: &'a Path,
     settings: &'a mut Settings,
-    given: &'a mut ShotSettings,
+    values: &'a mut ShotSettings,
     loading: ExampleLoading<'a>,
 }
 
@@ -57,15 +57,15 @@ impl Rig {
         settings: &mut Settings,
     ) -> Result<ShotSettings, ProfileError> {
         let failed = |message| ProfileError::Calibration { path: path.to_owned(), message };
-        let mut given = ShotSettings::default();
+        let mut shot_settings = ShotSettings::default();
         for (table, name, value) in calibration_file::read(text).map_err(failed)? {
             // Both tables are the rig's own.
             if let Some(Err(source)) = self.set(settings, table, name, &value) {
                 return Err(ProfileError::Param { path: path.to_owned(), source: Box::new(source) });
             }
-            given.insert(table, name, value);
+            shot_settings.insert(table, name, value);
         }
-        Ok(given)
+        Ok(shot_settings)
     }
 
     /// Checks the text of a profile without the files that it names.
@@ -87,18 +87,18 @@ impl Rig {
         loading: ExampleLoading<'_>,
     ) -> Result<ShotSettings, ProfileError> {
         let path = path.to_owned();
-        let mut given = ShotSettings::default();
+        let mut shot_settings = ShotSettings::default();
         let mut root: toml::Table =
             text::read(text).map_err(|source| ProfileError::Syntax { path: path.clone(), source })?;
         match root.remove("version") {
             Some(toml::Value::Integer(1)) => {}
             other => {
-                let found = other.map_or_else(|| "missing".to_owned(), |v| quoted(&v.to_string()));
-                return Err(ProfileError::Version { path, found });
+                let actual = other.map_or_else(|| "missing".to_owned(), |v| quoted(&v.to_string()));
+                return Err(ProfileError::Version { path, actual });
             }
         }
         for (name, value) in root {
-            let mut target = ReadTarget { path: &path, settings, given: &mut given, loading };
+            let mut target = ReadTarget { path: &path, settings, values: &mut shot_settings, loading };
             self.read_table(&name, value, &mut target)?;
         }
         match self.distortion.missing() {
@@ -106,7 +106,7 @@ impl Rig {
                 let model = self.distortion.get("model").unwrap_or(Value::None);
                 Err(ProfileError::Coefficient { path, name, model })
             }
-            None => Ok(given),
+            None => Ok(shot_settings),
         }
     }
 
@@ -115,7 +115,7 @@ impl Rig {
         let unknown = |rig: &Self, settings: &Settings| ProfileError::UnknownTable {
             path: path.to_owned(),
             table: quoted(table),
-            known: rig.known_tables(settings),
+            tables: rig.known_tables(settings),
         };
         let toml::Value::Table(entries) = value else { return Err(unknown(self, target.settings)) };
         if !self.table_names(target.settings).contains(&table) {
@@ -124,7 +124,7 @@ impl Rig {
         if table == "camera.noise" {
             let noise = noise::from_toml(&entries, loading)
                 .map_err(|e| ProfileError::Noise { path: path.to_owned(), message: e.to_string() })?;
-            target.given.set_noise(noise.clone());
+            target.values.set_noise(noise.clone());
             self.noise = Some(noise);
             return Ok(());
         }
@@ -146,12 +146,12 @@ impl Rig {
                         path: path.to_owned(),
                         table: table.to_owned(),
                         key: quoted(&key),
-                        found: quoted(&other.to_string()),
+                        actual: quoted(&other.to_string()),
                     });
                 }
             };
             match self.set(target.settings, table, &key, &as_value) {
-                Some(Ok(())) => target.given.insert(table, &key, as_value),
+                Some(Ok(())) => target.values.insert(table, &key, as_value),
                 Some(Err(source)) => {
                     return Err(ProfileError::Param { path: path.to_owned(), source: Box::new(source) });
                 }

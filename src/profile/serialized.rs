@@ -14,7 +14,8 @@ use crate::params::{ParamError, Params, Value, values};
 #[serde(deny_unknown_fields)]
 struct SerializedRig {
     tables: BTreeMap<String, BTreeMap<String, Value>>,
-    given: Vec<(String, String)>,
+    #[serde(rename = "given")]
+    set_keys: Vec<(String, String)>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     yielding: Vec<(String, String)>,
     noise: Option<NoiseProfile>,
@@ -43,7 +44,7 @@ impl From<Rig> for SerializedRig {
         let owned = |(table, name): &(&str, &str)| ((*table).to_owned(), (*name).to_owned());
         Self {
             tables: rig.tables().into_iter().map(table).collect(),
-            given: rig.given.iter().map(owned).collect(),
+            set_keys: rig.set_keys.iter().map(owned).collect(),
             yielding: rig.yielding.iter().map(owned).collect(),
             noise_example: example.map(|example| absolute(&example.file)),
             noise: rig.noise,
@@ -65,14 +66,14 @@ impl TryFrom<SerializedRig> for Rig {
             let own = own.ok_or_else(|| RigFormatError::Table(table.clone()))?;
             values.iter().try_for_each(|(name, value)| own.set(name, value))?;
         }
-        for (table, name) in &written.given {
-            let known = {
+        for (table, name) in &written.set_keys {
+            let names = {
                 let geometry: [&dyn Params; 2] = [&rig.intrinsics, &rig.distortion];
                 let named = |own: &&dyn Params| own.table() == table;
                 let own = geometry.into_iter().find(named);
                 own.and_then(|own| Some((own.table(), own.specs().into_iter().find(|spec| spec.name == name)?.name)))
             };
-            rig.given.insert(known.ok_or_else(|| RigFormatError::Given(format!("{table}.{name}")))?);
+            rig.set_keys.insert(names.ok_or_else(|| RigFormatError::Given(format!("{table}.{name}")))?);
         }
         // Frames override no other keys.
         rig.follow_frames();

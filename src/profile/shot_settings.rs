@@ -200,8 +200,8 @@ impl ShotSettings {
             match rig.set(settings, table, name, value) {
                 Some(done) => done.map_err(failed)?,
                 None => {
-                    let known = rig.known_tables(settings);
-                    return Err(ProfileError::UnknownTable { path: path.to_owned(), table: quoted(table), known });
+                    let tables = rig.known_tables(settings);
+                    return Err(ProfileError::UnknownTable { path: path.to_owned(), table: quoted(table), tables });
                 }
             }
         }
@@ -293,9 +293,9 @@ fn insert(settings: &mut Table, table: &str, name: &str, value: Toml) {
     at.insert(name.to_owned(), value);
 }
 
-fn type_error(path: &Path, table: &str, key: &str, found: &Toml) -> ProfileError {
-    let (table, found) = (table.to_owned(), quoted(&found.to_string()));
-    ProfileError::Type { path: path.to_owned(), table, key: quoted(key), found }
+fn type_error(path: &Path, table: &str, key: &str, actual: &Toml) -> ProfileError {
+    let (table, actual) = (table.to_owned(), quoted(&actual.to_string()));
+    ProfileError::Type { path: path.to_owned(), table, key: quoted(key), actual }
 }
 
 #[cfg(test)]
@@ -325,9 +325,9 @@ mod tests {
         assert!(!settings.is_on("noise") && settings.overrule_recorded_exposure && rig.noise.is_some());
         let (mut before, now) = (Rig::default(), ParameterValues { rig: &rig, settings: &settings });
         before.lens.aperture_diameter_mm = Some(5.0);
-        let found = ShotSettings::between(ParameterValues { rig: &before, settings: &Settings::default() }, now);
-        assert_eq!(found, own);
-        assert_eq!(ShotSettings::read(&found.to_toml(Path::new(SCENE)), Path::new(SCENE)).unwrap(), own);
+        let difference = ShotSettings::between(ParameterValues { rig: &before, settings: &Settings::default() }, now);
+        assert_eq!(difference, own);
+        assert_eq!(ShotSettings::read(&difference.to_toml(Path::new(SCENE)), Path::new(SCENE)).unwrap(), own);
         assert!(ShotSettings::between(now, now).is_empty());
     }
 

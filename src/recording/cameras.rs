@@ -63,14 +63,14 @@ pub fn parse_cameras(text: &str, list: &Path) -> Result<Vec<(f64, FrameCamera)>,
             *found = value(name)?;
         }
         records::end(rest)?;
-        let known: Vec<(&str, f64)> =
+        let values: Vec<(&str, f64)> =
             GEOMETRY.into_iter().zip(&of_geometry).filter_map(|(name, value)| Some((name, (*value)?))).collect();
-        let geometry = match known.len() {
+        let geometry = match values.len() {
             0 => None,
-            _ if known.len() < GEOMETRY.len() => {
+            _ if values.len() < GEOMETRY.len() => {
                 return Err(format!("a part of the camera is `{UNKNOWN}`; expected all of {}", GEOMETRY.join(" ")));
             }
-            _ => Some(geometry_from(LensModel::Opencv, &known).map_err(|error| error.to_string())?),
+            _ => Some(geometry_from(LensModel::Opencv, &values).map_err(|error| error.to_string())?),
         };
         Ok(FrameCamera { geometry, lens: checked(of_lens)? })
     })

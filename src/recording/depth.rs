@@ -136,7 +136,7 @@ impl Depth {
             };
             confidence.extend(beside);
             first_float = first_float.or(is_float.then_some(file));
-            let found = match &stored.camera {
+            let from_camera = match &stored.camera {
                 Some(camera) if camera.size() != (width, height) => {
                     return Err(RecordingError::content(file, other_size((width, height), camera.size())));
                 }
@@ -145,7 +145,7 @@ impl Depth {
                 None if is_same_aspect((width, height), size) => DepthRegistration::Enlarged(width, height),
                 None => DepthRegistration::Unknown(width, height),
             };
-            if matches!(found, DepthRegistration::Unknown(..)) && warning.is_none() {
+            if matches!(from_camera, DepthRegistration::Unknown(..)) && warning.is_none() {
                 warning = Some(format!(
                     "{}: depth is {width}x{height}, the frames are {}x{}: with another aspect ratio it cannot occlude \
                      (describe its camera by `camera` in [depth] of a recording.toml)",
@@ -155,7 +155,7 @@ impl Depth {
                 ));
             }
             if !matches!(registration, DepthRegistration::Unknown(..)) {
-                registration = found;
+                registration = from_camera;
             }
         }
         for depth in &mut of_frame {
@@ -272,6 +272,6 @@ impl Depth {
     }
 }
 
-fn other_size(found: (u32, u32), camera: (u32, u32)) -> String {
-    format!("is {}x{}, the depth camera's pictures are {}x{}", found.0, found.1, camera.0, camera.1)
+fn other_size(size_px: (u32, u32), camera: (u32, u32)) -> String {
+    format!("is {}x{}, the depth camera's pictures are {}x{}", size_px.0, size_px.1, camera.0, camera.1)
 }

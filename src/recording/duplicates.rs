@@ -47,16 +47,16 @@ impl Recording {
     }
 }
 
-/// Calls `found` for each frame, in order, with true if its picture has the code values of the
+/// Calls `on_frame` for each frame, in order, with true if its picture has the code values of the
 /// previous one.
 fn repeating(
     pictures: &Pictures,
     frames: Range<usize>,
-    mut found: impl FnMut(usize, bool),
+    mut on_frame: impl FnMut(usize, bool),
 ) -> Result<(), RecordingError> {
     let mut before: Option<Pixels> = None;
     let mut next = |frame: usize, pixels: Option<Pixels>| {
-        found(frame, pixels.is_some() && pixels == before);
+        on_frame(frame, pixels.is_some() && pixels == before);
         before = pixels;
     };
     match pictures {

@@ -14,18 +14,18 @@ pub enum RecordingError {
     #[error(transparent)]
     Source(#[from] SourceError),
     #[error(
-        "{}: is not a recording: {found}; expected {accepted}",
+        "{}: is not a recording: {actual}; expected {accepted}",
         path.display()
     )]
-    NotARecording { path: PathBuf, found: String, accepted: String },
+    NotARecording { path: PathBuf, actual: String, accepted: String },
     /// A file of a recording has invalid content.
     #[error("{}: {problem}", file.display())]
     Content { file: PathBuf, problem: String },
     /// A binary file of a recording has invalid content. Bytes count from 0.
     #[error("{}, byte {offset}: {problem}", file.display())]
     Bytes { file: PathBuf, offset: usize, problem: String },
-    #[error("the option {name} = {} is refused: expected {accepted}", number(*found))]
-    Option { name: &'static str, found: f64, accepted: &'static str },
+    #[error("the option {name} = {} is refused: expected {accepted}", number(*actual))]
+    Option { name: &'static str, actual: f64, accepted: &'static str },
     #[error("frames {start}..{end} were requested; the recording has 0..{count}")]
     Range { start: usize, end: usize, count: usize },
 }
@@ -38,14 +38,14 @@ impl RecordingError {
     /// Removes the quoted text of a file that lies neither in the folder of the given path nor in
     /// that of the recording found there: a recording may reference any file, and the reader of the
     /// message may lack permission to read it.
-    pub(super) fn without_foreign_text(mut self, given: &Path, found: &Path) -> Self {
+    pub(super) fn without_foreign_text(mut self, opened: &Path, recording: &Path) -> Self {
         let (Self::Text(TextError::Line { file, problem, .. }) | Self::Bytes { file, problem, .. }) = &mut self else {
             return self;
         };
         let Ok(file) = file.canonicalize() else { return self };
         // Symbolic links in the given path are intended; those in the recording may lead anywhere.
-        let of_given = given.canonicalize().ok().and_then(|given| folder_of(&given).map(Path::to_owned));
-        let of_found = folder_of(found).and_then(|folder| folder.canonicalize().ok());
+        let of_given = opened.canonicalize().ok().and_then(|opened| folder_of(&opened).map(Path::to_owned));
+        let of_found = folder_of(recording).and_then(|folder| folder.canonicalize().ok());
         if !of_given.iter().chain(&of_found).any(|folder| file.starts_with(folder)) {
             FOREIGN_CONTENT.clone_into(problem);
         }

@@ -108,9 +108,9 @@ impl RigidTransform {
 
 /// Nanoseconds as seconds, rounded only once.
 fn seconds(nanoseconds: &str, name: &str) -> Result<f64, String> {
-    let found = nanoseconds.trim();
-    let refuse = |_| format!("{name} is `{}`; whole nanoseconds are needed", quoted(found));
-    let nanoseconds: u64 = found.parse().map_err(refuse)?;
+    let text = nanoseconds.trim();
+    let refuse = |_| format!("{name} is `{}`; whole nanoseconds are needed", quoted(text));
+    let nanoseconds: u64 = text.parse().map_err(refuse)?;
     Ok((nanoseconds / 1_000_000_000) as f64 + (nanoseconds % 1_000_000_000) as f64 * 1e-9)
 }
 
@@ -257,12 +257,12 @@ mod tests {
         assert!((poses[0].0 - 1_403_636_579.763_555_6).abs() < 3e-7);
         assert!((poses[0].1.position_in_world_m() - DVec3::new(1.0, 2.1, 3.0)).length() < 1e-7);
         // 2 m ahead, 0.4 m to the right (the world's x), 0.2 m down.
-        let seen = poses[0].1.transform_point(DVec3::new(1.4, 4.1, 2.8));
-        assert!((seen - DVec3::new(0.4, 0.2, 2.0)).length() < 1e-6, "{seen}");
+        let in_camera = poses[0].1.transform_point(DVec3::new(1.4, 4.1, 2.8));
+        assert!((in_camera - DVec3::new(0.4, 0.2, 2.0)).length() < 1e-6, "{in_camera}");
         // u = 0.2, v = 0.1, r² = 0.05: radial 0.996; x: 0.1992 + 2·0.01·0.02 + 0.02·(0.05 + 0.08) =
         // 0.2022; y: 0.0996 + 0.01·(0.05 + 0.02) + 2·0.02·0.02 = 0.1011. Then half a pixel for the
         // different pixel centres.
-        let at = sensor.geometry().unwrap().project(seen).unwrap();
+        let at = sensor.geometry().unwrap().project(in_camera).unwrap();
         assert!((at - DVec2::new(367.5 + 80.88, 248.5 + 50.55)).length() < 1e-3, "{at}");
     }
 

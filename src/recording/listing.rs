@@ -271,9 +271,9 @@ mod tests {
     fn frame_opacity_is_read_and_checked() {
         let read = |text: &str| frames(text, Path::new("site/frames.txt"));
         let file = |name: &str| Path::new("site").join(name);
-        let seen = read("1 f/a b.png\n2 f/c.png presence=0.25\n3 presence=0.5 presence=1\n").unwrap();
+        let listing = read("1 f/a b.png\n2 f/c.png presence=0.25\n3 presence=0.5 presence=1\n").unwrap();
         let expected = [(1.0, file("f/a b.png"), 1.0), (2.0, file("f/c.png"), 0.25), (3.0, file("presence=0.5"), 1.0)];
-        assert_eq!(seen, expected);
+        assert_eq!(listing, expected);
         for (bad, found) in [("-0.1", "-0.1"), ("1.5", "1.5"), ("nan", "nan"), ("", ""), ("0.5 x", "0.5 x")] {
             let error = read(&format!("1 a.png\n2 b.png presence={bad}")).unwrap_err().to_string();
             let message = format!("frames.txt, line 2: presence is `{found}`; expected a number from 0 to 1");

@@ -180,7 +180,7 @@ pub struct Refinement {
     /// Added to the depth maps' times, seconds.
     pub depth_later_s: f64,
     /// One per frame, or empty.
-    pub seen: Vec<RelativeBrightness>,
+    pub brightness: Vec<RelativeBrightness>,
     /// [`FrameExposure::blur_estimate_s`], one per frame, or empty.
     pub blur_estimate_s: Vec<f64>,
     /// Surfaces fused from the depth maps, in the world of the track.
@@ -208,8 +208,11 @@ impl Recording {
         }
         self.depth_later_s = by.depth_later_s;
         let mut exposure = self.exposure.to_vec();
-        if by.seen.len() == self.frame_count() {
-            exposure.iter_mut().zip(&by.seen).for_each(|(frame, brightness)| frame.brightness = Some(*brightness));
+        if by.brightness.len() == self.frame_count() {
+            exposure
+                .iter_mut()
+                .zip(&by.brightness)
+                .for_each(|(frame, brightness)| frame.brightness = Some(*brightness));
         }
         if by.blur_estimate_s.len() == self.frame_count() {
             exposure.iter_mut().zip(&by.blur_estimate_s).for_each(|(frame, s)| frame.blur_estimate_s = Some(*s));
@@ -403,13 +406,13 @@ impl Recording {
         self.depth.as_ref().filter(|depth| depth.has_any()).map(|depth| depth.registration)
     }
 
-    /// Sets the cameras to which the depth of a separate camera is registered: `given` maps each
-    /// frame's own camera to the one used from now on.
-    pub fn set_cameras(&mut self, given: impl Fn(Option<&Geometry>) -> Option<Geometry>) {
+    /// Sets the cameras to which the depth of a separate camera is registered: `camera_for` maps
+    /// each frame's own camera to the one used from now on.
+    pub fn set_cameras(&mut self, camera_for: impl Fn(Option<&Geometry>) -> Option<Geometry>) {
         if matches!(self.registration(), Some(DepthRegistration::OtherCamera(..))) {
             let own = self.cameras();
-            let all: Vec<_> = own.iter().map(|camera| given(camera.as_ref())).collect();
-            self.registration_cameras = Some(if all.is_empty() { Arc::from([given(None)]) } else { all.into() });
+            let all: Vec<_> = own.iter().map(|camera| camera_for(camera.as_ref())).collect();
+            self.registration_cameras = Some(if all.is_empty() { Arc::from([camera_for(None)]) } else { all.into() });
         }
     }
 
@@ -452,7 +455,7 @@ fn middles_of_parts(count: usize, most: usize) -> impl Iterator<Item = usize> + 
 }
 
 fn check(options: &OpenOptions) -> Result<(), RecordingError> {
-    let refuse = |name, found, accepted| Err(RecordingError::Option { name, found, accepted });
+    let refuse = |name, actual, accepted| Err(RecordingError::Option { name, actual, accepted });
     let above_zero = |v: f64| v.is_finite() && v > 0.0;
     match options {
         o if !above_zero(o.metres_per_unit) => refuse("metres_per_unit", o.metres_per_unit, "a finite number above 0"),
@@ -475,7 +478,7 @@ fn find(path: &Path) -> Result<(&'static RecordingFormat, PathBuf), RecordingErr
         Some(format!("{unread}, and no file describes a recording"))
     };
     let foreign = unsupported_capture::refusal(path).map(str::to_owned).or(unread).or_else(in_folder);
-    let found = match path {
+    let problem = match path {
         _ if foreign.is_some() => foreign.as_deref().unwrap_or_default(),
         _ if path.is_file() => "it is a file of another kind (frames or a video alone: name them in a recording.toml)",
         _ if path.is_dir() => "the folder has none of the files that identify one",
@@ -483,7 +486,7 @@ fn find(path: &Path) -> Result<(&'static RecordingFormat, PathBuf), RecordingErr
         _ => "there is nothing at this path",
     };
     let accepted = FORMATS.map(|format| format.marker).join(", ");
-    Err(RecordingError::NotARecording { path: path.to_owned(), found: found.to_owned(), accepted })
+    Err(RecordingError::NotARecording { path: path.to_owned(), actual: problem.to_owned(), accepted })
 }
 
 #[cfg(test)]

@@ -25,7 +25,7 @@ pub struct FramesWithNeighbours {
     reading: Range<usize>,
     frames: Frames,
     ready: VecDeque<Result<Frame, RecordingError>>,
-    known: VecDeque<Arc<NeighbourFrame>>,
+    window: VecDeque<Arc<NeighbourFrame>>,
 }
 
 impl Recording {
@@ -41,8 +41,14 @@ impl Recording {
         // Errors of the range refer to the requested range.
         let frames = self.frames(if range.end > self.frame_count() { range.clone() } else { reading.clone() })?;
         let frames = if range.is_empty() { frames } else { frames.with_coding(self.estimated_coding()) };
-        let (ready, known) = (VecDeque::new(), VecDeque::new());
-        Ok(FramesWithNeighbours { recording: self.clone(), range, reading, frames, ready, known })
+        Ok(FramesWithNeighbours {
+            recording: self.clone(),
+            range,
+            reading,
+            frames,
+            ready: VecDeque::new(),
+            window: VecDeque::new(),
+        })
     }
 }
 
@@ -56,7 +62,7 @@ impl FramesWithNeighbours {
             Some(Ok(frame)) => {
                 if let Some(depth) = frame.depth.clone() {
                     let (pixels, timestamp_s) = (frame.pixels.clone(), frame.timestamp_s);
-                    self.known.push_back(Arc::new(NeighbourFrame { index, timestamp_s, pixels, depth }));
+                    self.window.push_back(Arc::new(NeighbourFrame { index, timestamp_s, pixels, depth }));
                 }
                 if is_wanted {
                     self.ready.push_back(Ok(frame));
@@ -102,11 +108,11 @@ impl Iterator for FramesWithNeighbours {
             Ok(frame) => frame,
             failed => return Some(failed),
         };
-        self.known.retain(|beside| beside.index + NEIGHBOURS_EACH_WAY >= index);
+        self.window.retain(|beside| beside.index + NEIGHBOURS_EACH_WAY >= index);
         let is_beside =
             |beside: &&Arc<NeighbourFrame>| beside.index != index && beside.index <= index + NEIGHBOURS_EACH_WAY;
         if frame.depth.is_some() {
-            frame.neighbours = self.known.iter().filter(is_beside).cloned().collect();
+            frame.neighbours = self.window.iter().filter(is_beside).cloned().collect();
         }
         Some(Ok(frame))
     }

@@ -131,9 +131,9 @@ impl TransformsCamera {
 
     /// The geometry. A missing size is that of the picture. `None` without a focal length.
     fn geometry(&self, file: &Path) -> Result<Option<Geometry>, String> {
-        let known = || MODELS.iter().chain(&FISHEYES).chain(&EQUIRECTANGULAR_NAMES);
-        if let Some(model) = self.camera_model.as_deref().filter(|m| !known().any(|k| k == m)) {
-            let names: Vec<_> = known().copied().collect();
+        let supported = || MODELS.iter().chain(&FISHEYES).chain(&EQUIRECTANGULAR_NAMES);
+        if let Some(model) = self.camera_model.as_deref().filter(|m| !supported().any(|k| k == m)) {
+            let names: Vec<_> = supported().copied().collect();
             return Err(format!(
                 "camera_model is {}; expected {} (of others, undistort the pictures: colmap image_undistorter)",
                 quoted(model),

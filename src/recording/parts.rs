@@ -425,9 +425,9 @@ fn photo_settings(
 
 /// The common geometry of all frames that have one; `None` if they differ.
 fn common_geometry(geometries: &[Option<Geometry>]) -> Option<Geometry> {
-    let mut known = geometries.iter().flatten();
-    let first = known.next()?;
-    known.all(|other| other == first).then(|| first.clone())
+    let mut geometries_of_frames = geometries.iter().flatten();
+    let first = geometries_of_frames.next()?;
+    geometries_of_frames.all(|other| other == first).then(|| first.clone())
 }
 
 fn irregular_intervals(timestamps_s: &[f64], usual_s: f64) -> Option<String> {

@@ -178,10 +178,10 @@ mod tests {
         // 2 m ahead of the depth camera, 0.4 m to its right: f·x/z = 525 · 0.375 / 2 right of the
         // picture's centre.
         let in_depth = DVec3::new(0.4, 0.0, 2.0);
-        let seen = pose.transform_point(DVec3::new(1.0, 2.4, 5.0));
-        assert!((seen - colour_from_depth().transform_point(in_depth)).length() < 1e-12, "{seen}");
+        let in_camera = pose.transform_point(DVec3::new(1.0, 2.4, 5.0));
+        assert!((in_camera - colour_from_depth().transform_point(in_depth)).length() < 1e-12, "{in_camera}");
         let camera = geometry_from(LensModel::Opencv, &[("fx_px", 525.0), ("cx_px", 320.0)]).unwrap();
-        let at = camera.project(seen).unwrap();
+        let at = camera.project(in_camera).unwrap();
         assert!((at - DVec2::new(418.4375, 240.0)).length() < 1e-9, "{at}");
     }
 

@@ -75,14 +75,14 @@ fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     parts.geometries = geometries;
     parts.up = Some(DVec3::Y);
     let mut poses: Vec<(f64, Pose)> = Vec::new();
-    let known = || lines.iter().filter_map(|line| Some((line.time_s, line.pose?)));
-    for (time_s, pose) in known() {
+    let timed_poses = || lines.iter().filter_map(|line| Some((line.time_s, line.pose?)));
+    for (time_s, pose) in timed_poses() {
         // Of two poses at one time the first is kept.
         if poses.last().is_none_or(|before| before.0 < time_s) {
             poses.push((time_s, pose));
         }
     }
-    let repeated = known().count() - poses.len();
+    let repeated = timed_poses().count() - poses.len();
     if repeated > 0 {
         warnings.push(format!("{}: {} left out, with the time of the one before", odometry.display(), {
             if repeated == 1 { "1 pose is".to_owned() } else { format!("{repeated} poses are") }
@@ -156,15 +156,15 @@ fn parse_odometry(text: &str, file: &Path) -> Result<(Vec<OdometryLine>, Vec<Str
         let fields: Vec<&str> = record.split(',').map(str::trim).collect();
         let refuse = |problem: String| TextError::line(file, at, problem);
         let field = |name: &str| {
-            let found = column(name).and_then(|i| fields.get(i).copied()).filter(|text| !text.is_empty());
-            found.ok_or_else(|| refuse(format!("column {name} is missing")))
+            let text = column(name).and_then(|i| fields.get(i).copied()).filter(|text| !text.is_empty());
+            text.ok_or_else(|| refuse(format!("column {name} is missing")))
         };
         let not_finite = |name: &str, found: &str| {
             refuse(format!("column {name} is `{}`; a finite number is needed", quoted(found)))
         };
         let any = |name: &str| {
-            let found = field(name)?;
-            found.parse::<f64>().map_err(|_| not_finite(name, found))
+            let text = field(name)?;
+            text.parse::<f64>().map_err(|_| not_finite(name, text))
         };
         let value = |name: &str| match any(name)? {
             n if n.is_finite() => Ok(n),
@@ -208,8 +208,8 @@ fn parse_matrix(text: &str, file: &Path) -> Result<[f64; 4], TextError> {
     for row in &mut rows {
         let (at, record) = records.next().unwrap_or((text.lines().count().max(1), ""));
         let finite = |field: &str| field.trim().parse().ok().filter(|n: &f64| n.is_finite());
-        let found: Option<Vec<f64>> = record.split(',').map(finite).collect();
-        *row = found.and_then(|found| found.try_into().ok()).ok_or_else(|| {
+        let numbers: Option<Vec<f64>> = record.split(',').map(finite).collect();
+        *row = numbers.and_then(|numbers| numbers.try_into().ok()).ok_or_else(|| {
             TextError::line(
                 file,
                 at,
@@ -245,10 +245,10 @@ mod tests {
         let OdometryLine { at, time_s, name, pose, intrinsics } = &lines[0];
         assert_eq!((*at, *time_s, name.as_str(), *intrinsics), (2, 5021.25, "000007", None));
         // 2 m ahead, 0.5 m to the right, 0.25 m down.
-        let seen = pose.unwrap().transform_point(DVec3::new(1.5, 1.75, 1.0));
-        assert!((seen - DVec3::new(0.5, 0.25, 2.0)).length() < 1e-12, "{seen}");
+        let in_camera = pose.unwrap().transform_point(DVec3::new(1.5, 1.75, 1.0));
+        assert!((in_camera - DVec3::new(0.5, 0.25, 2.0)).length() < 1e-12, "{in_camera}");
         let matrix = parse_matrix("1600.0,0.0,960.5\n0.0,1601.0,720.25\n0,0,1\n", Path::new(MATRIX)).unwrap();
-        let at = pinhole_geometry(matrix, 1920, 1440).unwrap().project(seen).unwrap();
+        let at = pinhole_geometry(matrix, 1920, 1440).unwrap().project(in_camera).unwrap();
         assert!((at - glam::DVec2::new(1360.5, 920.375)).length() < 1e-9, "{at}");
     }
 

@@ -58,8 +58,8 @@ pub fn numbers<const N: usize>(text: &str, name: &str) -> Result<[f64; N], Strin
     let words: Vec<&str> = text.split_whitespace().collect();
     let expected = || if N == 1 { "a number".to_owned() } else { format!("{N} numbers") };
     if words.len() != N {
-        let found = if words.len() == 1 { quoted(words[0]) } else { words.len().to_string() };
-        return Err(format!("{name} holds {found}; expected {}", expected()));
+        let actual = if words.len() == 1 { quoted(words[0]) } else { words.len().to_string() };
+        return Err(format!("{name} holds {actual}; expected {}", expected()));
     }
     let mut values = [0.0; N];
     for (value, word) in values.iter_mut().zip(words) {

@@ -105,14 +105,14 @@ fn extent(geometry: &Geometry, keys: &ViewKeys, boxes: &[[DVec3; 8]]) -> Rect {
     let mut rect = Rect::new(0, 0, 0, 0);
     let (moments, _) = keys.sampled();
     for corners in boxes {
-        let seen: Vec<_> = moments.iter().map(|pose| corners.map(|c| pose.transform_point(c))).collect();
-        if seen.iter().all(|corners| out_of_view(geometry, corners)) {
+        let boxes_in_camera: Vec<_> = moments.iter().map(|pose| corners.map(|c| pose.transform_point(c))).collect();
+        if boxes_in_camera.iter().all(|corners| out_of_view(geometry, corners)) {
             continue;
         }
-        if seen.iter().flatten().any(|c| c.z <= NEAR_M) {
+        if boxes_in_camera.iter().flatten().any(|c| c.z <= NEAR_M) {
             return Rect::full(side, side);
         }
-        let places = seen.iter().flatten().map(|&c| geometry.distorted_px(c.truncate() / c.z));
+        let places = boxes_in_camera.iter().flatten().map(|&c| geometry.distorted_px(c.truncate() / c.z));
         let (low, high) = places.fold((DVec2::INFINITY, DVec2::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
         let (low, high) = (low.max(DVec2::splat(-9.0)), high.min(DVec2::splat(f64::from(side) + 9.0)));
         let own = Rect::new(low.x as i32 - 2, low.y as i32 - 2, high.x as i32 + 3, high.y as i32 + 3);

@@ -182,16 +182,16 @@ pub fn footprint(
         if keys.poses.iter().all(|pose| points.iter().all(|&p| pose.transform_point(p).z < NEAR_M)) {
             continue;
         }
-        let seen: Option<Vec<_>> = moments.iter().map(|pose| normalised(&points, pose)).collect();
-        let simple = seen.as_ref().and_then(|seen| ScreenExtent::of(seen.iter().flatten().copied()));
+        let images: Option<Vec<_>> = moments.iter().map(|pose| normalised(&points, pose)).collect();
+        let simple = images.as_ref().and_then(|images| ScreenExtent::of(images.iter().flatten().copied()));
         let simple = simple.map(|extent| extent_px(extent, geometry));
         let cut = || {
             let convex_hulls =
-                if seen.is_some() { vec![points.clone()] } else { convex_hulls(scene, part, &outlines[part.mesh]) };
+                if images.is_some() { vec![points.clone()] } else { convex_hulls(scene, part, &outlines[part.mesh]) };
             let of_hull = |hull: &Vec<DVec3>| {
                 // A part that passes the camera is drawn as far as it is in front of it at the
                 // middle moment.
-                let drawn: Vec<_> = match seen {
+                let drawn: Vec<_> = match images {
                     Some(_) => hull.clone(),
                     None => {
                         let hull: Vec<_> = hull.iter().map(|&p| middle.transform_point(p)).collect();
@@ -229,12 +229,12 @@ pub fn footprint(
         }
         farthest = farthest.max(part_farthest);
         parts.push((own, part_farthest));
-        let Some(seen) = seen else {
+        let Some(images) = images else {
             fastest = fastest.max(rotation_speed_px_per_s(geometry, keys));
             continue;
         };
         let at_px: Vec<Vec<DVec2>> =
-            seen.iter().map(|points| points.iter().map(|&p| geometry.distorted_px(p)).collect()).collect();
+            images.iter().map(|points| points.iter().map(|&p| geometry.distorted_px(p)).collect()).collect();
         for pair in at_px.windows(2) {
             for (p, q) in pair[0].iter().zip(&pair[1]) {
                 fastest = fastest.max(p.distance(*q) / step_s);
@@ -297,23 +297,23 @@ mod tests {
         // Beside the camera, one corner 1 cm in front of its plane: more than 3 m to the side of
         // the field of view there.
         for at in [DVec3::new(1.0, 0.0, -0.04), DVec3::new(-1.0, 0.4, -0.03), DVec3::new(0.3, 0.0, -1.0)] {
-            let found = cube(at, 0.1);
-            assert!(found.rect.is_empty() && found.fastest_px_per_s == 0.0, "{at}: {found:?}");
+            let extent = cube(at, 0.1);
+            assert!(extent.rect.is_empty() && extent.fastest_px_per_s == 0.0, "{at}: {extent:?}");
         }
         // Through the camera's plane, 3 m to the side of the field of view 1 cm before it, and 0.2
         // m beside the middle of the picture 0.1 m before it: outside the picture, too.
         for at in [DVec3::new(1.0, 0.0, 0.0), DVec3::new(0.4, 0.0, -0.09)] {
-            let found = cube(at, 0.4);
-            assert!(found.rect.intersection(&Rect::full(640, 480)).is_empty(), "{at}: {found:?}");
+            let extent = cube(at, 0.4);
+            assert!(extent.rect.intersection(&Rect::full(640, 480)).is_empty(), "{at}: {extent:?}");
         }
         // Through the camera's plane and in front of its picture: unbounded.
-        let found = cube(DVec3::new(0.0, 0.0, 0.0), 0.4);
-        assert_eq!(found.rect.intersection(&Rect::full(640, 480).grown(64)), Rect::full(640, 480).grown(64));
+        let extent = cube(DVec3::new(0.0, 0.0, 0.0), 0.4);
+        assert_eq!(extent.rect.intersection(&Rect::full(640, 480).grown(64)), Rect::full(640, 480).grown(64));
         // A metre in front, 0.1 m wide: 52.5 px. It moves by rotation and translation: 525 · (0.5 +
         // 0.5 / 0.95), and a tenth more.
-        let found = cube(DVec3::new(0.0, 0.0, 1.0), 0.1);
-        assert!(found.rect.width() < 90 && found.rect.contains(320, 240), "{found:?}");
-        assert!((450.0..650.0).contains(&found.fastest_px_per_s), "{found:?}");
+        let extent = cube(DVec3::new(0.0, 0.0, 1.0), 0.1);
+        assert!(extent.rect.width() < 90 && extent.rect.contains(320, 240), "{extent:?}");
+        assert!((450.0..650.0).contains(&extent.fastest_px_per_s), "{extent:?}");
     }
 
     #[test]
@@ -408,7 +408,7 @@ mod tests {
                 if n % 2 == 0 {
                     p[n as usize / 2 % 3] = 0.5f64.copysign(p[n as usize / 2 % 3]);
                 }
-                let found = if n % 2 == 0 { &by_triangles } else { &by_outline };
+                let extent = if n % 2 == 0 { &by_triangles } else { &by_outline };
                 let p = DVec3::from(p);
                 let (rotation, position_m) = keys.at(2.0 * t * keys.reach_s);
                 let eye = position_m + keys.origin_in_world_m;
@@ -418,7 +418,7 @@ mod tests {
                 let is_drawn = p.z >= NEAR_M && in_middle.z >= CLIP_DEPTH_M;
                 let Some(at) = geometry.project(p).filter(|_| is_drawn) else { continue };
                 let (x, y) = (at.x.floor() as i32, at.y.floor() as i32);
-                prop_assert!(!picture.contains(x, y) || found.rect.contains(x, y), "{at} of {p} is not in {found:?}");
+                prop_assert!(!picture.contains(x, y) || extent.rect.contains(x, y), "{at} of {p} is not in {extent:?}");
             }
         }
 
@@ -427,7 +427,7 @@ mod tests {
             let geometry = Geometry::new(Intrinsics::default(), Distortion::default());
             let shutter = Shutter { exposure_time_s: 0.02, readout_time_s: 0.0, beyond_s: 0.0 };
             let keys = ViewKeys::new(shutter, |_| Pose::IDENTITY);
-            let found = of_box(&geometry, &keys, world_from_box, Vec::new());
+            let extent = of_box(&geometry, &keys, world_from_box, Vec::new());
             let unit = Bounds { low: DVec3::splat(-0.5), high: DVec3::splat(0.5) };
             let corners = unit.corners().map(|c| world_from_box.transform_point3(c));
             // 640 px and more to the right and left, and as many below and above.
@@ -439,7 +439,7 @@ mod tests {
                 corners.iter().all(|c| c.y > y * c.z),
                 corners.iter().all(|c| -c.y > y * c.z),
             ];
-            prop_assert!(!beyond.contains(&true) || (found.rect.is_empty() && found.fastest_px_per_s == 0.0), "{found:?}");
+            prop_assert!(!beyond.contains(&true) || (extent.rect.is_empty() && extent.fastest_px_per_s == 0.0), "{extent:?}");
         }
     }
 }

@@ -99,8 +99,8 @@ impl Renderer {
     pub fn place(&mut self, objects: &[Object]) {
         if self.scene.objects != objects {
             let meshes = self.scene.meshes.len();
-            let known = objects.iter().flat_map(|object| &object.parts).all(|part| part.mesh < meshes);
-            assert!(known, "objects of meshes that the scene does not have: it has {meshes}");
+            let meshes_exist = objects.iter().flat_map(|object| &object.parts).all(|part| part.mesh < meshes);
+            assert!(meshes_exist, "objects of meshes that the scene does not have: it has {meshes}");
             self.scene.objects = objects.to_vec();
             self.revision += 1;
         }
@@ -215,14 +215,14 @@ impl Renderer {
         }
         let one = layer(recorder, size);
         let sum = WeightedSum::new(&recorder.gpu, size);
-        let mut held = None;
+        let mut last_depth_test = None;
         for (i, sample) in Occlusion::grouped_by_moment(view.occlusion.as_ref(), &plan.samples).into_iter().enumerate()
         {
             let part = self.touched_rect(view, sample, plan.focus_distance_m, &prepared);
             if !part.is_empty() {
                 let one = Layer { size: (part.width(), part.height()), ..one.clone() };
                 let from = ((part.x0 - view.rect.x0) as u32, (part.y0 - view.rect.y0) as u32);
-                let occlusion = view.occlusion.map(|real| real.of(sample, recorder, view.rect, &mut held));
+                let occlusion = view.occlusion.map(|real| real.of(sample, recorder, view.rect, &mut last_depth_test));
                 let view = View { rect: part, occlusion, ..*view };
                 self.draw_sample(recorder, &view, (sample, plan.focus_distance_m), &prepared, &one);
                 sum.add(recorder, &one, from, sample.weight);

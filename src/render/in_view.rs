@@ -32,8 +32,8 @@ impl ScreenExtent {
 /// The extent within `area` of the visible part of the points' hull (in the camera's axes, metres).
 pub fn visible_extent(points: &[DVec3], area: ScreenExtent) -> Option<ScreenExtent> {
     let images = clipped_at_near_plane(points, NEAR_M).iter().map(|p| p.truncate() / p.z).collect();
-    let seen = clipped_to(&convex_hull(images), area);
-    ScreenExtent::of(seen.into_iter().map(|p| p.clamp(area.low, area.high)))
+    let visible = clipped_to(&convex_hull(images), area);
+    ScreenExtent::of(visible.into_iter().map(|p| p.clamp(area.low, area.high)))
 }
 
 /// Corners of the part of a hull with z of at least `near_m`, and some points inside it: the points
@@ -95,9 +95,12 @@ mod tests {
     }
 
     #[track_caller]
-    fn is(found: Option<ScreenExtent>, low: [f64; 2], high: [f64; 2]) {
+    fn is(extent: Option<ScreenExtent>, low: [f64; 2], high: [f64; 2]) {
         let close = |a: DVec2, b: [f64; 2]| a.distance(b.into()) < 1e-12;
-        assert!(found.is_some_and(|e| close(e.low, low) && close(e.high, high)), "{found:?}, by hand {low:?} {high:?}");
+        assert!(
+            extent.is_some_and(|e| close(e.low, low) && close(e.high, high)),
+            "{extent:?}, by hand {low:?} {high:?}"
+        );
     }
 
     #[test]

@@ -57,8 +57,8 @@ impl PartLightmaps {
         let mut bound: Vec<Option<BoundLightmap>> = Vec::new();
         for map in of_parts {
             let of_part = map.map(|map| {
-                let mut known = self.of_parts.iter().chain(&bound).flatten();
-                let same = known.find(|known| known.map == map).cloned();
+                let mut bound_maps = self.of_parts.iter().chain(&bound).flatten();
+                let same = bound_maps.find(|bound_maps| bound_maps.map == map).cloned();
                 same.unwrap_or_else(|| BoundLightmap { group: upload(gpu, layout, &map), map })
             });
             bound.push(of_part);

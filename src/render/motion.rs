@@ -153,11 +153,11 @@ impl<'a> CameraPath<'a> {
             self.moments
         };
         let point = now.0.inverse() * (depth_m * ray) + now.1;
-        let seen = |(turn, eye): (DQuat, DVec3)| {
+        let project = |(turn, eye): (DQuat, DVec3)| {
             let p = turn * (point - eye);
             self.view.geometry.distorted_px(p.truncate() / p.z.max(0.5 * NEAR_M))
         };
-        (seen(after) - seen(before)) / (2.0 * self.step_s)
+        (project(after) - project(before)) / (2.0 * self.step_s)
     }
 
     /// Readout time of the row that images a direction. Far outside the picture, times are clamped
@@ -248,11 +248,11 @@ mod tests {
         for (at, z) in [((30.5, 40.5), 0.4), ((600.5, 200.5), 1.0), ((320.5, 470.5), 5.0)] {
             let at = DVec2::from(at);
             let point = g.unproject(at).expect("inside") * z;
-            let seen = |t: f64| {
+            let project = |t: f64| {
                 let pose = Pose::from_camera_in_world(going * t, DQuat::from_scaled_axis(turning * t));
                 g.project(pose.transform_point(point)).expect("before the camera")
             };
-            let truth = (seen(1e-4) - seen(-1e-4)) / 2e-4;
+            let truth = (project(1e-4) - project(-1e-4)) / 2e-4;
             let estimated = velocity(&g, 0.0, going, turning, at, z);
             assert!(estimated.distance(truth) < 2e-3 * truth.length(), "{at}, {z} m: {estimated}, truth {truth}");
         }

@@ -103,14 +103,14 @@ impl Unwrapped {
         texel: f32,
     ) -> Self {
         let (mut corners, mut indices) = (Vec::new(), vec![0u32; mesh.indices.len()]);
-        let mut known: HashMap<(u32, usize), u32> = HashMap::new();
+        let mut new_indices: HashMap<(u32, usize), u32> = HashMap::new();
         for (n, (island, [x, y])) in islands.iter().zip(places).enumerate() {
             let origin = Vec2::new((x + ISLAND_PADDING_TEXELS) as f32, (y + ISLAND_PADDING_TEXELS) as f32);
             for triangle in &island.triangles {
                 for corner in 0..3 {
                     let index = 3 * *triangle as usize + corner;
                     let old = mesh.indices[index];
-                    indices[index] = *known.entry((old, n)).or_insert_with(|| {
+                    indices[index] = *new_indices.entry((old, n)).or_insert_with(|| {
                         let flat = faces[*triangle as usize].flat[corner];
                         let at = ((flat - island.low) / texel + origin) / side as f32;
                         corners.push(LightmapVertex { vertex: mesh.vertices[old as usize], at: at.to_array() });

@@ -191,11 +191,11 @@ impl ViewUniform {
         let nearest = ((time_s + keys.reach_s) * keys_per_s).round().max(0.0) as usize;
         let first = nearest.saturating_sub(MAX_KEYS / 2).min(keys.poses.len().saturating_sub(MAX_KEYS));
         let first_s = first as f64 / keys_per_s - keys.reach_s;
-        let known = &keys.poses[first..keys.poses.len().min(first + MAX_KEYS)];
+        let poses = &keys.poses[first..keys.poses.len().min(first + MAX_KEYS)];
         let mut key_rotation = [[0.0; 4]; MAX_KEYS];
         let mut key_translation = [[0.0; 4]; MAX_KEYS];
         let mut last = DQuat::IDENTITY;
-        for (n, pose) in known.iter().enumerate() {
+        for (n, pose) in poses.iter().enumerate() {
             // The same sign as the neighbour, since the shader interpolates between them.
             let q = if last.dot(pose.rotation) < 0.0 { -pose.rotation } else { pose.rotation };
             last = q;
@@ -225,7 +225,7 @@ impl ViewUniform {
             height_px: camera.intrinsics.height_px as f32,
             first_key_s: first_s as f32,
             keys_per_s: keys_per_s as f32,
-            last_key: (known.len() - 1) as f32,
+            last_key: (poses.len() - 1) as f32,
             tolerance_m,
             per_focus: (1.0 / focus_distance_m) as f32,
             parallel_to_m: view.parallel_to_m.unwrap_or(0.0) as f32,

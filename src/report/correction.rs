@@ -66,6 +66,6 @@ fn correction(frame: usize, source: &ReportSource<'_>, was: &Pose, now: &Pose, d
 pub fn usual_depth_m(source: &ReportSource<'_>) -> Result<Option<f64>, RecordingError> {
     let middle = source.recording.frame_count() / 2;
     let Some(frame) = source.recording.frames(middle..middle + 1)?.next().transpose()? else { return Ok(None) };
-    let known = frame.depth.iter().flat_map(|map| &map.depth_m).copied().filter(|z| *z > 0.0);
-    Ok(upper_median(known).map(f64::from))
+    let depths_m = frame.depth.iter().flat_map(|map| &map.depth_m).copied().filter(|z| *z > 0.0);
+    Ok(upper_median(depths_m).map(f64::from))
 }

@@ -57,8 +57,9 @@ pub fn edges(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
         let tile = Tile::cut(&frame.pixels, about, SIDE);
         let mut pictures = Vec::new();
         for camera in &cameras {
-            let seen = world(camera).into_iter().filter_map(|point| camera.project(frame.timestamp_s, point));
-            let places: Vec<DVec2> = seen.filter(|(at, z)| is_unoccluded(frame, *at, *z)).map(|(at, _)| at).collect();
+            let projected = world(camera).into_iter().filter_map(|point| camera.project(frame.timestamp_s, point));
+            let places: Vec<DVec2> =
+                projected.filter(|(at, z)| is_unoccluded(frame, *at, *z)).map(|(at, _)| at).collect();
             pictures.push(tile.dotted(about, &places)?);
         }
         cells.push(Cell { frame: frame.index, is_start: frame.index == start, pictures });
@@ -113,14 +114,19 @@ fn is_inside(frame: &Frame, at: DVec2) -> bool {
 
 /// The position that most frames show, and with the most edge points around among these; with its
 /// depth.
-fn centre(found: &[(DVec2, f64)], first: &Frame, frames: &[Frame], camera: &RollingCamera<'_>) -> Option<(DVec2, f64)> {
+fn centre(
+    edge_points: &[(DVec2, f64)],
+    first: &Frame,
+    frames: &[Frame],
+    camera: &RollingCamera<'_>,
+) -> Option<(DVec2, f64)> {
     let (width, height) = (first.pixels.width as usize, first.pixels.height as usize);
     let half = SIDE / 2;
     let mut best: Option<((usize, usize), DVec2, f64)> = None;
     for y in (half..(height + 1).saturating_sub(half)).step_by(CANDIDATE_STEP_PX) {
         for x in (half..(width + 1).saturating_sub(half)).step_by(CANDIDATE_STEP_PX) {
             let at = DVec2::new(x as f64, y as f64);
-            let within = found.iter().filter(|(place, _)| (*place - at).abs().max_element() < half as f64);
+            let within = edge_points.iter().filter(|(place, _)| (*place - at).abs().max_element() < half as f64);
             let mut depths: Vec<f64> = within.map(|(_, z)| *z).collect();
             if depths.len() < MIN_POINTS {
                 continue;

@@ -228,15 +228,15 @@ mod tests {
     fn findings(registration: Value, more: Value) -> Findings {
         let mut camera = Geometry::pinhole(640, 480, 500.0);
         camera.intrinsics.readout_time_s = 0.0267;
-        let mut found = json!({
+        let mut json = json!({
             "version": 2, "recording": "", "frames": 20, "camera": camera,
             "registration": { "poses": "refused", "links": 9, "missing_links": 0, "depth_later_s": 0.0 }
         });
         for (into, from) in [("registration", registration), ("", more)] {
-            let into = if into.is_empty() { &mut found } else { &mut found[into] };
+            let into = if into.is_empty() { &mut json } else { &mut json[into] };
             into.as_object_mut().unwrap().extend(from.as_object().unwrap().clone());
         }
-        serde_json::from_value(found).unwrap()
+        serde_json::from_value(json).unwrap()
     }
 
     fn verdicts(findings: &Findings, given_readout_s: f64) -> Vec<String> {
@@ -253,9 +253,9 @@ mod tests {
         let run = json!({ "from": 0, "to": 20, "exposure_s": 0.01941, "sigma_s": 0.00042, "heard": 11 });
         let gain = json!({ "pairs": 9, "recorded": 0.18, "left": 0.01, "range_ev": 1.2525, "is_followed": true });
         let spread = json!({ "sigma_px": 0.4386, "between_px": [0.4265, 0.4502], "edges": 420 });
-        let found = findings(registration, json!({ "gain": gain, "spread": spread, "shutter": { "runs": [run] } }));
+        let findings = findings(registration, json!({ "gain": gain, "spread": spread, "shutter": { "runs": [run] } }));
         assert_eq!(
-            verdicts(&found, 0.02),
+            verdicts(&findings, 0.02),
             [
                 "poses refined 2.89 → 0.14 px",
                 "poses' clock found 5.5 ± 0.4 ms early",
@@ -270,19 +270,19 @@ mod tests {
                 "lamps none claimed "
             ]
         );
-        assert_eq!(estimates(&found, 0.0267)[2].verdict, "kept", "the camera's own");
+        assert_eq!(estimates(&findings, 0.0267)[2].verdict, "kept", "the camera's own");
     }
 
     #[test]
     fn refused_estimates_have_a_reason_and_no_value() {
         let shutter = json!({ "why": "too even", "runs": [] });
-        let found = findings(json!({ "why": "there is no depth" }), json!({ "shutter": shutter }));
-        for estimate in estimates(&found, 0.0) {
+        let refused = findings(json!({ "why": "there is no depth" }), json!({ "shutter": shutter }));
+        for estimate in estimates(&refused, 0.0) {
             assert!(
                 estimate.mark == Mark::Refused && estimate.value.is_empty() && !estimate.why.is_empty(),
                 "{estimate:?}"
             );
         }
-        assert_eq!(estimates(&found, 0.0)[0].why, "there is no depth");
+        assert_eq!(estimates(&refused, 0.0)[0].why, "there is no depth");
     }
 }

@@ -42,7 +42,7 @@ pub fn panorama(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
     let caption = format!(
         "All directions around the middle of the observed scene, the horizon half-way down. {} % of them were seen; \
          elsewhere the light is inferred from surfaces. {ringed}",
-        percent(light.seen)
+        percent(light.seen_share)
     );
     Ok(Figure { title, caption, legend: Vec::new(), body: Body::Panorama { picture, width, height } })
 }

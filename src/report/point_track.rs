@@ -42,7 +42,7 @@ pub struct TrackedPlace {
     pub start: usize,
     pub place: Place,
     /// Views in the order of their frames.
-    pub seen: Vec<TrackedView>,
+    pub views: Vec<TrackedView>,
 }
 
 /// Selection of a place.
@@ -86,14 +86,18 @@ pub fn track_place(
     candidates.retain(|of_frame| !of_frame.is_empty());
     candidates.sort_by(|a, b| b[0].score.total_cmp(&a[0].score));
     for of_frame in candidates.into_iter().take(MAX_SEARCHED_STARTS) {
-        let seen = views(source, criteria, &of_frame)?;
-        let ranked = of_frame.iter().zip(seen).filter(|(_, seen)| seen.len() >= MIN_VIEWS).map(|(of, seen)| {
-            let frames: Vec<usize> = seen.iter().map(|seen| seen.frame).collect();
-            ((criteria.rank)(&of.place, &frames), of, seen)
-        });
-        if let Some((_, of, seen)) = ranked.max_by(|a, b| a.0.total_cmp(&b.0)) {
-            let seen = spread_evenly(seen, of.start, criteria.order);
-            return Ok(Some(TrackedPlace { start: of.start, place: of.place, seen }));
+        let views_of_places = views(source, criteria, &of_frame)?;
+        let ranked = of_frame
+            .iter()
+            .zip(views_of_places)
+            .filter(|(_, views_of_places)| views_of_places.len() >= MIN_VIEWS)
+            .map(|(of, views_of_places)| {
+                let frames: Vec<usize> = views_of_places.iter().map(|views_of_places| views_of_places.frame).collect();
+                ((criteria.rank)(&of.place, &frames), of, views_of_places)
+            });
+        if let Some((_, of, views_of_places)) = ranked.max_by(|a, b| a.0.total_cmp(&b.0)) {
+            let tracked_views = spread_evenly(views_of_places, of.start, criteria.order);
+            return Ok(Some(TrackedPlace { start: of.start, place: of.place, views: tracked_views }));
         }
     }
     Ok(None)
@@ -178,19 +182,19 @@ pub fn is_unoccluded(frame: &Frame, at: DVec2, far_m: f64) -> bool {
 }
 
 /// Selects twelve views, spread evenly by `order`, with the start frame and both ends.
-fn spread_evenly(mut seen: Vec<TrackedView>, start: usize, order: &dyn Fn(usize) -> f64) -> Vec<TrackedView> {
-    if seen.len() <= SHOWN_FRAMES {
-        return seen;
+fn spread_evenly(mut views: Vec<TrackedView>, start: usize, order: &dyn Fn(usize) -> f64) -> Vec<TrackedView> {
+    if views.len() <= SHOWN_FRAMES {
+        return views;
     }
-    seen.sort_by(|a, b| order(a.frame).total_cmp(&order(b.frame)).then(a.frame.cmp(&b.frame)));
-    let last = seen.len() - 1;
+    views.sort_by(|a, b| order(a.frame).total_cmp(&order(b.frame)).then(a.frame.cmp(&b.frame)));
+    let last = views.len() - 1;
     let mut taken: Vec<usize> = (0..SHOWN_FRAMES).map(|k| k * last / (SHOWN_FRAMES - 1)).collect();
-    if let Some(own) = seen.iter().position(|seen| seen.frame == start) {
+    if let Some(own) = views.iter().position(|views| views.frame == start) {
         let near = (1..SHOWN_FRAMES - 1).min_by_key(|k| taken[*k].abs_diff(own)).filter(|_| own != 0 && own != last);
         near.into_iter().for_each(|near| taken[near] = own);
     }
-    let mut kept: Vec<TrackedView> = taken.into_iter().map(|n| seen[n].clone()).collect();
-    kept.sort_by_key(|seen| seen.frame);
+    let mut kept: Vec<TrackedView> = taken.into_iter().map(|n| views[n].clone()).collect();
+    kept.sort_by_key(|views| views.frame);
     kept
 }
 

@@ -180,9 +180,9 @@ impl<'a> FramePoints<'a> {
             };
             corners.into_iter().zip(bilinear_weights([fx, fy])).filter_map(inside)
         };
-        let seen = |point: &Option<DVec3>| self.camera.project_by_rows(poses, (*point)?);
+        let project = |point: &Option<DVec3>| self.camera.project_by_rows(poses, (*point)?);
         let places: Vec<Option<(DVec2, f32)>> =
-            self.points.iter().map(|point| seen(point).map(|(at, z)| (at, z as f32))).collect();
+            self.points.iter().map(|point| project(point).map(|(at, z)| (at, z as f32))).collect();
         let mut nearest = vec![f32::MAX; width * height];
         for (at, z) in places.iter().flatten() {
             for (i, _) in shares(*at) {

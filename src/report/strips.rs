@@ -47,14 +47,14 @@ pub fn point(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
     };
     let is_refined = source.analysis.refined().is_some();
     let mut cells = Vec::new();
-    for seen in &track.seen {
+    for seen in &track.views {
         let mut pictures = vec![seen.by_recorded.crossed(seen.recorded)?];
         if is_refined {
             pictures.push(seen.by_used.crossed(seen.used)?);
         }
         cells.push(Cell { frame: seen.frame, is_start: seen.frame == track.start, pictures });
     }
-    let apart = track.seen.iter().map(|seen| (seen.recorded - seen.used).length()).fold(0.0, f64::max);
+    let apart = track.views.iter().map(|seen| (seen.recorded - seen.used).length()).fold(0.0, f64::max);
     let mut caption = format!("{}, in frames that show it. ", chosen(&track));
     caption += &if is_refined {
         format!(
@@ -105,7 +105,7 @@ pub fn brightness(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
     };
     let light = |tile: &Tile| response.decode(mean(tile)[1] / 255.0).max(1e-6).log2();
     let (mut cells, mut before, mut after) = (Vec::new(), Vec::new(), Vec::new());
-    for seen in &track.seen {
+    for seen in &track.views {
         let even = evened(seen.frame, &seen.by_used);
         before.push(light(&seen.by_used));
         after.push(light(&even));
@@ -123,9 +123,9 @@ pub fn brightness(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
     Ok(Figure { title, caption, legend: rows.clone(), body: Body::Strip { rows, side: 2 * SIDE, cells } })
 }
 
-fn chosen(found: &TrackedPlace) -> String {
-    let [x, y] = found.place.at.to_array().map(|v| fixed(v, 0));
-    format!("The place at column {x}, row {y} of frame {}, {} m away", found.start, fixed(found.place.depth_m, 2))
+fn chosen(place: &TrackedPlace) -> String {
+    let [x, y] = place.place.at.to_array().map(|v| fixed(v, 0));
+    format!("The place at column {x}, row {y} of frame {}, {} m away", place.start, fixed(place.place.depth_m, 2))
 }
 
 /// Codes by channel.

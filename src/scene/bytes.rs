@@ -60,12 +60,12 @@ pub(super) fn shell_quoted(path: &Path) -> String {
 }
 
 /// The error of a file of glTF 1.0.
-pub(super) fn gltf_1_error(file: &Path, location: &str, found: impl Display) -> SceneError {
+pub(super) fn gltf_1_error(file: &Path, location: &str, actual: impl Display) -> SceneError {
     let stem = file.file_stem().unwrap_or_default().to_string_lossy();
     let converted = file.with_file_name(format!("{stem}-2.glb"));
     let (from, to) = (shell_quoted(file), shell_quoted(&converted));
     let accepted = format!("glTF 2.0; `gltf-pipeline -i {from} -o {to}` converts it");
-    SceneError::bad(file, location, found, accepted)
+    SceneError::bad(file, location, actual, accepted)
 }
 
 /// Strips U+FEFF, which some editors write at the start of UTF-8 text.
@@ -89,8 +89,8 @@ pub(super) fn other_format_advice(bytes: &[u8]) -> Option<&'static str> {
     OTHER_FORMATS.iter().find(|(start, _)| starts(start)).map(|(_, kind)| *kind)
 }
 
-fn incomplete(file: &Path, found: usize, needed: usize) -> SceneError {
-    SceneError::Incomplete { file: file.to_owned(), found, needed }
+fn incomplete(file: &Path, length: usize, needed: usize) -> SceneError {
+    SceneError::Incomplete { file: file.to_owned(), actual: length, needed }
 }
 
 fn u32_at(bytes: &[u8], at: usize) -> Option<u32> {
@@ -200,12 +200,12 @@ mod tests {
         for name in ["a b.png", "50%25.png"] {
             std::fs::write(textures.join(name), "").unwrap();
         }
-        let found = |uri| relative_file(&file, uri);
-        assert_eq!(found("textures\\a%20b.png"), Some(textures.join("a b.png")));
-        assert_eq!(found("textures/50%25.png"), Some(textures.join("50%25.png")));
-        assert_eq!(found("textures\\none.png"), Some(folder.path().join("textures\\none.png")));
+        let resolved = |uri| relative_file(&file, uri);
+        assert_eq!(resolved("textures\\a%20b.png"), Some(textures.join("a b.png")));
+        assert_eq!(resolved("textures/50%25.png"), Some(textures.join("50%25.png")));
+        assert_eq!(resolved("textures\\none.png"), Some(folder.path().join("textures\\none.png")));
         for elsewhere in ["C:\\t.png", "C:/t.png", "\\dev\\zero", "/dev/zero", "https://a.org/t.png", "data:,"] {
-            assert_eq!(found(elsewhere), None, "{elsewhere}");
+            assert_eq!(resolved(elsewhere), None, "{elsewhere}");
         }
     }
 

@@ -17,17 +17,17 @@ pub enum SceneError {
         source: std::io::Error,
     },
     /// An invalid value.
-    #[error("{}: {location}: found {found}; expected: {accepted}", file.display())]
+    #[error("{}: {location}: found {actual}; expected: {accepted}", file.display())]
     Invalid {
         file: PathBuf,
         /// The place, such as `meshes[2].primitives[0].attributes.POSITION` or `line 3`.
         location: String,
-        found: String,
+        actual: String,
         accepted: String,
     },
     /// The file is truncated.
-    #[error("{} is incomplete ({})", file.display(), sizes(*found, *needed))]
-    Incomplete { file: PathBuf, found: usize, needed: usize },
+    #[error("{} is incomplete ({})", file.display(), sizes(*actual, *needed))]
+    Incomplete { file: PathBuf, actual: usize, needed: usize },
     #[error("{} is not a glTF file", file.display())]
     NotGltf { file: PathBuf },
     #[error("{} is empty (0 bytes); a .glb or .gltf file is needed: export or download it again", file.display())]
@@ -42,23 +42,23 @@ fn named_in(needed_by: &Option<PathBuf>) -> String {
 }
 
 /// Two sizes in the largest unit that distinguishes them.
-fn sizes(found: usize, needed: usize) -> String {
+fn sizes(actual: usize, needed: usize) -> String {
     let units = [(1_000_000, "MB"), (1000, "kB"), (1, "bytes")];
     let in_unit = |(bytes, name): (usize, &str)| {
         let round = |size: usize| (size + bytes / 2) / bytes;
-        let [found, needed] = [round(found), round(needed)];
-        (needed >= 10 && found < needed).then(|| format!("{found} of {needed} {name}"))
+        let [actual, needed] = [round(actual), round(needed)];
+        (needed >= 10 && actual < needed).then(|| format!("{actual} of {needed} {name}"))
     };
-    units.into_iter().find_map(in_unit).unwrap_or_else(|| format!("{found} of {needed} bytes"))
+    units.into_iter().find_map(in_unit).unwrap_or_else(|| format!("{actual} of {needed} bytes"))
 }
 
 impl SceneError {
-    pub(super) fn bad(file: &Path, location: impl Display, found: impl Display, accepted: impl Display) -> Self {
+    pub(super) fn bad(file: &Path, location: impl Display, actual: impl Display, accepted: impl Display) -> Self {
         Self::Invalid {
             file: file.to_owned(),
             location: location.to_string(),
             // The text may contain anything from a file.
-            found: shown(&brief(&found.to_string())),
+            actual: shown(&brief(&actual.to_string())),
             accepted: accepted.to_string(),
         }
     }

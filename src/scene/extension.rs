@@ -53,9 +53,9 @@ mod tests {
 
     #[test]
     fn conversion_of_a_file_with_a_space_quotes_it() {
-        let found = conversion(WEBP, Path::new("my models/a b.gltf")).unwrap();
+        let command = conversion(WEBP, Path::new("my models/a b.gltf")).unwrap();
         assert_eq!(
-            found,
+            command,
             "`gltf-transform png 'my models/a b.gltf' 'my models/a b-converted.glb' --formats webp` converts it"
         );
         assert_eq!(conversion("KHR_materials_clearcoat", Path::new("a.glb")), None);

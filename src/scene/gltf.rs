@@ -43,8 +43,8 @@ impl Gltf {
             if kind.is_none() && !json.trim_ascii_start().starts_with(b"{") {
                 return SceneError::NotGltf { file: file.to_owned() };
             }
-            let found = kind.map_or_else(|| error.to_string(), str::to_owned);
-            SceneError::bad(file, "the glTF JSON", found, "valid glTF 2.0")
+            let problem = kind.map_or_else(|| error.to_string(), str::to_owned);
+            SceneError::bad(file, "the glTF JSON", problem, "valid glTF 2.0")
         })?;
         check_version(file, &json.asset.version)?;
         let buffers = json.buffers.iter().map(|_| OnceCell::new()).collect();
@@ -61,8 +61,8 @@ impl Gltf {
         std::iter::once(self.file.clone()).chain(named)
     }
 
-    pub fn bad(&self, location: impl Display, found: impl Display, accepted: impl Display) -> SceneError {
-        SceneError::bad(&self.file, location, found, accepted)
+    pub fn bad(&self, location: impl Display, actual: impl Display, accepted: impl Display) -> SceneError {
+        SceneError::bad(&self.file, location, actual, accepted)
     }
 
     /// `list[index]`; `location` is the place that contains the index.
@@ -92,8 +92,8 @@ impl Gltf {
         accepted: &str,
     ) -> Result<(), SceneError> {
         let Some(name) = extensions.keys().find(|name| !extension::is_supported(name)) else { return Ok(()) };
-        let found = format!("its content in {name} only, which is not supported");
-        Err(self.bad(location, found, extension::with_conversion(accepted, name, &self.file)))
+        let actual = format!("its content in {name} only, which is not supported");
+        Err(self.bad(location, actual, extension::with_conversion(accepted, name, &self.file)))
     }
 
     /// Bytes of a buffer; `location` is its place for errors.
@@ -113,12 +113,12 @@ impl Gltf {
             }
         };
         if bytes.len() < buffer.byte_length {
-            let found = format!("{} bytes", bytes.len());
-            return Err(self.bad(location, found, format!("{} bytes, its byteLength", buffer.byte_length)));
+            let actual = format!("{} bytes", bytes.len());
+            return Err(self.bad(location, actual, format!("{} bytes, its byteLength", buffer.byte_length)));
         }
         bytes.truncate(buffer.byte_length);
-        let held: usize = self.buffers.iter().filter_map(OnceCell::get).map(Vec::len).sum();
-        let total = (held + bytes.len()) as u64;
+        let loaded_len: usize = self.buffers.iter().filter_map(OnceCell::get).map(Vec::len).sum();
+        let total = (loaded_len + bytes.len()) as u64;
         if total > MAX_FILE_BYTES {
             return Err(self.bad(location, format!("{total} bytes in all"), format!("up to {MAX_FILE_BYTES}")));
         }
@@ -132,8 +132,8 @@ impl Gltf {
         let buffer = self.buffer(view.buffer, &format!("{location}.buffer"))?;
         let bytes = view.byte_offset.checked_add(view.byte_length).and_then(|end| buffer.get(view.byte_offset..end));
         let bytes = bytes.ok_or_else(|| {
-            let found = format!("{} bytes from byte {}", view.byte_length, view.byte_offset);
-            self.bad(&location, found, format!("a part of the {} bytes of buffers[{}]", buffer.len(), view.buffer))
+            let actual = format!("{} bytes from byte {}", view.byte_length, view.byte_offset);
+            self.bad(&location, actual, format!("a part of the {} bytes of buffers[{}]", buffer.len(), view.buffer))
         })?;
         match view.byte_stride {
             Some(stride) if !(4..=252).contains(&stride) => {
@@ -293,8 +293,8 @@ impl Gltf {
         // The last element may lack the padding of its stride.
         let end = (count - 1).checked_mul(stride).and_then(|n| n.checked_add(size)).and_then(|n| n.checked_add(offset));
         let part = end.and_then(|end| bytes.get(offset..end)).ok_or_else(|| {
-            let found = format!("{count} elements of {size} bytes, {stride} apart, from byte {offset}");
-            self.bad(location, found, format!("elements within the {} bytes of bufferViews[{view}]", bytes.len()))
+            let actual = format!("{count} elements of {size} bytes, {stride} apart, from byte {offset}");
+            self.bad(location, actual, format!("elements within the {} bytes of bufferViews[{view}]", bytes.len()))
         })?;
         if stride == size {
             return Ok(part.to_vec());

@@ -88,9 +88,9 @@ fn load_unguarded(mut loader: Loader, path: &Path, world_up: Option<DVec3>) -> R
         Some("toml") => scene_file::read(&mut loader, &document::values(path)?, path, world_up)?,
         _ => {
             bytes::read(path, None)?; // a missing file is the more useful error
-            let found = path.extension().map_or("none".to_owned(), |e| e.to_string_lossy().into_owned());
+            let extension = path.extension().map_or("none".to_owned(), |e| e.to_string_lossy().into_owned());
             let accepted = ".glb, .gltf or .toml; Blender imports other models and exports .glb";
-            return Err(SceneError::bad(path, "the file's extension", found, accepted));
+            return Err(SceneError::bad(path, "the file's extension", extension, accepted));
         }
     }
     Ok(loader.scene)

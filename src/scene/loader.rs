@@ -87,8 +87,8 @@ impl Loader {
         }
         self.parts += model.parts.len();
         if self.parts > MAX_PARTS {
-            let found = format!("{} placed meshes so far", self.parts);
-            return Err(SceneError::bad(file, "the objects", found, format!("up to {MAX_PARTS}")));
+            let actual = format!("{} placed meshes so far", self.parts);
+            return Err(SceneError::bad(file, "the objects", actual, format!("up to {MAX_PARTS}")));
         }
         let place = |part: &Part| Part { world_from_mesh: world_from_model * part.world_from_mesh, ..*part };
         let parts: Vec<_> = model.parts.iter().map(place).collect();
@@ -136,11 +136,11 @@ impl Loader {
         self.vertices = self.vertices.saturating_add(vertices);
         self.indices = self.indices.saturating_add(indices);
         if self.vertices > MAX_VERTICES || self.indices > MAX_INDICES {
-            let found = format!("{} vertices and {} indices so far", self.vertices, self.indices);
+            let actual = format!("{} vertices and {} indices so far", self.vertices, self.indices);
             return Err(SceneError::bad(
                 file,
                 location,
-                found,
+                actual,
                 format!("up to {MAX_VERTICES} and {MAX_INDICES} in all"),
             ));
         }

@@ -20,9 +20,9 @@ impl ModelReader<'_> {
             }
         };
         self.loader.scene.materials.push(material);
-        let known = self.loader.scene.materials.len() - 1;
-        self.materials.insert(index, known);
-        Ok(known)
+        let added = self.loader.scene.materials.len() - 1;
+        self.materials.insert(index, added);
+        Ok(added)
     }
 
     fn read_material(&mut self, json: &schema::MaterialJson, location: &str) -> Result<Material, SceneError> {
@@ -133,9 +133,9 @@ impl ModelReader<'_> {
             None => {
                 let Rgba { width, height, rgba } = self.image(image, &format!("{place}.source"))?;
                 self.loader.scene.textures.push(Texture { width, height, rgba, srgb, wrap, smooth, mipmaps });
-                let known = self.loader.scene.textures.len() - 1;
-                self.textures.insert(key, known);
-                known
+                let added = self.loader.scene.textures.len() - 1;
+                self.textures.insert(key, added);
+                added
             }
         };
         Ok(Some(TextureUse { texture, uv_set, transform: rows }))
@@ -144,7 +144,7 @@ impl ModelReader<'_> {
     /// Wrap modes, smooth magnification, and mipmapped minification. An unknown code is replaced by
     /// the default, with a warning.
     fn sampling(&mut self, sampler: &schema::Sampler, location: &str) -> ([Wrap; 2], bool, bool) {
-        let mut known = |key: &str, code: Option<u32>, codes: &[u32]| {
+        let mut valid_code = |key: &str, code: Option<u32>, codes: &[u32]| {
             let code = code?;
             if codes.contains(&code) {
                 return Some(code);
@@ -153,15 +153,15 @@ impl ModelReader<'_> {
             self.warn(format!("{location}.{key} is {code}, none of {}: the default is used", codes.join(", ")));
             None
         };
-        let mut wrap = |key, code| match known(key, code, &[10497, 33071, 33648]) {
+        let mut wrap = |key, code| match valid_code(key, code, &[10497, 33071, 33648]) {
             Some(33648) => Wrap::Mirror,
             Some(33071) => Wrap::Clamp,
             _ => Wrap::Repeat,
         };
         let wraps = [wrap("wrapS", sampler.wrap_s), wrap("wrapT", sampler.wrap_t)];
-        let smooth = known("magFilter", sampler.mag_filter, &[9728, 9729]) != Some(9728);
+        let smooth = valid_code("magFilter", sampler.mag_filter, &[9728, 9729]) != Some(9728);
         let codes = [9728, 9729, 9984, 9985, 9986, 9987];
-        let mipmaps = !matches!(known("minFilter", sampler.min_filter, &codes), Some(9728 | 9729));
+        let mipmaps = !matches!(valid_code("minFilter", sampler.min_filter, &codes), Some(9728 | 9729));
         (wraps, smooth, mipmaps)
     }
 

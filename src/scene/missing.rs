@@ -37,8 +37,8 @@ pub(super) fn size(of_model: Size) -> Size {
 impl Loader {
     /// True if a file is known to be missing. Marks it as needed if `is_needed`.
     pub fn is_missing(&mut self, file: &Path, is_needed: bool) -> bool {
-        let known = self.scene.missing.iter_mut().find(|missing| missing.file == file);
-        known.map(|missing| missing.is_needed |= is_needed).is_some()
+        let listed = self.scene.missing.iter_mut().find(|missing| missing.file == file);
+        listed.map(|missing| missing.is_needed |= is_needed).is_some()
     }
 
     /// Records a missing file, or returns the error if it is needed and may not be replaced.

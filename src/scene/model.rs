@@ -236,9 +236,9 @@ impl ModelReader<'_> {
     ) -> Result<Option<Vec<[f32; N]>>, SceneError> {
         let Some(index) = index else { return Ok(None) };
         let location = place(location, name);
-        let found = self.gltf.count(index, &location)?;
-        if found != count {
-            return Err(self.gltf.bad(location, format!("{found} elements"), format!("{count}, as POSITION")));
+        let actual_count = self.gltf.count(index, &location)?;
+        if actual_count != count {
+            return Err(self.gltf.bad(location, format!("{actual_count} elements"), format!("{count}, as POSITION")));
         }
         let mut rows = self.gltf.numbers(index, &location, shapes, 1.0)?;
         let odd = rows.as_flattened_mut().iter_mut().filter(|value| !value.is_finite());

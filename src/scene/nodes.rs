@@ -45,12 +45,12 @@ pub(super) fn placed(gltf: &Gltf) -> Result<Tree, SceneError> {
                 return Err(gltf.bad(format!("nodes[{index}]"), "a node below itself", "a tree"));
             }
             let other = parents[index].map_or(place.clone(), |other| format!("nodes[{other}]"));
-            let found = format!("{index}, which is a child of {other} already");
-            return Err(gltf.bad(parent.map_or(place, children_of), found, "one parent for each node"));
+            let actual = format!("{index}, which is a child of {other} already");
+            return Err(gltf.bad(parent.map_or(place, children_of), actual, "one parent for each node"));
         }
         if level > MAX_DEPTH {
-            let found = format!("more than {MAX_DEPTH} nodes above it");
-            return Err(gltf.bad(format!("nodes[{index}]"), found, format!("up to {MAX_DEPTH} levels")));
+            let actual = format!("more than {MAX_DEPTH} nodes above it");
+            return Err(gltf.bad(format!("nodes[{index}]"), actual, format!("up to {MAX_DEPTH} levels")));
         }
         parents[index] = parent;
         let node = &nodes[index];
@@ -61,8 +61,8 @@ pub(super) fn placed(gltf: &Gltf) -> Result<Tree, SceneError> {
         placed.push((index, model_from_node));
         // Each node has one parent, so only a file that lists a node twice has more entries.
         if open.len() + node.children.len() > 2 * nodes.len() {
-            let found = "more children than there are nodes";
-            return Err(gltf.bad(children_of(index), found, "one parent for each node"));
+            let actual = "more children than there are nodes";
+            return Err(gltf.bad(children_of(index), actual, "one parent for each node"));
         }
         for &child in node.children.iter().rev() {
             gltf.get(nodes, "nodes", child, children_of(index))?;
@@ -137,8 +137,8 @@ fn local(gltf: &Gltf, node: &Node, index: usize) -> Result<DAffine3, SceneError>
     // Exporters round: a length within one percent of 1 is normalized.
     let length = rotation.length();
     if length.is_nan() || (length - 1.0).abs() >= 0.01 {
-        let found = format!("a quaternion of length {length}");
-        return Err(gltf.bad(format!("nodes[{index}].rotation"), found, "length 1"));
+        let actual = format!("a quaternion of length {length}");
+        return Err(gltf.bad(format!("nodes[{index}].rotation"), actual, "length 1"));
     }
     let matrix3 = DMat3::from_quat(rotation.normalize()) * DMat3::from_diagonal(scale);
     Ok(DAffine3 { matrix3, translation })

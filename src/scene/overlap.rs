@@ -212,9 +212,9 @@ mod tests {
 
     #[test]
     fn overlap_depth_is_found_for_intersecting_solids() {
-        let found = overlaps(&cubes(&[at(0.0, 0.0, 0.0), at(5.0, 0.0, 0.0), at(0.2, 0.3, 0.9)]));
-        assert_eq!(found.iter().map(|o| o.objects).collect::<Vec<_>>(), [[0, 2]]);
-        assert!((found[0].depth_m - 0.1).abs() < 1e-9, "{found:?}");
+        let pairs = overlaps(&cubes(&[at(0.0, 0.0, 0.0), at(5.0, 0.0, 0.0), at(0.2, 0.3, 0.9)]));
+        assert_eq!(pairs.iter().map(|o| o.objects).collect::<Vec<_>>(), [[0, 2]]);
+        assert!((pairs[0].depth_m - 0.1).abs() < 1e-9, "{pairs:?}");
         // Entirely inside, mirrored, and rotated: a bar through a slab, without a vertex in it.
         let inside = overlaps(&cubes(&[at(0.0, 0.0, 0.0), sized([-0.1, 0.2, 0.3], at(0.1, 0.0, 0.0))]));
         assert!((inside[0].depth_m - 0.1).abs() < 1e-9, "{inside:?}");

@@ -33,19 +33,19 @@ pub(super) struct PanoramaPixels {
 
 /// Error of a panorama.
 pub(super) struct PanoramaError {
-    found: String,
+    actual: String,
     accepted: String,
 }
 
 impl PanoramaError {
-    fn new(found: impl Into<String>, accepted: impl Into<String>) -> Self {
-        Self { found: found.into(), accepted: accepted.into() }
+    fn new(actual: impl Into<String>, accepted: impl Into<String>) -> Self {
+        Self { actual: actual.into(), accepted: accepted.into() }
     }
 }
 
 impl fmt::Display for PanoramaError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}; expected {}", self.found, self.accepted)
+        write!(f, "{}; expected {}", self.actual, self.accepted)
     }
 }
 
@@ -55,7 +55,7 @@ pub(super) fn read(file: &Path, named_in: &Path) -> Result<(PanoramaPixels, Opti
     let bytes = bytes::read(file, Some(named_in))?;
     let decode = if bytes.starts_with(OPENEXR_SIGNATURE) { openexr_of } else { radiance_of };
     let mut light = decode(&bytes)
-        .map_err(|PanoramaError { found, accepted }| SceneError::bad(file, "the panorama", found, accepted))?;
+        .map_err(|PanoramaError { actual, accepted }| SceneError::bad(file, "the panorama", actual, accepted))?;
     let warning = make_finite(&mut light);
     Ok((light, warning))
 }
@@ -85,8 +85,8 @@ fn make_finite(light: &mut PanoramaPixels) -> Option<String> {
 /// Decodes a Radiance HDR picture, in W/(sr·m²) if its header contains the exposure.
 pub(super) fn radiance_of(bytes: &[u8]) -> Result<PanoramaPixels, PanoramaError> {
     if !bytes.starts_with(b"#?") {
-        let found = "a file that does not begin with #?, nor as OpenEXR does";
-        return Err(PanoramaError::new(found, "a Radiance .hdr file or an OpenEXR .exr file"));
+        let actual = "a file that does not begin with #?, nor as OpenEXR does";
+        return Err(PanoramaError::new(actual, "a Radiance .hdr file or an OpenEXR .exr file"));
     }
     let (exposure, pixels) = radiance_header(bytes)?;
     let failed = |e: image::ImageError| {
@@ -140,8 +140,8 @@ fn radiance_header(bytes: &[u8]) -> Result<([f64; 3], &[u8]), PanoramaError> {
             _ => {}
         }
     }
-    let found = format!("no empty line in the first {} bytes", head.len());
-    Err(PanoramaError::new(found, "a header, which ends with one"))
+    let actual = format!("no empty line in the first {} bytes", head.len());
+    Err(PanoramaError::new(actual, "a header, which ends with one"))
 }
 
 /// `N` positive numbers.
@@ -161,9 +161,9 @@ fn openexr_of(bytes: &[u8]) -> Result<PanoramaPixels, PanoramaError> {
     };
     let is_rgb = |names: &[String]| ["R", "G", "B"].iter().all(|name| names.iter().any(|n| n == name));
     let Some(header) = meta.headers.iter().find(|header| !header.deep && is_rgb(&names(header))) else {
-        let found: Vec<String> = meta.headers.iter().flat_map(names).take(8).collect();
+        let channels: Vec<String> = meta.headers.iter().flat_map(names).take(8).collect();
         let accepted = "R, G and B; save it as plain OpenEXR, not MultiLayer";
-        return Err(PanoramaError::new(format!("the channels {}", found.join(", ")), accepted));
+        return Err(PanoramaError::new(format!("the channels {}", channels.join(", ")), accepted));
     };
     if header.own_attributes.environment_map == Some(EnvironmentMap::Cube) {
         return Err(PanoramaError::new("a cube of six views", "a panorama by longitude and latitude (envmap latlong)"));

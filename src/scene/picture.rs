@@ -57,8 +57,8 @@ pub(super) fn decode(file: &Path, location: &str, bytes: &[u8], pixels_left: u64
         return Err(bad(format!("{width}×{height} pixels"), &format!("up to {MAX_SIDE_PX} pixels a side")));
     }
     if u64::from(width) * u64::from(height) > pixels_left {
-        let found = format!("{width}×{height} pixels, with {pixels_left} left");
-        return Err(bad(found, &format!("up to {MAX_PIXELS} pixels in all textures together")));
+        let actual = format!("{width}×{height} pixels, with {pixels_left} left");
+        return Err(bad(actual, &format!("up to {MAX_PIXELS} pixels in all textures together")));
     }
     let rgba = limited().decode().map_err(failed)?.into_rgba8();
     Ok(Rgba { width: rgba.width(), height: rgba.height(), rgba: Arc::new(rgba.into_raw()) })

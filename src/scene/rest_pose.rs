@@ -145,9 +145,9 @@ fn displace(
     of: impl Fn(&mut Vertex) -> &mut [f32; 3],
 ) -> Result<(), SceneError> {
     let Some(accessor) = accessor else { return Ok(()) };
-    let found = gltf.count(accessor, location)?;
-    if found != vertices.len() {
-        return Err(gltf.bad(location, format!("{found} elements"), format!("{}, as POSITION", vertices.len())));
+    let actual_count = gltf.count(accessor, location)?;
+    if actual_count != vertices.len() {
+        return Err(gltf.bad(location, format!("{actual_count} elements"), format!("{}, as POSITION", vertices.len())));
     }
     for (vertex, by) in vertices.iter_mut().zip(gltf.floats::<3>(accessor, location, &["VEC3"], 0.0)?) {
         let value = of(vertex);

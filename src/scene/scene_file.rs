@@ -36,8 +36,8 @@ pub(super) fn read(
     }
     loader.scene.metres_per_unit = scene.metres_per_unit;
     if let Some(found) = scene.gauge.filter(|gauge| gauge.pose().is_none()) {
-        let found = format!("{:?} {:?}", found.position_m, found.quaternion);
-        return Err(SceneError::bad(file, "gauge", found, "a finite position and a quaternion of length 1"));
+        let actual = format!("{:?} {:?}", found.position_m, found.quaternion);
+        return Err(SceneError::bad(file, "gauge", actual, "a finite position and a quaternion of length 1"));
     }
     loader.scene.gauge = scene.gauge;
     let white_lx = scene.light.white_lx.unwrap_or(DEFAULT_WHITE_LX);
@@ -112,8 +112,8 @@ fn place(
         };
         let transform = placement.world_from_model(&loader.scene, &model.parts, size);
         let world_from_model = transform.ok_or_else(|| {
-            let found = "numbers too large, or a model without extent";
-            SceneError::bad(file, location, found, "a place, a rotation and a size that fit the model")
+            let actual = "numbers too large, or a model without extent";
+            SceneError::bad(file, location, actual, "a place, a rotation and a size that fit the model")
         })?;
         let position_m = placement.position_m;
         let occluder = object.occluder && !is_missing;

@@ -184,7 +184,7 @@ fn by_board(inputs: &GaugeInputs<'_>, read: ReadFrame<'_>) -> Result<Option<Worl
     let mut views: BTreeMap<(u32, usize), Vec<(Pose, DVec2)>> = BTreeMap::new();
     for frame in frames.iter().step_by(frames.len().div_ceil(MAX_SEARCHED).max(1)) {
         let grey = LumaCodes::of(&read(frame.frame)?, light.to_vec());
-        for tag in detector.find_board(&grey, board)?.found {
+        for tag in detector.find_board(&grey, board)?.tags {
             let tag = refine_corners(&grey, geometry, board.family.cells(), &tag);
             for (corner, at_px) in tag.corners_px.into_iter().enumerate() {
                 views.entry((tag.id, corner)).or_default().push((frame.pose, at_px));
@@ -246,7 +246,7 @@ fn by_distance(
     })?;
     let others: Vec<&PosedFrame> = inputs.frames.iter().filter(|posed| posed.frame != frame).collect();
     let picture = LumaPyramid::of(&read(frame)?, 3);
-    let mut found = [DVec3::ZERO; 2];
+    let mut points = [DVec3::ZERO; 2];
     let mut fewest = usize::MAX;
     let step = others.len().div_ceil(MAX_SEARCHED).max(1);
     let searched: Vec<(&PosedFrame, LumaPyramid)> = others
@@ -254,7 +254,7 @@ fn by_distance(
         .step_by(step)
         .map(|other| Ok((other, LumaPyramid::of(&read(other.frame)?, 3))))
         .collect::<Result<_, SolveError>>()?;
-    for (found, at_px) in found.iter_mut().zip(points_px) {
+    for (points, at_px) in points.iter_mut().zip(points_px) {
         let lost = SolveError::DistancePoint { frame, at_px };
         let surface = surface_at(&at.landmarks, &at.pose, at_px);
         let camera = at.pose.position_in_world_m();
@@ -271,10 +271,10 @@ fn by_distance(
                 views.push((other.pose, seen));
             }
         }
-        *found = triangulate(inputs.geometry, &views).ok_or(lost)?;
+        *points = triangulate(inputs.geometry, &views).ok_or(lost)?;
         fewest = fewest.min(views.len());
     }
-    let units = found[0].distance(found[1]);
+    let units = points[0].distance(points[1]);
     let scale = length_m / units;
     if !(scale.is_finite() && units > 0.0) {
         return Err(SolveError::DistancePoint { frame, at_px: points_px[1] });
@@ -318,21 +318,21 @@ mod tests {
             light: &[0.0; 256],
         };
         let dark = |_: usize| Ok(Pixels::from_u8(64, 48, vec![0; 3 * 64 * 48]).unwrap());
-        let found = gauge(&inputs, None, &dark).unwrap();
-        assert!(matches!(found.up, UpSource::Surface { share } if share > 0.6), "{found:?}");
+        let gauge = gauge(&inputs, None, &dark).unwrap();
+        assert!(matches!(gauge.up, UpSource::Surface { share } if share > 0.6), "{gauge:?}");
         assert_eq!(
-            found.scale,
+            gauge.scale,
             ScaleSource::Assumed {
                 height_m: Some(1.5),
-                distance_m: match found.scale {
+                distance_m: match gauge.scale {
                     ScaleSource::Assumed { distance_m, .. } => distance_m,
                     _ => 0.0,
                 }
             }
         );
-        let at = |point: DVec3| found.world_from_model.transform_point(point);
+        let at = |point: DVec3| gauge.world_from_model.transform_point(point);
         assert!((at(DVec3::new(0.0, 0.0, 0.0)) - DVec3::new(0.0, 0.0, 1.5)).length() < 1e-6);
         assert!(at(DVec3::new(0.5, 0.6, 2.0)).z.abs() < 1e-6);
-        assert!((found.world_from_model.scale - 2.5).abs() < 1e-6);
+        assert!((gauge.world_from_model.scale - 2.5).abs() < 1e-6);
     }
 }

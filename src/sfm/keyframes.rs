@@ -62,8 +62,8 @@ fn displacement_share(before: &LumaPyramid, now: &LumaPyramid) -> f64 {
     let lengths: Vec<f64> = centres
         .map(|cell| cell * DVec2::new(width as f64 / columns as f64, height as f64 / rows as f64))
         .filter_map(|at| {
-            let found = track_patch(before, now, &PredictedPatch { from: at, to: at, by: DMat2::IDENTITY })?;
-            Some((found - at).length())
+            let tracked = track_patch(before, now, &PredictedPatch { from: at, to: at, by: DMat2::IDENTITY })?;
+            Some((tracked - at).length())
         })
         .collect();
     if lengths.len() < MIN_PATCHES {

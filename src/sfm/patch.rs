@@ -118,15 +118,15 @@ fn align(template: &GreyImage, target: &GreyImage, from: DVec2, to: DVec2, by: &
             return None;
         }
         let position = |d: &DVec2| at + *by * *d;
-        let seen = normalised(offsets.iter().map(|d| target.sample(position(d))).collect(), &weights);
-        if seen.deviation < 0.5 * MIN_CONTRAST {
+        let sampled = normalised(offsets.iter().map(|d| target.sample(position(d))).collect(), &weights);
+        if sampled.deviation < 0.5 * MIN_CONTRAST {
             return None;
         }
         let (mut normal, mut right, mut correlation) = (DMat2::ZERO, DVec2::ZERO, 0.0);
-        for (((d, w), t), i) in offsets.iter().zip(&weights).zip(&patch.values).zip(&seen.values) {
+        for (((d, w), t), i) in offsets.iter().zip(&weights).zip(&patch.values).zip(&sampled.values) {
             let p = position(d);
             let slope = |step: DVec2| target.sample(p + step) - target.sample(p - step);
-            let gradient = DVec2::new(slope(DVec2::new(0.5, 0.0)), slope(DVec2::new(0.0, 0.5))) / seen.deviation;
+            let gradient = DVec2::new(slope(DVec2::new(0.5, 0.0)), slope(DVec2::new(0.0, 0.5))) / sampled.deviation;
             normal += DMat2::from_cols(gradient * (w * gradient.x), gradient * (w * gradient.y));
             right += gradient * (w * (t - i));
             correlation += w * t * i;
@@ -168,8 +168,8 @@ mod tests {
         let first = picture(texture);
         let second = picture(|at| 0.7 * texture(at - shift) + 20.0);
         let from = DVec2::new(60.0, 50.0);
-        let found = track_patch(&first, &second, &PredictedPatch { from, to: from, by: DMat2::IDENTITY }).unwrap();
-        assert!((found - from - shift).length() < 0.03, "{found}");
+        let tracked = track_patch(&first, &second, &PredictedPatch { from, to: from, by: DMat2::IDENTITY }).unwrap();
+        assert!((tracked - from - shift).length() < 0.03, "{tracked}");
     }
 
     #[test]
@@ -180,8 +180,8 @@ mod tests {
         let from = centre + DVec2::new(4.0, -6.0);
         let to = centre + turn * (from - centre);
         let predicted = PredictedPatch { from, to: to + DVec2::new(1.5, 1.0), by: turn };
-        let found = track_patch(&first, &second, &predicted).unwrap();
-        assert!((found - to).length() < 0.06, "{found} beside {to}");
+        let tracked = track_patch(&first, &second, &predicted).unwrap();
+        assert!((tracked - to).length() < 0.06, "{tracked} beside {to}");
         let unturned = PredictedPatch { by: DMat2::IDENTITY, ..predicted };
         assert!(track_patch(&first, &second, &unturned).is_none_or(|at| (at - to).length() > 0.1));
     }

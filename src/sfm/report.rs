@@ -69,14 +69,14 @@ impl fmt::Display for UpSource {
 
 impl fmt::Display for Solution {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let known = self.frames.iter().flatten().count();
+        let posed = self.frames.iter().flatten().count();
         let solved = self.frames.iter().flatten().filter(|frame| frame.is_keyframe).count();
         writeln!(
             f,
-            "poses      {known} of {}: {solved} of {} chosen ones by COLMAP, {} by tracked landmarks",
+            "poses      {posed} of {}: {solved} of {} chosen ones by COLMAP, {} by tracked landmarks",
             count(self.frames.len(), "frame"),
             self.chosen,
-            known - solved
+            posed - solved
         )?;
         writeln!(
             f,

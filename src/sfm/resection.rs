@@ -50,22 +50,22 @@ pub fn resect(
     target: &LumaPyramid,
     initial: &Pose,
 ) -> Option<Resection> {
-    let mut found = Resection { pose: *initial, fitting: 0, rms_px: f64::INFINITY };
+    let mut resection = Resection { pose: *initial, fitting: 0, rms_px: f64::INFINITY };
     for _ in 0..ROUNDS {
         let mut tracked = Corners::default();
         for (neighbour, picture) in neighbours {
             let step = neighbour.landmarks.len().div_ceil(MAX_LANDMARKS).max(1);
             for (in_world, at_px) in neighbour.landmarks.iter().step_by(step) {
-                let predicted = predict(geometry, &neighbour.pose, &found.pose, *in_world, *at_px);
+                let predicted = predict(geometry, &neighbour.pose, &resection.pose, *in_world, *at_px);
                 if let Some(seen) = predicted.and_then(|predicted| track_patch(picture, target, &predicted)) {
                     tracked.in_world_m.push(*in_world);
                     tracked.seen_px.push(seen);
                 }
             }
         }
-        found = fit(geometry, &tracked, &found.pose)?;
+        resection = fit(geometry, &tracked, &resection.pose)?;
     }
-    Some(found)
+    Some(resection)
 }
 
 /// Where a patch of one camera appears in another, if its surface faces the first.

@@ -294,7 +294,7 @@ fn pose_others(
     let count = frames.len();
     let mut pictures = footage.pixels(0..count)?;
     let mut before: Option<(&PosedFrame, LumaPyramid)> = None;
-    let mut held: Vec<(usize, LumaPyramid)> = Vec::new();
+    let mut batch: Vec<(usize, LumaPyramid)> = Vec::new();
     for i in 0..count {
         let Some(pixels) = pictures.next() else { break };
         let picture = LumaPyramid::of(&pixels?, LEVELS);
@@ -303,15 +303,15 @@ fn pose_others(
             Some(here) => {
                 let after = (here, picture);
                 let neighbours: Vec<_> = before.iter().chain([&after]).map(|(posed, p)| (*posed, p)).collect();
-                resect_held(geometry, &neighbours, &mut held, frames);
+                resect_held(geometry, &neighbours, &mut batch, frames);
                 before = Some(after);
             }
-            None => held.push((i, picture)),
+            None => batch.push((i, picture)),
         }
         // Long stretches without a frame of the model, and the end of the footage.
-        if held.len() >= MAX_HELD_FRAMES || i + 1 == count {
+        if batch.len() >= MAX_HELD_FRAMES || i + 1 == count {
             let neighbours: Vec<_> = before.iter().map(|(posed, p)| (*posed, p)).collect();
-            resect_held(geometry, &neighbours, &mut held, frames);
+            resect_held(geometry, &neighbours, &mut batch, frames);
         }
         if report(SolveStage::Poses, i + 1, count).is_break() {
             return Err(SolveError::Stopped);
@@ -324,7 +324,7 @@ fn pose_others(
 fn resect_held(
     geometry: &Geometry,
     neighbours: &[(&PosedFrame, &LumaPyramid)],
-    held: &mut Vec<(usize, LumaPyramid)>,
+    batch: &mut Vec<(usize, LumaPyramid)>,
     frames: &mut [Option<SolvedFrame>],
 ) {
     let initial = |i: usize| match neighbours {
@@ -335,17 +335,17 @@ fn resect_held(
             Some(a.pose.interpolate(&b.pose, fraction))
         }
     };
-    let mut found: Vec<Option<Resection>> = vec![None; held.len()];
-    over_rows(&mut found, 1, processors(), |n, found| {
-        let (i, picture) = &held[n];
-        found[0] = initial(*i).and_then(|initial| resect(geometry, neighbours, picture, &initial));
+    let mut resections: Vec<Option<Resection>> = vec![None; batch.len()];
+    over_rows(&mut resections, 1, processors(), |n, resections| {
+        let (i, picture) = &batch[n];
+        resections[0] = initial(*i).and_then(|initial| resect(geometry, neighbours, picture, &initial));
     });
-    for ((i, _), found) in held.drain(..).zip(found) {
-        frames[i] = found.map(|found| SolvedFrame {
-            pose: found.pose,
+    for ((i, _), resections) in batch.drain(..).zip(resections) {
+        frames[i] = resections.map(|resections| SolvedFrame {
+            pose: resections.pose,
             is_keyframe: false,
-            landmarks: found.fitting,
-            rms_px: found.rms_px,
+            landmarks: resections.fitting,
+            rms_px: resections.rms_px,
         });
     }
 }

@@ -44,8 +44,8 @@ mod tests {
             let pose = Pose::new(glam::DQuat::from_rotation_y(0.1 * x), DVec3::new(-x, 0.05 * x, 0.0));
             (pose, geometry.project(pose.transform_point(point)).unwrap())
         };
-        let found = triangulate(&geometry, &[view(0.0), view(0.2), view(-0.3)]).unwrap();
-        assert!((found - point).length() < 1e-9, "{found}");
+        let triangulated = triangulate(&geometry, &[view(0.0), view(0.2), view(-0.3)]).unwrap();
+        assert!((triangulated - point).length() < 1e-9, "{triangulated}");
         assert_eq!(triangulate(&geometry, &[view(0.0), view(0.001)]), None);
         let mut wrong = view(0.2);
         wrong.1.y += 20.0;

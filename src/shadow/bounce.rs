@@ -272,9 +272,9 @@ mod tests {
             // Strips of the wall: half of the view of each is sky, the other half floor, which the
             // wall darkens.
             let strips = (0..500).map(|n| HEIGHT_M * n as f32 / 500.0).map(|low| {
-                let seen = form_factor(low + HEIGHT_M / 500.0, distance_m) - form_factor(low, distance_m);
+                let visible_part = form_factor(low + HEIGHT_M / 500.0, distance_m) - form_factor(low, distance_m);
                 let floor = 0.5 * PLANE_ALBEDO * (1.0 - form_factor(HEIGHT_M, low));
-                0.8 * seen * (0.5 + floor)
+                0.8 * visible_part * (0.5 + floor)
             });
             let expected = black - strips.sum::<f32>();
             let white = shadow_in_front_of_a_wall(0.8, distance_m);

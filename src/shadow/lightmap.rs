@@ -124,23 +124,24 @@ impl<'a> AdaptiveSampler<'a> {
 
     /// Incident light at each place.
     fn incident(&self) -> Vec<Incident> {
-        let mut known: Vec<Option<Incident>> = vec![None; self.places.len()];
+        let mut incident: Vec<Option<Incident>> = vec![None; self.places.len()];
         for stride in [COARSEST_STRIDE, COARSEST_STRIDE / 2, COARSEST_STRIDE / 4] {
             let is_on_grid = |n: &usize| {
                 let (x, y) = self.texel(*n);
-                known[*n].is_none() && x % stride == 0 && y % stride == 0
+                incident[*n].is_none() && x % stride == 0 && y % stride == 0
             };
             let on_grid: Vec<usize> = (0..self.places.len()).filter(is_on_grid).collect();
             let mut sampled: Vec<Option<Incident>> = vec![None; on_grid.len()];
             over_rows(&mut sampled, TEXELS_PER_TASK, processors(), |task, sampled| {
                 for (n, sampled) in on_grid[task * TEXELS_PER_TASK..].iter().zip(sampled) {
-                    let between = if stride < COARSEST_STRIDE { self.interpolated(*n, stride, &known) } else { None };
+                    let between =
+                        if stride < COARSEST_STRIDE { self.interpolated(*n, stride, &incident) } else { None };
                     *sampled = Some(between.unwrap_or_else(|| self.scene.incident(&self.points[*n])));
                 }
             });
-            on_grid.iter().zip(sampled).for_each(|(n, sampled)| known[*n] = sampled);
+            on_grid.iter().zip(sampled).for_each(|(n, sampled)| incident[*n] = sampled);
         }
-        known.into_iter().flatten().collect()
+        incident.into_iter().flatten().collect()
     }
 
     fn texel(&self, place: usize) -> (i32, i32) {
@@ -149,7 +150,7 @@ impl<'a> AdaptiveSampler<'a> {
     }
 
     /// The mean of the known neighbours on the coarser grid, if they are nearly equal.
-    fn interpolated(&self, n: usize, stride: i32, known: &[Option<Incident>]) -> Option<Incident> {
+    fn interpolated(&self, n: usize, stride: i32, sampled: &[Option<Incident>]) -> Option<Incident> {
         let (x, y) = self.texel(n);
         // The ends of its row, those of its column, or the corners around it.
         let neighbours: &[(i32, i32)] = match (x % (2 * stride) == 0, y % (2 * stride) == 0) {
@@ -166,7 +167,7 @@ impl<'a> AdaptiveSampler<'a> {
             let (x, y) = (x + dx * stride, y + dy * stride);
             let inside = (0..self.side).contains(&x) && (0..self.side).contains(&y);
             let other = self.place_of_texel[if inside { (y * self.side + x) as usize } else { return None }]? as usize;
-            let (point, incident) = (&self.points[other], known[other].as_ref()?);
+            let (point, incident) = (&self.points[other], sampled[other].as_ref()?);
             if point.normal.dot(own.normal) < MIN_NORMAL_COSINE {
                 return None;
             }

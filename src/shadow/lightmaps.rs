@@ -186,8 +186,8 @@ impl Lightmaps {
         };
         let surface = |part: &Part| unwrapped.get(part.mesh).filter(|unwrapped| unwrapped.side > 0);
         let parts: Vec<_> = own.object.parts.iter().map(|part| (surface(part), arrangement(part))).collect();
-        let known = |(surface, key): &(Option<_>, _)| surface.and_then(|_: &Unwrapped| self.by_arrangement.get(key));
-        let mut maps: Vec<_> = parts.iter().map(known).collect();
+        let cached = |(surface, key): &(Option<_>, _)| surface.and_then(|_: &Unwrapped| self.by_arrangement.get(key));
+        let mut maps: Vec<_> = parts.iter().map(cached).collect();
         let is_missing = |(map, (surface, _)): (&Option<_>, &(Option<_>, _))| map.is_none() && surface.is_some();
         if !maps.iter().zip(&parts).any(is_missing) {
             return maps;

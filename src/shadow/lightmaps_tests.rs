@@ -78,14 +78,14 @@ fn unwrapped(scene: &Scene) -> Vec<Unwrapped> {
 /// the corner at the wall.
 fn first(scene: &Scene) -> (Arc<Lightmap>, Vec<(Vec3, TexelPoint)>) {
     let unwrapped = unwrapped(scene);
-    let found = new_lightmaps(scene).lightmaps(scene, &unwrapped, &[], &[]);
+    let maps = new_lightmaps(scene).lightmaps(scene, &unwrapped, &[], &[]);
     let own = &unwrapped[0];
     let at = |place: &TexelPoint| {
         let corner = |n: usize| own.corners[own.indices[3 * place.triangle as usize + n] as usize].vertex.position;
         (0..3).map(|n| place.weights[n] * Vec3::from(corner(n))).sum::<Vec3>()
     };
     let places = own.places().into_iter().map(|place| (at(&place), place));
-    (found[0].clone().unwrap(), places.filter(|(at, _)| at.x < 0.099).collect())
+    (maps[0].clone().unwrap(), places.filter(|(at, _)| at.x < 0.099).collect())
 }
 
 #[test]

@@ -167,13 +167,13 @@ mod tests {
         for (corners, triangles) in [(one.as_slice(), [[0, 1, 2]].as_slice()), (&scattered, &tangle)] {
             // All rows at once, and in two bands.
             for between in [8, 3] {
-                let mut found = Vec::new();
+                let mut words = Vec::new();
                 for rows in [0..between, between..8] {
                     let mut mask = Mask::new(8, rows);
                     mask.rasterize(5, &silhouette(corners, triangles), |c| Some(c.truncate()));
-                    found.extend(mask.bits);
+                    words.extend(mask.bits);
                 }
-                for (i, word) in found.iter().enumerate() {
+                for (i, word) in words.iter().enumerate() {
                     let at = Vec2::new((i % 8) as f32 + 0.5, (i / 8) as f32 + 0.5);
                     assert_eq!(*word, u32::from(is_under(at, corners, triangles)) << 5, "{at}");
                 }

@@ -80,9 +80,9 @@ impl Occluders {
         let Self { corners, triangles, colors, parts } = self;
         let mut cut = Self::default();
         // New vertices by the ends of their edges. Both ends are equal for a vertex that is kept.
-        let mut known: BTreeMap<[u32; 2], u32> = BTreeMap::new();
+        let mut cut_vertices: BTreeMap<[u32; 2], u32> = BTreeMap::new();
         let mut corner = |all: &mut Vec<Vec3>, a: u32, b: u32| {
-            *known.entry([a.min(b), a.max(b)]).or_insert_with_key(|ends| {
+            *cut_vertices.entry([a.min(b), a.max(b)]).or_insert_with_key(|ends| {
                 let [low, high] = ends.map(|i| corners[i as usize]);
                 let at = if a == b { low } else { low.lerp(high, low.z / (low.z - high.z)).with_z(0.0) };
                 all.push(at);

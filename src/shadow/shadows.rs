@@ -187,11 +187,11 @@ impl Shadows {
         }
         let (mut planar_shadows, mut quality) = (Vec::new(), Quality::Final);
         for members in self.groups(scene) {
-            let known = self.group_caster(scene, &members).and_then(|(floor, caster, extent)| {
+            let cached_shadow = self.group_caster(scene, &members).and_then(|(floor, caster, extent)| {
                 let texture = self.known_texture(&floor, &caster, extent)?;
                 Some(PlanarShadow { floor, texture: ByAddress(texture), is_beside: false })
             });
-            if let Some(planar_shadow) = known {
+            if let Some(planar_shadow) = cached_shadow {
                 planar_shadows.push(planar_shadow);
                 continue;
             }

@@ -64,9 +64,9 @@ fn shadow_of_a_uniform_sky_matches_many_rays() {
             hits_box(DVec3::new(at.0, at.1, 0.0), towards)
         });
         let truth = blocked.count() as f64 / count as f64;
-        let found = planar_shadow.removed_at(floor.at(glam::DVec2::new(at.0, at.1)));
-        assert!(found.abs_diff_eq(Vec3::splat(found.x), 1e-4), "a grey sky: {found}");
-        worst = worst.max((f64::from(found.x) - truth).abs());
+        let removed = planar_shadow.removed_at(floor.at(glam::DVec2::new(at.0, at.1)));
+        assert!(removed.abs_diff_eq(Vec3::splat(removed.x), 1e-4), "a grey sky: {removed}");
+        worst = worst.max((f64::from(removed.x) - truth).abs());
     }
     // An edge between two of 512 rays is 1/512. A code of a mid-grey floor is 0.009.
     assert!(worst < 0.008, "{worst}");

@@ -254,11 +254,14 @@ pub fn rays(lighting: &Lighting, environment: &EnvironmentImage, floor: &Receive
         let radius = (0.5 * sun.diameter_rad).tan();
         let points = disc(SUN_RAYS).map(|at| towards + radius * (aside * at.x + over * at.y));
         // Points of a large sun may be below the horizon.
-        let seen: Vec<_> = points.filter(|point| point.z > 0.0).collect();
+        let above_plane: Vec<_> = points.filter(|point| point.z > 0.0).collect();
         let angle_rad = radius / (SUN_RAYS as f32).sqrt();
-        let light = sun.color * towards.z.max(0.0) / seen.len().max(1) as f32;
+        let light = sun.color * towards.z.max(0.0) / above_plane.len().max(1) as f32;
         rays.extend(
-            seen.into_iter().filter(|_| towards.z > 0.0).map(|point| ray(point, light, angle_rad, RaySource::Infinity)),
+            above_plane
+                .into_iter()
+                .filter(|_| towards.z > 0.0)
+                .map(|point| ray(point, light, angle_rad, RaySource::Infinity)),
         );
     }
     rays.into()

@@ -74,12 +74,12 @@ mod tests {
 
     #[test]
     fn radiance_is_that_of_the_sky_and_of_lamps_by_cosine_and_distance() {
-        let found = white_radiance(&lighting(), &Room::default(), &Plane { point_m: DVec3::ZERO, normal: DVec3::Z });
+        let radiance = white_radiance(&lighting(), &Room::default(), &Plane { point_m: DVec3::ZERO, normal: DVec3::Z });
         // By hand: 1/2² by the lamp above, cos 45°/8 by the other, and the radiance of the uniform
         // sky.
         let (above, aside) = (0.25, 0.5f32.sqrt() / 8.0);
         let expected = Vec3::splat(0.3) + Vec3::new(2.0, 1.0, 0.5) * (above + aside);
-        assert!((found.light() - expected).abs().max_element() < 1e-3, "{found:?} {expected}");
+        assert!((radiance.light() - expected).abs().max_element() < 1e-3, "{radiance:?} {expected}");
         // A wall that faces along x has nothing from the lamp above it, and 2/√8³ from the other.
         let wall = white_radiance(&lighting(), &Room::default(), &Plane { point_m: DVec3::ZERO, normal: DVec3::X });
         assert_eq!(wall.lamps[0].0, Vec3::ZERO);
@@ -93,8 +93,8 @@ mod tests {
         let board = places(0.01).map(|(x, y)| DVec3::new(x, y, 1.0));
         let floor = places(0.05).flat_map(|(x, y)| [0.0, 0.01].map(|z| DVec3::new(x, y, z)));
         let room = Room::of(board.chain(floor).flat_map(|at| [at, at]));
-        let found = white_radiance(&lighting(), &room, &Plane { point_m: DVec3::ZERO, normal: DVec3::Z });
-        assert_eq!([found.lamps[0].1, found.lamps[1].1], [0.0, 1.0]);
+        let radiance = white_radiance(&lighting(), &room, &Plane { point_m: DVec3::ZERO, normal: DVec3::Z });
+        assert_eq!([radiance.lamps[0].1, radiance.lamps[1].1], [0.0, 1.0]);
         let beside = Plane { point_m: DVec3::new(-1.5, 0.0, 0.0), normal: DVec3::Z };
         assert_eq!(white_radiance(&lighting(), &room, &beside).lamps[0].1, 1.0);
     }

@@ -4,19 +4,19 @@ use std::sync::Arc;
 
 use crate::scene::{Lighting, LightingOrigin, Scene};
 
-/// Sets a scene's lighting: `given`, its own, or the estimated one if the scene file defines none.
-/// Lamps and suns of its models are added to the estimate.
-pub fn apply_lighting(scene: &mut Arc<Scene>, given: &Lighting, estimated: Option<&Lighting>) {
+/// Sets a scene's lighting: its own (`lighting`), or the estimated one if the scene file defines
+/// none. Lamps and suns of its models are added to the estimate.
+pub fn apply_lighting(scene: &mut Arc<Scene>, lighting: &Lighting, estimated: Option<&Lighting>) {
     if scene.lighting_origin == LightingOrigin::Scene {
         return;
     }
     let lighting = match estimated {
-        None => given.clone(),
+        None => lighting.clone(),
         Some(estimated) => {
             let has_own_lamps = scene.lighting_origin == LightingOrigin::Models;
-            let own = given.points.iter().filter(|_| has_own_lamps);
+            let own = lighting.points.iter().filter(|_| has_own_lamps);
             Lighting {
-                suns: if has_own_lamps { given.suns.clone() } else { Vec::new() },
+                suns: if has_own_lamps { lighting.suns.clone() } else { Vec::new() },
                 points: own.chain(&estimated.points).copied().collect(),
                 environment: estimated.environment.clone(),
             }

@@ -81,7 +81,7 @@ fn check_round(geometry: &Geometry) -> Result<(), ShotError> {
         return Err(ShotError::PanoramaSize { width_px, height_px });
     }
     if readout_time_s > 0.0 {
-        return Err(ShotError::PanoramaReadout { found: readout_time_s });
+        return Err(ShotError::PanoramaReadout { actual: readout_time_s });
     }
     Ok(())
 }

@@ -62,10 +62,10 @@ pub enum ShotError {
     #[error("a 360° picture (equirectangular) must be twice as wide as high; found: {width_px}x{height_px}")]
     PanoramaSize { width_px: u32, height_px: u32 },
     #[error(
-        "camera.readout_time_s = {found} is refused: the rows of a 360° picture, which is stitched from \
+        "camera.readout_time_s = {actual} is refused: the rows of a 360° picture, which is stitched from \
          several sensors, have no times of their own; expected 0"
     )]
-    PanoramaReadout { found: f64 },
+    PanoramaReadout { actual: f64 },
     #[error("{problem}; without that file nothing is written: locate it, or hide the objects that need it")]
     MissingFile { problem: String },
     #[error("frame {frame} has no pose: {source}")]

@@ -58,10 +58,10 @@ pub struct SettingsLayers {
 
 impl SettingsLayers {
     /// Reads the profiles and the scene file's settings.
-    pub fn read(recording: &Recording, given: &ShotOptions) -> Result<Self, ShotError> {
+    pub fn read(recording: &Recording, options: &ShotOptions) -> Result<Self, ShotError> {
         let (mut rig, mut settings) = (Rig::default(), Settings::default());
         let mut of_profiles = ShotSettings::default();
-        let profiles: Vec<_> = recording.camera_profile.iter().chain(&given.profile).cloned().collect();
+        let profiles: Vec<_> = recording.camera_profile.iter().chain(&options.profile).cloned().collect();
         let of_recording = recording.camera_profile.iter().len();
         // The lens data of a stream is current, that of a profile is older. A profile that is named
         // for a recording is meant to override the recording's lens data.
@@ -78,9 +78,9 @@ impl SettingsLayers {
         if let Some(geometry) = &recording.geometry {
             rig.lay_over(geometry);
         }
-        let scene = given.scene.clone().unwrap_or_default();
+        let scene = options.scene.clone().unwrap_or_default();
         let of_scene = ShotSettings::read(&scene::document::settings(&scene)?, &scene)?;
-        let (base, sets) = (ResolvedSettings { rig, settings }, given.sets.clone());
+        let (base, sets) = (ResolvedSettings { rig, settings }, options.sets.clone());
         Ok(Self {
             profiles,
             of_profiles,
@@ -219,8 +219,8 @@ impl EstimatedParam {
     }
 
     /// Sets the parameters to the estimated values.
-    pub fn apply<'a>(found: impl IntoIterator<Item = &'a Self>, rig: &mut Rig, settings: &mut Settings) {
-        for Self { table, name, value } in found {
+    pub fn apply<'a>(estimates: impl IntoIterator<Item = &'a Self>, rig: &mut Rig, settings: &mut Settings) {
+        for Self { table, name, value } in estimates {
             // The analysis estimates values within the range.
             let _ = rig.set(settings, table, name, value);
         }

@@ -27,8 +27,8 @@ pub enum AnalysisState {
 impl Shot {
     /// Loads the analysis beside the recording, or the one at a given path, and adopts it if it
     /// fits.
-    pub(super) fn load_analysis(&mut self, given: &ShotOptions) -> Result<(), ShotError> {
-        let (folder, is_named) = match &given.analysis {
+    pub(super) fn load_analysis(&mut self, options: &ShotOptions) -> Result<(), ShotError> {
+        let (folder, is_named) = match &options.analysis {
             AnalysisChoice::No => {
                 self.analysis = AnalysisState::Ignored;
                 return Ok(());
@@ -45,7 +45,7 @@ impl Shot {
             return Ok(());
         }
         match read_fitting(&folder, &self.recording, &self.rig) {
-            Ok(analysis) if given.recorded_poses => self.adopt(folder, analysis.without_registration()),
+            Ok(analysis) if options.recorded_poses => self.adopt(folder, analysis.without_registration()),
             Ok(analysis) => self.adopt(folder, analysis),
             Err(problem) if is_named => return Err(ShotError::Analysis { folder, problem }),
             Err(problem) => self.analysis = AnalysisState::Unfit(folder, problem),
@@ -77,7 +77,7 @@ fn read_fitting(folder: &Path, recording: &Recording, rig: &Rig) -> Result<Analy
 
 /// The median of the frames' recorded exposures, s. `None` if most frames have none.
 fn median_exposure_s(recording: &Recording) -> Option<f64> {
-    let known: Vec<f64> = recording.exposure.iter().filter_map(equivalent_exposure_s).collect();
-    let are_most = 2 * known.len() > recording.frame_count();
-    upper_median(known).filter(|_| are_most)
+    let exposures_s: Vec<f64> = recording.exposure.iter().filter_map(equivalent_exposure_s).collect();
+    let are_most = 2 * exposures_s.len() > recording.frame_count();
+    upper_median(exposures_s).filter(|_| are_most)
 }

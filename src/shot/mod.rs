@@ -99,20 +99,20 @@ pub struct Shot {
 
 impl Shot {
     /// Opens a recording with its options. Only the headers of the frames' files are read.
-    pub fn open(recording: &Path, options: &OpenOptions, given: &ShotOptions) -> Result<Self, ShotError> {
-        Self::of(Recording::open(recording, options)?, given)
+    pub fn open(recording: &Path, options: &OpenOptions, shot_options: &ShotOptions) -> Result<Self, ShotError> {
+        Self::of(Recording::open(recording, options)?, shot_options)
     }
 
     /// Like [`Shot::open`], for an open recording.
     ///
     /// Depth from a separate depth camera is registered to the picture of the present camera. It is
     /// not registered again when `rig` changes later.
-    pub fn of(mut recording: Recording, given: &ShotOptions) -> Result<Self, ShotError> {
-        let layers = SettingsLayers::read(&recording, given)?;
+    pub fn of(mut recording: Recording, options: &ShotOptions) -> Result<Self, ShotError> {
+        let layers = SettingsLayers::read(&recording, options)?;
         let ResolvedSettings { rig, settings } = layers.resolve()?;
         let recorded = Arc::new(recording.clone());
-        let scene = match &given.scene {
-            Some(path) => scene::load_with(path, recording.up, given.missing_models)?,
+        let scene = match &options.scene {
+            Some(path) => scene::load_with(path, recording.up, options.missing_models)?,
             None => Scene::default(),
         };
         let opened_unit_m = recording.metres_per_unit;
@@ -132,7 +132,7 @@ impl Shot {
             decoded: Memo::default(),
             room: Arc::default(),
         };
-        shot.load_analysis(given)?;
+        shot.load_analysis(options)?;
         // Now with the analysis's estimates.
         ResolvedSettings { rig: shot.rig, settings: shot.settings } = shot.layers.resolve()?;
         shot.register_depth();
@@ -192,8 +192,9 @@ impl Shot {
         }
         let estimated_lighting = self.estimated_lighting.as_deref().filter(|_| self.lighting_matches_unit());
         apply_lighting::apply_lighting(&mut self.scene, &self.scene_lighting, estimated_lighting);
-        let held = self.scene.gauge.and_then(|g| self.recording.correction_to_gauge(g.frame, g.time_s, &g.pose()?));
-        if let Some(world_from_other) = held {
+        let world_from_gauge =
+            self.scene.gauge.and_then(|g| self.recording.correction_to_gauge(g.frame, g.time_s, &g.pose()?));
+        if let Some(world_from_other) = world_from_gauge {
             Arc::make_mut(&mut self.recording).move_to_world(&world_from_other);
             self.room = Arc::default();
         }
@@ -242,8 +243,8 @@ impl Shot {
 
     /// Every file that was read or will be read.
     pub fn files(&self) -> impl Iterator<Item = &Path> {
-        let given = self.profiles().iter().chain(&self.scene.files).map(PathBuf::as_path);
-        self.recording.files().chain(given)
+        let own_files = self.profiles().iter().chain(&self.scene.files).map(PathBuf::as_path);
+        self.recording.files().chain(own_files)
     }
 
     /// The camera of all frames, without their own geometry. Without a known exposure and without
@@ -273,8 +274,9 @@ impl Shot {
     /// camera, which therefore has no pose either, uses the first known one.
     pub fn geometry_at(&self, frame: usize) -> Result<Geometry, ShotError> {
         let count = self.recording.frame_count();
-        let known = std::iter::once(frame).chain(0..count).find(|frame| self.known_geometry_at(*frame).is_some());
-        check::geometry(&self.recording, &self.rig, known.unwrap_or(frame))
+        let calibrated_frame =
+            std::iter::once(frame).chain(0..count).find(|frame| self.known_geometry_at(*frame).is_some());
+        check::geometry(&self.recording, &self.rig, calibrated_frame.unwrap_or(frame))
     }
 
     /// Like [`Shot::geometry_at`], unchecked. `None` if unknown.
@@ -313,8 +315,8 @@ impl Shot {
     /// Whether the exposure is unknown although effects are on that may depend on it.
     fn lacks_exposure(&self) -> bool {
         let exposure = &self.rig.exposure;
-        let given = exposure.time_s.is_some() || exposure.shutter_angle_deg.is_some();
-        !given && !self.recording.has_exposure_times() && !self.is_plain()
+        let has_camera_exposure = exposure.time_s.is_some() || exposure.shutter_angle_deg.is_some();
+        !has_camera_exposure && !self.recording.has_exposure_times() && !self.is_plain()
     }
 
     /// Whether every effect is switched off.

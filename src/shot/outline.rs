@@ -114,19 +114,19 @@ impl FilledGrid {
     /// cells on the right.
     fn borders(&self) -> Vec<Vec<DVec2>> {
         const RIGHT: (i64, i64) = (1, 0);
-        let mut seen = vec![false; self.filled.len()];
+        let mut visited = vec![false; self.filled.len()];
         let mut borders = Vec::new();
         for (x, y) in (0..self.height as i64).flat_map(|y| (0..self.width as i64).map(move |x| (x, y))) {
             // Every border has a side along the top of a filled cell. It begins at the first of
             // them.
-            if !self.is_filled(x, y) || self.is_filled(x, y - 1) || seen[y as usize * self.width + x as usize] {
+            if !self.is_filled(x, y) || self.is_filled(x, y - 1) || visited[y as usize * self.width + x as usize] {
                 continue;
             }
             let (mut corner, mut way) = ((x, y), RIGHT);
             let mut border = Vec::new();
             loop {
                 if way == RIGHT {
-                    let cell = &mut seen[corner.1 as usize * self.width + corner.0 as usize];
+                    let cell = &mut visited[corner.1 as usize * self.width + corner.0 as usize];
                     if *cell {
                         break;
                     }
@@ -191,13 +191,13 @@ mod tests {
 
     #[test]
     fn outline_of_a_square_has_four_corners_and_overlapping_figures_share_one() {
-        let found = outline(&square(100.0, 140.0), &PICTURE);
-        assert_eq!(found.len(), 1);
+        let borders = outline(&square(100.0, 140.0), &PICTURE);
+        assert_eq!(borders.len(), 1);
         for corner in [(100.0, 100.0), (140.0, 100.0), (140.0, 140.0), (100.0, 140.0)].map(DVec2::from) {
             // Within a cell, at 4 cells/px, and the cell's corner that is cut off.
-            assert!(found[0].iter().any(|p| p.distance(corner) < 0.5), "{corner}: {found:?}");
+            assert!(borders[0].iter().any(|p| p.distance(corner) < 0.5), "{corner}: {borders:?}");
         }
-        assert!((0.5 * area(&found[0]) - 1600.0).abs() < 0.25 * 4.0 * 40.0 + 1.0, "{}", area(&found[0]));
+        assert!((0.5 * area(&borders[0]) - 1600.0).abs() < 0.25 * 4.0 * 40.0 + 1.0, "{}", area(&borders[0]));
         // Overlapping squares have one border; separate ones have their own; a hole has one of
         // opposite winding.
         let pieces = [square(100.0, 120.0), square(110.0, 140.0), square(200.0, 210.0)].concat();
@@ -211,16 +211,16 @@ mod tests {
                 })
                 .map(|triangle| triangle.map(|p| p + 50.0))
                 .collect();
-        let found = outline(&ring, &PICTURE);
-        assert!(found.len() == 2 && area(&found[0]) > 0.0 && area(&found[1]) < 0.0, "{found:?}");
-        assert!((0.5 * area(&found[1]) + 100.0).abs() < 0.25 * 40.0 + 1.0, "{}", area(&found[1]));
+        let borders = outline(&ring, &PICTURE);
+        assert!(borders.len() == 2 && area(&borders[0]) > 0.0 && area(&borders[1]) < 0.0, "{borders:?}");
+        assert!((0.5 * area(&borders[1]) + 100.0).abs() < 0.25 * 40.0 + 1.0, "{}", area(&borders[1]));
     }
 
     #[test]
     fn outline_includes_thin_triangles_and_is_clipped_to_the_picture() {
         let line = [DVec2::new(10.0, 10.0), DVec2::new(90.0, 37.0), DVec2::new(10.0, 10.0)];
-        let found = outline(&[line], &PICTURE);
-        assert!(found.len() == 1 && found[0].iter().any(|p| p.distance(line[1]) < 0.6), "{found:?}");
+        let borders = outline(&[line], &PICTURE);
+        assert!(borders.len() == 1 && borders[0].iter().any(|p| p.distance(line[1]) < 0.6), "{borders:?}");
         assert!(outline(&square(-90.0, -20.0), &PICTURE).is_empty() && outline(&[], &PICTURE).is_empty());
         // Larger than the picture: the picture's border.
         let all = outline(&square(-1e5, 1e5), &PICTURE);

@@ -38,14 +38,14 @@ impl Shot {
         let unit = (f64::from(height) / 720.0).max(1.0);
         let mut labels = Vec::new();
         for object in 0..self.scene.objects.len() {
-            let seen = eye.project_object(&self.scene, object);
+            let projected = eye.project_object(&self.scene, object);
             let ink = COLORS[object % COLORS.len()];
-            for polygon in &seen.outline_px {
+            for polygon in &projected.outline_px {
                 closed(&mut picture, polygon, unit * (LINE_WIDTH_PX + 2.0), DARK);
                 closed(&mut picture, polygon, unit * LINE_WIDTH_PX, ink);
             }
-            axes(&mut picture, &eye, &self.scene, &seen, unit);
-            labels.extend(label(&self.scene, &seen, ink));
+            axes(&mut picture, &eye, &self.scene, &projected, unit);
+            labels.extend(label(&self.scene, &projected, ink));
         }
         names(&mut picture, labels, unit);
         Ok(Pixels::uncoded(width, height, Codes::U8(picture.into_raw())))
@@ -58,10 +58,10 @@ fn closed(picture: &mut RgbImage, polygon: &[DVec2], width_px: f64, ink: Rgb<u8>
     }
 }
 
-fn axes(picture: &mut RgbImage, eye: &PosedCamera, scene: &Scene, seen: &ProjectedObject, unit: f64) {
-    let position_m = scene.objects[seen.object].position_m;
+fn axes(picture: &mut RgbImage, eye: &PosedCamera, scene: &Scene, projected: &ProjectedObject, unit: f64) {
+    let position_m = scene.objects[projected.object].position_m;
     let (Some(from), Some(depth), false) =
-        (seen.position_px, eye.in_camera(position_m).map(DVec3::length), seen.outline_px.is_empty())
+        (projected.position_px, eye.in_camera(position_m).map(DVec3::length), projected.outline_px.is_empty())
     else {
         return;
     };
@@ -86,10 +86,10 @@ struct Label {
     ink: Rgb<u8>,
 }
 
-fn label(scene: &Scene, seen: &ProjectedObject, ink: Rgb<u8>) -> Option<Label> {
-    let points = seen.outline_px.iter().flatten().copied();
+fn label(scene: &Scene, projected: &ProjectedObject, ink: Rgb<u8>) -> Option<Label> {
+    let points = projected.outline_px.iter().flatten().copied();
     let (low, high) = points.map(|p| (p, p)).reduce(|(low, high), (p, _)| (low.min(p), high.max(p)))?;
-    let text = scene.objects[seen.object].name.clone();
+    let text = scene.objects[projected.object].name.clone();
     Some(Label { at: DVec2::new(0.5 * (low.x + high.x), low.y), text, ink })
 }
 

@@ -88,11 +88,12 @@ impl Shot {
         memo.get_or_insert_with(SupportInputs { site, objects: objects.clone() }, |inputs| {
             // While one object is moved, the supports of the others stay valid.
             let latest = memo.latest().filter(|(of, _)| of.site == inputs.site);
-            let known = |object: &Object| {
+            let cached = |object: &Object| {
                 let (of, supported) = latest.as_ref()?;
                 supported.get(of.objects.iter().position(|other| other == object)?).cloned()
             };
-            let with_support = |object| known(object).unwrap_or_else(|| self.with_support(object, &inputs.site.points));
+            let with_support =
+                |object| cached(object).unwrap_or_else(|| self.with_support(object, &inputs.site.points));
             inputs.objects.iter().map(with_support).collect()
         })
     }

@@ -128,13 +128,13 @@ fn of_rays(eyes: &[(PosedCamera, FramePoint)]) -> Result<TriangulatedPoint, Surf
 fn step(eyes: &[(PosedCamera, FramePoint)], point: DVec3) -> Option<(DVec3, DMat3)> {
     let (mut matrix, mut right) = (DMat3::ZERO, DVec3::ZERO);
     for (camera, view) in eyes {
-        let seen = camera.project(point)?;
+        let projected_px = camera.project(point)?;
         let nudge_m = 1e-5 * camera.position_m().distance(point).max(1e-3);
         let along = |axis: DVec3| {
-            Some(camera.geometry().displacement_px(seen, camera.project(point + nudge_m * axis)?) / nudge_m)
+            Some(camera.geometry().displacement_px(projected_px, camera.project(point + nudge_m * axis)?) / nudge_m)
         };
         let [x, y, z] = [along(DVec3::X)?, along(DVec3::Y)?, along(DVec3::Z)?];
-        let off = camera.geometry().displacement_px(seen, view.at_px);
+        let off = camera.geometry().displacement_px(projected_px, view.at_px);
         for (row, off) in [(DVec3::new(x.x, y.x, z.x), off.x), (DVec3::new(x.y, y.y, z.y), off.y)] {
             matrix += DMat3::from_cols(row * row.x, row * row.y, row * row.z);
             right += row * off;
@@ -155,27 +155,30 @@ mod tests {
         let shot = Shot::open(Path::new("recordings/demo"), &OpenOptions::default(), &ShotOptions::default()).unwrap();
         // A point on the floor, in the middle of frame 30.
         let point = shot.support_on_plane(30, DVec2::new(320.0, 300.0), [0.0, 0.0, 1.0, 0.0]).unwrap().point_m;
-        let seen = |frame: usize, by: DVec2| FramePoint {
+        let view_of_point = |frame: usize, by: DVec2| FramePoint {
             frame,
             at_px: shot.posed_camera(frame).unwrap().project(point).unwrap() + by,
         };
-        let views = [10, 30, 50].map(|frame| seen(frame, DVec2::ZERO));
+        let views = [10, 30, 50].map(|frame| view_of_point(frame, DVec2::ZERO));
         for views in [&views[..2], &views] {
-            let found = shot.triangulate(views).unwrap();
-            assert!(found.point_m.distance(point) < 1e-5 && found.rms_px < 1e-3, "{found:?}, {point}");
-            assert!(found.sigma_m > 1e-4 && found.angle_deg > 1.0, "{found:?}");
+            let triangulated = shot.triangulate(views).unwrap();
+            assert!(
+                triangulated.point_m.distance(point) < 1e-5 && triangulated.rms_px < 1e-3,
+                "{triangulated:?}, {point}"
+            );
+            assert!(triangulated.sigma_m > 1e-4 && triangulated.angle_deg > 1.0, "{triangulated:?}");
         }
         // An error of 1 px in one of them moves it by about the stated uncertainty.
-        let found = shot.triangulate(&[views[0], seen(50, DVec2::X)]).unwrap();
-        let moved = found.point_m.distance(point);
-        assert!(moved > 0.1 * found.sigma_m && moved < 2.0 * found.sigma_m, "{moved} {found:?}");
+        let triangulated = shot.triangulate(&[views[0], view_of_point(50, DVec2::X)]).unwrap();
+        let moved = triangulated.point_m.distance(point);
+        assert!(moved > 0.1 * triangulated.sigma_m && moved < 2.0 * triangulated.sigma_m, "{moved} {triangulated:?}");
         let refused = |views: &[FramePoint]| shot.triangulate(views).unwrap_err().to_string();
         let twice = refused(&[views[1], views[1]]);
         assert!(twice.contains("frame 30 is given twice"), "{twice}");
-        let next = refused(&[views[1], seen(31, DVec2::ZERO)]);
+        let next = refused(&[views[1], view_of_point(31, DVec2::ZERO)]);
         assert!(next.contains("nearly the same place") && next.contains("31:"), "{next}");
         assert!(refused(&[views[1]]).contains("nearly the same place"));
-        let other = refused(&[views[0], seen(50, DVec2::new(0.0, 90.0))]);
+        let other = refused(&[views[0], view_of_point(50, DVec2::new(0.0, 90.0))]);
         assert!(other.contains("is it the same point"), "{other}");
         assert!(
             refused(&[views[0], FramePoint { frame: 50, at_px: DVec2::new(-1.0, 3.0) }])

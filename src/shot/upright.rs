@@ -33,19 +33,19 @@ impl Shot {
     /// surface's own if it is nearly level, else [`Shot::held_up`]. Cameras see floors from above:
     /// a normal against the camera's own up means an upside-down camera. Unit length.
     pub fn up_on(&self, normal: Option<DVec3>) -> DVec3 {
-        let held = self.held_up();
+        let camera_up = self.held_up();
         self.estimated_up()
-            .or_else(|| self.up_of_room(held, Scan::Awaited))
-            .unwrap_or_else(|| up_on_surface(normal, held))
+            .or_else(|| self.up_of_room(camera_up, Scan::Awaited))
+            .unwrap_or_else(|| up_on_surface(normal, camera_up))
     }
 
     /// [`Shot::up_on`] for a preview: without the room's surfaces until the recording's depth has
     /// been read.
     pub fn up_preview(&self, normal: Option<DVec3>) -> DVec3 {
-        let held = self.held_up();
+        let camera_up = self.held_up();
         self.estimated_up()
-            .or_else(|| self.up_of_room(held, Scan::IfReady))
-            .unwrap_or_else(|| up_on_surface(normal, held))
+            .or_else(|| self.up_of_room(camera_up, Scan::IfReady))
+            .unwrap_or_else(|| up_on_surface(normal, camera_up))
     }
 }
 
@@ -61,13 +61,16 @@ mod tests {
 
     #[test]
     fn up_is_the_normal_of_a_floor_and_not_of_a_wall() {
-        let held = DVec3::new(0.0, 0.5, 0.866);
+        let camera_up = DVec3::new(0.0, 0.5, 0.866);
         let lean = DVec3::new(0.02, 0.01, 1.0).normalize();
         // An upside-down camera sees the floor too; a wall at 55° against its up is none.
         for normal in [lean, -lean] {
-            assert_eq!(up_on_surface(Some(normal), held), normal);
+            assert_eq!(up_on_surface(Some(normal), camera_up), normal);
         }
-        assert_eq!([up_on_surface(Some(held.any_orthonormal_vector()), held), up_on_surface(None, held)], [held, held]);
+        assert_eq!(
+            [up_on_surface(Some(camera_up.any_orthonormal_vector()), camera_up), up_on_surface(None, camera_up)],
+            [camera_up, camera_up]
+        );
         let wall = DVec3::new(0.0, -0.819, 0.574);
         assert_eq!(up_on_surface(Some(wall), DVec3::Y), DVec3::Y);
     }
@@ -96,8 +99,8 @@ mod tests {
         let shot = Shot::open(Path::new("recordings/demo"), &OpenOptions::default(), &ShotOptions::default()).unwrap();
         // Its z is up, and its camera points down by some 30°.
         assert_eq!(shot.up(), Some(DVec3::Z));
-        let held = shot.held_up();
-        assert!((0.7..0.99).contains(&held.z), "{held}");
+        let camera_up = shot.held_up();
+        assert!((0.7..0.99).contains(&camera_up.z), "{camera_up}");
         for normal in [None, Some(DVec3::new(0.1, -0.1, 1.0).normalize()), Some(DVec3::X)] {
             let up = shot.up_on(normal);
             assert!(up.angle_between(DVec3::Z).to_degrees() < 0.5, "{normal:?}: {up}");

@@ -299,10 +299,10 @@ mod tests {
     fn patch_light_is_divided_by_the_frames_gain() {
         // Factor 2 in red, and one stop more everywhere by the spatial gain: 102 of 255 is 0.4.
         let spatial_gain = SpatialGain([1.0; NODES]);
-        let seen = RelativeBrightness { factors: [2.0, 1.0, 0.5], median_s: None, spatial_gain };
+        let brightness = RelativeBrightness { factors: [2.0, 1.0, 0.5], median_s: None, spatial_gain };
         let even = |_, _| [102u8; 3];
-        let found = shown(&frame(even, Some(seen)), &VIEW, &linear()).unwrap();
-        assert!(found.iter().zip([0.1, 0.2, 0.4]).all(|(a, b)| (a - b).abs() < 1e-6), "{found:?}");
+        let light = shown(&frame(even, Some(brightness)), &VIEW, &linear()).unwrap();
+        assert!(light.iter().zip([0.1, 0.2, 0.4]).all(|(a, b)| (a - b).abs() < 1e-6), "{light:?}");
         // Without a gain. A single different pixel does not change the median; pixels farther than
         // 2 px do not count.
         let speck = |x: u32, y: u32| if (x, y) == (321, 240) { [60; 3] } else { [102; 3] };

@@ -79,10 +79,13 @@ impl DepthSensor {
     ) -> Option<SimulatedPicture> {
         let (flaws, snapshot) = (simulation.flaws(), self.snapshot(simulation, frame));
         let errors = Some(flaws.depth_errors()).filter(DepthErrors::is_any)?;
-        let seen = render::map_central_rays(&self.lens, &self.track, &snapshot, simulation.threads, |ray| {
+        let sensor_picture = render::map_central_rays(&self.lens, &self.track, &snapshot, simulation.threads, |ray| {
             sensor_return(&simulation.site, ray, &errors, self.beside_m.is_some())
         });
-        Some(SimulatedPicture { depth_m: measured(exact, &seen, &errors, flaws.seed, frame as u64), ..exact.clone() })
+        Some(SimulatedPicture {
+            depth_m: measured(exact, &sensor_picture, &errors, flaws.seed, frame as u64),
+            ..exact.clone()
+        })
     }
 
     fn snapshot(&self, simulation: &Simulation, frame: usize) -> Snapshot {

@@ -239,7 +239,7 @@ impl Evidence {
             [0, 1, 2, 3].map(sum)
         };
         let [u0, v0, u1, v1] = mixed(|v| [v.uv0[0], v.uv0[1], v.uv1[0], v.uv1[1]]);
-        let seen = |used: &Option<TextureUse>| match used {
+        let sample = |used: &Option<TextureUse>| match used {
             Some(used) => {
                 let [u, v] = if used.uv_set == 0 { [u0, v0] } else { [u1, v1] };
                 texel(&self.textures[used.texture], used, DVec2::new(u, v))
@@ -247,12 +247,12 @@ impl Evidence {
             None => [1.0; 4],
         };
         let [r, g, b, _] = mixed(|v| v.color);
-        let [tr, tg, tb, _] = seen(&material.base_color_texture);
+        let [tr, tg, tb, _] = sample(&material.base_color_texture);
         let factor = DVec3::from([0, 1, 2].map(|c| f64::from(material.base_color[c])));
         let base = factor * DVec3::new(r * tr, g * tg, b * tb);
-        let [_, rough, metal, _] = seen(&material.metallic_roughness_texture);
+        let [_, rough, metal, _] = sample(&material.metallic_roughness_texture);
         let (roughness, metallic) = (f64::from(material.roughness) * rough, f64::from(material.metallic) * metal);
-        let [er, eg, eb, _] = seen(&material.emissive_texture);
+        let [er, eg, eb, _] = sample(&material.emissive_texture);
         let emission = Vec3::from(material.emissive).as_dvec3() * DVec3::new(er, eg, eb);
 
         let flat = self.triangles.normal(touch.face);

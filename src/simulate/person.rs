@@ -75,12 +75,12 @@ mod tests {
         let person = Person::new(2.0, 0.05);
         // A metre away, facing +y; the front is at −0.325. From −0.5 the person reaches 0.1 after
         // 0.3 s.
-        let seen = |x: f64, after_s: f64| {
+        let hit = |x: f64, after_s: f64| {
             person.light(DVec3::new(x, -1.325, 1.0), DVec3::Y, START_S + after_s).map(|(_, t)| t)
         };
-        assert!((seen(-0.5, 0.0).unwrap() - 1.0).abs() < 1e-12);
-        assert_eq!(seen(-0.27, 0.0), None);
-        assert!(seen(0.1, 0.3).is_some() && seen(-0.5, 0.3).is_none());
-        assert!(seen(-0.5, 0.6).is_some() && seen(-0.3, 0.5).is_some());
+        assert!((hit(-0.5, 0.0).unwrap() - 1.0).abs() < 1e-12);
+        assert_eq!(hit(-0.27, 0.0), None);
+        assert!(hit(0.1, 0.3).is_some() && hit(-0.5, 0.3).is_none());
+        assert!(hit(-0.5, 0.6).is_some() && hit(-0.3, 0.5).is_some());
     }
 }

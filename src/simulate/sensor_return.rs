@@ -107,9 +107,9 @@ mod tests {
 
     #[test]
     fn projector_shadow_width_is_the_difference_of_disparities() {
-        let near = |found: Option<[f64; 2]>, expected: [f64; 2]| {
-            let found = found.unwrap();
-            assert!((found[0] - expected[0]).abs() < 2e-4 && (found[1] - expected[1]).abs() < 2e-4, "{found:?}");
+        let near = |edges: Option<[f64; 2]>, expected: [f64; 2]| {
+            let edges = edges.unwrap();
+            assert!((edges[0] - expected[0]).abs() < 2e-4 && (edges[1] - expected[1]).abs() < 2e-4, "{edges:?}");
         };
         let exact = DepthErrors::default();
         assert_eq!(dark(&row(&exact, false)), None);
@@ -126,15 +126,15 @@ mod tests {
 
     #[test]
     fn return_falls_with_squared_distance_and_cosine() {
-        let seen = row(&DepthErrors { projector_m: 0.06, ..DepthErrors::default() }, true);
+        let pixels = row(&DepthErrors { projector_m: 0.06, ..DepthErrors::default() }, true);
         // In the card's middle; the projector is 0.06 aside and 1 up. A twenty-fifth of the light
         // is gloss.
-        let (u, middle) = seen[180];
+        let (u, middle) = pixels[180];
         let squared = 1.0 + (0.06 - u).powi(2);
         let expected = 0.5 * 0.96 / squared.powf(1.5);
         assert!((middle.light_per_m2.unwrap() / expected - 1.0).abs() < 1e-6, "{middle:?}");
-        let (card, floor) = (middle.surface, seen[0].1.surface);
+        let (card, floor) = (middle.surface, pixels[0].1.surface);
         assert!(card != floor && card != 0 && floor != 0);
-        assert!(seen.iter().all(|(u, seen)| seen.surface == if u.abs() < 0.1 { card } else { floor }));
+        assert!(pixels.iter().all(|(u, pixels)| pixels.surface == if u.abs() < 0.1 { card } else { floor }));
     }
 }

@@ -135,8 +135,8 @@ pub enum SinkError {
     Program(#[from] ProgramError),
     #[error("{}: {source}", path.display())]
     Encoder { path: PathBuf, source: ProgramError },
-    #[error("frame {frame} is {found}; {expected} was announced")]
-    Shape { frame: usize, found: String, expected: String },
+    #[error("frame {frame} is {actual}; {expected} was announced")]
+    Shape { frame: usize, actual: String, expected: String },
 }
 
 impl SinkError {
@@ -197,7 +197,7 @@ impl SinkOptions {
         }
         Err(SinkError::Shape {
             frame,
-            found: format!("{}x{} with {bits} bits", pixels.width, pixels.height),
+            actual: format!("{}x{} with {bits} bits", pixels.width, pixels.height),
             expected: format!("{}x{} with {} bits", self.width, self.height, self.bits),
         })
     }

@@ -41,8 +41,8 @@ pub fn check(path: &Path, force: bool) -> Result<(), SinkError> {
     match extension(path).as_str() {
         "jpg" | "jpeg" | "png" => check_file(path, force),
         other => {
-            let found = if other.is_empty() { "no ending".to_owned() } else { format!(".{other}") };
-            let problem = format!("a photograph cannot be written with {found}; expected .jpg or .png");
+            let extension = if other.is_empty() { "no ending".to_owned() } else { format!(".{other}") };
+            let problem = format!("a photograph cannot be written with {extension}; expected .jpg or .png");
             Err(SinkError::Refused { path: path.to_owned(), problem })
         }
     }

@@ -28,8 +28,8 @@ pub fn check(path: &Path, force: bool) -> Result<(), SinkError> {
     match extension(path).as_str() {
         "png" | "exr" => check_file(path, force),
         other => {
-            let found = if other.is_empty() { "no ending".to_owned() } else { format!(".{other}") };
-            let problem = format!("a picture cannot be written with {found}; expected .png or .exr");
+            let extension = if other.is_empty() { "no ending".to_owned() } else { format!(".{other}") };
+            let problem = format!("a picture cannot be written with {extension}; expected .png or .exr");
             Err(SinkError::Refused { path: path.to_owned(), problem })
         }
     }

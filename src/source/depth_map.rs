@@ -144,8 +144,8 @@ fn exr_header(reader: impl BufRead) -> Result<DepthHeader, String> {
     let display = header.shared_attributes.display_window.size;
     let (width, height) = size(display.0, display.1, 1)?;
     let Some(chosen) = depth_channel(&names) else {
-        let found = names.iter().take(8).cloned().collect::<Vec<_>>().join(", ");
-        return Err(format!("has the channels {found}; depth is the channel Z, or the only one"));
+        let channels = names.iter().take(8).cloned().collect::<Vec<_>>().join(", ");
+        return Err(format!("has the channels {channels}; depth is the channel Z, or the only one"));
     };
     let is_float = header.channels.list[chosen].sample_type != SampleType::U32;
     Ok(DepthHeader { width, height, is_float })

@@ -174,7 +174,7 @@ mod tests {
 
     #[test]
     fn settings_are_read_behind_other_segments() {
-        let found = parse(segment(&mut Cursor::new(jpeg(&door()))).unwrap());
+        let exif = parse(segment(&mut Cursor::new(jpeg(&door()))).unwrap());
         // 38 years of 365 days, 9 leap days before 2008, 59 days to February 29.
         let taken_s = f64::from((38 * 365 + 9 + 59) * 86400 + 86398);
         let expected = PhotoSettings {
@@ -184,14 +184,14 @@ mod tests {
             focal_length_m: Some(0.029),
             taken_s: Some(taken_s),
         };
-        assert_eq!(found, Exif { settings: expected, ..Exif::default() });
+        assert_eq!(exif, Exif { settings: expected, ..Exif::default() });
     }
 
     #[test]
     fn unset_camera_clock_gives_no_time() {
         for text in [&b"    :  :     :  :  "[..], b"0000:00:00 00:00:00", b"2008:13:01 00:00:00", b"soon"] {
-            let found = parse(block(&[(Tag::DateTimeOriginal, Value::Ascii(vec![text.to_vec()]))]));
-            assert_eq!(found.settings.taken_s, None, "{}", String::from_utf8_lossy(text));
+            let exif = parse(block(&[(Tag::DateTimeOriginal, Value::Ascii(vec![text.to_vec()]))]));
+            assert_eq!(exif.settings.taken_s, None, "{}", String::from_utf8_lossy(text));
         }
     }
 
@@ -238,20 +238,21 @@ mod tests {
         // A directory's entry: tag, type LONG, one value.
         let entry = exif.windows(8).position(|bytes| bytes == [0x88, 0x25, 0, 4, 0, 0, 0, 1]).unwrap();
         exif[entry + 8..entry + 12].fill(0x7f);
-        let found = parse(exif);
-        assert_eq!((found.settings.f_number, found.settings.iso), (Some(8.0), Some(125.0)));
-        assert!(found.damage.unwrap().contains("EXIF data is damaged"));
+        let exif_data = parse(exif);
+        assert_eq!((exif_data.settings.f_number, exif_data.settings.iso), (Some(8.0), Some(125.0)));
+        assert!(exif_data.damage.unwrap().contains("EXIF data is damaged"));
     }
 
     #[test]
     fn apex_values_stand_in_for_missing_settings() {
         let signed = |num, denom| Value::SRational(vec![exif::SRational { num, denom }]);
-        let found = parse(block(&[(Tag::ApertureValue, ratio(4, 1)), (Tag::ShutterSpeedValue, signed(6, 1))])).settings;
-        assert_eq!((found.f_number, found.time_s), (Some(4.0), Some(1.0 / 64.0)));
+        let settings =
+            parse(block(&[(Tag::ApertureValue, ratio(4, 1)), (Tag::ShutterSpeedValue, signed(6, 1))])).settings;
+        assert_eq!((settings.f_number, settings.time_s), (Some(4.0), Some(1.0 / 64.0)));
         // f/1 and two seconds, by values that are not above 0.
-        let found =
+        let settings =
             parse(block(&[(Tag::ApertureValue, ratio(0, 1)), (Tag::ShutterSpeedValue, signed(-1, 1))])).settings;
-        assert_eq!((found.f_number, found.time_s), (Some(1.0), Some(2.0)));
+        assert_eq!((settings.f_number, settings.time_s), (Some(1.0), Some(2.0)));
         // The plain values go first; infinity is unknown.
         let both = parse(block(&[(Tag::FNumber, ratio(28, 10)), (Tag::ApertureValue, ratio(4, 1))])).settings;
         assert_eq!(both.f_number, Some(2.8));

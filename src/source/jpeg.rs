@@ -100,15 +100,15 @@ struct File<'a> {
 struct JpegComponent {
     header: PlaneHeader,
     /// Whether a scan contained its DC coefficients.
-    seen: bool,
+    has_dc: bool,
     /// Bit masks of the coefficients of each block of a progressive file that are known to be
     /// nonzero.
-    known: Vec<u64>,
+    nonzero: Vec<u64>,
 }
 
 impl JpegComponent {
     fn new(header: PlaneHeader) -> Self {
-        Self { header, seen: false, known: Vec::new() }
+        Self { header, has_dc: false, nonzero: Vec::new() }
     }
 }
 
@@ -155,7 +155,7 @@ impl File<'_> {
     }
 
     fn end(&self, ending: Ending) -> Result<Ending, String> {
-        if self.components.is_empty() || !self.components.iter().all(|c| c.seen) {
+        if self.components.is_empty() || !self.components.iter().all(|c| c.has_dc) {
             return Err(truncated(": scans are missing"));
         }
         if ending == Ending::Unmarked && self.is_progressive {
@@ -189,9 +189,9 @@ impl File<'_> {
         let units = self.units();
         for &(index, _) in &chosen {
             let component = &mut self.components[index];
-            component.seen |= band.first == 0;
-            if self.is_progressive && component.known.is_empty() {
-                component.known =
+            component.has_dc |= band.first == 0;
+            if self.is_progressive && component.nonzero.is_empty() {
+                component.nonzero =
                     vec![0; units[0] * units[1] * component.header.sampling[0] * component.header.sampling[1]];
             }
         }
@@ -226,7 +226,7 @@ impl File<'_> {
                 let [dc, ac] = [0, 1].map(|kind| self.huffman[kind].get(tables[kind]).and_then(Option::as_ref));
                 for block in 0..h * v {
                     let (x, y) = (unit % grid[0] * h + block % h, unit / grid[0] * v + block / h);
-                    let walked = match component.known.get_mut(y * width + x) {
+                    let walked = match component.nonzero.get_mut(y * width + x) {
                         Some(known) => bits.progressive(dc, ac, band, known, &mut run),
                         None => bits.sequential(dc, ac),
                     };
@@ -350,14 +350,14 @@ impl Bits<'_> {
         Ok(())
     }
 
-    /// T.81, G.1.2. `known` has a bit for each nonzero coefficient; `run` is the number of further
-    /// blocks without codes.
+    /// T.81, G.1.2. `nonzero` has a bit for each nonzero coefficient; `run` is the number of
+    /// further blocks without codes.
     fn progressive(
         &mut self,
         dc: Option<&HuffmanTable>,
         ac: Option<&HuffmanTable>,
         band: SpectralBand,
-        known: &mut u64,
+        nonzero: &mut u64,
         run: &mut u32,
     ) -> Result<(), ScanStop> {
         if band.first == 0 {
@@ -376,7 +376,7 @@ impl Bits<'_> {
             // Zeros are counted among the coefficients that are 0 so far; the others get one more
             // bit each.
             while k <= band.last {
-                if band.is_refined && *known >> k & 1 == 1 {
+                if band.is_refined && *nonzero >> k & 1 == 1 {
                     self.take(1)?;
                 } else if zeros == 0 {
                     break;
@@ -386,14 +386,14 @@ impl Bits<'_> {
                 k += 1;
             }
             if size > 0 && k <= band.last {
-                *known |= 1 << k;
+                *nonzero |= 1 << k;
             }
             k += 1;
         }
         if *run > 0 {
             *run -= 1;
             if band.is_refined && k <= band.last {
-                let rest = *known >> k << k & (u64::MAX >> (63 - band.last));
+                let rest = *nonzero >> k << k & (u64::MAX >> (63 - band.last));
                 for _ in 0..rest.count_ones() {
                     self.take(1)?;
                 }

@@ -240,9 +240,9 @@ mod tests {
         for name in ["b.heic", "a.TIF", "c.heic", "c.jpg", ".d.heic", "e.npy", "notes.txt"] {
             std::fs::write(folder.path().join(name), "").unwrap();
         }
-        let found = in_folder(folder.path());
-        assert_eq!(found, ["a.TIF", "b.heic"].map(|name| folder.path().join(name)));
-        let warning = unread_warning(&found).unwrap();
+        let unread = in_folder(folder.path());
+        assert_eq!(unread, ["a.TIF", "b.heic"].map(|name| folder.path().join(name)));
+        let warning = unread_warning(&unread).unwrap();
         assert!(
             warning.starts_with("2 pictures are not read (first: ") && warning.contains("a.TIF is TIFF, which"),
             "{warning}"
@@ -252,10 +252,10 @@ mod tests {
         for name in ["b.heic", "a.TIF", "c.heic", "c.jpg"] {
             std::fs::remove_file(folder.path().join(name)).unwrap();
         }
-        let found = in_folder(folder.path());
-        assert_eq!(found, [folder.path().join("e.npy")]);
+        let unread = in_folder(folder.path());
+        assert_eq!(unread, [folder.path().join("e.npy")]);
         assert!(
-            unread_warning(&found).unwrap().contains("e.npy is a NumPy array, which is not read; convert it: python3")
+            unread_warning(&unread).unwrap().contains("e.npy is a NumPy array, which is not read; convert it: python3")
         );
     }
 }

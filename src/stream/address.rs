@@ -134,11 +134,12 @@ impl<'a> UrlParts<'a> {
     fn of(url: &'a str) -> Result<Self, StreamError> {
         let problem = |problem: String| StreamError::Address { url: url.to_owned(), problem };
         let accepted = "opentrackio://HOST:PORT or freed://HOST:PORT, as in opentrackio://127.0.0.1:55555";
-        let found = Protocol::ALL.into_iter().find_map(|(scheme, p)| Some((p, url.strip_prefix(scheme)?)));
-        let (protocol, rest) = found.ok_or_else(|| problem(format!("is not a stream: expected {accepted}")))?;
+        let scheme_and_rest = Protocol::ALL.into_iter().find_map(|(scheme, p)| Some((p, url.strip_prefix(scheme)?)));
+        let (protocol, rest) =
+            scheme_and_rest.ok_or_else(|| problem(format!("is not a stream: expected {accepted}")))?;
         let (place, query) = rest.split_once('?').unwrap_or((rest, ""));
         let at = address(place.trim_end_matches('/'), protocol.default_port())
-            .map_err(|found| problem(format!("{found}; expected {accepted}")))?;
+            .map_err(|scheme_and_rest| problem(format!("{scheme_and_rest}; expected {accepted}")))?;
         if at.is_ipv6() && at.ip().is_multicast() {
             return Err(problem("groups are IPv4's, as in opentrackio://235.135.1.1:55555".to_owned()));
         }
@@ -155,8 +156,8 @@ impl<'a> UrlParts<'a> {
         self.problem(format!("{key}={value} is refused: expected {accepted}"))
     }
 
-    fn unknown(&self, key: &str, known: &str) -> StreamError {
-        self.problem(format!("there is no option {key}; known options: {known}"))
+    fn unknown(&self, key: &str, keys: &str) -> StreamError {
+        self.problem(format!("there is no option {key}; known options: {keys}"))
     }
 
     fn value<T: std::str::FromStr>(&self, key: &str, value: &str, accepted: &str) -> Result<T, StreamError> {

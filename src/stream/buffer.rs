@@ -78,14 +78,14 @@ pub struct ReleasedItem<T> {
     pub offset_s: f64,
     /// Number of items lost before this one, by the sequence numbers.
     pub lost: u32,
-    pub held: TimedItem<T>,
+    pub timed: TimedItem<T>,
 }
 
 #[derive(Debug)]
 struct Queued<T> {
     epoch: u32,
     offset_s: f64,
-    held: TimedItem<T>,
+    timed: TimedItem<T>,
 }
 
 /// Holds items back for `wait_s`, so that late ones can still be put in order.
@@ -93,7 +93,7 @@ struct Queued<T> {
 pub struct ReorderBuffer<T> {
     wait_s: f64,
     /// Ascending by epoch, then by time.
-    held: VecDeque<Queued<T>>,
+    waiting: VecDeque<Queued<T>>,
     /// Time stamp and arrival of the newest item on the current clock.
     newest: Option<(f64, f64)>,
     epoch: u32,
@@ -116,7 +116,7 @@ impl<T> ReorderBuffer<T> {
     pub fn new(wait_s: f64) -> Self {
         Self {
             wait_s,
-            held: VecDeque::new(),
+            waiting: VecDeque::new(),
             newest: None,
             epoch: 0,
             offset: ClockOffset::default(),
@@ -259,39 +259,39 @@ impl<T> ReorderBuffer<T> {
         if self.newest.is_none_or(|(time_s, _)| item.time_s > time_s) {
             self.newest = Some((item.time_s, item.arrived_s));
         }
-        let place = |queued: &Queued<T>| (queued.epoch, queued.held.time_s);
-        let at = self.held.partition_point(|queued| place(queued) < (self.epoch, item.time_s));
-        if self.held.get(at).is_some_and(|queued| place(queued) == (self.epoch, item.time_s)) {
+        let place = |queued: &Queued<T>| (queued.epoch, queued.timed.time_s);
+        let at = self.waiting.partition_point(|queued| place(queued) < (self.epoch, item.time_s));
+        if self.waiting.get(at).is_some_and(|queued| place(queued) == (self.epoch, item.time_s)) {
             return PushOutcome::Repeated;
         }
         let offset_s = self.offset.estimate_s().unwrap_or_default();
-        self.held.insert(at, Queued { epoch: self.epoch, offset_s, held: item });
+        self.waiting.insert(at, Queued { epoch: self.epoch, offset_s, timed: item });
         PushOutcome::Waits
     }
 
     /// The next item in order, once no earlier one can arrive or its wait has ended.
     pub fn pop(&mut self, now_s: f64) -> Option<ReleasedItem<T>> {
-        let Queued { epoch, held: first, .. } = self.held.front()?;
+        let Queued { epoch, timed: first, .. } = self.waiting.front()?;
         let follows = self.last.is_some_and(|last| is_next(last, *epoch, first.sequence));
         let waited = self.due_s().is_some_and(|due_s| now_s >= due_s);
-        if !(follows || waited || *epoch != self.epoch || self.held.len() > BUFFER_CAPACITY) {
+        if !(follows || waited || *epoch != self.epoch || self.waiting.len() > BUFFER_CAPACITY) {
             return None;
         }
-        let Queued { epoch, offset_s, held } = self.held.pop_front()?;
+        let Queued { epoch, offset_s, timed } = self.waiting.pop_front()?;
         let before = self.last.filter(|last| last.0 == epoch).and_then(|last| last.2);
-        let gap = before.zip(held.sequence).map_or(0, |(before, this)| this.wrapping_sub(before).wrapping_sub(1));
-        self.last = Some((epoch, held.time_s, held.sequence));
-        Some(ReleasedItem { epoch, offset_s, lost: if gap <= MAX_SEQUENCE_GAP { gap } else { 0 }, held })
+        let gap = before.zip(timed.sequence).map_or(0, |(before, this)| this.wrapping_sub(before).wrapping_sub(1));
+        self.last = Some((epoch, timed.time_s, timed.sequence));
+        Some(ReleasedItem { epoch, offset_s, lost: if gap <= MAX_SEQUENCE_GAP { gap } else { 0 }, timed })
     }
 
     /// The earliest end of a wait, by the receiver's clock, seconds. The item is released then,
     /// after earlier ones.
     pub fn due_s(&self) -> Option<f64> {
-        self.held.iter().map(|queued| queued.held.arrived_s + self.wait_s).reduce(f64::min)
+        self.waiting.iter().map(|queued| queued.timed.arrived_s + self.wait_s).reduce(f64::min)
     }
 
     pub fn is_empty(&self) -> bool {
-        self.held.is_empty()
+        self.waiting.is_empty()
     }
 }
 

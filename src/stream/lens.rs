@@ -52,8 +52,8 @@ pub enum StreamLensError {
 impl LensState {
     /// Updates the state with the camera and lens data of a sample.
     pub fn update(&mut self, sample: &Sample) {
-        fn take<T>(to: &mut Option<T>, found: Option<T>) {
-            *to = found.or(to.take());
+        fn take<T>(to: &mut Option<T>, value: Option<T>) {
+            *to = value.or(to.take());
         }
         let above_zero = |path: &[&str]| sample.number(path).filter(|number| *number > 0.0);
         let pair = |path: &[&str], [x, y]: [&str; 2]| {
@@ -77,11 +77,11 @@ impl LensState {
         take(&mut self.shutter_angle_deg, sample.number(&["static", "camera", "shutterAngle"]));
         take(&mut self.frame_rate_hz, sample.ratio(&["static", "camera", "captureFrameRate"]));
         if let Some(list) = sample.get(&["lens", "distortion"]).and_then(Value::as_array) {
-            let known: Vec<OpenLens> = list.iter().filter_map(OpenLens::read).collect();
+            let lenses: Vec<OpenLens> = list.iter().filter_map(OpenLens::read).collect();
             let model = list.first().and_then(|first| member(first, "model")?.as_text());
-            self.other_model = model.filter(|_| known.is_empty()).map(str::to_owned);
+            self.other_model = model.filter(|_| lenses.is_empty()).map(str::to_owned);
             // A model in this program's direction needs no fit.
-            self.distortion = known.iter().find(|lens| lens.distorts).or(known.first()).cloned();
+            self.distortion = lenses.iter().find(|lens| lens.distorts).or(lenses.first()).cloned();
         }
     }
 

@@ -168,8 +168,8 @@ fn solve<const N: usize>(mut matrix: [[f64; N]; N], mut right: [f64; N]) -> Opti
         }
     }
     for i in (0..N).rev() {
-        let known: f64 = (i + 1..N).map(|j| matrix[i][j] * right[j]).sum();
-        right[i] = (right[i] - known) / matrix[i][i];
+        let solved_part: f64 = (i + 1..N).map(|j| matrix[i][j] * right[j]).sum();
+        right[i] = (right[i] - solved_part) / matrix[i][i];
     }
     right.iter().all(|x| x.is_finite()).then_some(right)
 }

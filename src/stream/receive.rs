@@ -261,8 +261,8 @@ impl Receiver {
         true
     }
 
-    fn hold(&mut self, held: TimedItem<PendingPose>) {
-        match self.buffer.push(held) {
+    fn hold(&mut self, pose: TimedItem<PendingPose>) {
+        match self.buffer.push(pose) {
             PushOutcome::Waits => {}
             PushOutcome::Late => self.report.count_drop(DropReason::Late),
             PushOutcome::Repeated => self.report.count_drop(DropReason::Repeated),
@@ -296,7 +296,7 @@ impl Receiver {
         let released = self.buffer.pop(now_s)?;
         let epoch = self.epochs.wrapping_add(released.epoch);
         let offset_s = released.offset_s;
-        let TimedItem { time_s, arrived_s, item, .. } = released.held;
+        let TimedItem { time_s, arrived_s, item, .. } = released.timed;
         self.report.lost += u64::from(released.lost);
         self.report.count_pose(time_s, arrived_s, self.last_epoch != Some(epoch));
         self.last_epoch = Some(epoch);

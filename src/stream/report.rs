@@ -126,9 +126,9 @@ impl Report {
 
     /// Lost and dropped poses by reason; "none" without any.
     pub fn drops(&self) -> String {
-        let known = [(self.lost, "lost on the way"), (self.incomplete, "with pieces missing")];
+        let counts = [(self.lost, "lost on the way"), (self.incomplete, "with pieces missing")];
         let aside = self.dropped.iter().map(|(why, number)| (*number, why.to_string()));
-        let all = known.into_iter().map(|(number, why)| (number, why.to_owned())).chain(aside);
+        let all = counts.into_iter().map(|(number, why)| (number, why.to_owned())).chain(aside);
         let reasons: Vec<String> = all.filter(|(number, _)| *number > 0).map(|(n, why)| format!("{n} {why}")).collect();
         if reasons.is_empty() { "none".to_owned() } else { reasons.join(", ") }
     }
@@ -195,8 +195,8 @@ impl Report {
         let before = self.before.replace((time_s, arrived_s)).filter(|_| !is_new_clock);
         if let Some((time_before_s, arrived_before_s)) = before {
             let interval_s = time_s - time_before_s;
-            let known = self.interval_s.get_or_insert(interval_s);
-            *known += (interval_s - *known) / 16.0;
+            let mean_interval_s = self.interval_s.get_or_insert(interval_s);
+            *mean_interval_s += (interval_s - *mean_interval_s) / 16.0;
             let uneven_s = (arrived_s - arrived_before_s - interval_s).abs();
             self.jitter_s += (uneven_s - self.jitter_s) / 16.0;
         }

@@ -58,8 +58,8 @@ mod tests {
 
     #[test]
     fn times_match_computed_values() {
-        let found = of(r#"{"sampleTimestamp":{"seconds":1718806554,"nanoseconds":500000000}}"#);
-        assert_eq!(found, Some((1_718_806_554.5, Clock::Timestamp)));
+        let time = of(r#"{"sampleTimestamp":{"seconds":1718806554,"nanoseconds":500000000}}"#);
+        assert_eq!(time, Some((1_718_806_554.5, Clock::Timestamp)));
         // The official examples: 1:02:03:04 at 24000/1001 are 3723·24 + 4 = 89356 frames, each
         // 1001/24000 s.
         let code =

@@ -130,9 +130,9 @@ mod tests {
         [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| pose.world_from_camera_rotation() * axis)
     }
 
-    fn near(found: [DVec3; 3], expected: [[f64; 3]; 3]) {
-        for (found, expected) in found.into_iter().zip(expected) {
-            assert!((found - DVec3::from(expected)).length() < 1e-12, "{found} is not {expected:?}");
+    fn near(axes: [DVec3; 3], expected: [[f64; 3]; 3]) {
+        for (axes, expected) in axes.into_iter().zip(expected) {
+            assert!((axes - DVec3::from(expected)).length() < 1e-12, "{axes} is not {expected:?}");
         }
     }
 
@@ -162,9 +162,9 @@ mod tests {
         // world's y.
         let crane = one(1.0, 2.0, 3.0, 90.0, 0.0, 0.0).replacen('{', r#"{"scale":{"x":2,"y":2,"z":2},"#, 1);
         let head = one(1.0, 0.0, 0.0, -90.0, 0.0, 0.0);
-        let found = pose(&format!("[{crane},{head}]")).unwrap();
-        assert!((found.position_in_world_m() - DVec3::new(1.0, 4.0, 3.0)).length() < 1e-12);
-        near(axes(&found), [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]);
+        let pose = pose(&format!("[{crane},{head}]")).unwrap();
+        assert!((pose.position_in_world_m() - DVec3::new(1.0, 4.0, 3.0)).length() < 1e-12);
+        near(axes(&pose), [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]);
     }
 
     #[test]

@@ -206,9 +206,9 @@ mod tests {
         let wall = rectangle(DVec3::new(0.18, -0.1, 0.0), 0.2 * along, 0.3 * DVec3::Z);
         let top = rectangle(DVec3::new(-0.2, -0.05, 0.05), 0.1 * DVec3::X, 0.12 * DVec3::Y);
         let scene = cube();
-        let found = facets(&scene, &scene.objects[0], &FLOOR, &[floor, wall, top].concat());
-        assert_eq!(found.len(), 2, "{found:?}");
-        let (wall, top) = (found[0], found[1]);
+        let facets = facets(&scene, &scene.objects[0], &FLOOR, &[floor, wall, top].concat());
+        assert_eq!(facets.len(), 2, "{facets:?}");
+        let (wall, top) = (facets[0], facets[1]);
         let towards = DVec3::new(-(0.75f64.sqrt()), -0.5, 0.0);
         assert!(wall.plane.normal.dot(towards) > 0.9999, "{wall:?}");
         // One side of its rectangle is upright, and it goes from 3 cm up to 17.5, half of the reach
@@ -237,11 +237,11 @@ mod tests {
             let (wide, deep, up) = (0.2 * DVec3::Y, 0.15 * DVec3::X, high_m * DVec3::Z);
             let parts = [(corner, wide, up), (corner, deep, up), (corner + up, deep, wide)];
             let points: Vec<MeasuredPoint> = parts.into_iter().flat_map(|(at, a, b)| rectangle(at, a, b)).collect();
-            let found = facets(&scene, &scene.objects[0], &FLOOR, &points);
-            let faces = |normal: DVec3| found.iter().any(|facet| facet.plane.normal.dot(normal) > 0.999);
-            assert!(faces(DVec3::NEG_X), "{high_m}: {found:?}");
+            let facets = facets(&scene, &scene.objects[0], &FLOOR, &points);
+            let faces = |normal: DVec3| facets.iter().any(|facet| facet.plane.normal.dot(normal) > 0.999);
+            assert!(faces(DVec3::NEG_X), "{high_m}: {facets:?}");
             // The cube must be in front of a face, or above it.
-            assert_eq!((faces(DVec3::NEG_Y), faces(DVec3::Z)), (false, high_m < 0.1 - 0.005), "{high_m}: {found:?}");
+            assert_eq!((faces(DVec3::NEG_Y), faces(DVec3::Z)), (false, high_m < 0.1 - 0.005), "{high_m}: {facets:?}");
         }
     }
 

@@ -41,11 +41,11 @@ pub fn object_support(
 ) -> Option<(Plane, PlaneSource)> {
     let foot = ObjectFootprint::of(scene, object, up)?;
     let measured = foot.support(measured).map(|plane| (plane, PlaneSource::Depth));
-    let known = measured.or_else(|| {
+    let plane_with_source = measured.or_else(|| {
         let is_near = |plane: &HessePlane| foot.height_m(plane).abs() < MAX_DROP_M;
         floor.filter(is_near).map(|plane| (plane, PlaneSource::Recording))
     });
-    Some(match known {
+    Some(match plane_with_source {
         Some((plane, known_by)) => (foot.on(&plane.facing(up)), known_by),
         None => (Plane { point_m: foot.lowest(up), normal: up }, PlaneSource::Foot),
     })

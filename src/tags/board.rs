@@ -99,8 +99,8 @@ impl Board {
             return Err(format!("version = {} is not known; expected 1", written.version));
         }
         let family = Family::of_name(&written.family).ok_or_else(|| {
-            let known = Family::ALL.map(Family::name).join(", ");
-            format!("family = \"{}\" is not known; expected {known}", quoted(&written.family))
+            let families = Family::ALL.map(Family::name).join(", ");
+            format!("family = \"{}\" is not known; expected {families}", quoted(&written.family))
         })?;
         if written.tags.is_empty() || written.tags.len() > MAX_TAGS {
             return Err(format!(
@@ -109,9 +109,9 @@ impl Board {
             ));
         }
         if !SCALES.contains(&written.scale) {
-            let found = number(written.scale);
+            let scale = number(written.scale);
             return Err(format!(
-                "scale = {found} is refused; expected 0.1 to 10: the ruler's measured length divided by its nominal \
+                "scale = {scale} is refused; expected 0.1 to 10: the ruler's measured length divided by its nominal \
                  length"
             ));
         }
@@ -140,10 +140,10 @@ fn checked(tag: &TagEntry, family: Family) -> Result<Tag, String> {
         return Err(named("id", format!("family {} has the ids 0 to {}", family.name(), family.count() - 1)));
     }
     if !SIZES_M.contains(&tag.size_m) {
-        let found = number(tag.size_m);
+        let size_m = number(tag.size_m);
         return Err(named(
             "size_m",
-            format!("{found} is refused; expected the black square's side, 0.001 to 10 metres"),
+            format!("{size_m} is refused; expected the black square's side, 0.001 to 10 metres"),
         ));
     }
     let center_m = match tag.center_m[..] {

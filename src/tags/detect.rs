@@ -22,7 +22,7 @@ pub struct DetectedTag {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DetectedTags {
     /// Tags that are detected once, by id.
-    pub found: Vec<DetectedTag>,
+    pub tags: Vec<DetectedTag>,
     /// Ids that are detected several times, ascending: they are ambiguous.
     pub repeated: Vec<u32>,
 }
@@ -75,9 +75,9 @@ impl Detector {
         let failed = |problem: String| DetectError { width, height, problem };
         let image = Image::<u8, 1>::from_size_slice(ImageSize { width, height }, &grey.codes.values)
             .map_err(|error| failed(error.to_string()))?;
-        let found = sought(&mut self.half, &image).map_err(|error| failed(error.to_string()))?;
-        if found.found.iter().filter(|tag| wanted(tag.id)).count() >= enough.max(1) {
-            return Ok(found);
+        let detection = sought(&mut self.half, &image).map_err(|error| failed(error.to_string()))?;
+        if detection.tags.iter().filter(|tag| wanted(tag.id)).count() >= enough.max(1) {
+            return Ok(detection);
         }
         sought(&mut self.whole, &image).map_err(|error| failed(error.to_string()))
     }
@@ -89,21 +89,21 @@ impl Detector {
 }
 
 fn sought(decoder: &mut AprilTagDecoder, image: &Image<u8, 1>) -> Result<DetectedTags, AprilTagError> {
-    let found = decoder.decode(image)?;
+    let decoded = decoder.decode(image)?;
     decoder.clear();
-    let found = found.iter().map(|tag| {
+    let detected = decoded.iter().map(|tag| {
         // Only the quadrilateral's homography has the printed orientation; its y axis points down.
         let corner = |x, y| tag.quad.homography_project(x, y);
         let corners_px = [corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)]
             .map(|at| DVec2::new(at.x.into(), at.y.into()));
         DetectedTag { id: tag.id.into(), corners_px }
     });
-    let mut found: Vec<DetectedTag> =
-        found.filter(|tag| tag.corners_px.iter().all(|corner| corner.is_finite())).collect();
-    found.sort_by_key(|tag| tag.id);
-    let same = found.windows(2).filter(|pair| pair[0].id == pair[1].id);
+    let mut tags: Vec<DetectedTag> =
+        detected.filter(|tag| tag.corners_px.iter().all(|corner| corner.is_finite())).collect();
+    tags.sort_by_key(|tag| tag.id);
+    let same = tags.windows(2).filter(|pair| pair[0].id == pair[1].id);
     let mut repeated: Vec<u32> = same.map(|pair| pair[0].id).collect();
     repeated.dedup();
-    found.retain(|tag| !repeated.contains(&tag.id));
-    Ok(DetectedTags { found, repeated })
+    tags.retain(|tag| !repeated.contains(&tag.id));
+    Ok(DetectedTags { tags, repeated })
 }

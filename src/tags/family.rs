@@ -76,9 +76,9 @@ mod tests {
     #[test]
     fn families_match_the_decoder() {
         for family in Family::ALL {
-            let known = TagFamily::try_from(&family.kind()).unwrap();
-            assert_eq!(known.code_data.len(), family.count() as usize);
-            assert_eq!(known.width_at_border, family.cells() as usize);
+            let decoder_family = TagFamily::try_from(&family.kind()).unwrap();
+            assert_eq!(decoder_family.code_data.len(), family.count() as usize);
+            assert_eq!(decoder_family.width_at_border, family.cells() as usize);
             let inner = 1..family.cells() - 1;
             for id in [0, family.count() - 1] {
                 let white = family.white_cells(id).unwrap();

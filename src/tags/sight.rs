@@ -73,7 +73,7 @@ impl BoardPose {
     /// left out because they are detected several times.
     pub fn of_tags(geometry: &Geometry, board: &Board, tags: &DetectedTags) -> Result<Self, PoseFailure> {
         let repeated: Vec<u32> = tags.repeated.iter().copied().filter(|id| board.tag(*id).is_some()).collect();
-        match Self::of(geometry, board, &tags.found, &[]) {
+        match Self::of(geometry, board, &tags.tags, &[]) {
             Ok(sight) => Ok(Self { repeated, ..sight }),
             Err(PoseFailure::Nothing | PoseFailure::NotOnBoard(_)) if !repeated.is_empty() => {
                 Err(PoseFailure::Repeated(repeated))
@@ -87,51 +87,61 @@ impl BoardPose {
 
     /// Estimates the poses from the tags of a picture. `near` are additional initial poses, such as
     /// the last one.
-    pub fn of(geometry: &Geometry, board: &Board, found: &[DetectedTag], near: &[Pose]) -> Result<Self, PoseFailure> {
-        let known = found.iter().filter(|tag| board.tag(tag.id).is_some()).count();
-        Self::of_at_most(geometry, board, found, near, known / MIN_TAGS)
+    pub fn of(
+        geometry: &Geometry,
+        board: &Board,
+        detected: &[DetectedTag],
+        near: &[Pose],
+    ) -> Result<Self, PoseFailure> {
+        let tags_of_board = detected.iter().filter(|tag| board.tag(tag.id).is_some()).count();
+        Self::of_at_most(geometry, board, detected, near, tags_of_board / MIN_TAGS)
     }
 
     /// Like [`BoardPose::of`], with a limit on the number of tags that are left out.
     fn of_at_most(
         geometry: &Geometry,
         board: &Board,
-        found: &[DetectedTag],
+        detected: &[DetectedTag],
         near: &[Pose],
         left_out: usize,
     ) -> Result<Self, PoseFailure> {
-        let ids = |found: &[DetectedTag]| found.iter().map(|tag| tag.id).collect::<Vec<_>>();
-        let mut known: Vec<(&DetectedTag, [DVec3; 4])> =
-            found.iter().filter_map(|tag| Some((tag, board.tag(tag.id)?.corners_m()))).collect();
-        if known.is_empty() {
-            return Err(if found.is_empty() { PoseFailure::Nothing } else { PoseFailure::NotOnBoard(ids(found)) });
+        let ids = |tags: &[DetectedTag]| tags.iter().map(|tag| tag.id).collect::<Vec<_>>();
+        let mut tags_of_board: Vec<(&DetectedTag, [DVec3; 4])> =
+            detected.iter().filter_map(|tag| Some((tag, board.tag(tag.id)?.corners_m()))).collect();
+        if tags_of_board.is_empty() {
+            return Err(if detected.is_empty() {
+                PoseFailure::Nothing
+            } else {
+                PoseFailure::NotOnBoard(ids(detected))
+            });
         }
-        let tags: Vec<u32> = known.iter().map(|(tag, _)| tag.id).collect();
+        let tags: Vec<u32> = tags_of_board.iter().map(|(tag, _)| tag.id).collect();
         let mut corners = Corners::default();
-        for (tag, places) in &known {
+        for (tag, places) in &tags_of_board {
             corners.in_world_m.extend(places);
             corners.seen_px.extend(tag.corners_px);
         }
         let side = |tag: &DetectedTag| {
             tag.corners_px[0].distance(tag.corners_px[2]).max(tag.corners_px[1].distance(tag.corners_px[3]))
         };
-        let side_px = known.iter().map(|(tag, _)| side(tag)).sum::<f64>() / (2f64.sqrt() * known.len() as f64);
-        known.sort_by(|a, b| side(b.0).total_cmp(&side(a.0)));
-        let begun = known
+        let side_px =
+            tags_of_board.iter().map(|(tag, _)| side(tag)).sum::<f64>() / (2f64.sqrt() * tags_of_board.len() as f64);
+        tags_of_board.sort_by(|a, b| side(b.0).total_cmp(&side(a.0)));
+        let begun = tags_of_board
             .iter()
             .take(MAX_INITIAL_TAGS)
             .filter_map(|(tag, places)| initial_poses(geometry, places, &tag.corners_px));
         let mut solutions: Vec<PoseSolution> = Vec::new();
         for pose in near.iter().copied().chain(begun.flatten()) {
-            let Some(found) = solve_pose(geometry, &corners, &pose) else { continue };
-            if faces(geometry, &corners, &found) && !solutions.iter().any(|other| same(other, &found, &corners)) {
-                solutions.push(found);
+            let Some(solution) = solve_pose(geometry, &corners, &pose) else { continue };
+            if faces(geometry, &corners, &solution) && !solutions.iter().any(|other| same(other, &solution, &corners)) {
+                solutions.push(solution);
             }
         }
         solutions.sort_by(|a, b| a.rms_px().total_cmp(&b.rms_px()));
         let mut solutions = solutions.into_iter();
         let Some(best) = solutions.next() else { return Err(PoseFailure::Unsolved(tags)) };
-        if let Some(without) = without_the_worst(geometry, board, found, &tags, &best, left_out) {
+        if let Some(without) = without_the_worst(geometry, board, detected, &tags, &best, left_out) {
             return Ok(without);
         }
         let median_px = crate::fit::robust::median_length(best.residuals_px.iter());
@@ -148,7 +158,7 @@ impl BoardPose {
 fn without_the_worst(
     geometry: &Geometry,
     board: &Board,
-    found: &[DetectedTag],
+    detected: &[DetectedTag],
     tags: &[u32],
     best: &PoseSolution,
     left_out: usize,
@@ -159,7 +169,7 @@ fn without_the_worst(
     let squares = |corners: &[DVec2; 4]| corners.iter().map(|r| r.length_squared()).sum::<f64>();
     let off = tags.iter().zip(best.residuals_px.as_chunks::<4>().0);
     let (worst, _) = off.max_by(|a, b| squares(a.1).total_cmp(&squares(b.1)))?;
-    let others: Vec<DetectedTag> = found.iter().filter(|tag| tag.id != *worst).cloned().collect();
+    let others: Vec<DetectedTag> = detected.iter().filter(|tag| tag.id != *worst).cloned().collect();
     let sight = BoardPose::of_at_most(geometry, board, &others, &[best.pose], left_out - 1).ok()?;
     (sight.best.rms_px() < MAX_RMS_RATIO * best.rms_px()).then_some(sight)
 }

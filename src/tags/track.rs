@@ -48,7 +48,7 @@ impl BoardTracker {
     pub fn look(&mut self, pixels: &Pixels) -> Result<Result<BoardPose, PoseFailure>, DetectError> {
         let grey = LumaCodes::of(pixels, self.light.clone());
         let mut tags = self.detector.find_board(&grey, &self.board)?;
-        for tag in &mut tags.found {
+        for tag in &mut tags.tags {
             *tag = refine_corners(&grey, &self.geometry, self.board.family.cells(), tag);
         }
         Ok(BoardPose::of_tags(&self.geometry, &self.board, &tags))
@@ -145,8 +145,8 @@ pub fn track(
 
 /// Reason why no frame gives a pose.
 fn nothing(video: &Video, board: &Board, looks: &[Result<BoardPose, PoseFailure>]) -> Result<TrackError, TrackError> {
-    let seen = looks.iter().enumerate().filter_map(|(frame, look)| Some((frame, look.as_ref().err()?)));
-    if let Some((frame, why)) = seen.into_iter().find(|(_, why)| **why != PoseFailure::Nothing) {
+    let failures = looks.iter().enumerate().filter_map(|(frame, look)| Some((frame, look.as_ref().err()?)));
+    if let Some((frame, why)) = failures.into_iter().find(|(_, why)| **why != PoseFailure::Nothing) {
         let why = why.clone();
         return Ok(match why {
             PoseFailure::Repeated(_) => TrackError::Repeated { frame, why },
@@ -198,8 +198,8 @@ impl Track {
     /// Smooths the poses and their covariances ([`smooth_poses`]) with a time constant above 0,
     /// seconds. Residuals stay as measured.
     pub fn smooth(&mut self, tau_s: f64) {
-        let seen: Vec<_> = self.chosen().map(|chosen| (chosen.solved.pose, chosen.covariance())).collect();
-        let after = smooth_poses(&seen, tau_s, self.max_gap_s());
+        let solved: Vec<_> = self.chosen().map(|chosen| (chosen.solved.pose, chosen.covariance())).collect();
+        let after = smooth_poses(&solved, tau_s, self.max_gap_s());
         for (chosen, (pose, sure)) in self.frames.iter_mut().flatten().zip(after) {
             chosen.solved.pose = pose;
             chosen.set_covariance(&sure);
@@ -210,9 +210,9 @@ impl Track {
     /// Longest gap across which poses may be interpolated, seconds: longer than any frame interval,
     /// and shorter than any gap in the track.
     pub fn max_gap_s(&self) -> f64 {
-        let known: Vec<usize> = (0..self.frames.len()).filter(|i| self.frames[*i].is_ok()).collect();
+        let solved: Vec<usize> = (0..self.frames.len()).filter(|i| self.frames[*i].is_ok()).collect();
         let apart_s = |pair: &[usize]| self.times_s[pair[1]] - self.times_s[pair[0]];
-        let (next, lost): (Vec<_>, Vec<_>) = known.windows(2).partition(|pair| pair[1] == pair[0] + 1);
+        let (next, lost): (Vec<_>, Vec<_>) = solved.windows(2).partition(|pair| pair[1] == pair[0] + 1);
         let longest_s = next.into_iter().map(apart_s).fold(0.0, f64::max);
         let shortest_s = lost.into_iter().map(apart_s).fold(f64::INFINITY, f64::min);
         // A single pose has no interval.

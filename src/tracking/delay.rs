@@ -85,8 +85,8 @@ pub struct Delay {
 /// Reason why the delay is not determined.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum DelayFailure {
-    #[error("{found} motions from frame to frame are seen with poses at both ends; {MIN_MOTIONS} are needed")]
-    TooFew { found: usize },
+    #[error("{actual} motions from frame to frame are seen with poses at both ends; {MIN_MOTIONS} are needed")]
+    TooFew { actual: usize },
     #[error("the picture hardly moves: as by a rotation of {:.3}° from frame to frame", turn.to_degrees())]
     Still { turn: f64 },
     #[error("the picture's motion does not match the poses: the likeness is {likeness:.2}, {MIN_LIKENESS} is needed")]
@@ -123,7 +123,7 @@ fn estimate_rotated(
     let count = motions.len();
     let rms = (motions.iter().map(|m| m.turn.length_squared()).sum::<f64>() / count.max(1) as f64).sqrt();
     if count < MIN_MOTIONS {
-        return Err(DelayFailure::TooFew { found: count });
+        return Err(DelayFailure::TooFew { actual: count });
     }
     if rms < MIN_RMS_RAD {
         return Err(DelayFailure::Still { turn: rms });
@@ -172,7 +172,7 @@ fn estimate_rotated(
     let best = argmax(&all);
     let compared = summed(best, &weights, None);
     if compared.number < MIN_MOTIONS {
-        return Err(DelayFailure::TooFew { found: compared.number });
+        return Err(DelayFailure::TooFew { actual: compared.number });
     }
     let alike = summed(best, &vec![1.0; count], None).likeness();
     if alike < MIN_LIKENESS {
@@ -325,13 +325,13 @@ mod tests {
     #[test]
     fn known_delay_is_estimated_despite_a_factor_and_outliers() {
         for delay_s in [-0.213, -0.0371, 0.0, 0.008, 0.4] {
-            let mut seen = motions(90, |t| 1.1 * held(t + delay_s));
+            let mut camera_motions = motions(90, |t| 1.1 * held(t + delay_s));
             // The camera moves past a near object.
-            seen.iter_mut().step_by(9).for_each(|m| m.turn += DVec3::new(0.0, 0.01, 0.0));
-            let found = estimate(&seen, by_poses, MAX_SEARCHED_DELAY_S).unwrap();
-            assert!((found.delay_s - delay_s).abs() < 5e-4, "{delay_s}: {found:?}");
-            assert!(found.sigma_s < 2e-3 && (found.ratio - 1.1).abs() < 0.02, "{found:?}");
-            assert_eq!(found.motions, 90);
+            camera_motions.iter_mut().step_by(9).for_each(|m| m.turn += DVec3::new(0.0, 0.01, 0.0));
+            let delay = estimate(&camera_motions, by_poses, MAX_SEARCHED_DELAY_S).unwrap();
+            assert!((delay.delay_s - delay_s).abs() < 5e-4, "{delay_s}: {delay:?}");
+            assert!(delay.sigma_s < 2e-3 && (delay.ratio - 1.1).abs() < 0.02, "{delay:?}");
+            assert_eq!(delay.motions, 90);
         }
     }
 
@@ -352,8 +352,8 @@ mod tests {
                 let shift = -walked(t + delay_s) / 1.5;
                 0.1 * held(t + delay_s) + DVec3::new(-shift.y, shift.x, 0.0)
             };
-            let found = estimate(&motions(90, at), by_poses, MAX_SEARCHED_DELAY_S).unwrap();
-            assert!((found.delay_s - delay_s).abs() < 1e-3 && found.likeness > 0.98, "{delay_s}: {found:?}");
+            let delay = estimate(&motions(90, at), by_poses, MAX_SEARCHED_DELAY_S).unwrap();
+            assert!((delay.delay_s - delay_s).abs() < 1e-3 && delay.likeness > 0.98, "{delay_s}: {delay:?}");
             // The rotation alone does not correlate.
             let turn_alone = |from_s, to_s| by_poses(from_s, to_s).and_then(|moved| turned(moved.turn));
             assert!(matches!(
@@ -367,20 +367,26 @@ mod tests {
     fn quarter_turn_of_stored_pictures_is_detected() {
         for quarters in 0..4u32 {
             let stored = DQuat::from_rotation_z(std::f64::consts::FRAC_PI_2 * f64::from(quarters));
-            let found = estimate(&motions(90, |t| stored * held(t + 0.04)), by_poses, MAX_SEARCHED_DELAY_S).unwrap();
-            assert_eq!(found.quarters, quarters);
-            assert!((found.delay_s - 0.04).abs() < 5e-4, "{quarters}: {found:?}");
+            let delay = estimate(&motions(90, |t| stored * held(t + 0.04)), by_poses, MAX_SEARCHED_DELAY_S).unwrap();
+            assert_eq!(delay.quarters, quarters);
+            assert!((delay.delay_s - 0.04).abs() < 5e-4, "{quarters}: {delay:?}");
         }
     }
 
     #[test]
     fn delay_is_estimated_from_partly_overlapping_poses() {
-        let seen = motions(90, |t| held(t + 0.05));
+        let camera_motions = motions(90, |t| held(t + 0.05));
         let ended = |from_s: f64, to_s: f64| by_poses(from_s, to_s).filter(|_| from_s > 1.0 && to_s < 2.5);
-        let found = estimate(&seen, ended, MAX_SEARCHED_DELAY_S).unwrap();
-        assert!((found.delay_s - 0.05).abs() < 2e-3 && (40..46).contains(&found.motions), "{found:?}");
-        assert_eq!(estimate(&seen, |_, _| None, MAX_SEARCHED_DELAY_S), Err(DelayFailure::TooFew { found: 0 }));
-        assert_eq!(estimate(&seen[..23], by_poses, MAX_SEARCHED_DELAY_S), Err(DelayFailure::TooFew { found: 23 }));
+        let delay = estimate(&camera_motions, ended, MAX_SEARCHED_DELAY_S).unwrap();
+        assert!((delay.delay_s - 0.05).abs() < 2e-3 && (40..46).contains(&delay.motions), "{delay:?}");
+        assert_eq!(
+            estimate(&camera_motions, |_, _| None, MAX_SEARCHED_DELAY_S),
+            Err(DelayFailure::TooFew { actual: 0 })
+        );
+        assert_eq!(
+            estimate(&camera_motions[..23], by_poses, MAX_SEARCHED_DELAY_S),
+            Err(DelayFailure::TooFew { actual: 23 })
+        );
     }
 
     #[test]

@@ -250,9 +250,9 @@ mod tests {
             DVec3::new(0.0, 0.0, 0.15),
         ] {
             let next = seen(DQuat::from_scaled_axis(turn), 12.0);
-            let found = first.rotation_to(&next, &camera()).unwrap();
+            let rotation = first.rotation_to(&next, &camera()).unwrap();
             // 0.04 px of the picture.
-            assert!((found - turn).length() < 8e-5, "{turn} {found}");
+            assert!((rotation - turn).length() < 8e-5, "{turn} {rotation}");
         }
     }
 

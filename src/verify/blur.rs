@@ -66,13 +66,13 @@ pub struct BlurRatio {
 }
 
 /// Measures the ratio. `None` without a fast frame near a slow one, or if the pictures lack detail.
-/// `blur_px`: blur of each frame ([`lengths_px`]). `seen` is called before each of up to
+/// `blur_px`: blur of each frame ([`lengths_px`]). `progress` is called before each of up to
 /// [`MAX_PAIRS`] pairs.
 pub fn blur(
     shot: &Shot,
     compositor: &mut Compositor,
     blur_px: &[Option<f64>],
-    seen: &mut dyn FnMut(usize),
+    progress: &mut dyn FnMut(usize),
 ) -> Result<Option<BlurRatio>, VerifyError> {
     let mut shot = shot.clone();
     shot.settings.plain();
@@ -82,7 +82,7 @@ pub fn blur(
     let noise = shot.camera().noise.map(BandNoise::new);
     let (mut ratios, mut lengths) = (Vec::new(), Vec::new());
     for (done, (fast, slow, length_px)) in chosen(blur_px).into_iter().enumerate() {
-        seen(done);
+        progress(done);
         let time_s = shot.recording.timestamps_s[fast];
         let (Ok(pose), Ok(geometry)) = (shot.recording.track.at(time_s), shot.geometry_at(fast)) else { continue };
         let Some(scene) = frame_scene(&shot, &shot.read(slow)?) else { continue };
@@ -155,8 +155,8 @@ fn displacement_px(shot: &Shot, n: usize, exposure_s: f64) -> Option<f64> {
     let places = [(0.0, 0.0), (0.25, 0.2), (-0.25, 0.2), (0.25, -0.2), (-0.25, -0.2)];
     for (x, y) in places {
         let world = here.inverse_transform_point(BLUR_DEPTH_M * DVec3::new(x, y, 1.0));
-        let seen = |pose: &crate::pose::Pose| geometry.project(pose.transform_point(world));
-        sum += (seen(&after)? - seen(&before)?).length_squared();
+        let project = |pose: &crate::pose::Pose| geometry.project(pose.transform_point(world));
+        sum += (project(&after)? - project(&before)?).length_squared();
     }
     Some((sum / places.len() as f64).sqrt())
 }

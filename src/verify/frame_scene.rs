@@ -35,9 +35,10 @@ pub fn frame_scene(shot: &Shot, frame: &Frame) -> Option<Scene> {
     let mut vertices = Vec::with_capacity((columns * rows) as usize);
     let mut depths = Vec::with_capacity(vertices.capacity());
     // Divided by the frame's gain, and by its gain within the picture.
-    let seen = frame.exposure.brightness;
-    let [red, green, blue] = seen.map_or([1.0; 3], |seen| seen.factors.map(|factor| 1.0 / factor as f32));
-    let across = seen.map_or(SpatialGain::default(), |seen| seen.spatial_gain);
+    let brightness = frame.exposure.brightness;
+    let [red, green, blue] =
+        brightness.map_or([1.0; 3], |brightness| brightness.factors.map(|factor| 1.0 / factor as f32));
+    let across = brightness.map_or(SpatialGain::default(), |brightness| brightness.spatial_gain);
     for y in (0..height).step_by(VERTEX_STEP_PX as usize) {
         let row_px = f64::from(y) + 0.5;
         let pose = recording.track.at(time_s + geometry.row_time_s(row_px)).ok()?;

@@ -228,10 +228,10 @@ mod tests {
 
     #[test]
     fn noise_floor_is_subtracted_in_quadrature() {
-        let found = Brightness::of(&[1.5, 1.3, 2.5], &[1.2, 0.9, 1.3]).unwrap();
-        assert_eq!((found.measured, found.floor), ((1.5, 2.5), Some(1.2)));
+        let brightness = Brightness::of(&[1.5, 1.3, 2.5], &[1.2, 0.9, 1.3]).unwrap();
+        assert_eq!((brightness.measured, brightness.floor), ((1.5, 2.5), Some(1.2)));
         // √(1.5² − 1.2²), and √(2.5² − 1.2²).
-        assert!((found.codes.0 - 0.9).abs() < 1e-12 && (found.codes.1 - 4.81f64.sqrt()).abs() < 1e-12);
+        assert!((brightness.codes.0 - 0.9).abs() < 1e-12 && (brightness.codes.1 - 4.81f64.sqrt()).abs() < 1e-12);
         let unknown = Brightness::of(&[1.5], &[]).unwrap();
         assert_eq!((unknown.codes, unknown.floor), ((1.5, 1.5), None));
         assert_eq!(Brightness::of(&[1.0], &[2.0]).unwrap().codes, (0.0, 0.0));

@@ -150,10 +150,10 @@ pub enum NoiseNotCompared {
     #[error("stopped before it was done")]
     Stopped,
     #[error(
-        "{found} flat patches of 32x32 pixels were found and {MIN_REAL_PATCHES} are needed; frames with plain, evenly \
+        "{actual} flat patches of 32x32 pixels were found and {MIN_REAL_PATCHES} are needed; frames with plain, evenly \
          lit walls help"
     )]
-    FewPatches { found: usize },
+    FewPatches { actual: usize },
     #[error("the detectors cannot be trained: {0}")]
     Detectors(MeasureError),
 }
@@ -322,7 +322,7 @@ fn random_halves(frames: &[ComparedFrame]) -> [Vec<Vec<[usize; 2]>>; 2] {
 fn compare(frames: &[ComparedFrame]) -> Result<NoiseComparison, NoiseNotCompared> {
     let patches = frames.iter().map(|frame| frame.patches.len()).sum();
     if patches < MIN_REAL_PATCHES {
-        return Err(NoiseNotCompared::FewPatches { found: patches });
+        return Err(NoiseNotCompared::FewPatches { actual: patches });
     }
     let mut measurement = NoiseMeasurement::default();
     for frame in frames {

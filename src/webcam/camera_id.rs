@@ -4,12 +4,12 @@ use std::path::Path;
 
 /// The number of a camera, by its number, its device's path, or a link to that as in
 /// /dev/v4l/by-id.
-pub fn number(asked: &str) -> Option<usize> {
+pub fn number(text: &str) -> Option<usize> {
     let of_device = |path: &Path| {
         path.strip_prefix("/dev").ok()?.to_str()?.strip_prefix("video").and_then(|name| name.parse().ok())
     };
-    let of_link = || of_device(&std::fs::read_link(asked).and_then(|_| std::fs::canonicalize(asked)).ok()?);
-    asked.parse().ok().or_else(|| of_device(Path::new(asked))).or_else(of_link)
+    let of_link = || of_device(&std::fs::read_link(text).and_then(|_| std::fs::canonicalize(text)).ok()?);
+    text.parse().ok().or_else(|| of_device(Path::new(text))).or_else(of_link)
 }
 
 #[cfg(test)]

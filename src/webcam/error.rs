@@ -9,10 +9,10 @@ use crate::source::SourceError;
 /// Why a camera could not be opened, or has no pictures.
 #[derive(Debug, thiserror::Error)]
 pub enum CameraError {
-    #[error("{asked}: is not a camera; there {}; or give a video file", are(found))]
-    None { asked: String, found: Vec<String> },
-    #[error("{}: there is no such file; expected a video file, or a camera's number or device: there {}", path.display(), are(found))]
-    NoFile { path: PathBuf, found: Vec<String> },
+    #[error("{name}: is not a camera; there {}; or give a video file", are(cameras))]
+    None { name: String, cameras: Vec<String> },
+    #[error("{}: there is no such file; expected a video file, or a camera's number or device: there {}", path.display(), are(cameras))]
+    NoFile { path: PathBuf, cameras: Vec<String> },
     #[error("{camera}: permission denied: {advice}")]
     Permission { camera: String, advice: String },
     #[error("{camera}: another program uses it; close that, then try again")]
@@ -21,16 +21,16 @@ pub enum CameraError {
     Unplugged { camera: String },
     #[error("{camera}: captures no pictures")]
     TakesNone { camera: String },
-    #[error("{camera}: does not offer {asked}; it has {}", if has.is_empty() { "no supported format" } else { has })]
-    Layout { camera: String, asked: String, has: String },
+    #[error("{camera}: does not offer {layout}; it has {}", if has.is_empty() { "no supported format" } else { has })]
+    Layout { camera: String, layout: String, has: String },
     #[error("{camera}: {problem}")]
     Driver { camera: String, problem: String },
     #[error("{camera}: its driver has not answered for {seconds} s; unplug it, or end the program that uses it")]
     NoAnswer { camera: String, seconds: f64 },
     #[error("this program was built without cameras; build it with the feature `camera`, or name a video's file")]
     NotBuilt,
-    #[error("the driver {asked} is not on this system; leave --driver out, or choose {here}")]
-    NoDriver { asked: DriverName, here: DriverName },
+    #[error("the driver {driver} is not on this system; leave --driver out, or choose {here}")]
+    NoDriver { driver: DriverName, here: DriverName },
     #[error(
         "this program may not use cameras; allow it (System Settings, Privacy & Security, Camera: the terminal that it \
          is started from), then start it again"
@@ -44,17 +44,17 @@ pub enum CameraError {
 
 impl CameraError {
     /// No mode of those that are offered has the layout.
-    pub fn layout(camera: &str, asked: &str, offered: &[CameraMode]) -> Self {
+    pub fn layout(camera: &str, layout: &str, offered: &[CameraMode]) -> Self {
         let mut has: Vec<&str> = offered.iter().map(|mode| mode.code.as_str()).collect();
         has.dedup();
-        Self::Layout { camera: camera.to_owned(), asked: asked.to_owned(), has: has.join(", ") }
+        Self::Layout { camera: camera.to_owned(), layout: layout.to_owned(), has: has.join(", ") }
     }
 }
 
-fn are(found: &[String]) -> String {
-    match found {
+fn are(cameras: &[String]) -> String {
+    match cameras {
         [] => "is none on this machine (`locard doctor`)".to_owned(),
         [one] => format!("is {one}"),
-        _ => format!("are {}", found.join(", ")),
+        _ => format!("are {}", cameras.join(", ")),
     }
 }

@@ -52,7 +52,7 @@ fn driver(name: DriverName) -> Result<Arc<dyn Driver>, CameraError> {
         #[cfg(not(all(feature = "camera", target_os = "linux")))]
         _ if !cfg!(feature = "camera") => Err(CameraError::NotBuilt),
         #[cfg(not(all(feature = "camera", target_os = "linux")))]
-        _ => Err(CameraError::NoDriver { asked: name, here: DriverName::AVAILABLE[0] }),
+        _ => Err(CameraError::NoDriver { driver: name, here: DriverName::AVAILABLE[0] }),
     }
 }
 
@@ -87,25 +87,25 @@ pub(super) fn listed(
 
 /// Opens a camera by its number, by its device (`/dev/video0`), or a video in its place by its
 /// file.
-pub fn open(asked: &str, requested: &FormatRequest) -> Result<Camera, CameraError> {
-    if camera_id::number(asked).is_some() {
+pub fn open(camera: &str, requested: &FormatRequest) -> Result<Camera, CameraError> {
+    if camera_id::number(camera).is_some() {
         let name = requested.driver.or(DriverName::AVAILABLE.first().copied()).ok_or(CameraError::NotBuilt)?;
-        return Camera::open(driver(name)?, asked, requested, SessionLimits::default());
+        return Camera::open(driver(name)?, camera, requested, SessionLimits::default());
     }
-    let file = Path::new(asked);
+    let file = Path::new(camera);
     if !file.exists() {
         // The default driver alone: another one may change a camera's mode to list it.
         let default = DriverName::AVAILABLE.first().map(|name| cameras_of(*name));
-        let found = default.and_then(Result::ok).unwrap_or_default();
-        let found = found.into_iter().map(|camera| format!("{} ({})", camera.number, camera.name)).collect();
+        let cameras = default.and_then(Result::ok).unwrap_or_default();
+        let names = cameras.into_iter().map(|camera| format!("{} ({})", camera.number, camera.name)).collect();
         // A text in the form of a file name is one.
-        return Err(if file.extension().is_some() || asked.contains(std::path::MAIN_SEPARATOR) {
-            CameraError::NoFile { path: file.to_owned(), found }
+        return Err(if file.extension().is_some() || camera.contains(std::path::MAIN_SEPARATOR) {
+            CameraError::NoFile { path: file.to_owned(), cameras: names }
         } else {
-            CameraError::None { asked: asked.to_owned(), found }
+            CameraError::None { name: camera.to_owned(), cameras: names }
         });
     }
-    let mut camera = Camera::open(driver(DriverName::Played)?, asked, requested, SessionLimits::default())?;
+    let mut camera = Camera::open(driver(DriverName::Played)?, camera, requested, SessionLimits::default())?;
     if let Some(name) = requested.driver.filter(|name| *name != DriverName::Played) {
         camera.negotiated.warnings.push(format!("a video replaces the camera; the driver {name} is not used"));
     }

@@ -42,7 +42,7 @@ pub struct AnalysisRequest {
 #[derive(Clone, Debug)]
 pub struct RejectedEdge {
     pub why: String,
-    pub seen: Vec<[f64; 2]>,
+    pub profile: Vec<[f64; 2]>,
 }
 
 /// Measures an edge of a picture.
@@ -56,7 +56,7 @@ pub fn edge(
     let edge = sharpness::edge_in(pixels, response, region, moved_px, of);
     edge.map_err(|error| RejectedEdge {
         why: error.to_string(),
-        seen: sharpness::edge_profile(pixels, response, region, of),
+        profile: sharpness::edge_profile(pixels, response, region, of),
     })
 }
 
@@ -78,6 +78,7 @@ pub struct FrameAnalysis {
 }
 
 /// The compositor of all analyses, which the first one makes. One analysis at a time uses it.
+/// No memo: analyses take it by turns and upload another scene to it.
 #[derive(Clone, Debug, Default)]
 pub struct SharedCompositor(Arc<Mutex<Option<SceneCompositor>>>);
 
@@ -118,7 +119,7 @@ pub fn analyse(
             let error = error.to_string();
             analysis.drawn = wanted.noise.then(|| Err(error.clone()));
             analysis.histograms = wanted.histograms.then(|| Err(error.clone()));
-            analysis.edges[1] = wanted.edges[1].map(|_| Err(RejectedEdge { why: error, seen: Vec::new() }));
+            analysis.edges[1] = wanted.edges[1].map(|_| Err(RejectedEdge { why: error, profile: Vec::new() }));
         }
         Ok(Some(CompositedFrame { whole: with, noise_pair })) => {
             let coverage: Vec<f32> = with.layer.iter().flat_map(|layer| &layer.rgba).map(|rgba| rgba[3]).collect();

@@ -192,8 +192,8 @@ mod tests {
             panic!("the window breaks off");
         });
         assert!(broken.is_err());
-        let found = RecoverableWork::find_in(temp.path());
-        assert!(found.len() == 1 && found[0].work.edit.settings.seed == 7);
+        let works = RecoverableWork::find_in(temp.path());
+        assert!(works.len() == 1 && works[0].work.edit.settings.seed == 7);
     }
 
     #[test]
@@ -226,10 +226,10 @@ mod tests {
         let cut_off = format!(".{}.partial-x.json", files.file_stem().unwrap().display());
         fs::write(temp.path().join(cut_off), "cut").unwrap();
         first.leave_for_restart(None);
-        let mut found = RecoverableWork::find_in(temp.path());
-        assert_eq!(found.len(), 1);
+        let mut works = RecoverableWork::find_in(temp.path());
+        assert_eq!(works.len(), 1);
         assert!(RecoverableWork::find_in(temp.path()).is_empty(), "it is offered to one window alone");
-        let left = found.pop().unwrap();
+        let left = works.pop().unwrap();
         let mut expected = work(9);
         expected.at_s = left.work.at_s;
         assert_eq!(*left.work, expected);

@@ -11,10 +11,10 @@ pub fn noise_error(error: &CalibrateError) -> String {
         E::NoFrames => "no frame could be read".to_owned(),
         E::OneFrame { .. } => "noise at rest shows in the difference of frames: choose two or more".to_owned(),
         E::TooManyFrames { .. } => "too many frames at once: choose fewer".to_owned(),
-        E::Size { expected, found } => format!("the frames differ in size: {found} beside {expected} px"),
-        E::Depth { expected, found } => format!("the frames differ in depth: {found} beside {expected} bits a channel"),
+        E::Size { expected, actual } => format!("the frames differ in size: {actual} beside {expected} px"),
+        E::Depth { expected, actual } => format!("the frames differ in depth: {actual} beside {expected} bits a channel"),
         E::Empty => "the frame has no pixels".to_owned(),
-        E::TooLarge { found } => format!("a frame of {found} px is too large to be summed up: pick smaller places"),
+        E::TooLarge { actual } => format!("a frame of {actual} px is too large to be summed up: pick smaller places"),
         E::Stopped => "it was cancelled".to_owned(),
         E::Bins { .. } | E::MeansMixed | E::MeansCount { .. } => without_options(&error.to_string()),
         E::TooFew { channel, needed, best } => {
@@ -98,9 +98,9 @@ pub fn noise_warning(warning: &Warning, used: &[usize]) -> String {
             )
         }
         W::NoCorrelation(of) => format!("the correlation of pixels ({of}) is too weak to be measured: 0 is used"),
-        W::LowCorrelation { of, found, written } => format!(
+        W::LowCorrelation { of, measured, written } => format!(
             "the correlation of pixels ({of}) is {}, impossible for noise: {written} is used; does the camera sharpen?",
-            fixed(*found, 2)
+            fixed(*measured, 2)
         ),
         W::Texture => "the intervals are those of chance: texture that is everywhere counts as noise".to_owned(),
         W::Stretch { .. } | W::LeftOut { .. } | W::NoSceneAtRest => without_options(&warning.to_string()),
@@ -140,7 +140,7 @@ mod tests {
             CalibrateError::CameraMoves { scene: 2, percent: 61.0 },
             CalibrateError::SceneChanges { scene: 2, percent: 61.0 },
             CalibrateError::WrongMean { scene: 2, percent: 61.0 },
-            CalibrateError::TooLarge { found: "9x9".to_owned() },
+            CalibrateError::TooLarge { actual: "9x9".to_owned() },
             CalibrateError::InFile { path, source: Box::new(CalibrateError::OneFrame { scene: 1 }) },
         ];
         let warnings = [
@@ -151,7 +151,7 @@ mod tests {
             Warning::Filled { channel, needed: 300.0, filled: 3, bins: 16 },
             Warning::OffMean { channel, code: 10.0, off: 2.0 },
             Warning::NoCorrelation("to the right"),
-            Warning::LowCorrelation { of: "below", found: -0.2, written: 0.0 },
+            Warning::LowCorrelation { of: "below", measured: -0.2, written: 0.0 },
             Warning::Texture,
             Warning::Jpeg,
         ];

@@ -297,8 +297,8 @@ impl CameraDialog {
             FileField::Profile => ChooserMode::File(&["toml", "yaml", "yml", "xml"]),
         };
         // Starts in the folder of a file that is already named.
-        let known = [self.text_of(file_field).clone(), self.profile.clone(), self.board.clone(), self.camera.clone()];
-        let files = known.iter().map(|text| PathBuf::from(text.trim())).filter(|path| path.is_absolute());
+        let texts = [self.text_of(file_field).clone(), self.profile.clone(), self.board.clone(), self.camera.clone()];
+        let files = texts.iter().map(|text| PathBuf::from(text.trim())).filter(|path| path.is_absolute());
         let folders = files.filter_map(|file| file.parent().map(Path::to_owned)).chain(std::env::home_dir());
         let begin = StartLocation::within(folders.collect::<Vec<_>>());
         self.chooser = Some((file_field, Chooser::new(title.trim_end_matches('…'), mode, begin)));

@@ -264,15 +264,15 @@ fn control(
         });
         let mut shown = value.clone();
         if spec.optional {
-            let mut given = *value != Value::None;
-            let given_box = ui.checkbox(&mut given, "");
+            let mut has_value = *value != Value::None;
+            let given_box = ui.checkbox(&mut has_value, "");
             given_box.widget_info(|| {
-                egui::WidgetInfo::selected(egui::Role::CheckBox, true, given, format!("{called} is given"))
+                egui::WidgetInfo::selected(egui::Role::CheckBox, true, has_value, format!("{called} is given"))
             });
             if given_box.changed() {
-                change = Some(ValueChange::set(if given { first_value(&full, &spec.kind) } else { Value::None }));
+                change = Some(ValueChange::set(if has_value { first_value(&full, &spec.kind) } else { Value::None }));
             }
-            if !given {
+            if !has_value {
                 ui.weak("not given");
                 return;
             }

@@ -75,8 +75,8 @@ impl Dials {
             series.response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::ComboBox, true, "Series"));
             ui.end_row();
         });
-        let held = "The camera moves while the shutter is open, as the recording's did: its frames are summed";
-        ui.checkbox(&mut self.hand_held, "hand-held").on_hover_text(held);
+        let hover_text = "The camera moves while the shutter is open, as the recording's did: its frames are summed";
+        ui.checkbox(&mut self.hand_held, "hand-held").on_hover_text(hover_text);
         let wanted = self.wanted(frame);
         if let Err(why) = &wanted {
             ui.add(egui::Label::new(RichText::new(why).color(ui.visuals().error_fg_color)).wrap());

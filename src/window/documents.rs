@@ -232,13 +232,13 @@ impl Documents {
     /// True if rendering can wait. The first picture keeps the graphics device busy, which would
     /// delay the question about recoverable work; and recovery replaces the picture.
     pub fn defers_rendering(&self) -> bool {
-        let is_due = !self.recovery.found.is_empty() || self.pending.as_ref().is_some_and(PendingAction::recovers);
+        let is_due = !self.recovery.works.is_empty() || self.pending.as_ref().is_some_and(PendingAction::recovers);
         is_due || self.dialog.as_ref().is_some_and(Dialog::recovers)
     }
 
     /// True while a dialog needs an answer.
     pub fn is_dialog_open(&self) -> bool {
-        self.dialog.is_some() || self.pending.is_some() || !self.recovery.found.is_empty()
+        self.dialog.is_some() || self.pending.is_some() || !self.recovery.works.is_empty()
     }
 
     /// Closes the window and discards unsaved changes.

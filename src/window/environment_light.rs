@@ -222,8 +222,11 @@ mod tests {
         assert!(direction([30.0, 90.0], DVec3::Z).abs_diff_eq(DVec3::new(0.0, 0.75f64.sqrt(), 0.5), 1e-12));
         for up in [DVec3::Z, DVec3::X, DVec3::NEG_Y, DVec3::new(0.1, 0.8, 0.6).normalize()] {
             for angles in [[-20.0, 170.0], [0.0, 0.0], [55.0, -120.0]] {
-                let found = angles_deg(3.0 * direction(angles, up), up);
-                assert!((0..2).all(|n| (found[n] - angles[n]).abs() < 1e-9), "{up}: {found:?} {angles:?}");
+                let angles_again = angles_deg(3.0 * direction(angles, up), up);
+                assert!(
+                    (0..2).all(|n| (angles_again[n] - angles[n]).abs() < 1e-9),
+                    "{up}: {angles_again:?} {angles:?}"
+                );
             }
         }
     }

@@ -93,8 +93,8 @@ pub fn has_just_opened(ui: &Ui) -> bool {
     let now = ui.ctx().cumulative_pass_nr();
     let key = ui.scope_id().with("opened");
     ui.data_mut(|data| {
-        let seen = data.get_temp::<[u64; 2]>(key).filter(|[_, last]| last + 1 >= now);
-        let first = seen.map_or(now, |[first, _]| first);
+        let frames_shown = data.get_temp::<[u64; 2]>(key).filter(|[_, last]| last + 1 >= now);
+        let first = frames_shown.map_or(now, |[first, _]| first);
         data.insert_temp(key, [first, now]);
         now - first < OPENING_PASSES
     })

@@ -295,8 +295,8 @@ mod tests {
     #[test]
     fn picture_after_a_failed_one_equals_a_new_renderers() {
         let gpu = Gpu::open().unwrap();
-        let given = ShotOptions { scene: Some("scenes/demo.toml".into()), ..ShotOptions::default() };
-        let mut shot = Shot::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap();
+        let options = ShotOptions { scene: Some("scenes/demo.toml".into()), ..ShotOptions::default() };
+        let mut shot = Shot::open(Path::new("recordings/demo"), &OpenOptions::default(), &options).unwrap();
         shot.settings.shadow.cast = false;
         let drawable = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
         let (mut reused, mut new) = (renderer(&gpu), renderer(&gpu));

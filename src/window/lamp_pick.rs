@@ -77,8 +77,8 @@ mod tests {
     #[test]
     fn default_lamp_position_is_above_the_centre_of_the_scene() {
         let open = |scene: Option<&str>| {
-            let given = ShotOptions { scene: scene.map(Into::into), ..ShotOptions::default() };
-            Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap()
+            let options = ShotOptions { scene: scene.map(Into::into), ..ShotOptions::default() };
+            Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &options).unwrap()
         };
         // Things from the marker at the left, x = −0.1, to those on the stool at the right, 0 to
         // 0.41 m above the floor.

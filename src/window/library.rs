@@ -72,8 +72,8 @@ impl Library {
             .filter(|path| is_model(path))
             .collect();
         models.sort();
-        let mut seen = std::collections::BTreeSet::new();
-        models.retain(|path| seen.insert(std::fs::canonicalize(path).unwrap_or_else(|_| path.clone())));
+        let mut canonical_paths = std::collections::BTreeSet::new();
+        models.retain(|path| canonical_paths.insert(std::fs::canonicalize(path).unwrap_or_else(|_| path.clone())));
         self.models = models;
         self.scanned = Some(folder);
     }

@@ -228,12 +228,12 @@ impl Matching {
         ui.horizontal(|ui| plots::choose_luma_or_channel(ui, &mut self.of));
         let of = self.of;
         let (of_real, of_virtual) = (DataSource::Real.color(ui), DataSource::Virtual.color(ui));
-        let found = self.analysis.last().and_then(|analysis| analysis.histograms.as_ref());
+        let histograms = self.analysis.last().and_then(|analysis| analysis.histograms.as_ref());
         let width = 256.0 / HISTOGRAM_BINS as f64;
         let curve = |shares: &[f64]| -> Vec<[f64; 2]> {
             shares.iter().enumerate().map(|(bin, share)| [(bin as f64 + 0.5) * width, 100.0 * share]).collect()
         };
-        let [object, surroundings] = match found {
+        let [object, surroundings] = match histograms {
             Some(Ok([object, surroundings])) => [curve(&object[of]), curve(&surroundings[of])],
             _ => Default::default(),
         };
@@ -250,7 +250,7 @@ impl Matching {
             plot.line(plots::line("object", object, of_virtual));
         });
         plots::legend(ui, &[(DataSource::Real, "surroundings, 24 px"), (DataSource::Virtual, "objects")]);
-        match found {
+        match histograms {
             Some(Err(why)) => _ = ui.label(RichText::new(why).small().weak()),
             Some(Ok(_)) if is_empty => _ = ui.label(RichText::new("Nothing virtual is in this frame.").small().weak()),
             _ => {}
@@ -268,7 +268,7 @@ impl Matching {
         if self.edges != [None; 2] {
             ui.horizontal(|ui| plots::choose_luma_or_channel(ui, &mut self.edges_of));
         }
-        let found = self.analysis.last().map(|analysis| analysis.edges.clone()).unwrap_or_default();
+        let edges = self.analysis.last().map(|analysis| analysis.edges.clone()).unwrap_or_default();
         let colors = [DataSource::Real, DataSource::Virtual].map(|of| of.color(ui));
         let axes = Axes {
             name: "Edges",
@@ -277,21 +277,21 @@ impl Matching {
             x_range: Some([-3.0, 3.0]),
             y_from: Some(0.0),
         };
-        let both = found.clone();
+        let both = edges.clone();
         if both.iter().flatten().flatten().next().is_some() {
             plots::show(ui, &axes, move |plot| {
-                for ((found, color), name) in both.iter().zip(colors).zip(["real", "virtual"]) {
-                    if let Some(Ok(edge)) = found {
+                for ((edges, color), name) in both.iter().zip(colors).zip(["real", "virtual"]) {
+                    if let Some(Ok(edge)) = edges {
                         draw_edge(plot, name, edge, color);
                     }
                 }
             });
         }
         let mut out = Vec::new();
-        for (found, (of, name)) in found.iter().zip([(DataSource::Real, "real"), (DataSource::Virtual, "virtual")]) {
-            match found {
+        for (edges, (of, name)) in edges.iter().zip([(DataSource::Real, "real"), (DataSource::Virtual, "virtual")]) {
+            match edges {
                 Some(Ok(edge)) => plots::legend(ui, &[(of, &format!("{name}: {}", width_text(edge)))]),
-                Some(Err(RejectedEdge { why, seen })) => {
+                Some(Err(RejectedEdge { why, profile: seen })) => {
                     ui.label(RichText::new(format!("{name}: {why}")).small());
                     out.push((name.to_owned(), of.color(ui), seen.clone()));
                 }
@@ -375,8 +375,8 @@ pub fn plot_rejected_edges(ui: &mut Ui, edges: Vec<RejectedEdgePlot>) {
     let names: Vec<_> = edges.iter().map(|(name, color, _)| (*color, format!("{name}: refused"))).collect();
     plots::show(ui, &axes, move |plot| {
         for (name, color, seen) in edges {
-            let seen = seen.iter().map(|[d, light]| [*d, 100.0 * light]).collect();
-            plot.line(plots::line(&name, seen, color).style(egui_plot::LineStyle::dashed_dense()));
+            let curve = seen.iter().map(|[d, light]| [*d, 100.0 * light]).collect();
+            plot.line(plots::line(&name, curve, color).style(egui_plot::LineStyle::dashed_dense()));
         }
     });
     plots::legend_of(ui, &names.iter().map(|(color, name)| (*color, name.as_str())).collect::<Vec<_>>());

@@ -178,14 +178,14 @@ fn open_camera(document: &DocumentRef, from: &LiveSpec) -> Result<(Project, Opti
 
 /// A project of a camera's recording, with profile, overrides and scene.
 fn project_of(recording: Recording, document: &DocumentRef, sets: Vec<String>) -> Result<Project, OpenRefusal> {
-    let given = ShotOptions {
+    let shot_options = ShotOptions {
         profile: document.profile.clone(),
         sets,
         scene: document.scene.clone(),
         ..ShotOptions::default()
     };
     let mut project =
-        Project::of(recording, &given).map_err(|error| OpenRefusal::of_shot(&document.recording, &error))?;
+        Project::of(recording, &shot_options).map_err(|error| OpenRefusal::of_shot(&document.recording, &error))?;
     project.camera.clone_from(&document.camera);
     Ok(project)
 }
@@ -193,14 +193,14 @@ fn project_of(recording: Recording, document: &DocumentRef, sets: Vec<String>) -
 /// Opens a recording. Missing profile and scene files are created when saved.
 fn open(document: &DocumentRef, sets: Vec<String>) -> Result<Project, OpenRefusal> {
     let there = |path: &Option<std::path::PathBuf>| path.clone().filter(|path| path.exists());
-    let given = ShotOptions {
+    let shot_options = ShotOptions {
         profile: there(&document.profile),
         sets,
         scene: there(&document.scene),
         ..ShotOptions::default()
     };
     let options = OpenOptions { metres_per_unit: document.metres_per_unit, ..OpenOptions::default() };
-    let project = Project::open(&document.recording, &options, &given);
+    let project = Project::open(&document.recording, &options, &shot_options);
     let mut project = project.map_err(|error| OpenRefusal::of_shot(&document.recording, &error))?;
     project.profile.clone_from(&document.profile);
     Ok(project)

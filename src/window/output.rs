@@ -34,7 +34,7 @@ pub struct OutputPanel {
     frames: FrameRange,
     /// The loop at the last call.
     looped: Option<Range<usize>>,
-    given: [usize; 2],
+    first_and_last: [usize; 2],
     lossless: bool,
     dials: Dials,
 }
@@ -89,7 +89,10 @@ impl OutputPanel {
         match (self.frames, &now.looped) {
             (FrameRange::This, _) => now.frame..now.frame + 1,
             (FrameRange::Loop, Some(looped)) => looped.clone(),
-            (FrameRange::Given, _) => self.given[0].min(self.given[1])..self.given[0].max(self.given[1]) + 1,
+            (FrameRange::Given, _) => {
+                self.first_and_last[0].min(self.first_and_last[1])
+                    ..self.first_and_last[0].max(self.first_and_last[1]) + 1
+            }
             _ => 0..now.count,
         }
     }
@@ -132,8 +135,8 @@ impl OutputPanel {
             let mut choice = |ui: &mut Ui, frames: FrameRange, text: String| {
                 if ui.radio(self.frames == frames, text).clicked() {
                     self.frames = frames;
-                    if frames == FrameRange::Given && self.given == [0, 0] {
-                        self.given = [0, last];
+                    if frames == FrameRange::Given && self.first_and_last == [0, 0] {
+                        self.first_and_last = [0, last];
                     }
                 }
             };
@@ -146,7 +149,7 @@ impl OutputPanel {
         });
         if self.frames == FrameRange::Given {
             ui.horizontal(|ui| {
-                for (at, name) in self.given.iter_mut().zip(["first frame", "last frame"]) {
+                for (at, name) in self.first_and_last.iter_mut().zip(["first frame", "last frame"]) {
                     ui.label(name);
                     let drag = egui::DragValue::new(at).range(0..=last).speed(0.2).update_while_editing(false);
                     let drag = drag.custom_parser(typed_parser(ui.ctx()));
@@ -276,7 +279,7 @@ mod tests {
     #[test]
     fn export_range_follows_the_selection() {
         let now = PlaybackState { frame: 7, count: 20, looped: Some(3..9) };
-        let of = |frames, given| OutputPanel { frames, given, ..OutputPanel::default() }.range(&now);
+        let of = |frames, given| OutputPanel { frames, first_and_last: given, ..OutputPanel::default() }.range(&now);
         assert_eq!(of(FrameRange::All, [0, 0]), 0..20);
         assert_eq!((of(FrameRange::Loop, [0, 0]), of(FrameRange::This, [0, 0])), (3..9, 7..8));
         assert_eq!((of(FrameRange::Given, [4, 4]), of(FrameRange::Given, [9, 2])), (4..5, 2..10));

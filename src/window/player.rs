@@ -188,13 +188,13 @@ mod tests {
         player.pace = Pace::EveryFrame;
         player.set_range(3..6);
         player.play(true);
-        let mut seen = vec![player.frame()];
+        let mut frames = vec![player.frame()];
         for _ in 0..4 {
             player.advance(1e-3, false);
             player.advance(1e-3, true);
-            seen.push(player.frame());
+            frames.push(player.frame());
         }
-        assert_eq!(seen, [3, 4, 5, 3, 4]);
+        assert_eq!(frames, [3, 4, 5, 3, 4]);
         player.step(-10);
         assert!(player.frame() == 0 && !player.playing);
         player.set_range(40..50);

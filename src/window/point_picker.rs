@@ -164,12 +164,12 @@ mod tests {
         let projected_px = |frame: usize| shot.posed_camera(frame).unwrap().project(point).unwrap();
         let [near, far] = [30, 50].map(|frame| shot.read(frame).unwrap());
         let mut picker = PointPicker::default();
-        let found = |click: Result<Click, String>| match click {
+        let picked_point = |click: Result<Click, String>| match click {
             Ok(Click::Point { support, .. }) => support.point_m,
             other => panic!("{other:?}"),
         };
         // The simulated depth is noisy by 1.5 mm.
-        assert!(found(picker.click(None, &shot, DVec3::Z, &near, projected_px(30))).distance(point) < 2e-3);
+        assert!(picked_point(picker.click(None, &shot, DVec3::Z, &near, projected_px(30))).distance(point) < 2e-3);
         let bare = |frame: &Frame| Frame { depth: None, ..frame.clone() };
         assert!(matches!(
             picker.click(None, &shot, DVec3::Z, &bare(&near), DVec2::new(9.0, 9.0)),
@@ -184,9 +184,13 @@ mod tests {
         // A rejected second view can be clicked again.
         picker.click(None, &shot, DVec3::Z, &bare(&far), DVec2::new(3.0, 3.0)).unwrap_err();
         let second = picker.click(None, &shot, DVec3::Z, &bare(&far), projected_px(50));
-        assert!(matches!(second, Ok(Click::Point { accuracy: Some(_), .. })) && found(second).distance(point) < 1e-4);
+        assert!(
+            matches!(second, Ok(Click::Point { accuracy: Some(_), .. })) && picked_point(second).distance(point) < 1e-4
+        );
         assert!(!picker.awaits_second_view());
         let plane = Some(HessePlane { normal: DVec3::Z, offset_m: 0.0 });
-        assert!(found(picker.click(plane, &shot, DVec3::Z, &bare(&near), projected_px(30))).distance(point) < 1e-6);
+        assert!(
+            picked_point(picker.click(plane, &shot, DVec3::Z, &bare(&near), projected_px(30))).distance(point) < 1e-6
+        );
     }
 }

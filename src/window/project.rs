@@ -116,26 +116,26 @@ pub struct Project {
 
 impl Project {
     /// Opens a recording with the given files, as [`Shot::open`].
-    pub fn open(recording: &Path, options: &OpenOptions, given: &ShotOptions) -> Result<Self, ShotError> {
+    pub fn open(recording: &Path, options: &OpenOptions, shot_options: &ShotOptions) -> Result<Self, ShotError> {
         let before = stamp(recording);
-        let mut project = Self::of(Recording::open(recording, options)?, given)?;
+        let mut project = Self::of(Recording::open(recording, options)?, shot_options)?;
         project.stamps.extend([recording.to_owned(), project.shot.recording.path.clone()].map(|path| (path, before)));
         Ok(project)
     }
 
     /// Like [`Project::open`], for a recording that is already open.
-    pub fn of(recording: Recording, given: &ShotOptions) -> Result<Self, ShotError> {
+    pub fn of(recording: Recording, options: &ShotOptions) -> Result<Self, ShotError> {
         // Taken before reading, so that a change in between is noticed.
-        let files = [given.profile.as_deref(), given.scene.as_deref()].into_iter().flatten();
+        let files = [options.profile.as_deref(), options.scene.as_deref()].into_iter().flatten();
         let stamps: BTreeMap<_, _> = files.map(|path| (path.to_owned(), stamp(path))).collect();
-        let shot = Shot::of(recording, &ShotOptions { missing_models: MissingModels::StandIn, ..given.clone() })?;
+        let shot = Shot::of(recording, &ShotOptions { missing_models: MissingModels::StandIn, ..options.clone() })?;
         // A model that is opened alone keeps its own coordinates, which no scene file can express.
         let is_file = |path: &&PathBuf| path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
-        let scene_text = given.scene.as_ref().filter(is_file).map(|path| scenes::document::read(path)).transpose()?;
+        let scene_text = options.scene.as_ref().filter(is_file).map(|path| scenes::document::read(path)).transpose()?;
         let mut scene = scene_text.as_ref().map_or_else(SceneFile::default, |text| text.value().clone());
         // Settings are edited with the camera and effects; `scene_draft` rebuilds this table.
         let scene_settings = std::mem::take(&mut scene.settings);
-        let scene_settings = ShotSettings::read(&scene_settings, given.scene.as_deref().unwrap_or(Path::new("")))?;
+        let scene_settings = ShotSettings::read(&scene_settings, options.scene.as_deref().unwrap_or(Path::new("")))?;
         let edit = Edit {
             rig: shot.rig.clone(),
             settings: shot.settings.clone(),
@@ -152,8 +152,8 @@ impl Project {
             scene_is_stale: false,
             unpinned: ShotSettings::default(),
             defaults: ResolvedSettings::default(),
-            profile: given.profile.clone(),
-            scene: given.scene.clone(),
+            profile: options.profile.clone(),
+            scene: options.scene.clone(),
             camera: None,
             scene_text,
             loaded_scene: edit.scene.clone(),
@@ -277,7 +277,7 @@ impl Project {
             Some(done) => done?,
             None => {
                 let (table, name) = (table.to_owned(), name.to_owned());
-                return Err(ParamError::UnknownName { known: "no such table".to_owned(), table, name });
+                return Err(ParamError::UnknownName { names: "no such table".to_owned(), table, name });
             }
         }
         if table == edit.rig.exposure.table() {

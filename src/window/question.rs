@@ -113,12 +113,12 @@ mod tests {
     const CHOICES: Choices = Choices { labels: ["Save", "Discard", "Cancel"], default: Answer::Yes };
 
     /// Runs a frame in which a key is pressed, and released unless it is held.
-    fn frame(ctx: &Context, key: Option<Key>, held: bool, shows: bool) -> Option<Answer> {
+    fn frame(ctx: &Context, key: Option<Key>, is_key_down: bool, shows: bool) -> Option<Answer> {
         let event = |pressed: bool| {
             key.map(|key| Event::Key { key, physical_key: None, pressed, repeat: false, modifiers: Default::default() })
         };
         // A key that is held down is not released.
-        let events = [event(true), event(false).filter(|_| !held)].into_iter().flatten().collect();
+        let events = [event(true), event(false).filter(|_| !is_key_down)].into_iter().flatten().collect();
         let input = egui::RawInput { events, ..Default::default() };
         let mut answer = None;
         let mut output = ctx.run_ui(input, |ui| {

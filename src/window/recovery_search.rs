@@ -92,18 +92,18 @@ impl RecoverySearch {
     /// delays everything shown after it. `wake` is called from the thread when it finds something
     /// later.
     pub fn begin(folder: PathBuf, wake: impl Fn() + Send + 'static) -> io::Result<Self> {
-        let found = RecoverableWork::find_in(&folder);
-        if !found.is_empty() {
-            return Ok(Self::Found(found));
+        let works = RecoverableWork::find_in(&folder);
+        if !works.is_empty() {
+            return Ok(Self::Found(works));
         }
         let task = BackgroundTask::stream("left work", wake, move |reporter| {
             let started = Instant::now();
             while !reporter.control.is_cancelled() && started.elapsed() < SEARCH_TIME {
                 sleep(POLL_INTERVAL);
-                let found = RecoverableWork::find_in(&folder);
-                if !found.is_empty() {
+                let works = RecoverableWork::find_in(&folder);
+                if !works.is_empty() {
                     // If the receiver is gone, the work can be found again.
-                    reporter.send(found);
+                    reporter.send(works);
                     return;
                 }
             }
@@ -134,12 +134,12 @@ mod tests {
         let work = work(1);
         fs::write(temp.path().join("1.json"), serde_json::to_string(&work).unwrap()).unwrap();
         // Like the lock of a window that is still exiting.
-        let held = File::create(temp.path().join("1.lock")).unwrap();
-        held.try_lock().unwrap();
+        let lock_file = File::create(temp.path().join("1.lock")).unwrap();
+        lock_file.try_lock().unwrap();
         let (woken, wakes) = channel();
         let mut search = RecoverySearch::begin(temp.path().to_owned(), move || woken.send(()).unwrap()).unwrap();
         assert!(wakes.recv_timeout(3 * POLL_INTERVAL).is_err() && search.take().is_none());
-        drop(held);
+        drop(lock_file);
         wakes.recv_timeout(SEARCH_TIME).unwrap();
         let found_work = search.take().unwrap().unwrap();
         assert!(found_work.len() == 1 && *found_work[0].work == work);
@@ -155,9 +155,9 @@ mod tests {
         fs::write(temp.path().join("a.json"), serde_json::to_string(&work(1)).unwrap()).unwrap();
         fs::write(temp.path().join("b.json"), "{\"version\": 1, \"at_s\"").unwrap();
         fs::copy(temp.path().join("a.json"), temp.path().join(".a.partial-x.json")).unwrap();
-        let mut found = RecoverableWork::find_in(temp.path());
-        assert_eq!(found.len(), 1);
-        found.pop().unwrap().discard();
+        let mut works = RecoverableWork::find_in(temp.path());
+        assert_eq!(works.len(), 1);
+        works.pop().unwrap().discard();
         assert!(temp.path().join("b.json").exists());
         assert_eq!(fs::read_dir(temp.path()).unwrap().count(), 1);
     }
@@ -171,8 +171,8 @@ mod tests {
             file
         };
         drop((lock("old.lock", 2 * MAX_LOCK_AGE), lock("new.lock", Duration::ZERO)));
-        let held = lock("held.lock", 2 * MAX_LOCK_AGE);
-        held.try_lock().unwrap();
+        let lock_file = lock("held.lock", 2 * MAX_LOCK_AGE);
+        lock_file.try_lock().unwrap();
         assert!(RecoverableWork::find_in(temp.path()).is_empty());
         let there = |name: &str| temp.path().join(name).exists();
         assert!(!there("old.lock") && there("new.lock") && there("held.lock"));

@@ -63,10 +63,10 @@ impl RegionPick {
 
     /// Handles drags in the picture and paints the rectangle. Returns a picked one, which may be
     /// empty.
-    pub fn update(&mut self, seen: &PictureOutput) -> Option<Option<Rect>> {
+    pub fn update(&mut self, output: &PictureOutput) -> Option<Option<Rect>> {
         let px = |at: egui::Vec2| DVec2::new(at.x.into(), at.y.into());
-        let response = &seen.response;
-        let limited = |at| px(seen.placed.picture_px(at).clamp(egui::Vec2::ZERO, seen.size));
+        let response = &output.response;
+        let limited = |at| px(output.placed.picture_px(at).clamp(egui::Vec2::ZERO, output.size));
         if response.drag_started_by(egui::PointerButton::Primary) {
             let origin = response.ctx.input(|i| i.pointer.press_origin());
             self.drag = origin.map(|origin| [limited(origin); 2]);
@@ -74,7 +74,7 @@ impl RegionPick {
         if let (Some([_, to]), Some(at)) = (&mut self.drag, response.interact_pointer_pos()) {
             *to = limited(at);
         }
-        self.paint(seen);
+        self.paint(output);
         if let Some([a, b]) = self.drag.take_if(|_| response.drag_stopped()) {
             self.is_done = !self.prompt.repeats;
             return Some(pixel_rect([a.min(b), a.max(b)]));
@@ -84,21 +84,21 @@ impl RegionPick {
         None
     }
 
-    fn paint(&self, seen: &PictureOutput) {
+    fn paint(&self, output: &PictureOutput) {
         let (line, shadow) = (Stroke::new(1.5, Color32::WHITE), Stroke::new(3.5, Color32::from_black_alpha(120)));
-        let screen = |px: &DVec2| seen.placed.screen(vec2(px.x as f32, px.y as f32));
+        let screen = |px: &DVec2| output.placed.screen(vec2(px.x as f32, px.y as f32));
         if let Some([a, b]) = &self.drag {
             let on_screen = egui::Rect::from_two_pos(screen(a), screen(b));
             for stroke in [shadow, line] {
-                seen.painter.rect_stroke(on_screen, 0.0, stroke, egui::StrokeKind::Middle);
+                output.painter.rect_stroke(on_screen, 0.0, stroke, egui::StrokeKind::Middle);
             }
             let at = on_screen.right_bottom() + vec2(12.0, 10.0);
-            plate(&seen.painter, at, Align2::LEFT_TOP, &size_text(&self.prompt, [a.min(*b), a.max(*b)]), 12.0);
+            plate(&output.painter, at, Align2::LEFT_TOP, &size_text(&self.prompt, [a.min(*b), a.max(*b)]), 12.0);
         }
         let end = if self.prompt.repeats { ". Esc ends it" } else { "" };
-        seen.prompt(&format!("{}{end}", self.prompt.hint));
-        if seen.pointed.is_some() {
-            seen.response.ctx.set_cursor_icon(egui::CursorIcon::Crosshair);
+        output.prompt(&format!("{}{end}", self.prompt.hint));
+        if output.pointed.is_some() {
+            output.response.ctx.set_cursor_icon(egui::CursorIcon::Crosshair);
         }
     }
 }

@@ -120,16 +120,16 @@ fn slide(ui: &mut Ui, n: &mut f64, scale: SliderScale) -> Response {
         let held_still = i.pointer.primary_down() || i.pointer.primary_released();
         (i.pointer.primary_pressed(), held_still, i.pointer.interact_pos())
     });
-    let mut held: Option<HandleDrag> = ui.data(|data| data.get_temp(key)).filter(|_| held_still && !pressed);
+    let mut drag: Option<HandleDrag> = ui.data(|data| data.get_temp(key)).filter(|_| held_still && !pressed);
     let value = |given: Option<f64>| {
         let Some(to) = given else { return *n };
         if let (Some(at), true) = (pointer, pressed) {
             let apart = (scale.share(to) - scale.share(*n)).abs() * f64::from(length);
-            held = (apart <= f64::from(radius)).then_some(HandleDrag { value: *n, x: at.x });
+            drag = (apart <= f64::from(radius)).then_some(HandleDrag { value: *n, x: at.x });
         }
-        let moved = match (held, pointer) {
-            (Some(held), Some(at)) if at.x == held.x => held.value,
-            (Some(held), Some(at)) => scale.at(scale.share(held.value) + f64::from((at.x - held.x) / length)),
+        let moved = match (drag, pointer) {
+            (Some(drag), Some(at)) if at.x == drag.x => drag.value,
+            (Some(drag), Some(at)) => scale.at(scale.share(drag.value) + f64::from((at.x - drag.x) / length)),
             _ => to,
         };
         *n = if scale.whole && moved != *n { moved.round() } else { moved };
@@ -140,13 +140,13 @@ fn slide(ui: &mut Ui, n: &mut f64, scale: SliderScale) -> Response {
     let slider =
         slider.logarithmic(scale.by_ratio).smallest_positive(SMALLEST_POSITIVE).smart_aim(false).show_value(false);
     let response = ui.add(slider);
-    keep(ui, key, held);
+    keep(ui, key, drag);
     response
 }
 
-fn keep(ui: &Ui, key: Id, held: Option<HandleDrag>) {
-    ui.data_mut(|data| match held {
-        Some(held) => _ = data.insert_temp(key, held),
+fn keep(ui: &Ui, key: Id, drag: Option<HandleDrag>) {
+    ui.data_mut(|data| match drag {
+        Some(drag) => _ = data.insert_temp(key, drag),
         None => data.remove::<HandleDrag>(key),
     });
 }

@@ -75,8 +75,8 @@ mod tests {
             ];
             for text in texts {
                 for ground in [visuals.panel_fill, visuals.window_fill, visuals.extreme_bg_color] {
-                    let found = contrast(text, ground);
-                    assert!(found >= 4.5, "{text:?} on {ground:?}: {found:.2}");
+                    let ratio = contrast(text, ground);
+                    assert!(ratio >= 4.5, "{text:?} on {ground:?}: {ratio:.2}");
                 }
             }
         }

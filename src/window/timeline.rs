@@ -140,7 +140,7 @@ pub fn show(ui: &mut Ui, player: &mut Player, info: &PlaybackInfo) {
 }
 
 /// The strip: clicks and drags seek; the ends of the loop can be dragged.
-pub fn strip(ui: &mut Ui, player: &mut Player, thumbnails: Option<&Thumbnails>, held: &mut StripDrag) {
+pub fn strip(ui: &mut Ui, player: &mut Player, thumbnails: Option<&Thumbnails>, drag: &mut StripDrag) {
     let (rect, response) = ui.allocate_exact_size(vec2(ui.available_width(), HEIGHT), Sense::click_and_drag());
     let (count, frame) = (player.count().max(1), player.frame());
     response.widget_info(|| egui::WidgetInfo::slider(true, frame as f64, "Frame"));
@@ -157,17 +157,17 @@ pub fn strip(ui: &mut Ui, player: &mut Player, thumbnails: Option<&Thumbnails>, 
     let pointer_x = response.interact_pointer_pos().map(|at| at.x);
     let hover = response.hover_pos();
     if response.drag_started() {
-        *held = ui.input(|i| i.pointer.press_origin()).map_or(StripDrag::Time, |origin| hold(origin.x));
+        *drag = ui.input(|i| i.pointer.press_origin()).map_or(StripDrag::Time, |origin| hold(origin.x));
     }
     if let Some(x) = pointer_x.filter(|_| response.dragged() || response.clicked()) {
         let edge = ((x - rect.min.x) / rect.width() * count as f32).round().clamp(0.0, count as f32) as usize;
-        match if response.clicked() { StripDrag::Time } else { *held } {
+        match if response.clicked() { StripDrag::Time } else { *drag } {
             StripDrag::Time => player.seek(at(x)),
             StripDrag::Start => player.set_range(edge.min(range.end - 1)..range.end),
             StripDrag::End => player.set_range(range.start..edge.max(range.start + 1)),
         }
     }
-    if hover.is_some_and(|at| hold(at.x) != StripDrag::Time) || response.dragged() && *held != StripDrag::Time {
+    if hover.is_some_and(|at| hold(at.x) != StripDrag::Time) || response.dragged() && *drag != StripDrag::Time {
         ui.ctx().set_cursor_icon(CursorIcon::ResizeHorizontal);
     }
 

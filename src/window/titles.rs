@@ -87,12 +87,12 @@ mod tests {
 
     #[test]
     fn title_names_the_files_and_marks_unsaved_changes() {
-        let given = ShotOptions {
+        let options = ShotOptions {
             scene: Some("scenes/demo.toml".into()),
             profile: Some("profiles/simulated.toml".into()),
             ..ShotOptions::default()
         };
-        let mut project = Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap();
+        let mut project = Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &options).unwrap();
         assert_eq!(of_window(&project), "recordings/demo – demo.toml – simulated.toml – Locard");
         project.switch("noise", false);
         assert!(of_window(&project).starts_with("• recordings/demo"));

@@ -209,9 +209,9 @@ impl ToolStack {
     }
 
     /// Handles drags in the picture that pick a region, and paints it.
-    pub fn update_region(&mut self, seen: &PictureOutput) {
+    pub fn update_region(&mut self, output: &PictureOutput) {
         let Tool::PickRegion(pick) = &mut self.active else { return };
-        if let Some(region) = pick.update(seen) {
+        if let Some(region) = pick.update(output) {
             self.picked_region = Some((pick.purpose(), region));
         }
         if pick.is_done() {
@@ -243,15 +243,15 @@ impl ToolStack {
     }
 
     /// Paints the marks and the instruction of a tool that picks a point of the world.
-    pub fn paint(&self, seen: &PictureOutput, project: &Project, frame: usize) {
+    pub fn paint(&self, output: &PictureOutput, project: &Project, frame: usize) {
         match &self.active {
-            Tool::PickGround(pick) => pick.paint(seen, project, frame),
-            Tool::Place(placement) => placement.paint_first_view(seen, project, frame),
-            Tool::PickLamp(pick) => seen.prompt(pick.prompt()),
+            Tool::PickGround(pick) => pick.paint(output, project, frame),
+            Tool::Place(placement) => placement.paint_first_view(output, project, frame),
+            Tool::PickLamp(pick) => output.prompt(pick.prompt()),
             Tool::Select | Tool::Transform(_) | Tool::PickRegion(_) => {}
         }
-        if seen.pointed.is_some() && matches!(self.active, Tool::Place(_) | Tool::PickLamp(_)) {
-            seen.response.ctx.set_cursor_icon(CursorIcon::Crosshair);
+        if output.pointed.is_some() && matches!(self.active, Tool::Place(_) | Tool::PickLamp(_)) {
+            output.response.ctx.set_cursor_icon(CursorIcon::Crosshair);
         }
     }
 }

@@ -111,9 +111,9 @@ impl Clip {
             Some(delay::FrameRotation { from_s, to_s, turn })
         };
         let motions: Vec<delay::FrameRotation> = (0..FRAMES - 1).filter_map(motion).collect();
-        let found = estimate(&motions, |from_s, to_s| self.track.motion_between(from_s, to_s), MAX_SEARCHED_DELAY_S);
-        println!("{} motions: {found:?}", motions.len());
-        found
+        let delay = estimate(&motions, |from_s, to_s| self.track.motion_between(from_s, to_s), MAX_SEARCHED_DELAY_S);
+        println!("{} motions: {delay:?}", motions.len());
+        delay
     }
 }
 
@@ -136,9 +136,9 @@ fn is_late(found: &Delay, within_s: f64) {
 #[test]
 fn delay_of_a_simulated_translation_is_found() {
     let clip = Clip::new(Motion::Dolly, sway);
-    let found = clip.delay().unwrap();
-    is_late(&found, 0.005);
-    assert_eq!(found.quarters, 0);
+    let delay = clip.delay().unwrap();
+    is_late(&delay, 0.005);
+    assert_eq!(delay.quarters, 0);
 }
 
 // Slow: a simulated site is lit.
@@ -150,9 +150,9 @@ fn delay_of_a_simulated_turn_by_90_degrees_is_found() {
 // Slow: a simulated site is lit.
 #[test]
 fn delay_of_pictures_stored_rotated_by_90_degrees_is_found() {
-    let found = Clip::new(Motion::Pan, sway).upright().delay().unwrap();
-    is_late(&found, 0.005);
-    assert!(found.quarters % 2 == 1, "{found:?}");
+    let delay = Clip::new(Motion::Pan, sway).upright().delay().unwrap();
+    is_late(&delay, 0.005);
+    assert!(delay.quarters % 2 == 1, "{delay:?}");
 }
 
 /// Poses of a camera on another path.

@@ -32,24 +32,24 @@ pub fn late(poses_later_s: f64) -> Flaws {
 fn exact_poses_are_kept_and_steady_light_is_not_followed() {
     let folder = demo_by_tier(fast_or_full(13, 24), &Flaws::default(), 1);
     let shot = opened(&folder);
-    let found = analysed_by_tier(&shot, 2);
-    println!("{}", found.findings);
-    assert_eq!((found.findings.registration.poses.as_str(), &found.track), ("right", &None));
-    assert!(found.gains.is_empty());
+    let analysis = analysed_by_tier(&shot, 2);
+    println!("{}", analysis.findings);
+    assert_eq!((analysis.findings.registration.poses.as_str(), &analysis.track), ("right", &None));
+    assert!(analysis.gains.is_empty());
     // The demonstration has no blur in focus (docs/calibration.md: 0 to 0.12 px).
-    let spread = found.findings.spread.as_ref().unwrap();
+    let spread = analysis.findings.spread.as_ref().unwrap();
     assert!(spread.sigma_px.unwrap() < 0.15 && spread.edges.unwrap() >= 40, "{spread:?}");
-    assert_eq!(found.findings.camera, shot.geometry_at(0).unwrap(), "the readout too");
+    assert_eq!(analysis.findings.camera, shot.geometry_at(0).unwrap(), "the readout too");
     // Rendering with the refinement has the same bits as without.
-    let refined = found.refinement(Some(0.1));
-    assert!(refined.track.is_none() && refined.depth_later_s == 0.0 && refined.seen.is_empty());
+    let refined = analysis.refinement(Some(0.1));
+    assert!(refined.track.is_none() && refined.depth_later_s == 0.0 && refined.brightness.is_empty());
     // The floor is z = 0, and the largest surface.
     let surfels = &refined.surfels;
     let is_floor = |surfel: &&Surfel| surfel.position_m.z.abs() < 0.005 && surfel.normal.z > 0.99;
     let (floor, m2) = (surfels.iter().filter(is_floor).count(), SURFEL_SPACING_M.powi(2));
     assert!(floor as f64 * m2 > 1.0 && 3 * floor > surfels.len(), "{floor} of {}", surfels.len());
     // Few neighbours of these frames differ in their motion.
-    let shutter = found.findings.shutter.as_ref().unwrap();
+    let shutter = analysis.findings.shutter.as_ref().unwrap();
     assert!(shutter.runs.is_empty() && shutter.why.as_ref().unwrap().contains("determine it clearly"), "{shutter:?}");
     assert!(refined.blur_estimate_s.is_empty());
 }
@@ -97,13 +97,13 @@ fn jitter_drift_clock_offset_and_hand_eye_rotation_are_found() {
     };
     let folder = demo_by_tier(40, &wrong, 2);
     let shot = opened(&folder);
-    let found = analysed_by_tier(&shot, 2);
-    println!("{}", found.findings);
-    found.write(&beside(&folder.path().join("site")), &shot.recording).unwrap();
+    let analysis = analysed_by_tier(&shot, 2);
+    println!("{}", analysis.findings);
+    analysis.write(&beside(&folder.path().join("site")), &shot.recording).unwrap();
     assert_findings_used_without_registration(&folder.path().join("site"));
-    let registered = &found.findings.registration;
+    let registered = &analysis.findings.registration;
     let off = |track: &PoseTrack| pair_errors_px(&shot, &demo_track(), track, 8);
-    let [by_recorded, by_refined] = [&shot.recording.track, found.track.as_ref().unwrap()].map(off);
+    let [by_recorded, by_refined] = [&shot.recording.track, analysis.track.as_ref().unwrap()].map(off);
     let (recorded, refined) = (median_and_p90(&by_recorded), median_and_p90(&by_refined));
     let (share, most_px) = regressions(&by_recorded, &by_refined);
     println!(
@@ -113,26 +113,26 @@ fn jitter_drift_clock_offset_and_hand_eye_rotation_are_found() {
     assert!(refined.0 <= 0.15 && refined.1 <= 0.35, "{refined:?}");
     assert!(share <= 0.05 && most_px <= 0.5, "{share} {most_px}");
     assert!((registered.clock_s.unwrap() - 0.015).abs() <= 0.002, "{registered:?}");
-    assert!((found.findings.camera.intrinsics.readout_time_s - 0.015).abs() <= 0.002);
+    assert!((analysis.findings.camera.intrinsics.readout_time_s - 0.015).abs() <= 0.002);
     assert_eq!(registered.depth_later_s, 0.0);
 
     // Identical for any number of threads, byte for byte, and after reading back.
-    let files = found.files(&shot.recording).unwrap();
+    let files = analysis.files(&shot.recording).unwrap();
     let out = folder.path().join("found");
     std::fs::create_dir(&out).unwrap();
     for (name, text) in &files {
         std::fs::write(out.join(name), text).unwrap();
     }
     let back = Analysis::read(&out).unwrap();
-    assert!(back == found);
+    assert!(back == analysis);
     back.fits(&shot.recording, &shot.geometry_at(0).unwrap()).unwrap();
     // The exposure is estimated by the blur. It was 1/60 s, as recorded, and the recorded value
     // takes precedence.
-    let shutter = found.findings.shutter.as_ref().unwrap();
+    let shutter = analysis.findings.shutter.as_ref().unwrap();
     assert_eq!((shutter.runs.len(), &shutter.why), (1, &None));
     assert!((60.0 * shutter.runs[0].exposure_s - 1.0).abs() < 0.05, "{shutter:?}");
     let mut recording = Recording::clone(&shot.recording);
-    recording.refine(&found.refinement(Some(0.1)));
+    recording.refine(&analysis.refinement(Some(0.1)));
     let frame = recording.frames(5..6).unwrap().next().unwrap().unwrap();
     assert_eq!(frame.exposure.blur_estimate_s, Some(shutter.runs[0].exposure_s));
     let (camera, settings) = (shot.camera(), shot.settings.clone());
@@ -156,18 +156,18 @@ fn poses_of_another_recording_are_refused() {
     let site = folder.path().join("site");
     let refused = |sets: &[&str]| {
         let sets = sets.iter().map(|set| (*set).to_owned()).collect();
-        let given = ShotOptions { sets, ..ShotOptions::default() };
-        let found = analysed_by_tier(&Shot::open(&site, &OpenOptions::default(), &given).unwrap(), 2);
-        assert!(found.track.is_none(), "{}", found.findings);
-        found.findings.registration.why.unwrap_or_default()
+        let options = ShotOptions { sets, ..ShotOptions::default() };
+        let analysis = analysed_by_tier(&Shot::open(&site, &OpenOptions::default(), &options).unwrap(), 2);
+        assert!(analysis.track.is_none(), "{}", analysis.findings);
+        analysis.findings.registration.why.unwrap_or_default()
     };
     let why = refused(&["camera.fx_px=640", "camera.fy_px=640"]);
     assert!(why.contains("focal length"), "{why}");
     // The same path half a second later.
     let later = demo_by_tier(16, &late(-0.5), 4);
-    let found = analysed_by_tier(&opened(&later), 2);
-    assert!(found.track.is_none() && found.findings.gain.is_none(), "{}", found.findings);
-    let why = found.findings.registration.why.unwrap();
+    let analysis = analysed_by_tier(&opened(&later), 2);
+    assert!(analysis.track.is_none() && analysis.findings.gain.is_none(), "{}", analysis.findings);
+    let why = analysis.findings.registration.why.unwrap();
     assert!(why.contains("from its recorded position"), "{why}");
 }
 
@@ -206,26 +206,26 @@ fn light_and_sharpness_are_found_without_depth() {
     let folder = demo_by_tier(frames, &Flaws::default(), 1);
     without_depth(&folder, gain);
     let shot = opened(&folder);
-    let found = analysed_by_tier(&shot, 2);
-    println!("{}", found.findings);
-    assert_eq!((found.findings.registration.poses.as_str(), &found.track), ("kept", &None));
+    let analysis = analysed_by_tier(&shot, 2);
+    println!("{}", analysis.findings);
+    assert_eq!((analysis.findings.registration.poses.as_str(), &analysis.track), ("kept", &None));
     // Relative to the median frame, which is 1.
     let mut off = Vec::new();
     for c in 0..3 {
         let mut all: Vec<f64> = (0..frames).map(|n| gain(n)[c].ln()).collect();
         all.sort_by(f64::total_cmp);
-        off.extend((0..frames).map(|n| found.gains[n][c].ln() - (gain(n)[c].ln() - all[frames / 2])));
+        off.extend((0..frames).map(|n| analysis.gains[n][c].ln() - (gain(n)[c].ln() - all[frames / 2])));
     }
     let rms = (off.iter().map(|o| o * o).sum::<f64>() / off.len() as f64).sqrt();
     assert!(rms < 0.012, "{rms}: {off:.3?}");
-    let spread = found.findings.spread.as_ref().unwrap();
+    let spread = analysis.findings.spread.as_ref().unwrap();
     assert!(spread.sigma_px.unwrap() < 0.2, "{spread:?}");
     // With the poses of another site, no pair matches.
     let other = demo_by_tier(frames, &late(1.1), 4);
     without_depth(&other, gain);
-    let found = analysed_by_tier(&opened(&other), 2);
-    println!("{}", found.findings);
-    assert!(found.gains.is_empty() || found.findings.gain.unwrap().left < 0.03);
+    let analysis = analysed_by_tier(&opened(&other), 2);
+    println!("{}", analysis.findings);
+    assert!(analysis.gains.is_empty() || analysis.findings.gain.unwrap().left < 0.03);
 }
 
 /// RMS error of the projected motion within ±10 ms of each frame, for points in front of the
@@ -234,8 +234,8 @@ fn motion_off_px(shot: &Shot, truth: &PoseTrack, track: &PoseTrack) -> f64 {
     let camera = shot.geometry_at(0).unwrap();
     let way = |track: &PoseTrack, time_s: f64, place: DVec3| {
         let world = track.at(time_s).unwrap().inverse_transform_point(place);
-        let seen = |by_s: f64| camera.project(track.at(time_s + by_s).unwrap().transform_point(world)).unwrap();
-        seen(0.01) - seen(-0.01)
+        let projected = |by_s: f64| camera.project(track.at(time_s + by_s).unwrap().transform_point(world)).unwrap();
+        projected(0.01) - projected(-0.01)
     };
     let places = [DVec3::new(0.0, 0.0, 1.2), DVec3::new(0.4, 0.2, 1.2), DVec3::new(-0.4, -0.2, 1.2)];
     let times_s = &shot.recording.timestamps_s[1..shot.recording.frame_count() - 1];
@@ -250,16 +250,16 @@ fn motion_without_depth_is_refined_at_the_recorded_position() {
     let folder = demo_by_tier(fast_or_full(14, 20), &Flaws { jitter_mm: 1.0, jitter_deg: 0.1, ..Flaws::default() }, 2);
     without_depth(&folder, |_| [1.0; 3]);
     let shot = opened(&folder);
-    let found = analysed_by_tier(&shot, 2);
-    println!("{}", found.findings);
-    let registered = &found.findings.registration;
+    let analysis = analysed_by_tier(&shot, 2);
+    println!("{}", analysis.findings);
+    let registered = &analysis.findings.registration;
     // The fast tier's pictures are half as wide, and so are motions in px.
     assert!(
         registered.poses == "kept"
             && registered.motion_px.unwrap() > fast_or_full(0.25, 0.5)
-            && found.refined().is_none()
+            && analysis.refined().is_none()
     );
-    let (recorded, track) = (&shot.recording.track, found.track.as_ref().unwrap());
+    let (recorded, track) = (&shot.recording.track, analysis.track.as_ref().unwrap());
     for time_s in shot.recording.timestamps_s.iter() {
         let (was, is) = (recorded.at(*time_s).unwrap(), track.at(*time_s).unwrap());
         assert!((was.position_in_world_m() - is.position_in_world_m()).length() < 1e-9, "{time_s}");
@@ -285,10 +285,10 @@ pub fn kinect() -> Option<(Shot, &'static Analysis)> {
     // Shared by two tests: it takes a minute.
     static FOUND: OnceLock<Analysis> = OnceLock::new();
     let folder = common::data("tum-fr1-rpy")?;
-    let given = ShotOptions { profile: Some(PathBuf::from("profiles/tum-fr1.toml")), ..ShotOptions::default() };
-    let shot = Shot::open(&folder, &OpenOptions::default(), &given).unwrap();
-    let found = FOUND.get_or_init(|| analysed(&shot, 2));
-    Some((shot, found))
+    let options = ShotOptions { profile: Some(PathBuf::from("profiles/tum-fr1.toml")), ..ShotOptions::default() };
+    let shot = Shot::open(&folder, &OpenOptions::default(), &options).unwrap();
+    let analysis = FOUND.get_or_init(|| analysed(&shot, 2));
+    Some((shot, analysis))
 }
 
 #[test]
@@ -343,17 +343,17 @@ fn first_kinect_frames_are_refined() {
     let Some(folder) = common::data("tum-fr1-rpy") else { return };
     let temp = tempfile::tempdir().unwrap();
     first_frames_of_tum(&folder, temp.path(), 16);
-    let given = ShotOptions { profile: Some(PathBuf::from("profiles/tum-fr1.toml")), ..ShotOptions::default() };
-    let shot = Shot::open(temp.path(), &OpenOptions::default(), &given).unwrap();
-    let found = analysed_by_tier(&shot, 2);
-    println!("{}", found.findings);
-    let registered = &found.findings.registration;
+    let options = ShotOptions { profile: Some(PathBuf::from("profiles/tum-fr1.toml")), ..ShotOptions::default() };
+    let shot = Shot::open(temp.path(), &OpenOptions::default(), &options).unwrap();
+    let analysis = analysed_by_tier(&shot, 2);
+    println!("{}", analysis.findings);
+    let registered = &analysis.findings.registration;
     assert_eq!(registered.poses, "refined");
     // The limits of 90 frames are 0.2 px and ln 0.011. With 16 frames there are few links per
     // frame: 0.27 px of 1.96 and ln 0.025 of 0.415 are reached.
     let [recorded_px, refined_px] = [registered.recorded_px, registered.refined_px].map(Option::unwrap);
     assert!(recorded_px > 1.5 && refined_px < 0.2 * recorded_px, "{recorded_px} {refined_px}");
-    let gain = found.findings.gain.as_ref().unwrap();
+    let gain = analysis.findings.gain.as_ref().unwrap();
     assert!(gain.is_followed && gain.left < 0.1 * gain.recorded, "{gain:?}");
 }
 
@@ -405,15 +405,15 @@ fn reduced_model(from: &Path, to: &Path, reduction: f64) {
 #[test]
 fn gain_of_photographs_is_found_by_the_landmarks_of_a_model() {
     let Some(folder) = common::data("lund-door-dslr") else { return };
-    let found = |folder: &Path| {
+    let analysis_of = |folder: &Path| {
         let shot = Shot::open(folder, &OpenOptions::default(), &ShotOptions::default()).unwrap();
-        let found = analysed_by_tier(&shot, 2);
-        println!("{}", found.findings);
-        found
+        let analysis = analysed_by_tier(&shot, 2);
+        println!("{}", analysis.findings);
+        analysis
     };
     if is_full() {
         // All have f/4.8, 1/125 s, ISO 400.
-        let gain = found(&folder).findings.gain.unwrap();
+        let gain = analysis_of(&folder).findings.gain.unwrap();
         assert!(gain.recorded < 0.1, "{gain:?}");
     }
     // One in three has half of the light.
@@ -439,9 +439,9 @@ fn gain_of_photographs_is_found_by_the_landmarks_of_a_model() {
         let file = std::fs::File::create(temp.path().join(&name)).unwrap();
         image::codecs::jpeg::JpegEncoder::new_with_quality(file, 95).encode_image(&picture).unwrap();
     }
-    let found = found(temp.path());
-    assert!(found.findings.gain.as_ref().unwrap().is_followed, "{}", found.findings);
-    for (n, gains) in found.gains.iter().enumerate() {
+    let analysis = analysis_of(temp.path());
+    assert!(analysis.findings.gain.as_ref().unwrap().is_followed, "{}", analysis.findings);
+    for (n, gains) in analysis.gains.iter().enumerate() {
         let wanted = if is_darker(n) { 0.5f64 } else { 1.0 };
         assert!((gains[1] / wanted).ln().abs() < 0.06, "{n}: {gains:?}");
     }
@@ -462,10 +462,10 @@ fn late_clock_keeps_all_frames_at_the_end_of_the_poses() {
 }
 
 fn every_frame_keeps_a_pose(shot: &Shot) {
-    let found = analysed_by_tier(shot, 2);
-    println!("{}", found.findings);
-    let track = found.track.expect("its poses are refined");
-    assert!(found.findings.registration.clock_s.unwrap().abs() > 0.001, "the clock is another");
+    let analysis = analysed_by_tier(shot, 2);
+    println!("{}", analysis.findings);
+    let track = analysis.track.expect("its poses are refined");
+    assert!(analysis.findings.registration.clock_s.unwrap().abs() > 0.001, "the clock is another");
     for time_s in shot.recording.timestamps_s.iter() {
         assert!(track.at(*time_s).is_ok(), "{time_s}");
     }
@@ -495,8 +495,8 @@ fn unset_sharpness_follows_the_footage() {
     assert!(stdout.contains("spread     unknown: ") && stdout.contains("40 are needed"), "{stdout}");
     let toml = folder.path().join("site.analysis/analysis.toml");
     let sigma_px = |sets: &[&str]| {
-        let given = ShotOptions { sets: sets.iter().map(|&s| s.to_owned()).collect(), ..ShotOptions::default() };
-        let shot = Shot::open(&site, &OpenOptions::default(), &given).unwrap();
+        let options = ShotOptions { sets: sets.iter().map(|&s| s.to_owned()).collect(), ..ShotOptions::default() };
+        let shot = Shot::open(&site, &OpenOptions::default(), &options).unwrap();
         let tables = shot.settings.tables();
         match tables.iter().find(|t| t.table() == "point_spread").unwrap().get("sigma_px") {
             Some(Value::Number(px)) => px,

@@ -108,14 +108,14 @@ fn gain_follows_changes_of_exposure_and_white_balance() {
         let flaws =
             Flaws { exposure_walk_ev: 0.3, exposure_step_ev: 1.5, white_balance_share: 0.1, seed, ..Flaws::default() };
         let folder = write_site(&Options { gain: 1.5, ..small(36) }, &flaws);
-        let found = analysed_by_tier(&opened(&folder), 2);
-        println!("{}", found.findings);
-        let gain = found.findings.gain.as_ref().unwrap();
+        let analysis = analysed_by_tier(&opened(&folder), 2);
+        println!("{}", analysis.findings);
+        let gain = analysis.findings.gain.as_ref().unwrap();
         assert!(gain.is_followed && (gain.range_ev - 1.6).abs() < 0.1, "{gain:?}");
         assert!(gain.left <= 0.007, "{gain:?}");
         // The response is that of `simulate`; with another response, dark codes would reveal the
         // difference.
-        let tone = found.findings.tone.as_ref().unwrap();
+        let tone = analysis.findings.tone.as_ref().unwrap();
         assert!(!tone.bands.is_empty() && !tone.differs(), "{tone:?}");
         if seed == 37 {
             let wrong = analysed_by_tier(&opened_with(&folder, "camera.response.curve=linear"), 2);
@@ -124,8 +124,8 @@ fn gain_follows_changes_of_exposure_and_white_balance() {
             assert!(tone.differs() && tone.bands[0].slope > 1.1, "{tone:?}");
         }
         for channel in 0..3 {
-            let pairs = true_frames(&folder).into_iter().zip(&found.gains);
-            let off: Vec<f64> = pairs.map(|(is, found)| (found[channel] / is[2 + channel]).ln()).collect();
+            let pairs = true_frames(&folder).into_iter().zip(&analysis.gains);
+            let off: Vec<f64> = pairs.map(|(is, analysis)| (analysis[channel] / is[2 + channel]).ln()).collect();
             // Gains are relative to the median frame.
             let mean = off.iter().sum::<f64>() / off.len() as f64;
             let rms = (off.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / off.len() as f64).sqrt();
@@ -141,9 +141,9 @@ fn spatial_gain_is_fitted_only_where_the_tone_varies_across_the_picture() {
     let walk = Flaws { exposure_walk_ev: 0.3, seed: 37, ..Flaws::default() };
     let of = |share: f64| {
         let folder = write_site(&small(36), &Flaws { local_tone_share: share, ..walk.clone() });
-        let found = analysed_by_tier(&opened(&folder), 2);
-        println!("{}", found.findings);
-        found
+        let analysis = analysed_by_tier(&opened(&folder), 2);
+        println!("{}", analysis.findings);
+        analysis
     };
     let (even, toned) = (of(0.0), of(0.6));
     let fitted = [&even, &toned].map(|found| found.findings.across.unwrap());
@@ -161,10 +161,10 @@ fn spatial_gain_is_fitted_only_where_the_tone_varies_across_the_picture() {
 fn clock_offset_without_drift_is_found_within_half_a_millisecond() {
     let folder = demo_by_tier(40, &Flaws { poses_later_s: 0.015, ..Flaws::default() }, 4);
     let shot = opened(&folder);
-    let found = analysed_by_tier(&shot, 2);
-    println!("{}", found.findings);
-    assert!((found.findings.registration.clock_s.unwrap() - 0.015).abs() <= 0.0005);
-    assert_poses_no_worse(&shot, &demo_track(), &found);
+    let analysis = analysed_by_tier(&shot, 2);
+    println!("{}", analysis.findings);
+    assert!((analysis.findings.registration.clock_s.unwrap() - 0.015).abs() <= 0.0005);
+    assert_poses_no_worse(&shot, &demo_track(), &analysis);
 }
 
 #[test]
@@ -173,12 +173,12 @@ fn late_depth_and_repeated_pictures_are_found() {
     let flaws = Flaws { depth_later_s: 0.02, repeat_share: 0.15, ..tracked() };
     let folder = write_site(&Options { speed: 1.5, ..small(40) }, &flaws);
     let shot = opened(&folder);
-    let found = analysed_by_tier(&shot, 2);
-    println!("{}", found.findings);
-    let registered = &found.findings.registration;
+    let analysis = analysed_by_tier(&shot, 2);
+    println!("{}", analysis.findings);
+    let registered = &analysis.findings.registration;
     let sigma_s = registered.depth_later_sigma_s.unwrap();
     assert!(sigma_s < 0.005 && (registered.depth_later_s - 0.02).abs() <= 2.0 * sigma_s, "{registered:?}");
-    let track = found.track.as_ref().unwrap();
+    let track = analysis.track.as_ref().unwrap();
     let mut repeats = 0;
     for row in true_frames(&folder) {
         let (n, picture) = (row[0] as usize, row[5] as usize);
@@ -197,32 +197,32 @@ fn late_depth_and_repeated_pictures_are_found() {
 fn person_walking_by_makes_nothing_worse() {
     let folder = write_site(&small(30), &Flaws { person_m_per_s: 1.0, ..tracked() });
     let shot = opened(&folder);
-    let found = analysed_by_tier(&shot, 2);
-    println!("{}", found.findings);
-    assert!(found.track.is_some());
+    let analysis = analysed_by_tier(&shot, 2);
+    println!("{}", analysis.findings);
+    assert!(analysis.track.is_some());
     // The room behind the person is not observed; depth there moves independently of the poses.
-    assert_poses_no_worse(&shot, &true_track(&folder), &found);
+    assert_poses_no_worse(&shot, &true_track(&folder), &analysis);
 }
 
 #[test]
 fn camera_at_rest_keeps_its_poses() {
     let folder = write_site(&Options { motion: Motion::Static, ..smaller(12) }, &Flaws::default());
-    let found = analysed_by_tier(&opened(&folder), 2);
-    println!("{}", found.findings);
-    assert!(found.track.is_none() && found.gains.is_empty());
+    let analysis = analysed_by_tier(&opened(&folder), 2);
+    println!("{}", analysis.findings);
+    assert!(analysis.track.is_none() && analysis.gains.is_empty());
     // The clock is unobservable at rest, and none is claimed.
-    let registered = &found.findings.registration;
+    let registered = &analysis.findings.registration;
     assert!(registered.clock_s.unwrap().abs() < 0.005 && registered.clock_sigma_s.unwrap() > 0.02, "{registered:?}");
-    let shutter = found.findings.shutter.as_ref().unwrap();
+    let shutter = analysis.findings.shutter.as_ref().unwrap();
     assert!(shutter.runs.is_empty() && shutter.why.is_some(), "{shutter:?}");
 }
 
 #[test]
 fn site_without_texture_is_refused() {
     let folder = write_site(&Options { noise_scale: 1.0, ..smaller(12) }, &Flaws { blank: true, ..tracked() });
-    let found = analysed_by_tier(&opened(&folder), 2);
-    println!("{}", found.findings);
-    assert!(refusal(&found).unwrap().contains("lack texture"), "{:?}", refusal(&found));
+    let analysis = analysed_by_tier(&opened(&folder), 2);
+    println!("{}", analysis.findings);
+    assert!(refusal(&analysis).unwrap().contains("lack texture"), "{:?}", refusal(&analysis));
 }
 
 #[test]
@@ -235,11 +235,11 @@ fn pictures_in_the_wrong_order_make_nothing_worse() {
         fs::rename(from, to).unwrap();
     }
     let shot = opened(&folder);
-    let found = analysed_by_tier(&shot, 2);
-    println!("{}", found.findings);
-    assert_poses_no_worse(&shot, &true_track(&folder), &found);
+    let analysis = analysed_by_tier(&shot, 2);
+    println!("{}", analysis.findings);
+    assert_poses_no_worse(&shot, &true_track(&folder), &analysis);
     // The apparent gain of two misplaced frames is invisible: a code and a half at most.
-    assert!(found.gains.iter().flatten().all(|gain| gain.ln().abs() < 0.02), "{:?}", found.gains);
+    assert!(analysis.gains.iter().flatten().all(|gain| gain.ln().abs() < 0.02), "{:?}", analysis.gains);
 }
 
 /// Asserts that the estimated exposure is within a tenth of the truth, and within 3σ as claimed.
@@ -256,20 +256,20 @@ fn sparse_frames_keep_the_recorded_motion_between_them() {
     // 5 frames a second, hand-held: exact poses stay.
     let folder = write_site(&smaller(12), &Flaws::default());
     let shot = opened(&folder);
-    let found = analysed_by_tier(&shot, 2);
-    println!("{}", found.findings);
-    assert_eq!(found.track, None);
-    assert_exposure(&found, 1.0 / 60.0);
+    let analysis = analysed_by_tier(&shot, 2);
+    println!("{}", analysis.findings);
+    assert_eq!(analysis.track, None);
+    assert_exposure(&analysis, 1.0 / 60.0);
     // Drifting poses are refined, and the recorded motion between frames is kept: over an exposure,
     // and by rows.
     let folder =
         write_site(&smaller(12), &Flaws { drift_mm: 20.0, drift_deg: 2.0, hand_eye_deg: 1.0, ..Flaws::default() });
     let (shot, truth) = (opened(&folder), true_track(&folder));
-    let found = analysed_by_tier(&shot, 2);
-    println!("{}", found.findings);
-    let track = found.track.as_ref().unwrap();
-    assert_poses_no_worse(&shot, &truth, &found);
-    assert_exposure(&found, 1.0 / 60.0);
+    let analysis = analysed_by_tier(&shot, 2);
+    println!("{}", analysis.findings);
+    let track = analysis.track.as_ref().unwrap();
+    assert_poses_no_worse(&shot, &truth, &analysis);
+    assert_exposure(&analysis, 1.0 / 60.0);
     let turned = |track: &PoseTrack, time_s: f64| {
         let [from, to] = [-0.008, 0.008].map(|by_s| track.at(time_s + by_s).unwrap().rotation);
         (from * to.inverse()).to_scaled_axis()
@@ -300,16 +300,16 @@ fn exposure_estimated_without_poses_between_frames_reproduces_the_blur() {
     poses.retain(|pose| frames.iter().any(|frame| (time_s(pose) - time_s(frame)).abs() < 0.0026));
     std::fs::write(site.join("groundtruth.txt"), poses.join("\n")).unwrap();
     let shot = opened(&folder);
-    let found = analysed_by_tier(&shot, 2);
-    println!("{}", found.findings);
-    let shutter = found.findings.shutter.as_ref().unwrap();
+    let analysis = analysed_by_tier(&shot, 2);
+    println!("{}", analysis.findings);
+    let shutter = analysis.findings.shutter.as_ref().unwrap();
     let [run] = shutter.runs.as_slice() else { panic!("{shutter:?}") };
     // A rotation at ω for a time t blurs by ω·t: of the evaluated frames, the ratio to the truth.
     let turn = |track: &PoseTrack, at_s: f64, by_s: f64| {
         let [from, to] = [-by_s, by_s].map(|by_s| track.at(at_s + by_s).unwrap().rotation);
         (from * to.inverse()).to_scaled_axis().length() / (2.0 * by_s)
     };
-    let track = found.track.as_ref().unwrap_or(&shot.recording.track);
+    let track = analysis.track.as_ref().unwrap_or(&shot.recording.track);
     let mut ratios: Vec<f64> = shutter
         .samples
         .iter()
@@ -330,17 +330,17 @@ fn fisheye_poses_are_refined_or_refused() {
     let slow = Options { speed: fast_or_full(0.2, 1.0), ..fisheye.clone() };
     let folder = write_site(&slow, &tracked());
     let shot = opened(&folder);
-    let found = analysed_by_tier(&shot, 2);
-    println!("{}", found.findings);
-    assert!(found.track.is_some() || refusal(&found).is_some());
-    assert_poses_no_worse(&shot, &true_track(&folder), &found);
+    let analysis = analysed_by_tier(&shot, 2);
+    println!("{}", analysis.findings);
+    assert!(analysis.track.is_some() || refusal(&analysis).is_some());
+    assert_poses_no_worse(&shot, &true_track(&folder), &analysis);
     // 16.67 ms at 8 frames a second, or none.
-    assert_exposure(&found, 1.0 / 60.0);
+    assert_exposure(&analysis, 1.0 / 60.0);
     // A field of view too wide for any plane in front of the camera.
     let wide = write_site(&Options { focal_px: fast_or_full(55.0, 110.0), frames: 6, ..fisheye }, &tracked());
-    let found = analysed_by_tier(&opened(&wide), 2);
-    println!("{}", found.findings);
-    assert!(refusal(&found).unwrap().contains("plane"), "{:?}", refusal(&found));
+    let analysis = analysed_by_tier(&opened(&wide), 2);
+    println!("{}", analysis.findings);
+    assert!(refusal(&analysis).unwrap().contains("plane"), "{:?}", refusal(&analysis));
 }
 
 // Slow: a simulated site, analysed with three units of depth.
@@ -352,9 +352,13 @@ fn unobservable_quantities_are_refused_with_a_reason() {
     for factor in [1000.0, 5.0, 0.1] {
         edit(&folder, "recording.toml", &before, &scale(factor));
         before = scale(factor);
-        let found = analysed_by_tier(&opened(&folder), 2);
-        println!("{factor}: {}", found.findings);
-        assert!(refusal(&found).is_some_and(|why| why.contains("the depth unit")), "{factor}: {:?}", refusal(&found));
+        let analysis = analysed_by_tier(&opened(&folder), 2);
+        println!("{factor}: {}", analysis.findings);
+        assert!(
+            refusal(&analysis).is_some_and(|why| why.contains("the depth unit")),
+            "{factor}: {:?}",
+            refusal(&analysis)
+        );
     }
     let clipped = if is_full() {
         write_site(&Options { gain: 100.0, ..small(12) }, &tracked())
@@ -363,15 +367,15 @@ fn unobservable_quantities_are_refused_with_a_reason() {
         relight(&folder, |_, _| [100.0; 3]);
         folder
     };
-    let found = analysed_by_tier(&opened(&clipped), 2);
-    println!("{}", found.findings);
-    assert!(refusal(&found).unwrap().contains("pixels are clipped"), "{:?}", refusal(&found));
-    assert!(found.gains.is_empty());
+    let analysis = analysed_by_tier(&opened(&clipped), 2);
+    println!("{}", analysis.findings);
+    assert!(refusal(&analysis).unwrap().contains("pixels are clipped"), "{:?}", refusal(&analysis));
+    assert!(analysis.gains.is_empty());
     // 115° from frame to frame.
     let apart = write_site(&Options { motion: Motion::Pan, speed: 20.0, fps: 10.0, ..smaller(12) }, &tracked());
-    let found = analysed_by_tier(&opened(&apart), 2);
-    println!("{}", found.findings);
-    assert!(refusal(&found).unwrap().contains("do not overlap"), "{:?}", refusal(&found));
+    let analysis = analysed_by_tier(&opened(&apart), 2);
+    println!("{}", analysis.findings);
+    assert!(refusal(&analysis).unwrap().contains("do not overlap"), "{:?}", refusal(&analysis));
 }
 
 /// Multiplies the light of each picture by a factor per colour that depends on the frame and on the
@@ -411,21 +415,21 @@ fn frame_gain_matches_the_applied_factor() {
     let times_s = opened(&folder).recording.timestamps_s.to_vec();
     let gain = |n: usize| flaws.gains(times_s[n]).map(|gain| 1.5 * gain);
     relight(&folder, |n, _| gain(n));
-    let found = analysed_by_tier(&opened(&folder), 2);
-    println!("{}", found.findings);
+    let analysis = analysed_by_tier(&opened(&folder), 2);
+    println!("{}", analysis.findings);
     let stops = (0..24).map(|n| gain(n)[1].log2());
     let range_ev = stops.clone().fold(f64::MIN, f64::max) - stops.fold(f64::MAX, f64::min);
-    let gained = found.findings.gain.as_ref().unwrap();
+    let gained = analysis.findings.gain.as_ref().unwrap();
     assert!(range_ev > 1.0 && gained.is_followed && (gained.range_ev - range_ev).abs() < 0.1, "{range_ev} {gained:?}");
     assert!(gained.left <= 0.007, "{gained:?}");
-    let tone = found.findings.tone.as_ref().unwrap();
+    let tone = analysis.findings.tone.as_ref().unwrap();
     assert!(!tone.bands.is_empty() && !tone.differs(), "{tone:?}");
     let wrong = analysed_by_tier(&opened_with(&folder, "camera.response.curve=linear"), 2);
     let tone = wrong.findings.tone.as_ref().unwrap();
     println!("{}", wrong.findings);
     assert!(tone.differs() && tone.bands[0].slope > 1.1, "{tone:?}");
     for channel in 0..3 {
-        let off: Vec<f64> = (0..24).map(|n| (found.gains[n][channel] / gain(n)[channel]).ln()).collect();
+        let off: Vec<f64> = (0..24).map(|n| (analysis.gains[n][channel] / gain(n)[channel]).ln()).collect();
         // Gains are relative to the median frame.
         let mean = off.iter().sum::<f64>() / off.len() as f64;
         let rms = (off.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / off.len() as f64).sqrt();
@@ -443,9 +447,9 @@ fn spatial_gain_is_followed_where_it_varies() {
             let swing = (0.5 * n as f64).sin();
             [(0.17 * (0.3 * n as f64).cos() + slope * swing * (at.x - 0.5)).exp(); 3]
         });
-        let found = analysed_by_tier(&opened(&folder), 2);
-        println!("{}", found.findings);
-        found
+        let analysis = analysed_by_tier(&opened(&folder), 2);
+        println!("{}", analysis.findings);
+        analysis
     };
     let (even, toned) = (of(0.0), of(0.25));
     let fitted = [&even, &toned].map(|found| found.findings.across.unwrap());
@@ -481,12 +485,12 @@ fn late_depth_and_repeated_pictures_in_the_demonstration_are_found() {
     }
     write("rgb.txt", &rgb);
     let shot = opened(&folder);
-    let found = analysed_by_tier(&shot, 2);
-    println!("{}", found.findings);
-    let registered = &found.findings.registration;
+    let analysis = analysed_by_tier(&shot, 2);
+    println!("{}", analysis.findings);
+    let registered = &analysis.findings.registration;
     let sigma_s = registered.depth_later_sigma_s.unwrap();
     assert!(sigma_s < 0.005 && (registered.depth_later_s - 1.0 / 30.0).abs() <= 2.0 * sigma_s, "{registered:?}");
-    let track = found.track.as_ref().unwrap();
+    let track = analysis.track.as_ref().unwrap();
     let at = |n: usize| track.at(shot.recording.timestamps_s[n]).unwrap();
     for n in repeats {
         assert!((at(n).position_in_world_m() - at(n - 1).position_in_world_m()).length() < 1e-9, "{n}");
@@ -517,10 +521,10 @@ fn person_in_front_of_the_demonstration_makes_nothing_worse() {
         depth.save(folder.path().join(&name)).unwrap();
     }
     let shot = opened(&folder);
-    let found = analysed_by_tier(&shot, 2);
-    println!("{}", found.findings);
-    assert!(found.track.is_some());
-    assert_poses_no_worse(&shot, &demo_track(), &found);
+    let analysis = analysed_by_tier(&shot, 2);
+    println!("{}", analysis.findings);
+    assert!(analysis.track.is_some());
+    assert_poses_no_worse(&shot, &demo_track(), &analysis);
 }
 
 /// A quarter of the full size in both tiers: at 640×480 the swap is taken for a motion
@@ -533,10 +537,10 @@ fn demonstration_pictures_in_the_wrong_order_make_nothing_worse() {
     fs::write(&pictures[7], second).unwrap();
     fs::write(&pictures[10], first).unwrap();
     let shot = opened(&folder);
-    let found = analysed_by_tier(&shot, 2);
-    println!("{}", found.findings);
-    assert!(refusal(&found).is_none() && found.findings.gain.is_some());
-    assert_poses_no_worse(&shot, &demo_track(), &found);
+    let analysis = analysed_by_tier(&shot, 2);
+    println!("{}", analysis.findings);
+    assert!(refusal(&analysis).is_none() && analysis.findings.gain.is_some());
+    assert_poses_no_worse(&shot, &demo_track(), &analysis);
     // A code and a half at most.
-    assert!(found.gains.iter().flatten().all(|gain| gain.ln().abs() < 0.02), "{:?}", found.gains);
+    assert!(analysis.gains.iter().flatten().all(|gain| gain.ln().abs() < 0.02), "{:?}", analysis.gains);
 }

@@ -46,10 +46,10 @@ fn light_of_simulated_sites_is_found_with_lamps_out_of_view() {
         let folder = tempfile::tempdir().unwrap();
         let on = &mut |_, _| ControlFlow::Continue(());
         run(&folder.path().join("site"), &options, &Flaws::default(), false, on).unwrap();
-        let found = analysed(&opened(&folder), 2);
-        let light = found.findings.light.as_ref().unwrap();
+        let analysis = analysed(&opened(&folder), 2);
+        let light = analysis.findings.light.as_ref().unwrap();
         let simulation = Simulation::new(&options).unwrap();
-        println!("site {site}: {}", found.findings);
+        println!("site {site}: {}", analysis.findings);
         check_light(light, &simulation, most_deg, within);
     }
 }
@@ -70,7 +70,7 @@ fn check_light(light: &LightFindings, simulation: &Simulation, most_deg: f64, wi
     assert!(low * white < truth && truth < high * white, "{truth} not within {low} to {high} times {white}");
     assert!(off_deg < most_deg, "{off_deg}");
     // The panorama's centre is above most of the observed points.
-    assert!(light.seen.unwrap() > 0.3 && light.seen_above.unwrap() > 0.0, "{light:?}");
+    assert!(light.seen_share.unwrap() > 0.3 && light.seen_above_share.unwrap() > 0.0, "{light:?}");
 }
 
 /// Contribution of an unoccluded lamp to the light on white facing up.
@@ -108,8 +108,8 @@ fn scene_without_light_uses_the_estimated_one_and_keeps_its_own_otherwise() {
     };
     let (bare, own) = (written("bare.toml", ""), written("own.toml", "\n[light]\nambient = 0.25\n"));
     let lit = |scene: &Path, analysis: AnalysisChoice| {
-        let given = ShotOptions { scene: Some(scene.to_owned()), analysis, ..ShotOptions::default() };
-        Shot::open(&site, &OpenOptions::default(), &given).unwrap()
+        let options = ShotOptions { scene: Some(scene.to_owned()), analysis, ..ShotOptions::default() };
+        Shot::open(&site, &OpenOptions::default(), &options).unwrap()
     };
     let taken = lit(&bare, AnalysisChoice::Beside);
     let lighting = &taken.scene.lighting;
@@ -169,8 +169,8 @@ fn light_estimated_with_another_up_is_ignored_and_the_rest_is_used() {
     let notes: Vec<String> = shot.stale_estimates().iter().map(ToString::to_string).collect();
     assert!(notes.len() == 1 && notes[0].contains("light left out, found with another up"), "{notes:?}");
     assert!(notes[0].contains("analyse the recording again"), "{notes:?}");
-    let found = found.findings;
-    assert_eq!((&used.gain, &used.spread, &used.shutter), (&found.gain, &found.spread, &found.shutter));
+    let findings = found.findings;
+    assert_eq!((&used.gain, &used.spread, &used.shutter), (&findings.gain, &findings.spread, &findings.shutter));
     assert!(used.light.as_ref().unwrap().panorama.is_none());
     assert_eq!(shot.scene.lighting.points.len(), 0);
     let scene = folder.path().join("light.toml");
@@ -183,9 +183,9 @@ fn analysed_demo() -> (tempfile::TempDir, Analysis) {
     let folder = demo(13, &Flaws::default());
     let made = fixture::once("demo-analysed", &["recordings/demo"], 13, |to| {
         let shot = opened(&folder);
-        let found = analysed(&shot, 2);
-        found.write(&to.join("site.analysis"), &shot.recording).unwrap();
-        assert!(Analysis::read(&to.join("site.analysis")).unwrap() == found);
+        let analysis = analysed(&shot, 2);
+        analysis.write(&to.join("site.analysis"), &shot.recording).unwrap();
+        assert!(Analysis::read(&to.join("site.analysis")).unwrap() == analysis);
     });
     let analysis = folder.path().join("site.analysis");
     // The one whole analysis of the fast tier: others leave out light and examples.
@@ -259,17 +259,17 @@ fn assert_white_paper_correction(folder: &tempfile::TempDir, found: &Analysis) {
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let (site, new) = (at("site"), at("light.toml"));
     let written = || scene::document::read(Path::new(&new)).unwrap().value().light.clone();
-    let asked = |more: &[&str]| stdout_of(&[&["light", &site, "-o", &new, "--force"], more].concat());
+    let light_command = |more: &[&str]| stdout_of(&[&["light", &site, "-o", &new, "--force"], more].concat());
     let denied = |more: &[&str]| refused(&[&["light", &site, "-o", &new, "--force"], more].concat());
 
     // The paper on the floor, beside its title.
-    let stdout = asked(&["--white", "6:267,139"]);
+    let stdout = light_command(&["--white", "6:267,139"]);
     let (table, simulation) = (written(), Simulation::new(&Options::default()).unwrap());
     let factor = table.environment_intensity.unwrap();
     assert!(table.lamp.iter().all(|lamp| lamp.intensity == Some(factor)), "{table:?}");
     // With half of the reflectance the light doubles; with almost none the correction is refused.
     if is_full() {
-        asked(&["--white", "6:267,139=0.4"]);
+        light_command(&["--white", "6:267,139=0.4"]);
         let doubled = written().environment_intensity.unwrap();
         assert!((doubled / factor - 2.0).abs() < 1e-3, "{doubled} {factor}");
         let black = denied(&["--white", "6:267,139=0.02"]);
@@ -301,11 +301,11 @@ fn assert_lamp_and_panorama_corrections(folder: &tempfile::TempDir, found: &Anal
     let (site, new) = (at("site"), at("light.toml"));
     let written = || scene::document::read(Path::new(&new)).unwrap().value().light.clone();
     let with = |more: &[&str]| [&["light", &site, "-o", &new, "--force"], more].concat().join("\n");
-    let asked = |more: &[&str]| stdout_of(&with(more).split('\n').collect::<Vec<_>>());
+    let light_command = |more: &[&str]| stdout_of(&with(more).split('\n').collect::<Vec<_>>());
     let denied = |more: &[&str]| refused(&with(more).split('\n').collect::<Vec<_>>());
 
     // By its distance along the ray. The real lamp stays; this one is not real, and dim beside it.
-    let stdout = asked(&["--lamp", "6:320,10,1.5"]);
+    let stdout = light_command(&["--lamp", "6:320,10,1.5"]);
     let lamps = written().lamp;
     let place = opened(folder).posed_camera(6).unwrap().ray(glam::DVec2::new(320.0, 10.0)).unwrap().at(1.5);
     assert!(DVec3::from(lamps[0].at_m).distance(place) < 1e-3, "{lamps:?} {place}\n{stdout}");
@@ -317,7 +317,7 @@ fn assert_lamp_and_panorama_corrections(folder: &tempfile::TempDir, found: &Anal
     assert!(bounced.len() == 1 && DVec3::from(bounced[0].at_m).distance(real) < 1e-3, "{lamps:?}");
     assert!(color(bulbs[1]) > 3.0 * color(bulbs[0]), "{lamps:?}");
     // By depth, and by two frames; nonsense is refused.
-    asked(&["--lamp", "6:240,58"]);
+    light_command(&["--lamp", "6:240,58"]);
     let by_depth = DVec3::from(written().lamp[0].at_m);
     assert!((by_depth.y - 0.99).abs() < 0.03 && (by_depth.z - 0.3).abs() < 0.1, "the socket: {by_depth}");
     let four = ["--lamp", "6:1,1,1", "--lamp", "6:1,1,1", "--lamp", "6:1,1,1", "--lamp", "6:1,1,1"];
@@ -326,14 +326,14 @@ fn assert_lamp_and_panorama_corrections(folder: &tempfile::TempDir, found: &Anal
 
     // A user's panorama replaces the estimated one and its lamps, at the same brightness.
     let sky = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/demo-light.hdr");
-    let stdout = asked(&["--environment", sky.to_str().unwrap(), "--turn", "30"]);
+    let stdout = light_command(&["--environment", sky.to_str().unwrap(), "--turn", "30"]);
     let table = written();
     assert!(stdout.contains("panorama") && stdout.contains("as bright as") && !stdout.contains("lamp "), "{stdout}");
     assert!(table.environment.as_ref().is_some_and(|name| name.ends_with("demo-light.hdr")), "{table:?}");
     assert_eq!((table.environment_rotation_deg, table.lamp.len()), (Some(30.0), 0));
     // White paper sets the intensity by the same key.
     let intensity = table.environment_intensity.unwrap();
-    let stdout = asked(&["--environment", sky.to_str().unwrap(), "--turn", "30", "--white", "6:267,139"]);
+    let stdout = light_command(&["--environment", sky.to_str().unwrap(), "--turn", "30", "--white", "6:267,139"]);
     let tint = glam::Vec3::from(written().environment_color.unwrap());
     assert!(
         (tint.to_array().into_iter().product::<f32>() - 1.0).abs() < 1e-3 && tint != glam::Vec3::ONE,

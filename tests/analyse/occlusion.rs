@@ -108,8 +108,8 @@ fn edge_distance_px(hidden: &[f64], light: &[f64], at: DVec2, normal: DVec2) -> 
     let near = ((REACH_PX - 6.0) / STEP_PX) as usize..=((REACH_PX + 6.0) / STEP_PX) as usize;
     let largest = near.max_by(|a, b| step(*a).abs().total_cmp(&step(*b).abs()))?;
     let half = 0.5 * (mean(&light[largest..largest + side]) + mean(&light[largest - side..largest]));
-    let seen = crossing_near(&light, half, largest as f64).filter(|_| step(largest).abs() > 0.15)?;
-    Some(STEP_PX * (crossing_near(&hidden, 0.5, seen)? - seen))
+    let edge_step = crossing_near(&light, half, largest as f64).filter(|_| step(largest).abs() > 0.15)?;
+    Some(STEP_PX * (crossing_near(&hidden, 0.5, edge_step)? - edge_step))
 }
 
 /// The black screen without its border: a plane through a point with a normal, and a rectangle of y
@@ -197,10 +197,10 @@ fn occlusion_ends_at_the_edge_of_a_screen_with_sparse_depth() {
         let (hidden, light) = occlusion_and_light(&shot, frame);
         let pose = seen_from(&shot, frame);
         let geometry = shot.geometry_at(frame).unwrap();
-        let seen = |n: usize| geometry.project(pose.transform_point(place(n))).unwrap();
-        let normal = (seen(EDGE_SAMPLES - 1) - seen(0)).normalize().perp();
+        let projected = |n: usize| geometry.project(pose.transform_point(place(n))).unwrap();
+        let normal = (projected(EDGE_SAMPLES - 1) - projected(0)).normalize().perp();
         for (n, off) in off.iter_mut().enumerate() {
-            off.extend(edge_distance_px(&hidden, &light, seen(n), normal));
+            off.extend(edge_distance_px(&hidden, &light, projected(n), normal));
         }
     }
     let mut all: Vec<f64> = off.iter().flatten().map(|off| off.abs()).collect();

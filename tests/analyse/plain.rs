@@ -54,12 +54,12 @@ fn reverse_poses(folder: &tempfile::TempDir) {
 fn poses_over_plain_concrete_are_refined() {
     let folder = concrete();
     let shot = opened(&folder);
-    let found = analysed_by_tier(&shot, 2);
-    println!("{}", found.findings);
-    let registered = &found.findings.registration;
+    let analysis = analysed_by_tier(&shot, 2);
+    println!("{}", analysis.findings);
+    let registered = &analysis.findings.registration;
     assert_eq!(registered.poses, "refined", "{registered:?}");
     let truth = true_track(&folder);
-    let [recorded, refined] = [&shot.recording.track, found.track.as_ref().unwrap()]
+    let [recorded, refined] = [&shot.recording.track, analysis.track.as_ref().unwrap()]
         .map(|track| median_and_p90(&pair_errors_px(&shot, &truth, track, 3)));
     println!("gap 3: recorded {recorded:.2?} px, refined {refined:.3?} px");
     assert!(refined.0 < fast_or_full(0.3, 0.4) && refined.0 < 0.5 * recorded.0, "{recorded:?} {refined:?}");
@@ -70,9 +70,9 @@ fn poses_over_plain_concrete_are_refined() {
 fn poses_of_another_path_over_plain_concrete_are_refused() {
     let folder = concrete();
     reverse_poses(&folder);
-    let found = analysed_by_tier(&opened(&folder), 2);
-    println!("{}", found.findings);
-    assert!(found.track.is_none() && found.gains.is_empty(), "{:?}", found.gains);
+    let analysis = analysed_by_tier(&opened(&folder), 2);
+    println!("{}", analysis.findings);
+    assert!(analysis.track.is_none() && analysis.gains.is_empty(), "{:?}", analysis.gains);
 }
 
 /// Multiplies the light of each frame's picture.
@@ -110,12 +110,12 @@ fn gain_is_followed_by_refused_poses_of_sufficient_accuracy() {
     let folder = demo_by_tier(20, &Flaws { hand_eye_mm: 160.0, ..Flaws::default() }, 4);
     relight(&folder, jumps);
     let shot = opened(&folder);
-    let found = analysed_by_tier(&shot, 2);
-    println!("{}", found.findings);
-    assert!(found.findings.registration.is_refused() && found.track.is_none());
-    assert!(found.findings.gain.as_ref().unwrap().is_followed);
-    assert!(gain_error_ln(&found) < 0.02, "{} {:?}", gain_error_ln(&found), found.gains);
-    assert!(!found.refinement(Some(0.1)).seen.is_empty());
+    let analysis = analysed_by_tier(&shot, 2);
+    println!("{}", analysis.findings);
+    assert!(analysis.findings.registration.is_refused() && analysis.track.is_none());
+    assert!(analysis.findings.gain.as_ref().unwrap().is_followed);
+    assert!(gain_error_ln(&analysis) < 0.02, "{} {:?}", gain_error_ln(&analysis), analysis.gains);
+    assert!(!analysis.refinement(Some(0.1)).brightness.is_empty());
 }
 
 /// Steady light first, then light that jumps.
@@ -128,12 +128,12 @@ fn gain_by_poses_of_another_recording_is_followed_only_if_large() {
     println!("{}", steady.findings);
     assert!(steady.track.is_none() && steady.gains.is_empty() && steady.findings.gain.is_none());
     relight(&folder, jumps);
-    let found = analysed_by_tier(&opened(&folder), 2);
-    println!("{}", found.findings);
-    assert!(found.track.is_none());
+    let analysis = analysed_by_tier(&opened(&folder), 2);
+    println!("{}", analysis.findings);
+    assert!(analysis.track.is_none());
     // Of ln 0.18, the RMS difference of the exposures.
-    assert!(found.gains.is_empty() || gain_error_ln(&found) < 0.03, "{:?}", found.gains);
-    let light = found.findings.light.as_ref().unwrap();
+    assert!(analysis.gains.is_empty() || gain_error_ln(&analysis) < 0.03, "{:?}", analysis.gains);
+    let light = analysis.findings.light.as_ref().unwrap();
     assert_eq!(light.why.as_deref(), Some("the camera's poses are unknown"));
 }
 
@@ -141,7 +141,7 @@ fn gain_by_poses_of_another_recording_is_followed_only_if_large() {
 #[ignore = "full tier: the search for lamps; gain_is_followed_by_refused_poses_of_sufficient_accuracy is its small form"]
 fn light_is_found_by_refused_poses_of_sufficient_accuracy() {
     let folder = demo_by_tier(20, &Flaws { hand_eye_mm: 160.0, ..Flaws::default() }, 4);
-    let found = analysed(&opened(&folder), 2);
-    println!("{}", found.findings);
-    assert!(found.findings.registration.is_refused() && found.lighting().is_some());
+    let analysis = analysed(&opened(&folder), 2);
+    println!("{}", analysis.findings);
+    assert!(analysis.findings.registration.is_refused() && analysis.lighting().is_some());
 }

@@ -29,21 +29,21 @@ fn twin_displacements((twin, readout_time_s): (&str, f64), frames: std::ops::Ran
         let real = shot.read(done.frame).unwrap().pixels;
         let layer = done.layer.unwrap();
         let mask: Vec<bool> = layer.rgba.iter().map(|p| p[3] > 0.999).collect();
-        let found = displacements(
+        let displacements = displacements(
             &GreyImage::luma_709(&real),
             &GreyImage::luma_709(&done.pixels),
             Some(&mask),
             &DisplacementOptions { patch_px: PATCH_PX, step_px: PATCH_PX / 2, ..Default::default() },
         )
         .unwrap();
-        assert!(found.patches.len() > 5, "{} patches", found.patches.len());
+        assert!(displacements.patches.len() > 5, "{} patches", displacements.patches.len());
         println!(
             "frame {}: median {:.3} px of {} patches",
             done.frame,
-            found.median_length_px().unwrap(),
-            found.patches.len()
+            displacements.median_length_px().unwrap(),
+            displacements.patches.len()
         );
-        lengths.extend(found.patches.iter().map(|p| p.displacement_px[0].hypot(p.displacement_px[1])));
+        lengths.extend(displacements.patches.iter().map(|p| p.displacement_px[0].hypot(p.displacement_px[1])));
     }
     Some(lengths)
 }

@@ -71,28 +71,32 @@ fn report_shows_the_findings_and_the_profile_accepts_the_camera_values() {
     assert!(found.contains("refined"), "{stdout}");
 
     let html = std::fs::read_to_string(&page).unwrap();
-    let seen = parsed(&html);
+    let page_content = parsed(&html);
     for line in found.lines() {
-        assert!(seen.text.contains(line[11..].trim()), "{line}");
+        assert!(page_content.text.contains(line[11..].trim()), "{line}");
     }
-    assert!(seen.text.contains("<script>&'") && seen.text.contains("a<b>&\"c"), "{}", seen.text);
-    assert!(!seen.elements.iter().any(|name| name == "script" || name == "b>"));
+    assert!(
+        page_content.text.contains("<script>&'") && page_content.text.contains("a<b>&\"c"),
+        "{}",
+        page_content.text
+    );
+    assert!(!page_content.elements.iter().any(|name| name == "script" || name == "b>"));
     assert!(
         !html.contains("http://")
             || html.matches("http://").count() == html.matches("http://www.w3.org/2000/svg").count()
     );
     // Poses and links, and the strip above and below. Light is steady in it.
-    assert!(seen.elements.iter().filter(|name| *name == "svg").count() >= 4, "{:?}", seen.elements);
-    assert!(seen.pictures.len() >= 8, "{}", seen.pictures.len());
+    assert!(page_content.elements.iter().filter(|name| *name == "svg").count() >= 4, "{:?}", page_content.elements);
+    assert!(page_content.pictures.len() >= 8, "{}", page_content.pictures.len());
     // Edges are shown larger than the tracked point, and above and below too; the room's light all
     // around.
     let [followed, edges, light] = [(128, 128), (320, 320), (768, 384)]
-        .map(|size| seen.pictures.iter().filter(|p| p.dimensions() == size).count());
+        .map(|size| page_content.pictures.iter().filter(|p| p.dimensions() == size).count());
     assert!(
         followed.is_multiple_of(2) && edges >= 4 && edges.is_multiple_of(2) && light == 1,
         "{followed} {edges} {light}"
     );
-    assert_eq!(followed + edges + light, seen.pictures.len());
+    assert_eq!(followed + edges + light, page_content.pictures.len());
     for title in [
         "The light of the room",
         "Edges of the room",
@@ -101,9 +105,9 @@ fn report_shows_the_findings_and_the_profile_accepts_the_camera_values() {
         "Response of codes to \
                                                                                               light",
     ] {
-        assert!(seen.text.contains(title), "{title}");
+        assert!(page_content.text.contains(title), "{title}");
     }
-    assert!(seen.text.contains("Left out: ") && seen.text.contains("Time by part"));
+    assert!(page_content.text.contains("Left out: ") && page_content.text.contains("Time by part"));
 
     // For an existing analysis the same page again, with the stored running time; without it if
     // that was deleted.
@@ -134,8 +138,8 @@ fn report_shows_the_findings_and_the_profile_accepts_the_camera_values() {
     assert_eq!(std::fs::read_to_string(&profile).unwrap(), written);
     // A new profile starts as a copy.
     let new = folder.path().join("new.toml");
-    let given = ShotOptions { profile: Some(profile.clone()), ..ShotOptions::default() };
-    let shot = Shot::open(Path::new(site), &OpenOptions::default(), &given).unwrap();
+    let options = ShotOptions { profile: Some(profile.clone()), ..ShotOptions::default() };
+    let shot = Shot::open(Path::new(site), &OpenOptions::default(), &options).unwrap();
     leave_out_light_by_tier(&shot, &folder.path().join("a<b>&\"c.analysis"));
     stdout_of(&["analyse", site, "--profile", profile_at, "--accept", new.to_str().unwrap()]);
     assert_eq!(std::fs::read_to_string(&new).unwrap(), written);
@@ -152,12 +156,12 @@ fn unavailable_findings_are_left_out_with_a_reason() {
     let [page, profile] = ["page.html", "mine.toml"].map(|name| folder.path().join(name));
     let [site, page_at, profile_at] = [&site, &page, &profile].map(|path| path.to_str().unwrap());
     let stdout = stdout_of(&["analyse", site, "--report", page_at, "--accept", profile_at]);
-    let seen = parsed(&std::fs::read_to_string(&page).unwrap());
-    assert!(seen.pictures.is_empty() && !seen.elements.contains(&"svg".to_owned()));
+    let page_content = parsed(&std::fs::read_to_string(&page).unwrap());
+    assert!(page_content.pictures.is_empty() && !page_content.elements.contains(&"svg".to_owned()));
     for why in ["poses are as recorded: there is no depth", "so no place of the room can be followed"] {
-        assert!(seen.text.contains(why), "{why}: {}", seen.text);
+        assert!(page_content.text.contains(why), "{why}: {}", page_content.text);
     }
-    assert!(seen.text.contains("poses kept: there is no depth"), "{}", seen.text);
+    assert!(page_content.text.contains("poses kept: there is no depth"), "{}", page_content.text);
     // Nothing was found, so nothing is written.
     assert_eq!(stdout.matches(" stays: ").count(), 3, "{stdout}");
     assert!(!profile.exists());

@@ -81,8 +81,8 @@ fn corner_is_rendered_where_it_projects() {
         for texel in [(24.0, 24.0), (40.0, 32.0), (32.0, 48.0)] {
             let point = board().point_at_texel(texel.into());
             let expected = project(&simulation, snapshot.timestamp_s, point);
-            let found = corner_near(&picture, expected);
-            assert!((found - expected).length() < 0.05, "{later_s} {texel:?}: {found} is not {expected}");
+            let corner = corner_near(&picture, expected);
+            assert!((corner - expected).length() < 0.05, "{later_s} {texel:?}: {corner} is not {expected}");
             // The pixel's centre is not the corner: the board is slanted, 1 px of it is 3 mm.
             let depth_m = picture.depth_m[expected.y as usize * 720 + expected.x as usize];
             let pose = simulation.track().at(snapshot.timestamp_s).unwrap();
@@ -150,8 +150,8 @@ fn blur_is_velocity_times_exposure() {
             board().point_at_texel(DVec2::new(32.0, 32.0)),
         )) / 8.0;
         let (_, variance) = edge(&picture, row, near, 10);
-        let found = (12.0 * variance - 2.0 - scale * scale).sqrt();
-        assert!(way > 8.0 && (found - way).abs() < 0.3, "row {row}: {found} px is not {way} px");
+        let blur_px = (12.0 * variance - 2.0 - scale * scale).sqrt();
+        assert!(way > 8.0 && (blur_px - way).abs() < 0.3, "row {row}: {blur_px} px is not {way} px");
     }
 }
 

@@ -174,22 +174,22 @@ fn kinect_depth_has_the_sensor_errors_and_the_truth_is_written() {
         assert!(apart <= Some(1), "the truth is that of a recording without flaws");
         let rgb = format!("rgb/{n:05}.png");
         assert!(fs::read(flawed.join(&rgb)).unwrap() == fs::read(plain.join(&rgb)).unwrap());
-        let found = depth_of(&flawed, &name);
-        assert!(n == 0 || found != depth_of(&flawed, "depth/00000.png"), "each frame has its own");
-        assert!(n == 2 || found == depth_of(&again, &name), "whichever others are made");
+        let depth = depth_of(&flawed, &name);
+        assert!(n == 0 || depth != depth_of(&flawed, "depth/00000.png"), "each frame has its own");
+        assert!(n == 2 || depth == depth_of(&again, &name), "whichever others are made");
         let (mut holes, mut off) = (0, Vec::new());
-        for (found, exact) in found.iter().zip(exact) {
-            let [found, exact] = [*found, exact].map(|code| f64::from(code) / 10_000.0);
-            if found == 0.0 {
+        for (depth, exact) in depth.iter().zip(exact) {
+            let [depth, exact] = [*depth, exact].map(|code| f64::from(code) / 10_000.0);
+            if depth == 0.0 {
                 holes += 1;
             } else {
-                let steps = found.recip() / 2.87e-3;
+                let steps = depth.recip() / 2.87e-3;
                 // Half a code.
                 assert!(
-                    (steps - steps.round()).abs() < 0.6e-4 / (found * found * 2.87e-3) + 1e-3,
-                    "{found} m: {steps}"
+                    (steps - steps.round()).abs() < 0.6e-4 / (depth * depth * 2.87e-3) + 1e-3,
+                    "{depth} m: {steps}"
                 );
-                off.push((found.recip() - exact.recip()).abs());
+                off.push((depth.recip() - exact.recip()).abs());
             }
         }
         off.sort_by(f64::total_cmp);

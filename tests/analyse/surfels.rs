@@ -25,14 +25,14 @@ fn hand_in_a_few_frames_is_excluded_from_the_fused_surfaces() {
         depth.save(&file).unwrap();
     }
     let shot = opened(&folder);
-    let found = analysed_by_tier(&shot, 2);
-    println!("{}", found.findings);
-    let surfels = found.refinement(None).surfels;
+    let analysis = analysed_by_tier(&shot, 2);
+    println!("{}", analysis.findings);
+    let surfels = analysis.refinement(None).surfels;
     let camera = shot.recording.pose_at_frame(WITH_HAND.start + 1).unwrap();
     let near =
         surfels.iter().filter(|s| (0.0..HAND_M + 0.1).contains(&camera.transform_point(s.position_m.as_dvec3()).z));
     assert!(surfels.len() > 1000 && near.count() == 0, "{} surfels", surfels.len());
     // With the analysis beside the recording, its frames include the surfels.
-    found.write(&folder.path().join("site.analysis"), &shot.recording).unwrap();
+    analysis.write(&folder.path().join("site.analysis"), &shot.recording).unwrap();
     assert!(shot.read(2).unwrap().surfels.is_empty() && opened(&folder).read(2).unwrap().surfels == surfels);
 }

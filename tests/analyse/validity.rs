@@ -78,8 +78,8 @@ fn analysis_of_a_model_is_valid_for_any_unit_length() {
     // A scene may set the unit, and the window analyses with it.
     let scene = temp.path().join("scene.toml");
     fs::write(&scene, format!("version = 1\nmetres_per_unit = {UNIT_M}\n")).unwrap();
-    let given = ShotOptions { scene: Some(scene), ..ShotOptions::default() };
-    let by_scene = Shot::open(&site, &OpenOptions::default(), &given).unwrap();
+    let options = ShotOptions { scene: Some(scene), ..ShotOptions::default() };
+    let by_scene = Shot::open(&site, &OpenOptions::default(), &options).unwrap();
     assert_eq!([&by_scene, &by_scene.as_recorded()].map(|shot| shot.recording.metres_per_unit), [UNIT_M; 2]);
     assert!(by_scene.stale_estimates().is_empty(), "{:?}", by_scene.stale_estimates());
     // Another pose makes another recording.

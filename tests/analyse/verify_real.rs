@@ -24,16 +24,16 @@ fn lines(arguments: &[&str]) -> Vec<Line> {
             .map_or(f64::NAN, |(_, value)| value.split(' ').next().unwrap().parse().unwrap_or(f64::NAN)),
         verdict: line.rsplit(": ").next().unwrap().to_owned(),
     };
-    let found: Vec<Line> = text
+    let lines: Vec<Line> = text
         .lines()
         .filter(|line| !["pairs", "noise", " "].iter().any(|start| line.starts_with(start)))
         .map(line)
         .collect();
-    let names: Vec<&str> = found.iter().map(|line| line.name.as_str()).collect();
+    let names: Vec<&str> = lines.iter().map(|line| line.name.as_str()).collect();
     assert_eq!(names, ["registration", "gain", "blur", "sharpness", "slide", "worse"], "{text}");
-    let is_well = found.iter().all(|line| line.verdict != "FAIL");
+    let is_well = lines.iter().all(|line| line.verdict != "FAIL");
     assert_eq!(output.status.success(), is_well, "{text}");
-    found
+    lines
 }
 
 #[test]
@@ -48,10 +48,10 @@ fn kinect_footage_passes_and_each_fault_fails_its_own_line() {
     let by = ["--analysis", analysis.as_str()];
     let verified =
         |more: &[&str]| lines(&[&["verify", folder.as_str(), "--every", "60"], &profile[..], &by[..], more].concat());
-    let found = verified(&[]);
-    assert!(found.iter().all(|line| line.verdict == "pass"));
+    let report = verified(&[]);
+    assert!(report.iter().all(|line| line.verdict == "pass"));
     // With the recorded poses and gain off, evidence is displaced and differs in brightness.
-    let of = |name: &str| found.iter().find(|line| line.name == name).unwrap().recorded;
+    let of = |name: &str| report.iter().find(|line| line.name == name).unwrap().recorded;
     assert!(of("registration") > 0.7 && of("gain") > 1.5 && (0.8..1.25).contains(&of("blur")) && of("slide") > 1.0);
     // Half a stop too bright; an exposure time longer than the real one; a lens softer than the
     // real one; refined poses that sway by 3 cm, 5 times a second.

@@ -52,9 +52,9 @@ fn turn_poses(folder: &tempfile::TempDir, by_px: f64) {
 
 fn displaced(folder: &tempfile::TempDir) -> DisplacementSummary {
     let gpu = gpu();
-    let found = verify(&gpu, &opened(folder), VerificationPlan { every: GAP, gap: GAP }, |_, _| {}).unwrap();
-    println!("{:?}", found.displaced);
-    found.displaced.unwrap()
+    let verification = verify(&gpu, &opened(folder), VerificationPlan { every: GAP, gap: GAP }, |_, _| {}).unwrap();
+    println!("{:?}", verification.displaced);
+    verification.displaced.unwrap()
 }
 
 // Slow: frames are rendered as objects, and a simulated site is lit.

@@ -169,16 +169,16 @@ fn camera_is_recovered_from_simulated_photographs() {
             let mut views = Vec::new();
             for (n, stand) in stands(&camera.geometry, 16, 11 + seed).iter().enumerate() {
                 let picture = camera.photograph(stand, 2.0, 1000 * seed + n as u64);
-                let seen = find_chessboard(&picture, None);
+                let detection = find_chessboard(&picture, None);
                 // Distance to the true corner.
-                if let Ok(seen) = &seen {
+                if let Ok(detection) = &detection {
                     let own: Vec<DVec2> = corners(stand).filter_map(|p| camera.geometry.project(p)).collect();
-                    for at in &seen.corners_px {
+                    for at in &detection.corners_px {
                         let nearest = own.iter().map(|own| own.distance(*at)).fold(f64::INFINITY, f64::min);
                         assert!(nearest < 0.6, "seed {seed}, view {n}: a corner is {nearest} px off");
                     }
                 }
-                views.extend(seen.ok().map(|seen| named_view(n, seen)));
+                views.extend(detection.ok().map(|detection| named_view(n, detection)));
             }
             assert!(views.len() >= 14, "{model:?}, seed {seed}: only {} views", views.len());
             let calibrated = calibrate(SIZE, views, Vec::new(), &LensOptions::default()).unwrap();
@@ -256,14 +256,14 @@ fn deviations_include_bent_boards() {
     for seed in 0..16 {
         let mut random = Random::new(300 + seed);
         let views = stands(&geometry, 4, 40 + seed).into_iter().enumerate().map(|(n, (rotation, translation))| {
-            let mut seen = simulated_detection(&geometry, &(rotation, translation), 0.1, &mut random);
+            let mut detection = simulated_detection(&geometry, &(rotation, translation), 0.1, &mut random);
             let bend = if n % 2 == 0 { 0.08 } else { 0.02 };
-            for (place, at) in seen.board.iter().zip(&mut seen.corners_px) {
+            for (place, at) in detection.board.iter().zip(&mut detection.corners_px) {
                 let bent = place.extend(bend * (place.x / 3.5 - 1.0).powi(2));
                 let way = |point: DVec3| geometry.project(rotation * point + translation).unwrap();
                 *at += way(bent) - way(place.extend(0.0));
             }
-            named_view(n, seen)
+            named_view(n, detection)
         });
         let Ok(calibrated) = calibrate(SIZE, views.collect(), Vec::new(), &LensOptions::default()) else { continue };
         for (_, off) in normalized_errors(&calibrated, &geometry) {

@@ -101,9 +101,9 @@ fn moving_or_single_views_are_not_accepted() {
         let whole = leaning(0.3, 1.0, 0.6, DVec2::ZERO);
         let mut looks = Vec::new();
         for frame in 0..4 {
-            let mut seen = detect(&whole, &mut random);
-            seen.corners_px.iter_mut().for_each(|at| at.x += px * f64::from(frame));
-            looks.push(taking.add(f64::from(frame) * FRAME_S, "a", Some(seen)));
+            let mut detection = detect(&whole, &mut random);
+            detection.corners_px.iter_mut().for_each(|at| at.x += px * f64::from(frame));
+            looks.push(taking.add(f64::from(frame) * FRAME_S, "a", Some(detection)));
         }
         let second = if rests { ViewOutcome::Accepted } else { ViewOutcome::Moving };
         let later = if rests { ViewOutcome::Redundant } else { ViewOutcome::Moving };

@@ -48,9 +48,9 @@ fn shifts_come_back_within_a_twentieth_of_a_pixel() {
         let some = tier::fast_or_full(&[0, 2, 3, 6][..], &[0, 1, 2, 3, 4, 5, 6]);
         for &i in some {
             let shift = shifts[i];
-            let found = displacements(&a, &picture(shift, sigma, 2 + i as u64), None, &options).unwrap();
-            let [x, y] = found.median_px().unwrap();
-            let errors: Vec<f64> = found
+            let measured = displacements(&a, &picture(shift, sigma, 2 + i as u64), None, &options).unwrap();
+            let [x, y] = measured.median_px().unwrap();
+            let errors: Vec<f64> = measured
                 .patches
                 .iter()
                 .map(|p| (p.displacement_px[0] - shift[0]).hypot(p.displacement_px[1] - shift[1]))
@@ -59,12 +59,12 @@ fn shifts_come_back_within_a_twentieth_of_a_pixel() {
             println!(
                 "shift {shift:?}, noise {sigma}: {x:.4} {y:.4}, {} patches, {near} near, {} flat, {} unreliable",
                 errors.len(),
-                found.flat,
-                found.unreliable
+                measured.flat,
+                measured.unreliable
             );
             assert!((x - shift[0]).hypot(y - shift[1]) < 0.05, "{x} {y} for {shift:?}");
             assert!(errors.len() >= 35 && 10 * near >= 9 * errors.len(), "{near} of {}", errors.len());
-            let length = found.median_length_px().unwrap();
+            let length = measured.median_length_px().unwrap();
             assert!((length - shift[0].hypot(shift[1])).abs() < 0.1);
         }
     }
@@ -74,8 +74,8 @@ fn shifts_come_back_within_a_twentieth_of_a_pixel() {
 fn flat_and_masked_patches_give_no_displacement() {
     let options = DisplacementOptions::default();
     let flat = GreyImage::new(SIZE, SIZE, vec![50.0; SIZE * SIZE]).unwrap();
-    let found = displacements(&flat, &flat, None, &options).unwrap();
-    assert_eq!((found.patches.len(), found.flat, found.median_length_px()), (0, 49, None));
+    let of_flat = displacements(&flat, &flat, None, &options).unwrap();
+    assert_eq!((of_flat.patches.len(), of_flat.flat, of_flat.median_length_px()), (0, 49, None));
     // Noise that the pictures do not share is no content.
     let grain = |seed: u64| {
         GreyImage::new(
@@ -85,21 +85,21 @@ fn flat_and_masked_patches_give_no_displacement() {
         )
         .unwrap()
     };
-    let found = displacements(&grain(1), &grain(2), None, &options).unwrap();
-    assert_eq!(found.patches.len(), 0, "{found:?}");
+    let of_noise = displacements(&grain(1), &grain(2), None, &options).unwrap();
+    assert_eq!(of_noise.patches.len(), 0, "{of_noise:?}");
     let (a, b) = (picture([0.0; 2], 0.0, 1), picture([1.0, 0.0], 0.0, 1));
     let left: Vec<bool> = (0..SIZE * SIZE).map(|i| i % SIZE < 64).collect();
-    let found = displacements(&a, &b, Some(&left), &options).unwrap();
-    assert!(found.masked == 28 && found.patches.iter().all(|p| p.centre_px[0] <= 48.0), "{found:?}");
+    let of_masked = displacements(&a, &b, Some(&left), &options).unwrap();
+    assert!(of_masked.masked == 28 && of_masked.patches.iter().all(|p| p.centre_px[0] <= 48.0), "{of_masked:?}");
 }
 
 #[test]
 fn standard_error_covers_the_error_and_a_straight_edge_is_not_trusted() {
     let options = DisplacementOptions::default();
     let (a, b) = (picture([0.0; 2], 4.0, 1), picture([0.3, 0.2], 4.0, 2));
-    let found = displacements(&a, &b, None, &options).unwrap();
+    let measured = displacements(&a, &b, None, &options).unwrap();
     let in_sigmas = |p: &PatchDisplacement| (p.displacement_px[0] - 0.3).hypot(p.displacement_px[1] - 0.2) / p.sigma_px;
-    let mut errors: Vec<f64> = found.patches.iter().map(in_sigmas).collect();
+    let mut errors: Vec<f64> = measured.patches.iter().map(in_sigmas).collect();
     errors.sort_by(f64::total_cmp);
     let (middle, most) = (errors[errors.len() / 2], errors[errors.len() * 9 / 10]);
     // Of two Gaussian numbers in units of the larger one's σ: 1.18 and 2.15.
@@ -112,8 +112,8 @@ fn standard_error_covers_the_error_and_a_straight_edge_is_not_trusted() {
     };
     let all: Vec<Displacements> =
         (0..20).map(|n| displacements(&edge(2 * n), &edge(2 * n + 1), None, &options).unwrap()).collect();
-    let trusted: usize = all.iter().map(|found| found.patches.len()).sum();
-    let flat: usize = all.iter().map(|found| found.flat).sum();
+    let trusted: usize = all.iter().map(|measured| measured.patches.len()).sum();
+    let flat: usize = all.iter().map(|measured| measured.flat).sum();
     assert!(flat > 500 && 100 * trusted <= flat, "{trusted} of {flat}");
 }
 

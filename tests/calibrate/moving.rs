@@ -18,8 +18,8 @@ use locard::profile::Rig;
 use locard::simulate::{Options, Simulation};
 
 fn moving_noise_from_paths(frames: &[PathBuf], options: &NoiseOptions) -> Result<NoiseCalibration, CalibrateError> {
-    let found = noise_from_paths(frames, NoiseSource::Textureless, options, &mut |_, _| ControlFlow::Continue(()));
-    found.map(|found| found.table)
+    let noise = noise_from_paths(frames, NoiseSource::Textureless, options, &mut |_, _| ControlFlow::Continue(()));
+    noise.map(|noise| noise.table)
 }
 
 const WIDTH: usize = 384;
@@ -91,30 +91,30 @@ fn noise_alone_is_estimated_without_bias() {
     // and 14 % of the last's.
     let taps = [(1e9, 0.0), (1.5, 3.0 / 4.25), (3f64, 6.0 / 11.0)];
     for (middle, rho) in taps.into_iter().take(tier::fast_or_full(2, 3)) {
-        let found = from_frames(&frames(6, middle, 0.3, 0), &NoiseOptions::default()).unwrap();
-        let errors = errors(&found, sigma);
+        let noise = from_frames(&frames(6, middle, 0.3, 0), &NoiseOptions::default()).unwrap();
+        let errors = errors(&noise, sigma);
         let bias = upper_median(errors.clone()).unwrap();
         println!(
             "neighbours {rho:.3}: {} bins, median error {bias:+.4}, largest {:.4}",
             errors.len(),
             largest(&errors)
         );
-        assert!(errors.len() >= 33 && bias.abs() < 0.02 && largest(&errors) < 0.06, "{bias}\n{found}");
-        let NoiseProfile { channel_correlation, neighbour_correlation, .. } = found.profile;
-        assert!(neighbour_correlation.iter().all(|r| (r - rho).abs() < 0.02), "{found}");
-        assert!(channel_correlation.iter().all(|r| (r - 0.3).abs() < 0.04), "{found}");
-        assert_eq!(found.motion, SceneMotion::Moving);
+        assert!(errors.len() >= 33 && bias.abs() < 0.02 && largest(&errors) < 0.06, "{bias}\n{noise}");
+        let NoiseProfile { channel_correlation, neighbour_correlation, .. } = noise.profile;
+        assert!(neighbour_correlation.iter().all(|r| (r - rho).abs() < 0.02), "{noise}");
+        assert!(channel_correlation.iter().all(|r| (r - 0.3).abs() < 0.04), "{noise}");
+        assert_eq!(noise.motion, SceneMotion::Moving);
     }
 }
 
 #[test]
 fn stripes_over_three_quarters_of_the_picture_are_not_noise() {
-    let found = from_frames(&frames(8, 3.0, 0.3, 15), &NoiseOptions::default()).unwrap();
-    let errors = errors(&found, sigma);
+    let noise = from_frames(&frames(8, 3.0, 0.3, 15), &NoiseOptions::default()).unwrap();
+    let errors = errors(&noise, sigma);
     println!("median error {:+.4}, largest {:.4}", upper_median(errors.clone()).unwrap(), largest(&errors));
-    assert!(errors.len() >= 30 && largest(&errors) < 0.08, "{found}");
-    assert!((0.75..0.9).contains(&found.excluded_share), "{found}");
-    assert!(found.profile.neighbour_correlation.iter().all(|r| (r - 6.0 / 11.0).abs() < 0.03), "{found}");
+    assert!(errors.len() >= 30 && largest(&errors) < 0.08, "{noise}");
+    assert!((0.75..0.9).contains(&noise.excluded_share), "{noise}");
+    assert!(noise.profile.neighbour_correlation.iter().all(|r| (r - 6.0 / 11.0).abs() < 0.03), "{noise}");
 }
 
 #[test]
@@ -147,8 +147,8 @@ fn clipped_blocks_are_left_out() {
         }
         *frame = Pixels::from_u8(WIDTH as u32, HEIGHT as u32, codes).unwrap();
     }
-    let found = from_frames(&frames, &NoiseOptions::default()).unwrap();
-    assert!(largest(&errors(&found, sigma)) < 0.06, "{found}");
+    let noise = from_frames(&frames, &NoiseOptions::default()).unwrap();
+    assert!(largest(&errors(&noise, sigma)) < 0.06, "{noise}");
 }
 
 /// The simulated hand's recording, whose σ is known.
@@ -163,15 +163,15 @@ fn noise_of_a_simulated_hand_held_camera_is_recovered() {
     let sets: Vec<&str> = sets.into_iter().flat_map(|set| ["--set", set]).collect();
     let out = path(&folder);
     stdout_of(&[&["simulate", "-q", "-o", &out], &sets[..]].concat());
-    let found = moving_noise_from_paths(&[folder.join("rgb")], &NoiseOptions::default()).unwrap();
+    let noise = moving_noise_from_paths(&[folder.join("rgb")], &NoiseOptions::default()).unwrap();
     let truth = Simulation::new(&Options::default()).unwrap().sensor.profile();
-    let errors = errors(&found, |c, code| truth.sigma(c, code));
+    let errors = errors(&noise, |c, code| truth.sigma(c, code));
     let middle = upper_median(errors.iter().map(|e| e.abs())).unwrap();
-    println!("{} bins, median {middle:.3}, largest {:.3}\n{found}", errors.len(), largest(&errors));
-    assert!(errors.len() >= 12 && middle < 0.15, "{middle}\n{found}");
-    assert!(found.profile.neighbour_correlation.iter().all(|r| (r - 0.6).abs() < 0.05), "{found}");
-    assert!(found.profile.channel_correlation.iter().all(|r| (r - 0.45).abs() < 0.08), "{found}");
-    assert_program_writes_profile(temp.path(), &folder, &found);
+    println!("{} bins, median {middle:.3}, largest {:.3}\n{noise}", errors.len(), largest(&errors));
+    assert!(errors.len() >= 12 && middle < 0.15, "{middle}\n{noise}");
+    assert!(noise.profile.neighbour_correlation.iter().all(|r| (r - 0.6).abs() < 0.05), "{noise}");
+    assert!(noise.profile.channel_correlation.iter().all(|r| (r - 0.45).abs() < 0.08), "{noise}");
+    assert_program_writes_profile(temp.path(), &folder, &noise);
 }
 
 /// Frames of known σ, in a recording with a profile of its own.
@@ -192,15 +192,15 @@ fn noise_of_a_moving_recording_is_written_to_its_profile() {
                   neighbour_correlation = [0.0, 0.0]\ncode = [0.0, 255.0]\nsigma_r = [9.0, 9.0]\nsigma_g = [9.0, 9.0]\n\
                   sigma_b = [9.0, 9.0]\n";
     std::fs::write(folder.join("camera.toml"), camera).unwrap();
-    let found = moving_noise_from_paths(&[folder.join("rgb")], &NoiseOptions::default()).unwrap();
-    let errors = errors(&found, sigma);
+    let noise = moving_noise_from_paths(&[folder.join("rgb")], &NoiseOptions::default()).unwrap();
+    let errors = errors(&noise, sigma);
     assert!(
         errors.len() >= 33 && upper_median(errors.clone()).unwrap().abs() < 0.02 && largest(&errors) < 0.06,
-        "{found}"
+        "{noise}"
     );
-    assert!(found.profile.neighbour_correlation.iter().all(|r| (r - 6.0 / 11.0).abs() < 0.02), "{found}");
-    assert!(found.profile.channel_correlation.iter().all(|r| (r - 0.3).abs() < 0.04), "{found}");
-    assert_program_writes_profile(temp.path(), &folder, &found);
+    assert!(noise.profile.neighbour_correlation.iter().all(|r| (r - 6.0 / 11.0).abs() < 0.02), "{noise}");
+    assert!(noise.profile.channel_correlation.iter().all(|r| (r - 0.3).abs() < 0.04), "{noise}");
+    assert_program_writes_profile(temp.path(), &folder, &noise);
 }
 
 /// Checks that `locard calibrate noise` measures a recording as the library measures its
@@ -287,7 +287,7 @@ fn single_frames_of_real_cameras_match_their_known_noise() {
     for camera in ["5dmark3_iso3200", "d800_iso1600", "d800_iso3200"] {
         for scene in 1..=3 {
             let file = |what: &str| folder.join(format!("{camera}_{scene}_{what}.png"));
-            let found = match moving_noise_from_paths(&[file("real")], &NoiseOptions::default()) {
+            let calibration = match moving_noise_from_paths(&[file("real")], &NoiseOptions::default()) {
                 Ok(found) => found,
                 Err(error) => {
                     println!("RESULT {camera} {scene}: {error}");
@@ -296,7 +296,7 @@ fn single_frames_of_real_cameras_match_their_known_noise() {
             };
             let mut errors = Vec::new();
             for (c, code, sigma) in direct(&file("mean"), &file("real")) {
-                let bin = found.bins[c].iter().find(|b| (b.code - code).abs() < 1.0).unwrap();
+                let bin = calibration.bins[c].iter().find(|b| (b.code - code).abs() < 1.0).unwrap();
                 if !bin.filled_from_neighbours {
                     errors.push(bin.sigma / sigma - 1.0);
                 }
@@ -310,7 +310,7 @@ fn single_frames_of_real_cameras_match_their_known_noise() {
                 errors.len(),
                 upper_median(errors.clone()).unwrap()
             );
-            assert!(found.profile.neighbour_correlation.iter().all(|r| (0.5..0.8).contains(r)), "{found}");
+            assert!(calibration.profile.neighbour_correlation.iter().all(|r| (0.5..0.8).contains(r)), "{calibration}");
             all.extend(errors.iter().map(|e| e.abs()));
         }
     }
@@ -330,11 +330,11 @@ fn texture_everywhere_and_a_fixed_pattern_only_increase_sigma() {
         })
         .unwrap()
         .table;
-    let found = moving_noise_from_paths(&[folder], &NoiseOptions::default()).unwrap();
-    let errors = errors(&found, |c, code| rest.profile.sigma(c, code));
-    println!("RESULT median {:+.2}, of {} bins\n{found}", upper_median(errors.clone()).unwrap(), errors.len());
+    let calibration = moving_noise_from_paths(&[folder], &NoiseOptions::default()).unwrap();
+    let errors = errors(&calibration, |c, code| rest.profile.sigma(c, code));
+    println!("RESULT median {:+.2}, of {} bins\n{calibration}", upper_median(errors.clone()).unwrap(), errors.len());
     assert!(!errors.is_empty() && errors.iter().all(|e| (0.0..3.0).contains(e)), "{errors:?}");
-    assert!(found.warnings.iter().any(|w| w.to_string().contains("texture that is everywhere")));
+    assert!(calibration.warnings.iter().any(|w| w.to_string().contains("texture that is everywhere")));
 }
 
 /// The hand-held Kinect: the supplied profile equals the program's result.
@@ -342,17 +342,17 @@ fn texture_everywhere_and_a_fixed_pattern_only_increase_sigma() {
 #[ignore = "full tier: reads 90 frames; tenth_of_the_kinect_frames_gives_its_profile is its small form"]
 fn kinect_profile_matches_its_frames() {
     let Some(folder) = common::data("tum-fr1-rpy") else { return };
-    let found = moving_noise_from_paths(&[folder], &NoiseOptions::default()).unwrap();
+    let calibration = moving_noise_from_paths(&[folder], &NoiseOptions::default()).unwrap();
     let mut rig = Rig::default();
     rig.read(Path::new("profiles/tum-fr1.toml"), &mut Settings::default()).unwrap();
     let noise = rig.noise.unwrap();
     for c in 0..3 {
-        for bin in &found.bins[c] {
-            assert!((noise.sigma(c, bin.code) - bin.sigma).abs() < 0.002, "{c} {bin:?}\n{found}");
+        for bin in &calibration.bins[c] {
+            assert!((noise.sigma(c, bin.code) - bin.sigma).abs() < 0.002, "{c} {bin:?}\n{calibration}");
         }
     }
     // A demosaiced picture: neighbours correlate, and blue is the noisiest.
-    assert!(found.profile.neighbour_correlation.iter().all(|r| (0.55..0.75).contains(r)), "{found}");
+    assert!(calibration.profile.neighbour_correlation.iter().all(|r| (0.55..0.75).contains(r)), "{calibration}");
     assert!(noise.sigma(2, 128.0) > 1.5 * noise.sigma(1, 128.0));
 }
 
@@ -362,19 +362,19 @@ fn tenth_of_the_kinect_frames_gives_its_profile() {
     let mut files: Vec<PathBuf> = std::fs::read_dir(&folder).unwrap().map(|file| file.unwrap().path()).collect();
     files.sort();
     let tenth: Vec<PathBuf> = files.into_iter().step_by(10).collect();
-    let found = moving_noise_from_paths(&tenth, &NoiseOptions::default()).unwrap();
+    let calibration = moving_noise_from_paths(&tenth, &NoiseOptions::default()).unwrap();
     let noise = Rig::of_file(Path::new("profiles/tum-fr1.toml")).unwrap().noise.unwrap();
-    for (c, bins) in found.bins.iter().enumerate() {
+    for (c, bins) in calibration.bins.iter().enumerate() {
         let measured = bins.iter().filter(|bin| !bin.filled_from_neighbours);
         let errors: Vec<f64> = measured.map(|bin| bin.sigma / noise.sigma(c, bin.code) - 1.0).collect();
         let middle = upper_median(errors.clone()).unwrap();
         // 0.01 to 0.02 for these frames. Blue has 1.5 times green's noise, so swapped channels are
         // off by 0.3.
         println!("channel {c}: {} bins, median error {middle:+.3}, {errors:.2?}", errors.len());
-        assert!(errors.len() >= 8 && middle.abs() < 0.1, "{c}: {middle}\n{found}");
+        assert!(errors.len() >= 8 && middle.abs() < 0.1, "{c}: {middle}\n{calibration}");
     }
-    assert!(found.profile.neighbour_correlation.iter().all(|r| (0.55..0.75).contains(r)), "{found}");
-    assert!(found.profile.sigma(2, 128.0) > 1.5 * found.profile.sigma(1, 128.0), "{found}");
+    assert!(calibration.profile.neighbour_correlation.iter().all(|r| (0.55..0.75).contains(r)), "{calibration}");
+    assert!(calibration.profile.sigma(2, 128.0) > 1.5 * calibration.profile.sigma(1, 128.0), "{calibration}");
 }
 
 /// A file's kind depends on its content, not its name.
@@ -386,8 +386,8 @@ fn jpeg_frames_are_recognised_by_content() {
         let image = image::RgbImage::from_raw(frame.width, frame.height, codes.clone()).unwrap();
         image.save_with_format(temp.path().join(format!("{i}.jpg")), image::ImageFormat::Png).unwrap();
     }
-    let found = moving_noise_from_paths(&[temp.path().to_owned()], &NoiseOptions::default()).unwrap();
-    assert!(!found.warnings.iter().any(|w| w.to_string().contains("JPEG")), "{:?}", found.warnings);
+    let calibration = moving_noise_from_paths(&[temp.path().to_owned()], &NoiseOptions::default()).unwrap();
+    assert!(!calibration.warnings.iter().any(|w| w.to_string().contains("JPEG")), "{:?}", calibration.warnings);
     // JPEG by content: named PNG in the fast tier, the demonstration in the full one.
     let named_png = temp.path().join("jpegs");
     std::fs::create_dir(&named_png).unwrap();
@@ -415,9 +415,9 @@ fn loose_pictures_and_folders_are_read_and_missing_ones_are_refused() {
         })
         .collect();
     let options = NoiseOptions::default();
-    let found = moving_noise_from_paths(&files, &options).unwrap();
-    assert_eq!(found, moving_noise_from_paths(&[temp.path().to_owned()], &options).unwrap());
-    assert_eq!(found, from_frames(&frames(3, 3.0, 0.3, 0), &options).unwrap());
+    let calibration = moving_noise_from_paths(&files, &options).unwrap();
+    assert_eq!(calibration, moving_noise_from_paths(&[temp.path().to_owned()], &options).unwrap());
+    assert_eq!(calibration, from_frames(&frames(3, 3.0, 0.3, 0), &options).unwrap());
     let mut progress = Vec::new();
     let stopped = noise_from_paths(&files, NoiseSource::Textureless, &options, &mut |done, all| {
         progress.push((done, all));

@@ -18,8 +18,8 @@ fn noise_from_paths(
     options: &NoiseOptions,
 ) -> Result<NoiseCalibration, CalibrateError> {
     let source = if means.is_empty() { NoiseSource::Rest } else { NoiseSource::KnownMeans(means) };
-    let found = calibrate::noise_from_paths(frames, source, options, &mut |_, _| ControlFlow::Continue(()));
-    found.map(|found| found.table)
+    let noise = calibrate::noise_from_paths(frames, source, options, &mut |_, _| ControlFlow::Continue(()));
+    noise.map(|noise| noise.table)
 }
 
 /// A field of unit variance; `rho`: correlation between adjacent pixels in rows and columns.
@@ -326,10 +326,10 @@ fn failed_calibrations_name_the_reason() {
     let deep = Pixels::from_u16(2, 2, vec![9; 12]).unwrap();
     assert!(matches!(
         from_scenes(&[vec![small, deep]], &options),
-        Err(CalibrateError::Depth { expected: 8, found: 16 })
+        Err(CalibrateError::Depth { expected: 8, actual: 16 })
     ));
     let none = NoiseOptions { bins: 0, ..options };
-    assert!(matches!(from_scenes(&[one], &none), Err(CalibrateError::Bins { found: 0 })));
+    assert!(matches!(from_scenes(&[one], &none), Err(CalibrateError::Bins { actual: 0 })));
 }
 
 fn save(pixels: &Pixels, path: &Path) {
@@ -415,12 +415,12 @@ fn prediction_errors(folder: &Path, camera: &str, test: usize) -> Vec<(f64, f64)
     for c in 0..3 {
         for bin in (0..16).filter(|b| truth[c][*b].1 >= 5000) {
             let (sigma, n) = truth[c][bin];
-            let known: Vec<f64> = plains.iter().map(|p| p[c][bin]).filter(|p| p.1 > 1).map(|p| p.0).collect();
-            let average = known.iter().sum::<f64>() / known.len() as f64;
-            let found = p.sigma(c, calibration.bins[c][bin].code);
-            println!("{:7} {:>7} {n:6} {sigma:7.3} {found:11.3} {average:6.3}", 16 * bin, ["R", "G", "B"][c]);
-            if !known.is_empty() {
-                errors.push(((found / sigma - 1.0).abs(), (average / sigma - 1.0).abs()));
+            let sigmas: Vec<f64> = plains.iter().map(|p| p[c][bin]).filter(|p| p.1 > 1).map(|p| p.0).collect();
+            let average = sigmas.iter().sum::<f64>() / sigmas.len() as f64;
+            let predicted = p.sigma(c, calibration.bins[c][bin].code);
+            println!("{:7} {:>7} {n:6} {sigma:7.3} {predicted:11.3} {average:6.3}", 16 * bin, ["R", "G", "B"][c]);
+            if !sigmas.is_empty() {
+                errors.push(((predicted / sigma - 1.0).abs(), (average / sigma - 1.0).abs()));
             }
         }
     }

@@ -71,24 +71,24 @@ fn measured_widths_match_within_their_uncertainty() {
     for &sigma_px in sigmas_px {
         for &slant_deg in slants_deg {
             let shares = SyntheticEdge { slant_deg, sigma_px, moved_px: 0.0 }.shares();
-            let found = slanted_edge(&light(&shares, 0.0, 1), WHOLE, [0.0; 2]).unwrap();
+            let edge = slanted_edge(&light(&shares, 0.0, 1), WHOLE, [0.0; 2]).unwrap();
             // The 10×10 points lack 1/100 of the pixel's 1/12: 0.0008 px², which is 0.0014 px at
             // 0.3.
-            assert!((found.sigma_px - sigma_px).abs() < 2e-3, "{sigma_px} at {slant_deg}°: {found:?}");
-            assert!(found.misfit < 2e-3 && found.uncertainty_px < 2e-3, "{found:?}");
+            assert!((edge.sigma_px - sigma_px).abs() < 2e-3, "{sigma_px} at {slant_deg}°: {edge:?}");
+            assert!(edge.misfit < 2e-3 && edge.uncertainty_px < 2e-3, "{edge:?}");
             let slant = slant_deg.abs() - if slant_deg > 90.0 { 90.0 } else { 0.0 };
-            assert!((found.slant_deg - slant).abs() < 0.01 && (found.bright - BRIGHT).abs() < 1e-3, "{found:?}");
+            assert!((edge.slant_deg - slant).abs() < 0.01 && (edge.bright - BRIGHT).abs() < 1e-3, "{edge:?}");
             // 2.563 standard deviations of Gaussian and pixel, as far as their convolution is
             // Gaussian.
             let rise = 2.563 * (sigma_px * sigma_px + 1.0 / 12.0).sqrt();
-            assert!((found.rise_10_90_px.unwrap() / rise - 1.0).abs() < 0.06, "{found:?}");
+            assert!((edge.rise_10_90_px.unwrap() / rise - 1.0).abs() < 0.06, "{edge:?}");
             for (n, noise) in [0.004, 0.02].into_iter().enumerate() {
-                let found = slanted_edge(&light(&shares, noise, 7 + n as u64), WHOLE, [0.0; 2]).unwrap();
-                let error = found.sigma_px - sigma_px;
-                println!("{sigma_px} px at {slant_deg}°, noise {noise}: {error:+.4} ± {:.4}", found.uncertainty_px);
-                assert!((found.noise / noise - 1.0).abs() < 0.15 && found.misfit < 0.02, "{found:?}");
-                assert!(error.abs() < 4.0 * found.uncertainty_px, "{sigma_px} at {slant_deg}°: {found:?}");
-                pulls.push(error / found.uncertainty_px);
+                let edge = slanted_edge(&light(&shares, noise, 7 + n as u64), WHOLE, [0.0; 2]).unwrap();
+                let error = edge.sigma_px - sigma_px;
+                println!("{sigma_px} px at {slant_deg}°, noise {noise}: {error:+.4} ± {:.4}", edge.uncertainty_px);
+                assert!((edge.noise / noise - 1.0).abs() < 0.15 && edge.misfit < 0.02, "{edge:?}");
+                assert!(error.abs() < 4.0 * edge.uncertainty_px, "{sigma_px} at {slant_deg}°: {edge:?}");
+                pulls.push(error / edge.uncertainty_px);
             }
         }
     }
@@ -105,8 +105,8 @@ fn known_motion_is_subtracted_from_the_blur() {
     let (sin, cos) = made.slant_deg.to_radians().sin_cos();
     // Motion along the edge has no effect.
     let moved = [2.0 * cos - 5.0 * sin, 2.0 * sin + 5.0 * cos];
-    let found = slanted_edge(&light(&shares, 0.003, 3), WHOLE, moved).unwrap();
-    assert!((found.sigma_px - 0.7).abs() < 0.02, "{found:?}");
+    let edge = slanted_edge(&light(&shares, 0.003, 3), WHOLE, moved).unwrap();
+    assert!((edge.sigma_px - 0.7).abs() < 0.02, "{edge:?}");
     let blind = slanted_edge(&light(&shares, 0.003, 3), WHOLE, [0.0; 2]).unwrap();
     // √(0.49 + 4/12) = 0.907.
     assert!((blind.sigma_px - 0.907).abs() < 0.03, "{blind:?}");
@@ -158,14 +158,18 @@ fn coded(shares: &[f64], bright: f64, noise: f64) -> Pixels {
 #[test]
 fn blur_is_measured_in_linear_light() {
     let shares = SyntheticEdge { slant_deg: 14.0, sigma_px: 0.8, moved_px: 0.0 }.shares();
-    let found = edge(&coded(&shares, BRIGHT, 1.5), &Response::default(), WHOLE, [0.0; 2]).unwrap();
-    assert!((found.sigma_px - 0.8).abs() < 3.0 * found.uncertainty_px && found.uncertainty_px < 0.02, "{found:?}");
+    let measured = edge(&coded(&shares, BRIGHT, 1.5), &Response::default(), WHOLE, [0.0; 2]).unwrap();
+    assert!(
+        (measured.sigma_px - 0.8).abs() < 3.0 * measured.uncertainty_px && measured.uncertainty_px < 0.02,
+        "{measured:?}"
+    );
     // In a part of the picture too: its position is relative to the picture.
     let part = edge(&coded(&shares, BRIGHT, 1.5), &Response::default(), Rect::new(6, 9, 40, 41), [0.0; 2]).unwrap();
     let [a, b] = part.line_px;
-    let side =
-        |[x, y]: [f64; 2]| found.normal[0] * (x - found.line_px[0][0]) + found.normal[1] * (y - found.line_px[0][1]);
-    assert!(side(a).abs() < 0.1 && side(b).abs() < 0.1, "{part:?} {found:?}");
+    let side = |[x, y]: [f64; 2]| {
+        measured.normal[0] * (x - measured.line_px[0][0]) + measured.normal[1] * (y - measured.line_px[0][1])
+    };
+    assert!(side(a).abs() < 0.1 && side(b).abs() < 0.1, "{part:?} {measured:?}");
     let clipped = edge(&coded(&shares, 1.6, 0.0), &Response::default(), WHOLE, [0.0; 2]).unwrap_err();
     assert!(matches!(clipped, SharpnessError::Clipped { percent } if percent > 30.0), "{clipped}");
     let faint = edge(&coded(&shares, DARK + 0.015, 0.0), &Response::default(), WHOLE, [0.0; 2]).unwrap_err();
@@ -267,10 +271,10 @@ fn noise_of_picked_regions_is_recovered_at_rest_and_in_single_frames() {
         for (place, code) in picked.places.iter().zip(codes) {
             assert!((place.as_ref().unwrap() - code).abs() < 1.0, "{motion:?}: {:?}", picked.places);
         }
-        let found = picked.noise.unwrap();
+        let noise = picked.noise.unwrap();
         // The measured range covers the code.
-        assert!(!found.warnings.iter().any(|warning| matches!(warning, Warning::Filled { .. })), "{found:?}");
-        for points in &found.points {
+        assert!(!noise.warnings.iter().any(|warning| matches!(warning, Warning::Filled { .. })), "{noise:?}");
+        for points in &noise.points {
             assert!(points.len() >= 3, "{motion:?}: {points:?}");
             for point in points {
                 // A region at rest is reported at its bin's centre, up to 8 codes away, along an
@@ -282,11 +286,11 @@ fn noise_of_picked_regions_is_recovered_at_rest_and_in_single_frames() {
                 assert!((point.sigma / expected - 1.0).abs() < 0.1, "{motion:?}: {point:?}");
             }
         }
-        let [low, high] = found.covered();
+        let [low, high] = noise.covered();
         assert!((low - 40.0).abs() < 9.0 && (high - 200.0).abs() < 9.0, "{low} {high}");
-        let [right, below] = found.profile.neighbour_correlation;
+        let [right, below] = noise.profile.neighbour_correlation;
         assert!((right - 0.5).abs() < 0.06 && below.abs() < 0.06, "{motion:?}: {right} {below}");
-        assert!(found.profile.channel_correlation.iter().all(|r| r.abs() < 0.06), "{:?}", found.profile);
+        assert!(noise.profile.channel_correlation.iter().all(|r| r.abs() < 0.06), "{:?}", noise.profile);
     }
 }
 
@@ -366,11 +370,11 @@ fn present_profile_extends_the_picked_intensities() {
         neighbour_correlation: [0.0; 2],
     };
     let frames = patches(1, &[120.0], 0.0);
-    let found = pick(&[&frames[0]], &places(1), SceneMotion::Moving, Some(&present)).noise.unwrap();
+    let noise = pick(&[&frames[0]], &places(1), SceneMotion::Moving, Some(&present)).noise.unwrap();
     // The patch agrees with the profile: 1 + 120/100.
     for c in 0..3 {
-        assert!((found.profile.sigma(c, 250.0) / 3.5 - 1.0).abs() < 0.1, "{:?}", found.profile);
-        assert!((found.profile.sigma(c, 5.0) / 1.05 - 1.0).abs() < 0.1);
+        assert!((noise.profile.sigma(c, 250.0) / 3.5 - 1.0).abs() < 0.1, "{:?}", noise.profile);
+        assert!((noise.profile.sigma(c, 5.0) / 1.05 - 1.0).abs() < 0.1);
     }
 }
 
@@ -386,9 +390,9 @@ fn edge_in_a_single_channel_is_measured() {
         lights.map(|light| (255.0 * response.encode(light)).round() as u8)
     });
     let picture = Pixels::from_u8(SIDE as u32, SIDE as u32, codes.collect()).unwrap();
-    let found = edge(&picture, &response, WHOLE, [0.0; 2]).unwrap();
-    assert!((found.sigma_px - sigma_px).abs() < 0.03, "{found:?}");
-    assert!((found.bright - found.dark - 0.5).abs() < 0.02, "{found:?}");
+    let measured = edge(&picture, &response, WHOLE, [0.0; 2]).unwrap();
+    assert!((measured.sigma_px - sigma_px).abs() < 0.03, "{measured:?}");
+    assert!((measured.bright - measured.dark - 0.5).abs() < 0.02, "{measured:?}");
 }
 
 /// A step of light, slanted, summed over the pixels and blurred by the taps of `point_spread`.
@@ -423,8 +427,8 @@ fn rendered_edge_has_the_documented_width() {
         [(5.0, [0.53, 0.79, 1.00, 2.00]), (20.0, [0.56, 0.80, 1.00, 2.00]), (40.0, [0.58, 0.80, 1.00, 2.00])]
     {
         for (set_px, expected_px) in [0.6, 0.8, 1.0, 2.0].into_iter().zip(expected_px) {
-            let found = slanted_edge(&drawn_edge(slant_deg, set_px), Rect::new(20, 15, 80, 65), [0.0; 2]).unwrap();
-            let measured_px = found.sigma_px;
+            let edge = slanted_edge(&drawn_edge(slant_deg, set_px), Rect::new(20, 15, 80, 65), [0.0; 2]).unwrap();
+            let measured_px = edge.sigma_px;
             assert!((measured_px - expected_px).abs() <= 0.01, "{slant_deg}°, {set_px} px: {measured_px}");
         }
     }

@@ -56,11 +56,11 @@ fn simulated_camera_is_recovered() {
     // At 0.4 σ is 0.5 to 1.7 codes: rounding matters.
     for (noise_scale, scenes) in [(1.0, &*SCENES), (0.4, &scenes_of(0.4))] {
         let (truth, frames) = scenes;
-        let found = from_scenes(frames, &NoiseOptions::default()).unwrap();
-        let worst = worst(&found.profile, &found, &truth.noise);
+        let calibration = from_scenes(frames, &NoiseOptions::default()).unwrap();
+        let worst = worst(&calibration.profile, &calibration, &truth.noise);
         println!("noise × {noise_scale}: largest relative error of σ {worst:.4}");
-        assert!(worst < 0.05, "noise × {noise_scale}: {worst}\n{found}");
-        let profile = &found.profile;
+        assert!(worst < 0.05, "noise × {noise_scale}: {worst}\n{calibration}");
+        let profile = &calibration.profile;
         // Rounding noise is independent and was subtracted.
         assert!(profile.channel_correlation.iter().all(|c| (c - 0.45).abs() < 0.01), "{profile:?}");
         assert!(profile.neighbour_correlation.iter().all(|c| (c - 0.6).abs() < 0.01), "{profile:?}");
@@ -94,8 +94,8 @@ fn program_recovers_the_simulated_camera_from_folders() {
 
     let mut rig = Rig::default();
     rig.read(&profile, &mut Settings::default()).unwrap();
-    let found = from_scenes(frames, &NoiseOptions::default()).unwrap();
-    let worst = worst(rig.noise.as_ref().unwrap(), &found, &truth.noise);
+    let calibration = from_scenes(frames, &NoiseOptions::default()).unwrap();
+    let worst = worst(rig.noise.as_ref().unwrap(), &calibration, &truth.noise);
     assert!(worst < 0.05, "{worst}\n{table}");
     assert!(locard(&["inspect"], &[&profile]).contains("16 bins"));
 }

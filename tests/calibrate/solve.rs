@@ -74,14 +74,14 @@ fn write_model(folder: &Path, frames: &[usize]) {
         images.numbers(&translation.to_array()).u32(1);
         images.0.extend(format!("{frame:06}.png\0").as_bytes());
         let inside = |at: &DVec2| at.x > 0.0 && at.y > 0.0 && at.x < 640.0 && at.y < 480.0;
-        let seen: Vec<(usize, DVec2)> = points
+        let projections: Vec<(usize, DVec2)> = points
             .iter()
             .enumerate()
             .map(|(i, point)| (i, truth.project(&CAMERA, *point)))
             .filter(|(_, at)| inside(at))
             .collect();
-        images.u64(seen.len() as u64);
-        for (i, at) in seen {
+        images.u64(projections.len() as u64);
+        for (i, at) in projections {
             images.numbers(&[at.x, at.y]).u64(i as u64);
         }
     }
@@ -135,18 +135,18 @@ fn text(bytes: &[u8]) -> String {
 fn model_and_frames_between_become_a_recording_in_the_boards_world() {
     let site = Site::shared(&CAMERA);
     let model = tempfile::tempdir().unwrap();
-    let known: Vec<usize> = (0..FRAMES).filter(|i| !AWAY.contains(i)).collect();
-    write_model(model.path(), &known);
+    let posed: Vec<usize> = (0..FRAMES).filter(|i| !AWAY.contains(i)).collect();
+    write_model(model.path(), &posed);
     let path = programs(model.path(), Some(model.path()));
     let output = solve(&path, &site, &[]);
-    let told = text(&output.stdout);
+    let stdout = text(&output.stdout);
     assert!(output.status.success(), "{}", text(&output.stderr));
     for line in [
         "poses      15 of 18 frames: ",
         "scale      by 6 tags of the board",
         "lost       frames 10 to 12 (0.333 to 0.400 s)",
     ] {
-        assert!(told.contains(line), "{told}");
+        assert!(stdout.contains(line), "{stdout}");
     }
     let recording = Recording::open(Path::new(&site.path("solved")), &OpenOptions::default()).unwrap();
     assert_eq!((recording.frame_count(), recording.up), (FRAMES, Some(DVec3::Z)));
@@ -181,8 +181,8 @@ fn model_and_frames_between_become_a_recording_in_the_boards_world() {
     let refused = text(&solve(&path, &site, &["--force", "--distance", &unsolved]).stderr);
     let (_, nearest) = refused.trim_end().rsplit_once("the nearest is ").unwrap_or_else(|| panic!("{refused}"));
     let output = solve(&path, &site, &["--force", "--distance", &distance(nearest.parse().unwrap())]);
-    let told = text(&output.stdout);
-    assert!(told.contains("scale      by the measured distance of"), "{told}{}", text(&output.stderr));
+    let stdout = text(&output.stdout);
+    assert!(stdout.contains("scale      by the measured distance of"), "{stdout}{}", text(&output.stderr));
     let measured = Recording::open(Path::new(&site.path("solved")), &OpenOptions::default()).unwrap();
     let ratio = path_m(&measured) / by_board_m;
     assert!((ratio - 2.0).abs() < 0.02, "{ratio}");

@@ -109,8 +109,8 @@ fn pose_matches_the_computed_one() {
     let board =
         Board::parse("version = 1\nfamily = \"36h11\"\n[[tags]]\nid = 3\nsize_m = 0.2\ncenter_m = [0, 0]").unwrap();
     let corners = [(270.0, 190.0), (370.0, 190.0), (370.0, 290.0), (270.0, 290.0)].map(DVec2::from);
-    let found = [DetectedTag { id: 3, corners_px: corners }];
-    let sight = BoardPose::of(&pinhole(), &board, &found, &[]).unwrap();
+    let tags = [DetectedTag { id: 3, corners_px: corners }];
+    let sight = BoardPose::of(&pinhole(), &board, &tags, &[]).unwrap();
     let pose = sight.best.pose;
     assert!(pose.position_in_world_m().distance(DVec3::new(0.0, 0.0, 1.0)) < 1e-6, "{pose:?}");
     assert!(pose.transform_point(DVec3::new(0.1, 0.2, 0.3)).distance(DVec3::new(0.1, -0.2, 0.7)) < 1e-6, "{pose:?}");
@@ -125,7 +125,7 @@ fn pose_matches_the_computed_one() {
             rotation_deg: DVec3::new(90.0, 0.0, 0.0),
         }],
     };
-    let pose = BoardPose::of(&pinhole(), &wall, &found, &[]).unwrap().best.pose;
+    let pose = BoardPose::of(&pinhole(), &wall, &tags, &[]).unwrap().best.pose;
     assert!(pose.position_in_world_m().distance(DVec3::new(1.0, 0.0, 1.5)) < 1e-6, "{pose:?}");
     assert!(pose.inverse_transform_point(DVec3::Z).distance(DVec3::new(1.0, 1.0, 1.5)) < 1e-6, "{pose:?}");
 }
@@ -139,22 +139,23 @@ fn pose_covariance_matches_the_computed_deviation() {
     let pose = Pose::look_at(DVec3::Z, DVec3::ZERO, DVec3::Y).unwrap();
     // Corners alternately displaced by 0.1 px towards and away from the middle, which no pose
     // explains.
-    let seen = |i: usize| {
+    let corner_px = |i: usize| {
         let at = geometry.project(pose.transform_point(corners_m[i])).unwrap();
         at + (at - DVec2::new(320.0, 240.0)).normalize() * if i.is_multiple_of(2) { 0.1 } else { -0.1 }
     };
-    let corners = Corners { in_world_m: corners_m.to_vec(), seen_px: (0..4).map(seen).collect(), ..Corners::default() };
-    let found = solve_pose(&geometry, &corners, &pose).unwrap();
-    let sum_px2 = found.squares_px2;
+    let corners =
+        Corners { in_world_m: corners_m.to_vec(), seen_px: (0..4).map(corner_px).collect(), ..Corners::default() };
+    let solution = solve_pose(&geometry, &corners, &pose).unwrap();
+    let sum_px2 = solution.squares_px2;
     // Eight measurements less six parameters, and the assumed 0.05 px of one corner.
     let sigma_px = ((sum_px2 + 2.0 * 0.05 * 0.05) / (2.0 + 2.0)).sqrt();
     assert!(sum_px2 > 0.01, "{sum_px2}");
     // A rotation of the camera moves the corners as well, so x and y are less certain than by
     // translation alone.
     let alone_m = sigma_px / 1000.0;
-    let turned = found.covariance.fixed_view::<3, 3>(3, 3).into_owned();
+    let turned = solution.covariance.fixed_view::<3, 3>(3, 3).into_owned();
     assert!(turned[(0, 0)].sqrt() >= 0.999 * alone_m && turned[(2, 2)] > turned[(0, 0)], "{turned}");
-    let information = found.covariance.try_inverse().unwrap();
+    let information = solution.covariance.try_inverse().unwrap();
     let (x, y) = (information[(3, 3)].sqrt().recip(), information[(4, 4)].sqrt().recip());
     assert!((x / alone_m - 1.0).abs() < 1e-3 && (y / alone_m - 1.0).abs() < 1e-3, "{x} {y} {alone_m}");
 }
@@ -266,8 +267,8 @@ fn pictures_without_a_pose_name_the_reason() {
         })
         .collect();
     misread[2].corners_px = misread[2].corners_px.map(|at| at + DVec2::new(9.0, -4.0));
-    let found = of(&sheet, &misread).unwrap().best.pose;
-    let way_m = found.position_in_world_m().distance(pose.position_in_world_m());
+    let estimated = of(&sheet, &misread).unwrap().best.pose;
+    let way_m = estimated.position_in_world_m().distance(pose.position_in_world_m());
     assert!(way_m < 2e-4, "{way_m}");
 }
 
@@ -277,13 +278,14 @@ fn lost_frames_get_no_poses() {
     let sight = BoardPose::of(&pinhole(), &far_tag(), &found, &[]).unwrap();
     // Frames 2, 3 and 6 are lost; the camera's clock stutters after frame 4.
     let times_s = vec![0.0, 0.1, 0.2, 0.3, 0.4, 0.55, 0.65, 0.75];
-    let known = [true, true, false, false, true, true, false, true];
-    let sights: Vec<_> = times_s.iter().zip(known).map(|(t, known)| (*t, known.then(|| sight.clone()))).collect();
+    let is_posed = [true, true, false, false, true, true, false, true];
+    let sights: Vec<_> =
+        times_s.iter().zip(is_posed).map(|(t, is_posed)| (*t, is_posed.then(|| sight.clone()))).collect();
     let frames = choose_along(&sights).into_iter().map(|chosen| chosen.ok_or(PoseFailure::Nothing)).collect();
     let track = Track {
         times_s,
         frames,
-        tags: known.iter().map(|known| usize::from(*known)).collect(),
+        tags: is_posed.iter().map(|is_posed| usize::from(*is_posed)).collect(),
         repeated: Vec::new(),
         smoothed_s: None,
     };
@@ -359,7 +361,7 @@ fn foreign_tags_do_not_hide_a_small_tag_of_the_board() {
     let grey = LumaCodes::of(&picture, LumaCodes::table(&Response::default()));
     let mut detector = Detector::new(Family::Tag36h11, 640, 480).unwrap();
     let mut ids = |wanted: &dyn Fn(u32) -> bool| {
-        detector.find(&grey, 1, wanted).unwrap().found.iter().map(|tag| tag.id).collect::<Vec<_>>()
+        detector.find(&grey, 1, wanted).unwrap().tags.iter().map(|tag| tag.id).collect::<Vec<_>>()
     };
     assert_eq!(ids(&|id| id == 85), [85, 144], "at half the resolution");
     assert_eq!(ids(&|id| id == 24), [24, 85, 144]);

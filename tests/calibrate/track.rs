@@ -186,15 +186,15 @@ fn live_picture_gets_its_pose_from_its_tags() {
     for (i, pixels) in video.read(0..FRAMES).unwrap().enumerate() {
         let time_s = 7.0 + i as f64 / FPS;
         poses.add_picture(time_s, &pixels.unwrap());
-        let found = poses.take_poses(time_s).unwrap();
+        let new_poses = poses.take_poses(time_s).unwrap();
         // The board is not known after a single picture.
-        assert_eq!(found.len(), usize::from(i > 0 && !AWAY.contains(&i)), "frame {i}");
+        assert_eq!(new_poses.len(), usize::from(i > 0 && !AWAY.contains(&i)), "frame {i}");
         // Each pose has a covariance, like those of `track`.
         let covariance = poses.covariance(time_s);
-        assert_eq!(covariance.is_some(), found.len() == 1, "frame {i}");
+        assert_eq!(covariance.is_some(), new_poses.len() == 1, "frame {i}");
         let sigma = |n: usize| covariance.unwrap().upper[n].sqrt();
-        assert!(found.is_empty() || [0, 6, 11, 15, 18, 20].into_iter().all(|n| sigma(n) > 0.0 && sigma(n) < 2e-3));
-        let Some((at_s, pose)) = found.first() else { continue };
+        assert!(new_poses.is_empty() || [0, 6, 11, 15, 18, 20].into_iter().all(|n| sigma(n) > 0.0 && sigma(n) < 2e-3));
+        let Some((at_s, pose)) = new_poses.first() else { continue };
         assert_eq!(*at_s, time_s);
         let truth = place(i as f64 / FPS);
         for point in [DVec3::ZERO, DVec3::new(0.2, 0.05, 0.0), DVec3::new(-0.15, -0.1, 0.1)] {

@@ -63,8 +63,8 @@ pub fn opened(folder: &tempfile::TempDir) -> Shot {
 
 /// Opens the recording `site` in a folder, with one parameter set.
 pub fn opened_with(folder: &tempfile::TempDir, set: &str) -> Shot {
-    let given = ShotOptions { sets: vec![set.to_owned()], ..ShotOptions::default() };
-    Shot::open(&folder.path().join("site"), &OpenOptions::default(), &given).unwrap()
+    let options = ShotOptions { sets: vec![set.to_owned()], ..ShotOptions::default() };
+    Shot::open(&folder.path().join("site"), &OpenOptions::default(), &options).unwrap()
 }
 
 /// The true poses of the recording `site` in a folder.
@@ -168,14 +168,14 @@ pub fn analysed_by_tier(shot: &Shot, threads: usize) -> Analysis {
     }
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("site.analysis");
-    let found = with_capture_info(shot, |camera, capture| {
+    let analysis = with_capture_info(shot, |camera, capture| {
         let mut checkpoints = checkpoints_of_refusals(&path, shot, camera, capture);
         analyse(&shot.recording, camera, capture, threads, &mut checkpoints, &mut |_| Ok(())).unwrap().0
     });
-    let light = found.findings.light.as_ref().and_then(|light| light.why.as_deref());
+    let light = analysis.findings.light.as_ref().and_then(|light| light.why.as_deref());
     let refusals = [NOT_NEEDED, "the camera's poses are unknown", "no depth was measured"];
     assert!(light.is_some_and(|why| refusals.contains(&why)), "{light:?}");
-    found
+    analysis
 }
 
 /// Makes the next analysis of a shot, written to `folder`, leave out the room's light and examples

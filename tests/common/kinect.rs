@@ -66,11 +66,11 @@ pub fn measured(exact_m: &[f32], light: &[[f32; 3]], width: usize, fx_px: f32) -
         let mut beyond = f32::NEG_INFINITY;
         for x in 0..width {
             let i = y * width + x;
-            let seen = x as f32 + disparity(lit[i]);
-            if seen < beyond - 1.5 {
+            let projector_px = x as f32 + disparity(lit[i]);
+            if projector_px < beyond - 1.5 {
                 out[i] = 0.0;
             }
-            beyond = beyond.max(seen);
+            beyond = beyond.max(projector_px);
         }
     }
     for i in 0..out.len() {

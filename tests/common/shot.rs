@@ -12,9 +12,9 @@ use locard::shot::{Shot, ShotOptions};
 
 /// Opens a recording with a scene, and with a profile if the recording has none.
 pub fn open(recording: &Path, profile: Option<&str>, scene: &Path) -> Shot {
-    let given =
+    let options =
         ShotOptions { profile: profile.map(Into::into), scene: Some(scene.to_owned()), ..ShotOptions::default() };
-    Shot::open(recording, &OpenOptions::default(), &given).unwrap()
+    Shot::open(recording, &OpenOptions::default(), &options).unwrap()
 }
 
 /// Opens the demonstration's recording with a scene.

@@ -78,8 +78,8 @@ pub fn demo_px(x: f32, y: f32) -> egui::Vec2 {
 /// `shadow.cast=false` avoids computing them after each change.
 pub fn demo_window(sets: &[&str], size: egui::Vec2) -> Harness<'static, App> {
     let sets = sets.iter().map(|set| (*set).to_owned()).collect();
-    let given = ShotOptions { scene: Some(DEMO_SCENE.into()), sets, ..ShotOptions::default() };
-    window(Project::open(&demo(), &OpenOptions::default(), &given).unwrap(), size)
+    let options = ShotOptions { scene: Some(DEMO_SCENE.into()), sets, ..ShotOptions::default() };
+    window(Project::open(&demo(), &OpenOptions::default(), &options).unwrap(), size)
 }
 
 /// Opens a window of this size and waits for its first picture.

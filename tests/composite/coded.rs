@@ -212,17 +212,17 @@ fn noise_by_example_goes_through_the_coding() {
         let layer = &done.layer.as_ref().unwrap().rgba;
         let alpha: Vec<f32> = layer.iter().map(|texel| texel[3]).collect();
         let expected = example_reference(&coding, &example.model, &alpha);
-        let found = done.pixels.codes.eight_bit().unwrap();
+        let codes = done.pixels.codes.eight_bit().unwrap();
         let (mut covered, mut differing, mut noisy) = (0, 0, 0);
         let plain = composite_scene(whole_pixels(), None, 0.0, None).pixels;
-        for (i, (found, expected)) in found.iter().zip(&expected).enumerate() {
+        for (i, (codes, expected)) in codes.iter().zip(&expected).enumerate() {
             let at = (i as u32 / 3 % WIDTH, i as u32 / 3 / WIDTH);
             if alpha[i / 3] == 0.0 {
-                assert_eq!(u16::from(*found), camera_code(i as u32 / 3)[i % 3], "a pixel without the layer");
+                assert_eq!(u16::from(*codes), camera_code(i as u32 / 3)[i % 3], "a pixel without the layer");
             } else if alpha[i / 3] == 1.0 {
                 covered += 1;
-                differing += usize::from(found.abs_diff(*expected) > 1);
-                noisy += usize::from(found.abs_diff(plain.eight_bits_at(at.0, at.1)[i % 3]) > 3);
+                differing += usize::from(codes.abs_diff(*expected) > 1);
+                noisy += usize::from(codes.abs_diff(plain.eight_bits_at(at.0, at.1)[i % 3]) > 3);
             }
         }
         let share = differing as f32 / covered as f32;

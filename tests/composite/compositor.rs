@@ -163,9 +163,9 @@ fn opacity_scales_light_and_coverage_of_a_layer() {
     };
     for opacity in [1.0, 0.75, 0.5, 0.1] {
         let done = done(opacity);
-        let seen = done.pixels.at(160, 120)[1];
+        let green = done.pixels.at(160, 120)[1];
         // The layer has 11 significant bits, and so has a product of its values.
-        assert!(seen.abs_diff(code(opacity)) <= 1, "{opacity}: {seen}");
+        assert!(green.abs_diff(code(opacity)) <= 1, "{opacity}: {green}");
         assert_eq!(done.pixels.at(20, 20), [60; 3]);
         assert_eq!(done.stats.opacity, Some(opacity).filter(|share| *share < 1.0));
     }

@@ -127,12 +127,12 @@ fn rolling_shutter_agrees_with_cycles() {
 fn lean_px(alpha: &GreyImage<f64>, from_x: f64, to_x: f64) -> f64 {
     // The board's rows without a few near its corners.
     let rows = (70..410).map(|row| f64::from(row) + 0.5);
-    let found: Vec<(f64, f64)> = rows
+    let edge_of_rows: Vec<(f64, f64)> = rows
         .map(|y| (y, edge(&profile(alpha, [from_x, y], [to_x, y], 1.0, 1.0).unwrap(), 1.0).unwrap().position_px))
         .collect();
-    let mean = |part: fn(&(f64, f64)) -> f64| found.iter().map(part).sum::<f64>() / found.len() as f64;
+    let mean = |part: fn(&(f64, f64)) -> f64| edge_of_rows.iter().map(part).sum::<f64>() / edge_of_rows.len() as f64;
     let (y_mean, x_mean) = (mean(|p| p.0), mean(|p| p.1));
-    let (products, squares) = found.iter().fold((0.0, 0.0), |(products, squares), (y, x)| {
+    let (products, squares) = edge_of_rows.iter().fold((0.0, 0.0), |(products, squares), (y, x)| {
         (products + (y - y_mean) * (x - x_mean), squares + (y - y_mean).powi(2))
     });
     480.0 * products / squares

@@ -108,10 +108,10 @@ fn flip_of_methods(name: &str, camera: &Camera, scene: &Scene) -> [f64; 3] {
     let reference = composited(camera, scene.clone(), "reference");
     write("reference", &reference);
     let flips = METHODS.map(|method| {
-        let found = composited(camera, scene.clone(), method);
-        write(method, &found);
-        let mask: Vec<bool> = alphas(&reference).iter().zip(alphas(&found)).map(|(a, b)| *a || b).collect();
-        mean_flip(&reference.pixels, &found.pixels, Some(&mask), PIXELS_PER_DEGREE)
+        let done = composited(camera, scene.clone(), method);
+        write(method, &done);
+        let mask: Vec<bool> = alphas(&reference).iter().zip(alphas(&done)).map(|(a, b)| *a || b).collect();
+        mean_flip(&reference.pixels, &done.pixels, Some(&mask), PIXELS_PER_DEGREE)
     });
     println!("{name}: mean FLIP layered {:.4}, poisson {:.4}, diffusion {:.4}", flips[0], flips[1], flips[2]);
     flips
@@ -196,8 +196,8 @@ fn edge_of(mut alpha: impl FnMut(f64) -> Vec<f64>) -> (f64, f64) {
     let places = 5;
     let sum = (0..places).fold((0.0, 0.0), |(width, middle), k| {
         let place = f64::from(k) / f64::from(places);
-        let found = edge(&alpha(place), 1.0).unwrap();
-        (width + found.width_10_90_px, middle + found.position_px - place)
+        let measured = edge(&alpha(place), 1.0).unwrap();
+        (width + measured.width_10_90_px, middle + measured.position_px - place)
     });
     (sum.0 / f64::from(places), sum.1 / f64::from(places))
 }
@@ -450,8 +450,8 @@ fn real_object_in_focus_occludes_a_blurred_object_sharply() {
         }
         // Far behind the edge the board is not drawn; three quarters of a pixel at the edge are
         // visible.
-        let seen = layer.rgba[(120 * WIDTH + edge_x) as usize][3];
-        assert!((seen - 0.75).abs() < 0.01, "{method}: {seen}");
+        let alpha = layer.rgba[(120 * WIDTH + edge_x) as usize][3];
+        assert!((alpha - 0.75).abs() < 0.01, "{method}: {alpha}");
     }
 }
 

@@ -38,9 +38,9 @@ fn silhouette_blur_matches_the_analytic_length() {
             let layer = blurred(&geometry, [length, 0.0], method).layer.unwrap();
             // The left silhouette at x = 100, from outside to inside.
             let profile: Vec<f64> = (60..140).map(|x| f64::from(layer.rgba[120 * 320 + x][3])).collect();
-            let found = box_blur(&profile, 1.0, 1.0).unwrap();
-            assert!((found.length_px - length).abs() <= 0.5, "{method} {length}: {found:?}");
-            assert!((found.position_px - 40.0).abs() <= 0.75, "{method} {length}: {found:?}");
+            let blur = box_blur(&profile, 1.0, 1.0).unwrap();
+            assert!((blur.length_px - length).abs() <= 0.5, "{method} {length}: {blur:?}");
+            assert!((blur.position_px - 40.0).abs() <= 0.75, "{method} {length}: {blur:?}");
         }
     }
 }
@@ -55,8 +55,8 @@ fn exposure_integrates_over_the_open_shutter() {
         let layer = blurred(&geometry, [20.0, 0.0], method).layer.unwrap();
         let row = &layer.rgba[120 * 320..121 * 320];
         for (x, expected) in [(88, 0.0), (92, 0.1), (94, 0.18), (99, 0.38), (104, 0.58), (107, 0.7), (111, 0.8)] {
-            let found = f64::from(row[x][0]);
-            assert!((found - expected).abs() < within, "{method}, {x}: {found}, not {expected}");
+            let light = f64::from(row[x][0]);
+            assert!((light - expected).abs() < within, "{method}, {x}: {light}, not {expected}");
         }
         let sum: f64 = row.iter().map(|p| f64::from(p[0])).sum();
         assert!((sum - 96.0).abs() < 0.5, "{method}: {sum}");
@@ -77,10 +77,10 @@ fn light_follows_the_spatial_gain_of_the_footage() {
     };
     // A different value at each node, up to 0.6 stops.
     let across = SpatialGain(std::array::from_fn(|n| ((7 * n) % 20) as f32 * 0.06 - 0.6));
-    let seen = RelativeBrightness { factors: [1.0, 0.5, 2.0], median_s: None, spatial_gain: across };
+    let brightness = RelativeBrightness { factors: [1.0, 0.5, 2.0], median_s: None, spatial_gain: across };
     let as_lit = drawn(None, &[]);
-    let follows = drawn(Some(seen), &[]);
-    assert_eq!(drawn(Some(seen), &[("exposure", "follow", Value::Bool(false))]).rgba, as_lit.rgba);
+    let follows = drawn(Some(brightness), &[]);
+    assert_eq!(drawn(Some(brightness), &[("exposure", "follow", Value::Bool(false))]).rgba, as_lit.rgba);
     let mut seen_pixels = 0;
     for (i, (lit, follows)) in as_lit.rgba.iter().zip(&follows.rgba).enumerate().filter(|(_, (lit, _))| lit[3] == 1.0) {
         let place = [(i % 320) as f32 + 0.5, (i / 320) as f32 + 0.5];
@@ -126,15 +126,15 @@ fn accumulation_matches_the_finite_sum_of_the_paper() {
             (100 + shift..220 + shift).contains(&x)
         };
         let twin: f64 = (0..=10).filter(|i| covered(*i)).map(weight).sum();
-        let found = f64::from(layer.rgba[120 * 320 + x as usize][3]);
-        assert!((found - twin).abs() < 1e-3, "{x}: {found}, not {twin}");
+        let alpha = f64::from(layer.rgba[120 * 320 + x as usize][3]);
+        assert!((alpha - twin).abs() < 1e-3, "{x}: {alpha}, not {twin}");
     }
     // At the board's position in the frame, within half a sample's width: centred on 100 to 220 px.
     let row = &layer.rgba[120 * 320..121 * 320];
     let centre =
         |f: fn(f64) -> f64| row.iter().enumerate().map(|(x, p)| f64::from(p[3]) * f(x as f64 + 0.5)).sum::<f64>();
-    let found = centre(|x| x) / centre(|_| 1.0);
-    assert!((found - 160.0).abs() < 0.15, "{found}");
+    let centroid_px = centre(|x| x) / centre(|_| 1.0);
+    assert!((centroid_px - 160.0).abs() < 0.15, "{centroid_px}");
     // Independent of earlier frames.
     assert_eq!(layer.rgba, draw(7).rgba);
 }
@@ -202,10 +202,10 @@ fn long_exposure_follows_the_camera_shake() {
         for (row, x) in [12, 30, 47].into_iter().flat_map(|row| (10..150).map(move |x| (row, x))) {
             let beside = ((x as f64 + 0.5) - 80.0).abs();
             let expected = 0.5 - ((beside - half) / swing).clamp(-1.0, 1.0).asin() / std::f64::consts::PI;
-            let found = f64::from(layer.rgba[row * 160 + x][3]);
+            let alpha = f64::from(layer.rgba[row * 160 + x][3]);
             // At the turning points of the hand, coverage rises as a square root.
             let limit = if (beside - half).abs() > swing - 2.0 { 0.08 } else { 0.012 };
-            assert!((found - expected).abs() < limit, "{readout_s} s, {x}, {row}: {found}, by hand {expected}");
+            assert!((alpha - expected).abs() < limit, "{readout_s} s, {x}, {row}: {alpha}, by hand {expected}");
         }
     }
 }
@@ -233,8 +233,8 @@ fn blur_longer_than_the_picture_keeps_its_coverage() {
     let layer = blurred(&geometry, [length_px, 0.0], "velocity").layer.unwrap();
     // The board, 120 px wide, covers each pixel for 12 % of the exposure.
     for x in (64..256).step_by(8) {
-        let found = f64::from(layer.rgba[120 * 320 + x][3]);
-        assert!((found - 120.0 / length_px).abs() < 1.0 / 255.0, "{x}: {found}");
+        let alpha = f64::from(layer.rgba[120 * 320 + x][3]);
+        assert!((alpha - 120.0 / length_px).abs() < 1.0 / 255.0, "{x}: {alpha}");
     }
 }
 

@@ -239,7 +239,7 @@ fn enlargement_matches_a_camera_of_higher_resolution() {
             &|| (large.clone(), small.clone(), 2.0),
             false,
         );
-        let seen = photographed(
+        let of_finer = photographed(
             &settings_of_one_effect(finer.as_ref()),
             &whole,
             &|| (large.clone(), large.clone(), 1.0),
@@ -247,7 +247,7 @@ fn enlargement_matches_a_camera_of_higher_resolution() {
         );
         assert_within_one_code(
             &enlarged,
-            &seen,
+            &of_finer,
             &format!("{name}: are its parameters in px times `capture.enlargement`?"),
         );
     }

@@ -114,12 +114,12 @@ fn lamp_behind_a_wall_lights_nothing_in_front_of_it() {
         |points: Vec<PointLight>| Lighting { points, suns: Vec::new(), environment: Environment::Uniform(Vec3::ZERO) };
     // Three lamps, so that each kind of layer has a share; only the last one is visible.
     let hidden = [lamp(0.5, 0.4), lamp(0.7, 0.3), lamp(0.6, 0.5)];
-    let seen = lamp(-0.3, 1.0);
-    let all: Vec<_> = hidden.iter().copied().chain([seen]).collect();
+    let in_front = lamp(-0.3, 1.0);
+    let all: Vec<_> = hidden.iter().copied().chain([in_front]).collect();
     let [with, without, alone] = [
         plate(dark(all.clone()), shade_settings(true, 1.0)),
         plate(dark(all), shade_settings(false, 1.0)),
-        plate(dark(vec![seen]), shade_settings(true, 1.0)),
+        plate(dark(vec![in_front]), shade_settings(true, 1.0)),
     ];
     for (((place, with), (_, without)), (_, alone)) in with.iter().zip(&without).zip(&alone) {
         assert!((with[0] - alone[0]).abs() < 0.002 * alone[0], "{place}: {} for {}", with[0], alone[0]);

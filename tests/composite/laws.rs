@@ -458,12 +458,12 @@ fn law_5_memory_does_not_grow_with_the_recording() {
         let (width, height) = long_px();
         let (row, rows) = (3 * width as usize, height as usize);
         let mut frame = vec![0; row * rows];
-        let mut seen = std::collections::HashSet::new();
+        let mut distinct = std::collections::HashSet::new();
         for _ in 1..frames {
             out.read_exact(&mut frame).unwrap();
-            seen.insert(frame[row * (rows / 2)..][..row].to_vec());
+            distinct.insert(frame[row * (rows / 2)..][..row].to_vec());
         }
-        assert_eq!(seen.len(), frames - 1, "every frame has its own object and noise");
+        assert_eq!(distinct.len(), frames - 1, "every frame has its own object and noise");
         let status = std::fs::read_to_string(format!("/proc/{}/status", child.id())).unwrap();
         let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:")).unwrap();
         let peak = line.trim().trim_end_matches(" kB").parse().unwrap();

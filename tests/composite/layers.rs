@@ -28,8 +28,8 @@ fn camera(site: &NamedShot, frame: usize) -> Frame {
 fn channel(file: &Path, name: &str) -> Vec<f32> {
     let image = read_first_flat_layer_from_file(file).unwrap();
     let channels = &image.layer_data.channel_data.list;
-    let found = channels.iter().find(|channel| channel.name.to_string() == name);
-    found.unwrap_or_else(|| panic!("no channel {name}")).sample_data.values_as_f32().collect()
+    let channel = channels.iter().find(|channel| channel.name.to_string() == name);
+    channel.unwrap_or_else(|| panic!("no channel {name}")).sample_data.values_as_f32().collect()
 }
 
 /// The layers of a frame as read from their file, with the codes before and after compositing.

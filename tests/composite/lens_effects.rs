@@ -299,13 +299,13 @@ fn halation_conserves_light_and_glows_beside_the_object() {
             board([30.0, 20.0], 4.0),
         );
         let twin = halation::twin(&before, WIDTH as usize, &halation::Halation { share: 0.3, sigma_px });
-        let found: Vec<[f64; 4]> = done.layer.as_ref().unwrap().rgba.iter().map(|p| p.map(f64::from)).collect();
-        for (i, (found, twin)) in found.iter().zip(&twin).enumerate() {
+        let with_glow: Vec<[f64; 4]> = done.layer.as_ref().unwrap().rgba.iter().map(|p| p.map(f64::from)).collect();
+        for (i, (with_glow, twin)) in with_glow.iter().zip(&twin).enumerate() {
             // Relative to the brightest light; taps below a ten-thousandth are left out.
-            assert_close(*found, *twin, 4.0 * within, &format!("{sigma_px}: {i}"));
-            assert_eq!(found[3], before[i][3], "coverage stays");
+            assert_close(*with_glow, *twin, 4.0 * within, &format!("{sigma_px}: {i}"));
+            assert_eq!(with_glow[3], before[i][3], "coverage stays");
         }
-        assert!((sum(&found) / sum(&before) - 1.0).abs() < 1e-3, "{sigma_px}: {}", sum(&found) / sum(&before));
+        assert!((sum(&with_glow) / sum(&before) - 1.0).abs() < 1e-3, "{sigma_px}: {}", sum(&with_glow) / sum(&before));
         // Beside the board's edge, at 190 px, nothing is covered and the footage is brightened by
         // the glow.
         let (beside, behind) = (190 + (0.5 * sigma_px) as usize, Response::default().decode(60.0 / 255.0));

@@ -127,11 +127,11 @@ fn marks_project_by_the_formula_all_around() {
                 if !inside || theta > largest {
                     continue;
                 }
-                let seen = centroid(&geometry, &image, at, reach).unwrap_or_else(|| panic!("{d} is not at {at}"));
+                let mark_px = centroid(&geometry, &image, at, reach).unwrap_or_else(|| panic!("{d} is not at {at}"));
                 // The centroid of a projected square deviates a little from the projection of its
                 // centre.
-                assert!(seen.distance(at) < 0.3, "{d} ({theta}°) at {seen}, not {at}");
-                (found, worst, farthest) = (found + 1, worst.max(seen.distance(at)), farthest.max(theta));
+                assert!(mark_px.distance(at) < 0.3, "{d} ({theta}°) at {mark_px}, not {at}");
+                (found, worst, farthest) = (found + 1, worst.max(mark_px.distance(at)), farthest.max(theta));
                 let (x, y) = ((at.x as u32).min(image.width - 1), at.y as u32);
                 let depth = f64::from(image.depth_m[(y * image.width + x) as usize]);
                 assert!((depth - 2.0).abs() < 0.002, "{d}: {depth} m is the distance");
@@ -419,10 +419,10 @@ fn virtual_board_coincides_with_the_simulated_one() {
         let mask: Vec<bool> = covered.values.iter().map(|a| *a > 0.999).collect();
         let (a, b) = (green(&pixels), green(&done.pixels));
         let options = DisplacementOptions { patch_px: 64, step_px: 16, min_mask_share: 0.8, ..Default::default() };
-        let found = displacements(&a, &b, Some(&mask), &options).unwrap();
+        let measured = displacements(&a, &b, Some(&mask), &options).unwrap();
         // In px of the picture itself, not of the resampled view.
         let scale = geometry.intrinsics.fx_px / (192.0 / 0.34);
-        let median = found.median_length_px().unwrap() * scale;
+        let median = measured.median_length_px().unwrap() * scale;
         let off: Vec<f64> = mask
             .iter()
             .zip(a.values.iter().zip(&b.values))
@@ -433,10 +433,10 @@ fn virtual_board_coincides_with_the_simulated_one() {
         println!(
             "{name} ({:.1}°): {median:.3} px in {} patches; {mean:.2} codes over {} places",
             towards.angle_between(DVec3::Z).to_degrees(),
-            found.patches.len(),
+            measured.patches.len(),
             off.len()
         );
-        assert!(found.patches.len() >= 2 && median <= 0.3 && mean < 8.0, "{name}: {median} {mean}");
+        assert!(measured.patches.len() >= 2 && median <= 0.3 && mean < 8.0, "{name}: {median} {mean}");
     }
 }
 

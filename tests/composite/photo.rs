@@ -436,10 +436,13 @@ fn cropped_rolling_shutter_photo_keeps_the_row_times_of_the_whole_picture() {
             // Coverage is linear in light.
             let covered: Vec<f64> = (0..width).map(|x| decode(done.at(x, y)[1]) - decode(60)).collect();
             let moment: f64 = covered.iter().enumerate().map(|(x, share)| (x as f64 + 0.5) * share).sum();
-            let found = framing.framed.left_px + moment / covered.iter().sum::<f64>();
+            let centroid_px = framing.framed.left_px + moment / covered.iter().sum::<f64>();
             let expected = 80.0 + 200.0 * READOUT_S * ((f64::from(y) + 0.5) / 120.0 - 0.5);
             // A pixel has four samples: each edge is known to an eighth of a pixel.
-            assert!((found - expected).abs() < 0.2, "{width} px wide, row {y}: {found}, by hand {expected}");
+            assert!(
+                (centroid_px - expected).abs() < 0.2,
+                "{width} px wide, row {y}: {centroid_px}, by hand {expected}"
+            );
         }
     }
 }

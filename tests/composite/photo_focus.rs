@@ -96,9 +96,13 @@ fn far_edge_is_as_wide_as_its_circle_of_confusion() {
     for infinity_px in [4.0f64, 8.0, 16.0, 32.0, 56.0] {
         let (pixels, depth) = pictured(|x, _| if x < 160 { 6000 } else { 40000 }, |_, _| 4.0);
         let done = photo(&camera, Scene::default(), &pixels, &depth, lens(infinity_px, 1.0), SIZE.0);
-        let found = width_px(&done, 120, 100..220);
+        let measured_px = width_px(&done, 120, 100..220);
         let wanted = (0.687 * 0.75 * infinity_px).hypot(0.8);
-        assert!((found / wanted - 1.0).abs() < 0.05, "circle {}: {found} px, {wanted} wanted", 0.75 * infinity_px);
+        assert!(
+            (measured_px / wanted - 1.0).abs() < 0.05,
+            "circle {}: {measured_px} px, {wanted} wanted",
+            0.75 * infinity_px
+        );
         // No vignetting at the picture's corners.
         for (x, y) in [(0, 0), (319, 0), (0, 239), (319, 239)] {
             let there = f64::from(pixels.at(x, y)[0]) / 257.0;
@@ -132,9 +136,9 @@ fn blurred_foreground_spreads_over_the_sharp_background_and_is_translucent() {
     // of the edge.
     let (pixels, depth) = pictured(|x, _| if x < 160 { 6000 } else { 40000 }, |x, _| if x < 160 { 0.5 } else { 1.0 });
     let done = photo(&camera, Scene::default(), &pixels, &depth, lens(16.0, 1.0), SIZE.0);
-    let found = width_px(&done, 120, 130..190);
+    let measured_px = width_px(&done, 120, 130..190);
     let wanted = (0.687 * 16.0f64).hypot(0.8);
-    assert!((found / wanted - 1.0).abs() < 0.08, "{found}, {wanted} wanted");
+    assert!((measured_px / wanted - 1.0).abs() < 0.08, "{measured_px}, {wanted} wanted");
     // The mean of both at the edge, which is displaced outwards by one pixel.
     let middle = light(&done, 160, 120) / (light(&pixels, 10, 120) + light(&pixels, 300, 120));
     assert!((middle - 0.5).abs() < 0.08, "{middle}");
@@ -252,8 +256,8 @@ fn occluded_object_does_not_show_through() {
         // Without occlusion by real surfaces, all of it is visible.
         let mut settings = Settings::default();
         settings.depth.occlusion = false;
-        let seen = photo_with(settings, &without_noise(), board(), &pixels, &depth, opening, SIZE.0);
-        assert!(seen.at(160, 120)[1] >= 254, "{wall_m} m: {:?}", seen.at(160, 120));
+        let photo = photo_with(settings, &without_noise(), board(), &pixels, &depth, opening, SIZE.0);
+        assert!(photo.at(160, 120)[1] >= 254, "{wall_m} m: {:?}", photo.at(160, 120));
     }
 }
 
@@ -263,7 +267,7 @@ struct Room {
     snapshot: Snapshot,
     camera: Camera,
     recorded: Pixels,
-    seen: SimulatedPicture,
+    picture: SimulatedPicture,
 }
 
 impl Room {
@@ -272,9 +276,9 @@ impl Room {
         let options = Options { width_px, height_px, focal_px, exposure_time_s, readout_time_s, ..Options::default() };
         let simulation = Simulation::with_detail(&options, Detail::for_focal_px(120.0), 2).unwrap();
         let snapshot = simulation.snapshot(70);
-        let seen = simulation.shoot(&snapshot);
+        let picture = simulation.shoot(&snapshot);
         let camera = gpu::camera(simulation.geometry(), 0.0);
-        Self { recorded: codes(&seen.light, (width_px, height_px)), simulation, snapshot, camera, seen }
+        Self { recorded: codes(&picture.light, (width_px, height_px)), simulation, snapshot, camera, picture }
     }
 
     /// Photographs by a depth map, with a focus distance and an aperture diameter.
@@ -319,7 +323,7 @@ fn photo_matches_a_thin_lens_rendering() {
     for &(focus_distance_m, aperture_diameter_m) in lenses {
         let rays = Snapshot { samples, aperture_diameter_m, focus_distance_m, ..room.snapshot };
         let truth = codes(&room.simulation.shoot(&rays).light, size);
-        let done = room.photo(&room.seen.depth_m, focus_distance_m, aperture_diameter_m);
+        let done = room.photo(&room.picture.depth_m, focus_distance_m, aperture_diameter_m);
         let (of_photo, of_recorded) =
             (mean_difference(&done, &truth, |_, _| true), mean_difference(&room.recorded, &truth, |_, _| true));
         for (name, pixels) in [("truth", &truth), ("photo", &done), ("recorded", &room.recorded)] {
@@ -378,7 +382,7 @@ fn photo_by_kinect_depth_nearly_matches_exact_depth() {
     // The stool's seat is in focus; the floor around it, wood as well, is blurred over 5 to 15 px.
     let room = Room::new((640, 480), 520.0);
     let opening = Opening { diameter_m: 0.05, focus_distance_m: 0.95, blades: 0, rotation_rad: 0.0 };
-    let [apart, of_recorded] = by_a_kinect("room", &room.camera, &room.recorded, &room.seen.depth_m, opening);
+    let [apart, of_recorded] = by_a_kinect("room", &room.camera, &room.recorded, &room.picture.depth_m, opening);
     // 0.00074; with unfiltered edges 0.00082. Most of it is between the legs, dark in front of
     // dark.
     assert!(apart < 0.00078, "{apart}, the recorded picture {of_recorded}");

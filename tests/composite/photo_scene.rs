@@ -141,8 +141,8 @@ fn object_behind_a_moving_edge_is_visible_for_a_share_of_the_exposure() {
             let real = (1.0 - seen) * decoded(10.0) + seen * decoded(120.0);
             let expected = 0.5 * seen + (1.0 - seen) * real;
             for x in columns {
-                let found = decoded(taken.at(x, 30)[1].into());
-                assert!((found - expected).abs() < 0.01, "{opening:?}, {x}: {found}, by hand {expected}");
+                let light = decoded(taken.at(x, 30)[1].into());
+                assert!((light - expected).abs() < 0.01, "{opening:?}, {x}: {light}, by hand {expected}");
             }
         }
     }
@@ -198,8 +198,8 @@ fn surface_with_sparse_depth_occludes_completely() {
         if (x as i32 - 160).abs() < 3 || (y as i32 - 80).abs() < 3 {
             continue;
         }
-        let seen = taken.at(x as u32, y as u32)[1];
-        assert_eq!(seen < 100, inside(x, y), "{x} {y}: {seen}");
+        let green = taken.at(x as u32, y as u32)[1];
+        assert_eq!(green < 100, inside(x, y), "{x} {y}: {green}");
     }
 }
 

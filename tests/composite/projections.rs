@@ -122,7 +122,7 @@ fn marks_project_by_the_formula_in_every_projection() {
     for projection in projections(scale) {
         let image = shoot(scene.clone(), &projection, pose);
         let size = DVec2::new(image.width.into(), image.height.into());
-        let mut found = 0;
+        let mut marks = 0;
         for d in &directions {
             let Some(at) = projection.project(2.0 * *d) else { continue };
             let step = projection.direction(at + DVec2::X).map_or(1.0, |e| e.angle_between(*d));
@@ -139,15 +139,15 @@ fn marks_project_by_the_formula_in_every_projection() {
             if !inside || !whole || direct || pole {
                 continue;
             }
-            let seen = centroid(&image, at, reach).unwrap_or_else(|| panic!("{projection:?}: {d} is not at {at}"));
-            worst = worst.max(seen.distance(at));
+            let mark_px = centroid(&image, at, reach).unwrap_or_else(|| panic!("{projection:?}: {d} is not at {at}"));
+            worst = worst.max(mark_px.distance(at));
             // The centroid of a projected square deviates a little from the projection of its
             // centre; most of the rest is sampling.
-            assert!(seen.distance(at) < 0.3, "{projection:?}: {d} at {seen}, not {at}");
-            found += 1;
+            assert!(mark_px.distance(at) < 0.3, "{projection:?}: {d} at {mark_px}, not {at}");
+            marks += 1;
         }
-        println!("{projection:?}: {found} marks");
-        assert!(found >= 5, "{projection:?}: {found} marks");
+        println!("{projection:?}: {marks} marks");
+        assert!(marks >= 5, "{projection:?}: {marks} marks");
     }
     println!("farthest {worst:.3} px");
 }
@@ -265,8 +265,8 @@ fn program_frames_a_scene_with_every_projection() {
             assert!(done && !text.contains("nothing of the scene"), "{camera}: {text}");
             let picture = image::open(&file).unwrap().to_rgba8();
             assert_eq!(picture.dimensions(), (96, 64));
-            let seen = picture.pixels().filter(|p| p.0[3] > 128).count();
-            assert!(seen > 4, "{camera} {model}: {seen} pixels");
+            let opaque_px = picture.pixels().filter(|p| p.0[3] > 128).count();
+            assert!(opaque_px > 4, "{camera} {model}: {opaque_px} pixels");
             // Complete: nothing touches the frame, except for the ground below an environment.
             let cut = picture
                 .enumerate_pixels()

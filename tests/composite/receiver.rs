@@ -64,10 +64,10 @@ fn floor_m() -> Vec<f32> {
 
 /// A frame with this estimated gain.
 fn frame(codes: Vec<u8>, depth_m: Vec<f32>, gain: f64) -> Frame {
-    let seen = RelativeBrightness { factors: [gain; 3], median_s: None, spatial_gain: SpatialGain::default() };
+    let brightness = RelativeBrightness { factors: [gain; 3], median_s: None, spatial_gain: SpatialGain::default() };
     Frame {
         depth: Some(DepthMap { width: WIDTH, height: HEIGHT, depth_m, timestamp_s: 0.0 }.into()),
-        exposure: FrameExposure { brightness: Some(seen), ..FrameExposure::default() },
+        exposure: FrameExposure { brightness: Some(brightness), ..FrameExposure::default() },
         ..gpu::frame(0, 0.0, Pixels::from_u8(WIDTH, HEIGHT, codes).unwrap())
     }
 }
@@ -182,8 +182,8 @@ fn colour_with_a_clipped_channel_keeps_its_hue_unless_pale() {
             let light = [red, srgb::decode(f64::from(codes[1]) / 255.0), srgb::decode(f64::from(codes[2]) / 255.0)];
             for c in 0..3 {
                 let expected = encode(light[c] * f64::from(ratios[i][c]));
-                let found = pixel(&done, i)[c];
-                assert!((f64::from(found) - expected).abs() <= 0.7, "{codes:?}, {i}: {found} {expected}");
+                let code = pixel(&done, i)[c];
+                assert!((f64::from(code) - expected).abs() <= 0.7, "{codes:?}, {i}: {code} {expected}");
             }
         }
     }

@@ -145,8 +145,8 @@ fn sweep(between: bool) -> impl Iterator<Item = (String, PictureInputs)> {
 fn reused_compositor_matches_a_new_one_over_every_parameter_range() {
     // Own device: the test counts its pipelines.
     let gpu = Gpu::open().unwrap();
-    let mut held = Compositor::new(gpu.clone(), scene());
-    let pictures: Vec<_> = sweep(false).map(|(label, one)| (label, one.picture(&mut held))).collect();
+    let mut reused = Compositor::new(gpu.clone(), scene());
+    let pictures: Vec<_> = sweep(false).map(|(label, one)| (label, one.picture(&mut reused))).collect();
     let drawn = pictures.iter().filter(|(_, picture)| picture.is_ok()).count();
     println!("{} values, {drawn} pictures", pictures.len());
     assert!(drawn > fast_or_full(100, 200) && drawn * 2 > pictures.len(), "{drawn} of {}", pictures.len());
@@ -154,7 +154,7 @@ fn reused_compositor_matches_a_new_one_over_every_parameter_range() {
     // Each choice has been drawn by now. Other numbers create no pipeline.
     let mut made = gpu.pipeline_count();
     for (label, one) in sweep(true) {
-        let _ = one.picture(&mut held);
+        let _ = one.picture(&mut reused);
         let now = gpu.pipeline_count();
         assert_eq!(now, made, "{label}: {} pipelines more", now - made);
         made = now;
@@ -162,7 +162,7 @@ fn reused_compositor_matches_a_new_one_over_every_parameter_range() {
     let (again, anew) = fast_or_full((8, 24), (3, 9));
     for (n, ((label, one), (_, first))) in sweep(false).zip(&pictures).enumerate() {
         if n % again == 0 {
-            assert!(one.picture(&mut held) == *first, "{label}: another picture the second time");
+            assert!(one.picture(&mut reused) == *first, "{label}: another picture the second time");
         }
         // A new compositor for every picture would take minutes.
         if n % anew == 0 {
@@ -186,8 +186,8 @@ fn adopted_gpu() -> (Gpu, wgpu::Device) {
 fn error_on_an_adopted_device_is_reported_and_rendering_continues() {
     let (gpu, device) = adopted_gpu();
     let mut compositor = Compositor::new(gpu.clone(), scene());
-    let held = PictureInputs::new(0);
-    let before = held.picture(&mut compositor).unwrap();
+    let inputs = PictureInputs::new(0);
+    let before = inputs.picture(&mut compositor).unwrap();
     // Exceeds any device's limits.
     let _ = device.create_buffer(&wgpu::BufferDescriptor {
         label: None,
@@ -195,20 +195,20 @@ fn error_on_an_adopted_device_is_reported_and_rendering_continues() {
         usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::MAP_WRITE,
         mapped_at_creation: false,
     });
-    let camera = held.rig.camera();
+    let camera = inputs.rig.camera();
     let (geometry, track) = (camera.geometry.clone().unwrap(), sideways([200.0, 0.0]));
-    let job = |frame| Job::of_frame(frame, &camera, &held.settings, &geometry, &track, 1.0 / 30.0).unwrap();
-    let pending = compositor.submit(job(frame()), &camera, &held.settings, Target::Pixels).unwrap();
+    let job = |frame| Job::of_frame(frame, &camera, &inputs.settings, &geometry, &track, 1.0 / 30.0).unwrap();
+    let pending = compositor.submit(job(frame()), &camera, &inputs.settings, Target::Pixels).unwrap();
     let error = compositor.collect(pending).unwrap_err().to_string();
     assert!(error.contains("MAP_READ"), "{error}");
     assert_eq!(gpu.take_failure().map(|e| e.to_string()), Some(error));
-    assert!(held.picture(&mut compositor).unwrap() == before);
+    assert!(inputs.picture(&mut compositor).unwrap() == before);
 
     // A view of another size is refused before drawing.
     let (width, height) = size();
     let view = texture(&device, (width - 1, height), wgpu::TextureFormat::Rgba8Unorm).create_view(&Default::default());
     let target = Target::View(&view, wgpu::TextureFormat::Rgba8Unorm);
-    let error = compositor.submit(job(frame()), &camera, &held.settings, target).unwrap_err().to_string();
+    let error = compositor.submit(job(frame()), &camera, &inputs.settings, target).unwrap_err().to_string();
     let (narrow, whole) = (format!("{}x{height}", width - 1), format!("{width}x{height}"));
     assert!(error.contains(&narrow) && error.contains(&whole), "{error}");
     gpu.check().unwrap();
@@ -231,10 +231,10 @@ fn texture(device: &wgpu::Device, (width, height): (u32, u32), format: wgpu::Tex
 fn composite_into_a_texture_view_matches_the_written_pixels() {
     let (gpu, device) = adopted_gpu();
     let mut compositor = Compositor::new(gpu.clone(), scene());
-    let held = PictureInputs::new(0);
-    let camera = held.rig.camera();
+    let inputs = PictureInputs::new(0);
+    let camera = inputs.rig.camera();
     let geometry = camera.geometry.clone().unwrap();
-    let written = held.picture(&mut compositor).unwrap();
+    let written = inputs.picture(&mut compositor).unwrap();
     // Sixteen bits round to eight; a frame without a pose is the footage itself.
     let wide = |pixels: &Pixels| {
         let Codes::U8(codes) = &pixels.codes else { panic!("8 bits go in") };
@@ -254,13 +254,13 @@ fn composite_into_a_texture_view_matches_the_written_pixels() {
         ] {
             let texture = texture(&device, size(), format);
             let view = texture.create_view(&Default::default());
-            let job = Job::of_frame(frame.clone(), &camera, &held.settings, &geometry, &away, 1.0 / 30.0).unwrap();
+            let job = Job::of_frame(frame.clone(), &camera, &inputs.settings, &geometry, &away, 1.0 / 30.0).unwrap();
             let target = Target::View(&view, format);
-            let pending = compositor.submit(job, &camera, &held.settings, target).unwrap();
+            let pending = compositor.submit(job, &camera, &inputs.settings, target).unwrap();
             let done = compositor.collect(pending).unwrap();
             assert!(done.pixels == *frame.pixels, "the frame itself stays as it came");
-            let job = Job::of_frame(frame.clone(), &camera, &held.settings, &geometry, &away, 1.0 / 30.0).unwrap();
-            let pending = compositor.submit(job, &camera, &held.settings, Target::Pixels).unwrap();
+            let job = Job::of_frame(frame.clone(), &camera, &inputs.settings, &geometry, &away, 1.0 / 30.0).unwrap();
+            let pending = compositor.submit(job, &camera, &inputs.settings, Target::Pixels).unwrap();
             let expected = compositor.collect(pending).unwrap().pixels;
             assert_eq!(expected != *frame.pixels, what != "no pose");
             if what == "8 bits" {

@@ -100,7 +100,7 @@ fn card_m(simulation: &Simulation, frame: usize, at: DVec2) -> Option<f64> {
 /// The true visible share of evidence in each pixel, supersampled within two pixels of an edge.
 struct Truth {
     width: usize,
-    seen: Vec<f64>,
+    visible_share: Vec<f64>,
     /// True if the pixel has evidence, and the real surface is clearly in front of it or behind it.
     is_clear: Vec<bool>,
 }
@@ -126,14 +126,14 @@ impl Truth {
             let part = |n: i32| middle(i) + DVec2::new(f64::from(n % 4) - 1.5, f64::from(n / 4) - 1.5) / 4.0;
             (0..16).map(|n| is_seen(behind_m(part(n)))).sum::<f64>() / 16.0
         };
-        Self { width, seen: (0..width * height).map(share).collect(), is_clear }
+        Self { width, visible_share: (0..width * height).map(share).collect(), is_clear }
     }
 
     /// Positions of the evidence's edge between two pixels, each with the edge's normal.
     fn edges(&self) -> Vec<(DVec2, DVec2)> {
-        let (width, height) = (self.width, self.seen.len() / self.width);
+        let (width, height) = (self.width, self.visible_share.len() / self.width);
         let reach = REACH_PX as usize + 2;
-        let mut found = Vec::new();
+        let mut edges = Vec::new();
         for y in reach..height - reach {
             for x in reach..width - reach {
                 let i = y * width + x;
@@ -142,7 +142,7 @@ impl Truth {
                     continue;
                 }
                 for next in [1, width] {
-                    let (a, b) = (self.seen[i] - 0.5, self.seen[i + next] - 0.5);
+                    let (a, b) = (self.visible_share[i] - 0.5, self.visible_share[i + next] - 0.5);
                     if a * b >= 0.0 {
                         continue;
                     }
@@ -151,17 +151,17 @@ impl Truth {
                     let steep: DVec2 = around
                         .clone()
                         .enumerate()
-                        .map(|(n, i)| DVec2::new((n % 5) as f64 - 2.0, (n / 5) as f64 - 2.0) * self.seen[i])
+                        .map(|(n, i)| DVec2::new((n % 5) as f64 - 2.0, (n / 5) as f64 - 2.0) * self.visible_share[i])
                         .sum();
                     // Counts each edge once: along the axis closer to its normal.
                     let across = steep.normalize_or_zero();
                     if across.dot(along).abs() > 0.72 {
-                        found.push((at, across));
+                        edges.push((at, across));
                     }
                 }
             }
         }
-        found
+        edges
     }
 }
 
@@ -214,11 +214,11 @@ fn edge_errors_px(recording: &Path, scene: &Path, truths: &[Truth]) -> Vec<f64> 
     };
     let mut off = Vec::new();
     for (frame, truth) in evaluated_frames().iter().copied().zip(truths) {
-        let found = visible_share(&layers(true, frame), &layers(false, frame));
-        show(&format!("{name}-{frame}"), &found, &truth.seen, truth.width);
+        let share = visible_share(&layers(true, frame), &layers(false, frame));
+        show(&format!("{name}-{frame}"), &share, &truth.visible_share, truth.width);
         for (at, across) in truth.edges() {
-            let Some(is) = half_crossing_px(&truth.seen, truth.width, at, across) else { continue };
-            off.push(half_crossing_px(&found, truth.width, at, across).map_or(REACH_PX, |found| (found - is).abs()));
+            let Some(is) = half_crossing_px(&truth.visible_share, truth.width, at, across) else { continue };
+            off.push(half_crossing_px(&share, truth.width, at, across).map_or(REACH_PX, |share| (share - is).abs()));
         }
     }
     off.sort_by(f64::total_cmp);

@@ -80,8 +80,8 @@ fn white_diffuse_surface_reflects_the_sun_by_lamberts_cosine() {
     // albedo of the roughest surface after one bounce, at normal incidence) and adds 0.04/(2·(1 +
     // 1/2)): together +0.1 %.
     let towards = Vec3::new(0.75f32.sqrt(), 0.0, -0.5);
-    let found = lit_red(material(1.0, 0.0, 1.0), sun(towards, 0.8));
-    assert!((found - 0.4004).abs() < 0.0005, "{found}");
+    let red = lit_red(material(1.0, 0.0, 1.0), sun(towards, 0.8));
+    assert!((red - 0.4004).abs() < 0.0005, "{red}");
     assert_eq!(lit_red(material(1.0, 0.0, 1.0), sun(Vec3::new(1.0, 0.0, 0.2), 0.8)), 0.0, "from behind");
 }
 
@@ -104,9 +104,9 @@ fn spot_light_between_its_angles_falls_off_with_the_square_of_the_ramp() {
     let on_axis = lit_at(1.0);
     assert!((on_axis - 1.0).abs() < 0.1, "{on_axis}");
     for (cosine, ramp) in [(0.875, 0.75), (0.75, 0.5), (0.625, 0.25), (0.45, 0.0)] {
-        let found = lit_at(cosine) / on_axis;
+        let relative = lit_at(cosine) / on_axis;
         // The layer has half floats, and the pixel's centre is 0.02° off.
-        assert!((found - ramp * ramp).abs() < 0.002, "cosine {cosine}: {found}");
+        assert!((relative - ramp * ramp).abs() < 0.002, "cosine {cosine}: {relative}");
     }
 }
 
@@ -120,9 +120,9 @@ fn white_surface_under_a_white_sky_is_white() {
                 scene.objects[0].parts[0].world_from_mesh = DAffine3::from_translation(about)
                     * DAffine3::from_quat(DQuat::from_rotation_y(slant))
                     * DAffine3::from_translation(-about);
-                let found = central_red(scene);
+                let red = central_red(scene);
                 // Half floats.
-                assert!((found - 1.0).abs() < 0.001, "metallic {metallic}, roughness {roughness}, {slant}: {found}");
+                assert!((red - 1.0).abs() < 0.001, "metallic {metallic}, roughness {roughness}, {slant}: {red}");
             }
         }
     }
@@ -133,16 +133,16 @@ fn rough_metal_matches_the_brdf_integral() {
     // At roughness 0.6 and normal incidence one bounce returns 0.8245 F0 of uniform light, over all
     // views 0.8030 (by summing the BRDF over 400,000 directions). F0 = 0.5: mean of Schlick's term
     // 0.5238, further bounces add 9.98 %.
-    let found = lit_red(material(0.5, 1.0, 0.6), Lighting::default());
-    assert!((found - 0.4534).abs() < 0.002, "{found}");
+    let red = lit_red(material(0.5, 1.0, 0.6), Lighting::default());
+    assert!((red - 0.4534).abs() < 0.002, "{red}");
 }
 
 #[test]
 fn smooth_metal_has_the_full_specular_peak() {
     // Camera, sun and normal are aligned: D·π = 1/α² = 10⁴, visibility 1/4, F = 1. Half a pixel off
     // at 2000 px: 0.05 %.
-    let found = lit_red(material(1.0, 1.0, 0.1), sun(Vec3::NEG_Z, 1.0));
-    assert!((found - 2500.0).abs() < 12.0, "{found}");
+    let red = lit_red(material(1.0, 1.0, 0.1), sun(Vec3::NEG_Z, 1.0));
+    assert!((red - 2500.0).abs() < 12.0, "{red}");
 }
 
 #[test]

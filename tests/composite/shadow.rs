@@ -307,10 +307,10 @@ fn moved_light_redraws_the_shadows_of_unchanged_objects() {
     let mut after = before.clone();
     after.lighting.suns[0].towards_light_in_world.x *= -1.0;
     let gpu = gpu::gpu();
-    let mut held = Compositor::new(gpu.clone(), before);
-    let unmoved = drawn(&mut held);
-    held.set_scene(after.clone());
-    let moved = drawn(&mut held);
+    let mut compositor = Compositor::new(gpu.clone(), before);
+    let unmoved = drawn(&mut compositor);
+    compositor.set_scene(after.clone());
+    let moved = drawn(&mut compositor);
     // A point 3 cm beside the box is in its shadow while the sun is on the other side.
     let code_beside = |pixels: &Pixels, x: f64| {
         let at = geometry.project(pose().transform_point(DVec3::new(x, 0.0, 0.0))).unwrap();

@@ -27,8 +27,8 @@ fn opened(sets: &[&str]) -> Result<Shot, ShotError> {
 
 fn opened_in(recording: &Path, sets: &[&str]) -> Result<Shot, ShotError> {
     let sets = sets.iter().map(ToString::to_string).collect();
-    let given = ShotOptions { sets, scene: Some(SCENE.into()), ..ShotOptions::default() };
-    Shot::open(recording, &OpenOptions::default(), &given)
+    let options = ShotOptions { sets, scene: Some(SCENE.into()), ..ShotOptions::default() };
+    Shot::open(recording, &OpenOptions::default(), &options)
 }
 
 /// The demonstration; in the fast tier at a quarter of its resolution, with only its two markers.
@@ -50,9 +50,9 @@ fn picture(shot: &mut Shot, compositor: &mut Compositor, frame: usize) -> Compos
 fn settings_changed_between_pictures_take_effect() {
     let gpu = gpu::gpu();
     let shadows = fast_or_full(&["shadow.cast=false"][..], &[]);
-    let mut held = demo(shadows);
-    let mut compositor = held.compositor(gpu.clone());
-    let mut pictures = vec![picture(&mut held, &mut compositor, 31)];
+    let mut shot = demo(shadows);
+    let mut compositor = shot.compositor(gpu.clone());
+    let mut pictures = vec![picture(&mut shot, &mut compositor, 31)];
     // Parameters of an effect, of the camera's lens and of its geometry.
     let sets = [
         "motion_blur.method=copies",
@@ -61,44 +61,44 @@ fn settings_changed_between_pictures_take_effect() {
         fast_or_full("camera.fx_px=135", "camera.fx_px=540"),
     ];
     for count in 1..=sets.len() {
-        held.rig.set_text(sets[count - 1], &mut held.settings).unwrap();
-        let changed = picture(&mut held, &mut compositor, 31);
+        shot.rig.set_text(sets[count - 1], &mut shot.settings).unwrap();
+        let changed = picture(&mut shot, &mut compositor, 31);
         let mut anew = demo(&[shadows, &sets[..count]].concat());
-        let expected = picture(&mut anew, &mut held.compositor(gpu.clone()), 31);
+        let expected = picture(&mut anew, &mut shot.compositor(gpu.clone()), 31);
         assert!(changed.pixels == expected.pixels, "{}", sets[count - 1]);
         pictures.push(changed);
     }
     let pixels = |n: usize| &pictures[n].pixels;
     assert!((1..pictures.len()).all(|n| pixels(n - 1) != pixels(n)), "each of them is seen");
     // The cached frame is unmodified, and another frame differs.
-    assert!(*held.read(31).unwrap().pixels != *pixels(4));
-    let other = picture(&mut held, &mut compositor, 30);
-    assert!(other.frame == 30 && picture(&mut held, &mut compositor, 31).pixels == *pixels(4));
+    assert!(*shot.read(31).unwrap().pixels != *pixels(4));
+    let other = picture(&mut shot, &mut compositor, 30);
+    assert!(other.frame == 30 && picture(&mut shot, &mut compositor, 31).pixels == *pixels(4));
 }
 
 #[test]
 fn scene_changes_need_no_new_pipelines() {
     // Own device: the test counts its pipelines.
     let gpu = Gpu::open().unwrap();
-    let mut held = demo(&[]);
-    let mut compositor = held.compositor(gpu.clone());
-    let before = picture(&mut held, &mut compositor, 31);
+    let mut shot = demo(&[]);
+    let mut compositor = shot.compositor(gpu.clone());
+    let before = picture(&mut shot, &mut compositor, 31);
     let made = gpu.pipeline_count();
     // The first is 2 cm higher, the second has no parts left.
     let up = DAffine3::from_translation(0.02 * DVec3::Z);
-    let scene = Arc::make_mut(&mut held.scene);
+    let scene = Arc::make_mut(&mut shot.scene);
     scene.objects[0].parts.iter_mut().for_each(|part| part.world_from_mesh = up * part.world_from_mesh);
     scene.objects[1].parts.clear();
-    let moved = picture(&mut held, &mut compositor, 31);
+    let moved = picture(&mut shot, &mut compositor, 31);
     assert_eq!(gpu.pipeline_count(), made);
-    let mut new = held.compositor(gpu.clone());
-    let anew = picture(&mut held, &mut new, 31);
+    let mut new = shot.compositor(gpu.clone());
+    let anew = picture(&mut shot, &mut new, 31);
     assert!(moved.pixels != before.pixels && moved.pixels == anew.pixels);
 
     let made = gpu.pipeline_count();
-    held.scene = demo(&[]).scene;
-    compositor.set_scene(Scene::clone(&held.scene));
-    assert!(picture(&mut held, &mut compositor, 31).pixels == before.pixels);
+    shot.scene = demo(&[]).scene;
+    compositor.set_scene(Scene::clone(&shot.scene));
+    assert!(picture(&mut shot, &mut compositor, 31).pixels == before.pixels);
     assert_eq!(gpu.pipeline_count(), made);
 }
 
@@ -137,12 +137,12 @@ fn export_matches_the_shot_and_can_be_cancelled() {
     let folder = temp.path().join("frames");
     let export = Export::new(31..34, OutPath::parse(&folder).unwrap());
     export.check(&Inputs::of(&shot)).unwrap();
-    let mut seen = Vec::new();
+    let mut frames = Vec::new();
     let done = export.run(&shot, &mut compositor, |stats| {
-        seen.push(stats.frame);
+        frames.push(stats.frame);
         true
     });
-    assert_eq!((done.unwrap().frames(), seen), (3, vec![31, 32, 33]));
+    assert_eq!((done.unwrap().frames(), frames), (3, vec![31, 32, 33]));
     assert_eq!(names(&folder), ["frame_000031.png", "frame_000032.png", "frame_000033.png"]);
     let written = image::open(folder.join("frame_000032.png")).unwrap().to_rgb8();
     let shown = picture(&mut shot, &mut compositor, 32).pixels;
@@ -213,8 +213,8 @@ fn photo_can_be_cancelled() {
 fn damaged_frame_ends_the_stream_and_names_its_file() {
     let temp = tempfile::tempdir().unwrap();
     program::with_a_truncated_frame(temp.path());
-    let given = ShotOptions { profile: Some("profiles/simulated.toml".into()), ..ShotOptions::default() };
-    let shot = Shot::open(temp.path(), &OpenOptions::default(), &given).unwrap();
+    let options = ShotOptions { profile: Some("profiles/simulated.toml".into()), ..ShotOptions::default() };
+    let shot = Shot::open(temp.path(), &OpenOptions::default(), &options).unwrap();
     shot.check(0..6).unwrap();
     let mut compositor = shot.compositor(gpu::gpu().clone());
     let all: Vec<_> = shot.frames(&mut compositor, 0..6, false, 1).unwrap().collect();
@@ -242,8 +242,8 @@ fn errors_name_the_accepted_values() {
         assert!(error(&[set]).contains(named), "{}", error(&[set]));
     }
     let at = |recording: &str, scene: &str| {
-        let given = ShotOptions { scene: Some(scene.into()), ..ShotOptions::default() };
-        Shot::open(Path::new(recording), &OpenOptions::default(), &given).unwrap_err().to_string()
+        let options = ShotOptions { scene: Some(scene.into()), ..ShotOptions::default() };
+        Shot::open(Path::new(recording), &OpenOptions::default(), &options).unwrap_err().to_string()
     };
     assert!(at("recordings/nothing", SCENE).contains("recordings/nothing: is not a recording"));
     assert!(at("recordings/demo", "scenes/nothing.toml").contains("scenes/nothing.toml: cannot be read"));
@@ -271,7 +271,7 @@ fn notes_follow_the_settings() {
     // Effects that are off produce no notes.
     shot.settings.plain();
     assert_eq!(shot.notes(0..4), []);
-    let seen = |frame, no_occlusion: Option<&str>| FrameStats {
+    let stats = |frame, no_occlusion: Option<&str>| FrameStats {
         frame,
         timestamp_s: 0.0,
         no_pose: None,
@@ -284,11 +284,13 @@ fn notes_follow_the_settings() {
         fastest_px_per_s: 0.0,
         effects: Vec::new(),
     };
-    assert_eq!(Note::of_frames(&[seen(0, None), seen(1, None)]), [Note::NothingSeen]);
-    let [note] = &Note::of_frames(&[seen(0, None), seen(1, Some("why")), seen(2, Some("else"))])[..] else { panic!() };
+    assert_eq!(Note::of_frames(&[stats(0, None), stats(1, None)]), [Note::NothingSeen]);
+    let [note] = &Note::of_frames(&[stats(0, None), stats(1, Some("why")), stats(2, Some("else"))])[..] else {
+        panic!()
+    };
     assert!(note.to_string().contains("2 of 3 frames") && note.to_string().contains("(frame 1: why)"), "{note}");
-    let refused = FrameStats { no_example_noise: Some("another".to_owned()), ..seen(5, None) };
-    let [note, Note::NothingSeen] = &Note::of_frames(&[seen(4, None), refused])[..] else { panic!() };
+    let refused = FrameStats { no_example_noise: Some("another".to_owned()), ..stats(5, None) };
+    let [note, Note::NothingSeen] = &Note::of_frames(&[stats(4, None), refused])[..] else { panic!() };
     assert!(note.to_string().contains("1 of 2 frames") && note.to_string().contains("(frame 5: another"), "{note}");
 }
 
@@ -307,16 +309,16 @@ fn outline_matches_the_drawn_border_and_its_inside_is_hit() {
     let gpu = gpu::gpu();
     // Sharp, so that coverage is that of the objects. The camera turns, has a rolling shutter, and
     // its lens distorts.
-    let mut held = opened(&["camera.exposure.time_s=0"]).unwrap();
-    held.settings.plain();
+    let mut shot = opened(&["camera.exposure.time_s=0"]).unwrap();
+    shot.settings.plain();
     let frame = 31;
-    let geometry = held.geometry_at(frame).unwrap();
-    let mut compositor = held.compositor(gpu.clone());
-    let pending = held.submit(&mut compositor, held.read(frame).unwrap(), &geometry, Target::Pixels, true).unwrap();
+    let geometry = shot.geometry_at(frame).unwrap();
+    let mut compositor = shot.compositor(gpu.clone());
+    let pending = shot.submit(&mut compositor, shot.read(frame).unwrap(), &geometry, Target::Pixels, true).unwrap();
     let layer = compositor.collect(pending).unwrap().layer.unwrap();
-    let seen = held.projected_objects(frame).unwrap();
-    assert!(seen.iter().filter(|object| !object.outline_px.is_empty()).count() > 2, "{seen:?}");
-    let eye = held.posed_camera(frame).unwrap();
+    let projected = shot.projected_objects(frame).unwrap();
+    assert!(projected.iter().filter(|object| !object.outline_px.is_empty()).count() > 2, "{projected:?}");
+    let eye = shot.posed_camera(frame).unwrap();
     let inside = |at: DVec2| {
         let winding = |polygon: &Vec<DVec2>| {
             let sides = polygon.iter().zip(polygon.iter().cycle().skip(1));
@@ -326,7 +328,7 @@ fn outline_matches_the_drawn_border_and_its_inside_is_hit() {
                 })
                 .count()
         };
-        seen.iter().any(|object| object.outline_px.iter().map(winding).sum::<usize>() % 2 == 1)
+        projected.iter().any(|object| object.outline_px.iter().map(winding).sum::<usize>() % 2 == 1)
     };
     let (mut covered, mut wrong, mut missed) = (0, 0, 0);
     for (x, y) in (0..480u32).flat_map(|y| (0..640u32).map(move |x| (x, y))) {
@@ -335,7 +337,7 @@ fn outline_matches_the_drawn_border_and_its_inside_is_hit() {
         covered += u32::from(alpha > 0.5);
         wrong += u32::from((alpha > 0.5) != inside(at));
         // A subset: each ray is tested against every triangle.
-        missed += u32::from((x + y) % 7 == 0 && alpha > 0.99 && eye.object_at(&held.scene, at).is_none());
+        missed += u32::from((x + y) % 7 == 0 && alpha > 0.99 && eye.object_at(&shot.scene, at).is_none());
     }
     // A border pixel is tolerated: the outline is half a cell wide there.
     assert!(covered > 3000 && wrong * 20 < covered && missed * 3500 < covered, "{covered}: {wrong}, {missed}");

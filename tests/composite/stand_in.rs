@@ -73,16 +73,16 @@ fn stand_in_occludes_only_objects_behind_it() {
     assert!((0..WIDTH).all(|x| whole.at(x, 60) != [u32::from(CODE); 3]), "the evidence fills the picture");
     // Without a sensor, and with one that measures a wall behind everything.
     for sensor_m in [None, Some(3.0)] {
-        let found = composited(Some(1.2), sensor_m);
+        let picture = composited(Some(1.2), sensor_m);
         let (mut hidden, mut shown) = (0, 0);
         for (x, y) in (0..HEIGHT).flat_map(|y| (0..WIDTH).map(move |x| (x, y))) {
             let inside = inside_px(x, y);
             if inside > OUTLINE_TOLERANCE_PX {
                 hidden += 1;
-                assert_eq!(found.at(x, y), [u32::from(CODE); 3], "{x} {y}, sensor {sensor_m:?}");
+                assert_eq!(picture.at(x, y), [u32::from(CODE); 3], "{x} {y}, sensor {sensor_m:?}");
             } else if inside < -OUTLINE_TOLERANCE_PX {
                 shown += 1;
-                assert_eq!(found.at(x, y), whole.at(x, y), "{x} {y}, sensor {sensor_m:?}");
+                assert_eq!(picture.at(x, y), whole.at(x, y), "{x} {y}, sensor {sensor_m:?}");
             }
         }
         assert!(hidden > 1500 && shown > 10000, "{hidden} hidden, {shown} shown");

@@ -475,8 +475,8 @@ fn video_keeps_its_presentation_tags() {
         let presentation = Presentation { orientation, pixel_aspect: Some(aspect), ..Presentation::default() };
         let changed = SinkOptions { presentation, lossless: false, ..options(32, 16, 8) };
         let r = written(&temp.path().join("a.mp4"), changed);
-        let found = r.presentation();
-        assert_eq!((found.orientation, found.pixel_aspect), (orientation, Some(aspect)));
+        let presentation = r.presentation();
+        assert_eq!((presentation.orientation, presentation.pixel_aspect), (orientation, Some(aspect)));
         assert_eq!(warning_count(&r, &format!("to be shown {orientation}; it")), 1, "{:?}", r.warnings);
     }
 }

@@ -305,15 +305,15 @@ fn inputs_are_never_overwritten() {
     let read = ["recording.toml", "rgb.txt", "poses.txt", "rgb/00000.jpg", "scene.toml", "marker.glb", "camera.toml"];
     let before = read.map(|name| std::fs::read(path(name)).unwrap());
     let (folder, scene, profile, out) = (path(""), path("scene.toml"), path("camera.toml"), path("out"));
-    let given = [&folder, "--scene", &scene, "--profile", &profile, "--force"];
+    let inputs = [&folder, "--scene", &scene, "--profile", &profile, "--force"];
     for name in read.into_iter().chain(["rgb/new.json"]) {
-        let text = refused(&[&["composite"], &given[..], &["-o", &out, "--report", &path(name)]].concat());
+        let text = refused(&[&["composite"], &inputs[..], &["-o", &out, "--report", &path(name)]].concat());
         assert!(text.contains("which is not written to"), "{name}: {text}");
     }
-    let text = refused(&[&["composite"], &given[..], &["-o", &out, "--layers", &path("rgb")]].concat());
+    let text = refused(&[&["composite"], &inputs[..], &["-o", &out, "--layers", &path("rgb")]].concat());
     assert!(text.contains("is the folder of the recording's frames"), "{text}");
     for name in ["rgb/00001.jpg", "rgb/new.jpg"] {
-        let text = refused(&[&["photo"], &given[..], &["--frame", "0", "-o", &path(name)]].concat());
+        let text = refused(&[&["photo"], &inputs[..], &["--frame", "0", "-o", &path(name)]].concat());
         assert!(text.contains("which is not written to"), "{name}: {text}");
     }
     let text = refused(&["calibrate", "noise", &path("rgb"), "--force", "-o", &path("rgb/00000.jpg")]);

@@ -151,12 +151,12 @@ fn two_frames_triangulate_a_point_and_three_points_give_a_plane() {
     let scene = temp.path().join("scene.toml");
     let scene = scene.to_str().unwrap();
     let shot = shot::demo("scenes/demo.toml");
-    let seen = |frame: usize, point: [f64; 3]| {
+    let view = |frame: usize, point: [f64; 3]| {
         let at = shot.posed_camera(frame).unwrap().project(point.into()).unwrap();
         format!("{:.3},{:.3}", at.x, at.y)
     };
     let points = [[0.1, -0.1, 0.0], [0.3, 0.2, 0.0], [-0.2, 0.1, 0.0]];
-    let picks = points.map(|point| format!("{}+50:{}", seen(30, point), seen(50, point)));
+    let picks = points.map(|point| format!("{}+50:{}", view(30, point), view(50, point)));
     let at = ["--at", &picks[0], "--model", "scenes/marker-1.glb"];
     let stdout = stdout_of(&place(scene, &at));
     assert!(stdout.contains("taken for level; the point is known within"), "{stdout}");
@@ -173,7 +173,7 @@ fn two_frames_triangulate_a_point_and_three_points_give_a_plane() {
         assert!(line.starts_with("distance ") && (found_m - apart_m).abs() < 2e-4, "{line}");
     }
     let plane = stdout.lines().find_map(|line| line.strip_prefix("plane      --plane ")).unwrap();
-    let on_plane = seen(40, [0.0, 0.3, 0.0]);
+    let on_plane = view(40, [0.0, 0.3, 0.0]);
     let other = temp.path().join("other.toml");
     let other = other.to_str().unwrap();
     let frame = ["place", "recordings/demo", "--frame", "40", "--at", &on_plane, "--plane", plane];

@@ -49,8 +49,8 @@ fn tum_fr1_rpy_opens() {
 #[test]
 fn neighbours_are_equal_in_every_range_and_damaged_ones_left_out() {
     let beside = |r: &Recording, range: std::ops::Range<usize>| -> Vec<Option<Vec<usize>>> {
-        let seen = r.frames_with_neighbours(range).unwrap();
-        seen.map(|frame| Some(frame.ok()?.neighbours.iter().map(|neighbour| neighbour.index).collect())).collect()
+        let frames = r.frames_with_neighbours(range).unwrap();
+        frames.map(|frame| Some(frame.ok()?.neighbours.iter().map(|neighbour| neighbour.index).collect())).collect()
     };
     let demo = open(Path::new("recordings/demo"));
     let all = beside(&demo, 0..20);
@@ -129,10 +129,10 @@ fn castle_points_reproject_with_the_errors_stored_by_colmap() {
     assert_eq!(open(&folder.join("sparse/0/cameras.bin")).frame_count(), 11);
     let geometry = r.geometry.clone().unwrap();
 
-    let mut seen = std::collections::HashMap::<u64, Vec<(usize, DVec2)>>::new();
+    let mut keypoints = std::collections::HashMap::<u64, Vec<(usize, DVec2)>>::new();
     for frame in 0..r.frame_count() {
         for landmark in r.landmarks(frame) {
-            seen.entry(landmark.number).or_default().push((frame, DVec2::from(landmark.at_px.map(f64::from))));
+            keypoints.entry(landmark.number).or_default().push((frame, DVec2::from(landmark.at_px.map(f64::from))));
         }
     }
     let bytes = std::fs::read(folder.join("sparse/0/points3D.bin")).unwrap();
@@ -145,7 +145,7 @@ fn castle_points_reproject_with_the_errors_stored_by_colmap() {
     for _ in 0..count {
         let (point, error_px, length) =
             (DVec3::from([8, 16, 24].map(|i| f64_at(at + i))), f64_at(at + 35), u64_at(at + 43));
-        let track = &seen[&u64_at(at)];
+        let track = &keypoints[&u64_at(at)];
         assert_eq!(track.len() as u64, length);
         let off_px = |&(frame, at): &(usize, DVec2)| {
             let pose = r.pose_at_frame(frame).unwrap();

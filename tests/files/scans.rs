@@ -191,15 +191,21 @@ fn depth_of_a_separate_camera_is_reprojected_to_the_colour_camera() {
     let row = |frame: &Frame| frame.depth.as_ref().unwrap().depth_m[12 * 32..13 * 32].to_vec();
     let shot = shot::open(&path, None, Path::new("scenes/marker-1.glb"));
     // f·b/z: 4 px at 1 m, 2 px at 2 m. The near half ends at 16 − 4, the far one begins at 16 − 2.
-    let seen = row(&shot.read(0).unwrap());
-    assert!(seen[..12].iter().all(|z| (z - 1.0).abs() < 1e-6), "{seen:?}");
-    assert!(seen[12..14].iter().all(|z| *z == 0.0) && seen[14..29].iter().all(|z| (z - 2.0).abs() < 1e-6), "{seen:?}");
+    let wide_row = row(&shot.read(0).unwrap());
+    assert!(wide_row[..12].iter().all(|z| (z - 1.0).abs() < 1e-6), "{wide_row:?}");
+    assert!(
+        wide_row[12..14].iter().all(|z| *z == 0.0) && wide_row[14..29].iter().all(|z| (z - 2.0).abs() < 1e-6),
+        "{wide_row:?}"
+    );
     // Depth is registered to the camera of a given profile.
     let narrow = locard::shot::ShotOptions { sets: vec!["camera.fx_px=80".into()], ..Default::default() };
     let narrow = locard::shot::Shot::open(&path, &OpenOptions::default(), &narrow).unwrap();
     // Twice as large about 16: the near half ends at 16 − 2·4.
-    let seen = row(&narrow.read(0).unwrap());
-    assert!((seen[7] - 1.0).abs() < 1e-6 && seen[8..12] == [0.0; 4] && (seen[12] - 2.0).abs() < 1e-6, "{seen:?}");
+    let narrow_row = row(&narrow.read(0).unwrap());
+    assert!(
+        (narrow_row[7] - 1.0).abs() < 1e-6 && narrow_row[8..12] == [0.0; 4] && (narrow_row[12] - 2.0).abs() < 1e-6,
+        "{narrow_row:?}"
+    );
 }
 
 #[test]
@@ -236,8 +242,8 @@ fn repeated_pictures_are_found_and_can_be_left_out() {
     let folder = tempfile::tempdir().unwrap();
     let path = repeating(folder.path());
     let mut each = 0;
-    let found = open(&path).repeats(|| each += 1).unwrap();
-    assert_eq!((found.pictures, found.moved, found.poses, found.times), (vec![1, 3], vec![1], vec![4], vec![]));
+    let repeats = open(&path).repeats(|| each += 1).unwrap();
+    assert_eq!((repeats.pictures, repeats.moved, repeats.poses, repeats.times), (vec![1, 3], vec![1], vec![4], vec![]));
     assert_eq!(each, 5);
     let skipping = OpenOptions { skip_duplicates: true, ..OpenOptions::default() };
     let r = Recording::open(&path, &skipping).unwrap();
@@ -436,10 +442,10 @@ fn phone_export_and_unregistered_depth_composite_like_the_own_format() {
     let at = [0.62, 0.1, 0.0];
     let scenes = [scene(folder.path(), "z", at), scene(folder.path(), "y", [at[0], at[2], -at[1]])];
     let (z_up, y_up) = (&scenes[0], &scenes[1]);
-    let mut seen = Vec::new();
+    let mut rows = Vec::new();
     for occlusion in [false, true] {
         let truth = layers(&own, z_up, occlusion);
-        seen.push(coverage_centroid(&truth[0]).1);
+        rows.push(coverage_centroid(&truth[0]).1);
         for (name, found) in [("stray", layers(&stray, y_up, occlusion)), ("beside", layers(&beside, z_up, occlusion))]
         {
             for (truth, found) in truth.iter().zip(&found) {
@@ -450,7 +456,7 @@ fn phone_export_and_unregistered_depth_composite_like_the_own_format() {
             }
         }
     }
-    assert!(seen[1] < 0.8 * seen[0], "the stool hides a part: {seen:?}");
+    assert!(rows[1] < 0.8 * rows[0], "the stool hides a part: {rows:?}");
     // The registered depth agrees with the own format's in the frames' pixels.
     let depths = |path: &Path| {
         let shot = shot::open(path, None, z_up);
@@ -458,8 +464,8 @@ fn phone_export_and_unregistered_depth_composite_like_the_own_format() {
     };
     let truth = depths(&own);
     for (name, found) in [("stray", depths(&stray)), ("beside", depths(&beside))] {
-        let known = |(a, b): &(&f32, &f32)| **a > 0.0 && **b > 0.0;
-        let pairs: Vec<_> = truth.depth_m.iter().zip(&found.depth_m).filter(known).collect();
+        let both_measured = |(a, b): &(&f32, &f32)| **a > 0.0 && **b > 0.0;
+        let pairs: Vec<_> = truth.depth_m.iter().zip(&found.depth_m).filter(both_measured).collect();
         let close = pairs.iter().filter(|(a, b)| (*a / *b - 1.0).abs() < 0.01).count() as f64 / pairs.len() as f64;
         println!(
             "{name}: {:.1} % of the pixels within 1 %, {:.1} % holes",

@@ -121,9 +121,9 @@ fn assert_live_equals_replay_with(
     std::fs::write(&profile, PROFILE).unwrap();
     let sets: Vec<String> = sets.iter().map(|set| (*set).to_owned()).collect();
     let scene = Some(Path::new("scenes/marker-1.glb").to_owned());
-    let given =
+    let options =
         ShotOptions { profile: Some(profile), sets: sets.clone(), scene: scene.clone(), ..ShotOptions::default() };
-    let shot = Shot::of(Recording::live("made up", SIZE.0, SIZE.1, INTERVAL_S, Some(DVec3::Z)), &given).unwrap();
+    let shot = Shot::of(Recording::live("made up", SIZE.0, SIZE.1, INTERVAL_S, Some(DVec3::Z)), &options).unwrap();
     let about = RecordingInfo {
         interval_s: INTERVAL_S,
         max_gap_s: MAX_GAP_S,
@@ -171,8 +171,8 @@ fn assert_live_equals_replay_with(
     assert!(ended.is_none(), "{ended:?}");
     assert_eq!((kept, seen.len()), (frames, frames));
 
-    let given = ShotOptions { sets, scene, ..ShotOptions::default() };
-    let shot = Shot::open(&folder, &OpenOptions::default(), &given).unwrap();
+    let options = ShotOptions { sets, scene, ..ShotOptions::default() };
+    let shot = Shot::open(&folder, &OpenOptions::default(), &options).unwrap();
     assert_eq!(shot.recording.frame_count(), frames);
     (0..frames).for_each(|frame| assert_eq!(shot.recording.opacity(frame), opacities[frame], "frame {frame}"));
     let mut compositor = shot.compositor(gpu.clone());
@@ -231,9 +231,9 @@ fn lens_of_a_stream_is_followed_and_replays_bit_for_bit() {
 fn settings_override_the_lens_of_the_stream() {
     let sets = ["camera.fx_px=90", "camera.lens.focus_distance_m=none", "camera.exposure.time_s=0.01"];
     let (_, _, cameras) = assert_live_equals_replay_with(Layout::Yuyv, 30, &sets, Some(zoomed));
-    let seen = cameras.iter().skip(8).map(|camera| (&camera.intrinsics, &camera.distortion));
-    assert!(seen.clone().count() > 10);
-    for (i, d) in seen {
+    let lenses = cameras.iter().skip(8).map(|camera| (&camera.intrinsics, &camera.distortion));
+    assert!(lenses.clone().count() > 10);
+    for (i, d) in lenses {
         assert!(i.fx_px == 90.0 && i.fy_px != 80.0 && d.k1 != -0.11, "{i:?} {d:?}");
     }
 }

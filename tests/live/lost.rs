@@ -89,18 +89,19 @@ fn measure_loss(are_seen: bool) -> LossMeasurement {
             assert_eq!((i, ready.tracking), (0, Tracking::Lost));
             continue;
         }
-        let seen = |t: f64| project_evidence(&w.track().at_or_nearest(t).unwrap());
+        let by_track = |t: f64| project_evidence(&w.track().at_or_nearest(t).unwrap());
         let truly = |t: f64| place(t).project(&CAMERA, EVIDENCE_M);
         // The opacity rises at first.
         if i < 10 {
             continue;
         }
         if !is_missed && since > 0 {
-            let way = |seen: &dyn Fn(f64) -> DVec2| (seen(time_s + REACH_S) - seen(time_s - REACH_S)).length();
-            measured.smear_px.push((way(&seen) - way(&truly)).abs());
+            let way =
+                |by_track: &dyn Fn(f64) -> DVec2| (by_track(time_s + REACH_S) - by_track(time_s - REACH_S)).length();
+            measured.smear_px.push((way(&by_track) - way(&truly)).abs());
         }
         since = if is_missed { since + 1 } else { 0 };
-        measured.off_px[since].push(seen(time_s).distance(truly(time_s)));
+        measured.off_px[since].push(by_track(time_s).distance(truly(time_s)));
         measured.opacity[since].push(ready.opacity);
     }
     measured

@@ -224,10 +224,13 @@ fn killed_recorder_loses_less_than_a_second() {
         assert!(counts.any(|count| count >= until), "the recorder ended by itself");
         child.kill().unwrap();
         child.wait().unwrap();
-        let seen = counts.last().unwrap_or(until);
+        let last_count = counts.last().unwrap_or(until);
         let recording = open(&path);
         let kept = recording.frame_count();
-        assert!(kept + SECOND > seen && kept <= seen + 1, "round {round}: {kept} of {seen} frames are left");
+        assert!(
+            kept + SECOND > last_count && kept <= last_count + 1,
+            "round {round}: {kept} of {last_count} frames are left"
+        );
         let (number, damaged) = recording.check_ends();
         assert!(damaged.is_empty() && number == kept, "round {round}: {damaged:?}");
         let times: Vec<f64> = (0..kept).map(time_s).collect();

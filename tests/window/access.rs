@@ -14,14 +14,14 @@ use locard::window::{App, DEMO_SCENE, Project, Start};
 const SIZE: egui::Vec2 = egui::vec2(1280.0, 720.0);
 
 fn project() -> Project {
-    let given = ShotOptions { scene: Some(DEMO_SCENE.into()), ..ShotOptions::default() };
-    Project::open(&demo(), &OpenOptions::default(), &given).unwrap()
+    let options = ShotOptions { scene: Some(DEMO_SCENE.into()), ..ShotOptions::default() };
+    Project::open(&demo(), &OpenOptions::default(), &options).unwrap()
 }
 
 /// Project of tests that check nothing virtual.
 fn plain() -> Project {
-    let given = ShotOptions { scene: scene_or_none(), ..ShotOptions::default() };
-    Project::open(&demo(), &OpenOptions::default(), &given).unwrap()
+    let options = ShotOptions { scene: scene_or_none(), ..ShotOptions::default() };
+    Project::open(&demo(), &OpenOptions::default(), &options).unwrap()
 }
 
 /// Label of the widget with the keyboard focus.

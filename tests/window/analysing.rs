@@ -73,9 +73,9 @@ fn press(window: &mut Harness<'_, App>, label: &str) {
 
 /// The frame as composited by the program.
 fn composited(site: &Path, noise: f64) -> Vec<[u8; 3]> {
-    let mut given = given();
-    given.sets.push(format!("noise.scale={noise}"));
-    let shot = Shot::open(site, &OpenOptions::default(), &given).unwrap();
+    let mut options = given();
+    options.sets.push(format!("noise.scale={noise}"));
+    let shot = Shot::open(site, &OpenOptions::default(), &options).unwrap();
     let mut compositor = shot.compositor(gpu::gpu().clone());
     let pending = shot.picture(&mut compositor, frame(), Target::Pixels).unwrap();
     codes(&compositor.collect(pending).unwrap().pixels)

@@ -18,8 +18,8 @@ use locard::shot::ShotOptions;
 use locard::window::{App, DEMO, DEMO_SCENE, Project, Start};
 
 fn open_at(recording: &Path) -> Harness<'static, App> {
-    let given = ShotOptions { scene: Some(DEMO_SCENE.into()), ..ShotOptions::default() };
-    window(Project::open(recording, &OpenOptions::default(), &given).unwrap(), egui::vec2(1400.0, 1000.0))
+    let options = ShotOptions { scene: Some(DEMO_SCENE.into()), ..ShotOptions::default() };
+    window(Project::open(recording, &OpenOptions::default(), &options).unwrap(), egui::vec2(1400.0, 1000.0))
 }
 
 fn open() -> Harness<'static, App> {
@@ -28,8 +28,8 @@ fn open() -> Harness<'static, App> {
 
 /// Window of tests that check nothing virtual.
 fn open_plain() -> Harness<'static, App> {
-    let given = ShotOptions { scene: scene_or_none(), ..ShotOptions::default() };
-    window(Project::open(&demo(), &OpenOptions::default(), &given).unwrap(), egui::vec2(1400.0, 1000.0))
+    let options = ShotOptions { scene: scene_or_none(), ..ShotOptions::default() };
+    window(Project::open(&demo(), &OpenOptions::default(), &options).unwrap(), egui::vec2(1400.0, 1000.0))
 }
 
 fn scale(window: &Harness<'_, App>) -> f64 {
@@ -140,8 +140,8 @@ fn double_click_restores_the_profile_value_or_the_default() {
     let temp = tempfile::tempdir().unwrap();
     let profile = temp.path().join("mine.toml");
     std::fs::write(&profile, "version = 1\n[noise]\nscale = 0.5\n").unwrap();
-    let given = ShotOptions { profile: Some(profile), scene: scene_or_none(), ..ShotOptions::default() };
-    let project = Project::open(&demo(), &OpenOptions::default(), &given).unwrap();
+    let options = ShotOptions { profile: Some(profile), scene: scene_or_none(), ..ShotOptions::default() };
+    let project = Project::open(&demo(), &OpenOptions::default(), &options).unwrap();
     let mut window = window(project, egui::vec2(1400.0, 1000.0));
     for (words, slider, name, of_profile) in [
         ("noise scale", "Noise: Scale", "scale", 0.5),

@@ -71,9 +71,9 @@ fn at_border(window: &Harness<'_, App>, towards: DVec2, inset: f64) -> Pos2 {
 fn towards(window: &Harness<'_, App>, point_m: [f64; 3]) -> DVec2 {
     let way = || window.state().project().shot().posed_camera(0).unwrap().vector_to(point_m.into()).truncate();
     let size = picture_px();
-    let seen = projected(window, point_m.into());
-    assert!(seen.is_none_or(|px| px.min_element() < 0.0 || px.cmpgt(size).any()), "{seen:?}");
-    seen.map_or_else(way, |px| px - 0.5 * size).normalize()
+    let lamp_px = projected(window, point_m.into());
+    assert!(lamp_px.is_none_or(|px| px.min_element() < 0.0 || px.cmpgt(size).any()), "{lamp_px:?}");
+    lamp_px.map_or_else(way, |px| px - 0.5 * size).normalize()
 }
 
 fn undo(window: &mut Harness<'_, App>) {
@@ -303,16 +303,16 @@ const FOUND_LIGHT: &str = "middle_m = [0.1, 0.0, 0.1]\nup = [0.0, 0.0, 1.0]\nwhi
 fn analysed_site() -> (tempfile::TempDir, Project) {
     let folder = footage::demo_by_tier(4, &Flaws::default(), 4);
     let shot = footage::opened(&folder);
-    let mut found = footage::analysed_by_tier(&shot, 2);
-    with_light(&mut found);
-    found.write(&folder.path().join("site.analysis"), &shot.recording).unwrap();
+    let mut analysis = footage::analysed_by_tier(&shot, 2);
+    with_light(&mut analysis);
+    analysis.write(&folder.path().join("site.analysis"), &shot.recording).unwrap();
     let file = folder.path().join("case.toml");
     let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/marker-1.glb");
     let scene = format!("version = 1\nup = \"z\"\n[[objects]]\nmodel = {model:?}\nposition_m = [0.0, 0.12, 0.0]\n");
     std::fs::write(&file, scene).unwrap();
-    let given =
+    let options =
         ShotOptions { scene: Some(file), sets: NO_SHADOWS.map(str::to_owned).to_vec(), ..ShotOptions::default() };
-    let project = Project::open(&folder.path().join("site"), &OpenOptions::default(), &given).unwrap();
+    let project = Project::open(&folder.path().join("site"), &OpenOptions::default(), &options).unwrap();
     (folder, project)
 }
 
@@ -347,7 +347,7 @@ fn panorama_ambient_light_and_suns_are_edited_step_by_step() {
     window.run_steps(2);
     settle(&mut window);
     let light = |window: &Harness<'_, App>| window.state().project().edit().scene.light.clone();
-    let found = shown_codes(&window);
+    let before = shown_codes(&window);
     for (label, value) in [("panorama brightness", 0.5), ("panorama turn", 90.0)] {
         window.get_by_role_and_label(Role::Slider, label).set_value_accesskit(value);
         window.run_steps(2);
@@ -355,7 +355,7 @@ fn panorama_ambient_light_and_suns_are_edited_step_by_step() {
     settle(&mut window);
     let edited = light(&window);
     assert_eq!((edited.environment_intensity, edited.environment_rotation_deg), (Some(0.5), Some(90.0)));
-    assert!(shown_codes(&window) != found);
+    assert!(shown_codes(&window) != before);
     window.get_by_label("Even light").click();
     window.run_steps(2);
     settle(&mut window);
@@ -378,11 +378,11 @@ fn estimated_light_is_adopted_by_the_scene_and_saved_with_its_panorama() {
     let folder = footage::demo_by_tier(fast_or_full(4, 13), &Flaws::default(), 4);
     let shot = footage::opened(&folder);
     let analysis = folder.path().join("site.analysis");
-    let mut found = footage::analysed_by_tier(&shot, 2);
+    let mut estimates = footage::analysed_by_tier(&shot, 2);
     if !is_full() {
-        with_light(&mut found);
+        with_light(&mut estimates);
     }
-    found.write(&analysis, &shot.recording).unwrap();
+    estimates.write(&analysis, &shot.recording).unwrap();
     let file = folder.path().join("case.toml");
     let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/marker-1.glb");
     let bare = format!(
@@ -392,8 +392,8 @@ fn estimated_light_is_adopted_by_the_scene_and_saved_with_its_panorama() {
     // Another case's panorama has the same name, and stays.
     std::fs::write(folder.path().join("case-light.hdr"), "another").unwrap();
     let sets = if is_full() { Vec::new() } else { NO_SHADOWS.map(str::to_owned).to_vec() };
-    let given = ShotOptions { scene: Some(file.clone()), sets, ..ShotOptions::default() };
-    let open = || Project::open(&folder.path().join("site"), &OpenOptions::default(), &given).unwrap();
+    let options = ShotOptions { scene: Some(file.clone()), sets, ..ShotOptions::default() };
+    let open = || Project::open(&folder.path().join("site"), &OpenOptions::default(), &options).unwrap();
     assert!(matches!(open().shot().analysis, AnalysisState::Used(..)));
     let mut window = window(open(), egui::vec2(1400.0, 1000.0));
     let first = shown_codes(&window);

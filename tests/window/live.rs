@@ -62,9 +62,9 @@ fn window_of(site: &Site, video: &str, sets: &[&str]) -> Harness<'static, App> {
     let opened = live::open(&LiveSpec::new(video, &tags), Some(&camera)).unwrap();
     let shadows: &[&str] = if is_full() { &[] } else { &["shadow.cast=false", "shadow.on_things=false"] };
     let sets = sets.iter().chain(shadows).map(ToString::to_string).collect();
-    let given =
+    let options =
         ShotOptions { profile: Some(profile), sets, scene: Some(site.scene().into()), ..ShotOptions::default() };
-    let mut project = Project::of(opened.recording(), &given).unwrap();
+    let mut project = Project::of(opened.recording(), &options).unwrap();
     project.camera = Some(LiveSpec::new(video, &tags));
     let builder = Harness::builder().with_size(egui::vec2(1400.0, 900.0)).renderer(Device::new());
     let mut window = builder.build_eframe(|context| App::new(context, project, Some(opened)).unwrap());
@@ -127,17 +127,17 @@ fn recording_made_while_live_gives_the_same_pictures() {
     run_until(&mut window, |app| app.shown_frame().is_some_and(|frame| frame < many));
     wait_for_label(&mut window, "Stop");
     // A machine slower than the camera always has another picture in progress.
-    let mut seen: Vec<(usize, Vec<[u8; 3]>)> = Vec::new();
-    while seen.len() < 4 {
-        let last = seen.last().map(|(last, _)| *last);
+    let mut shown: Vec<(usize, Vec<[u8; 3]>)> = Vec::new();
+    while shown.len() < 4 {
+        let last = shown.last().map(|(last, _)| *last);
         run_until(&mut window, |app| app.shown_frame().is_some_and(|frame| last.is_none_or(|last| last < frame)));
-        seen.push((window.state().shown_frame().unwrap(), shown_codes(&window)));
+        shown.push((window.state().shown_frame().unwrap(), shown_codes(&window)));
     }
     window.get_by_label("Stop").click();
     wait_for_label(&mut window, "Record…");
-    let given = ShotOptions { scene: Some(site.path("scene.toml").into()), ..ShotOptions::default() };
-    let shot = Shot::of(Recording::open(&folder, &OpenOptions::default()).unwrap(), &given).unwrap();
-    for (frame, codes) in seen {
+    let options = ShotOptions { scene: Some(site.path("scene.toml").into()), ..ShotOptions::default() };
+    let shot = Shot::of(Recording::open(&folder, &OpenOptions::default()).unwrap(), &options).unwrap();
+    for (frame, codes) in shown {
         assert!(codes == composited(&shot, frame), "frame {frame}");
     }
     assert!(window.state().message().unwrap().starts_with("Recorded "), "{:?}", window.state().message());
@@ -393,8 +393,8 @@ fn live_camera_calibration_is_accepted_or_discarded() {
     let (video, profile) = (calibration_video(&site), Path::new(&site.path("camera.toml")).to_owned());
     let camera = locard::profile::Rig::of_file(&profile).unwrap().camera();
     let opened = live::open(&LiveSpec::new(&video, "none"), Some(&camera)).unwrap();
-    let given = ShotOptions { profile: Some(profile), ..ShotOptions::default() };
-    let mut project = Project::of(opened.recording(), &given).unwrap();
+    let options = ShotOptions { profile: Some(profile), ..ShotOptions::default() };
+    let mut project = Project::of(opened.recording(), &options).unwrap();
     project.camera = Some(LiveSpec::new(&video, "none"));
     let builder = Harness::builder().with_size(egui::vec2(1400.0, 900.0)).renderer(Device::new());
     let mut window = builder.build_eframe(|context| App::new(context, project, Some(opened)).unwrap());

@@ -29,12 +29,12 @@ fn recording() -> PathBuf {
 }
 
 fn open() -> Harness<'static, App> {
-    let given = ShotOptions {
+    let options = ShotOptions {
         scene: Some(DEMO_SCENE.into()),
         sets: vec!["shadow.cast=false".to_owned()],
         ..ShotOptions::default()
     };
-    let project = Project::open(&recording(), &OpenOptions::default(), &given).unwrap();
+    let project = Project::open(&recording(), &OpenOptions::default(), &options).unwrap();
     harness::window(project, vec2(1400.0, 1200.0))
 }
 
@@ -49,8 +49,8 @@ fn marker_in_front_of_the_wall(light: f64) -> (tempfile::TempDir, Harness<'stati
          rotation_deg = [0, 0, 12]\nscale = 5.0\n[light]\nenvironment = {sky:?}\nenvironment_intensity = {light}\n"
     );
     std::fs::write(&path, text).unwrap();
-    let given = ShotOptions { scene: Some(path), ..ShotOptions::default() };
-    let mut project = Project::open(&recording(), &OpenOptions::default(), &given).unwrap();
+    let options = ShotOptions { scene: Some(path), ..ShotOptions::default() };
+    let mut project = Project::open(&recording(), &OpenOptions::default(), &options).unwrap();
     // The marker is in the wall, and other sources of blur are off.
     project.set("depth", "occlusion", &Value::Bool(false)).unwrap();
     project.switch("motion_blur", false);
@@ -178,13 +178,13 @@ fn picked_edge_gives_a_sharpness_that_is_accepted_and_undone() {
     let frame = shot.read(0).unwrap();
     let at = glam::DVec2::new(f64::from(EDGE.x0 + EDGE.x1), f64::from(EDGE.y0 + EDGE.y1)) / 2.0;
     let moved = shot.motion_px(&frame, at, &shot.surface_at(&frame, at).unwrap()).unwrap();
-    let found = edge(&frame.pixels, &shot.camera().response, EDGE, moved.to_array()).unwrap();
-    await_text(&mut window, &format!("σ {:.3} ± {:.3} px", found.sigma_px, found.uncertainty_px));
+    let measured = edge(&frame.pixels, &shot.camera().response, EDGE, moved.to_array()).unwrap();
+    await_text(&mut window, &format!("σ {:.3} ± {:.3} px", measured.sigma_px, measured.uncertainty_px));
     assert!(window.query_by_role_and_label(Role::Image, "Measured edges").is_some());
     let before = value(&window, "point_spread", "sigma_px");
     window.get_by_label("Take the sharpness").click();
     window.run_steps(3);
-    let all = combine(&[found]).unwrap();
+    let all = combine(&[measured]).unwrap();
     let taken = Value::Number((1e3 * all.sigma_px).round() / 1e3);
     assert!(value(&window, "point_spread", "sigma_px") == Some(taken.clone()) && before != Some(taken));
     harness::settle(&mut window);
@@ -212,19 +212,19 @@ fn picked_plain_region_gives_noise_that_is_accepted_and_undone() {
     let before = window.state().project().edit().rig.noise.clone();
     let frame = window.state().project().shot().read(0).unwrap();
     let place = place(&frame.pixels);
-    let found = picked_noise(&[place], SceneMotion::Moving, before.as_ref()).noise.unwrap();
+    let noise = picked_noise(&[place], SceneMotion::Moving, before.as_ref()).noise.unwrap();
     await_text(&mut window, "Measured from code");
     assert!(window.query_by_role_and_label(Role::Image, "Measured noise").is_some());
     // The true noise of the simulated demonstration is known.
-    for (c, points) in found.points.iter().enumerate() {
-        let known = before.as_ref().unwrap().sigma(c, points[0].code);
-        assert!((points[0].sigma / known - 1.0).abs() < 0.15, "{c}: {points:?}, {known}");
+    for (c, points) in noise.points.iter().enumerate() {
+        let profile_sigma = before.as_ref().unwrap().sigma(c, points[0].code);
+        assert!((points[0].sigma / profile_sigma - 1.0).abs() < 0.15, "{c}: {points:?}, {profile_sigma}");
     }
-    let green = &found.points[1][0];
+    let green = &noise.points[1][0];
     assert!(window.query_all_by_label(&format!("{:.2}", green.sigma)).next().is_some(), "{green:?}");
     window.get_by_label("Take the noise").click();
     window.run_steps(3);
-    assert_eq!(window.state().project().edit().rig.noise, Some(found.profile));
+    assert_eq!(window.state().project().edit().rig.noise, Some(noise.profile));
     // One step, which a saved profile keeps.
     let temp = tempfile::tempdir().unwrap();
     let path = temp.path().join("camera.toml");
@@ -259,8 +259,8 @@ fn rejected_regions_show_a_reason_and_the_others_are_used() {
     let (first, third) = (shot.read(0).unwrap(), shot.read(2).unwrap());
     let places = [&first, &third].map(|frame| place(&frame.pixels));
     let present = window.state().project().edit().rig.noise.clone();
-    let found = picked_noise(&places, SceneMotion::Moving, present.as_ref());
-    for code in &found.places {
+    let noise = picked_noise(&places, SceneMotion::Moving, present.as_ref());
+    for code in &noise.places {
         await_text(&mut window, &format!("used, code {:.0}", code.as_ref().unwrap()));
     }
     // Each is removed separately; the rest gives the same result.
@@ -280,7 +280,7 @@ fn rejected_regions_show_a_reason_and_the_others_are_used() {
     until_enabled(&mut window, take);
     window.get_by_label(take).click();
     window.run_steps(3);
-    assert_eq!(window.state().project().edit().rig.noise, Some(found.noise.unwrap().profile));
+    assert_eq!(window.state().project().edit().rig.noise, Some(noise.noise.unwrap().profile));
 }
 
 #[test]
@@ -352,8 +352,8 @@ fn only_open_plots_are_computed() {
     drag(&mut window, EDGE);
     let shot = window.state().project().shot().clone();
     let frame = shot.read(0).unwrap();
-    let found = edge(&frame.pixels, &shot.camera().response, EDGE, [0.0; 2]).unwrap();
-    await_text(&mut window, &format!("real: σ {:.3} ± {:.3} px", found.sigma_px, found.uncertainty_px));
+    let measured = edge(&frame.pixels, &shot.camera().response, EDGE, [0.0; 2]).unwrap();
+    await_text(&mut window, &format!("real: σ {:.3} ± {:.3} px", measured.sigma_px, measured.uncertainty_px));
     // The virtual marker's upper edge, in the composite.
     window.get_by_label("Pick a virtual edge").click();
     window.run_steps(2);

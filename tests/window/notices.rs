@@ -116,8 +116,8 @@ fn profile_of_another_size_is_refused_with_both_sizes() {
     let temp = tempfile::tempdir().unwrap();
     let good = demo().join("camera.toml").canonicalize().unwrap();
     let (other, [width, height]) = profile_of_other_size(&good, temp.path());
-    let given = ShotOptions { profile: Some(good.clone()), ..ShotOptions::default() };
-    let mut window = window(Project::open(&demo(), &OpenOptions::default(), &given).unwrap(), SIZE);
+    let options = ShotOptions { profile: Some(good.clone()), ..ShotOptions::default() };
+    let mut window = window(Project::open(&demo(), &OpenOptions::default(), &options).unwrap(), SIZE);
     drop_file(&mut window, other);
     run_until(&mut window, |app| app.problem().is_some());
     window.run_steps(2);
@@ -140,8 +140,8 @@ fn profile_without_a_camera_does_not_replace_one_with_a_camera() {
     let temp = tempfile::tempdir().unwrap();
     let recording = without_camera(temp.path());
     let good = demo().join("camera.toml").canonicalize().unwrap();
-    let given = ShotOptions { profile: Some(good.clone()), ..ShotOptions::default() };
-    let mut window = window(Project::open(&recording, &OpenOptions::default(), &given).unwrap(), SIZE);
+    let options = ShotOptions { profile: Some(good.clone()), ..ShotOptions::default() };
+    let mut window = window(Project::open(&recording, &OpenOptions::default(), &options).unwrap(), SIZE);
     let bare = temp.path().join("noise.toml");
     std::fs::write(&bare, "version = 1\n[noise]\nscale = 2.0\n").unwrap();
     drop_file(&mut window, bare.clone());

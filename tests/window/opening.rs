@@ -23,8 +23,8 @@ fn high_dynamic_range_is_reported_when_the_recording_opens() {
     let tags = ["-color_trc", "arib-std-b67", "-color_primaries", "bt2020", "-colorspace", "bt2020nc"];
     filmed(&folder.path().join("a.mp4"), &tags);
     std::fs::write(folder.path().join("recording.toml"), "version = 1\n[frames]\nvideo = \"a.mp4\"\n").unwrap();
-    let given = ShotOptions { profile: Some(demo().join("camera.toml")), ..ShotOptions::default() };
-    let project = Project::open(folder.path(), &OpenOptions::default(), &given).unwrap();
+    let options = ShotOptions { profile: Some(demo().join("camera.toml")), ..ShotOptions::default() };
+    let project = Project::open(folder.path(), &OpenOptions::default(), &options).unwrap();
     let mut window = window_without_picture(project);
     window.run_steps(2);
     let text = window.state().message().unwrap().to_owned();
@@ -39,8 +39,8 @@ fn start_page_names_the_folder_of_the_open_recording() {
     filmed(&folder.join("a.mp4"), &[]);
     std::fs::write(folder.join("recording.toml"), "version = 1\nname = \"demo\"\n[frames]\nvideo = \"a.mp4\"\n")
         .unwrap();
-    let given = ShotOptions { profile: Some(demo().join("camera.toml")), ..ShotOptions::default() };
-    let project = Project::open(&folder, &OpenOptions::default(), &given).unwrap();
+    let options = ShotOptions { profile: Some(demo().join("camera.toml")), ..ShotOptions::default() };
+    let project = Project::open(&folder, &OpenOptions::default(), &options).unwrap();
     let mut window = window_without_picture(project);
     window.state_mut().show_start(true);
     window.run_steps(3);

@@ -20,8 +20,8 @@ fn hovering_object_on_a_slope_is_put_on_the_surface() {
          ground = true\nheading_deg = 40\n"
     );
     std::fs::write(&scene, text).unwrap();
-    let given = ShotOptions { scene: Some(scene), ..ShotOptions::default() };
-    let project = Project::open(&demo(), &OpenOptions::default(), &given).unwrap();
+    let options = ShotOptions { scene: Some(scene), ..ShotOptions::default() };
+    let project = Project::open(&demo(), &OpenOptions::default(), &options).unwrap();
     let mut window = window(project, egui::vec2(1400.0, 1000.0));
     window.get_by_role_and_label(egui::accesskit::Role::Button, "marker-1").click();
     let message = "The surface is tilted by ";

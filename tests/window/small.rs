@@ -12,8 +12,8 @@ use locard::shot::ShotOptions;
 use locard::window::{App, DEMO_SCENE, Project};
 
 fn open_at(recording: &std::path::Path, size: egui::Vec2) -> Harness<'static, App> {
-    let given = ShotOptions { scene: scene_or_none(), ..ShotOptions::default() };
-    window(Project::open(recording, &OpenOptions::default(), &given).unwrap(), size)
+    let options = ShotOptions { scene: scene_or_none(), ..ShotOptions::default() };
+    window(Project::open(recording, &OpenOptions::default(), &options).unwrap(), size)
 }
 
 #[test]
@@ -44,8 +44,8 @@ fn small_window_shows_the_evidence_if_a_model_is_dropped_or_missing() {
     let folder = tempfile::tempdir().unwrap();
     let scene = folder.path().join("case.toml");
     std::fs::write(&scene, "version = 1\n\n[[objects]]\nmodel = \"knife.glb\"\n").unwrap();
-    let given = ShotOptions { scene: Some(scene), ..ShotOptions::default() };
-    let project = Project::open(&demo(), &OpenOptions::default(), &given).unwrap();
+    let options = ShotOptions { scene: Some(scene), ..ShotOptions::default() };
+    let project = Project::open(&demo(), &OpenOptions::default(), &options).unwrap();
     let mut window = self::window(project, egui::vec2(640.0, 480.0));
     window.run_steps(2);
     assert!(has_label(&window, "Locate knife.glb…"));
@@ -60,8 +60,8 @@ fn selection_follows_the_scene_without_a_panel() {
     let folder = tempfile::tempdir().unwrap();
     let scene = folder.path().join("case.toml");
     std::fs::write(&scene, "version = 1\n").unwrap();
-    let given = ShotOptions { scene: Some(scene), ..ShotOptions::default() };
-    let project = Project::open(&demo(), &OpenOptions::default(), &given).unwrap();
+    let options = ShotOptions { scene: Some(scene), ..ShotOptions::default() };
+    let project = Project::open(&demo(), &OpenOptions::default(), &options).unwrap();
     let mut window = window(project, egui::vec2(1280.0, 480.0));
     window.state_mut().project_mut().change_scene("lamp", |scene| _ = scene.add_lamp(glam::DVec3::Z)).unwrap();
     window.run_steps(2);
@@ -106,8 +106,8 @@ fn title_distinguishes_recordings_of_one_name() {
     let recording = temp.path().join("case 7/demo");
     std::fs::create_dir(temp.path().join("case 7")).unwrap();
     program::copied(&demo(), &recording);
-    let given = ShotOptions { scene: Some(DEMO_SCENE.into()), ..ShotOptions::default() };
-    let project = Project::open(&recording, &OpenOptions::default(), &given).unwrap();
+    let options = ShotOptions { scene: Some(DEMO_SCENE.into()), ..ShotOptions::default() };
+    let project = Project::open(&recording, &OpenOptions::default(), &options).unwrap();
     let window = window(project, egui::vec2(900.0, 600.0));
     assert_eq!(window.state().title(), "case 7/demo – demo.toml – Locard");
 }

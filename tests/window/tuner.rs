@@ -37,8 +37,8 @@ fn plain(profile: Option<&Path>) -> ShotOptions {
 
 /// The picture that `locard composite` writes with these settings.
 fn written(sets: &[&str], frame: usize) -> Vec<[u8; 3]> {
-    let given = ShotOptions { sets: sets.iter().map(ToString::to_string).collect(), ..given(None) };
-    let shot = Shot::open(&demo(), &OpenOptions::default(), &given).unwrap();
+    let options = ShotOptions { sets: sets.iter().map(ToString::to_string).collect(), ..given(None) };
+    let shot = Shot::open(&demo(), &OpenOptions::default(), &options).unwrap();
     let mut compositor = shot.compositor(gpu::gpu().clone());
     let pending = shot.picture(&mut compositor, frame, Target::Pixels).unwrap();
     codes(&compositor.collect(pending).unwrap().pixels)
@@ -98,9 +98,9 @@ fn every_parameter_has_one_control() {
                 Kind::Choice(_) => Role::ComboBox,
                 Kind::Number { .. } | Kind::Integer { .. } => Role::Slider,
             };
-            let given = table.get(spec.name) != Some(Value::None);
+            let has_value = table.get(spec.name) != Some(Value::None);
             let controls = window.query_all_by_role_and_label(role, &full).count();
-            assert_eq!(controls, usize::from(given), "{full}");
+            assert_eq!(controls, usize::from(has_value), "{full}");
             let boxes = window.query_all_by_role_and_label(Role::CheckBox, &format!("{full} is given")).count();
             assert_eq!(boxes, usize::from(spec.optional), "{full}");
         }
@@ -115,8 +115,8 @@ fn every_parameter_has_one_control() {
         let name = control_label(&window, table, name);
         for looked_for in [words, key] {
             search(&mut window, looked_for);
-            let found = window.query_all_by_label_contains(&name).count();
-            assert!(found > 0, "{looked_for}: {name}");
+            let matches = window.query_all_by_label_contains(&name).count();
+            assert!(matches > 0, "{looked_for}: {name}");
         }
         assert_eq!(window.query_all_by_label_contains("Vignetting").count(), 0);
     }
@@ -263,8 +263,8 @@ fn click_places_evidence_on_the_visible_surface() {
     let scene = temp.path().join("scene.toml");
     let text = "# mine\nversion = 1\nup = \"z\"\n";
     std::fs::write(&scene, text).unwrap();
-    let given = ShotOptions { scene: Some(scene.clone()), ..ShotOptions::default() };
-    let project = Project::open(&demo(), &OpenOptions::default(), &given).unwrap();
+    let options = ShotOptions { scene: Some(scene.clone()), ..ShotOptions::default() };
+    let project = Project::open(&demo(), &OpenOptions::default(), &options).unwrap();
     let mut window = window(project, egui::vec2(1400.0, 900.0));
     window.state_mut().player_mut().seek(demo_frame(30));
     settle(&mut window);
@@ -297,7 +297,7 @@ fn click_places_evidence_on_the_visible_surface() {
     run_until(&mut window, |app| app.project().is_saved());
     let saved = std::fs::read_to_string(&scene).unwrap();
     assert!(saved.starts_with(text) && saved.contains("marker-1.glb"), "{saved}");
-    let again = Project::open(&demo(), &OpenOptions::default(), &given).unwrap();
+    let again = Project::open(&demo(), &OpenOptions::default(), &options).unwrap();
     assert!(again.edit().scene == window.state().project().edit().scene);
     window.get_by_label("Undo").click();
     settle(&mut window);
@@ -334,8 +334,8 @@ fn closing_asks_before_changes_are_lost() {
 fn damaged_frame_is_reported_and_the_others_shown() {
     let temp = tempfile::tempdir().unwrap();
     program::with_a_truncated_frame(temp.path());
-    let given = ShotOptions { profile: Some("profiles/simulated.toml".into()), ..ShotOptions::default() };
-    let project = Project::open(temp.path(), &OpenOptions::default(), &given).unwrap();
+    let options = ShotOptions { profile: Some("profiles/simulated.toml".into()), ..ShotOptions::default() };
+    let project = Project::open(temp.path(), &OpenOptions::default(), &options).unwrap();
     let mut window = window(project, egui::vec2(1000.0, 700.0));
     window.state_mut().player_mut().seek(3);
     run_until(&mut window, |app| app.problem().is_some());

@@ -34,14 +34,14 @@ pub fn even(white: [f64; 3]) -> Vec<[f32; 3]> {
 /// The reason, if the panorama contradicts the white level: if with `by_lamps`, the lamps' part of
 /// it, a channel would miss the whole white level by a factor outside of `between`, its interval.
 pub fn filled(
-    seen: &PartialPanorama,
+    panorama: &PartialPanorama,
     white: [f64; 3],
     by_lamps: [f64; 3],
     between: [f64; 2],
 ) -> Result<Vec<[f32; 3]>, String> {
-    let by_seen = upward(&seen.iter().map(|light| light.unwrap_or_default()).collect::<Vec<_>>());
-    let is_open = |n: &usize| seen[*n].is_none() && direction(*n).y > 0.0;
-    let open: f64 = (0..seen.len()).filter(is_open).map(|n| direction(n).y * solid_sr(n) / PI).sum();
+    let by_seen = upward(&panorama.iter().map(|light| light.unwrap_or_default()).collect::<Vec<_>>());
+    let is_open = |n: &usize| panorama[*n].is_none() && direction(*n).y > 0.0;
+    let open: f64 = (0..panorama.len()).filter(is_open).map(|n| direction(n).y * solid_sr(n) / PI).sum();
     let above = [0, 1, 2].map(|c| ((white[c] - by_seen[c]) / open.max(MIN_OPEN)).clamp(0.0, MAX_FILL * white[c]));
     // White level by the filled panorama, by the intended one.
     let ratio = [0, 1, 2].map(|c| (by_seen[c] + above[c] * open) / white[c].max(f64::MIN_POSITIVE));
@@ -51,12 +51,12 @@ pub fn filled(
         return Err(format!("upward-facing white would have {ratio:.2} times the white level"));
     }
     let below = [0, 1, 2].map(|c| {
-        let known = seen.iter().flatten().map(|light| f64::from(light[c]));
-        upper_median(known).unwrap_or(UNIFORM_SHARE * white[c])
+        let measured = panorama.iter().flatten().map(|light| f64::from(light[c]));
+        upper_median(measured).unwrap_or(UNIFORM_SHARE * white[c])
     });
     let unseen = |n: usize| (if direction(n).y > 0.0 { above } else { below }).map(|light| light as f32);
     let scaled = |light: [f32; 3]| [0, 1, 2].map(|c| light[c] / ratio[c] as f32);
-    Ok(seen.iter().enumerate().map(|(n, light)| scaled(light.unwrap_or_else(|| unseen(n)))).collect())
+    Ok(panorama.iter().enumerate().map(|(n, light)| scaled(light.unwrap_or_else(|| unseen(n)))).collect())
 }
 
 #[cfg(test)]
@@ -92,8 +92,8 @@ mod tests {
             true => half(n).then_some([0.2; 3]),
             false => half(n).then_some([0.3; 3]),
         };
-        let seen: PartialPanorama = (0..WIDTH * HEIGHT).map(light).collect();
-        let rgb = filled(&seen, [1.0; 3], [0.0; 3], EXACT).unwrap();
+        let panorama: PartialPanorama = (0..WIDTH * HEIGHT).map(light).collect();
+        let rgb = filled(&panorama, [1.0; 3], [0.0; 3], EXACT).unwrap();
         assert!((shown(&rgb, DVec3::Y) - 1.0).abs() < 1e-3);
         assert!((rgb[WIDTH - 1][1] - 1.8).abs() < 0.01, "{:?}", rgb[WIDTH - 1]);
         assert_eq!(rgb[WIDTH * HEIGHT - 1][1], 0.3, "median of as many of 0.2 as of 0.3, the upper one");
@@ -102,13 +102,13 @@ mod tests {
     #[test]
     fn panorama_that_misses_the_white_level_is_scaled_within_its_interval_or_refused() {
         // All of the sky is seen and sends 1.2.
-        let seen: PartialPanorama = (0..WIDTH * HEIGHT).map(|_| Some([1.2; 3])).collect();
-        let rgb = filled(&seen, [1.0; 3], [0.0; 3], [0.8, 1.25]).unwrap();
+        let panorama: PartialPanorama = (0..WIDTH * HEIGHT).map(|_| Some([1.2; 3])).collect();
+        let rgb = filled(&panorama, [1.0; 3], [0.0; 3], [0.8, 1.25]).unwrap();
         assert!((shown(&rgb, DVec3::Y) - 1.0).abs() < 1e-3 && (rgb[0][1] - 1.0).abs() < 2e-3, "{:?}", rgb[0]);
-        let refused = filled(&seen, [1.0; 3], [0.0; 3], [0.8, 1.15]).unwrap_err();
+        let refused = filled(&panorama, [1.0; 3], [0.0; 3], [0.8, 1.15]).unwrap_err();
         assert!(refused.contains("1.20 times"), "{refused}");
         // With 3 of 4 by lamps it misses a twentieth.
-        assert!(filled(&seen, [1.0; 3], [3.0; 3], [0.8, 1.15]).is_ok());
+        assert!(filled(&panorama, [1.0; 3], [3.0; 3], [0.8, 1.15]).is_ok());
         // An eighth of it is open; four times the white level from there sends half of it.
         let narrow: PartialPanorama =
             (0..WIDTH * HEIGHT).map(|n| (n % WIDTH >= WIDTH / 8).then_some([0.0; 3])).collect();

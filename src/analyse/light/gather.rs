@@ -59,9 +59,10 @@ impl CoarseDepth {
         let step_px = width.div_ceil(COARSE_COLUMNS).max(1);
         // The middle of each cell, or the last pixel of a narrower one.
         let middles = |count: usize| (0..count).step_by(step_px).map(move |at| (at + step_px / 2).min(count - 1));
-        let known = |i: usize| if is_smooth[i] { depth_m[i] } else { 0.0 };
+        let smooth_depth = |i: usize| if is_smooth[i] { depth_m[i] } else { 0.0 };
         let height = depth_m.len() / width;
-        let coarse_m = middles(height).flat_map(|y| middles(width).map(move |x| y * width + x)).map(known).collect();
+        let coarse_m =
+            middles(height).flat_map(|y| middles(width).map(move |x| y * width + x)).map(smooth_depth).collect();
         Self { state, columns: width.div_ceil(step_px), step_px, depth_m: coarse_m }
     }
 
@@ -233,12 +234,12 @@ mod tests {
                 depth: Some(depth.into()),
                 ..Frame::new(index, 0.0, Pixels::from_u8(SIZE.0, SIZE.1, codes.repeat(count)).unwrap())
             };
-            let seen = inputs.view(&frame).unwrap();
-            let samples = &seen.samples;
+            let view = inputs.view(&frame).unwrap();
+            let samples = &view.samples;
             assert_eq!(samples.len(), count);
             let is_grey = |sample: &LightSample| sample.light.iter().all(|light| (light - 40.0 / 255.0).abs() < 1e-6);
             assert!(samples.iter().all(is_grey), "frame {index}: {:?}", samples[0]);
-            assert!(seen.mean.iter().all(|mean| (mean - 40.0 / 255.0).abs() < 1e-12), "{:?}", seen.mean);
+            assert!(view.mean.iter().all(|mean| (mean - 40.0 / 255.0).abs() < 1e-12), "{:?}", view.mean);
             assert_eq!(samples[0].code, codes.map(|code| (f64::from(code) / 255.0) as f32));
         }
     }

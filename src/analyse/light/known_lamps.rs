@@ -21,7 +21,7 @@ pub struct KnownLamps<'a> {
     /// Marked by a user; at most [`MAX_LAMPS`].
     pub marked: &'a [DVec3],
     /// Found by an earlier search.
-    pub found: &'a [DVec3],
+    pub estimated: &'a [DVec3],
 }
 
 /// Solves for the light like [`solve`](super::lamp_solution::solve), without a search.
@@ -30,7 +30,7 @@ pub fn solve(
     solid: &[DVec3],
     up: DVec3,
     threads: usize,
-    given: &KnownLamps<'_>,
+    known_lamps: &KnownLamps<'_>,
 ) -> Result<LampSolution, String> {
     let points = lit_points(voxels, 2, LightChannel::Luminance);
     if points.len() < MIN_POINTS {
@@ -38,17 +38,17 @@ pub fn solve(
     }
     let occupancy = OccupancyGrid::new(solid);
     let search = Search { points: &points, occupancy: &occupancy, volume: search_volume(solid, up), threads };
-    let (lamps, explained) = lamps(&search, given);
+    let (lamps, explained) = lamps(&search, known_lamps);
     let light = fit_light(voxels, &search, &lamps);
     Ok(LampSolution::new(lamps, light, occupancy, up, LampVerdict { explained, ..LampVerdict::default() }))
 }
 
 /// The accepted lamps, the marked ones first, and the relative reduction of the residual.
-fn lamps(search: &Search<'_>, given: &KnownLamps<'_>) -> (Vec<LampSource>, f64) {
+fn lamps(search: &Search<'_>, known_lamps: &KnownLamps<'_>) -> (Vec<LampSource>, f64) {
     let none = search.with(&[], FINAL_ITERATIONS).score;
     let (mut lamps, mut score): (Vec<LampSource>, f64) = (Vec::new(), none);
-    let marked = given.marked.iter().map(|at| (*at, true));
-    for (at, is_marked) in marked.chain(given.found.iter().map(|at| (*at, false))) {
+    let marked = known_lamps.marked.iter().map(|at| (*at, true));
+    for (at, is_marked) in marked.chain(known_lamps.estimated.iter().map(|at| (*at, false))) {
         let is_there = |lamp: &LampSource| lamp.at.distance(at) < MIN_LAMP_DISTANCE_M;
         if lamps.len() == MAX_LAMPS || (!is_marked && lamps.iter().any(is_there)) {
             continue;
@@ -81,28 +81,28 @@ mod tests {
         solved.at(DVec3::ZERO, [0.15 + lamps.iter().map(by).sum::<f64>(); 3])
     }
 
-    fn solved(lamps: &[DVec3], marked: &[DVec3], found: &[DVec3]) -> LampSolution {
+    fn solved(lamps: &[DVec3], marked: &[DVec3], estimated: &[DVec3]) -> LampSolution {
         let (voxels, solid) = lit_test_room([lamps; 2]);
-        solve(&voxels, &solid, UP, 2, &KnownLamps { marked, found }).unwrap()
+        solve(&voxels, &solid, UP, 2, &KnownLamps { marked, estimated }).unwrap()
     }
 
     #[test]
     fn marked_lamp_has_its_true_brightness_and_replaces_its_stand_in() {
         let lamp = DVec3::new(-0.6, 0.5, 2.0);
-        let found = solved(&[lamp], &[lamp], &[DVec3::new(-0.9, 0.1, 1.7)]);
-        assert_eq!(found.lamps.iter().map(|lamp| lamp.at).collect::<Vec<_>>(), [lamp]);
-        let PlaceLight { ambient, lamps } = scaled(&found, &[lamp]);
+        let solution = solved(&[lamp], &[lamp], &[DVec3::new(-0.9, 0.1, 1.7)]);
+        assert_eq!(solution.lamps.iter().map(|lamp| lamp.at).collect::<Vec<_>>(), [lamp]);
+        let PlaceLight { ambient, lamps } = scaled(&solution, &[lamp]);
         assert!((lamps[0].shown_at_1_m[1] / 2.0 - 1.0).abs() < 0.05, "{lamps:?}");
         assert!((ambient[1] - 0.15).abs() < 0.03, "{ambient:?}");
-        assert!(found.verdict.explained > 0.5 && found.verdict.no_lamp.is_none(), "{:?}", found.verdict);
+        assert!(solution.verdict.explained > 0.5 && solution.verdict.no_lamp.is_none(), "{:?}", solution.verdict);
     }
 
     #[test]
     fn found_lamp_stays_beside_a_marked_one_and_a_marked_dark_lamp_is_kept() {
         let lamps = [DVec3::new(0.8, -0.5, 1.9), DVec3::new(-0.7, 0.4, 2.1)];
-        let found = solved(&lamps, &lamps[..1], &lamps[1..]);
-        assert_eq!(found.lamps.iter().map(|lamp| lamp.at).collect::<Vec<_>>(), lamps);
-        let of_all = scaled(&found, &lamps).lamps;
+        let solution = solved(&lamps, &lamps[..1], &lamps[1..]);
+        assert_eq!(solution.lamps.iter().map(|lamp| lamp.at).collect::<Vec<_>>(), lamps);
+        let of_all = scaled(&solution, &lamps).lamps;
         for at in lamps {
             let of_one = of_all.iter().filter(|lamp| DVec3::from(lamp.at_m) == at).map(|lamp| lamp.shown_at_1_m[1]);
             let shown: Vec<f64> = of_one.collect();
@@ -113,9 +113,9 @@ mod tests {
         }
         // This lamp is off.
         let dark = DVec3::new(1.2, 1.0, 1.5);
-        let found = solved(&lamps[1..], &[dark], &lamps[1..]);
-        assert_eq!(found.lamps.iter().map(|lamp| lamp.at).collect::<Vec<_>>(), [dark, lamps[1]]);
-        let of_all = scaled(&found, &lamps[1..]).lamps;
+        let solution = solved(&lamps[1..], &[dark], &lamps[1..]);
+        assert_eq!(solution.lamps.iter().map(|lamp| lamp.at).collect::<Vec<_>>(), [dark, lamps[1]]);
+        let of_all = scaled(&solution, &lamps[1..]).lamps;
         let shown = |at: DVec3| -> f64 {
             of_all.iter().filter(|lamp| DVec3::from(lamp.at_m) == at).map(|lamp| lamp.shown_at_1_m[1]).sum()
         };

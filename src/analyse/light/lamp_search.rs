@@ -249,7 +249,7 @@ impl Search<'_> {
 
     /// Scores of a bulb and of a panel in each of the cells, in addition to given lamps.
     fn evaluate(&self, grid: &LampGrid, cells: &[usize], lamps: &[LampSource]) -> Vec<Trial> {
-        let known = self.shares(&grid.few, lamps);
+        let base_shares = self.shares(&grid.few, lamps);
         let kinds = [None, Some(-self.volume.up)];
         let mut trials: Vec<Trial> = cells
             .iter()
@@ -269,7 +269,7 @@ impl Search<'_> {
             let bulb = LampSource { at: cell.at, along: None };
             let visible =
                 cell.visible.get_or_init(|| grid.few.iter().map(|point| self.share(point, &bulb) > 0.0).collect());
-            let mut shares = known.clone();
+            let mut shares = base_shares.clone();
             for trial in trials {
                 for ((point, shares), is_visible) in grid.few.iter().zip(&mut shares).zip(visible) {
                     shares[2 + lamps.len()] =

@@ -226,12 +226,12 @@ impl LampSolution {
 
 /// Fits each half's single lamp to the other half. `None` if one half finds no lamp.
 fn check_halves(halves: &[Search; 2], place: DVec3) -> Option<HalvesCheck> {
-    let of_halves = halves.each_ref().map(|half| half.lamps(1));
-    let at = |half: usize| Some(of_halves[half].lamps.first()?.at - place);
+    let half_solutions = halves.each_ref().map(|half| half.lamps(1));
+    let at = |half: usize| Some(half_solutions[half].lamps.first()?.at - place);
     let apart_deg = at(0)?.angle_between(at(1)?).to_degrees();
     let explained = [0, 1].map(|half: usize| {
-        let none = of_halves[half].scores[0].max(1e-9);
-        1.0 - halves[half].with(&of_halves[1 - half].lamps, ROUNDS).score / none
+        let none = half_solutions[half].scores[0].max(1e-9);
+        1.0 - halves[half].with(&half_solutions[1 - half].lamps, ROUNDS).score / none
     });
     Some(HalvesCheck { explained: explained[0].min(explained[1]), apart_deg })
 }
@@ -252,18 +252,23 @@ mod tests {
     #[test]
     fn lamp_over_a_floor_and_a_box_is_found_with_its_brightness() {
         let lamp = DVec3::new(-0.6, 0.5, 2.0);
-        let found = solved([&[lamp]; 2]);
-        assert!(found.verdict.no_lamp.is_none() && found.lamps.len() == 1, "{:?} {:?}", found.verdict, found.lamps);
-        let off_deg = (found.lamps[0].at - PLACE).angle_between(lamp - PLACE).to_degrees();
-        assert!(off_deg < 2.0, "{off_deg}: {}", found.lamps[0].at);
+        let solution = solved([&[lamp]; 2]);
+        assert!(
+            solution.verdict.no_lamp.is_none() && solution.lamps.len() == 1,
+            "{:?} {:?}",
+            solution.verdict,
+            solution.lamps
+        );
+        let off_deg = (solution.lamps[0].at - PLACE).angle_between(lamp - PLACE).to_degrees();
+        assert!(off_deg < 2.0, "{off_deg}: {}", solution.lamps[0].at);
         // Scaled to the white level at the place, the lamp's light at 1 m is 2 and all other light
         // 0.15.
         let by_lamp = |shown: f64| shown * lamp_irradiance(PLACE, UP, &LampSource { at: lamp, along: None });
-        let PlaceLight { ambient, lamps } = found.at(PLACE, [0.15 + by_lamp(2.0); 3]);
+        let PlaceLight { ambient, lamps } = solution.at(PLACE, [0.15 + by_lamp(2.0); 3]);
         assert!((lamps[0].shown_at_1_m[1] / 2.0 - 1.0).abs() < 0.06, "{lamps:?}");
         assert!((ambient[1] - 0.15).abs() < 0.03, "{ambient:?}");
         // Twice as far away, and behind the box.
-        let relative = found.relative(PLACE - DVec3::Z * (lamp.z), UP, PLACE);
+        let relative = solution.relative(PLACE - DVec3::Z * (lamp.z), UP, PLACE);
         assert!(relative < 0.6, "{relative}");
     }
 
@@ -272,9 +277,9 @@ mod tests {
     fn bounce_and_direct_light_are_separated() {
         let lamp = DVec3::new(-0.6, 0.5, 2.0);
         let (voxels, solid) = room_with_discs([&[lamp]; 2], 0.5);
-        let found = solve(&voxels, &solid, PLACE, UP, 2);
+        let solution = solve(&voxels, &solid, PLACE, UP, 2);
         let by_lamp = 2.0 * lamp_irradiance(PLACE, UP, &LampSource { at: lamp, along: None });
-        let PlaceLight { ambient, lamps } = found.at(PLACE, [0.15 + by_lamp; 3]);
+        let PlaceLight { ambient, lamps } = solution.at(PLACE, [0.15 + by_lamp; 3]);
         assert_eq!(lamps.iter().map(LampEstimate::is_bounce).collect::<Vec<_>>(), [false, true]);
         // By hand each is half of the lamp's light, and the rest stays ambient. The room's disc is
         // level, that of the model is not.
@@ -294,33 +299,36 @@ mod tests {
     #[test]
     fn two_lamps_of_equal_brightness_are_not_merged_into_one() {
         let lamps = [DVec3::new(0.8, -0.5, 1.9), DVec3::new(-0.7, 0.4, 2.1)];
-        let found = solved([&lamps; 2]);
+        let solution = solved([&lamps; 2]);
         for lamp in lamps {
             let off = |place: &LampSource| (place.at - PLACE).angle_between(lamp - PLACE).to_degrees();
-            let least_deg = found.lamps.iter().map(off).fold(f64::INFINITY, f64::min);
-            assert!(least_deg < 5.0, "{least_deg}: {:?}", found.lamps);
+            let least_deg = solution.lamps.iter().map(off).fold(f64::INFINITY, f64::min);
+            assert!(least_deg < 5.0, "{least_deg}: {:?}", solution.lamps);
         }
         // Both halves have the same light.
         assert!(
-            found.verdict.halves.unwrap().explained > 0.5 && found.verdict.halves.unwrap().apart_deg < 1.0,
+            solution.verdict.halves.unwrap().explained > 0.5 && solution.verdict.halves.unwrap().apart_deg < 1.0,
             "{:?}",
-            found.verdict.halves
+            solution.verdict.halves
         );
     }
 
     #[test]
     fn no_lamp_is_found_in_uniform_light() {
-        let found = solved([&[]; 2]);
-        assert!(found.lamps.is_empty() && found.verdict.explained < MIN_EXPLAINED);
-        assert!(found.verdict.no_lamp.as_ref().unwrap().contains("explains"));
-        let PlaceLight { ambient, lamps } = found.at(PLACE, [0.3, 0.2, 0.1]);
-        assert!(ambient == [0.3, 0.2, 0.1] && lamps.is_empty() && found.relative(UP, UP, PLACE) == 1.0, "{ambient:?}");
+        let solution = solved([&[]; 2]);
+        assert!(solution.lamps.is_empty() && solution.verdict.explained < MIN_EXPLAINED);
+        assert!(solution.verdict.no_lamp.as_ref().unwrap().contains("explains"));
+        let PlaceLight { ambient, lamps } = solution.at(PLACE, [0.3, 0.2, 0.1]);
+        assert!(
+            ambient == [0.3, 0.2, 0.1] && lamps.is_empty() && solution.relative(UP, UP, PLACE) == 1.0,
+            "{ambient:?}"
+        );
     }
 
     #[test]
     fn no_lamp_is_claimed_if_the_halves_contradict_each_other() {
-        let found = solved([&[DVec3::new(-0.6, 0.5, 2.0)], &[DVec3::new(0.9, -0.6, 1.8)]]);
-        assert!(found.lamps.is_empty());
-        assert!(found.verdict.no_lamp.as_ref().unwrap().contains("explains"), "{:?}", found.verdict.halves);
+        let solution = solved([&[DVec3::new(-0.6, 0.5, 2.0)], &[DVec3::new(0.9, -0.6, 1.8)]]);
+        assert!(solution.lamps.is_empty());
+        assert!(solution.verdict.no_lamp.as_ref().unwrap().contains("explains"), "{:?}", solution.verdict.halves);
     }
 }

@@ -64,11 +64,11 @@ const MIN_LAMP_BRIGHTNESS: f32 = 3.0;
 const MIN_FRAMES: usize = 8;
 const SPARSE_FRAMES_INTERVAL_RATIO: f64 = 1.5;
 
-/// The room's light, or the reason for which it is unknown. `given`: lamps that a user marked,
-/// which replace the lamp search.
+/// The room's light, or the reason for which it is unknown. Lamps that a user marked
+/// (`known_lamps`) replace the lamp search.
 pub fn of_recording(
     inputs: &LightInputs<'_>,
-    given: Option<&KnownLamps<'_>>,
+    known_lamps: Option<&KnownLamps<'_>>,
     times: &mut Times,
 ) -> Result<Result<RoomLight, String>, RegistrationError> {
     if !inputs.recording.has_depth() {
@@ -79,7 +79,7 @@ pub fn of_recording(
     }
     let (views, survey) = inputs.survey(times)?;
     // With marked lamps up is that of an earlier analysis.
-    let is_guess = inputs.recording.up.is_none() && given.is_none();
+    let is_guess = inputs.recording.up.is_none() && known_lamps.is_none();
     let up = if is_guess { up_direction::refined_up(&survey, inputs.up) } else { inputs.up };
     let Some(place) = times.of(times::LIGHT, || place(&views, &survey, up)) else {
         return Ok(Err("no frame with a pose has depth that shows surfaces".to_owned()));
@@ -98,12 +98,12 @@ pub fn of_recording(
         let solid: Vec<DVec3> = voxels.solid().collect();
         let all = voxels.surfaces(2, inputs.threads);
         let (chosen, threads) = (&all[..all.len().min(MAX_SURFACES)], inputs.threads);
-        let solved = match given {
-            Some(given) => known_lamps::solve(chosen, &solid, up, threads, given)?,
+        let solved = match known_lamps {
+            Some(known_lamps) => known_lamps::solve(chosen, &solid, up, threads, known_lamps)?,
             None => solve(chosen, &solid, place, up, threads),
         };
         let exposure = exposure_level(&metered);
-        let (solved, level) = levelled(solved, given.is_some(), &all, (place, up), &exposure);
+        let (solved, level) = levelled(solved, known_lamps.is_some(), &all, (place, up), &exposure);
         let at = Location { place, centre, up, is_guess: inputs.recording.up.is_none() };
         let mut light = room_light(&at, &panorama.finish(), &solved, &level);
         if metered.len() < MIN_FRAMES {
@@ -159,7 +159,7 @@ fn levelled(
     (if are_seen { solved } else { without }, level)
 }
 
-fn room_light(at: &Location, seen: &PartialPanorama, solved: &LampSolution, level: &WhiteLevel) -> RoomLight {
+fn room_light(at: &Location, partial: &PartialPanorama, solved: &LampSolution, level: &WhiteLevel) -> RoomLight {
     let map_from_world = world_from_panorama(at.up).conjugate();
     let PlaceLight { ambient, lamps } = solved.at(at.place, level.white);
     let even = fill::even(ambient);
@@ -170,8 +170,8 @@ fn room_light(at: &Location, seen: &PartialPanorama, solved: &LampSolution, leve
             && (0..3).any(|c| light[c] > MIN_LAMP_BRIGHTNESS * even[n][c])
     };
     let without_lamps: PartialPanorama =
-        seen.iter().enumerate().map(|(n, light)| light.filter(|light| !is_lamp(n, light))).collect();
-    let (seen_share, seen_above_share) = seen_share(seen);
+        partial.iter().enumerate().map(|(n, light)| light.filter(|light| !is_lamp(n, light))).collect();
+    let (seen_share, seen_above_share) = seen_share(partial);
     let luminance = relative_luminance(level.white);
     let between = level.between.map(|end| end / luminance);
     let by_lamps = [0, 1, 2].map(|c| (level.white[c] - ambient[c]).max(0.0));

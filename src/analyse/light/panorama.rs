@@ -114,11 +114,11 @@ impl PanoramaBuilder {
             };
             Some([light(0)?, light(1)?, light(2)?])
         };
-        let mut seen: PartialPanorama = self.texels.iter().map(of).collect();
+        let mut texels: PartialPanorama = self.texels.iter().map(of).collect();
         for _ in 0..FILL_ITERATIONS {
-            seen = filled(&seen);
+            texels = filled(&texels);
         }
-        seen
+        texels
     }
 }
 
@@ -143,25 +143,25 @@ impl Texel {
     }
 }
 
-fn filled(seen: &PartialPanorama) -> PartialPanorama {
+fn filled(partial: &PartialPanorama) -> PartialPanorama {
     let at = |x: i64, y: i64| -> Option<[f32; 3]> {
         let y = usize::try_from(y).ok().filter(|y| *y < HEIGHT)?;
-        seen[y * WIDTH + x.rem_euclid(WIDTH as i64) as usize]
+        partial[y * WIDTH + x.rem_euclid(WIDTH as i64) as usize]
     };
     let of = |n: usize| {
         let (x, y) = ((n % WIDTH) as i64, (n / WIDTH) as i64);
         let around = [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)];
-        let known: Vec<[f32; 3]> = around.iter().filter_map(|(dx, dy)| at(x + dx, y + dy)).collect();
-        let mean = |c: usize| known.iter().map(|light| light[c]).sum::<f32>() / known.len() as f32;
-        (known.len() >= MIN_NEIGHBOURS).then(|| [mean(0), mean(1), mean(2)])
+        let neighbours: Vec<[f32; 3]> = around.iter().filter_map(|(dx, dy)| at(x + dx, y + dy)).collect();
+        let mean = |c: usize| neighbours.iter().map(|light| light[c]).sum::<f32>() / neighbours.len() as f32;
+        (neighbours.len() >= MIN_NEIGHBOURS).then(|| [mean(0), mean(1), mean(2)])
     };
-    (0..seen.len()).map(|n| seen[n].or_else(|| of(n))).collect()
+    (0..partial.len()).map(|n| partial[n].or_else(|| of(n))).collect()
 }
 
 /// Fractions of all directions, and of those above the horizon, that were seen.
-pub fn seen_share(seen: &PartialPanorama) -> (f64, f64) {
+pub fn seen_share(partial: &PartialPanorama) -> (f64, f64) {
     let sum = |from: usize, to: usize| {
-        let of = |n: usize| if seen[n].is_some() { solid_sr(n) } else { 0.0 };
+        let of = |n: usize| if partial[n].is_some() { solid_sr(n) } else { 0.0 };
         (from..to).map(of).sum::<f64>()
     };
     (sum(0, WIDTH * HEIGHT) / (4.0 * PI), sum(0, WIDTH * HEIGHT / 2) / (2.0 * PI))

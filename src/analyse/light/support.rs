@@ -73,14 +73,14 @@ mod tests {
         // The smallest is 0.3 m wide.
         let (small, large) = (DVec3::new(0.0, 3.0, 0.0), DVec3::new(2.0, 0.0, 0.7));
         let voxels: Vec<Voxel> = level(15, small).chain(level(40, DVec3::ZERO)).chain(level(60, large)).collect();
-        let found = places(&voxels, DVec3::Z);
-        assert_eq!(found.len(), 2, "{found:?}");
+        let on_levels = places(&voxels, DVec3::Z);
+        assert_eq!(on_levels.len(), 2, "{on_levels:?}");
         let expected = [DVec3::new(2.6, 0.6, 0.7), DVec3::new(0.4, 0.4, 0.0)];
-        assert!(found.iter().zip(expected).all(|(found, at)| found.distance(at) < 0.03), "{found:?}");
+        assert!(on_levels.iter().zip(expected).all(|(on_levels, at)| on_levels.distance(at) < 0.03), "{on_levels:?}");
         assert!(places(&[], DVec3::Z).is_empty());
         // Of a wall alone, its middle.
         let wall: Vec<Voxel> = level(10, DVec3::ZERO).map(|voxel| Voxel { normal: DVec3::X, ..voxel }).collect();
-        let found = places(&wall, DVec3::Z);
-        assert!(found.len() == 1 && found[0].distance(DVec3::new(0.1, 0.1, 0.0)) < 0.02, "{found:?}");
+        let on_wall = places(&wall, DVec3::Z);
+        assert!(on_wall.len() == 1 && on_wall[0].distance(DVec3::new(0.1, 0.1, 0.0)) < 0.02, "{on_wall:?}");
     }
 }

@@ -18,8 +18,8 @@ pub enum ChessboardError {
     None,
     #[error("only {corners} corners of a chessboard are seen; {MIN_CORNERS} in {MIN_ROWS} rows are needed")]
     Few { corners: usize },
-    #[error("a grid of {found} corners is seen, more than the board's {board}; is --board right?")]
-    Larger { found: ChessboardSize, board: ChessboardSize },
+    #[error("a grid of {actual} corners is seen, more than the board's {board}; is --board right?")]
+    Larger { actual: ChessboardSize, board: ChessboardSize },
 }
 
 /// Views with fewer corners contribute little more than the board's pose.
@@ -40,17 +40,18 @@ pub fn find_chessboard(picture: &GreyImage, board: Option<ChessboardSize>) -> Re
             continue;
         }
         tried.push(by);
-        let seen = find_at_scale(picture, by, board);
-        let count = |seen: &Result<BoardDetection, ChessboardError>| match seen {
-            Ok(seen) => (2, seen.corners_px.len()),
+        let detection = find_at_scale(picture, by, board);
+        let count = |detection: &Result<BoardDetection, ChessboardError>| match detection {
+            Ok(detection) => (2, detection.corners_px.len()),
             Err(ChessboardError::None) => (0, 0),
             Err(ChessboardError::Few { corners }) => (1, *corners),
             Err(ChessboardError::Larger { .. }) => (1, usize::MAX),
         };
-        if count(&seen) > count(&best) {
-            best = seen;
+        if count(&detection) > count(&best) {
+            best = detection;
         }
-        if board.is_some_and(|board| best.as_ref().is_ok_and(|seen| seen.corners_px.len() == board.corners())) {
+        if board.is_some_and(|board| best.as_ref().is_ok_and(|detection| detection.corners_px.len() == board.corners()))
+        {
             break;
         }
     }
@@ -84,7 +85,7 @@ fn find_at_scale(
         _ if places.len() < MIN_CORNERS || extent.rows < MIN_ROWS => {
             Err(ChessboardError::Few { corners: places.len() })
         }
-        Some(board) if !extent.fits(board) => Err(ChessboardError::Larger { found: extent, board }),
+        Some(board) if !extent.fits(board) => Err(ChessboardError::Larger { actual: extent, board }),
         _ => {
             let place = |(column, row): (i32, i32)| DVec2::new(f64::from(column - left), f64::from(row - top));
             Ok(BoardDetection {

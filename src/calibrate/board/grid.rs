@@ -46,13 +46,13 @@ const SEARCH_RADIUS_SHARE: f64 = 0.25;
 /// The largest grid of these corners; empty if there is none.
 pub fn largest_grid(blurred: &GreyImage, corners: &[Corner]) -> Grid {
     let links = links(blurred, corners);
-    let mut seen = vec![false; corners.len()];
+    let mut visited = vec![false; corners.len()];
     let mut best = Grid::new();
     for start in 0..corners.len() {
-        if seen[start] {
+        if visited[start] {
             continue;
         }
-        let mut grid = number_component(start, corners, &links, &mut seen);
+        let mut grid = number_component(start, corners, &links, &mut visited);
         if grid.len() > best.len() {
             prune(&mut grid);
             if grid.len() > best.len() {
@@ -126,9 +126,9 @@ fn joined(blurred: &GreyImage, one: &Corner, other: &Corner) -> Option<(usize, u
 }
 
 /// Numbers the connected component of a corner.
-fn number_component(start: usize, corners: &[Corner], links: &CornerLinks, seen: &mut [bool]) -> Grid {
+fn number_component(start: usize, corners: &[Corner], links: &CornerLinks, visited: &mut [bool]) -> Grid {
     let mut grid = Grid::from([((0, 0), corners[start])]);
-    seen[start] = true;
+    visited[start] = true;
     // Corner, its grid position, and the direction of its first edge.
     let mut queue = VecDeque::from([(start, (0, 0), 0)]);
     while let Some((own, place, turned)) = queue.pop_front() {
@@ -136,8 +136,8 @@ fn number_component(start: usize, corners: &[Corner], links: &CornerLinks, seen:
             let Some((next, back)) = *link else { continue };
             let way = (edge + turned) % 4;
             let there = (place.0 + DIRECTIONS[way].0, place.1 + DIRECTIONS[way].1);
-            if !seen[next] && !grid.contains_key(&there) {
-                seen[next] = true;
+            if !visited[next] && !grid.contains_key(&there) {
+                visited[next] = true;
                 grid.insert(there, corners[next]);
                 // Its edge back points in the opposite direction.
                 queue.push_back((next, there, (way + 2 + 4 - back) % 4));

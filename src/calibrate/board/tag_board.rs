@@ -63,20 +63,20 @@ impl TagBoardDetector {
             None => self.detector.insert((size, Detector::new(self.board.family, size.0, size.1)?)),
         };
         let grey = LumaCodes::of(pixels, self.light.clone());
-        let tags::DetectedTags { found, mut repeated } = detector.find_board(&grey, &self.board)?;
+        let tags::DetectedTags { tags, mut repeated } = detector.find_board(&grey, &self.board)?;
         repeated.retain(|id| self.board.tag(*id).is_some());
-        let known: Vec<(&DetectedTag, [DVec3; 4])> =
-            found.iter().filter_map(|tag| Some((tag, self.board.tag(tag.id)?.corners_m()))).collect();
-        if known.is_empty() && !repeated.is_empty() {
+        let board_tags: Vec<(&DetectedTag, [DVec3; 4])> =
+            tags.iter().filter_map(|tag| Some((tag, self.board.tag(tag.id)?.corners_m()))).collect();
+        if board_tags.is_empty() && !repeated.is_empty() {
             return Err(TagsError::Repeated(repeated));
         }
-        if known.is_empty() {
-            let ids: Vec<u32> = found.iter().map(|tag| tag.id).collect();
+        if board_tags.is_empty() {
+            let ids: Vec<u32> = tags.iter().map(|tag| tag.id).collect();
             return Err(if ids.is_empty() { TagsError::None } else { TagsError::NotOnBoard(ids) });
         }
-        let seen = known.len();
+        let tag_count = board_tags.len();
         let (mut board, mut corners_px) = (Vec::new(), Vec::new());
-        for (tag, corners_m) in known {
+        for (tag, corners_m) in board_tags {
             let Some(refined) = refine_corners_without_lens(&grey, self.board.family.cells(), tag) else { continue };
             // The board's y axis points up the sheet.
             board.extend(corners_m.map(|corner| DVec2::new(corner.x, -corner.y)));
@@ -84,7 +84,7 @@ impl TagBoardDetector {
         }
         let readable = corners_px.len() / 4;
         if readable < MIN_TAGS {
-            return Err(TagsError::Few { seen, readable });
+            return Err(TagsError::Few { seen: tag_count, readable });
         }
         Ok(BoardDetection { board, corners_px, target: DetectedTarget::Tags(self.board.tags.len()) })
     }

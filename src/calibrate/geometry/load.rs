@@ -104,19 +104,19 @@ fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, LoadError> {
 struct Searched {
     name: String,
     size: (u32, u32),
-    found: Result<BoardDetection, String>,
+    detection: Result<BoardDetection, String>,
 }
 
-fn keep_majority(found: Vec<Searched>) -> Views {
-    let sizes = || found.iter().filter(|searched| searched.found.is_ok()).map(|searched| searched.size);
+fn keep_majority(photos: Vec<Searched>) -> Views {
+    let sizes = || photos.iter().filter(|searched| searched.detection.is_ok()).map(|searched| searched.size);
     let often = |size: (u32, u32)| sizes().filter(|own| *own == size).count();
     // The larger of two equally frequent sizes.
     let size = sizes().max_by_key(|size| (often(*size), *size)).unwrap_or_default();
-    let kinds = || found.iter().filter_map(|searched| Some(searched.found.as_ref().ok()?.target.kind()));
+    let kinds = || photos.iter().filter_map(|searched| Some(searched.detection.as_ref().ok()?.target.kind()));
     let kind = kinds().max_by_key(|kind| kinds().filter(|own| own == kind).count()).unwrap_or_default();
     let (mut views, mut refused) = (Vec::new(), Vec::new());
-    for Searched { name, size: own, found } in found {
-        match found {
+    for Searched { name, size: own, detection: photos } in photos {
+        match photos {
             Ok(_) if own != size => {
                 let reason =
                     format!("is {}x{} px where most are {}x{}: cropped or scaled?", own.0, own.1, size.0, size.1);
@@ -144,29 +144,29 @@ fn from_photos(
         let name = file.display().to_string();
         match still::read_pixels(file) {
             Ok(pixels) => {
-                let found = begin()?.find(&pixels);
-                Ok(Searched { name, size: (pixels.width, pixels.height), found })
+                let detection = begin()?.find(&pixels);
+                Ok(Searched { name, size: (pixels.width, pixels.height), detection })
             }
             // A damaged file is skipped. A missing file is an error.
-            Err(SourceError::Content { problem, .. }) => Ok(Searched { name, size: (0, 0), found: Err(problem) }),
+            Err(SourceError::Content { problem, .. }) => Ok(Searched { name, size: (0, 0), detection: Err(problem) }),
             Err(SourceError::Read { source, .. }) if is_lfs_pointer(&source) => {
-                Ok(Searched { name, size: (0, 0), found: Err(reason(&source)) })
+                Ok(Searched { name, size: (0, 0), detection: Err(reason(&source)) })
             }
             Err(error) => Err(error.into()),
         }
     };
-    let mut found = Vec::new();
+    let mut searched_photos = Vec::new();
     for batch in files.chunks(BATCH * processors()) {
-        if progress(found.len(), all).is_break() {
+        if progress(searched_photos.len(), all).is_break() {
             return Err(LoadError::Stopped);
         }
         let mut searched: Vec<Option<Result<Searched, LoadError>>> = batch.iter().map(|_| None).collect();
         over_rows(&mut searched, 1, processors(), |n, slot| slot[0] = batch.get(n).map(|file| read(file)));
         for searched in searched.into_iter().flatten() {
-            found.push(searched?);
+            searched_photos.push(searched?);
         }
     }
-    Ok(found)
+    Ok(searched_photos)
 }
 
 /// Selects frames of a video: the most static first, each different from those before.
@@ -196,11 +196,11 @@ fn from_video(
         } else {
             "the board moves too fast in all frames"
         };
-        return Ok(vec![Searched { name: video.file.display().to_string(), size, found: Err(what.to_owned()) }]);
+        return Ok(vec![Searched { name: video.file.display().to_string(), size, detection: Err(what.to_owned()) }]);
     }
     Ok(chosen
         .into_iter()
-        .map(|i| Searched { name: name(detections[i].0), size, found: Ok(detections[i].1.clone()) })
+        .map(|i| Searched { name: name(detections[i].0), size, detection: Ok(detections[i].1.clone()) })
         .collect())
 }
 
@@ -268,7 +268,7 @@ mod tests {
 
     #[test]
     fn pictures_of_another_size_are_refused_with_both_sizes() {
-        let one = |name: &str, size, found| Searched { name: name.to_owned(), size, found };
+        let one = |name: &str, size, found| Searched { name: name.to_owned(), size, detection: found };
         let good = || Ok(detection(0.0, 0.0, 20.0));
         let views = keep_majority(vec![
             one("a", (640, 480), good()),

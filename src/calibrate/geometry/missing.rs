@@ -235,8 +235,8 @@ mod tests {
     }
 
     /// The messages, if ten views are required.
-    fn messages(known: &[Parameter], view: &BoardDetection, stands: &[RigidPose]) -> Vec<String> {
-        let missing_views = missing(SIZE_PX, known, &vec![view; stands.len()], stands, 10);
+    fn messages(parameters: &[Parameter], view: &BoardDetection, stands: &[RigidPose]) -> Vec<String> {
+        let missing_views = missing(SIZE_PX, parameters, &vec![view; stands.len()], stands, 10);
         missing_views.iter().map(MissingViews::to_string).collect()
     }
 
@@ -254,9 +254,9 @@ mod tests {
 
     #[test]
     fn missing_views_are_reported_until_all_are_there() {
-        let known = [Parameter { name: "fx_px", value: 500.0, sigma: 1.0 }; 2];
+        let parameters = [Parameter { name: "fx_px", value: 500.0, sigma: 1.0 }; 2];
         let middle = view(vec![DVec2::new(320.0, 240.0)]);
-        let all = messages(&known, &middle, &[stand(DVec3::ZERO, 10.0); 3]).join("\n");
+        let all = messages(&parameters, &middle, &[stand(DVec3::ZERO, 10.0); 3]).join("\n");
         for part in [
             "3 views so far",
             "its right, left, lower or upper edge",
@@ -272,12 +272,12 @@ mod tests {
         stands.resize(10, stand(DVec3::ZERO, 20.0));
         let corners = [(9.0, 9.0), (630.0, 9.0), (9.0, 470.0), (630.0, 470.0)];
         let everywhere = view(corners.iter().map(|c| DVec2::from(*c)).collect());
-        assert_eq!(messages(&known, &everywhere, &stands), Vec::<String>::new());
+        assert_eq!(messages(&parameters, &everywhere, &stands), Vec::<String>::new());
         assert_eq!(messages(&poor, &everywhere, &stands), ["fx_px is known to ±4.0 % only: more views, tilted more"]);
         // Without the view tilted to the left, and without the lower right corner.
         stands[1] = stands[9];
         let without = view(corners[..3].iter().map(|c| DVec2::from(*c)).collect());
-        let messages = messages(&known, &without, &stands);
+        let messages = messages(&parameters, &without, &stands);
         assert!(messages[0].contains("upper edge") || messages[0].contains("right edge"), "{messages:?}");
         assert!(messages.len() == 2 && messages[1].contains("picture's lower right corner,"), "{messages:?}");
     }

@@ -44,11 +44,12 @@ mod tests {
                 translation: DVec3::new(-1.0, -2.0, 12.0),
             };
             let board: Vec<DVec2> = (0..20).map(|i| DVec2::new(f64::from(i % 5), f64::from(i / 5))).collect();
-            let seen: Vec<DVec2> = board.iter().map(|b| lens.project(stood.point(b.extend(0.0))).unwrap().0).collect();
-            let found = stand(&lens, &board, &seen).unwrap();
-            assert!(found.translation.distance(stood.translation) < 1e-6, "{found:?}");
-            assert!(found.rotation.abs_diff_eq(stood.rotation, 1e-7), "{found:?}");
-            assert!(stand(&lens, &board[..5], &seen[..5]).is_none());
+            let projections: Vec<DVec2> =
+                board.iter().map(|b| lens.project(stood.point(b.extend(0.0))).unwrap().0).collect();
+            let pose = stand(&lens, &board, &projections).unwrap();
+            assert!(pose.translation.distance(stood.translation) < 1e-6, "{pose:?}");
+            assert!(pose.rotation.abs_diff_eq(stood.rotation, 1e-7), "{pose:?}");
+            assert!(stand(&lens, &board[..5], &projections[..5]).is_none());
             assert!(stand(&lens, &[DVec2::ZERO; 8], &[DVec2::ZERO; 8]).is_none_or(|s| s.translation.is_finite()));
         }
     }

@@ -179,8 +179,9 @@ impl ViewCollector {
 
     /// Updates the lens and the missing views after a new view.
     fn update(&mut self) {
-        let known = |parameter: &Parameter| parameter.sigma < MAX_FOCAL_SIGMA * parameter.value;
-        let calibrated = self.calibrated().ok().filter(|calibrated| calibrated.parameters.iter().take(2).all(known));
+        let is_accurate = |parameter: &Parameter| parameter.sigma < MAX_FOCAL_SIGMA * parameter.value;
+        let calibrated =
+            self.calibrated().ok().filter(|calibrated| calibrated.parameters.iter().take(2).all(is_accurate));
         if let Some(calibrated) = calibrated {
             let of = &calibrated.geometry.intrinsics;
             let centre_px = DVec2::new(of.cx_px, of.cy_px);

@@ -45,11 +45,11 @@ fn folding_fisheye_continues_monotonically() {
     let lens = fisheye([-0.1, 0.0, 0.0, 0.0]);
     let valid = lens.valid_radius();
     assert!((valid - (0.95f64 / 0.3).sqrt()).abs() < 1e-9);
-    let seen = |degrees: f64| {
+    let project = |degrees: f64| {
         let (s, c) = degrees.to_radians().sin_cos();
         lens.project(DVec3::new(s, 0.0, c), valid)
     };
-    assert!(seen(101.0).is_some() && seen(103.0).is_none());
+    assert!(project(101.0).is_some() && project(103.0).is_none());
     // This one folds before 90°: 0.05 at √(0.95/0.9) = 58.9°. From there to 90° it continues
     // along the tangent.
     let lens = fisheye([-0.3, 0.0, 0.0, 0.0]);

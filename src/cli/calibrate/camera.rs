@@ -112,13 +112,13 @@ fn from_photos(
         bail!("{option} is for a camera: name one with --camera");
     }
     let bar = crate::cli::progress(args.pictures.quiet, 0);
-    let calibration = views_from_paths(&args.photos, wanted, response, &mut |done, all| {
+    let views = views_from_paths(&args.photos, wanted, response, &mut |done, all| {
         bar.set_length(all as u64);
         bar.set_position(done as u64);
         ControlFlow::Continue(())
     });
     bar.finish_and_clear();
-    let Views { size, views, refused } = calibration?;
+    let Views { size, views, refused } = views?;
     Ok(calibrate(size, views, refused, options)?)
 }
 

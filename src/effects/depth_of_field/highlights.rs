@@ -88,7 +88,7 @@ pub fn find(
     lens: &LensUniform,
     layer: &Layer,
     [colors, circles]: [&Texture; 2],
-    found: &wgpu::Buffer,
+    highlights: &wgpu::Buffer,
 ) {
     let cells = (layer.size.0.div_ceil(CELL_PX), layer.size.1.div_ceil(CELL_PX));
     let count = u64::from(cells.0.max(1)) * u64::from(cells.1.max(1));
@@ -104,7 +104,7 @@ pub fn find(
             .texture("circles", circles)
             .buffer("left", &left)
             .buffer("numbers", &numbers)
-            .buffer("found", found)
+            .buffer("found", highlights)
             .texture("color", &layer.color)
             .texture("geometry", &layer.geometry)
             .dispatch(groups);
@@ -112,11 +112,17 @@ pub fn find(
 }
 
 /// Removes the highlights from the first two levels of the pyramid, which have these sizes.
-pub fn dim(recorder: &mut Recorder, lens: &LensUniform, found: &wgpu::Buffer, levels: [(&Texture, (u32, u32)); 2]) {
+pub fn dim(
+    recorder: &mut Recorder,
+    lens: &LensUniform,
+    highlights: &wgpu::Buffer,
+    levels: [(&Texture, (u32, u32)); 2],
+) {
     for (texels, (level, size)) in [2.0, 1.0].into_iter().zip(levels) {
         let entry = Entry::over("block_corner", "dim").choose("texels_to_block", texels);
-        let pass = recorder.pass(Shader::DepthOfFieldHighlights, entry).uniform("lens", lens).buffer("drawn", found);
-        pass.blend(TIMES).indirect(found).draw_into(&[level], size);
+        let pass =
+            recorder.pass(Shader::DepthOfFieldHighlights, entry).uniform("lens", lens).buffer("drawn", highlights);
+        pass.blend(TIMES).indirect(highlights).draw_into(&[level], size);
     }
 }
 

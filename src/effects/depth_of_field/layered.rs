@@ -94,7 +94,7 @@ struct Gathering {
     corners: Texture,
     layer: [Texture; 2],
     smaller: [Texture; 2],
-    found: wgpu::Buffer,
+    highlights: wgpu::Buffer,
 }
 
 impl Gathering {
@@ -114,7 +114,7 @@ impl Gathering {
             .texture("blurred", lower[0])
             .texture("blurred_front", lower[1])
             .texture("blurred_back", lower[2])
-            .buffer("highlights", &self.found)
+            .buffer("highlights", &self.highlights)
             .tiles(self.count)
     }
 }
@@ -181,7 +181,7 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer) -> Layer {
         corners,
         layer: [layer.color.clone(), layer.geometry.clone()],
         smaller: [colors.all.clone(), circles.all],
-        found: highlight_list,
+        highlights: highlight_list,
     };
     // A render target cannot be read: at first, other textures are bound as the lower resolutions.
     let nothing = [&colors.all; 3];
@@ -201,7 +201,7 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer) -> Layer {
     let [color] = rest.into_iter().fold(sharpest, Pass::also).draw([COLOR], layer.size);
     if has_highlights {
         let spots = gathering.pass(run.recorder, gather("spot_corner", "spot", 0, 4.0), lower);
-        spots.blend(highlights::ADDED).indirect(&gathering.found).draw_into(&[&color], layer.size);
+        spots.blend(highlights::ADDED).indirect(&gathering.highlights).draw_into(&[&color], layer.size);
     }
     if !run.geometry_is_read {
         return Layer { color, ..layer };

@@ -68,11 +68,11 @@ mod tests {
     #[test]
     fn auc_of_few_scores_matches_hand_calculation() {
         // Pairs won: 3 beats 1 and 2, 2 beats 1 and ties with 2: 3.5 of 4.
-        let found = auc(&[3.0, 2.0], &[1.0, 2.0]).unwrap();
-        assert_eq!(found.area, 0.875);
+        let few_scores = auc(&[3.0, 2.0], &[1.0, 2.0]).unwrap();
+        assert_eq!(few_scores.area, 0.875);
         // Q1 = 0.875/1.125 = 0.77778, Q2 = 1.53125/1.875 = 0.81667, A² = 0.765625:
         // (0.109375 + 0.012153 + 0.051042)/4 = 0.0431424.
-        assert!((found.standard_error - 0.0431424_f64.sqrt()).abs() < 1e-5, "{found:?}");
+        assert!((few_scores.standard_error - 0.0431424_f64.sqrt()).abs() < 1e-5, "{few_scores:?}");
         assert_eq!(auc(&[1.0], &[2.0]).unwrap().area, 0.0);
         assert_eq!(auc(&[1.0; 5], &[1.0; 7]).unwrap().area, 0.5);
     }
@@ -81,19 +81,19 @@ mod tests {
     fn standard_error_at_chance_is_that_of_the_rank_sum() {
         // At A = 1/2 the formula is (m + n + 1)/(12 m n), the variance of the Mann-Whitney
         // statistic.
-        let found = auc(&[1.0; 20], &[1.0; 30]).unwrap();
-        assert!((found.standard_error - (51.0_f64 / 7200.0).sqrt()).abs() < 1e-12, "{found:?}");
+        let ties = auc(&[1.0; 20], &[1.0; 30]).unwrap();
+        assert!((ties.standard_error - (51.0_f64 / 7200.0).sqrt()).abs() < 1e-12, "{ties:?}");
     }
 
     #[test]
     fn scores_of_different_folds_are_not_compared() {
         // Each fold is at chance; the second fold's scores are all higher.
         let folds = [(vec![0.0, 1.0], vec![0.0, 1.0]), (vec![5.0; 3], vec![5.0])];
-        let found = auc_within_folds(&folds).unwrap();
-        assert_eq!(found.area, 0.5);
+        let within_folds = auc_within_folds(&folds).unwrap();
+        assert_eq!(within_folds.area, 0.5);
         // 4 pairs with variance 5/48, 3 pairs with 5/36.
         let variance = (16.0 * 5.0 / 48.0 + 9.0 * 5.0 / 36.0) / 49.0;
-        assert!((found.standard_error - f64::sqrt(variance)).abs() < 1e-12, "{found:?}");
+        assert!((within_folds.standard_error - f64::sqrt(variance)).abs() < 1e-12, "{within_folds:?}");
     }
 
     #[test]

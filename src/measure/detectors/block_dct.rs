@@ -229,12 +229,12 @@ mod tests {
             let rounded = |c: f64| if step > 0.0 { step * (c / step).round() } else { c };
             (0..1200).map(|_| std::array::from_fn(|_| rounded(14.0 * normals.next()) + 0.3 * normals.next())).collect()
         };
-        let found = CombFit::new(blocks(7.0).iter());
-        assert_eq!(found.steps.len(), 14, "{found:?}");
-        assert!(found.steps.iter().all(|(i, step)| *step == 7 && diagonal(*i) <= 4), "{found:?}");
+        let fit = CombFit::new(blocks(7.0).iter());
+        assert_eq!(fit.steps.len(), 14, "{fit:?}");
+        assert!(fit.steps.iter().all(|(i, step)| *step == 7 && diagonal(*i) <= 4), "{fit:?}");
         assert_eq!(CombFit::new(blocks(0.0).iter()), CombFit::default());
         let (quantised, other) = (blocks(7.0), blocks(0.0));
-        assert!(found.agreement(&quantised)[0] > 0.9 && found.agreement(&other)[0].abs() < 0.1);
+        assert!(fit.agreement(&quantised)[0] > 0.9 && fit.agreement(&other)[0].abs() < 0.1);
         assert_eq!(CombFit::default().agreement(&other), [0.0; 2]);
     }
 

@@ -170,13 +170,13 @@ mod tests {
         let values: Vec<[f64; 2]> = (0..40).map(|i| [f64::from(i % 7), f64::from(i)]).collect();
         let samples: Vec<&[f64]> = values.iter().map(|v| v.as_slice()).collect();
         let is_positive: Vec<bool> = (0..40).map(|i| i >= 15).collect();
-        let found = BoostedTrees::fit(&samples, &is_positive);
-        assert_eq!(found.trees[0][0], TreeNode::Split { feature: 1, threshold: 14.5 });
+        let trees = BoostedTrees::fit(&samples, &is_positive);
+        assert_eq!(trees.trees[0][0], TreeNode::Split { feature: 1, threshold: 14.5 });
         // Newton step of the first tree: every residual is 1 − p, so the leaf is 0.1/p.
-        let p = sigmoid(found.prior);
-        let leaf = value(&found.trees[0], &[0.0, 39.0]);
+        let p = sigmoid(trees.prior);
+        let leaf = value(&trees.trees[0], &[0.0, 39.0]);
         assert!((leaf - 0.1 / p).abs() < 1e-9, "{leaf}");
-        assert!(found.log_odds(&[0.0, 14.0]) < -2.0 && found.log_odds(&[0.0, 15.0]) > 2.0);
+        assert!(trees.log_odds(&[0.0, 14.0]) < -2.0 && trees.log_odds(&[0.0, 15.0]) > 2.0);
     }
 
     #[test]
@@ -186,8 +186,8 @@ mod tests {
             (0..120).map(|i| [f64::from((i * 37) % 101) - 40.0, f64::from((i * 53) % 97) - 55.0]).collect();
         let samples: Vec<&[f64]> = values.iter().map(|v| v.as_slice()).collect();
         let is_positive: Vec<bool> = values.iter().map(|v| (v[0] > 0.0) == (v[1] > 0.0)).collect();
-        let found = BoostedTrees::fit(&samples, &is_positive);
-        let right = samples.iter().zip(&is_positive).filter(|(s, y)| (found.log_odds(s) > 0.0) == **y).count();
+        let trees = BoostedTrees::fit(&samples, &is_positive);
+        let right = samples.iter().zip(&is_positive).filter(|(s, y)| (trees.log_odds(s) > 0.0) == **y).count();
         assert!(right >= 110, "{right} of 120");
     }
 
@@ -195,11 +195,11 @@ mod tests {
     fn small_leaves_and_constant_features_are_not_split() {
         let samples: Vec<&[f64]> = vec![&[1.0]; 30];
         let is_positive: Vec<bool> = (0..30).map(|i| i % 2 == 0).collect();
-        let found = BoostedTrees::fit(&samples, &is_positive);
-        assert!(found.trees.iter().all(|tree| matches!(tree[0], TreeNode::Leaf(v) if v.abs() < 1e-9)));
+        let trees = BoostedTrees::fit(&samples, &is_positive);
+        assert!(trees.trees.iter().all(|tree| matches!(tree[0], TreeNode::Leaf(v) if v.abs() < 1e-9)));
         let few: Vec<Vec<f64>> = (0..9).map(|i| vec![f64::from(i)]).collect();
         let few: Vec<&[f64]> = few.iter().map(Vec::as_slice).collect();
-        let found = BoostedTrees::fit(&few, &[false, false, false, false, true, true, true, true, true]);
-        assert!(matches!(found.trees[0][0], TreeNode::Leaf(_)));
+        let trees = BoostedTrees::fit(&few, &[false, false, false, false, true, true, true, true, true]);
+        assert!(matches!(trees.trees[0][0], TreeNode::Leaf(_)));
     }
 }

@@ -133,11 +133,11 @@ mod tests {
         let stripes = planes(|x, _| 10.0 * (x % 2) as f32);
         let model = CooccurrenceModel::new([planes(|x, y| 10.0 * ((x + y) % 2) as f32)].iter());
         assert_eq!(model.steps, [10.0; 3]);
-        let found = model.features(&stripes);
-        assert_eq!(found.len(), 6 * 39);
+        let shares = model.features(&stripes);
+        assert_eq!(shares.len(), 6 * 39);
         let alternating = model.classes[index(3, 1, 3)];
         let flat = model.classes[index(2, 2, 2)];
-        for (i, share) in found.iter().enumerate() {
+        for (i, share) in shares.iter().enumerate() {
             let expected = if i % 78 == alternating || i % 78 == 39 + flat { 1.0 } else { 0.0 };
             assert_eq!(*share, expected, "{i}");
         }

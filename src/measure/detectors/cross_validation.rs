@@ -162,8 +162,8 @@ mod tests {
             let chance = of(&equal);
             assert!((chance.area - 0.5).abs() < 3.5 * chance.standard_error, "{classifier:?}: {chance:?}");
             // Φ(2/√2) = 0.921; boosting loses a little.
-            let found = of(&near);
-            assert!((0.86..0.95).contains(&found.area) && found.standard_error < 0.02, "{classifier:?}: {found:?}");
+            let auc = of(&near);
+            assert!((0.86..0.95).contains(&auc.area) && auc.standard_error < 0.02, "{classifier:?}: {auc:?}");
         }
     }
 
@@ -174,8 +174,8 @@ mod tests {
         let folds = grouped_folds(&cells, &is_positive, 5, 1).unwrap();
         let samples: Vec<Vec<f64>> = cells.iter().map(|(_, [x, y])| vec![*x as f64, *y as f64]).collect();
         for classifier in DetectorClassifier::ALL {
-            let found = cross_validated_auc(&samples, &is_positive, &folds, classifier).unwrap();
-            assert!((found.area - 0.5).abs() < 1e-9, "{classifier:?}: {found:?}");
+            let auc = cross_validated_auc(&samples, &is_positive, &folds, classifier).unwrap();
+            assert!((auc.area - 0.5).abs() < 1e-9, "{classifier:?}: {auc:?}");
         }
     }
 }

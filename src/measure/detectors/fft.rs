@@ -63,19 +63,19 @@ mod tests {
         let fft = Fft2::holding(7, 3);
         assert_eq!((fft.width, fft.height), (8, 4));
         let values: Vec<Complex32> = (0..32).map(|i| Complex32::new((i * i % 13) as f32, (i * 5 % 7) as f32)).collect();
-        let mut found = values.clone();
-        fft.forward(&mut found, 4);
-        for (n, found) in found.iter().enumerate() {
+        let mut spectrum = values.clone();
+        fft.forward(&mut spectrum, 4);
+        for (n, spectrum) in spectrum.iter().enumerate() {
             let mut expected = Complex32::ZERO;
             for (i, value) in values.iter().enumerate() {
                 let turns = (i % 8 * (n % 8)) as f32 / 8.0 + (i / 8 * (n / 8)) as f32 / 4.0;
                 expected += value * Complex32::cis(-std::f32::consts::TAU * turns);
             }
-            assert!((found - expected).norm() < 1e-3, "{n}");
+            assert!((spectrum - expected).norm() < 1e-3, "{n}");
         }
-        fft.inverse(&mut found);
-        for (found, value) in found.iter().zip(&values) {
-            assert!((found / 32.0 - value).norm() < 1e-5);
+        fft.inverse(&mut spectrum);
+        for (spectrum, value) in spectrum.iter().zip(&values) {
+            assert!((spectrum / 32.0 - value).norm() < 1e-5);
         }
     }
 

@@ -52,8 +52,8 @@ pub fn frame_correlation(
     let (first, second) = (residues(&patches_of(first)), residues(&patches_of(second)));
     let correlations: Vec<f64> = first.iter().zip(&second).map(|(a, b)| correlation(a, b)).collect();
     if correlations.len() < MIN_PATCHES {
-        let found = correlations.len();
-        return Err(MeasureError::TooFewPatches { side: "the pair of frames", found, needed: MIN_PATCHES });
+        let patches = correlations.len();
+        return Err(MeasureError::TooFewPatches { side: "the pair of frames", actual: patches, needed: MIN_PATCHES });
     }
     let count = correlations.len() as f64;
     let mean = correlations.iter().sum::<f64>() / count;
@@ -96,11 +96,11 @@ mod tests {
         for share in [0.0, 0.2, 0.7] {
             let [first, second, clean] = frames(share);
             for clean in [None, Some(&clean)] {
-                let found = frame_correlation([&first, &second], clean, None).unwrap();
-                assert_eq!(found.patches, 64);
-                assert!((found.correlation - share).abs() < 4.0 * found.standard_error + 0.01, "{share}: {found:?}");
+                let result = frame_correlation([&first, &second], clean, None).unwrap();
+                assert_eq!(result.patches, 64);
+                assert!((result.correlation - share).abs() < 4.0 * result.standard_error + 0.01, "{share}: {result:?}");
                 // One patch scatters by at most 1/√1024; white noise loses few degrees to the blur.
-                assert!((0.001..0.006).contains(&found.standard_error), "{found:?}");
+                assert!((0.001..0.006).contains(&result.standard_error), "{result:?}");
             }
         }
     }
@@ -129,6 +129,6 @@ mod tests {
         assert!(matches!(frame_correlation([&first, &second], Some(&small), None), Err(MeasureError::Sizes { .. })));
         assert!(matches!(frame_correlation([&first, &second], None, Some(&[true])), Err(MeasureError::Length { .. })));
         let few = frame_correlation([&small, &small], None, None);
-        assert!(matches!(few, Err(MeasureError::TooFewPatches { found: 16, needed: 50, .. })), "{few:?}");
+        assert!(matches!(few, Err(MeasureError::TooFewPatches { actual: 16, needed: 50, .. })), "{few:?}");
     }
 }

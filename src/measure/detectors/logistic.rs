@@ -151,8 +151,8 @@ mod tests {
     #[test]
     fn cholesky_solves_a_hand_worked_system() {
         // 4x + 2y = 10, 2x + 3y = 11: x = 1, y = 3. The upper triangle is not read.
-        let found = solve_positive_definite(vec![4.0, f64::NAN, 2.0, 3.0], vec![10.0, 11.0]).unwrap();
-        assert!((found[0] - 1.0).abs() < 1e-12 && (found[1] - 3.0).abs() < 1e-12, "{found:?}");
+        let solution = solve_positive_definite(vec![4.0, f64::NAN, 2.0, 3.0], vec![10.0, 11.0]).unwrap();
+        assert!((solution[0] - 1.0).abs() < 1e-12 && (solution[1] - 3.0).abs() < 1e-12, "{solution:?}");
         assert_eq!(solve_positive_definite(vec![1.0, 0.0, 2.0, 1.0], vec![1.0, 1.0]), None);
     }
 
@@ -160,17 +160,17 @@ mod tests {
     fn intercept_of_a_constant_feature_is_the_log_odds_of_the_classes() {
         let samples: Vec<&[f64]> = vec![&[7.0]; 8];
         let is_positive: Vec<bool> = (0..8).map(|i| i < 6).collect();
-        let found = LogisticRegression::fit(&samples, &is_positive);
-        assert!((found.log_odds(&[7.0]) - f64::ln(3.0)).abs() < 1e-6, "{found:?}");
-        assert_eq!(found.weights[0], 0.0);
+        let regression = LogisticRegression::fit(&samples, &is_positive);
+        assert!((regression.log_odds(&[7.0]) - f64::ln(3.0)).abs() < 1e-6, "{regression:?}");
+        assert_eq!(regression.weights[0], 0.0);
     }
 
     #[test]
     fn weight_of_two_points_satisfies_the_stationary_condition() {
         // z = ±1, y = ±1: the gradient −2 σ(−w) + λ w is 0 at w = 0.6748 for λ = 1.
-        let found = LogisticRegression::fit(&[&[3.0], &[5.0]], &[false, true]);
-        let w = found.weights[0];
+        let regression = LogisticRegression::fit(&[&[3.0], &[5.0]], &[false, true]);
+        let w = regression.weights[0];
         assert!((2.0 * sigmoid(-w) - RIDGE * w).abs() < 1e-6, "{w}");
-        assert!((w - 0.6748).abs() < 1e-4 && found.log_odds(&[4.0]).abs() < 1e-6, "{w}");
+        assert!((w - 0.6748).abs() < 1e-4 && regression.log_odds(&[4.0]).abs() < 1e-6, "{w}");
     }
 }

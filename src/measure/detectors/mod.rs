@@ -151,16 +151,16 @@ pub fn separability(
     options: &SeparabilityOptions,
 ) -> Result<Vec<DetectorScore>, MeasureError> {
     if !(2..=10).contains(&options.folds) {
-        return Err(MeasureError::Option { what: "folds", found: options.folds as f64, accepted: "2 to 10" });
+        return Err(MeasureError::Option { what: "folds", actual: options.folds as f64, accepted: "2 to 10" });
     }
     let uses_next = options.families.contains(&DetectorFamily::FrameCorrelation);
     real.iter().chain(virtual_).try_for_each(|source| check_source(source, uses_next))?;
     let classes = [ClassPatches::new(real), ClassPatches::new(virtual_)];
     for (side, class) in ["the real side", "the virtual side"].into_iter().zip(&classes) {
-        let (found, needed) =
+        let (actual, needed) =
             (class.patches.len(), MIN_PATCHES.max(cross_validation::MIN_FOLD_PATCHES * options.folds));
-        if found < needed {
-            return Err(MeasureError::TooFewPatches { side, found, needed });
+        if actual < needed {
+            return Err(MeasureError::TooFewPatches { side, actual, needed });
         }
     }
     let cells: Vec<_> = classes.iter().flat_map(|class| &class.patches).map(|p| (p.picture, p.cell)).collect();
@@ -197,7 +197,7 @@ pub fn find_repeats(source: &PatchSource) -> Result<Vec<TileMatch>, MeasureError
     check_source(source, false)?;
     let tiles = patches(&[*source]);
     if tiles.len() < 2 {
-        return Err(MeasureError::TooFewPatches { side: "the picture", found: tiles.len(), needed: 2 });
+        return Err(MeasureError::TooFewPatches { side: "the picture", actual: tiles.len(), needed: 2 });
     }
     Ok(copy_move::matches(source, &tiles.iter().collect::<Vec<_>>()))
 }

@@ -58,7 +58,7 @@ pub(super) fn cropped(plane: &GreyImage, [x0, y0]: [usize; 2]) -> GreyImage {
 
 /// The patches of pictures that lie in the masks completely, picture by picture, row by row.
 pub(super) fn patches(sources: &[PatchSource]) -> Vec<DetectorPatch> {
-    let mut found = Vec::new();
+    let mut patches = Vec::new();
     for (picture, source) in sources.iter().enumerate() {
         let (width, height) = (source.pixels.width as usize, source.pixels.height as usize);
         let rgb = rgb_planes(source.pixels);
@@ -71,12 +71,12 @@ pub(super) fn patches(sources: &[PatchSource]) -> Vec<DetectorPatch> {
                 if (y0..y0 + PATCH_PX).all(is_row_usable) {
                     let rgb = [0, 1, 2].map(|channel: usize| cropped(&rgb[channel], [x0, y0]));
                     let ycbcr = ycbcr(&rgb);
-                    found.push(DetectorPatch { picture, cell: [column, row], origin_px: [x0, y0], rgb, ycbcr });
+                    patches.push(DetectorPatch { picture, cell: [column, row], origin_px: [x0, y0], rgb, ycbcr });
                 }
             }
         }
     }
-    found
+    patches
 }
 
 #[cfg(test)]
@@ -116,8 +116,8 @@ mod tests {
             ([0.0, 255.0, 0.0], [149.685, -84.4723, -106.7653]),
             ([0.0, 0.0, 255.0], [29.07, 127.5, -20.7347]),
         ] {
-            let found = ycbcr(&rgb.map(|v| GreyImage::from_fn(1, 1, |_, _| v)));
-            for (plane, expected) in found.iter().zip(expected) {
+            let planes = ycbcr(&rgb.map(|v| GreyImage::from_fn(1, 1, |_, _| v)));
+            for (plane, expected) in planes.iter().zip(expected) {
                 assert!((plane.values[0] - expected).abs() < 2e-4, "{rgb:?}: {} {expected}", plane.values[0]);
             }
         }

@@ -134,23 +134,23 @@ mod tests {
     #[test]
     fn moments_of_three_values_match_hand_calculation() {
         // 0, 0, 3: mean 1, variance 2, third moment 2, fourth 6.
-        let found = Moments::of(&[0.0, 0.0, 3.0]);
-        assert!((found.variance - 2.0).abs() < 1e-12);
-        assert!((found.skewness - 2.0 / 8.0_f64.sqrt()).abs() < 1e-5, "{found:?}");
-        assert!((found.excess_kurtosis + 1.5).abs() < 1e-5, "{found:?}");
+        let moments = Moments::of(&[0.0, 0.0, 3.0]);
+        assert!((moments.variance - 2.0).abs() < 1e-12);
+        assert!((moments.skewness - 2.0 / 8.0_f64.sqrt()).abs() < 1e-5, "{moments:?}");
+        assert!((moments.excess_kurtosis + 1.5).abs() < 1e-5, "{moments:?}");
     }
 
     #[test]
     fn checkerboard_has_its_correlations_and_laplacian() {
         let board = plane(|x, y| if (x + y) % 2 == 0 { 110.0 } else { 90.0 });
-        let found = features(&[board.clone(), board.clone(), board]);
+        let values = features(&[board.clone(), board.clone(), board]);
         // σ; lags 1 → −1, 2 and 4 and the diagonal → 1; kurtosis of ±10 is 1; |Δ| = 80.
         let expected = [10.0, -1.0, -1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0, -2.0, 80.0, 80.0];
-        for (found, expected) in found.iter().zip(expected) {
-            assert!((found - expected).abs() < 0.02 * (1.0 + f64::abs(expected)), "{found} {expected}");
+        for (values, expected) in values.iter().zip(expected) {
+            assert!((values - expected).abs() < 0.02 * (1.0 + f64::abs(expected)), "{values} {expected}");
         }
-        assert_eq!(found.len(), 3 * 12 + 3);
-        assert!(found[36..].iter().all(|r| (r - 1.0).abs() < 1e-9));
+        assert_eq!(values.len(), 3 * 12 + 3);
+        assert!(values[36..].iter().all(|r| (r - 1.0).abs() < 1e-9));
     }
 
     #[test]

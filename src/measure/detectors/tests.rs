@@ -129,11 +129,11 @@ fn combined_family_has_the_features_of_the_requested_ones() {
     let (real, virtual_) = ([PatchSource::new(&real)], [PatchSource::new(&virtual_)]);
     let families = vec![DetectorFamily::Combined, DetectorFamily::CopyMove, DetectorFamily::ResidualMoments];
     let options = SeparabilityOptions { families, ..SeparabilityOptions::default() };
-    let found = separability(&real, &virtual_, &options).unwrap();
-    let families: Vec<_> = found.iter().step_by(2).map(|score| score.family).collect();
+    let scores = separability(&real, &virtual_, &options).unwrap();
+    let families: Vec<_> = scores.iter().step_by(2).map(|score| score.family).collect();
     assert_eq!(families, [DetectorFamily::ResidualMoments, DetectorFamily::CopyMove, DetectorFamily::Combined]);
-    assert!(found[4].auc > 0.95 && found[5].auc > 0.95, "{found:?}");
-    assert_eq!(found, separability(&real, &virtual_, &options).unwrap());
+    assert!(scores[4].auc > 0.95 && scores[5].auc > 0.95, "{scores:?}");
+    assert_eq!(scores, separability(&real, &virtual_, &options).unwrap());
 }
 
 #[test]
@@ -142,12 +142,12 @@ fn too_few_patches_are_an_error_with_the_number_needed() {
     let mask: Vec<bool> = (0..SIDE * SIDE).map(|i| i / SIDE < 192).collect();
     let source = PatchSource::new(&pixels);
     let masked = PatchSource { mask: Some(&mask), ..source };
-    let found = separability(&[source], &[masked], &SeparabilityOptions::default());
-    let expected = MeasureError::TooFewPatches { side: "the virtual side", found: 48, needed: 50 };
-    assert_eq!(found, Err(expected));
+    let result = separability(&[source], &[masked], &SeparabilityOptions::default());
+    let expected = MeasureError::TooFewPatches { side: "the virtual side", actual: 48, needed: 50 };
+    assert_eq!(result, Err(expected));
     assert!(matches!(
         separability(&[], &[source], &SeparabilityOptions::default()),
-        Err(MeasureError::TooFewPatches { side: "the real side", found: 0, .. })
+        Err(MeasureError::TooFewPatches { side: "the real side", actual: 0, .. })
     ));
 }
 
@@ -159,7 +159,7 @@ fn unusable_input_is_an_error() {
     let judged = |source: PatchSource, options: &SeparabilityOptions| separability(&[source], &[source], options);
     let default = SeparabilityOptions::default();
     let short = PatchSource { mask: Some(&[true; 9]), ..source };
-    assert!(matches!(judged(short, &default), Err(MeasureError::Length { found: 9, .. })));
+    assert!(matches!(judged(short, &default), Err(MeasureError::Length { actual: 9, .. })));
     let other_size = PatchSource { next: Some(&small), ..source };
     assert!(matches!(judged(other_size, &default), Err(MeasureError::Sizes { .. })));
     for folds in [0, 1, 11] {

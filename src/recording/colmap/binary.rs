@@ -147,17 +147,17 @@ impl BinaryReader<'_> {
     /// A number of records of at least `min_bytes` each, which must fit into the rest of the file.
     fn count(&mut self, things: &str, min_bytes: usize) -> Result<u64, RecordingError> {
         let before = self.at;
-        let found = self.u64(&format!("the number of {things}"))?;
+        let count = self.u64(&format!("the number of {things}"))?;
         let most = (self.left() / min_bytes) as u64;
-        if found > most {
+        if count > most {
             let left = self.left();
             let problem = format!(
-                "the number of {things} is {found}, and the {left} bytes left hold at most {most}: the file is cut off \
+                "the number of {things} is {count}, and the {left} bytes left hold at most {most}: the file is cut off \
                  or damaged; {REMEDY}"
             );
             return Err(FilePosition::Byte(before).error(self.file, problem));
         }
-        Ok(found)
+        Ok(count)
     }
 
     /// A text that ends with a zero byte.
@@ -169,8 +169,8 @@ impl BinaryReader<'_> {
             );
         };
         let name = str::from_utf8(&rest[..length]).map_err(|_| {
-            let found = quoted(&String::from_utf8_lossy(&rest[..length]));
-            self.error(format!("NAME is `{found}`, which is not UTF-8; rename the picture, or {REMEDY}"))
+            let name = quoted(&String::from_utf8_lossy(&rest[..length]));
+            self.error(format!("NAME is `{name}`, which is not UTF-8; rename the picture, or {REMEDY}"))
         })?;
         self.at += length + 1;
         Ok(name.to_owned())

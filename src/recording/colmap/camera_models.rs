@@ -74,8 +74,8 @@ static CAMERA_MODELS: [ColmapCameraModel; 18] = [
 impl ColmapCameraModel {
     /// The supported model of a name.
     pub fn named(name: &str) -> Result<&'static Self, String> {
-        let found = CAMERA_MODELS.iter().find(|model| model.name == name);
-        found.filter(|model| model.is_supported()).ok_or_else(|| refusal(name))
+        let model = CAMERA_MODELS.iter().find(|model| model.name == name);
+        model.filter(|model| model.is_supported()).ok_or_else(|| refusal(name))
     }
 
     /// The supported model of a number in a binary file.

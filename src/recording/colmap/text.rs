@@ -80,8 +80,8 @@ fn landmarks(points: &str) -> Option<Vec<Landmark>> {
 }
 
 fn whole(rest: &mut &str, name: &str) -> Result<u32, String> {
-    let found = records::word(rest);
-    found.parse().map_err(|_| format!("{name} is `{}`; a whole number is needed", quoted(found)))
+    let word = records::word(rest);
+    word.parse().map_err(|_| format!("{name} is `{}`; a whole number is needed", quoted(word)))
 }
 #[cfg(test)]
 mod tests {

@@ -70,11 +70,11 @@ fn projected_point_matches_hand_calculation() {
     assert!((pose.position_in_world_m() - DVec3::new(12.0, 14.0, 34.0)).length() < 1e-12);
     // The camera's x is the chunk's y and the world's z, its y the world's −x, its axis the chunk's
     // z and the world's −y. 0.4 to the right, 0.2 down, 2 ahead:
-    let seen = pose.transform_point(DVec3::new(11.8, 12.0, 34.4));
-    assert!((seen - DVec3::new(0.4, 0.2, 2.0)).length() < 1e-12, "{seen}");
+    let in_camera = pose.transform_point(DVec3::new(11.8, 12.0, 34.4));
+    assert!((in_camera - DVec3::new(0.4, 0.2, 2.0)).length() < 1e-12, "{in_camera}");
     // u = 0.2, v = 0.1, r² = 0.05: radial 0.996; x' = 0.1992 + 0.02·(0.05 + 0.08) + 2·0.01·0.02 =
     // 0.2022; y' = 0.0996 + 0.01·(0.05 + 0.02) + 2·0.02·0.02 = 0.1011.
-    let at = contents.sensors["0"].project(seen).unwrap();
+    let at = contents.sensors["0"].project(in_camera).unwrap();
     let expected = DVec2::new(320.0 + 10.0 + 0.2022 * 1002.0, 240.0 - 5.0 + 101.1);
     assert!((at - expected).length() < 1e-9, "{at}");
     assert_eq!(contents.up, Some(DVec3::Z));
@@ -170,8 +170,8 @@ fn geocentric_world_becomes_east_north_and_up() {
     let pose = first_pose(&contents);
     assert!(pose.position_in_world_m().length() < 1e-6);
     // The camera's x is the chunk's y: up; its axis is z: north; its y is −x: east.
-    let seen = pose.transform_point(DVec3::new(0.2, 2.0, 0.4));
-    assert!((seen - DVec3::new(0.4, 0.2, 2.0)).length() < 1e-4, "{seen}");
+    let in_camera = pose.transform_point(DVec3::new(0.2, 2.0, 0.4));
+    assert!((in_camera - DVec3::new(0.4, 0.2, 2.0)).length() < 1e-4, "{in_camera}");
     let local = text.replace("<cameras", "<reference>LOCAL_CS[\"Local\"]</reference><cameras");
     assert!(first_pose(&read(&local).unwrap()).position_in_world_m().length() > 6e6);
 }

@@ -262,11 +262,11 @@ fn depth_views(
     geometry: Option<&Geometry>,
     depth_camera: Option<&Geometry>,
 ) -> Vec<PosedDepth> {
-    let known: Vec<_> =
+    let candidates: Vec<_> =
         poses.iter().zip(depth).filter_map(|(pose, depth)| Some((pose.as_ref()?.matrix?, depth.as_ref()?))).collect();
-    let picked = known.len().min(MAX_DEPTH_VIEWS);
+    let picked = candidates.len().min(MAX_DEPTH_VIEWS);
     let view = |i: usize| {
-        let (matrix, file) = known.get((2 * i + 1) * known.len() / (2 * picked))?;
+        let (matrix, file) = candidates.get((2 * i + 1) * candidates.len() / (2 * picked))?;
         let map = depth_map::read(file, CODES_PER_METRE, 0.0).ok()?;
         let size = (map.width, map.height);
         let fits = |camera: &&Geometry| is_same_aspect(size, (camera.intrinsics.width_px, camera.intrinsics.height_px));

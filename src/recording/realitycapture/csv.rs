@@ -51,8 +51,8 @@ impl TableHeader {
 
     /// The columns of a group; `None` if any is missing.
     fn columns<const N: usize>(&self, group: [&[&str]; N]) -> Option<[usize; N]> {
-        let found: Option<Vec<usize>> = group.iter().map(|names| self.column(names)).collect();
-        found.and_then(|found| found.try_into().ok())
+        let columns: Option<Vec<usize>> = group.iter().map(|names| self.column(names)).collect();
+        columns.and_then(|columns| columns.try_into().ok())
     }
 }
 
@@ -201,18 +201,18 @@ mod tests {
 
     #[test]
     fn angles_are_those_of_an_aeroplane_over_a_map() {
-        let seen =
+        let in_camera =
             |angles: [f64; 3], point: [f64; 3]| pose(DVec3::new(1.0, 2.0, 3.0), angles).transform_point(point.into());
         // Straight down from a height of 3: north is the picture's up, −y.
-        assert!((seen([0.0; 3], [1.5, 2.25, 0.0]) - DVec3::new(0.5, -0.25, 3.0)).length() < 1e-12);
+        assert!((in_camera([0.0; 3], [1.5, 2.25, 0.0]) - DVec3::new(0.5, -0.25, 3.0)).length() < 1e-12);
         // The picture's up is to the east, so its right is to the south.
-        assert!((seen([90.0, 0.0, 0.0], [2.0, 1.5, 0.0]) - DVec3::new(0.5, -1.0, 3.0)).length() < 1e-12);
+        assert!((in_camera([90.0, 0.0, 0.0], [2.0, 1.5, 0.0]) - DVec3::new(0.5, -1.0, 3.0)).length() < 1e-12);
         // Level, to the north: up is the world's.
-        assert!((seen([0.0, 90.0, 0.0], [1.5, 6.0, 3.25]) - DVec3::new(0.5, -0.25, 4.0)).length() < 1e-12);
+        assert!((in_camera([0.0, 90.0, 0.0], [1.5, 6.0, 3.25]) - DVec3::new(0.5, -0.25, 4.0)).length() < 1e-12);
         // Level, to the east.
-        assert!((seen([90.0, 90.0, 0.0], [5.0, 1.5, 3.25]) - DVec3::new(0.5, -0.25, 4.0)).length() < 1e-12);
+        assert!((in_camera([90.0, 90.0, 0.0], [5.0, 1.5, 3.25]) - DVec3::new(0.5, -0.25, 4.0)).length() < 1e-12);
         // Level, turned about the picture's up by a quarter: its axis is to the west.
-        assert!((seen([0.0, 90.0, 90.0], [-3.0, 2.5, 3.25]) - DVec3::new(0.5, -0.25, 4.0)).length() < 1e-12);
+        assert!((in_camera([0.0, 90.0, 90.0], [-3.0, 2.5, 3.25]) - DVec3::new(0.5, -0.25, 4.0)).length() < 1e-12);
     }
 
     #[test]

@@ -77,8 +77,8 @@ fn find(path: &Path) -> Option<PathBuf> {
     table.or_else(sidecars)
 }
 
-fn open(found: &Path, path: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
-    let mut parts = if found.is_dir() { xmp::open(found, path, options)? } else { csv::open(found, path, options)? };
+fn open(source: &Path, path: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
+    let mut parts = if source.is_dir() { xmp::open(source, path, options)? } else { csv::open(source, path, options)? };
     parts.up = Some(DVec3::Z);
     Ok(parts)
 }

@@ -192,8 +192,8 @@ mod tests {
         assert_eq!(camera.distortion, [-0.1, 0.2, -0.3, 0.0, 0.01, 0.02]);
         let SidecarPose::Known(pose) = pose else { panic!("no pose") };
         // Twice the unit: at (133.8, 90.6, 11). 2 m ahead, 0.5 m to the right, 0.25 m up.
-        let seen = pose.transform_point(DVec3::new(131.8, 91.1, 11.25));
-        assert!((seen - DVec3::new(0.5, -0.25, 2.0)).length() < 1e-12, "{seen}");
+        let in_camera = pose.transform_point(DVec3::new(131.8, 91.1, 11.25));
+        assert!((in_camera - DVec3::new(0.5, -0.25, 2.0)).length() < 1e-12, "{in_camera}");
         let attributes = SIDECAR
             .replace("<xcr:Rotation>0 1 0 0 0 -1 -1 0 0</xcr:Rotation>", "")
             .replace("xcr:Skew", "xcr:Rotation=\"0 1 0 0 0 -1 -1 0 0\" xcr:Skew");

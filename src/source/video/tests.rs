@@ -53,8 +53,8 @@ fn range_and_matrix_as_stated_or_as_usual() {
         let v = parse_tall(height, stream, ONE, &Overrides::default()).unwrap();
         assert_eq!((v.range, v.matrix, v.bits), expected, "{stream}");
     }
-    let given = Overrides { range: Some(Full), matrix: Some(Bt709), fps: None };
-    let v = parse(r#""pix_fmt": "yuv420p", "color_space": "smpte170m", "color_range": "tv""#, ONE, &given).unwrap();
+    let overrides = Overrides { range: Some(Full), matrix: Some(Bt709), fps: None };
+    let v = parse(r#""pix_fmt": "yuv420p", "color_space": "smpte170m", "color_range": "tv""#, ONE, &overrides).unwrap();
     assert_eq!((v.range, v.matrix), (Full, Bt709));
     let error = parse(r#""pix_fmt": "yuv420p", "color_space": "ycgco""#, ONE, &Overrides::default()).unwrap_err();
     assert!(error.starts_with("v.mkv: its colour matrix is ycgco; expected"), "{error}");
@@ -139,26 +139,26 @@ fn times_in_the_order_shown_and_steady_where_the_file_only_rounds() {
     assert_eq!(steady.timestamps_s, [0.0, 1.0 / 30.0, 2.0 / 30.0]);
     let varying = r#"{"pts_time": "0.0"}, {"pts_time": "0.04"}, {"pts_time": "0.10"}"#;
     assert_eq!(parse(stream, varying, &Overrides::default()).unwrap().timestamps_s, [0.0, 0.04, 0.10]);
-    let given = Overrides { fps: Some(10.0), ..Overrides::default() };
-    assert_eq!(parse(stream, varying, &given).unwrap().timestamps_s, [0.0, 0.1, 0.2]);
+    let overrides = Overrides { fps: Some(10.0), ..Overrides::default() };
+    assert_eq!(parse(stream, varying, &overrides).unwrap().timestamps_s, [0.0, 0.1, 0.2]);
     assert!(parse(stream, r#"{"flags": "K_"}"#, &Overrides::default()).unwrap().timestamps_s == [0.0]);
     assert!(parse(stream, "", &Overrides::default()).unwrap_err().contains("holds no frames"));
 }
 
 #[test]
 fn fewer_frames_than_the_container_promises_are_refused() {
-    let given = Overrides::default();
+    let overrides = Overrides::default();
     let packets = r#"{"pts_time": "0.0"}, {"pts_time": "0.1"}"#;
     let stream = |more: &str| format!(r#""pix_fmt": "yuv420p", "avg_frame_rate": "10/1", {more}"#);
-    let error = parse(&stream(r#""nb_frames": "3""#), packets, &given).unwrap_err();
+    let error = parse(&stream(r#""nb_frames": "3""#), packets, &overrides).unwrap_err();
     assert!(error.starts_with("v.mkv: holds 2 frames, and its index has 3: is it truncated?"), "{error}");
-    let lasting = |text: &str| parse(&stream(&format!(r#""tags": {{"DURATION": "{text}"}}"#)), packets, &given);
+    let lasting = |text: &str| parse(&stream(&format!(r#""tags": {{"DURATION": "{text}"}}"#)), packets, &overrides);
     let error = lasting("00:01:00.500000000").unwrap_err();
     assert!(error.contains("ends after 0.200 s (2 frames), but its header gives 60.500 s"), "{error}");
     for whole in ["00:00:00.200000000", "00:00:00.400", "odd"] {
         assert!(lasting(whole).is_ok(), "{whole}");
     }
-    assert!(parse(&stream(r#""nb_frames": "2""#), packets, &given).is_ok());
+    assert!(parse(&stream(r#""nb_frames": "2""#), packets, &overrides).is_ok());
 }
 
 /// As written by `ffmpeg -c copy` from x264's frames: an empty chunk after each, and no

@@ -87,7 +87,7 @@ impl Driver for Nokhwa {
         let cameras = system_cameras()?;
         let names = || cameras.iter().map(|camera| format!("{} ({})", camera.number, camera.name)).collect();
         let camera = cameras.iter().find(|camera| Some(camera.number) == number(id));
-        let none = || CameraError::None { asked: id.to_owned(), found: names() };
+        let none = || CameraError::None { name: id.to_owned(), cameras: names() };
         let FoundCamera { number, name, .. } = camera.ok_or_else(none)?;
         let refused = |error| errors::camera_error(name, &error);
         let offered = modes::offered(*number, name)?;

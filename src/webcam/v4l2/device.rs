@@ -64,7 +64,7 @@ impl Driver for V4l2 {
     }
 
     fn open(&self, id: &str, requested: &FormatRequest) -> Result<(Box<dyn Capture>, NegotiatedFormat), CameraError> {
-        let none = || CameraError::None { asked: id.to_owned(), found: names() };
+        let none = || CameraError::None { name: id.to_owned(), cameras: names() };
         let number = number(id).ok_or_else(none)?;
         let path = path_of(number);
         if !path.exists() {

@@ -72,8 +72,8 @@ pub fn find(number: usize, name: &str) -> Option<usize> {
 }
 
 fn takes_pictures(device: &Device) -> bool {
-    let known = asked(|| device.query_caps()).map(|caps| caps.capabilities);
-    known.is_ok_and(|caps| caps.contains(Flags::VIDEO_CAPTURE | Flags::STREAMING))
+    let capabilities = asked(|| device.query_caps()).map(|caps| caps.capabilities);
+    capabilities.is_ok_and(|caps| caps.contains(Flags::VIDEO_CAPTURE | Flags::STREAMING))
 }
 
 pub fn cameras() -> Vec<CameraListing> {
@@ -100,7 +100,7 @@ pub fn why(path: &Path, error: io::Error) -> CameraError {
     match error.kind() {
         ErrorKind::PermissionDenied => CameraError::Permission { advice: permission::advice(path), camera },
         ErrorKind::ResourceBusy => CameraError::Busy { camera },
-        ErrorKind::NotFound => CameraError::None { asked: camera, found: names() },
+        ErrorKind::NotFound => CameraError::None { name: camera, cameras: names() },
         _ => CameraError::Driver { camera, problem: reason(&error) },
     }
 }
@@ -176,7 +176,7 @@ pub fn agree(
     let (format, rate_hz) = set(device, &nearest).map_err(failed)?;
     let layout = layout_of(format.fourcc).ok_or_else(|| CameraError::Layout {
         camera: path.display().to_string(),
-        asked: layout.to_string(),
+        layout: layout.to_string(),
         has: quoted(format.fourcc.str().unwrap_or("????")),
     })?;
     let ycbcr_enc = encoding::stated(device).unwrap_or(encoding::DEFAULT);

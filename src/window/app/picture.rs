@@ -32,30 +32,30 @@ impl App {
         }
         let placeholder = if frame.is_none() { self.document.session.placeholder() } else { "" };
         let viewer = &mut self.document.session.viewer;
-        let seen =
+        let output =
             picture::show(ui, &mut self.document.view, viewer, frame.as_deref().ok_or(placeholder), compared, taken);
-        self.document.placed = seen.as_ref().map(|seen| seen.placed);
-        let (Some(mut seen), Some(frame)) = (seen, frame) else { return };
-        self.keyboard_cursor.apply(&mut seen);
+        self.document.placed = output.as_ref().map(|output| output.placed);
+        let (Some(mut output), Some(frame)) = (output, frame) else { return };
+        self.keyboard_cursor.apply(&mut output);
         let obstacle = Obstacle::of(self.document.session.project.shot(), frame.index);
         if needs_place && obstacle.is_some() {
             // The notice explains the obstacle; a click has no effect.
-            seen.clicked = None;
-            seen.response.ctx.set_cursor_icon(egui::CursorIcon::NotAllowed);
+            output.clicked = None;
+            output.response.ctx.set_cursor_icon(egui::CursorIcon::NotAllowed);
         }
         if self.document.session.is_stale() {
-            seen.painter.rect_filled(seen.placed.rect, 0.0, egui::Color32::from_black_alpha(170));
-            seen.prompt(&format!(
+            output.painter.rect_filled(output.placed.rect, 0.0, egui::Color32::from_black_alpha(170));
+            output.prompt(&format!(
                 "Frame {} cannot be shown; this is frame {}",
                 self.document.session.player.frame(),
                 frame.index
             ));
         }
-        self.codes(&seen, &frame);
-        self.document.side.over_picture(&seen, frame.index, self.document.session.player.playing);
-        self.document.tools.update_region(&seen);
+        self.codes(&output, &frame);
+        self.document.side.over_picture(&output, frame.index, self.document.session.player.playing);
+        self.document.tools.update_region(&output);
         let over = Overlay {
-            picture: &seen,
+            picture: &output,
             view: &self.document.view,
             frame: &frame,
             is_free: is_selecting,
@@ -75,28 +75,28 @@ impl App {
             Some(Err(error)) => self.document.session.show_message(error),
             None => {}
         }
-        self.notice(ui, &seen, obstacle.as_ref(), frame.index, needs_place);
+        self.notice(ui, &output, obstacle.as_ref(), frame.index, needs_place);
         if needs_place && obstacle.is_some() {
             return;
         }
-        self.document.evidence.ground.picked.paint(&seen, &self.document.session.project, frame.index);
-        self.document.tools.paint(&seen, &self.document.session.project, frame.index);
+        self.document.evidence.ground.picked.paint(&output, &self.document.session.project, frame.index);
+        self.document.tools.paint(&output, &self.document.session.project, frame.index);
         if needs_place {
-            self.pick_point(&seen, &frame);
+            self.pick_point(&output, &frame);
         }
-        self.document.refusal = self.document.refusal.take().filter(|refusal| refusal.show(&seen));
+        self.document.refusal = self.document.refusal.take().filter(|refusal| refusal.show(&output));
     }
 
     /// Passes clicks and drags to a tool that picks a point of the world.
-    fn pick_point(&mut self, seen: &PictureOutput, frame: &Arc<Frame>) {
+    fn pick_point(&mut self, output: &PictureOutput, frame: &Arc<Frame>) {
         let (project, ground) = (&mut self.document.session.project, &mut self.document.evidence.ground.picked);
         let is_press_consumed = self.document.handles.has_consumed_press();
-        let clicked = seen.clicked.filter(|_| !(is_press_consumed && seen.response.clicked()));
+        let clicked = output.clicked.filter(|_| !(is_press_consumed && output.response.clicked()));
         let clicked = clicked.map(|at| DVec2::new(at.x.into(), at.y.into()));
         let turned = match self.document.tools.active_mut() {
             Tool::Place(placement) => {
-                placement.show_preview(seen, ground, project, frame);
-                if is_press_consumed { None } else { placement.turn(seen, ground, project, frame) }
+                placement.show_preview(output, ground, project, frame);
+                if is_press_consumed { None } else { placement.turn(output, ground, project, frame) }
             }
             _ => None,
         };
@@ -104,14 +104,14 @@ impl App {
         let context = ClickContext { project, ground, frame, selected: &mut self.document.evidence.selected };
         match self.document.tools.click(context, at) {
             Ok(message) => message.into_iter().for_each(|message| self.document.session.show_message(message)),
-            Err(error) => self.refuse(seen, error),
+            Err(error) => self.refuse(output, error),
         }
     }
 
     /// Shows at the click why it had no effect.
-    fn refuse(&mut self, seen: &PictureOutput, why: String) {
-        if let Some(at_px) = seen.clicked.or(seen.pointed) {
-            self.document.refusal = Some(Refusal::new(seen, at_px, why.clone()));
+    fn refuse(&mut self, output: &PictureOutput, why: String) {
+        if let Some(at_px) = output.clicked.or(output.pointed) {
+            self.document.refusal = Some(Refusal::new(output, at_px, why.clone()));
         }
         self.document.session.show_message(why);
     }
@@ -120,7 +120,7 @@ impl App {
     fn notice(
         &mut self,
         ui: &mut Ui,
-        seen: &PictureOutput,
+        output: &PictureOutput,
         obstacle: Option<&Obstacle>,
         frame: usize,
         needs_place: bool,
@@ -128,7 +128,7 @@ impl App {
         let refused = self.documents.refused_profile().map(str::to_owned);
         let refused = refused.map(|text| Notice { text, remedy: Some(Remedy::ChooseProfile), can_be_closed: true });
         let Some(notice) = refused.or_else(|| self.obstacle_notice(obstacle?, frame, needs_place)) else { return };
-        match notice::show(ui, seen.painter.clip_rect(), &notice) {
+        match notice::show(ui, output.painter.clip_rect(), &notice) {
             Some(NoticeButton::Remedy(Remedy::ChooseProfile)) => {
                 self.documents.choose_profile(&self.document.session.project)
             }
@@ -156,28 +156,28 @@ impl App {
     }
 
     /// Shows code values in the loupe, and inside of pixels that are large enough on the screen.
-    pub(super) fn codes(&mut self, seen: &PictureOutput, frame: &Frame) {
-        let ppp = seen.response.ctx.pixels_per_point();
-        let numbers = seen.placed.scale * ppp >= loupe::MIN_NUMBERED_PX;
+    pub(super) fn codes(&mut self, output: &PictureOutput, frame: &Frame) {
+        let ppp = output.response.ctx.pixels_per_point();
+        let numbers = output.placed.scale * ppp >= loupe::MIN_NUMBERED_PX;
         if !numbers && !self.document.view.loupe {
             return;
         }
         self.document.session.request_codes();
         let codes = self.document.session.codes().filter(|codes| codes.frame.index == frame.index);
         if numbers {
-            loupe::numbers(seen, seen.camera, &frame.pixels, ppp);
+            loupe::numbers(output, output.camera, &frame.pixels, ppp);
             if let Some(codes) = &codes {
-                loupe::numbers(seen, seen.composite, &codes.pixels, ppp);
+                loupe::numbers(output, output.composite, &codes.pixels, ppp);
             }
         }
-        if self.document.view.loupe && seen.pointed.is_some() {
+        if self.document.view.loupe && output.pointed.is_some() {
             self.document.session.viewer.plain(frame);
             let viewer = &self.document.session.viewer;
             let camera =
                 viewer.camera().map(|shown| loupe::LoupeSide { name: "camera", shown, codes: Some(&frame.pixels) });
             let pixels = codes.as_ref().map(|codes| &*codes.pixels);
             let with = viewer.composite().map(|shown| loupe::LoupeSide { name: "with evidence", shown, codes: pixels });
-            loupe::show(seen, &camera.into_iter().chain(with).collect::<Vec<_>>());
+            loupe::show(output, &camera.into_iter().chain(with).collect::<Vec<_>>());
         }
     }
 }

@@ -21,7 +21,7 @@ const MIN_VIEWS: usize = 3;
 pub struct LensPanel {
     views: Option<ViewCollection>,
     /// Result of the fit.
-    found: Option<Result<CameraCalibration, String>>,
+    result: Option<Result<CameraCalibration, String>>,
 }
 
 impl LensPanel {
@@ -30,7 +30,7 @@ impl LensPanel {
         let Some(views) = &mut self.views else { return };
         session.newest().iter().for_each(|frame| views.process(frame));
         if let Some(result) = views.take() {
-            (self.views, self.found) = (None, Some(result));
+            (self.views, self.result) = (None, Some(result));
         }
     }
 
@@ -65,7 +65,7 @@ impl LensPanel {
             }
             None => parts::aside(ui, "Open a camera first: File, Live camera…"),
         }
-        match &self.found {
+        match &self.result {
             Some(Ok(calibrated)) => {
                 let calibrated = calibrated.clone();
                 self.result(ui, session, &calibrated);
@@ -77,7 +77,7 @@ impl LensPanel {
 
     fn begin(&mut self, ui: &Ui, session: &mut Session, frame: &Arc<Frame>) {
         let (size, wake) = ((frame.pixels.width, frame.pixels.height), ui.ctx().clone());
-        self.found = None;
+        self.result = None;
         match ViewCollection::begin(size, &session.project.edit().rig.response, move || wake.request_repaint()) {
             Ok(views) => self.views = Some(views),
             Err(why) => session.show_error(why),
@@ -115,7 +115,7 @@ impl LensPanel {
                     "The measured camera is in use. Save it and open the camera again to read tags with it",
                 );
             }
-            Some(false) => self.found = None,
+            Some(false) => self.result = None,
             None => {}
         }
     }
@@ -153,11 +153,11 @@ fn coverage(ui: &mut Ui, coverage: &Coverage) {
     let size = egui::vec2(160.0, 120.0);
     let (rect, response) = ui.allocate_exact_size(size, Sense::hover());
     let cell = size / egui::vec2(coverage.columns as f32, coverage.rows as f32);
-    let seen = ui.visuals().selection.bg_fill;
+    let covered_color = ui.visuals().selection.bg_fill;
     ui.painter().rect_filled(rect, 0.0, ui.visuals().extreme_bg_color);
     for (n, is_seen) in coverage.covered.iter().enumerate() {
         let at = egui::vec2((n % coverage.columns) as f32, (n / coverage.columns) as f32) * cell;
-        let color = if *is_seen { seen } else { Color32::TRANSPARENT };
+        let color = if *is_seen { covered_color } else { Color32::TRANSPARENT };
         ui.painter().rect_filled(egui::Rect::from_min_size(rect.min + at, cell).shrink(1.0), 0.0, color);
     }
     response.on_hover_text("The picture: where the board has been seen");

@@ -277,13 +277,13 @@ fn measure(shot: &Shot, shown: &Arc<Frame>, of: &NoiseRequest, control: &TaskCon
         Ok(places) => places,
         Err(why) => return failed(why),
     };
-    let found = picked_noise(&places, of.motion, of.present.as_ref());
-    let verdict = |n: usize| match found.places.get(n) {
+    let measured = picked_noise(&places, of.motion, of.present.as_ref());
+    let verdict = |n: usize| match measured.places.get(n) {
         Some(Ok(code)) => RegionVerdict::Good(format!("used, code {}", fixed(*code, 0))),
         Some(Err(why)) => RegionVerdict::Bad(why.to_string()),
         None => RegionVerdict::Waits,
     };
-    let noise = match found.noise {
+    let noise = match measured.noise {
         Err(PickedError::NoneFit) => None,
         noise => Some(noise.map_err(|error| calibration_messages::picked_error(&error))),
     };

@@ -69,10 +69,10 @@ impl SharpnessPanel {
             let key = (edges.clone(), of, session.project.version());
             self.measured.request(ui.ctx(), key, move |control| measure(&shot, &edges, of, control));
         }
-        let found = self.measured.last_key().filter(|(edges, of, _)| (edges, *of) == (&self.edges, self.of));
-        let found = found.and_then(|_| self.measured.last().cloned()).unwrap_or_default();
-        if !found.is_empty() {
-            self.verdicts = found.iter().map(verdict).collect();
+        let key = self.measured.last_key().filter(|(edges, of, _)| (edges, *of) == (&self.edges, self.of));
+        let edges = key.and_then(|_| self.measured.last().cloned()).unwrap_or_default();
+        if !edges.is_empty() {
+            self.verdicts = edges.iter().map(verdict).collect();
         }
         match parts::list(ui, "edge", &self.verdicts) {
             Some(ListAction::Show(n)) => session.player.seek(self.edges[n].frame),
@@ -84,10 +84,11 @@ impl SharpnessPanel {
         }
         progress::of(ui, "Sharpness", &self.measured);
         let called = |n: usize| format!("edge {}", n + 1);
-        let out = found.iter().enumerate().filter_map(|(n, edge)| Some((n, edge.as_ref().err()?)));
+        let out = edges.iter().enumerate().filter_map(|(n, edge)| Some((n, edge.as_ref().err()?)));
         let color = |n: usize| plots::palette_color(n, ui.visuals());
-        let out: Vec<_> = out.map(|(n, RejectedEdge { seen, .. })| (called(n), color(n), seen.clone())).collect();
-        let good: Vec<_> = found.iter().enumerate().filter_map(|(n, edge)| Some((n, edge.as_ref().ok()?))).collect();
+        let out: Vec<_> =
+            out.map(|(n, RejectedEdge { profile: seen, .. })| (called(n), color(n), seen.clone())).collect();
+        let good: Vec<_> = edges.iter().enumerate().filter_map(|(n, edge)| Some((n, edge.as_ref().ok()?))).collect();
         for (n, (edge, moved)) in &good {
             for note in sharpness::notes(edge, *moved) {
                 parts::aside(ui, format!("{}: {note}", called(*n)));
@@ -160,7 +161,7 @@ fn verdict(edge: &Result<(SlantedEdge, [f64; 2]), RejectedEdge>) -> RegionVerdic
 fn measure(shot: &Shot, edges: &[FrameRegion], of: usize, control: &TaskControl) -> Edges {
     let response = shot.camera().response;
     let edge = |(n, FrameRegion { frame, at }): (usize, &FrameRegion)| {
-        let unread = |why: String| RejectedEdge { why, seen: Vec::new() };
+        let unread = |why: String| RejectedEdge { why, profile: Vec::new() };
         let frame = shot.read(*frame).map_err(|error| unread(error.to_string()))?;
         let moved = moved_px(shot, &frame, *at);
         let edge = analysis::edge(&frame.pixels, &response, *at, moved, edge_signal(of))?;

@@ -123,8 +123,8 @@ fn watch(
                     if frame.timestamp_s <= last_processed_s {
                         continue;
                     }
-                    let seen = search.find(&frame.pixels).ok();
-                    let look = taking.add(frame.timestamp_s, &format!("frame {}", frame.index), seen);
+                    let detection = search.find(&frame.pixels).ok();
+                    let look = taking.add(frame.timestamp_s, &format!("frame {}", frame.index), detection);
                     lock(shared).status = status(&taking, Some(look));
                     last_processed_s = frame.timestamp_s;
                 }

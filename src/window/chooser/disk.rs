@@ -176,9 +176,10 @@ mod tests {
         let here = temp.path().canonicalize().unwrap();
         let inner = here.join("in");
         std::fs::create_dir(&inner).unwrap();
-        let found = |folders: &[&Path]| StartLocation::within(folders.iter().map(|f| f.to_path_buf())).resolve().folder;
-        assert_eq!(found(&[&here.join("gone"), &inner, &here]), inner);
-        assert_eq!(found(&[&here.join("gone/too"), &here.join("none")]), here, "what is there of the first");
+        let start_folder =
+            |folders: &[&Path]| StartLocation::within(folders.iter().map(|f| f.to_path_buf())).resolve().folder;
+        assert_eq!(start_folder(&[&here.join("gone"), &inner, &here]), inner);
+        assert_eq!(start_folder(&[&here.join("gone/too"), &here.join("none")]), here, "what is there of the first");
         let at = StartLocation::at(&inner.join("mine.toml"));
         assert_eq!((at.name.as_str(), at.clone().resolve().folder), ("mine.toml", inner.clone()));
         let places = vec![("there", inner.join("../in")), ("gone", here.join("gone"))];

@@ -101,7 +101,7 @@ impl Documents {
         }
         self.run_pending(ctx, session);
         if self.dialog.is_none() {
-            self.dialog = self.recovery.found.pop().map(Dialog::Recovery);
+            self.dialog = self.recovery.works.pop().map(Dialog::Recovery);
         }
         if self.dialog.is_none() {
             let files = [&session.project.profile, &session.project.scene].into_iter().flatten();
@@ -113,7 +113,7 @@ impl Documents {
     /// Closes a question that gives way to a new action; it is repeated later.
     pub(super) fn set_question_aside(&mut self) {
         match self.dialog.take() {
-            Some(Dialog::Recovery(recoverable)) => self.recovery.found.push(recoverable),
+            Some(Dialog::Recovery(recoverable)) => self.recovery.works.push(recoverable),
             Some(Dialog::ConfirmDiscard(_) | Dialog::Reload(_)) | None => {}
             dialog => self.dialog = dialog,
         }

@@ -195,7 +195,7 @@ impl Documents {
                 Some(self.switch_to(loaded, camera))
             }
             Err(refusal) => {
-                self.recovery.found.extend(done.recoverable);
+                self.recovery.works.extend(done.recoverable);
                 self.opening_refused(session, done.document, refusal);
                 None
             }

@@ -30,7 +30,7 @@ pub(super) struct Recovery {
     folder: Option<PathBuf>,
     search: Option<RecoverySearch>,
     /// Work that was not offered yet.
-    pub(super) found: Vec<RecoverableWork>,
+    pub(super) works: Vec<RecoverableWork>,
     has_handled_device_loss: bool,
     /// Restarts the program, or returns an error message. [`restart::restart`] if `None`.
     pub(super) restart_with: Option<fn() -> String>,
@@ -86,7 +86,7 @@ impl Recovery {
             }
         }
         match self.search.as_mut().and_then(RecoverySearch::take) {
-            Some(Ok(found)) => (self.found, self.search) = (found, None),
+            Some(Ok(found)) => (self.works, self.search) = (found, None),
             Some(Err(why)) => show_failed_search(session, &why),
             None => {}
         }

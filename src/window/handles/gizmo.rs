@@ -152,11 +152,11 @@ mod tests {
     fn gizmo(distance: f64, covers: fn(DVec2) -> bool) -> Gizmo {
         let eye = DVec3::new(0.0, -distance, distance);
         let pose = locard_engine::pose::Pose::look_at(eye, DVec3::ZERO, DVec3::Z).unwrap();
-        let seen = |p: DVec3| {
+        let project = |p: DVec3| {
             let p = pose.transform_point(p);
             (p.z > 0.0).then(|| DVec2::new(400.0 + 500.0 * p.x / p.z, 300.0 + 500.0 * p.y / p.z))
         };
-        Gizmo::new(DVec3::ZERO, DVec3::Z, eye, seen, |p| covers(p - DVec2::new(400.0, 300.0))).unwrap()
+        Gizmo::new(DVec3::ZERO, DVec3::Z, eye, project, |p| covers(p - DVec2::new(400.0, 300.0))).unwrap()
     }
 
     const NOTHING: fn(DVec2) -> bool = |_| false;
@@ -202,11 +202,11 @@ mod tests {
     fn handles_along_the_view_direction_are_hidden() {
         let eye = DVec3::new(0.0, 0.0, 2.0);
         // From above: x to the right, y up, z towards the camera.
-        let seen = |p: DVec3| (p.z < 2.0).then(|| DVec2::new(p.x, -p.y) * 500.0 / (2.0 - p.z));
-        let above = Gizmo::new(DVec3::ZERO, DVec3::Z, eye, seen, NOTHING).unwrap();
+        let project = |p: DVec3| (p.z < 2.0).then(|| DVec2::new(p.x, -p.y) * 500.0 / (2.0 - p.z));
+        let above = Gizmo::new(DVec3::ZERO, DVec3::Z, eye, project, NOTHING).unwrap();
         assert!(above.arrows[2].is_none() && above.arrows[0].is_some() && above.ring.len() == RING_SIDES);
         assert!(above.ring.iter().all(|(p, front)| (p.length() - RING_RADIUS_PT).abs() < 1.0 && *front));
-        assert_eq!(Gizmo::new(DVec3::Z * 3.0, DVec3::Z, eye, seen, NOTHING), None);
+        assert_eq!(Gizmo::new(DVec3::Z * 3.0, DVec3::Z, eye, project, NOTHING), None);
         // At the height of the camera level planes are edge-on.
         let level = |p: DVec3| (p.y > -2.0).then(|| DVec2::new(p.x, -p.z) * 500.0 / (p.y + 2.0));
         let level = Gizmo::new(DVec3::ZERO, DVec3::Z, DVec3::new(0.0, -2.0, 0.0), level, NOTHING).unwrap();

@@ -8,14 +8,14 @@ use locard_engine::scene::{SceneFile, relative};
 impl Project {
     /// Replaces a missing file by another one, in one step. Other missing files that can be read
     /// from the folder of the new one are replaced too. Returns a message.
-    pub fn locate(&mut self, missing: &Path, found: &Path) -> Result<String, String> {
+    pub fn locate(&mut self, missing: &Path, replacement_file: &Path) -> Result<String, String> {
         let scene_file = self.scene_path();
         let mut scene = self.edit().scene.clone();
-        if !replace_file(&mut scene, &scene_file, missing, found) {
-            return Err(format!("{}: the scene already names this file", found.display()));
+        if !replace_file(&mut scene, &scene_file, missing, replacement_file) {
+            return Err(format!("{}: the scene already names this file", replacement_file.display()));
         }
         self.load_changed(&scene).map_err(|error| error.to_string())?;
-        let folder = found.parent().unwrap_or(Path::new(""));
+        let folder = replacement_file.parent().unwrap_or(Path::new(""));
         let missing_files: Vec<PathBuf> = self.shot().scene.missing.iter().map(|other| other.file.clone()).collect();
         let mut more = 0;
         for other in missing_files.iter().filter(|other| *other != missing) {
@@ -35,7 +35,7 @@ impl Project {
         located.map_err(|error| error.to_string())?;
         self.close_step();
         let more = if more == 0 { String::new() } else { format!(", and {more} more in the same folder") };
-        Ok(format!("Located {}{more}", found.display()))
+        Ok(format!("Located {}{more}", replacement_file.display()))
     }
 }
 

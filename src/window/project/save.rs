@@ -40,7 +40,7 @@ pub enum SaveError {
 pub struct Draft {
     path: PathBuf,
     /// Required state of the file; with `None` it is overwritten in any state.
-    known: Option<WatchStamp>,
+    expected_state: Option<WatchStamp>,
     content: DraftContent,
 }
 
@@ -58,8 +58,8 @@ struct ProfileDraft {
     by_profile: ResolvedSettings,
     values: ProfileValues,
     /// Results of an analysis, which do not belong to the camera.
-    found: Vec<EstimatedParam>,
-    found_noise: Option<NoiseProfile>,
+    estimates: Vec<EstimatedParam>,
+    estimated_noise: Option<NoiseProfile>,
     from: Option<PathBuf>,
 }
 
@@ -142,13 +142,13 @@ impl WrittenFile {
 
 impl Draft {
     /// Refuses to overwrite changes by another program since the file was read.
-    pub fn unless_changed(self, known: WatchStamp) -> Self {
-        Self { known: Some(known), ..self }
+    pub fn unless_changed(self, state: WatchStamp) -> Self {
+        Self { expected_state: Some(state), ..self }
     }
 
     /// Writes the file completely, or leaves it as it was.
     pub fn write(self) -> Result<WrittenFile, SaveError> {
-        let Self { path, known, content } = self;
+        let Self { path, expected_state: known, content } = self;
         if known.is_some_and(|known| stamp(&path) != known) {
             return Err(SaveError::Changed(path));
         }
@@ -160,8 +160,8 @@ impl Draft {
                     &draft.recording,
                     draft.by_profile.values(),
                     ProfileFiles { from: from.unwrap_or(&path), to: &path },
-                    &draft.found,
-                    draft.found_noise.as_ref(),
+                    &draft.estimates,
+                    draft.estimated_noise.as_ref(),
                 )?
             }
             DraftContent::Scene(_) if is_other_kind(&path) => {
@@ -192,13 +192,13 @@ struct ProfileFiles<'a> {
 
 /// Sets the values in the profile's text that differ from the recording's own camera and from that
 /// text. For a recording without a camera the text includes a complete one. Values equal to those
-/// `found` by an analysis are left out.
+/// `estimates` of an analysis are left out.
 fn profile_text(
     recording: &Recording,
     now: ParameterValues<'_>,
     files: ProfileFiles<'_>,
-    found: &[EstimatedParam],
-    found_noise: Option<&NoiseProfile>,
+    estimates: &[EstimatedParam],
+    estimated_noise: Option<&NoiseProfile>,
 ) -> Result<String, SaveError> {
     let ProfileFiles { from: path, to } = files;
     let (mut rig, mut settings) = (Rig::default(), Settings::default());
@@ -239,8 +239,9 @@ fn profile_text(
     for params in tables(now.rig, now.settings) {
         let table = params.table();
         for spec in params.specs().into_iter().filter(|spec| changes.has(table, spec.name)) {
-            let is_same_param = |found: &&EstimatedParam| (found.table, found.name) == (table, spec.name);
-            if found.iter().find(is_same_param).map(|found| &found.value) != params.get(spec.name).as_ref() {
+            let is_same_param = |estimates: &&EstimatedParam| (estimates.table, estimates.name) == (table, spec.name);
+            if estimates.iter().find(is_same_param).map(|estimates| &estimates.value) != params.get(spec.name).as_ref()
+            {
                 document.set_param(params, spec.name);
             }
         }
@@ -250,7 +251,7 @@ fn profile_text(
     }
     match changes.noise() {
         // It stays the analysis's.
-        Some(noise) if noise.is_some() && noise == found_noise => {}
+        Some(noise) if noise.is_some() && noise == estimated_noise => {}
         Some(Some(noise)) => document.set_noise(noise, "`'s method, from places picked in the window.", to),
         Some(None) => document.remove_noise(),
         None => {}
@@ -268,11 +269,11 @@ impl Project {
             edit: self.edit().clone(),
             by_profile: self.by_profile(&values),
             values,
-            found: self.shot.estimates(),
-            found_noise: self.shot.estimated_noise().cloned(),
+            estimates: self.shot.estimates(),
+            estimated_noise: self.shot.estimated_noise().cloned(),
             from: self.profile.clone(),
         };
-        Draft { path: path.to_owned(), known: None, content: DraftContent::Profile(Box::new(draft)) }
+        Draft { path: path.to_owned(), expected_state: None, content: DraftContent::Profile(Box::new(draft)) }
     }
 
     /// Returns a function that formats the whole camera and all settings as a profile for the file
@@ -309,7 +310,7 @@ impl Project {
             }
         };
         let draft = SceneDraft { text, scene, settings, edit: self.edit().clone(), from, panorama };
-        Ok(Draft { path: path.to_owned(), known: None, content: DraftContent::Scene(Box::new(draft)) })
+        Ok(Draft { path: path.to_owned(), expected_state: None, content: DraftContent::Scene(Box::new(draft)) })
     }
 
     /// Marks a written draft as the saved state.

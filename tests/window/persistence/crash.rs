@@ -43,12 +43,12 @@ fn leave(folder: &Path, project: &Project, frame: usize) {
 /// The demonstration itself; in the fast tier without its scene and shadows, which are not part of
 /// these tests.
 fn demonstration() -> Harness<'static, App> {
-    let given = if is_full() {
+    let options = if is_full() {
         ShotOptions { scene: Some(DEMO_SCENE.into()), ..ShotOptions::default() }
     } else {
         ShotOptions { sets: vec!["shadow.cast=false".to_owned()], ..ShotOptions::default() }
     };
-    window(Project::open(Path::new(DEMO), &OpenOptions::default(), &given).unwrap(), egui::vec2(1400.0, 1000.0))
+    window(Project::open(Path::new(DEMO), &OpenOptions::default(), &options).unwrap(), egui::vec2(1400.0, 1000.0))
 }
 
 fn count(folder: &Path) -> usize {
@@ -281,9 +281,9 @@ fn window_killed_twenty_times_restores_its_work_and_keeps_files_intact() {
         assert!(edited.is_some());
         editing.kill().unwrap();
         editing.wait().unwrap();
-        let mut found = RecoverableWork::find_in(&work);
-        assert_eq!(found.len(), 1, "run {run}");
-        let left = found.pop().unwrap();
+        let mut works = RecoverableWork::find_in(&work);
+        assert_eq!(works.len(), 1, "run {run}");
+        let left = works.pop().unwrap();
         let objects = left.work.edit.scene.objects.len();
         assert!((1..=5).contains(&objects), "{objects}");
         let saved = project(Some(&profile), Some(&scene));

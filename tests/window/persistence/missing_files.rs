@@ -37,8 +37,8 @@ fn stand_in_pixels(codes: &[[u8; 3]]) -> usize {
 }
 
 fn composite_error(scene: &Path) -> String {
-    let given = ShotOptions { scene: Some(scene.to_owned()), ..ShotOptions::default() };
-    Shot::open(&harness::demo(), &OpenOptions::default(), &given).unwrap_err().to_string()
+    let options = ShotOptions { scene: Some(scene.to_owned()), ..ShotOptions::default() };
+    Shot::open(&harness::demo(), &OpenOptions::default(), &options).unwrap_err().to_string()
 }
 
 #[test]
@@ -50,12 +50,12 @@ fn missing_model_is_a_marked_box_until_it_is_located() {
     // Exports are refused, and the command line refuses the scene.
     let error = window.state().project().shot().check(0..1).unwrap_err().to_string();
     assert!(error.contains("knife.glb") && composite_error(&case.scene).contains("knife.glb"), "{error}");
-    let found = case.folder.path().join("elsewhere.glb");
-    std::fs::copy("scenes/l-scale.glb", &found).unwrap();
+    let replacement = case.folder.path().join("elsewhere.glb");
+    std::fs::copy("scenes/l-scale.glb", &replacement).unwrap();
     press(&mut window, "Locate knife.glb…");
     // The dialog starts in the scene's folder: the model's own does not exist.
     wait_for_label(&mut window, case.folder.path().canonicalize().unwrap().file_name().unwrap().to_str().unwrap());
-    answer(&mut window, &found, "Open");
+    answer(&mut window, &replacement, "Open");
     run_until(&mut window, |app| app.project().shot().scene.missing.is_empty());
     settle(&mut window);
     assert_eq!(window.state().project().edit().scene.objects[1].model, "elsewhere.glb");
@@ -91,8 +91,8 @@ fn hidden_objects_need_no_model_but_new_ones_do() {
     project.change_scene("hidden", |scene| scene.set_hidden(entry, true)).unwrap();
     project.shot().check(0..1).unwrap();
     project.save_scene(&case.scene).unwrap();
-    let given = ShotOptions { scene: Some(case.scene.clone()), ..ShotOptions::default() };
-    Shot::open(&harness::demo(), &OpenOptions::default(), &given).unwrap();
+    let options = ShotOptions { scene: Some(case.scene.clone()), ..ShotOptions::default() };
+    Shot::open(&harness::demo(), &OpenOptions::default(), &options).unwrap();
     // A newly placed model must exist.
     let placed = PlacedModel { model: "none.glb".to_owned(), ..PlacedModel::default() };
     let place = |scene: &mut SceneFile| scene.objects.push(placed);
@@ -126,14 +126,14 @@ fn models_are_located_after_the_scene_is_saved_elsewhere() {
     let elsewhere = case.folder.path().join("elsewhere");
     std::fs::create_dir(&elsewhere).unwrap();
     project.save_scene(&elsewhere.join("moved.toml")).unwrap();
-    let found = elsewhere.join("knife.glb");
-    std::fs::copy("scenes/l-scale.glb", &found).unwrap();
+    let replacement = elsewhere.join("knife.glb");
+    std::fs::copy("scenes/l-scale.glb", &replacement).unwrap();
     let missing = project.shot().scene.missing[0].file.clone();
-    project.locate(&missing, &found).unwrap();
+    project.locate(&missing, &replacement).unwrap();
     assert_eq!(project.edit().scene.objects[1].model, "knife.glb");
     assert!(project.shot().scene.missing.is_empty());
     // A file that the scene does not name is an error.
-    let error = project.locate(&missing, &found).unwrap_err();
+    let error = project.locate(&missing, &replacement).unwrap_err();
     assert!(error.contains("knife.glb"), "{error}");
 }
 

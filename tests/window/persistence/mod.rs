@@ -32,9 +32,9 @@ use locard::window::{
 };
 
 fn project(profile: Option<&Path>, scene: Option<&Path>) -> Project {
-    let given =
+    let options =
         ShotOptions { profile: profile.map(Into::into), scene: scene.map(Into::into), ..ShotOptions::default() };
-    Project::open(&harness::demo(), &OpenOptions::default(), &given).unwrap()
+    Project::open(&harness::demo(), &OpenOptions::default(), &options).unwrap()
 }
 
 fn open(profile: Option<&Path>, scene: &Path) -> Harness<'static, App> {
@@ -54,8 +54,8 @@ fn plain() -> Harness<'static, App> {
 /// The picture that `locard composite` writes with these settings.
 fn written(sets: &[&str], frame: usize) -> Vec<[u8; 3]> {
     let sets = sets.iter().map(ToString::to_string).collect();
-    let given = ShotOptions { sets, scene: Some(DEMO_SCENE.into()), ..ShotOptions::default() };
-    let shot = Shot::open(&harness::demo(), &OpenOptions::default(), &given).unwrap();
+    let options = ShotOptions { sets, scene: Some(DEMO_SCENE.into()), ..ShotOptions::default() };
+    let shot = Shot::open(&harness::demo(), &OpenOptions::default(), &options).unwrap();
     let mut compositor = shot.compositor(gpu::gpu().clone());
     let pending = shot.picture(&mut compositor, frame, Target::Pixels).unwrap();
     codes(&compositor.collect(pending).unwrap().pixels)

@@ -94,8 +94,8 @@ fn save_names_the_written_files_and_asks_before_foreign_profiles() {
     std::fs::write(&scene, "version = 1\nup = \"z\"\n").unwrap();
     let own = recording.join("mine.toml");
     std::fs::write(&own, "version = 1\n").unwrap();
-    let given = ShotOptions { profile: Some(own.clone()), scene: Some(scene.clone()), ..ShotOptions::default() };
-    let project = Project::open(&recording, &OpenOptions::default(), &given).unwrap();
+    let options = ShotOptions { profile: Some(own.clone()), scene: Some(scene.clone()), ..ShotOptions::default() };
+    let project = Project::open(&recording, &OpenOptions::default(), &options).unwrap();
     let mut window = window(project, egui::vec2(1400.0, 900.0));
     window.state_mut().set_state_folder(&temp.path().join("state"));
     let save = |window: &mut Harness<'_, App>| {
@@ -262,9 +262,9 @@ fn foreign_changes_to_a_file_are_reloaded_or_asked_about() {
     set(&mut window, "point_spread", "sigma_px", 1.5);
     let mine = now(&window);
     theirs(0.125);
-    let asked = "Read it again";
-    wait_for_label(&mut window, asked);
-    press(&mut window, asked);
+    let button = "Read it again";
+    wait_for_label(&mut window, button);
+    press(&mut window, button);
     run_until(&mut window, |app| app.project().is_saved());
     assert!(now(&window) == project(Some(&profile), None).edit().settings);
     window.run_steps(2);
@@ -273,7 +273,7 @@ fn foreign_changes_to_a_file_are_reloaded_or_asked_about() {
 
     // If the own state is kept, the question returns on saving.
     theirs(0.25);
-    wait_for_label(&mut window, asked);
+    wait_for_label(&mut window, button);
     press(&mut window, "Keep mine");
     window.key_press_modifiers(Modifiers::COMMAND, Key::S);
     window.run_steps(3);
@@ -343,8 +343,8 @@ fn profile_saved_under_another_name_is_complete_and_keeps_comments() {
     let own = std::fs::read_to_string(harness::demo().join("camera.toml")).unwrap();
     std::fs::write(&profile, format!("# My own camera.\n{own}")).unwrap();
     let open = |profile: &Path| {
-        let given = ShotOptions { profile: Some(profile.to_owned()), ..ShotOptions::default() };
-        Project::open(&site, &OpenOptions::default(), &given).unwrap()
+        let options = ShotOptions { profile: Some(profile.to_owned()), ..ShotOptions::default() };
+        Project::open(&site, &OpenOptions::default(), &options).unwrap()
     };
     let mut project = open(&profile);
     project.set("noise", "scale", &Value::Number(1.5)).unwrap();

@@ -37,8 +37,8 @@ impl Case {
         let without = camera.split("[camera.noise]").next().unwrap();
         std::fs::write(recording.join("camera.toml"), without).unwrap();
         let (profile, scene) = (Some(self.profile.clone()), Some(self.scene.clone()));
-        let given = ShotOptions { profile, scene, ..ShotOptions::default() };
-        Project::open(&recording, &OpenOptions::default(), &given).unwrap()
+        let options = ShotOptions { profile, scene, ..ShotOptions::default() };
+        Project::open(&recording, &OpenOptions::default(), &options).unwrap()
     }
 
     fn texts(&self) -> [String; 2] {
@@ -73,13 +73,13 @@ fn save_writes_exposure_and_effects_into_the_scene_and_leaves_the_profile() {
     // The command line reads the same scene.
     let line = command_line(&again, 0);
     assert!(line.before.is_empty() && !line.text.contains("--set"), "{line:?}");
-    let given =
+    let options =
         ShotOptions { profile: Some(case.profile.clone()), scene: Some(case.scene.clone()), ..ShotOptions::default() };
-    let shot = Shot::open(&harness::demo(), &OpenOptions::default(), &given).unwrap();
+    let shot = Shot::open(&harness::demo(), &OpenOptions::default(), &options).unwrap();
     assert!(shot.rig == again.edit().rig && shot.settings == again.edit().settings);
     // `--set` overrides the scene.
-    let given = ShotOptions { sets: vec!["camera.exposure.time_s=0.03".to_owned()], ..given };
-    let shot = Shot::open(&harness::demo(), &OpenOptions::default(), &given).unwrap();
+    let shorter = ShotOptions { sets: vec!["camera.exposure.time_s=0.03".to_owned()], ..options };
+    let shot = Shot::open(&harness::demo(), &OpenOptions::default(), &shorter).unwrap();
     assert_eq!(shot.rig.exposure.time_s, Some(0.03));
 }
 
@@ -260,8 +260,8 @@ fn readout_time_saved_to_the_profile_is_kept_in_the_scene_over_an_analysis() {
     let case = Case::new();
     let mut project = case.project();
     let folder = case.profile.with_file_name("found");
-    let found = analysis(&folder, &project);
-    project.adopt_analysis(folder, found).unwrap();
+    let analysis = analysis(&folder, &project);
+    project.adopt_analysis(folder, analysis).unwrap();
     assert_eq!(number(&project, "camera", "readout_time_s"), 0.0125);
     project.set("camera", "readout_time_s", &Value::Number(0.02)).unwrap();
     save_camera(&mut project, &case.profile);
@@ -281,10 +281,10 @@ fn analysis_keeps_settings_of_the_scene_and_of_a_newer_profile() {
     std::fs::write(&case.scene, format!("{SCENE}\n[settings.camera]\nreadout_time_s = 0.01\n")).unwrap();
     let mut project = case.project();
     let folder = case.profile.with_file_name("found");
-    let found = analysis(&folder, &project);
+    let analysis = analysis(&folder, &project);
     project.set("point_spread", "sigma_px", &Value::Number(1.5)).unwrap();
     save_camera(&mut project, &case.profile.with_file_name("other.toml"));
-    project.adopt_analysis(folder, found).unwrap();
+    project.adopt_analysis(folder, analysis).unwrap();
     let names = [("camera", "readout_time_s"), ("point_spread", "sigma_px")];
     assert_eq!(names.map(|(table, name)| number(&project, table, name)), [0.01, 1.5]);
     assert_eq!(project.baseline_value("point_spread", "sigma_px"), Some(Value::Number(1.5)));
@@ -296,10 +296,10 @@ fn estimated_noise_reaches_every_step_without_noise_of_its_own() {
     let case = Case::new();
     let mut project = case.project_without_noise();
     let folder = case.profile.with_file_name("found");
-    let found = analysis(&folder, &project);
+    let analysis = analysis(&folder, &project);
     let own = Rig::of_file(&harness::demo().join("camera.toml")).unwrap().noise.unwrap();
     project.set_noise(own.clone());
-    project.adopt_analysis(folder.clone(), found.clone()).unwrap();
+    project.adopt_analysis(folder.clone(), analysis.clone()).unwrap();
     assert_eq!(project.edit().rig.noise, Some(own));
     project.undo();
     let estimated = project.shot().estimated_noise().unwrap();
@@ -307,7 +307,7 @@ fn estimated_noise_reaches_every_step_without_noise_of_its_own() {
     // A scene may remove the camera's noise. This is its own setting, too.
     std::fs::write(&case.scene, format!("{SCENE}\n[settings.camera]\nnoise = \"none\"\n")).unwrap();
     let mut project = case.project_without_noise();
-    project.adopt_analysis(folder, found).unwrap();
+    project.adopt_analysis(folder, analysis).unwrap();
     assert!(project.edit().rig.noise.is_none() && project.shot().rig.noise.is_none() && project.is_saved());
 }
 
@@ -317,8 +317,8 @@ fn save_without_a_scene_names_the_unsaved_settings() {
     let model = Path::new("scenes/marker-1.glb");
     let mut project = project(Some(&case.profile), Some(model));
     let folder = case.profile.with_file_name("found");
-    let found = analysis(&folder, &project);
-    project.adopt_analysis(folder, found).unwrap();
+    let analysis = analysis(&folder, &project);
+    project.adopt_analysis(folder, analysis).unwrap();
     let mut window = window(project, egui::vec2(1400.0, 900.0));
     set(&mut window, "camera.exposure", "time_s", 0.02);
     set(&mut window, "camera", "readout_time_s", 0.02);
@@ -400,13 +400,13 @@ fn scene_setting_overridden_for_the_session_stays_in_its_file() {
     let lens = "[settings.camera.lens]\naperture_diameter_mm = 5.0\n";
     std::fs::write(&case.scene, format!("{SCENE}\n[settings.noise]\nscale = 0.75\n\n{lens}")).unwrap();
     let sets = vec!["noise.scale=2".to_owned(), "camera.lens.f_number=4".to_owned()];
-    let given = ShotOptions {
+    let options = ShotOptions {
         profile: Some(case.profile.clone()),
         scene: Some(case.scene.clone()),
         sets,
         ..ShotOptions::default()
     };
-    let open = || Project::open(&harness::demo(), &OpenOptions::default(), &given).unwrap();
+    let open = || Project::open(&harness::demo(), &OpenOptions::default(), &options).unwrap();
     let mut project = open();
     assert_eq!((number(&project, "noise", "scale"), project.is_saved()), (2.0, true));
     project.switch("halation", false);

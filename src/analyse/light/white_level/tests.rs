@@ -38,21 +38,24 @@ fn level(patches: &[Patch], exposure: &ExposureLevel) -> WhiteLevel {
     white_level(patches, DVec3::Z, DVec3::ZERO, exposure)
 }
 
-fn is_about(found: f64, expected: f64) -> bool {
-    (found / expected - 1.0).abs() < 1e-5
+fn is_about(actual: f64, expected: f64) -> bool {
+    (actual / expected - 1.0).abs() < 1e-5
 }
 
 #[test]
 fn paper_on_a_desk_is_claimed_with_its_interval() {
-    let found = level(&desk(200), &EXPOSURE);
-    assert_eq!(found.unclaimed, None);
+    let white_level = level(&desk(200), &EXPOSURE);
+    assert_eq!(white_level.unclaimed, None);
     // It agrees with the exposure: 0.8 / 0.8, never below 0.8 / 0.9, up to e^0.3.
-    assert!(found.white.iter().all(|white| is_about(*white, 1.0)), "{found:?}");
-    assert!(is_about(found.between[0], 0.8 / 0.9) && is_about(found.between[1], 0.3f64.exp()), "{found:?}");
+    assert!(white_level.white.iter().all(|white| is_about(*white, 1.0)), "{white_level:?}");
+    assert!(
+        is_about(white_level.between[0], 0.8 / 0.9) && is_about(white_level.between[1], 0.3f64.exp()),
+        "{white_level:?}"
+    );
     // With an exposure of 1.4: 1.4^0.15, and 0.4·ln 1.4 widens the interval.
-    let found = level(&desk(200), &ExposureLevel { level: 1.4, ..EXPOSURE });
+    let white_level = level(&desk(200), &ExposureLevel { level: 1.4, ..EXPOSURE });
     let (white, wide) = (1.4f64.powf(0.15), 0.3f64.hypot(0.4 * 1.4f64.ln()).exp());
-    assert!(is_about(found.white[1], white) && is_about(found.between[1], white * wide), "{found:?}");
+    assert!(is_about(white_level.white[1], white) && is_about(white_level.between[1], white * wide), "{white_level:?}");
 }
 
 #[test]
@@ -60,9 +63,9 @@ fn clipped_desk_follows_the_exposure_within_its_bounds() {
     let mut patches = desk(200);
     patches.iter_mut().take(200).for_each(|patch| patch.is_bound = true);
     for (exposure, white) in [(0.6, 1.0), (1.2, 1.2), (1.9, 1.4)] {
-        let found = level(&patches, &ExposureLevel { level: exposure, ..EXPOSURE });
-        assert!(found.unclaimed.is_none() && is_about(found.white[1], white), "{exposure}: {found:?}");
-        assert!(is_about(found.between[0], 0.8 / 0.9) && is_about(found.between[1], 1.6), "{found:?}");
+        let level = level(&patches, &ExposureLevel { level: exposure, ..EXPOSURE });
+        assert!(level.unclaimed.is_none() && is_about(level.white[1], white), "{exposure}: {level:?}");
+        assert!(is_about(level.between[0], 0.8 / 0.9) && is_about(level.between[1], 1.6), "{level:?}");
     }
 }
 
@@ -96,10 +99,10 @@ fn each_refusal_has_its_reason() {
 fn unclaimed_level_is_the_exposure_raised_to_the_largest_reflectance() {
     for (exposure, white) in [(2.0, 2.0), (0.7, 0.8 / 0.9), (0.5, 0.75)] {
         let neutral = ExposureLevel { level: exposure, neutral: [1.2, 1.0, 0.8] };
-        let found = level(&desk(600), &neutral);
-        assert!(found.unclaimed.is_some() && is_about(relative_luminance(found.white), white), "{found:?}");
-        assert!(is_about(found.white[0] / found.white[1], 1.2), "{found:?}");
-        assert!(is_about(found.between[0], exposure / 2.0) && is_about(found.between[1], 2.0 * white), "{found:?}");
+        let level = level(&desk(600), &neutral);
+        assert!(level.unclaimed.is_some() && is_about(relative_luminance(level.white), white), "{level:?}");
+        assert!(is_about(level.white[0] / level.white[1], 1.2), "{level:?}");
+        assert!(is_about(level.between[0], exposure / 2.0) && is_about(level.between[1], 2.0 * white), "{level:?}");
     }
 }
 
@@ -108,9 +111,9 @@ fn colour_is_weighted_by_the_area_of_neutral_surfaces() {
     // 225 voxels of 4 cm² are 0.09 m², half the weight: √(0.9/1) in red.
     let mut patches = desk(225);
     patches.iter_mut().take(225).for_each(|patch| patch.light[0] = 0.72);
-    let found = level(&patches, &EXPOSURE);
-    assert!(found.unclaimed.is_none() && is_about(found.white[0] / found.white[1], 0.9f64.sqrt()), "{found:?}");
-    assert!(is_about(found.white[2], found.white[1]), "{found:?}");
+    let level = level(&patches, &EXPOSURE);
+    assert!(level.unclaimed.is_none() && is_about(level.white[0] / level.white[1], 0.9f64.sqrt()), "{level:?}");
+    assert!(is_about(level.white[2], level.white[1]), "{level:?}");
 }
 
 #[test]
@@ -120,17 +123,17 @@ fn known_lamps_use_the_whitest_surfaces_unless_the_exposure_contradicts() {
     let by_lamps = |exposure: f64| {
         white_level_by_lamps(&desk(20), DVec3::Z, DVec3::ZERO, &ExposureLevel { level: exposure, ..EXPOSURE })
     };
-    let found = by_lamps(1.4).unwrap();
+    let level = by_lamps(1.4).unwrap();
     let white = 1.4f64.powf(0.15);
-    assert!(is_about(found.white[1], white) && found.unclaimed.is_none(), "{found:?}");
-    assert!(is_about(found.between[0], 1.0 / 1.1) && is_about(found.between[1], 1.1 * white), "{found:?}");
+    assert!(is_about(level.white[1], white) && level.unclaimed.is_none(), "{level:?}");
+    assert!(is_about(level.between[0], 1.0 / 1.1) && is_about(level.between[1], 1.1 * white), "{level:?}");
     assert!(by_lamps(2.1).is_none() && by_lamps(0.49).is_none());
     // Clipped, they are lower bounds: the exposure counts up to 1.4 times them.
     let mut clipped = desk(20);
     clipped.iter_mut().take(20).for_each(|patch| patch.is_bound = true);
-    for (level, white) in [(0.7, 1.0), (1.3, 1.3), (1.9, 1.4)] {
-        let exposure = ExposureLevel { level, ..EXPOSURE };
-        let found = white_level_by_lamps(&clipped, DVec3::Z, DVec3::ZERO, &exposure).unwrap();
-        assert!(is_about(found.white[1], white) && is_about(found.between[1], 1.6), "{level}: {found:?}");
+    for (exposure, white) in [(0.7, 1.0), (1.3, 1.3), (1.9, 1.4)] {
+        let exposure_level = ExposureLevel { level: exposure, ..EXPOSURE };
+        let level = white_level_by_lamps(&clipped, DVec3::Z, DVec3::ZERO, &exposure_level).unwrap();
+        assert!(is_about(level.white[1], white) && is_about(level.between[1], 1.6), "{exposure}: {level:?}");
     }
 }

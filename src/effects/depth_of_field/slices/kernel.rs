@@ -152,9 +152,10 @@ mod tests {
             let weights: Vec<f64> = kernel.weights.iter().map(|w| f64::from(*w)).collect();
             assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-5, "{slice}");
             let texel = f64::from(1u32 << kernel.level);
-            let found = (variance(&weights, HALVES[kernel.class]) + added_variance(kernel.level)) * texel * texel;
+            let variance_px2 =
+                (variance(&weights, HALVES[kernel.class]) + added_variance(kernel.level)) * texel * texel;
             let wanted = (0.5 * diameter_px(slice)).powi(2) / 4.0;
-            assert!((found / wanted - 1.0).abs() < 0.01, "{slice}: {found}, {wanted} wanted");
+            assert!((variance_px2 / wanted - 1.0).abs() < 0.01, "{slice}: {variance_px2}, {wanted} wanted");
         }
     }
 }
