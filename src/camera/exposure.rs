@@ -30,7 +30,7 @@ crate::params! {
         "exposure as a part of the frame interval instead of time_s; 360 is all of it"
         shutter_angle_deg: Option<f64> = None, "deg", 0.0..=360.0;
         "film speed at which the noise was measured"
-        iso as "ISO" at Effects: Option<f64> = None, "1", 1.0..=1000000.0, by_ratio;
+        iso as "ISO" at Mix: Option<f64> = None, "1", 1.0..=1000000.0, by_ratio;
     }
 }
 

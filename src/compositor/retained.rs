@@ -102,6 +102,13 @@ impl DrawKey {
     }
 }
 
+/// A camera without the film speed of its noise, which effects of the mix alone read.
+fn without_film_speed(camera: &Camera) -> Camera {
+    let mut camera = camera.clone();
+    camera.exposure.iso = None;
+    camera
+}
+
 /// Inputs of the effects on the layer.
 #[derive(Debug, PartialEq)]
 pub struct EffectsKey {
@@ -139,7 +146,7 @@ impl EffectsKey {
             geometry_is_read: inputs.geometry_is_read_by_mix(),
             drawn_rect: work_rects.drawn,
             objects_px: work_rects.objects_px,
-            camera: context.camera.clone(),
+            camera: without_film_speed(context.camera),
             picture: context.picture.clone(),
             capture: context.capture.clone(),
             frame: context.frame,
