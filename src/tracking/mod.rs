@@ -83,6 +83,12 @@ impl PoseTrack {
         Ok(Self { poses, clock_offset_s: 0.0, max_gap_s, grows: false })
     }
 
+    /// The track of a camera at rest, within an hour of the time 0.
+    pub fn at_rest(pose: Pose) -> Self {
+        let poses = vec![(-3600.0, pose), (3600.0, pose)];
+        Self { poses, clock_offset_s: 0.0, max_gap_s: f64::INFINITY, grows: false }
+    }
+
     /// An empty track that gets its poses by [`PoseTrack::push`].
     pub fn growing(max_gap_s: f64) -> Self {
         Self { poses: Vec::new(), clock_offset_s: 0.0, max_gap_s, grows: true }
@@ -250,6 +256,18 @@ mod tests {
         assert!(matches!(t.at(3.0), Err(NoPose::Gap { .. })));
         assert!(t.at(f64::NAN).is_err());
         assert_eq!(t.at_or_nearest(8.0).unwrap().position_in_world_m().x, 2.0);
+    }
+
+    #[test]
+    fn camera_at_rest_has_its_pose_at_every_time_within_an_hour() {
+        let pose = Pose::from_camera_in_world(DVec3::new(0.1, 0.2, 0.3), DQuat::from_rotation_x(3.0));
+        let at_rest = PoseTrack::at_rest(pose);
+        at_rest.covers(-3600.0, 3600.0).unwrap();
+        for time_s in [-3600.0, -0.1, 0.0, 1.0 / 30.0, 3600.0] {
+            let apart = at_rest.at(time_s).unwrap().position_in_world_m().distance(DVec3::new(0.1, 0.2, 0.3));
+            assert!(apart < 1e-12, "{time_s}: {apart}");
+        }
+        assert!(matches!(at_rest.at(3601.0), Err(NoPose::After { .. })));
     }
 
     #[test]

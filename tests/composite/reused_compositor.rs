@@ -206,7 +206,7 @@ fn error_on_an_adopted_device_is_reported_and_rendering_continues() {
 
     // A view of another size is refused before drawing.
     let (width, height) = size();
-    let view = texture(&device, (width - 1, height), wgpu::TextureFormat::Rgba8Unorm).create_view(&Default::default());
+    let view = gpu.render_target((width - 1, height), wgpu::TextureFormat::Rgba8Unorm).create_view(&Default::default());
     let target = Target::View(&view, wgpu::TextureFormat::Rgba8Unorm);
     let error = compositor.submit(job(frame()), &camera, &inputs.settings, target).unwrap_err().to_string();
     let (narrow, whole) = (format!("{}x{height}", width - 1), format!("{width}x{height}"));
@@ -214,22 +214,9 @@ fn error_on_an_adopted_device_is_reported_and_rendering_continues() {
     gpu.check().unwrap();
 }
 
-fn texture(device: &wgpu::Device, (width, height): (u32, u32), format: wgpu::TextureFormat) -> wgpu::Texture {
-    device.create_texture(&wgpu::TextureDescriptor {
-        label: None,
-        size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format,
-        usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
-        view_formats: &[],
-    })
-}
-
 #[test]
 fn composite_into_a_texture_view_matches_the_written_pixels() {
-    let (gpu, device) = adopted_gpu();
+    let (gpu, _) = adopted_gpu();
     let mut compositor = Compositor::new(gpu.clone(), scene());
     let inputs = PictureInputs::new(0);
     let camera = inputs.rig.camera();
@@ -252,7 +239,7 @@ fn composite_into_a_texture_view_matches_the_written_pixels() {
                 Frame { pixels: wide(&frame.pixels).into(), ..frame }
             }),
         ] {
-            let texture = texture(&device, size(), format);
+            let texture = gpu.render_target(size(), format);
             let view = texture.create_view(&Default::default());
             let job = Job::of_frame(frame.clone(), &camera, &inputs.settings, &geometry, &away, 1.0 / 30.0).unwrap();
             let target = Target::View(&view, format);

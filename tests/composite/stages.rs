@@ -71,16 +71,7 @@ impl Display {
         });
         let pixels = Pixels::from_u8(WIDTH, HEIGHT, codes.collect()).unwrap();
         let frame = gpu::frame(7, 0.0, Pixels { coding: Some(Arc::new(coding())), ..pixels });
-        let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
-            label: None,
-            size: wgpu::Extent3d { width: WIDTH, height: HEIGHT, depth_or_array_layers: 1 },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: wgpu::TextureFormat::Rgba8Unorm,
-            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
-            view_formats: &[],
-        });
+        let texture = gpu.render_target((WIDTH, HEIGHT), wgpu::TextureFormat::Rgba8Unorm);
         // Exposure and brightness are known; the exposure time is the camera's.
         let brightness =
             RelativeBrightness { factors: [1.3, 1.2, 1.1], median_s: Some(0.01), spatial_gain: SpatialGain::default() };
