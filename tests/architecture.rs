@@ -431,14 +431,12 @@ const LOCKED_CONTAINERS: [&str; 3] = ["HashMap<", "BTreeMap<", "Option<"];
 
 /// State that is no derived data, by file and declaration: drivers that stay loaded, readbacks,
 /// clocks, variables of the environment, running tasks, stamps of files, sequence numbers of
-/// streams, values set by the user.
-const NOT_DERIVED: [(&str, &str); 21] = [
+/// streams, picked regions.
+const NOT_DERIVED: [(&str, &str); 18] = [
     ("analyse/light/voxels.rs", "index"),
-    ("calibrate/picked_region.rs", "frame_px"),
     ("gpu/device.rs", "FIRST"),
     ("gpu/readback.rs", "mapped"),
     ("gpu/readback.rs", "MapReporter"),
-    ("profile/shot_settings.rs", "values"),
     ("recording/depth.rs", "undecoded"),
     ("scene/gltf.rs", "chunk"),
     ("source/decoding.rs", "stream"),
@@ -452,7 +450,6 @@ const NOT_DERIVED: [(&str, &str); 21] = [
     ("window/project.rs", "stamps"),
     ("window/restart.rs", "AFTER_S"),
     ("window/scene_checks.rs", "pending"),
-    ("window/state.rs", "folders"),
     ("window/tool.rs", "picked_region"),
 ];
 
@@ -474,7 +471,7 @@ fn possible_cache(line: &str, code: &str) -> Option<String> {
     let name = words.find(|word| !["pub", "super", "crate", "static", "struct", "type", "let"].contains(word))?;
     let is_cell = ONCE_CELLS.iter().any(|cell| line.contains(cell));
     let is_locked = LOCKS.iter().any(|lock| {
-        let inner = line.split(*lock).nth(1).unwrap_or_default();
+        let inner = line.split(*lock).nth(1).unwrap_or_default().trim_start_matches("std::collections::");
         let first_type = |container: &&str| inner.strip_prefix(*container).and_then(|inside| inside.split('>').next());
         LOCKED_CONTAINERS.iter().find_map(first_type).is_some_and(|inside| !inside.ends_with("Error"))
     });
@@ -501,7 +498,9 @@ fn caches_of_every_form_are_found() {
     for line in ["    rays: OnceLock<Vec<f32>>,", "static rays: LazyLock<Vec<f32>> = LazyLock::new(|| {"] {
         assert_eq!(cache(line, "").as_deref(), Some("rays"), "{line}");
     }
-    for line in ["    all: Mutex<HashMap<Key, Value>>,", "    all: Arc<RwLock<BTreeMap<Key, Value>>>,"] {
+    for line in
+        ["    all: Mutex<HashMap<Key, Value>>,", "    all: Arc<RwLock<std::collections::BTreeMap<Key, Value>>>,"]
+    {
         assert_eq!(cache(line, "").as_deref(), Some("all"), "{line}");
     }
     assert_eq!(cache(pair, compares).as_deref(), Some("last"));
