@@ -66,7 +66,7 @@ impl Pose {
 
 /// Mean of the cameras' own up directions, unit length; z without cameras. `world_from_camera`: one
 /// rotation per camera.
-pub fn held_up(world_from_camera: impl Iterator<Item = DQuat>) -> DVec3 {
+pub fn camera_up(world_from_camera: impl Iterator<Item = DQuat>) -> DVec3 {
     world_from_camera.map(|rotation| rotation * DVec3::NEG_Y).sum::<DVec3>().normalize_or(DVec3::Z)
 }
 
@@ -105,7 +105,7 @@ mod tests {
         // Rolled by 10° to either side of a camera whose y points along −z.
         let level = DQuat::from_rotation_x(-0.5 * std::f64::consts::PI);
         let rolled = [-10.0, 10.0].map(|deg: f64| level * DQuat::from_rotation_z(deg.to_radians()));
-        assert!((held_up(rolled.into_iter()) - DVec3::Z).length() < 1e-12);
-        assert_eq!(held_up(std::iter::empty()), DVec3::Z);
+        assert!((camera_up(rolled.into_iter()) - DVec3::Z).length() < 1e-12);
+        assert_eq!(camera_up(std::iter::empty()), DVec3::Z);
     }
 }

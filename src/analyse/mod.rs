@@ -98,7 +98,7 @@ use serde::{Deserialize, Serialize};
 use crate::calibrate::RestSearch;
 use crate::camera::Geometry;
 use crate::frame::Surfel;
-use crate::pose::held_up;
+use crate::pose::camera_up;
 use crate::recording::Recording;
 use camera_model::CameraModel;
 use depth_source::DepthSource;
@@ -204,7 +204,7 @@ pub fn analyse(
         states,
         later_s,
         gains: &factors,
-        up: recording.up.unwrap_or_else(|| held_up(states.iter().flatten().map(rotation))),
+        up: recording.up.unwrap_or_else(|| camera_up(states.iter().flatten().map(rotation))),
         threads,
     };
     let (light, surfels) = if has_poses {

@@ -85,7 +85,7 @@ pub fn run(args: &Args) -> Result<()> {
     let recording = Recording::open(&args.recording, &options)?;
     let (mut shot, ()) = args.analysis.open(recording, &shot_options, false, |_| Ok(()))?;
     // These would change the camera or the light.
-    for note in shot.unfit_analysis().into_iter().chain(shot.stale_estimates()) {
+    for note in shot.unused_analysis_note().into_iter().chain(shot.stale_estimates()) {
         warn(false, &note.to_string());
     }
     if !args.scene.exists() {

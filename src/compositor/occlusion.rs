@@ -137,7 +137,7 @@ impl FrameOcclusion {
         let around = rects.around;
         let by_effect = plan.effect_occludes() && job.real.moments().is_empty();
         let scene_depth =
-            (!view.shadows.is_empty()).then(|| (real_depth(recorder, &grid.over(around), around), around));
+            (!view.shadows.is_empty()).then(|| (real_depth(recorder, &grid.depth_m_in(around), around), around));
         let depth_test = (!by_effect).then(|| grid_depth(recorder, grid, rects.drawn, job.picture.needs_cube_map()));
         Self { depth_test, scene_depth, ..Self::default() }
     }
@@ -193,7 +193,7 @@ fn repair(
     let surfels = &job.frame.surfels[..];
     let repair = Repair { rays, measured, frame, shutter, pixels, response, planes, proxies, neighbours, surfels };
     let request = depth_request(view, work_rects, dark, rays);
-    Ok(memos.last.over(&job.frame, &repair, [around, drawn.union(&dark), drawn], &request, inputs.requested))
+    Ok(memos.last.repaired_depth(&job.frame, &repair, [around, drawn.union(&dark), drawn], &request, inputs.requested))
 }
 
 /// Uploads the second surfaces of a rectangle's pixels: their share of each channel's light, and

@@ -54,7 +54,7 @@ pub fn other_surface_log_ratio(
             let mut threshold_m2 = [0.0; LANES];
             let mut own_colors = [[0.0; LANES]; 3];
             for lane in (0..LANES).filter(|lane| near_edge[*lane]) {
-                let [near_m, far_m] = edges[first + lane].both_m(depth_m[first + lane]);
+                let [near_m, far_m] = edges[first + lane].surface_depths_m(depth_m[first + lane]);
                 threshold_m2[lane] = near_m * far_m;
                 (0..3).for_each(|c| own_colors[c][lane] = sqrt_colors[first + lane][c]);
             }

@@ -122,7 +122,7 @@ impl DepthGrid {
     }
 
     /// The depth at each pixel of a rectangle of the photograph, metres, row by row.
-    pub fn over(&self, rect: Rect) -> Vec<f32> {
+    pub fn depth_m_in(&self, rect: Rect) -> Vec<f32> {
         let columns = rect.x0..rect.x1;
         let places = (rect.y0..rect.y1).flat_map(|y| columns.clone().map(move |x| (x, y)));
         places.map(|(x, y)| unknown_if_far_m(self.depth_m[self.index(x, y)])).collect()

@@ -39,10 +39,10 @@ struct RepairKey {
 }
 
 impl LastRepair {
-    /// The result of [`Repair::over`] for a frame, memoized, with its quality. `rects` are
-    /// `around`, `near` and `drawn`. Without a memoized result, a preview is made without
+    /// The result of [`Repair::repaired_depth`] for a frame, memoized, with its quality. `rects`
+    /// are `around`, `near` and `drawn`. Without a memoized result, a preview is made without
     /// neighbours and surfels.
-    pub fn over(
+    pub fn repaired_depth(
         &self,
         frame: &Frame,
         repair: &Repair<'_>,
@@ -55,12 +55,12 @@ impl LastRepair {
             return (repaired, Quality::Final);
         }
         let [around, near, drawn] = rects;
-        let over = |repair: &Repair<'_>| Arc::new(repair.over(around, near, drawn, request));
+        let repaired = |repair: &Repair<'_>| Arc::new(repair.repaired_depth(around, near, drawn, request));
         if quality == Quality::Preview && repair.measured.is_some() {
             let alone = Repair { neighbours: &[], surfels: &[], ..*repair };
-            return (self.previews.get_or_insert_with(key, |_| over(&alone)), Quality::Preview);
+            return (self.previews.get_or_insert_with(key, |_| repaired(&alone)), Quality::Preview);
         }
-        (self.finals.get_or_insert_with(key, |_| over(repair)), Quality::Final)
+        (self.finals.get_or_insert_with(key, |_| repaired(repair)), Quality::Final)
     }
 }
 
@@ -116,7 +116,7 @@ mod tests {
         let whole = Rect::full(96, 64);
         let request =
             DepthRequest { objects: vec![(whole, max_depth_m)], full_depth_rect: whole, receiver_rect: whole };
-        last.over(frame, &repair, [whole; 3], &request, quality)
+        last.repaired_depth(frame, &repair, [whole; 3], &request, quality)
     }
 
     fn frame() -> Frame {

@@ -216,7 +216,7 @@ impl MatteInput<'_> {
         if self.edges[i].distance_px > MATTE_RADIUS_PX + 0.5 * at.motion_length_px {
             return None;
         }
-        let both_m = self.edges[i].both_m(self.depth_m[i]);
+        let both_m = self.edges[i].surface_depths_m(self.depth_m[i]);
         let ([near_m, far_m], map_alpha) = (both_m, self.map_alpha(at, both_m)?);
         // Of a Bernoulli variable, with an edge that is displaced by its error.
         let sigma2 = EDGE_SIGMA_PX * EDGE_SIGMA_PX + at.motion_length_px * at.motion_length_px / 12.0;
@@ -341,7 +341,7 @@ mod tests {
 
     /// An object at 1 m in front of a wall at 2 m. It ends at `edge_px`, and in the map `off`
     /// pixels farther right.
-    fn found(near: [f32; 3], edge_px: f32, off: i32, moved_px: f64) -> Vec<MattePixel> {
+    fn mattes_of_edge(near: [f32; 3], edge_px: f32, off: i32, moved_px: f64) -> Vec<MattePixel> {
         let covered = |x: usize| (edge_px - x as f32).clamp(0.0, 1.0);
         let light = |x: usize| [0, 1, 2].map(|c| covered(x) * near[c] + (1.0 - covered(x)) * FAR[c]);
         let sqrt_colors: Vec<_> = (0..WIDTH * HEIGHT).map(|i| light(i % WIDTH).map(f32::sqrt)).collect();
@@ -393,7 +393,7 @@ mod tests {
     #[test]
     fn alpha_follows_the_picture_if_the_map_is_a_pixel_off() {
         for off in [-1, 0, 1] {
-            let all = found([0.05; 3], 30.3, off, 0.0);
+            let all = mattes_of_edge([0.05; 3], 30.3, off, 0.0);
             for (x, matte) in row(&all).iter().enumerate() {
                 let truth = (30.3 - x as f32).clamp(0.0, 1.0);
                 assert!((matte.alpha - truth).abs() < 0.1 || matte.near_m == matte.far_m, "{off}, {x}: {matte:?}");
@@ -407,7 +407,7 @@ mod tests {
     #[test]
     fn virtual_copy_of_the_background_restores_the_picture() {
         // A virtual copy of the wall between both: A = 1, V = B (1).
-        let all = found([0.05, 0.2, 0.6], 30.4, 0, 0.0);
+        let all = mattes_of_edge([0.05, 0.2, 0.6], 30.4, 0, 0.0);
         for (x, matte) in row(&all).iter().enumerate().filter(|(_, matte)| matte.near_m < matte.far_m) {
             let truth = (30.4 - x as f32).clamp(0.0, 1.0);
             for c in 0..3 {
@@ -422,14 +422,14 @@ mod tests {
 
     #[test]
     fn alpha_of_equal_colours_is_the_maps_along_the_motion() {
-        let still = found(FAR, 30.0, 0, 0.0);
+        let still = mattes_of_edge(FAR, 30.0, 0, 0.0);
         let alphas = |all: &[MattePixel]| [26, 29, 30, 33].map(|x| row(all)[x].alpha);
         let is = |found: [f32; 4], expected: [f32; 4], within: f32| {
             assert!(found.iter().zip(expected).all(|(f, e)| (f - e).abs() < within), "{found:?}");
         };
         is(alphas(&still), [1.0, 0.75, 0.25, 0.0], 1e-5);
         // 8 px: a ramp as long.
-        is(alphas(&found(FAR, 30.0, 0, 8.0)), [0.94, 0.56, 0.44, 0.06], 0.08);
+        is(alphas(&mattes_of_edge(FAR, 30.0, 0, 8.0)), [0.94, 0.56, 0.44, 0.06], 0.08);
         assert!(row(&still).iter().all(|matte| matte.fringe.iter().all(|f| f.abs() < 1e-4)));
     }
 }

@@ -21,7 +21,7 @@ pub struct DepthEdge {
 
 impl DepthEdge {
     /// The depths of the nearer and the farther surface at a pixel with the depth `own_m`.
-    pub fn both_m(&self, own_m: f32) -> [f32; 2] {
+    pub fn surface_depths_m(&self, own_m: f32) -> [f32; 2] {
         let Self { near_m, far_m, .. } = *self;
         if is_near(own_m, [near_m, far_m]) { [own_m, far_m] } else { [near_m, own_m] }
     }
@@ -44,13 +44,13 @@ pub fn edges(depth_m: &[f32], width: usize, within_px: f32) -> Vec<DepthEdge> {
     each_edge(depth_m, width, is_edge, |[i, beside], [a, b]| {
         let (near_m, far_m) = (a.min(b), a.max(b));
         let bonus_px = (BONUS_PER_LOG_RATIO_PX * (far_m / near_m).ln()).min(MAX_BONUS_PX);
-        [i, beside].into_iter().for_each(|at| paths.begin(at, 0.5 - bonus_px, nearest.len() as u32));
+        [i, beside].into_iter().for_each(|at| paths.set_seed(at, 0.5 - bonus_px, nearest.len() as u32));
         nearest.push((DepthEdge { distance_px: 0.5, near_m, far_m }, bonus_px));
     });
     if nearest.len() == 1 {
         return vec![none; depth_m.len()];
     }
-    paths.spread();
+    paths.propagate();
     let edge = |(cost, from): (f32, u32)| {
         let (edge, bonus_px) = nearest[from as usize];
         DepthEdge { distance_px: cost + bonus_px, ..edge }
@@ -63,8 +63,8 @@ pub fn edges(depth_m: &[f32], width: usize, within_px: f32) -> Vec<DepthEdge> {
 /// Chamfer distance from each pixel's centre to the nearest edge, px; at most `within_px`.
 pub fn distances_px(depth_m: &[f32], width: usize, within_px: f32, is_edge: impl Fn(f32, f32) -> bool) -> Vec<f32> {
     let mut paths = Paths::new(depth_m.len(), width, within_px);
-    each_edge(depth_m, width, is_edge, |at, _| at.into_iter().for_each(|at| paths.begin(at, 0.5, 0)));
-    paths.spread();
+    each_edge(depth_m, width, is_edge, |at, _| at.into_iter().for_each(|at| paths.set_seed(at, 0.5, 0)));
+    paths.propagate();
     let mut out = Vec::with_capacity(depth_m.len());
     paths.rows().for_each(|(cost, _)| out.extend_from_slice(cost));
     out
@@ -116,7 +116,7 @@ impl Paths {
         Self { width, max_cost, cost: vec![max_cost; all], from: vec![0; all] }
     }
 
-    fn begin(&mut self, i: usize, cost: f32, from: u32) {
+    fn set_seed(&mut self, i: usize, cost: f32, from: u32) {
         let at = (i / self.width + 1) * (self.width + 2) + i % self.width + 1;
         if cost < self.cost[at] {
             (self.cost[at], self.from[at]) = (cost, from);
@@ -125,7 +125,7 @@ impl Paths {
 
     /// Propagates the cheapest paths to all pixels: from the left and above, then from the right
     /// and below. A reversed array is the picture turned by 180°.
-    fn spread(&mut self) {
+    fn propagate(&mut self) {
         for _ in 0..2 {
             self.propagate_forward();
             self.cost.reverse();
@@ -200,8 +200,8 @@ mod tests {
         assert_eq!(at(20), (7.5, 1.06, 2.0));
         // The step to 2 m is 3 px farther away from here, and worth more than that.
         assert_eq!(at(9), (3.5, 1.06, 2.0));
-        assert_eq!(row_edges[60 + 9].both_m(1.0), [1.0, 2.0]);
-        assert_eq!(row_edges[60 + 15].both_m(1.99), [1.06, 1.99]);
+        assert_eq!(row_edges[60 + 9].surface_depths_m(1.0), [1.0, 2.0]);
+        assert_eq!(row_edges[60 + 15].surface_depths_m(1.99), [1.06, 1.99]);
         assert!(edges(&[1.0; 20], 5, 9.0).iter().all(|edge| edge.distance_px.is_infinite()));
         assert!(edges(&[], 0, 9.0).is_empty());
     }

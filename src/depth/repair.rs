@@ -171,7 +171,7 @@ impl<'a> Repair<'a> {
     /// Depth over `around` at the frame's time, repaired in and around `near`, a part of it, and
     /// elsewhere as measured. Edges are smoothed where depth is requested. Mattes cover `drawn`, a
     /// part of `near`. The result depends on `near` through the measurements around it.
-    pub fn over(&self, around: Rect, near: Rect, drawn: Rect, request: &DepthRequest) -> RepairedDepth {
+    pub fn repaired_depth(&self, around: Rect, near: Rect, drawn: Rect, request: &DepthRequest) -> RepairedDepth {
         let region = self.region(near);
         let all = region.union(&around);
         let measured_m = match self.measured {
@@ -367,7 +367,7 @@ mod tests {
             planes: &[],
             surfels,
         }
-        .over(rect, rect, rect, request)
+        .repaired_depth(rect, rect, rect, request)
     }
 
     #[test]

@@ -74,7 +74,7 @@ impl RequestedPixels {
     }
 
     /// True if a rectangle of the part may contain some of them: exact to a block.
-    pub fn within(&self, rect: Rect) -> bool {
+    pub fn any_in(&self, rect: Rect) -> bool {
         let block = |at: i32| at as usize / BLOCK_PX;
         !rect.is_empty()
             && (block(rect.y0)..=block(rect.y1 - 1))
@@ -82,7 +82,7 @@ impl RequestedPixels {
     }
 
     /// True if the frame has this colour at or beside the `n`th requested pixel.
-    pub fn shows(&self, n: usize, sqrt_colors: [f32; 3]) -> bool {
+    pub fn has_color_near(&self, n: usize, sqrt_colors: [f32; 3]) -> bool {
         let [low, high] = self.ranges[n];
         // A clipped channel is only a lower bound.
         (0..3).all(|c| {
@@ -94,7 +94,7 @@ impl RequestedPixels {
 
 /// Gain of the frame's colours over another picture's: the median ratio of pairs (frame, other),
 /// for each channel. 1 with too few pairs.
-pub fn gain(pairs: &[([f32; 3], [f32; 3])]) -> [f32; 3] {
+pub fn color_gain(pairs: &[([f32; 3], [f32; 3])]) -> [f32; 3] {
     [0, 1, 2].map(|c| {
         let is_reliable = |(own, other): &&([f32; 3], [f32; 3])| {
             RELIABLE_COLORS.contains(&own[c]) && RELIABLE_COLORS.contains(&other[c])

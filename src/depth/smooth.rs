@@ -40,7 +40,7 @@ pub fn smooth(depth_m: &mut [f32], sqrt_colors: &[[f32; 3]], width: usize, max_d
         for (x, z) in row.iter_mut().enumerate() {
             let edge = &edges[y * width + x];
             if edge.distance_px <= REACH_PX && edge.near_m.min(*z) < max_depth_m[y * width + x] {
-                let both_m = edge.both_m(*z);
+                let both_m = edge.surface_depths_m(*z);
                 let is_near = inputs.vote_balance(x, y, sqrt_colors[y * width + x], both_m, &spatial_weights) > 0.0;
                 *z = if is_near { both_m[0] } else { both_m[1] };
             }

@@ -14,7 +14,7 @@
 
 use glam::{DVec2, DVec3, Vec2, Vec3, Vec4};
 
-use super::requested::{RequestedPixels, gain};
+use super::requested::{RequestedPixels, color_gain};
 use super::vote::TargetView;
 use crate::frame::{SURFEL_SPACING_M, Surfel};
 use crate::parallel::{over_rows, processors};
@@ -75,7 +75,7 @@ impl TargetView<'_> {
         let mut nearest = vec![(f32::INFINITY, usize::MAX); requested.places.len()];
         for (index, splat) in splats.iter().enumerate() {
             let rect = splat.rect().intersection(&visible);
-            if !requested.within(rect.moved(-self.part.x0, -self.part.y0)) {
+            if !requested.any_in(rect.moved(-self.part.x0, -self.part.y0)) {
                 continue;
             }
             for y in rect.y0..rect.y1 {
@@ -89,10 +89,10 @@ impl TargetView<'_> {
                 }
             }
         }
-        let gain = gain(&self.color_pairs(&splats, depth_m));
+        let gain = color_gain(&self.color_pairs(&splats, depth_m));
         for (n, (at, (z, index))) in requested.places.iter().zip(nearest).enumerate() {
             let Some(splat) = splats.get(index) else { continue };
-            if requested.shows(n, [0, 1, 2].map(|c| gain[c] * splat.sqrt_color[c])) {
+            if requested.has_color_near(n, [0, 1, 2].map(|c| gain[c] * splat.sqrt_color[c])) {
                 depth_m[*at as usize] = z;
             }
         }
@@ -211,7 +211,7 @@ mod tests {
     }
 
     /// Columns of the middle row with known depth.
-    fn known(depth_m: &[f32]) -> Vec<usize> {
+    fn columns_with_depth(depth_m: &[f32]) -> Vec<usize> {
         (0..WIDTH).filter(|x| depth_m[HEIGHT / 2 * WIDTH + x] > 0.0).collect()
     }
 
@@ -220,8 +220,8 @@ mod tests {
         let depth_m = filled(&wall(), Pose::IDENTITY, 1.0);
         assert!(depth_m.iter().all(|z| *z == 0.0 || (z - 1.0).abs() < 1e-5));
         // The first and the last pixel of the bright half border on dark ones.
-        assert_eq!(known(&depth_m), (0..51).chain(59..WIDTH).collect::<Vec<_>>());
-        assert_eq!(known(&filled(&[], Pose::IDENTITY, 1.0)), (0..40).chain(60..WIDTH).collect::<Vec<_>>());
+        assert_eq!(columns_with_depth(&depth_m), (0..51).chain(59..WIDTH).collect::<Vec<_>>());
+        assert_eq!(columns_with_depth(&filled(&[], Pose::IDENTITY, 1.0)), (0..40).chain(60..WIDTH).collect::<Vec<_>>());
     }
 
     #[test]
@@ -272,7 +272,7 @@ mod tests {
         let surfels: Vec<Surfel> =
             wall().iter().chain(&wall().iter().map(bright).collect::<Vec<_>>()).copied().collect();
         let depth_m = filled(&surfels, Pose::IDENTITY, 1.0);
-        assert_eq!(known(&depth_m)[..40], (0..40).collect::<Vec<_>>());
+        assert_eq!(columns_with_depth(&depth_m)[..40], (0..40).collect::<Vec<_>>());
         assert_eq!(depth_m[HEIGHT / 2 * WIDTH + 45], 0.0);
     }
 

@@ -17,7 +17,7 @@ use super::Rays;
 use super::discontinuity::{DEPTH_STEP, is_step};
 use super::moment::SOURCE_MARGIN_PX;
 use super::reprojection::{LANES, Points, ReprojectedTile, Reprojection, TileReprojection};
-use super::requested::{NOT_REQUESTED, RequestedPixels, gain};
+use super::requested::{NOT_REQUESTED, RequestedPixels, color_gain};
 use super::sqrt_colors::SqrtColors;
 use crate::parallel::{over_rows, processors};
 use crate::pixels::{DepthMap, Rect};
@@ -122,14 +122,14 @@ impl TargetView<'_> {
             return out;
         }
         let [here, there] = [&self.pose, &voter.taken].map(|pose| Reprojection::new(geometry, &voter.measured, pose));
-        let gain = gain(&self.voter_color_pairs(voter, source, &here, &there));
+        let gain = color_gain(&self.voter_color_pairs(voter, source, &here, &there));
         for rect in tiles(source, full) {
             let ray = |x: i32, y: i32| Some(self.rays.row(y as usize)?[x as usize]);
             let Some(tile) = ReprojectedTile::of(rect, voter.depth, ray) else { continue };
             // Skips tiles that do not reproject to any requested pixel.
             let here = TileReprojection::new(&tile, &here);
             let is_requested = here.bounds(DISTORTION_MARGIN_PX).is_none_or(|bounds| {
-                requested.within(bounds.intersection(&self.part).moved(-self.part.x0, -self.part.y0))
+                requested.any_in(bounds.intersection(&self.part).moved(-self.part.x0, -self.part.y0))
             });
             if !is_requested {
                 continue;
@@ -151,7 +151,11 @@ impl TargetView<'_> {
                     if (out[n] == 0.0 || z < out[n].abs())
                         && let Some(sqrt_color) = voter.sqrt_colors.nth(voter_pixels[lane])
                     {
-                        out[n] = if requested.shows(n, [0, 1, 2].map(|c| gain[c] * sqrt_color[c])) { z } else { -z };
+                        out[n] = if requested.has_color_near(n, [0, 1, 2].map(|c| gain[c] * sqrt_color[c])) {
+                            z
+                        } else {
+                            -z
+                        };
                     }
                 }
             }

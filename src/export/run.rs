@@ -9,14 +9,14 @@ use super::error::ExportError;
 use crate::analyse;
 use crate::cleanup::MadeFolder;
 use crate::compositor::{Composited, Compositor, FrameStats, IN_FLIGHT};
-use crate::shot::{AnalysisState, Composites, Note, Shot, Tally};
+use crate::shot::{AnalysisState, Composites, FrameCounts, Note, Shot};
 use crate::sink::atomic::write_atomically;
 use crate::sink::{self, Sink, SinkError, SinkOptions, exr, is_stdout};
 
 /// Summary of an export. Its size does not depend on the number of frames.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ExportSummary {
-    tally: Tally,
+    tally: FrameCounts,
     undecoded_depth: Option<String>,
 }
 

@@ -88,7 +88,7 @@ pub fn grid_depth(
     by_pixel: bool,
 ) -> (Texture, Option<GridPlacement>) {
     if by_pixel {
-        return (real_depth(recorder, &grid.over(drawn), drawn), None);
+        return (real_depth(recorder, &grid.depth_m_in(drawn), drawn), None);
     }
     let (around, texels) = grid.around(drawn);
     let placed = GridPlacement { first: [around.x0, around.y0], per_pixel: grid.enlargement.recip() };

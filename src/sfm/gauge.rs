@@ -19,7 +19,7 @@ use crate::fit::SimilarityTransform;
 use crate::fit::quantile::upper_median;
 use crate::pixels::Pixels;
 use crate::plane::{HessePlane, Plane};
-use crate::pose::{Pose, held_up};
+use crate::pose::{Pose, camera_up};
 use crate::support::{MeasuredPoint, plane_through, ransac_plane};
 use crate::tags::{Board, Detector, LumaCodes, refine_corners};
 
@@ -111,7 +111,7 @@ pub fn gauge(
         return Ok(found);
     }
     let cameras: Vec<DVec3> = inputs.frames.iter().map(|frame| frame.pose.position_in_world_m()).collect();
-    let guess = held_up(inputs.frames.iter().map(|frame| frame.pose.world_from_camera_rotation()));
+    let guess = camera_up(inputs.frames.iter().map(|frame| frame.pose.world_from_camera_rotation()));
     let depths = inputs
         .frames
         .iter()

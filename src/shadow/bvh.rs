@@ -122,7 +122,7 @@ impl Bvh {
             });
             let axis = (middles.1 - middles.0).max_position();
             own.sort_unstable_by(|a, b| a.middle()[axis].total_cmp(&b.middle()[axis]).then(a.number.cmp(&b.number)));
-            let half = cheapest(own);
+            let half = best_split(own);
             self.split(first, half);
             self.split(first + half, count - half);
         }
@@ -209,7 +209,7 @@ fn larger(a: f32, b: f32) -> f32 {
 }
 
 /// Number of sorted triangles in the first part, by the surface area heuristic.
-fn cheapest(sorted: &[BvhTriangle]) -> usize {
+fn best_split(sorted: &[BvhTriangle]) -> usize {
     let mut behind: Vec<f32> = Vec::with_capacity(sorted.len());
     let mut rest = Aabb::of(&[]);
     for triangle in sorted.iter().rev() {

@@ -45,7 +45,7 @@ impl Mask {
     /// texels; `None` for corners above the light.
     pub fn rasterize(&mut self, bit: u32, silhouette: &SilhouetteMesh, place_of: impl Fn(Vec3) -> Option<Vec2>) {
         let Self { bits, width, rows, cast, steps, ranges } = self;
-        silhouette.cast(cast, place_of, |from, to, layers| {
+        silhouette.for_each_edge(cast, place_of, |from, to, layers| {
             let (high, low, layers) = if from.y < to.y { (from, to, -layers) } else { (to, from, layers) };
             let columns_per_row = (low.x - high.x) / (low.y - high.y);
             for row in rows_between(high.y, low.y, rows) {

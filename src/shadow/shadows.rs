@@ -188,7 +188,7 @@ impl Shadows {
         let (mut planar_shadows, mut quality) = (Vec::new(), Quality::Final);
         for members in self.groups(scene) {
             let cached_shadow = self.group_caster(scene, &members).and_then(|(floor, caster, extent)| {
-                let texture = self.known_texture(&floor, &caster, extent)?;
+                let texture = self.memoized_texture(&floor, &caster, extent)?;
                 Some(PlanarShadow { floor, texture: ByAddress(texture), is_beside: false })
             });
             if let Some(planar_shadow) = cached_shadow {
@@ -219,7 +219,7 @@ impl Shadows {
         caster: &ShadowCaster,
         extent: Extent,
     ) -> (Arc<ShadowTexture>, Quality) {
-        if let Some(texture) = self.known_texture(floor, caster, extent) {
+        if let Some(texture) = self.memoized_texture(floor, caster, extent) {
             return (texture, Quality::Final);
         }
         let sky = caster.sky.sparse();
@@ -250,7 +250,7 @@ impl Shadows {
     }
 
     /// The final texture, if it is memoized.
-    fn known_texture(
+    fn memoized_texture(
         &self,
         floor: &ReceiverPlane,
         caster: &ShadowCaster,

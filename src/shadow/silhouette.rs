@@ -58,7 +58,7 @@ impl SilhouetteMesh {
     /// Calls `each` with the silhouette edges of the shadow: both ends, and the difference in
     /// layers between its sides. `place_of` returns the position of a corner's shadow. Triangles
     /// with a corner without a shadow are skipped.
-    pub fn cast(
+    pub fn for_each_edge(
         &self,
         cast: &mut CastBuffers,
         place_of: impl Fn(Vec3) -> Option<Vec2>,

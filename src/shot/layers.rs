@@ -109,7 +109,7 @@ impl SettingsLayers {
     }
 
     /// The highest layer that gives a parameter.
-    pub fn given_by(&self, table: &str, name: &str) -> Option<ValueLayer> {
+    pub fn highest_layer_with(&self, table: &str, name: &str) -> Option<ValueLayer> {
         let is_it = |text: &String| parse_set(text).is_some_and(|set| (set.table, set.name) == (table, name));
         if self.sets.iter().any(is_it) {
             Some(ValueLayer::Set)
@@ -153,7 +153,7 @@ impl SettingsLayers {
 
     /// The estimates that no other layer overrides.
     pub fn effective_estimates(&self) -> impl Iterator<Item = &EstimatedParam> {
-        self.estimates.iter().filter(|estimate| match self.given_by(estimate.table, estimate.name) {
+        self.estimates.iter().filter(|estimate| match self.highest_layer_with(estimate.table, estimate.name) {
             None => true,
             Some(ValueLayer::Profile) => estimate.overrides_profiles(),
             Some(ValueLayer::Scene | ValueLayer::Set) => false,
@@ -311,14 +311,14 @@ mod tests {
     #[test]
     fn highest_layer_that_gives_a_parameter_is_named() {
         let mut layers = layers("[noise]\nscale = 2\n", "[noise]\nscale = 1.5\non = false\n", &["noise.scale=1"]);
-        assert_eq!(layers.given_by("noise", "scale"), Some(ValueLayer::Set));
-        assert_eq!(layers.given_by("noise", "on"), Some(ValueLayer::Scene));
-        assert_eq!(layers.given_by("noise", "iso"), None);
+        assert_eq!(layers.highest_layer_with("noise", "scale"), Some(ValueLayer::Set));
+        assert_eq!(layers.highest_layer_with("noise", "on"), Some(ValueLayer::Scene));
+        assert_eq!(layers.highest_layer_with("noise", "iso"), None);
         layers.sets.clear();
         layers.set_scene(&ShotSettings::default());
-        assert_eq!(layers.given_by("noise", "scale"), Some(ValueLayer::Profile));
+        assert_eq!(layers.highest_layer_with("noise", "scale"), Some(ValueLayer::Profile));
         layers.replace_profiles(Vec::new(), &values("[noise]\niso = 800\n"));
-        assert_eq!(layers.given_by("noise", "iso"), Some(ValueLayer::Profile));
-        assert_eq!(layers.given_by("noise", "scale"), Some(ValueLayer::Profile));
+        assert_eq!(layers.highest_layer_with("noise", "iso"), Some(ValueLayer::Profile));
+        assert_eq!(layers.highest_layer_with("noise", "scale"), Some(ValueLayer::Profile));
     }
 }

@@ -52,7 +52,7 @@ use layers::SettingsLayers;
 pub use layers::{EstimatedParam, ResolvedSettings};
 pub use light::{DEFAULT_ISO, PartialExposure, SceneLight};
 pub use load_analysis::AnalysisState;
-pub use note::{Note, ObjectIssue, Tally};
+pub use note::{FrameCounts, Note, ObjectIssue};
 pub use options::{AnalysisChoice, ShotOptions};
 pub use pick::{PickHit, nearest};
 pub use posed_camera::{PosedCamera, ViewRay};

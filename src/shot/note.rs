@@ -164,7 +164,7 @@ impl fmt::Display for Note {
 impl Note {
     /// Notes on frames that were composited.
     pub fn of_frames(stats: &[FrameStats]) -> Vec<Self> {
-        let mut tally = Tally::default();
+        let mut tally = FrameCounts::default();
         stats.iter().for_each(|stats| tally.add(stats));
         tally.notes()
     }
@@ -172,7 +172,7 @@ impl Note {
 
 /// Counts over composited frames, for warnings; of constant size.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Tally {
+pub struct FrameCounts {
     frames: usize,
     /// Frames in which depth occluded nothing; the first of them, and the reason.
     hides_nothing: usize,
@@ -184,7 +184,7 @@ pub struct Tally {
     shows: bool,
 }
 
-impl Tally {
+impl FrameCounts {
     pub fn add(&mut self, stats: &FrameStats) {
         self.frames += 1;
         self.shows |= stats.objects_in_sight || stats.no_pose.is_some();
@@ -218,7 +218,7 @@ impl Tally {
 }
 
 /// The objects of a scene with the footage's light that are far from the place of that light.
-fn far_from(place_m: DVec3, scene: &Scene) -> Option<Note> {
+fn far_from_light_note(place_m: DVec3, scene: &Scene) -> Option<Note> {
     let objects = scene.objects.iter().filter(|object| !object.parts.is_empty());
     let distances = objects.map(|object| (object, object.world_from_model.translation.distance(place_m)));
     let is_lit_by_footage = scene.lighting_origin != LightingOrigin::Scene;
@@ -231,7 +231,7 @@ impl Shot {
     /// Warnings to show before a range of frames is composited.
     pub fn notes(&self, range: Range<usize>) -> Vec<Note> {
         let mut notes: Vec<_> = self.recording.warnings.iter().cloned().map(Note::Recording).collect();
-        notes.extend(self.unfit_analysis());
+        notes.extend(self.unused_analysis_note());
         notes.extend(self.stale_estimates());
         notes.extend(self.recording.missing_poses(range).map(Note::MissingPoses));
         notes.extend(self.scene.warnings.iter().cloned().map(Note::Scene));
@@ -254,11 +254,11 @@ impl Shot {
     pub fn far_from_light(&self) -> Option<Note> {
         let AnalysisState::Used(_, findings) = &self.analysis else { return None };
         let light = findings.light.as_ref().filter(|light| light.claimed && self.lighting_matches_unit())?;
-        far_from(light.place_m?.into(), &self.scene)
+        far_from_light_note(light.place_m?.into(), &self.scene)
     }
 
     /// The warning that an analysis exists but is not used.
-    pub fn unfit_analysis(&self) -> Option<Note> {
+    pub fn unused_analysis_note(&self) -> Option<Note> {
         match &self.analysis {
             AnalysisState::Unfit(folder, problem) => Some(Note::Analysis(folder.clone(), problem.clone())),
             _ => None,
@@ -354,12 +354,12 @@ mod tests {
         };
         let objects = vec![object("near", 1.1), object("chair", -1.5), object("door", 4.0)];
         let scene = Scene { objects, lighting_origin: LightingOrigin::Default, ..Scene::default() };
-        let note = far_from(DVec3::ZERO, &scene).unwrap();
+        let note = far_from_light_note(DVec3::ZERO, &scene).unwrap();
         let names = vec!["chair".to_owned(), "door".to_owned()];
         assert_eq!(note, Note::FarFromLight { names, distance_m: 4.0 });
         assert!(note.to_string().starts_with("chair, door: up to 4.0 m from the place"));
         // A scene's own light holds everywhere.
         let own = Scene { lighting_origin: LightingOrigin::Scene, ..scene };
-        assert_eq!(far_from(DVec3::ZERO, &own), None);
+        assert_eq!(far_from_light_note(DVec3::ZERO, &own), None);
     }
 }

@@ -53,7 +53,7 @@ impl Shot {
     /// The heading at which an object at a point of the world faces the camera of a frame, plus a
     /// rotation in degrees. Without a camera, the rotation alone.
     pub fn heading_to_camera(&self, frame: usize, point_m: DVec3, up: DVec3, turned_deg: f64) -> Heading {
-        let direction = self.posed_camera(frame).ok().and_then(|camera| camera.level_to_viewer(point_m, up));
+        let direction = self.posed_camera(frame).ok().and_then(|camera| camera.horizontal_towards_camera(point_m, up));
         direction.map_or(Heading::Deg(turned_deg), |direction| Heading::Towards { direction, turned_deg })
     }
 }
@@ -61,7 +61,7 @@ impl Shot {
 impl PosedCamera {
     /// The horizontal direction from a point to the camera, unit length. Right below the camera,
     /// towards the picture's lower edge. `None` if neither is defined.
-    pub fn level_to_viewer(&self, point_m: DVec3, up: DVec3) -> Option<DVec3> {
+    pub fn horizontal_towards_camera(&self, point_m: DVec3, up: DVec3) -> Option<DVec3> {
         let to_camera = (self.position_m() - point_m).normalize_or_zero();
         let level = to_camera.reject_from_normalized(up);
         if level.length() > MAX_STEEP_DEG.to_radians().sin() {
@@ -182,7 +182,7 @@ mod tests {
         assert!((direction.dot(to_camera) - to_camera.truncate().length()).abs() < 1e-9);
         // With "up" towards the camera, the camera is right above the point.
         let up = to_camera.normalize();
-        let down = camera.level_to_viewer(point, up).unwrap();
+        let down = camera.horizontal_towards_camera(point, up).unwrap();
         let (here, there) = (camera.project(point).unwrap(), camera.project(point + 0.01 * down).unwrap());
         let way = (there - here).normalize();
         assert!(down.dot(up).abs() < 1e-9 && way.y > 0.99, "{way}");

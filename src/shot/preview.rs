@@ -41,8 +41,8 @@ impl Shot {
             let projected = eye.project_object(&self.scene, object);
             let ink = COLORS[object % COLORS.len()];
             for polygon in &projected.outline_px {
-                closed(&mut picture, polygon, unit * (LINE_WIDTH_PX + 2.0), DARK);
-                closed(&mut picture, polygon, unit * LINE_WIDTH_PX, ink);
+                draw_polygon(&mut picture, polygon, unit * (LINE_WIDTH_PX + 2.0), DARK);
+                draw_polygon(&mut picture, polygon, unit * LINE_WIDTH_PX, ink);
             }
             axes(&mut picture, &eye, &self.scene, &projected, unit);
             labels.extend(label(&self.scene, &projected, ink));
@@ -52,7 +52,7 @@ impl Shot {
     }
 }
 
-fn closed(picture: &mut RgbImage, polygon: &[DVec2], width_px: f64, ink: Rgb<u8>) {
+fn draw_polygon(picture: &mut RgbImage, polygon: &[DVec2], width_px: f64, ink: Rgb<u8>) {
     for (a, b) in polygon.iter().zip(polygon.iter().cycle().skip(1)) {
         line(picture, *a, *b, width_px, ink);
     }

@@ -141,12 +141,12 @@ impl Shot {
             return Some(gap);
         };
         let (sample, normal) = (footprint.points_m.last()?, normal.normalize_or(up));
-        (!self.is_ground_seen(frame, eye, (*sample, normal), SEARCH_PER_GAP * deep_m, least_m)).then_some(gap)
+        (!self.has_measured_ground(frame, eye, (*sample, normal), SEARCH_PER_GAP * deep_m, least_m)).then_some(gap)
     }
 
     /// True if the depth map has enough points within `within_m` of the plane through the
     /// footprint, at most `beside_m` away.
-    fn is_ground_seen(
+    fn has_measured_ground(
         &self,
         frame: &Frame,
         eye: &PosedCamera,

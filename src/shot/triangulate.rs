@@ -48,11 +48,11 @@ impl Shot {
             .iter()
             .map(|view| Ok((self.posed_camera(view.frame)?, *view)))
             .collect::<Result<_, SurfaceError>>()?;
-        of_rays(&eyes)
+        nearest_point_to_rays(&eyes)
     }
 }
 
-fn of_rays(eyes: &[(PosedCamera, FramePoint)]) -> Result<TriangulatedPoint, SurfaceError> {
+fn nearest_point_to_rays(eyes: &[(PosedCamera, FramePoint)]) -> Result<TriangulatedPoint, SurfaceError> {
     let named = |(_, view): &(PosedCamera, FramePoint)| {
         format!("{}:{}", view.frame, view.at_px.to_array().map(number).join(","))
     };

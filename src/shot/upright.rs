@@ -5,7 +5,7 @@ use glam::DVec3;
 
 use super::Shot;
 use super::supports::Scan;
-use crate::pose::held_up;
+use crate::pose::camera_up;
 use crate::scene::Environment;
 use crate::support::up_on_surface;
 
@@ -15,9 +15,9 @@ impl Shot {
         self.scene.up_in_world.or(self.recording.up)
     }
 
-    /// Up by the orientation of the recording's cameras ([`held_up`]).
-    pub fn held_up(&self) -> DVec3 {
-        held_up(self.recording.track.poses().iter().map(|(_, pose)| pose.world_from_camera_rotation()))
+    /// Up by the orientation of the recording's cameras ([`camera_up`]).
+    pub fn camera_up(&self) -> DVec3 {
+        camera_up(self.recording.track.poses().iter().map(|(_, pose)| pose.world_from_camera_rotation()))
     }
 
     /// Up of the environment map that an analysis estimated.
@@ -30,10 +30,10 @@ impl Shot {
 
     /// Up for the first object of a scene on a surface with this normal, which faces the camera:
     /// the analysis's estimate, or the normal of the largest level surface that depth shows, or the
-    /// surface's own if it is nearly level, else [`Shot::held_up`]. Cameras see floors from above:
-    /// a normal against the camera's own up means an upside-down camera. Unit length.
+    /// surface's own if it is nearly level, else [`Shot::camera_up`]. Cameras see floors from
+    /// above: a normal against the camera's own up means an upside-down camera. Unit length.
     pub fn up_on(&self, normal: Option<DVec3>) -> DVec3 {
-        let camera_up = self.held_up();
+        let camera_up = self.camera_up();
         self.estimated_up()
             .or_else(|| self.up_of_room(camera_up, Scan::Awaited))
             .unwrap_or_else(|| up_on_surface(normal, camera_up))
@@ -42,7 +42,7 @@ impl Shot {
     /// [`Shot::up_on`] for a preview: without the room's surfaces until the recording's depth has
     /// been read.
     pub fn up_preview(&self, normal: Option<DVec3>) -> DVec3 {
-        let camera_up = self.held_up();
+        let camera_up = self.camera_up();
         self.estimated_up()
             .or_else(|| self.up_of_room(camera_up, Scan::IfReady))
             .unwrap_or_else(|| up_on_surface(normal, camera_up))
@@ -99,7 +99,7 @@ mod tests {
         let shot = Shot::open(Path::new("recordings/demo"), &OpenOptions::default(), &ShotOptions::default()).unwrap();
         // Its z is up, and its camera points down by some 30°.
         assert_eq!(shot.up(), Some(DVec3::Z));
-        let camera_up = shot.held_up();
+        let camera_up = shot.camera_up();
         assert!((0.7..0.99).contains(&camera_up.z), "{camera_up}");
         for normal in [None, Some(DVec3::new(0.1, -0.1, 1.0).normalize()), Some(DVec3::X)] {
             let up = shot.up_on(normal);

@@ -121,7 +121,7 @@ impl Shot {
                 SurfaceError::NoDepth { .. } | SurfaceError::NotMeasured { .. } => WhiteReferenceError::NoDepth,
                 other => other.into(),
             })?;
-            let shown = shown(&frame, view, &self.camera().response)?;
+            let shown = median_light(&frame, view, &self.camera().response)?;
             if crosses_an_edge(&frame, view, surface.depth_m) {
                 return Err(WhiteReferenceError::Edge);
             }
@@ -182,7 +182,7 @@ fn around(view: &FramePoint, radius: u32, width: u32, height: u32) -> impl Itera
 }
 
 /// The median of the light around a picked position, in a frame of usual exposure.
-fn shown(frame: &Frame, view: &FramePoint, response: &Response) -> Result<[f64; 3], WhiteReferenceError> {
+fn median_light(frame: &Frame, view: &FramePoint, response: &Response) -> Result<[f64; 3], WhiteReferenceError> {
     let pixels = &frame.pixels;
     let (width, height, most) = (pixels.width, pixels.height, pixels.max_code());
     let codes: Vec<[u32; 3]> =
@@ -301,19 +301,19 @@ mod tests {
         let spatial_gain = SpatialGain([1.0; NODES]);
         let brightness = RelativeBrightness { factors: [2.0, 1.0, 0.5], median_s: None, spatial_gain };
         let even = |_, _| [102u8; 3];
-        let light = shown(&frame(even, Some(brightness)), &VIEW, &linear()).unwrap();
+        let light = median_light(&frame(even, Some(brightness)), &VIEW, &linear()).unwrap();
         assert!(light.iter().zip([0.1, 0.2, 0.4]).all(|(a, b)| (a - b).abs() < 1e-6), "{light:?}");
         // Without a gain. A single different pixel does not change the median; pixels farther than
         // 2 px do not count.
         let speck = |x: u32, y: u32| if (x, y) == (321, 240) { [60; 3] } else { [102; 3] };
-        assert_eq!(shown(&frame(speck, None), &VIEW, &linear()).unwrap(), [0.4; 3]);
+        assert_eq!(median_light(&frame(speck, None), &VIEW, &linear()).unwrap(), [0.4; 3]);
         let beside = |x: u32, _| if x > 322 { [20; 3] } else { [102; 3] };
-        assert_eq!(shown(&frame(beside, None), &VIEW, &linear()).unwrap(), [0.4; 3]);
+        assert_eq!(median_light(&frame(beside, None), &VIEW, &linear()).unwrap(), [0.4; 3]);
     }
 
     #[test]
     fn clipped_uneven_and_black_patches_are_refused() {
-        let of = |code: &dyn Fn(u32, u32) -> [u8; 3]| shown(&frame(code, None), &VIEW, &linear());
+        let of = |code: &dyn Fn(u32, u32) -> [u8; 3]| median_light(&frame(code, None), &VIEW, &linear());
         // Three pixels of 25 are 12 %.
         let clipped = |x: u32, y: u32| if y == 240 && (320..323).contains(&x) { [200, 251, 200] } else { [200; 3] };
         assert!(matches!(of(&clipped), Err(WhiteReferenceError::Clipped { percent }) if (percent - 12.0).abs() < 1e-9));

@@ -200,18 +200,18 @@ mod tests {
     }
 
     /// Pictures every 0.1 s, taken at the whole tenths, with arrivals held up by 10, 30 or 20 ms.
-    fn held_up(i: u32) -> (f64, f64) {
+    fn delayed_stamp(i: u32) -> (f64, f64) {
         let taken_s = 100.0 + 0.1 * f64::from(i);
         (taken_s, taken_s + [0.01, 0.03, 0.02][i as usize % 3])
     }
 
     #[test]
     fn relative_stamps_follow_the_earliest_arrivals() {
-        let stamps = (0..30).map(held_up).map(|(taken_s, arrived_s)| (Stamp::Relative(taken_s - 77.0), arrived_s));
+        let stamps = (0..30).map(delayed_stamp).map(|(taken_s, arrived_s)| (Stamp::Relative(taken_s - 77.0), arrived_s));
         let (times, implausible) = times(stamps);
         assert_eq!(implausible, 0);
         for (i, time_s) in (0..30).zip(times).skip(9) {
-            let expected_s = held_up(i).0 + 0.01;
+            let expected_s = delayed_stamp(i).0 + 0.01;
             assert!((time_s - expected_s).abs() < 1e-9, "{i}: {time_s}, {expected_s} is expected");
         }
     }
@@ -220,14 +220,14 @@ mod tests {
     fn relative_clock_that_jumps_is_followed_at_once() {
         for (step_s, name) in [(-1000.0, "back"), (1000.0, "ahead"), (f64::NAN, "nowhere")] {
             let stamps = (0..60).map(|i| {
-                let (taken_s, arrived_s) = held_up(i);
+                let (taken_s, arrived_s) = delayed_stamp(i);
                 let set_s = if i < 30 { 0.0 } else { step_s };
                 (Stamp::Relative(taken_s + set_s), arrived_s)
             });
             let (times, _) = times(stamps);
             assert!(times.windows(2).all(|pair| pair[0] < pair[1]), "{name}: {times:?}");
             for (i, time_s) in (0..60).zip(times) {
-                let (taken_s, arrived_s) = held_up(i);
+                let (taken_s, arrived_s) = delayed_stamp(i);
                 let expected_s = taken_s - 1e-9..=arrived_s;
                 assert!(expected_s.contains(&time_s), "{name}, {i}: {time_s} of {taken_s} to {arrived_s}");
             }

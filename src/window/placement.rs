@@ -220,7 +220,7 @@ impl PlacementParams {
 /// with its support plane, rounded to 1°. `None` within [`MIN_FACING_DISTANCE_M`].
 fn facing_deg(eye: &PosedCamera, ray: &ViewRay, support: &Plane, up: DVec3) -> Option<f64> {
     let towards = (intersect_plane(support, ray)? - support.point_m).reject_from_normalized(up);
-    let viewer = eye.level_to_viewer(support.point_m, up)?;
+    let viewer = eye.horizontal_towards_camera(support.point_m, up)?;
     if towards.length() < MIN_FACING_DISTANCE_M {
         return None;
     }

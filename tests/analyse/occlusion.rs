@@ -65,7 +65,7 @@ fn occlusion_and_light(shot: &Shot, frame: usize) -> (Vec<f64>, Vec<f64>) {
         let codes = frame.pixels.at((i % WIDTH) as u32, (i / WIDTH) as u32);
         codes.iter().map(|code| light[*code as usize]).sum::<f64>() / 3.0
     };
-    let mattes = repair.over(whole, whole, whole, &DepthRequest::all(whole)).mattes;
+    let mattes = repair.repaired_depth(whole, whole, whole, &DepthRequest::all(whole)).mattes;
     (mattes.iter().map(hidden).collect(), (0..WIDTH * HEIGHT).map(mean).collect())
 }
 

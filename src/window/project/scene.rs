@@ -85,7 +85,7 @@ impl Project {
     /// The world's up direction. If neither scene nor recording defines it and no object is placed,
     /// it follows from the camera's orientation.
     pub fn up(&self) -> DVec3 {
-        let fallback = || if self.is_up_undefined() { self.shot.held_up() } else { DVec3::Z };
+        let fallback = || if self.is_up_undefined() { self.shot.camera_up() } else { DVec3::Z };
         self.shot.up().unwrap_or_else(fallback)
     }
 
