@@ -41,11 +41,23 @@ need_packages() {
     command -v python3 >/dev/null || missing+=(python3)
     # scripts/hygiene installs its tools into a virtual environment.
     python3 -c 'import ensurepip' 2>/dev/null || missing+=(python3-venv)
-    [ ${#missing[@]} -eq 0 ] && return
+    install_missing
+}
 
+# Programs that decode HEIC and camera raw files, for the tests.
+need_picture_programs() {
+    local missing=()
+    command -v heif-convert >/dev/null || missing+=(libheif-examples)
+    command -v dcraw_emu >/dev/null || missing+=(libraw-bin)
+    install_missing
+}
+
+# Installs the packages in `missing`.
+install_missing() {
+    [ ${#missing[@]} -eq 0 ] && return
     if ! command -v apt-get >/dev/null; then
         echo "Missing (Debian package names): ${missing[*]}." >&2
-        echo "Install a Vulkan loader and driver (Mesa's software driver will do), ffmpeg, a C++ compiler, libclang and Python 3 with this system's package manager, then run this again." >&2
+        echo "Install them with this system's package manager (a Vulkan loader and driver, of which Mesa's software driver will do, ffmpeg, a C++ compiler, libclang, Python 3; for the tests the programs of libheif and LibRaw), then run this again." >&2
         exit 1
     fi
     local as_root=()

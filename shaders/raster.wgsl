@@ -16,6 +16,17 @@ override has_metallic_roughness: bool = false;
 override has_normals: bool = false;
 override has_occlusion: bool = false;
 override has_emissive: bool = false;
+// Whether colours are converted from Rec. 709 to other primaries, by this matrix.
+override converts_primaries: bool = false;
+override red_of_red: f32 = 1.0;
+override red_of_green: f32 = 0.0;
+override red_of_blue: f32 = 0.0;
+override green_of_red: f32 = 0.0;
+override green_of_green: f32 = 1.0;
+override green_of_blue: f32 = 0.0;
+override blue_of_red: f32 = 0.0;
+override blue_of_green: f32 = 0.0;
+override blue_of_blue: f32 = 1.0;
 override unlit: bool = false;
 override masked: bool = false;
 override blended: bool = false;
@@ -344,6 +355,17 @@ fn base_texel(uv: vec2<f32>) -> vec4<f32> {
         + textureSampleBias(base_color_texture, base_color_sampler, uv - b, FINER));
 }
 
+fn in_primaries(color: vec3<f32>) -> vec3<f32> {
+    if !converts_primaries {
+        return color;
+    }
+    return vec3<f32>(
+        dot(color, vec3<f32>(red_of_red, red_of_green, red_of_blue)),
+        dot(color, vec3<f32>(green_of_red, green_of_green, green_of_blue)),
+        dot(color, vec3<f32>(blue_of_red, blue_of_green, blue_of_blue)),
+    );
+}
+
 fn base_of(in: Fragment) -> vec4<f32> {
     var base = material.base_color;
     if has_colors {
@@ -352,7 +374,7 @@ fn base_of(in: Fragment) -> vec4<f32> {
     if has_base_color {
         base *= base_texel(texture_uv(in, 0u));
     }
-    return base;
+    return vec4<f32>(in_primaries(base.rgb), base.a);
 }
 
 // Premultiplied, and within the range of 16-bit floats.
@@ -363,7 +385,7 @@ fn surface(in: Fragment, front: bool, base: vec4<f32>) -> vec4<f32> {
         if has_emissive {
             emitted *= textureSample(emissive_texture, emissive_sampler, texture_uv(in, 4u)).rgb;
         }
-        color = shade(in, front, base.rgb) + emitted;
+        color = shade(in, front, base.rgb) + in_primaries(emitted);
     }
     let alpha = select(1.0, clamp(base.a, 0.0, 1.0), blended);
     return vec4<f32>(min(color * alpha, vec3<f32>(60000.0)), alpha);

@@ -24,6 +24,7 @@ pub mod program;
 pub mod quality;
 pub mod stage;
 pub mod text;
+pub mod user_folders;
 pub mod yaml;
 
 // 1: physics without GPU or files; least-squares fits and poses

@@ -74,6 +74,8 @@ pub enum Kind {
         max: f64,
     },
     Choice(&'static [&'static str]),
+    /// Pairs of numbers that ascend.
+    Points,
 }
 
 impl fmt::Display for Kind {
@@ -85,6 +87,7 @@ impl fmt::Display for Kind {
                 write!(f, "a whole number from {} to {}", number(*min), number(*max))
             }
             Self::Choice(names) => write!(f, "{}", names.join(" | ")),
+            Self::Points => write!(f, "pairs that ascend from code 0 to 1, such as 0 0, 0.5 0.2, 1 1"),
         }
     }
 }

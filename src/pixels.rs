@@ -116,6 +116,20 @@ impl Pixels {
         }
     }
 
+    /// The pixels of another size whose each pixel is that of this picture at `from(x, y)`.
+    pub fn rearranged(&self, width: u32, height: u32, from: impl Fn(u32, u32) -> (u32, u32)) -> Self {
+        fn codes<T: Copy>(codes: &[T], stride: u32, places: impl Iterator<Item = (u32, u32)>) -> Vec<T> {
+            let pixels = codes.as_chunks::<3>().0;
+            places.flat_map(|(x, y)| pixels[y as usize * stride as usize + x as usize]).collect()
+        }
+        let places = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| from(x, y));
+        let codes = match &self.codes {
+            Codes::U8(of) => Codes::U8(codes(of, self.width, places)),
+            Codes::U16(of) => Codes::U16(codes(of, self.width, places)),
+        };
+        Self::uncoded(width, height, codes)
+    }
+
     /// The same with 8 bits; those of 16 are rounded to the nearest.
     pub fn eight_bits_at(&self, x: u32, y: u32) -> [u8; 3] {
         let i = 3 * (y as usize * self.width as usize + x as usize);

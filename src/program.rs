@@ -38,6 +38,18 @@ fn advice(program: &str) -> &'static str {
             "it finds the camera's motion: install COLMAP (Debian, Ubuntu: apt-get install colmap; macOS: brew install \
              colmap; Windows: https://github.com/colmap/colmap/releases), or film a sheet of tags and use `locard track`"
         }
+        "heif-dec" | "heif-convert" => {
+            "HEIC and AVIF pictures need it: install libheif's programs (Debian, Ubuntu: apt-get install \
+             libheif-examples; macOS: brew install libheif), or convert the pictures to PNG or JPEG"
+        }
+        "dcraw_emu" => {
+            "camera raw files need it: install LibRaw's programs (Debian, Ubuntu: apt-get install libraw-bin; macOS: brew \
+             install libraw), or develop the pictures to TIFF or PNG"
+        }
+        "djxl" => {
+            "JPEG XL pictures need it: install libjxl's programs (Debian, Ubuntu: apt-get install libjxl-tools; macOS: \
+             brew install jpeg-xl), or convert the pictures to PNG"
+        }
         _ => "install it, or add its folder to PATH",
     }
 }

@@ -151,7 +151,7 @@ mod tests {
     #[test]
     fn right_response_and_its_powers_have_a_slope_of_one() {
         let srgb = Response::default();
-        let gamma = |gamma: f64| Response { curve: Curve::Gamma, gamma };
+        let gamma = |gamma: f64| Response { curve: Curve::Gamma, gamma, ..Response::default() };
         for (camera, assumed) in [(&srgb, &srgb), (&gamma(2.2), &gamma(1.5))] {
             let bands = bands(&samples(camera, assumed, &CHANGES)).unwrap();
             assert_eq!(bands.len(), BANDS);

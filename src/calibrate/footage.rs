@@ -8,9 +8,7 @@ use super::noise::CalibrateError;
 use crate::pixels::Pixels;
 use crate::recording::{OpenOptions, Recording, RecordingError};
 use crate::source::video::{Overrides, Video, probe};
-use crate::source::{still, unsupported};
-
-const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
+use crate::source::{still, still_format, unsupported};
 
 /// Source of the pictures of one camera.
 #[derive(Debug)]
@@ -109,19 +107,12 @@ impl Footage {
 
 /// True if a file has the extension of a picture.
 pub fn is_picture(path: &Path) -> bool {
-    let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
-    path.is_file() && ending.is_some_and(|e| EXTENSIONS.contains(&e.as_str()))
+    path.is_file() && still_format::is_picture_name(path)
 }
 
 fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, CalibrateError> {
     let failed = |reason: String| CalibrateError::Read { path: folder.to_owned(), reason };
-    let mut files = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(|e| failed(e.to_string()))? {
-        let path = entry.map_err(|e| failed(e.to_string()))?.path();
-        if is_picture(&path) {
-            files.push(path);
-        }
-    }
+    let mut files = still_format::pictures_in(folder).map_err(|e| failed(e.to_string()))?;
     if files.is_empty()
         && let Some(message) = unsupported::unread_warning(&unsupported::in_folder(folder))
     {
@@ -129,7 +120,7 @@ fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, CalibrateError> {
     }
     if files.is_empty() {
         return Err(failed(
-            "no PNG or JPEG files in this folder, and no recording; give pictures, folders of them, recordings or videos"
+            "no pictures in this folder, and no recording; give pictures, folders of them, recordings or videos"
                 .to_owned(),
         ));
     }

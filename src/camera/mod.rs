@@ -15,8 +15,10 @@ pub mod grain;
 mod lens;
 pub mod metering;
 mod noise;
+mod primaries;
 pub mod projection;
 mod response;
+mod response_table;
 pub mod stops;
 mod thin_lens;
 
@@ -29,7 +31,9 @@ pub use film::{Film, FilmError, LensType};
 pub use geometry::{Geometry, Intrinsics};
 pub use lens::{Lens, LensError, Opening};
 pub use noise::{NoiseBin, NoiseProfile, correlations, side_tap, variance_left};
-pub use response::{Curve, Response};
+pub use primaries::Primaries;
+pub use response::{Curve, Levels, Response};
+pub use response_table::ResponseTable;
 pub use thin_lens::{Sharpness, ThinLens, ThinLensError};
 
 use crate::frame::FrameLens;

@@ -1,4 +1,24 @@
-//! The camera's response: code value ↔ linear light, both as fractions of full scale.
+//! The camera's response: code value ↔ linear light. Code values are fractions of full scale.
+//!
+//! Light is relative to diffuse white, which is 1: a camera that clips at white has light from 0 to
+//! 1. Transfer functions of high dynamic range and logarithmic curves reach further, up to
+//! [`Response::max_light`], and logarithmic ones slightly below 0. Sources:
+//!
+//! - HLG: ITU-R BT.2100-2, table 5, the inverse OETF, over its value at 75 % (the reference white of
+//!   ITU-R BT.2408-7, table 1). Its system gamma is left to the display.
+//! - PQ: SMPTE ST 2084, the EOTF, over 203 cd/m² (the same table).
+//! - S-Log3: Sony, *Technical Summary for S-Gamut3.Cine/S-Log3 and S-Gamut3/S-Log3*.
+//! - LogC3 (EI 800) and LogC4: ARRI, *LogC curve – usage in VFX* and *ARRI LogC4 specification*.
+//! - Apple Log: Apple, *Apple Log profile white paper*.
+//! - D-Log: DJI, *White paper on D-Log and D-Gamut*.
+//! - V-Log: Panasonic, *V-Log/V-Gamut reference manual*.
+//!
+//! Not modelled: other exposure indices of LogC3, OOTFs of displays.
+
+use std::f64::consts::LN_2;
+
+use super::primaries::Primaries;
+use super::response_table::ResponseTable;
 
 crate::choices! {
     /// The curve between linear light and code values.
@@ -9,6 +29,29 @@ crate::choices! {
         Linear = "linear",
         /// A power law with `gamma`.
         Gamma = "gamma",
+        /// Hybrid log-gamma.
+        Hlg = "hlg",
+        /// Perceptual quantizer.
+        Pq = "pq",
+        SLog3 = "s-log3",
+        /// At EI 800.
+        LogC3 = "logc3",
+        LogC4 = "logc4",
+        AppleLog = "apple-log",
+        DLog = "d-log",
+        VLog = "v-log",
+        /// Points of `table`, linear between them.
+        Table = "table",
+    }
+}
+
+crate::choices! {
+    /// The meaning of code values on curves that are defined by 10-bit codes.
+    pub enum Levels {
+        /// The code of a curve's definition is 1023 · code.
+        Full = "full",
+        /// Video of limited range: 64 + 876 · code.
+        Video = "video",
     }
 }
 
@@ -17,18 +60,56 @@ crate::params! {
     pub struct Response in "camera.response" at Depth {
         "the curve" curve: Curve = Curve::Srgb;
         "exponent of the curve gamma: code = light^(1/gamma)" gamma: f64 = 2.2, "1", 0.2..=5.0, by_ratio => curve is "gamma";
+        "codes that full scale stands for: full (0 to 1023), or video (64 to 940)" levels: Levels = Levels::Full => curve is "s-log3 or v-log or d-log";
+        "primaries of the code values" primaries at Draw: Primaries = Primaries::Rec709;
+        "points of the curve table: pairs of code and light, separated by commas" table: ResponseTable = ResponseTable::default() => curve is "table";
     }
 }
 
+/// Number of samples of [`Response::samples`]: between them, S-Log3 deviates from a line by less than
+/// 10⁻⁶ of its light.
+const SAMPLES: usize = 4096;
+/// Diffuse white in HLG, as scene light relative to the peak: the inverse OETF at 75 %.
+const HLG_WHITE: f64 = 0.264_962_560_420_911_55;
+/// Diffuse white in PQ, cd/m².
+const PQ_WHITE: f64 = 203.0;
+
 impl Response {
-    /// Code value (0..1) to linear light (0..1).
+    /// Light of a code value (0 to 1).
     pub fn decode(&self, code: f64) -> f64 {
+        // The code of a definition by 10-bit codes, as a fraction of 1023.
+        let ten_bit = match self.levels {
+            Levels::Full => code,
+            Levels::Video => (64.0 + 876.0 * code) / 1023.0,
+        };
         match self.curve {
             Curve::Srgb if code <= 0.04045 => code / 12.92,
             Curve::Srgb => ((code + 0.055) / 1.055).powf(2.4),
             Curve::Linear => code,
             Curve::Gamma => code.max(0.0).powf(self.gamma),
+            Curve::Hlg => hlg_light(code) / HLG_WHITE,
+            Curve::Pq => pq_luminance(code) / PQ_WHITE,
+            Curve::SLog3 if ten_bit >= 171.210_294_692_9 / 1023.0 => {
+                10f64.powf((1023.0 * ten_bit - 420.0) / 261.5) * (0.18 + 0.01) - 0.01
+            }
+            Curve::SLog3 => (1023.0 * ten_bit - 95.0) * 0.011_25 / (171.210_294_692_9 - 95.0),
+            Curve::LogC3 if code > 5.367_655 * 0.010_591 + 0.092_809 => {
+                (10f64.powf((code - 0.385_537) / 0.247_190) - 0.052_272) / 5.555_556
+            }
+            Curve::LogC3 => (code - 0.092_809) / 5.367_655,
+            Curve::LogC4 => logc4_light(code),
+            Curve::AppleLog => apple_log_light(code),
+            Curve::DLog if ten_bit > 0.14 => (10f64.powf(3.896_16 * ten_bit - 2.277_52) - 0.0108) / 0.9892,
+            Curve::DLog => (ten_bit - 0.0929) / 6.025,
+            Curve::VLog if ten_bit >= 0.181 => 10f64.powf((ten_bit - 0.598_206) / 0.241_514) - 0.008_73,
+            Curve::VLog => (ten_bit - 0.125) / 5.6,
+            Curve::Table => self.table.light(code),
         }
+    }
+
+    /// Light of the largest code value.
+    pub fn max_light(&self) -> f64 {
+        self.decode(1.0)
     }
 
     /// The light of each code from 0 to `max_code`.
@@ -36,18 +117,35 @@ impl Response {
         (0..=max_code).map(|code| self.decode(f64::from(code) / f64::from(max_code))).collect()
     }
 
-    /// Linear light to code value; both 0..1, brighter light clips at 1.
+    /// Light at equidistant codes from 0 to 1, for shaders. `None` for curves that shaders compute.
+    pub fn samples(&self) -> Option<Vec<f32>> {
+        let is_computed = matches!(self.curve, Curve::Srgb | Curve::Linear | Curve::Gamma);
+        (!is_computed).then(|| self.table(SAMPLES as u32 - 1).into_iter().map(|light| light as f32).collect())
+    }
+
+    /// Code value (0 to 1) of light. Light beyond the range of the codes clips.
     pub fn encode(&self, light: f64) -> f64 {
-        let light = light.clamp(0.0, 1.0);
+        let light = light.clamp(self.decode(0.0), self.max_light());
         match self.curve {
             Curve::Srgb if light <= 0.003_130_8 => light * 12.92,
             Curve::Srgb => 1.055 * light.powf(1.0 / 2.4) - 0.055,
             Curve::Linear => light,
             Curve::Gamma => light.powf(1.0 / self.gamma),
+            _ => self.bisected_code(light),
         }
     }
 
-    /// Slope d code / d light at a code value (0..1).
+    /// The code whose light is nearest to `light`: every curve ascends.
+    fn bisected_code(&self, light: f64) -> f64 {
+        let (mut low, mut high) = (0.0, 1.0);
+        for _ in 0..40 {
+            let middle = 0.5 * (low + high);
+            if self.decode(middle) <= light { low = middle } else { high = middle }
+        }
+        0.5 * (low + high)
+    }
+
+    /// Slope d code / d light at a code value (0 to 1).
     pub fn slope_at_code(&self, code: f64) -> f64 {
         match self.curve {
             Curve::Srgb if code <= 0.04045 => 12.92,
@@ -57,7 +155,55 @@ impl Response {
             Curve::Linear => 1.0,
             // light = c^γ, so d code/d light = c^(1-γ)/γ; kept finite at black.
             Curve::Gamma => code.max(1.0 / 255.0).powf(1.0 - self.gamma) / self.gamma,
+            // Over the interval of the samples around it; PQ is flat at black.
+            _ => {
+                let step = 0.5 / (SAMPLES - 1) as f64;
+                let (low, high) = ((code - step).max(0.0), (code + step).min(1.0));
+                (high - low) / (self.decode(high) - self.decode(low)).max(1e-9)
+            }
         }
+    }
+}
+
+/// Scene light relative to the peak.
+fn hlg_light(code: f64) -> f64 {
+    const A: f64 = 0.178_832_77;
+    const B: f64 = 1.0 - 4.0 * A;
+    const C: f64 = 0.559_910_73;
+    if code <= 0.5 { code * code.abs() / 3.0 } else { (((code - C) / A).exp() + B) / 12.0 }
+}
+
+/// Luminance of a display, cd/m².
+fn pq_luminance(code: f64) -> f64 {
+    const M1: f64 = 2610.0 / 16384.0;
+    const M2: f64 = 2523.0 / 32.0;
+    const C1: f64 = 3424.0 / 4096.0;
+    const C2: f64 = 2413.0 / 128.0;
+    const C3: f64 = 2392.0 / 128.0;
+    let power = code.max(0.0).powf(1.0 / M2);
+    10_000.0 * ((power - C1).max(0.0) / (C2 - C3 * power)).powf(1.0 / M1)
+}
+
+fn logc4_light(code: f64) -> f64 {
+    const A: f64 = (262_144.0 - 16.0) / 117.45;
+    const B: f64 = (1023.0 - 95.0) / 1023.0;
+    const C: f64 = 95.0 / 1023.0;
+    if code >= 0.0 {
+        return (2f64.powf(14.0 * (code - C) / B + 6.0) - 64.0) / A;
+    }
+    let s = 7.0 * LN_2 * 2f64.powf(7.0 - 14.0 * C / B) / (A * B);
+    code * s + (2f64.powf(14.0 * (-C / B) + 6.0) - 64.0) / A
+}
+
+fn apple_log_light(code: f64) -> f64 {
+    const R0: f64 = -0.056_410_88;
+    const RT: f64 = 0.01;
+    const C: f64 = 47.287_112_36;
+    const PT: f64 = C * (RT - R0) * (RT - R0);
+    if code >= PT {
+        2f64.powf((code - 0.693_369_45) / 0.085_504_79) - 0.009_640_52
+    } else {
+        (code.max(0.0) / C).sqrt() + R0
     }
 }
 
@@ -65,13 +211,20 @@ impl Response {
 mod tests {
     use super::*;
 
+    const LOG_AND_HDR: [Curve; 8] =
+        [Curve::Hlg, Curve::Pq, Curve::SLog3, Curve::LogC3, Curve::LogC4, Curve::AppleLog, Curve::DLog, Curve::VLog];
+
+    fn of(curve: Curve) -> Response {
+        Response { curve, ..Response::default() }
+    }
+
     #[test]
     fn response_matches_known_values_and_round_trips() {
         let srgb = Response::default();
         // 18 % grey is code 0.4614 (117.6 of 255).
         assert!((srgb.encode(0.18) - 0.461_356).abs() < 1e-5);
         for curve in [Curve::Srgb, Curve::Linear, Curve::Gamma] {
-            let r = Response { curve, gamma: 2.2 };
+            let r = Response { curve, gamma: 2.2, ..Response::default() };
             for i in 0..=255 {
                 let code = f64::from(i) / 255.0;
                 assert!((r.encode(r.decode(code)) - code).abs() < 1e-6);
@@ -82,5 +235,80 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// 10-bit codes of grey and white as the makers publish them.
+    #[test]
+    fn log_curves_have_the_published_codes_of_grey_and_white() {
+        for (curve, light, code) in [
+            (Curve::SLog3, 0.0, 95.0),
+            (Curve::SLog3, 0.18, 420.0),
+            (Curve::SLog3, 0.9, 598.0),
+            (Curve::LogC3, 0.18, 400.0),
+            (Curve::LogC4, 0.0, 95.0),
+            (Curve::LogC4, 0.18, 284.6),
+            (Curve::VLog, 0.0, 128.0),
+            (Curve::VLog, 0.18, 433.0),
+            (Curve::VLog, 0.9, 602.0),
+            (Curve::DLog, 0.18, 408.0),
+            (Curve::AppleLog, 0.18, 500.0),
+        ] {
+            let encoded = 1023.0 * of(curve).encode(light);
+            assert!((encoded - code).abs() < 1.0, "{curve:?}: {light} is at {encoded}");
+        }
+    }
+
+    #[test]
+    fn hdr_curves_have_diffuse_white_at_the_level_of_bt_2408() {
+        assert!((of(Curve::Hlg).decode(0.75) - 1.0).abs() < 1e-9);
+        // 12 times the light of code 0.5, 1/12 of the peak: BT.2100, table 5.
+        assert!((of(Curve::Hlg).max_light() * HLG_WHITE - 1.0).abs() < 1e-6);
+        assert!((of(Curve::Hlg).decode(0.5) * HLG_WHITE - 1.0 / 12.0).abs() < 1e-9);
+        // 58 % is 203 cd/m².
+        assert!((of(Curve::Pq).encode(1.0) - 0.5807).abs() < 1e-4);
+        assert!((of(Curve::Pq).max_light() * PQ_WHITE - 10_000.0).abs() < 1e-6);
+        // 100 cd/m² is code 0.508 078.
+        assert!((of(Curve::Pq).encode(100.0 / PQ_WHITE) - 0.508_078).abs() < 1e-6);
+    }
+
+    #[test]
+    fn log_and_hdr_curves_ascend_and_round_trip() {
+        for curve in LOG_AND_HDR {
+            for levels in [Levels::Full, Levels::Video] {
+                let r = Response { levels, ..of(curve) };
+                for i in 0..1000 {
+                    let (code, next) = (f64::from(i) / 1000.0, f64::from(i + 1) / 1000.0);
+                    assert!(r.decode(code) < r.decode(next) || curve == Curve::Pq && i < 2, "{curve:?} {i}");
+                    assert!((r.encode(r.decode(code)) - code).abs() < 1e-6 || curve == Curve::Pq, "{curve:?} {i}");
+                    let numeric = (next - code) / (r.decode(next) - r.decode(code));
+                    let slope = r.slope_at_code(0.5 * (code + next));
+                    assert!((slope / numeric - 1.0).abs() < 0.03 || i < 200, "{curve:?} {i}: {slope}, {numeric}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn video_levels_map_the_range_of_video_onto_10_bit_codes() {
+        let full = of(Curve::SLog3);
+        let video = Response { levels: Levels::Video, ..full.clone() };
+        // Grey, code 420, is 40.6 % of the video range.
+        assert!((video.decode((420.0 - 64.0) / 876.0) - 0.18).abs() < 1e-9);
+        assert!((full.decode(420.0 / 1023.0) - 0.18).abs() < 1e-9);
+    }
+
+    #[test]
+    fn samples_deviate_from_the_curve_by_less_than_quantisation() {
+        for curve in LOG_AND_HDR {
+            let r = of(curve);
+            let samples = r.samples().unwrap();
+            for i in (0..SAMPLES - 1).step_by(7) {
+                let middle = 0.5 * (f64::from(samples[i]) + f64::from(samples[i + 1]));
+                let code = (i as f64 + 0.5) / (SAMPLES - 1) as f64;
+                let off = (r.encode(middle) - code).abs();
+                assert!(off < 0.05 / 1023.0 || curve == Curve::Pq && i < 40, "{curve:?} {i}: {off}");
+            }
+        }
+        assert_eq!(of(Curve::Srgb).samples(), None);
     }
 }

@@ -15,8 +15,29 @@ use locard_engine::export::{Export, Inputs};
 use locard_engine::gpu::Gpu;
 use locard_engine::recording::{OpenOptions, Recording};
 use locard_engine::shot::{Note, Shot, ShotOptions};
-use locard_engine::sink::{self, OutPath};
+use locard_engine::sink::{self, OutPath, VideoCodec};
 use locard_engine::text::count;
+
+/// Codec of a video.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum Codec {
+    /// 8 bits, or 10 for high dynamic range
+    H264,
+    /// 10 bits
+    Hevc,
+    /// ProRes 422 HQ, 10 bits; into .mov or .mkv
+    Prores,
+}
+
+impl Codec {
+    fn codec(self) -> VideoCodec {
+        match self {
+            Self::H264 => VideoCodec::H264,
+            Self::Hevc => VideoCodec::Hevc,
+            Self::Prores => VideoCodec::ProRes,
+        }
+    }
+}
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -48,13 +69,19 @@ pub struct Args {
     /// Also write the findings and settings of each frame; - for stdout
     #[arg(long, value_name = "FILE.json")]
     report: Option<PathBuf>,
-    /// A folder (PNG sequence), a .mp4 or .mkv file, or - for raw RGB on stdout (a pipe or a device
+    /// A folder (PNG sequence), a .mp4, .mkv or .mov file, or - for raw RGB on stdout (a pipe or a device
     /// gets raw RGB too)
     #[arg(short = 'o', long = "output", value_name = "OUT")]
     output: PathBuf,
     /// Keep every code value in a video
     #[arg(long)]
     lossless: bool,
+    /// Codec of a video; .mov: prores, others: h264
+    #[arg(long, value_enum, conflicts_with_all = ["lossless", "preview"])]
+    codec: Option<Codec>,
+    /// Leave the sound of the recording's video out of a video
+    #[arg(long, conflicts_with = "preview")]
+    no_sound: bool,
     /// Write this frame alone, as a .png or .jpg, with the outlines and names of the objects and
     /// the axes of the world
     #[arg(long, value_name = "N", conflicts_with_all = ["frames", "layers", "report", "lossless", "strict"], value_parser = super::frame_number)]
@@ -188,7 +215,8 @@ fn apply_options(args: &Args, shot: &mut Shot) -> Result<(Range<usize>, Option<E
         return Ok((range, None));
     }
     let (out, layers, report) = (OutPath::parse(&args.output)?, args.layers.clone(), args.report.clone());
-    let export = Export { range: range.clone(), out, lossless, force, layers, report };
+    let codec = args.codec.map(Codec::codec);
+    let export = Export { range: range.clone(), out, lossless, codec, sound: !args.no_sound, force, layers, report };
     export.check(&inputs).map_err(export_error)?;
     Ok((range, Some(export)))
 }

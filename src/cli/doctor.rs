@@ -7,7 +7,7 @@ use anyhow::{Result, bail};
 
 use locard_engine::gpu::{Gpu, adapters};
 use locard_engine::sfm;
-use locard_engine::source::ffmpeg;
+use locard_engine::source::{developed, ffmpeg};
 use locard_engine::webcam::{self, CameraError, CameraListing, DriverName};
 
 /// How to control the choice of an adapter.
@@ -51,6 +51,12 @@ pub fn run() -> Result<()> {
     match sfm::version() {
         Ok(version) => writeln!(out, "colmap    {version}")?,
         Err(error) => writeln!(out, "colmap    {error}")?,
+    }
+    for (formats, decoder) in developed::decoders() {
+        match decoder {
+            Ok(program) => writeln!(out, "pictures  {program} ({formats})")?,
+            Err(error) => writeln!(out, "pictures  {error}")?,
+        }
     }
     cameras(&mut out)?;
     if missing > 0 {

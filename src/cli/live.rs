@@ -136,6 +136,8 @@ fn headless(args: &Args, output: &Path) -> Result<()> {
         times_s: None,
         presentation: Presentation::default(),
         lossless: args.lossless,
+        codec: None,
+        soundtrack: None,
         width,
         height,
         bits: 8,

@@ -7,7 +7,7 @@ use super::job::Job;
 use super::rgba::rgba;
 use crate::camera::exposure::photographic_gain;
 use crate::camera::{Camera, NoiseProfile};
-use crate::effects::{MixedPart, curve_choice};
+use crate::effects::{MixedPart, curve_choice, response_samples};
 use crate::gpu::{Bytes, Entry, Gpu, Recorder, Shader, Texture, constants};
 use crate::pixels::{Codes, Pixels, Rect};
 use crate::render::Layer;
@@ -206,6 +206,7 @@ pub fn composite(
         opacity: job.frame.opacity as f32,
     };
     let sigma = recorder.memoized(SigmaKey(camera.noise.clone()), sigma_table);
+    let samples = response_samples(recorder, &camera.response);
     let quads = corners_in(tiles, rect);
     let list = recorder.storage(bytemuck::cast_slice(&quads));
     let entry = match target {
@@ -226,6 +227,7 @@ pub fn composite(
         .pass_of(&shaders, || tail, entry)
         .uniform("composite", &uniform)
         .buffer("sigma_table", sigma)
+        .buffer("response_samples", samples)
         .buffer("parts", list)
         .texture("camera", &upload.texture)
         .texture("layer", &layer.color)

@@ -3,7 +3,7 @@
 use super::rgba::rgba;
 use crate::camera::Response;
 use crate::depth::Surfaces;
-use crate::effects::curve_choice;
+use crate::effects::{curve_choice, response_samples};
 use crate::gpu::{Entry, Recorder, Shader, Texture, half_texels};
 use crate::pixels::{Codes, Pixels, Rect};
 use crate::render::{COLOR, GEOMETRY, RealLayer};
@@ -61,7 +61,9 @@ pub fn real_layer(
         gamma: response.gamma as f32,
     };
     let entry = Entry::from("main").choose("curve", curve_choice(response)).choose("shadowed", shadow_mask.is_some());
+    let samples = response_samples(recorder, response);
     let pass = recorder.pass(Shader::RealPart, entry).uniform("grid", &uniform).texture("codes", &camera);
+    let pass = pass.buffer("response_samples", samples);
     let pass = pass.texture("near_light", &near).texture("far_light", &behind).texture("depths", &depths);
     let pass = pass.texture("shadow_mask", shadow_mask.unwrap_or(&near));
     let [light, behind, depths] = pass.draw([COLOR, COLOR, GEOMETRY], size);

@@ -12,7 +12,7 @@ use super::frame_inputs::FrameInputs;
 use super::occlusion::{DepthKey, FrameOcclusion};
 use super::settings::ShadowSettings;
 use super::shadow_mask::{ShadowMask, VisibleShadow};
-use crate::camera::{Camera, Capture, Geometry, Response};
+use crate::camera::{Camera, Capture, Geometry, Primaries, Response};
 use crate::effects::{Effect, ObjectMotion};
 use crate::frame::{FrameExposure, FrameIdentity, RelativeBrightness};
 use crate::gpu::Texture;
@@ -83,6 +83,7 @@ pub struct DrawKey {
     depth_test: Option<(Texture, Option<GridPlacement>)>,
     tolerance_m: f32,
     samples: SamplePlan,
+    primaries: Primaries,
 }
 
 impl DrawKey {
@@ -98,6 +99,7 @@ impl DrawKey {
             depth_test: occlusion.depth_test.clone(),
             tolerance_m: inputs.settings.depth.tolerance_m,
             samples: inputs.plan.samples.clone(),
+            primaries: inputs.camera.response.primaries,
         }
     }
 }

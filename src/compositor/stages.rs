@@ -94,6 +94,7 @@ impl Compositor {
                     moments: job.real.moments(),
                 }),
                 parallel_to_m: None,
+                primaries: inputs.camera.response.primaries,
                 outer: None,
             };
             let mut layer = self.renderer.draw(recorder, &view, &plan.samples);

@@ -21,7 +21,7 @@
 
 use glam::DVec2;
 
-use super::{Case, Effect, FrameContext, LayerRun, curve_choice};
+use super::{Case, Effect, FrameContext, LayerRun, curve_choice, response_samples};
 use crate::camera::exposure::{additive, photographic_gain};
 use crate::camera::{Intrinsics, Response};
 use crate::frame::{FrameExposure, NODES, SpatialGain};
@@ -147,7 +147,9 @@ impl Effect for Exposure {
             share_at_0,
             across: std::array::from_fn(|n| std::array::from_fn(|i| across[4 * n + i])),
         };
+        let samples = response_samples(run.recorder, &run.context.camera.response);
         let pass = run.recorder.pass(Shader::Exposure, entry).uniform("exposure", &uniform);
+        let pass = pass.buffer("response_samples", samples);
         let [color] = pass.texture("layer", &layer.color).draw([COLOR], layer.size);
         Layer { color, ..layer }
     }

@@ -16,7 +16,7 @@ pub mod vignetting;
 
 pub use stage::{
     Boxed, Case, Effect, EffectError, ExampleNoise, FrameContext, LayerRun, MixedPart, ObjectMotion, OnReal, Reach,
-    curve_choice,
+    curve_choice, response_samples,
 };
 
 /// Every effect at its defaults, in the order in which they run: the light's path, except for

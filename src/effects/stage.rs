@@ -5,7 +5,7 @@ use crate::coding::PictureCoding;
 use crate::exemplar_noise::NoiseModel;
 use crate::exemplar_noise::model_coding::CodingDifference;
 use crate::frame::FrameExposure;
-use crate::gpu::{Packed, Recorder, Shader, Texture, Uniform};
+use crate::gpu::{Bytes, Packed, Recorder, Shader, Texture, Uniform};
 use crate::memo::ByAddress;
 use crate::params::{Params, Value};
 use crate::pixels::Rect;
@@ -166,7 +166,22 @@ pub fn curve_choice(response: &Response) -> f64 {
         Curve::Srgb => 0.0,
         Curve::Linear => 1.0,
         Curve::Gamma => 2.0,
+        _ => 3.0,
     }
+}
+
+/// Key of a response's samples.
+#[derive(Clone, Debug, PartialEq)]
+struct SamplesKey(Response);
+
+/// The buffer `response_samples`, for shaders that import shared/response.
+pub fn response_samples(recorder: &mut Recorder, response: &Response) -> Bytes {
+    recorder.memoized(SamplesKey(response.clone()), |gpu, SamplesKey(response)| {
+        // Not read on curves that the shader computes.
+        let samples = response.samples().unwrap_or_else(|| vec![0.0; 2]);
+        let bytes = bytemuck::cast_slice(&samples);
+        Bytes::from(&gpu.buffer("response samples", bytes, wgpu::BufferUsages::STORAGE))
+    })
 }
 
 /// An effect: a table of parameters with its name, and the passes that implement it. It has no

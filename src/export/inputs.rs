@@ -7,6 +7,7 @@ use super::error::ExportError;
 use crate::analyse::beside;
 use crate::shot::{AnalysisState, Shot};
 use crate::sink::atomic::Destination;
+use crate::source::still_format;
 
 /// The files and folders that a run reads.
 #[derive(Debug, Default)]
@@ -51,8 +52,7 @@ impl Inputs {
                 format!("lies in the folder of the recording's analysis, {NEVER_WRITTEN}"),
             ));
         }
-        let ending = at.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-        let is_picture = matches!(ending.as_str(), "png" | "jpg" | "jpeg");
+        let is_picture = still_format::is_picture_name(&at);
         let beside = |folder: &PathBuf| at.parent() == Some(folder);
         if self.folders.iter().any(|folder| {
             (is_picture && beside(folder)) || (self.is_inside_recording(folder) && at.starts_with(folder))

@@ -15,7 +15,7 @@ pub use error::ExportError;
 pub use inputs::{Inputs, resolved};
 pub use run::ExportSummary;
 
-use crate::sink::OutPath;
+use crate::sink::{OutPath, VideoCodec};
 
 /// Range, outputs and options of an export.
 #[derive(Clone, Debug, PartialEq)]
@@ -25,6 +25,10 @@ pub struct Export {
     pub out: OutPath,
     /// Lossless video.
     pub lossless: bool,
+    /// Codec of a video that is not lossless; `None`: by the file's extension.
+    pub codec: Option<VideoCodec>,
+    /// Copies the sound of the recording's video into a video.
+    pub sound: bool,
     /// Replaces existing outputs.
     pub force: bool,
     /// A folder for the virtual layer of each frame, as OpenEXR.
@@ -36,6 +40,6 @@ pub struct Export {
 impl Export {
     /// An export of the frames only.
     pub fn new(range: Range<usize>, out: OutPath) -> Self {
-        Self { range, out, lossless: false, force: false, layers: None, report: None }
+        Self { range, out, lossless: false, codec: None, sound: true, force: false, layers: None, report: None }
     }
 }

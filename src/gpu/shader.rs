@@ -44,6 +44,7 @@ shaders! {
     SharedNoiseOverlay = "shared/noise_overlay",
     Response = "shared/response",
     SharedShadowRatio = "shared/shadow_ratio",
+    SharedSrgb = "shared/srgb",
     SharedSurfaceShading = "shared/surface_shading",
     Accumulate = "accumulate",
     Accumulated = "accumulated",

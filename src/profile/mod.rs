@@ -9,6 +9,7 @@ mod document;
 mod noise;
 mod noise_example;
 mod read;
+mod response_file;
 mod serialized;
 mod shot_settings;
 
@@ -73,6 +74,8 @@ pub enum ProfileError {
         "{path}: camera.distortion.{name} is not 0, but the model {model} has no {name}; set it to 0, or name its model"
     )]
     Coefficient { path: PathBuf, name: &'static str, model: Value },
+    #[error("{path}: {message}")]
+    Response { path: PathBuf, message: String },
     /// A calibration file of another program.
     #[error("{path}: {message}")]
     Calibration { path: PathBuf, message: String },

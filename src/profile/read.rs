@@ -5,7 +5,7 @@ use std::path::Path;
 use super::calibration_file::{self, is_calibration};
 use super::noise::{self, ExampleLoading};
 use super::shot_settings::ShotSettings;
-use super::{ProfileError, Rig};
+use super::{ProfileError, Rig, response_file};
 use crate::compositor::Settings;
 use crate::document as text;
 use crate::params::{Params, Value};
@@ -140,6 +140,14 @@ impl Rig {
                 toml::Value::Boolean(b) => Value::Bool(*b),
                 toml::Value::Integer(i) => Value::Number(*i as f64),
                 toml::Value::Float(f) => Value::Number(*f),
+                toml::Value::String(s) if table == "camera.response" && key == response_file::TABLE => {
+                    // Texts are checked without the files that they name.
+                    match loading {
+                        ExampleLoading::Skip => continue,
+                        ExampleLoading::BesideFile(path) => response_file::points(s, path)
+                            .map_err(|message| ProfileError::Response { path: path.to_owned(), message })?,
+                    }
+                }
                 toml::Value::String(s) => Value::Text(s.clone()),
                 other => {
                     return Err(ProfileError::Type {

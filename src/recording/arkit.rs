@@ -40,7 +40,7 @@ fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let frames = parse_frames(&records::read(&frames_file)?, &frames_file)?;
     let videos: Vec<PathBuf> = VIDEOS.iter().map(|name| folder.join(name)).collect();
     let video_file = videos.iter().find(|file| file.exists()).or(videos.first()).cloned().unwrap_or_default();
-    let video = video::probe(&video_file, &Overrides::default())?;
+    let video = video::probe(&video_file, &Overrides { as_stored: true, ..Overrides::default() })?;
     warnings.extend(video.warnings.clone());
     let frame_count = frames.len().min(video.timestamps_s.len());
     if frames.len() != video.timestamps_s.len() {

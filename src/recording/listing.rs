@@ -7,7 +7,7 @@ use super::RecordingError;
 use crate::camera::exposure::MAX_EXPOSURE_S;
 use crate::fit::quantile::upper_median;
 use crate::frame::FrameExposure;
-use crate::source::SourceError;
+use crate::source::{SourceError, still_format};
 use crate::text::{self, number, quoted, reason};
 use crate::tracking::records::{self, TextError};
 
@@ -147,18 +147,10 @@ pub fn nearest<T>(entries: &[(f64, T)], time_s: f64, within_s: f64) -> Option<&(
     (distance(&best) <= within_s).then_some(best)
 }
 
-/// The PNG and JPEG files of a folder in the order of their names, with numbers by value.
+/// The pictures of a folder in the order of their names, with numbers by value.
 pub fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, RecordingError> {
     let failed = |source| SourceError::Read { file: folder.to_owned(), source };
-    let mut files = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(failed)? {
-        let file = entry.map_err(failed)?.path();
-        let extension = file.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-        let hidden = file.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
-        if matches!(extension.as_str(), "png" | "jpg" | "jpeg") && !hidden {
-            files.push(file);
-        }
-    }
+    let mut files = still_format::pictures_in(folder).map_err(failed)?;
     files.sort_by(|a, b| natural_order(&a.to_string_lossy(), &b.to_string_lossy()));
     Ok(files)
 }

@@ -8,7 +8,7 @@ use glam::DVec3;
 use super::frame_camera::FrameCamera;
 use super::parts::Pictures;
 use super::{Recording, native};
-use crate::camera::Geometry;
+use crate::camera::{Geometry, Response};
 use crate::frame::FrameExposure;
 use crate::source::presentation::Presentation;
 use crate::tracking::PoseTrack;
@@ -44,6 +44,7 @@ impl Recording {
             pictures: Arc::new(Pictures::Stills(Vec::new())),
             estimated_coding: Arc::default(),
             presentation: Presentation::default(),
+            response: Response::default(),
             depth: None,
             depth_later_s: 0.0,
             surfels: Arc::default(),

@@ -52,11 +52,12 @@ pub use frames::Frames;
 pub use listing::pictures_in;
 pub use neighbours::{FramesWithNeighbours, NEIGHBOURS_EACH_WAY};
 
-use crate::camera::Geometry;
+use crate::camera::{Geometry, Response};
 use crate::frame::{FrameExposure, RelativeBrightness, Surfel, interval_s};
 use crate::pose::Pose;
 use crate::source::presentation::Presentation;
-use crate::source::{SourceError, still, unsupported};
+use crate::source::video::Soundtrack;
+use crate::source::{SourceError, still, still_format, unsupported};
 use crate::tracking::{NoPose, PoseTrack};
 use coding::CodingEstimate;
 use depth::Depth;
@@ -153,6 +154,8 @@ pub struct Recording {
     estimated_coding: CodingEstimate,
     /// See [`Recording::presentation`].
     presentation: Presentation,
+    /// See [`Recording::response`].
+    response: Response,
     depth: Option<Arc<Depth>>,
     /// Added to the depth maps' times, seconds.
     depth_later_s: f64,
@@ -291,6 +294,28 @@ impl Recording {
     /// Presentation of the pictures according to the video, or to the EXIF of all stills.
     pub fn presentation(&self) -> Presentation {
         self.presentation
+    }
+
+    /// The presentation of the part of a video that starts at a frame.
+    pub fn presentation_from(&self, frame: usize) -> Presentation {
+        let fps = 1.0 / self.frame_interval_s;
+        let timecode = self.presentation.timecode.map(|timecode| timecode.advanced(frame, fps));
+        Presentation { timecode, ..self.presentation }
+    }
+
+    /// The sound of a range of frames; `None` if they are not in a video.
+    pub fn soundtrack(&self, range: Range<usize>) -> Option<Soundtrack> {
+        let Pictures::Video(video, _) = &*self.pictures else { return None };
+        let time_s = |frame: usize| self.timestamps_s.get(frame).copied();
+        let (first_s, last_s) = (time_s(range.start)?, time_s(range.end.checked_sub(1)?)?);
+        let zero_s = time_s(0)?;
+        let length_s = last_s - first_s + self.interval_s(range.end - 1);
+        Some(Soundtrack { file: video.file.clone(), start_s: video.start_s + first_s - zero_s, length_s })
+    }
+
+    /// The camera's response as far as the frames' file states it. Profiles override it.
+    pub fn response(&self) -> &Response {
+        &self.response
     }
 
     /// Opacity of the virtual layer in a frame, 0 to 1: below 1 where the live mode faded it.
@@ -477,10 +502,20 @@ fn find(path: &Path) -> Result<(&'static RecordingFormat, PathBuf), RecordingErr
         let unread = unsupported::unread_warning(&unsupported::in_folder(path))?;
         Some(format!("{unread}, and no file describes a recording"))
     };
-    let foreign = unsupported_capture::refusal(path).map(str::to_owned).or(unread).or_else(in_folder);
+    let unposed = || {
+        let pictures = still_format::pictures_in(path).unwrap_or_default();
+        let problem = format!(
+            "it holds {} without poses; `locard solve` finds them",
+            crate::text::count(pictures.len(), "picture")
+        );
+        (!pictures.is_empty()).then_some(problem)
+    };
+    let foreign = unsupported_capture::refusal(path).map(str::to_owned).or(unread).or_else(in_folder).or_else(unposed);
     let problem = match path {
         _ if foreign.is_some() => foreign.as_deref().unwrap_or_default(),
-        _ if path.is_file() => "it is a file of another kind (frames or a video alone: name them in a recording.toml)",
+        _ if path.is_file() => {
+            "it is a file of another kind (frames or a video alone: `locard solve` finds the poses, or name them in a recording.toml)"
+        }
         _ if path.is_dir() => "the folder has none of the files that identify one",
         _ if path.exists() => "it is a pipe or a device",
         _ => "there is nothing at this path",

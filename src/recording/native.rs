@@ -69,6 +69,17 @@ pub struct FrameFiles {
     pub fps: Option<f64>,
     pub range: Option<ColorRange>,
     pub matrix: Option<ColorMatrix>,
+    pub rotation: Option<FrameRotation>,
+}
+
+/// Treatment of the rotation that a video states.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum FrameRotation {
+    /// Frames are turned on reading, as players and other programs do.
+    Applied,
+    /// Frames are read as stored, for poses of the sensor.
+    Stored,
 }
 
 /// The table `[poses]`: file of the trajectory, and times in s.
@@ -158,8 +169,8 @@ fn check(d: &Description) -> Result<(), String> {
         (Some(_), None, None) | (None, Some(_), None) | (None, None, Some(_)) => {}
         _ => return Err("[frames] needs exactly one of list, images, video".to_owned()),
     }
-    if f.video.is_none() && (f.range.is_some() || f.matrix.is_some()) {
-        return Err("frames.range and frames.matrix go with frames.video only".to_owned());
+    if f.video.is_none() && (f.range.is_some() || f.matrix.is_some() || f.rotation.is_some()) {
+        return Err("frames.range, frames.matrix and frames.rotation go with frames.video only".to_owned());
     }
     match &d.camera {
         Some(CameraFile { profile: None, kind: None, list: None }) => {
@@ -280,7 +291,8 @@ fn open_frames(
     mut read: impl FnMut(&Path) -> Result<String, RecordingError>,
 ) -> Result<OpenedFrames, RecordingError> {
     if let Some(name) = &frames.video {
-        let overrides = Overrides { fps: frames.fps, range: frames.range, matrix: frames.matrix };
+        let as_stored = frames.rotation == Some(FrameRotation::Stored);
+        let overrides = Overrides { fps: frames.fps, range: frames.range, matrix: frames.matrix, as_stored };
         let video = video::probe(&folder.join(name), &overrides)?;
         let (timestamps_s, warnings) = (video.timestamps_s.clone(), video.warnings.clone());
         return Ok(OpenedFrames {
@@ -350,6 +362,8 @@ mod tests {
             ("version = 1\n[frames]\nimages = \"a\"", "needs frames.fps"),
             ("version = 1\n[frames]\nlist = \"a\"\nfps = 3.0", "does not go with"),
             ("version = 1\n[frames]\nlist = \"a\"\nrange = \"full\"", "frames.video only"),
+            ("version = 1\n[frames]\nlist = \"a\"\nrotation = \"stored\"", "frames.video only"),
+            ("version = 1\n[frames]\nvideo = \"a\"\nrotation = \"left\"", "unknown variant `left`"),
             ("version = 1\n[frames]\nvideo = \"a\"\nrange = \"wide\"", "unknown variant `wide`"),
             ("version = 1\n[frames]\nimages = \"a\"\nfps = nan", "frames.fps = NaN"),
             ("version = 1\nup = [0, 0, 0]\n[frames]\nlist = \"a\"", "up = [0.0, 0.0, 0.0]"),

@@ -16,7 +16,7 @@ use super::rigid::{NOT_RIGID, is_lost, rigid};
 use super::{OpenOptions, RecordingError, listing};
 use crate::camera::{Geometry, LensModel};
 use crate::pose::Pose;
-use crate::source::still;
+use crate::source::{still, still_format};
 use crate::text::quoted;
 use crate::tracking::records;
 use crate::tracking::tum::PoseNotes;
@@ -282,9 +282,7 @@ fn picture_file(folder: &Path, name: &str) -> PathBuf {
     if file.exists() {
         return file;
     }
-    // A name may contain further dots.
-    let with = |ending: &str| folder.join(format!("{name}.{ending}"));
-    ["png", "jpg", "jpeg", "PNG", "JPG", "JPEG"].into_iter().map(with).find(|file| file.exists()).unwrap_or(file)
+    still_format::with_omitted_extension(folder, name).unwrap_or(file)
 }
 
 /// The pose of a camera-to-world matrix (3 or 4 rows of 4) with OpenGL's axes. `None` if it is

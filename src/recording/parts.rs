@@ -10,7 +10,8 @@ use glam::DVec3;
 use super::depth::{Depth, DepthFiles};
 use super::frame_camera::FrameCamera;
 use super::{Landmark, OpenOptions, Recording, RecordingError, listing};
-use crate::camera::{Distortion, Geometry, Intrinsics, LensModel};
+use crate::camera::{Distortion, Geometry, Intrinsics, LensModel, Levels, Response};
+use crate::coding::ColorRange;
 use crate::frame::{FrameExposure, FrameLens, PhotoSettings};
 use crate::params::{ParamError, Params, Value};
 use crate::pose::Pose;
@@ -217,6 +218,11 @@ impl Parts {
             Pictures::Stills(_) => Presentation { orientation, ..Presentation::default() },
             Pictures::Video(video, _) => video.presentation,
         };
+        let levels = match &self.pictures {
+            Pictures::Video(Video { range: ColorRange::Limited, .. }, _) => Levels::Video,
+            _ => Levels::Full,
+        };
+        let response = Response { levels, ..presentation.response() };
         let exposures = listed.into_iter().map(Option::unwrap_or_default).zip(photos);
         let lenses =
             of_frames.iter().flatten().map(|camera| camera.lens).chain(std::iter::repeat(FrameLens::default()));
@@ -253,6 +259,7 @@ impl Parts {
             pictures: Arc::new(self.pictures),
             estimated_coding: Arc::new(if self.estimates_coding { OnceLock::new() } else { OnceLock::from(None) }),
             presentation,
+            response,
             depth,
             depth_later_s: 0.0,
             surfels: Arc::default(),

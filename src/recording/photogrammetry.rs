@@ -8,7 +8,7 @@ use super::parts::{NOMINAL_FPS, Parts, Pictures, folder_of, track_from};
 use super::{OpenOptions, RecordingError, listing};
 use crate::camera::Geometry;
 use crate::pose::Pose;
-use crate::source::unsupported;
+use crate::source::{still_format, unsupported};
 use crate::text::quoted;
 use crate::tracking::records::TextError;
 
@@ -39,8 +39,6 @@ pub struct PosedPicture {
 
 /// Folders, relative to that of the program's file, in which the pictures may be.
 const PICTURE_FOLDERS: [&str; 6] = ["", "images", "rgb", "photos", "..", "../images"];
-/// Extensions that a label may omit.
-const EXTENSIONS: [&str; 6] = ["jpg", "JPG", "jpeg", "JPEG", "png", "PNG"];
 
 /// A label as a relative path: programs on Windows write backslashes.
 fn relative(label: &str) -> PathBuf {
@@ -58,9 +56,7 @@ fn picture_of(folder: &Path, label: &Path) -> Option<PathBuf> {
         if whole.is_file() {
             return Some(whole);
         }
-        // A label may contain further dots.
-        let with = |ending: &&str| folder.join(format!("{}.{ending}", label.display()));
-        EXTENSIONS.iter().map(with).find(|file| file.is_file())
+        still_format::with_omitted_extension(folder, &label.to_string_lossy())
     })
 }
 

@@ -40,7 +40,7 @@ fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     // If the phone ran out of power or storage, the last line is incomplete.
     let unended = if list.contains('\n') { records::drop_unended(&mut list) } else { None };
     let (lines, odd) = parse_odometry(&list, &odometry)?;
-    let video = video::probe(&folder.join("rgb.mp4"), &Overrides::default())?;
+    let video = video::probe(&folder.join("rgb.mp4"), &Overrides { as_stored: true, ..Overrides::default() })?;
     let frames = lines.len().min(video.timestamps_s.len());
     let mut warnings = video.warnings.clone();
     warnings.extend(odd);

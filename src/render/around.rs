@@ -87,6 +87,7 @@ impl FaceView {
             rect: self.rect,
             occlusion: None,
             parallel_to_m: None,
+            primaries: of.primaries,
             outer: Some(Outer { geometry: of.geometry, camera_from_view: self.face.face_from_camera().inverse() }),
         }
     }

@@ -318,6 +318,7 @@ impl Renderer {
                 rolling: view.shutter.readout_time_s > 0.0,
                 lens: lens_number(view.outer.map_or(view.geometry, |outer| outer.geometry).distortion.model),
                 around: view.outer.is_some(),
+                primaries: view.primaries,
                 parallel: view.parallel_to_m.is_some(),
                 hidden_by_depth: view.occlusion.is_some(),
                 depth_on_grid: view.occlusion.is_some_and(|occlusion| occlusion.grid_placement.is_some()),

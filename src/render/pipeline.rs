@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::light::{MAX_POINTS, MAX_SUNS};
 use super::unwrap::LightmapVertex;
-use crate::camera::LensModel;
+use crate::camera::{LensModel, Primaries};
 use crate::gpu::{Gpu, Shader};
 use crate::memo::Memo;
 use crate::scene::{Alpha, Environment, Lighting, Material};
@@ -37,6 +37,8 @@ pub struct Variant {
     pub rolling: bool,
     /// The lens model of the picture's camera, as [`lens_number`] gives it.
     pub lens: u8,
+    /// Primaries of the drawn light.
+    pub primaries: Primaries,
     /// One face of a 360° picture.
     pub around: bool,
     /// Orthographic projection.
@@ -104,10 +106,21 @@ impl Variant {
             ("depth_on_grid", self.depth_on_grid),
             ("has_map", self.environment_map),
             ("has_lightmap", self.lightmap && !self.unlit),
+            ("converts_primaries", self.primaries != Primaries::Rec709),
         ]
         .map(|(name, on)| (name, u8::from(on)));
         let counts = [("suns", self.suns), ("points", self.points), ("lens", self.lens)];
-        features.into_iter().chain(counts).map(|(name, value)| (name, f64::from(value))).collect()
+        let constants = features.into_iter().chain(counts).map(|(name, value)| (name, f64::from(value)));
+        let primaries = self.primaries.from_rec709().into_iter().flat_map(|matrix| {
+            const NAMES: [[&str; 3]; 3] = [
+                ["red_of_red", "red_of_green", "red_of_blue"],
+                ["green_of_red", "green_of_green", "green_of_blue"],
+                ["blue_of_red", "blue_of_green", "blue_of_blue"],
+            ];
+            let row = move |at: usize| NAMES[at].into_iter().zip(matrix.row(at).to_array());
+            (0..3).flat_map(row)
+        });
+        constants.chain(primaries).collect()
     }
 }
 

@@ -12,8 +12,8 @@ use super::panorama;
 use super::plan::SamplePlan;
 use super::resample::{CubeFace, FaceImage, Resampler};
 use super::view::{NEAR_M, Shutter, View, ViewKeys};
-use crate::camera::Geometry;
 use crate::camera::curved::Curved;
+use crate::camera::{Geometry, Primaries};
 use crate::gpu::{Gpu, GpuError, ReadbackSet, Recorder};
 use crate::parallel::{over_rows, processors};
 use crate::pixels::{LinearImage, Rect};
@@ -227,6 +227,7 @@ impl StillRenderer<'_> {
                     rect: tile,
                     occlusion: None,
                     parallel_to_m,
+                    primaries: Primaries::Rec709,
                     outer: None,
                 };
                 self.draw_tile(&view, &mut band[(x0 - rect.x0) as usize..], columns)?;

@@ -4,7 +4,7 @@ use glam::{DQuat, DVec3};
 
 use super::occlusion::{GridPlacement, Occlusion};
 use super::plan::RenderSample;
-use crate::camera::{Geometry, LensModel};
+use crate::camera::{Geometry, LensModel, Primaries};
 use crate::pixels::Rect;
 use crate::pose::Pose;
 
@@ -116,6 +116,8 @@ pub struct View<'a> {
     /// Depth range (m) of orthographic views, from the camera's plane. `geometry` then has no
     /// distortion, and its focal lengths are px per metre.
     pub parallel_to_m: Option<f64>,
+    /// Primaries of the drawn light.
+    pub primaries: Primaries,
     /// The camera whose picture this view is a face of.
     pub outer: Option<Outer<'a>>,
 }

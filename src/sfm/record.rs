@@ -7,6 +7,7 @@ use super::gauge::UpSource;
 use super::solution::Solution;
 use crate::recording::new_folder::{FileContents, NewFolder, RecordError, name_of};
 use crate::recording::write::{self, CameraFile, Description, FILE_NAME, FrameFiles, Line, PoseFile};
+use crate::source::still_format;
 
 const POSES: &str = "poses.txt";
 const CAMERA: &str = "camera.toml";
@@ -17,10 +18,7 @@ const PHOTOGRAPH_FPS: f64 = 1.0;
 
 fn is_own(name: &str) -> bool {
     let path = Path::new(name);
-    let is_picture = || {
-        let ending = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-        path.starts_with(PICTURES) && ["png", "jpg", "jpeg"].contains(&ending.as_str())
-    };
+    let is_picture = || path.starts_with(PICTURES) && still_format::is_picture_name(path);
     let is_video = || !name.contains('/') && path.file_stem().is_some_and(|stem| stem == VIDEO);
     [FILE_NAME, POSES, CAMERA].contains(&name) || is_video() || is_picture()
 }

@@ -60,6 +60,7 @@ impl SettingsLayers {
     /// Reads the profiles and the scene file's settings.
     pub fn read(recording: &Recording, options: &ShotOptions) -> Result<Self, ShotError> {
         let (mut rig, mut settings) = (Rig::default(), Settings::default());
+        rig.response.clone_from(recording.response());
         let mut of_profiles = ShotSettings::default();
         let profiles: Vec<_> = recording.camera_profile.iter().chain(&options.profile).cloned().collect();
         let of_recording = recording.camera_profile.iter().len();

@@ -38,6 +38,8 @@ impl StrayScan {
             times_s: None,
             presentation: Presentation::default(),
             lossless: options.format == Format::Png,
+            codec: None,
+            soundtrack: None,
             width: options.width_px,
             height: options.height_px,
             bits: 8,

@@ -19,6 +19,7 @@ use self::atomic::Destination;
 use crate::pixels::{Codes, Pixels};
 use crate::program::ProgramError;
 use crate::source::presentation::Presentation;
+use crate::source::video::Soundtrack;
 use crate::text::reason;
 
 /// Destination of finished frames, in order.
@@ -34,7 +35,7 @@ pub trait Sink {
 pub enum OutPath {
     /// A PNG sequence.
     Folder(PathBuf),
-    /// `.mp4` or `.mkv`.
+    /// `.mp4`, `.mkv` or `.mov`.
     Video(PathBuf),
     /// Raw R, G, B on standard output.
     Stdout,
@@ -48,8 +49,8 @@ pub fn is_stdout(path: &Path) -> bool {
 }
 
 impl OutPath {
-    /// Parses the user's argument: `-`, a name ending in .mp4 or .mkv, an existing device or pipe,
-    /// otherwise a folder. A name with another file extension is an error.
+    /// Parses the user's argument: `-`, a name ending in .mp4, .mkv or .mov, an existing device or
+    /// pipe, otherwise a folder. A name with another file extension is an error.
     pub fn parse(path: &Path) -> Result<Self, SinkError> {
         if is_stdout(path) {
             return Ok(Self::Stdout);
@@ -58,13 +59,13 @@ impl OutPath {
         let extension = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
         match extension.as_str() {
             _ if path.is_dir() => Ok(Self::Folder(path.to_owned())),
-            "mp4" | "mkv" if is_stream => Err(SinkError::Refused {
+            "mp4" | "mkv" | "mov" if is_stream => Err(SinkError::Refused {
                 path: path.to_owned(),
                 problem: "is a pipe or a device, which takes raw RGB alone; name a file for a video".to_owned(),
             }),
-            "mp4" | "mkv" => Ok(Self::Video(path.to_owned())),
-            "avi" | "mov" | "webm" | "m4v" | "mpg" | "mpeg" | "gif" | "png" | "jpg" | "jpeg" | "tif" | "tiff"
-            | "exr" | "raw" | "rgb" | "yuv" | "y4m" => Err(SinkError::Refused {
+            "mp4" | "mkv" | "mov" => Ok(Self::Video(path.to_owned())),
+            "avi" | "webm" | "m4v" | "mpg" | "mpeg" | "gif" | "png" | "jpg" | "jpeg" | "tif" | "tiff" | "exr"
+            | "raw" | "rgb" | "yuv" | "y4m" => Err(SinkError::Refused {
                 path: path.to_owned(),
                 problem: format!("cannot write .{extension}; {ACCEPTED_OUTPUTS}"),
             }),
@@ -74,7 +75,18 @@ impl OutPath {
     }
 }
 
-const ACCEPTED_OUTPUTS: &str = "expected a folder (PNG sequence), a .mp4 or .mkv file, or - (raw RGB)";
+const ACCEPTED_OUTPUTS: &str = "expected a folder (PNG sequence), a .mp4, .mkv or .mov file, or - (raw RGB)";
+
+/// Codec of a video that is not lossless.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum VideoCodec {
+    /// H.264 at quality 16, with 8 bits, or 10 bits for high dynamic range.
+    H264,
+    /// HEVC at quality 14, with 10 bits.
+    Hevc,
+    /// ProRes 422 HQ, with 10 bits.
+    ProRes,
+}
 
 /// Output options.
 #[derive(Clone, Debug, PartialEq)]
@@ -89,6 +101,10 @@ pub struct SinkOptions {
     pub presentation: Presentation,
     /// True for a lossless video.
     pub lossless: bool,
+    /// Of a video that is not lossless; `None`: by the file's extension.
+    pub codec: Option<VideoCodec>,
+    /// Copied into a video.
+    pub soundtrack: Option<Soundtrack>,
     pub width: u32,
     pub height: u32,
     /// 8 or 16, the depth of the pixels.

@@ -7,14 +7,14 @@ use std::process::ChildStdin;
 use std::sync::Arc;
 
 use super::atomic::Partial;
-use super::{Sink, SinkError, SinkOptions, little_endian, rotation, timed};
+use super::{Sink, SinkError, SinkOptions, VideoCodec, little_endian, rotation, timed};
 use crate::cleanup::MadeFolder;
 use crate::coding::ColorMatrix;
 use crate::pixels::Pixels;
-use crate::program::Running;
+use crate::program::{self, ProgramError, Running};
 use crate::source::ffmpeg;
 use crate::source::orientation::Orientation;
-use crate::source::video::CONVERSION_FLAGS;
+use crate::source::video::{CONVERSION_FLAGS, Soundtrack};
 
 const ENDED_EARLY: &str = "ffmpeg ended before it received all frames, without a message; check that the program \
                            `ffmpeg` is FFmpeg";
@@ -65,16 +65,18 @@ impl VideoSink {
         if !(options.fps.is_finite() && options.fps > 0.0) {
             return Err(refuse("frames a second must be finite and above 0"));
         }
-        let mkv = is_mkv(path);
-        if options.lossless && options.bits == 16 && !mkv {
+        if options.lossless && options.bits == 16 && !is_mkv(path) {
             return Err(refuse("lossless video with 16 bits goes into .mkv only"));
+        }
+        if options.codec == Some(VideoCodec::ProRes) && has_extension(path, "mp4") {
+            return Err(refuse("ProRes goes into .mov or .mkv"));
         }
         let made = path.parent().map(|folder| {
             MadeFolder::make(folder).map_err(|source| SinkError::Write { path: folder.to_owned(), source })
         });
         let made = made.transpose()?;
         let partial = Partial::create(path).map_err(|source| SinkError::Write { path: path.to_owned(), source })?;
-        let mut running = Running::start("ffmpeg", &arguments(options, partial.path(), mkv))?;
+        let mut running = Running::start("ffmpeg", &arguments(options, path, partial.path())?)?;
         // ffmpeg's stdout is not read; closed, it cannot block.
         drop(running.take_stdout());
         let running = running.take_stdin().map(|stdin| (running, stdin));
@@ -94,8 +96,12 @@ impl VideoSink {
     }
 }
 
+fn has_extension(path: &Path, extension: &str) -> bool {
+    path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case(extension))
+}
+
 fn is_mkv(path: &Path) -> bool {
-    path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("mkv"))
+    has_extension(path, "mkv")
 }
 
 /// ffmpeg's option value of a transfer function. ffprobe reports two of them by the standard's
@@ -108,31 +114,77 @@ fn transfer_option(name: &'static str) -> &'static str {
     }
 }
 
-fn arguments(options: &SinkOptions, partial: &Path, mkv: bool) -> Vec<OsString> {
+/// Codecs of sound that an MP4 file takes.
+const MP4_SOUND: [&str; 7] = ["aac", "mp3", "ac3", "eac3", "alac", "opus", "flac"];
+
+/// True if an MP4 file takes a file's sound as it is.
+fn fits_mp4(file: &Path) -> Result<bool, ProgramError> {
+    let options = ["-v", "error", "-select_streams", "a:0", "-show_entries", "stream=codec_name", "-of", "csv=p=0"];
+    let arguments: Vec<OsString> = options.into_iter().map(OsString::from).chain(ffmpeg::input(file)).collect();
+    let codec = program::output("ffprobe", &arguments)?.written;
+    let codec = String::from_utf8_lossy(&codec);
+    Ok(codec.trim().is_empty() || MP4_SOUND.contains(&codec.trim()))
+}
+
+/// Arguments of the encoder: options and pixel format.
+fn encoder(options: &SinkOptions, codec: VideoCodec) -> (Vec<&'static str>, &'static str) {
+    let is_even = options.width.is_multiple_of(2) && options.height.is_multiple_of(2);
+    // 8-bit quantization is visible in a high dynamic range. Chroma subsampling requires even sizes,
+    // but the picture's size must not change.
+    let is_ten_bit = options.presentation.is_hdr() && options.bits == 16;
+    match codec {
+        VideoCodec::H264 => {
+            let format = match (is_even, is_ten_bit) {
+                (true, false) => "yuv420p",
+                (true, true) => "yuv420p10le",
+                (false, false) => "yuv444p",
+                (false, true) => "yuv444p10le",
+            };
+            (vec!["-c:v", "libx264", "-preset", "veryfast", "-crf", "16"], format)
+        }
+        VideoCodec::Hevc => {
+            let format = if is_even { "yuv420p10le" } else { "yuv444p10le" };
+            let quality = ["-preset", "fast", "-crf", "14", "-x265-params", "log-level=error"];
+            // Players of Apple know HEVC by this tag.
+            ([&["-c:v", "libx265"], &quality[..], &["-tag:v", "hvc1"]].concat(), format)
+        }
+        VideoCodec::ProRes => (vec!["-c:v", "prores_ks", "-profile:v", "hq", "-vendor", "apl0"], "yuv422p10le"),
+    }
+}
+
+fn arguments(options: &SinkOptions, path: &Path, partial: &Path) -> Result<Vec<OsString>, ProgramError> {
     let SinkOptions { fps, lossless, width, height, bits, presentation, .. } = *options;
-    let is_timed = options.times_s.is_some();
+    let (is_timed, is_mkv) = (options.times_s.is_some(), is_mkv(path));
     let input = if bits == 16 { "rgb48le" } else { "rgb24" };
     let (size, rate) = (format!("{width}x{height}"), fps.to_string());
     let mut text: Vec<&str> = vec!["-v", "error", "-xerror", "-y"];
     if is_timed {
-        text.extend(["-f", "matroska", "-i", "pipe:0", "-an"]);
+        text.extend(["-f", "matroska", "-i", "pipe:0"]);
     } else {
-        text.extend(["-f", "rawvideo", "-pix_fmt", input, "-s", &size, "-framerate", &rate, "-i", "pipe:0", "-an"]);
+        text.extend(["-f", "rawvideo", "-pix_fmt", input, "-s", &size, "-framerate", &rate, "-i", "pipe:0"]);
+    }
+    let mut arguments: Vec<OsString> = text.drain(..).map(OsString::from).collect();
+    match &options.soundtrack {
+        Some(Soundtrack { file, start_s, length_s }) => {
+            arguments.extend(["-ss", &format!("{start_s:.6}"), "-t", &format!("{length_s:.6}")].map(OsString::from));
+            arguments.extend(ffmpeg::input(file));
+            text.extend(["-map", "0:v:0", "-map", "1:a?"]);
+            let copies = !has_extension(path, "mp4") || fits_mp4(file)?;
+            text.extend(if copies { ["-c:a", "copy"] } else { ["-c:a", "aac"] });
+        }
+        None => text.push("-an"),
     }
     let (matrix, tag) = match ColorMatrix::usual(height) {
         _ if presentation.primaries == Some("bt2020") => ("bt2020", "bt2020nc"),
         ColorMatrix::Bt601 => ("bt601", "smpte170m"),
         _ => ("bt709", "bt709"),
     };
-    // Chroma subsampling requires even sizes, but the picture's size must not change.
-    let chroma = if width % 2 == 0 && height % 2 == 0 { "yuv420p" } else { "yuv444p" };
-    // 8-bit quantization is visible in a high dynamic range.
-    let depth = if presentation.is_hdr() && bits == 16 { "10le" } else { "" };
+    let by_extension = if has_extension(path, "mov") { VideoCodec::ProRes } else { VideoCodec::H264 };
+    let (encoder, format) = encoder(options, options.codec.unwrap_or(by_extension));
     // By default setsar rounds to a ratio of numbers up to 100.
     let aspect =
         presentation.pixel_aspect.map(|(width, height)| format!("setsar={width}/{height}:max={}", width.max(height)));
-    let convert =
-        format!("scale=out_color_matrix={matrix}:out_range=limited:flags={CONVERSION_FLAGS},format={chroma}{depth}");
+    let convert = format!("scale=out_color_matrix={matrix}:out_range=limited:flags={CONVERSION_FLAGS},format={format}");
     let filters: Vec<&str> = (!lossless).then_some(convert.as_str()).into_iter().chain(aspect.as_deref()).collect();
     let filters = filters.join(",");
     if !filters.is_empty() {
@@ -142,7 +194,7 @@ fn arguments(options: &SinkOptions, partial: &Path, mkv: bool) -> Vec<OsString> 
         (true, 16) => text.extend(["-c:v", "ffv1", "-level", "3", "-pix_fmt", "gbrp16le"]),
         (true, _) => text.extend(["-c:v", "libx264rgb", "-preset", "veryfast", "-qp", "0", "-pix_fmt", "rgb24"]),
         (false, _) => {
-            text.extend(["-c:v", "libx264", "-preset", "veryfast", "-crf", "16"]);
+            text.extend(encoder);
             text.extend(["-color_range", "tv", "-colorspace", tag]);
         }
     }
@@ -150,22 +202,24 @@ fn arguments(options: &SinkOptions, partial: &Path, mkv: bool) -> Vec<OsString> 
     text.extend(presentation.primaries.or(usual).into_iter().flat_map(|name| ["-color_primaries", name]));
     let transfer = presentation.transfer.or(usual).map(transfer_option);
     text.extend(transfer.into_iter().flat_map(|name| ["-color_trc", name]));
+    let timecode = presentation.timecode.map(|timecode| timecode.to_string());
+    text.extend(timecode.iter().flat_map(|timecode| ["-timecode", timecode]));
     if is_timed {
         text.extend(["-vsync", "vfr", "-enc_time_base", "1:90000"]);
         if !(lossless && bits == 16) {
             // Reordered frames would shorten the file's duration.
             text.extend(["-bf", "0"]);
         }
-        if !mkv {
+        if !is_mkv {
             text.extend(["-video_track_timescale", "90000"]);
         }
     }
-    if !mkv {
+    if !is_mkv {
         text.extend(["-movflags", "+faststart"]);
     }
-    let mut arguments: Vec<OsString> = text.into_iter().map(OsString::from).collect();
+    arguments.extend(text.into_iter().map(OsString::from));
     arguments.push(ffmpeg::file_argument(partial));
-    arguments
+    Ok(arguments)
 }
 
 impl Sink for VideoSink {

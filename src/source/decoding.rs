@@ -11,6 +11,7 @@ use std::sync::mpsc::{Receiver, sync_channel};
 use super::SourceError;
 use super::ffmpeg;
 use super::index::{DecodingStart, Index};
+use super::orientation::Orientation;
 use super::video::{CONVERSION_FLAGS, MEND, Video};
 use crate::coding::PictureCoding;
 use crate::coding::{ColorMatrix, ColorRange};
@@ -21,7 +22,10 @@ use crate::program::Running;
 #[derive(Clone, Debug)]
 struct VideoInput {
     file: PathBuf,
+    /// As stored.
     size: (u32, u32),
+    /// Applied to each frame.
+    orientation: Orientation,
     wide: bool,
     range: ColorRange,
     matrix: ColorMatrix,
@@ -33,10 +37,12 @@ impl Video {
     /// Frames `range`, exactly. If the file's times distinguish the frames, decoding starts at a
     /// keyframe before them.
     pub fn read(&self, range: Range<usize>) -> Result<VideoFrames, SourceError> {
-        let Self { file, width, height, bits, range: colors, matrix, coding, index, .. } = self;
+        let Self { file, width, height, applied_orientation, bits, range: colors, matrix, coding, index, .. } = self;
         let source = VideoInput {
             file: file.clone(),
-            size: (*width, *height),
+            // Quarter turns forth and back exchange the sides alike.
+            size: applied_orientation.oriented_size((*width, *height)),
+            orientation: *applied_orientation,
             wide: *bits == 16,
             range: *colors,
             matrix: *matrix,
@@ -97,7 +103,8 @@ impl VideoInput {
         } else {
             Codes::U8(bytes)
         };
-        Pixels { coding: self.coding.clone(), ..Pixels::uncoded(width, height, codes) }
+        let pixels = self.orientation.apply(Pixels::uncoded(width, height, codes));
+        Pixels { coding: self.coding.clone(), ..pixels }
     }
 }
 

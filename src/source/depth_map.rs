@@ -1,4 +1,4 @@
-//! Depth pictures: 16-bit grey PNG, OpenEXR and NumPy's `.npy` (NEP 1), distinguished by content.
+//! Depth pictures: 16-bit grey PNG, TIFF and PGM, OpenEXR and NumPy's `.npy` (NEP 1), distinguished by content.
 //!
 //! Not modelled: deep OpenEXR, arrays of several maps.
 
@@ -9,7 +9,8 @@ use exr::meta::attribute::SampleType;
 use exr::prelude::{MetaData, ReadChannels, ReadLayers};
 use half::f16;
 
-use super::unsupported::{self, DEPTH_FORMATS, UnsupportedKind};
+use super::still_format::StillFormat;
+use super::unsupported::DEPTH_FORMATS;
 use super::{SourceError, file as plain, still};
 use crate::pixels::DepthMap;
 
@@ -47,13 +48,16 @@ fn format_of(file: &Path) -> Result<DepthFormat, SourceError> {
     match start {
         _ if start.starts_with(EXR_SIGNATURE) => Ok(DepthFormat::Exr),
         _ if start.starts_with(NPY_SIGNATURE) => Ok(DepthFormat::Npy),
-        _ if still::is_still(&start) => Ok(DepthFormat::Still),
+        _ if matches!(
+            StillFormat::of_content(&start),
+            Some(StillFormat::Png | StillFormat::Tiff | StillFormat::Pnm)
+        ) =>
+        {
+            Ok(DepthFormat::Still)
+        }
         _ => {
-            let kind = unsupported::by_content(&start).or_else(|| unsupported::by_name(file));
-            let problem = kind.map_or_else(
-                || format!("is not a depth picture; expected {DEPTH_FORMATS}"),
-                UnsupportedKind::depth_refusal,
-            );
+            let format = StillFormat::of_content(&start).map(|format| format!(", but {}", format.name()));
+            let problem = format!("is not a depth picture{}; expected {DEPTH_FORMATS}", format.unwrap_or_default());
             Err(SourceError::content(file, problem))
         }
     }
@@ -67,7 +71,7 @@ pub fn read_header(file: &Path) -> Result<DepthHeader, SourceError> {
         DepthFormat::Still => {
             let still::PictureHeader { width, height, bits } = still::read_header(file)?;
             if bits != 16 {
-                return Err(bad(format!("has {bits} bits; depth must be a 16-bit grey PNG")));
+                return Err(bad(format!("has {bits} bits; depth must be a 16-bit grey picture")));
             }
             Ok(DepthHeader { width, height, is_float: false })
         }

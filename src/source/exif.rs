@@ -1,11 +1,13 @@
-//! The settings that a camera wrote into a JPEG. Source: CIPA DC-008 (Exif 2.32).
+//! The settings that a camera wrote into a picture: a JPEG, or a container that the library reads
+//! (HEIF, TIFF and raw files based on it). Source: CIPA DC-008 (Exif 2.32).
 
 use std::io::{BufReader, Read, Seek};
 use std::path::Path;
 
 use exif::{DateTime, In, Tag, Value};
 
-use super::{SourceError, file as plain};
+use super::still_format::StillFormat;
+use super::{SourceError, file as plain, heif};
 use crate::camera::exposure::MAX_EXPOSURE_S;
 use crate::frame::PhotoSettings;
 
@@ -15,7 +17,7 @@ const SEE_ELSEWHERE: f64 = 65535.0;
 /// Larger APEX values mean unknown: Exif writes infinity as -1/0 or as the largest numerators.
 const MAX_APEX: f64 = 20.0;
 
-/// The contents of a JPEG's EXIF, as far as they are intact.
+/// The contents of a picture's EXIF, as far as they are intact.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Exif {
     pub settings: PhotoSettings,
@@ -26,11 +28,26 @@ pub struct Exif {
     pub damage: Option<String>,
 }
 
-/// The EXIF of a JPEG; empty for a file without EXIF, or one that is not a JPEG. An error if the
-/// file cannot be read.
+/// The EXIF of a picture; empty for a file without EXIF, or one of another kind. An error if the file
+/// cannot be read.
 pub fn read(file: &Path) -> Result<Exif, SourceError> {
     let reader = plain::open(file).map_err(|source| SourceError::Read { file: file.to_owned(), source })?;
-    Ok(segment(&mut BufReader::new(reader)).map(parse).unwrap_or_default())
+    let mut reader = BufReader::new(reader);
+    match StillFormat::of_file(file)? {
+        Some(StillFormat::Jpeg) => Ok(segment(&mut reader).map(parse).unwrap_or_default()),
+        Some(format @ (StillFormat::Heif | StillFormat::Tiff | StillFormat::Raw)) => {
+            let exif = exif::Reader::new().continue_on_error(true).read_from_container(&mut reader);
+            let exif = exif.or_else(|error| error.distill_partial_result(|_| {}));
+            let mut read = exif.map(|exif| of_fields(&exif)).unwrap_or_default();
+            if format == StillFormat::Heif {
+                // The container's rotation counts for decoders, and the developed picture is without it.
+                let quarter_turns = heif::read(file)?.quarter_turns;
+                read.orientation = [None, Some(8), Some(3), Some(6)][quarter_turns as usize & 3];
+            }
+            Ok(read)
+        }
+        _ => Ok(Exif::default()),
+    }
 }
 
 /// The settings in the EXIF of a file's bytes.
@@ -73,12 +90,16 @@ fn parse(segment: Vec<u8>) -> Exif {
             damage = problems.first().map(|e| format!("the EXIF data is damaged: {e}"))
         })
     });
-    let exif = match read {
-        Ok(exif) => exif,
-        Err(error) => {
-            return Exif { damage: Some(format!("the EXIF data is damaged: {error}")), ..Exif::default() };
+    match read {
+        Ok(exif) => {
+            let read = of_fields(&exif);
+            Exif { damage: damage.or(read.damage.clone()), ..read }
         }
-    };
+        Err(error) => Exif { damage: Some(format!("the EXIF data is damaged: {error}")), ..Exif::default() },
+    }
+}
+
+fn of_fields(exif: &exif::Exif) -> Exif {
     let any_number = |tag: Tag| match &exif.get_field(tag, In::PRIMARY)?.value {
         Value::Rational(v) => Some(v.first()?.to_f64()),
         Value::SRational(v) => Some(v.first()?.to_f64()),
@@ -95,10 +116,8 @@ fn parse(segment: Vec<u8>) -> Exif {
     let others = [Tag::RecommendedExposureIndex, Tag::StandardOutputSensitivity, Tag::ISOSpeed];
     let iso = number(Tag::PhotographicSensitivity).filter(|iso| *iso != SEE_ELSEWHERE);
     let mut time_s = number(Tag::ExposureTime).or_else(|| of_apex(Tag::ExposureTime, Tag::ShutterSpeedValue, -1.0));
-    if let Some(odd_s) = time_s.take_if(|time_s| *time_s > MAX_EXPOSURE_S) {
-        damage
-            .get_or_insert_with(|| format!("the EXIF exposure time is {odd_s} s; expected at most {MAX_EXPOSURE_S} s"));
-    }
+    let odd_s = time_s.take_if(|time_s| *time_s > MAX_EXPOSURE_S);
+    let damage = odd_s.map(|odd_s| format!("the EXIF exposure time is {odd_s} s; expected at most {MAX_EXPOSURE_S} s"));
     let settings = PhotoSettings {
         time_s,
         f_number: number(Tag::FNumber).or_else(|| of_apex(Tag::FNumber, Tag::ApertureValue, 0.5)),

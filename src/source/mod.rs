@@ -3,9 +3,11 @@
 pub mod ahead;
 pub mod decoding;
 pub mod depth_map;
+pub mod developed;
 pub mod exif;
 pub mod ffmpeg;
 pub mod file;
+mod heif;
 mod index;
 pub mod jpeg;
 pub mod jpeg_end;
@@ -14,7 +16,10 @@ mod jpeg_marker;
 pub mod jpeg_tables;
 pub mod orientation;
 pub mod presentation;
+mod scene_linear;
 pub mod still;
+pub mod still_format;
+pub mod timecode;
 pub mod unsupported;
 pub mod video;
 

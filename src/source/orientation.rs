@@ -3,7 +3,9 @@
 
 use std::fmt;
 
-/// Not applied when pictures are read. The default is the picture as stored.
+use crate::pixels::Pixels;
+
+/// The default is the picture as stored.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Orientation {
     /// Mirrored left to right, before the rotation.
@@ -30,6 +32,35 @@ impl Orientation {
             _ => 0.0,
         };
         Self { is_mirrored: matches!(orientation, 2 | 4 | 5 | 7), rotation_deg }
+    }
+
+    /// True if pixels stay pixels: the rotation is by quarter turns.
+    pub fn is_by_quarter_turns(self) -> bool {
+        self.rotation_deg % 90.0 == 0.0
+    }
+
+    /// Size of a picture of this size after the orientation was applied, which is by quarter turns.
+    pub fn oriented_size(self, (width, height): (u32, u32)) -> (u32, u32) {
+        if self.rotation_deg % 180.0 == 0.0 { (width, height) } else { (height, width) }
+    }
+
+    /// Applies the orientation, which is by quarter turns, to a picture. How its codes were coded is
+    /// lost, except by the identity.
+    pub fn apply(self, pixels: Pixels) -> Pixels {
+        if self == Self::default() {
+            return pixels;
+        }
+        let [a, b, c, d] = self.matrix().map(|element| element.round() as i64);
+        let (width, height) = self.oriented_size((pixels.width, pixels.height));
+        let (last_x, last_y) = (i64::from(pixels.width) - 1, i64::from(pixels.height) - 1);
+        // The matrix is orthogonal, so its transpose is its inverse. The origin of the stored picture
+        // is where a negative element would lead to negative coordinates.
+        let (dx, dy) = ((a + c).min(0), (b + d).min(0));
+        let (dx, dy) = (dx * if a == 0 { last_y } else { last_x }, dy * if d == 0 { last_x } else { last_y });
+        pixels.rearranged(width, height, |x, y| {
+            let (x, y) = (i64::from(x) + dx, i64::from(y) + dy);
+            ((a * x + b * y) as u32, (c * x + d * y) as u32)
+        })
     }
 
     /// The matrix of [`Orientation::of_matrix`].
@@ -84,5 +115,27 @@ mod tests {
         assert_eq!(Orientation::of_exif(1), Orientation::default());
         assert_eq!(Orientation::of_matrix([1.0, 0.0, 0.0, 1.0]), Some(Orientation::default()));
         assert_eq!(Orientation::of_matrix([0.0; 4]), None);
+    }
+
+    #[test]
+    fn applied_orientation_moves_pixels_as_exif_defines() {
+        // 1 2 3
+        // 4 5 6
+        let stored = || Pixels::from_u8(3, 2, (1..=6).flat_map(|code| [code; 3]).collect()).unwrap();
+        for (exif, size, codes) in [
+            (1, (3, 2), [1, 2, 3, 4, 5, 6]),
+            (2, (3, 2), [3, 2, 1, 6, 5, 4]),
+            (3, (3, 2), [6, 5, 4, 3, 2, 1]),
+            (4, (3, 2), [4, 5, 6, 1, 2, 3]),
+            (5, (2, 3), [1, 4, 2, 5, 3, 6]),
+            (6, (2, 3), [4, 1, 5, 2, 6, 3]),
+            (7, (2, 3), [6, 3, 5, 2, 4, 1]),
+            (8, (2, 3), [3, 6, 2, 5, 1, 4]),
+        ] {
+            let orientation = Orientation::of_exif(exif);
+            let shown = orientation.apply(stored());
+            assert_eq!(orientation.oriented_size((3, 2)), size);
+            assert_eq!(((shown.width, shown.height), shown.each(|code| code[0])), (size, codes.to_vec()), "{exif}");
+        }
     }
 }

@@ -1,9 +1,11 @@
-//! Display properties of a video: orientation, pixel aspect and colour tags, with the warnings
-//! about each. They are not applied when pictures are read; a written video gets the same tags.
+//! Display properties of a video: orientation, pixel aspect, colour tags and time code, with the
+//! warnings about each. They are not applied when pictures are read; a written video gets the same tags.
 
 use serde::Deserialize;
 
 use super::orientation::Orientation;
+use super::timecode::Timecode;
+use crate::camera::{Curve, Primaries, Response};
 use crate::text::quoted;
 
 /// The properties in ffprobe's output.
@@ -31,6 +33,8 @@ pub struct Presentation {
     /// ffprobe's names of the transfer function and the primaries.
     pub transfer: Option<&'static str>,
     pub primaries: Option<&'static str>,
+    /// Of the first frame.
+    pub timecode: Option<Timecode>,
 }
 
 /// Transfer functions, each with its common name if it is far from the response of a usual camera.
@@ -71,12 +75,45 @@ impl Presentation {
             pixel_aspect: aspect.filter(|(width, height)| *width > 0 && *height > 0 && width != height),
             transfer: known(TRANSFERS.map(|(name, _)| name), stream.color_transfer.as_deref()),
             primaries: known(PRIMARIES, stream.color_primaries.as_deref()),
+            timecode: None,
         }
+    }
+
+    /// Splits off an orientation by quarter turns, which is applied on reading unless the frames are
+    /// read `as_stored`.
+    pub(super) fn applied(self, as_stored: bool) -> (Self, Orientation) {
+        if as_stored || !self.orientation.is_by_quarter_turns() {
+            return (self, Orientation::default());
+        }
+        let is_upright = self.orientation.oriented_size((1, 0)) == (1, 0);
+        let pixel_aspect = if is_upright { self.pixel_aspect } else { self.pixel_aspect.map(|(w, h)| (h, w)) };
+        (Self { orientation: Orientation::default(), pixel_aspect, ..self }, self.orientation)
     }
 
     /// True for a transfer function of high dynamic range.
     pub fn is_hdr(&self) -> bool {
         matches!(self.transfer, Some("arib-std-b67" | "smpte2084"))
+    }
+
+    /// The camera's response that the transfer function and the primaries state. The curves of usual
+    /// cameras are all taken for sRGB, the default, and primaries near those of Rec. 709 for these.
+    pub fn response(&self) -> Response {
+        let (curve, gamma) = match self.transfer {
+            Some("arib-std-b67") => (Curve::Hlg, None),
+            Some("smpte2084") => (Curve::Pq, None),
+            Some("linear") => (Curve::Linear, None),
+            Some("bt470m") => (Curve::Gamma, Some(2.2)),
+            Some("bt470bg") => (Curve::Gamma, Some(2.8)),
+            Some("smpte428") => (Curve::Gamma, Some(2.6)),
+            _ => (Curve::Srgb, None),
+        };
+        let primaries = match self.primaries {
+            Some("bt2020") => Primaries::Rec2020,
+            Some("smpte431" | "smpte432") => Primaries::P3,
+            _ => Primaries::Rec709,
+        };
+        let response = Response::default();
+        Response { curve, gamma: gamma.unwrap_or(response.gamma), primaries, ..response }
     }
 
     /// Common name of a transfer function that is not a usual camera's.
@@ -117,18 +154,12 @@ impl Presentation {
                  same tag (the camera's fx_px and fy_px differ by this ratio)"
             ));
         }
-        if let Some(transfer) = self.unusual_transfer() {
+        if let Some(transfer) = self.unusual_transfer().filter(|_| self.response().curve == Curve::Srgb) {
             let name = self.transfer.unwrap_or_default();
-            let to_do = match self.is_hdr() {
-                true => {
-                    "convert it first: ffmpeg -i FILE -vf zscale=t=linear:npl=100,tonemap=hable,zscale=p=bt709:t=bt709:\
-                     m=bt709:r=tv,format=yuv420p -crf 12 NEW.mp4"
-                }
-                false => "give the profile a response of that kind ([camera.response]), or convert it first",
-            };
             warnings.push(format!(
                 "is in {transfer}; its code values are taken for the camera's usual ones, so the light on objects is \
-                 wrong, and a written video is tagged {name} too; {to_do}"
+                 wrong, and a written video is tagged {name} too; give the profile a response of that kind \
+                 ([camera.response] table), or convert it first"
             ));
         }
         warnings

@@ -1,6 +1,6 @@
-//! Still pictures: PNG with 8 or 16 bits, grey or colour, and JPEG, distinguished by content, not
-//! by name. Pixels come as stored: no colour profile, gamma or rotation is applied, and
-//! transparency is dropped.
+//! Still pictures, distinguished by content (still_format.rs). Pixels come as stored: no colour
+//! profile, gamma or rotation is applied, and transparency is dropped. Pictures of linear light are
+//! encoded (scene_linear.rs).
 
 use std::borrow::Cow;
 use std::io::{BufRead, BufReader, Cursor, Read, Seek};
@@ -9,12 +9,12 @@ use std::sync::Arc;
 
 use image::{DynamicImage, ImageDecoder};
 
-use super::jpeg::{self, Ending};
-use super::{SourceError, file as plain, jpeg_header, jpeg_marker, jpeg_tables, unsupported};
-use crate::pixels::{Codes, DepthMap, Pixels};
+pub use super::scene_linear::srgb_encoded;
 
-const PNG_SIGNATURE: &[u8] = b"\x89PNG\r\n\x1a\n";
-const JPEG_SIGNATURE: &[u8] = b"\xff\xd8\xff";
+use super::jpeg::{self, Ending};
+use super::still_format::{FORMATS, JPEG_SIGNATURE, PNG_SIGNATURE, StillFormat};
+use super::{SourceError, developed, file as plain, jpeg_header, jpeg_marker, jpeg_tables, scene_linear, unsupported};
+use crate::pixels::{Codes, DepthMap, Pixels};
 
 /// The contents of a picture's header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -23,11 +23,6 @@ pub struct PictureHeader {
     pub height: u32,
     /// 8 or 16: depth of the result of [`read_pixels`].
     pub bits: u32,
-}
-
-/// True if a file with these first bytes is a picture that can be decoded.
-pub fn is_still(start: &[u8]) -> bool {
-    start.starts_with(PNG_SIGNATURE) || start.starts_with(JPEG_SIGNATURE)
 }
 
 /// True if an error of [`read_header`] is about the file's content (another kind of file, damage,
@@ -42,45 +37,69 @@ pub fn is_no_picture(error: &SourceError) -> bool {
 
 /// True if a file is a JPEG by its content.
 pub fn is_jpeg(file: &Path) -> Result<bool, SourceError> {
-    let failed = |source| SourceError::Read { file: file.to_owned(), source };
-    let mut start = Vec::new();
-    plain::open(file).map_err(failed)?.take(JPEG_SIGNATURE.len() as u64).read_to_end(&mut start).map_err(failed)?;
-    Ok(start == JPEG_SIGNATURE)
+    Ok(StillFormat::of_file(file)? == Some(StillFormat::Jpeg))
 }
 
-/// Reads only the part of the file that contains the header.
+/// The format of a picture's file. Files of another kind are refused.
+fn format_of(file: &Path) -> Result<StillFormat, SourceError> {
+    if let Some(format) = StillFormat::of_file(file)? {
+        return Ok(format);
+    }
+    let failed = |source| SourceError::Read { file: file.to_owned(), source };
+    let mut start = Vec::new();
+    plain::open(file).map_err(failed)?.take(16).read_to_end(&mut start).map_err(failed)?;
+    let kind = unsupported::by_content(&start).or_else(|| unsupported::by_name(file));
+    Err(SourceError::content(file, kind.map_or_else(no_picture, unsupported::UnsupportedKind::refusal)))
+}
+
+/// Reads only the part of the file that contains the header, except for pictures that another
+/// program has to develop first.
 pub fn read_header(file: &Path) -> Result<PictureHeader, SourceError> {
+    let format = format_of(file)?;
+    if format.is_developed() {
+        return developed::read_header(file, format);
+    }
     let reader = plain::open(file).map_err(|source| SourceError::Read { file: file.to_owned(), source })?;
-    let problem = |problem: String| match unsupported::by_name(file).filter(|_| problem == NEITHER) {
-        Some(kind) => SourceError::content(file, kind.refusal()),
-        None => SourceError::content(file, problem),
-    };
-    header(&mut BufReader::new(reader)).map_err(problem)
+    header(&mut BufReader::new(reader), format).map_err(|problem| SourceError::content(file, problem))
 }
 
 /// The picture in a file. A truncated file is an error.
 pub fn read_pixels(file: &Path) -> Result<Pixels, SourceError> {
+    let format = format_of(file)?;
+    if format.is_developed() {
+        return read_pixels(&developed::png_of(file, format)?);
+    }
     decode_pixels(&read(file)?).map_err(|problem| SourceError::content(file, problem))
 }
 
 /// Decodes a picture. The error describes the problem.
 pub fn decode_pixels(bytes: &[u8]) -> Result<Pixels, String> {
-    let picture = decode(bytes)?;
+    let format = StillFormat::of_content(bytes).ok_or_else(no_picture)?;
+    if format == StillFormat::Exr {
+        return scene_linear::exr_pixels(bytes);
+    }
+    let picture = decode(bytes, format)?;
     let (width, height) = (picture.width(), picture.height());
-    let codes = if picture.color().bytes_per_pixel() / picture.color().channel_count() > 1 {
-        Codes::U16(picture.into_rgb16().into_raw())
-    } else {
-        Codes::U8(picture.into_rgb8().into_raw())
+    let codes = match picture {
+        DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_) => {
+            Codes::U16(scene_linear::encoded(&picture.into_rgb32f().into_raw()))
+        }
+        _ if picture.color().bytes_per_pixel() / picture.color().channel_count() > 1 => {
+            Codes::U16(picture.into_rgb16().into_raw())
+        }
+        _ => Codes::U8(picture.into_rgb8().into_raw()),
     };
-    let coding = bytes.starts_with(JPEG_SIGNATURE).then(|| jpeg_header::coding(bytes).ok()).flatten().map(Arc::new);
+    let coding = (format == StillFormat::Jpeg).then(|| jpeg_header::coding(bytes).ok()).flatten().map(Arc::new);
     Ok(Pixels { coding, ..Pixels::uncoded(width, height, codes) })
 }
 
-/// The depth in a 16-bit grey PNG: value / `codes_per_metre`, 0 where nothing was measured.
+/// The depth in a 16-bit grey PNG, TIFF or PGM: value / `codes_per_metre`, 0 where nothing was
+/// measured.
 pub fn read_depth(file: &Path, codes_per_metre: f64, timestamp_s: f64) -> Result<DepthMap, SourceError> {
-    let picture = decode(&read(file)?).map_err(|problem| SourceError::content(file, problem))?;
+    let format = format_of(file)?;
+    let picture = decode(&read(file)?, format).map_err(|problem| SourceError::content(file, problem))?;
     let DynamicImage::ImageLuma16(grey) = picture else {
-        let problem = format!("holds {:?} pixels; depth must be a 16-bit grey PNG", picture.color());
+        let problem = format!("holds {:?} pixels; depth must be a 16-bit grey picture", picture.color());
         return Err(SourceError::content(file, problem));
     };
     let (width, height) = grey.dimensions();
@@ -88,13 +107,12 @@ pub fn read_depth(file: &Path, codes_per_metre: f64, timestamp_s: f64) -> Result
     Ok(DepthMap { width, height, depth_m, timestamp_s })
 }
 
-/// Checks that a picture's file is complete, without decoding its pixels.
+/// Checks that a picture's file is complete. The pixels of PNG and JPEG are not decoded for this.
 pub fn check_end(file: &Path) -> Result<(), SourceError> {
-    let bytes = read(file)?;
-    let end = match bytes {
-        _ if bytes.starts_with(PNG_SIGNATURE) => png_end(&bytes),
-        _ if bytes.starts_with(JPEG_SIGNATURE) => jpeg::check(&jpeg_tables::with_tables(&bytes)).map(drop),
-        _ => Err(neither(&bytes)),
+    let end = match format_of(file)? {
+        StillFormat::Png => png_end(&read(file)?),
+        StillFormat::Jpeg => jpeg::check(&jpeg_tables::with_tables(&read(file)?)).map(drop),
+        _ => return read_pixels(file).map(drop),
     };
     end.map_err(|problem| SourceError::content(file, problem))
 }
@@ -151,23 +169,28 @@ pub(crate) fn bare_png(bytes: &[u8]) -> Cow<'_, [u8]> {
     Cow::Owned(bare)
 }
 
-fn decode(bytes: &[u8]) -> Result<DynamicImage, String> {
-    if bytes.starts_with(PNG_SIGNATURE) {
-        let bare = bare_png(bytes);
-        return from_decoder(
-            image::codecs::png::PngDecoder::with_limits(Cursor::new(&*bare), limits()).map_err(damaged)?,
-        );
+fn decode(bytes: &[u8], format: StillFormat) -> Result<DynamicImage, String> {
+    use image::codecs::{bmp::BmpDecoder, jpeg::JpegDecoder, png::PngDecoder, pnm::PnmDecoder, tiff::TiffDecoder};
+    match format {
+        StillFormat::Png => {
+            let bare = bare_png(bytes);
+            from_decoder(PngDecoder::with_limits(Cursor::new(&*bare), limits()).map_err(damaged)?)
+        }
+        StillFormat::Jpeg => {
+            let bytes = jpeg_tables::with_tables(bytes);
+            // The decoder fills in missing data, and takes a missing end marker for missing pixels.
+            let bytes = match jpeg::check(&bytes)? {
+                Ending::Marked => bytes,
+                Ending::Unmarked => Cow::Owned([&bytes, &b"\xff\xd9"[..]].concat()),
+            };
+            from_decoder(JpegDecoder::new(Cursor::new(&*bytes)).map_err(damaged)?)
+        }
+        StillFormat::Tiff => from_decoder(TiffDecoder::new(Cursor::new(bytes)).map_err(damaged)?),
+        StillFormat::WebP => from_decoder(image::codecs::webp::WebPDecoder::new(Cursor::new(bytes)).map_err(damaged)?),
+        StillFormat::Bmp => from_decoder(BmpDecoder::new(Cursor::new(bytes)).map_err(damaged)?),
+        StillFormat::Pnm => from_decoder(PnmDecoder::new(Cursor::new(bytes)).map_err(damaged)?),
+        _ => Err(format!("is {}, which is not decoded here", format.name())),
     }
-    if bytes.starts_with(JPEG_SIGNATURE) {
-        let bytes = jpeg_tables::with_tables(bytes);
-        // The decoder fills in missing data, and takes a missing end marker for missing pixels.
-        let bytes = match jpeg::check(&bytes)? {
-            Ending::Marked => bytes,
-            Ending::Unmarked => Cow::Owned([&bytes, &b"\xff\xd9"[..]].concat()),
-        };
-        return from_decoder(image::codecs::jpeg::JpegDecoder::new(Cursor::new(&*bytes)).map_err(damaged)?);
-    }
-    Err(neither(bytes))
 }
 
 fn limits() -> image::Limits {
@@ -188,22 +211,33 @@ fn damaged(error: image::ImageError) -> String {
     }
 }
 
-/// The refusal of a file that begins neither as a PNG nor as a JPEG.
-fn neither(start: &[u8]) -> String {
-    unsupported::by_content(start).map_or_else(|| NEITHER.to_owned(), unsupported::UnsupportedKind::refusal)
+/// The refusal of a file that is no picture.
+fn no_picture() -> String {
+    format!("is no picture; expected {FORMATS}")
 }
 
-const NEITHER: &str = "is neither a PNG nor a JPEG picture";
+fn header(reader: &mut (impl BufRead + Seek), format: StillFormat) -> Result<PictureHeader, String> {
+    use image::codecs::{bmp::BmpDecoder, pnm::PnmDecoder, tiff::TiffDecoder, webp::WebPDecoder};
+    match format {
+        StillFormat::Png => png_header(reader),
+        StillFormat::Jpeg => jpeg_header(reader),
+        StillFormat::Exr => scene_linear::exr_header(reader),
+        StillFormat::Tiff => TiffDecoder::new(reader).map_err(damaged).map(|decoder| header_of(&decoder)),
+        StillFormat::WebP => WebPDecoder::new(reader).map_err(damaged).map(|decoder| header_of(&decoder)),
+        StillFormat::Bmp => BmpDecoder::new(reader).map_err(damaged).map(|decoder| header_of(&decoder)),
+        StillFormat::Pnm => PnmDecoder::new(reader).map_err(damaged).map(|decoder| header_of(&decoder)),
+        _ => Err(format!("is {}, which is not decoded here", format.name())),
+    }
+}
 
-fn header(reader: &mut (impl BufRead + Seek)) -> Result<PictureHeader, String> {
-    let start = reader.fill_buf().map_err(|e| e.to_string())?;
-    if start.starts_with(JPEG_SIGNATURE) {
-        return jpeg_header(reader);
-    }
-    // PNG: signature, length and name of the first chunk, width, height, bit depth.
-    if !start.starts_with(PNG_SIGNATURE) {
-        return Err(neither(start));
-    }
+fn header_of(decoder: &impl ImageDecoder) -> PictureHeader {
+    let ((width, height), color) = (decoder.dimensions(), decoder.color_type());
+    let is_wide = color.bytes_per_pixel() / color.channel_count() > 1;
+    PictureHeader { width, height, bits: if is_wide { 16 } else { 8 } }
+}
+
+/// Signature, length and name of the first chunk, width, height, bit depth.
+fn png_header(reader: &mut impl Read) -> Result<PictureHeader, String> {
     let mut head = [0; 25];
     let whole = reader.read_exact(&mut head);
     whole.map_err(|_| "the PNG is truncated in its header".to_owned())?;
@@ -253,203 +287,4 @@ fn jpeg_header(reader: &mut (impl Read + Seek)) -> Result<PictureHeader, String>
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use image::{ExtendedColorType as Color, ImageEncoder};
-    use proptest::prelude::*;
-    use std::path::PathBuf;
-
-    #[test]
-    fn file_without_a_picture_is_distinguished_from_a_missing_one() {
-        let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("f.png");
-        let heic = *b"\0\0\0\x18ftypheic";
-        for bytes in [&heic[..], &[], b"x\n", &[0; 64], PNG_SIGNATURE] {
-            std::fs::write(&file, bytes).unwrap();
-            assert!(is_no_picture(&read_header(&file).unwrap_err()), "{bytes:?}");
-        }
-        assert!(!is_no_picture(&read_header(&folder.path().join("missing.png")).unwrap_err()));
-    }
-
-    fn png(bytes: &[u8], width: u32, height: u32, color: Color) -> Vec<u8> {
-        let mut out = Vec::new();
-        image::codecs::png::PngEncoder::new(&mut out).write_image(bytes, width, height, color).unwrap();
-        out
-    }
-
-    fn jpeg() -> Vec<u8> {
-        let mut out = Vec::new();
-        let grey: Vec<u8> = (0..32u32 * 24 * 3).map(|i| (i * 7 % 251) as u8).collect();
-        image::codecs::jpeg::JpegEncoder::new(&mut out).write_image(&grey, 32, 24, Color::Rgb8).unwrap();
-        out
-    }
-
-    fn saved(bytes: &[u8]) -> (tempfile::TempDir, PathBuf) {
-        let folder = tempfile::tempdir().unwrap();
-        // The extension is deliberately wrong: the content decides.
-        let file = folder.path().join("picture.jpg");
-        std::fs::write(&file, bytes).unwrap();
-        (folder, file)
-    }
-
-    #[test]
-    fn codes_are_returned_as_stored() {
-        let words: Vec<u8> = [1u16, 256, 65535].iter().flat_map(|w| w.to_ne_bytes()).collect();
-        for (bytes, color, expected, bits) in [
-            (vec![1, 2, 3], Color::Rgb8, [1, 2, 3], 8),
-            (vec![1, 2, 3, 99], Color::Rgba8, [1, 2, 3], 8),
-            (vec![77], Color::L8, [77, 77, 77], 8),
-            (words.clone(), Color::Rgb16, [1, 256, 65535], 16),
-            (words[2..4].to_vec(), Color::L16, [256, 256, 256], 16),
-        ] {
-            let (_folder, file) = saved(&png(&bytes, 1, 1, color));
-            let pixels = read_pixels(&file).unwrap();
-            assert_eq!(pixels.at(0, 0), expected, "{color:?}");
-            assert_eq!(pixels.max_code() == 65535, bits == 16);
-            assert_eq!(read_header(&file).unwrap(), PictureHeader { width: 1, height: 1, bits });
-        }
-    }
-
-    #[test]
-    fn jpeg_header_and_pixels_agree() {
-        let (_folder, file) = saved(&jpeg());
-        let pixels = read_pixels(&file).unwrap();
-        assert_eq!(read_header(&file).unwrap(), PictureHeader { width: pixels.width, height: pixels.height, bits: 8 });
-        assert_eq!((pixels.width, pixels.height), (32, 24));
-    }
-
-    #[test]
-    fn every_truncation_is_an_error_with_its_path() {
-        for whole in [jpeg(), png(&[7; 300], 10, 10, Color::Rgb8)] {
-            decode(&whole).unwrap();
-            // Without (part of) its end chunk a PNG's pixels are still complete and checked, as are
-            // a JPEG's without its end marker.
-            let end = if whole.starts_with(PNG_SIGNATURE) { 12 } else { 2 };
-            for length in 0..whole.len() - end {
-                assert!(decode(&whole[..length]).is_err(), "{length} of {} bytes pass", whole.len());
-            }
-            let (_folder, file) = saved(&whole);
-            check_end(&file).unwrap();
-            let end = if whole.starts_with(PNG_SIGNATURE) { 0 } else { 2 };
-            for length in 0..whole.len() - end {
-                std::fs::write(&file, &whole[..length]).unwrap();
-                assert!(check_end(&file).is_err(), "the end of {length} of {} bytes passes", whole.len());
-            }
-        }
-        let (_folder, file) = saved(&jpeg()[..400]);
-        let error = read_pixels(&file).unwrap_err().to_string();
-        assert!(error.starts_with(&file.display().to_string()) && error.contains("truncated"), "{error}");
-    }
-
-    /// Cut off anywhere in its data and ended with a marker, as left by programs that save a
-    /// partial read.
-    #[test]
-    fn an_end_marker_does_not_make_a_jpeg_whole() {
-        let whole = jpeg();
-        let data = whole.windows(2).position(|pair| pair == b"\xff\xda").unwrap() + 14;
-        for length in data..whole.len() - 2 {
-            let cut = [&whole[..length], b"\xff\xd9"].concat();
-            let error = decode(&cut).unwrap_err();
-            assert!(error.contains("truncated"), "{length} of {} bytes: {error}", whole.len());
-        }
-        // Harmless: bytes after the end, bytes and fill before it, no end marker.
-        let pixels = decode(&whole).unwrap();
-        let body = &whole[..whole.len() - 2];
-        for odd in [
-            [&whole[..], b"trailing \xff\xd8\xff\xd9"].concat(),
-            [body, b"\0\0\xff\xff\xff\xd9"].concat(),
-            body.to_vec(),
-            [body, b"\xff"].concat(),
-        ] {
-            assert_eq!(decode(&odd).unwrap(), pixels);
-        }
-    }
-
-    /// A colour profile of 32 MB that packs into a few KB, and 100 GB after the end of a picture of
-    /// 3 pixels.
-    #[test]
-    fn content_besides_pixels_is_neither_unpacked_nor_read() {
-        let plain = png(&[1, 2, 3, 4, 5, 6, 7, 8, 9], 3, 1, Color::Rgb8);
-        let mut heavy = Vec::new();
-        let mut encoder = image::codecs::png::PngEncoder::new(&mut heavy);
-        encoder.set_icc_profile(vec![0; 32 << 20]).unwrap();
-        encoder.write_image(&[1, 2, 3, 4, 5, 6, 7, 8, 9], 3, 1, Color::Rgb8).unwrap();
-        let contains = |bytes: &[u8], name: &[u8]| bytes.windows(4).any(|at| at == name);
-        assert!(contains(&heavy, b"iCCP") && !contains(&bare_png(&heavy), b"iCCP"));
-        assert_eq!(*bare_png(&heavy), *bare_png(&plain));
-        assert_eq!(*bare_png(&plain), *plain);
-        assert_eq!(*bare_png(&[&plain[..], &[7; 99]].concat()), *plain);
-        let (_folder, file) = saved(&heavy);
-        assert_eq!(read_pixels(&file).unwrap().at(2, 0), [7, 8, 9]);
-
-        let (_folder, file) = saved(&plain);
-        std::fs::OpenOptions::new().write(true).open(&file).unwrap().set_len(100 << 30).unwrap();
-        assert_eq!(read_header(&file).unwrap().width, 3);
-        for error in [read_pixels(&file).map(drop), check_end(&file)] {
-            let error = error.unwrap_err().to_string();
-            assert!(error.contains("it holds 107374182400 bytes; at most 67108912 are read"), "{error}");
-        }
-        // A header that promises more than is allowed.
-        let mut vast = plain;
-        vast[16..24].copy_from_slice(&[0, 1, 0, 0, 0, 1, 0, 0]);
-        let (_folder, file) = saved(&vast);
-        assert!(read_pixels(&file).unwrap_err().to_string().contains("is 65536x65536 with 8 bits; at most"));
-    }
-
-    #[cfg(unix)]
-    #[test]
-    fn pipe_is_refused_as_a_picture() {
-        let folder = tempfile::tempdir().unwrap();
-        let pipe = folder.path().join("a.png");
-        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
-        assert!(read_header(&pipe).unwrap_err().to_string().contains("a pipe or a device"));
-        assert!(read_pixels(&pipe).is_err() && read_depth(&pipe, 1.0, 0.0).is_err() && check_end(&pipe).is_err());
-        assert!(crate::source::exif::read(&pipe).is_err());
-        assert!(crate::source::video::probe(&pipe, &Default::default()).unwrap_err().to_string().contains("a pipe"));
-    }
-
-    #[test]
-    fn endless_scans_are_refused_quickly() {
-        let whole = std::fs::read("tests/jpeg/progressive-420.jpg").unwrap();
-        let scans: Vec<usize> = (0..whole.len() - 1).filter(|at| whole[*at..*at + 2] == [0xff, 0xda]).collect();
-        // The second scan has coefficients of one component; repeating it changes nothing.
-        let second = &whole[scans[1]..scans[2]];
-        let many = [&whole[..scans[2]], &second.repeat(100), &whole[scans[2]..]].concat();
-        let (_folder, file) = saved(&many);
-        for error in [read_pixels(&file).map(drop), check_end(&file)] {
-            let error = error.unwrap_err().to_string();
-            assert!(error.contains("more than 100 scans"), "{error}");
-        }
-    }
-
-    #[test]
-    fn depth_is_in_metres_and_needs_16_bit_grey() {
-        let words: Vec<u8> = [0u16, 5000, 12345].iter().flat_map(|w| w.to_ne_bytes()).collect();
-        let (_folder, file) = saved(&png(&words, 3, 1, Color::L16));
-        let depth = read_depth(&file, 5000.0, 4.5).unwrap();
-        assert_eq!(depth, DepthMap { width: 3, height: 1, depth_m: vec![0.0, 1.0, 2.469], timestamp_s: 4.5 });
-        let (_folder, file) = saved(&png(&[1, 2, 3], 3, 1, Color::L8));
-        assert!(read_depth(&file, 5000.0, 0.0).unwrap_err().to_string().contains("16-bit grey PNG"));
-    }
-
-    proptest! {
-        #[test]
-        fn arbitrary_bytes_never_panic(kind in 0usize..3, bytes in prop::collection::vec(any::<u8>(), 0..400)) {
-            let start: &[u8] = [PNG_SIGNATURE, JPEG_SIGNATURE, b""][kind];
-            let bytes = [start, &bytes].concat();
-            let _ = decode(&bytes);
-            let _ = header(&mut Cursor::new(&bytes));
-            let _ = (png_end(&bytes), jpeg::check(&bytes));
-        }
-
-        #[test]
-        fn damaged_pictures_never_panic(at in 0usize..2000, value in any::<u8>()) {
-            for mut bytes in [jpeg(), png(&[7; 300], 10, 10, Color::Rgb8)] {
-                let at = at % bytes.len();
-                bytes[at] = value;
-                let _ = decode(&bytes);
-                let _ = header(&mut Cursor::new(&bytes));
-            }
-        }
-    }
-}
+mod tests;

@@ -10,7 +10,9 @@ use serde::Deserialize;
 
 use super::ffmpeg;
 use super::index::{Index, IndexEntry};
+use super::orientation::Orientation;
 use super::presentation::{Presentation, ProbedPresentation};
+use super::timecode::Timecode;
 use super::{SourceError, file as plain, unsupported};
 use crate::coding::{ChromaSampling, ChromaSiting, ColorMatrix, ColorRange, Decoder, PictureCoding, YcbcrColor};
 use crate::program::{self, ProgramError};
@@ -30,14 +32,19 @@ pub struct Overrides {
     pub fps: Option<f64>,
     pub range: Option<ColorRange>,
     pub matrix: Option<ColorMatrix>,
+    /// True if the frames are read as stored, whatever rotation the file states.
+    pub as_stored: bool,
 }
 
 /// A video file that has been probed.
 #[derive(Clone, Debug)]
 pub struct Video {
     pub file: PathBuf,
+    /// Size of the frames that are read.
     pub width: u32,
     pub height: u32,
+    /// Applied to each stored frame on reading, by quarter turns.
+    pub applied_orientation: Orientation,
     /// 8 or 16: depth of the result of [`Video::read`]; 16 for sources of more than 8 bits.
     pub bits: u32,
     pub range: ColorRange,
@@ -48,8 +55,19 @@ pub struct Video {
     /// One per frame, in display order; the first is at 0.
     pub timestamps_s: Vec<f64>,
     pub warnings: Vec<String>,
+    /// Time of the first frame after the file's start, which is that of its sound, seconds.
+    pub start_s: f64,
     /// `None` if the times do not distinguish the frames.
     pub(super) index: Option<Arc<Index>>,
+}
+
+/// A part of a file's sound.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Soundtrack {
+    pub file: PathBuf,
+    /// Start after the file's start, and length, seconds.
+    pub start_s: f64,
+    pub length_s: f64,
 }
 
 #[derive(Deserialize)]
@@ -86,12 +104,25 @@ struct Tags {
     /// The time when the stream ends, hours:minutes:seconds (Matroska).
     #[serde(rename = "DURATION")]
     duration: Option<String>,
+    #[serde(alias = "TIMECODE")]
+    timecode: Option<String>,
 }
 
 #[derive(Default, Deserialize)]
 struct Container {
     #[serde(default)]
     format_name: String,
+    /// Of the earliest stream, seconds.
+    start_time: Option<String>,
+    #[serde(default)]
+    tags: ContainerTags,
+}
+
+#[derive(Default, Deserialize)]
+struct ContainerTags {
+    /// In Matroska and MXF it is the container's.
+    #[serde(alias = "TIMECODE")]
+    timecode: Option<String>,
 }
 
 #[derive(Deserialize)]
@@ -134,8 +165,8 @@ pub fn probe(file: &Path, overrides: &Overrides) -> Result<Video, SourceError> {
     }
     let entries = "stream=width,height,pix_fmt,chroma_location,color_range,color_space,color_transfer,color_primaries,\
                    sample_aspect_ratio,avg_frame_rate,time_base,field_order,nb_frames:\
-                   stream_tags=DURATION:stream_side_data=rotation,displaymatrix:packet=pts,pts_time,dts_time,flags:\
-                   format=format_name";
+                   stream_tags=DURATION,timecode:stream_side_data=rotation,displaymatrix:packet=pts,pts_time,dts_time,flags:\
+                   format=format_name,start_time:format_tags=timecode";
     let mut arguments: Vec<OsString> =
         ["-v", "error", "-select_streams", "v:0", "-show_entries", entries, "-of", "json"].map(OsString::from).into();
     arguments.extend(ffmpeg::input(file));
@@ -191,7 +222,10 @@ fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video,
         _ if format.starts_with("yuvj") || format.starts_with("gray") || is_rgb(format) => ColorRange::Full,
         _ => ColorRange::Limited,
     };
-    let presentation = Presentation::of(&stream.presentation);
+    let stated = Presentation::of(&stream.presentation);
+    let (mut presentation, applied_orientation) = stated.applied(overrides.as_stored);
+    let of_stream = stream.tags.as_ref().and_then(|tags| tags.timecode.as_deref());
+    presentation.timecode = of_stream.or(probe.format.tags.timecode.as_deref()).and_then(Timecode::parse);
     let mut warnings: Vec<String> = presentation
         .warnings()
         .iter()
@@ -213,9 +247,32 @@ fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video,
     let index = Index::new(stream.time_base.as_deref().unwrap_or_default(), &entries.unwrap_or_default());
     let index = index.map(Arc::new);
     let chroma = chroma_sampling(format, stream.chroma_location.as_deref()).filter(|_| bits == 8 && !is_rgb(format));
-    let coding = chroma.map(|chroma| Arc::new(coding(chroma, YcbcrColor { matrix, range })));
-    let file = file.to_owned();
-    Ok(Video { file, width, height, bits, range, matrix, coding, presentation, timestamps_s, warnings, index })
+    let coding = chroma.and_then(|chroma| {
+        Some(Arc::new(coding(oriented_sampling(chroma, applied_orientation)?, YcbcrColor { matrix, range })))
+    });
+    if applied_orientation != Orientation::default() {
+        warnings.push(format!(
+            "{}: its frames are {applied_orientation} on reading, as it is tagged ([frames] rotation = \"stored\" in a \
+             recording.toml reads them as stored)",
+            file.display()
+        ));
+    }
+    let (file, (width, height)) = (file.to_owned(), applied_orientation.oriented_size((width, height)));
+    Ok(Video {
+        file,
+        width,
+        height,
+        applied_orientation,
+        bits,
+        range,
+        matrix,
+        coding,
+        presentation,
+        timestamps_s,
+        warnings,
+        start_s: start_s(&probe),
+        index,
+    })
 }
 
 /// Checks that there are as many frames as the container promises: by their number (MP4), or by
@@ -311,6 +368,28 @@ fn timestamps(
         warnings.push(format!("{}: frames {i} and {} are shown at the same time", file.display(), i + 1));
     }
     Ok(stated_s)
+}
+
+/// Time of the first frame after the file's start, seconds.
+fn start_s(probe: &Probe) -> f64 {
+    let first_s = times(&probe.packets, VideoPacket::is_shown).into_iter().flatten().fold(f64::INFINITY, f64::min);
+    let file_s: Option<f64> = probe.format.start_time.as_deref().and_then(|text| text.parse().ok());
+    file_s.map(|file_s| first_s - file_s).filter(|start_s| start_s.is_finite()).unwrap_or_default().max(0.0)
+}
+
+/// Chroma sampling of frames to which an orientation was applied. `None` if chroma samples then lie
+/// at the second of two luma samples, which is not modelled.
+fn oriented_sampling(chroma: Option<ChromaSampling>, orientation: Orientation) -> Option<Option<ChromaSampling>> {
+    let Some(ChromaSampling { factor, siting }) = chroma else { return Some(None) };
+    // Rows: the axis of the stored frame that becomes each axis, with its sign.
+    let [a, b, c, d] = orientation.matrix().map(f64::round);
+    let along = |x: f64, y: f64| {
+        let (axis, sign) = if x == 0.0 { (1, y) } else { (0, x) };
+        let is_representable = sign > 0.0 || factor[axis] == 1 || siting[axis] == ChromaSiting::Centered;
+        is_representable.then_some((factor[axis], siting[axis]))
+    };
+    let (across, down) = (along(a, c)?, along(b, d)?);
+    Some(Some(ChromaSampling { factor: [across.0, down.0], siting: [across.1, down.1] }))
 }
 
 fn ratio(text: &str) -> Option<f64> {

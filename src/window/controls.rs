@@ -359,6 +359,7 @@ fn first_value(full: &str, kind: &Kind) -> Value {
         Kind::Bool => Value::Bool(true),
         Kind::Choice(names) => Value::Text(names.first().copied().unwrap_or_default().to_owned()),
         Kind::Number { min, max } | Kind::Integer { min, max } => Value::Number(1f64.clamp(*min, *max)),
+        Kind::Points => Value::None,
     }
 }
 
@@ -388,6 +389,12 @@ fn field(
             let info = || egui::WidgetInfo::labeled(egui::Role::ComboBox, true, called);
             response.response.widget_info(info);
             (*chosen != before).then(|| ValueChange::set(Value::Text(chosen.clone())))
+        }
+        // Profiles have them.
+        (Kind::Points, Value::Text(points)) => {
+            let response = ui.weak(format!("{} points", points.split(',').count()));
+            response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Label, true, called));
+            None
         }
         (Kind::Number { .. } | Kind::Integer { .. }, Value::Number(n)) => {
             numeric(ui, called, spec, n, reset, has_slider)

@@ -97,7 +97,7 @@ mod tests {
         for (file, command) in [
             ("colmap/database.db", "colmap mapper"),
             ("polycam/keyframes/images/1.jpg", "ns-process-data polycam"),
-            ("heic/still.heic", "heif-convert"),
+            ("jls/still.jls", "ffmpeg -i"),
         ] {
             let path = folder.path().join(file);
             std::fs::create_dir_all(path.parent().unwrap()).unwrap();
@@ -105,7 +105,7 @@ mod tests {
             let why = why(file.split('/').next().unwrap());
             assert!(why.contains(command) && why.ends_with("a profile or a scene (.toml)"), "{why}");
         }
-        assert!(why("heic/still.heic").contains("is HEIC, which is not read; convert it: heif-convert"));
+        assert!(why("jls/still.jls").contains("is JPEG-LS, which is not read; convert it: ffmpeg"));
     }
 
     #[test]

@@ -143,6 +143,7 @@ pub use unsaved_work::UnsavedWork;
 
 use locard_engine::gpu::Gpu;
 use locard_engine::live;
+use locard_engine::user_folders;
 
 /// The initial content of the window.
 #[derive(Default)]
@@ -185,13 +186,13 @@ pub fn open(first: InitialContent) -> Result<(), eframe::Error> {
             }
             let InitialContent { project, camera, record, start, measure } = first;
             let Some(project) = project else {
-                return Ok(Box::new(Start::new(context, state::folder().as_deref())?));
+                return Ok(Box::new(Start::new(context, user_folders::state().as_deref())?));
             };
             let mut app = App::new(context, project, camera)?;
             if let Some(measure) = measure {
                 return Ok(Box::new(app.measured(measure)));
             }
-            if let Some(folder) = state::folder() {
+            if let Some(folder) = user_folders::state() {
                 app.set_state_folder(&folder);
             }
             context.egui_ctx.set_theme(app.documents().theme());

@@ -1,12 +1,10 @@
 //! State that persists between sessions: the theme, the last used folders and the recent documents.
 //! All windows of a user share one file, which a thread changes under a lock.
 //!
-//! The folders follow the conventions of each system. Three variables do not justify a dependency.
 //! The storage of eframe is not used: each of two windows would overwrite the changes of the other,
 //! and a crash during its write would lose the file.
 
 use std::collections::BTreeMap;
-use std::env;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -24,21 +22,6 @@ use locard_engine::source::file::{self, MAX_DOCUMENT_BYTES};
 
 /// Name of the file in the user's state folder.
 const FILE_NAME: &str = "state.json";
-
-/// The user's state folder: by the XDG Base Directory Specification, or the equivalent of macOS and
-/// Windows. `None` if the environment names no home.
-pub fn folder() -> Option<PathBuf> {
-    let named = |name: &str| env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
-    let home = || env::home_dir().filter(|home| home.is_absolute());
-    if cfg!(windows) {
-        return named("LOCALAPPDATA").map(|folder| folder.join("Locard"));
-    }
-    if cfg!(target_vendor = "apple") {
-        return home().map(|home| home.join("Library/Application Support/Locard"));
-    }
-    // The specification requires relative paths to be ignored.
-    named("XDG_STATE_HOME").or_else(|| home().map(|home| home.join(".local/state"))).map(|state| state.join("locard"))
-}
 
 /// Kind of file that a folder was used for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize, Serialize)]

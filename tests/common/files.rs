@@ -20,7 +20,18 @@ pub fn picture(frame: usize, width: u32, height: u32, bits: u32) -> Pixels {
 
 pub fn options(width: u32, height: u32, bits: u32) -> SinkOptions {
     let presentation = Presentation::default();
-    SinkOptions { force: false, fps: 30.0, times_s: None, presentation, lossless: true, width, height, bits }
+    SinkOptions {
+        force: false,
+        fps: 30.0,
+        times_s: None,
+        presentation,
+        lossless: true,
+        codec: None,
+        soundtrack: None,
+        width,
+        height,
+        bits,
+    }
 }
 
 pub fn write(path: &Path, options: &SinkOptions, pictures: &[Pixels]) {

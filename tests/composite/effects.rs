@@ -374,7 +374,7 @@ fn noise_matches_the_cpu_reference() {
 fn mixed_pixel_receives_only_its_missing_variance() {
     let geometry = gpu::pinhole(320, 240, FOCAL_PX);
     let mut camera = noisy_camera(&geometry, 0.0);
-    camera.response = locard::camera::Response { curve: locard::camera::Curve::Linear, gamma: 1.0 };
+    camera.response = locard::camera::Response { curve: locard::camera::Curve::Linear, ..Default::default() };
     // A half-transparent board in the camera's own grey, mean 90: the camera's half contributes
     // (0.5 σ)², so (1 − 0.25) σ² is missing. The camera's frame in this test has no noise.
     let mut scene = board([200.0, 150.0], 90.0 / 255.0);
@@ -391,7 +391,7 @@ fn mixed_pixel_receives_only_its_missing_variance() {
 /// Renderings without and with the edge blend, over code 40, with a linear response.
 fn edge_blended(scene: impl Fn() -> Scene, sigma_px: f64, impact: f64) -> [Composited; 2] {
     let mut camera = gpu::camera(&gpu::pinhole(320, 240, FOCAL_PX), 0.0);
-    camera.response = Response { curve: Curve::Linear, gamma: 1.0 };
+    camera.response = Response { curve: Curve::Linear, ..Default::default() };
     [0.0, impact].map(|impact| {
         let sigma = ("point_spread", "sigma_px", Value::Number(sigma_px));
         let settings = gpu::settings(&[("edge_blend", "impact", Value::Number(impact)), sigma]);
@@ -460,7 +460,7 @@ fn edge_blend_leaves_the_interior_of_glass_unchanged() {
 /// A camera of linear response with σ 1 at black and 6.1 at white, measured at ISO 400 on 36 mm.
 fn film_camera(geometry: &Geometry) -> Camera {
     let mut camera = noisy_camera(geometry, 0.0);
-    camera.response = locard::camera::Response { curve: Curve::Linear, gamma: 1.0 };
+    camera.response = locard::camera::Response { curve: Curve::Linear, ..Default::default() };
     camera.exposure.iso = Some(400.0);
     camera
 }

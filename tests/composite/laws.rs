@@ -224,8 +224,12 @@ fn law_3_neutral_settings_are_the_identity() {
 }
 
 /// Response curves with which a camera may encode light.
-fn curves() -> [Response; 3] {
-    [Curve::Srgb, Curve::Linear, Curve::Gamma].map(|curve| Response { curve, gamma: 2.2 })
+fn curves() -> [Response; 5] {
+    [Curve::Srgb, Curve::Linear, Curve::Gamma, Curve::Hlg, Curve::SLog3].map(|curve| Response {
+        curve,
+        gamma: 2.2,
+        ..Response::default()
+    })
 }
 
 /// Composites under one response curve; everything else stays the same.

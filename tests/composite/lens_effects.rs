@@ -141,8 +141,8 @@ fn one_stop_doubles_the_light() {
 #[test]
 fn exposure_by_equation_11_shifts_display_values() {
     let method = ("exposure", "method", Value::Text("additive".to_owned()));
-    for curve in [Curve::Srgb, Curve::Linear, Curve::Gamma] {
-        let response = Response { curve, gamma: 2.2 };
+    for curve in [Curve::Srgb, Curve::Linear, Curve::Gamma, Curve::Hlg] {
+        let response = Response { curve, gamma: 2.2, ..Response::default() };
         let mut camera = gpu::camera(&gpu::pinhole(WIDTH, HEIGHT, FOCAL_PX), 0.0);
         camera.response = response.clone();
         let light = response.decode(0.4);

@@ -47,7 +47,7 @@ fn warning_count(recording: &Recording, text: &str) -> usize {
     recording.warnings.iter().filter(|warning| warning.contains(text)).count()
 }
 
-const HEIC: &[u8] = b"\0\0\0\x18ftypheic\0\0\0\0mif1heic";
+const JPEG_LS: &[u8] = b"\xff\xd8\xff\xf7\0\x0b\x08\0\x06\0\x08\x01";
 
 #[test]
 fn colmap_pictures_of_another_orientation_are_left_out() {
@@ -108,9 +108,9 @@ fn unreadable_depth_is_left_out() {
     let message = "3 of 3 depth pictures cannot be read, and their frames have no depth (first: ";
     assert_eq!(warning_count(&r, message), 1, "{:?}", r.warnings);
     assert_eq!(warning_count(&r, "the array is truncated in its header"), 1, "{:?}", r.warnings);
-    // Commands for colour pictures would change the values.
-    fs::write(folder.join("d0"), b"II*\0").unwrap();
-    assert_eq!(warning_count(&open(folder), "is TIFF, which is not read as depth; `python3 -c "), 1);
+    fs::write(folder.join("d0"), b"BM").unwrap();
+    let message = "is not a depth picture, but BMP; expected 16-bit grey PNG, TIFF or PGM, OpenEXR or NumPy arrays";
+    assert_eq!(warning_count(&open(folder), message), 1);
     // One missing depth file among others.
     image::save_buffer(folder.join("d.png"), &[1; 96], 8, 6, image::ExtendedColorType::L16).unwrap();
     for i in 0..2 {
@@ -200,26 +200,21 @@ fn unreadable_pictures_of_a_folder_are_named_and_keep_their_index() {
     let temp = tempfile::tempdir().unwrap();
     let folder = temp.path();
     pictures(folder, &["f000.jpg", "f002.jpg", "f004.jpg"]);
-    for name in ["f001.heic", "f003.heic"] {
-        fs::write(folder.join("images").join(name), HEIC).unwrap();
+    for name in ["f001.jls", "f003.jls"] {
+        fs::write(folder.join("images").join(name), JPEG_LS).unwrap();
     }
     describe(folder, "[frames]\nimages = \"images\"\nfps = 30.0\n");
     let r = open(folder);
     let times: Vec<f64> = r.timestamps_s.iter().map(|time_s| (time_s * 30.0).round()).collect();
     assert_eq!(times, [0.0, 2.0, 4.0]);
     assert_eq!(warning_count(&r, "2 pictures are not read (first: "), 1, "{:?}", r.warnings);
-    assert_eq!(
-        warning_count(&r, "f001.heic is HEIC, which is not read; convert it: heif-convert "),
-        1,
-        "{:?}",
-        r.warnings
-    );
+    assert_eq!(warning_count(&r, "f001.jls is JPEG-LS, which is not read; convert it: ffmpeg "), 1, "{:?}", r.warnings);
     assert_eq!(warning_count(&r, "missing by their numbers"), 0, "{:?}", r.warnings);
     for name in ["f000.jpg", "f002.jpg", "f004.jpg"] {
         fs::remove_file(folder.join("images").join(name)).unwrap();
     }
     let error = refused(folder);
-    assert!(error.contains("2 pictures are not read") && error.contains("heif-convert"), "{error}");
+    assert!(error.contains("2 pictures are not read") && error.contains("ffmpeg"), "{error}");
     // Only arrays.
     fs::create_dir(folder.join("arrays")).unwrap();
     npy(&folder.join("arrays/0.npy"), 1.0);
@@ -228,7 +223,7 @@ fn unreadable_pictures_of_a_folder_are_named_and_keep_their_index() {
     assert!(error.contains("1 picture is not read (first: ") && error.contains("0.npy is a NumPy array"), "{error}");
     // Without any file that describes a recording.
     let error = refused(&folder.join("images"));
-    assert!(error.contains("is not a recording: 2 pictures are not read") && error.contains("heif-convert"), "{error}");
+    assert!(error.contains("is not a recording: 2 pictures are not read") && error.contains("ffmpeg"), "{error}");
 }
 
 #[test]
@@ -237,7 +232,7 @@ fn foreign_format_named_jpg_affects_only_its_own_frame() {
     let folder = temp.path();
     pictures(folder, &["f0.jpg", "f1.jpg", "f4.jpg"]);
     let pointer = b"version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 123456\n";
-    let foreign: [(&str, &[u8]); 2] = [("f2.jpg", HEIC), ("f3.jpg", pointer)];
+    let foreign: [(&str, &[u8]); 2] = [("f2.jpg", JPEG_LS), ("f3.jpg", pointer)];
     for (name, bytes) in foreign {
         fs::write(folder.join("images").join(name), bytes).unwrap();
     }
@@ -251,7 +246,7 @@ fn foreign_format_named_jpg_affects_only_its_own_frame() {
         assert_eq!((times(&r), frames(&r, 0..3).len()), (vec![0.0, 1.0, 4.0], 3));
         assert_eq!(warning_count(&r, "2 of 5 pictures are not read and left out (first: "), 1, "{:?}", r.warnings);
         assert_eq!(
-            warning_count(&r, "f2.jpg: is HEIC, which is not read; convert it: heif-convert "),
+            warning_count(&r, "f2.jpg: is JPEG-LS, which is not read; convert it: ffmpeg "),
             1,
             "{:?}",
             r.warnings
@@ -259,7 +254,7 @@ fn foreign_format_named_jpg_affects_only_its_own_frame() {
         assert_eq!(warning_count(&r, "no focal length"), 0, "{:?}", r.warnings);
     }
     // If there are no others, the recording is refused with advice.
-    for ((_, bytes), message) in foreign.into_iter().zip(["heif-convert", "`git lfs pull`"]) {
+    for ((_, bytes), message) in foreign.into_iter().zip(["ffmpeg -i", "`git lfs pull`"]) {
         for name in names {
             fs::write(folder.join("images").join(name), bytes).unwrap();
         }
@@ -270,8 +265,8 @@ fn foreign_format_named_jpg_affects_only_its_own_frame() {
     pictures(folder, &names);
     let damaged: [(&[u8], &str); 3] = [
         (b"\xff\xd8\xff\xe0\0", "f2.jpg: the JPEG is truncated"),
-        (b"x\n", "f2.jpg: is neither a PNG nor a JPEG"),
-        (b"", "f2.jpg: is neither a PNG nor a JPEG"),
+        (b"x\n", "f2.jpg: is no picture; expected PNG, JPEG, HEIC"),
+        (b"", "f2.jpg: is no picture; expected PNG, JPEG, HEIC"),
     ];
     for (bytes, message) in damaged {
         fs::write(folder.join("images/f2.jpg"), bytes).unwrap();
@@ -286,15 +281,15 @@ fn foreign_format_named_jpg_affects_only_its_own_frame() {
 #[test]
 fn calibration_names_unreadable_photographs() {
     let temp = tempfile::tempdir().unwrap();
-    let (folder, file) = (temp.path().join("photos"), temp.path().join("photos/board.heic"));
+    let (folder, file) = (temp.path().join("photos"), temp.path().join("photos/board.jls"));
     fs::create_dir(&folder).unwrap();
-    fs::write(&file, HEIC).unwrap();
+    fs::write(&file, JPEG_LS).unwrap();
     let profile = temp.path().join("p.toml");
     for (kind, path) in [("camera", &file), ("camera", &folder), ("noise", &folder)] {
         let arguments = ["calibrate", kind, path.to_str().unwrap(), "-o", profile.to_str().unwrap()];
         let error = program::refused(&arguments);
         assert!(
-            error.contains("is HEIC, which is not read") && error.contains("heif-convert"),
+            error.contains("is JPEG-LS, which is not read") && error.contains("ffmpeg -i"),
             "{arguments:?}: {error}"
         );
     }
@@ -302,7 +297,7 @@ fn calibration_names_unreadable_photographs() {
     let unnamed = temp.path().join("board.bin");
     fs::copy(&file, &unnamed).unwrap();
     let error = program::refused(&["calibrate", "camera", unnamed.to_str().unwrap(), "-o", profile.to_str().unwrap()]);
-    assert!(error.contains("board.bin is HEIC") || error.contains("board.bin: is HEIC"), "{error}");
+    assert!(error.contains("board.bin is JPEG-LS") || error.contains("board.bin: is JPEG-LS"), "{error}");
 }
 
 /// A JPEG with another frame header marker and another sample precision.

@@ -66,19 +66,19 @@ fn missing_output_folders_are_created_after_the_input_is_checked() {
     assert!(locard(&["board", "-q", "-o", &sheet]).status.success());
     assert!(Path::new(&sheet).is_file() && Path::new(&path("new/inner/sheet.toml")).is_file());
 
-    std::fs::write(path("a.heic"), b"\0\0\0\x18ftypheic\0\0\0\0").unwrap();
+    std::fs::write(path("a.jls"), b"\xff\xd8\xff\xf7\0\x0b").unwrap();
     std::fs::write(path("a.jpg"), "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 9\n").unwrap();
     std::fs::write(path("a.hdr"), "#?RADIANCE\n").unwrap();
     std::fs::write(path("s.toml"), "version = 1\n[light]\nenvironment = \"a.hdr\"\n").unwrap();
     for (input, message) in [
         (["render", &path("s.toml")].to_vec(), "a.hdr: the panorama"),
-        (["calibrate", "camera", &path("a.heic")].to_vec(), "is HEIC, which is not read; convert it"),
+        (["calibrate", "camera", &path("a.jls")].to_vec(), "is JPEG-LS, which is not read; convert it"),
         (["calibrate", "noise", &path("a.jpg")].to_vec(), "Git LFS pointer"),
         (["calibrate", "sharpness", &path("a.jpg"), "--edge", "0,0,9,9"].to_vec(), "Git LFS pointer"),
         (["track", &path("a.jpg"), "--profile", "profiles/simulated.toml"].to_vec(), "Git LFS pointer"),
     ] {
         // Neither with a missing folder nor with another error of the output.
-        for output in ["none/p.toml", "a.heic/p.toml"] {
+        for output in ["none/p.toml", "a.jls/p.toml"] {
             let text = refused(&[&input[..], &["-o", &path(output)]].concat());
             assert!(text.contains(message) && !Path::new(&path("none")).exists(), "{input:?}: {text}");
         }

@@ -18,9 +18,9 @@ fn filmed(file: &Path, options: &[&str]) {
 }
 
 #[test]
-fn high_dynamic_range_is_reported_when_the_recording_opens() {
+fn unknown_transfer_function_is_reported_when_the_recording_opens() {
     let folder = tempfile::tempdir().unwrap();
-    let tags = ["-color_trc", "arib-std-b67", "-color_primaries", "bt2020", "-colorspace", "bt2020nc"];
+    let tags = ["-color_trc", "log100"];
     filmed(&folder.path().join("a.mp4"), &tags);
     std::fs::write(folder.path().join("recording.toml"), "version = 1\n[frames]\nvideo = \"a.mp4\"\n").unwrap();
     let options = ShotOptions { profile: Some(demo().join("camera.toml")), ..ShotOptions::default() };
@@ -28,7 +28,7 @@ fn high_dynamic_range_is_reported_when_the_recording_opens() {
     let mut window = window_without_picture(project);
     window.run_steps(2);
     let text = window.state().message().unwrap().to_owned();
-    assert!(text.contains("HLG") && has_label(&window, &text), "{text}");
+    assert!(text.contains("logarithmic") && has_label(&window, &text), "{text}");
 }
 
 #[test]

@@ -52,12 +52,12 @@ mod tests {
     #[test]
     fn unreadable_picture_beside_a_video_is_one_of_two_files() {
         let folder = tempfile::tempdir().unwrap();
-        let inputs = ["clip.mp4", "IMG_1.heic"].map(|name| folder.path().join(name));
+        let inputs = ["clip.mp4", "IMG_1.jls"].map(|name| folder.path().join(name));
         for file in &inputs {
-            std::fs::write(file, b"\0\0\0\x18ftypheic\0\0\0\0").unwrap();
+            std::fs::write(file, b"\xff\xd8\xff\xf7\0\x0b").unwrap();
         }
         let (files, problems) = unreadable(inputs.iter());
         assert_eq!((files, problems.len()), (2, 1));
-        assert!(problems[0].to_string().contains("IMG_1.heic: is HEIC"), "{}", problems[0]);
+        assert!(problems[0].to_string().contains("IMG_1.jls: is JPEG-LS"), "{}", problems[0]);
     }
 }

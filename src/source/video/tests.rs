@@ -2,6 +2,7 @@
 
 use super::super::orientation::Orientation;
 use super::*;
+use crate::camera::Curve;
 use proptest::prelude::*;
 
 fn parse(stream: &str, packets: &str, overrides: &Overrides) -> Result<Video, String> {
@@ -64,18 +65,28 @@ fn range_and_matrix_as_stated_or_as_usual() {
 fn presentation_is_kept_and_reported() {
     let stream = r#""pix_fmt": "yuv420p10le", "color_space": "bt2020nc", "color_transfer": "smpte2084",
             "color_primaries": "bt2020", "sample_aspect_ratio": "16:15", "side_data_list": [{"rotation": -90}]"#;
-    let v = parse(stream, ONE, &Overrides::default()).unwrap();
-    let expected = Presentation {
-        orientation: Orientation { is_mirrored: false, rotation_deg: -90.0 },
-        pixel_aspect: Some((16, 15)),
-        transfer: Some("smpte2084"),
-        primaries: Some("bt2020"),
-    };
-    assert_eq!(v.presentation, expected);
-    for message in
-        ["v.mkv: is tagged to be shown turned by 90° clockwise", "not square but 16:15", "v.mkv: is in PQ (high"]
-    {
-        assert!(v.warnings.iter().any(|w| w.contains(message)), "{message}: {:?}", v.warnings);
+    let turned = Orientation { is_mirrored: false, rotation_deg: -90.0 };
+    for (as_stored, size, orientation, pixel_aspect, messages) in [
+        (true, (64, 48), turned, (16, 15), ["v.mkv: is tagged to be shown turned by 90° clockwise", "but 16:15"]),
+        (
+            false,
+            (48, 64),
+            Orientation::default(),
+            (15, 16),
+            ["v.mkv: its frames are turned by 90° clockwise", "but 15:16"],
+        ),
+    ] {
+        let v = parse(stream, ONE, &Overrides { as_stored, ..Overrides::default() }).unwrap();
+        let expected = Presentation {
+            orientation,
+            pixel_aspect: Some(pixel_aspect),
+            transfer: Some("smpte2084"),
+            primaries: Some("bt2020"),
+        };
+        assert_eq!((v.presentation, (v.width, v.height)), (expected, size));
+        for message in messages {
+            assert!(v.warnings.iter().any(|w| w.contains(message)), "{message}: {:?}", v.warnings);
+        }
     }
     for plain in ["1:1", "0:1", "N/A"] {
         let stream = format!(r#""pix_fmt": "yuv420p", "color_transfer": "unknown", "sample_aspect_ratio": "{plain}""#);
@@ -98,10 +109,26 @@ fn mirrored_video_is_distinguished_from_a_rotated_one() {
         let sides = format!(r#"[{{"displaymatrix": "{text}", "rotation": {rotation}}}]"#);
         let v = parse(&format!(r#""pix_fmt": "yuv420p", "side_data_list": {sides}"#), ONE, &Overrides::default());
         let v = v.unwrap();
-        assert_eq!(v.presentation.orientation, Orientation::of_matrix(matrix.map(f64::from)).unwrap());
-        let message = format!("v.mkv: is tagged to be shown {shown}; it is read as stored");
+        assert_eq!(v.applied_orientation, Orientation::of_matrix(matrix.map(f64::from)).unwrap());
+        let message = format!("v.mkv: its frames are {shown} on reading");
         assert!(v.warnings.iter().any(|warning| warning.starts_with(&message)), "{:?}", v.warnings);
     }
+}
+
+/// Horizontally chroma is at the first of two luma samples. Turned clockwise that is the upper one;
+/// turned the other way it would be the second one.
+#[test]
+fn coding_follows_the_applied_orientation() {
+    let chroma = |rotation: i32| {
+        let stream = format!(r#""pix_fmt": "yuv422p", "side_data_list": [{{"rotation": {rotation}}}]"#);
+        let v = parse(&stream, ONE, &Overrides::default()).unwrap();
+        v.coding.map(|coding| coding.chroma.unwrap())
+    };
+    let stored = chroma(0).unwrap();
+    assert_eq!((stored.factor, stored.siting[0]), ([2, 1], ChromaSiting::Cosited));
+    let turned = chroma(-90).unwrap();
+    assert_eq!((turned.factor, turned.siting[1]), ([1, 2], ChromaSiting::Cosited));
+    assert_eq!((chroma(90), chroma(180)), (None, None));
 }
 
 #[test]
@@ -113,14 +140,21 @@ fn unusual_and_unknown_transfer_functions_are_reported() {
     };
     for (name, message) in [
         ("log100", "is in a logarithmic scale of 100:1; its code values"),
-        ("bt470bg", "is in a gamma of 2.8; "),
-        ("smpte428", "is in a gamma of 2.6 (digital cinema); "),
-        ("linear", "is in linear light; its code values are taken for the camera's usual ones"),
+        ("bt1361e", "is in the extended gamut of BT.1361; its code values are taken for the camera's usual ones"),
     ] {
         let (kept, warning) = matrix_and_warning(name);
         assert!(kept.as_deref() == Some(name) && warning.contains(message), "{name}: {kept:?} {warning}");
         assert!(warning.contains("[camera.response]") && warning.contains(&format!("tagged {name} too")), "{warning}");
     }
+    for (name, curve) in
+        [("bt709", Curve::Srgb), ("arib-std-b67", Curve::Hlg), ("smpte2084", Curve::Pq), ("linear", Curve::Linear)]
+    {
+        assert_eq!(matrix_and_warning(name), (Some(name.to_owned()), String::new()));
+        let presentation = Presentation { transfer: Some(name), ..Presentation::default() };
+        assert_eq!(presentation.response().curve, curve, "{name}");
+    }
+    let cinema = Presentation { transfer: Some("smpte428"), ..Presentation::default() };
+    assert_eq!((cinema.response().curve, cinema.response().gamma), (Curve::Gamma, 2.6));
     let hlg = Presentation { transfer: Some("arib-std-b67"), ..Presentation::default() };
     let lost = hlg.lost_without_tags().unwrap();
     assert!(lost.starts_with("is tagged: it is in HLG (high dynamic range); recorded pictures lose the"), "{lost}");

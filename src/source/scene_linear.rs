@@ -1,0 +1,141 @@
+//! Frames of linear light: OpenEXR (every compression of the format, DWA included) and pictures of
+//! floating-point numbers. They are encoded by the sRGB curve (IEC 61966-2-1) with 16 bits, which a
+//! default profile decodes again: the code is exact to 8·10⁻⁶ of full scale.
+//!
+//! Light above 1 clips, as white does in a camera. Not modelled: the attribute `chromaticities`
+//! (Rec. 709 is assumed), deep pictures, layers beside the first with R, G and B.
+
+use std::io::{BufRead, Cursor};
+
+use exr::meta::header::Header;
+use exr::prelude::{MetaData, ReadChannels, ReadLayers};
+
+use super::still::PictureHeader;
+use crate::camera::Response;
+use crate::pixels::{Codes, Pixels};
+
+/// The sRGB code of linear light with 16 bits.
+fn code(light: f32) -> u16 {
+    (65535.0 * Response::default().encode(f64::from(light))).round() as u16
+}
+
+/// Linear light as sRGB codes of 16 bits: R, G, B interleaved.
+pub fn encoded(light: &[f32]) -> Vec<u16> {
+    light.iter().map(|light| code(*light)).collect()
+}
+
+/// Linear codes of 16 bits as sRGB codes.
+pub fn srgb_encoded(linear: Pixels) -> Pixels {
+    let table: Vec<u16> = (0..=u16::MAX).map(|value| code(f32::from(value) / 65535.0)).collect();
+    let codes = match linear.codes {
+        Codes::U16(codes) => codes.into_iter().map(|value| table[usize::from(value)]).collect(),
+        Codes::U8(codes) => codes.into_iter().map(|value| table[257 * usize::from(value)]).collect(),
+    };
+    Pixels::uncoded(linear.width, linear.height, Codes::U16(codes))
+}
+
+fn damaged(error: &exr::error::Error) -> String {
+    format!("the OpenEXR picture is damaged or truncated: {error}")
+}
+
+/// Header of an OpenEXR frame.
+pub fn exr_header(reader: impl BufRead) -> Result<PictureHeader, String> {
+    let meta = MetaData::read_from_buffered(reader, false).map_err(|e| damaged(&e))?;
+    let has_colour = |header: &&Header| {
+        let has = |name: &str| header.channels.list.iter().any(|channel| channel.name.eq(name));
+        !header.deep && has("R") && has("G") && has("B")
+    };
+    let Some(header) = meta.headers.iter().find(has_colour) else {
+        let names = meta.headers.iter().flat_map(|header| header.channels.list.iter());
+        let names: Vec<String> = names.take(8).map(|channel| channel.name.to_string()).collect();
+        return Err(format!("has no flat layer with the channels R, G and B (found: {})", names.join(", ")));
+    };
+    let size = header.shared_attributes.display_window.size;
+    let side = |length: usize| u32::try_from(length).unwrap_or(u32::MAX);
+    Ok(PictureHeader { width: side(size.0), height: side(size.1), bits: 16 })
+}
+
+/// Pixels of an OpenEXR frame in its display window.
+pub fn exr_pixels(bytes: &[u8]) -> Result<Pixels, String> {
+    let PictureHeader { width, height, .. } = exr_header(Cursor::new(bytes))?;
+    let image = exr::prelude::read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .rgb_channels(
+            |size, _| (size.0, vec![0.0f32; 3 * size.area()]),
+            |(data_width, light), at, (r, g, b): (f32, f32, f32)| {
+                let i = 3 * (at.1 * *data_width + at.0);
+                light[i..i + 3].copy_from_slice(&[r, g, b]);
+            },
+        )
+        .first_valid_layer()
+        .all_attributes()
+        .from_buffered(Cursor::new(bytes))
+        .map_err(|e| damaged(&e))?;
+    let (data_width, light) = &image.layer_data.channel_data.pixels;
+    let (corner, origin) = (image.layer_data.attributes.layer_position, image.attributes.display_window.position);
+    let (dx, dy) = (i64::from(corner.0) - i64::from(origin.0), i64::from(corner.1) - i64::from(origin.1));
+    // Outside the data window the picture is black.
+    let mut codes = vec![0; 3 * width as usize * height as usize];
+    for (row, y) in encoded(light).chunks_exact(3 * data_width).zip(dy..) {
+        for (pixel, x) in row.as_chunks::<3>().0.iter().zip(dx..) {
+            if (0..i64::from(width)).contains(&x) && (0..i64::from(height)).contains(&y) {
+                let i = 3 * (y as usize * width as usize + x as usize);
+                codes[i..i + 3].copy_from_slice(pixel);
+            }
+        }
+    }
+    Ok(Pixels::uncoded(width, height, Codes::U16(codes)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use exr::prelude::{
+        Encoding, Image, ImageAttributes, IntegerBounds, Layer, LayerAttributes, SpecificChannels, Vec2, WritableImage,
+    };
+
+    fn exr(attributes: LayerAttributes, window: IntegerBounds) -> Vec<u8> {
+        let light = |at: Vec2<usize>| if at == Vec2(0, 0) { (0.18f32, 1.0f32, 4.0f32) } else { (0.0, -0.1, 0.5) };
+        let layer = Layer::new((2, 1), attributes, Encoding::FAST_LOSSLESS, SpecificChannels::rgb(light));
+        let mut out = Cursor::new(Vec::new());
+        Image::empty(ImageAttributes::new(window)).with_layer(layer).write().to_buffered(&mut out).unwrap();
+        out.into_inner()
+    }
+
+    #[test]
+    fn exr_light_is_encoded_by_the_srgb_curve_and_clips_at_1() {
+        let pixels = exr_pixels(&exr(LayerAttributes::default(), IntegerBounds::from_dimensions((2, 1)))).unwrap();
+        // 1.055 · 0.18^(1/2.4) − 0.055 = 0.461356.
+        assert_eq!(pixels.at(0, 0), [30235, 65535, 65535]);
+        assert_eq!(pixels.at(1, 0), [0, 0, 48192]);
+    }
+
+    #[test]
+    fn data_window_is_placed_in_the_display_window() {
+        let attributes = LayerAttributes { layer_position: Vec2(12, 21), ..LayerAttributes::default() };
+        let bytes = exr(attributes, IntegerBounds::new((10, 20), (3, 2)));
+        let header = exr_header(Cursor::new(&bytes)).unwrap();
+        assert_eq!((header.width, header.height, header.bits), (3, 2, 16));
+        let pixels = exr_pixels(&bytes).unwrap();
+        // The second pixel of the data is to the right of the window.
+        assert_eq!((pixels.at(2, 1)[0], pixels.at(1, 1), pixels.at(2, 0)), (30235, [0; 3], [0; 3]));
+    }
+
+    #[test]
+    fn every_truncation_and_a_missing_channel_are_errors() {
+        let bytes = exr(LayerAttributes::default(), IntegerBounds::from_dimensions((2, 1)));
+        for length in 0..bytes.len() {
+            assert!(exr_pixels(&bytes[..length]).is_err(), "{length} of {} bytes pass", bytes.len());
+        }
+    }
+
+    #[test]
+    fn developed_light_round_trips_through_the_default_response() {
+        let linear = Pixels::from_u16(1, 1, vec![0, 11796, 65535]).unwrap();
+        let [black, grey, white] = srgb_encoded(linear).at(0, 0);
+        let light = |code: u32| Response::default().decode(f64::from(code) / 65535.0);
+        assert_eq!((black, white), (0, 65535));
+        assert!((light(grey) - 11796.0 / 65535.0).abs() < 8e-6, "{}", light(grey));
+    }
+}
