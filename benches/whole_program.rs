@@ -66,6 +66,8 @@ fn main() -> Result<()> {
         times_s: None,
         presentation: Presentation::default(),
         lossless: false,
+        codec: None,
+        soundtrack: None,
         width: WIDTH,
         height: HEIGHT,
         bits: 8,

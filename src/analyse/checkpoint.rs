@@ -210,8 +210,8 @@ mod tests {
                 .unwrap()
         };
         let srgb = Response::default();
-        let gamma = Response { curve: Curve::Gamma, ..srgb };
-        let steeper = Response { gamma: gamma.gamma + 0.1, ..gamma };
+        let gamma = Response { curve: Curve::Gamma, ..srgb.clone() };
+        let steeper = Response { gamma: gamma.gamma + 0.1, ..gamma.clone() };
         let noise_of = |sigma| NoiseProfile {
             example: None,
             bins: [0, 1, 2].map(|_| vec![NoiseBin { code: 0.0, sigma }]),

@@ -1,8 +1,8 @@
-//! Primaries of the footage's R, G, B. Colours of virtual objects are given in Rec. 709 and converted,
-//! so that they are lit and mixed in the footage's own. All have the white D65.
+//! Primaries of the footage's R, G, B. Colours of virtual objects are given in Rec. 709 and
+//! converted, so that they are lit and mixed in the footage's own. All have the white D65.
 //!
-//! Not modelled: other whites (DCI-P3 of cinemas), camera gamuts such as S-Gamut3 or ARRI Wide Gamut,
-//! in which saturated colours of objects are too saturated.
+//! Not modelled: other whites (DCI-P3 of cinemas), camera gamuts such as S-Gamut3 or ARRI Wide
+//! Gamut, in which saturated colours of objects are too saturated.
 
 use glam::{DMat3, DVec3};
 

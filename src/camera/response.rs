@@ -1,11 +1,11 @@
 //! The camera's response: code value ↔ linear light. Code values are fractions of full scale.
 //!
 //! Light is relative to diffuse white, which is 1: a camera that clips at white has light from 0 to
-//! 1. Transfer functions of high dynamic range and logarithmic curves reach further, up to
-//! [`Response::max_light`], and logarithmic ones slightly below 0. Sources:
+//! 1. Transfer functions of high dynamic range and logarithmic curves reach
+//! [`Response::max_light`], and logarithmic ones go slightly below 0. Sources:
 //!
-//! - HLG: ITU-R BT.2100-2, table 5, the inverse OETF, over its value at 75 % (the reference white of
-//!   ITU-R BT.2408-7, table 1). Its system gamma is left to the display.
+//! - HLG: ITU-R BT.2100-2, table 5, the inverse OETF, over its value at 75 % (the reference white
+//!   of ITU-R BT.2408-7, table 1). Its system gamma is left to the display.
 //! - PQ: SMPTE ST 2084, the EOTF, over 203 cd/m² (the same table).
 //! - S-Log3: Sony, *Technical Summary for S-Gamut3.Cine/S-Log3 and S-Gamut3/S-Log3*.
 //! - LogC3 (EI 800) and LogC4: ARRI, *LogC curve – usage in VFX* and *ARRI LogC4 specification*.
@@ -66,8 +66,8 @@ crate::params! {
     }
 }
 
-/// Number of samples of [`Response::samples`]: between them, S-Log3 deviates from a line by less than
-/// 10⁻⁶ of its light.
+/// Number of samples of [`Response::samples`]: between them, S-Log3 deviates from a line by less
+/// than 10⁻⁶ of its light.
 const SAMPLES: usize = 4096;
 /// Diffuse white in HLG, as scene light relative to the peak: the inverse OETF at 75 %.
 const HLG_WHITE: f64 = 0.264_962_560_420_911_55;
@@ -233,6 +233,54 @@ mod tests {
                     let numeric = 2.0 * h / (r.decode(code + h) - r.decode(code - h));
                     assert!((r.slope_at_code(code) / numeric - 1.0).abs() < 1e-3, "{curve:?} {i}");
                 }
+            }
+        }
+    }
+
+    /// Light at nine codes from 0.12 to 0.9, by the library colour-science 0.4.
+    #[test]
+    fn curves_agree_with_another_implementation() {
+        for (curve, expected) in [
+            (
+                Curve::SLog3,
+                [0.004097872, 0.02338144, 0.07033957, 0.1833544, 0.4553486, 1.109961, 2.685426, 6.477119, 15.60264],
+            ),
+            (
+                Curve::LogC3,
+                [0.005065713, 0.02821666, 0.08389865, 0.2219842, 0.564422, 1.413632, 3.519584, 8.742126, 21.69349],
+            ),
+            (
+                Curve::LogC4,
+                [0.009658351, 0.08010656, 0.2800194, 0.8473174, 2.457155, 7.025434, 19.98896, 56.77593, 161.1673],
+            ),
+            (
+                Curve::AppleLog,
+                [-0.006035397, 0.01147704, 0.03690784, 0.09296365, 0.2165246, 0.4888836, 1.089231, 2.412545, 5.329458],
+            ),
+            (
+                Curve::DLog,
+                [0.004497925, 0.02663215, 0.07913262, 0.2050364, 0.506972, 1.231058, 2.967521, 7.131813, 17.11839],
+            ),
+            (
+                Curve::VLog,
+                [-0.0008928571, 0.01779583, 0.05847047, 0.1615155, 0.4225695, 1.083923, 2.759394, 7.004028, 17.75737],
+            ),
+            (
+                Curve::Hlg,
+                [0.01811577, 0.05951313, 0.124829, 0.2140633, 0.3274486, 0.4999285, 0.7974489, 1.310659, 2.195924],
+            ),
+            (
+                Curve::Pq,
+                [0.002612356, 0.01576073, 0.05965423, 0.1831513, 0.5021271, 1.290521, 3.202878, 7.838578, 19.23963],
+            ),
+        ] {
+            for (at, expected) in expected.into_iter().enumerate() {
+                let code = 0.12 + 0.0975 * at as f64;
+                let light = of(curve).decode(code);
+                assert!(
+                    (light - expected).abs() < 1e-4 * expected.abs() + 1e-6,
+                    "{curve:?} {code}: {light}, {expected}"
+                );
             }
         }
     }

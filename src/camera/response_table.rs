@@ -1,4 +1,4 @@
-//! A response given by points: what a measurement or a lookup table gives.
+//! A response given by points, of a measurement or a lookup table.
 
 use std::fmt::Write;
 use std::sync::Arc;
@@ -9,8 +9,8 @@ use crate::text::number;
 /// Largest number of points.
 const MAX_POINTS: usize = 65_536;
 
-/// Points (code, light) of a response, linear between them. Codes are fractions of full scale from 0
-/// to 1; light is relative to diffuse white. Both ascend.
+/// Points (code, light) of a response, linear between them. Codes are fractions of full scale from
+/// 0 to 1; light is relative to diffuse white. Both ascend.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ResponseTable(Arc<[[f64; 2]]>);
 
@@ -22,7 +22,7 @@ impl Default for ResponseTable {
 }
 
 impl ResponseTable {
-    /// A table of points. The error says what is wrong with them.
+    /// A table of points. The error describes the first flaw.
     pub fn new(points: Vec<[f64; 2]>) -> Result<Self, String> {
         let [Some(first), Some(last)] = [points.first(), points.last()] else {
             return Err("holds no points".to_owned());

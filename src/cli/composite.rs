@@ -69,8 +69,8 @@ pub struct Args {
     /// Also write the findings and settings of each frame; - for stdout
     #[arg(long, value_name = "FILE.json")]
     report: Option<PathBuf>,
-    /// A folder (PNG sequence), a .mp4, .mkv or .mov file, or - for raw RGB on stdout (a pipe or a device
-    /// gets raw RGB too)
+    /// A folder (PNG sequence), a .mp4, .mkv or .mov file, or - for raw RGB on stdout (a pipe or a
+    /// device gets raw RGB too)
     #[arg(short = 'o', long = "output", value_name = "OUT")]
     output: PathBuf,
     /// Keep every code value in a video

@@ -172,11 +172,11 @@ pub fn curve_choice(response: &Response) -> f64 {
 
 /// Key of a response's samples.
 #[derive(Clone, Debug, PartialEq)]
-struct SamplesKey(Response);
+struct ResponseKey(Response);
 
 /// The buffer `response_samples`, for shaders that import shared/response.
 pub fn response_samples(recorder: &mut Recorder, response: &Response) -> Bytes {
-    recorder.memoized(SamplesKey(response.clone()), |gpu, SamplesKey(response)| {
+    recorder.memoized(ResponseKey(response.clone()), |gpu, ResponseKey(response)| {
         // Not read on curves that the shader computes.
         let samples = response.samples().unwrap_or_else(|| vec![0.0; 2]);
         let bytes = bytemuck::cast_slice(&samples);

@@ -58,7 +58,8 @@ fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
         geometry.map(Some).map_err(|e| TextError::line(&frames_file, frame.line, e))
     };
     let geometries = frames.iter().map(geometry).collect::<Result<Vec<_>, _>>()?;
-    let mut parts = Parts::new(folder, Pictures::Video(video, None), frames.iter().map(|frame| frame.time_s).collect());
+    let mut parts =
+        Parts::new(folder, Pictures::Video(Box::new(video), None), frames.iter().map(|frame| frame.time_s).collect());
     parts.geometries = geometries;
     parts.up = Some(DVec3::Y);
     parts.track = track_from(poses, options.max_gap_s, &poses_file)?;

@@ -9,6 +9,7 @@ use super::parts::Pictures;
 use crate::coding::PictureCoding;
 use crate::coding::estimate::estimate;
 use crate::parallel;
+use crate::source::still_format::StillFormat;
 use crate::source::{SourceError, jpeg_header, still};
 
 /// An estimate that is made at its first use. Clones share it. No memo: a recording's pictures do
@@ -33,7 +34,7 @@ impl Recording {
             Pictures::Video(video, _) => ("video", video.coding.as_deref().cloned().ok_or_else(String::new)),
             Pictures::Stills(files) => match files.first() {
                 Some(file) if still::is_jpeg(file)? => ("JPEG", jpeg_header::coding(&still::read(file)?)),
-                Some(_) => ("PNG", Err(String::new())),
+                Some(file) => (StillFormat::of_file(file)?.map_or("none", StillFormat::name), Err(String::new())),
                 None => ("none", Err(String::new())),
             },
         };

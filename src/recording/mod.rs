@@ -4,6 +4,7 @@
 //! reading. docs/recordings.md documents every convention.
 
 mod arkit;
+mod as_video;
 mod brown_camera;
 mod camera_file;
 mod cameras;
@@ -56,7 +57,6 @@ use crate::camera::{Geometry, Response};
 use crate::frame::{FrameExposure, RelativeBrightness, Surfel, interval_s};
 use crate::pose::Pose;
 use crate::source::presentation::Presentation;
-use crate::source::video::Soundtrack;
 use crate::source::{SourceError, still, still_format, unsupported};
 use crate::tracking::{NoPose, PoseTrack};
 use coding::CodingEstimate;
@@ -278,44 +278,6 @@ impl Recording {
     pub fn interval_s(&self, frame: usize) -> f64 {
         let timestamps_s: &[f64] = if self.has_even_intervals { &[] } else { &self.timestamps_s };
         interval_s(timestamps_s, frame, self.frame_interval_s)
-    }
-
-    /// Times of all frames, unless those of the range are within 2 ms of a constant rate:
-    /// containers round to about a millisecond.
-    pub fn times_unless_steady(&self, range: Range<usize>) -> Option<Arc<[f64]>> {
-        const TOLERANCE_S: f64 = 2e-3;
-        let times_s = self.timestamps_s.get(range)?;
-        let first_s = times_s.first()?;
-        let steady_s = (0..).map(|i| first_s + f64::from(i) * self.frame_interval_s);
-        let is_steady = times_s.iter().zip(steady_s).all(|(time_s, steady_s)| (time_s - steady_s).abs() < TOLERANCE_S);
-        (!is_steady).then(|| Arc::clone(&self.timestamps_s))
-    }
-
-    /// Presentation of the pictures according to the video, or to the EXIF of all stills.
-    pub fn presentation(&self) -> Presentation {
-        self.presentation
-    }
-
-    /// The presentation of the part of a video that starts at a frame.
-    pub fn presentation_from(&self, frame: usize) -> Presentation {
-        let fps = 1.0 / self.frame_interval_s;
-        let timecode = self.presentation.timecode.map(|timecode| timecode.advanced(frame, fps));
-        Presentation { timecode, ..self.presentation }
-    }
-
-    /// The sound of a range of frames; `None` if they are not in a video.
-    pub fn soundtrack(&self, range: Range<usize>) -> Option<Soundtrack> {
-        let Pictures::Video(video, _) = &*self.pictures else { return None };
-        let time_s = |frame: usize| self.timestamps_s.get(frame).copied();
-        let (first_s, last_s) = (time_s(range.start)?, time_s(range.end.checked_sub(1)?)?);
-        let zero_s = time_s(0)?;
-        let length_s = last_s - first_s + self.interval_s(range.end - 1);
-        Some(Soundtrack { file: video.file.clone(), start_s: video.start_s + first_s - zero_s, length_s })
-    }
-
-    /// The camera's response as far as the frames' file states it. Profiles override it.
-    pub fn response(&self) -> &Response {
-        &self.response
     }
 
     /// Opacity of the virtual layer in a frame, 0 to 1: below 1 where the live mode faded it.

@@ -69,13 +69,13 @@ pub struct FrameFiles {
     pub fps: Option<f64>,
     pub range: Option<ColorRange>,
     pub matrix: Option<ColorMatrix>,
-    pub rotation: Option<FrameRotation>,
+    pub rotation: Option<VideoRotation>,
 }
 
 /// Treatment of the rotation that a video states.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum FrameRotation {
+pub enum VideoRotation {
     /// Frames are turned on reading, as players and other programs do.
     Applied,
     /// Frames are read as stored, for poses of the sensor.
@@ -291,12 +291,12 @@ fn open_frames(
     mut read: impl FnMut(&Path) -> Result<String, RecordingError>,
 ) -> Result<OpenedFrames, RecordingError> {
     if let Some(name) = &frames.video {
-        let as_stored = frames.rotation == Some(FrameRotation::Stored);
+        let as_stored = frames.rotation == Some(VideoRotation::Stored);
         let overrides = Overrides { fps: frames.fps, range: frames.range, matrix: frames.matrix, as_stored };
         let video = video::probe(&folder.join(name), &overrides)?;
         let (timestamps_s, warnings) = (video.timestamps_s.clone(), video.warnings.clone());
         return Ok(OpenedFrames {
-            pictures: Pictures::Video(video, None),
+            pictures: Pictures::Video(Box::new(video), None),
             timestamps_s,
             opacity: Vec::new(),
             warnings,

@@ -19,6 +19,7 @@ use crate::source::exif::{self, Exif};
 use crate::source::orientation::Orientation;
 use crate::source::presentation::Presentation;
 use crate::source::still::{self, PictureHeader};
+use crate::source::telemetry;
 use crate::source::video::Video;
 use crate::text;
 use crate::tracking::{PoseTrack, default_max_gap_s, median_interval_s};
@@ -86,7 +87,7 @@ pub fn folder_of(file: &Path) -> PathBuf {
 pub enum Pictures {
     Stills(Vec<PathBuf>),
     /// A video, with file indices of the used frames if any are skipped.
-    Video(Video, Option<Vec<usize>>),
+    Video(Box<Video>, Option<Vec<usize>>),
 }
 
 /// A recording as read by its format's module, with axes and units converted.
@@ -213,13 +214,13 @@ impl Parts {
             warnings.extend(odd);
             depth = Some(Arc::new(found));
         }
-        let (photos, orientation) = photo_settings(&self.pictures, &mut warnings);
+        let (photos, orientation) = photo_settings(&self.pictures, &self.timestamps_s, &mut warnings);
         let presentation = match &self.pictures {
             Pictures::Stills(_) => Presentation { orientation, ..Presentation::default() },
             Pictures::Video(video, _) => video.presentation,
         };
         let levels = match &self.pictures {
-            Pictures::Video(Video { range: ColorRange::Limited, .. }, _) => Levels::Video,
+            Pictures::Video(video, _) if video.range == ColorRange::Limited => Levels::Video,
             _ => Levels::Full,
         };
         let response = Response { levels, ..presentation.response() };
@@ -305,8 +306,9 @@ impl Parts {
     /// files are read.
     fn common_header(&mut self) -> Result<PictureHeader, RecordingError> {
         let files = match &self.pictures {
-            Pictures::Video(Video { width, height, bits, .. }, _) => {
-                return Ok(PictureHeader { width: *width, height: *height, bits: *bits });
+            Pictures::Video(video, _) => {
+                let Video { width, height, bits, .. } = **video;
+                return Ok(PictureHeader { width, height, bits });
             }
             Pictures::Stills(files) => files.clone(),
         };
@@ -388,15 +390,35 @@ pub fn equirectangular(width: u32, height: u32) -> Result<Geometry, String> {
     geometry_from(LensModel::Equirectangular, &sizes).map_err(|e| e.to_string())
 }
 
-/// The EXIF settings of each picture, followed by endless empty ones, and their common orientation.
-/// Damaged EXIF is skipped with a warning. An orientation is warned about and not applied.
+/// The camera's settings of each frame of a video with telemetry. If it cannot be read, a warning.
+fn telemetry_settings(video: &Video, times_s: &[f64], warnings: &mut Vec<String>) -> Vec<PhotoSettings> {
+    match telemetry::read(&video.file) {
+        Ok(Some(telemetry)) => {
+            let zero_s = times_s.first().copied().unwrap_or_default();
+            times_s.iter().map(|time_s| telemetry.at(video.start_s + time_s - zero_s)).collect()
+        }
+        Ok(None) => Vec::new(),
+        Err(error) => {
+            warnings.push(format!("the camera's telemetry is not read: {error}"));
+            Vec::new()
+        }
+    }
+}
+
+/// The settings of each frame by EXIF or telemetry, followed by endless empty ones, and the common
+/// orientation of pictures. Damaged EXIF is skipped with a warning. An orientation of pictures is
+/// warned about and not applied.
 fn photo_settings(
     pictures: &Pictures,
+    times_s: &[f64],
     warnings: &mut Vec<String>,
 ) -> (impl Iterator<Item = PhotoSettings> + use<>, Orientation) {
     let files: &[PathBuf] = match pictures {
         Pictures::Stills(files) => files,
-        Pictures::Video(..) => &[],
+        Pictures::Video(video, _) => {
+            let settings = telemetry_settings(video, times_s, warnings);
+            return (settings.into_iter().chain(std::iter::repeat(PhotoSettings::default())), Orientation::default());
+        }
     };
     // Unreadable files were refused before.
     let read = |file: &PathBuf| exif::read(file).unwrap_or_default();

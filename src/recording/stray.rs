@@ -71,7 +71,7 @@ fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     };
     let geometries = lines[..frames].iter().map(camera).collect::<Result<Vec<_>, RecordingError>>()?;
     let mut parts =
-        Parts::new(folder, Pictures::Video(video, None), lines[..frames].iter().map(|l| l.time_s).collect());
+        Parts::new(folder, Pictures::Video(Box::new(video), None), lines[..frames].iter().map(|l| l.time_s).collect());
     parts.geometries = geometries;
     parts.up = Some(DVec3::Y);
     let mut poses: Vec<(f64, Pose)> = Vec::new();

@@ -194,7 +194,7 @@ mod tests {
             rect: Rect::full(640, 480),
             occlusion: None,
             parallel_to_m: None,
-            primaries: Primaries::Rec709,
+            primaries: crate::camera::Primaries::Rec709,
             outer: None,
         };
         let MotionNode { at_infinity, by_nearness, row_time, .. } = CameraPath::new(&view).node(at);

@@ -1,5 +1,6 @@
 //! A PNG sequence whose names sort in frame order.
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
@@ -9,11 +10,15 @@ use super::atomic::write_atomically;
 use super::{Sink, SinkError, SinkOptions, of_image};
 use crate::cleanup::MadeFolder;
 use crate::pixels::{Codes, Pixels};
+use crate::source::presentation::ColorTags;
 
 /// The file name of a frame.
 pub fn frame_name(frame_index: usize) -> String {
     format!("frame_{frame_index:06}.png")
 }
+
+/// Length of a PNG's signature and first chunk.
+const IHDR_END_BYTES: usize = 8 + 25;
 
 /// Writes `frame_000012.png` and so on, each either complete or absent. With `force` a frame
 /// replaces only the file of its own name, so ranges rendered separately can share a folder.
@@ -35,27 +40,64 @@ impl FolderSink {
     }
 }
 
-/// Writes one frame as a PNG file.
-pub fn write_frame(path: &Path, pixels: &Pixels, force: bool) -> Result<(), SinkError> {
+/// Writes one frame as a PNG file, with the chunk of its colour tags if it has any.
+pub fn write_frame(path: &Path, pixels: &Pixels, color_tags: Option<ColorTags>, force: bool) -> Result<(), SinkError> {
     let (bytes, color): (&[u8], _) = match &pixels.codes {
         Codes::U8(codes) => (codes, ExtendedColorType::Rgb8),
         Codes::U16(codes) => (bytemuck::cast_slice(codes), ExtendedColorType::Rgb16),
     };
     write_atomically(path, force, |writer| {
-        PngEncoder::new_with_quality(writer, CompressionType::Fast, FilterType::Adaptive)
+        let Some(ColorTags { primaries, transfer }) = color_tags else {
+            return PngEncoder::new_with_quality(writer, CompressionType::Fast, FilterType::Adaptive)
+                .write_image(bytes, pixels.width, pixels.height, color)
+                .map_err(of_image);
+        };
+        let mut png = Vec::new();
+        PngEncoder::new_with_quality(&mut png, CompressionType::Fast, FilterType::Adaptive)
             .write_image(bytes, pixels.width, pixels.height, color)
-            .map_err(of_image)
+            .map_err(of_image)?;
+        // R'G'B' of full range. Source: PNG specification (third edition), 11.3.2.6.
+        let chunk = [b"cICP", &[primaries, transfer, 0, 1][..]].concat();
+        let length = (chunk.len() as u32 - 4).to_be_bytes();
+        let (header, rest) = png.split_at(IHDR_END_BYTES);
+        for part in [header, &length, &chunk, &crc32fast::hash(&chunk).to_be_bytes(), rest] {
+            writer.write_all(part)?;
+        }
+        Ok(())
     })
 }
 
 impl Sink for FolderSink {
     fn write(&mut self, frame_index: usize, pixels: &Pixels) -> Result<(), SinkError> {
         self.options.check(frame_index, pixels)?;
-        write_frame(&self.folder.join(frame_name(frame_index)), pixels, self.options.force)
+        let tags = self.options.presentation.color_tags();
+        write_frame(&self.folder.join(frame_name(frame_index)), pixels, tags, self.options.force)
     }
 
     fn finish(self: Box<Self>) -> Result<(), SinkError> {
         self.made.keep();
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tagged_png_has_its_chunk_before_the_pixels_and_reads_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("hlg.png");
+        let pixels = Pixels::from_u16(2, 1, vec![1, 2, 3, 65_535, 256, 7]).unwrap();
+        let hlg = ColorTags { primaries: 9, transfer: 18 };
+        write_frame(&path, &pixels, Some(hlg), false).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        assert_eq!(&bytes[IHDR_END_BYTES..][..12], b"\0\0\0\x04cICP\x09\x12\0\x01");
+        // The decoder checks the checksum of each chunk.
+        let decoder = image::codecs::png::PngDecoder::new(std::io::Cursor::new(&bytes)).unwrap();
+        assert_eq!(
+            image::DynamicImage::from_decoder(decoder).unwrap().into_rgb16().into_raw(),
+            [1, 2, 3, 65_535, 256, 7]
+        );
     }
 }

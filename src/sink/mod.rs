@@ -292,7 +292,7 @@ mod tests {
         // Exceeds the encoder's buffers.
         let codes = (0..3 * 640 * 480_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
         let frame = Pixels::from_u8(640, 480, codes).unwrap();
-        let error = folder::write_frame(&full("large.png"), &frame, true).unwrap_err().to_string();
+        let error = folder::write_frame(&full("large.png"), &frame, None, true).unwrap_err().to_string();
         assert!(error.contains("cannot be written: the disk is full"), "{error}");
     }
 }

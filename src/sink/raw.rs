@@ -56,6 +56,8 @@ mod tests {
             times_s: None,
             presentation,
             lossless: false,
+            codec: None,
+            soundtrack: None,
             width: 1,
             height: 1,
             bits: 8,

@@ -129,8 +129,8 @@ fn fits_mp4(file: &Path) -> Result<bool, ProgramError> {
 /// Arguments of the encoder: options and pixel format.
 fn encoder(options: &SinkOptions, codec: VideoCodec) -> (Vec<&'static str>, &'static str) {
     let is_even = options.width.is_multiple_of(2) && options.height.is_multiple_of(2);
-    // 8-bit quantization is visible in a high dynamic range. Chroma subsampling requires even sizes,
-    // but the picture's size must not change.
+    // 8-bit quantization is visible in a high dynamic range. Chroma subsampling requires even
+    // sizes, but the picture's size must not change.
     let is_ten_bit = options.presentation.is_hdr() && options.bits == 16;
     match codec {
         VideoCodec::H264 => {
@@ -145,7 +145,7 @@ fn encoder(options: &SinkOptions, codec: VideoCodec) -> (Vec<&'static str>, &'st
         VideoCodec::Hevc => {
             let format = if is_even { "yuv420p10le" } else { "yuv444p10le" };
             let quality = ["-preset", "fast", "-crf", "14", "-x265-params", "log-level=error"];
-            // Players of Apple know HEVC by this tag.
+            // Players of Apple identify HEVC by this tag.
             ([&["-c:v", "libx265"], &quality[..], &["-tag:v", "hvc1"]].concat(), format)
         }
         VideoCodec::ProRes => (vec!["-c:v", "prores_ks", "-profile:v", "hq", "-vendor", "apl0"], "yuv422p10le"),

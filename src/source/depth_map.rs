@@ -1,4 +1,5 @@
-//! Depth pictures: 16-bit grey PNG, TIFF and PGM, OpenEXR and NumPy's `.npy` (NEP 1), distinguished by content.
+//! Depth pictures: 16-bit grey PNG, TIFF and PGM, OpenEXR and NumPy's `.npy` (NEP 1), distinguished
+//! by content.
 //!
 //! Not modelled: deep OpenEXR, arrays of several maps.
 

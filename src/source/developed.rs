@@ -1,5 +1,6 @@
-//! Pictures that other programs decode: HEIF by `heif-convert`, camera raw files by `dcraw_emu`, JPEG
-//! 2000 by `ffmpeg`, JPEG XL by `djxl`. Each is developed once into a PNG in the user's cache folder.
+//! Pictures that other programs decode: HEIF by `heif-convert`, camera raw files by `dcraw_emu`,
+//! JPEG 2000 by `ffmpeg`, JPEG XL by `djxl`. Each is developed once into a PNG in the user's cache
+//! folder.
 //!
 //! The result has the orientation of the sensor: rotations of the file are undone, so that upright
 //! and landscape photographs of one camera have one size and one set of intrinsics, as JPEGs do.
@@ -38,7 +39,7 @@ const HEIF_DECODERS: &[&str] = &["heif-dec", "heif-convert"];
 const RAW_DECODERS: &[&str] = &["dcraw_emu"];
 const JPEG_XL_DECODERS: &[&str] = &["djxl"];
 
-/// The installed programs, or why there is none, each with what it decodes.
+/// The formats, each with the installed program that decodes it, or the reason for its absence.
 pub fn decoders() -> impl Iterator<Item = (&'static str, Result<&'static str, ProgramError>)> {
     [("HEIC, AVIF", HEIF_DECODERS), ("camera raw files", RAW_DECODERS), ("JPEG XL", JPEG_XL_DECODERS)]
         .into_iter()
@@ -79,7 +80,7 @@ fn png_in(cache: &Path, file: &Path, format: StillFormat) -> Result<PathBuf, Sou
     let state = format!("{VERSION} {} {} {}", path.display(), metadata.len(), since.as_nanos());
     let png = cache.join(format!("{:x}.png", sha2::Sha256::digest(state)));
     if png.is_file() {
-        // The cache keeps what was used last. Without the right to do so it is merely removed earlier.
+        // The least recently used files are removed first. On failure it is removed earlier.
         let _ = std::fs::File::options().append(true).open(&png).and_then(|file| file.set_modified(SystemTime::now()));
         return Ok(png);
     }
@@ -260,8 +261,8 @@ mod tests {
         assert_eq!((exif.orientation, exif.settings.time_s, exif.settings.iso), (Some(6), Some(0.008), Some(200.0)));
     }
 
-    /// A mosaic of RGGB, black 512, white 15872, neutral (0.5, 1, 0.8), whose left half is grey of a
-    /// quarter of full scale and its right half of an eighth. Written by tifffile.
+    /// A mosaic of RGGB, black 512, white 15872, neutral (0.5, 1, 0.8), whose left half is grey of
+    /// a quarter of full scale and its right half of an eighth. Written by tifffile.
     #[test]
     fn raw_file_becomes_linear_light_with_the_white_balance_as_shot() {
         let (cache, file) = (tempfile::tempdir().unwrap(), Path::new("tests/stills/grey.dng"));

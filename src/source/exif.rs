@@ -28,8 +28,8 @@ pub struct Exif {
     pub damage: Option<String>,
 }
 
-/// The EXIF of a picture; empty for a file without EXIF, or one of another kind. An error if the file
-/// cannot be read.
+/// The EXIF of a picture; empty for a file without EXIF, or one of another kind. An error if the
+/// file cannot be read.
 pub fn read(file: &Path) -> Result<Exif, SourceError> {
     let reader = plain::open(file).map_err(|source| SourceError::Read { file: file.to_owned(), source })?;
     let mut reader = BufReader::new(reader);
@@ -40,7 +40,8 @@ pub fn read(file: &Path) -> Result<Exif, SourceError> {
             let exif = exif.or_else(|error| error.distill_partial_result(|_| {}));
             let mut read = exif.map(|exif| of_fields(&exif)).unwrap_or_default();
             if format == StillFormat::Heif {
-                // The container's rotation counts for decoders, and the developed picture is without it.
+                // The container's rotation counts for decoders, and the developed picture is
+                // without it.
                 let quarter_turns = heif::read(file)?.quarter_turns;
                 read.orientation = [None, Some(8), Some(3), Some(6)][quarter_turns as usize & 3];
             }

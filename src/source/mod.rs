@@ -19,6 +19,7 @@ pub mod presentation;
 mod scene_linear;
 pub mod still;
 pub mod still_format;
+pub mod telemetry;
 pub mod timecode;
 pub mod unsupported;
 pub mod video;

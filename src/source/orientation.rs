@@ -44,8 +44,8 @@ impl Orientation {
         if self.rotation_deg % 180.0 == 0.0 { (width, height) } else { (height, width) }
     }
 
-    /// Applies the orientation, which is by quarter turns, to a picture. How its codes were coded is
-    /// lost, except by the identity.
+    /// Applies the orientation, which is by quarter turns, to a picture. How its codes were coded
+    /// is lost, except by the identity.
     pub fn apply(self, pixels: Pixels) -> Pixels {
         if self == Self::default() {
             return pixels;
@@ -53,8 +53,8 @@ impl Orientation {
         let [a, b, c, d] = self.matrix().map(|element| element.round() as i64);
         let (width, height) = self.oriented_size((pixels.width, pixels.height));
         let (last_x, last_y) = (i64::from(pixels.width) - 1, i64::from(pixels.height) - 1);
-        // The matrix is orthogonal, so its transpose is its inverse. The origin of the stored picture
-        // is where a negative element would lead to negative coordinates.
+        // The matrix is orthogonal, so its transpose is its inverse. The origin of the stored
+        // picture is where a negative element would lead to negative coordinates.
         let (dx, dy) = ((a + c).min(0), (b + d).min(0));
         let (dx, dy) = (dx * if a == 0 { last_y } else { last_x }, dy * if d == 0 { last_x } else { last_y });
         pixels.rearranged(width, height, |x, y| {

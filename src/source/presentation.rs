@@ -1,5 +1,6 @@
 //! Display properties of a video: orientation, pixel aspect, colour tags and time code, with the
-//! warnings about each. They are not applied when pictures are read; a written video gets the same tags.
+//! warnings about each. They are not applied when pictures are read; a written video gets the same
+//! tags.
 
 use serde::Deserialize;
 
@@ -35,6 +36,13 @@ pub struct Presentation {
     pub primaries: Option<&'static str>,
     /// Of the first frame.
     pub timecode: Option<Timecode>,
+}
+
+/// Code points of ITU-T H.273, tables 2 and 3.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ColorTags {
+    pub primaries: u8,
+    pub transfer: u8,
 }
 
 /// Transfer functions, each with its common name if it is far from the response of a usual camera.
@@ -79,8 +87,8 @@ impl Presentation {
         }
     }
 
-    /// Splits off an orientation by quarter turns, which is applied on reading unless the frames are
-    /// read `as_stored`.
+    /// Splits off an orientation by quarter turns, which is applied on reading unless the frames
+    /// are read `as_stored`.
     pub(super) fn applied(self, as_stored: bool) -> (Self, Orientation) {
         if as_stored || !self.orientation.is_by_quarter_turns() {
             return (self, Orientation::default());
@@ -90,13 +98,34 @@ impl Presentation {
         (Self { orientation: Orientation::default(), pixel_aspect, ..self }, self.orientation)
     }
 
+    /// The tags of pictures whose transfer function or primaries are not those of usual pictures.
+    pub fn color_tags(&self) -> Option<ColorTags> {
+        let transfer = match self.transfer {
+            Some("arib-std-b67") => 18,
+            Some("smpte2084") => 16,
+            Some("linear") => 8,
+            Some("bt470m") => 4,
+            Some("bt470bg") => 5,
+            Some("smpte428") => 17,
+            _ => 13,
+        };
+        let primaries = match self.primaries {
+            Some("bt2020") => 9,
+            Some("smpte431") => 11,
+            Some("smpte432") => 12,
+            _ => 1,
+        };
+        ((primaries, transfer) != (1, 13)).then_some(ColorTags { primaries, transfer })
+    }
+
     /// True for a transfer function of high dynamic range.
     pub fn is_hdr(&self) -> bool {
         matches!(self.transfer, Some("arib-std-b67" | "smpte2084"))
     }
 
-    /// The camera's response that the transfer function and the primaries state. The curves of usual
-    /// cameras are all taken for sRGB, the default, and primaries near those of Rec. 709 for these.
+    /// The camera's response that the transfer function and the primaries state. The curves of
+    /// usual cameras are all taken for sRGB, the default, and primaries near those of Rec. 709 for
+    /// these.
     pub fn response(&self) -> Response {
         let (curve, gamma) = match self.transfer {
             Some("arib-std-b67") => (Curve::Hlg, None),

@@ -127,8 +127,8 @@ pub fn is_picture_name(file: &Path) -> bool {
     StillFormat::of_name(file).is_some()
 }
 
-/// The picture in a folder whose name omits the extension; it may contain further dots. PNG and JPEG
-/// come first.
+/// The picture in a folder whose name omits the extension; it may contain further dots. PNG and
+/// JPEG come first.
 pub fn with_omitted_extension(folder: &Path, name: &str) -> Option<PathBuf> {
     let extensions = EXTENSIONS.iter().flat_map(|(_, extensions)| extensions.iter());
     let spelled = extensions.flat_map(|extension| [(*extension).to_owned(), extension.to_uppercase()]);
@@ -152,7 +152,7 @@ pub fn pictures_in(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
         files.iter().filter(|(format, _)| format.is_png_or_jpeg()).map(|(_, file)| stem(file)).collect();
     let has_pictures = files.iter().any(|(format, _)| !format.may_hold_data());
     files.retain(|(format, file)| {
-        format.is_png_or_jpeg() || !copies.contains(&stem(file)) && !(has_pictures && format.may_hold_data())
+        format.is_png_or_jpeg() || !(copies.contains(&stem(file)) || has_pictures && format.may_hold_data())
     });
     Ok(files.into_iter().map(|(_, file)| file).collect())
 }

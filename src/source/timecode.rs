@@ -1,5 +1,5 @@
-//! SMPTE time code of a video's first frame. Source: SMPTE ST 12-1 (drop frame: two numbers a minute
-//! are skipped at 29.97 frames a second, four at 59.94, except in every tenth minute).
+//! SMPTE time code of a video's first frame. Source: SMPTE ST 12-1 (drop frame: two numbers a
+//! minute are skipped at 29.97 frames a second, four at 59.94, except in every tenth minute).
 
 use std::fmt;
 
@@ -22,7 +22,7 @@ impl Timecode {
     /// The time code a number of frames later, at a rate in frames per second.
     pub fn advanced(self, frames: usize, fps: f64) -> Self {
         let rate = (fps.round() as u64).max(1);
-        let skipped = if self.is_drop_frame && rate % 30 == 0 { rate / 15 } else { 0 };
+        let skipped = if self.is_drop_frame && rate.is_multiple_of(30) { rate / 15 } else { 0 };
         let [hours, minutes, seconds, frame] = self.fields;
         let minutes = 60 * hours + minutes;
         let per_ten_minutes = 600 * rate - 9 * skipped;

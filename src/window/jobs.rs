@@ -335,7 +335,9 @@ fn take_snapshot(
     let mut compositor = shot.compositor(open_gpu(gpu).map_err(failed)?);
     let pending = shot.picture(&mut compositor, frame, Target::Pixels)?;
     let done = compositor.collect(pending).map_err(failed)?;
-    write_frame(path, &done.pixels, force).map_err(|error| JobFailure::Failed(without_options(&error.to_string())))?;
+    let tags = shot.recording.presentation().color_tags();
+    write_frame(path, &done.pixels, tags, force)
+        .map_err(|error| JobFailure::Failed(without_options(&error.to_string())))?;
     Ok(format!("frame {frame}"))
 }
 

@@ -54,7 +54,7 @@ fn range_and_matrix_as_stated_or_as_usual() {
         let v = parse_tall(height, stream, ONE, &Overrides::default()).unwrap();
         assert_eq!((v.range, v.matrix, v.bits), expected, "{stream}");
     }
-    let overrides = Overrides { range: Some(Full), matrix: Some(Bt709), fps: None };
+    let overrides = Overrides { range: Some(Full), matrix: Some(Bt709), fps: None, ..Overrides::default() };
     let v = parse(r#""pix_fmt": "yuv420p", "color_space": "smpte170m", "color_range": "tv""#, ONE, &overrides).unwrap();
     assert_eq!((v.range, v.matrix), (Full, Bt709));
     let error = parse(r#""pix_fmt": "yuv420p", "color_space": "ycgco""#, ONE, &Overrides::default()).unwrap_err();
@@ -82,6 +82,7 @@ fn presentation_is_kept_and_reported() {
             pixel_aspect: Some(pixel_aspect),
             transfer: Some("smpte2084"),
             primaries: Some("bt2020"),
+            timecode: None,
         };
         assert_eq!((v.presentation, (v.width, v.height)), (expected, size));
         for message in messages {
