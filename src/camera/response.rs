@@ -61,7 +61,7 @@ crate::params! {
         "the curve" curve: Curve = Curve::Srgb;
         "exponent of the curve gamma: code = light^(1/gamma)" gamma: f64 = 2.2, "1", 0.2..=5.0, by_ratio => curve is "gamma";
         "codes that full scale stands for: full (0 to 1023), or video (64 to 940)" levels: Levels = Levels::Full => curve is "s-log3 or v-log or d-log";
-        "primaries of the code values" primaries at Draw: Primaries = Primaries::Rec709;
+        "primaries of the code values" primaries: Primaries = Primaries::Rec709;
         "points of the curve table: pairs of code and light, separated by commas" table: ResponseTable = ResponseTable::default() => curve is "table";
     }
 }
@@ -70,7 +70,7 @@ crate::params! {
 /// than 10⁻⁶ of its light.
 const SAMPLES: usize = 4096;
 /// Diffuse white in HLG, as scene light relative to the peak: the inverse OETF at 75 %.
-const HLG_WHITE: f64 = 0.264_962_560_420_911_55;
+const HLG_WHITE: f64 = 0.264_962_559_786_400_15;
 /// Diffuse white in PQ, cd/m².
 const PQ_WHITE: f64 = 203.0;
 
@@ -354,7 +354,8 @@ mod tests {
                 let middle = 0.5 * (f64::from(samples[i]) + f64::from(samples[i + 1]));
                 let code = (i as f64 + 0.5) / (SAMPLES - 1) as f64;
                 let off = (r.encode(middle) - code).abs();
-                assert!(off < 0.05 / 1023.0 || curve == Curve::Pq && i < 40, "{curve:?} {i}: {off}");
+                // A tenth of a code of 10 bits.
+                assert!(off < 0.1 / 1023.0 || curve == Curve::Pq && i < 40, "{curve:?} {i}: {off}");
             }
         }
         assert_eq!(of(Curve::Srgb).samples(), None);

@@ -10,12 +10,11 @@ use exr::meta::attribute::SampleType;
 use exr::prelude::{MetaData, ReadChannels, ReadLayers};
 use half::f16;
 
-use super::still_format::StillFormat;
+use super::still_format::{EXR_SIGNATURE, StillFormat};
 use super::unsupported::DEPTH_FORMATS;
 use super::{SourceError, file as plain, still};
 use crate::pixels::DepthMap;
 
-pub const EXR_SIGNATURE: &[u8] = b"\x76\x2f\x31\x01";
 pub const NPY_SIGNATURE: &[u8] = b"\x93NUMPY";
 
 /// Number of bytes that determine the kind of a file.

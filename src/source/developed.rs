@@ -18,9 +18,8 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use sha2::Digest as _;
 
 use super::orientation::Orientation;
-use super::still::{self, PictureHeader};
-use super::still_format::StillFormat;
-use super::{SourceError, ffmpeg, heif};
+use super::still_format::{PictureHeader, StillFormat};
+use super::{SourceError, ffmpeg, heif, scene_linear, still_decoder};
 use crate::pixels::{Codes, Pixels};
 use crate::program::{self, ProgramError};
 use crate::user_folders;
@@ -64,7 +63,7 @@ pub fn read_header(file: &Path, format: StillFormat) -> Result<PictureHeader, So
         let heif::HeifPicture { width, height, bits, .. } = heif::read(file)?;
         return Ok(PictureHeader { width, height, bits: if bits > 8 { 16 } else { 8 } });
     }
-    still::read_header(&png_of(file, format)?)
+    still_decoder::read_header(&png_of(file, format)?, StillFormat::Png)
 }
 
 /// The developed picture's file, from the cache or made now.
@@ -102,7 +101,7 @@ fn develop(file: &Path, format: StillFormat, work: &Path, png: &Path) -> Result<
             let picture = heif::read(file)?;
             convert(file, HEIF_DECODERS, &[text(&["--quiet"]), paths(&[file, png])].concat())?;
             let undone = Orientation { is_mirrored: false, rotation_deg: -90.0 * f64::from(picture.quarter_turns) };
-            let pixels = undone.apply(still::read_pixels(png)?);
+            let pixels = undone.apply(still_decoder::read_pixels(png, StillFormat::Png)?);
             if (pixels.width, pixels.height) != (picture.width, picture.height) {
                 let problem = format!(
                     "is cropped from {}x{} to {}x{} by its own properties, which is not supported; convert it: \
@@ -120,8 +119,9 @@ fn develop(file: &Path, format: StillFormat, work: &Path, png: &Path) -> Result<
             let tiff = work.join("linear.tiff");
             let options = ["-T", "-4", "-w", "-t", "0", "-o", "1", "-q", "3", "-Z"];
             convert(file, RAW_DECODERS, &[text(&options), paths(&[&tiff, file])].concat())?;
-            let linear = still::read_pixels(&tiff).map_err(|_| undeveloped(file, "it wrote no picture"))?;
-            save(&still::srgb_encoded(linear), png)
+            let linear = still_decoder::read_pixels(&tiff, StillFormat::Tiff)
+                .map_err(|_| undeveloped(file, "it wrote no picture"))?;
+            save(&scene_linear::srgb_encoded(linear), png)
         }
         StillFormat::JpegXl => convert(file, JPEG_XL_DECODERS, &paths(&[file, png])),
         _ => {
@@ -233,7 +233,7 @@ mod tests {
         // ffmpeg detects the format by content, so a PNG serves as the input.
         save(&Pixels::from_u8(2, 1, vec![1, 2, 3, 4, 5, 6]).unwrap(), &file).unwrap();
         let first = png_in(&cache, &file, StillFormat::Jpeg2000).unwrap();
-        assert_eq!(still::read_pixels(&first).unwrap().at(1, 0), [4, 5, 6]);
+        assert_eq!(still_decoder::read_pixels(&first, StillFormat::Png).unwrap().at(1, 0), [4, 5, 6]);
         // A second development would bring the pixels back.
         std::fs::write(&first, "kept").unwrap();
         assert_eq!(png_in(&cache, &file, StillFormat::Jpeg2000).unwrap(), first);
@@ -241,7 +241,7 @@ mod tests {
         save(&Pixels::from_u8(3, 1, vec![9; 9]).unwrap(), &file).unwrap();
         let second = png_in(&cache, &file, StillFormat::Jpeg2000).unwrap();
         assert_ne!(second, first);
-        assert_eq!(still::read_header(&second).unwrap().width, 3);
+        assert_eq!(still_decoder::read_header(&second, StillFormat::Png).unwrap().width, 3);
         assert_eq!(std::fs::read_dir(&cache).unwrap().count(), 2);
     }
 
@@ -250,8 +250,10 @@ mod tests {
     #[test]
     fn heic_has_the_sensors_orientation() {
         let (cache, file) = (tempfile::tempdir().unwrap(), Path::new("tests/stills/turned.heic"));
-        assert_eq!(still::read_header(file).unwrap(), PictureHeader { width: 64, height: 48, bits: 8 });
-        let pixels = still::read_pixels(&png_in(cache.path(), file, StillFormat::Heif).unwrap()).unwrap();
+        assert_eq!(read_header(file, StillFormat::Heif).unwrap(), PictureHeader { width: 64, height: 48, bits: 8 });
+        let pixels =
+            still_decoder::read_pixels(&png_in(cache.path(), file, StillFormat::Heif).unwrap(), StillFormat::Png)
+                .unwrap();
         assert_eq!((pixels.width, pixels.height), (64, 48));
         for (x, y) in [(5, 40), (60, 3), (33, 20)] {
             let (code, expected) = (pixels.at(x, y), [4 * x, 5 * y, 60]);
@@ -266,7 +268,9 @@ mod tests {
     #[test]
     fn raw_file_becomes_linear_light_with_the_white_balance_as_shot() {
         let (cache, file) = (tempfile::tempdir().unwrap(), Path::new("tests/stills/grey.dng"));
-        let pixels = still::read_pixels(&png_in(cache.path(), file, StillFormat::Raw).unwrap()).unwrap();
+        let pixels =
+            still_decoder::read_pixels(&png_in(cache.path(), file, StillFormat::Raw).unwrap(), StillFormat::Png)
+                .unwrap();
         // Tagged to be turned, and stored as the sensor has it.
         assert_eq!((pixels.width, pixels.height, pixels.max_code()), (64, 48, 65535));
         let light =

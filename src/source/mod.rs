@@ -18,6 +18,7 @@ pub mod orientation;
 pub mod presentation;
 mod scene_linear;
 pub mod still;
+mod still_decoder;
 pub mod still_format;
 pub mod telemetry;
 pub mod timecode;

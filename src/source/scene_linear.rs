@@ -10,7 +10,7 @@ use std::io::{BufRead, Cursor};
 use exr::meta::header::Header;
 use exr::prelude::{MetaData, ReadChannels, ReadLayers};
 
-use super::still::PictureHeader;
+use super::still_format::PictureHeader;
 use crate::camera::Response;
 use crate::pixels::{Codes, Pixels};
 

@@ -6,10 +6,11 @@ use std::ffi::OsString;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use super::{SourceError, depth_map, file as plain, heif};
+use super::{SourceError, file as plain, heif};
 
 pub const PNG_SIGNATURE: &[u8] = b"\x89PNG\r\n\x1a\n";
 pub const JPEG_SIGNATURE: &[u8] = b"\xff\xd8\xff";
+pub const EXR_SIGNATURE: &[u8] = b"\x76\x2f\x31\x01";
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StillFormat {
@@ -27,6 +28,15 @@ pub enum StillFormat {
     Raw,
     Jpeg2000,
     JpegXl,
+}
+
+/// The contents of a picture's header.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct PictureHeader {
+    pub width: u32,
+    pub height: u32,
+    /// 8 or 16: depth of the result of [`read_pixels`].
+    pub bits: u32,
 }
 
 /// Supported formats, for messages.
@@ -71,7 +81,7 @@ impl StillFormat {
             // JPEG-LS begins like a JPEG.
             _ if start.starts_with(b"\xff\xd8\xff\xf7") => return None,
             _ if start.starts_with(JPEG_SIGNATURE) => Self::Jpeg,
-            _ if start.starts_with(depth_map::EXR_SIGNATURE) => Self::Exr,
+            _ if start.starts_with(EXR_SIGNATURE) => Self::Exr,
             _ if start.starts_with(b"FUJIFILM") || heif::has_brand(start, &[b"crx "]) => Self::Raw,
             _ if heif::is_picture(start) => Self::Heif,
             _ if start.starts_with(b"II*\0") || start.starts_with(b"MM\0*") => Self::Tiff,

@@ -8,6 +8,7 @@ use std::process::Command;
 use crate::files::{describe, frames, open, options, picture, refused, write};
 use crate::program;
 use image::{ImageBuffer, Luma};
+use locard::camera::Curve;
 use locard::pixels::Pixels;
 use locard::recording::{OpenOptions, Recording};
 use locard::sink::SinkOptions;
@@ -416,7 +417,25 @@ fn written(file: &Path, changed: SinkOptions) -> Recording {
     let pictures: Vec<Pixels> = (0..4).map(|i| picture(i, 32, 16, changed.bits)).collect();
     write(file, &changed, &pictures);
     let name = file.file_name().unwrap().to_string_lossy();
-    open(&describe(file.parent().unwrap(), &format!("[frames]\nvideo = \"{name}\"\n")))
+    open(&describe(file.parent().unwrap(), &format!("[frames]\nvideo = \"{name}\"\nrotation = \"stored\"\n")))
+}
+
+#[test]
+fn rotation_of_a_video_is_applied_on_reading_unless_stored_frames_are_wanted() {
+    let temp = tempfile::tempdir().unwrap();
+    for exif in [6, 3, 5] {
+        let orientation = Orientation::of_exif(exif);
+        let presentation = Presentation { orientation, ..Presentation::default() };
+        let stored =
+            written(&temp.path().join("a.mp4"), SinkOptions { presentation, force: true, ..options(32, 16, 8) });
+        assert_eq!((stored.width, stored.height, stored.presentation().orientation), (32, 16, orientation));
+        assert!(*frames(&stored, 1..2)[0].pixels == picture(1, 32, 16, 8));
+        let turned = open(&describe(temp.path(), "[frames]\nvideo = \"a.mp4\"\n"));
+        assert_eq!((turned.width, turned.height), orientation.oriented_size((32, 16)));
+        assert_eq!(turned.presentation().orientation, Orientation::default());
+        assert_eq!(warning_count(&turned, &format!("its frames are {orientation} on reading")), 1);
+        assert!(*frames(&turned, 1..2)[0].pixels == orientation.apply(picture(1, 32, 16, 8)), "{exif}");
+    }
 }
 
 #[test]
@@ -478,14 +497,15 @@ fn video_keeps_its_presentation_tags() {
 
 #[test]
 fn high_dynamic_range_is_kept_in_ten_bits() {
-    for transfer in ["arib-std-b67", "smpte2084"] {
+    for (transfer, curve) in [("arib-std-b67", Curve::Hlg), ("smpte2084", Curve::Pq)] {
         let temp = tempfile::tempdir().unwrap();
         let presentation =
             Presentation { transfer: Some(transfer), primaries: Some("bt2020"), ..Presentation::default() };
         let file = temp.path().join("a.mp4");
         let r = written(&file, SinkOptions { presentation, lossless: false, ..options(32, 16, 16) });
         assert_eq!((r.presentation(), r.bits), (presentation, 16));
-        assert_eq!(warning_count(&r, "(high dynamic range)"), 1, "{:?}", r.warnings);
+        assert_eq!(r.response().curve, curve);
+        assert!(r.warnings.is_empty(), "{:?}", r.warnings);
         let probe = Command::new("ffprobe")
             .args(["-v", "error", "-show_entries", "stream=pix_fmt,color_space", "-of", "csv=p=0"])
             .arg(&file)
@@ -512,7 +532,11 @@ fn composited(folder: &Path, more: &[&str]) -> Recording {
     let out = folder.join("out.mp4");
     let arguments = ["composite", folder.to_str().unwrap(), "--scene", "scenes/marker-1.glb", "--plain", "-o"];
     program::stdout_of(&[&arguments[..], &[out.to_str().unwrap()], more].concat());
-    Recording::open(&describe(folder, "[frames]\nvideo = \"out.mp4\"\n"), &OpenOptions::default()).unwrap()
+    Recording::open(
+        &describe(folder, "[frames]\nvideo = \"out.mp4\"\nrotation = \"stored\"\n"),
+        &OpenOptions::default(),
+    )
+    .unwrap()
 }
 
 #[test]
@@ -524,7 +548,7 @@ fn composite_keeps_the_times_and_tags_of_its_recording() {
     let times_s = [0.0, 0.1, 0.1333, 0.4];
     let changed = SinkOptions { presentation, times_s: Some(times_s.into()), ..options(32, 16, 8) };
     written(&folder.join("a.mp4"), changed);
-    describe_resting(folder, "video = \"a.mp4\"");
+    describe_resting(folder, "video = \"a.mp4\"\nrotation = \"stored\"");
     let r = composited(folder, &[]);
     assert_eq!((r.presentation().orientation, r.presentation().pixel_aspect), (orientation, Some((16, 15))));
     for (time_s, expected_s) in r.timestamps_s.iter().zip(times_s) {

@@ -33,3 +33,4 @@ mod safety;
 mod scans;
 mod scene;
 mod seeking;
+mod video_out;

@@ -1,7 +1,13 @@
-use super::*;
+use std::io::Cursor;
+use std::path::PathBuf;
+
 use image::{ExtendedColorType as Color, ImageEncoder};
 use proptest::prelude::*;
-use std::path::PathBuf;
+
+use super::super::still_decoder::header;
+use super::super::still_format::{JPEG_SIGNATURE, PNG_SIGNATURE};
+use super::*;
+use crate::pixels::Codes;
 
 #[test]
 fn file_without_a_picture_is_distinguished_from_a_missing_one() {
