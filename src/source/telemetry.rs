@@ -41,7 +41,7 @@ impl Telemetry {
 }
 
 #[derive(Deserialize)]
-struct Probe {
+struct DataProbe {
     #[serde(default)]
     streams: Vec<DataStream>,
     #[serde(default)]
@@ -61,7 +61,7 @@ struct DataPacket {
     duration_time: Option<String>,
 }
 
-fn probe(file: &Path, streams: &str, entries: &str) -> Result<Probe, SourceError> {
+fn probe(file: &Path, streams: &str, entries: &str) -> Result<DataProbe, SourceError> {
     let options = ["-v", "error", "-select_streams", streams, "-show_entries", entries, "-of", "json"];
     let arguments: Vec<OsString> = options.into_iter().map(OsString::from).chain(ffmpeg::input(file)).collect();
     let written = program::output("ffprobe", &arguments)?.written;

@@ -207,7 +207,8 @@ mod tests {
 
     #[test]
     fn relative_stamps_follow_the_earliest_arrivals() {
-        let stamps = (0..30).map(delayed_stamp).map(|(taken_s, arrived_s)| (Stamp::Relative(taken_s - 77.0), arrived_s));
+        let stamps =
+            (0..30).map(delayed_stamp).map(|(taken_s, arrived_s)| (Stamp::Relative(taken_s - 77.0), arrived_s));
         let (times, implausible) = times(stamps);
         assert_eq!(implausible, 0);
         for (i, time_s) in (0..30).zip(times).skip(9) {

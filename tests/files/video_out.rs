@@ -58,15 +58,15 @@ fn sound_and_time_code_are_those_of_the_written_frames() {
         let written =
             SinkOptions { presentation, soundtrack, lossless: false, fps: 25.0, codec: None, ..options(32, 16, 8) };
         write(&out, &written, &pictures);
-        let found = probe(&out, "stream=codec_name,duration:stream_tags=timecode:format_tags=timecode:format=duration");
-        assert!(found.contains(expected), "{out:?}: {found}");
-        assert!(found.to_ascii_lowercase().contains("tag:timecode=10:00:01:05"), "{out:?}: {found}");
-        let duration = found.lines().last().and_then(|line| line.strip_prefix("duration=")?.parse::<f64>().ok());
+        let probed = probe(&out, "stream=codec_name,duration:stream_tags=timecode:format_tags=timecode:format=duration");
+        assert!(probed.contains(expected), "{out:?}: {probed}");
+        assert!(probed.to_ascii_lowercase().contains("tag:timecode=10:00:01:05"), "{out:?}: {probed}");
+        let duration = probed.lines().last().and_then(|line| line.strip_prefix("duration=")?.parse::<f64>().ok());
         let duration_s = duration.or_else(|| {
-            let lines = found.lines().filter_map(|line| line.strip_prefix("duration=")?.parse().ok());
+            let lines = probed.lines().filter_map(|line| line.strip_prefix("duration=")?.parse().ok());
             lines.fold(None, |longest: Option<f64>, s: f64| Some(longest.map_or(s, |longest| longest.max(s))))
         });
-        assert!((duration_s.unwrap() - 0.8).abs() < 0.06, "{out:?}: {found}");
+        assert!((duration_s.unwrap() - 0.8).abs() < 0.06, "{out:?}: {probed}");
         std::fs::remove_file(&out).unwrap();
     }
 }
@@ -84,9 +84,9 @@ fn hevc_and_prores_have_ten_bits() {
         let file = temp.path().join(name);
         let presentation = Presentation { primaries: Some("bt2020"), ..Presentation::default() };
         write(&file, &SinkOptions { presentation, lossless: false, codec, ..options(32, 16, 16) }, &pictures);
-        let found = probe(&file, "stream=codec_name,pix_fmt,color_primaries");
+        let probed = probe(&file, "stream=codec_name,pix_fmt,color_primaries");
         for text in expected.into_iter().chain(["color_primaries=bt2020"]) {
-            assert!(found.contains(text), "{name}: {found}");
+            assert!(probed.contains(text), "{name}: {probed}");
         }
     }
 }
