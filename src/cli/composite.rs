@@ -79,6 +79,9 @@ pub struct Args {
     /// Codec of a video; .mov: prores, others: h264
     #[arg(long, value_enum, conflicts_with_all = ["lossless", "preview"])]
     codec: Option<Codec>,
+    /// Convert footage of high dynamic range, or on a logarithmic curve, to standard dynamic range
+    #[arg(long, conflicts_with = "preview")]
+    sdr: bool,
     /// Leave the sound of the recording's video out of a video
     #[arg(long, conflicts_with = "preview")]
     no_sound: bool,
@@ -216,7 +219,17 @@ fn apply_options(args: &Args, shot: &mut Shot) -> Result<(Range<usize>, Option<E
     }
     let (out, layers, report) = (OutPath::parse(&args.output)?, args.layers.clone(), args.report.clone());
     let codec = args.codec.map(Codec::codec);
-    let export = Export { range: range.clone(), out, lossless, codec, sound: !args.no_sound, force, layers, report };
+    let export = Export {
+        range: range.clone(),
+        out,
+        lossless,
+        codec,
+        sdr: args.sdr,
+        sound: !args.no_sound,
+        force,
+        layers,
+        report,
+    };
     export.check(&inputs).map_err(export_error)?;
     Ok((range, Some(export)))
 }

@@ -27,6 +27,8 @@ pub struct Export {
     pub lossless: bool,
     /// Codec of a video that is not lossless; `None`: by the file's extension.
     pub codec: Option<VideoCodec>,
+    /// Converts to standard dynamic range.
+    pub sdr: bool,
     /// Copies the sound of the recording's video into a video.
     pub sound: bool,
     /// Replaces existing outputs.
@@ -40,6 +42,16 @@ pub struct Export {
 impl Export {
     /// An export of the frames only.
     pub fn new(range: Range<usize>, out: OutPath) -> Self {
-        Self { range, out, lossless: false, codec: None, sound: true, force: false, layers: None, report: None }
+        Self {
+            range,
+            out,
+            lossless: false,
+            codec: None,
+            sdr: false,
+            sound: true,
+            force: false,
+            layers: None,
+            report: None,
+        }
     }
 }

@@ -11,6 +11,7 @@ use crate::cleanup::MadeFolder;
 use crate::compositor::{Composited, Compositor, FrameStats, IN_FLIGHT};
 use crate::shot::{AnalysisState, Composites, FrameCounts, Note, Shot};
 use crate::sink::atomic::write_atomically;
+use crate::sink::sdr::SdrSink;
 use crate::sink::{self, Sink, SinkError, SinkOptions, exr, is_stdout};
 
 /// Summary of an export. Its size does not depend on the number of frames.
@@ -43,11 +44,15 @@ impl Export {
         mut on_frame: impl FnMut(&FrameStats) -> bool,
     ) -> Result<ExportSummary, ExportError> {
         let recording = &shot.recording;
+        let mut presentation = recording.presentation_from(self.range.start);
+        if self.sdr {
+            (presentation.transfer, presentation.primaries) = (None, None);
+        }
         let options = SinkOptions {
             force: self.force,
             fps: 1.0 / recording.frame_interval_s,
             times_s: recording.times_unless_steady(self.range.clone()),
-            presentation: recording.presentation_from(self.range.start),
+            presentation,
             lossless: self.lossless,
             codec: self.codec,
             soundtrack: if self.sound { recording.soundtrack(self.range.clone()) } else { None },
@@ -55,7 +60,10 @@ impl Export {
             height: recording.height,
             bits: recording.bits,
         };
-        let sink = sink::open(&self.out, &options)?;
+        let mut sink = sink::open(&self.out, &options)?;
+        if self.sdr {
+            sink = Box::new(SdrSink::new(&shot.camera().response, sink));
+        }
         let layers = self.layers.clone().map(|folder| match MadeFolder::make(&folder) {
             Ok(made) => Ok((folder, made)),
             Err(source) => Err(ExportError::Folder { path: folder, source }),

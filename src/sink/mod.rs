@@ -9,6 +9,7 @@ pub mod photograph;
 pub mod picture;
 pub mod raw;
 mod rotation;
+pub mod sdr;
 mod timed;
 mod video;
 

@@ -58,7 +58,8 @@ fn sound_and_time_code_are_those_of_the_written_frames() {
         let written =
             SinkOptions { presentation, soundtrack, lossless: false, fps: 25.0, codec: None, ..options(32, 16, 8) };
         write(&out, &written, &pictures);
-        let probed = probe(&out, "stream=codec_name,duration:stream_tags=timecode:format_tags=timecode:format=duration");
+        let probed =
+            probe(&out, "stream=codec_name,duration:stream_tags=timecode:format_tags=timecode:format=duration");
         assert!(probed.contains(expected), "{out:?}: {probed}");
         assert!(probed.to_ascii_lowercase().contains("tag:timecode=10:00:01:05"), "{out:?}: {probed}");
         let duration = probed.lines().last().and_then(|line| line.strip_prefix("duration=")?.parse::<f64>().ok());
