@@ -1,8 +1,8 @@
 //! The camera's response: code value ↔ linear light. Code values are fractions of full scale.
 //!
-//! Light is relative to diffuse white, which is 1: a camera that clips at white has light from 0 to
-//! 1. Transfer functions of high dynamic range and logarithmic curves reach
-//! [`Response::max_light`], and logarithmic ones go slightly below 0. Sources:
+//! Light is relative to diffuse white, 1. A camera that clips at white has light from 0 to 1; the
+//! codes of high dynamic range reach [`Response::max_light`], and those of logarithmic curves go
+//! slightly below 0. Sources:
 //!
 //! - HLG: ITU-R BT.2100-2, table 5, the inverse OETF, over its value at 75 % (the reference white
 //!   of ITU-R BT.2408-7, table 1). Its system gamma is left to the display.
