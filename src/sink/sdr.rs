@@ -1,4 +1,4 @@
-//! Conversion of footage in a high dynamic range, or on a logarithmic curve, to standard dynamic
+//! ToneMapping of footage in a high dynamic range, or on a logarithmic curve, to standard dynamic
 //! range (Rec. 709 primaries, sRGB curve).
 //!
 //! Light is decoded by the footage's response, with diffuse white at 1, and converted to Rec. 709.
@@ -28,20 +28,20 @@ fn compressed(light: f64) -> f64 {
 
 /// Converts frames on their way into a sink.
 pub struct SdrSink {
-    conversion: Conversion,
+    tone_mapping: ToneMapping,
     inner: Box<dyn Sink + Send>,
 }
 
 impl SdrSink {
     /// `response` is that of the frames.
     pub fn new(response: &Response, inner: Box<dyn Sink + Send>) -> Self {
-        Self { conversion: Conversion::new(response), inner }
+        Self { tone_mapping: ToneMapping::new(response), inner }
     }
 }
 
 impl Sink for SdrSink {
     fn write(&mut self, frame_index: usize, pixels: &Pixels) -> Result<(), SinkError> {
-        self.inner.write(frame_index, &self.conversion.apply(pixels))
+        self.inner.write(frame_index, &self.tone_mapping.apply(pixels))
     }
 
     fn finish(self: Box<Self>) -> Result<(), SinkError> {
@@ -50,13 +50,13 @@ impl Sink for SdrSink {
 }
 
 /// The conversion of one response.
-struct Conversion {
+struct ToneMapping {
     response: Response,
     to_rec709: DMat3,
     srgb: Response,
 }
 
-impl Conversion {
+impl ToneMapping {
     fn new(response: &Response) -> Self {
         let to_rec709 = response.primaries.from_rec709().map_or(DMat3::IDENTITY, |matrix| matrix.inverse());
         Self { response: response.clone(), to_rec709, srgb: Response::default() }
@@ -106,7 +106,7 @@ mod tests {
         let lights = [DVec3::splat(0.18), DVec3::new(0.5, 0.1, 0.05), DVec3::splat(3.0)];
         let codes = lights.iter().flat_map(|light| (matrix * *light).to_array());
         let codes = codes.map(|light| (65535.0 * response.encode(light)).round() as u16).collect();
-        let sdr = Conversion::new(&response).apply(&Pixels::from_u16(3, 1, codes).unwrap());
+        let sdr = ToneMapping::new(&response).apply(&Pixels::from_u16(3, 1, codes).unwrap());
         for (x, light) in [(0, lights[0]), (1, lights[1])] {
             let shown = sdr.at(x, 0).map(|code| Response::default().decode(f64::from(code) / 65535.0));
             assert!(DVec3::from_array(shown).abs_diff_eq(light, 2e-4), "{shown:?} {light}");
