@@ -114,6 +114,8 @@ fn transfer_option(name: &'static str) -> &'static str {
     }
 }
 
+/// Offset of sound against pictures that is not noticed, s: half a frame at 25 per second.
+const MAX_SOUND_OFFSET_S: f64 = 0.02;
 /// Codecs of sound that an MP4 file takes.
 const MP4_SOUND: [&str; 7] = ["aac", "mp3", "ac3", "eac3", "alac", "opus", "flac"];
 
@@ -124,6 +126,19 @@ fn fits_mp4(file: &Path) -> Result<bool, ProgramError> {
     let codec = program::output("ffprobe", &arguments)?.written;
     let codec = String::from_utf8_lossy(&codec);
     Ok(codec.trim().is_empty() || MP4_SOUND.contains(&codec.trim()))
+}
+
+/// ffmpeg's name of the codec for a file's sound from `start_s` on: a copy where the written file
+/// takes it. Copied sound begins at a keyframe of the source's pictures; MP4 and QuickTime hide the
+/// part before the start by an edit list, which Matroska lacks.
+fn sound_codec(file: &Path, written: &Path, start_s: f64) -> Result<&'static str, ProgramError> {
+    Ok(if is_mkv(written) && start_s > MAX_SOUND_OFFSET_S {
+        "flac"
+    } else if has_extension(written, "mp4") && !fits_mp4(file)? {
+        "aac"
+    } else {
+        "copy"
+    })
 }
 
 /// Arguments of the encoder: options and pixel format.
@@ -169,8 +184,7 @@ fn arguments(options: &SinkOptions, path: &Path, partial: &Path) -> Result<Vec<O
             arguments.extend(["-ss", &format!("{start_s:.6}"), "-t", &format!("{length_s:.6}")].map(OsString::from));
             arguments.extend(ffmpeg::input(file));
             text.extend(["-map", "0:v:0", "-map", "1:a?"]);
-            let copies = !has_extension(path, "mp4") || fits_mp4(file)?;
-            text.extend(if copies { ["-c:a", "copy"] } else { ["-c:a", "aac"] });
+            text.extend(["-c:a", sound_codec(file, path, *start_s)?]);
         }
         None => text.push("-an"),
     }
@@ -200,7 +214,8 @@ fn arguments(options: &SinkOptions, path: &Path, partial: &Path) -> Result<Vec<O
     }
     let usual = (!lossless).then_some(tag);
     text.extend(presentation.primaries.or(usual).into_iter().flat_map(|name| ["-color_primaries", name]));
-    let transfer = presentation.transfer.or(usual).map(transfer_option);
+    let usual_transfer = usual.map(|tag| if tag == "bt2020nc" { "bt2020-10" } else { tag });
+    let transfer = presentation.transfer.or(usual_transfer).map(transfer_option);
     text.extend(transfer.into_iter().flat_map(|name| ["-color_trc", name]));
     let timecode = presentation.timecode.map(|timecode| timecode.to_string());
     text.extend(timecode.iter().flat_map(|timecode| ["-timecode", timecode]));

@@ -107,7 +107,10 @@ fn compositor(gpu: &Gpu) -> Compositor {
     };
     let environment = Environment::Uniform(Vec3::new(0.3, 0.35, 0.5));
     let lighting = Lighting { suns: vec![sun], environment, ..Lighting::default() };
-    Compositor::new(gpu.clone(), box_scene(DVec3::new(0.04, 0.03, 0.05), lighting))
+    let mut scene = box_scene(DVec3::new(0.04, 0.03, 0.05), lighting);
+    // Grey is the same in all primaries.
+    scene.materials[0].base_color = [0.7, 0.5, 0.3, 1.0];
+    Compositor::new(gpu.clone(), scene)
 }
 
 /// The parameters of a test case, with all effects on.
