@@ -2,6 +2,8 @@
 
 use locard::recording::{OpenOptions, Recording};
 use locard::scene::{self, SceneError};
+use locard::source::still_format::StillFormat;
+use locard::source::{exif, still};
 use locard::stream::{Encoding, ListenOptions, Receiver, packets};
 
 /// Loads the bytes as a model.
@@ -16,6 +18,22 @@ pub fn gltf(bytes: &[u8]) {
         Err(SceneError::DecoderPanic { message, .. }) => panic!("caught inside: {message}"),
         Err(error) => drop(error.to_string()),
     }
+}
+
+/// Decodes the bytes as a picture, and reads them as a picture's file, unless another program would
+/// have to develop it. True if it was decoded.
+#[allow(dead_code, reason = "each target uses one")]
+pub fn picture(bytes: &[u8]) -> bool {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join("picture");
+    std::fs::write(&path, bytes).expect("a temporary file");
+    let format = StillFormat::of_content(bytes);
+    if format.is_none_or(|format| !format.is_developed() || format == StillFormat::Heif) {
+        // The size of a HEIF picture is in its container.
+        drop(still::read_header(&path).map_err(|error| error.to_string()));
+        drop(exif::read(&path));
+    }
+    still::decode_pixels(bytes).is_ok()
 }
 
 /// Files by which the formats of recordings are recognised. The input is split at zero bytes, one

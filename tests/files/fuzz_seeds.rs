@@ -25,6 +25,21 @@ fn gltf_seeds_and_their_mutations_never_panic() {
 }
 
 #[test]
+fn picture_seeds_and_their_mutations_never_panic() {
+    let seeds = seeds("picture");
+    let decoded = seeds.iter().filter(|seed| bodies::picture(seed)).count();
+    assert_eq!(decoded, seeds.len() - 1, "all but the HEIC, which another program decodes");
+    for seed in seeds {
+        for i in (0..seed.len()).step_by(tier::fast_or_full(29, 1)) {
+            bodies::picture(&seed[..i]);
+            let mut damaged = seed.clone();
+            damaged[i] ^= 1 << (i % 8);
+            bodies::picture(&damaged);
+        }
+    }
+}
+
+#[test]
 fn recording_seeds_never_panic() {
     let seeds = seeds("recording");
     assert!(!seeds.is_empty());
