@@ -57,7 +57,7 @@ const MAX_DISTANCE_M: f64 = 1000.0;
 /// Accepted scales. Printers that fit a page to the paper change its size by some percent.
 const SCALES: std::ops::RangeInclusive<f64> = 0.1..=10.0;
 /// Largest number of tags, that of the largest family. Tags are looked up linearly.
-const MAX_TAGS: usize = 587;
+const MAX_TAGS: usize = 1000;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -90,6 +90,42 @@ impl Board {
         let text = file::read_text(path, MAX_DOCUMENT_BYTES)
             .map_err(|source| BoardError::Read { file: path.to_owned(), source })?;
         Self::parse(&text).map_err(|problem| BoardError::Content { file: path.to_owned(), problem })
+    }
+
+    /// The tags of a ChArUco board of OpenCV 4.6 and later: a chessboard whose upper left square is
+    /// black, with tags in its white squares, numbered row by row. `squares` are columns and rows.
+    /// The origin is the middle of the board, x to the right, y up, as it is printed.
+    pub fn charuco(family: Family, squares: [u32; 2], square_m: f64, tag_m: f64) -> Result<Self, String> {
+        let [columns, rows] = squares;
+        if columns < 2 || rows < 2 || u64::from(columns) * u64::from(rows) > 2 * MAX_TAGS as u64 {
+            return Err(format!(
+                "a board of {columns}x{rows} squares; expected at least 2x2, and {MAX_TAGS} tags at most"
+            ));
+        }
+        if !(tag_m < square_m && SIZES_M.contains(&tag_m)) {
+            return Err(format!(
+                "tags of {} mm in squares of {} mm; a tag is smaller than its square",
+                number(1e3 * tag_m),
+                number(1e3 * square_m)
+            ));
+        }
+        let white = (0..rows).flat_map(|row| (0..columns).map(move |column| (column, row)));
+        let white = white.filter(|(column, row)| (column + row) % 2 == 1);
+        let middle = |count: u32| 0.5 * f64::from(count - 1);
+        let tags: Vec<Tag> = (0..)
+            .zip(white)
+            .map(|(id, (column, row))| Tag {
+                id,
+                size_m: tag_m,
+                center_m: square_m
+                    * DVec3::new(f64::from(column) - middle(columns), middle(rows) - f64::from(row), 0.0),
+                rotation_deg: DVec3::ZERO,
+            })
+            .collect();
+        if tags.len() > family.count() as usize {
+            return Err(format!("it has {} tags, and family {} {}", tags.len(), family.name(), family.count()));
+        }
+        Ok(Self { family, tags })
     }
 
     /// Parses a board. The error names line and key.
@@ -218,11 +254,36 @@ mod tests {
         assert!(a.distance(DVec3::new(0.0, -0.05, 1.05)) < 1e-12 && b.distance(DVec3::new(0.0, 0.05, 1.05)) < 1e-12);
     }
 
+    /// OpenCV: CharucoBoard((3, 4), 0.04, 0.03), whose objPoints are from the upper left corner, y
+    /// down.
+    #[test]
+    fn charuco_board_has_its_tags_in_the_white_squares() {
+        let family = Family::of_name("4x4_50").unwrap();
+        let board = Board::charuco(family, [3, 4], 0.04, 0.03).unwrap();
+        let centers: Vec<[f64; 2]> = board.tags.iter().map(|tag| [tag.center_m.x, tag.center_m.y]).collect();
+        let expected = [[1, 0], [0, 1], [2, 1], [1, 2], [0, 3], [2, 3]].map(|[column, row]: [i32; 2]| {
+            [0.04 * f64::from(column) + 0.02 - 0.06, 0.08 - (0.04 * f64::from(row) + 0.02)]
+        });
+        assert_eq!(centers.len(), expected.len());
+        for (center, expected) in centers.iter().zip(expected) {
+            assert!((center[0] - expected[0]).abs() + (center[1] - expected[1]).abs() < 1e-12, "{centers:?}");
+        }
+        assert_eq!(Board::parse(&board.to_string()).unwrap(), board);
+        for (squares, tag_m, problem) in [
+            ([1, 4], 0.03, "expected at least 2x2"),
+            ([3, 4], 0.05, "smaller than its square"),
+            ([12, 12], 0.03, "72 tags"),
+        ] {
+            let error = Board::charuco(family, squares, 0.04, tag_m).unwrap_err();
+            assert!(error.contains(problem), "{error}");
+        }
+    }
+
     #[test]
     fn errors_name_line_and_key() {
         for (from, to, message) in [
             ("version = 1", "version = 2", "version = 2 is not known"),
-            ("36h11", "36h12", "family = \"36h12\" is not known; expected 36h11, 25h9, 16h5"),
+            ("36h11", "36h12", "family = \"36h12\" is not known; expected 36h11, 25h9, 16h5, 4x4_50"),
             ("id = 7", "id = 587", "line 4, tags.id of tag 587: family 36h11 has the ids 0 to 586"),
             ("id = 7", "id = -1", "line 4, tags.id: "),
             ("size_m = 0.1", "size_m = 100", "line 4, tags.size_m of tag 7: 100 is refused"),

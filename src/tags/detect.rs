@@ -54,7 +54,7 @@ impl Detector {
     pub fn new(family: Family, width: u32, height: u32) -> Result<Self, DetectError> {
         let size @ (width, height) = (width as usize, height as usize);
         let decoder = |reduced: usize| {
-            let mut config = DecodeTagsConfig::new(vec![family.kind()])?;
+            let mut config = DecodeTagsConfig::new(vec![family.decoder_family()?])?;
             config.min_tag_width = config.min_tag_width * config.downscale_factor / reduced;
             config.downscale_factor = reduced;
             AprilTagDecoder::new(config, ImageSize { width, height })

@@ -1,10 +1,15 @@
 //! Families of tags and their patterns.
 
+use kornia_apriltag::errors::AprilTagError;
 use kornia_apriltag::family::{TagFamily, TagFamilyKind};
 
+use super::aruco::Dictionary;
+use crate::params::{Field, Kind};
+
 crate::choices! {
-    /// A family of AprilTags (Olson 2011; Wang and Olson 2016): a black border one cell wide around
-    /// the cells of a code.
+    /// A family of tags: AprilTags (Olson 2011; Wang and Olson 2016) and ArUco dictionaries, whose
+    /// names begin with the size of a code. All have a black border one cell wide around the cells
+    /// of a code.
     pub enum Family {
         /// 587 tags of 6 by 6 cells that differ in 11 cells at least.
         Tag36h11 = "36h11",
@@ -13,18 +18,53 @@ crate::choices! {
         /// Tags of 4 by 4 cells, 30 of them, that differ in 5 at least: the family with the most
         /// false detections.
         Tag16h5 = "16h5",
+        Aruco4x4N50 = "4x4_50",
+        Aruco4x4N100 = "4x4_100",
+        Aruco4x4N250 = "4x4_250",
+        Aruco4x4N1000 = "4x4_1000",
+        Aruco5x5N50 = "5x5_50",
+        Aruco5x5N100 = "5x5_100",
+        Aruco5x5N250 = "5x5_250",
+        Aruco5x5N1000 = "5x5_1000",
+        Aruco6x6N50 = "6x6_50",
+        Aruco6x6N100 = "6x6_100",
+        Aruco6x6N250 = "6x6_250",
+        Aruco6x6N1000 = "6x6_1000",
+        Aruco7x7N50 = "7x7_50",
+        Aruco7x7N100 = "7x7_100",
+        Aruco7x7N250 = "7x7_250",
+        Aruco7x7N1000 = "7x7_1000",
     }
 }
 
 impl Family {
-    pub const ALL: [Self; 3] = [Self::Tag36h11, Self::Tag25h9, Self::Tag16h5];
+    pub const ALL: [Self; 19] = [
+        Self::Tag36h11,
+        Self::Tag25h9,
+        Self::Tag16h5,
+        Self::Aruco4x4N50,
+        Self::Aruco4x4N100,
+        Self::Aruco4x4N250,
+        Self::Aruco4x4N1000,
+        Self::Aruco5x5N50,
+        Self::Aruco5x5N100,
+        Self::Aruco5x5N250,
+        Self::Aruco5x5N1000,
+        Self::Aruco6x6N50,
+        Self::Aruco6x6N100,
+        Self::Aruco6x6N250,
+        Self::Aruco6x6N1000,
+        Self::Aruco7x7N50,
+        Self::Aruco7x7N100,
+        Self::Aruco7x7N250,
+        Self::Aruco7x7N1000,
+    ];
 
     /// Name in a board's file.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Tag36h11 => "36h11",
-            Self::Tag25h9 => "25h9",
-            Self::Tag16h5 => "16h5",
+        match Self::kind(None) {
+            Kind::Choice(names) => names.get(self as usize).copied().unwrap_or_default(),
+            _ => "",
         }
     }
 
@@ -32,11 +72,37 @@ impl Family {
         Self::ALL.into_iter().find(|family| family.name() == name)
     }
 
-    pub(super) fn kind(self) -> TagFamilyKind {
+    /// The ArUco dictionary. `None` for AprilTags.
+    fn dictionary(self) -> Option<Dictionary> {
+        // At most two cells are corrected, for short tables; one of a thousand codes.
+        let (side, count, corrected) = match self {
+            Self::Tag36h11 | Self::Tag25h9 | Self::Tag16h5 => return None,
+            Self::Aruco4x4N50 => (4, 50, 1),
+            Self::Aruco4x4N100 => (4, 100, 1),
+            Self::Aruco4x4N250 => (4, 250, 1),
+            Self::Aruco4x4N1000 => (4, 1000, 0),
+            Self::Aruco5x5N50 => (5, 50, 2),
+            Self::Aruco5x5N100 => (5, 100, 2),
+            Self::Aruco5x5N250 => (5, 250, 2),
+            Self::Aruco5x5N1000 => (5, 1000, 1),
+            Self::Aruco6x6N50 => (6, 50, 2),
+            Self::Aruco6x6N100 => (6, 100, 2),
+            Self::Aruco6x6N250 => (6, 250, 2),
+            Self::Aruco6x6N1000 => (6, 1000, 1),
+            Self::Aruco7x7N50 => (7, 50, 2),
+            Self::Aruco7x7N100 => (7, 100, 2),
+            Self::Aruco7x7N250 => (7, 250, 2),
+            Self::Aruco7x7N1000 => (7, 1000, 1),
+        };
+        Some(Dictionary { side, count, corrected })
+    }
+
+    pub(super) fn decoder_family(self) -> Result<TagFamilyKind, AprilTagError> {
         match self {
-            Self::Tag36h11 => TagFamilyKind::Tag36H11,
-            Self::Tag25h9 => TagFamilyKind::Tag25H9,
-            Self::Tag16h5 => TagFamilyKind::Tag16H5,
+            Self::Tag36h11 => Ok(TagFamilyKind::Tag36H11),
+            Self::Tag25h9 => Ok(TagFamilyKind::Tag25H9),
+            Self::Tag16h5 => Ok(TagFamilyKind::Tag16H5),
+            _ => self.dictionary().map_or(Ok(TagFamilyKind::Tag36H11), Dictionary::decoder_family),
         }
     }
 
@@ -46,6 +112,7 @@ impl Family {
             Self::Tag36h11 => 587,
             Self::Tag25h9 => 35,
             Self::Tag16h5 => 30,
+            _ => self.dictionary().map_or(0, |dictionary| dictionary.count),
         }
     }
 
@@ -55,13 +122,18 @@ impl Family {
             Self::Tag36h11 => 8,
             Self::Tag25h9 => 7,
             Self::Tag16h5 => 6,
+            _ => self.dictionary().map_or(0, |dictionary| dictionary.side + 2),
         }
     }
 
     /// The white cells of a tag: columns from the left and rows from the top of the black square.
     /// `None` if the family has no such tag.
     pub fn white_cells(self, id: u32) -> Option<Vec<(u32, u32)>> {
-        let family = TagFamily::try_from(&self.kind()).ok()?;
+        if let Some(dictionary) = self.dictionary() {
+            let inner = dictionary.white_cells(id)?;
+            return Some(inner.into_iter().map(|(x, y)| (x + 1, y + 1)).collect());
+        }
+        let family = TagFamily::try_from(&self.decoder_family().ok()?).ok()?;
         let code = *family.code_data.get(usize::try_from(id).ok()?)?;
         let cells = family.bit_x.iter().zip(&family.bit_y).enumerate();
         let white = cells.filter(|(i, _)| code >> (family.nbits - 1 - i) & 1 == 1);
@@ -76,7 +148,7 @@ mod tests {
     #[test]
     fn families_match_the_decoder() {
         for family in Family::ALL {
-            let decoder_family = TagFamily::try_from(&family.kind()).unwrap();
+            let decoder_family = TagFamily::try_from(&family.decoder_family().unwrap()).unwrap();
             assert_eq!(decoder_family.code_data.len(), family.count() as usize);
             assert_eq!(decoder_family.width_at_border, family.cells() as usize);
             let inner = 1..family.cells() - 1;

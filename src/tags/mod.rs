@@ -6,6 +6,7 @@
 //! poses where a flat tag is ambiguous; `continuity` resolves the ambiguity from neighbouring
 //! pictures. `track` processes a video. docs/track.md has the details.
 
+mod aruco;
 mod board;
 mod continuity;
 mod detect;

@@ -81,9 +81,14 @@ pub fn other_family_message(other: &Option<Family>) -> String {
     })
 }
 
+/// Families that are not detected by chance where there are no tags. Of the ArUco dictionaries of a
+/// size the largest, which contains the others.
+const DISTINCTIVE_FAMILIES: [Family; 5] =
+    [Family::Tag36h11, Family::Tag25h9, Family::Aruco5x5N1000, Family::Aruco6x6N1000, Family::Aruco7x7N1000];
+
 fn other_family(own: Family, pixels: &Pixels) -> Result<Option<Family>, DetectError> {
     let grey = LumaCodes::of(pixels, Vec::new());
-    for family in Family::ALL.into_iter().filter(|family| *family != own && *family != Family::Tag16h5) {
+    for family in DISTINCTIVE_FAMILIES.into_iter().filter(|family| *family != own) {
         if Detector::new(family, pixels.width, pixels.height)?.find(&grey, 1, |_| true)? != DetectedTags::default() {
             return Ok(Some(family));
         }
