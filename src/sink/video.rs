@@ -198,7 +198,17 @@ fn arguments(options: &SinkOptions, path: &Path, partial: &Path) -> Result<Vec<O
     // By default setsar rounds to a ratio of numbers up to 100.
     let aspect =
         presentation.pixel_aspect.map(|(width, height)| format!("setsar={width}/{height}:max={}", width.max(height)));
-    let convert = format!("scale=out_color_matrix={matrix}:out_range=limited:flags={CONVERSION_FLAGS},format={format}");
+    let usual = (!lossless).then_some(tag);
+    let primaries = presentation.primaries.or(usual);
+    let usual_transfer = usual.map(|tag| if tag == "bt2020nc" { "bt2020-10" } else { tag });
+    let transfer = presentation.transfer.or(usual_transfer);
+    // The encoder of ProRes writes the tags of frames, the others those of the stream.
+    let tags = [("color_primaries", primaries), ("color_trc", transfer), ("colorspace", Some(tag))];
+    let tags: Vec<String> = tags.iter().filter_map(|(key, value)| Some(format!("{key}={}", (*value)?))).collect();
+    let convert = format!(
+        "scale=out_color_matrix={matrix}:out_range=limited:flags={CONVERSION_FLAGS},format={format},setparams={}",
+        tags.join(":")
+    );
     let filters: Vec<&str> = (!lossless).then_some(convert.as_str()).into_iter().chain(aspect.as_deref()).collect();
     let filters = filters.join(",");
     if !filters.is_empty() {
@@ -212,11 +222,8 @@ fn arguments(options: &SinkOptions, path: &Path, partial: &Path) -> Result<Vec<O
             text.extend(["-color_range", "tv", "-colorspace", tag]);
         }
     }
-    let usual = (!lossless).then_some(tag);
-    text.extend(presentation.primaries.or(usual).into_iter().flat_map(|name| ["-color_primaries", name]));
-    let usual_transfer = usual.map(|tag| if tag == "bt2020nc" { "bt2020-10" } else { tag });
-    let transfer = presentation.transfer.or(usual_transfer).map(transfer_option);
-    text.extend(transfer.into_iter().flat_map(|name| ["-color_trc", name]));
+    text.extend(primaries.into_iter().flat_map(|name| ["-color_primaries", name]));
+    text.extend(transfer.map(transfer_option).into_iter().flat_map(|name| ["-color_trc", name]));
     let timecode = presentation.timecode.map(|timecode| timecode.to_string());
     text.extend(timecode.iter().flat_map(|timecode| ["-timecode", timecode]));
     if is_timed {

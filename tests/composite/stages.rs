@@ -109,7 +109,7 @@ fn compositor(gpu: &Gpu) -> Compositor {
     let lighting = Lighting { suns: vec![sun], environment, ..Lighting::default() };
     let mut scene = box_scene(DVec3::new(0.04, 0.03, 0.05), lighting);
     // Grey is the same in all primaries.
-    scene.materials[0].base_color = [0.7, 0.5, 0.3, 1.0];
+    scene.materials[0].base_color = [1.0, 0.95, 0.9, 1.0];
     Compositor::new(gpu.clone(), scene)
 }
 
