@@ -359,6 +359,17 @@ impl Recording {
         files.iter().map(PathBuf::as_path)
     }
 
+    /// The file with a frame's picture, and the picture's index in it if it is a video.
+    pub fn picture_file(&self, frame: usize) -> Option<(&Path, Option<usize>)> {
+        match &*self.pictures {
+            Pictures::Stills(files) => Some((files.get(frame)?, None)),
+            Pictures::Video(video, kept) => {
+                let index = kept.as_ref().map_or(Some(frame), |kept| kept.get(frame).copied());
+                Some((&video.file, Some(index?)))
+            }
+        }
+    }
+
     fn depth_files(&self) -> impl Iterator<Item = &Path> {
         self.depth.iter().flat_map(|depth| depth.files())
     }

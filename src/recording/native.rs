@@ -19,10 +19,13 @@ use crate::pose::Pose;
 use crate::source::unsupported;
 use crate::source::video::{self, Overrides};
 use crate::text::number;
+use crate::tracking::matchmove::{self, FrameNumbering};
 use crate::tracking::records;
 use crate::tracking::tum::{Trajectory, parse_trajectory};
 
 pub const FILE_NAME: &str = "recording.toml";
+/// Number of the first frame in camera files, as in Nuke and Blender.
+const DEFAULT_FIRST_FRAME: i64 = 1;
 
 pub static FORMAT: RecordingFormat = RecordingFormat {
     name: FILE_NAME,
@@ -87,6 +90,11 @@ pub enum VideoRotation {
 #[serde(deny_unknown_fields)]
 pub struct PoseFile {
     pub trajectory: Option<PathBuf>,
+    /// Number of the first frame in the camera file of another program; [`DEFAULT_FIRST_FRAME`]
+    /// without it.
+    pub first_frame: Option<i64>,
+    /// Frames per second of a glTF camera at a constant rate.
+    pub fps: Option<f64>,
     pub time_offset_s: Option<f64>,
     pub max_gap_s: Option<f64>,
 }
@@ -194,6 +202,12 @@ fn check(d: &Description) -> Result<(), String> {
     above_zero("frames.fps", f.fps)?;
     above_zero("poses.max_gap_s", d.poses.max_gap_s)?;
     above_zero("depth.scale", d.depth.as_ref().map(|depth| depth.scale))?;
+    let is_camera_file = d.poses.trajectory.as_deref().is_some_and(matchmove::is_camera_file);
+    if (d.poses.first_frame.is_some() || d.poses.fps.is_some()) && !is_camera_file {
+        let files = "a trajectory that is a .chan, .usda, .gltf or .glb file";
+        return Err(format!("poses.first_frame and poses.fps go with {files}"));
+    }
+    above_zero("poses.fps", d.poses.fps)?;
     match d.poses.time_offset_s {
         Some(offset) if !offset.is_finite() => Err(format!("poses.time_offset_s = {offset} must be finite")),
         _ => Ok(()),
@@ -234,7 +248,11 @@ fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let (trajectory, named) = match &description.poses.trajectory {
         Some(name) => {
             let path = folder.join(name);
-            (parse_trajectory(&read(&path)?, &path)?, path)
+            if matchmove::is_camera_file(&path) {
+                (open_camera_file(&path, &description.poses, &mut parts)?, path)
+            } else {
+                (parse_trajectory(&read(&path)?, &path)?, path)
+            }
         }
         None => (Trajectory::default(), file.to_owned()),
     };
@@ -273,6 +291,18 @@ fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
         parts.camera_profile = camera.profile.map(|profile| folder.join(profile));
     }
     Ok(parts)
+}
+
+/// The trajectory of another program's camera file. Without the recording's own up, up is that of
+/// the file.
+fn open_camera_file(path: &Path, poses: &PoseFile, parts: &mut Parts) -> Result<Trajectory, RecordingError> {
+    let camera = matchmove::read(path)?;
+    let first_frame = poses.first_frame.unwrap_or(DEFAULT_FIRST_FRAME) as f64;
+    let clock = FrameNumbering { first_frame, fps: poses.fps };
+    let trajectory = camera.trajectory(&parts.timestamps_s, clock, parts.up);
+    parts.up = parts.up.or(Some(camera.up));
+    let warnings = camera.warnings.iter().map(|text| format!("{}: {text}", path.display())).collect();
+    Ok(Trajectory { poses: trajectory, warnings })
 }
 
 /// The frames, by whichever key references them.
@@ -372,6 +402,10 @@ mod tests {
             ("version = 1\n[frames]\nlist = \"a\"\n[camera]", "[camera] needs profile, kind"),
             ("version = 1\n[frames]\nlist = \"a\"\n[camera]\nkind = \"round\"", "expected `equirectangular`"),
             ("version = 1", "missing field `frames`"),
+            (
+                "version = 1\n[frames]\nlist = \"a\"\n[poses]\ntrajectory = \"a.txt\"\nfirst_frame = 1",
+                "poses.first_frame and poses.fps go",
+            ),
             ("version = 1\n[frames]\nvideo = \"a\"\n[live]\ninterval_s = 0.1", "[live] goes with frames.list only"),
             ("version = 1\n[frames]\nlist = \"a\"\n[live]\ninterval_s = 0.0", "live.interval_s = 0"),
         ] {

@@ -337,8 +337,8 @@ impl RecordingInfo {
             frames: FrameFiles { list: Some(file(List::Frames)), ..FrameFiles::default() },
             poses: PoseFile {
                 trajectory: Some(file(List::Poses)),
-                time_offset_s: None,
                 max_gap_s: Some(self.max_gap_s),
+                ..PoseFile::default()
             },
             depth: None,
             exposure: self.has_exposure.then(|| ExposureList { list: file(List::Exposure) }),

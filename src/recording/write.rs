@@ -67,7 +67,12 @@ mod tests {
                 up: offset.map(|x| [x.min(1e100), -1e-100, 0.1]),
                 floor: round && offset.is_some(),
                 frames,
-                poses: PoseFile { trajectory: trajectory.map(Into::into), time_offset_s: offset, max_gap_s: gap },
+                poses: PoseFile {
+                    trajectory: trajectory.map(Into::into),
+                    time_offset_s: offset,
+                    max_gap_s: gap,
+                    ..PoseFile::default()
+                },
                 depth: scale.map(|scale| DepthList {
                     list: "depth.txt".into(),
                     scale,

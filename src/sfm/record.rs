@@ -66,8 +66,8 @@ pub fn record(
         frames: frames.clone(),
         poses: PoseFile {
             trajectory: Some(POSES.into()),
-            time_offset_s: None,
             max_gap_s: Some(max_gap_s(&times_s, footage.is_unordered())),
+            ..PoseFile::default()
         },
         depth: None,
         exposure: None,

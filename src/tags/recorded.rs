@@ -63,7 +63,7 @@ fn texts(
             matrix: Some(video.matrix),
             ..FrameFiles::default()
         },
-        poses: PoseFile { trajectory: Some(POSES.into()), time_offset_s: None, max_gap_s: Some(track.max_gap_s()) },
+        poses: PoseFile { trajectory: Some(POSES.into()), max_gap_s: Some(track.max_gap_s()), ..PoseFile::default() },
         depth: None,
         exposure: None,
         live: None,

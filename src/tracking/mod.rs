@@ -2,6 +2,7 @@
 
 pub mod covariance;
 pub mod delay;
+pub mod matchmove;
 pub mod records;
 pub mod smooth;
 pub mod tum;
