@@ -9,6 +9,7 @@ mod calibrate;
 mod clock;
 mod composite;
 mod doctor;
+mod export;
 mod inspect;
 mod interrupt;
 mod light;
@@ -65,6 +66,8 @@ enum Command {
     Light(room_light::Args),
     /// Measure a camera from pictures
     Calibrate(calibrate::Args),
+    /// Write the camera, its lens and the evidence for other programs
+    Export(export::Args),
     /// Describe a recording, a scene, a profile or a stream of poses, and report problems in it
     Inspect(inspect::Args),
     /// Put a scene into a camera's pictures as they come
@@ -128,6 +131,7 @@ pub fn main() -> ExitCode {
         Command::Analyse(args) => analyse::run(&args),
         Command::Light(args) => room_light::run(&args),
         Command::Calibrate(args) => calibrate::run(args),
+        Command::Export(args) => export::run(&args),
         Command::Inspect(args) => inspect::run(&args),
         Command::Live(args) => live::run(&args),
         Command::Meter(args) => meter::run(&args),

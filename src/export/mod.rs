@@ -1,8 +1,10 @@
 //! Export of a range of a shot's frames: obstacles are reported before it starts; decoding,
-//! compositing and writing overlap; an unfinished export leaves nothing behind.
+//! compositing and writing overlap; an unfinished export leaves nothing behind. [`camera`] exports
+//! the camera and the evidence to other programs.
 //!
 //! The program and the window use the same [`Export`] and write identical files.
 
+pub mod camera;
 mod check;
 mod error;
 mod inputs;

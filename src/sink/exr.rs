@@ -1,4 +1,4 @@
-//! The virtual layer of a frame as OpenEXR, for compositors.
+//! The virtual layer of a frame, and ST maps, as OpenEXR, for compositors.
 
 use std::path::Path;
 
@@ -54,6 +54,34 @@ pub fn write_layers(path: &Path, layers: &LayerImage, force: bool) -> std::resul
     write_atomically(path, force, |writer| image.write().to_buffered(writer).map_err(of_exr))
 }
 
+/// A map of places in another picture: S to the right and T upwards, 0 to 1 across it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StMap {
+    pub width: u32,
+    pub height: u32,
+    /// Row by row from the upper left.
+    pub st: Vec<[f32; 2]>,
+}
+
+/// Writes S as R and T as G, 32-bit float, with a B of zeros, ZIP-compressed. The file is either
+/// complete or absent. An existing one is kept unless `force`.
+pub fn write_st_map(path: &Path, map: &StMap, force: bool) -> std::result::Result<(), SinkError> {
+    let (width, height) = (map.width as usize, map.height as usize);
+    if map.st.len() != width * height || map.st.is_empty() {
+        let problem = format!("an ST map of {} values does not make a picture of {width}x{height}", map.st.len());
+        return Err(SinkError::Refused { path: path.to_owned(), problem });
+    }
+    let channel = |name: &'static str, value: &dyn Fn(&[f32; 2]) -> f32| {
+        AnyChannel::new(name, FlatSamples::F32(map.st.iter().map(value).collect()))
+    };
+    let channels = [channel("R", &|st| st[0]), channel("G", &|st| st[1]), channel("B", &|_| 0.0)];
+    let channels = AnyChannels::sort(channels.into_iter().collect());
+    let encoding =
+        Encoding { compression: Compression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
+    let image = Image::from_layer(Layer::new((width, height), LayerAttributes::default(), encoding, channels));
+    write_atomically(path, force, |writer| image.write().to_buffered(writer).map_err(of_exr))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -100,6 +128,25 @@ mod tests {
         assert_eq!(values("depth.Z"), layers.depth_m);
         assert_eq!(values("velocity.X"), layers.velocity.iter().map(|v| v[0]).collect::<Vec<_>>());
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn st_map_reads_back_as_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("undistort.exr");
+        let st = (0..6).map(|i| [i as f32 / 7.0, -1.0 - i as f32]).collect();
+        let map = StMap { width: 3, height: 2, st };
+        write_st_map(&path, &map, false).unwrap();
+        let image = read_first_flat_layer_from_file(&path).unwrap();
+        let channels = &image.layer_data.channel_data.list;
+        let names: Vec<String> = channels.iter().map(|c| c.name.to_string()).collect();
+        assert_eq!(names, ["B", "G", "R"]);
+        let values = |i: usize| -> Vec<f32> { channels[i].sample_data.values_as_f32().collect() };
+        assert_eq!(values(1), map.st.iter().map(|st| st[1]).collect::<Vec<_>>());
+        assert_eq!(values(2), map.st.iter().map(|st| st[0]).collect::<Vec<_>>());
+        assert!(matches!(channels[2].sample_data, FlatSamples::F32(_)));
+        let error = write_st_map(&path, &StMap { width: 4, ..map }, true).unwrap_err().to_string();
+        assert!(error.ends_with("an ST map of 6 values does not make a picture of 4x2"), "{error}");
     }
 
     #[test]

@@ -22,6 +22,7 @@ mod shot;
 mod tier;
 
 mod cli;
+mod export;
 mod fuzz_seeds;
 mod imperfect;
 mod outputs;

@@ -85,9 +85,9 @@ mod tests {
             assert!(back.translation_m.distance(pose.translation_m) < 1e-12);
             assert!(back.rotation.angle_between(pose.rotation) < 1e-7);
             // A point half a metre ahead in the picture's upper right.
-            let seen = placed.file_from_camera().transform_point3(DVec3::new(0.1, 0.2, -0.5));
+            let ahead = placed.file_from_camera().transform_point3(DVec3::new(0.1, 0.2, -0.5));
             let world = pose.inverse_transform_point(DVec3::new(0.1, -0.2, 0.5));
-            assert!((seen - turn * world).length() < 1e-12);
+            assert!((ahead - turn * world).length() < 1e-12);
         }
     }
 

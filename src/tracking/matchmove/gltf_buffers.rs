@@ -89,21 +89,21 @@ impl GltfAnimationFile {
     /// Values of an accessor of floats with `N` components.
     pub fn floats<const N: usize>(&self, accessor: usize) -> Result<Vec<[f64; N]>, String> {
         let kind = ["SCALAR", "VEC2", "VEC3", "VEC4"].get(N - 1).copied().unwrap_or_default();
-        let found = &self.json["accessors"][accessor];
-        if found["type"].as_str() != Some(kind) || found["componentType"].as_u64() != Some(FLOAT) {
+        let description = &self.json["accessors"][accessor];
+        if description["type"].as_str() != Some(kind) || description["componentType"].as_u64() != Some(FLOAT) {
             return Err(format!(
                 "accessors[{accessor}] is not {kind} of 32-bit floats; expected them for an animation"
             ));
         }
-        if !found["sparse"].is_null() {
+        if !description["sparse"].is_null() {
             return Err(format!("accessors[{accessor}] is sparse, which is not read"));
         }
-        let view = index(&found["bufferView"]).map(|view| &self.json["bufferViews"][view]);
+        let view = index(&description["bufferView"]).map(|view| &self.json["bufferViews"][view]);
         let values = || {
-            let (view, count) = (view?, index(&found["count"])?);
+            let (view, count) = (view?, index(&description["count"])?);
             let buffer = self.buffers.get(index(&view["buffer"])?)?;
             let offset = |value: &Value| index(value).unwrap_or_default();
-            let start = offset(&view["byteOffset"]).checked_add(offset(&found["byteOffset"]))?;
+            let start = offset(&view["byteOffset"]).checked_add(offset(&description["byteOffset"]))?;
             let stride = index(&view["byteStride"]).unwrap_or(4 * N);
             let element = |i: usize| -> Option<[f64; N]> {
                 let at = i.checked_mul(stride)?.checked_add(start)?;

@@ -50,9 +50,9 @@ fn metadata<'a>(layer: &'a UsdLayer, name: &str) -> Option<&'a UsdValue> {
 
 fn parse(text: &str) -> Result<AnimatedCamera, UsdTextError> {
     let layer = usd_text::parse(text)?;
-    let mut found = Vec::new();
-    cameras(&layer.prims, &[], &mut found);
-    let Some(PlacedCamera { camera, parents }) = found.first() else {
+    let mut placed_cameras = Vec::new();
+    cameras(&layer.prims, &[], &mut placed_cameras);
+    let Some(PlacedCamera { camera, parents }) = placed_cameras.first() else {
         let advice = "if it is in another layer, usdcat --flatten FILE -o FILE.usda puts both into one";
         return Err((1, format!("has no prim of type Camera; {advice}")));
     };
@@ -97,9 +97,9 @@ fn parse(text: &str) -> Result<AnimatedCamera, UsdTextError> {
         keyframes.push(CameraKeyframe { at, placement });
     }
     let mut warnings = Vec::new();
-    if found.len() > 1 {
+    if placed_cameras.len() > 1 {
         let name = crate::text::quoted(&camera.name);
-        warnings.push(format!("the first of {} cameras is read: {name}", found.len()));
+        warnings.push(format!("the first of {} cameras is read: {name}", placed_cameras.len()));
     }
     Ok(AnimatedCamera { clock: KeyframeClock::FrameNumbers, keyframes, up, warnings })
 }
