@@ -85,7 +85,7 @@ pub enum VideoCodec {
     H264,
     /// HEVC at quality 14, with 10 bits.
     Hevc,
-    /// ProRes 422 HQ, with 10 bits.
+    /// ProRes 422 HQ, or 4444 where a side is odd, with 10 bits.
     ProRes,
 }
 

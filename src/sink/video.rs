@@ -163,7 +163,10 @@ fn encoder(options: &SinkOptions, codec: VideoCodec) -> (Vec<&'static str>, &'st
             // Players of Apple identify HEVC by this tag.
             ([&["-c:v", "libx265"], &quality[..], &["-tag:v", "hvc1"]].concat(), format)
         }
-        VideoCodec::ProRes => (vec!["-c:v", "prores_ks", "-profile:v", "hq", "-vendor", "apl0"], "yuv422p10le"),
+        VideoCodec::ProRes => {
+            let (profile, format) = if is_even { ("hq", "yuv422p10le") } else { ("4444", "yuv444p10le") };
+            (vec!["-c:v", "prores_ks", "-profile:v", profile, "-vendor", "apl0"], format)
+        }
     }
 }
 

@@ -102,7 +102,9 @@ impl Documents {
     pub(super) fn choose_output(&mut self, project: &Project, request: OutputRequest) {
         let (title, mode) = match &request {
             OutputRequest::Folder(_) => ("Write pictures into a folder", ChooserMode::NewFolder),
-            OutputRequest::Video { lossless: false, .. } => ("Write a video", ChooserMode::NewFile(&["mp4", "mkv"])),
+            OutputRequest::Video { lossless: false, .. } => {
+                ("Write a video", ChooserMode::NewFile(&["mp4", "mkv", "mov"]))
+            }
             OutputRequest::Video { .. } => ("Write a video", ChooserMode::NewFile(&["mkv", "mp4"])),
             OutputRequest::Photograph(wanted) if wanted.bracket.is_some() => {
                 ("Write a series of photographs", ChooserMode::NewSeries(&["jpg", "jpeg", "png"]))
