@@ -28,9 +28,8 @@ pub fn picture(bytes: &[u8]) -> bool {
     let path = folder.path().join("picture");
     std::fs::write(&path, bytes).expect("a temporary file");
     let format = StillFormat::of_content(bytes);
-    if format.is_none_or(|format| !format.is_developed() || format == StillFormat::Heif) {
+    if format.is_none_or(|format| matches!(format, StillFormat::Heif) || !format.is_developed()) {
         // The size of a HEIF picture is in its container.
-        drop(still::read_header(&path).map_err(|error| error.to_string()));
         drop(exif::read(&path));
     }
     still::decode_pixels(bytes).is_ok()

@@ -157,7 +157,7 @@ fn mixed_at(p: vec2<i32>, virtual_light: vec3<f32>, coverage: vec3<f32>) -> Mixe
     let slope = slope_at(mixed, light, curve, composite.gamma);
     // Shade scales the noise with the light.
     let noise_scale = w * ratio * slope;
-    var s = noise_scale / slope_at(code, composite.gain * recorded, curve, composite.gamma) * sigma_at(code);
+    var s = noise_scale * composite.gain / slope_at(code, recorded, curve, composite.gamma) * sigma_at(code);
     if whole {
         s = noise_scale * recorded_sigma(real_light / max(ratio, vec3<f32>(1e-3))) * real.a;
     }

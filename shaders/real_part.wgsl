@@ -51,7 +51,9 @@ fn main(@builtin(position) at: vec4<f32>) -> Out {
         let step = vec2<i32>(i & 1, i >> 1);
         let q = clamp(vec2<i32>(corner) + step, vec2<i32>(0), grid.size - 1);
         let share = mix(1.0 - f, f, vec2<f32>(step));
-        let apart = sqrt(textureLoad(near_light, q, 0).rgb) - sqrt(light);
+        // Light of logarithmic curves may be below 0.
+        let near_color = sqrt(max(textureLoad(near_light, q, 0).rgb, vec3<f32>(0.0)));
+        let apart = near_color - sqrt(max(light, vec3<f32>(0.0)));
         weight[i] = share.x * share.y * (1e-3 + exp(-dot(apart, apart) / (2.0 * COLOR_SIGMA * COLOR_SIGMA)));
         let texel = textureLoad(depths, q, 0);
         inverse[i] = 1.0 / max(bitcast<f32>(texel.x | (texel.y << 16u)), 1e-3);

@@ -8,6 +8,8 @@ use crate::text::number;
 
 /// Largest number of points.
 const MAX_POINTS: usize = 65_536;
+/// Largest light of a point, relative to diffuse white: the range of 16-bit floats.
+const MAX_LIGHT: f64 = 60_000.0;
 
 /// Points (code, light) of a response, linear between them. Codes are fractions of full scale from
 /// 0 to 1; light is relative to diffuse white. Both ascend.
@@ -40,8 +42,8 @@ impl ResponseTable {
             let [code, light] = points[at + 1].map(number);
             return Err(format!("does not ascend at code {code}, light {light}: a response must be invertible"));
         }
-        if !points.iter().flatten().all(|value| value.is_finite()) {
-            return Err("holds a number that is not finite".to_owned());
+        if !points.iter().flatten().all(|value| value.abs() <= MAX_LIGHT) {
+            return Err(format!("holds a number beyond ±{MAX_LIGHT}, the range of 16-bit floats"));
         }
         Ok(Self(points.into()))
     }
@@ -114,7 +116,8 @@ mod tests {
             ("0 0, 0.9 1", "has 2 points of the codes 0 to 0.9"),
             ("0 0, 0.5 0.5, 0.4 0.6, 1 1", "does not ascend at code 0.4, light 0.6"),
             ("0 0, 0.5 0.5, 0.6 0.5, 1 1", "does not ascend"),
-            ("0 0, 1 inf", "not finite"),
+            ("0 0, 1 inf", "beyond ±60000"),
+            ("0 -1e308, 1 1e308", "beyond ±60000"),
             ("0 0, 1", "1 is not a pair"),
         ] {
             let error = ResponseTable::parse(text).unwrap_err();

@@ -62,7 +62,7 @@ fn describe_charuco(args: &Args, squares: [u32; 2]) -> Result<()> {
     if args.output.extension().is_none_or(|extension| extension != "toml") {
         bail!("{}: the file of a ChArUco board is a .toml", args.output.display());
     }
-    let metres = |mm: Option<f64>| 1e-3 * mm.unwrap_or_default();
+    let metres = |mm: Option<f64>| mm.unwrap_or_default() / 1e3;
     let board = Board::charuco(args.family, squares, metres(args.square_mm), metres(args.tag_mm))
         .map_err(|problem| anyhow::anyhow!("--charuco: {problem}"))?;
     sink::check_file(&args.output, args.force)?;

@@ -46,7 +46,7 @@ impl Export {
         let recording = &shot.recording;
         let mut presentation = recording.presentation_from(self.range.start);
         if self.sdr {
-            (presentation.transfer, presentation.primaries) = (None, None);
+            (presentation.transfer, presentation.primaries, presentation.matrix) = (None, None, None);
         }
         let options = SinkOptions {
             force: self.force,

@@ -8,6 +8,7 @@ use super::parts::Pictures;
 use crate::camera::Response;
 use crate::source::presentation::Presentation;
 use crate::source::video::Soundtrack;
+use crate::tracking::median_interval_s;
 
 impl Recording {
     /// Times of all frames, unless those of the range are within 2 ms of a constant rate:
@@ -28,14 +29,23 @@ impl Recording {
 
     /// The presentation of the part of a video that starts at a frame.
     pub fn presentation_from(&self, frame: usize) -> Presentation {
-        let fps = 1.0 / self.frame_interval_s;
-        let timecode = self.presentation.timecode.map(|timecode| timecode.advanced(frame, fps));
+        let timecode = match &*self.pictures {
+            Pictures::Video(video, numbers) => {
+                let number = numbers.as_ref().and_then(|numbers| numbers.get(frame).copied()).unwrap_or(frame);
+                let interval_s = median_interval_s(&video.timestamps_s).unwrap_or(self.frame_interval_s);
+                self.presentation.timecode.map(|timecode| timecode.advanced(number, 1.0 / interval_s))
+            }
+            Pictures::Stills(_) => None,
+        };
         Presentation { timecode, ..self.presentation }
     }
 
-    /// The sound of a range of frames; `None` if they are not in a video.
+    /// The sound of a range of frames; `None` if they are not in a video, or at another rate.
     pub fn soundtrack(&self, range: Range<usize>) -> Option<Soundtrack> {
         let Pictures::Video(video, _) = &*self.pictures else { return None };
+        if video.is_retimed {
+            return None;
+        }
         let time_s = |frame: usize| self.timestamps_s.get(frame).copied();
         let (first_s, last_s) = (time_s(range.start)?, time_s(range.end.checked_sub(1)?)?);
         let zero_s = time_s(0)?;

@@ -19,6 +19,7 @@ use crate::source::exif::{self, Exif};
 use crate::source::orientation::Orientation;
 use crate::source::presentation::Presentation;
 use crate::source::still::{self, PictureHeader};
+use crate::source::still_color::{self, StillColor};
 use crate::source::telemetry;
 use crate::source::video::Video;
 use crate::text;
@@ -216,7 +217,12 @@ impl Parts {
         }
         let (photos, orientation) = photo_settings(&self.pictures, &self.timestamps_s, &mut warnings);
         let presentation = match &self.pictures {
-            Pictures::Stills(_) => Presentation { orientation, ..Presentation::default() },
+            // Pictures of one camera are tagged alike.
+            Pictures::Stills(files) => {
+                let StillColor { transfer, primaries } =
+                    files.first().map(|file| still_color::read(file)).unwrap_or_default();
+                Presentation { orientation, transfer, primaries, ..Presentation::default() }
+            }
             Pictures::Video(video, _) => video.presentation,
         };
         let levels = match &self.pictures {
@@ -392,6 +398,9 @@ pub fn equirectangular(width: u32, height: u32) -> Result<Geometry, String> {
 
 /// The camera's settings of each frame of a video with telemetry. If it cannot be read, a warning.
 fn telemetry_settings(video: &Video, times_s: &[f64], warnings: &mut Vec<String>) -> Vec<PhotoSettings> {
+    if video.is_retimed {
+        return Vec::new();
+    }
     match telemetry::read(&video.file) {
         Ok(Some(telemetry)) => {
             let zero_s = times_s.first().copied().unwrap_or_default();

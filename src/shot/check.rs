@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::{Shot, ShotError};
-use crate::camera::{Geometry, Intrinsics};
+use crate::camera::{Curve, Geometry, Intrinsics, ResponseTable};
 use crate::params::{Params, Value};
 use crate::profile::Rig;
 use crate::recording::Recording;
@@ -16,6 +16,9 @@ impl Shot {
         let first = self.geometry_at(0)?;
         range.into_iter().try_for_each(|frame| self.geometry_at(frame).map(drop))?;
         let camera = self.camera();
+        if camera.response.curve == Curve::Table && camera.response.table == ResponseTable::default() {
+            return Err(ShotError::NoResponseTable);
+        }
         // Refuses an impossible lens.
         camera.lens.opening(&first)?;
         let frames = self.recording.frame_count();

@@ -47,9 +47,15 @@ pub enum ShotError {
     )]
     IncompleteCamera { path: PathBuf, missing: Vec<&'static str> },
     #[error(
+        "camera.response.curve is table, and no table is given: camera.response.table has its points, or in a profile \
+         the name of a file"
+    )]
+    NoResponseTable,
+    #[error(
         "the camera's picture is {}x{} px, the recording's frames are {}x{}: camera.width_px and camera.height_px must \
-         be the picture size of the intrinsics",
-        camera.0, camera.1, frames.0, frames.1
+         be the picture size of the intrinsics{}",
+        camera.0, camera.1, frames.0, frames.1,
+        if (camera.1, camera.0) == *frames { " (frames of a video are turned on reading as it is tagged; [frames] rotation = \"stored\" in recording.toml reads them as stored)" } else { "" }
     )]
     Size { camera: (u32, u32), frames: (u32, u32) },
     #[error("camera.distortion.{name} is not 0, but the model {model} has no {name}; set it to 0, or name its model")]

@@ -1,4 +1,4 @@
-//! ToneMapping of footage in a high dynamic range, or on a logarithmic curve, to standard dynamic
+//! Tone mapping of footage in a high dynamic range, or on a logarithmic curve, to standard dynamic
 //! range (Rec. 709 primaries, sRGB curve).
 //!
 //! Light is decoded by the footage's response, with diffuse white at 1, and converted to Rec. 709.
@@ -54,19 +54,22 @@ struct ToneMapping {
     response: Response,
     to_rec709: DMat3,
     srgb: Response,
+    /// True if the response has light above diffuse white.
+    has_highlights: bool,
 }
 
 impl ToneMapping {
     fn new(response: &Response) -> Self {
         let to_rec709 = response.primaries.from_rec709().map_or(DMat3::IDENTITY, |matrix| matrix.inverse());
-        Self { response: response.clone(), to_rec709, srgb: Response::default() }
+        let has_highlights = response.max_light() > 1.0 + 1e-9;
+        Self { response: response.clone(), to_rec709, srgb: Response::default(), has_highlights }
     }
 
     /// Linear light in Rec. 709, 0 to 1.
     fn light(&self, light: DVec3) -> DVec3 {
         let light = (self.to_rec709 * light).max(DVec3::ZERO);
         let largest = light.max_element();
-        if largest > KNEE { light * (compressed(largest) / largest) } else { light }
+        if self.has_highlights && largest > KNEE { light * (compressed(largest) / largest) } else { light }
     }
 
     fn apply(&self, pixels: &Pixels) -> Pixels {

@@ -116,37 +116,42 @@ fn transfer_option(name: &'static str) -> &'static str {
 
 /// Offset of sound against pictures that is not noticed, s: half a frame at 25 per second.
 const MAX_SOUND_OFFSET_S: f64 = 0.02;
-/// Codecs of sound that an MP4 file takes.
-const MP4_SOUND: [&str; 7] = ["aac", "mp3", "ac3", "eac3", "alac", "opus", "flac"];
+/// Codecs of sound that MP4 and QuickTime files take. QuickTime also takes all of PCM.
+const MP4_SOUND: [&str; 6] = ["aac", "mp3", "ac3", "eac3", "alac", "opus"];
+const QUICKTIME_SOUND: [&str; 5] = ["aac", "mp3", "ac3", "eac3", "alac"];
 
-/// True if an MP4 file takes a file's sound as it is.
-fn fits_mp4(file: &Path) -> Result<bool, ProgramError> {
+/// ffmpeg's name of the codec of a file's first sound; empty if it has none.
+fn recorded_sound_codec(file: &Path) -> Result<String, ProgramError> {
     let options = ["-v", "error", "-select_streams", "a:0", "-show_entries", "stream=codec_name", "-of", "csv=p=0"];
     let arguments: Vec<OsString> = options.into_iter().map(OsString::from).chain(ffmpeg::input(file)).collect();
     let codec = program::output("ffprobe", &arguments)?.written;
-    let codec = String::from_utf8_lossy(&codec);
-    Ok(codec.trim().is_empty() || MP4_SOUND.contains(&codec.trim()))
+    // The stream of an MPEG-TS is listed twice.
+    Ok(String::from_utf8_lossy(&codec).lines().next().unwrap_or_default().trim().to_owned())
 }
 
 /// ffmpeg's name of the codec for a file's sound from `start_s` on: a copy where the written file
 /// takes it. Copied sound begins at a keyframe of the source's pictures; MP4 and QuickTime hide the
 /// part before the start by an edit list, which Matroska lacks.
 fn sound_codec(file: &Path, written: &Path, start_s: f64) -> Result<&'static str, ProgramError> {
-    Ok(if is_mkv(written) && start_s > MAX_SOUND_OFFSET_S {
-        "flac"
-    } else if has_extension(written, "mp4") && !fits_mp4(file)? {
-        "aac"
-    } else {
-        "copy"
-    })
+    if is_mkv(written) {
+        return Ok(if start_s > MAX_SOUND_OFFSET_S { "flac" } else { "copy" });
+    }
+    let recorded = recorded_sound_codec(file)?;
+    let recorded = recorded.as_str();
+    if has_extension(written, "mp4") {
+        let copies = recorded.is_empty() || MP4_SOUND.contains(&recorded);
+        return Ok(if copies { "copy" } else { "aac" });
+    }
+    let copies = recorded.is_empty() || recorded.starts_with("pcm_") || QUICKTIME_SOUND.contains(&recorded);
+    Ok(if copies { "copy" } else { "pcm_s16le" })
 }
 
 /// Arguments of the encoder: options and pixel format.
 fn encoder(options: &SinkOptions, codec: VideoCodec) -> (Vec<&'static str>, &'static str) {
     let is_even = options.width.is_multiple_of(2) && options.height.is_multiple_of(2);
-    // 8-bit quantization is visible in a high dynamic range. Chroma subsampling requires even
-    // sizes, but the picture's size must not change.
-    let is_ten_bit = options.presentation.is_hdr() && options.bits == 16;
+    // 8-bit quantization is visible in a high dynamic range and on logarithmic curves. Chroma
+    // subsampling requires even sizes, but the picture's size must not change.
+    let is_ten_bit = (options.presentation.is_hdr() || options.presentation.matrix.is_some()) && options.bits == 16;
     match codec {
         VideoCodec::H264 => {
             let format = match (is_even, is_ten_bit) {
@@ -186,14 +191,19 @@ fn arguments(options: &SinkOptions, path: &Path, partial: &Path) -> Result<Vec<O
         Some(Soundtrack { file, start_s, length_s }) => {
             arguments.extend(["-ss", &format!("{start_s:.6}"), "-t", &format!("{length_s:.6}")].map(OsString::from));
             arguments.extend(ffmpeg::input(file));
-            text.extend(["-map", "0:v:0", "-map", "1:a?"]);
+            // One track: others may have codecs that no container takes.
+            text.extend(["-map", "0:v:0", "-map", "1:a:0?"]);
             text.extend(["-c:a", sound_codec(file, path, *start_s)?]);
         }
         None => text.push("-an"),
     }
-    let (matrix, tag) = match ColorMatrix::usual(height) {
-        _ if presentation.primaries == Some("bt2020") => ("bt2020", "bt2020nc"),
-        ColorMatrix::Bt601 => ("bt601", "smpte170m"),
+    let (matrix, tag) = match (presentation.matrix, ColorMatrix::usual(height)) {
+        (Some("bt709"), _) => ("bt709", "bt709"),
+        (Some(name @ ("smpte170m" | "bt470bg")), _) => ("bt601", name),
+        (stated, _) if stated.or(presentation.primaries).is_some_and(|name| name.starts_with("bt2020")) => {
+            ("bt2020", "bt2020nc")
+        }
+        (_, ColorMatrix::Bt601) => ("bt601", "smpte170m"),
         _ => ("bt709", "bt709"),
     };
     let by_extension = if has_extension(path, "mov") { VideoCodec::ProRes } else { VideoCodec::H264 };
@@ -201,7 +211,8 @@ fn arguments(options: &SinkOptions, path: &Path, partial: &Path) -> Result<Vec<O
     // By default setsar rounds to a ratio of numbers up to 100.
     let aspect =
         presentation.pixel_aspect.map(|(width, height)| format!("setsar={width}/{height}:max={}", width.max(height)));
-    let usual = (!lossless).then_some(tag);
+    // Tags that a recorded video leaves open stay open.
+    let usual = (!lossless && presentation.matrix.is_none()).then_some(tag);
     let primaries = presentation.primaries.or(usual);
     let usual_transfer = usual.map(|tag| if tag == "bt2020nc" { "bt2020-10" } else { tag });
     let transfer = presentation.transfer.or(usual_transfer);

@@ -6,6 +6,7 @@
 use std::io::{BufRead, BufReader, Cursor, Read};
 use std::path::Path;
 
+use exr::compression::Compression;
 use exr::meta::attribute::SampleType;
 use exr::prelude::{MetaData, ReadChannels, ReadLayers};
 use half::f16;
@@ -143,6 +144,9 @@ fn exr_header(reader: impl BufRead) -> Result<DepthHeader, String> {
     let meta = MetaData::read_from_buffered(reader, false).map_err(|e| damaged(&e))?;
     let first = meta.headers.first().filter(|header| !header.deep);
     let header = first.ok_or("begins with deep pixels, which are not read; save flat ones")?;
+    if matches!(header.compression, Compression::DWAA(_) | Compression::DWAB(_)) {
+        return Err("is compressed by DWA, which loses precision and is not read as depth; save it with ZIP".to_owned());
+    }
     let names: Vec<String> = header.channels.list.iter().map(|channel| channel.name.to_string()).collect();
     size(header.layer_size.0, header.layer_size.1, names.len())?;
     let display = header.shared_attributes.display_window.size;

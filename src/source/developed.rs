@@ -1,6 +1,6 @@
 //! Pictures that other programs decode: HEIF by `heif-convert`, camera raw files by `dcraw_emu`,
-//! JPEG 2000 by `ffmpeg`, JPEG XL by `djxl`. Each is developed once into a PNG in the user's cache
-//! folder.
+//! JPEG 2000 and OpenEXR with DWA by `ffmpeg`, JPEG XL by `djxl`. Each is developed once into a PNG
+//! in the user's cache folder.
 //!
 //! The result has the orientation of the sensor: rotations of the file are undone, so that upright
 //! and landscape photographs of one camera have one size and one set of intrinsics, as JPEGs do.
@@ -9,7 +9,8 @@
 //! Rec. 709 primaries, not brightened), which is encoded by the sRGB curve with 16 bits. The curve
 //! is that of a default profile, so light in the program is proportional to the sensor's signal.
 //!
-//! Not modelled: embedded colour profiles, gain maps, lens corrections of a raw file's maker notes.
+//! Not modelled: the orientation of JPEG XL, embedded colour profiles, gain maps, lens corrections
+//! of a raw file's maker notes.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -22,6 +23,7 @@ use super::still_format::{PictureHeader, StillFormat};
 use super::{SourceError, ffmpeg, heif, scene_linear, still_decoder};
 use crate::pixels::{Codes, Pixels};
 use crate::program::{self, ProgramError};
+use crate::text::reason;
 use crate::user_folders;
 
 /// Folder of developed pictures within the cache.
@@ -66,8 +68,18 @@ pub fn read_header(file: &Path, format: StillFormat) -> Result<PictureHeader, So
     still_decoder::read_header(&png_of(file, format)?, StillFormat::Png)
 }
 
+/// The developed picture. A damaged one in the cache is made again.
+pub fn read_pixels(file: &Path, format: StillFormat) -> Result<Pixels, SourceError> {
+    let png = png_of(file, format)?;
+    still_decoder::read_pixels(&png, StillFormat::Png).or_else(|_| {
+        // If it cannot be removed, it is read again with the same error.
+        let _ = std::fs::remove_file(&png);
+        still_decoder::read_pixels(&png_of(file, format)?, StillFormat::Png)
+    })
+}
+
 /// The developed picture's file, from the cache or made now.
-pub fn png_of(file: &Path, format: StillFormat) -> Result<PathBuf, SourceError> {
+fn png_of(file: &Path, format: StillFormat) -> Result<PathBuf, SourceError> {
     png_in(&user_folders::cache().join(FOLDER), file, format)
 }
 
@@ -83,7 +95,7 @@ fn png_in(cache: &Path, file: &Path, format: StillFormat) -> Result<PathBuf, Sou
         let _ = std::fs::File::options().append(true).open(&png).and_then(|file| file.set_modified(SystemTime::now()));
         return Ok(png);
     }
-    let unwritable = |source| SourceError::Read { file: cache.to_owned(), source };
+    let unwritable = |source| SourceError::Cache { folder: cache.to_owned(), source };
     std::fs::create_dir_all(cache).map_err(unwritable)?;
     let work = tempfile::tempdir_in(cache).map_err(unwritable)?;
     let developed = work.path().join("developed.png");
@@ -100,6 +112,11 @@ fn develop(file: &Path, format: StillFormat, work: &Path, png: &Path) -> Result<
         StillFormat::Heif => {
             let picture = heif::read(file)?;
             convert(file, HEIF_DECODERS, &[text(&["--quiet"]), paths(&[file, png])].concat())?;
+            if !png.is_file() {
+                let problem = "it holds several pictures; write the one to use into a file of its own: heif-convert \
+                               FILE.heic FILE.png";
+                return Err(undeveloped(file, problem));
+            }
             let undone = Orientation { is_mirrored: false, rotation_deg: -90.0 * f64::from(picture.quarter_turns) };
             let pixels = undone.apply(still_decoder::read_pixels(png, StillFormat::Png)?);
             if (pixels.width, pixels.height) != (picture.width, picture.height) {
@@ -119,13 +136,22 @@ fn develop(file: &Path, format: StillFormat, work: &Path, png: &Path) -> Result<
             let tiff = work.join("linear.tiff");
             let options = ["-T", "-4", "-w", "-t", "0", "-o", "1", "-q", "3", "-Z"];
             convert(file, RAW_DECODERS, &[text(&options), paths(&[&tiff, file])].concat())?;
-            let linear = still_decoder::read_pixels(&tiff, StillFormat::Tiff)
-                .map_err(|_| undeveloped(file, "it wrote no picture"))?;
+            let linear = still_decoder::read_pixels(&tiff, StillFormat::Tiff).map_err(|_| {
+                let problem = "dcraw_emu wrote no picture; is it truncated, or newer than the installed LibRaw?";
+                undeveloped(file, problem)
+            })?;
             save(&scene_linear::srgb_encoded(linear), png)
         }
         StillFormat::JpegXl => convert(file, JPEG_XL_DECODERS, &paths(&[file, png])),
+        StillFormat::DwaExr => {
+            let start = text(&["-v", "error", "-y", "-f", "exr_pipe", "-apply_trc", "iec61966_2_1", "-i"]);
+            let rest = text(&["-frames:v", "1", "-pix_fmt", "rgb48be"]);
+            let arguments = [start, vec![ffmpeg::file_argument(file)], rest, vec![ffmpeg::file_argument(png)]].concat();
+            convert(file, &["ffmpeg"], &arguments)
+        }
         _ => {
-            let start = text(&["-v", "error", "-y", "-i"]);
+            // Named formats: a `%` in the name would be a pattern.
+            let start = text(&["-v", "error", "-y", "-f", "jpeg2000_pipe", "-i"]);
             let arguments = [start, vec![ffmpeg::file_argument(file), ffmpeg::file_argument(png)]].concat();
             convert(file, &["ffmpeg"], &arguments)
         }
@@ -142,8 +168,15 @@ fn undeveloped(file: &Path, problem: &str) -> SourceError {
 
 /// Runs the first of `programs` that is installed.
 fn convert(file: &Path, programs: &[&'static str], arguments: &[OsString]) -> Result<(), SourceError> {
-    let run = installed(programs).and_then(|program| program::output(program, arguments));
-    run.map(drop).map_err(|error| undeveloped(file, &error.to_string()))
+    let mut missing = ProgramError::Missing { program: String::new() };
+    for program in programs {
+        match program::output(program, arguments) {
+            Ok(_) => return Ok(()),
+            Err(error @ ProgramError::Missing { .. }) => missing = error,
+            Err(source) => return Err(SourceError::Undeveloped { file: file.to_owned(), source }),
+        }
+    }
+    Err(SourceError::Undeveloped { file: file.to_owned(), source: missing })
 }
 
 fn save(pixels: &Pixels, png: &Path) -> Result<(), SourceError> {
@@ -154,7 +187,7 @@ fn save(pixels: &Pixels, png: &Path) -> Result<(), SourceError> {
         Codes::U8(codes) => (codes, ExtendedColorType::Rgb8),
         Codes::U16(codes) => (bytemuck::cast_slice(codes), ExtendedColorType::Rgb16),
     };
-    let out = std::fs::File::create(png).map_err(|e| failed(crate::text::reason(&e)))?;
+    let out = std::fs::File::create(png).map_err(|e| failed(reason(&e)))?;
     PngEncoder::new_with_quality(std::io::BufWriter::new(out), CompressionType::Fast, FilterType::Adaptive)
         .write_image(bytes, pixels.width, pixels.height, color)
         .map_err(|e| failed(e.to_string()))

@@ -12,6 +12,8 @@ use crate::camera::exposure::MAX_EXPOSURE_S;
 use crate::frame::PhotoSettings;
 
 const IDENTIFIER: &[u8] = b"Exif\0\0";
+/// Larger TIFF and raw files are not searched for EXIF, bytes.
+const MAX_TIFF_BYTES: u64 = 512 << 20;
 /// A PhotographicSensitivity that means: too large for this field, see the others.
 const SEE_ELSEWHERE: f64 = 65535.0;
 /// Larger APEX values mean unknown: Exif writes infinity as -1/0 or as the largest numerators.
@@ -36,6 +38,11 @@ pub fn read(file: &Path) -> Result<Exif, SourceError> {
     match StillFormat::of_file(file)? {
         Some(StillFormat::Jpeg) => Ok(segment(&mut reader).map(parse).unwrap_or_default()),
         Some(format @ (StillFormat::Heif | StillFormat::Tiff | StillFormat::Raw)) => {
+            let length = plain::open(file).and_then(|file| file.metadata()).map_or(u64::MAX, |data| data.len());
+            // The library reads TIFF as a whole.
+            if format != StillFormat::Heif && length > MAX_TIFF_BYTES {
+                return Ok(Exif::default());
+            }
             let exif = exif::Reader::new().continue_on_error(true).read_from_container(&mut reader);
             let exif = exif.or_else(|error| error.distill_partial_result(|_| {}));
             let mut read = exif.map(|exif| of_fields(&exif)).unwrap_or_default();

@@ -1,8 +1,9 @@
-//! The container of HEIC and AVIF pictures, as far as their size and rotation. Their pixels are
-//! decoded by another program. Source: ISO/IEC 14496-12 (boxes), ISO/IEC 23008-12 (HEIF).
+//! The container of HEIC and AVIF pictures, as far as their size, rotation and colour. Their pixels
+//! are decoded by another program. Source: ISO/IEC 14496-12 (boxes), ISO/IEC 23008-12 (HEIF).
 //!
-//! Not modelled: a primary picture that is smaller than another one of the file, properties of
-//! several pictures that differ in rotation. A mirrored picture is described as it is decoded.
+//! Not modelled: files of several top-level pictures (bursts), a primary picture that is smaller
+//! than another one of the file, properties of several pictures that differ in rotation. A mirrored
+//! picture is described as it is decoded.
 
 use std::io::Read;
 use std::path::Path;
@@ -36,6 +37,33 @@ pub struct HeifPicture {
     pub quarter_turns: u32,
 }
 
+/// Colour information of a file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum HeifColor {
+    /// Code points of ITU-T H.273.
+    Codes {
+        primaries: u16,
+        transfer: u16,
+    },
+    Icc(Vec<u8>),
+}
+
+/// The first colour information of a file. `None` without one, and for damaged files.
+pub fn read_color(file: &Path) -> Option<HeifColor> {
+    let mut bytes = Vec::new();
+    plain::open(file).ok()?.take(MAX_META_BYTES).read_to_end(&mut bytes).ok()?;
+    let content = boxes(properties(&bytes)?).find(|(name, _)| *name == b"colr")?.1;
+    let (kind, content) = content.split_first_chunk::<4>()?;
+    match kind {
+        b"nclx" => {
+            let number = |at: usize| Some(u16::from_be_bytes([*content.get(at)?, *content.get(at + 1)?]));
+            Some(HeifColor::Codes { primaries: number(0)?, transfer: number(2)? })
+        }
+        b"prof" | b"rICC" => Some(HeifColor::Icc(content.to_vec())),
+        _ => None,
+    }
+}
+
 /// Reads the properties of a file's largest picture.
 pub fn read(file: &Path) -> Result<HeifPicture, SourceError> {
     let failed = |source| SourceError::Read { file: file.to_owned(), source };
@@ -44,11 +72,16 @@ pub fn read(file: &Path) -> Result<HeifPicture, SourceError> {
     parse(&bytes).ok_or_else(|| SourceError::content(file, "the HEIF picture is damaged: its size is missing"))
 }
 
-fn parse(bytes: &[u8]) -> Option<HeifPicture> {
+/// The boxes of the pictures' properties.
+fn properties(bytes: &[u8]) -> Option<&[u8]> {
     // Version and flags precede the boxes of `meta`.
     let meta = boxes(bytes).find(|(name, _)| *name == b"meta")?.1.get(4..)?;
     let properties = boxes(meta).find(|(name, _)| *name == b"iprp")?.1;
-    let properties = boxes(properties).find(|(name, _)| *name == b"ipco")?.1;
+    Some(boxes(properties).find(|(name, _)| *name == b"ipco")?.1)
+}
+
+fn parse(bytes: &[u8]) -> Option<HeifPicture> {
+    let properties = properties(bytes)?;
     let mut largest: Option<(u32, u32)> = None;
     let mut cropped = None;
     let (mut quarter_turns, mut is_mirrored, mut bits) = (0, false, 8);

@@ -18,6 +18,7 @@ pub mod orientation;
 pub mod presentation;
 mod scene_linear;
 pub mod still;
+pub mod still_color;
 mod still_decoder;
 pub mod still_format;
 pub mod telemetry;
@@ -37,6 +38,10 @@ pub enum SourceError {
     Read { file: PathBuf, source: std::io::Error },
     #[error("{}: {problem}", file.display())]
     Content { file: PathBuf, problem: String },
+    #[error("{}: developed pictures cannot be stored there: {}; LOCARD_CACHE names another folder", folder.display(), reason(source))]
+    Cache { folder: PathBuf, source: std::io::Error },
+    #[error("{}: cannot be developed: {source}", file.display())]
+    Undeveloped { file: PathBuf, source: ProgramError },
     #[error(transparent)]
     Program(#[from] ProgramError),
     #[error("a decoding thread could not be started: {0}")]

@@ -1,6 +1,6 @@
 //! Display properties of a video: orientation, pixel aspect, colour tags and time code, with the
-//! warnings about each. They are not applied when pictures are read; a written video gets the same
-//! tags.
+//! warnings about each. Rotations by quarter turns are applied on reading, and the colour tags give
+//! the camera's response. A written video gets the tags that were not applied.
 
 use serde::Deserialize;
 
@@ -25,7 +25,7 @@ struct SideData {
     displaymatrix: Option<String>,
 }
 
-/// Display properties that a file states. They are not applied when pictures are read.
+/// Display properties that a file states and that a player applies.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Presentation {
     pub orientation: Orientation,
@@ -34,6 +34,8 @@ pub struct Presentation {
     /// ffprobe's names of the transfer function and the primaries.
     pub transfer: Option<&'static str>,
     pub primaries: Option<&'static str>,
+    /// ffprobe's name of the matrix between R'G'B' and Y'CbCr, if the file states it.
+    pub matrix: Option<&'static str>,
     /// Of the first frame.
     pub timecode: Option<Timecode>,
 }
@@ -43,6 +45,32 @@ pub struct Presentation {
 pub struct ColorTags {
     pub primaries: u8,
     pub transfer: u8,
+}
+
+const SRGB_CODE: u8 = 13;
+const REC709_CODE: u8 = 1;
+/// Code points of the transfer functions and primaries that pictures are tagged with.
+const TRANSFER_CODES: [(&str, u8); 9] = [
+    ("arib-std-b67", 18),
+    ("smpte2084", 16),
+    ("linear", 8),
+    ("bt470m", 4),
+    ("bt470bg", 5),
+    ("smpte428", 17),
+    ("log100", 9),
+    ("log316", 10),
+    ("bt1361e", 12),
+];
+const PRIMARIES_CODES: [(&str, u8); 3] = [("bt2020", 9), ("smpte431", 11), ("smpte432", 12)];
+
+/// Name of a transfer function. `None` for those of usual pictures and unknown ones.
+pub(super) fn transfer_of_code(code: u16) -> Option<&'static str> {
+    TRANSFER_CODES.iter().find(|(_, of)| u16::from(*of) == code).map(|(name, _)| *name)
+}
+
+/// Name of primaries. `None` for Rec. 709 and unknown ones.
+pub(super) fn primaries_of_code(code: u16) -> Option<&'static str> {
+    PRIMARIES_CODES.iter().find(|(_, of)| u16::from(*of) == code).map(|(name, _)| *name)
 }
 
 /// Transfer functions, each with its common name if it is far from the response of a usual camera.
@@ -83,6 +111,7 @@ impl Presentation {
             pixel_aspect: aspect.filter(|(width, height)| *width > 0 && *height > 0 && width != height),
             transfer: known(TRANSFERS.map(|(name, _)| name), stream.color_transfer.as_deref()),
             primaries: known(PRIMARIES, stream.color_primaries.as_deref()),
+            matrix: None,
             timecode: None,
         }
     }
@@ -100,22 +129,12 @@ impl Presentation {
 
     /// The tags of pictures whose transfer function or primaries are not those of usual pictures.
     pub fn color_tags(&self) -> Option<ColorTags> {
-        let transfer = match self.transfer {
-            Some("arib-std-b67") => 18,
-            Some("smpte2084") => 16,
-            Some("linear") => 8,
-            Some("bt470m") => 4,
-            Some("bt470bg") => 5,
-            Some("smpte428") => 17,
-            _ => 13,
+        let code = |codes: &[(&str, u8)], name: Option<&str>, usual: u8| {
+            codes.iter().find(|(of, _)| name == Some(*of)).map_or(usual, |(_, code)| *code)
         };
-        let primaries = match self.primaries {
-            Some("bt2020") => 9,
-            Some("smpte431") => 11,
-            Some("smpte432") => 12,
-            _ => 1,
-        };
-        ((primaries, transfer) != (1, 13)).then_some(ColorTags { primaries, transfer })
+        let transfer = code(&TRANSFER_CODES, self.transfer, SRGB_CODE);
+        let primaries = code(&PRIMARIES_CODES, self.primaries, REC709_CODE);
+        ((primaries, transfer) != (REC709_CODE, SRGB_CODE)).then_some(ColorTags { primaries, transfer })
     }
 
     /// True for a transfer function of high dynamic range.
@@ -156,7 +175,10 @@ impl Presentation {
             (self.orientation != Orientation::default()).then(|| format!("should be shown {}", self.orientation));
         let pixels = self.pixel_aspect.map(|(width, height)| format!("has pixels of {width}:{height}"));
         let transfer = self.unusual_transfer().map(|transfer| format!("is in {transfer}"));
-        let primaries = self.primaries.filter(|name| *name == "bt2020").map(|name| format!("has the primaries {name}"));
+        let primaries = self
+            .primaries
+            .filter(|_| self.response().primaries != Primaries::Rec709)
+            .map(|name| format!("has the primaries {name}"));
         let lost: Vec<String> = [shown, pixels, transfer, primaries].into_iter().flatten().collect();
         (!lost.is_empty()).then(|| {
             format!(

@@ -1,4 +1,4 @@
-//! Frames of linear light: OpenEXR (every compression of the format, DWA included) and pictures of
+//! Frames of linear light: OpenEXR (DWA by another program, developed.rs) and pictures of
 //! floating-point numbers. They are encoded by the sRGB curve (IEC 61966-2-1) with 16 bits, which a
 //! default profile decodes again: the code is exact to 8·10⁻⁶ of full scale.
 //!
@@ -7,12 +7,16 @@
 
 use std::io::{BufRead, Cursor};
 
+use exr::compression::Compression;
 use exr::meta::header::Header;
 use exr::prelude::{MetaData, ReadChannels, ReadLayers};
 
 use super::still_format::PictureHeader;
 use crate::camera::Response;
 use crate::pixels::{Codes, Pixels};
+
+/// Largest number of pixels, as 12 bytes of light each.
+const MAX_PIXELS: u64 = 1 << 26;
 
 /// The sRGB code of linear light with 16 bits.
 fn code(light: f32) -> u16 {
@@ -38,6 +42,12 @@ fn damaged(error: &exr::error::Error) -> String {
     format!("the OpenEXR picture is damaged or truncated: {error}")
 }
 
+/// True if a part of an OpenEXR file is compressed by DWA. False for damaged files.
+pub fn is_dwa(reader: impl BufRead) -> bool {
+    let headers = MetaData::read_from_buffered(reader, false).map(|meta| meta.headers).unwrap_or_default();
+    headers.iter().any(|header| matches!(header.compression, Compression::DWAA(_) | Compression::DWAB(_)))
+}
+
 /// Header of an OpenEXR frame.
 pub fn exr_header(reader: impl BufRead) -> Result<PictureHeader, String> {
     let meta = MetaData::read_from_buffered(reader, false).map_err(|e| damaged(&e))?;
@@ -51,6 +61,12 @@ pub fn exr_header(reader: impl BufRead) -> Result<PictureHeader, String> {
         return Err(format!("has no flat layer with the channels R, G and B (found: {})", names.join(", ")));
     };
     let size = header.shared_attributes.display_window.size;
+    for size in [size, header.layer_size] {
+        if (size.0 as u64).saturating_mul(size.1 as u64) > MAX_PIXELS {
+            return Err(format!("is {}x{}; at most {MAX_PIXELS} pixels are decoded", size.0, size.1));
+        }
+    }
+    // Both sides are below the limit, unless the other one is 0.
     let side = |length: usize| u32::try_from(length).unwrap_or(u32::MAX);
     Ok(PictureHeader { width: side(size.0), height: side(size.1), bits: 16 })
 }
@@ -58,6 +74,10 @@ pub fn exr_header(reader: impl BufRead) -> Result<PictureHeader, String> {
 /// Pixels of an OpenEXR frame in its display window.
 pub fn exr_pixels(bytes: &[u8]) -> Result<Pixels, String> {
     let PictureHeader { width, height, .. } = exr_header(Cursor::new(bytes))?;
+    // Its decoder allocates the sizes that a damaged file states.
+    if is_dwa(Cursor::new(bytes)) {
+        return Err("is compressed by DWA, which is decoded by ffmpeg and from a file only".to_owned());
+    }
     let image = exr::prelude::read()
         .no_deep_data()
         .largest_resolution_level()

@@ -2,7 +2,7 @@
 //! profile, gamma or rotation is applied, and transparency is dropped. Pictures of linear light are
 //! encoded (scene_linear.rs).
 
-use std::io::Read;
+use std::io::{BufReader, Read};
 use std::path::Path;
 
 use image::DynamicImage;
@@ -13,8 +13,9 @@ pub use super::still_format::PictureHeader;
 
 use super::still_decoder::{self as decoder, decode, no_picture, png_end};
 use super::still_format::StillFormat;
-use super::{SourceError, developed, file as plain, jpeg, jpeg_tables, unsupported};
+use super::{SourceError, developed, file as plain, jpeg, jpeg_tables, scene_linear, unsupported};
 use crate::pixels::{DepthMap, Pixels};
+use crate::program::ProgramError;
 
 /// True if an error of [`read_header`] is about the file's content (another kind of file, damage,
 /// or a Git LFS pointer file), not about access to it.
@@ -22,6 +23,8 @@ pub fn is_no_picture(error: &SourceError) -> bool {
     match error {
         SourceError::Read { source, .. } => plain::is_lfs_pointer(source),
         SourceError::Content { .. } => true,
+        // A missing program is no fault of the file.
+        SourceError::Undeveloped { source, .. } => matches!(source, ProgramError::Failed { .. }),
         _ => false,
     }
 }
@@ -33,10 +36,13 @@ pub fn is_jpeg(file: &Path) -> Result<bool, SourceError> {
 
 /// The format of a picture's file. Files of another kind are refused.
 fn format_of(file: &Path) -> Result<StillFormat, SourceError> {
+    let failed = |source| SourceError::Read { file: file.to_owned(), source };
     if let Some(format) = StillFormat::of_file(file)? {
+        if format == StillFormat::Exr && scene_linear::is_dwa(BufReader::new(plain::open(file).map_err(failed)?)) {
+            return Ok(StillFormat::DwaExr);
+        }
         return Ok(format);
     }
-    let failed = |source| SourceError::Read { file: file.to_owned(), source };
     let mut start = Vec::new();
     plain::open(file).map_err(failed)?.take(16).read_to_end(&mut start).map_err(failed)?;
     let kind = unsupported::by_content(&start).or_else(|| unsupported::by_name(file));
@@ -57,7 +63,7 @@ pub fn read_header(file: &Path) -> Result<PictureHeader, SourceError> {
 pub fn read_pixels(file: &Path) -> Result<Pixels, SourceError> {
     let format = format_of(file)?;
     if format.is_developed() {
-        return decoder::read_pixels(&developed::png_of(file, format)?, StillFormat::Png);
+        return developed::read_pixels(file, format);
     }
     decoder::read_pixels(file, format)
 }

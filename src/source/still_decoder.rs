@@ -5,7 +5,7 @@ use std::io::{BufRead, BufReader, Cursor, Read, Seek};
 use std::path::Path;
 use std::sync::Arc;
 
-use image::{DynamicImage, ImageDecoder};
+use image::{ColorType, DynamicImage, ImageDecoder};
 
 use super::jpeg::{self, Ending};
 use super::still_format::{FORMATS, JPEG_SIGNATURE, PNG_SIGNATURE, PictureHeader, StillFormat};
@@ -112,12 +112,44 @@ pub fn decode(bytes: &[u8], format: StillFormat) -> Result<DynamicImage, String>
             };
             from_decoder(JpegDecoder::new(Cursor::new(&*bytes)).map_err(damaged)?)
         }
-        StillFormat::Tiff => from_decoder(TiffDecoder::new(Cursor::new(bytes)).map_err(damaged)?),
+        StillFormat::Tiff => {
+            let decoder = TiffDecoder::new(Cursor::new(bytes)).map_err(damaged)?;
+            if matches!(decoder.color_type(), ColorType::Rgb32F | ColorType::Rgba32F) && !has_float_samples(bytes) {
+                return Err("has integers of 32 bits; convert it: ffmpeg or ImageMagick to 16 bits".to_owned());
+            }
+            from_decoder(decoder)
+        }
         StillFormat::WebP => from_decoder(image::codecs::webp::WebPDecoder::new(Cursor::new(bytes)).map_err(damaged)?),
         StillFormat::Bmp => from_decoder(BmpDecoder::new(Cursor::new(bytes)).map_err(damaged)?),
         StillFormat::Pnm => from_decoder(PnmDecoder::new(Cursor::new(bytes)).map_err(damaged)?),
         _ => Err(format!("is {}, which is not decoded here", format.name())),
     }
+}
+
+/// The ICC profile of a PNG, JPEG, TIFF or WebP. `None` without one, and for damaged files.
+pub fn icc_profile(bytes: &[u8], format: StillFormat) -> Option<Vec<u8>> {
+    use image::codecs::{jpeg::JpegDecoder, png::PngDecoder, tiff::TiffDecoder, webp::WebPDecoder};
+    let reader = Cursor::new(bytes);
+    let profile = match format {
+        StillFormat::Png => PngDecoder::with_limits(reader, limits()).ok()?.icc_profile(),
+        StillFormat::Jpeg => JpegDecoder::new(reader).ok()?.icc_profile(),
+        StillFormat::Tiff => TiffDecoder::new(reader).ok()?.icc_profile(),
+        StillFormat::WebP => WebPDecoder::new(reader).ok()?.icc_profile(),
+        _ => return None,
+    };
+    profile.ok()?
+}
+
+/// True if the samples of a TIFF are floating-point numbers, by its tag SampleFormat. The decoder
+/// returns integers of 32 bits as such numbers, too.
+fn has_float_samples(bytes: &[u8]) -> bool {
+    const SAMPLE_FORMAT: exif::Tag = exif::Tag(exif::Context::Tiff, 339);
+    const IEEE_FLOAT: u32 = 3;
+    let fields = exif::Reader::new().continue_on_error(true).read_raw(bytes.to_vec());
+    let fields = fields.or_else(|error| error.distill_partial_result(|_| {}));
+    let format = fields.ok().and_then(|fields| fields.get_field(SAMPLE_FORMAT, exif::In::PRIMARY)?.value.get_uint(0));
+    // BigTIFF is not read by that library.
+    format.is_none_or(|format| format == IEEE_FLOAT)
 }
 
 fn limits() -> image::Limits {
@@ -127,13 +159,20 @@ fn limits() -> image::Limits {
 }
 
 fn from_decoder(mut decoder: impl ImageDecoder) -> Result<DynamicImage, String> {
+    // Not every decoder has limits of its own.
+    if decoder.total_bytes() > MAX_DECODED_BYTES {
+        let (width, height) = decoder.dimensions();
+        return Err(format!("is {width}x{height}; at most {MAX_DECODED_BYTES} bytes are decoded"));
+    }
     decoder.set_limits(limits()).map_err(|e| e.to_string())?;
     DynamicImage::from_decoder(decoder).map_err(damaged)
 }
 
 fn damaged(error: image::ImageError) -> String {
     match error {
-        image::ImageError::Unsupported(what) => format!("a picture of this kind is not supported: {what}"),
+        image::ImageError::Unsupported(what) => {
+            format!("a picture of this kind is not supported: {what}; convert it to a PNG or a TIFF of 16 bits")
+        }
         error => format!("the picture is damaged or truncated: {error}"),
     }
 }

@@ -1,7 +1,7 @@
 //! Formats of still pictures. JPEG, PNG, TIFF, WebP, BMP, PPM and OpenEXR are decoded here; HEIF,
 //! camera raw files, JPEG 2000 and JPEG XL by other programs (developed.rs).
 
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -22,6 +22,8 @@ pub enum StillFormat {
     /// Netpbm: PBM, PGM, PPM, PAM.
     Pnm,
     Exr,
+    /// OpenEXR with the compression DWA, whose decoder here trusts damaged sizes.
+    DwaExr,
     /// HEIC and AVIF.
     Heif,
     /// A camera's raw file.
@@ -84,7 +86,8 @@ impl StillFormat {
             _ if start.starts_with(EXR_SIGNATURE) => Self::Exr,
             _ if start.starts_with(b"FUJIFILM") || heif::has_brand(start, &[b"crx "]) => Self::Raw,
             _ if heif::is_picture(start) => Self::Heif,
-            _ if start.starts_with(b"II*\0") || start.starts_with(b"MM\0*") => Self::Tiff,
+            // With "+" BigTIFF.
+            [b'I', b'I', b'*' | b'+', 0, ..] | [b'M', b'M', 0, b'*' | b'+', ..] => Self::Tiff,
             _ if start.starts_with(b"RIFF") && start.get(8..12) == Some(b"WEBP") => Self::WebP,
             _ if start.starts_with(b"BM") => Self::Bmp,
             [b'P', b'1'..=b'7', space, ..] if space.is_ascii_whitespace() => Self::Pnm,
@@ -110,6 +113,7 @@ impl StillFormat {
             Self::Bmp => "BMP",
             Self::Pnm => "PPM",
             Self::Exr => "OpenEXR",
+            Self::DwaExr => "OpenEXR (DWA)",
             Self::Heif => "HEIF (HEIC, AVIF)",
             Self::Raw => "a camera's raw format",
             Self::Jpeg2000 => "JPEG 2000",
@@ -119,7 +123,7 @@ impl StillFormat {
 
     /// True if another program decodes the format.
     pub fn is_developed(self) -> bool {
-        matches!(self, Self::Heif | Self::Raw | Self::Jpeg2000 | Self::JpegXl)
+        matches!(self, Self::DwaExr | Self::Heif | Self::Raw | Self::Jpeg2000 | Self::JpegXl)
     }
 
     /// True if files of this format often hold depth or other data beside pictures in a folder.
@@ -127,8 +131,13 @@ impl StillFormat {
         matches!(self, Self::Tiff | Self::Pnm | Self::Exr)
     }
 
-    fn is_png_or_jpeg(self) -> bool {
-        matches!(self, Self::Png | Self::Jpeg)
+    /// Of files of one name those of the lowest rank are the frame.
+    fn rank(self) -> u8 {
+        match self {
+            Self::Png | Self::Jpeg => 0,
+            Self::Raw => 2,
+            _ => 1,
+        }
     }
 }
 
@@ -145,9 +154,10 @@ pub fn with_omitted_extension(folder: &Path, name: &str) -> Option<PathBuf> {
     spelled.map(|extension| folder.join(format!("{name}.{extension}"))).find(|file| file.is_file())
 }
 
-/// The pictures of a folder by their names, without order. Of two files of one name the PNG or JPEG
-/// counts: it is a copy, or the camera's own picture beside its raw file. TIFF, PPM and OpenEXR
-/// beside pictures of other formats are taken for depth or other data.
+/// The pictures of a folder by their names, without order. Of several files of one name a PNG or
+/// JPEG counts, else any other format before a raw one: they are copies of it, or the camera's own
+/// picture. TIFF, PPM and OpenEXR beside pictures of other formats are taken for depth or other
+/// data.
 pub fn pictures_in(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
     let mut files: Vec<(StillFormat, PathBuf)> = Vec::new();
     for entry in std::fs::read_dir(folder)? {
@@ -157,13 +167,15 @@ pub fn pictures_in(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
             files.push((format, file));
         }
     }
-    let stem = |file: &Path| file.file_stem().map(OsString::from);
-    let copies: BTreeSet<_> =
-        files.iter().filter(|(format, _)| format.is_png_or_jpeg()).map(|(_, file)| stem(file)).collect();
     let has_pictures = files.iter().any(|(format, _)| !format.may_hold_data());
-    files.retain(|(format, file)| {
-        format.is_png_or_jpeg() || !(copies.contains(&stem(file)) || has_pictures && format.may_hold_data())
-    });
+    files.retain(|(format, _)| !(has_pictures && format.may_hold_data()));
+    let stem = |file: &Path| file.file_stem().map(OsString::from);
+    let mut best: BTreeMap<Option<OsString>, u8> = BTreeMap::new();
+    for (format, file) in &files {
+        let rank = best.entry(stem(file)).or_insert(format.rank());
+        *rank = format.rank().min(*rank);
+    }
+    files.retain(|(format, file)| best.get(&stem(file)) == Some(&format.rank()));
     Ok(files.into_iter().map(|(_, file)| file).collect())
 }
 
@@ -192,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn raw_file_is_told_from_tiff_by_its_name() {
+    fn raw_and_tiff_are_distinguished_by_name() {
         let folder = tempfile::tempdir().unwrap();
         for (name, format) in [("a.dng", StillFormat::Raw), ("a.tif", StillFormat::Tiff), ("a.x", StillFormat::Tiff)] {
             let file = folder.path().join(name);
@@ -217,6 +229,7 @@ mod tests {
         };
         let phone = ["b.heic", "c.heic", "c.jpg", ".d.heic", "e.npy", "c_depth.exr", "c.tif", "f.dng", "f.JPG"];
         assert_eq!(names(&phone), ["b.heic", "c.jpg", "f.JPG"]);
+        assert_eq!(names(&["a.dng", "a.heic", "b.dng"]), ["a.heic", "b.dng"]);
         assert_eq!(names(&["1.exr", "2.exr", "3.txt"]), ["1.exr", "2.exr"]);
         assert!(pictures_in(&folder.path().join("none")).is_err());
     }

@@ -2,32 +2,29 @@
 //! GoPro cameras. Source: the GPMF introduction of gopro/gpmf-parser (keys SHUT, ISOE or ISOG,
 //! SROT).
 //!
-//! Not modelled: orientations (CORI, IORI), which a stabilised picture needs together, positions,
-//! telemetry of other makers.
+//! Not modelled: the sensor gain of older cameras (ISOG), orientations (CORI, IORI), which a
+//! stabilised picture needs together, positions, telemetry of other makers.
 
 use std::ffi::OsString;
-use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 
 use serde::Deserialize;
 
-use super::{SourceError, ffmpeg, file as plain, heif};
+use super::{SourceError, ffmpeg};
 use crate::camera::exposure::MAX_EXPOSURE_S;
 use crate::frame::PhotoSettings;
 use crate::program;
 
 /// Identifies a GPMF track.
 const GPMF_TAG: &str = "gpmd";
-/// Largest movie header that is read, bytes.
-const MAX_HEADER_BYTES: u64 = 64 << 20;
+/// Depth of nesting that is followed; GPMF has two levels, the device and its streams.
+const MAX_NESTING: u32 = 4;
 
 /// A camera's settings while it filmed.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Telemetry {
     /// Settings with their times after the file's start, s. Ascending.
     pub settings: Vec<(f64, PhotoSettings)>,
-    /// Readout time of the sensor, s. A stabilised picture shows another one.
-    pub readout_s: Option<f64>,
 }
 
 impl Telemetry {
@@ -59,6 +56,8 @@ struct DataStream {
 struct DataPacket {
     pts_time: Option<String>,
     duration_time: Option<String>,
+    /// Bytes.
+    size: Option<String>,
 }
 
 fn probe(file: &Path, streams: &str, entries: &str) -> Result<DataProbe, SourceError> {
@@ -74,13 +73,12 @@ pub fn read(file: &Path) -> Result<Option<Telemetry>, SourceError> {
     let streams = probe(file, "d", "stream=index,codec_tag_string")?.streams;
     let Some(stream) = streams.iter().find(|stream| stream.codec_tag_string == GPMF_TAG) else { return Ok(None) };
     let number = stream.index.to_string();
-    let packets = probe(file, &number, "packet=pts_time,duration_time")?.packets;
+    let packets = probe(file, &number, "packet=pts_time,duration_time,size")?.packets;
     let start: Vec<OsString> = ["-nostdin", "-v", "error"].map(OsString::from).into();
     let track = ["-map", &format!("0:{number}"), "-c", "copy", "-f", "data", "pipe:1"].map(OsString::from);
     let arguments: Vec<OsString> = start.into_iter().chain(ffmpeg::input(file)).chain(track).collect();
     let payloads = program::output("ffmpeg", &arguments)?.written;
-    let mut telemetry = parse(&payloads, &packets);
-    telemetry.readout_s = readout_s(file);
+    let telemetry = parse(&payloads, &packets);
     Ok((!telemetry.settings.is_empty()).then_some(telemetry))
 }
 
@@ -103,30 +101,34 @@ fn items(mut bytes: &[u8]) -> impl Iterator<Item = Item<'_>> {
     })
 }
 
-/// All numbers of the first item with one of the keys, within nested items.
-fn numbers(bytes: &[u8], keys: &[&[u8; 4]]) -> Option<Vec<f64>> {
-    items(bytes).find_map(|Item { key, kind, content }| match kind {
-        0 => numbers(content, keys),
-        b'f' if keys.iter().any(|wanted| *wanted == key) => {
-            Some(content.as_chunks().0.iter().map(|word| f64::from(f32::from_be_bytes(*word))).collect())
+/// All numbers of the first item with a key, within nested items.
+fn numbers(bytes: &[u8], key: &[u8; 4], levels: u32) -> Option<Vec<f64>> {
+    items(bytes).find_map(|item| match item.kind {
+        0 if levels > 0 => numbers(item.content, key, levels - 1),
+        b'f' if item.key == key => {
+            Some(item.content.as_chunks().0.iter().map(|word| f64::from(f32::from_be_bytes(*word))).collect())
         }
-        b'S' if keys.iter().any(|wanted| *wanted == key) => {
-            Some(content.as_chunks().0.iter().map(|word| f64::from(u16::from_be_bytes(*word))).collect())
+        b'S' if item.key == key => {
+            Some(item.content.as_chunks().0.iter().map(|word| f64::from(u16::from_be_bytes(*word))).collect())
         }
         _ => None,
     })
 }
 
-/// Each top-level item is a packet's payload, whose samples are spread evenly over its duration.
+/// The samples of a packet are spread evenly over its duration.
 fn parse(payloads: &[u8], packets: &[DataPacket]) -> Telemetry {
     let seconds = |text: &Option<String>| text.as_deref()?.parse::<f64>().ok();
     let mut settings = Vec::new();
-    for (payload, packet) in items(payloads).zip(packets) {
+    let mut rest = payloads;
+    for packet in packets {
+        let Some(length) = packet.size.as_deref().and_then(|text| text.parse().ok()) else { break };
+        let Some((payload, after)) = rest.split_at_checked(length) else { break };
+        rest = after;
         let Some((start_s, duration_s)) = seconds(&packet.pts_time).zip(seconds(&packet.duration_time)) else {
             continue;
         };
-        let times_s = numbers(payload.content, &[b"SHUT"]).unwrap_or_default();
-        let iso = numbers(payload.content, &[b"ISOE", b"ISOG"]).unwrap_or_default();
+        let times_s = numbers(payload, b"SHUT", MAX_NESTING).unwrap_or_default();
+        let iso = numbers(payload, b"ISOE", MAX_NESTING).unwrap_or_default();
         for (at, time_s) in times_s.iter().enumerate() {
             let share = at as f64 / times_s.len() as f64;
             let is_plausible = *time_s > 0.0 && *time_s <= MAX_EXPOSURE_S;
@@ -136,34 +138,7 @@ fn parse(payloads: &[u8], packets: &[DataPacket]) -> Telemetry {
             settings.push((start_s + share * duration_s, photo));
         }
     }
-    Telemetry { settings, readout_s: None }
-}
-
-/// The readout time in the movie's user data. `None` if it is missing or damaged.
-fn readout_s(file: &Path) -> Option<f64> {
-    let mut file = plain::open(file).ok()?;
-    loop {
-        let mut head = [0; 8];
-        file.read_exact(&mut head).ok()?;
-        let (length, name) = (u32::from_be_bytes([head[0], head[1], head[2], head[3]]), &head[4..]);
-        let content_bytes = match length {
-            1 => {
-                let mut long = [0; 8];
-                file.read_exact(&mut long).ok()?;
-                u64::from_be_bytes(long).checked_sub(16)?
-            }
-            length => u64::from(length).checked_sub(8)?,
-        };
-        if name == b"moov" {
-            let mut movie = Vec::new();
-            file.take(content_bytes.min(MAX_HEADER_BYTES)).read_to_end(&mut movie).ok()?;
-            let user_data = heif::boxes(&movie).find(|(name, _)| *name == b"udta")?.1;
-            let gpmf = heif::boxes(user_data).find(|(name, _)| *name == b"GPMF")?.1;
-            let readout_ms = *numbers(gpmf, &[b"SROT"])?.first()?;
-            return (readout_ms > 0.0 && readout_ms < 1e3).then_some(1e-3 * readout_ms);
-        }
-        file.seek(SeekFrom::Current(i64::try_from(content_bytes).ok()?)).ok()?;
-    }
+    Telemetry { settings }
 }
 
 #[cfg(test)]
@@ -188,14 +163,21 @@ mod tests {
         item(b"DEVC", 0, 1, &streams.concat())
     }
 
-    fn packet(start_s: f64) -> DataPacket {
-        DataPacket { pts_time: Some(start_s.to_string()), duration_time: Some("1".to_owned()) }
+    fn packet(start_s: f64, bytes: usize) -> DataPacket {
+        DataPacket {
+            pts_time: Some(start_s.to_string()),
+            duration_time: Some("1".to_owned()),
+            size: Some(bytes.to_string()),
+        }
     }
 
     #[test]
     fn samples_are_spread_over_their_packet() {
-        let payloads = [payload(&[0.01, 0.02, 0.04, 0.005], &[100, 200]), payload(&[0.008, 0.0], &[400])].concat();
-        let telemetry = parse(&payloads, &[packet(0.0), packet(1.0)]);
+        // The first packet also holds another device, whose times do not count.
+        let other = item(b"DEVC", 0, 1, &item(b"SHUT", b'f', 4, &[0; 4]));
+        let first = [payload(&[0.01, 0.02, 0.04, 0.005], &[100, 200]), other].concat();
+        let payloads = [&first[..], &payload(&[0.008, 0.0], &[400])].concat();
+        let telemetry = parse(&payloads, &[packet(0.0, first.len()), packet(1.0, payloads.len() - first.len())]);
         let times_s: Vec<f64> = telemetry.settings.iter().map(|(at_s, _)| *at_s).collect();
         assert_eq!(times_s, [0.0, 0.25, 0.5, 0.75, 1.0, 1.5]);
         for (at_s, time_s, iso) in [(0.0, 0.01, 100.0), (0.3, 0.02, 100.0), (0.5, 0.04, 200.0), (1.1, 0.008, 400.0)] {
@@ -217,7 +199,13 @@ mod tests {
             let at = at % bytes.len();
             bytes[at] = value;
             bytes.truncate(length);
-            let _ = parse(&bytes, &[packet(0.0), packet(1.0)]);
+            let _ = parse(&bytes, &[packet(0.0, 40), packet(1.0, bytes.len().saturating_sub(40))]);
         }
+    }
+
+    #[test]
+    fn deep_nesting_is_not_followed() {
+        let nested = (0..10_000).fold(Vec::new(), |inner, _| item(b"STRM", 0, 4, &inner[..inner.len().min(200_000)]));
+        assert_eq!(numbers(&nested, b"SHUT", MAX_NESTING), None);
     }
 }

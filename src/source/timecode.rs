@@ -21,8 +21,10 @@ impl Timecode {
 
     /// The time code a number of frames later, at a rate in frames per second.
     pub fn advanced(self, frames: usize, fps: f64) -> Self {
-        let rate = (fps.round() as u64).max(1);
-        let skipped = if self.is_drop_frame && rate.is_multiple_of(30) { rate / 15 } else { 0 };
+        let rate = (fps.round() as u64).clamp(1, 1000);
+        // Only at multiples of 29.97 numbers are skipped.
+        let is_drop_frame = self.is_drop_frame && rate.is_multiple_of(30);
+        let skipped = if is_drop_frame { rate / 15 } else { 0 };
         let [hours, minutes, seconds, frame] = self.fields;
         let minutes = 60 * hours + minutes;
         let per_ten_minutes = 600 * rate - 9 * skipped;
@@ -34,7 +36,7 @@ impl Timecode {
         let number = count + skipped * (9 * tens + minutes_of_ten);
         let seconds = number / rate;
         let fields = [seconds / 3600, seconds / 60 % 60, seconds % 60, number % rate];
-        Self { fields, ..self }
+        Self { fields, is_drop_frame }
     }
 }
 
@@ -63,6 +65,7 @@ mod tests {
             ("00:00:00;00", 107_892, 29.97, "01:00:00;00"),
             ("00:00:59;59", 1, 59.94, "00:01:00;04"),
             ("00:00:59:29", 1, 29.97, "00:01:00:00"),
+            ("10:00:00;00", 1, 25.0, "10:00:00:01"),
         ] {
             let advanced = Timecode::parse(from).unwrap().advanced(frames, fps);
             assert_eq!(advanced.to_string(), to, "{from} + {frames}");

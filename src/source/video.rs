@@ -55,6 +55,8 @@ pub struct Video {
     /// One per frame, in display order; the first is at 0.
     pub timestamps_s: Vec<f64>,
     pub warnings: Vec<String>,
+    /// True if the user's rate replaces the file's times.
+    pub is_retimed: bool,
     /// Time of the first frame after the file's start, which is that of its sound, seconds.
     pub start_s: f64,
     /// `None` if the times do not distinguish the frames.
@@ -224,6 +226,8 @@ fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video,
     };
     let stated = Presentation::of(&stream.presentation);
     let (mut presentation, applied_orientation) = stated.applied(overrides.as_stored);
+    const MATRICES: [&str; 4] = ["bt709", "smpte170m", "bt470bg", "bt2020nc"];
+    presentation.matrix = MATRICES.into_iter().find(|name| stream.color_space.as_deref() == Some(name));
     let of_stream = stream.tags.as_ref().and_then(|tags| tags.timecode.as_deref());
     presentation.timecode = of_stream.or(probe.format.tags.timecode.as_deref()).and_then(Timecode::parse);
     let mut warnings: Vec<String> = presentation
@@ -248,12 +252,16 @@ fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video,
     let index = index.map(Arc::new);
     let chroma = chroma_sampling(format, stream.chroma_location.as_deref()).filter(|_| bits == 8 && !is_rgb(format));
     let coding = chroma.and_then(|chroma| {
-        Some(Arc::new(coding(oriented_sampling(chroma, applied_orientation)?, YcbcrColor { matrix, range })))
+        Some(Arc::new(coding(
+            oriented_sampling(chroma, applied_orientation, [width, height])?,
+            YcbcrColor { matrix, range },
+        )))
     });
     if applied_orientation != Orientation::default() {
         warnings.push(format!(
             "{}: its frames are {applied_orientation} on reading, as it is tagged ([frames] rotation = \"stored\" in a \
-             recording.toml reads them as stored)",
+             recording.toml reads them as stored); the sensor's rows are then not the picture's, so a readout time does not \
+             apply",
             file.display()
         ));
     }
@@ -270,6 +278,7 @@ fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video,
         presentation,
         timestamps_s,
         warnings,
+        is_retimed: fps.is_some(),
         start_s: start_s(&probe),
         index,
     })
@@ -379,13 +388,19 @@ fn start_s(probe: &Probe) -> f64 {
 
 /// Chroma sampling of frames to which an orientation was applied. `None` if chroma samples then lie
 /// at the second of two luma samples, which is not modelled.
-fn oriented_sampling(chroma: Option<ChromaSampling>, orientation: Orientation) -> Option<Option<ChromaSampling>> {
+fn oriented_sampling(
+    chroma: Option<ChromaSampling>,
+    orientation: Orientation,
+    size: [u32; 2],
+) -> Option<Option<ChromaSampling>> {
     let Some(ChromaSampling { factor, siting }) = chroma else { return Some(None) };
     // Rows: the axis of the stored frame that becomes each axis, with its sign.
     let [a, b, c, d] = orientation.matrix().map(f64::round);
     let along = |x: f64, y: f64| {
         let (axis, sign) = if x == 0.0 { (1, y) } else { (0, x) };
-        let is_representable = sign > 0.0 || factor[axis] == 1 || siting[axis] == ChromaSiting::Centered;
+        // Against the axis the pairs of luma samples are the same only of an even number.
+        let is_symmetric = siting[axis] == ChromaSiting::Centered && size[axis].is_multiple_of(factor[axis]);
+        let is_representable = sign > 0.0 || factor[axis] == 1 || is_symmetric;
         is_representable.then_some((factor[axis], siting[axis]))
     };
     let (across, down) = (along(a, c)?, along(b, d)?);

@@ -9,10 +9,10 @@ use kornia_apriltag::family::{TagFamily, TagFamilyKind};
 
 /// Codes as hexadecimal numbers: cells row by row from the upper left, the first one in the highest
 /// bit, 1 for white.
-const CODES_4X4: &str = include_str!("aruco/4x4.txt");
-const CODES_5X5: &str = include_str!("aruco/5x5.txt");
-const CODES_6X6: &str = include_str!("aruco/6x6.txt");
-const CODES_7X7: &str = include_str!("aruco/7x7.txt");
+const CODES_4X4: &str = include_str!("aruco_4x4.txt");
+const CODES_5X5: &str = include_str!("aruco_5x5.txt");
+const CODES_6X6: &str = include_str!("aruco_6x6.txt");
+const CODES_7X7: &str = include_str!("aruco_7x7.txt");
 
 /// Size of the buffer in which the decoder sharpens samples, as in its own families.
 const SHARPENING_BUFFER_CELLS: usize = 64;
@@ -117,7 +117,8 @@ mod tests {
         assert_eq!((0..4).map(row).collect::<Vec<_>>(), ["#.##", ".#.#", "..##", "..#."]);
     }
 
-    /// Codes of a dictionary differ by at least twice the corrected cells and one, also when turned.
+    /// Codes of a dictionary differ by at least twice the corrected cells and one, also when
+    /// turned.
     #[test]
     fn corrected_cells_cannot_confuse_two_tags() {
         for (side, count, corrected) in [(4, 50, 1), (4, 250, 1), (5, 100, 2), (6, 250, 2), (7, 100, 2)] {

@@ -102,9 +102,9 @@ impl Board {
                 "a board of {columns}x{rows} squares; expected at least 2x2, and {MAX_TAGS} tags at most"
             ));
         }
-        if !(tag_m < square_m && SIZES_M.contains(&tag_m)) {
+        if !(tag_m < square_m && SIZES_M.contains(&tag_m) && SIZES_M.contains(&square_m)) {
             return Err(format!(
-                "tags of {} mm in squares of {} mm; a tag is smaller than its square",
+                "tags of {} mm in squares of {} mm; expected 1 mm to 10 m, and a tag smaller than its square",
                 number(1e3 * tag_m),
                 number(1e3 * square_m)
             ));

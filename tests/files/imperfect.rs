@@ -503,7 +503,8 @@ fn high_dynamic_range_is_kept_in_ten_bits() {
             Presentation { transfer: Some(transfer), primaries: Some("bt2020"), ..Presentation::default() };
         let file = temp.path().join("a.mp4");
         let r = written(&file, SinkOptions { presentation, lossless: false, ..options(32, 16, 16) });
-        assert_eq!((r.presentation(), r.bits), (presentation, 16));
+        let expected = Presentation { matrix: Some("bt2020nc"), ..presentation };
+        assert_eq!((r.presentation(), r.bits), (expected, 16));
         assert_eq!(r.response().curve, curve);
         assert!(r.warnings.is_empty(), "{:?}", r.warnings);
         let probe = Command::new("ffprobe")

@@ -82,6 +82,7 @@ fn presentation_is_kept_and_reported() {
             pixel_aspect: Some(pixel_aspect),
             transfer: Some("smpte2084"),
             primaries: Some("bt2020"),
+            matrix: Some("bt2020nc"),
             timecode: None,
         };
         assert_eq!((v.presentation, (v.width, v.height)), (expected, size));
