@@ -469,7 +469,7 @@ over "shot" (prepend apiSchemas = ["A"]
             ("#usda 1.0\ndef \"a\" {", 2, "found the end of the file; expected `}`"),
             ("#usda 1.0\n\ndef Xform a {}", 3, "found `a`; expected the prim's name in quotes"),
             ("#usda 1.0\ndef \"a\" {\n float f = 1..2 }", 3, "found `1..2`; expected a number"),
-            ("#usda 1.0\ndef \"a\" {\n float f.timeSamples = {\n x: 1 } }", 4, "found `x`; expected a time sample"),
+            ("#usda 1.0\ndef \"a\" {\n float f.timeSamples = {\n x: 1 } }", 4, "found `x:`; expected a time sample"),
             ("#usda 1.0\ndef \"a", 2, "the text in quotes has no end"),
         ] {
             let (at, problem) = parse(text).unwrap_err();
