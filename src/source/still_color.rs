@@ -59,7 +59,7 @@ fn codes_of_png(bytes: &[u8]) -> Option<[u8; 2]> {
     }
 }
 
-/// Red primaries, adapted to D50, of the primaries that are told apart: X, Y, Z.
+/// Red of the distinguished primaries, adapted to D50: X, Y, Z.
 const RED_D50: [(&str, [f64; 3]); 2] = [("smpte432", [0.5151, 0.2412, -0.0011]), ("bt2020", [0.6734, 0.2790, -0.0019])];
 /// Largest difference from them. sRGB is 0.08 away from the nearest.
 const RED_TOLERANCE: f64 = 0.01;
