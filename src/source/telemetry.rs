@@ -1,6 +1,5 @@
 //! Exposure times and film speeds that an action camera wrote beside its video: the GPMF track of
-//! GoPro cameras. Source: the GPMF introduction of gopro/gpmf-parser (keys SHUT, ISOE or ISOG,
-//! SROT).
+//! GoPro cameras. Source: the GPMF introduction of gopro/gpmf-parser (keys SHUT and ISOE).
 //!
 //! Not modelled: the sensor gain of older cameras (ISOG), orientations (CORI, IORI), which a
 //! stabilised picture needs together, positions, telemetry of other makers.
