@@ -152,7 +152,7 @@ fn mixed_at(p: vec2<i32>, virtual_light: vec3<f32>, coverage: vec3<f32>) -> Mixe
     let recorded = decode(code, curve, composite.gamma);
     let real = real_at(p, ratio * recorded);
     let real_light = composite.gain * real.rgb;
-    let light = max(virtual_light + w * real_light + coverage * ratio * fringe_at(p), vec3<f32>(darkest(curve)));
+    let light = max(virtual_light + w * real_light + coverage * ratio * fringe_at(p), vec3<f32>(min_light(curve)));
     let mixed = encode(light, curve, composite.gamma);
     let slope = slope_at(mixed, light, curve, composite.gamma);
     // Shade scales the noise with the light.

@@ -48,7 +48,7 @@ fn photographic(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
 fn additive(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let light = textureLoad(layer, vec2<i32>(at.xy), 0);
     let lit = light.rgb * frame_gain(at.xy) / max(light.a, 1e-6);
-    let shown = encode(min(lit, vec3<f32>(brightest(curve))), curve, exposure.gamma);
+    let shown = encode(min(lit, vec3<f32>(max_light(curve))), curve, exposure.gamma);
     let moved = clamp(shown + exposure.step, vec3<f32>(0.0), vec3<f32>(1.0));
     let exposed = decode(moved, curve, exposure.gamma) * light.a * exposure.picture;
     return vec4<f32>(min(exposed, vec3<f32>(MAX_LIGHT)), light.a);

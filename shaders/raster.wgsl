@@ -355,6 +355,7 @@ fn base_texel(uv: vec2<f32>) -> vec4<f32> {
         + textureSampleBias(base_color_texture, base_color_sampler, uv - b, FINER));
 }
 
+// Light in the footage's primaries, of light in Rec. 709 (src/camera/primaries.rs).
 fn in_primaries(color: vec3<f32>) -> vec3<f32> {
     if !converts_primaries {
         return color;

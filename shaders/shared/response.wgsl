@@ -70,14 +70,14 @@ fn encode(light: vec3<f32>, curve: f32, gamma: f32) -> vec3<f32> {
 }
 
 // Light of the smallest and the largest code.
-fn darkest(curve: f32) -> f32 {
+fn min_light(curve: f32) -> f32 {
     if curve > 2.5 {
         return response_samples[0];
     }
     return 0.0;
 }
 
-fn brightest(curve: f32) -> f32 {
+fn max_light(curve: f32) -> f32 {
     if curve > 2.5 {
         return response_samples[arrayLength(&response_samples) - 1u];
     }

@@ -39,7 +39,9 @@ impl Footage {
             };
         }
         probe(path, &Overrides::default()).map(|video| Self::Video(Box::new(video))).map_err(|video| {
-            let reason = format!("neither a picture nor a folder of PNG or JPEG files, nor a recording ({refused}), nor a video ({video})");
+            let reason = format!(
+                "neither a picture nor a folder of pictures, nor a recording ({refused}), nor a video ({video})"
+            );
             CalibrateError::Read { path: path.to_owned(), reason }
         })
     }

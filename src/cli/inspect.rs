@@ -17,6 +17,7 @@ use locard_engine::camera::Geometry;
 use locard_engine::compositor::Settings;
 use locard_engine::depth::unknown_fraction;
 use locard_engine::document;
+use locard_engine::frame::FrameExposure;
 use locard_engine::params::{Params, Value};
 use locard_engine::profile::Rig;
 use locard_engine::recording::{DepthRegistration, Duplicates, OpenOptions, Recording};
@@ -238,7 +239,12 @@ fn recording(args: &Args) -> Result<()> {
     let exposed = recording.exposure.iter().filter(|e| e.reported_s().is_some()).count();
     match exposed {
         0 => writeln!(out, "exposure   unknown")?,
-        _ => writeln!(out, "exposure   known for {exposed} of {}", count(frames, "frame"))?,
+        _ => writeln!(
+            out,
+            "exposure   known for {exposed} of {}{}",
+            count(frames, "frame"),
+            exposure_ranges(&recording.exposure)
+        )?,
     }
     let faded = (0..frames).filter(|&i| recording.opacity(i) < 1.0).count();
     if faded > 0 {
@@ -377,4 +383,20 @@ fn one_frame(args: &Args, shot: Shot, frame: usize, out: &mut impl Write) -> Res
     let metres_per_unit = args.metres_per_unit.or(recording.kind.is_metric().then_some(1.0));
     let query = PointQuery { picks: &args.picks, distance_m: args.distance, metres_per_unit };
     pick::print_points(&Picker::new(&shot, frame, args.plane, Shot::surface_at)?, &query, out)
+}
+/// Ranges of the frames' exposure times and film speeds, as far as they are known.
+fn exposure_ranges(exposures: &[FrameExposure]) -> String {
+    let range = |values: Vec<f64>, unit: &str| -> Option<String> {
+        let low = values.iter().copied().reduce(f64::min)?;
+        let high = values.iter().copied().reduce(f64::max)?;
+        Some(if low == high {
+            format!("{} {unit}", fixed(low, 2))
+        } else {
+            format!("{} to {} {unit}", fixed(low, 2), fixed(high, 2))
+        })
+    };
+    let times = range(exposures.iter().filter_map(|e| Some(1e3 * e.reported_s()?)).collect(), "ms");
+    let speeds = range(exposures.iter().filter_map(|e| e.photo.iso).collect(), "ISO");
+    let all: Vec<String> = times.into_iter().chain(speeds).collect();
+    if all.is_empty() { String::new() } else { format!(": {}", all.join(", ")) }
 }

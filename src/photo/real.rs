@@ -68,11 +68,12 @@ impl RealPart {
             let from = &light.rgb[y * light.width..(y + 1) * light.width];
             row.iter_mut().enumerate().for_each(|(x, out)| *out = across.of(x, |i| from[i]));
         });
+        let encode = response.encoder();
         let mut codes = vec![[0u16; 3]; columns * rows];
         over_rows(&mut codes, columns, processors(), |y, row| {
             for (x, out) in row.iter_mut().enumerate() {
                 let light = down.of(y, |i| wide[i * columns + x]);
-                *out = light.map(|l| (65535.0 * response.encode(f64::from(l))).round() as u16);
+                *out = light.map(|l| (65535.0 * encode(f64::from(l))).round() as u16);
             }
         });
         let codes = Codes::U16(codes.into_flattened());

@@ -12,12 +12,13 @@ pub const TABLE: &str = "table";
 
 /// The points of a value: as they are, or from the file of that name beside the profile.
 pub fn points(value: &str, profile: &Path) -> Result<Value, String> {
-    if value.starts_with(|first: char| first.is_ascii_digit()) && value.contains([' ', ',', ';']) {
+    let path = profile.with_file_name(value);
+    let looks_like_points = value.starts_with(|first: char| first.is_ascii_digit()) && value.contains([' ', ',', ';']);
+    if looks_like_points && !path.is_file() {
         return ResponseTable::parse(value)
             .map(|table| table.to_value())
             .map_err(|problem| format!("[camera.response] table {problem}"));
     }
-    let path = profile.with_file_name(value);
     let named = |problem: String| format!("[camera.response] table: {}: {problem}", path.display());
     let text = file::read_text(&path, MAX_DOCUMENT_BYTES).map_err(|e| named(crate::text::reason(&e)))?;
     parse(&text).map(|table| table.to_value()).map_err(named)
@@ -44,6 +45,12 @@ fn parse(text: &str) -> Result<ResponseTable, String> {
 fn cube(lines: &[&str], size: &str) -> Result<ResponseTable, String> {
     let size: usize = size.trim().parse().map_err(|_| format!("its size is {}", crate::text::quoted(size.trim())))?;
     for line in lines {
+        if line
+            .strip_prefix("LUT_1D_INPUT_RANGE")
+            .is_some_and(|range| range.split_whitespace().map(str::parse::<f64>).ne([Ok(0.0), Ok(1.0)]))
+        {
+            return Err("LUT_1D_INPUT_RANGE is not 0 1: codes are fractions of full scale".to_owned());
+        }
         let expected = [("DOMAIN_MIN", 0.0), ("DOMAIN_MAX", 1.0)];
         let Some((key, bound)) = expected.into_iter().find(|(key, _)| line.starts_with(key)) else { continue };
         if line[key.len()..].split_whitespace().any(|number| number.parse() != Ok(bound)) {

@@ -61,7 +61,11 @@ impl Recording {
 
 /// `None` also for unreadable files: the frame itself reports the error.
 fn estimate_file(file: &Path) -> Option<PictureCoding> {
-    if still::is_jpeg(file).ok()? {
+    // Other formats hold their coding, or another one than that of JPEG.
+    if !matches!(
+        StillFormat::of_file(file),
+        Ok(Some(StillFormat::Png | StillFormat::Bmp | StillFormat::Pnm | StillFormat::Tiff))
+    ) {
         return None;
     }
     let pixels = still::read_pixels(file).ok()?;

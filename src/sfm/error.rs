@@ -52,7 +52,7 @@ pub enum SolveError {
     Program(#[from] ProgramError),
     #[error("{}: cannot be written: {}", path.display(), reason(source))]
     Write { path: PathBuf, source: std::io::Error },
-    #[error("{}: holds no PNG or JPEG files", .0.display())]
+    #[error("{}: holds no pictures", .0.display())]
     NoPictures(PathBuf),
     #[error("{}: is {}x{} px, but {} is {}x{}: pictures of one camera and one size are needed", file.display(), size.0, size.1, first.display(), expected.0, expected.1)]
     Sizes { file: PathBuf, size: (u32, u32), first: PathBuf, expected: (u32, u32) },

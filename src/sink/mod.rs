@@ -193,6 +193,10 @@ pub fn open(out: &OutPath, options: &SinkOptions) -> Result<Box<dyn Sink + Send>
         return Err(SinkError::Refused { path: path.to_owned(), problem });
     }
     check(out, options.force)?;
+    if options.codec.is_some() && !matches!(out, OutPath::Video(_)) {
+        let problem = "a codec goes with a video; name a .mp4, .mkv or .mov file".to_owned();
+        return Err(SinkError::Refused { path: path.to_owned(), problem });
+    }
     Ok(match out {
         OutPath::Folder(path) => Box::new(folder::FolderSink::open(path, options)?),
         OutPath::Video(path) => Box::new(video::VideoSink::open(path, options)?),

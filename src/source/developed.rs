@@ -23,7 +23,6 @@ use super::still_format::{PictureHeader, StillFormat};
 use super::{SourceError, ffmpeg, heif, scene_linear, still_decoder};
 use crate::pixels::{Codes, Pixels};
 use crate::program::{self, ProgramError};
-use crate::text::reason;
 use crate::user_folders;
 
 /// Folder of developed pictures within the cache.
@@ -182,15 +181,18 @@ fn convert(file: &Path, programs: &[&'static str], arguments: &[OsString]) -> Re
 fn save(pixels: &Pixels, png: &Path) -> Result<(), SourceError> {
     use image::codecs::png::{CompressionType, FilterType, PngEncoder};
     use image::{ExtendedColorType, ImageEncoder};
-    let failed = |problem: String| SourceError::content(png, format!("cannot be written: {problem}"));
+    let failed = |source| SourceError::Cache { folder: png.parent().unwrap_or(png).to_owned(), source };
     let (bytes, color): (&[u8], _) = match &pixels.codes {
         Codes::U8(codes) => (codes, ExtendedColorType::Rgb8),
         Codes::U16(codes) => (bytemuck::cast_slice(codes), ExtendedColorType::Rgb16),
     };
-    let out = std::fs::File::create(png).map_err(|e| failed(reason(&e)))?;
-    PngEncoder::new_with_quality(std::io::BufWriter::new(out), CompressionType::Fast, FilterType::Adaptive)
+    let out = std::io::BufWriter::new(std::fs::File::create(png).map_err(failed)?);
+    PngEncoder::new_with_quality(out, CompressionType::Fast, FilterType::Adaptive)
         .write_image(bytes, pixels.width, pixels.height, color)
-        .map_err(|e| failed(e.to_string()))
+        .map_err(|error| match error {
+            image::ImageError::IoError(error) => failed(error),
+            other => failed(std::io::Error::other(other)),
+        })
 }
 
 /// Removes pictures from the cache, the least recently used first, until it holds at most

@@ -3,7 +3,7 @@
 //! default profile decodes again: the code is exact to 8·10⁻⁶ of full scale.
 //!
 //! Light above 1 clips, as white does in a camera. Not modelled: the attribute `chromaticities`
-//! (Rec. 709 is assumed), deep pictures, layers beside the first with R, G and B.
+//! (Rec. 709 is assumed), deep pictures, layers beside the first with colour.
 
 use std::io::{BufRead, Cursor};
 
@@ -48,20 +48,30 @@ pub fn is_dwa(reader: impl BufRead) -> bool {
     headers.iter().any(|header| matches!(header.compression, Compression::DWAA(_) | Compression::DWAB(_)))
 }
 
+/// The channels of colour among those of a layer: R, G and B, also with the name of a layer before
+/// them, or one of luminance.
+fn color_channels(names: &[String]) -> Option<[usize; 3]> {
+    let position = |name: &str| names.iter().position(|other| other == name);
+    let of_layer = |layer: &str| {
+        Some([position(&format!("{layer}R"))?, position(&format!("{layer}G"))?, position(&format!("{layer}B"))?])
+    };
+    let layers = names.iter().filter_map(|name| name.strip_suffix('R'));
+    of_layer("").or_else(|| layers.map(of_layer).find_map(|channels| channels)).or_else(|| Some([position("Y")?; 3]))
+}
+
 /// Header of an OpenEXR frame.
 pub fn exr_header(reader: impl BufRead) -> Result<PictureHeader, String> {
     let meta = MetaData::read_from_buffered(reader, false).map_err(|e| damaged(&e))?;
-    let has_colour = |header: &&Header| {
-        let has = |name: &str| header.channels.list.iter().any(|channel| channel.name.eq(name));
-        !header.deep && has("R") && has("G") && has("B")
+    let names = |header: &Header| -> Vec<String> {
+        header.channels.list.iter().map(|channel| channel.name.to_string()).collect()
     };
-    let Some(header) = meta.headers.iter().find(has_colour) else {
-        let names = meta.headers.iter().flat_map(|header| header.channels.list.iter());
-        let names: Vec<String> = names.take(8).map(|channel| channel.name.to_string()).collect();
-        return Err(format!("has no flat layer with the channels R, G and B (found: {})", names.join(", ")));
+    let has_color = |header: &&Header| !header.deep && color_channels(&names(header)).is_some();
+    let Some(header) = meta.headers.iter().find(has_color) else {
+        let names: Vec<String> = meta.headers.iter().flat_map(names).take(8).collect();
+        return Err(format!("has no flat layer with the channels R, G and B, or Y (found: {})", names.join(", ")));
     };
     let size = header.shared_attributes.display_window.size;
-    for size in [size, header.layer_size] {
+    for size in [size].into_iter().chain(meta.headers.iter().map(|header| header.layer_size)) {
         if (size.0 as u64).saturating_mul(size.1 as u64) > MAX_PIXELS {
             return Err(format!("is {}x{}; at most {MAX_PIXELS} pixels are decoded", size.0, size.1));
         }
@@ -81,23 +91,28 @@ pub fn exr_pixels(bytes: &[u8]) -> Result<Pixels, String> {
     let image = exr::prelude::read()
         .no_deep_data()
         .largest_resolution_level()
-        .rgb_channels(
-            |size, _| (size.0, vec![0.0f32; 3 * size.area()]),
-            |(data_width, light), at, (r, g, b): (f32, f32, f32)| {
-                let i = 3 * (at.1 * *data_width + at.0);
-                light[i..i + 3].copy_from_slice(&[r, g, b]);
-            },
-        )
-        .first_valid_layer()
+        .all_channels()
+        .all_layers()
         .all_attributes()
         .from_buffered(Cursor::new(bytes))
         .map_err(|e| damaged(&e))?;
-    let (data_width, light) = &image.layer_data.channel_data.pixels;
-    let (corner, origin) = (image.layer_data.attributes.layer_position, image.attributes.display_window.position);
+    let color = image.layer_data.iter().find_map(|layer| {
+        let channels = &layer.channel_data.list;
+        let names: Vec<String> = channels.iter().map(|channel| channel.name.to_string()).collect();
+        Some((layer, color_channels(&names)?.map(|at| &channels[at].sample_data)))
+    });
+    let (layer, color) = color.ok_or("has no channels of colour")?;
+    let area = layer.size.area();
+    let light: [Vec<f32>; 3] = color.map(|samples| samples.values_as_f32().collect());
+    if light.iter().any(|channel| channel.len() != area) {
+        return Err("has channels of several resolutions, which are not read; save them at one".to_owned());
+    }
+    let light: Vec<f32> = (0..area).flat_map(|at| [light[0][at], light[1][at], light[2][at]]).collect();
+    let (corner, origin) = (layer.attributes.layer_position, image.attributes.display_window.position);
     let (dx, dy) = (i64::from(corner.0) - i64::from(origin.0), i64::from(corner.1) - i64::from(origin.1));
     // Outside the data window the picture is black.
     let mut codes = vec![0; 3 * width as usize * height as usize];
-    for (row, y) in encoded(light).chunks_exact(3 * data_width).zip(dy..) {
+    for (row, y) in encoded(&light).chunks_exact((3 * layer.size.0).max(1)).zip(dy..) {
         for (pixel, x) in row.as_chunks::<3>().0.iter().zip(dx..) {
             if (0..i64::from(width)).contains(&x) && (0..i64::from(height)).contains(&y) {
                 let i = 3 * (y as usize * width as usize + x as usize);
@@ -140,6 +155,15 @@ mod tests {
         let pixels = exr_pixels(&bytes).unwrap();
         // The second pixel of the data is to the right of the window.
         assert_eq!((pixels.at(2, 1)[0], pixels.at(1, 1), pixels.at(2, 0)), (30235, [0; 3], [0; 3]));
+    }
+
+    #[test]
+    fn colour_is_found_in_a_layers_channels_and_in_luminance() {
+        let chosen = |names: &[&str]| color_channels(&names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>());
+        assert_eq!(chosen(&["A", "B", "G", "R", "beauty.R"]), Some([3, 2, 1]));
+        assert_eq!(chosen(&["Z", "beauty.B", "beauty.G", "beauty.R"]), Some([3, 2, 1]));
+        assert_eq!(chosen(&["Y"]), Some([0; 3]));
+        assert_eq!(chosen(&["R", "G", "N.X"]), None);
     }
 
     #[test]

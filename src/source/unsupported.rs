@@ -13,8 +13,8 @@ pub const DEPTH_FORMATS: &str = "16-bit grey PNG, TIFF or PGM, OpenEXR or NumPy 
 pub struct UnsupportedKind {
     name: &'static str,
     /// Extensions, in lower case.
-    endings: &'static [&'static str],
-    is_begun_by: fn(&[u8]) -> bool,
+    extensions: &'static [&'static str],
+    matches_signature: fn(&[u8]) -> bool,
     convert: &'static str,
     /// True if a folder's files of this kind count as frames beside other pictures.
     is_picture: bool,
@@ -23,24 +23,24 @@ pub struct UnsupportedKind {
 static KINDS: [UnsupportedKind; 3] = [
     UnsupportedKind {
         name: "JPEG-LS",
-        endings: &["jls"],
+        extensions: &["jls"],
         // Before its frame header it is like a JPEG.
-        is_begun_by: |start| start.starts_with(b"\xff\xd8\xff\xf7"),
+        matches_signature: |start| start.starts_with(b"\xff\xd8\xff\xf7"),
         convert: "ffmpeg -i FILE.jls FILE.png",
         is_picture: true,
     },
     UnsupportedKind {
         name: "GIF",
-        endings: &["gif"],
+        extensions: &["gif"],
         // Its content is a video.
-        is_begun_by: |_| false,
+        matches_signature: |_| false,
         convert: "ffmpeg -i FILE.gif FILE.png",
         is_picture: true,
     },
     UnsupportedKind {
         name: "a NumPy array",
-        endings: &["npy"],
-        is_begun_by: |start| start.starts_with(b"\x93NUMPY"),
+        extensions: &["npy"],
+        matches_signature: |start| start.starts_with(b"\x93NUMPY"),
         convert: "python3 -c \"import cv2, numpy; cv2.imwrite('FILE.png', cv2.cvtColor(numpy.load('FILE.npy'), cv2.COLOR_RGB2BGR))\" (8 or 16 bits, R, G, B)",
         is_picture: false,
     },
@@ -54,13 +54,13 @@ impl UnsupportedKind {
 
 /// The kind of a file that is not decoded, by its first bytes.
 pub fn by_content(start: &[u8]) -> Option<&'static UnsupportedKind> {
-    KINDS.iter().find(|kind| (kind.is_begun_by)(start))
+    KINDS.iter().find(|kind| (kind.matches_signature)(start))
 }
 
 /// The kind of a file that is not decoded, by its name.
 pub fn by_name(file: &Path) -> Option<&'static UnsupportedKind> {
-    let ending = file.extension()?.to_string_lossy().to_ascii_lowercase();
-    KINDS.iter().find(|kind| kind.endings.contains(&ending.as_str()))
+    let extension = file.extension()?.to_string_lossy().to_ascii_lowercase();
+    KINDS.iter().find(|kind| kind.extensions.contains(&extension.as_str()))
 }
 
 /// The pictures of a folder that are not decoded, by their names, in order. Those with a decodable

@@ -419,8 +419,6 @@ fn is_rgb(format: &str) -> bool {
         .any(|s| format.starts_with(s))
 }
 
-/// ffmpeg names the byte order of every format whose components need more than a byte, and of the
-/// packed ones with 4 to 6 bits.
 /// Chroma of ffmpeg's pixel formats; grey has none. `None` for other formats. If the file does not
 /// state its position, it is that of H.264 and MPEG-2, or of JPEG for full range by definition.
 fn chroma_sampling(format: &str, location: Option<&str>) -> Option<Option<ChromaSampling>> {
@@ -457,6 +455,8 @@ fn coding(chroma: Option<ChromaSampling>, color: YcbcrColor) -> PictureCoding {
     PictureCoding { color, chroma, quantization: None, decoder: Decoder::Swscale { siting } }
 }
 
+/// ffmpeg names the byte order of every format whose components need more than a byte, and of the
+/// packed ones with 4 to 6 bits.
 fn more_than_8_bits(format: &str) -> bool {
     let packed = ["444le", "444be", "555le", "555be", "565le", "565be"].iter().any(|s| format.ends_with(s));
     (format.ends_with("le") || format.ends_with("be")) && !(packed && is_rgb(format))

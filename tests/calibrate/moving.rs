@@ -254,7 +254,7 @@ fn assert_program_writes_profile(temp: &Path, folder: &Path, found: &NoiseCalibr
     let empty = temp.join("empty");
     std::fs::create_dir(&empty).unwrap();
     let text = refused(&["calibrate", "noise", "--moving", &path(&empty), "-o", &profile, "--force"]);
-    assert!(text.contains("no PNG or JPEG files in this folder, and no recording"), "{text}");
+    assert!(text.contains("no pictures in this folder, and no recording"), "{text}");
 }
 
 /// σ by channel and bin of 16 codes of `real` − `mean` without rounding variance, in bins of 2,000

@@ -377,7 +377,7 @@ fn folders_are_scenes_and_loose_files_are_one() {
     let error = failure(&[at("nowhere.png"), loose[0].clone()], &[]);
     assert!(error.contains("nowhere.png"), "{error}");
     std::fs::create_dir(at("empty")).unwrap();
-    assert!(failure(&[at("empty")], &[]).contains("no PNG or JPEG"));
+    assert!(failure(&[at("empty")], &[]).contains("no pictures in this folder"));
     assert!(failure(&loose, &loose[..2]).contains("2 means for 3"));
 }
 

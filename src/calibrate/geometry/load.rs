@@ -39,7 +39,7 @@ pub enum LoadError {
     Folder { folder: PathBuf, source: std::io::Error },
     #[error(transparent)]
     NotOnPlane(#[from] NotOnPlane),
-    #[error("no photographs: give PNG or JPEG files of a chessboard or of printed tags, folders of them, or a video")]
+    #[error("no photographs: give pictures of a chessboard or of printed tags, folders of them, or a video")]
     Nothing,
     #[error("stopped")]
     Stopped,

@@ -66,7 +66,7 @@ fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let pictures_folder = first_existing(folder, &PICTURE_FOLDERS).ok_or_else(|| missing(&PICTURE_FOLDERS))?;
     let pictures = listing::pictures_in(&pictures_folder)?;
     if pictures.is_empty() {
-        return Err(RecordingError::content(&pictures_folder, "holds no PNG or JPEG pictures"));
+        return Err(RecordingError::content(&pictures_folder, "holds no pictures"));
     }
     let PoseFiles { files, of_picture, stated } = poses(folder, &pictures)?;
     let (geometry, camera_file) = camera(folder, &pictures)?;
