@@ -19,7 +19,7 @@ pub const NOMINAL_FPS: f64 = 30.0;
 /// The pictures.
 #[derive(Debug)]
 pub enum FootageFrames {
-    Video(Video),
+    Video(Box<Video>),
     /// Pictures in the order of their names, all of one size.
     Pictures {
         files: Vec<PathBuf>,
@@ -33,7 +33,7 @@ pub type FrameIterator<'a> = Box<dyn Iterator<Item = Result<Pixels, SolveError>>
 impl FootageFrames {
     pub fn open(path: &Path) -> Result<Self, SolveError> {
         if !path.is_dir() {
-            return Ok(Self::Video(probe(path, &Overrides::default())?));
+            return Ok(Self::Video(Box::new(probe(path, &Overrides::default())?)));
         }
         let files = pictures_in(path)?;
         let first = files.first().ok_or_else(|| SolveError::NoPictures(path.to_owned()))?;
