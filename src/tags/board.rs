@@ -206,8 +206,14 @@ fn checked(tag: &TagEntry, family: Family) -> Result<Tag, String> {
 /// The text that [`Board::parse`] reads.
 impl fmt::Display for Board {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "# Metres; z out of the board, x to its right, y to its top, from the board's origin: the small")?;
-        writeln!(f, "# cross on the sheet of `locard board`, the middle of a ChArUco board.")?;
+        writeln!(
+            f,
+            "# Metres; z out of the board, x to its right, y to its top. The origin of a ChArUco board is its middle,"
+        )?;
+        writeln!(
+            f,
+            "# on the sheet of `locard board` the small cross in the middle of the tags, not the middle of the paper."
+        )?;
         writeln!(f, "# size_m is the side of a tag's black square, center_m its middle. If the print is larger or")?;
         writeln!(f, "# smaller: scale = measured length / nominal length.")?;
         writeln!(f, "version = 1\nfamily = \"{}\"", self.family.name())?;
