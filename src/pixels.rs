@@ -1,7 +1,11 @@
 //! Pictures as plain values: camera codes, measured depth, linear light.
 
 use std::borrow::Cow;
+use std::io::Write;
 use std::sync::Arc;
+
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{ExtendedColorType, ImageEncoder};
 
 use crate::coding::PictureCoding;
 
@@ -116,7 +120,21 @@ impl Pixels {
         }
     }
 
-    /// The pixels of another size whose each pixel is that of this picture at `from(x, y)`.
+    /// Writes a PNG that is compressed fast.
+    pub fn write_png(&self, out: impl Write) -> image::ImageResult<()> {
+        let (bytes, color): (&[u8], _) = match &self.codes {
+            Codes::U8(codes) => (codes, ExtendedColorType::Rgb8),
+            Codes::U16(codes) => (bytemuck::cast_slice(codes), ExtendedColorType::Rgb16),
+        };
+        PngEncoder::new_with_quality(out, CompressionType::Fast, FilterType::Adaptive).write_image(
+            bytes,
+            self.width,
+            self.height,
+            color,
+        )
+    }
+
+    /// A picture of another size; the pixel at (x, y) is copied from `from(x, y)`.
     pub fn rearranged(&self, width: u32, height: u32, from: impl Fn(u32, u32) -> (u32, u32)) -> Self {
         fn codes<T: Copy>(codes: &[T], stride: u32, places: impl Iterator<Item = (u32, u32)>) -> Vec<T> {
             let pixels = codes.as_chunks::<3>().0;

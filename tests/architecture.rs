@@ -1,4 +1,5 @@
-//! Checks the code against ARCHITECTURE.md and src/engine.rs.
+//! Checks the code against ARCHITECTURE.md and src/engine.rs. One file, because the checks share
+//! the scan of the sources.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 

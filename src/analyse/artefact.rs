@@ -240,10 +240,9 @@ impl Analysis {
         } else {
             Vec::new()
         };
-        let across = if findings.across.is_some_and(|across| across.is_followed) {
-            read_across(&folder.join(ACROSS), findings.frames)?
-        } else {
-            Vec::new()
+        let across = match findings.across {
+            Some(across) if across.is_followed => read_across(&folder.join(ACROSS), findings.frames)?,
+            _ => Vec::new(),
         };
         let held_out = match findings.registration.recorded_px {
             Some(_) => {

@@ -148,7 +148,7 @@ impl Response {
         }
     }
 
-    /// The code whose light is nearest to `light`: every curve ascends.
+    /// The code of a light by bisection. Every curve ascends.
     fn bisected_code(&self, light: f64) -> f64 {
         let (mut low, mut high) = (0.0, 1.0);
         for _ in 0..40 {

@@ -7,7 +7,7 @@ use std::time::Instant;
 use anyhow::{Context, Result, bail};
 
 use super::calibrate::existing;
-use super::skip::Skip;
+use super::open::Skip;
 use super::{print_status, progress_of, warn};
 use locard_engine::analyse::{
     Accepted, Analysis, Findings, Outcome, Progress, Times, accept, beside, check_folder, write_support_reports,

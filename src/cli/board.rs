@@ -54,7 +54,7 @@ fn squares(text: &str) -> Result<[u32; 2], String> {
 }
 
 fn family(text: &str) -> Result<Family, String> {
-    Family::of_name(text).ok_or_else(|| format!("expected one of {}", Family::ALL.map(Family::name).join(", ")))
+    Family::of_name(text).ok_or_else(|| format!("expected one of {}", Family::names().join(", ")))
 }
 
 /// Writes the file of a printed board.

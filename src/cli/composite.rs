@@ -7,13 +7,13 @@ use std::time::Instant;
 use anyhow::{Context, Result, bail};
 
 use super::analysis::{self, AnalysisArgs};
-use super::skip::Skip;
+use super::open::OpenArgs;
 use super::which::Which;
 use super::{export_error, print_status, progress, warn};
 use locard_engine::compositor::{Compositor, Target};
 use locard_engine::export::{Export, Inputs};
 use locard_engine::gpu::Gpu;
-use locard_engine::recording::{OpenOptions, Recording};
+use locard_engine::recording::Recording;
 use locard_engine::shot::{Note, Shot, ShotOptions};
 use locard_engine::sink::{self, OutPath, VideoCodec};
 use locard_engine::text::count;
@@ -95,16 +95,10 @@ pub struct Args {
     /// A frame without a pose is an error
     #[arg(long)]
     strict: bool,
-    /// Length of a unit, for formats without a scale (nerfstudio, COLMAP, Metashape …)
-    #[arg(long, default_value_t = 1.0, value_name = "M")]
-    metres_per_unit: f64,
-    /// Offset added to frame times when poses are looked up
-    #[arg(long, default_value_t = 0.0, value_name = "S", allow_negative_numbers = true)]
-    time_offset_s: f64,
     #[command(flatten)]
     analysis: AnalysisArgs,
     #[command(flatten)]
-    skip: Skip,
+    open: OpenArgs,
     /// No progress bar, no warnings
     #[arg(long, short)]
     quiet: bool,
@@ -139,11 +133,7 @@ pub fn frame_range(requested: Option<(Option<usize>, Option<usize>)>, count: usi
 
 pub fn run(args: Args) -> Result<()> {
     let start = Instant::now();
-    let options = args.skip.over(OpenOptions {
-        metres_per_unit: args.metres_per_unit,
-        time_offset_s: args.time_offset_s,
-        ..OpenOptions::default()
-    });
+    let options = args.open.options();
     let shot_options = ShotOptions {
         profile: args.profile.clone(),
         sets: args.sets.clone(),

@@ -7,11 +7,11 @@ use anyhow::Result;
 
 use super::analysis::AnalysisArgs;
 use super::composite::{frame_range, parse_range};
-use super::skip::Skip;
+use super::open::OpenArgs;
 use super::{export_error, warn};
 use locard_engine::export::Inputs;
 use locard_engine::export::camera::{CameraExport, CameraFormat};
-use locard_engine::recording::{OpenOptions, Recording};
+use locard_engine::recording::Recording;
 use locard_engine::shot::ShotOptions;
 
 #[derive(clap::Args)]
@@ -62,16 +62,10 @@ struct ExportCameraArgs {
     /// Replace files that exist
     #[arg(long)]
     force: bool,
-    /// Length of a unit, for formats without a scale (nerfstudio, COLMAP, Metashape …)
-    #[arg(long, default_value_t = 1.0, value_name = "M")]
-    metres_per_unit: f64,
-    /// Offset added to frame times when poses are looked up
-    #[arg(long, default_value_t = 0.0, value_name = "S", allow_negative_numbers = true)]
-    time_offset_s: f64,
     #[command(flatten)]
     analysis: AnalysisArgs,
     #[command(flatten)]
-    skip: Skip,
+    open: OpenArgs,
     /// No progress bar, no warnings
     #[arg(long, short)]
     quiet: bool,
@@ -109,11 +103,7 @@ pub fn run(args: &Args) -> Result<()> {
 }
 
 fn camera(args: &ExportCameraArgs) -> Result<()> {
-    let options = args.skip.over(OpenOptions {
-        metres_per_unit: args.metres_per_unit,
-        time_offset_s: args.time_offset_s,
-        ..OpenOptions::default()
-    });
+    let options = args.open.options();
     let shot_options = ShotOptions {
         profile: args.profile.clone(),
         sets: args.sets.clone(),

@@ -9,8 +9,8 @@ use serde::Deserialize;
 use serde::de::IgnoredAny;
 
 use super::analysis::AnalysisArgs;
+use super::open::Skip;
 use super::pick::{self, Pick, Picker, PointQuery, plane};
-use super::skip::Skip;
 use super::{clock, listen, progress_of};
 use locard_engine::analyse;
 use locard_engine::camera::Geometry;
@@ -384,6 +384,7 @@ fn one_frame(args: &Args, shot: Shot, frame: usize, out: &mut impl Write) -> Res
     let query = PointQuery { picks: &args.picks, distance_m: args.distance, metres_per_unit };
     pick::print_points(&Picker::new(&shot, frame, args.plane, Shot::surface_at)?, &query, out)
 }
+
 /// Ranges of the frames' exposure times and film speeds, as far as they are known.
 fn exposure_ranges(exposures: &[FrameExposure]) -> String {
     let range = |values: Vec<f64>, unit: &str| -> Option<String> {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 
 use super::analysis::AnalysisArgs;
-use super::skip::Skip;
+use super::open::Skip;
 use locard_engine::camera::stops;
 use locard_engine::recording::{OpenOptions, Recording};
 use locard_engine::shot::{Shot, ShotOptions};

@@ -7,7 +7,7 @@ use anyhow::{Result, bail};
 
 use super::analyse::{check_report, write_report};
 use super::analysis::AnalysisArgs;
-use super::skip::Skip;
+use super::open::Skip;
 use super::{progress, warn};
 use locard_engine::analyse;
 use locard_engine::fit::quantile::upper_median;

@@ -62,7 +62,7 @@ impl Export {
         };
         let mut sink = sink::open(&self.out, &options)?;
         if self.sdr {
-            sink = Box::new(SdrSink::new(&shot.camera().response, sink));
+            sink = Box::new(SdrSink::new(&shot.camera().response, if options.bits == 16 { 65535 } else { 255 }, sink));
         }
         let layers = self.layers.clone().map(|folder| match MadeFolder::make(&folder) {
             Ok(made) => Ok((folder, made)),

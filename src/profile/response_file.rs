@@ -7,7 +7,7 @@ use crate::camera::ResponseTable;
 use crate::params::{Field, Value};
 use crate::source::file::{self, MAX_DOCUMENT_BYTES};
 
-/// Key of a profile's table `camera.response` whose value is points or the name of a file.
+/// Key in a profile's table `camera.response`: points, or the name of a file.
 pub const TABLE: &str = "table";
 
 /// The points of a value: as they are, or from the file of that name beside the profile.

@@ -56,8 +56,8 @@ impl Recording {
     }
 
     /// The number of pictures, including depth, and an error for each truncated file. Pixels are
-    /// not decoded; videos are not checked. [`Recording::undecoded_depth`] then warns about the
-    /// frames whose depth is missing.
+    /// not decoded; videos are not checked. [`Recording::undecoded_depth`] then warns about frames
+    /// without depth.
     pub fn check_ends(&self) -> (usize, Vec<SourceError>) {
         let stills: BTreeSet<&Path> = self.stills().collect();
         let (of_depth, depth_problems) = self.depth.as_ref().map(|depth| depth.check_ends()).unwrap_or_default();

@@ -3,13 +3,10 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{ExtendedColorType, ImageEncoder};
-
 use super::atomic::write_atomically;
 use super::{Sink, SinkError, SinkOptions, of_image};
 use crate::cleanup::MadeFolder;
-use crate::pixels::{Codes, Pixels};
+use crate::pixels::Pixels;
 use crate::source::presentation::ColorTags;
 
 /// The file name of a frame.
@@ -42,20 +39,12 @@ impl FolderSink {
 
 /// Writes one frame as a PNG file, with the chunk of its colour tags if it has any.
 pub fn write_frame(path: &Path, pixels: &Pixels, color_tags: Option<ColorTags>, force: bool) -> Result<(), SinkError> {
-    let (bytes, color): (&[u8], _) = match &pixels.codes {
-        Codes::U8(codes) => (codes, ExtendedColorType::Rgb8),
-        Codes::U16(codes) => (bytemuck::cast_slice(codes), ExtendedColorType::Rgb16),
-    };
     write_atomically(path, force, |writer| {
         let Some(ColorTags { primaries, transfer }) = color_tags else {
-            return PngEncoder::new_with_quality(writer, CompressionType::Fast, FilterType::Adaptive)
-                .write_image(bytes, pixels.width, pixels.height, color)
-                .map_err(of_image);
+            return pixels.write_png(writer).map_err(of_image);
         };
         let mut png = Vec::new();
-        PngEncoder::new_with_quality(&mut png, CompressionType::Fast, FilterType::Adaptive)
-            .write_image(bytes, pixels.width, pixels.height, color)
-            .map_err(of_image)?;
+        pixels.write_png(&mut png).map_err(of_image)?;
         // R'G'B' of full range. Source: PNG specification (third edition), 11.3.2.6.
         let chunk = [b"cICP", &[primaries, transfer, 0, 1][..]].concat();
         let length = (chunk.len() as u32 - 4).to_be_bytes();

@@ -33,9 +33,9 @@ pub struct SdrSink {
 }
 
 impl SdrSink {
-    /// `response` is that of the frames.
-    pub fn new(response: &Response, inner: Box<dyn Sink + Send>) -> Self {
-        Self { tone_mapping: ToneMapping::new(response), inner }
+    /// `response` is that of the frames, `max_code` their largest code value.
+    pub fn new(response: &Response, max_code: u32, inner: Box<dyn Sink + Send>) -> Self {
+        Self { tone_mapping: ToneMapping::new(response, max_code), inner }
     }
 }
 
@@ -49,9 +49,10 @@ impl Sink for SdrSink {
     }
 }
 
-/// The conversion of one response.
+/// Tone mapping of frames with one response.
 struct ToneMapping {
-    response: Response,
+    /// Light of each code.
+    light: Vec<f64>,
     to_rec709: DMat3,
     srgb: Response,
     /// True if the response has light above diffuse white.
@@ -59,25 +60,24 @@ struct ToneMapping {
 }
 
 impl ToneMapping {
-    fn new(response: &Response) -> Self {
+    fn new(response: &Response, max_code: u32) -> Self {
         let to_rec709 = response.primaries.from_rec709().map_or(DMat3::IDENTITY, |matrix| matrix.inverse());
         let has_highlights = response.max_light() > 1.0 + 1e-9;
-        Self { response: response.clone(), to_rec709, srgb: Response::default(), has_highlights }
+        Self { light: response.table(max_code), to_rec709, srgb: Response::default(), has_highlights }
     }
 
     /// Linear light in Rec. 709, 0 to 1.
-    fn light(&self, light: DVec3) -> DVec3 {
+    fn mapped(&self, light: DVec3) -> DVec3 {
         let light = (self.to_rec709 * light).max(DVec3::ZERO);
         let largest = light.max_element();
         if self.has_highlights && largest > KNEE { light * (compressed(largest) / largest) } else { light }
     }
 
     fn apply(&self, pixels: &Pixels) -> Pixels {
-        let max_code = pixels.max_code();
-        let light = self.response.table(max_code);
+        let scale = (self.light.len() - 1) as f64;
         let convert = |codes: [u32; 3]| {
-            let light = DVec3::from_array(codes.map(|code| light[code as usize]));
-            self.light(light).to_array().map(|light| (self.srgb.encode(light) * f64::from(max_code)).round())
+            let light = DVec3::from_array(codes.map(|code| self.light[code as usize]));
+            self.mapped(light).to_array().map(|light| (self.srgb.encode(light) * scale).round())
         };
         let converted = pixels.each(convert);
         let codes = match &pixels.codes {
@@ -109,7 +109,7 @@ mod tests {
         let lights = [DVec3::splat(0.18), DVec3::new(0.5, 0.1, 0.05), DVec3::splat(3.0)];
         let codes = lights.iter().flat_map(|light| (matrix * *light).to_array());
         let codes = codes.map(|light| (65535.0 * response.encode(light)).round() as u16).collect();
-        let sdr = ToneMapping::new(&response).apply(&Pixels::from_u16(3, 1, codes).unwrap());
+        let sdr = ToneMapping::new(&response, 65535).apply(&Pixels::from_u16(3, 1, codes).unwrap());
         for (x, light) in [(0, lights[0]), (1, lights[1])] {
             let shown = sdr.at(x, 0).map(|code| Response::default().decode(f64::from(code) / 65535.0));
             assert!(DVec3::from_array(shown).abs_diff_eq(light, 2e-4), "{shown:?} {light}");

@@ -21,7 +21,7 @@ use sha2::Digest as _;
 use super::orientation::Orientation;
 use super::still_format::{PictureHeader, StillFormat};
 use super::{SourceError, ffmpeg, heif, scene_linear, still_decoder};
-use crate::pixels::{Codes, Pixels};
+use crate::pixels::Pixels;
 use crate::program::{self, ProgramError};
 use crate::user_folders;
 
@@ -179,20 +179,12 @@ fn convert(file: &Path, programs: &[&'static str], arguments: &[OsString]) -> Re
 }
 
 fn save(pixels: &Pixels, png: &Path) -> Result<(), SourceError> {
-    use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-    use image::{ExtendedColorType, ImageEncoder};
     let failed = |source| SourceError::Cache { folder: png.parent().unwrap_or(png).to_owned(), source };
-    let (bytes, color): (&[u8], _) = match &pixels.codes {
-        Codes::U8(codes) => (codes, ExtendedColorType::Rgb8),
-        Codes::U16(codes) => (bytemuck::cast_slice(codes), ExtendedColorType::Rgb16),
-    };
     let out = std::io::BufWriter::new(std::fs::File::create(png).map_err(failed)?);
-    PngEncoder::new_with_quality(out, CompressionType::Fast, FilterType::Adaptive)
-        .write_image(bytes, pixels.width, pixels.height, color)
-        .map_err(|error| match error {
-            image::ImageError::IoError(error) => failed(error),
-            other => failed(std::io::Error::other(other)),
-        })
+    pixels.write_png(out).map_err(|error| match error {
+        image::ImageError::IoError(error) => failed(error),
+        other => failed(std::io::Error::other(other)),
+    })
 }
 
 /// Removes pictures from the cache, the least recently used first, until it holds at most
@@ -307,8 +299,8 @@ mod tests {
         assert_eq!((exif.orientation, exif.settings.time_s, exif.settings.iso), (Some(6), Some(0.008), Some(200.0)));
     }
 
-    /// A mosaic of RGGB, black 512, white 15872, neutral (0.5, 1, 0.8), whose left half is grey of
-    /// a quarter of full scale and its right half of an eighth. Written by tifffile.
+    /// An RGGB mosaic, black 512, white 15872, neutral (0.5, 1, 0.8). The left half is a grey of
+    /// 1/4 of full scale, the right half of 1/8. Written by tifffile.
     #[test]
     fn raw_file_becomes_linear_light_with_the_white_balance_as_shot() {
         let (cache, file) = (tempfile::tempdir().unwrap(), Path::new("tests/stills/grey.dng"));

@@ -117,7 +117,7 @@ fn parse(bytes: &[u8]) -> Option<HeifPicture> {
 }
 
 /// Names and contents of successive boxes. Ends at damage.
-pub fn boxes(mut bytes: &[u8]) -> impl Iterator<Item = (&[u8; 4], &[u8])> {
+fn boxes(mut bytes: &[u8]) -> impl Iterator<Item = (&[u8; 4], &[u8])> {
     std::iter::from_fn(move || {
         let (length, rest) = bytes.split_first_chunk::<4>()?;
         let (name, rest) = rest.split_first_chunk::<4>()?;

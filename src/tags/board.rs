@@ -135,7 +135,7 @@ impl Board {
             return Err(format!("version = {} is not known; expected 1", written.version));
         }
         let family = Family::of_name(&written.family).ok_or_else(|| {
-            let families = Family::ALL.map(Family::name).join(", ");
+            let families = Family::names().join(", ");
             format!("family = \"{}\" is not known; expected {families}", quoted(&written.family))
         })?;
         if written.tags.is_empty() || written.tags.len() > MAX_TAGS {

@@ -4,7 +4,7 @@ use kornia_apriltag::errors::AprilTagError;
 use kornia_apriltag::family::{TagFamily, TagFamilyKind};
 
 use super::aruco::Dictionary;
-use crate::params::{Field, Kind};
+use crate::params::{Field, Kind, Value};
 
 crate::choices! {
     /// A family of tags: AprilTags (Olson 2011; Wang and Olson 2016) and ArUco dictionaries, whose
@@ -38,62 +38,35 @@ crate::choices! {
 }
 
 impl Family {
-    pub const ALL: [Self; 19] = [
-        Self::Tag36h11,
-        Self::Tag25h9,
-        Self::Tag16h5,
-        Self::Aruco4x4N50,
-        Self::Aruco4x4N100,
-        Self::Aruco4x4N250,
-        Self::Aruco4x4N1000,
-        Self::Aruco5x5N50,
-        Self::Aruco5x5N100,
-        Self::Aruco5x5N250,
-        Self::Aruco5x5N1000,
-        Self::Aruco6x6N50,
-        Self::Aruco6x6N100,
-        Self::Aruco6x6N250,
-        Self::Aruco6x6N1000,
-        Self::Aruco7x7N50,
-        Self::Aruco7x7N100,
-        Self::Aruco7x7N250,
-        Self::Aruco7x7N1000,
-    ];
-
-    /// Name in a board's file.
-    pub fn name(self) -> &'static str {
+    /// The names of all families.
+    pub fn names() -> &'static [&'static str] {
         match Self::kind(None) {
-            Kind::Choice(names) => names.get(self as usize).copied().unwrap_or_default(),
-            _ => "",
+            Kind::Choice(names) => names,
+            _ => &[],
         }
     }
 
-    pub fn of_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|family| family.name() == name)
+    /// All families.
+    pub fn all() -> impl Iterator<Item = Self> {
+        Self::names().iter().filter_map(|name| Self::of_name(name))
     }
 
-    /// The ArUco dictionary. `None` for AprilTags.
+    /// Name in a board's file.
+    pub fn name(self) -> &'static str {
+        Self::names().get(self as usize).copied().unwrap_or_default()
+    }
+
+    pub fn of_name(name: &str) -> Option<Self> {
+        Self::from_value(&Value::Text(name.to_owned()), &Self::kind(None))
+    }
+
+    /// The ArUco dictionary, by the name: side x side _ number of tags. `None` for AprilTags.
     fn dictionary(self) -> Option<Dictionary> {
-        // At most two cells are corrected, for short tables; one of a thousand codes.
-        let (side, count, corrected) = match self {
-            Self::Tag36h11 | Self::Tag25h9 | Self::Tag16h5 => return None,
-            Self::Aruco4x4N50 => (4, 50, 1),
-            Self::Aruco4x4N100 => (4, 100, 1),
-            Self::Aruco4x4N250 => (4, 250, 1),
-            Self::Aruco4x4N1000 => (4, 1000, 0),
-            Self::Aruco5x5N50 => (5, 50, 2),
-            Self::Aruco5x5N100 => (5, 100, 2),
-            Self::Aruco5x5N250 => (5, 250, 2),
-            Self::Aruco5x5N1000 => (5, 1000, 1),
-            Self::Aruco6x6N50 => (6, 50, 2),
-            Self::Aruco6x6N100 => (6, 100, 2),
-            Self::Aruco6x6N250 => (6, 250, 2),
-            Self::Aruco6x6N1000 => (6, 1000, 1),
-            Self::Aruco7x7N50 => (7, 50, 2),
-            Self::Aruco7x7N100 => (7, 100, 2),
-            Self::Aruco7x7N250 => (7, 250, 2),
-            Self::Aruco7x7N1000 => (7, 1000, 1),
-        };
+        let (size, count) = self.name().split_once('_')?;
+        let (side, count) = (size.split_once('x')?.0.parse().ok()?, count.parse().ok()?);
+        // At most two cells are corrected, for short tables; in dictionaries of a thousand tags and
+        // of 4 by 4 cells, which differ less, one fewer each.
+        let corrected = 2 - u8::from(count == 1000) - u8::from(side == 4);
         Some(Dictionary { side, count, corrected })
     }
 
@@ -147,7 +120,7 @@ mod tests {
 
     #[test]
     fn families_match_the_decoder() {
-        for family in Family::ALL {
+        for family in Family::all() {
             let decoder_family = TagFamily::try_from(&family.decoder_family().unwrap()).unwrap();
             assert_eq!(decoder_family.code_data.len(), family.count() as usize);
             assert_eq!(decoder_family.width_at_border, family.cells() as usize);

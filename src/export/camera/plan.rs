@@ -90,7 +90,7 @@ impl CameraExportPlan<'_> {
         })
     }
 
-    /// The frames whose lens has maps of its own file: all frames, or the first.
+    /// The frames with an ST map: all of them if the lens varies, otherwise the first.
     fn mapped_frames(&self) -> impl Iterator<Item = (i64, usize)> {
         let count = match (&self.mapped, self.camera.lenses.len()) {
             (None, _) => 0,

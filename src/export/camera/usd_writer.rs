@@ -13,7 +13,7 @@ pub struct UsdWriter {
 }
 
 impl UsdWriter {
-    /// A writer whose lines begin so many levels deep.
+    /// A writer at a level of indentation.
     pub fn at_depth(depth: usize) -> Self {
         Self { text: String::new(), depth }
     }

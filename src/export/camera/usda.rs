@@ -15,8 +15,7 @@ struct UsdLens {
     offset: [f64; 2],
 }
 
-/// Width and height of the aperture in tenths of a metre: of the plate, whose pixels are as large
-/// as those of the film.
+/// Width and height of the plate's aperture, in tenths of a metre. Its pixels have the film's size.
 fn aperture(plate: &Plate, camera: &ShotCamera) -> [f64; 2] {
     let film = &camera.lenses[0].intrinsics;
     let per_px = film.film_width_mm / f64::from(film.width_px) / MM_PER_TENTH;
