@@ -1,6 +1,8 @@
 //! Directional albedo of a rough surface in uniform light, single-scattering: the lookup table that
 //! weights specular light in the shader.
 
+use std::sync::LazyLock;
+
 use glam::{DVec2, DVec3};
 
 /// Table size in each direction, as in shaders/raster.wgsl. With 16, interpolated values have an
@@ -10,8 +12,15 @@ const SAMPLES_PER_ENTRY: u32 = 512;
 
 /// Rows from roughness 0 to 1; within a row from grazing to perpendicular view in equal steps of
 /// √cos. Entries: scale and bias of F0 (Karis 2013, "Environment BRDF"), and the mean of their sum
-/// over all views, weighted by cos, which is constant in a row.
-pub fn table() -> Vec<[f32; 4]> {
+/// over all views, weighted by cos, which is constant in a row. Computed once: it takes as long as
+/// a small picture.
+pub fn table() -> &'static [[f32; 4]] {
+    // No memo: a constant.
+    static TABLE: LazyLock<Vec<[f32; 4]>> = LazyLock::new(computed_table);
+    &TABLE
+}
+
+fn computed_table() -> Vec<[f32; 4]> {
     let step = |i: usize| i as f64 / (TABLE_SIZE - 1) as f64;
     let mut table = Vec::with_capacity(TABLE_SIZE * TABLE_SIZE);
     for row in 0..TABLE_SIZE {

@@ -1,13 +1,17 @@
 //! Lights on the GPU: suns, points, and the environment as irradiance map and prefiltered
 //! panoramas.
 
+use std::sync::Arc;
+
 use glam::{DVec3, Mat3, Vec3};
 
 use super::albedo;
 use super::irradiance::irradiance_over_pi;
 use super::panorama::{MipLevel, blurred_levels};
+use crate::digest::{Digest, Digester};
 use crate::gpu::{Gpu, half_texels};
-use crate::scene::{Environment, Lighting};
+use crate::memo::Memo;
+use crate::scene::{Environment, EnvironmentMap, Lighting};
 use crate::text::count;
 
 pub const MAX_SUNS: usize = 4;
@@ -49,6 +53,38 @@ pub struct EnvironmentLight {
     map_from_world: Mat3,
     /// The table of render/albedo.rs.
     pub albedo: wgpu::TextureView,
+}
+
+/// A panorama prefiltered for specular light, and its irradiance map.
+#[derive(Debug)]
+struct PrefilteredMap {
+    levels: Vec<MipLevel>,
+    irradiance: MipLevel,
+}
+
+/// Number of memoized panoramas: the scene's, and the one before it.
+const PANORAMA_CAPACITY: usize = 2;
+
+/// Panoramas by the digest of their size, radiance and colour. Each compositor of a scene uploads
+/// the same ones: that of the window, of an export and of a photograph.
+static PREFILTERED: Memo<Digest, Arc<PrefilteredMap>> = Memo::new(PANORAMA_CAPACITY);
+
+impl PrefilteredMap {
+    fn new(map: &EnvironmentMap) -> Self {
+        let levels = blurred_levels(map);
+        let irradiance = irradiance_over_pi(&levels[0]);
+        Self { levels, irradiance }
+    }
+
+    fn memoized(map: &EnvironmentMap) -> Arc<Self> {
+        // Without the rotation, which the shader applies.
+        let mut digester = Digester::default();
+        digester.add(&map.width);
+        digester.add(&map.height);
+        digester.add_numbers(map.rgb.as_slice());
+        digester.add(&map.color);
+        PREFILTERED.get_or_insert_with(digester.finish(), |_| Arc::new(Self::new(map)))
+    }
 }
 
 fn wide(v: Vec3, w: f32) -> [f32; 4] {
@@ -108,25 +144,22 @@ impl EnvironmentLight {
             ..Default::default()
         });
         let steps = albedo::TABLE_SIZE as u32;
-        let table = albedo::table().into_iter().map(|[x, y, z, _]| Vec3::new(x, y, z)).collect();
+        let table = albedo::table().iter().map(|[x, y, z, _]| Vec3::new(*x, *y, *z)).collect();
         let albedo = upload(gpu, "albedo", &[(steps, steps, table)]);
-        let (color, levels, irradiance, map_from_world) = match environment {
+        let (color, prefiltered, map_from_world) = match environment {
             Environment::Uniform(color) => {
                 let all = (1, 1, vec![*color]);
-                (*color, vec![all.clone()], all, Mat3::IDENTITY)
+                let uniform = PrefilteredMap { levels: vec![all.clone()], irradiance: all };
+                (*color, Arc::new(uniform), Mat3::IDENTITY)
             }
-            Environment::Map(map) => {
-                let levels = blurred_levels(map);
-                let irradiance = irradiance_over_pi(&levels[0]);
-                (Vec3::ZERO, levels, irradiance, Mat3::from_quat(map.map_from_world))
-            }
+            Environment::Map(map) => (Vec3::ZERO, PrefilteredMap::memoized(map), Mat3::from_quat(map.map_from_world)),
         };
         Self {
-            view: upload(gpu, "environment", &levels),
-            irradiance: upload(gpu, "irradiance", &[irradiance]),
+            view: upload(gpu, "environment", &prefiltered.levels),
+            irradiance: upload(gpu, "irradiance", std::slice::from_ref(&prefiltered.irradiance)),
             sampler,
             color,
-            levels: levels.len() as u32,
+            levels: prefiltered.levels.len() as u32,
             map_from_world,
             albedo,
         }

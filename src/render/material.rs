@@ -1,6 +1,10 @@
 //! Materials and textures on the GPU.
 
+use std::sync::Arc;
+
+use crate::digest::{Digest, Digester};
 use crate::gpu::{Gpu, constants};
+use crate::memo::Memo;
 use crate::scene::{Alpha, Material, Scene, Texture, TextureUse, Wrap};
 
 crate::uniform! {
@@ -53,7 +57,7 @@ pub fn bind_groups(gpu: &Gpu, layout: &wgpu::BindGroupLayout, scene: &Scene) -> 
     let white = Texture {
         width: 1,
         height: 1,
-        rgba: std::sync::Arc::new(vec![255; 4]),
+        rgba: Arc::new(vec![255; 4]),
         srgb: false,
         wrap: [Wrap::Repeat; 2],
         smooth: false,
@@ -87,7 +91,7 @@ pub fn bind_groups(gpu: &Gpu, layout: &wgpu::BindGroupLayout, scene: &Scene) -> 
 
 fn upload(gpu: &Gpu, texture: &Texture) -> (wgpu::TextureView, wgpu::Sampler) {
     let format = if texture.srgb { wgpu::TextureFormat::Rgba8UnormSrgb } else { wgpu::TextureFormat::Rgba8Unorm };
-    let levels = if texture.mipmaps { mip_chain(texture) } else { Vec::new() };
+    let levels = if texture.mipmaps { memoized_mip_chain(texture) } else { Arc::default() };
     let gpu_texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
         label: Some("scene texture"),
         size: wgpu::Extent3d { width: texture.width, height: texture.height, depth_or_array_layers: 1 },
@@ -132,9 +136,29 @@ fn upload(gpu: &Gpu, texture: &Texture) -> (wgpu::TextureView, wgpu::Sampler) {
     (gpu_texture.create_view(&Default::default()), sampler)
 }
 
+/// Width, height, texels row by row.
+type TextureLevel = (u32, u32, Vec<u8>);
+
+/// Memory for the mipmaps of textures, bytes.
+const MIPMAP_BUDGET_BYTES: usize = 64 << 20;
+
+/// Mipmaps by the digest of their texture's size, texels and encoding. Each compositor of a scene
+/// uploads the same ones: that of the window, of an export and of a photograph.
+static MIPMAPS: Memo<Digest, Arc<Vec<TextureLevel>>> =
+    Memo::with_budget(MIPMAP_BUDGET_BYTES, |levels| levels.iter().map(|(.., texels)| texels.len()).sum());
+
+fn memoized_mip_chain(texture: &Texture) -> Arc<Vec<TextureLevel>> {
+    let mut digester = Digester::default();
+    digester.add(&texture.width);
+    digester.add(&texture.height);
+    digester.add(&texture.srgb);
+    digester.add_numbers(texture.rgba.as_slice());
+    MIPMAPS.get_or_insert_with(digester.finish(), |_| Arc::new(mip_chain(texture)))
+}
+
 /// Each level is the mean of 2×2 texels of the previous one (3 wide if a side is odd), averaged in
 /// linear light for colours.
-fn mip_chain(texture: &Texture) -> Vec<(u32, u32, Vec<u8>)> {
+fn mip_chain(texture: &Texture) -> Vec<TextureLevel> {
     let to_linear: Vec<f32> = (0..=255).map(|code| texture.linear(code)).collect();
     let from_linear = |v: f32| {
         let code = if !texture.srgb {
@@ -193,7 +217,7 @@ mod tests {
         let texture = Texture {
             width: 2,
             height: 2,
-            rgba: std::sync::Arc::new(rgba),
+            rgba: Arc::new(rgba),
             srgb: true,
             wrap: [Wrap::Repeat; 2],
             smooth: true,
