@@ -6,7 +6,7 @@ use std::path::Path;
 use crate::findings::late;
 use crate::footage::{demo_by_tier, leave_out_light, opened};
 use crate::program::{locard, refused, stdout_of};
-use crate::tier::fast_or_full;
+use crate::tier::{any_scene, fast_or_full};
 use locard::analyse::{Analysis, AnalysisStage, Interrupted, beside};
 use locard::recording::OpenOptions;
 use locard::shot::{Shot, ShotOptions};
@@ -90,7 +90,7 @@ fn file_in_place_of_the_analysis_folder_is_refused_before_the_analysis() {
 // Slow: eight composites by the program.
 #[test]
 fn analysis_beside_the_recording_is_used_while_it_matches() {
-    let folder = demo_by_tier(8, &late(0.01), 2);
+    let folder = demo_by_tier(8, &late(0.01), 4);
     let site = folder.path().join("site");
     let path = site.to_str().unwrap();
     leave_out_light(&opened(&folder), &folder.path().join("site.analysis"));
@@ -101,8 +101,9 @@ fn analysis_beside_the_recording_is_used_while_it_matches() {
     assert_eq!(stdout_of(&["inspect", analysis.to_str().unwrap()]), stdout);
     assert_eq!(stdout_of(&["analyse", path]), stdout, "once is enough");
 
-    // The use of an analysis shows without shadows, which take most of the time.
-    let marker = ["--scene", "scenes/demo.toml", "--set", "shadow.cast=false", "--frames", "2..3", "-o"];
+    // The use of an analysis shows without shadows, which take most of the time, and by one object.
+    let without_shadows = ["--set", "shadow.cast=false", "--set", "shadow.on_things=false"];
+    let marker = [&["--scene", any_scene()], &without_shadows[..], &["--frames", "2..3", "-o"]].concat();
     let composite = |out: &str, more: &[&str]| {
         let out = folder.path().join(out);
         let arguments = [&["composite", path][..], &marker, &[out.to_str().unwrap()], more].concat();

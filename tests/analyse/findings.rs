@@ -11,7 +11,7 @@ use crate::footage::{
     analysed, analysed_by_tier, demo_by_tier, demo_track, median_and_p90, opened, pair_errors_px, regressions,
 };
 use crate::program::{locard, stdout_of};
-use crate::tier::{fast_or_full, is_full};
+use crate::tier::{any_scene, fast_or_full, is_full, no_shadows};
 use locard::analyse::{Analysis, beside};
 use locard::camera::{Camera, CameraExposure};
 use locard::compositor::ExposureTime;
@@ -72,11 +72,8 @@ fn assert_findings_used_without_registration(site: &Path) {
     let picture = |more: &[&str]| {
         let out = tempfile::tempdir().unwrap();
         let at = out.path().join("out");
-        let all = ["composite", site.to_str().unwrap(), "--scene", "scenes/demo.toml", "--frames", "2..3", "-o"];
-        // Shadows take most of the time, and are not part of this test.
-        let without_shadows = ["--set", "shadow.cast=false", "--set", "shadow.on_things=false"];
-        let sets = fast_or_full(&without_shadows[..], &[]);
-        let output = locard(&[&all[..], &[at.to_str().unwrap()], sets, more].concat());
+        let all = ["composite", site.to_str().unwrap(), "--scene", any_scene(), "--frames", "2..3", "-o"];
+        let output = locard(&[&all[..], &[at.to_str().unwrap()], no_shadows(), more].concat());
         assert!(output.status.success() && !String::from_utf8_lossy(&output.stderr).contains("changes nothing"));
         std::fs::read(at.join("frame_000002.png")).unwrap()
     };
@@ -336,13 +333,13 @@ fn white_of_clipped_paper_on_a_kitchen_table_is_claimed() {
     assert!(light.white_level.unwrap().iter().all(|white| (1.2..1.7).contains(white)), "{light:?}");
 }
 
-/// The first 16 of the 90 frames, without the light of the room.
+/// The first ten of the 90 frames, without the light of the room.
 // Slow: a real recording at its full size.
 #[test]
 fn first_kinect_frames_are_refined() {
     let Some(folder) = common::data("tum-fr1-rpy") else { return };
     let temp = tempfile::tempdir().unwrap();
-    first_frames_of_tum(&folder, temp.path(), 16);
+    first_frames_of_tum(&folder, temp.path(), 10);
     let options = ShotOptions { profile: Some(PathBuf::from("profiles/tum-fr1.toml")), ..ShotOptions::default() };
     let shot = Shot::open(temp.path(), &OpenOptions::default(), &options).unwrap();
     let analysis = analysed_by_tier(&shot, 2);

@@ -6,7 +6,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use crate::fixture;
-use crate::footage::{analysed, demo, opened};
+use crate::footage::{analysed, demo_by_tier, opened};
 use crate::program::{copied, locard, refused, stdout_of};
 use crate::tier::{fast_or_full, is_full};
 use glam::DVec3;
@@ -14,7 +14,7 @@ use locard::analyse::{Analysis, LightFindings};
 use locard::recording::OpenOptions;
 use locard::scene::{self, Environment, LightingOrigin};
 use locard::shot::{AnalysisChoice, AnalysisState, Shot, ShotOptions};
-use locard::simulate::{Flaws, Options, Simulation, run};
+use locard::simulate::{Detail, Flaws, Options, Simulation, run};
 
 fn options(lamps: u32, site: u32) -> Options {
     Options {
@@ -178,10 +178,19 @@ fn light_estimated_with_another_up_is_ignored_and_the_rest_is_used() {
     assert!(error.contains("light left out") && !scene.exists(), "{error}");
 }
 
+/// Divisor of the width and height of the demonstration's pictures in the fast tier.
+const REDUCTION: u32 = 2;
+
+/// Position in the pictures of [`analysed_demo`] of a position in the demonstration's, px.
+fn demo_px(x: u32, y: u32) -> String {
+    let divisor = fast_or_full(REDUCTION, 1);
+    format!("{},{}", x / divisor, y / divisor)
+}
+
 /// The demo's first frames with their analysis beside them.
-fn analysed_demo() -> (tempfile::TempDir, Analysis) {
-    let folder = demo(13, &Flaws::default());
-    let made = fixture::once("demo-analysed", &["recordings/demo"], 13, |to| {
+pub fn analysed_demo() -> (tempfile::TempDir, Analysis) {
+    let folder = demo_by_tier(13, &Flaws::default(), REDUCTION);
+    let made = fixture::once("demo-analysed", &["recordings/demo"], is_full(), |to| {
         let shot = opened(&folder);
         let analysis = analysed(&shot, 2);
         analysis.write(&to.join("site.analysis"), &shot.recording).unwrap();
@@ -263,8 +272,10 @@ fn assert_white_paper_correction(folder: &tempfile::TempDir, found: &Analysis) {
     let denied = |more: &[&str]| refused(&[&["light", &site, "-o", &new, "--force"], more].concat());
 
     // The paper on the floor, beside its title.
-    let stdout = light_command(&["--white", "6:267,139"]);
-    let (table, simulation) = (written(), Simulation::new(&Options::default()).unwrap());
+    let stdout = light_command(&["--white", &format!("6:{}", demo_px(267, 139))]);
+    // Lamps, and the light on white in the middle of the site, are the same in any detail.
+    let crude = Detail { texture_m: 0.05, light_m: 0.15 };
+    let (table, simulation) = (written(), Simulation::with_detail(&Options::default(), crude, 2).unwrap());
     let factor = table.environment_intensity.unwrap();
     assert!(table.lamp.iter().all(|lamp| lamp.intensity == Some(factor)), "{table:?}");
     // With half of the reflectance the light doubles; with almost none the correction is refused.
@@ -287,7 +298,8 @@ fn assert_white_paper_correction(folder: &tempfile::TempDir, found: &Analysis) {
     assert!(stdout.contains("factor ") && stdout.contains("between"), "{stdout}");
     // Invalid points change nothing: an edge, a missing frame, a position outside.
     std::fs::remove_file(&new).unwrap();
-    let invalid = [("6:281,150", "edge"), ("6:455,240", "black"), ("99:3,4", "frame"), ("6:900,3", "outside")];
+    let edge = format!("6:{}", demo_px(281, 150));
+    let invalid = [(edge.as_str(), "edge"), ("6:455,240", "black"), ("99:3,4", "frame"), ("6:900,3", "outside")];
     for (place, message) in &invalid[..fast_or_full(1, 4)] {
         let stdout = denied(&["--white", place]);
         assert!(stdout.contains(message) && stdout.contains(place), "{stdout}");

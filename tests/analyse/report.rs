@@ -2,8 +2,10 @@
 
 use std::path::Path;
 
-use crate::footage::{demo, demo_by_tier, leave_out_light_by_tier};
+use crate::footage::{demo_by_tier, leave_out_light_by_tier};
+use crate::light::analysed_demo;
 use crate::program::{refused, stdout_of};
+use crate::tier::is_full;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use locard::analyse::Analysis;
@@ -53,7 +55,22 @@ fn parsed(html: &str) -> Page {
     }
 }
 
-// Slow: full analyses of pictures large enough for the spread, and five pages.
+/// Size of the picture of the room's light, px.
+const LIGHT_SIZE: (u32, u32) = (768, 384);
+
+#[test]
+fn report_shows_the_light_of_the_room_once() {
+    let (folder, _) = analysed_demo();
+    let [site, page] = ["site", "page.html"].map(|name| folder.path().join(name));
+    stdout_of(&["analyse", site.to_str().unwrap(), "--report", page.to_str().unwrap()]);
+    let page = parsed(&std::fs::read_to_string(&page).unwrap());
+    assert!(page.text.contains("The light of the room"), "{}", page.text);
+    assert_eq!(page.pictures.iter().filter(|picture| picture.dimensions() == LIGHT_SIZE).count(), 1);
+}
+
+/// In the fast tier without the room's light, which `report_shows_the_light_of_the_room_once`
+/// checks.
+// Slow: two analyses of pictures large enough for the spread, and five pages.
 #[test]
 fn report_shows_the_findings_and_the_profile_accepts_the_camera_values() {
     // Poses 20 ms late; a file name that contains markup.
@@ -65,6 +82,8 @@ fn report_shows_the_findings_and_the_profile_accepts_the_camera_values() {
     let [page, profile] = ["page.html", "mine.toml"].map(|name| folder.path().join(name));
     let text = "# mine\nversion = 1\n\n[camera]\n# by hand\nreadout_time_s = 0.03 # guessed\n";
     std::fs::write(&profile, text).unwrap();
+    let shot = Shot::open(&site, &OpenOptions::default(), &ShotOptions::default()).unwrap();
+    leave_out_light_by_tier(&shot, &folder.path().join("a<b>&\"c.analysis"));
     let [site, page_at, profile_at] = [&site, &page, &profile].map(|path| path.to_str().unwrap());
     let stdout = stdout_of(&["analyse", site, "--report", page_at, "--accept", profile_at]);
     let (found, accepted) = stdout.split_at(stdout.find("accepted ").unwrap());
@@ -90,10 +109,10 @@ fn report_shows_the_findings_and_the_profile_accepts_the_camera_values() {
     assert!(page_content.pictures.len() >= 8, "{}", page_content.pictures.len());
     // Edges are shown larger than the tracked point, and above and below too; the room's light all
     // around.
-    let [followed, edges, light] = [(128, 128), (320, 320), (768, 384)]
+    let [followed, edges, light] = [(128, 128), (320, 320), LIGHT_SIZE]
         .map(|size| page_content.pictures.iter().filter(|p| p.dimensions() == size).count());
     assert!(
-        followed.is_multiple_of(2) && edges >= 4 && edges.is_multiple_of(2) && light == 1,
+        followed.is_multiple_of(2) && edges >= 4 && edges.is_multiple_of(2) && light == usize::from(is_full()),
         "{followed} {edges} {light}"
     );
     assert_eq!(followed + edges + light, page_content.pictures.len());
@@ -147,7 +166,7 @@ fn report_shows_the_findings_and_the_profile_accepts_the_camera_values() {
 
 #[test]
 fn unavailable_findings_are_left_out_with_a_reason() {
-    let folder = demo(3, &Flaws::default());
+    let folder = demo_by_tier(3, &Flaws::default(), 4);
     let site = folder.path().join("site");
     let described = std::fs::read_to_string(site.join("recording.toml")).unwrap();
     let without = described.replace("[depth]\nlist = \"depth.txt\"\nscale = 250.0\n", "");
@@ -169,7 +188,7 @@ fn unavailable_findings_are_left_out_with_a_reason() {
 
 #[test]
 fn existing_reports_and_analyses_are_not_overwritten() {
-    let folder = demo(3, &Flaws::default());
+    let folder = demo_by_tier(3, &Flaws::default(), 4);
     let site = folder.path().join("site");
     let path = site.to_str().unwrap();
     let analysis = folder.path().join("site.analysis");

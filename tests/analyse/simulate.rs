@@ -13,8 +13,8 @@ use locard::simulate::{
     self, Detail, Flaws, Format, Motion, Options, SimulateError, SimulatedPicture, Simulation, Snapshot, board,
 };
 
-/// The board is emissive, so the site may be crude.
-const CRUDE: Detail = Detail { texture_m: 0.05, light_m: 0.4 };
+/// Detail of a site in tests that do not depend on its light and textures: the board is emissive.
+pub const CRUDE: Detail = Detail { texture_m: 0.05, light_m: 0.4 };
 
 fn pan() -> Options {
     Options {

@@ -5,14 +5,19 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use crate::columns::columns;
-use crate::simulate::small;
+use crate::simulate::{CRUDE, small};
 use glam::{DQuat, DVec3};
 use locard::camera::Response;
 use locard::simulate::{self, DepthSensorModel, Flaws, FolderLayout, Ground, Motion, Options, Simulation};
 use locard::tracking::tum::read_trajectory;
 
+/// A site whose light and textures are crude: flaws do not depend on them.
+fn simulation(options: &Options, flaws: &Flaws) -> Simulation {
+    Simulation::with_flaws_and_detail(options, flaws, CRUDE, 2).unwrap()
+}
+
 fn write_site(out: &Path, options: &Options, flaws: &Flaws) {
-    simulate::run(out, options, flaws, true, &mut |_, _| ControlFlow::Continue(())).unwrap();
+    simulate::write(out, true, || Ok(simulation(options, flaws)), &mut |_, _| ControlFlow::Continue(())).unwrap();
 }
 
 /// A recording differs from the one without flaws by the requested amounts, which the truth
@@ -133,7 +138,7 @@ fn white_desk_clips_and_its_black_screen_has_sparse_depth() {
 fn walking_person_covers_a_fifth_and_blank_site_has_no_texture() {
     let options =
         Options { width_px: 160, height_px: 120, focal_px: 130.0, samples: 1, motion: Motion::Static, ..small() };
-    let of = |flaws: Flaws| Simulation::with_flaws(&options, &flaws).unwrap();
+    let of = |flaws: Flaws| simulation(&options, &flaws);
     let (empty, walked) = (of(Flaws::default()), of(Flaws { person_m_per_s: 6.0, ..Flaws::default() }));
     let mut before = None;
     for frame in 0..3 {

@@ -16,7 +16,7 @@ use locard::depth::unknown_fraction;
 use locard::frame::Frame;
 use locard::pixels::LayerImage;
 use locard::recording::{DepthRegistration, OpenOptions, Recording};
-use locard::simulate::{self, Flaws, FolderLayout, Format, Motion, Options};
+use locard::simulate::{self, Detail, Flaws, FolderLayout, Format, Motion, Options, Simulation};
 
 fn depth_png(file: &Path, width: u32, height: u32, code: impl Fn(u32, u32) -> u16) {
     fs::create_dir_all(file.parent().unwrap()).unwrap();
@@ -372,9 +372,12 @@ fn site() -> Options {
     }
 }
 
+/// Simulates a site whose light is crude: edges and depth do not depend on it.
 fn simulated(folder: &Path, name: &str, options: &Options) -> PathBuf {
     let out = folder.join(name);
-    simulate::run(&out, options, &Flaws::default(), false, &mut |_, _| ControlFlow::Continue(())).unwrap();
+    let detail = Detail { light_m: 0.2, ..Detail::for_focal_px(options.focal_px) };
+    let simulation = || Simulation::with_detail(options, detail, 2);
+    simulate::write(&out, false, simulation, &mut |_, _| ControlFlow::Continue(())).unwrap();
     out
 }
 
