@@ -6,12 +6,12 @@ use crate::tier::fast_or_full;
 use std::path::Path;
 use std::process::Command;
 
-/// The fast tier makes each effect and each projection once, the full tier all small cases of
-/// `scripts/hashes`. With another driver or processor nothing is compared, and the fast tier makes
-/// nothing. To store intended changes:
+/// The fast tier makes all effects in one composite and each projection once, the full tier all
+/// small cases of `scripts/hashes`. With another driver or processor nothing is compared, and the
+/// fast tier makes nothing. To store intended changes:
 /// `scripts/hashes target/release/locard FOLDER --size small && cp FOLDER/hashes.txt
 /// tests/pictures/`.
-// Slow: sixteen composites and renderings by the program, on the table's processor.
+// Slow: nine composites and renderings by the program, on the table's processor.
 #[test]
 fn pictures_layers_and_reports_match_their_hashes() {
     // Without the real recordings the script leaves their cases out.
