@@ -402,7 +402,7 @@ fn half_size_picture_matches_the_reduced_full_size_one() {
 
 #[test]
 fn gpu_timings_cover_each_pass() {
-    let shot = shot::demo(SCENE);
+    let shot = demo(&[]);
     let gpu = gpu::gpu();
     let mut compositor = shot.compositor(gpu.clone());
     let pending = shot.picture(&mut compositor, 31, Target::Pixels).unwrap();
