@@ -106,13 +106,31 @@ def expected(filters=()):
             if name in named and (name != "lib" or None in packages or package in packages)}
 
 
+# Folder in memory for the tests' temporary files, and the free bytes that they need.
+MEMORY_FOLDER = "/dev/shm"
+MIN_MEMORY_BYTES = 4 << 30
+
+
+def in_memory(folder=MEMORY_FOLDER):
+    """TMPDIR in memory: tests write thousands of small files and wait for the disk. Empty if TMPDIR is
+    set, or if the folder is missing, too small, or forbids the programs that tests write."""
+    if "TMPDIR" in os.environ:
+        return {}
+    try:
+        state = os.statvfs(folder)
+    except OSError:
+        return {}
+    is_usable = state.f_bavail * state.f_frsize >= MIN_MEMORY_BYTES and not state.f_flag & os.ST_NOEXEC
+    return {"TMPDIR": folder} if is_usable and os.access(folder, os.W_OK) else {}
+
+
 def environment(full, **more):
     """Environment of a test process."""
     # NODEVICE_SELECT as in .cargo/config.toml, which applies only to processes that cargo starts.
     # One thread per device of Mesa's software driver, because the other processors run test
     # processes of their own.
     tier = "full" if full else "fast"
-    return {"LP_NUM_THREADS": "1", **os.environ, "LOCARD_TEST_TIER": tier, "NODEVICE_SELECT": "1", **more}
+    return {"LP_NUM_THREADS": "1", **in_memory(), **os.environ, "LOCARD_TEST_TIER": tier, "NODEVICE_SELECT": "1", **more}
 
 
 # Running

@@ -46,7 +46,7 @@ fn recording_seeds_never_panic() {
     let readable = seeds.iter().filter(|seed| bodies::recording(seed) == 2).count();
     assert_eq!(readable, seeds.len() - 1, "all but the video, whose file is not there");
     for seed in seeds {
-        for i in (0..seed.len()).step_by(tier::fast_or_full(13, 1)) {
+        for i in (0..seed.len()).step_by(tier::fast_or_full(29, 1)) {
             bodies::recording(&seed[..i]);
             let mut damaged = seed.clone();
             damaged[i] ^= 1 << (i % 8);
