@@ -2,6 +2,8 @@
 
 use locard::recording::{OpenOptions, Recording};
 use locard::scene::{self, SceneError};
+use locard::site::Scan;
+use locard::site::scan_file::{self, ScanError};
 use locard::source::still_format::StillFormat;
 use locard::source::{exif, still};
 use locard::stream::{Encoding, ListenOptions, Receiver, packets};
@@ -33,6 +35,31 @@ pub fn picture(bytes: &[u8]) -> bool {
         drop(exif::read(&path));
     }
     still::decode_pixels(bytes).is_ok()
+}
+
+/// Reads the bytes as a scan: a text without a signature as OBJ, STL or columns. True if it was
+/// read.
+#[allow(dead_code, reason = "each target uses one")]
+pub fn scan(bytes: &[u8]) -> bool {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let is_read = |name: &str| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, bytes).expect("a temporary file");
+        match scan_file::read(&path) {
+            Ok(geometry) => {
+                let scan = Scan::of_geometry(&path, geometry, None);
+                drop(scan.description());
+                true
+            }
+            // A panic caught by the reader is a bug too.
+            Err(ScanError::DecoderPanic { message, .. }) => panic!("caught inside: {message}"),
+            Err(error) => {
+                drop(error.to_string());
+                false
+            }
+        }
+    };
+    ["scan.obj", "scan.stl", "scan.xyz"].into_iter().filter(|name| is_read(name)).count() > 0
 }
 
 /// Files by which the formats of recordings are recognised. The input is split at zero bytes, one

@@ -56,6 +56,21 @@ fn recording_seeds_never_panic() {
 }
 
 #[test]
+fn scan_seeds_and_their_mutations_never_panic() {
+    let seeds = seeds("scan");
+    assert!(!seeds.is_empty());
+    assert!(seeds.iter().all(|seed| bodies::scan(seed)));
+    for seed in seeds {
+        for i in (0..seed.len()).step_by(tier::fast_or_full(41, 1)) {
+            bodies::scan(&seed[..i]);
+            let mut damaged = seed.clone();
+            damaged[i] ^= 1 << (i % 8);
+            bodies::scan(&damaged);
+        }
+    }
+}
+
+#[test]
 fn stream_seeds_never_panic() {
     let seeds = seeds("stream");
     assert!(!seeds.is_empty());

@@ -31,6 +31,7 @@ mod pixels;
 mod place;
 mod recordings;
 mod safety;
+mod scan_files;
 mod scans;
 mod scene;
 mod seeking;
