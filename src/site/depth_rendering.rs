@@ -1,0 +1,432 @@
+//! Depth of a scan in a camera's picture.
+//!
+//! A disc at p with normal n meets a pixel's ray r at the depth t = n·p / n·r, at the distance
+//! ρ = |t·r − p| from its center. Its weight is 1 − ρ²/R². The depth of a pixel is the weighted mean
+//! over the discs near the nearest one (surface splatting; Zwicker et al. 2001). On a surface the
+//! weights sum to about πR²/2s² for voxels of side s. Beyond the rim of a surface they fall to 0.
+//! Below a threshold the surface behind is visible, so that a surface does not grow by the radius of
+//! its discs.
+//!
+//! Triangles are met by the pixel's ray exactly (Möller and Trumbore 1997). Rays through pixel
+//! centers include the lens's distortion; the projection of a center or a corner only bounds the
+//! pixels that are tested.
+//!
+//! Not modelled: the readout of the rows, which the depth's reprojection to a frame's time adds.
+
+use glam::{DVec2, DVec3, Mat3, Vec3};
+
+use super::point_octree::{Disc, Node, PointOctree};
+use super::triangle_blocks::{Triangle, TriangleBlocks};
+use crate::camera::Geometry;
+use crate::depth::Rays;
+use crate::parallel::{over_rows, processors};
+use crate::pose::Pose;
+
+/// Radius of a disc in sides of its voxel: discs of neighbouring voxels overlap.
+const DISC_RADIUS_VOXELS: f32 = 1.0;
+/// Largest difference from the nearest disc along the ray that counts as the same surface, in radii.
+const SURFACE_THICKNESS_RADII: f32 = 0.75;
+/// Smallest sum of weights of a known pixel: a third of the mean on a surface.
+const MIN_WEIGHT: f32 = 0.5;
+/// Surfaces nearer to the camera are not drawn, m: the operator's own equipment.
+const MIN_DISTANCE_M: f32 = 0.05;
+/// Smallest cosine between a disc's normal and the ray.
+const MIN_COSINE: f32 = 0.05;
+/// Side of a voxel in the picture down to which octants are refined, px.
+const MIN_VOXEL_PX: f32 = 1.0;
+/// Rows of the picture that a thread draws at a time.
+const BAND_ROWS: usize = 32;
+/// A triangle is split if it is longer than this fraction of its distance, since the lens bends its
+/// edges.
+const MAX_TRIANGLE_ANGLE: f32 = 0.15;
+/// Splits of a triangle at most: each halves its longest edge.
+const MAX_SPLITS: u32 = 12;
+/// Largest distance of a triangle's bent edge from its chord, as a fraction of the triangle's size.
+const MAX_BEND: f64 = 0.05;
+/// Step of the numerical derivative of a projection, rad.
+const STEP_RAD: f64 = 1e-3;
+
+/// Geometry of a scan, m.
+#[derive(Clone, Debug)]
+pub enum Surface {
+    Points(PointOctree),
+    Triangles(TriangleBlocks),
+}
+
+/// A camera's view of a scan.
+struct View<'a> {
+    rays: &'a Rays,
+    rotation: Mat3,
+    translation_m: Vec3,
+    /// Largest angle of a ray from the optical axis, rad.
+    max_angle_rad: f32,
+    /// Largest magnification of the picture, px/rad.
+    max_px_per_rad: f32,
+    /// Pixels from the left to the right border of a 360° picture.
+    turn_px: Option<i32>,
+}
+
+/// Columns and rows of a picture, `x1` and `y1` excluded. Columns of a 360° picture may lie beyond
+/// its borders.
+#[derive(Clone, Copy)]
+struct PixelBounds {
+    x0: i32,
+    x1: i32,
+    y0: i32,
+    y1: i32,
+}
+
+/// A visible part of a scan, and the rows that it may cover.
+struct Part {
+    item: PartItem,
+    px_per_rad: f32,
+    first_row: i32,
+    end_row: i32,
+}
+
+enum PartItem {
+    /// Node and octant.
+    Discs(usize, usize),
+    Block(usize),
+}
+
+/// A surface at a pixel.
+#[derive(Clone, Copy)]
+struct Layer {
+    /// Depth of its nearest disc, m.
+    nearest_m: f32,
+    /// Weighted sum of depths, m, and sum of weights.
+    sum_m: f32,
+    weight: f32,
+}
+
+/// The nearest surface at a pixel, and the next one behind it.
+#[derive(Clone, Copy)]
+struct Sample {
+    front: Layer,
+    back: Layer,
+}
+
+const NO_LAYER: Layer = Layer { nearest_m: f32::INFINITY, sum_m: 0.0, weight: 0.0 };
+
+impl Layer {
+    fn new(depth_m: f32, weight: f32) -> Self {
+        Self { nearest_m: depth_m, sum_m: weight * depth_m, weight }
+    }
+
+    fn add(&mut self, depth_m: f32, weight: f32) {
+        self.nearest_m = self.nearest_m.min(depth_m);
+        self.sum_m += weight * depth_m;
+        self.weight += weight;
+    }
+
+    fn depth_m(self) -> Option<f32> {
+        (self.weight >= MIN_WEIGHT).then(|| self.sum_m / self.weight)
+    }
+}
+
+impl Sample {
+    /// Adds a surface of a thickness along the ray.
+    fn add(&mut self, depth_m: f32, weight: f32, thickness_m: f32) {
+        if depth_m < self.front.nearest_m - thickness_m {
+            *self = Self { front: Layer::new(depth_m, weight), back: self.front };
+        } else if depth_m <= self.front.nearest_m + thickness_m {
+            self.front.add(depth_m, weight);
+        } else if depth_m < self.back.nearest_m - thickness_m {
+            self.back = Layer::new(depth_m, weight);
+        } else if depth_m <= self.back.nearest_m + thickness_m {
+            self.back.add(depth_m, weight);
+        }
+    }
+
+    /// Depth of the nearest surface with enough weight; 0 if there is none.
+    fn depth_m(self) -> f32 {
+        self.front.depth_m().or(self.back.depth_m()).unwrap_or(0.0)
+    }
+}
+
+/// Depth of a scan at each pixel of a camera's picture, row by row, scaled as in a depth map of the
+/// camera ([`Geometry::depth_ray`]); 0 where there is no surface.
+pub fn rendered_depth_m(surface: &Surface, rays: &Rays, camera_from_scan: &Pose) -> Vec<f32> {
+    let full = rays.full();
+    rays.prepare(full.y0..full.y1);
+    let (width, height) = (full.width() as usize, full.height() as usize);
+    let mut depth_m = vec![0.0; width * height];
+    let view = View::new(rays, camera_from_scan);
+    let parts = view.visible(surface);
+    over_rows(&mut depth_m, width * BAND_ROWS, processors(), |band, depth_m| {
+        let rows = (band * BAND_ROWS) as i32..(band * BAND_ROWS + depth_m.len() / width) as i32;
+        let mut samples = vec![Sample { front: NO_LAYER, back: NO_LAYER }; depth_m.len()];
+        let mut target = Band { view: &view, first_row: rows.start, end_row: rows.end, samples: &mut samples };
+        for part in parts.iter().filter(|part| part.first_row < rows.end && part.end_row > rows.start) {
+            target.draw(surface, part);
+        }
+        depth_m.iter_mut().zip(&samples).for_each(|(depth_m, sample)| *depth_m = sample.depth_m());
+    });
+    fill_single_pixels(&mut depth_m, width);
+    depth_m
+}
+
+/// Fills unknown pixels within a surface: those with known neighbours left and right, or above and
+/// below, whose inverse depths differ by no more than a plane's may.
+fn fill_single_pixels(depth_m: &mut [f32], width: usize) {
+    const MAX_RELATIVE_STEP: f32 = 0.03;
+    let height = depth_m.len() / width.max(1);
+    let before = depth_m.to_vec();
+    let between = |a: f32, b: f32| {
+        let is_surface = a > 0.0 && b > 0.0 && (a - b).abs() < MAX_RELATIVE_STEP * a.min(b);
+        is_surface.then(|| 2.0 / (a.recip() + b.recip()))
+    };
+    for y in 1..height.saturating_sub(1) {
+        for i in (y * width + 1..(y + 1) * width - 1).filter(|i| before[*i] == 0.0) {
+            let across = between(before[i - 1], before[i + 1]);
+            depth_m[i] = across.or_else(|| between(before[i - width], before[i + width])).unwrap_or(0.0);
+        }
+    }
+}
+
+impl<'a> View<'a> {
+    fn new(rays: &'a Rays, camera_from_scan: &Pose) -> Self {
+        let geometry = rays.geometry();
+        let (width, height) = (geometry.intrinsics.width_px, geometry.intrinsics.height_px);
+        let (mut max_angle_rad, mut max_px_per_rad) = (0.0f32, 0.0f32);
+        // The rim holds the largest angles, and with the center the largest magnifications.
+        let rows = [0, height / 2, height - 1];
+        for ray in rows.into_iter().filter_map(|y| rays.row(y as usize)) {
+            let columns = [0, width as usize / 2, width as usize - 1];
+            for ray in columns.map(|x| Vec3::from(ray[x])).into_iter().filter(|ray| ray.is_finite()) {
+                max_angle_rad = max_angle_rad.max(ray.angle_between(Vec3::Z));
+                let magnification = px_per_rad(geometry, ray.normalize().as_dvec3());
+                max_px_per_rad = max_px_per_rad.max(magnification.unwrap_or(0.0));
+            }
+        }
+        let rotation = Mat3::from_quat(camera_from_scan.rotation.as_quat());
+        let turn_px = geometry.is_equirectangular().then_some(width as i32);
+        let translation_m = camera_from_scan.translation_m.as_vec3();
+        Self { rays, rotation, translation_m, max_angle_rad, max_px_per_rad, turn_px }
+    }
+
+    fn geometry(&self) -> &Geometry {
+        self.rays.geometry()
+    }
+
+    fn in_camera(&self, point_m: Vec3) -> Vec3 {
+        self.rotation * point_m + self.translation_m
+    }
+
+    /// The parts of a surface in the picture.
+    fn visible(&self, surface: &Surface) -> Vec<Part> {
+        let mut parts = Vec::new();
+        match surface {
+            Surface::Points(octree) => {
+                (0..octree.root_count).for_each(|node| self.add_visible(octree, node, &mut parts))
+            }
+            Surface::Triangles(mesh) => {
+                for (n, block) in mesh.blocks.iter().enumerate() {
+                    parts.extend(self.part(PartItem::Block(n), block.center_m, block.radius_m));
+                }
+            }
+        }
+        parts
+    }
+
+    fn add_visible(&self, octree: &PointOctree, node: usize, parts: &mut Vec<Part>) {
+        let Node { voxel_m, octants } = &octree.nodes[node];
+        let radius_m = octree.nodes[node].octant_radius_m();
+        let margin_m = DISC_RADIUS_VOXELS * voxel_m;
+        for (n, octant) in octants.iter().enumerate().filter(|(_, octant)| !octant.discs.is_empty()) {
+            let item = PartItem::Discs(node, n);
+            let Some(part) = self.part(item, octant.center_m, radius_m + margin_m) else { continue };
+            let distance_m = (self.in_camera(octant.center_m).length() - radius_m).max(MIN_DISTANCE_M);
+            let is_coarse = voxel_m * part.px_per_rad > MIN_VOXEL_PX * distance_m;
+            match octant.refined.filter(|_| is_coarse) {
+                Some(refined) => self.add_visible(octree, refined as usize, parts),
+                None => parts.push(part),
+            }
+        }
+    }
+
+    /// A part within a sphere; `None` outside the picture.
+    fn part(&self, item: PartItem, center_m: Vec3, radius_m: f32) -> Option<Part> {
+        let height = self.geometry().intrinsics.height_px as i32;
+        let center = self.in_camera(center_m);
+        let distance_m = center.length();
+        if distance_m <= 1.5 * radius_m {
+            return Some(Part { item, px_per_rad: self.max_px_per_rad, first_row: 0, end_row: height });
+        }
+        let angle_rad = (radius_m / distance_m).asin();
+        if center.angle_between(Vec3::Z) > self.max_angle_rad + angle_rad {
+            return None;
+        }
+        let direction = (center / distance_m).as_dvec3();
+        let projected = self.geometry().project(direction).zip(px_per_rad(self.geometry(), direction));
+        let Some((at_px, px_per_rad)) = projected else {
+            return Some(Part { item, px_per_rad: self.max_px_per_rad, first_row: 0, end_row: height });
+        };
+        // Magnification varies over a large part.
+        let px_per_rad = if angle_rad > 0.1 { self.max_px_per_rad.max(px_per_rad) } else { 1.2 * px_per_rad };
+        let bounds = PixelBounds::around(at_px.as_vec2().to_array(), angle_rad.tan() * px_per_rad + 1.0);
+        let width = self.geometry().intrinsics.width_px as i32;
+        let is_across = self.turn_px.is_some() || (bounds.x1 > 0 && bounds.x0 < width);
+        (is_across && bounds.y1 > 0 && bounds.y0 < height).then_some(Part {
+            item,
+            px_per_rad,
+            first_row: bounds.y0.max(0),
+            end_row: bounds.y1.min(height),
+        })
+    }
+}
+
+impl View<'_> {
+    /// Pixels that a small triangle may cover. The lens bends its edges by a small part of its size.
+    fn triangle_bounds(&self, mut corners: [DVec2; 3]) -> PixelBounds {
+        let width = |corners: &[DVec2; 3]| {
+            let along = corners.map(|corner| corner.x);
+            along.into_iter().fold(f64::NEG_INFINITY, f64::max) - along.into_iter().fold(f64::INFINITY, f64::min)
+        };
+        let turn = self.turn_px.map_or(f64::INFINITY, f64::from);
+        let is_across_seam = width(&corners) > 0.5 * turn;
+        if is_across_seam {
+            corners.iter_mut().filter(|corner| corner.x < 0.5 * turn).for_each(|corner| corner.x += turn);
+        }
+        let [a, b, c] = corners;
+        let (mut low, mut high) = (a.min(b).min(c), a.max(b).max(c));
+        if is_across_seam && width(&corners) > 0.5 * turn {
+            // Around a pole, which is in the first or last row.
+            let height = f64::from(self.geometry().intrinsics.height_px);
+            (low.x, high.x) = (0.0, turn);
+            if low.y + high.y < height { low.y = 0.0 } else { high.y = height }
+        }
+        let margin = DVec2::ONE + MAX_BEND * (high - low);
+        let floor = |along: f64| along.clamp(-1e6, 1e6).floor() as i32;
+        let (low, high) = (low - margin, high + margin);
+        PixelBounds { x0: floor(low.x), x1: floor(high.x) + 1, y0: floor(low.y), y1: floor(high.y) + 1 }
+    }
+}
+
+/// Magnification of a camera around a direction of unit length, px/rad: the larger of two
+/// perpendicular ones. `None` outside its field of view.
+fn px_per_rad(geometry: &Geometry, direction: DVec3) -> Option<f32> {
+    let at = geometry.project(direction)?;
+    let across = direction.any_orthonormal_vector();
+    let steps = [across, direction.cross(across)];
+    let shifts = steps.map(|step| geometry.project(direction + STEP_RAD * step).map(|to| (to - at).length()));
+    let [a, b] = shifts.map(|shift| shift.unwrap_or(0.0) / STEP_RAD);
+    // Beside the seam of a 360° picture a shift may go around.
+    let is_around = geometry.is_equirectangular() && a.max(b) > f64::from(geometry.intrinsics.width_px);
+    Some(if is_around { a.min(b) as f32 } else { a.max(b) as f32 })
+}
+
+impl PixelBounds {
+    fn around([x, y]: [f32; 2], radius_px: f32) -> Self {
+        let floor = |along: f32| along.clamp(-1e6, 1e6).floor() as i32;
+        Self {
+            x0: floor(x - radius_px),
+            x1: floor(x + radius_px) + 1,
+            y0: floor(y - radius_px),
+            y1: floor(y + radius_px) + 1,
+        }
+    }
+}
+
+/// Rows of the picture that one thread draws.
+struct Band<'a> {
+    view: &'a View<'a>,
+    first_row: i32,
+    end_row: i32,
+    samples: &'a mut [Sample],
+}
+
+impl Band<'_> {
+    fn draw(&mut self, surface: &Surface, part: &Part) {
+        match (surface, &part.item) {
+            (Surface::Points(octree), PartItem::Discs(node, octant)) => {
+                let node = &octree.nodes[*node];
+                let discs = &node.octants[*octant].discs;
+                for disc in &octree.discs[discs.start as usize..discs.end as usize] {
+                    self.draw_disc(disc, DISC_RADIUS_VOXELS * node.voxel_m, part.px_per_rad);
+                }
+            }
+            (Surface::Triangles(mesh), PartItem::Block(block)) => {
+                for corners in &mesh.triangles[mesh.blocks[*block].triangles.clone()] {
+                    self.draw_triangle(corners.map(|corner| self.view.in_camera(corner)), MAX_SPLITS);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn draw_disc(&mut self, disc: &Disc, radius_m: f32, px_per_rad: f32) {
+        let center = self.view.in_camera(disc.position_m);
+        let distance_m = center.length();
+        if distance_m < MIN_DISTANCE_M.max(radius_m) {
+            return;
+        }
+        let Some(at_px) = self.view.geometry().project(center.as_dvec3()) else { return };
+        let radius_px = radius_m / distance_m * px_per_rad;
+        let bounds = PixelBounds::around((at_px - 0.5).as_vec2().to_array(), radius_px);
+        let normal = if disc.normal == Vec3::ZERO { center / distance_m } else { self.view.rotation * disc.normal };
+        let offset_m = normal.dot(center);
+        let inverse_radius2 = (radius_m * radius_m).recip();
+        self.for_pixels(bounds, |ray, sample| {
+            let cosine = normal.dot(ray);
+            if cosine.abs() < MIN_COSINE * ray.length() {
+                return;
+            }
+            let depth_m = offset_m / cosine;
+            let weight = 1.0 - (depth_m * ray - center).length_squared() * inverse_radius2;
+            if weight > 0.0 && depth_m > 0.0 {
+                sample.add(depth_m, weight, SURFACE_THICKNESS_RADII * radius_m);
+            }
+        });
+    }
+
+    fn draw_triangle(&mut self, corners: Triangle, splits: u32) {
+        let [a, b, c] = corners;
+        let lengths2 = [(c - b).length_squared(), (a - c).length_squared(), (b - a).length_squared()];
+        let longest = (0..3).fold(0, |longest, n| if lengths2[n] > lengths2[longest] { n } else { longest });
+        let nearest_m = corners.iter().map(|corner| corner.length()).fold(f32::INFINITY, f32::min);
+        let is_long = lengths2[longest] > (MAX_TRIANGLE_ANGLE * nearest_m).powi(2);
+        if is_long && splits > 0 {
+            // Halves the longest edge, which is opposite to the corner of its index.
+            let [apex, from, to] = std::array::from_fn(|n| corners[(longest + n) % 3]);
+            let middle = 0.5 * (from + to);
+            self.draw_triangle([apex, from, middle], splits - 1);
+            self.draw_triangle([apex, middle, to], splits - 1);
+            return;
+        }
+        let corners_px = corners.map(|corner| self.view.geometry().project(corner.as_dvec3()));
+        let [Some(p), Some(q), Some(r)] = corners_px else { return };
+        let bounds = self.view.triangle_bounds([p, q, r]);
+        let (ab, ac) = (b - a, c - a);
+        self.for_pixels(bounds, |ray, sample| {
+            let across = ray.cross(ac);
+            let inverse = ab.dot(across).recip();
+            let u = -a.dot(across) * inverse;
+            let normal = (-a).cross(ab);
+            let v = ray.dot(normal) * inverse;
+            let depth_m = ac.dot(normal) * inverse;
+            if u >= 0.0 && v >= 0.0 && u + v <= 1.0 && depth_m * ray.length() > MIN_DISTANCE_M {
+                sample.add(depth_m, 1.0, 0.0);
+            }
+        });
+    }
+
+    /// Calls `draw` with the ray and the sample of each pixel of the band within bounds.
+    #[inline]
+    fn for_pixels(&mut self, bounds: PixelBounds, mut draw: impl FnMut(Vec3, &mut Sample)) {
+        let width = self.view.geometry().intrinsics.width_px as i32;
+        let columns = match self.view.turn_px {
+            Some(turn) => bounds.x0..bounds.x1.min(bounds.x0 + turn),
+            None => bounds.x0.max(0)..bounds.x1.min(width),
+        };
+        for y in bounds.y0.max(self.first_row)..bounds.y1.min(self.end_row) {
+            let Some(rays) = self.view.rays.row(y as usize) else { continue };
+            let row = ((y - self.first_row) * width) as usize;
+            for x in columns.clone() {
+                let x = self.view.turn_px.map_or(x, |turn| x.rem_euclid(turn)) as usize;
+                draw(Vec3::from(rays[x]), &mut self.samples[row + x]);
+            }
+        }
+    }
+}

@@ -1,0 +1,176 @@
+//! Scans of a site: depth for recordings whose camera measured none.
+//!
+//! A scan is the geometry of a place in axes of its own. Aligned with the world of a recording, it
+//! gives each frame the depth that a sensor on the camera would have measured ([`Site::depth`]).
+//! All that reads depth follows: occlusion, shadows, supports, placement, the light of the room.
+//!
+//! - `morton`: positions on a space-filling curve. `point_octree`: points as discs at several levels
+//!   of detail. `triangle_blocks`: a mesh in blocks. `depth_rendering`: both in a camera's picture.
+//!
+//! Not modelled: things that moved between the scan and the footage; colours of the scan.
+
+pub mod alignment;
+mod depth_rendering;
+mod morton;
+mod point_octree;
+pub mod refinement;
+pub mod scan_file;
+#[cfg(test)]
+mod tests;
+mod triangle_blocks;
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use glam::{DVec3, Vec3};
+
+use depth_rendering::Surface;
+use morton::bounds;
+use point_octree::PointOctree;
+use scan_file::{ScanError, ScanGeometry};
+use triangle_blocks::TriangleBlocks;
+
+use crate::camera::Geometry;
+use crate::depth::Rays;
+use crate::digest::{Digest, Digester};
+use crate::memo::Memo;
+use crate::pixels::DepthMap;
+use crate::pose::Pose;
+use crate::source::file::FileStamp;
+use crate::text::{count, fixed};
+
+/// Cameras whose rays are kept: those of a recording in the window, and of its smaller pictures.
+const KEPT_CAMERAS: usize = 4;
+
+/// The geometry of a scan file, in metres.
+#[derive(Debug)]
+pub struct Scan {
+    pub path: PathBuf,
+    /// Length of the file's unit, m.
+    pub metres_per_unit: f64,
+    /// The unit that overrode the format's.
+    stated_metres_per_unit: Option<f64>,
+    /// Number of points of a cloud, or of vertices of a mesh.
+    pub point_count: usize,
+    /// 0 for a point cloud.
+    pub triangle_count: usize,
+    /// Lowest and highest coordinates in the scan's axes, m.
+    pub bounds_m: [DVec3; 2],
+    /// Direction of up in the scan's axes, if the format defines it.
+    pub up: Option<DVec3>,
+    pub warnings: Vec<String>,
+    surface: Surface,
+    /// Origin of the surface's coordinates in the scan's axes, m.
+    origin_m: DVec3,
+    /// Of the geometry.
+    digest: Digest,
+    stamp: FileStamp,
+    rays: Memo<Geometry, Arc<Rays>>,
+}
+
+/// A scan in the world of a recording.
+#[derive(Clone, Debug)]
+pub struct Site {
+    pub scan: Arc<Scan>,
+    /// Takes a point of the scan, m, to the world.
+    pub world_from_scan: Pose,
+}
+
+impl Scan {
+    /// Reads a file. `metres_per_unit` overrides the unit of the format; without both it is the
+    /// metre.
+    pub fn read(path: &Path, metres_per_unit: Option<f64>) -> Result<Self, ScanError> {
+        let stamp = FileStamp::of(path);
+        Ok(Self { stamp, ..Self::of_geometry(path, scan_file::read(path)?, metres_per_unit) })
+    }
+
+    /// The scan of a file that was read.
+    pub fn of_geometry(path: &Path, geometry: ScanGeometry, metres_per_unit: Option<f64>) -> Self {
+        let ScanGeometry { origin, mut positions, triangles, metres_per_unit: of_format, up, warnings } = geometry;
+        let stated_metres_per_unit = metres_per_unit;
+        let metres_per_unit = metres_per_unit.or(of_format).unwrap_or(1.0);
+        let mut digester = Digester::default();
+        digester.add_numbers(&origin.to_array());
+        digester.add_numbers(bytemuck::cast_slice::<Vec3, f32>(&positions));
+        digester.add_numbers(triangles.as_flattened());
+        digester.add_numbers(&[metres_per_unit]);
+        positions.iter_mut().for_each(|position| *position = (position.as_dvec3() * metres_per_unit).as_vec3());
+        let origin_m = origin * metres_per_unit;
+        let (low, high) = bounds(positions.iter());
+        let (point_count, triangle_count) = (positions.len(), triangles.len());
+        let surface = if triangles.is_empty() {
+            Surface::Points(PointOctree::new(&positions))
+        } else {
+            let corners = triangles.iter().map(|corners| corners.map(|corner| positions[corner as usize]));
+            Surface::Triangles(TriangleBlocks::new(corners))
+        };
+        Self {
+            path: path.to_owned(),
+            metres_per_unit,
+            stated_metres_per_unit,
+            point_count,
+            triangle_count,
+            bounds_m: [low, high].map(|corner| corner.as_dvec3() + origin_m),
+            up,
+            warnings,
+            surface,
+            origin_m,
+            digest: digester.finish(),
+            stamp: FileStamp::of(path),
+            rays: Memo::new(KEPT_CAMERAS),
+        }
+    }
+
+    /// Size and position, for a person.
+    pub fn description(&self) -> String {
+        let [low, high] = self.bounds_m;
+        let three = |numbers: DVec3, between: &str| numbers.to_array().map(|n| fixed(n, 2)).join(between);
+        let of = if self.triangle_count > 0 {
+            count(self.triangle_count, "triangle")
+        } else {
+            count(self.point_count, "point")
+        };
+        format!("{of}, {} m, from {} to {} m", three(high - low, " × "), three(low, " "), three(high, " "))
+    }
+
+    /// True if the scan is what reading the file again would give.
+    pub fn is_of(&self, path: &Path, metres_per_unit: Option<f64>) -> bool {
+        self.path == path && metres_per_unit == self.stated_metres_per_unit && self.stamp.is_fresh()
+    }
+
+    /// Middle of the scan in its own axes, m.
+    pub fn center_m(&self) -> DVec3 {
+        0.5 * (self.bounds_m[0] + self.bounds_m[1])
+    }
+
+    fn rays(&self, camera: &Geometry) -> Arc<Rays> {
+        self.rays.get_or_insert_with(camera.clone(), |camera| Arc::new(Rays::new(camera)))
+    }
+}
+
+impl Site {
+    /// Depth of the scan from a camera's pose, as a sensor of the camera would measure it at a time
+    /// (s); 0 where the scan has no surface.
+    pub fn depth(&self, camera: &Geometry, camera_from_world: &Pose, timestamp_s: f64) -> DepthMap {
+        // camera_from_surface = camera_from_world · world_from_scan · scan_from_surface.
+        let rotation = camera_from_world.rotation * self.world_from_scan.rotation;
+        let origin = camera_from_world.transform_point(self.world_from_scan.transform_point(self.scan.origin_m));
+        let rays = self.scan.rays(camera);
+        let depth_m = depth_rendering::rendered_depth_m(&self.scan.surface, &rays, &Pose::new(rotation, origin));
+        let (width, height) = (camera.intrinsics.width_px, camera.intrinsics.height_px);
+        DepthMap { width, height, depth_m, timestamp_s }
+    }
+
+    /// The same site in another world.
+    pub fn in_world(&self, world_from_other: &Pose) -> Self {
+        // other_from_scan = world_from_other⁻¹ · world_from_scan.
+        let rotation = world_from_other.rotation.conjugate() * self.world_from_scan.rotation;
+        let origin = world_from_other.inverse_transform_point(self.world_from_scan.translation_m);
+        Self { world_from_scan: Pose::new(rotation, origin), ..self.clone() }
+    }
+
+    /// A text that changes with the geometry and its place.
+    pub fn identity(&self) -> String {
+        format!("{:?} {:?}", self.scan.digest, self.world_from_scan)
+    }
+}
