@@ -37,6 +37,7 @@ pub mod depth;
 pub mod gpu;
 pub mod recording;
 pub mod sink;
+pub mod site;
 pub mod source;
 pub mod stream;
 pub mod tags;

@@ -1,49 +1,62 @@
-//! Depth of a frame: measured and reprojected to the frame's time, or from neighbouring frames
-//! ([`plane_sweep`](super::plane_sweep)).
+//! Depth of a frame: measured and reprojected to the frame's time, rendered from a scan of the
+//! site, or from neighbouring frames ([`plane_sweep`](super::plane_sweep)).
 
 use super::camera_model::CameraModel;
 use super::depth_at_frame::depth_at_frame;
 use super::plane_sweep::PlaneSweep;
-use super::state::CameraState;
+use super::state::{CameraState, pose};
 use crate::frame::Frame;
 use crate::recording::{Recording, RecordingError};
+use crate::site::Site;
 
 /// Origin of the depth of the frames.
 pub enum DepthSource<'a> {
-    /// `later_s`: added to the maps' times, s.
-    Measured { later_s: f64 },
+    /// Depth that follows from a single frame.
+    Single(SingleFrameDepth<'a>),
     /// Without a depth sensor.
     Swept(Box<PlaneSweep<'a>>),
+}
+
+/// Depth that follows from a frame and its pose.
+#[derive(Clone, Copy)]
+pub enum SingleFrameDepth<'a> {
+    /// `later_s`: added to the maps' times, s.
+    Measured { later_s: f64 },
+    /// Rendered from the present estimate of the pose.
+    Rendered(&'a Site),
 }
 
 impl<'a> DepthSource<'a> {
     /// `states`: one per frame. Frames must be requested in ascending order.
     pub fn new(
         model: &'a CameraModel,
-        recording: &Recording,
+        recording: &'a Recording,
         states: &'a [Option<CameraState>],
         later_s: f64,
         threads: usize,
     ) -> Result<Self, RecordingError> {
+        if let Some(site) = recording.site().filter(|_| !recording.has_measured_depth()) {
+            return Ok(Self::Single(SingleFrameDepth::Rendered(site)));
+        }
         if recording.has_depth() || model.geometry.needs_cube_map() {
-            return Ok(Self::Measured { later_s });
+            return Ok(Self::Single(SingleFrameDepth::Measured { later_s }));
         }
         Ok(Self::Swept(Box::new(PlaneSweep::new(model, recording, states, threads)?)))
     }
 
-    /// Added to the maps' times, s.
-    pub fn later_s(&self) -> f64 {
+    /// Depth that can be computed on any thread and in any order.
+    pub fn single(&self) -> SingleFrameDepth<'a> {
         match self {
-            Self::Measured { later_s } => *later_s,
-            Self::Swept(_) => 0.0,
+            Self::Single(single) => *single,
+            Self::Swept(_) => SingleFrameDepth::Measured { later_s: 0.0 },
         }
     }
 
-    /// Depth of a frame by plane sweep; `None` for measured depth. Frames must be requested in
-    /// ascending order.
+    /// Depth of a frame by plane sweep; `None` if a single frame suffices. Frames must be requested
+    /// in ascending order.
     pub fn swept(&mut self, frame: usize) -> Result<Option<Vec<f32>>, RecordingError> {
         match self {
-            Self::Measured { .. } => Ok(None),
+            Self::Single(_) => Ok(None),
             Self::Swept(sweep) => sweep.depth(frame).map(Some),
         }
     }
@@ -51,8 +64,20 @@ impl<'a> DepthSource<'a> {
     /// Depth at the frame's time and pixels, m or the recording's unit; 0 where unknown.
     pub fn of(&mut self, model: &CameraModel, frame: &Frame, state: &CameraState) -> Result<Vec<f32>, RecordingError> {
         match self {
-            Self::Measured { later_s } => Ok(measured(model, frame, state, *later_s)),
+            Self::Single(single) => Ok(single.of(model, frame, state)),
             Self::Swept(sweep) => sweep.depth(frame.index),
+        }
+    }
+}
+
+impl SingleFrameDepth<'_> {
+    /// Depth at the frame's time and pixels, m; 0 where unknown.
+    pub fn of(self, model: &CameraModel, frame: &Frame, state: &CameraState) -> Vec<f32> {
+        match self {
+            Self::Measured { later_s } => measured(model, frame, state, later_s),
+            Self::Rendered(site) => {
+                site.depth(&model.geometry, &pose(&state.world_from_camera), frame.timestamp_s).depth_m
+            }
         }
     }
 }

@@ -30,7 +30,7 @@ const VOXELS_PER_BLOCK: usize = 256;
 /// Surfels of the recording ([`Surfel::to_array`]), in an order that does not depend on
 /// `inputs.threads`; none without a depth sensor.
 pub fn surfels(inputs: &LightInputs<'_>, times: &mut Times) -> Result<Vec<[f32; 9]>, RegistrationError> {
-    if !inputs.recording.has_depth() || inputs.model.geometry.needs_cube_map() {
+    if !inputs.recording.has_measured_depth() || inputs.model.geometry.needs_cube_map() {
         return Ok(Vec::new());
     }
     let (mut voxels, mut depths) = (Voxels::with_limit(MAX_VOXELS), Vec::new());

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::align::{Link, LinkFailure, align};
 use super::camera_model::CameraModel;
-use super::depth_source::{DepthSource, measured};
+use super::depth_source::DepthSource;
 use super::sparse_frames::frames;
 use super::state::CameraState;
 use super::view::LinkView;
@@ -103,12 +103,12 @@ pub fn links(
             let swept = if needs { depths.swept(frame.index)? } else { None };
             views.push((frame, swept, None));
         }
-        let later_s = depths.later_s();
+        let single = depths.single();
         over_rows(&mut views, 1, threads, |_, slot| {
             let (frame, swept, view) = &mut slot[0];
             let state = states[frame.index].filter(|_| pass.needs(frame.index));
             *view = state.map(|state| {
-                let depth = swept.take().unwrap_or_else(|| measured(model, frame, &state, later_s));
+                let depth = swept.take().unwrap_or_else(|| single.of(model, frame, &state));
                 LinkView::new(model, frame, state, depth, pass.finest, noise)
             });
         });

@@ -83,6 +83,9 @@ impl PassRunner<'_> {
         states: &[Option<CameraState>],
     ) -> Result<Option<DepthOffset>, RecordingError> {
         let Self { recording, threads, checkpoints, times, .. } = self;
+        if !recording.has_measured_depth() {
+            return Ok(None);
+        }
         checkpoints.stage(|| {
             let mut clock = DepthClock::default();
             let frames = recording.frame_count();

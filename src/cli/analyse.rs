@@ -80,14 +80,14 @@ pub fn run(args: &Args) -> Result<()> {
         analysis: AnalysisChoice::No,
         ..ShotOptions::default()
     };
-    let shot = Shot::open(&args.recording, &args.options(), &shot_options)?;
+    let mut shot = Shot::open(&args.recording, &args.options(), &shot_options)?;
     let folder = args.output.clone().unwrap_or_else(|| beside(&shot.recording.path));
     for text in &shot.recording.warnings {
         warn(args.quiet, text);
     }
     // An invalid scene is an error before the analysis starts.
     if let Some(scene) = &args.scene {
-        scene::load(scene, shot.recording.up)?;
+        shot.set_site_of(&scene::load(scene, shot.recording.up)?)?;
     }
     if let Some(report) = &args.report {
         check_report(report, &shot, &folder)?;

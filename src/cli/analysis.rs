@@ -8,6 +8,7 @@ use super::analyse::make;
 use super::{print_status, warn};
 use locard_engine::analyse::beside;
 use locard_engine::recording::Recording;
+use locard_engine::scene;
 use locard_engine::shot::{AnalysisChoice, AnalysisState, Shot, ShotOptions};
 
 #[derive(clap::Args)]
@@ -53,7 +54,10 @@ impl AnalysisArgs {
         }
         checked(recording.clone())?;
         let recorded = ShotOptions { scene: None, analysis: AnalysisChoice::No, ..shot_options.clone() };
-        let shot = Shot::of(recording.clone(), &recorded)?;
+        let mut shot = Shot::of(recording.clone(), &recorded)?;
+        if let Some(scene) = &shot_options.scene {
+            shot.set_site_of(&scene::load(scene, shot.recording.up)?)?;
+        }
         make(&shot, &beside(&recording.path), false, quiet)?;
         checked(recording)
     }

@@ -28,8 +28,8 @@ use locard_engine::text::{count, fixed, reason, short, shown, shown_unit};
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// A recording, a scene (.glb, .gltf, scene.toml), a profile, or a stream:
-    /// opentrackio://HOST:PORT, freed://HOST:PORT
+    /// A recording, a scene (.glb, .gltf, scene.toml), a profile, a scan (.e57, .ply …), or a
+    /// stream: opentrackio://HOST:PORT, freed://HOST:PORT
     what: PathBuf,
     /// A frame of the recording
     #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = super::frame_number)]
@@ -77,6 +77,7 @@ enum InputKind {
     Recording,
     Scene,
     Profile,
+    Scan,
 }
 
 /// The keys that identify the kind of a .toml file.
@@ -85,6 +86,7 @@ struct Keys {
     frames: Option<IgnoredAny>,
     objects: Option<IgnoredAny>,
     light: Option<IgnoredAny>,
+    site: Option<IgnoredAny>,
 }
 
 /// True for a calibration that OpenCV wrote as XML.
@@ -99,6 +101,7 @@ fn kind(path: &Path) -> Result<InputKind> {
         _ if path.join(analyse::FILE_NAME).is_file() => InputKind::Analysis,
         _ if path.is_dir() => InputKind::Recording,
         "glb" | "gltf" => InputKind::Scene,
+        "e57" | "las" | "laz" | "ply" | "obj" | "stl" | "xyz" | "pts" | "ptx" | "pcd" => InputKind::Scan,
         "yaml" | "yml" => InputKind::Profile,
         // Metashape's cameras are XML, too.
         "xml" if is_opencv_storage(path) => InputKind::Profile,
@@ -108,7 +111,7 @@ fn kind(path: &Path) -> Result<InputKind> {
             let keys: Keys = document::read(&text).map_err(|problem| anyhow!("{}: {problem}", path.display()))?;
             if keys.frames.is_some() {
                 InputKind::Recording
-            } else if keys.objects.is_some() || keys.light.is_some() {
+            } else if keys.objects.is_some() || keys.light.is_some() || keys.site.is_some() {
                 InputKind::Scene
             } else {
                 InputKind::Profile
@@ -134,6 +137,12 @@ pub fn run(args: &Args) -> Result<()> {
             let scene = locard_engine::scene::load(&args.what, None)?;
             write!(std::io::stdout().lock(), "{}", locard_engine::scene::describe(&scene))?;
             Ok(())
+        }
+        InputKind::Scan => {
+            let scan = locard_engine::scene::read_scan(&args.what, args.metres_per_unit)?;
+            let mut out = std::io::stdout().lock();
+            writeln!(out, "scan       {}", scan.description())?;
+            Ok(scan.warnings.iter().try_for_each(|text| writeln!(out, "odd        {text}"))?)
         }
         InputKind::Analysis => {
             write!(std::io::stdout().lock(), "{}", analyse::Analysis::read(&args.what)?.findings)?;
@@ -305,6 +314,7 @@ fn recording(args: &Args) -> Result<()> {
 fn depth(recording: &Recording, has_camera: bool) -> String {
     let size = |w: u32, h: u32| format!("yes, {w}x{h} px");
     match recording.registration() {
+        None if recording.site().is_some() => "of the scan".to_owned(),
         None => "none".to_owned(),
         Some(DepthRegistration::SameView) => "yes".to_owned(),
         Some(DepthRegistration::Enlarged(w, h)) => format!("{}, enlarged to the frames", size(w, h)),

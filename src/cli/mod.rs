@@ -26,6 +26,7 @@ mod render;
 mod room_light;
 mod send;
 mod simulate;
+mod site;
 mod solve;
 mod start;
 mod track;
@@ -79,6 +80,8 @@ enum Command {
     Photo(photo::Args),
     /// Put a piece of evidence on the surface at a pixel of a frame
     Place(place::Args),
+    /// Put a scan of the place into a scene: depth for a recording without a depth sensor
+    Site(site::Args),
     /// Record a camera, with poses
     Record(record::Args),
     /// Render a scene alone, through any camera
@@ -137,6 +140,7 @@ pub fn main() -> ExitCode {
         Command::Meter(args) => meter::run(&args),
         Command::Photo(args) => photo::run(&args),
         Command::Place(args) => place::run(&args),
+        Command::Site(args) => site::run(&args),
         Command::Record(args) => record::run(&args),
         Command::Render(args) => render::run(&args),
         Command::Send(args) => send::run(&args),

@@ -116,6 +116,7 @@ impl<'a> LiveCompositor<'a> {
         // The same geometry as in a shot of the recording.
         let own = geometry.and_then(|own| self.shot.rig.geometry_over(Some(&own)));
         let geometry = own.as_ref().unwrap_or(&self.geometry);
+        let frame = self.shot.with_live_depth(frame, geometry, self.intake.track());
         let job = Job::of_frame(frame, &self.camera, settings, geometry, self.intake.track(), interval_s)?;
         let pending = self.compositor.submit(job, &self.camera, settings, Target::Pixels);
         let pending = pending.map_err(|source| LiveError::Submit { frame: index, source })?;

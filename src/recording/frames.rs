@@ -4,6 +4,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use super::depth_reader::DepthReader;
 use super::parts::Pictures;
 use super::{Recording, RecordingError};
 use crate::coding::PictureCoding;
@@ -28,7 +29,6 @@ pub struct Frames {
     opacity: Arc<[f64]>,
     exposure: Arc<[FrameExposure]>,
     pictures: Arc<Pictures>,
-    depth_later_s: f64,
     surfels: Arc<[Surfel]>,
     /// Of pictures that do not hold their own.
     coding: Option<Arc<PictureCoding>>,
@@ -76,11 +76,7 @@ impl Iterator for SelectedFrames {
 impl Recording {
     /// The depth of a single frame, as returned by [`Recording::frames`].
     pub fn depth_at(&self, index: usize) -> Result<Option<DepthMap>, RecordingError> {
-        let Some(depth) = &self.depth else { return Ok(None) };
-        let cameras = self.cameras();
-        let camera = cameras.get(index).or(cameras.first()).and_then(Option::as_ref);
-        let map = depth.read(index, (self.width, self.height), camera)?;
-        Ok(map.map(|map| DepthMap { timestamp_s: map.timestamp_s + self.depth_later_s, ..map }))
+        Ok(DepthReader::new(self).read(index)?)
     }
 }
 
@@ -88,11 +84,8 @@ impl Frames {
     pub(super) fn new(recording: &Recording, range: Range<usize>) -> Result<Self, RecordingError> {
         let (next, end) = (range.start, range.end);
         let size = (recording.width, recording.height);
-        let (depth, cameras) = (recording.depth.clone(), recording.cameras());
-        let read_depth = move |i: usize| -> MaybeDepth {
-            let camera = cameras.get(i).or(cameras.first()).and_then(Option::as_ref);
-            depth.as_ref().map_or(Ok(None), |depth| depth.read(i, size, camera))
-        };
+        let depth = DepthReader::new(recording);
+        let read_depth = move |i: usize| depth.read(i);
         let decoding = match &*recording.pictures {
             Pictures::Video(video, kept) => {
                 let pictures = SelectedFrames::new(video, kept.as_deref(), range.clone())?;
@@ -113,7 +106,6 @@ impl Frames {
             opacity: Arc::clone(&recording.opacity),
             exposure: Arc::clone(&recording.exposure),
             pictures: Arc::clone(&recording.pictures),
-            depth_later_s: recording.depth_later_s,
             surfels: recording.surfels(),
             coding: None,
         })
@@ -132,7 +124,6 @@ impl Frames {
                 depth.next().unwrap_or(Err(SourceError::DecoderDied))??,
             ),
         };
-        let depth = depth.map(|map| DepthMap { timestamp_s: map.timestamp_s + self.depth_later_s, ..map });
         let index = self.next;
         // The size was checked when the recording was opened, but the file may have changed since.
         if (pixels.width, pixels.height) != self.size {

@@ -46,6 +46,7 @@ impl Recording {
             presentation: Presentation::default(),
             response: Response::default(),
             depth: None,
+            site: None,
             depth_later_s: 0.0,
             surfels: Arc::default(),
             surfels_unit_m: 1.0,

@@ -11,6 +11,7 @@ mod cameras;
 mod coding;
 pub mod colmap;
 mod depth;
+mod depth_reader;
 mod duplicates;
 mod error;
 mod euroc;
@@ -56,6 +57,7 @@ pub use neighbours::{FramesWithNeighbours, NEIGHBOURS_EACH_WAY};
 use crate::camera::{Geometry, Response};
 use crate::frame::{FrameExposure, RelativeBrightness, Surfel, interval_s};
 use crate::pose::Pose;
+use crate::site::Site;
 use crate::source::presentation::Presentation;
 use crate::source::{still_format, unsupported};
 use crate::tracking::{NoPose, PoseTrack};
@@ -157,6 +159,8 @@ pub struct Recording {
     /// See [`Recording::response`].
     response: Response,
     depth: Option<Arc<Depth>>,
+    /// See [`Recording::set_site`].
+    site: Option<Site>,
     /// Added to the depth maps' times, seconds.
     depth_later_s: f64,
     /// [`Refinement::surfels`], and the unit's length at their estimation.
@@ -249,9 +253,10 @@ impl Recording {
         if self.metres_per_unit == self.surfels_unit_m { Arc::clone(&self.surfels) } else { Arc::default() }
     }
 
-    /// Expresses the track and the surfels in another world.
+    /// Expresses the track, the surfels and the site in another world.
     pub fn move_to_world(&mut self, world_from_other: &Pose) {
         self.track = self.track.in_world(world_from_other);
+        self.site = self.site.take().map(|site| site.in_world(world_from_other));
         self.surfels = self.surfels.iter().map(|surfel| surfel.in_world(world_from_other)).collect();
     }
 
@@ -327,8 +332,23 @@ impl Recording {
         self.has_frame_cameras
     }
 
+    /// True if frames have depth: measured, or of a scan.
     pub fn has_depth(&self) -> bool {
+        self.has_measured_depth() || self.site.is_some()
+    }
+
+    /// True if a sensor measured depth.
+    pub fn has_measured_depth(&self) -> bool {
         self.depth.as_ref().is_some_and(|depth| depth.has_any())
+    }
+
+    /// Sets a scan in the recording's world. It gives depth to frames for which none was measured.
+    pub fn set_site(&mut self, site: Option<Site>) {
+        self.site = site;
+    }
+
+    pub fn site(&self) -> Option<&Site> {
+        self.site.as_ref()
     }
 
     /// A warning about depth pictures that were found damaged when decoded; their frames have no
@@ -337,9 +357,10 @@ impl Recording {
         self.depth.as_ref()?.undecoded()
     }
 
-    /// The encoding of depth as text that changes with it; empty without depth.
+    /// The encoding of depth, and the scan, as text that changes with them; empty without depth.
     pub fn depth_stored(&self) -> String {
-        self.depth.as_ref().map_or_else(String::new, |depth| depth.stored())
+        let measured = self.depth.as_ref().map_or_else(String::new, |depth| depth.stored());
+        measured + &self.site.as_ref().map_or_else(String::new, Site::identity)
     }
 
     /// Registration of the depth to the frames' picture; `None` without depth.
@@ -347,10 +368,10 @@ impl Recording {
         self.depth.as_ref().filter(|depth| depth.has_any()).map(|depth| depth.registration)
     }
 
-    /// Sets the cameras to which the depth of a separate camera is registered: `camera_for` maps
-    /// each frame's own camera to the one used from now on.
+    /// Sets the cameras to which the depth of a separate camera is registered, and in which a scan
+    /// is rendered: `camera_for` maps each frame's own camera to the one used from now on.
     pub fn set_cameras(&mut self, camera_for: impl Fn(Option<&Geometry>) -> Option<Geometry>) {
-        if matches!(self.registration(), Some(DepthRegistration::OtherCamera(..))) {
+        if self.site.is_some() || matches!(self.registration(), Some(DepthRegistration::OtherCamera(..))) {
             let own = self.cameras();
             let all: Vec<_> = own.iter().map(|camera| camera_for(camera.as_ref())).collect();
             self.registration_cameras = Some(if all.is_empty() { Arc::from([camera_for(None)]) } else { all.into() });
@@ -368,7 +389,7 @@ impl Recording {
 
     /// The recording without its depth maps, which makes reading frames cheaper.
     pub fn without_depth(&self) -> Self {
-        Self { depth: None, ..self.clone() }
+        Self { depth: None, site: None, ..self.clone() }
     }
 
     /// At most `most` frames, spread evenly: the middles of as many equal parts.

@@ -271,6 +271,7 @@ impl Parts {
             depth_later_s: 0.0,
             surfels: Arc::default(),
             surfels_unit_m: 1.0,
+            site: None,
             guard: None,
         })
     }

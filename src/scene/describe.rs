@@ -26,6 +26,8 @@ pub struct SceneDescription {
     pub points: usize,
     /// Text description of the environment light.
     pub environment: String,
+    /// File of the scan of the place.
+    pub scan: Option<String>,
     /// Warnings of the loader, then those about sizes.
     pub warnings: Vec<String>,
 }
@@ -84,6 +86,7 @@ pub fn describe(scene: &Scene) -> SceneDescription {
         suns: scene.lighting.suns.len(),
         points: scene.lighting.points.len(),
         environment,
+        scan: scene.site.as_ref().map(|site| site.scan.display().to_string()),
         warnings,
     }
 }
@@ -149,6 +152,9 @@ impl fmt::Display for SceneDescription {
             writeln!(f, "texture {i:<2} {}x{} px, {kind}", texture.width, texture.height)?;
         }
         writeln!(f, "light      {}, {}, {}", count(self.suns, "sun"), count(self.points, "lamp"), self.environment)?;
+        if let Some(scan) = &self.scan {
+            writeln!(f, "site       {}", shown(scan))?;
+        }
         self.warnings.iter().try_for_each(|warning| writeln!(f, "odd        {}", shown(warning)))
     }
 }

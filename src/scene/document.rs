@@ -60,6 +60,9 @@ pub struct SceneFile {
     /// World in which the positions are given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gauge: Option<Gauge>,
+    /// A scan of the place.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub site: Option<SiteTable>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub objects: Vec<PlacedModel>,
     #[serde(default, skip_serializing_if = "is_default")]
@@ -94,6 +97,33 @@ impl Gauge {
         let (position, turn) = (DVec3::from(self.position_m), DQuat::from_array(self.quaternion));
         let is_sound = position.is_finite() && (turn.length() - 1.0).abs() < 1e-3;
         is_sound.then(|| Pose::from_camera_in_world(position, turn))
+    }
+}
+
+/// A scan of the place, in the scene's world.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct SiteTable {
+    /// A file of [`site::scan_file`](crate::site::scan_file), relative to the scene file.
+    pub scan: String,
+    /// Length of the scan's unit; default that of its format.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub metres_per_unit: Option<f64>,
+    /// The scan's origin in the world, m; default 0.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub position_m: Option<[f64; 3]>,
+    /// World from scan: x, y, z, w; default no rotation.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub quaternion: Option<[f64; 4]>,
+}
+
+impl SiteTable {
+    /// `None` if the numbers are no valid pose.
+    pub fn world_from_scan(&self) -> Option<Pose> {
+        let position = DVec3::from(self.position_m.unwrap_or_default());
+        let rotation = self.quaternion.map_or(DQuat::IDENTITY, DQuat::from_array);
+        let is_valid = position.is_finite() && (rotation.length() - 1.0).abs() < 1e-3;
+        is_valid.then(|| Pose::new(rotation, position))
     }
 }
 
@@ -228,6 +258,7 @@ impl Default for SceneFile {
             up: None,
             metres_per_unit: None,
             gauge: None,
+            site: None,
             objects: Vec::new(),
             light: LightTable::default(),
             settings: toml::Table::new(),

@@ -3,6 +3,7 @@
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
+use crate::site::scan_file::ScanError;
 use crate::text::{brief, reason, shown};
 
 /// Error of a scene. Each names the file, the place in it, the value found and the accepted ones.
@@ -28,6 +29,8 @@ pub enum SceneError {
     /// The file is truncated.
     #[error("{} is incomplete ({})", file.display(), sizes(*actual, *needed))]
     Incomplete { file: PathBuf, actual: usize, needed: usize },
+    #[error(transparent)]
+    Scan(ScanError),
     #[error("{} is not a glTF file", file.display())]
     NotGltf { file: PathBuf },
     #[error("{} is empty (0 bytes); a .glb or .gltf file is needed: export or download it again", file.display())]

@@ -30,6 +30,7 @@ mod reader;
 mod rest_pose;
 mod resting;
 mod reuse;
+mod scan;
 mod scene_file;
 mod schema;
 
@@ -40,9 +41,10 @@ use glam::{DAffine3, DQuat, DVec3, Vec2, Vec3};
 
 use crate::digest::digestible;
 use crate::plane::Plane;
+use crate::pose::Pose;
 
 pub use describe::{ObjectDescription, SceneDescription, TextureDescription, bounds_m, describe, size_warning};
-pub use document::{Document, Entry, Gauge, SceneFile, SceneItem};
+pub use document::{Document, Entry, Gauge, SceneFile, SceneItem, SiteTable};
 pub use edit::ItemPlacement;
 pub use error::SceneError;
 pub use heading::Heading;
@@ -54,6 +56,7 @@ pub use model::is_model;
 pub use overlap::{Overlap, overlaps};
 pub use place::Size;
 pub use resting::{Facet, MIN_SUPPORT_COSINE, Posture, place_at_rest, relative};
+pub use scan::read_scan;
 
 /// Decodes a Radiance panorama: width, height, linear light row by row. The error is a description.
 pub fn decode_panorama(hdr: &[u8]) -> Result<(u32, u32, Vec<[f32; 3]>), String> {
@@ -94,6 +97,8 @@ pub struct Scene {
     pub metres_per_unit: Option<f64>,
     /// Camera pose of a frame in the objects' world, according to the scene file.
     pub gauge: Option<Gauge>,
+    /// A scan of the place, according to the scene file.
+    pub site: Option<SitePlacement>,
     /// Warnings without duplicates.
     pub warnings: Vec<String>,
     /// The files that the scene was read from.
@@ -120,6 +125,16 @@ impl Scene {
             && self.meshes.len() == other.meshes.len()
             && self.meshes.iter().zip(&other.meshes).all(|(a, b)| shared(a, b))
     }
+}
+
+/// A scan of the place, before it is read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SitePlacement {
+    pub scan: PathBuf,
+    /// Length of the scan's unit, m; `None`: that of its format.
+    pub metres_per_unit: Option<f64>,
+    /// Takes a point of the scan, m, to the scene's world.
+    pub world_from_scan: Pose,
 }
 
 /// One piece of evidence: the unit that has its own motion vectors.

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use glam::{DQuat, DVec3, Vec3};
 
-use super::document::{Instance, LampTable, LightTable, PlacedModel, Scale, SceneFile, SunTable};
+use super::document::{Instance, LampTable, LightTable, PlacedModel, Scale, SceneFile, SiteTable, SunTable};
 use super::edit;
 use super::light::{DEFAULT_WHITE_LX, SUN_RAD, default_lighting};
 use super::loaded_models::{MissingModels, Model, Panorama};
@@ -14,7 +14,9 @@ use super::loader::Loader;
 use super::missing;
 use super::panorama::PanoramaPixels;
 use super::place::{FilePlacement, Size, shortest_rotation};
-use super::{Environment, EnvironmentMap, LightingOrigin, Object, PointLight, SceneError, Sun, model, panorama};
+use super::{
+    Environment, EnvironmentMap, LightingOrigin, Object, PointLight, SceneError, SitePlacement, Sun, model, panorama,
+};
 
 /// Adds the contents of a scene file to the loader. Errors name `file`, and models are found
 /// relative to it.
@@ -40,6 +42,7 @@ pub(super) fn read(
         return Err(SceneError::bad(file, "gauge", actual, "a finite position and a quaternion of length 1"));
     }
     loader.scene.gauge = scene.gauge;
+    loader.scene.site = scene.site.as_ref().map(|site| read_site(file, site)).transpose()?;
     let white_lx = scene.light.white_lx.unwrap_or(DEFAULT_WHITE_LX);
     if !(white_lx > 0.0 && white_lx.is_finite()) {
         return Err(SceneError::bad(file, "light.white_lx", white_lx, "more than 0"));
@@ -71,6 +74,19 @@ pub(super) fn read(
         (None, false) => loader.warn_of_dark_ambient(file),
     }
     Ok(())
+}
+
+/// The scan's file is read when a shot needs it.
+fn read_site(file: &Path, site: &SiteTable) -> Result<SitePlacement, SceneError> {
+    if let Some(found) = site.metres_per_unit.filter(|m| !(*m > 0.0 && m.is_finite())) {
+        return Err(SceneError::bad(file, "site.metres_per_unit", found, "more than 0"));
+    }
+    let world_from_scan = site.world_from_scan().ok_or_else(|| {
+        let actual = format!("{:?} {:?}", site.position_m, site.quaternion);
+        SceneError::bad(file, "site", actual, "a finite position_m and a quaternion of length 1")
+    })?;
+    let scan = file.parent().unwrap_or(Path::new("")).join(&site.scan);
+    Ok(SitePlacement { scan, metres_per_unit: site.metres_per_unit, world_from_scan })
 }
 
 fn place(

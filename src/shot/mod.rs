@@ -21,6 +21,7 @@ mod preview;
 mod projected;
 mod radiance;
 mod reduced;
+mod site;
 mod stream;
 mod support_gaps;
 mod support_report;
@@ -95,6 +96,8 @@ pub struct Shot {
     decoded: Memo<(ByAddress<Recording>, usize), Arc<Frame>>,
     /// Measured points and support planes.
     room: Arc<RoomMemos>,
+    /// Reason why the scan of a scene that was set later cannot be read.
+    site_problem: Option<String>,
 }
 
 impl Shot {
@@ -110,7 +113,7 @@ impl Shot {
     pub fn of(mut recording: Recording, options: &ShotOptions) -> Result<Self, ShotError> {
         let layers = SettingsLayers::read(&recording, options)?;
         let ResolvedSettings { rig, settings } = layers.resolve()?;
-        let recorded = Arc::new(recording.clone());
+        let mut recorded = recording.clone();
         let scene = match &options.scene {
             Some(path) => scene::load_with(path, recording.up, options.missing_models)?,
             None => Scene::default(),
@@ -118,9 +121,11 @@ impl Shot {
         let opened_unit_m = recording.metres_per_unit;
         // The analysis's estimates depend on the unit.
         recording.rescale(unit_m(&scene, opened_unit_m));
+        site::set_site_of(&mut recording, &scene)?;
+        recorded.set_site(recording.site().cloned());
         let mut shot = Self {
             recording: Arc::new(recording),
-            recorded,
+            recorded: Arc::new(recorded),
             rig,
             settings,
             scene_lighting: scene.lighting.clone(),
@@ -131,6 +136,7 @@ impl Shot {
             analysis: AnalysisState::Absent,
             decoded: Memo::default(),
             room: Arc::default(),
+            site_problem: None,
         };
         shot.load_analysis(options)?;
         // Now with the analysis's estimates.
@@ -192,12 +198,11 @@ impl Shot {
         }
         let estimated_lighting = self.estimated_lighting.as_deref().filter(|_| self.lighting_matches_unit());
         apply_lighting::apply_lighting(&mut self.scene, &self.scene_lighting, estimated_lighting);
-        let world_from_gauge =
-            self.scene.gauge.and_then(|g| self.recording.correction_to_gauge(g.frame, g.time_s, &g.pose()?));
-        if let Some(world_from_other) = world_from_gauge {
+        if let Some(world_from_other) = site::world_from_gauge(&self.recording, &self.scene) {
             Arc::make_mut(&mut self.recording).move_to_world(&world_from_other);
             self.room = Arc::default();
         }
+        self.follow_site();
     }
 
     /// Whether the lighting was estimated with the recording's present unit.

@@ -235,6 +235,9 @@ impl Shot {
         notes.extend(self.stale_estimates());
         notes.extend(self.recording.missing_poses(range).map(Note::MissingPoses));
         notes.extend(self.scene.warnings.iter().cloned().map(Note::Scene));
+        notes.extend(self.site_problem.iter().cloned().map(Note::Scene));
+        let scan = self.recording.site().map(|site| &site.scan);
+        notes.extend(scan.iter().flat_map(|scan| scan.warnings.iter().cloned().map(Note::Scene)));
         let holds = self.recording.metres_per_unit;
         if let Some(of_scene) = self.scene.metres_per_unit.filter(|of_scene| *of_scene != holds) {
             notes.push(Note::OtherUnit { of_scene, holds });

@@ -1,11 +1,11 @@
-//! A frame's picture with annotations of its objects: outlines, names, and the world's axes at
-//! their positions.
+//! A frame's picture with annotations: the creases of the scene's scan, and of objects the
+//! outlines, names, and the world's axes at their positions.
 
 use glam::{DVec2, DVec3};
 use image::{Rgb, RgbImage};
 
 use super::{PosedCamera, ProjectedObject, Shot, SurfaceError};
-use crate::pixels::{Codes, Pixels};
+use crate::pixels::{Codes, DepthMap, Pixels};
 use crate::scene::Scene;
 use crate::sink::lettering::{Style, line, width_px, write};
 
@@ -19,6 +19,10 @@ const COLORS: [Rgb<u8>; 6] = [
     Rgb([230, 140, 190]),
     Rgb([240, 240, 240]),
 ];
+/// Colour of the edges of a scan.
+const SITE_INK: Rgb<u8> = Rgb([0, 255, 200]);
+/// Relative second difference of inverse depth at the edge of a scan's surface.
+const SITE_EDGE_BEND: f32 = 0.02;
 /// Axes x, y and z.
 const AXES: [(DVec3, Rgb<u8>, &str); 3] =
     [(DVec3::X, Rgb([255, 70, 70]), "x"), (DVec3::Y, Rgb([90, 220, 90]), "y"), (DVec3::Z, Rgb([90, 140, 255]), "z")];
@@ -28,14 +32,17 @@ const AXIS_LENGTH_PX: f64 = 34.0;
 const LINE_WIDTH_PX: f64 = 1.5;
 
 impl Shot {
-    /// A frame's picture, with 8 bits, with the outline and the name of every object in it, and the
-    /// world's axes at its position. `pixels` is the result of [`Shot::picture`], or another
-    /// picture of that frame and size.
+    /// A frame's picture, with 8 bits, with the edges of the scan, the outline and the name of
+    /// every object in it, and the world's axes at its position. `pixels` is the result of
+    /// [`Shot::picture`], or another picture of that frame and size.
     pub fn annotated(&self, frame: usize, pixels: &Pixels) -> Result<Pixels, SurfaceError> {
         let eye = self.posed_camera(frame)?;
         let (width, height, codes) = (pixels.width, pixels.height, pixels.codes.to_eight_bit().into_owned());
         let Some(mut picture) = RgbImage::from_raw(width, height, codes) else { return Ok(pixels.clone()) };
         let unit = (f64::from(height) / 720.0).max(1.0);
+        if let (Some(site), Ok(pose)) = (self.recording.site(), self.recording.pose_at_frame(frame)) {
+            draw_site_edges(&mut picture, &site.depth(eye.geometry(), &pose, 0.0));
+        }
         let mut labels = Vec::new();
         for object in 0..self.scene.objects.len() {
             let projected = eye.project_object(&self.scene, object);
@@ -49,6 +56,30 @@ impl Shot {
         }
         names(&mut picture, labels, unit);
         Ok(Pixels::uncoded(width, height, Codes::U8(picture.into_raw())))
+    }
+}
+
+/// Marks the pixels at which the depth of a scan steps or bends.
+fn draw_site_edges(picture: &mut RgbImage, map: &DepthMap) {
+    let (width, height) = (map.width as usize, map.height as usize);
+    let w = |x: usize, y: usize| {
+        let z = map.depth_m[y * width + x];
+        if z > 0.0 { z.recip() } else { 0.0 }
+    };
+    // Inverse depth is linear over a plane.
+    let bend = |a: f32, b: f32, c: f32| {
+        let is_known = a > 0.0 && b > 0.0 && c > 0.0;
+        if is_known { (a - 2.0 * b + c).abs() / b } else { 0.0 }
+    };
+    let r = (height / 240).max(1);
+    for y in r..height.saturating_sub(r) {
+        for x in r..width.saturating_sub(r) {
+            let here = w(x, y);
+            let most = bend(w(x - r, y), here, w(x + r, y)).max(bend(w(x, y - r), here, w(x, y + r)));
+            if most > SITE_EDGE_BEND {
+                picture.put_pixel(x as u32, y as u32, SITE_INK);
+            }
+        }
     }
 }
 

@@ -57,7 +57,8 @@ impl Shot {
         let mut camera = self.camera();
         camera.noise = camera.noise.map(|noise| mean_noise(noise, *by));
         let (track, interval_s) = (&self.recording.track, self.interval_s(index));
-        let job = Job::of_frame(frame.clone(), &camera, &self.settings, &picture, track, interval_s)?;
+        let frame = self.with_live_depth(frame.clone(), &picture, track);
+        let job = Job::of_frame(frame, &camera, &self.settings, &picture, track, interval_s)?;
         let capture = Capture { recorded, framed, enlargement: f64::from(*by).recip(), ..job.capture };
         let job = Job { capture, ..job };
         compositor

@@ -53,6 +53,7 @@ impl Shot {
         want_layer: bool,
     ) -> Result<Pending, ShotError> {
         self.update_compositor(compositor);
+        let frame = self.with_live_depth(frame, geometry, &self.recording.track);
         let index = frame.index;
         let failed = |source: SubmitError| ShotError::Submit { frame: index, source };
         let (camera, track, interval_s) = (self.camera(), &self.recording.track, self.interval_s(index));

@@ -54,6 +54,7 @@ mod projections;
 mod real;
 mod receiver;
 mod reused_compositor;
+mod scanned_site;
 mod sensor_occlusion;
 mod shaders;
 mod shading;

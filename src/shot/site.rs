@@ -1,0 +1,140 @@
+//! The scan of a scene in a recording.
+
+use std::sync::Arc;
+
+use glam::{DVec2, DVec3};
+
+use super::{FramePoint, Shot, ShotError, SurfaceError};
+use crate::camera::Geometry;
+use crate::frame::Frame;
+use crate::grey_image::GreyImage;
+use crate::pose::Pose;
+use crate::recording::Recording;
+use crate::scene::{Scene, SceneError, SitePlacement, read_scan};
+use crate::site::Site;
+use crate::site::alignment::RayPair;
+use crate::site::refinement::{self, NoRefinement, PlacePrior, Refinement, SiteView};
+use crate::tracking::PoseTrack;
+
+/// Frames that a refinement reads.
+const REFINEMENT_FRAMES: usize = 24;
+/// Partners of each frame.
+const PARTNERS: usize = 3;
+/// Least distance between the cameras of a pair, m.
+const MIN_BASELINE_M: f64 = 0.05;
+/// Largest angle between the cameras of a pair, rad.
+const MAX_PAIR_ANGLE_RAD: f64 = 0.5;
+
+impl Shot {
+    /// Gives the recording the scan of a scene without the scene itself, for an analysis.
+    pub fn set_site_of(&mut self, scene: &Scene) -> Result<(), ShotError> {
+        let recording = Arc::make_mut(&mut self.recording);
+        set_site_of(recording, scene)?;
+        Arc::make_mut(&mut self.recorded).set_site(recording.site().cloned());
+        self.register_depth();
+        Ok(())
+    }
+
+    /// A live frame with the depth of the scan. Frames of files get theirs when they are read.
+    pub(crate) fn with_live_depth(&self, frame: Frame, geometry: &Geometry, track: &PoseTrack) -> Frame {
+        let Some(site) = self.recording.site().filter(|_| self.recording.is_live() && frame.depth.is_none()) else {
+            return frame;
+        };
+        let pose = track.at(frame.timestamp_s);
+        let depth = pose.ok().map(|pose| Arc::new(site.depth(geometry, &pose, frame.timestamp_s)));
+        Frame { depth, ..frame }
+    }
+
+    /// A pair for the alignment of a scan: a position in a frame, and the point of the scan there, m.
+    pub fn ray_pair(&self, view: &FramePoint, point_m: DVec3) -> Result<RayPair, SurfaceError> {
+        let camera = self.posed_camera(view.frame)?;
+        let no_ray = || SurfaceError::NoRay { at_px: view.at_px.to_array() };
+        let ray = camera.ray(view.at_px).ok_or_else(no_ray)?;
+        let beside = camera.ray(view.at_px + DVec2::X).ok_or_else(no_ray)?;
+        let px_per_rad = ray.direction.angle_between(beside.direction).recip();
+        Ok(RayPair { point_m, origin_m: ray.origin_m, direction: ray.direction, px_per_rad })
+    }
+
+    /// Refines the place of a scan by the brightness of its surface in the frames.
+    pub fn refined_site(&self, site: &Site, prior: PlacePrior) -> Result<Result<Refinement, NoRefinement>, ShotError> {
+        let recording = &self.recording;
+        let posed: Vec<usize> =
+            (0..recording.frame_count()).filter(|frame| recording.pose_at_frame(*frame).is_ok()).collect();
+        let stride = posed.len().div_ceil(REFINEMENT_FRAMES).max(1);
+        let mut views = Vec::new();
+        for frame in posed.into_iter().step_by(stride) {
+            let camera = self.geometry_at(frame)?;
+            let picture = recording.without_depth().frames(frame..frame + 1)?.next();
+            let (Some(picture), Ok(camera_from_world)) = (picture, recording.pose_at_frame(frame)) else { continue };
+            views.push(SiteView { luma: GreyImage::luma_601(&picture?.pixels), camera, camera_from_world });
+        }
+        Ok(refinement::refined(site, &views, &view_pairs(&views), prior))
+    }
+
+    /// Applies the scene's scan to the recording, if it changed. A scan that cannot be read is a
+    /// note.
+    pub(super) fn follow_site(&mut self) {
+        if self.has_site_of_scene() {
+            return;
+        }
+        let recording = Arc::make_mut(&mut self.recording);
+        self.site_problem = set_site_of(recording, &self.scene).err().map(|error| error.to_string());
+        if self.site_problem.is_some() {
+            recording.set_site(None);
+        }
+        Arc::make_mut(&mut self.recorded).set_site(self.recording.site().cloned());
+        self.register_depth();
+        self.room = Arc::default();
+    }
+
+    /// True if the recording has the scan of the scene, in the same place.
+    fn has_site_of_scene(&self) -> bool {
+        match (self.recording.site(), &self.scene.site) {
+            (Some(site), Some(placement)) => {
+                site.scan.is_of(&placement.scan, placement.metres_per_unit)
+                    && site.world_from_scan == placement.world_from_scan
+            }
+            (site, placement) => site.is_none() && placement.is_none(),
+        }
+    }
+}
+
+/// Each view with the next ones from other positions that look the same way.
+fn view_pairs(views: &[SiteView]) -> Vec<(usize, usize)> {
+    let mut pairs = Vec::new();
+    for (n, view) in views.iter().enumerate() {
+        let is_partner = |other: &SiteView| {
+            let [a, b] = [view, other].map(|view| &view.camera_from_world);
+            let baseline_m = a.position_in_world_m().distance(b.position_in_world_m());
+            baseline_m > MIN_BASELINE_M && a.rotation.angle_between(b.rotation) < MAX_PAIR_ANGLE_RAD
+        };
+        let partners = (n + 1..views.len()).filter(|other| is_partner(&views[*other]));
+        pairs.extend(partners.take(PARTNERS).map(|other| (n, other)));
+    }
+    pairs
+}
+
+/// Gives a recording the scan of a scene, in the recording's world. A scan that the recording has
+/// already is not read again.
+pub fn set_site_of(recording: &mut Recording, scene: &Scene) -> Result<(), SceneError> {
+    let Some(SitePlacement { scan, metres_per_unit, world_from_scan }) = &scene.site else {
+        recording.set_site(None);
+        return Ok(());
+    };
+    let present = recording.site().map(|site| Arc::clone(&site.scan));
+    let scan = match present.filter(|present| present.is_of(scan, *metres_per_unit)) {
+        Some(present) => present,
+        None => Arc::new(read_scan(scan, *metres_per_unit)?),
+    };
+    let world_from_scan = *world_from_scan;
+    // world_from_gauge takes the scene's world to the recording's.
+    let correction = world_from_gauge(recording, scene).unwrap_or(Pose::IDENTITY);
+    let back = Pose::new(correction.rotation.conjugate(), correction.inverse_transform_point(DVec3::ZERO));
+    recording.set_site(Some(Site { scan, world_from_scan }.in_world(&back)));
+    Ok(())
+}
+
+/// The transform from the world of a scene's gauge to the recording's; `None` if they are the same.
+pub fn world_from_gauge(recording: &Recording, scene: &Scene) -> Option<Pose> {
+    scene.gauge.and_then(|gauge| recording.correction_to_gauge(gauge.frame, gauge.time_s, &gauge.pose()?))
+}

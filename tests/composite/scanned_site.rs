@@ -1,0 +1,103 @@
+//! A scan of the site in place of a depth sensor.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use glam::{DQuat, DVec2, DVec3};
+
+use crate::flip::{PIXELS_PER_DEGREE, mean_flip};
+use crate::reduced::Reduction;
+use crate::tier::{fast_or_full, is_full};
+use crate::{gpu, shot};
+use locard::compositor::Composited;
+use locard::hash::pcg3d;
+use locard::params::Value;
+use locard::pose::Pose;
+use locard::shot::Shot;
+use locard::site::{Scan, Site};
+
+/// Standard deviation of the scanner, m.
+const NOISE_M: f64 = 0.002;
+/// The scan's axes in the world.
+fn world_from_scan() -> Pose {
+    Pose::new(DQuat::from_euler(glam::EulerRot::ZYX, 2.0, 0.3, -0.2), DVec3::new(1.0, -2.0, 0.5))
+}
+
+/// The site as a scanner in the camera's path measures it: the depth of frames as points with
+/// noise, in a binary PLY.
+fn write_scan(shot: &Shot, file: &Path) {
+    let mut points = Vec::new();
+    for frame in (0..shot.recording.frame_count()).step_by(3) {
+        let (map, camera) = (shot.recording.depth_at(frame).unwrap().unwrap(), shot.geometry_at(frame).unwrap());
+        let pose = shot.recording.track.at(map.timestamp_s).unwrap();
+        for (n, z) in map.depth_m.iter().enumerate().filter(|(_, z)| **z > 0.0) {
+            let at = DVec2::new((n as u32 % map.width) as f64 + 0.5, (n as u32 / map.width) as f64 + 0.5);
+            let Some(ray) = camera.depth_ray(at) else { continue };
+            let uniform = pcg3d([n as u32, frame as u32, 5]).map(|bits| f64::from(bits) / f64::from(u32::MAX) - 0.5);
+            let noise_m = 2.0 * NOISE_M * uniform.iter().sum::<f64>();
+            let world = pose.inverse_transform_point((f64::from(*z) + noise_m) * ray);
+            points.push(world_from_scan().inverse_transform_point(world).as_vec3());
+        }
+    }
+    let header = format!(
+        "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
+         end_header\n",
+        points.len()
+    );
+    let numbers = points.iter().flat_map(|point| point.to_array()).flat_map(f32::to_le_bytes);
+    std::fs::write(file, header.into_bytes().into_iter().chain(numbers).collect::<Vec<u8>>()).unwrap();
+}
+
+/// Large markers behind the stool, the ball and the bucket of the demonstration.
+fn scene(folder: &Path) -> PathBuf {
+    let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
+    let object = |(number, [x, y], size_m): (usize, [f64; 2], f64)| {
+        let model = scenes.join(format!("marker-{number}.glb"));
+        format!("[[objects]]\nmodel = {model:?}\nposition_m = [{x:?}, {y:?}, 0.0]\nsize_m = {size_m:?}\n")
+    };
+    let objects = [(1, [0.42, -0.12], 0.3), (2, [0.62, 0.78], 0.35), (3, [0.2, 0.93], 0.3)].map(object);
+    let file = folder.join("scene.toml");
+    std::fs::write(&file, format!("version = 1\nup = \"z\"\n{}", objects.concat())).unwrap();
+    file
+}
+
+/// The demonstration with markers, at half the size in the fast tier.
+fn demo(folder: &Path) -> Shot {
+    let recording = if is_full() { "recordings/demo".into() } else { Reduction::by(2).demo() };
+    let mut shot = shot::open(&recording, None, &scene(folder));
+    // Shadows take most of the time.
+    let cast = Value::Bool(is_full());
+    shot.settings = gpu::settings(&[("noise", "scale", Value::Number(0.0)), ("shadow", "cast", cast)]);
+    shot
+}
+
+#[test]
+fn scan_hides_and_is_shadowed_as_measured_depth_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let measured = demo(folder.path());
+    let file = folder.path().join("site.ply");
+    write_scan(&measured, &file);
+    let mut without = demo(folder.path());
+    without.recording = Arc::new(without.recording.without_depth());
+    let mut scanned = demo(folder.path());
+    let scan = Arc::new(Scan::read(&file, None).unwrap());
+    let mut recording = scanned.recording.without_depth();
+    recording.set_site(Some(Site { scan, world_from_scan: world_from_scan() }));
+    recording.set_cameras(|own| scanned.rig.geometry_over(own));
+    scanned.recording = Arc::new(recording);
+    let frame = 20;
+    let composites =
+        [&measured, &scanned, &without].map(|shot| shot::composited(&gpu::gpu(), shot, frame..frame + 1).remove(0));
+    let [a, b, none] = &composites;
+    // Evidence and shadows without occlusion, and therefore with it.
+    let layer = none.layer.as_ref().unwrap();
+    let mask: Vec<bool> = layer.rgba.iter().zip(&layer.left).map(|(p, left)| p[3] > 0.0 || left[0] < 0.995).collect();
+    assert!(mask.iter().filter(|is_virtual| **is_virtual).count() > fast_or_full(3000, 12_000));
+    let flip = |other: &Composited, mask| mean_flip(&a.pixels, &other.pixels, mask, PIXELS_PER_DEGREE);
+    let [whole, evidence] = [None, Some(&mask[..])].map(|mask| flip(b, mask));
+    let [whole_without, evidence_without] = [None, Some(&mask[..])].map(|mask| flip(none, mask));
+    println!("mean FLIP {whole:.4}, of evidence and shadows {evidence:.4}");
+    println!("without depth {whole_without:.4}, of evidence and shadows {evidence_without:.4}");
+    assert!(whole < 0.005 && evidence < 0.05, "{whole}, {evidence}");
+    assert!(whole_without > 0.01 && evidence_without > 0.2, "{whole_without}, {evidence_without}");
+}
