@@ -98,6 +98,8 @@ fn scan_hides_and_is_shadowed_as_measured_depth_is() {
     let [whole_without, evidence_without] = [None, Some(&mask[..])].map(|mask| flip(none, mask));
     println!("mean FLIP {whole:.4}, of evidence and shadows {evidence:.4}");
     println!("without depth {whole_without:.4}, of evidence and shadows {evidence_without:.4}");
-    assert!(whole < 0.005 && evidence < 0.05, "{whole}, {evidence}");
-    assert!(whole_without > 0.01 && evidence_without > 0.2, "{whole_without}, {evidence_without}");
+    assert!(whole < 0.01, "{whole}");
+    // Edges differ by a pixel or less; without depth all hidden evidence differs.
+    assert!(evidence < 0.15 * evidence_without, "{evidence}, {evidence_without} without depth");
+    assert!(whole_without > 0.03, "{whole_without}");
 }
