@@ -2,7 +2,7 @@
 
 use locard::recording::{OpenOptions, Recording};
 use locard::scene::{self, SceneError};
-use locard::site::Scan;
+use locard::site::SiteScan;
 use locard::site::scan_file::{self, ScanError};
 use locard::source::still_format::StillFormat;
 use locard::source::{exif, still};
@@ -47,7 +47,7 @@ pub fn scan(bytes: &[u8]) -> bool {
         std::fs::write(&path, bytes).expect("a temporary file");
         match scan_file::read(&path) {
             Ok(geometry) => {
-                let scan = Scan::of_geometry(&path, geometry, None);
+                let scan = SiteScan::of_geometry(&path, geometry, None);
                 drop(scan.description());
                 true
             }

@@ -7,7 +7,7 @@ use super::plane_sweep::PlaneSweep;
 use super::state::{CameraState, pose};
 use crate::frame::Frame;
 use crate::recording::{Recording, RecordingError};
-use crate::site::Site;
+use crate::site::ScannedSite;
 
 /// Origin of the depth of the frames.
 pub enum DepthSource<'a> {
@@ -23,7 +23,7 @@ pub enum SingleFrameDepth<'a> {
     /// `later_s`: added to the maps' times, s.
     Measured { later_s: f64 },
     /// Rendered from the present estimate of the pose.
-    Rendered(&'a Site),
+    Rendered(&'a ScannedSite),
 }
 
 impl<'a> DepthSource<'a> {
@@ -35,11 +35,8 @@ impl<'a> DepthSource<'a> {
         later_s: f64,
         threads: usize,
     ) -> Result<Self, RecordingError> {
-        if let Some(site) = recording.site().filter(|_| !recording.has_measured_depth()) {
-            return Ok(Self::Single(SingleFrameDepth::Rendered(site)));
-        }
         if recording.has_depth() || model.geometry.needs_cube_map() {
-            return Ok(Self::Single(SingleFrameDepth::Measured { later_s }));
+            return Ok(Self::Single(SingleFrameDepth::new(recording, later_s)));
         }
         Ok(Self::Swept(Box::new(PlaneSweep::new(model, recording, states, threads)?)))
     }
@@ -70,13 +67,21 @@ impl<'a> DepthSource<'a> {
     }
 }
 
-impl SingleFrameDepth<'_> {
+impl<'a> SingleFrameDepth<'a> {
+    pub fn new(recording: &'a Recording, later_s: f64) -> Self {
+        match recording.site().filter(|_| !recording.has_measured_depth()) {
+            Some(site) => Self::Rendered(site),
+            None => Self::Measured { later_s },
+        }
+    }
+
     /// Depth at the frame's time and pixels, m; 0 where unknown.
     pub fn of(self, model: &CameraModel, frame: &Frame, state: &CameraState) -> Vec<f32> {
         match self {
             Self::Measured { later_s } => measured(model, frame, state, later_s),
             Self::Rendered(site) => {
-                site.depth(&model.geometry, &pose(&state.world_from_camera), frame.timestamp_s).depth_m
+                let camera = |later_s: f64| pose(&state.extrapolated(later_s).world_from_camera);
+                site.depth(&model.geometry, camera, frame.timestamp_s).depth_m
             }
         }
     }
@@ -84,7 +89,7 @@ impl SingleFrameDepth<'_> {
 
 /// The measured depth, reprojected to the frame's time, m; 0 where unknown. `later_s` is added to
 /// the map's time.
-pub fn measured(model: &CameraModel, frame: &Frame, state: &CameraState, later_s: f64) -> Vec<f32> {
+fn measured(model: &CameraModel, frame: &Frame, state: &CameraState, later_s: f64) -> Vec<f32> {
     let (width, height) = model.size();
     match &frame.depth {
         Some(map) if (map.width as usize, map.height as usize) == (width, height) => {

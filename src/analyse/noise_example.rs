@@ -31,7 +31,7 @@
 use std::ops::Range;
 
 use super::camera_model::CameraModel;
-use super::depth_source::measured;
+use super::depth_source::SingleFrameDepth;
 use super::neighbour_mean::{DepthView, MAX_NEIGHBOURS, MIN_SAMPLES, SampledFrame};
 use super::noise_example_findings::{ExampleOrigin, NoiseExamples};
 use super::registration_result::RegistrationError;
@@ -249,7 +249,7 @@ fn by_neighbours(inputs: &ExampleInputs<'_>, target: usize) -> Result<Result<Fra
         Err(why) => return Ok(Err(why)),
     };
     let own = rgb_of_codes(&codes, [width, height]);
-    let depth = measured(model, frame, &state, inputs.later_s);
+    let depth = SingleFrameDepth::new(recording, inputs.later_s).of(model, frame, &state);
     let view = DepthView { model, state, depth: &depth };
 
     // The nearest first.

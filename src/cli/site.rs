@@ -18,12 +18,12 @@ use locard_engine::scene::{self, Document, SceneFile, SiteTable};
 use locard_engine::shot::{FramePoint, Shot, ShotOptions};
 use locard_engine::sink::{self, atomic::write_atomically};
 use locard_engine::site::alignment::{Alignment, AlignmentOptions, RayPair};
-use locard_engine::site::refinement::{PlacePrior, Refinement};
-use locard_engine::site::{Scan, Site};
+use locard_engine::site::refinement::{PlacePrior, SiteRefinement};
+use locard_engine::site::{ScannedSite, SiteScan};
 use locard_engine::text::{count, fixed, number};
 
 /// Assumed standard deviations of a place that no pairs determine: of an alignment by hand.
-const UNPAIRED: PlacePrior = PlacePrior { sigma_m: 0.03, sigma_rad: 0.02 };
+const UNPAIRED: PlacePrior = PlacePrior { sigma_m: 0.03, sigma_rad: 0.02, center_m: None };
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -37,8 +37,8 @@ pub struct Args {
     scene: PathBuf,
     /// A point of the scan (m, or the scan's unit) and where a frame shows it; three or more,
     /// spread over the place
-    #[arg(long = "pair", value_name = "FRAME:X,Y=X,Y,Z", value_parser = Pair::parse, allow_hyphen_values = true)]
-    pairs: Vec<Pair>,
+    #[arg(long = "pair", value_name = "FRAME:X,Y=X,Y,Z", value_parser = PickedPair::parse, allow_hyphen_values = true)]
+    pairs: Vec<PickedPair>,
     /// Length of the scan's unit, for formats without one (PLY, OBJ, STL), m
     #[arg(long, value_name = "M")]
     scan_unit: Option<f64>,
@@ -61,12 +61,12 @@ pub struct Args {
 
 /// A position in a frame, and the point of the scan there, in the scan's unit.
 #[derive(Clone, Debug, PartialEq)]
-struct Pair {
+struct PickedPair {
     view: FramePoint,
     point: DVec3,
 }
 
-impl Pair {
+impl PickedPair {
     fn parse(text: &str) -> Result<Self, String> {
         const EXPECTED: &str = "FRAME:X,Y=X,Y,Z, as in 40:210,330=1.25,0.31,0.02";
         let (of_frame, of_scan) = text.split_once('=').ok_or_else(|| format!("{text}: expected {EXPECTED}"))?;
@@ -75,7 +75,7 @@ impl Pair {
 }
 
 /// The place of a scan, and how it was found.
-struct Placement {
+struct ScanPlacement {
     world_from_scan: Pose,
     /// Factor on the recording's unit.
     unit_factor: f64,
@@ -91,7 +91,6 @@ pub fn run(args: &Args) -> Result<()> {
     }
     let (mut shot, mut document) = open(args)?;
     let mut file = document.value().clone();
-    // The scan is not read a second time with the scene.
     let scan = Arc::new(scene::read_scan(&args.scan, args.scan_unit)?);
     scan.warnings.iter().for_each(|text| warn(false, text));
     let mut out = std::io::stdout().lock();
@@ -100,7 +99,7 @@ pub fn run(args: &Args) -> Result<()> {
     if args.find_scale {
         set_scale(&mut shot, &mut file, placement.unit_factor, &mut out)?;
     }
-    let mut site = Site { scan, world_from_scan: placement.world_from_scan };
+    let mut site = ScannedSite::new(scan, placement.world_from_scan);
     if !args.no_refine {
         match shot.refined_site(&site, placement.prior)? {
             Ok(refined) => {
@@ -111,7 +110,8 @@ pub fn run(args: &Args) -> Result<()> {
         }
     }
     let place = site.world_from_scan;
-    let first_pair = args.pairs.first().map_or(0, |pair| pair.view.frame);
+    let posed = (0..shot.recording.frame_count()).find(|frame| shot.recording.pose_at_frame(*frame).is_ok());
+    let gauge_frame = args.pairs.first().map(|pair| pair.view.frame).or(posed);
     file.site = Some(SiteTable {
         scan: scene::relative(&args.scan, &args.scene),
         metres_per_unit: args.scan_unit,
@@ -119,7 +119,7 @@ pub fn run(args: &Args) -> Result<()> {
         quaternion: Some(place.rotation.to_array()),
     });
     if file.gauge.is_none() {
-        file.gauge = shot.gauge(first_pair);
+        file.gauge = gauge_frame.and_then(|frame| shot.gauge(frame));
     }
     if let (None, None, Some(up)) = (file.up, shot.recording.up, site.scan.up) {
         let up = (place.rotation * up).to_array();
@@ -141,9 +141,17 @@ fn open(args: &Args) -> Result<(Shot, Document)> {
     let options = OpenOptions { metres_per_unit: args.metres_per_unit, ..OpenOptions::default() };
     let recording = Recording::open(&args.recording, &options)?;
     let exists = args.scene.exists();
-    let shot_options =
-        ShotOptions { profile: args.profile.clone(), analysis: args.analysis.choice(), ..ShotOptions::default() };
+    // An analysis with the scene's present scan fits only with that scan.
+    let present = exists.then(|| scene::load(&args.scene, recording.up)).transpose()?.and_then(|scene| scene.site);
+    let scene = present.filter(|site| site.scan.exists()).map(|_| args.scene.clone());
+    let shot_options = ShotOptions {
+        scene,
+        profile: args.profile.clone(),
+        analysis: args.analysis.choice(),
+        ..ShotOptions::default()
+    };
     let (mut shot, ()) = args.analysis.open(recording, &shot_options, false, |_| Ok(()))?;
+    shot.unused_analysis_note().iter().for_each(|note| warn(false, &note.to_string()));
     let document = if exists {
         scene::document::read(&args.scene)?
     } else {
@@ -161,10 +169,10 @@ fn open(args: &Args) -> Result<(Shot, Document)> {
 fn place(
     args: &Args,
     shot: &Shot,
-    scan: &Scan,
+    scan: &SiteScan,
     present: Option<&SiteTable>,
     out: &mut impl Write,
-) -> Result<Placement> {
+) -> Result<ScanPlacement> {
     if args.pairs.is_empty() {
         if args.find_scale {
             bail!("--find-scale needs four pairs (--pair FRAME:X,Y=X,Y,Z)");
@@ -172,7 +180,11 @@ fn place(
         let present = present.and_then(SiteTable::world_from_scan);
         let text = if present.is_some() { "the scene's present place" } else { "the axes of the world" };
         writeln!(out, "aligned    by {text}: no pairs")?;
-        return Ok(Placement { world_from_scan: present.unwrap_or(Pose::IDENTITY), unit_factor: 1.0, prior: UNPAIRED });
+        return Ok(ScanPlacement {
+            world_from_scan: present.unwrap_or(Pose::IDENTITY),
+            unit_factor: 1.0,
+            prior: UNPAIRED,
+        });
     }
     let frames = shot.recording.frame_count();
     let rays: Vec<RayPair> = args
@@ -192,16 +204,23 @@ fn place(
     let transform = alignment.world_from_scan;
     writeln!(
         out,
-        "aligned    within {:.0} mm and {:.2}° (1 σ), by {}",
+        "aligned    within {:.0} mm and {:.2}° (1 σ), by {}{}",
         1e3 * alignment.sigma_m,
         alignment.sigma_rad.to_degrees(),
-        count(rays.len(), "pair")
+        count(rays.len(), "pair"),
+        if args.find_scale {
+            format!("; the unit within {:.1} %", 100.0 * alignment.sigma_scale)
+        } else {
+            String::new()
+        }
     )?;
     // Positions in the world grow with its unit.
     let world_from_scan = Pose::new(transform.rotation, transform.translation_m / transform.scale);
     let sigma_m = alignment.sigma_m / transform.scale;
-    let prior = PlacePrior { sigma_m: sigma_m.max(1e-3), sigma_rad: alignment.sigma_rad.max(1e-3) };
-    Ok(Placement { world_from_scan, unit_factor: transform.scale.recip(), prior })
+    let center = rays.iter().map(|ray| ray.point_m).sum::<DVec3>() / rays.len() as f64;
+    let center_m = Some(world_from_scan.transform_point(center));
+    let prior = PlacePrior { sigma_m: sigma_m.max(1e-3), sigma_rad: alignment.sigma_rad.max(1e-3), center_m };
+    Ok(ScanPlacement { world_from_scan, unit_factor: transform.scale.recip(), prior })
 }
 
 /// Sets the length of the recording's unit in the shot and the scene file.
@@ -220,7 +239,7 @@ fn set_scale(shot: &mut Shot, file: &mut SceneFile, factor: f64, out: &mut impl 
     Ok(())
 }
 
-fn refinement_text(refined: &Refinement) -> String {
+fn refinement_text(refined: &SiteRefinement) -> String {
     let [before, after] = refined.loss;
     format!(
         "by {}: moved by {:.0} mm and {:.2}°, differences fell by {:.0} %",
@@ -237,11 +256,11 @@ mod tests {
 
     #[test]
     fn pairs_are_parsed() {
-        let pair = Pair::parse("40:210.5,330=-1.25,0.31,0.02").unwrap();
+        let pair = PickedPair::parse("40:210.5,330=-1.25,0.31,0.02").unwrap();
         assert_eq!((pair.view.frame, pair.view.at_px.to_array()), (40, [210.5, 330.0]));
         assert_eq!(pair.point.to_array(), [-1.25, 0.31, 0.02]);
         for wrong in ["", "40:1,2", "40:1,2=1,2", "1,2=1,2,3", "x:1,2=1,2,3", "4:1,2=1,2,nan"] {
-            assert!(Pair::parse(wrong).unwrap_err().contains("expected"), "{wrong}");
+            assert!(PickedPair::parse(wrong).unwrap_err().contains("expected"), "{wrong}");
         }
     }
 }

@@ -6,7 +6,7 @@ use super::Recording;
 use super::depth::Depth;
 use crate::camera::Geometry;
 use crate::pixels::DepthMap;
-use crate::site::Site;
+use crate::site::ScannedSite;
 use crate::source::SourceError;
 use crate::tracking::PoseTrack;
 
@@ -19,7 +19,7 @@ pub struct DepthReader {
     later_s: f64,
     /// One per frame, or one for all.
     cameras: Arc<[Option<Geometry>]>,
-    site: Option<Site>,
+    site: Option<ScannedSite>,
     track: PoseTrack,
     timestamps_s: Arc<[f64]>,
 }
@@ -47,8 +47,9 @@ impl DepthReader {
 
     fn rendered(&self, index: usize, camera: &Geometry) -> Option<DepthMap> {
         let time_s = *self.timestamps_s.get(index)?;
-        let pose = self.track.at(time_s).ok()?;
+        let middle = self.track.at(time_s).ok()?;
+        let pose = |later_s: f64| self.track.at_or_nearest(time_s + later_s).unwrap_or(middle);
         let is_of_frames = (camera.intrinsics.width_px, camera.intrinsics.height_px) == self.size;
-        self.site.as_ref().filter(|_| is_of_frames).map(|site| site.depth(camera, &pose, time_s))
+        self.site.as_ref().filter(|_| is_of_frames).map(|site| site.depth(camera, pose, time_s))
     }
 }

@@ -57,7 +57,7 @@ pub use neighbours::{FramesWithNeighbours, NEIGHBOURS_EACH_WAY};
 use crate::camera::{Geometry, Response};
 use crate::frame::{FrameExposure, RelativeBrightness, Surfel, interval_s};
 use crate::pose::Pose;
-use crate::site::Site;
+use crate::site::ScannedSite;
 use crate::source::presentation::Presentation;
 use crate::source::{still_format, unsupported};
 use crate::tracking::{NoPose, PoseTrack};
@@ -160,7 +160,7 @@ pub struct Recording {
     response: Response,
     depth: Option<Arc<Depth>>,
     /// See [`Recording::set_site`].
-    site: Option<Site>,
+    site: Option<ScannedSite>,
     /// Added to the depth maps' times, seconds.
     depth_later_s: f64,
     /// [`Refinement::surfels`], and the unit's length at their estimation.
@@ -343,11 +343,11 @@ impl Recording {
     }
 
     /// Sets a scan in the recording's world. It gives depth to frames for which none was measured.
-    pub fn set_site(&mut self, site: Option<Site>) {
+    pub fn set_site(&mut self, site: Option<ScannedSite>) {
         self.site = site;
     }
 
-    pub fn site(&self) -> Option<&Site> {
+    pub fn site(&self) -> Option<&ScannedSite> {
         self.site.as_ref()
     }
 
@@ -357,10 +357,13 @@ impl Recording {
         self.depth.as_ref()?.undecoded()
     }
 
-    /// The encoding of depth, and the scan, as text that changes with them; empty without depth.
+    /// The encoding of measured depth, or else the scan, as text that changes with it; empty
+    /// without depth.
     pub fn depth_stored(&self) -> String {
-        let measured = self.depth.as_ref().map_or_else(String::new, |depth| depth.stored());
-        measured + &self.site.as_ref().map_or_else(String::new, Site::identity)
+        match (&self.depth, &self.site) {
+            (Some(depth), _) => depth.stored(),
+            (None, site) => site.as_ref().map_or_else(String::new, ScannedSite::identity),
+        }
     }
 
     /// Registration of the depth to the frames' picture; `None` without depth.

@@ -5,34 +5,35 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::{Scene, SceneError, is_model, load};
-use crate::site::Scan;
+use crate::site::SiteScan;
 use crate::site::scan_file::ScanGeometry;
 
 /// Reads a scan from a file of [`scan_file`](crate::site::scan_file), or the meshes of a `.glb` or
 /// `.gltf` file. `metres_per_unit` overrides the unit of the format; without both it is the metre.
-pub fn read_scan(path: &Path, metres_per_unit: Option<f64>) -> Result<Scan, SceneError> {
+pub fn read_scan(path: &Path, metres_per_unit: Option<f64>) -> Result<SiteScan, SceneError> {
     if !is_model(path) {
-        return Scan::read(path, metres_per_unit).map_err(SceneError::Scan);
+        return SiteScan::read(path, metres_per_unit).map_err(SceneError::Scan);
     }
     let geometry = geometry(&load(path, None)?);
     if geometry.triangles.is_empty() {
         return Err(SceneError::bad(path, "meshes", "no triangles", "the mesh of a place"));
     }
-    Ok(Scan::of_geometry(path, geometry, metres_per_unit))
+    Ok(SiteScan::of_geometry(path, geometry, metres_per_unit))
 }
 
 fn geometry(scene: &Scene) -> ScanGeometry {
-    let (mut positions, mut triangles) = (Vec::new(), Vec::new());
+    let (mut positions, mut triangles, mut origin) = (Vec::new(), Vec::new(), None);
     for part in scene.objects.iter().flat_map(|object| &object.parts) {
         let mesh = &scene.meshes[part.mesh];
         let first = positions.len() as u32;
         positions.extend(mesh.vertices.iter().map(|vertex| {
-            part.world_from_mesh.transform_point3(DVec3::from(vertex.position.map(f64::from))).as_vec3()
+            let at = part.world_from_mesh.transform_point3(DVec3::from(vertex.position.map(f64::from)));
+            (at - *origin.get_or_insert(at.round())).as_vec3()
         }));
         triangles.extend(mesh.indices.chunks_exact(3).map(|corners| [0, 1, 2].map(|n| first + corners[n])));
     }
     ScanGeometry {
-        origin: DVec3::ZERO,
+        origin: origin.unwrap_or_default(),
         positions,
         triangles,
         metres_per_unit: Some(1.0),

@@ -35,6 +35,9 @@ impl Shot {
     pub fn as_recorded(&self) -> Self {
         let mut recording = self.recorded.as_ref().clone();
         recording.rescale(self.recording.metres_per_unit);
+        if recording.has_measured_depth() {
+            recording.set_site(None);
+        }
         recording.set_cameras(|own| self.rig.geometry_over(own));
         let (recording, scene) = (Arc::new(recording), Arc::<Scene>::default());
         let analysis = AnalysisState::Ignored;

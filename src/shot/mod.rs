@@ -146,8 +146,9 @@ impl Shot {
         Ok(shot)
     }
 
-    /// Registers depth from a separate depth camera to the picture of the present camera.
-    fn register_depth(&mut self) {
+    /// Registers depth from a separate depth camera, or of a scan, to the picture of the present
+    /// camera.
+    pub fn register_depth(&mut self) {
         let rig = &self.rig;
         Arc::make_mut(&mut self.recording).set_cameras(|own| rig.geometry_over(own));
     }

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use glam::{DVec2, DVec3};
 
+use super::unit::unit_m;
 use super::{FramePoint, Shot, ShotError, SurfaceError};
 use crate::camera::Geometry;
 use crate::frame::Frame;
@@ -11,9 +12,9 @@ use crate::grey_image::GreyImage;
 use crate::pose::Pose;
 use crate::recording::Recording;
 use crate::scene::{Scene, SceneError, SitePlacement, read_scan};
-use crate::site::Site;
+use crate::site::ScannedSite;
 use crate::site::alignment::RayPair;
-use crate::site::refinement::{self, NoRefinement, PlacePrior, Refinement, SiteView};
+use crate::site::refinement::{self, NoRefinement, PlacePrior, SiteRefinement, SiteView};
 use crate::tracking::PoseTrack;
 
 /// Frames that a refinement reads.
@@ -29,7 +30,11 @@ impl Shot {
     /// Gives the recording the scan of a scene without the scene itself, for an analysis.
     pub fn set_site_of(&mut self, scene: &Scene) -> Result<(), ShotError> {
         let recording = Arc::make_mut(&mut self.recording);
-        set_site_of(recording, scene)?;
+        recording.rescale(unit_m(scene, self.opened_unit_m));
+        // Frames without measured depth of a recording that has some are left out of an analysis.
+        if !recording.has_measured_depth() {
+            set_site_of(recording, scene)?;
+        }
         Arc::make_mut(&mut self.recorded).set_site(recording.site().cloned());
         self.register_depth();
         Ok(())
@@ -40,12 +45,14 @@ impl Shot {
         let Some(site) = self.recording.site().filter(|_| self.recording.is_live() && frame.depth.is_none()) else {
             return frame;
         };
-        let pose = track.at(frame.timestamp_s);
-        let depth = pose.ok().map(|pose| Arc::new(site.depth(geometry, &pose, frame.timestamp_s)));
-        Frame { depth, ..frame }
+        let time_s = frame.timestamp_s;
+        let Ok(middle) = track.at(time_s) else { return frame };
+        let pose = |later_s: f64| track.at_or_nearest(time_s + later_s).unwrap_or(middle);
+        Frame { depth: Some(Arc::new(site.depth(geometry, pose, time_s))), ..frame }
     }
 
-    /// A pair for the alignment of a scan: a position in a frame, and the point of the scan there, m.
+    /// A pair for the alignment of a scan: a position in a frame, and the point of the scan there,
+    /// m.
     pub fn ray_pair(&self, view: &FramePoint, point_m: DVec3) -> Result<RayPair, SurfaceError> {
         let camera = self.posed_camera(view.frame)?;
         let no_ray = || SurfaceError::NoRay { at_px: view.at_px.to_array() };
@@ -56,7 +63,11 @@ impl Shot {
     }
 
     /// Refines the place of a scan by the brightness of its surface in the frames.
-    pub fn refined_site(&self, site: &Site, prior: PlacePrior) -> Result<Result<Refinement, NoRefinement>, ShotError> {
+    pub fn refined_site(
+        &self,
+        site: &ScannedSite,
+        prior: PlacePrior,
+    ) -> Result<Result<SiteRefinement, NoRefinement>, ShotError> {
         let recording = &self.recording;
         let posed: Vec<usize> =
             (0..recording.frame_count()).filter(|frame| recording.pose_at_frame(*frame).is_ok()).collect();
@@ -82,7 +93,12 @@ impl Shot {
         if self.site_problem.is_some() {
             recording.set_site(None);
         }
-        Arc::make_mut(&mut self.recorded).set_site(self.recording.site().cloned());
+        // In the world of the recorded poses.
+        let mut recorded = self.recorded.as_ref().clone();
+        recorded.rescale(self.recording.metres_per_unit);
+        recorded.set_site(self.recording.site().cloned());
+        let site = set_site_of(&mut recorded, &self.scene).ok().and_then(|()| recorded.site().cloned());
+        Arc::make_mut(&mut self.recorded).set_site(site);
         self.register_depth();
         self.room = Arc::default();
     }
@@ -130,7 +146,7 @@ pub fn set_site_of(recording: &mut Recording, scene: &Scene) -> Result<(), Scene
     // world_from_gauge takes the scene's world to the recording's.
     let correction = world_from_gauge(recording, scene).unwrap_or(Pose::IDENTITY);
     let back = Pose::new(correction.rotation.conjugate(), correction.inverse_transform_point(DVec3::ZERO));
-    recording.set_site(Some(Site { scan, world_from_scan }.in_world(&back)));
+    recording.set_site(Some(ScannedSite::new(scan, world_from_scan).in_world(&back)));
     Ok(())
 }
 

@@ -30,6 +30,8 @@ const REFUTED_VARIANCES: f64 = 12.0;
 const ROUNDS: usize = 4;
 /// Larger standard deviations of the rotation mean that the pairs do not define it, rad.
 const MAX_SIGMA_RAD: f64 = 0.5;
+/// Larger relative standard deviations of the scale mean that the frames do not define it.
+const MAX_SIGMA_SCALE: f64 = 0.05;
 /// Largest angle between the scan's up and the world's, rad.
 const MAX_UP_ANGLE_RAD: f64 = 0.35;
 
@@ -49,7 +51,8 @@ pub struct RayPair {
 /// Requirements on the alignment beside the pairs.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AlignmentOptions {
-    /// Up in the scan's axes and in the world: rules out rotations that do not map one to the other.
+    /// Up in the scan's axes and in the world: rules out rotations that do not map one to the
+    /// other.
     pub ups: Option<[DVec3; 2]>,
     /// Also estimates the length of the scan's unit in units of the world.
     pub finds_scale: bool,
@@ -98,8 +101,8 @@ impl Alignment {
         let center = pairs.iter().map(|pair| pair.point_m).sum::<DVec3>() / pairs.len() as f64;
         let centered: Vec<RayPair> =
             pairs.iter().map(|pair| RayPair { point_m: pair.point_m - center, ..*pair }).collect();
-        let problem = Problem { pairs: &centered, finds_scale: options.finds_scale };
-        let mut solutions: Vec<Solution> =
+        let problem = AlignmentProblem { pairs: &centered, finds_scale: options.finds_scale };
+        let mut solutions: Vec<AlignmentSolution> =
             initial_rotations().filter_map(|rotation| problem.solution(rotation)).collect();
         solutions.sort_by(|a, b| a.rms_px.total_cmp(&b.rms_px));
         if solutions.is_empty() {
@@ -110,7 +113,7 @@ impl Alignment {
         let count = pairs.len() as f64;
         let variance = PICK_SIGMA_PX.powi(2).max(problem.variance(best));
         let limit = count * best.rms_px.powi(2) + REFUTED_VARIANCES * variance;
-        let is_other = |other: &Solution| {
+        let is_other = |other: &AlignmentSolution| {
             count * other.rms_px.powi(2) < limit
                 && other.transform.rotation.angle_between(best.transform.rotation) > SAME_ROTATION_RAD
         };
@@ -124,7 +127,7 @@ impl Alignment {
     }
 }
 
-/// Rotations of which each is within 45° of one.
+/// A grid of rotations. Every rotation is within 45° of one of them.
 fn initial_rotations() -> impl Iterator<Item = DQuat> {
     let step = std::f64::consts::PI / GRID_STEPS as f64;
     (0..2 * GRID_STEPS).flat_map(move |yaw| {
@@ -138,18 +141,18 @@ fn initial_rotations() -> impl Iterator<Item = DQuat> {
     })
 }
 
-struct Problem<'a> {
+struct AlignmentProblem<'a> {
     pairs: &'a [RayPair],
     finds_scale: bool,
 }
 
-struct Solution {
+struct AlignmentSolution {
     transform: SimilarityTransform,
     rms_px: f64,
     residuals_px: Vec<DVec2>,
 }
 
-impl Solution {
+impl AlignmentSolution {
     fn has_up(&self, options: &AlignmentOptions) -> bool {
         options.ups.is_none_or(|[scan, world]| (self.transform.rotation * scan).angle_between(world) < MAX_UP_ANGLE_RAD)
     }
@@ -194,14 +197,18 @@ impl RayPair {
     }
 }
 
-impl Problem<'_> {
-    fn solution(&self, rotation: DQuat) -> Option<Solution> {
+impl AlignmentProblem<'_> {
+    fn solution(&self, rotation: DQuat) -> Option<AlignmentSolution> {
         let start = self.start(rotation)?;
+        let is_ahead = |pair: &RayPair| (start.transform_point(pair.point_m) - pair.origin_m).dot(pair.direction) > 0.0;
+        if !self.pairs.iter().all(is_ahead) {
+            return None;
+        }
         let converged = minimize(self, start, ROUNDS)?;
         let residuals_px = converged.residuals_px;
         let sum = residuals_px.iter().map(|residual| residual.length_squared()).sum::<f64>();
         let rms_px = (sum / residuals_px.len() as f64).sqrt();
-        Some(Solution { transform: converged.state, rms_px, residuals_px })
+        Some(AlignmentSolution { transform: converged.state, rms_px, residuals_px })
     }
 
     /// The translation, and the scale if it is estimated, that bring the points nearest to the rays
@@ -248,31 +255,32 @@ impl Problem<'_> {
     }
 
     /// Variance of a pick by the residuals of a solution, px².
-    fn variance(&self, solution: &Solution) -> f64 {
+    fn variance(&self, solution: &AlignmentSolution) -> f64 {
         let unknowns = if self.finds_scale { 7 } else { 6 };
         let freedom = (2 * self.pairs.len()).saturating_sub(unknowns).max(1) as f64;
         self.pairs.len() as f64 * solution.rms_px.powi(2) / freedom
     }
 
     /// The alignment of centered pairs, with errors from the normal equations.
-    fn with_sigma(&self, best: &Solution) -> Option<Alignment> {
+    fn with_sigma(&self, best: &AlignmentSolution) -> Option<Alignment> {
         let (normal, _) = self.information(&best.transform, f64::INFINITY);
         let covariance = normal.cholesky()?.inverse();
         let sigma_px = PICK_SIGMA_PX.max(self.variance(best).sqrt());
         let variance = |first: usize| (first..first + 3).map(|n| covariance[(n, n)]).sum::<f64>();
         let (sigma_rad, sigma_m) = (sigma_px * variance(0).sqrt(), sigma_px * variance(3).sqrt());
-        let is_determined = sigma_m.is_finite() && sigma_rad < MAX_SIGMA_RAD;
+        let sigma_scale = if self.finds_scale { sigma_px * covariance[(6, 6)].sqrt() } else { 0.0 };
+        let is_determined = sigma_m.is_finite() && sigma_rad < MAX_SIGMA_RAD && sigma_scale < MAX_SIGMA_SCALE;
         is_determined.then(|| Alignment {
             world_from_scan: best.transform,
             errors_px: best.residuals_px.iter().map(|residual| residual.length()).collect(),
             sigma_m,
             sigma_rad,
-            sigma_scale: if self.finds_scale { sigma_px * covariance[(6, 6)].sqrt() } else { 0.0 },
+            sigma_scale,
         })
     }
 }
 
-impl LeastSquaresProblem for Problem<'_> {
+impl LeastSquaresProblem for AlignmentProblem<'_> {
     type State = SimilarityTransform;
     type Equations = (Matrix7, Vector7);
 
@@ -337,27 +345,27 @@ mod tests {
     #[test]
     fn exact_pairs_give_the_transform_from_one_frame_and_from_several() {
         for eyes in [&[[0.0, 0.0, 0.0]][..], &[[0.0, 0.0, 0.0], [1.5, 0.2, 0.0]]] {
-            let found = Alignment::of_pairs(&pairs(&POINTS, eyes, &truth(1.0), 0.0), &AlignmentOptions::default());
-            let found = found.unwrap();
-            assert!(offset_m(&found.world_from_scan, &truth(1.0)) < 1e-6, "{found:?}");
-            assert!(found.errors_px.iter().all(|px| *px < 1e-4));
+            let alignment = Alignment::of_pairs(&pairs(&POINTS, eyes, &truth(1.0), 0.0), &AlignmentOptions::default());
+            let alignment = alignment.unwrap();
+            assert!(offset_m(&alignment.world_from_scan, &truth(1.0)) < 1e-6, "{alignment:?}");
+            assert!(alignment.errors_px.iter().all(|px| *px < 1e-4));
         }
     }
 
     #[test]
     fn error_of_noisy_pairs_is_within_its_standard_deviation() {
         let pairs = pairs(&POINTS, &[[0.0, 0.0, 0.0], [1.5, 0.2, 0.0]], &truth(1.0), 1.0);
-        let found = Alignment::of_pairs(&pairs, &AlignmentOptions::default()).unwrap();
-        let off_m = offset_m(&found.world_from_scan, &truth(1.0));
-        assert!(off_m > 1e-4 && off_m < 4.0 * found.sigma_m, "{off_m} m, {found:?}");
+        let alignment = Alignment::of_pairs(&pairs, &AlignmentOptions::default()).unwrap();
+        let off_m = offset_m(&alignment.world_from_scan, &truth(1.0));
+        assert!(off_m > 1e-4 && off_m < 4.0 * alignment.sigma_m, "{off_m} m, {alignment:?}");
     }
 
     #[test]
     fn scale_needs_frames_from_several_positions() {
         let options = AlignmentOptions { finds_scale: true, ups: None };
         let eyes = [[0.0, 0.0, 0.0], [1.5, 0.2, 0.0], [0.3, 1.1, 0.4]];
-        let found = Alignment::of_pairs(&pairs(&POINTS, &eyes, &truth(0.4), 0.0), &options).unwrap();
-        assert!((found.world_from_scan.scale - 0.4).abs() < 1e-6, "{found:?}");
+        let alignment = Alignment::of_pairs(&pairs(&POINTS, &eyes, &truth(0.4), 0.0), &options).unwrap();
+        assert!((alignment.world_from_scan.scale - 0.4).abs() < 1e-6, "{alignment:?}");
         let one_position = Alignment::of_pairs(&pairs(&POINTS, &eyes[..1], &truth(0.4), 0.0), &options);
         assert!(one_position.is_err(), "{one_position:?}");
     }
@@ -371,8 +379,8 @@ mod tests {
         let without = Alignment::of_pairs(&pairs, &AlignmentOptions::default());
         assert_eq!(without, Err(AlignmentError::Ambiguous));
         let ups = Some([DVec3::Z, DVec3::Z]);
-        let found = Alignment::of_pairs(&pairs, &AlignmentOptions { ups, finds_scale: false }).unwrap();
-        assert!(found.world_from_scan.translation_m.distance(truth.translation_m) < 1e-5, "{found:?}");
+        let alignment = Alignment::of_pairs(&pairs, &AlignmentOptions { ups, finds_scale: false }).unwrap();
+        assert!(alignment.world_from_scan.translation_m.distance(truth.translation_m) < 1e-5, "{alignment:?}");
     }
 
     #[test]

@@ -1,22 +1,26 @@
 //! Depth of a scan in a camera's picture.
 //!
-//! A disc at p with normal n meets a pixel's ray r at the depth t = n·p / n·r, at the distance
-//! ρ = |t·r − p| from its center. Its weight is 1 − ρ²/R². The depth of a pixel is the weighted mean
+//! A disc at p with normal n meets a pixel's ray r at the depth t = n·p / n·r, at the distance ρ =
+//! |t·r − p| from its center. Its weight is 1 − ρ²/R². The depth of a pixel is the weighted mean
 //! over the discs near the nearest one (surface splatting; Zwicker et al. 2001). On a surface the
 //! weights sum to about πR²/2s² for voxels of side s. Beyond the rim of a surface they fall to 0.
-//! Below a threshold the surface behind is visible, so that a surface does not grow by the radius of
-//! its discs.
+//! Below a threshold the surface behind is visible, so that a surface does not grow by the radius
+//! of its discs.
 //!
 //! Triangles are met by the pixel's ray exactly (Möller and Trumbore 1997). Rays through pixel
 //! centers include the lens's distortion; the projection of a center or a corner only bounds the
 //! pixels that are tested.
 //!
-//! Not modelled: the readout of the rows, which the depth's reprojection to a frame's time adds.
+//! Rolling shutter: each band of rows has the pose of its middle row, as if the camera stood still
+//! while the band is read.
+
+use std::f32::consts::PI;
+use std::ops::Range;
 
 use glam::{DVec2, DVec3, Mat3, Vec3};
 
-use super::point_octree::{Disc, Node, PointOctree};
-use super::triangle_blocks::{Triangle, TriangleBlocks};
+use super::point_octree::{Disc, OctreeNode, PointOctree};
+use super::triangle_blocks::{ScanTriangle, TriangleBlocks};
 use crate::camera::Geometry;
 use crate::depth::Rays;
 use crate::parallel::{over_rows, processors};
@@ -24,7 +28,8 @@ use crate::pose::Pose;
 
 /// Radius of a disc in sides of its voxel: discs of neighbouring voxels overlap.
 const DISC_RADIUS_VOXELS: f32 = 1.0;
-/// Largest difference from the nearest disc along the ray that counts as the same surface, in radii.
+/// Largest difference from the nearest disc along the ray that counts as the same surface, in
+/// radii.
 const SURFACE_THICKNESS_RADII: f32 = 0.75;
 /// Smallest sum of weights of a known pixel: a third of the mean on a surface.
 const MIN_WEIGHT: f32 = 0.5;
@@ -34,8 +39,9 @@ const MIN_DISTANCE_M: f32 = 0.05;
 const MIN_COSINE: f32 = 0.05;
 /// Side of a voxel in the picture down to which octants are refined, px.
 const MIN_VOXEL_PX: f32 = 1.0;
-/// Rows of the picture that a thread draws at a time.
-const BAND_ROWS: usize = 32;
+/// Rows of the picture that are drawn at a time and have one pose: at 1000 px/s and a readout of
+/// 30 ms for 480 rows the pose of the first one is off by 0.5 px.
+const BAND_ROWS: usize = 16;
 /// A triangle is split if it is longer than this fraction of its distance, since the lens bends its
 /// edges.
 const MAX_TRIANGLE_ANGLE: f32 = 0.15;
@@ -43,27 +49,45 @@ const MAX_TRIANGLE_ANGLE: f32 = 0.15;
 const MAX_SPLITS: u32 = 12;
 /// Largest distance of a triangle's bent edge from its chord, as a fraction of the triangle's size.
 const MAX_BEND: f64 = 0.05;
+/// Over a larger part the magnification of the picture varies, rad.
+const MAX_UNIFORM_ANGLE_RAD: f32 = 0.1;
+/// Margin for the variation over a smaller one.
+const MAGNIFICATION_MARGIN: f32 = 1.2;
 /// Step of the numerical derivative of a projection, rad.
 const STEP_RAD: f64 = 1e-3;
 
 /// Geometry of a scan, m.
 #[derive(Clone, Debug)]
-pub enum Surface {
+pub enum ScanSurface {
     Points(PointOctree),
     Triangles(TriangleBlocks),
 }
 
 /// A camera's view of a scan.
-struct View<'a> {
+struct ScanView<'a> {
     rays: &'a Rays,
     rotation: Mat3,
     translation_m: Vec3,
     /// Largest angle of a ray from the optical axis, rad.
     max_angle_rad: f32,
-    /// Largest magnification of the picture, px/rad.
-    max_px_per_rad: f32,
     /// Pixels from the left to the right border of a 360° picture.
     turn_px: Option<i32>,
+    /// Rows to be drawn.
+    rows: Range<i32>,
+}
+
+/// A view with the parts of a scan that it shows.
+struct DrawnView<'a> {
+    view: ScanView<'a>,
+    parts: Vec<VisiblePart>,
+}
+
+impl<'a> DrawnView<'a> {
+    fn new(surface: &ScanSurface, rays: &'a Rays, camera_from_scan: &Pose, rows: Range<i32>) -> Self {
+        let view = ScanView::new(rays, camera_from_scan, rows);
+        let parts = view.visible(surface);
+        Self { view, parts }
+    }
 }
 
 /// Columns and rows of a picture, `x1` and `y1` excluded. Columns of a 360° picture may lie beyond
@@ -77,9 +101,10 @@ struct PixelBounds {
 }
 
 /// A visible part of a scan, and the rows that it may cover.
-struct Part {
+struct VisiblePart {
     item: PartItem,
-    px_per_rad: f32,
+    /// Magnification of the picture, px/rad; `None` if it varies over the part.
+    px_per_rad: Option<f32>,
     first_row: i32,
     end_row: i32,
 }
@@ -92,7 +117,7 @@ enum PartItem {
 
 /// A surface at a pixel.
 #[derive(Clone, Copy)]
-struct Layer {
+struct SurfaceLayer {
     /// Depth of its nearest disc, m.
     nearest_m: f32,
     /// Weighted sum of depths, m, and sum of weights.
@@ -102,14 +127,14 @@ struct Layer {
 
 /// The nearest surface at a pixel, and the next one behind it.
 #[derive(Clone, Copy)]
-struct Sample {
-    front: Layer,
-    back: Layer,
+struct PixelLayers {
+    front: SurfaceLayer,
+    back: SurfaceLayer,
 }
 
-const NO_LAYER: Layer = Layer { nearest_m: f32::INFINITY, sum_m: 0.0, weight: 0.0 };
+const NO_LAYER: SurfaceLayer = SurfaceLayer { nearest_m: f32::INFINITY, sum_m: 0.0, weight: 0.0 };
 
-impl Layer {
+impl SurfaceLayer {
     fn new(depth_m: f32, weight: f32) -> Self {
         Self { nearest_m: depth_m, sum_m: weight * depth_m, weight }
     }
@@ -125,15 +150,15 @@ impl Layer {
     }
 }
 
-impl Sample {
+impl PixelLayers {
     /// Adds a surface of a thickness along the ray.
     fn add(&mut self, depth_m: f32, weight: f32, thickness_m: f32) {
         if depth_m < self.front.nearest_m - thickness_m {
-            *self = Self { front: Layer::new(depth_m, weight), back: self.front };
+            *self = Self { front: SurfaceLayer::new(depth_m, weight), back: self.front };
         } else if depth_m <= self.front.nearest_m + thickness_m {
             self.front.add(depth_m, weight);
         } else if depth_m < self.back.nearest_m - thickness_m {
-            self.back = Layer::new(depth_m, weight);
+            self.back = SurfaceLayer::new(depth_m, weight);
         } else if depth_m <= self.back.nearest_m + thickness_m {
             self.back.add(depth_m, weight);
         }
@@ -146,18 +171,29 @@ impl Sample {
 }
 
 /// Depth of a scan at each pixel of a camera's picture, row by row, scaled as in a depth map of the
-/// camera ([`Geometry::depth_ray`]); 0 where there is no surface.
-pub fn rendered_depth_m(surface: &Surface, rays: &Rays, camera_from_scan: &Pose) -> Vec<f32> {
+/// camera ([`Geometry::depth_ray`]); 0 where there is no surface. `camera_from_scan`: the pose at a
+/// time relative to the frame's, s.
+pub fn rendered_depth_m(
+    surface: &ScanSurface,
+    rays: &Rays,
+    camera_from_scan: &(dyn Fn(f64) -> Pose + Sync),
+) -> Vec<f32> {
     let full = rays.full();
     rays.prepare(full.y0..full.y1);
     let (width, height) = (full.width() as usize, full.height() as usize);
     let mut depth_m = vec![0.0; width * height];
-    let view = View::new(rays, camera_from_scan);
-    let parts = view.visible(surface);
+    let is_rolling = rays.geometry().intrinsics.readout_time_s != 0.0;
+    let still = (!is_rolling).then(|| DrawnView::new(surface, rays, &camera_from_scan(0.0), 0..height as i32));
     over_rows(&mut depth_m, width * BAND_ROWS, processors(), |band, depth_m| {
         let rows = (band * BAND_ROWS) as i32..(band * BAND_ROWS + depth_m.len() / width) as i32;
-        let mut samples = vec![Sample { front: NO_LAYER, back: NO_LAYER }; depth_m.len()];
-        let mut target = Band { view: &view, first_row: rows.start, end_row: rows.end, samples: &mut samples };
+        let rolling = still.is_none().then(|| {
+            let middle_px = 0.5 * f64::from(rows.start + rows.end);
+            let pose = camera_from_scan(rays.geometry().row_time_s(middle_px));
+            DrawnView::new(surface, rays, &pose, rows.clone())
+        });
+        let Some(DrawnView { view, parts }) = still.as_ref().or(rolling.as_ref()) else { return };
+        let mut samples = vec![PixelLayers { front: NO_LAYER, back: NO_LAYER }; depth_m.len()];
+        let mut target = Band { view, first_row: rows.start, end_row: rows.end, samples: &mut samples };
         for part in parts.iter().filter(|part| part.first_row < rows.end && part.end_row > rows.start) {
             target.draw(surface, part);
         }
@@ -168,7 +204,7 @@ pub fn rendered_depth_m(surface: &Surface, rays: &Rays, camera_from_scan: &Pose)
 }
 
 /// Fills unknown pixels within a surface: those with known neighbours left and right, or above and
-/// below, whose inverse depths differ by no more than a plane's may.
+/// below, whose depths differ by less than 3 %.
 fn fill_single_pixels(depth_m: &mut [f32], width: usize) {
     const MAX_RELATIVE_STEP: f32 = 0.03;
     let height = depth_m.len() / width.max(1);
@@ -185,25 +221,22 @@ fn fill_single_pixels(depth_m: &mut [f32], width: usize) {
     }
 }
 
-impl<'a> View<'a> {
-    fn new(rays: &'a Rays, camera_from_scan: &Pose) -> Self {
+impl<'a> ScanView<'a> {
+    fn new(rays: &'a Rays, camera_from_scan: &Pose, drawn_rows: Range<i32>) -> Self {
         let geometry = rays.geometry();
         let (width, height) = (geometry.intrinsics.width_px, geometry.intrinsics.height_px);
-        let (mut max_angle_rad, mut max_px_per_rad) = (0.0f32, 0.0f32);
-        // The rim holds the largest angles, and with the center the largest magnifications.
-        let rows = [0, height / 2, height - 1];
-        for ray in rows.into_iter().filter_map(|y| rays.row(y as usize)) {
-            let columns = [0, width as usize / 2, width as usize - 1];
-            for ray in columns.map(|x| Vec3::from(ray[x])).into_iter().filter(|ray| ray.is_finite()) {
-                max_angle_rad = max_angle_rad.max(ray.angle_between(Vec3::Z));
-                let magnification = px_per_rad(geometry, ray.normalize().as_dvec3());
-                max_px_per_rad = max_px_per_rad.max(magnification.unwrap_or(0.0));
-            }
-        }
+        // The rim holds the largest angles. Where it has no ray, the lens may see any direction.
+        let rows = [0, height / 2, height.saturating_sub(1)];
+        let rim = rows.into_iter().filter_map(|y| rays.row(y as usize)).flat_map(|row| {
+            [0, row.len() / 2, row.len().saturating_sub(1)]
+                .map(|x| row.get(x).map_or(Vec3::NAN, |ray| Vec3::from(*ray)))
+        });
+        let angle_rad = |ray: Vec3| if ray.is_finite() { ray.angle_between(Vec3::Z) } else { PI };
+        let max_angle_rad = rim.map(angle_rad).fold(0.0, f32::max);
         let rotation = Mat3::from_quat(camera_from_scan.rotation.as_quat());
         let turn_px = geometry.is_equirectangular().then_some(width as i32);
         let translation_m = camera_from_scan.translation_m.as_vec3();
-        Self { rays, rotation, translation_m, max_angle_rad, max_px_per_rad, turn_px }
+        Self { rays, rotation, translation_m, max_angle_rad, turn_px, rows: drawn_rows }
     }
 
     fn geometry(&self) -> &Geometry {
@@ -215,13 +248,13 @@ impl<'a> View<'a> {
     }
 
     /// The parts of a surface in the picture.
-    fn visible(&self, surface: &Surface) -> Vec<Part> {
+    fn visible(&self, surface: &ScanSurface) -> Vec<VisiblePart> {
         let mut parts = Vec::new();
         match surface {
-            Surface::Points(octree) => {
+            ScanSurface::Points(octree) => {
                 (0..octree.root_count).for_each(|node| self.add_visible(octree, node, &mut parts))
             }
-            Surface::Triangles(mesh) => {
+            ScanSurface::Triangles(mesh) => {
                 for (n, block) in mesh.blocks.iter().enumerate() {
                     parts.extend(self.part(PartItem::Block(n), block.center_m, block.radius_m));
                 }
@@ -230,15 +263,15 @@ impl<'a> View<'a> {
         parts
     }
 
-    fn add_visible(&self, octree: &PointOctree, node: usize, parts: &mut Vec<Part>) {
-        let Node { voxel_m, octants } = &octree.nodes[node];
+    fn add_visible(&self, octree: &PointOctree, node: usize, parts: &mut Vec<VisiblePart>) {
+        let OctreeNode { voxel_m, octants } = &octree.nodes[node];
         let radius_m = octree.nodes[node].octant_radius_m();
         let margin_m = DISC_RADIUS_VOXELS * voxel_m;
         for (n, octant) in octants.iter().enumerate().filter(|(_, octant)| !octant.discs.is_empty()) {
             let item = PartItem::Discs(node, n);
             let Some(part) = self.part(item, octant.center_m, radius_m + margin_m) else { continue };
             let distance_m = (self.in_camera(octant.center_m).length() - radius_m).max(MIN_DISTANCE_M);
-            let is_coarse = voxel_m * part.px_per_rad > MIN_VOXEL_PX * distance_m;
+            let is_coarse = part.px_per_rad.is_none_or(|px_per_rad| voxel_m * px_per_rad > MIN_VOXEL_PX * distance_m);
             match octant.refined.filter(|_| is_coarse) {
                 Some(refined) => self.add_visible(octree, refined as usize, parts),
                 None => parts.push(part),
@@ -247,12 +280,13 @@ impl<'a> View<'a> {
     }
 
     /// A part within a sphere; `None` outside the picture.
-    fn part(&self, item: PartItem, center_m: Vec3, radius_m: f32) -> Option<Part> {
-        let height = self.geometry().intrinsics.height_px as i32;
+    fn part(&self, item: PartItem, center_m: Vec3, radius_m: f32) -> Option<VisiblePart> {
+        let Range { start: first_row, end: end_row } = self.rows;
+        let everywhere = |item| VisiblePart { item, px_per_rad: None, first_row, end_row };
         let center = self.in_camera(center_m);
         let distance_m = center.length();
         if distance_m <= 1.5 * radius_m {
-            return Some(Part { item, px_per_rad: self.max_px_per_rad, first_row: 0, end_row: height });
+            return Some(everywhere(item));
         }
         let angle_rad = (radius_m / distance_m).asin();
         if center.angle_between(Vec3::Z) > self.max_angle_rad + angle_rad {
@@ -261,24 +295,27 @@ impl<'a> View<'a> {
         let direction = (center / distance_m).as_dvec3();
         let projected = self.geometry().project(direction).zip(px_per_rad(self.geometry(), direction));
         let Some((at_px, px_per_rad)) = projected else {
-            return Some(Part { item, px_per_rad: self.max_px_per_rad, first_row: 0, end_row: height });
+            return Some(everywhere(item));
         };
-        // Magnification varies over a large part.
-        let px_per_rad = if angle_rad > 0.1 { self.max_px_per_rad.max(px_per_rad) } else { 1.2 * px_per_rad };
+        if angle_rad > MAX_UNIFORM_ANGLE_RAD {
+            return Some(everywhere(item));
+        }
+        let px_per_rad = MAGNIFICATION_MARGIN * px_per_rad;
         let bounds = PixelBounds::around(at_px.as_vec2().to_array(), angle_rad.tan() * px_per_rad + 1.0);
         let width = self.geometry().intrinsics.width_px as i32;
         let is_across = self.turn_px.is_some() || (bounds.x1 > 0 && bounds.x0 < width);
-        (is_across && bounds.y1 > 0 && bounds.y0 < height).then_some(Part {
+        (is_across && bounds.y1 > first_row && bounds.y0 < end_row).then_some(VisiblePart {
             item,
-            px_per_rad,
-            first_row: bounds.y0.max(0),
-            end_row: bounds.y1.min(height),
+            px_per_rad: Some(px_per_rad),
+            first_row: bounds.y0.max(first_row),
+            end_row: bounds.y1.min(end_row),
         })
     }
 }
 
-impl View<'_> {
-    /// Pixels that a small triangle may cover. The lens bends its edges by a small part of its size.
+impl ScanView<'_> {
+    /// Pixels that a small triangle may cover. The lens bends its edges by a small part of its
+    /// size.
     fn triangle_bounds(&self, mut corners: [DVec2; 3]) -> PixelBounds {
         let width = |corners: &[DVec2; 3]| {
             let along = corners.map(|corner| corner.x);
@@ -310,11 +347,12 @@ fn px_per_rad(geometry: &Geometry, direction: DVec3) -> Option<f32> {
     let at = geometry.project(direction)?;
     let across = direction.any_orthonormal_vector();
     let steps = [across, direction.cross(across)];
-    let shifts = steps.map(|step| geometry.project(direction + STEP_RAD * step).map(|to| (to - at).length()));
-    let [a, b] = shifts.map(|shift| shift.unwrap_or(0.0) / STEP_RAD);
-    // Beside the seam of a 360° picture a shift may go around.
-    let is_around = geometry.is_equirectangular() && a.max(b) > f64::from(geometry.intrinsics.width_px);
-    Some(if is_around { a.min(b) as f32 } else { a.max(b) as f32 })
+    let shift_px = |step: DVec3| {
+        let to = geometry.project(direction + STEP_RAD * step)?;
+        Some(geometry.displacement_px(at, to).length())
+    };
+    let [a, b] = steps.map(|step| shift_px(step).unwrap_or(0.0) / STEP_RAD);
+    Some(a.max(b) as f32)
 }
 
 impl PixelBounds {
@@ -331,23 +369,23 @@ impl PixelBounds {
 
 /// Rows of the picture that one thread draws.
 struct Band<'a> {
-    view: &'a View<'a>,
+    view: &'a ScanView<'a>,
     first_row: i32,
     end_row: i32,
-    samples: &'a mut [Sample],
+    samples: &'a mut [PixelLayers],
 }
 
 impl Band<'_> {
-    fn draw(&mut self, surface: &Surface, part: &Part) {
+    fn draw(&mut self, surface: &ScanSurface, part: &VisiblePart) {
         match (surface, &part.item) {
-            (Surface::Points(octree), PartItem::Discs(node, octant)) => {
+            (ScanSurface::Points(octree), PartItem::Discs(node, octant)) => {
                 let node = &octree.nodes[*node];
                 let discs = &node.octants[*octant].discs;
                 for disc in &octree.discs[discs.start as usize..discs.end as usize] {
                     self.draw_disc(disc, DISC_RADIUS_VOXELS * node.voxel_m, part.px_per_rad);
                 }
             }
-            (Surface::Triangles(mesh), PartItem::Block(block)) => {
+            (ScanSurface::Triangles(mesh), PartItem::Block(block)) => {
                 for corners in &mesh.triangles[mesh.blocks[*block].triangles.clone()] {
                     self.draw_triangle(corners.map(|corner| self.view.in_camera(corner)), MAX_SPLITS);
                 }
@@ -356,13 +394,15 @@ impl Band<'_> {
         }
     }
 
-    fn draw_disc(&mut self, disc: &Disc, radius_m: f32, px_per_rad: f32) {
+    fn draw_disc(&mut self, disc: &Disc, radius_m: f32, of_part: Option<f32>) {
         let center = self.view.in_camera(disc.position_m);
         let distance_m = center.length();
         if distance_m < MIN_DISTANCE_M.max(radius_m) {
             return;
         }
         let Some(at_px) = self.view.geometry().project(center.as_dvec3()) else { return };
+        let own = || px_per_rad(self.view.geometry(), (center / distance_m).as_dvec3());
+        let Some(px_per_rad) = of_part.or_else(own) else { return };
         let radius_px = radius_m / distance_m * px_per_rad;
         let bounds = PixelBounds::around((at_px - 0.5).as_vec2().to_array(), radius_px);
         let normal = if disc.normal == Vec3::ZERO { center / distance_m } else { self.view.rotation * disc.normal };
@@ -381,7 +421,7 @@ impl Band<'_> {
         });
     }
 
-    fn draw_triangle(&mut self, corners: Triangle, splits: u32) {
+    fn draw_triangle(&mut self, corners: ScanTriangle, splits: u32) {
         let [a, b, c] = corners;
         let lengths2 = [(c - b).length_squared(), (a - c).length_squared(), (b - a).length_squared()];
         let longest = (0..3).fold(0, |longest, n| if lengths2[n] > lengths2[longest] { n } else { longest });
@@ -414,7 +454,7 @@ impl Band<'_> {
 
     /// Calls `draw` with the ray and the sample of each pixel of the band within bounds.
     #[inline]
-    fn for_pixels(&mut self, bounds: PixelBounds, mut draw: impl FnMut(Vec3, &mut Sample)) {
+    fn for_pixels(&mut self, bounds: PixelBounds, mut draw: impl FnMut(Vec3, &mut PixelLayers)) {
         let width = self.view.geometry().intrinsics.width_px as i32;
         let columns = match self.view.turn_px {
             Some(turn) => bounds.x0..bounds.x1.min(bounds.x0 + turn),

@@ -1,11 +1,13 @@
 //! Scans of a site: depth for recordings whose camera measured none.
 //!
 //! A scan is the geometry of a place in axes of its own. Aligned with the world of a recording, it
-//! gives each frame the depth that a sensor on the camera would have measured ([`Site::depth`]).
-//! All that reads depth follows: occlusion, shadows, supports, placement, the light of the room.
+//! gives each frame the depth that a sensor on the camera would have measured
+//! ([`ScannedSite::depth`]). All that reads depth follows: occlusion, shadows, supports, placement,
+//! the light of the room.
 //!
-//! - `morton`: positions on a space-filling curve. `point_octree`: points as discs at several levels
-//!   of detail. `triangle_blocks`: a mesh in blocks. `depth_rendering`: both in a camera's picture.
+//! - `morton`: positions on a space-filling curve. `point_octree`: points as discs at several
+//!   levels of detail. `triangle_blocks`: a mesh in blocks. `depth_rendering`: both in a camera's
+//!   picture.
 //!
 //! Not modelled: things that moved between the scan and the footage; colours of the scan.
 
@@ -24,7 +26,7 @@ use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
 
-use depth_rendering::Surface;
+use depth_rendering::ScanSurface;
 use morton::bounds;
 use point_octree::PointOctree;
 use scan_file::{ScanError, ScanGeometry};
@@ -40,11 +42,11 @@ use crate::source::file::FileStamp;
 use crate::text::{count, fixed};
 
 /// Cameras whose rays are kept: those of a recording in the window, and of its smaller pictures.
-const KEPT_CAMERAS: usize = 4;
+const CAMERA_CAPACITY: usize = 4;
 
 /// The geometry of a scan file, in metres.
 #[derive(Debug)]
-pub struct Scan {
+pub struct SiteScan {
     pub path: PathBuf,
     /// Length of the file's unit, m.
     pub metres_per_unit: f64,
@@ -59,7 +61,7 @@ pub struct Scan {
     /// Direction of up in the scan's axes, if the format defines it.
     pub up: Option<DVec3>,
     pub warnings: Vec<String>,
-    surface: Surface,
+    surface: ScanSurface,
     /// Origin of the surface's coordinates in the scan's axes, m.
     origin_m: DVec3,
     /// Of the geometry.
@@ -70,13 +72,16 @@ pub struct Scan {
 
 /// A scan in the world of a recording.
 #[derive(Clone, Debug)]
-pub struct Site {
-    pub scan: Arc<Scan>,
+pub struct ScannedSite {
+    pub scan: Arc<SiteScan>,
     /// Takes a point of the scan, m, to the world.
     pub world_from_scan: Pose,
+    /// The same in the world of the scene that states it. A correction of the recording's world
+    /// leaves it as it is.
+    stated: Pose,
 }
 
-impl Scan {
+impl SiteScan {
     /// Reads a file. `metres_per_unit` overrides the unit of the format; without both it is the
     /// metre.
     pub fn read(path: &Path, metres_per_unit: Option<f64>) -> Result<Self, ScanError> {
@@ -99,10 +104,10 @@ impl Scan {
         let (low, high) = bounds(positions.iter());
         let (point_count, triangle_count) = (positions.len(), triangles.len());
         let surface = if triangles.is_empty() {
-            Surface::Points(PointOctree::new(&positions))
+            ScanSurface::Points(PointOctree::new(&positions))
         } else {
             let corners = triangles.iter().map(|corners| corners.map(|corner| positions[corner as usize]));
-            Surface::Triangles(TriangleBlocks::new(corners))
+            ScanSurface::Triangles(TriangleBlocks::new(corners))
         };
         Self {
             path: path.to_owned(),
@@ -117,7 +122,7 @@ impl Scan {
             origin_m,
             digest: digester.finish(),
             stamp: FileStamp::of(path),
-            rays: Memo::new(KEPT_CAMERAS),
+            rays: Memo::new(CAMERA_CAPACITY),
         }
     }
 
@@ -133,7 +138,7 @@ impl Scan {
         format!("{of}, {} m, from {} to {} m", three(high - low, " × "), three(low, " "), three(high, " "))
     }
 
-    /// True if the scan is what reading the file again would give.
+    /// True if reading the file again would give the same scan.
     pub fn is_of(&self, path: &Path, metres_per_unit: Option<f64>) -> bool {
         self.path == path && metres_per_unit == self.stated_metres_per_unit && self.stamp.is_fresh()
     }
@@ -148,15 +153,28 @@ impl Scan {
     }
 }
 
-impl Site {
+impl ScannedSite {
+    pub fn new(scan: Arc<SiteScan>, world_from_scan: Pose) -> Self {
+        Self { scan, world_from_scan, stated: world_from_scan }
+    }
+
     /// Depth of the scan from a camera's pose, as a sensor of the camera would measure it at a time
-    /// (s); 0 where the scan has no surface.
-    pub fn depth(&self, camera: &Geometry, camera_from_world: &Pose, timestamp_s: f64) -> DepthMap {
+    /// (s) with the camera's readout; 0 where the scan has no surface. `camera_from_world`: the
+    /// pose at a time relative to that one, s.
+    pub fn depth(
+        &self,
+        camera: &Geometry,
+        camera_from_world: impl Fn(f64) -> Pose + Sync,
+        timestamp_s: f64,
+    ) -> DepthMap {
+        let origin_in_world_m = self.world_from_scan.transform_point(self.scan.origin_m);
         // camera_from_surface = camera_from_world · world_from_scan · scan_from_surface.
-        let rotation = camera_from_world.rotation * self.world_from_scan.rotation;
-        let origin = camera_from_world.transform_point(self.world_from_scan.transform_point(self.scan.origin_m));
+        let camera_from_surface = |time_s: f64| {
+            let camera = camera_from_world(time_s);
+            Pose::new(camera.rotation * self.world_from_scan.rotation, camera.transform_point(origin_in_world_m))
+        };
         let rays = self.scan.rays(camera);
-        let depth_m = depth_rendering::rendered_depth_m(&self.scan.surface, &rays, &Pose::new(rotation, origin));
+        let depth_m = depth_rendering::rendered_depth_m(&self.scan.surface, &rays, &camera_from_surface);
         let (width, height) = (camera.intrinsics.width_px, camera.intrinsics.height_px);
         DepthMap { width, height, depth_m, timestamp_s }
     }
@@ -169,8 +187,8 @@ impl Site {
         Self { world_from_scan: Pose::new(rotation, origin), ..self.clone() }
     }
 
-    /// A text that changes with the geometry and its place.
+    /// A text that changes with the geometry and its stated place.
     pub fn identity(&self) -> String {
-        format!("{:?} {:?}", self.scan.digest, self.world_from_scan)
+        format!("{:?} {:?}", self.scan.digest, self.stated)
     }
 }

@@ -3,8 +3,8 @@
 //! Points are sorted by Morton code (Morton 1966), so the points of a cube of the octree are
 //! contiguous. A node is a cube of 16³ voxels. Each occupied voxel is a disc: at the mean of its
 //! points, with the direction of least variance of the points of its 3×3×3 neighbourhood as normal
-//! (Hoppe et al. 1992). On a flat neighbourhood the disc is moved onto its plane, which averages the
-//! scanner's noise over the neighbourhood. An octant of a node is refined to voxels of half the
+//! (Hoppe et al. 1992). On a flat neighbourhood the disc is moved onto its plane, which averages
+//! the scanner's noise over the neighbourhood. An octant of a node is refined to voxels of half the
 //! side while it has enough points for them.
 //!
 //! Not modelled: intensity and colour of the points; transparency; the positions of the scanner.
@@ -20,16 +20,18 @@ use crate::parallel::{over_rows, processors};
 /// Smallest side of a voxel, m: the noise of a terrestrial scanner.
 const MIN_VOXEL_M: f32 = 0.002;
 /// Voxels of the coarsest nodes have at most this side, m.
-const MAX_VOXEL_M: f32 = 0.64;
+const MAX_VOXEL_M: f32 = 0.08;
 /// log₂ of the voxels along the side of a node.
 const NODE_BITS: u32 = 4;
 const NODE_SIDE: usize = 1 << NODE_BITS;
 const NODE_VOXELS: usize = 1 << (3 * NODE_BITS);
-/// An octant is refined if its finer voxels would have at least so many points in the mean.
+/// Least mean number of points per voxel of a refined octant.
 const MIN_POINTS_PER_VOXEL: usize = 4;
-/// Fewer points in a voxel's neighbourhood define no plane. In a refined node they are outliers:
-/// points that a scanner measures between two surfaces.
+/// Fewer points in a voxel's neighbourhood define no plane. In a scan they are outliers: points
+/// that a scanner measures between two surfaces.
 const MIN_POINTS_FOR_PLANE: f32 = 3.0;
+/// Smaller clouds are not thinned out.
+const MIN_SCAN_POINTS: usize = 1000;
 /// A neighbourhood is flat if its variance along the normal is below this fraction of the second
 /// smallest one.
 const FLAT: f64 = 0.05;
@@ -45,7 +47,7 @@ pub struct Disc {
 
 /// A cube of voxels.
 #[derive(Clone, Debug)]
-pub struct Node {
+pub struct OctreeNode {
     /// Side of a voxel, m.
     pub voxel_m: f32,
     pub octants: [Octant; 8],
@@ -61,7 +63,7 @@ pub struct Octant {
     pub refined: Option<u32>,
 }
 
-impl Node {
+impl OctreeNode {
     /// Half of an octant's diagonal, m.
     pub fn octant_radius_m(&self) -> f32 {
         0.5 * 3.0f32.sqrt() * (NODE_SIDE / 2) as f32 * self.voxel_m
@@ -72,24 +74,23 @@ impl Node {
 #[derive(Clone, Debug, Default)]
 pub struct PointOctree {
     pub discs: Vec<Disc>,
-    pub nodes: Vec<Node>,
+    pub nodes: Vec<OctreeNode>,
     /// The first nodes are the coarsest; together they hold all points.
     pub root_count: usize,
 }
 
 /// A node before it is computed: its points, and log₂ of its voxels' side in quanta.
 #[derive(Clone)]
-struct Cube {
+struct OctreeCube {
     points: Range<usize>,
     voxel_bits: u32,
-    is_refined: bool,
 }
 
 /// The discs of a cube, by octants.
 #[derive(Clone, Default)]
 struct CubeDiscs {
     discs: [Vec<Disc>; 8],
-    refined: [Option<Cube>; 8],
+    refined: [Option<OctreeCube>; 8],
 }
 
 /// Points by Morton code.
@@ -125,10 +126,10 @@ impl PointOctree {
     fn push(
         &mut self,
         points: &SortedPoints,
-        cube: &Cube,
+        cube: &OctreeCube,
         computed: CubeDiscs,
         first_refined: usize,
-        refined: &mut Vec<Cube>,
+        refined: &mut Vec<OctreeCube>,
     ) {
         let centers = points.octant_centers_m(cube);
         let mut cubes = computed.refined.into_iter();
@@ -142,7 +143,7 @@ impl PointOctree {
             });
             Octant { center_m, discs: start..self.discs.len() as u32, refined: refined_by }
         });
-        self.nodes.push(Node { voxel_m: points.voxel_m(cube), octants });
+        self.nodes.push(OctreeNode { voxel_m: points.voxel_m(cube), octants });
     }
 }
 
@@ -159,12 +160,12 @@ impl SortedPoints {
         Self { codes, points_m: sorted, corner_m: low, quantum_m }
     }
 
-    fn voxel_m(&self, cube: &Cube) -> f32 {
+    fn voxel_m(&self, cube: &OctreeCube) -> f32 {
         self.quantum_m * (1u64 << cube.voxel_bits) as f32
     }
 
     /// The coarsest cubes.
-    fn roots(&self) -> Vec<Cube> {
+    fn roots(&self) -> Vec<OctreeCube> {
         let steps = (MAX_VOXEL_M / self.quantum_m).log2().floor().max(0.0) as u32;
         let voxel_bits = steps.min(BITS - NODE_BITS);
         let shift = 3 * (voxel_bits + NODE_BITS);
@@ -173,25 +174,25 @@ impl SortedPoints {
         while start < self.codes.len() {
             let cell = self.codes[start] >> shift;
             let end = start + self.codes[start..].partition_point(|code| code >> shift == cell);
-            cubes.push(Cube { points: start..end, voxel_bits, is_refined: false });
+            cubes.push(OctreeCube { points: start..end, voxel_bits });
             start = end;
         }
         cubes
     }
 
-    /// Center of the low corner's voxel of a cube, m.
-    fn octant_centers_m(&self, cube: &Cube) -> [Vec3; 8] {
+    /// Centers of the octants of a cube, m.
+    fn octant_centers_m(&self, cube: &OctreeCube) -> [Vec3; 8] {
         let shift = 3 * (cube.voxel_bits + NODE_BITS);
         let corner = demorton(self.codes[cube.points.start] >> shift << shift) * self.quantum_m + self.corner_m;
         let side_m = (NODE_SIDE / 2) as f32 * self.voxel_m(cube);
         std::array::from_fn(|octant| corner + side_m * (demorton(octant as u64) + 0.5))
     }
 
-    fn discs(&self, cube: &Cube) -> CubeDiscs {
+    fn discs(&self, cube: &OctreeCube) -> CubeDiscs {
         let codes = &self.codes[cube.points.clone()];
         let voxel = |code: u64| (code >> (3 * cube.voxel_bits)) as usize % NODE_VOXELS;
         let center_m = self.octant_centers_m(cube).iter().sum::<Vec3>() / 8.0;
-        let mut moments = vec![Moments::default(); NODE_VOXELS];
+        let mut moments = vec![PointMoments::default(); NODE_VOXELS];
         for (code, point) in codes.iter().zip(&self.points_m[cube.points.clone()]) {
             moments[voxel(*code)].add(*point - center_m);
         }
@@ -200,7 +201,7 @@ impl SortedPoints {
         for (n, own) in moments.iter().enumerate().filter(|(_, own)| own.count > 0.0) {
             let around = around(&moments, n);
             let octant = n * 8 / NODE_VOXELS;
-            let disc = own.disc(&around, voxel_m, cube.is_refined);
+            let disc = own.disc(&around, voxel_m, self.codes.len() >= MIN_SCAN_POINTS);
             computed.discs[octant].extend(disc.map(|disc| Disc { position_m: disc.position_m + center_m, ..disc }));
         }
         computed.refined = std::array::from_fn(|octant| self.refined(cube, octant));
@@ -208,7 +209,7 @@ impl SortedPoints {
     }
 
     /// An octant of a cube as a cube of finer voxels, if its points suffice.
-    fn refined(&self, cube: &Cube, octant: usize) -> Option<Cube> {
+    fn refined(&self, cube: &OctreeCube, octant: usize) -> Option<OctreeCube> {
         let voxel_bits = cube.voxel_bits.checked_sub(1)?;
         let codes = &self.codes[cube.points.clone()];
         let of = |code: u64| (code >> (3 * (voxel_bits + NODE_BITS))) as usize % 8;
@@ -217,13 +218,13 @@ impl SortedPoints {
         let voxels = codes[start..end].chunk_by(|a, b| a >> (3 * voxel_bits) == b >> (3 * voxel_bits)).count();
         let has_enough = end > start && end - start >= MIN_POINTS_PER_VOXEL * voxels;
         let points = cube.points.start + start..cube.points.start + end;
-        has_enough.then_some(Cube { points, voxel_bits, is_refined: true })
+        has_enough.then_some(OctreeCube { points, voxel_bits })
     }
 }
 
 /// Sums over points.
 #[derive(Clone, Copy, Default)]
-struct Moments {
+struct PointMoments {
     count: f32,
     sum: Vec3,
     /// xx, yy, zz.
@@ -232,7 +233,7 @@ struct Moments {
     products: Vec3,
 }
 
-impl Moments {
+impl PointMoments {
     fn add(&mut self, point: Vec3) {
         self.count += 1.0;
         self.sum += point;
@@ -281,9 +282,9 @@ impl Moments {
 }
 
 /// Moments of the 3×3×3 neighbourhood of a voxel within its node.
-fn around(moments: &[Moments], voxel: usize) -> Moments {
+fn around(moments: &[PointMoments], voxel: usize) -> PointMoments {
     let [x, y, z] = demorton(voxel as u64).to_array().map(|along| along as i32);
-    let mut sum = Moments::default();
+    let mut sum = PointMoments::default();
     let is_inside = |along: i32| (0..NODE_SIDE as i32).contains(&along);
     for (dz, dy, dx) in (0..27).map(|n| (n / 9 - 1, n / 3 % 3 - 1, n % 3 - 1)) {
         let neighbour = [x + dx, y + dy, z + dz];

@@ -9,16 +9,16 @@
 //!
 //! so that the derivative of the brightness in frame B is ∇B · ∂π/∂X · d · nᵀ[1, −[X − C]×]/(n·d).
 //! Only the motion along the normal is observable. The picked pairs are a prior with their standard
-//! deviations, which holds the directions that the footage does not determine. Pictures are compared
-//! by their differences from a local mean, divided by the local contrast, which is independent of
-//! exposure.
+//! deviations, which holds the directions that the footage does not determine. Pictures are
+//! compared by their differences from a local mean, divided by the local contrast, which is
+//! independent of exposure.
 //!
 //! Not modelled: rolling shutter; things that moved.
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use nalgebra::{Matrix6, Vector6};
 
-use super::Site;
+use super::ScannedSite;
 use crate::camera::Geometry;
 use crate::fit::quantile;
 use crate::grey_image::GreyImage;
@@ -37,10 +37,12 @@ const SAME_DEPTH: f64 = 0.03;
 const MIN_COSINE: f64 = 0.2;
 /// Huber's δ in median absolute differences.
 const HUBER_MEDIANS: f64 = 2.0;
-/// Neighbouring pixels have one error: so many count as one measurement.
+/// Number of neighbouring pixels that count as one measurement, since they have one error.
 const PIXELS_PER_MEASUREMENT: f64 = 50.0;
 /// Smallest relative decrease of the loss that is more than chance.
 const MIN_GAIN: f64 = 0.02;
+/// Smallest side of a picture, px.
+const MIN_SIDE_PX: u32 = 128;
 /// Least compared pixels of the finest reduction.
 const MIN_PIXELS: usize = 500;
 
@@ -55,14 +57,31 @@ pub struct SiteView {
 /// Standard deviations of the place before the refinement.
 #[derive(Clone, Copy, Debug)]
 pub struct PlacePrior {
+    /// Of the position of `center_m`, over all directions, m.
     pub sigma_m: f64,
+    /// Of the rotation, over all axes, rad.
     pub sigma_rad: f64,
+    /// In the world, m; `None`: the middle of the visible surface.
+    pub center_m: Option<DVec3>,
+}
+
+impl PlacePrior {
+    /// The same for another center.
+    fn at(self, middle: DVec3) -> Self {
+        let arm_m = self.center_m.map_or(0.0, |center| center.distance(middle));
+        Self { sigma_m: self.sigma_m.hypot(self.sigma_rad * arm_m), center_m: Some(middle), ..self }
+    }
+
+    /// Inverse variances of the motion along each axis, m⁻², and about it, rad⁻².
+    fn information(&self) -> [f64; 2] {
+        [self.sigma_m, self.sigma_rad].map(|sigma| 3.0 / (sigma * sigma))
+    }
 }
 
 /// A refined place.
 #[derive(Clone, Debug)]
-pub struct Refinement {
-    pub site: Site,
+pub struct SiteRefinement {
+    pub site: ScannedSite,
     /// Mean robust loss before and after, arbitrary unit.
     pub loss: [f64; 2],
     /// Distance by which the middle of the visible surface moved, m, and rotation, rad.
@@ -75,7 +94,7 @@ pub struct Refinement {
 /// Reasons why a place is not refined.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum NoRefinement {
-    #[error("the frames have too little texture on the scan, or show it from one position")]
+    #[error("the frames are too small, or show too little of the scan from several positions")]
     FewPixels,
     #[error("the frames do not agree better elsewhere")]
     NoGain,
@@ -88,14 +107,14 @@ pub enum NoRefinement {
 }
 
 /// A picture at one reduction.
-struct Level {
+struct ReducedView {
     camera: Geometry,
     contrast: GreyImage,
     stride: usize,
 }
 
 /// A compared pixel: difference of brightness and its derivative by the twist (v, ω).
-struct Difference {
+struct BrightnessDifference {
     value: f64,
     gradient: Vector6<f64>,
 }
@@ -103,17 +122,22 @@ struct Difference {
 /// The place in which the frames agree best on the brightness of the surface. `pairs`: indices of
 /// views that are compared.
 pub fn refined(
-    site: &Site,
+    site: &ScannedSite,
     views: &[SiteView],
     pairs: &[(usize, usize)],
     prior: PlacePrior,
-) -> Result<Refinement, NoRefinement> {
+) -> Result<SiteRefinement, NoRefinement> {
+    let side_px = |view: &SiteView| view.camera.intrinsics.width_px.min(view.camera.intrinsics.height_px);
+    if views.iter().any(|view| side_px(view) < MIN_SIDE_PX) {
+        return Err(NoRefinement::FewPixels);
+    }
     let (mut place, mut loss) = (site.clone(), [0.0; 2]);
     let middle = middle_m(site, views).ok_or(NoRefinement::FewPixels)?;
+    let prior = prior.at(middle);
     let mut pixels = 0;
     for (by, stride) in REDUCTIONS {
-        let levels: Vec<Level> = views.iter().map(|view| Level::new(view, by, stride)).collect();
-        let compare = |place: &Site| differences(place, views, &levels, pairs, middle);
+        let levels: Vec<ReducedView> = views.iter().map(|view| ReducedView::new(view, by, stride)).collect();
+        let compare = |place: &ScannedSite| differences(place, views, &levels, pairs, middle);
         let mut delta = None;
         let mut damping = 0.1;
         let mut now = compare(&place);
@@ -122,7 +146,14 @@ pub fn refined(
             let step = step(&now, delta, site, &place, middle, prior, damping).ok_or(NoRefinement::FewPixels)?;
             let next_place = moved(&place, &step, middle);
             let next = compare(&next_place);
-            if mean_loss(&next, delta) < mean_loss(&now, delta) && 2 * next.len() > now.len() {
+            let objective = |place: &ScannedSite, differences: &[BrightnessDifference]| {
+                let (moved, turned) = motion(site, place, middle);
+                let [of_position, of_rotation] = prior.information();
+                let departure = of_position * moved.length_squared() + of_rotation * turned.length_squared();
+                mean_loss(differences, delta) + 0.5 * variance(delta) * departure / differences.len().max(1) as f64
+            };
+            let is_better = objective(&next_place, &next) < objective(&place, &now);
+            if is_better && 2 * next.len() > now.len() {
                 (place, now, damping) = (next_place, next, (0.3 * damping).max(1e-3));
             } else {
                 damping *= 10.0;
@@ -146,15 +177,15 @@ pub fn refined(
     if moved_m > 4.0 * prior.sigma_m || turned_rad > 4.0 * prior.sigma_rad {
         return Err(NoRefinement::Far { moved_m, turned_rad });
     }
-    Ok(Refinement { site: place, loss, moved_m, turned_rad, pixels })
+    Ok(SiteRefinement { site: place, loss, moved_m, turned_rad, pixels })
 }
 
 /// Middle of the visible surface in the world, m.
-fn middle_m(site: &Site, views: &[SiteView]) -> Option<DVec3> {
+fn middle_m(site: &ScannedSite, views: &[SiteView]) -> Option<DVec3> {
     let mut points = Vec::new();
     for view in views {
         let camera = reduced_camera(&view.camera, REDUCTIONS[0].0);
-        let map = site.depth(&camera, &view.camera_from_world, 0.0);
+        let map = site.depth(&camera, |_| view.camera_from_world, 0.0);
         for (n, z) in map.depth_m.iter().enumerate().filter(|(_, z)| **z > 0.0) {
             let at = DVec2::new((n as u32 % map.width) as f64 + 0.5, (n as u32 / map.width) as f64 + 0.5);
             points.extend(
@@ -175,7 +206,7 @@ fn reduced_camera(camera: &Geometry, by: usize) -> Geometry {
     Geometry::new(intrinsics, camera.distortion.clone())
 }
 
-impl Level {
+impl ReducedView {
     fn new(view: &SiteView, by: usize, stride: usize) -> Self {
         let reduced = view.luma.reduced(by);
         let mean = reduced.blurred(LOCAL_SIGMA_PX);
@@ -193,14 +224,17 @@ impl Level {
 
 /// Differences of brightness of the scan's surface between the frames of each pair.
 fn differences(
-    site: &Site,
+    site: &ScannedSite,
     views: &[SiteView],
-    levels: &[Level],
+    levels: &[ReducedView],
     pairs: &[(usize, usize)],
     middle: DVec3,
-) -> Vec<Difference> {
-    let maps: Vec<_> =
-        views.iter().zip(levels).map(|(view, level)| site.depth(&level.camera, &view.camera_from_world, 0.0)).collect();
+) -> Vec<BrightnessDifference> {
+    let maps: Vec<_> = views
+        .iter()
+        .zip(levels)
+        .map(|(view, level)| site.depth(&level.camera, |_| view.camera_from_world, 0.0))
+        .collect();
     let mut differences = Vec::new();
     for (from, to) in pairs.iter().copied().flat_map(|(a, b)| [(a, b), (b, a)]) {
         let (a, b) = (&levels[from], &levels[to]);
@@ -229,9 +263,10 @@ fn differences(
             }
             let in_b = pose_b.transform_point(here);
             let Some(at_px) = b.camera.project(in_b).filter(|at| b.contrast.holds(*at, 2.0)) else { continue };
-            let seen_m = f64::from(maps[to].depth_m[at_px.y as usize * maps[to].width as usize + at_px.x as usize]);
+            let target_depth_m =
+                f64::from(maps[to].depth_m[at_px.y as usize * maps[to].width as usize + at_px.x as usize]);
             let depth_m = if b.camera.is_equirectangular() { in_b.length() } else { in_b.z };
-            if seen_m <= 0.0 || (seen_m - depth_m).abs() > SAME_DEPTH * depth_m {
+            if target_depth_m <= 0.0 || (target_depth_m - depth_m).abs() > SAME_DEPTH * depth_m {
                 continue;
             }
             // Position in B per metre along the ray of A.
@@ -247,43 +282,47 @@ fn differences(
             let turned = (here - middle).cross(normal);
             let gradient = Vector6::new(normal.x, normal.y, normal.z, turned.x, turned.y, turned.z) * along;
             let value = sample(at_px) - f64::from(a.contrast.values[y * a.contrast.width + x]);
-            differences.push(Difference { value, gradient });
+            differences.push(BrightnessDifference { value, gradient });
         }
     }
     differences
 }
 
-fn huber_delta(differences: &[Difference]) -> f64 {
+fn huber_delta(differences: &[BrightnessDifference]) -> f64 {
     HUBER_MEDIANS * quantile::midpoint_median(differences.iter().map(|d| d.value.abs())).unwrap_or(1.0).max(1e-6)
 }
 
-fn mean_loss(differences: &[Difference], delta: f64) -> f64 {
+fn mean_loss(differences: &[BrightnessDifference], delta: f64) -> f64 {
     let one = |value: f64| if value <= delta { 0.5 * value * value } else { delta * (value - 0.5 * delta) };
     differences.iter().map(|d| one(d.value.abs())).sum::<f64>() / differences.len().max(1) as f64
 }
 
+/// Variance of a measurement by the differences.
+fn variance(delta: f64) -> f64 {
+    (delta / HUBER_MEDIANS).powi(2) * PIXELS_PER_MEASUREMENT
+}
+
 /// Step towards the least loss, with the prior of the place before the refinement.
 fn step(
-    differences: &[Difference],
+    differences: &[BrightnessDifference],
     delta: f64,
-    before: &Site,
-    now: &Site,
+    before: &ScannedSite,
+    now: &ScannedSite,
     middle: DVec3,
     prior: PlacePrior,
     damping: f64,
 ) -> Option<Vector6<f64>> {
     let (mut normal, mut right) = (Matrix6::zeros(), Vector6::zeros());
-    for Difference { value, gradient } in differences {
+    for BrightnessDifference { value, gradient } in differences {
         let weight = if value.abs() <= delta { 1.0 } else { delta / value.abs() };
         normal += weight * gradient * gradient.transpose();
         right -= weight * *value * gradient;
     }
-    // Variance of a measurement by the differences.
-    let variance = (delta / HUBER_MEDIANS).powi(2) * PIXELS_PER_MEASUREMENT;
     let (moved, turned) = motion(before, now, middle);
     for n in 0..3 {
-        for (row, sigma, off) in [(n, prior.sigma_m, moved[n]), (n + 3, prior.sigma_rad, turned[n])] {
-            let information = variance / (sigma * sigma);
+        let [of_position, of_rotation] = prior.information();
+        for (row, information, off) in [(n, of_position, moved[n]), (n + 3, of_rotation, turned[n])] {
+            let information = variance(delta) * information;
             normal[(row, row)] += information;
             right[row] -= information * off;
         }
@@ -293,45 +332,45 @@ fn step(
 }
 
 /// Motion from one place to another: of the middle, m, and the rotation vector, rad.
-fn motion(before: &Site, after: &Site, middle: DVec3) -> (DVec3, DVec3) {
+fn motion(before: &ScannedSite, after: &ScannedSite, middle: DVec3) -> (DVec3, DVec3) {
     let turn = after.world_from_scan.rotation * before.world_from_scan.rotation.conjugate();
     let turn = if turn.w < 0.0 { -turn } else { turn };
     let in_scan = before.world_from_scan.inverse_transform_point(middle);
     (after.world_from_scan.transform_point(in_scan) - middle, turn.to_scaled_axis())
 }
 
-fn offset(before: &Site, after: &Site, middle: DVec3) -> (f64, f64) {
+fn offset(before: &ScannedSite, after: &ScannedSite, middle: DVec3) -> (f64, f64) {
     let (moved, turned) = motion(before, after, middle);
     (moved.length(), turned.length())
 }
 
 /// A site after a motion (v, ω) about the middle.
-fn moved(site: &Site, step: &Vector6<f64>, middle: DVec3) -> Site {
+fn moved(site: &ScannedSite, step: &Vector6<f64>, middle: DVec3) -> ScannedSite {
     let by = DVec3::new(step[0], step[1], step[2]);
     let turn = DQuat::from_scaled_axis(DVec3::new(step[3], step[4], step[5]));
     let place = &site.world_from_scan;
     let origin = DMat3::from_quat(turn) * (place.translation_m - middle) + middle + by;
-    Site { world_from_scan: Pose::new(turn * place.rotation, origin), ..site.clone() }
+    ScannedSite { world_from_scan: Pose::new(turn * place.rotation, origin), ..site.clone() }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::site::Scan;
+    use crate::site::SiteScan;
     use crate::site::scan_file::ScanGeometry;
     use glam::Vec3;
     use std::path::Path;
     use std::sync::Arc;
 
     /// A corner of a room, 3 m wide: floor and two walls.
-    fn corner() -> Site {
+    fn corner() -> ScannedSite {
         let positions = [[0, 0, 0], [3, 0, 0], [0, 3, 0], [0, 0, 3], [3, 3, 0], [3, 0, 3], [0, 3, 3]]
             .map(|at: [i32; 3]| Vec3::from(at.map(|n| n as f32)))
             .to_vec();
         let triangles = vec![[0, 1, 4], [0, 4, 2], [0, 1, 5], [0, 5, 3], [0, 2, 6], [0, 6, 3]];
         let (origin, warnings) = (DVec3::ZERO, Vec::new());
         let geometry = ScanGeometry { origin, positions, triangles, metres_per_unit: None, up: None, warnings };
-        Site { scan: Arc::new(Scan::of_geometry(Path::new("corner"), geometry, None)), world_from_scan: Pose::IDENTITY }
+        ScannedSite::new(Arc::new(SiteScan::of_geometry(Path::new("corner"), geometry, None)), Pose::IDENTITY)
     }
 
     /// A smooth pattern in space, codes.
@@ -341,14 +380,14 @@ mod tests {
         (120.0 + 25.0 * sum) as f32
     }
 
-    fn views(truth: &Site) -> Vec<SiteView> {
+    fn views(truth: &ScannedSite) -> Vec<SiteView> {
         let camera = Geometry::pinhole(320, 240, 300.0);
         (0..5)
             .map(|n| {
                 let n = f64::from(n);
                 let eye = DVec3::new(2.3 - 0.15 * n, 1.6 + 0.17 * n, 1.5 + 0.1 * (n % 3.0));
                 let pose = Pose::look_at(eye, DVec3::new(0.5, 0.4, 0.5), DVec3::Z).unwrap();
-                let map = truth.depth(&camera, &pose, 0.0);
+                let map = truth.depth(&camera, |_| pose, 0.0);
                 let luma = GreyImage::from_fn(320, 240, |x, y| {
                     let ray = camera.depth_ray(DVec2::new(x as f64 + 0.5, y as f64 + 0.5)).unwrap();
                     pattern(pose.inverse_transform_point(f64::from(map.depth_m[y * 320 + x]) * ray))
@@ -365,7 +404,7 @@ mod tests {
         let truth = corner();
         let middle = DVec3::new(0.5, 0.5, 0.5);
         let beside = moved(&truth, &Vector6::new(0.015, -0.012, 0.01, 0.006, -0.005, 0.008), middle);
-        let prior = PlacePrior { sigma_m: 0.02, sigma_rad: 0.01 };
+        let prior = PlacePrior { sigma_m: 0.02, sigma_rad: 0.01, center_m: None };
         let refined = refined(&beside, &views(&truth), &PAIRS, prior).unwrap();
         let (off_m, off_rad) = offset(&truth, &refined.site, middle);
         // 0.003 rad shift the picture of the corner's end by 0.03 px of the finest reduction.
@@ -376,7 +415,7 @@ mod tests {
     #[test]
     fn scan_in_its_place_stays_there() {
         let truth = corner();
-        let prior = PlacePrior { sigma_m: 0.02, sigma_rad: 0.01 };
+        let prior = PlacePrior { sigma_m: 0.02, sigma_rad: 0.01, center_m: None };
         match refined(&truth, &views(&truth), &PAIRS, prior) {
             Err(NoRefinement::NoGain) => {}
             Ok(refined) => assert!(offset(&truth, &refined.site, DVec3::ZERO).0 < 0.001, "{refined:?}"),
@@ -389,7 +428,7 @@ mod tests {
         let truth = corner();
         let mut blank = views(&truth);
         blank.iter_mut().for_each(|view| view.luma.values.fill(90.0));
-        let prior = PlacePrior { sigma_m: 0.02, sigma_rad: 0.01 };
+        let prior = PlacePrior { sigma_m: 0.02, sigma_rad: 0.01, center_m: None };
         let beside = moved(&truth, &Vector6::new(0.01, 0.0, 0.0, 0.0, 0.0, 0.0), DVec3::ZERO);
         assert!(refined(&beside, &blank, &PAIRS, prior).is_err());
     }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use glam::{DQuat, DVec2, DVec3, Vec3};
 
 use super::scan_file::ScanGeometry;
-use super::{Scan, Site};
+use super::{ScannedSite, SiteScan};
 use crate::camera::{Distortion, Geometry, Intrinsics, LensModel};
 use crate::hash::pcg3d;
 use crate::pixels::DepthMap;
@@ -17,9 +17,9 @@ fn random(n: usize) -> [f64; 3] {
     pcg3d([n as u32, 7, 11]).map(|bits| f64::from(bits) / f64::from(u32::MAX) - 0.5)
 }
 
-fn site(positions: Vec<Vec3>, triangles: Vec<[u32; 3]>, origin: DVec3) -> Site {
+fn site(positions: Vec<Vec3>, triangles: Vec<[u32; 3]>, origin: DVec3) -> ScannedSite {
     let geometry = ScanGeometry { origin, positions, triangles, metres_per_unit: None, up: None, warnings: Vec::new() };
-    Site { scan: Arc::new(Scan::of_geometry(Path::new("test"), geometry, None)), world_from_scan: Pose::IDENTITY }
+    ScannedSite::new(Arc::new(SiteScan::of_geometry(Path::new("test"), geometry, None)), Pose::IDENTITY)
 }
 
 /// Points on a rectangle around a center, spanned by two half sides, with noise along its normal.
@@ -61,7 +61,7 @@ const BOX_TRIANGLES: [[u32; 3]; 12] = [
     [1, 5, 7],
 ];
 
-fn box_site(origin: DVec3) -> Site {
+fn box_site(origin: DVec3) -> ScannedSite {
     site(BOX_CORNERS.map(Vec3::from).to_vec(), BOX_TRIANGLES.to_vec(), origin)
 }
 
@@ -106,21 +106,50 @@ fn depth_of_a_mesh_is_that_of_ray_casting_through_every_lens() {
     for (n, camera) in cameras.iter().enumerate() {
         for eye in eyes {
             let pose = Pose::look_at(eye, DVec3::new(-0.4, 0.3, -0.1), DVec3::Z).unwrap();
-            let map = site.depth(camera, &pose, 0.0);
+            let map = site.depth(camera, |_| pose, 0.0);
             let (mut wrong, mut hits) = (0, 0);
             for i in 0..map.depth_m.len() {
                 let at_px = DVec2::new((i as u32 % map.width) as f64 + 0.5, (i as u32 / map.width) as f64 + 0.5);
                 let Some(ray) = camera.depth_ray(at_px) else { continue };
                 let expected = box_hit(eye, pose.world_from_camera_rotation() * ray).unwrap_or(0.0);
-                let found = f64::from(map.depth_m[i]);
+                let rendered = f64::from(map.depth_m[i]);
                 hits += usize::from(expected > 0.0);
-                wrong += usize::from((found - expected).abs() > 1e-4 * expected.max(1.0));
+                wrong += usize::from((rendered - expected).abs() > 1e-4 * expected.max(1.0));
             }
             assert!(hits > 50, "camera {n}: {hits} rays meet the box");
             // Rays through an edge may meet either side of it.
             assert!(wrong <= hits / 200, "camera {n} from {eye}: {wrong} of {hits} pixels");
         }
     }
+}
+
+#[test]
+fn points_around_the_camera_are_seen_in_every_direction_of_a_360_degree_picture() {
+    let sphere = (0..150_000).map(|n| DVec3::from(random(n)).normalize_or(DVec3::X).as_vec3() * 2.0).collect();
+    let around = Geometry::new(
+        Intrinsics { width_px: 96, height_px: 48, ..Intrinsics::default() },
+        Distortion { model: LensModel::Equirectangular, ..Distortion::default() },
+    );
+    let map = site(sphere, vec![], DVec3::ZERO).depth(&around, |_| Pose::IDENTITY, 0.0);
+    let wrong = map.depth_m.iter().filter(|distance_m| (**distance_m - 2.0).abs() > 0.02).count();
+    assert!(wrong < 10, "{wrong} of {} pixels", map.depth_m.len());
+}
+
+#[test]
+fn rolling_shutter_shows_each_row_from_its_own_pose() {
+    let still = Geometry::pinhole(64, 96, 96.0);
+    let readout_time_s = 0.02;
+    let rolling = Geometry::new(Intrinsics { readout_time_s, ..still.intrinsics.clone() }, still.distortion.clone());
+    // A camera that moves along its axis, towards a box.
+    let pose = |time_s: f64| Pose::from_camera_in_world(DVec3::new(0.1, 0.1, -3.0 + 10.0 * time_s), DQuat::IDENTITY);
+    let map = box_site(DVec3::ZERO).depth(&rolling, pose, 0.0);
+    for y in [35, 47, 48, 60] {
+        let expected_m = 2.5 - 10.0 * rolling.row_time_s(y as f64 + 0.5);
+        // A band of 16 rows has one pose: 8 rows are 1.7 ms.
+        assert!((f64::from(at(&map, 32, y)) - expected_m).abs() < 0.018, "row {y}");
+    }
+    let difference_m = at(&map, 32, 35) - at(&map, 32, 60);
+    assert!(difference_m > 0.03, "{difference_m}");
 }
 
 #[test]
@@ -132,7 +161,7 @@ fn depth_of_a_noisy_wall_is_known_everywhere_and_averages_the_noise() {
         vec![],
         DVec3::ZERO,
     );
-    let map = wall.depth(&camera, &Pose::IDENTITY, 0.0);
+    let map = wall.depth(&camera, |_| Pose::IDENTITY, 0.0);
     let normal = slanted.cross(DVec3::Y).normalize();
     let error_m = |i: usize| {
         let at_px = DVec2::new((i % 80) as f64 + 0.5, (i / 80) as f64 + 0.5);
@@ -150,7 +179,7 @@ fn surface_ends_where_its_points_end_and_the_wall_behind_is_seen_beside_it() {
     let mut points = rectangle(DVec3::new(0.0, 0.0, 3.0), 3.0 * DVec3::X, 2.4 * DVec3::Y, 120_000, 0.0);
     // Its edge at x = 0 is in column 60.
     points.extend(rectangle(DVec3::new(-0.5, 0.0, 1.5), 0.5 * DVec3::X, DVec3::Y, 60_000, 0.0));
-    let map = site(points, vec![], DVec3::ZERO).depth(&camera, &Pose::IDENTITY, 0.0);
+    let map = site(points, vec![], DVec3::ZERO).depth(&camera, |_| Pose::IDENTITY, 0.0);
     for y in 10..80 {
         let nearer = (0..120).filter(|x| (at(&map, *x, y) - 1.5).abs() < 0.02).max().unwrap();
         assert!((58..=61).contains(&nearer), "row {y}: the edge is at {nearer}");
@@ -164,7 +193,7 @@ fn surface_ends_where_its_points_end_and_the_wall_behind_is_seen_beside_it() {
 fn coarser_discs_are_drawn_from_afar_and_finer_ones_nearby() {
     let points = rectangle(DVec3::new(0.0, 0.0, 0.0), DVec3::X, DVec3::Y, 200_000, 0.001);
     let site = site(points, vec![], DVec3::ZERO);
-    let super::Surface::Points(octree) = &site.scan.surface else { unreachable!() };
+    let super::ScanSurface::Points(octree) = &site.scan.surface else { unreachable!() };
     let levels: std::collections::BTreeSet<u32> = octree.nodes.iter().map(|node| (node.voxel_m * 1e4) as u32).collect();
     assert!(levels.len() > 3, "{levels:?}");
     // The finest voxels have at least three points in the mean: 200,000 over 4 m².
@@ -172,7 +201,7 @@ fn coarser_discs_are_drawn_from_afar_and_finer_ones_nearby() {
     let camera = Geometry::pinhole(64, 48, 64.0);
     for distance_m in [0.4, 20.0] {
         let pose = Pose::from_camera_in_world(DVec3::new(0.0, 0.0, -distance_m), DQuat::IDENTITY);
-        let z = f64::from(at(&site.depth(&camera, &pose, 0.0), 32, 24));
+        let z = f64::from(at(&site.depth(&camera, |_| pose, 0.0), 32, 24));
         assert!((z - distance_m).abs() < 0.002, "{z} at {distance_m} m");
     }
 }
@@ -184,7 +213,7 @@ fn lone_points_between_surfaces_are_left_out() {
         let [x, y, z] = random(n);
         DVec3::new(x, y, 1.7 + 0.2 * z).as_vec3()
     }));
-    let map = site(points, vec![], DVec3::ZERO).depth(&Geometry::pinhole(80, 60, 80.0), &Pose::IDENTITY, 0.0);
+    let map = site(points, vec![], DVec3::ZERO).depth(&Geometry::pinhole(80, 60, 80.0), |_| Pose::IDENTITY, 0.0);
     let nearer = map.depth_m.iter().filter(|z| **z < 1.95).count();
     assert!(nearer < 10, "{nearer} pixels in front of the wall");
 }
@@ -196,7 +225,7 @@ fn georeferenced_scan_keeps_its_precision() {
     let pose = Pose::look_at(DVec3::new(3.0, -2.0, 1.0), DVec3::ZERO, DVec3::Z).unwrap();
     let far_pose = Pose::look_at(origin + DVec3::new(3.0, -2.0, 1.0), origin, DVec3::Z).unwrap();
     let (near, far) =
-        (box_site(DVec3::ZERO).depth(&camera, &pose, 0.0), box_site(origin).depth(&camera, &far_pose, 0.0));
+        (box_site(DVec3::ZERO).depth(&camera, |_| pose, 0.0), box_site(origin).depth(&camera, |_| far_pose, 0.0));
     let most = near.depth_m.iter().zip(&far.depth_m).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     assert!(most < 1e-4, "{most} m");
 }
@@ -210,7 +239,8 @@ fn site_in_another_world_is_seen_alike_by_the_camera_of_that_world() {
     let other =
         Pose::new(camera.rotation * world_from_other.rotation, camera.transform_point(world_from_other.translation_m));
     let geometry = Geometry::pinhole(64, 48, 64.0);
-    let [a, b] = [site.depth(&geometry, &camera, 0.0), site.in_world(&world_from_other).depth(&geometry, &other, 0.0)];
+    let [a, b] =
+        [site.depth(&geometry, |_| camera, 0.0), site.in_world(&world_from_other).depth(&geometry, |_| other, 0.0)];
     let most = a.depth_m.iter().zip(&b.depth_m).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     assert!(a.depth_m.iter().any(|z| *z > 0.0) && most < 1e-4, "{most} m");
 }

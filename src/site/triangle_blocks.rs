@@ -10,11 +10,11 @@ use super::morton::{bounds, morton_code};
 const BLOCK_TRIANGLES: usize = 256;
 
 /// Corners of a triangle, m.
-pub type Triangle = [Vec3; 3];
+pub type ScanTriangle = [Vec3; 3];
 
 /// Triangles that are near each other.
 #[derive(Clone, Debug)]
-pub struct Block {
+pub struct TriangleBlock {
     pub triangles: Range<usize>,
     pub center_m: Vec3,
     pub radius_m: f32,
@@ -23,14 +23,14 @@ pub struct Block {
 /// Triangles sorted along a Morton curve of their centroids.
 #[derive(Clone, Debug, Default)]
 pub struct TriangleBlocks {
-    pub triangles: Vec<Triangle>,
-    pub blocks: Vec<Block>,
+    pub triangles: Vec<ScanTriangle>,
+    pub blocks: Vec<TriangleBlock>,
 }
 
 impl TriangleBlocks {
     /// Triangles without area are left out.
-    pub fn new(triangles: impl Iterator<Item = Triangle>) -> Self {
-        let mut triangles: Vec<Triangle> =
+    pub fn new(triangles: impl Iterator<Item = ScanTriangle>) -> Self {
+        let mut triangles: Vec<ScanTriangle> =
             triangles.filter(|[a, b, c]| (*b - *a).cross(*c - *a).length_squared() > 0.0).collect();
         let (low, high) = bounds(triangles.iter().flatten());
         let scale = ((1u32 << 20) as f32) / (high - low).max_element().max(f32::MIN_POSITIVE);
@@ -38,13 +38,13 @@ impl TriangleBlocks {
         let blocks = (0..triangles.len()).step_by(BLOCK_TRIANGLES).map(|start| {
             let range = start..triangles.len().min(start + BLOCK_TRIANGLES);
             let (low, high) = bounds(triangles[range.clone()].iter().flatten());
-            Block { triangles: range, center_m: 0.5 * (low + high), radius_m: 0.5 * (high - low).length() }
+            TriangleBlock { triangles: range, center_m: 0.5 * (low + high), radius_m: 0.5 * (high - low).length() }
         });
         let blocks = blocks.collect();
         Self { triangles, blocks }
     }
 }
 
-fn centroid(corners: &Triangle) -> Vec3 {
+fn centroid(corners: &ScanTriangle) -> Vec3 {
     corners.iter().sum::<Vec3>() / 3.0
 }

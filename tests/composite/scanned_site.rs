@@ -14,7 +14,7 @@ use locard::hash::pcg3d;
 use locard::params::Value;
 use locard::pose::Pose;
 use locard::shot::Shot;
-use locard::site::{Scan, Site};
+use locard::site::{ScannedSite, SiteScan};
 
 /// Standard deviation of the scanner, m.
 const NOISE_M: f64 = 0.002;
@@ -80,9 +80,9 @@ fn scan_hides_and_is_shadowed_as_measured_depth_is() {
     let mut without = demo(folder.path());
     without.recording = Arc::new(without.recording.without_depth());
     let mut scanned = demo(folder.path());
-    let scan = Arc::new(Scan::read(&file, None).unwrap());
+    let scan = Arc::new(SiteScan::read(&file, None).unwrap());
     let mut recording = scanned.recording.without_depth();
-    recording.set_site(Some(Site { scan, world_from_scan: world_from_scan() }));
+    recording.set_site(Some(ScannedSite::new(scan, world_from_scan())));
     recording.set_cameras(|own| scanned.rig.geometry_over(own));
     scanned.recording = Arc::new(recording);
     let frame = 20;

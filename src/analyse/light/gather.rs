@@ -7,7 +7,7 @@ use glam::{DVec3, Vec3};
 
 use super::super::camera_model::CameraModel;
 use super::super::depth_at_frame::smooth_mask;
-use super::super::depth_source::measured;
+use super::super::depth_source::SingleFrameDepth;
 use super::super::registration_result::RegistrationError;
 use super::super::sparse_frames::frames;
 use super::super::state::{CameraState, move_point, project_rolling_shutter};
@@ -154,7 +154,7 @@ impl LightInputs<'_> {
     fn view(&self, frame: &Frame) -> Option<FrameSamples> {
         let state = self.states[frame.index]?;
         let (width, height) = self.model.size();
-        let depth = measured(self.model, frame, &state, self.later_s);
+        let depth = SingleFrameDepth::new(self.recording, self.later_s).of(self.model, frame, &state);
         let is_smooth =
             smooth_mask(&depth, width, (DEPTH_EDGE_DISTANCE_PX * width).div_ceil(640).max(1), DEPTH_EDGE_STEP);
         let gain = self.gains.get(frame.index).copied().unwrap_or([1.0; 3]);

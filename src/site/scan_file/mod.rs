@@ -49,8 +49,8 @@ const FORMATS: [ScanFormat; 6] = [
 ];
 
 /// Reads a point cloud or a mesh: E57, PLY, LAS, LAZ, OBJ, STL, or columns of text (XYZ, PTS). glTF
-/// is read as a scene ([`read_scan`](crate::scene::read_scan)). The content decides about the format, and the extension only where the content has no
-/// signature.
+/// is read as a scene ([`read_scan`](crate::scene::read_scan)). The content decides about the
+/// format, and the extension only where the content has no signature.
 ///
 /// # Errors
 /// If the file cannot be read, is of another format, is damaged, or holds no finite point. No input

@@ -139,7 +139,12 @@ impl Project {
         let own = self.shot_settings();
         self.shot.set_settings_of_scene(&own);
         let edit = self.history.current();
+        let has_other_camera = self.shot.rig != edit.rig;
         self.shot.rig = edit.rig.clone();
+        // A scan is rendered in the present camera.
+        if has_other_camera && self.shot.recording.site().is_some() {
+            self.shot.register_depth();
+        }
         self.shot.settings = edit.settings.clone();
         self.version += 1;
         if self.last_variant != edit.other {
