@@ -29,7 +29,7 @@ const UNPAIRED: PlacePrior = PlacePrior { sigma_m: 0.03, sigma_rad: 0.02, center
 pub struct Args {
     /// The recording
     recording: PathBuf,
-    /// The scan: E57, LAS, PLY, OBJ, STL, glTF or a text of points
+    /// The scan: E57, LAS, LAZ, PLY, OBJ, STL, glTF, or columns of text (XYZ, PTS, TXT, CSV)
     #[arg(long, value_name = "FILE")]
     scan: PathBuf,
     /// The scene file to add it to; created if it does not exist
@@ -108,6 +108,12 @@ pub fn run(args: &Args) -> Result<()> {
             }
             Err(why) => writeln!(out, "refined    not: {why}")?,
         }
+    }
+    if shot.site_coverage(&site, 0..shot.recording.frame_count()).is_some_and(|covered| covered < 0.01) {
+        writeln!(
+            out,
+            "odd        hardly any frame shows the scan: check the pairs, and its unit (--scan-unit 0.001 for millimetres)"
+        )?;
     }
     let place = site.world_from_scan;
     let posed = (0..shot.recording.frame_count()).find(|frame| shot.recording.pose_at_frame(*frame).is_ok());
@@ -191,7 +197,9 @@ fn place(
         .pairs
         .iter()
         .map(|pair| {
-            super::check_frame(pair.view.frame, frames)?;
+            if pair.view.frame >= frames {
+                bail!("--pair {}: the recording has {}", of_view(&pair.view), count(frames, "frame"));
+            }
             Ok(shot.ray_pair(&pair.view, pair.point * scan.metres_per_unit)?)
         })
         .collect::<Result<_>>()?;

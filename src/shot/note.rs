@@ -233,6 +233,12 @@ impl Shot {
         let mut notes: Vec<_> = self.recording.warnings.iter().cloned().map(Note::Recording).collect();
         notes.extend(self.unused_analysis_note());
         notes.extend(self.stale_estimates());
+        let coverage = self.recording.site().and_then(|site| self.site_coverage(site, range.clone()));
+        notes.extend(
+            coverage.filter(|covered| *covered == 0.0).map(|_| {
+                Note::Scene("no frame shows the scan: check its unit and its place (`locard site`)".to_owned())
+            }),
+        );
         notes.extend(self.recording.missing_poses(range).map(Note::MissingPoses));
         notes.extend(self.scene.warnings.iter().cloned().map(Note::Scene));
         notes.extend(self.site_problem.iter().cloned().map(Note::Scene));

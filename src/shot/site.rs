@@ -1,12 +1,13 @@
 //! The scan of a scene in a recording.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use glam::{DVec2, DVec3};
 
 use super::unit::unit_m;
 use super::{FramePoint, Shot, ShotError, SurfaceError};
-use crate::camera::Geometry;
+use crate::camera::{Geometry, Intrinsics};
 use crate::frame::Frame;
 use crate::grey_image::GreyImage;
 use crate::pose::Pose;
@@ -19,6 +20,9 @@ use crate::tracking::PoseTrack;
 
 /// Frames that a refinement reads.
 const REFINEMENT_FRAMES: usize = 24;
+/// Frames in which the coverage by a scan is tested, and the reduction of their pictures.
+const COVERAGE_FRAMES: usize = 5;
+const COVERAGE_REDUCTION: u32 = 8;
 /// Partners of each frame.
 const PARTNERS: usize = 3;
 /// Least distance between the cameras of a pair, m.
@@ -55,11 +59,32 @@ impl Shot {
     /// m.
     pub fn ray_pair(&self, view: &FramePoint, point_m: DVec3) -> Result<RayPair, SurfaceError> {
         let camera = self.posed_camera(view.frame)?;
+        let Intrinsics { width_px: width, height_px: height, .. } = camera.geometry().intrinsics;
+        let size = DVec2::new(f64::from(width), f64::from(height));
+        if !(view.at_px.cmpge(DVec2::ZERO).all() && view.at_px.cmple(size).all()) {
+            return Err(SurfaceError::Outside { at_px: view.at_px.to_array(), width, height });
+        }
         let no_ray = || SurfaceError::NoRay { at_px: view.at_px.to_array() };
         let ray = camera.ray(view.at_px).ok_or_else(no_ray)?;
         let beside = camera.ray(view.at_px + DVec2::X).ok_or_else(no_ray)?;
         let px_per_rad = ray.direction.angle_between(beside.direction).recip();
         Ok(RayPair { point_m, origin_m: ray.origin_m, direction: ray.direction, px_per_rad })
+    }
+
+    /// Fraction of the picture that a scan covers, the largest of a few frames of a range; `None`
+    /// if none has a pose and a camera.
+    pub fn site_coverage(&self, site: &ScannedSite, range: Range<usize>) -> Option<f64> {
+        let stride = range.len().div_ceil(COVERAGE_FRAMES).max(1);
+        let covered = |frame: usize| {
+            let pose = self.recording.pose_at_frame(frame).ok()?;
+            let camera = self.known_geometry_at(frame)?;
+            let Intrinsics { width_px, height_px, .. } = camera.intrinsics;
+            let small = camera.resized((width_px / COVERAGE_REDUCTION).max(1), (height_px / COVERAGE_REDUCTION).max(1));
+            let map = site.depth(&small, |_| pose, 0.0);
+            let surface_px = map.depth_m.iter().filter(|z| **z > 0.0).count();
+            Some(surface_px as f64 / map.depth_m.len().max(1) as f64)
+        };
+        range.step_by(stride).filter_map(covered).reduce(f64::max)
     }
 
     /// Refines the place of a scan by the brightness of its surface in the frames.

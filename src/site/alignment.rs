@@ -28,6 +28,8 @@ const SAME_ROTATION_RAD: f64 = 0.05;
 const REFUTED_VARIANCES: f64 = 12.0;
 /// Estimates of the outlier threshold per solution.
 const ROUNDS: usize = 4;
+/// Largest reprojection error of a pair, rad.
+const MAX_ERROR_RAD: f64 = 0.015;
 /// Larger standard deviations of the rotation mean that the pairs do not define it, rad.
 const MAX_SIGMA_RAD: f64 = 0.5;
 /// Larger relative standard deviations of the scale mean that the frames do not define it.
@@ -72,7 +74,7 @@ pub struct Alignment {
 }
 
 /// Reasons why pairs give no alignment.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum AlignmentError {
     #[error("{0} pairs are too few: {1} are needed, not on a line")]
     FewPairs(usize, usize),
@@ -86,13 +88,56 @@ pub enum AlignmentError {
          in a frame from another position"
     )]
     Ambiguous,
+    #[error("{0}")]
+    Inconsistent(InconsistentPairs),
     #[error("no alignment has the scan's up within 20° of the world's; check the pairs, and `up` of the scene")]
     Tilted,
 }
 
+/// Pairs that no alignment explains.
+#[derive(Clone, Debug, PartialEq)]
+pub struct InconsistentPairs {
+    /// Reprojection error of each pair in the best alignment, px.
+    pub errors_px: Vec<f64>,
+    /// Index of a pair without which the others agree.
+    pub wrong_pair: Option<usize>,
+}
+
+impl std::fmt::Display for InconsistentPairs {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let errors_px: Vec<String> = self.errors_px.iter().map(|px| format!("{px:.0}")).collect();
+        write!(f, "the pairs contradict each other: they are off by {} px", errors_px.join(", "))?;
+        match self.wrong_pair {
+            Some(wrong) => write!(f, "; without pair {} the others agree: check it", wrong + 1),
+            None => write!(f, "; check their frames and coordinates, and the scan's unit"),
+        }
+    }
+}
+
 impl Alignment {
-    /// The alignment with the smallest reprojection errors.
+    /// The alignment with the smallest reprojection errors. Pairs that are off by more than
+    /// 0.015 rad (8 px at a focal length of 525 px) are refused.
     pub fn of_pairs(pairs: &[RayPair], options: &AlignmentOptions) -> Result<Self, AlignmentError> {
+        let alignment = Self::best(pairs, options)?;
+        if alignment.agrees(pairs) {
+            return Ok(alignment);
+        }
+        let agree_without = |wrong: &usize| {
+            let others: Vec<RayPair> =
+                pairs.iter().enumerate().filter(|(n, _)| n != wrong).map(|(_, pair)| *pair).collect();
+            Self::best(&others, options).is_ok_and(|alignment| alignment.agrees(&others))
+        };
+        let wrong: Vec<usize> = (0..pairs.len()).filter(agree_without).collect();
+        let wrong_pair = if let [wrong] = wrong[..] { Some(wrong) } else { None };
+        Err(AlignmentError::Inconsistent(InconsistentPairs { errors_px: alignment.errors_px, wrong_pair }))
+    }
+
+    fn agrees(&self, pairs: &[RayPair]) -> bool {
+        self.errors_px.iter().zip(pairs).all(|(px, pair)| *px < MAX_ERROR_RAD * pair.px_per_rad)
+    }
+
+    /// The alignment with the smallest reprojection errors, of any size.
+    fn best(pairs: &[RayPair], options: &AlignmentOptions) -> Result<Self, AlignmentError> {
         let needed = if options.finds_scale { 4 } else { 3 };
         if pairs.len() < needed {
             return Err(AlignmentError::FewPairs(pairs.len(), needed));
@@ -381,6 +426,20 @@ mod tests {
         let ups = Some([DVec3::Z, DVec3::Z]);
         let alignment = Alignment::of_pairs(&pairs, &AlignmentOptions { ups, finds_scale: false }).unwrap();
         assert!(alignment.world_from_scan.translation_m.distance(truth.translation_m) < 1e-5, "{alignment:?}");
+    }
+
+    #[test]
+    fn wrong_pair_is_named() {
+        let points: Vec<[f64; 3]> = POINTS.into_iter().chain([[1.9, 1.5, 0.3], [0.1, 0.2, 1.4]]).collect();
+        let mut pairs = pairs(&points, &[[0.0, 0.0, 0.0], [1.5, 0.2, 0.0]], &truth(1.0), 0.0);
+        pairs[2].point_m += DVec3::new(0.4, -0.3, 0.2);
+        match Alignment::of_pairs(&pairs, &AlignmentOptions::default()) {
+            Err(AlignmentError::Inconsistent(inconsistent)) => {
+                assert_eq!(inconsistent.wrong_pair, Some(2), "{inconsistent}");
+                assert!(inconsistent.to_string().contains("without pair 3 the others agree"), "{inconsistent}");
+            }
+            other => panic!("{other:?}"),
+        }
     }
 
     #[test]

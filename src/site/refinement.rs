@@ -19,7 +19,7 @@ use glam::{DMat3, DQuat, DVec2, DVec3};
 use nalgebra::{Matrix6, Vector6};
 
 use super::ScannedSite;
-use crate::camera::Geometry;
+use crate::camera::{Geometry, Intrinsics};
 use crate::fit::quantile;
 use crate::grey_image::GreyImage;
 use crate::pose::Pose;
@@ -43,8 +43,8 @@ const PIXELS_PER_MEASUREMENT: f64 = 50.0;
 const MIN_GAIN: f64 = 0.02;
 /// Smallest side of a picture, px.
 const MIN_SIDE_PX: u32 = 128;
-/// Least compared pixels of the finest reduction.
-const MIN_PIXELS: usize = 500;
+/// Least fraction of the finest reduction's pixels that must be comparable.
+const MIN_PIXEL_SHARE: f64 = 0.05;
 
 /// A frame with its pose.
 pub struct SiteView {
@@ -166,7 +166,14 @@ pub fn refined(
             pixels = now.len();
         }
     }
-    if pixels < MIN_PIXELS {
+    let (by, stride) = REDUCTIONS[REDUCTIONS.len() - 1];
+    let step_px = (by * stride) as f64;
+    let possible = |n: usize| {
+        let Intrinsics { width_px, height_px, .. } = views[n].camera.intrinsics;
+        f64::from(width_px) * f64::from(height_px) / (step_px * step_px)
+    };
+    let all: f64 = pairs.iter().map(|(a, b)| possible(*a) + possible(*b)).sum();
+    if (pixels as f64) < MIN_PIXEL_SHARE * all || pixels == 0 {
         return Err(NoRefinement::FewPixels);
     }
     let has_gained = loss[1] < (1.0 - MIN_GAIN) * loss[0];
