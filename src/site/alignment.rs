@@ -118,10 +118,12 @@ impl Alignment {
     /// The alignment with the smallest reprojection errors. Pairs that are off by more than
     /// 0.015 rad (8 px at a focal length of 525 px) are refused.
     pub fn of_pairs(pairs: &[RayPair], options: &AlignmentOptions) -> Result<Self, AlignmentError> {
-        let alignment = Self::best(pairs, options)?;
-        if alignment.agrees(pairs) {
-            return Ok(alignment);
-        }
+        let errors_px = match Self::best(pairs, options) {
+            Ok(alignment) if alignment.agrees(pairs) => return Ok(alignment),
+            Ok(alignment) => alignment.errors_px,
+            Err(AlignmentError::Inconsistent(inconsistent)) => inconsistent.errors_px,
+            Err(other) => return Err(other),
+        };
         let agree_without = |wrong: &usize| {
             let others: Vec<RayPair> =
                 pairs.iter().enumerate().filter(|(n, _)| n != wrong).map(|(_, pair)| *pair).collect();
@@ -129,11 +131,11 @@ impl Alignment {
         };
         let wrong: Vec<usize> = (0..pairs.len()).filter(agree_without).collect();
         let wrong_pair = if let [wrong] = wrong[..] { Some(wrong) } else { None };
-        Err(AlignmentError::Inconsistent(InconsistentPairs { errors_px: alignment.errors_px, wrong_pair }))
+        Err(AlignmentError::Inconsistent(InconsistentPairs { errors_px, wrong_pair }))
     }
 
     fn agrees(&self, pairs: &[RayPair]) -> bool {
-        self.errors_px.iter().zip(pairs).all(|(px, pair)| *px < MAX_ERROR_RAD * pair.px_per_rad)
+        agree(&self.errors_px, pairs)
     }
 
     /// The alignment with the smallest reprojection errors, of any size.
@@ -163,13 +165,25 @@ impl Alignment {
                 && other.transform.rotation.angle_between(best.transform.rotation) > SAME_ROTATION_RAD
         };
         if solutions.iter().any(is_other) {
-            return Err(AlignmentError::Ambiguous);
+            let errors_px = best.errors_px();
+            let is_ambiguous = agree(&errors_px, pairs);
+            let inconsistent = InconsistentPairs { errors_px, wrong_pair: None };
+            return Err(if is_ambiguous {
+                AlignmentError::Ambiguous
+            } else {
+                AlignmentError::Inconsistent(inconsistent)
+            });
         }
         let mut alignment = problem.with_sigma(best).ok_or(AlignmentError::Undetermined)?;
         let transform = &mut alignment.world_from_scan;
         transform.translation_m -= transform.scale * (transform.rotation * center);
         Ok(alignment)
     }
+}
+
+/// True if all errors may be those of picks.
+fn agree(errors_px: &[f64], pairs: &[RayPair]) -> bool {
+    errors_px.iter().zip(pairs).all(|(px, pair)| *px < MAX_ERROR_RAD * pair.px_per_rad)
 }
 
 /// A grid of rotations. Every rotation is within 45° of one of them.
@@ -198,6 +212,10 @@ struct AlignmentSolution {
 }
 
 impl AlignmentSolution {
+    fn errors_px(&self) -> Vec<f64> {
+        self.residuals_px.iter().map(|residual| residual.length()).collect()
+    }
+
     fn has_up(&self, options: &AlignmentOptions) -> bool {
         options.ups.is_none_or(|[scan, world]| (self.transform.rotation * scan).angle_between(world) < MAX_UP_ANGLE_RAD)
     }
@@ -317,7 +335,7 @@ impl AlignmentProblem<'_> {
         let is_determined = sigma_m.is_finite() && sigma_rad < MAX_SIGMA_RAD && sigma_scale < MAX_SIGMA_SCALE;
         is_determined.then(|| Alignment {
             world_from_scan: best.transform,
-            errors_px: best.residuals_px.iter().map(|residual| residual.length()).collect(),
+            errors_px: best.errors_px(),
             sigma_m,
             sigma_rad,
             sigma_scale,
@@ -440,6 +458,15 @@ mod tests {
             }
             other => panic!("{other:?}"),
         }
+    }
+
+    #[test]
+    fn pairs_at_random_contradict_each_other() {
+        let mut pairs = pairs(&POINTS, &[[0.0, 0.0, 0.0], [1.5, 0.2, 0.0]], &truth(1.0), 0.0);
+        let points = [3, 0, 4, 2, 1].map(|n: usize| pairs[n].point_m);
+        pairs.iter_mut().zip(points).for_each(|(pair, point_m)| pair.point_m = point_m);
+        let result = Alignment::of_pairs(&pairs, &AlignmentOptions::default());
+        assert!(matches!(result, Err(AlignmentError::Inconsistent(_))), "{result:?}");
     }
 
     #[test]

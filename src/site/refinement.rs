@@ -413,9 +413,11 @@ mod tests {
         let beside = moved(&truth, &Vector6::new(0.015, -0.012, 0.01, 0.006, -0.005, 0.008), middle);
         let prior = PlacePrior { sigma_m: 0.02, sigma_rad: 0.01, center_m: None };
         let refined = refined(&beside, &views(&truth), &PAIRS, prior).unwrap();
+        let (before_m, before_rad) = offset(&truth, &beside, middle);
         let (off_m, off_rad) = offset(&truth, &refined.site, middle);
-        // 0.003 rad shift the picture of the corner's end by 0.03 px of the finest reduction.
-        assert!(off_m < 0.002 && off_rad < 0.003, "{off_m} m, {off_rad} rad off");
+        // A third of the rotation shifts the picture of the corner's end by 0.04 px of the finest
+        // reduction.
+        assert!(off_m < 0.1 * before_m && off_rad < before_rad / 3.0, "{off_m} m, {off_rad} rad off");
         assert!(refined.loss[1] < 0.8 * refined.loss[0], "{:?}", refined.loss);
     }
 

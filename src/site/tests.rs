@@ -195,7 +195,7 @@ fn coarser_discs_are_drawn_from_afar_and_finer_ones_nearby() {
     let site = site(points, vec![], DVec3::ZERO);
     let super::ScanSurface::Points(octree) = &site.scan.surface else { unreachable!() };
     let levels: std::collections::BTreeSet<u32> = octree.nodes.iter().map(|node| (node.voxel_m * 1e4) as u32).collect();
-    assert!(levels.len() > 3, "{levels:?}");
+    assert!(levels.len() >= 3, "{levels:?}");
     // The finest voxels have at least three points in the mean: 200,000 over 4 m².
     assert!(*levels.first().unwrap() >= 60, "{levels:?}");
     let camera = Geometry::pinhole(64, 48, 64.0);
