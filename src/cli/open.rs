@@ -4,12 +4,12 @@ use locard_engine::recording::OpenOptions;
 
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
 pub struct Skip {
-    /// Leave out frames whose picture repeats the one before; the others are counted anew. Every
-    /// picture is decoded first
+    /// Skip frames that repeat the previous picture, and renumber the others. Every picture is
+    /// decoded first
     #[arg(long)]
     skip_duplicates: bool,
-    /// Leave out frames whose picture is missing, instead of refusing the recording; the others are
-    /// counted anew
+    /// Skip frames without a picture file, instead of refusing the recording, and renumber the
+    /// others
     #[arg(long)]
     skip_missing: bool,
 }

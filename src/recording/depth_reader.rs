@@ -47,9 +47,7 @@ impl DepthReader {
 
     fn rendered(&self, index: usize, camera: &Geometry) -> Option<DepthMap> {
         let time_s = *self.timestamps_s.get(index)?;
-        let middle = self.track.at(time_s).ok()?;
-        let pose = |later_s: f64| self.track.at_or_nearest(time_s + later_s).unwrap_or(middle);
         let is_of_frames = (camera.intrinsics.width_px, camera.intrinsics.height_px) == self.size;
-        self.site.as_ref().filter(|_| is_of_frames).map(|site| site.depth(camera, pose, time_s))
+        self.site.as_ref().filter(|_| is_of_frames)?.depth_at_time(camera, &self.track, time_s).ok()
     }
 }

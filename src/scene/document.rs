@@ -2,12 +2,13 @@
 
 use std::path::Path;
 
-use glam::{DQuat, DVec3, Vec3};
+use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 
 use super::SceneError;
+use super::gauge::Gauge;
+use super::site::SiteTable;
 use crate::document;
-use crate::pose::Pose;
 use crate::source::file as plain;
 
 /// A scene file and its text. Comments and order are kept when values change.
@@ -70,61 +71,6 @@ pub struct SceneFile {
     /// Parameters of the shot, with the tables of a profile.
     #[serde(default, skip_serializing_if = "toml::Table::is_empty")]
     pub settings: toml::Table,
-}
-
-/// Camera pose of one frame in the scene's world. If poses are refined later, the recording is
-/// transformed so that they agree, and objects stay on the surface of that frame.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
-#[serde(deny_unknown_fields)]
-pub struct Gauge {
-    pub frame: usize,
-    /// Time of the frame. It identifies the recording.
-    pub time_s: f64,
-    /// Camera position, metres.
-    pub position_m: [f64; 3],
-    /// World from camera (OpenCV axes): x, y, z, w.
-    pub quaternion: [f64; 4],
-}
-
-impl Gauge {
-    pub fn of(frame: usize, time_s: f64, pose: &Pose) -> Self {
-        let quaternion = pose.world_from_camera_rotation().to_array();
-        Self { frame, time_s, position_m: pose.position_in_world_m().to_array(), quaternion }
-    }
-
-    /// `None` if the numbers are no valid pose.
-    pub fn pose(&self) -> Option<Pose> {
-        let (position, turn) = (DVec3::from(self.position_m), DQuat::from_array(self.quaternion));
-        let is_sound = position.is_finite() && (turn.length() - 1.0).abs() < 1e-3;
-        is_sound.then(|| Pose::from_camera_in_world(position, turn))
-    }
-}
-
-/// A scan of the place, in the scene's world.
-#[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
-#[serde(deny_unknown_fields)]
-pub struct SiteTable {
-    /// A file of [`site::scan_file`](crate::site::scan_file), relative to the scene file.
-    pub scan: String,
-    /// Length of the scan's unit; default that of its format.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub metres_per_unit: Option<f64>,
-    /// The scan's origin in the world, m; default 0.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub position_m: Option<[f64; 3]>,
-    /// World from scan: x, y, z, w; default no rotation.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub quaternion: Option<[f64; 4]>,
-}
-
-impl SiteTable {
-    /// `None` if the numbers are no valid pose.
-    pub fn world_from_scan(&self) -> Option<Pose> {
-        let position = DVec3::from(self.position_m.unwrap_or_default());
-        let rotation = self.quaternion.map_or(DQuat::IDENTITY, DQuat::from_array);
-        let is_valid = position.is_finite() && (rotation.length() - 1.0).abs() < 1e-3;
-        is_valid.then(|| Pose::new(rotation, position))
-    }
 }
 
 /// A model and its placement, or several placements by `instances`.

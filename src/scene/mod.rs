@@ -9,6 +9,7 @@ pub mod document;
 mod edit;
 mod error;
 mod extension;
+mod gauge;
 mod geometry;
 mod gltf;
 mod heading;
@@ -33,6 +34,7 @@ mod reuse;
 mod scan;
 mod scene_file;
 mod schema;
+mod site;
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -41,12 +43,12 @@ use glam::{DAffine3, DQuat, DVec3, Vec2, Vec3};
 
 use crate::digest::digestible;
 use crate::plane::Plane;
-use crate::pose::Pose;
 
 pub use describe::{ObjectDescription, SceneDescription, TextureDescription, bounds_m, describe, size_warning};
-pub use document::{Document, Entry, Gauge, SceneFile, SceneItem, SiteTable};
+pub use document::{Document, Entry, SceneFile, SceneItem};
 pub use edit::ItemPlacement;
 pub use error::SceneError;
+pub use gauge::Gauge;
 pub use heading::Heading;
 pub use light_correction::LightCorrection;
 pub use load::{load, load_file, load_file_with, load_with};
@@ -57,6 +59,7 @@ pub use overlap::{Overlap, overlaps};
 pub use place::Size;
 pub use resting::{Facet, MIN_SUPPORT_COSINE, Posture, place_at_rest, relative};
 pub use scan::read_scan;
+pub use site::{SitePlacement, SiteTable};
 
 /// Decodes a Radiance panorama: width, height, linear light row by row. The error is a description.
 pub fn decode_panorama(hdr: &[u8]) -> Result<(u32, u32, Vec<[f32; 3]>), String> {
@@ -125,16 +128,6 @@ impl Scene {
             && self.meshes.len() == other.meshes.len()
             && self.meshes.iter().zip(&other.meshes).all(|(a, b)| shared(a, b))
     }
-}
-
-/// A scan of the place, before it is read.
-#[derive(Clone, Debug, PartialEq)]
-pub struct SitePlacement {
-    pub scan: PathBuf,
-    /// Length of the scan's unit, m; `None`: that of its format.
-    pub metres_per_unit: Option<f64>,
-    /// Takes a point of the scan, m, to the scene's world.
-    pub world_from_scan: Pose,
 }
 
 /// One piece of evidence: the unit that has its own motion vectors.

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use glam::{DQuat, DVec3, Vec3};
 
-use super::document::{Instance, LampTable, LightTable, PlacedModel, Scale, SceneFile, SiteTable, SunTable};
+use super::document::{Instance, LampTable, LightTable, PlacedModel, Scale, SceneFile, SunTable};
 use super::edit;
 use super::light::{DEFAULT_WHITE_LX, SUN_RAD, default_lighting};
 use super::loaded_models::{MissingModels, Model, Panorama};
@@ -14,9 +14,8 @@ use super::loader::Loader;
 use super::missing;
 use super::panorama::PanoramaPixels;
 use super::place::{FilePlacement, Size, shortest_rotation};
-use super::{
-    Environment, EnvironmentMap, LightingOrigin, Object, PointLight, SceneError, SitePlacement, Sun, model, panorama,
-};
+use super::site::read_site;
+use super::{Environment, EnvironmentMap, LightingOrigin, Object, PointLight, SceneError, Sun, model, panorama};
 
 /// Adds the contents of a scene file to the loader. Errors name `file`, and models are found
 /// relative to it.
@@ -74,19 +73,6 @@ pub(super) fn read(
         (None, false) => loader.warn_of_dark_ambient(file),
     }
     Ok(())
-}
-
-/// The scan's file is read when a shot needs it.
-fn read_site(file: &Path, site: &SiteTable) -> Result<SitePlacement, SceneError> {
-    if let Some(found) = site.metres_per_unit.filter(|m| !(*m > 0.0 && m.is_finite())) {
-        return Err(SceneError::bad(file, "site.metres_per_unit", found, "more than 0"));
-    }
-    let world_from_scan = site.world_from_scan().ok_or_else(|| {
-        let actual = format!("{:?} {:?}", site.position_m, site.quaternion);
-        SceneError::bad(file, "site", actual, "a finite position_m and a quaternion of length 1")
-    })?;
-    let scan = file.parent().unwrap_or(Path::new("")).join(&site.scan);
-    Ok(SitePlacement { scan, metres_per_unit: site.metres_per_unit, world_from_scan })
 }
 
 fn place(

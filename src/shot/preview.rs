@@ -40,10 +40,9 @@ impl Shot {
         let (width, height, codes) = (pixels.width, pixels.height, pixels.codes.to_eight_bit().into_owned());
         let Some(mut picture) = RgbImage::from_raw(width, height, codes) else { return Ok(pixels.clone()) };
         let unit = (f64::from(height) / 720.0).max(1.0);
-        if let (Some(site), Ok(middle)) = (self.recording.site(), self.recording.pose_at_frame(frame)) {
+        if let Some(site) = self.recording.site() {
             let (track, time_s) = (&self.recording.track, self.recording.timestamps_s[frame]);
-            let pose = |later_s: f64| track.at_or_nearest(time_s + later_s).unwrap_or(middle);
-            draw_site_edges(&mut picture, &site.depth(eye.geometry(), pose, time_s));
+            draw_site_edges(&mut picture, &site.depth_at_time(eye.geometry(), track, time_s)?);
         }
         let mut labels = Vec::new();
         for object in 0..self.scene.objects.len() {

@@ -49,10 +49,8 @@ impl Shot {
         let Some(site) = self.recording.site().filter(|_| self.recording.is_live() && frame.depth.is_none()) else {
             return frame;
         };
-        let time_s = frame.timestamp_s;
-        let Ok(middle) = track.at(time_s) else { return frame };
-        let pose = |later_s: f64| track.at_or_nearest(time_s + later_s).unwrap_or(middle);
-        Frame { depth: Some(Arc::new(site.depth(geometry, pose, time_s))), ..frame }
+        let depth = site.depth_at_time(geometry, track, frame.timestamp_s).ok().map(Arc::new);
+        Frame { depth, ..frame }
     }
 
     /// A pair for the alignment of a scan: a position in a frame, and the point of the scan there,

@@ -17,13 +17,14 @@
 use std::f32::consts::PI;
 use std::ops::Range;
 
-use glam::{DVec2, DVec3, Mat3, Vec3};
+use glam::{DVec2, DVec3, Mat3, Vec2, Vec3};
 
 use super::point_octree::{Disc, OctreeNode, PointOctree};
 use super::triangle_blocks::{ScanTriangle, TriangleBlocks};
 use crate::camera::Geometry;
 use crate::depth::Rays;
 use crate::parallel::{over_rows, processors};
+use crate::pixels::{Rect, floor};
 use crate::pose::Pose;
 
 /// Radius of a disc in sides of its voxel: discs of neighbouring voxels overlap.
@@ -63,7 +64,7 @@ pub enum ScanSurface {
     Triangles(TriangleBlocks),
 }
 
-/// A camera's view of a scan.
+/// A camera's view of a scan, in some rows of its picture.
 struct ScanView<'a> {
     rays: &'a Rays,
     rotation: Mat3,
@@ -72,47 +73,13 @@ struct ScanView<'a> {
     max_angle_rad: f32,
     /// Pixels from the left to the right border of a 360° picture.
     turn_px: Option<i32>,
-    /// Rows to be drawn.
     rows: Range<i32>,
 }
 
-/// A view with the parts of a scan that it shows.
-struct DrawnView<'a> {
-    view: ScanView<'a>,
-    parts: Vec<VisiblePart>,
-}
-
-impl<'a> DrawnView<'a> {
-    fn new(surface: &ScanSurface, rays: &'a Rays, camera_from_scan: &Pose, rows: Range<i32>) -> Self {
-        let view = ScanView::new(rays, camera_from_scan, rows);
-        let parts = view.visible(surface);
-        Self { view, parts }
-    }
-}
-
-/// Columns and rows of a picture, `x1` and `y1` excluded. Columns of a 360° picture may lie beyond
-/// its borders.
-#[derive(Clone, Copy)]
-struct PixelBounds {
-    x0: i32,
-    x1: i32,
-    y0: i32,
-    y1: i32,
-}
-
-/// A visible part of a scan, and the rows that it may cover.
+/// A visible part of a scan.
 struct VisiblePart {
-    item: PartItem,
     /// Magnification of the picture, px/rad; `None` if it varies over the part.
     px_per_rad: Option<f32>,
-    first_row: i32,
-    end_row: i32,
-}
-
-enum PartItem {
-    /// Node and octant.
-    Discs(usize, usize),
-    Block(usize),
 }
 
 /// A surface at a pixel.
@@ -182,29 +149,21 @@ pub fn rendered_depth_m(
     rays.prepare(full.y0..full.y1);
     let (width, height) = (full.width() as usize, full.height() as usize);
     let mut depth_m = vec![0.0; width * height];
-    let is_rolling = rays.geometry().intrinsics.readout_time_s != 0.0;
-    let still = (!is_rolling).then(|| DrawnView::new(surface, rays, &camera_from_scan(0.0), 0..height as i32));
     over_rows(&mut depth_m, width * BAND_ROWS, processors(), |band, depth_m| {
-        let rows = (band * BAND_ROWS) as i32..(band * BAND_ROWS + depth_m.len() / width) as i32;
-        let rolling = still.is_none().then(|| {
-            let middle_px = 0.5 * f64::from(rows.start + rows.end);
-            let pose = camera_from_scan(rays.geometry().row_time_s(middle_px));
-            DrawnView::new(surface, rays, &pose, rows.clone())
-        });
-        let Some(DrawnView { view, parts }) = still.as_ref().or(rolling.as_ref()) else { return };
-        let mut samples = vec![PixelLayers { front: NO_LAYER, back: NO_LAYER }; depth_m.len()];
-        let mut target = Band { view, first_row: rows.start, end_row: rows.end, samples: &mut samples };
-        for part in parts.iter().filter(|part| part.first_row < rows.end && part.end_row > rows.start) {
-            target.draw(surface, part);
-        }
-        depth_m.iter_mut().zip(&samples).for_each(|(depth_m, sample)| *depth_m = sample.depth_m());
+        let first_row = (band * BAND_ROWS) as i32;
+        let rows = first_row..first_row + (depth_m.len() / width) as i32;
+        let middle_px = 0.5 * f64::from(rows.start + rows.end);
+        let pose = camera_from_scan(rays.geometry().row_time_s(middle_px));
+        let mut layers = vec![PixelLayers { front: NO_LAYER, back: NO_LAYER }; depth_m.len()];
+        Band { view: ScanView::new(rays, &pose, rows), layers: &mut layers }.draw(surface);
+        depth_m.iter_mut().zip(&layers).for_each(|(depth_m, layers)| *depth_m = layers.depth_m());
     });
     fill_single_pixels(&mut depth_m, width);
     depth_m
 }
 
-/// Fills unknown pixels within a surface: those with known neighbours left and right, or above and
-/// below, whose depths differ by less than 3 %.
+/// Fills an unknown pixel from its left and right neighbours, or from those above and below, if
+/// their depths differ by less than 3 %.
 fn fill_single_pixels(depth_m: &mut [f32], width: usize) {
     const MAX_RELATIVE_STEP: f32 = 0.03;
     let height = depth_m.len() / width.max(1);
@@ -222,12 +181,12 @@ fn fill_single_pixels(depth_m: &mut [f32], width: usize) {
 }
 
 impl<'a> ScanView<'a> {
-    fn new(rays: &'a Rays, camera_from_scan: &Pose, drawn_rows: Range<i32>) -> Self {
+    fn new(rays: &'a Rays, camera_from_scan: &Pose, rows: Range<i32>) -> Self {
         let geometry = rays.geometry();
         let (width, height) = (geometry.intrinsics.width_px, geometry.intrinsics.height_px);
         // The rim holds the largest angles. Where it has no ray, the lens may see any direction.
-        let rows = [0, height / 2, height.saturating_sub(1)];
-        let rim = rows.into_iter().filter_map(|y| rays.row(y as usize)).flat_map(|row| {
+        let rim_rows = [0, height / 2, height.saturating_sub(1)];
+        let rim = rim_rows.into_iter().filter_map(|y| rays.row(y as usize)).flat_map(|row| {
             [0, row.len() / 2, row.len().saturating_sub(1)]
                 .map(|x| row.get(x).map_or(Vec3::NAN, |ray| Vec3::from(*ray)))
         });
@@ -236,7 +195,7 @@ impl<'a> ScanView<'a> {
         let rotation = Mat3::from_quat(camera_from_scan.rotation.as_quat());
         let turn_px = geometry.is_equirectangular().then_some(width as i32);
         let translation_m = camera_from_scan.translation_m.as_vec3();
-        Self { rays, rotation, translation_m, max_angle_rad, turn_px, rows: drawn_rows }
+        Self { rays, rotation, translation_m, max_angle_rad, turn_px, rows }
     }
 
     fn geometry(&self) -> &Geometry {
@@ -247,76 +206,39 @@ impl<'a> ScanView<'a> {
         self.rotation * point_m + self.translation_m
     }
 
-    /// The parts of a surface in the picture.
-    fn visible(&self, surface: &ScanSurface) -> Vec<VisiblePart> {
-        let mut parts = Vec::new();
-        match surface {
-            ScanSurface::Points(octree) => {
-                (0..octree.root_count).for_each(|node| self.add_visible(octree, node, &mut parts))
-            }
-            ScanSurface::Triangles(mesh) => {
-                for (n, block) in mesh.blocks.iter().enumerate() {
-                    parts.extend(self.part(PartItem::Block(n), block.center_m, block.radius_m));
-                }
-            }
-        }
-        parts
-    }
-
-    fn add_visible(&self, octree: &PointOctree, node: usize, parts: &mut Vec<VisiblePart>) {
-        let OctreeNode { voxel_m, octants } = &octree.nodes[node];
-        let radius_m = octree.nodes[node].octant_radius_m();
-        let margin_m = DISC_RADIUS_VOXELS * voxel_m;
-        for (n, octant) in octants.iter().enumerate().filter(|(_, octant)| !octant.discs.is_empty()) {
-            let item = PartItem::Discs(node, n);
-            let Some(part) = self.part(item, octant.center_m, radius_m + margin_m) else { continue };
-            let distance_m = (self.in_camera(octant.center_m).length() - radius_m).max(MIN_DISTANCE_M);
-            let is_coarse = part.px_per_rad.is_none_or(|px_per_rad| voxel_m * px_per_rad > MIN_VOXEL_PX * distance_m);
-            match octant.refined.filter(|_| is_coarse) {
-                Some(refined) => self.add_visible(octree, refined as usize, parts),
-                None => parts.push(part),
-            }
-        }
-    }
-
-    /// A part within a sphere; `None` outside the picture.
-    fn part(&self, item: PartItem, center_m: Vec3, radius_m: f32) -> Option<VisiblePart> {
-        let Range { start: first_row, end: end_row } = self.rows;
-        let everywhere = |item| VisiblePart { item, px_per_rad: None, first_row, end_row };
+    /// A part within a sphere; `None` outside the rows of the picture.
+    fn part(&self, center_m: Vec3, radius_m: f32) -> Option<VisiblePart> {
         let center = self.in_camera(center_m);
         let distance_m = center.length();
         if distance_m <= 1.5 * radius_m {
-            return Some(everywhere(item));
+            return Some(VisiblePart { px_per_rad: None });
         }
         let angle_rad = (radius_m / distance_m).asin();
         if center.angle_between(Vec3::Z) > self.max_angle_rad + angle_rad {
             return None;
         }
         let direction = (center / distance_m).as_dvec3();
-        let projected = self.geometry().project(direction).zip(px_per_rad(self.geometry(), direction));
-        let Some((at_px, px_per_rad)) = projected else {
-            return Some(everywhere(item));
+        let at_px = self.geometry().project(direction).filter(|_| angle_rad <= MAX_UNIFORM_ANGLE_RAD);
+        let Some((at_px, px_per_rad)) = at_px.zip(px_per_rad(self.geometry(), direction)) else {
+            return Some(VisiblePart { px_per_rad: None });
         };
-        if angle_rad > MAX_UNIFORM_ANGLE_RAD {
-            return Some(everywhere(item));
-        }
         let px_per_rad = MAGNIFICATION_MARGIN * px_per_rad;
-        let bounds = PixelBounds::around(at_px.as_vec2().to_array(), angle_rad.tan() * px_per_rad + 1.0);
+        let rect = rect_around(at_px.as_vec2(), angle_rad.tan() * px_per_rad + 1.0);
+        (!rect.intersection(&self.rect()).is_empty()).then_some(VisiblePart { px_per_rad: Some(px_per_rad) })
+    }
+
+    /// The rows. In a 360° picture columns continue beyond the borders.
+    fn rect(&self) -> Rect {
         let width = self.geometry().intrinsics.width_px as i32;
-        let is_across = self.turn_px.is_some() || (bounds.x1 > 0 && bounds.x0 < width);
-        (is_across && bounds.y1 > first_row && bounds.y0 < end_row).then_some(VisiblePart {
-            item,
-            px_per_rad: Some(px_per_rad),
-            first_row: bounds.y0.max(first_row),
-            end_row: bounds.y1.min(end_row),
-        })
+        let beyond = self.turn_px.unwrap_or(0);
+        Rect::new(-beyond, self.rows.start, width + beyond, self.rows.end)
     }
 }
 
 impl ScanView<'_> {
     /// Pixels that a small triangle may cover. The lens bends its edges by a small part of its
     /// size.
-    fn triangle_bounds(&self, mut corners: [DVec2; 3]) -> PixelBounds {
+    fn triangle_rect(&self, mut corners: [DVec2; 3]) -> Rect {
         let width = |corners: &[DVec2; 3]| {
             let along = corners.map(|corner| corner.x);
             along.into_iter().fold(f64::NEG_INFINITY, f64::max) - along.into_iter().fold(f64::INFINITY, f64::min)
@@ -335,9 +257,8 @@ impl ScanView<'_> {
             if low.y + high.y < height { low.y = 0.0 } else { high.y = height }
         }
         let margin = DVec2::ONE + MAX_BEND * (high - low);
-        let floor = |along: f64| along.clamp(-1e6, 1e6).floor() as i32;
-        let (low, high) = (low - margin, high + margin);
-        PixelBounds { x0: floor(low.x), x1: floor(high.x) + 1, y0: floor(low.y), y1: floor(high.y) + 1 }
+        let (low, high) = ((low - margin).as_vec2(), (high + margin).as_vec2());
+        rect_between(low, high)
     }
 }
 
@@ -355,42 +276,60 @@ fn px_per_rad(geometry: &Geometry, direction: DVec3) -> Option<f32> {
     Some(a.max(b) as f32)
 }
 
-impl PixelBounds {
-    fn around([x, y]: [f32; 2], radius_px: f32) -> Self {
-        let floor = |along: f32| along.clamp(-1e6, 1e6).floor() as i32;
-        Self {
-            x0: floor(x - radius_px),
-            x1: floor(x + radius_px) + 1,
-            y0: floor(y - radius_px),
-            y1: floor(y + radius_px) + 1,
-        }
-    }
+/// Pixels around a position.
+fn rect_around(at_px: Vec2, radius_px: f32) -> Rect {
+    rect_between(at_px - radius_px, at_px + radius_px)
+}
+
+/// Pixels between two positions, whose own pixels are included.
+fn rect_between(low_px: Vec2, high_px: Vec2) -> Rect {
+    let [x1, y1] = [high_px.x, high_px.y].map(|along| floor(along).saturating_add(1));
+    Rect::new(floor(low_px.x), floor(low_px.y), x1, y1)
 }
 
 /// Rows of the picture that one thread draws.
 struct Band<'a> {
-    view: &'a ScanView<'a>,
-    first_row: i32,
-    end_row: i32,
-    samples: &'a mut [PixelLayers],
+    view: ScanView<'a>,
+    layers: &'a mut [PixelLayers],
 }
 
 impl Band<'_> {
-    fn draw(&mut self, surface: &ScanSurface, part: &VisiblePart) {
-        match (surface, &part.item) {
-            (ScanSurface::Points(octree), PartItem::Discs(node, octant)) => {
-                let node = &octree.nodes[*node];
-                let discs = &node.octants[*octant].discs;
-                for disc in &octree.discs[discs.start as usize..discs.end as usize] {
-                    self.draw_disc(disc, DISC_RADIUS_VOXELS * node.voxel_m, part.px_per_rad);
+    fn draw(&mut self, surface: &ScanSurface) {
+        match surface {
+            ScanSurface::Points(octree) => (0..octree.root_count).for_each(|node| self.draw_node(octree, node)),
+            ScanSurface::Triangles(mesh) => {
+                for block in mesh.blocks.iter() {
+                    if self.view.part(block.center_m, block.radius_m).is_some() {
+                        self.draw_block(&mesh.triangles[block.triangles.clone()]);
+                    }
                 }
             }
-            (ScanSurface::Triangles(mesh), PartItem::Block(block)) => {
-                for corners in &mesh.triangles[mesh.blocks[*block].triangles.clone()] {
-                    self.draw_triangle(corners.map(|corner| self.view.in_camera(corner)), MAX_SPLITS);
+        }
+    }
+
+    /// Draws the visible octants of a node, refined down to the size of a pixel.
+    fn draw_node(&mut self, octree: &PointOctree, node: usize) {
+        let OctreeNode { voxel_m, octants } = &octree.nodes[node];
+        let (octant_radius_m, disc_radius_m) = (octree.nodes[node].octant_radius_m(), DISC_RADIUS_VOXELS * voxel_m);
+        for octant in octants.iter().filter(|octant| !octant.discs.is_empty()) {
+            let Some(part) = self.view.part(octant.center_m, octant_radius_m + disc_radius_m) else { continue };
+            let center = self.view.in_camera(octant.center_m);
+            let distance_m = (center.length() - octant_radius_m).max(MIN_DISTANCE_M);
+            let is_coarse = part.px_per_rad.is_none_or(|px_per_rad| voxel_m * px_per_rad > MIN_VOXEL_PX * distance_m);
+            match octant.refined.filter(|_| is_coarse) {
+                Some(refined) => self.draw_node(octree, refined as usize),
+                None => {
+                    for disc in &octree.discs[octant.discs.start as usize..octant.discs.end as usize] {
+                        self.draw_disc(disc, disc_radius_m, part.px_per_rad);
+                    }
                 }
             }
-            _ => {}
+        }
+    }
+
+    fn draw_block(&mut self, triangles: &[ScanTriangle]) {
+        for corners in triangles {
+            self.draw_triangle(corners.map(|corner| self.view.in_camera(corner)), MAX_SPLITS);
         }
     }
 
@@ -404,11 +343,11 @@ impl Band<'_> {
         let own = || px_per_rad(self.view.geometry(), (center / distance_m).as_dvec3());
         let Some(px_per_rad) = of_part.or_else(own) else { return };
         let radius_px = radius_m / distance_m * px_per_rad;
-        let bounds = PixelBounds::around((at_px - 0.5).as_vec2().to_array(), radius_px);
+        let rect = rect_around((at_px - 0.5).as_vec2(), radius_px);
         let normal = if disc.normal == Vec3::ZERO { center / distance_m } else { self.view.rotation * disc.normal };
         let offset_m = normal.dot(center);
         let inverse_radius2 = (radius_m * radius_m).recip();
-        self.for_pixels(bounds, |ray, sample| {
+        self.for_pixels(rect, |ray, layers| {
             let cosine = normal.dot(ray);
             if cosine.abs() < MIN_COSINE * ray.length() {
                 return;
@@ -416,7 +355,7 @@ impl Band<'_> {
             let depth_m = offset_m / cosine;
             let weight = 1.0 - (depth_m * ray - center).length_squared() * inverse_radius2;
             if weight > 0.0 && depth_m > 0.0 {
-                sample.add(depth_m, weight, SURFACE_THICKNESS_RADII * radius_m);
+                layers.add(depth_m, weight, SURFACE_THICKNESS_RADII * radius_m);
             }
         });
     }
@@ -437,9 +376,9 @@ impl Band<'_> {
         }
         let corners_px = corners.map(|corner| self.view.geometry().project(corner.as_dvec3()));
         let [Some(p), Some(q), Some(r)] = corners_px else { return };
-        let bounds = self.view.triangle_bounds([p, q, r]);
+        let rect = self.view.triangle_rect([p, q, r]);
         let (ab, ac) = (b - a, c - a);
-        self.for_pixels(bounds, |ray, sample| {
+        self.for_pixels(rect, |ray, layers| {
             let across = ray.cross(ac);
             let inverse = ab.dot(across).recip();
             let u = -a.dot(across) * inverse;
@@ -447,25 +386,27 @@ impl Band<'_> {
             let v = ray.dot(normal) * inverse;
             let depth_m = ac.dot(normal) * inverse;
             if u >= 0.0 && v >= 0.0 && u + v <= 1.0 && depth_m * ray.length() > MIN_DISTANCE_M {
-                sample.add(depth_m, 1.0, 0.0);
+                layers.add(depth_m, 1.0, 0.0);
             }
         });
     }
 
-    /// Calls `draw` with the ray and the sample of each pixel of the band within bounds.
+    /// Calls `draw` with the ray and the layers of each pixel of the band within a rectangle.
     #[inline]
-    fn for_pixels(&mut self, bounds: PixelBounds, mut draw: impl FnMut(Vec3, &mut PixelLayers)) {
-        let width = self.view.geometry().intrinsics.width_px as i32;
-        let columns = match self.view.turn_px {
-            Some(turn) => bounds.x0..bounds.x1.min(bounds.x0 + turn),
-            None => bounds.x0.max(0)..bounds.x1.min(width),
+    fn for_pixels(&mut self, rect: Rect, mut draw: impl FnMut(Vec3, &mut PixelLayers)) {
+        let width = self.view.geometry().intrinsics.width_px as usize;
+        let turn_px = self.view.turn_px;
+        let rect = match turn_px {
+            Some(turn) => Rect { x1: rect.x1.min(rect.x0.saturating_add(turn)), ..rect },
+            None => rect,
         };
-        for y in bounds.y0.max(self.first_row)..bounds.y1.min(self.end_row) {
+        let rect = rect.intersection(&self.view.rect());
+        for y in rect.y0..rect.y1 {
             let Some(rays) = self.view.rays.row(y as usize) else { continue };
-            let row = ((y - self.first_row) * width) as usize;
-            for x in columns.clone() {
-                let x = self.view.turn_px.map_or(x, |turn| x.rem_euclid(turn)) as usize;
-                draw(Vec3::from(rays[x]), &mut self.samples[row + x]);
+            let row = (y - self.view.rows.start) as usize * width;
+            for x in rect.x0..rect.x1 {
+                let x = turn_px.map_or(x, |turn| x.rem_euclid(turn)) as usize;
+                draw(Vec3::from(rays[x]), &mut self.layers[row + x]);
             }
         }
     }

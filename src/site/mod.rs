@@ -1,4 +1,4 @@
-//! Scans of a site: depth for recordings whose camera measured none.
+//! Scans of a site, as a source of depth for recordings without a depth sensor.
 //!
 //! A scan is the geometry of a place in axes of its own. Aligned with the world of a recording, it
 //! gives each frame the depth that a sensor on the camera would have measured
@@ -9,7 +9,7 @@
 //!   levels of detail. `triangle_blocks`: a mesh in blocks. `depth_rendering`: both in a camera's
 //!   picture.
 //!
-//! Not modelled: things that moved between the scan and the footage; colours of the scan.
+//! Not modelled: objects that were moved between the scan and the footage; colours of the scan.
 
 pub mod alignment;
 mod depth_rendering;
@@ -40,8 +40,9 @@ use crate::pixels::DepthMap;
 use crate::pose::Pose;
 use crate::source::file::FileStamp;
 use crate::text::{count, fixed};
+use crate::tracking::{NoPose, PoseTrack};
 
-/// Cameras whose rays are kept: those of a recording in the window, and of its smaller pictures.
+/// Number of cameras with memoized rays: that of the recording, and those of reduced pictures.
 const CAMERA_CAPACITY: usize = 4;
 
 /// The geometry of a scan file, in metres.
@@ -177,6 +178,14 @@ impl ScannedSite {
         let depth_m = depth_rendering::rendered_depth_m(&self.scan.surface, &rays, &camera_from_surface);
         let (width, height) = (camera.intrinsics.width_px, camera.intrinsics.height_px);
         DepthMap { width, height, depth_m, timestamp_s }
+    }
+
+    /// Depth at a time of a track, with the poses of the rows. An error if there is no pose at that
+    /// time.
+    pub fn depth_at_time(&self, camera: &Geometry, track: &PoseTrack, time_s: f64) -> Result<DepthMap, NoPose> {
+        let middle = track.at(time_s)?;
+        let pose = |later_s: f64| track.at_or_nearest(time_s + later_s).unwrap_or(middle);
+        Ok(self.depth(camera, pose, time_s))
     }
 
     /// The same site in another world.

@@ -19,7 +19,7 @@ use glam::{DMat3, DQuat, DVec2, DVec3};
 use nalgebra::{Matrix6, Vector6};
 
 use super::ScannedSite;
-use crate::camera::{Geometry, Intrinsics};
+use crate::camera::{Crop, Geometry, Intrinsics};
 use crate::fit::quantile;
 use crate::grey_image::GreyImage;
 use crate::pose::Pose;
@@ -205,12 +205,9 @@ fn middle_m(site: &ScannedSite, views: &[SiteView]) -> Option<DVec3> {
 }
 
 fn reduced_camera(camera: &Geometry, by: usize) -> Geometry {
-    let mut intrinsics = camera.intrinsics.clone();
-    (intrinsics.width_px, intrinsics.height_px) = (intrinsics.width_px / by as u32, intrinsics.height_px / by as u32);
-    for along in [&mut intrinsics.fx_px, &mut intrinsics.fy_px, &mut intrinsics.cx_px, &mut intrinsics.cy_px] {
-        *along /= by as f64;
-    }
-    Geometry::new(intrinsics, camera.distortion.clone())
+    let Intrinsics { width_px, height_px, film_width_mm, .. } = camera.intrinsics;
+    let (width_px, height_px) = (width_px / by as u32, height_px / by as u32);
+    Crop { left_px: 0.0, top_px: 0.0, step: by as f64 }.geometry(camera, width_px, height_px, film_width_mm)
 }
 
 impl ReducedView {

@@ -11,7 +11,7 @@ use locard::camera::Response;
 use locard::simulate::{self, DepthSensorModel, Flaws, FolderLayout, Ground, Motion, Options, Simulation};
 use locard::tracking::tum::read_trajectory;
 
-/// A site whose light and textures are crude: flaws do not depend on them.
+/// A site with coarse light and textures, which flaws do not depend on.
 fn simulation(options: &Options, flaws: &Flaws) -> Simulation {
     Simulation::with_flaws_and_detail(options, flaws, CRUDE, 2).unwrap()
 }

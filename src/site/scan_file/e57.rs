@@ -1,8 +1,8 @@
 //! E57: scans of laser scanners (ASTM E2807-11, *Standard Specification for 3D Imaging Data
 //! Exchange*). Lengths are metres, angles radians; every page of 1024 bytes has a checksum.
 //!
-//! All scans of a file are read, each with its pose: p = R(q) s + t. By
-//! convention +Z is up. Not read: pictures, and attributes other than positions.
+//! All scans of a file are read, each with its pose: p = R(q) s + t. By convention +Z is up.
+//! Pictures and attributes other than positions are ignored.
 
 use e57::{PointCloud, RecordDataType, RecordName, RecordValue};
 use glam::{DQuat, DVec3};
@@ -194,7 +194,7 @@ mod tests {
         written_with(scans, |xml| xml)
     }
 
-    /// A file whose description is changed.
+    /// A file with an edited XML section.
     fn written_with(scans: Vec<WrittenScan>, change: impl Fn(String) -> String) -> Vec<u8> {
         let mut file = Cursor::new(Vec::new());
         let mut writer = e57::E57Writer::new(&mut file, "file").unwrap();

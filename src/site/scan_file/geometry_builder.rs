@@ -90,7 +90,7 @@ impl GeometryBuilder {
         }
     }
 
-    /// Adds a strip: each corner after the second makes a triangle, whose winding alternates.
+    /// Adds a triangle strip. The winding alternates from triangle to triangle.
     pub fn strip(&mut self, corners: &[u32]) {
         for (n, corner) in corners.windows(3).enumerate() {
             let [a, b, c] = [corner[0], corner[1], corner[2]];

@@ -1,13 +1,13 @@
-//! Signs in a LAS file's coordinate system that its unit is not the metre.
+//! Detects coordinate systems of LAS files with a unit other than the metre.
 //!
-//! The system is a text (OGC WKT) or a list of GeoTIFF keys (LAS 1.4 R15; OGC GeoTIFF 1.1). A
-//! warning follows if either names feet or degrees. A code of EPSG alone, whose unit only its
-//! registry has, gives none.
+//! The system is given as text (OGC WKT) or as a list of GeoTIFF keys (LAS 1.4 R15; OGC GeoTIFF
+//! 1.1). Feet and degrees in either cause a warning. A bare EPSG code does not: its unit is only in
+//! the EPSG registry.
 
 use super::las_header::LasRecord;
 
 const PROJECTION_USER: &[u8] = b"LASF_Projection";
-/// Numbers of the records of WKT, of GeoTIFF's keys, and of their texts.
+/// Record IDs of WKT, of GeoTIFF keys, and of their texts.
 const WKT: u16 = 2112;
 const GEO_KEYS: u16 = 34735;
 const GEO_TEXTS: u16 = 34737;
@@ -63,7 +63,7 @@ fn has_feet(text: &str) -> bool {
     text.split(|c: char| !c.is_ascii_alphabetic()).any(|word| matches!(word, "foot" | "feet" | "ft" | "ftus"))
 }
 
-/// GeoTIFF's keys whose value stands in the key itself.
+/// GeoTIFF keys that store their value inline.
 fn keys(data: &[u8]) -> impl Iterator<Item = (u16, u16)> {
     let number = |entry: &[u8], n: usize| u16::from_le_bytes([entry[2 * n], entry[2 * n + 1]]);
     // The first entry is the directory's header.

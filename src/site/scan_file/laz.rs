@@ -11,7 +11,7 @@ use super::input::{Input, REMEDY};
 use super::las_header::{LasHeader, LasRecord};
 
 const LASZIP_USER: &[u8] = LazVlr::USER_ID.as_bytes();
-/// The compressor whose chunks have layers; a chunk's layers are stored one after another.
+/// Compressor with layered chunks. The layers of a chunk are stored consecutively.
 const LAYERED_COMPRESSOR: u16 = 3;
 /// Chunks have a table for these compressors, and none for the first.
 const POINTWISE_COMPRESSOR: u16 = 1;

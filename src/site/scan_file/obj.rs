@@ -1,8 +1,8 @@
 //! OBJ: meshes as text (Wavefront, *Object Files*, appendix B1 of the Advanced Visualizer manual).
 //!
-//! Read are vertices (`v`) and faces (`f`), whose numbers count from 1, or back from the last
-//! vertex if negative. Faces of more than three corners become fans. The format defines neither a
-//! unit nor an up. Not read: normals, textures, materials, lines, curves and surfaces.
+//! Vertices (`v`) and faces (`f`) are read. Indices start at 1; negative ones count back from the
+//! last vertex. Faces of more than three corners become triangle fans. The format defines neither a
+//! unit nor an up. Normals, textures, materials, lines, curves and surfaces are ignored.
 
 use glam::DVec3;
 

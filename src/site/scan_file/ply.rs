@@ -1,8 +1,8 @@
 //! PLY: polygons and points (Turk, *The PLY Polygon File Format*, 1994), as text and binary.
 //!
-//! Read are the vertices' x, y and z, the faces, which become fans, and triangle strips. The format
-//! defines neither a unit nor an up. Not read: colours, normals, range grids, materials, and the
-//! compressed splats of some programs.
+//! The x, y and z of vertices, faces (as triangle fans) and triangle strips are read. The format
+//! defines neither a unit nor an up. Colours, normals, range grids and materials are ignored.
+//! Compressed Gaussian splats are refused.
 
 use glam::DVec3;
 
