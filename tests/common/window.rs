@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use eframe::egui::{self, Key, Modifiers, accesskit::Role};
 use eframe::egui_wgpu::{RenderState, RendererOptions, WgpuConfiguration, WgpuSetup, WgpuSetupCreateNew};
-use egui_kittest::kittest::Queryable;
+use egui_kittest::kittest::{NodeT, Queryable};
 use egui_kittest::{Harness, TestRenderer};
 use locard::gpu::Gpu;
 use locard::pixels::Pixels;
@@ -210,14 +210,20 @@ pub fn wait_for_label<S>(window: &mut Harness<'_, S>, label: &str) {
 /// Runs the window until `done`.
 ///
 /// # Panics
-/// After 240 s, with `awaited` in the message.
+/// After 120 s, with `awaited` and the labels of the window in the message.
 pub fn wait_for<S>(window: &mut Harness<'_, S>, awaited: &str, done: impl Fn(&Harness<'_, S>) -> bool) {
     let begun = Instant::now();
     while !done(window) {
-        assert!(begun.elapsed() < Duration::from_secs(240), "{awaited} does not come");
+        assert!(begun.elapsed() < Duration::from_secs(120), "{awaited} does not come; labels: {:?}", labels(window));
         window.step();
         pause();
     }
+}
+
+/// All labels of the window.
+fn labels<S>(window: &Harness<'_, S>) -> Vec<String> {
+    let nodes = window.root().children_recursive();
+    nodes.filter_map(|node| node.accesskit_node().label().or(node.accesskit_node().value())).collect()
 }
 
 /// Label of a parameter's control.

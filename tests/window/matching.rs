@@ -1,4 +1,5 @@
-//! Plots and calibration in the window.
+//! Plots and calibration in the window. Buttons are clicked by their accessibility action: results
+//! that arrive between the press and the release of a pointer move the buttons below them.
 
 use std::path::PathBuf;
 
@@ -75,12 +76,12 @@ fn await_numbers(window: &mut Harness<'_, App>, begin: &str, is_wanted: impl Fn(
 #[test]
 fn comparison_with_the_cameras_noise_runs_on_request_and_reports_the_reason_without_one() {
     let mut window = open();
-    window.get_by_label("Match").click();
+    window.get_by_label("Match").click_accesskit();
     wait_for(&mut window, "the tab", |window| has_label(window, "Noise beside the camera's"));
-    window.get_by_label("Noise beside the camera's").click();
+    window.get_by_label("Noise beside the camera's").click_accesskit();
     wait_for(&mut window, "the section", |window| has_label(window, "Compare with the camera"));
     assert!(window.query_by_label_contains("flat patches of 32x32 pixels were found").is_none());
-    window.get_by_label("Compare with the camera").click();
+    window.get_by_label("Compare with the camera").click_accesskit();
     wait_for(&mut window, "the reason", |window| {
         window.query_by_label_contains("The noise was not compared: ").is_some()
             && window.query_by_label_contains("flat patches of 32x32 pixels were found").is_some()
@@ -93,11 +94,11 @@ fn comparison_with_the_cameras_noise_runs_on_request_and_reports_the_reason_with
 fn virtual_edge_width_matches_the_set_sharpness() {
     let (_temp, mut window) = marker_in_front_of_the_wall(0.02);
     window.state_mut().project_mut().switch("noise", false);
-    window.get_by_label("Match").click();
+    window.get_by_label("Match").click_accesskit();
     window.run_steps(3);
-    window.get_by_label("Edges").click();
+    window.get_by_label("Edges").click_accesskit();
     window.run_steps(20);
-    window.get_by_label("Pick a virtual edge").click();
+    window.get_by_label("Pick a virtual edge").click_accesskit();
     window.run_steps(2);
     drag(&mut window, Rect::new(356, 4, 388, 50));
     for sigma_px in [1.0, 2.0, 0.5] {
@@ -116,7 +117,7 @@ fn virtual_edge_width_matches_the_set_sharpness() {
 #[test]
 fn drawn_noise_is_the_profile_noise_times_the_scale() {
     let (_temp, mut window) = marker_in_front_of_the_wall(1.0);
-    window.get_by_label("Match").click();
+    window.get_by_label("Match").click_accesskit();
     window.run_steps(3);
     for scale in [1.0, 0.5, 2.0] {
         window.state_mut().project_mut().set("noise", "scale", &Value::Number(scale)).unwrap();
@@ -168,9 +169,9 @@ fn value(window: &Harness<'_, App>, table: &str, name: &str) -> Option<Value> {
 #[test]
 fn picked_edge_gives_a_sharpness_that_is_accepted_and_undone() {
     let mut window = open();
-    window.get_by_label("Calibrate").click();
+    window.get_by_label("Calibrate").click_accesskit();
     window.run_steps(2);
-    window.get_by_label("Pick edges").click();
+    window.get_by_label("Pick edges").click_accesskit();
     window.run_steps(2);
     drag(&mut window, EDGE);
     // The window shows the engine's result.
@@ -182,17 +183,17 @@ fn picked_edge_gives_a_sharpness_that_is_accepted_and_undone() {
     await_text(&mut window, &format!("σ {:.3} ± {:.3} px", measured.sigma_px, measured.uncertainty_px));
     assert!(window.query_by_role_and_label(Role::Image, "Measured edges").is_some());
     let before = value(&window, "point_spread", "sigma_px");
-    window.get_by_label("Take the sharpness").click();
+    window.get_by_label("Take the sharpness").click_accesskit();
     window.run_steps(3);
     let all = combine(&[measured]).unwrap();
     let taken = Value::Number((1e3 * all.sigma_px).round() / 1e3);
     assert!(value(&window, "point_spread", "sigma_px") == Some(taken.clone()) && before != Some(taken));
     harness::settle(&mut window);
-    window.get_by_label("Undo").click();
+    window.get_by_label("Undo").click_accesskit();
     window.run_steps(3);
     assert_eq!(value(&window, "point_spread", "sigma_px"), before);
     // The reason of a rejected edge is shown, and nothing can be accepted.
-    window.get_by_label("Leave the sharpness").click();
+    window.get_by_label("Leave the sharpness").click_accesskit();
     window.run_steps(2);
     // The picker is still active.
     drag(&mut window, WALL);
@@ -204,9 +205,9 @@ fn picked_edge_gives_a_sharpness_that_is_accepted_and_undone() {
 #[test]
 fn picked_plain_region_gives_noise_that_is_accepted_and_undone() {
     let mut window = open();
-    window.get_by_label("Calibrate").click();
+    window.get_by_label("Calibrate").click_accesskit();
     window.run_steps(2);
-    window.get_by_label("Pick plain places").click();
+    window.get_by_label("Pick plain places").click_accesskit();
     window.run_steps(2);
     drag(&mut window, WALL);
     let before = window.state().project().edit().rig.noise.clone();
@@ -222,7 +223,7 @@ fn picked_plain_region_gives_noise_that_is_accepted_and_undone() {
     }
     let green = &noise.points[1][0];
     assert!(window.query_all_by_label(&format!("{:.2}", green.sigma)).next().is_some(), "{green:?}");
-    window.get_by_label("Take the noise").click();
+    window.get_by_label("Take the noise").click_accesskit();
     window.run_steps(3);
     assert_eq!(window.state().project().edit().rig.noise, Some(noise.profile));
     // One step, which a saved profile keeps.
@@ -232,7 +233,7 @@ fn picked_plain_region_gives_noise_that_is_accepted_and_undone() {
     let text = std::fs::read_to_string(&path).unwrap();
     assert!(text.contains("[camera.noise]") && text.contains("picked in the window"), "{text}");
     harness::settle(&mut window);
-    window.get_by_label("Undo").click();
+    window.get_by_label("Undo").click_accesskit();
     window.run_steps(3);
     assert_eq!(window.state().project().edit().rig.noise, before);
 }
@@ -240,9 +241,9 @@ fn picked_plain_region_gives_noise_that_is_accepted_and_undone() {
 #[test]
 fn rejected_regions_show_a_reason_and_the_others_are_used() {
     let mut window = open();
-    window.get_by_label("Calibrate").click();
+    window.get_by_label("Calibrate").click_accesskit();
     window.run_steps(2);
-    window.get_by_label("Pick plain places").click();
+    window.get_by_label("Pick plain places").click_accesskit();
     window.run_steps(2);
     // Three in a row, and one in another frame, without pressing the button again: one too small,
     // one over the box's edges.
@@ -265,7 +266,7 @@ fn rejected_regions_show_a_reason_and_the_others_are_used() {
     }
     // Each is removed separately; the rest gives the same result.
     for _ in 0..2 {
-        window.get_by_label("Drop plain 1").click();
+        window.get_by_label("Drop plain 1").click_accesskit();
         window.run_steps(3);
     }
     assert!(window.query_by_label("Drop plain 3").is_none() && window.query_by_label("Drop plain 2").is_some());
@@ -278,7 +279,7 @@ fn rejected_regions_show_a_reason_and_the_others_are_used() {
     assert!(window.query_by_label("Drop plain 3").is_none());
     let take = "Take the noise";
     until_enabled(&mut window, take);
-    window.get_by_label(take).click();
+    window.get_by_label(take).click_accesskit();
     window.run_steps(3);
     assert_eq!(window.state().project().edit().rig.noise, Some(noise.noise.unwrap().profile));
 }
@@ -286,11 +287,11 @@ fn rejected_regions_show_a_reason_and_the_others_are_used() {
 #[test]
 fn rejected_edge_is_shown_and_a_channel_can_be_chosen() {
     let mut window = open();
-    window.get_by_label("Match").click();
+    window.get_by_label("Match").click_accesskit();
     window.run_steps(3);
-    window.get_by_label("Edges").click();
+    window.get_by_label("Edges").click_accesskit();
     window.run_steps(20);
-    window.get_by_label("Pick a real edge").click();
+    window.get_by_label("Pick a real edge").click_accesskit();
     window.run_steps(2);
     drag(&mut window, WALL);
     await_text(&mut window, "real: ");
@@ -298,23 +299,23 @@ fn rejected_edge_is_shown_and_a_channel_can_be_chosen() {
     assert!(window.query_by_role_and_label(Role::Image, "Refused edges").is_some());
     window.get_by_label("real: refused");
     // An edge again, in the red channel alone.
-    window.get_by_label("Pick a real edge").click();
+    window.get_by_label("Pick a real edge").click_accesskit();
     window.run_steps(2);
     drag(&mut window, EDGE);
     await_no_text(&mut window, "Only one step between two level parts");
     let shot = window.state().project().shot().clone();
     let red =
         edge_in(&shot.read(0).unwrap().pixels, &shot.camera().response, EDGE, [0.0; 2], EdgeLight::Channel(0)).unwrap();
-    window.get_all_by_label("Red").last().unwrap().click();
+    window.get_all_by_label("Red").last().unwrap().click_accesskit();
     await_text(&mut window, &format!("real: σ {:.3} ", red.sigma_px));
 }
 
 #[test]
 fn rejected_edge_is_plotted_beside_accepted_ones_with_names() {
     let mut window = open();
-    window.get_by_label("Calibrate").click();
+    window.get_by_label("Calibrate").click_accesskit();
     window.run_steps(2);
-    window.get_by_label("Pick edges").click();
+    window.get_by_label("Pick edges").click_accesskit();
     window.run_steps(2);
     for place in [WALL, EDGE, Rect { x0: EDGE.x0 + 2, ..EDGE }] {
         drag(&mut window, place);
@@ -341,13 +342,13 @@ fn until_enabled(window: &mut Harness<'_, App>, label: &str) {
 #[test]
 fn only_open_plots_are_computed() {
     let mut window = open();
-    window.get_by_label("Match").click();
+    window.get_by_label("Match").click_accesskit();
     window.run_steps(3);
     assert!(window.query_by_role_and_label(Role::Image, "Noise by intensity").is_some());
     assert!(window.query_by_role_and_label(Role::Image, "Edges").is_none());
-    window.get_by_label("Edges").click();
+    window.get_by_label("Edges").click_accesskit();
     window.run_steps(20);
-    window.get_by_label("Pick a real edge").click();
+    window.get_by_label("Pick a real edge").click_accesskit();
     window.run_steps(2);
     drag(&mut window, EDGE);
     let shot = window.state().project().shot().clone();
@@ -355,23 +356,23 @@ fn only_open_plots_are_computed() {
     let measured = edge(&frame.pixels, &shot.camera().response, EDGE, [0.0; 2]).unwrap();
     await_text(&mut window, &format!("real: σ {:.3} ± {:.3} px", measured.sigma_px, measured.uncertainty_px));
     // The virtual marker's upper edge, in the composite.
-    window.get_by_label("Pick a virtual edge").click();
+    window.get_by_label("Pick a virtual edge").click_accesskit();
     window.run_steps(2);
     drag(&mut window, Rect::new(300, 238, 318, 260));
     await_text(&mut window, "virtual: ");
     // Brightness of objects and of their surroundings, by luma or by channel.
-    window.get_by_label("Brightness").click();
+    window.get_by_label("Brightness").click_accesskit();
     window.run_steps(20);
     // The first ones are those of the brightness; the edges have some, too.
-    window.get_all_by_label("Luma").next().unwrap().click();
+    window.get_all_by_label("Luma").next().unwrap().click_accesskit();
     window.run_steps(2);
     assert!(window.query_by_role_and_label(Role::Image, "Brightness of object and surroundings").is_some());
-    window.get_by_label("Brightness").click();
+    window.get_by_label("Brightness").click_accesskit();
     window.run_steps(20);
     // A patch is tracked through all frames.
-    window.get_by_label("A patch over the frames").click();
+    window.get_by_label("A patch over the frames").click_accesskit();
     window.run_steps(20);
-    window.get_by_label("Pick a patch").click();
+    window.get_by_label("Pick a patch").click_accesskit();
     window.run_steps(2);
     drag(&mut window, WALL);
     let mean = |frame: usize| {
