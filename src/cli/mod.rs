@@ -3,6 +3,7 @@
 
 mod analyse;
 mod analysis;
+mod audit;
 mod bench;
 mod board;
 mod calibrate;
@@ -12,6 +13,7 @@ mod doctor;
 mod export;
 mod inspect;
 mod interrupt;
+mod labels;
 mod light;
 mod listen;
 mod live;
@@ -65,6 +67,8 @@ enum Command {
     Analyse(analyse::Args),
     /// Write the light that an analysis found in a recording's room as a scene's [light], to edit
     Light(room_light::Args),
+    /// Make an output again and compare it with its record: inputs, files, frames
+    Audit(audit::Args),
     /// Measure a camera from pictures
     Calibrate(calibrate::Args),
     /// Write the camera, its lens and the evidence for other programs
@@ -133,6 +137,7 @@ pub fn main() -> ExitCode {
         Command::Composite(args) => composite::run(args),
         Command::Analyse(args) => analyse::run(&args),
         Command::Light(args) => room_light::run(&args),
+        Command::Audit(args) => audit::run(&args),
         Command::Calibrate(args) => calibrate::run(args),
         Command::Export(args) => export::run(&args),
         Command::Inspect(args) => inspect::run(&args),

@@ -55,6 +55,8 @@ pub struct PhotoRequest {
     pub bracket: Option<Bracket>,
     /// A `.jpg` or `.png`; a series appends to the name.
     pub output: PathBuf,
+    /// Labels the pictures as composites ([`crate::label`]).
+    pub labelled: bool,
     /// True if existing pictures may be replaced.
     pub force: bool,
 }
@@ -79,6 +81,7 @@ impl PhotoRequest {
             width_px: None,
             bracket: None,
             output,
+            labelled: true,
             force: false,
         }
     }

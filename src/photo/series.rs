@@ -17,6 +17,7 @@ use crate::camera::{Geometry, Opening};
 use crate::depth::{Rays, consensus_at_frame, measured_from};
 use crate::export::Inputs;
 use crate::gpu::{Gpu, GpuError};
+use crate::label::SourceLabel;
 use crate::profile::Rig;
 use crate::recording::Recording;
 use crate::shot::{DEFAULT_ISO, Note, Shot};
@@ -143,6 +144,7 @@ impl PhotoRequest {
                     .to_owned(),
             );
         }
+        let label = self.labelled.then(|| SourceLabel::composite(&shoot.shot.recording.path).of_frame(index));
         let mut sheet = Vec::new();
         let mut is_told = false;
         let series = dials.series(self.bracket);
@@ -169,8 +171,8 @@ impl PhotoRequest {
             }
             let path = self.path_of(&(n + 1).to_string());
             let notes = shoot.notes(&dials, asked, &framing);
-            photograph::write(&path, &pixels, Some(&notes), self.force)?;
-            let settings = label(asked, &framing);
+            photograph::write(&path, &pixels, Some(&notes), label.as_ref(), self.force)?;
+            let settings = settings_text(asked, &framing);
             let written = send(PhotoEvent::Written { path, settings: settings.replace('\n', ", ") });
             // After a single photograph nothing is left to cancel.
             if self.bracket.is_some() {
@@ -180,7 +182,7 @@ impl PhotoRequest {
         }
         if self.bracket.is_some() {
             let path = self.path_of("sheet");
-            photograph::write(&path, &contact_sheet(&sheet), None, self.force)?;
+            photograph::write(&path, &contact_sheet(&sheet), None, label.as_ref(), self.force)?;
             let _ = send(PhotoEvent::Written { path, settings: String::new() });
         }
         Ok(())
@@ -205,7 +207,7 @@ fn with_film(whole: Geometry, rig: &Rig, focal_length_m: Option<f64>) -> Geometr
     Geometry::new(intrinsics, distortion)
 }
 
-fn label(entry: &SeriesEntry, framing: &Framing) -> String {
+fn settings_text(entry: &SeriesEntry, framing: &Framing) -> String {
     let off =
         if entry.over_ev.abs() > 1.0 / 6.0 + 1e-6 { format!(", {:+.1} EV", entry.over_ev) } else { String::new() };
     let lens = format!("{:.1} mm", 1e3 * framing.focal_length_m);

@@ -29,6 +29,7 @@ mod outputs;
 mod photogrammetry;
 mod pixels;
 mod place;
+mod provenance;
 mod recordings;
 mod safety;
 mod scan_files;
