@@ -33,7 +33,7 @@ use kernel::{HALVES, Kernel, MAX_WEIGHTS, noise_left, reach_of};
 
 use crate::camera::{Aperture, Opening, correlations};
 use crate::effects::{FrameContext, LayerRun};
-use crate::gpu::{Entry, Gpu, Shader, Texture};
+use crate::gpu::{Gpu, Shader, ShaderEntry, Texture};
 use crate::pixels::Rect;
 use crate::render::{COLOR, Layer, RealLayer};
 
@@ -142,8 +142,10 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer, real: &RealL
         let reached = run.recorder.pool.lend_to_write(&gpu, tiles.count, wgpu::TextureFormat::R32Uint);
         tiles.write(&gpu, &reached, slice);
         let of_slice = SliceUniform { number: slice as f32, ..whole };
-        let pass =
-            run.recorder.pass(Shader::DepthOfFieldSlices, Entry::over("tiles", "share")).uniform("slice", &of_slice);
+        let pass = run
+            .recorder
+            .pass(Shader::DepthOfFieldSlices, ShaderEntry::over("tiles", "share"))
+            .uniform("slice", &of_slice);
         let pass = pass.texture("reached", &reached).texture("color", &layer.color).texture("light", &real.light);
         let pass = pass.texture("behind_light", &real.behind).texture("place", &places).tiles(count);
         let mut shared = pass.draw([COLOR; 2], size);
@@ -160,7 +162,7 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer, real: &RealL
         });
         let in_layer = tiles.with_layer.is_some_and(|[near, far]| near <= slice && slice <= far);
         let both = |entry, half: i32| {
-            Entry::over("tiles", entry).choose("layer_too", in_layer).choose("half_side", f64::from(half))
+            ShaderEntry::over("tiles", entry).choose("layer_too", in_layer).choose("half_side", f64::from(half))
         };
         for level in 1..=kernel.level {
             let pass = run.recorder.pass(Shader::DepthOfFieldSlices, both("smaller", 1));
