@@ -287,8 +287,8 @@ def main():
                 poses = [world_from_camera(middle, radius, view, args.focal) for view in args.view or VIEWS]
                 ours = locard(args, poses, scene_text(model, kind, args.hdr), folder)
                 theirs = cycles(model, args, poses, kind, folder)
-            found = compared(ours, theirs)
-            figures = " | ".join(f"{v}" if isinstance(v, int) else f"{v:.4f}" for v in found.values())
+            differences = compared(ours, theirs)
+            figures = " | ".join(f"{v}" if isinstance(v, int) else f"{v:.4f}" for v in differences.values())
             print(f"| `{path.name}` | {kind} | {figures} |", flush=True)
             picture(ours, theirs, args.out / f"{path.stem}-{kind}.png")
 

@@ -23,15 +23,15 @@ options = [text for text in sys.argv[1:] if text.startswith("--")]
 if odd := sorted({*options} - {"--parts", "--noise"}):
     sys.exit(f"{odd[0]}: there is --parts and --noise")
 with_parts, with_noise = "--parts" in options, "--noise" in options
-given = [text for text in sys.argv[1:] if text not in options]
-program, folder = given[0], Path(given[1]).resolve()
-first, last = (int(n) for n in given[2:4]) if len(given) > 3 else (1, 10)
+arguments = [text for text in sys.argv[1:] if text not in options]
+program, folder = arguments[0], Path(arguments[1]).resolve()
+first, last = (int(n) for n in arguments[2:4]) if len(arguments) > 3 else (1, 10)
 scenes = Path(__file__).resolve().parent.parent / "scenes"
 folder.mkdir(parents=True, exist_ok=True)
 
 FRAMES = 24
 LOOKED_AT = [4, 12, 20]
-# What is off, by the scene that is put in and options.
+# Scene and options that leave out one part of the light or the occlusion.
 PARTS = {
     "shadow": ("evidence.toml", ["--set", "shadow.cast=false"]),
     "occlusion": ("evidence.toml", ["--set", "depth.occlusion=false"]),
@@ -54,7 +54,7 @@ def run(*arguments):
 
 
 def objects(site):
-    """What lies in a site: a marker, a scale and two cases, turned and moved by its number."""
+    """The objects of a site: a marker, a scale and two cases, turned and moved by its number."""
     turn, x, y = 37 * site % 360, 0.05 * (site % 3 - 1), 0.04 * (site % 4) - 0.06
     cases = [(0.10 + x, -0.04 + y, turn), (-0.09 + x, 0.03 - y, turn + 70)]
     text = f"""version = 1
@@ -101,18 +101,18 @@ def grown(mask):
 
 
 def errors(site_folder, out, layers):
-    found = []
+    mean_errors = []
     for n in LOOKED_AT:
         real, made = picture(site_folder / f"there/rgb/{n:05}.png"), picture(out / f"frame_{n:06}.png")
         empty = picture(site_folder / f"empty/rgb/{n:05}.png")
         box = grown(is_evidence(real, empty))
         error = flip_evaluator.evaluate(real, made, "LDR", applyMagma=False)[0]
-        found.append(float(error[box].mean()))
+        mean_errors.append(float(error[box].mean()))
         if layers is not None:
             grey = np.repeat(error[box].reshape(*real[box].shape[:2], -1)[..., :1], 3, 2)
             shown = np.concatenate([empty[box], real[box], made[box], grey], 1)
             Image.fromarray((255 * shown).clip(0, 255).astype(np.uint8)).save(layers / f"frame_{n:02}.png")
-    return found
+    return mean_errors
 
 
 def noise_ratios(site_folder, simulate, composite):
@@ -183,17 +183,17 @@ for site in range(first, last + 1):
     for name, (scene, more) in parts.items():
         out = here / f"made-{name}"
         composite("empty", out, more, scene)
-        found = errors(here, out, out if name == "all" else None)
-        all_parts.setdefault(name, []).append(float(np.mean(found)))
-        line.append(f"{name} {np.mean(found):.4f}")
+        mean_errors = errors(here, out, out if name == "all" else None)
+        all_parts.setdefault(name, []).append(float(np.mean(mean_errors)))
+        line.append(f"{name} {np.mean(mean_errors):.4f}")
     if with_noise:
         ratios, sigma = noise_ratios(here, simulate, composite)
         noises.append(ratios)
         line.append(f"sigma {ratios[0]:.3f} of the camera's {sigma[0]:.2f} codes on the evidence, {ratios[1]:.3f} over the box")
     light = tomllib.loads((here / "empty.analysis/analysis.toml").read_text()).get("light", {})
     print(f"site {site:2}: {', '.join(line)}; {sum(lamp['diameter_m'] < 1 for lamp in light.get('lamps', []))} lamps found", flush=True)
-for name, found in all_parts.items():
-    print(f"{name}: mean FLIP {np.mean(found):.4f}, worst {max(found):.4f}" + (" (0.055 wanted, 0.08 at each site)" if name == "all" else " without it"))
+for name, values in all_parts.items():
+    print(f"{name}: mean FLIP {np.mean(values):.4f}, worst {max(values):.4f}" + (" (0.055 wanted, 0.08 at each site)" if name == "all" else " without it"))
 if noises:
     means, furthest = np.mean(noises, 0), np.abs(np.array(noises) - 1).max(0)
     print(f"sigma of the noise, composited over photographed: {means[0]:.3f} on the evidence (a site at most {furthest[0]:.3f} off 1), "

@@ -43,8 +43,8 @@ for site in range(first, last + 1):
     true_white = mean(truth["upward"]) + sum(shown(*lamp, place) - shown(*lamp, truth["at_m"]) for lamp in truth_lamps)
     lamps = sorted(truth_lamps, key=lambda lamp: -shown(*lamp, place))
     # Without the wide lamps of bounce light.
-    found = [lamp["at_m"] for lamp in light.get("lamps", []) if lamp["diameter_m"] < 1.0]
-    deg = [min((off_deg(way(at, place), way(f, place)) for f in found), default=math.inf) for at, _ in lamps]
+    lamps_at_m = [lamp["at_m"] for lamp in light.get("lamps", []) if lamp["diameter_m"] < 1.0]
+    deg = [min((off_deg(way(at, place), way(f, place)) for f in lamps_at_m), default=math.inf) for at, _ in lamps]
     white = mean(light["white_level"])
     ratio, (low, high) = white / true_white, light["between"]
     within += abs(ratio - 1) <= 0.2
@@ -53,7 +53,7 @@ for site in range(first, last + 1):
     print(
         f"site {site:2}: white {white:.2f} of {true_white:.2f} = {ratio:.2f}, "
         f"{'claimed' if light['claimed'] else 'not claimed'}, {'within' if low <= 1 / ratio <= high else 'OUTSIDE'} "
-        f"{low:.2f} to {high:.2f}, {len(found)} of {len(lamps)} lamps, off by {', '.join(f'{d:.1f}°' for d in deg)} "
+        f"{low:.2f} to {high:.2f}, {len(lamps_at_m)} of {len(lamps)} lamps, off by {', '.join(f'{d:.1f}°' for d in deg)} "
         f"{light.get('why', '')} {light.get('no_lamp', '')}",
         flush=True,
     )

@@ -296,11 +296,11 @@ def source_of(binary, path):
     while segments:
         name = segments[0]
         inner = [folder / f"{name}.rs", folder / name / "mod.rs", folder / name / "lib.rs"]
-        found = next((candidate for candidate in inner if candidate.is_file()), None)
+        module = next((candidate for candidate in inner if candidate.is_file()), None)
         # Only a folder on the way of `cli`, whose own file is the crate's.
-        if found is None and not (folder / name).is_dir():
+        if module is None and not (folder / name).is_dir():
             break
-        folder, file = folder / name, found or file
+        folder, file = folder / name, module or file
         segments.pop(0)
     lines = file.read_text().splitlines()
     at = 0

@@ -26,7 +26,7 @@ struct Around {
     rim_slope: f32,           // at the valid angle
     rim_radius: f32,          // at the valid angle
     step_s: f32,              // half the time step for velocity
-    most_px_per_s: f32,       // largest velocity
+    max_px_per_s: f32,       // largest velocity
     view_focal: f32,          // texels from a view's middle to 45° off its axis
     view_middle: f32,         // coordinate of its middle
     tolerance_m: f32,         // how much nearer the real scene must be to hide
@@ -167,14 +167,14 @@ fn nearest(at: vec2<f32>, to: vec2<f32>) -> vec2<f32> {
     let size = around.size_px;
     let half_turn = at.x + 0.5 * size.x;
     var best = at;
-    var least = 1e30;
+    var shortest = 1e30;
     for (var i = 0; i < 3; i++) {
         var p = select(at, vec2<f32>(half_turn, select(-at.y, 2.0 * size.y - at.y, i == 2)), i > 0);
         p.x += size.x * round((to.x - p.x) / size.x);
         let far = distance(p, to);
-        if far < least {
+        if far < shortest {
             best = p;
-            least = far;
+            shortest = far;
         }
     }
     return best;
@@ -282,6 +282,6 @@ fn main(@builtin(position) at: vec4<f32>) -> Out {
     let before = nearest(place(from_view(seen_view, seen_at - step_s * seen_velocity)), here);
     let after = nearest(place(from_view(seen_view, seen_at + step_s * seen_velocity)), here);
     var velocity = (after - before) / (2.0 * step_s);
-    velocity *= min(1.0, around.most_px_per_s / max(length(velocity), 1e-6));
+    velocity *= min(1.0, around.max_px_per_s / max(length(velocity), 1e-6));
     return Out(sum / f32(PLACES * PLACES), pack_geometry(nearest_m, velocity));
 }

@@ -133,7 +133,7 @@ fn recorded_sigma(light: vec3<f32>) -> vec3<f32> {
 
 // The smallest variance of virtual pixels of a colour: that of the real pixels of the same colour
 // around them, at any film speed.
-fn least_variance(p: vec2<i32>, code: vec3<f32>) -> vec3<f32> {
+fn min_variance(p: vec2<i32>, code: vec3<f32>) -> vec3<f32> {
     if !whole {
         return vec3<f32>(0.0);
     }

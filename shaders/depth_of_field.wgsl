@@ -485,14 +485,14 @@ fn spot(in: Spot) -> @location(0) vec4<f32> {
     // With two surfaces, the nearer one occludes the farther one's highlights.
     let tile = textureLoad(tiles, vec2<i32>(in.at.xy / f32(lens.side_px)), 0);
     let p = vec2<i32>(in.at.xy);
-    var seen = 1.0;
+    var visible_share = 1.0;
     if tile.z == 6.0 && circle >= 0.5 * (tile.x + tile.y) {
-        seen = 1.0 - gather_two_fine(p, in.at.xy, tile.xy).front.a;
+        visible_share = 1.0 - gather_two_fine(p, in.at.xy, tile.xy).front.a;
     }
     // So does a nearer surface in focus, whichever of the two it belongs to.
     let own = circles_in_layer(p).x;
     if own < circle && !is_one_surface(own, circle) && 0.5 * abs(own) < TWO_HALF_PX {
-        seen = min(seen, 1.0 - textureLoad(color, p, 0).a);
+        visible_share = min(visible_share, 1.0 - textureLoad(color, p, 0).a);
     }
-    return vec4<f32>(share * seen * in.light, select(0.0, MIN_ALPHA, seen > 0.0));
+    return vec4<f32>(share * visible_share * in.light, select(0.0, MIN_ALPHA, visible_share > 0.0));
 }

@@ -11,7 +11,7 @@
 // do in each cell.
 @group(0) @binding(3) var<storage, read_write> left: array<f32>;
 @group(0) @binding(4) var<storage, read_write> numbers: array<u32>;
-@group(0) @binding(5) var<storage, read_write> found: Highlights;
+@group(0) @binding(5) var<storage, read_write> highlights: Highlights;
 // The layer itself.
 @group(0) @binding(6) var color: texture_2d<f32>;
 @group(0) @binding(7) var geometry: texture_2d<u32>;
@@ -95,25 +95,25 @@ fn find(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let cell = id.y * size.x + id.x;
-    var most = 0.0;
+    var brightest_around = 0.0;
     for (var i = 0u; i < BLOCKS; i++) {
         let b = block(id.xy, i);
-        most = max(most, brightest(textureLoad(colors, b, 1)));
+        brightest_around = max(brightest_around, brightest(textureLoad(colors, b, 1)));
         let range = textureLoad(circles, b, 1).xy;
         if hides_one(range) {
-            most = max(most, brightest(farther_light(b, range)));
+            brightest_around = max(brightest_around, brightest(farther_light(b, range)));
         }
     }
     numbers[cell] = 0u;
-    if most <= HIGHLIGHT_TO_WHITE {
+    if brightest_around <= HIGHLIGHT_TO_WHITE {
         return;
     }
     var sum = 0.0;
-    var least = most;
+    var darkest_around = brightest_around;
     for (var i = 0; i < 9; i++) {
         let around = brightest(textureLoad(colors, vec2<i32>(id.xy) + vec2<i32>(i % 3, i / 3) - 1, 3));
         sum += around;
-        least = min(least, around);
+        darkest_around = min(darkest_around, around);
     }
     var number = 0u;
     for (var i = 0u; i < BLOCKS; i++) {
@@ -131,9 +131,9 @@ fn find(@builtin(global_invocation_id) id: vec3<u32>) {
             beside = max(beside, brightest(textureLoad(colors, b + vec2<i32>(k % 3, k / 3) - 1, 1)));
         }
         let is_seen = beside > max(HIGHLIGHT_TO_WHITE, HIGHLIGHT_TO_SURROUNDINGS * sum / 9.0);
-        let near_stands_out = is_seen && light > NEIGHBOUR_TO_DARKEST * least && is_blurred(range.x);
-        let far_stands_out = is_seen && farther > NEIGHBOUR_TO_DARKEST * least;
-        let rest = select(1.0, min(least / light, 1.0), near_stands_out);
+        let near_stands_out = is_seen && light > NEIGHBOUR_TO_DARKEST * darkest_around && is_blurred(range.x);
+        let far_stands_out = is_seen && farther > NEIGHBOUR_TO_DARKEST * darkest_around;
+        let rest = select(1.0, min(darkest_around / light, 1.0), near_stands_out);
         left[cell * BLOCKS + i] = select(rest, FARTHER, far_stands_out);
         number += select(0u, 1u, near_stands_out || far_stands_out);
     }
@@ -189,7 +189,7 @@ fn list(@builtin(local_invocation_index) thread: u32) {
                 if keep != 1.0 && area <= budget && count < MAX_HIGHLIGHTS {
                     let taken = taken_of(b, keep);
                     let is_farther = select(0.0, 1.0, keep == FARTHER);
-                    found.all[count] = Highlight(
+                    highlights.all[count] = Highlight(
                         vec4<f32>(vec2<f32>(b), min(keep, 1.0), taken.w),
                         vec4<f32>(f32(BLOCK_PX * BLOCK_PX) * taken.rgb, is_farther),
                     );
@@ -203,11 +203,11 @@ fn list(@builtin(local_invocation_index) thread: u32) {
     counts[thread] = listed;
     workgroupBarrier();
     if thread == 0u {
-        var most = 0u;
+        var max_count = 0u;
         for (var i = 0u; i < THREADS; i++) {
-            most = max(most, counts[i]);
+            max_count = max(max_count, counts[i]);
         }
-        found.draw = vec4<u32>(4u, most, 0u, 0u);
+        highlights.draw = vec4<u32>(4u, max_count, 0u, 0u);
     }
 }
 

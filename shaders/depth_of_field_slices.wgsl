@@ -152,7 +152,7 @@ fn blur(@builtin(position) at: vec4<f32>) -> Both {
 // of each in the slices so far, visible or not (x real, y layer; z: σ of noise, weighted by
 // visibility).
 
-struct Sums { @location(0) real: vec4<f32>, @location(1) layer: vec4<f32>, @location(2) held: vec4<f32> }
+struct Sums { @location(0) real: vec4<f32>, @location(1) layer: vec4<f32>, @location(2) covered: vec4<f32> }
 
 @fragment
 fn nothing(@builtin(position) at: vec4<f32>) -> Sums {
@@ -163,11 +163,11 @@ fn nothing(@builtin(position) at: vec4<f32>) -> Sums {
 @group(0) @binding(2) var slice_layer: texture_2d<f32>;
 @group(0) @binding(3) var sum_real: texture_2d<f32>;
 @group(0) @binding(4) var sum_layer: texture_2d<f32>;
-@group(0) @binding(5) var sum_held: texture_2d<f32>;
+@group(0) @binding(5) var sum_covered: texture_2d<f32>;
 @group(0) @binding(6) var between: sampler;
 
 fn added(p: vec2<i32>, real: vec4<f32>, layer: vec4<f32>) -> Sums {
-    let covered = textureLoad(sum_held, p, 0);
+    let covered = textureLoad(sum_covered, p, 0);
     // Surfaces of the same kind share a pixel.
     let fresh = min(vec2<f32>(real.a, layer.a), max(vec2<f32>(1.0) - covered.xy, vec2<f32>(0.0)));
     let fits = fresh / max(vec2<f32>(real.a, layer.a), vec2<f32>(1e-6));

@@ -20,14 +20,14 @@ fn part(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u
 fn latent_of(rgb: vec3<f32>) -> vec3<f32> {
     let shown = clamp(rgb, vec3<f32>(0.0), vec3<f32>(255.0));
     var low = example.latent[0];
-    var found = vec3<f32>(low.xyz);
+    var latent = vec3<f32>(low.xyz);
     for (var i = 1; i < 20; i++) {
         let high = example.latent[i];
         let share = clamp((shown - low.w) / (high.w - low.w), vec3<f32>(0.0), vec3<f32>(1.0));
-        found = select(found, low.xyz + share * (high.xyz - low.xyz), shown >= vec3<f32>(low.w));
+        latent = select(latent, low.xyz + share * (high.xyz - low.xyz), shown >= vec3<f32>(low.w));
         low = high;
     }
-    return select(found, max(rgb, found), rgb > vec3<f32>(255.0));
+    return select(latent, max(rgb, latent), rgb > vec3<f32>(255.0));
 }
 
 // The border of the coded picture repeats.

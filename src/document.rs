@@ -8,7 +8,7 @@ use toml_edit::visit_mut::{VisitMut, visit_table_mut};
 use toml_edit::{ArrayOfTables, DocumentMut, Formatted, Item, Table, TableLike, Value};
 
 use crate::params::{self, Params};
-use crate::text::brief;
+use crate::text::{brief, quoted};
 
 /// A problem with a text: its place, and the expected text. Displays as one line.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -31,9 +31,20 @@ impl fmt::Display for Problem {
 
 impl Problem {
     fn of(text: &str, error: &toml::de::Error) -> Self {
-        let place = error.span().map(|span| place(text, span.start));
-        let message = brief(&error.message().trim().replace('\n', "; "));
-        Self { line: place.as_ref().map(|p| p.0), key: place.map(|p| p.1).unwrap_or_default(), message }
+        let span = error.span().unwrap_or_default();
+        let (line, mut key) = place(text, span.start);
+        let mut message = brief(&error.message().trim().replace('\n', "; "));
+        if message.starts_with("expected ") {
+            message = format!("{} is refused: {message}", quoted(text.get(span.clone()).unwrap_or_default()));
+        }
+        // A field that is missing at the top belongs to no key.
+        if message.starts_with("missing field") && span.is_empty() {
+            key.clear();
+        }
+        if message == "missing field `version`" {
+            message += "; add `version = 1`";
+        }
+        Self { line: error.span().map(|_| line), key, message }
     }
 }
 
@@ -66,12 +77,12 @@ fn place(text: &str, at: usize) -> (usize, String) {
 /// A value and the text it was read from. A changed value changes the text only where it must:
 /// comments, order and unknown keys stay.
 #[derive(Clone, Debug)]
-pub struct Document<T> {
+pub struct TomlDocument<T> {
     text: DocumentMut,
     value: T,
 }
 
-impl<T: PartialEq + Serialize + DeserializeOwned> Document<T> {
+impl<T: PartialEq + Serialize + DeserializeOwned> TomlDocument<T> {
     /// Writes a new text for a value. Fails if TOML cannot express it.
     pub fn new(value: T) -> Result<Self, Problem> {
         Ok(Self { text: text_of(&value)?, value })
@@ -99,7 +110,7 @@ impl<T: PartialEq + Serialize + DeserializeOwned> Document<T> {
     }
 }
 
-impl<T> fmt::Display for Document<T> {
+impl<T> fmt::Display for TomlDocument<T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.text.fmt(f)
     }
@@ -265,7 +276,7 @@ mod tests {
 
     #[test]
     fn an_edit_keeps_what_a_person_wrote() {
-        let mut document = Document::<Toy>::parse(TEXT).unwrap();
+        let mut document = TomlDocument::<Toy>::parse(TEXT).unwrap();
         let mut site = document.value().clone();
         document.set(site.clone()).unwrap();
         assert_eq!(document.to_string(), TEXT);
@@ -309,7 +320,7 @@ mod tests {
 
     #[test]
     fn large_and_small_numbers_have_exponents() {
-        let text = Document::new(Toy { size: 1e300, ..Toy::default() }).unwrap().to_string();
+        let text = TomlDocument::new(Toy { size: 1e300, ..Toy::default() }).unwrap().to_string();
         assert!(text.contains("size = 1e300\n"), "{text}");
         assert_eq!(number(0.1).to_string() + &number(-1e-7).to_string() + &number(3.0).to_string(), "0.1-1e-73.0");
     }
@@ -325,7 +336,7 @@ mod tests {
         fn what_is_written_reads_back(size in any::<f64>(), before in things(), after in things()) {
             prop_assume!(size.is_finite());
             let toy = |things| Toy { version: 1, size, things };
-            let mut document = Document::new(toy(before)).unwrap();
+            let mut document = TomlDocument::new(toy(before)).unwrap();
             prop_assert_eq!(&read::<Toy>(&document.to_string()).unwrap(), document.value());
             document.set(toy(after.clone())).unwrap();
             let read = read::<Toy>(&document.to_string()).unwrap();
@@ -335,7 +346,7 @@ mod tests {
 
         #[test]
         fn no_text_panics(text in "[ -~\n]{0,60}") {
-            let _ = Document::<Toy>::parse(&text);
+            let _ = TomlDocument::<Toy>::parse(&text);
             for at in 0..text.len() + 2 {
                 let _ = place(&text, at);
             }

@@ -105,7 +105,7 @@ impl Surfel {
         Self { position_m: three(0).into(), normal: three(3).into(), sqrt_color: three(6) }
     }
 
-    /// The same in another world.
+    /// The surfel in another world.
     pub fn in_world(&self, world_from_other: &Pose) -> Self {
         let position_m = world_from_other.inverse_transform_point(self.position_m.as_dvec3()).as_vec3();
         let normal = (world_from_other.rotation.conjugate() * self.normal.as_dvec3()).as_vec3();

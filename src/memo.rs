@@ -27,7 +27,7 @@ impl<K, V> Memo<K, V> {
         Self { budget: capacity, cost: |_| 1, entries: Mutex::new(Vec::new()) }
     }
 
-    /// Values of at most so many bytes together, each of the size that a function returns.
+    /// Evicts when the total size exceeds `bytes`. `size_bytes` returns the size of a value.
     pub const fn with_budget(bytes: usize, size_bytes: fn(&V) -> usize) -> Self {
         Self { budget: bytes, cost: size_bytes, entries: Mutex::new(Vec::new()) }
     }
@@ -75,8 +75,8 @@ impl<K: PartialEq, V: Clone> Memo<K, V> {
     /// Returns the value that is kept: the first one of a key.
     pub fn insert(&self, key: K, value: V) -> V {
         let mut entries = self.entries();
-        if let Some(known) = used(&mut entries, &key) {
-            return known;
+        if let Some(existing) = used(&mut entries, &key) {
+            return existing;
         }
         entries.push((key, value.clone()));
         let mut excess = entries.iter().map(|(_, value)| (self.cost)(value)).sum::<usize>().saturating_sub(self.budget);
@@ -99,7 +99,7 @@ impl<K: PartialEq, V: Clone> Memo<K, V> {
     /// [`Memo::get_or_insert_with`] for a computation that may fail. An error is not kept.
     pub fn get_or_try_insert_with<E>(&self, key: K, compute: impl FnOnce(&K) -> Result<V, E>) -> Result<V, E> {
         match self.get(&key) {
-            Some(known) => Ok(known),
+            Some(existing) => Ok(existing),
             None => compute(&key).map(|value| self.insert(key, value)),
         }
     }
@@ -107,7 +107,7 @@ impl<K: PartialEq, V: Clone> Memo<K, V> {
 
 /// The value of a key among entries, which becomes the last of them.
 fn used<K: PartialEq, V: Clone>(entries: &mut [(K, V)], key: &K) -> Option<V> {
-    let at = entries.iter().rposition(|(known, _)| known == key)?;
+    let at = entries.iter().rposition(|(other, _)| other == key)?;
     entries[at..].rotate_left(1);
     entries.last().map(|(_, value)| value.clone())
 }
@@ -142,7 +142,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn least_recently_used_value_is_evicted() {
+    fn value_that_was_read_longest_ago_is_evicted() {
         let memo = Memo::new(2);
         memo.insert(1, 'a');
         memo.insert(2, 'b');

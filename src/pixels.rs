@@ -148,7 +148,7 @@ impl Pixels {
         Self::uncoded(width, height, codes)
     }
 
-    /// The same with 8 bits; those of 16 are rounded to the nearest.
+    /// Codes of a pixel with 8 bits; those of 16 are rounded to the nearest.
     pub fn eight_bits_at(&self, x: u32, y: u32) -> [u8; 3] {
         let i = 3 * (y as usize * self.width as usize + x as usize);
         match &self.codes {

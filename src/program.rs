@@ -274,11 +274,11 @@ mod tests {
     #[test]
     fn followed_program_reports_every_line_and_its_last_ones_on_failure() {
         let mut lines_seen = Vec::new();
-        let mut follow_sh = |script: &str, most: usize| {
+        let mut follow_sh = |script: &str, max_lines: usize| {
             lines_seen.clear();
             let followed = follow("sh", &["-c".into(), script.into()], &mut |line| {
                 lines_seen.push(line.to_owned());
-                if lines_seen.len() == most { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+                if lines_seen.len() == max_lines { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
             });
             (followed, lines_seen.clone())
         };

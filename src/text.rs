@@ -57,14 +57,14 @@ pub fn shown(text: &str) -> String {
     cut(text, MAX_SHOWN_CHARS)
 }
 
-fn cut(text: &str, most: usize) -> String {
+fn cut(text: &str, max_chars: usize) -> String {
     // Control characters, and those that change the writing direction.
     let is_odd = |c: char| {
         c.is_control() || matches!(c, '\u{200e}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
     };
     let mut out = String::new();
     for (i, c) in text.chars().enumerate() {
-        if i == most {
+        if i == max_chars {
             return out + &format!("… ({} bytes in all)", text.len());
         }
         if is_odd(c) { out.extend(c.escape_default()) } else { out.push(c) }

@@ -1,5 +1,9 @@
 //! Checks the code against ARCHITECTURE.md and src/engine.rs. One file, because the checks share
 //! the scan of the sources.
+//!
+//! The parser of imports guards the layers inside the one engine crate, where the compiler accepts
+//! any import. Crates in its place would cost more than they save: CONTRIBUTING.md, "Size of the
+//! code, and its crates", has the figures.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 

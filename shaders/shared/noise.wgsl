@@ -22,7 +22,7 @@ fn scaled(variance: vec3<f32>, virtual_share: vec3<f32>) -> vec3<f32> {
 fn missing_variance(p: vec2<i32>, pixel: Mixed, recorded: vec3<f32>) -> vec3<f32> {
     let present_variance = pixel.camera_variance * recorded;
     let scaled_variance = scaled(calibrated_variance(pixel.code), pixel.virtual_share);
-    let opaque_target = max(scaled_variance, least_variance(p, pixel.code) * recorded);
+    let opaque_target = max(scaled_variance, min_variance(p, pixel.code) * recorded);
     // A fading object ends with the camera's own noise, at any scale and film.
     let s = sigma_at(pixel.code);
     let fading_target = mix(s * s * recorded, opaque_target, composite.opacity);

@@ -182,7 +182,7 @@ fn shade(in: Fragment, front: bool, base: vec3<f32>) -> vec3<f32> {
     // A model's own occlusion texture and the lightmap describe the same light: the smaller value
     // counts.
     let open = min(vec3<f32>(shadowed), incident.sky_visibility);
-    // How much of a mirror image's light arrives where so much of all light does: Lagarde and de
+    // Visible share of a mirror image's light, from the visible share of all light: Lagarde and de
     // Rousiers 2014, "Moving Frostbite to Physically Based Rendering", section 4.10.2.
     let mirrored = clamp(pow(n_v + open, vec3<f32>(exp2(-16.0 * roughness - 1.0))) - 1.0 + open, vec3<f32>(0.0), vec3<f32>(1.0));
     return sum + (irradiance_over_pi(n) * open + incident.indirect) * sky * matt

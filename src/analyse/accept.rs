@@ -117,7 +117,7 @@ mod tests {
     fn findings(poses: &str, runs: &[(usize, usize)]) -> Findings {
         let mut camera = Geometry::pinhole(640, 480, 500.0);
         camera.intrinsics.readout_time_s = 0.0266512;
-        let run = |(from, to): &(usize, usize)| json!({ "from": from, "to": to, "exposure_s": 0.019444, "sigma_s": 0.0001, "heard": 8 });
+        let run = |(from, to): &(usize, usize)| json!({ "from": from, "to": to, "exposure_s": 0.019444, "sigma_s": 0.0001, "samples": 8 });
         let registration = json!({
             "poses": poses, "links": 9, "missing_links": 0, "depth_later_s": 0.0, "readout_sigma_s": 0.0004
         });

@@ -68,7 +68,7 @@ pub struct Link {
     pub metric: Matrix6<f64>,
     pub correlation: f64,
     /// Smallest correlation with which the link is accepted.
-    pub least_correlation: f64,
+    pub min_correlation: f64,
     /// Fraction of the points that the other frame shows.
     pub overlap: f64,
     /// Information and gradient of the loss by the readout time, s, with all other unknowns
@@ -94,7 +94,7 @@ impl From<Link> for PlainLink {
             e: link.e.as_slice().to_vec(),
             information: link.information.as_slice().to_vec(),
             metric: link.metric.as_slice().to_vec(),
-            alike: [link.correlation, link.least_correlation, link.overlap],
+            alike: [link.correlation, link.min_correlation, link.overlap],
             readout: link.readout,
         }
     }
@@ -105,7 +105,7 @@ impl From<PlainLink> for Link {
         let matrix =
             |values: Vec<f64>| Matrix6::from_iterator(values.into_iter().chain(std::iter::repeat(0.0)).take(36));
         let [from, to] = plain.frames;
-        let [correlation, least_correlation, overlap] = plain.alike;
+        let [correlation, min_correlation, overlap] = plain.alike;
         Self {
             from,
             to,
@@ -113,7 +113,7 @@ impl From<PlainLink> for Link {
             information: matrix(plain.information),
             metric: matrix(plain.metric),
             correlation,
-            least_correlation,
+            min_correlation,
             overlap,
             readout: plain.readout,
         }
@@ -122,13 +122,13 @@ impl From<PlainLink> for Link {
 
 impl Link {
     pub fn is_good(&self) -> bool {
-        self.correlation > self.least_correlation && self.overlap > MIN_OVERLAP
+        self.correlation > self.min_correlation && self.overlap > MIN_OVERLAP
     }
 
     /// True if noise accounts for much of the missing correlation, so that low contrast can be the
     /// reason for a rejection.
     pub fn is_faint(&self) -> bool {
-        self.least_correlation < NOISE_LIMITED_SHARE * MIN_CORRELATION
+        self.min_correlation < NOISE_LIMITED_SHARE * MIN_CORRELATION
     }
 
     /// Root mean square displacement by a twist in `from`'s axes, px.
@@ -151,7 +151,7 @@ const N: usize = 8;
 
 /// Smallest correlation of an accepted link. `of`: for each picture the variances of its brightness
 /// and of its noise.
-fn least_correlation(of: [(f64, f64); 2], points: usize) -> f64 {
+fn min_correlation(of: [(f64, f64); 2], points: usize) -> f64 {
     let parameters = N as f64;
     let chance = (parameters + CHANCE_SIGMAS * (2.0 * parameters).sqrt()) * CORRELATED_POINTS / points as f64;
     (MIN_CORRELATION * expected_correlation(of)).max(chance.sqrt()).min(MIN_CORRELATION)
@@ -223,7 +223,7 @@ pub fn align(
         information,
         metric: sums.metric,
         correlation: sums.correlation,
-        least_correlation: least_correlation(
+        min_correlation: min_correlation(
             [(sums.variance[0], to.levels[level].noise), (sums.variance[1], gain * gain * from.levels[level].noise)],
             sums.count,
         ),
@@ -293,10 +293,10 @@ impl Observations {
                 points.push((n, f64::from(value), at.y / height as f64 - 0.5));
             }
         }
-        let least = MIN_VISIBLE_POINTS.max((MIN_VISIBLE_SHARE * all.len() as f64) as usize);
-        if in_view < least {
+        let min_points = MIN_VISIBLE_POINTS.max((MIN_VISIBLE_SHARE * all.len() as f64) as usize);
+        if in_view < min_points {
             Err(LinkFailure::FewPoints)
-        } else if points.len() < least {
+        } else if points.len() < min_points {
             Err(LinkFailure::Mismatch)
         } else {
             Ok(Self { points })

@@ -25,7 +25,7 @@ use super::times;
 use super::tone::ToneBand;
 use super::track::{self, TrackKnot};
 use crate::camera::Geometry;
-use crate::document::{self, Document};
+use crate::document::{self, TomlDocument};
 use crate::frame::{NODES_ACROSS, NODES_DOWN, RelativeBrightness, SpatialGain, Surfel};
 use crate::recording::{Recording, Refinement};
 use crate::scene::Lighting;
@@ -42,13 +42,13 @@ const ACROSS: &str = "across.txt";
 const POSES: &str = "poses.txt";
 const LINKS: &str = "links.txt";
 pub const ENVIRONMENT: &str = "environment.hdr";
-pub const STANDING: &str = "standing.toml";
+pub const SUPPORTS: &str = "supports.toml";
 const SURFELS: &str = "surfels.ply";
 const NOISE_EXAMPLE: &str = "noise.locnoise";
 const MAX_NOISE_EXAMPLE_BYTES: u64 = 1 << 28;
 /// All files of an analysis's folder.
 pub const FILES: [&str; 10] =
-    [FILE_NAME, FRAMES, ACROSS, POSES, LINKS, ENVIRONMENT, SURFELS, NOISE_EXAMPLE, STANDING, times::FILE];
+    [FILE_NAME, FRAMES, ACROSS, POSES, LINKS, ENVIRONMENT, SURFELS, NOISE_EXAMPLE, SUPPORTS, times::FILE];
 /// Version of the format. Analyses of other versions are not read.
 pub const VERSION: u32 = 13;
 
@@ -269,7 +269,7 @@ impl Analysis {
             }
             None => None,
         };
-        let noise_example = match findings.noise_example.as_ref().and_then(|found| found.sha256.as_ref()) {
+        let noise_example = match findings.noise_example.as_ref().and_then(|example| example.sha256.as_ref()) {
             Some(sha256) => {
                 let path = folder.join(NOISE_EXAMPLE);
                 let bytes = file::read(&path, MAX_NOISE_EXAMPLE_BYTES).map_err(|error| unread(&path, &error))?;
@@ -290,7 +290,7 @@ impl Analysis {
             file: FILE_NAME.into(),
             problem: problem.to_string(),
         };
-        let document = Document::new(self.findings.clone()).map_err(problem)?;
+        let document = TomlDocument::new(self.findings.clone()).map_err(problem)?;
         let head =
             "# Estimates from the footage, by `locard analyse`. Compositing uses them as long as this file exists.\n";
         let mut files: Vec<(&'static str, Vec<u8>)> = vec![];
@@ -393,8 +393,8 @@ impl Analysis {
 /// The track of the lines. Gaps by more than two dropped frames are not interpolated.
 fn track_of(lines: &[Line]) -> Result<PoseTrack, NotAscending> {
     let times_s: Vec<f64> = lines.iter().map(|line| line.time_s).collect();
-    let most_s = (track::MAX_GAP_INTERVALS + 0.5) * median_interval_s(&times_s).unwrap_or_default();
-    PoseTrack::new(lines.iter().map(|line| (line.time_s, line.pose())).collect(), most_s)
+    let max_gap_s = (track::MAX_GAP_INTERVALS + 0.5) * median_interval_s(&times_s).unwrap_or_default();
+    PoseTrack::new(lines.iter().map(|line| (line.time_s, line.pose())).collect(), max_gap_s)
 }
 
 #[derive(Deserialize)]

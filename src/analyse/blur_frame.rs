@@ -52,10 +52,10 @@ impl BlurFrame {
         let light_of: Vec<f32> =
             response.table(frame.pixels.max_code()).into_iter().map(|light| light as f32).collect();
         let (width, height) = model.size();
-        let most = frame.pixels.clip_code();
+        let clip_code = frame.pixels.clip_code();
         let across = width.div_ceil(CLIP_CELL_PX);
         let mut is_clipped = vec![false; across * height.div_ceil(CLIP_CELL_PX)];
-        let clipped = frame.pixels.each(|c| c.into_iter().any(|code| code >= most));
+        let clipped = frame.pixels.each(|c| c.into_iter().any(|code| code >= clip_code));
         for (i, _) in clipped.iter().enumerate().filter(|(_, clipped)| **clipped) {
             is_clipped[(i / width / CLIP_CELL_PX) * across + i % width / CLIP_CELL_PX] = true;
         }

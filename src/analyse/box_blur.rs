@@ -118,8 +118,8 @@ mod tests {
     fn blurred_parabola_matches_the_analytic_mean() {
         // The mean of x² over ±h is h²/3, over n steps of 1 px n²/12.
         let along = blurred(|x, _| (x - 24.0).powi(2), DVec2::new(1000.0, 0.0));
-        for (found, expected) in along.iter().zip([0.0, 1.0 / 12.0, 1.0 / 3.0, 0.75, 4.0 / 3.0]) {
-            assert!((found - expected).abs() < 1e-5, "{along:?}");
+        for (actual, expected) in along.iter().zip([0.0, 1.0 / 12.0, 1.0 / 3.0, 0.75, 4.0 / 3.0]) {
+            assert!((actual - expected).abs() < 1e-5, "{along:?}");
         }
         assert_eq!(along.len(), 5);
         // The sign of the flow does not matter, and a blur along the other axis has no effect.

@@ -144,7 +144,7 @@ fn blocks(x: usize, y: usize) -> impl Iterator<Item = (usize, usize)> {
 /// The mean curve over the patches with contrast whose curve has a low minimum, and their number.
 fn mean_curve(all: &[PatchSums], grid: ExposureGrid) -> Option<(Vec<f64>, usize)> {
     let power = |sums: &PatchSums| (sums.a[0] * sums.b[0]).max(0.0).sqrt();
-    let least = MIN_CONTRAST * upper_median(all.iter().map(power)).unwrap_or(0.0);
+    let min_power = MIN_CONTRAST * upper_median(all.iter().map(power)).unwrap_or(0.0);
     let curve = |sums: &PatchSums| -> Option<Vec<f64>> {
         let value = |s: usize| {
             let (a, b) = (sums.a[s], sums.b[s]);
@@ -154,7 +154,7 @@ fn mean_curve(all: &[PatchSums], grid: ExposureGrid) -> Option<(Vec<f64>, usize)
     };
     let kept: Vec<Vec<f64>> = all
         .iter()
-        .filter(|sums| power(sums) > least)
+        .filter(|sums| power(sums) > min_power)
         .filter_map(curve)
         .filter(|curve| curve.iter().copied().fold(f64::MAX, f64::min) < MAX_MINIMUM)
         .collect();

@@ -79,8 +79,9 @@ fn fill_pinholes(depth: &[f32], width: usize) -> Vec<f32> {
                 continue;
             }
             let around = [i - width, i, i + width].into_iter().flat_map(|i| [depth[i - 1], depth[i], depth[i + 1]]);
-            let (known, nearest) = around.filter(|z| *z > 0.0).fold((0, f32::MAX), |(n, low), z| (n + 1, z.min(low)));
-            if known >= 5 {
+            let (measured_count, nearest) =
+                around.filter(|z| *z > 0.0).fold((0, f32::MAX), |(n, low), z| (n + 1, z.min(low)));
+            if measured_count >= 5 {
                 out[i] = nearest;
             }
         }
@@ -93,7 +94,7 @@ fn fill_pinholes(depth: &[f32], width: usize) -> Vec<f32> {
 pub fn smooth_mask(depth: &[f32], width: usize, reach: usize, share: f32) -> Vec<bool> {
     let largest = dilated(depth, width, reach);
     let depth_or_max: Vec<f32> = depth.iter().map(|z| if *z > 0.0 { *z } else { f32::MAX }).collect();
-    let least = eroded(&depth_or_max, width, reach);
+    let nearest = eroded(&depth_or_max, width, reach);
     let is_smooth = |((z, high), low): ((&f32, &f32), &f32)| *z > 0.0 && high - low < share * low;
-    depth.iter().zip(&largest).zip(&least).map(is_smooth).collect()
+    depth.iter().zip(&largest).zip(&nearest).map(is_smooth).collect()
 }

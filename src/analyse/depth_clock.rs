@@ -122,8 +122,8 @@ impl DepthClock {
 fn clamped_gradient(frame: &Frame) -> GreyImage {
     let (along, down) = GreyImage::luma_601(&frame.pixels).filtered(&gaussian(1.0)).sobel();
     let mut slope: Vec<f32> = along.values.iter().zip(&down.values).map(|(x, y)| x.hypot(*y)).collect();
-    let most = upper_quantile(&mut slope.clone(), GRADIENT_CLAMP_QUANTILE).unwrap_or(0.0);
-    slope.iter_mut().for_each(|s| *s = s.min(most));
+    let max_slope = upper_quantile(&mut slope.clone(), GRADIENT_CLAMP_QUANTILE).unwrap_or(0.0);
+    slope.iter_mut().for_each(|s| *s = s.min(max_slope));
     GreyImage { values: slope, ..along }
 }
 

@@ -40,12 +40,12 @@ pub struct EdgeLine {
     pub offset_px: f32,
 }
 
-/// The edges of a picture of linear light, at most `most`, none of them near a clipped pixel.
+/// The edges of a picture of linear light, at most `max_lines`, none of them near a clipped pixel.
 /// `wanted` preselects them by their middle and normal.
 pub fn edges(
     light: &GreyImage,
     is_clipped: &[bool],
-    most: usize,
+    max_lines: usize,
     wanted: impl Fn(usize, usize, [f32; 2]) -> bool,
 ) -> Vec<EdgeLine> {
     let (w, h) = (light.width, light.height);
@@ -75,7 +75,7 @@ pub fn edges(
     let mut looked = 0;
     for (i, n) in ridge {
         let (x, y) = (i % w, i / w);
-        if lines.len() == most || looked == MAX_CANDIDATES {
+        if lines.len() == max_lines || looked == MAX_CANDIDATES {
             break;
         }
         if is_taken[i] || !wanted(x, y, n) {

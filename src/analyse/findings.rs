@@ -141,7 +141,7 @@ pub struct ShutterFindings {
     /// The reason for which there are no runs.
     pub why: Option<String>,
     /// Frames with a distinct estimate of their own: number, and exposure, s.
-    #[serde(rename = "heard", default, skip_serializing_if = "Vec::is_empty")]
+    #[serde(alias = "heard", default, skip_serializing_if = "Vec::is_empty")]
     pub samples: Vec<(usize, f64)>,
     /// Runs of frames in order; each frame is in one. Empty if the exposure is unknown.
     pub runs: Vec<ExposureRun>,
@@ -201,9 +201,9 @@ impl fmt::Display for Tone {
             return write!(f, "unknown: {}", self.why.as_deref().unwrap_or("no reason was recorded"));
         };
         if !self.differs() {
-            let most = self.bands.iter().map(|band| (band.slope - 1.0).abs()).fold(0.0, f64::max);
-            let (from, to, most) = (first.from, last.to, fixed(100.0 * most, 0));
-            return write!(f, "the response fits from code {from} to {to}, within {most} %");
+            let max_deviation = self.bands.iter().map(|band| (band.slope - 1.0).abs()).fold(0.0, f64::max);
+            let (from, to, max_deviation) = (first.from, last.to, fixed(100.0 * max_deviation, 0));
+            return write!(f, "the response fits from code {from} to {to}, within {max_deviation} %");
         }
         let slopes = self.bands.iter().filter(|band| band.differs()).map(|band| {
             let (from, to, slope, sigma) = (band.from, band.to, fixed(band.slope, 2), fixed(band.sigma, 2));
@@ -384,13 +384,13 @@ impl fmt::Display for GainFindings {
 
 impl fmt::Display for SpatialGainFit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { recorded, left, most_ev, is_followed } = self;
+        let Self { recorded, left, max_ev, is_followed } = self;
         let (recorded, left) = (fixed(*recorded, 4), fixed(*left, 4));
         if *is_followed {
             write!(
                 f,
                 "parts of a picture up to {} stops brighter or darker; left of ln {recorded} is {left}",
-                fixed(*most_ev, 2)
+                fixed(*max_ev, 2)
             )
         } else {
             write!(f, "pictures change alike everywhere, within ln {recorded} ({left} if parts were followed)")

@@ -4,12 +4,15 @@
 use std::io::{ErrorKind, Write};
 use std::path::Path;
 
-use super::artefact::{Analysis, AnalysisError, FILE_NAME, FILES, STANDING};
+use super::artefact::{Analysis, AnalysisError, FILE_NAME, FILES, SUPPORTS};
 use crate::cleanup::MadeFolder;
 use crate::recording::Recording;
 use crate::sink::atomic::write_atomically;
 use crate::sink::check_file;
 use crate::text::{reason, shown};
+
+/// Name of [`SUPPORTS`] in analyses of earlier versions.
+const EARLIER_SUPPORTS: &str = "standing.toml";
 
 /// Refuses a file, and a folder with files that are not part of an analysis. Hidden files are
 /// ignored.
@@ -21,7 +24,9 @@ pub fn check_folder(folder: &Path) -> Result<(), AnalysisError> {
     }
     let Ok(entries) = folder.read_dir() else { return Ok(()) };
     let names = entries.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned());
-    match names.filter(|name| !name.starts_with('.') && !FILES.contains(&name.as_str())).min() {
+    let is_other =
+        |name: &String| !name.starts_with('.') && !FILES.contains(&name.as_str()) && name.as_str() != EARLIER_SUPPORTS;
+    match names.filter(is_other).min() {
         Some(other) => Err(AnalysisError::Others { folder: folder.to_owned(), other: shown(&other) }),
         None => Ok(()),
     }
@@ -46,7 +51,7 @@ impl Analysis {
         let unwritten = |reason: String| AnalysisError::Unwritten { folder: folder.to_owned(), reason };
         let there = MadeFolder::make(folder).map_err(|error| unwritten(reason(&error)))?;
         // Support reports depend on the replaced poses.
-        for name in [FILE_NAME, STANDING] {
+        for name in [FILE_NAME, SUPPORTS, EARLIER_SUPPORTS] {
             match std::fs::remove_file(folder.join(name)) {
                 Err(error) if error.kind() != ErrorKind::NotFound => return Err(unwritten(reason(&error))),
                 _ => {}
@@ -69,6 +74,13 @@ mod tests {
         let temp = tempfile::tempdir().unwrap();
         check_writable(&temp.path().join("new/rec.analysis")).unwrap();
         assert!(!temp.path().join("new").exists());
+    }
+
+    #[test]
+    fn folder_with_files_of_an_earlier_version_is_writable() {
+        let temp = tempfile::tempdir().unwrap();
+        std::fs::write(temp.path().join(EARLIER_SUPPORTS), "").unwrap();
+        check_writable(temp.path()).unwrap();
     }
 
     #[test]

@@ -368,7 +368,7 @@ impl<'a> Gains<'a> {
         let codes = matches.iter().map(|(from, _)| f64::from(from.codes[channel]));
         let code = upper_median(codes).unwrap_or(0.0) as f32;
         let per_code = 0.5 * (self.light(code + 1.0) - self.light(code - 1.0));
-        per_code * of.map(|seen| seen.noise[channel]).into_iter().fold(0.0, f64::hypot) / 2f64.sqrt()
+        per_code * of.map(|other| other.noise[channel]).into_iter().fold(0.0, f64::hypot) / 2f64.sqrt()
     }
 
     fn compared(&self, from: &GainFrame, to: &GainFrame) -> PairResult {
@@ -490,8 +490,8 @@ mod tests {
     fn known_noise_does_not_prevent_the_match() {
         // √2 · 0.06 is more than 0.05, and than half of the light's own scatter.
         let of = matches(0.06, 0.3);
-        let (_, found) = ratio(&of, [0.06; 3], 1).unwrap_or_else(|_| panic!("refused"));
-        assert!((found.ratio[1] - 0.3).abs() < 3.0 * found.sigma[1] && found.sigma[1] < 0.03, "{:?}", found.ratio);
+        let (_, gain) = ratio(&of, [0.06; 3], 1).unwrap_or_else(|_| panic!("refused"));
+        assert!((gain.ratio[1] - 0.3).abs() < 3.0 * gain.sigma[1] && gain.sigma[1] < 0.03, "{:?}", gain.ratio);
         assert!(ratio(&of, [0.0; 3], 1).is_err(), "unknown noise is a mismatch");
         assert!(ratio(&of, [0.03; 3], 1).is_err(), "twice the known noise");
     }

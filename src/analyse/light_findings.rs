@@ -33,10 +33,10 @@ pub struct LightFindings {
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub guessed_up: bool,
     /// Fractions of all directions, and of those above the horizon, that were seen.
-    #[serde(rename = "seen")]
-    pub seen_share: Option<f64>,
-    #[serde(rename = "seen_above")]
-    pub seen_above_share: Option<f64>,
+    #[serde(alias = "seen")]
+    pub coverage: Option<f64>,
+    #[serde(alias = "seen_above")]
+    pub coverage_above: Option<f64>,
     /// Light of upward-facing matt white at the place, that is the irradiance from above by π, and
     /// its interval as factors.
     pub white_level: Option<[f64; 3]>,
@@ -74,8 +74,8 @@ fn short<const N: usize>(values: [f64; N]) -> [f64; N] {
 impl LightFindings {
     pub fn of(result: &Result<RoomLight, String>, around: Option<&Environment>) -> Self {
         let light = result.as_ref().ok();
-        let [seen_share, seen_above_share] = [|l: &RoomLight| l.seen_share, |l: &RoomLight| l.seen_above_share]
-            .map(|of| light.map(|l| short([of(l)])[0]));
+        let [coverage, coverage_above] =
+            [|l: &RoomLight| l.coverage, |l: &RoomLight| l.coverage_above].map(|of| light.map(|l| short([of(l)])[0]));
         let lamp = |lamp: &LampEstimate| LampEstimate {
             at_m: short(lamp.at_m),
             shown_at_1_m: short(lamp.shown_at_1_m),
@@ -88,8 +88,8 @@ impl LightFindings {
             middle_m: light.map(|light| short(light.middle_m)),
             up: light.map(|light| light.up),
             guessed_up: light.is_some_and(|light| light.is_up_guessed),
-            seen_share,
-            seen_above_share,
+            coverage,
+            coverage_above,
             white_level: light.map(|light| short(light.white_level)),
             between: light.map(|light| short(light.between)),
             explained: light.map(|light| short([light.explained])[0]),
@@ -160,8 +160,8 @@ impl LightFindings {
             ),
             _ => format!(
                 "{shows}; {} % of all directions seen, {} % of those above{about_up}",
-                percent(self.seen_share),
-                percent(self.seen_above_share)
+                percent(self.coverage),
+                percent(self.coverage_above)
             ),
         };
         let mut lines = vec![("light", light)];

@@ -45,7 +45,7 @@ pub mod tests {
             information: metric / 0.01f64.powi(2),
             metric,
             correlation: 0.9,
-            least_correlation: 0.7,
+            min_correlation: 0.7,
             overlap: 1.0,
             readout: None,
         }

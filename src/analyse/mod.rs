@@ -119,8 +119,8 @@ const HELD_OUT_GAPS: [usize; 3] = [3, 7, 13];
 /// Largest root mean square log ratio of held-out pairs for which frames count as equally bright,
 /// ln.
 const STEADY_LN: f64 = 0.01;
-/// The same for refused poses without confirmation. Gains of neighbouring frames then have errors
-/// of up to ln 0.003 each.
+/// [`STEADY_LN`] for refused poses without confirmation. Gains of neighbouring frames then have
+/// errors of up to ln 0.003 each.
 const STEADY_LN_UNCONFIRMED_POSES: f64 = 0.1;
 
 /// Largest residual of held-out pairs by their log ratio, root mean square. Above it the log ratios

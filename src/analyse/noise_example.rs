@@ -78,7 +78,7 @@ const DRIFT_PX: f64 = 24.0;
 const MIN_KNOWN_SHARE: f32 = 0.7;
 /// Smallest standard deviation of noise, codes: that of rounding.
 const MIN_SIGMA: f32 = 0.3;
-/// Every so many pixels of two frames are compared to recognise repeats.
+/// Step in pixel index between the pixels that are compared to recognise repeated frames.
 const REPEAT_STEP: usize = 9;
 /// Blur of a frame where it has no samples, px: a picture without much noise.
 const BLUR_PX: f64 = 2.0;
@@ -114,9 +114,9 @@ pub fn examples(inputs: &ExampleInputs<'_>) -> Result<Result<NoiseExamples, Stri
         return Ok(Err("the frames are too large for examples of their noise".to_owned()));
     }
     if inputs.rest.len() >= MIN_REST_FRAMES
-        && let Ok(found) = of_rest(inputs)?
+        && let Ok(examples) = of_rest(inputs)?
     {
-        return Ok(Ok(found));
+        return Ok(Ok(examples));
     }
     let has_neighbours = inputs.has_poses && inputs.recording.has_depth() && !inputs.model.geometry.needs_cube_map();
     if has_neighbours {
@@ -144,7 +144,7 @@ fn of_rest(inputs: &ExampleInputs<'_>) -> Result<Result<NoiseExamples, String>, 
         }
     }
     let finished = match example.finish() {
-        Ok(Ok(found)) => found,
+        Ok(Ok(example)) => example,
         Ok(Err(error)) => return Ok(Err(error.to_string())),
         Err(error) => return Ok(Err(error.to_string())),
     };
@@ -280,8 +280,8 @@ fn by_neighbours(inputs: &ExampleInputs<'_>, target: usize) -> Result<Result<Fra
     let table = noise.table();
     over_rows(&mut means, width, threads, |y, row| {
         for (x, mean) in row.iter_mut().enumerate() {
-            if let Some(found) = view.mean(&neighbours, x, y, &table) {
-                *mean = found;
+            if let Some(value) = view.mean(&neighbours, x, y, &table) {
+                *mean = value;
             }
         }
     });

@@ -1,12 +1,12 @@
 //! Noise estimated from textureless places of the recording, if no profile gives the camera's
-//! (calibrate/moving.rs).
+//! (calibrate/textureless.rs).
 
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
 use crate::calibrate::NoiseOptions;
-use crate::calibrate::moving::MovingCalibrator;
+use crate::calibrate::textureless::TexturelessCalibrator;
 use crate::camera::{NoiseBin, NoiseProfile};
 use crate::pixels::Pixels;
 use crate::text::{count, fixed};
@@ -109,7 +109,7 @@ impl fmt::Display for NoiseFindings {
 /// A measurement in progress.
 #[derive(Debug)]
 pub struct NoiseSampler {
-    calibrator: Option<MovingCalibrator>,
+    calibrator: Option<TexturelessCalibrator>,
     frame_count: usize,
     frames: usize,
     why: Option<String>,
@@ -119,7 +119,7 @@ impl NoiseSampler {
     /// A sampler of a recording. If the camera's noise is known, nothing is measured.
     pub fn new(profile: Option<&NoiseProfile>, frame_count: usize) -> Self {
         let calibrator = match profile {
-            None => MovingCalibrator::new(NoiseOptions::default()).ok(),
+            None => TexturelessCalibrator::new(NoiseOptions::default()).ok(),
             Some(_) => None,
         };
         Self { calibrator, frame_count, frames: 0, why: None }

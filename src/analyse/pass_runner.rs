@@ -48,8 +48,8 @@ impl PassRunner<'_> {
             let begun = Instant::now();
             let mut ended = Ok(());
             let mut depths = DepthSource::new(model, recording, states, depth_later_s, *threads)?;
-            let links = links(model, recording, states, &mut depths, pass, *noise, *threads, &mut |seen: usize| {
-                ended = report(*done + (seen + 1) * frames / recording.frame_count(), *total);
+            let links = links(model, recording, states, &mut depths, pass, *noise, *threads, &mut |frame: usize| {
+                ended = report(*done + (frame + 1) * frames / recording.frame_count(), *total);
                 ended.is_ok()
             })?;
             ended?;

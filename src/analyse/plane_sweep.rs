@@ -74,7 +74,7 @@ struct Small {
 }
 
 /// Positions in a neighbour by cell corner and plane, px of the reduced pictures.
-struct Mapped<'a> {
+struct NeighbourPositions<'a> {
     to: &'a Small,
     across: usize,
     at: Vec<[f32; 2]>,
@@ -106,7 +106,7 @@ impl<'a> PlaneSweep<'a> {
         let (Some(small), Some(state)) = (small, self.states[index]) else { return Ok(vec![0.0; width * height]) };
         let near = neighbours(self.states, index);
         let to = |n: usize| self.window.iter().find(|small| small.index == n);
-        let mapped: Vec<Mapped<'_>> = near
+        let mapped: Vec<NeighbourPositions<'_>> = near
             .iter()
             .filter_map(|(_, n)| Some((to(*n)?, self.states[*n]?)))
             .map(|(to, there)| self.mapped(small, to, &(there.world_from_camera.inverse() * state.world_from_camera)))
@@ -126,7 +126,7 @@ impl<'a> PlaneSweep<'a> {
     }
 
     /// Projects the cell corners of the reduced picture into another frame for each plane.
-    fn mapped<'b>(&self, small: &Small, to: &'b Small, motion: &DAffine3) -> Mapped<'b> {
+    fn mapped<'b>(&self, small: &Small, to: &'b Small, motion: &DAffine3) -> NeighbourPositions<'b> {
         let (width, height) = self.model.size();
         let (across, down) = (small.width.div_ceil(CELL) + 1, small.height.div_ceil(CELL) + 1);
         let scale = width.div_ceil(small.width).max(1);
@@ -149,7 +149,7 @@ impl<'a> PlaneSweep<'a> {
                 }
             }
         });
-        Mapped { to, across, at }
+        NeighbourPositions { to, across, at }
     }
 }
 
@@ -232,7 +232,7 @@ fn census(plane: &GreyImage) -> Vec<u64> {
 }
 
 /// Matching costs of a row: mean Hamming distance over the neighbours.
-fn row_costs(small: &Small, mapped: &[Mapped<'_>], y: usize, row: &mut [u16]) {
+fn row_costs(small: &Small, mapped: &[NeighbourPositions<'_>], y: usize, row: &mut [u16]) {
     let fy = (y % CELL) as f32 / CELL as f32;
     let mut sums = [0u32; PLANES];
     for (x, costs) in row.chunks_mut(PLANES).enumerate() {
@@ -348,7 +348,7 @@ mod tests {
     const SIZE: (usize, usize) = (64, 48);
 
     /// A textured wall with a gain, shifted by `shift` px to the left for columns from `from` on.
-    fn seen(index: usize, shift: f32, from: usize, gain: f32) -> Small {
+    fn view_of(index: usize, shift: f32, from: usize, gain: f32) -> Small {
         let blotch = |x: usize, y: usize| (scattered((y * 1000 + x) as u64) % 100) as f32;
         let wall =
             GreyImage { width: 200, height: 48, values: (0..200 * 48).map(|i| blotch(i % 200, i / 200)).collect() };
@@ -363,19 +363,19 @@ mod tests {
     }
 
     /// A disparity of half a pixel per plane.
-    fn mapped(to: &Small, sign: f32) -> Mapped<'_> {
+    fn mapped(to: &Small, sign: f32) -> NeighbourPositions<'_> {
         let (across, down) = (SIZE.0 / CELL + 1, SIZE.1 / CELL + 1);
         let place = |n: usize| {
             let (cell, k) = (n / PLANES, n % PLANES);
             [(cell % across * CELL) as f32 + sign * 0.5 * k as f32, (cell / across * CELL) as f32]
         };
-        Mapped { to, across, at: (0..across * down * PLANES).map(place).collect() }
+        NeighbourPositions { to, across, at: (0..across * down * PLANES).map(place).collect() }
     }
 
     #[test]
     fn wall_is_found_at_its_plane_at_any_exposure() {
-        let here = seen(0, 0.0, 0, 1.0);
-        let (left, right) = (seen(1, 5.0, 0, 0.8), seen(2, -5.0, 0, 1.3));
+        let here = view_of(0, 0.0, 0, 1.0);
+        let (left, right) = (view_of(1, 5.0, 0, 0.8), view_of(2, -5.0, 0, 1.3));
         let both = [mapped(&left, -1.0), mapped(&right, 1.0)];
         let mut costs = vec![0; SIZE.0 * SIZE.1 * PLANES];
         over_rows(&mut costs, SIZE.0 * PLANES, 2, |y, row| row_costs(&here, &both, y, row));

@@ -74,7 +74,7 @@ pub fn register(
         let mut runner = PassRunner { recording, noise, threads, checkpoints, done: 0, total: frames, times, report };
         return motion_only::refine_motion(&mut runner, geometry, WHY);
     }
-    let [stride, refined_stride] = [CLOCK_FRAMES, REFINED_CLOCK_FRAMES].map(|most| frames.div_ceil(most));
+    let [stride, refined_stride] = [CLOCK_FRAMES, REFINED_CLOCK_FRAMES].map(|count| frames.div_ceil(count));
     let clock_frames = CLOCK_ITERATIONS * frames.div_ceil(stride);
     let refined_clock_frames = REFINED_CLOCK_ITERATIONS * frames.div_ceil(refined_stride);
     let total = clock_frames + refined_clock_frames + 2 * frames;

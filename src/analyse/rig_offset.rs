@@ -124,7 +124,7 @@ pub struct ReadoutStep {
     pub parts_sigma_s: Option<f64>,
 }
 
-/// The correction by the links of a recording of so many frames.
+/// The correction by the links of a recording of `frames` frames.
 pub fn readout(links: &[Link], frames: usize) -> Option<ReadoutStep> {
     /// Number of points that count as one independent value, because errors of neighbouring points
     /// are correlated.

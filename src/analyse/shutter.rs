@@ -91,7 +91,7 @@ pub struct ExposureRun {
     pub exposure_s: f64,
     pub sigma_s: f64,
     /// Number of samples.
-    #[serde(rename = "heard")]
+    #[serde(alias = "heard")]
     pub samples: usize,
 }
 
@@ -173,11 +173,11 @@ impl<'a> ShutterEstimator<'a> {
                     *curve = compare(model, i, j, grid);
                 }
             });
-            let least_px_s = min_flow_difference_px_s(self.model);
+            let min_px_s = min_flow_difference_px_s(self.model);
             let curves: Vec<BlurCurve> = curves
                 .into_iter()
                 .filter_map(|(_, curve)| curve)
-                .filter(|curve| curve.flow_difference_px_s > least_px_s)
+                .filter(|curve| curve.flow_difference_px_s > min_px_s)
                 .collect();
             self.evidence.samples.extend(minimum(&curves, grid).map(|(exposure_s, clarity)| ExposureSample {
                 frame: own,
@@ -256,7 +256,7 @@ fn plan(model: &CameraModel, states: &[Option<CameraState>]) -> Vec<(usize, Vec<
     let flow_moments: Vec<Option<DMat2>> =
         states.iter().map(|state| state.map(|state| flow_moment(model, &state))).collect();
     let scale = f64::from(1u32 << halvings(model));
-    let least_px_s = min_flow_difference_px_s(model) * scale;
+    let min_px_s = min_flow_difference_px_s(model) * scale;
     let partners = |own: usize| -> Option<(f64, Vec<usize>)> {
         let here = flow_moments[own]?;
         let mut estimates: Vec<(f64, usize)> = Vec::new();
@@ -269,7 +269,7 @@ fn plan(model: &CameraModel, states: &[Option<CameraState>]) -> Vec<(usize, Vec<
             let difference = here - there;
             let difference_px_s = norm(&difference).sqrt();
             let is_slower = difference.x_axis.x + difference.y_axis.y > 0.0;
-            if difference_px_s > least_px_s {
+            if difference_px_s > min_px_s {
                 let weight = if is_slower { 1.0 } else { FASTER_PARTNER_WEIGHT };
                 estimates.push((weight * difference_px_s, other));
             }
@@ -290,13 +290,13 @@ fn plan(model: &CameraModel, states: &[Option<CameraState>]) -> Vec<(usize, Vec<
 }
 
 /// Accelerations by the motions of the previous and the next frame; 0 where one is missing, or
-/// where they are `most_s` or more apart.
-fn accelerations(states: &[Option<CameraState>], timestamps_s: &[f64], most_s: f64) -> Vec<Twist> {
+/// where they are `max_interval_s` or more apart.
+fn accelerations(states: &[Option<CameraState>], timestamps_s: &[f64], max_interval_s: f64) -> Vec<Twist> {
     let acceleration = |n: usize| -> Option<Twist> {
         let (before, after) = (n.checked_sub(1)?, n + 1);
         let (a, b) = (states[before]?, (*states.get(after)?)?);
         let between_s = timestamps_s[after] - timestamps_s[before];
-        (between_s > 0.0 && between_s < most_s).then(|| (b.twist - a.twist) / between_s)
+        (between_s > 0.0 && between_s < max_interval_s).then(|| (b.twist - a.twist) / between_s)
     };
     (0..states.len()).map(|n| acceleration(n).unwrap_or_else(Twist::zeros)).collect()
 }

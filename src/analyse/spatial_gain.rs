@@ -62,7 +62,7 @@ pub struct SpatialGainFit {
     pub recorded: f64,
     pub left: f64,
     /// Largest magnitude of a node, stops.
-    pub most_ev: f64,
+    pub max_ev: f64,
     /// True if the field is applied.
     pub is_followed: bool,
 }
@@ -122,7 +122,7 @@ pub fn solve(pairs: &[SpatialGainPair], frames: usize) -> Option<(Vec<SpatialGai
     let fitted = SpatialGainFit {
         recorded,
         left,
-        most_ev: field.iter().fold(0.0, |most, node| node.abs().max(most)) / LN_2,
+        max_ev: field.iter().fold(0.0, |largest, node| node.abs().max(largest)) / LN_2,
         is_followed: left < MAX_RESIDUAL_RATIO * recorded
             && (recorded * recorded - left * left).max(0.0).sqrt() > MIN_REMOVED_SCATTER,
     };
@@ -250,9 +250,9 @@ mod tests {
     #[test]
     fn oscillating_field_is_recovered_and_a_zero_field_is_not_followed() {
         let slope = |frame: usize| 0.3 * (0.7 * frame as f32).sin();
-        let (found, fitted) = solve(&panned(40, slope), 40).unwrap();
+        let (gains, fitted) = solve(&panned(40, slope), 40).unwrap();
         assert!(fitted.is_followed && fitted.left < 0.25 * fitted.recorded, "{fitted:?}");
-        for (frame, across) in found.iter().enumerate().skip(5).take(30) {
+        for (frame, across) in gains.iter().enumerate().skip(5).take(30) {
             let difference = std::f32::consts::LN_2 * (across.at([0.9, 0.5]) - across.at([0.1, 0.5]));
             let expected = 0.8 * slope(frame);
             assert!((difference - expected).abs() < 0.03, "{frame}: {difference} for {expected}");
@@ -265,8 +265,8 @@ mod tests {
     #[test]
     fn nodes_are_clamped_to_the_largest_gain() {
         // The sides' gains drift apart by nearly three stops, by steps that the robust loss keeps.
-        let (found, fitted) = solve(&panned(40, |frame| 0.05 * frame as f32), 40).unwrap();
-        let most = found.iter().flat_map(|across| across.0).fold(0.0f32, |most, node| node.abs().max(most));
-        assert!(most == MAX_EV as f32 && (fitted.most_ev - MAX_EV).abs() < 1e-12, "{most} {fitted:?}");
+        let (gains, fitted) = solve(&panned(40, |frame| 0.05 * frame as f32), 40).unwrap();
+        let largest = gains.iter().flat_map(|across| across.0).fold(0.0f32, |largest, node| node.abs().max(largest));
+        assert!(largest == MAX_EV as f32 && (fitted.max_ev - MAX_EV).abs() < 1e-12, "{largest} {fitted:?}");
     }
 }

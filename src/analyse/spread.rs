@@ -183,8 +183,8 @@ impl<'a> EdgeSpreads<'a> {
 
 /// Mask of the pixels in which a channel may be clipped.
 fn clipped(pixels: &Pixels) -> Vec<bool> {
-    let most = CLIPPED_CODE / 255.0 * pixels.max_code() as f32;
-    pixels.each(|c| c.into_iter().any(|code| code as f32 >= most))
+    let clip_code = CLIPPED_CODE / 255.0 * pixels.max_code() as f32;
+    pixels.each(|c| c.into_iter().any(|code| code as f32 >= clip_code))
 }
 
 /// Variance of the Gaussian that blurred an edge, px²; negative for an edge sharper than the

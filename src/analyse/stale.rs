@@ -126,7 +126,7 @@ mod tests {
         camera.intrinsics.readout_time_s = 0.02;
         let registration =
             json!({ "poses": "refined", "links": 9, "missing_links": 0, "depth_later_s": 0.0, "pose_lines": 3 });
-        let run = json!({ "from": 0, "to": 20, "exposure_s": 0.01, "sigma_s": 0.001, "heard": 8 });
+        let run = json!({ "from": 0, "to": 20, "exposure_s": 0.01, "sigma_s": 0.001, "samples": 8 });
         let json = json!({
             "version": 11, "recording": "", "frames": 20, "registration": registration, "camera": camera,
             "gain": { "pairs": 3, "recorded": 0.1, "left": 0.01, "range_ev": 1.0, "is_followed": true },

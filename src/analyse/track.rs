@@ -28,9 +28,9 @@ pub struct TrackKnot {
 
 /// Poses by time, strictly ascending. The track is extrapolated by one `usual_s` before the first
 /// frame and after the last, so that it covers their exposures and depth maps. There are no poses
-/// in gaps longer than `most_s`. Of frames with equal times the first is used. `way`: the recorded
-/// motion, if it is followed between the frames.
-pub fn poses(knots: &[TrackKnot], usual_s: f64, most_s: f64, way: Option<&RecordedMotion<'_>>) -> Vec<(f64, Pose)> {
+/// in gaps longer than `max_gap_s`. Of frames with equal times the first is used. `way`: the
+/// recorded motion, if it is followed between the frames.
+pub fn poses(knots: &[TrackKnot], usual_s: f64, max_gap_s: f64, way: Option<&RecordedMotion<'_>>) -> Vec<(f64, Pose)> {
     let mut out: Vec<(f64, Pose)> = Vec::new();
     let mut put = |time_s: f64, at: DAffine3| {
         if out.last().is_none_or(|last| time_s > last.0) {
@@ -50,7 +50,7 @@ pub fn poses(knots: &[TrackKnot], usual_s: f64, most_s: f64, way: Option<&Record
     let beyond = steps(usual_s);
     let step_s = usual_s / steps(usual_s) as f64;
     for (n, knot) in knots.iter().enumerate() {
-        let is_joined = |a: &TrackKnot, b: &TrackKnot| b.time_s - a.time_s <= most_s;
+        let is_joined = |a: &TrackKnot, b: &TrackKnot| b.time_s - a.time_s <= max_gap_s;
         let before = n.checked_sub(1).map(|b| &knots[b]);
         if before.is_none_or(|before| !is_joined(before, knot)) {
             (1..=beyond).rev().for_each(|k| put(knot.time_s - k as f64 * step_s, beside(knot, -(k as f64) * step_s)));

@@ -133,11 +133,11 @@ fn points(
     if steep.len() < ENOUGH_POINTS && mean_slope < LOW_GRADIENT {
         steep = steeper_by(0.0);
     }
-    let most = MAX_POINTS[level.min(MAX_POINTS.len() - 1)];
-    if steep.len() > most {
+    let max_points = MAX_POINTS[level.min(MAX_POINTS.len() - 1)];
+    if steep.len() > max_points {
         // The smallest hashes of the positions: an even spread, the same in every run.
         steep.sort_unstable_by_key(|i| (scattered(*i as u64), *i));
-        steep.truncate(most);
+        steep.truncate(max_points);
         steep.sort_unstable();
     }
     let point = |i: usize| {

@@ -5,7 +5,7 @@ use crate::camera::{Camera, Capture, Geometry, Intrinsics, Opening};
 use crate::compositor::SubmitError;
 use crate::effects::depth_of_field::DepthOfField;
 use crate::effects::{Effect, FrameContext, LayerRun};
-use crate::gpu::{Gpu, Recorder, Texture, half_texels};
+use crate::gpu::{Gpu, PassRecorder, Texture, half_texels};
 use crate::params::{Params, Value};
 use crate::pixels::Rect;
 use crate::render::{COLOR, GEOMETRY, Layer};
@@ -60,7 +60,7 @@ pub fn depth_of_field(table: &mut BenchTable<'_>) -> Result<(), SubmitError> {
     let geometry = Geometry::new(intrinsics, Default::default());
     let camera = Camera { geometry: Some(geometry.clone()), ..Camera::default() };
     let opening = Opening { diameter_m: DIAMETER_M, focus_distance_m: FOCUS_M, blades: 0, rotation_rad: 0.0 };
-    let mut recorder = Recorder::new(gpu.clone());
+    let mut recorder = PassRecorder::new(gpu.clone());
     let capture = Capture::frame(&geometry, 0.0, Some(opening));
     type Circles = Box<dyn Fn(f64, f64) -> f64>;
     let flat = |method, circle: f64| {

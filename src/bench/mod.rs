@@ -20,7 +20,7 @@ use crate::coding::{BLOCK, BlockQuantization, ChromaSampling, Decoder, PictureCo
 use crate::compositor::{Compositor, FrameStats, Job, Settings, SubmitError, Target};
 use crate::fit::quantile::upper_median;
 use crate::frame::{Frame, NeighbourFrame};
-use crate::gpu::{Gpu, GpuError, Recorder, Shader, Texture};
+use crate::gpu::{Gpu, GpuError, PassRecorder, Shader, Texture};
 use crate::pixels::{DepthMap, Pixels};
 use crate::pose::Pose;
 use crate::recording::NEIGHBOURS_EACH_WAY;
@@ -199,7 +199,7 @@ struct BenchTable<'a> {
     gpu: &'a Gpu,
     /// Filter: rows whose names contain this.
     only: Option<&'a str>,
-    recorder: Recorder,
+    recorder: PassRecorder,
     picture: [Texture; 2],
     copies_ms: Vec<f64>,
     rows: Vec<(String, f64)>,
@@ -209,8 +209,14 @@ impl<'a> BenchTable<'a> {
     fn new(gpu: &'a Gpu, width: u32, height: u32, only: Option<&'a str>) -> Result<Self, GpuError> {
         let format = wgpu::TextureFormat::Rgba16Float;
         let picture = ["from", "to"].map(|label| Texture::new(gpu, label, width, height, format, 1));
-        let mut table =
-            Self { gpu, only, recorder: Recorder::new(gpu.clone()), picture, copies_ms: Vec::new(), rows: Vec::new() };
+        let mut table = Self {
+            gpu,
+            only,
+            recorder: PassRecorder::new(gpu.clone()),
+            picture,
+            copies_ms: Vec::new(),
+            rows: Vec::new(),
+        };
         table.time_copy()?;
         Ok(table)
     }

@@ -304,8 +304,8 @@ impl BinFit {
 /// μ, the unclipped variance, and the levels far enough from the ends to determine it.
 fn unclipped<'a>(levels: &[&'a CodeLevel]) -> (f64, f64, Vec<&'a CodeLevel>) {
     // Clipping only reduces variance, so start from the largest of the levels' variances.
-    let most = levels.iter().map(|l| l.freedom).fold(0.0, f64::max).min(MIN_START_FREEDOM);
-    let telling = levels.iter().filter(|l| l.freedom >= most);
+    let min_freedom = levels.iter().map(|l| l.freedom).fold(0.0, f64::max).min(MIN_START_FREEDOM);
+    let telling = levels.iter().filter(|l| l.freedom >= min_freedom);
     let start = telling.map(|l| l.squares / l.freedom).fold(0.0, f64::max);
     let mut sigma = start.sqrt();
     let (mut mu, mut usable) = (0.0, Vec::new());

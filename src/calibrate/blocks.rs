@@ -52,10 +52,10 @@ fn outliers(
     relevant: impl Fn(f64, f64) -> bool,
 ) -> (Vec<bool>, f64) {
     let mut out = vec![false; statistics.len()];
-    let most = statistics.iter().flatten().map(|s| s.1).max().unwrap_or(0) as f64;
+    let max_count = statistics.iter().flatten().map(|s| s.1).max().unwrap_or(0) as f64;
     let mut middle = 0.0;
     for _ in 0..5 {
-        let whole = |s: &Statistic| s.filter(|s| s.1 as f64 >= 0.75 * most).map(|s| s.0);
+        let whole = |s: &Statistic| s.filter(|s| s.1 as f64 >= 0.75 * max_count).map(|s| s.0);
         let mut rest: Vec<f64> =
             statistics.iter().zip(&out).filter(|(_, out)| !**out).filter_map(|(s, _)| whole(s)).collect();
         let Some(median) = upper_median_in_place(&mut rest) else { break };
@@ -64,7 +64,7 @@ fn outliers(
         let spread = (SIGMA_PER_MAD * upper_median(below).unwrap_or(0.0)).max(chance(middle));
         let stands_out = |s: &Statistic| {
             s.is_some_and(|(value, n)| {
-                value - middle > SIGNIFICANT_Z * spread * (most / n as f64).sqrt() && relevant(value, middle)
+                value - middle > SIGNIFICANT_Z * spread * (max_count / n as f64).sqrt() && relevant(value, middle)
             })
         };
         let now: Vec<bool> = statistics.iter().map(stands_out).collect();

@@ -42,9 +42,9 @@ impl CommonMotion {
 
     /// The largest share over the reductions, 0 to 1.
     pub fn share(&self) -> f64 {
-        let most = self.explained.iter().copied().fold(0.0, f64::max);
+        let largest = self.explained.iter().copied().fold(0.0, f64::max);
         // Less than one 16-bit step in one pixel is rounding.
-        if self.all > 1e-6 { most / self.all } else { 0.0 }
+        if self.all > 1e-6 { largest / self.all } else { 0.0 }
     }
 }
 

@@ -69,11 +69,11 @@ pub(super) struct ExampleSampler {
     /// The first reason against a model.
     problem: Option<NoExample>,
     /// Most frames of a scene that had too few.
-    most_frames: usize,
+    longest_run_frames: usize,
 }
 
 impl ExampleSampler {
-    /// For so many scenes.
+    /// Samples up to [`MAX_SCENES`] of `scenes` scenes, spread evenly.
     pub fn new(scenes: usize) -> Self {
         let scene_step = scenes.div_ceil(MAX_SCENES).max(1);
         Self {
@@ -91,11 +91,11 @@ impl ExampleSampler {
             known_mean: false,
             is_textureless: false,
             problem: None,
-            most_frames: 0,
+            longest_run_frames: 0,
         }
     }
 
-    /// Starts a scene of so many frames.
+    /// Starts a scene of `frames` frames.
     pub fn begin_scene(&mut self, frames: usize) {
         self.expected_frames = frames;
         let is_sampled = self.scenes.is_multiple_of(self.scene_step);
@@ -127,7 +127,7 @@ impl ExampleSampler {
         let coding = match pixels.coding.as_deref() {
             Some(stated) => stated.clone(),
             None => {
-                let estimated = || estimate(codes, size).map_or(PictureCoding::UNROUNDED, |found| found.coding);
+                let estimated = || estimate(codes, size).map_or(PictureCoding::UNROUNDED, |estimate| estimate.coding);
                 self.estimated_coding.get_or_insert_with(estimated).clone()
             }
         };
@@ -146,7 +146,7 @@ impl ExampleSampler {
             return;
         }
         if !scene.known_mean && frames < MIN_FRAMES {
-            self.most_frames = self.most_frames.max(frames);
+            self.longest_run_frames = self.longest_run_frames.max(frames);
             return;
         }
         self.known_mean |= scene.known_mean;
@@ -196,7 +196,7 @@ impl ExampleSampler {
             return Err(problem);
         }
         let Some(first) = self.frames.first() else {
-            return Err(NoExample::TooFewFrames { frames: self.most_frames });
+            return Err(NoExample::TooFewFrames { frames: self.longest_run_frames });
         };
         let size = |frame: &ExampleFrame| [frame.frame.mean[0].width, frame.frame.mean[0].height];
         if self.frames.iter().any(|frame| size(frame) != size(first)) {
@@ -358,7 +358,7 @@ mod tests {
         assert!(example.sigma_error.unwrap() < 0.08 && example.to_string().contains("clean picture"), "{example}");
     }
 
-    /// A surface in smoothly varying light, moved to the right by so many px in each picture.
+    /// A surface in smoothly varying light, moved to the right by `shifts[i]` px in picture i.
     fn write_shifted(folder: &Path, shifts: &[f32]) {
         for (frame, shift) in shifts.iter().enumerate() {
             let picture = image::RgbImage::from_fn(SIDE as u32, SIDE as u32, |x, y| {

@@ -15,7 +15,7 @@ const RECOMMENDED_CODE_RANGE: f32 = 128.0;
 /// How the clean picture was found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ExampleMethod {
-    /// The mean of so many frames at rest.
+    /// The mean of `frames` frames at rest.
     Resting { frames: usize },
     /// The given picture.
     Pairs,

@@ -4,10 +4,10 @@
 use super::example::ExampleSampler;
 use super::example_report::{ExampleCalibration, NoExample};
 use super::footage::{Footage, is_picture, read};
-use super::moving::MovingCalibrator;
 use super::noise::{CalibrateError, NoiseCalibration, NoiseCalibrator, NoiseOptions};
 use super::rest::RestSearch;
 use super::scene_sums::MAX_FRAMES;
+use super::textureless::TexturelessCalibrator;
 use super::warning::Warning;
 use crate::pixels::Pixels;
 use crate::source::unsupported;
@@ -160,7 +160,7 @@ fn textureless(
     options: &NoiseOptions,
     progress: LoadProgress<'_>,
 ) -> Result<MeasuredNoise, CalibrateError> {
-    let mut calibrator = MovingCalibrator::new(options.clone())?;
+    let mut calibrator = TexturelessCalibrator::new(options.clone())?;
     let mut sampler = options.with_example.then(|| ExampleSampler::new(1));
     let footage = frames.iter().map(|path| Footage::open(path)).collect::<Result<Vec<_>, _>>()?;
     let every = footage.iter().map(Footage::count).sum::<usize>().div_ceil(MAX_TEXTURELESS_FRAMES).max(1);

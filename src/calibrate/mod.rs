@@ -13,7 +13,6 @@ mod example_report;
 mod footage;
 pub mod geometry;
 mod load;
-pub mod moving;
 pub mod noise;
 mod picked;
 mod picked_region;
@@ -28,6 +27,7 @@ mod sampling_plan;
 mod scene_sums;
 pub mod sharpness;
 mod single;
+pub mod textureless;
 mod unsteady;
 mod warning;
 
@@ -42,4 +42,6 @@ pub use points::{NoisePoint, sigma_over_profile};
 pub use rendered_noise::rendered_noise;
 pub use rest::RestSearch;
 pub use resting_example::RestingExample;
+/// Name of [`textureless`] in the window.
+pub use textureless as moving;
 pub use warning::Warning;

@@ -100,9 +100,9 @@ fn from_resting_frames(
     };
     let (mut all, mut is_any) = (calibrator()?, false);
     for place in places {
-        let ((width, height), least) = (place.size_px(), SIDE as u32);
-        if width.min(height) < least {
-            verdicts.push(Err(RegionError::Small { width, height, least }));
+        let ((width, height), min_side_px) = (place.size_px(), SIDE as u32);
+        if width.min(height) < min_side_px {
+            verdicts.push(Err(RegionError::Small { width, height, min_side_px }));
             continue;
         }
         let (code, clipped) = mean_and_clipped_share(place.frames());
@@ -139,10 +139,10 @@ fn from_resting_frames(
 fn mean_and_clipped_share(pictures: &[Pixels]) -> (f64, f64) {
     let (mut sum, mut clipped, mut count) = (0.0, 0.0, 0.0);
     for picture in pictures {
-        let most = picture.max_code();
+        let max_code = picture.max_code();
         for codes in (0..picture.height).flat_map(|y| (0..picture.width).map(move |x| picture.at(x, y))) {
-            sum += codes.map(f64::from).iter().sum::<f64>() / 3.0 * 255.0 / f64::from(most);
-            clipped += f64::from(u8::from(codes.iter().any(|code| *code == 0 || *code == most)));
+            sum += codes.map(f64::from).iter().sum::<f64>() / 3.0 * 255.0 / f64::from(max_code);
+            clipped += f64::from(u8::from(codes.iter().any(|code| *code == 0 || *code == max_code)));
             count += 1.0;
         }
     }

@@ -75,8 +75,8 @@ fn crop(frame: &Pixels, place: &Rect) -> Pixels {
 /// Reason why a region gives no noise.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum RegionError {
-    #[error("too small: {width} × {height} px; {least} × {least} px and more are needed")]
-    Small { width: u32, height: u32, least: u32 },
+    #[error("too small: {width} × {height} px; {min_side_px} × {min_side_px} px and more are needed")]
+    Small { width: u32, height: u32, min_side_px: u32 },
     #[error("over- or underexposed: the code values end there")]
     Clipped,
     #[error("too quiet: the code values show no noise there")]

@@ -27,7 +27,7 @@ pub fn rendered_noise(with: &Pixels, without: &Pixels, mask: &[bool]) -> Result<
     let scale = 255.0 / f64::from(without.max_code());
     // Count, sum of codes, of differences, of their squares.
     let mut sums = [[[0.0; 4]; BINS]; 3];
-    for (i, _) in mask.iter().enumerate().filter(|(_, seen)| **seen) {
+    for (i, _) in mask.iter().enumerate().filter(|(_, is_visible)| **is_visible) {
         let (x, y) = ((i % without.width as usize) as u32, (i / without.width as usize) as u32);
         let (noisy, plain) = (with.at(x, y), without.at(x, y));
         for c in 0..3 {

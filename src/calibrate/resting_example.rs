@@ -10,7 +10,7 @@ use crate::pixels::Pixels;
 pub struct RestingExample(NoiseCalibrator);
 
 impl RestingExample {
-    /// For so many frames.
+    /// Expects `frames` frames.
     pub fn new(frames: usize) -> Result<Self, CalibrateError> {
         let mut calibrator = NoiseCalibrator::new(NoiseOptions::default())?;
         calibrator.sample_examples(Some(ExampleSampler::new(1)));

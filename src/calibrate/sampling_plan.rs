@@ -25,7 +25,7 @@ pub struct SamplingPlan {
 }
 
 impl SamplingPlan {
-    /// Samples of so many frames, of at most `budget_px` altogether.
+    /// Samples of `frames` frames, of at most `budget_px` altogether.
     pub fn of(size: [usize; 2], frames: usize, budget_px: usize) -> Self {
         let area = (size[0] * size[1]).max(1);
         // Independent of the number of frames: all scenes have the same size.

@@ -196,7 +196,7 @@ pub fn notes(edge: &SlantedEdge, moved_px: [f64; 2]) -> Vec<String> {
 mod tests {
     use super::*;
 
-    fn found(sigma_px: f64, uncertainty_px: f64) -> SlantedEdge {
+    fn edge_of(sigma_px: f64, uncertainty_px: f64) -> SlantedEdge {
         SlantedEdge {
             line_px: [[0.0; 2]; 2],
             slant_deg: 5.0,
@@ -218,12 +218,12 @@ mod tests {
     fn edges_that_agree_are_weighted_by_uncertainty_and_others_equally() {
         assert_eq!(combine(&[]), None);
         // (0.6/0.01² + 0.61/0.02²) / (1/0.01² + 1/0.02²) = (6000 + 1525) / 12500.
-        let both = combine(&[found(0.6, 0.01), found(0.61, 0.02)]).unwrap();
+        let both = combine(&[edge_of(0.6, 0.01), edge_of(0.61, 0.02)]).unwrap();
         assert!((both.sigma_px - 7525.0 / 12500.0).abs() < 1e-12 && both.between_px == 0.0, "{both:?}");
         assert!((both.uncertainty_px - 12500f64.powf(-0.5)).abs() < 1e-12);
         // A hundred deviations apart: τ² is half the square of their distance, and both count
         // alike.
-        let apart = combine(&[found(0.5, 0.001), found(0.9, 0.004)]).unwrap();
+        let apart = combine(&[edge_of(0.5, 0.001), edge_of(0.9, 0.004)]).unwrap();
         assert!(
             (apart.sigma_px - 0.7).abs() < 1e-3 && (apart.between_px - 0.4 / 2f64.sqrt()).abs() < 1e-3,
             "{apart:?}"
@@ -233,7 +233,7 @@ mod tests {
 
     #[test]
     fn doubtful_edges_are_reported() {
-        let mut edge = found(0.0, 0.1);
+        let mut edge = edge_of(0.0, 0.1);
         edge.misfit = 0.03;
         let notes = notes(&edge, [-2.0, 5.0]);
         assert_eq!(notes.len(), 3);

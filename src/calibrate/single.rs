@@ -41,7 +41,7 @@ impl RegionSums {
         } else if self.quiet > 0 {
             Err(RegionError::Quiet)
         } else {
-            Err(RegionError::Small { width, height, least: min_side_px(SceneMotion::Moving) })
+            Err(RegionError::Small { width, height, min_side_px: min_side_px(SceneMotion::Moving) })
         }
     }
 
@@ -76,8 +76,8 @@ pub(super) fn from_single_frames(
         // A textured region raises the estimated correlation, which excuses others. So the worst
         // one is removed first.
         let ratio = |sums: &RegionSums| (0..3).map(|c| sums.spread_ratio(c, shared.freedom[c])).fold(0.0, f64::max);
-        let most = |sums: &RegionSums| MAX_SPREAD_RATIO + (8.0 / sums.blocks).sqrt();
-        let worst = good.iter().enumerate().map(|(i, (_, sums))| (i, ratio(sums) / most(sums)));
+        let max_ratio = |sums: &RegionSums| MAX_SPREAD_RATIO + (8.0 / sums.blocks).sqrt();
+        let worst = good.iter().enumerate().map(|(i, (_, sums))| (i, ratio(sums) / max_ratio(sums)));
         match worst.max_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, beyond)| *beyond > 1.0) {
             Some((worst, _)) => {
                 let (n, sums) = good.remove(worst);
@@ -86,7 +86,7 @@ pub(super) fn from_single_frames(
             None => break shared,
         }
     };
-    Ok(shared.found(&plane, places, &good, warnings))
+    Ok(shared.region_noise(&plane, places, &good, warnings))
 }
 
 /// Correlation of the noise, common to all regions.
@@ -117,7 +117,7 @@ impl PooledCorrelation {
         Self { blocks, cross, freedom: correlation.map(|r| plane.freedom(&r)), correlation }
     }
 
-    fn found(
+    fn region_noise(
         &self,
         plane: &PlaneDetrend,
         places: &[PickedRegion],

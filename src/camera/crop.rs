@@ -67,9 +67,9 @@ mod tests {
         let framed = Crop { left_px: 160.0, top_px: 120.0, step: 1.0 / 3.0 };
         let part = framed.geometry(&whole, 960, 720, 24.0);
         for point in [DVec3::new(0.1, 0.05, 1.0), DVec3::new(-0.2, 0.1, 1.3)] {
-            let (seen, of_whole) = (part.project(point).unwrap(), whole.project(point).unwrap());
-            assert!((framed.source_px(seen) - of_whole).length() < 1e-9, "{seen}");
-            assert!((part.row_time_s(seen.y) - whole.row_time_s(of_whole.y)).abs() < 1e-12);
+            let (of_part, of_whole) = (part.project(point).unwrap(), whole.project(point).unwrap());
+            assert!((framed.source_px(of_part) - of_whole).length() < 1e-9, "{of_part}");
+            assert!((part.row_time_s(of_part.y) - whole.row_time_s(of_whole.y)).abs() < 1e-12);
         }
         assert!(!framed.is_exact() && Crop { step: 1.0, ..framed }.is_exact());
     }

@@ -61,15 +61,15 @@ pub struct PictureLight {
 impl PictureLight {
     /// Measures camera pixels. All 0 for an empty picture.
     pub fn of(pixels: &Pixels, response: &Response) -> Self {
-        let most = pixels.max_code();
-        let light = response.table(most);
+        let max_code = pixels.max_code();
+        let light = response.table(max_code);
         let at = |code: u32| light.get(code as usize).copied().unwrap_or(1.0);
         let (mut sum, mut clipped) = (0.0, 0u64);
         for y in 0..pixels.height {
             for x in 0..pixels.width {
                 let [r, g, b] = pixels.at(x, y);
                 sum += 0.2126 * at(r) + 0.7152 * at(g) + 0.0722 * at(b);
-                clipped += u64::from(r.max(g).max(b) >= most);
+                clipped += u64::from(r.max(g).max(b) >= max_code);
             }
         }
         let count = (u64::from(pixels.width) * u64::from(pixels.height)).max(1) as f64;
@@ -135,9 +135,9 @@ impl Limits {
     }
 }
 
-fn within(mut series: Vec<Stop>, least: f64, most: f64) -> Vec<Stop> {
+fn within(mut series: Vec<Stop>, min: f64, max: f64) -> Vec<Stop> {
     // Includes the limits themselves despite rounding.
-    series.retain(|stop| stop.exact >= least * (1.0 - 1e-6) && stop.exact <= most * (1.0 + 1e-6));
+    series.retain(|stop| stop.exact >= min * (1.0 - 1e-6) && stop.exact <= max * (1.0 + 1e-6));
     series
 }
 

@@ -46,7 +46,7 @@ pub struct Args {
     #[arg(short = 'o', long = "output", value_name = "DIR")]
     output: Option<PathBuf>,
     /// Also find the surfaces that support this scene's objects and those beside them that receive
-    /// their shadows: printed, written into that folder's standing.toml and into the page
+    /// their shadows: printed, written into that folder's supports.toml and into the page
     #[arg(long, value_name = "SCENE")]
     scene: Option<PathBuf>,
     /// Also write the results as a page for a browser, with plots and pictures: one HTML file

@@ -89,13 +89,13 @@ fn noise(args: NoiseArgs) -> Result<()> {
     }
     let (is_there, mut profile) = existing(&args.output)?;
     if profile.has_noise() && !args.force {
-        bail!(failed("has a table [camera.noise] already; it is kept unless --force is given"));
+        bail!(failed("has a table [camera.noise] already, and is kept (--force replaces it)"));
     }
     if example_file == args.output {
         bail!(failed("ends as a file of noise by example; name the profile *.toml"));
     }
     if example_file.exists() && !args.force && !args.no_example {
-        bail!("{}: exists already; it is kept unless --force is given", example_file.display());
+        bail!("{}: exists already, and is kept (--force replaces it)", example_file.display());
     }
     let options = NoiseOptions { with_example: !args.no_example, ..NoiseOptions::default() };
     let bar = super::progress(false, 0);

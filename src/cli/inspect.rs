@@ -30,7 +30,7 @@ use locard_engine::text::{count, fixed, reason, short, shown, shown_unit};
 pub struct Args {
     /// A recording, a scene (.glb, .gltf, scene.toml), a profile, a scan (.e57, .ply …), or a
     /// stream: opentrackio://HOST:PORT, freed://HOST:PORT
-    what: PathBuf,
+    input: PathBuf,
     /// A frame of the recording
     #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = super::frame_number)]
     frame: Option<usize>,
@@ -122,33 +122,33 @@ fn kind(path: &Path) -> Result<InputKind> {
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    if let Some(url) = args.what.to_str().filter(|text| Protocol::of(text).is_some()) {
+    if let Some(url) = args.input.to_str().filter(|text| Protocol::of(text).is_some()) {
         if args.frame.is_some() {
             bail!("{url}: --frame needs a recording, but this is a stream");
         }
         return listen::run(url, args.seconds);
     }
-    let input = kind(&args.what)?;
+    let input = kind(&args.input)?;
     if args.frame.is_some() && !matches!(input, InputKind::Recording) {
-        bail!("{}: --frame needs a recording, and this is not one", args.what.display());
+        bail!("{}: --frame needs a recording, and this is not one", args.input.display());
     }
     match input {
         InputKind::Scene => {
-            let scene = locard_engine::scene::load(&args.what, None)?;
+            let scene = locard_engine::scene::load(&args.input, None)?;
             write!(std::io::stdout().lock(), "{}", locard_engine::scene::describe(&scene))?;
             Ok(())
         }
         InputKind::Scan => {
-            let scan = locard_engine::scene::read_scan(&args.what, args.metres_per_unit)?;
+            let scan = locard_engine::scene::read_scan(&args.input, args.metres_per_unit)?;
             let mut out = std::io::stdout().lock();
             writeln!(out, "scan       {}", scan.description())?;
             Ok(scan.warnings.iter().try_for_each(|text| writeln!(out, "odd        {text}"))?)
         }
         InputKind::Analysis => {
-            write!(std::io::stdout().lock(), "{}", analyse::Analysis::read(&args.what)?.findings)?;
+            write!(std::io::stdout().lock(), "{}", analyse::Analysis::read(&args.input)?.findings)?;
             Ok(())
         }
-        InputKind::Profile => profile(&args.what),
+        InputKind::Profile => profile(&args.input),
         InputKind::Recording => recording(args),
     }
 }
@@ -213,7 +213,7 @@ fn recording(args: &Args) -> Result<()> {
     // The given profile overrides the recording's own.
     let shot_options =
         ShotOptions { profile: args.profile.clone(), analysis: args.analysis.choice(), ..ShotOptions::default() };
-    let recording = Recording::open(&args.what, &options)?;
+    let recording = Recording::open(&args.input, &options)?;
     let (shot, ()) = args.analysis.open(recording, &shot_options, false, |_| Ok(()))?;
     let mut out = std::io::stdout().lock();
     if let Some(frame) = args.frame {
@@ -221,7 +221,7 @@ fn recording(args: &Args) -> Result<()> {
     }
     let geometry = match shot.geometry_at(0) {
         Err(ShotError::NoCamera { .. }) if args.profile.is_none() => None,
-        known => Some(known?),
+        geometry => Some(geometry?),
     };
     let recording = &shot.recording;
     let times = &recording.timestamps_s;
@@ -257,7 +257,7 @@ fn recording(args: &Args) -> Result<()> {
     }
     let faded = (0..frames).filter(|&i| recording.opacity(i) < 1.0).count();
     if faded > 0 {
-        writeln!(out, "presence   below 1 in {faded} of {}: evidence fades there", count(frames, "frame"))?;
+        writeln!(out, "opacity    below 1 in {faded} of {}: evidence fades there", count(frames, "frame"))?;
     }
     match &geometry {
         Some(g) if g.is_equirectangular() => writeln!(out, "camera     360°, longitude and latitude")?,
@@ -384,7 +384,7 @@ fn one_frame(args: &Args, shot: Shot, frame: usize, out: &mut impl Write) -> Res
     }
     let opacity = recording.opacity(frame);
     if opacity < 1.0 {
-        writeln!(out, "presence   {}: opacity of the evidence", fixed(opacity, 3))?;
+        writeln!(out, "opacity    {} of the evidence", fixed(opacity, 3))?;
     }
     if args.picks.is_empty() {
         return Ok(());

@@ -12,6 +12,7 @@ use locard_engine::stage::Stage;
 use locard_engine::text::shown_unit;
 
 #[derive(clap::Args)]
+#[command(after_help = "[stage] after a parameter: the first stage that a change recomputes")]
 pub struct Args {
     /// As JSON
     #[arg(long)]
@@ -44,6 +45,8 @@ pub fn run(args: &Args) -> Result<()> {
         writeln!(out, "{}", serde_json::to_string_pretty(&list)?)?;
         return Ok(());
     }
+    let stages: Vec<String> = Stage::ALL.iter().map(Stage::to_string).collect();
+    writeln!(out, "[stage]: the first stage that a change recomputes, of {}\n", stages.join(", "))?;
     for table in tables {
         let summary = settings.effects().find(|e| e.table() == table.table()).map(|e| e.summary());
         match summary {
@@ -68,11 +71,9 @@ pub fn run(args: &Args) -> Result<()> {
         }
         writeln!(out)?;
     }
-    let stages: Vec<String> = Stage::ALL.iter().map(Stage::to_string).collect();
     writeln!(
         out,
-        "In brackets: the first stage of a frame that reads the parameter, of {}. A change recomputes that stage and those after it; from depth on, if an effect then reaches over more pixels.",
-        stages.join(", ")
+        "A change recomputes its [stage] and those after it; from depth on, if an effect then reaches over more pixels."
     )?;
     writeln!(out, "Every effect also has `{ON} = true    (true or false)`: without, it does not run.")?;
     Ok(())

@@ -170,7 +170,7 @@ pub fn print_points(picker: &Picker<'_>, query: &PointQuery<'_>, out: &mut impl 
         match picks.len() {
             2 if distance_m > 0.0 => {}
             2 => bail!("--distance {distance_m}: expected a distance above 0"),
-            given => bail!("--distance is that of two points: give --pick twice ({given} given)"),
+            count => bail!("--distance is that of two points: give --pick twice ({count} given)"),
         }
     }
     let shot = picker.shot;
@@ -196,12 +196,12 @@ pub fn print_points(picker: &Picker<'_>, query: &PointQuery<'_>, out: &mut impl 
                 let depth = shot.recording.pose_at_frame(picker.frame)?.transform_point(picked.point_m).z;
                 writeln!(out, " (on the plane, depth {} {unit})", fixed(depth, 4))?;
             }
-            PointSource::Views(found) => writeln!(
+            PointSource::Views(views) => writeln!(
                 out,
                 " (± {} {unit}; rays at {}°, {} px off)",
-                fixed(found.sigma_m, 4),
-                fixed(found.angle_deg, 1),
-                fixed(found.rms_px, 2)
+                fixed(views.sigma_m, 4),
+                fixed(views.angle_deg, 1),
+                fixed(views.rms_px, 2)
             )?,
         }
         points.push(picked.point_m);

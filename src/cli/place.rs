@@ -121,7 +121,9 @@ pub fn run(args: &Args) -> Result<()> {
     let posture = if args.flat { Posture::Flat } else { Posture::Upright };
     let facing = || shot.heading_to_camera(args.frame, support.point_m, up, 0.0);
     let heading = args.heading.map_or_else(facing, Heading::Deg);
-    let mut placed = scene::place_at_rest(&model, &args.scene, &support, posture, heading, up, args.size)?;
+    let joined = args.scene.parent().unwrap_or(Path::new("")).join(&model);
+    let mut placed = scene::place_at_rest(&model, &args.scene, &support, posture, heading, up, args.size)
+        .map_err(|error| error.with_path(&joined, &args.model))?;
     placed.name.clone_from(&args.name);
     let position = placed.position_m.unwrap_or_default();
     if file.gauge.is_none() {
@@ -142,20 +144,20 @@ pub fn run(args: &Args) -> Result<()> {
     }
     let tilt = support.tilt_deg(up);
     match picked.source {
-        PointSource::Depth(found) => writeln!(
+        PointSource::Depth(estimate) => writeln!(
             out,
             "surface    tilted by {tilt:.1}°, depth {:.4} m, uneven by {:.1} mm, {:.0} % of the surroundings",
-            found.depth_m,
-            1e3 * found.sigma_m,
-            100.0 * found.share
+            estimate.depth_m,
+            1e3 * estimate.sigma_m,
+            100.0 * estimate.share
         )?,
         PointSource::Plane { .. } => writeln!(out, "surface    tilted by {tilt:.1}°, as given")?,
-        PointSource::Views(found) => writeln!(
+        PointSource::Views(estimate) => writeln!(
             out,
             "surface    taken for level; the point is known within {:.1} mm (rays at {:.1}°, {:.1} px off)",
-            1e3 * found.sigma_m,
-            found.angle_deg,
-            found.rms_px
+            1e3 * estimate.sigma_m,
+            estimate.angle_deg,
+            estimate.rms_px
         )?,
     }
     if support.normal.dot(up) < MIN_SUPPORT_COSINE && !args.flat {

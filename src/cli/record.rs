@@ -50,7 +50,7 @@ pub fn run(args: &Args) -> Result<()> {
     let writer = RecorderThread::new(Recorder::create(&args.output, &about)?)?;
     // Largest half of an exposure. Poses within it are waited for, also those from tags: after the
     // next frame's pose is measured, the poses between are interpolated and not predicted. A larger
-    // reach would raise a frame's presence before tracking is recovered.
+    // reach would raise a frame's opacity before tracking is recovered.
     let (interval_s, reach_s) = (about.interval_s, 0.5 * about.interval_s);
     let mut rig = args.profile.as_deref().map(Rig::of_file).transpose()?.unwrap_or_default();
     rig.follow_frames();

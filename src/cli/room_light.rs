@@ -69,9 +69,9 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    let (shot, folder, found) = open_analysed(args)?;
-    let (Some(light), Some(around)) = (&found.findings.light, &found.environment) else {
-        let why = found.findings.light.as_ref().and_then(|light| light.why.as_deref()).unwrap_or(
+    let (shot, folder, analysis) = open_analysed(args)?;
+    let (Some(light), Some(around)) = (&analysis.findings.light, &analysis.environment) else {
+        let why = analysis.findings.light.as_ref().and_then(|light| light.why.as_deref()).unwrap_or(
             "no reason was \
                                                                                                   recorded",
         );
@@ -103,7 +103,7 @@ pub fn run(args: &Args) -> Result<()> {
     if file.light != LightTable::default() && !args.force {
         bail!("{}: it has a [light] already, which is kept; --force replaces it", path.display());
     }
-    let relit = lamp::relit(&shot, &found, &args.lamp)?;
+    let relit = lamp::relit(&shot, &analysis, &args.lamp)?;
     let (light, around) = relit.as_ref().map_or((light, around), |(light, around)| (light, around));
     let mut lines = light.lines();
     let mut lighting = light.lighting(around).context("the light that was found")?;

@@ -18,12 +18,12 @@ use locard_engine::scene::{self, Document, SceneFile, SiteTable};
 use locard_engine::shot::{FramePoint, Shot, ShotOptions};
 use locard_engine::sink::{self, atomic::write_atomically};
 use locard_engine::site::alignment::{Alignment, AlignmentOptions, RayPair};
-use locard_engine::site::refinement::{PlacePrior, SiteRefinement};
+use locard_engine::site::refinement::{PosePrior, SiteRefinement};
 use locard_engine::site::{ScannedSite, SiteScan};
 use locard_engine::text::{count, fixed, number};
 
-/// Assumed standard deviations of a place that no pairs determine: of an alignment by hand.
-const UNPAIRED: PlacePrior = PlacePrior { sigma_m: 0.03, sigma_rad: 0.02, center_m: None };
+/// Assumed standard deviations of a pose that no pairs determine: of an alignment by hand.
+const UNPAIRED: PosePrior = PosePrior { sigma_m: 0.03, sigma_rad: 0.02, center_m: None };
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -46,7 +46,7 @@ pub struct Args {
     /// nerfstudio …); needs four pairs in frames from several positions
     #[arg(long)]
     find_scale: bool,
-    /// Keep the place of the pairs; by default it is refined by the frames' pictures
+    /// Keep the pose of the pairs; by default it is refined by the frames' pictures
     #[arg(long)]
     no_refine: bool,
     /// The camera, if the recording lacks it
@@ -74,12 +74,12 @@ impl PickedPair {
     }
 }
 
-/// The place of a scan, and how it was found.
+/// The pose of a scan, and its origin.
 struct ScanPlacement {
     world_from_scan: Pose,
     /// Factor on the recording's unit.
     unit_factor: f64,
-    prior: PlacePrior,
+    prior: PosePrior,
 }
 
 pub fn run(args: &Args) -> Result<()> {
@@ -95,7 +95,7 @@ pub fn run(args: &Args) -> Result<()> {
     scan.warnings.iter().for_each(|text| warn(false, text));
     let mut out = std::io::stdout().lock();
     writeln!(out, "scan       {}", scan.description())?;
-    let placement = place(args, &shot, &scan, file.site.as_ref(), &mut out)?;
+    let placement = scan_pose(args, &shot, &scan, file.site.as_ref(), &mut out)?;
     if args.find_scale {
         set_scale(&mut shot, &mut file, placement.unit_factor, &mut out)?;
     }
@@ -115,20 +115,20 @@ pub fn run(args: &Args) -> Result<()> {
             "odd        hardly any frame shows the scan: check the pairs, and its unit (--scan-unit 0.001 for millimetres)"
         )?;
     }
-    let place = site.world_from_scan;
+    let pose = site.world_from_scan;
     let posed = (0..shot.recording.frame_count()).find(|frame| shot.recording.pose_at_frame(*frame).is_ok());
     let gauge_frame = args.pairs.first().map(|pair| pair.view.frame).or(posed);
     file.site = Some(SiteTable {
         scan: scene::relative(&args.scan, &args.scene),
         metres_per_unit: args.scan_unit,
-        position_m: Some(place.translation_m.to_array()),
-        quaternion: Some(place.rotation.to_array()),
+        position_m: Some(pose.translation_m.to_array()),
+        quaternion: Some(pose.rotation.to_array()),
     });
     if file.gauge.is_none() {
         file.gauge = gauge_frame.and_then(|frame| shot.gauge(frame));
     }
     if let (None, None, Some(up)) = (file.up, shot.recording.up, site.scan.up) {
-        let up = (place.rotation * up).to_array();
+        let up = (pose.rotation * up).to_array();
         file.up = Some(Up::Direction(up));
         writeln!(
             out,
@@ -138,7 +138,7 @@ pub fn run(args: &Args) -> Result<()> {
     }
     document.set(file).context("the scene file")?;
     write_atomically(&args.scene, true, |out| out.write_all(document.to_string().as_bytes()))?;
-    let position = place.translation_m.to_array().map(|n| fixed(n, 4)).join(" ");
+    let position = pose.translation_m.to_array().map(|n| fixed(n, 4)).join(" ");
     writeln!(out, "site       origin at {position} m, written into {}", args.scene.display())?;
     Ok(())
 }
@@ -171,8 +171,8 @@ fn open(args: &Args) -> Result<(Shot, Document)> {
     Ok((shot, document))
 }
 
-/// The place by the pairs; without pairs that of the scene file, or the axes of the world.
-fn place(
+/// The pose by the pairs; without pairs that of the scene file, or the axes of the world.
+fn scan_pose(
     args: &Args,
     shot: &Shot,
     scan: &SiteScan,
@@ -227,7 +227,7 @@ fn place(
     let sigma_m = alignment.sigma_m / transform.scale;
     let center = rays.iter().map(|ray| ray.point_m).sum::<DVec3>() / rays.len() as f64;
     let center_m = Some(world_from_scan.transform_point(center));
-    let prior = PlacePrior { sigma_m: sigma_m.max(1e-3), sigma_rad: alignment.sigma_rad.max(1e-3), center_m };
+    let prior = PosePrior { sigma_m: sigma_m.max(1e-3), sigma_rad: alignment.sigma_rad.max(1e-3), center_m };
     Ok(ScanPlacement { world_from_scan, unit_factor: transform.scale.recip(), prior })
 }
 

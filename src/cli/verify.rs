@@ -240,12 +240,13 @@ fn displaced(displacement: &DisplacementSummary) -> String {
 /// The luma difference by the error of gains, the measured one, and the noise floor.
 fn brightness(brightness: &Brightness) -> String {
     let codes = |codes: f64| fixed(codes, 2);
-    let (median, most, measured) = (codes(brightness.codes.0), codes(brightness.codes.1), codes(brightness.measured.0));
+    let (median, largest, measured) =
+        (codes(brightness.codes.0), codes(brightness.codes.1), codes(brightness.measured.0));
     match brightness.floor {
         Some(floor) => {
-            format!("{median} codes (worst pair {most}; measured {measured}, of which noise makes {})", codes(floor))
+            format!("{median} codes (worst pair {largest}; measured {measured}, of which noise makes {})", codes(floor))
         }
-        None => format!("{median} codes (worst pair {most}, noise's part not measured)"),
+        None => format!("{median} codes (worst pair {largest}, noise's part not measured)"),
     }
 }
 
@@ -276,11 +277,11 @@ fn slide_lines(slides: &[SlidePair]) -> Vec<(&'static str, bool, String)> {
         let text = format!("over {SLIDE_FRAMES} frames, recorded {was} px{now}; at most {MAX_SLIDE_PX} px");
         lines.push(("slide", passes, text));
     }
-    if let Some((worse, of, most_px)) = report::worse(slides) {
-        let passes = worse as f64 <= MAX_WORSE_FRACTION * of as f64 && most_px <= MAX_WORSE_PX;
-        let most = fixed(most_px, 2);
+    if let Some((worse, of, largest_px)) = report::worse(slides) {
+        let passes = worse as f64 <= MAX_WORSE_FRACTION * of as f64 && largest_px <= MAX_WORSE_PX;
+        let largest = fixed(largest_px, 2);
         let text = format!(
-            "{worse} of {} by more than 0.1 px, {most} px at most; at most {:.0} %, none by {MAX_WORSE_PX} px",
+            "{worse} of {} by more than 0.1 px, {largest} px at most; at most {:.0} %, none by {MAX_WORSE_PX} px",
             count(of, "pair"),
             100.0 * MAX_WORSE_FRACTION
         );

@@ -89,7 +89,7 @@ impl PicturesArgs {
     }
 
     /// The name of a given option that applies to cameras alone, if any.
-    pub fn given(&self) -> Option<&'static str> {
+    pub fn conflicting_option(&self) -> Option<&'static str> {
         let options = [
             ("--driver", self.driver.is_some()),
             ("--size", self.size.is_some()),
@@ -210,7 +210,7 @@ impl OpenCamera {
 impl CameraSession {
     /// True until the limit of frames or seconds is reached, or the program is interrupted.
     pub fn is_running(&self, frames: usize) -> bool {
-        let enough = self.frames.is_some_and(|most| frames as u64 >= most);
+        let enough = self.frames.is_some_and(|max_frames| frames as u64 >= max_frames);
         !(enough || interrupt::is_requested() || self.until.is_some_and(|until| Instant::now() >= until))
     }
 

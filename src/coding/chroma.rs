@@ -157,8 +157,8 @@ mod tests {
         let across = ChromaFilter::recovery(2, Decoder::Swscale { siting }, 0);
         let down = ChromaFilter::mean(1, ChromaSiting::Centered);
         let recovered = ChromaFilters([across, down]).apply(&plane);
-        for (found, expected) in recovered.samples.iter().zip(&samples).take(30).skip(10) {
-            assert!((f64::from(*found) - expected).abs() < 0.01, "{found} {expected}");
+        for (actual, expected) in recovered.samples.iter().zip(&samples).take(30).skip(10) {
+            assert!((f64::from(*actual) - expected).abs() < 0.01, "{actual} {expected}");
         }
     }
 }

@@ -150,7 +150,7 @@ impl fmt::Display for PictureCoding {
         let Some(quantization) = &self.quantization else { return Ok(()) };
         let steps = || quantization.steps.iter().take(self.plane_count()).flatten();
         let range = steps().min().zip(steps().max());
-        range.map_or(Ok(()), |(least, most)| write!(f, ", quantisation steps {least} to {most}"))
+        range.map_or(Ok(()), |(min, max)| write!(f, ", quantisation steps {min} to {max}"))
     }
 }
 

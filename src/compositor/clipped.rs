@@ -32,7 +32,7 @@ use super::dirty_tiles::dirty_tiles;
 use crate::camera::{Geometry, Response};
 use crate::depth::Rays;
 use crate::frame::RelativeBrightness;
-use crate::gpu::{Entry, Recorder, Shader, half_texels};
+use crate::gpu::{PassRecorder, Shader, ShaderEntry, half_texels};
 use crate::parallel::{over_rows, processors};
 use crate::pixels::CLIP_LEVEL;
 use crate::pixels::{Codes, Pixels, Rect};
@@ -77,7 +77,7 @@ struct ClippedLight {
 
 /// Limits the light that shadows remove from clipped pixels of `part`.
 pub fn limit_clipped_shadow(
-    recorder: &mut Recorder,
+    recorder: &mut PassRecorder,
     shadow_mask: ShadowMask,
     part: Rect,
     (pixels, response, geometry): (&Pixels, &Response, &Geometry),
@@ -96,7 +96,7 @@ pub fn limit_clipped_shadow(
     let in_part = |rect: &Rect| [rect.x0 - part.x0, rect.y0 - part.y0, rect.x1 - part.x0, rect.y1 - part.y0];
     let quads: Vec<[i32; 4]> = rects.iter().map(in_part).collect();
     let list = recorder.storage(bytemuck::cast_slice(&quads));
-    let pass = recorder.pass(Shader::Clipped, Entry::over("part", "main")).uniform("clipped", &uniform);
+    let pass = recorder.pass(Shader::Clipped, ShaderEntry::over("part", "main")).uniform("clipped", &uniform);
     let pass = pass.texture("shadow_mask", &shadow_mask.texture).texture("excess", &texture).buffer("parts", list);
     let [texture] = pass.tiles(quads.len() as u32).draw([COLOR], (part.width(), part.height()));
     ShadowMask { texture, ..shadow_mask }
@@ -183,10 +183,10 @@ fn has_code_from(pixels: &Pixels, y: i32, rect: Rect, first: u32, is_equirectang
     // A maximum is vectorized.
     match &pixels.codes {
         Codes::U8(codes) => {
-            u32::from(codes[start..start + length].iter().fold(0, |most, code| most.max(*code))) >= first
+            u32::from(codes[start..start + length].iter().fold(0, |largest, code| largest.max(*code))) >= first
         }
         Codes::U16(codes) => {
-            u32::from(codes[start..start + length].iter().fold(0, |most, code| most.max(*code))) >= first
+            u32::from(codes[start..start + length].iter().fold(0, |largest, code| largest.max(*code))) >= first
         }
     }
 }

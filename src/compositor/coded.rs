@@ -16,7 +16,7 @@ use crate::coding::chroma::ChromaFilter;
 use crate::coding::swscale::{Conversion, Phases};
 use crate::coding::{BLOCK, ChromaSampling, ColorMatrix, Decoder, PictureCoding};
 use crate::effects::{ExampleNoise, MixedPart};
-use crate::gpu::{Entry, Recorder, Shader, Texture};
+use crate::gpu::{PassRecorder, Shader, ShaderEntry, Texture};
 use crate::pixels::Rect;
 
 /// Distance at which a changed pixel depends on others through chroma, px: two samples of bicubic
@@ -175,7 +175,7 @@ fn taps(chroma: ChromaSampling, axis: usize) -> [f32; 4] {
 /// Records the composite of a piece through the coding. Outside the rectangles `changed` of the
 /// picture, layer and shadow mask are empty. `parts` are those of the region.
 pub fn mix_coded(
-    recorder: &mut Recorder,
+    recorder: &mut PassRecorder,
     inputs: &MixInputs<'_>,
     region: &CodedRegion<'_>,
     piece: &CompositePiece,
@@ -222,7 +222,7 @@ pub fn mix_coded(
         in_region: [rect.x0 - region.rect.x0, rect.y0 - region.rect.y0],
         in_camera: [rect.x0 - upload.rect.x0, rect.y0 - upload.rect.y0],
     };
-    let entry = Entry::over("part", "main").choose("decoder", decoder_choice(region.coding));
+    let entry = ShaderEntry::over("part", "main").choose("decoder", decoder_choice(region.coding));
     let entry = entry.choose("noisy", planes.is_some());
     // Content that is shown without coding is latent, too.
     let shown_content = planes.as_ref().filter(|_| !is_coded).map_or(&uncoded, |planes| &planes.latent);
@@ -273,7 +273,7 @@ struct CodedSamples {
 struct SamplesKey(u64);
 
 impl CodedSamples {
-    fn new(recorder: &mut Recorder, region: &CodedRegion<'_>, tiles: &[Rect]) -> Self {
+    fn new(recorder: &mut PassRecorder, region: &CodedRegion<'_>, tiles: &[Rect]) -> Self {
         let factor = region.coding.chroma_factor().map(|factor| factor as i32);
         let scaled = |[x0, y0, x1, y1]: [i32; 4]| [x0 / factor[0], y0 / factor[1], x1 / factor[0], y1 / factor[1]];
         let chroma_parts = corners_in(tiles, region.rect).into_iter().map(scaled).collect();
@@ -297,14 +297,20 @@ impl CodedSamples {
     }
 
     /// Records the passes that code the uncoded picture.
-    fn record(&self, recorder: &mut Recorder, coding: &PictureCoding, uncoded: &Texture, noise: Option<&NoisePlanes>) {
+    fn record(
+        &self,
+        recorder: &mut PassRecorder,
+        coding: &PictureCoding,
+        uncoded: &Texture,
+        noise: Option<&NoisePlanes>,
+    ) {
         let uncoded = noise.map_or(uncoded, |planes| &planes.latent);
         let size = [0, 1].map(|axis| (self.uniform.region[axis] / self.uniform.factor[axis]) as u32);
         let size = (size[0], size[1]);
         let chroma = recorder.pool.lend(&recorder.gpu, size, CHROMA);
         let parts = recorder.storage(bytemuck::cast_slice(&self.chroma_parts));
         recorder
-            .pass(Shader::CodingChroma, Entry::over("part", "main").choose("noisy", noise.is_some()))
+            .pass(Shader::CodingChroma, ShaderEntry::over("part", "main").choose("noisy", noise.is_some()))
             .uniform("coding", &self.uniform)
             .texture("uncoded", uncoded)
             .texture("chroma_noise", noise.map_or(uncoded, |planes| &planes.chroma))
@@ -317,7 +323,7 @@ impl CodedSamples {
             None => vec![1.0; 3 * BLOCK * BLOCK],
         };
         let is_libjpeg = coding.decoder == Decoder::Libjpeg;
-        let entry = Entry::from("main")
+        let entry = ShaderEntry::from("main")
             .choose("quantized", coding.quantization.is_some())
             .choose("noisy", noise.is_some())
             .choose("factor_bits", if is_libjpeg { 13.0 } else { 12.0 })

@@ -11,7 +11,7 @@ use crate::exemplar_noise::content::FEATURES;
 use crate::exemplar_noise::descriptor::DESCRIPTORS;
 use crate::exemplar_noise::latent::NODES;
 use crate::exemplar_noise::{ModelNumbers, NoiseModel};
-use crate::gpu::{Entry, Gpu, Recorder, Shader, Texture};
+use crate::gpu::{Gpu, PassRecorder, Shader, ShaderEntry, Texture};
 use crate::memo::ByAddress;
 
 /// Distance to which the noise of a pixel reads the content, px: 10 for its features, and the
@@ -77,7 +77,7 @@ pub struct NoiseRegion<'a> {
 impl NoisePlanes {
     /// Records the passes over tiles of the picture.
     pub fn record(
-        recorder: &mut Recorder,
+        recorder: &mut PassRecorder,
         noise: &ExampleNoise,
         region: &NoiseRegion<'_>,
         picture: &UncodedPicture<'_>,
@@ -89,7 +89,7 @@ impl NoisePlanes {
         let blocks_size = (size.0 / BLOCK_PX as u32, size.1 / BLOCK_PX as u32);
         let parts = recorder.storage(bytemuck::cast_slice(region.tiles));
         let count = region.tiles.len() as u32;
-        let lend = |recorder: &mut Recorder, size, format| recorder.pool.lend(&recorder.gpu, size, format);
+        let lend = |recorder: &mut PassRecorder, size, format| recorder.pool.lend(&recorder.gpu, size, format);
 
         let sources = sources_buffer(recorder, uniform.cells);
         recorder
@@ -101,12 +101,12 @@ impl NoisePlanes {
             .dispatch((uniform.cells[0] as u32, uniform.cells[1] as u32));
 
         let [latent, energies] = [LATENT, ENERGIES].map(|format| lend(recorder, size, format));
-        let of_blocks = |recorder: &mut Recorder, format| lend(recorder, blocks_size, format);
+        let of_blocks = |recorder: &mut PassRecorder, format| lend(recorder, blocks_size, format);
         let [means, smoothed] = [BLOCKS; 2].map(|format| of_blocks(recorder, format));
         let activity = of_blocks(recorder, ACTIVITY);
         let mut of_content = |entry, energies: Option<&Texture>, targets: &[&Texture], size| {
             recorder
-                .pass(Shader::NoiseContent, Entry::over("part", entry))
+                .pass(Shader::NoiseContent, ShaderEntry::over("part", entry))
                 .buffer("example", example.clone())
                 .texture("uncoded", picture.codes)
                 .texture("energies", energies.unwrap_or(picture.codes))
@@ -123,7 +123,7 @@ impl NoisePlanes {
         let luma = lend(recorder, size, LUMA_NOISE);
         let [low, high] = [STANDARDISED; 2].map(|format| lend(recorder, size, format));
         recorder
-            .pass(Shader::NoisePlanes, Entry::over("part", "luma"))
+            .pass(Shader::NoisePlanes, ShaderEntry::over("part", "luma"))
             .buffer("example", example.clone())
             .texture("uncoded", picture.codes)
             .texture("amplitude_factor", picture.amplitude_factor)
@@ -138,7 +138,7 @@ impl NoisePlanes {
         let chroma_size = (size.0 / across as u32, size.1 / down as u32);
         let chroma = lend(recorder, chroma_size, CHROMA_NOISE);
         recorder
-            .pass(Shader::NoisePlanes, Entry::over("part", "chroma"))
+            .pass(Shader::NoisePlanes, ShaderEntry::over("part", "chroma"))
             .buffer("example", example)
             .texture("amplitude_factor", picture.amplitude_factor)
             .texture("features_low", &low)
@@ -158,7 +158,7 @@ impl NoisePlanes {
 struct SourcesKey(u64);
 
 /// Frames run one after another on the GPU, so they share a buffer.
-fn sources_buffer(recorder: &mut Recorder, [columns, rows]: [i32; 2]) -> wgpu::Buffer {
+fn sources_buffer(recorder: &mut PassRecorder, [columns, rows]: [i32; 2]) -> wgpu::Buffer {
     let bytes = (columns as u64 * rows as u64 * size_of::<[u32; 4]>() as u64).next_power_of_two();
     recorder.memoized(SourcesKey(bytes), |gpu, SourcesKey(size)| {
         gpu.device.create_buffer(&wgpu::BufferDescriptor {
@@ -318,7 +318,7 @@ mod tests {
         [if x % 11 == 0 { 0.5 } else { 1.0 }, if x % 13 == 0 { 0.25 } else { 1.0 }]
     }
 
-    fn floats(recorder: &mut Recorder, texture: &Texture, size: (u32, u32)) -> Vec<f32> {
+    fn floats(recorder: &mut PassRecorder, texture: &Texture, size: (u32, u32)) -> Vec<f32> {
         let mut set = ReadbackSet::default();
         let mut readback: Readback = recorder.read_back(&mut set, texture, size);
         readback.submitted(recorder.submit());
@@ -332,7 +332,7 @@ mod tests {
 
     #[test]
     fn noise_of_the_shaders_equals_that_of_the_cpu() {
-        let mut recorder = Recorder::new(Gpu::open().expect("an adapter"));
+        let mut recorder = PassRecorder::new(Gpu::open().expect("an adapter"));
         for (factor, origin) in [([2, 2], Some([-8, -3])), ([2, 1], Some([0, 0])), ([1, 1], None)] {
             let coding = coding(factor, origin);
             let model = ByAddress(Arc::new(model(factor)));
@@ -388,7 +388,7 @@ mod tests {
             let cpu = NoiseContent { rgb: &rgb, share: Some(&share), factor: Some(&factor_plane) };
             let expected = model.noise(&cpu, noise.key);
             let mut energy = 0.0;
-            for (i, found) in (0..).zip(&luma) {
+            for (i, actual) in (0..).zip(&luma) {
                 let (x, y) = place(i);
                 if !CHANGED.contains(x, y) {
                     continue;
@@ -398,15 +398,15 @@ mod tests {
                 energy += expected_luma * expected_luma;
                 // Half floats of the atlas, and of the features.
                 let tolerance = 0.01 + 0.01 * expected_luma.abs();
-                assert!((found - expected_luma).abs() < tolerance, "({x}, {y}): {found} {expected_luma}");
+                assert!((actual - expected_luma).abs() < tolerance, "({x}, {y}): {actual} {expected_luma}");
                 let [across, down] = factor.map(|factor| factor as usize);
                 let sample = in_extent.0 / down * (width / across) + in_extent.1 / across;
                 let local = ((y - region.rect.y0) as u32 / factor[1] * chroma_size.0
                     + (x - region.rect.x0) as u32 / factor[0]) as usize;
                 for plane in 0..2 {
-                    let (found, expected) = (chroma[2 * local + plane], expected[1 + plane].values[sample]);
+                    let (actual, expected) = (chroma[2 * local + plane], expected[1 + plane].values[sample]);
                     let tolerance = 0.01 + 0.01 * expected.abs();
-                    assert!((found - expected).abs() < tolerance, "chroma ({x}, {y}): {found} {expected}");
+                    assert!((actual - expected).abs() < tolerance, "chroma ({x}, {y}): {actual} {expected}");
                 }
                 let share = weights(x, y)[0];
                 for (c, code) in content(x, y).into_iter().enumerate() {

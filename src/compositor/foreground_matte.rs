@@ -17,7 +17,7 @@
 //! camera saw them).
 
 use crate::depth::MattePixel;
-use crate::gpu::{Recorder, Shader, Texture, half_texels};
+use crate::gpu::{PassRecorder, Shader, Texture, half_texels};
 use crate::grey_image::dilated;
 use crate::pixels::Rect;
 use crate::render::{COLOR, GEOMETRY, Layer};
@@ -35,7 +35,7 @@ pub struct ForegroundMatte {
 }
 
 impl ForegroundMatte {
-    pub fn new(recorder: &Recorder, matte: &[MattePixel], drawn: Rect) -> Self {
+    pub fn new(recorder: &PassRecorder, matte: &[MattePixel], drawn: Rect) -> Self {
         let texels: Vec<[f32; 4]> = matte.iter().map(|s| [s.near_m, s.far_m, s.alpha, 0.0]).collect();
         let fringe: Vec<[f32; 4]> = matte.iter().map(|s| [s.fringe[0], s.fringe[1], s.fringe[2], 0.0]).collect();
         let size = (drawn.width(), drawn.height());
@@ -48,7 +48,7 @@ impl ForegroundMatte {
 }
 
 /// Removes the parts of the layer that lie more than the tolerance behind real surfaces.
-pub fn occlude(recorder: &mut Recorder, layer: Layer, matte: &ForegroundMatte, tolerance_m: f32) -> Layer {
+pub fn occlude(recorder: &mut PassRecorder, layer: Layer, matte: &ForegroundMatte, tolerance_m: f32) -> Layer {
     let real = RealUniform { size: [layer.size.0 as i32, layer.size.1 as i32], tolerance_m };
     let pass = recorder.pass(Shader::ForegroundMatte, "main").uniform("real", &real).texture("color", &layer.color);
     let pass = pass.texture("geometry", &layer.geometry).texture("surfaces", &matte.surfaces);

@@ -104,7 +104,7 @@ pub struct FrameStats {
     pub objects_in_sight: bool,
     pub exposure_time_s: f64,
     /// Opacity of the layer, if it is not 1.
-    #[serde(rename = "presence", skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub opacity: Option<f64>,
     /// Upper bound of the speed of any point of the objects.
     pub fastest_px_per_s: f32,

@@ -8,7 +8,7 @@ use super::rgba::rgba;
 use crate::camera::exposure::photographic_gain;
 use crate::camera::{Camera, NoiseProfile};
 use crate::effects::{MixedPart, curve_choice, response_samples};
-use crate::gpu::{Bytes, Entry, Gpu, Recorder, Shader, Texture, constants};
+use crate::gpu::{Bytes, Gpu, PassRecorder, Shader, ShaderEntry, Texture, constants};
 use crate::pixels::{Codes, Pixels, Rect};
 use crate::render::Layer;
 
@@ -36,7 +36,7 @@ pub struct CameraUpload {
 
 impl CameraUpload {
     /// Uploads a rectangle of the camera's codes.
-    pub fn new(recorder: &Recorder, pixels: &Pixels, rect: Rect) -> Self {
+    pub fn new(recorder: &PassRecorder, pixels: &Pixels, rect: Rect) -> Self {
         let (width, height) = (rect.width(), rect.height());
         let picture = (pixels.width, pixels.height);
         let gpu = &recorder.gpu;
@@ -49,7 +49,7 @@ impl CameraUpload {
     }
 
     /// Records a copy of a rectangle of the picture into a texture.
-    pub fn copy(&self, recorder: &mut Recorder, rect: Rect, to: &Texture) {
+    pub fn copy(&self, recorder: &mut PassRecorder, rect: Rect, to: &Texture) {
         let (from, size) = self.part(rect);
         recorder.encoder().copy_texture_to_texture(from, to.texture.as_image_copy(), size);
     }
@@ -61,14 +61,14 @@ impl CameraUpload {
     }
 
     /// Records a copy of a composited piece into this picture.
-    pub fn copy_piece(&self, recorder: &mut Recorder, made: &Texture, rect: Rect) {
+    pub fn copy_piece(&self, recorder: &mut PassRecorder, made: &Texture, rect: Rect) {
         let (to, size) = self.part(rect);
         recorder.encoder().copy_texture_to_texture(made.texture.as_image_copy(), to, size);
     }
 
     /// Draws the whole picture into a view of its size.
-    pub fn show(&self, recorder: &mut Recorder, view: &wgpu::TextureView, format: wgpu::TextureFormat) {
-        let entry = Entry::from("main").choose("encodes", format.is_srgb());
+    pub fn show(&self, recorder: &mut PassRecorder, view: &wgpu::TextureView, format: wgpu::TextureFormat) {
+        let entry = ShaderEntry::from("main").choose("encodes", format.is_srgb());
         let pass = recorder.pass(Shader::Show, entry).uniform("show", &ShowUniform { max_code: self.max_code });
         pass.texture("codes", &self.texture).draw_views(&[(view, format)], (self.rect.width(), self.rect.height()));
     }
@@ -141,7 +141,7 @@ pub struct MixInputs<'a> {
 /// Records the composite of a piece. Outside the rectangles `changed` of the picture, layer and
 /// shadow mask are empty.
 pub fn mix(
-    recorder: &mut Recorder,
+    recorder: &mut PassRecorder,
     inputs: &MixInputs<'_>,
     piece: &CompositePiece,
     changed: &[Rect],
@@ -177,7 +177,7 @@ pub enum CompositeTarget<'a> {
 
 /// Records the composite of rectangles of a piece.
 pub fn composite(
-    recorder: &mut Recorder,
+    recorder: &mut PassRecorder,
     inputs: &MixInputs<'_>,
     piece: &CompositePiece,
     tiles: &[Rect],
@@ -214,7 +214,7 @@ pub fn composite(
         CompositeTarget::Uncoded(_) => "uncoded",
         CompositeTarget::UncodedWithFactor(_) => "uncoded_with_factor",
     };
-    let entry = Entry::over("part", entry)
+    let entry = ShaderEntry::over("part", entry)
         .choose("curve", curve_choice(&camera.response))
         .choose("whole", capture.whole)
         .choose("parted", layer.coverage.is_some())

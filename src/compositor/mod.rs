@@ -33,7 +33,7 @@ mod work_rects;
 use std::sync::Arc;
 
 use crate::camera::Camera;
-use crate::gpu::{Gpu, ReadbackSet, Recorder};
+use crate::gpu::{Gpu, PassRecorder, ReadbackSet};
 use crate::pixels::Rect;
 use crate::quality::Quality;
 use crate::render::{Lightmap, Renderer};
@@ -64,7 +64,7 @@ pub struct Compositor {
     renderer: Renderer,
     shadows: Shadows,
     lightmaps: Lightmaps,
-    recorder: Recorder,
+    recorder: PassRecorder,
     depth: occlusion::DepthMemos,
     radiance: Option<Arc<LazyRadiance>>,
     readbacks: ReadbackSet,
@@ -80,7 +80,7 @@ impl Compositor {
             lightmaps: Lightmaps::new(&scene, shadows.environment()),
             shadows,
             renderer: Renderer::new(&gpu, scene),
-            recorder: Recorder::new(gpu),
+            recorder: PassRecorder::new(gpu),
             depth: occlusion::DepthMemos::default(),
             radiance: None,
             readbacks: ReadbackSet::default(),

@@ -16,7 +16,7 @@ use crate::depth::{
     DepthGrid, DepthRequest, LastRepair, MattePixel, ProjectedPoint, ProxyView, Rays, Repair, RepairedDepth,
     SecondSurface, measured_from, neighbours,
 };
-use crate::gpu::{Recorder, Texture, half_texels};
+use crate::gpu::{PassRecorder, Texture, half_texels};
 use crate::memo::{ByAddress, Memo};
 use crate::pixels::Rect;
 use crate::pose::Pose;
@@ -34,7 +34,7 @@ pub struct FrameOcclusion {
     pub foreground: Option<(usize, ForegroundMatte)>,
     /// Full depth over the bounds of the drawn and the shadowed rectangle. `None` without shadows.
     pub scene_depth: Option<(Texture, Rect)>,
-    /// The same depth in memory.
+    /// `scene_depth` in memory.
     pub repaired: Option<(Arc<RepairedDepth>, Rect)>,
     /// The second surface of edge pixels, where a shadow is dark.
     pub receiver_matte: Option<(Texture, Rect)>,
@@ -88,7 +88,7 @@ pub enum DepthKey {
 impl FrameOcclusion {
     /// The stage [`Stage::Depth`].
     pub fn new(
-        recorder: &mut Recorder,
+        recorder: &mut PassRecorder,
         memos: &DepthMemos,
         inputs: &FrameInputs<'_>,
         retained: &Memo<DepthKey, Self>,
@@ -131,7 +131,7 @@ impl FrameOcclusion {
     }
 
     /// Occlusion by depth that is known at the picture's time.
-    fn of_grid(recorder: &mut Recorder, grid: &DepthGrid, inputs: &FrameInputs<'_>, rects: DepthRects) -> Self {
+    fn of_grid(recorder: &mut PassRecorder, grid: &DepthGrid, inputs: &FrameInputs<'_>, rects: DepthRects) -> Self {
         recorder.part("depth");
         let FrameInputs { job, view, plan, .. } = *inputs;
         let around = rects.around;
@@ -145,7 +145,7 @@ impl FrameOcclusion {
     /// Uploads a frame's repaired depth. The matte applies after a number of effects, which blur up
     /// to a distance in px.
     fn of_repaired(
-        recorder: &Recorder,
+        recorder: &PassRecorder,
         repaired: Arc<RepairedDepth>,
         DepthRects { drawn, dark, around }: DepthRects,
         has_shadows: bool,
@@ -198,7 +198,7 @@ fn repair(
 
 /// Uploads the second surfaces of a rectangle's pixels: their share of each channel's light, and
 /// their depth.
-fn upload_receiver(recorder: &Recorder, receiver: &[SecondSurface], rect: Rect) -> Texture {
+fn upload_receiver(recorder: &PassRecorder, receiver: &[SecondSurface], rect: Rect) -> Texture {
     let texel = |of: &SecondSurface| [of.light_fraction[0], of.light_fraction[1], of.light_fraction[2], of.depth_m];
     let texels: Vec<[f32; 4]> = receiver.iter().map(texel).collect();
     let texture = recorder.pool.lend_to_write(&recorder.gpu, (rect.width(), rect.height()), COLOR);

@@ -8,7 +8,7 @@ use super::paste::{fill_noise, paste, paste_fringe, paste_layer, paste_shadow_ma
 use super::{Composited, Compositor, FrameStats};
 use crate::camera::Response;
 use crate::frame::Frame;
-use crate::gpu::{Gpu, GpuError, PartTime, PendingTimes, Readback, ReadbackSet, Recorder, Texture};
+use crate::gpu::{Gpu, GpuError, PartTime, PassRecorder, PendingTimes, Readback, ReadbackSet, Texture};
 use crate::pixels::{LayerImage, Pixels, Rect};
 use crate::render::Layer;
 use crate::stage::Stage;
@@ -53,7 +53,7 @@ pub struct LayerReadback {
 
 impl LayerReadback {
     pub fn new(
-        recorder: &mut Recorder,
+        recorder: &mut PassRecorder,
         readbacks: &mut ReadbackSet,
         inputs: &FrameInputs<'_>,
         layer: &Layer,

@@ -4,7 +4,7 @@ use super::rgba::rgba;
 use crate::camera::Response;
 use crate::depth::Surfaces;
 use crate::effects::{curve_choice, response_samples};
-use crate::gpu::{Entry, Recorder, Shader, Texture, half_texels};
+use crate::gpu::{PassRecorder, Shader, ShaderEntry, Texture, half_texels};
 use crate::pixels::{Codes, Pixels, Rect};
 use crate::render::{COLOR, GEOMETRY, RealLayer};
 
@@ -15,7 +15,7 @@ crate::uniform! {
 /// The real part over `drawn`, which may extend beyond the picture: edge pixels are repeated there.
 /// `shadow_mask` is the fraction of its light that virtual objects remove.
 pub fn real_layer(
-    recorder: &mut Recorder,
+    recorder: &mut PassRecorder,
     pixels: &Pixels,
     surfaces: &Surfaces,
     drawn: Rect,
@@ -60,7 +60,8 @@ pub fn real_layer(
         step: surfaces.nearest.enlargement.recip() as f32,
         gamma: response.gamma as f32,
     };
-    let entry = Entry::from("main").choose("curve", curve_choice(response)).choose("shadowed", shadow_mask.is_some());
+    let entry =
+        ShaderEntry::from("main").choose("curve", curve_choice(response)).choose("shadowed", shadow_mask.is_some());
     let samples = response_samples(recorder, response);
     let pass = recorder.pass(Shader::RealPart, entry).uniform("grid", &uniform).texture("codes", &camera);
     let pass = pass.buffer("response_samples", samples);

@@ -22,7 +22,7 @@ use super::ray_grid::{RAY_GRID_PX, RayGrid};
 use super::settings::ShadowSettings;
 use crate::camera::Geometry;
 use crate::depth::{PLANE_TOLERANCE_M, PLANE_TOLERANCE_PER_DEPTH2};
-use crate::gpu::{Entry, Gpu, Recorder, Shader, Texture, half_texels};
+use crate::gpu::{Gpu, PassRecorder, Shader, ShaderEntry, Texture, half_texels};
 use crate::memo::ByAddress;
 use crate::pixels::Rect;
 use crate::pose::Pose;
@@ -104,7 +104,7 @@ pub fn visible_shadows(planar_shadows: Vec<PlanarShadow>, geometry: &Geometry, k
     let i = &geometry.intrinsics;
     let picture = Rect::full(i.width_px, i.height_px);
     let visible = |planar_shadow: PlanarShadow| {
-        let height_m = planar_shadow.floor.height_m(keys.middle().position_in_world_m());
+        let height_m = planar_shadow.plane.height_m(keys.middle().position_in_world_m());
         let [rect, dark_rect] = [planar_shadow.texture.visible_bounds, planar_shadow.texture.dark_bounds]
             .map(|part| projected_bounds(&planar_shadow, part, geometry, keys).map(|rect| rect.intersection(&picture)));
         let (rect, dark_rect) = (rect?, dark_rect.unwrap_or(Rect::new(0, 0, 0, 0)));
@@ -256,7 +256,7 @@ pub struct ShadowMask {
 
 /// Records the pass, over `request.part`. `None` if no shadow is in it, or if its strength is 0.
 pub fn shadow_mask(
-    recorder: &mut Recorder,
+    recorder: &mut PassRecorder,
     shadows: &[VisibleShadow],
     request: &ShadowMaskRequest<'_>,
 ) -> Option<ShadowMask> {
@@ -334,7 +334,7 @@ pub fn shadow_mask(
     let [planar_shadows, tiles, homographies] =
         [bytemuck::cast_slice(&planar_shadows), bytemuck::cast_slice(&tiles), bytemuck::cast_slice(&homographies)]
             .map(|bytes| recorder.storage(bytes));
-    let entry = Entry::over("tile", "main").choose("has_depth", request.depth.is_some());
+    let entry = ShaderEntry::over("tile", "main").choose("has_depth", request.depth.is_some());
     let entry = entry.choose("has_matte", request.matte.is_some());
     let pass = recorder.pass(Shader::ShadowMask, entry).uniform("shadow_mask", &uniform).texture("rays", &rays.texture);
     let pass = pass.texture("atlas", &atlas.texture).buffer("planar_shadows", planar_shadows);
@@ -368,18 +368,18 @@ fn row_homography(
 /// 1/t = −(n·R·r)/h. Along an axis a of the plane, from the planar shadow's corner c:
 /// (a·(e − o) − c)/t + a·R·r.
 fn homography(planar_shadow: &PlanarShadow, pose: &Pose) -> DMat3 {
-    let (floor, texture) = (&planar_shadow.floor, &planar_shadow.texture);
+    let (plane, texture) = (&planar_shadow.plane, &planar_shadow.texture);
     let eye = pose.position_in_world_m();
     let world_from_camera = DMat3::from_quat(pose.world_from_camera_rotation());
     // Row vectors: aᵀR is Rᵀa.
     let in_camera = |axis: DVec3| world_from_camera.transpose() * axis;
-    let inverse_t = -in_camera(floor.normal()) / floor.height_m(eye);
+    let inverse_t = -in_camera(plane.normal()) / plane.height_m(eye);
     let texel_m = f64::from(texture.texel_m);
     let along = |axis: DVec3, low: f32| {
-        let from_corner = axis.dot(eye - floor.origin_m) - f64::from(low);
+        let from_corner = axis.dot(eye - plane.origin_m) - f64::from(low);
         (in_camera(axis) + inverse_t * from_corner) / texel_m
     };
-    DMat3::from_cols(along(floor.axes.x_axis, texture.low_m.x), along(floor.axes.y_axis, texture.low_m.y), inverse_t)
+    DMat3::from_cols(along(plane.axes.x_axis, texture.low_m.x), along(plane.axes.y_axis, texture.low_m.y), inverse_t)
 }
 
 #[cfg(test)]
@@ -400,16 +400,16 @@ mod tests {
 
     #[test]
     fn homography_maps_the_ray_to_a_point_to_its_texel_and_depth() {
-        let floor = ReceiverPlane::new(DVec3::new(0.2, -0.1, 0.5), DVec3::new(0.1, -0.9, 0.2).normalize());
+        let plane = ReceiverPlane::new(DVec3::new(0.2, -0.1, 0.5), DVec3::new(0.1, -0.9, 0.2).normalize());
         let texture = ShadowTexture::empty(Vec2::new(-0.3, -0.2), 0.002, 400, 300);
-        let planar_shadow = PlanarShadow { floor, texture: ByAddress(Arc::new(texture)), is_beside: false };
+        let planar_shadow = PlanarShadow { plane, texture: ByAddress(Arc::new(texture)), is_beside: false };
         let pose = Pose::from_camera_in_world(
             DVec3::new(0.3, -1.2, -0.4),
             DQuat::from_scaled_axis(DVec3::new(-0.9, 0.2, 0.1)),
         );
         let h = homography(&planar_shadow, &pose);
         for place in [DVec2::new(0.1, 0.05), DVec2::new(-0.25, 0.3)] {
-            let point = pose.transform_point(floor.at(place));
+            let point = pose.transform_point(plane.at(place));
             let ray = point / point.z;
             let projected = h.transpose() * ray;
             let texel = (place - DVec2::new(-0.3, -0.2)) / 0.002;

@@ -16,7 +16,7 @@ use super::{Compositor, Target};
 use crate::coding::PictureCoding;
 use crate::effects::LayerRun;
 use crate::frame::Frame;
-use crate::gpu::Recorder;
+use crate::gpu::PassRecorder;
 use crate::pixels::Rect;
 use crate::render::{Layer, Occlusion, View};
 use crate::stage::Stage;
@@ -196,7 +196,7 @@ impl Compositor {
 }
 
 /// Context of the passes of effects.
-fn layer_run<'a>(recorder: &'a mut Recorder, inputs: &FrameInputs<'a>) -> LayerRun<'a> {
+fn layer_run<'a>(recorder: &'a mut PassRecorder, inputs: &FrameInputs<'a>) -> LayerRun<'a> {
     let FrameInputs { context, plan, work_rects, .. } = *inputs;
     let (drawn, objects_px) = (work_rects.drawn, work_rects.objects_px);
     LayerRun { recorder, context, coding: plan.coding.as_ref(), drawn, objects_px, geometry_is_read: true }

@@ -96,10 +96,10 @@ mod tests {
         let before: Vec<f32> = places.iter().map(|(x, y)| at(*x, *y)).collect();
         let mut depth_m = before.clone();
         snap_to_planes(&mut depth_m, &rays, &pose, part, &[floor]);
-        for (((x, y), before), found) in places.iter().zip(&before).zip(&depth_m) {
+        for (((x, y), before), actual_m) in places.iter().zip(&before).zip(&depth_m) {
             let i = *y as usize * width + (*x).max(0) as usize;
             let expected = if inside(*x, *y) && !is_object(i) { plane_m(i) } else { *before };
-            assert!((found - expected).abs() <= 1e-4 * expected, "{x} {y}: {found} is not {expected}");
+            assert!((actual_m - expected).abs() <= 1e-4 * expected, "{x} {y}: {actual_m} is not {expected}");
         }
         assert!(before.iter().zip(&depth_m).any(|(a, b)| (a - b).abs() > 0.02), "the noise was nothing");
     }

@@ -61,10 +61,10 @@ pub fn are_misaligned(depth_m: &[f32], sqrt_colors: &[[f32; 3]], width: usize, r
         }
         let first = i - reach_px * step;
         let contrast = |n: usize| color_distance(&sqrt_colors[first + n * step], &sqrt_colors[first + (n + 1) * step]);
-        let most = (0..=2 * reach_px).map(contrast).fold(0.0, f32::max);
-        if most > MIN_EDGE_CONTRAST {
+        let max_contrast = (0..=2 * reach_px).map(contrast).fold(0.0, f32::max);
+        if max_contrast > MIN_EDGE_CONTRAST {
             all += 1;
-            aligned += usize::from(contrast(reach_px) >= MIN_ALIGNED_CONTRAST * most);
+            aligned += usize::from(contrast(reach_px) >= MIN_ALIGNED_CONTRAST * max_contrast);
         }
     });
     2 * aligned < all
@@ -149,8 +149,8 @@ struct BucketQueue {
 }
 
 impl BucketQueue {
-    fn new(least_step: f32) -> Self {
-        Self { per_cost: 1.01 / least_step, levels: Vec::new(), next: 0 }
+    fn new(min_step: f32) -> Self {
+        Self { per_cost: 1.01 / min_step, levels: Vec::new(), next: 0 }
     }
 
     /// Costs are not negative, so their bits sort like the numbers.
@@ -321,12 +321,12 @@ mod tests {
         let is_dark = |i: usize| is_leg(i) || i / width % 4 < 2;
         let sqrt_colors: Vec<_> = (0..width * height).map(|i| [if is_dark(i) { 0.2 } else { 0.6 }; 3]).collect();
         let depth: Vec<f32> = (0..width * height).map(|i| if is_leg(i) { 1.0 } else { 3.0 }).collect();
-        let lost = |origin: DepthOrigin| {
+        let nearer_count = |origin: DepthOrigin| {
             let out = align_edges(&depth, &vec![origin; depth.len()], &sqrt_colors, width, 8);
             (0..depth.len()).filter(|&i| out[i] < depth[i]).count()
         };
         // At most 4 px of a dark row beside either leg.
-        let (all, consensus) = (lost(DepthOrigin::Measured), lost(DepthOrigin::Consensus));
+        let (all, consensus) = (nearer_count(DepthOrigin::Measured), nearer_count(DepthOrigin::Consensus));
         assert!(consensus <= 8 * height / 2 && all > consensus + height, "{all} {consensus}");
     }
 

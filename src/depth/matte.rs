@@ -320,9 +320,9 @@ impl Sums {
         }
         let light = [r / weight, g / weight, b / weight];
         let variation = |c: usize| (self.squares[c] / weight - light[c] * light[c]).max(0.0);
-        let least = MIN_SIGMA + MIN_VARIATION * light.iter().fold(0.0f32, |most, l| most.max(*l));
+        let min_sigma = MIN_SIGMA + MIN_VARIATION * light.iter().fold(0.0f32, |brightest, l| brightest.max(*l));
         // The largest variance of the three channels approximates that along the difference.
-        let variance = (0..3).map(variation).fold(least * least, f32::max);
+        let variance = (0..3).map(variation).fold(min_sigma * min_sigma, f32::max);
         let few = SPARSE_WEIGHT / weight;
         Some(EdgeSide { light, variance: variance + few * few * SPARSE_SIGMA * SPARSE_SIGMA })
     }
@@ -424,8 +424,8 @@ mod tests {
     fn alpha_of_equal_colours_is_the_maps_along_the_motion() {
         let still = mattes_of_edge(FAR, 30.0, 0, 0.0);
         let alphas = |all: &[MattePixel]| [26, 29, 30, 33].map(|x| row(all)[x].alpha);
-        let is = |found: [f32; 4], expected: [f32; 4], within: f32| {
-            assert!(found.iter().zip(expected).all(|(f, e)| (f - e).abs() < within), "{found:?}");
+        let is = |actual: [f32; 4], expected: [f32; 4], within: f32| {
+            assert!(actual.iter().zip(expected).all(|(f, e)| (f - e).abs() < within), "{actual:?}");
         };
         is(alphas(&still), [1.0, 0.75, 0.25, 0.0], 1e-5);
         // 8 px: a ramp as long.

@@ -265,15 +265,15 @@ mod tests {
         let all = edges(&depth_m, width, f32::INFINITY);
         let (mut near, mut none) = (0, 0);
         for within_px in [1.0, 4.0, 9.5] {
-            for (found, all) in edges(&depth_m, width, within_px).iter().zip(&all) {
+            for (nearest, all) in edges(&depth_m, width, within_px).iter().zip(&all) {
                 let fields = |edge: &DepthEdge| (edge.distance_px, edge.near_m, edge.far_m);
                 if all.distance_px < within_px {
-                    assert_eq!(fields(found), fields(all));
+                    assert_eq!(fields(nearest), fields(all));
                     near += 1;
                 }
                 // A larger edge may be found although it is farther away.
-                assert!(found.distance_px.is_infinite() || fields(found) == fields(all));
-                none += usize::from(found.distance_px.is_infinite());
+                assert!(nearest.distance_px.is_infinite() || fields(nearest) == fields(all));
+                none += usize::from(nearest.distance_px.is_infinite());
             }
         }
         assert!(near > 1000 && none > 1000, "{near} {none}");

@@ -110,15 +110,15 @@ impl Samples {
             let Some((a, b)) = inverse_depth(i).filter(|_| at + 1 < side).zip(inverse_depth(i + step)) else {
                 return false;
             };
-            let (most, difference) = (a.max(b), b - a);
-            let is_alike = |difference: f32| difference.abs() <= NOISE * most;
+            let (largest, difference) = (a.max(b), b - a);
+            let is_alike = |difference: f32| difference.abs() <= NOISE * largest;
             let before = if at > 0 { inverse_depth(i - step) } else { None };
             let after = if at + 2 < side { inverse_depth(i + 2 * step) } else { None };
             let is_continued = || {
                 before.is_some_and(|before| is_alike(a - before - difference))
                     || after.is_some_and(|after| is_alike(after - b - difference))
             };
-            is_alike(difference) || (difference.abs() <= steepest * most && is_continued())
+            is_alike(difference) || (difference.abs() <= steepest * largest && is_continued())
         };
         let right = (0..w.len()).map(|i| is_joined(i, 1, i % width, width)).collect();
         let below = (0..w.len()).map(|i| is_joined(i, width, i / width, height)).collect();
@@ -391,7 +391,7 @@ mod tests {
         let registered = DepthCamera::new(Geometry::pinhole(64, 48, 100.0), beside())
             .registered(&map(64, 48, |x, _| if board(x) { 1.0 } else { 2.0 }), &Geometry::pinhole(64, 48, 100.0));
         let row = row(&registered, 24);
-        let of = |range: std::ops::Range<usize>, z: f32| row[range].iter().all(|found| (found - z).abs() < 1e-6);
+        let of = |range: std::ops::Range<usize>, z: f32| row[range].iter().all(|depth| (depth - z).abs() < 1e-6);
         // The board's edges are midway between samples: at 20 and 40 in its camera, at 10 and 30
         // here.
         assert!(of(0..10, 2.0) && of(10..30, 1.0), "{row:?}");

@@ -121,8 +121,8 @@ mod tests {
         let mut depth = stepped(|x, y| x < irregular(y));
         smooth(&mut depth, &[[0.4; 3]; WIDTH * 40], WIDTH, &ALL);
         let edge = |y: usize| (0..WIDTH).filter(|x| depth[y * WIDTH + x] < 1.5).count();
-        let [least, most] = [(8..32).map(edge).min(), (8..32).map(edge).max()].map(Option::unwrap);
-        assert!(most - least <= 1 && (23..=24).contains(&least), "{least} {most}");
+        let [min, max] = [(8..32).map(edge).min(), (8..32).map(edge).max()].map(Option::unwrap);
+        assert!(max - min <= 1 && (23..=24).contains(&min), "{min} {max}");
     }
 
     #[test]

@@ -34,9 +34,9 @@ impl Surfaces {
 
     /// Nearest and farthest depth, m.
     pub fn range_m(&self) -> [f64; 2] {
-        let least = self.nearest.depth_m.iter().copied().fold(f32::INFINITY, f32::min);
-        let most = self.nearest.depth_m.iter().chain(&self.background_m).copied().fold(0.0, f32::max);
-        [least.into(), most.into()]
+        let nearest_m = self.nearest.depth_m.iter().copied().fold(f32::INFINITY, f32::min);
+        let farthest_m = self.nearest.depth_m.iter().chain(&self.background_m).copied().fold(0.0, f32::max);
+        [nearest_m.into(), farthest_m.into()]
     }
 
     /// Nearest and farthest depth in squares of `side_px` over a rectangle of the photograph, row

@@ -17,7 +17,7 @@
 //! two, 3/4 by interpolation between texels two pixels apart), which is subtracted from σ².
 
 use super::LayerRun;
-use crate::gpu::{Entry, Shader, Texture};
+use crate::gpu::{Shader, ShaderEntry, Texture};
 use crate::render::COLOR;
 
 /// Largest weight that is truncated at the ends of the taps.
@@ -104,7 +104,7 @@ impl LayerRun<'_> {
         let taps = self.recorder.storage(bytemuck::cast_slice(&taps));
         let mut out = light.clone();
         for down in [0.0, 1.0] {
-            let pass = self.recorder.pass(Shader::Blur, Entry::from("main").choose("down", down));
+            let pass = self.recorder.pass(Shader::Blur, ShaderEntry::from("main").choose("down", down));
             let pass = pass.uniform("blur", &uniform(size)).buffer("taps", taps.clone()).texture("layer", &out);
             [out] = pass.draw([COLOR], size);
         }

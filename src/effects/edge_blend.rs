@@ -115,13 +115,13 @@ mod tests {
 
         #[test]
         fn blend_of_the_mean_of_edges_is_the_mean_of_blended_edges(
-            order in Just((0..9).collect::<Vec<usize>>()).prop_shuffle(), seen in prop::collection::vec(0.01f64..1.0, 9),
+            order in Just((0..9).collect::<Vec<usize>>()).prop_shuffle(), visible_shares in prop::collection::vec(0.01f64..1.0, 9),
         ) {
             // An edge that passes over nine pixels in turn, and rests before each for a share of
             // the time.
-            let whole: f64 = seen.iter().sum();
+            let whole: f64 = visible_shares.iter().sum();
             let (mut mean, mut blended) = ([0.0; 9], 0.0);
-            for (passed, share) in seen.iter().map(|s| s / whole).enumerate() {
+            for (passed, share) in visible_shares.iter().map(|s| s / whole).enumerate() {
                 let hard: Vec<f64> = (0..9).map(|i| f64::from(order[i] <= passed)).collect();
                 (0..9).for_each(|i| mean[i] += share * hard[i]);
                 blended += share * left(hard[0], &hard[1..]);

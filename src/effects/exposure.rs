@@ -25,7 +25,7 @@ use super::{Case, Effect, FrameContext, LayerRun, curve_choice, response_samples
 use crate::camera::exposure::{additive, photographic_gain};
 use crate::camera::{Intrinsics, Response};
 use crate::frame::{FrameExposure, NODES, SpatialGain};
-use crate::gpu::{Entry, Shader};
+use crate::gpu::{Shader, ShaderEntry};
 use crate::params::Value;
 use crate::render::{COLOR, Layer};
 
@@ -129,9 +129,9 @@ impl Effect for Exposure {
     fn run(&self, run: &mut LayerRun<'_>, layer: Layer) -> Layer {
         let over_ev = self.over_ev(&run.context.recorded);
         let entry = match self.method {
-            ExposureMethod::Photographic => Entry::from("photographic"),
+            ExposureMethod::Photographic => ShaderEntry::from("photographic"),
             ExposureMethod::Additive => {
-                Entry::from("additive").choose("curve", curve_choice(&run.context.camera.response))
+                ShaderEntry::from("additive").choose("curve", curve_choice(&run.context.camera.response))
             }
         };
         let [red, green, blue] = self.factors(&run.context.recorded).map(|factor| factor as f32);

@@ -2,7 +2,7 @@
 //! nearest surface.
 
 use super::LayerRun;
-use crate::gpu::{Entry, Shader};
+use crate::gpu::{Shader, ShaderEntry};
 use crate::render::{GEOMETRY, Layer};
 
 crate::uniform! {
@@ -21,7 +21,7 @@ impl LayerRun<'_> {
             SpreadGeometryUniform { size: [size.0 as i32, size.1 as i32], radius: radius_px as i32, unused: 0 };
         let mut geometry = layer.geometry;
         for down in [0.0, 1.0] {
-            let pass = self.recorder.pass(Shader::SpreadGeometry, Entry::from("main").choose("down", down));
+            let pass = self.recorder.pass(Shader::SpreadGeometry, ShaderEntry::from("main").choose("down", down));
             [geometry] = pass.storage("spread", &spread).texture("geometry", &geometry).draw([GEOMETRY], size);
         }
         Layer { geometry, ..layer }

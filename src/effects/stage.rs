@@ -5,7 +5,7 @@ use crate::coding::PictureCoding;
 use crate::exemplar_noise::NoiseModel;
 use crate::exemplar_noise::model_coding::CodingDifference;
 use crate::frame::FrameExposure;
-use crate::gpu::{Bytes, Packed, Recorder, Shader, Texture, Uniform};
+use crate::gpu::{Bytes, Packed, PassRecorder, Shader, Texture, Uniform};
 use crate::memo::ByAddress;
 use crate::params::{Params, Value};
 use crate::pixels::Rect;
@@ -94,7 +94,7 @@ pub struct Reach {
 }
 
 impl Reach {
-    /// The same radius for reading and drawing.
+    /// A reach with one radius for reading and drawing.
     pub fn both(px: f32) -> Self {
         Self { read_px: px, spread_px: px }
     }
@@ -137,7 +137,7 @@ pub type Case = (&'static str, Vec<(&'static str, Value)>);
 /// The context in which an effect of the layer records its passes.
 #[derive(Debug)]
 pub struct LayerRun<'a> {
-    pub recorder: &'a mut Recorder,
+    pub recorder: &'a mut PassRecorder,
     pub context: &'a FrameContext<'a>,
     /// The coding that changed pixels follow after the mixed effects.
     pub coding: Option<&'a PictureCoding>,
@@ -175,7 +175,7 @@ pub fn curve_choice(response: &Response) -> f64 {
 struct ResponseKey(Response);
 
 /// The buffer `response_samples`, for shaders that import shared/response.
-pub fn response_samples(recorder: &mut Recorder, response: &Response) -> Bytes {
+pub fn response_samples(recorder: &mut PassRecorder, response: &Response) -> Bytes {
     recorder.memoized(ResponseKey(response.clone()), |gpu, ResponseKey(response)| {
         // Not read on curves that the shader computes.
         let samples = response.samples().unwrap_or_else(|| vec![0.0; 2]);

@@ -209,14 +209,14 @@ pub fn candidates(frames: &[FrameTiles], unit_px: [usize; 2]) -> [Vec<TileCandid
             tiles.into_iter().map(|tile| tile.1).collect()
         })
     };
-    let fewest = |classes: &[Vec<TileCandidate>; CLASSES]| classes.iter().map(Vec::len).min().unwrap_or(0);
+    let min_count = |classes: &[Vec<TileCandidate>; CLASSES]| classes.iter().map(Vec::len).min().unwrap_or(0);
     let quarters = of(Partition::Quarters);
-    if fewest(&quarters) >= MIN_CANDIDATES {
+    if min_count(&quarters) >= MIN_CANDIDATES {
         return quarters;
     }
     // Masks can leave a quarter empty.
     let others = [Partition::Squares(160), Partition::Squares(128), Partition::Rows, Partition::Columns].map(of);
     let all = std::iter::once(quarters).chain(others);
     // The first of the best.
-    all.reduce(|best, next| if fewest(&next) > fewest(&best) { next } else { best }).unwrap_or_default()
+    all.reduce(|best, next| if min_count(&next) > min_count(&best) { next } else { best }).unwrap_or_default()
 }

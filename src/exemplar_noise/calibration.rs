@@ -202,7 +202,7 @@ impl FitSamples {
     }
 }
 
-/// Distance of a fit's pixels among so many.
+/// Distance along each axis between the pixels of a fit to a picture of `pixels` pixels, px.
 fn fit_step(pixels: usize) -> usize {
     let mut step = MIN_FIT_STEP;
     while pixels / (step * step) > MAX_FIT_PIXELS {

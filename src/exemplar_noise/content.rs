@@ -34,7 +34,7 @@ const FIRST_ACTIVITY: usize = 4;
 
 /// (1 2 1)/4: the middle, then one side.
 const SMOOTHING: [f32; 2] = [0.5, 0.25];
-/// The same with its taps 2 apart.
+/// (1 2 1)/4 with taps 2 apart.
 const WIDE_SMOOTHING: [f32; 3] = [0.5, 0.0, 0.25];
 
 /// Side of the blocks over which energies are averaged, px.
@@ -165,7 +165,7 @@ impl FeatureScale {
         scale
     }
 
-    /// The scale with activity clamped to so many deviations about its mean.
+    /// The scale with activity clamped to `deviations` standard deviations about its mean.
     pub fn with_clamped_activity(mut self, deviations: f32) -> Self {
         for f in FIRST_ACTIVITY..FEATURES {
             self.high[f] = (self.mean[f] + deviations * self.deviation[f]).clamp(self.low[f], self.high[f]);

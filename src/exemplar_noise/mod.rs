@@ -133,8 +133,8 @@ impl NoiseModel {
         Ok(Self { numbers, sources, frames, candidates, descriptor_scale, parametric: ParametricField::default() })
     }
 
-    /// The model with activity clamped to so many deviations about its mean, where residuals of
-    /// active content contain errors that are not noise.
+    /// The model with activity clamped to `deviations` standard deviations about its mean, where
+    /// residuals of active content contain errors that are not noise.
     pub fn with_clamped_activity(self, deviations: f32) -> Result<Self, ModelError> {
         let scale = self.numbers.scale.with_clamped_activity(deviations);
         Self::new(ModelNumbers { scale, ..self.numbers }, self.sources)

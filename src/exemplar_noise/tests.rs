@@ -144,7 +144,7 @@ fn descriptor_leaves_out_pixels_without_share_and_blocks_outside() {
     let rgb = [halves.clone(), halves.clone(), halves];
     let of = |share, first| DescriptorBlocks::of(&rgb, share).tile(first);
     let dark = DescriptorBlocks::of(&uniform([96, 96], 51.0), None).tile([0, 0]);
-    let is_dark = |found: [f32; DESCRIPTORS]| found.iter().zip(dark).all(|(a, b)| (a - b).abs() < 1e-5);
+    let is_dark = |descriptors: [f32; DESCRIPTORS]| descriptors.iter().zip(dark).all(|(a, b)| (a - b).abs() < 1e-5);
     assert!(is_dark(of(Some(&share), [0, 0])));
     assert!(is_dark(of(None, [-5, -2])), "the blocks to the left of x = 40");
     let black = of(Some(&share), [8, 0]);

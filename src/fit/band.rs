@@ -84,8 +84,8 @@ mod tests {
         }
         let right = nalgebra::DVector::from_fn(n, |k, _| k as f64);
         let expected = dense.cholesky().unwrap().solve(&right);
-        for (found, expected) in equations.solved().unwrap().iter().zip(&expected) {
-            assert!((found - expected).abs() < 1e-12, "{found} {expected}");
+        for (actual, expected) in equations.solved().unwrap().iter().zip(&expected) {
+            assert!((actual - expected).abs() < 1e-12, "{actual} {expected}");
         }
     }
 

@@ -47,8 +47,8 @@ fn homography(from: &[DVec2], to: &[DVec2]) -> Option<Matrix3<f64>> {
         return None;
     }
     let eigen = normal.symmetric_eigen();
-    let least = (0..9).min_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]))?;
-    let h = Matrix3::from_fn(|i, j| eigen.eigenvectors[(3 * i + j, least)]);
+    let smallest = (0..9).min_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]))?;
+    let h = Matrix3::from_fn(|i, j| eigen.eigenvectors[(3 * i + j, smallest)]);
     let into = Matrix3::new(
         from_scale,
         0.0,

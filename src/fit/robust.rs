@@ -118,11 +118,11 @@ mod tests {
         type Equations = (f64, DVec2);
 
         fn residuals(&self, at: &DVec2) -> Option<Vec<DVec2>> {
-            Some(self.0.iter().map(|seen| *seen - *at).collect())
+            Some(self.0.iter().map(|sample| *sample - *at).collect())
         }
 
         fn equations(&self, at: &DVec2, delta_px: f64) -> Option<(f64, DVec2)> {
-            let each = || self.0.iter().map(|seen| (weight(*seen - *at, delta_px), *seen - *at));
+            let each = || self.0.iter().map(|sample| (weight(*sample - *at, delta_px), *sample - *at));
             Some((each().map(|(w, _)| w).sum(), each().map(|(w, r)| r * w).sum()))
         }
 

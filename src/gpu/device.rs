@@ -117,11 +117,11 @@ fn names(adapters: &[wgpu::Adapter]) -> Vec<String> {
 
 /// The error without an adapter: the machine has none, or none that `WGPU_BACKEND` allows.
 fn no_adapter() -> GpuError {
-    let besides = std::env::var("WGPU_BACKEND").ok().map(|asked| {
+    let besides = std::env::var("WGPU_BACKEND").ok().map(|backend| {
         let there = names(&adapters_by_rank(Backends::PRIMARY));
         let left_out =
             if there.is_empty() { String::new() } else { format!(", which leaves out {}", there.join("; ")) };
-        format!(" with WGPU_BACKEND={asked}{left_out}")
+        format!(" with WGPU_BACKEND={backend}{left_out}")
     });
     GpuError::NoAdapter { besides: besides.unwrap_or_default() }
 }

@@ -19,9 +19,9 @@ mod uniform;
 pub use device::{AdapterReport, Gpu, GpuError, adapters};
 pub use interface::{Global, Interface};
 pub use pass::Pass;
-pub use pipelines::Entry;
+pub use pipelines::ShaderEntry;
 pub use readback::{Readback, ReadbackSet, read_back};
-pub use recorder::Recorder;
+pub use recorder::PassRecorder;
 #[cfg(test)]
 pub use shader::constant;
 pub use shader::{Shader, module};

@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
-use super::pipelines::{CompiledPipeline, Entry, Module};
+use super::pipelines::{CompiledPipeline, Module, ShaderEntry};
 use super::timing::Stamps;
 use super::uniform::{Bytes, Packed, Uniform};
-use super::{Gpu, Recorder, Shader, Texture};
+use super::{Gpu, PassRecorder, Shader, Texture};
 
 /// A resource bound to one of a shader's globals.
 #[derive(Clone, Debug)]
@@ -45,10 +45,10 @@ enum DrawShape {
 #[derive(Debug)]
 #[must_use = "a pass is recorded by draw, draw_into or dispatch"]
 pub struct Pass<'a> {
-    recorder: &'a mut Recorder,
+    recorder: &'a mut PassRecorder,
     shaders: Vec<Shader>,
     module: Arc<Module>,
-    entries: Vec<Entry>,
+    entries: Vec<ShaderEntry>,
     bound: Vec<(&'static str, Binding)>,
     layouts: Vec<UniformLayout>,
     blend: Option<wgpu::BlendState>,
@@ -56,22 +56,27 @@ pub struct Pass<'a> {
     load: wgpu::LoadOp<wgpu::Color>,
 }
 
-impl Recorder {
+impl PassRecorder {
     /// Begins a pass with a shader.
-    pub fn pass(&mut self, shader: Shader, entry: impl Into<Entry>) -> Pass<'_> {
+    pub fn pass(&mut self, shader: Shader, entry: impl Into<ShaderEntry>) -> Pass<'_> {
         self.pass_of(&[shader], String::new, entry)
     }
 
     /// Begins a pass with a module of several files. `tail` is appended to their texts when the
     /// module is compiled, and must depend only on the files.
-    pub fn pass_of(&mut self, shaders: &[Shader], tail: impl FnOnce() -> String, entry: impl Into<Entry>) -> Pass<'_> {
+    pub fn pass_of(
+        &mut self,
+        shaders: &[Shader],
+        tail: impl FnOnce() -> String,
+        entry: impl Into<ShaderEntry>,
+    ) -> Pass<'_> {
         let module = self.pipelines.module(&self.gpu, shaders, tail);
         Pass::new(self, shaders, module, entry.into())
     }
 }
 
 impl<'a> Pass<'a> {
-    fn new(recorder: &'a mut Recorder, shaders: &[Shader], module: Arc<Module>, entry: Entry) -> Self {
+    fn new(recorder: &'a mut PassRecorder, shaders: &[Shader], module: Arc<Module>, entry: ShaderEntry) -> Self {
         Self {
             recorder,
             shaders: shaders.to_vec(),
@@ -86,7 +91,7 @@ impl<'a> Pass<'a> {
     }
 
     /// Adds another entry over the same targets, drawn after those before.
-    pub fn also(mut self, entry: impl Into<Entry>) -> Self {
+    pub fn also(mut self, entry: impl Into<ShaderEntry>) -> Self {
         self.entries.push(entry.into());
         self
     }

@@ -10,21 +10,21 @@ use crate::memo::Memo;
 /// A module's entry points, and the values of its `override`s. Each combination is a separate
 /// pipeline: a method, a feature. Varying numbers are uniforms.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub struct Entry {
+pub struct ShaderEntry {
     pub vertex: &'static str,
     pub fragment: &'static str,
     /// Names, with the bits of their values.
     choices: Vec<(&'static str, u64)>,
 }
 
-impl From<&'static str> for Entry {
+impl From<&'static str> for ShaderEntry {
     /// A fragment entry over the whole target.
     fn from(fragment: &'static str) -> Self {
         Self { vertex: "fullscreen_vertex", fragment, choices: Vec::new() }
     }
 }
 
-impl Entry {
+impl ShaderEntry {
     /// A fragment entry over quads placed by a vertex entry.
     pub fn over(vertex: &'static str, fragment: &'static str) -> Self {
         Self { vertex, fragment, choices: Vec::new() }
@@ -60,7 +60,7 @@ pub struct CompiledPipeline<P> {
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct RenderPipelineKey {
     module: Vec<Shader>,
-    entry: Entry,
+    entry: ShaderEntry,
     formats: Vec<wgpu::TextureFormat>,
     blend: Option<wgpu::BlendState>,
 }
@@ -70,7 +70,7 @@ struct RenderPipelineKey {
 pub struct Pipelines {
     modules: Memo<Vec<Shader>, Arc<Module>>,
     drawn: Memo<RenderPipelineKey, Arc<CompiledPipeline<wgpu::RenderPipeline>>>,
-    computed: Memo<(Vec<Shader>, Entry), Arc<CompiledPipeline<wgpu::ComputePipeline>>>,
+    computed: Memo<(Vec<Shader>, ShaderEntry), Arc<CompiledPipeline<wgpu::ComputePipeline>>>,
 }
 
 impl Default for Pipelines {
@@ -98,7 +98,7 @@ impl Pipelines {
         gpu: &Gpu,
         shaders: &[Shader],
         module: &Module,
-        entry: &Entry,
+        entry: &ShaderEntry,
         formats: &[wgpu::TextureFormat],
         blend: Option<wgpu::BlendState>,
     ) -> Arc<CompiledPipeline<wgpu::RenderPipeline>> {
@@ -144,7 +144,7 @@ impl Pipelines {
         gpu: &Gpu,
         shaders: &[Shader],
         module: &Module,
-        entry: &Entry,
+        entry: &ShaderEntry,
     ) -> Arc<CompiledPipeline<wgpu::ComputePipeline>> {
         self.computed.get_or_insert_with((shaders.to_vec(), entry.clone()), |_| {
             let globals = module.interface.globals(&[entry.fragment]);

@@ -17,7 +17,7 @@ const LARGE_MEMO_CAPACITY: usize = 4;
 /// Records passes, and owns resources that outlast a frame: textures, uniforms, cached values.
 /// Pipelines belong to the device.
 #[derive(Debug)]
-pub struct Recorder {
+pub struct PassRecorder {
     pub gpu: Gpu,
     pub pool: TexturePool,
     /// Bilinear sampler, clamped to the edge. Default of every shader's sampler.
@@ -31,7 +31,7 @@ pub struct Recorder {
     timed: Vec<PendingTimes>,
 }
 
-impl Recorder {
+impl PassRecorder {
     pub fn new(gpu: Gpu) -> Self {
         let linear = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
             label: Some("between texels"),

@@ -118,8 +118,8 @@ impl Shader {
 
 /// The texts of several files as one module, each with its imports, without duplicates.
 pub fn module(shaders: &[Shader]) -> String {
-    let (mut seen, mut out) = (Vec::new(), String::new());
-    shaders.iter().for_each(|shader| append(*shader, &mut seen, &mut out));
+    let (mut included, mut out) = (Vec::new(), String::new());
+    shaders.iter().for_each(|shader| append(*shader, &mut included, &mut out));
     out
 }
 

@@ -7,7 +7,8 @@ use crate::tags::BoardPose;
 /// Largest RMS reprojection error of several tags that fit together, px. The larger one of this and
 /// [`MAX_RMS_SHARE`] is used.
 const MAX_RMS_PX: f64 = 1.0;
-/// The same, as a share of a tag's side: tolerates an inaccurate lens calibration.
+/// Largest RMS reprojection error as a share of a tag's side: tolerates an inaccurate lens
+/// calibration.
 const MAX_RMS_SHARE: f64 = 0.02;
 /// Number of consecutive pictures that confirm the board: with several tags, and with a single one,
 /// whose fit proves little.

@@ -162,7 +162,7 @@ mod tests {
             let from_s = time_s - INTERVAL_S;
             let turn = (orientation_at(time_s).inverse() * orientation_at(from_s)).to_scaled_axis();
             search.add_motion(FrameRotation { from_s, to_s: time_s, turn });
-            results.extend(search.update(time_s).map(|found| (time_s, found)));
+            results.extend(search.update(time_s).map(|result| (time_s, result)));
         }
         results
     }
@@ -175,7 +175,7 @@ mod tests {
     fn changed_delay_is_reported_again() {
         let mut search = search();
         let results = feed(&mut search, [0.0, 40.0], |t| if t < 15.0 { 0.083 } else { -0.04 }, false);
-        let delays: Vec<f64> = results.iter().map(|(_, found)| found.unwrap().delay_s).collect();
+        let delays: Vec<f64> = results.iter().map(|(_, result)| result.unwrap().delay_s).collect();
         assert!((results[0].0 - 3.0).abs() < 0.04 && (delays[0] - 0.083).abs() < 2e-3, "{results:?}");
         let last = delays.last().unwrap();
         assert!(delays.len() > 1 && (last + 0.04).abs() < 2e-3, "{results:?}");
@@ -189,7 +189,7 @@ mod tests {
             results.len() == 4
                 && results
                     .iter()
-                    .all(|(_, found)| matches!(found, Err(DelayError::NoDelay(DelayFailure::Still { .. })))),
+                    .all(|(_, result)| matches!(result, Err(DelayError::NoDelay(DelayFailure::Still { .. })))),
             "{results:?}"
         );
         let mut moved = search();
@@ -235,7 +235,7 @@ mod tests {
             // The poses' clock has a wrong rate, so that no delay fits all poses.
             feed(&mut search, [0.0, 2.9], |t| 0.004 * f64::from(drift) * t, false);
             match search.estimate() {
-                Ok(found) => assert!(found.sigma_s <= MAX_SIGMA_S, "{found:?}"),
+                Ok(result) => assert!(result.sigma_s <= MAX_SIGMA_S, "{result:?}"),
                 Err(DelayError::Uncertain { sigma_s }) => {
                     assert!(sigma_s > MAX_SIGMA_S);
                     is_uncertain = true;

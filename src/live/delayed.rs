@@ -22,10 +22,10 @@ use crate::tracking::turn::ImagePyramid;
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
 pub enum DelayMode {
     /// A fixed delay, seconds.
-    #[serde(rename = "told")]
+    #[serde(rename = "fixed", alias = "told")]
     Fixed(f64),
     /// The delay that fits the pictures best.
-    #[serde(rename = "found")]
+    #[serde(rename = "estimated", alias = "found")]
     Estimated,
 }
 

@@ -34,7 +34,7 @@ pub fn camera_of_profile(path: &Path, poses: &str) -> Result<Camera, LiveError> 
 
 /// A camera with a negotiated format, and its pose source.
 pub struct LiveInput {
-    pub camera: webcam::Camera,
+    pub camera: webcam::WebcamSource,
     pub poses: Box<dyn PoseSource>,
     /// Frame interval, seconds.
     pub interval_s: f64,

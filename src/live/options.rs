@@ -33,7 +33,7 @@ pub struct LiveOptions {
 pub struct LiveSpec {
     pub camera: String,
     pub poses: String,
-    #[serde(default, rename = "asked")]
+    #[serde(default, alias = "asked")]
     pub options: LiveOptions,
 }
 

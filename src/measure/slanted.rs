@@ -15,7 +15,7 @@
 //! Not modelled: non-Gaussian point spread functions, sharpening. [`SlantedEdge::misfit`] indicates
 //! them.
 //!
-//! All steps are in one file because they share the samples of one edge.
+//! One file, because all steps share the samples of one edge.
 
 use super::spread::{CONVERGENCE, EdgeFit, EdgeSample, EdgeStep, fit};
 use super::{MeasureError, edge};
@@ -340,7 +340,7 @@ impl EdgeRegion {
         }
         let (pieces, rows) = deviations(&fit, &samples);
         let [bent, rough] = [(pieces, MAX_PIECE_DEVIATION_PX), (rows, MAX_ROW_DEVIATION_PX)]
-            .map(|(d, most)| (d.beyond() > most + d.noise).then(|| d.beyond()));
+            .map(|(d, limit)| (d.beyond() > limit + d.noise).then(|| d.beyond()));
         if let Some(deviation_px) = bent.or(rough) {
             return Err(EdgeError::Bent { deviation_px });
         }
@@ -439,8 +439,8 @@ fn deviations(fit: &EdgeFit, samples: &[EdgeSample]) -> (Deviation, Deviation) {
         }
         sums.retain(|sum| sum.1 > 0.0);
         // A part with few pixels across the edge is uncertain.
-        let most = sums.iter().map(|sum| sum.1).fold(0.0, f64::max);
-        sums.retain(|sum| sum.1 > 0.2 * most);
+        let max_weight = sums.iter().map(|sum| sum.1).fold(0.0, f64::max);
+        sums.retain(|sum| sum.1 > 0.2 * max_weight);
         let n = sums.len().max(1) as f64;
         let all = (sums.iter().map(|sum| (sum.0 / sum.1).powi(2)).sum::<f64>() / n).sqrt();
         let noise = (sums.iter().map(|sum| 1.0 / sum.1).sum::<f64>() / n).sqrt();

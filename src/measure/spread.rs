@@ -201,11 +201,11 @@ pub(crate) fn fit(samples: &[EdgeSample], from: EdgeStep, close: f64) -> Option<
             let by = solve(damped, right)?;
             let tried = (0..3).fold(step, |step, i| step.moved_by(i, by[i]));
             match project(&tried, samples) {
-                Some((found, rest)) if squares(&rest) <= before => {
+                Some((fitted, rest)) if squares(&rest) <= before => {
                     moved = (tried.offset_px - step.offset_px).abs()
                         + 10.0 * (tried.angle - step.angle).abs()
                         + (tried.variance_px2 - step.variance_px2).abs();
-                    (step, numbers, left) = (tried, found, rest);
+                    (step, numbers, left) = (tried, fitted, rest);
                     damping = (0.2 * damping).max(1e-9);
                     break;
                 }

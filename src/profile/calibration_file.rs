@@ -240,8 +240,7 @@ fn opencv_xml(text: &str) -> Result<YamlKeys, String> {
         let text = data.unwrap_or(node).text().unwrap_or_default();
         let words: Vec<&str> = text.split_whitespace().collect();
         // Lines of few keys are looked up: only those that a camera has.
-        if WIDTH.iter().chain(HEIGHT).chain(MATRIX).chain(COEFFICIENTS).chain(FISHEYE_FLAG).any(|known| *known == name)
-        {
+        if WIDTH.iter().chain(HEIGHT).chain(MATRIX).chain(COEFFICIENTS).chain(FISHEYE_FLAG).any(|key| *key == name) {
             keys.insert(name.to_owned(), (line(node), format!("[{}]", words.join(", "))));
         }
     }
@@ -322,7 +321,7 @@ mod tests {
 
     #[test]
     fn refusals_name_line_and_key() {
-        for (text, told) in [
+        for (text, expected) in [
             (OPENCV.replace("camera_matrix", "matrix"), "holds no camera: expected camera_matrix"),
             (OPENCV.replace("image_width: 640\n", ""), "image_width is missing"),
             (OPENCV.replace("0., 0., 1. ]", "0., 1. ]"), "line 9: camera_matrix holds 8 numbers; expected 9"),
@@ -340,7 +339,7 @@ mod tests {
             (String::new(), "holds no camera"),
         ] {
             let error = read(&text).unwrap_err();
-            assert!(error.starts_with(told), "{error}");
+            assert!(error.starts_with(expected), "{error}");
         }
     }
 

@@ -300,6 +300,7 @@ mod tests {
             ("fx_px = 1\n", "`version` is missing"),
             ("version = 1\ncamera = 3\n", "there is no table [camera]"),
             ("version = 1\n[camera]\nfx_px = 1 1\n", "p.toml: line 3, camera.fx_px: "),
+            ("# A page\n\nof text\n", "expected a profile (TOML)"),
         ] {
             let error = Document::parse(text, Path::new("p.toml")).unwrap_err().to_string();
             assert!(error.contains(message) && !error.contains('\n'), "{error}");

@@ -53,7 +53,7 @@ const REQUIRED_KEYS: [&str; 6] = ["width_px", "height_px", "fx_px", "fy_px", "cx
 pub enum ProfileError {
     #[error("{path}: cannot be read: {}", reason(source))]
     Read { path: PathBuf, source: std::io::Error },
-    #[error("{path}: {source}")]
+    #[error("{path}: {source}; expected a profile (TOML), see docs/guide.md")]
     Syntax { path: PathBuf, source: Problem },
     #[error("{path}: {source}")]
     Param { path: PathBuf, source: Box<ParamError> },
@@ -88,8 +88,8 @@ pub enum SetError {
     Syntax { text: String },
     #[error("--set {text}: there is no table {table}; known tables: {tables}")]
     UnknownTable { text: String, table: String, tables: String },
-    #[error("--set {text}: {source}")]
-    Param { text: String, source: Box<ParamError> },
+    #[error("--set: {0}")]
+    Param(Box<ParamError>),
 }
 
 /// A `--set table.name=value` in its parts.
@@ -275,7 +275,7 @@ impl Rig {
             settings.overrule_recorded_exposure = true;
         }
         match self.set(settings, table, name, &Value::parse(value)) {
-            Some(done) => done.map_err(|source| SetError::Param { text: text.to_owned(), source: Box::new(source) }),
+            Some(done) => done.map_err(|source| SetError::Param(Box::new(source))),
             None => Err(SetError::UnknownTable {
                 text: text.to_owned(),
                 table: table.to_owned(),

@@ -79,8 +79,8 @@ fn example(table: &Table, loading: ExampleLoading<'_>) -> Result<Option<NoiseExa
 
 /// Reads and checks the table `[camera.noise]`.
 pub fn from_toml(table: &Table, loading: ExampleLoading<'_>) -> Result<NoiseProfile, NoiseTableError> {
-    if let Some(found) = table.keys().find(|k| !KEYS.contains(&k.as_str()) && *k != EXAMPLE) {
-        return Err(NoiseTableError::Unknown { actual: quoted(found) });
+    if let Some(key) = table.keys().find(|k| !KEYS.contains(&k.as_str()) && *k != EXAMPLE) {
+        return Err(NoiseTableError::Unknown { actual: quoted(key) });
     }
     let codes = numbers(table, "code", "an 8-bit code value, 0 to 255", |v| (0.0..=255.0).contains(&v))?;
     if codes.is_empty() {

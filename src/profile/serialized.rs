@@ -14,7 +14,7 @@ use crate::params::{ParamError, Params, Value, values};
 #[serde(deny_unknown_fields)]
 struct SerializedRig {
     tables: BTreeMap<String, BTreeMap<String, Value>>,
-    #[serde(rename = "given")]
+    #[serde(alias = "given")]
     set_keys: Vec<(String, String)>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     yielding: Vec<(String, String)>,
@@ -33,7 +33,7 @@ pub enum RigFormatError {
     #[error("there is no table {0} of a camera")]
     Table(String),
     #[error("there is no key {0} of a camera's geometry")]
-    Given(String),
+    Key(String),
 }
 
 impl From<Rig> for SerializedRig {
@@ -73,7 +73,7 @@ impl TryFrom<SerializedRig> for Rig {
                 let own = geometry.into_iter().find(named);
                 own.and_then(|own| Some((own.table(), own.specs().into_iter().find(|spec| spec.name == name)?.name)))
             };
-            rig.set_keys.insert(names.ok_or_else(|| RigFormatError::Given(format!("{table}.{name}")))?);
+            rig.set_keys.insert(names.ok_or_else(|| RigFormatError::Key(format!("{table}.{name}")))?);
         }
         // Frames override no other keys.
         rig.follow_frames();

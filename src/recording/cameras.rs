@@ -59,8 +59,8 @@ pub fn parse_cameras(text: &str, list: &Path) -> Result<Vec<(f64, FrameCamera)>,
         };
         let of_geometry: Vec<Option<f64>> = GEOMETRY.iter().map(|name| value(name)).collect::<Result<_, _>>()?;
         let mut of_lens = [None; 4];
-        for (found, name) in of_lens.iter_mut().zip(LENS) {
-            *found = value(name)?;
+        for (parameter, name) in of_lens.iter_mut().zip(LENS) {
+            *parameter = value(name)?;
         }
         records::end(rest)?;
         let values: Vec<(&str, f64)> =

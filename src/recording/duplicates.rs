@@ -161,6 +161,6 @@ mod tests {
         assert_eq!(parts.opacity, [1.0, 0.5, 0.0]);
         let focal_px: Vec<_> = parts.geometries.iter().flatten().map(|camera| camera.intrinsics.fx_px).collect();
         assert_eq!(focal_px, [1.0, 3.0, 5.0]);
-        assert_eq!(parts.landmarks.iter().flatten().map(|seen| seen.number).collect::<Vec<_>>(), [0, 2, 4]);
+        assert_eq!(parts.landmarks.iter().flatten().map(|landmark| landmark.number).collect::<Vec<_>>(), [0, 2, 4]);
     }
 }

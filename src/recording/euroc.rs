@@ -314,8 +314,11 @@ mod tests {
         assert!(poses("2,0,0,0,1,0,0").contains("line 1: q_z is missing"));
         assert!(poses("2,0,0,0,2,0,0,0").contains("the quaternion has length 2"));
         let none = RigidTransform { turn: DQuat::IDENTITY, shift_m: DVec3::ZERO };
-        let lost = parse_poses("2,0,0,0,0,0,0,0\n3,0,0,0,1,0,0,0", Path::new("data.csv"), &none).unwrap();
-        assert!(lost.0.len() == 1 && lost.1[0].contains("has no rotation (first at line 1)"), "{lost:?}");
+        let without_rotation = parse_poses("2,0,0,0,0,0,0,0\n3,0,0,0,1,0,0,0", Path::new("data.csv"), &none).unwrap();
+        assert!(
+            without_rotation.0.len() == 1 && without_rotation.1[0].contains("has no rotation (first at line 1)"),
+            "{without_rotation:?}"
+        );
         assert!(parse_pictures("7", Path::new("data.csv")).unwrap_err().to_string().contains("name is missing"));
         assert!(parse_pictures("7,a\n6,b", Path::new("data.csv")).unwrap_err().to_string().contains("runs backwards"));
     }

@@ -111,7 +111,7 @@ impl Frames {
         })
     }
 
-    /// The same frames with a coding for pictures that do not hold their own.
+    /// Sets the coding of pictures that do not hold their own.
     pub(super) fn with_coding(self, coding: Option<Arc<PictureCoding>>) -> Self {
         Self { coding, ..self }
     }

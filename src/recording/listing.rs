@@ -22,23 +22,31 @@ pub fn read_pictures(list: &Path) -> Result<Vec<(f64, PathBuf)>, TextError> {
 pub type ListedFrame<N> = (f64, N, f64);
 
 /// Prefix of the opacity at a line's end.
-const PRESENCE_PREFIX: &str = " presence=";
+const OPACITY_PREFIX: &str = " opacity=";
+/// The prefix in recordings of earlier versions.
+const EARLIER_OPACITY_PREFIX: &str = " presence=";
 
-/// Parses a list of `timestamp filename` lines, each of which may end with ` presence=0.5`: 0 to 1,
+/// A frame's file name, and the text of its opacity, if any.
+fn split_opacity(rest: &str) -> (&str, Option<&str>) {
+    let split = [OPACITY_PREFIX, EARLIER_OPACITY_PREFIX].into_iter().filter_map(|prefix| rest.rsplit_once(prefix));
+    // The last one on the line.
+    split.max_by_key(|(name, _)| name.len()).map_or((rest, None), |(name, text)| (name, Some(text)))
+}
+
+/// Parses a list of `timestamp filename` lines, each of which may end with ` opacity=0.5`: 0 to 1,
 /// default 1.
 pub fn frames(text: &str, list: &Path) -> Result<Vec<ListedFrame<PathBuf>>, TextError> {
     let folder = list.parent().unwrap_or(Path::new(""));
     let frame = |rest: &str| {
-        let (name, opacity) =
-            rest.rsplit_once(PRESENCE_PREFIX).map_or((rest, Ok(1.0)), |(name, text)| (name, opacity(text)));
-        Ok((folder.join(file_name(name, NO_NAME)?), opacity?))
+        let (name, text) = split_opacity(rest);
+        Ok((folder.join(file_name(name, NO_NAME)?), text.map_or(Ok(1.0), opacity)?))
     };
     Ok(by_time(text, list, frame)?.into_iter().map(|(time_s, (file, opacity))| (time_s, file, opacity)).collect())
 }
 
 fn opacity(text: &str) -> Result<f64, String> {
     let opacity = text.trim().parse().ok().filter(|opacity| (0.0..=1.0).contains(opacity));
-    opacity.ok_or_else(|| format!("presence is `{}`; expected a number from 0 to 1", quoted(text)))
+    opacity.ok_or_else(|| format!("opacity is `{}`; expected a number from 0 to 1", quoted(text)))
 }
 
 /// Frames as text, which [`frames`] reads back bit for bit. The opacity is written if it is not 1.
@@ -47,7 +55,7 @@ pub fn write_frames<'a>(entries: impl IntoIterator<Item = ListedFrame<&'a str>>)
     for (time_s, name, opacity) in entries {
         text += &line(time_s, name)?;
         if opacity != 1.0 {
-            text += &format!("{PRESENCE_PREFIX}{}", number(opacity));
+            text += &format!("{OPACITY_PREFIX}{}", number(opacity));
         }
         text += "\n";
     }
@@ -59,7 +67,8 @@ const NO_NAME: &str = "the file's name is missing (a line is `timestamp filename
 
 /// A line without its line break.
 fn line(time_s: f64, name: &str) -> Result<String, String> {
-    if name.is_empty() || name.trim() != name || name.contains(['\n', '\r']) || name.contains(PRESENCE_PREFIX) {
+    let is_ambiguous = split_opacity(name).1.is_some();
+    if name.is_empty() || name.trim() != name || name.contains(['\n', '\r']) || is_ambiguous {
         return Err(format!("a list cannot hold the name \"{}\"", quoted(name)));
     }
     Ok(format!("{} {name}", number(time_s)))
@@ -113,10 +122,10 @@ pub fn parse_exposures(text: &str, list: &Path) -> Result<Vec<(f64, FrameExposur
     })
 }
 
-fn number_above_zero(rest: &mut &str, name: &str, most: f64) -> Result<f64, String> {
+fn number_above_zero(rest: &mut &str, name: &str, max: f64) -> Result<f64, String> {
     match records::number(rest, name)? {
-        value if value > 0.0 && value <= most => Ok(value),
-        value => Err(format!("{name} is {}; expected above 0, at most {most}", number(value))),
+        value if value > 0.0 && value <= max => Ok(value),
+        value => Err(format!("{name} is {}; expected above 0, at most {max}", number(value))),
     }
 }
 
@@ -176,7 +185,7 @@ pub fn missing_picture<'a>(
         // The name follows a time.
         let name = |record: &str| {
             let rest = record.split_once([' ', '\t', ','])?.1;
-            Some(rest.rsplit_once(PRESENCE_PREFIX).map_or(rest, |(name, _)| name).trim().to_owned())
+            Some(split_opacity(rest).0.trim().to_owned())
         };
         let names = |record: &str| name(record).is_some_and(|name| !name.is_empty() && file.ends_with(name));
         if let Some((line, _)) = records::records(&text).find(|(_, record)| names(record)) {
@@ -263,15 +272,16 @@ mod tests {
     fn frame_opacity_is_read_and_checked() {
         let read = |text: &str| frames(text, Path::new("site/frames.txt"));
         let file = |name: &str| Path::new("site").join(name);
-        let listing = read("1 f/a b.png\n2 f/c.png presence=0.25\n3 presence=0.5 presence=1\n").unwrap();
-        let expected = [(1.0, file("f/a b.png"), 1.0), (2.0, file("f/c.png"), 0.25), (3.0, file("presence=0.5"), 1.0)];
+        let listing = read("1 f/a b.png\n2 f/c.png opacity=0.25\n3 opacity=0.5 opacity=1\n").unwrap();
+        let expected = [(1.0, file("f/a b.png"), 1.0), (2.0, file("f/c.png"), 0.25), (3.0, file("opacity=0.5"), 1.0)];
         assert_eq!(listing, expected);
-        for (bad, found) in [("-0.1", "-0.1"), ("1.5", "1.5"), ("nan", "nan"), ("", ""), ("0.5 x", "0.5 x")] {
-            let error = read(&format!("1 a.png\n2 b.png presence={bad}")).unwrap_err().to_string();
-            let message = format!("frames.txt, line 2: presence is `{found}`; expected a number from 0 to 1");
+        assert_eq!(read("1 a.png presence=0.25\n").unwrap(), [(1.0, file("a.png"), 0.25)], "the earlier name");
+        for (bad, quoted) in [("-0.1", "-0.1"), ("1.5", "1.5"), ("nan", "nan"), ("", ""), ("0.5 x", "0.5 x")] {
+            let error = read(&format!("1 a.png\n2 b.png opacity={bad}")).unwrap_err().to_string();
+            let message = format!("frames.txt, line 2: opacity is `{quoted}`; expected a number from 0 to 1");
             assert!(error.ends_with(&message), "{error}");
         }
-        assert!(read("1  presence=0.5").unwrap_err().to_string().contains("the file's name is missing"));
+        assert!(read("1  opacity=0.5").unwrap_err().to_string().contains("the file's name is missing"));
     }
 
     #[test]
@@ -288,7 +298,7 @@ mod tests {
 
     #[test]
     fn names_that_break_a_line_are_refused() {
-        for name in ["", " a", "a ", "a\nb", "a\rb", "a presence=1"] {
+        for name in ["", " a", "a ", "a\nb", "a\rb", "a opacity=1", "a presence=1"] {
             assert!(write_pictures([(1.0, name)]).is_err(), "{name:?}");
         }
     }

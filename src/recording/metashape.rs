@@ -221,7 +221,7 @@ struct PoseCounts {
     disabled: usize,
     of_rig: usize,
     in_other_component: usize,
-    lost: usize,
+    invalid: usize,
     first: String,
 }
 
@@ -232,7 +232,7 @@ impl PoseCounts {
             (self.disabled, "disabled"),
             (self.of_rig, "of a rig, placed relative to another camera"),
             (self.in_other_component, "in another component"),
-            (self.lost, "with a pose that is not finite or has no rotation"),
+            (self.invalid, "with a pose that is not finite or has no rotation"),
         ];
         let counted: Vec<String> =
             counts.into_iter().filter(|(count, _)| *count > 0).map(|(count, name)| format!("{count} {name}")).collect();
@@ -240,8 +240,8 @@ impl PoseCounts {
     }
 
     fn warning(&self, file: &Path, all: usize) -> Option<String> {
-        let Self { unaligned, disabled, of_rig, in_other_component, lost, first } = self;
-        let without = unaligned + disabled + of_rig + in_other_component + lost;
+        let Self { unaligned, disabled, of_rig, in_other_component, invalid, first } = self;
+        let without = unaligned + disabled + of_rig + in_other_component + invalid;
         (without > 0).then(|| {
             format!(
                 "{}: {without} of {} have no pose: {} (first: {})",
@@ -283,7 +283,7 @@ fn camera(
             xml::error_at(transform.unwrap_or(node), file, format!("camera {}: {problem}", quoted(&label)))
         };
         world_from_camera = pose(matrix, &similarity).map_err(refuse)?;
-        counts.lost += usize::from(world_from_camera.is_none());
+        counts.invalid += usize::from(world_from_camera.is_none());
     }
     if world_from_camera.is_none() && counts.first.is_empty() {
         counts.first.clone_from(&label);
@@ -326,8 +326,9 @@ fn sensors(
         }
         let label = node.attribute("label").unwrap_or(id);
         let refuse = |problem: String| xml::error_at(node, file, format!("sensor {}: {problem}", quoted(label)));
-        let (geometry, told) = sensor(node).map_err(refuse)?;
-        warnings.extend(told.into_iter().map(|told| format!("{}: sensor {}: {told}", file.display(), quoted(label))));
+        let (geometry, notes) = sensor(node).map_err(refuse)?;
+        warnings
+            .extend(notes.into_iter().map(|notes| format!("{}: sensor {}: {notes}", file.display(), quoted(label))));
         geometries.insert(id.to_owned(), geometry);
     }
     match used.iter().find(|id| !geometries.contains_key(*id)) {

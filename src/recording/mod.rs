@@ -384,7 +384,7 @@ impl Recording {
     /// The frames' cameras; a single one if all are equal.
     fn cameras(&self) -> Arc<[Option<Geometry>]> {
         match (&self.registration_cameras, &self.geometry) {
-            (Some(given), _) => Arc::clone(given),
+            (Some(exposure), _) => Arc::clone(exposure),
             (None, Some(_)) => Arc::from([self.geometry.clone()]),
             (None, None) => Arc::clone(&self.geometries),
         }
@@ -395,9 +395,9 @@ impl Recording {
         Self { depth: None, site: None, ..self.clone() }
     }
 
-    /// At most `most` frames, spread evenly: the middles of as many equal parts.
-    pub fn spread_frames(&self, most: usize) -> impl Iterator<Item = usize> + use<> {
-        middles_of_parts(self.frame_count(), most)
+    /// At most `max_count` frames, spread evenly: the middles of as many equal parts.
+    pub fn spread_frames(&self, max_count: usize) -> impl Iterator<Item = usize> + use<> {
+        middles_of_parts(self.frame_count(), max_count)
     }
 
     /// Streams the frames of a half-open range in order, decoded ahead on separate threads. Memory
@@ -413,9 +413,9 @@ impl Recording {
     }
 }
 
-/// Middles of at most `most` equal parts of so many frames.
-fn middles_of_parts(count: usize, most: usize) -> impl Iterator<Item = usize> + use<> {
-    let parts = most.min(count);
+/// Middles of at most `max_count` equal parts of `count` frames.
+fn middles_of_parts(count: usize, max_count: usize) -> impl Iterator<Item = usize> + use<> {
+    let parts = max_count.min(count);
     (0..parts).map(move |n| (2 * n + 1) * count / (2 * parts))
 }
 
@@ -434,8 +434,8 @@ fn check(options: &OpenOptions) -> Result<(), RecordingError> {
 
 /// The format of a path, and the file or folder of the recording.
 fn find(path: &Path) -> Result<(&'static RecordingFormat, PathBuf), RecordingError> {
-    if let Some(found) = FORMATS.iter().find_map(|format| Some((*format, (format.find)(path)?))) {
-        return Ok(found);
+    if let Some(format) = FORMATS.iter().find_map(|format| Some((*format, (format.find)(path)?))) {
+        return Ok(format);
     }
     let unread = unsupported::by_name(path).filter(|_| path.is_file()).map(|kind| format!("it {}", kind.refusal()));
     let in_folder = || {
@@ -470,7 +470,7 @@ mod tests {
 
     #[test]
     fn spread_frames_are_the_middles_of_equal_parts() {
-        let of = |count, most| middles_of_parts(count, most).collect::<Vec<_>>();
+        let of = |count, max_count| middles_of_parts(count, max_count).collect::<Vec<_>>();
         assert_eq!(of(240, 24)[..3], [5, 15, 25]);
         assert_eq!((of(0, 24), of(3, 24), of(5, 3)), (vec![], vec![0, 1, 2], vec![0, 2, 4]));
     }

@@ -11,7 +11,7 @@ use crate::text::reason;
 /// Reason why a recording cannot be written.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
-    #[error("{}: exists already; choose another folder, or give --force to replace a recording that this command made", .0.display())]
+    #[error("{}: exists already, and is kept; choose another folder, or replace a recording that this command made with --force", .0.display())]
     Exists(PathBuf),
     #[error("{}: contains {foreign}, which does not belong to such a recording; nothing was removed: choose another \
              folder", folder.display())]

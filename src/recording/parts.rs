@@ -211,9 +211,9 @@ impl Parts {
             let of_frame: Vec<_> =
                 self.timestamps_s.iter().map(|t| listing::nearest(&by_time, *t, reach_s).cloned()).collect();
             associated("depth picture", of_frame.iter().filter(|d| d.is_none()).count());
-            let (found, odd) = Depth::new(of_frame, stored, (width, height))?;
+            let (read, odd) = Depth::new(of_frame, stored, (width, height))?;
             warnings.extend(odd);
-            depth = Some(Arc::new(found));
+            depth = Some(Arc::new(read));
         }
         let (photos, orientation) = photo_settings(&self.pictures, &self.timestamps_s, &mut warnings);
         let presentation = match &self.pictures {

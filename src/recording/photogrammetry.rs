@@ -79,7 +79,7 @@ pub fn locate<T>(
     let count = |folder: &PathBuf| labels.iter().filter(|label| picture_of(folder, label).is_some()).count();
     // In a tie the first one.
     let best = folders.iter().map(|folder| (count(folder), folder)).rev().max_by_key(|(count, _)| *count);
-    let Some((found, folder)) = best.filter(|(found, _)| *found > 0) else {
+    let Some((located_count, folder)) = best.filter(|(located_count, _)| *located_count > 0) else {
         let first = pictures.first().map_or("", |picture| picture.label.as_str());
         let looked = folders.iter().map(|folder| folder.display().to_string()).collect::<Vec<_>>().join(", ");
         let problem = format!(
@@ -100,7 +100,7 @@ pub fn locate<T>(
             return Err(TextError::line(file, line, problem).into());
         }
     }
-    debug_assert!(found <= located.len());
+    debug_assert!(located_count <= located.len());
     let mut unread = Vec::new();
     for folder in &inner {
         for picture in listing::pictures_in(folder)? {
@@ -160,9 +160,9 @@ mod tests {
         for name in ["a.1.JPG", "left/b10.png", "left/b9.png", "d.png"] {
             std::fs::write(folder.path().join("images").join(name), "").unwrap();
         }
-        let (found, _) =
+        let (pictures, _) =
             locate(&file, folder.path(), labelled(&["left\\b10.png", "a.1", "left/b9", "D:\\x\\d.png"])).unwrap();
-        let names: Vec<_> = found
+        let names: Vec<_> = pictures
             .iter()
             .map(|picture| (picture.file.strip_prefix(folder.path()).unwrap().to_str().unwrap(), picture.data))
             .collect();
@@ -178,8 +178,8 @@ mod tests {
         for name in ["a.png", "b.png", "c.txt"] {
             std::fs::write(folder.path().join(name), "").unwrap();
         }
-        let (found, _) = locate(&file, &file, labelled(&["b"])).unwrap();
-        assert_eq!(found.iter().map(|picture| picture.data).collect::<Vec<_>>(), [None, Some(0)]);
+        let (pictures, _) = locate(&file, &file, labelled(&["b"])).unwrap();
+        assert_eq!(pictures.iter().map(|picture| picture.data).collect::<Vec<_>>(), [None, Some(0)]);
     }
 
     #[test]
@@ -194,7 +194,7 @@ mod tests {
         std::fs::write(folder.path().join("a.png"), "").unwrap();
         let error = locate(&file, &file, labelled(&["a", "a.png"])).unwrap_err().to_string();
         assert!(error.contains("cameras.xml, line 2: the picture a.png occurs twice"), "{error}");
-        let (found, _) = locate(&file, &file, labelled(&["a", "z.png"])).unwrap();
-        assert!(found.len() == 2 && found[1].file.ends_with("z.png"));
+        let (pictures, _) = locate(&file, &file, labelled(&["a", "z.png"])).unwrap();
+        assert!(pictures.len() == 2 && pictures[1].file.ends_with("z.png"));
     }
 }

@@ -71,7 +71,7 @@ fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
         // A frame with lost tracking may have no pose file.
         if pose.exists() {
             match parse_pose(&records::read(&pose)?, &pose)? {
-                Some(found) => poses.push((*time_s, found)),
+                Some(pose) => poses.push((*time_s, pose)),
                 None => odd.count_lost(pose.file_name().unwrap_or_default().to_string_lossy().into_owned()),
             }
             description_files.push(pose);
@@ -188,9 +188,9 @@ mod tests {
     #[test]
     fn non_finite_or_empty_pose_is_lost() {
         let of_rows = |value: &str| format!("{value} {value} {value} {value}\n").repeat(4);
-        let lost = [of_rows("-inf"), of_rows("nan"), of_rows("inf"), of_rows("0")];
+        let not_finite = [of_rows("-inf"), of_rows("nan"), of_rows("inf"), of_rows("0")];
         let zeros = "0 0 0 0\n0 0 0 0\n0 0 0 0\n0 0 0 1\n".to_owned();
-        for text in lost.into_iter().chain([zeros, String::new(), "\n".to_owned()]) {
+        for text in not_finite.into_iter().chain([zeros, String::new(), "\n".to_owned()]) {
             assert!(parse_pose(&text, Path::new("a.pose.txt")).unwrap().is_none(), "{text}");
         }
     }

@@ -159,9 +159,8 @@ fn parse_odometry(text: &str, file: &Path) -> Result<(Vec<OdometryLine>, Vec<Str
             let text = column(name).and_then(|i| fields.get(i).copied()).filter(|text| !text.is_empty());
             text.ok_or_else(|| refuse(format!("column {name} is missing")))
         };
-        let not_finite = |name: &str, found: &str| {
-            refuse(format!("column {name} is `{}`; a finite number is needed", quoted(found)))
-        };
+        let not_finite =
+            |name: &str, text: &str| refuse(format!("column {name} is `{}`; a finite number is needed", quoted(text)));
         let any = |name: &str| {
             let text = field(name)?;
             text.parse::<f64>().map_err(|_| not_finite(name, text))

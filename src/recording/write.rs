@@ -12,13 +12,13 @@ pub use crate::tracking::covariance::{Covariance, write_covariances as covarianc
 pub use crate::tracking::tum::{Line, write_trajectory as trajectory};
 
 use super::{RecordingError, native};
-use crate::document::Document;
+use crate::document::TomlDocument;
 
 /// A description as the text of a `recording.toml`. Returns the errors that the reader would
 /// return.
-pub fn description(description: Description) -> Result<Document<Description>, RecordingError> {
+pub fn description(description: Description) -> Result<TomlDocument<Description>, RecordingError> {
     let file = Path::new(FILE_NAME);
-    let document = Document::new(description).map_err(|problem| RecordingError::content(file, problem))?;
+    let document = TomlDocument::new(description).map_err(|problem| RecordingError::content(file, problem))?;
     native::parse(&document.to_string(), file)?;
     Ok(document)
 }

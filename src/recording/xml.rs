@@ -101,12 +101,12 @@ mod tests {
     #[test]
     fn numbers_are_counted_and_parsed() {
         assert_eq!(numbers::<3>(" 1\n2.5e0  nan", "v").map(|v| (v[0], v[1], v[2].is_nan())), Ok((1.0, 2.5, true)));
-        for (text, told) in [
+        for (text, expected) in [
             ("1 2", "v holds 2; expected 3 numbers"),
             ("1 2 x", "v holds `x`; expected 3 numbers"),
             ("", "v holds 0; expected 3 numbers"),
         ] {
-            assert_eq!(numbers::<3>(text, "v"), Err(told.to_owned()));
+            assert_eq!(numbers::<3>(text, "v"), Err(expected.to_owned()));
         }
         assert_eq!(finite_numbers::<1>("inf", "v"), Err("v holds inf; a finite number is needed".to_owned()));
     }

@@ -1,7 +1,7 @@
 //! The weighted sum of a plan's samples, in 32-bit floats.
 
 use super::plan::Layer;
-use crate::gpu::{Gpu, Recorder, Shader};
+use crate::gpu::{Gpu, PassRecorder, Shader};
 
 crate::uniform! {
     struct StepUniform { size: [u32; 2], stride: u32, first: u32, weight: f32 }
@@ -44,7 +44,7 @@ impl WeightedSum {
     }
 
     /// Adds `weight` times a layer whose corner is at this column and row of the sum.
-    pub fn add(&self, recorder: &mut Recorder, layer: &Layer, from: (u32, u32), weight: f32) {
+    pub fn add(&self, recorder: &mut PassRecorder, layer: &Layer, from: (u32, u32), weight: f32) {
         let first = from.1 * self.stride + from.0;
         let step = StepUniform { size: [layer.size.0, layer.size.1], stride: self.stride, first, weight };
         let [red_green, blue_alpha, nearest] = &self.parts;
@@ -60,7 +60,7 @@ impl WeightedSum {
     }
 
     /// Writes the sum into a layer.
-    pub fn finish(&self, recorder: &mut Recorder, out: &Layer) {
+    pub fn finish(&self, recorder: &mut PassRecorder, out: &Layer) {
         let [red_green, blue_alpha, nearest] = &self.parts;
         recorder
             .pass(Shader::Accumulated, "main")

@@ -10,7 +10,7 @@ use super::plan::Layer;
 use super::resample::{CubeFace, square_view};
 use super::view::{NEAR_M, Outer, View, ViewKeys};
 use crate::camera::{Geometry, LensModel};
-use crate::gpu::{Entry, Recorder, Shader, Texture};
+use crate::gpu::{PassRecorder, Shader, ShaderEntry, Texture};
 use crate::pixels::Rect;
 use crate::pose::Pose;
 
@@ -93,7 +93,7 @@ impl FaceView {
     }
 
     /// A layer for this face.
-    pub fn layer(&self, recorder: &Recorder) -> Layer {
+    pub fn layer(&self, recorder: &PassRecorder) -> Layer {
         let size = (self.rect.width(), self.rect.height());
         let lend = |format| recorder.pool.lend(&recorder.gpu, size, format);
         Layer::new(lend(COLOR), lend(GEOMETRY), size)
@@ -135,7 +135,7 @@ crate::uniform! {
         rim_slope: f32,
         rim_radius: f32,
         step_s: f32,
-        most_px_per_s: f32,
+        max_px_per_s: f32,
         view_focal: f32,
         view_middle: f32,
         tolerance_m: f32,
@@ -175,7 +175,7 @@ impl AroundUniform {
             // The radius of the valid angle, measured horizontally to the right.
             rim_radius: d.radial_part().project_extended(DVec3::new(valid.sin(), 0.0, valid.cos()), valid).x as f32,
             step_s: view.shutter.velocity_step_s() as f32,
-            most_px_per_s: max_speed_px_per_s(geometry, view.shutter) as f32,
+            max_px_per_s: max_speed_px_per_s(geometry, view.shutter) as f32,
             view_focal: views.fx_px as f32,
             view_middle: views.cx_px as f32,
             tolerance_m: view.occlusion.map_or(0.0, |occlusion| occlusion.tolerance_m),
@@ -192,14 +192,20 @@ impl AroundUniform {
 struct EmptyFace;
 
 /// Assembles the layer of `view` from its drawn faces. `no_depth` contains a 0.
-pub fn gather(recorder: &mut Recorder, view: &View<'_>, sides: &[(FaceView, Layer)], no_depth: &Texture, out: &Layer) {
+pub fn gather(
+    recorder: &mut PassRecorder,
+    view: &View<'_>,
+    sides: &[(FaceView, Layer)],
+    no_depth: &Texture,
+    out: &Layer,
+) {
     const COLORS: [&str; 6] = ["color0", "color1", "color2", "color3", "color4", "color5"];
     const GEOMETRIES: [&str; 6] = ["geometry0", "geometry1", "geometry2", "geometry3", "geometry4", "geometry5"];
     let nothing = recorder.memoized(EmptyFace, |gpu, _| {
         [COLOR, GEOMETRY].map(|format| Texture::new(gpu, "nothing drawn", 1, 1, format, 1))
     });
     let model = view.geometry.distortion.model;
-    let around = Entry::from("main").choose("fisheye", model.is_fisheye());
+    let around = ShaderEntry::from("main").choose("fisheye", model.is_fisheye());
     let mut pass = recorder
         .pass(Shader::Around, around.choose("thin_prism", model == LensModel::ThinPrismFisheye))
         .uniform("around", &AroundUniform::new(view, sides.iter().map(|(side, _)| side)))

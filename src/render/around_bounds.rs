@@ -91,7 +91,7 @@ pub fn footprint_around(
 ) -> Footprint {
     let i = &geometry.intrinsics;
     let (width, height) = (f64::from(i.width_px), f64::from(i.height_px));
-    let most = max_speed_px_per_s(geometry, shutter);
+    let max_px_per_s = max_speed_px_per_s(geometry, shutter);
     let (moments, step_s) = keys.sampled();
     let (mut nearest, mut farthest, mut max_speed_px_per_s) = (f64::INFINITY, NEAR_M, 0.0f64);
     let mut anywhere = false;
@@ -117,7 +117,7 @@ pub fn footprint_around(
                     continue;
                 }
                 max_speed_px_per_s = max_speed_px_per_s.max(if geometry.is_equirectangular() {
-                    most
+                    max_px_per_s
                 } else {
                     rotation_speed_px_per_s(geometry, keys)
                 });
@@ -143,7 +143,7 @@ pub fn footprint_around(
     };
     let parts = if rect.is_empty() { Vec::new() } else { vec![(rect, farthest)] };
     let depths_m = [nearest.min(farthest), farthest];
-    Footprint { rect, fastest_px_per_s: (1.1 * max_speed_px_per_s).min(most) as f32, depths_m, parts }
+    Footprint { rect, fastest_px_per_s: (1.1 * max_speed_px_per_s).min(max_px_per_s) as f32, depths_m, parts }
 }
 
 /// The shortest arc of a circle of this length that contains all the given arcs. It starts on the

@@ -348,7 +348,7 @@ mod tests {
     /// A hand-held camera that turns and moves, a lens, and boxes from the size of a pen to that of
     /// a table.
     fn hand_held_view() -> impl Strategy<Value = (Geometry, ViewKeys, DAffine3)> {
-        let numbers = |n: usize, most: f64| prop::collection::vec(-most..most, n);
+        let numbers = |n: usize, max: f64| prop::collection::vec(-max..max, n);
         let lens = prop_oneof![
             Just(Distortion::default()),
             Just(Distortion { k1: -0.3, k2: 0.1, p1: 0.002, ..Default::default() }),

@@ -22,7 +22,7 @@ use super::plan::{Layer, RenderSample, SamplePlan};
 use super::unwrap::Unwrapped;
 use super::view::{NEAR_M, Shutter, View, ViewKeys, ViewUniform};
 use crate::camera::Geometry;
-use crate::gpu::{Entry, Gpu, Recorder, Shader, Stamps, Texture};
+use crate::gpu::{Gpu, PassRecorder, Shader, ShaderEntry, Stamps, Texture};
 use crate::pixels::Rect;
 use crate::pose::Pose;
 use crate::scene::{Object, Scene};
@@ -62,7 +62,7 @@ struct Draws {
 }
 
 /// The data shared by all samples of a frame.
-enum Prepared {
+enum FrameGeometry {
     Plane(Draws),
     /// Cube map faces, with their layers.
     Around(Vec<(FaceView, Layer)>, Vec<Draws>),
@@ -205,7 +205,7 @@ impl Renderer {
     }
 
     /// Draws the plan's samples and returns their weighted sum.
-    pub fn draw(&mut self, recorder: &mut Recorder, view: &View<'_>, plan: &SamplePlan) -> Layer {
+    pub fn draw(&mut self, recorder: &mut PassRecorder, view: &View<'_>, plan: &SamplePlan) -> Layer {
         let size = (view.rect.width(), view.rect.height());
         let out = layer(recorder, size);
         let prepared = self.prepare(recorder, view);
@@ -237,8 +237,14 @@ impl Renderer {
 
     /// The rectangle that objects may touch in one sample of a plan, rounded to cells of the motion
     /// grid.
-    fn touched_rect(&self, view: &View<'_>, sample: &RenderSample, focus_distance_m: f64, prepared: &Prepared) -> Rect {
-        let Prepared::Plane(Draws { motion, .. }) = prepared else { return view.rect };
+    fn touched_rect(
+        &self,
+        view: &View<'_>,
+        sample: &RenderSample,
+        focus_distance_m: f64,
+        prepared: &FrameGeometry,
+    ) -> Rect {
+        let FrameGeometry::Plane(Draws { motion, .. }) = prepared else { return view.rect };
         let keys = view.keys.around(sample.time_s, view.shutter.readout_time_s);
         let footprint = self.footprint_within(view.geometry, &keys, view.shutter, &view.keys.middle());
         let from_lens_px = footprint.depths_m.map(|z| {
@@ -251,11 +257,11 @@ impl Renderer {
     }
 
     /// The data shared by all samples of a view.
-    fn prepare(&mut self, recorder: &mut Recorder, view: &View<'_>) -> Prepared {
+    fn prepare(&mut self, recorder: &mut PassRecorder, view: &View<'_>) -> FrameGeometry {
         let gpu = &recorder.gpu.clone();
         if !view.geometry.needs_cube_map() {
             let draws = self.draws(gpu, view);
-            return Prepared::Plane(draws);
+            return FrameGeometry::Plane(draws);
         }
         let sides = FaceView::all(view, &self.boxes().collect::<Vec<_>>());
         let all: Vec<Draws> = sides.iter().map(|side| self.draws(gpu, &side.view(view))).collect();
@@ -263,20 +269,20 @@ impl Renderer {
             let layer = side.layer(recorder);
             (side, layer)
         };
-        Prepared::Around(sides.into_iter().map(with_layer).collect(), all)
+        FrameGeometry::Around(sides.into_iter().map(with_layer).collect(), all)
     }
 
     fn draw_sample(
         &mut self,
-        recorder: &mut Recorder,
+        recorder: &mut PassRecorder,
         view: &View<'_>,
         sample: (&RenderSample, f64),
-        prepared: &Prepared,
+        prepared: &FrameGeometry,
         out: &Layer,
     ) {
         match prepared {
-            Prepared::Plane(draws) => self.draw_plane(recorder, view, sample, draws, out),
-            Prepared::Around(sides, all) => {
+            FrameGeometry::Plane(draws) => self.draw_plane(recorder, view, sample, draws, out),
+            FrameGeometry::Around(sides, all) => {
                 for ((side, layer), draws) in sides.iter().zip(all) {
                     self.draw_plane(recorder, &side.view(view), sample, draws, layer);
                 }
@@ -368,7 +374,7 @@ impl Renderer {
 
     fn draw_plane(
         &self,
-        recorder: &mut Recorder,
+        recorder: &mut PassRecorder,
         view: &View<'_>,
         (sample, focus_distance_m): (&RenderSample, f64),
         draws: &Draws,
@@ -465,7 +471,7 @@ impl Renderer {
             far_m: view.parallel_to_m.unwrap_or(0.0) as f32,
         };
         recorder
-            .pass(Shader::Resolve, Entry::over("cell", "main"))
+            .pass(Shader::Resolve, ShaderEntry::over("cell", "main"))
             .uniform("resolve", &resolve)
             .texture("color", &color)
             .texture("depth", &depth)
@@ -488,7 +494,7 @@ crate::uniform! {
 }
 
 /// An empty layer to draw into.
-fn layer(recorder: &Recorder, size: (u32, u32)) -> Layer {
+fn layer(recorder: &PassRecorder, size: (u32, u32)) -> Layer {
     let lend = |format| recorder.pool.lend(&recorder.gpu, size, format);
     Layer::new(lend(COLOR), lend(GEOMETRY), size)
 }

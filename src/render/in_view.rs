@@ -90,7 +90,7 @@ mod tests {
 
     const AREA: ScreenExtent = ScreenExtent { low: DVec2::new(-1.0, -0.5), high: DVec2::new(1.0, 0.5) };
 
-    fn seen(points: &[[f64; 3]]) -> Option<ScreenExtent> {
+    fn extent_of(points: &[[f64; 3]]) -> Option<ScreenExtent> {
         visible_extent(&points.iter().copied().map(DVec3::from).collect::<Vec<_>>(), AREA)
     }
 
@@ -106,21 +106,21 @@ mod tests {
     #[test]
     fn visible_extent_matches_hand_calculation() {
         // In front, inside: its own extent. A point, a line.
-        is(seen(&[[0.0, 0.0, 2.0], [1.0, 0.5, 2.0], [-0.5, 0.25, 1.0]]), [-0.5, 0.0], [0.5, 0.25]);
-        is(seen(&[[0.5, 0.5, 2.0]]), [0.25, 0.25], [0.25, 0.25]);
+        is(extent_of(&[[0.0, 0.0, 2.0], [1.0, 0.5, 2.0], [-0.5, 0.25, 1.0]]), [-0.5, 0.0], [0.5, 0.25]);
+        is(extent_of(&[[0.5, 0.5, 2.0]]), [0.25, 0.25], [0.25, 0.25]);
         // Over a corner: from (0.75, 0) to (1.25, 0.5) and (0.75, 0.5), cut at x = 1.
-        is(seen(&[[0.75, 0.0, 1.0], [1.25, 0.5, 1.0], [0.75, 0.5, 1.0]]), [0.75, 0.0], [1.0, 0.5]);
+        is(extent_of(&[[0.75, 0.0, 1.0], [1.25, 0.5, 1.0], [0.75, 0.5, 1.0]]), [0.75, 0.0], [1.0, 0.5]);
         // Beside the corner, although its extent covers it.
-        assert_eq!(seen(&[[0.9, 2.0, 1.0], [4.0, 0.4, 1.0], [4.0, 2.0, 1.0]]), None);
+        assert_eq!(extent_of(&[[0.9, 2.0, 1.0], [4.0, 0.4, 1.0], [4.0, 2.0, 1.0]]), None);
         // Behind. Across the near plane, beside the picture. Nothing.
-        assert_eq!(seen(&[[0.0, 0.0, -1.0], [0.1, 0.0, -1.0], [0.0, 0.1, -2.0]]), None);
-        assert_eq!(seen(&[[1.0, 0.0, -1.0], [1.0, 0.1, 0.5], [1.2, 0.0, 0.5]]), None);
-        assert_eq!(seen(&[]), None);
+        assert_eq!(extent_of(&[[0.0, 0.0, -1.0], [0.1, 0.0, -1.0], [0.0, 0.1, -2.0]]), None);
+        assert_eq!(extent_of(&[[1.0, 0.0, -1.0], [1.0, 0.1, 0.5], [1.2, 0.0, 0.5]]), None);
+        assert_eq!(extent_of(&[]), None);
         // From straight ahead through the camera's plane on its right: up to the right side, level.
-        is(seen(&[[0.0, 0.0, 1.0], [1.0, 0.0, -1.0]]), [0.0, 0.0], [1.0, 0.0]);
+        is(extent_of(&[[0.0, 0.0, 1.0], [1.0, 0.0, -1.0]]), [0.0, 0.0], [1.0, 0.0]);
         // All around the camera.
         let around: Vec<[f64; 3]> =
             (0..8).map(|i| [i & 1, i >> 1 & 1, i >> 2].map(|side| f64::from(side) - 0.5)).collect();
-        is(seen(&around), [-1.0, -0.5], [1.0, 0.5]);
+        is(extent_of(&around), [-1.0, -0.5], [1.0, 0.5]);
     }
 }

@@ -81,7 +81,7 @@ mod tests {
     use super::*;
 
     /// Lookup as in the shader.
-    fn seen(level: &MipLevel, n: Vec3) -> Vec3 {
+    fn filtered_radiance(level: &MipLevel, n: Vec3) -> Vec3 {
         let (width, height) = (level.0 as usize, level.1 as usize);
         let x = (n.x.atan2(-n.z) / TAU + 0.5) * width as f32 - 0.5;
         let y = n.y.clamp(-1.0, 1.0).acos() / PI * (height - 1) as f32;
@@ -118,13 +118,13 @@ mod tests {
         spiral.chain(Vec3::AXES.into_iter().flat_map(|a| [a, -a]))
     }
 
-    /// The largest deviation from the integral, relative to the integral or `least`, whichever is
-    /// larger.
-    fn worst(panorama: &MipLevel, least: f32) -> f32 {
+    /// The largest deviation from the integral, relative to the larger of the integral and
+    /// `min_radiance`.
+    fn worst(panorama: &MipLevel, min_radiance: f32) -> f32 {
         let level = irradiance_over_pi(panorama);
         let off = |n| {
             let truth = truth(panorama, n);
-            ((seen(&level, n) - truth).abs() / truth.max(Vec3::splat(least))).max_element()
+            ((filtered_radiance(&level, n) - truth).abs() / truth.max(Vec3::splat(min_radiance))).max_element()
         };
         normals().map(off).fold(0.0, f32::max)
     }
@@ -143,7 +143,11 @@ mod tests {
         // half of it is visible: (1/π) ∫ y·x = 2/(3π). Facing down: nothing.
         let level = irradiance_over_pi(&panorama(256, 128, |d| Vec3::splat(d.y.max(0.0))));
         for (n, expected) in [(Vec3::Y, 2.0 / 3.0), (Vec3::X, 2.0 / (3.0 * PI)), (Vec3::NEG_Y, 0.0)] {
-            assert!((seen(&level, n).x - expected).abs() < 1e-3, "{n}: {} {expected}", seen(&level, n));
+            assert!(
+                (filtered_radiance(&level, n).x - expected).abs() < 1e-3,
+                "{n}: {} {expected}",
+                filtered_radiance(&level, n)
+            );
         }
     }
 

@@ -2,7 +2,7 @@
 //! a sum.
 
 use crate::depth::DepthGrid;
-use crate::gpu::{Recorder, Texture};
+use crate::gpu::{PassRecorder, Texture};
 use crate::pixels::Rect;
 
 use super::plan::RenderSample;
@@ -42,7 +42,7 @@ impl<'a> Occlusion<'a> {
     pub fn of<'h>(
         &self,
         sample: &RenderSample,
-        recorder: &Recorder,
+        recorder: &PassRecorder,
         drawn: Rect,
         cached: &'h mut Option<(usize, (Texture, Option<GridPlacement>))>,
     ) -> Occlusion<'h>
@@ -82,7 +82,7 @@ impl GridPlacement {
 /// Uploads a photograph's depth around a rectangle (metres, 0 unknown): at the resolution of its
 /// grid, or of the photograph.
 pub fn grid_depth(
-    recorder: &Recorder,
+    recorder: &PassRecorder,
     grid: &DepthGrid,
     drawn: Rect,
     by_pixel: bool,
@@ -96,7 +96,7 @@ pub fn grid_depth(
 }
 
 /// Uploads depth over a rectangle (metres, 0 unknown).
-pub fn real_depth(recorder: &Recorder, texels: &[f32], drawn: Rect) -> Texture {
+pub fn real_depth(recorder: &PassRecorder, texels: &[f32], drawn: Rect) -> Texture {
     let size = (drawn.width(), drawn.height());
     let texture = recorder.pool.lend_to_write(&recorder.gpu, size, wgpu::TextureFormat::R32Float);
     texture.write(&recorder.gpu, size.0, size.1, texels);

@@ -14,7 +14,7 @@ use super::resample::{CubeFace, FaceImage, Resampler};
 use super::view::{NEAR_M, Shutter, View, ViewKeys};
 use crate::camera::curved::Curved;
 use crate::camera::{Geometry, Primaries};
-use crate::gpu::{Gpu, GpuError, ReadbackSet, Recorder};
+use crate::gpu::{Gpu, GpuError, PassRecorder, ReadbackSet};
 use crate::parallel::{over_rows, processors};
 use crate::pixels::{LinearImage, Rect};
 use crate::pose::Pose;
@@ -84,7 +84,7 @@ const TILE_PX: i32 = 1024;
 /// Renders a picture; it is transparent outside objects and background.
 pub fn take_still(gpu: &Gpu, renderer: &mut Renderer, still: &Still) -> Result<LinearImage, GpuError> {
     let (width, height) = still.projection.size_px();
-    let recorder = Recorder::new(gpu.clone());
+    let recorder = PassRecorder::new(gpu.clone());
     let mut studio = StillRenderer { recorder, renderer, readbacks: ReadbackSet::default() };
     let mut image = match &still.projection {
         Projection::Perspective(g) => {
@@ -162,7 +162,7 @@ fn composite_over_panorama(
 
 /// Resources for rendering a single picture.
 struct StillRenderer<'a> {
-    recorder: Recorder,
+    recorder: PassRecorder,
     renderer: &'a mut Renderer,
     readbacks: ReadbackSet,
 }

@@ -137,7 +137,7 @@ impl Unwrapped {
                 let Some(weights) = nearest(middle, &flat) else { continue };
                 let distance = (weights.x * a + weights.y * b + weights.z * c).distance(middle);
                 let texel = (y * side + x) as usize;
-                if distance < COVERAGE_RADIUS_TEXELS && hits[texel].is_none_or(|(least, _)| distance < least) {
+                if distance < COVERAGE_RADIUS_TEXELS && hits[texel].is_none_or(|(nearest, _)| distance < nearest) {
                     hits[texel] = Some((distance, TexelPoint { texel: texel as u32, triangle, weights }));
                 }
             }

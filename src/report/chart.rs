@@ -219,8 +219,8 @@ fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
 
 /// Splits a line where points are missing: at gaps of at least twice the median distance.
 fn connected(points: &[(f64, f64)]) -> Vec<Vec<(f64, f64)>> {
-    let most = 2.0 * upper_median(points.windows(2).map(|pair| pair[1].0 - pair[0].0)).unwrap_or(0.0);
-    points.chunk_by(|a, b| b.0 - a.0 < most).map(<[_]>::to_vec).collect()
+    let max_gap = 2.0 * upper_median(points.windows(2).map(|pair| pair[1].0 - pair[0].0)).unwrap_or(0.0);
+    points.chunk_by(|a, b| b.0 - a.0 < max_gap).map(<[_]>::to_vec).collect()
 }
 
 #[cfg(test)]

@@ -136,7 +136,7 @@ fn centre(
             let shows =
                 |frame: &&Frame| camera.project(frame.timestamp_s, point).is_some_and(|(at, _)| is_inside(frame, at));
             let score = (frames.iter().filter(shows).count(), depths.len());
-            if best.is_none_or(|(most, ..)| score > most) {
+            if best.is_none_or(|(best_score, ..)| score > best_score) {
                 best = Some((score, at, z));
             }
         }

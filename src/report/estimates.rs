@@ -167,7 +167,7 @@ fn across(findings: &Findings) -> Estimate {
     let name = "light across the picture";
     match &findings.across {
         Some(across) if across.is_followed => {
-            let value = format!("up to {} stops", fixed(across.most_ev, 2));
+            let value = format!("up to {} stops", fixed(across.max_ev, 2));
             estimate(name, Mark::Changed, "followed", value, "")
         }
         Some(across) => estimate(name, Mark::Kept, "even", String::new(), across.to_string()),
@@ -250,7 +250,7 @@ mod tests {
             "poses": "refined", "recorded_px": 2.889, "refined_px": 0.1397, "clock_s": -0.00546, "clock_sigma_s": 0.00036,
             "readout_sigma_s": 0.0002, "depth_later_s": 0.0243, "depth_later_sigma_s": 0.0044
         });
-        let run = json!({ "from": 0, "to": 20, "exposure_s": 0.01941, "sigma_s": 0.00042, "heard": 11 });
+        let run = json!({ "from": 0, "to": 20, "exposure_s": 0.01941, "sigma_s": 0.00042, "samples": 11 });
         let gain = json!({ "pairs": 9, "recorded": 0.18, "left": 0.01, "range_ev": 1.2525, "is_followed": true });
         let spread = json!({ "sigma_px": 0.4386, "between_px": [0.4265, 0.4502], "edges": 420 });
         let findings = findings(registration, json!({ "gain": gain, "spread": spread, "shutter": { "runs": [run] } }));

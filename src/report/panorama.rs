@@ -42,7 +42,7 @@ pub fn panorama(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
     let caption = format!(
         "All directions around the middle of the observed scene, the horizon half-way down. {} % of them were seen; \
          elsewhere the light is inferred from surfaces. {ringed}",
-        percent(light.seen_share)
+        percent(light.coverage)
     );
     Ok(Figure { title, caption, legend: Vec::new(), body: Body::Panorama { picture, width, height } })
 }
@@ -55,7 +55,8 @@ fn seen_from(lamp: &LampEstimate, middle_m: DVec3, up: DVec3, around: &Environme
 
 /// The enlarged panorama with its rings, 8 bits, row by row.
 fn drawn(around: &Environment, lamps: &[[f64; 2]]) -> Vec<[u8; 3]> {
-    let mut brightest: Vec<f32> = around.rgb.iter().map(|rgb| rgb.iter().fold(0.0, |most, v| v.max(most))).collect();
+    let mut brightest: Vec<f32> =
+        around.rgb.iter().map(|rgb| rgb.iter().fold(0.0, |largest, v| v.max(largest))).collect();
     let white = lower_quantile(&mut brightest, WHITE_QUANTILE).unwrap_or(0.0).max(f32::MIN_POSITIVE);
     let response = Response::default();
     let code = |light: f32| (255.0 * response.encode(f64::from(light / white))).round() as u8;

@@ -43,7 +43,8 @@ pub fn textured(frame: &Frame) -> Vec<Place> {
 /// Places of uniform colour, by the inverse of the largest σ of the channels.
 pub fn flat(frame: &Frame) -> Vec<Place> {
     best(frame, |x, y| {
-        let sigma = (0..3).map(|c| even(&frame.pixels, x, y, c)).try_fold(0.0, |most: f64, s| Some(most.max(s?)))?;
+        let sigma =
+            (0..3).map(|c| even(&frame.pixels, x, y, c)).try_fold(0.0, |largest: f64, s| Some(largest.max(s?)))?;
         (sigma <= MAX_FLAT_SIGMA).then_some(1.0 / (1.0 + sigma))
     })
 }
@@ -136,9 +137,9 @@ mod tests {
     #[test]
     fn texture_is_found_on_the_chessboard_and_flat_places_beside_it() {
         let frame = frame();
-        let most = textured(&frame).into_iter().max_by(|a, b| a.score.total_cmp(&b.score)).unwrap();
-        assert!((most.at - DVec2::new(100.0, 60.0)).abs().max_element() < 12.0, "{most:?}");
-        assert_eq!(most.depth_m, 2.0);
+        let best = textured(&frame).into_iter().max_by(|a, b| a.score.total_cmp(&b.score)).unwrap();
+        assert!((best.at - DVec2::new(100.0, 60.0)).abs().max_element() < 12.0, "{best:?}");
+        assert_eq!(best.depth_m, 2.0);
         let flat = flat(&frame);
         assert!(!flat.is_empty());
         for place in &flat {

@@ -79,7 +79,7 @@ pub fn links(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
         let mut all: Vec<f64> = missed.iter().map(px).collect();
         fixed(upper_quantile(&mut all, share).unwrap_or(0.0), 2)
     };
-    let median_and_most = |px: fn(&HeldOutResidual) -> f64| format!("{} px, {} px", share(px, 0.5), share(px, 0.9));
+    let median_and_p90 = |px: fn(&HeldOutResidual) -> f64| format!("{} px, {} px", share(px, 0.5), share(px, 0.9));
     let chart = Chart {
         x_axis: XAxis::Frames(source.recording.frame_count()),
         y: "missed by, px".to_owned(),
@@ -96,9 +96,9 @@ pub fn links(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
              alignment. Errors common to all alignments are not included: see the slides in the picture below. Median \
              and 90 % as recorded: {}; {}: {}.",
             count(missed.len(), "pair"),
-            median_and_most(|m| m.recorded_px),
+            median_and_p90(|m| m.recorded_px),
             if registered.is_refined() { "refined" } else { "if they were refined" },
-            median_and_most(|m| m.refined_px)
+            median_and_p90(|m| m.refined_px)
         ),
         legend: vec![RECORDED, (Ink::Found, "refined")],
         body: Body::Plots { plots: vec![chart.svg()?] },
@@ -144,11 +144,11 @@ pub fn slide(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
         LATER.map(|later| later.to_string()).join(", "),
         whole(&|pair| pair.recorded_px.clone())
     );
-    if let Some((got_worse, of, most_px)) = worse(&slid) {
+    if let Some((got_worse, of, largest_px)) = worse(&slid) {
         let refined = whole(&|pair| pair.refined_px.clone().unwrap_or_default());
         caption +=
             &format!(", {refined} px refined. Of {} {got_worse} got worse by more than 0.1 px", count(of, "pair"));
-        caption += &if got_worse > 0 { format!(", by {} px at most", fixed(most_px, 2)) } else { String::new() };
+        caption += &if got_worse > 0 { format!(", by {} px at most", fixed(largest_px, 2)) } else { String::new() };
     }
     Ok(Figure { title, caption: caption + ".", legend, body: Body::Plots { plots: vec![chart.svg()?] } })
 }

@@ -224,7 +224,7 @@ mod tests {
         };
         for start in [10, 13, 20, 42] {
             let kept = spread_evenly((10..43).map(of).collect(), start, &|frame| frame as f64);
-            let frames: Vec<usize> = kept.iter().map(|seen| seen.frame).collect();
+            let frames: Vec<usize> = kept.iter().map(|view| view.frame).collect();
             assert_eq!((frames.len(), frames[0], frames[11]), (12, 10, 42));
             assert!(frames.contains(&start) && frames.is_sorted(), "{frames:?}");
         }

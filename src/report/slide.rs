@@ -63,8 +63,8 @@ pub fn worse(slid: &[SlidePair]) -> Option<(usize, usize, f64)> {
     const MORE_PX: f64 = 0.1;
     let more = |slid: &SlidePair| Some(slid.refined_median_px()? - slid.recorded_median_px()?);
     let all: Vec<f64> = slid.iter().filter_map(more).collect();
-    let most = all.iter().copied().fold(0.0, f64::max);
-    (!all.is_empty()).then(|| (all.iter().filter(|px| **px > MORE_PX).count(), all.len(), most))
+    let largest = all.iter().copied().fold(0.0, f64::max);
+    (!all.is_empty()).then(|| (all.iter().filter(|px| **px > MORE_PX).count(), all.len(), largest))
 }
 
 /// Slides from frames spread over the recording, or the reason for which there are none.
@@ -215,9 +215,9 @@ mod tests {
             refined_px: now.map(|px| vec![px]),
         };
         let all = [slid(1.0, Some(0.2)), slid(0.3, Some(0.35)), slid(0.2, Some(0.55)), slid(7.0, None)];
-        let (worse_, of, most_px) = worse(&all).unwrap();
+        let (worse_, of, largest_px) = worse(&all).unwrap();
         assert_eq!((worse_, of), (1, 3));
-        assert!((most_px - 0.35).abs() < 1e-12);
+        assert!((largest_px - 0.35).abs() < 1e-12);
         assert_eq!(worse(&all[3..]), None);
         assert_eq!((all[3].recorded_median_px(), all[3].refined_median_px()), (Some(7.0), None));
     }

@@ -47,14 +47,14 @@ pub fn point(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
     };
     let is_refined = source.analysis.refined().is_some();
     let mut cells = Vec::new();
-    for seen in &track.views {
-        let mut pictures = vec![seen.by_recorded.crossed(seen.recorded)?];
+    for view in &track.views {
+        let mut pictures = vec![view.by_recorded.crossed(view.recorded)?];
         if is_refined {
-            pictures.push(seen.by_used.crossed(seen.used)?);
+            pictures.push(view.by_used.crossed(view.used)?);
         }
-        cells.push(Cell { frame: seen.frame, is_start: seen.frame == track.start, pictures });
+        cells.push(Cell { frame: view.frame, is_start: view.frame == track.start, pictures });
     }
-    let apart = track.views.iter().map(|seen| (seen.recorded - seen.used).length()).fold(0.0, f64::max);
+    let apart = track.views.iter().map(|view| (view.recorded - view.used).length()).fold(0.0, f64::max);
     let mut caption = format!("{}, in frames that show it. ", chosen(&track));
     caption += &if is_refined {
         format!(
@@ -105,12 +105,12 @@ pub fn brightness(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
     };
     let light = |tile: &Tile| response.decode(mean(tile)[1] / 255.0).max(1e-6).log2();
     let (mut cells, mut before, mut after) = (Vec::new(), Vec::new(), Vec::new());
-    for seen in &track.views {
-        let even = evened(seen.frame, &seen.by_used);
-        before.push(light(&seen.by_used));
+    for view in &track.views {
+        let even = evened(view.frame, &view.by_used);
+        before.push(light(&view.by_used));
         after.push(light(&even));
-        let pictures = vec![seen.by_used.plain()?, even.plain()?];
-        cells.push(Cell { frame: seen.frame, is_start: seen.frame == track.start, pictures });
+        let pictures = vec![view.by_used.plain()?, even.plain()?];
+        cells.push(Cell { frame: view.frame, is_start: view.frame == track.start, pictures });
     }
     let caption = format!(
         "{}, in frames that show it, the darkest and the brightest among them: above as recorded, below divided by the gain that \

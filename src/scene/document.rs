@@ -12,7 +12,7 @@ use crate::document;
 use crate::source::file as plain;
 
 /// A scene file and its text. Comments and order are kept when values change.
-pub type Document = document::Document<SceneFile>;
+pub type Document = document::TomlDocument<SceneFile>;
 
 /// Reads a scene file for editing. Referenced files are not opened.
 pub fn read(file: &Path) -> Result<Document, SceneError> {
@@ -37,12 +37,7 @@ fn parsed<T>(file: &Path, parse: impl FnOnce(&str) -> Result<T, document::Proble
     let bytes = plain::read(file, plain::MAX_DOCUMENT_BYTES).map_err(failed)?;
     let text =
         str::from_utf8(&bytes).map_err(|e| SceneError::bad(file, "the text", e, "a TOML file, which is UTF-8"))?;
-    let accepted = "the keys and values in docs/scenes.md";
-    parse(text).map_err(|problem| {
-        let line = problem.line.map_or_else(|| "the text".to_owned(), |line| format!("line {line}"));
-        let key = if problem.key.is_empty() { String::new() } else { format!(", {}", problem.key) };
-        SceneError::bad(file, line + &key, problem.message, accepted)
-    })
+    parse(text).map_err(|source| SceneError::Syntax { file: file.to_owned(), source })
 }
 
 /// Each object is drawn separately, with its own motion.
@@ -324,12 +319,12 @@ impl SceneFile {
         if placed > MAX_OBJECTS {
             return Err(SceneError::bad(file, "the placed objects", placed, format!("up to {MAX_OBJECTS}")));
         }
-        if let Some((key, found)) = toml::Value::try_from(self).ok().as_ref().and_then(not_finite) {
-            return Err(SceneError::bad(file, key, found, "finite numbers"));
+        if let Some((key, value)) = toml::Value::try_from(self).ok().as_ref().and_then(not_finite) {
+            return Err(SceneError::bad(file, key, value, "finite numbers"));
         }
         match self.version {
             1 => Ok(()),
-            found => Err(SceneError::bad(file, "version", found, "1")),
+            value => Err(SceneError::bad(file, "version", value, "1")),
         }
     }
 }

@@ -3,6 +3,7 @@
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
+use crate::document::Problem;
 use crate::site::scan_file::ScanError;
 use crate::text::{brief, reason, shown};
 
@@ -26,6 +27,9 @@ pub enum SceneError {
         actual: String,
         accepted: String,
     },
+    /// The scene file is not TOML, or has other keys or types.
+    #[error("{}: {source}; docs/scenes.md lists the keys and values", file.display())]
+    Syntax { file: PathBuf, source: Problem },
     /// The file is truncated.
     #[error("{} is incomplete ({})", file.display(), sizes(*actual, *needed))]
     Incomplete { file: PathBuf, actual: usize, needed: usize },
@@ -56,6 +60,25 @@ fn sizes(actual: usize, needed: usize) -> String {
 }
 
 impl SceneError {
+    /// Replaces the path of the file by the user's own.
+    pub fn with_path(mut self, from: &Path, to: &Path) -> Self {
+        match &mut self {
+            Self::Read { file, .. }
+            | Self::Invalid { file, .. }
+            | Self::Syntax { file, .. }
+            | Self::Incomplete { file, .. }
+            | Self::NotGltf { file }
+            | Self::Empty { file }
+            | Self::DecoderPanic { file, .. } => {
+                if file == from {
+                    *file = to.to_owned();
+                }
+            }
+            Self::Scan(_) => {}
+        }
+        self
+    }
+
     pub(super) fn bad(file: &Path, location: impl Display, actual: impl Display, accepted: impl Display) -> Self {
         Self::Invalid {
             file: file.to_owned(),

@@ -34,7 +34,7 @@ pub(super) fn is_supported(name: &str) -> bool {
 
 /// Advice for converting a file that uses this extension, as a clause.
 pub(super) fn conversion(name: &str, file: &Path) -> Option<String> {
-    let (_, command, options) = CONVERSIONS.iter().find(|(known, ..)| *known == name)?;
+    let (_, command, options) = CONVERSIONS.iter().find(|(extension, ..)| *extension == name)?;
     let stem = file.file_stem().unwrap_or_default().to_string_lossy();
     let converted = file.with_file_name(format!("{stem}-converted.glb"));
     let (from, to) = (shell_quoted(file), shell_quoted(&converted));

@@ -108,8 +108,8 @@ mod tests {
         let file = super::super::Document::parse(text).unwrap().value().clone();
         let of = |object, instance| file.heading_deg(Entry { object, instance }, DVec3::Z);
         let headings = [of(0, Some(0)), of(0, Some(1)), of(0, Some(2)), of(1, None), of(2, None)];
-        for (found, expected) in headings.into_iter().zip([45.0, 45.0, -170.0, 170.0, 0.0]) {
-            assert!((found.unwrap() - expected).abs() < 1e-5, "{headings:?}");
+        for (actual, expected) in headings.into_iter().zip([45.0, 45.0, -170.0, 170.0, 0.0]) {
+            assert!((actual.unwrap() - expected).abs() < 1e-5, "{headings:?}");
         }
         assert_eq!(of(7, None), None);
     }

@@ -8,8 +8,8 @@ use super::{Alpha, Material, SceneError, Texture, TextureUse, Wrap, bytes};
 impl ModelReader<'_> {
     /// Index of a material in the scene, loaded on first use. `None` is glTF's default.
     pub(super) fn material(&mut self, index: Option<usize>, location: &str) -> Result<usize, SceneError> {
-        if let Some(&known) = self.materials.get(&index) {
-            return Ok(known);
+        if let Some(&material) = self.materials.get(&index) {
+            return Ok(material);
         }
         let material = match index {
             None => Material::default(),
@@ -129,7 +129,7 @@ impl ModelReader<'_> {
         let (wrap, smooth, mipmaps) = self.sampling(sampler, &format!("{place}.sampler"));
         let key = (image, srgb, wrap, smooth, mipmaps);
         let texture = match self.textures.get(&key) {
-            Some(&known) => known,
+            Some(&index) => index,
             None => {
                 let Rgba { width, height, rgba } = self.image(image, &format!("{place}.source"))?;
                 self.loader.scene.textures.push(Texture { width, height, rgba, srgb, wrap, smooth, mipmaps });
@@ -166,8 +166,8 @@ impl ModelReader<'_> {
     }
 
     fn image(&mut self, index: usize, location: &str) -> Result<Rgba, SceneError> {
-        if let Some(known) = self.images.get(&index) {
-            return Ok(known.clone());
+        if let Some(image) = self.images.get(&index) {
+            return Ok(image.clone());
         }
         let gltf = self.gltf;
         let image = gltf.get(&gltf.json.images, "images", index, location)?;

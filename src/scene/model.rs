@@ -25,8 +25,8 @@ pub fn is_model(path: &Path) -> bool {
 
 /// A model, loaded on first use; `needed_by` is the scene file that references it.
 pub(super) fn load(loader: &mut Loader, file: &Path, needed_by: Option<&Path>) -> Result<Rc<Model>, SceneError> {
-    if let Some(known) = loader.models.get(file) {
-        return Ok(Rc::clone(known));
+    if let Some(model) = loader.models.get(file) {
+        return Ok(Rc::clone(model));
     }
     if let Some(kept) = loader.insert_loaded(file) {
         loader.models.insert(file.to_owned(), Rc::clone(&kept));
@@ -118,8 +118,8 @@ impl ModelReader<'_> {
     /// The scene's meshes for a mesh of the file, one per primitive.
     fn mesh(&mut self, index: usize, rest: &RestPose<'_>, location: &str) -> Result<Vec<usize>, SceneError> {
         let key = (index, rest.key);
-        if let Some(known) = self.meshes.get(&key) {
-            return Ok(known.clone());
+        if let Some(mesh) = self.meshes.get(&key) {
+            return Ok(mesh.clone());
         }
         let gltf = self.gltf;
         let mut meshes = Vec::new();
@@ -289,8 +289,8 @@ impl ModelReader<'_> {
 
     fn light(&mut self, light: &Light, model_from_light: DAffine3, location: &str) -> Result<ModelLight, SceneError> {
         let gltf = self.gltf;
-        let bad = |key: &str, found: &dyn std::fmt::Display, accepted: &str| {
-            gltf.bad(format!("{location} → {key}"), found, accepted)
+        let bad = |key: &str, actual: &dyn std::fmt::Display, accepted: &str| {
+            gltf.bad(format!("{location} → {key}"), actual, accepted)
         };
         let color = match *light.color {
             [] => Vec3::ONE,

@@ -100,15 +100,15 @@ fn intersection_depth(a: &Solid, b: &Solid) -> Option<f64> {
     if !(high - low).cmpgt(DVec3::splat(MAX_CONTACT_DEPTH_M)).all() {
         return None;
     }
-    let mut least = f64::INFINITY;
+    let mut shortest = f64::INFINITY;
     for axis in 0..3 {
         let longest = along_axis(a, b, low, high, axis);
         if longest <= MAX_CONTACT_DEPTH_M {
             return None;
         }
-        least = least.min(longest);
+        shortest = shortest.min(longest);
     }
-    Some(least)
+    Some(shortest)
 }
 
 /// Longest interval along an axis that is inside both.

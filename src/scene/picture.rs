@@ -25,7 +25,7 @@ pub(super) struct Rgba {
 
 /// Decodes a PNG or JPEG of at most `pixels_left` pixels. `location` is its place in `file`.
 pub(super) fn decode(file: &Path, location: &str, bytes: &[u8], pixels_left: u64) -> Result<Rgba, SceneError> {
-    let bad = |found: String, accepted: &str| SceneError::bad(file, location, found, accepted);
+    let bad = |actual: String, accepted: &str| SceneError::bad(file, location, actual, accepted);
     let format = match image::guess_format(bytes) {
         Ok(format @ (ImageFormat::Png | ImageFormat::Jpeg)) => format,
         Ok(other) => {

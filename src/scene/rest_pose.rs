@@ -54,8 +54,8 @@ impl<'a> ModelReader<'a> {
         model_from_node: &HashMap<usize, DAffine3>,
         location: &str,
     ) -> Result<Option<Rc<Vec<DAffine3>>>, SceneError> {
-        if let Some(known) = self.skins.get(&index) {
-            return Ok(known.clone());
+        if let Some(skin) = self.skins.get(&index) {
+            return Ok(skin.clone());
         }
         let gltf = self.gltf;
         let skin = gltf.get(&gltf.json.skins, "skins", index, location)?;

@@ -244,13 +244,13 @@ mod tests {
         let heading = || Heading::Deg(45.0);
         let sized = place_at_rest("l-scale.glb", &file, &slope, Posture::Flat, heading(), DVec3::Z, Some(1.0)).unwrap();
         let as_it_is = place_at_rest("l-scale.glb", &file, &slope, Posture::Flat, heading(), DVec3::Z, None).unwrap();
-        for (placed, most_m) in [(as_it_is, 0.005), (sized, 0.02)] {
+        for (placed, max_m) in [(as_it_is, 0.005), (sized, 0.02)] {
             let (.., scene, _) = loaded(placed, &file);
             let along = |direction: DVec3| min_along(&scene, &scene.objects[0].parts, direction).unwrap();
             let [below, above] = [along(normal), -along(-normal)];
             // It lies on the plane, and is as thin there as a scale.
             let off_m = below - normal.dot(slope.point_m);
-            assert!(off_m.abs() < 2e-4 && above - below < most_m, "{below} {above}");
+            assert!(off_m.abs() < 2e-4 && above - below < max_m, "{below} {above}");
         }
         let (_, _, scene, placed) = laid("marker-1.glb", &slope, Posture::Upright, 0.0);
         assert_eq!((placed.heading_deg, placed.position_m), (None, Some(slope.point_m.to_array())));

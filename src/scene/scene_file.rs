@@ -32,12 +32,12 @@ pub(super) fn read(
         None => recording_up.unwrap_or(DVec3::Z),
     };
     loader.scene.up_in_world = Some(world_up);
-    if let Some(found) = scene.metres_per_unit.filter(|m| !(*m > 0.0 && m.is_finite())) {
-        return Err(SceneError::bad(file, "metres_per_unit", found, "more than 0"));
+    if let Some(metres_per_unit) = scene.metres_per_unit.filter(|m| !(*m > 0.0 && m.is_finite())) {
+        return Err(SceneError::bad(file, "metres_per_unit", metres_per_unit, "more than 0"));
     }
     loader.scene.metres_per_unit = scene.metres_per_unit;
-    if let Some(found) = scene.gauge.filter(|gauge| gauge.pose().is_none()) {
-        let actual = format!("{:?} {:?}", found.position_m, found.quaternion);
+    if let Some(gauge) = scene.gauge.filter(|gauge| gauge.pose().is_none()) {
+        let actual = format!("{:?} {:?}", gauge.position_m, gauge.quaternion);
         return Err(SceneError::bad(file, "gauge", actual, "a finite position and a quaternion of length 1"));
     }
     loader.scene.gauge = scene.gauge;
@@ -216,7 +216,7 @@ fn read_sun(file: &Path, sun: &SunTable, location: &str) -> Result<Sun, SceneErr
     let diameter_rad = match sun.diameter_deg {
         None => SUN_RAD,
         Some(deg) if (0.0..=170.0).contains(&deg) => deg.to_radians() as f32,
-        Some(found) => return Err(SceneError::bad(file, format!("{location}.diameter_deg"), found, "0 to 170")),
+        Some(deg) => return Err(SceneError::bad(file, format!("{location}.diameter_deg"), deg, "0 to 170")),
     };
     let color = positive(file, &format!("{location}.color · intensity"), color)?;
     Ok(Sun { towards_light_in_world, color, diameter_rad })
@@ -227,7 +227,7 @@ fn read_lamp(file: &Path, lamp: &LampTable, location: &str) -> Result<PointLight
     let color = positive(file, &format!("{location}.color · intensity"), color)?;
     let diameter_m = match lamp.diameter_or_default_m() {
         diameter_or_default_m if (0.0..=100.0).contains(&diameter_or_default_m) => diameter_or_default_m as f32,
-        found => return Err(SceneError::bad(file, format!("{location}.diameter_m"), found, "0 to 100")),
+        diameter_m => return Err(SceneError::bad(file, format!("{location}.diameter_m"), diameter_m, "0 to 100")),
     };
     let at_m = lamp.at_m.into();
     Ok(PointLight { position_in_world_m: at_m, color, diameter_m, range_m: f32::INFINITY, spot: None })
@@ -254,7 +254,7 @@ fn environment(
             ("environment_rotation_deg", light.environment_rotation_deg.is_some()),
             ("environment_up", light.environment_up.is_some()),
         ];
-        if let Some((key, _)) = unused.iter().find(|(_, given)| *given) {
+        if let Some((key, _)) = unused.iter().find(|(_, is_set)| *is_set) {
             return Err(SceneError::bad(file, format!("light.{key}"), "no light.environment", "both or neither"));
         }
         let ambient = light.ambient.map(|color| positive(file, "light.ambient", color.into())).transpose()?;

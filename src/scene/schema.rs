@@ -61,7 +61,7 @@ pub(super) struct Root {
     #[serde(deserialize_with = "list::<_, _, { MAX_LIST }>")]
     pub samplers: Vec<Sampler>,
     #[serde(deserialize_with = "list::<_, _, { MAX_LIST }>")]
-    pub textures: Vec<Texture>,
+    pub textures: Vec<TextureJson>,
     #[serde(deserialize_with = "list::<_, _, { MAX_LIST }>")]
     pub materials: Vec<MaterialJson>,
     #[serde(deserialize_with = "list::<_, _, { MAX_LONG_LIST }>")]
@@ -173,7 +173,7 @@ pub(super) struct Sampler {
 
 /// An entry of `textures`: indices of its sampler and its image.
 #[derive(Debug, Deserialize)]
-pub(super) struct Texture {
+pub(super) struct TextureJson {
     pub sampler: Option<usize>,
     pub source: Option<usize>,
     #[serde(default)]

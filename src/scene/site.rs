@@ -48,8 +48,8 @@ pub struct SitePlacement {
 
 /// The place of a scan. Its file is read when a shot needs it.
 pub(super) fn read_site(file: &Path, site: &SiteTable) -> Result<SitePlacement, SceneError> {
-    if let Some(found) = site.metres_per_unit.filter(|m| !(*m > 0.0 && m.is_finite())) {
-        return Err(SceneError::bad(file, "site.metres_per_unit", found, "more than 0"));
+    if let Some(metres_per_unit) = site.metres_per_unit.filter(|m| !(*m > 0.0 && m.is_finite())) {
+        return Err(SceneError::bad(file, "site.metres_per_unit", metres_per_unit, "more than 0"));
     }
     let world_from_scan = site.world_from_scan().ok_or_else(|| {
         let numbers = |values: &[f64]| values.iter().map(|value| number(*value)).collect::<Vec<_>>().join(", ");

@@ -106,9 +106,9 @@ pub fn gauge(
     read: ReadFrame<'_>,
 ) -> Result<WorldGauge, SolveError> {
     if distance.is_none()
-        && let Some(found) = by_board(inputs, read)?
+        && let Some(board_gauge) = by_board(inputs, read)?
     {
-        return Ok(found);
+        return Ok(board_gauge);
     }
     let cameras: Vec<DVec3> = inputs.frames.iter().map(|frame| frame.pose.position_in_world_m()).collect();
     let guess = camera_up(inputs.frames.iter().map(|frame| frame.pose.world_from_camera_rotation()));
@@ -200,8 +200,8 @@ fn by_board(inputs: &GaugeInputs<'_>, read: ReadFrame<'_>) -> Result<Option<Worl
         }
     }
     tags.dedup();
-    let least = if is_board_named { 1 } else { MIN_UNNAMED_TAGS };
-    let Some(similarity) = SimilarityTransform::between(&pairs).filter(|_| tags.len() >= least) else {
+    let min_tags = if is_board_named { 1 } else { MIN_UNNAMED_TAGS };
+    let Some(similarity) = SimilarityTransform::between(&pairs).filter(|_| tags.len() >= min_tags) else {
         return Ok(None);
     };
     let squares: f64 = pairs.iter().map(|(from, to)| similarity.transform_point(*from).distance_squared(*to)).sum();
@@ -221,7 +221,8 @@ fn by_board(inputs: &GaugeInputs<'_>, read: ReadFrame<'_>) -> Result<Option<Worl
 /// The surface at a pixel of a frame: the plane through the nearest landmarks, or one that faces
 /// the camera at their median depth if they are not on one.
 fn surface_at(landmarks: &[(DVec3, DVec2)], pose: &Pose, at_px: DVec2) -> Option<HessePlane> {
-    let mut near: Vec<(f64, DVec3)> = landmarks.iter().map(|(point, seen)| (seen.distance(at_px), *point)).collect();
+    let mut near: Vec<(f64, DVec3)> =
+        landmarks.iter().map(|(point, landmark_px)| (landmark_px.distance(at_px), *point)).collect();
     near.sort_by(|a, b| a.0.total_cmp(&b.0));
     let near: Vec<DVec3> = near.into_iter().take(NEAREST).map(|(_, point)| point).collect();
     let depth = upper_median(near.iter().map(|point| pose.transform_point(*point).z))?;
@@ -247,7 +248,7 @@ fn by_distance(
     let others: Vec<&PosedFrame> = inputs.frames.iter().filter(|posed| posed.frame != frame).collect();
     let picture = LumaPyramid::of(&read(frame)?, 3);
     let mut points = [DVec3::ZERO; 2];
-    let mut fewest = usize::MAX;
+    let mut min_views = usize::MAX;
     let step = others.len().div_ceil(MAX_SEARCHED).max(1);
     let searched: Vec<(&PosedFrame, LumaPyramid)> = others
         .into_iter()
@@ -255,7 +256,7 @@ fn by_distance(
         .map(|other| Ok((other, LumaPyramid::of(&read(other.frame)?, 3))))
         .collect::<Result<_, SolveError>>()?;
     for (points, at_px) in points.iter_mut().zip(points_px) {
-        let lost = SolveError::DistancePoint { frame, at_px };
+        let failure = SolveError::DistancePoint { frame, at_px };
         let surface = surface_at(&at.landmarks, &at.pose, at_px);
         let camera = at.pose.position_in_world_m();
         let ray = inputs.geometry.unproject(at_px).map(|ray| at.pose.world_from_camera_rotation() * ray);
@@ -263,23 +264,23 @@ fn by_distance(
             let along = -surface.height_m(camera) / surface.normal.dot(ray);
             (surface, camera + along * ray)
         });
-        let Some((surface, guess)) = guess.filter(|(_, guess)| guess.is_finite()) else { return Err(lost) };
+        let Some((surface, guess)) = guess.filter(|(_, guess)| guess.is_finite()) else { return Err(failure) };
         let mut views = vec![(at.pose, at_px)];
         for (other, pyramid) in &searched {
             let predicted = predict_on(inputs.geometry, &at.pose, &other.pose, &surface, guess, at_px);
-            if let Some(seen) = predicted.and_then(|predicted| track_patch(&picture, pyramid, &predicted)) {
-                views.push((other.pose, seen));
+            if let Some(matched_px) = predicted.and_then(|predicted| track_patch(&picture, pyramid, &predicted)) {
+                views.push((other.pose, matched_px));
             }
         }
-        *points = triangulate(inputs.geometry, &views).ok_or(lost)?;
-        fewest = fewest.min(views.len());
+        *points = triangulate(inputs.geometry, &views).ok_or(failure)?;
+        min_views = min_views.min(views.len());
     }
     let units = points[0].distance(points[1]);
     let scale = length_m / units;
     if !(scale.is_finite() && units > 0.0) {
         return Err(SolveError::DistancePoint { frame, at_px: points_px[1] });
     }
-    Ok((scale, ScaleSource::Distance { length_m, views: fewest }))
+    Ok((scale, ScaleSource::Distance { length_m, views: min_views }))
 }
 
 #[cfg(test)]

@@ -73,12 +73,12 @@ fn displacement_share(before: &LumaPyramid, now: &LumaPyramid) -> f64 {
 }
 
 /// The chosen frames, ascending: the sharpest of each stretch of [`KEYFRAME_SHARE`] of motion or
-/// [`MAX_INTERVAL_S`]. In a long video stretches are longer, so that there are at most `most`.
-pub fn choose(motions: &[MotionSample], times_s: &[f64], most: usize) -> Vec<usize> {
+/// [`MAX_INTERVAL_S`]. In a long video stretches are longer, so that there are at most `max_count`.
+pub fn choose(motions: &[MotionSample], times_s: &[f64], max_count: usize) -> Vec<usize> {
     let mut factor = 1.0;
     loop {
         let chosen = choose_by(motions, times_s, factor);
-        if chosen.len() <= most.max(2) {
+        if chosen.len() <= max_count.max(2) {
             return chosen;
         }
         factor *= 1.2;

@@ -69,7 +69,7 @@ pub fn track_patch(picture: &LumaPyramid, other: &LumaPyramid, predicted: &Predi
         let from_level = |at: DVec2| (at - 0.5) * scale + 0.5;
         let aligned = align(template, target, at_level(predicted.from), at_level(to), &predicted.by);
         match aligned {
-            Some((found, correlation)) if level > 0 || correlation >= MIN_CORRELATION => to = from_level(found),
+            Some((offset, correlation)) if level > 0 || correlation >= MIN_CORRELATION => to = from_level(offset),
             // A coarse level may lack contrast or reach over the border; a finer one decides.
             _ if level > 0 => {}
             _ => return None,

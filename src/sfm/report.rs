@@ -94,12 +94,12 @@ impl fmt::Display for Solution {
         )?;
         writeln!(f, "scale      {}", self.gauge.scale)?;
         writeln!(f, "up         {}", self.gauge.up)?;
-        let lost = self.lost();
-        for run in lost.iter().take(MAX_LISTED) {
+        let unsolved_ranges = self.unsolved_ranges();
+        for run in unsolved_ranges.iter().take(MAX_LISTED) {
             writeln!(f, "lost       {}", self.run_label(run))?;
         }
-        if lost.len() > MAX_LISTED {
-            writeln!(f, "lost       {} more times", lost.len() - MAX_LISTED)?;
+        if unsolved_ranges.len() > MAX_LISTED {
+            writeln!(f, "lost       {} more times", unsolved_ranges.len() - MAX_LISTED)?;
         }
         for frames in &self.apart {
             let (first, last) =

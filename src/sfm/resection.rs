@@ -17,7 +17,8 @@ use crate::tags::{Corners, solve_pose};
 const MAX_LANDMARKS: usize = 250;
 /// Rounds of tracking, each with the predictions of the pose of the one before.
 const ROUNDS: usize = 2;
-/// Largest residual of a landmark that fits: this many median residuals, but at least so many px.
+/// Largest residual of a landmark that fits: the larger of [`MAX_RESIDUAL_MEDIANS`] median
+/// residuals and [`MIN_OUTLIER_PX`].
 const MAX_RESIDUAL_MEDIANS: f64 = 3.0;
 const MIN_OUTLIER_PX: f64 = 1.0;
 /// Smallest number of landmarks that fit, and their smallest share of those that were tracked.
@@ -57,9 +58,9 @@ pub fn resect(
             let step = neighbour.landmarks.len().div_ceil(MAX_LANDMARKS).max(1);
             for (in_world, at_px) in neighbour.landmarks.iter().step_by(step) {
                 let predicted = predict(geometry, &neighbour.pose, &resection.pose, *in_world, *at_px);
-                if let Some(seen) = predicted.and_then(|predicted| track_patch(picture, target, &predicted)) {
+                if let Some(matched_px) = predicted.and_then(|predicted| track_patch(picture, target, &predicted)) {
                     tracked.in_world_m.push(*in_world);
-                    tracked.seen_px.push(seen);
+                    tracked.seen_px.push(matched_px);
                 }
             }
         }
@@ -104,10 +105,10 @@ fn fit(geometry: &Geometry, tracked: &Corners, initial: &Pose) -> Option<Resecti
     let first = solve_pose(geometry, tracked, initial)?;
     let limit_px = (MAX_RESIDUAL_MEDIANS * median_length(first.residuals_px.iter())).max(MIN_OUTLIER_PX);
     let mut fitting = Corners::default();
-    for ((in_world, seen), residual) in tracked.in_world_m.iter().zip(&tracked.seen_px).zip(&first.residuals_px) {
+    for ((in_world, matched_px), residual) in tracked.in_world_m.iter().zip(&tracked.seen_px).zip(&first.residuals_px) {
         if residual.length() <= limit_px {
             fitting.in_world_m.push(*in_world);
-            fitting.seen_px.push(*seen);
+            fitting.seen_px.push(*matched_px);
         }
     }
     let count = fitting.in_world_m.len();

@@ -256,10 +256,9 @@ fn posed_frames(model: &ColmapModel, chosen: &ChosenFrames) -> Vec<PosedFrame> {
         .iter()
         .filter_map(|image| {
             let at = |number: u64| model.landmarks.get(&number).copied();
-            let landmarks = image
-                .landmarks
-                .iter()
-                .filter_map(|seen| Some((at(seen.number)?, DVec2::new(seen.at_px[0].into(), seen.at_px[1].into()))));
+            let landmarks = image.landmarks.iter().filter_map(|landmark| {
+                Some((at(landmark.number)?, DVec2::new(landmark.at_px[0].into(), landmark.at_px[1].into())))
+            });
             Some(PosedFrame {
                 frame: *chosen.frames.get(&image.name)?,
                 pose: image.camera_from_world,
@@ -272,8 +271,8 @@ fn posed_frames(model: &ColmapModel, chosen: &ChosenFrames) -> Vec<PosedFrame> {
 }
 
 fn residual_rms_px(geometry: &Geometry, frame: &PosedFrame) -> f64 {
-    let residual = |(point, seen): &(DVec3, DVec2)| {
-        Some(geometry.project(frame.pose.transform_point(*point))?.distance_squared(*seen))
+    let residual = |(point, observed_px): &(DVec3, DVec2)| {
+        Some(geometry.project(frame.pose.transform_point(*point))?.distance_squared(*observed_px))
     };
     let squares: Vec<f64> = frame.landmarks.iter().filter_map(residual).collect();
     (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt()
@@ -352,7 +351,7 @@ fn resect_held(
 
 impl Solution {
     /// Runs of frames without a pose.
-    pub fn lost(&self) -> Vec<Range<usize>> {
+    pub fn unsolved_ranges(&self) -> Vec<Range<usize>> {
         let mut runs: Vec<Range<usize>> = Vec::new();
         for (i, _) in self.frames.iter().enumerate().filter(|(_, frame)| frame.is_none()) {
             match runs.last_mut().filter(|run| run.end == i) {

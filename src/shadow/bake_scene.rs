@@ -221,10 +221,10 @@ impl<'a> BakeScene<'a> {
     fn floor_transmittance(&self, from: Vec3, towards: Vec3) -> Vec3 {
         let mut transmittance = Vec3::ONE;
         for planar_shadow in self.inputs.planar_shadows {
-            let normal = planar_shadow.floor.normal();
+            let normal = planar_shadow.plane.normal();
             let down = -normal.dot(towards.as_dvec3());
             let at = self.inputs.origin_m + from.as_dvec3();
-            let height = planar_shadow.floor.height_m(at);
+            let height = planar_shadow.plane.height_m(at);
             if down > 1e-6 && height > 0.0 {
                 let meets = at + towards.as_dvec3() * (height / down);
                 transmittance *= (Vec3::ONE - planar_shadow.removed_at(meets)).max(Vec3::ZERO);

@@ -135,17 +135,17 @@ impl FaceLight {
 
     /// This bounce with light from behind a facet that passes its sides.
     fn with_back_light(self, back_light: &BackLight, receiver: &ReceiverMask, from: Vec3) -> Self {
-        let (mut seen, mut covered, mut far) = (0.0, 0.0, self.far);
+        let (mut total, mut covered, mut far) = (0.0, 0.0, self.far);
         for EnvSample { towards, light, solid_sr } in back_light.far.iter().copied() {
             let cosine = self.normal.dot(towards).max(0.0);
             let is_hit = receiver.is_hit(from, towards);
-            seen += cosine * solid_sr;
+            total += cosine * solid_sr;
             covered += if is_hit { cosine * solid_sr } else { 0.0 };
             far += if is_hit { Vec3::ZERO } else { light * cosine };
         }
         let lamps = back_light.lamps.iter().filter(|lamp| !receiver.is_hit(from, lamp.at_m - from));
         far += lamps.map(|lamp| lamp.light_on(from, self.normal)).sum::<Vec3>();
-        Self { far, covered: if seen > 0.0 { covered / seen } else { 1.0 }, ..self }
+        Self { far, covered: if total > 0.0 { covered / total } else { 1.0 }, ..self }
     }
 }
 
@@ -243,11 +243,11 @@ mod tests {
     /// The shadow in front of a wall along x of some albedo, at y < 0.
     fn shadow_in_front_of_a_wall(albedo: f32, distance_m: f32) -> f32 {
         let lighting = Lighting { environment: Environment::Uniform(Vec3::ONE), ..Lighting::default() };
-        let floor = ReceiverPlane::new(DVec3::ZERO, DVec3::Z);
+        let plane = ReceiverPlane::new(DVec3::ZERO, DVec3::Z);
         let sky = PlaneLighting::new(
             &lighting,
-            rays(&lighting, &EnvironmentImage::new(&lighting.environment), &floor),
-            &floor,
+            rays(&lighting, &EnvironmentImage::new(&lighting.environment), &plane),
+            &plane,
             None,
         );
         let corner = |x: f32, z: f32| Vec3::new(x, 0.0, z);

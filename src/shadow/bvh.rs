@@ -310,14 +310,14 @@ mod tests {
             farthest[n % RAYS] = 0.0;
             let bundle = RayPacket::new(rays.into_iter());
             let alone = |n: usize| RayPacket::new(std::iter::once(rays[n]));
-            let (found, any) = (bvh.first(from, &bundle, farthest), bvh.any(from, &bundle, farthest));
+            let (first, any) = (bvh.first(from, &bundle, farthest), bvh.any(from, &bundle, farthest));
             for (n, farthest) in farthest.iter().enumerate() {
                 let all = bvh.triangles.iter().map(|t| (t.intersect(from, &alone(n).towards)[0], t.number));
                 let met_all = all.filter(|(t, _)| *t > 0.0 && t < farthest);
                 let nearest = met_all.min_by(|a, b| a.0.total_cmp(&b.0));
-                assert_eq!(found[n].map(|hit| hit.triangle), nearest.map(|(_, number)| number), "{n}");
-                assert_eq!(any[n], found[n].is_some());
-                if let Some(hit) = found[n] {
+                assert_eq!(first[n].map(|hit| hit.triangle), nearest.map(|(_, number)| number), "{n}");
+                assert_eq!(any[n], first[n].is_some());
+                if let Some(hit) = first[n] {
                     met += 1;
                     assert!(!bvh.any(from, &alone(n), [0.999 * hit.along; RAYS])[0]);
                 }

@@ -36,11 +36,11 @@ impl CasterBuilder {
         &mut self,
         scene: &Scene,
         objects: impl IntoIterator<Item = &'a Object>,
-        floor: &ReceiverPlane,
+        plane: &ReceiverPlane,
         sky: Arc<PlaneLighting>,
         receiver: Option<ReceiverMask>,
     ) -> ShadowCaster {
-        let plane_from_world = floor.plane_from_world();
+        let plane_from_world = plane.plane_from_world();
         let parts = objects.into_iter().flat_map(|object| &object.parts);
         let parts: Vec<_> =
             parts.map(|part| (part.mesh, quantize(&(plane_from_world * part.world_from_mesh)))).collect();

@@ -110,11 +110,11 @@ mod tests {
     fn sky(suns: Vec<Sun>, radiance: f32) -> PlaneLighting {
         let environment = Environment::Uniform(Vec3::splat(radiance));
         let lighting = Lighting { suns, points: Vec::new(), environment };
-        let floor = ReceiverPlane::new(DVec3::ZERO, DVec3::Z);
+        let plane = ReceiverPlane::new(DVec3::ZERO, DVec3::Z);
         PlaneLighting::new(
             &lighting,
-            rays(&lighting, &EnvironmentImage::new(&lighting.environment), &floor),
-            &floor,
+            rays(&lighting, &EnvironmentImage::new(&lighting.environment), &plane),
+            &plane,
             None,
         )
     }

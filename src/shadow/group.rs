@@ -13,7 +13,7 @@ const MAX_OFFSET_M: f64 = 0.005;
 
 /// Objects that share a receiver plane.
 pub struct ShadowGroup {
-    pub floor: ReceiverPlane,
+    pub plane: ReceiverPlane,
     pub extent: Extent,
     /// Indices into [`crate::scene::Scene::objects`].
     pub objects: Vec<usize>,
@@ -22,21 +22,21 @@ pub struct ShadowGroup {
 impl ShadowGroup {
     /// True if both are on one plane and their shadows may overlap.
     pub fn overlaps(&self, other: &Self) -> bool {
-        is_same_plane(&self.floor, &other.floor) && self.extent.overlaps(&other.extent_on(&self.floor))
+        is_same_plane(&self.plane, &other.plane) && self.extent.overlaps(&other.extent_on(&self.plane))
     }
 
     /// This group with the objects of another, on this group's plane.
     #[must_use]
     pub fn joined(mut self, other: Self) -> Self {
-        self.extent = self.extent.union(other.extent_on(&self.floor));
+        self.extent = self.extent.union(other.extent_on(&self.plane));
         self.objects.extend(other.objects);
         self
     }
 
     /// The bounding rectangle of the extent in another plane's axes.
-    fn extent_on(&self, floor: &ReceiverPlane) -> Extent {
-        let turn: Mat3 = (floor.axes.transpose() * self.floor.axes).as_mat3();
-        let offset = floor.plane_from_world().transform_point3(self.floor.origin_m).as_vec3().truncate();
+    fn extent_on(&self, plane: &ReceiverPlane) -> Extent {
+        let turn: Mat3 = (plane.axes.transpose() * self.plane.axes).as_mat3();
+        let offset = plane.plane_from_world().transform_point3(self.plane.origin_m).as_vec3().truncate();
         let Extent { low, high } = self.extent;
         let corners = [(low.x, low.y), (high.x, low.y), (low.x, high.y), (high.x, high.y)]
             .map(|(x, y)| (turn * Vec3::new(x, y, 0.0)).truncate() + offset);

@@ -40,14 +40,14 @@ fn visibilities(room: &Room, scene: &Scene, object: &Object) -> Option<Vec<f32>>
     };
     let places: Vec<DVec3> = (0..8).map(corner).chain([0.5 * (low + high)]).collect();
     // The support plane blocks nothing.
-    let is_floor = |at_m: DVec3| {
+    let is_receiver = |at_m: DVec3| {
         let support = object.support.as_ref();
-        support.is_some_and(|floor| floor.height_m(at_m) < f64::from(MIN_HEIGHT_M))
+        support.is_some_and(|plane| plane.height_m(at_m) < f64::from(MIN_HEIGHT_M))
     };
     // Visibility lines from every point, each with a direction and a length.
     let visible = |lines_from: &dyn Fn(DVec3) -> Vec<(DVec3, f64)>| {
         let lines = places.iter().flat_map(|place| lines_from(*place).into_iter().map(|line| (*place, line)));
-        let is_open = |(from, (to, far_m)): &(DVec3, (DVec3, f64))| !room.blocks(*from, *to, *far_m, is_floor);
+        let is_open = |(from, (to, far_m)): &(DVec3, (DVec3, f64))| !room.blocks(*from, *to, *far_m, is_receiver);
         lines.filter(is_open).count() as f32 / (places.len() * LIGHT_SAMPLES) as f32
     };
     let Lighting { suns, points, .. } = &scene.lighting;

@@ -265,7 +265,7 @@ mod tests {
             crate::quality::Quality::Final,
         );
         let planar_shadow = PlanarShadow {
-            floor: ReceiverPlane::new(DVec3::ZERO, DVec3::Z),
+            plane: ReceiverPlane::new(DVec3::ZERO, DVec3::Z),
             texture: ByAddress(Arc::new(texture)),
             is_beside: false,
         };
@@ -297,7 +297,7 @@ mod tests {
             |i| i.lighting.points[0].position_in_world_m.x = f64::MIN_POSITIVE,
             |i| i.lighting.points[0].spot = Some(Default::default()),
             |i| i.lighting.points[0].range_m = 9.0,
-            |i| i.planar_shadows[0].floor.origin_m.y = 1.0,
+            |i| i.planar_shadows[0].plane.origin_m.y = 1.0,
             |i| Arc::make_mut(&mut i.planar_shadows[0].texture.0).removed[0][1] += 0.5,
             |i| i.planar_shadows.clear(),
             |i| i.origin_m.z = 1e-9,

@@ -117,8 +117,8 @@ impl Lightmaps {
             visibility: visibility.to_vec(),
             lighting: self.lighting.clone(),
         };
-        if let Some(known) = self.of_scene.get(&inputs) {
-            return known;
+        if let Some(lightmaps) = self.of_scene.get(&inputs) {
+            return lightmaps;
         }
         self.runs += 1;
         let bounded = scene.objects.iter().filter_map(|object| BoundedObject::of(scene, object));
@@ -172,7 +172,7 @@ impl Lightmaps {
             .map(|part| (part.mesh, quantize(&relative(origin_m, &part.world_from_mesh))))
             .collect();
         let shadow = |planar_shadow: &PlanarShadow| {
-            let place = DAffine3 { matrix3: planar_shadow.floor.axes, translation: planar_shadow.floor.origin_m };
+            let place = DAffine3 { matrix3: planar_shadow.plane.axes, translation: planar_shadow.plane.origin_m };
             PlacedShadow { place: quantize(&relative(origin_m, &place)), texture: planar_shadow.texture.clone() }
         };
         let shadows: Vec<_> = planar_shadows.iter().map(shadow).collect();

@@ -204,9 +204,10 @@ fn moved_object_keeps_its_lightmap_until_another_one_is_near() {
     assert!(Arc::ptr_eq(alone[0].as_ref().unwrap(), beside[0].as_ref().unwrap()), "it was worked out again");
     moved(&mut scene.objects[0], DAffine3::from_rotation_translation(DQuat::IDENTITY, DVec3::new(4.5, -0.1, 0.0)));
     let near = maps.lightmaps(&scene, &unwrapped, &[], &[]);
-    let least = |map: &Option<Arc<Lightmap>>| map.as_ref().unwrap().layers[0].iter().map(|t| t[0]).fold(1.0, f32::min);
+    let darkest =
+        |map: &Option<Arc<Lightmap>>| map.as_ref().unwrap().layers[0].iter().map(|t| t[0]).fold(1.0, f32::min);
     assert_eq!(maps.preview(&scene), (near.clone(), Quality::Final));
-    assert!(least(&alone[0]) == 1.0 && least(&near[0]) < 0.9, "{}", least(&near[0]));
+    assert!(darkest(&alone[0]) == 1.0 && darkest(&near[0]) < 0.9, "{}", darkest(&near[0]));
     // Under a sky of another colour the preview is the last map until a final one is requested.
     // With another lamp there is no preview.
     scene.lighting.environment = Environment::Uniform(Vec3::new(0.5, 0.4, 0.3));
@@ -226,7 +227,7 @@ fn moved_object_keeps_its_lightmap_until_another_one_is_near() {
     // Something without a shadow takes nothing.
     scene.objects[1].shadowless = true;
     assert_eq!(maps.preview(&scene), (near.clone(), Quality::Preview));
-    assert_eq!(least(&maps.lightmaps(&scene, &unwrapped, &[], &[])[0]), 1.0);
+    assert_eq!(darkest(&maps.lightmaps(&scene, &unwrapped, &[], &[])[0]), 1.0);
     assert_eq!(
         new_lightmaps(&scene).lightmaps(&scene, &unwrapped, &[], &[]),
         maps.lightmaps(&scene, &unwrapped, &[], &[])

@@ -20,7 +20,7 @@
 //! - `receiver_mask`: where a planar shadow applies on a real surface beside the object.
 //! - `group`: which objects share a planar shadow. `caster`: their parts and the light, with a
 //!   digest. `shadows`: planar shadows of a scene, memoized. `steps`: transforms as keys.
-//!   `moved_planes`: maps on planes that changed a little.
+//!   `moved_planes`: shadows on planes that changed a little.
 //! - `white_radiance`: radiance of white at a place. `radiance`: radiance of surfaces that are
 //!   clipped in a frame. `albedo`: mean albedo of triangles.
 //!

@@ -18,7 +18,7 @@ pub struct GroupShadow {
 
 /// Planar shadows of `objects` on the planes of a scene, if these differ little and nothing else
 /// changed. Those on facets are not moved.
-pub fn on_planes_of(scene: &Scene, objects: &[Object], maps: &[GroupShadow]) -> Option<Vec<PlanarShadow>> {
+pub fn on_planes_of(scene: &Scene, objects: &[Object], shadows: &[GroupShadow]) -> Option<Vec<PlanarShadow>> {
     let is_same =
         |(a, b): (&Object, &Object)| Object { support: b.support, facets: b.facets.clone(), ..a.clone() } == *b;
     if objects.len() != scene.objects.len() || !objects.iter().zip(&scene.objects).all(is_same) {
@@ -29,10 +29,10 @@ pub fn on_planes_of(scene: &Scene, objects: &[Object], maps: &[GroupShadow]) -> 
             return Some(planar_shadow.clone());
         }
         let first = &scene.objects[*members.first()?];
-        let floor = ReceiverPlane::below(&first.support?, &first.parts.first()?.world_from_mesh)?;
-        let tilt = planar_shadow.floor.normal().dot(floor.normal());
-        let is_near = tilt > MIN_TILT_COSINE && planar_shadow.floor.height_m(floor.origin_m).abs() < MAX_OFFSET_M;
-        is_near.then(|| PlanarShadow { floor, ..planar_shadow.clone() })
+        let plane = ReceiverPlane::below(&first.support?, &first.parts.first()?.world_from_mesh)?;
+        let tilt = planar_shadow.plane.normal().dot(plane.normal());
+        let is_near = tilt > MIN_TILT_COSINE && planar_shadow.plane.height_m(plane.origin_m).abs() < MAX_OFFSET_M;
+        is_near.then(|| PlanarShadow { plane, ..planar_shadow.clone() })
     };
-    maps.iter().map(on_plane).collect()
+    shadows.iter().map(on_plane).collect()
 }

@@ -70,25 +70,25 @@ fn chamfer_distances(is_marked: &[bool], width: usize) -> Vec<f32> {
     for y in 0..height {
         for x in 0..width {
             let i = y * width + x;
-            let mut least = distances[i];
+            let mut nearest = distances[i];
             if y > 0 {
-                least = least.min(distances[i - width] + 1.0);
-                least = if x > 0 { least.min(distances[i - width - 1] + DIAGONAL) } else { least };
-                least = if x + 1 < width { least.min(distances[i - width + 1] + DIAGONAL) } else { least };
+                nearest = nearest.min(distances[i - width] + 1.0);
+                nearest = if x > 0 { nearest.min(distances[i - width - 1] + DIAGONAL) } else { nearest };
+                nearest = if x + 1 < width { nearest.min(distances[i - width + 1] + DIAGONAL) } else { nearest };
             }
-            distances[i] = if x > 0 { least.min(distances[i - 1] + 1.0) } else { least };
+            distances[i] = if x > 0 { nearest.min(distances[i - 1] + 1.0) } else { nearest };
         }
     }
     for y in (0..height).rev() {
         for x in (0..width).rev() {
             let i = y * width + x;
-            let mut least = distances[i];
+            let mut nearest = distances[i];
             if y + 1 < height {
-                least = least.min(distances[i + width] + 1.0);
-                least = if x > 0 { least.min(distances[i + width - 1] + DIAGONAL) } else { least };
-                least = if x + 1 < width { least.min(distances[i + width + 1] + DIAGONAL) } else { least };
+                nearest = nearest.min(distances[i + width] + 1.0);
+                nearest = if x > 0 { nearest.min(distances[i + width - 1] + DIAGONAL) } else { nearest };
+                nearest = if x + 1 < width { nearest.min(distances[i + width + 1] + DIAGONAL) } else { nearest };
             }
-            distances[i] = if x + 1 < width { least.min(distances[i + 1] + 1.0) } else { least };
+            distances[i] = if x + 1 < width { nearest.min(distances[i + 1] + 1.0) } else { nearest };
         }
     }
     distances
@@ -103,10 +103,10 @@ mod tests {
         let (width, height) = (40, 30);
         let at = [(3, 4), (30, 20)];
         let is_marked: Vec<bool> = (0..width * height).map(|i| at.contains(&(i % width, i / width))).collect();
-        for (i, found) in chamfer_distances(&is_marked, width).iter().enumerate() {
+        for (i, distance) in chamfer_distances(&is_marked, width).iter().enumerate() {
             let to = |(x, y): (usize, usize)| ((i % width) as f32 - x as f32).hypot((i / width) as f32 - y as f32);
             let exact = to(at[0]).min(to(at[1]));
-            assert!((0.9999 * exact..=1.083 * exact).contains(found), "{i}: {found} is not {exact}");
+            assert!((0.9999 * exact..=1.083 * exact).contains(distance), "{i}: {distance} is not {exact}");
         }
     }
 

@@ -106,7 +106,7 @@ pub struct RealOcclusion<'a> {
 /// A shadow texture on a plane in the world.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlanarShadow {
-    pub floor: ReceiverPlane,
+    pub plane: ReceiverPlane,
     pub texture: ByAddress<ShadowTexture>,
     /// The plane belongs to a real object beside, not to the support.
     pub is_beside: bool,
@@ -115,10 +115,10 @@ pub struct PlanarShadow {
 /// Bounds and blocks follow from `removed`; `is_beside` does not change the light.
 impl Digestible for PlanarShadow {
     fn digest(&self, into: &mut Digester) {
-        let Self { floor, texture, is_beside: _ } = self;
+        let Self { plane, texture, is_beside: _ } = self;
         let ShadowTexture { low_m, texel_m, width, height, removed, visible_bounds: _, dark_bounds: _, blocks: _ } =
             &**texture;
-        into.add(floor);
+        into.add(plane);
         into.add(low_m);
         into.add(texel_m);
         into.add(width);
@@ -200,7 +200,8 @@ impl ShadowTexture {
             }
         });
         texture.removed = removed;
-        [texture.visible_bounds, texture.dark_bounds] = [0.0, DARK_SHADOW].map(|least| texture.bounds_above(least));
+        [texture.visible_bounds, texture.dark_bounds] =
+            [0.0, DARK_SHADOW].map(|threshold| texture.bounds_above(threshold));
         texture.blocks = texture.blocks();
         texture
     }
@@ -243,11 +244,11 @@ impl ShadowTexture {
     }
 
     /// Bounds of |D| above a threshold, with a margin of a texel.
-    fn bounds_above(&self, least: f32) -> UvRect {
+    fn bounds_above(&self, threshold: f32) -> UvRect {
         let size = DVec2::new(self.width.into(), self.height.into());
         let (mut low, mut high) = (size, DVec2::ZERO);
         for (y, row) in self.removed.chunks_exact(self.width as usize).enumerate() {
-            let is_beyond = |removed: &[f32; 3]| removed.iter().any(|share| share.abs() > least);
+            let is_beyond = |removed: &[f32; 3]| removed.iter().any(|share| share.abs() > threshold);
             let ends = row.iter().position(is_beyond).zip(row.iter().rposition(is_beyond));
             if let Some((first, last)) = ends {
                 low = low.min(DVec2::new(first as f64, y as f64));
@@ -382,12 +383,12 @@ impl PlanarShadow {
     pub fn at(&self, across: f64, down: f64) -> DVec3 {
         let texture = &self.texture;
         let size = Vec2::new(texture.width as f32, texture.height as f32).as_dvec2() * f64::from(texture.texel_m);
-        self.floor.at(texture.low_m.as_dvec2() + size * DVec2::new(across, down))
+        self.plane.at(texture.low_m.as_dvec2() + size * DVec2::new(across, down))
     }
 
     /// D at a point of the plane.
     pub fn removed_at(&self, point: DVec3) -> Vec3 {
-        let place = self.floor.plane_from_world().transform_point3(point).truncate();
+        let place = self.plane.plane_from_world().transform_point3(point).truncate();
         self.texture.at_texel((place - self.texture.low_m.as_dvec2()) / f64::from(self.texture.texel_m))
     }
 }

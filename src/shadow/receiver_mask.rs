@@ -53,14 +53,14 @@ digestible! {
 
 impl ReceiverMask {
     /// The mask of an object's facet, by the facet's index.
-    pub fn new(object: &Object, facet: usize, floor: &ReceiverPlane) -> Self {
+    pub fn new(object: &Object, facet: usize, plane: &ReceiverPlane) -> Self {
         let prior = object.facets[..facet].iter().map(|facet| PriorSurface {
-            height: height(&facet.plane, floor),
-            rectangle: Some(Rectangle::new(facet, floor)),
+            height: height(&facet.plane, plane),
+            rectangle: Some(Rectangle::new(facet, plane)),
         });
         let support =
-            object.support.iter().map(|support| PriorSurface { height: height(support, floor), rectangle: None });
-        Self { own: Rectangle::new(&object.facets[facet], floor), prior: support.chain(prior).collect() }
+            object.support.iter().map(|support| PriorSurface { height: height(support, plane), rectangle: None });
+        Self { own: Rectangle::new(&object.facets[facet], plane), prior: support.chain(prior).collect() }
     }
 
     /// Weight of the planar shadow at a point, 0 to 1.
@@ -89,10 +89,10 @@ impl ReceiverMask {
 
 impl Rectangle {
     /// A facet's rectangle as a function of places on the plane of `floor`, its own or another one.
-    fn new(facet: &Facet, floor: &ReceiverPlane) -> Self {
+    fn new(facet: &Facet, plane: &ReceiverPlane) -> Self {
         let axis = |along: DVec3| {
-            let off = along.dot(floor.origin_m - facet.plane.point_m);
-            DVec3::new(along.dot(floor.axes.x_axis), along.dot(floor.axes.y_axis), off).as_vec3()
+            let off = along.dot(plane.origin_m - facet.plane.point_m);
+            DVec3::new(along.dot(plane.axes.x_axis), along.dot(plane.axes.y_axis), off).as_vec3()
         };
         let [low, high] = [facet.low_m, facet.high_m].map(|side: DVec2| side.as_vec2());
         Self { x: axis(facet.along), y: axis(facet.plane.normal.cross(facet.along)), low, high }
@@ -115,10 +115,10 @@ impl Rectangle {
 }
 
 /// Height of places on a floor above a plane, as a linear function.
-fn height(plane: &Plane, floor: &ReceiverPlane) -> Vec3 {
-    let ReceiverPlane { origin_m, axes } = floor;
-    let over = plane.height_m(*origin_m);
-    DVec3::new(plane.normal.dot(axes.x_axis), plane.normal.dot(axes.y_axis), over).as_vec3()
+fn height(surface: &Plane, plane: &ReceiverPlane) -> Vec3 {
+    let ReceiverPlane { origin_m, axes } = plane;
+    let over = surface.height_m(*origin_m);
+    DVec3::new(surface.normal.dot(axes.x_axis), surface.normal.dot(axes.y_axis), over).as_vec3()
 }
 
 /// The value of a linear function at a place.
@@ -153,14 +153,14 @@ mod tests {
     #[test]
     fn weight_is_1_in_the_rectangle_and_0_near_surfaces_of_higher_priority() {
         let object = corner();
-        let floor = ReceiverPlane::new(DVec3::new(0.2, -0.05, 0.3), DVec3::NEG_X);
-        let mask = ReceiverMask::new(&object, 1, &floor);
+        let plane = ReceiverPlane::new(DVec3::new(0.2, -0.05, 0.3), DVec3::NEG_X);
+        let mask = ReceiverMask::new(&object, 1, &plane);
         let weight = |y: f64, z: f64| {
-            let place = floor.plane_from_world().transform_point3(DVec3::new(0.2, y, z));
+            let place = plane.plane_from_world().transform_point3(DVec3::new(0.2, y, z));
             assert!(place.z.abs() < 1e-12);
             mask.weight(place.truncate().as_vec2())
         };
-        let near = |found: f32, expected: f32| (found - expected).abs() < 1e-4;
+        let near = |actual: f32, expected: f32| (actual - expected).abs() < 1e-4;
         assert!(near(weight(0.0, 0.3), 1.0) && near(weight(0.15, 0.06), 1.0));
         // Points up to 15 mm above the floor belong to it, from 45 mm on to the wall.
         assert!(near(weight(0.15, 0.01), 0.0) && near(weight(0.15, 0.03), 0.5));
@@ -173,9 +173,9 @@ mod tests {
     #[test]
     fn extent_is_clipped_to_the_rectangle_and_the_object() {
         let object = corner();
-        let floor = ReceiverPlane::new(DVec3::new(0.2, -0.05, 0.3), DVec3::NEG_X);
-        let mask = ReceiverMask::new(&object, 1, &floor);
-        let at = |y: f64, z: f64| floor.plane_from_world().transform_point3(DVec3::new(0.2, y, z)).truncate().as_vec2();
+        let plane = ReceiverPlane::new(DVec3::new(0.2, -0.05, 0.3), DVec3::NEG_X);
+        let mask = ReceiverMask::new(&object, 1, &plane);
+        let at = |y: f64, z: f64| plane.plane_from_world().transform_point3(DVec3::new(0.2, y, z)).truncate().as_vec2();
         let bounds = |a: Vec2, b: Vec2| Extent { low: a.min(b), high: a.max(b) };
         let wide = Extent { low: Vec2::splat(-9.0), high: Vec2::splat(9.0) };
         let own = bounds(at(-0.21, -0.01), at(0.21, 0.41));

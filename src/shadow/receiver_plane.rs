@@ -61,12 +61,12 @@ mod tests {
     #[test]
     fn axes_are_right_handed_and_a_place_comes_back() {
         for normal in [DVec3::Z, DVec3::NEG_Y, DVec3::new(0.3, -0.5, 0.8).normalize()] {
-            let floor = ReceiverPlane::new(DVec3::new(1.0, 2.0, 3.0), normal);
-            assert!((floor.axes.determinant() - 1.0).abs() < 1e-12);
-            let point = floor.at(DVec2::new(0.4, -0.7)) + 0.2 * normal;
-            let back = floor.plane_from_world().transform_point3(point);
+            let plane = ReceiverPlane::new(DVec3::new(1.0, 2.0, 3.0), normal);
+            assert!((plane.axes.determinant() - 1.0).abs() < 1e-12);
+            let point = plane.at(DVec2::new(0.4, -0.7)) + 0.2 * normal;
+            let back = plane.plane_from_world().transform_point3(point);
             assert!(back.abs_diff_eq(DVec3::new(0.4, -0.7, 0.2), 1e-12), "{back}");
-            assert!((floor.height_m(point) - 0.2).abs() < 1e-12);
+            assert!((plane.height_m(point) - 0.2).abs() < 1e-12);
         }
     }
 }

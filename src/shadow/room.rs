@@ -78,13 +78,13 @@ impl Room {
     }
 
     /// True if a voxel blocks a ray from a place in the world, m, in a direction of unit length.
-    /// Voxels near either end, on the plane by `is_floor`, or beyond [`MAX_RAY_M`] do not count.
-    pub fn blocks(&self, from_m: DVec3, towards: DVec3, far_m: f64, is_floor: impl Fn(DVec3) -> bool) -> bool {
+    /// Voxels near either end, on the plane by `is_receiver`, or beyond [`MAX_RAY_M`] do not count.
+    pub fn blocks(&self, from_m: DVec3, towards: DVec3, far_m: f64, is_receiver: impl Fn(DVec3) -> bool) -> bool {
         let step_m = 0.5 * f64::from(VOXEL_M);
         let far_m = (far_m - f64::from(HOUSING_M)).min(MAX_RAY_M);
         let steps = ((far_m - MIN_RAY_M) / step_m).max(0.0) as usize;
         let at = |n: usize| from_m + (MIN_RAY_M + step_m * n as f64) * towards;
-        (0..steps).map(at).any(|at_m| self.cells.contains(&cell_of(at_m)) && !is_floor(at_m))
+        (0..steps).map(at).any(|at_m| self.cells.contains(&cell_of(at_m)) && !is_receiver(at_m))
     }
 }
 
@@ -139,8 +139,8 @@ impl Digestible for OccluderMask {
 
 impl OccluderMask {
     /// Over an extent of a plane. `None` if no light is blocked.
-    pub fn of(room: &Room, floor: &ReceiverPlane, extent: Extent, sky: &PlaneLighting) -> Option<Arc<Self>> {
-        let from_world = floor.plane_from_world();
+    pub fn of(room: &Room, plane: &ReceiverPlane, extent: Extent, sky: &PlaneLighting) -> Option<Arc<Self>> {
+        let from_world = plane.plane_from_world();
         let voxels = room.voxels_m.iter().map(|voxel_m| from_world.transform_point3(*voxel_m).as_vec3());
         let voxels: Vec<Vec3> = voxels.filter(|voxel| voxel.z > MIN_HEIGHT_M).collect();
         let cells = ((extent.high - extent.low) / VOXEL_M).ceil().max(Vec2::ONE);
@@ -163,7 +163,7 @@ impl OccluderMask {
             })
         };
         // The light of a lamp may graze a facet, where projected shadows would be infinitely long.
-        let along = |lamp: &SampledLamp| mask.by_ray_marching(room, floor, lamp);
+        let along = |lamp: &SampledLamp| mask.by_ray_marching(room, plane, lamp);
         mask.lamps = match sky.back_light {
             Some(_) => sky.lamps.iter().map(along).collect(),
             None => sky.lamps.iter().map(of_lamp).collect(),
@@ -173,16 +173,16 @@ impl OccluderMask {
     }
 
     /// Bit masks of a lamp's blocked points, from a few visibility rays for each cell.
-    fn by_ray_marching(&self, room: &Room, floor: &ReceiverPlane, lamp: &SampledLamp) -> Vec<Vec<u32>> {
+    fn by_ray_marching(&self, room: &Room, plane: &ReceiverPlane, lamp: &SampledLamp) -> Vec<Vec<u32>> {
         let step = lamp.points_m.len().div_ceil(LAMP_RAYS).max(1);
         let mut words = vec![vec![0u32; self.columns * self.rows]; lamp.points_m.len().div_ceil(WORD_BITS)];
-        let is_facet = |at_m: DVec3| floor.height_m(at_m) < f64::from(MIN_HEIGHT_M);
+        let is_facet = |at_m: DVec3| plane.height_m(at_m) < f64::from(MIN_HEIGHT_M);
         for (n, points) in lamp.points_m.chunks(step).enumerate() {
             let point = points[points.len() / 2].as_dvec3();
-            let point_m = floor.at(point.truncate()) + point.z * floor.normal();
+            let point_m = plane.at(point.truncate()) + point.z * plane.normal();
             let is_blocked = |cell: &usize| {
                 let middle = Vec2::new((cell % self.columns) as f32, (cell / self.columns) as f32) + 0.5;
-                let from_m = floor.at((self.low_m + VOXEL_M * middle).as_dvec2());
+                let from_m = plane.at((self.low_m + VOXEL_M * middle).as_dvec2());
                 let offset = point_m - from_m;
                 room.blocks(from_m, offset.normalize_or_zero(), offset.length(), is_facet)
             };
@@ -398,17 +398,17 @@ mod tests {
     fn shadow_behind_a_wall_is_that_of_the_sky_alone() {
         // The lamp is near and at a grazing angle: a few of its points are visible between voxels.
         let lights = [(sky(vec![sun()], Vec::new()), 0.001, 0.03), (sky(Vec::new(), vec![lamp(2.4)]), 0.003, 0.08)];
-        for (lighting, mean_off, most_off) in lights {
+        for (lighting, max_mean, max_largest) in lights {
             let behind = scene(lighting, DVec2::ZERO);
             let (alone, twice) =
                 (planar_shadow(&scene(sky(Vec::new(), Vec::new()), DVec2::ZERO), None), planar_shadow(&behind, None));
             let once = planar_shadow(&behind, Some(wall()));
             // A shadow without the blocked light is smaller: its texels have another size, which is
             // visible at the object's foot, and it fades out closer to the object.
-            let [mean, most] = difference(&once, &alone, DVec2::ZERO);
-            assert!(mean < mean_off && most < most_off, "{mean} {most}");
-            let [mean, most] = difference(&twice, &alone, DVec2::ZERO);
-            assert!(mean > 0.02 && most > 0.1, "{mean} {most}");
+            let [mean, largest] = difference(&once, &alone, DVec2::ZERO);
+            assert!(mean < max_mean && largest < max_largest, "{mean} {largest}");
+            let [mean, largest] = difference(&twice, &alone, DVec2::ZERO);
+            assert!(mean > 0.02 && largest > 0.1, "{mean} {largest}");
         }
     }
 

@@ -147,31 +147,31 @@ impl Shadows {
     }
 
     /// The planar shadows of the scene's objects as they are placed, and their quality: final ones
-    /// may be known where previews are requested.
+    /// may be memoized where previews are requested.
     pub fn planar_shadows(&mut self, scene: &Scene, quality: Quality) -> (Vec<PlanarShadow>, Quality) {
         let inputs = self.inputs(scene);
-        let ungrouped = |maps: &[GroupShadow]| maps.iter().map(|map| map.planar_shadow.clone()).collect();
-        if let Some(known) = self.planar_shadows.get(&inputs) {
-            return (ungrouped(&known), Quality::Final);
+        let ungrouped = |shadows: &[GroupShadow]| shadows.iter().map(|shadow| shadow.planar_shadow.clone()).collect();
+        if let Some(planar_shadows) = self.planar_shadows.get(&inputs) {
+            return (ungrouped(&planar_shadows), Quality::Final);
         }
         self.runs += 1;
         if quality.is_preview() {
-            return self.preview_maps(scene, &inputs);
+            return self.preview_shadows(scene, &inputs);
         }
-        let maps = self.final_maps(scene).into();
-        (ungrouped(&self.planar_shadows.insert(inputs, maps)), Quality::Final)
+        let shadows = self.final_shadows(scene).into();
+        (ungrouped(&self.planar_shadows.insert(inputs, shadows)), Quality::Final)
     }
 
-    fn final_maps(&mut self, scene: &Scene) -> Vec<GroupShadow> {
+    fn final_shadows(&mut self, scene: &Scene) -> Vec<GroupShadow> {
         let mut planar_shadows = Vec::new();
         for members in self.groups(scene) {
             let planar_shadow = self.group_planar_shadow(scene, &members);
             planar_shadows.extend(planar_shadow.map(|planar_shadow| GroupShadow { planar_shadow, members }));
         }
-        for (floor, caster) in self.facets(scene) {
+        for (plane, caster) in self.facets(scene) {
             let Some(extent) = self.extent(scene, &caster) else { continue };
-            let texture = ByAddress(self.texture(scene, &floor, &caster, extent));
-            let planar_shadow = PlanarShadow { floor, texture, is_beside: true };
+            let texture = ByAddress(self.texture(scene, &plane, &caster, extent));
+            let planar_shadow = PlanarShadow { plane, texture, is_beside: true };
             planar_shadows.push(GroupShadow { planar_shadow, members: Vec::new() });
         }
         planar_shadows
@@ -180,33 +180,33 @@ impl Shadows {
     /// Where only planes moved, and not far, as when a lens is changed, the latest planar shadows
     /// move with them. Elsewhere a group without a memoized planar shadow gets a preview for each
     /// of its objects, so that light is subtracted twice where two of their shadows meet.
-    fn preview_maps(&mut self, scene: &Scene, inputs: &ShadowInputs) -> (Vec<PlanarShadow>, Quality) {
+    fn preview_shadows(&mut self, scene: &Scene, inputs: &ShadowInputs) -> (Vec<PlanarShadow>, Quality) {
         let latest = self.planar_shadows.latest().filter(|(of, _)| of.room == inputs.room);
-        if let Some(planar_shadows) = latest.and_then(|(of, maps)| on_planes_of(scene, &of.objects, &maps)) {
+        if let Some(planar_shadows) = latest.and_then(|(of, shadows)| on_planes_of(scene, &of.objects, &shadows)) {
             return (planar_shadows, Quality::Preview);
         }
         let (mut planar_shadows, mut quality) = (Vec::new(), Quality::Final);
         for members in self.groups(scene) {
-            let cached_shadow = self.group_caster(scene, &members).and_then(|(floor, caster, extent)| {
-                let texture = self.memoized_texture(&floor, &caster, extent)?;
-                Some(PlanarShadow { floor, texture: ByAddress(texture), is_beside: false })
+            let memoized_shadow = self.group_caster(scene, &members).and_then(|(plane, caster, extent)| {
+                let texture = self.memoized_texture(&plane, &caster, extent)?;
+                Some(PlanarShadow { plane, texture: ByAddress(texture), is_beside: false })
             });
-            if let Some(planar_shadow) = cached_shadow {
+            if let Some(planar_shadow) = memoized_shadow {
                 planar_shadows.push(planar_shadow);
                 continue;
             }
             quality = Quality::Preview;
             for member in members {
-                let Some((floor, caster, extent)) = self.group_caster(scene, &[member]) else { continue };
-                let (texture, _) = self.preview_texture(scene, &floor, &caster, extent);
-                planar_shadows.push(PlanarShadow { floor, texture: ByAddress(texture), is_beside: false });
+                let Some((plane, caster, extent)) = self.group_caster(scene, &[member]) else { continue };
+                let (texture, _) = self.preview_texture(scene, &plane, &caster, extent);
+                planar_shadows.push(PlanarShadow { plane, texture: ByAddress(texture), is_beside: false });
             }
         }
-        for (floor, caster) in self.facets(scene) {
+        for (plane, caster) in self.facets(scene) {
             let Some(extent) = self.extent(scene, &caster) else { continue };
-            let (texture, of_texture) = self.preview_texture(scene, &floor, &caster, extent);
+            let (texture, of_texture) = self.preview_texture(scene, &plane, &caster, extent);
             quality = quality.min(of_texture);
-            planar_shadows.push(PlanarShadow { floor, texture: ByAddress(texture), is_beside: true });
+            planar_shadows.push(PlanarShadow { plane, texture: ByAddress(texture), is_beside: true });
         }
         (planar_shadows, quality)
     }
@@ -215,15 +215,15 @@ impl Shadows {
     fn preview_texture(
         &mut self,
         scene: &Scene,
-        floor: &ReceiverPlane,
+        plane: &ReceiverPlane,
         caster: &ShadowCaster,
         extent: Extent,
     ) -> (Arc<ShadowTexture>, Quality) {
-        if let Some(texture) = self.memoized_texture(floor, caster, extent) {
+        if let Some(texture) = self.memoized_texture(plane, caster, extent) {
             return (texture, Quality::Final);
         }
         let sky = caster.sky.sparse();
-        let mask = self.room.as_ref().and_then(|(room, _)| OccluderMask::of(room, floor, extent, &sky));
+        let mask = self.room.as_ref().and_then(|(room, _)| OccluderMask::of(room, plane, extent, &sky));
         let real = RealOcclusion { blocked: mask.as_deref(), receiver: caster.receiver.as_deref() };
         let key = texture_key(caster, extent, &real, Quality::Preview);
         let texture = self.memo.textures.get_or_insert_with(key, |_| {
@@ -235,13 +235,13 @@ impl Shadows {
     fn texture(
         &mut self,
         scene: &Scene,
-        floor: &ReceiverPlane,
+        plane: &ReceiverPlane,
         caster: &ShadowCaster,
         extent: Extent,
     ) -> Arc<ShadowTexture> {
         let mask = self.room.as_ref().and_then(|(room, digest)| {
-            let compute = |_: &Digest| OccluderMask::of(room, floor, extent, &caster.sky);
-            self.memo.occluder_masks.get_or_insert_with(mask_key(digest, floor, caster, extent), compute)
+            let compute = |_: &Digest| OccluderMask::of(room, plane, extent, &caster.sky);
+            self.memo.occluder_masks.get_or_insert_with(mask_key(digest, plane, caster, extent), compute)
         });
         let real = RealOcclusion { blocked: mask.as_deref(), receiver: caster.receiver.as_deref() };
         self.memo.textures.get_or_insert_with(texture_key(caster, extent, &real, Quality::Final), |_| {
@@ -252,12 +252,12 @@ impl Shadows {
     /// The final texture, if it is memoized.
     fn memoized_texture(
         &self,
-        floor: &ReceiverPlane,
+        plane: &ReceiverPlane,
         caster: &ShadowCaster,
         extent: Extent,
     ) -> Option<Arc<ShadowTexture>> {
         let mask = match &self.room {
-            Some((_, digest)) => self.memo.occluder_masks.get(&mask_key(digest, floor, caster, extent))?,
+            Some((_, digest)) => self.memo.occluder_masks.get(&mask_key(digest, plane, caster, extent))?,
             None => None,
         };
         let real = RealOcclusion { blocked: mask.as_deref(), receiver: caster.receiver.as_deref() };
@@ -265,9 +265,9 @@ impl Shadows {
     }
 
     fn group_planar_shadow(&mut self, scene: &Scene, members: &[usize]) -> Option<PlanarShadow> {
-        let (floor, caster, extent) = self.group_caster(scene, members)?;
-        let texture = ByAddress(self.texture(scene, &floor, &caster, extent));
-        Some(PlanarShadow { floor, texture, is_beside: false })
+        let (plane, caster, extent) = self.group_caster(scene, members)?;
+        let texture = ByAddress(self.texture(scene, &plane, &caster, extent));
+        Some(PlanarShadow { plane, texture, is_beside: false })
     }
 
     /// The facets of all objects that cast shadows: each with its plane and its caster. Objects do
@@ -279,16 +279,16 @@ impl Shadows {
         {
             for (n, facet) in object.facets.iter().enumerate() {
                 let first = object.parts.first();
-                let Some(floor) = first.and_then(|first| ReceiverPlane::below(&facet.plane, &first.world_from_mesh))
+                let Some(plane) = first.and_then(|first| ReceiverPlane::below(&facet.plane, &first.world_from_mesh))
                 else {
                     continue;
                 };
-                let mut sky = self.sky(&floor, Some(&self.environment.sphere_samples()));
+                let mut sky = self.sky(&plane, Some(&self.environment.sphere_samples()));
                 if let Some((room, _)) = &self.room {
-                    sky = without_occluded_back_lights(sky, room, &floor, scene, object);
+                    sky = without_occluded_back_lights(sky, room, &plane, scene, object);
                 }
-                let receiver = ReceiverMask::new(object, n, &floor);
-                all.push((floor, self.casters.caster(scene, [object], &floor, sky, Some(receiver))));
+                let receiver = ReceiverMask::new(object, n, &plane);
+                all.push((plane, self.casters.caster(scene, [object], &plane, sky, Some(receiver))));
             }
         }
         all
@@ -300,8 +300,8 @@ impl Shadows {
         let order = sorted_by_position(scene);
         let mut groups: Vec<ShadowGroup> = Vec::new();
         for index in &order {
-            let Some((floor, _, extent)) = self.group_caster(scene, &[*index]) else { continue };
-            let mut own = ShadowGroup { floor, extent, objects: vec![*index] };
+            let Some((plane, _, extent)) = self.group_caster(scene, &[*index]) else { continue };
+            let mut own = ShadowGroup { plane, extent, objects: vec![*index] };
             // It may join groups that were apart.
             let mut apart = Vec::new();
             for group in groups {
@@ -325,16 +325,16 @@ impl Shadows {
         let objects: Vec<&Object> = members.iter().map(|index| &scene.objects[*index]).collect();
         let first = objects.first()?;
         let support = first.support.filter(|_| !first.shadowless)?;
-        let floor = ReceiverPlane::below(&support, &first.parts.first()?.world_from_mesh)?;
-        let sky = self.sky(&floor, None);
+        let plane = ReceiverPlane::below(&support, &first.parts.first()?.world_from_mesh)?;
+        let sky = self.sky(&plane, None);
         let mut extent: Option<Extent> = None;
         for object in &objects {
-            let alone = self.casters.caster(scene, [*object], &floor, sky.clone(), None);
+            let alone = self.casters.caster(scene, [*object], &plane, sky.clone(), None);
             let own = self.extent(scene, &alone);
             extent = extent.into_iter().chain(own).reduce(Extent::union);
         }
-        let caster = self.casters.caster(scene, objects, &floor, sky, None);
-        Some((floor, caster, extent?))
+        let caster = self.casters.caster(scene, objects, &plane, sky, None);
+        Some((plane, caster, extent?))
     }
 
     fn extent(&self, scene: &Scene, caster: &ShadowCaster) -> Option<Extent> {
@@ -347,10 +347,10 @@ impl Shadows {
     }
 
     /// Light on a plane. `environment`: for a facet, all samples of the environment.
-    fn sky(&self, floor: &ReceiverPlane, environment: Option<&[EnvSample]>) -> Arc<PlaneLighting> {
-        let compute = |_: &DMat3| rays(&self.lighting, &self.environment, floor);
-        let rays = self.rays.get_or_insert_with(floor.axes, compute);
-        Arc::new(PlaneLighting::new(&self.lighting, rays, floor, environment))
+    fn sky(&self, plane: &ReceiverPlane, environment: Option<&[EnvSample]>) -> Arc<PlaneLighting> {
+        let compute = |_: &DMat3| rays(&self.lighting, &self.environment, plane);
+        let rays = self.rays.get_or_insert_with(plane.axes, compute);
+        Arc::new(PlaneLighting::new(&self.lighting, rays, plane, environment))
     }
 }
 
@@ -363,10 +363,10 @@ fn texture_key(caster: &ShadowCaster, extent: Extent, real: &RealOcclusion<'_>, 
     digester.finish()
 }
 
-fn mask_key(room: &Digest, floor: &ReceiverPlane, caster: &ShadowCaster, extent: Extent) -> Digest {
+fn mask_key(room: &Digest, plane: &ReceiverPlane, caster: &ShadowCaster, extent: Extent) -> Digest {
     let mut digester = Digester::default();
     digester.add(room);
-    digester.add(floor);
+    digester.add(plane);
     digester.add(&caster.digest());
     digester.add(&extent);
     digester.finish()
@@ -377,17 +377,17 @@ fn mask_key(room: &Digest, floor: &ReceiverPlane, caster: &ShadowCaster, extent:
 fn without_occluded_back_lights(
     sky: Arc<PlaneLighting>,
     room: &Room,
-    floor: &ReceiverPlane,
+    plane: &ReceiverPlane,
     scene: &Scene,
     object: &Object,
 ) -> Arc<PlaneLighting> {
     let Some(corners_m) = object.corners_m(scene) else { return sky };
     let middle_m = corners_m.into_iter().sum::<DVec3>() / 8.0;
-    let is_floor = |at_m: DVec3| object.support.is_some_and(|plane| plane.height_m(at_m) < f64::from(MIN_HEIGHT_M));
-    let is_walled = |towards: DVec3, far_m: f64| room.blocks(middle_m, towards, far_m, is_floor);
-    let of_sun = |towards: Vec3| is_walled(floor.axes * towards.as_dvec3(), f64::INFINITY);
+    let is_receiver = |at_m: DVec3| object.support.is_some_and(|plane| plane.height_m(at_m) < f64::from(MIN_HEIGHT_M));
+    let is_walled = |towards: DVec3, far_m: f64| room.blocks(middle_m, towards, far_m, is_receiver);
+    let of_sun = |towards: Vec3| is_walled(plane.axes * towards.as_dvec3(), f64::INFINITY);
     let of_lamp = |at_m: Vec3| {
-        let way_m = floor.origin_m + floor.axes * at_m.as_dvec3() - middle_m;
+        let way_m = plane.origin_m + plane.axes * at_m.as_dvec3() - middle_m;
         is_walled(way_m.normalize_or_zero(), way_m.length())
     };
     Arc::new(PlaneLighting::clone(&sky).without_back_lights(of_sun, of_lamp))

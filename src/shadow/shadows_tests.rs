@@ -13,13 +13,13 @@ fn fresh(scene: &Scene) -> Shadows {
 const HALF: Vec3 = Vec3::new(0.04, 0.03, 0.05);
 
 /// Boxes on a floor, at positions x, y and angles about its normal.
-fn scene(lighting: Lighting, floor: &ReceiverPlane, boxes: &[(f64, f64, f64)]) -> Scene {
-    let world_from_floor = DAffine3 { matrix3: floor.axes, translation: floor.origin_m };
+fn scene(lighting: Lighting, plane: &ReceiverPlane, boxes: &[(f64, f64, f64)]) -> Scene {
+    let world_from_plane = DAffine3 { matrix3: plane.axes, translation: plane.origin_m };
     let object = |(x, y, turn): &(f64, f64, f64)| {
         let on =
             DAffine3::from_rotation_translation(DQuat::from_rotation_z(*turn), DVec3::new(*x, *y, f64::from(HALF.z)));
-        let part = Part { mesh: 0, world_from_mesh: world_from_floor * on };
-        let support = Some(Plane { point_m: floor.origin_m, normal: floor.normal() });
+        let part = Part { mesh: 0, world_from_mesh: world_from_plane * on };
+        let support = Some(Plane { point_m: plane.origin_m, normal: plane.normal() });
         Object { parts: vec![part], support, ..Object::default() }
     };
     Scene {
@@ -50,8 +50,8 @@ fn hits_box(at: DVec3, towards: DVec3) -> bool {
 
 #[test]
 fn shadow_of_a_uniform_sky_matches_many_rays() {
-    let floor = ReceiverPlane::new(DVec3::new(0.3, -0.2, 1.0), DVec3::new(0.2, -0.9, 0.3).normalize());
-    let scene = scene(uniform_sky(), &floor, &[(0.0, 0.0, 0.0)]);
+    let plane = ReceiverPlane::new(DVec3::new(0.3, -0.2, 1.0), DVec3::new(0.2, -0.9, 0.3).normalize());
+    let scene = scene(uniform_sky(), &plane, &[(0.0, 0.0, 0.0)]);
     let planar_shadow = only(fresh(&scene).planar_shadows(&scene, Quality::Final).0);
     let mut worst = 0.0f64;
     for at in [(0.045, 0.0), (0.06, 0.02), (0.0, 0.04), (0.1, -0.05), (-0.15, 0.1), (0.0, 0.25), (0.02, 0.01)] {
@@ -64,19 +64,19 @@ fn shadow_of_a_uniform_sky_matches_many_rays() {
             hits_box(DVec3::new(at.0, at.1, 0.0), towards)
         });
         let truth = blocked.count() as f64 / count as f64;
-        let removed = planar_shadow.removed_at(floor.at(glam::DVec2::new(at.0, at.1)));
+        let removed = planar_shadow.removed_at(plane.at(glam::DVec2::new(at.0, at.1)));
         assert!(removed.abs_diff_eq(Vec3::splat(removed.x), 1e-4), "a grey sky: {removed}");
         worst = worst.max((f64::from(removed.x) - truth).abs());
     }
     // An edge between two of 512 rays is 1/512. A code of a mid-grey floor is 0.009.
     assert!(worst < 0.008, "{worst}");
-    assert_eq!(planar_shadow.removed_at(floor.at(glam::DVec2::new(3.0, 0.0))), Vec3::ZERO);
+    assert_eq!(planar_shadow.removed_at(plane.at(glam::DVec2::new(3.0, 0.0))), Vec3::ZERO);
 }
 
 #[test]
 fn shadow_of_a_lamp_has_its_outline_and_its_colour() {
-    let floor = ReceiverPlane::new(DVec3::ZERO, DVec3::Z);
-    let world = |v: DVec3| floor.axes * v;
+    let plane = ReceiverPlane::new(DVec3::ZERO, DVec3::Z);
+    let world = |v: DVec3| plane.axes * v;
     let lamp = PointLight {
         position_in_world_m: world(DVec3::new(0.0, 0.0, 0.6)),
         color: Vec3::new(0.3, 0.0, 0.0),
@@ -85,9 +85,9 @@ fn shadow_of_a_lamp_has_its_outline_and_its_colour() {
         spot: None,
     };
     let lighting = Lighting { points: vec![lamp], ..uniform_sky() };
-    let scene = scene(lighting, &floor, &[(0.0, 0.0, 0.0)]);
+    let scene = scene(lighting, &plane, &[(0.0, 0.0, 0.0)]);
     let planar_shadow = only(fresh(&scene).planar_shadows(&scene, Quality::Final).0);
-    let at = |x: f64, y: f64| planar_shadow.removed_at(floor.at(glam::DVec2::new(x, y)));
+    let at = |x: f64, y: f64| planar_shadow.removed_at(plane.at(glam::DVec2::new(x, y)));
     // From 0.6 m the top at 0.1 m is magnified by 0.6/0.5: its edge is at 0.048 m, with the lamp's
     // penumbra.
     let (inside, outside) = (at(0.043, 0.0), at(0.056, 0.0));
@@ -98,15 +98,15 @@ fn shadow_of_a_lamp_has_its_outline_and_its_colour() {
 
 #[test]
 fn bounds_contain_all_visible_shadow_and_the_dark_part() {
-    let floor = ReceiverPlane::new(DVec3::ZERO, DVec3::Z);
-    let scene = scene(uniform_sky(), &floor, &[(0.0, 0.0, 0.0)]);
+    let plane = ReceiverPlane::new(DVec3::ZERO, DVec3::Z);
+    let scene = scene(uniform_sky(), &plane, &[(0.0, 0.0, 0.0)]);
     let texture = only(fresh(&scene).planar_shadows(&scene, Quality::Final).0).texture;
     let size = glam::DVec2::new(texture.width.into(), texture.height.into());
-    let outside = |part: crate::shadow::UvRect, least: f32| {
+    let outside = |part: crate::shadow::UvRect, threshold: f32| {
         texture.removed.iter().enumerate().any(|(i, removed)| {
             let texel = glam::UVec2::new(i as u32 % texture.width, i as u32 / texture.width).as_dvec2();
             let is_outside = texel.cmplt(part.low * size).any() || (texel + 1.0).cmpgt(part.high * size).any();
-            is_outside && removed.iter().any(|share| share.abs() > least)
+            is_outside && removed.iter().any(|share| share.abs() > threshold)
         })
     };
     assert!(!outside(texture.visible_bounds, 0.003) && !outside(texture.dark_bounds, 0.05));
@@ -117,17 +117,17 @@ fn bounds_contain_all_visible_shadow_and_the_dark_part() {
 
 #[test]
 fn approximate_map_is_close_to_the_final_one_which_is_reused() {
-    let floor = ReceiverPlane::new(DVec3::new(0.3, -0.2, 1.0), DVec3::new(0.2, -0.9, 0.3).normalize());
+    let plane = ReceiverPlane::new(DVec3::new(0.3, -0.2, 1.0), DVec3::new(0.2, -0.9, 0.3).normalize());
     let sun =
         Sun { towards_light_in_world: Vec3::new(0.4, -0.8, 0.3).normalize(), color: Vec3::ONE, diameter_rad: 0.3 };
-    let apart = scene(Lighting { suns: vec![sun], ..uniform_sky() }, &floor, &[(0.0, 0.0, 0.0), (1.5, 0.0, 0.3)]);
+    let apart = scene(Lighting { suns: vec![sun], ..uniform_sky() }, &plane, &[(0.0, 0.0, 0.0), (1.5, 0.0, 0.3)]);
     let mut shadows = fresh(&apart);
     let (preview, quality) = shadows.planar_shadows(&apart, Quality::Preview);
     let exact = shadows.planar_shadows(&apart, Quality::Final).0;
     assert!(quality.is_preview() && preview.len() == exact.len());
     let (mut off, mut dark, mut count) = (0.0, 0.0, 0.0);
     for (x, y) in (-20..=20).flat_map(|x| (-20..=20).map(move |y| (0.01 * f64::from(x), 0.01 * f64::from(y)))) {
-        let at = floor.at(glam::DVec2::new(x, y));
+        let at = plane.at(glam::DVec2::new(x, y));
         let [preview, exact] =
             [&preview, &exact].map(|all| all.iter().map(|planar_shadow| planar_shadow.removed_at(at).x).sum::<f32>());
         (off, dark, count) = (off + (preview - exact).abs(), dark + exact, count + 1.0);
@@ -136,11 +136,11 @@ fn approximate_map_is_close_to_the_final_one_which_is_reused() {
     // Now all maps are memoized, also after an object elsewhere has moved.
     assert_eq!(shadows.planar_shadows(&apart, Quality::Preview), (exact.clone(), Quality::Final));
     let mut moved = apart.clone();
-    moved.objects[1].move_by(DAffine3::from_translation(floor.axes * DVec3::new(0.3, 0.1, 0.0)));
+    moved.objects[1].move_by(DAffine3::from_translation(plane.axes * DVec3::new(0.3, 0.1, 0.0)));
     let (planar_shadows, quality) = shadows.planar_shadows(&moved, Quality::Preview);
     assert!(!quality.is_preview() && planar_shadows.len() == 2);
     // In a preview, objects that come close keep their separate planar shadows.
-    moved.objects[1].move_by(DAffine3::from_translation(floor.axes * DVec3::new(-1.68, -0.1, 0.0)));
+    moved.objects[1].move_by(DAffine3::from_translation(plane.axes * DVec3::new(-1.68, -0.1, 0.0)));
     let (planar_shadows, quality) = shadows.planar_shadows(&moved, Quality::Preview);
     assert!(
         quality.is_preview()
@@ -148,26 +148,26 @@ fn approximate_map_is_close_to_the_final_one_which_is_reused() {
             && shadows.planar_shadows(&moved, Quality::Final).0.len() == 1
     );
     assert!(
-        planar_shadows.iter().all(|planar_shadow| exact.iter().any(|known| known.texture == planar_shadow.texture))
+        planar_shadows.iter().all(|planar_shadow| exact.iter().any(|other| other.texture == planar_shadow.texture))
     );
 }
 
 #[test]
 fn floor_that_moves_a_little_reuses_the_last_map() {
-    let floor = ReceiverPlane::new(DVec3::new(0.3, -0.2, 1.0), DVec3::Z);
-    let scene = scene(uniform_sky(), &floor, &[(0.0, 0.0, 0.0)]);
+    let plane = ReceiverPlane::new(DVec3::new(0.3, -0.2, 1.0), DVec3::Z);
+    let scene = scene(uniform_sky(), &plane, &[(0.0, 0.0, 0.0)]);
     let mut shadows = fresh(&scene);
     let exact = only(shadows.planar_shadows(&scene, Quality::Final).0);
     let moved = |tilt: f64, up_m: f64| {
         let mut moved = scene.clone();
-        let (point_m, normal) = (floor.origin_m + up_m * DVec3::Z, (DVec3::Z + tilt * DVec3::X).normalize());
+        let (point_m, normal) = (plane.origin_m + up_m * DVec3::Z, (DVec3::Z + tilt * DVec3::X).normalize());
         moved.objects[0].support = Some(Plane { point_m, normal });
         moved
     };
     let (preview, quality) = shadows.planar_shadows(&moved(0.1, -0.02), Quality::Preview);
     let preview = only(preview);
     assert!(quality.is_preview() && preview.texture == exact.texture);
-    assert!(preview.floor.normal().x > 0.09 && (preview.floor.origin_m.z - 0.98).abs() < 0.01, "{:?}", preview.floor);
+    assert!(preview.plane.normal().x > 0.09 && (preview.plane.origin_m.z - 0.98).abs() < 0.01, "{:?}", preview.plane);
     for (tilt, up_m) in [(0.3, 0.0), (0.0, -0.05)] {
         let (preview, quality) = shadows.planar_shadows(&moved(tilt, up_m), Quality::Preview);
         assert!(quality.is_preview() && only(preview).texture != exact.texture, "{tilt} {up_m}");
@@ -181,15 +181,15 @@ fn floor_that_moves_a_little_reuses_the_last_map() {
 
 #[test]
 fn planar_shadows_after_a_change_of_light_are_those_of_the_new_light() {
-    let floor = ReceiverPlane::new(DVec3::new(0.3, -0.2, 1.0), DVec3::Z);
+    let plane = ReceiverPlane::new(DVec3::new(0.3, -0.2, 1.0), DVec3::Z);
     let lamp = |x: f64| PointLight {
-        position_in_world_m: floor.at(glam::DVec2::new(x, 0.1)) + DVec3::Z,
+        position_in_world_m: plane.at(glam::DVec2::new(x, 0.1)) + DVec3::Z,
         color: Vec3::ONE,
         diameter_m: 0.06,
         range_m: f32::INFINITY,
         spot: None,
     };
-    let of = |lighting: Lighting| scene(lighting, &floor, &[(0.0, 0.0, 0.0)]);
+    let of = |lighting: Lighting| scene(lighting, &plane, &[(0.0, 0.0, 0.0)]);
     let [left, right] = [-0.5, 0.5].map(|x| of(Lighting { points: vec![lamp(x)], ..uniform_sky() }));
     let dark_sky = Environment::Uniform(Vec3::splat(0.1));
     let dark = of(Lighting { points: vec![lamp(0.5)], environment: dark_sky, ..Lighting::default() });
@@ -223,13 +223,13 @@ fn planar_shadows_after_a_change_of_light_are_those_of_the_new_light() {
 
 #[test]
 fn shadow_of_a_sun_is_on_the_opposite_side() {
-    let floor = ReceiverPlane::new(DVec3::ZERO, DVec3::NEG_Y);
-    let towards = (floor.axes * DVec3::new(1.0, 0.0, 1.0).normalize()).as_vec3();
+    let plane = ReceiverPlane::new(DVec3::ZERO, DVec3::NEG_Y);
+    let towards = (plane.axes * DVec3::new(1.0, 0.0, 1.0).normalize()).as_vec3();
     let sun = Sun { towards_light_in_world: towards, color: Vec3::ONE, diameter_rad: 0.01 };
     let lighting = Lighting { suns: vec![sun], points: Vec::new(), environment: Environment::Uniform(Vec3::ZERO) };
-    let scene = scene(lighting, &floor, &[(0.0, 0.0, 0.0)]);
+    let scene = scene(lighting, &plane, &[(0.0, 0.0, 0.0)]);
     let planar_shadow = only(fresh(&scene).planar_shadows(&scene, Quality::Final).0);
-    let at = |x: f64, y: f64| planar_shadow.removed_at(floor.at(glam::DVec2::new(x, y))).x;
+    let at = |x: f64, y: f64| planar_shadow.removed_at(plane.at(glam::DVec2::new(x, y))).x;
     // A height of 0.1 m under 45°: from −0.04 m to −0.14 m.
     assert!(at(-0.135, 0.0) > 0.99 && at(-0.145, 0.0) < 0.01, "{} {}", at(-0.135, 0.0), at(-0.145, 0.0));
     assert!(at(-0.1, 0.027) > 0.99 && at(-0.1, 0.033) < 0.01 && at(0.05, 0.0) < 0.01);
@@ -237,21 +237,21 @@ fn shadow_of_a_sun_is_on_the_opposite_side() {
 
 #[test]
 fn objects_with_overlapping_shadows_share_a_planar_shadow() {
-    let floor = ReceiverPlane::new(DVec3::ZERO, DVec3::Z);
-    let both = scene(uniform_sky(), &floor, &[(0.0, 0.0, 0.0), (0.12, 0.0, 0.4)]);
+    let plane = ReceiverPlane::new(DVec3::ZERO, DVec3::Z);
+    let both = scene(uniform_sky(), &plane, &[(0.0, 0.0, 0.0), (0.12, 0.0, 0.4)]);
     let planar_shadow = only(fresh(&both).planar_shadows(&both, Quality::Final).0);
     let alone = |n: usize| {
         let one = Scene { objects: vec![both.objects[n].clone()], ..both.clone() };
         only(fresh(&one).planar_shadows(&one, Quality::Final).0)
     };
-    let between = floor.at(glam::DVec2::new(0.06, 0.0));
+    let between = plane.at(glam::DVec2::new(0.06, 0.0));
     let [together, left, right] =
         [&planar_shadow, &alone(0), &alone(1)].map(|planar_shadow| planar_shadow.removed_at(between).x);
     // They block light from different sides.
     assert!((together - left - right).abs() < 0.03 && together < 1.0, "{together} {left} {right}");
-    let apart = scene(uniform_sky(), &floor, &[(0.0, 0.0, 0.0), (5.0, 0.0, 0.4)]);
+    let apart = scene(uniform_sky(), &plane, &[(0.0, 0.0, 0.0), (5.0, 0.0, 0.4)]);
     assert_eq!(fresh(&apart).planar_shadows(&apart, Quality::Final).0.len(), 2);
-    let shadowless = scene(uniform_sky(), &floor, &[(0.0, 0.0, 0.0)]);
+    let shadowless = scene(uniform_sky(), &plane, &[(0.0, 0.0, 0.0)]);
     let object = Object { shadowless: true, ..shadowless.objects[0].clone() };
     let shadowless = Scene { objects: vec![object], ..shadowless };
     assert!(fresh(&shadowless).planar_shadows(&shadowless, Quality::Final).0.is_empty());
@@ -259,10 +259,10 @@ fn objects_with_overlapping_shadows_share_a_planar_shadow() {
 
 #[test]
 fn shadow_on_a_wall_matches_that_on_a_floor_in_its_plane() {
-    let floor = ReceiverPlane::new(DVec3::ZERO, DVec3::Z);
+    let plane = ReceiverPlane::new(DVec3::ZERO, DVec3::Z);
     let sun =
         Sun { towards_light_in_world: Vec3::new(-1.0, 0.0, 0.5).normalize(), color: Vec3::ONE, diameter_rad: 0.02 };
-    let mut scene = scene(Lighting { suns: vec![sun], ..uniform_sky() }, &floor, &[(0.0, 0.0, 0.0)]);
+    let mut scene = scene(Lighting { suns: vec![sun], ..uniform_sky() }, &plane, &[(0.0, 0.0, 0.0)]);
     // A wall 4 cm to the right of the box.
     let reach = scene.objects[0].points_m(&scene).map(|p| p.x).fold(f64::NEG_INFINITY, f64::max);
     let plane = Plane { point_m: DVec3::new(reach + 0.04, 0.0, 0.1), normal: DVec3::NEG_X };
@@ -287,9 +287,9 @@ fn shadow_on_a_wall_matches_that_on_a_floor_in_its_plane() {
     let at = |y: f64, z: f64| DVec3::new(plane.point_m.x, y, z);
     let (mut dark, mut off) = (0.0f32, 0.0f32);
     for (y, z) in (-10..=10).flat_map(|y| (3..10).map(move |z| (0.01 * f64::from(y), 0.02 * f64::from(z)))) {
-        let [found, expected] = [wall, &lying].map(|planar_shadow| planar_shadow.removed_at(at(y, z)).x);
-        (dark, off) = (dark.max(found), off.max((found - expected).abs()));
-        assert!((preview.removed_at(at(y, z)).x - found).abs() < 0.3);
+        let [removed, expected] = [wall, &lying].map(|planar_shadow| planar_shadow.removed_at(at(y, z)).x);
+        (dark, off) = (dark.max(removed), off.max((removed - expected).abs()));
+        assert!((preview.removed_at(at(y, z)).x - removed).abs() < 0.3);
     }
     // The texels are different.
     assert!(dark > 0.5 && off < 0.06, "{dark} {off}");
@@ -306,11 +306,11 @@ fn shadow_on_a_wall_matches_that_on_a_floor_in_its_plane() {
 
 /// A red box, 4 cm to its right a wall of 0.2 m that faces it, and a lamp.
 fn in_front_of_a_wall(at_m: DVec3, bright: f32) -> Scene {
-    let floor = ReceiverPlane::new(DVec3::ZERO, DVec3::Z);
+    let plane = ReceiverPlane::new(DVec3::ZERO, DVec3::Z);
     let (color, range_m) = (Vec3::splat(bright), f32::INFINITY);
     let lamp = PointLight { position_in_world_m: at_m, color, diameter_m: 0.02, range_m, spot: None };
     let lighting = Lighting { points: vec![lamp], ..uniform_sky() };
-    let mut scene = scene(lighting, &floor, &[(0.0, 0.0, 0.0)]);
+    let mut scene = scene(lighting, &plane, &[(0.0, 0.0, 0.0)]);
     scene.materials[0].base_color = [0.9, 0.0, 0.0, 1.0];
     let reach = scene.objects[0].points_m(&scene).map(|p| p.x).fold(f64::NEG_INFINITY, f64::max);
     let plane = Plane { point_m: DVec3::new(reach + 0.04, 0.0, 0.1), normal: DVec3::NEG_X };
@@ -376,15 +376,15 @@ fn light_that_a_real_object_blocks_is_not_subtracted_from_a_wall() {
 
 #[test]
 fn object_moved_on_its_floor_has_the_map_of_a_new_one() {
-    let floor = ReceiverPlane::new(DVec3::new(0.1, 0.2, 0.3), DVec3::new(0.1, 0.2, 0.9).normalize());
-    let mut shadows = fresh(&scene(uniform_sky(), &floor, &[]));
-    let at = |x: f64, y: f64| scene(uniform_sky(), &floor, &[(x, y, 0.7)]);
+    let plane = ReceiverPlane::new(DVec3::new(0.1, 0.2, 0.3), DVec3::new(0.1, 0.2, 0.9).normalize());
+    let mut shadows = fresh(&scene(uniform_sky(), &plane, &[]));
+    let at = |x: f64, y: f64| scene(uniform_sky(), &plane, &[(x, y, 0.7)]);
     let first = only(shadows.planar_shadows(&at(0.0, 0.0), Quality::Final).0);
     let moved = only(shadows.planar_shadows(&at(0.731, -0.25), Quality::Final).0);
     assert!(first.texture == moved.texture, "it was worked out again");
     let scene = at(0.731, -0.25);
     assert_eq!(*only(fresh(&scene).planar_shadows(&scene, Quality::Final).0).texture, *moved.texture);
-    let beside = moved.removed_at(floor.at(glam::DVec2::new(0.731, -0.25) + Vec2::new(0.0, 0.06).as_dvec2()));
+    let beside = moved.removed_at(plane.at(glam::DVec2::new(0.731, -0.25) + Vec2::new(0.0, 0.06).as_dvec2()));
     assert!(beside.x > 0.05, "{beside}");
-    assert_eq!(first.removed_at(floor.at(glam::DVec2::new(0.731, -0.25))), Vec3::ZERO);
+    assert_eq!(first.removed_at(plane.at(glam::DVec2::new(0.731, -0.25))), Vec3::ZERO);
 }

@@ -245,8 +245,8 @@ pub fn disc(count: usize) -> impl Iterator<Item = Vec2> {
 }
 
 /// All distant light on planes with these axes.
-pub fn rays(lighting: &Lighting, environment: &EnvironmentImage, floor: &ReceiverPlane) -> Arc<[SkyRay]> {
-    let plane_from_world = floor.plane_from_world().matrix3.as_mat3();
+pub fn rays(lighting: &Lighting, environment: &EnvironmentImage, plane: &ReceiverPlane) -> Arc<[SkyRay]> {
+    let plane_from_world = plane.plane_from_world().matrix3.as_mat3();
     let mut rays = environment.rays(plane_from_world);
     for sun in &lighting.suns {
         let towards = plane_from_world * sun.towards_light_in_world;
@@ -270,8 +270,8 @@ pub fn rays(lighting: &Lighting, environment: &EnvironmentImage, floor: &Receive
 impl PlaneLighting {
     /// `rays`: the result of [`rays`] for planes with these axes. `far`: for a facet, samples over
     /// the sphere.
-    pub fn new(lighting: &Lighting, rays: Arc<[SkyRay]>, floor: &ReceiverPlane, far: Option<&[EnvSample]>) -> Self {
-        let plane_from_world = floor.plane_from_world();
+    pub fn new(lighting: &Lighting, rays: Arc<[SkyRay]>, plane: &ReceiverPlane, far: Option<&[EnvSample]>) -> Self {
+        let plane_from_world = plane.plane_from_world();
         let turn = plane_from_world.matrix3.as_mat3();
         let lamps = lighting.points.iter().map(|point| {
             let at_m = plane_from_world.transform_point3(point.position_in_world_m).as_vec3();
@@ -363,7 +363,7 @@ fn distant_back_light(far: &[EnvSample], suns: &[Sun], plane_from_world: Mat3) -
 
 /// The class of rays by the angular radius of their patches.
 pub fn class(angle_rad: f32) -> usize {
-    MIN_CLASS_ANGLES_RAD.iter().take_while(|least| angle_rad >= **least).count()
+    MIN_CLASS_ANGLES_RAD.iter().take_while(|min_rad| angle_rad >= **min_rad).count()
 }
 
 impl SampledLamp {
@@ -411,11 +411,11 @@ mod tests {
     use glam::DVec3;
 
     fn sky(lighting: &Lighting, normal: DVec3) -> PlaneLighting {
-        let floor = ReceiverPlane::new(DVec3::ZERO, normal);
+        let plane = ReceiverPlane::new(DVec3::ZERO, normal);
         PlaneLighting::new(
             lighting,
-            rays(lighting, &EnvironmentImage::new(&lighting.environment), &floor),
-            &floor,
+            rays(lighting, &EnvironmentImage::new(&lighting.environment), &plane),
+            &plane,
             None,
         )
     }
@@ -469,8 +469,8 @@ mod tests {
         let sky = sky(&lighting, DVec3::Z);
         assert_eq!(sky.rays.len(), SUN_RAYS);
         assert!((sky.light.x - 1.6).abs() < 1e-4, "{}", sky.light);
-        let floor = ReceiverPlane::new(DVec3::ZERO, DVec3::Z);
-        let slopes = sky.rays.iter().map(|r| (floor.axes * r.slope.extend(1.0).as_dvec3()).as_vec3().normalize());
+        let plane = ReceiverPlane::new(DVec3::ZERO, DVec3::Z);
+        let slopes = sky.rays.iter().map(|r| (plane.axes * r.slope.extend(1.0).as_dvec3()).as_vec3().normalize());
         let widest = slopes.map(|d| d.angle_between(towards)).fold(0.0, f32::max);
         assert!((widest - 0.1).abs() < 0.002, "{widest}");
     }

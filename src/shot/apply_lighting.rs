@@ -34,7 +34,7 @@ mod tests {
     use glam::{DVec3, Vec3};
 
     /// A sun, a lamp and a uniform environment.
-    fn given() -> Lighting {
+    fn of_scene() -> Lighting {
         let sun = Sun { towards_light_in_world: Vec3::Z, color: Vec3::ONE, diameter_rad: 0.01 };
         Lighting { suns: vec![sun], points: vec![lamp(1.0)], environment: Environment::Uniform(Vec3::splat(0.1)) }
     }
@@ -57,7 +57,7 @@ mod tests {
     /// The lighting of a scene after [`apply_lighting`].
     fn lit(lighting_origin: LightingOrigin, estimated: Option<&Lighting>) -> Lighting {
         let mut scene = Arc::new(Scene { lighting_origin, ..Scene::default() });
-        apply_lighting(&mut scene, &given(), estimated);
+        apply_lighting(&mut scene, &of_scene(), estimated);
         scene.lighting.clone()
     }
 
@@ -65,7 +65,7 @@ mod tests {
     fn lamps_and_suns_of_models_are_added_to_the_estimated_lighting() {
         let lighting = lit(LightingOrigin::Models, Some(&estimated()));
         assert_eq!(lighting.points, [lamp(1.0), lamp(2.0), lamp(3.0)]);
-        assert_eq!(lighting.suns, given().suns);
+        assert_eq!(lighting.suns, of_scene().suns);
         assert_eq!(lighting.environment, estimated().environment);
     }
 
@@ -75,7 +75,7 @@ mod tests {
         assert_eq!(lit(LightingOrigin::Scene, Some(&estimated())), Lighting::default());
         assert_eq!(
             [LightingOrigin::Default, LightingOrigin::Models].map(|lighting_origin| lit(lighting_origin, None)),
-            [given(), given()]
+            [of_scene(), of_scene()]
         );
     }
 }

@@ -32,7 +32,7 @@ impl PartialExposure {
 
     pub fn missing(self) -> Vec<&'static str> {
         let named = [(self.f_number, "the f-number"), (self.time_s, "the shutter time"), (self.iso, "the film speed")];
-        named.into_iter().filter(|(known, _)| known.is_none()).map(|(_, name)| name).collect()
+        named.into_iter().filter(|(value, _)| value.is_none()).map(|(_, name)| name).collect()
     }
 }
 

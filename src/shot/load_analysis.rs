@@ -78,6 +78,6 @@ fn read_fitting(folder: &Path, recording: &Recording, rig: &Rig) -> Result<Analy
 /// The median of the frames' recorded exposures, s. `None` if most frames have none.
 fn median_exposure_s(recording: &Recording) -> Option<f64> {
     let exposures_s: Vec<f64> = recording.exposure.iter().filter_map(equivalent_exposure_s).collect();
-    let are_most = 2 * exposures_s.len() > recording.frame_count();
-    upper_median(exposures_s).filter(|_| are_most)
+    let is_majority = 2 * exposures_s.len() > recording.frame_count();
+    upper_median(exposures_s).filter(|_| is_majority)
 }

@@ -177,7 +177,7 @@ pub struct FrameCounts {
     /// Frames in which depth occluded nothing; the first of them, and the reason.
     hides_nothing: usize,
     first: Option<(usize, String)>,
-    /// The same of frames without their noise by example.
+    /// Frames without their noise by example; the first of them, and the reason.
     no_example_noise: usize,
     first_without_example: Option<(usize, String)>,
     /// Whether an object may have been visible.

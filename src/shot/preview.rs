@@ -76,8 +76,8 @@ fn draw_site_edges(picture: &mut RgbImage, map: &DepthMap) {
     for y in r..height.saturating_sub(r) {
         for x in r..width.saturating_sub(r) {
             let here = w(x, y);
-            let most = bend(w(x - r, y), here, w(x + r, y)).max(bend(w(x, y - r), here, w(x, y + r)));
-            if most > SITE_EDGE_BEND {
+            let max_bend = bend(w(x - r, y), here, w(x + r, y)).max(bend(w(x, y - r), here, w(x, y + r)));
+            if max_bend > SITE_EDGE_BEND {
                 picture.put_pixel(x as u32, y as u32, SITE_INK);
             }
         }

@@ -15,7 +15,7 @@ use crate::recording::Recording;
 use crate::scene::{Scene, SceneError, SitePlacement, read_scan};
 use crate::site::ScannedSite;
 use crate::site::alignment::RayPair;
-use crate::site::refinement::{self, NoRefinement, PlacePrior, SiteRefinement, SiteView};
+use crate::site::refinement::{self, NoRefinement, PosePrior, SiteRefinement, SiteView};
 use crate::tracking::PoseTrack;
 
 /// Frames that a refinement reads.
@@ -85,11 +85,11 @@ impl Shot {
         range.step_by(stride).filter_map(covered).reduce(f64::max)
     }
 
-    /// Refines the place of a scan by the brightness of its surface in the frames.
+    /// Refines the pose of a scan by the brightness of its surface in the frames.
     pub fn refined_site(
         &self,
         site: &ScannedSite,
-        prior: PlacePrior,
+        prior: PosePrior,
     ) -> Result<Result<SiteRefinement, NoRefinement>, ShotError> {
         let recording = &self.recording;
         let posed: Vec<usize> =
@@ -126,7 +126,7 @@ impl Shot {
         self.room = Arc::default();
     }
 
-    /// True if the recording has the scan of the scene, in the same place.
+    /// True if the recording has the scan of the scene, with the same pose.
     fn has_site_of_scene(&self) -> bool {
         match (self.recording.site(), &self.scene.site) {
             (Some(site), Some(placement)) => {

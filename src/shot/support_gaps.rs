@@ -66,10 +66,10 @@ struct SteepContacts {
 }
 
 impl SteepContacts {
-    fn take(&mut self, off_m: f64, least_m: f64) {
+    fn take(&mut self, off_m: f64, min_m: f64) {
         let side = match off_m {
-            off_m if off_m > least_m => &mut self.before,
-            off_m if off_m < -least_m => &mut self.behind,
+            off_m if off_m > min_m => &mut self.before,
+            off_m if off_m < -min_m => &mut self.behind,
             _ => &mut self.contact,
         };
         *side += 1;
@@ -109,7 +109,7 @@ impl Shot {
         let i = &eye.geometry().intrinsics;
         let picture = DVec2::new(i.width_px.into(), i.height_px.into());
         let (mut gaps, mut normal, mut steep) = (Vec::new(), DVec3::ZERO, SteepContacts::default());
-        let mut least_m = MIN_GAP_M;
+        let mut min_m = MIN_GAP_M;
         for sample in &footprint.points_m {
             let Some(at) = eye.project(*sample).filter(|at| at.cmpge(DVec2::ZERO).all() && at.cmplt(picture).all())
             else {
@@ -124,14 +124,14 @@ impl Shot {
             }
             gaps.push(off_m);
             normal += surface.plane.normal;
-            least_m = least_m.max(known_m);
+            min_m = min_m.max(known_m);
         }
         gaps.sort_by(f64::total_cmp);
-        let gap = height_m(&gaps, least_m, footprint.points_m.len());
-        steep.before += gaps.iter().filter(|gap_m| **gap_m > least_m).count();
+        let gap = height_m(&gaps, min_m, footprint.points_m.len());
+        steep.before += gaps.iter().filter(|gap_m| **gap_m > min_m).count();
         // The visible surface along a ray may be farther than the one vertically below.
         let over_m =
-            || self.height_over_depth_m(frame, &self.scene.objects[object], up).filter(|over_m| *over_m > least_m);
+            || self.height_over_depth_m(frame, &self.scene.objects[object], up).filter(|over_m| *over_m > min_m);
         let gap = match gap {
             Some(Some(gap_m)) if gap_m > 0.0 => Some(over_m().map_or(gap_m, |over_m| over_m.min(gap_m))),
             None if steep.is_in_air(footprint.points_m.len()) => Some(over_m()?),
@@ -141,7 +141,7 @@ impl Shot {
             return Some(gap);
         };
         let (sample, normal) = (footprint.points_m.last()?, normal.normalize_or(up));
-        (!self.has_measured_ground(frame, eye, (*sample, normal), SEARCH_PER_GAP * deep_m, least_m)).then_some(gap)
+        (!self.has_measured_ground(frame, eye, (*sample, normal), SEARCH_PER_GAP * deep_m, min_m)).then_some(gap)
     }
 
     /// True if the depth map has enough points within `within_m` of the plane through the
@@ -174,22 +174,22 @@ impl Shot {
 }
 
 /// Height of a footprint with `points` samples over its support, by the known gaps in ascending
-/// order: `Some(None)` for a gap below `least_m`, `None` if too few are known or they disagree.
-fn height_m(gaps_m: &[f64], least_m: f64, points: usize) -> Option<Option<f64>> {
-    let agreeing = |at: f64| gaps_m.iter().filter(|gap| (*gap - at).abs() <= least_m).count();
-    let is_most = |count: usize| 2 * count > points;
+/// order: `Some(None)` for a gap below `min_m`, `None` if too few are known or they disagree.
+fn height_m(gaps_m: &[f64], min_m: f64, points: usize) -> Option<Option<f64>> {
+    let agreeing = |at: f64| gaps_m.iter().filter(|gap| (*gap - at).abs() <= min_m).count();
+    let is_majority = |count: usize| 2 * count > points;
     if agreeing(0.0) >= MIN_CONTACTS {
         return Some(None);
     }
-    let over: Vec<f64> = gaps_m.iter().copied().filter(|gap| *gap > least_m).collect();
-    if is_most(over.len()) {
-        let [nearest, _] = *over.array_windows().find(|[a, b]| b - a <= least_m)?;
-        let same = over.partition_point(|gap| *gap <= nearest + 2.0 * least_m);
+    let over: Vec<f64> = gaps_m.iter().copied().filter(|gap| *gap > min_m).collect();
+    if is_majority(over.len()) {
+        let [nearest, _] = *over.array_windows().find(|[a, b]| b - a <= min_m)?;
+        let same = over.partition_point(|gap| *gap <= nearest + 2.0 * min_m);
         let from = over.partition_point(|gap| *gap < nearest);
         return Some(Some(over[(from + same) / 2]));
     }
     let middle = *gaps_m.get(gaps_m.len() / 2)?;
-    is_most(agreeing(middle)).then_some((middle.abs() > least_m).then_some(middle))
+    is_majority(agreeing(middle)).then_some((middle.abs() > min_m).then_some(middle))
 }
 
 /// Whether another object of the scene is closely below a point, or around it.

@@ -30,7 +30,7 @@ pub struct Surface {
 pub enum SurfaceError {
     #[error("frame {frame} has no depth: give a plane, or pick the point in a second frame too (X,Y+FRAME:X,Y)")]
     NoDepth { frame: usize },
-    #[error("{} lies outside the picture, {width}x{height} px", place(*.at_px))]
+    #[error("{} lies outside the picture of {width}x{height} px: expected X from 0 to {width}, Y from 0 to {height}", place(*.at_px))]
     Outside { at_px: [f64; 2], width: u32, height: u32 },
     #[error("the lens model has no ray at {}", place(*.at_px))]
     NoRay { at_px: [f64; 2] },

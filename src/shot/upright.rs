@@ -89,8 +89,8 @@ mod tests {
         };
         let lighting = Lighting { environment: Environment::Map(map), ..Lighting::default() };
         shot.estimated_lighting = Some(Arc::new(lighting));
-        for found in [shot.up_on(None), shot.up_preview(Some(DVec3::Z))] {
-            assert!(found.angle_between(up).to_degrees() < 0.01, "{found}");
+        for up_estimate in [shot.up_on(None), shot.up_preview(Some(DVec3::Z))] {
+            assert!(up_estimate.angle_between(up).to_degrees() < 0.01, "{up_estimate}");
         }
     }
 

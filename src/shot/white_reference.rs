@@ -142,11 +142,11 @@ fn factors(
     lamps: &[PointLight],
 ) -> Result<[f64; 3], WhiteReferenceError> {
     let light = comes.light();
-    for (n, (by, seen)) in comes.lamps.iter().enumerate() {
+    for (n, (by, visibility)) in comes.lamps.iter().enumerate() {
         let is_wide = lamps.get(n).is_some_and(|lamp| f64::from(lamp.diameter_m) > SMOOTH_PENUMBRA_M);
         let matters = !is_wide && mean(*by) > MIN_PENUMBRA_SHARE * mean(light + *by);
-        if matters && *seen > 0.0 && *seen < 1.0 {
-            return Err(WhiteReferenceError::HalfShadow { lamp: n + 1, percent: 100.0 * f64::from(*seen) });
+        if matters && *visibility > 0.0 && *visibility < 1.0 {
+            return Err(WhiteReferenceError::HalfShadow { lamp: n + 1, percent: 100.0 * f64::from(*visibility) });
         }
     }
     if light.min_element() <= 0.0 {
@@ -184,7 +184,7 @@ fn around(view: &FramePoint, radius: u32, width: u32, height: u32) -> impl Itera
 /// The median of the light around a picked position, in a frame of usual exposure.
 fn median_light(frame: &Frame, view: &FramePoint, response: &Response) -> Result<[f64; 3], WhiteReferenceError> {
     let pixels = &frame.pixels;
-    let (width, height, most) = (pixels.width, pixels.height, pixels.max_code());
+    let (width, height, max_code) = (pixels.width, pixels.height, pixels.max_code());
     let codes: Vec<[u32; 3]> =
         around(view, scaled_px(PATCH_RADIUS_PX, width), width, height).map(|(x, y)| pixels.at(x, y)).collect();
     let is_clipped = |codes: &&[u32; 3]| codes.iter().any(|code| *code >= pixels.clip_code());
@@ -193,7 +193,7 @@ fn median_light(frame: &Frame, view: &FramePoint, response: &Response) -> Result
         return Err(WhiteReferenceError::Clipped { percent: 100.0 * clipped });
     }
     let sorted = |of: &dyn Fn([f64; 3]) -> f64| {
-        let light = |codes: &[u32; 3]| codes.map(|code| response.decode(f64::from(code) / f64::from(most)));
+        let light = |codes: &[u32; 3]| codes.map(|code| response.decode(f64::from(code) / f64::from(max_code)));
         let mut values: Vec<f64> = codes.iter().map(|codes| of(light(codes))).collect();
         move |share: f64| nearest_quantile(&mut values, share).unwrap_or(0.0)
     };
@@ -213,11 +213,11 @@ fn median_light(frame: &Frame, view: &FramePoint, response: &Response) -> Result
 
 /// Gain of a frame at a position, relative to the usual one: factors on linear light.
 fn gain(frame: &Frame, view: &FramePoint) -> [f64; 3] {
-    let Some(seen) = frame.exposure.brightness else { return [1.0; 3] };
+    let Some(brightness) = frame.exposure.brightness else { return [1.0; 3] };
     let share = |at: f64, size: u32| (at / f64::from(size.max(1))) as f32;
     let at = [share(view.at_px.x, frame.pixels.width), share(view.at_px.y, frame.pixels.height)];
-    let here = f64::from(seen.spatial_gain.at(at)).exp2();
-    seen.factors.map(|factor| factor * here)
+    let here = f64::from(brightness.spatial_gain.at(at)).exp2();
+    brightness.factors.map(|factor| factor * here)
 }
 
 /// Whether depth around a position differs from the surface's.
@@ -241,10 +241,10 @@ mod tests {
 
     const VIEW: FramePoint = FramePoint { frame: 0, at_px: DVec2::new(320.5, 240.5) };
 
-    fn frame(code: impl Fn(u32, u32) -> [u8; 3], seen: Option<RelativeBrightness>) -> Frame {
+    fn frame(code: impl Fn(u32, u32) -> [u8; 3], brightness: Option<RelativeBrightness>) -> Frame {
         let places = (0..480).flat_map(|y| (0..640).map(move |x| (x, y)));
         let pixels = Pixels::from_u8(640, 480, places.flat_map(|(x, y)| code(x, y)).collect()).unwrap();
-        let exposure = FrameExposure { brightness: seen, ..FrameExposure::default() };
+        let exposure = FrameExposure { brightness, ..FrameExposure::default() };
         Frame { exposure, ..Frame::new(0, 0.0, pixels) }
     }
 
@@ -258,8 +258,8 @@ mod tests {
         // 0.72: a factor of 1.2.
         let lamp = (Vec3::splat(0.25), 1.0);
         let comes = WhiteRadiance { far: Vec3::new(0.4, 0.5, 0.6), lamps: vec![lamp] };
-        let is_about = |found: [f64; 3], expected: [f64; 3]| {
-            assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6), "{found:?} {expected:?}");
+        let is_about = |actual: [f64; 3], expected: [f64; 3]| {
+            assert!(actual.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6), "{actual:?} {expected:?}");
         };
         is_about(factors([0.78, 0.72, 0.51], 0.8, &comes, &[]).unwrap(), [1.5, 1.2, 0.75]);
         // A grey card of 0.3.

@@ -120,10 +120,10 @@ mod tests {
         let jumps: Vec<f64> =
             gains.windows(2).map(|pair| (stops(&pair[1]) - stops(&pair[0])).abs()).filter(|jump| *jump > 0.0).collect();
         assert_eq!(jumps.len(), 120, "two a second for a minute");
-        assert!(jumps.iter().fold(0.0, |most, jump| jump.max(most)) > 1.0);
+        assert!(jumps.iter().fold(0.0, |largest, jump| jump.max(largest)) > 1.0);
         for channel in [0, 2] {
-            let most = gains.iter().map(|of| (of[channel] / of[1]).ln().abs()).fold(0.0, f64::max);
-            assert!(most > 0.6 * 1.1f64.ln() && most <= 1.1f64.ln() + 1e-12, "{most}");
+            let largest_ln = gains.iter().map(|of| (of[channel] / of[1]).ln().abs()).fold(0.0, f64::max);
+            assert!(largest_ln > 0.6 * 1.1f64.ln() && largest_ln <= 1.1f64.ln() + 1e-12, "{largest_ln}");
         }
     }
 

@@ -140,7 +140,7 @@ crate::params! {
 /// Errors of a simulation.
 #[derive(Debug, thiserror::Error)]
 pub enum SimulateError {
-    #[error("{0} exists already; it is kept unless --force is given")]
+    #[error("{0}: exists already, and is kept (--force replaces it)")]
     Exists(PathBuf),
     #[error("{folder} is not replaced: {foreign} in it was not written by `locard simulate`; choose another folder")]
     Foreign { folder: PathBuf, foreign: PathBuf },

@@ -91,7 +91,7 @@ mod tests {
     use super::*;
 
     /// A camera that moves right and turns about its own vertical.
-    fn way() -> PoseTrack {
+    fn test_track() -> PoseTrack {
         let pose = |n: i32| {
             let time_s = START_S + INTERVAL_S * f64::from(n);
             let turn = DQuat::from_rotation_y(0.3 * time_s);
@@ -102,7 +102,7 @@ mod tests {
 
     /// Errors of the recorded poses in the camera's axes: m and radians.
     fn off(flaws: &Flaws) -> Vec<(DVec3, DVec3)> {
-        let truth = way();
+        let truth = test_track();
         let recorded = flaws.recorded(&truth).unwrap();
         let of = |(is, was): (&(f64, Pose), &(f64, Pose))| {
             let turn = was.1.rotation * is.1.world_from_camera_rotation();
@@ -119,7 +119,7 @@ mod tests {
     #[test]
     fn poses_without_flaws_are_unchanged() {
         let flaws = Flaws { seed: 5, depth_later_s: 0.02, repeat_share: 0.5, ..Flaws::default() };
-        assert_eq!(flaws.recorded(&way()).unwrap(), way());
+        assert_eq!(flaws.recorded(&test_track()).unwrap(), test_track());
     }
 
     #[test]
@@ -130,16 +130,16 @@ mod tests {
         assert!((rms(off.iter().map(|o| o.1)) / 0.1f64.to_radians() - 1.0).abs() < 0.05);
         let next = off.windows(2).map(|pair| pair[0].0.dot(pair[1].0)).sum::<f64>() / off.len() as f64;
         assert!(next.abs() < 0.1 * 4e-6, "{next}");
-        let both = off.iter().map(|(way, turn)| way.dot(*turn)).sum::<f64>() / off.len() as f64;
+        let both = off.iter().map(|(shift, turn)| shift.dot(*turn)).sum::<f64>() / off.len() as f64;
         assert!(both.abs() < 0.1 * 2e-3 * 0.1f64.to_radians(), "{both}");
     }
 
     #[test]
     fn drift_is_slow_and_bounded() {
         let off = off(&Flaws { drift_mm: 20.0, drift_deg: 1.0, ..Flaws::default() });
-        let most = |of: fn(&(DVec3, DVec3)) -> DVec3| off.iter().map(|o| of(o).length()).fold(0.0, f64::max);
-        assert!(most(|o| o.0) > 0.006 && most(|o| o.0) <= 0.02, "{}", most(|o| o.0));
-        assert!(most(|o| o.1) > 0.3f64.to_radians() && most(|o| o.1) <= 1f64.to_radians());
+        let largest = |of: fn(&(DVec3, DVec3)) -> DVec3| off.iter().map(|o| of(o).length()).fold(0.0, f64::max);
+        assert!(largest(|o| o.0) > 0.006 && largest(|o| o.0) <= 0.02, "{}", largest(|o| o.0));
+        assert!(largest(|o| o.1) > 0.3f64.to_radians() && largest(|o| o.1) <= 1f64.to_radians());
         // Slope of a spline: at most 2 · 20 mm in 1.5 s, 0.14 mm in 5 ms.
         assert!(off.windows(2).all(|pair| (pair[1].0 - pair[0].0).length() < 0.14e-3));
     }
@@ -149,7 +149,7 @@ mod tests {
         let flaws = Flaws { hand_eye_mm: 30.0, hand_eye_deg: 2.0, poses_later_s: 0.02, ..Flaws::default() };
         let (at_m, turn) = flaws.hand_eye();
         assert!((at_m.length() - 0.03).abs() < 1e-12 && (turn.length() - 2f64.to_radians()).abs() < 1e-12);
-        let (truth, recorded) = (way(), flaws.recorded(&way()).unwrap());
+        let (truth, recorded) = (test_track(), flaws.recorded(&test_track()).unwrap());
         for (is, was) in recorded.poses().iter().zip(truth.poses()) {
             assert!((is.0 - was.0 - 0.02).abs() < 1e-12);
             let camera = on(&is.1, &Pose::from_camera_in_world(at_m, DQuat::from_scaled_axis(turn)));

@@ -62,8 +62,8 @@ mod tests {
     fn walk_stays_within_one_and_is_continuous() {
         let walk = SmoothWalk::new([3, 1], 0.5);
         let values: Vec<f64> = (-20_000..20_000).map(|n| walk.at(1e-3 * f64::from(n))).collect();
-        let most = values.iter().fold(0.0f64, |most, v| most.max(v.abs()));
-        assert!(most > 0.5 && most <= 1.0, "{most}");
+        let largest = values.iter().fold(0.0f64, |largest, v| largest.max(v.abs()));
+        assert!(largest > 0.5 && largest <= 1.0, "{largest}");
         // The slope of a cubic B-spline is at most the largest step between knots, 2 in 0.5 s.
         assert!(values.windows(2).all(|pair| (pair[1] - pair[0]).abs() <= 4.001e-3));
         // At a knot the weights are 1/6, 4/6 and 1/6 of uniform numbers with variance ⅓: 0.408².

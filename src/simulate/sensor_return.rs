@@ -99,7 +99,8 @@ mod tests {
 
     /// The interval without a return: from, to.
     fn dark(row: &[(f64, SensorReturn)]) -> Option<[f64; 2]> {
-        let places: Vec<f64> = row.iter().filter(|(_, seen)| seen.light_per_m2.is_none()).map(|(u, _)| *u).collect();
+        let places: Vec<f64> =
+            row.iter().filter(|(_, surface)| surface.light_per_m2.is_none()).map(|(u, _)| *u).collect();
         let whole = [*places.first()? - 5e-4, *places.last()? + 5e-4];
         assert!((1e3 * (whole[1] - whole[0]) - places.len() as f64).abs() < 0.01, "one piece");
         Some(whole)

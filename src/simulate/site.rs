@@ -99,7 +99,7 @@ fn inventory(placement_seed: Option<u64>) -> Vec<(SiteShape, Finish)> {
     // Random displacement: x, y and yaw.
     let mut random = Random::new([placement_seed.unwrap_or(0), PLACEMENT_KEY, 0, 0]);
     let mut by = |m: f64, rad: f64| {
-        let mut either = |most: f64| if placement_seed.is_some() { most * (2.0 * random.uniform() - 1.0) } else { 0.0 };
+        let mut either = |max: f64| if placement_seed.is_some() { max * (2.0 * random.uniform() - 1.0) } else { 0.0 };
         (v(either(m), either(m), 0.0), either(rad))
     };
     let ((boxes, box_yaw), (carpet, carpet_yaw), (tub, _)) = (by(0.15, 0.6), by(0.1, 0.3), by(0.1, 0.0));
@@ -214,19 +214,19 @@ impl Site {
     fn incident(&self, object: &SiteObject, face: usize, uv: DVec2) -> [f32; 4] {
         let (p, n) = object.shape.point(face, uv);
         let p = p + n * 2e-4;
-        let (direct, seen) = self.direct(p, n);
+        let (direct, lamp_share) = self.direct(p, n);
         let mut bounced = DVec3::ZERO;
         for i in 0..GATHER_DIRECTIONS {
             let direction = spiral_direction(n, i, GATHER_DIRECTIONS);
             bounced += self.coarse_light(p, direction, &mut |_, _| DVec3::ZERO) / GATHER_DIRECTIONS as f64;
         }
         let light = direct + bounced;
-        [light.x as f32, light.y as f32, light.z as f32, seen as f32]
+        [light.x as f32, light.y as f32, light.z as f32, lamp_share as f32]
     }
 
     /// Direct light on a surface, and the visible share of the lamps.
     fn direct(&self, p: DVec3, n: DVec3) -> (DVec3, f64) {
-        let (mut light, mut seen) = (DVec3::ZERO, 0.0);
+        let (mut light, mut lamp_share) = (DVec3::ZERO, 0.0);
         for lamp in &self.lamps {
             let points = lamp.points();
             let (mut direct, mut of_it) = (0.0, 0.0);
@@ -239,9 +239,9 @@ impl Site {
                 }
             }
             light += lamp.radiance * direct;
-            seen += of_it / self.lamps.len() as f64;
+            lamp_share += of_it / self.lamps.len() as f64;
         }
-        (light, seen)
+        (light, lamp_share)
     }
 
     /// Radiance of a white diffuse surface facing up in the room, under the light that the room's

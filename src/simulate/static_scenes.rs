@@ -167,11 +167,11 @@ mod tests {
             }
         }
         // Rounding is independent and lowers a correlation by up to 1/12 over 6.
-        for (found, with_final_path) in noise.channel_correlation.iter().zip([0.45; 3]) {
-            assert!((found - with_final_path).abs() < 0.03, "{found}");
+        for (actual, with_final_path) in noise.channel_correlation.iter().zip([0.45; 3]) {
+            assert!((actual - with_final_path).abs() < 0.03, "{actual}");
         }
-        for (found, with_final_path) in noise.neighbour_correlation.iter().zip([0.6; 2]) {
-            assert!((found - with_final_path).abs() < 0.03, "{found}");
+        for (actual, with_final_path) in noise.neighbour_correlation.iter().zip([0.6; 2]) {
+            assert!((actual - with_final_path).abs() < 0.03, "{actual}");
         }
     }
 }

@@ -23,7 +23,7 @@ const PICK_SIGMA_PX: f64 = 1.0;
 const SCALES: std::ops::Range<f64> = 1e-4..1e4;
 /// Solutions that differ by less are one solution.
 const SAME_ROTATION_RAD: f64 = 0.05;
-/// A second solution is refuted if its sum of squared errors exceeds that of the best by so many
+/// A second solution is refuted if its sum of squared errors exceeds that of the best by this many
 /// variances of a pick: 3.5 standard deviations.
 const REFUTED_VARIANCES: f64 = 12.0;
 /// Estimates of the outlier threshold per solution.
@@ -56,7 +56,7 @@ pub struct AlignmentOptions {
     /// Up in the scan's axes and in the world: rules out rotations that do not map one to the
     /// other.
     pub ups: Option<[DVec3; 2]>,
-    /// Also estimates the length of the scan's unit in units of the world.
+    /// True if the length of the scan's unit in units of the world is estimated, too.
     pub finds_scale: bool,
 }
 

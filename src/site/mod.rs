@@ -77,8 +77,8 @@ pub struct ScannedSite {
     pub scan: Arc<SiteScan>,
     /// Takes a point of the scan, m, to the world.
     pub world_from_scan: Pose,
-    /// The same in the world of the scene that states it. A correction of the recording's world
-    /// leaves it as it is.
+    /// The pose in the world of the scene file. A correction of the recording's world does not
+    /// change it.
     stated: Pose,
 }
 
@@ -188,7 +188,7 @@ impl ScannedSite {
         Ok(self.depth(camera, pose, time_s))
     }
 
-    /// The same site in another world.
+    /// The site in another world.
     pub fn in_world(&self, world_from_other: &Pose) -> Self {
         // other_from_scan = world_from_other⁻¹ · world_from_scan.
         let rotation = world_from_other.rotation.conjugate() * self.world_from_scan.rotation;

@@ -1,6 +1,6 @@
-//! Refinement of a scan's place by the footage.
+//! Refinement of a scan's pose by the footage.
 //!
-//! If the scan is in its place, a point of its surface has the same brightness in all frames that
+//! If the pose is right, a point of its surface has the same brightness in all frames that
 //! see it. The sum of squared differences is minimized over a rigid motion of the scan (v, ω) about
 //! its middle C, as in direct image alignment (Irani and Anandan 1999). The pixel of frame A at the
 //! ray d meets the moved surface at
@@ -54,9 +54,9 @@ pub struct SiteView {
     pub camera_from_world: Pose,
 }
 
-/// Standard deviations of the place before the refinement.
+/// Standard deviations of the scan's pose before the refinement.
 #[derive(Clone, Copy, Debug)]
-pub struct PlacePrior {
+pub struct PosePrior {
     /// Of the position of `center_m`, over all directions, m.
     pub sigma_m: f64,
     /// Of the rotation, over all axes, rad.
@@ -65,8 +65,8 @@ pub struct PlacePrior {
     pub center_m: Option<DVec3>,
 }
 
-impl PlacePrior {
-    /// The same for another center.
+impl PosePrior {
+    /// The deviations about another center.
     fn at(self, middle: DVec3) -> Self {
         let arm_m = self.center_m.map_or(0.0, |center| center.distance(middle));
         Self { sigma_m: self.sigma_m.hypot(self.sigma_rad * arm_m), center_m: Some(middle), ..self }
@@ -78,7 +78,7 @@ impl PlacePrior {
     }
 }
 
-/// A refined place.
+/// A refined pose.
 #[derive(Clone, Debug)]
 pub struct SiteRefinement {
     pub site: ScannedSite,
@@ -91,7 +91,7 @@ pub struct SiteRefinement {
     pub pixels: usize,
 }
 
-/// Reasons why a place is not refined.
+/// Reasons for which a pose is not refined.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum NoRefinement {
     #[error("the frames are too small, or show too little of the scan from several positions")]
@@ -119,42 +119,42 @@ struct BrightnessDifference {
     gradient: Vector6<f64>,
 }
 
-/// The place in which the frames agree best on the brightness of the surface. `pairs`: indices of
+/// The pose with which the frames agree best on the brightness of the surface. `pairs`: indices of
 /// views that are compared.
 pub fn refined(
     site: &ScannedSite,
     views: &[SiteView],
     pairs: &[(usize, usize)],
-    prior: PlacePrior,
+    prior: PosePrior,
 ) -> Result<SiteRefinement, NoRefinement> {
     let side_px = |view: &SiteView| view.camera.intrinsics.width_px.min(view.camera.intrinsics.height_px);
     if views.iter().any(|view| side_px(view) < MIN_SIDE_PX) {
         return Err(NoRefinement::FewPixels);
     }
-    let (mut place, mut loss) = (site.clone(), [0.0; 2]);
+    let (mut candidate, mut loss) = (site.clone(), [0.0; 2]);
     let middle = middle_m(site, views).ok_or(NoRefinement::FewPixels)?;
     let prior = prior.at(middle);
     let mut pixels = 0;
     for (by, stride) in REDUCTIONS {
         let levels: Vec<ReducedView> = views.iter().map(|view| ReducedView::new(view, by, stride)).collect();
-        let compare = |place: &ScannedSite| differences(place, views, &levels, pairs, middle);
+        let compare = |candidate: &ScannedSite| differences(candidate, views, &levels, pairs, middle);
         let mut delta = None;
         let mut damping = 0.1;
-        let mut now = compare(&place);
+        let mut now = compare(&candidate);
         for _ in 0..STEPS_PER_REDUCTION {
             let delta = *delta.get_or_insert_with(|| huber_delta(&now));
-            let step = step(&now, delta, site, &place, middle, prior, damping).ok_or(NoRefinement::FewPixels)?;
-            let next_place = moved(&place, &step, middle);
-            let next = compare(&next_place);
-            let objective = |place: &ScannedSite, differences: &[BrightnessDifference]| {
-                let (moved, turned) = motion(site, place, middle);
+            let step = step(&now, delta, site, &candidate, middle, prior, damping).ok_or(NoRefinement::FewPixels)?;
+            let next_candidate = moved(&candidate, &step, middle);
+            let next = compare(&next_candidate);
+            let objective = |candidate: &ScannedSite, differences: &[BrightnessDifference]| {
+                let (moved, turned) = motion(site, candidate, middle);
                 let [of_position, of_rotation] = prior.information();
                 let departure = of_position * moved.length_squared() + of_rotation * turned.length_squared();
                 mean_loss(differences, delta) + 0.5 * variance(delta) * departure / differences.len().max(1) as f64
             };
-            let is_better = objective(&next_place, &next) < objective(&place, &now);
+            let is_better = objective(&next_candidate, &next) < objective(&candidate, &now);
             if is_better && 2 * next.len() > now.len() {
-                (place, now, damping) = (next_place, next, (0.3 * damping).max(1e-3));
+                (candidate, now, damping) = (next_candidate, next, (0.3 * damping).max(1e-3));
             } else {
                 damping *= 10.0;
             }
@@ -180,11 +180,11 @@ pub fn refined(
     if !has_gained {
         return Err(NoRefinement::NoGain);
     }
-    let (moved_m, turned_rad) = offset(site, &place, middle);
+    let (moved_m, turned_rad) = offset(site, &candidate, middle);
     if moved_m > 4.0 * prior.sigma_m || turned_rad > 4.0 * prior.sigma_rad {
         return Err(NoRefinement::Far { moved_m, turned_rad });
     }
-    Ok(SiteRefinement { site: place, loss, moved_m, turned_rad, pixels })
+    Ok(SiteRefinement { site: candidate, loss, moved_m, turned_rad, pixels })
 }
 
 /// Middle of the visible surface in the world, m.
@@ -306,14 +306,14 @@ fn variance(delta: f64) -> f64 {
     (delta / HUBER_MEDIANS).powi(2) * PIXELS_PER_MEASUREMENT
 }
 
-/// Step towards the least loss, with the prior of the place before the refinement.
+/// Step towards the least loss, with the prior of the pose before the refinement.
 fn step(
     differences: &[BrightnessDifference],
     delta: f64,
     before: &ScannedSite,
     now: &ScannedSite,
     middle: DVec3,
-    prior: PlacePrior,
+    prior: PosePrior,
     damping: f64,
 ) -> Option<Vector6<f64>> {
     let (mut normal, mut right) = (Matrix6::zeros(), Vector6::zeros());
@@ -335,7 +335,7 @@ fn step(
     Some(normal.cholesky()?.solve(&right))
 }
 
-/// Motion from one place to another: of the middle, m, and the rotation vector, rad.
+/// Motion from one pose to another: of the middle, m, and the rotation vector, rad.
 fn motion(before: &ScannedSite, after: &ScannedSite, middle: DVec3) -> (DVec3, DVec3) {
     let turn = after.world_from_scan.rotation * before.world_from_scan.rotation.conjugate();
     let turn = if turn.w < 0.0 { -turn } else { turn };
@@ -352,9 +352,9 @@ fn offset(before: &ScannedSite, after: &ScannedSite, middle: DVec3) -> (f64, f64
 fn moved(site: &ScannedSite, step: &Vector6<f64>, middle: DVec3) -> ScannedSite {
     let by = DVec3::new(step[0], step[1], step[2]);
     let turn = DQuat::from_scaled_axis(DVec3::new(step[3], step[4], step[5]));
-    let place = &site.world_from_scan;
-    let origin = DMat3::from_quat(turn) * (place.translation_m - middle) + middle + by;
-    ScannedSite { world_from_scan: Pose::new(turn * place.rotation, origin), ..site.clone() }
+    let pose = &site.world_from_scan;
+    let origin = DMat3::from_quat(turn) * (pose.translation_m - middle) + middle + by;
+    ScannedSite { world_from_scan: Pose::new(turn * pose.rotation, origin), ..site.clone() }
 }
 
 #[cfg(test)]
@@ -404,11 +404,11 @@ mod tests {
     const PAIRS: [(usize, usize); 6] = [(0, 1), (1, 2), (2, 3), (3, 4), (0, 3), (1, 4)];
 
     #[test]
-    fn scan_beside_its_place_is_moved_back() {
+    fn scan_beside_its_pose_is_moved_back() {
         let truth = corner();
         let middle = DVec3::new(0.5, 0.5, 0.5);
         let beside = moved(&truth, &Vector6::new(0.015, -0.012, 0.01, 0.006, -0.005, 0.008), middle);
-        let prior = PlacePrior { sigma_m: 0.02, sigma_rad: 0.01, center_m: None };
+        let prior = PosePrior { sigma_m: 0.02, sigma_rad: 0.01, center_m: None };
         let refined = refined(&beside, &views(&truth), &PAIRS, prior).unwrap();
         let (before_m, before_rad) = offset(&truth, &beside, middle);
         let (off_m, off_rad) = offset(&truth, &refined.site, middle);
@@ -419,9 +419,9 @@ mod tests {
     }
 
     #[test]
-    fn scan_in_its_place_stays_there() {
+    fn scan_at_its_pose_stays_there() {
         let truth = corner();
-        let prior = PlacePrior { sigma_m: 0.02, sigma_rad: 0.01, center_m: None };
+        let prior = PosePrior { sigma_m: 0.02, sigma_rad: 0.01, center_m: None };
         match refined(&truth, &views(&truth), &PAIRS, prior) {
             Err(NoRefinement::NoGain) => {}
             Ok(refined) => assert!(offset(&truth, &refined.site, DVec3::ZERO).0 < 0.001, "{refined:?}"),
@@ -434,7 +434,7 @@ mod tests {
         let truth = corner();
         let mut blank = views(&truth);
         blank.iter_mut().for_each(|view| view.luma.values.fill(90.0));
-        let prior = PlacePrior { sigma_m: 0.02, sigma_rad: 0.01, center_m: None };
+        let prior = PosePrior { sigma_m: 0.02, sigma_rad: 0.01, center_m: None };
         let beside = moved(&truth, &Vector6::new(0.01, 0.0, 0.0, 0.0, 0.0, 0.0), DVec3::ZERO);
         assert!(refined(&beside, &blank, &PAIRS, prior).is_err());
     }

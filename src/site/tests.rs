@@ -226,8 +226,8 @@ fn georeferenced_scan_keeps_its_precision() {
     let far_pose = Pose::look_at(origin + DVec3::new(3.0, -2.0, 1.0), origin, DVec3::Z).unwrap();
     let (near, far) =
         (box_site(DVec3::ZERO).depth(&camera, |_| pose, 0.0), box_site(origin).depth(&camera, |_| far_pose, 0.0));
-    let most = near.depth_m.iter().zip(&far.depth_m).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-    assert!(most < 1e-4, "{most} m");
+    let largest_m = near.depth_m.iter().zip(&far.depth_m).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(largest_m < 1e-4, "{largest_m} m");
 }
 
 #[test]
@@ -241,6 +241,6 @@ fn site_in_another_world_is_seen_alike_by_the_camera_of_that_world() {
     let geometry = Geometry::pinhole(64, 48, 64.0);
     let [a, b] =
         [site.depth(&geometry, |_| camera, 0.0), site.in_world(&world_from_other).depth(&geometry, |_| other, 0.0)];
-    let most = a.depth_m.iter().zip(&b.depth_m).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-    assert!(a.depth_m.iter().any(|z| *z > 0.0) && most < 1e-4, "{most} m");
+    let largest_m = a.depth_m.iter().zip(&b.depth_m).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(a.depth_m.iter().any(|z| *z > 0.0) && largest_m < 1e-4, "{largest_m} m");
 }

@@ -100,7 +100,7 @@ fn png_in(cache: &Path, file: &Path, format: StillFormat) -> Result<PathBuf, Sou
     let developed = work.path().join("developed.png");
     develop(&path, format, work.path(), &developed)?;
     std::fs::rename(&developed, &png).map_err(unwritable)?;
-    remove_least_recently_used(cache, CACHE_BYTES);
+    evict_lru(cache, CACHE_BYTES);
     Ok(png)
 }
 
@@ -189,7 +189,7 @@ fn save(pixels: &Pixels, png: &Path) -> Result<(), SourceError> {
 
 /// Removes pictures from the cache, the least recently used first, until it holds at most
 /// `max_bytes`, and leftovers. A file that cannot be removed stays.
-fn remove_least_recently_used(cache: &Path, max_bytes: u64) {
+fn evict_lru(cache: &Path, max_bytes: u64) {
     let mut pictures = Vec::new();
     for entry in std::fs::read_dir(cache).into_iter().flatten().flatten() {
         let Ok(metadata) = entry.metadata() else { continue };
@@ -219,7 +219,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn least_recently_used_pictures_are_removed_first() {
+    fn pictures_that_were_read_longest_ago_are_removed_first() {
         let cache = tempfile::tempdir().unwrap();
         for (name, age_s) in [("old", 30), ("used", 20), ("new", 10)] {
             let file = std::fs::File::create(cache.path().join(name)).unwrap();
@@ -234,12 +234,12 @@ mod tests {
             names.sort();
             names
         };
-        remove_least_recently_used(cache.path(), 300);
+        evict_lru(cache.path(), 300);
         assert_eq!(names(), ["new", "old", "used"]);
-        remove_least_recently_used(cache.path(), 200);
+        evict_lru(cache.path(), 200);
         assert_eq!(names(), ["new", "used"]);
         // The newest one stays in any case.
-        remove_least_recently_used(cache.path(), 10);
+        evict_lru(cache.path(), 10);
         assert_eq!(names(), ["new"]);
     }
 

@@ -300,8 +300,8 @@ mod tests {
             let (at, cut) = (at % bytes.len(), cut % bytes.len());
             bytes[at] = value;
             for bytes in [&bytes[..], &bytes[..cut]] {
-                if let Some(found) = segment(&mut Cursor::new(bytes)) {
-                    let _ = parse(found);
+                if let Some(block) = segment(&mut Cursor::new(bytes)) {
+                    let _ = parse(block);
                 }
             }
         }

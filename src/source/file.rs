@@ -80,23 +80,23 @@ impl FileStamp {
     }
 }
 
-/// The content of a plain file of at most `most` bytes.
-pub fn read(path: &Path, most: u64) -> io::Result<Vec<u8>> {
+/// The content of a plain file of at most `max_bytes` bytes.
+pub fn read(path: &Path, max_bytes: u64) -> io::Result<Vec<u8>> {
     let file = open(path)?;
-    let refused = |length: u64| Err(io::Error::other(format!("it holds {length} bytes; at most {most} are read")));
+    let refused = |length: u64| Err(io::Error::other(format!("it holds {length} bytes; at most {max_bytes} are read")));
     let length = file.metadata()?.len();
-    if length > most {
+    if length > max_bytes {
         return refused(length);
     }
     let mut bytes = Vec::with_capacity(length as usize);
     // It may grow while being read.
-    file.take(most + 1).read_to_end(&mut bytes)?;
-    if bytes.len() as u64 > most { refused(bytes.len() as u64) } else { Ok(bytes) }
+    file.take(max_bytes + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > max_bytes { refused(bytes.len() as u64) } else { Ok(bytes) }
 }
 
 /// Like [`read`], for UTF-8.
-pub fn read_text(path: &Path, most: u64) -> io::Result<String> {
-    String::from_utf8(read(path, most)?).map_err(|_| io::ErrorKind::InvalidData.into())
+pub fn read_text(path: &Path, max_bytes: u64) -> io::Result<String> {
+    String::from_utf8(read(path, max_bytes)?).map_err(|_| io::ErrorKind::InvalidData.into())
 }
 
 #[cfg(test)]

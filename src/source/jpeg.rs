@@ -227,7 +227,7 @@ impl File<'_> {
                 for block in 0..h * v {
                     let (x, y) = (unit % grid[0] * h + block % h, unit / grid[0] * v + block / h);
                     let walked = match component.nonzero.get_mut(y * width + x) {
-                        Some(known) => bits.progressive(dc, ac, band, known, &mut run),
+                        Some(nonzero) => bits.progressive(dc, ac, band, nonzero, &mut run),
                         None => bits.sequential(dc, ac),
                     };
                     walked.map_err(stopped)?;

@@ -98,7 +98,7 @@ const PRIMARIES: [&str; 10] =
 const UNSPECIFIED: [&str; 3] = ["unknown", "unspecified", "reserved"];
 
 /// The tag of that name, if it can be written again.
-fn known(names: impl IntoIterator<Item = &'static str>, text: Option<&str>) -> Option<&'static str> {
+fn lookup(names: impl IntoIterator<Item = &'static str>, text: Option<&str>) -> Option<&'static str> {
     names.into_iter().find(|name| text == Some(*name))
 }
 
@@ -109,8 +109,8 @@ impl Presentation {
         Self {
             orientation: stream.side_data_list.iter().find_map(SideData::orientation).unwrap_or_default(),
             pixel_aspect: aspect.filter(|(width, height)| *width > 0 && *height > 0 && width != height),
-            transfer: known(TRANSFERS.map(|(name, _)| name), stream.color_transfer.as_deref()),
-            primaries: known(PRIMARIES, stream.color_primaries.as_deref()),
+            transfer: lookup(TRANSFERS.map(|(name, _)| name), stream.color_transfer.as_deref()),
+            primaries: lookup(PRIMARIES, stream.color_primaries.as_deref()),
             matrix: None,
             timecode: None,
         }
@@ -179,12 +179,12 @@ impl Presentation {
             .primaries
             .filter(|_| self.response().primaries != Primaries::Rec709)
             .map(|name| format!("has the primaries {name}"));
-        let lost: Vec<String> = [shown, pixels, transfer, primaries].into_iter().flatten().collect();
-        (!lost.is_empty()).then(|| {
+        let properties: Vec<String> = [shown, pixels, transfer, primaries].into_iter().flatten().collect();
+        (!properties.is_empty()).then(|| {
             format!(
                 "is tagged: it {}; recorded pictures lose the tag, and their code values are taken for the camera's \
                  usual ones: name the video in a recording.toml instead ([frames] video)",
-                lost.join(" and ")
+                properties.join(" and ")
             )
         })
     }
@@ -224,8 +224,8 @@ impl ProbedPresentation {
             ("transfer function", &self.color_transfer, presentation.transfer),
             ("primaries", &self.color_primaries, presentation.primaries),
         ];
-        let unknown = tags.into_iter().filter_map(|(what, tag, known)| {
-            let tag = tag.as_deref().filter(|tag| known.is_none() && !UNSPECIFIED.contains(tag))?;
+        let unknown = tags.into_iter().filter_map(|(what, tag, value)| {
+            let tag = tag.as_deref().filter(|tag| value.is_none() && !UNSPECIFIED.contains(tag))?;
             Some(format!("is tagged with the unknown {what} {}; a written video has the usual tag", quoted(tag)))
         });
         unknown.collect()

@@ -175,11 +175,12 @@ pub fn probe(file: &Path, overrides: &Overrides) -> Result<Video, SourceError> {
     let output = program::output("ffprobe", &arguments).map_err(|error| match error {
         // An MP4's index is usually at its end.
         ProgramError::Failed { problem, .. } => {
+            let is_text = !start.is_empty() && start.iter().all(|byte| matches!(byte, b'\t' | b'\n' | b'\r' | 32..127));
             let cut = || {
-                format!(
-                    "cannot be opened; is it truncated before its index, or not a video? ffprobe reports: {problem}; \
-                     {MEND}"
-                )
+                if is_text {
+                    return "is not a video but text; expected a video such as .mp4, .mov or .mkv".to_owned();
+                }
+                format!("is not a video, or is truncated before its index; ffprobe reports: {problem}; {MEND}")
             };
             SourceError::content(file, ffmpeg::container_refusal(&problem).unwrap_or_else(cut))
         }
@@ -207,7 +208,7 @@ fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video,
     whole(stream, &probe.packets, &probe.format).map_err(refuse)?;
     let matrix = match (overrides.matrix, stream.color_space.as_deref()) {
         _ if is_rgb(format) => ColorMatrix::Rgb,
-        (Some(given), _) => given,
+        (Some(size), _) => size,
         (None, None | Some("unknown" | "reserved")) => ColorMatrix::usual(height),
         (None, Some("bt470bg" | "smpte170m")) => ColorMatrix::Bt601,
         (None, Some("bt709")) => ColorMatrix::Bt709,
@@ -218,7 +219,7 @@ fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video,
         }
     };
     let range = match (overrides.range, stream.color_range.as_deref()) {
-        (Some(given), _) => given,
+        (Some(rate), _) => rate,
         (None, Some("pc" | "jpeg" | "full")) => ColorRange::Full,
         // Grey and yuvj are full range by their definition in ffmpeg.
         _ if format.starts_with("yuvj") || format.starts_with("gray") || is_rgb(format) => ColorRange::Full,

@@ -77,7 +77,7 @@ pub struct ReleasedItem<T> {
     /// The receiver's clock minus the item's, seconds, as estimated at the arrival.
     pub offset_s: f64,
     /// Number of items lost before this one, by the sequence numbers.
-    pub lost: u32,
+    pub missed: u32,
     pub timed: TimedItem<T>,
 }
 
@@ -281,7 +281,7 @@ impl<T> ReorderBuffer<T> {
         let before = self.last.filter(|last| last.0 == epoch).and_then(|last| last.2);
         let gap = before.zip(timed.sequence).map_or(0, |(before, this)| this.wrapping_sub(before).wrapping_sub(1));
         self.last = Some((epoch, timed.time_s, timed.sequence));
-        Some(ReleasedItem { epoch, offset_s, lost: if gap <= MAX_SEQUENCE_GAP { gap } else { 0 }, timed })
+        Some(ReleasedItem { epoch, offset_s, missed: if gap <= MAX_SEQUENCE_GAP { gap } else { 0 }, timed })
     }
 
     /// The earliest end of a wait, by the receiver's clock, seconds. The item is released then,

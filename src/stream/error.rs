@@ -41,8 +41,8 @@ pub enum SampleError {
     FreedType(u8),
     #[error("the checksum of a FreeD message is wrong")]
     FreedChecksum,
-    #[error("{what} of {value} does not fit FreeD, whose range is -{most} to {most}")]
-    FreedRange { what: &'static str, value: String, most: &'static str },
+    #[error("{what} of {value} does not fit FreeD, whose range is -{max} to {max}")]
+    FreedRange { what: &'static str, value: String, max: &'static str },
 }
 
 /// Why a stream could not be opened, or its data not be read.

@@ -100,10 +100,10 @@ impl D1 {
         let at = pose.position_in_world_m();
         let length = |what, value_m: f64| {
             let number = (value_m * LENGTH_PER_M).round();
-            let most = f64::from((1 << 23) - 1);
-            if !(-most..=most).contains(&number) {
+            let max = f64::from((1 << 23) - 1);
+            if !(-max..=max).contains(&number) {
                 let value = format!("{} m", crate::text::short(value_m));
-                return Err(SampleError::FreedRange { what, value, most: "131.07 m" });
+                return Err(SampleError::FreedRange { what, value, max: "131.07 m" });
             }
             Ok(number as i32)
         };
@@ -117,11 +117,11 @@ impl D1 {
 /// The messages of a datagram, and the error of the first bytes that are not a message. Bridges
 /// from serial lines put several messages into a datagram, and pad them.
 pub fn messages(bytes: &[u8]) -> (Vec<D1>, Option<SampleError>) {
-    let (mut found, mut wrong, mut rest) = (Vec::new(), None, bytes);
+    let (mut messages, mut wrong, mut rest) = (Vec::new(), None, bytes);
     let parse = |rest: &[u8]| D1::parse(&rest[..rest.len().min(LENGTH)]);
     while !rest.is_empty() {
         if let Ok(message) = parse(rest) {
-            found.push(message);
+            messages.push(message);
             rest = &rest[LENGTH..];
             continue;
         }
@@ -131,8 +131,8 @@ pub fn messages(bytes: &[u8]) -> (Vec<D1>, Option<SampleError>) {
         }
         rest = &rest[next..];
     }
-    let nothing = found.is_empty().then_some(SampleError::FreedLength(bytes.len()));
-    (found, wrong.or(nothing))
+    let nothing = messages.is_empty().then_some(SampleError::FreedLength(bytes.len()));
+    (messages, wrong.or(nothing))
 }
 
 /// Zeros, ones, or line ends.
@@ -189,15 +189,15 @@ mod tests {
     #[test]
     fn padding_between_and_after_messages_is_accepted() {
         for padding in [&[0; 3][..], &[0xFF; 35], b"\r\n"] {
-            let (found, wrong) = messages(&[&BYTES[..], padding, &BYTES, padding].concat());
-            assert_eq!((found.len(), wrong), (2, None), "{padding:?}");
+            let (decoded, wrong) = messages(&[&BYTES[..], padding, &BYTES, padding].concat());
+            assert_eq!((decoded.len(), wrong), (2, None), "{padding:?}");
         }
         let mut damaged = BYTES;
         damaged[5] ^= 1;
-        let (found, wrong) = messages(&[&BYTES[..], &damaged, &BYTES].concat());
-        assert_eq!((found.len(), wrong), (2, Some(SampleError::FreedChecksum)));
-        let (found, wrong) = messages(&[&BYTES[..], b"rest"].concat());
-        assert_eq!((found.len(), wrong), (1, Some(SampleError::FreedLength(4))));
+        let (decoded, wrong) = messages(&[&BYTES[..], &damaged, &BYTES].concat());
+        assert_eq!((decoded.len(), wrong), (2, Some(SampleError::FreedChecksum)));
+        let (decoded, wrong) = messages(&[&BYTES[..], b"rest"].concat());
+        assert_eq!((decoded.len(), wrong), (1, Some(SampleError::FreedLength(4))));
         for none in [&b""[..], &[0; 29]] {
             assert_eq!(messages(none), (Vec::new(), Some(SampleError::FreedLength(none.len()))));
         }

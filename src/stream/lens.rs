@@ -269,8 +269,8 @@ mod tests {
         assert!((i.fx_px - 1280.0).abs() < 1e-9 && (i.fy_px - 1280.0).abs() < 1e-9);
         assert!((i.cx_px - 1008.0).abs() < 1e-9 && (i.cy_px - 608.0).abs() < 1e-9, "{} {}", i.cx_px, i.cy_px);
         // k1 = −1e-4·24² , k2 = 2e-7·24⁴, p = 24 times.
-        for (found, expected) in [(d.k1, -0.0576), (d.k2, 0.066_355_2), (d.k3, 0.0), (d.p1, 0.024), (d.p2, 0.048)] {
-            assert!((found - expected).abs() < 1e-12, "{found} is not {expected}");
+        for (actual, expected) in [(d.k1, -0.0576), (d.k2, 0.066_355_2), (d.k3, 0.0), (d.p1, 0.024), (d.p2, 0.048)] {
+            assert!((actual - expected).abs() < 1e-12, "{actual} is not {expected}");
         }
         assert_eq!((off_px, i.film_width_mm), (0.0, 36.0));
         assert_eq!((state.lens().f_number, state.lens().focus_distance_m), (Some(4.0), Some(10.0)));
@@ -344,17 +344,17 @@ mod tests {
             let state = LensState::of(&sent, &lens, &exposure, 25.0);
             let mut sample = Sample::default();
             state.write(&mut sample, true);
-            let mut heard = LensState::default();
-            heard.update(&Sample::decode(Encoding::Cbor, &sample.encode(Encoding::Cbor).unwrap()).unwrap());
-            let (back, off_px) = heard.geometry(1920, 1080).unwrap();
+            let mut received = LensState::default();
+            received.update(&Sample::decode(Encoding::Cbor, &sample.encode(Encoding::Cbor).unwrap()).unwrap());
+            let (back, off_px) = received.geometry(1920, 1080).unwrap();
             prop_assert_eq!(off_px, 0.0);
             for at in [[0.0, 0.0], [960.0, 540.0], [1900.0, 20.0], [300.0, 1000.0]] {
                 let Some(ray) = sent.unproject(at.into()) else { continue };
                 prop_assert!((back.project(ray).unwrap() - DVec2::from(at)).length() < 1e-6);
             }
-            prop_assert!((heard.lens().f_number.unwrap() - 5.6).abs() < 1e-9);
-            prop_assert!((heard.exposure().shutter_angle_deg.unwrap() - 90.0).abs() < 1e-9);
-            prop_assert!((heard.shutter_s().unwrap() - 0.01).abs() < 1e-12);
+            prop_assert!((received.lens().f_number.unwrap() - 5.6).abs() < 1e-9);
+            prop_assert!((received.exposure().shutter_angle_deg.unwrap() - 90.0).abs() < 1e-9);
+            prop_assert!((received.shutter_s().unwrap() - 0.01).abs() < 1e-12);
         }
 
         /// Any numbers give a camera or an error.

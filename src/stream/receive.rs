@@ -23,7 +23,7 @@ const SOURCE_TIMEOUT_S: f64 = 2.0;
 
 /// Longest time over which the messages of one datagram were collected, seconds.
 const MAX_COLLECTION_S: f64 = 0.1;
-/// The same for the first datagram: a field of a camera at 50 Hz.
+/// Collection time of the first datagram, seconds: a field of a camera at 50 Hz.
 const DEFAULT_INTERVAL_S: f64 = 0.02;
 
 /// Longest kept name and error message from the network, characters.
@@ -140,7 +140,7 @@ impl Receiver {
     pub fn take(&mut self, bytes: &[u8], from: SocketAddr, now_s: f64) {
         self.report.datagrams += 1;
         self.report.bytes += bytes.len() as u64;
-        if self.listen.from.is_some_and(|asked| asked != from.ip()) {
+        if self.listen.from.is_some_and(|address| address != from.ip()) {
             return self.report.count_drop(DropReason::OtherAddress);
         }
         match self.listen.protocol {
@@ -297,7 +297,7 @@ impl Receiver {
         let epoch = self.epochs.wrapping_add(released.epoch);
         let offset_s = released.offset_s;
         let TimedItem { time_s, arrived_s, item, .. } = released.timed;
-        self.report.lost += u64::from(released.lost);
+        self.report.missed += u64::from(released.missed);
         self.report.count_pose(time_s, arrived_s, self.last_epoch != Some(epoch));
         self.last_epoch = Some(epoch);
         let PendingPose { pose, clock, lens, message } = item;

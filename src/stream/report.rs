@@ -87,7 +87,7 @@ pub struct Report {
     /// Released poses.
     pub poses: u64,
     /// Lost poses, by the sequence numbers.
-    pub lost: u64,
+    pub missed: u64,
     /// Samples with missing fragments.
     pub incomplete: u64,
     /// Number of jumps of the clock.
@@ -126,7 +126,7 @@ impl Report {
 
     /// Lost and dropped poses by reason; "none" without any.
     pub fn drops(&self) -> String {
-        let counts = [(self.lost, "lost on the way"), (self.incomplete, "with pieces missing")];
+        let counts = [(self.missed, "lost on the way"), (self.incomplete, "with pieces missing")];
         let aside = self.dropped.iter().map(|(why, number)| (*number, why.to_string()));
         let all = counts.into_iter().map(|(number, why)| (number, why.to_owned())).chain(aside);
         let reasons: Vec<String> = all.filter(|(number, _)| *number > 0).map(|(n, why)| format!("{n} {why}")).collect();
@@ -182,7 +182,7 @@ impl Report {
     }
 
     pub(super) fn count_source(&mut self, source: &Source) {
-        match self.sources.iter().position(|(known, _)| known == source) {
+        match self.sources.iter().position(|(other, _)| other == source) {
             Some(at) => self.sources[at].1 += 1,
             None if self.sources.len() < MAX_SOURCES => self.sources.push((source.clone(), 1)),
             None => {}
@@ -229,7 +229,7 @@ mod tests {
         report.count_drop(DropReason::OtherSource);
         // One that turned out not to be odd.
         report.dropped.insert(DropReason::OddTime, 0);
-        (report.lost, report.jumps) = (2, 1);
+        (report.missed, report.jumps) = (2, 1);
         assert_eq!(
             report.summary(),
             "7 poses in 12 datagrams; dropped: 2 lost on the way, 1 of another source, 3 no packet of this protocol, or \

@@ -87,7 +87,7 @@ mod tests {
             assert_eq!(of(timing), None, "{timing}");
         }
         // The largest numbers give a time, not a panic.
-        let most = r#"{"timecode":{"hours":4294967295,"minutes":4294967295,"seconds":4294967295,"frames":0,"dropFrame":true,"frameRate":{"num":15,"denom":1}}}"#;
-        assert!(of(most).is_some());
+        let largest = r#"{"timecode":{"hours":4294967295,"minutes":4294967295,"seconds":4294967295,"frames":0,"dropFrame":true,"frameRate":{"num":15,"denom":1}}}"#;
+        assert!(of(largest).is_some());
     }
 }

@@ -95,10 +95,10 @@ impl RoomPlanes {
     ) -> HessePlane {
         let explained = |plane: &HessePlane| around.iter().filter(|point| point.is_inlier(plane)).count();
         let mean_error_m = around.iter().map(|point| point.tolerance_m).sum::<f64>() / around.len().max(1) as f64;
-        let least = (MIN_OF_LOCAL * explained(&local) as f64).max(MIN_OF_ALL * around.len() as f64).max(1.0);
+        let min_count = (MIN_OF_LOCAL * explained(&local) as f64).max(MIN_OF_ALL * around.len() as f64).max(1.0);
         let passes = |plane: &HessePlane| plane.height_m(at_m).abs() < mean_error_m;
         let candidates = self.0.iter().map(|(plane, _)| plane).filter(|plane| passes(plane) && accepts(plane.normal));
-        let counted = candidates.map(|plane| (explained(plane), plane)).filter(|(count, _)| *count as f64 >= least);
+        let counted = candidates.map(|plane| (explained(plane), plane)).filter(|(count, _)| *count as f64 >= min_count);
         // The largest among those that explain equally many.
         let Some((_, plane)) = counted.rev().max_by_key(|(count, _)| *count) else { return local };
         let on = around.iter().filter(|point| point.is_inlier(plane));

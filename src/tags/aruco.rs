@@ -130,20 +130,20 @@ mod tests {
             let turned = |cells: &[bool]| -> Vec<bool> {
                 (0..side * side).map(|at| cells[((side - 1 - at % side) * side + at / side) as usize]).collect()
             };
-            let mut least = side * side;
+            let mut min_distance = side * side;
             for (n, code) in codes.iter().enumerate() {
                 let mut other = code.clone();
                 for turn in 0..4 {
                     for (m, second) in codes.iter().enumerate() {
                         if turn > 0 || m != n {
                             let apart = other.iter().zip(second).filter(|(a, b)| a != b).count() as u32;
-                            least = least.min(apart);
+                            min_distance = min_distance.min(apart);
                         }
                     }
                     other = turned(&other);
                 }
             }
-            assert!(least > 2 * u32::from(corrected), "{side} {count}: {least}");
+            assert!(min_distance > 2 * u32::from(corrected), "{side} {count}: {min_distance}");
         }
     }
 }

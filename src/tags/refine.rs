@@ -74,9 +74,9 @@ pub fn refine_corners_without_lens(grey: &LumaCodes, cells: u32, tag: &DetectedT
     for widest_px in [f64::INFINITY, MAX_REACH_PX, MAX_REACH_PX] {
         let edges = edges(grey, corners_px, bulges, cells, widest_px);
         for (i, edge) in edges.iter().enumerate() {
-            let most = MAX_BEND_SHARE * corners_px[i].distance(corners_px[(i + 1) % 4]);
+            let max_bulge_px = MAX_BEND_SHARE * corners_px[i].distance(corners_px[(i + 1) % 4]);
             let more = edge.as_ref().map_or(DVec2::ZERO, |edge| edge.bend);
-            bulges[i] = (bulges[i] + more).clamp_length_max(most);
+            bulges[i] = (bulges[i] + more).clamp_length_max(max_bulge_px);
         }
         let [a, b, c, d] = crossed(corners_px, edges, off_px);
         corners_px = [a?, b?, c?, d?];

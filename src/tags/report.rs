@@ -37,9 +37,9 @@ impl Track {
 
 impl fmt::Display for Track {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (all, known) = (self.frames.len(), self.chosen().count());
-        let tags = self.tags.iter().sum::<usize>() as f64 / known.max(1) as f64;
-        writeln!(f, "poses      {known} of {}, from {} tags each in the mean", count(all, "frame"), fixed(tags, 1))?;
+        let (all, solved) = (self.frames.len(), self.chosen().count());
+        let tags = self.tags.iter().sum::<usize>() as f64 / solved.max(1) as f64;
+        writeln!(f, "poses      {solved} of {}, from {} tags each in the mean", count(all, "frame"), fixed(tags, 1))?;
         let (place_m, turn) = self.median_deviations();
         writeln!(
             f,
@@ -51,12 +51,12 @@ impl fmt::Display for Track {
         if let Some(tau_s) = self.smoothed_s {
             writeln!(f, "smoothed   by a line through the poses around each, {} s to 1/e", crate::text::number(tau_s))?;
         }
-        let lost = self.lost();
-        for (run, why) in lost.iter().take(MAX_LISTED) {
+        let unsolved_ranges = self.unsolved_ranges();
+        for (run, why) in unsolved_ranges.iter().take(MAX_LISTED) {
             writeln!(f, "lost       {}: {why}", self.run_label(run))?;
         }
-        if lost.len() > MAX_LISTED {
-            writeln!(f, "lost       {} more times", lost.len() - MAX_LISTED)?;
+        if unsolved_ranges.len() > MAX_LISTED {
+            writeln!(f, "lost       {} more times", unsolved_ranges.len() - MAX_LISTED)?;
         }
         for (run, tags) in self.repeated().iter().take(MAX_LISTED) {
             let kept = if run.len() == 1 { "the frame keeps its pose" } else { "the frames keep their poses" };

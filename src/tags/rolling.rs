@@ -45,8 +45,8 @@ fn corrected(
     // All poses have about the same error, so the motion between them is correct.
     let at = |time_s: f64| before.solved.pose.interpolate(&after.solved.pose, (time_s - before.time_s) / apart_s);
     let begin = at(own.time_s);
-    let moved = sight.corners.seen_px.iter().map(|seen| {
-        let then = at(own.time_s + geometry.row_time_s(seen.y));
+    let moved = sight.corners.seen_px.iter().map(|corner_px| {
+        let then = at(own.time_s + geometry.row_time_s(corner_px.y));
         let rotation = then.rotation * begin.rotation.conjugate();
         Pose::new(rotation, then.translation_m - rotation * begin.translation_m)
     });

@@ -81,7 +81,7 @@ impl BoardPose {
             Err(PoseFailure::Nothing) if !tags.repeated.is_empty() => {
                 Err(PoseFailure::NotOnBoard(tags.repeated.clone()))
             }
-            Err(lost) => Err(lost),
+            Err(failure) => Err(failure),
         }
     }
 
@@ -94,11 +94,11 @@ impl BoardPose {
         near: &[Pose],
     ) -> Result<Self, PoseFailure> {
         let tags_of_board = detected.iter().filter(|tag| board.tag(tag.id).is_some()).count();
-        Self::of_at_most(geometry, board, detected, near, tags_of_board / MIN_TAGS)
+        Self::leaving_out_at_most(geometry, board, detected, near, tags_of_board / MIN_TAGS)
     }
 
     /// Like [`BoardPose::of`], with a limit on the number of tags that are left out.
-    fn of_at_most(
+    fn leaving_out_at_most(
         geometry: &Geometry,
         board: &Board,
         detected: &[DetectedTag],
@@ -170,7 +170,7 @@ fn without_the_worst(
     let off = tags.iter().zip(best.residuals_px.as_chunks::<4>().0);
     let (worst, _) = off.max_by(|a, b| squares(a.1).total_cmp(&squares(b.1)))?;
     let others: Vec<DetectedTag> = detected.iter().filter(|tag| tag.id != *worst).cloned().collect();
-    let sight = BoardPose::of_at_most(geometry, board, &others, &[best.pose], left_out - 1).ok()?;
+    let sight = BoardPose::leaving_out_at_most(geometry, board, &others, &[best.pose], left_out - 1).ok()?;
     (sight.best.rms_px() < MAX_RMS_RATIO * best.rms_px()).then_some(sight)
 }
 

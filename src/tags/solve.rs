@@ -97,9 +97,9 @@ impl LeastSquaresProblem for PnpProblem<'_> {
 
     fn residuals(&self, stand: &RigidPose) -> Option<Vec<DVec2>> {
         let both = self.corners.in_world_m.iter().zip(&self.corners.seen_px).enumerate();
-        let one = |(i, (place, seen)): (usize, (&DVec3, &DVec2))| {
+        let one = |(i, (place, corner_px)): (usize, (&DVec3, &DVec2))| {
             let at = self.geometry.project(self.moved(i).transform_point(stand.point(*place)))?;
-            Some(self.geometry.displacement_px(at, *seen)).filter(|way| way.is_finite())
+            Some(self.geometry.displacement_px(at, *corner_px)).filter(|way| way.is_finite())
         };
         both.map(one).collect()
     }

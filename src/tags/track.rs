@@ -141,7 +141,7 @@ pub fn track(
     let frames = correct_rolling_shutter(geometry, &sights, &choose_along(&sights)).into_iter().zip(looks).map(
         |(chosen, look)| match (chosen, look) {
             (Some(chosen), _) => Ok(chosen),
-            (None, Err(lost)) => Err(lost),
+            (None, Err(failure)) => Err(failure),
             (None, Ok(sight)) => Err(PoseFailure::Unsolved(sight.tags)),
         },
     );
@@ -178,7 +178,7 @@ impl Track {
     }
 
     /// Runs of frames without a pose, each with the reason for its first frame.
-    pub fn lost(&self) -> Vec<(Range<usize>, &PoseFailure)> {
+    pub fn unsolved_ranges(&self) -> Vec<(Range<usize>, &PoseFailure)> {
         runs(&self.frames, |frame| frame.as_ref().err())
     }
 
@@ -217,9 +217,9 @@ impl Track {
     pub fn max_gap_s(&self) -> f64 {
         let solved: Vec<usize> = (0..self.frames.len()).filter(|i| self.frames[*i].is_ok()).collect();
         let apart_s = |pair: &[usize]| self.times_s[pair[1]] - self.times_s[pair[0]];
-        let (next, lost): (Vec<_>, Vec<_>) = solved.windows(2).partition(|pair| pair[1] == pair[0] + 1);
-        let longest_s = next.into_iter().map(apart_s).fold(0.0, f64::max);
-        let shortest_s = lost.into_iter().map(apart_s).fold(f64::INFINITY, f64::min);
+        let (adjacent, gaps): (Vec<_>, Vec<_>) = solved.windows(2).partition(|pair| pair[1] == pair[0] + 1);
+        let longest_s = adjacent.into_iter().map(apart_s).fold(0.0, f64::max);
+        let shortest_s = gaps.into_iter().map(apart_s).fold(f64::INFINITY, f64::min);
         // A single pose has no interval.
         let longest_s = if longest_s > 0.0 { longest_s } else { 1.0 / 30.0 };
         (1.5 * longest_s).min(0.5 * (longest_s + shortest_s)).min(0.99 * shortest_s)

@@ -150,8 +150,8 @@ fn estimate_rotated(
     let likeness = |weights: &[f64], without: Option<usize>| -> Vec<f64> {
         let rows: Vec<DelayEquations> = (0..table.len()).map(|n| summed(n, weights, without)).collect();
         // A few motions correlate with anything.
-        let most = rows.iter().map(|sums| sums.number).max().unwrap_or(0);
-        let is_enough = |sums: &DelayEquations| sums.number >= MIN_MOTIONS / 2 && 4 * sums.number >= 3 * most;
+        let max_number = rows.iter().map(|sums| sums.number).max().unwrap_or(0);
+        let is_enough = |sums: &DelayEquations| sums.number >= MIN_MOTIONS / 2 && 4 * sums.number >= 3 * max_number;
         rows.iter().map(|sums| if is_enough(sums) { sums.likeness() } else { f64::NEG_INFINITY }).collect()
     };
     let at_s = |n: f64| (n - steps as f64) * step_s;
@@ -300,7 +300,7 @@ mod tests {
     const INTERVAL_S: f64 = 1.0 / 30.0;
 
     /// Orientation of a hand-held camera, radians about each axis: sines without a common period.
-    fn held(time_s: f64) -> DVec3 {
+    fn hand_turn(time_s: f64) -> DVec3 {
         let sway = |a: f64, b: f64, c: f64| {
             0.05 * (a * time_s).sin() + 0.02 * (b * time_s + 1.0).sin() + 0.01 * (c * time_s).cos()
         };
@@ -319,13 +319,13 @@ mod tests {
     }
 
     fn by_poses(from_s: f64, to_s: f64) -> Option<PoseMotion> {
-        turned(held(to_s) - held(from_s))
+        turned(hand_turn(to_s) - hand_turn(from_s))
     }
 
     #[test]
     fn known_delay_is_estimated_despite_a_factor_and_outliers() {
         for delay_s in [-0.213, -0.0371, 0.0, 0.008, 0.4] {
-            let mut camera_motions = motions(90, |t| 1.1 * held(t + delay_s));
+            let mut camera_motions = motions(90, |t| 1.1 * hand_turn(t + delay_s));
             // The camera moves past a near object.
             camera_motions.iter_mut().step_by(9).for_each(|m| m.turn += DVec3::new(0.0, 0.01, 0.0));
             let delay = estimate(&camera_motions, by_poses, MAX_SEARCHED_DELAY_S).unwrap();
@@ -345,12 +345,12 @@ mod tests {
     fn delay_of_a_translating_camera_is_estimated() {
         let by_poses = |from_s: f64, to_s: f64| {
             let shift = walked(from_s) - walked(to_s);
-            Some(PoseMotion { turn: 0.1 * (held(to_s) - held(from_s)), shift })
+            Some(PoseMotion { turn: 0.1 * (hand_turn(to_s) - hand_turn(from_s)), shift })
         };
         for delay_s in [-0.12, 0.0, 0.05] {
             let at = |t: f64| {
                 let shift = -walked(t + delay_s) / 1.5;
-                0.1 * held(t + delay_s) + DVec3::new(-shift.y, shift.x, 0.0)
+                0.1 * hand_turn(t + delay_s) + DVec3::new(-shift.y, shift.x, 0.0)
             };
             let delay = estimate(&motions(90, at), by_poses, MAX_SEARCHED_DELAY_S).unwrap();
             assert!((delay.delay_s - delay_s).abs() < 1e-3 && delay.likeness > 0.98, "{delay_s}: {delay:?}");
@@ -367,7 +367,8 @@ mod tests {
     fn quarter_turn_of_stored_pictures_is_detected() {
         for quarters in 0..4u32 {
             let stored = DQuat::from_rotation_z(std::f64::consts::FRAC_PI_2 * f64::from(quarters));
-            let delay = estimate(&motions(90, |t| stored * held(t + 0.04)), by_poses, MAX_SEARCHED_DELAY_S).unwrap();
+            let delay =
+                estimate(&motions(90, |t| stored * hand_turn(t + 0.04)), by_poses, MAX_SEARCHED_DELAY_S).unwrap();
             assert_eq!(delay.quarters, quarters);
             assert!((delay.delay_s - 0.04).abs() < 5e-4, "{quarters}: {delay:?}");
         }
@@ -375,7 +376,7 @@ mod tests {
 
     #[test]
     fn delay_is_estimated_from_partly_overlapping_poses() {
-        let camera_motions = motions(90, |t| held(t + 0.05));
+        let camera_motions = motions(90, |t| hand_turn(t + 0.05));
         let ended = |from_s: f64, to_s: f64| by_poses(from_s, to_s).filter(|_| from_s > 1.0 && to_s < 2.5);
         let delay = estimate(&camera_motions, ended, MAX_SEARCHED_DELAY_S).unwrap();
         assert!((delay.delay_s - 0.05).abs() < 2e-3 && (40..46).contains(&delay.motions), "{delay:?}");
@@ -391,7 +392,7 @@ mod tests {
 
     #[test]
     fn undetermined_delays_are_refused() {
-        let still = estimate(&motions(90, |t| 0.01 * held(t)), by_poses, MAX_SEARCHED_DELAY_S);
+        let still = estimate(&motions(90, |t| 0.01 * hand_turn(t)), by_poses, MAX_SEARCHED_DELAY_S);
         assert!(matches!(still, Err(DelayFailure::Still { .. })), "{still:?}");
         let other = |t: f64| DVec3::new(0.05 * (7.0 * t).sin(), 0.05 * (9.1 * t).cos(), 0.0);
         let unlike = estimate(&motions(90, other), by_poses, MAX_SEARCHED_DELAY_S);

@@ -95,7 +95,7 @@ impl PoseTrack {
         Self { poses: Vec::new(), clock_offset_s: 0.0, max_gap_s, grows: true }
     }
 
-    /// The same poses for frames whose clock is `clock_offset_s` behind that of the poses, seconds.
+    /// Sets the offset of a frame clock that is `clock_offset_s` behind that of the poses, seconds.
     pub fn with_clock_offset_s(self, clock_offset_s: f64) -> Self {
         Self { clock_offset_s, ..self }
     }
@@ -158,13 +158,13 @@ impl PoseTrack {
         self.poses.iter().map(|(time_s, pose)| (time_s - self.clock_offset_s, *pose))
     }
 
-    /// The same track with translations multiplied by `factor`.
+    /// Multiplies the translations by `factor`.
     pub fn scaled(&self, factor: f64) -> Self {
         let scaled = |pose: &Pose| Pose::new(pose.rotation, factor * pose.translation_m);
         Self { poses: self.poses.iter().map(|(t, pose)| (*t, scaled(pose))).collect(), ..*self }
     }
 
-    /// The same path in another world: `camera_from_other = camera_from_world · world_from_other`.
+    /// The poses in another world: `camera_from_other = camera_from_world · world_from_other`.
     pub fn in_world(&self, world_from_other: &Pose) -> Self {
         let moved = |pose: &Pose| {
             let rotation = pose.rotation * world_from_other.rotation;
@@ -173,7 +173,7 @@ impl PoseTrack {
         Self { poses: self.poses.iter().map(|(t, pose)| (*t, moved(pose))).collect(), ..*self }
     }
 
-    /// The same track for a camera rotated in place; `turn` converts its axes to the rotated ones.
+    /// The track of a camera rotated in place; `turn` converts its axes to the rotated ones.
     pub fn turned(&self, turn: DQuat) -> Self {
         let turned = |pose: &Pose| Pose::new(turn * pose.rotation, turn * pose.translation_m);
         Self { poses: self.poses.iter().map(|(t, pose)| (*t, turned(pose))).collect(), ..*self }

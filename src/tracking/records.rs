@@ -24,21 +24,21 @@ impl TextError {
 
 /// Reads a plain UTF-8 file: a list or a trajectory.
 pub fn read(file: &Path) -> Result<String, TextError> {
-    read_at_most(file, MAX_TEXT_BYTES)
+    read_limited(file, MAX_TEXT_BYTES)
 }
 
 /// Like [`read`], for a description of a recording.
 pub fn read_description(file: &Path) -> Result<String, TextError> {
-    read_at_most(file, MAX_DOCUMENT_BYTES)
+    read_limited(file, MAX_DOCUMENT_BYTES)
 }
 
 /// Like [`read`], for a description that lists the frames.
 pub fn read_listing(file: &Path) -> Result<String, TextError> {
-    read_at_most(file, MAX_LISTING_BYTES)
+    read_limited(file, MAX_LISTING_BYTES)
 }
 
-fn read_at_most(file: &Path, most: u64) -> Result<String, TextError> {
-    file::read_text(file, most).map_err(|source| TextError::Read { file: file.to_owned(), source })
+fn read_limited(file: &Path, max_bytes: u64) -> Result<String, TextError> {
+    file::read_text(file, max_bytes).map_err(|source| TextError::Read { file: file.to_owned(), source })
 }
 
 /// The lines with content, numbered from 1; blank lines and `#` comments are skipped.
@@ -81,7 +81,7 @@ pub fn number(line: &mut &str, name: &str) -> Result<f64, String> {
 pub fn pose_number(line: &mut &str, name: &str) -> Result<f64, String> {
     match word(line) {
         "" => Err(format!("{name} is missing")),
-        found => found.parse().map_err(|_| format!("{name} is `{}`; a finite number is needed", quoted(found))),
+        text => text.parse().map_err(|_| format!("{name} is `{}`; a finite number is needed", quoted(text))),
     }
 }
 

@@ -178,14 +178,14 @@ impl PoseNotes {
                      {first}): normalised"
             )
         });
-        let lost = (*lost_count > 0).then(|| {
+        let without_rotation = (*lost_count > 0).then(|| {
             let [are, have] = if *lost_count == 1 { ["is", "has"] } else { ["are", "have"] };
             let all = lost_count + of;
             format!(
                 "{file}: {lost_count} of {all} poses {are} not finite or {have} no rotation (first at {first_lost_place}): lost by the tracker, left out"
             )
         });
-        off_unit.into_iter().chain(lost).collect()
+        off_unit.into_iter().chain(without_rotation).collect()
     }
 }
 
@@ -228,8 +228,8 @@ mod tests {
 
     #[test]
     fn lost_poses_are_left_out_and_counted() {
-        let lost = "2 0 nan 0 0 0 0 1\n3 -inf 0 0 0 0 0 1\n3.5 0 0 0 0 0 0 0\n";
-        let t = parse(&format!("1 0 0 0 0 0 0 1\n{lost}4 0 0 0 0 0 0 1\n")).unwrap();
+        let invalid = "2 0 nan 0 0 0 0 1\n3 -inf 0 0 0 0 0 1\n3.5 0 0 0 0 0 0 0\n";
+        let t = parse(&format!("1 0 0 0 0 0 0 1\n{invalid}4 0 0 0 0 0 0 1\n")).unwrap();
         assert_eq!(t.poses.iter().map(|pose| pose.0).collect::<Vec<_>>(), [1.0, 4.0]);
         assert_eq!(
             t.warnings,

@@ -146,7 +146,7 @@ fn overlap(
 /// The rotation that aligns `next` with this level. `None` if the overlap is too small, or
 /// without gradients.
 fn aligned(level: &GreyImage, next: &GreyImage, camera: Pinhole, mut turn: DQuat) -> Option<DQuat> {
-    let least = (level.width * level.height / 4) as f64;
+    let min_pixels = (level.width * level.height / 4) as f64;
     let slope = |at: usize| {
         let by = |step: usize| 0.5 * f64::from(level.values[at + step] - level.values[at - step]);
         camera.focal * DVec2::new(by(1), by(level.width))
@@ -171,7 +171,7 @@ fn aligned(level: &GreyImage, next: &GreyImage, camera: Pinhole, mut turn: DQuat
             jj += DMat3::from_cols(j * j.x, j * j.y, j * j.z);
             j_off += j * off;
         }
-        if n < least {
+        if n < min_pixels {
             return None;
         }
         let jj = jj - DMat3::from_cols(sum_j * sum_j.x, sum_j * sum_j.y, sum_j * sum_j.z) * (1.0 / n);
@@ -221,7 +221,7 @@ mod tests {
     }
 
     /// A rotated camera's view of waves of many lengths in all directions, code values.
-    fn seen(camera_from_world: DQuat, brighter: f64) -> ImagePyramid {
+    fn picture_of(camera_from_world: DQuat, brighter: f64) -> ImagePyramid {
         let c = camera();
         let back = camera_from_world.inverse();
         let wave = |d: DVec3, k: f64, axis: DVec3, phase: f64| (k * d.dot(axis) + phase).sin();
@@ -241,7 +241,7 @@ mod tests {
 
     #[test]
     fn known_rotation_is_estimated_about_every_axis_and_in_another_light() {
-        let first = seen(DQuat::IDENTITY, 0.0);
+        let first = picture_of(DQuat::IDENTITY, 0.0);
         for turn in [
             DVec3::ZERO,
             DVec3::new(0.001, -0.002, 0.003),
@@ -249,7 +249,7 @@ mod tests {
             DVec3::new(-0.03, 0.08, 0.02),
             DVec3::new(0.0, 0.0, 0.15),
         ] {
-            let next = seen(DQuat::from_scaled_axis(turn), 12.0);
+            let next = picture_of(DQuat::from_scaled_axis(turn), 12.0);
             let rotation = first.rotation_to(&next, &camera()).unwrap();
             // 0.04 px of the picture.
             assert!((rotation - turn).length() < 8e-5, "{turn} {rotation}");
@@ -258,8 +258,8 @@ mod tests {
 
     #[test]
     fn different_pictures_have_no_rotation() {
-        let first = seen(DQuat::IDENTITY, 0.0);
-        assert_eq!(first.rotation_to(&seen(DQuat::from_rotation_y(1.5), 0.0), &camera()), None, "another view");
+        let first = picture_of(DQuat::IDENTITY, 0.0);
+        assert_eq!(first.rotation_to(&picture_of(DQuat::from_rotation_y(1.5), 0.0), &camera()), None, "another view");
         let (width, height) = (640, 480);
         let flat = Pixels::from_u8(width, height, vec![90; 3 * 640 * 480]).unwrap();
         let flat = ImagePyramid::new(&flat).unwrap();

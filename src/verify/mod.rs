@@ -79,10 +79,10 @@ pub struct Brightness {
 impl Brightness {
     fn of(measured: &[f64], at_rest: &[f64]) -> Option<Self> {
         let median = upper_median(measured.iter().copied())?;
-        let most = measured.iter().copied().max_by(f64::total_cmp)?;
+        let largest = measured.iter().copied().max_by(f64::total_cmp)?;
         let floor = upper_median(at_rest.iter().copied());
         let without = |codes: f64| (codes.powi(2) - floor.unwrap_or(0.0).powi(2)).max(0.0).sqrt();
-        Some(Self { measured: (median, most), floor, codes: (without(median), without(most)) })
+        Some(Self { measured: (median, largest), floor, codes: (without(median), without(largest)) })
     }
 }
 
@@ -103,19 +103,19 @@ pub struct Verification {
     pub sharpness_px: Option<f64>,
 }
 
-/// Verifies a recording as it was opened. `seen(done, of)` receives the progress.
+/// Verifies a recording as it was opened. `report(done, of)` receives the progress.
 pub fn verify(
     gpu: &Gpu,
     by: &Shot,
     plan: VerificationPlan,
-    mut seen: impl FnMut(usize, usize),
+    mut report: impl FnMut(usize, usize),
 ) -> Result<Verification, VerifyError> {
     let mut shot = by.clone();
     shot.settings.plain();
     let _ = shot.settings.switch("exposure", true);
     let count = shot.recording.frame_count();
     let blur_px = blur::lengths_px(&shot);
-    let from = least_blurred(&blur_px, plan.every.max(1));
+    let from = sharpest_frames(&blur_px, plan.every.max(1));
     let steps = from.len() + blur::MAX_PAIRS;
     let noise = by.camera().noise;
     let mut compositor = shot.compositor(gpu.clone());
@@ -126,7 +126,7 @@ pub fn verify(
         of_patches.patches.iter().map(|patch| patch.displacement_px[0].hypot(patch.displacement_px[1])).collect()
     };
     for (done, n) in from.iter().enumerate() {
-        seen(done, steps);
+        report(done, steps);
         let frame = shot.read(*n)?;
         let options = patch_options(&frame.pixels, noise.as_ref());
         let Some(scene) = frame_scene(&shot, &frame) else { continue };
@@ -164,7 +164,7 @@ pub fn verify(
         unmatched,
         displaced: DisplacementSummary::of(&mut displaced, &mut at_rest),
         brightness: Brightness::of(&brighter, &brighter_at_rest),
-        blur: blur(by, &mut compositor, &blur_px, &mut |done| seen(from.len() + done, steps))?,
+        blur: blur(by, &mut compositor, &blur_px, &mut |done| report(from.len() + done, steps))?,
         sharpness_px: sharpness_px(by, &mut compositor)?,
     })
 }
@@ -180,7 +180,7 @@ fn patch_options(pixels: &Pixels, noise: Option<&NoiseProfile>) -> DisplacementO
 
 /// The frame with the shortest motion blur of every `every` frames. `blur_px`: blur of each frame.
 /// The blur of the source frame displaces an object's edges.
-fn least_blurred(blur_px: &[Option<f64>], every: usize) -> Vec<usize> {
+fn sharpest_frames(blur_px: &[Option<f64>], every: usize) -> Vec<usize> {
     let px = |n: usize| blur_px[n].unwrap_or(f64::INFINITY);
     let parts = (0..blur_px.len()).step_by(every).map(|from| from..(from + every).min(blur_px.len()));
     parts.filter_map(|part| part.min_by(|a, b| px(*a).total_cmp(&px(*b)))).collect()
@@ -220,10 +220,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn least_blurred_frames_prefer_a_known_blur() {
+    fn sharpest_frames_prefer_a_known_blur() {
         let px = [Some(3.0), None, Some(2.0), None, None, Some(0.0), Some(1.0)];
-        assert_eq!(least_blurred(&px, 3), [2, 5, 6]);
-        assert_eq!(least_blurred(&[None; 4], 2), [0, 2], "the first where nothing is known");
+        assert_eq!(sharpest_frames(&px, 3), [2, 5, 6]);
+        assert_eq!(sharpest_frames(&[None; 4], 2), [0, 2], "the first where nothing is known");
     }
 
     #[test]

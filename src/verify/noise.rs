@@ -204,16 +204,16 @@ pub fn noise(
     let flat = flat_patches(&statistics, |code| luma_sigma(&profile, code));
     let mut by_patches: Vec<_> = candidates.into_iter().zip(flat).filter(|(_, patches)| !patches.is_empty()).collect();
     by_patches.sort_by_key(|(_, patches)| std::cmp::Reverse(patches.len()));
-    let (mut frames, mut found) = (Vec::new(), 0);
+    let (mut frames, mut patch_count) = (Vec::new(), 0);
     for (done, (index, patches)) in by_patches.into_iter().enumerate() {
-        if found >= ENOUGH_PATCHES {
+        if patch_count >= ENOUGH_PATCHES {
             break;
         }
         if !progress(statistics.len() + done, steps) {
             return Ok(Err(NoiseNotCompared::Stopped));
         }
         if let Some(frame) = compared_frame(&mut shot, &mut compositor, index, patches)? {
-            found += frame.patches.len();
+            patch_count += frame.patches.len();
             frames.push(frame);
         }
     }

@@ -23,9 +23,9 @@ pub fn layout(offered: &[CameraMode], requested: &FormatRequest) -> Option<Layou
         return has(layout, &|_| true).then_some(layout);
     }
     let fits = |mode: &CameraMode| {
-        let [least, most] = mode.sizes;
+        let [min, max] = mode.sizes;
         let (w, h) = requested.size;
-        let in_size = (least.0..=most.0).contains(&w) && (least.1..=most.1).contains(&h);
+        let in_size = (min.0..=max.0).contains(&w) && (min.1..=max.1).contains(&h);
         let is_met = |rate: &f64| nominal_hz(*rate) > 0.99 * requested.rate_hz;
         in_size && (mode.rates_hz.is_empty() || mode.rates_hz.iter().any(is_met))
     };

@@ -37,7 +37,7 @@ pub struct DriverPicture {
     pub arrived_s: f64,
     pub exposure_s: Option<f64>,
     /// Pictures lost before it, by the driver's count.
-    pub lost: u64,
+    pub dropped_frames: u64,
     /// The driver marked it as damaged.
     pub is_damaged: bool,
 }
@@ -57,7 +57,11 @@ pub trait Driver: Send + Sync {
     fn find(&self, id: &str, name: &str) -> Option<String>;
 
     /// Opens a camera by its id. Called on the camera's thread; may block without end.
-    fn open(&self, id: &str, requested: &FormatRequest) -> Result<(Box<dyn Capture>, NegotiatedFormat), CameraError>;
+    fn open(
+        &self,
+        id: &str,
+        requested: &FormatRequest,
+    ) -> Result<(Box<dyn DriverStream>, NegotiatedFormat), CameraError>;
 
     /// False for a file: pictures may be far apart, and after a failure it is not reopened.
     fn is_live(&self) -> bool {
@@ -66,7 +70,7 @@ pub trait Driver: Send + Sync {
 }
 
 /// An open camera. It stays on the thread that opened it.
-pub trait Capture {
+pub trait DriverStream {
     /// Waits for the next picture; may block without end. `None`: there will be no more. An error
     /// ends the capture, and its text follows the camera's name: "… stopped: it was unplugged".
     fn next(&mut self) -> Result<Option<DriverPicture>, String>;

@@ -25,10 +25,10 @@ impl fmt::Display for CameraMode {
             Some(layout) => write!(f, "{layout} ")?,
             None => write!(f, "{} ", self.code)?,
         }
-        let [least, most] = self.sizes;
-        write!(f, "{}x{}", least.0, least.1)?;
-        if least != most {
-            write!(f, " to {}x{}", most.0, most.1)?;
+        let [min, max] = self.sizes;
+        write!(f, "{}x{}", min.0, min.1)?;
+        if min != max {
+            write!(f, " to {}x{}", max.0, max.1)?;
         }
         let rates: Vec<String> = self.rates_hz.iter().map(|rate| fixed(*rate, 2)).collect();
         match rates.as_slice() {

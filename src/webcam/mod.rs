@@ -36,5 +36,5 @@ pub use error::CameraError;
 pub use list::{CameraListing, CameraMode};
 pub use negotiation::{AssumedColor, FormatRequest, NegotiatedFormat, TimeSource};
 pub use newest::{Drops, Newest, Putter, TakeOutcome};
-pub use open::{Camera, cameras, open};
+pub use open::{WebcamSource, cameras, open};
 pub use picture::{Layout, Picture, PictureError, PictureFormat};

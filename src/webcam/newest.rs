@@ -1,4 +1,4 @@
-//! A place for one picture, where the newest replaces the one before it.
+//! A channel for the newest picture: each replaces the one before it.
 
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -25,7 +25,7 @@ impl Drops {
 #[derive(Debug)]
 struct State<T> {
     item: Option<T>,
-    /// Why there is nothing more for now, in words for a person.
+    /// User-facing reason for missing pictures.
     gone: Option<String>,
     ended: bool,
     drops: Drops,
@@ -56,11 +56,11 @@ pub enum TakeOutcome<T> {
     Ended,
 }
 
-/// The taker's end.
+/// The receiving end.
 #[derive(Debug)]
 pub struct Newest<T>(Arc<Shared<T>>);
 
-/// The giver's end. Dropped, it ends the pictures.
+/// The sending end. Dropping it ends the pictures.
 #[derive(Debug)]
 pub struct Putter<T>(Arc<Shared<T>>);
 
@@ -103,7 +103,7 @@ impl<T> Drop for Newest<T> {
 }
 
 impl<T> Putter<T> {
-    /// Replaces the picture that nobody has taken.
+    /// Replaces the picture in the channel.
     pub fn put(&self, item: T) {
         let mut state = self.0.lock();
         state.drops.replaced += u64::from(state.item.replace(item).is_some());
@@ -125,12 +125,12 @@ impl<T> Putter<T> {
         self.0.changed.notify_all();
     }
 
-    /// Whether nobody takes pictures any more.
+    /// True if the receiver was dropped.
     pub fn is_over(&self) -> bool {
         self.0.lock().ended
     }
 
-    /// Waits so long, or until nobody takes pictures any more.
+    /// Waits for `time`, or until the receiver is dropped.
     pub fn rest(&self, time: Duration) {
         let state = self.0.lock();
         let _ = self.0.changed.wait_timeout_while(state, time, |state| !state.ended);

@@ -15,12 +15,12 @@ use super::played::Played;
 use super::session::{CaptureSession, SessionLimits, guarded};
 
 /// A camera with a negotiated format that is not started.
-pub struct Camera {
+pub struct WebcamSource {
     pub negotiated: NegotiatedFormat,
     session: CaptureSession,
 }
 
-impl Camera {
+impl WebcamSource {
     pub(super) fn open(
         driver: Arc<dyn Driver>,
         id: &str,
@@ -87,10 +87,10 @@ pub(super) fn listed(
 
 /// Opens a camera by its number, by its device (`/dev/video0`), or a video in its place by its
 /// file.
-pub fn open(camera: &str, requested: &FormatRequest) -> Result<Camera, CameraError> {
+pub fn open(camera: &str, requested: &FormatRequest) -> Result<WebcamSource, CameraError> {
     if camera_id::number(camera).is_some() {
         let name = requested.driver.or(DriverName::AVAILABLE.first().copied()).ok_or(CameraError::NotBuilt)?;
-        return Camera::open(driver(name)?, camera, requested, SessionLimits::default());
+        return WebcamSource::open(driver(name)?, camera, requested, SessionLimits::default());
     }
     let file = Path::new(camera);
     if !file.exists() {
@@ -105,7 +105,7 @@ pub fn open(camera: &str, requested: &FormatRequest) -> Result<Camera, CameraErr
             CameraError::None { name: camera.to_owned(), cameras: names }
         });
     }
-    let mut camera = Camera::open(driver(DriverName::Played)?, camera, requested, SessionLimits::default())?;
+    let mut camera = WebcamSource::open(driver(DriverName::Played)?, camera, requested, SessionLimits::default())?;
     if let Some(name) = requested.driver.filter(|name| *name != DriverName::Played) {
         camera.negotiated.warnings.push(format!("a video replaces the camera; the driver {name} is not used"));
     }

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use super::clock::monotonic_s;
-use super::driver::{Capture, Driver, DriverPicture, Stamp};
+use super::driver::{Driver, DriverPicture, DriverStream, Stamp};
 use super::driver_name::DriverName;
 use super::error::CameraError;
 use super::list::CameraListing;
@@ -37,7 +37,11 @@ impl Driver for Played {
         Some(id.to_owned())
     }
 
-    fn open(&self, id: &str, requested: &FormatRequest) -> Result<(Box<dyn Capture>, NegotiatedFormat), CameraError> {
+    fn open(
+        &self,
+        id: &str,
+        requested: &FormatRequest,
+    ) -> Result<(Box<dyn DriverStream>, NegotiatedFormat), CameraError> {
         let overrides = Overrides { range: requested.range, matrix: requested.matrix, ..Overrides::default() };
         let video = probe(Path::new(id), &overrides)?;
         let frames = video.read(0..video.timestamps_s.len())?;
@@ -45,7 +49,7 @@ impl Driver for Played {
         let (layout, range, matrix) = (Layout::Rgb, ColorRange::Full, ColorMatrix::Rgb);
         let picture_format = PictureFormat { layout, width, height, stride: layout.row_bytes(width), range, matrix };
         let name = id.to_owned();
-        let lost = video.presentation.lost_without_tags();
+        let warning = video.presentation.lost_without_tags();
         let negotiated = NegotiatedFormat {
             driver: DriverName::Played,
             picture_format,
@@ -53,7 +57,7 @@ impl Driver for Played {
             times: TimeSource::File,
             has_exposure: false,
             assumed: AssumedColor::default(),
-            warnings: lost.map(|lost| format!("{name}: {lost}")).into_iter().collect(),
+            warnings: warning.map(|warning| format!("{name}: {warning}")).into_iter().collect(),
             name,
         };
         Ok((Box::new(PlayedCapture { video, frames, picture_format, next: 0, first_s: None }), negotiated))
@@ -64,7 +68,7 @@ impl Driver for Played {
     }
 }
 
-impl Capture for PlayedCapture {
+impl DriverStream for PlayedCapture {
     /// Waits until the next picture is due. The first one is due at once.
     fn next(&mut self) -> Result<Option<DriverPicture>, String> {
         let at_s = self.video.timestamps_s.get(self.next).copied();
@@ -83,7 +87,7 @@ impl Capture for PlayedCapture {
             stamp: Stamp::Exact(time_s),
             arrived_s: monotonic_s(),
             exposure_s: None,
-            lost: 0,
+            dropped_frames: 0,
             is_damaged: false,
         }))
     }

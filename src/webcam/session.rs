@@ -10,23 +10,23 @@ use std::sync::mpsc::{self, Receiver, RecvTimeoutError, SyncSender};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use super::driver::{Capture, Driver, DriverPicture};
+use super::driver::{Driver, DriverPicture, DriverStream};
 use super::error::CameraError;
 use super::frame_clock::FrameClock;
 use super::negotiation::{FormatRequest, NegotiatedFormat};
 use super::newest::{Drops, Putter};
 use super::picture::{Picture, PictureFormat};
 
-/// How long a driver may take.
+/// Time limits of a driver.
 #[derive(Clone, Copy, Debug)]
 pub struct SessionLimits {
     /// Time from the start to the first picture. On macOS and Windows the stream begins then.
     pub first_picture: Duration,
-    /// Between two pictures. Without one for so long, a camera counts as stalled.
+    /// Longest time between two pictures. After it a camera counts as stalled.
     pub picture: Duration,
     /// Time from the call to the open camera. Media Foundation takes seconds.
     pub opening: Duration,
-    /// Between two attempts to reopen a camera.
+    /// Time between two attempts to reopen a camera.
     pub retry: Duration,
 }
 
@@ -72,7 +72,7 @@ impl Request {
         self.name.as_ref().unwrap_or(&self.id).clone()
     }
 
-    fn open(&self, driver: &dyn Driver) -> Result<(Box<dyn Capture>, Agreement), CameraError> {
+    fn open(&self, driver: &dyn Driver) -> Result<(Box<dyn DriverStream>, Agreement), CameraError> {
         let id = match &self.name {
             Some(name) => driver.find(&self.id, name),
             None => Some(self.id.clone()),
@@ -133,7 +133,7 @@ impl Worker {
 /// until nobody receives them.
 fn work(driver: &dyn Driver, request: &Request, events: &SyncSender<Event>, started: &Receiver<()>) {
     let broken = |problem| Err(CameraError::Driver { camera: request.camera(), problem });
-    let mut capture: Box<dyn Capture> = match guarded(|| request.open(driver)).unwrap_or_else(broken) {
+    let mut capture: Box<dyn DriverStream> = match guarded(|| request.open(driver)).unwrap_or_else(broken) {
         Ok((capture, agreement)) => {
             if events.send(Event::Opened(agreement)).is_err() {
                 return close(capture);
@@ -161,7 +161,7 @@ fn work(driver: &dyn Driver, request: &Request, events: &SyncSender<Event>, star
     close(capture);
 }
 
-fn close(capture: Box<dyn Capture>) {
+fn close(capture: Box<dyn DriverStream>) {
     let _ = guarded(|| drop(capture));
 }
 
@@ -293,7 +293,7 @@ impl CaptureSession {
 
     /// Puts an undamaged picture. Returns whether it did.
     fn put(&mut self, sample: DriverPicture, putter: &Putter<Picture>) -> bool {
-        let DriverPicture { picture_format, bytes, stamp, arrived_s, exposure_s, lost, is_damaged } = sample;
+        let DriverPicture { picture_format, bytes, stamp, arrived_s, exposure_s, dropped_frames, is_damaged } = sample;
         let of = |picture_format: &PictureFormat| (picture_format.layout, picture_format.width, picture_format.height);
         let is_damaged = is_damaged
             || of(&picture_format) != of(&self.negotiated.picture_format)
@@ -301,7 +301,7 @@ impl CaptureSession {
         let implausible = self.clock.implausible;
         let time_s = self.clock.time_s(stamp, arrived_s);
         let arrival_timed = self.clock.implausible - implausible;
-        putter.count(Drops { lost, damaged: u64::from(is_damaged), arrival_timed, ..Drops::default() });
+        putter.count(Drops { lost: dropped_frames, damaged: u64::from(is_damaged), arrival_timed, ..Drops::default() });
         if !is_damaged {
             putter.put(Picture { picture_format, bytes, time_s, exposure_s });
         }

@@ -5,13 +5,13 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use super::clock::monotonic_s;
-use super::driver::{Capture, Driver, DriverPicture, Stamp};
+use super::driver::{Driver, DriverPicture, DriverStream, Stamp};
 use super::driver_name::DriverName;
 use super::error::CameraError;
 use super::list::CameraListing;
 use super::negotiation::{AssumedColor, FormatRequest, NegotiatedFormat, TimeSource};
 use super::newest::{Drops, Newest, TakeOutcome};
-use super::open::{Camera, listed};
+use super::open::{WebcamSource, listed};
 use super::picture::{Layout, Picture, PictureFormat};
 use super::session::{MAX_BLOCKED_THREADS, SessionLimits};
 use crate::coding::{ColorMatrix, ColorRange};
@@ -71,7 +71,7 @@ impl Drop for TestCapture {
     }
 }
 
-impl Capture for TestCapture {
+impl DriverStream for TestCapture {
     fn next(&mut self) -> Result<Option<DriverPicture>, String> {
         match self.steps.recv() {
             Ok(Step::Deliver(sample)) => Ok(Some(sample)),
@@ -97,7 +97,7 @@ impl Driver for TestDriver {
         self.ids.lock().unwrap().recv().ok().flatten().map(str::to_owned)
     }
 
-    fn open(&self, id: &str, _: &FormatRequest) -> Result<(Box<dyn Capture>, NegotiatedFormat), CameraError> {
+    fn open(&self, id: &str, _: &FormatRequest) -> Result<(Box<dyn DriverStream>, NegotiatedFormat), CameraError> {
         let opening = self.openings.lock().unwrap().recv();
         let _ = self.opened.send(id.to_owned());
         match opening {
@@ -154,7 +154,7 @@ impl Controls {
 fn started(limits: SessionLimits) -> (Newest<Picture>, (Sender<Step>, Receiver<()>), Controls) {
     let (driver, controls) = Controls::new(true);
     let capture = controls.capture(DELIVERED);
-    let camera = Camera::open(driver, "0", &FormatRequest::default(), limits).unwrap();
+    let camera = WebcamSource::open(driver, "0", &FormatRequest::default(), limits).unwrap();
     assert_eq!(controls.opened.recv().unwrap(), "0");
     (camera.start().unwrap(), capture, controls)
 }
@@ -167,7 +167,7 @@ fn sample(code: u8) -> DriverPicture {
         stamp: Stamp::Monotonic(now_s),
         arrived_s: now_s,
         exposure_s: None,
-        lost: 0,
+        dropped_frames: 0,
         is_damaged: false,
     }
 }
@@ -216,7 +216,7 @@ fn gone_after(newest: &Newest<Picture>, before: &str) -> String {
 fn open_error(opening: Option<Opening>, limits: SessionLimits) -> String {
     let (driver, controls) = Controls::new(true);
     opening.into_iter().for_each(|opening| controls.openings.send(opening).unwrap());
-    Camera::open(driver, "0", &FormatRequest::default(), limits).err().unwrap().to_string()
+    WebcamSource::open(driver, "0", &FormatRequest::default(), limits).err().unwrap().to_string()
 }
 
 #[test]
@@ -273,7 +273,7 @@ fn failure_is_reported_though_closing_blocks() {
     let (driver, controls) = Controls::new(false);
     let (steps, _closed) = controls.capture(DELIVERED);
     steps.send(Step::FailAndBlock("frame 3 is damaged")).unwrap();
-    let newest = Camera::open(driver, "a.mkv", &FormatRequest::default(), PATIENT).unwrap().start().unwrap();
+    let newest = WebcamSource::open(driver, "a.mkv", &FormatRequest::default(), PATIENT).unwrap().start().unwrap();
     assert_eq!(newest.take(Instant::now() + DEADLINE), TakeOutcome::Gone("frame 3 is damaged".to_owned()));
     assert_eq!(newest.take(Instant::now() + DEADLINE), TakeOutcome::Ended);
 }
@@ -363,7 +363,7 @@ fn threads_blocked_in_a_driver_are_bounded() {
 fn wrong_sizes_and_damaged_pictures_are_counted_and_not_delivered() {
     let (newest, (steps, _closed), _controls) = started(PATIENT);
     let lying = DriverPicture { picture_format: PictureFormat { height: 2, ..DELIVERED }, ..sample(1) };
-    let damaged = DriverPicture { is_damaged: true, lost: 3, ..sample(2) };
+    let damaged = DriverPicture { is_damaged: true, dropped_frames: 3, ..sample(2) };
     let short = DriverPicture { bytes: vec![7], ..sample(3) };
     // Of a length that fits no stride.
     let odd = DriverPicture { picture_format: PictureFormat { stride: 0, ..DELIVERED }, ..sample(4) };
@@ -411,7 +411,7 @@ fn file_ends_after_its_last_picture_or_its_first_error() {
         let (driver, controls) = Controls::new(false);
         let (steps, _closed) = controls.capture(DELIVERED);
         steps.send(step).unwrap();
-        let newest = Camera::open(driver, "a.mkv", &FormatRequest::default(), PATIENT).unwrap().start().unwrap();
+        let newest = WebcamSource::open(driver, "a.mkv", &FormatRequest::default(), PATIENT).unwrap().start().unwrap();
         if is_error {
             assert_eq!(newest.take(Instant::now() + DEADLINE), TakeOutcome::Gone("frame 3 is damaged".to_owned()));
         }
@@ -432,6 +432,6 @@ fn capture_is_closed_when_nobody_takes_its_pictures() {
     // A camera that was never started.
     let (driver, controls) = Controls::new(true);
     let (_steps, closed) = controls.capture(DELIVERED);
-    drop(Camera::open(driver, "0", &FormatRequest::default(), PATIENT).unwrap());
+    drop(WebcamSource::open(driver, "0", &FormatRequest::default(), PATIENT).unwrap());
     assert!(closed.recv_timeout(DEADLINE).is_ok());
 }

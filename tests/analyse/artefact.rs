@@ -17,15 +17,15 @@ fn interrupted_analysis_resumes_from_its_checkpoint() {
     let folder = demo_by_tier(13, &late(0.01), 2);
     let shot = opened(&folder);
     let [whole, analysis] = ["whole.analysis", "site.analysis"].map(|name| folder.path().join(name));
-    // Records progress until the analysis ends, or interrupts it after `most` reports.
-    let progress_of = |shot: &Shot, folder: &Path, most: usize| {
+    // Records progress until the analysis ends, or interrupts it after `max_reports` reports.
+    let progress_of = |shot: &Shot, folder: &Path, max_reports: usize| {
         let mut reports = Vec::new();
         let done = shot.analyse(folder, &mut |progress| {
             // Progress of the last stage depends on time.
             if progress.stage != AnalysisStage::Light {
                 reports.push(progress.done);
             }
-            if reports.len() < most { Ok(()) } else { Err(Interrupted) }
+            if reports.len() < max_reports { Ok(()) } else { Err(Interrupted) }
         });
         (reports, done.map(drop))
     };

@@ -128,8 +128,8 @@ fn quarter_turn(time_s: f64) -> f64 {
     std::f64::consts::FRAC_PI_2 * (t * t * t * (t * (6.0 * t - 15.0) + 10.0) - 0.5)
 }
 
-fn is_late(found: &Delay, within_s: f64) {
-    assert!((found.delay_s - LATE_S).abs() < within_s, "{found:?}");
+fn is_late(delay: &Delay, within_s: f64) {
+    assert!((delay.delay_s - LATE_S).abs() < within_s, "{delay:?}");
 }
 
 // Slow: a simulated site is lit.

@@ -67,15 +67,15 @@ fn card_reflects_the_light_from_above_and_shadows_the_floor() {
     // The floor below the card, visible beside it: the lamp is occluded, and part of the room.
     let toward = bare.lamps()[0].0 - DVec3::new(0.0, 0.0, high);
     let below = DVec3::new(-toward.x, -toward.y, 0.0) * (high / toward.z);
-    let mut lost = Vec::new();
+    let mut light_ratios = Vec::new();
     for (dx, dy) in [(0.0, -0.12), (0.12, 0.0), (-0.12, 0.0), (0.0, -0.4), (0.5, 0.3), (-0.5, -0.1)] {
         let place = below + DVec3::new(dx, dy, 0.0);
         let [was, is] = [&empty, &full].map(|picture| mean_light_at(&bare, picture, place));
-        lost.push(is.y / was.y);
+        light_ratios.push(is.y / was.y);
     }
-    println!("shares of the light on the floor that are left: {lost:.3?}");
+    println!("shares of the light on the floor that are left: {light_ratios:.3?}");
     // No loss far away.
-    assert!(lost[3..].iter().all(|left| (left - 1.0).abs() < 0.03), "{lost:?}");
+    assert!(light_ratios[3..].iter().all(|left| (left - 1.0).abs() < 0.03), "{light_ratios:?}");
     let floor = full.light.iter().zip(&empty.light).zip(full.depth_m.iter().zip(&empty.depth_m));
     let floor = floor.filter(|(_, (now_m, was_m))| now_m == was_m).map(|((is, was), _)| is[1] / was[1]);
     let mut left: Vec<f32> = floor.collect();

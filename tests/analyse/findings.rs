@@ -60,15 +60,15 @@ fn assert_findings_used_without_registration(site: &Path) {
         Shot::open(site, &OpenOptions::default(), &ShotOptions { analysis, recorded_poses, ..ShotOptions::default() })
             .unwrap()
     };
-    let (found, recorded) = (shot(AnalysisChoice::Beside, false), shot(AnalysisChoice::No, false));
+    let (analysed, recorded) = (shot(AnalysisChoice::Beside, false), shot(AnalysisChoice::No, false));
     let left = shot(AnalysisChoice::Beside, true);
     let pose = |shot: &Shot| shot.recording.pose_at_frame(2).unwrap();
-    assert!(pose(&left) == pose(&recorded) && pose(&left) != pose(&found));
+    assert!(pose(&left) == pose(&recorded) && pose(&left) != pose(&analysed));
     let readout_s = |shot: &Shot| shot.known_geometry_at(2).unwrap().intrinsics.readout_time_s;
     assert_eq!(readout_s(&left), readout_s(&recorded));
-    assert_eq!(left.recording.exposure, found.recording.exposure);
+    assert_eq!(left.recording.exposure, analysed.recording.exposure);
     let surfels = |shot: &Shot| shot.read(2).unwrap().surfels.len();
-    assert!(surfels(&found) > 1000 && surfels(&left) == 0, "they lie where the refined poses put them");
+    assert!(surfels(&analysed) > 1000 && surfels(&left) == 0, "they lie where the refined poses put them");
     let picture = |more: &[&str]| {
         let out = tempfile::tempdir().unwrap();
         let at = out.path().join("out");
@@ -102,13 +102,13 @@ fn jitter_drift_clock_offset_and_hand_eye_rotation_are_found() {
     let off = |track: &PoseTrack| pair_errors_px(&shot, &demo_track(), track, 8);
     let [by_recorded, by_refined] = [&shot.recording.track, analysis.track.as_ref().unwrap()].map(off);
     let (recorded, refined) = (median_and_p90(&by_recorded), median_and_p90(&by_refined));
-    let (share, most_px) = regressions(&by_recorded, &by_refined);
+    let (share, largest_px) = regressions(&by_recorded, &by_refined);
     println!(
-        "gap 8: recorded {recorded:.2?} px, refined {refined:.3?} px; {share} got worse, by {most_px:.2} px at most"
+        "gap 8: recorded {recorded:.2?} px, refined {refined:.3?} px; {share} got worse, by {largest_px:.2} px at most"
     );
     assert!(recorded.0 > fast_or_full(1.0, 2.0), "{recorded:?} of pictures half as wide");
     assert!(refined.0 <= 0.15 && refined.1 <= 0.35, "{refined:?}");
-    assert!(share <= 0.05 && most_px <= 0.5, "{share} {most_px}");
+    assert!(share <= 0.05 && largest_px <= 0.5, "{share} {largest_px}");
     assert!((registered.clock_s.unwrap() - 0.015).abs() <= 0.002, "{registered:?}");
     assert!((analysis.findings.camera.intrinsics.readout_time_s - 0.015).abs() <= 0.002);
     assert_eq!(registered.depth_later_s, 0.0);
@@ -291,26 +291,26 @@ pub fn kinect() -> Option<(Shot, &'static Analysis)> {
 #[test]
 #[ignore = "full tier: 90 frames of a real recording; first_kinect_frames_are_refined is its small form"]
 fn kinect_poses_are_refined_and_its_gain_is_followed() {
-    let Some((_, found)) = kinect() else { return };
-    println!("{}", found.findings);
-    let registered = &found.findings.registration;
+    let Some((_, analysis)) = kinect() else { return };
+    println!("{}", analysis.findings);
+    let registered = &analysis.findings.registration;
     assert_eq!(registered.poses, "refined");
     // Known for this camera by another program: −5 ms, 25 ms, −1.1° and −0.5°.
     assert!((registered.clock_s.unwrap() + 0.005).abs() < 0.002);
-    assert!((found.findings.camera.intrinsics.readout_time_s - 0.025).abs() < 0.002);
+    assert!((analysis.findings.camera.intrinsics.readout_time_s - 0.025).abs() < 0.002);
     let turn = registered.hand_eye_turn_deg.unwrap();
     assert!((turn[0] + 1.1).abs() < 0.2 && (turn[1] + 0.5).abs() < 0.2, "{turn:?}");
     assert!(registered.recorded_px.unwrap() > 2.0 && registered.refined_px.unwrap() < 0.2);
-    let gain = found.findings.gain.as_ref().unwrap();
+    let gain = analysis.findings.gain.as_ref().unwrap();
     assert!(gain.is_followed && gain.left < 0.011 && gain.range_ev > 1.0 && gain.range_ev < 1.6, "{gain:?}");
     // The lamps flicker at 100 Hz, and the exposure is two of their periods.
-    let shutter = found.findings.shutter.as_ref().unwrap();
+    let shutter = analysis.findings.shutter.as_ref().unwrap();
     assert!(shutter.runs.len() == 1 && (shutter.runs[0].exposure_s - 0.020).abs() < 0.001, "{shutter:?}");
     // By hand 0.50 and 0.51 ± 0.03 px (docs/calibration.md), by another program 0.49.
-    let spread = found.findings.spread.as_ref().unwrap();
+    let spread = analysis.findings.spread.as_ref().unwrap();
     assert!((spread.sigma_px.unwrap() - 0.49).abs() < 0.07, "{spread:?}");
     // An office by day under rows of lamps: no single lamp is observable.
-    let light = found.findings.light.as_ref().unwrap();
+    let light = analysis.findings.light.as_ref().unwrap();
     assert!(light.claimed && light.lamps.is_empty() && light.no_lamp.is_some(), "{light:?}");
     // White paper in four frames shows 1.06, 0.99 and 1.11 times 0.8, by its codes and the frames'
     // gains.

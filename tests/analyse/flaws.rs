@@ -77,26 +77,26 @@ fn edit(folder: &tempfile::TempDir, file: &str, from: &str, to: &str) {
 }
 
 /// The reason of a refusal, if any. A refused analysis must leave the composite as it was.
-fn refusal(found: &Analysis) -> Option<&str> {
-    assert_eq!(found.track.is_none(), found.findings.registration.poses != "refined");
-    let why = found.findings.registration.why.as_deref();
+fn refusal(analysis: &Analysis) -> Option<&str> {
+    assert_eq!(analysis.track.is_none(), analysis.findings.registration.poses != "refined");
+    let why = analysis.findings.registration.why.as_deref();
     if why.is_some() {
-        assert_eq!(found.refinement(Some(0.1)), Refinement::default());
+        assert_eq!(analysis.refinement(Some(0.1)), Refinement::default());
     }
     why
 }
 
 /// Asserts that refined poses are no worse than recorded ones over a gap that no link has.
-fn assert_poses_no_worse(shot: &Shot, truth: &PoseTrack, found: &Analysis) {
-    let Some(track) = &found.track else { return };
+fn assert_poses_no_worse(shot: &Shot, truth: &PoseTrack, analysis: &Analysis) {
+    let Some(track) = &analysis.track else { return };
     let [recorded, refined] = [&shot.recording.track, track].map(|track| pair_errors_px(shot, truth, track, 3));
-    let (share, most_px) = regressions(&recorded, &refined);
+    let (share, largest_px) = regressions(&recorded, &refined);
     println!(
-        "gap 3: recorded {:.2?} px, refined {:.3?} px; {share:.2} got worse, by {most_px:.2} px at most",
+        "gap 3: recorded {:.2?} px, refined {:.3?} px; {share:.2} got worse, by {largest_px:.2} px at most",
         median_and_p90(&recorded),
         median_and_p90(&refined)
     );
-    assert!(share <= 0.05 && most_px <= 0.5, "{share} {most_px}");
+    assert!(share <= 0.05 && largest_px <= 0.5, "{share} {largest_px}");
 }
 
 #[test]
@@ -146,7 +146,7 @@ fn spatial_gain_is_fitted_only_where_the_tone_varies_across_the_picture() {
         analysis
     };
     let (even, toned) = (of(0.0), of(0.6));
-    let fitted = [&even, &toned].map(|found| found.findings.across.unwrap());
+    let fitted = [&even, &toned].map(|analysis| analysis.findings.across.unwrap());
     assert!(!fitted[0].is_followed && even.across.is_empty(), "{:?}", fitted[0]);
     assert!(fitted[1].is_followed && toned.across.len() == 36, "{:?}", fitted[1]);
     // Beyond the floor's specular reflection, present in both: less than 0.6 of it remains, a third
@@ -243,8 +243,8 @@ fn pictures_in_the_wrong_order_make_nothing_worse() {
 }
 
 /// Asserts that the estimated exposure is within a tenth of the truth, and within 3σ as claimed.
-fn assert_exposure(found: &Analysis, exposure_s: f64) {
-    for run in &found.findings.shutter.as_ref().unwrap().runs {
+fn assert_exposure(analysis: &Analysis, exposure_s: f64) {
+    for run in &analysis.findings.shutter.as_ref().unwrap().runs {
         let off_s = (run.exposure_s - exposure_s).abs();
         assert!(off_s < 0.1 * exposure_s && off_s < 3.0 * run.sigma_s, "{run:?}");
     }
@@ -452,7 +452,7 @@ fn spatial_gain_is_followed_where_it_varies() {
         analysis
     };
     let (even, toned) = (of(0.0), of(0.25));
-    let fitted = [&even, &toned].map(|found| found.findings.across.unwrap());
+    let fitted = [&even, &toned].map(|analysis| analysis.findings.across.unwrap());
     assert!(!fitted[0].is_followed && even.across.is_empty(), "{:?}", fitted[0]);
     assert!(fitted[1].is_followed && toned.across.len() == 24, "{:?}", fitted[1]);
     // The same tolerance as for the simulated tone.

@@ -41,7 +41,7 @@ fn mean(of: [f64; 3]) -> f64 {
 fn light_of_simulated_sites_is_found_with_lamps_out_of_view() {
     // The limits of docs/light.md are of all 20 sites in full size; these are small and noisy, and
     // two lamps may be merged into one.
-    for (lamps, site, most_deg, within) in [(1, 10, 6.0, 0.25), (2, 2, 20.0, 0.3)] {
+    for (lamps, site, max_deg, within) in [(1, 10, 6.0, 0.25), (2, 2, 20.0, 0.3)] {
         let options = options(lamps, site);
         let folder = tempfile::tempdir().unwrap();
         let on = &mut |_, _| ControlFlow::Continue(());
@@ -50,13 +50,13 @@ fn light_of_simulated_sites_is_found_with_lamps_out_of_view() {
         let light = analysis.findings.light.as_ref().unwrap();
         let simulation = Simulation::new(&options).unwrap();
         println!("site {site}: {}", analysis.findings);
-        check_light(light, &simulation, most_deg, within);
+        check_light(light, &simulation, max_deg, within);
     }
 }
 
 /// Asserts the light on a surface facing up, and the direction of the lamp that is brightest there,
 /// against the truth.
-fn check_light(light: &LightFindings, simulation: &Simulation, most_deg: f64, within: f64) {
+fn check_light(light: &LightFindings, simulation: &Simulation, max_deg: f64, within: f64) {
     let place = DVec3::from(light.place_m.unwrap());
     let (white, truth) = (mean(light.white_level.unwrap()), true_white(simulation, place));
     let lamps = simulation.lamps();
@@ -68,9 +68,9 @@ fn check_light(light: &LightFindings, simulation: &Simulation, most_deg: f64, wi
     assert!((white / truth - 1.0).abs() < within, "{white} of {truth}");
     let [low, high] = light.between.unwrap();
     assert!(low * white < truth && truth < high * white, "{truth} not within {low} to {high} times {white}");
-    assert!(off_deg < most_deg, "{off_deg}");
+    assert!(off_deg < max_deg, "{off_deg}");
     // The panorama's centre is above most of the observed points.
-    assert!(light.seen_share.unwrap() > 0.3 && light.seen_above_share.unwrap() > 0.0, "{light:?}");
+    assert!(light.coverage.unwrap() > 0.3 && light.coverage_above.unwrap() > 0.0, "{light:?}");
 }
 
 /// Contribution of an unoccluded lamp to the light on white facing up.
@@ -89,11 +89,11 @@ fn true_white(simulation: &Simulation, place: DVec3) -> f64 {
 
 #[test]
 fn scene_without_light_uses_the_estimated_one_and_keeps_its_own_otherwise() {
-    let (folder, found) = analysed_demo();
+    let (folder, analysis) = analysed_demo();
     let site = folder.path().join("site");
     let analysis = folder.path().join("site.analysis");
-    let light = found.findings.light.as_ref().unwrap();
-    let examples = found.findings.noise_example.as_ref().unwrap();
+    let light = analysis.findings.light.as_ref().unwrap();
+    let examples = analysis.findings.noise_example.as_ref().unwrap();
     assert!(examples.sha256.is_some() && examples.frames >= 6, "{examples:?}");
     // The lamp, and a virtual lamp for the indirect light around it.
     assert_eq!(light.lamps.iter().map(|lamp| lamp.is_bounce()).collect::<Vec<_>>(), [false, true], "{light:?}");
@@ -122,7 +122,7 @@ fn scene_without_light_uses_the_estimated_one_and_keeps_its_own_otherwise() {
     assert_eq!(lit(&own, AnalysisChoice::Beside).scene.lighting, lit(&own, AnalysisChoice::No).scene.lighting);
     // The same during a session, and for the next scene.
     let mut worked = lit(&bare, AnalysisChoice::No);
-    worked.apply_analysis(analysis.clone(), found.clone()).unwrap();
+    worked.apply_analysis(analysis.clone(), analysis.clone()).unwrap();
     assert_eq!(worked.scene.lighting, *lighting);
     worked.set_scene(Arc::new(scene::load(&own, None).unwrap()));
     assert_eq!(worked.scene.lighting.points.len(), 0);
@@ -156,7 +156,7 @@ fn scene_without_light_uses_the_estimated_one_and_keeps_its_own_otherwise() {
 // Slow: analyses the demonstration's frames and searches for lamps.
 #[test]
 fn light_estimated_with_another_up_is_ignored_and_the_rest_is_used() {
-    let (folder, found) = analysed_demo();
+    let (folder, analysis) = analysed_demo();
     let site = folder.path().join("site");
     let open = || Shot::open(&site, &OpenOptions::default(), &ShotOptions::default()).unwrap();
     assert!(open().stale_estimates().is_empty());
@@ -169,7 +169,7 @@ fn light_estimated_with_another_up_is_ignored_and_the_rest_is_used() {
     let notes: Vec<String> = shot.stale_estimates().iter().map(ToString::to_string).collect();
     assert!(notes.len() == 1 && notes[0].contains("light left out, found with another up"), "{notes:?}");
     assert!(notes[0].contains("analyse the recording again"), "{notes:?}");
-    let findings = found.findings;
+    let findings = analysis.findings;
     assert_eq!((&used.gain, &used.spread, &used.shutter), (&findings.gain, &findings.spread, &findings.shutter));
     assert!(used.light.as_ref().unwrap().panorama.is_none());
     assert_eq!(shot.scene.lighting.points.len(), 0);
@@ -205,15 +205,15 @@ pub fn analysed_demo() -> (tempfile::TempDir, Analysis) {
 // Slow: the search for lamps takes 10 s, and a correction is a run of the program.
 #[test]
 fn light_is_corrected_by_white_paper() {
-    let (folder, found) = analysed_demo();
-    assert_white_paper_correction(&folder, &found);
+    let (folder, analysis) = analysed_demo();
+    assert_white_paper_correction(&folder, &analysis);
 }
 
 #[test]
 #[ignore = "full tier: ten runs of the program; light_is_corrected_by_white_paper is its small form"]
 fn light_is_corrected_by_lamp_or_panorama_and_supports_are_reported() {
-    let (folder, found) = analysed_demo();
-    assert_lamp_and_panorama_corrections(&folder, &found);
+    let (folder, analysis) = analysed_demo();
+    assert_lamp_and_panorama_corrections(&folder, &analysis);
     assert_supports(&folder);
 }
 
@@ -227,7 +227,7 @@ fn assert_supports(folder: &tempfile::TempDir) {
     let light = models.find("# The light that").unwrap();
     let hovering = models[..light].replacen("[0.0, 0.12, 0.0]", "[0.0, 0.12, 0.03]", 1);
     std::fs::write(at("scene.toml"), hovering).unwrap();
-    let (scene, written) = (at("scene.toml"), folder.path().join("site.analysis/standing.toml"));
+    let (scene, written) = (at("scene.toml"), folder.path().join("site.analysis/supports.toml"));
     let output = locard(&["analyse", &site, "--scene", &scene]);
     let (stdout, warned) = (String::from_utf8(output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap());
     // The first object's hover distance is reported once.
@@ -263,8 +263,8 @@ fn assert_supports(folder: &tempfile::TempDir) {
     assert!(!written.exists());
 }
 
-fn assert_white_paper_correction(folder: &tempfile::TempDir, found: &Analysis) {
-    let light = found.findings.light.as_ref().unwrap();
+fn assert_white_paper_correction(folder: &tempfile::TempDir, analysis: &Analysis) {
+    let light = analysis.findings.light.as_ref().unwrap();
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let (site, new) = (at("site"), at("light.toml"));
     let written = || scene::document::read(Path::new(&new)).unwrap().value().light.clone();
@@ -293,8 +293,8 @@ fn assert_white_paper_correction(folder: &tempfile::TempDir, found: &Analysis) {
     println!("white {white} times {factor} of {truth}\n{stdout}");
     // With the paper the error is at most a twentieth, and no larger than before.
     let off = |white: f64| (white / truth).ln().abs();
-    let (found, corrected) = (off(white), off(factor * white));
-    assert!(corrected < 0.05 && corrected <= found, "{white} times {factor} of {truth}");
+    let (analysis, corrected) = (off(white), off(factor * white));
+    assert!(corrected < 0.05 && corrected <= analysis, "{white} times {factor} of {truth}");
     assert!(stdout.contains("factor ") && stdout.contains("between"), "{stdout}");
     // Invalid points change nothing: an edge, a missing frame, a position outside.
     std::fs::remove_file(&new).unwrap();
@@ -307,8 +307,8 @@ fn assert_white_paper_correction(folder: &tempfile::TempDir, found: &Analysis) {
     assert!(!Path::new(&new).exists());
 }
 
-fn assert_lamp_and_panorama_corrections(folder: &tempfile::TempDir, found: &Analysis) {
-    let light = found.findings.light.as_ref().unwrap();
+fn assert_lamp_and_panorama_corrections(folder: &tempfile::TempDir, analysis: &Analysis) {
+    let light = analysis.findings.light.as_ref().unwrap();
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let (site, new) = (at("site"), at("light.toml"));
     let written = || scene::document::read(Path::new(&new)).unwrap().value().light.clone();

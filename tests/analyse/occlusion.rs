@@ -140,12 +140,12 @@ fn screen() -> impl Iterator<Item = DVec3> {
 #[test]
 #[ignore = "full tier: analyses a whole real recording; depth::repair has a screen without depth in its place"]
 fn screen_missed_by_seven_frames_occludes_with_surfels() {
-    let Some((mut shot, found)) = findings::kinect() else { return };
+    let Some((mut shot, analysis)) = findings::kinect() else { return };
     let temp = tempfile::tempdir().unwrap();
     let at = |name: &str| temp.path().join(name);
     let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/marker-1.glb");
     fs::write(at("behind.toml"), BEHIND.replace("MODEL", model.to_str().unwrap())).unwrap();
-    shot.apply_analysis(at("used"), found.clone()).unwrap();
+    shot.apply_analysis(at("used"), analysis.clone()).unwrap();
     // The share of the screen's visible points at which the object behind it shows.
     let shown_share = |name: &str, analysis: &Analysis| {
         analysis.write(&at(name), &shot.recording).unwrap();
@@ -157,7 +157,7 @@ fn screen_missed_by_seven_frames_occludes_with_surfels() {
         let options = ["--profile", "profiles/tum-fr1.toml", "--set", "shadow.cast=false", "--frames", &frames];
         let files = ["composite", recording, "--scene", scene, "--analysis", analysis, "-o", to];
         stdout_of(&[&files[..], &options].concat());
-        let (mut seen, mut shown) = (0.0, 0.0);
+        let (mut covered, mut shown) = (0.0, 0.0);
         for frame in BEHIND_FRAMES {
             let composite = image::open(out.join(format!("frame_{frame:06}.png"))).unwrap().into_rgb8();
             let (pixels, geometry) = (shot.read(frame).unwrap().pixels, shot.geometry_at(frame).unwrap());
@@ -166,16 +166,16 @@ fn screen_missed_by_seven_frames_occludes_with_surfels() {
                 let (x, y) = (at.x as u32, at.y as u32);
                 if at.min_element() >= 0.0 && x < WIDTH as u32 && y < HEIGHT as u32 {
                     let codes = composite.get_pixel(x, y).0.into_iter().zip(pixels.eight_bits_at(x, y));
-                    seen += 1.0;
+                    covered += 1.0;
                     shown += f64::from(u8::from(codes.into_iter().any(|(a, b)| a.abs_diff(b) > SHOWN)));
                 }
             }
         }
-        shown / seen
+        shown / covered
     };
-    let mut alone = found.clone();
+    let mut alone = analysis.clone();
     (alone.surfels, alone.findings.surfels) = (None, None);
-    let (with, without) = (shown_share("with", found), shown_share("without", &alone));
+    let (with, without) = (shown_share("with", analysis), shown_share("without", &alone));
     println!("{:.2} % of the screen shows it, {:.2} % without the surfels", 100.0 * with, 100.0 * without);
     assert!(without > 0.01 && with < 0.2 * without, "{with} {without}");
 }
@@ -183,9 +183,9 @@ fn screen_missed_by_seven_frames_occludes_with_surfels() {
 #[test]
 #[ignore = "full tier: analyses a whole real recording; composite::sensor_occlusion has a simulated sensor's edges in its place"]
 fn occlusion_ends_at_the_edge_of_a_screen_with_sparse_depth() {
-    let Some((mut shot, found)) = findings::kinect() else { return };
+    let Some((mut shot, analysis)) = findings::kinect() else { return };
     let temp = tempfile::tempdir().unwrap();
-    shot.apply_analysis(temp.path().to_owned(), found.clone()).unwrap();
+    shot.apply_analysis(temp.path().to_owned(), analysis.clone()).unwrap();
     let seen_from = |shot: &Shot, frame: usize| shot.recording.pose_at_frame(frame).unwrap();
     let (first, camera) = (seen_from(&shot, FRAME), shot.geometry_at(FRAME).unwrap());
     let place = |n: usize| {
@@ -213,11 +213,11 @@ fn occlusion_ends_at_the_edge_of_a_screen_with_sparse_depth() {
     flicker.sort_by(f64::total_cmp);
     let rms = |values: &[f64]| (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt();
     let (median, p90) = (all[all.len() / 2], all[all.len() * 9 / 10]);
-    let (whole, most) = (rms(&flicker), rms(&flicker[..flicker.len() * 95 / 100]));
+    let (whole, p95) = (rms(&flicker), rms(&flicker[..flicker.len() * 95 / 100]));
     println!(
         "{} places: {median:.2} px beside the picture's edge, 90 % within {p90:.2}; from frame to frame {whole:.2} px rms, \
-         {most:.2} without the worst twentieth",
+         {p95:.2} without the worst twentieth",
         all.len()
     );
-    assert!(all.len() > 150 && median < 1.0 && p90 < 2.5 && most < 0.6, "{median} {p90} {most}");
+    assert!(all.len() > 150 && median < 1.0 && p90 < 2.5 && p95 < 0.6, "{median} {p90} {p95}");
 }

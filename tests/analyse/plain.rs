@@ -96,8 +96,8 @@ fn jumps(n: usize) -> f64 {
 }
 
 /// RMS error of ln gain against [`jumps`], over all frames.
-fn gain_error_ln(found: &Analysis) -> f64 {
-    let off: Vec<f64> = found.gains.iter().enumerate().map(|(n, gain)| (gain[1] / jumps(n)).ln()).collect();
+fn gain_error_ln(analysis: &Analysis) -> f64 {
+    let off: Vec<f64> = analysis.gains.iter().enumerate().map(|(n, gain)| (gain[1] / jumps(n)).ln()).collect();
     let mean = off.iter().sum::<f64>() / off.len() as f64;
     (off.iter().map(|off| (off - mean).powi(2)).sum::<f64>() / off.len() as f64).sqrt()
 }

@@ -86,12 +86,12 @@ fn report_shows_the_findings_and_the_profile_accepts_the_camera_values() {
     leave_out_light_by_tier(&shot, &folder.path().join("a<b>&\"c.analysis"));
     let [site, page_at, profile_at] = [&site, &page, &profile].map(|path| path.to_str().unwrap());
     let stdout = stdout_of(&["analyse", site, "--report", page_at, "--accept", profile_at]);
-    let (found, accepted) = stdout.split_at(stdout.find("accepted ").unwrap());
-    assert!(found.contains("refined"), "{stdout}");
+    let (findings, accepted) = stdout.split_at(stdout.find("accepted ").unwrap());
+    assert!(findings.contains("refined"), "{stdout}");
 
     let html = std::fs::read_to_string(&page).unwrap();
     let page_content = parsed(&html);
-    for line in found.lines() {
+    for line in findings.lines() {
         assert!(page_content.text.contains(line[11..].trim()), "{line}");
     }
     assert!(
@@ -130,7 +130,7 @@ fn report_shows_the_findings_and_the_profile_accepts_the_camera_values() {
 
     // For an existing analysis the same page again, with the stored running time; without it if
     // that was deleted.
-    assert_eq!(stdout_of(&["analyse", site, "--report", page_at]), found);
+    assert_eq!(stdout_of(&["analyse", site, "--report", page_at]), findings);
     let again = std::fs::read_to_string(&page).unwrap();
     let whole = html.split("<section>\n<h2>Time by part").next().unwrap();
     assert!(again.starts_with(whole) && again.contains("Time by part"), "all is the same but for rounded times");

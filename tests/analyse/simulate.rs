@@ -167,10 +167,10 @@ fn rolling_shutter_skew_matches_the_readout_time() {
     for row in clear_rows(&global, snapshot.timestamp_s) {
         let row_s = snapshot.timestamp_s + (row as f64 + 0.5 - 240.0) / 480.0 * 0.03;
         let expected = line_in_row(&global, row_s, row);
-        let (found, _) = edge(&leaning, row, expected, 4);
-        assert!((found - expected).abs() < 0.06, "row {row}: {found} is not {expected}");
+        let (edge_px, _) = edge(&leaning, row, expected, 4);
+        assert!((edge_px - expected).abs() < 0.06, "row {row}: {edge_px} is not {expected}");
         let (still, _) = edge(&upright, row, line_in_row(&global, snapshot.timestamp_s, row), 4);
-        shifts.push((row as f64, found - still));
+        shifts.push((row as f64, edge_px - still));
     }
     let (first, last) = (shifts[0], shifts[shifts.len() - 1]);
     let lean = (last.1 - first.1) / (last.0 - first.0);
@@ -395,8 +395,8 @@ fn exported_board_matches_the_simulated_one() {
     assert!(primitive.material().unlit() && primitive.material().double_sided());
     let reader = primitive.reader(|buffer| Some(&buffers[buffer.index()]));
     let positions: Vec<_> = reader.read_positions().unwrap().map(|p| DVec3::from(p.map(f64::from))).collect();
-    for (found, expected) in positions.iter().zip(board().corners_in_world_m) {
-        assert!((*found - expected).length() < 1e-7);
+    for (actual, expected) in positions.iter().zip(board().corners_in_world_m) {
+        assert!((*actual - expected).length() < 1e-7);
     }
     // The front faces the camera: counter-clockwise from there.
     let indices: Vec<_> = reader.read_indices().unwrap().into_u32().map(|i| positions[i as usize]).collect();

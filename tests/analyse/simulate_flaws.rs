@@ -200,10 +200,13 @@ fn kinect_depth_has_the_sensor_errors_and_the_truth_is_written() {
         off.sort_by(f64::total_cmp);
         let share = f64::from(holes) / (off.len() + holes as usize) as f64;
         // Half of normal values with σ = 1.43e-3 are within 0.67 σ, two thirds within one.
-        let [half, most] = [off[off.len() / 2], off[off.len() * 2 / 3]];
-        println!("{share} {half} {most}");
+        let [median, two_thirds] = [off[off.len() / 2], off[off.len() * 2 / 3]];
+        println!("{share} {median} {two_thirds}");
         assert!((0.01..0.3).contains(&share), "{share}");
-        assert!((half / 0.96e-3 - 1.0).abs() < 0.2 && (most / 1.43e-3 - 1.0).abs() < 0.25, "{half} {most}");
+        assert!(
+            (median / 0.96e-3 - 1.0).abs() < 0.2 && (two_thirds / 1.43e-3 - 1.0).abs() < 0.25,
+            "{median} {two_thirds}"
+        );
     }
     // With `--force` the truth is replaced as the simulation's own file.
     write_site(&flawed, &options, &Flaws::default());
@@ -222,11 +225,13 @@ fn other_depth_cameras_have_errors() {
     for (name, options, file) in [("phone", phone, "depth/000000.png"), ("beside", beside, "depth/00000.png")] {
         let out = folder.path().join(name);
         write_site(&out, &options, &kinect);
-        let (found, exact) = (depth_of(&out, file), depth_of(&out, "truth/depth-00000.png"));
+        let (measured, exact) = (depth_of(&out, file), depth_of(&out, "truth/depth-00000.png"));
         let share = |is: &dyn Fn(u16, u16) -> bool| {
-            found.iter().zip(&exact).filter(|(found, exact)| is(**found, **exact)).count() as f64 / found.len() as f64
+            measured.iter().zip(&exact).filter(|(measured, exact)| is(**measured, **exact)).count() as f64
+                / measured.len() as f64
         };
-        let (missing, near) = (share(&|found, _| found == 0), share(&|found, exact| found.abs_diff(exact) < 60));
+        let (missing, near) =
+            (share(&|measured, _| measured == 0), share(&|measured, exact| measured.abs_diff(exact) < 60));
         println!("{name}: {missing} missing, {near} near");
         assert!((0.003..0.3).contains(&missing) && near > 0.65, "{name}: {missing} {near}");
     }

@@ -149,8 +149,8 @@ fn truth(geometry: &Geometry, name: &str) -> f64 {
     }
 }
 
-fn named_view(n: usize, seen: BoardDetection) -> NamedView {
-    NamedView { name: format!("{n}.png"), detection: seen }
+fn named_view(n: usize, detection: BoardDetection) -> NamedView {
+    NamedView { name: format!("{n}.png"), detection: detection }
 }
 
 /// Error of each parameter in units of its standard deviation.

@@ -61,14 +61,14 @@ fn camera_is_recovered_from_photographs_of_the_sheet() {
         let (mut views, mut whole, mut furthest, mut sum, mut corners) = (Vec::new(), 0, 0f64, 0.0, 0.0);
         for n in numbers.clone() {
             let pixels = Pixels::from_u8(SIZE.0, SIZE.1, photograph(&camera, &rays, n)).unwrap();
-            let Ok(seen) = search.find(&pixels) else { continue };
-            whole += usize::from(seen.corners_px.len() == 24);
-            for (board, at) in seen.board.iter().zip(&seen.corners_px) {
+            let Ok(detection) = search.find(&pixels) else { continue };
+            whole += usize::from(detection.corners_px.len() == 24);
+            for (board, at) in detection.board.iter().zip(&detection.corners_px) {
                 let off = at.distance(around(&camera, n).project(&camera, DVec3::new(board.x, -board.y, 0.0)));
                 furthest = furthest.max(off);
                 (sum, corners) = (sum + off * off, corners + 1.0);
             }
-            views.push(NamedView { name: n.to_string(), detection: seen });
+            views.push(NamedView { name: n.to_string(), detection: detection });
         }
         let rms_px = (sum / corners).sqrt();
         println!("{} views, {whole} whole; corners off by {rms_px:.3} px, {furthest:.3} px at most", views.len());

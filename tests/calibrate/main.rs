@@ -23,7 +23,6 @@ mod lens;
 mod lens_by_tags;
 mod live;
 mod measure;
-mod moving;
 mod noise;
 mod noise_example;
 mod picked;
@@ -31,4 +30,5 @@ mod simulated;
 #[cfg(unix)]
 mod solve;
 mod tags;
+mod textureless;
 mod track;

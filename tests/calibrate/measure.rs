@@ -101,9 +101,9 @@ fn standard_error_covers_the_error_and_a_straight_edge_is_not_trusted() {
     let in_sigmas = |p: &PatchDisplacement| (p.displacement_px[0] - 0.3).hypot(p.displacement_px[1] - 0.2) / p.sigma_px;
     let mut errors: Vec<f64> = measured.patches.iter().map(in_sigmas).collect();
     errors.sort_by(f64::total_cmp);
-    let (middle, most) = (errors[errors.len() / 2], errors[errors.len() * 9 / 10]);
+    let (median, p90) = (errors[errors.len() / 2], errors[errors.len() * 9 / 10]);
     // Of two Gaussian numbers in units of the larger one's σ: 1.18 and 2.15.
-    assert!((0.5..1.5).contains(&middle) && most < 3.0, "{middle} {most}");
+    assert!((0.5..1.5).contains(&median) && p90 < 3.0, "{median} {p90}");
     // The position along a straight edge is determined by noise alone.
     let edge = |seed: u64| {
         let value = |i: usize| 30.0 + 6.0 * ((i % SIZE) as f64 - 60.0).clamp(0.0, 8.0);

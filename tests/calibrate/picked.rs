@@ -305,9 +305,9 @@ fn rejected_regions_name_the_reason() {
     };
     assert!(matches!(ask(&all, &[], SceneMotion::Moving).noise, Err(PickedError::NoPlace)));
     assert!(matches!(ask(&all[..1], &places(1), SceneMotion::Resting).noise, Err(PickedError::OneFrame)));
-    for (motion, least) in [(SceneMotion::Moving, 24), (SceneMotion::Resting, 12)] {
+    for (motion, min_side_px) in [(SceneMotion::Moving, 24), (SceneMotion::Resting, 12)] {
         let small = verdict(ask(&all[..2], &[Rect::new(0, 0, 8, 40)], motion));
-        assert_eq!(small, RegionError::Small { width: 8, height: 40, least });
+        assert_eq!(small, RegionError::Small { width: 8, height: 40, min_side_px });
     }
     // Half of it is another patch.
     let textured = verdict(ask(&all[..1], &[Rect::new(40, 0, 88, 60)], SceneMotion::Moving));

@@ -57,7 +57,7 @@ fn pose_of_a_simulated_camera_is_recovered() {
     let whole = Sheet::new(Paper::A4).board;
     let one = Board { tags: whole.tags[..1].to_vec(), ..whole.clone() };
     // The required accuracy is 2 mm and 0.2° at 0.8 m; a sheet is much better.
-    for (board, most_mm, most_deg) in [(whole, 0.5, 0.05), (one, 2.0, 0.2)] {
+    for (board, max_mm, max_deg) in [(whole, 0.5, 0.05), (one, 2.0, 0.2)] {
         let mut searcher = BoardTracker::new(board, geometry(&CAMERA), &Response::default()).unwrap();
         let (mut ways, mut turns, mut normed) = (Vec::new(), Vec::new(), Vec::new());
         for (i, codes) in (0..count).zip(&photographs) {
@@ -69,7 +69,7 @@ fn pose_of_a_simulated_camera_is_recovered() {
             turns.push(turn_deg);
         }
         let [way_mm, turn_deg, normed] = [ways, turns, normed].map(|errors| upper_median(errors).unwrap());
-        assert!(way_mm < most_mm && turn_deg < most_deg, "{way_mm:.3} mm, {turn_deg:.4}°");
+        assert!(way_mm < max_mm && turn_deg < max_deg, "{way_mm:.3} mm, {turn_deg:.4}°");
         // In the median of three dimensions an error is about 0.9 of its deviation; the assumed
         // error of a corner makes deviations larger, not smaller.
         assert!(normed > 0.1 && normed < 1.5, "errors are {normed:.2} deviations");
@@ -180,8 +180,8 @@ fn oblique_detection(aside_deg: f64, error_px: f64) -> (Pose, Vec<DetectedTag>) 
 #[test]
 fn flat_tag_ambiguity_is_resolved_by_neighbouring_pictures() {
     let sight = |aside_deg: f64, error_px: f64| {
-        let (truth, found) = oblique_detection(aside_deg, error_px);
-        (truth, BoardPose::of(&pinhole(), &far_tag(), &found, &[]).unwrap())
+        let (truth, tags) = oblique_detection(aside_deg, error_px);
+        (truth, BoardPose::of(&pinhole(), &far_tag(), &tags, &[]).unwrap())
     };
     let far = |pose: &Pose, truth: &Pose| pose.rotation.angle_between(truth.rotation).to_degrees();
     // Tilted by 35° it is 13 px across, and the corners of its two poses differ by less than the
@@ -234,10 +234,10 @@ fn expected_pose_is_extrapolated_at_constant_velocity() {
 
 #[test]
 fn pictures_without_a_pose_name_the_reason() {
-    let (_, found) = oblique_detection(20.0, 0.0);
-    let of = |board: &Board, found: &[DetectedTag]| BoardPose::of(&pinhole(), board, found, &[]);
+    let (_, tags) = oblique_detection(20.0, 0.0);
+    let of = |board: &Board, tags: &[DetectedTag]| BoardPose::of(&pinhole(), board, tags, &[]);
     assert_eq!(of(&far_tag(), &[]), Err(PoseFailure::Nothing));
-    let stranger = [DetectedTag { id: 9, ..found[0].clone() }];
+    let stranger = [DetectedTag { id: 9, ..tags[0].clone() }];
     assert_eq!(of(&far_tag(), &stranger), Err(PoseFailure::NotOnBoard(vec![9])));
     // The sheet's tags, twice as far apart as in the file.
     let sheet = Sheet::new(Paper::A4).board;
@@ -274,8 +274,8 @@ fn pictures_without_a_pose_name_the_reason() {
 
 #[test]
 fn lost_frames_get_no_poses() {
-    let (_, found) = oblique_detection(35.0, 0.1);
-    let sight = BoardPose::of(&pinhole(), &far_tag(), &found, &[]).unwrap();
+    let (_, tags) = oblique_detection(35.0, 0.1);
+    let sight = BoardPose::of(&pinhole(), &far_tag(), &tags, &[]).unwrap();
     // Frames 2, 3 and 6 are lost; the camera's clock stutters after frame 4.
     let times_s = vec![0.0, 0.1, 0.2, 0.3, 0.4, 0.55, 0.65, 0.75];
     let is_posed = [true, true, false, false, true, true, false, true];
@@ -292,7 +292,7 @@ fn lost_frames_get_no_poses() {
     // 0.15 s between frames 4 and 5, 0.2 s across the shortest gap.
     let gap_s = track.max_gap_s();
     assert!(gap_s > 0.15 && gap_s < 0.2, "{gap_s}");
-    assert_eq!(track.lost(), [(2..4, &PoseFailure::Nothing), (6..7, &PoseFailure::Nothing)]);
+    assert_eq!(track.unsolved_ranges(), [(2..4, &PoseFailure::Nothing), (6..7, &PoseFailure::Nothing)]);
     assert_eq!(track.doubtful(), [0..2, 4..6, 7..8]);
     let text = track.to_string();
     for line in [
@@ -346,9 +346,9 @@ fn repeated_tags_are_reported_and_the_others_give_the_pose() {
     let off_m = sight.best.pose.position_in_world_m().distance(alone.best.pose.position_in_world_m());
     assert!(off_m < 0.02, "{off_m}");
     let both = [first, sheet_at(300, &[0, 1, 2, 3, 4, 5])].concat();
-    let lost = searcher.look(&drawn(&both)).unwrap().unwrap_err();
-    assert_eq!(lost, PoseFailure::Repeated(vec![0, 1, 2, 3, 4, 5]));
-    assert!(lost.to_string().starts_with("the tags 0, 1, 2, 3, 4, 5 are detected more than once"), "{lost}");
+    let failure = searcher.look(&drawn(&both)).unwrap().unwrap_err();
+    assert_eq!(failure, PoseFailure::Repeated(vec![0, 1, 2, 3, 4, 5]));
+    assert!(failure.to_string().starts_with("the tags 0, 1, 2, 3, 4, 5 are detected more than once"), "{failure}");
 }
 
 #[test]

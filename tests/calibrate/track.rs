@@ -76,8 +76,8 @@ fn tracked_video_becomes_a_recording_with_static_evidence() {
     assert_eq!(lines.iter().map(|line| line[0]).collect::<Vec<_>>(), times);
     // Diagonals: rotation is certain to some hundredths of a degree, position to a millimetre.
     for line in &lines {
-        for (i, most) in [(1, 2e-3), (7, 2e-3), (12, 2e-3), (16, 2e-3), (19, 2e-3), (21, 2e-3)] {
-            assert!(line[i] > 0.0 && line[i].sqrt() < most, "{line:?}");
+        for (i, max_sigma) in [(1, 2e-3), (7, 2e-3), (12, 2e-3), (16, 2e-3), (19, 2e-3), (21, 2e-3)] {
+            assert!(line[i] > 0.0 && line[i].sqrt() < max_sigma, "{line:?}");
         }
     }
 

@@ -137,9 +137,9 @@ pub fn median_and_p90(pairs: &[Vec<f64>]) -> (f64, f64) {
 pub fn regressions(recorded: &[Vec<f64>], refined: &[Vec<f64>]) -> (f64, f64) {
     assert_eq!(recorded.len(), refined.len());
     let by = |(was, is): (&Vec<f64>, &Vec<f64>)| is[is.len() / 2] - was[was.len() / 2];
-    let lost: Vec<f64> = recorded.iter().zip(refined).map(by).collect();
-    let count = lost.iter().filter(|by| **by > 0.1).count();
-    (count as f64 / lost.len() as f64, lost.into_iter().fold(f64::NEG_INFINITY, f64::max))
+    let worse_px: Vec<f64> = recorded.iter().zip(refined).map(by).collect();
+    let count = worse_px.iter().filter(|by| **by > 0.1).count();
+    (count as f64 / worse_px.len() as f64, worse_px.into_iter().fold(f64::NEG_INFINITY, f64::max))
 }
 
 /// Number of frames of the reduced copy of the demonstration.

@@ -114,15 +114,15 @@ fn assert_follows_reference(coding: PictureCoding) {
     let what = format!("{:?} {:?} {:?}", coding.color, coding.chroma, coding.decoder);
     let expected = reference(&coding, 1.0);
     let done = composite(Some(coding.clone()), 1.0);
-    let (found, layer) = (done.pixels.codes.eight_bit().unwrap(), &done.layer.as_ref().unwrap().rgba);
+    let (actual, layer) = (done.pixels.codes.eight_bit().unwrap(), &done.layer.as_ref().unwrap().rgba);
     let (mut covered, mut differing) = (0, 0);
-    for (i, (found, expected)) in found.iter().zip(&expected).enumerate() {
+    for (i, (actual, expected)) in actual.iter().zip(&expected).enumerate() {
         let coverage = layer[i / 3][3];
         if coverage == 0.0 {
-            assert_eq!(u16::from(*found), camera_code(i as u32 / 3)[i % 3], "a pixel without the layer");
+            assert_eq!(u16::from(*actual), camera_code(i as u32 / 3)[i % 3], "a pixel without the layer");
         } else if coverage == 1.0 {
             covered += 1;
-            differing += usize::from(found != expected);
+            differing += usize::from(actual != expected);
         }
     }
     // The reference's 16-bit picture is rounded, which moves a few samples and, in a few blocks, a

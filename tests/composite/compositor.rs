@@ -181,8 +181,8 @@ fn faded_layer_with_chromatic_aberration_keeps_the_uncovered_share_of_the_footag
     // In the middle of the board each colour covers half of the footage.
     let curve = Response::default();
     let code = 255.0 * curve.encode(0.5 * 0.5 + 0.5 * curve.decode(200.0 / 255.0));
-    for found in done.pixels.at(80, 60) {
-        assert!((f64::from(found) - code).abs() <= 1.0, "{found}, by hand {code}");
+    for actual in done.pixels.at(80, 60) {
+        assert!((f64::from(actual) - code).abs() <= 1.0, "{actual}, by hand {code}");
     }
 }
 

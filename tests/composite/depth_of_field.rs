@@ -158,7 +158,7 @@ fn lights() -> Scene {
 fn methods_match_the_thin_lens_by_flip() {
     let mut missed = Vec::new();
     // Per method: the value that its paper's algorithm reaches, plus a tenth.
-    for (name, scene, depth_m, most) in [
+    for (name, scene, depth_m, max_flips) in [
         ("blurred over sharp", blurred_over_sharp(), 0.5, [0.05, 0.078, 0.064]),
         ("sharp over blurred", sharp_over_blurred(), 2.0, [0.05, 0.138, 0.059]),
         ("point lights", lights(), 3.9, [0.05, 0.066, 0.028]),
@@ -169,8 +169,8 @@ fn methods_match_the_thin_lens_by_flip() {
                 &camera(circle_px, depth_m, blades),
                 &scene,
             );
-            for ((method, flip), most) in METHODS.iter().zip(flips).zip(most) {
-                if flip > most {
+            for ((method, flip), max_flips) in METHODS.iter().zip(flips).zip(max_flips) {
+                if flip > max_flips {
                     missed.push((name, circle_px, blades, method, flip));
                 }
             }
@@ -212,12 +212,12 @@ fn edge_widths_match_the_analytic_aperture() {
         &[3.0, 5.25, 7.0, 14.0, 28.0],
     ];
     let chosen: [&[f64]; 3] = [&[2.0, 6.0, 16.1, 33.0], &[3.0, 9.0, 28.0], &[7.0, 28.0]];
-    let [most, some, few] = fast_or_full(chosen, all);
+    let [many, some, few] = fast_or_full(chosen, all);
     // The board's other edges are outside the circle of confusion of every measured pixel.
     let (half_high_px, right_px) = fast_or_full((30.0, 10.0), (90.0, 80.0));
     let [wall_x, wall_y] = fast_or_full([110.0, 30.0], WALL.1);
     for (method, blades, depth_m, circles) in [
-        ("layered", 0, behind, most),
+        ("layered", 0, behind, many),
         ("layered", 0, before, some),
         ("layered", 5, behind, few),
         ("layered", 5, before, few),
@@ -258,8 +258,8 @@ fn edge_widths_match_the_analytic_aperture() {
             );
             println!("{text}");
             // A few texels approximate a polygon less well than a disc.
-            let (most, most_px) = if blades == 0 { (0.05, 0.1) } else { (0.09, 0.25) };
-            if (width / expected_width - 1.0).abs() > most || (middle - expected_middle).abs() > most_px {
+            let (many, max_px) = if blades == 0 { (0.05, 0.1) } else { (0.09, 0.25) };
+            if (width / expected_width - 1.0).abs() > many || (middle - expected_middle).abs() > max_px {
                 missed.push(text);
             }
         }
@@ -378,8 +378,8 @@ fn bright_light_is_occluded_only_by_the_board_in_front_of_it() {
                 assert!((red(&done, x, y) - 0.2).abs() < 1e-3, "{from}: ({x}, {y}): {}", red(&done, x, y));
             }
             for x in -14..-1 {
-                let (found, alone) = (red(&done, x, y), red(&alone, x, y));
-                assert!((found - alone).abs() < 0.05 * alone + 0.01, "{from}: ({x}, {y}): {found}, {alone} alone");
+                let (actual, alone) = (red(&done, x, y), red(&alone, x, y));
+                assert!((actual - alone).abs() < 0.05 * alone + 0.01, "{from}: ({x}, {y}): {actual}, {alone} alone");
             }
         }
         // None of the light is gathered with the wall, over 40 px.
@@ -514,9 +514,9 @@ fn two_depths(circle_px: f64) -> (Scene, Vec<[f64; 4]>, Vec<f64>) {
 
 /// Mean and largest difference over pixels covered in either picture; values above 1 are compared
 /// relatively.
-fn differences(found: &[[f32; 4]], twin: &[[f64; 4]]) -> (f64, f64) {
+fn differences(actual: &[[f32; 4]], twin: &[[f64; 4]]) -> (f64, f64) {
     let (mut sum, mut count, mut worst) = (0.0, 0.0, 0.0f64);
-    for (a, b) in found.iter().zip(twin).filter(|(a, b)| a[3] > 0.0 || b[3] > 0.0) {
+    for (a, b) in actual.iter().zip(twin).filter(|(a, b)| a[3] > 0.0 || b[3] > 0.0) {
         let error = (0..4).map(|c| (f64::from(a[c]) - b[c]).abs() / b[c].max(1.0)).fold(0.0, f64::max);
         worst = worst.max(error);
         sum += error;

@@ -67,9 +67,9 @@ fn exposure_integrates_over_the_open_shutter() {
 fn light_follows_the_spatial_gain_of_the_footage() {
     let geometry = gpu::pinhole(320, 240, FOCAL_PX);
     let track = sideways([0.0, 0.0]);
-    let drawn = |seen: Option<RelativeBrightness>, sets: &[(&str, &str, Value)]| {
+    let drawn = |brightness: Option<RelativeBrightness>, sets: &[(&str, &str, Value)]| {
         let mut frame = gpu::frame(0, 0.0, gpu::grey(320, 240, 0));
-        frame.exposure.brightness = seen;
+        frame.exposure.brightness = brightness;
         let camera = gpu::camera(&geometry, 0.0);
         gpu::composite(&gpu::gpu(), &camera, gpu::settings(sets), board([120.0, 90.0], 0.4), &track, frame)
             .layer
@@ -220,9 +220,9 @@ fn accumulation_is_centred_on_the_position_in_the_frame() {
         let row = &layer.rgba[120 * 320..121 * 320];
         let centre =
             |f: fn(f64) -> f64| row.iter().enumerate().map(|(x, p)| f64::from(p[3]) * f(x as f64 + 0.5)).sum::<f64>();
-        let (area, found) = (centre(|_| 1.0), centre(|x| x) / centre(|_| 1.0));
+        let (area, centre_px) = (centre(|_| 1.0), centre(|x| x) / centre(|_| 1.0));
         assert!((area - 120.0).abs() < 0.2, "{length}: something is cut off, {area}");
-        assert!((found - 160.0).abs() < 0.3, "{length}: {found}");
+        assert!((centre_px - 160.0).abs() < 0.3, "{length}: {centre_px}");
     }
 }
 
@@ -410,7 +410,7 @@ fn glass(alpha: f32) -> Scene {
 
 #[test]
 fn edge_blend_follows_the_rule_of_the_paper_on_hard_and_soft_edges() {
-    let mut lost = Vec::new();
+    let mut losses = Vec::new();
     for (alpha, sigma_px) in [(1.0, 0.0), (1.0, 0.3), (1.0, 0.7), (1.0, 2.0), (0.5, 0.0), (0.5, 0.7)] {
         let [plain, done] = edge_blended(|| glass(alpha), sigma_px, 0.75);
         let layer = plain.layer.as_ref().unwrap();
@@ -433,12 +433,12 @@ fn edge_blend_follows_the_rule_of_the_paper_on_hard_and_soft_edges() {
             }
         }
         assert!(edges > 400, "{alpha} {sigma_px}: {edges} pixels are blended");
-        lost.push(all / f64::from(alpha));
+        losses.push(all / f64::from(alpha));
     }
     // Each of the 4 · 110 - 4 pixels along the hard edge loses 0.75 · 3 / 4 of 127.5 - 40 codes,
     // those at the corners 0.75 · 5 / 6. Blur rounds the corners.
     let hard = (0.75 * 436.0 * 0.75 + 4.0 * 0.75 * 5.0 / 6.0) * 87.5;
-    assert!(lost.iter().all(|lost| (lost / hard - 1.0).abs() < 0.02), "{lost:?}, a hard edge loses {hard}");
+    assert!(losses.iter().all(|losses| (losses / hard - 1.0).abs() < 0.02), "{losses:?}, a hard edge loses {hard}");
 }
 
 #[test]

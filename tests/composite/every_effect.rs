@@ -8,7 +8,7 @@ use locard::camera::{Camera, Capture, FilmOverride, Geometry, NoiseBin, NoisePro
 use locard::compositor::{Compositor, Job, RealDepth, Settings, Target};
 use locard::depth::{DepthGrid, Surfaces};
 use locard::effects::{self, Effect, FrameContext, LayerRun};
-use locard::gpu::{Recorder, Texture};
+use locard::gpu::{PassRecorder, Texture};
 use locard::params::Value;
 use locard::pixels::{Codes, Pixels, Rect};
 use locard::render::{COLOR, GEOMETRY, Layer, RealLayer};
@@ -95,7 +95,7 @@ fn effects_pass_unchanged_textures_on() {
         real_depths_m: Some([1.0, 2.0]),
         objects: &[],
     };
-    let mut recorder = Recorder::new(gpu.clone());
+    let mut recorder = PassRecorder::new(gpu.clone());
     let texture = |format| Texture::new(&gpu, "test", size().0 + 16, size().1, format, 1);
     for (name, effect) in effect_cases() {
         let real = RealLayer {
@@ -179,10 +179,10 @@ fn assert_within_one_code(a: &Pixels, b: &Pixels, label: &str) {
         let [a, b] = [a, b].map(|picture| picture.at(i % size().0, i / size().0));
         a.iter().zip(b).map(|(a, b)| a.abs_diff(b)).max().unwrap()
     };
-    let (most, at) = (0..size().0 * size().1).map(|i| (apart(i), i)).max().unwrap();
+    let (largest, at) = (0..size().0 * size().1).map(|i| (apart(i), i)).max().unwrap();
     let differ = (0..size().0 * size().1).filter(|i| apart(*i) > 0).count();
-    println!("{label} {differ} pixels differ, by {most} at most");
-    assert!(most <= 1, "{label} {differ} pixels differ, by {most} at ({}, {})", at % size().0, at / size().0);
+    println!("{label} {differ} pixels differ, by {largest} at most");
+    assert!(largest <= 1, "{label} {differ} pixels differ, by {largest} at ({}, {})", at % size().0, at / size().0);
 }
 
 // Slow: every method of every effect, in whole and in five parts.

@@ -92,10 +92,10 @@ fn plate_beside_a_wall_has_the_analytic_sky_visibility_and_indirect_light() {
         // is a few per cent of its light.
         let wanted = 1.0 - filled * (1.0 - REFLECTANCE);
         for c in 0..3 {
-            let [found, halved] = [with[c], half[c]].map(|light| light / without[c]);
-            assert!((found - wanted).abs() < 0.04, "{place}: {found} for {wanted}");
-            assert!((halved - 0.5 * (1.0 + found)).abs() < 0.02, "{place}: {halved} for half of {found}");
-            darkest = darkest.min(found);
+            let [actual, halved] = [with[c], half[c]].map(|light| light / without[c]);
+            assert!((actual - wanted).abs() < 0.04, "{place}: {actual} for {wanted}");
+            assert!((halved - 0.5 * (1.0 + actual)).abs() < 0.02, "{place}: {halved} for half of {actual}");
+            darkest = darkest.min(actual);
         }
     }
     assert!(darkest < 0.72, "{darkest}");

@@ -37,7 +37,7 @@ fn settings() -> Settings {
 /// All effects on, once per test case; effects with fewer cases repeat their first.
 fn cases_of_all_effects() -> Vec<Settings> {
     let cases: Vec<_> = effects::all().iter().map(|e| (e.table(), e.cases())).collect();
-    let most = cases.iter().map(|(_, cases)| cases.len()).max().unwrap();
+    let max_cases = cases.iter().map(|(_, cases)| cases.len()).max().unwrap();
     let way = |n: usize| {
         let mut settings = Settings::default();
         for (table, cases) in &cases {
@@ -49,7 +49,7 @@ fn cases_of_all_effects() -> Vec<Settings> {
         settings
     };
     // The first case, the users' default, comes last.
-    (0..most).rev().map(way).collect()
+    (0..max_cases).rev().map(way).collect()
 }
 
 /// Composites a range by a new compositor with two frames in flight, as the program does.
@@ -68,17 +68,17 @@ fn composite_with(
     compositor: &mut Compositor,
     site: &mut NamedShot,
     settings: &Settings,
-    (range, most): (std::ops::Range<usize>, usize),
+    (range, in_flight): (std::ops::Range<usize>, usize),
     layers: bool,
 ) -> Vec<Composited> {
     site.shot.settings = settings.clone();
-    site.shot.frames(compositor, range, layers, most).unwrap().map(Result::unwrap).collect()
+    site.shot.frames(compositor, range, layers, in_flight).unwrap().map(Result::unwrap).collect()
 }
 
 /// Asserts that pixels without objects and shadows equal the footage, and that the layer is empty
 /// there.
 fn assert_footage_unchanged(site: &NamedShot, done: &[Composited], range: std::ops::Range<usize>) {
-    let (mut touched, mut seen) = (0usize, 0usize);
+    let (mut touched, mut visible) = (0usize, 0usize);
     for (done, frame) in done.iter().zip(site.shot.recording.frames(range).unwrap()) {
         let frame = frame.unwrap();
         let layer = done.layer.as_ref().unwrap();
@@ -93,7 +93,7 @@ fn assert_footage_unchanged(site: &NamedShot, done: &[Composited], range: std::o
             if layer.rgba[i] == [0.0; 4] && layer.left[i] == [1.0; 3] {
                 assert_eq!(out, camera, "{} frame {} pixel {i}", site.name, done.frame);
             } else if layer.rgba[i][3] > 0.0 {
-                seen += 1;
+                visible += 1;
                 touched += usize::from(out != camera);
             }
         }
@@ -106,8 +106,12 @@ fn assert_footage_unchanged(site: &NamedShot, done: &[Composited], range: std::o
         }
     }
     // The law needs visible objects: 500 px of a 640x480 frame.
-    let least = 500 * site.shot.recording.width as usize * site.shot.recording.height as usize / (640 * 480);
-    assert!(seen > done.len() * least && touched > seen / 2, "{}: {seen} mixed pixels, {touched} changed", site.name);
+    let min_pixels = 500 * site.shot.recording.width as usize * site.shot.recording.height as usize / (640 * 480);
+    assert!(
+        visible > done.len() * min_pixels && touched > visible / 2,
+        "{}: {visible} mixed pixels, {touched} changed",
+        site.name
+    );
 }
 
 // Slow: renders every method of every effect, on the demonstration and on a real recording.
@@ -172,11 +176,11 @@ fn law_2_range_alone_matches_the_same_range_of_the_whole() {
             assert_eq!(a.frame, b.frame);
             assert!(a.pixels == b.pixels, "{} frame {}", site.name, a.frame);
         }
-        for &most in fast_or_full(&[3][..], &[1, 3]) {
+        for &in_flight in fast_or_full(&[3][..], &[1, 3]) {
             let mut anew = site.shot.compositor(gpu.clone());
-            let again = composite_with(&mut anew, &mut site, &settings(), (part.clone(), most), false);
+            let again = composite_with(&mut anew, &mut site, &settings(), (part.clone(), in_flight), false);
             for (a, b) in again.iter().zip(&whole[among.clone()]) {
-                assert!(a.pixels == b.pixels, "{} frame {}, {most} in flight", site.name, a.frame);
+                assert!(a.pixels == b.pixels, "{} frame {}, {in_flight} in flight", site.name, a.frame);
             }
         }
         let mut other_seed = settings();

@@ -112,19 +112,19 @@ fn layers_over_the_footage_match_the_composite_within_one_code() {
 fn layers_with_their_noise_match_the_composite_with_all_effects() {
     for mut site in sites() {
         let layers = Layers::of(&mut site, &gpu::settings(&[]), 40);
-        let (mut most, mut most_without, mut noisy) = (0.0f64, 0.0f64, 0);
+        let (mut largest, mut largest_without, mut noisy) = (0.0f64, 0.0f64, 0);
         for (i, c) in layers.pixel_channels() {
             let off = layers.deviation(&site, i, c, true);
             assert!(off < 1.0, "{} colour {c} pixel {i}: off by {off:.2}", site.name);
-            most = most.max(off);
-            most_without = most_without.max(layers.deviation(&site, i, c, false));
+            largest = largest.max(off);
+            largest_without = largest_without.max(layers.deviation(&site, i, c, false));
             noisy += usize::from(layers.noise[c][i] != 0.0);
             if layers.composite[3 * i + c] == layers.camera[3 * i + c] && layers.ratio[c][i] == 1.0 {
                 assert!(layers.coverage[i] > 0.0 || layers.noise[c][i] == 0.0, "{} pixel {i}", site.name);
             }
         }
-        println!("{}: off by {most:.3} codes with noise, {most_without:.1} without; {noisy} values", site.name);
-        assert!(noisy > 1000 && most_without > 2.0, "{}: {noisy}, {most_without}", site.name);
+        println!("{}: off by {largest:.3} codes with noise, {largest_without:.1} without; {noisy} values", site.name);
+        assert!(noisy > 1000 && largest_without > 2.0, "{}: {noisy}, {largest_without}", site.name);
     }
 }
 

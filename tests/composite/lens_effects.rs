@@ -43,8 +43,11 @@ fn number(table: &'static str, name: &'static str, value: f64) -> (&'static str,
 }
 
 /// Asserts that all components agree within a tolerance.
-fn assert_close(found: [f64; 4], expected: [f64; 4], within: f64, label: &str) {
-    assert!(found.iter().zip(expected).all(|(f, e)| (f - e).abs() <= within), "{label}: {found:?} is not {expected:?}");
+fn assert_close(actual: [f64; 4], expected: [f64; 4], within: f64, label: &str) {
+    assert!(
+        actual.iter().zip(expected).all(|(f, e)| (f - e).abs() <= within),
+        "{label}: {actual:?} is not {expected:?}"
+    );
 }
 
 #[test]
@@ -77,9 +80,9 @@ fn nothing_is_drawn_beyond_a_circular_fisheye_picture() {
     for y in 0..HEIGHT as usize {
         for x in 0..WIDTH as usize {
             let off = DVec2::new(x as f64 + 0.5, y as f64 + 0.5).distance(DVec2::new(150.0, 120.0)) - 100.0;
-            let (found, all) = (rgba(&done, x, y), rgba(&whole, x, y));
+            let (actual, all) = (rgba(&done, x, y), rgba(&whole, x, y));
             let left = (0.5 - off).clamp(0.0, 1.0);
-            assert_close(found, all.map(|v| v * left), 2e-3, &format!("({x}, {y}), {off:.2} px beyond the rim"));
+            assert_close(actual, all.map(|v| v * left), 2e-3, &format!("({x}, {y}), {off:.2} px beyond the rim"));
             if off > 0.5 {
                 assert_eq!(codes(&done, x, y), [60; 3], "({x}, {y})");
             }

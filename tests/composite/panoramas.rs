@@ -104,11 +104,11 @@ fn marks_project_by_the_formula_all_around() {
     let pose =
         Pose::from_camera_in_world(DVec3::new(3.0, -1.0, 2.0), DQuat::from_euler(glam::EulerRot::XYZ, 0.2, -1.1, 0.3));
     let (round_px, fisheye_px, half_size, at_a_time) = fast_or_full((640, 400, 0.04, 32), (1024, 640, 0.03, 8));
-    for (geometry, least, largest) in [(round(round_px), 61, 180.0), (fisheye(fisheye_px), 30, 99.0)] {
+    for (geometry, min_marks, largest) in [(round(round_px), 61, 180.0), (fisheye(fisheye_px), 30, 99.0)] {
         let size = DVec2::new(geometry.intrinsics.width_px.into(), geometry.intrinsics.height_px.into());
         let directions: Vec<DVec3> = all_around().into_iter().map(DVec3::normalize).collect();
         let camera = gpu::camera(&geometry, 0.0);
-        let (mut found, mut worst, mut farthest) = (0, 0.0f64, 0.0f64);
+        let (mut mark_count, mut worst, mut farthest) = (0, 0.0f64, 0.0f64);
         for few in directions.chunks(at_a_time) {
             // Few marks at a time, so that their squares do not overlap.
             let mut scene = marks(few, half_size, 0.5);
@@ -131,14 +131,14 @@ fn marks_project_by_the_formula_all_around() {
                 // The centroid of a projected square deviates a little from the projection of its
                 // centre.
                 assert!(mark_px.distance(at) < 0.3, "{d} ({theta}°) at {mark_px}, not {at}");
-                (found, worst, farthest) = (found + 1, worst.max(mark_px.distance(at)), farthest.max(theta));
+                (mark_count, worst, farthest) = (mark_count + 1, worst.max(mark_px.distance(at)), farthest.max(theta));
                 let (x, y) = ((at.x as u32).min(image.width - 1), at.y as u32);
                 let depth = f64::from(image.depth_m[(y * image.width + x) as usize]);
                 assert!((depth - 2.0).abs() < 0.002, "{d}: {depth} m is the distance");
             }
         }
-        println!("{found} marks out to {farthest:.1}°, farthest {worst:.3} px");
-        assert!(found >= least && farthest > 95.0, "{found} {farthest}");
+        println!("{mark_count} marks out to {farthest:.1}°, farthest {worst:.3} px");
+        assert!(mark_count >= min_marks && farthest > 95.0, "{mark_count} {farthest}");
     }
 }
 
@@ -176,11 +176,11 @@ fn picture_is_continuous_across_the_seam() {
         camera.exposure.time_s = Some(exposure_time_s);
         let middle = layer(&camera, Settings::default(), scene.clone(), &turning(1.0, DQuat::IDENTITY));
         let seam = layer(&camera, Settings::default(), scene.clone(), &turning(1.0, DQuat::from_rotation_y(PI)));
-        let (mut seen, mut worst) = (0, 0.0f32);
+        let (mut visible, mut worst) = (0, 0.0f32);
         for (i, p) in middle.rgba.iter().enumerate() {
             let (x, y) = (i % 1024, i / 1024);
             let q = seam.rgba[y * 1024 + (x + 512) % 1024];
-            seen += usize::from(p[3] > 0.0);
+            visible += usize::from(p[3] > 0.0);
             worst = (0..4).fold(worst, |w, c| w.max((p[c] - q[c]).abs()));
             let (v, w) = (middle.velocity[i], seam.velocity[y * 1024 + (x + 512) % 1024]);
             if p[3] > 0.99 && q[3] > 0.99 {
@@ -190,8 +190,8 @@ fn picture_is_continuous_across_the_seam() {
                 assert!((v[0] - w[0]).hypot(v[1] - w[1]) < 2.0, "{v:?} {w:?}");
             }
         }
-        println!("{exposure_time_s} s: {seen} pixels, at most {worst:.4} apart");
-        assert!(seen > 500 && worst < 0.005, "{seen} {worst}");
+        println!("{exposure_time_s} s: {visible} pixels, at most {worst:.4} apart");
+        assert!(visible > 500 && worst < 0.005, "{visible} {worst}");
     }
 }
 
@@ -275,7 +275,7 @@ fn footage_around_objects_is_unchanged_and_frames_are_independent() {
         for done in &all {
             assert_eq!(done.stats.effects, ["motion_blur", "point_spread", "edge_blend", "noise"]);
             let layer = done.layer.as_ref().unwrap();
-            let (mut seen, mut changed) = (0, 0);
+            let (mut visible, mut changed) = (0, 0);
             let before = speckled(&geometry);
             for (i, (out, camera)) in done
                 .pixels
@@ -290,10 +290,10 @@ fn footage_around_objects_is_unchanged_and_frames_are_independent() {
                     assert_eq!(out, camera, "frame {} pixel {i}", done.frame);
                     assert_eq!(layer.depth_m[i], 0.0);
                 } else {
-                    (seen, changed) = (seen + 1, changed + usize::from(out != camera));
+                    (visible, changed) = (visible + 1, changed + usize::from(out != camera));
                 }
             }
-            assert!(seen > 500 && changed > seen / 2, "{seen} {changed}");
+            assert!(visible > 500 && changed > visible / 2, "{visible} {changed}");
         }
         for n in alone {
             let one = run(n..n + 1).remove(0);

@@ -355,13 +355,13 @@ fn regions_of_a_photo_join_without_a_seam() {
     ];
     // The layered method's samples fall on different texels of the smaller pictures if a region
     // begins elsewhere: a few codes.
-    for (surfaces, most) in [(None, 4), (Some(&surfaces), 1)] {
+    for (surfaces, max_codes) in [(None, 4), (Some(&surfaces), 1)] {
         let (whole, parts) = (made(&[Rect::full(320, 240)], surfaces), made(&parts, surfaces));
         let (Codes::U8(a), Codes::U8(b)) = (&whole.codes, &parts.codes) else { panic!("8 bits went in") };
         let far = a.iter().zip(b).filter(|(a, b)| a.abs_diff(**b) > 1).count();
         let worst = a.iter().zip(b).map(|(a, b)| a.abs_diff(*b)).max().unwrap();
         assert!(
-            far < a.len() / 50 && worst <= most,
+            far < a.len() / 50 && worst <= max_codes,
             "{far} of {} differ by more than a code, the worst by {worst}",
             a.len()
         );

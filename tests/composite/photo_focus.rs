@@ -166,8 +166,8 @@ fn real_and_virtual_objects_blur_alike() {
         let mean = sum / 76800.0;
         // A real object is a pixel wider; and with the wall in focus, half of the stripes uncovered
         // by its blur are inpainted.
-        let most = if focus_m == 6.0 { 3.0 } else { 1.2 };
-        assert!(mean < most, "sharp at {focus_m} m: {mean} codes");
+        let max_codes = if focus_m == 6.0 { 3.0 } else { 1.2 };
+        assert!(mean < max_codes, "sharp at {focus_m} m: {mean} codes");
     }
 }
 
@@ -297,8 +297,8 @@ fn codes(light: &[[f32; 3]], (width, height): (u32, u32)) -> Pixels {
 }
 
 /// Mean difference in linear light over the selected pixels.
-fn mean_difference(a: &Pixels, b: &Pixels, asked: impl Fn(u32, u32) -> bool) -> f64 {
-    let places = (0..a.height).flat_map(|y| (0..a.width).map(move |x| (x, y))).filter(|(x, y)| asked(*x, *y));
+fn mean_difference(a: &Pixels, b: &Pixels, is_compared: impl Fn(u32, u32) -> bool) -> f64 {
+    let places = (0..a.height).flat_map(|y| (0..a.width).map(move |x| (x, y))).filter(|(x, y)| is_compared(*x, *y));
     let (sum, count) =
         places.fold((0.0, 0.0f64), |(sum, count), (x, y)| (sum + (light(a, x, y) - light(b, x, y)).abs(), count + 1.0));
     sum / count.max(1.0)

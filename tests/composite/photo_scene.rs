@@ -137,9 +137,9 @@ fn object_behind_a_moving_edge_is_visible_for_a_share_of_the_exposure() {
         let pixels = frames.each_ref().map(|frame| (1.0 / 3.0, frame.pixels.clone()));
         let (taken, _) = of.photo_of(board([70.0, 20.0], 0.5), &pixels, &hiding);
         let decoded = |code: f64| response.decode(code / 255.0);
-        for (columns, seen) in [(46..74, 1.0 / 3.0), (86..114, 2.0 / 3.0)] {
-            let real = (1.0 - seen) * decoded(10.0) + seen * decoded(120.0);
-            let expected = 0.5 * seen + (1.0 - seen) * real;
+        for (columns, visible_share) in [(46..74, 1.0 / 3.0), (86..114, 2.0 / 3.0)] {
+            let real = (1.0 - visible_share) * decoded(10.0) + visible_share * decoded(120.0);
+            let expected = 0.5 * visible_share + (1.0 - visible_share) * real;
             for x in columns {
                 let light = decoded(taken.at(x, 30)[1].into());
                 assert!((light - expected).abs() < 0.01, "{opening:?}, {x}: {light}, by hand {expected}");

@@ -174,7 +174,7 @@ fn best_points(folder: &Path, count: usize) -> Vec<ReconstructedPoint> {
         pairs
             .filter_map(|pair| {
                 let words: Vec<&str> = pair[1].split(' ').collect();
-                let keypoint = words.chunks_exact(3).find(|seen| seen[2] == id)?;
+                let keypoint = words.chunks_exact(3).find(|triple| triple[2] == id)?;
                 // DSC_0001.JPG is frame 0.
                 let frame = pair[0].rsplit(' ').next()?.get(4..8)?.parse::<usize>().ok()? - 1;
                 Some((frame, DVec2::new(keypoint[0].parse().ok()?, keypoint[1].parse().ok()?)))
@@ -233,11 +233,11 @@ fn marks_on_the_door_project_to_the_reconstructed_points() {
         assert!(same.count() >= untouched && untouched > 2_400_000);
     }
     errors_px.sort_by(f64::total_cmp);
-    let (median, most) = (errors_px[errors_px.len() / 2], errors_px[errors_px.len() - 1]);
-    println!("{} marks: median {median:.3} px, at most {most:.3} px; {from_projection_px:.3} px", errors_px.len());
+    let (median, largest) = (errors_px[errors_px.len() / 2], errors_px[errors_px.len() - 1]);
+    println!("{} marks: median {median:.3} px, at most {largest:.3} px; {from_projection_px:.3} px", errors_px.len());
     // The reconstruction's own residuals have a median of 0.3 px and reach 2; a mark's centre is
     // known to some hundredths.
-    assert!(errors_px.len() == 3 * frames && median < 0.6 && most < 2.0, "{errors_px:?}");
+    assert!(errors_px.len() == 3 * frames && median < 0.6 && largest < 2.0, "{errors_px:?}");
     // A side of a mark that is parallel to the pixel rows is drawn to the nearest of four samples.
     assert!(from_projection_px < 0.15, "{from_projection_px}");
 }

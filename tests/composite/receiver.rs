@@ -156,7 +156,7 @@ fn shadow_on_an_always_clipped_floor_is_the_lightest_possible_grey() {
     for i in pixels_off_the_box(&done) {
         let [r, g, b] = pixel(&done, i);
         assert_eq!([g, b], [r; 2]);
-        let lightest = ratios[i].iter().fold(0.0f32, |most, ratio| most.max(*ratio));
+        let lightest = ratios[i].iter().fold(0.0f32, |largest, ratio| largest.max(*ratio));
         worst = worst.max((f64::from(r) - encode(f64::from(lightest))).abs());
         coloured += usize::from(ratios[i][2] > ratios[i][0] + 0.1);
     }

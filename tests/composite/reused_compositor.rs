@@ -254,17 +254,20 @@ fn composite_into_a_texture_view_matches_the_written_pixels() {
             if what == "8 bits" {
                 assert!(expected == written);
             }
-            let most = expected.max_code();
+            let max_code = expected.max_code();
             for (i, texel) in gpu::read_back(&gpu, &texture).into_iter().enumerate() {
                 let [a, b, c, alpha] = texel.map(u32::from);
                 let shown = if format == wgpu::TextureFormat::Bgra8Unorm { [c, b, a] } else { [a, b, c] };
                 let codes = expected.at(i as u32 % size().0, i as u32 / size().0);
-                let eight = codes.map(|code| (code * 255 + most / 2) / most);
+                let eight = codes.map(|code| (code * 255 + max_code / 2) / max_code);
                 // Drivers may round a value halfway between two codes to either one, and so for
                 // light halfway between two 16-bit codes.
-                let most_off = if most == 255 { 0 } else { 1 };
+                let max_difference = if max_code == 255 { 0 } else { 1 };
                 let off = shown.iter().zip(eight).map(|(a, b)| a.abs_diff(b)).max().unwrap();
-                assert!(off <= most_off && alpha == 255, "{format:?}, {what}, pixel {i}: {shown:?}, not {eight:?}");
+                assert!(
+                    off <= max_difference && alpha == 255,
+                    "{format:?}, {what}, pixel {i}: {shown:?}, not {eight:?}"
+                );
             }
         }
     }

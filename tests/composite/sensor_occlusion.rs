@@ -193,11 +193,14 @@ fn visible_share(hidden: &LayerImage, whole: &LayerImage) -> Vec<f64> {
 
 /// Writes the composited share in red and the true one in green into the folder LOCARD_PICTURES, if
 /// set.
-fn show(name: &str, found: &[f64], truth: &[f64], width: usize) {
+fn show(name: &str, coverage: &[f64], truth: &[f64], width: usize) {
     let Ok(folder) = std::env::var("LOCARD_PICTURES") else { return };
-    let bytes =
-        found.iter().zip(truth).flat_map(|(found, truth)| [*found, *truth, 0.0].map(|v| (255.0 * v) as u8)).collect();
-    let height = (found.len() / width) as u32;
+    let bytes = coverage
+        .iter()
+        .zip(truth)
+        .flat_map(|(coverage, truth)| [*coverage, *truth, 0.0].map(|v| (255.0 * v) as u8))
+        .collect();
+    let height = (coverage.len() / width) as u32;
     image::RgbImage::from_raw(width as u32, height, bytes).unwrap().save(format!("{folder}/{name}.png")).unwrap();
 }
 
@@ -248,7 +251,7 @@ fn occlusion_edges_of_sensed_depth_match_the_true_ones() {
         assert!(off.len() > 500 * truths.len() / 3);
         figures.push([of(0.5), of(0.9)]);
     }
-    let [[exact, exact_most], [kinect, kinect_most]] = figures[..] else { panic!() };
-    assert!(exact < 0.5 && exact_most < 1.5, "exact depth: {exact} {exact_most}");
-    assert!(kinect < 1.0 && kinect_most < 2.5, "a Kinect's: {kinect} {kinect_most}");
+    let [[exact, exact_max], [kinect, kinect_max]] = figures[..] else { panic!() };
+    assert!(exact < 0.5 && exact_max < 1.5, "exact depth: {exact} {exact_max}");
+    assert!(kinect < 1.0 && kinect_max < 2.5, "a Kinect's: {kinect} {kinect_max}");
 }

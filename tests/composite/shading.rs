@@ -201,8 +201,8 @@ fn fine_print_keeps_its_contrast_when_filtered() {
     let picture = layer_of(Scene { textures: vec![stripes], ..board(material) }, 32.0);
     let mut worst = 0.0f32;
     for x in 8..SIDE - 8 {
-        let (found, truth) = (picture[SIDE / 2 * SIDE + x][0], (x / 2 % 2) as f32);
-        worst = worst.max((found - truth).abs());
+        let (actual, truth) = (picture[SIDE / 2 * SIDE + x][0], (x / 2 % 2) as f32);
+        worst = worst.max((actual - truth).abs());
     }
     // A single trilinear tap is off by 0.18.
     assert!(worst < 0.1, "{worst}");

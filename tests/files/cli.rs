@@ -238,8 +238,8 @@ fn incomplete_camera_is_refused_unless_the_recording_has_one() {
     let (recording, out, profile) = (path(""), path("out"), path("fx.toml"));
     let arguments =
         ["composite", &recording, "--scene", "scenes/marker-1.glb", "--plain", "--frames", "0..1", "-o", &out];
-    for given in [["--set", "camera.readout_time_s=0"], ["--set", "camera.width_px=640"], ["--profile", &profile]] {
-        let text = refused(&[&arguments[..], &given].concat());
+    for options in [["--set", "camera.readout_time_s=0"], ["--set", "camera.width_px=640"], ["--profile", &profile]] {
+        let text = refused(&[&arguments[..], &options].concat());
         assert!(
             text.contains("the given camera is incomplete")
                 && text.contains("camera.fy_px")
@@ -248,8 +248,8 @@ fn incomplete_camera_is_refused_unless_the_recording_has_one() {
         );
         assert!(!text.contains("camera.readout_time_s"), "{text}");
     }
-    for given in [&[][..], &["--set", "camera.exposure.time_s=0"], &["--set", "noise.scale=0"]] {
-        let text = refused(&[&arguments[..], given].concat());
+    for options in [&[][..], &["--set", "camera.exposure.time_s=0"], &["--set", "noise.scale=0"]] {
+        let text = refused(&[&arguments[..], options].concat());
         assert!(text.contains("is unknown: give a profile"), "{text}");
     }
     assert!(!Path::new(&out).exists());

@@ -84,9 +84,9 @@ fn recorded_px(shot: &Shot, frame: usize) -> Vec<DVec2> {
     POINTS.iter().map(|point| camera.project(pose.transform_point(*point)).unwrap()).collect()
 }
 
-fn assert_close(found: &[DVec2], expected: &[DVec2], tolerance_px: f64) {
-    for (found, expected) in found.iter().zip(expected) {
-        assert!(found.distance(*expected) < tolerance_px, "{found} for {expected}");
+fn assert_close(actual: &[DVec2], expected: &[DVec2], tolerance_px: f64) {
+    for (actual, expected) in actual.iter().zip(expected) {
+        assert!(actual.distance(*expected) < tolerance_px, "{actual} for {expected}");
     }
 }
 

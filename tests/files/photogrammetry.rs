@@ -18,7 +18,7 @@ fn three_frames(folder: &Path) {
 
 /// Position of the camera in a frame, and the pixel of a point 2 m ahead, 0.4 m to the right and
 /// 0.2 m down.
-fn seen(recording: &Recording, frame: usize) -> (DVec3, DVec2) {
+fn projection(recording: &Recording, frame: usize) -> (DVec3, DVec2) {
     let pose = recording.pose_at_frame(frame).unwrap();
     let point = pose.inverse_transform_point(DVec3::new(0.4, 0.2, 2.0));
     let geometry = recording.geometry_at_frame(frame).unwrap();
@@ -52,7 +52,7 @@ fn metashape_export_opens_beside_its_pictures() {
         assert!(!r.kind.has_times() && !r.kind.is_metric());
         // Twice the chunk's unit; u = 4.5 + 10·0.2, v = 3 + 10·0.1.
         for (frame, x) in [(0, 2.0), (2, 6.0)] {
-            let (position, at) = seen(&r, frame);
+            let (position, at) = projection(&r, frame);
             assert!(
                 (position - DVec3::new(x, 0.0, 0.0)).length() < 1e-12 && (at - DVec2::new(6.5, 4.0)).length() < 1e-9
             );
@@ -102,7 +102,7 @@ fn realitycapture_table_and_sidecars_give_the_same_cameras() {
         assert_eq!((r.kind.name(), r.frame_count(), r.up), ("RealityCapture", 3, Some(DVec3::Z)));
         assert!(r.pose_at_frame(1).is_err());
         for (frame, expected) in [(0, DVec3::new(1.0, 2.0, 3.0)), (2, DVec3::new(4.0, 5.0, 6.0))] {
-            let (position, at) = seen(r, frame);
+            let (position, at) = projection(r, frame);
             assert!((position - expected).length() < 1e-9 && (at - DVec2::new(6.4, 3.0)).length() < 1e-9, "{at}");
             let ahead = r.pose_at_frame(frame).unwrap().inverse_transform_point(DVec3::new(0.5, -0.25, 4.0));
             assert!((ahead - expected - DVec3::new(0.5, 4.0, 0.25)).length() < 1e-9, "{ahead}");
@@ -127,7 +127,7 @@ fn plain_folder_opens_with_poses_in_one_file_or_many() {
         assert_eq!((r.kind.name(), r.frame_count(), r.up), ("plain folder", 3, None));
         for frame in 0..3 {
             // The principal point is half a pixel further: u = 4 + 10·0.2, v = 3 + 10·0.1.
-            let (position, at) = seen(r, frame);
+            let (position, at) = projection(r, frame);
             assert!((position - DVec3::new(frame as f64 + 1.0, 0.0, 0.0)).length() < 1e-12);
             assert!((at - DVec2::new(6.0, 4.0)).length() < 1e-9, "{at}");
         }

@@ -97,7 +97,10 @@ fn refused_placement_changes_nothing() {
     let scene = file.to_str().unwrap();
     let marker = ["--model", "scenes/marker-1.glb"];
     let outside = refused(&place(scene, &[&["--at", "9000,3"], &marker[..]].concat()));
-    assert!(outside.contains("9000,3 lies outside the picture, 640x480 px"), "{outside}");
+    assert!(
+        outside.contains("9000,3 lies outside the picture of 640x480 px: expected X from 0 to 640, Y from 0 to 480"),
+        "{outside}"
+    );
     let missing = refused(&place(scene, &["--at", "320,300", "--model", "scenes/none.glb"]));
     assert!(missing.contains("none.glb"), "{missing}");
     let both = refused(&place(scene, &[&["--at", "320,300", "--flat", "--upright"], &marker[..]].concat()));

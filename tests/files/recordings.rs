@@ -101,9 +101,9 @@ fn lund_door_points_reproject() {
         let name = pair[0].rsplit(' ').next().unwrap();
         // DSC_0001.JPG is frame 0.
         let pose = r.pose_at_frame(name[4..8].parse::<usize>().unwrap() - 1).unwrap();
-        for seen in pair[1].split(' ').collect::<Vec<_>>().chunks_exact(3) {
-            let Some(point) = points.get(seen[2]) else { continue };
-            let at = DVec2::new(seen[0].parse().unwrap(), seen[1].parse().unwrap());
+        for observation in pair[1].split(' ').collect::<Vec<_>>().chunks_exact(3) {
+            let Some(point) = points.get(observation[2]) else { continue };
+            let at = DVec2::new(observation[0].parse().unwrap(), observation[1].parse().unwrap());
             errors_px.push((geometry.project(pose.transform_point(*point)).unwrap() - at).length());
         }
     }

@@ -379,7 +379,7 @@ fn output_over_the_analysis_is_refused_even_with_force() {
     std::fs::write(recording.join("poses.txt"), "0 0 0 1 0 0 0 1\n").unwrap();
     let trajectory = "[poses]\ntrajectory = \"poses.txt\"\n";
     one_frame(&recording, trajectory);
-    for name in ["analysis.toml", "poses.txt", "frames.txt", "environment.hdr", "standing.toml"] {
+    for name in ["analysis.toml", "poses.txt", "frames.txt", "environment.hdr", "supports.toml"] {
         let file = path(&analysis, name);
         std::fs::write(&file, "mine").unwrap();
         let run = ["composite", &at, "--scene", tier::any_scene(), "-o", &out, "--report", &file];

@@ -449,10 +449,10 @@ fn phone_export_and_unregistered_depth_composite_like_the_own_format() {
     for occlusion in [false, true] {
         let truth = layers(&own, z_up, occlusion);
         rows.push(coverage_centroid(&truth[0]).1);
-        for (name, found) in [("stray", layers(&stray, y_up, occlusion)), ("beside", layers(&beside, z_up, occlusion))]
+        for (name, actual) in [("stray", layers(&stray, y_up, occlusion)), ("beside", layers(&beside, z_up, occlusion))]
         {
-            for (truth, found) in truth.iter().zip(&found) {
-                let ((a, of_a), (b, of_b)) = (coverage_centroid(truth), coverage_centroid(found));
+            for (truth, actual) in truth.iter().zip(&actual) {
+                let ((a, of_a), (b, of_b)) = (coverage_centroid(truth), coverage_centroid(actual));
                 println!("{name}, occlusion {occlusion}: {:.3} px apart, {of_a:.0} and {of_b:.0} px", a.distance(b));
                 assert!(of_a > 500.0 && a.distance(b) < 0.5, "{name}: {a} {b}");
                 assert!((of_b / of_a - 1.0).abs() < 0.05, "{name}: {of_a} {of_b}");
@@ -466,16 +466,16 @@ fn phone_export_and_unregistered_depth_composite_like_the_own_format() {
         shot.read(3).unwrap().depth.unwrap()
     };
     let truth = depths(&own);
-    for (name, found) in [("stray", depths(&stray)), ("beside", depths(&beside))] {
+    for (name, actual) in [("stray", depths(&stray)), ("beside", depths(&beside))] {
         let both_measured = |(a, b): &(&f32, &f32)| **a > 0.0 && **b > 0.0;
-        let pairs: Vec<_> = truth.depth_m.iter().zip(&found.depth_m).filter(both_measured).collect();
+        let pairs: Vec<_> = truth.depth_m.iter().zip(&actual.depth_m).filter(both_measured).collect();
         let close = pairs.iter().filter(|(a, b)| (*a / *b - 1.0).abs() < 0.01).count() as f64 / pairs.len() as f64;
         println!(
             "{name}: {:.1} % of the pixels within 1 %, {:.1} % holes",
             100.0 * close,
-            100.0 * unknown_fraction(&found)
+            100.0 * unknown_fraction(&actual)
         );
-        assert!(close > 0.97 && unknown_fraction(&found) < 0.12, "{name}: {close}");
+        assert!(close > 0.97 && unknown_fraction(&actual) < 0.12, "{name}: {close}");
     }
 }
 

@@ -81,23 +81,23 @@ fn high_dynamic_range_video_as_a_camera_is_reported_as_lost() {
 fn live_pictures_match_the_recording() {
     let temp = tempfile::tempdir().unwrap();
     let video = video();
-    let [site, seen, again] = ["site", "seen", "again"].map(|name| temp.path().join(name));
+    let [site, shown, again] = ["site", "seen", "again"].map(|name| temp.path().join(name));
     let scene = ["--scene", tier::any_scene()];
     let mut arguments = vec!["live", "--camera", text(&video), "--pose", "file:recordings/demo", "--headless"];
     arguments.extend(scene);
     arguments.extend(tier::no_shadows());
     arguments.extend(["--profile", "recordings/demo/camera.toml", "--frames", "3"]);
-    arguments.extend(["--record", text(&site), "-o", text(&seen)]);
+    arguments.extend(["--record", text(&site), "-o", text(&shown)]);
     let output = locard(&arguments);
     let stderr = String::from_utf8(output.stderr).unwrap();
     assert!(output.status.success(), "{stderr}");
     // All recorded pictures were tracked, however slow the machine is.
-    let taken = std::fs::read_dir(&seen).unwrap().count();
+    let taken = std::fs::read_dir(&shown).unwrap().count();
     assert!(taken > 0 && stderr.contains(" tracked, 0 by predicted poses, 0 without"), "{stderr}");
     stdout_of(&[&["composite", text(&site), "-o", text(&again)][..], &scene, tier::no_shadows()].concat());
     assert_eq!(std::fs::read_dir(&again).unwrap().count(), taken);
     for frame in 0..taken {
-        let [live, again] = [&seen, &again].map(|at| std::fs::read(at.join(format!("frame_{frame:06}.png"))).unwrap());
+        let [live, again] = [&shown, &again].map(|at| std::fs::read(at.join(format!("frame_{frame:06}.png"))).unwrap());
         assert!(live == again, "frame {frame} differs");
     }
 }
@@ -151,22 +151,22 @@ fn recording_stores_the_opacity_while_the_camera_is_lost() {
     let sure = std::fs::read_to_string(Path::new(&folder).join("covariance.txt")).unwrap();
     let seen_s: Vec<f64> = sure.lines().skip(2).map(|line| line.split(' ').next().unwrap().parse().unwrap()).collect();
     assert!(seen_s.len() > 5 && seen_s.len() <= times * (FRAMES - AWAY.len()), "{}", seen_s.len());
-    let (mut faded, mut lost) = (0, 0);
+    let (mut faded, mut without_pose) = (0, 0);
     for (frame, time_s) in recording.timestamps_s.iter().enumerate().filter(|(_, time_s)| !seen_s.contains(time_s)) {
         let Some(last_s) = seen_s.iter().rev().find(|seen_s| *seen_s < time_s) else { continue };
         let (since_s, opacity) = (time_s - last_s, recording.opacity(frame));
         // Earlier if the camera turned away as fast as that.
-        let most = (1.0 - (since_s - 0.1) / 0.2).clamp(0.0, 1.0);
+        let max_opacity = (1.0 - (since_s - 0.1) / 0.2).clamp(0.0, 1.0);
         if recording.pose_at_frame(frame).is_err() {
             assert_eq!(opacity, 1.0, "nothing is drawn");
         } else if !seen_s.iter().any(|seen_s| seen_s > time_s && *seen_s < time_s + 0.25) {
             // Found a moment before, the opacity may still rise; it falls as it does live.
-            assert!(opacity <= most + 1e-9, "{since_s}: {opacity} {most}");
+            assert!(opacity <= max_opacity + 1e-9, "{since_s}: {opacity} {max_opacity}");
             faded += usize::from(opacity > 0.0 && opacity < 1.0);
         }
-        lost += usize::from(recording.pose_at_frame(frame).is_err());
+        without_pose += usize::from(recording.pose_at_frame(frame).is_err());
     }
-    assert!(faded > 0 && lost > 0, "{faded} {lost}");
+    assert!(faded > 0 && without_pose > 0, "{faded} {without_pose}");
     // Poses are recorded as measured: no prediction replaces them.
     let times_s: Vec<f64> = recording.track.poses().iter().map(|(time_s, _)| *time_s).collect();
     assert!(seen_s.iter().all(|seen_s| times_s.contains(seen_s)));
@@ -191,29 +191,29 @@ fn smoothed_poses_are_composited_and_recorded() {
         smooth.add_picture(*time_s, &pixels);
         let (plains, smooths) = (plain.take_poses(1e9).unwrap(), smooth.take_poses(1e9).unwrap());
         assert_eq!(plains.len(), smooths.len());
-        if let (Some((_, seen)), Some((_, quiet))) = (plains.first(), smooths.first()) {
-            let wanted = smoother.next(seen, &plain.covariance(*time_s).unwrap());
+        if let (Some((_, shown)), Some((_, quiet))) = (plains.first(), smooths.first()) {
+            let wanted = smoother.next(shown, &plain.covariance(*time_s).unwrap());
             assert_eq!((*quiet, smooth.covariance(*time_s).unwrap()), wanted);
-            differs += usize::from(quiet != seen);
+            differs += usize::from(quiet != shown);
         }
     }
     assert!(differs > 10, "{differs}");
     // The live pictures equal those of the recording.
-    let [recorded, seen, again] = ["recorded", "seen", "again"].map(|name| site.path(name));
+    let [recorded, shown, again] = ["recorded", "seen", "again"].map(|name| site.path(name));
     let scene = site.scene();
     let endless = if tier::is_full() { site.endless() } else { site.repeated(40) };
     let mut arguments = vec!["live", "--camera", &endless, "--pose", &tags, "--profile", &profile, "--scene", &scene];
     let count = tier::fast_or_full(5, 14);
     let frames = count.to_string();
-    arguments.extend(["--headless", "--frames", &frames, "--smooth", "0.05", "--record", &recorded, "-o", &seen]);
+    arguments.extend(["--headless", "--frames", &frames, "--smooth", "0.05", "--record", &recorded, "-o", &shown]);
     arguments.extend(tier::no_shadows());
     stdout_of(&arguments);
     stdout_of(&[&["composite", &recorded, "--scene", &scene, "-o", &again], tier::no_shadows()].concat());
-    let taken = std::fs::read_dir(&seen).unwrap().count();
+    let taken = std::fs::read_dir(&shown).unwrap().count();
     assert_eq!((std::fs::read_dir(&again).unwrap().count(), taken), (count, count));
     for frame in 0..taken {
         let [live, again] =
-            [&seen, &again].map(|at| std::fs::read(Path::new(at).join(format!("frame_{frame:06}.png"))).unwrap());
+            [&shown, &again].map(|at| std::fs::read(Path::new(at).join(format!("frame_{frame:06}.png"))).unwrap());
         assert!(live == again, "frame {frame} differs");
     }
     let error =
@@ -241,11 +241,11 @@ fn lens_of_a_stream_is_the_camera_live_and_recorded() {
     let video = video();
     let demo = Recording::open(Path::new("recordings/demo"), &OpenOptions::default()).unwrap();
     let pose = demo.pose_at_frame(0).unwrap();
-    let [site, seen, again, bare] = ["site", "seen", "again", "bare"].map(|name| temp.path().join(name));
+    let [site, shown, again, bare] = ["site", "seen", "again", "bare"].map(|name| temp.path().join(name));
     let live = ["live", "--scene", tier::any_scene(), "--headless", "--frames", "4", "--record", text(&site)];
     let live = [&live[..], tier::no_shadows()].concat();
     let record = ["record", "--frames", "4"];
-    for (arguments, out) in [(&live[..], &seen), (&record[..], &bare)] {
+    for (arguments, out) in [(&live[..], &shown), (&record[..], &bare)] {
         let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
         let url = format!("opentrackio://127.0.0.1:{port}");
         let rest = ["--camera", text(&video), "--pose", &url, "-o", text(out)];
@@ -288,10 +288,10 @@ fn lens_of_a_stream_is_the_camera_live_and_recorded() {
     }
     let composite = ["composite", text(&site), "--scene", tier::any_scene(), "-o", text(&again)];
     stdout_of(&[&composite[..], tier::no_shadows()].concat());
-    let taken = std::fs::read_dir(&seen).unwrap().count();
+    let taken = std::fs::read_dir(&shown).unwrap().count();
     assert_eq!((std::fs::read_dir(&again).unwrap().count(), taken), (4, 4));
     for frame in 0..taken {
-        let [live, again] = [&seen, &again].map(|at| std::fs::read(at.join(format!("frame_{frame:06}.png"))).unwrap());
+        let [live, again] = [&shown, &again].map(|at| std::fs::read(at.join(format!("frame_{frame:06}.png"))).unwrap());
         assert!(live == again, "frame {frame} differs");
     }
 }

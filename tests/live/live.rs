@@ -140,12 +140,12 @@ fn assert_live_equals_replay_with(
     let gpu = gpu();
     let mut compositor = shot.compositor(gpu.clone());
     let mut live = LiveCompositor::new(&shot, &mut compositor, MAX_GAP_S, INTERVAL_S, Some(writer), lenses).unwrap();
-    let (mut seen, mut opacities) = (Vec::new(), Vec::new());
+    let (mut shown_frames, mut opacities) = (Vec::new(), Vec::new());
     let mut show = |live: &mut LiveCompositor<'_>, now_s: f64| {
         while let Some(submitted) = live.submit(now_s).unwrap() {
             let shown = live.collect(submitted).unwrap();
             opacities.push(shown.opacity);
-            seen.push(shown.done);
+            shown_frames.push(shown.done);
         }
     };
     for (now_s, event) in events(frames, &mut Random::new(7)) {
@@ -169,7 +169,7 @@ fn assert_live_equals_replay_with(
     let counts = live.counts();
     let (kept, ended) = live.finish().unwrap();
     assert!(ended.is_none(), "{ended:?}");
-    assert_eq!((kept, seen.len()), (frames, frames));
+    assert_eq!((kept, shown_frames.len()), (frames, frames));
 
     let options = ShotOptions { sets, scene, ..ShotOptions::default() };
     let shot = Shot::open(&folder, &OpenOptions::default(), &options).unwrap();
@@ -178,7 +178,7 @@ fn assert_live_equals_replay_with(
     let mut compositor = shot.compositor(gpu.clone());
     let replayed = shot.frames(&mut compositor, 0..frames, false, 2).unwrap();
     let (mut drawn, mut opacity) = (0, Vec::new());
-    for (live, again) in seen.iter().zip(replayed) {
+    for (live, again) in shown_frames.iter().zip(replayed) {
         let again = again.unwrap();
         assert_eq!(live.stats.no_pose.is_some(), again.stats.no_pose.is_some(), "frame {}", live.frame);
         assert!(live.pixels == again.pixels, "frame {} differs: {:?} {:?}", live.frame, live.stats, again.stats);
@@ -240,15 +240,15 @@ fn settings_override_the_lens_of_the_stream() {
 
 #[test]
 fn frames_with_dropped_late_and_lost_poses_replay_bit_for_bit() {
-    let (frames, least) = tier::fast_or_full((100, 5), (300, 15));
+    let (frames, min_count) = tier::fast_or_full((100, 5), (300, 15));
     let (counts, opacity) = assert_live_equals_replay(Layout::Yuyv, frames, &[]);
     // All cases have occurred.
     let LiveCounts { tracked, predicted, lost, late, .. } = counts;
-    assert!(tracked > frames as u64 / 3 && predicted > least && lost > least && late > least, "{counts:?}");
+    assert!(tracked > frames as u64 / 3 && predicted > min_count && lost > min_count && late > min_count, "{counts:?}");
     let faded = |pair: &&[Option<f64>]| matches!(pair, [Some(a), Some(b)] if a > b);
     let rose = |pair: &&[Option<f64>]| matches!(pair, [Some(a), Some(b)] if a < b);
     let [fell, rose] = [opacity.windows(2).filter(faded).count(), opacity.windows(2).filter(rose).count()];
-    assert!(fell > least as usize / 3 && rose > least as usize / 3, "{fell} {rose} {opacity:?}");
+    assert!(fell > min_count as usize / 3 && rose > min_count as usize / 3, "{fell} {rose} {opacity:?}");
 }
 
 #[test]

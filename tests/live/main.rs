@@ -23,7 +23,7 @@ mod tier;
 
 mod camera_program;
 mod live;
-mod lost;
 mod recorder;
 mod stream_program;
 mod streams;
+mod tracking_loss;

@@ -119,7 +119,7 @@ fn frame_is_listed_once_its_opacity_is_settled() {
     let frames = recording.frames(0..40).unwrap().skip(1).zip(1..);
     frames.for_each(|(frame, i)| assert_eq!(frame.unwrap().opacity, share(i)));
     let list = std::fs::read_to_string(temp.path().join("frames.txt")).unwrap();
-    assert_eq!(list.matches("presence=").count(), 39);
+    assert_eq!(list.matches("opacity=").count(), 39);
 }
 
 #[test]

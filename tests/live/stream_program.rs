@@ -42,8 +42,8 @@ fn sent_recording_arrives_unchanged() {
         let mut poses = Poses::open(&format!("{scheme}://127.0.0.1:0")).unwrap();
         let to = format!("{scheme}://{}", poses.address());
         let sending = started(&["send", "recordings/demo", "--to", &to, "--speed", "2", "--quiet"]);
-        let heard = received(&mut poses, expected.len());
-        for (tracked, (time_s, pose)) in heard.iter().zip(&expected) {
+        let received_poses = received(&mut poses, expected.len());
+        for (tracked, (time_s, pose)) in received_poses.iter().zip(&expected) {
             let at_m = tracked.pose.position_in_world_m().distance(pose.position_in_world_m());
             assert!(at_m < off_m, "{scheme}: {at_m} m off at {time_s} s");
             if scheme == "opentrackio" {
@@ -51,7 +51,7 @@ fn sent_recording_arrives_unchanged() {
                 assert!((tracked.time_s - time_s).abs() < 2e-9, "{}", tracked.time_s);
             }
         }
-        assert_eq!((poses.report().lost, poses.report().jumps), (0, 0));
+        assert_eq!((poses.report().missed, poses.report().jumps), (0, 0));
         if scheme == "opentrackio" {
             let (camera, off_px) = poses.lens().geometry(640, 480).unwrap();
             let intrinsics = camera.intrinsics;
@@ -67,9 +67,9 @@ fn looped_recording_continues_its_clock() {
     let mut poses = Poses::open("opentrackio://127.0.0.1:0").unwrap();
     let to = format!("opentrackio://{}?encoding=cbor", poses.address());
     let _sending = started(&["send", "recordings/demo", "--to", &to, "--speed", "5", "--loop", "--quiet"]);
-    let heard = received(&mut poses, count + 50);
-    assert!(heard.windows(2).all(|pair| pair[0].time_s < pair[1].time_s && pair[1].epoch == 0));
-    let (first, again) = (&heard[3], &heard[3 + count]);
+    let received_poses = received(&mut poses, count + 50);
+    assert!(received_poses.windows(2).all(|pair| pair[0].time_s < pair[1].time_s && pair[1].epoch == 0));
+    let (first, again) = (&received_poses[3], &received_poses[3 + count]);
     assert!(first.pose.translation_m.distance(again.pose.translation_m) < 1e-9);
     assert!(poses.report().followed.as_ref().unwrap().0.id.as_ref().unwrap().starts_with("urn:uuid:"));
 }

@@ -59,17 +59,17 @@ fn received(poses: &mut Poses, count: usize) -> Vec<StreamPose> {
 fn send_walk(listen: &str, target: impl Fn(SocketAddr) -> String, count: usize) -> (Vec<StreamPose>, Poses) {
     let mut poses = Poses::open(listen).unwrap();
     let mut sender = Sender::open(&target(poses.address()), "walk", 50.0, Some(lens_state())).unwrap();
-    let mut heard = Vec::new();
+    let mut received_poses = Vec::new();
     for i in 0..count {
         let (time_s, pose) = walked(i);
         sender.send(time_s, &pose).unwrap();
-        heard.extend(received(&mut poses, 1));
+        received_poses.extend(received(&mut poses, 1));
     }
-    (heard, poses)
+    (received_poses, poses)
 }
 
-fn assert_walked(heard: &[StreamPose], off_m: f64, off_rad: f64) {
-    for (i, tracked) in heard.iter().enumerate() {
+fn assert_walked(received_poses: &[StreamPose], off_m: f64, off_rad: f64) {
+    for (i, tracked) in received_poses.iter().enumerate() {
         let (_, pose) = walked(i);
         let at_m = tracked.pose.position_in_world_m().distance(pose.position_in_world_m());
         assert!(at_m <= off_m, "{i}: {at_m} m off");
@@ -82,15 +82,15 @@ fn assert_walked(heard: &[StreamPose], off_m: f64, off_rad: f64) {
 fn opentrackio_round_trips_in_both_encodings() {
     for encoding in ["json", "cbor"] {
         let target = |at| format!("opentrackio://{at}?encoding={encoding}&number=9");
-        let (heard, poses) = send_walk("opentrackio://127.0.0.1:0", target, 120);
-        assert_walked(&heard, 1e-12, 1e-12);
-        for (i, tracked) in heard.iter().enumerate() {
+        let (received_poses, poses) = send_walk("opentrackio://127.0.0.1:0", target, 120);
+        assert_walked(&received_poses, 1e-12, 1e-12);
+        for (i, tracked) in received_poses.iter().enumerate() {
             // A nanosecond, and the resolution of seconds since 1970.
             assert!((tracked.time_s - walked(i).0).abs() < 5e-7 && tracked.epoch == 0, "{i}: {}", tracked.time_s);
             assert_eq!((tracked.clock, tracked.message.freed()), (Clock::Timestamp, None));
         }
         let report = poses.report();
-        assert_eq!((report.poses, report.lost, report.jumps, report.incomplete), (120, 0, 0, 0));
+        assert_eq!((report.poses, report.missed, report.jumps, report.incomplete), (120, 0, 0, 0));
         assert!(report.dropped.is_empty(), "{report:?}");
         assert_eq!(report.version.as_deref(), Some("1.0.1"));
         assert_eq!(report.followed.as_ref().unwrap().0.number, Some(9));
@@ -133,13 +133,15 @@ fn first_sample_stamped_ahead_is_odd_and_no_step_of_the_clock() {
 
 #[test]
 fn freed_round_trips() {
-    let (heard, poses) = send_walk("freed://127.0.0.1:0", |at| format!("freed://{at}?number=3"), 60);
+    let (received_poses, poses) = send_walk("freed://127.0.0.1:0", |at| format!("freed://{at}?number=3"), 60);
     // Half of 1/64 mm, half of 1/32768 degree about three axes.
-    assert_walked(&heard, 8e-6 * 3f64.sqrt(), 1e-6);
+    assert_walked(&received_poses, 8e-6 * 3f64.sqrt(), 1e-6);
     assert!(
-        heard.iter().all(|tracked| tracked.clock == Clock::Arrival && tracked.message.freed().unwrap().camera == 3)
+        received_poses
+            .iter()
+            .all(|tracked| tracked.clock == Clock::Arrival && tracked.message.freed().unwrap().camera == 3)
     );
-    assert!(heard.windows(2).all(|pair| pair[0].time_s < pair[1].time_s));
+    assert!(received_poses.windows(2).all(|pair| pair[0].time_s < pair[1].time_s));
     assert!(poses.report().dropped.is_empty(), "{:?}", poses.report());
 }
 
@@ -282,7 +284,7 @@ fn late_lost_repeated_and_odd_poses_are_counted() {
     r.take(&packet("a", 8, 5.14, 8.0), from(1, 50), 0.14);
     assert_eq!(places(&mut r, 0.2), [(0, 8.0)]);
     let report = r.report();
-    assert_eq!((report.poses, report.lost, report.jumps), (6, 2, 0), "5 and 7");
+    assert_eq!((report.poses, report.missed, report.jumps), (6, 2, 0), "5 and 7");
     let counts = [DropReason::Late, DropReason::Repeated, DropReason::OddTime].map(|why| report.count(why));
     assert_eq!(counts, [1, 1, 1]);
     // The clock jumps, and continues from there.
@@ -482,19 +484,22 @@ fn freed(camera: u8, x_m: f64) -> [u8; 29] {
 #[test]
 fn freed_messages_of_one_datagram_are_all_read_with_times_between_datagrams() {
     let mut r = receiver("freed://?wait_s=0");
-    let mut heard = Vec::new();
+    let mut received_poses = Vec::new();
     for i in 0..3u8 {
         let (x, now_s) = (f64::from(i), 0.5 + 0.04 * f64::from(i));
         let messages = [freed(1, x), freed(1, x + 0.25), freed(1, x + 0.5), freed(1, x + 0.75)];
         r.take(&messages.concat(), from(1, 50), now_s);
-        heard.extend(std::iter::from_fn(|| r.next(now_s)).map(|t| (t.time_s, t.pose.position_in_world_m().x)));
+        received_poses.extend(std::iter::from_fn(|| r.next(now_s)).map(|t| (t.time_s, t.pose.position_in_world_m().x)));
     }
     // The first datagram's messages are spread over 20 ms, the others' over the time since the
     // previous one.
     let times_s = [0.485, 0.49, 0.495, 0.5, 0.51, 0.52, 0.53, 0.54, 0.55, 0.56, 0.57, 0.58];
-    assert_eq!(heard.len(), 12, "{heard:?}");
-    for (i, (heard, time_s)) in heard.iter().zip(times_s).enumerate() {
-        assert!((heard.0 - time_s).abs() < 1e-9 && (heard.1 - 0.25 * i as f64).abs() < 1e-4, "{heard:?}");
+    assert_eq!(received_poses.len(), 12, "{received_poses:?}");
+    for (i, (received_poses, time_s)) in received_poses.iter().zip(times_s).enumerate() {
+        assert!(
+            (received_poses.0 - time_s).abs() < 1e-9 && (received_poses.1 - 0.25 * i as f64).abs() < 1e-4,
+            "{received_poses:?}"
+        );
     }
     assert_eq!(r.report().drops(), "none");
 }
@@ -505,9 +510,9 @@ fn freed_datagram_of_two_cameras_yields_the_followed_one_and_counts_the_other() 
         let mut r = receiver(url);
         // Trailing bytes that are no message are reported, and the messages before them are used.
         r.take(&[&freed(1, 1.0)[..], &freed(2, 2.0), b"rest"].concat(), from(1, 50), 0.5);
-        let heard: Vec<_> = std::iter::from_fn(|| r.next(0.5)).collect();
-        assert!(matches!(heard.as_slice(), [one] if one.time_s == 0.5), "{heard:?}");
-        assert!((heard[0].pose.position_in_world_m().x - x).abs() < 1e-4);
+        let received_poses: Vec<_> = std::iter::from_fn(|| r.next(0.5)).collect();
+        assert!(matches!(received_poses.as_slice(), [one] if one.time_s == 0.5), "{received_poses:?}");
+        assert!((received_poses[0].pose.position_in_world_m().x - x).abs() < 1e-4);
         assert_eq!((r.report().count(DropReason::OtherSource), r.report().count(DropReason::NoPacket)), (1, 1));
         assert!(
             r.report().last_problem.as_deref().unwrap().ends_with("29 bytes, not 4"),

@@ -97,9 +97,9 @@ pub struct LightInputs<'a> {
 }
 
 impl LightInputs<'_> {
-    /// At most `most` frames with a pose, spread over the recording.
-    fn chosen(&self, most: usize) -> Vec<usize> {
-        self.recording.spread_frames(most).filter(|n| self.states[*n].is_some()).collect()
+    /// At most `max_count` frames with a pose, spread over the recording.
+    fn chosen(&self, max_count: usize) -> Vec<usize> {
+        self.recording.spread_frames(max_count).filter(|n| self.states[*n].is_some()).collect()
     }
 
     /// A few frames spread over the recording, and the room's surfaces by them. A single view of a
@@ -121,11 +121,11 @@ impl LightInputs<'_> {
 
     fn each(
         &self,
-        most: usize,
+        max_count: usize,
         times: &mut Times,
         each: &mut dyn FnMut(FrameSamples),
     ) -> Result<(), RegistrationError> {
-        let wanted = self.chosen(most);
+        let wanted = self.chosen(max_count);
         let mut coming = frames(self.recording, wanted.iter().copied());
         loop {
             let begun = Instant::now();
@@ -143,10 +143,10 @@ impl LightInputs<'_> {
             }
             times.of(times::LIGHT, || {
                 over_rows(&mut batch, 1, self.threads, |_, slot| {
-                    let (frame, seen) = &mut slot[0];
-                    *seen = self.view(frame);
+                    let (frame, view) = &mut slot[0];
+                    *view = self.view(frame);
                 });
-                batch.into_iter().filter_map(|(_, seen)| seen).for_each(&mut *each);
+                batch.into_iter().filter_map(|(_, view)| view).for_each(&mut *each);
             });
         }
     }
@@ -158,11 +158,11 @@ impl LightInputs<'_> {
         let is_smooth =
             smooth_mask(&depth, width, (DEPTH_EDGE_DISTANCE_PX * width).div_ceil(640).max(1), DEPTH_EDGE_STEP);
         let gain = self.gains.get(frame.index).copied().unwrap_or([1.0; 3]);
-        let most = frame.pixels.max_code();
+        let max_code = frame.pixels.max_code();
         let light: Vec<f64> = (0..=255).map(|code| self.response.decode(f64::from(code) / 255.0)).collect();
-        let decoded = |code: u32| match most {
+        let decoded = |code: u32| match max_code {
             255 => light[code as usize],
-            _ => self.response.decode(f64::from(code) / f64::from(most)),
+            _ => self.response.decode(f64::from(code) / f64::from(max_code)),
         };
         let every = ((width * height) as f64 / POINTS as f64).sqrt().round().max(1.0) as usize;
         let (mut samples, mut sum, mut count) = (Vec::new(), [0.0; 3], 0usize);

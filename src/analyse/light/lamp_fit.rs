@@ -128,16 +128,20 @@ fn fit_to<const COUNT: usize>(points: &[LitPoint], shares: &[BasisRow], lamps: u
         |x: &[f64; MAX_UNKNOWNS], s: &BasisRow| x[..COUNT].iter().zip(s).map(|(x, s)| x * s).sum::<f64>().max(1e-9);
     let mut lit: Vec<f64> = shares.iter().map(|s| sum(&x, s)).collect();
     // ln of each point's reflectance, and a buffer for one material.
-    let (mut left, mut of_material) = (vec![0.0; points.len()], Vec::new());
-    let unlit = |lit: &[f64], left: &mut [f64]| {
-        points.iter().zip(lit).zip(left).for_each(|((point, lit), left)| *left = point.ln - lit.ln());
+    let (mut residual_ln, mut of_material) = (vec![0.0; points.len()], Vec::new());
+    let unlit = |lit: &[f64], residual_ln: &mut [f64]| {
+        points
+            .iter()
+            .zip(lit)
+            .zip(residual_ln)
+            .for_each(|((point, lit), residual_ln)| *residual_ln = point.ln - lit.ln());
     };
     for _ in 0..rounds {
-        unlit(&lit, &mut left);
-        medians(points, &left, &mut reflectance, &mut of_material);
+        unlit(&lit, &mut residual_ln);
+        medians(points, &residual_ln, &mut reflectance, &mut of_material);
         let (mut normal, mut right) = ([[0.0; MAX_UNKNOWNS]; MAX_UNKNOWNS], [0.0; MAX_UNKNOWNS]);
         for (n, (point, s)) in points.iter().zip(shares).enumerate() {
-            let off = left[n] - reflectance[point.material];
+            let off = residual_ln[n] - reflectance[point.material];
             let w = 1.0 / (1.0 + (off / CAUCHY_SCALE_LN).powi(2));
             let wanted = 1.0 + off.clamp(-1.0, 1.0);
             let per_lit = 1.0 / lit[n];
@@ -157,12 +161,12 @@ fn fit_to<const COUNT: usize>(points: &[LitPoint], shares: &[BasisRow], lamps: u
         x.iter_mut().for_each(|x| *x /= mean);
         lit.iter_mut().for_each(|lit| *lit /= mean);
     }
-    unlit(&lit, &mut left);
-    medians(points, &left, &mut reflectance, &mut of_material);
-    let loss = |(point, left): (&LitPoint, &f64)| {
-        (1.0 + ((left - reflectance[point.material]) / CAUCHY_SCALE_LN).powi(2)).ln()
+    unlit(&lit, &mut residual_ln);
+    medians(points, &residual_ln, &mut reflectance, &mut of_material);
+    let loss = |(point, residual_ln): (&LitPoint, &f64)| {
+        (1.0 + ((residual_ln - reflectance[point.material]) / CAUCHY_SCALE_LN).powi(2)).ln()
     };
-    let score = points.iter().zip(&left).map(loss).sum::<f64>() / points.len().max(1) as f64;
+    let score = points.iter().zip(&residual_ln).map(loss).sum::<f64>() / points.len().max(1) as f64;
     let mut light = LightFit { around: x[0], above: x[1], ..LightFit::default() };
     let (direct, bounce) = x[2..COUNT].split_at(lamps);
     light.lamps[..direct.len()].copy_from_slice(direct);
@@ -171,11 +175,11 @@ fn fit_to<const COUNT: usize>(points: &[LitPoint], shares: &[BasisRow], lamps: u
 }
 
 /// ln of each material's reflectance: the median over its points.
-fn medians(points: &[LitPoint], left: &[f64], reflectance: &mut [f64], of_material: &mut Vec<f64>) {
+fn medians(points: &[LitPoint], residual_ln: &[f64], reflectance: &mut [f64], of_material: &mut Vec<f64>) {
     let mut from = 0;
     for of in points.chunk_by(|a, b| a.material == b.material) {
         of_material.clear();
-        of_material.extend(&left[from..from + of.len()]);
+        of_material.extend(&residual_ln[from..from + of.len()]);
         from += of.len();
         if let Some(median) = upper_median_in_place(of_material) {
             reflectance[of[0].material] = median;

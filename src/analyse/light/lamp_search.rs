@@ -191,7 +191,7 @@ impl Search<'_> {
         shares
     }
 
-    pub fn lamps(&self, most: usize) -> LampSearchResult {
+    pub fn lamps(&self, max_lamps: usize) -> LampSearchResult {
         let grid = self.grid();
         let mut solution = self.with(&[], FINAL_ITERATIONS);
         let mut scores = vec![solution.score];
@@ -199,7 +199,7 @@ impl Search<'_> {
         // With two lamps in the room, the best position for one is between them. Therefore several
         // positions are kept, and a second lamp is searched for each.
         let mut kept: Vec<Vec<LampSource>> = vec![Vec::new()];
-        while lamps.len() < most.min(MAX_LAMPS) {
+        while lamps.len() < max_lamps.min(MAX_LAMPS) {
             let mut next: Vec<(Vec<LampSource>, LampFit)> =
                 kept.iter().flat_map(|lamps| self.with_one_more(&grid, lamps)).collect();
             next.sort_by(|a, b| a.1.score.total_cmp(&b.1.score));

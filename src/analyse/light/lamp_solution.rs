@@ -215,9 +215,9 @@ impl LampSolution {
             }
         });
         let upward = |lamp: &LampEstimate| lamp.shown_at_1_m.map(|shown| shown * of_even(lamp.at_m.into()));
-        let least = bounce::MIN_SHARE * relative_luminance(white);
+        let min_luminance = bounce::MIN_SHARE * relative_luminance(white);
         let lamps: Vec<LampEstimate> =
-            direct.chain(bounce.filter(|lamp| relative_luminance(upward(lamp)) > least)).collect();
+            direct.chain(bounce.filter(|lamp| relative_luminance(upward(lamp)) > min_luminance)).collect();
         let by_lamps = |c: usize| lamps.iter().map(|lamp| upward(lamp)[c]).sum::<f64>();
         let ambient = [0, 1, 2].map(|c| (white[c] - by_lamps(c)).max(0.0));
         PlaceLight { ambient, lamps }
@@ -302,8 +302,8 @@ mod tests {
         let solution = solved([&lamps; 2]);
         for lamp in lamps {
             let off = |place: &LampSource| (place.at - PLACE).angle_between(lamp - PLACE).to_degrees();
-            let least_deg = solution.lamps.iter().map(off).fold(f64::INFINITY, f64::min);
-            assert!(least_deg < 5.0, "{least_deg}: {:?}", solution.lamps);
+            let nearest_deg = solution.lamps.iter().map(off).fold(f64::INFINITY, f64::min);
+            assert!(nearest_deg < 5.0, "{nearest_deg}: {:?}", solution.lamps);
         }
         // Both halves have the same light.
         assert!(

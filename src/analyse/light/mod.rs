@@ -49,7 +49,7 @@ use crate::scene::world_from_panorama;
 use exposure::{ExposureLevel, MeteredFrame, exposure_level};
 use gather::FrameSamples;
 use lamp_solution::{LampSolution, LampVerdict, PlaceLight, solve};
-use panorama::{PanoramaBuilder, PartialPanorama, direction, seen_share};
+use panorama::{PanoramaBuilder, PartialPanorama, coverage, direction};
 use sample::relative_luminance;
 use white_level::{Patch, WhiteLevel, patches, white_level, white_level_by_lamps};
 
@@ -89,10 +89,10 @@ pub fn of_recording(
     let map_from_world = world_from_panorama(up).conjugate();
     let (mut voxels, mut panorama) = (Voxels::default(), PanoramaBuilder::new(centre.as_vec3(), map_from_world));
     let mut metered = Vec::new();
-    inputs.every(times, &mut |seen| {
-        voxels.add(&seen.samples, seen.camera_at, seen.half);
-        panorama.add(&seen.samples);
-        metered.push(MeteredFrame::of(&seen, place));
+    inputs.every(times, &mut |view| {
+        voxels.add(&view.samples, view.camera_at, view.half);
+        panorama.add(&view.samples);
+        metered.push(MeteredFrame::of(&view, place));
     })?;
     Ok(times.of(times::LIGHT, || {
         let solid: Vec<DVec3> = voxels.solid().collect();
@@ -171,7 +171,7 @@ fn room_light(at: &Location, partial: &PartialPanorama, solved: &LampSolution, l
     };
     let without_lamps: PartialPanorama =
         partial.iter().enumerate().map(|(n, light)| light.filter(|light| !is_lamp(n, light))).collect();
-    let (seen_share, seen_above_share) = seen_share(partial);
+    let (coverage, coverage_above) = coverage(partial);
     let luminance = relative_luminance(level.white);
     let between = level.between.map(|end| end / luminance);
     let by_lamps = [0, 1, 2].map(|c| (level.white[c] - ambient[c]).max(0.0));
@@ -186,8 +186,8 @@ fn room_light(at: &Location, partial: &PartialPanorama, solved: &LampSolution, l
         middle_m: at.centre.to_array(),
         up: at.up.to_array(),
         is_up_guessed: at.is_guess,
-        seen_share,
-        seen_above_share,
+        coverage,
+        coverage_above,
         panorama,
         no_panorama,
         lamps,

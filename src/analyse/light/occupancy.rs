@@ -109,10 +109,10 @@ impl OccupancyGrid {
         false
     }
 
-    /// The first and the last of up to `most` steps from `start` inside the grid; the last is
+    /// The first and the last of up to `max_steps` from `start` inside the grid; the last is
     /// before the first if there is none.
-    fn within(&self, start: DVec3, step: DVec3, most: f64) -> (f64, f64) {
-        let (mut first, mut last) = (1.0f64, most.floor());
+    fn within(&self, start: DVec3, step: DVec3, max_steps: f64) -> (f64, f64) {
+        let (mut first, mut last) = (1.0f64, max_steps.floor());
         for axis in 0..3 {
             let (at, by, size) = (start[axis], step[axis], f64::from(self.size[axis]));
             if by == 0.0 {

@@ -159,7 +159,7 @@ fn filled(partial: &PartialPanorama) -> PartialPanorama {
 }
 
 /// Fractions of all directions, and of those above the horizon, that were seen.
-pub fn seen_share(partial: &PartialPanorama) -> (f64, f64) {
+pub fn coverage(partial: &PartialPanorama) -> (f64, f64) {
     let sum = |from: usize, to: usize| {
         let of = |n: usize| if partial[n].is_some() { solid_sr(n) } else { 0.0 };
         (from..to).map(of).sum::<f64>()

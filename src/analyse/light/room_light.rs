@@ -39,8 +39,8 @@ pub struct RoomLight {
     /// Whether up was estimated: the cameras' own up, refined by level surfaces.
     pub is_up_guessed: bool,
     /// Fraction of all directions that was seen, and of those above the horizon.
-    pub seen_share: f64,
-    pub seen_above_share: f64,
+    pub coverage: f64,
+    pub coverage_above: f64,
     /// Row by row, without the lamps.
     pub panorama: Vec<[f32; 3]>,
     /// The reason for which the panorama is even light.

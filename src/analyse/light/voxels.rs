@@ -183,27 +183,27 @@ impl Voxels {
         self.cubes.iter().filter(|cube| cube.frames[0] + cube.frames[1] >= 2).map(|cube| cube.middle())
     }
 
-    /// Voxels with a normal that at least `fewest_frames` saw, in an order in which any prefix is
-    /// spread evenly over the room.
-    pub fn surfaces(&self, fewest_frames: u32, threads: usize) -> Vec<Voxel> {
+    /// Voxels with a normal that are visible in at least `min_frames`, in an order in which any
+    /// prefix is spread evenly over the room.
+    pub fn surfaces(&self, min_frames: u32, threads: usize) -> Vec<Voxel> {
         let mut keys: Vec<(u64, VoxelKey, u32)> =
             self.index.iter().map(|(key, at)| (hash_of(key), *key, *at)).collect();
         keys.sort_unstable();
         let mut voxels: Vec<((u64, VoxelKey, u32), Option<Voxel>)> = keys.into_iter().map(|key| (key, None)).collect();
         over_rows(&mut voxels, 1, threads, |_, slot| {
             let ((_, key, at), voxel) = &mut slot[0];
-            *voxel = self.voxel(*key, *at as usize, fewest_frames);
+            *voxel = self.voxel(*key, *at as usize, min_frames);
         });
         voxels.into_iter().filter_map(|(_, voxel)| voxel).collect()
     }
 
-    fn voxel(&self, key: VoxelKey, at: usize, fewest_frames: u32) -> Option<Voxel> {
+    fn voxel(&self, key: VoxelKey, at: usize, min_frames: u32) -> Option<Voxel> {
         let cube = &self.cubes[at];
         let frames = cube.frames[0] + cube.frames[1];
-        if frames < fewest_frames {
+        if frames < min_frames {
             return None;
         }
-        let normal = self.normal(key, cube, fewest_frames)?;
+        let normal = self.normal(key, cube, min_frames)?;
         let means = cube.means.concat();
         let light_of = |half: usize| (cube.frames[half] >= 2).then(|| lower(&cube.means[half])).flatten();
         let light = [light_of(0), light_of(1), lower(&means)];
@@ -225,14 +225,14 @@ impl Voxels {
         })
     }
 
-    fn normal(&self, [x, y, z]: VoxelKey, cube: &Cube, fewest_frames: u32) -> Option<DVec3> {
+    fn normal(&self, [x, y, z]: VoxelKey, cube: &Cube, min_frames: u32) -> Option<DVec3> {
         let mut near = Vec::new();
         for dz in -NORMAL_RADIUS..=NORMAL_RADIUS {
             for dy in -NORMAL_RADIUS..=NORMAL_RADIUS {
                 for dx in -NORMAL_RADIUS..=NORMAL_RADIUS {
                     if let Some(at) = self.index.get(&[x + dx, y + dy, z + dz]) {
                         let other = &self.cubes[*at as usize];
-                        if other.frames[0] + other.frames[1] >= fewest_frames {
+                        if other.frames[0] + other.frames[1] >= min_frames {
                             near.push(other.middle());
                         }
                     }
@@ -248,9 +248,9 @@ impl Voxels {
             let d = *at - middle;
             spread += DMat3::from_cols(d * d.x, d * d.y, d * d.z) * (1.0 / near.len() as f64);
         }
-        let (least, normal, between) = thinnest(spread);
+        let (smallest, normal, between) = thinnest(spread);
         let towards = cube.towards.as_dvec3();
-        (least < MAX_FLATNESS * between).then(|| normal * normal.dot(towards).signum())
+        (smallest < MAX_FLATNESS * between).then(|| normal * normal.dot(towards).signum())
     }
 }
 

@@ -125,14 +125,14 @@ impl Patch {
     }
 
     fn saturation(&self) -> f64 {
-        let most = self.code.into_iter().fold(0.0, f64::max);
-        (most - self.code.into_iter().fold(f64::INFINITY, f64::min)) / most.max(1e-4)
+        let max_code = self.code.into_iter().fold(0.0, f64::max);
+        (max_code - self.code.into_iter().fold(f64::INFINITY, f64::min)) / max_code.max(1e-4)
     }
 }
 
 /// The reason for which a white level is not claimed.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Unclaimed {
+pub enum WhiteLevelRefusal {
     TooFew,
     Coloured { saturation: f64 },
     Ground,
@@ -142,7 +142,7 @@ pub enum Unclaimed {
     Disagrees { factor: f64 },
 }
 
-impl fmt::Display for Unclaimed {
+impl fmt::Display for WhiteLevelRefusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::TooFew => write!(f, "too little upward-facing surface was seen near the place"),
@@ -172,7 +172,7 @@ pub struct WhiteLevel {
     pub white: [f64; 3],
     /// Luminances between which it lies.
     pub between: [f64; 2],
-    pub unclaimed: Option<Unclaimed>,
+    pub unclaimed: Option<WhiteLevelRefusal>,
 }
 
 /// The brightest upward-facing surfaces around a place.
@@ -238,34 +238,34 @@ impl BrightestSurfaces {
     }
 
     /// The first reason against a claim, if there is one.
-    fn refusal(&self, exposure: f64) -> Option<Unclaimed> {
+    fn refusal(&self, exposure: f64) -> Option<WhiteLevelRefusal> {
         let disagreement = (self.level() / exposure).ln().abs().exp();
         let agrees = if self.is_bound { MAX_DISAGREEMENT_CLIPPED } else { MAX_DISAGREEMENT };
         match self {
             Self { saturation, .. } if *saturation > MAX_SATURATION => {
-                Some(Unclaimed::Coloured { saturation: *saturation })
+                Some(WhiteLevelRefusal::Coloured { saturation: *saturation })
             }
-            Self { is_bound: false, share, .. } if *share > MAX_SHARE => Some(Unclaimed::Ground),
-            Self { is_bound: false, share, .. } if *share < MIN_SHARE => Some(Unclaimed::Scrap),
-            Self { growth, .. } if *growth > MAX_GROWTH => Some(Unclaimed::Varies { growth: *growth }),
+            Self { is_bound: false, share, .. } if *share > MAX_SHARE => Some(WhiteLevelRefusal::Ground),
+            Self { is_bound: false, share, .. } if *share < MIN_SHARE => Some(WhiteLevelRefusal::Scrap),
+            Self { growth, .. } if *growth > MAX_GROWTH => Some(WhiteLevelRefusal::Varies { growth: *growth }),
             Self { is_bound: false, disparity, .. } if *disparity > MAX_DISPARITY => {
-                Some(Unclaimed::Differs { factor: *disparity })
+                Some(WhiteLevelRefusal::Differs { factor: *disparity })
             }
-            _ if disagreement > agrees => Some(Unclaimed::Disagrees { factor: disagreement }),
+            _ if disagreement > agrees => Some(WhiteLevelRefusal::Disagrees { factor: disagreement }),
             _ => None,
         }
     }
 
     /// W and its interval, if there is no refusal.
     fn claim(&self, exposure: f64) -> (f64, [f64; 2]) {
-        let (level, least) = (self.level(), self.luminance / MAX_REFLECTANCE);
+        let (level, min_level) = (self.level(), self.luminance / MAX_REFLECTANCE);
         if self.is_bound {
-            return (exposure.clamp(level, MAX_OVER_CLIPPED * level), [least, MAX_INTERVAL_OVER_CLIPPED * level]);
+            return (exposure.clamp(level, MAX_OVER_CLIPPED * level), [min_level, MAX_INTERVAL_OVER_CLIPPED * level]);
         }
         let off = (level / exposure).ln();
         let white = (level.ln() - EXPOSURE_WEIGHT * off).exp();
         let [down, upwards] = [DOWNWARD_SIGMA_LN, UPWARD_SIGMA_LN].map(|ln| ln.hypot(DISAGREEMENT_SHARE * off).exp());
-        (white, [least.max(white / down), white * upwards])
+        (white, [min_level.max(white / down), white * upwards])
     }
 }
 
@@ -310,7 +310,7 @@ fn coloured(tint: [f64; 3], luminance: f64) -> [f64; 3] {
 /// The white level at a place.
 pub fn white_level(patches: &[Patch], up: DVec3, place: DVec3, exposure: &ExposureLevel) -> WhiteLevel {
     let top = BrightestSurfaces::of(patches, up, place);
-    let Some(top) = top else { return unclaimed(None, exposure, Unclaimed::TooFew) };
+    let Some(top) = top else { return unclaimed(None, exposure, WhiteLevelRefusal::TooFew) };
     if let Some(why) = top.refusal(exposure.level) {
         return unclaimed(Some(&top), exposure, why);
     }
@@ -359,7 +359,7 @@ pub fn white_level_by_lamps(
 
 /// The white level by the exposure, raised if the brightest surface would exceed the largest
 /// reflectance.
-fn unclaimed(top: Option<&BrightestSurfaces>, exposure: &ExposureLevel, why: Unclaimed) -> WhiteLevel {
+fn unclaimed(top: Option<&BrightestSurfaces>, exposure: &ExposureLevel, why: WhiteLevelRefusal) -> WhiteLevel {
     let ExposureLevel { level, neutral } = *exposure;
     let white = top.map_or(level, |top| (top.luminance / MAX_REFLECTANCE).clamp(level, MAX_RAISE * level));
     let between = [level / UNCLAIMED_FACTOR, UNCLAIMED_FACTOR * white];

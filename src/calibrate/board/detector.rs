@@ -41,7 +41,7 @@ impl BoardDetector {
     pub fn find(&mut self, pixels: &Pixels) -> Result<BoardDetection, String> {
         // The tag detector is faster and rarely fires on anything else.
         let no_tags = match self.tags.as_mut().map(|tags| tags.find(pixels)) {
-            Some(Ok(seen)) => return Ok(seen),
+            Some(Ok(detection)) => return Ok(detection),
             Some(Err(why)) => Some(why),
             None => None,
         };

@@ -18,8 +18,8 @@ const MAX_OFF_PLANE: f64 = 0.01;
 pub enum TagsError {
     #[error("no tags are seen")]
     None,
-    #[error("of {} that are seen {readable} can be read to their edges; {MIN_TAGS} are needed", count(*seen, "tag"))]
-    Few { seen: usize, readable: usize },
+    #[error("of {} that are seen {readable} can be read to their edges; {MIN_TAGS} are needed", count(*detected, "tag"))]
+    Few { detected: usize, readable: usize },
     #[error("the visible tags are not on the board: {}", .0.iter().map(u32::to_string).collect::<Vec<_>>().join(", "))]
     NotOnBoard(Vec<u32>),
     #[error("{}", tags::repeated_message(.0))]
@@ -84,7 +84,7 @@ impl TagBoardDetector {
         }
         let readable = corners_px.len() / 4;
         if readable < MIN_TAGS {
-            return Err(TagsError::Few { seen: tag_count, readable });
+            return Err(TagsError::Few { detected: tag_count, readable });
         }
         Ok(BoardDetection { board, corners_px, target: DetectedTarget::Tags(self.board.tags.len()) })
     }

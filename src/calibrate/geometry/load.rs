@@ -101,13 +101,13 @@ fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, LoadError> {
 }
 
 /// A picture's name, its size, and the detection in it.
-struct Searched {
+struct DetectionAttempt {
     name: String,
     size: (u32, u32),
     detection: Result<BoardDetection, String>,
 }
 
-fn keep_majority(photos: Vec<Searched>) -> Views {
+fn keep_majority(photos: Vec<DetectionAttempt>) -> Views {
     let sizes = || photos.iter().filter(|searched| searched.detection.is_ok()).map(|searched| searched.size);
     let often = |size: (u32, u32)| sizes().filter(|own| *own == size).count();
     // The larger of two equally frequent sizes.
@@ -115,7 +115,7 @@ fn keep_majority(photos: Vec<Searched>) -> Views {
     let kinds = || photos.iter().filter_map(|searched| Some(searched.detection.as_ref().ok()?.target.kind()));
     let kind = kinds().max_by_key(|kind| kinds().filter(|own| own == kind).count()).unwrap_or_default();
     let (mut views, mut refused) = (Vec::new(), Vec::new());
-    for Searched { name, size: own, detection: photos } in photos {
+    for DetectionAttempt { name, size: own, detection: photos } in photos {
         match photos {
             Ok(_) if own != size => {
                 let reason =
@@ -139,18 +139,20 @@ fn from_photos(
     begin: &(impl Fn() -> Result<BoardDetector, NotOnPlane> + Sync),
     all: usize,
     progress: LensProgress<'_>,
-) -> Result<Vec<Searched>, LoadError> {
+) -> Result<Vec<DetectionAttempt>, LoadError> {
     let read = |file: &Path| {
         let name = file.display().to_string();
         match still::read_pixels(file) {
             Ok(pixels) => {
                 let detection = begin()?.find(&pixels);
-                Ok(Searched { name, size: (pixels.width, pixels.height), detection })
+                Ok(DetectionAttempt { name, size: (pixels.width, pixels.height), detection })
             }
             // A damaged file is skipped. A missing file is an error.
-            Err(SourceError::Content { problem, .. }) => Ok(Searched { name, size: (0, 0), detection: Err(problem) }),
+            Err(SourceError::Content { problem, .. }) => {
+                Ok(DetectionAttempt { name, size: (0, 0), detection: Err(problem) })
+            }
             Err(SourceError::Read { source, .. }) if is_lfs_pointer(&source) => {
-                Ok(Searched { name, size: (0, 0), detection: Err(reason(&source)) })
+                Ok(DetectionAttempt { name, size: (0, 0), detection: Err(reason(&source)) })
             }
             Err(error) => Err(error.into()),
         }
@@ -160,7 +162,7 @@ fn from_photos(
         if progress(searched_photos.len(), all).is_break() {
             return Err(LoadError::Stopped);
         }
-        let mut searched: Vec<Option<Result<Searched, LoadError>>> = batch.iter().map(|_| None).collect();
+        let mut searched: Vec<Option<Result<DetectionAttempt, LoadError>>> = batch.iter().map(|_| None).collect();
         over_rows(&mut searched, 1, processors(), |n, slot| slot[0] = batch.get(n).map(|file| read(file)));
         for searched in searched.into_iter().flatten() {
             searched_photos.push(searched?);
@@ -175,7 +177,7 @@ fn from_video(
     every: usize,
     search: &mut BoardDetector,
     progress: &mut dyn FnMut(usize) -> ControlFlow<()>,
-) -> Result<Vec<Searched>, LoadError> {
+) -> Result<Vec<DetectionAttempt>, LoadError> {
     let count = video.timestamps_s.len();
     let mut detections: Vec<(usize, BoardDetection)> = Vec::new();
     for (n, pixels) in video.read(0..count)?.enumerate() {
@@ -184,7 +186,7 @@ fn from_video(
             if progress(n / every).is_break() {
                 return Err(LoadError::Stopped);
             }
-            detections.extend(search.find(&pixels).ok().map(|found| (n, found)));
+            detections.extend(search.find(&pixels).ok().map(|detection| (n, detection)));
         }
     }
     let size = (video.width, video.height);
@@ -196,11 +198,15 @@ fn from_video(
         } else {
             "the board moves too fast in all frames"
         };
-        return Ok(vec![Searched { name: video.file.display().to_string(), size, detection: Err(what.to_owned()) }]);
+        return Ok(vec![DetectionAttempt {
+            name: video.file.display().to_string(),
+            size,
+            detection: Err(what.to_owned()),
+        }]);
     }
     Ok(chosen
         .into_iter()
-        .map(|i| Searched { name: name(detections[i].0), size, detection: Ok(detections[i].1.clone()) })
+        .map(|i| DetectionAttempt { name: name(detections[i].0), size, detection: Ok(detections[i].1.clone()) })
         .collect())
 }
 
@@ -268,7 +274,7 @@ mod tests {
 
     #[test]
     fn pictures_of_another_size_are_refused_with_both_sizes() {
-        let one = |name: &str, size, found| Searched { name: name.to_owned(), size, detection: found };
+        let one = |name: &str, size, detection| DetectionAttempt { name: name.to_owned(), size, detection };
         let good = || Ok(detection(0.0, 0.0, 20.0));
         let views = keep_majority(vec![
             one("a", (640, 480), good()),

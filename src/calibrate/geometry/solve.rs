@@ -147,8 +147,8 @@ impl LeastSquaresProblem for BundleAdjustment<'_> {
         let corners = |view: &&BoardDetection| view.corners_px.len();
         let mut residuals = Vec::with_capacity(self.views.iter().map(corners).sum());
         for (view, stand) in self.views.iter().zip(stands) {
-            for (board, seen) in view.board.iter().zip(&view.corners_px) {
-                residuals.push(*seen - lens.project(stand.point(board.extend(0.0)))?.0);
+            for (board, corner_px) in view.board.iter().zip(&view.corners_px) {
+                residuals.push(*corner_px - lens.project(stand.point(board.extend(0.0)))?.0);
             }
         }
         residuals.iter().all(|r| r.is_finite()).then_some(residuals)
@@ -206,10 +206,10 @@ fn blocks(
             by_lens: SVector::zeros(),
             pose_jacobian: SVector::zeros(),
         };
-        for (board, seen) in view.board.iter().zip(&view.corners_px) {
+        for (board, corner_px) in view.board.iter().zip(&view.corners_px) {
             let (at, by_lens, by_point) = lens.project(stand.point(board.extend(0.0)))?;
             let pose_jacobian = pose_jacobian(stand, board.extend(0.0), &by_point);
-            let residual = *seen - at;
+            let residual = *corner_px - at;
             let weight = weight(residual, delta_px);
             let residual = SVector::<f64, 2>::new(residual.x, residual.y) * weight;
             block.lens += by_lens.transpose() * by_lens * weight;

@@ -108,7 +108,7 @@ fn from_photos(
     response: &Response,
     options: &LensOptions,
 ) -> Result<CameraCalibration> {
-    if let Some(option) = args.pictures.given() {
+    if let Some(option) = args.pictures.conflicting_option() {
         bail!("{option} is for a camera: name one with --camera");
     }
     let bar = crate::cli::progress(args.pictures.quiet, 0);
@@ -143,7 +143,7 @@ pub fn run(args: &Args) -> Result<()> {
         rig.read(&args.output, &mut Settings::default())?;
         if rig.gives_lens() && !args.force {
             bail!(
-                "{}: has a lens already, in [camera] or [camera.distortion]; it is kept unless --force is given",
+                "{}: has a lens already, in [camera] or [camera.distortion]; it is kept (--force replaces it)",
                 args.output.display()
             );
         }

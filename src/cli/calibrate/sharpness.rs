@@ -27,7 +27,7 @@ use locard_engine::text::{fixed, number};
 #[derive(clap::Args)]
 pub struct Args {
     /// A recording, or a picture (.png, .jpg)
-    what: PathBuf,
+    input: PathBuf,
     /// The recording's frame with the edge, preferably one at rest
     #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = crate::cli::frame_number)]
     frame: Option<usize>,
@@ -58,18 +58,18 @@ enum EdgeSource {
 
 impl EdgeSource {
     fn open(args: &Args) -> Result<Self> {
-        if is_picture(&args.what) {
+        if is_picture(&args.input) {
             if args.frame.is_some() {
-                bail!("{}: --frame needs a recording, but this is a picture", args.what.display());
+                bail!("{}: --frame needs a recording, but this is a picture", args.input.display());
             }
             let mut rig = Rig::default();
             if let Some(profile) = &args.profile {
                 rig.read(profile, &mut Settings::default())?;
             }
-            return Ok(Self::Picture(rig.camera().response, still::read_pixels(&args.what)?));
+            return Ok(Self::Picture(rig.camera().response, still::read_pixels(&args.input)?));
         }
         let shot_options = ShotOptions { profile: args.profile.clone(), ..ShotOptions::default() };
-        let shot = Shot::open(&args.what, &OpenOptions::default(), &shot_options)?;
+        let shot = Shot::open(&args.input, &OpenOptions::default(), &shot_options)?;
         let Some(frame) = args.frame else { bail!("which frame of the recording? Give --frame N") };
         crate::cli::check_frame(frame, shot.recording.frame_count())?;
         let frame = shot.read(frame)?;
@@ -98,10 +98,10 @@ pub fn run(args: &Args) -> Result<()> {
     let source = EdgeSource::open(args)?;
     let output = args.output.as_deref().map(|path| Ok::<_, anyhow::Error>((path, existing(path)?))).transpose()?;
     if let Some((path, _)) = &output {
-        Inputs::default().and([&args.what]).check_file(path)?;
+        Inputs::default().and([&args.input]).check_file(path)?;
         if let Some(present) = present(path)?.filter(|_| !args.force) {
             bail!(
-                "{}: has {table}.{name} = {} already; it is kept unless --force is given",
+                "{}: has {table}.{name} = {} already; it is kept (--force replaces it)",
                 path.display(),
                 number(present)
             );

@@ -18,9 +18,9 @@ pub fn parse(text: &str) -> Result<ReferencePick, String> {
         None => (text, WHITE_REFLECTANCE),
         Some((at, reflectance)) => {
             let is_accepted = |value: &f64| (REFLECTANCE_RANGE[0]..=REFLECTANCE_RANGE[1]).contains(value);
-            let [least, most] = REFLECTANCE_RANGE;
+            let [min, max] = REFLECTANCE_RANGE;
             let value = reflectance.trim().parse().ok().filter(is_accepted);
-            (at, value.ok_or_else(|| format!("{text}: expected a reflectance of {least} to {most}"))?)
+            (at, value.ok_or_else(|| format!("{text}: expected a reflectance of {min} to {max}"))?)
         }
     };
     let view = view(at, "FRAME:X,Y, as in 30:320,300, or with its reflectance, as in 30:320,300=0.3")?;
@@ -51,8 +51,8 @@ pub fn correction(
     let upward = upward.to_array();
     let upward = [0, 1, 2].map(|c| fixed(scale * tint[c] * f64::from(upward[c]), 2)).join(", ");
     lines.push(("light", format!("upward-facing matt white shows {upward} now")));
-    if let Some([least, most]) = between.filter(|[least, most]| high < *least || low > *most) {
-        let message = format!("{} to {}", times(least), times(most));
+    if let Some([min, max]) = between.filter(|[min, max]| high < *min || low > *max) {
+        let message = format!("{} to {}", times(min), times(max));
         lines.push(("odd", format!("the footage implies {message}: is it neutral, matt, and in the estimated light?")));
     }
     Ok((correction, lines))
@@ -65,7 +65,12 @@ fn named(pick: &ReferencePick) -> String {
 fn about(pick: &ReferencePick, white: &WhiteReference) -> String {
     let colours = |light: [f64; 3]| light.map(|v| fixed(v, 2)).join(", ");
     let expected = white.comes.light().to_array().map(|v| pick.reflectance * f64::from(v));
-    let hidden = white.comes.lamps.iter().enumerate().filter(|(_, (by, seen))| *seen == 0.0 && by.max_element() > 0.0);
+    let hidden = white
+        .comes
+        .lamps
+        .iter()
+        .enumerate()
+        .filter(|(_, (by, visibility))| *visibility == 0.0 && by.max_element() > 0.0);
     let hidden: Vec<String> = hidden.map(|(n, _)| format!("lamp {}", n + 1)).collect();
     let hidden =
         if hidden.is_empty() { String::new() } else { format!("; {} is hidden from there", hidden.join(", ")) };

@@ -19,7 +19,7 @@
 
 use crate::camera::Opening;
 use crate::effects::{FrameContext, LayerRun};
-use crate::gpu::{Entry, Gpu, Shader, Texture};
+use crate::gpu::{Gpu, Shader, ShaderEntry, Texture};
 use crate::render::{COLOR, Layer};
 
 use super::layered;
@@ -118,7 +118,7 @@ pub fn run(run: &mut LayerRun<'_>, params: &DepthOfField, opening: &Opening, lay
         margin: operator_params(params).margin() as i32,
         half_side: operator_params(params).half_side() as i32,
     };
-    let entry = Entry::from("spread").choose("printed", params.mix == Mix::Printed);
+    let entry = ShaderEntry::from("spread").choose("printed", params.mix == Mix::Printed);
     let pass = run.recorder.pass(Shader::DepthOfFieldDiffusion, entry).uniform("lens", &lens).storage("wang", &wang);
     let pass = pass.texture("factors", &factors).texture("color", &layer.color);
     let pass = pass.texture("operators", &operators).texture("around_tiles", &around);

@@ -17,7 +17,7 @@
 //! bright areas only the highlights are drawn this way; the rest is gathered.
 
 use super::surroundings::LensUniform;
-use crate::gpu::{Entry, Recorder, Shader, Texture};
+use crate::gpu::{PassRecorder, Shader, ShaderEntry, Texture};
 use crate::render::Layer;
 
 /// Radius from which on highlights are drawn as sprites, px; below it texels are fine enough. The
@@ -73,7 +73,7 @@ fn storage(gpu: &crate::gpu::Gpu, size: u64) -> wgpu::Buffer {
 struct HighlightListKey;
 
 /// The list of highlights with its head, the arguments of the indirect draw.
-pub fn list(recorder: &mut Recorder) -> wgpu::Buffer {
+pub fn list(recorder: &mut PassRecorder) -> wgpu::Buffer {
     recorder.memoized(HighlightListKey, |gpu, _| storage(gpu, HEAD_BYTES + MAX_HIGHLIGHTS * BYTES))
 }
 
@@ -84,7 +84,7 @@ struct Cells(u64);
 
 /// Finds the highlights of a layer and its pyramid.
 pub fn find(
-    recorder: &mut Recorder,
+    recorder: &mut PassRecorder,
     lens: &LensUniform,
     layer: &Layer,
     [colors, circles]: [&Texture; 2],
@@ -104,7 +104,7 @@ pub fn find(
             .texture("circles", circles)
             .buffer("left", &left)
             .buffer("numbers", &numbers)
-            .buffer("found", highlights)
+            .buffer("highlights", highlights)
             .texture("color", &layer.color)
             .texture("geometry", &layer.geometry)
             .dispatch(groups);
@@ -113,13 +113,13 @@ pub fn find(
 
 /// Removes the highlights from the first two levels of the pyramid, which have these sizes.
 pub fn dim(
-    recorder: &mut Recorder,
+    recorder: &mut PassRecorder,
     lens: &LensUniform,
     highlights: &wgpu::Buffer,
     levels: [(&Texture, (u32, u32)); 2],
 ) {
     for (texels, (level, size)) in [2.0, 1.0].into_iter().zip(levels) {
-        let entry = Entry::over("block_corner", "dim").choose("texels_to_block", texels);
+        let entry = ShaderEntry::over("block_corner", "dim").choose("texels_to_block", texels);
         let pass =
             recorder.pass(Shader::DepthOfFieldHighlights, entry).uniform("lens", lens).buffer("drawn", highlights);
         pass.blend(TIMES).indirect(highlights).draw_into(&[level], size);

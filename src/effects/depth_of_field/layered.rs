@@ -15,7 +15,7 @@
 
 use crate::camera::Opening;
 use crate::effects::{FrameContext, LayerRun};
-use crate::gpu::{Bytes, Entry, Pass, Recorder, Shader, Texture};
+use crate::gpu::{Bytes, Pass, PassRecorder, Shader, ShaderEntry, Texture};
 use crate::render::{COLOR, GEOMETRY, Layer};
 
 use super::highlights;
@@ -81,8 +81,8 @@ const KINDS: [(&str, &str, f64); 6] = [
 ];
 
 /// An entry of the gathering shader, at a level of resolution with this number of points.
-fn gather(vertex: &'static str, fragment: &'static str, level: usize, taps: f64) -> Entry {
-    Entry::over(vertex, fragment).choose("level", level as f64).choose("taps", taps)
+fn gather(vertex: &'static str, fragment: &'static str, level: usize, taps: f64) -> ShaderEntry {
+    ShaderEntry::over(vertex, fragment).choose("level", level as f64).choose("taps", taps)
 }
 
 /// The inputs of gathering.
@@ -100,7 +100,7 @@ struct Gathering {
 impl Gathering {
     /// A pass over its tiles. `lower` are the results of lower resolutions: the picture, and in
     /// tiles with two surfaces the nearer and the farther one.
-    fn pass<'a>(&self, recorder: &'a mut Recorder, entry: Entry, lower: [&Texture; 3]) -> Pass<'a> {
+    fn pass<'a>(&self, recorder: &'a mut PassRecorder, entry: ShaderEntry, lower: [&Texture; 3]) -> Pass<'a> {
         recorder
             .pass(Shader::DepthOfField, entry)
             .uniform("lens", &self.lens)
@@ -186,8 +186,8 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer) -> Layer {
     // A render target cannot be read: at first, other textures are bound as the lower resolutions.
     let nothing = [&colors.all; 3];
     // The shader's circles are rounded to 16 bits, and none is larger than the largest drawn.
-    let least = (0.5 * circles_px(context)[0]).min(largest);
-    for level in 1.max(level_of(0.999 * least))..=level_of(1.001 * largest) {
+    let smallest = (0.5 * circles_px(context)[0]).min(largest);
+    for level in 1.max(level_of(0.999 * smallest))..=level_of(1.001 * largest) {
         let size = (width.div_ceil(1 << level), height.div_ceil(1 << level));
         let targets = blurred.each_ref().map(|b| &b.levels[level - 1]);
         gathering

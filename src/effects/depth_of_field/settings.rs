@@ -49,6 +49,6 @@ pub fn circles_px(context: &FrameContext<'_>) -> [f32; 2] {
     let [nearest, farthest] = context.depths_m;
     let depths_m = context.real_depths_m.map_or([nearest, farthest], |[n, f]| [n.min(nearest), f.max(farthest)]);
     let [near, far] = depths_m.map(|depth| opening.circle_px(context.picture.intrinsics.fx_px, depth) as f32);
-    let least = if near * far > 0.0 { near.abs().min(far.abs()) } else { 0.0 };
-    [least, near.abs().max(far.abs())]
+    let smallest = if near * far > 0.0 { near.abs().min(far.abs()) } else { 0.0 };
+    [smallest, near.abs().max(far.abs())]
 }

@@ -33,7 +33,7 @@ use kernel::{HALVES, Kernel, MAX_WEIGHTS, noise_left, reach_of};
 
 use crate::camera::{Aperture, Opening, correlations};
 use crate::effects::{FrameContext, LayerRun};
-use crate::gpu::{Entry, Gpu, Shader, Texture};
+use crate::gpu::{Gpu, Shader, ShaderEntry, Texture};
 use crate::pixels::Rect;
 use crate::render::{COLOR, Layer, RealLayer};
 
@@ -142,15 +142,17 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer, real: &RealL
         let reached = run.recorder.pool.lend_to_write(&gpu, tiles.count, wgpu::TextureFormat::R32Uint);
         tiles.write(&gpu, &reached, slice);
         let of_slice = SliceUniform { number: slice as f32, ..whole };
-        let pass =
-            run.recorder.pass(Shader::DepthOfFieldSlices, Entry::over("tiles", "share")).uniform("slice", &of_slice);
+        let pass = run
+            .recorder
+            .pass(Shader::DepthOfFieldSlices, ShaderEntry::over("tiles", "share"))
+            .uniform("slice", &of_slice);
         let pass = pass.texture("reached", &reached).texture("color", &layer.color).texture("light", &real.light);
         let pass = pass.texture("behind_light", &real.behind).texture("place", &places).tiles(count);
         let mut shared = pass.draw([COLOR; 2], size);
         if slice == 0 {
             let pass = run.recorder.pass(Shader::DepthOfFieldSlices, "add_sharp").uniform("slice", &of_slice);
             let pass = pass.texture("slice_real", &shared[0]).texture("slice_layer", &shared[1]);
-            let pass = pass.texture("sum_real", &sums[0]).texture("sum_layer", &sums[1]).texture("sum_held", &sums[2]);
+            let pass = pass.texture("sum_real", &sums[0]).texture("sum_layer", &sums[1]).texture("sum_covered", &sums[2]);
             sums = pass.draw([COLOR; 3], size);
             continue;
         }
@@ -160,7 +162,7 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer, real: &RealL
         });
         let in_layer = tiles.with_layer.is_some_and(|[near, far]| near <= slice && slice <= far);
         let both = |entry, half: i32| {
-            Entry::over("tiles", entry).choose("layer_too", in_layer).choose("half_side", f64::from(half))
+            ShaderEntry::over("tiles", entry).choose("layer_too", in_layer).choose("half_side", f64::from(half))
         };
         for level in 1..=kernel.level {
             let pass = run.recorder.pass(Shader::DepthOfFieldSlices, both("smaller", 1));
@@ -186,7 +188,7 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer, real: &RealL
         let pass =
             run.recorder.pass(Shader::DepthOfFieldSlices, "add").uniform("slice", &SliceUniform { place, ..at_level });
         let pass = pass.texture("slice_real", &blurred[0]).texture("slice_layer", &blurred[1]);
-        let pass = pass.texture("sum_real", &sums[0]).texture("sum_layer", &sums[1]).texture("sum_held", &sums[2]);
+        let pass = pass.texture("sum_real", &sums[0]).texture("sum_layer", &sums[1]).texture("sum_covered", &sums[2]);
         sums = pass.draw([COLOR; 3], size);
     }
     let pass = run

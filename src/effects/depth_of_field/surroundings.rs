@@ -28,8 +28,8 @@ impl Tiling {
     /// that need it. Larger for a single surface. A power of two, so that they divide into texels
     /// of an eighth of the resolution.
     pub fn fine(size: (u32, u32), reach_px: f32, one_surface: bool) -> Self {
-        let least_px = if one_surface { 64.0 } else { 16.0 };
-        Self::reaching(size, reach_px, ((reach_px / 3.0).ceil().max(least_px) as u32).next_power_of_two())
+        let min_px = if one_surface { 64.0 } else { 16.0 };
+        Self::reaching(size, reach_px, ((reach_px / 3.0).ceil().max(min_px) as u32).next_power_of_two())
     }
 
     /// Tiles of which all parts of a photograph are multiples.

@@ -10,7 +10,7 @@ use statrs::distribution::{ContinuousCDF, Normal};
 
 use crate::camera::{NoiseProfile, side_tap};
 use crate::fit::cholesky::correlation_factor;
-use crate::gpu::{Gpu, Recorder, Shader, Texture};
+use crate::gpu::{Gpu, PassRecorder, Shader, Texture};
 pub use crate::hash::pcg3d;
 use crate::pixels::Rect;
 
@@ -81,11 +81,11 @@ impl Pattern {
     }
 
     /// The pattern at the points of a rectangle.
-    pub fn texture(&self, recorder: &mut Recorder, lattice: Rect) -> Texture {
+    pub fn texture(&self, recorder: &mut PassRecorder, lattice: Rect) -> Texture {
         if recorder.gpu.software() { self.on_cpu(recorder, lattice) } else { self.on_gpu(recorder, lattice) }
     }
 
-    fn on_gpu(&self, recorder: &mut Recorder, lattice: Rect) -> Texture {
+    fn on_gpu(&self, recorder: &mut PassRecorder, lattice: Rect) -> Texture {
         let [x, y, z] = self.key;
         let white = WhiteUniform { key: [x, y, z, 0], origin: [lattice.x0 - 1, lattice.y0 - 1] };
         let around = (lattice.width() + 2, lattice.height() + 2);
@@ -102,7 +102,7 @@ impl Pattern {
         pattern
     }
 
-    fn on_cpu(&self, recorder: &mut Recorder, lattice: Rect) -> Texture {
+    fn on_cpu(&self, recorder: &mut PassRecorder, lattice: Rect) -> Texture {
         let pattern = recorder.pool.lend(&recorder.gpu, (lattice.width(), lattice.height()), FORMAT);
         let texel = size_of::<[i16; 4]>() as u32;
         let stride = (lattice.width() * texel).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
@@ -173,7 +173,7 @@ mod tests {
 
     #[test]
     fn pattern_of_the_shaders_equals_that_of_the_cpu() {
-        let mut recorder = Recorder::new(Gpu::open().expect("an adapter"));
+        let mut recorder = PassRecorder::new(Gpu::open().expect("an adapter"));
         let lattice = Rect::new(-7, 11, 70, 52);
         let profile = |neighbour_correlation| NoiseProfile {
             example: None,

@@ -301,7 +301,7 @@ mod tests {
         (0..192 * 128).map(|_| 128.0 + 6.0 * normals.next()).collect()
     }
 
-    fn found(values: &[f64], mask: Option<&[bool]>) -> Vec<TileMatch> {
+    fn matches_of(values: &[f64], mask: Option<&[bool]>) -> Vec<TileMatch> {
         let codes = values.iter().flat_map(|v| [v.round() as u8; 3]).collect();
         let pixels = Pixels::from_u8(192, 128, codes).unwrap();
         let source = PatchSource { mask, ..PatchSource::new(&pixels) };
@@ -319,7 +319,7 @@ mod tests {
             }
         }
         // The copy contains the tile at (128, 64) but for its upper 6 rows.
-        let all = found(&values, None);
+        let all = matches_of(&values, None);
         let repeats: Vec<_> = all.iter().filter(|tile| tile.is_repeat()).collect();
         let tile = repeats.iter().find(|tile| tile.origin_px == [128, 64]).unwrap();
         assert_eq!(tile.match_px, [17, 14], "{tile:?}");
@@ -329,7 +329,7 @@ mod tests {
     #[test]
     fn independent_noise_has_no_repeats() {
         for seed in 2..6 {
-            let all = found(&noise(seed), None);
+            let all = matches_of(&noise(seed), None);
             assert_eq!(all.len(), 24);
             assert!(all.iter().all(|tile| !tile.is_repeat() && !tile.is_textured), "{all:?}");
         }
@@ -340,7 +340,7 @@ mod tests {
         let with = |content: fn(usize) -> f64| {
             let mut values = noise(7);
             values.iter_mut().enumerate().for_each(|(i, v)| *v += content(i % 192));
-            found(&values, None)
+            matches_of(&values, None)
         };
         let stripes = with(|x| if x % 8 < 4 { 20.0 } else { 0.0 });
         assert!(stripes.iter().all(|tile| !tile.is_repeat()), "{stripes:?}");
@@ -358,7 +358,7 @@ mod tests {
                 values[(64 + y) * 192 + 128 + x] = values[y * 192 + x];
             }
         }
-        let tile = |mask: Option<&[bool]>| found(&values, mask)[0];
+        let tile = |mask: Option<&[bool]>| matches_of(&values, mask)[0];
         assert_eq!((tile(None).match_px, tile(None).is_repeat()), ([128, 64], true));
         let mask: Vec<bool> = (0..192 * 128).map(|i| i != 70 * 192 + 140).collect();
         assert!(!tile(Some(&mask)).is_repeat());

@@ -114,12 +114,12 @@ impl BinaryReader<'_> {
     }
 
     fn take<const N: usize>(&mut self, name: &str) -> Result<[u8; N], RecordingError> {
-        let Some(found) = self.bytes[self.at..].first_chunk() else {
+        let Some(bytes) = self.bytes[self.at..].first_chunk() else {
             let left = self.left();
             return Err(self.error(format!("{name} needs {N} bytes, {left} are left: the file is cut off; {REMEDY}")));
         };
         self.at += N;
-        Ok(*found)
+        Ok(*bytes)
     }
 
     fn u32(&mut self, name: &str) -> Result<u32, RecordingError> {
@@ -148,11 +148,11 @@ impl BinaryReader<'_> {
     fn count(&mut self, things: &str, min_bytes: usize) -> Result<u64, RecordingError> {
         let before = self.at;
         let count = self.u64(&format!("the number of {things}"))?;
-        let most = (self.left() / min_bytes) as u64;
-        if count > most {
+        let max_count = (self.left() / min_bytes) as u64;
+        if count > max_count {
             let left = self.left();
             let problem = format!(
-                "the number of {things} is {count}, and the {left} bytes left hold at most {most}: the file is cut off \
+                "the number of {things} is {count}, and the {left} bytes left hold at most {max_count}: the file is cut off \
                  or damaged; {REMEDY}"
             );
             return Err(FilePosition::Byte(before).error(self.file, problem));
@@ -223,7 +223,7 @@ mod tests {
         }
     }
 
-    /// A landmark with so many images.
+    /// A landmark with `images` images.
     fn landmark(number: u64, at: [f64; 3], images: u64) -> Written {
         let Written(mut bytes) = Written::default().u64(number).numbers(&at);
         bytes.extend([9, 8, 7]);
@@ -316,14 +316,14 @@ mod tests {
     #[test]
     fn image_refusals_name_file_and_byte() {
         let one = |pose, name: &[u8]| Written::default().u64(1).image(pose, name);
-        let lost = [1.0, 0.0, 0.0, 0.0, 0.0, f64::INFINITY, 0.0];
+        let infinite = [1.0, 0.0, 0.0, 0.0, 0.0, f64::INFINITY, 0.0];
         let mut unended = one(UNTURNED, &[b'a'; 40]);
         unended.0.truncate(110);
         let mut points = one(UNTURNED, b"a.png");
         points.0.truncate(78);
         let twice = Written::default().u64(2).image(UNTURNED, b"a.png").image(UNTURNED, b"a.png");
         for (file, said) in [
-            (one(lost, b"a.png"), "images.bin, byte 52: TY is inf; a finite number is needed"),
+            (one(infinite, b"a.png"), "images.bin, byte 52: TY is inf; a finite number is needed"),
             (one([0.5; 7].map(|v| v * 0.5), b"a.png"), "images.bin, byte 8: the quaternion has length 0.5"),
             (one(UNTURNED, b""), "images.bin, byte 8: NAME is missing"),
             (one(UNTURNED, &[0xff]), "images.bin, byte 72: NAME is `"),

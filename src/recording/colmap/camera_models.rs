@@ -80,14 +80,14 @@ impl ColmapCameraModel {
 
     /// The supported model of a number in a binary file.
     pub fn numbered(number: i32) -> Result<&'static Self, String> {
-        let Some(found) = usize::try_from(number).ok().and_then(|index| CAMERA_MODELS.get(index)) else {
+        let Some(model) = usize::try_from(number).ok().and_then(|index| CAMERA_MODELS.get(index)) else {
             let last = CAMERA_MODELS.len() - 1;
             return Err(format!(
                 "the camera model has the number {number}; expected 0 to {last}: the file is damaged, or of a newer \
                  COLMAP; export the model as text: colmap model_converter --output_type TXT"
             ));
         };
-        if found.is_supported() { Ok(found) } else { Err(refusal(found.name)) }
+        if model.is_supported() { Ok(model) } else { Err(refusal(model.name)) }
     }
 
     fn is_supported(&self) -> bool {
@@ -170,8 +170,8 @@ mod tests {
             (lens(OpencvRational, 0.02, 0.03), "FULL_OPENCV"),
             (lens(LensModel::OpencvFisheye, 0.02, 0.03), "OPENCV_FISHEYE"),
         ] {
-            let (found, parameters) = camera_parameters(&geometry).unwrap();
-            assert_eq!(found, name);
+            let (model, parameters) = camera_parameters(&geometry).unwrap();
+            assert_eq!(model, name);
             let size = [f64::from(intrinsics.width_px), f64::from(intrinsics.height_px)];
             let read = ColmapCameraModel::named(name).unwrap().geometry(size, &parameters).unwrap();
             assert_eq!(read, geometry);

@@ -93,8 +93,8 @@ fn cameras_without_a_pose_are_counted() {
     );
     let rig = CAMERAS.replace("sensor_id=\"7\"", "sensor_id=\"7\" master_id=\"0\"");
     assert!(read(&rig).unwrap().warnings[0].contains("1 of a rig, placed relative to another camera"));
-    let lost = CAMERAS.replacen(MATRIX, &MATRIX.replace('1', "nan"), 2).replace(" enabled=\"false\"", "");
-    let error = read(&lost).unwrap_err();
+    let invalid = CAMERAS.replacen(MATRIX, &MATRIX.replace('1', "nan"), 2).replace(" enabled=\"false\"", "");
+    let error = read(&invalid).unwrap_err();
     assert!(
         error.contains("none of its 3 cameras is aligned (1 not aligned, 2 with a pose that is not finite"),
         "{error}"
@@ -178,7 +178,7 @@ fn geocentric_world_becomes_east_north_and_up() {
 
 #[test]
 fn refusals_name_line_sensor_and_remedy() {
-    for (from, to, told) in [
+    for (from, to, expected) in [
         ("<document version=\"2.0.0\">", "<document", "cameras.xml, line 3: is damaged or cut off"),
         ("document", "settings", "cameras.xml, line 2: has the root <settings> and no <chunk>; expected <document>"),
         ("<f>1000</f>", "", "cameras.xml, line 5: sensor wide: its calibration has no focal length f"),
@@ -215,7 +215,7 @@ fn refusals_name_line_sensor_and_remedy() {
             _ => CAMERAS.replacen(from, to, if from == "document" { 2 } else { 1 }),
         };
         let error = read(&text).unwrap_err();
-        assert!(error.starts_with(told), "{to}: {error}");
+        assert!(error.starts_with(expected), "{to}: {error}");
     }
     for length in (0..CAMERAS.len() - 12).step_by(13) {
         assert!(read(&CAMERAS[..length]).unwrap_err().starts_with("cameras.xml, line "));

@@ -168,7 +168,7 @@ mod tests {
         ] {
             assert_eq!(read(text).unwrap(), [500.0, 501.0, 320.0, 240.0], "{text}");
         }
-        for (text, told) in [
+        for (text, expected) in [
             ("", "K.txt, line 1: holds 0 numbers; expected a 3×3"),
             ("# c\n500 0 320\n0 501 240\n0 0", "K.txt, line 2: holds 8 numbers; expected a 3×3"),
             ("500 0 320\n0 501 240\n0 0 2", "K.txt, line 1: is not a camera matrix"),
@@ -176,13 +176,13 @@ mod tests {
             ("500 nan 320\n0 501 240\n0 0 1", "K.txt, line 1: holds NaN; expected"),
             ("500 x 320", "K.txt, line 1: holds `x`; numbers are expected"),
         ] {
-            assert!(read(text).unwrap_err().starts_with(told), "{}", read(text).unwrap_err());
+            assert!(read(text).unwrap_err().starts_with(expected), "{}", read(text).unwrap_err());
         }
     }
 
     #[test]
     fn refusals_name_file_and_line() {
-        for (text, told) in [
+        for (text, expected) in [
             ("1 2 3", "poses.txt, line 1: holds 3 numbers; a pose is a matrix of 12 or 16"),
             ("\n0 1 2 3 0 0 0 1", "poses.txt, line 2: holds 8 numbers, as a TUM trajectory"),
             ("1 0 0 0 0 1 0 0 0 0 1 0 1 2 3 1", "poses.txt, line 1: the last row of the pose must be 0 0 0 1"),
@@ -191,7 +191,7 @@ mod tests {
             ("1 0 0 y 0 1 0 0 0 0 1 0", "poses.txt, line 1: holds `y`; numbers are expected"),
         ] {
             let error = list(text).unwrap_err();
-            assert!(error.starts_with(told), "{error}");
+            assert!(error.starts_with(expected), "{error}");
         }
     }
 

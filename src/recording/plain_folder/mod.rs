@@ -284,8 +284,8 @@ mod tests {
     fn files_are_matched_by_the_last_number_or_by_order() {
         let files = |names: &[&str]| names.iter().map(PathBuf::from).collect::<Vec<_>>();
         let of = |pictures: &[&str], others: &[&str]| {
-            matched(&files(pictures), &files(others), Path::new("pose"), Path::new("rgb")).map(|found| {
-                found.into_iter().map(|file| file.map(|file| file.display().to_string())).collect::<Vec<_>>()
+            matched(&files(pictures), &files(others), Path::new("pose"), Path::new("rgb")).map(|pairs| {
+                pairs.into_iter().map(|file| file.map(|file| file.display().to_string())).collect::<Vec<_>>()
             })
         };
         let some = |names: &[&str]| names.iter().map(|name| Some((*name).to_owned())).collect::<Vec<_>>();

@@ -223,9 +223,9 @@ mod tests {
         assert!(
             is_export(&format!("#cameras 1\r\n{HEADER}\r\n")) && is_export(newer) && !is_export("timestamp,x,y,alt")
         );
-        let ExportLine { pose: found, camera, line } = &old[0].data;
+        let ExportLine { pose: old_pose, camera, line } = &old[0].data;
         assert_eq!((old[0].label.as_str(), old[0].line, *line), ("a b.jpg", 3, 3));
-        assert_eq!(*found, Some(pose(DVec3::new(1.0, 2.0, 3.0), [10.0, 20.0, 30.0])));
+        assert_eq!(*old_pose, Some(pose(DVec3::new(1.0, 2.0, 3.0), [10.0, 20.0, 30.0])));
         let camera = camera.unwrap();
         assert_eq!((camera.focal_35mm, camera.principal_point), (18.0, [0.01, -0.02]));
         assert_eq!(camera.distortion, [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
@@ -234,13 +234,13 @@ mod tests {
         let semicolons = read(&format!("{HEADER}\n{row}\n").replace(',', ";")).unwrap();
         assert_eq!(semicolons[0].data, new[0].data);
         let bare = read("#name,x,y,alt,heading,pitch,roll\na.jpg,1,2,3,10,20,30").unwrap();
-        assert_eq!((bare[0].data.pose, bare[0].data.camera), (*found, None));
+        assert_eq!((bare[0].data.pose, bare[0].data.camera), (*old_pose, None));
     }
 
     #[test]
     fn refusals_name_line_and_column() {
         let row = "a.jpg,1,2,3,10,20,30,18,0,0,1,2,3,4,5,6";
-        for (text, told) in [
+        for (text, expected) in [
             ("", "c.csv, line 1: the header is missing"),
             ("#name,x,y,alt,omega,phi,kappa\n", "c.csv, line 1: the header has no heading, pitch, roll; export"),
             (&format!("{HEADER}\n{}", &row[..20]), "c.csv, line 2: holds 7 of 16 values; the file is cut off"),
@@ -249,7 +249,7 @@ mod tests {
             (&format!("{HEADER}\n{}", &row[5..]).replacen('\n', "\n,", 1), "c.csv, line 2: the picture's name is"),
         ] {
             let error = read(text).unwrap_err();
-            assert!(error.starts_with(told), "{error}");
+            assert!(error.starts_with(expected), "{error}");
         }
         let (lines, warnings) =
             parse(&format!("{HEADER}\n{}", row.replace("20", "nan")), Path::new("c.csv"), 1.0).unwrap();

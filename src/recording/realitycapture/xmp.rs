@@ -211,7 +211,7 @@ mod tests {
 
     #[test]
     fn refusals_name_the_line_and_the_value() {
-        for (from, to, told) in [
+        for (from, to, expected) in [
             ("brown3t2", "division", "a.xmp, line 3: xcr:DistortionModel is division; expected perspective, brown3"),
             ("\"absolute\"", "\"relative\"", "a.xmp, line 3: xcr:Coordinates is relative; expected absolute"),
             ("\"24.5\"", "\"x\"", "a.xmp, line 3: xcr:FocalLength35mm holds `x`; expected a number"),
@@ -222,7 +222,7 @@ mod tests {
             ("xcr/1.1#", "xcr/2#", "a.xmp, line 1: has no rdf:Description with xcr: values"),
         ] {
             let error = read(&SIDECAR.replacen(from, to, 1)).unwrap_err();
-            assert!(error.starts_with(told), "{error}");
+            assert!(error.starts_with(expected), "{error}");
         }
         for length in (0..SIDECAR.len()).step_by(7) {
             assert!(read(&SIDECAR[..length]).unwrap_err().starts_with("a.xmp, line "));

@@ -30,10 +30,10 @@ pub(super) struct GeometryBuilder {
 
 impl GeometryBuilder {
     /// Reserves memory for `count` more positions, which a file announces, and which its length
-    /// limits to `most`.
-    pub fn reserve(&mut self, count: u64, most: u64) {
+    /// limits to `max_count`.
+    pub fn reserve(&mut self, count: u64, max_count: u64) {
         let room = MAX_COUNT.saturating_sub(self.len()) as u64;
-        self.positions.reserve_exact(count.min(most).min(room) as usize);
+        self.positions.reserve_exact(count.min(max_count).min(room) as usize);
     }
 
     /// Number of positions so far.
@@ -180,7 +180,8 @@ impl GeometryBuilder {
     }
 
     fn warn_of_precision(&mut self) {
-        let farthest = self.positions.iter().fold(Vec3::ZERO, |most, position| most.max(position.abs())).max_element();
+        let farthest =
+            self.positions.iter().fold(Vec3::ZERO, |largest, position| largest.max(position.abs())).max_element();
         if farthest >= MAX_PRECISE {
             let steps = f64::from(farthest.next_up() - farthest);
             self.warnings.push(format!(

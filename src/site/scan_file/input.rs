@@ -113,13 +113,13 @@ impl<'a> Input<'a> {
 
     /// Checks that `count` records of at least `min_bytes` each fit into the rest of the file.
     pub fn check_count(&self, count: u64, min_bytes: u64, records: &str) -> Result<(), ScanError> {
-        let most = self.left() / min_bytes.max(1);
-        if count <= most {
+        let max_count = self.left() / min_bytes.max(1);
+        if count <= max_count {
             return Ok(());
         }
         let left = self.left();
         let problem = format!(
-            "the number of {records} is {count}, and the {left} bytes left hold at most {most}: the file is cut off"
+            "the number of {records} is {count}, and the {left} bytes left hold at most {max_count}: the file is cut off"
         );
         Err(self.byte_error(problem))
     }

@@ -85,11 +85,11 @@ fn check_chunk_table(input: &mut Input<'_>, header: &LasHeader) -> Result<(), Sc
     input.seek(table_at)?;
     input.array::<4>("the version of the chunk table")?;
     let chunks = u64::from(u32::from_le_bytes(input.array("the number of chunks")?));
-    let most = (table_at - header.points_at) / u64::from(header.point_bytes);
-    if chunks <= most {
+    let max_chunks = (table_at - header.points_at) / u64::from(header.point_bytes);
+    if chunks <= max_chunks {
         return Ok(());
     }
-    Err(input.byte_error(format!("the number of chunks is {chunks}, and at most {most} fit into the file")))
+    Err(input.byte_error(format!("the number of chunks is {chunks}, and at most {max_chunks} fit into the file")))
 }
 
 /// Layers of a chunk.

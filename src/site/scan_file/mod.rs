@@ -87,11 +87,12 @@ fn read_unguarded(path: &Path) -> Result<ScanGeometry, ScanError> {
     if format.magic.is_empty() {
         return (format.read)(input);
     }
-    let [magic, found] = [format.magic, &start[..start.len().min(format.magic.len())]].map(String::from_utf8_lossy);
+    let [magic, start_text] =
+        [format.magic, &start[..start.len().min(format.magic.len())]].map(String::from_utf8_lossy);
     let problem = format!(
         "it is not a file of {}, which starts with `{magic}`; this one starts with `{}`: {}",
         format.name,
-        quoted(&found),
+        quoted(&start_text),
         input::REMEDY
     );
     Err(ScanError::unsupported(path, problem))

@@ -53,7 +53,7 @@ pub(super) fn read(mut input: Input<'_>) -> Result<ScanGeometry, ScanError> {
     builder.finish(input.file)
 }
 
-/// Index from 0 of a face's corner such as `3`, `-1` or `3/1/2`, after so many vertices.
+/// Index from 0 of a face's corner such as `3`, `-1` or `3/1/2`, after `vertices` vertices.
 fn vertex(word: &[u8], vertices: usize) -> Option<u32> {
     let word = word.split(|byte| *byte == b'/').next()?;
     let number: i64 = str::from_utf8(word).ok()?.parse().ok()?;

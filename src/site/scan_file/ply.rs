@@ -171,14 +171,16 @@ fn read_vertices(
     let axes: Vec<Option<usize>> =
         element.properties.iter().map(|p| axis(&p.name).filter(|_| p.length.is_none())).collect();
     if let Some(n) = (0..3).find(|n| !axes.contains(&Some(*n))) {
-        let (missing, found) = (COORDINATES[n], quoted(&element.property_names()));
-        return Err(values.error(format!("the vertices have no coordinate `{missing}`; their properties are: {found}")));
+        let (missing, properties) = (COORDINATES[n], quoted(&element.property_names()));
+        return Err(
+            values.error(format!("the vertices have no coordinate `{missing}`; their properties are: {properties}"))
+        );
     }
     if element.properties.iter().any(|property| property.name == SPLAT_PROPERTY) {
         let warning = "the file holds Gaussian splats; their centres are read as points and need not lie on surfaces";
         builder.warnings.push(warning.to_owned());
     }
-    // The caller has checked that so many fit into the file.
+    // The caller has checked that this number of elements fits into the file.
     builder.reserve(element.count, element.count);
     for _ in 0..element.count {
         values.start_record()?;

@@ -158,8 +158,11 @@ fn unusual_and_unknown_transfer_functions_are_reported() {
     let cinema = Presentation { transfer: Some("smpte428"), ..Presentation::default() };
     assert_eq!((cinema.response().curve, cinema.response().gamma), (Curve::Gamma, 2.6));
     let hlg = Presentation { transfer: Some("arib-std-b67"), ..Presentation::default() };
-    let lost = hlg.lost_without_tags().unwrap();
-    assert!(lost.starts_with("is tagged: it is in HLG (high dynamic range); recorded pictures lose the"), "{lost}");
+    let warning = hlg.lost_without_tags().unwrap();
+    assert!(
+        warning.starts_with("is tagged: it is in HLG (high dynamic range); recorded pictures lose the"),
+        "{warning}"
+    );
     assert_eq!(Presentation::default().lost_without_tags(), None);
     let (kept, warning) = matrix_and_warning("odd");
     assert!(kept.is_none() && warning.contains("the unknown transfer function odd"), "{warning}");

@@ -8,7 +8,7 @@ fn timed_item(time_s: f64, arrived_s: f64, sequence: Option<u32>) -> TimedItem<(
 }
 
 fn out(buffer: &mut ReorderBuffer<()>, now_s: f64) -> Vec<(u32, f64, u32)> {
-    std::iter::from_fn(|| buffer.pop(now_s)).map(|r| (r.epoch, r.timed.time_s, r.lost)).collect()
+    std::iter::from_fn(|| buffer.pop(now_s)).map(|r| (r.epoch, r.timed.time_s, r.missed)).collect()
 }
 
 #[test]
@@ -110,7 +110,7 @@ fn clock_set_forward_is_followed_with_the_third_item() {
 
 /// Outcome of poses at 100 Hz, late by up to 3 ms, as the clock is stepped.
 struct Step {
-    lost: usize,
+    missed: usize,
     /// Released with the time of another.
     mistimed: usize,
     /// Index (from 1) of the sample at which the step is reported, and the reported step,
@@ -120,7 +120,7 @@ struct Step {
 
 fn stepped(by_s: f64, is_numbered: bool) -> Step {
     let mut buffer = ReorderBuffer::new(0.02);
-    let (mut given, mut mistimed, mut reported) = (0, 0, None);
+    let (mut released_count, mut mistimed, mut reported) = (0, 0, None);
     let mut random = 1_u32;
     for i in 0..600 {
         random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -136,12 +136,12 @@ fn stepped(by_s: f64, is_numbered: bool) -> Step {
         }
         let now_s = if i == 599 { 99.0 } else { arrived_s };
         for released in std::iter::from_fn(|| buffer.pop(now_s)) {
-            given += 1;
+            released_count += 1;
             let off_s = released.timed.time_s + released.offset_s - released.timed.item;
             mistimed += usize::from(off_s.abs() > 0.005);
         }
     }
-    Step { lost: 600 - given, mistimed, reported }
+    Step { missed: 600 - released_count, mistimed, reported }
 }
 
 #[test]
@@ -150,8 +150,8 @@ fn clock_step_loses_and_mistimes_no_pose() {
         // Without numbers a step as long as the wait resembles overtaken items.
         let small_s = if is_numbered { -0.03 } else { -0.05 };
         for by_s in [-3.0, -0.5, -0.05, small_s, 0.1, 2.0] {
-            let Step { lost, mistimed, reported } = stepped(by_s, is_numbered);
-            assert_eq!((lost, mistimed), (0, 0), "{by_s} s, numbered: {is_numbered}");
+            let Step { missed, mistimed, reported } = stepped(by_s, is_numbered);
+            assert_eq!((missed, mistimed), (0, 0), "{by_s} s, numbered: {is_numbered}");
             let (sample, told_s) = reported.unwrap();
             assert!(sample <= 3 && (told_s - by_s).abs() < 0.004, "{by_s} s: {told_s} s with sample {sample}");
         }

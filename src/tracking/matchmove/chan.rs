@@ -144,7 +144,7 @@ mod tests {
 
     #[test]
     fn mistakes_name_the_line() {
-        for (text, found) in [
+        for (text, expected) in [
             ("", "a.chan, line 1: has no lines"),
             ("1 0 0 0 0 0\n", "a.chan, line 1: rz is missing (a line is `frame tx ty tz rx ry rz vfov`)"),
             ("1 0 0 0 0 0 0 40\n2 0 0 x 0 0 0 40\n", "a.chan, line 2: tz is `x`"),
@@ -153,7 +153,7 @@ mod tests {
             ("1 0 0 nan 0 0 0\n", "a.chan, line 1: tz is `nan`"),
         ] {
             let error = parse(text, Path::new("a.chan")).unwrap_err().to_string();
-            assert!(error.starts_with(found), "{error}");
+            assert!(error.starts_with(expected), "{error}");
         }
     }
 

@@ -213,12 +213,12 @@ mod tests {
             ("/accessors/1/componentType", json!(5123), "accessors[1] is not VEC3 of 32-bit floats"),
             ("/buffers/0/uri", json!("../a.bin"), "buffers[0].uri is ../a.bin; expected a file beside it"),
         ];
-        for (pointer, value, found) in changes {
+        for (pointer, value, expected) in changes {
             let mut json = document();
             *json.pointer_mut(pointer).unwrap() = value;
             match read_json(&json) {
-                Ok(_) => assert!(found.is_empty(), "{pointer}"),
-                Err(error) => assert!(!found.is_empty() && error.contains(found), "{error}"),
+                Ok(_) => assert!(expected.is_empty(), "{pointer}"),
+                Err(error) => assert!(!expected.is_empty() && error.contains(expected), "{error}"),
             }
         }
         let mut json = document();

@@ -34,13 +34,13 @@ struct PlacedCamera<'a> {
     parents: Vec<&'a UsdPrim>,
 }
 
-fn cameras<'a>(prims: &'a [UsdPrim], parents: &[&'a UsdPrim], found: &mut Vec<PlacedCamera<'a>>) {
+fn cameras<'a>(prims: &'a [UsdPrim], parents: &[&'a UsdPrim], placed: &mut Vec<PlacedCamera<'a>>) {
     for prim in prims {
         if prim.kind == "Camera" {
-            found.push(PlacedCamera { camera: prim, parents: parents.to_vec() });
+            placed.push(PlacedCamera { camera: prim, parents: parents.to_vec() });
         }
         let parents: Vec<&UsdPrim> = parents.iter().copied().chain([prim]).collect();
-        cameras(&prim.children, &parents, found);
+        cameras(&prim.children, &parents, placed);
     }
 }
 
@@ -152,7 +152,7 @@ def Xform "rig"
     #[test]
     fn layers_without_a_usable_camera_are_refused() {
         let order = "uniform token[] xformOpOrder";
-        for (text, found) in [
+        for (text, expected) in [
             ("#usda 1.0\ndef Xform \"a\" {}".to_owned(), "has no prim of type Camera"),
             ("#usda 1.0\ndef Camera \"a\" {}".to_owned(), "the camera a has no time samples"),
             (
@@ -163,7 +163,7 @@ def Xform "rig"
             (LAYER.replace("0.01", "0"), "metersPerUnit is not"),
         ] {
             let (_, problem) = parse(&text).unwrap_err();
-            assert!(problem.starts_with(found), "{problem}");
+            assert!(problem.starts_with(expected), "{problem}");
         }
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("a.usd");

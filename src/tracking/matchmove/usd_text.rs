@@ -193,8 +193,8 @@ impl<'a> Parser<'a> {
     fn quoted(&self, rest: &'a str) -> Result<(Lexeme<'a>, usize), UsdTextError> {
         let quote = ["\"\"\"", "'''", "\"", "'"].into_iter().find(|quote| rest.starts_with(quote)).unwrap_or("\"");
         let mut from = quote.len();
-        while let Some(found) = rest[from..].find(['\\', quote.chars().next().unwrap_or('"')]) {
-            let at = from + found;
+        while let Some(offset) = rest[from..].find(['\\', quote.chars().next().unwrap_or('"')]) {
+            let at = from + offset;
             if rest[at..].starts_with('\\') {
                 // The escaped character.
                 from = at + 1 + rest[at + 1..].chars().next().map_or(0, char::len_utf8);
@@ -334,10 +334,10 @@ impl<'a> Parser<'a> {
         if self.lexeme == Lexeme::Sign('(') {
             self.metadata(depth + 1)?;
         }
-        match properties.iter_mut().find(|known| known.name == base) {
-            Some(known) => {
-                known.value = property.value.or(known.value.take());
-                known.samples = property.samples.or(known.samples.take());
+        match properties.iter_mut().find(|existing| existing.name == base) {
+            Some(existing) => {
+                existing.value = property.value.or(existing.value.take());
+                existing.samples = property.samples.or(existing.samples.take());
             }
             None => properties.push(property),
         }
@@ -464,7 +464,7 @@ over "shot" (prepend apiSchemas = ["A"]
 
     #[test]
     fn mistakes_name_the_line() {
-        for (text, line, found) in [
+        for (text, line, expected) in [
             ("", 1, "does not begin with `#usda 1.0`"),
             ("#usda 1.0\ndef \"a\" {", 2, "found the end of the file; expected `}`"),
             ("#usda 1.0\n\ndef Xform a {}", 3, "found `a`; expected the prim's name in quotes"),
@@ -473,7 +473,7 @@ over "shot" (prepend apiSchemas = ["A"]
             ("#usda 1.0\ndef \"a", 2, "the text in quotes has no end"),
         ] {
             let (at, problem) = parse(text).unwrap_err();
-            assert!(at == line && problem.starts_with(found), "{at}: {problem}");
+            assert!(at == line && problem.starts_with(expected), "{at}: {problem}");
         }
         let deep = format!("#usda 1.0\ndef \"a\" {{ float f = {} }}", "[".repeat(100_000));
         assert!(parse(&deep).unwrap_err().1.contains("nested deeper"));

@@ -9,7 +9,7 @@ use super::errors;
 use super::system::System;
 use crate::webcam::buffer;
 use crate::webcam::clock::monotonic_s;
-use crate::webcam::driver::{Capture, DriverPicture};
+use crate::webcam::driver::{DriverPicture, DriverStream};
 use crate::webcam::picture::PictureFormat;
 
 /// The numbers of the cameras that this program has open.
@@ -64,7 +64,7 @@ impl NokhwaCapture {
     }
 }
 
-impl Capture for NokhwaCapture {
+impl DriverStream for NokhwaCapture {
     fn next(&mut self) -> Result<Option<DriverPicture>, String> {
         if !self.camera.is_stream_open() {
             self.camera.open_stream().map_err(|error| errors::stopped(&error))?;
@@ -80,7 +80,7 @@ impl Capture for NokhwaCapture {
             stamp: self.system.stamp(buffer.capture_timestamp()),
             arrived_s,
             exposure_s: None,
-            lost: 0,
+            dropped_frames: 0,
             is_damaged: !is_agreed,
         }))
     }

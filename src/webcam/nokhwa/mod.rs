@@ -18,7 +18,7 @@ use self::capture::NokhwaCapture;
 use self::system::System;
 use super::camera_id::number;
 use super::choose;
-use super::driver::{Capture, Driver};
+use super::driver::{Driver, DriverStream};
 use super::driver_name::DriverName;
 use super::error::CameraError;
 use super::list::CameraListing;
@@ -83,7 +83,11 @@ impl Driver for Nokhwa {
         same.or_else(|| by_name.next()).map(|camera| camera.number.to_string())
     }
 
-    fn open(&self, id: &str, requested: &FormatRequest) -> Result<(Box<dyn Capture>, NegotiatedFormat), CameraError> {
+    fn open(
+        &self,
+        id: &str,
+        requested: &FormatRequest,
+    ) -> Result<(Box<dyn DriverStream>, NegotiatedFormat), CameraError> {
         let cameras = system_cameras()?;
         let names = || cameras.iter().map(|camera| format!("{} ({})", camera.number, camera.name)).collect();
         let camera = cameras.iter().find(|camera| Some(camera.number) == number(id));

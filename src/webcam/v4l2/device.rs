@@ -9,10 +9,10 @@ use v4l::io::mmap::Stream;
 use v4l::io::traits::CaptureStream;
 use v4l::{Device, Timestamp};
 
-use super::negotiate::{self, agree, asked, name_of, names, open, path_of, why};
+use super::negotiate::{self, agree, name_of, names, open, path_of, query, why};
 use crate::webcam::camera_id::number;
 use crate::webcam::clock::monotonic_s;
-use crate::webcam::driver::{Capture, Driver, DriverPicture, Stamp};
+use crate::webcam::driver::{Driver, DriverPicture, DriverStream, Stamp};
 use crate::webcam::driver_name::DriverName;
 use crate::webcam::error::CameraError;
 use crate::webcam::list::CameraListing;
@@ -63,7 +63,11 @@ impl Driver for V4l2 {
         negotiate::find(number(id)?, name).map(|number| number.to_string())
     }
 
-    fn open(&self, id: &str, requested: &FormatRequest) -> Result<(Box<dyn Capture>, NegotiatedFormat), CameraError> {
+    fn open(
+        &self,
+        id: &str,
+        requested: &FormatRequest,
+    ) -> Result<(Box<dyn DriverStream>, NegotiatedFormat), CameraError> {
         let none = || CameraError::None { name: id.to_owned(), cameras: names() };
         let number = number(id).ok_or_else(none)?;
         let path = path_of(number);
@@ -73,7 +77,7 @@ impl Driver for V4l2 {
         let device = open(&path)?;
         let (picture_format, rate_hz) = agree(&device, &path, requested)?;
         // Another program that takes pictures is found here.
-        let stream = asked(|| Stream::with_buffers(&device, Type::VideoCapture, BUFFERS));
+        let stream = query(|| Stream::with_buffers(&device, Type::VideoCapture, BUFFERS));
         let stream = stream.map_err(|error| why(&path, error))?;
         let exposure_s = exposure(&device);
         let negotiated = NegotiatedFormat {
@@ -92,7 +96,7 @@ impl Driver for V4l2 {
     }
 }
 
-impl Capture for V4l2Capture {
+impl DriverStream for V4l2Capture {
     fn next(&mut self) -> Result<Option<DriverPicture>, String> {
         if self.exposure_s.is_some() && self.exposure_read.is_none_or(|at| at.elapsed() > EXPOSURE_EVERY) {
             self.exposure_read = Some(Instant::now());
@@ -102,7 +106,7 @@ impl Capture for V4l2Capture {
         self.stream.set_timeout(limit);
         let (bytes, metadata) = self.stream.next().map_err(|error| stopped(&error, limit))?;
         let arrived_s = monotonic_s();
-        let lost = self.stamps.lost(metadata.sequence, arrived_s);
+        let dropped_frames = self.stamps.dropped_frames(metadata.sequence, arrived_s);
         // Drivers that do not report the length have filled the buffer.
         let length = if metadata.bytesused == 0 { bytes.len() } else { metadata.bytesused as usize };
         Ok(Some(DriverPicture {
@@ -111,7 +115,7 @@ impl Capture for V4l2Capture {
             stamp: stamp(metadata),
             arrived_s,
             exposure_s: self.exposure_s,
-            lost,
+            dropped_frames,
             is_damaged: metadata.flags.contains(Flags::ERROR),
         }))
     }
@@ -121,11 +125,11 @@ impl BufferStamps {
     /// Pictures lost since the one before, by the driver's count. A count that goes back has begun
     /// anew, and one that leaps by more pictures than fit into the time is ignored: v4l2loopback's
     /// first picture is always its number 0.
-    fn lost(&mut self, sequence: u32, time_s: f64) -> u64 {
+    fn dropped_frames(&mut self, sequence: u32, time_s: f64) -> u64 {
         let Some((before, before_s)) = self.before.replace((sequence, time_s)) else { return 0 };
-        let lost = f64::from(sequence.checked_sub(before).unwrap_or(1).saturating_sub(1));
-        let most = self.rate_hz.map_or(f64::INFINITY, |rate_hz| 2.0 + 1.5 * (time_s - before_s) * rate_hz);
-        if lost > most { 0 } else { lost as u64 }
+        let gap = f64::from(sequence.checked_sub(before).unwrap_or(1).saturating_sub(1));
+        let max_gap = self.rate_hz.map_or(f64::INFINITY, |rate_hz| 2.0 + 1.5 * (time_s - before_s) * rate_hz);
+        if gap > max_gap { 0 } else { gap as u64 }
     }
 }
 
@@ -140,7 +144,7 @@ fn stamp(metadata: &Metadata) -> Stamp {
 /// Exposure time, seconds, if it was set by hand. Drivers do not report automatic exposure
 /// reliably.
 fn exposure(device: &Device) -> Option<f64> {
-    let value = |id| match asked(|| device.control(id)).ok()?.value {
+    let value = |id| match query(|| device.control(id)).ok()?.value {
         Value::Integer(value) => Some(value),
         _ => None,
     };
@@ -168,11 +172,11 @@ mod tests {
         let mut stamps = BufferStamps { before: None, rate_hz: Some(30.0) };
         let came =
             [(5, 0.0), (6, 0.03), (9, 0.13), (10, 0.16), (0, 0.2), (1, 0.23), (3, 0.3), (1492, 0.34), (1493, 0.37)];
-        let lost: Vec<u64> = came.into_iter().map(|(n, time_s)| stamps.lost(n, time_s)).collect();
-        assert_eq!(lost, [0, 0, 2, 0, 0, 0, 1, 0, 0]);
+        let dropped_frames: Vec<u64> = came.into_iter().map(|(n, time_s)| stamps.dropped_frames(n, time_s)).collect();
+        assert_eq!(dropped_frames, [0, 0, 2, 0, 0, 0, 1, 0, 0]);
         // Without a rate nothing speaks against it.
         let mut stamps = BufferStamps { before: None, rate_hz: None };
-        assert_eq!([(0, 0.0), (1492, 0.04)].map(|(n, time_s)| stamps.lost(n, time_s)), [0, 1491]);
+        assert_eq!([(0, 0.0), (1492, 0.04)].map(|(n, time_s)| stamps.dropped_frames(n, time_s)), [0, 1491]);
     }
 
     #[test]

@@ -34,12 +34,12 @@ const CODES: [(Layout, &[u8; 4]); 6] = [
 const MAX_LISTED_MODES: usize = 200;
 
 fn layout_of(code: FourCC) -> Option<Layout> {
-    CODES.into_iter().find(|(_, known)| **known == code.repr).map(|(layout, _)| layout)
+    CODES.into_iter().find(|(_, other)| **other == code.repr).map(|(layout, _)| layout)
 }
 
 /// Queries the driver. The `v4l` crate panics at values that it does not define; they become
 /// errors.
-pub fn asked<T>(ask: impl FnOnce() -> io::Result<T>) -> io::Result<T> {
+pub fn query<T>(ask: impl FnOnce() -> io::Result<T>) -> io::Result<T> {
     guarded(ask).unwrap_or_else(|_| Err(io::Error::other("its driver's answer is invalid")))
 }
 
@@ -72,7 +72,7 @@ pub fn find(number: usize, name: &str) -> Option<usize> {
 }
 
 fn takes_pictures(device: &Device) -> bool {
-    let capabilities = asked(|| device.query_caps()).map(|caps| caps.capabilities);
+    let capabilities = query(|| device.query_caps()).map(|caps| caps.capabilities);
     capabilities.is_ok_and(|caps| caps.contains(Flags::VIDEO_CAPTURE | Flags::STREAMING))
 }
 
@@ -113,15 +113,15 @@ pub fn names() -> Vec<String> {
 /// Everything that a camera offers.
 fn modes(device: &Device) -> io::Result<Vec<CameraMode>> {
     let mut modes = Vec::new();
-    for format in asked(|| device.enum_formats())? {
-        let sizes = asked(|| device.enum_framesizes(format.fourcc)).unwrap_or_default();
+    for format in query(|| device.enum_formats())? {
+        let sizes = query(|| device.enum_framesizes(format.fourcc)).unwrap_or_default();
         for size in sizes.into_iter().take(MAX_LISTED_MODES) {
             let sizes = match size.size {
                 FrameSizeEnum::Discrete(size) => [(size.width, size.height); 2],
                 FrameSizeEnum::Stepwise(step) => [(step.min_width, step.min_height), (step.max_width, step.max_height)],
             };
             let (width, height) = sizes[0];
-            let intervals = asked(|| device.enum_frameintervals(format.fourcc, width, height)).unwrap_or_default();
+            let intervals = query(|| device.enum_frameintervals(format.fourcc, width, height)).unwrap_or_default();
             let mut rates_hz: Vec<f64> =
                 intervals.into_iter().take(MAX_LISTED_MODES).flat_map(|i| rates(&i.interval)).collect();
             rates_hz.sort_by(f64::total_cmp);
@@ -185,13 +185,13 @@ pub fn agree(
 
 /// Sets the mode that is nearest to one. Returns its format, and its rate, Hz.
 fn set(device: &Device, mode: &ExactMode) -> io::Result<(Format, Option<f64>)> {
-    let formats = asked(|| device.enum_formats())?;
+    let formats = query(|| device.enum_formats())?;
     let code = formats.iter().map(|format| format.fourcc).find(|code| layout_of(*code) == Some(mode.layout));
     let (width, height) = mode.size;
-    let format = asked(|| device.set_format(&Format::new(width, height, code.unwrap_or(FourCC::new(b"YUYV")))))?;
+    let format = query(|| device.set_format(&Format::new(width, height, code.unwrap_or(FourCC::new(b"YUYV")))))?;
     let parameters = Parameters::new(interval(mode.rate_hz));
     // Some drivers have no rates.
-    let rate_hz = asked(|| device.set_params(&parameters)).ok().and_then(|p| rate(p.interval));
+    let rate_hz = query(|| device.set_params(&parameters)).ok().and_then(|p| rate(p.interval));
     Ok((format, rate_hz))
 }
 

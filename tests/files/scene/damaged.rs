@@ -60,11 +60,11 @@ fn is_valid_or_error(result: &Result<locard::scene::Scene, SceneError>) -> bool 
 }
 
 /// All numbers of a JSON in their order.
-fn numbers<'a>(value: &'a mut Value, found: &mut Vec<&'a mut Value>) {
+fn numbers<'a>(value: &'a mut Value, numbers_in: &mut Vec<&'a mut Value>) {
     match value {
-        Value::Number(_) => found.push(value),
-        Value::Array(list) => list.iter_mut().for_each(|v| numbers(v, found)),
-        Value::Object(map) => map.values_mut().for_each(|v| numbers(v, found)),
+        Value::Number(_) => numbers_in.push(value),
+        Value::Array(list) => list.iter_mut().for_each(|v| numbers(v, numbers_in)),
+        Value::Object(map) => map.values_mut().for_each(|v| numbers(v, numbers_in)),
         _ => {}
     }
 }

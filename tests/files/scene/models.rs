@@ -162,8 +162,8 @@ fn texture_transforms_scale_then_rotate_then_translate() {
     assert_eq!(used.uv_set, 1);
     // A quarter turn counter-clockwise on a picture whose v points down: (u, v) → (v, −u).
     let expected = [[0.0, 3.0, 0.5], [-2.0, 0.0, 0.25]];
-    for (found, expected) in used.transform.as_flattened().iter().zip(expected.as_flattened()) {
-        assert!((found - expected).abs() < 1e-6, "{:?}", used.transform);
+    for (actual, expected) in used.transform.as_flattened().iter().zip(expected.as_flattened()) {
+        assert!((actual - expected).abs() < 1e-6, "{:?}", used.transform);
     }
 }
 

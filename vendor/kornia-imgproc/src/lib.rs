@@ -15,11 +15,11 @@ pub mod simd {
     /// Queried from the processor once.
     pub fn cpu_features() -> &'static CpuFeatures {
         static FOUND: OnceLock<CpuFeatures> = OnceLock::new();
-        FOUND.get_or_init(found)
+        FOUND.get_or_init(detected_features)
     }
 
     #[cfg(target_arch = "x86_64")]
-    fn found() -> CpuFeatures {
+    fn detected_features() -> CpuFeatures {
         CpuFeatures {
             has_avx2: std::is_x86_feature_detected!("avx2"),
             has_fma: std::is_x86_feature_detected!("fma"),
@@ -27,7 +27,7 @@ pub mod simd {
     }
 
     #[cfg(not(target_arch = "x86_64"))]
-    fn found() -> CpuFeatures {
+    fn detected_features() -> CpuFeatures {
         CpuFeatures { has_avx2: false, has_fma: false }
     }
 }

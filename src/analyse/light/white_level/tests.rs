@@ -73,26 +73,29 @@ fn clipped_desk_follows_the_exposure_within_its_bounds() {
 fn each_refusal_has_its_reason() {
     let why =
         |patches: &[Patch], exposure: f64| level(patches, &ExposureLevel { level: exposure, ..EXPOSURE }).unclaimed;
-    assert_eq!(why(&desk(200)[..600], 1.0), Some(Unclaimed::TooFew));
-    assert_eq!(why(&desk(600), 1.0), Some(Unclaimed::Ground));
-    assert_eq!(why(&desk(40), 1.0), Some(Unclaimed::Scrap));
+    assert_eq!(why(&desk(200)[..600], 1.0), Some(WhiteLevelRefusal::TooFew));
+    assert_eq!(why(&desk(600), 1.0), Some(WhiteLevelRefusal::Ground));
+    assert_eq!(why(&desk(40), 1.0), Some(WhiteLevelRefusal::Scrap));
     let wooden = desk(200).into_iter().map(|patch| Patch { code: [0.8, 0.6, 0.4], ..patch });
-    assert_eq!(why(&wooden.collect::<Vec<_>>(), 1.0), Some(Unclaimed::Coloured { saturation: 0.5 }));
+    assert_eq!(why(&wooden.collect::<Vec<_>>(), 1.0), Some(WhiteLevelRefusal::Coloured { saturation: 0.5 }));
     // 1 m away, within 1.2 m: twice as bright.
     let beyond = (0..200).map(|n| patch(DVec3::new(1.0, 0.001 * f64::from(n), 0.0), 1.6));
     let sunlit = why(&desk(200).into_iter().chain(beyond).collect::<Vec<_>>(), 1.0);
-    assert!(matches!(sunlit, Some(Unclaimed::Varies { growth }) if is_about(growth, 2.0)), "{sunlit:?}");
+    assert!(matches!(sunlit, Some(WhiteLevelRefusal::Varies { growth }) if is_about(growth, 2.0)), "{sunlit:?}");
     // Both halves saw all 200, one of them twice as bright; or a third of the frames saw
     // specular reflections.
     let seen_as = |parts: [Option<[f64; 3]>; 3]| desk(200).into_iter().map(move |patch| Patch { parts, ..patch });
     for (parts, by) in [([0.6, 1.2, 0.8], 2.0), ([0.8, 0.8, 0.5], 1.6)] {
         let differing = why(&seen_as(parts.map(|light| Some([light; 3]))).collect::<Vec<_>>(), 1.0);
-        assert!(matches!(differing, Some(Unclaimed::Differs { factor }) if is_about(factor, by)), "{differing:?}");
+        assert!(
+            matches!(differing, Some(WhiteLevelRefusal::Differs { factor }) if is_about(factor, by)),
+            "{differing:?}"
+        );
     }
     let alike = [0.75, 0.85, 0.8].map(|light| Some([light; 3]));
     assert_eq!(why(&seen_as(alike).collect::<Vec<_>>(), 1.0), None);
     let dark = why(&desk(200), 0.5);
-    assert!(matches!(dark, Some(Unclaimed::Disagrees { factor }) if is_about(factor, 2.0)), "{dark:?}");
+    assert!(matches!(dark, Some(WhiteLevelRefusal::Disagrees { factor }) if is_about(factor, 2.0)), "{dark:?}");
 }
 
 #[test]

@@ -114,11 +114,11 @@ fn largest(values: &[f64]) -> f64 {
 #[test]
 fn evidence_stays_in_place_while_tags_are_missed() {
     let measured = measure_loss(true);
-    let [seen, first, second] = [0, 1, 2].map(|n| largest(&measured.off_px[n]));
+    let [tracked, first, second] = [0, 1, 2].map(|n| largest(&measured.off_px[n]));
     println!("{measured:.1?}");
     // By the rotation between pictures: within two pixels. Constant velocity would be off by some
     // ten and thirty.
-    assert!(seen < 1.0 && first < 2.0 && second < 2.5, "{measured:?}");
+    assert!(tracked < 1.0 && first < 2.0 && second < 2.5, "{measured:?}");
     assert!(measured.opacity.iter().flatten().all(|share| *share == 1.0), "{measured:?}");
     assert!(largest(&measured.smear_px) < 1.5, "{measured:?}");
 }
@@ -152,7 +152,7 @@ fn poses_by(change: impl Fn(&str) -> String, pictures: u32) -> (usize, Option<St
     std::fs::write(path("camera.toml"), CAMERA.profile()).unwrap();
     let camera = Rig::of_file(Path::new(&path("camera.toml"))).unwrap().camera();
     let mut source = open_poses(&format!("tags:{}", path("other.toml")), Some(&camera), None).unwrap();
-    let (rays, mut found) = (Rays::of(&CAMERA), 0);
+    let (rays, mut pose_count) = (Rays::of(&CAMERA), 0);
     for i in 0..pictures {
         let time_s = INTERVAL_S * f64::from(i);
         // The camera comes so near that sometimes few tags are in the picture.
@@ -162,9 +162,9 @@ fn poses_by(change: impl Fn(&str) -> String, pictures: u32) -> (usize, Option<St
         };
         let codes = sheet.photograph_by_rays(&rays, 2, 1.0, u64::from(i), |t| place(time_s + t));
         source.add_picture(time_s, &Pixels::from_u8(SIZE.0, SIZE.1, codes).unwrap());
-        found += source.take_poses(time_s).unwrap().len();
+        pose_count += source.take_poses(time_s).unwrap().len();
     }
-    (found, source.no_pose_reason())
+    (pose_count, source.no_pose_reason())
 }
 
 #[test]
@@ -176,15 +176,15 @@ fn board_of_other_sizes_gives_no_pose() {
         };
         text.lines().map(line).collect()
     };
-    let (found, why) = poses_by(larger, tier::fast_or_full(12, 24));
-    assert_eq!(found, 0, "{why:?}");
+    let (pose_count, why) = poses_by(larger, tier::fast_or_full(12, 24));
+    assert_eq!(pose_count, 0, "{why:?}");
     assert!(why.unwrap().contains("does the board's file describe this board?"));
 }
 
 #[test]
 fn other_visible_family_is_named() {
-    let (found, why) = poses_by(|text| text.replace("36h11", "25h9"), 3);
+    let (pose_count, why) = poses_by(|text| text.replace("36h11", "25h9"), 3);
     let why = why.unwrap();
     let message = "no tag of family 25h9 is seen; tags of 36h11 are: `family` in the board's file names another";
-    assert!(found == 0 && why.contains(message), "{why}");
+    assert!(pose_count == 0 && why.contains(message), "{why}");
 }

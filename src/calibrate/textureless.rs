@@ -35,8 +35,8 @@ const NEEDED_BLOCKS: usize = 40;
 /// Blocks below the cut whose spread exceeds that of χ² by this factor are not noise but weak
 /// texture. Measured: 1.0 to 1.25 where σ is right, 1.25 to 1.4 where texture was taken for noise.
 const MAX_SPREAD_RATIO: f64 = 1.25;
-/// Nor are they noise if there are more than this many times as many between the cut and 1.5 times
-/// the cut: noise thins out there.
+/// Blocks below the cut are not noise either if there are more than this many times as many between
+/// the cut and 1.5 times the cut: the density of noise decreases there.
 const MAX_UPPER_RATIO: f64 = 1.5;
 /// Pictures with this many times the samples that one intensity needs should have enough of them
 /// somewhere. If not, they are textured.
@@ -63,6 +63,29 @@ struct SampledBlock {
     cross: [f32; 3],
 }
 
+/// A uniform random sample of blocks (Vitter 1985, algorithm R).
+#[derive(Debug, Default)]
+struct Reservoir {
+    /// Number of blocks that were added.
+    count: u64,
+    /// At most [`CAPACITY`] of them.
+    blocks: Vec<SampledBlock>,
+}
+
+impl Reservoir {
+    fn add(&mut self, block: SampledBlock) {
+        self.count += 1;
+        if self.blocks.len() < CAPACITY {
+            return self.blocks.push(block);
+        }
+        let hashed = self.count.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        let place = ((hashed ^ (hashed >> 31)).wrapping_mul(0xbf58_476d_1ce4_e5b9) >> 16) % self.count;
+        if let Some(old) = self.blocks.get_mut(place as usize) {
+            *old = block;
+        }
+    }
+}
+
 /// The pixels that fell into an intensity bin.
 #[derive(Clone, Copy, Debug, Default)]
 struct PixelCounts {
@@ -72,14 +95,14 @@ struct PixelCounts {
 
 /// A calibration in progress, frame by frame. Memory: 60 MB at most.
 #[derive(Debug)]
-pub struct MovingCalibrator {
+pub struct TexturelessCalibrator {
     options: NoiseOptions,
     plane: PlaneDetrend,
     frame_bits: Option<u32>,
     frames: usize,
     blocks: u64,
-    /// Number of blocks and a random sample of them, by green's mean.
-    strata: [(u64, Vec<SampledBlock>); STRATA],
+    /// By green's mean.
+    strata: [Reservoir; STRATA],
     pixel_counts: [Vec<PixelCounts>; 3],
 }
 
@@ -97,7 +120,7 @@ struct NoiseEstimate {
     flat: usize,
 }
 
-impl MovingCalibrator {
+impl TexturelessCalibrator {
     /// Fails unless `bins` is 1 to 256.
     pub fn new(options: NoiseOptions) -> Result<Self, CalibrateError> {
         if options.bins == 0 || options.bins > 256 {
@@ -124,7 +147,7 @@ impl MovingCalibrator {
             for x in 0..frame.width as usize / SIDE {
                 self.blocks += 1;
                 if let Some(block) = self.block(frame, x * SIDE, y * SIDE) {
-                    self.keep(block);
+                    self.strata[bin_of(f64::from(block.mean[1]), STRATA)].add(block);
                 }
             }
         }
@@ -163,27 +186,13 @@ impl MovingCalibrator {
         usable.then_some(block)
     }
 
-    /// Keeps a block, at random once there are too many (Vitter 1985, algorithm R).
-    fn keep(&mut self, block: SampledBlock) {
-        let (came, kept) = &mut self.strata[bin_of(f64::from(block.mean[1]), STRATA)];
-        *came += 1;
-        if kept.len() < CAPACITY {
-            return kept.push(block);
-        }
-        let hashed = (*came).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        let place = ((hashed ^ (hashed >> 31)).wrapping_mul(0xbf58_476d_1ce4_e5b9) >> 16) % *came;
-        if let Some(old) = kept.get_mut(place as usize) {
-            *old = block;
-        }
-    }
-
     fn rounding(&self) -> Rounding {
         let frame_step = if self.frame_bits == Some(16) { 1.0 / UNIT as f64 } else { 1.0 };
         Rounding { frame_step, mean_step: None }
     }
 
     fn blocks(&self) -> impl Iterator<Item = &SampledBlock> {
-        self.strata.iter().flat_map(|(_, kept)| kept)
+        self.strata.iter().flat_map(|stratum| &stratum.blocks)
     }
 
     /// The profile and its table.
@@ -191,18 +200,18 @@ impl MovingCalibrator {
         if self.frames == 0 {
             return Err(CalibrateError::NoFrames);
         }
-        let (rounding, found) = (self.rounding(), self.estimate());
+        let (rounding, noise) = (self.rounding(), self.estimate());
         let mut warnings = Vec::new();
-        let bins = [0, 1, 2].map(|c| self.reports(c, &found, &rounding));
+        let bins = [0, 1, 2].map(|c| self.reports(c, &noise, &rounding));
         for (channel, bins) in CHANNELS.into_iter().zip(&bins) {
             check_bins(channel, bins, self.options.min_independent, &mut warnings)
                 .map_err(|error| self.cause(error))?;
         }
         warnings.push(Warning::Texture);
         let mut reported = |value, name, low| reported_correlation(value, name, low, &mut warnings);
-        let [rg, rb, gb] = found.channel;
+        let [rg, rb, gb] = noise.channel;
         let channel_correlation = [reported(rg, "R-G", -1.0), reported(rb, "R-B", -1.0), reported(gb, "G-B", -1.0)];
-        let [right, below] = found.neighbour;
+        let [right, below] = noise.neighbour;
         let neighbour_correlation = [reported(right, "to the right", 0.0), reported(below, "below", 0.0)];
         let profile = NoiseProfile {
             example: None,
@@ -212,9 +221,9 @@ impl MovingCalibrator {
             neighbour_correlation,
         };
         // The discarded blocks are assumed to be like the kept ones.
-        let kept = self.strata.iter().map(|d| d.1.len()).sum::<usize>().max(1) as f64;
-        let came = self.strata.iter().map(|d| d.0).sum::<u64>() as f64;
-        let excluded_share = 1.0 - found.flat as f64 / kept * came / self.blocks.max(1) as f64;
+        let kept = self.blocks().count().max(1) as f64;
+        let all = self.strata.iter().map(|stratum| stratum.count).sum::<u64>() as f64;
+        let excluded_share = 1.0 - noise.flat as f64 / kept * all / self.blocks.max(1) as f64;
         let (scenes, frames, motion) = (1, self.frames, SceneMotion::Moving);
         Ok(NoiseCalibration { profile, bins, motion, scenes, frames, excluded_share, warnings })
     }
@@ -314,11 +323,12 @@ impl MovingCalibrator {
         let (bins, rounding) = (self.options.bins, self.rounding());
         let rounded: [Vec<f64>; 3] =
             [0, 1, 2].map(|c| estimate.variance[c].iter().map(|v| 1.0 - rounding.sigma(*v).powi(2) / v).collect());
-        let most = freedom.map(|nu| 1.0 + (2.0 / nu).sqrt());
+        let max_ratio = freedom.map(|nu| 1.0 + (2.0 / nu).sqrt());
         let (mut products, mut cross, mut shares) = ([[0.0; LAGS]; 3], [0.0; 3], [0.0; 3]);
         let mut flat = 0usize;
         for block in self.blocks() {
-            let ratios = [0, 1, 2].map(|c| ratio(block, c, &estimate.variance[c]).filter(|r| *r <= most[c] * kept[c]));
+            let ratios =
+                [0, 1, 2].map(|c| ratio(block, c, &estimate.variance[c]).filter(|r| *r <= max_ratio[c] * kept[c]));
             let [Some(r), Some(g), Some(b)] = ratios else { continue };
             flat += 1;
             let scale: [f64; 3] = std::array::from_fn(|c| [r, g, b][c] / f64::from(block.products[c][0]));
@@ -443,7 +453,7 @@ fn fit_lower_tail(values: &mut [f64], freedom: f64) -> Option<LowerTail> {
 /// Calibrates from frames in memory. Errors as for [`MovingCalibrator::add_frame`] and
 /// [`MovingCalibrator::finish`].
 pub fn from_frames(frames: &[Pixels], options: &NoiseOptions) -> Result<NoiseCalibration, CalibrateError> {
-    let mut calibrator = MovingCalibrator::new(options.clone())?;
+    let mut calibrator = TexturelessCalibrator::new(options.clone())?;
     frames.iter().try_for_each(|frame| calibrator.add_frame(frame))?;
     calibrator.finish()
 }

@@ -8,7 +8,7 @@ use crate::common;
 use crate::program::{refused, stdout_of};
 use crate::random::Random;
 use crate::tier;
-use locard::calibrate::moving::from_frames;
+use locard::calibrate::textureless::from_frames;
 use locard::calibrate::{CalibrateError, NoiseCalibration, NoiseOptions, NoiseSource, SceneMotion, noise_from_paths};
 use locard::camera::NoiseProfile;
 use locard::compositor::Settings;
@@ -76,13 +76,13 @@ fn frames(count: usize, middle: f64, shared: f64, textured: usize) -> Vec<Pixels
 }
 
 /// Relative errors of σ in the measured bins.
-fn errors(found: &NoiseCalibration, truth: impl Fn(usize, f64) -> f64) -> Vec<f64> {
-    let bins = found.bins.iter().enumerate().flat_map(|(c, bins)| bins.iter().map(move |bin| (c, bin)));
+fn errors(calibration: &NoiseCalibration, truth: impl Fn(usize, f64) -> f64) -> Vec<f64> {
+    let bins = calibration.bins.iter().enumerate().flat_map(|(c, bins)| bins.iter().map(move |bin| (c, bin)));
     bins.filter(|(_, bin)| !bin.filled_from_neighbours).map(|(c, bin)| bin.sigma / truth(c, bin.code) - 1.0).collect()
 }
 
 fn largest(values: &[f64]) -> f64 {
-    values.iter().fold(0.0, |most, v| v.abs().max(most))
+    values.iter().fold(0.0, |largest, v| v.abs().max(largest))
 }
 
 #[test]
@@ -204,8 +204,8 @@ fn noise_of_a_moving_recording_is_written_to_its_profile() {
 }
 
 /// Checks that `locard calibrate noise` measures a recording as the library measures its
-/// pictures (`found`), and adds the result only to profiles.
-fn assert_program_writes_profile(temp: &Path, folder: &Path, found: &NoiseCalibration) {
+/// pictures (`calibration`), and adds the result only to profiles.
+fn assert_program_writes_profile(temp: &Path, folder: &Path, calibration: &NoiseCalibration) {
     let path = |p: &Path| p.to_str().unwrap().to_owned();
     let (out, profile) = (path(folder), path(&temp.join("camera.toml")));
     let frames = std::fs::read_dir(folder.join("rgb")).unwrap().count();
@@ -223,7 +223,7 @@ fn assert_program_writes_profile(temp: &Path, folder: &Path, found: &NoiseCalibr
     };
     stdout_of(&["calibrate", "noise", "--moving", "--no-example", &out, "-o", &profile, "--force"]);
     let (noise, text) = read(&profile);
-    assert_eq!(noise, found.profile);
+    assert_eq!(noise, calibration.profile);
     let signature =
         format!("# By `locard calibrate noise`, from textureless places of {frames} frames of a moving camera.\n");
     assert!(text.contains(&format!("{signature}[camera.noise]\n")), "{text}");
@@ -235,7 +235,7 @@ fn assert_program_writes_profile(temp: &Path, folder: &Path, found: &NoiseCalibr
     let before = std::fs::read_to_string(&own).unwrap();
     stdout_of(&["calibrate", "noise", "--no-example", &out, "-o", &path(&own), "--force"]);
     let (noise, text) = read(&path(&own));
-    assert_eq!(noise, found.profile);
+    assert_eq!(noise, calibration.profile);
     assert_eq!(
         text.split("[camera.noise]").next().unwrap().replace(&signature, ""),
         before.split("[camera.noise]").next().unwrap()
@@ -288,7 +288,7 @@ fn single_frames_of_real_cameras_match_their_known_noise() {
         for scene in 1..=3 {
             let file = |what: &str| folder.join(format!("{camera}_{scene}_{what}.png"));
             let calibration = match moving_noise_from_paths(&[file("real")], &NoiseOptions::default()) {
-                Ok(found) => found,
+                Ok(calibration) => calibration,
                 Err(error) => {
                     println!("RESULT {camera} {scene}: {error}");
                     continue;
