@@ -41,9 +41,9 @@ fn lines(arguments: &[&str]) -> Vec<Line> {
 fn kinect_footage_passes_and_each_fault_fails_its_own_line() {
     let Some((shot, analysis)) = findings::kinect() else { return };
     let (out, folder) = (tempfile::tempdir().unwrap(), common::data("tum-fr1-rpy").unwrap());
-    let analysis = out.path().join("found");
-    analysis.write(&analysis, &shot.recording).unwrap();
-    let [folder, analysis] = [folder.to_str().unwrap(), analysis.to_str().unwrap()].map(str::to_owned);
+    let analysis_folder = out.path().join("analysis");
+    analysis.write(&analysis_folder, &shot.recording).unwrap();
+    let [folder, analysis] = [folder.to_str().unwrap(), analysis_folder.to_str().unwrap()].map(str::to_owned);
     let profile = ["--profile", "profiles/tum-fr1.toml", "--quiet"];
     let by = ["--analysis", analysis.as_str()];
     let verified =
