@@ -6,11 +6,13 @@ use super::MOTION_EFFECT;
 use super::error::{PhotoError, refused};
 use super::exposure_controls::{ExposureControls, SeriesEntry};
 use super::framing::Framing;
+use super::record::{next_number, write_record};
 use super::request::{Bracket, Focus, PhotoRequest};
 use super::sheet::{contact_sheet, thumbnail};
 use super::shoot::PhotoShoot;
+use super::shoot_particulars::TakenPhoto;
 use super::take::{Photograph, TakeError};
-use super::target::aim;
+use super::target::{aim, subject_name};
 use crate::camera::exposure::INDOORS_LX;
 use crate::camera::metering::PictureLight;
 use crate::camera::{Geometry, Opening};
@@ -71,6 +73,7 @@ impl PhotoRequest {
             // continues to infinity.
             Focus::Auto => (f64::INFINITY, focal_length_m.filter(|_| self.bracket == Some(Bracket::Focus))),
         };
+        let subject = subject_name(self, &shot.scene)?;
         let aim = aim(self, &shot.recording, &whole, &shot.scene)?;
         Framing::aimed(&whole, self.film, checked_m, given_m, self.width_px, aim)?;
         let lux = match (self.lux, taken.settings()) {
@@ -170,6 +173,10 @@ impl PhotoRequest {
             let path = self.path_of(&(n + 1).to_string());
             let notes = shoot.notes(&dials, asked, &framing);
             photograph::write(&path, &pixels, Some(&notes), self.force)?;
+            let number = self.number.map_or_else(|| next_number(&path), |first| first.saturating_add(n as u32));
+            let photo =
+                TakenPhoto { dials: &dials, entry: asked, framing: &framing, opening, pixels: &pixels, notes: &notes };
+            write_record(&path, &shoot.particulars(&photo, subject.as_deref(), number)?)?;
             let settings = label(asked, &framing);
             let written = send(PhotoEvent::Written { path, settings: settings.replace('\n', ", ") });
             // After a single photograph nothing is left to cancel.
