@@ -76,6 +76,7 @@ pub fn run(args: &Args) -> Result<()> {
 pub fn run_card(args: &CardArgs) -> Result<()> {
     let card = CaseCard::read(&args.case).map_err(|problem| anyhow!(problem))?;
     photograph::check(&args.output, args.force)?;
+    check_file(&record_path(&args.output), true)?;
     let number = args.number.unwrap_or_else(|| next_number(&args.output));
     let now_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64());
     photograph::write(&args.output, &card.picture(), None, args.force)?;

@@ -6,7 +6,7 @@ use super::MOTION_EFFECT;
 use super::error::{PhotoError, refused};
 use super::exposure_controls::{ExposureControls, SeriesEntry};
 use super::framing::Framing;
-use super::record::{next_number, write_record};
+use super::record::{next_number, record_path, write_record};
 use super::request::{Bracket, Focus, PhotoRequest};
 use super::sheet::{contact_sheet, thumbnail};
 use super::shoot::PhotoShoot;
@@ -22,7 +22,7 @@ use crate::gpu::{Gpu, GpuError};
 use crate::profile::Rig;
 use crate::recording::Recording;
 use crate::shot::{DEFAULT_ISO, Note, Shot};
-use crate::sink::photograph;
+use crate::sink::{check_file, photograph};
 
 /// Events while photographs are taken.
 #[derive(Clone, Debug, PartialEq)]
@@ -97,6 +97,7 @@ impl PhotoRequest {
         for path in (1..=count).map(|n| self.path_of(&n.to_string())).chain(self.bracket.map(|_| self.path_of("sheet")))
         {
             photograph::check(&path, self.force)?;
+            check_file(&record_path(&path), true)?;
             inputs.check_file(&path)?;
         }
         let mut send = |event: PhotoEvent| if report(event) { Ok(()) } else { Err(TakeError::Cancelled) };
