@@ -66,8 +66,8 @@ pub fn run(args: &Args) -> Result<()> {
     let record = Record::read(&args.output)?;
     // Paths in the record start at the folder of its command.
     let output = std::path::absolute(&args.output)?;
-    if let Err(error) = std::env::set_current_dir(&record.command.folder) {
-        let folder = record.command.folder.display();
+    if let Err(error) = std::env::set_current_dir(&record.work.command.folder) {
+        let folder = record.work.command.folder.display();
         warn(args.quiet, &format!("{folder}: {error}; the recorded paths are read from the current folder"));
     }
     let all: Vec<usize> = record.pictures.iter().map(|picture| picture.frame).collect();
@@ -76,8 +76,8 @@ pub fn run(args: &Args) -> Result<()> {
         None => all,
     };
     let program = ProgramRecord::current();
-    if program != record.program {
-        let ProgramRecord { name, version, build } = &record.program;
+    if program != record.work.program {
+        let ProgramRecord { name, version, build } = &record.work.program;
         say(&format!(
             "another build of the program: the output was made by {name} {version}, build {}, this is {}",
             short(build),
@@ -86,7 +86,7 @@ pub fn run(args: &Args) -> Result<()> {
     }
     let mut problems = changed_inputs(&record, Path::new(""));
     let inputs = problems.len();
-    say(&format!("inputs: {} of {} as recorded", record.inputs.len() - inputs, record.inputs.len()))?;
+    say(&format!("inputs: {} of {} as recorded", record.work.inputs.len() - inputs, record.work.inputs.len()))?;
     problems.extend(changed_outputs(&record, &output, &frames));
     list(&problems)?;
     if problems.len() == inputs {
@@ -127,22 +127,23 @@ fn list(lines: &[impl std::fmt::Display]) -> Result<()> {
 
 /// Makes frames again by the recorded command.
 fn remake(args: &Args, record: &Record, output: &Path, frames: &[usize]) -> Result<Vec<RemadeFrame>> {
-    let arguments = std::iter::once("locard").chain(record.command.arguments.iter().map(String::as_str));
+    let arguments = std::iter::once("locard").chain(record.work.command.arguments.iter().map(String::as_str));
     let Ok(Cli { command: Command::Composite(command) }) = Cli::try_parse_from(arguments) else {
         bail!(
             "the output was not made by `locard composite`, and its frames cannot be made again ({}); --files-only \
              compares the files alone",
-            record.command.arguments.first().map_or("no command is recorded", String::as_str)
+            record.work.command.arguments.first().map_or("no command is recorded", String::as_str)
         )
     };
-    let analysis = record.inputs.iter().find(|input| input.role == "analysis").and_then(|input| input.path.parent());
+    let analysis =
+        record.work.inputs.iter().find(|input| input.role == "analysis").and_then(|input| input.path.parent());
     let analysis = analysis.map_or(AnalysisChoice::No, |folder| AnalysisChoice::At(folder.to_owned()));
     let (shot, export) = composite::reopen(&command, analysis).context("the recorded command cannot be repeated")?;
     let mut compositor = shot.compositor(Gpu::open()?);
     let device = DeviceRecord::of(&compositor.gpu().info);
-    if device != record.device {
+    if device != record.work.device {
         let of = |device: &DeviceRecord| format!("{}, {}", device.adapter, device.driver);
-        say(&format!("another device: the output was made on {}, this is {}", of(&record.device), of(&device)))?;
+        say(&format!("another device: the output was made on {}, this is {}", of(&record.work.device), of(&device)))?;
     }
     let (sender, finished) = mpsc::channel();
     let mut sink: Box<dyn Sink + Send> = export.finishing(&shot, Box::new(ForwardSink(sender)));

@@ -21,6 +21,7 @@ mod meter;
 mod open;
 mod params;
 mod photo;
+mod photo_log;
 mod pick;
 mod place;
 mod record;
@@ -82,6 +83,10 @@ enum Command {
     /// Photograph a frame with its evidence: aperture, shutter, film speed, lens and focus as on a
     /// camera
     Photo(photo::Args),
+    /// Write the log of a series of photographs, with checks of each and of the series
+    PhotoLog(photo_log::Args),
+    /// Make a case card, the first frame of a series of photographs
+    CaseCard(photo_log::CardArgs),
     /// Put a piece of evidence on the surface at a pixel of a frame
     Place(place::Args),
     /// Put a scan of the place into a scene: depth for a recording without a depth sensor
@@ -144,6 +149,8 @@ pub fn main() -> ExitCode {
         Command::Live(args) => live::run(&args),
         Command::Meter(args) => meter::run(&args),
         Command::Photo(args) => photo::run(&args),
+        Command::PhotoLog(args) => photo_log::run(&args),
+        Command::CaseCard(args) => photo_log::run_card(&args),
         Command::Place(args) => place::run(&args),
         Command::Site(args) => site::run(&args),
         Command::Record(args) => record::run(&args),

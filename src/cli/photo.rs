@@ -56,6 +56,14 @@ pub struct Args {
     /// A series over the range of one setting, and a contact sheet
     #[arg(long, value_enum)]
     pub bracket: Option<BracketArg>,
+    /// The subject, for the photo log: an object of the scene by its name; by default the object of
+    /// --aim, or the evidence nearest to the middle
+    #[arg(long, value_name = "OBJECT")]
+    pub subject: Option<String>,
+    /// The number in the photo log; by default that of the replaced photograph, or the next one in
+    /// the folder
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub number: Option<u32>,
     #[command(flatten)]
     pub which: Which,
     /// Seed of the grain
@@ -119,6 +127,8 @@ impl Args {
             output: self.output.clone(),
             labelled: self.labels.is_labelled(),
             force: self.force,
+            subject: self.subject.clone(),
+            number: self.number,
         }
     }
 }

@@ -9,11 +9,11 @@ use super::error::ExportError;
 use crate::gpu::Gpu;
 use crate::pixels::Pixels;
 use crate::provenance::{
-    CommandRecord, DeviceRecord, InputDigests, MaskRecord, OutputKind, OutputRecord, PictureLines, PictureRecord,
-    ProgramRecord, RECORD_VERSION, Record, SettingsRecord, file_digest, pixels_digest,
+    InputDigests, MaskRecord, OutputKind, OutputRecord, PictureLines, PictureRecord, RECORD_VERSION, Record,
+    SettingsRecord, WorkRecord, file_digest, input_files, pixels_digest,
 };
 use crate::recording::Recording;
-use crate::shot::{AnalysisState, Shot};
+use crate::shot::Shot;
 use crate::sink::folder::frame_name;
 use crate::sink::{OutPath, Sink, SinkError, SinkOptions, VideoCodec, default_codec};
 
@@ -49,24 +49,6 @@ impl Export {
     }
 }
 
-/// Files that a shot reads, with their roles.
-pub fn input_files(shot: &Shot) -> Vec<(&'static str, PathBuf)> {
-    let recording = shot.recording.files().map(|file| ("recording", file.to_owned()));
-    let profiles = shot.profiles().iter().map(|file| ("profile", file.clone()));
-    let scene = shot.scene.files.iter().map(|file| ("scene", file.clone()));
-    let mut files: Vec<_> = recording.chain(profiles).chain(scene).collect();
-    if let AnalysisState::Used(folder, _) = &shot.analysis {
-        let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
-        let mut of_analysis: Vec<PathBuf> = entries.filter(|path| path.is_file()).collect();
-        of_analysis.sort();
-        files.extend(of_analysis.into_iter().map(|file| ("analysis", file)));
-    }
-    // A profile may be one of the recording's own files.
-    let mut paths = std::collections::HashSet::new();
-    files.retain(|(_, path)| paths.insert(path.clone()));
-    files
-}
-
 /// A record in the making. The inputs are digested while frames are composited.
 pub struct RecordDraft {
     output: PathBuf,
@@ -81,13 +63,8 @@ impl RecordDraft {
         let Recording { width, height, .. } = *shot.recording;
         let record = Record {
             version: RECORD_VERSION,
-            program: ProgramRecord::current(),
-            command: CommandRecord::current(),
-            device: DeviceRecord::of(&gpu.info),
-            seed: shot.settings.seed,
+            work: WorkRecord { settings: export.settings_record(shot), ..WorkRecord::begun(shot, &gpu.info) },
             range: [export.range.start, export.range.end],
-            inputs: Vec::new(),
-            settings: export.settings_record(shot),
             output: OutputRecord {
                 kind: if matches!(export.out, OutPath::Video(_)) { OutputKind::Video } else { OutputKind::Frames },
                 path: output.to_owned(),
@@ -107,8 +84,8 @@ impl RecordDraft {
     /// Writes the record of the finished output. The pictures of earlier parts of the same work in
     /// the same folder are kept.
     pub fn finish(mut self, mut pictures: PictureLines) -> Result<(), ExportError> {
-        let unread = |(path, source)| ExportError::Sink(SinkError::Write { path, source });
-        self.record.inputs = self.inputs.finish().map_err(unread)?;
+        let unread = |(path, source)| ExportError::Sink(SinkError::Read { path, source });
+        self.record.work.inputs = self.inputs.finish().map_err(unread)?;
         match self.record.output.kind {
             OutputKind::Video => {
                 let digest = file_digest(&self.output);

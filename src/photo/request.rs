@@ -59,6 +59,12 @@ pub struct PhotoRequest {
     pub labelled: bool,
     /// True if existing pictures may be replaced.
     pub force: bool,
+    /// Name of the subject, for the record: an object of the scene. `None`: the object that is
+    /// aimed at, or the evidence nearest to the picture's centre.
+    pub subject: Option<String>,
+    /// Number in the series, for the record. `None`: the replaced photograph's, or the next one in
+    /// its folder.
+    pub number: Option<u32>,
 }
 
 impl PhotoRequest {
@@ -83,6 +89,8 @@ impl PhotoRequest {
             output,
             labelled: true,
             force: false,
+            subject: None,
+            number: None,
         }
     }
 

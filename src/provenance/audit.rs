@@ -39,7 +39,7 @@ pub fn changed_inputs(record: &Record, folder: &Path) -> Vec<ChangedFile> {
         };
         Some(ChangedFile { path: input.path.clone(), role: input.role.clone(), problem })
     };
-    record.inputs.iter().filter_map(change).collect()
+    record.work.inputs.iter().filter_map(change).collect()
 }
 
 /// Files of the output that differ from the recorded ones: a video as a whole, of a folder the
@@ -173,7 +173,7 @@ mod tests {
         let mut record = record();
         let write = |text: &str| std::fs::write(folder.path().join("s.toml"), text).unwrap();
         write("abc");
-        record.inputs[0].sha256 = file_digest(&folder.path().join("s.toml")).unwrap().sha256;
+        record.work.inputs[0].sha256 = file_digest(&folder.path().join("s.toml")).unwrap().sha256;
         assert_eq!(changed_inputs(&record, folder.path()), []);
         write("xyz");
         let text = changed_inputs(&record, folder.path())[0].to_string();

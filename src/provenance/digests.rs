@@ -11,6 +11,7 @@ use sha2::{Digest, Sha256};
 
 use super::InputRecord;
 use crate::pixels::Pixels;
+use crate::shot::{AnalysisState, Shot};
 use crate::sink::little_endian;
 use crate::text::hex;
 
@@ -47,6 +48,24 @@ fn digest_of(path: &Path, is_cancelled: &AtomicBool) -> io::Result<DigestedFile>
 /// Digest of a picture's code values.
 pub fn pixels_digest(pixels: &Pixels) -> String {
     hex(&Sha256::digest(little_endian(&pixels.codes)))
+}
+
+/// Files that a shot reads, with their roles.
+pub fn input_files(shot: &Shot) -> Vec<(&'static str, PathBuf)> {
+    let recording = shot.recording.files().map(|file| ("recording", file.to_owned()));
+    let profiles = shot.profiles().iter().map(|file| ("profile", file.clone()));
+    let scene = shot.scene.files.iter().map(|file| ("scene", file.clone()));
+    let mut files: Vec<_> = recording.chain(profiles).chain(scene).collect();
+    if let AnalysisState::Used(folder, _) = &shot.analysis {
+        let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+        let mut of_analysis: Vec<PathBuf> = entries.filter(|path| path.is_file()).collect();
+        of_analysis.sort();
+        files.extend(of_analysis.into_iter().map(|file| ("analysis", file)));
+    }
+    // A profile may be one of the recording's own files.
+    let mut paths = std::collections::HashSet::new();
+    files.retain(|(_, path)| paths.insert(path.clone()));
+    files
 }
 
 /// Digests of all inputs, or the file that could not be read.

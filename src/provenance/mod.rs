@@ -15,10 +15,10 @@ mod mask;
 mod pictures;
 mod record;
 
-pub use digests::{DigestedFile, InputDigests, file_digest, pixels_digest};
+pub use digests::{DigestedFile, InputDigests, file_digest, input_files, pixels_digest};
 pub use mask::{FrameMask, MaskRecord, RunLengths};
 pub use pictures::{PictureDifference, StoredPictureError, difference, read_picture};
 pub use record::{
     CommandRecord, DeviceRecord, InputRecord, OutputKind, OutputRecord, PictureLines, PictureRecord, ProgramRecord,
-    ProvenanceError, RECORD_VERSION, Record, SettingsRecord, record_path,
+    ProvenanceError, RECORD_ENDING, RECORD_VERSION, Record, SettingsRecord, WorkRecord, record_path,
 };

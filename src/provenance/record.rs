@@ -20,17 +20,38 @@ pub const RECORD_VERSION: u32 = 1;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Record {
     pub version: u32,
+    #[serde(flatten)]
+    pub work: WorkRecord,
+    /// Half-open range of frames of the recording.
+    pub range: [usize; 2],
+    pub output: OutputRecord,
+    pub pictures: Vec<PictureRecord>,
+}
+
+/// The program, its inputs and its settings.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct WorkRecord {
     pub program: ProgramRecord,
     pub command: CommandRecord,
     pub device: DeviceRecord,
     /// Seed of the noise.
     pub seed: u64,
-    /// Half-open range of frames of the recording.
-    pub range: [usize; 2],
     pub inputs: Vec<InputRecord>,
     pub settings: SettingsRecord,
-    pub output: OutputRecord,
-    pub pictures: Vec<PictureRecord>,
+}
+
+impl WorkRecord {
+    /// The running program with a shot on a device, without its inputs.
+    pub fn begun(shot: &Shot, device: &wgpu::AdapterInfo) -> Self {
+        Self {
+            program: ProgramRecord::current(),
+            command: CommandRecord::current(),
+            device: DeviceRecord::of(device),
+            seed: shot.settings.seed,
+            inputs: Vec::new(),
+            settings: SettingsRecord::of(shot),
+        }
+    }
 }
 
 /// The program that wrote an output.
@@ -194,10 +215,13 @@ impl PictureLines {
     }
 }
 
+/// End of the name of a record, behind the name of its output.
+pub const RECORD_ENDING: &str = ".record.json";
+
 /// Path of the record of an output.
 pub fn record_path(output: &Path) -> PathBuf {
     let mut name = output.components().as_path().as_os_str().to_owned();
-    name.push(".record.json");
+    name.push(RECORD_ENDING);
     name.into()
 }
 
@@ -244,12 +268,8 @@ impl Record {
     /// True if two records differ in nothing but their frames: parts of the same work.
     pub fn is_same_work(&self, other: &Self) -> bool {
         let output = |record: &Self| OutputRecord { sha256: None, path: PathBuf::new(), ..record.output.clone() };
-        self.program == other.program
-            && self.device == other.device
-            && self.seed == other.seed
-            && self.inputs == other.inputs
-            && self.settings == other.settings
-            && output(self) == output(other)
+        let work = |record: &Self| WorkRecord { command: self.work.command.clone(), ..record.work.clone() };
+        work(self) == work(other) && output(self) == output(other)
     }
 
     /// Adds the pictures of an earlier part of the same work, except frames that were written
@@ -324,13 +344,19 @@ pub mod tests {
             BTreeMap::from([("noise".to_owned(), BTreeMap::from([("scale".to_owned(), Value::Number(0.1))]))]);
         Record {
             version: RECORD_VERSION,
-            program: ProgramRecord { name: "locard".to_owned(), version: "0.1.0".to_owned(), build: "cd".to_owned() },
-            command: CommandRecord { arguments: vec!["composite".to_owned()], folder: "/".into() },
-            device: DeviceRecord { adapter: "a".to_owned(), driver: "d".to_owned(), kind: "Cpu".to_owned() },
-            seed: 7,
+            work: WorkRecord {
+                program: ProgramRecord {
+                    name: "locard".to_owned(),
+                    version: "0.1.0".to_owned(),
+                    build: "cd".to_owned(),
+                },
+                command: CommandRecord { arguments: vec!["composite".to_owned()], folder: "/".into() },
+                device: DeviceRecord { adapter: "a".to_owned(), driver: "d".to_owned(), kind: "Cpu".to_owned() },
+                seed: 7,
+                inputs: vec![input],
+                settings: SettingsRecord { parameters, without: Vec::new(), sdr: false, mark: None, unlabelled: false },
+            },
             range: [4, 6],
-            inputs: vec![input],
-            settings: SettingsRecord { parameters, without: Vec::new(), sdr: false, mark: None, unlabelled: false },
             output: OutputRecord {
                 kind: OutputKind::Frames,
                 path: "out".into(),
@@ -385,7 +411,7 @@ pub mod tests {
         assert_eq!(later.range, [3, 6]);
         assert_eq!(later.pictures.iter().map(|picture| picture.frame).collect::<Vec<_>>(), [3, 4, 5]);
         assert_ne!(later.pictures[1].pixels_sha256, "old");
-        earlier.seed = 8;
+        earlier.work.seed = 8;
         assert!(!later.is_same_work(&earlier));
     }
 }

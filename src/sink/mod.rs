@@ -151,6 +151,8 @@ pub enum SinkError {
     Exists { path: PathBuf },
     #[error("{}: cannot be written: {}", path.display(), reason(source))]
     Write { path: PathBuf, source: std::io::Error },
+    #[error("{}: cannot be read for the record of the output: {}", path.display(), reason(source))]
+    Read { path: PathBuf, source: std::io::Error },
     #[error("standard output: {}", reason(source))]
     Stdout { source: std::io::Error },
     #[error(transparent)]

@@ -158,6 +158,11 @@ fn exif_block(notes: &ExifNotes, width: u32, height: u32) -> io::Result<Vec<u8>>
     Ok(block.into_inner())
 }
 
+/// Date and time for people, "2011-05-10 12:34:56", of seconds since 1970.
+pub fn log_date_time(seconds: f64) -> String {
+    date_time(seconds).replacen(':', "-", 2)
+}
+
 /// Exif date format, "2011:05:10 12:34:56". The date is in the proleptic Gregorian calendar, in
 /// which 400 years have 146097 days. Years start in March here, so that the leap day is the last.
 fn date_time(seconds: f64) -> String {
@@ -197,6 +202,7 @@ mod tests {
     #[test]
     fn dates_match_hand_calculation() {
         assert_eq!(date_time(0.0), "1970:01:01 00:00:00");
+        assert_eq!(log_date_time(0.0), "1970-01-01 00:00:00");
         assert_eq!(date_time(951_782_400.0), "2000:02:29 00:00:00");
         assert_eq!(date_time(1_305_031_103.7), "2011:05:10 12:38:23");
         assert_eq!(date_time(4_107_542_399.0), "2100:02:28 23:59:59");

@@ -26,6 +26,7 @@ mod export;
 mod fuzz_seeds;
 mod imperfect;
 mod outputs;
+mod photo_log;
 mod photogrammetry;
 mod pixels;
 mod place;

@@ -95,13 +95,13 @@ fn record_lists_inputs_settings_and_pictures() {
     let output = temp.path().join("frames");
     composite("40..42", &output, &["--set", "noise.scale=1.5", "--seed", "7", "--without", "halation"]);
     let record = Record::read(&output).unwrap();
-    assert_eq!((record.seed, record.range, record.output.kind), (7, [40, 42], OutputKind::Frames));
-    assert_eq!(record.command.arguments[0], "composite");
-    assert_eq!(record.settings.without, ["halation"]);
-    let scale = serde_json::to_value(&record.settings.parameters["noise"]["scale"]).unwrap();
+    assert_eq!((record.work.seed, record.range, record.output.kind), (7, [40, 42], OutputKind::Frames));
+    assert_eq!(record.work.command.arguments[0], "composite");
+    assert_eq!(record.work.settings.without, ["halation"]);
+    let scale = serde_json::to_value(&record.work.settings.parameters["noise"]["scale"]).unwrap();
     assert_eq!(scale, Value::from(1.5));
     for (role, name) in [("recording", "recording.toml"), ("scene", "demo.toml"), ("scene", "marker-1.glb")] {
-        let input = record.inputs.iter().find(|input| input.path.ends_with(name)).unwrap();
+        let input = record.work.inputs.iter().find(|input| input.path.ends_with(name)).unwrap();
         assert_eq!(input.role, role, "{name}");
         let digest = file_digest(&input.path).unwrap();
         assert_eq!((input.bytes, &input.sha256), (digest.bytes, &digest.sha256), "{name}");
@@ -150,7 +150,7 @@ fn audit_passes_the_output_as_made_and_names_each_change() {
     assert!(listed.contains("frame_000041.png (output): its pixels have changed since it was written"), "{listed}");
     // A record of another noise: the differences of the frames are listed.
     let mut record = Record::read(Path::new(&output)).unwrap();
-    record.command.arguments.extend(["--seed".to_owned(), "3".to_owned()]);
+    record.work.command.arguments.extend(["--seed".to_owned(), "3".to_owned()]);
     record.write(Path::new(&output)).unwrap();
     let done = locard(&["audit", "-q", &output, "--sample", "1"]);
     let listed = String::from_utf8_lossy(&done.stdout).into_owned();
