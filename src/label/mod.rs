@@ -71,7 +71,8 @@ impl SourceLabel {
         Self { frame: Some(frame), ..self.clone() }
     }
 
-    /// The XMP packet. It is the same for the same label.
+    /// The XMP packet: ASCII but for the byte order mark of its head. It is the same for the same
+    /// label.
     pub fn xmp(&self) -> String {
         let recording = self.recording.iter().map(|name| format!("\n   locard:recording=\"{}\"", xml_escaped(name)));
         let frame = self.frame.iter().map(|frame| format!("\n   locard:frame=\"{frame}\""));
@@ -95,7 +96,7 @@ impl SourceLabel {
     }
 }
 
-/// A text as the value of an XML attribute.
+/// A text as the value of an XML attribute, in ASCII.
 fn xml_escaped(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for character in text.chars() {
@@ -106,7 +107,8 @@ fn xml_escaped(text: &str) -> String {
             '"' => out.push_str("&quot;"),
             // XML 1.0 has no other control characters.
             control if control.is_control() => out.push('\u{fffd}'),
-            other => out.push(other),
+            ascii if ascii.is_ascii() => out.push(ascii),
+            other => out.push_str(&format!("&#{};", u32::from(other))),
         }
     }
     out
@@ -118,7 +120,7 @@ mod tests {
 
     #[test]
     fn packet_is_xml_with_the_source_type_program_recording_and_frame() {
-        let label = SourceLabel::composite(std::path::Path::new("/tmp/a \"b\" & <c>")).of_frame(12);
+        let label = SourceLabel::composite(std::path::Path::new("/tmp/ä \"b\" & <c>")).of_frame(12);
         let xmp = label.xmp();
         let document = roxmltree::Document::parse(xmp.trim_start_matches('\u{feff}')).unwrap();
         let description = document.descendants().find(|node| node.has_tag_name("Description")).unwrap();
@@ -126,7 +128,7 @@ mod tests {
         let iptc = value("http://iptc.org/std/Iptc4xmpExt/2008-02-29/", "DigitalSourceType");
         assert_eq!(iptc, "http://cv.iptc.org/newscodes/digitalsourcetype/compositeSynthetic");
         assert_eq!(value("http://ns.adobe.com/xap/1.0/", "CreatorTool"), PROGRAM);
-        assert_eq!(value("urn:locard:label:1#", "recording"), "a \"b\" & <c>");
+        assert_eq!(value("urn:locard:label:1#", "recording"), "ä \"b\" & <c>");
         assert_eq!(value("urn:locard:label:1#", "frame"), "12");
         let of_video = SourceLabel::rendering().xmp();
         assert!(of_video.contains("digitalCreation") && !of_video.contains("locard:frame"));

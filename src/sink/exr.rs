@@ -66,7 +66,9 @@ pub fn write_layers(
 pub fn label_attributes(attributes: &mut LayerAttributes, label: Option<&SourceLabel>) {
     let Some(label) = label else { return };
     attributes.software_name = Some(PROGRAM.into());
-    attributes.other.insert("xmp".into(), AttributeValue::Text(label.xmp().as_str().into()));
+    // The format's text has no byte order mark, and without one a packet is UTF-8.
+    let packet = Text::new_or_none(label.xmp().replace('\u{feff}', ""));
+    attributes.other.extend(packet.map(|packet| ("xmp".into(), AttributeValue::Text(packet))));
 }
 
 /// A map of places in another picture: S to the right and T upwards, 0 to 1 across it.
@@ -116,10 +118,15 @@ mod tests {
             left: (0..count).map(|i| [0.5, 1.0, i as f32 / 256.0]).collect(),
             noise: (0..count).map(|i| [-0.25, 0.0, i as f32 / 512.0]).collect(),
         };
-        write_layers(&path, &layers, None, false).unwrap();
+        let label = SourceLabel::composite(Path::new("wide")).of_frame(2);
+        write_layers(&path, &layers, Some(&label), false).unwrap();
         let image = read_first_flat_layer_from_file(&path).unwrap();
         assert_eq!((image.layer_data.size.0, image.layer_data.size.1), (5, 40));
         assert_eq!(image.layer_data.encoding.compression, Compression::ZIP16);
+        let AttributeValue::Text(xmp) = &image.layer_data.attributes.other[&Text::from("xmp")] else {
+            panic!("no text")
+        };
+        assert!(xmp.to_string().contains("compositeSynthetic") && xmp.to_string().contains("frame=\"2\""), "{xmp}");
         let channels = &image.layer_data.channel_data.list;
         let names: Vec<String> = channels.iter().map(|c| c.name.to_string()).collect();
         let of_virtual = ["virtual.A", "virtual.B", "virtual.G", "virtual.R"];
