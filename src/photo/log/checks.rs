@@ -96,7 +96,9 @@ fn exposure(view: &ViewParticulars) -> Option<Finding> {
 }
 
 fn clipped(view: &ViewParticulars) -> Option<Finding> {
-    let of_subject = view.subject.as_ref().map_or(0.0, |subject| subject.clipped_share);
+    // Of a photograph of the site, the nearest item is no subject whose tones matter.
+    let named = view.subject.as_ref().filter(|subject| subject.is_named);
+    let of_subject = named.map_or(0.0, |subject| subject.clipped_share);
     if of_subject < MAX_CLIPPED_SUBJECT && view.clipped_share < MAX_CLIPPED_PICTURE {
         return None;
     }
