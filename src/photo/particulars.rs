@@ -6,6 +6,10 @@ use serde::{Deserialize, Serialize};
 use super::card::CaseCard;
 use crate::scene::ObjectKind;
 
+/// Share of the film's diagonal up to which a circle of confusion counts as sharp: 0.029 mm on
+/// 36×24.
+pub const SHARP_CIRCLE_SHARE: f64 = 1.0 / 1500.0;
+
 /// Particulars of one photograph.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 pub struct Particulars {

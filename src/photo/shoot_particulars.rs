@@ -5,7 +5,7 @@ use glam::{DVec2, DVec3};
 use super::error::PhotoError;
 use super::exposure_controls::{ExposureControls, SeriesEntry};
 use super::framing::Framing;
-use super::particulars::{CameraSupport, Particulars, PhotoContent, Subject, ViewParticulars};
+use super::particulars::{CameraSupport, Particulars, PhotoContent, SHARP_CIRCLE_SHARE, Subject, ViewParticulars};
 use super::shoot::PhotoShoot;
 use super::view::{PhotoView, ViewedObject, path_px};
 use crate::camera::Opening;
@@ -15,9 +15,6 @@ use crate::pixels::Pixels;
 use crate::pose::Pose;
 use crate::sink::photograph::{ExifNotes, log_date_time};
 
-/// Share of the film's diagonal up to which a circle of confusion counts as sharp: 0.029 mm on
-/// 36×24.
-pub const SHARP_CIRCLE_SHARE: f64 = 1.0 / 1500.0;
 /// Smallest code value of a clipped channel: JPEG's rounding loses the last code.
 const CLIPPED_CODE: u32 = 254;
 /// Number of moments at which the subject's path is sampled.

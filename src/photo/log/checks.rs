@@ -3,7 +3,9 @@
 use super::finding::{Check, Finding};
 use super::shot_class::ShotClass;
 use crate::camera::stops::{Step, format_shutter_s, marked, shutter_times_s};
-use crate::photo::particulars::{CameraSupport, ObjectInView, ScaleInView, Subject, ViewParticulars};
+use crate::photo::particulars::{
+    CameraSupport, ObjectInView, SHARP_CIRCLE_SHARE, ScaleInView, Subject, ViewParticulars,
+};
 use crate::photo::plane_view::foreshortening;
 use crate::scene::ObjectKind;
 use crate::text::fixed;
@@ -32,8 +34,6 @@ const MIN_WITH_SCALE_SHARE: f64 = 0.5;
 const MIN_MOTION_LIMIT_PX: f64 = 2.0;
 /// Smallest visible circle of confusion, px.
 const MIN_CIRCLE_PX: f64 = 1.0;
-/// Share of a picture's diagonal up to which blur counts as sharp.
-const SHARP_SHARE: f64 = 1.0 / 1500.0;
 
 /// Faults of a photograph of the scene.
 pub fn view_findings(view: &ViewParticulars) -> Vec<Finding> {
@@ -65,7 +65,7 @@ pub fn view_findings(view: &ViewParticulars) -> Vec<Finding> {
 /// Blur up to this is invisible, px.
 fn blur_limit_px(view: &ViewParticulars, floor_px: f64) -> f64 {
     let diagonal_px = f64::from(view.width_px).hypot(f64::from(view.height_px));
-    (SHARP_SHARE * diagonal_px).max(floor_px)
+    (SHARP_CIRCLE_SHARE * diagonal_px).max(floor_px)
 }
 
 fn percent(share: f64) -> String {
@@ -96,7 +96,9 @@ fn exposure(view: &ViewParticulars) -> Option<Finding> {
 }
 
 fn clipped(view: &ViewParticulars) -> Option<Finding> {
-    let of_subject = view.subject.as_ref().map_or(0.0, |subject| subject.clipped_share);
+    // Of a photograph of the site, the nearest item is no subject whose tones matter.
+    let named = view.subject.as_ref().filter(|subject| subject.is_named);
+    let of_subject = named.map_or(0.0, |subject| subject.clipped_share);
     if of_subject < MAX_CLIPPED_SUBJECT && view.clipped_share < MAX_CLIPPED_PICTURE {
         return None;
     }

@@ -177,9 +177,9 @@ fn scale_out_of_plane_is_reported_with_its_error() {
 fn cut_off_and_small_scales_are_reported() {
     let (faults, text) = after(|view, _| view.objects[2].in_view = 0.62);
     assert!(faults == [Check::ScaleCutOff] && text.contains("62.0 % of it"), "{text}");
-    // 80 px long, uncertain by 1/80.
-    let (faults, text) = after(|view, _| view.objects[2].bounds_px = [400.0, 650.0, 480.0, 700.0]);
-    assert!(faults == [Check::ScaleTooSmall] && text.contains("80 px long") && text.contains("1.3 %"), "{text}");
+    // 75 px long, uncertain by 1/75.
+    let (faults, text) = after(|view, _| view.objects[2].bounds_px = [400.0, 650.0, 475.0, 700.0]);
+    assert!(faults == [Check::ScaleTooSmall] && text.contains("75 px long") && text.contains("1.3 %"), "{text}");
 }
 
 #[test]
