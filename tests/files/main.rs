@@ -25,6 +25,7 @@ mod cli;
 mod export;
 mod fuzz_seeds;
 mod imperfect;
+mod kit;
 mod outputs;
 mod photogrammetry;
 mod pixels;
