@@ -107,7 +107,7 @@ fn decals_are_blended_and_mostly_transparent() {
     assert_eq!(count, 7);
 }
 
-// Slow: 63 pictures are drawn and packed.
+// Slow: 65 models are drawn and packed.
 // Sines differ in their last bits on other systems.
 #[cfg(all(target_os = "linux", target_arch = "x86_64"))]
 #[test]
