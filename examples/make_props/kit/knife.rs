@@ -101,8 +101,8 @@ fn on_axis(p: Vec3) -> Vec3 {
 /// A point of the blade at `s` from heel to tip and `t` from spine to edge, on one side.
 fn blade_point(s: f32, t: f32, side: f32) -> Vec3 {
     let spine = 9.0 * ((s - 0.35) / 0.65).max(0.0).powi(2);
-    let edge = 9.0 + (BLADE_HEIGHT_MM - 9.0) * (1.0 - s.powf(2.8)).max(0.0).powf(0.85);
-    let half = SPINE_MM / 2.0 * (1.0 - 0.7 * s);
+    let edge = 9.3 + (BLADE_HEIGHT_MM - 9.3) * (1.0 - s.powf(2.8)).max(0.0).powf(0.85);
+    let half = SPINE_MM / 2.0 * (1.0 - 0.97 * s);
     // A flat grind down to the edge.
     let thickness = 1.0 - 0.98 * t;
     place(vec3(BLADE_MM * s, side * half * thickness, spine + (edge - spine) * t))
