@@ -25,6 +25,7 @@ mod cli;
 mod export;
 mod fuzz_seeds;
 mod imperfect;
+mod kit;
 mod outputs;
 mod photo_log;
 mod photogrammetry;
