@@ -137,6 +137,7 @@ fn headless(args: &Args, output: &Path) -> Result<()> {
         presentation: Presentation::default(),
         lossless: args.lossless,
         codec: None,
+        closed_groups: None,
         soundtrack: None,
         width,
         height,

@@ -55,6 +55,7 @@ impl Export {
             presentation,
             lossless: self.lossless,
             codec: self.codec,
+            closed_groups: self.closed_groups,
             soundtrack: if self.sound { recording.soundtrack(self.range.clone()) } else { None },
             width: recording.width,
             height: recording.height,

@@ -57,6 +57,7 @@ mod tests {
             presentation,
             lossless: false,
             codec: None,
+            closed_groups: None,
             soundtrack: None,
             width: 1,
             height: 1,
