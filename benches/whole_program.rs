@@ -69,6 +69,7 @@ fn main() -> Result<()> {
         codec: None,
         soundtrack: None,
         label: None,
+        closed_groups: None,
         width: WIDTH,
         height: HEIGHT,
         bits: 8,

@@ -64,6 +64,7 @@ pub mod analyse;
 pub mod bench;
 pub mod calibrate;
 pub mod export;
+pub mod farm;
 pub mod live;
 pub mod measure;
 pub mod photo;

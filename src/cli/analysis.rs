@@ -33,6 +33,11 @@ impl AnalysisArgs {
         }
     }
 
+    /// True if the recording is to be analysed.
+    pub fn makes_analysis(&self) -> bool {
+        self.analyse
+    }
+
     /// Opens the shot and passes it to `check`. With `--analyse` and without an analysis that fits,
     /// the recording is then analysed with the given camera, and the shot is opened and checked
     /// again. `check` thus finds invalid options before the analysis, and receives the shot that is

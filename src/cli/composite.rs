@@ -96,6 +96,10 @@ pub struct Args {
     /// Codec of a video; .mov: prores, others: h264
     #[arg(long, value_enum, conflicts_with_all = ["lossless", "preview"])]
     codec: Option<Codec>,
+    /// Divide an H.264 or HEVC video into closed groups of N frames at a constant quantiser, so
+    /// that parts of whole groups join to the pictures of one run; the file becomes larger
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000), conflicts_with = "preview")]
+    closed_groups: Option<u32>,
     /// Convert footage of high dynamic range, or on a logarithmic curve, to standard dynamic range
     #[arg(long, conflicts_with = "preview")]
     sdr: bool,
@@ -257,6 +261,7 @@ fn apply_options(args: &Args, shot: &mut Shot) -> Result<(Range<usize>, Option<E
         out,
         lossless,
         codec: args.codec.map(Codec::codec),
+        closed_groups: args.closed_groups,
         sdr: args.sdr,
         sound: !args.no_sound,
         force,

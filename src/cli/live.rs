@@ -142,6 +142,7 @@ fn headless(args: &Args, output: &Path) -> Result<()> {
         presentation: Presentation::default(),
         lossless: args.lossless,
         codec: None,
+        closed_groups: None,
         soundtrack: None,
         label: args.labels.is_labelled().then(|| SourceLabel::composite(Path::new(&args.camera.camera))),
         width,

@@ -11,8 +11,10 @@ mod clock;
 mod composite;
 mod doctor;
 mod export;
+mod farm;
 mod inspect;
 mod interrupt;
+mod join;
 mod labels;
 mod light;
 mod listen;
@@ -74,6 +76,11 @@ enum Command {
     Calibrate(calibrate::Args),
     /// Write the camera, its lens and the evidence for other programs
     Export(export::Args),
+    /// Composite a recording on many machines: files for Open Job Description, Slurm, GNU parallel
+    /// and Dask
+    Farm(farm::Args),
+    /// Join parts of an output that were composited separately
+    Join(join::Args),
     /// Describe a recording, a scene, a profile or a stream of poses, and report problems in it
     Inspect(inspect::Args),
     /// Put a scene into a camera's pictures as they come
@@ -145,6 +152,8 @@ pub fn main() -> ExitCode {
         Command::Audit(args) => audit::run(&args),
         Command::Calibrate(args) => calibrate::run(args),
         Command::Export(args) => export::run(&args),
+        Command::Farm(args) => farm::run(&args),
+        Command::Join(args) => join::run(&args),
         Command::Inspect(args) => inspect::run(&args),
         Command::Live(args) => live::run(&args),
         Command::Meter(args) => meter::run(&args),

@@ -15,6 +15,13 @@ pub struct Skip {
 }
 
 impl Skip {
+    /// The options as words of a command line.
+    pub fn words(self) -> Vec<String> {
+        let Self { skip_duplicates, skip_missing } = self;
+        let all = [(skip_duplicates, "--skip-duplicates"), (skip_missing, "--skip-missing")];
+        all.iter().filter(|(is_set, _)| *is_set).map(|(_, word)| (*word).to_owned()).collect()
+    }
+
     pub fn over(self, options: OpenOptions) -> OpenOptions {
         let Self { skip_duplicates, skip_missing } = self;
         OpenOptions { skip_duplicates, skip_missing, ..options }
@@ -35,6 +42,19 @@ pub struct OpenArgs {
 }
 
 impl OpenArgs {
+    /// The options other than defaults, as words of a command line.
+    pub fn words(self) -> Vec<String> {
+        let Self { metres_per_unit, time_offset_s, skip } = self;
+        let mut words = skip.words();
+        if metres_per_unit != 1.0 {
+            words.push(format!("--metres-per-unit={metres_per_unit}"));
+        }
+        if time_offset_s != 0.0 {
+            words.push(format!("--time-offset-s={time_offset_s}"));
+        }
+        words
+    }
+
     pub fn options(self) -> OpenOptions {
         let Self { metres_per_unit, time_offset_s, skip } = self;
         skip.over(OpenOptions { metres_per_unit, time_offset_s, ..OpenOptions::default() })

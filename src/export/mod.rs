@@ -30,6 +30,8 @@ pub struct Export {
     pub lossless: bool,
     /// Codec of a video that is not lossless; `None`: by the file's extension.
     pub codec: Option<VideoCodec>,
+    /// Frames of each closed group of pictures; see [`SinkOptions`](crate::sink::SinkOptions).
+    pub closed_groups: Option<u32>,
     /// Converts to standard dynamic range.
     pub sdr: bool,
     /// Copies the sound of the recording's video into a video.
@@ -58,6 +60,7 @@ impl Export {
             out,
             lossless: false,
             codec: None,
+            closed_groups: None,
             sdr: false,
             sound: true,
             force: false,

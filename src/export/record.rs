@@ -26,6 +26,14 @@ impl Export {
         }
     }
 
+    /// The folder of an output with a file for each frame.
+    pub(super) fn frame_folder(&self) -> Option<PathBuf> {
+        match &self.out {
+            OutPath::Folder(path) => Some(path.clone()),
+            _ => None,
+        }
+    }
+
     /// The settings of a shot with those of this export.
     pub fn settings_record(&self, shot: &Shot) -> SettingsRecord {
         let mut settings = SettingsRecord::of(shot);
@@ -116,23 +124,26 @@ pub struct DigestSink {
 /// Lists the written pictures with the digests that its sink computes.
 pub struct PictureList {
     digests: mpsc::Receiver<String>,
-    has_files: bool,
+    /// Of the files, if there is one for each frame.
+    folder: Option<PathBuf>,
     lines: PictureLines,
 }
 
 impl PictureList {
-    /// A sink in front of `inner`, and the list of its pictures. `has_files`: the sink names files
-    /// by the frame.
-    pub fn new(inner: Box<dyn Sink + Send>, has_files: bool) -> (DigestSink, Self) {
+    /// A sink in front of `inner`, and the list of its pictures, which are files in `folder`, or
+    /// parts of a video.
+    pub fn new(inner: Box<dyn Sink + Send>, folder: Option<PathBuf>) -> (DigestSink, Self) {
         let (sender, digests) = mpsc::channel();
-        (DigestSink { digests: sender, inner }, Self { digests, has_files, lines: PictureLines::default() })
+        (DigestSink { digests: sender, inner }, Self { digests, folder, lines: PictureLines::default() })
     }
 
     /// Adds the picture that was written last.
     pub fn add(&mut self, frame: usize, rect_px: Option<[i32; 4]>, mask: Option<MaskRecord>) -> io::Result<()> {
         let Ok(pixels_sha256) = self.digests.try_recv() else { return Ok(()) };
-        let file = self.has_files.then(|| frame_name(frame));
-        self.lines.push(&PictureRecord { frame, file, pixels_sha256, rect_px, mask })
+        let file = self.folder.as_ref().map(|_| frame_name(frame));
+        let path = self.folder.as_ref().map(|folder| folder.join(frame_name(frame)));
+        let file_sha256 = path.map(|path| file_digest(&path)).transpose()?.map(|digest| digest.sha256);
+        self.lines.push(&PictureRecord { frame, file, pixels_sha256, file_sha256, rect_px, mask })
     }
 
     pub fn into_lines(self) -> PictureLines {

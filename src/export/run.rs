@@ -18,7 +18,7 @@ use crate::sink::atomic::write_atomically;
 use crate::sink::folder::write_frame;
 use crate::sink::mark::MarkSink;
 use crate::sink::sdr::SdrSink;
-use crate::sink::{self, OutPath, Sink, SinkError, SinkOptions, exr, is_stdout};
+use crate::sink::{self, Sink, SinkError, SinkOptions, exr, is_stdout};
 
 /// Summary of an export. Its size does not depend on the number of frames.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -61,6 +61,7 @@ impl Export {
             presentation,
             lossless: self.lossless,
             codec: self.codec,
+            closed_groups: self.closed_groups,
             soundtrack: if self.sound { recording.soundtrack(self.range.clone()) } else { None },
             label: self.labelled.then(|| SourceLabel::composite(&recording.path)),
             width: recording.width,
@@ -71,7 +72,7 @@ impl Export {
         let mut sink = sink::open(&self.out, &options)?;
         let mut pictures = None;
         if record.is_some() {
-            let (digesting, list) = PictureList::new(sink, matches!(self.out, OutPath::Folder(_)));
+            let (digesting, list) = PictureList::new(sink, self.frame_folder());
             (sink, pictures) = (Box::new(digesting), Some(list));
         }
         let writer = Writer {

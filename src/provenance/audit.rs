@@ -58,7 +58,12 @@ pub fn changed_outputs(record: &Record, output: &Path, frames: &[usize]) -> Vec<
     let change = |(number, picture): (usize, &super::PictureRecord)| {
         let file = output.join(picture.file.as_deref().unwrap_or_default());
         match read_picture(output, &record.output, picture.file.as_deref(), number) {
-            Ok(pixels) if pixels_digest(&pixels) == picture.pixels_sha256 => None,
+            Ok(pixels) if pixels_digest(&pixels) == picture.pixels_sha256 => match &picture.file_sha256 {
+                Some(sha256) if file_digest(&file).is_ok_and(|digest| digest.sha256 != *sha256) => {
+                    Some(changed(file, "its pixels are as they were written, but other data has changed".to_owned()))
+                }
+                _ => None,
+            },
             Ok(_) => Some(changed(file, "its pixels have changed since it was written".to_owned())),
             Err(error) => Some(changed(file, error.to_string())),
         }

@@ -152,6 +152,9 @@ pub struct PictureRecord {
     pub file: Option<String>,
     /// Digest of the code values.
     pub pixels_sha256: String,
+    /// Digest of the file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub file_sha256: Option<String>,
     /// Bounds of the changed pixels: x0, y0, x1, y1. All others are the camera's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rect_px: Option<[i32; 4]>,
@@ -336,6 +339,7 @@ pub mod tests {
             frame,
             file: Some(format!("frame_{frame:06}.png")),
             pixels_sha256: format!("{frame:064}"),
+            file_sha256: None,
             rect_px: Some([1, 2, 3, 4]),
             mask: None,
         };

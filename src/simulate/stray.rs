@@ -39,6 +39,7 @@ impl StrayScan {
             presentation: Presentation::default(),
             lossless: options.format == Format::Png,
             codec: None,
+            closed_groups: None,
             soundtrack: None,
             label: None,
             width: options.width_px,

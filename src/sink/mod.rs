@@ -9,10 +9,10 @@ pub mod mark;
 pub mod photograph;
 pub mod picture;
 pub mod raw;
-mod rotation;
+pub(crate) mod rotation;
 pub mod sdr;
 mod timed;
-mod video;
+pub(crate) mod video;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -107,6 +107,10 @@ pub struct SinkOptions {
     pub lossless: bool,
     /// Of a video that is not lossless; `None`: by the file's extension.
     pub codec: Option<VideoCodec>,
+    /// Frames of each closed group of pictures of H.264 and HEVC, at a constant quantiser: a video
+    /// of whole groups has the pictures of the same groups in a longer one. `None`: groups and
+    /// quantisers of the encoder's choice.
+    pub closed_groups: Option<u32>,
     /// Copied into a video.
     pub soundtrack: Option<Soundtrack>,
     /// Written into the file's metadata; raw values have none.
@@ -164,7 +168,7 @@ pub enum SinkError {
 }
 
 impl SinkError {
-    fn of_writing(path: &Path, source: std::io::Error) -> Self {
+    pub(crate) fn of_writing(path: &Path, source: std::io::Error) -> Self {
         let path = path.to_owned();
         match source.kind() {
             std::io::ErrorKind::AlreadyExists => Self::Exists { path },

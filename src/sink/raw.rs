@@ -57,6 +57,7 @@ mod tests {
             presentation,
             lossless: false,
             codec: None,
+            closed_groups: None,
             soundtrack: None,
             label: None,
             width: 1,

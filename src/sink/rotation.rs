@@ -11,17 +11,37 @@ use crate::source::orientation::Orientation;
 /// Writes the orientation of pictures of this size into the first track's header.
 pub fn write(file: &Path, orientation: Orientation, size: (u32, u32)) -> io::Result<()> {
     let mut file = File::options().read(true).write(true).open(file)?;
+    seek_matrix(&mut file)?;
+    file.write_all(&matrix(orientation, size))
+}
+
+/// Copies the orientation of one file's first track into another file with pictures of the same
+/// size.
+pub fn copy(from: &Path, to: &Path) -> io::Result<()> {
+    let mut source = File::open(from)?;
+    seek_matrix(&mut source)?;
+    let mut matrix = [0; MATRIX_BYTES];
+    source.read_exact(&mut matrix)?;
+    let mut file = File::options().read(true).write(true).open(to)?;
+    seek_matrix(&mut file)?;
+    file.write_all(&matrix)
+}
+
+/// Length of a display matrix: nine numbers of 32 bits.
+const MATRIX_BYTES: usize = 36;
+
+/// Moves to the display matrix of the first track.
+fn seek_matrix(file: &mut File) -> io::Result<()> {
     let end = file.seek(SeekFrom::End(0))?;
-    let (from, to) = find(&mut file, b"moov", 0, end)?;
-    let (from, to) = find(&mut file, b"trak", from, to)?;
-    let (from, _) = find(&mut file, b"tkhd", from, to)?;
+    let (from, to) = find(file, b"moov", 0, end)?;
+    let (from, to) = find(file, b"trak", from, to)?;
+    let (from, _) = find(file, b"tkhd", from, to)?;
     file.seek(SeekFrom::Start(from))?;
     let mut version = [0];
     file.read_exact(&mut version)?;
     // Preceded by version and flags, times of 4 or 8 bytes, layer, group and volume.
     let at = from + if version[0] == 1 { 52 } else { 40 };
-    file.seek(SeekFrom::Start(at))?;
-    file.write_all(&matrix(orientation, size))
+    file.seek(SeekFrom::Start(at)).map(drop)
 }
 
 /// Content range of a box, among the boxes from `at` to `end`.

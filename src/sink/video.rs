@@ -152,13 +152,29 @@ pub fn default_codec(path: &Path) -> VideoCodec {
     if has_extension(path, "mov") { VideoCodec::ProRes } else { VideoCodec::H264 }
 }
 
+/// ffmpeg's arguments for the sound of a video.
+pub(crate) struct SoundArguments {
+    /// The recording's file as the next input.
+    pub input: Vec<OsString>,
+    /// Value of the option `-c:a`.
+    pub codec: &'static str,
+}
+
+/// Arguments that put a soundtrack into a video at a path.
+pub(crate) fn sound_arguments(soundtrack: &Soundtrack, path: &Path) -> Result<SoundArguments, ProgramError> {
+    let Soundtrack { file, start_s, length_s } = soundtrack;
+    let part = ["-ss", &format!("{start_s:.6}"), "-t", &format!("{length_s:.6}")].map(OsString::from);
+    let input = part.into_iter().chain(ffmpeg::input(file)).collect();
+    Ok(SoundArguments { input, codec: sound_codec(file, path, *start_s)? })
+}
+
 /// Arguments of the encoder: options and pixel format.
-fn encoder(options: &SinkOptions, codec: VideoCodec) -> (Vec<&'static str>, &'static str) {
+fn encoder(options: &SinkOptions, codec: VideoCodec) -> (Vec<String>, &'static str) {
     let is_even = options.width.is_multiple_of(2) && options.height.is_multiple_of(2);
     // 8-bit quantization is visible in a high dynamic range and on logarithmic curves. Chroma
     // subsampling requires even sizes, but the picture's size must not change.
     let is_ten_bit = (options.presentation.is_hdr() || options.presentation.matrix.is_some()) && options.bits == 16;
-    match codec {
+    let (words, format): (&[&str], _) = match codec {
         VideoCodec::H264 => {
             let format = match (is_even, is_ten_bit) {
                 (true, false) => "yuv420p",
@@ -166,19 +182,38 @@ fn encoder(options: &SinkOptions, codec: VideoCodec) -> (Vec<&'static str>, &'st
                 (false, false) => "yuv444p",
                 (false, true) => "yuv444p10le",
             };
-            (vec!["-c:v", "libx264", "-preset", "veryfast", "-crf", "16"], format)
+            (&["-c:v", "libx264", "-preset", "veryfast"], format)
         }
         VideoCodec::Hevc => {
             let format = if is_even { "yuv420p10le" } else { "yuv444p10le" };
-            let quality = ["-preset", "fast", "-crf", "14", "-x265-params", "log-level=error"];
             // Players of Apple identify HEVC by this tag.
-            ([&["-c:v", "libx265"], &quality[..], &["-tag:v", "hvc1"]].concat(), format)
+            (&["-c:v", "libx265", "-preset", "fast", "-tag:v", "hvc1"], format)
         }
         VideoCodec::ProRes => {
             let (profile, format) = if is_even { ("hq", "yuv422p10le") } else { ("4444", "yuv444p10le") };
-            (vec!["-c:v", "prores_ks", "-profile:v", profile, "-vendor", "apl0"], format)
+            (&["-c:v", "prores_ks", "-vendor", "apl0", "-profile:v", profile], format)
         }
-    }
+    };
+    let words = words.iter().map(|word| (*word).to_owned());
+    (words.chain(quality(codec, options.closed_groups)).collect(), format)
+}
+
+/// Arguments of an encoder's quality and of its groups of pictures.
+fn quality(codec: VideoCodec, closed_groups: Option<u32>) -> Vec<String> {
+    let words = match (codec, closed_groups) {
+        (VideoCodec::ProRes, _) => String::new(),
+        (VideoCodec::H264, None) => "-crf 16".to_owned(),
+        (VideoCodec::Hevc, None) => "-crf 14 -x265-params log-level=error".to_owned(),
+        // Rate control carries its state from group to group, and encoding on several threads
+        // depends on their number.
+        (VideoCodec::H264, Some(n)) => {
+            format!("-qp 16 -threads 1 -g {n} -keyint_min {n} -sc_threshold 0 -x264-params open-gop=0")
+        }
+        (VideoCodec::Hevc, Some(n)) => format!(
+            "-qp 14 -x265-params log-level=error:frame-threads=1:keyint={n}:min-keyint={n}:scenecut=0:open-gop=0"
+        ),
+    };
+    words.split_whitespace().map(str::to_owned).collect()
 }
 
 /// A label as ffmpeg's metadata, `key=value`. QuickTime files have a place for XMP, Matroska has
@@ -207,12 +242,11 @@ fn arguments(options: &SinkOptions, path: &Path, partial: &Path) -> Result<Vec<O
     }
     let mut arguments: Vec<OsString> = text.drain(..).map(OsString::from).collect();
     match &options.soundtrack {
-        Some(Soundtrack { file, start_s, length_s }) => {
-            arguments.extend(["-ss", &format!("{start_s:.6}"), "-t", &format!("{length_s:.6}")].map(OsString::from));
-            arguments.extend(ffmpeg::input(file));
+        Some(soundtrack) => {
+            let sound = sound_arguments(soundtrack, path)?;
+            arguments.extend(sound.input);
             // One track: others may have codecs that no container takes.
-            text.extend(["-map", "0:v:0", "-map", "1:a:0?"]);
-            text.extend(["-c:a", sound_codec(file, path, *start_s)?]);
+            text.extend(["-map", "0:v:0", "-map", "1:a:0?", "-c:a", sound.codec]);
         }
         None => text.push("-an"),
     }
@@ -247,10 +281,11 @@ fn arguments(options: &SinkOptions, path: &Path, partial: &Path) -> Result<Vec<O
         text.extend(["-vf", &filters]);
     }
     match (lossless, bits) {
-        (true, 16) => text.extend(["-c:v", "ffv1", "-level", "3", "-pix_fmt", "gbrp16le"]),
+        // Each frame alone, so that parts join to the bits of one run.
+        (true, 16) => text.extend(["-c:v", "ffv1", "-level", "3", "-g", "1", "-pix_fmt", "gbrp16le"]),
         (true, _) => text.extend(["-c:v", "libx264rgb", "-preset", "veryfast", "-qp", "0", "-pix_fmt", "rgb24"]),
         (false, _) => {
-            text.extend(encoder);
+            text.extend(encoder.iter().map(String::as_str));
             text.extend(["-color_range", "tv", "-colorspace", tag]);
         }
     }
@@ -270,7 +305,10 @@ fn arguments(options: &SinkOptions, path: &Path, partial: &Path) -> Result<Vec<O
             text.extend(["-video_track_timescale", "90000"]);
         }
     }
-    if !is_mkv {
+    if is_mkv {
+        // Without random identifiers.
+        text.extend(["-fflags", "+bitexact"]);
+    } else {
         text.extend(["-movflags", "+faststart"]);
     }
     arguments.extend(text.into_iter().map(OsString::from));

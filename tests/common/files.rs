@@ -27,6 +27,7 @@ pub fn options(width: u32, height: u32, bits: u32) -> SinkOptions {
         presentation,
         lossless: true,
         codec: None,
+        closed_groups: None,
         soundtrack: None,
         label: None,
         width,

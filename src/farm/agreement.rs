@@ -1,0 +1,225 @@
+//! Whether parts are pieces of one output: same build, inputs, settings, format and adapter,
+//! without holes and overlaps.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
+
+use super::error::FarmError;
+use super::part_record::{PartRecord, RecordedPart};
+use crate::text::quoted;
+
+/// Roles of inputs of which each part reads its own files.
+const PER_FRAME_ROLES: [&str; 2] = ["frames", "depth"];
+
+/// Checks that parts, in order of their frames, belong together and cover `frames`, or, without
+/// it, the frames from the first part's to the last one's. With `any_driver` adapters need only be
+/// of the same kind; drivers may round differently.
+pub fn check_agreement(
+    parts: &[RecordedPart],
+    frames: Option<&Range<usize>>,
+    any_driver: bool,
+) -> Result<(), FarmError> {
+    let Some((first, others)) = parts.split_first() else {
+        return Err(FarmError::Plan("there are no parts to join".to_owned()));
+    };
+    for part in others {
+        check_settings(first, part)?;
+        check_device(first, part, any_driver)?;
+        check_shared_inputs(first, part)?;
+    }
+    check_same_files(parts)?;
+    check_ranges(parts, frames)
+}
+
+/// Refuses a part whose program, settings or format differ from the first one's.
+fn check_settings(first: &RecordedPart, part: &RecordedPart) -> Result<(), FarmError> {
+    let (a, b) = (&first.record, &part.record);
+    let program = |record: &PartRecord| {
+        let program = &record.program;
+        format!("{} {}, build {}", program.name, program.version, program.build)
+    };
+    compare(first, part, "the program", program(a), program(b))?;
+    compare(first, part, "the seed", a.seed.to_string(), b.seed.to_string())?;
+    if let Some(name) = different_setting(&a.settings, &b.settings) {
+        return Err(disagreement(first, part, &format!("the settings ({})", quoted(&name))));
+    }
+    let format = |record: &PartRecord| {
+        let output = &record.output;
+        let rate = output.fps.map_or(String::new(), |fps| format!(", {fps} frames/s"));
+        format!("{} {} {}x{}, {} bits{rate}", output.codec, output.kind, output.width, output.height, output.bits)
+    };
+    compare(first, part, "the output's format", format(a), format(b))
+}
+
+/// Name of a setting that differs.
+fn different_setting(a: &serde_json::Value, b: &serde_json::Value) -> Option<String> {
+    match (a.as_object(), b.as_object()) {
+        _ if a == b => None,
+        (Some(a), Some(b)) => a.keys().chain(b.keys()).find(|key| a.get(*key) != b.get(*key)).cloned(),
+        _ => Some("all".to_owned()),
+    }
+}
+
+fn check_device(first: &RecordedPart, part: &RecordedPart, any_driver: bool) -> Result<(), FarmError> {
+    let (a, b) = (&first.record.device, &part.record.device);
+    compare(first, part, "the kind of adapter", a.kind.clone(), b.kind.clone())?;
+    if any_driver {
+        return Ok(());
+    }
+    let adapter = |device: &super::part_record::PartDevice| format!("{}, driver {}", device.adapter, device.driver);
+    compare(first, part, "the adapter (--any-driver accepts others of its kind)", adapter(a), adapter(b))
+}
+
+fn compare(first: &RecordedPart, part: &RecordedPart, of: &str, a: String, b: String) -> Result<(), FarmError> {
+    if a == b {
+        return Ok(());
+    }
+    Err(disagreement(first, part, &format!("{of}: {} and {}", quoted(&a), quoted(&b))))
+}
+
+fn disagreement(first: &RecordedPart, part: &RecordedPart, of: &str) -> FarmError {
+    let problem = format!("differs from {} in {of}; make one of them again", first.path.display());
+    FarmError::refused(&part.path, problem)
+}
+
+/// Compares the inputs that do not belong to single frames, by role and content: machines may have
+/// them in different folders.
+fn check_shared_inputs(first: &RecordedPart, part: &RecordedPart) -> Result<(), FarmError> {
+    let shared = |part: &RecordedPart| -> BTreeSet<(String, String)> {
+        let inputs = part.record.inputs.iter().filter(|input| !PER_FRAME_ROLES.contains(&input.role.as_str()));
+        inputs.map(|input| (input.role.clone(), input.sha256.clone())).collect()
+    };
+    let (a, b) = (shared(first), shared(part));
+    match a.symmetric_difference(&b).next() {
+        Some((role, _)) => Err(disagreement(first, part, &format!("an input ({})", quoted(role)))),
+        None => Ok(()),
+    }
+}
+
+/// Refuses parts that read different contents from a file of one name.
+fn check_same_files(parts: &[RecordedPart]) -> Result<(), FarmError> {
+    let mut files: BTreeMap<(&str, &str), (&str, &RecordedPart)> = BTreeMap::new();
+    for part in parts {
+        for input in &part.record.inputs {
+            let (sha256, other) = files.entry((&input.role, &input.path)).or_insert((input.sha256.as_str(), part));
+            if *sha256 != input.sha256 {
+                return Err(disagreement(other, part, &format!("the content of {}", quoted(&input.path))));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Refuses holes and overlaps.
+fn check_ranges(parts: &[RecordedPart], frames: Option<&Range<usize>>) -> Result<(), FarmError> {
+    let hole = |from: usize, to: usize, path: &std::path::Path| {
+        Err(FarmError::refused(path, format!("frames {from}..{to} are missing beside it; make a part of them")))
+    };
+    for pair in parts.windows(2) {
+        let [a, b] = pair else { continue };
+        let (before, after) = (a.range(), b.range());
+        if after.start > before.end {
+            return hole(before.end, after.start, &a.path);
+        }
+        if after.start < before.end {
+            let problem = format!(
+                "frames {}..{} are in {} too; leave one of the two out",
+                after.start,
+                before.end.min(after.end),
+                a.path.display()
+            );
+            return Err(FarmError::refused(&b.path, problem));
+        }
+    }
+    let (Some(frames), Some(first), Some(last)) = (frames, parts.first(), parts.last()) else { return Ok(()) };
+    if first.range().start > frames.start {
+        return hole(frames.start, first.range().start, &first.path);
+    }
+    if last.range().end < frames.end {
+        return hole(last.range().end, frames.end, &last.path);
+    }
+    if first.range().start < frames.start || last.range().end > frames.end {
+        let outside = if first.range().start < frames.start { first } else { last };
+        let problem = format!("has frames outside of {}..{} (--frames); leave it out", frames.start, frames.end);
+        return Err(FarmError::refused(&outside.path, problem));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::PathBuf;
+
+    use serde_json::{Value, json};
+
+    use super::super::part_record::parts_at;
+    use super::super::part_record::tests::{edit, folder_part};
+    use super::*;
+
+    /// The refusal of parts `0..2` and `2..4` after a change of the second one's record.
+    fn refusal(change: impl FnOnce(&mut Value)) -> String {
+        let temp = tempfile::tempdir().unwrap();
+        folder_part(temp.path(), 0..2);
+        edit(&folder_part(temp.path(), 2..4), change);
+        let parts = parts_at(&[temp.path().to_owned()]).unwrap();
+        check_agreement(&parts, None, false).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn part_of_another_build_input_setting_or_adapter_is_refused() {
+        let cases: [(fn(&mut Value), &str); 9] = [
+            (
+                |value| value["program"]["build"] = "b2".into(),
+                "the program: locard 0.1.0, build b1 and locard 0.1.0, build b2",
+            ),
+            (|value| value["seed"] = 1.into(), "the seed: 0 and 1"),
+            (|value| value["settings"]["scene"] = "x".into(), "the settings (scene)"),
+            (|value| value["settings"]["new"] = "x".into(), "the settings (new)"),
+            (|value| value["output"]["width"] = 3.into(), "the output's format: png frames 2x1"),
+            (|value| value["device"]["kind"] = "DiscreteGpu".into(), "the kind of adapter: Cpu and DiscreteGpu"),
+            (|value| value["device"]["driver"] = "Mesa 2".into(), "the adapter (--any-driver accepts"),
+            (|value| value["inputs"][0]["sha256"] = "ab".into(), "an input (scene)"),
+            (
+                |value| value["inputs"][1] = json!({ "role": "frames", "path": "0.png", "sha256": "f1" }),
+                "the content of 0.png",
+            ),
+        ];
+        for (change, expected) in cases {
+            let text = refusal(change);
+            assert!(text.contains(expected) && text.contains("part_000002_000004: differs from"), "{text}");
+            assert!(text.ends_with("make one of them again"), "{text}");
+        }
+    }
+
+    #[test]
+    fn any_driver_accepts_another_adapter_of_the_same_kind() {
+        let temp = tempfile::tempdir().unwrap();
+        folder_part(temp.path(), 0..2);
+        edit(&folder_part(temp.path(), 2..4), |value| value["device"]["adapter"] = "lavapipe".into());
+        let parts = parts_at(&[temp.path().to_owned()]).unwrap();
+        assert!(check_agreement(&parts, None, false).is_err());
+        check_agreement(&parts, None, true).unwrap();
+    }
+
+    #[test]
+    fn holes_overlaps_and_frames_outside_are_refused() {
+        let temp = tempfile::tempdir().unwrap();
+        let part = |range: Range<usize>| folder_part(temp.path(), range);
+        let check = |outputs: &[PathBuf], frames: Option<Range<usize>>| {
+            let parts = parts_at(outputs).unwrap();
+            check_agreement(&parts, frames.as_ref(), false).map_err(|error| error.to_string())
+        };
+        let [a, b, c] = [part(0..2), part(2..4), part(5..6)];
+        assert_eq!(check(&[b.clone(), a.clone()], Some(0..4)), Ok(()));
+        let hole = check(&[a.clone(), b.clone(), c.clone()], None).unwrap_err();
+        assert!(hole.contains("000004: frames 4..5 are missing beside it; make a part of them"), "{hole}");
+        let overlap = check(&[a.clone(), part(1..4)], None).unwrap_err();
+        assert!(overlap.contains("frames 1..2 are in") && overlap.contains("leave one of the two out"), "{overlap}");
+        let twice = check(&[a.clone(), a.clone()], None).unwrap_err();
+        assert!(twice.contains("frames 0..2 are in"), "{twice}");
+        assert!(check(std::slice::from_ref(&b), Some(0..4)).unwrap_err().contains("frames 0..2 are missing"));
+        assert!(check(std::slice::from_ref(&a), Some(0..4)).unwrap_err().contains("frames 2..4 are missing"));
+        assert!(check(&[a, b], Some(0..3)).unwrap_err().contains("has frames outside of 0..3 (--frames)"));
+        assert!(check(&[], None).unwrap_err().contains("no parts to join"));
+    }
+}
