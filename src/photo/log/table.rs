@@ -37,11 +37,14 @@ pub fn class_of(view: &ViewParticulars) -> Option<ShotClass> {
     ShotClass::of(view, view.object(&subject.name)?)
 }
 
-/// Name of the subject, or of the whole.
+/// Name of the subject, or the site if the photographer named none.
 pub fn subject_text(entry: &LogEntry) -> String {
     match (entry.view(), entry.card()) {
         (_, Some(card)) => format!("case card {}", card.case_number),
-        (Some(view), None) => view.subject.as_ref().map_or_else(|| "the site".to_owned(), |s| s.name.clone()),
+        (Some(view), None) => {
+            let named = view.subject.as_ref().filter(|subject| subject.is_named);
+            named.map_or_else(|| "the site".to_owned(), |subject| subject.name.clone())
+        }
         (None, None) => String::new(),
     }
 }
