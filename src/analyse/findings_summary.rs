@@ -5,7 +5,7 @@ use super::light_findings::LightFindings;
 use crate::text::fixed;
 
 impl Findings {
-    /// Camera path, exposure and light in a few words: "camera path residual 2.90 → 0.13 px,
+    /// Camera path, exposure and light in a few words: "camera path residual 2.90 -> 0.13 px,
     /// exposure 1/52 s, light found".
     pub fn summary(&self) -> String {
         [path(&self.registration), exposure(self.shutter.as_ref()), light(self.light.as_ref())].join(", ")
@@ -18,7 +18,7 @@ fn path(poses: &PoseFindings) -> String {
     let px = |value: f64| fixed(value, 2);
     match (poses.recorded_px, poses.refined_px) {
         (Some(recorded), Some(refined)) if poses.is_refined() => {
-            format!("camera path residual {} → {} px", px(recorded), px(refined))
+            format!("camera path residual {} -> {} px", px(recorded), px(refined))
         }
         (Some(recorded), _) if poses.is_right() => {
             format!("camera path kept as recorded (residual {} px)", px(recorded))
@@ -72,7 +72,7 @@ mod tests {
 
     #[test]
     fn camera_path_is_summarised_by_its_verdict() {
-        assert_eq!(path(&poses("refined")), "camera path residual 2.90 → 0.13 px");
+        assert_eq!(path(&poses("refined")), "camera path residual 2.90 -> 0.13 px");
         assert_eq!(path(&poses("right")), "camera path kept as recorded (residual 2.90 px)");
         assert_eq!(path(&poses("refused")), "camera path kept as recorded");
         let moved = PoseFindings { motion_px: Some(0.2), ..PoseFindings::kept(String::new()) };
