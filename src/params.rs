@@ -169,6 +169,11 @@ impl Spec {
             return None;
         }
         let is = if acts_if.is { "is" } else { "is not" };
+        let value = match (&other.kind, value) {
+            (Kind::Bool, "true") => "on",
+            (Kind::Bool, "false") => "off",
+            _ => value,
+        };
         Some(format!("only where “{}” {is} {value}", other.words()))
     }
 }

@@ -23,6 +23,7 @@ mod depth_source;
 mod edges;
 mod evaluation;
 mod findings;
+mod findings_summary;
 mod folder;
 mod fusion;
 mod gain;

@@ -179,10 +179,7 @@ pub fn notes(edge: &SlantedEdge, moved_px: [f64; 2]) -> Vec<String> {
     }
     if edge.misfit > REPORTED_MISFIT {
         let percent = fixed(100.0 * edge.misfit, 1);
-        notes.push(format!(
-            "its profile is not a blurred step: it deviates by {percent} % of the step (sharpening in the camera, or \
-             another response curve?)"
-        ));
+        notes.push(format!("not a clean step ({percent} % off): sharpened by the camera, or another response curve?"));
     }
     let across = (edge.normal[0] * moved_px[0] + edge.normal[1] * moved_px[1]).abs();
     if across > REPORTED_MOTION_PX {

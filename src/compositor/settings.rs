@@ -21,8 +21,8 @@ crate::params! {
 crate::params! {
     /// Shadows of virtual objects on the support plane and on each other.
     pub struct ShadowSettings in "shadow" at PlanarShadows {
-        "objects block light from the real surface that they stand on" cast: bool = true;
-        "objects block light from each other and from themselves" on_things at Lightmaps: bool = true => cast is "true";
+        "objects block light from the real surface that they stand on" cast as "Cast shadows": bool = true;
+        "objects block light from each other and from themselves" on_things as "Shadows on other evidence" at Lightmaps: bool = true => cast is "true";
         "opacity of shadows; 1 is correct for the scene's light" strength at ShadowMask: f32 = 1.0, "", 0.0..=2.0 => cast is "true";
     }
 }

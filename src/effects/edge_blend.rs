@@ -39,7 +39,7 @@ crate::params! {
     /// Parameters of the edge blend.
     pub struct EdgeBlend in "edge_blend" at Mix {
         "how far an edge pixel moves towards the mean of itself and its camera neighbours; 0 is off"
-        impact: f32 = 0.0, "1", 0.0..=1.0;
+        impact as "Amount": f32 = 0.0, "1", 0.0..=1.0;
     }
 }
 
@@ -52,7 +52,7 @@ impl Effect for EdgeBlend {
         "blends an object's edge pixels with their camera neighbours"
     }
     fn neutral_hint(&self) -> &'static str {
-        "its impact is 0; a larger value enables it"
+        "its amount is 0; a larger value enables it"
     }
     fn is_neutral(&self, _: &FrameContext<'_>) -> bool {
         self.impact == 0.0

@@ -38,8 +38,8 @@ crate::params! {
     /// Parameters of the exposure.
     pub struct Exposure in "exposure" at Effects {
         "how much brighter objects are, in stops: 1 is twice the light; 0 is as lit"
-        ev as "Brighter by": f64 = 0.0, "EV", -10.0..=10.0;
-        "photographic: factor on light; additive: the paper's step on display values"
+        ev as "Exposure offset": f64 = 0.0, "EV", -10.0..=10.0;
+        "photographic: factor on light; additive: a constant step of the displayed brightness"
         method: ExposureMethod = ExposureMethod::Photographic;
         "exposure for which the scene's lights are correct: time x gain (x ISO/100 / f-number^2 where frames report them); none: any exposure; 30 stops at most in total"
         reference_s: Option<f64> = None, "s", 1e-9..=1e6, by_ratio;
@@ -113,7 +113,7 @@ impl Effect for Exposure {
         "makes objects brighter or darker by stops"
     }
     fn neutral_hint(&self) -> &'static str {
-        "objects keep their brightness; stops other than 0 or a reference time enable it"
+        "objects keep their brightness; an exposure offset other than 0 or a reference time enables it"
     }
     fn is_neutral(&self, context: &FrameContext<'_>) -> bool {
         self.over_ev(&context.recorded) == 0.0

@@ -17,7 +17,7 @@ crate::params! {
     /// Parameters of the halation.
     pub struct Halation in "halation" at Effects {
         "share of an object's light that the film's base reflects; 0 is off"
-        share: f64 = 0.0, "1", 0.0..=1.0;
+        share as "Amount": f64 = 0.0, "1", 0.0..=1.0;
         "standard deviation of the reflected light"
         sigma_px as "Blur σ": f64 = 12.0, "px", 1.0..=64.0 => share isnt "0";
     }
@@ -32,7 +32,7 @@ impl Effect for Halation {
         "lets bright objects glow as film does"
     }
     fn neutral_hint(&self) -> &'static str {
-        "its share is 0; a larger value enables it"
+        "its amount is 0; a larger value enables it"
     }
     fn is_neutral(&self, _: &FrameContext<'_>) -> bool {
         self.share == 0.0

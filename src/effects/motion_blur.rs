@@ -35,7 +35,7 @@ crate::choices! {
 crate::params! {
     /// Parameters of the motion blur.
     pub struct MotionBlur in "motion_blur" at Draw {
-        "velocity: filter along each pixel's motion; copies: Fischer's; accumulation: vSLRcam's; reference: many samples"
+        "velocity: smooth blur along each pixel's motion; copies: transparent copies of each object; accumulation: a trail of a few pictures; reference: many samples, accurate and slow"
         method at Depth: MotionBlurMethod = MotionBlurMethod::Velocity;
         "shortest blur that is drawn"
         threshold_px as "Shortest blur": f32 = 0.5, "px", 0.0..=64.0;

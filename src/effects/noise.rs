@@ -57,11 +57,11 @@ crate::params! {
         "example: the camera's own residuals; parametric: normal noise of their amplitudes; pattern: by the table; white: uncorrelated"
         method: NoiseMethod = NoiseMethod::Example => scale isnt "0";
         "factor on the calibrated standard deviation of virtual pixels; 0 is off"
-        scale: f32 = 1.0, "1", 0.0..=8.0;
-        "size of a noise patch; 1 is as measured"
-        magnification: f32 = 1.0, "px", 1.0..=16.0 => scale isnt "0";
+        scale as "Amount": f32 = 1.0, "1", 0.0..=8.0;
+        "size of a patch of noise; 1 is as measured"
+        magnification as "Grain size": f32 = 1.0, "px", 1.0..=16.0 => scale isnt "0";
         "number of frames for which a pattern stays"
-        animation_delay: u32 = 1, "frames", 1.0..=1000.0, by_ratio => scale isnt "0";
+        animation_delay as "Change every": u32 = 1, "frames", 1.0..=1000.0, by_ratio => scale isnt "0";
         "film speed of the grain; needs camera.exposure.iso, at which the noise was measured; none: as recorded"
         iso as "ISO": Option<f64> = None, "1", 100.0..=25600.0, by_ratio => scale isnt "0";
         "film width for the grain's size; none: the camera's"
@@ -149,7 +149,7 @@ impl Effect for Noise {
         Ok(())
     }
     fn neutral_hint(&self) -> &'static str {
-        "its scale is 0, or the camera's noise is not known; a larger scale, a profile with the camera's noise, or measuring \
+        "its amount is 0, or the camera's noise is unknown; a larger amount, a profile with the camera's noise, or measuring \
          it (the tab Calibrate) enables it"
     }
     fn is_neutral(&self, context: &FrameContext<'_>) -> bool {

@@ -16,7 +16,7 @@ crate::params! {
     /// Parameters of the point spread.
     pub struct PointSpread in "point_spread" at Effects {
         "standard deviation of the blur of lens and sensor: 0.39 times an edge's 10-90 % width; 0 is off; at most 8 px in an enlarged photograph"
-        sigma_px as "Blur σ": f64 = 0.0, "px", 0.0..=8.0;
+        sigma_px as "Sharpness (lens blur)": f64 = 0.0, "px", 0.0..=8.0;
     }
 }
 
@@ -32,7 +32,7 @@ impl Effect for PointSpread {
         "blurs objects as lens and sensor do in focus"
     }
     fn neutral_hint(&self) -> &'static str {
-        "its blur reaches no neighbouring pixel; a larger blur σ enables it"
+        "its blur reaches no neighbouring pixel; a larger lens blur enables it"
     }
     fn is_neutral(&self, context: &FrameContext<'_>) -> bool {
         // No tap reaches the neighbours.

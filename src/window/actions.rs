@@ -94,7 +94,7 @@ const BINDINGS: &[KeyBinding] = &[
     bind(NONE, Key::W, Action::Wipe, "wipe between camera and composite"),
     bind(SHIFT, Key::B, Action::Exchange, "edit the other one of A and B"),
     bind(NONE, Key::B, Action::Compare, "two settings, A and B, beside each other"),
-    bind(NONE, Key::L, Action::Loupe, "loupe: code values at the pointer"),
+    bind(NONE, Key::L, Action::Loupe, "loupe: pixel values (8 bit) at the pointer"),
     bind(NONE, Key::P, Action::Alone, "the picture alone, without the panels"),
     bind(NONE, Key::F, Action::Fit, "fit"),
     bind(NONE, Key::Num1, Action::OneToOne, "100 %"),
@@ -107,7 +107,7 @@ const BINDINGS: &[KeyBinding] = &[
     bind(COMMAND, Key::S, Action::Save, "save profile and scene"),
     bind(COMMAND, Key::O, Action::Open, "open a recording"),
     bind(COMMAND, Key::E, Action::Export, "export and photograph"),
-    bind(NONE, Key::T, Action::Theme, "light or dark"),
+    bind(NONE, Key::T, Action::Theme, "theme"),
     bind(NONE, Key::Questionmark, Action::Keys, "these keys"),
     bind(NONE, Key::F1, Action::Keys, "these keys"),
     bind(NONE, Key::Escape, Action::Leave, "cancel, close, deselect"),
@@ -119,11 +119,11 @@ const POINTER_LINES: &[(&str, &str)] =
 
 /// Lines of the page for transforms.
 const TRANSFORM_LINES: &[(&str, &str)] = &[
-    ("Ctrl", "while it moves: whole steps"),
-    ("Shift", "while it moves: it stays on its level"),
+    ("Ctrl", "during a transform: whole steps"),
+    ("Shift", "during a transform: level"),
     ("X twice", "along its own axis"),
     ("Enter, Esc", "confirm, cancel"),
-    ("Arrows, Enter", "while a place is asked for: there"),
+    ("Arrows, Enter", "while a point is picked: move and click"),
 ];
 
 /// Consumes the pressed keys and returns their actions, one for each press. While a text field has

@@ -1,6 +1,6 @@
 //! Analysis of the footage from the window: the offer, progress, and adoption of the result.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use eframe::egui::{self, Label, RichText, Ui, WidgetInfo};
@@ -10,7 +10,7 @@ use super::output::percent;
 use super::progress;
 use super::project::Project;
 use super::session::Session;
-use locard_engine::analyse::beside;
+use locard_engine::analyse::{Findings, beside};
 use locard_engine::recording::Recording;
 use locard_engine::shot::AnalysisState;
 
@@ -64,16 +64,24 @@ impl Analysing {
         self.0 = Some(StartedAnalysis { entry, recording: Arc::clone(&shot.recording), folder });
     }
 
-    /// Adopts the result when an entry of the queue that is the analysis has ended.
-    pub fn ended(&mut self, entry: usize, jobs: &mut Jobs, session: &mut Session) {
-        let Some(begun) = self.0.take_if(|begun| begun.entry == entry) else { return };
-        let Some(analysis) = jobs.entries.get_mut(entry).and_then(|entry| entry.analysis.take()) else { return };
+    /// Adopts and reports the result when an entry of the queue that is the analysis has ended.
+    /// Returns true if there is one.
+    pub fn ended(&mut self, entry: usize, jobs: &mut Jobs, session: &mut Session) -> bool {
+        let Some(begun) = self.0.take_if(|begun| begun.entry == entry) else { return false };
+        let Some(analysis) = jobs.entries.get_mut(entry).and_then(|entry| entry.analysis.take()) else { return false };
+        let message = format!("Analysis finished: {}.", analysis.findings.summary());
+        let details = details(&analysis.findings, &begun.folder);
         // Another recording may be open by now.
-        if begun.is_of(&session.project)
-            && let Err(error) = session.project.adopt_analysis(begun.folder, *analysis)
-        {
-            session.show_error(error.to_string());
+        let adopted = if begun.is_of(&session.project) {
+            session.project.adopt_analysis(begun.folder, *analysis)
+        } else {
+            Ok(())
+        };
+        match adopted {
+            Ok(()) => session.show_message_with_details(&message, &details),
+            Err(error) => session.show_error(error.to_string()),
         }
+        true
     }
 
     fn of(&self, project: &Project) -> Option<&StartedAnalysis> {
@@ -87,6 +95,12 @@ impl StartedAnalysis {
         let now = &project.shot().recording;
         now.path == self.recording.path && Arc::ptr_eq(&now.timestamps_s, &self.recording.timestamps_s)
     }
+}
+
+/// Everything that the analysis found, one estimate in a line, and its folder.
+fn details(findings: &Findings, folder: &Path) -> String {
+    let lines = findings.lines().into_iter().map(|(name, text)| format!("{name}: {text}"));
+    lines.chain([format!("written to {}", folder.display())]).collect::<Vec<_>>().join("\n")
 }
 
 fn show_progress(ui: &mut Ui, entry: &mut JobEntry) {

@@ -46,7 +46,7 @@ impl<K: PartialEq, T: Send + 'static> Background<K, T> {
         self.failure = None;
         let ctx = ctx.clone();
         let run = move |reporter: &Reporter<'_, T>| _ = reporter.send(work(reporter.control));
-        match BackgroundTask::stream("window work", move || ctx.request_repaint(), run) {
+        match BackgroundTask::stream("measure", move || ctx.request_repaint(), run) {
             Ok(task) => self.running = Some(RunningTask { key, task }),
             Err(error) => self.failure = Some((key, format!("its thread could not be started: {error}"))),
         }

@@ -27,7 +27,7 @@ pub fn show(ui: &mut Ui, session: &Session) {
     }
     let here = session.player.frame();
     let colors = COLORS.map(|(n, name)| (plots::palette_color(n, ui.visuals()), name));
-    let axes = Axes { name: "Light over the frames", x: "frame", y: "stops", x_range: None, y_from: Some(0.0) };
+    let axes = Axes { name: "Brightness over time", x: "frame", y: "stops", x_range: None, y_from: Some(0.0) };
     let now = seen_ev.get(here).copied();
     let curve = |c: usize| seen_ev.iter().enumerate().map(|(n, ev)| [n as f64, ev[c]]).collect::<Vec<_>>();
     let curves = [0, 1, 2].map(curve);

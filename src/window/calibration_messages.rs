@@ -80,7 +80,7 @@ pub fn noise_warning(warning: &Warning, used: &[usize]) -> String {
             fixed(*percent, 0)
         ),
         W::Flicker { scene, codes } => format!(
-            "{}its brightness varies by {} codes from frame to frame: flicker or automatic exposure counts as noise",
+            "{}its brightness varies by {} pixel values from frame to frame: flicker or automatic exposure counts as noise",
             place(scene),
             fixed(*codes, 2)
         ),
@@ -91,7 +91,7 @@ pub fn noise_warning(warning: &Warning, used: &[usize]) -> String {
         ),
         W::OffMean { channel, code, off } => {
             format!(
-                "{}: at code {} the frames lie {} beside their mean",
+                "{}: at pixel value {} the frames lie {} beside their mean",
                 channel_name(channel),
                 fixed(*code, 0),
                 fixed(*off, 1)
@@ -164,7 +164,9 @@ mod tests {
             assert!(is_plain, "{text}");
         }
         // The second place that counts is the fourth one picked.
-        assert!(noise_warning(&warnings[3], &[1, 4]).starts_with("plain 4: its brightness varies by 0.50 codes"));
+        assert!(
+            noise_warning(&warnings[3], &[1, 4]).starts_with("plain 4: its brightness varies by 0.50 pixel values")
+        );
         let message = picked_error(&PickedError::Calibrate(textured()));
         assert!(message.contains("green") && message.contains("42 of the 300 that are needed"), "{message}");
     }

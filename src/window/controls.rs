@@ -5,6 +5,7 @@ use eframe::egui::{self, Color32, RichText, Ui};
 
 use super::Project;
 use super::fields::{has_just_opened, rounded, short, typed_parser};
+use super::parameter_help::{displayed, help, suffix};
 use super::project::{Origin, tables};
 use super::row_widths::{RowWidths, STOPS, VALUE};
 use super::slider::{self, SliderScale, rounded_value};
@@ -65,8 +66,8 @@ impl Controls {
         egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
             let mut is_empty = true;
             for (table, summary) in groups(project) {
-                let is_idle = summary.is_some() && active_effects.is_some_and(|effects| !effects.contains(&table));
-                let Some(group) = self.group(ui, project, table, summary, is_idle) else { continue };
+                let is_inactive = summary.is_some() && active_effects.is_some_and(|effects| !effects.contains(&table));
+                let Some(group) = self.group(ui, project, table, summary, is_inactive) else { continue };
                 (is_empty, refused) = (false, group.or(refused.take()));
             }
             if is_empty {
@@ -86,7 +87,7 @@ impl Controls {
         project: &mut Project,
         table: &'static str,
         summary: Option<&'static str>,
-        is_idle: bool,
+        is_inactive: bool,
     ) -> Option<Option<String>> {
         let title = title(table);
         let specs: Vec<(Spec, Value, Origin, Option<String>)> = {
@@ -99,8 +100,8 @@ impl Controls {
             };
             let with_value = |spec: Spec| {
                 let (value, origin) = (params.get(spec.name)?, project.origin(table, spec.name));
-                let idle = spec.idle(params);
-                Some((spec, value, origin, idle))
+                let inactive = spec.idle(params);
+                Some((spec, value, origin, inactive))
             };
             let all = params.specs().into_iter().filter(wanted).filter_map(with_value);
             all.filter(|(_, _, origin, _)| !self.changed_only || *origin == Origin::User).collect()
@@ -133,10 +134,10 @@ impl Controls {
                             }
                         });
                     }
-                    if on && is_idle {
+                    if on && is_inactive {
                         let why = project.edit().settings.effects().find(|effect| effect.table() == table);
                         let why = why.map_or("", |effect| effect.neutral_hint());
-                        ui.label(RichText::new("idle").weak().small()).on_hover_text(format!(
+                        ui.label(RichText::new("inactive").weak().small()).on_hover_text(format!(
                             "It has no effect on this picture: {why}. Without an object in view, no effect does \
                              anything."
                         ));
@@ -154,11 +155,11 @@ impl Controls {
                 if let Some(note) = unknown {
                     unknown_exposure(ui, &note);
                 }
-                for (spec, value, origin, idle) in specs {
+                for (spec, value, origin, inactive) in specs {
                     let opened = project.baseline_value(table, spec.name);
                     let is_pinned = origin != Origin::User && project.is_pinned(table, spec.name);
                     let origin = if is_pinned { Origin::Scene } else { origin };
-                    let change = control(ui, table, &spec, &value, origin, idle.as_deref(), opened);
+                    let change = control(ui, table, &spec, &value, origin, inactive.as_deref(), opened);
                     let Some(ValueChange { to, resets, is_done }) = change else { continue };
                     if let Some(value) = to {
                         let done = if resets {
@@ -184,9 +185,18 @@ impl Controls {
 /// The table whose effect depends on the exposure time most.
 const BLURS: &str = "motion_blur";
 
-/// Shows that the exposure time is assumed.
+/// Shows that the exposure time is assumed, and the parameter that sets it.
 pub fn unknown_exposure(ui: &mut Ui, note: &Note) {
-    let text = format!("Exposure not known: {}.", without_options(&note.to_string()));
+    let text = match note {
+        Note::UnknownExposure { has_times: true } => {
+            "Exposure time unknown; half the frame interval is assumed, at most 1/60 s. Set Camera: exposure, Time."
+                .to_owned()
+        }
+        Note::UnknownExposure { has_times: false } => {
+            "The pictures have no timestamps, so nothing is blurred by motion. Set Camera: exposure, Time.".to_owned()
+        }
+        other => without_options(&other.to_string()),
+    };
     ui.label(RichText::new(text).small().color(ui.visuals().warn_fg_color));
 }
 
@@ -211,7 +221,7 @@ fn control(
     spec: &Spec,
     value: &Value,
     origin: Origin,
-    idle: Option<&str>,
+    inactive: Option<&str>,
     opened: Option<Value>,
 ) -> Option<ValueChange> {
     let full = format!("{table}.{}", spec.name);
@@ -222,42 +232,51 @@ fn control(
         origin_marker(ui, origin);
         let text = RichText::new(spec.words());
         let text = if origin == Origin::User { text.strong() } else { text };
-        let text = if idle.is_some() { text.weak() } else { text };
+        let text = if inactive.is_some() { text.weak() } else { text };
         let left = egui::Layout::left_to_right(egui::Align::Center);
         let beside = ui.spacing().item_spacing.x;
         let dial = dial(&full);
         let (value_width, stops_width) = match value {
             Value::Number(n) => {
                 let stops = dial.as_ref().map(|dial| button_width(ui, &dial.text(*n)));
-                (button_width(ui, &format!("{}{}", short(*n), suffix(spec))), stops)
+                (button_width(ui, &format!("{}{}", short(*n), suffix(spec, *n))), stops)
             }
             _ => (VALUE, dial.as_ref().map(|_| STOPS)),
         };
         let widths = RowWidths::of(ui.available_width(), beside, spec.optional, value_width, stops_width);
-        let label = ui.allocate_ui_with_layout(egui::vec2(widths.name, 18.0), left, |ui| {
-            ui.set_min_width(widths.name);
-            if idle.is_none() {
+        let name_width = match value {
+            // A check box leaves more room.
+            Value::Bool(_) => {
+                let word = if inactive.is_some() { button_width(ui, "inactive") } else { 0.0 };
+                let longest = ui.available_width() - STOPS;
+                widths.name.max((button_width(ui, &spec.words()) + word).min(longest))
+            }
+            _ => widths.name,
+        };
+        let label = ui.allocate_ui_with_layout(egui::vec2(name_width, 18.0), left, |ui| {
+            ui.set_min_width(name_width);
+            if inactive.is_none() {
                 return ui.add(egui::Label::new(text).truncate().sense(egui::Sense::click()));
             }
             // The word stays visible if the name is truncated.
             ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-                let word = ui.label(RichText::new("idle").weak().small());
-                word.on_hover_ui(|ui| help(ui, &called, &full, spec, idle, opened.as_ref()));
+                let word = ui.label(RichText::new("inactive").weak().small());
+                word.on_hover_ui(|ui| help(ui, &called, &full, spec, inactive, opened.as_ref()));
                 ui.with_layout(left, |ui| ui.add(egui::Label::new(text).truncate().sense(egui::Sense::click()))).inner
             })
             .inner
         });
         let label = label.inner;
-        let label = label.on_hover_ui(|ui| help(ui, &called, &full, spec, idle, opened.as_ref()));
+        let label = label.on_hover_ui(|ui| help(ui, &called, &full, spec, inactive, opened.as_ref()));
         if label.double_clicked() {
             change = Some(ValueChange::reset(reset.clone()));
         }
         label.context_menu(|ui| {
-            if reset != spec.default && ui.button(format!("Profile: {reset}")).clicked() {
+            if reset != spec.default && ui.button(format!("Profile: {}", displayed(&reset))).clicked() {
                 change = Some(ValueChange::reset(reset.clone()));
                 ui.close();
             }
-            if ui.button(format!("Default: {}", spec.default)).clicked() {
+            if ui.button(format!("Default: {}", displayed(&spec.default))).clicked() {
                 change = Some(ValueChange::reset(spec.default.clone()));
                 ui.close();
             }
@@ -406,11 +425,6 @@ fn field(
 /// Largest range of a linear slider. Sliders with a ratio scale have no limit.
 const MAX_LINEAR_RANGE: f64 = 1e4;
 
-/// Unit suffix of a number.
-fn suffix(spec: &Spec) -> String {
-    if matches!(spec.unit, "" | "1") { String::new() } else { format!(" {}", spec.unit) }
-}
-
 fn numeric(
     ui: &mut Ui,
     called: &str,
@@ -424,7 +438,7 @@ fn numeric(
         Kind::Integer { min, max } => (min, max, true),
         _ => return None,
     };
-    let unit = suffix(spec);
+    let unit = suffix(spec, *n);
     let scale = SliderScale { min, max, by_ratio: spec.by_ratio, whole };
     let (response, is_twice) = if has_slider && (max - min <= MAX_LINEAR_RANGE || spec.by_ratio) {
         slider::show(ui, called, n, scale, &unit)
@@ -466,21 +480,4 @@ fn origin_marker(ui: &mut Ui, origin: Origin) {
         Origin::Default => "Its default",
     };
     response.on_hover_text(hint);
-}
-
-fn help(ui: &mut Ui, called: &str, full: &str, spec: &Spec, idle: Option<&str>, opened: Option<&Value>) {
-    ui.set_max_width(320.0);
-    ui.strong(called);
-    ui.label(spec.help);
-    if let Some(idle) = idle {
-        ui.label(RichText::new(format!("Idle: it has an effect {idle}.")).color(ui.visuals().warn_fg_color));
-    }
-    let unit = suffix(spec);
-    ui.weak(format!("{}{unit}; default {}", spec.kind, spec.default));
-    let reset = match opened.filter(|opened| **opened != spec.default) {
-        Some(opened) => format!("the profile's {opened}"),
-        None => "default".to_owned(),
-    };
-    ui.weak(format!("Double-click: {reset}. Click the number to type one."));
-    ui.weak(format!("In files and for --set: {full}"));
 }

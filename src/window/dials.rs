@@ -42,11 +42,11 @@ impl Dials {
             let speeds = || marked(stops::iso_speeds(Step::Third), stops::format_iso);
             dial(ui, "Aperture", "automatic", &mut self.f_number, apertures);
             dial(ui, "Shutter", "automatic", &mut self.shutter, times);
-            dial(ui, "ISO", "the recording's", &mut self.iso, speeds);
-            dial(ui, "Focal length, mm", "sees the whole picture", &mut self.focal, Vec::new);
-            dial(ui, "Focus, m", "the middle of the picture", &mut self.focus, || vec!["inf".to_owned()]);
-            dial(ui, "Film", "the recording's", &mut self.film, || FILMS.map(str::to_owned).to_vec());
-            dial(ui, "In the middle", "X,Y or an object's name", &mut self.aim, Vec::new);
+            dial(ui, "ISO", "as recorded", &mut self.iso, speeds);
+            dial(ui, "Focal length, mm", "as recorded", &mut self.focal, Vec::new);
+            dial(ui, "Focus, m", "the middle of the picture", &mut self.focus, || vec!["infinity".to_owned()]);
+            dial(ui, "Sensor size", "as recorded", &mut self.film, || FILMS.map(str::to_owned).to_vec());
+            dial(ui, "Aim at", "X,Y or an object's name", &mut self.aim, Vec::new);
             dial(ui, "Width, px", "as recorded", &mut self.width, Vec::new);
             dial(ui, "Light, lx", "from the picture", &mut self.lux, Vec::new);
             ui.label("Compensation");
@@ -58,13 +58,13 @@ impl Dials {
             ui.add(drag.custom_parser(typed_parser(ui.ctx())))
                 .widget_info(|| egui::WidgetInfo::labeled(egui::Role::SpinButton, true, "Compensation"));
             ui.end_row();
-            ui.label("Series");
+            ui.label("Bracket");
             let name = |bracket: Option<Bracket>| match bracket {
-                None => "one photograph",
-                Some(Bracket::Aperture) => "through the apertures",
-                Some(Bracket::Shutter) => "through the shutter times",
-                Some(Bracket::Iso) => "through the film speeds",
-                Some(Bracket::Focus) => "through the distances",
+                None => "off",
+                Some(Bracket::Aperture) => "by aperture",
+                Some(Bracket::Shutter) => "by shutter time",
+                Some(Bracket::Iso) => "by ISO",
+                Some(Bracket::Focus) => "by focus distance",
             };
             let all = [None, Some(Bracket::Aperture), Some(Bracket::Shutter), Some(Bracket::Iso), Some(Bracket::Focus)];
             let series = egui::ComboBox::from_id_salt("bracket").selected_text(name(self.bracket)).show_ui(ui, |ui| {
@@ -72,11 +72,11 @@ impl Dials {
                     ui.selectable_value(&mut self.bracket, bracket, name(bracket));
                 }
             });
-            series.response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::ComboBox, true, "Series"));
+            series.response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::ComboBox, true, "Bracket"));
             ui.end_row();
         });
         let hover_text = "The camera moves while the shutter is open, as the recording's did: its frames are summed";
-        ui.checkbox(&mut self.hand_held, "hand-held").on_hover_text(hover_text);
+        ui.checkbox(&mut self.hand_held, "Hand-held").on_hover_text(hover_text);
         let wanted = self.wanted(frame);
         if let Err(why) = &wanted {
             ui.add(egui::Label::new(RichText::new(why).color(ui.visuals().error_fg_color)).wrap());
@@ -101,11 +101,11 @@ impl Dials {
             aim: Some(self.aim.trim().to_owned()).filter(|aim| !aim.is_empty()),
             hand_held: self.hand_held,
             focus: read("Focus", &self.focus, |text| match text {
-                "inf" | "∞" => Ok(Focus::Metres(f64::INFINITY)),
+                "inf" | "infinity" | "∞" => Ok(Focus::Metres(f64::INFINITY)),
                 text => number(text.trim_end_matches('m'), 0.01, 1e5).map(Focus::Metres),
             })?
             .unwrap_or(Focus::Auto),
-            film: read("Film", &self.film, |text| text.parse::<Film>().map_err(|error| error.to_string()))?,
+            film: read("Sensor size", &self.film, |text| text.parse::<Film>().map_err(|error| error.to_string()))?,
             width_px: read("Width", &self.width, |text| number(text, 16.0, 2e4).map(|width| width.round() as u32))?,
             bracket: self.bracket,
             ..PhotoRequest::new(frame, PathBuf::new())
@@ -120,13 +120,13 @@ const OPTIONS: [(&str, &str); 13] = [
     ("--iso", "ISO"),
     ("--focal", "Focal length"),
     ("--focus", "Focus"),
-    ("--film", "Film"),
-    ("--aim", "In the middle"),
+    ("--film", "Sensor size"),
+    ("--aim", "Aim at"),
     ("--width", "Width"),
     ("--lux", "Light"),
     ("--compensation", "Compensation"),
-    ("--bracket", "Series"),
-    ("--hand-held", "hand-held"),
+    ("--bracket", "Bracket"),
+    ("--hand-held", "Hand-held"),
     ("--mode", "mode"),
 ];
 
@@ -207,7 +207,7 @@ mod tests {
     #[test]
     fn options_in_messages_become_dial_labels() {
         let text = options_as_dials("--aim 9,9 lies outside the picture, 4x4 px (--force); a smaller --iso helps");
-        assert_eq!(text, "In the middle 9,9 lies outside the picture, 4x4 px; a smaller ISO helps");
+        assert_eq!(text, "Aim at 9,9 lies outside the picture, 4x4 px; a smaller ISO helps");
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! The evidence panel: models to place, placed things, and their stances.
+//! The evidence panel: models to place, placed evidence, and its stances.
 
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
@@ -45,18 +45,18 @@ struct Renaming {
     before: String,
     /// Text of the field.
     typed: String,
-    /// Resulting title of the thing: an empty field is not a name.
+    /// Resulting title of the item: an empty field is not a name.
     title: String,
 }
 
 impl EvidencePanel {
-    /// Drops the selection if the scene no longer has the thing.
+    /// Drops the selection if the scene no longer has the item.
     pub fn update_selection(&mut self, project: &Project) {
         let scene = &project.edit().scene;
         self.selected = self.selected.filter(|selected| scene.placement(*selected).is_some());
     }
 
-    /// Shows the list and the controls of the selected thing. Returns a message.
+    /// Shows the list and the controls of the selected item. Returns a message.
     pub fn show(
         &mut self,
         ui: &mut Ui,
@@ -228,23 +228,24 @@ fn renamed(before: &str) -> String {
     format!("{before}: renamed")
 }
 
-/// Switches for the shadow and for stand-ins. Returns an error.
+/// Switches for the shadow and for occluders. Returns an error.
 fn switches(ui: &mut Ui, project: &mut Project, entry: Entry) -> Option<String> {
     let scene = &project.edit().scene;
-    let (title, mut throws, mut is_real) = (scene.title(entry), !scene.is_shadowless(entry), scene.is_occluder(entry));
+    let (title, mut casts_shadow, mut is_occluder) =
+        (scene.title(entry), !scene.is_shadowless(entry), scene.is_occluder(entry));
     let all = if entry.instance.is_some() { ", with all instances of its object" } else { "" };
-    let throwing = ui
-        .add_enabled(!is_real, egui::Checkbox::new(&mut throws, "Throws a shadow"))
-        .on_hover_text("It blocks light from its support and from surfaces beside it");
-    let standing = ui.checkbox(&mut is_real, "Stands in for something real").on_hover_text(format!(
-        "It is not drawn and hides everything behind it, where measured depth is missing or poor{all}"
-    ));
-    let done = if throwing.changed() {
-        let what = format!("{title}: {}", if throws { "with its shadow" } else { "without its shadow" });
-        project.change_scene(&what, |scene| scene.set_shadowless(entry, !throws))
-    } else if standing.changed() {
-        let what = format!("{title}: {}{all}", if is_real { "stands in for something real" } else { "is evidence" });
-        project.change_scene(&what, |scene| scene.set_occluder(entry, is_real))
+    let shadow_box = ui
+        .add_enabled(!is_occluder, egui::Checkbox::new(&mut casts_shadow, "Casts a shadow"))
+        .on_hover_text("Darkens the surface below");
+    let occluder_box = ui
+        .checkbox(&mut is_occluder, "Occluder (invisible, hides what is behind it)")
+        .on_hover_text(format!("For a real object where measured depth is missing or poor{all}"));
+    let done = if shadow_box.changed() {
+        let what = format!("{title}: {}", if casts_shadow { "with its shadow" } else { "without its shadow" });
+        project.change_scene(&what, |scene| scene.set_shadowless(entry, !casts_shadow))
+    } else if occluder_box.changed() {
+        let what = format!("{title}: {}{all}", if is_occluder { "occluder" } else { "evidence" });
+        project.change_scene(&what, |scene| scene.set_occluder(entry, is_occluder))
     } else {
         return None;
     };

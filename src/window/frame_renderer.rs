@@ -110,7 +110,7 @@ impl FrameRenderer {
         // Set by the waiter: results that the compositor retains may be incomplete.
         let wait_failed = Arc::new(AtomicBool::new(false));
         let (renderer_gpu, last_wait_failed) = (gpu.clone(), Arc::clone(&wait_failed));
-        let renderer = BackgroundTask::stream("window maker", wake.clone(), move |_| {
+        let renderer = BackgroundTask::stream("render frames", wake.clone(), move |_| {
             let Ok(first) = incoming.recv() else { return };
             let mut scene_compositor = SceneCompositor::new(renderer_gpu.clone(), &first.shot);
             let mut reader = Reader::new(Arc::clone(&first.shot.recording));
@@ -162,7 +162,7 @@ impl FrameRenderer {
             }
         })?;
         let waiter_gpu = gpu.clone();
-        let finished = BackgroundTask::stream("window waiter", wake, move |reporter| {
+        let finished = BackgroundTask::stream("wait for GPU", wake, move |reporter| {
             for (request, started, frame, pending) in submitted {
                 let picture = pending.and_then(|pending| {
                     let failed = |source| {

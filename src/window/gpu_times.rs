@@ -81,7 +81,7 @@ pub fn show(ui: &mut Ui, times: &GpuTimes) {
 
 fn label(part: &str) -> String {
     match part {
-        "depth" => "what hides objects".to_owned(),
+        "depth" => "occlusion".to_owned(),
         "shadow" => "shadows".to_owned(),
         "objects" => "drawing objects".to_owned(),
         "mix" => "mixing, noise, edges".to_owned(),

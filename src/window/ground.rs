@@ -46,30 +46,30 @@ impl GroundPanel {
         let has_depth = project.shot().recording.has_depth();
         let is_metric = project.shot().recording.kind.is_metric();
         ui.horizontal_wrapped(|ui| {
-            ui.label("Surface");
+            ui.label("Placement");
             match self.picked.plane {
                 Some(_) => {
-                    ui.label("a plane");
+                    ui.label("on a plane");
                     let back = if has_depth {
-                        "As the depth shows"
+                        "On measured depth"
                     } else if project.shot().floor().is_some() {
-                        "The floor"
+                        "On the floor"
                     } else {
-                        "None"
+                        "By two frames"
                     };
                     if ui.button(back).clicked() {
                         self.picked.plane = None;
                     }
                 }
-                None if has_depth => _ = ui.label("as the depth shows"),
+                None if has_depth => _ = ui.label("on measured depth"),
                 None if project.shot().floor().is_some() => {
                     let hint = "The plane through the world's origin: a sheet of tags, a stage's floor.";
-                    ui.label("the floor").on_hover_text(hint);
+                    ui.label("on the floor").on_hover_text(hint);
                 }
-                None => _ = ui.label("each point in two frames"),
+                None => _ = ui.label("by two frames"),
             }
-            let hint = "Click three points of a floor or a desk; things are placed on the plane through them.";
-            if ui.button("Three points…").on_hover_text(hint).clicked() {
+            let hint = "Click three points of a floor or a desk; evidence is placed on the plane through them.";
+            if ui.button("Define plane…").on_hover_text(hint).clicked() {
                 self.begin(GroundPurpose::Plane, tools);
             }
         });
@@ -81,10 +81,10 @@ impl GroundPanel {
             if is_scaled(project.shot()) {
                 ui.label(format!("1 unit = {} m", fixed(project.shot().recording.metres_per_unit, 5)));
             } else {
-                ui.label("not known");
+                ui.label("unknown");
             }
             let hint = "Click two points whose true distance you know.";
-            if ui.button("Two points…").on_hover_text(hint).clicked() {
+            if ui.button("Set scale…").on_hover_text(hint).clicked() {
                 self.begin(GroundPurpose::Scale, tools);
             }
         });
@@ -102,7 +102,7 @@ impl GroundPanel {
             }
         });
         let unit = if is_scaled(project.shot()) { "m" } else { "units" };
-        ui.label(RichText::new(format!("Now it is {} {unit}.", fixed(a.distance(b), 4))).weak());
+        ui.label(RichText::new(format!("Present distance: {} {unit}.", fixed(a.distance(b), 4))).weak());
         if matches!(result, Some(Ok(_))) {
             self.picked.cancel_scale();
             self.picked.plane = None;
@@ -111,7 +111,7 @@ impl GroundPanel {
     }
 }
 
-/// Sets the scale. Placed things keep their projected position and their true size.
+/// Sets the scale. Placed evidence keeps its projected position and its true size.
 fn set_scale(project: &mut Project, a: DVec3, b: DVec3, distance_m: f64) -> Result<String, String> {
     let now = project.shot().recording.metres_per_unit;
     let unit = metres_per_unit(a, b, distance_m, now).ok_or("The distance must be above 0, and the points apart.")?;

@@ -60,7 +60,7 @@ impl GroundPick {
                 let towards = shot.recording.up.unwrap_or(eye - *a);
                 let plane = plane_through(&self.points_m).map(|fit| fit.plane.facing(towards));
                 ground.plane = Some(plane.map_err(|e| e.to_string())?);
-                return Ok(Some("Things are placed on the plane through the three points.".to_owned()));
+                return Ok(Some("Evidence is placed on the plane through the three points.".to_owned()));
             }
             _ => {}
         }

@@ -361,8 +361,7 @@ fn analyse_recording(
     })?;
     // Read in the same way as when the recording is opened.
     let analysis = Analysis::read(folder).map_err(|error| JobFailure::Failed(error.to_string()))?;
-    let summary = analysis.findings.lines().into_iter().map(|(name, text)| format!("{name} {text}"));
-    let summary = summary.collect::<Vec<_>>().join("; ");
+    let summary = analysis.findings.summary();
     take_analysis(Box::new(analysis));
     Ok(summary)
 }

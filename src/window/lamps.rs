@@ -41,7 +41,7 @@ pub fn show(
     }
     ui.strong("Lamps");
     for (n, lamp) in project.edit().scene.light.lamp.clone().iter().enumerate() {
-        let thing = SceneItem::Lamp(n);
+        let item = SceneItem::Lamp(n);
         ui.horizontal(|ui| {
             let (rect, _) = ui.allocate_exact_size(vec2(12.0, 12.0), egui::Sense::hover());
             ui.painter().circle(
@@ -50,9 +50,9 @@ pub fn show(
                 theme::of_light(lamp.rgb()),
                 ui.visuals().widgets.noninteractive.fg_stroke,
             );
-            let is_selected = *selected == Some(thing);
-            if ui.selectable_label(is_selected, project.edit().scene.title(thing)).clicked() {
-                *selected = (!is_selected).then_some(thing);
+            let is_selected = *selected == Some(item);
+            if ui.selectable_label(is_selected, project.edit().scene.title(item)).clicked() {
+                *selected = (!is_selected).then_some(item);
             }
         });
     }

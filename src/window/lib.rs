@@ -81,6 +81,7 @@ mod obstacle;
 mod opening;
 mod output;
 mod painter;
+mod parameter_help;
 mod picked_ground;
 mod picture;
 mod picture_transform;

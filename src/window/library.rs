@@ -276,7 +276,7 @@ impl ThumbnailRenderer {
     fn new(gpu: Gpu, ctx: egui::Context) -> std::io::Result<Self> {
         let (requests, received) = channel::<PathBuf>();
         let wake = move || ctx.request_repaint();
-        let results = BackgroundTask::stream("window artist", wake, move |reporter| {
+        let results = BackgroundTask::stream("model previews", wake, move |reporter| {
             let mut renderer: Option<Renderer> = None;
             for model in received {
                 let picture = gpu.in_error_scope(|| render_thumbnail(&gpu, &mut renderer, &model));

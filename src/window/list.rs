@@ -1,4 +1,4 @@
-//! The list of placed things, with selection, visibility and warnings.
+//! The list of placed evidence, with selection, visibility and warnings.
 
 use eframe::egui::{self, RichText, Stroke, Ui, vec2};
 
@@ -40,7 +40,7 @@ pub fn show(
                     sign(ui, &format!("{name}: model missing")).on_hover_text("A marked box stands in for its model");
                 }
                 if !warnings.is_empty() {
-                    sign(ui, &format!("{name}: stands wrong")).on_hover_text(warnings.join("\n"));
+                    sign(ui, &format!("{name}: placement fault")).on_hover_text(warnings.join("\n"));
                 }
             });
         }

@@ -29,7 +29,14 @@ pub fn show(picture: &PictureOutput, sides: &[LoupeSide<'_>]) {
     let (x, y) = (pointed.x.floor() as i32, pointed.y.floor() as i32);
     let square = ACROSS_PX as f32 * CELL_PT;
     let fine = sides.iter().any(|side| side.codes.is_some_and(|codes| codes.max_code() > 255));
-    let size = vec2(sides.len() as f32 * (square + 8.0) + 8.0, square + if fine { 75.0 } else { 60.0 });
+    let unit = if fine { "pixel values (8 bit; 16 bit below)" } else { "pixel values (8 bit)" };
+    let footer = picture.painter.layout_no_wrap(
+        format!("{x}, {y}   {unit}"),
+        FontId::monospace(MIN_TEXT_PT),
+        Color32::from_gray(170),
+    );
+    let width = (sides.len() as f32 * (square + 8.0) + 8.0).max(footer.size().x + 16.0);
+    let size = vec2(width, square + if fine { 75.0 } else { 60.0 });
     let at = picture.placed.screen(pointed);
     let panel = picture.painter.clip_rect();
     // Beside the pointer, on the side with enough room.
@@ -74,10 +81,8 @@ pub fn show(picture: &PictureOutput, sides: &[LoupeSide<'_>]) {
             Color32::WHITE,
         );
     }
-    let place = back.left_bottom() + vec2(8.0, -3.0);
-    let bits = if fine { "codes of 8 bits, of 16 below" } else { "codes of 8 bits" };
-    let text = format!("{x}, {y}   {bits}");
-    painter.text(place, Align2::LEFT_BOTTOM, text, FontId::monospace(MIN_TEXT_PT), Color32::from_gray(170));
+    let place = back.left_bottom() + vec2(8.0, -3.0 - footer.size().y);
+    painter.galley(place, footer, Color32::from_gray(170));
 }
 
 /// Writes 8-bit code values into the pixels in a part of the panel, if they are large enough.

@@ -107,30 +107,30 @@ impl Matching {
         ui.separator();
         progress::failure(ui, "Plots", &self.analysis);
         egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-            let good = "Good: the virtual dots lie on the profile's line, among the real ones.";
+            let good = "Good: the virtual dots follow the profile's curve, among the real ones.";
             wanted.noise = section(ui, "Noise", true, good, |ui| self.noise(ui, session, picked));
-            let good = "Good: no detector separates virtual from real patches: areas near 0.5, ratios near 1.";
+            let good = "Good: no detector separates virtual patches from real ones; areas are near 0.5, ratios near 1.";
             if !section(ui, "Noise beside the camera's", false, good, |ui| self.noise_match.show(ui, session)) {
                 self.noise_match.cancel();
             }
-            let good = "Good: neither side has darker blacks or brighter whites than the light explains.";
+            let good = "Good: the objects have no darker blacks and no brighter whites than the light explains.";
             wanted.histograms = section(ui, "Brightness", false, good, |ui| self.histograms(ui));
-            let good = "Good: both curves rise alike, and the widths agree within their uncertainty.";
+            let good = "Good: the curves rise alike, and their widths agree within the uncertainty.";
             if section(ui, "Edges", false, good, |ui| self.edges(ui, tools)) {
                 wanted.edges = self.edges;
                 wanted.edges_of = edge_signal(self.edges_of);
             }
-            let good = "Good: real edges near the pointer look as long and as soft as this value.";
+            let good = "Good: the drawing is as long and as soft as the real edges near the pointer.";
             section(ui, "Blur at the pointer", true, good, |ui| blur(ui, session, pointed));
-            let good = "Good: a flat line, or exposure that follows it. Steps are the camera's automatic exposure.";
-            if !section(ui, "A patch over the frames", false, good, |ui| self.patch(ui, session, tools)) {
+            let good = "Good: the curve is flat, or the objects' exposure follows it. Steps are automatic exposure.";
+            if !section(ui, "Patch over time", false, good, |ui| self.patch(ui, session, tools)) {
                 self.brightness.cancel();
             }
-            let good = "Good: it matches the picture. Objects follow it where the effect Exposure is on and follows \
-                        the footage.";
-            section(ui, "Light over the frames", false, good, |ui| brightness_plot::show(ui, session));
-            let good = "Good: no effect takes long that changes nothing you see.";
-            section(ui, "Time by effect", false, good, |ui| {
+            let good = "Good: the curve follows the changes you see. Objects change with it if the effect Exposure is \
+                        on and follows the footage.";
+            section(ui, "Brightness over time", false, good, |ui| brightness_plot::show(ui, session));
+            let good = "Good: no effect takes long without a change that you see.";
+            section(ui, "Render time", false, good, |ui| {
                 if session.viewer.gpu().timestamps {
                     session.request_times();
                     gpu_times::show(ui, session.times());
@@ -181,13 +181,13 @@ impl Matching {
             [DataSource::Profile, DataSource::Real, DataSource::Virtual].map(|of| of.color(ui));
         let axes = Axes {
             name: "Noise by intensity",
-            x: "code value",
-            y: "σ, codes",
+            x: "pixel value (8 bit)",
+            y: "noise σ",
             x_range: Some([0.0, 255.0]),
             y_from: Some(0.0),
         };
         let over = |points: &[NoisePoint]| sigma_over_profile(points, profile.as_ref()?, c);
-        let over = [("drawn", over(&drawn)), ("plain places", over(&real))];
+        let over = [("virtual", over(&drawn)), ("real", over(&real))];
         let curve = profile.as_ref().map(|profile| curve(profile, c));
         let rings = picked.map_or_else(Vec::new, |picked| picked[c].clone());
         let has_rings = !rings.is_empty();
@@ -199,15 +199,15 @@ impl Matching {
             plots::noise(plot, "virtual", &drawn, of_virtual);
             plots::noise_rings(plot, "picked", &rings, of_real);
         });
-        let real = if has_rings { "plain places of the picture; rings: picked" } else { "plain places of the picture" };
+        let real = if has_rings { "real, in plain places; rings: picked" } else { "real, in plain places" };
         plots::legend(
             ui,
-            &[(DataSource::Profile, "profile"), (DataSource::Real, real), (DataSource::Virtual, "drawn")],
+            &[(DataSource::Profile, "profile"), (DataSource::Real, real), (DataSource::Virtual, "virtual")],
         );
         let over: Vec<String> =
             over.into_iter().filter_map(|(of, times)| Some(format!("{of} {}", fixed(times?, 2)))).collect();
         if !over.is_empty() {
-            ui.label(RichText::new(format!("σ over the profile's: {}", over.join(", "))).small());
+            ui.label(RichText::new(format!("Noise relative to profile: {}", over.join(", "))).small());
         }
         if profile.is_none() {
             ui.label("The profile has no noise: virtual objects are drawn without. The tab Calibrate measures it.");
@@ -220,7 +220,7 @@ impl Matching {
             ui.label(RichText::new(NO_PLAIN_PLACE).small());
         }
         if analysis.is_some_and(|a| matches!(&a.drawn, Some(Ok(points)) if points[c].is_empty())) {
-            ui.label(RichText::new("Nothing virtual is large enough in this frame.").small().weak());
+            ui.label(RichText::new("No evidence is large enough in this frame.").small().weak());
         }
     }
 
@@ -240,7 +240,7 @@ impl Matching {
         let is_empty = object.is_empty();
         let axes = Axes {
             name: "Brightness of object and surroundings",
-            x: if of == 0 { "luma" } else { "code value" },
+            x: if of == 0 { "luma (8 bit)" } else { "pixel value (8 bit)" },
             y: "% of pixels",
             x_range: Some([0.0, 255.0]),
             y_from: Some(0.0),
@@ -252,7 +252,7 @@ impl Matching {
         plots::legend(ui, &[(DataSource::Real, "surroundings, 24 px"), (DataSource::Virtual, "objects")]);
         match histograms {
             Some(Err(why)) => _ = ui.label(RichText::new(why).small().weak()),
-            Some(Ok(_)) if is_empty => _ = ui.label(RichText::new("Nothing virtual is in this frame.").small().weak()),
+            Some(Ok(_)) if is_empty => _ = ui.label(RichText::new("No evidence is in this frame.").small().weak()),
             _ => {}
         }
     }
@@ -262,7 +262,7 @@ impl Matching {
             let edge = |purpose, hint| RegionPrompt { purpose, hint, min_side_px: MIN_EXTENT_PX, repeats: false };
             let hint = GOOD_EDGE;
             tools.region_button(ui, "Pick a real edge", edge(RegionPurpose::RealEdge, hint));
-            let hint = "Drag a rectangle that one straight edge of something virtual crosses from side to side, between two plain parts";
+            let hint = "Drag a rectangle that one straight edge of evidence crosses from side to side, between two plain parts";
             tools.region_button(ui, "Pick a virtual edge", edge(RegionPurpose::VirtualEdge, hint));
         });
         if self.edges != [None; 2] {
@@ -309,22 +309,21 @@ impl Matching {
         let recording = Arc::clone(&session.project.shot().recording);
         self.brightness.request(ui.ctx(), patch, move |control| means(&recording, patch, control));
         let c = self.channel;
-        progress::of(ui, "Brightness over the frames", &self.brightness);
+        progress::of(ui, "Patch over time", &self.brightness);
         match self.brightness.last() {
             Some(Ok(series)) => {
                 let points: Vec<[f64; 2]> = series.iter().enumerate().map(|(i, mean)| [i as f64, mean[c]]).collect();
                 let here = series.get(session.player.frame()).map(|mean| [session.player.frame() as f64, mean[c]]);
                 let (color, accent) = (DataSource::Real.color(ui), DataSource::Virtual.color(ui));
-                let axes = Axes { name: "Mean of a patch", x: "frame", y: "code value", x_range: None, y_from: None };
+                let axes =
+                    Axes { name: "Mean of a patch", x: "frame", y: "pixel value (8 bit)", x_range: None, y_from: None };
                 plots::show(ui, &axes, move |plot| {
                     plot.line(plots::line("patch", points, color));
                     plot.points(plots::dots("this frame", here.into_iter().collect(), accent));
                 });
                 let ends = series.iter().map(|m| m[c]).fold((255.0, 0.0), |(l, h): (f64, f64), m| (l.min(m), h.max(m)));
                 let now = here.map_or(String::new(), |[_, mean]| format!("now {}, ", fixed(mean, 1)));
-                ui.label(
-                    RichText::new(format!("{now}{} to {} over the frames", fixed(ends.0, 1), fixed(ends.1, 1))).small(),
-                );
+                ui.label(RichText::new(format!("{now}{} to {} over time", fixed(ends.0, 1), fixed(ends.1, 1))).small());
             }
             Some(Err(why)) => _ = ui.label(RichText::new(why).small()),
             None => {}

@@ -35,7 +35,7 @@ enum BenchmarkStep {
     Play {
         alone: bool,
     },
-    /// The first thing of the scene moves in a circle, as if dragged.
+    /// The first object of the scene moves in a circle, as if dragged.
     Drag,
     Change {
         table: &'static str,

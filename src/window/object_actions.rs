@@ -8,11 +8,11 @@ const DUPLICATE_OFFSET_M: f64 = 0.1;
 
 /// Duplicates the selection beside it and selects the copy. Returns an error message.
 pub fn duplicate(project: &mut Project, selected: &mut Option<SceneItem>) -> Option<String> {
-    let thing = (*selected)?;
-    let what = format!("{}: duplicated", project.edit().scene.title(thing));
+    let item = (*selected)?;
+    let what = format!("{}: duplicated", project.edit().scene.title(item));
     let mut copy = None;
     let done = project.change_scene(&what, |scene| {
-        copy = scene.duplicate(thing);
+        copy = scene.duplicate(item);
         if let Some((copy, mut placement)) = copy.and_then(|copy| Some((copy, scene.placement(copy)?))) {
             placement.position_m.x += DUPLICATE_OFFSET_M;
             scene.put(copy, &placement);
@@ -43,9 +43,9 @@ pub fn hide(project: &mut Project, selected: Option<SceneItem>) -> Option<String
 
 /// Deletes the selection. Returns an error message.
 pub fn delete(project: &mut Project, selected: &mut Option<SceneItem>) -> Option<String> {
-    let thing = selected.take()?;
-    let what = format!("{}: deleted", project.edit().scene.title(thing));
-    let done = project.change_scene(&what, |scene| scene.remove(thing));
+    let item = selected.take()?;
+    let what = format!("{}: deleted", project.edit().scene.title(item));
+    let done = project.change_scene(&what, |scene| scene.remove(item));
     project.close_step();
     done.err().map(|e| e.to_string())
 }

@@ -23,9 +23,9 @@ pub enum FrameRange {
     #[default]
     All,
     Loop,
-    This,
+    Current,
     /// The frames between the first and the last that the user enters.
-    Given,
+    Interval,
 }
 
 /// The panel's state.
@@ -87,9 +87,9 @@ pub struct PlaybackState {
 impl OutputPanel {
     fn range(&self, now: &PlaybackState) -> Range<usize> {
         match (self.frames, &now.looped) {
-            (FrameRange::This, _) => now.frame..now.frame + 1,
+            (FrameRange::Current, _) => now.frame..now.frame + 1,
             (FrameRange::Loop, Some(looped)) => looped.clone(),
-            (FrameRange::Given, _) => {
+            (FrameRange::Interval, _) => {
                 self.first_and_last[0].min(self.first_and_last[1])
                     ..self.first_and_last[0].max(self.first_and_last[1]) + 1
             }
@@ -102,7 +102,7 @@ impl OutputPanel {
         let mut request = None;
         egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
             ui.strong("Export");
-            ui.label(RichText::new("With the present settings: later changes are not included.").weak());
+            ui.label(RichText::new("Uses the settings at the moment you press a button.").weak());
             if let Some(requested) = self.export(ui, now) {
                 request = Some(requested);
             }
@@ -135,19 +135,19 @@ impl OutputPanel {
             let mut choice = |ui: &mut Ui, frames: FrameRange, text: String| {
                 if ui.radio(self.frames == frames, text).clicked() {
                     self.frames = frames;
-                    if frames == FrameRange::Given && self.first_and_last == [0, 0] {
+                    if frames == FrameRange::Interval && self.first_and_last == [0, 0] {
                         self.first_and_last = [0, last];
                     }
                 }
             };
-            choice(ui, FrameRange::All, format!("all {}", count(now.count, "frame")));
+            choice(ui, FrameRange::All, format!("All ({})", count(now.count, "frame")));
             if let Some(looped) = looped {
-                choice(ui, FrameRange::Loop, format!("the loop, {} to {}", looped.start, looped.end - 1));
+                choice(ui, FrameRange::Loop, format!("Loop ({} to {})", looped.start, looped.end - 1));
             }
-            choice(ui, FrameRange::This, format!("frame {} alone", now.frame));
-            choice(ui, FrameRange::Given, "from … to …".to_owned());
+            choice(ui, FrameRange::Current, format!("Current (frame {})", now.frame));
+            choice(ui, FrameRange::Interval, "Range".to_owned());
         });
-        if self.frames == FrameRange::Given {
+        if self.frames == FrameRange::Interval {
             ui.horizontal(|ui| {
                 for (at, name) in self.first_and_last.iter_mut().zip(["first frame", "last frame"]) {
                     ui.label(name);
@@ -160,14 +160,17 @@ impl OutputPanel {
         let range = self.range(now);
         let mut request = None;
         ui.horizontal_wrapped(|ui| {
-            if ui.button("Pictures…").on_hover_text("A folder with one PNG a frame, every code value kept").clicked()
+            if ui
+                .button("Image sequence…")
+                .on_hover_text("A folder with one PNG per frame, pixel values unchanged")
+                .clicked()
             {
                 request = Some(OutputRequest::Folder(range.clone()));
             }
             if ui.button("Video…").on_hover_text("An .mp4 or .mkv file, by the program ffmpeg").clicked() {
                 request = Some(OutputRequest::Video { range: range.clone(), lossless: self.lossless });
             }
-            ui.checkbox(&mut self.lossless, "lossless").on_hover_text("A video that keeps every code value; larger");
+            ui.checkbox(&mut self.lossless, "Lossless").on_hover_text("A larger video with unchanged pixel values");
         });
         if ui.button("Snapshot…").on_hover_text("The frame that is shown, as one PNG").clicked() {
             request = Some(OutputRequest::Snapshot(now.frame));
@@ -187,7 +190,7 @@ fn queue(ui: &mut Ui, jobs: &mut Jobs) {
         ui.horizontal(|ui| {
             let over = entry.state.is_over();
             let (text, hint) =
-                if over { ("Clear", "Off the list") } else { ("Cancel", "Unfinished output is removed") };
+                if over { ("Clear", "Removes it from the list") } else { ("Cancel", "Unfinished output is removed") };
             let button = ui.button(text).on_hover_text(hint);
             button
                 .widget_info(|| egui::WidgetInfo::labeled(egui::Role::Button, true, format!("{text} {}", entry.name)));
@@ -197,7 +200,7 @@ fn queue(ui: &mut Ui, jobs: &mut Jobs) {
             ui.add(egui::Label::new(&entry.name).truncate()).on_hover_text(&entry.name);
         });
         match &entry.state {
-            JobState::Waiting => _ = ui.weak("waits"),
+            JobState::Waiting => _ = ui.weak("waiting"),
             JobState::Cancelled => _ = ui.weak("cancelled"),
             JobState::Running { progress, begun, stage } => {
                 progress::bar(ui, &entry.name, *progress as f32, Some(percent(*progress, *begun, *stage)));
@@ -279,9 +282,9 @@ mod tests {
     #[test]
     fn export_range_follows_the_selection() {
         let now = PlaybackState { frame: 7, count: 20, looped: Some(3..9) };
-        let of = |frames, given| OutputPanel { frames, first_and_last: given, ..OutputPanel::default() }.range(&now);
+        let of = |frames, first_and_last| OutputPanel { frames, first_and_last, ..OutputPanel::default() }.range(&now);
         assert_eq!(of(FrameRange::All, [0, 0]), 0..20);
-        assert_eq!((of(FrameRange::Loop, [0, 0]), of(FrameRange::This, [0, 0])), (3..9, 7..8));
-        assert_eq!((of(FrameRange::Given, [4, 4]), of(FrameRange::Given, [9, 2])), (4..5, 2..10));
+        assert_eq!((of(FrameRange::Loop, [0, 0]), of(FrameRange::Current, [0, 0])), (3..9, 7..8));
+        assert_eq!((of(FrameRange::Interval, [4, 4]), of(FrameRange::Interval, [9, 2])), (4..5, 2..10));
     }
 }

@@ -20,7 +20,7 @@ use locard_engine::scene::document::{PlacedModel, Up};
 use locard_engine::scene::{Entry, LoadedModels, Posture, SceneError, SceneFile, place_at_rest, relative};
 use locard_engine::shot::{PosedCamera, Shot, ViewRay};
 
-/// Smallest distance of the pointed target from the thing at which its direction counts.
+/// Smallest distance of the pointed target from the object at which its direction counts.
 const MIN_FACING_DISTANCE_M: f64 = 0.01;
 
 /// Placement of a model. It continues after a click.
@@ -97,7 +97,7 @@ impl Placement {
         surface_point(plane, shot, frame, at_px)
     }
 
-    /// Turns it by dragging: the thing stays at the point of the press, its front follows the
+    /// Turns it by dragging: the object stays at the point of the press, its front follows the
     /// pointer. Returns that point when the button is released.
     pub fn turn(
         &mut self,
@@ -216,7 +216,7 @@ impl PlacementParams {
     }
 }
 
-/// Heading, relative to facing the camera, of a thing whose front faces the intersection of a ray
+/// Heading, relative to facing the camera, of an object whose front faces the intersection of a ray
 /// with its support plane, rounded to 1°. `None` within [`MIN_FACING_DISTANCE_M`].
 fn facing_deg(eye: &PosedCamera, ray: &ViewRay, support: &Plane, up: DVec3) -> Option<f64> {
     let towards = (intersect_plane(support, ray)? - support.point_m).reject_from_normalized(up);

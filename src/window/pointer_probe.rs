@@ -62,7 +62,7 @@ impl PointerProbe {
             painter.rect_stroke(pixel, 0.0, Stroke::new(1.0, weak), egui::StrokeKind::Inside);
             ui.vertical(|ui| {
                 ui.label(format!(
-                    "{} m away, code values {}",
+                    "{} m away, pixel values (8 bit) {}",
                     fixed(self.depth_m, 3),
                     self.codes.map(|c| c.to_string()).join(" ")
                 ));
@@ -78,7 +78,7 @@ impl PointerProbe {
                 };
                 match self.circle_px {
                     Some(circle) => ui.label(format!("circle of confusion {} px", fixed(circle, 2))),
-                    None => ui.label("everything is in focus: the lens has no opening"),
+                    None => ui.label("No aperture set: everything in focus"),
                 };
                 ui.label(RichText::new("the square is one pixel").small().weak());
             });

@@ -96,7 +96,7 @@ impl ExistenceCheck {
         let paths: Vec<PathBuf> = recordings.map(|document| document.recording.clone()).collect();
         let wake = ctx.clone();
         let missing = move || paths.into_iter().filter(|path| !path.exists()).collect();
-        self.task = BackgroundTask::spawn("recent there", move || wake.request_repaint(), missing).ok();
+        self.task = BackgroundTask::spawn("check recent", move || wake.request_repaint(), missing).ok();
         self.started = Some(Instant::now());
     }
 

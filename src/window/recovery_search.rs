@@ -96,7 +96,7 @@ impl RecoverySearch {
         if !works.is_empty() {
             return Ok(Self::Found(works));
         }
-        let task = BackgroundTask::stream("left work", wake, move |reporter| {
+        let task = BackgroundTask::stream("find unsaved", wake, move |reporter| {
             let started = Instant::now();
             while !reporter.control.is_cancelled() && started.elapsed() < SEARCH_TIME {
                 sleep(POLL_INTERVAL);

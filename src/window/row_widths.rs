@@ -3,7 +3,7 @@
 use std::ops::RangeInclusive;
 
 /// Usual widths, points.
-const NAME: f32 = 120.0;
+const NAME: f32 = 136.0;
 pub const VALUE: f32 = 78.0;
 pub const STOPS: f32 = 62.0;
 const SLIDER: RangeInclusive<f32> = 20.0..=180.0;

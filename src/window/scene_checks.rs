@@ -21,7 +21,7 @@ const SETTLE_TIME: Duration = Duration::from_millis(400);
 /// Notes on objects, and the tilted surfaces below them.
 #[derive(Default)]
 struct CheckResults {
-    wrongs: Vec<ObjectIssue>,
+    issues: Vec<ObjectIssue>,
     tilts: Vec<TiltedSupport>,
 }
 
@@ -69,8 +69,8 @@ impl SceneChecks {
             return failure;
         }
         let (shot, frame, wake) = (project.shot().clone(), Arc::clone(frame), ctx.clone());
-        let check = move || CheckResults { wrongs: shot.object_issues(&frame), tilts: shot.tilts() };
-        let task = BackgroundTask::spawn("window wrongs", move || wake.request_repaint(), check);
+        let check = move || CheckResults { issues: shot.object_issues(&frame), tilts: shot.tilts() };
+        let task = BackgroundTask::spawn("check placement", move || wake.request_repaint(), check);
         self.running = task.ok().map(|task| (state, task));
         failure
     }
@@ -82,8 +82,8 @@ impl SceneChecks {
 
     /// Notes on an object of a version of the scene.
     pub fn notes(&self, version: u64, object: usize) -> impl Iterator<Item = &Note> {
-        let all = self.checks(version).into_iter().flat_map(|checks| &checks.wrongs);
-        all.filter(move |wrong| wrong.objects.contains(&object)).map(|wrong| &wrong.note)
+        let all = self.checks(version).into_iter().flat_map(|checks| &checks.issues);
+        all.filter(move |issue| issue.objects.contains(&object)).map(|issue| &issue.note)
     }
 
     /// The tilted surface below an object of a version of the scene.

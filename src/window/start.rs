@@ -111,7 +111,7 @@ impl Start {
 
     fn drop(&mut self, ctx: &egui::Context, path: PathBuf) {
         let (wake, dropped) = (ctx.clone(), path.clone());
-        match BackgroundTask::spawn("looking", move || wake.request_repaint(), move || FileKind::of(&dropped)) {
+        match BackgroundTask::spawn("file kind", move || wake.request_repaint(), move || FileKind::of(&dropped)) {
             Ok(kind) => self.dropped = Some((path, kind)),
             Err(error) => {
                 self.message =

@@ -27,7 +27,7 @@ impl Thumbnails {
         let wake = ctx.clone();
         let aspect = recording.width as f32 / recording.height as f32;
         let decoded = BackgroundTask::stream(
-            "window thumbnails",
+            "thumbnails",
             move || wake.request_repaint(),
             move |reporter| {
                 for frame in coarse_to_fine(recording.frame_count()) {

@@ -1,4 +1,4 @@
-//! An upright thing on a tilted surface: the gap below its foot, and a button that turns it onto
+//! An upright object on a tilted surface: the gap below its foot, and a button that turns it onto
 //! the surface.
 
 use eframe::egui::{RichText, Ui};
@@ -9,16 +9,16 @@ use locard_engine::scene::{Entry, ItemPlacement, SceneError};
 use locard_engine::support::TiltedSupport;
 use locard_engine::text::{fixed, millimetres};
 
-/// Cosine of the largest tilt of an upright thing, half a degree.
+/// Cosine of the largest tilt of an upright object, half a degree.
 const MIN_UPRIGHT_COS: f64 = 0.99996;
 
-/// True if a thing stands along the world's up.
+/// True if an object stands along the world's up.
 fn is_upright(project: &Project, entry: Entry) -> bool {
     let up = project.up();
     project.edit().scene.placement(entry).is_some_and(|placement| (placement.rotation * up).dot(up) > MIN_UPRIGHT_COS)
 }
 
-/// Message about the gap below an upright thing's foot.
+/// Message about the gap below an upright object's foot.
 pub fn text(project: &Project, entry: Entry, tilt: &TiltedSupport) -> Option<String> {
     is_upright(project, entry).then(|| {
         let (degrees, gap) = (fixed(tilt.degrees, 1), millimetres(tilt.gap_m));
@@ -37,7 +37,7 @@ pub fn show(ui: &mut Ui, project: &mut Project, entry: Entry, tilt: &TiltedSuppo
     put_on_surface(project, entry, tilt).err().map(|error| error.to_string())
 }
 
-/// Turns a thing so that its foot lies in the surface.
+/// Turns an object so that its foot lies in the surface.
 pub fn put_on_surface(project: &mut Project, entry: Entry, tilt: &TiltedSupport) -> Result<(), SceneError> {
     let (scene, up) = (&project.edit().scene, project.up());
     let is_ground = scene.objects.get(entry.object).is_some_and(|object| object.ground);
@@ -54,7 +54,7 @@ pub fn put_on_surface(project: &mut Project, entry: Entry, tilt: &TiltedSupport)
     Ok(())
 }
 
-/// The stance on the surface of a thing with these points, from its origin. `is_ground`: its
+/// The stance on the surface of an object with these points, from its origin. `is_ground`: its
 /// position is that of its lowest point.
 fn stance_on_surface(
     placement: &ItemPlacement,

@@ -123,7 +123,7 @@ pub fn show(ui: &mut Ui, player: &mut Player, info: &PlaybackInfo) {
         let last = player.count().saturating_sub(1);
         let dropped = if player.dropped > 0 { format!(", {} dropped", player.dropped) } else { String::new() };
         let rate = if playing { format!(", {:.0}/s{dropped}", info.shown_per_s) } else { String::new() };
-        ui.monospace(format!("{}/{last}  {:.3} s{rate}", player.frame(), info.time_s));
+        ui.monospace(format!("frame {} of 0–{last}  {:.3} s{rate}", player.frame(), info.time_s));
         if info.reduced_by > 1 {
             ui.label(format!("1/{} size", info.reduced_by))
                 .on_hover_text("Reduced for speed; full size when the picture rests");

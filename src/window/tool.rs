@@ -16,10 +16,10 @@ use locard_engine::pixels::Rect;
 /// A tool, with its state.
 #[derive(Debug, Default)]
 pub enum Tool {
-    /// Selects things. Their handles, and keys, begin a transform.
+    /// Selects items. Their handles, and keys, begin a transform.
     #[default]
     Select,
-    /// Moves, turns or scales the selected thing.
+    /// Moves, turns or scales the selected item.
     Transform(Box<ActiveTransform>),
     /// Places a model.
     Place(Box<Placement>),

@@ -93,7 +93,7 @@ fn dialogs_have_the_dialog_role_and_a_name() {
     press(&mut window, Key::L);
     window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
     window.run_steps(2);
-    window.get_by_label("Undone: Noise: Scale").click();
+    window.get_by_label("Undone: Noise: Amount").click();
     window.run_steps(3);
     assert!(is_dialog(&window, "Message"));
     press(&mut window, Key::Escape);
@@ -185,9 +185,10 @@ fn no_text_is_smaller_than_the_legible_size() {
         window.run_steps(3);
         let folded: Vec<_> =
             window.query_all_by_role(Role::Button).filter_map(|node| node.accesskit_node().label()).collect();
-        for section in folded.iter().filter(|name| {
-            ["Brightness", "Edges", "A patch over the frames", "Time by effect"].contains(&name.as_str())
-        }) {
+        for section in folded
+            .iter()
+            .filter(|name| ["Brightness", "Edges", "Patch over time", "Render time"].contains(&name.as_str()))
+        {
             window.get_by_label(section).click();
             window.run_steps(3);
         }
@@ -206,12 +207,12 @@ fn no_text_is_smaller_than_the_legible_size() {
     press(&mut window, Key::Questionmark);
     least("keys");
     press(&mut window, Key::Escape);
-    // Code values in pixels, and beside the pointer.
+    // Pixel values in pixels, and beside the pointer.
     press(&mut window, Key::L);
     window.state_mut().view_mut().zoom = Some(41.0);
     window.hover_at(egui::pos2(500.0, 400.0));
     window.run_steps(3);
     settle(&mut window);
     window.run_steps(3);
-    least("code values");
+    least("pixel values");
 }

@@ -105,11 +105,18 @@ fn analysis_from_the_window_is_adopted_at_the_current_frame() {
     settle(&mut window);
     let app = window.state();
     let entries = &app.documents().jobs().unwrap().entries;
-    assert!(matches!(&entries[0].state, JobState::Done(output) if output.contains("poses refined")), "{entries:?}");
+    assert!(
+        matches!(&entries[0].state, JobState::Done(output) if output.contains("camera path residual ")),
+        "{entries:?}"
+    );
     assert!(!has_label(&window, "Analyse") && !has_label(&window, "The analysis of this footage is not used"));
     let AnalysisState::Used(at, findings) = &app.project().shot().analysis else { panic!("it is not used") };
     assert!(at.canonicalize().unwrap() == analysis.canonicalize().unwrap() && findings.registration.is_refined());
-    assert!(app.message().unwrap().contains("poses refined"), "{:?}", app.message());
+    assert!(app.message().unwrap().starts_with("Analysis finished: camera path residual "), "{:?}", app.message());
+    press(&mut window, "Details");
+    assert_eq!(window.query_all_by_label_contains("poses: refined").count(), 1);
+    press(&mut window, "Close");
+    let app = window.state();
 
     // The frame, the settings and the history are kept; the picture matches the program's.
     assert_eq!((app.player().frame(), app.project().value("noise", "scale")), (frame(), Some(Value::Number(0.5))));
@@ -134,7 +141,7 @@ fn analysis_from_the_window_is_adopted_at_the_current_frame() {
     let seen_ev = window.state().project().shot().relative_ev();
     assert_eq!(seen_ev.len(), frames());
     press(&mut window, "Match");
-    press(&mut window, "Light over the frames");
+    press(&mut window, "Brightness over time");
     window.run_steps(20);
     let [r, g, b] = seen_ev[frame()].map(|ev| format!("{ev:.2}"));
     let brightness = format!("this frame: red {r}, green {g}, blue {b} stops over the recording's median");

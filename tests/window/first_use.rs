@@ -64,7 +64,7 @@ fn esc_reverts_typed_text() {
     window.key_press(Key::Escape);
     window.run_steps(4);
     assert!(scale(&window) == 1.0 && steps(&window) == ["opened"], "{:?}", steps(&window));
-    assert!(has_label(&window, "Pictures…"));
+    assert!(has_label(&window, "Image sequence…"));
     window.key_press_modifiers(Modifiers::COMMAND, Key::E);
     window.run_steps(2);
     type_number(&mut window, "0.5");
@@ -98,7 +98,7 @@ fn esc_reverts_typed_text() {
 
 /// Position of the handle of the noise scale's slider, 1 of 0 to 8.
 fn handle(window: &Harness<'_, App>) -> Pos2 {
-    let rail = window.get_by_role_and_label(Role::Slider, "Noise: Scale").rect();
+    let rail = window.get_by_role_and_label(Role::Slider, "Noise: Amount").rect();
     let half = 0.75 * rail.height() / 2.5;
     pos2(rail.left() + half + (rail.width() - 2.0 * half) * scale(window) as f32 / 8.0, rail.center().y)
 }
@@ -111,7 +111,7 @@ fn press_on_a_slider_handle_changes_nothing_and_a_drag_is_one_step() {
     click_at(&mut window, at);
     assert!(scale(&window) == 1.0 && steps(&window) == ["opened"], "{}", scale(&window));
     // It moves as far as the pointer.
-    let rail = window.get_by_role_and_label(Role::Slider, "Noise: Scale").rect();
+    let rail = window.get_by_role_and_label(Role::Slider, "Noise: Amount").rect();
     let (before, way) = (handle(&window), 0.125 * (rail.width() - 2.0 * 0.75 * rail.height() / 2.5));
     window.hover_at(at);
     window.step();
@@ -128,7 +128,7 @@ fn press_on_a_slider_handle_changes_nothing_and_a_drag_is_one_step() {
     type_number(&mut window, "0.25");
     window.key_press(Key::Enter);
     window.run_steps(3);
-    assert!(steps(&window) == ["opened", "Noise: Scale", "Noise: Scale"], "{:?}", steps(&window));
+    assert!(steps(&window) == ["opened", "Noise: Amount", "Noise: Amount"], "{:?}", steps(&window));
     // A press beside the handle moves it there.
     click_at(&mut window, rail.center());
     assert!((scale(&window) - 4.0).abs() < 0.1, "{}", scale(&window));
@@ -143,10 +143,9 @@ fn double_click_restores_the_profile_value_or_the_default() {
     let options = ShotOptions { profile: Some(profile), scene: scene_or_none(), ..ShotOptions::default() };
     let project = Project::open(&demo(), &OpenOptions::default(), &options).unwrap();
     let mut window = window(project, egui::vec2(1400.0, 1000.0));
-    for (words, slider, name, of_profile) in [
-        ("noise scale", "Noise: Scale", "scale", 0.5),
-        ("noise magnification", "Noise: Magnification", "magnification", 1.0),
-    ] {
+    for (words, slider, name, of_profile) in
+        [("noise amount", "Noise: Amount", "scale", 0.5), ("grain size", "Noise: Grain size", "magnification", 1.0)]
+    {
         search(&mut window, words);
         let set = Value::Number(3.0);
         window.state_mut().project_mut().set("noise", name, &set).unwrap();
@@ -173,10 +172,10 @@ fn esc_closes_the_open_panel_and_messages_let_clicks_through() {
     let mut window = open();
     window.key_press_modifiers(Modifiers::COMMAND, Key::E);
     window.run_steps(2);
-    assert!(has_label(&window, "Pictures…"));
+    assert!(has_label(&window, "Image sequence…"));
     window.key_press(Key::Escape);
     window.run_steps(2);
-    assert!(!has_label(&window, "Pictures…"));
+    assert!(!has_label(&window, "Image sequence…"));
     window.state_mut().show_start(true);
     window.run_steps(2);
     assert!(has_label(&window, "Recent") || has_label(&window, "Open a recording…"));
@@ -187,19 +186,19 @@ fn esc_closes_the_open_panel_and_messages_let_clicks_through() {
     // The current action ends before the open panel.
     window.key_press_modifiers(Modifiers::COMMAND, Key::E);
     window.run_steps(2);
-    window.get_by_label("Three points…").click();
+    window.get_by_label("Define plane…").click();
     window.run_steps(2);
     window.key_press(Key::Escape);
     window.run_steps(2);
-    assert!(has_label(&window, "Pictures…"));
+    assert!(has_label(&window, "Image sequence…"));
     window.key_press(Key::Escape);
     window.run_steps(2);
-    assert!(!has_label(&window, "Pictures…"));
+    assert!(!has_label(&window, "Image sequence…"));
 
     window.state_mut().project_mut().set("noise", "scale", &Value::Number(0.5)).unwrap();
     window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
     window.run_steps(2);
-    window.get_by_label("Undone: Noise: Scale").click();
+    window.get_by_label("Undone: Noise: Amount").click();
     window.run_steps(3);
     assert!(has_label(&window, "Copy"));
     let wipe = window.get_by_label("Wipe").rect().center();
@@ -240,8 +239,8 @@ fn unknown_exposure_is_reported_at_once() {
     let without: Vec<&str> = text.lines().filter(|line| !line.starts_with("time_s")).collect();
     assert!(without.len() < text.lines().count());
     std::fs::write(&camera, without.join("\n")).unwrap();
-    let message = "Exposure not known: the exposure time of the frames is unknown: half the frame interval is assumed, at \
-                most 1/60 s; the camera's exposure time overrides this.";
+    let message =
+        "Exposure time unknown; half the frame interval is assumed, at most 1/60 s. Set Camera: exposure, Time.";
     let mut window = open_at(&recording);
     search(&mut window, "motion_blur");
     assert!(has_label(&window, message));

@@ -147,7 +147,7 @@ fn recording_made_while_live_gives_the_same_pictures() {
 fn click_places_evidence_on_the_sheet_while_live() {
     let site = Site::shared(&CAMERA);
     let mut window = live_window(&site, &[]);
-    assert!(has_label(&window, "the floor"));
+    assert!(has_label(&window, "on the floor"));
     let marker = Path::new("scenes/marker-1.glb").canonicalize().unwrap();
     let before = window.state().project().edit().scene.objects.len();
     drop_model(&mut window, marker);
@@ -256,7 +256,8 @@ fn plots_exist_only_while_the_camera_is_frozen() {
     window.key_press(Key::Space);
     window.step();
     run_until(&mut window, |app| !app.project().shot().recording.is_live() && app.is_settled());
-    let plot_count = |window: &Harness<'_, App>| window.query_all_by_label_contains("σ over the profile's").count();
+    let plot_count =
+        |window: &Harness<'_, App>| window.query_all_by_label_contains("Noise relative to profile").count();
     wait_for(&mut window, "the plot", |window| {
         assert!(!waits(window));
         plot_count(window) > 0
@@ -402,7 +403,7 @@ fn live_camera_calibration_is_accepted_or_discarded() {
     window.get_by_label("Calibrate").click();
     wait_for_label(&mut window, "Calibrate camera…");
     window.get_by_label("Calibrate camera…").click();
-    wait_for_label(&mut window, "Give it up");
+    wait_for_label(&mut window, "Cancel");
     assert!(window.get_by_label("Finish").accesskit_node().is_disabled(), "three views at least");
     let views = |window: &Harness<'_, App>| -> usize {
         let node = window.query_all_by_label_contains(" of 20 views, ").next().unwrap();
@@ -413,24 +414,24 @@ fn live_camera_calibration_is_accepted_or_discarded() {
     wait_for(&mut window, "a fourth view", has_views);
     assert!(window.query_all_by_label_contains("missing: ").count() > 0);
     window.get_by_label("Finish").click();
-    wait_for_label(&mut window, "Take the camera");
+    wait_for_label(&mut window, "Apply to profile: camera");
     let fx = |window: &Harness<'_, App>| match window.state().project().value("camera", "fx_px") {
         Some(Value::Number(fx)) => fx,
         other => panic!("{other:?}"),
     };
     assert_eq!(fx(&window), 700.0, "nothing is taken by itself");
     assert!(window.query_all_by_label_contains("700.").count() > 0, "it stands beside");
-    window.get_by_label("Take the camera").click();
+    window.get_by_label("Apply to profile: camera").click();
     window.run_steps(2);
     assert!((fx(&window) / CAMERA.focal_px - 1.0).abs() < 0.02, "{}", fx(&window));
-    assert!(window.get_by_label("Take the camera").accesskit_node().is_disabled());
+    assert!(window.get_by_label("Apply to profile: camera").accesskit_node().is_disabled());
     let Some(Value::Number(k1)) = window.state().project().value("camera.distortion", "k1") else { panic!() };
     assert!((k1 - CAMERA.k1).abs() < 0.05, "{k1}");
     // One undo step.
     window.get_by_label("Undo").click();
     window.run_steps(2);
     assert_eq!(fx(&window), 700.0);
-    window.get_by_label("Leave the camera").click();
+    window.get_by_label("Discard: camera").click();
     window.run_steps(2);
-    assert!(!has_label(&window, "Take the camera") && has_label(&window, "Calibrate camera…"));
+    assert!(!has_label(&window, "Apply to profile: camera") && has_label(&window, "Calibrate camera…"));
 }

@@ -112,10 +112,10 @@ fn virtual_edge_width_matches_the_set_sharpness() {
     }
 }
 
-/// The rendered noise is the profile's times the scale. σ of some thousand independent pixels is
+/// The rendered noise is the profile's times the amount. σ of some thousand independent pixels is
 /// within 2 %; the rest is rounding to codes, which matters more the less noise there is.
 #[test]
-fn drawn_noise_is_the_profile_noise_times_the_scale() {
+fn drawn_noise_is_the_profile_noise_times_the_amount() {
     let (_temp, mut window) = marker_in_front_of_the_wall(1.0);
     window.get_by_label("Match").click_accesskit();
     window.run_steps(3);
@@ -123,7 +123,7 @@ fn drawn_noise_is_the_profile_noise_times_the_scale() {
         window.state_mut().project_mut().set("noise", "scale", &Value::Number(scale)).unwrap();
         harness::settle(&mut window);
         // Plain regions of the footage match the profile, which was measured in other frames.
-        await_numbers(&mut window, "σ over the profile's: drawn ", |found| {
+        await_numbers(&mut window, "Noise relative to profile: virtual ", |found| {
             (found[0] / scale - 1.0).abs() < 0.05 && (found[1] - 1.0).abs() < 0.15
         });
     }
@@ -183,7 +183,7 @@ fn picked_edge_gives_a_sharpness_that_is_accepted_and_undone() {
     await_text(&mut window, &format!("σ {:.3} ± {:.3} px", measured.sigma_px, measured.uncertainty_px));
     assert!(window.query_by_role_and_label(Role::Image, "Measured edges").is_some());
     let before = value(&window, "point_spread", "sigma_px");
-    window.get_by_label("Take the sharpness").click_accesskit();
+    window.get_by_label("Apply to profile: sharpness").click_accesskit();
     window.run_steps(3);
     let all = combine(&[measured]).unwrap();
     let taken = Value::Number((1e3 * all.sigma_px).round() / 1e3);
@@ -193,13 +193,13 @@ fn picked_edge_gives_a_sharpness_that_is_accepted_and_undone() {
     window.run_steps(3);
     assert_eq!(value(&window, "point_spread", "sigma_px"), before);
     // The reason of a rejected edge is shown, and nothing can be accepted.
-    window.get_by_label("Leave the sharpness").click_accesskit();
+    window.get_by_label("Discard: sharpness").click_accesskit();
     window.run_steps(2);
     // The picker is still active.
     drag(&mut window, WALL);
     window.get_by_label("edge 1");
     await_no_text(&mut window, "…");
-    assert!(window.query_by_label("Take the sharpness").is_none());
+    assert!(window.query_by_label("Apply to profile: sharpness").is_none());
 }
 
 #[test]
@@ -214,7 +214,7 @@ fn picked_plain_region_gives_noise_that_is_accepted_and_undone() {
     let frame = window.state().project().shot().read(0).unwrap();
     let place = place(&frame.pixels);
     let noise = picked_noise(&[place], SceneMotion::Moving, before.as_ref()).noise.unwrap();
-    await_text(&mut window, "Measured from code");
+    await_text(&mut window, "Measured from pixel value");
     assert!(window.query_by_role_and_label(Role::Image, "Measured noise").is_some());
     // The true noise of the simulated demonstration is known.
     for (c, points) in noise.points.iter().enumerate() {
@@ -223,7 +223,7 @@ fn picked_plain_region_gives_noise_that_is_accepted_and_undone() {
     }
     let green = &noise.points[1][0];
     assert!(window.query_all_by_label(&format!("{:.2}", green.sigma)).next().is_some(), "{green:?}");
-    window.get_by_label("Take the noise").click_accesskit();
+    window.get_by_label("Apply to profile: noise").click_accesskit();
     window.run_steps(3);
     assert_eq!(window.state().project().edit().rig.noise, Some(noise.profile));
     // One step, which a saved profile keeps.
@@ -255,14 +255,14 @@ fn rejected_regions_show_a_reason_and_the_others_are_used() {
     drag(&mut window, WALL);
     await_text(&mut window, "too small: 30 × 10 px; 24 × 24 px and more are needed");
     await_text(&mut window, "not plain: ");
-    await_text(&mut window, "Measured from code");
+    await_text(&mut window, "Measured from pixel value");
     let shot = window.state().project().shot().clone();
     let (first, third) = (shot.read(0).unwrap(), shot.read(2).unwrap());
     let places = [&first, &third].map(|frame| place(&frame.pixels));
     let present = window.state().project().edit().rig.noise.clone();
     let noise = picked_noise(&places, SceneMotion::Moving, present.as_ref());
     for code in &noise.places {
-        await_text(&mut window, &format!("used, code {:.0}", code.as_ref().unwrap()));
+        await_text(&mut window, &format!("used, pixel value {:.0}", code.as_ref().unwrap()));
     }
     // Each is removed separately; the rest gives the same result.
     for _ in 0..2 {
@@ -277,7 +277,7 @@ fn rejected_regions_show_a_reason_and_the_others_are_used() {
     window.run_steps(2);
     drag(&mut window, WALL);
     assert!(window.query_by_label("Drop plain 3").is_none());
-    let take = "Take the noise";
+    let take = "Apply to profile: noise";
     until_enabled(&mut window, take);
     window.get_by_label(take).click_accesskit();
     window.run_steps(3);
@@ -370,7 +370,7 @@ fn only_open_plots_are_computed() {
     window.get_by_label("Brightness").click_accesskit();
     window.run_steps(20);
     // A patch is tracked through all frames.
-    window.get_by_label("A patch over the frames").click_accesskit();
+    window.get_by_label("Patch over time").click_accesskit();
     window.run_steps(20);
     window.get_by_label("Pick a patch").click_accesskit();
     window.run_steps(2);
@@ -391,8 +391,8 @@ fn only_open_plots_are_computed() {
     let at = window.state().on_screen(vec2(px.x as f32, px.y as f32)).unwrap();
     window.hover_at(at);
     window.run_steps(3);
-    await_text(&mut window, "m away, code values");
-    let label = window.query_all_by_label_contains("m away, code values").next().unwrap();
+    await_text(&mut window, "m away, pixel values (8 bit)");
+    let label = window.query_all_by_label_contains("m away, pixel values (8 bit)").next().unwrap();
     let label = label.accesskit_node().label().or(label.accesskit_node().value()).unwrap();
     let told_m: f64 = label.split(' ').next().unwrap().parse().unwrap();
     // The sensor's depth has a noise of 1.5 mm, and the row's pose differs slightly from the

@@ -157,13 +157,13 @@ fn typed_name_is_one_undo_step() {
 #[test]
 fn three_points_define_a_plane_on_which_objects_rest() {
     let mut window = open_without_shadows();
-    window.get_by_label("Three points…").click();
+    window.get_by_label("Define plane…").click();
     window.run_steps(2);
     // The floor is z = 0, and the depth has a noise of 1.5 mm.
     for point_m in [[-0.4, -0.3, 0.0], [0.3, -0.4, 0.0], [-0.1, 0.5, 0.0]] {
         click(&mut window, point_m);
     }
-    window.get_by_label("a plane");
+    window.get_by_label("on a plane");
     let before = window.state().project().edit().scene.objects.len();
     window.get_by_label("Place…").click();
     window.run_steps(2);
@@ -224,7 +224,7 @@ fn placed_object_faces_the_camera_and_its_heading_is_the_full_rotation() {
 fn misplaced_objects_are_reported_and_hidden_ones_not_drawn() {
     let mut window = open();
     let before = shown_codes(&window);
-    let issue_count = |window: &Harness<'_, App>| window.query_all_by_label_contains("stands wrong").count();
+    let issue_count = |window: &Harness<'_, App>| window.query_all_by_label_contains("placement fault").count();
     // The check runs on another thread.
     let twice = window.state().project().edit().scene.objects[0].clone();
     let name = twice.name.clone().unwrap();
@@ -267,19 +267,19 @@ fn object_shadow_is_switched_off_and_object_becomes_a_stand_in() {
         window.run_steps(2);
         settle(window);
     };
-    press(&mut window, "Throws a shadow");
+    press(&mut window, "Casts a shadow");
     assert_eq!(state(&window), (true, false));
     let bare = shown_codes(&window);
     assert!(bare != with_both);
-    press(&mut window, "Stands in for something real");
+    press(&mut window, "Occluder (invisible, hides what is behind it)");
     assert_eq!(state(&window), (true, true));
     let drawn = |window: &Harness<'_, App>| !window.state().project().shot().scene.objects[0].parts.is_empty();
     assert!(!drawn(&window) && shown_codes(&window) != bare);
     // One step each, and back to the same picture.
-    press(&mut window, "Stands in for something real");
-    press(&mut window, "Throws a shadow");
+    press(&mut window, "Occluder (invisible, hides what is behind it)");
+    press(&mut window, "Casts a shadow");
     assert!(drawn(&window) && shown_codes(&window) == with_both);
     let history: Vec<_> = window.state().project().history().names().0.map(str::to_owned).collect();
-    let steps = ["without its shadow", "stands in for something real", "is evidence", "with its shadow"];
+    let steps = ["without its shadow", "occluder", "evidence", "with its shadow"];
     assert!(steps.iter().all(|steps| history.contains(&format!("marker 1: {steps}"))), "{history:?}");
 }

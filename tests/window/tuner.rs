@@ -60,7 +60,7 @@ fn shown_picture_matches_the_composite_command() {
     assert!(before == written(&[], demo_frame(31)));
 
     search(&mut window, "noise scale");
-    window.get_by_role_and_label(Role::Slider, "Noise: Scale").set_value_accesskit(0.0);
+    window.get_by_role_and_label(Role::Slider, "Noise: Amount").set_value_accesskit(0.0);
     settle(&mut window);
     assert_eq!(value(&window, "noise", "scale"), Value::Number(0.0));
     let quiet = shown_codes(&window);
@@ -155,7 +155,7 @@ fn message_disappears_with_the_next_action() {
     set(&mut window, 0.5);
     window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
     window.run_steps(2);
-    let undone = "Undone: Noise: Scale";
+    let undone = "Undone: Noise: Amount";
     let is_told = |window: &Harness<'_, App>| window.query_all_by_label(undone).count() == 1;
     assert!(is_told(&window));
     // The message stays as long as nothing else is done.
@@ -176,7 +176,7 @@ fn saved_settings_reopen_and_comments_are_kept() {
     assert_eq!(window.state().project().origin("noise", "magnification"), Origin::Default);
 
     search(&mut window, "noise scale");
-    window.get_by_role_and_label(Role::Slider, "Noise: Scale").set_value_accesskit(0.75);
+    window.get_by_role_and_label(Role::Slider, "Noise: Amount").set_value_accesskit(0.75);
     window.run_steps(2);
     search(&mut window, "focus_distance");
     window.get_by_role_and_label(Role::CheckBox, "Camera: lens: Focus distance is given").click();
@@ -222,16 +222,17 @@ fn wipe_and_held_key_show_the_footage() {
 }
 
 #[test]
-fn parameters_made_idle_by_another_are_marked() {
+fn parameters_made_inactive_by_another_are_marked() {
     let mut window = open_plain(None);
     search(&mut window, "noise");
-    let idle = |window: &Harness<'_, App>| window.query_all_by_label("idle").count();
-    let before = idle(&window);
+    let inactive = |window: &Harness<'_, App>| window.query_all_by_label("inactive").count();
+    let before = inactive(&window);
     for (scale, more) in [(0.0, 2), (1.0, 0)] {
         window.state_mut().project_mut().set("noise", "scale", &Value::Number(scale)).unwrap();
         window.state_mut().project_mut().close_step();
         settle(&mut window);
-        assert!(idle(&window) >= before + more && (more > 0 || idle(&window) == before), "{scale}: {}", idle(&window));
+        let count = inactive(&window);
+        assert!(count >= before + more && (more > 0 || count == before), "{scale}: {count}");
     }
 }
 

@@ -22,7 +22,7 @@ crate::choices! {
 crate::params! {
     /// Parameters of the depth of field. The lens is in `camera.lens`.
     pub struct DepthOfField in "depth_of_field" at Effects {
-        "layered: filter, near and far apart; poisson: vSLRcam's; diffusion: Wang's; reference: through many points of the lens"
+        "layered: smooth discs, near and far apart; poisson: scattered points, may look grainy; diffusion: discs, stars or hearts; reference: through many points of the lens, accurate and slow"
         method at Draw: Method = Method::Layered;
         "poisson: number of points in the first disc"
         points: u32 = 48, "1", 8.0..=64.0 => method is "poisson";
@@ -34,7 +34,7 @@ crate::params! {
         gaussian_px as "Gaussian σ": f32 = 0.5, "px", 0.0..=4.0 => method is "diffusion";
         "diffusion: largest drawn shape (R_K)"
         largest_radius_px: f32 = 36.0, "px", 1.0..=64.0 => method is "diffusion";
-        "diffusion: conserving preserves the total light; printed: as in the paper"
+        "diffusion: conserving preserves the total light; printed: brightens equal lights that overlap, and loses others"
         mix: Mix = Mix::Conserving => method is "diffusion";
         "diffusion: K of the printed mix"
         mix_ratio: f32 = 0.7, "1", 0.0..=1.0 => mix is "printed";

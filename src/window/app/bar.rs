@@ -85,9 +85,10 @@ impl App {
                     self.document.session.project.copy_to_other();
                 }
             }
-            ui.toggle_value(&mut self.document.view.loupe, "Loupe").on_hover_text("L: code values at the pointer");
+            ui.toggle_value(&mut self.document.view.loupe, "Loupe")
+                .on_hover_text("L: pixel values (8 bit) at the pointer");
             ui.separator();
-            ui.toggle_value(&mut self.shows_keys, "Keys").on_hover_text("?");
+            ui.toggle_value(&mut self.shows_keys, "Keys").on_hover_text("Keyboard shortcuts (?)");
         });
     }
 }

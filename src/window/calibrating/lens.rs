@@ -6,7 +6,7 @@ use std::sync::Arc;
 use eframe::egui::{self, Color32, Sense, Ui};
 
 use super::super::session::Session;
-use super::parts;
+use super::parts::{self, Decision};
 use super::views::{CollectionStatus, ViewCollection};
 use locard_engine::calibrate::geometry::{CameraCalibration, Coverage, Parameter, ViewOutcome};
 use locard_engine::frame::Frame;
@@ -45,7 +45,7 @@ impl LensPanel {
                 if finish.on_hover_text("With the views there are").clicked() {
                     views.end();
                 }
-                is_given_up = ui.button("Give it up").clicked();
+                is_given_up = ui.button("Cancel").clicked();
             });
             if is_given_up {
                 self.views = None;
@@ -107,15 +107,15 @@ impl LensPanel {
             let present = session.project.value(parameter.table(), parameter.name);
             present == Some(Value::Number(parameter.value))
         };
-        let is_taken = calibrated.parameters.iter().all(is_set);
-        match parts::take_or_leave(ui, "camera", is_taken) {
-            Some(true) => {
+        let is_applied = calibrated.parameters.iter().all(is_set);
+        match parts::apply_or_discard(ui, "camera", is_applied) {
+            Some(Decision::Apply) => {
                 session.project.set_geometry(&calibrated.geometry);
                 session.show_message(
                     "The measured camera is in use. Save it and open the camera again to read tags with it",
                 );
             }
-            Some(false) => self.result = None,
+            Some(Decision::Discard) => self.result = None,
             None => {}
         }
     }
@@ -136,8 +136,8 @@ fn view_progress(ui: &mut Ui, status: &CollectionStatus) {
         None => "looking for a board",
         Some(ViewOutcome::NoBoard) => "no board is seen",
         Some(ViewOutcome::Moving) => "it moves: hold it still",
-        Some(ViewOutcome::Redundant) => "this view is known: hold it elsewhere",
-        Some(ViewOutcome::Accepted) => "taken: move on",
+        Some(ViewOutcome::Redundant) => "this view is there already: hold it elsewhere",
+        Some(ViewOutcome::Accepted) => "accepted: move on",
     };
     ui.label(now);
     if let Some(hint) = &status.hint {

@@ -15,7 +15,7 @@ use super::super::region_picker::{RegionPrompt, RegionPurpose};
 use super::super::session::Session;
 use super::super::task::TaskControl;
 use super::super::tool::ToolStack;
-use super::parts::{self, FrameRegion, ListAction, RegionVerdict};
+use super::parts::{self, Decision, FrameRegion, ListAction, RegionVerdict};
 use locard_engine::calibrate::{
     NoisePoint, PickedError, PickedNoise, PickedRegion, SceneMotion, min_side_px, picked_noise, sigma_over_profile,
 };
@@ -139,9 +139,9 @@ impl NoisePanel {
         // Once accepted, the result is the present noise; it is not measured again.
         let is_same = self.measured.last_key().is_some_and(|last| last.measures_like(&of));
         let results = self.measured.last().cloned().unwrap_or_default();
-        let is_taken = is_same && results.profile().is_some_and(|profile| Some(profile) == of.present.as_ref());
-        let is_current = is_taken || self.measured.is_of(&of);
-        if !session.player.playing && !is_taken {
+        let is_applied = is_same && results.profile().is_some_and(|profile| Some(profile) == of.present.as_ref());
+        let is_current = is_applied || self.measured.is_of(&of);
+        if !session.player.playing && !is_applied {
             let (shot, request) = (session.project.shot().clone(), of);
             self.measured.request(ui.ctx(), request.clone(), move |control| measure(&shot, &frame, &request, control));
         }
@@ -158,7 +158,7 @@ impl NoisePanel {
         }
         progress::of(ui, "Noise", &self.measured);
         match results.noise {
-            Some(Ok(noise)) => _ = ui.add_enabled_ui(is_current, |ui| self.found(ui, session, &noise, is_taken)),
+            Some(Ok(noise)) => _ = ui.add_enabled_ui(is_current, |ui| self.result(ui, session, &noise, is_applied)),
             Some(Err(why)) if is_same => progress::refused(ui, &why),
             _ => {}
         }
@@ -187,7 +187,7 @@ impl NoisePanel {
         }
     }
 
-    fn found(&mut self, ui: &mut Ui, session: &mut Session, found: &PickedNoise, is_taken: bool) {
+    fn result(&mut self, ui: &mut Ui, session: &mut Session, measured: &PickedNoise, is_applied: bool) {
         let present = session.project.edit().rig.noise.clone();
         ui.horizontal(|ui| {
             plots::choose_channel(ui, &mut self.channel);
@@ -195,11 +195,11 @@ impl NoisePanel {
         let (c, colors) =
             (self.channel, [DataSource::Profile, DataSource::Real, DataSource::Virtual].map(|of| of.color(ui)));
         let (before, points, after) =
-            (present.as_ref().map(|p| curve(p, c)), found.points[c].clone(), curve(&found.profile, c));
+            (present.as_ref().map(|p| curve(p, c)), measured.points[c].clone(), curve(&measured.profile, c));
         let axes = Axes {
             name: "Measured noise",
-            x: "code value",
-            y: "σ, codes",
+            x: "pixel value (8 bit)",
+            y: "noise σ",
             x_range: Some([0.0, 255.0]),
             y_from: Some(0.0),
         };
@@ -207,23 +207,19 @@ impl NoisePanel {
             if let Some(before) = before {
                 plot.line(plots::line("present", before, colors[0]));
             }
-            plot.line(plots::line("taken", after, colors[2]));
+            plot.line(plots::line("applied", after, colors[2]));
             plots::noise(plot, "measured", &points, colors[1]);
         });
         plots::legend(
             ui,
-            &[
-                (DataSource::Profile, "present"),
-                (DataSource::Real, "measured"),
-                (DataSource::Virtual, "if it is taken"),
-            ],
+            &[(DataSource::Profile, "present"), (DataSource::Real, "measured"), (DataSource::Virtual, "if applied")],
         );
         egui::Grid::new("measured noise").num_columns(4).spacing([14.0, 2.0]).show(ui, |ui| {
-            for head in ["code", "measured σ", "95 %", "present σ"] {
+            for head in ["pixel value", "measured σ", "95 %", "present σ"] {
                 ui.label(RichText::new(head).small().weak());
             }
             ui.end_row();
-            for point in &found.points[c] {
+            for point in &measured.points[c] {
                 ui.label(fixed(point.code, 0));
                 ui.label(fixed(point.sigma, 2));
                 ui.label(point.sigma_ci95.map(|end| fixed(end, 2)).join(" to "));
@@ -231,15 +227,18 @@ impl NoisePanel {
                 ui.end_row();
             }
         });
-        let [low, high] = found.covered();
+        let [low, high] = measured.covered();
         let beyond =
             if present.is_some() { "the present curve goes on, scaled to meet it" } else { "it stays as at the ends" };
-        let text = format!("Measured from code {} to {}; beyond, {beyond}.", fixed(low, 0), fixed(high, 0));
+        let text = format!("Measured from pixel value {} to {}; beyond, {beyond}.", fixed(low, 0), fixed(high, 0));
         ui.label(RichText::new(text).small());
         let used = self.verdicts.iter().enumerate().filter(|(_, verdict)| matches!(verdict, RegionVerdict::Good(_)));
         let used: Vec<usize> = used.map(|(n, _)| n + 1).collect();
-        found.warnings.iter().for_each(|warning| parts::aside(ui, calibration_messages::noise_warning(warning, &used)));
-        if let Some(over) = present.as_ref().and_then(|present| excess_noise_ratio(&found.points, present)) {
+        measured
+            .warnings
+            .iter()
+            .for_each(|warning| parts::aside(ui, calibration_messages::noise_warning(warning, &used)));
+        if let Some(over) = present.as_ref().and_then(|present| excess_noise_ratio(&measured.points, present)) {
             let text = format!(
                 "These places show {} times the noise that the present profile has there. Texture, shadows and dirt \
                  count as noise here: look at them enlarged, and use this only if they are plain.",
@@ -247,12 +246,12 @@ impl NoisePanel {
             );
             ui.label(RichText::new(text).color(ui.visuals().warn_fg_color));
         }
-        match parts::take_or_leave(ui, "noise", is_taken) {
-            Some(true) => {
-                session.project.set_noise(found.profile.clone());
+        match parts::apply_or_discard(ui, "noise", is_applied) {
+            Some(Decision::Apply) => {
+                session.project.set_noise(measured.profile.clone());
                 session.show_message("The measured noise is in use");
             }
-            Some(false) => {
+            Some(Decision::Discard) => {
                 self.places.clear();
                 self.verdicts.clear();
                 self.measured.clear();
@@ -279,7 +278,7 @@ fn measure(shot: &Shot, shown: &Arc<Frame>, of: &NoiseRequest, control: &TaskCon
     };
     let measured = picked_noise(&places, of.motion, of.present.as_ref());
     let verdict = |n: usize| match measured.places.get(n) {
-        Some(Ok(code)) => RegionVerdict::Good(format!("used, code {}", fixed(*code, 0))),
+        Some(Ok(code)) => RegionVerdict::Good(format!("used, pixel value {}", fixed(*code, 0))),
         Some(Err(why)) => RegionVerdict::Bad(why.to_string()),
         None => RegionVerdict::Waits,
     };

@@ -87,19 +87,29 @@ pub fn aside(ui: &mut Ui, text: impl ToString) {
     ui.label(RichText::new(text.to_string()).small().weak());
 }
 
-/// Buttons to accept (`true`) or discard (`false`) a measurement.
-pub fn take_or_leave(ui: &mut Ui, what: &str, is_taken: bool) -> Option<bool> {
+/// The user's decision on a measurement.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Decision {
+    Apply,
+    Discard,
+}
+
+/// Buttons to apply or discard a measurement of `quantity`, which their accessible names contain:
+/// several measurements can be shown at once.
+pub fn apply_or_discard(ui: &mut Ui, quantity: &str, is_applied: bool) -> Option<Decision> {
     ui.horizontal(|ui| {
-        if is_taken {
-            ui.weak("taken");
+        if is_applied {
+            ui.weak("applied");
         }
-        let take = ui.add_enabled(!is_taken, egui::Button::new(format!("Take the {what}")));
-        let leave = ui.button(format!("Leave the {what}"));
-        match (take.clicked(), leave.clicked()) {
-            (true, _) => Some(true),
-            (_, true) => Some(false),
-            _ => None,
-        }
+        let button = |ui: &mut Ui, text: &str, is_enabled: bool| {
+            let response = ui.add_enabled(is_enabled, egui::Button::new(text));
+            let name = || format!("{text}: {quantity}");
+            response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Button, response.enabled(), name()));
+            response
+        };
+        let apply = button(ui, "Apply to profile", !is_applied).on_hover_text("Ctrl+S saves it");
+        let discard = button(ui, "Discard", true);
+        if apply.clicked() { Some(Decision::Apply) } else { discard.clicked().then_some(Decision::Discard) }
     })
     .inner
 }

@@ -11,7 +11,7 @@ use super::super::region_picker::{RegionPrompt, RegionPurpose};
 use super::super::session::Session;
 use super::super::task::TaskControl;
 use super::super::tool::ToolStack;
-use super::parts::{self, FrameRegion, ListAction, RegionVerdict};
+use super::parts::{self, Decision, FrameRegion, ListAction, RegionVerdict};
 use locard_engine::calibrate::sharpness::{self, PARAMETER, combine};
 use locard_engine::measure::slanted::{MIN_EXTENT_PX, SlantedEdge};
 use locard_engine::params::Value;
@@ -95,12 +95,12 @@ impl SharpnessPanel {
             }
         }
         let good: Vec<_> = good.into_iter().map(|(n, (edge, _))| (n, edge.clone())).collect();
-        self.found(ui, session, good);
+        self.result(ui, session, good);
         plot_rejected_edges(ui, out);
     }
 
     /// Shows the measured edges, with their numbers.
-    fn found(&mut self, ui: &mut Ui, session: &mut Session, good: Vec<(usize, SlantedEdge)>) {
+    fn result(&mut self, ui: &mut Ui, session: &mut Session, good: Vec<(usize, SlantedEdge)>) {
         let edges: Vec<_> = good.iter().map(|(_, edge)| edge.clone()).collect();
         let Some(all) = combine(&edges) else { return };
         // A single edge has the colour of the other plots.
@@ -120,7 +120,7 @@ impl SharpnessPanel {
         });
         plots::legend_of(ui, &names.iter().map(|(color, name)| (*color, name.as_str())).collect::<Vec<_>>());
         let (table, name) = PARAMETER;
-        let taken = Value::Number((1e3 * all.sigma_px).round() / 1e3);
+        let measured = Value::Number((1e3 * all.sigma_px).round() / 1e3);
         let present = session.project.value(table, name);
         let of_present = present.as_ref().map_or(String::new(), ToString::to_string);
         ui.label(format!(
@@ -133,15 +133,15 @@ impl SharpnessPanel {
                         sharpest are the most reliable.";
             ui.label(RichText::new(text).small().weak());
         }
-        match parts::take_or_leave(ui, "sharpness", present.as_ref() == Some(&taken)) {
-            Some(true) => match session.project.set(table, name, &taken) {
+        match parts::apply_or_discard(ui, "sharpness", present.as_ref() == Some(&measured)) {
+            Some(Decision::Apply) => match session.project.set(table, name, &measured) {
                 Ok(()) => {
                     session.project.close_step();
                     session.show_message("The measured sharpness is in use");
                 }
                 Err(error) => session.show_message(error.to_string()),
             },
-            Some(false) => {
+            Some(Decision::Discard) => {
                 self.edges.clear();
                 self.verdicts.clear();
                 self.measured.clear();

@@ -26,8 +26,11 @@ impl Chooser {
             if !std::mem::replace(has_had_focus, true) {
                 field.request_focus();
             }
-            is_confirmed = ui.button("Make it").clicked() || entered;
-            is_cancelled = ui.button("Leave it").clicked();
+            is_confirmed = ui.button("Create").clicked() || entered;
+            let cancel = ui.button("Cancel");
+            // The dialog has a button of that name, too.
+            cancel.widget_info(|| WidgetInfo::labeled(Role::Button, true, "Cancel the new folder"));
+            is_cancelled = cancel.clicked();
         });
         let name = name.trim().to_owned();
         if is_cancelled {

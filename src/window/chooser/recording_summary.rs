@@ -23,7 +23,7 @@ impl RecordingSummary {
         if self.path.as_deref() != Some(path) {
             let (wake, requested) = (ctx.clone(), path.to_owned());
             self.reading =
-                BackgroundTask::spawn("about", move || wake.request_repaint(), move || read(&requested)).ok();
+                BackgroundTask::spawn("read summary", move || wake.request_repaint(), move || read(&requested)).ok();
             (self.path, self.summary) = (Some(path.to_owned()), "…".to_owned());
         }
         if let Some(summary) = self.reading.as_ref().and_then(BackgroundTask::take) {

@@ -21,7 +21,7 @@ impl Documents {
     /// Determines the kind of a dropped or chosen file, which decides how it is opened.
     pub fn open_file(&mut self, ctx: &egui::Context, path: PathBuf, session: &mut Session) {
         let (wake, dropped) = (ctx.clone(), path.clone());
-        match BackgroundTask::spawn("looking", move || wake.request_repaint(), move || FileKind::of(&dropped)) {
+        match BackgroundTask::spawn("file kind", move || wake.request_repaint(), move || FileKind::of(&dropped)) {
             Ok(kind_task) => self.dropped_files.push((path, kind_task)),
             Err(error) => session.show_error(format!("the thread that opens it could not be started: {error}")),
         }

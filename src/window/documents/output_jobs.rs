@@ -71,11 +71,13 @@ impl OutputJobs {
         self.jobs.as_ref()
     }
 
-    /// Adopts a finished analysis, and reports finished jobs.
+    /// Adopts a finished analysis, and reports all finished jobs.
     pub(super) fn report_ended(&mut self, session: &mut Session) {
         let Some(jobs) = &mut self.jobs else { return };
         for index in jobs.take() {
-            self.analysing.ended(index, jobs, session);
+            if self.analysing.ended(index, jobs, session) {
+                continue;
+            }
             let Some(entry) = jobs.entries.get(index) else { continue };
             match &entry.state {
                 JobState::Done(summary) => session.show_message(format!("Written {}: {summary}", entry.name)),

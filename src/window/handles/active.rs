@@ -18,7 +18,7 @@ pub enum TransformCommand {
     Move,
     Turn,
     Scale,
-    /// Duplicates the thing and moves the copy.
+    /// Duplicates the item and moves the copy.
     Duplicate,
 }
 
@@ -26,12 +26,12 @@ pub enum TransformCommand {
 #[derive(Debug)]
 pub struct ActiveTransform {
     pub(super) transform: Transform,
-    pub(super) thing: SceneItem,
+    pub(super) item: SceneItem,
     /// The scene at the start.
     pub(super) base: SceneFile,
     /// The selection at the start.
     pub(super) selected_before: SceneItem,
-    /// Offset of the thing from its gizmo ([`gizmo_offset_m`]).
+    /// Offset of the item from its gizmo ([`gizmo_offset_m`]).
     pub(super) gizmo_offset_m: DVec3,
     pub(super) is_copy: bool,
     /// Begun by a press of the pointer; the release ends it.
@@ -41,10 +41,10 @@ pub struct ActiveTransform {
 }
 
 impl ActiveTransform {
-    /// Placement of the thing for a placement of its gizmo. Coordinates that the transform leaves
+    /// Placement of the item for a placement of its gizmo. Coordinates that the transform leaves
     /// unchanged are bit-exact.
     pub(super) fn item_placement(&self, gizmo: ItemPlacement) -> Option<ItemPlacement> {
-        let from_m = self.base.placement(self.thing)?.position_m;
+        let from_m = self.base.placement(self.item)?.position_m;
         Some(ItemPlacement { position_m: from_m + (gizmo.position_m - (from_m - self.gizmo_offset_m)), ..gizmo })
     }
 }
@@ -55,13 +55,13 @@ pub(super) fn begin_by_key(
     over: &Overlay<'_>,
     project: &Project,
     eye: &PosedCamera,
-    thing: SceneItem,
+    item: SceneItem,
     selected: &mut Option<SceneItem>,
 ) -> Option<Box<ActiveTransform>> {
     let pointer = over.picture.response.ctx.input(|i| i.pointer.latest_pos());
     let grip = pointer.map(|at| over.px(at));
-    let gizmo_offset_m = gizmo_offset_m(over, project, eye, thing);
-    let start = drag_state(project, eye, thing, gizmo_offset_m, grip, None)?;
+    let gizmo_offset_m = gizmo_offset_m(over, project, eye, item);
+    let start = drag_state(project, eye, item, gizmo_offset_m, grip, None)?;
     let kind = match command {
         TransformCommand::Move | TransformCommand::Duplicate => TransformKind::Move,
         TransformCommand::Turn => TransformKind::Turn,
@@ -69,14 +69,14 @@ pub(super) fn begin_by_key(
     };
     let mut base = project.edit().scene.clone();
     let is_copy = command == TransformCommand::Duplicate;
-    let copy = if is_copy { base.duplicate(thing) } else { None };
+    let copy = if is_copy { base.duplicate(item) } else { None };
     let at_px = start.grip_px;
-    *selected = Some(copy.unwrap_or(thing));
+    *selected = Some(copy.unwrap_or(item));
     Some(Box::new(ActiveTransform {
         transform: Transform::new(kind, Constraint::Free, start),
-        thing: copy.unwrap_or(thing),
+        item: copy.unwrap_or(item),
         base,
-        selected_before: thing,
+        selected_before: item,
         gizmo_offset_m,
         is_copy,
         is_dragged: false,
@@ -92,13 +92,13 @@ pub(super) fn begin_by_drag(
     over: &Overlay<'_>,
     project: &Project,
     eye: &PosedCamera,
-    thing: SceneItem,
+    item: SceneItem,
 ) -> Option<Box<ActiveTransform>> {
     let grip = over.px(at);
-    // The thing itself is anchored at its support point, a handle at the pointer.
+    // The item itself is anchored at its support point, a handle at the pointer.
     let anchor = (handle != Handle::Slide).then_some(grip);
-    let gizmo_offset_m = gizmo_offset_m(over, project, eye, thing);
-    let start = drag_state(project, eye, thing, gizmo_offset_m, Some(grip), anchor)?;
+    let gizmo_offset_m = gizmo_offset_m(over, project, eye, item);
+    let start = drag_state(project, eye, item, gizmo_offset_m, Some(grip), anchor)?;
     let transform = match handle {
         Handle::Slide => Transform::new(TransformKind::Move, Constraint::Free, start),
         Handle::Axis(axis) => Transform::new(TransformKind::Move, Constraint::Axis { axis, is_local: false }, start),
@@ -108,9 +108,9 @@ pub(super) fn begin_by_drag(
     };
     Some(Box::new(ActiveTransform {
         transform,
-        thing,
+        item,
         base: project.edit().scene.clone(),
-        selected_before: thing,
+        selected_before: item,
         gizmo_offset_m,
         is_copy: false,
         is_dragged: true,

@@ -1,4 +1,4 @@
-//! The state of a selected thing when its transform begins, its gizmo, and directions of the
+//! The state of a selected item when its transform begins, its gizmo, and directions of the
 //! picture in the world.
 
 use glam::{DVec2, DVec3};
@@ -14,14 +14,14 @@ use super::transform::DragState;
 use locard_engine::scene::{ItemPlacement, SceneItem};
 use locard_engine::shot::PosedCamera;
 
-/// Index of a thing in the loaded scene's objects. `None` for a lamp or a missing object.
-pub fn object_of(project: &Project, thing: SceneItem) -> Option<usize> {
-    project.edit().scene.entries().iter().position(|entry| thing == (*entry).into())
+/// Index of an item in the loaded scene's objects. `None` for a lamp or a missing object.
+pub fn object_of(project: &Project, item: SceneItem) -> Option<usize> {
+    project.edit().scene.entries().iter().position(|entry| item == (*entry).into())
 }
 
-/// True if a thing is left out of the picture.
-pub fn is_hidden(project: &Project, thing: SceneItem) -> bool {
-    matches!(thing, SceneItem::Object(entry) if project.edit().scene.is_hidden(entry))
+/// True if an item is left out of the picture.
+pub fn is_hidden(project: &Project, item: SceneItem) -> bool {
+    matches!(item, SceneItem::Object(entry) if project.edit().scene.is_hidden(entry))
 }
 
 /// The level axis nearest to a direction of the picture, right or up, at a point of the world.
@@ -51,10 +51,10 @@ pub fn lamp_markers(over: &Overlay<'_>, project: &Project, eye: &PosedCamera) ->
     lamps.map(|lamp| lamp::marker(eye, lamp.at_m.into(), visible, |px| over.screen(px))).collect()
 }
 
-/// Offset of a thing from its gizmo, metres: not zero for lamps outside the picture, whose gizmo
+/// Offset of an item from its gizmo, metres: not zero for lamps outside the picture, whose gizmo
 /// stays inside.
-pub fn gizmo_offset_m(over: &Overlay<'_>, project: &Project, eye: &PosedCamera, thing: SceneItem) -> DVec3 {
-    let (SceneItem::Lamp(_), Some(placement)) = (thing, project.edit().scene.placement(thing)) else {
+pub fn gizmo_offset_m(over: &Overlay<'_>, project: &Project, eye: &PosedCamera, item: SceneItem) -> DVec3 {
+    let (SceneItem::Lamp(_), Some(placement)) = (item, project.edit().scene.placement(item)) else {
         return DVec3::ZERO;
     };
     let visible = over.visible();
@@ -65,47 +65,47 @@ pub fn gizmo_offset_m(over: &Overlay<'_>, project: &Project, eye: &PosedCamera, 
     gizmo_m.map_or(DVec3::ZERO, |gizmo_m| at_m - gizmo_m)
 }
 
-/// The gizmo of a thing with that outline, at the thing less `gizmo_offset_m`.
+/// The gizmo of an item with that outline, at the item less `gizmo_offset_m`.
 pub fn gizmo(
     over: &Overlay<'_>,
     project: &Project,
     eye: &PosedCamera,
-    thing: SceneItem,
+    item: SceneItem,
     gizmo_offset_m: DVec3,
     outline: &Outline,
 ) -> Option<Gizmo> {
-    let placement = project.edit().scene.placement(thing)?;
+    let placement = project.edit().scene.placement(item)?;
     let covers = |at: DVec2| is_within(over.px(draw::at(at)), outline);
     let project_point = |point_m: DVec3| eye.project(point_m).map(|px| over.screen(px));
     let centre_m = placement.position_m - gizmo_offset_m;
     let mut gizmo = Gizmo::new(centre_m, project.up(), eye.position_m(), project_point, covers)?;
-    if matches!(thing, SceneItem::Lamp(_)) {
+    if matches!(item, SceneItem::Lamp(_)) {
         // Lamps emit isotropically.
         gizmo.ring.clear();
     }
     Some(gizmo)
 }
 
-/// State of a thing at the start of a transform, moved by −`gizmo_offset_m`. The default grip is
+/// State of an item at the start of a transform, moved by −`gizmo_offset_m`. The default grip is
 /// the projection of its position, the default anchor that of its support point.
 pub fn drag_state(
     project: &Project,
     eye: &PosedCamera,
-    thing: SceneItem,
+    item: SceneItem,
     gizmo_offset_m: DVec3,
     grip: Option<DVec2>,
     anchor: Option<DVec2>,
 ) -> Option<DragState> {
     let file = &project.edit().scene;
-    let placement = file.placement(thing)?;
-    if is_hidden(project, thing) {
+    let placement = file.placement(item)?;
+    if is_hidden(project, item) {
         return None;
     }
     let placement = ItemPlacement { position_m: placement.position_m - gizmo_offset_m, ..placement };
     let scene = &project.shot().scene;
-    let (local_axes, support_points_m, free_plane_normal) = match thing {
+    let (local_axes, support_points_m, free_plane_normal) = match item {
         SceneItem::Object(entry) => {
-            let object = scene.objects.get(object_of(project, thing)?)?;
+            let object = scene.objects.get(object_of(project, item)?)?;
             let model = object.world_from_model.matrix3;
             let axes = [model.x_axis, model.y_axis, model.z_axis];
             let is_grounded = file.objects[entry.object].ground;

@@ -27,7 +27,7 @@ fn line(painter: &Painter, points: Vec<Pos2>, width: f32, color: Color32) {
     painter.add(Shape::line(points, Stroke::new(width, color)));
 }
 
-/// Outline of the selected thing.
+/// Outline of the selected item.
 pub fn outline(painter: &Painter, polygons: &[Vec<Pos2>]) {
     for polygon in polygons {
         painter.add(Shape::closed_line(polygon.clone(), Stroke::new(3.0, Color32::from_black_alpha(70))));
@@ -37,7 +37,7 @@ pub fn outline(painter: &Painter, polygons: &[Vec<Pos2>]) {
     }
 }
 
-/// Footprint on the plane below the thing, dashed.
+/// Footprint on the plane below the item, dashed.
 pub fn footprint(painter: &Painter, polygons: &[Vec<Pos2>]) {
     for polygon in polygons {
         painter.add(Shape::closed_line(polygon.clone(), Stroke::new(2.5, Color32::from_black_alpha(60))));

@@ -1,4 +1,4 @@
-//! The transform gizmo of a selected thing: screen positions of its handles, and picking.
+//! The transform gizmo of a selected item: screen positions of its handles, and picking.
 //!
 //! Positions are points of the screen, y down. The size of the gizmo on the screen is constant.
 
@@ -9,7 +9,7 @@ use super::maths::plane_axes;
 /// A handle of the gizmo.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Handle {
-    /// The centre or the thing itself: moves over the surface.
+    /// The centre or the item itself: moves over the surface.
     Slide,
     /// Moves along an axis of the world: 0, 1, 2 for x, y, z.
     Axis(usize),
@@ -24,7 +24,7 @@ pub enum Handle {
 /// Smallest distance from the centre to the start of an arrow, points.
 const ARROW_START_PT: f64 = 15.0;
 const ARROW_LENGTH_PT: f64 = 69.0;
-/// Gap between the outline of the thing and the start of an arrow, points: the thing itself can be
+/// Gap between the outline of the item and the start of an arrow, points: the item itself can be
 /// dragged.
 const ARROW_GAP_PT: f64 = 8.0;
 /// Largest distance from the centre to the start of an arrow, points.
@@ -60,7 +60,7 @@ pub struct Gizmo {
 
 impl Gizmo {
     /// The gizmo at a point of the world. `project` maps points to the screen, `covers` is true
-    /// inside the outline of the thing. `None` if the point has no projection.
+    /// inside the outline of the item. `None` if the point has no projection.
     pub fn new(
         centre_m: DVec3,
         up: DVec3,
@@ -147,7 +147,7 @@ pub fn is_inside(p: DVec2, polygon: &[DVec2]) -> bool {
 mod tests {
     use super::*;
 
-    /// The gizmo of a thing seen at 45° from `distance` before and above it; the focal length is
+    /// The gizmo of an item seen at 45° from `distance` before and above it; the focal length is
     /// 500 points.
     fn gizmo(distance: f64, covers: fn(DVec2) -> bool) -> Gizmo {
         let eye = DVec3::new(0.0, -distance, distance);
@@ -174,7 +174,7 @@ mod tests {
             assert!((y - DVec2::new(0.0, -at_45 / 1.1188)).length() < 0.2, "{y}");
             assert!((z - DVec2::new(0.0, -at_45 / 0.8812)).length() < 0.2, "{z}");
         }
-        // A thing that extends 40 points to the right, and one that covers everything.
+        // An item that extends 40 points to the right, and one that covers everything.
         let beside = gizmo(1.0, |p| p.x <= 41.0).arrows[0].unwrap().map(|p| p.x - 400.0);
         assert!((beside[0] - 48.0).abs() < 1e-6 && (beside[1] - 117.0).abs() < 0.1, "{beside:?}");
         let inside = gizmo(1.0, |_| true).arrows[0].unwrap();

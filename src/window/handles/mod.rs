@@ -2,12 +2,12 @@
 //!
 //! - `maths`: view rays, planes, axes, angles. `amount`: parsing and formatting of lengths, angles
 //!   and factors.
-//! - `overlay`: the picture below the handles. `drag_state`: the state of a thing when its
+//! - `overlay`: the picture below the handles. `drag_state`: the state of an item when its
 //!   transform begins.
 //! - `active`: a transform in progress. `transform`: its maths. `keys`: its keyboard input.
 //!   `labels`: its texts.
-//! - `placement_preview`: outline of the thing that the next click places.
-//! - `gizmo`: the handles around a selected thing. `outline`: its outline and its footprint.
+//! - `placement_preview`: outline of the item that the next click places.
+//! - `gizmo`: the handles around a selected item. `outline`: its outline and its footprint.
 //!   `lamp`: markers of lamps. `draw`: paints all of these.
 
 mod active;
@@ -52,7 +52,7 @@ const NUDGE_M: f64 = 1e-3;
 /// Distance from the press at which a drag begins, points.
 const DRAG_THRESHOLD_PT: f32 = 3.0;
 
-/// Selection, and the handles of the selected thing.
+/// Selection, and the handles of the selected item.
 #[derive(Debug, Default)]
 pub struct Handles {
     pending: Option<TransformCommand>,
@@ -64,7 +64,7 @@ pub struct Handles {
     /// The press ended a transform: its release is no click.
     press_is_consumed: bool,
     hovered: Option<Handle>,
-    /// Outlines by version of the project, frame and thing.
+    /// Outlines by version of the project, frame and item.
     outlines: Memo<(u64, usize, SceneItem), Option<Arc<Outline>>>,
 }
 
@@ -103,7 +103,7 @@ impl Handles {
         selected: &mut Option<SceneItem>,
         transform: &mut Option<Box<ActiveTransform>>,
     ) -> Option<Result<String, String>> {
-        *selected = selected.filter(|thing| project.edit().scene.placement(*thing).is_some());
+        *selected = selected.filter(|item| project.edit().scene.placement(*item).is_some());
         let pending = self.pending.take();
         let keys = std::mem::take(&mut self.keys);
         let Ok(eye) = project.shot().posed_camera(over.frame.index) else {
@@ -115,8 +115,8 @@ impl Handles {
             (Some(TransformCommand::Turn), Some(SceneItem::Lamp(_)), false) => {
                 refused = Some(Err("A lamp shines equally in all directions and cannot be turned.".to_owned()));
             }
-            (Some(command), Some(thing), false) => {
-                *transform = begin_by_key(command, over, project, &eye, thing, selected);
+            (Some(command), Some(item), false) => {
+                *transform = begin_by_key(command, over, project, &eye, item, selected);
             }
             _ => {}
         }
@@ -132,15 +132,15 @@ impl Handles {
         refused.or(result)
     }
 
-    /// Moves a thing by [`NUDGE_M`] along the level axis nearest to a direction of the picture: to
+    /// Moves an item by [`NUDGE_M`] along the level axis nearest to a direction of the picture: to
     /// the right, or up and thus away. Consecutive nudges merge into one undo step.
-    pub fn nudge(project: &mut Project, frame: usize, thing: SceneItem, right: i8, up: i8) -> Result<(), String> {
+    pub fn nudge(project: &mut Project, frame: usize, item: SceneItem, right: i8, up: i8) -> Result<(), String> {
         let Ok(eye) = project.shot().posed_camera(frame) else { return Ok(()) };
-        let Some(mut placement) = project.edit().scene.placement(thing) else { return Ok(()) };
+        let Some(mut placement) = project.edit().scene.placement(item) else { return Ok(()) };
         let Some(along) = level_direction(&eye, placement.position_m, project.up(), right, up) else { return Ok(()) };
         placement.position_m += along * NUDGE_M;
-        let what = format!("{}: moved by keys", project.edit().scene.title(thing));
-        project.change_scene(&what, |scene| scene.put(thing, &placement)).map_err(|error| error.to_string())
+        let what = format!("{}: moved by keys", project.edit().scene.title(item));
+        project.change_scene(&what, |scene| scene.put(item, &placement)).map_err(|error| error.to_string())
     }
 
     /// Advances the active transform.
@@ -168,7 +168,7 @@ impl Handles {
         let mut is_cancelled = right;
         for key in keys {
             match key {
-                TransformKey::Kind(TransformKind::Turn) if matches!(active.thing, SceneItem::Lamp(_)) => {}
+                TransformKey::Kind(TransformKind::Turn) if matches!(active.item, SceneItem::Lamp(_)) => {}
                 TransformKey::Kind(kind) => active.transform = active.transform.restarted(kind, active.pointer.at_px),
                 TransformKey::Axis { axis, as_plane } => active.transform.toggle_constraint(axis, as_plane),
                 TransformKey::Letter(letter) => active.transform.typed.push(letter),
@@ -191,12 +191,12 @@ impl Handles {
             active.transform.update(active.pointer, |px| eye.ray(px), surface)
         };
         let mut scene = active.base.clone();
-        active.item_placement(update.placement).iter().for_each(|placement| scene.put(active.thing, placement));
+        active.item_placement(update.placement).iter().for_each(|placement| scene.put(active.item, placement));
         // A scene that fails to load is not shown; the last one stays.
         let error = project.set_uncommitted_scene(scene).map_err(|error| Err(error.to_string())).err();
         if active.transform.kind == TransformKind::Move {
             let scene = &project.shot().scene;
-            let object = object_of(project, active.thing).and_then(|of| scene.objects.get(of));
+            let object = object_of(project, active.item).and_then(|of| scene.objects.get(of));
             active.footprint =
                 object.map_or_else(Outline::new, |object| footprint(eye, scene, object, &update.support, project.up()));
         }
@@ -206,9 +206,9 @@ impl Handles {
         self.press_is_consumed = pressed || released;
         let active = transform.take()?;
         self.pressed = None;
-        let title = project.edit().scene.title(active.thing);
+        let title = project.edit().scene.title(active.item);
         let done = labels::history(&active.transform);
-        let is_in_place = active.base.placement(active.thing) == project.edit().scene.placement(active.thing);
+        let is_in_place = active.base.placement(active.item) == project.edit().scene.placement(active.item);
         let what = match (active.is_copy, is_in_place) {
             (true, true) => format!("{title}: duplicated"),
             (true, false) => format!("{title}: duplicated, {done}"),
@@ -254,7 +254,7 @@ impl Handles {
         let at = if pressed { origin.or(latest) } else { latest };
         let pointer = at.filter(|at| usable && !on_line(*at) && !over.picture.camera.contains(*at));
         if self.pressed.is_none() {
-            self.hovered = pointer.zip(*selected).and_then(|(at, thing)| self.handle_at(over, project, eye, thing, at));
+            self.hovered = pointer.zip(*selected).and_then(|(at, item)| self.handle_at(over, project, eye, item, at));
         }
         if pressed {
             self.press_is_consumed = false;
@@ -266,10 +266,10 @@ impl Handles {
             None => {}
         }
         let mut begun = None;
-        if let (Some((handle, from)), Some(to), Some(thing), true) = (self.pressed, latest, *selected, down)
+        if let (Some((handle, from)), Some(to), Some(item), true) = (self.pressed, latest, *selected, down)
             && from.distance(to) > DRAG_THRESHOLD_PT
         {
-            begun = begin_by_drag(handle, from, over, project, eye, thing);
+            begun = begin_by_drag(handle, from, over, project, eye, item);
             if begun.is_some() {
                 self.hovered = Some(handle);
             }
@@ -297,34 +297,34 @@ impl Handles {
         over: &Overlay<'_>,
         project: &Project,
         eye: &PosedCamera,
-        thing: SceneItem,
+        item: SceneItem,
         at: Pos2,
     ) -> Option<Handle> {
-        if is_hidden(project, thing) {
+        if is_hidden(project, item) {
             return None;
         }
-        let gizmo_offset_m = gizmo_offset_m(over, project, eye, thing);
-        let outline = self.outline(over, project, eye, thing)?;
-        let gizmo = gizmo(over, project, eye, thing, gizmo_offset_m, &outline)?;
+        let gizmo_offset_m = gizmo_offset_m(over, project, eye, item);
+        let outline = self.outline(over, project, eye, item)?;
+        let gizmo = gizmo(over, project, eye, item, gizmo_offset_m, &outline)?;
         let handle = gizmo.pick(DVec2::new(at.x.into(), at.y.into()));
         handle.or_else(|| is_within(over.px(at), &outline).then_some(Handle::Slide))
     }
 
-    /// Outline of a thing, px of the picture.
+    /// Outline of an item, px of the picture.
     fn outline(
         &self,
         over: &Overlay<'_>,
         project: &Project,
         eye: &PosedCamera,
-        thing: SceneItem,
+        item: SceneItem,
     ) -> Option<Arc<Outline>> {
         let scene = &project.shot().scene;
-        self.outlines.get_or_insert_with((project.version(), over.frame.index, thing), |_| {
-            Some(Arc::new(match (thing, project.edit().scene.placement(thing)?) {
+        self.outlines.get_or_insert_with((project.version(), over.frame.index, item), |_| {
+            Some(Arc::new(match (item, project.edit().scene.placement(item)?) {
                 (SceneItem::Lamp(_), ItemPlacement { position_m, size: Size::LargestM(diameter_m), .. }) => {
                     sphere_outline(eye, position_m, 0.5 * diameter_m)
                 }
-                _ => outline(eye, scene, scene.objects.get(object_of(project, thing)?)?),
+                _ => outline(eye, scene, scene.objects.get(object_of(project, item)?)?),
             }))
         })
     }
@@ -340,7 +340,7 @@ impl Handles {
         let placed = over.picture.placed;
         let painter = over.picture.painter.with_clip_rect(over.clip());
         self.paint_lamps(over, &painter, project, eye, selected, active.is_some());
-        let Some(thing) = selected.filter(|thing| !is_hidden(project, *thing)) else { return };
+        let Some(item) = selected.filter(|item| !is_hidden(project, *item)) else { return };
         let on_screen = |outline: &Outline| -> Vec<Vec<Pos2>> {
             let screen = |p: &DVec2| placed.screen(vec2(p.x as f32, p.y as f32));
             outline.iter().map(|polygon| polygon.iter().map(screen).collect()).collect()
@@ -356,13 +356,13 @@ impl Handles {
         }
         let gizmo_offset_m = match active {
             Some(active) => active.gizmo_offset_m,
-            None => gizmo_offset_m(over, project, eye, thing),
+            None => gizmo_offset_m(over, project, eye, item),
         };
         let is_dragged = active.map(|active| active.is_dragged);
         let hovered = self.hovered;
-        if let Some(outline) = self.outline(over, project, eye, thing) {
+        if let Some(outline) = self.outline(over, project, eye, item) {
             draw::outline(&painter, &on_screen(&outline));
-            let gizmo = gizmo(over, project, eye, thing, gizmo_offset_m, &outline);
+            let gizmo = gizmo(over, project, eye, item, gizmo_offset_m, &outline);
             if let Some(gizmo) = gizmo.filter(|_| is_dragged != Some(false)) {
                 draw::gizmo(&painter, &gizmo, hovered, is_dragged == Some(true));
             }

@@ -1,4 +1,4 @@
-//! Outlines of things in the picture, and of their footprints on a plane.
+//! Outlines of items in the picture, and of their footprints on a plane.
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 

@@ -44,7 +44,7 @@ impl PlacementPreview {
         Self { models, running: None, shown: None }
     }
 
-    /// Shows the outline of the thing that `lay` places; nothing where it returns `None`.
+    /// Shows the outline of the item that `lay` places; nothing where it returns `None`.
     pub fn show(
         &mut self,
         picture: &PictureOutput,

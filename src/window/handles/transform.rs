@@ -1,4 +1,4 @@
-//! Modal transform of one thing: move, turn or scale, by the pointer or by typed numbers.
+//! Modal transform of one item: move, turn or scale, by the pointer or by typed numbers.
 
 use glam::{DVec2, DVec3};
 
@@ -25,9 +25,9 @@ pub enum TransformKind {
 pub enum Constraint {
     /// Moves over the visible surface, turns about the world's up, scales uniformly.
     Free,
-    /// Moves in the level plane through the lowest point of the thing.
+    /// Moves in the level plane through the lowest point of the item.
     Level,
-    /// `is_local`: the axis is the thing's own, otherwise the world's.
+    /// `is_local`: the axis is the item's own, otherwise the world's.
     Axis { axis: usize, is_local: bool },
     /// Acts in the plane of the other two axes.
     Plane { axis: usize, is_local: bool },
@@ -54,7 +54,7 @@ pub struct Pointer {
     pub level: bool,
 }
 
-/// A thing at the start of a transform.
+/// An item at the start of a transform.
 #[derive(Clone, Debug)]
 pub struct DragState {
     pub placement: ItemPlacement,
@@ -87,7 +87,7 @@ impl DragState {
     }
 }
 
-/// A modal transform of a thing.
+/// A modal transform of an item.
 #[derive(Clone, Debug)]
 pub struct Transform {
     pub kind: TransformKind,
@@ -109,7 +109,7 @@ pub struct Transform {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Update {
     pub placement: ItemPlacement,
-    /// The plane below the thing.
+    /// The plane below the item.
     pub support: Plane,
 }
 

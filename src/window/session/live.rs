@@ -255,7 +255,7 @@ impl Session {
         let name = live.live_recording.name.clone();
         let (folder, draft, wake) = (folder.to_owned(), self.project.profile_text(Path::new("")), ctx.clone());
         let spawned = BackgroundTask::spawn(
-            "freezing",
+            "write frozen",
             move || wake.request_repaint(),
             move || {
                 about.profile = Some(draft().map_err(|error| error.to_string())?);
@@ -286,7 +286,7 @@ impl Session {
         let Some(live) = &mut self.live else { return };
         let wake = ctx.clone();
         let spawned = BackgroundTask::spawn(
-            "keeping",
+            "copy recording",
             move || wake.request_repaint(),
             move || {
                 let copied = if std::fs::read_dir(&to).is_ok_and(|mut entries| entries.next().is_some()) {

@@ -11,6 +11,8 @@ use locard_engine::text::without_options;
 #[derive(Debug)]
 pub(super) struct StatusMessage {
     text: String,
+    /// Longer text, shown on request.
+    details: Option<String>,
     is_error: bool,
     /// Project version and frame at the time of the message: it disappears after the next action.
     shown_at: (u64, usize),
@@ -22,6 +24,8 @@ pub(super) struct StatusMessage {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NewMessage<'a> {
     pub text: &'a str,
+    /// Longer text, shown on request.
+    pub details: Option<&'a str>,
     pub is_error: bool,
 }
 
@@ -31,7 +35,12 @@ const MIN_MESSAGE_S: f64 = 4.0;
 impl Session {
     /// Shows a message.
     pub fn show_message(&mut self, text: impl Into<String>) {
-        self.set_message(&text.into(), false);
+        self.set_message(&text.into(), None, false);
+    }
+
+    /// Shows a message whose longer text can be opened.
+    pub fn show_message_with_details(&mut self, text: &str, details: &str) {
+        self.set_message(text, Some(details), false);
     }
 
     pub fn message(&self) -> Option<&str> {
@@ -40,19 +49,29 @@ impl Session {
 
     /// Shows an error message.
     pub fn show_error(&mut self, text: impl Into<String>) {
-        self.set_message(&text.into(), true);
+        self.set_message(&text.into(), None, true);
     }
 
-    fn set_message(&mut self, text: &str, is_error: bool) {
+    /// The longer text of the message.
+    pub fn message_details(&self) -> Option<&str> {
+        self.message.as_ref().filter(|message| !message.is_error)?.details.as_deref()
+    }
+
+    fn set_message(&mut self, text: &str, details: Option<&str>, is_error: bool) {
         let shown_at = (self.project.version(), self.player.frame());
-        self.message = Some(StatusMessage { text: without_options(text), is_error, shown_at, since_s: None });
+        let (text, details) = (without_options(text), details.map(without_options));
+        self.message = Some(StatusMessage { text, details, is_error, shown_at, since_s: None });
     }
 
     /// The last message, if it is still new at a time of the window's clock.
     pub fn new_message(&self, now_s: f64) -> Option<NewMessage<'_>> {
         let message = self.message.as_ref()?;
         let is_new = message.since_s.is_none_or(|since_s| now_s - since_s < MIN_MESSAGE_S);
-        is_new.then_some(NewMessage { text: &message.text, is_error: message.is_error })
+        is_new.then_some(NewMessage {
+            text: &message.text,
+            details: message.details.as_deref(),
+            is_error: message.is_error,
+        })
     }
 
     /// Removes a message that had time to be read, after another action.

@@ -123,7 +123,7 @@ fn restored_work_keeps_its_undo_history() {
     press(&mut window, "Undo");
     press(&mut window, "Undo");
     assert_eq!(scale(window.state()), Some(Value::Number(0.25)));
-    assert_eq!(harness::steps(&window), ["opened", "Noise: Scale", "Noise: Scale", "Noise: Scale"]);
+    assert_eq!(harness::steps(&window), ["opened", "Noise: Amount", "Noise: Amount", "Noise: Amount"]);
     press(&mut window, "Undo");
     assert!(window.state().project().is_saved());
 }
@@ -164,7 +164,7 @@ fn drag_interrupted_by_a_crash_is_not_in_the_recovery_file() {
     };
     wait_for(&mut window, "the first change", |_| work().is_some());
     let before = work().unwrap();
-    let rail = window.get_by_role_and_label(Role::Slider, "Noise: Scale").rect();
+    let rail = window.get_by_role_and_label(Role::Slider, "Noise: Amount").rect();
     harness::press_and_move(&mut window, rail.center(), rail.center() + egui::vec2(30.0, 0.0));
     assert!(scale(window.state().project()) > 4.0);
     // Longer than the delay that collects changes.

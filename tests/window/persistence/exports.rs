@@ -13,8 +13,8 @@ fn exports_use_the_settings_at_their_start() {
     let before = shown_codes(&window);
     window.key_press_modifiers(Modifiers::COMMAND, Key::E);
     window.run_steps(3);
-    press(&mut window, &format!("frame {frame} alone"));
-    press(&mut window, "Pictures…");
+    press(&mut window, &format!("Current (frame {frame})"));
+    press(&mut window, "Image sequence…");
     choose(&mut window, &temp.path().join("out"));
     // Later changes do not affect it; they do affect a second one.
     set(&mut window, "noise", "scale", 0.0);
@@ -31,7 +31,7 @@ fn exports_use_the_settings_at_their_start() {
 
     // A folder that cannot be created is reported, and the next export proceeds.
     std::fs::write(temp.path().join("file"), "").unwrap();
-    press(&mut window, "Pictures…");
+    press(&mut window, "Image sequence…");
     choose(&mut window, &temp.path().join("file/out"));
     run_until(&mut window, all_over);
     let entries = &window.state().documents().jobs().unwrap().entries;
@@ -39,7 +39,7 @@ fn exports_use_the_settings_at_their_start() {
     assert!(entries[..2].iter().all(|entry| matches!(entry.state, JobState::Done(_))), "{entries:?}");
 
     // A cancelled video leaves no file.
-    press(&mut window, &format!("all {} frames", demo_frame(72)));
+    press(&mut window, &format!("All ({} frames)", demo_frame(72)));
     press(&mut window, "Video…");
     let video = temp.path().join("cut.mkv");
     choose(&mut window, &video);
@@ -153,9 +153,9 @@ fn series_asks_before_replacing_its_own_files() {
         window.get_by_role_and_label(Role::TextInput, dial).type_text(text);
         window.run_steps(2);
     }
-    window.get_by_role_and_label(Role::ComboBox, "Series").click();
+    window.get_by_role_and_label(Role::ComboBox, "Bracket").click();
     window.run_steps(3);
-    press(&mut window, "through the film speeds");
+    press(&mut window, "by ISO");
     // The second file of the series exists, but none of the given name itself.
     let there = temp.path().join("s-2.png");
     std::fs::write(&there, "what the user had").unwrap();

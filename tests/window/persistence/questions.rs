@@ -45,7 +45,7 @@ fn assert_own_state_kept(key: Key) {
     std::fs::write(&profile, "version = 1\n[noise]\nscale = 0.125\n").unwrap();
     wait_for_label(&mut window, "Read it again");
     press_key(&mut window, key);
-    assert!(!has_label(&window, "Read it again") && has_label(&window, "Pictures…"));
+    assert!(!has_label(&window, "Read it again") && has_label(&window, "Image sequence…"));
     // Files are read on another thread.
     let begun = Instant::now();
     while begun.elapsed() < Duration::from_millis(400) {

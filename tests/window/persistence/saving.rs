@@ -160,7 +160,7 @@ fn new_scene_is_saved_with_its_recording_in_a_new_folder() {
     // Esc cancels the name, not the dialog.
     window.key_press(Key::Escape);
     window.run_steps(3);
-    assert!(has_label(&window, "New folder…") && !has_label(&window, "Make it"));
+    assert!(has_label(&window, "New folder…") && !has_label(&window, "Create"));
     for name in ["rgb", "case 7"] {
         press(&mut window, "New folder…");
         window.event(egui::Event::Text(name.to_owned()));
@@ -176,7 +176,7 @@ fn new_scene_is_saved_with_its_recording_in_a_new_folder() {
                         recording.join(name).display()
                     ),
                 );
-                press(&mut window, "Leave it");
+                press(&mut window, "Cancel the new folder");
             }
             name => wait_for_label(&mut window, name),
         }

@@ -15,7 +15,7 @@ fn from_the_side(px: DVec2) -> Option<ViewRay> {
     Some(ViewRay { origin_m: DVec3::new(0.01 * px.x, -2.0, -0.01 * px.y), direction: DVec3::Y })
 }
 
-/// A thing 1 m above the floor at (1, 0), with its origin 2 cm above its lowest point. Its
+/// An item 1 m above the floor at (1, 0), with its origin 2 cm above its lowest point. Its
 /// local x is the world's y.
 fn start() -> DragState {
     let placement = ItemPlacement {
@@ -119,7 +119,7 @@ fn free_move_with_a_plane_normal_ignores_the_surface_behind() {
     let snapping = Pointer { snaps: true, ..pointer(150.3, -132.04) };
     let position = transform.update(snapping, from_the_side, floor).placement.position_m;
     assert!(position.abs_diff_eq(DVec3::new(1.5, 0.0, 1.32), 1e-9), "{position}");
-    // Shift: the level plane is edge-on from the side, so that the thing stays; from above it
+    // Shift: the level plane is edge-on from the side, so that the item stays; from above it
     // follows.
     let level = Pointer { level: true, ..pointer(170.0, -102.0) };
     assert_eq!(transform.update(level, from_the_side, floor).placement.position_m, position);
@@ -137,7 +137,7 @@ fn axis_constrained_move_follows_the_pointer_along_the_axis_only() {
     // 25.04 px above the grip.
     assert!(update.placement.position_m.abs_diff_eq(DVec3::new(1.0, 0.0, 1.2704), 1e-9), "{update:?}");
     assert_eq!(status(&transform), "Move along z: 25.04 cm");
-    // A view along the axis: the thing stays.
+    // A view along the axis: the item stays.
     let same = transform.update(pointer(300.0, 0.0), from_above, NO_DEPTH);
     assert_eq!(same.placement, update.placement);
     // The plane of x and z: from the side y does not move.
