@@ -6,7 +6,7 @@ use crate::program::{locard, refused};
 use crate::tier;
 
 const CASE: &str =
-    "case_number = \"2026-0142\"\ndate = \"30 Nov 2026\"\nplace = \"Office\"\nphotographer = \"K. Meier\"\n";
+    "case_number = \"2026-0142\"\ndate = \"30 Nov 2026\"\nplace = \"Office\"\nphotographer = \"trainee 7\"\n";
 
 fn done(arguments: &[&str]) -> String {
     let output = locard(arguments);
@@ -62,7 +62,7 @@ fn series_of_card_and_photograph_is_logged_with_its_faults() {
 fn card_and_log_without_their_inputs_are_refused() {
     let temp = tempfile::tempdir().unwrap();
     let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
-    std::fs::write(path("case.toml"), CASE.replace("K. Meier", "")).unwrap();
+    std::fs::write(path("case.toml"), CASE.replace("trainee 7", "")).unwrap();
     let text = refused(&["case-card", &path("case.toml"), "-o", &path("a.jpg")]);
     assert!(text.contains("photographer is empty") && !Path::new(&path("a.jpg")).exists(), "{text}");
     let text = refused(&["photo-log", temp.path().to_str().unwrap(), "-o", &path("log")]);
