@@ -167,7 +167,8 @@ mod tests {
 
     #[test]
     fn part_of_another_build_input_setting_or_adapter_is_refused() {
-        let cases: [(fn(&mut Value), &str); 9] = [
+        type Change = fn(&mut Value);
+        let cases: [(Change, &str); 9] = [
             (
                 |value| value["program"]["build"] = "b2".into(),
                 "the program: locard 0.1.0, build b1 and locard 0.1.0, build b2",

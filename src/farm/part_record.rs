@@ -163,8 +163,8 @@ impl RecordedPart {
         if range.is_empty() {
             return Some(format!("its range {}..{} is empty", range.start, range.end));
         }
-        let is_whole = pictures.iter().map(|picture| picture.frame).eq(range.clone());
-        if !is_whole && !(output.is_video() && pictures.is_empty()) {
+        let is_unlisted = output.is_video() && pictures.is_empty();
+        if !is_unlisted && !pictures.iter().map(|picture| picture.frame).eq(range.clone()) {
             return Some(format!("its pictures are not the frames {}..{} in order", range.start, range.end));
         }
         if output.is_video() {
