@@ -83,7 +83,7 @@ fn kit_models_have_outward_winding_and_small_files() {
     for file in models().iter().filter(|file| file.starts_with("kit/")) {
         let path = folder().join(file);
         let bytes = path.metadata().unwrap().len();
-        assert!(bytes < 100_000, "{file}: {bytes} bytes");
+        assert!(bytes < 120_000, "{file}: {bytes} bytes");
         total_bytes += bytes;
         assert_eq!(inside_out(&load(&path, None).unwrap()), 0, "{file}");
     }
@@ -100,7 +100,7 @@ fn decals_are_blended_and_mostly_transparent() {
             let texture = &scene.textures[material.base_color_texture.unwrap().texture];
             let sum: u64 = texture.rgba.chunks_exact(4).map(|rgba| u64::from(rgba[3])).sum();
             let mean = sum as f64 / 255.0 / f64::from(texture.width * texture.height);
-            assert!((0.02..0.45).contains(&mean), "{file}: {mean}");
+            assert!((0.01..0.45).contains(&mean), "{file}: {mean}");
             count += 1;
         }
     }
