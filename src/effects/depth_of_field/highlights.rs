@@ -104,7 +104,7 @@ pub fn find(
             .texture("circles", circles)
             .buffer("left", &left)
             .buffer("numbers", &numbers)
-            .buffer("found", highlights)
+            .buffer("highlights", highlights)
             .texture("color", &layer.color)
             .texture("geometry", &layer.geometry)
             .dispatch(groups);
