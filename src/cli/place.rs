@@ -1,7 +1,7 @@
 //! `locard place`: places an object at a pixel, the same as a click in the window.
 
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};

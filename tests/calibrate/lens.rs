@@ -150,7 +150,7 @@ fn truth(geometry: &Geometry, name: &str) -> f64 {
 }
 
 fn named_view(n: usize, detection: BoardDetection) -> NamedView {
-    NamedView { name: format!("{n}.png"), detection: detection }
+    NamedView { name: format!("{n}.png"), detection }
 }
 
 /// Error of each parameter in units of its standard deviation.

@@ -68,7 +68,7 @@ fn camera_is_recovered_from_photographs_of_the_sheet() {
                 furthest = furthest.max(off);
                 (sum, corners) = (sum + off * off, corners + 1.0);
             }
-            views.push(NamedView { name: n.to_string(), detection: detection });
+            views.push(NamedView { name: n.to_string(), detection });
         }
         let rms_px = (sum / corners).sqrt();
         println!("{} views, {whole} whole; corners off by {rms_px:.3} px, {furthest:.3} px at most", views.len());

@@ -438,7 +438,7 @@ fn edge_blend_follows_the_rule_of_the_paper_on_hard_and_soft_edges() {
     // Each of the 4 · 110 - 4 pixels along the hard edge loses 0.75 · 3 / 4 of 127.5 - 40 codes,
     // those at the corners 0.75 · 5 / 6. Blur rounds the corners.
     let hard = (0.75 * 436.0 * 0.75 + 4.0 * 0.75 * 5.0 / 6.0) * 87.5;
-    assert!(losses.iter().all(|losses| (losses / hard - 1.0).abs() < 0.02), "{losses:?}, a hard edge loses {hard}");
+    assert!(losses.iter().all(|loss| (loss / hard - 1.0).abs() < 0.02), "{losses:?}, a hard edge loses {hard}");
 }
 
 #[test]

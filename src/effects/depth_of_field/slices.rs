@@ -152,7 +152,8 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer, real: &RealL
         if slice == 0 {
             let pass = run.recorder.pass(Shader::DepthOfFieldSlices, "add_sharp").uniform("slice", &of_slice);
             let pass = pass.texture("slice_real", &shared[0]).texture("slice_layer", &shared[1]);
-            let pass = pass.texture("sum_real", &sums[0]).texture("sum_layer", &sums[1]).texture("sum_covered", &sums[2]);
+            let pass =
+                pass.texture("sum_real", &sums[0]).texture("sum_layer", &sums[1]).texture("sum_covered", &sums[2]);
             sums = pass.draw([COLOR; 3], size);
             continue;
         }
