@@ -68,6 +68,7 @@ fn main() -> Result<()> {
         lossless: false,
         codec: None,
         soundtrack: None,
+        label: None,
         width: WIDTH,
         height: HEIGHT,
         bits: 8,

@@ -5,6 +5,11 @@ pub fn count(number: usize, thing: &str) -> String {
     format!("{number} {thing}{}", if number == 1 { "" } else { "s" })
 }
 
+/// Bytes as lowercase hexadecimal digits.
+pub fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
 /// Reason why a file could not be read or written, with advice if there is any.
 pub fn reason(error: &std::io::Error) -> String {
     use std::io::ErrorKind;

@@ -7,6 +7,7 @@ use std::path::Path;
 use sha2::{Digest, Sha256};
 
 use crate::recording::Recording;
+pub use crate::text::hex;
 
 /// Number of bytes at either end of a picture that are hashed, with its length. A file of this size
 /// or less is hashed whole.
@@ -48,10 +49,6 @@ pub fn fingerprint(recording: &Recording) -> String {
         let _ = ends(file, &mut hash);
     }
     hex(&hash.finalize())
-}
-
-pub fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 fn ends(file: &Path, hash: &mut Sha256) -> std::io::Result<()> {

@@ -7,16 +7,21 @@ use std::time::Instant;
 use anyhow::{Context, Result, bail};
 
 use super::analysis::{self, AnalysisArgs};
+use super::labels::LabelArgs;
 use super::open::OpenArgs;
 use super::which::Which;
 use super::{export_error, print_status, progress, warn};
 use locard_engine::compositor::{Compositor, Target};
 use locard_engine::export::{Export, Inputs};
 use locard_engine::gpu::Gpu;
+use locard_engine::label::{DigitalSourceType, SourceLabel};
 use locard_engine::recording::Recording;
-use locard_engine::shot::{Note, Shot, ShotOptions};
+use locard_engine::shot::{AnalysisChoice, Note, Shot, ShotOptions};
 use locard_engine::sink::{self, OutPath, VideoCodec};
 use locard_engine::text::count;
+
+/// Text of a mark without one of its own.
+const DEFAULT_MARK: &str = "Composite with virtual evidence";
 
 /// Codec of a video.
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
@@ -66,6 +71,18 @@ pub struct Args {
     /// Also write the virtual layer of each frame as OpenEXR into this folder
     #[arg(long, value_name = "DIR")]
     layers: Option<PathBuf>,
+    /// Also write the mask of each frame as PNG into this folder: pixels of objects are red, shaded
+    /// ones green
+    #[arg(long, value_name = "DIR")]
+    masks: Option<PathBuf>,
+    /// Draw a mark into the lower left corner of each frame
+    #[arg(long, value_name = "TEXT", num_args = 0..=1, default_missing_value = DEFAULT_MARK)]
+    mark: Option<String>,
+    #[command(flatten)]
+    labels: LabelArgs,
+    /// Write no record beside the output, by which `locard audit` makes it again
+    #[arg(long)]
+    no_record: bool,
     /// Also write the findings and settings of each frame; - for stdout
     #[arg(long, value_name = "FILE.json")]
     report: Option<PathBuf>,
@@ -87,7 +104,7 @@ pub struct Args {
     no_sound: bool,
     /// Write this frame alone, as a .png or .jpg, with the outlines and names of the objects and
     /// the axes of the world
-    #[arg(long, value_name = "N", conflicts_with_all = ["frames", "layers", "report", "lossless", "strict"], value_parser = super::frame_number)]
+    #[arg(long, value_name = "N", conflicts_with_all = ["frames", "layers", "masks", "mark", "report", "lossless", "strict"], value_parser = super::frame_number)]
     preview: Option<usize>,
     /// Replace output that exists
     #[arg(long)]
@@ -133,19 +150,15 @@ pub fn frame_range(requested: Option<(Option<usize>, Option<usize>)>, count: usi
 
 pub fn run(args: Args) -> Result<()> {
     let start = Instant::now();
-    let options = args.open.options();
-    let shot_options = ShotOptions {
-        profile: args.profile.clone(),
-        sets: args.sets.clone(),
-        scene: Some(args.scene.clone()),
-        analysis: args.analysis.choice(),
-        recorded_poses: args.which.leaves_registration(),
-        ..ShotOptions::default()
-    };
-    let recording = Recording::open(&args.recording, &options)?;
+    let shot_options = shot_options(&args, args.analysis.choice());
+    let recording = Recording::open(&args.recording, &args.open.options())?;
     let quiet = args.quiet;
-    let (mut shot, (range, export)) =
-        args.analysis.open(recording, &shot_options, quiet, |shot| apply_options(&args, shot))?;
+    let (mut shot, (range, export)) = args.analysis.open(recording, &shot_options, quiet, |shot| {
+        let (range, export) = apply_options(&args, shot)?;
+        check_outputs(&args, shot, export.as_ref())?;
+        Ok((range, export))
+    })?;
+    args.labels.warn(DigitalSourceType::CompositeWithSyntheticElements);
     // After the analysis, which may add poses.
     if args.strict {
         shot.check_poses(range.clone())?;
@@ -186,8 +199,42 @@ pub fn run(args: Args) -> Result<()> {
     Ok(())
 }
 
-/// Applies the options to the shot, and fails on invalid frames, settings and outputs. Returns the
-/// frames, and the export unless it is a preview.
+fn shot_options(args: &Args, analysis: AnalysisChoice) -> ShotOptions {
+    ShotOptions {
+        profile: args.profile.clone(),
+        sets: args.sets.clone(),
+        scene: Some(args.scene.clone()),
+        analysis,
+        recorded_poses: args.which.leaves_registration(),
+        ..ShotOptions::default()
+    }
+}
+
+/// The shot and the export of a command that was run before, with a given analysis. Its outputs are
+/// not checked.
+pub fn reopen(args: &Args, analysis: AnalysisChoice) -> Result<(Shot, Export)> {
+    let recording = Recording::open(&args.recording, &args.open.options())?;
+    let mut shot = Shot::of(recording, &shot_options(args, analysis))?;
+    match apply_options(args, &mut shot)? {
+        (_, Some(export)) => Ok((shot, export)),
+        (_, None) => bail!("it made a preview of one frame"),
+    }
+}
+
+/// Fails if an output cannot be written, or would replace something that is kept.
+fn check_outputs(args: &Args, shot: &Shot, export: Option<&Export>) -> Result<()> {
+    let inputs = Inputs::of(shot);
+    match export {
+        Some(export) => export.check(&inputs).map_err(export_error),
+        None => {
+            inputs.check_file(&args.output)?;
+            Ok(sink::photograph::check(&args.output, args.force)?)
+        }
+    }
+}
+
+/// Applies the options to the shot, and fails on invalid frames and settings. Returns the frames,
+/// and the export unless it is a preview.
 fn apply_options(args: &Args, shot: &mut Shot) -> Result<(Range<usize>, Option<Export>)> {
     if let Some(frame) = args.preview {
         super::check_frame(frame, shot.recording.frame_count())?;
@@ -201,26 +248,25 @@ fn apply_options(args: &Args, shot: &mut Shot) -> Result<(Range<usize>, Option<E
     }
     shot.check(range.clone())?;
     let Args { lossless, force, .. } = *args;
-    let inputs = Inputs::of(shot);
     if args.preview.is_some() {
-        inputs.check_file(&args.output)?;
-        sink::photograph::check(&args.output, force)?;
         return Ok((range, None));
     }
-    let (out, layers, report) = (OutPath::parse(&args.output)?, args.layers.clone(), args.report.clone());
-    let codec = args.codec.map(Codec::codec);
+    let out = OutPath::parse(&args.output)?;
     let export = Export {
         range: range.clone(),
         out,
         lossless,
-        codec,
+        codec: args.codec.map(Codec::codec),
         sdr: args.sdr,
         sound: !args.no_sound,
         force,
-        layers,
-        report,
+        layers: args.layers.clone(),
+        masks: args.masks.clone(),
+        report: args.report.clone(),
+        labelled: args.labels.is_labelled(),
+        mark: args.mark.clone(),
+        recorded: !args.no_record,
     };
-    export.check(&inputs).map_err(export_error)?;
     Ok((range, Some(export)))
 }
 
@@ -232,7 +278,8 @@ fn preview(args: &Args, shot: &mut Shot, compositor: &mut Compositor, frame: usi
         warn(args.quiet, &note.to_string());
     }
     let annotated = shot.annotated(frame, &done.pixels)?;
-    sink::photograph::write(&args.output, &annotated, None, args.force)?;
+    let label = args.labels.is_labelled().then(|| SourceLabel::composite(&shot.recording.path).of_frame(frame));
+    sink::photograph::write(&args.output, &annotated, None, label.as_ref(), args.force)?;
     print_status(args.quiet, &format!("frame {frame}, annotated: {}", args.output.display()));
     Ok(())
 }

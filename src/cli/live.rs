@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Result, anyhow, bail};
 
+use super::labels::LabelArgs;
 use super::record::create_parent;
 use super::watching::{CameraArgs, CameraSession, OpenCamera};
 use super::which::Which;
@@ -13,6 +14,7 @@ use super::{is_closed_stdout, print_message, warn};
 use locard_engine::cleanup::MadeFolder;
 use locard_engine::compositor::Composited;
 use locard_engine::gpu::Gpu;
+use locard_engine::label::{DigitalSourceType, SourceLabel};
 use locard_engine::live::{CaptureEvent, LiveCompositor, PictureOutcome, RecorderThread, Tracking};
 use locard_engine::recording::recorder::{Recorder, discard};
 use locard_engine::shot::{Shot, ShotError, ShotOptions};
@@ -52,6 +54,8 @@ pub struct Args {
     /// Keep every code value in a video
     #[arg(long)]
     lossless: bool,
+    #[command(flatten)]
+    labels: LabelArgs,
     /// Replace output that exists
     #[arg(long)]
     force: bool,
@@ -130,6 +134,7 @@ fn headless(args: &Args, output: &Path) -> Result<()> {
         warn(args.camera.pictures.quiet, &text);
     }
     compositor.prepare(&shot.settings);
+    args.labels.warn(DigitalSourceType::CompositeWithSyntheticElements);
     let options = SinkOptions {
         force: args.force,
         fps: 1.0 / interval_s,
@@ -138,6 +143,7 @@ fn headless(args: &Args, output: &Path) -> Result<()> {
         lossless: args.lossless,
         codec: None,
         soundtrack: None,
+        label: args.labels.is_labelled().then(|| SourceLabel::composite(Path::new(&args.camera.camera))),
         width,
         height,
         bits: 8,

@@ -3,6 +3,7 @@
 
 mod analyse;
 mod analysis;
+mod audit;
 mod bench;
 mod board;
 mod calibrate;
@@ -12,6 +13,7 @@ mod doctor;
 mod export;
 mod inspect;
 mod interrupt;
+mod labels;
 mod light;
 mod listen;
 mod live;
@@ -19,6 +21,7 @@ mod meter;
 mod open;
 mod params;
 mod photo;
+mod photo_log;
 mod pick;
 mod place;
 mod record;
@@ -66,6 +69,8 @@ enum Command {
     Analyse(analyse::Args),
     /// Write the estimated room light of an analysed recording as a scene's [light], to edit
     Light(room_light::Args),
+    /// Make an output again and compare it with its record: inputs, files, frames
+    Audit(audit::Args),
     /// Measure a camera from pictures
     Calibrate(calibrate::Args),
     /// Write the camera, its lens and the evidence for other programs
@@ -79,6 +84,10 @@ enum Command {
     /// Photograph a frame with its evidence: aperture, shutter, film speed, lens and focus as on a
     /// camera
     Photo(photo::Args),
+    /// Write the log of a series of photographs, with checks of each and of the series
+    PhotoLog(photo_log::Args),
+    /// Make a case card, the first frame of a series of photographs
+    CaseCard(photo_log::CardArgs),
     /// Put a piece of evidence on the surface at a pixel of a frame
     Place(place::Args),
     /// Put a scan of the place into a scene: depth for a recording without a depth sensor
@@ -134,12 +143,15 @@ pub fn main() -> ExitCode {
         Command::Composite(args) => composite::run(args),
         Command::Analyse(args) => analyse::run(&args),
         Command::Light(args) => room_light::run(&args),
+        Command::Audit(args) => audit::run(&args),
         Command::Calibrate(args) => calibrate::run(args),
         Command::Export(args) => export::run(&args),
         Command::Inspect(args) => inspect::run(&args),
         Command::Live(args) => live::run(&args),
         Command::Meter(args) => meter::run(&args),
         Command::Photo(args) => photo::run(&args),
+        Command::PhotoLog(args) => photo_log::run(&args),
+        Command::CaseCard(args) => photo_log::run_card(&args),
         Command::Place(args) => place::run(&args),
         Command::Site(args) => site::run(&args),
         Command::Record(args) => record::run(&args),

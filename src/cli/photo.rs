@@ -4,11 +4,13 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 
+use super::labels::LabelArgs;
 use super::which::Which;
 use super::{analysis, export_error, light, print_status, progress_of, warn};
 use locard_engine::camera::Film;
 use locard_engine::camera::metering::Mode;
 use locard_engine::gpu::Gpu;
+use locard_engine::label::DigitalSourceType;
 use locard_engine::photo::{self, Focus, PhotoError, PhotoEvent, PhotoRequest};
 
 #[derive(clap::Args)]
@@ -54,6 +56,14 @@ pub struct Args {
     /// A series over the range of one setting, and a contact sheet
     #[arg(long, value_enum)]
     pub bracket: Option<BracketArg>,
+    /// The subject, for the photo log: an object of the scene by its name; by default the object of
+    /// --aim, or the evidence nearest to the middle
+    #[arg(long, value_name = "OBJECT")]
+    pub subject: Option<String>,
+    /// The number in the photo log; by default that of the replaced photograph, or the next one in
+    /// the folder
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub number: Option<u32>,
     #[command(flatten)]
     pub which: Which,
     /// Seed of the grain
@@ -62,6 +72,8 @@ pub struct Args {
     /// A .jpg or .png; of a series, NAME-1.jpg and so on, and NAME-sheet.jpg
     #[arg(short = 'o', long = "output", value_name = "FILE")]
     pub output: PathBuf,
+    #[command(flatten)]
+    labels: LabelArgs,
     /// Replace pictures that exist
     #[arg(long)]
     pub force: bool,
@@ -113,7 +125,10 @@ impl Args {
             width_px: self.width,
             bracket: self.bracket.map(Into::into),
             output: self.output.clone(),
+            labelled: self.labels.is_labelled(),
             force: self.force,
+            subject: self.subject.clone(),
+            number: self.number,
         }
     }
 }
@@ -141,6 +156,7 @@ pub fn run(args: &Args) -> Result<()> {
     let mut shot = args.light.open(Some(args.scene.clone()), args.which.leaves_registration())?;
     shot.settings.seed = args.seed;
     args.which.apply(&mut shot.settings)?;
+    args.labels.warn(DigitalSourceType::CompositeWithSyntheticElements);
     analysis::print_hints(args.quiet, &shot, args.which.leaves_registration());
     let bar = progress_of(args.quiet, 100, "{msg} {wide_bar} {percent} %, {elapsed}");
     let taken = args.request().take(shot, Gpu::open, &mut |event| {

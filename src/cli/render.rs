@@ -5,11 +5,13 @@ use std::path::PathBuf;
 use anyhow::{Result, bail};
 use glam::{DVec2, DVec3};
 
+use super::labels::LabelArgs;
 use super::{print_status, warn};
 use locard_engine::camera::curved::{Curved, CurvedProjection};
 use locard_engine::camera::{Distortion, Geometry, Intrinsics, Response};
 use locard_engine::export::Inputs;
 use locard_engine::gpu::Gpu;
+use locard_engine::label::{DigitalSourceType, SourceLabel};
 use locard_engine::pose::Pose;
 use locard_engine::render::{PictureRequest, Projection, Renderer, limits, take_still};
 use locard_engine::scene::{Environment, Scene};
@@ -55,6 +57,8 @@ pub struct Args {
     /// A .png, or a .exr in linear light
     #[arg(short = 'o', long = "output", value_name = "FILE")]
     output: PathBuf,
+    #[command(flatten)]
+    labels: LabelArgs,
     /// Replace a picture that exists
     #[arg(long)]
     force: bool,
@@ -161,7 +165,9 @@ pub fn run(args: &Args) -> Result<()> {
     if !still.background && image.rgba.iter().all(|p| p[3] == 0.0) {
         warn(args.quiet, "nothing of the scene is in the picture: see --from, --at and --fov");
     }
-    picture::write(&args.output, &image, &Response::default(), args.force)?;
+    args.labels.warn(DigitalSourceType::DigitalCreation);
+    let label = args.labels.is_labelled().then(SourceLabel::rendering);
+    picture::write(&args.output, &image, &Response::default(), label.as_ref(), args.force)?;
     let eye = pose.position_in_world_m().to_array().map(short).join(",");
     print_status(args.quiet, &format!("{}x{} px, from {eye}: {}", image.width, image.height, args.output.display()));
     Ok(())

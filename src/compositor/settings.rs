@@ -146,6 +146,11 @@ impl Settings {
         Ok(())
     }
 
+    /// Names of the effects that are off.
+    pub fn disabled(&self) -> impl Iterator<Item = &'static str> {
+        self.effects.iter().zip(&self.enabled).filter(|(_, on)| !**on).map(|(effect, _)| effect.table())
+    }
+
     /// Whether an effect is switched on. It may still be neutral. False for an unknown name.
     pub fn is_on(&self, name: &str) -> bool {
         self.on().any(|effect| effect.table() == name)

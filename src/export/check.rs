@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use super::Export;
 use super::error::ExportError;
 use super::inputs::{Inputs, resolved};
-use super::run::layer_name;
+use super::run::{layer_name, mask_name};
+use crate::provenance::record_path;
 use crate::sink::folder::frame_name;
 use crate::sink::{self, OutPath, is_stdout};
 
@@ -20,15 +21,19 @@ impl Export {
             OutPath::Stdout | OutPath::Stream(_) => {}
         }
         sink::check(&self.out, self.force)?;
-        if let Some(folder) = &self.layers {
-            inputs.check_folder(folder, self.range.clone().map(layer_name))?;
+        for (folder, name, option) in self.more_folders() {
+            inputs.check_folder(folder, self.range.clone().map(name))?;
             if folder.exists() && !folder.is_dir() {
-                return Err(ExportError::refused(folder, "is a file; --layers needs a folder"));
+                return Err(ExportError::refused(folder, format!("is a file; {option} needs a folder")));
             }
-            let mut there = self.range.clone().map(|frame| folder.join(layer_name(frame))).filter(|file| file.exists());
+            let mut there = self.range.clone().map(|frame| folder.join(name(frame))).filter(|file| file.exists());
             if let Some(file) = there.next().filter(|_| !self.force) {
                 return Err(ExportError::refused(&file, "exists already, and is kept (--force replaces it)"));
             }
+        }
+        if let Some(output) = self.recorded_output() {
+            inputs.check_file(&record_path(output))?;
+            sink::check_file(&record_path(output), true)?;
         }
         let Some(report) = &self.report else { return self.check_apart() };
         if is_stdout(report) && self.out == OutPath::Stdout {
@@ -40,6 +45,13 @@ impl Export {
         }
         inputs.check_file(report)?;
         Ok(sink::check_file(report, self.force)?)
+    }
+
+    /// Folders beside the output, with their files' names and their option.
+    fn more_folders(&self) -> impl Iterator<Item = (&Path, fn(usize) -> String, &'static str)> {
+        let layers = self.layers.iter().map(|folder| (folder.as_path(), layer_name as fn(usize) -> String, "--layers"));
+        let masks = self.masks.iter().map(|folder| (folder.as_path(), mask_name as fn(usize) -> String, "--masks"));
+        layers.chain(masks)
     }
 
     /// Checks that no two outputs have the same path, and that none has the path of another's
@@ -55,13 +67,14 @@ impl Export {
             OutPath::Stdout | OutPath::Stream(_) => HashSet::new(),
         };
         let clashes = |files: &HashSet<PathBuf>, at: &Path| at.ancestors().any(|at| files.contains(at));
-        if let Some(folder) = &self.layers {
+        for (folder, name, option) in self.more_folders() {
             if clashes(&files, &resolved(folder)) {
-                let problem = "is written in this run already; --layers needs a folder of its own";
+                let problem = format!("is written in this run already; {option} needs a folder of its own");
                 return Err(ExportError::refused(folder, problem));
             }
-            files.extend(named(folder, layer_name));
+            files.extend(named(folder, name));
         }
+        files.extend(self.recorded_output().map(|output| resolved(&record_path(output))));
         if let Some(report) = self.report.as_ref().filter(|report| !is_stdout(report)) {
             let at = resolved(report);
             if clashes(&files, &at) || files.iter().any(|file| file.starts_with(&at)) {

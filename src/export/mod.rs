@@ -8,6 +8,7 @@ pub mod camera;
 mod check;
 mod error;
 mod inputs;
+mod record;
 mod run;
 
 use std::ops::Range;
@@ -37,8 +38,16 @@ pub struct Export {
     pub force: bool,
     /// A folder for the virtual layer of each frame, as OpenEXR.
     pub layers: Option<PathBuf>,
+    /// A folder for the mask of each frame, as PNG.
+    pub masks: Option<PathBuf>,
     /// A file, or `-`, for the report of all frames.
     pub report: Option<PathBuf>,
+    /// Labels the files as composites ([`crate::label`]).
+    pub labelled: bool,
+    /// Text of a visible mark on each frame.
+    pub mark: Option<String>,
+    /// Writes the provenance record beside files ([`crate::provenance`]).
+    pub recorded: bool,
 }
 
 impl Export {
@@ -53,7 +62,11 @@ impl Export {
             sound: true,
             force: false,
             layers: None,
+            masks: None,
             report: None,
+            labelled: true,
+            mark: None,
+            recorded: true,
         }
     }
 }

@@ -1,18 +1,24 @@
 //! The export pipeline: decoding, compositing and writing.
 
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::mpsc;
 
 use super::Export;
 use super::error::ExportError;
+use super::record::{PictureList, RecordDraft};
 use crate::analyse;
 use crate::cleanup::MadeFolder;
 use crate::compositor::{Composited, Compositor, FrameStats, IN_FLIGHT};
+use crate::label::SourceLabel;
+use crate::provenance::FrameMask;
+use crate::recording::Recording;
 use crate::shot::{AnalysisState, Composites, FrameCounts, Note, Shot};
 use crate::sink::atomic::write_atomically;
+use crate::sink::folder::write_frame;
+use crate::sink::mark::MarkSink;
 use crate::sink::sdr::SdrSink;
-use crate::sink::{self, Sink, SinkError, SinkOptions, exr, is_stdout};
+use crate::sink::{self, OutPath, Sink, SinkError, SinkOptions, exr, is_stdout};
 
 /// Summary of an export. Its size does not depend on the number of frames.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -56,29 +62,40 @@ impl Export {
             lossless: self.lossless,
             codec: self.codec,
             soundtrack: if self.sound { recording.soundtrack(self.range.clone()) } else { None },
+            label: self.labelled.then(|| SourceLabel::composite(&recording.path)),
             width: recording.width,
             height: recording.height,
             bits: recording.bits,
         };
+        let record = RecordDraft::begin(self, shot, compositor.gpu(), &options)?;
         let mut sink = sink::open(&self.out, &options)?;
-        if self.sdr {
-            sink = Box::new(SdrSink::new(&shot.camera().response, if options.bits == 16 { 65535 } else { 255 }, sink));
+        let mut pictures = None;
+        if record.is_some() {
+            let (digesting, list) = PictureList::new(sink, matches!(self.out, OutPath::Folder(_)));
+            (sink, pictures) = (Box::new(digesting), Some(list));
         }
-        let layers = self.layers.clone().map(|folder| match MadeFolder::make(&folder) {
-            Ok(made) => Ok((folder, made)),
-            Err(source) => Err(ExportError::Folder { path: folder, source }),
-        });
-        let writer = Writer { sink, layers: layers.transpose()?, force: self.force };
+        let writer = Writer {
+            sink: self.finishing(shot, sink),
+            layers: made_folder(self.layers.as_deref())?,
+            masks: made_folder(self.masks.as_deref())?,
+            label: options.label.clone(),
+            pictures,
+            force: self.force,
+        };
         let adapter = compositor.gpu().info.clone();
         let mut done = ExportSummary::default();
         // The report lists all frames.
         let mut reported = self.report.as_ref().map(|_| Vec::with_capacity(self.range.len()));
-        let frames = shot.frames(compositor, self.range.clone(), writer.layers.is_some(), IN_FLIGHT)?;
-        write(frames, writer, |frame| {
+        let wants_layers = self.layers.is_some() || self.masks.is_some();
+        let frames = shot.frames(compositor, self.range.clone(), wants_layers, IN_FLIGHT)?;
+        let pictures = write(frames, writer, |frame| {
             done.tally.add(&frame.stats);
             reported.iter_mut().for_each(|all| all.push(frame.stats.clone()));
             on_frame(&frame.stats)
         })?;
+        if let (Some(record), Some(pictures)) = (record, pictures) {
+            record.finish(pictures.into_lines())?;
+        }
         done.undecoded_depth = recording.undecoded_depth();
         if let Some(path) = &self.report {
             let mut report = serde_json::json!({
@@ -102,31 +119,75 @@ impl Export {
     }
 }
 
+impl Export {
+    /// The last steps of each frame before a sink: tone mapping to standard dynamic range, the
+    /// visible mark.
+    pub fn finishing(&self, shot: &Shot, mut sink: Box<dyn Sink + Send>) -> Box<dyn Sink + Send> {
+        let Recording { width, height, bits, .. } = *shot.recording;
+        if let Some(text) = &self.mark {
+            sink = Box::new(MarkSink::new(text, (width, height), sink));
+        }
+        if self.sdr {
+            sink = Box::new(SdrSink::new(&shot.camera().response, if bits == 16 { 65535 } else { 255 }, sink));
+        }
+        sink
+    }
+}
+
+/// A folder for more files of each frame.
+fn made_folder(folder: Option<&Path>) -> Result<Option<(PathBuf, MadeFolder)>, ExportError> {
+    let made = folder.map(|folder| match MadeFolder::make(folder) {
+        Ok(made) => Ok((folder.to_owned(), made)),
+        Err(source) => Err(ExportError::Folder { path: folder.to_owned(), source }),
+    });
+    made.transpose()
+}
+
 /// Writes frames while the next ones are composited.
 struct Writer {
-    /// Created after the sink's folder, which may contain it, and removed before.
+    /// Created after the sink's folder, which may contain them, and removed before.
     layers: Option<(PathBuf, MadeFolder)>,
+    masks: Option<(PathBuf, MadeFolder)>,
     sink: Box<dyn Sink + Send>,
+    label: Option<SourceLabel>,
+    /// For the record.
+    pictures: Option<PictureList>,
     force: bool,
 }
 
 impl Writer {
     fn write(&mut self, done: &Composited) -> Result<(), ExportError> {
-        if let (Some((folder, _)), Some(layer)) = (&self.layers, &done.layer) {
-            exr::write_layers(&folder.join(layer_name(done.frame)), layer, self.force)?;
+        let label = self.label.as_ref().map(|label| label.of_frame(done.frame));
+        let mut mask_record = None;
+        if let Some(layer) = &done.layer {
+            if let Some((folder, _)) = &self.layers {
+                exr::write_layers(&folder.join(layer_name(done.frame)), layer, label.as_ref(), self.force)?;
+            }
+            let mask = FrameMask::of(layer);
+            if let (Some((folder, _)), Some(picture)) = (&self.masks, mask.picture()) {
+                write_frame(&folder.join(mask_name(done.frame)), &picture, None, label.as_ref(), self.force)?;
+            }
+            mask_record = self.pictures.is_some().then(|| mask.record());
         }
-        Ok(self.sink.write(done.frame, &done.pixels)?)
+        self.sink.write(done.frame, &done.pixels)?;
+        let listed = self.pictures.as_mut().map(|list| list.add(done.frame, done.stats.rect_px, mask_record));
+        Ok(listed.transpose().map(drop).map_err(|source| SinkError::Write { path: std::env::temp_dir(), source })?)
     }
 
-    fn finish(self) -> Result<(), ExportError> {
+    /// Completes the output; returns the list of its pictures.
+    fn finish(self) -> Result<Option<PictureList>, ExportError> {
         self.sink.finish()?;
-        self.layers.into_iter().for_each(|(_, made)| made.keep());
-        Ok(())
+        self.layers.into_iter().chain(self.masks).for_each(|(_, made)| made.keep());
+        Ok(self.pictures)
     }
 }
 
 pub fn layer_name(frame: usize) -> String {
     format!("layer_{frame:06}.exr")
+}
+
+pub fn mask_name(frame: usize) -> String {
+    format!("mask_{frame:06}.png")
 }
 
 /// Decodes on the recording's threads, composites on the calling thread, and writes on a thread of
@@ -135,18 +196,18 @@ fn write(
     mut frames: Composites<'_>,
     mut writer: Writer,
     mut on_frame: impl FnMut(&Composited) -> bool,
-) -> Result<(), ExportError> {
+) -> Result<Option<PictureList>, ExportError> {
     std::thread::scope(|scope| {
         // `None` marks the end: if the channel merely closes, the output is not finished.
         let (sender, receiver) = mpsc::sync_channel::<Option<Composited>>(2);
-        let write = move || -> Result<(), ExportError> {
+        let write = move || -> Result<Option<PictureList>, ExportError> {
             for frame in receiver {
                 match frame {
                     Some(frame) => writer.write(&frame)?,
                     None => return writer.finish(),
                 }
             }
-            Ok(())
+            Ok(None)
         };
         let writing = std::thread::Builder::new().name("writer".to_owned());
         let writing = writing.spawn_scoped(scope, write).map_err(|source| ExportError::Thread { source })?;
@@ -160,6 +221,7 @@ fn write(
         let finished = drawn.and_then(|()| sender.send(None).map_err(|_| ExportError::Stopped));
         drop(sender);
         // The writer's error takes precedence: it is the cause of `Stopped`.
-        writing.join().map_err(|_| ExportError::Stopped)?.and(finished)
+        let pictures = writing.join().map_err(|_| ExportError::Stopped)??;
+        finished.map(|()| pictures)
     })
 }

@@ -39,7 +39,7 @@ impl ExposureControls {
             (None, None) => Mode::Program,
         };
         let mode = wanted.mode.unwrap_or(by_settings);
-        let chooses = |name: &str, given: Option<f64>, modes: [Mode; 2], other: &str| match given {
+        let chooses = |name: &str, setting: Option<f64>, modes: [Mode; 2], other: &str| match setting {
             Some(_) if modes.contains(&mode) => refused(format!(
                 "--mode {} chooses the {name} itself: leave --{name} out, or take --mode {other} or m",
                 mode.letter()
@@ -48,11 +48,11 @@ impl ExposureControls {
         };
         chooses("aperture", wanted.f_number, [Mode::Program, Mode::ShutterPriority], "a")?;
         chooses("shutter", wanted.time_s, [Mode::Program, Mode::AperturePriority], "s")?;
-        let needs = |given: Option<f64>, modes: [Mode; 2], name: &str| {
-            if modes.contains(&mode) && given.is_none() {
+        let needs = |setting: Option<f64>, modes: [Mode; 2], name: &str| {
+            if modes.contains(&mode) && setting.is_none() {
                 return refused(format!("--mode {} needs --{name}", mode.letter()));
             }
-            Ok(given.unwrap_or(1.0))
+            Ok(setting.unwrap_or(1.0))
         };
         let gone_through = match wanted.bracket {
             Some(Bracket::Aperture) if wanted.f_number.is_some() => Some("aperture"),
@@ -63,9 +63,9 @@ impl ExposureControls {
             return refused(format!("--bracket {name} goes through all of them: leave --{name} out"));
         }
         // The bracketed setting starts at a usual value.
-        let varied = |what: Bracket, given: Option<f64>, usual: f64| match wanted.bracket {
-            Some(bracket) if bracket == what => given.or(Some(usual)),
-            _ => given,
+        let varied = |own: Bracket, setting: Option<f64>, usual: f64| match wanted.bracket {
+            Some(bracket) if bracket == own => setting.or(Some(usual)),
+            _ => setting,
         };
         let f_number = varied(Bracket::Aperture, wanted.f_number, 8f64.sqrt());
         let time_s = varied(Bracket::Shutter, wanted.time_s, limits.hand_held_s);
@@ -147,7 +147,7 @@ impl ExposureControls {
         let usual = self.metered(self.mode, self.set);
         let Some(bracket) = bracket else { return vec![usual] };
         let Limits { widest_f_number, narrowest_f_number, shortest_s, longest_s, .. } = self.limits;
-        let full = |value: f64, least: f64, most: f64| (least * 0.999..=most * 1.001).contains(&value);
+        let full = |value: f64, min: f64, max: f64| (min * 0.999..=max * 1.001).contains(&value);
         match bracket {
             Bracket::Aperture => {
                 let mode = self.mode_of(Some(bracket));

@@ -35,20 +35,20 @@ pub struct Framing {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FramingError {
     #[error(
-        "a focal length of {found_mm:.1} mm on {film} covers more than the recording, {sees_deg:.1} degrees across \
-         instead of {has_deg:.1}: expected {least_mm:.2} mm or more"
+        "a focal length of {actual_mm:.1} mm on {film} covers more than the recording, {needed_deg:.1} degrees across \
+         instead of {recorded_deg:.1}: expected {min_mm:.2} mm or more"
     )]
-    TooWide { found_mm: f64, film: Film, sees_deg: f64, has_deg: f64, least_mm: f64 },
+    TooWide { actual_mm: f64, film: Film, needed_deg: f64, recorded_deg: f64, min_mm: f64 },
     #[error(
         "a picture {actual} px wide and {height} px high is refused: expected sides of 16 to 20000 px. The picture \
-         covers {seen:.0} px of the recording across; a longer lens or a nearer focus covers fewer"
+         covers {columns:.0} px of the recording across; a longer lens or a nearer focus covers fewer"
     )]
-    Size { actual: u32, height: u32, seen: f64 },
+    Size { actual: u32, height: u32, columns: f64 },
     #[error(
-        "{actual} px across is refused: the picture covers {most} px of the recording with a film of this shape; \
-         expected 1 to {most}"
+        "{actual} px across is refused: the picture covers {max_columns} px of the recording with a film of this shape; \
+         expected 1 to {max_columns}"
     )]
-    TooMany { actual: f64, most: f64 },
+    TooMany { actual: f64, max_columns: f64 },
     #[error("camera.film_width_mm with the picture's shape: {0}")]
     Film(#[from] FilmError),
     #[error(transparent)]
@@ -90,43 +90,43 @@ impl Framing {
             None => Film::new(i.film_width_mm, i.film_width_mm * whole_height / whole_width)?,
         };
         let aspect = film.width_mm() / film.height_mm();
-        let most = whole_width.min(whole_height * aspect);
+        let max_columns = whole_width.min(whole_height * aspect);
         // A part `columns` wide fills the film at the image distance fx · film width / columns.
         let across = i.fx_px * 1e-3 * film.width_mm();
         let focal_length_m = focal_length_m.filter(|_| aim.around_px.is_none());
         let columns = match (focal_length_m, aim.around_px) {
             (_, Some(around)) => {
                 let columns = around.x.max(around.y * aspect);
-                if !(1.0..=most * 1.0001).contains(&columns) {
-                    return Err(FramingError::TooMany { actual: columns.round(), most: most.floor() });
+                if !(1.0..=max_columns * 1.0001).contains(&columns) {
+                    return Err(FramingError::TooMany { actual: columns.round(), max_columns: max_columns.floor() });
                 }
-                columns.min(most)
+                columns.min(max_columns)
             }
             (Some(f), None) => {
                 // Rejects a focus within the focal length, and invalid lengths.
                 let columns = across / ThinLens::with_diameter(f, 0.0, focus_distance_m)?.image_distance_m();
                 // Exif and the message below round to about a ten-thousandth.
-                if columns > most * 1.0001 {
+                if columns > max_columns * 1.0001 {
                     let degrees = |columns: f64| 2.0 * (0.5 * columns / i.fx_px).atan().to_degrees();
-                    let least_m = ThinLens::focal_length_behind_m(across / most, focus_distance_m);
+                    let min_m = ThinLens::focal_length_behind_m(across / max_columns, focus_distance_m);
                     return Err(FramingError::TooWide {
-                        found_mm: 1e3 * f,
+                        actual_mm: 1e3 * f,
                         film,
-                        sees_deg: degrees(columns),
-                        has_deg: degrees(most),
+                        needed_deg: degrees(columns),
+                        recorded_deg: degrees(max_columns),
                         // Rounded so that the printed value is accepted.
-                        least_mm: (1e5 * least_m).ceil() * 1e-2,
+                        min_mm: (1e5 * min_m).ceil() * 1e-2,
                     });
                 }
-                columns.min(most)
+                columns.min(max_columns)
             }
-            (None, None) => most,
+            (None, None) => max_columns,
         };
         let width = width_px.unwrap_or(columns.round() as u32);
         let step = if width_px.is_none() && columns.fract() == 0.0 { 1.0 } else { columns / f64::from(width) };
         let height = (columns / aspect / step).round() as u32;
         if !SIDE_PX.contains(&width) || !SIDE_PX.contains(&height) {
-            return Err(FramingError::Size { actual: width, height, seen: columns });
+            return Err(FramingError::Size { actual: width, height, columns });
         }
         let edge = |whole: f64, pixels: u32, aimed: Option<f64>| {
             let left_over = whole - step * f64::from(pixels);

@@ -19,25 +19,37 @@
 //! Not modelled: depth of field on the real part of recordings without depth, shutters shorter than
 //! the recording's (the real part stays blurred), highlights that the recording has clipped.
 
+mod card;
+mod coverage;
 mod error;
 mod exposure_controls;
 mod focus;
 mod framing;
+pub mod log;
 mod occlusion;
+mod particulars;
+mod plane_view;
 mod real;
+mod record;
 mod request;
 mod series;
 mod sheet;
 mod shoot;
+mod shoot_particulars;
 mod take;
 mod target;
+mod view;
 
 pub use crate::camera::SummedExposure;
+pub use card::CaseCard;
 pub use error::PhotoError;
 pub use focus::distance_m;
 pub use framing::{Aim, Framing, FramingError};
 pub use occlusion::SummedFrameOcclusion;
+pub use particulars::{CameraSupport, ObjectInView, Particulars, PhotoContent, ScaleInView, Subject, ViewParticulars};
+pub use plane_view::{foreshortening, height_error, mm_per_px, tilt_error};
 pub use real::{RealPart, shutter_weights};
+pub use record::{next_number, read_record, record_path, write_record};
 pub use request::{Bracket, Focus, PhotoRequest, existing_series};
 pub use series::PhotoEvent;
 pub use sheet::{contact_sheet, thumbnail};

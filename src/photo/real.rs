@@ -229,8 +229,8 @@ mod tests {
         let (range, parts) = shutter_weights(&times, 0.1, 5, 0.2);
         assert_eq!(range, 4..7);
         // 0.2 s around frame 5: all of it and half of each neighbour.
-        for (found, expected) in parts.iter().zip([0.25, 0.5, 0.25]) {
-            assert!((found - expected).abs() < 1e-9, "{parts:?}");
+        for (actual, expected) in parts.iter().zip([0.25, 0.5, 0.25]) {
+            assert!((actual - expected).abs() < 1e-9, "{parts:?}");
         }
         assert_eq!(shutter_weights(&times, 0.1, 5, 0.1), (5..6, vec![1.0]));
         assert_eq!(shutter_weights(&times, 0.1, 5, 0.004), (5..6, vec![1.0]));

@@ -55,8 +55,16 @@ pub struct PhotoRequest {
     pub bracket: Option<Bracket>,
     /// A `.jpg` or `.png`; a series appends to the name.
     pub output: PathBuf,
+    /// Labels the pictures as composites ([`crate::label`]).
+    pub labelled: bool,
     /// True if existing pictures may be replaced.
     pub force: bool,
+    /// Name of the subject, for the record: an object of the scene. `None`: the object that is
+    /// aimed at, or the evidence nearest to the picture's centre.
+    pub subject: Option<String>,
+    /// Number in the series, for the record. `None`: the replaced photograph's, or the next one in
+    /// its folder.
+    pub number: Option<u32>,
 }
 
 impl PhotoRequest {
@@ -79,7 +87,10 @@ impl PhotoRequest {
             width_px: None,
             bracket: None,
             output,
+            labelled: true,
             force: false,
+            subject: None,
+            number: None,
         }
     }
 

@@ -6,21 +6,25 @@ use super::MOTION_EFFECT;
 use super::error::{PhotoError, refused};
 use super::exposure_controls::{ExposureControls, SeriesEntry};
 use super::framing::Framing;
+use super::record::{next_number, record_path, write_record};
 use super::request::{Bracket, Focus, PhotoRequest};
 use super::sheet::{contact_sheet, thumbnail};
 use super::shoot::PhotoShoot;
+use super::shoot_particulars::TakenPhoto;
 use super::take::{Photograph, TakeError};
-use super::target::aim;
+use super::target::{aim, subject_name};
 use crate::camera::exposure::INDOORS_LX;
 use crate::camera::metering::PictureLight;
 use crate::camera::{Geometry, Opening};
 use crate::depth::{Rays, consensus_at_frame, measured_from};
-use crate::export::Inputs;
+use crate::export::{ExportError, Inputs};
 use crate::gpu::{Gpu, GpuError};
+use crate::label::SourceLabel;
 use crate::profile::Rig;
+use crate::provenance::{InputDigests, WorkRecord, input_files};
 use crate::recording::Recording;
 use crate::shot::{DEFAULT_ISO, Note, Shot};
-use crate::sink::photograph;
+use crate::sink::{SinkError, check_file, photograph};
 
 /// Events while photographs are taken.
 #[derive(Clone, Debug, PartialEq)]
@@ -71,6 +75,7 @@ impl PhotoRequest {
             // continues to infinity.
             Focus::Auto => (f64::INFINITY, focal_length_m.filter(|_| self.bracket == Some(Bracket::Focus))),
         };
+        let subject = subject_name(self, &shot.scene)?;
         let aim = aim(self, &shot.recording, &whole, &shot.scene)?;
         Framing::aimed(&whole, self.film, checked_m, given_m, self.width_px, aim)?;
         let lux = match (self.lux, taken.settings()) {
@@ -94,6 +99,7 @@ impl PhotoRequest {
         for path in (1..=count).map(|n| self.path_of(&n.to_string())).chain(self.bracket.map(|_| self.path_of("sheet")))
         {
             photograph::check(&path, self.force)?;
+            check_file(&record_path(&path), true)?;
             inputs.check_file(&path)?;
         }
         let mut send = |event: PhotoEvent| if report(event) { Ok(()) } else { Err(TakeError::Cancelled) };
@@ -132,6 +138,8 @@ impl PhotoRequest {
         let (track, rays) = (&shot.recording.track, Rays::new(&whole));
         let depth_m =
             frame.depth.as_ref().and_then(|map| consensus_at_frame(&frame, map, &rays, track, &camera.response));
+        let mut work = WorkRecord::begun(&shot, &compositor.gpu().info);
+        let inputs_read = InputDigests::start(input_files(&shot)).map_err(|source| ExportError::Thread { source })?;
         let mut shoot = PhotoShoot { wanted: self, shot, whole, frame, depth_m, mean, camera, compositor, aim, sums };
         let (distance_m, nothing) = shoot.focus_distance_m(focal_length_m)?;
         nothing.map(str::to_owned).into_iter().try_for_each(&mut warn)?;
@@ -143,6 +151,9 @@ impl PhotoRequest {
                     .to_owned(),
             );
         }
+        work.settings.unlabelled = !self.labelled;
+        work.inputs = inputs_read.finish().map_err(|(path, source)| SinkError::Read { path, source })?;
+        let label = self.labelled.then(|| SourceLabel::composite(&shoot.shot.recording.path).of_frame(index));
         let mut sheet = Vec::new();
         let mut is_told = false;
         let series = dials.series(self.bracket);
@@ -169,8 +180,12 @@ impl PhotoRequest {
             }
             let path = self.path_of(&(n + 1).to_string());
             let notes = shoot.notes(&dials, asked, &framing);
-            photograph::write(&path, &pixels, Some(&notes), self.force)?;
-            let settings = label(asked, &framing);
+            photograph::write(&path, &pixels, Some(&notes), label.as_ref(), self.force)?;
+            let number = self.number.map_or_else(|| next_number(&path), |first| first.saturating_add(n as u32));
+            let photo =
+                TakenPhoto { dials: &dials, entry: asked, framing: &framing, opening, pixels: &pixels, notes: &notes };
+            write_record(&path, &shoot.particulars(&photo, subject.as_deref(), number)?, Some(&work))?;
+            let settings = settings_text(asked, &framing);
             let written = send(PhotoEvent::Written { path, settings: settings.replace('\n', ", ") });
             // After a single photograph nothing is left to cancel.
             if self.bracket.is_some() {
@@ -180,7 +195,7 @@ impl PhotoRequest {
         }
         if self.bracket.is_some() {
             let path = self.path_of("sheet");
-            photograph::write(&path, &contact_sheet(&sheet), None, self.force)?;
+            photograph::write(&path, &contact_sheet(&sheet), None, label.as_ref(), self.force)?;
             let _ = send(PhotoEvent::Written { path, settings: String::new() });
         }
         Ok(())
@@ -205,7 +220,7 @@ fn with_film(whole: Geometry, rig: &Rig, focal_length_m: Option<f64>) -> Geometr
     Geometry::new(intrinsics, distortion)
 }
 
-fn label(entry: &SeriesEntry, framing: &Framing) -> String {
+fn settings_text(entry: &SeriesEntry, framing: &Framing) -> String {
     let off =
         if entry.over_ev.abs() > 1.0 / 6.0 + 1e-6 { format!(", {:+.1} EV", entry.over_ev) } else { String::new() };
     let lens = format!("{:.1} mm", 1e3 * framing.focal_length_m);

@@ -77,6 +77,11 @@ impl PhotoShoot<'_> {
         }
     }
 
+    /// Exposure time of the photographed frame itself, seconds.
+    pub fn frame_exposure_s(&self) -> f64 {
+        self.exposure_time(&self.frame).s
+    }
+
     fn exposure_time(&self, frame: &Frame) -> ExposureTime {
         let interval_s = self.shot.recording.frame_interval_s;
         ExposureTime::of_frame(&self.camera, &self.shot.settings, &frame.exposure, interval_s)

@@ -18,6 +18,17 @@ fn place(text: &str) -> Option<DVec2> {
     Some(DVec2::new(number(x)?, number(y)?))
 }
 
+/// Name of the photograph's subject as the photographer gave it: the subject, or the object that is
+/// aimed at. `None` without either.
+pub fn subject_name(wanted: &PhotoRequest, scene: &Scene) -> Result<Option<String>, PhotoError> {
+    let name = |option: &str, text: &str| named(option, text, scene).map(|object| Some(object.name.clone()));
+    match (&wanted.subject, &wanted.aim) {
+        (Some(subject), _) => name("--subject", subject),
+        (None, Some(aim)) if place(aim).is_none() => name("--aim", aim),
+        _ => Ok(None),
+    }
+}
+
 pub fn aim(wanted: &PhotoRequest, recording: &Recording, whole: &Geometry, scene: &Scene) -> Result<Aim, PhotoError> {
     let PhotoRequest { frame, focal_length_mm, across_px, .. } = wanted;
     let across = across_px.map(|columns| DVec2::new(columns, 0.0));
@@ -29,7 +40,7 @@ pub fn aim(wanted: &PhotoRequest, recording: &Recording, whole: &Geometry, scene
         }
         return Ok(Aim { at_px: Some(at), around_px: across });
     }
-    let object = named(wanted, scene)?;
+    let object = named("--aim", wanted, scene)?;
     let pose = recording.pose_at_frame(*frame)?;
     let projected = points(object, scene).filter_map(|point| whole.project(pose.transform_point(point)));
     let bounds = projected.map(|at| (at, at)).reduce(|(low, high), (at, _)| (low.min(at), high.max(at)));
@@ -46,14 +57,15 @@ pub fn aim(wanted: &PhotoRequest, recording: &Recording, whole: &Geometry, scene
 }
 
 /// The object with this name, or the only one whose name contains it.
-fn named<'a>(wanted: &str, scene: &'a Scene) -> Result<&'a Object, PhotoError> {
+fn named<'a>(option: &str, wanted: &str, scene: &'a Scene) -> Result<&'a Object, PhotoError> {
     let mut like = scene.objects.iter().filter(|object| object.name.to_lowercase().contains(&wanted.to_lowercase()));
     let exact = scene.objects.iter().find(|object| object.name == wanted);
     let only = like.next().filter(|_| like.next().is_none());
     exact.or(only).ok_or_else(|| {
         let names: Vec<_> = scene.objects.iter().map(|object| object.name.as_str()).collect();
         let names = names.join(", ");
-        PhotoError::Refused(format!("--aim {wanted}: neither X,Y nor the name of one object; there are: {names}"))
+        let expected = if option == "--aim" { "neither X,Y nor the name" } else { "not the name" };
+        PhotoError::Refused(format!("{option} {wanted}: {expected} of one object; there are: {names}"))
     })
 }
 

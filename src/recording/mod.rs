@@ -384,7 +384,7 @@ impl Recording {
     /// The frames' cameras; a single one if all are equal.
     fn cameras(&self) -> Arc<[Option<Geometry>]> {
         match (&self.registration_cameras, &self.geometry) {
-            (Some(exposure), _) => Arc::clone(exposure),
+            (Some(cameras), _) => Arc::clone(cameras),
             (None, Some(_)) => Arc::from([self.geometry.clone()]),
             (None, None) => Arc::clone(&self.geometries),
         }

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::SceneError;
 use super::gauge::Gauge;
+use super::kind::ObjectKind;
 use super::site::SiteTable;
 use crate::document;
 use crate::source::file as plain;
@@ -75,6 +76,8 @@ pub struct PlacedModel {
     /// A `.glb` or `.gltf` file, relative to the scene file.
     pub model: String,
     pub name: Option<String>,
+    /// Role in photographs; by default it follows from the model's file name.
+    pub kind: Option<ObjectKind>,
     /// Excluded from rendering, with all its instances.
     #[serde(default, skip_serializing_if = "is_default")]
     pub hidden: bool,

@@ -9,7 +9,9 @@ use super::document::SceneFile;
 use super::light::{DEFAULT_WHITE_LX, default_lighting};
 use super::loaded_models::MissingModels;
 use super::loader::Loader;
-use super::{Lighting, LightingOrigin, LoadedModels, Object, Scene, SceneError, bytes, document, model, scene_file};
+use super::{
+    Lighting, LightingOrigin, LoadedModels, Object, ObjectKind, Scene, SceneError, bytes, document, model, scene_file,
+};
 
 /// Loads a model or a scene file.
 ///
@@ -76,7 +78,12 @@ fn load_unguarded(mut loader: Loader, path: &Path, world_up: Option<DVec3>) -> R
             loader.scene.up_in_world = world_up;
             let model = model::load(&mut loader, path, None)?;
             let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-            loader.place(path, &model, Object { name, ..Object::default() }, DEFAULT_WHITE_LX)?;
+            loader.place(
+                path,
+                &model,
+                Object { name, kind: ObjectKind::of_model(path), ..Object::default() },
+                DEFAULT_WHITE_LX,
+            )?;
             if loader.scene.lighting.is_dark() {
                 loader.scene.lighting = world_up.map_or_else(Lighting::default, default_lighting);
                 loader.scene.lighting_origin = LightingOrigin::Default;

@@ -13,6 +13,7 @@ mod gauge;
 mod geometry;
 mod gltf;
 mod heading;
+mod kind;
 mod lamp;
 mod light;
 mod light_correction;
@@ -50,6 +51,7 @@ pub use edit::ItemPlacement;
 pub use error::SceneError;
 pub use gauge::Gauge;
 pub use heading::Heading;
+pub use kind::ObjectKind;
 pub use light_correction::LightCorrection;
 pub use load::{load, load_file, load_file_with, load_with};
 pub use loaded_models::{LoadedModels, MissingModels};
@@ -134,6 +136,8 @@ impl Scene {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Object {
     pub name: String,
+    /// Role in photographs.
+    pub kind: ObjectKind,
     /// Drawn meshes.
     pub parts: Vec<Part>,
     /// The model's axes in the world. Rendering uses the transforms of the parts.

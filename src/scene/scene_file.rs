@@ -15,7 +15,9 @@ use super::missing;
 use super::panorama::PanoramaPixels;
 use super::place::{FilePlacement, Size, shortest_rotation};
 use super::site::read_site;
-use super::{Environment, EnvironmentMap, LightingOrigin, Object, PointLight, SceneError, Sun, model, panorama};
+use super::{
+    Environment, EnvironmentMap, LightingOrigin, Object, ObjectKind, PointLight, SceneError, Sun, model, panorama,
+};
 
 /// Adds the contents of a scene file to the loader. Errors name `file`, and models are found
 /// relative to it.
@@ -119,7 +121,9 @@ fn place(
         })?;
         let position_m = placement.position_m;
         let occluder = object.occluder && !is_missing;
-        let of_file = Object { name, hidden, occluder, shadowless, is_missing, ..Object::default() };
+        let by_file = if occluder { ObjectKind::Prop } else { ObjectKind::of_model(Path::new(&object.model)) };
+        let kind = object.kind.unwrap_or(by_file);
+        let of_file = Object { name, kind, hidden, occluder, shadowless, is_missing, ..Object::default() };
         Ok(Object { world_from_model, position_m, ..of_file })
     };
     let name = object.name.clone().unwrap_or_else(|| {

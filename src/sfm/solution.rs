@@ -213,7 +213,7 @@ impl ChosenFrames {
             if chosen.binary_search(&i).is_ok() {
                 let name = format!("{i:06}.png");
                 let file = folder.join(&name);
-                write_frame(&file, &eight_bit(pixels), None, true)
+                write_frame(&file, &eight_bit(pixels), None, None, true)
                     .map_err(|error| SolveError::Write { path: file.clone(), source: std::io::Error::other(error) })?;
                 frames.insert(name, i);
             }

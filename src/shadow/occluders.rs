@@ -7,10 +7,12 @@ use glam::{DAffine3, Vec2, Vec3};
 
 use super::albedo::MeshAlbedo;
 use crate::digest::{Digester, Digestible};
-use crate::scene::{Alpha, Scene, Vertex};
+use crate::scene::{Alpha, Material, Scene, Vertex};
 
 /// Surfaces of a lower opacity do not block light.
 const OPAQUE: f32 = 0.5;
+/// Texels per side of a texture that its mean opacity is sampled at, at most.
+const OPACITY_SAMPLES_PER_SIDE: u32 = 64;
 /// Depth below the plane down to which a vertex counts as on it, m: feet are uneven.
 const ON_FLOOR_M: f32 = 5e-4;
 
@@ -24,6 +26,24 @@ pub struct Occluders {
     pub colors: Vec<Vec3>,
     /// Range of triangles of each part.
     pub parts: Vec<Range<usize>>,
+}
+
+/// Mean opacity of a material, 0 to 1, its texture included; 1 unless it is blended. A decal is a
+/// mostly transparent sheet.
+fn mean_opacity(scene: &Scene, material: &Material) -> f32 {
+    if material.alpha != Alpha::Blend {
+        return 1.0;
+    }
+    let texture = material.base_color_texture.and_then(|used| scene.textures.get(used.texture));
+    let of_texture = texture.map_or(1.0, |texture| {
+        let steps = [texture.width, texture.height].map(|side| side.div_ceil(OPACITY_SAMPLES_PER_SIDE).max(1) as usize);
+        let row_bytes = 4 * texture.width.max(1) as usize;
+        let rows = texture.rgba.chunks_exact(row_bytes).step_by(steps[1]);
+        let samples = rows.flat_map(|row| row.chunks_exact(4).step_by(steps[0]).map(|rgba| u32::from(rgba[3])));
+        let (sum, count) = samples.fold((0, 0), |(sum, count), alpha| (sum + alpha, count + 1));
+        if count == 0 { 1.0 } else { sum as f32 / (255 * count) as f32 }
+    });
+    material.base_color[3] * of_texture
 }
 
 impl Digestible for Occluders {
@@ -43,7 +63,7 @@ impl Occluders {
         for (mesh, from_mesh) in parts {
             let Some(mesh) = scene.meshes.get(mesh) else { continue };
             let material = scene.materials.get(mesh.material);
-            if material.is_some_and(|m| m.alpha == Alpha::Blend && m.base_color[3] < OPAQUE) {
+            if material.is_some_and(|m| mean_opacity(scene, m) < OPAQUE) {
                 continue;
             }
             let first = all.corners.len() as u32;
@@ -125,6 +145,7 @@ impl Occluders {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::{Mesh, Texture, TextureUse, Wrap};
 
     /// Two triangles that share an edge, a part each.
     fn sheet(heights: [f32; 4]) -> Occluders {
@@ -140,6 +161,51 @@ mod tests {
             colors: vec![Vec3::X, Vec3::Y],
             parts: vec![0..1, 1..2],
         }
+    }
+
+    /// A square with a material and its texture's opacity, left and right half.
+    fn square(alpha: Alpha, base_opacity: f32, halves: [u8; 2]) -> Scene {
+        let vertex = |x: f32, y: f32| Vertex { position: [x, y, 0.0], ..bytemuck::Zeroable::zeroed() };
+        let vertices = vec![vertex(0.0, 0.0), vertex(1.0, 0.0), vertex(1.0, 1.0), vertex(0.0, 1.0)];
+        let used = TextureUse { texture: 0, uv_set: 0, transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]] };
+        let material = Material {
+            alpha,
+            base_color: [1.0, 1.0, 1.0, base_opacity],
+            base_color_texture: Some(used),
+            ..Material::default()
+        };
+        let row: Vec<u8> = (0..200).flat_map(|x| [255, 255, 255, halves[x / 100]]).collect();
+        let texture = Texture {
+            width: 200,
+            height: 130,
+            rgba: row.repeat(130).into(),
+            srgb: true,
+            wrap: [Wrap::Clamp; 2],
+            smooth: true,
+            mipmaps: true,
+        };
+        Scene {
+            meshes: vec![Mesh { vertices, indices: vec![0, 1, 2, 0, 2, 3], material: 0 }.into()],
+            materials: vec![material],
+            textures: vec![texture],
+            ..Scene::default()
+        }
+    }
+
+    #[test]
+    fn decals_and_clear_sheets_cast_no_shadow() {
+        let count = |alpha, base_opacity, halves| {
+            let scene = square(alpha, base_opacity, halves);
+            Occluders::of(&scene, [(0, DAffine3::IDENTITY)]).triangles.len()
+        };
+        // Mean opacities of 0.4, 0.6, 0.6 · 0.5 and 0.49.
+        assert_eq!(count(Alpha::Blend, 1.0, [0, 204]), 0);
+        assert_eq!(count(Alpha::Blend, 1.0, [51, 255]), 2);
+        assert_eq!(count(Alpha::Blend, 0.5, [51, 255]), 0);
+        assert_eq!(count(Alpha::Blend, 0.49, [255, 255]), 0);
+        // Only blended surfaces are transparent.
+        assert_eq!(count(Alpha::Opaque, 0.1, [0, 0]), 2);
+        assert_eq!(count(Alpha::Mask(0.5), 1.0, [0, 204]), 2);
     }
 
     #[test]

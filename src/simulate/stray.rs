@@ -40,6 +40,7 @@ impl StrayScan {
             lossless: options.format == Format::Png,
             codec: None,
             soundtrack: None,
+            label: None,
             width: options.width_px,
             height: options.height_px,
             bits: 8,

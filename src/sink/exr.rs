@@ -7,13 +7,19 @@ use half::f16;
 
 use super::atomic::write_atomically;
 use super::{SinkError, of_exr};
+use crate::label::{PROGRAM, SourceLabel};
 use crate::pixels::LayerImage;
 
 /// Writes one layer with the channels virtual.R, .G, .B, .A, shadow.R, .G, .B and noise.R, .G, .B
 /// (half), depth.Z, velocity.X, .Y (float), ZIP-compressed. The shadow is a factor on the real
 /// light; noise is added last. The file is either complete or absent. An existing one is kept
 /// unless `force`.
-pub fn write_layers(path: &Path, layers: &LayerImage, force: bool) -> std::result::Result<(), SinkError> {
+pub fn write_layers(
+    path: &Path,
+    layers: &LayerImage,
+    label: Option<&SourceLabel>,
+    force: bool,
+) -> std::result::Result<(), SinkError> {
     let (width, height) = (layers.width as usize, layers.height as usize);
     let lengths =
         [layers.rgba.len(), layers.depth_m.len(), layers.velocity.len(), layers.left.len(), layers.noise.len()];
@@ -50,8 +56,19 @@ pub fn write_layers(path: &Path, layers: &LayerImage, force: bool) -> std::resul
     let channels = AnyChannels::sort(channels.into_iter().collect());
     let encoding =
         Encoding { compression: Compression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
-    let image = Image::from_layer(Layer::new((width, height), LayerAttributes::default(), encoding, channels));
+    let mut attributes = LayerAttributes::default();
+    label_attributes(&mut attributes, label);
+    let image = Image::from_layer(Layer::new((width, height), attributes, encoding, channels));
     write_atomically(path, force, |writer| image.write().to_buffered(writer).map_err(of_exr))
+}
+
+/// Adds a label: the attribute `xmp`, and the program's name.
+pub fn label_attributes(attributes: &mut LayerAttributes, label: Option<&SourceLabel>) {
+    let Some(label) = label else { return };
+    attributes.software_name = Some(PROGRAM.into());
+    // The format's text has no byte order mark, and without one a packet is UTF-8.
+    let packet = Text::new_or_none(label.xmp().replace('\u{feff}', ""));
+    attributes.other.extend(packet.map(|packet| ("xmp".into(), AttributeValue::Text(packet))));
 }
 
 /// A map of places in another picture: S to the right and T upwards, 0 to 1 across it.
@@ -101,10 +118,15 @@ mod tests {
             left: (0..count).map(|i| [0.5, 1.0, i as f32 / 256.0]).collect(),
             noise: (0..count).map(|i| [-0.25, 0.0, i as f32 / 512.0]).collect(),
         };
-        write_layers(&path, &layers, false).unwrap();
+        let label = SourceLabel::composite(Path::new("wide")).of_frame(2);
+        write_layers(&path, &layers, Some(&label), false).unwrap();
         let image = read_first_flat_layer_from_file(&path).unwrap();
         assert_eq!((image.layer_data.size.0, image.layer_data.size.1), (5, 40));
         assert_eq!(image.layer_data.encoding.compression, Compression::ZIP16);
+        let AttributeValue::Text(xmp) = &image.layer_data.attributes.other[&Text::from("xmp")] else {
+            panic!("no text")
+        };
+        assert!(xmp.to_string().contains("compositeSynthetic") && xmp.to_string().contains("frame=\"2\""), "{xmp}");
         let channels = &image.layer_data.channel_data.list;
         let names: Vec<String> = channels.iter().map(|c| c.name.to_string()).collect();
         let of_virtual = ["virtual.A", "virtual.B", "virtual.G", "virtual.R"];
@@ -151,8 +173,8 @@ mod tests {
 
     #[test]
     fn layers_of_wrong_length_are_refused() {
-        let error =
-            write_layers(Path::new("a.exr"), &LayerImage { width: 3, ..LayerImage::empty(2, 2) }, false).unwrap_err();
+        let error = write_layers(Path::new("a.exr"), &LayerImage { width: 3, ..LayerImage::empty(2, 2) }, None, false)
+            .unwrap_err();
         assert_eq!(error.to_string(), "a.exr: layers of [4, 4, 4, 4, 4] values do not make a picture of 3x2");
     }
 }

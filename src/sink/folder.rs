@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use super::atomic::write_atomically;
 use super::{Sink, SinkError, SinkOptions, of_image};
 use crate::cleanup::MadeFolder;
+use crate::label::{Chunk, SourceLabel, with_chunks, xmp_chunk};
 use crate::pixels::Pixels;
 use crate::source::presentation::ColorTags;
 
@@ -13,9 +14,6 @@ use crate::source::presentation::ColorTags;
 pub fn frame_name(frame_index: usize) -> String {
     format!("frame_{frame_index:06}.png")
 }
-
-/// Length of a PNG's signature and first chunk.
-const IHDR_END_BYTES: usize = 8 + 25;
 
 /// Writes `frame_000012.png` and so on, each either complete or absent. With `force` a frame
 /// replaces only the file of its own name, so ranges rendered separately can share a folder.
@@ -37,22 +35,24 @@ impl FolderSink {
     }
 }
 
-/// Writes one frame as a PNG file, with the chunk of its colour tags if it has any.
-pub fn write_frame(path: &Path, pixels: &Pixels, color_tags: Option<ColorTags>, force: bool) -> Result<(), SinkError> {
+/// Writes one frame as a PNG file, with its colour tags and its label if it has any.
+pub fn write_frame(
+    path: &Path,
+    pixels: &Pixels,
+    color_tags: Option<ColorTags>,
+    label: Option<&SourceLabel>,
+    force: bool,
+) -> Result<(), SinkError> {
+    // R'G'B' of full range.
+    let colors = color_tags.map(|ColorTags { primaries, transfer }| (*b"cICP", vec![primaries, transfer, 0, 1]));
+    let chunks: Vec<Chunk> = colors.into_iter().chain(label.map(|label| xmp_chunk(&label.xmp()))).collect();
     write_atomically(path, force, |writer| {
-        let Some(ColorTags { primaries, transfer }) = color_tags else {
+        if chunks.is_empty() {
             return pixels.write_png(writer).map_err(of_image);
-        };
+        }
         let mut png = Vec::new();
         pixels.write_png(&mut png).map_err(of_image)?;
-        // R'G'B' of full range. Source: PNG specification (third edition), 11.3.2.6.
-        let chunk = [b"cICP", &[primaries, transfer, 0, 1][..]].concat();
-        let length = (chunk.len() as u32 - 4).to_be_bytes();
-        let (header, rest) = png.split_at(IHDR_END_BYTES);
-        for part in [header, &length, &chunk, &crc32fast::hash(&chunk).to_be_bytes(), rest] {
-            writer.write_all(part)?;
-        }
-        Ok(())
+        writer.write_all(&with_chunks(&png, &chunks))
     })
 }
 
@@ -60,7 +60,8 @@ impl Sink for FolderSink {
     fn write(&mut self, frame_index: usize, pixels: &Pixels) -> Result<(), SinkError> {
         self.options.check(frame_index, pixels)?;
         let tags = self.options.presentation.color_tags();
-        write_frame(&self.folder.join(frame_name(frame_index)), pixels, tags, self.options.force)
+        let label = self.options.label.as_ref().map(|label| label.of_frame(frame_index));
+        write_frame(&self.folder.join(frame_name(frame_index)), pixels, tags, label.as_ref(), self.options.force)
     }
 
     fn finish(self: Box<Self>) -> Result<(), SinkError> {
@@ -74,14 +75,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn tagged_png_has_its_chunk_before_the_pixels_and_reads_back() {
+    fn tagged_and_labelled_png_reads_back() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("hlg.png");
         let pixels = Pixels::from_u16(2, 1, vec![1, 2, 3, 65_535, 256, 7]).unwrap();
         let hlg = ColorTags { primaries: 9, transfer: 18 };
-        write_frame(&path, &pixels, Some(hlg), false).unwrap();
+        let label = SourceLabel::composite(Path::new("night")).of_frame(3);
+        write_frame(&path, &pixels, Some(hlg), Some(&label), false).unwrap();
         let bytes = std::fs::read(&path).unwrap();
-        assert_eq!(&bytes[IHDR_END_BYTES..][..12], b"\0\0\0\x04cICP\x09\x12\0\x01");
+        assert!(bytes.windows(8).any(|window| window == b"cICP\x09\x12\0\x01"));
+        assert!(bytes.windows(16).any(|window| window == b"locard:frame=\"3\""));
         // The decoder checks the checksum of each chunk.
         let decoder = image::codecs::png::PngDecoder::new(std::io::Cursor::new(&bytes)).unwrap();
         assert_eq!(

@@ -5,6 +5,7 @@ pub mod atomic;
 pub mod exr;
 pub mod folder;
 pub mod lettering;
+pub mod mark;
 pub mod photograph;
 pub mod picture;
 pub mod raw;
@@ -17,6 +18,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use self::atomic::Destination;
+pub use self::video::default_codec;
+use crate::label::SourceLabel;
 use crate::pixels::{Codes, Pixels};
 use crate::program::ProgramError;
 use crate::source::presentation::Presentation;
@@ -106,6 +109,8 @@ pub struct SinkOptions {
     pub codec: Option<VideoCodec>,
     /// Copied into a video.
     pub soundtrack: Option<Soundtrack>,
+    /// Written into the file's metadata; raw values have none.
+    pub label: Option<SourceLabel>,
     pub width: u32,
     pub height: u32,
     /// 8 or 16, the depth of the pixels.
@@ -146,6 +151,8 @@ pub enum SinkError {
     Exists { path: PathBuf },
     #[error("{}: cannot be written: {}", path.display(), reason(source))]
     Write { path: PathBuf, source: std::io::Error },
+    #[error("{}: cannot be read for the record of the output: {}", path.display(), reason(source))]
+    Read { path: PathBuf, source: std::io::Error },
     #[error("standard output: {}", reason(source))]
     Stdout { source: std::io::Error },
     #[error(transparent)]
@@ -248,7 +255,7 @@ fn of_exr(error: ::exr::error::Error) -> std::io::Error {
 }
 
 /// Code values as bytes, 16-bit ones in little-endian order.
-fn little_endian(codes: &Codes) -> std::borrow::Cow<'_, [u8]> {
+pub fn little_endian(codes: &Codes) -> std::borrow::Cow<'_, [u8]> {
     match codes {
         Codes::U8(codes) => codes.into(),
         Codes::U16(codes) if cfg!(target_endian = "little") => bytemuck::cast_slice::<u16, u8>(codes).into(),
@@ -291,13 +298,13 @@ mod tests {
         };
         let light = crate::pixels::LinearImage { width: 200, height: 200, rgba: vec![[0.5; 4]; 40_000] };
         for name in ["a.png", "a.exr"] {
-            let error = picture::write(&full(name), &light, &Default::default(), true).unwrap_err().to_string();
+            let error = picture::write(&full(name), &light, &Default::default(), None, true).unwrap_err().to_string();
             assert!(error.contains("cannot be written: the disk is full"), "{error}");
         }
         // Exceeds the encoder's buffers.
         let codes = (0..3 * 640 * 480_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
         let frame = Pixels::from_u8(640, 480, codes).unwrap();
-        let error = folder::write_frame(&full("large.png"), &frame, None, true).unwrap_err().to_string();
+        let error = folder::write_frame(&full("large.png"), &frame, None, None, true).unwrap_err().to_string();
         assert!(error.contains("cannot be written: the disk is full"), "{error}");
     }
 }

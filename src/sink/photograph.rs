@@ -1,6 +1,6 @@
 //! Photograph files: JPEG or PNG with Exif metadata. Source: CIPA DC-008 (Exif 2.32).
 
-use std::io::{self, Cursor};
+use std::io::{self, Cursor, Write};
 use std::path::Path;
 
 use exif::experimental::Writer;
@@ -11,6 +11,7 @@ use image::{ExtendedColorType, ImageEncoder, ImageError};
 
 use super::atomic::write_atomically;
 use super::{SinkError, check_file, of_image};
+use crate::label::{SourceLabel, with_chunks, with_packet, xmp_chunk};
 use crate::pixels::{Codes, Pixels};
 
 /// Exif metadata of a photograph.
@@ -54,7 +55,13 @@ fn extension(path: &Path) -> String {
 
 /// Writes 8-bit pixels. The file is either complete or absent. An existing one is kept unless
 /// `force`.
-pub fn write(path: &Path, pixels: &Pixels, notes: Option<&ExifNotes>, force: bool) -> Result<(), SinkError> {
+pub fn write(
+    path: &Path,
+    pixels: &Pixels,
+    notes: Option<&ExifNotes>,
+    label: Option<&SourceLabel>,
+    force: bool,
+) -> Result<(), SinkError> {
     check(path, force)?;
     let Codes::U8(codes) = &pixels.codes else {
         let problem = "a photograph has 8 bits a code value, these pixels have 16".to_owned();
@@ -63,13 +70,20 @@ pub fn write(path: &Path, pixels: &Pixels, notes: Option<&ExifNotes>, force: boo
     let (width, height) = (pixels.width, pixels.height);
     let exif = notes.map(|notes| exif_block(notes, width, height)).transpose();
     let exif = exif.map_err(|source| SinkError::Write { path: path.to_owned(), source })?;
+    let xmp = label.map(SourceLabel::xmp);
     write_atomically(path, force, |writer| {
-        let written = if extension(path) == "png" {
-            encode(PngEncoder::new(writer), codes, width, height, exif)
+        let mut file = Vec::new();
+        let encoded = if extension(path) == "png" {
+            encode(PngEncoder::new(&mut file), codes, width, height, exif)
         } else {
-            encode(JpegEncoder::new_with_quality(writer, JPEG_QUALITY), codes, width, height, exif)
+            encode(JpegEncoder::new_with_quality(&mut file, JPEG_QUALITY), codes, width, height, exif)
         };
-        written.map_err(of_image)
+        encoded.map_err(of_image)?;
+        let labelled = xmp.map(|xmp| match extension(path).as_str() {
+            "png" => with_chunks(&file, &[xmp_chunk(&xmp)]),
+            _ => with_packet(&file, &xmp),
+        });
+        writer.write_all(&labelled.unwrap_or(file))
     })
 }
 
@@ -144,6 +158,11 @@ fn exif_block(notes: &ExifNotes, width: u32, height: u32) -> io::Result<Vec<u8>>
     Ok(block.into_inner())
 }
 
+/// Date and time for people, "2011-05-10 12:34:56", of seconds since 1970.
+pub fn log_date_time(seconds: f64) -> String {
+    date_time(seconds).replacen(':', "-", 2)
+}
+
 /// Exif date format, "2011:05:10 12:34:56". The date is in the proleptic Gregorian calendar, in
 /// which 400 years have 146097 days. Years start in March here, so that the leap day is the last.
 fn date_time(seconds: f64) -> String {
@@ -183,6 +202,7 @@ mod tests {
     #[test]
     fn dates_match_hand_calculation() {
         assert_eq!(date_time(0.0), "1970:01:01 00:00:00");
+        assert_eq!(log_date_time(0.0), "1970-01-01 00:00:00");
         assert_eq!(date_time(951_782_400.0), "2000:02:29 00:00:00");
         assert_eq!(date_time(1_305_031_103.7), "2011:05:10 12:38:23");
         assert_eq!(date_time(4_107_542_399.0), "2100:02:28 23:59:59");
@@ -195,7 +215,7 @@ mod tests {
         let pixels = Pixels::from_u8(16, 16, vec![100; 768]).unwrap();
         for name in ["a.jpg", "a.png"] {
             let path = folder.path().join(name);
-            write(&path, &pixels, Some(&notes()), false).unwrap();
+            write(&path, &pixels, Some(&notes()), Some(&SourceLabel::rendering()), false).unwrap();
             let exif =
                 exif::Reader::new().read_from_container(&mut io::BufReader::new(std::fs::File::open(&path).unwrap()));
             let exif = exif.unwrap();
@@ -227,12 +247,12 @@ mod tests {
             assert_eq!(tags.map(text), expected, "{name}");
             let read = image::open(&path).unwrap().to_rgb8();
             assert!(read.as_raw().iter().all(|c| c.abs_diff(100) <= 1));
-            assert!(write(&path, &pixels, None, false).unwrap_err().to_string().contains("--force"));
+            assert!(write(&path, &pixels, None, None, false).unwrap_err().to_string().contains("--force"));
         }
         // The recordings' Exif reader returns the same values.
         let settings = crate::source::exif::read(&folder.path().join("a.jpg")).unwrap().settings;
         assert_eq!((settings.iso, settings.f_number), (Some(400.0), Some(2.8)));
         assert_eq!(settings.taken_s, Some(1_305_031_103.0), "whole seconds");
-        assert!(write(Path::new("a.gif"), &pixels, None, true).unwrap_err().to_string().contains(".jpg or .png"));
+        assert!(write(Path::new("a.gif"), &pixels, None, None, true).unwrap_err().to_string().contains(".jpg or .png"));
     }
 }

@@ -1,21 +1,34 @@
 //! Single pictures of linear light: PNG for viewing, OpenEXR for further processing.
 
+use std::io::Write;
 use std::path::Path;
 
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 
 use super::atomic::write_atomically;
+use super::exr::label_attributes;
 use super::{SinkError, check_file, of_exr, of_image};
 use crate::camera::Response;
+use crate::label::{Chunk, SourceLabel, with_chunks, xmp_chunk};
 use crate::pixels::LinearImage;
 
 /// Writes `.png` (8 bits, encoded by the response, with alpha if any pixel is transparent) or
 /// `.exr` (32-bit linear premultiplied R, G, B, A). The file is either complete or absent; an
 /// existing one is kept unless `force`.
-pub fn write(path: &Path, image: &LinearImage, response: &Response, force: bool) -> Result<(), SinkError> {
+pub fn write(
+    path: &Path,
+    image: &LinearImage,
+    response: &Response,
+    label: Option<&SourceLabel>,
+    force: bool,
+) -> Result<(), SinkError> {
     check(path, force)?;
-    if extension(path) == "png" { write_png(path, image, response, force) } else { write_exr(path, image, force) }
+    if extension(path) == "png" {
+        write_png(path, image, response, label, force)
+    } else {
+        write_exr(path, image, label, force)
+    }
 }
 
 fn extension(path: &Path) -> String {
@@ -35,7 +48,13 @@ pub fn check(path: &Path, force: bool) -> Result<(), SinkError> {
     }
 }
 
-fn write_png(path: &Path, image: &LinearImage, response: &Response, force: bool) -> Result<(), SinkError> {
+fn write_png(
+    path: &Path,
+    image: &LinearImage,
+    response: &Response,
+    label: Option<&SourceLabel>,
+    force: bool,
+) -> Result<(), SinkError> {
     let code = |light: f32| (255.0 * response.encode(f64::from(light))).round() as u8;
     // Less than half a code below full alpha counts as opaque.
     let opaque = image.rgba.iter().all(|p| p[3] >= 1.0 - 0.5 / 255.0);
@@ -49,12 +68,15 @@ fn write_png(path: &Path, image: &LinearImage, response: &Response, force: bool)
         }
     }
     let color = if opaque { ExtendedColorType::Rgb8 } else { ExtendedColorType::Rgba8 };
+    let chunks: Vec<Chunk> = label.map(|label| xmp_chunk(&label.xmp())).into_iter().collect();
     write_atomically(path, force, |writer| {
-        PngEncoder::new(writer).write_image(&bytes, image.width, image.height, color).map_err(of_image)
+        let mut png = Vec::new();
+        PngEncoder::new(&mut png).write_image(&bytes, image.width, image.height, color).map_err(of_image)?;
+        writer.write_all(&with_chunks(&png, &chunks))
     })
 }
 
-fn write_exr(path: &Path, image: &LinearImage, force: bool) -> Result<(), SinkError> {
+fn write_exr(path: &Path, image: &LinearImage, label: Option<&SourceLabel>, force: bool) -> Result<(), SinkError> {
     use exr::prelude::*;
     let (width, height) = (image.width as usize, image.height as usize);
     let channels = SpecificChannels::rgba(|at: Vec2<usize>| {
@@ -64,7 +86,8 @@ fn write_exr(path: &Path, image: &LinearImage, force: bool) -> Result<(), SinkEr
     // Blocks are compressed in parallel; without a fixed order the file's bytes would depend on
     // timing.
     let encoding = Encoding { line_order: LineOrder::Increasing, ..Encoding::FAST_LOSSLESS };
-    let out = Image::from_encoded_channels((width, height), encoding, channels);
+    let mut out = Image::from_encoded_channels((width, height), encoding, channels);
+    label_attributes(&mut out.layer_data.attributes, label);
     write_atomically(path, force, |writer| out.write().to_buffered(writer).map_err(of_exr))
 }
 
@@ -79,10 +102,10 @@ mod tests {
         let rgba = vec![[0.18, 1.0, 0.0, 1.0], [0.09, 0.5, 0.0, 0.5], [0.0; 4]];
         let mut picture = LinearImage { width: 3, height: 1, rgba };
         let [png, exr] = ["a.png", "a.exr"].map(|name| folder.path().join(name));
-        write(&png, &picture, &Response::default(), false).unwrap();
+        write(&png, &picture, &Response::default(), None, false).unwrap();
         let read = image::open(&png).unwrap().to_rgba8();
         assert_eq!(read.into_raw(), [118, 255, 0, 255, 118, 255, 0, 128, 0, 0, 0, 0]);
-        write(&exr, &picture, &Response::default(), false).unwrap();
+        write(&exr, &picture, &Response::default(), None, false).unwrap();
         let read = exr::prelude::read_first_flat_layer_from_file(&exr).unwrap();
         let values: Vec<Vec<f32>> =
             read.layer_data.channel_data.list.iter().map(|c| c.sample_data.values_as_f32().collect()).collect();
@@ -92,11 +115,11 @@ mod tests {
             "A, B, G, R"
         );
 
-        assert!(write(&png, &picture, &Response::default(), false).unwrap_err().to_string().contains("--force"));
+        assert!(write(&png, &picture, &Response::default(), None, false).unwrap_err().to_string().contains("--force"));
         picture.rgba.iter_mut().for_each(|p| p[3] = 1.0);
-        write(&png, &picture, &Response::default(), true).unwrap();
+        write(&png, &picture, &Response::default(), None, true).unwrap();
         assert_eq!(image::open(&png).unwrap().color(), image::ColorType::Rgb8, "no alpha where nothing is transparent");
-        let refused = write(Path::new("a.gif"), &picture, &Response::default(), true).unwrap_err().to_string();
+        let refused = write(Path::new("a.gif"), &picture, &Response::default(), None, true).unwrap_err().to_string();
         assert_eq!(refused, "a.gif: a picture cannot be written with .gif; expected .png or .exr");
     }
 
@@ -107,7 +130,7 @@ mod tests {
         let picture = LinearImage { width: 600, height: 400, rgba };
         let written = |name: String| {
             let path = folder.path().join(name);
-            write(&path, &picture, &Response::default(), false).unwrap();
+            write(&path, &picture, &Response::default(), None, false).unwrap();
             std::fs::read(path).unwrap()
         };
         let first = written("first.exr".to_owned());

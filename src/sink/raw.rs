@@ -58,6 +58,7 @@ mod tests {
             lossless: false,
             codec: None,
             soundtrack: None,
+            label: None,
             width: 1,
             height: 1,
             bits: 8,

@@ -10,6 +10,7 @@ use super::atomic::Partial;
 use super::{Sink, SinkError, SinkOptions, VideoCodec, little_endian, rotation, timed};
 use crate::cleanup::MadeFolder;
 use crate::coding::ColorMatrix;
+use crate::label::{PROGRAM, SourceLabel, append_box};
 use crate::pixels::Pixels;
 use crate::program::{self, ProgramError, Running};
 use crate::source::ffmpeg;
@@ -146,6 +147,11 @@ fn sound_codec(file: &Path, written: &Path, start_s: f64) -> Result<&'static str
     Ok(if copies { "copy" } else { "pcm_s16le" })
 }
 
+/// The codec of a video that is not lossless, by its file's extension.
+pub fn default_codec(path: &Path) -> VideoCodec {
+    if has_extension(path, "mov") { VideoCodec::ProRes } else { VideoCodec::H264 }
+}
+
 /// Arguments of the encoder: options and pixel format.
 fn encoder(options: &SinkOptions, codec: VideoCodec) -> (Vec<&'static str>, &'static str) {
     let is_even = options.width.is_multiple_of(2) && options.height.is_multiple_of(2);
@@ -173,6 +179,19 @@ fn encoder(options: &SinkOptions, codec: VideoCodec) -> (Vec<&'static str>, &'st
             (vec!["-c:v", "prores_ks", "-profile:v", profile, "-vendor", "apl0"], format)
         }
     }
+}
+
+/// A label as ffmpeg's metadata, `key=value`. QuickTime files have a place for XMP, Matroska has
+/// tags of any name; MP4 gets a box of its own at the end.
+fn metadata(label: &SourceLabel, path: &Path) -> Vec<String> {
+    let mut entries = vec![format!("comment={}; {PROGRAM}", label.source_type.description())];
+    if is_mkv(path) {
+        entries.push(format!("DIGITAL_SOURCE_TYPE={}", label.source_type.uri()));
+    }
+    if !has_extension(path, "mp4") {
+        entries.push(format!("xmp={}", label.xmp()));
+    }
+    entries
 }
 
 fn arguments(options: &SinkOptions, path: &Path, partial: &Path) -> Result<Vec<OsString>, ProgramError> {
@@ -206,8 +225,7 @@ fn arguments(options: &SinkOptions, path: &Path, partial: &Path) -> Result<Vec<O
         (_, ColorMatrix::Bt601) => ("bt601", "smpte170m"),
         _ => ("bt709", "bt709"),
     };
-    let by_extension = if has_extension(path, "mov") { VideoCodec::ProRes } else { VideoCodec::H264 };
-    let (encoder, format) = encoder(options, options.codec.unwrap_or(by_extension));
+    let (encoder, format) = encoder(options, options.codec.unwrap_or_else(|| default_codec(path)));
     // By default setsar rounds to a ratio of numbers up to 100.
     let aspect =
         presentation.pixel_aspect.map(|(width, height)| format!("setsar={width}/{height}:max={}", width.max(height)));
@@ -238,6 +256,8 @@ fn arguments(options: &SinkOptions, path: &Path, partial: &Path) -> Result<Vec<O
     }
     text.extend(primaries.into_iter().flat_map(|name| ["-color_primaries", name]));
     text.extend(transfer.map(transfer_option).into_iter().flat_map(|name| ["-color_trc", name]));
+    let metadata = options.label.as_ref().map_or_else(Vec::new, |label| metadata(label, path));
+    text.extend(metadata.iter().flat_map(|entry| ["-metadata", entry]));
     let timecode = presentation.timecode.map(|timecode| timecode.to_string());
     text.extend(timecode.iter().flat_map(|timecode| ["-timecode", timecode]));
     if is_timed {
@@ -291,6 +311,9 @@ impl Sink for VideoSink {
         if orientation != Orientation::default() && !is_mkv(&path) {
             rotation::write(partial.path(), orientation, (options.width, options.height))
                 .map_err(|source| SinkError::of_writing(&path, source))?;
+        }
+        if let Some(label) = options.label.as_ref().filter(|_| has_extension(&path, "mp4")) {
+            append_box(partial.path(), &label.xmp()).map_err(|source| SinkError::of_writing(&path, source))?;
         }
         partial.finish(options.force).map_err(|source| SinkError::of_writing(&path, source))?;
         made.into_iter().for_each(MadeFolder::keep);

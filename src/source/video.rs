@@ -208,7 +208,7 @@ fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video,
     whole(stream, &probe.packets, &probe.format).map_err(refuse)?;
     let matrix = match (overrides.matrix, stream.color_space.as_deref()) {
         _ if is_rgb(format) => ColorMatrix::Rgb,
-        (Some(size), _) => size,
+        (Some(matrix), _) => matrix,
         (None, None | Some("unknown" | "reserved")) => ColorMatrix::usual(height),
         (None, Some("bt470bg" | "smpte170m")) => ColorMatrix::Bt601,
         (None, Some("bt709")) => ColorMatrix::Bt709,
@@ -219,7 +219,7 @@ fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video,
         }
     };
     let range = match (overrides.range, stream.color_range.as_deref()) {
-        (Some(rate), _) => rate,
+        (Some(range), _) => range,
         (None, Some("pc" | "jpeg" | "full")) => ColorRange::Full,
         // Grey and yuvj are full range by their definition in ffmpeg.
         _ if format.starts_with("yuvj") || format.starts_with("gray") || is_rgb(format) => ColorRange::Full,

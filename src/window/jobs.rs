@@ -14,6 +14,7 @@ use locard_engine::analyse::{Analysis, AnalysisStage, Interrupted, Progress};
 use locard_engine::compositor::Target;
 use locard_engine::export::{Export, ExportError, Inputs};
 use locard_engine::gpu::{Gpu, GpuError};
+use locard_engine::label::SourceLabel;
 use locard_engine::photo::{PhotoError, PhotoEvent, PhotoRequest, TakeError};
 use locard_engine::shot::{Shot, ShotError};
 use locard_engine::sink::folder::write_frame;
@@ -336,7 +337,8 @@ fn take_snapshot(
     let pending = shot.picture(&mut compositor, frame, Target::Pixels)?;
     let done = compositor.collect(pending).map_err(failed)?;
     let tags = shot.recording.presentation().color_tags();
-    write_frame(path, &done.pixels, tags, force)
+    let label = SourceLabel::composite(&shot.recording.path).of_frame(frame);
+    write_frame(path, &done.pixels, tags, Some(&label), force)
         .map_err(|error| JobFailure::Failed(without_options(&error.to_string())))?;
     Ok(format!("frame {frame}"))
 }

@@ -64,14 +64,12 @@ impl Library {
         if self.scanned.as_ref() == Some(&folder) {
             return;
         }
-        let folders = [folder.clone(), assets::path("scenes")];
+        let folders = [folder.clone(), assets::path("scenes"), assets::path("scenes/kit")];
         let mut models: Vec<PathBuf> = folders
             .iter()
             .filter_map(|folder| std::fs::read_dir(folder).ok())
-            .flat_map(|entries| entries.flatten().map(|entry| entry.path()))
-            .filter(|path| is_model(path))
+            .flat_map(|entries| sorted_models(entries.flatten().map(|entry| entry.path())))
             .collect();
-        models.sort();
         let mut canonical_paths = std::collections::BTreeSet::new();
         models.retain(|path| canonical_paths.insert(std::fs::canonicalize(path).unwrap_or_else(|_| path.clone())));
         self.models = models;
@@ -236,6 +234,17 @@ impl Library {
     }
 }
 
+/// Models among files, by name; numbers in names count as numbers: `marker-9` before `marker-10`.
+fn sorted_models(files: impl Iterator<Item = PathBuf>) -> Vec<PathBuf> {
+    let mut models: Vec<PathBuf> = files.filter(|path| is_model(path)).collect();
+    models.sort_by_cached_key(|path| {
+        let name = name(path);
+        let end = name.trim_end_matches(|c: char| c.is_ascii_digit()).len();
+        (name[..end].to_owned(), name[end..].parse::<u64>().ok(), name)
+    });
+    models
+}
+
 /// Widget id of a model.
 fn id(model: &Path) -> Id {
     Id::unique(("model", model))
@@ -346,6 +355,24 @@ mod tests {
         assert_eq!(way(Key::ArrowDown), [Some(3), Some(4), Some(6), None]);
         assert_eq!([to(Key::Tab, false, 6), to(Key::Tab, true, 0), to(Key::Tab, true, 3)], [Some(0), Some(6), Some(2)]);
         assert_eq!(to(Key::Enter, false, 3), None);
+    }
+
+    #[test]
+    fn models_are_sorted_by_name_and_number() {
+        let files = ["marker-10.glb", "kit.toml", "marker-A.glb", "marker-9.glb", "arrow.glb", "l-scale.glb"];
+        let sorted = sorted_models(files.into_iter().map(PathBuf::from));
+        let names: Vec<String> = sorted.iter().map(|path| name(path)).collect();
+        assert_eq!(names, ["arrow", "l-scale", "marker-9", "marker-10", "marker-A"]);
+    }
+
+    #[test]
+    fn library_of_a_new_scene_lists_the_demonstration_models_before_the_kit() {
+        let mut library = Library::default();
+        library.scan(Path::new("scenes/new.toml"));
+        let names: Vec<String> = library.models.iter().map(|path| name(path)).collect();
+        assert_eq!(names[..3], ["cartridge-case-9mm", "l-scale", "marker-1"]);
+        let at = |wanted: &str| names.iter().position(|name| name == wanted).unwrap();
+        assert!(at("marker-9") < at("abfo-no-2") && at("marker-10") < at("marker-A"), "{names:?}");
     }
 
     #[test]

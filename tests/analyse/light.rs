@@ -89,11 +89,11 @@ fn true_white(simulation: &Simulation, place: DVec3) -> f64 {
 
 #[test]
 fn scene_without_light_uses_the_estimated_one_and_keeps_its_own_otherwise() {
-    let (folder, estimate) = analysed_demo();
+    let (folder, analysis) = analysed_demo();
     let site = folder.path().join("site");
-    let analysis = folder.path().join("site.analysis");
-    let light = estimate.findings.light.as_ref().unwrap();
-    let examples = estimate.findings.noise_example.as_ref().unwrap();
+    let analysis_folder = folder.path().join("site.analysis");
+    let light = analysis.findings.light.as_ref().unwrap();
+    let examples = analysis.findings.noise_example.as_ref().unwrap();
     assert!(examples.sha256.is_some() && examples.frames >= 6, "{examples:?}");
     // The lamp, and a virtual lamp for the indirect light around it.
     assert_eq!(light.lamps.iter().map(|lamp| lamp.is_bounce()).collect::<Vec<_>>(), [false, true], "{light:?}");
@@ -122,7 +122,7 @@ fn scene_without_light_uses_the_estimated_one_and_keeps_its_own_otherwise() {
     assert_eq!(lit(&own, AnalysisChoice::Beside).scene.lighting, lit(&own, AnalysisChoice::No).scene.lighting);
     // The same during a session, and for the next scene.
     let mut worked = lit(&bare, AnalysisChoice::No);
-    worked.apply_analysis(analysis.clone(), estimate.clone()).unwrap();
+    worked.apply_analysis(analysis_folder.clone(), analysis).unwrap();
     assert_eq!(worked.scene.lighting, *lighting);
     worked.set_scene(Arc::new(scene::load(&own, None).unwrap()));
     assert_eq!(worked.scene.lighting.points.len(), 0);
@@ -149,7 +149,7 @@ fn scene_without_light_uses_the_estimated_one_and_keeps_its_own_otherwise() {
     let new = folder.path().join("light.toml");
     stdout_of(&["light", site, "-o", new.to_str().unwrap()]);
     assert!(refused(&["light", site, "-o", new.to_str().unwrap()]).contains("light"));
-    std::fs::remove_dir_all(&analysis).unwrap();
+    std::fs::remove_dir_all(&analysis_folder).unwrap();
     assert!(refused(&["light", site, "-o", "other.toml"]).contains("locard analyse"));
 }
 

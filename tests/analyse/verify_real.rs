@@ -39,11 +39,11 @@ fn lines(arguments: &[&str]) -> Vec<Line> {
 #[test]
 #[ignore = "full tier: all frames of a real recording, judged twice; lib::verify::blur::tests::ratio_is_virtual_blur_by_real_blur is its small form, for blur alone"]
 fn kinect_footage_passes_and_each_fault_fails_its_own_line() {
-    let Some((shot, estimate)) = findings::kinect() else { return };
+    let Some((shot, analysis)) = findings::kinect() else { return };
     let (out, folder) = (tempfile::tempdir().unwrap(), common::data("tum-fr1-rpy").unwrap());
-    let analysis = out.path().join("found");
-    estimate.write(&analysis, &shot.recording).unwrap();
-    let [folder, analysis] = [folder.to_str().unwrap(), analysis.to_str().unwrap()].map(str::to_owned);
+    let analysis_folder = out.path().join("analysis");
+    analysis.write(&analysis_folder, &shot.recording).unwrap();
+    let [folder, analysis] = [folder.to_str().unwrap(), analysis_folder.to_str().unwrap()].map(str::to_owned);
     let profile = ["--profile", "profiles/tum-fr1.toml", "--quiet"];
     let by = ["--analysis", analysis.as_str()];
     let verified =

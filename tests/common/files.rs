@@ -28,6 +28,7 @@ pub fn options(width: u32, height: u32, bits: u32) -> SinkOptions {
         lossless: true,
         codec: None,
         soundtrack: None,
+        label: None,
         width,
         height,
         bits,

@@ -49,7 +49,7 @@ impl Layers {
         let mut compositor = site.shot.compositor(gpu::gpu().clone());
         let done = composited(&mut compositor, site, settings.clone(), frame);
         let file = folder.path().join("layers.exr");
-        write_layers(&file, done.layer.as_ref().unwrap(), false).unwrap();
+        write_layers(&file, done.layer.as_ref().unwrap(), None, false).unwrap();
         let by_color = |name: &str| ["R", "G", "B"].map(|color| channel(&file, &format!("{name}.{color}")));
         let codes = |pixels: &locard::pixels::Pixels| pixels.codes.eight_bit().unwrap().to_vec();
         Self {

@@ -163,7 +163,7 @@ fn export_matches_the_shot_and_can_be_cancelled() {
     let video = temp.path().join("new/cut.mkv");
     let export = Export::new(31..40, OutPath::parse(&video).unwrap());
     assert!(matches!(export.run(&shot, &mut compositor, |_| false), Err(ExportError::Cancelled)));
-    assert_eq!(names(temp.path()), ["frames", "half"]);
+    assert_eq!(names(temp.path()), ["frames", "frames.record.json", "half"]);
 }
 
 // Slow: takes four photographs of the demonstration.

@@ -168,7 +168,7 @@ pub fn run(args: &Args) -> Result<()> {
     profile.set_geometry(&calibrated.geometry, &origin);
     write_atomically(&args.output, is_there, |file| file.write_all(profile.to_string().as_bytes()))?;
     if let Some(picture) = &args.residuals {
-        photograph::write(picture, &residuals(&calibrated), None, args.force)?;
+        photograph::write(picture, &residuals(&calibrated), None, None, args.force)?;
     }
     write!(std::io::stdout().lock(), "{calibrated}")?;
     Ok(())

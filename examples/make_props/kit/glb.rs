@@ -1,10 +1,10 @@
 //! A GLB file from shapes, materials and pictures (glTF 2.0, section 4.4).
 
-use image::{ExtendedColorType, ImageEncoder};
+use image::ImageEncoder;
 use serde_json::{Value, json};
 
-use crate::canvas::Canvas;
-use crate::shape::Shape;
+use super::canvas::Canvas;
+use super::shape::Shape;
 
 /// A prop: shapes, each with a material, and the pictures that materials name by their index.
 pub struct Prop {
@@ -45,7 +45,7 @@ impl Prop {
                 image::codecs::png::CompressionType::Best,
                 image::codecs::png::FilterType::Adaptive,
             )
-            .write_image(&picture.rgb, picture.width, picture.height, ExtendedColorType::Rgb8)?;
+            .write_image(&picture.texels(), picture.width, picture.height, picture.color_type())?;
             images.push(json!({ "bufferView": bin.view(&png), "mimeType": "image/png" }));
         }
         let textures: Vec<_> = (0..images.len()).map(|i| json!({ "source": i, "sampler": 0 })).collect();
@@ -79,6 +79,39 @@ impl Prop {
         }
         Ok(glb)
     }
+}
+
+/// A metal, of which the picture 0 modulates the roughness.
+pub fn metal(name: &str, color: [f32; 3], roughness: f32) -> Value {
+    json!({
+        "name": name,
+        "pbrMetallicRoughness": {
+            "baseColorFactor": [color[0], color[1], color[2], 1.0],
+            "metallicFactor": 1.0, "roughnessFactor": roughness,
+            "metallicRoughnessTexture": { "index": 0 },
+        },
+    })
+}
+
+/// A material of one colour, linear.
+pub fn plain(name: &str, color: [f32; 3], metallic: f32, roughness: f32) -> Value {
+    json!({
+        "name": name,
+        "pbrMetallicRoughness": {
+            "baseColorFactor": [color[0], color[1], color[2], 1.0],
+            "metallicFactor": metallic, "roughnessFactor": roughness,
+        },
+    })
+}
+
+/// A dielectric that shows the picture 0.
+pub fn printed(name: &str, roughness: f64) -> Value {
+    json!({
+        "name": name,
+        "pbrMetallicRoughness": {
+            "baseColorTexture": { "index": 0 }, "metallicFactor": 0.0, "roughnessFactor": roughness,
+        },
+    })
 }
 
 #[derive(Default)]

@@ -1,11 +1,10 @@
-//! A numbered evidence marker: a folded sheet of yellow plastic, 110 mm wide.
+//! Evidence markers with numbers and letters: a folded sheet of yellow plastic, 110 mm wide.
 
 use glam::{Vec2, Vec3, vec2, vec3};
-use serde_json::json;
 
-use crate::canvas::Canvas;
-use crate::glb::Prop;
-use crate::shape::Shape;
+use super::canvas::Canvas;
+use super::glb::{Prop, printed};
+use super::shape::Shape;
 
 const WIDTH_MM: f32 = 110.0;
 /// From the middle of the marker to the outside of a foot.
@@ -19,7 +18,54 @@ const FOLD_MM: f32 = 4.0;
 const YELLOW: [u8; 3] = [247, 203, 24];
 const BLACK: [u8; 3] = [22, 22, 22];
 
-pub fn marker(digit: u32) -> Prop {
+/// Cells of the sheet: columns across, and the positions of the rows, 0 to 1.
+struct Cells {
+    columns: u16,
+    /// From the front foot to the top.
+    front: Vec<f32>,
+    /// From the top to the back foot.
+    back: Vec<f32>,
+    /// From foot to foot.
+    whole: Vec<f32>,
+}
+
+impl Cells {
+    fn uniform(columns: u16, rows: u8) -> Self {
+        let even = |rows: u8| (0..=rows).map(|row| f32::from(row) / f32::from(rows)).collect::<Vec<_>>();
+        Self { columns, front: even(rows), back: even(rows), whole: even(2 * rows) }
+    }
+
+    /// The same surface as [`uniform`](Self::uniform) with 25 rows, without those in the flat
+    /// panels.
+    fn coarse() -> Self {
+        let front = vec![0.0, PANEL_SHARE, 0.84, 0.88, 0.92, 0.96, 1.0];
+        let back: Vec<f32> = front.iter().rev().map(|t| 1.0 - t).collect();
+        let whole = front.iter().map(|t| t / 2.0).chain(back[1..].iter().map(|t| 0.5 + t / 2.0)).collect();
+        Self { columns: 1, front, back, whole }
+    }
+}
+
+/// The position of the row at the share `t` of all rows.
+fn row_at(rows: &[f32], t: f32) -> f32 {
+    rows[(t * (rows.len() - 1) as f32).round() as usize]
+}
+
+/// Markers 1 to 9.
+pub fn numbered(digit: u32) -> Prop {
+    let mut canvas = sheet();
+    canvas.digit(BLACK, digit, label_middle(), 80.0, 13.0);
+    marker(canvas, &Cells::uniform(12, 25))
+}
+
+/// Markers with two digits or a letter.
+pub fn lettered(label: &str) -> Prop {
+    let mut canvas = sheet();
+    let size = if label.len() > 1 { [72.0, 11.5, 7.0] } else { [80.0, 13.0, 0.0] };
+    canvas.text(BLACK, label, label_middle(), size);
+    marker(canvas, &Cells::coarse())
+}
+
+fn marker(picture: Canvas, cells: &Cells) -> Prop {
     // The panel leans by `lean` from upright so that the fold's arc meets both sides smoothly.
     let lean = lean();
     let profile = |t: f32, inset: f32| -> (Vec2, Vec2) {
@@ -41,11 +87,11 @@ pub fn marker(digit: u32) -> Prop {
         (vec2(point.x * side, point.y.max(0.0)), vec2(way.x * side, way.y))
     };
     let mut shape = Shape::default();
-    let rows = 50; // the flat panels end on a row
     // Each side separately, since one picture would otherwise mirror the other.
-    for (from, side) in [(0.0, 1.0), (0.5, -1.0)] {
+    for (from, side, rows) in [(0.0, 1.0, &cells.front), (0.5, -1.0, &cells.back)] {
         for (inset, facing) in [(0.0, 1.0), (THICKNESS_MM, -1.0)] {
-            shape.grid(12, rows / 2, |s, t| {
+            shape.grid(cells.columns, rows.len() as u16 - 1, |s, t| {
+                let t = row_at(rows, t);
                 let (p, way) = profile((from + t / 2.0 + if side < 0.0 { 1e-6 } else { -1e-6 }).clamp(0.0, 1.0), inset);
                 let x = (s - 0.5) * WIDTH_MM;
                 let from_foot = if side > 0.0 { t } else { 1.0 - t };
@@ -57,27 +103,22 @@ pub fn marker(digit: u32) -> Prop {
         }
     }
     for x in [-1.0, 1.0] {
-        shape.grid(1, rows, |s, t| {
-            let (p, _) = profile(t, s * THICKNESS_MM);
+        shape.grid(1, cells.whole.len() as u16 - 1, |s, t| {
+            let (p, _) = profile(row_at(&cells.whole, t), s * THICKNESS_MM);
             (vec3(x * WIDTH_MM / 2.0, p.y, p.x), Vec3::X * x, vec2(0.02, 0.3))
         });
     }
     for t in [0.0, 1.0] {
-        shape.grid(12, 1, |s, inset| {
+        shape.grid(cells.columns, 1, |s, inset| {
             let (p, _) = profile(t, inset * THICKNESS_MM);
             (vec3((s - 0.5) * WIDTH_MM, 0.0, p.x), Vec3::NEG_Y, vec2(0.02, 0.3))
         });
     }
     Prop {
         name: "evidence marker",
-        pictures: vec![picture(digit)],
+        pictures: vec![picture],
         repeat: false,
-        materials: vec![json!({
-            "name": "yellow plastic",
-            "pbrMetallicRoughness": {
-                "baseColorTexture": { "index": 0 }, "metallicFactor": 0.0, "roughnessFactor": 0.42,
-            },
-        })],
+        materials: vec![printed("yellow plastic", 0.42)],
         shapes: vec![(shape, 0)],
     }
 }
@@ -96,13 +137,16 @@ fn lean() -> f32 {
     low
 }
 
-/// The texture of one panel: the digit, and a bar of centimetres above the foot. v is linear in the
-/// profile's parameter, so the panel's 112 mm take the picture's lower 0.8.
-fn picture(digit: u32) -> Canvas {
+/// Middle of the label in the picture, mm from the top left.
+fn label_middle() -> Vec2 {
+    vec2(WIDTH_MM / 2.0, PANEL_MM / PANEL_SHARE - PANEL_MM + 47.0)
+}
+
+/// The texture of one panel without its label: a bar of centimetres above the foot. v is linear in
+/// the profile's parameter, so the panel's 112 mm take the picture's lower 0.8.
+fn sheet() -> Canvas {
     let height = PANEL_MM / PANEL_SHARE;
     let mut canvas = Canvas::new(WIDTH_MM, height, 5.0, YELLOW);
-    let top = height - PANEL_MM;
-    canvas.digit(BLACK, digit, vec2(WIDTH_MM / 2.0, top + 47.0), 80.0, 13.0);
     let bar = height - 14.0;
     canvas.rectangle(BLACK, vec2(4.5, bar - 0.5), vec2(105.5, bar + 6.5));
     for cm in 0..10u8 {

@@ -3,30 +3,36 @@
 //! crosses to check perspective by. The sheet is 0.8 mm thick.
 
 use glam::{Vec2, Vec3, vec2, vec3};
-use serde_json::json;
 
-use crate::canvas::Canvas;
-use crate::glb::Prop;
-use crate::shape::Shape;
+use super::canvas::Canvas;
+use super::glb::{Prop, printed};
+use super::shape::Shape;
 
-const OUTER_MM: f32 = 105.0;
+/// Length of a leg outside.
+pub const OUTER_MM: f32 = 105.0;
 const LEG_MM: f32 = 25.0;
 const THICKNESS_MM: f32 = 0.8;
 
-const WHITE: [u8; 3] = [238, 238, 236];
-const BLACK: [u8; 3] = [20, 20, 20];
+pub const WHITE: [u8; 3] = [238, 238, 236];
+pub const BLACK: [u8; 3] = [20, 20, 20];
 
 /// Lies on y = 0, its outer corner at the front left; x and -z along the legs.
 pub fn l_scale() -> Prop {
+    l_sheet("L-scale", picture(), LEG_MM, THICKNESS_MM)
+}
+
+/// A printed L with legs of 105 mm and the given width, whose picture has a blank place in the
+/// inner square.
+pub fn l_sheet(name: &'static str, picture: Canvas, leg_mm: f32, thickness_mm: f32) -> Prop {
     let mut shape = Shape::default();
     // Maps a point of the drawing, from the top left, to the model, whose origin is the drawing's
     // middle.
     let place = |p: Vec2, y: f32| vec3(p.x - OUTER_MM / 2.0, y, p.y - OUTER_MM / 2.0);
-    let inner = OUTER_MM - LEG_MM;
+    let inner = OUTER_MM - leg_mm;
     let blank = vec2(0.6, 0.4); // inside the L, where nothing is drawn
-    let legs = [(vec2(0.0, 0.0), vec2(LEG_MM, inner), [5, 16]), (vec2(0.0, inner), vec2(OUTER_MM, OUTER_MM), [21, 5])];
+    let legs = [(vec2(0.0, 0.0), vec2(leg_mm, inner), [5, 16]), (vec2(0.0, inner), vec2(OUTER_MM, OUTER_MM), [21, 5])];
     for (low, high, [columns, rows]) in legs {
-        for (y, up) in [(THICKNESS_MM, Vec3::Y), (0.0, Vec3::NEG_Y)] {
+        for (y, up) in [(thickness_mm, Vec3::Y), (0.0, Vec3::NEG_Y)] {
             shape.grid(columns, rows, |s, t| {
                 let p = low + (high - low) * vec2(s, t);
                 (place(p, y), up, if up == Vec3::Y { p / OUTER_MM } else { blank })
@@ -38,25 +44,20 @@ pub fn l_scale() -> Prop {
         vec2(0.0, OUTER_MM),
         vec2(OUTER_MM, OUTER_MM),
         vec2(OUTER_MM, inner),
-        vec2(LEG_MM, inner),
-        vec2(LEG_MM, 0.0),
+        vec2(leg_mm, inner),
+        vec2(leg_mm, 0.0),
     ];
     for (i, &from) in outline.iter().enumerate() {
         let to = outline[(i + 1) % outline.len()];
         // The outline runs down the left side first, so the outside is on its right.
         let out = vec2(from.y - to.y, to.x - from.x);
-        shape.grid(16, 1, |s, t| (place(from + (to - from) * s, t * THICKNESS_MM), vec3(out.x, 0.0, out.y), blank));
+        shape.grid(16, 1, |s, t| (place(from + (to - from) * s, t * thickness_mm), vec3(out.x, 0.0, out.y), blank));
     }
     Prop {
-        name: "L-scale",
-        pictures: vec![picture()],
+        name,
+        pictures: vec![picture],
         repeat: false,
-        materials: vec![json!({
-            "name": "printed plastic",
-            "pbrMetallicRoughness": {
-                "baseColorTexture": { "index": 0 }, "metallicFactor": 0.0, "roughnessFactor": 0.55,
-            },
-        })],
+        materials: vec![printed("printed plastic", 0.55)],
         shapes: vec![(shape, 0)],
     }
 }
@@ -98,6 +99,7 @@ fn leg(canvas: &mut Canvas, place: &dyn Fn(f32, f32) -> Vec2) {
     }
 }
 
+/// A ring and a cross.
 fn circle(canvas: &mut Canvas, middle: Vec2) {
     canvas.ring(BLACK, middle, 4.2, 1.0);
     for half in [vec2(5.6, 0.15), vec2(0.15, 5.6)] {

@@ -37,6 +37,22 @@ impl Shape {
         }
     }
 
+    /// Adds a surface of `columns` by `rows` cells through the points `at`, mm. Its normals are
+    /// computed by finite differences and point away from `inside` of each point.
+    pub fn surface(&mut self, columns: u16, rows: u16, inside: impl Fn(Vec3) -> Vec3, at: impl Fn(f32, f32) -> Vec3) {
+        const STEP: f32 = 1e-3;
+        self.grid(columns, rows, |s, t| {
+            let p = at(s, t);
+            let low = |v: f32| (v - STEP).max(0.0);
+            let high = |v: f32| (v + STEP).min(1.0);
+            let normal = (at(high(s), t) - at(low(s), t)).cross(at(s, high(t)) - at(s, low(t)));
+            let out = p - inside(p);
+            // A pole has no direction of its own.
+            let normal = normal.try_normalize().unwrap_or(out);
+            (p, if normal.dot(out) < 0.0 { -normal } else { normal }, Vec2::ZERO)
+        });
+    }
+
     fn triangle(&mut self, mut corners: [u16; 3]) {
         let [a, b, c] = corners.map(|i| Vec3::from(self.positions[usize::from(i)]));
         let front = (b - a).cross(c - a);

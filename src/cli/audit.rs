@@ -1,0 +1,219 @@
+//! `locard audit`.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc;
+
+use anyhow::{Context, Result, bail};
+use clap::Parser;
+
+use super::{Cli, Command, composite, progress, warn};
+use locard_engine::gpu::Gpu;
+use locard_engine::provenance::audit::{
+    AuditSink, ForwardSink, RemadeFrame, RemadeOutcome, changed_inputs, changed_outputs, spread,
+};
+use locard_engine::provenance::{DeviceRecord, ProgramRecord, Record};
+use locard_engine::shot::AnalysisChoice;
+use locard_engine::sink::Sink;
+use locard_engine::text::count;
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// The output of `locard composite`: a folder of frames or a video, with its record beside it
+    output: PathBuf,
+    /// Make only so many of the frames again, spread evenly, as in 5 or 1%
+    #[arg(long, value_name = "N|N%", value_parser = sample)]
+    sample: Option<AuditSample>,
+    /// Only compare files with the record; make no frame again
+    #[arg(long, conflicts_with_all = ["sample", "within"])]
+    files_only: bool,
+    /// Accept frames that differ by up to N code values, as another graphics driver makes them
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    within: u32,
+    /// No progress bar, no warnings
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+/// How many frames are made again.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum AuditSample {
+    Frames(usize),
+    Percent(f64),
+}
+
+fn sample(text: &str) -> Result<AuditSample, String> {
+    let parsed = match text.trim().strip_suffix('%') {
+        Some(percent) => percent.trim().parse().ok().filter(|p| *p > 0.0 && *p <= 100.0).map(AuditSample::Percent),
+        None => text.trim().parse().ok().filter(|n| *n > 0).map(AuditSample::Frames),
+    };
+    parsed.ok_or_else(|| format!("{text} is refused: expected a number of frames, as in 5, or a share, as in 1%"))
+}
+
+impl AuditSample {
+    fn frames(self, of: usize) -> usize {
+        match self {
+            Self::Frames(frames) => frames.min(of),
+            Self::Percent(percent) => ((percent / 100.0 * of as f64).ceil() as usize).clamp(1, of.max(1)),
+        }
+    }
+}
+
+/// Longest list of files or frames in full.
+const MAX_LISTED: usize = 10;
+
+pub fn run(args: &Args) -> Result<()> {
+    let record = Record::read(&args.output)?;
+    // Paths in the record start at the folder of its command.
+    let output = std::path::absolute(&args.output)?;
+    if let Err(error) = std::env::set_current_dir(&record.work.command.folder) {
+        let folder = record.work.command.folder.display();
+        warn(args.quiet, &format!("{folder}: {error}; the recorded paths are read from the current folder"));
+    }
+    let all: Vec<usize> = record.pictures.iter().map(|picture| picture.frame).collect();
+    let frames: Vec<usize> = match args.sample {
+        Some(sample) => spread(sample.frames(all.len()), all.len()).into_iter().map(|at| all[at]).collect(),
+        None => all,
+    };
+    let program = ProgramRecord::current();
+    if program != record.work.program {
+        let ProgramRecord { name, version, build } = &record.work.program;
+        say(&format!(
+            "another build of the program: the output was made by {name} {version}, build {}, this is {}",
+            short(build),
+            short(&program.build)
+        ))?;
+    }
+    let mut problems = changed_inputs(&record, Path::new(""));
+    let inputs = problems.len();
+    say(&format!("inputs: {} of {} as recorded", record.work.inputs.len() - inputs, record.work.inputs.len()))?;
+    problems.extend(changed_outputs(&record, &output, &frames));
+    list(&problems)?;
+    if problems.len() == inputs {
+        say("output: as it was written")?;
+    }
+    let remade = if args.files_only { Vec::new() } else { remake(args, &record, &output, &frames)? };
+    let worst = conclude(&remade)?;
+    match worst {
+        _ if !problems.is_empty() => bail!(
+            "{}: {} not as recorded (listed above)",
+            args.output.display(),
+            count(problems.len(), "file") + if problems.len() == 1 { " is" } else { " are" }
+        ),
+        Some(codes) if codes > args.within => {
+            bail!("{}: frames made again differ from the recorded ones (listed above)", args.output.display())
+        }
+        _ => Ok(()),
+    }
+}
+
+/// The first digits of a digest.
+fn short(digest: &str) -> &str {
+    digest.get(..12).unwrap_or("unknown")
+}
+
+/// Prints a line of the result.
+fn say(text: &str) -> Result<()> {
+    Ok(writeln!(std::io::stdout(), "{}", locard_engine::text::shown(text))?)
+}
+
+fn list(lines: &[impl std::fmt::Display]) -> Result<()> {
+    lines.iter().take(MAX_LISTED).try_for_each(|line| say(&format!("  {line}")))?;
+    if lines.len() > MAX_LISTED {
+        say(&format!("  and {} more", lines.len() - MAX_LISTED))?;
+    }
+    Ok(())
+}
+
+/// Makes frames again by the recorded command.
+fn remake(args: &Args, record: &Record, output: &Path, frames: &[usize]) -> Result<Vec<RemadeFrame>> {
+    let arguments = std::iter::once("locard").chain(record.work.command.arguments.iter().map(String::as_str));
+    let Ok(Cli { command: Command::Composite(command) }) = Cli::try_parse_from(arguments) else {
+        bail!(
+            "the output was not made by `locard composite`, and its frames cannot be made again ({}); --files-only \
+             compares the files alone",
+            record.work.command.arguments.first().map_or("no command is recorded", String::as_str)
+        )
+    };
+    let analysis =
+        record.work.inputs.iter().find(|input| input.role == "analysis").and_then(|input| input.path.parent());
+    let analysis = analysis.map_or(AnalysisChoice::No, |folder| AnalysisChoice::At(folder.to_owned()));
+    let (shot, export) = composite::reopen(&command, analysis).context("the recorded command cannot be repeated")?;
+    let mut compositor = shot.compositor(Gpu::open()?);
+    let device = DeviceRecord::of(&compositor.gpu().info);
+    if device != record.work.device {
+        let of = |device: &DeviceRecord| format!("{}, {}", device.adapter, device.driver);
+        say(&format!("another device: the output was made on {}, this is {}", of(&record.work.device), of(&device)))?;
+    }
+    let (sender, finished) = mpsc::channel();
+    let mut sink: Box<dyn Sink + Send> = export.finishing(&shot, Box::new(ForwardSink(sender)));
+    let audit = AuditSink::new(record, output);
+    let bar = progress(args.quiet, frames.len());
+    let mut remade = Vec::with_capacity(frames.len());
+    for run in frames.chunk_by(|a, b| a + 1 == *b) {
+        let range = run[0]..run[run.len() - 1] + 1;
+        if range.end > shot.recording.frame_count() {
+            bail!("frame {}: the recording has {} now", range.end - 1, count(shot.recording.frame_count(), "frame"));
+        }
+        let composites = shot.frames(&mut compositor, range, false, locard_engine::compositor::IN_FLIGHT)?;
+        for composited in composites {
+            let composited = composited?;
+            sink.write(composited.frame, &composited.pixels)?;
+            remade.extend(finished.try_iter().map(|(frame, pixels)| audit.compare(frame, &pixels)));
+            bar.inc(1);
+        }
+    }
+    bar.finish_and_clear();
+    Ok(remade)
+}
+
+/// Prints the comparison. Returns the largest difference in code values, if any frame was made
+/// again.
+fn conclude(remade: &[RemadeFrame]) -> Result<Option<u32>> {
+    if remade.is_empty() {
+        return Ok(None);
+    }
+    let unequal: Vec<&RemadeFrame> = remade.iter().filter(|made| made.outcome != RemadeOutcome::Equal).collect();
+    say(&format!("frames: {} of {} made again are equal bit for bit", remade.len() - unequal.len(), remade.len()))?;
+    let line = |made: &&RemadeFrame| match &made.outcome {
+        RemadeOutcome::Equal => String::new(),
+        RemadeOutcome::Differs(by) => {
+            let b = by.bounds;
+            format!(
+                "frame {}: equal within {}; {} differ, 99 % of them within {}, in columns {}..{}, rows {}..{}",
+                made.frame,
+                count(by.max_codes as usize, "code"),
+                count(by.pixels, "pixel"),
+                count(by.p99_codes as usize, "code"),
+                b.x0,
+                b.x1,
+                b.y0,
+                b.y1
+            )
+        }
+        RemadeOutcome::Unequal(why) => format!("frame {}: not equal; {why}", made.frame),
+    };
+    list(&unequal.iter().map(line).collect::<Vec<_>>())?;
+    let codes = |made: &&RemadeFrame| match &made.outcome {
+        RemadeOutcome::Equal => 0,
+        RemadeOutcome::Differs(by) => by.max_codes,
+        RemadeOutcome::Unequal(_) => u32::MAX,
+    };
+    Ok(unequal.iter().map(codes).max().or(Some(0)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sample_is_a_number_or_a_share_of_frames() {
+        assert_eq!(sample("5"), Ok(AuditSample::Frames(5)));
+        assert_eq!(sample("1 %"), Ok(AuditSample::Percent(1.0)));
+        for text in ["0", "0%", "101%", "a", "-3", ""] {
+            assert!(sample(text).unwrap_err().contains("expected a number of frames"), "{text}");
+        }
+        assert_eq!(AuditSample::Percent(1.0).frames(250), 3);
+        assert_eq!((AuditSample::Percent(1.0).frames(3), AuditSample::Frames(9).frames(3)), (1, 3));
+    }
+}

@@ -1,0 +1,153 @@
+//! The provenance record of an export.
+
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc;
+
+use super::Export;
+use super::error::ExportError;
+use crate::gpu::Gpu;
+use crate::pixels::Pixels;
+use crate::provenance::{
+    InputDigests, MaskRecord, OutputKind, OutputRecord, PictureLines, PictureRecord, RECORD_VERSION, Record,
+    SettingsRecord, WorkRecord, file_digest, input_files, pixels_digest,
+};
+use crate::recording::Recording;
+use crate::shot::Shot;
+use crate::sink::folder::frame_name;
+use crate::sink::{OutPath, Sink, SinkError, SinkOptions, VideoCodec, default_codec};
+
+impl Export {
+    /// The output that gets a record: a folder or a video, not a stream.
+    pub(super) fn recorded_output(&self) -> Option<&Path> {
+        match &self.out {
+            OutPath::Folder(path) | OutPath::Video(path) if self.recorded => Some(path),
+            _ => None,
+        }
+    }
+
+    /// The settings of a shot with those of this export.
+    pub fn settings_record(&self, shot: &Shot) -> SettingsRecord {
+        let mut settings = SettingsRecord::of(shot);
+        settings.sdr = self.sdr;
+        settings.mark.clone_from(&self.mark);
+        settings.unlabelled = !self.labelled;
+        settings
+    }
+
+    fn codec_name(&self, bits: u32) -> &'static str {
+        match (&self.out, self.lossless, self.codec) {
+            (OutPath::Video(_), true, _) if bits == 16 => "ffv1",
+            (OutPath::Video(_), true, _) => "h264rgb",
+            (OutPath::Video(path), false, codec) => match codec.unwrap_or_else(|| default_codec(path)) {
+                VideoCodec::H264 => "h264",
+                VideoCodec::Hevc => "hevc",
+                VideoCodec::ProRes => "prores",
+            },
+            _ => "png",
+        }
+    }
+}
+
+/// A record in the making. The inputs are digested while frames are composited.
+pub struct RecordDraft {
+    output: PathBuf,
+    record: Record,
+    inputs: InputDigests,
+}
+
+impl RecordDraft {
+    /// The draft of an export, unless it has no record.
+    pub fn begin(export: &Export, shot: &Shot, gpu: &Gpu, options: &SinkOptions) -> Result<Option<Self>, ExportError> {
+        let Some(output) = export.recorded_output() else { return Ok(None) };
+        let Recording { width, height, .. } = *shot.recording;
+        let record = Record {
+            version: RECORD_VERSION,
+            work: WorkRecord { settings: export.settings_record(shot), ..WorkRecord::begun(shot, &gpu.info) },
+            range: [export.range.start, export.range.end],
+            output: OutputRecord {
+                kind: if matches!(export.out, OutPath::Video(_)) { OutputKind::Video } else { OutputKind::Frames },
+                path: output.to_owned(),
+                width,
+                height,
+                bits: options.bits,
+                codec: export.codec_name(options.bits).to_owned(),
+                fps: options.fps,
+                sha256: None,
+            },
+            pictures: Vec::new(),
+        };
+        let inputs = InputDigests::start(input_files(shot)).map_err(|source| ExportError::Thread { source })?;
+        Ok(Some(Self { output: output.to_owned(), record, inputs }))
+    }
+
+    /// Writes the record of the finished output. The pictures of earlier parts of the same work in
+    /// the same folder are kept.
+    pub fn finish(mut self, mut pictures: PictureLines) -> Result<(), ExportError> {
+        let unread = |(path, source)| ExportError::Sink(SinkError::Read { path, source });
+        self.record.work.inputs = self.inputs.finish().map_err(unread)?;
+        match self.record.output.kind {
+            OutputKind::Video => {
+                let digest = file_digest(&self.output);
+                let digest = digest.map_err(|source| SinkError::Write { path: self.output.clone(), source })?;
+                self.record.output.sha256 = Some(digest.sha256);
+            }
+            OutputKind::Frames => {
+                if let Ok(earlier) = Record::read(&self.output)
+                    && earlier.is_same_work(&self.record)
+                {
+                    let path = self.output.clone();
+                    self.record.pictures = pictures.read().map_err(|source| SinkError::Write { path, source })?;
+                    self.record.add_pictures(earlier);
+                    return Ok(self.record.write(&self.output)?);
+                }
+            }
+        }
+        Ok(self.record.write_with_pictures(&self.output, pictures)?)
+    }
+}
+
+/// Digests the pictures on their way into a sink.
+pub struct DigestSink {
+    digests: mpsc::Sender<String>,
+    inner: Box<dyn Sink + Send>,
+}
+
+/// Lists the written pictures with the digests that its sink computes.
+pub struct PictureList {
+    digests: mpsc::Receiver<String>,
+    has_files: bool,
+    lines: PictureLines,
+}
+
+impl PictureList {
+    /// A sink in front of `inner`, and the list of its pictures. `has_files`: the sink names files
+    /// by the frame.
+    pub fn new(inner: Box<dyn Sink + Send>, has_files: bool) -> (DigestSink, Self) {
+        let (sender, digests) = mpsc::channel();
+        (DigestSink { digests: sender, inner }, Self { digests, has_files, lines: PictureLines::default() })
+    }
+
+    /// Adds the picture that was written last.
+    pub fn add(&mut self, frame: usize, rect_px: Option<[i32; 4]>, mask: Option<MaskRecord>) -> io::Result<()> {
+        let Ok(pixels_sha256) = self.digests.try_recv() else { return Ok(()) };
+        let file = self.has_files.then(|| frame_name(frame));
+        self.lines.push(&PictureRecord { frame, file, pixels_sha256, rect_px, mask })
+    }
+
+    pub fn into_lines(self) -> PictureLines {
+        self.lines
+    }
+}
+
+impl Sink for DigestSink {
+    fn write(&mut self, frame_index: usize, pixels: &Pixels) -> Result<(), SinkError> {
+        // The list is only dropped with the sink.
+        let _ = self.digests.send(pixels_digest(pixels));
+        self.inner.write(frame_index, pixels)
+    }
+
+    fn finish(self: Box<Self>) -> Result<(), SinkError> {
+        self.inner.finish()
+    }
+}

@@ -1,0 +1,219 @@
+//! Audit of an output: its inputs and files against its record, and its frames made again.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc;
+
+use super::digests::{file_digest, pixels_digest};
+use super::pictures::{PictureDifference, difference, read_picture};
+use super::record::{OutputKind, Record};
+use crate::pixels::Pixels;
+use crate::sink::{Sink, SinkError};
+use crate::text::reason;
+
+/// An input or an output file that is not the recorded one.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ChangedFile {
+    pub path: PathBuf,
+    /// Role of an input; `output` of a written file.
+    pub role: String,
+    pub problem: String,
+}
+
+impl std::fmt::Display for ChangedFile {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} ({}): {}", self.path.display(), self.role, self.problem)
+    }
+}
+
+/// Inputs that differ from the recorded ones. Relative paths start at `folder`.
+pub fn changed_inputs(record: &Record, folder: &Path) -> Vec<ChangedFile> {
+    let change = |input: &super::InputRecord| {
+        let problem = match file_digest(&folder.join(&input.path)) {
+            Ok(digest) if digest.sha256 == input.sha256 => return None,
+            Ok(digest) if digest.bytes != input.bytes => {
+                format!("has changed: {} bytes, {} were read", digest.bytes, input.bytes)
+            }
+            Ok(_) => "has changed: other contents of the same length".to_owned(),
+            Err(error) => format!("cannot be read: {}", reason(&error)),
+        };
+        Some(ChangedFile { path: input.path.clone(), role: input.role.clone(), problem })
+    };
+    record.work.inputs.iter().filter_map(change).collect()
+}
+
+/// Files of the output that differ from the recorded ones: a video as a whole, of a folder the
+/// pictures of these frames.
+pub fn changed_outputs(record: &Record, output: &Path, frames: &[usize]) -> Vec<ChangedFile> {
+    let changed = |path: PathBuf, problem: String| ChangedFile { path, role: "output".to_owned(), problem };
+    if record.output.kind == OutputKind::Video {
+        let problem = match file_digest(output) {
+            Ok(digest) if Some(&digest.sha256) == record.output.sha256.as_ref() => return Vec::new(),
+            Ok(_) => "has changed since it was written".to_owned(),
+            Err(error) => format!("cannot be read: {}", reason(&error)),
+        };
+        return vec![changed(output.to_owned(), problem)];
+    }
+    let wanted = record.pictures.iter().enumerate().filter(|(_, picture)| frames.binary_search(&picture.frame).is_ok());
+    let change = |(number, picture): (usize, &super::PictureRecord)| {
+        let file = output.join(picture.file.as_deref().unwrap_or_default());
+        match read_picture(output, &record.output, picture.file.as_deref(), number) {
+            Ok(pixels) if pixels_digest(&pixels) == picture.pixels_sha256 => None,
+            Ok(_) => Some(changed(file, "its pixels have changed since it was written".to_owned())),
+            Err(error) => Some(changed(file, error.to_string())),
+        }
+    };
+    wanted.filter_map(change).collect()
+}
+
+/// A frame that was made again.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RemadeFrame {
+    pub frame: usize,
+    pub outcome: RemadeOutcome,
+}
+
+/// How a frame that was made again compares with the written one.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum RemadeOutcome {
+    /// Bit for bit.
+    Equal,
+    Differs(PictureDifference),
+    /// Not equal, by an unknown difference, for this reason.
+    Unequal(String),
+}
+
+/// Compares frames that are made again with a record. Writes nothing.
+pub struct AuditSink<'a> {
+    record: &'a Record,
+    output: &'a Path,
+    /// Position of each frame in the record.
+    position: HashMap<usize, usize>,
+}
+
+impl<'a> AuditSink<'a> {
+    pub fn new(record: &'a Record, output: &'a Path) -> Self {
+        let position = record.pictures.iter().enumerate().map(|(number, picture)| (picture.frame, number)).collect();
+        Self { record, output, position }
+    }
+
+    /// Compares one frame.
+    pub fn compare(&self, frame: usize, pixels: &Pixels) -> RemadeFrame {
+        let outcome = match self.position.get(&frame) {
+            None => RemadeOutcome::Unequal("it is not in the record".to_owned()),
+            Some(number) => self.outcome(*number, pixels),
+        };
+        RemadeFrame { frame, outcome }
+    }
+
+    fn outcome(&self, number: usize, pixels: &Pixels) -> RemadeOutcome {
+        let picture = &self.record.pictures[number];
+        if pixels_digest(pixels) == picture.pixels_sha256 {
+            return RemadeOutcome::Equal;
+        }
+        if !self.record.output.is_lossless() {
+            let codec = &self.record.output.codec;
+            return RemadeOutcome::Unequal(format!("{codec} is lossy, so the written codes are not stored"));
+        }
+        match read_picture(self.output, &self.record.output, picture.file.as_deref(), number) {
+            Ok(stored) if pixels_digest(&stored) != picture.pixels_sha256 => {
+                RemadeOutcome::Unequal("the stored picture is not the recorded one".to_owned())
+            }
+            Ok(stored) => match difference(pixels, &stored) {
+                Ok(Some(difference)) => RemadeOutcome::Differs(difference),
+                Ok(None) => RemadeOutcome::Equal,
+                Err(sizes) => RemadeOutcome::Unequal(format!("its sizes differ: {sizes}")),
+            },
+            Err(error) => RemadeOutcome::Unequal(error.to_string()),
+        }
+    }
+}
+
+/// Passes on the pictures that reach it.
+pub struct ForwardSink(pub mpsc::Sender<(usize, Pixels)>);
+
+impl Sink for ForwardSink {
+    fn write(&mut self, frame_index: usize, pixels: &Pixels) -> Result<(), SinkError> {
+        // The receiver lives as long as the sink is written to.
+        let _ = self.0.send((frame_index, pixels.clone()));
+        Ok(())
+    }
+
+    fn finish(self: Box<Self>) -> Result<(), SinkError> {
+        Ok(())
+    }
+}
+
+/// Positions of `count` frames spread evenly over `of`, with the first and, from two on, the last.
+pub fn spread(count: usize, of: usize) -> Vec<usize> {
+    let count = count.clamp(1, of.max(1)).min(of);
+    let last = count.saturating_sub(1).max(1);
+    (0..count).map(|i| (i * (of - 1) + last / 2) / last).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::record::tests::record;
+    use super::*;
+    use crate::pixels::Rect;
+    use crate::sink::folder::write_frame;
+
+    #[test]
+    fn spread_covers_both_ends_evenly() {
+        assert_eq!(spread(1, 9), [0]);
+        assert_eq!(spread(3, 9), [0, 4, 8]);
+        assert_eq!(spread(20, 4), [0, 1, 2, 3]);
+        assert_eq!(spread(2, 2), [0, 1]);
+        assert!(spread(3, 0).is_empty());
+    }
+
+    #[test]
+    fn changed_missing_and_equal_inputs_are_told_apart() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut record = record();
+        let write = |text: &str| std::fs::write(folder.path().join("s.toml"), text).unwrap();
+        write("abc");
+        record.work.inputs[0].sha256 = file_digest(&folder.path().join("s.toml")).unwrap().sha256;
+        assert_eq!(changed_inputs(&record, folder.path()), []);
+        write("xyz");
+        let text = changed_inputs(&record, folder.path())[0].to_string();
+        assert_eq!(text, "s.toml (scene): has changed: other contents of the same length");
+        write("abcd");
+        let text = changed_inputs(&record, folder.path())[0].to_string();
+        assert_eq!(text, "s.toml (scene): has changed: 4 bytes, 3 were read");
+        std::fs::remove_file(folder.path().join("s.toml")).unwrap();
+        assert!(changed_inputs(&record, folder.path())[0].problem.contains("no such file"));
+    }
+
+    #[test]
+    fn pictures_of_an_output_are_compared_with_the_record_and_with_frames_made_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut record = record();
+        let written = Pixels::from_u8(8, 6, vec![100; 144]).unwrap();
+        for picture in &mut record.pictures {
+            let path = folder.path().join(picture.file.as_deref().unwrap());
+            write_frame(&path, &written, None, None, false).unwrap();
+            picture.pixels_sha256 = pixels_digest(&written);
+        }
+        assert_eq!(changed_outputs(&record, folder.path(), &[4, 5]), []);
+        let audit = AuditSink::new(&record, folder.path());
+        assert_eq!(audit.compare(4, &written).outcome, RemadeOutcome::Equal);
+        let mut codes = vec![100; 144];
+        codes[3] = 102;
+        let other = Pixels::from_u8(8, 6, codes).unwrap();
+        let expected = PictureDifference { max_codes: 2, p99_codes: 2, pixels: 1, bounds: Rect::new(1, 0, 2, 1) };
+        assert_eq!(audit.compare(4, &other).outcome, RemadeOutcome::Differs(expected));
+        assert!(matches!(audit.compare(9, &other).outcome, RemadeOutcome::Unequal(_)));
+        // Somebody retouches a picture.
+        let file = folder.path().join("frame_000005.png");
+        write_frame(&file, &other, None, None, true).unwrap();
+        let changed = changed_outputs(&record, folder.path(), &[4, 5]);
+        assert_eq!(changed.len(), 1);
+        assert!(
+            changed[0].to_string().ends_with("frame_000005.png (output): its pixels have changed since it was written")
+        );
+        assert_eq!(changed_outputs(&record, folder.path(), &[4]), [], "a sample without it");
+        let retouched = audit.compare(5, &other).outcome;
+        assert_eq!(retouched, RemadeOutcome::Unequal("the stored picture is not the recorded one".to_owned()));
+    }
+}

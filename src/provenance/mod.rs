@@ -1,0 +1,24 @@
+//! Provenance records: a JSON file beside an output with everything that it takes to make the
+//! output again, and the digests of all files that were read and written.
+//!
+//! The record of `out` is `out.record.json`, that of `clip.mp4` is `clip.mp4.record.json`. Digests
+//! are SHA-256 in hexadecimal, as `sha256sum` prints them. A picture's digest is that of its code
+//! values as they are stored: R, G, B, row by row, 16-bit codes in little-endian order. It does not
+//! depend on a picture format; `ffmpeg -i FRAME -f rawvideo -pix_fmt rgb24 - | sha256sum` gives the
+//! same.
+//!
+//! A record is not signed: it is evidence only as far as its source is trusted.
+
+pub mod audit;
+mod digests;
+mod mask;
+mod pictures;
+mod record;
+
+pub use digests::{DigestedFile, InputDigests, file_digest, input_files, pixels_digest};
+pub use mask::{FrameMask, MaskRecord, RunLengths};
+pub use pictures::{PictureDifference, StoredPictureError, difference, read_picture};
+pub use record::{
+    CommandRecord, DeviceRecord, InputRecord, OutputKind, OutputRecord, PictureLines, PictureRecord, ProgramRecord,
+    ProvenanceError, RECORD_ENDING, RECORD_VERSION, Record, SettingsRecord, WorkRecord, record_path,
+};

@@ -1,0 +1,175 @@
+//! Labels, masks and records of outputs, and their audit.
+
+use std::path::Path;
+use std::process::Command;
+
+use crate::program::{locard, refused, stdout_of};
+use locard::provenance::{OutputKind, Record, file_digest, record_path};
+use locard::source::still;
+use serde_json::Value;
+
+const SOURCE_TYPE: &str = "http://cv.iptc.org/newscodes/digitalsourcetype/compositeSynthetic";
+
+/// `locard composite` of frames of the demonstration without shadows.
+fn composite(frames: &str, output: &Path, more: &[&str]) {
+    let output = output.to_str().unwrap();
+    let arguments = ["composite", "recordings/demo", "--scene", "scenes/demo.toml", "--set", "shadow.cast=false"];
+    let arguments = [&arguments[..], &["--frames", frames, "-q", "-o", output], more].concat();
+    let done = locard(&arguments);
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+}
+
+fn contains(file: &Path, text: &str) -> bool {
+    std::fs::read(file).unwrap().windows(text.len()).any(|window| window == text.as_bytes())
+}
+
+/// ffprobe's metadata of a video, with its XMP.
+fn metadata(video: &Path) -> String {
+    let options =
+        ["-v", "error", "-show_entries", "format_tags", "-export_xmp", "1", "-of", "default=noprint_wrappers=1"];
+    let done = Command::new("ffprobe").args(options).arg(video).output().unwrap();
+    String::from_utf8_lossy(&done.stdout).into_owned()
+}
+
+#[test]
+fn every_output_is_labelled_unless_asked_otherwise() {
+    let temp = tempfile::tempdir().unwrap();
+    let at = |name: &str| temp.path().join(name);
+    composite("40..41", &at("frames"), &["--layers", at("layers").to_str().unwrap()]);
+    for file in ["frames/frame_000040.png", "layers/layer_000040.exr"] {
+        assert!(contains(&at(file), SOURCE_TYPE) && contains(&at(file), "locard:frame=\"40\""), "{file}");
+        assert!(contains(&at(file), "locard:recording=\"demo\""), "{file}");
+    }
+    for name in ["a.mp4", "a.mkv", "a.mov"] {
+        composite("40..41", &at(name), &[]);
+        assert!(metadata(&at(name)).contains("Composite with synthetic elements"), "{name}");
+        assert!(contains(&at(name), SOURCE_TYPE), "{name}");
+    }
+    assert!(metadata(&at("a.mkv")).contains(&format!("DIGITAL_SOURCE_TYPE={SOURCE_TYPE}")));
+    let photo = at("a.jpg");
+    let arguments = ["photo", "recordings/demo", "--frame", "40", "--scene", "scenes/demo.toml", "--lux", "300"];
+    let arguments = [&arguments[..], &["--width", "160", "-q", "-o", photo.to_str().unwrap()]].concat();
+    assert!(locard(&arguments).status.success());
+    assert!(contains(&photo, SOURCE_TYPE));
+    let rendering = at("a.png");
+    let arguments = ["render", "scenes/marker-1.glb", "--size", "32x32", "-q", "-o", rendering.to_str().unwrap()];
+    assert!(locard(&arguments).status.success());
+    assert!(contains(&rendering, "digitalsourcetype/digitalCreation"));
+
+    let bare = at("bare");
+    let arguments = ["composite", "recordings/demo", "--scene", "scenes/demo.toml", "--frames", "40..41", "-q"];
+    let done = locard(&[&arguments[..], &["--unlabelled", "-o", bare.to_str().unwrap()]].concat());
+    let text = String::from_utf8_lossy(&done.stderr);
+    assert!(done.status.success() && text.contains("does not state its digital source type"), "{text}");
+    assert!(!contains(&bare.join("frame_000040.png"), "compositeSynthetic"));
+}
+
+#[test]
+fn mark_changes_the_corner_alone_and_masks_cover_all_other_changes() {
+    let temp = tempfile::tempdir().unwrap();
+    let at = |name: &str| temp.path().join(name);
+    composite("40..41", &at("plain"), &["--masks", at("masks").to_str().unwrap()]);
+    composite("40..41", &at("marked"), &["--mark"]);
+    let read = |path: &str| image::open(at(path)).unwrap().to_rgb8();
+    let (plain, marked) = (read("plain/frame_000040.png"), read("marked/frame_000040.png"));
+    let footage = still::read_pixels(Path::new("recordings/demo/rgb/00040.jpg")).unwrap();
+    let differing = plain.enumerate_pixels().zip(marked.pixels()).filter(|((.., a), b)| a != b);
+    let rows: Vec<u32> = differing.map(|((_, y, _), _)| y).collect();
+    // The plate is 0.045 of 480 rows high.
+    assert!(rows.len() > 1000 && rows.iter().all(|y| *y >= 480 - 22), "{} {:?}", rows.len(), rows.iter().min());
+    let record = Record::read(&at("plain")).unwrap();
+    let picture = &record.pictures[0];
+    let mask = picture.mask.as_ref().unwrap();
+    let drawn = read("masks/mask_000040.png");
+    let reds = drawn.pixels().filter(|pixel| pixel.0[0] == 255).count() as u64;
+    assert_eq!(mask.synthetic.area_px(), reds);
+    assert!(reds > 500, "{reds}");
+    for ((x, y, composite), mask) in plain.enumerate_pixels().zip(drawn.pixels()) {
+        assert!(footage.at(x, y) == composite.0.map(u32::from) || mask.0 != [0; 3], "{x}, {y}");
+    }
+}
+
+#[test]
+fn record_lists_inputs_settings_and_pictures() {
+    let temp = tempfile::tempdir().unwrap();
+    let output = temp.path().join("frames");
+    composite("40..42", &output, &["--set", "noise.scale=1.5", "--seed", "7", "--without", "halation"]);
+    let record = Record::read(&output).unwrap();
+    assert_eq!((record.work.seed, record.range, record.output.kind), (7, [40, 42], OutputKind::Frames));
+    assert_eq!(record.work.command.arguments[0], "composite");
+    assert_eq!(record.work.settings.without, ["halation"]);
+    let scale = serde_json::to_value(&record.work.settings.parameters["noise"]["scale"]).unwrap();
+    assert_eq!(scale, Value::from(1.5));
+    for (role, name) in [("recording", "recording.toml"), ("scene", "demo.toml"), ("scene", "marker-1.glb")] {
+        let input = record.work.inputs.iter().find(|input| input.path.ends_with(name)).unwrap();
+        assert_eq!(input.role, role, "{name}");
+        let digest = file_digest(&input.path).unwrap();
+        assert_eq!((input.bytes, &input.sha256), (digest.bytes, &digest.sha256), "{name}");
+    }
+    assert_eq!(record.pictures.iter().map(|picture| picture.frame).collect::<Vec<_>>(), [40, 41]);
+    // Another range into the same folder is added.
+    composite("42..43", &output, &["--set", "noise.scale=1.5", "--seed", "7", "--without", "halation", "--force"]);
+    let joined = Record::read(&output).unwrap();
+    assert_eq!((joined.range, joined.pictures.len()), ([40, 43], 3));
+    assert_eq!(joined.pictures[..2], record.pictures);
+    let bare = temp.path().join("bare");
+    composite("40..41", &bare, &["--no-record"]);
+    assert!(!record_path(&bare).exists());
+}
+
+#[test]
+fn audit_passes_the_output_as_made_and_names_each_change() {
+    let temp = tempfile::tempdir().unwrap();
+    let at = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
+    std::fs::copy("scenes/demo.toml", at("scene.toml")).unwrap();
+    let text = std::fs::read_to_string(at("scene.toml")).unwrap();
+    let scenes = std::path::absolute("scenes").unwrap();
+    let text = text.replace("model = \"", &format!("model = \"{}/", scenes.display()));
+    let text = text.replace("environment = \"", &format!("environment = \"{}/", scenes.display()));
+    std::fs::write(at("scene.toml"), &text).unwrap();
+    let (scene, output) = (at("scene.toml"), at("frames"));
+    let arguments = ["composite", "recordings/demo", "--scene", &scene, "--frames", "40..43", "--mark", "Training"];
+    let arguments = [&arguments[..], &["--set", "shadow.cast=false", "-q", "-o", &output]].concat();
+    assert!(locard(&arguments).status.success());
+    // The first and the last of three.
+    let passed = stdout_of(&["audit", "-q", &output, "--sample", "2"]);
+    assert!(passed.contains("frames: 2 of 2 made again are equal bit for bit"), "{passed}");
+    // Another scene.
+    std::fs::write(&scene, text.replacen("version = 1", "version = 1 # touched", 1)).unwrap();
+    let error = refused(&["audit", "-q", &output, "--files-only"]);
+    assert!(error.contains("1 file is not as recorded"), "{error}");
+    std::fs::write(&scene, &text).unwrap();
+    // A picture retouched in one pixel.
+    let file = Path::new(&output).join("frame_000041.png");
+    let mut picture = image::open(&file).unwrap().to_rgb8();
+    picture.get_pixel_mut(5, 7).0[1] ^= 1;
+    picture.save(&file).unwrap();
+    let done = locard(&["audit", "-q", &output, "--files-only"]);
+    let listed = String::from_utf8_lossy(&done.stdout).into_owned();
+    assert!(!done.status.success());
+    assert!(listed.contains("frame_000041.png (output): its pixels have changed since it was written"), "{listed}");
+    // A record of another noise: the differences of the frames are listed.
+    let mut record = Record::read(Path::new(&output)).unwrap();
+    record.work.command.arguments.extend(["--seed".to_owned(), "3".to_owned()]);
+    record.write(Path::new(&output)).unwrap();
+    let done = locard(&["audit", "-q", &output, "--sample", "1"]);
+    let listed = String::from_utf8_lossy(&done.stdout).into_owned();
+    assert!(!done.status.success() && listed.contains("frame 40: equal within "), "{listed}");
+}
+
+#[test]
+fn audit_of_a_video_or_without_a_record_explains_itself() {
+    let temp = tempfile::tempdir().unwrap();
+    let video = temp.path().join("a.mkv");
+    let path = video.to_str().unwrap();
+    composite("40..42", &video, &["--lossless"]);
+    let passed = stdout_of(&["audit", "-q", path]);
+    assert!(passed.contains("output: as it was written") && passed.contains("2 of 2 made again"), "{passed}");
+    let mut bytes = std::fs::read(&video).unwrap();
+    *bytes.last_mut().unwrap() ^= 1;
+    std::fs::write(&video, bytes).unwrap();
+    let done = locard(&["audit", "-q", path, "--files-only"]);
+    assert!(String::from_utf8_lossy(&done.stdout).contains("a.mkv (output): has changed since it was written"));
+    std::fs::remove_file(record_path(&video)).unwrap();
+    assert!(refused(&["audit", path]).contains("an output without a record cannot be checked"));
+}
