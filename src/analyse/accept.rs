@@ -8,7 +8,7 @@ use crate::calibrate::sharpness::PARAMETER;
 use crate::camera::{CameraExposure, Intrinsics};
 use crate::effects::point_spread::sigma_for_measured_px;
 use crate::params::Params;
-use crate::profile::Document;
+use crate::profile::ProfileFile;
 use crate::text::count;
 
 /// Resolution of written values, finer than their uncertainty: units per second, and per pixel.
@@ -35,7 +35,7 @@ pub enum Outcome {
 }
 
 /// Writes an analysis's estimates of the camera into its profile.
-pub fn accept(findings: &Findings, profile: &mut Document) -> Vec<Accepted> {
+pub fn accept(findings: &Findings, profile: &mut ProfileFile) -> Vec<Accepted> {
     let (intrinsics, exposure) = (Intrinsics::default(), CameraExposure::default());
     let time_s = match profile.number(exposure.table(), SHUTTER_ANGLE) {
         Some(_) => Err(format!("the profile has {SHUTTER_ANGLE}, which takes precedence")),
@@ -130,7 +130,7 @@ mod tests {
     }
 
     fn taken(findings: &Findings, text: &str) -> (Vec<String>, String) {
-        let mut profile = Document::parse(text, Path::new("p.toml")).unwrap();
+        let mut profile = ProfileFile::parse(text, Path::new("p.toml")).unwrap();
         let outcomes = accept(findings, &mut profile).into_iter().map(|accepted| match accepted.outcome {
             Outcome::Written { before, after } => format!("{} {before:?} {after}", accepted.key),
             Outcome::Kept(why) => format!("{} stays: {why}", accepted.key),
@@ -154,7 +154,7 @@ mod tests {
         let expected = text.replace("0.02 ", "0.02665 ").replace("= 1 # by eye", "= 0.6 # by eye");
         assert!(written.starts_with(&expected[..60]) && written.contains("sigma_px = 0.6 # by eye\n"), "{written}");
         assert!(written.contains("[camera.exposure]\ntime_s = 0.01944\n"), "{written}");
-        Document::parse(&written, Path::new("p.toml")).unwrap();
+        ProfileFile::parse(&written, Path::new("p.toml")).unwrap();
     }
 
     #[test]

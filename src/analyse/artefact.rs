@@ -12,7 +12,7 @@ use super::dependencies::Dependencies;
 use super::findings::{Findings, GainFindings, PoseFindings, SharpnessFindings, ShutterFindings, SurfelFindings, Tone};
 use super::inputs;
 use super::light::RoomLight;
-use super::light_findings::{Environment, LightFindings};
+use super::light_findings::{EnvironmentFit, LightFindings};
 use super::noise_example_findings::{NoiseExampleFile, NoiseExamples};
 use super::noise_findings::NoiseFindings;
 use super::recorded_motion::{RecordedMotion, moves_as_recorded};
@@ -69,7 +69,7 @@ pub struct Analysis {
     /// Residuals of the held-out links. Empty if there are none.
     pub held_out: Vec<HeldOutResidual>,
     /// Panorama of the room's light without its lamps; `None` if unknown.
-    pub environment: Option<Environment>,
+    pub environment: Option<EnvironmentFit>,
     /// Surfels fused from all depth maps; `None` without a depth sensor, or if the poses were
     /// refused.
     pub surfels: Option<SurfelMap>,
@@ -166,7 +166,7 @@ impl Analysis {
         } else {
             Vec::new()
         };
-        let environment = light.as_ref().ok().and_then(|light| Environment::of(&light.panorama));
+        let environment = light.as_ref().ok().and_then(|light| EnvironmentFit::of(&light.panorama));
         let nominal_interval_s = (!recording.kind.has_times()).then_some(recording.frame_interval_s);
         let findings = Findings {
             version: VERSION,
@@ -258,7 +258,7 @@ impl Analysis {
                 light.check().map_err(|problem| content(&path, problem))?;
                 let path = folder.join(ENVIRONMENT);
                 let fingerprint = light.panorama.as_deref().unwrap_or_default();
-                Some(Environment::read(&path, fingerprint).map_err(|problem| content(&path, problem))?)
+                Some(EnvironmentFit::read(&path, fingerprint).map_err(|problem| content(&path, problem))?)
             }
             None => None,
         };

@@ -72,7 +72,7 @@ fn short<const N: usize>(values: [f64; N]) -> [f64; N] {
 }
 
 impl LightFindings {
-    pub fn of(result: &Result<RoomLight, String>, around: Option<&Environment>) -> Self {
+    pub fn of(result: &Result<RoomLight, String>, around: Option<&EnvironmentFit>) -> Self {
         let light = result.as_ref().ok();
         let [coverage, coverage_above] =
             [|l: &RoomLight| l.coverage, |l: &RoomLight| l.coverage_above].map(|of| light.map(|l| short([of(l)])[0]));
@@ -97,7 +97,7 @@ impl LightFindings {
             halves_deg: light.and_then(|light| light.halves_deg).map(|deg| short([deg])[0]),
             no_lamp: light.and_then(|light| light.no_lamp.clone()),
             no_panorama: light.and_then(|light| light.no_panorama.clone()),
-            panorama: around.map(Environment::fingerprint),
+            panorama: around.map(EnvironmentFit::fingerprint),
             lamps: light.map_or(Vec::new(), |light| light.lamps.iter().map(lamp).collect()),
         }
     }
@@ -119,7 +119,7 @@ impl LightFindings {
     }
 
     /// The lighting of a scene with the panorama; `None` without a valid up.
-    pub fn lighting(&self, around: &Environment) -> Option<Lighting> {
+    pub fn lighting(&self, around: &EnvironmentFit) -> Option<Lighting> {
         let up = DVec3::from(self.up?).try_normalize()?;
         let map_from_world = world_from_panorama(up).conjugate().as_quat().normalize();
         let point = |lamp: &LampEstimate| PointLight {
@@ -190,7 +190,7 @@ impl LightFindings {
 
 /// A panorama with the precision of its file: eight bits per value and a common exponent.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Environment {
+pub struct EnvironmentFit {
     pub width: u32,
     pub height: u32,
     pub rgb: Arc<Vec<[f32; 3]>>,
@@ -198,7 +198,7 @@ pub struct Environment {
     pub hdr: Arc<[u8]>,
 }
 
-impl Environment {
+impl EnvironmentFit {
     pub fn of(rgb: &[[f32; 3]]) -> Option<Self> {
         let pixels: Vec<_> = rgb.iter().map(|light| image::Rgb(*light)).collect();
         let mut hdr = Vec::new();
@@ -235,12 +235,12 @@ mod tests {
     #[test]
     fn panorama_with_another_fingerprint_is_refused() {
         let rgb = vec![[0.5f32; 3]; WIDTH * HEIGHT];
-        let environment = Environment::of(&rgb).unwrap();
+        let environment = EnvironmentFit::of(&rgb).unwrap();
         let file = tempfile::NamedTempFile::new().unwrap();
         std::fs::write(file.path(), &environment.hdr).unwrap();
-        assert_eq!(Environment::read(file.path(), &environment.fingerprint()), Ok(environment));
-        let other = Environment::of(&vec![[0.25f32; 3]; rgb.len()]).unwrap();
-        let problem = Environment::read(file.path(), &other.fingerprint()).unwrap_err();
+        assert_eq!(EnvironmentFit::read(file.path(), &environment.fingerprint()), Ok(environment));
+        let other = EnvironmentFit::of(&vec![[0.25f32; 3]; rgb.len()]).unwrap();
+        let problem = EnvironmentFit::read(file.path(), &other.fingerprint()).unwrap_err();
         assert!(problem.contains("it is not the panorama that was found"), "{problem}");
     }
 

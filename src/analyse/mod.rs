@@ -77,7 +77,7 @@ pub use findings::Findings;
 pub use folder::{check_folder, check_writable};
 pub use interrupted::Interrupted;
 pub use light::{ASSUMED_LAMP_DIAMETER_M, LampEstimate, MAX_LAMPS, WHITE_REFLECTANCE};
-pub use light_findings::{Environment, LightFindings};
+pub use light_findings::{EnvironmentFit, LightFindings};
 pub use light_table::panorama_beside;
 pub use noise_findings::NoiseFindings;
 pub use progress::{AnalysisStage, Progress};

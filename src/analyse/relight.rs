@@ -8,7 +8,7 @@ use glam::DVec3;
 use super::artefact::Analysis;
 use super::camera_model::CameraModel;
 use super::light::{KnownLamps, LightInputs, of_recording};
-use super::light_findings::{Environment, LightFindings};
+use super::light_findings::{EnvironmentFit, LightFindings};
 use super::registration_result::{RegistrationError, recorded};
 use super::times::Times;
 use crate::camera::Response;
@@ -22,7 +22,7 @@ pub fn relight(
     analysis: &Analysis,
     marked: &[DVec3],
     threads: usize,
-) -> Result<Result<(LightFindings, Environment), String>, RegistrationError> {
+) -> Result<Result<(LightFindings, EnvironmentFit), String>, RegistrationError> {
     let was = analysis.findings.light.as_ref();
     let Some(up) = was.and_then(|light| DVec3::from(light.up?).try_normalize()) else {
         return Ok(Err("nothing was found of the room's light".to_owned()));
@@ -48,7 +48,7 @@ pub fn relight(
     };
     let known_lamps = KnownLamps { marked, estimated: &lamps };
     let light = of_recording(&inputs, Some(&known_lamps), &mut Times::default())?;
-    let Ok(panorama) = light.as_ref().map(|light| Environment::of(&light.panorama)) else {
+    let Ok(panorama) = light.as_ref().map(|light| EnvironmentFit::of(&light.panorama)) else {
         return Ok(Err(light.err().unwrap_or_default()));
     };
     let around = panorama.ok_or_else(|| "its panorama cannot be written".to_owned());

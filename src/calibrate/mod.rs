@@ -42,6 +42,4 @@ pub use points::{NoisePoint, sigma_over_profile};
 pub use rendered_noise::rendered_noise;
 pub use rest::RestSearch;
 pub use resting_example::RestingExample;
-/// Name of [`textureless`] in the window.
-pub use textureless as moving;
 pub use warning::Warning;

@@ -13,7 +13,7 @@ use locard_engine::analyse::{
     Accepted, Analysis, Findings, Outcome, Progress, Times, accept, beside, check_folder, write_support_reports,
 };
 use locard_engine::export::{Inputs, resolved};
-use locard_engine::profile::Document;
+use locard_engine::profile::ProfileFile;
 use locard_engine::recording::OpenOptions;
 use locard_engine::report;
 use locard_engine::scene;
@@ -121,7 +121,7 @@ pub fn run(args: &Args) -> Result<()> {
 }
 
 /// Reads the profile for `--accept` before the analysis starts: an invalid profile is an error.
-fn profile_to_update(path: &Path, args: &Args, shot: &Shot) -> Result<Document> {
+fn profile_to_update(path: &Path, args: &Args, shot: &Shot) -> Result<ProfileFile> {
     let (is_there, profile) = existing(path)?;
     if is_there {
         return Ok(profile);

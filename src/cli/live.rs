@@ -181,7 +181,7 @@ fn headless(args: &Args, output: &Path) -> Result<()> {
             "{} tracked, {} by predicted poses, {} without; {} of poses came late",
             count(counts.tracked as usize, "frame"),
             counts.predicted,
-            counts.lost,
+            counts.untracked,
             counts.late
         ));
         print_message(&tally.latency.to_string());

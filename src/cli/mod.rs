@@ -44,6 +44,7 @@ mod which;
 use std::io::{IsTerminal, Write};
 use std::process::ExitCode;
 
+use clap::error::{ContextKind, ContextValue};
 use clap::{Parser, Subcommand};
 
 use locard_engine::cleanup::undo_all;
@@ -68,7 +69,7 @@ enum Command {
     /// Estimate the camera's true poses, clock offsets and the brightness of each frame from a
     /// recording's own pictures
     Analyse(analyse::Args),
-    /// Write the light that an analysis found in a recording's room as a scene's [light], to edit
+    /// Write the estimated room light of an analysed recording as a scene's [light], to edit
     Light(room_light::Args),
     /// Make an output again and compare it with its record: inputs, files, frames
     Audit(audit::Args),
@@ -195,7 +196,14 @@ pub fn main() -> ExitCode {
 fn print(error: &clap::Error) {
     let safe = std::env::args_os().map(|argument| shown(&argument.to_string_lossy()));
     match Cli::try_parse_from(safe).err().filter(|of_safe| of_safe.kind() == error.kind()) {
-        Some(error) => _ = error.print(),
+        Some(mut error) => {
+            // clap's advice to escape an unknown option as a value: there are no such values.
+            let is_escape = |value: &ContextValue| value.to_string().contains("as a value");
+            if error.get(ContextKind::Suggested).is_some_and(is_escape) {
+                error.remove(ContextKind::Suggested);
+            }
+            _ = error.print();
+        }
         // An escaped argument is parsed differently.
         None => print_message(&error.to_string()),
     }

@@ -13,7 +13,7 @@ use locard_engine::export::Inputs;
 use locard_engine::gpu::Gpu;
 use locard_engine::label::{DigitalSourceType, SourceLabel};
 use locard_engine::pose::Pose;
-use locard_engine::render::{Projection, Renderer, Still, limits, take_still};
+use locard_engine::render::{PictureRequest, Projection, Renderer, limits, take_still};
 use locard_engine::scene::{Environment, Scene};
 use locard_engine::sink::picture;
 use locard_engine::text::short;
@@ -157,7 +157,7 @@ pub fn run(args: &Args) -> Result<()> {
     }
     let has_picture = matches!(scene.lighting.environment, Environment::Map(_));
     let background = has_picture && !args.transparent && args.camera != RenderProjection::Orthographic;
-    let still = Still { projection, pose, background };
+    let still = PictureRequest { projection, pose, background };
     let gpu = Gpu::open()?;
     let mut renderer = Renderer::new(&gpu, scene);
     renderer.warnings().iter().for_each(|text| warn(args.quiet, text));

@@ -12,7 +12,7 @@ use super::{analyse, print_status, progress_of, warn};
 use locard_engine::analyse::beside;
 use locard_engine::camera::Geometry;
 use locard_engine::compositor::Settings;
-use locard_engine::profile::{Document, Rig};
+use locard_engine::profile::{ProfileFile, Rig};
 use locard_engine::recording::OpenOptions;
 use locard_engine::sfm::{FootageFrames, MeasuredDistance, SolveOptions, new_folder, record, solve};
 use locard_engine::shot::{AnalysisChoice, Shot, ShotOptions};
@@ -135,7 +135,7 @@ pub fn run(args: &Args) -> Result<()> {
 
 /// A profile with an estimated lens.
 fn estimated_profile(geometry: &Geometry) -> String {
-    let mut profile = Document::new(
+    let mut profile = ProfileFile::new(
         "The camera as `locard solve` estimated it, together with its path; `locard calibrate camera` is more exact.",
     );
     profile.set_estimated_geometry(geometry);

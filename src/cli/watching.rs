@@ -250,7 +250,7 @@ impl CameraSession {
         let drops = self.capture.drops();
         let parts = [
             (drops.replaced, "replaced by newer ones"),
-            (drops.lost, "lost by the driver"),
+            (drops.dropped_frames, "lost by the driver"),
             (drops.damaged, "damaged"),
             (not_recorded, "more than the disk could take"),
         ];

@@ -10,7 +10,7 @@ use crate::pixels::Pixels;
 use crate::pose::Pose;
 use crate::stream::LensState;
 use crate::tracking::covariance::Covariance;
-use crate::webcam::{Drops, Newest, Picture, PictureError, TakeOutcome};
+use crate::webcam::{Drops, LatestReceiver, Picture, PictureError, TakeOutcome};
 
 /// Poses that are known in advance are requested until this long after the last frame, seconds.
 const LOOKAHEAD_S: f64 = 1.0;
@@ -26,7 +26,7 @@ pub enum CaptureEvent {
 
 /// A running camera and its poses.
 pub struct LiveCapture {
-    newest: Newest<Picture>,
+    newest: LatestReceiver<Picture>,
     pose_source: Box<dyn PoseSource>,
     outage: Option<String>,
     damaged: u64,
@@ -35,7 +35,7 @@ pub struct LiveCapture {
 }
 
 impl LiveCapture {
-    pub fn new(newest: Newest<Picture>, poses: Box<dyn PoseSource>) -> Self {
+    pub fn new(newest: LatestReceiver<Picture>, poses: Box<dyn PoseSource>) -> Self {
         Self { newest, pose_source: poses, outage: None, damaged: 0, decode_error: None, messages: VecDeque::new() }
     }
 
@@ -58,7 +58,7 @@ impl LiveCapture {
                 }
             }
             TakeOutcome::Nothing => CaptureEvent::Nothing,
-            TakeOutcome::Gone(why) => {
+            TakeOutcome::Unavailable(why) => {
                 self.outage = Some(why);
                 CaptureEvent::Nothing
             }

@@ -15,7 +15,7 @@ use super::replay_buffer::ReplayBuffer;
 use crate::recording::recorder::RecordingInfo;
 use crate::shot::Shot;
 use crate::tracking::PoseTrack;
-use crate::webcam::{Drops, Newest, Putter, TakeOutcome, monotonic_s};
+use crate::webcam::{Drops, LatestReceiver, LatestSender, TakeOutcome, monotonic_s};
 
 /// A frame and the pose track that it is composited with.
 #[derive(Clone, Debug)]
@@ -68,7 +68,7 @@ struct SharedState {
 pub struct Feed {
     /// Metadata of its recordings.
     pub about: RecordingInfo,
-    frames: Option<Newest<TrackedFrame>>,
+    frames: Option<LatestReceiver<TrackedFrame>>,
     shared: Arc<Mutex<SharedState>>,
     replay: Arc<Mutex<ReplayBuffer>>,
     thread: Option<JoinHandle<()>>,
@@ -88,11 +88,11 @@ impl Feed {
         let intake = Intake::new(about.max_gap_s, input.max_wait_s(), None).with_replay_buffer(Arc::clone(&replay));
         let intake = intake.with_lens_track(input.lens_track(&shot.rig));
         let capture = LiveCapture::new(input.camera.start()?, input.poses);
-        let (putter, frames) = Newest::new();
+        let (sender, frames) = LatestReceiver::new();
         let (status, request) = Default::default();
         let shared = Arc::new(Mutex::new(SharedState { shot: shot.clone(), status, request }));
         let thread_state = Arc::clone(&shared);
-        let run = move || run(capture, intake, &thread_state, &putter, wake);
+        let run = move || run(capture, intake, &thread_state, &sender, wake);
         let thread = std::thread::Builder::new().name("live".to_owned()).spawn(run).map_err(LiveError::Thread)?;
         Ok(Self { about, frames: Some(frames), shared, replay, thread: Some(thread) })
     }
@@ -106,7 +106,7 @@ impl Feed {
     pub fn take(&self) -> Option<TrackedFrame> {
         match self.frames.as_ref()?.take(Instant::now()) {
             TakeOutcome::New(frame) => Some(frame),
-            TakeOutcome::Nothing | TakeOutcome::Gone(_) | TakeOutcome::Ended => None,
+            TakeOutcome::Nothing | TakeOutcome::Unavailable(_) | TakeOutcome::Ended => None,
         }
     }
 
@@ -156,12 +156,12 @@ fn run(
     mut capture: LiveCapture,
     mut intake: Intake,
     shared: &Mutex<SharedState>,
-    putter: &Putter<TrackedFrame>,
+    sender: &LatestSender<TrackedFrame>,
     wake: impl Fn(),
 ) {
     let mut last_s = f64::NEG_INFINITY;
     let mut status = FeedStatus::default();
-    while !putter.is_over() && !status.is_over {
+    while !sender.is_over() && !status.is_over {
         let request = std::mem::take(&mut lock(shared).request);
         if request.stop {
             intake.stop_recording();
@@ -195,7 +195,7 @@ fn run(
         status.message = capture.take_message().or(status.message);
         let mut has_frames = false;
         while let Some(frame) = intake.next(monotonic_s()) {
-            putter.put(TrackedFrame { frame, track: intake.track().clone() });
+            sender.put(TrackedFrame { frame, track: intake.track().clone() });
             has_frames = true;
         }
         let failure = intake.recorder().and_then(RecorderThread::failure);

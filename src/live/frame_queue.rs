@@ -18,7 +18,7 @@ const RETENTION_S: f64 = 2.0;
 pub struct LiveCounts {
     pub tracked: u64,
     pub predicted: u64,
-    pub lost: u64,
+    pub untracked: u64,
     pub poses: u64,
     /// Poses that arrived after their frames had been composited.
     pub late: u64,
@@ -128,7 +128,7 @@ impl<F> FrameQueue<F> {
         *match tracking {
             Tracking::Tracked => &mut self.counts.tracked,
             Tracking::Predicted => &mut self.counts.predicted,
-            Tracking::Lost => &mut self.counts.lost,
+            Tracking::Lost => &mut self.counts.untracked,
         } += 1;
         let since_measured_s = (tracking != Tracking::Lost).then(|| self.track.since_measured_s(at_s));
         let opacity = self.fade.next(at_s, since_measured_s, self.track.confidence(at_s));
@@ -200,7 +200,10 @@ mod tests {
         assert_eq!(w.next(0.1).map(|ready| ready.tracking), Some(Tracking::Predicted));
         w.push_frame('c', 11.01, (0.01, 0.01), 1.0);
         assert_eq!(w.next(1.1).map(|ready| ready.tracking), Some(Tracking::Lost));
-        assert_eq!(w.counts(), LiveCounts { tracked: 1, predicted: 1, lost: 1, poses: 3, late: 0, implausible: 0 });
+        assert_eq!(
+            w.counts(),
+            LiveCounts { tracked: 1, predicted: 1, untracked: 1, poses: 3, late: 0, implausible: 0 }
+        );
     }
 
     #[test]

@@ -278,7 +278,7 @@ mod tests {
     use super::*;
     use crate::live::pose_source::PoseSource;
     use crate::recording::recorder::RecordingInfo;
-    use crate::webcam::Newest;
+    use crate::webcam::LatestReceiver;
 
     /// Returns its poses once, each with a covariance.
     struct FixedPoses(Vec<f64>);
@@ -299,7 +299,7 @@ mod tests {
     fn only_accepted_poses_have_a_covariance() {
         let replay = Arc::<Mutex<ReplayBuffer>>::default();
         let mut intake = Intake::new(0.1, 0.0, None).with_replay_buffer(Arc::clone(&replay));
-        let (_putter, newest) = Newest::new();
+        let (_putter, newest) = LatestReceiver::new();
         // One pose is late, and one has a time that is no number.
         let mut capture = LiveCapture::new(newest, Box::new(FixedPoses(vec![1.0, 0.5, 1.05, f64::NAN])));
         intake.take_poses(&mut capture, 2.0).unwrap();

@@ -23,11 +23,11 @@ const GEOMETRY_KEYS: [&str; 6] = ["width_px", "height_px", "fx_px", "fy_px", "cx
 
 /// A profile, with the comments, spacing and order of its text.
 #[derive(Clone, Debug)]
-pub struct Document {
+pub struct ProfileFile {
     text: DocumentMut,
 }
 
-impl Document {
+impl ProfileFile {
     /// An empty profile, with `heading` as a comment at the top.
     pub fn new(heading: &str) -> Self {
         let mut text = DocumentMut::new();
@@ -61,14 +61,15 @@ impl Document {
     }
 
     /// Replaces size, focal lengths, principal point and distortion; the camera's other keys are
-    /// kept. `origin` as for [`Document::set_noise`], above the camera's table; its further lines
-    /// become comments too.
+    /// kept. `origin` as for [`ProfileFile::set_noise`], above the camera's table; its further
+    /// lines become comments too.
     pub fn set_geometry(&mut self, geometry: &Geometry, origin: &str) {
         self.set_estimated_geometry(geometry);
         self.sign("camera", LENS_SIGNATURE, origin);
     }
 
-    /// Like [`Document::set_geometry`], for a geometry that is not calibrated: without its comment.
+    /// Like [`ProfileFile::set_geometry`], for a geometry that is not calibrated: without its
+    /// comment.
     pub fn set_estimated_geometry(&mut self, geometry: &Geometry) {
         for name in GEOMETRY_KEYS {
             self.set_param(&geometry.intrinsics, name);
@@ -181,7 +182,7 @@ fn table_at<'a>(text: &'a mut DocumentMut, name: &str) -> Option<&'a mut Table> 
     name.split('.').try_fold(text.as_table_mut(), |table, part| table.get_mut(part)?.as_table_mut())
 }
 
-impl fmt::Display for Document {
+impl fmt::Display for ProfileFile {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.text.fmt(f)
     }
@@ -205,8 +206,8 @@ mod tests {
         NoiseProfile { example: None, bins, channel_correlation: [0.5, 0.25, 0.5], neighbour_correlation: [0.0, 0.125] }
     }
 
-    fn parse(text: &str) -> Document {
-        Document::parse(text, Path::new("p.toml")).unwrap()
+    fn parse(text: &str) -> ProfileFile {
+        ProfileFile::parse(text, Path::new("p.toml")).unwrap()
     }
 
     #[test]
@@ -234,7 +235,7 @@ mod tests {
 
     #[test]
     fn disabled_effect_stays_disabled() {
-        let read = |profile: &Document| {
+        let read = |profile: &ProfileFile| {
             let mut settings = Settings::default();
             Rig::default().read_text(&profile.to_string(), Path::new("p.toml"), &mut settings).unwrap();
             settings
@@ -281,7 +282,7 @@ mod tests {
 
     #[test]
     fn new_profile_has_heading_version_and_contents() {
-        let mut profile = Document::new("The first.\nThe second.");
+        let mut profile = ProfileFile::new("The first.\nThe second.");
         profile.set_noise(&noise(), "", Path::new("p.toml"));
         let text = profile.to_string();
         let start = "# The first.\n# The second.\nversion = 1\n\n[camera.noise]\ncode = [8.0, 24.5]\n";
@@ -302,7 +303,7 @@ mod tests {
             ("version = 1\n[camera]\nfx_px = 1 1\n", "p.toml: line 3, camera.fx_px: "),
             ("# A page\n\nof text\n", "expected a profile (TOML)"),
         ] {
-            let error = Document::parse(text, Path::new("p.toml")).unwrap_err().to_string();
+            let error = ProfileFile::parse(text, Path::new("p.toml")).unwrap_err().to_string();
             assert!(error.contains(message) && !error.contains('\n'), "{error}");
         }
     }
@@ -322,7 +323,7 @@ mod tests {
             let noise = NoiseProfile { example: None, bins, channel_correlation: [correlation; 3], neighbour_correlation: [0.0, below] };
             let intrinsics = Intrinsics { fx_px, ..Intrinsics::default() };
             let exposure = CameraExposure { time_s: Some(time_s), ..CameraExposure::default() };
-            let mut profile = Document::new("");
+            let mut profile = ProfileFile::new("");
             profile.set_params(&intrinsics);
             profile.set_params(&exposure);
             profile.set_noise(&noise, "", Path::new("p.toml"));

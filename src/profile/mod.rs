@@ -14,7 +14,7 @@ mod serialized;
 mod shot_settings;
 
 pub use calibration_file::is_calibration;
-pub use document::Document;
+pub use document::ProfileFile;
 pub use noise::{NoiseTableError, to_toml as noise_table};
 pub use shot_settings::{ParameterValues, ShotSettings};
 

@@ -39,7 +39,7 @@ pub fn read(path: &Path) -> Result<NoiseExample, String> {
 mod tests {
     use std::path::PathBuf;
 
-    use super::super::{Document, Rig};
+    use super::super::{ProfileFile, Rig};
     use super::*;
     use crate::compositor::Settings;
     use crate::exemplar_noise::tests::MODEL;
@@ -76,7 +76,7 @@ mod tests {
         assert!(*example.model == *MODEL && example.file == profile.with_file_name("camera.locnoise"));
         // The file is not read again: the model is the same object.
         assert!(Rig::of_file(&profile).unwrap() == rig);
-        let mut document = Document::parse(TABLE, &profile).unwrap();
+        let mut document = ProfileFile::parse(TABLE, &profile).unwrap();
         document.set_noise(&noise, "", &profile);
         assert_eq!(document.to_string(), TABLE);
         document.set_noise(&crate::camera::NoiseProfile { example: None, ..noise }, "", &profile);
@@ -89,7 +89,7 @@ mod tests {
         let rig = Rig::of_file(&profile).unwrap();
         let other = folder.path().join("sub").join("other.toml");
         std::fs::create_dir(folder.path().join("sub")).unwrap();
-        let mut moved = Document::parse(TABLE, &profile).unwrap();
+        let mut moved = ProfileFile::parse(TABLE, &profile).unwrap();
         moved.relocate(&profile, &profile.with_file_name("renamed.toml"));
         assert_eq!(moved.to_string(), TABLE);
         moved.relocate(&profile, &other);
@@ -97,10 +97,10 @@ mod tests {
         assert_eq!(text, TABLE.replace("\"camera", "\"../camera"));
         assert!(read_text(&text, &other).unwrap() == rig);
         let without = "version = 1\n[camera]\nwidth_px = 640\n";
-        let mut unchanged = Document::parse(without, &profile).unwrap();
+        let mut unchanged = ProfileFile::parse(without, &profile).unwrap();
         unchanged.relocate(&profile, &other);
         assert_eq!(unchanged.to_string(), without);
-        let mut new = Document::new("");
+        let mut new = ProfileFile::new("");
         new.set_noise(rig.noise.as_ref().unwrap(), "", &other);
         assert!(new.to_string().contains("\nexample = \"../camera.locnoise\"\n"), "{new}");
         // Without a file of its own the path is absolute.
@@ -147,6 +147,6 @@ mod tests {
         check("cannot be read");
         check("or remove the key");
         // A profile can be edited all the same.
-        Document::parse(TABLE, &profile).unwrap();
+        ProfileFile::parse(TABLE, &profile).unwrap();
     }
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::digest::{Digest, Digester};
 use crate::gpu::{Gpu, constants};
 use crate::memo::Memo;
-use crate::scene::{Alpha, Material, Scene, Texture, TextureUse, Wrap};
+use crate::scene::{Alpha, Material, Scene, SceneTexture, TextureUse, Wrap};
 
 crate::uniform! {
     /// `Material` in shaders/raster.wgsl.
@@ -54,7 +54,7 @@ fn slots(m: &Material) -> [Option<TextureUse>; 5] {
 /// A bind group for each material of a scene.
 pub fn bind_groups(gpu: &Gpu, layout: &wgpu::BindGroupLayout, scene: &Scene) -> Vec<wgpu::BindGroup> {
     // A missing texture is replaced by white, so that factors act alone.
-    let white = Texture {
+    let white = SceneTexture {
         width: 1,
         height: 1,
         rgba: Arc::new(vec![255; 4]),
@@ -89,7 +89,7 @@ pub fn bind_groups(gpu: &Gpu, layout: &wgpu::BindGroupLayout, scene: &Scene) -> 
         .collect()
 }
 
-fn upload(gpu: &Gpu, texture: &Texture) -> (wgpu::TextureView, wgpu::Sampler) {
+fn upload(gpu: &Gpu, texture: &SceneTexture) -> (wgpu::TextureView, wgpu::Sampler) {
     let format = if texture.srgb { wgpu::TextureFormat::Rgba8UnormSrgb } else { wgpu::TextureFormat::Rgba8Unorm };
     let levels = if texture.mipmaps { memoized_mip_chain(texture) } else { Arc::default() };
     let gpu_texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
@@ -147,7 +147,7 @@ const MIPMAP_BUDGET_BYTES: usize = 64 << 20;
 static MIPMAPS: Memo<Digest, Arc<Vec<TextureLevel>>> =
     Memo::with_budget(MIPMAP_BUDGET_BYTES, |levels| levels.iter().map(|(.., texels)| texels.len()).sum());
 
-fn memoized_mip_chain(texture: &Texture) -> Arc<Vec<TextureLevel>> {
+fn memoized_mip_chain(texture: &SceneTexture) -> Arc<Vec<TextureLevel>> {
     let mut digester = Digester::default();
     digester.add(&texture.width);
     digester.add(&texture.height);
@@ -158,7 +158,7 @@ fn memoized_mip_chain(texture: &Texture) -> Arc<Vec<TextureLevel>> {
 
 /// Each level is the mean of 2×2 texels of the previous one (3 wide if a side is odd), averaged in
 /// linear light for colours.
-fn mip_chain(texture: &Texture) -> Vec<TextureLevel> {
+fn mip_chain(texture: &SceneTexture) -> Vec<TextureLevel> {
     let to_linear: Vec<f32> = (0..=255).map(|code| texture.linear(code)).collect();
     let from_linear = |v: f32| {
         let code = if !texture.srgb {
@@ -214,7 +214,7 @@ mod tests {
     #[test]
     fn mipmaps_average_linear_light() {
         let rgba = vec![255, 255, 255, 255, 0, 0, 0, 255, 255, 255, 255, 255, 0, 0, 0, 255];
-        let texture = Texture {
+        let texture = SceneTexture {
             width: 2,
             height: 2,
             rgba: Arc::new(rgba),

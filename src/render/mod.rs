@@ -31,7 +31,7 @@ pub use lightmap::Lightmap;
 pub use occlusion::{GridPlacement, Occlusion, grid_depth, real_depth};
 pub use pipeline::{COLOR, GEOMETRY};
 pub use plan::{Layer, RealLayer, RenderSample, SamplePlan};
-pub use projected::{Projection, Still, take_still};
+pub use projected::{PictureRequest, Projection, take_still};
 pub use resample::limits;
 pub use unwrap::{LightmapVertex, TexelPoint, Unwrapped};
 pub use view::{Shutter, View, ViewKeys};

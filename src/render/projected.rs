@@ -68,7 +68,7 @@ impl Projection {
 
 /// Parameters of a single picture.
 #[derive(Clone, Debug)]
-pub struct Still {
+pub struct PictureRequest {
     pub projection: Projection,
     pub pose: Pose,
     /// True if the environment map, if any, is visible behind the objects. Not with parallel rays,
@@ -82,7 +82,7 @@ const SUPERSAMPLING: u32 = 2;
 const TILE_PX: i32 = 1024;
 
 /// Renders a picture; it is transparent outside objects and background.
-pub fn take_still(gpu: &Gpu, renderer: &mut Renderer, still: &Still) -> Result<LinearImage, GpuError> {
+pub fn take_still(gpu: &Gpu, renderer: &mut Renderer, still: &PictureRequest) -> Result<LinearImage, GpuError> {
     let (width, height) = still.projection.size_px();
     let recorder = PassRecorder::new(gpu.clone());
     let mut studio = StillRenderer { recorder, renderer, readbacks: ReadbackSet::default() };

@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::page::{Body, Figure};
 use super::tile::png_uri;
 use super::{ReportError, ReportSource};
-use crate::analyse::{Environment, LampEstimate};
+use crate::analyse::{EnvironmentFit, LampEstimate};
 use crate::camera::Response;
 use crate::fit::quantile::lower_quantile;
 use crate::render::panorama::texel_coordinates;
@@ -48,13 +48,13 @@ pub fn panorama(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
 }
 
 /// Position of a lamp in the panorama, texels from the upper left.
-fn seen_from(lamp: &LampEstimate, middle_m: DVec3, up: DVec3, around: &Environment) -> [f64; 2] {
+fn seen_from(lamp: &LampEstimate, middle_m: DVec3, up: DVec3, around: &EnvironmentFit) -> [f64; 2] {
     let towards = world_from_panorama(up.normalize_or(DVec3::Z)).conjugate() * (DVec3::from(lamp.at_m) - middle_m);
     texel_coordinates(towards.normalize_or(DVec3::Y).as_vec3(), around.width, around.height).as_dvec2().to_array()
 }
 
 /// The enlarged panorama with its rings, 8 bits, row by row.
-fn drawn(around: &Environment, lamps: &[[f64; 2]]) -> Vec<[u8; 3]> {
+fn drawn(around: &EnvironmentFit, lamps: &[[f64; 2]]) -> Vec<[u8; 3]> {
     let mut brightest: Vec<f32> =
         around.rgb.iter().map(|rgb| rgb.iter().fold(0.0, |largest, v| v.max(largest))).collect();
     let white = lower_quantile(&mut brightest, WHITE_QUANTILE).unwrap_or(0.0).max(f32::MIN_POSITIVE);
@@ -89,7 +89,7 @@ mod tests {
     #[test]
     fn rings_are_drawn_around_lamps_and_wrap_at_the_border() {
         let rgb: Vec<[f32; 3]> = (0..64 * 32).map(|n| [if n / 64 < 16 { 1.0 } else { 0.214 }; 3]).collect();
-        let around = Environment { width: 64, height: 32, rgb: rgb.into(), hdr: [].into() };
+        let around = EnvironmentFit { width: 64, height: 32, rgb: rgb.into(), hdr: [].into() };
         // 45° above the panorama's middle, which is upright's −z.
         let towards = world_from_panorama(DVec3::Z) * DVec3::new(0.0, 1.0, -1.0);
         let lamp =

@@ -31,11 +31,11 @@ pub enum SceneError {
     #[error("{}: {source}; docs/scenes.md lists the keys and values", file.display())]
     Syntax { file: PathBuf, source: Problem },
     /// The file is truncated.
-    #[error("{} is incomplete ({})", file.display(), sizes(*actual, *needed))]
+    #[error("{} is incomplete ({}); copy or download it again", file.display(), sizes(*actual, *needed))]
     Incomplete { file: PathBuf, actual: usize, needed: usize },
     #[error(transparent)]
     Scan(ScanError),
-    #[error("{} is not a glTF file", file.display())]
+    #[error("{} is not a glTF file; export the model as .glb, in Blender by File, Export, glTF 2.0", file.display())]
     NotGltf { file: PathBuf },
     #[error("{} is empty (0 bytes); a .glb or .gltf file is needed: export or download it again", file.display())]
     Empty { file: PathBuf },

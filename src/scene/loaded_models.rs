@@ -10,7 +10,7 @@ use std::sync::Arc;
 
 use glam::{DAffine3, Vec3};
 
-use super::{Material, Mesh, Part, Texture};
+use super::{Material, Mesh, Part, SceneTexture};
 use crate::memo::Memo;
 use crate::source::file::FileStamp;
 
@@ -85,7 +85,7 @@ pub(super) struct LoadedModel {
     pub start: SceneCounts,
     pub meshes: Vec<Arc<Mesh>>,
     pub materials: Vec<Material>,
-    pub textures: Vec<Texture>,
+    pub textures: Vec<SceneTexture>,
     pub parts: Vec<Part>,
     pub lights: Vec<ModelLight>,
     pub warnings: Vec<String>,

@@ -3,7 +3,7 @@
 use super::picture::{self, MAX_PIXELS, Rgba};
 use super::reader::ModelReader;
 use super::schema::{self, TextureInfo};
-use super::{Alpha, Material, SceneError, Texture, TextureUse, Wrap, bytes};
+use super::{Alpha, Material, SceneError, SceneTexture, TextureUse, Wrap, bytes};
 
 impl ModelReader<'_> {
     /// Index of a material in the scene, loaded on first use. `None` is glTF's default.
@@ -132,7 +132,7 @@ impl ModelReader<'_> {
             Some(&index) => index,
             None => {
                 let Rgba { width, height, rgba } = self.image(image, &format!("{place}.source"))?;
-                self.loader.scene.textures.push(Texture { width, height, rgba, srgb, wrap, smooth, mipmaps });
+                self.loader.scene.textures.push(SceneTexture { width, height, rgba, srgb, wrap, smooth, mipmaps });
                 let added = self.loader.scene.textures.len() - 1;
                 self.textures.insert(key, added);
                 added

@@ -9,7 +9,7 @@ use glam::{DAffine3, Vec3};
 
 use super::loaded_models::{MissingModels, Model, SceneCounts};
 use super::loader::Loader;
-use super::{Material, Mesh, Part, SceneError, Size, Texture, TextureUse, Vertex, Wrap};
+use super::{Material, Mesh, Part, SceneError, SceneTexture, Size, TextureUse, Vertex, Wrap};
 
 /// Side of the box if the scene file gives no size, m.
 const BOX_SIDE_M: f64 = 0.1;
@@ -90,10 +90,10 @@ impl Loader {
     }
 }
 
-fn checkerboard() -> Texture {
+fn checkerboard() -> SceneTexture {
     let texel = |n: u32| CHECK_COLOURS[((n % CHECKS_PER_SIDE + n / CHECKS_PER_SIDE) % 2) as usize];
     let rgba: Vec<u8> = (0..CHECKS_PER_SIDE * CHECKS_PER_SIDE).flat_map(texel).collect();
-    Texture {
+    SceneTexture {
         width: CHECKS_PER_SIDE,
         height: CHECKS_PER_SIDE,
         rgba: Arc::new(rgba),

@@ -92,7 +92,7 @@ pub enum LightingOrigin {
 pub struct Scene {
     pub meshes: Vec<Arc<Mesh>>,
     pub materials: Vec<Material>,
-    pub textures: Vec<Texture>,
+    pub textures: Vec<SceneTexture>,
     pub objects: Vec<Object>,
     pub lighting: Lighting,
     pub lighting_origin: LightingOrigin,
@@ -269,7 +269,7 @@ pub enum Wrap {
 
 /// An RGBA picture with 8 bits per channel, row by row from the top left.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Texture {
+pub struct SceneTexture {
     pub width: u32,
     pub height: u32,
     pub rgba: Arc<Vec<u8>>,
@@ -282,7 +282,7 @@ pub struct Texture {
     pub mipmaps: bool,
 }
 
-impl Texture {
+impl SceneTexture {
     /// Decodes a code value, 0 to 1 (sRGB: IEC 61966-2-1).
     pub fn linear(&self, code: u8) -> f32 {
         let value = f32::from(code) / 255.0;
@@ -379,7 +379,7 @@ mod tests {
 
     #[test]
     fn any_changed_resource_makes_scenes_differ() {
-        let texture = Texture {
+        let texture = SceneTexture {
             width: 1,
             height: 1,
             rgba: Arc::new(vec![255; 4]),

@@ -290,7 +290,7 @@ impl ModelReader<'_> {
     fn light(&mut self, light: &Light, model_from_light: DAffine3, location: &str) -> Result<ModelLight, SceneError> {
         let gltf = self.gltf;
         let bad = |key: &str, actual: &dyn std::fmt::Display, accepted: &str| {
-            gltf.bad(format!("{location} → {key}"), actual, accepted)
+            gltf.bad(format!("{location} -> {key}"), actual, accepted)
         };
         let color = match *light.color {
             [] => Vec3::ONE,
@@ -317,7 +317,7 @@ impl ModelReader<'_> {
                 if !(0.0 <= inner && inner < outer && outer <= FRAC_PI_2 + 1e-6) {
                     let [inner_used, outer_used] = angles;
                     self.warn(format!(
-                        "{location} → spot: inner {inner}, outer {outer}, which are not 0 ≤ inner < outer ≤ π/2: \
+                        "{location} -> spot: inner {inner}, outer {outer}, which are not 0 ≤ inner < outer ≤ π/2: \
                          {inner_used} and {outer_used} are used"
                     ));
                 }

@@ -10,7 +10,7 @@ use super::gltf::Gltf;
 use super::loader::Loader;
 use super::picture::Rgba;
 
-/// Key of an image use: equal keys share one [`super::Texture`].
+/// Key of an image use: equal keys share one [`super::SceneTexture`].
 pub(super) type TextureKey = (usize, bool, [Wrap; 2], bool, bool);
 
 /// Identity of a mesh's rest pose: its skin, and the node if that has weights of its own.

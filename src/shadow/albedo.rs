@@ -4,7 +4,7 @@
 
 use glam::{Vec2, Vec3, Vec4};
 
-use crate::scene::{Material, Mesh, Scene, Texture, TextureUse, Wrap};
+use crate::scene::{Material, Mesh, Scene, SceneTexture, TextureUse, Wrap};
 
 /// Barycentric coordinates of the texture samples in a triangle: weights of the second and the
 /// third vertex.
@@ -23,7 +23,7 @@ const SAMPLE_BARYCENTRICS: [Vec2; 7] = [
 pub struct MeshAlbedo<'a> {
     mesh: &'a Mesh,
     base: Vec3,
-    texture: Option<(&'a Texture, TextureUse)>,
+    texture: Option<(&'a SceneTexture, TextureUse)>,
 }
 
 impl<'a> MeshAlbedo<'a> {
@@ -49,7 +49,7 @@ impl<'a> MeshAlbedo<'a> {
 }
 
 /// The nearest texel, linear.
-fn texel(texture: &Texture, uv: Vec2) -> Vec3 {
+fn texel(texture: &SceneTexture, uv: Vec2) -> Vec3 {
     let along = |at: f32, side: u32, wrap: Wrap| {
         let at = match wrap {
             Wrap::Repeat => at - at.floor(),

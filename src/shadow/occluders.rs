@@ -145,7 +145,7 @@ impl Occluders {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{Mesh, Texture, TextureUse, Wrap};
+    use crate::scene::{Mesh, SceneTexture, TextureUse, Wrap};
 
     /// Two triangles that share an edge, a part each.
     fn sheet(heights: [f32; 4]) -> Occluders {
@@ -175,7 +175,7 @@ mod tests {
             ..Material::default()
         };
         let row: Vec<u8> = (0..200).flat_map(|x| [255, 255, 255, halves[x / 100]]).collect();
-        let texture = Texture {
+        let texture = SceneTexture {
             width: 200,
             height: 130,
             rgba: row.repeat(130).into(),

@@ -10,7 +10,7 @@ use glam::{DVec2, DVec3};
 use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
 
 use crate::camera::Response;
-use crate::scene::{Texture, Wrap};
+use crate::scene::{SceneTexture, Wrap};
 
 use super::chart::SiteChart;
 use super::shapes::SiteShape;
@@ -26,7 +26,7 @@ pub struct SimulatedBoard {
     /// Upper left, upper right, lower right, lower left as seen from its front; metres, world axes.
     pub corners_in_world_m: [DVec3; 4],
     /// Opaque, sRGB-encoded, smooth, no mipmaps, clamped. Its first row lies along the upper edge.
-    pub texture: Texture,
+    pub texture: SceneTexture,
 }
 
 /// The board: 0.32 m square, above the origin and leaning back, its front towards the camera in
@@ -50,7 +50,7 @@ pub fn board() -> SimulatedBoard {
     let rgba = (0..SIDE * SIDE).flat_map(|i| texel(i % SIDE, i / SIDE)).collect();
     SimulatedBoard {
         corners_in_world_m: [left + up, right + up, right, left],
-        texture: Texture {
+        texture: SceneTexture {
             width: SIDE,
             height: SIDE,
             rgba: Arc::new(rgba),

@@ -20,7 +20,7 @@ use super::bvh::{Triangle, TriangleHit, Triangles};
 use super::hemisphere::{GATHER_DIRECTIONS, random_cosine_direction, spiral_direction, tangent_frame};
 use super::lamps::SiteLamp;
 use super::random::Random;
-use crate::scene::{Alpha, Material, Scene, Texture, TextureUse, Vertex, Wrap};
+use crate::scene::{Alpha, Material, Scene, SceneTexture, TextureUse, Vertex, Wrap};
 
 /// Samples per camera ray: of each lamp, of diffuse light onto the site, and of gloss. Secondary
 /// rays use one of each.
@@ -68,7 +68,7 @@ pub struct Evidence {
     triangles: Triangles,
     faces: Vec<Face>,
     materials: Vec<Material>,
-    textures: Vec<Texture>,
+    textures: Vec<SceneTexture>,
 }
 
 /// Material parameters at a point of an object.
@@ -326,7 +326,7 @@ impl ShadingPoint {
 }
 
 /// A texture's value at (u, v), bilinear between texels.
-fn texel(texture: &Texture, used: &TextureUse, uv: DVec2) -> [f64; 4] {
+fn texel(texture: &SceneTexture, used: &TextureUse, uv: DVec2) -> [f64; 4] {
     let at = used.transform.map(|[a, b, c]| f64::from(a) * uv.x + f64::from(b) * uv.y + f64::from(c));
     let size = [texture.width, texture.height].map(i64::from);
     let wrapped = |i: i64, axis: usize| {

@@ -218,7 +218,7 @@ fn panorama(simulation: &Simulation) -> Result<Vec<u8>, ImageError> {
 const DEPTH_CAMERA: &str = "depth.toml";
 
 fn depth_camera_toml(sensor: &DepthSensor) -> String {
-    let mut profile = profile::Document::new("The simulated depth camera.");
+    let mut profile = profile::ProfileFile::new("The simulated depth camera.");
     profile.set_params(&sensor.geometry.intrinsics);
     profile.to_string()
 }
@@ -259,7 +259,7 @@ fn camera_toml(simulation: &Simulation, noise: &NoiseProfile) -> String {
         Format::Png | Format::Jpg => "as the sensor was told to make it",
     };
     let mut profile =
-        profile::Document::new(&format!("The simulated camera. Noise: σ in 8-bit code values, {origin}."));
+        profile::ProfileFile::new(&format!("The simulated camera. Noise: σ in 8-bit code values, {origin}."));
     let geometry = simulation.geometry();
     let tables: [&dyn Params; 5] =
         [&geometry.intrinsics, &geometry.distortion, &lens, &exposure, &simulation.sensor.response];

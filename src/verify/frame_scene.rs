@@ -12,7 +12,7 @@ use crate::camera::{Curve, Response};
 use crate::depth::reprojected_at_frame;
 use crate::frame::{Frame, SpatialGain};
 use crate::pose::Pose;
-use crate::scene::{Material, Mesh, Object, Part, Scene, Texture, TextureUse, Vertex, Wrap};
+use crate::scene::{Material, Mesh, Object, Part, Scene, SceneTexture, TextureUse, Vertex, Wrap};
 use crate::shot::Shot;
 
 /// Distance between vertices, px.
@@ -117,7 +117,7 @@ pub fn without_near_triangles(mut scene: Scene, camera_from_world: &Pose) -> Sce
 }
 
 /// The frame's light, encoded as a texture.
-fn picture(frame: &Frame, response: &Response) -> Texture {
+fn picture(frame: &Frame, response: &Response) -> SceneTexture {
     let textures = Response { curve: Curve::Srgb, ..Response::default() };
     let code = |code: u32| (255.0 * textures.encode(response.decode(f64::from(code) / 255.0))).round() as u8;
     let table: Vec<u8> = (0..256).map(code).collect();
@@ -126,7 +126,7 @@ fn picture(frame: &Frame, response: &Response) -> Texture {
         let [r, g, b] = rgb.map(|code| table[usize::from(code)]);
         [r, g, b, 255]
     });
-    Texture {
+    SceneTexture {
         width: frame.pixels.width,
         height: frame.pixels.height,
         rgba: Arc::new(rgba.collect()),

@@ -2,9 +2,9 @@
 //! in for one.
 //!
 //! A [`Driver`](driver::Driver) lists and opens cameras; there are three. Behind it all cameras go
-//! the same way: a session puts each picture where the next one replaces it ([`Newest`]), watches
-//! for stalls, and reopens a camera that was unplugged. Whoever takes the pictures gets the newest,
-//! and learns how many were dropped.
+//! the same way: a session puts each picture where the next one replaces it ([`LatestReceiver`]),
+//! watches for stalls, and reopens a camera that was unplugged. The receiver gets the newest
+//! picture and the number of dropped ones.
 
 #[cfg(any(test, feature = "camera"))]
 mod buffer;
@@ -16,9 +16,9 @@ mod driver;
 mod driver_name;
 mod error;
 mod frame_clock;
+mod latest;
 mod list;
 mod negotiation;
-mod newest;
 #[cfg(feature = "camera")]
 mod nokhwa;
 mod open;
@@ -33,8 +33,8 @@ mod v4l2;
 pub use clock::monotonic_s;
 pub use driver_name::DriverName;
 pub use error::CameraError;
+pub use latest::{Drops, LatestReceiver, LatestSender, TakeOutcome};
 pub use list::{CameraListing, CameraMode};
 pub use negotiation::{AssumedColor, FormatRequest, NegotiatedFormat, TimeSource};
-pub use newest::{Drops, Newest, Putter, TakeOutcome};
 pub use open::{WebcamSource, cameras, open};
 pub use picture::{Layout, Picture, PictureError, PictureFormat};

@@ -7,9 +7,9 @@ use super::camera_id;
 use super::driver::Driver;
 use super::driver_name::DriverName;
 use super::error::CameraError;
+use super::latest::LatestReceiver;
 use super::list::CameraListing;
 use super::negotiation::{FormatRequest, NegotiatedFormat};
-use super::newest::Newest;
 use super::picture::Picture;
 use super::played::Played;
 use super::session::{CaptureSession, SessionLimits, guarded};
@@ -33,10 +33,10 @@ impl WebcamSource {
     }
 
     /// Starts the delivery, until the returned receiver is dropped. A video begins now.
-    pub fn start(self) -> Result<Newest<Picture>, CameraError> {
-        let (putter, newest) = Newest::new();
+    pub fn start(self) -> Result<LatestReceiver<Picture>, CameraError> {
+        let (sender, newest) = LatestReceiver::new();
         let thread = std::thread::Builder::new().name("camera".to_owned());
-        thread.spawn(move || self.session.run(&putter)).map_err(CameraError::Thread)?;
+        thread.spawn(move || self.session.run(&sender)).map_err(CameraError::Thread)?;
         Ok(newest)
     }
 }

@@ -13,8 +13,8 @@ use std::time::{Duration, Instant};
 use super::driver::{Driver, DriverPicture, DriverStream};
 use super::error::CameraError;
 use super::frame_clock::FrameClock;
+use super::latest::{Drops, LatestSender};
 use super::negotiation::{FormatRequest, NegotiatedFormat};
-use super::newest::{Drops, Putter};
 use super::picture::{Picture, PictureFormat};
 
 /// Time limits of a driver.
@@ -203,17 +203,17 @@ impl CaptureSession {
 
     /// Delivers until nobody takes pictures any more. A camera that stops is waited for, and
     /// reopened.
-    pub fn run(mut self, putter: &Putter<Picture>) {
-        while !putter.is_over() {
+    pub fn run(mut self, sender: &LatestSender<Picture>) {
+        while !sender.is_over() {
             let worker = self.worker.take().map_or_else(|| self.reopened(), Ok);
-            match worker.and_then(|worker| self.deliver(worker, putter)) {
+            match worker.and_then(|worker| self.deliver(worker, sender)) {
                 Ok(()) => return,
-                Err(problem) => putter.gone(problem),
+                Err(problem) => sender.set_unavailable(problem),
             }
             if !self.driver.is_live() {
                 return;
             }
-            putter.rest(self.limits.retry);
+            sender.wait(self.limits.retry);
         }
     }
 
@@ -237,7 +237,7 @@ impl CaptureSession {
     }
 
     /// Puts a capture's pictures until nobody takes them, or the last one came.
-    fn deliver(&mut self, worker: Worker, putter: &Putter<Picture>) -> Result<(), String> {
+    fn deliver(&mut self, worker: Worker, sender: &LatestSender<Picture>) -> Result<(), String> {
         let name = self.negotiated.name.clone();
         // A thread that has ended is noticed below.
         let _ = worker.start.send(());
@@ -245,13 +245,13 @@ impl CaptureSession {
         let mut limit = self.limits.first_picture;
         let mut has_damaged = false;
         let mut is_first = true;
-        while !putter.is_over() {
+        while !sender.is_over() {
             match worker.events.recv_timeout(CHECK_EVERY.min(limit)) {
                 // v4l2loopback delivers its last picture again to whoever opens it.
                 Ok(Event::Sample(sample)) if is_first && self.clock.is_repeated(sample.stamp) => {}
                 Ok(Event::Sample(sample)) => {
                     is_first = false;
-                    has_damaged = !self.put(sample, putter);
+                    has_damaged = !self.put(sample, sender);
                     if !has_damaged {
                         last = Instant::now();
                         limit = self.limits.picture;
@@ -259,7 +259,7 @@ impl CaptureSession {
                 }
                 Ok(Event::Over) => return Ok(()),
                 Ok(Event::Failed(problem)) if self.driver.is_live() => {
-                    self.wait_for_close(worker, putter);
+                    self.wait_for_close(worker, sender);
                     return Err(format!("{name} stopped: {problem}"));
                 }
                 Ok(Event::Failed(problem)) => return Err(problem),
@@ -278,10 +278,10 @@ impl CaptureSession {
 
     /// Waits until a capture that failed is closed, as another one of the same camera may follow at
     /// once. A thread that does not end in time is left behind.
-    fn wait_for_close(&mut self, worker: Worker, putter: &Putter<Picture>) {
+    fn wait_for_close(&mut self, worker: Worker, sender: &LatestSender<Picture>) {
         let begun = Instant::now();
         let limit = self.limits.picture;
-        while !putter.is_over() {
+        while !sender.is_over() {
             match worker.events.recv_timeout(CHECK_EVERY.min(limit)) {
                 Err(RecvTimeoutError::Disconnected) => return,
                 Err(RecvTimeoutError::Timeout) if begun.elapsed() >= limit => break,
@@ -292,7 +292,7 @@ impl CaptureSession {
     }
 
     /// Puts an undamaged picture. Returns whether it did.
-    fn put(&mut self, sample: DriverPicture, putter: &Putter<Picture>) -> bool {
+    fn put(&mut self, sample: DriverPicture, sender: &LatestSender<Picture>) -> bool {
         let DriverPicture { picture_format, bytes, stamp, arrived_s, exposure_s, dropped_frames, is_damaged } = sample;
         let of = |picture_format: &PictureFormat| (picture_format.layout, picture_format.width, picture_format.height);
         let is_damaged = is_damaged
@@ -301,9 +301,9 @@ impl CaptureSession {
         let implausible = self.clock.implausible;
         let time_s = self.clock.time_s(stamp, arrived_s);
         let arrival_timed = self.clock.implausible - implausible;
-        putter.count(Drops { lost: dropped_frames, damaged: u64::from(is_damaged), arrival_timed, ..Drops::default() });
+        sender.count(Drops { dropped_frames, damaged: u64::from(is_damaged), arrival_timed, ..Drops::default() });
         if !is_damaged {
-            putter.put(Picture { picture_format, bytes, time_s, exposure_s });
+            sender.put(Picture { picture_format, bytes, time_s, exposure_s });
         }
         !is_damaged
     }

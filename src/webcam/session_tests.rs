@@ -8,9 +8,9 @@ use super::clock::monotonic_s;
 use super::driver::{Driver, DriverPicture, DriverStream, Stamp};
 use super::driver_name::DriverName;
 use super::error::CameraError;
+use super::latest::{Drops, LatestReceiver, TakeOutcome};
 use super::list::CameraListing;
 use super::negotiation::{AssumedColor, FormatRequest, NegotiatedFormat, TimeSource};
-use super::newest::{Drops, Newest, TakeOutcome};
 use super::open::{WebcamSource, listed};
 use super::picture::{Layout, Picture, PictureFormat};
 use super::session::{MAX_BLOCKED_THREADS, SessionLimits};
@@ -151,7 +151,7 @@ impl Controls {
 }
 
 /// A camera that delivers, its first capture's ends, and its driver's.
-fn started(limits: SessionLimits) -> (Newest<Picture>, (Sender<Step>, Receiver<()>), Controls) {
+fn started(limits: SessionLimits) -> (LatestReceiver<Picture>, (Sender<Step>, Receiver<()>), Controls) {
     let (driver, controls) = Controls::new(true);
     let capture = controls.capture(DELIVERED);
     let camera = WebcamSource::open(driver, "0", &FormatRequest::default(), limits).unwrap();
@@ -172,28 +172,28 @@ fn sample(code: u8) -> DriverPicture {
     }
 }
 
-fn picture(newest: &Newest<Picture>) -> Picture {
+fn picture(newest: &LatestReceiver<Picture>) -> Picture {
     let deadline = Instant::now() + DEADLINE;
     loop {
         match newest.take(deadline) {
             TakeOutcome::New(picture) => return picture,
-            TakeOutcome::Gone(_) if Instant::now() < deadline => {}
+            TakeOutcome::Unavailable(_) if Instant::now() < deadline => {}
             other => panic!("{other:?}; a picture is expected"),
         }
     }
 }
 
 /// The first code of the next picture.
-fn code(newest: &Newest<Picture>) -> u8 {
+fn code(newest: &LatestReceiver<Picture>) -> u8 {
     picture(newest).bytes[0]
 }
 
 /// Waits for the report that the camera is gone.
-fn gone(newest: &Newest<Picture>) -> String {
+fn gone(newest: &LatestReceiver<Picture>) -> String {
     let deadline = Instant::now() + DEADLINE;
     while Instant::now() < deadline {
         match newest.take(Instant::now() + Duration::from_millis(5)) {
-            TakeOutcome::Gone(why) => return why,
+            TakeOutcome::Unavailable(why) => return why,
             TakeOutcome::Nothing => {}
             other => panic!("{other:?}; a camera that is gone is expected"),
         }
@@ -202,7 +202,7 @@ fn gone(newest: &Newest<Picture>) -> String {
 }
 
 /// Waits for a report that differs from the one before.
-fn gone_after(newest: &Newest<Picture>, before: &str) -> String {
+fn gone_after(newest: &LatestReceiver<Picture>, before: &str) -> String {
     let deadline = Instant::now() + DEADLINE;
     while Instant::now() < deadline {
         let why = gone(newest);
@@ -255,7 +255,7 @@ fn camera_that_delivers_damaged_pictures_alone_is_reported() {
         let damaged = DriverPicture { is_damaged: true, ..sample(1) };
         let _ = steps.send(Step::Deliver(damaged));
         match newest.take(Instant::now() + Duration::from_millis(5)) {
-            TakeOutcome::Gone(why) => break why,
+            TakeOutcome::Unavailable(why) => break why,
             TakeOutcome::Nothing if Instant::now() < deadline => {}
             other => panic!("{other:?}; a camera that is gone is expected"),
         }
@@ -274,7 +274,7 @@ fn failure_is_reported_though_closing_blocks() {
     let (steps, _closed) = controls.capture(DELIVERED);
     steps.send(Step::FailAndBlock("frame 3 is damaged")).unwrap();
     let newest = WebcamSource::open(driver, "a.mkv", &FormatRequest::default(), PATIENT).unwrap().start().unwrap();
-    assert_eq!(newest.take(Instant::now() + DEADLINE), TakeOutcome::Gone("frame 3 is damaged".to_owned()));
+    assert_eq!(newest.take(Instant::now() + DEADLINE), TakeOutcome::Unavailable("frame 3 is damaged".to_owned()));
     assert_eq!(newest.take(Instant::now() + DEADLINE), TakeOutcome::Ended);
 }
 
@@ -370,7 +370,7 @@ fn wrong_sizes_and_damaged_pictures_are_counted_and_not_delivered() {
     let samples = [lying, damaged, short, odd, sample(5)];
     samples.into_iter().for_each(|sample| steps.send(Step::Deliver(sample)).unwrap());
     assert_eq!(code(&newest), 5);
-    assert_eq!(newest.drops(), Drops { lost: 3, damaged: 4, ..Drops::default() });
+    assert_eq!(newest.drops(), Drops { dropped_frames: 3, damaged: 4, ..Drops::default() });
 }
 
 #[test]
@@ -413,7 +413,10 @@ fn file_ends_after_its_last_picture_or_its_first_error() {
         steps.send(step).unwrap();
         let newest = WebcamSource::open(driver, "a.mkv", &FormatRequest::default(), PATIENT).unwrap().start().unwrap();
         if is_error {
-            assert_eq!(newest.take(Instant::now() + DEADLINE), TakeOutcome::Gone("frame 3 is damaged".to_owned()));
+            assert_eq!(
+                newest.take(Instant::now() + DEADLINE),
+                TakeOutcome::Unavailable("frame 3 is damaged".to_owned())
+            );
         }
         assert_eq!(newest.take(Instant::now() + DEADLINE), TakeOutcome::Ended);
     }

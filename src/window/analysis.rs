@@ -7,7 +7,7 @@ use super::calibration_messages;
 use super::scene_compositor::SceneCompositor;
 use super::task::TaskControl;
 use locard_engine::calibrate::sharpness;
-use locard_engine::calibrate::{NoiseOptions, NoisePoint, moving, rendered_noise};
+use locard_engine::calibrate::{NoiseOptions, NoisePoint, rendered_noise, textureless};
 use locard_engine::camera::Response;
 use locard_engine::compositor::{Composited, Target};
 use locard_engine::frame::Frame;
@@ -105,7 +105,7 @@ pub fn analyse(
     analysis.edges[0] = wanted.edges[0].map(|region| of_edge(&frame.pixels, region));
     if wanted.noise && !control.is_cancelled() {
         let options = NoiseOptions { min_independent: MIN_INDEPENDENT_SAMPLES, ..NoiseOptions::default() };
-        let real = moving::from_frames(std::slice::from_ref(&frame.pixels), &options);
+        let real = textureless::from_frames(std::slice::from_ref(&frame.pixels), &options);
         analysis.real = Some(real.map(|real| real.points()).map_err(|error| calibration_messages::noise_error(&error)));
     }
     if !(wanted.noise || wanted.histograms || wanted.edges[1].is_some()) {

@@ -156,7 +156,7 @@ fn status_line(ui: &mut Ui, session: &Session, live: &LiveStatus) {
         .on_hover_text("Pictures of the last second; from when they were taken until they were composited");
     let drops = status.drops;
     let parts = [
-        (drops.lost, "by the driver"),
+        (drops.dropped_frames, "by the driver"),
         (drops.damaged, "damaged"),
         (drops.replaced, "before they were decoded"),
         (status.not_recorded, "for the disk"),

@@ -33,7 +33,7 @@ impl FileKind {
             if profile::is_calibration(path, &text) {
                 return profile::Rig::of_file(path).map(drop).map_err(|error| error.to_string());
             }
-            let read = profile::Document::parse(&text, path).map_err(|error| error.to_string());
+            let read = profile::ProfileFile::parse(&text, path).map_err(|error| error.to_string());
             read.map(drop)
         });
         match (of_profile, scene::document::read(path)) {
@@ -76,10 +76,17 @@ mod tests {
         let model = std::fs::read("scenes/marker-1.glb").unwrap();
         let cut = folder.path().join("kaputt.glb");
         std::fs::write(&cut, &model[..2000]).unwrap();
-        let message = format!("kaputt.glb is incomplete (2 of {} kB)", (model.len() + 500) / 1000);
+        let message =
+            format!("kaputt.glb is incomplete (2 of {} kB); copy or download it again", (model.len() + 500) / 1000);
         assert_eq!(FileKind::of(&cut), FileKind::Neither(message));
         std::fs::write(&cut, "a picture").unwrap();
-        assert_eq!(FileKind::of(&cut), FileKind::Neither("kaputt.glb is not a glTF file".to_owned()));
+        assert_eq!(
+            FileKind::of(&cut),
+            FileKind::Neither(
+                "kaputt.glb is not a glTF file; export the model as .glb, in Blender by File, Export, glTF 2.0"
+                    .to_owned()
+            )
+        );
         std::fs::write(&cut, "").unwrap();
         assert!(
             matches!(FileKind::of(&cut), FileKind::Neither(why) if why.starts_with("kaputt.glb is empty (0 bytes)"))

@@ -13,7 +13,7 @@ use locard_engine::camera::{Distortion, Geometry, Intrinsics, Response};
 use locard_engine::gpu::Gpu;
 use locard_engine::pixels::LinearImage;
 use locard_engine::pose::Pose;
-use locard_engine::render::{Projection, Renderer, Still, take_still};
+use locard_engine::render::{PictureRequest, Projection, Renderer, take_still};
 use locard_engine::scene::{self, Scene, is_model};
 
 /// Rendered size of a thumbnail, px.
@@ -306,7 +306,7 @@ fn render_thumbnail(gpu: &Gpu, renderer: &mut Option<Renderer>, model: &Path) ->
 }
 
 /// A view of the whole scene.
-fn still(scene: &Scene) -> Option<Still> {
+fn still(scene: &Scene) -> Option<PictureRequest> {
     let points = || scene.objects.iter().flat_map(|object| object.points_m(scene));
     let (low, high) = points().map(|p| (p, p)).reduce(|(low, high), (p, _)| (low.min(p), high.max(p)))?;
     let middle = 0.5 * (low + high);
@@ -326,7 +326,7 @@ fn still(scene: &Scene) -> Option<Still> {
     };
     let pose = Pose::look_at(middle + distance * VIEW_FROM.normalize(), middle, DVec3::Y)?;
     let projection = Projection::Perspective(Geometry::new(intrinsics, Distortion::default()));
-    Some(Still { projection, pose, background: false })
+    Some(PictureRequest { projection, pose, background: false })
 }
 
 /// Gamma-encodes an image with coverage.

@@ -16,7 +16,7 @@ use locard::effects;
 use locard::gpu::Gpu;
 use locard::params::Value;
 use locard::pixels::Pixels;
-use locard::scene::{Alpha, Scene, Texture, TextureUse, Wrap};
+use locard::scene::{Alpha, Scene, SceneTexture, TextureUse, Wrap};
 
 /// The demonstration at 1/`smaller` of its resolution, with its two markers as the only objects.
 /// In the full tier: the demonstration itself and a real recording.
@@ -315,7 +315,7 @@ fn law_4_textures_are_filtered_in_linear_light() {
     let side = 450;
     let texel = |i: u32| if (i % side + i / side).is_multiple_of(2) { [255, 255, 255, 255] } else { [0, 0, 0, 255] };
     let mut scene = board([60.0, 60.0], 1.0);
-    scene.textures.push(Texture {
+    scene.textures.push(SceneTexture {
         width: side,
         height: side,
         rgba: Arc::new((0..side * side).flat_map(texel).collect()),

@@ -12,7 +12,7 @@ use locard::camera::curved::{Curved, CurvedProjection};
 use locard::camera::{Distortion, Geometry, Intrinsics, LensModel};
 use locard::pixels::LinearImage;
 use locard::pose::Pose;
-use locard::render::{Projection, Renderer, Still, take_still};
+use locard::render::{PictureRequest, Projection, Renderer, take_still};
 use locard::scene::{Environment, EnvironmentMap, Lighting, Scene};
 
 /// The colour of a direction on the walls of [`room`].
@@ -34,7 +34,7 @@ fn room() -> Scene {
 fn shoot(scene: Scene, projection: &Projection, pose: Pose) -> LinearImage {
     let gpu = gpu::gpu();
     let mut renderer = Renderer::new(&gpu, scene);
-    take_still(&gpu, &mut renderer, &Still { projection: projection.clone(), pose, background: true }).unwrap()
+    take_still(&gpu, &mut renderer, &PictureRequest { projection: projection.clone(), pose, background: true }).unwrap()
 }
 
 fn curved(curve: CurvedProjection, width_px: u32, height_px: u32) -> Projection {

@@ -5,7 +5,7 @@ use crate::models::{Model, png};
 use glam::{DAffine3, DQuat, DVec3, Vec2, Vec3};
 use locard::pose::Pose;
 use locard::scene::{
-    Environment, Lighting, Material, Mesh, Object, Part, PointLight, Scene, Sun, Texture, TextureUse, Vertex, Wrap,
+    Environment, Lighting, Material, Mesh, Object, Part, PointLight, Scene, SceneTexture, Sun, TextureUse, Vertex, Wrap,
 };
 use locard::tracking::PoseTrack;
 use serde_json::json;
@@ -160,11 +160,11 @@ fn metallic_of_one_half_is_the_mean_of_metal_and_dielectric() {
     }
 }
 
-fn texture(width: u32, height: u32, rgb: impl Fn(u32, u32) -> [u8; 3], srgb: bool) -> Texture {
+fn texture(width: u32, height: u32, rgb: impl Fn(u32, u32) -> [u8; 3], srgb: bool) -> SceneTexture {
     let texel = |i: u32| rgb(i % width, i / width);
     let rgba = (0..width * height).flat_map(|i| [texel(i)[0], texel(i)[1], texel(i)[2], 255]).collect();
     let wrap = [Wrap::Repeat; 2];
-    Texture { width, height, rgba: std::sync::Arc::new(rgba), srgb, wrap, smooth: true, mipmaps: true }
+    SceneTexture { width, height, rgba: std::sync::Arc::new(rgba), srgb, wrap, smooth: true, mipmaps: true }
 }
 
 const PLAIN: TextureUse = TextureUse { texture: 0, uv_set: 0, transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]] };

@@ -12,7 +12,7 @@ use eframe::egui::{self, Key, Modifiers, Pos2, accesskit::Role};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
 use glam::{DVec2, DVec3};
-use locard::analyse::{Analysis, Environment, LightFindings};
+use locard::analyse::{Analysis, EnvironmentFit, LightFindings};
 use locard::recording::OpenOptions;
 use locard::scene::{LightingOrigin, SceneFile, SceneItem, Size, load_file};
 use locard::shot::{AnalysisState, ShotOptions};
@@ -290,7 +290,7 @@ fn lamp_is_added_at_the_clicked_point() {
 fn with_light(analysis: &mut Analysis) {
     let panorama = image::open("scenes/demo-light.hdr").unwrap().into_rgb32f();
     let rgb: Vec<[f32; 3]> = panorama.pixels().map(|pixel| pixel.0).collect();
-    let environment = Environment::of(&rgb).unwrap();
+    let environment = EnvironmentFit::of(&rgb).unwrap();
     let mut light: LightFindings = toml::from_str(FOUND_LIGHT).unwrap();
     light.panorama = LightFindings::of(&Err(String::new()), Some(&environment)).panorama;
     (analysis.environment, analysis.findings.light) = (Some(environment), Some(light));

@@ -5,20 +5,20 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 
 use locard_engine::calibrate::is_picture;
-use locard_engine::profile::Document;
+use locard_engine::profile::ProfileFile;
 use locard_engine::sink;
 use locard_engine::source::file::{self, MAX_DOCUMENT_BYTES};
 use locard_engine::source::{SourceError, still, unsupported};
 use locard_engine::text::reason;
 
 /// The profile to extend, and true if it exists already.
-pub fn existing(path: &Path) -> Result<(bool, Document)> {
+pub fn existing(path: &Path) -> Result<(bool, ProfileFile)> {
     sink::check_file(path, true)?;
     match file::read_text(path, MAX_DOCUMENT_BYTES) {
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok((false, Document::new(""))),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok((false, ProfileFile::new(""))),
         Err(error) => bail!("{}: cannot be read: {}", path.display(), reason(&error)),
         Ok(text) => {
-            let read = Document::parse(&text, path);
+            let read = ProfileFile::parse(&text, path);
             Ok((true, read.context("the file is not a profile that can be extended")?))
         }
     }

@@ -4,7 +4,7 @@ use anyhow::{Context, Result, anyhow, bail};
 use glam::{DVec2, DVec3, Vec3};
 
 use crate::cli::pick::{numbers, of_view, view};
-use locard_engine::analyse::{self, Analysis, Environment, LightFindings, MAX_LAMPS};
+use locard_engine::analyse::{self, Analysis, EnvironmentFit, LightFindings, MAX_LAMPS};
 use locard_engine::parallel::processors;
 use locard_engine::shadow::WhiteRadiance;
 use locard_engine::shot::{FramePoint, Shot, SurfaceError};
@@ -83,7 +83,11 @@ impl MarkedLamp {
 
 /// The room's light with the lamps that the user pointed at, which come first among its lamps.
 /// `None` without such lamps.
-pub fn relit(shot: &Shot, analysis: &Analysis, lamps: &[MarkedLamp]) -> Result<Option<(LightFindings, Environment)>> {
+pub fn relit(
+    shot: &Shot,
+    analysis: &Analysis,
+    lamps: &[MarkedLamp],
+) -> Result<Option<(LightFindings, EnvironmentFit)>> {
     if lamps.is_empty() {
         return Ok(None);
     }

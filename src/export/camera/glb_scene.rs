@@ -8,7 +8,7 @@ use serde_json::{Map, Value, json};
 
 use super::glb_writer::GlbBuffer;
 use super::texture::png;
-use crate::scene::{Alpha, Material, Mesh, Scene, Texture, TextureUse, Wrap};
+use crate::scene::{Alpha, Material, Mesh, Scene, SceneTexture, TextureUse, Wrap};
 
 /// Lists of the document; the nodes follow those that are there already.
 #[derive(Debug, Default)]
@@ -105,7 +105,7 @@ fn mesh_json(mesh: &Mesh, material: usize, name: &str, buffer: &mut GlbBuffer) -
 fn add_texture(
     evidence: &mut GlbEvidence,
     buffer: &mut GlbBuffer,
-    texture: &Texture,
+    texture: &SceneTexture,
 ) -> Result<usize, image::ImageError> {
     evidence.images.push(json!({ "bufferView": buffer.view(&png(texture)?), "mimeType": "image/png" }));
     let wrap = texture.wrap.map(|wrap| match wrap {

@@ -3,10 +3,10 @@
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 
-use crate::scene::Texture;
+use crate::scene::SceneTexture;
 
 /// The file's bytes: its code values, with alpha if any texel is transparent.
-pub fn png(texture: &Texture) -> Result<Vec<u8>, image::ImageError> {
+pub fn png(texture: &SceneTexture) -> Result<Vec<u8>, image::ImageError> {
     let mut bytes = Vec::new();
     let is_opaque = texture.rgba.chunks_exact(4).all(|texel| texel[3] == 255);
     let encoder = PngEncoder::new(&mut bytes);

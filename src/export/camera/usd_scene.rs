@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use glam::{DAffine3, DQuat};
 
 use super::usd_writer::{UsdWriter, list, tuple};
-use crate::scene::{Alpha, Material, Mesh, Scene, Texture, TextureUse, Wrap};
+use crate::scene::{Alpha, Material, Mesh, Scene, SceneTexture, TextureUse, Wrap};
 
 /// Folder of the textures, beside the layer.
 pub const TEXTURE_FOLDER: &str = "textures";
@@ -167,7 +167,7 @@ fn write_material(out: &mut UsdWriter, path: &str, material: &Material, scene: &
     });
 }
 
-fn wraps(texture: &Texture) -> [&'static str; 2] {
+fn wraps(texture: &SceneTexture) -> [&'static str; 2] {
     texture.wrap.map(|wrap| match wrap {
         Wrap::Repeat => "repeat",
         Wrap::Mirror => "mirror",

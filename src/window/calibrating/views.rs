@@ -8,7 +8,7 @@ use locard_engine::calibrate::board::{BoardDetector, TargetChoice};
 use locard_engine::calibrate::geometry::{CameraCalibration, Coverage, LensOptions, ViewCollector, ViewOutcome};
 use locard_engine::camera::Response;
 use locard_engine::frame::Frame;
-use locard_engine::webcam::{Newest, Putter, TakeOutcome};
+use locard_engine::webcam::{LatestReceiver, LatestSender, TakeOutcome};
 
 /// Number of views to collect, as in `locard calibrate camera --camera`.
 const TARGET_VIEWS: usize = 20;
@@ -44,7 +44,7 @@ type FramePair = (Option<Arc<Frame>>, Arc<Frame>);
 /// Handle of the collecting thread, which ends when this is dropped.
 #[derive(Debug)]
 pub struct ViewCollection {
-    putter: Putter<FramePair>,
+    putter: LatestSender<FramePair>,
     before: Option<Arc<Frame>>,
     shared: Arc<Mutex<SharedViews>>,
     task: BackgroundTask<Result<CameraCalibration, String>>,
@@ -62,7 +62,7 @@ impl ViewCollection {
     pub fn begin(size: (u32, u32), response: &Response, wake: impl Fn() + Send + 'static) -> Result<Self, String> {
         let search = BoardDetector::new(&TargetChoice::Any, response).map_err(|error| error.to_string())?;
         let taking = ViewCollector::new(size, TARGET_VIEWS, LensOptions::default());
-        let (putter, newest) = Newest::new();
+        let (putter, newest) = LatestReceiver::new();
         let shared = Arc::new(Mutex::new(SharedViews { status: status(&taking, None), ends: false }));
         let of_thread = Arc::clone(&shared);
         let work = move |reporter: &Reporter<'_, _>| watch(&newest, search, taking, &of_thread, reporter);
@@ -109,7 +109,7 @@ fn status(taking: &ViewCollector, look: Option<ViewOutcome>) -> CollectionStatus
 }
 
 fn watch(
-    newest: &Newest<FramePair>,
+    newest: &LatestReceiver<FramePair>,
     mut search: BoardDetector,
     mut taking: ViewCollector,
     shared: &Mutex<SharedViews>,
@@ -130,7 +130,7 @@ fn watch(
                 }
                 reporter.wake();
             }
-            TakeOutcome::Nothing | TakeOutcome::Gone(_) => {}
+            TakeOutcome::Nothing | TakeOutcome::Unavailable(_) => {}
             // The handle was dropped.
             TakeOutcome::Ended => return,
         }

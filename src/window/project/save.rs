@@ -218,14 +218,14 @@ fn profile_text(
         rig.read_text(&text, path, &mut settings)?;
         if path != to && profile::is_calibration(path, &text) {
             // The calibration of another program becomes a profile.
-            let mut document = profile::Document::new("");
+            let mut document = profile::ProfileFile::new("");
             rig.camera().geometry.iter().for_each(|geometry| document.set_geometry(geometry, ""));
             document
         } else {
-            profile::Document::parse(&text, path)?
+            profile::ProfileFile::parse(&text, path)?
         }
     } else {
-        profile::Document::new("")
+        profile::ProfileFile::new("")
     };
     document.relocate(path, to);
     // A complete camera also includes values equal to the default.

@@ -2,7 +2,7 @@
 //! them. Lengths in millimetres.
 
 use glam::{DVec2, DVec3};
-use locard::scene::{Alpha, Material, Scene, Texture};
+use locard::scene::{Alpha, Material, Scene, SceneTexture};
 
 use super::catalogue::{Axis, Measure};
 
@@ -112,7 +112,7 @@ impl<'a> Model<'a> {
         }
     }
 
-    fn texture(&self, triangle: &Triangle) -> &'a Texture {
+    fn texture(&self, triangle: &Triangle) -> &'a SceneTexture {
         &self.scene.textures[triangle.material.base_color_texture.unwrap().texture]
     }
 
@@ -193,7 +193,7 @@ trait Sample {
     fn darkness(&self, uv: DVec2, by_alpha: bool) -> f64;
 }
 
-impl Sample for Texture {
+impl Sample for SceneTexture {
     /// The nearest texel.
     fn texel(&self, uv: DVec2) -> [u8; 4] {
         let [x, y] = [(uv.x, self.width), (uv.y, self.height)]

@@ -79,7 +79,7 @@ fn invalid_light_is_left_out_and_the_model_kept() {
         (json!({ "intensity": 1 }), "directional, point or spot"),
         (json!({ "type": "point", "intensity": -1 }), "color · intensity"),
         (json!({ "type": "point", "range": 0 }), "range"),
-        (json!({ "type": "point", "color": [1, 1] }), "→ color: found 2 numbers; expected: red, green and blue"),
+        (json!({ "type": "point", "color": [1, 1] }), "-> color: found 2 numbers; expected: red, green and blue"),
     ] {
         let scene = with_light(light).load().unwrap();
         assert_eq!((scene.meshes.len(), scene.lighting.points.len()), (1, 0), "{word}");

@@ -30,7 +30,7 @@ fn truncated_file_is_refused() {
     }
     let error = load_bytes("model.glb", &whole[..whole.len() - 1]).expect_err("truncated").to_string();
     let sizes = format!("{} of {} bytes", whole.len() - 1, whole.len());
-    assert!(error.ends_with(&format!("model.glb is incomplete ({sizes})")), "{error}");
+    assert!(error.ends_with(&format!("model.glb is incomplete ({sizes}); copy or download it again")), "{error}");
 }
 
 #[test]

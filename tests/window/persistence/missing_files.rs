@@ -195,7 +195,8 @@ fn truncated_model_is_refused_when_dropped() {
     let mut window = plain();
     drop_file(&mut window, cut);
     run_until(&mut window, |app| app.problem().is_some());
-    let message = format!("kaputt.glb is incomplete (2 of {} kB)", (whole.len() + 500) / 1000);
+    let message =
+        format!("kaputt.glb is incomplete (2 of {} kB); copy or download it again", (whole.len() + 500) / 1000);
     assert_eq!(window.state().problem(), Some(message.as_str()));
     window.run_steps(2);
     assert!(has_label(&window, "Place…"), "nothing is being placed");

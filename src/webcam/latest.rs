@@ -9,7 +9,7 @@ pub struct Drops {
     /// Replaced by a newer one before they were taken: we are too slow.
     pub replaced: u64,
     /// Lost before they came, by the driver's count.
-    pub lost: u64,
+    pub dropped_frames: u64,
     /// Marked as damaged by the driver, or of another size than agreed.
     pub damaged: u64,
     /// Delivered with a time from their arrival, for an implausible stamp. No drops.
@@ -18,7 +18,7 @@ pub struct Drops {
 
 impl Drops {
     pub fn all(&self) -> u64 {
-        self.replaced + self.lost + self.damaged
+        self.replaced + self.dropped_frames + self.damaged
     }
 }
 
@@ -26,7 +26,7 @@ impl Drops {
 struct State<T> {
     item: Option<T>,
     /// User-facing reason for missing pictures.
-    gone: Option<String>,
+    unavailable: Option<String>,
     ended: bool,
     drops: Drops,
 }
@@ -44,31 +44,31 @@ impl<T> Shared<T> {
     }
 }
 
-/// Result of [`Newest::take`].
+/// Result of [`LatestReceiver::take`].
 #[derive(Debug, PartialEq, Eq)]
 pub enum TakeOutcome<T> {
     New(T),
     /// Nothing came in time.
     Nothing,
     /// Nothing came, for a reason such as an unplugged camera. More may come later.
-    Gone(String),
+    Unavailable(String),
     /// Nothing will come any more.
     Ended,
 }
 
 /// The receiving end.
 #[derive(Debug)]
-pub struct Newest<T>(Arc<Shared<T>>);
+pub struct LatestReceiver<T>(Arc<Shared<T>>);
 
 /// The sending end. Dropping it ends the pictures.
 #[derive(Debug)]
-pub struct Putter<T>(Arc<Shared<T>>);
+pub struct LatestSender<T>(Arc<Shared<T>>);
 
-impl<T> Newest<T> {
-    pub fn new() -> (Putter<T>, Self) {
-        let state = State { item: None, gone: None, ended: false, drops: Drops::default() };
+impl<T> LatestReceiver<T> {
+    pub fn new() -> (LatestSender<T>, Self) {
+        let state = State { item: None, unavailable: None, ended: false, drops: Drops::default() };
         let shared = Arc::new(Shared { state: Mutex::new(state), changed: Condvar::new() });
-        (Putter(Arc::clone(&shared)), Self(shared))
+        (LatestSender(Arc::clone(&shared)), Self(shared))
     }
 
     /// Waits for the newest picture, at most until then.
@@ -80,11 +80,11 @@ impl<T> Newest<T> {
             }
             if state.ended {
                 // The reason is given once.
-                return state.gone.take().map_or(TakeOutcome::Ended, TakeOutcome::Gone);
+                return state.unavailable.take().map_or(TakeOutcome::Ended, TakeOutcome::Unavailable);
             }
             let left = until.saturating_duration_since(Instant::now());
             if left.is_zero() {
-                return state.gone.clone().map_or(TakeOutcome::Nothing, TakeOutcome::Gone);
+                return state.unavailable.clone().map_or(TakeOutcome::Nothing, TakeOutcome::Unavailable);
             }
             state = self.0.changed.wait_timeout(state, left).unwrap_or_else(PoisonError::into_inner).0;
         }
@@ -95,33 +95,33 @@ impl<T> Newest<T> {
     }
 }
 
-impl<T> Drop for Newest<T> {
+impl<T> Drop for LatestReceiver<T> {
     fn drop(&mut self) {
         self.0.lock().ended = true;
         self.0.changed.notify_all();
     }
 }
 
-impl<T> Putter<T> {
+impl<T> LatestSender<T> {
     /// Replaces the picture in the channel.
     pub fn put(&self, item: T) {
         let mut state = self.0.lock();
         state.drops.replaced += u64::from(state.item.replace(item).is_some());
-        state.gone = None;
+        state.unavailable = None;
         self.0.changed.notify_all();
     }
 
     pub fn count(&self, add: Drops) {
         let drops = &mut self.0.lock().drops;
         drops.replaced += add.replaced;
-        drops.lost += add.lost;
+        drops.dropped_frames += add.dropped_frames;
         drops.damaged += add.damaged;
         drops.arrival_timed += add.arrival_timed;
     }
 
     /// Reports the reason for missing pictures; the next picture clears it.
-    pub fn gone(&self, why: String) {
-        self.0.lock().gone = Some(why);
+    pub fn set_unavailable(&self, why: String) {
+        self.0.lock().unavailable = Some(why);
         self.0.changed.notify_all();
     }
 
@@ -131,13 +131,13 @@ impl<T> Putter<T> {
     }
 
     /// Waits for `time`, or until the receiver is dropped.
-    pub fn rest(&self, time: Duration) {
+    pub fn wait(&self, time: Duration) {
         let state = self.0.lock();
         let _ = self.0.changed.wait_timeout_while(state, time, |state| !state.ended);
     }
 }
 
-impl<T> Drop for Putter<T> {
+impl<T> Drop for LatestSender<T> {
     fn drop(&mut self) {
         self.0.lock().ended = true;
         self.0.changed.notify_all();
@@ -148,34 +148,37 @@ impl<T> Drop for Putter<T> {
 mod tests {
     use super::*;
 
-    fn now<T>(newest: &Newest<T>) -> TakeOutcome<T> {
-        newest.take(Instant::now())
+    fn now<T>(receiver: &LatestReceiver<T>) -> TakeOutcome<T> {
+        receiver.take(Instant::now())
     }
 
     #[test]
     fn the_newest_wins_and_the_others_are_counted() {
-        let (putter, newest) = Newest::new();
-        assert_eq!(now(&newest), TakeOutcome::Nothing);
-        (1..=4).for_each(|i| putter.put(i));
-        assert_eq!((now(&newest), now(&newest)), (TakeOutcome::New(4), TakeOutcome::Nothing));
-        putter.count(Drops { lost: 2, damaged: 1, ..Drops::default() });
-        assert_eq!(newest.drops(), Drops { replaced: 3, lost: 2, damaged: 1, arrival_timed: 0 });
-        assert_eq!(newest.drops().all(), 6);
-        putter.gone("unplugged".to_owned());
-        assert_eq!(now(&newest), TakeOutcome::Gone("unplugged".to_owned()));
-        putter.put(5);
-        assert_eq!((now(&newest), now(&newest)), (TakeOutcome::New(5), TakeOutcome::Nothing));
+        let (sender, receiver) = LatestReceiver::new();
+        assert_eq!(now(&receiver), TakeOutcome::Nothing);
+        (1..=4).for_each(|i| sender.put(i));
+        assert_eq!((now(&receiver), now(&receiver)), (TakeOutcome::New(4), TakeOutcome::Nothing));
+        sender.count(Drops { dropped_frames: 2, damaged: 1, ..Drops::default() });
+        assert_eq!(receiver.drops(), Drops { replaced: 3, dropped_frames: 2, damaged: 1, arrival_timed: 0 });
+        assert_eq!(receiver.drops().all(), 6);
+        sender.set_unavailable("unplugged".to_owned());
+        assert_eq!(now(&receiver), TakeOutcome::Unavailable("unplugged".to_owned()));
+        sender.put(5);
+        assert_eq!((now(&receiver), now(&receiver)), (TakeOutcome::New(5), TakeOutcome::Nothing));
         // The last one is not lost by the end.
-        putter.put(6);
-        drop(putter);
-        assert_eq!((now(&newest), now(&newest)), (TakeOutcome::New(6), TakeOutcome::Ended));
+        sender.put(6);
+        drop(sender);
+        assert_eq!((now(&receiver), now(&receiver)), (TakeOutcome::New(6), TakeOutcome::Ended));
     }
 
     #[test]
     fn the_reason_of_an_end_is_given_before_it() {
-        let (putter, newest) = Newest::<()>::new();
-        putter.gone("damaged".to_owned());
-        drop(putter);
-        assert_eq!((now(&newest), now(&newest)), (TakeOutcome::Gone("damaged".to_owned()), TakeOutcome::Ended));
+        let (sender, receiver) = LatestReceiver::<()>::new();
+        sender.set_unavailable("damaged".to_owned());
+        drop(sender);
+        assert_eq!(
+            (now(&receiver), now(&receiver)),
+            (TakeOutcome::Unavailable("damaged".to_owned()), TakeOutcome::Ended)
+        );
     }
 }
