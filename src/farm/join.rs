@@ -32,7 +32,7 @@ pub struct JoinOptions {
     pub soundtrack: Option<Soundtrack>,
     /// When the frames of a video are shown.
     pub times: FrameTimes,
-    /// `command` of the joined output's record.
+    /// `join` of the joined output's record.
     pub command: serde_json::Value,
 }
 

@@ -13,7 +13,8 @@ pub fn joined_record(parts: &[RecordedPart], out: &Path, command: &Value, video_
     let mut record = parts.first().map(|part| part.value.clone()).unwrap_or_default();
     let start = parts.first().map(|part| part.range().start);
     let end = parts.last().map(|part| part.range().end);
-    record["command"] = command.clone();
+    // The command of the first part makes each frame again.
+    record["join"] = command.clone();
     record["range"] = json!([start, end]);
     record["inputs"] = merged_inputs(parts);
     record["pictures"] = parts.iter().flat_map(|part| array(&part.value, "pictures")).cloned().collect();
@@ -56,9 +57,10 @@ mod tests {
         let command = json!({ "arguments": ["join"], "folder": "/a" });
         let record = joined_record(&parts, &temp.path().join("out"), &command, None);
         assert_eq!(
-            (&record["range"], &record["command"], &record["parts"]),
+            (&record["range"], &record["join"], &record["parts"]),
             (&json!([4, 7]), &command, &json!([[4, 6], [6, 7]]))
         );
+        assert_eq!(record["command"], parts[0].value["command"]);
         let frames: Vec<_> = record["pictures"].as_array().unwrap().iter().map(|picture| &picture["frame"]).collect();
         assert_eq!(frames, [4, 5, 6]);
         let paths: Vec<_> = record["inputs"].as_array().unwrap().iter().map(|input| &input["path"]).collect();
