@@ -10,9 +10,9 @@ use clap::Parser;
 use super::{Cli, Command, composite, progress, warn};
 use locard_engine::gpu::Gpu;
 use locard_engine::provenance::audit::{
-    AuditSink, ForwardSink, RemadeFrame, RemadeOutcome, changed_inputs, changed_outputs, spread,
+    ForwardSink, FrameAudit, RemadeFrame, RemadeOutcome, changed_inputs, changed_outputs, spread,
 };
-use locard_engine::provenance::{DeviceRecord, ProgramRecord, Record};
+use locard_engine::provenance::{DeviceRecord, OutputKind, ProgramRecord, Record};
 use locard_engine::shot::AnalysisChoice;
 use locard_engine::sink::Sink;
 use locard_engine::text::count;
@@ -78,7 +78,7 @@ pub fn run(args: &Args) -> Result<()> {
     let program = ProgramRecord::current();
     if program != record.work.program {
         let ProgramRecord { name, version, build } = &record.work.program;
-        say(&format!(
+        print_line(&format!(
             "another build of the program: the output was made by {name} {version}, build {}, this is {}",
             short(build),
             short(&program.build)
@@ -86,11 +86,17 @@ pub fn run(args: &Args) -> Result<()> {
     }
     let mut problems = changed_inputs(&record, Path::new(""));
     let inputs = problems.len();
-    say(&format!("inputs: {} of {} as recorded", record.work.inputs.len() - inputs, record.work.inputs.len()))?;
+    print_line(&format!("inputs: {} of {} as recorded", record.work.inputs.len() - inputs, record.work.inputs.len()))?;
     problems.extend(changed_outputs(&record, &output, &frames));
     list(&problems)?;
     if problems.len() == inputs {
-        say("output: as it was written")?;
+        let all = record.pictures.len();
+        let share = if record.output.kind == OutputKind::Video {
+            String::new()
+        } else {
+            format!(", {} of {all} pictures", frames.len())
+        };
+        print_line(&format!("output: as it was written{share}"))?;
     }
     let remade = if args.files_only { Vec::new() } else { remake(args, &record, &output, &frames)? };
     let worst = conclude(&remade)?;
@@ -113,14 +119,14 @@ fn short(digest: &str) -> &str {
 }
 
 /// Prints a line of the result.
-fn say(text: &str) -> Result<()> {
+fn print_line(text: &str) -> Result<()> {
     Ok(writeln!(std::io::stdout(), "{}", locard_engine::text::shown(text))?)
 }
 
 fn list(lines: &[impl std::fmt::Display]) -> Result<()> {
-    lines.iter().take(MAX_LISTED).try_for_each(|line| say(&format!("  {line}")))?;
+    lines.iter().take(MAX_LISTED).try_for_each(|line| print_line(&format!("  {line}")))?;
     if lines.len() > MAX_LISTED {
-        say(&format!("  and {} more", lines.len() - MAX_LISTED))?;
+        print_line(&format!("  and {} more", lines.len() - MAX_LISTED))?;
     }
     Ok(())
 }
@@ -129,32 +135,35 @@ fn list(lines: &[impl std::fmt::Display]) -> Result<()> {
 fn remake(args: &Args, record: &Record, output: &Path, frames: &[usize]) -> Result<Vec<RemadeFrame>> {
     let arguments = std::iter::once("locard").chain(record.work.command.arguments.iter().map(String::as_str));
     let Ok(Cli { command: Command::Composite(command) }) = Cli::try_parse_from(arguments) else {
-        bail!(
-            "the output was not made by `locard composite`, and its frames cannot be made again ({}); --files-only \
-             compares the files alone",
-            record.work.command.arguments.first().map_or("no command is recorded", String::as_str)
-        )
+        let name = record.work.command.arguments.first().map_or("no command", String::as_str);
+        print_line(&format!("frames: not made again; this program repeats `composite` alone, the record has {name}"))?;
+        return Ok(Vec::new());
     };
     let analysis =
         record.work.inputs.iter().find(|input| input.role == "analysis").and_then(|input| input.path.parent());
     let analysis = analysis.map_or(AnalysisChoice::No, |folder| AnalysisChoice::At(folder.to_owned()));
     let (shot, export) = composite::reopen(&command, analysis).context("the recorded command cannot be repeated")?;
+    let count_now = shot.recording.frame_count();
+    if let Some(frame) = frames.iter().find(|frame| **frame >= count_now) {
+        bail!("frame {frame}: the recording has {} now", count(count_now, "frame"));
+    }
     let mut compositor = shot.compositor(Gpu::open()?);
     let device = DeviceRecord::of(&compositor.gpu().info);
     if device != record.work.device {
         let of = |device: &DeviceRecord| format!("{}, {}", device.adapter, device.driver);
-        say(&format!("another device: the output was made on {}, this is {}", of(&record.work.device), of(&device)))?;
+        print_line(&format!(
+            "another device: the output was made on {}, this is {}",
+            of(&record.work.device),
+            of(&device)
+        ))?;
     }
     let (sender, finished) = mpsc::channel();
     let mut sink: Box<dyn Sink + Send> = export.finishing(&shot, Box::new(ForwardSink(sender)));
-    let audit = AuditSink::new(record, output);
+    let audit = FrameAudit::new(record, output);
     let bar = progress(args.quiet, frames.len());
     let mut remade = Vec::with_capacity(frames.len());
     for run in frames.chunk_by(|a, b| a + 1 == *b) {
         let range = run[0]..run[run.len() - 1] + 1;
-        if range.end > shot.recording.frame_count() {
-            bail!("frame {}: the recording has {} now", range.end - 1, count(shot.recording.frame_count(), "frame"));
-        }
         let composites = shot.frames(&mut compositor, range, false, locard_engine::compositor::IN_FLIGHT)?;
         for composited in composites {
             let composited = composited?;
@@ -174,7 +183,11 @@ fn conclude(remade: &[RemadeFrame]) -> Result<Option<u32>> {
         return Ok(None);
     }
     let unequal: Vec<&RemadeFrame> = remade.iter().filter(|made| made.outcome != RemadeOutcome::Equal).collect();
-    say(&format!("frames: {} of {} made again are equal bit for bit", remade.len() - unequal.len(), remade.len()))?;
+    print_line(&format!(
+        "frames: {} of {} made again are equal bit for bit",
+        remade.len() - unequal.len(),
+        remade.len()
+    ))?;
     let line = |made: &&RemadeFrame| match &made.outcome {
         RemadeOutcome::Equal => String::new(),
         RemadeOutcome::Differs(by) => {

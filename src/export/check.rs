@@ -9,7 +9,7 @@ use super::inputs::{Inputs, resolved};
 use super::run::{layer_name, mask_name};
 use crate::provenance::record_path;
 use crate::sink::folder::frame_name;
-use crate::sink::{self, OutPath, is_stdout};
+use crate::sink::{self, OutPath, VideoCodec, is_stdout};
 
 impl Export {
     /// Rejects outputs that would overwrite inputs, existing files without `force`, or other
@@ -30,6 +30,14 @@ impl Export {
             if let Some(file) = there.next().filter(|_| !self.force) {
                 return Err(ExportError::refused(&file, "exists already, and is kept (--force replaces it)"));
             }
+        }
+        let has_groups = matches!(&self.out, OutPath::Video(path)
+            if !self.lossless && self.codec.unwrap_or_else(|| sink::default_codec(path)) != VideoCodec::ProRes);
+        if let (Some(_), false, OutPath::Folder(path) | OutPath::Video(path)) =
+            (self.closed_groups, has_groups, &self.out)
+        {
+            let problem = "--closed-groups goes with H.264 and HEVC; the frames of this output stand alone";
+            return Err(ExportError::refused(path, problem));
         }
         if let Some(output) = self.recorded_output() {
             inputs.check_file(&record_path(output))?;

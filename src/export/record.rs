@@ -10,7 +10,7 @@ use crate::gpu::Gpu;
 use crate::pixels::Pixels;
 use crate::provenance::{
     InputDigests, MaskRecord, OutputKind, OutputRecord, PictureLines, PictureRecord, RECORD_VERSION, Record,
-    SettingsRecord, WorkRecord, file_digest, input_files, pixels_digest,
+    SettingsRecord, WorkRecord, file_digest, input_files, pixels_digest, remove_record,
 };
 use crate::recording::Recording;
 use crate::shot::Shot;
@@ -85,7 +85,11 @@ impl RecordDraft {
             },
             pictures: Vec::new(),
         };
-        let inputs = InputDigests::start(input_files(shot)).map_err(|source| ExportError::Thread { source })?;
+        // A video that is replaced has no record until the end.
+        if record.output.kind == OutputKind::Video {
+            remove_record(output)?;
+        }
+        let inputs = InputDigests::start(input_files(shot));
         Ok(Some(Self { output: output.to_owned(), record, inputs }))
     }
 
@@ -97,14 +101,14 @@ impl RecordDraft {
         match self.record.output.kind {
             OutputKind::Video => {
                 let digest = file_digest(&self.output);
-                let digest = digest.map_err(|source| SinkError::Write { path: self.output.clone(), source })?;
+                let digest = digest.map_err(|source| SinkError::Read { path: self.output.clone(), source })?;
                 self.record.output.sha256 = Some(digest.sha256);
             }
             OutputKind::Frames => {
                 if let Ok(earlier) = Record::read(&self.output)
                     && earlier.is_same_work(&self.record)
                 {
-                    let path = self.output.clone();
+                    let path = std::env::temp_dir();
                     self.record.pictures = pictures.read().map_err(|source| SinkError::Write { path, source })?;
                     self.record.add_pictures(earlier);
                     return Ok(self.record.write(&self.output)?);
@@ -138,12 +142,14 @@ impl PictureList {
     }
 
     /// Adds the picture that was written last.
-    pub fn add(&mut self, frame: usize, rect_px: Option<[i32; 4]>, mask: Option<MaskRecord>) -> io::Result<()> {
+    pub fn add(&mut self, frame: usize, rect_px: Option<[i32; 4]>, mask: Option<MaskRecord>) -> Result<(), SinkError> {
         let Ok(pixels_sha256) = self.digests.try_recv() else { return Ok(()) };
         let file = self.folder.as_ref().map(|_| frame_name(frame));
         let path = self.folder.as_ref().map(|folder| folder.join(frame_name(frame)));
-        let file_sha256 = path.map(|path| file_digest(&path)).transpose()?.map(|digest| digest.sha256);
-        self.lines.push(&PictureRecord { frame, file, pixels_sha256, file_sha256, rect_px, mask })
+        let digest = path.map(|path| file_digest(&path).map_err(|source| SinkError::Read { path, source }));
+        let file_sha256 = digest.transpose()?.map(|digest| digest.sha256);
+        let listed = self.lines.push(&PictureRecord { frame, file, pixels_sha256, file_sha256, rect_px, mask });
+        listed.map_err(|source| SinkError::Write { path: std::env::temp_dir(), source })
     }
 
     pub fn into_lines(self) -> PictureLines {

@@ -171,8 +171,10 @@ impl Writer {
             mask_record = self.pictures.is_some().then(|| mask.record());
         }
         self.sink.write(done.frame, &done.pixels)?;
-        let listed = self.pictures.as_mut().map(|list| list.add(done.frame, done.stats.rect_px, mask_record));
-        Ok(listed.transpose().map(drop).map_err(|source| SinkError::Write { path: std::env::temp_dir(), source })?)
+        if let Some(list) = &mut self.pictures {
+            list.add(done.frame, done.stats.rect_px, mask_record)?;
+        }
+        Ok(())
     }
 
     /// Completes the output; returns the list of its pictures.

@@ -44,7 +44,7 @@ impl DigitalSourceType {
 /// Name and version of the program.
 pub const PROGRAM: &str = concat!("Locard ", env!("CARGO_PKG_VERSION"));
 
-/// SourceLabel of a picture or of a video.
+/// Label of a picture or of a video.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SourceLabel {
     pub source_type: DigitalSourceType,
@@ -55,13 +55,13 @@ pub struct SourceLabel {
 }
 
 impl SourceLabel {
-    /// SourceLabel of composites into a recording.
+    /// Label of composites into a recording.
     pub fn composite(recording: &std::path::Path) -> Self {
         let recording = recording.file_name().map(|name| name.to_string_lossy().into_owned());
         Self { source_type: DigitalSourceType::CompositeWithSyntheticElements, recording, frame: None }
     }
 
-    /// SourceLabel of renderings of a scene alone.
+    /// Label of renderings of a scene alone.
     pub fn rendering() -> Self {
         Self { source_type: DigitalSourceType::DigitalCreation, recording: None, frame: None }
     }
@@ -105,8 +105,8 @@ fn xml_escaped(text: &str) -> String {
             '<' => out.push_str("&lt;"),
             '>' => out.push_str("&gt;"),
             '"' => out.push_str("&quot;"),
-            // XML 1.0 has no other control characters.
-            control if control.is_control() => out.push('\u{fffd}'),
+            // Characters that XML 1.0 has not: the replacement character.
+            odd if odd.is_control() || matches!(odd, '\u{fffe}' | '\u{ffff}') => out.push_str("&#65533;"),
             ascii if ascii.is_ascii() => out.push(ascii),
             other => out.push_str(&format!("&#{};", u32::from(other))),
         }
@@ -120,7 +120,7 @@ mod tests {
 
     #[test]
     fn packet_is_xml_with_the_source_type_program_recording_and_frame() {
-        let label = SourceLabel::composite(std::path::Path::new("/tmp/ä \"b\" & <c>")).of_frame(12);
+        let label = SourceLabel::composite(std::path::Path::new("/tmp/ä \"b\" & <c>\u{1}")).of_frame(12);
         let xmp = label.xmp();
         let document = roxmltree::Document::parse(xmp.trim_start_matches('\u{feff}')).unwrap();
         let description = document.descendants().find(|node| node.has_tag_name("Description")).unwrap();
@@ -128,7 +128,7 @@ mod tests {
         let iptc = value("http://iptc.org/std/Iptc4xmpExt/2008-02-29/", "DigitalSourceType");
         assert_eq!(iptc, "http://cv.iptc.org/newscodes/digitalsourcetype/compositeSynthetic");
         assert_eq!(value("http://ns.adobe.com/xap/1.0/", "CreatorTool"), PROGRAM);
-        assert_eq!(value("urn:locard:label:1#", "recording"), "ä \"b\" & <c>");
+        assert_eq!(value("urn:locard:label:1#", "recording"), "ä \"b\" & <c>\u{fffd}");
         assert_eq!(value("urn:locard:label:1#", "frame"), "12");
         let of_video = SourceLabel::rendering().xmp();
         assert!(of_video.contains("digitalCreation") && !of_video.contains("locard:frame"));

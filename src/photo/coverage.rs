@@ -6,6 +6,9 @@ use glam::DVec2;
 /// Cells along the longer side of an object's outline.
 const CELLS: f64 = 256.0;
 
+/// Largest share in view of an object of which a part is out of view.
+pub const MAX_PARTIAL_VIEW: f64 = 0.999;
+
 /// An object's projection.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PictureCoverage {
@@ -50,7 +53,7 @@ pub fn coverage(triangles: &[[DVec2; 3]], size: DVec2) -> PictureCoverage {
     let is_whole = low.cmpge(DVec2::ZERO).all() && high.cmple(size).all();
     PictureCoverage {
         share: (inside as f64 * cell_px * cell_px / (size.x * size.y)).min(1.0),
-        in_view: if is_whole { 1.0 } else { (inside as f64 / whole as f64).min(0.999) },
+        in_view: if is_whole { 1.0 } else { (inside as f64 / whole as f64).min(MAX_PARTIAL_VIEW) },
         low_px,
         high_px,
     }

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::particulars::Particulars;
 pub use crate::provenance::record_path;
-use crate::provenance::{RECORD_ENDING, RECORD_VERSION, WorkRecord};
+use crate::provenance::{RECORD_VERSION, WorkRecord, file_digest, output_of_record};
 use crate::sink::SinkError;
 use crate::sink::atomic::write_atomically;
 use crate::source::file as plain;
@@ -23,19 +23,21 @@ struct PhotoRecord {
     version: u32,
     #[serde(flatten, default, skip_serializing_if = "Option::is_none")]
     work: Option<WorkRecord>,
+    /// Digest of the photograph's file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    file_sha256: Option<String>,
     photograph: Option<Particulars>,
-}
-
-/// The photograph beside which a record lies; `None` for any other file.
-pub fn photograph_of_record(record: &Path) -> Option<PathBuf> {
-    let name = record.file_name()?.to_str()?.strip_suffix(RECORD_ENDING)?;
-    Some(record.with_file_name(name))
 }
 
 /// Writes the record of a photograph; an existing one belongs to an earlier photograph of that name
 /// and is replaced. A case card has no `work`.
 pub fn write_record(photograph: &Path, particulars: &Particulars, work: Option<&WorkRecord>) -> Result<(), SinkError> {
-    let record = PhotoRecord { version: RECORD_VERSION, work: work.cloned(), photograph: Some(particulars.clone()) };
+    let record = PhotoRecord {
+        version: RECORD_VERSION,
+        work: work.cloned(),
+        file_sha256: file_digest(photograph).ok().map(|digest| digest.sha256),
+        photograph: Some(particulars.clone()),
+    };
     write_atomically(&record_path(photograph), true, |out| {
         serde_json::to_writer_pretty(&mut *out, &record).map_err(io::Error::from)?;
         out.write_all(b"\n")
@@ -58,7 +60,12 @@ pub fn read_record(photograph: &Path) -> Result<Option<Particulars>, String> {
     if record.version != RECORD_VERSION {
         return Err(format!("{}: version {} is refused: expected {RECORD_VERSION}", path.display(), record.version));
     }
-    Ok(record.photograph)
+    match (&record.file_sha256, file_digest(photograph)) {
+        (Some(sha256), Ok(digest)) if digest.sha256 != *sha256 => {
+            Err(format!("{}: has changed since its record was written", photograph.display()))
+        }
+        _ => Ok(record.photograph),
+    }
 }
 
 /// Number of the next photograph in a folder: that of the photograph at `path` if it is replaced,
@@ -69,7 +76,7 @@ pub fn next_number(path: &Path) -> u32 {
     }
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    let photographs = entries.filter_map(|entry| photograph_of_record(&entry.path()));
+    let photographs = entries.filter_map(|entry| output_of_record(&entry.path()));
     let numbers = photographs.filter_map(|photograph| read_record(&photograph).ok().flatten()).map(|p| p.number);
     numbers.max().unwrap_or(0).saturating_add(1)
 }

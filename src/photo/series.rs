@@ -1,6 +1,7 @@
 //! Takes a photograph or a series, from the request to the files.
 
 use std::path::PathBuf;
+use std::time::Duration;
 
 use super::MOTION_EFFECT;
 use super::error::{PhotoError, refused};
@@ -17,14 +18,17 @@ use crate::camera::exposure::INDOORS_LX;
 use crate::camera::metering::PictureLight;
 use crate::camera::{Geometry, Opening};
 use crate::depth::{Rays, consensus_at_frame, measured_from};
-use crate::export::{ExportError, Inputs};
+use crate::export::Inputs;
 use crate::gpu::{Gpu, GpuError};
 use crate::label::SourceLabel;
 use crate::profile::Rig;
-use crate::provenance::{InputDigests, WorkRecord, input_files};
+use crate::provenance::{InputDigests, WorkRecord, input_files, remove_record};
 use crate::recording::Recording;
 use crate::shot::{DEFAULT_ISO, Note, Shot};
 use crate::sink::{SinkError, check_file, photograph};
+
+/// Time between two checks whether the inputs are digested.
+const DIGEST_POLL: Duration = Duration::from_millis(30);
 
 /// Events while photographs are taken.
 #[derive(Clone, Debug, PartialEq)]
@@ -139,7 +143,7 @@ impl PhotoRequest {
         let depth_m =
             frame.depth.as_ref().and_then(|map| consensus_at_frame(&frame, map, &rays, track, &camera.response));
         let mut work = WorkRecord::begun(&shot, &compositor.gpu().info);
-        let inputs_read = InputDigests::start(input_files(&shot)).map_err(|source| ExportError::Thread { source })?;
+        let input_digests = InputDigests::start(input_files(&shot));
         let mut shoot = PhotoShoot { wanted: self, shot, whole, frame, depth_m, mean, camera, compositor, aim, sums };
         let (distance_m, nothing) = shoot.focus_distance_m(focal_length_m)?;
         nothing.map(str::to_owned).into_iter().try_for_each(&mut warn)?;
@@ -152,7 +156,7 @@ impl PhotoRequest {
             );
         }
         work.settings.unlabelled = !self.labelled;
-        work.inputs = inputs_read.finish().map_err(|(path, source)| SinkError::Read { path, source })?;
+        let mut input_digests = Some(input_digests);
         let label = self.labelled.then(|| SourceLabel::composite(&shoot.shot.recording.path).of_frame(index));
         let mut sheet = Vec::new();
         let mut is_told = false;
@@ -180,11 +184,20 @@ impl PhotoRequest {
             }
             let path = self.path_of(&(n + 1).to_string());
             let notes = shoot.notes(&dials, asked, &framing);
-            photograph::write(&path, &pixels, Some(&notes), label.as_ref(), self.force)?;
             let number = self.number.map_or_else(|| next_number(&path), |first| first.saturating_add(n as u32));
             let photo =
                 TakenPhoto { dials: &dials, entry: asked, framing: &framing, opening, pixels: &pixels, notes: &notes };
-            write_record(&path, &shoot.particulars(&photo, subject.as_deref(), number)?, Some(&work))?;
+            let particulars = shoot.particulars(&photo, subject.as_deref(), number)?;
+            if let Some(digests) = input_digests.take() {
+                while !digests.is_finished() {
+                    send(PhotoEvent::Taking { number: n + 1, of: series.len(), share: 1.0 })?;
+                    std::thread::park_timeout(DIGEST_POLL);
+                }
+                work.inputs = digests.finish().map_err(|(path, source)| SinkError::Read { path, source })?;
+            }
+            remove_record(&path)?;
+            photograph::write(&path, &pixels, Some(&notes), label.as_ref(), self.force)?;
+            write_record(&path, &particulars, Some(&work))?;
             let settings = settings_text(asked, &framing);
             let written = send(PhotoEvent::Written { path, settings: settings.replace('\n', ", ") });
             // After a single photograph nothing is left to cancel.

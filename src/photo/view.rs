@@ -2,7 +2,7 @@
 
 use glam::{DVec2, DVec3};
 
-use super::coverage::{PictureCoverage, coverage};
+use super::coverage::{MAX_PARTIAL_VIEW, PictureCoverage, coverage};
 use super::particulars::{ObjectInView, ScaleInView, Subject};
 use super::plane_view::{angle_between_deg, flat_normal, height_error, longest_side_m, mm_per_px, tilt_error};
 use crate::camera::{Geometry, Opening};
@@ -52,7 +52,10 @@ impl PhotoView<'_> {
         let corners_m = object.corners_m(self.scene)?;
         let centre_m = corners_m.iter().sum::<DVec3>() / 8.0;
         let in_camera = self.pose.transform_point(centre_m);
-        let PictureCoverage { share, in_view, low_px, high_px } = coverage(&self.triangles_px(object), self.size_px());
+        let (triangles, is_cut) = self.triangles_px(object);
+        let PictureCoverage { share, in_view, low_px, high_px } = coverage(&triangles, self.size_px());
+        // A part behind the camera is out of view.
+        let in_view = if is_cut { in_view.min(MAX_PARTIAL_VIEW) } else { in_view };
         let in_view = ObjectInView {
             name: object.name.clone(),
             kind: object.kind,
@@ -67,9 +70,9 @@ impl PhotoView<'_> {
         Some(ViewedObject { object: n, corners_m, in_view, centre_px: self.geometry.project(in_camera) })
     }
 
-    /// Triangles with all corners in front of the camera, px.
-    fn triangles_px(&self, object: &Object) -> Vec<[DVec2; 3]> {
-        let mut triangles = Vec::new();
+    /// Triangles with all corners in front of the camera, px, and whether there are others.
+    fn triangles_px(&self, object: &Object) -> (Vec<[DVec2; 3]>, bool) {
+        let (mut triangles, mut count) = (Vec::new(), 0);
         for part in object.placed() {
             let Some(mesh) = self.scene.meshes.get(part.mesh) else { continue };
             let project = |position: [f32; 3]| {
@@ -78,13 +81,15 @@ impl PhotoView<'_> {
             };
             let corners_px: Vec<_> = mesh.vertices.iter().map(|vertex| project(vertex.position)).collect();
             let corner = |index: u32| corners_px.get(index as usize).copied().flatten();
+            count += mesh.indices.len() / 3;
             triangles.extend(
                 mesh.indices
                     .chunks_exact(3)
                     .filter_map(|index| Some([corner(index[0])?, corner(index[1])?, corner(index[2])?])),
             );
         }
-        triangles
+        let is_cut = triangles.len() < count;
+        (triangles, is_cut)
     }
 
     /// The subject: the named object, otherwise the evidence in view whose centre is nearest to the

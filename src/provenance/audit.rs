@@ -1,6 +1,6 @@
 //! Audit of an output: its inputs and files against its record, and its frames made again.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::sync::mpsc;
 
@@ -8,6 +8,7 @@ use super::digests::{file_digest, pixels_digest};
 use super::pictures::{PictureDifference, difference, read_picture};
 use super::record::{OutputKind, Record};
 use crate::pixels::Pixels;
+use crate::sink::folder::is_frame_name;
 use crate::sink::{Sink, SinkError};
 use crate::text::reason;
 
@@ -54,7 +55,8 @@ pub fn changed_outputs(record: &Record, output: &Path, frames: &[usize]) -> Vec<
         };
         return vec![changed(output.to_owned(), problem)];
     }
-    let wanted = record.pictures.iter().enumerate().filter(|(_, picture)| frames.binary_search(&picture.frame).is_ok());
+    let frames: HashSet<usize> = frames.iter().copied().collect();
+    let sampled = record.pictures.iter().enumerate().filter(|(_, picture)| frames.contains(&picture.frame));
     let change = |(number, picture): (usize, &super::PictureRecord)| {
         let file = output.join(picture.file.as_deref().unwrap_or_default());
         match read_picture(output, &record.output, picture.file.as_deref(), number) {
@@ -68,7 +70,20 @@ pub fn changed_outputs(record: &Record, output: &Path, frames: &[usize]) -> Vec<
             Err(error) => Some(changed(file, error.to_string())),
         }
     };
-    wanted.filter_map(change).collect()
+    sampled.filter_map(change).chain(unlisted(record, output)).collect()
+}
+
+/// Frames in an output's folder that are not in its record.
+fn unlisted(record: &Record, output: &Path) -> impl Iterator<Item = ChangedFile> {
+    let listed: HashSet<&str> = record.pictures.iter().filter_map(|picture| picture.file.as_deref()).collect();
+    let entries = std::fs::read_dir(output).into_iter().flatten().flatten().map(|entry| entry.file_name());
+    let is_unlisted =
+        |name: &std::ffi::OsString| name.to_str().is_some_and(|name| is_frame_name(name) && !listed.contains(name));
+    let mut names: Vec<_> = entries.filter(is_unlisted).collect();
+    names.sort();
+    let problem = "is not in the record: it was added, or written by another run";
+    let change = |name| ChangedFile { path: output.join(name), role: "output".to_owned(), problem: problem.to_owned() };
+    names.into_iter().map(change).collect::<Vec<_>>().into_iter()
 }
 
 /// A frame that was made again.
@@ -88,15 +103,15 @@ pub enum RemadeOutcome {
     Unequal(String),
 }
 
-/// Compares frames that are made again with a record. Writes nothing.
-pub struct AuditSink<'a> {
+/// Compares frames that are made again with a record.
+pub struct FrameAudit<'a> {
     record: &'a Record,
     output: &'a Path,
     /// Position of each frame in the record.
     position: HashMap<usize, usize>,
 }
 
-impl<'a> AuditSink<'a> {
+impl<'a> FrameAudit<'a> {
     pub fn new(record: &'a Record, output: &'a Path) -> Self {
         let position = record.pictures.iter().enumerate().map(|(number, picture)| (picture.frame, number)).collect();
         Self { record, output, position }
@@ -201,7 +216,7 @@ mod tests {
             picture.pixels_sha256 = pixels_digest(&written);
         }
         assert_eq!(changed_outputs(&record, folder.path(), &[4, 5]), []);
-        let audit = AuditSink::new(&record, folder.path());
+        let audit = FrameAudit::new(&record, folder.path());
         assert_eq!(audit.compare(4, &written).outcome, RemadeOutcome::Equal);
         let mut codes = vec![100; 144];
         codes[3] = 102;
@@ -218,6 +233,14 @@ mod tests {
             changed[0].to_string().ends_with("frame_000005.png (output): its pixels have changed since it was written")
         );
         assert_eq!(changed_outputs(&record, folder.path(), &[4]), [], "a sample without it");
+        std::fs::write(folder.path().join("frame_000009.png"), "").unwrap();
+        let added = changed_outputs(&record, folder.path(), &[4]);
+        assert!(
+            added[0]
+                .to_string()
+                .ends_with("frame_000009.png (output): is not in the record: it was added, or written by another run")
+        );
+        std::fs::remove_file(folder.path().join("frame_000009.png")).unwrap();
         let retouched = audit.compare(5, &other).outcome;
         assert_eq!(retouched, RemadeOutcome::Unequal("the stored picture is not the recorded one".to_owned()));
     }

@@ -1,6 +1,5 @@
 //! SHA-256 digests of files and pictures.
 
-use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -13,6 +12,7 @@ use super::InputRecord;
 use crate::pixels::Pixels;
 use crate::shot::{AnalysisState, Shot};
 use crate::sink::little_endian;
+use crate::source::file;
 use crate::text::hex;
 
 /// Length of a block that is read at once, bytes.
@@ -32,10 +32,13 @@ pub fn file_digest(path: &Path) -> io::Result<DigestedFile> {
 
 /// Digests a file, or fails with [`io::ErrorKind::Interrupted`] once `is_cancelled` is set.
 fn digest_of(path: &Path, is_cancelled: &AtomicBool) -> io::Result<DigestedFile> {
-    let (mut file, mut sha, mut bytes) = (File::open(path)?, Sha256::new(), 0);
+    let (mut file, mut sha, mut bytes) = (file::open(path)?, Sha256::new(), 0);
     let mut block = vec![0; BLOCK_BYTES];
     while !is_cancelled.load(Ordering::Relaxed) {
-        let length = file.read(&mut block)?;
+        let length = match file.read(&mut block) {
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
+            length => length?,
+        };
         if length == 0 {
             return Ok(DigestedFile { bytes, sha256: hex(&sha.finalize()) });
         }
@@ -71,36 +74,44 @@ pub fn input_files(shot: &Shot) -> Vec<(&'static str, PathBuf)> {
 /// Digests of all inputs, or the file that could not be read.
 pub type DigestedInputs = Result<Vec<InputRecord>, (PathBuf, io::Error)>;
 
-/// Digests of input files, computed on a thread of their own while frames are composited. Dropping
-/// it ends the thread.
+/// Digests of input files, computed on a thread of their own while frames are composited, or at the
+/// end if there is no thread. Dropping it ends the thread.
 #[derive(Debug)]
 pub struct InputDigests {
     is_cancelled: Arc<AtomicBool>,
+    files: Arc<Vec<(&'static str, PathBuf)>>,
     thread: Option<JoinHandle<DigestedInputs>>,
 }
 
 impl InputDigests {
     /// Starts on files with their roles.
-    pub fn start(files: Vec<(&'static str, PathBuf)>) -> io::Result<Self> {
-        let is_cancelled = Arc::new(AtomicBool::new(false));
-        let flag = Arc::clone(&is_cancelled);
-        let work = move || {
-            let digest = |(role, path): (&str, PathBuf)| match digest_of(&path, &flag) {
-                Ok(DigestedFile { bytes, sha256 }) => Ok(InputRecord { role: role.to_owned(), path, bytes, sha256 }),
-                Err(error) => Err((path, error)),
-            };
-            files.into_iter().map(digest).collect()
-        };
-        let thread = std::thread::Builder::new().name("input digests".to_owned()).spawn(work)?;
-        Ok(Self { is_cancelled, thread: Some(thread) })
+    pub fn start(files: Vec<(&'static str, PathBuf)>) -> Self {
+        let (is_cancelled, files) = (Arc::new(AtomicBool::new(false)), Arc::new(files));
+        let (flag, own) = (Arc::clone(&is_cancelled), Arc::clone(&files));
+        let thread = std::thread::Builder::new().name("input digests".to_owned()).spawn(move || digests(&own, &flag));
+        Self { is_cancelled, files, thread: thread.ok() }
+    }
+
+    /// True if [`InputDigests::finish`] returns at once.
+    pub fn is_finished(&self) -> bool {
+        self.thread.as_ref().is_none_or(JoinHandle::is_finished)
     }
 
     /// Waits for the digests. On failure, the file that could not be read.
     pub fn finish(mut self) -> DigestedInputs {
-        let ended = self.thread.take().map(JoinHandle::join);
-        let failed = || Err((PathBuf::new(), io::Error::other("the thread that digests inputs ended early")));
-        ended.and_then(Result::ok).unwrap_or_else(failed)
+        let ended = self.thread.take().and_then(|thread| thread.join().ok());
+        ended.unwrap_or_else(|| digests(&self.files, &self.is_cancelled))
     }
+}
+
+fn digests(files: &[(&'static str, PathBuf)], is_cancelled: &AtomicBool) -> DigestedInputs {
+    let digest = |(role, path): &(&str, PathBuf)| match digest_of(path, is_cancelled) {
+        Ok(DigestedFile { bytes, sha256 }) => {
+            Ok(InputRecord { role: (*role).to_owned(), path: path.clone(), bytes, sha256 })
+        }
+        Err(error) => Err((path.clone(), error)),
+    };
+    files.iter().map(digest).collect()
 }
 
 impl Drop for InputDigests {
@@ -134,10 +145,10 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let (there, gone) = (folder.path().join("abc"), folder.path().join("gone"));
         std::fs::write(&there, "abc").unwrap();
-        let digests = InputDigests::start(vec![("scene", there.clone())]).unwrap().finish().unwrap();
+        let digests = InputDigests::start(vec![("scene", there.clone())]).finish().unwrap();
         let expected = InputRecord { role: "scene".to_owned(), path: there, bytes: 3, sha256: ABC.to_owned() };
         assert_eq!(digests, [expected]);
-        let (path, _) = InputDigests::start(vec![("scene", gone.clone())]).unwrap().finish().unwrap_err();
+        let (path, _) = InputDigests::start(vec![("scene", gone.clone())]).finish().unwrap_err();
         assert_eq!(path, gone);
     }
 }

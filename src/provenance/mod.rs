@@ -1,5 +1,5 @@
 //! Provenance records: a JSON file beside an output with everything that it takes to make the
-//! output again, and the digests of all files that were read and written.
+//! output again, and the digests of the files that were read and of the pictures that were written.
 //!
 //! The record of `out` is `out.record.json`, that of `clip.mp4` is `clip.mp4.record.json`. Digests
 //! are SHA-256 in hexadecimal, as `sha256sum` prints them. A picture's digest is that of its code
@@ -20,5 +20,6 @@ pub use mask::{FrameMask, MaskRecord, RunLengths};
 pub use pictures::{PictureDifference, StoredPictureError, difference, read_picture};
 pub use record::{
     CommandRecord, DeviceRecord, InputRecord, OutputKind, OutputRecord, PictureLines, PictureRecord, ProgramRecord,
-    ProvenanceError, RECORD_ENDING, RECORD_VERSION, Record, SettingsRecord, WorkRecord, record_path,
+    ProvenanceError, RECORD_ENDING, RECORD_VERSION, Record, SettingsRecord, WorkRecord, output_of_record, record_path,
+    remove_record,
 };

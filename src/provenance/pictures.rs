@@ -33,7 +33,7 @@ pub fn read_picture(
     let format = if record.bits == 16 { "rgb48le" } else { "rgb24" };
     let select = format!("select=eq(n\\,{number})");
     let options = ["-vf", &select, "-frames:v", "1", "-f", "rawvideo", "-pix_fmt", format, "-"];
-    let start = ["-v", "error"].map(OsString::from).into_iter();
+    let start = ["-v", "error", "-noautorotate"].map(OsString::from).into_iter();
     let arguments: Vec<_> = start.chain(ffmpeg::input(output)).chain(options.map(OsString::from)).collect();
     let bytes = program::output("ffmpeg", &arguments)?.written;
     let length = bytes.len();
@@ -43,7 +43,8 @@ pub fn read_picture(
     } else {
         Pixels::from_u8(record.width, record.height, bytes)
     };
-    let expected = 3 * record.width as usize * record.height as usize * record.bits as usize / 8;
+    let pixels_count = u64::from(record.width).saturating_mul(u64::from(record.height));
+    let expected = pixels_count.saturating_mul(u64::from(3 * record.bits / 8)) as usize;
     pixels.ok_or_else(|| StoredPictureError::Size { path: output.to_owned(), number, bytes: length, expected })
 }
 

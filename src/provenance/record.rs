@@ -11,6 +11,7 @@ use crate::params::{self, Value};
 use crate::shot::Shot;
 use crate::sink::SinkError;
 use crate::sink::atomic::write_atomically;
+use crate::source::file::{self, MAX_TEXT_BYTES};
 use crate::text::{quoted, reason};
 
 /// Version of the format.
@@ -223,16 +224,34 @@ pub const RECORD_ENDING: &str = ".record.json";
 
 /// Path of the record of an output.
 pub fn record_path(output: &Path) -> PathBuf {
-    let mut name = output.components().as_path().as_os_str().to_owned();
+    // `out/`, `.` and `out/..` have no name of their own.
+    let named = output.components().as_path();
+    let real = if named.file_name().is_none() { named.canonicalize().ok() } else { None };
+    let mut name = real.unwrap_or_else(|| named.to_owned()).into_os_string();
     name.push(RECORD_ENDING);
     name.into()
+}
+
+/// Removes the record of an output that is replaced.
+pub fn remove_record(output: &Path) -> Result<(), SinkError> {
+    let path = record_path(output);
+    match std::fs::remove_file(&path) {
+        Err(source) if source.kind() != io::ErrorKind::NotFound => Err(SinkError::Write { path, source }),
+        _ => Ok(()),
+    }
+}
+
+/// The output beside which a record lies; `None` for any other file.
+pub fn output_of_record(record: &Path) -> Option<PathBuf> {
+    let name = record.file_name()?.to_str()?.strip_suffix(RECORD_ENDING)?;
+    Some(record.with_file_name(name))
 }
 
 impl Record {
     /// Reads the record of an output.
     pub fn read(output: &Path) -> Result<Self, ProvenanceError> {
         let path = record_path(output);
-        let text = std::fs::read_to_string(&path).map_err(|source| match source.kind() {
+        let text = file::read_text(&path, MAX_TEXT_BYTES).map_err(|source| match source.kind() {
             std::io::ErrorKind::NotFound => ProvenanceError::Missing { output: output.to_owned(), path: path.clone() },
             _ => ProvenanceError::Read { path: path.clone(), source },
         })?;
@@ -244,7 +263,28 @@ impl Record {
             }
             _ => {}
         }
-        serde_json::from_value(value).map_err(|error| wrong(error.to_string()))
+        let record: Self = serde_json::from_value(value).map_err(|error| wrong(error.to_string()))?;
+        record.contradiction().map_or(Ok(record), |problem| Err(wrong(problem)))
+    }
+
+    /// A value that no written record has.
+    fn contradiction(&self) -> Option<String> {
+        let OutputRecord { kind, width, height, bits, .. } = self.output;
+        if !matches!(bits, 8 | 16) || width == 0 || height == 0 {
+            return Some(format!("its output has {width}x{height} pixels of {bits} bits"));
+        }
+        let [start, end] = self.range;
+        if !self.pictures.is_sorted_by(|a, b| a.frame < b.frame) {
+            return Some("its pictures are not in order of their frames".to_owned());
+        }
+        if let Some(outside) = self.pictures.iter().find(|picture| !(start..end).contains(&picture.frame)) {
+            return Some(format!("its frame {} is outside of its range {start}..{end}", outside.frame));
+        }
+        // A name with a separator would lead out of the folder.
+        let is_plain = |name: &str| Path::new(name).file_name().is_some_and(|file| file == name);
+        let is_named = |picture: &PictureRecord| picture.file.as_deref().is_some_and(is_plain);
+        let unnamed = self.pictures.iter().find(|picture| kind == OutputKind::Frames && !is_named(picture))?;
+        Some(format!("its frame {} has no plain file name", unnamed.frame))
     }
 
     /// Writes the record beside its output, replacing an older one.
@@ -258,7 +298,10 @@ impl Record {
     /// Like [`Record::write`], with these pictures instead of its own.
     pub fn write_with_pictures(&self, output: &Path, mut pictures: PictureLines) -> Result<(), SinkError> {
         let path = record_path(output);
-        let head = serde_json::to_string_pretty(&Self { pictures: Vec::new(), ..self.clone() });
+        let Self { version, work, range, output: written, pictures: _ } = self;
+        let (work, written) = (work.clone(), written.clone());
+        let head = Self { version: *version, work, range: *range, output: written, pictures: Vec::new() };
+        let head = serde_json::to_string_pretty(&head);
         let head = head.map_err(|error| SinkError::Write { path: path.clone(), source: error.into() })?;
         let head = head.strip_suffix("]\n}").unwrap_or(&head);
         write_atomically(&path, true, |file| {
@@ -401,6 +444,24 @@ pub mod tests {
         assert!(error().contains("version 9; this program reads version 1"), "{}", error());
         std::fs::write(record_path(&output), [0xff, 0xfe]).unwrap();
         assert!(error().contains("not text in UTF-8"), "{}", error());
+    }
+
+    #[test]
+    fn contradicting_records_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let output = folder.path().join("out");
+        let refusal = |change: fn(&mut Record)| {
+            let mut record = record();
+            change(&mut record);
+            record.write(&output).unwrap();
+            Record::read(&output).unwrap_err().to_string()
+        };
+        assert!(refusal(|record| record.output.bits = 12).contains("pixels of 12 bits"));
+        assert!(refusal(|record| record.pictures.swap(0, 1)).contains("not in order"));
+        assert!(refusal(|record| record.pictures[1].frame = usize::MAX).contains("outside of its range 4..6"));
+        let outside = refusal(|record| record.pictures[0].file = Some("../a.png".to_owned()));
+        assert!(outside.contains("its frame 4 has no plain file name"), "{outside}");
+        assert_eq!(output_of_record(&record_path(&output)), Some(output));
     }
 
     #[test]

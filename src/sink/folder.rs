@@ -15,6 +15,12 @@ pub fn frame_name(frame_index: usize) -> String {
     format!("frame_{frame_index:06}.png")
 }
 
+/// True for the file name of a frame.
+pub fn is_frame_name(name: &str) -> bool {
+    let number = name.strip_prefix("frame_").and_then(|rest| rest.strip_suffix(".png"));
+    number.is_some_and(|number| !number.is_empty() && number.bytes().all(|byte| byte.is_ascii_digit()))
+}
+
 /// Writes `frame_000012.png` and so on, each either complete or absent. With `force` a frame
 /// replaces only the file of its own name, so ranges rendered separately can share a folder.
 #[derive(Debug)]

@@ -49,6 +49,11 @@ pub fn check(path: &Path, force: bool) -> Result<(), SinkError> {
     }
 }
 
+/// True if a path has the extension of a photograph.
+pub fn is_photograph_name(path: &Path) -> bool {
+    matches!(extension(path).as_str(), "jpg" | "jpeg" | "png")
+}
+
 fn extension(path: &Path) -> String {
     path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase()
 }

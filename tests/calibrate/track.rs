@@ -118,7 +118,9 @@ fn tracked_video_becomes_a_recording_with_static_evidence() {
         site.folder.path().join(format!("out-truth/frame_{i:06}.png"))
     };
     let tracked = |i: usize| site.folder.path().join(format!("out-tracked/frame_{i:06}.png"));
-    assert_eq!(std::fs::read(source(10)).unwrap(), std::fs::read(tracked(10)).unwrap());
+    // The labels name the recordings.
+    let pixels = |path: PathBuf| image::open(path).unwrap().to_rgb8();
+    assert!(pixels(source(10)) == pixels(tracked(10)));
     let plain = site.path("plain");
     std::fs::create_dir(&plain).unwrap();
     assert!(

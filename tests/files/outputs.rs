@@ -366,7 +366,8 @@ fn two_concurrent_runs_to_one_output_both_succeed() {
         }
     }
     assert_eq!(std::fs::read_dir(temp.path().join("out")).unwrap().count(), frames);
-    assert_eq!(std::fs::read_dir(temp.path()).unwrap().count(), 2);
+    // Two outputs with their records.
+    assert_eq!(std::fs::read_dir(temp.path()).unwrap().count(), 4);
     let recording = temp.path().join("recording.toml");
     std::fs::write(&recording, "version = 1\n[frames]\nvideo = \"out.mkv\"\n").unwrap();
     let text = stdout_of(&["inspect", recording.to_str().unwrap()]);

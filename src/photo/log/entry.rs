@@ -9,7 +9,9 @@ use super::finding::{Check, Finding};
 use super::items::{ItemCoverage, item_coverage};
 use crate::photo::card::CaseCard;
 use crate::photo::particulars::{Particulars, PhotoContent, ViewParticulars};
-use crate::photo::record::{photograph_of_record, read_record};
+use crate::photo::record::read_record;
+use crate::provenance::output_of_record;
+use crate::sink::photograph::is_photograph_name;
 use crate::source::file as plain;
 use crate::text::reason;
 
@@ -95,12 +97,14 @@ pub fn photographs(paths: &[PathBuf]) -> Result<Vec<PathBuf>, String> {
     let mut photographs = Vec::new();
     for path in paths {
         if !path.is_dir() {
-            photographs.push(photograph_of_record(path).unwrap_or_else(|| path.clone()));
+            photographs.push(output_of_record(path).unwrap_or_else(|| path.clone()));
             continue;
         }
         let folder = std::fs::read_dir(path)
             .map_err(|error| format!("{}: cannot be read: {}", path.display(), reason(&error)))?;
-        photographs.extend(folder.flatten().filter_map(|entry| photograph_of_record(&entry.path())));
+        // Videos and folders of frames have records, too.
+        let outputs = folder.flatten().filter_map(|entry| output_of_record(&entry.path()));
+        photographs.extend(outputs.filter(|output| is_photograph_name(output)));
     }
     photographs.sort();
     photographs.dedup();

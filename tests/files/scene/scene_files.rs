@@ -83,7 +83,7 @@ fn errors_in_scene_files_name_their_location() {
         ("version = 1\nobject = []", ["line 2", "unknown field `object`"]),
         (
             "version = 1\n\n[[objects]]\nmodel = 'a.glb'\nscalle = 2",
-            ["line 5", "`model`, `name`, `hidden`, `shadowless`, `occluder`, `up`, `ground`"],
+            ["line 5", "`model`, `name`, `kind`, `hidden`, `shadowless`, `occluder`, `up`, `ground`"],
         ),
         ("version = 1\n[light]\nsky = 1", ["line 3", "`environment`, `environment_intensity`"]),
         ("version = 1\n[[light.sun]]\ncolour = 1", ["line 3", "`towards`, `color`, `intensity`"]),

@@ -48,7 +48,7 @@ fn exports_use_the_settings_at_their_start() {
     assert_eq!(window.state().documents().jobs().unwrap().entries[3].state, JobState::Cancelled);
     let mut names: Vec<_> = std::fs::read_dir(temp.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     names.sort();
-    assert_eq!(names, ["file", "out", "quiet.png"]);
+    assert_eq!(names, ["file", "out", "out.record.json", "quiet.png"]);
 }
 
 #[test]
