@@ -92,9 +92,9 @@ fn fill_pinholes(depth: &[f32], width: usize) -> Vec<f32> {
 /// Mask of the pixels with depth and without a depth edge near: within `reach` pixels depth varies
 /// by less than `share` of it.
 pub fn smooth_mask(depth: &[f32], width: usize, reach: usize, share: f32) -> Vec<bool> {
-    let largest = dilated(depth, width, reach);
+    let farthest = dilated(depth, width, reach);
     let depth_or_max: Vec<f32> = depth.iter().map(|z| if *z > 0.0 { *z } else { f32::MAX }).collect();
     let nearest = eroded(&depth_or_max, width, reach);
     let is_smooth = |((z, high), low): ((&f32, &f32), &f32)| *z > 0.0 && high - low < share * low;
-    depth.iter().zip(&largest).zip(&nearest).map(is_smooth).collect()
+    depth.iter().zip(&farthest).zip(&nearest).map(is_smooth).collect()
 }

@@ -40,12 +40,12 @@ fn exposure(shutter: Option<&ShutterFindings>) -> String {
         None if s < 0.29 => format!("1/{} s", fixed(1.0 / s, 0)),
         None => format!("{} s", fixed(s, 2)),
     };
-    let [least, most] = shutter
+    let [shortest, longest] = shutter
         .runs
         .iter()
-        .fold([f64::INFINITY, 0.0], |[least, most], run| [least.min(run.exposure_s), most.max(run.exposure_s)])
+        .fold([f64::INFINITY, 0.0], |[min_s, max_s], run| [min_s.min(run.exposure_s), max_s.max(run.exposure_s)])
         .map(time);
-    if least == most { format!("exposure {least}") } else { format!("exposure {least} to {most}") }
+    if shortest == longest { format!("exposure {shortest}") } else { format!("exposure {shortest} to {longest}") }
 }
 
 fn light(light: Option<&LightFindings>) -> String {

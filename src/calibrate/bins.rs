@@ -305,8 +305,8 @@ impl BinFit {
 fn unclipped<'a>(levels: &[&'a CodeLevel]) -> (f64, f64, Vec<&'a CodeLevel>) {
     // Clipping only reduces variance, so start from the largest of the levels' variances.
     let min_freedom = levels.iter().map(|l| l.freedom).fold(0.0, f64::max).min(MIN_START_FREEDOM);
-    let telling = levels.iter().filter(|l| l.freedom >= min_freedom);
-    let start = telling.map(|l| l.squares / l.freedom).fold(0.0, f64::max);
+    let well_sampled = levels.iter().filter(|l| l.freedom >= min_freedom);
+    let start = well_sampled.map(|l| l.squares / l.freedom).fold(0.0, f64::max);
     let mut sigma = start.sqrt();
     let (mut mu, mut usable) = (0.0, Vec::new());
     for _ in 0..8 {

@@ -4,7 +4,9 @@ mod part;
 mod plan;
 
 use anyhow::{Result, bail};
+use clap::builder::PossibleValuesParser;
 
+use locard_engine::farm::ADAPTER_KINDS;
 use locard_engine::gpu::Gpu;
 use locard_engine::provenance::{DeviceRecord, ProgramRecord};
 use locard_engine::text::quoted;
@@ -32,7 +34,7 @@ struct MachineArgs {
     #[arg(long, value_name = "SHA256")]
     build: String,
     /// Kind of adapter that all machines must have, as in DiscreteGpu; without it any
-    #[arg(long, value_name = "KIND")]
+    #[arg(long, value_name = "KIND", value_parser = PossibleValuesParser::new(ADAPTER_KINDS))]
     adapter_kind: Option<String>,
 }
 

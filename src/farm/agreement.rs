@@ -1,15 +1,16 @@
 //! Whether parts are pieces of one output: same build, inputs, settings, format and adapter,
 //! without holes and overlaps.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::borrow::Cow;
+use std::collections::BTreeSet;
 use std::ops::Range;
 
-use super::error::FarmError;
-use super::part_record::{PartRecord, RecordedPart};
-use crate::text::quoted;
+use serde_json::Value;
 
-/// Roles of inputs of which each part reads its own files.
-const PER_FRAME_ROLES: [&str; 2] = ["frames", "depth"];
+use super::error::FarmError;
+use super::part_record::RecordedPart;
+use crate::provenance::{DeviceRecord, InputRecord, OutputKind, SettingsRecord};
+use crate::text::quoted;
 
 /// Checks that parts, in order of their frames, belong together and cover `frames`, or, without
 /// it, the frames from the first part's to the last one's. With `any_driver` adapters need only be
@@ -25,48 +26,57 @@ pub fn check_agreement(
     for part in others {
         check_settings(first, part)?;
         check_device(first, part, any_driver)?;
-        check_shared_inputs(first, part)?;
+        check_inputs(first, part)?;
     }
-    check_same_files(parts)?;
     check_ranges(parts, frames)
 }
 
 /// Refuses a part whose program, settings or format differ from the first one's.
 fn check_settings(first: &RecordedPart, part: &RecordedPart) -> Result<(), FarmError> {
-    let (a, b) = (&first.record, &part.record);
-    let program = |record: &PartRecord| {
-        let program = &record.program;
+    let (a, b) = (first.work(), part.work());
+    let program = |part: &RecordedPart| {
+        let program = &part.work().program;
         format!("{} {}, build {}", program.name, program.version, program.build)
     };
-    compare(first, part, "the program", program(a), program(b))?;
+    compare(first, part, "the program", program(first), program(part))?;
     compare(first, part, "the seed", a.seed.to_string(), b.seed.to_string())?;
-    if let Some(name) = different_setting(&a.settings, &b.settings) {
+    if a.settings != b.settings {
+        let value = |settings: &SettingsRecord| serde_json::to_value(settings).unwrap_or_default();
+        let name = different_setting(&value(&a.settings), &value(&b.settings)).unwrap_or_default();
         return Err(disagreement(first, part, &format!("the settings ({})", quoted(&name))));
     }
-    let format = |record: &PartRecord| {
-        let output = &record.output;
-        let rate = output.fps.map_or(String::new(), |fps| format!(", {fps} frames/s"));
-        format!("{} {} {}x{}, {} bits{rate}", output.codec, output.kind, output.width, output.height, output.bits)
+    let format = |part: &RecordedPart| {
+        let output = &part.record.output;
+        let kind = match output.kind {
+            OutputKind::Frames => "frames",
+            OutputKind::Video => "video",
+        };
+        let (width, height, bits, fps) = (output.width, output.height, output.bits, output.fps);
+        format!("{} {kind} {width}x{height}, {bits} bits, {fps} frames/s", output.codec)
     };
-    compare(first, part, "the output's format", format(a), format(b))
+    compare(first, part, "the output's format", format(first), format(part))
 }
 
-/// Name of a setting that differs.
-fn different_setting(a: &serde_json::Value, b: &serde_json::Value) -> Option<String> {
-    match (a.as_object(), b.as_object()) {
-        _ if a == b => None,
-        (Some(a), Some(b)) => a.keys().chain(b.keys()).find(|key| a.get(*key) != b.get(*key)).cloned(),
-        _ => Some("all".to_owned()),
-    }
+/// Name of a setting that differs, with its table: `noise.scale`.
+fn different_setting(a: &Value, b: &Value) -> Option<String> {
+    let (a, b) = (a.as_object()?, b.as_object()?);
+    let key = a.keys().chain(b.keys()).find(|key| a.get(*key) != b.get(*key))?;
+    let inner = a.get(key).zip(b.get(key)).and_then(|(a, b)| different_setting(a, b));
+    Some(match inner {
+        // The table of all parameters has no name in files.
+        Some(inner) if key == "parameters" => inner,
+        Some(inner) => format!("{key}.{inner}"),
+        None => key.clone(),
+    })
 }
 
 fn check_device(first: &RecordedPart, part: &RecordedPart, any_driver: bool) -> Result<(), FarmError> {
-    let (a, b) = (&first.record.device, &part.record.device);
+    let (a, b) = (&first.work().device, &part.work().device);
     compare(first, part, "the kind of adapter", a.kind.clone(), b.kind.clone())?;
     if any_driver {
         return Ok(());
     }
-    let adapter = |device: &super::part_record::PartDevice| format!("{}, driver {}", device.adapter, device.driver);
+    let adapter = |device: &DeviceRecord| format!("{}, driver {}", device.adapter, device.driver);
     compare(first, part, "the adapter (--any-driver accepts others of its kind)", adapter(a), adapter(b))
 }
 
@@ -82,32 +92,26 @@ fn disagreement(first: &RecordedPart, part: &RecordedPart, of: &str) -> FarmErro
     FarmError::refused(&part.path, problem)
 }
 
-/// Compares the inputs that do not belong to single frames, by role and content: machines may have
-/// them in different folders.
-fn check_shared_inputs(first: &RecordedPart, part: &RecordedPart) -> Result<(), FarmError> {
-    let shared = |part: &RecordedPart| -> BTreeSet<(String, String)> {
-        let inputs = part.record.inputs.iter().filter(|input| !PER_FRAME_ROLES.contains(&input.role.as_str()));
-        inputs.map(|input| (input.role.clone(), input.sha256.clone())).collect()
-    };
-    let (a, b) = (shared(first), shared(part));
+/// Compares the inputs by role, file name and content: machines may have them in different folders.
+/// Each part lists the whole recording.
+fn check_inputs(first: &RecordedPart, part: &RecordedPart) -> Result<(), FarmError> {
+    if first.inputs == part.inputs {
+        return Ok(());
+    }
+    let (a, b) = (input_keys(first), input_keys(part));
     match a.symmetric_difference(&b).next() {
-        Some((role, _)) => Err(disagreement(first, part, &format!("an input ({})", quoted(role)))),
+        Some((role, name, _)) => Err(disagreement(first, part, &format!("an input ({role} {})", quoted(name)))),
         None => Ok(()),
     }
 }
 
-/// Refuses parts that read different contents from a file of one name.
-fn check_same_files(parts: &[RecordedPart]) -> Result<(), FarmError> {
-    let mut files: BTreeMap<(&str, &str), (&str, &RecordedPart)> = BTreeMap::new();
-    for part in parts {
-        for input in &part.record.inputs {
-            let (sha256, other) = files.entry((&input.role, &input.path)).or_insert((input.sha256.as_str(), part));
-            if *sha256 != input.sha256 {
-                return Err(disagreement(other, part, &format!("the content of {}", quoted(&input.path))));
-            }
-        }
-    }
-    Ok(())
+fn input_keys(part: &RecordedPart) -> BTreeSet<(&str, Cow<'_, str>, &str)> {
+    part.inputs.iter().map(input_key).collect()
+}
+
+/// Role, file name and digest of an input.
+pub(super) fn input_key(input: &InputRecord) -> (&str, Cow<'_, str>, &str) {
+    (&input.role, input.path.file_name().unwrap_or_default().to_string_lossy(), &input.sha256)
 }
 
 /// Refuses holes and overlaps.
@@ -150,8 +154,6 @@ fn check_ranges(parts: &[RecordedPart], frames: Option<&Range<usize>>) -> Result
 mod tests {
     use std::path::PathBuf;
 
-    use serde_json::{Value, json};
-
     use super::super::part_record::parts_at;
     use super::super::part_record::tests::{edit, folder_part};
     use super::*;
@@ -168,28 +170,34 @@ mod tests {
     #[test]
     fn part_of_another_build_input_setting_or_adapter_is_refused() {
         type Change = fn(&mut Value);
-        let cases: [(Change, &str); 9] = [
+        let cases: [(Change, &str); 10] = [
             (
                 |value| value["program"]["build"] = "b2".into(),
                 "the program: locard 0.1.0, build b1 and locard 0.1.0, build b2",
             ),
             (|value| value["seed"] = 1.into(), "the seed: 0 and 1"),
-            (|value| value["settings"]["scene"] = "x".into(), "the settings (scene)"),
-            (|value| value["settings"]["new"] = "x".into(), "the settings (new)"),
+            (|value| value["settings"]["parameters"]["noise"]["scale"] = 0.75.into(), "the settings (noise.scale)"),
+            (|value| value["settings"]["mark"] = "x".into(), "the settings (mark)"),
             (|value| value["output"]["width"] = 3.into(), "the output's format: png frames 2x1"),
             (|value| value["device"]["kind"] = "DiscreteGpu".into(), "the kind of adapter: Cpu and DiscreteGpu"),
             (|value| value["device"]["driver"] = "Mesa 2".into(), "the adapter (--any-driver accepts"),
-            (|value| value["inputs"][0]["sha256"] = "ab".into(), "an input (scene)"),
-            (
-                |value| value["inputs"][1] = json!({ "role": "frames", "path": "0.png", "sha256": "f1" }),
-                "the content of 0.png",
-            ),
+            (|value| value["inputs"][0]["sha256"] = "ab".into(), "an input (scene s.toml)"),
+            (|value| value["inputs"][1]["sha256"] = "f1".into(), "an input (recording 0.png)"),
+            (|value| value["inputs"][1]["path"] = "/r/1.png".into(), "an input (recording 0.png)"),
         ];
         for (change, expected) in cases {
             let text = refusal(change);
             assert!(text.contains(expected) && text.contains("part_000002_000004: differs from"), "{text}");
             assert!(text.ends_with("make one of them again"), "{text}");
         }
+    }
+
+    #[test]
+    fn inputs_in_another_folder_are_the_same() {
+        let temp = tempfile::tempdir().unwrap();
+        folder_part(temp.path(), 0..2);
+        edit(&folder_part(temp.path(), 2..4), |value| value["inputs"][1]["path"] = "/r/0.png".into());
+        check_agreement(&parts_at(&[temp.path().to_owned()]).unwrap(), None, false).unwrap();
     }
 
     #[test]

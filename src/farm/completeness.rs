@@ -21,8 +21,8 @@ pub enum PartState {
 }
 
 /// State of the output at a path, compared with the output of this build's command with these
-/// arguments.
-pub fn part_state(output: &Path, arguments: &[String], build: &str) -> PartState {
+/// arguments, on an adapter of this kind (`None`: of any).
+pub fn part_state(output: &Path, arguments: &[String], build: &str, adapter_kind: Option<&str>) -> PartState {
     if !record_path(output).exists() {
         return PartState::Absent;
     }
@@ -31,10 +31,13 @@ pub fn part_state(output: &Path, arguments: &[String], build: &str) -> PartState
         Ok(part) => part,
         Err(error) => return PartState::Outdated(error.to_string()),
     };
-    if part.record.program.build != build {
+    if part.work().program.build != build {
         return outdated("another build of the program made it");
     }
-    if part.record.command.arguments != arguments {
+    if adapter_kind.is_some_and(|kind| kind != part.work().device.kind) {
+        return outdated("an adapter of another kind made it");
+    }
+    if part.work().command.arguments != arguments {
         return outdated("other arguments made it");
     }
     match check_inputs(&part).and_then(|()| check_outputs(std::slice::from_ref(&part))) {
@@ -45,8 +48,8 @@ pub fn part_state(output: &Path, arguments: &[String], build: &str) -> PartState
 
 /// Checks that the files that a part was made from are unchanged.
 fn check_inputs(part: &RecordedPart) -> Result<(), FarmError> {
-    let folder = &part.record.command.folder;
-    let files: Vec<_> = part.record.inputs.iter().map(|input| (folder.join(&input.path), &*input.sha256)).collect();
+    let folder = &part.work().command.folder;
+    let files: Vec<_> = part.inputs.iter().map(|input| (folder.join(&input.path), &*input.sha256)).collect();
     check_hashes(&files, "changed since a part was made of it; make the part again")
 }
 
@@ -54,7 +57,7 @@ fn check_inputs(part: &RecordedPart) -> Result<(), FarmError> {
 pub(super) fn check_outputs(parts: &[RecordedPart]) -> Result<(), FarmError> {
     let mut files: Vec<(PathBuf, &str)> = Vec::new();
     for part in parts {
-        if let Some(sha256) = part.record.output.sha256.as_deref().filter(|_| part.record.output.is_video()) {
+        if let Some(sha256) = part.record.output.sha256.as_deref().filter(|_| part.is_video()) {
             files.push((part.path.clone(), sha256));
         }
         files.extend(part.frame_files().filter_map(|(path, picture)| Some((path, picture.file_sha256.as_deref()?))));
@@ -111,20 +114,22 @@ mod tests {
             let output = folder_part(temp.path(), 0..3);
             edit(&output, |value| {
                 value["command"] = json!({ "arguments": ["composite", "r"], "folder": temp.path() });
-                value["inputs"] =
-                    json!([{ "role": "scene", "path": "scene.toml", "sha256": file_sha256(&input).unwrap() }]);
+                value["inputs"] = json!([{ "role": "scene", "path": "scene.toml", "bytes": 1, "sha256": file_sha256(&input).unwrap() }]);
             });
             output
         };
         let output = make();
         let arguments = ["composite", "r"].map(str::to_owned);
-        let state = |build: &str, arguments: &[String]| part_state(&output, arguments, build);
+        let state = |build: &str, arguments: &[String]| part_state(&output, arguments, build, Some("Cpu"));
         assert_eq!(state("b1", &arguments), PartState::Complete);
         let reason = |state: PartState| match state {
             PartState::Outdated(reason) => reason,
             other => panic!("{other:?}"),
         };
         assert_eq!(reason(state("b2", &arguments)), "another build of the program made it");
+        let on_a_card = part_state(&output, &arguments, "b1", Some("DiscreteGpu"));
+        assert_eq!(reason(on_a_card), "an adapter of another kind made it");
+        assert_eq!(part_state(&output, &arguments, "b1", None), PartState::Complete);
         assert_eq!(reason(state("b1", &arguments[..1])), "other arguments made it");
         std::fs::write(&input, "b").unwrap();
         assert!(reason(state("b1", &arguments)).contains("scene.toml: changed since a part was made of it"));

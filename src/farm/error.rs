@@ -4,6 +4,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use crate::program::ProgramError;
+use crate::provenance::ProvenanceError;
 use crate::sink::SinkError;
 use crate::text::reason;
 
@@ -18,6 +19,8 @@ pub enum FarmError {
     /// The numbers of a plan contradict each other.
     #[error("{0}")]
     Plan(String),
+    #[error(transparent)]
+    Record(#[from] ProvenanceError),
     #[error(transparent)]
     Sink(#[from] SinkError),
     #[error(transparent)]

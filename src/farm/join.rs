@@ -11,6 +11,7 @@ use super::join_video::{FrameTimes, join_videos};
 use super::joined_record::joined_record;
 use super::part_record::{RecordedPart, file_sha256};
 use crate::cleanup::MadeFolder;
+use crate::export::resolved;
 use crate::provenance::record_path;
 use crate::sink::atomic::write_atomically;
 use crate::sink::{self, SinkError};
@@ -48,7 +49,7 @@ pub struct JoinSummary {
 /// or differ from their records.
 pub fn join(parts: &[RecordedPart], options: &JoinOptions) -> Result<JoinSummary, FarmError> {
     check_agreement(parts, options.frames.as_ref(), options.any_driver)?;
-    let is_video = parts.iter().any(|part| part.record.output.is_video());
+    let is_video = parts.iter().any(RecordedPart::is_video);
     check_out(parts, options, is_video)?;
     check_outputs(parts)?;
     let sha256 = if is_video {
@@ -58,7 +59,7 @@ pub fn join(parts: &[RecordedPart], options: &JoinOptions) -> Result<JoinSummary
         join_folders(parts, options)?;
         None
     };
-    let record = joined_record(parts, &options.out, &options.command, sha256.as_deref());
+    let record = joined_record(parts, &options.out, &options.command, sha256.as_deref())?;
     let text = format!("{record:#}\n");
     write_atomically(&record_path(&options.out), options.force, |file| file.write_all(text.as_bytes()))?;
     Ok(JoinSummary { parts: parts.len(), frames: parts.iter().map(|part| part.range().len()).sum() })
@@ -68,7 +69,12 @@ pub fn join(parts: &[RecordedPart], options: &JoinOptions) -> Result<JoinSummary
 /// way.
 fn check_out(parts: &[RecordedPart], options: &JoinOptions, is_video: bool) -> Result<(), FarmError> {
     let out = &options.out;
-    let resolved = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    if out.to_str().is_none() {
+        return Err(FarmError::refused(
+            out,
+            "has a name that is not Unicode, which no record can hold; choose another",
+        ));
+    }
     let at = resolved(out);
     if let Some(part) = parts.iter().find(|part| at.starts_with(resolved(&part.path))) {
         return Err(FarmError::refused(out, format!("is the part {}, or lies in it", part.path.display())));
@@ -92,10 +98,20 @@ fn check_out(parts: &[RecordedPart], options: &JoinOptions, is_video: bool) -> R
     Ok(sink::check_file(out, options.force)?)
 }
 
+/// Removes the record of an earlier output, which would not fit a half-written one.
+pub(super) fn remove_record(out: &Path) -> Result<(), FarmError> {
+    let path = record_path(out);
+    match std::fs::remove_file(&path) {
+        Err(source) if source.kind() != io::ErrorKind::NotFound => Err(SinkError::Write { path, source }.into()),
+        _ => Ok(()),
+    }
+}
+
 /// Puts the frames of all parts into one folder.
 fn join_folders(parts: &[RecordedPart], options: &JoinOptions) -> Result<(), FarmError> {
     let out = &options.out;
     let made = MadeFolder::make(out).map_err(|source| SinkError::Write { path: out.clone(), source })?;
+    remove_record(out)?;
     for (path, picture) in parts.iter().flat_map(RecordedPart::frame_files) {
         let name = path.file_name().unwrap_or_default();
         place(&path, &out.join(name), picture.file_sha256.as_deref(), options.force)?;
@@ -169,6 +185,30 @@ pub(super) mod tests {
     }
 
     #[test]
+    fn interrupted_join_with_force_leaves_no_earlier_record() {
+        let temp = tempfile::tempdir().unwrap();
+        let parts = parts_at(&[folder_part(&temp.path().join("parts"), 0..2)]).unwrap();
+        let out = temp.path().join("out");
+        join(&parts, &options(&out)).unwrap();
+        // A folder in the place of a frame stops the second join.
+        std::fs::remove_file(out.join("frame_000001.png")).unwrap();
+        std::fs::create_dir(out.join("frame_000001.png")).unwrap();
+        assert!(join(&parts, &JoinOptions { force: true, ..options(&out) }).is_err());
+        assert!(!record_path(&out).exists());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn output_whose_name_is_not_unicode_is_refused() {
+        use std::os::unix::ffi::OsStrExt;
+        let temp = tempfile::tempdir().unwrap();
+        let parts = parts_at(&[folder_part(&temp.path().join("parts"), 0..2)]).unwrap();
+        let out = temp.path().join(std::ffi::OsStr::from_bytes(b"out\xff"));
+        let error = join(&parts, &options(&out)).unwrap_err().to_string();
+        assert!(error.contains("is not Unicode") && !out.exists(), "{error}");
+    }
+
+    #[test]
     fn changed_part_or_unfit_output_is_refused_before_anything_is_written() {
         let temp = tempfile::tempdir().unwrap();
         let part = folder_part(temp.path(), 0..2);
@@ -178,6 +218,10 @@ pub(super) mod tests {
         let inside = part.join("joined");
         std::fs::create_dir(&inside).unwrap();
         assert!(refusal(&inside).contains("or lies in it"));
+        // The folder does not exist yet, and is named by another path.
+        let by_detour = temp.path().join("parts").join("..").join(part.file_name().unwrap()).join("new");
+        std::fs::create_dir(temp.path().join("parts")).unwrap();
+        assert!(refusal(&by_detour).contains("or lies in it"));
         std::fs::write(temp.path().join("file"), "").unwrap();
         assert!(refusal(&temp.path().join("file")).contains("is a file; the parts are folders"));
         std::fs::write(part.join("frame_000001.png"), "cut").unwrap();

@@ -11,13 +11,14 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::error::FarmError;
-use super::join::JoinOptions;
+use super::join::{JoinOptions, remove_record};
 use super::part_record::RecordedPart;
+use crate::label::{SourceLabel, append_box};
 use crate::program;
-use crate::sink::SinkError;
 use crate::sink::atomic::Partial;
 use crate::sink::rotation;
 use crate::sink::video::sound_arguments;
+use crate::sink::{SinkError, label_metadata};
 use crate::source::ffmpeg;
 use crate::text::{count, fixed, quoted};
 
@@ -41,12 +42,10 @@ const PROBED: &str = "stream=codec_type,codec_name,profile,codec_tag_string,widt
 /// right times.
 pub fn join_videos(parts: &[RecordedPart], options: &JoinOptions) -> Result<(), FarmError> {
     let Some(first) = parts.first() else { return Ok(()) };
-    let fps = first
-        .record
-        .output
-        .fps
-        .filter(|fps| fps.is_finite() && *fps > 0.0)
-        .ok_or_else(|| FarmError::refused(&first.path, "its record has no frame rate; make the part again"))?;
+    let fps = first.record.output.fps;
+    if !(fps.is_finite() && fps > 0.0) {
+        return Err(FarmError::refused(&first.path, "its record has no frame rate; make the part again"));
+    }
     let properties = VideoProperties::of(&first.path)?;
     let mut list = "ffconcat version 1.0\n".to_owned();
     for part in parts {
@@ -57,17 +56,38 @@ pub fn join_videos(parts: &[RecordedPart], options: &JoinOptions) -> Result<(), 
     let mut list_file = tempfile::Builder::new().suffix(".ffconcat").tempfile().map_err(failed)?;
     list_file.write_all(list.as_bytes()).map_err(failed)?;
     let partial = Partial::create(&options.out).map_err(failed)?;
-    let arguments = arguments(list_file.path(), partial.path(), fps, &properties, options)?;
+    let label = label_of(first);
+    let files = (list_file.path(), partial.path());
+    let arguments = arguments(files, fps, &properties, label.as_ref(), options)?;
     program::output("ffmpeg", &arguments).map_err(|source| SinkError::Encoder { path: options.out.clone(), source })?;
     if !is_mkv(&options.out) {
         rotation::copy(&first.path, partial.path()).map_err(failed)?;
     }
+    if let Some(label) = label.filter(|_| has_ending(&options.out, "mp4")) {
+        append_box(partial.path(), &label.xmp()).map_err(failed)?;
+    }
     check_joined(parts, partial.path(), &properties, fps, options)?;
+    if options.force {
+        remove_record(&options.out)?;
+    }
     Ok(partial.finish(options.force).map_err(|source| SinkError::of_writing(&options.out, source))?)
 }
 
 fn is_mkv(path: &Path) -> bool {
-    path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("mkv"))
+    has_ending(path, "mkv")
+}
+
+fn has_ending(path: &Path, ending: &str) -> bool {
+    path.extension().is_some_and(|own| own.eq_ignore_ascii_case(ending))
+}
+
+/// The label of the joined video, which ffmpeg does not copy from the parts; `None` if they have
+/// none. It names the recording, the first argument of `locard composite`.
+fn label_of(first: &RecordedPart) -> Option<SourceLabel> {
+    let work = first.work();
+    let recording = work.command.arguments.get(1).filter(|argument| !argument.starts_with('-'));
+    let recording = recording.map(|argument| work.command.folder.join(argument)).unwrap_or_default();
+    (!work.settings.unlabelled).then(|| SourceLabel::composite(&recording))
 }
 
 /// Properties of a video file.
@@ -205,11 +225,12 @@ fn list_entry(path: &Path) -> Result<String, FarmError> {
     }
 }
 
+/// ffmpeg's arguments, from a list of the parts to a partial file.
 fn arguments(
-    list: &Path,
-    partial: &Path,
+    (list, partial): (&Path, &Path),
     fps: f64,
     properties: &VideoProperties,
+    label: Option<&SourceLabel>,
     options: &JoinOptions,
 ) -> Result<Vec<OsString>, FarmError> {
     let input = ["-v", "error", "-xerror", "-y", "-f", "concat", "-safe", "0", "-protocol_whitelist", "file", "-i"];
@@ -234,6 +255,8 @@ fn arguments(
     if let Some(timecode) = &properties.timecode {
         text.extend(["-timecode".to_owned(), timecode.clone()]);
     }
+    let metadata = label.map_or_else(Vec::new, |label| label_metadata(label, &options.out));
+    text.extend(metadata.into_iter().flat_map(|entry| ["-metadata".to_owned(), entry]));
     if is_mkv {
         // Without random identifiers.
         text.extend(["-fflags", "+bitexact"].map(str::to_owned));
@@ -275,7 +298,7 @@ mod tests {
 
     use super::super::join::join;
     use super::super::join::tests::options;
-    use super::super::part_record::tests::record;
+    use super::super::part_record::tests::{edit, record};
     use super::super::part_record::{file_sha256, parts_at};
     use super::*;
     use crate::provenance::record_path;
@@ -308,6 +331,11 @@ mod tests {
         text.lines().filter(|line| !line.starts_with('#')).map(str::to_owned).collect()
     }
 
+    /// True if a file has a text.
+    fn contains(file: &Path, text: &str) -> bool {
+        std::fs::read(file).unwrap().windows(text.len()).any(|window| window == text.as_bytes())
+    }
+
     const FFV1: [&str; 8] = ["-c:v", "ffv1", "-level", "3", "-g", "1", "-fflags", "+bitexact"];
 
     #[test]
@@ -331,6 +359,17 @@ mod tests {
         let joined = parts_at(std::slice::from_ref(&out)).unwrap();
         assert_eq!(joined[0].record.output.sha256, Some(file_sha256(&out).unwrap()));
         assert_eq!(joined[0].range(), 0..67);
+        assert!(contains(&out, "compositeSynthetic") && contains(&out, "locard:recording"));
+    }
+
+    #[test]
+    fn video_of_unlabelled_parts_has_no_label() {
+        let temp = tempfile::tempdir().unwrap();
+        let part = video_part(temp.path(), 0..3, "part.mkv", &FFV1);
+        edit(&part, |value| value["settings"]["unlabelled"] = true.into());
+        let out = temp.path().join("joined.mkv");
+        join(&parts_at(&[part]).unwrap(), &options(&out)).unwrap();
+        assert!(!contains(&out, "compositeSynthetic"));
     }
 
     #[test]
@@ -348,6 +387,9 @@ mod tests {
         let out = temp.path().join("joined.mp4");
         join(&parts_at(&[parts]).unwrap(), &options(&out)).unwrap();
         assert_eq!(hashes(&out, true), hashes(&whole, true));
+        assert!(contains(&out, "locard:recording=\"take\"") && contains(&out, "Composite with synthetic elements"));
+        let file = std::fs::read(&out).unwrap();
+        assert!(file.ends_with(b"<?xpacket end=\"r\"?>"));
     }
 
     #[test]

@@ -3,7 +3,7 @@
 //!
 //! A frame depends on its inputs alone, so a range of frames that one machine composites equals the
 //! same range of the whole. Each part has a record of its inputs and settings beside it
-//! ([`PartRecord`]); parts whose records differ are not joined.
+//! ([`crate::provenance::Record`]); parts whose records differ are not joined.
 
 mod agreement;
 mod command;
@@ -25,6 +25,6 @@ pub use cost::PartCost;
 pub use error::FarmError;
 pub use join::{JoinOptions, JoinSummary, join};
 pub use join_video::FrameTimes;
-pub use part_record::{PartRecord, RecordedPart, file_sha256, parts_at};
+pub use part_record::{RecordedPart, file_sha256, parts_at};
 pub use ranges::{FarmPlan, MAX_PARTS, part_name};
-pub use template::FarmJob;
+pub use template::{ADAPTER_KINDS, FarmJob};

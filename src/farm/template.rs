@@ -8,7 +8,10 @@ use super::cost::PartCost;
 use super::error::FarmError;
 use super::ranges::FarmPlan;
 use super::template_text;
+use crate::text::quoted;
 
+/// Kinds of adapters, as records name them.
+pub const ADAPTER_KINDS: [&str; 5] = ["Cpu", "IntegratedGpu", "DiscreteGpu", "VirtualGpu", "Other"];
 /// Longest name of a job, characters, in Open Job Description 2023-09.
 const MAX_NAME_CHARS: usize = 128;
 /// Longest part of a time limit for a task, as a multiple of the measured estimate.
@@ -64,8 +67,13 @@ impl FarmJob {
         ])
     }
 
-    /// Refuses texts that templates would take for expressions.
+    /// Refuses kinds of adapters that do not exist, and texts that templates would take for
+    /// expressions.
     fn check(&self) -> Result<(), FarmError> {
+        if let Some(kind) = self.adapter_kind.as_deref().filter(|kind| !ADAPTER_KINDS.contains(kind)) {
+            let kinds = ADAPTER_KINDS.join(", ");
+            return Err(FarmError::Plan(format!("{} is no kind of adapter; expected one of {kinds}", quoted(kind))));
+        }
         let parameters = self.parameters();
         let files = parameters.iter().filter_map(|parameter| parameter.file.as_ref());
         let texts = self.options.iter().chain(&self.analysis_options).chain([&self.program]).chain(files);
@@ -233,7 +241,7 @@ impl FarmJob {
         }
         let join = shell_quoted(&self.shell(&self.join_command(), ""));
         text += &format!(
-            "parts=$(sbatch --parsable --requeue --job-name={name}{limit} --array=0-{} \"${{after[@]}}\" \"$0\")\n\
+            "parts=$(sbatch --parsable --requeue --job-name={name}{limit} --array=0-{} ${{after[@]+\"${{after[@]}}\"}} \"$0\")\n\
              sbatch --requeue --job-name={name}-join --dependency=\"afterok:${{parts%%;*}}\" --wrap={join}\n",
             ranges.len().saturating_sub(1),
         );

@@ -132,6 +132,8 @@ mod tests {
         assert!(template.contains("- name: AnalysisFolder\n  type: PATH\n  description: \"Folder of the recording's analysis\"\n  objectType: DIRECTORY\n  dataFlow: OUT\n"));
         let slurm = file(&job, "slurm.sh");
         assert!(slurm.contains("after=(\"--dependency=afterok:${analysis%%;*}\")"), "{slurm}");
+        // An empty array is an error under `set -u` in bash before 4.4.
+        assert!(slurm.contains(" ${after[@]+\"${after[@]}\"} "), "{slurm}");
         let without = file(&self::job(), "template.yaml");
         assert!(!without.contains("Analyse") && without.contains("\"--no-analysis\""));
     }
@@ -174,5 +176,12 @@ mod tests {
     fn option_that_a_template_would_evaluate_is_refused() {
         let job = FarmJob { options: vec!["{{Param.Output}}".to_owned()], ..job() };
         assert!(job.files().unwrap_err().to_string().contains("cannot be in a job template"));
+    }
+
+    #[test]
+    fn adapter_of_an_unlisted_kind_is_refused() {
+        let job = FarmJob { adapter_kind: Some("discrete".to_owned()), ..job() };
+        let error = job.files().unwrap_err().to_string();
+        assert!(error.contains("discrete is no kind of adapter; expected one of Cpu, IntegratedGpu"), "{error}");
     }
 }

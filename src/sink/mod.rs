@@ -19,6 +19,7 @@ use std::sync::Arc;
 
 use self::atomic::Destination;
 pub use self::video::default_codec;
+pub(crate) use self::video::metadata as label_metadata;
 use crate::label::SourceLabel;
 use crate::pixels::{Codes, Pixels};
 use crate::program::ProgramError;

@@ -218,7 +218,7 @@ fn quality(codec: VideoCodec, closed_groups: Option<u32>) -> Vec<String> {
 
 /// A label as ffmpeg's metadata, `key=value`. QuickTime files have a place for XMP, Matroska has
 /// tags of any name; MP4 gets a box of its own at the end.
-fn metadata(label: &SourceLabel, path: &Path) -> Vec<String> {
+pub(crate) fn metadata(label: &SourceLabel, path: &Path) -> Vec<String> {
     let mut entries = vec![format!("comment={}; {PROGRAM}", label.source_type.description())];
     if is_mkv(path) {
         entries.push(format!("DIGITAL_SOURCE_TYPE={}", label.source_type.uri()));

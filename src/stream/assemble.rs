@@ -260,16 +260,24 @@ mod tests {
     #[test]
     fn end_of_one_sample_never_joins_the_beginning_of_another() {
         // All fragments of a sample have its number. The last of 6 is lost, and the first of 7.
-        for earlier in [0, 1, 9] {
+        for earlier_count in [0, 1, 9] {
             let mut a = Assembler::default();
-            for sequence in 0..earlier {
+            for sequence in 0..earlier_count {
                 assert_eq!(a.take(from(1), &fragment(sequence, 0, false, b"ab"), 0.0), Assembly::Open);
                 assert_eq!(a.take(from(1), &fragment(sequence, 2, true, b"c"), 0.0), whole("abc"));
             }
-            assert_eq!(a.take(from(1), &fragment(earlier, 0, false, b"AB"), 0.1), Assembly::Open);
-            assert_eq!(a.take(from(1), &fragment(earlier + 1, 2, true, b"d"), 0.1), Assembly::Open, "{earlier} before");
-            assert_eq!(a.take(from(1), &fragment(earlier + 2, 0, false, b"ef"), 0.2), Assembly::Open);
-            assert_eq!(a.take(from(1), &fragment(earlier + 2, 2, true, b"g"), 0.2), whole("efg"), "{earlier} before");
+            assert_eq!(a.take(from(1), &fragment(earlier_count, 0, false, b"AB"), 0.1), Assembly::Open);
+            assert_eq!(
+                a.take(from(1), &fragment(earlier_count + 1, 2, true, b"d"), 0.1),
+                Assembly::Open,
+                "{earlier_count} before"
+            );
+            assert_eq!(a.take(from(1), &fragment(earlier_count + 2, 0, false, b"ef"), 0.2), Assembly::Open);
+            assert_eq!(
+                a.take(from(1), &fragment(earlier_count + 2, 2, true, b"g"), 0.2),
+                whole("efg"),
+                "{earlier_count} before"
+            );
         }
     }
 

@@ -53,7 +53,7 @@ pub fn run(args: &PartArgs) -> Result<()> {
     };
     let build = args.machine.check_build()?;
     let arguments = composite_arguments(&args.composite, &args.frames, output_text);
-    match part_state(&output, &arguments, &build) {
+    match part_state(&output, &arguments, &build, args.machine.adapter_kind.as_deref()) {
         PartState::Complete => {
             print_status(false, &format!("{}: is complete, and is kept", output.display()));
             return Ok(());

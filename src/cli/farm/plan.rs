@@ -8,6 +8,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 use clap::Parser;
+use clap::builder::PossibleValuesParser;
 
 use super::super::analysis::AnalysisArgs;
 use super::super::composite::{self, frame_range, parse_range};
@@ -16,7 +17,7 @@ use super::super::{print_status, warn};
 use super::adapter_kind;
 use super::part::composite_arguments;
 use locard_engine::analyse::beside;
-use locard_engine::farm::{FarmJob, FarmPlan, PartCost};
+use locard_engine::farm::{ADAPTER_KINDS, FarmJob, FarmPlan, PartCost};
 use locard_engine::gpu::Gpu;
 use locard_engine::program;
 use locard_engine::provenance::ProgramRecord;
@@ -59,7 +60,7 @@ pub struct TemplateArgs {
     part_seconds: f64,
     /// Kind of adapter that all machines must have, as in DiscreteGpu, or any; by default this
     /// machine's
-    #[arg(long, value_name = "KIND")]
+    #[arg(long, value_name = "KIND", value_parser = PossibleValuesParser::new(ADAPTER_KINDS.into_iter().chain(["any"])))]
     adapter_kind: Option<String>,
     /// The program on the machines: a name in their PATH, or a path
     #[arg(long, value_name = "LOCARD", default_value = "locard")]
@@ -181,12 +182,21 @@ fn composite_words(job: &FarmJob, with_analysis: bool) -> Vec<String> {
     words
 }
 
-/// Refuses options that parts cannot have.
-fn check_options(job: &FarmJob) -> Result<()> {
-    let per_run = ["--layers", "--report"];
-    if let Some(word) = job.options.iter().find(|word| per_run.iter().any(|option| word.starts_with(option))) {
+/// Refuses options whose outputs parts would overwrite, or without whose outputs they do not join.
+fn check_fit_for_parts(options: &[String]) -> Result<()> {
+    let per_run = ["--layers", "--masks", "--report"];
+    if let Some(word) = options.iter().find(|word| per_run.iter().any(|option| word.starts_with(option))) {
         bail!("{word}: is one file or folder for a whole run, which parts would overwrite; leave it out");
     }
+    if options.iter().any(|word| word == "--no-record") {
+        bail!("--no-record: parts are checked and joined by their records; leave it out");
+    }
+    Ok(())
+}
+
+/// Refuses options that parts cannot have.
+fn check_options(job: &FarmJob) -> Result<()> {
+    check_fit_for_parts(&job.options)?;
     let words = composite_words(job, true);
     let line = composite_arguments(&words, &(0..1), "part");
     if let Err(error) = CompositeLine::try_parse_from(line) {
@@ -277,6 +287,20 @@ fn write(job: &FarmJob, folder: &Path, args: &TemplateArgs) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn options_of_whole_runs_and_parts_without_records_are_refused() {
+        for (word, expected) in [
+            ("--layers=l", "which parts would overwrite"),
+            ("--masks", "which parts would overwrite"),
+            ("--report", "which parts would overwrite"),
+            ("--no-record", "joined by their records"),
+        ] {
+            let error = check_fit_for_parts(&["--plain".to_owned(), word.to_owned()]).unwrap_err().to_string();
+            assert!(error.starts_with(word) && error.contains(expected), "{error}");
+        }
+        check_fit_for_parts(&["--lossless".to_owned()]).unwrap();
+    }
 
     #[test]
     fn closed_groups_are_read_in_both_forms() {
