@@ -1,13 +1,13 @@
 //! Joins parts to the output of one run, without encoding anything again.
 
 use std::io::{self, Write};
-use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use super::agreement::check_agreement;
 use super::completeness::check_outputs;
 use super::error::FarmError;
-use super::join_video::{FrameTimes, join_videos};
+use super::join_options::{JoinOptions, remove_record};
+use super::join_video::join_videos;
 use super::joined_record::joined_record;
 use super::part_record::{RecordedPart, file_sha256};
 use crate::cleanup::MadeFolder;
@@ -15,27 +15,6 @@ use crate::export::resolved;
 use crate::provenance::record_path;
 use crate::sink::atomic::write_atomically;
 use crate::sink::{self, SinkError};
-use crate::source::video::Soundtrack;
-
-/// Output and conditions of a join.
-#[derive(Clone, Debug)]
-pub struct JoinOptions {
-    /// A folder, or a video file with the extension of the parts.
-    pub out: PathBuf,
-    /// The frames that the parts must cover together; `None`: from the first part's to the last
-    /// one's.
-    pub frames: Option<Range<usize>>,
-    /// Replaces existing output.
-    pub force: bool,
-    /// Accepts parts of several adapters of one kind.
-    pub any_driver: bool,
-    /// Sound for a joined video.
-    pub soundtrack: Option<Soundtrack>,
-    /// When the frames of a video are shown.
-    pub times: FrameTimes,
-    /// `join` of the joined output's record.
-    pub command: serde_json::Value,
-}
 
 /// Summary of a join.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -98,15 +77,6 @@ fn check_out(parts: &[RecordedPart], options: &JoinOptions, is_video: bool) -> R
     Ok(sink::check_file(out, options.force)?)
 }
 
-/// Removes the record of an earlier output, which would not fit a half-written one.
-pub(super) fn remove_record(out: &Path) -> Result<(), FarmError> {
-    let path = record_path(out);
-    match std::fs::remove_file(&path) {
-        Err(source) if source.kind() != io::ErrorKind::NotFound => Err(SinkError::Write { path, source }.into()),
-        _ => Ok(()),
-    }
-}
-
 /// Puts the frames of all parts into one folder.
 fn join_folders(parts: &[RecordedPart], options: &JoinOptions) -> Result<(), FarmError> {
     let out = &options.out;
@@ -139,6 +109,7 @@ fn place(from: &Path, to: &Path, sha256: Option<&str>, force: bool) -> Result<()
 
 #[cfg(test)]
 pub(super) mod tests {
+    use super::super::join_options::FrameTimes;
     use super::super::part_record::parts_at;
     use super::super::part_record::tests::{edit, folder_part};
     use super::*;

@@ -8,10 +8,9 @@ use std::ffi::OsString;
 use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::Path;
-use std::sync::Arc;
 
 use super::error::FarmError;
-use super::join::{JoinOptions, remove_record};
+use super::join_options::{FrameTimes, JoinOptions, remove_record};
 use super::part_record::RecordedPart;
 use crate::label::{SourceLabel, append_box};
 use crate::program;
@@ -21,15 +20,6 @@ use crate::sink::video::sound_arguments;
 use crate::sink::{SinkError, label_metadata};
 use crate::source::ffmpeg;
 use crate::text::{count, fixed, quoted};
-
-/// When the frames of a joined video are shown.
-#[derive(Clone, Debug, PartialEq)]
-pub enum FrameTimes {
-    /// By the rate in the record.
-    Steady,
-    /// Time of each frame by its index in the recording, s.
-    Variable(Arc<[f64]>),
-}
 
 /// Largest deviation of a frame's time in a file, s: twice the tick of Matroska's clock.
 const MAX_TIME_ERROR_S: f64 = 2e-3;

@@ -7,7 +7,6 @@ use super::command::{PathParameter, Word, shell_line, shell_quoted};
 use super::cost::PartCost;
 use super::error::FarmError;
 use super::ranges::FarmPlan;
-use super::template_text;
 use crate::text::quoted;
 
 /// Kinds of adapters, as records name them.
@@ -54,22 +53,9 @@ pub struct FarmJob {
 }
 
 impl FarmJob {
-    /// The files of the job: name, content.
-    pub fn files(&self) -> Result<Vec<(&'static str, String)>, FarmError> {
-        self.check()?;
-        Ok(vec![
-            ("template.yaml", template_text::template(self)),
-            ("parameter_values.yaml", template_text::bundle_values(self)),
-            ("parameters.yaml", template_text::openjd_values(self)),
-            ("slurm.sh", self.slurm()),
-            ("parts.txt", self.ranges().iter().map(|range| format!("{range}\n")).collect()),
-            ("README.txt", self.readme()),
-        ])
-    }
-
     /// Refuses kinds of adapters that do not exist, and texts that templates would take for
     /// expressions.
-    fn check(&self) -> Result<(), FarmError> {
+    pub(super) fn check(&self) -> Result<(), FarmError> {
         if let Some(kind) = self.adapter_kind.as_deref().filter(|kind| !ADAPTER_KINDS.contains(kind)) {
             let kinds = ADAPTER_KINDS.join(", ");
             return Err(FarmError::Plan(format!("{} is no kind of adapter; expected one of {kinds}", quoted(kind))));
@@ -218,7 +204,7 @@ impl FarmJob {
     }
 
     /// A script that submits itself as an array of parts, and the steps before and after it.
-    fn slurm(&self) -> String {
+    pub(super) fn slurm(&self) -> String {
         let ranges = self.ranges();
         let name = shell_quoted(&self.template_name());
         let limit = self.time_limit_min().map_or(String::new(), |minutes| format!(" --time={minutes}"));
@@ -248,7 +234,7 @@ impl FarmJob {
         text
     }
 
-    fn readme(&self) -> String {
+    pub(super) fn readme(&self) -> String {
         let part = self.shell(&self.part_command(), "{}");
         let analyse = self.analyse_command().map_or(String::new(), |words| format!("{} &&\n", self.shell(&words, "")));
         let join = self.shell(&self.join_command(), "");

@@ -194,7 +194,7 @@ fn check_fit_for_parts(options: &[String]) -> Result<()> {
     Ok(())
 }
 
-/// Refuses options that parts cannot have.
+/// Refuses options that parts cannot have, and those that `locard composite` does not.
 fn check_options(job: &FarmJob) -> Result<()> {
     check_fit_for_parts(&job.options)?;
     let words = composite_words(job, true);
