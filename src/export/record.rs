@@ -1,6 +1,5 @@
 //! The provenance record of an export.
 
-use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc;
 

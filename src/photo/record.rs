@@ -2,7 +2,7 @@
 //! [`Particulars`].
 
 use std::io::{self, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
