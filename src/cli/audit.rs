@@ -12,7 +12,9 @@ use locard_engine::gpu::Gpu;
 use locard_engine::provenance::audit::{
     ForwardSink, FrameAudit, RemadeFrame, RemadeOutcome, changed_inputs, changed_outputs, spread,
 };
-use locard_engine::provenance::{DeviceRecord, OutputKind, ProgramRecord, Record};
+use locard_engine::provenance::{
+    DeviceRecord, OutputKind, ProgramRecord, Record, as_read, output_of_record, record_path,
+};
 use locard_engine::shot::AnalysisChoice;
 use locard_engine::sink::Sink;
 use locard_engine::text::count;
@@ -63,9 +65,14 @@ impl AuditSample {
 const MAX_LISTED: usize = 10;
 
 pub fn run(args: &Args) -> Result<()> {
-    let record = Record::read(&args.output)?;
+    // The record stands for its output.
+    let named = output_of_record(&args.output).unwrap_or_else(|| args.output.clone());
+    let record = Record::read(&named)?;
+    if record.pictures.is_empty() || record.work.inputs.is_empty() {
+        bail!("{}: lists no pictures or no inputs, so nothing can be compared", record_path(&named).display());
+    }
     // Paths in the record start at the folder of its command.
-    let output = std::path::absolute(&args.output)?;
+    let output = std::path::absolute(&named)?;
     if let Err(error) = std::env::set_current_dir(&record.work.command.folder) {
         let folder = record.work.command.folder.display();
         warn(args.quiet, &format!("{folder}: {error}; the recorded paths are read from the current folder"));
@@ -143,6 +150,11 @@ fn remake(args: &Args, record: &Record, output: &Path, frames: &[usize]) -> Resu
         record.work.inputs.iter().find(|input| input.role == "analysis").and_then(|input| input.path.parent());
     let analysis = analysis.map_or(AnalysisChoice::No, |folder| AnalysisChoice::At(folder.to_owned()));
     let (shot, export) = composite::reopen(&command, analysis).context("the recorded command cannot be repeated")?;
+    if as_read(&export.settings_record(&shot)) != as_read(&record.work.settings)
+        || shot.settings.seed != record.work.seed
+    {
+        bail!("the recorded command has other settings or another seed than the record states: the record was edited");
+    }
     let count_now = shot.recording.frame_count();
     if let Some(frame) = frames.iter().find(|frame| **frame >= count_now) {
         bail!("frame {frame}: the recording has {} now", count(count_now, "frame"));
@@ -167,6 +179,11 @@ fn remake(args: &Args, record: &Record, output: &Path, frames: &[usize]) -> Resu
         let composites = shot.frames(&mut compositor, range, false, locard_engine::compositor::IN_FLIGHT)?;
         for composited in composites {
             let composited = composited?;
+            let stated = record.pictures.iter().find(|picture| picture.frame == composited.frame);
+            if stated.is_some_and(|picture| picture.rect_px != composited.stats.rect_px) {
+                let rect_px = composited.stats.rect_px;
+                bail!("frame {}: the bounds of its changed pixels are {rect_px:?}, not as recorded", composited.frame);
+            }
             sink.write(composited.frame, &composited.pixels)?;
             remade.extend(finished.try_iter().map(|(frame, pixels)| audit.compare(frame, &pixels)));
             bar.inc(1);

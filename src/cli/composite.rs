@@ -17,9 +17,12 @@ use locard_engine::gpu::Gpu;
 use locard_engine::label::{DigitalSourceType, SourceLabel};
 use locard_engine::recording::Recording;
 use locard_engine::shot::{AnalysisChoice, Note, Shot, ShotOptions};
+use locard_engine::sink::lettering::missing_characters;
 use locard_engine::sink::{self, OutPath, VideoCodec};
 use locard_engine::text::count;
 
+/// Longest text of a mark.
+const MAX_MARK_CHARACTERS: usize = 100;
 /// Text of a mark without one of its own.
 const DEFAULT_MARK: &str = "Composite with virtual evidence";
 
@@ -76,7 +79,7 @@ pub struct Args {
     #[arg(long, value_name = "DIR")]
     masks: Option<PathBuf>,
     /// Draw a mark into the lower left corner of each frame
-    #[arg(long, value_name = "TEXT", num_args = 0..=1, default_missing_value = DEFAULT_MARK)]
+    #[arg(long, value_name = "TEXT", num_args = 0..=1, default_missing_value = DEFAULT_MARK, value_parser = mark_text)]
     mark: Option<String>,
     #[command(flatten)]
     labels: LabelArgs,
@@ -123,6 +126,20 @@ pub struct Args {
     /// No progress bar, no warnings
     #[arg(long, short)]
     quiet: bool,
+}
+
+/// The text of a mark.
+fn mark_text(text: &str) -> Result<String, String> {
+    let missing = missing_characters(text);
+    if text.trim().is_empty() || text.chars().any(char::is_control) || text.chars().count() > MAX_MARK_CHARACTERS {
+        return Err(format!(
+            "the text of a mark is refused: expected one line of 1 to {MAX_MARK_CHARACTERS} characters"
+        ));
+    }
+    if !missing.is_empty() {
+        return Err(format!("{text} is refused: the font has no {missing}; expected Latin, Greek or Cyrillic letters"));
+    }
+    Ok(text.to_owned())
 }
 
 /// `A..B`; either end may be left out.

@@ -14,7 +14,7 @@ use crate::cleanup::MadeFolder;
 use crate::export::resolved;
 use crate::provenance::record_path;
 use crate::sink::atomic::write_atomically;
-use crate::sink::{self, SinkError};
+use crate::sink::{self, OutPath, SinkError};
 
 /// Summary of a join.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -62,6 +62,9 @@ fn check_out(parts: &[RecordedPart], options: &JoinOptions, is_video: bool) -> R
     if !is_video {
         if options.soundtrack.is_some() {
             return Err(FarmError::refused(out, "is a folder of frames, which has no sound; leave the recording out"));
+        }
+        if !matches!(OutPath::parse(out), Ok(OutPath::Folder(_))) {
+            return Err(FarmError::refused(out, "is no name of a folder; the parts are folders, so name a folder"));
         }
         if out.exists() && !out.is_dir() {
             return Err(FarmError::refused(out, "is a file; the parts are folders, so name a folder"));

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::hash::pcg3d;
 use crate::pixels::{Codes, Pixels};
-use crate::sink::lettering::{Style, width_px, write};
+use crate::sink::lettering::{Style, missing_characters, width_px, write};
 use crate::source::file as plain;
 use crate::text::reason;
 
@@ -82,6 +82,14 @@ impl CaseCard {
                     path.display()
                 ));
             }
+        }
+        let undrawn = |(key, value): (&'static str, &str)| {
+            let missing = missing_characters(value);
+            (!missing.is_empty())
+                .then(|| format!("{key}: the card's font has no {missing}; expected Latin, Greek or Cyrillic letters"))
+        };
+        if let Some(problem) = card.rows().into_iter().find_map(undrawn) {
+            return Err(format!("{}: {problem}", path.display()));
         }
         let required = [("case_number", &card.case_number), ("date", &card.date), ("place", &card.place)];
         match required.iter().chain(&[("photographer", &card.photographer)]).find(|(_, value)| value.trim().is_empty())

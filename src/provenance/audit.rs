@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc;
 
 use super::digests::{file_digest, pixels_digest};
-use super::pictures::{PictureDifference, difference, read_picture};
+use super::pictures::{PictureDifference, difference, read_picture, video_digests};
 use super::record::{OutputKind, Record};
 use crate::pixels::Pixels;
 use crate::sink::folder::is_frame_name;
@@ -49,7 +49,12 @@ pub fn changed_outputs(record: &Record, output: &Path, frames: &[usize]) -> Vec<
     let changed = |path: PathBuf, problem: String| ChangedFile { path, role: "output".to_owned(), problem };
     if record.output.kind == OutputKind::Video {
         let problem = match file_digest(output) {
-            Ok(digest) if Some(&digest.sha256) == record.output.sha256.as_ref() => return Vec::new(),
+            Ok(digest) if Some(&digest.sha256) == record.output.sha256.as_ref() => {
+                match changed_video_pictures(record, output, frames) {
+                    Some(problem) => problem,
+                    None => return Vec::new(),
+                }
+            }
             Ok(_) => "has changed since it was written".to_owned(),
             Err(error) => format!("cannot be read: {}", reason(&error)),
         };
@@ -67,10 +72,38 @@ pub fn changed_outputs(record: &Record, output: &Path, frames: &[usize]) -> Vec<
                 _ => None,
             },
             Ok(_) => Some(changed(file, "its pixels have changed since it was written".to_owned())),
-            Err(error) => Some(changed(file, error.to_string())),
+            Err(error) => {
+                // The message begins with the path.
+                let text = error.to_string();
+                let problem = text.strip_prefix(&format!("{}: ", file.display())).unwrap_or(&text).to_owned();
+                Some(changed(file, problem))
+            }
         }
     };
     sampled.filter_map(change).chain(unlisted(record, output)).collect()
+}
+
+/// Why the pictures of a lossless video are not those that were written. Those of a lossy one are
+/// known by the digest of its file alone.
+fn changed_video_pictures(record: &Record, output: &Path, frames: &[usize]) -> Option<String> {
+    if !record.output.is_lossless() {
+        return None;
+    }
+    let frames: HashSet<usize> = frames.iter().copied().collect();
+    let last = record.pictures.iter().rposition(|picture| frames.contains(&picture.frame))?;
+    let (mut count, mut first_changed) = (0, None);
+    let read = video_digests(output, &record.output, |number, sha256| {
+        count = number + 1;
+        let picture = record.pictures.get(number).filter(|picture| frames.contains(&picture.frame));
+        first_changed = picture.filter(|picture| picture.pixels_sha256 != sha256).map(|picture| picture.frame);
+        first_changed.is_none() && number < last
+    });
+    match (read, first_changed) {
+        (Err(error), _) => Some(format!("its pictures cannot be read: {error}")),
+        (_, Some(frame)) => Some(format!("the pixels of frame {frame} have changed since it was written")),
+        _ if count <= last => Some(format!("it has {count} pictures of {}", record.pictures.len())),
+        _ => None,
+    }
 }
 
 /// Frames in an output's folder that are not in its record.

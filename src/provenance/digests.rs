@@ -50,7 +50,11 @@ fn digest_of(path: &Path, is_cancelled: &AtomicBool) -> io::Result<DigestedFile>
 
 /// Digest of a picture's code values.
 pub fn pixels_digest(pixels: &Pixels) -> String {
-    hex(&Sha256::digest(little_endian(&pixels.codes)))
+    bytes_digest(&little_endian(&pixels.codes))
+}
+
+pub fn bytes_digest(bytes: &[u8]) -> String {
+    hex(&Sha256::digest(bytes))
 }
 
 /// Files that a shot reads, with their roles.

@@ -20,6 +20,6 @@ pub use mask::{FrameMask, MaskRecord, RunLengths};
 pub use pictures::{PictureDifference, StoredPictureError, difference, read_picture};
 pub use record::{
     CommandRecord, DeviceRecord, InputRecord, OutputKind, OutputRecord, PictureLines, PictureRecord, ProgramRecord,
-    ProvenanceError, RECORD_ENDING, RECORD_VERSION, Record, SettingsRecord, WorkRecord, output_of_record, record_path,
-    remove_record,
+    ProvenanceError, RECORD_ENDING, RECORD_VERSION, Record, SettingsRecord, WorkRecord, as_read, output_of_record,
+    record_path, remove_record,
 };

@@ -1,11 +1,13 @@
 //! Reads the pictures of an output again, and compares pictures.
 
 use std::ffi::OsString;
+use std::io::Read;
 use std::path::Path;
 
+use super::digests::bytes_digest;
 use super::record::{OutputKind, OutputRecord};
 use crate::pixels::{Codes, Pixels, Rect};
-use crate::program::{self, ProgramError};
+use crate::program::{self, ProgramError, Running};
 use crate::source::{SourceError, ffmpeg, still};
 
 /// Why a picture of an output cannot be read.
@@ -46,6 +48,33 @@ pub fn read_picture(
     let pixels_count = u64::from(record.width).saturating_mul(u64::from(record.height));
     let expected = pixels_count.saturating_mul(u64::from(3 * record.bits / 8)) as usize;
     pixels.ok_or_else(|| StoredPictureError::Size { path: output.to_owned(), number, bytes: length, expected })
+}
+
+/// Digests of all pictures of a lossless video, in order, with their numbers. `on_picture` ends it
+/// by `false`.
+pub fn video_digests(
+    output: &Path,
+    record: &OutputRecord,
+    mut on_picture: impl FnMut(usize, String) -> bool,
+) -> Result<(), StoredPictureError> {
+    let format = if record.bits == 16 { "rgb48le" } else { "rgb24" };
+    let options = ["-f", "rawvideo", "-pix_fmt", format, "-vsync", "passthrough", "-"].map(OsString::from);
+    let start = ["-v", "error", "-noautorotate"].map(OsString::from).into_iter();
+    let arguments: Vec<_> = start.chain(ffmpeg::input(output)).chain(options).collect();
+    let mut running = Running::start("ffmpeg", &arguments)?;
+    let Some(mut frames) = running.take_stdout() else { return Ok(()) };
+    let length = 3 * record.width as usize * record.height as usize * record.bits as usize / 8;
+    let mut bytes = vec![0; length];
+    let mut number = 0;
+    while frames.read_exact(&mut bytes).is_ok() {
+        if !on_picture(number, bytes_digest(&bytes)) {
+            return Ok(());
+        }
+        number += 1;
+    }
+    drop(frames);
+    running.finish()?;
+    Ok(())
 }
 
 /// How far two pictures differ.

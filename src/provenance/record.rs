@@ -219,6 +219,12 @@ impl PictureLines {
     }
 }
 
+/// A value as it is read from a record: the reader of JSON may round numbers by a last digit.
+pub fn as_read<T: Clone + Serialize + serde::de::DeserializeOwned>(value: &T) -> T {
+    let text = serde_json::to_string(value).ok();
+    text.and_then(|text| serde_json::from_str(&text).ok()).unwrap_or_else(|| value.clone())
+}
+
 /// End of the name of a record, behind the name of its output.
 pub const RECORD_ENDING: &str = ".record.json";
 
@@ -262,6 +268,9 @@ impl Record {
                 return Err(ProvenanceError::Version { path, actual: version });
             }
             _ => {}
+        }
+        if value.get("photograph").is_some() {
+            return Err(wrong("it is the record of a photograph, which is not audited".to_owned()));
         }
         let record: Self = serde_json::from_value(value).map_err(|error| wrong(error.to_string()))?;
         record.contradiction().map_or(Ok(record), |problem| Err(wrong(problem)))
@@ -315,7 +324,7 @@ impl Record {
     pub fn is_same_work(&self, other: &Self) -> bool {
         let output = |record: &Self| OutputRecord { sha256: None, path: PathBuf::new(), ..record.output.clone() };
         let work = |record: &Self| WorkRecord { command: self.work.command.clone(), ..record.work.clone() };
-        work(self) == work(other) && output(self) == output(other)
+        as_read(&work(self)) == as_read(&work(other)) && as_read(&output(self)) == as_read(&output(other))
     }
 
     /// Adds the pictures of an earlier part of the same work, except frames that were written

@@ -45,6 +45,12 @@ pub fn width_px(text: &str, height_px: f32) -> f32 {
     width
 }
 
+/// Characters of a text that the font lacks.
+pub fn missing_characters(text: &str) -> String {
+    let Ok(font) = FontRef::try_from_slice(FONT) else { return String::new() };
+    text.chars().filter(|character| font.glyph_id(*character).0 == 0).collect()
+}
+
 /// Lays out text: calls `letter` with font, glyph, baseline, start and end, until it returns false.
 fn set(
     text: &str,

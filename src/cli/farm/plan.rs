@@ -96,6 +96,7 @@ fn duration(text: &str) -> Result<f64, String> {
 pub fn run(args: &TemplateArgs) -> Result<()> {
     let recording = Recording::open(&args.recording, &args.open.options())?;
     let frames = frame_range(args.frames, recording.frame_count())?;
+    locard_engine::scene::load(&args.scene, recording.up)?;
     let folder = absolute(&args.output)?;
     let joined = absolute(args.joined.as_deref().unwrap_or(&folder.join("joined")))?;
     let extension = extension_of(&joined)?;
