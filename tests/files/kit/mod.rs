@@ -124,7 +124,8 @@ fn committed_models_are_reproduced_byte_for_byte() {
         }
     };
     std::thread::scope(|scope| {
-        let threads: Vec<_> = (0..2).map(|_| scope.spawn(compare)).collect();
+        let threads: Vec<_> =
+            (0..2).map(|_| std::thread::Builder::new().spawn_scoped(scope, compare).unwrap()).collect();
         threads.into_iter().for_each(|thread| thread.join().unwrap());
     });
 }
