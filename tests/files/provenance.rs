@@ -148,9 +148,13 @@ fn audit_passes_the_output_as_made_and_names_each_change() {
     let listed = String::from_utf8_lossy(&done.stdout).into_owned();
     assert!(!done.status.success());
     assert!(listed.contains("frame_000041.png (output): its pixels have changed since it was written"), "{listed}");
-    // A record of another noise: the differences of the frames are listed.
+    // An edited record: first it contradicts itself, then the differences of the frames are listed.
     let mut record = Record::read(Path::new(&output)).unwrap();
     record.work.command.arguments.extend(["--seed".to_owned(), "3".to_owned()]);
+    record.write(Path::new(&output)).unwrap();
+    let error = refused(&["audit", "-q", &output, "--sample", "1"]);
+    assert!(error.contains("another seed than the record states"), "{error}");
+    record.work.seed = 3;
     record.write(Path::new(&output)).unwrap();
     let done = locard(&["audit", "-q", &output, "--sample", "1"]);
     let listed = String::from_utf8_lossy(&done.stdout).into_owned();
