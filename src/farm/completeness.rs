@@ -68,6 +68,7 @@ pub(super) fn check_outputs(parts: &[RecordedPart]) -> Result<(), FarmError> {
 /// Checks the SHA-256 of files, on all processors. Reports the first file that differs.
 fn check_hashes(files: &[(PathBuf, &str)], problem: &str) -> Result<(), FarmError> {
     let next = AtomicUsize::new(0);
+    // No memo: the first failure of this check.
     let failure: Mutex<Option<(usize, FarmError)>> = Mutex::new(None);
     let check = || {
         while let Some((index, (path, sha256))) = {

@@ -11,11 +11,13 @@
 
 pub mod audit;
 mod digests;
+mod inputs;
 mod mask;
 mod pictures;
 mod record;
 
-pub use digests::{DigestedFile, InputDigests, file_digest, input_files, pixels_digest};
+pub use digests::{DigestedFile, file_digest, pixels_digest};
+pub use inputs::{DigestedInputs, InputDigests, input_files};
 pub use mask::{FrameMask, MaskRecord, RunLengths};
 pub use pictures::{PictureDifference, StoredPictureError, difference, read_picture};
 pub use record::{

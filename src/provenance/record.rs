@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::{MaskRecord, file_digest};
+use super::digests::file_digest;
+use super::mask::MaskRecord;
 use crate::params::{self, Value};
 use crate::shot::Shot;
 use crate::sink::SinkError;

@@ -37,6 +37,11 @@ fn text(path: &Path) -> &str {
     path.to_str().unwrap()
 }
 
+/// Code values of a written frame. Its label names the camera or the recording.
+fn pixels_of_frame(folder: &Path, frame: usize) -> image::RgbImage {
+    image::open(folder.join(format!("frame_{frame:06}.png"))).unwrap().to_rgb8()
+}
+
 #[test]
 fn video_is_recorded_like_a_camera() {
     let temp = tempfile::tempdir().unwrap();
@@ -97,7 +102,7 @@ fn live_pictures_match_the_recording() {
     stdout_of(&[&["composite", text(&site), "-o", text(&again)][..], &scene, tier::no_shadows()].concat());
     assert_eq!(std::fs::read_dir(&again).unwrap().count(), taken);
     for frame in 0..taken {
-        let [live, again] = [&shown, &again].map(|at| std::fs::read(at.join(format!("frame_{frame:06}.png"))).unwrap());
+        let [live, again] = [&shown, &again].map(|at| pixels_of_frame(at, frame));
         assert!(live == again, "frame {frame} differs");
     }
 }
@@ -212,8 +217,7 @@ fn smoothed_poses_are_composited_and_recorded() {
     let taken = std::fs::read_dir(&shown).unwrap().count();
     assert_eq!((std::fs::read_dir(&again).unwrap().count(), taken), (count, count));
     for frame in 0..taken {
-        let [live, again] =
-            [&shown, &again].map(|at| std::fs::read(Path::new(at).join(format!("frame_{frame:06}.png"))).unwrap());
+        let [live, again] = [&shown, &again].map(|at| pixels_of_frame(Path::new(at), frame));
         assert!(live == again, "frame {frame} differs");
     }
     let error =
@@ -291,7 +295,7 @@ fn lens_of_a_stream_is_the_camera_live_and_recorded() {
     let taken = std::fs::read_dir(&shown).unwrap().count();
     assert_eq!((std::fs::read_dir(&again).unwrap().count(), taken), (4, 4));
     for frame in 0..taken {
-        let [live, again] = [&shown, &again].map(|at| std::fs::read(at.join(format!("frame_{frame:06}.png"))).unwrap());
+        let [live, again] = [&shown, &again].map(|at| pixels_of_frame(at, frame));
         assert!(live == again, "frame {frame} differs");
     }
 }

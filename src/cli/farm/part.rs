@@ -8,7 +8,7 @@ use anyhow::{Context, Result, bail};
 
 use super::super::join::whole_range;
 use super::super::{print_status, warn};
-use super::MachineArgs;
+use super::machine::MachineArgs;
 use locard_engine::farm::{PartState, part_name, part_state};
 use locard_engine::provenance::record_path;
 use locard_engine::text::reason;

@@ -14,7 +14,7 @@ use super::super::analysis::AnalysisArgs;
 use super::super::composite::{self, frame_range, parse_range};
 use super::super::open::OpenArgs;
 use super::super::{print_status, warn};
-use super::adapter_kind;
+use super::machine::adapter_kind;
 use super::part::composite_arguments;
 use locard_engine::analyse::beside;
 use locard_engine::farm::{ADAPTER_KINDS, FarmJob, FarmPlan, PartCost};

@@ -2,7 +2,7 @@
 
 use super::finding::{Check, Finding};
 use super::shot_class::ShotClass;
-use crate::camera::stops::{Step, format_shutter_s, marked, shutter_times_s};
+use crate::camera::stops::{Step, format_shutter_s, marked, nearest, shutter_times_s};
 use crate::photo::particulars::{
     CameraSupport, ObjectInView, SHARP_CIRCLE_SHARE, ScaleInView, Subject, ViewParticulars,
 };
@@ -73,7 +73,8 @@ fn percent(share: f64) -> String {
 }
 
 fn engraved(shutter_s: f64) -> String {
-    format_shutter_s(marked(&shutter_times_s(Step::Third), shutter_s))
+    let times = shutter_times_s(Step::Third);
+    format_shutter_s(nearest(&times, shutter_s).map_or(shutter_s, |stop| marked(&times, stop.exact)))
 }
 
 fn exposure(view: &ViewParticulars) -> Option<Finding> {
