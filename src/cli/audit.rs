@@ -179,7 +179,7 @@ fn remake(args: &Args, record: &Record, output: &Path, frames: &[usize]) -> Resu
         let composites = shot.frames(&mut compositor, range, false, locard_engine::compositor::IN_FLIGHT)?;
         for composited in composites {
             let composited = composited?;
-            let stated = record.pictures.iter().find(|picture| picture.frame == composited.frame);
+            let stated = audit.picture(composited.frame);
             if stated.is_some_and(|picture| picture.rect_px != composited.stats.rect_px) {
                 let rect_px = composited.stats.rect_px;
                 bail!("frame {}: the bounds of its changed pixels are {rect_px:?}, not as recorded", composited.frame);

@@ -31,8 +31,7 @@ impl Export {
                 return Err(ExportError::refused(&file, "exists already, and is kept (--force replaces it)"));
             }
         }
-        let has_groups = matches!(&self.out, OutPath::Video(path)
-            if !self.lossless && self.codec.unwrap_or_else(|| sink::default_codec(path)) != VideoCodec::ProRes);
+        let has_groups = matches!(self.lossy_codec(), Some(VideoCodec::H264 | VideoCodec::Hevc));
         if let (Some(_), false, OutPath::Folder(path) | OutPath::Video(path)) =
             (self.closed_groups, has_groups, &self.out)
         {

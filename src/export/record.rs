@@ -9,7 +9,7 @@ use crate::gpu::Gpu;
 use crate::pixels::Pixels;
 use crate::provenance::{
     InputDigests, MaskRecord, OutputKind, OutputRecord, PictureLines, PictureRecord, RECORD_VERSION, Record,
-    SettingsRecord, WorkRecord, file_digest, input_files, pixels_digest, remove_record,
+    SettingsRecord, WorkRecord, file_digest, input_files, pixels_digest,
 };
 use crate::recording::Recording;
 use crate::shot::Shot;
@@ -42,16 +42,22 @@ impl Export {
         settings
     }
 
+    /// Codec of a lossy video.
+    pub(super) fn lossy_codec(&self) -> Option<VideoCodec> {
+        match &self.out {
+            OutPath::Video(path) if !self.lossless => Some(self.codec.unwrap_or_else(|| default_codec(path))),
+            _ => None,
+        }
+    }
+
     fn codec_name(&self, bits: u32) -> &'static str {
-        match (&self.out, self.lossless, self.codec) {
-            (OutPath::Video(_), true, _) if bits == 16 => "ffv1",
-            (OutPath::Video(_), true, _) => "h264rgb",
-            (OutPath::Video(path), false, codec) => match codec.unwrap_or_else(|| default_codec(path)) {
-                VideoCodec::H264 => "h264",
-                VideoCodec::Hevc => "hevc",
-                VideoCodec::ProRes => "prores",
-            },
-            _ => "png",
+        match (self.lossy_codec(), &self.out) {
+            (Some(VideoCodec::H264), _) => "h264",
+            (Some(VideoCodec::Hevc), _) => "hevc",
+            (Some(VideoCodec::ProRes), _) => "prores",
+            (None, OutPath::Video(_)) if bits == 16 => "ffv1",
+            (None, OutPath::Video(_)) => "h264rgb",
+            (None, _) => "png",
         }
     }
 }
@@ -84,10 +90,6 @@ impl RecordDraft {
             },
             pictures: Vec::new(),
         };
-        // A video that is replaced has no record until the end.
-        if record.output.kind == OutputKind::Video {
-            remove_record(output)?;
-        }
         let inputs = InputDigests::start(input_files(shot));
         Ok(Some(Self { output: output.to_owned(), record, inputs }))
     }

@@ -31,7 +31,7 @@ pub fn check_agreement(
     check_ranges(parts, frames)
 }
 
-/// Refuses a part whose program, settings or format differ from the first one's.
+/// Rejects a part with another program, other settings or another format than the first.
 fn check_settings(first: &RecordedPart, part: &RecordedPart) -> Result<(), FarmError> {
     let (a, b) = (first.work(), part.work());
     let program = |part: &RecordedPart| {

@@ -6,13 +6,13 @@ use std::path::Path;
 use super::agreement::check_agreement;
 use super::completeness::check_outputs;
 use super::error::FarmError;
-use super::join_options::{JoinOptions, remove_record};
+use super::join_options::JoinOptions;
 use super::join_video::join_videos;
 use super::joined_record::joined_record;
 use super::part_record::{RecordedPart, file_sha256};
 use crate::cleanup::MadeFolder;
 use crate::export::resolved;
-use crate::provenance::record_path;
+use crate::provenance::{record_path, remove_record};
 use crate::sink::atomic::write_atomically;
 use crate::sink::{self, OutPath, SinkError};
 

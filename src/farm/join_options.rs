@@ -1,13 +1,9 @@
-//! Options of a join, and the removal of an earlier record.
+//! Options of a join.
 
-use std::io;
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 
-use super::error::FarmError;
-use crate::provenance::record_path;
-use crate::sink::SinkError;
 use crate::source::video::Soundtrack;
 
 /// Output and conditions of a join.
@@ -37,13 +33,4 @@ pub enum FrameTimes {
     Steady,
     /// Time of each frame by its index in the recording, s.
     Variable(Arc<[f64]>),
-}
-
-/// Removes the record of an earlier output, which would not fit a half-written one.
-pub(super) fn remove_record(out: &Path) -> Result<(), FarmError> {
-    let path = record_path(out);
-    match std::fs::remove_file(&path) {
-        Err(source) if source.kind() != io::ErrorKind::NotFound => Err(SinkError::Write { path, source }.into()),
-        _ => Ok(()),
-    }
 }

@@ -10,10 +10,11 @@ use std::io::Write as _;
 use std::path::Path;
 
 use super::error::FarmError;
-use super::join_options::{FrameTimes, JoinOptions, remove_record};
+use super::join_options::{FrameTimes, JoinOptions};
 use super::part_record::RecordedPart;
 use crate::label::{SourceLabel, append_box};
 use crate::program;
+use crate::provenance::remove_record;
 use crate::sink::atomic::Partial;
 use crate::sink::rotation;
 use crate::sink::video::sound_arguments;

@@ -3,7 +3,7 @@
 //!
 //! A frame depends on its inputs alone, so a range of frames that one machine composites equals the
 //! same range of the whole. Each part has a record of its inputs and settings beside it
-//! ([`crate::provenance::Record`]); parts whose records differ are not joined.
+//! ([`crate::provenance::Record`]); parts with different records are rejected.
 
 mod agreement;
 mod command;

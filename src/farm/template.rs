@@ -125,7 +125,7 @@ impl FarmJob {
         Some(PathParameter { data_flow: if self.analyses { "OUT" } else { "IN" }, ..parameter })
     }
 
-    /// `locard farm check`: fails on a machine whose program or adapter does not fit.
+    /// `locard farm check`, which fails if the machine has another program or kind of adapter.
     pub(super) fn check_command(&self) -> Vec<Word> {
         let mut words = texts(["farm", "check"]);
         words.extend(self.environment());

@@ -59,7 +59,7 @@ pub fn coverage(triangles: &[[DVec2; 3]], size: DVec2) -> PictureCoverage {
     }
 }
 
-/// Marks the cells whose centres a triangle contains, whichever way it turns.
+/// Marks the cells with their centre inside a triangle of either orientation.
 fn fill(covered: &mut [bool], columns: usize, triangle: &[DVec2; 3]) {
     let rows = covered.len() / columns;
     let low = triangle.iter().copied().fold(DVec2::INFINITY, DVec2::min);

@@ -22,7 +22,7 @@ use crate::export::Inputs;
 use crate::gpu::{Gpu, GpuError};
 use crate::label::SourceLabel;
 use crate::profile::Rig;
-use crate::provenance::{InputDigests, WorkRecord, input_files, remove_record};
+use crate::provenance::{InputDigests, WorkRecord, input_files};
 use crate::recording::Recording;
 use crate::shot::{DEFAULT_ISO, Note, Shot};
 use crate::sink::{SinkError, check_file, photograph};
@@ -195,7 +195,6 @@ impl PhotoRequest {
                 }
                 work.inputs = digests.finish().map_err(|(path, source)| SinkError::Read { path, source })?;
             }
-            remove_record(&path)?;
             photograph::write(&path, &pixels, Some(&notes), label.as_ref(), self.force)?;
             write_record(&path, &particulars, Some(&work))?;
             let settings = settings_text(asked, &framing);

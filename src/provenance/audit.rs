@@ -6,7 +6,7 @@ use std::sync::mpsc;
 
 use super::digests::{file_digest, pixels_digest};
 use super::pictures::{PictureDifference, difference, read_picture, video_digests};
-use super::record::{OutputKind, Record};
+use super::record::{OutputKind, PictureRecord, Record};
 use crate::pixels::Pixels;
 use crate::sink::folder::is_frame_name;
 use crate::sink::{Sink, SinkError};
@@ -148,6 +148,11 @@ impl<'a> FrameAudit<'a> {
     pub fn new(record: &'a Record, output: &'a Path) -> Self {
         let position = record.pictures.iter().enumerate().map(|(number, picture)| (picture.frame, number)).collect();
         Self { record, output, position }
+    }
+
+    /// The record of a frame.
+    pub fn picture(&self, frame: usize) -> Option<&PictureRecord> {
+        self.position.get(&frame).map(|number| &self.record.pictures[*number])
     }
 
     /// Compares one frame.

@@ -18,9 +18,14 @@ fn failed_run_leaves_no_video_and_keeps_the_existing_one() {
     assert!(text.contains("00003.jpg") && text.contains("truncated"), "{text}");
     assert!(!Path::new(&video).exists());
 
-    std::fs::write(&video, "what the user had").unwrap();
+    let record = format!("{video}.record.json");
+    for file in [&video, &record] {
+        std::fs::write(file, "what the user had").unwrap();
+    }
     refused(&[&arguments[..], &["-o", &video, "--force"]].concat());
-    assert_eq!(std::fs::read_to_string(&video).unwrap(), "what the user had");
+    for file in [&video, &record] {
+        assert_eq!(std::fs::read_to_string(file).unwrap(), "what the user had");
+    }
 
     let text = refused(&["calibrate", "noise", &path("rgb"), "-o", &path("p.toml")]);
     assert!(text.contains("00003.jpg") && text.contains("truncated"), "{text}");

@@ -31,6 +31,7 @@ fn metadata(video: &Path) -> String {
     String::from_utf8_lossy(&done.stdout).into_owned()
 }
 
+// Slow: seven runs of the program, one for each kind of file.
 #[test]
 fn every_output_is_labelled_unless_asked_otherwise() {
     let temp = tempfile::tempdir().unwrap();
@@ -41,14 +42,15 @@ fn every_output_is_labelled_unless_asked_otherwise() {
         assert!(contains(&at(file), "locard:recording=\"demo\""), "{file}");
     }
     for name in ["a.mp4", "a.mkv", "a.mov"] {
-        composite("40..41", &at(name), &[]);
+        composite("40..41", &at(name), &["--plain"]);
         assert!(metadata(&at(name)).contains("Composite with synthetic elements"), "{name}");
         assert!(contains(&at(name), SOURCE_TYPE), "{name}");
     }
     assert!(metadata(&at("a.mkv")).contains(&format!("DIGITAL_SOURCE_TYPE={SOURCE_TYPE}")));
     let photo = at("a.jpg");
     let arguments = ["photo", "recordings/demo", "--frame", "40", "--scene", "scenes/demo.toml", "--lux", "300"];
-    let arguments = [&arguments[..], &["--width", "160", "-q", "-o", photo.to_str().unwrap()]].concat();
+    let small = ["--set", "shadow.cast=false", "--width", "160", "-q", "-o", photo.to_str().unwrap()];
+    let arguments = [&arguments[..], &small].concat();
     assert!(locard(&arguments).status.success());
     assert!(contains(&photo, SOURCE_TYPE));
     let rendering = at("a.png");
@@ -57,7 +59,8 @@ fn every_output_is_labelled_unless_asked_otherwise() {
     assert!(contains(&rendering, "digitalsourcetype/digitalCreation"));
 
     let bare = at("bare");
-    let arguments = ["composite", "recordings/demo", "--scene", "scenes/demo.toml", "--frames", "40..41", "-q"];
+    let arguments =
+        ["composite", "recordings/demo", "--scene", "scenes/demo.toml", "--frames", "40..41", "-q", "--plain"];
     let done = locard(&[&arguments[..], &["--unlabelled", "-o", bare.to_str().unwrap()]].concat());
     let text = String::from_utf8_lossy(&done.stderr);
     assert!(done.status.success() && text.contains("does not state its digital source type"), "{text}");

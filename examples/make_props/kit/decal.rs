@@ -73,7 +73,7 @@ impl Region {
         Self::new((0..pieces).map(at).collect())
     }
 
-    /// An ellipse whose first half axis points along `angle`, radians.
+    /// An ellipse with its first semi-axis at `angle`, radians.
     pub fn ellipse(middle: Vec2, half_axes: Vec2, angle: f32) -> Self {
         let turned = Self::around(Vec2::ZERO, 72, |_| half_axes);
         Self::new(turned.corners.iter().map(|p| middle + p.rotate(Vec2::from_angle(angle))).collect())

@@ -21,8 +21,7 @@ pub fn l_scale() -> Prop {
     l_sheet("L-scale", picture(), LEG_MM, THICKNESS_MM)
 }
 
-/// A printed L with legs of 105 mm and the given width, whose picture has a blank place in the
-/// inner square.
+/// A printed L with legs of 105 mm and the given width. The inner square of the picture is cut out.
 pub fn l_sheet(name: &'static str, picture: Canvas, leg_mm: f32, thickness_mm: f32) -> Prop {
     let mut shape = Shape::default();
     // Maps a point of the drawing, from the top left, to the model, whose origin is the drawing's

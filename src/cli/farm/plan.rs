@@ -145,7 +145,7 @@ pub fn run(args: &TemplateArgs) -> Result<()> {
     let parts = args.parts.or(job.cost.map(|cost| cost.parts(frames.len(), args.part_seconds))).unwrap_or(1);
     job.plan = FarmPlan::new(frames, parts, group.unwrap_or(1))?;
     job.parts_folder = folder.join(format!("parts-{}", job.plan.parts.len()));
-    if is_lossy_across_frames(&job, &args.options) && group.is_none() {
+    if is_inter_coded(&job, &args.options) && group.is_none() {
         let text = "the joined video will have the pictures of its parts, which differ from those of one run: rate control \
                     looks across frames; -- --closed-groups 30 makes them equal, and so do --lossless and ProRes";
         warn(args.quiet, text);
@@ -183,7 +183,7 @@ fn composite_words(job: &FarmJob, with_analysis: bool) -> Vec<String> {
     words
 }
 
-/// Refuses options whose outputs parts would overwrite, or without whose outputs they do not join.
+/// Rejects options that make parts overwrite one file, or that prevent joining.
 fn check_fit_for_parts(options: &[String]) -> Result<()> {
     let per_run = ["--layers", "--masks", "--report"];
     if let Some(word) = options.iter().find(|word| per_run.iter().any(|option| word.starts_with(option))) {
@@ -219,8 +219,8 @@ fn closed_groups(options: &[String]) -> Option<usize> {
     inline.or(next.map(String::as_str))?.parse().ok()
 }
 
-/// True if the output is a video whose encoder takes decisions across frames.
-fn is_lossy_across_frames(job: &FarmJob, options: &[String]) -> bool {
+/// True for a video with a codec that predicts between frames.
+fn is_inter_coded(job: &FarmJob, options: &[String]) -> bool {
     let is_prores = options.iter().any(|word| word.ends_with("prores"));
     let names_codec = options.iter().any(|word| word.starts_with("--codec"));
     let is_lossless = options.iter().any(|word| word == "--lossless");

@@ -97,7 +97,7 @@ fn exposure(view: &ViewParticulars) -> Option<Finding> {
 }
 
 fn clipped(view: &ViewParticulars) -> Option<Finding> {
-    // Of a photograph of the site, the nearest item is no subject whose tones matter.
+    // In a photograph without a named subject, only the clipping of the whole picture counts.
     let named = view.subject.as_ref().filter(|subject| subject.is_named);
     let of_subject = named.map_or(0.0, |subject| subject.clipped_share);
     if of_subject < MAX_CLIPPED_SUBJECT && view.clipped_share < MAX_CLIPPED_PICTURE {
