@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use super::error::FarmError;
 use crate::provenance::{
-    InputRecord, OutputKind, PictureRecord, RECORD_ENDING, Record, WorkRecord, file_digest, record_path,
+    InputRecord, OutputKind, PictureRecord, Record, WorkRecord, file_digest, output_of_record, record_path,
 };
 
 /// An output with its record.
@@ -69,12 +69,8 @@ impl RecordedPart {
         if self.is_video() {
             return output.sha256.is_none().then(|| "it has no hash of its video".to_owned());
         }
-        // A name with a separator would lead out of the folder.
-        let is_plain = |name: &str| !name.is_empty() && Path::new(name).file_name().is_some_and(|file| file == name);
-        let is_odd =
-            |picture: &&PictureRecord| !picture.file.as_deref().is_some_and(is_plain) || picture.file_sha256.is_none();
-        let odd = pictures.iter().find(is_odd)?;
-        Some(format!("its frame {} has no file name or no hash", odd.frame))
+        let odd = pictures.iter().find(|picture| picture.file_sha256.is_none())?;
+        Some(format!("its frame {} has no hash of its file", odd.frame))
     }
 }
 
@@ -117,11 +113,6 @@ fn missing_record(output: &Path) -> String {
         "has no record {} beside it, and holds no outputs that have one; expected outputs of `locard composite`",
         record_path(output).display()
     )
-}
-
-fn output_of_record(path: &Path) -> Option<PathBuf> {
-    let name = path.file_name()?.to_str()?.strip_suffix(RECORD_ENDING)?;
-    Some(path.with_file_name(name))
 }
 
 /// Outputs in a folder that have a record, sorted by name. The unfinished file of an encoder that
@@ -233,7 +224,7 @@ pub(super) mod tests {
         let outside = refusal(|value| value["pictures"][1]["file"] = "../frame.png".into());
         assert!(outside.contains("record.json: "), "{outside}");
         let unhashed = refusal(|value| _ = value["pictures"][1].as_object_mut().unwrap().remove("file_sha256"));
-        assert!(unhashed.contains("its frame 1 has no file name or no hash"), "{unhashed}");
+        assert!(unhashed.contains("its frame 1 has no hash of its file"), "{unhashed}");
         let other = refusal(|value| *value = json!({ "version": 1 }));
         assert!(other.contains("record.json: is not a record of an output: missing field"), "{other}");
         let none = parts_at(&[output.join("frame_000000.png")]).unwrap_err().to_string();
