@@ -238,6 +238,7 @@ def main():
             check(
                 "documentation", "doc", "--locked", "--workspace", "--no-deps", "--document-private-items",
                 RUSTDOCFLAGS="--deny warnings --allow rustdoc::private_intra_doc_links")
+            check("signing", "test", "--locked", "--features", "sign", "--lib", "--test", "files", "--", "sign")
             check("release build", "check", "--locked", "--release", "--workspace")
             # The features of scripts/demo: the engine and the program without the window and cameras.
             check("release build without default features", "check", "--locked", "--release", "--no-default-features")

@@ -50,6 +50,10 @@ fn advice(program: &str) -> &'static str {
             "JPEG XL pictures need it: install libjxl's programs (Debian, Ubuntu: apt-get install libjxl-tools; macOS: \
              brew install jpeg-xl), or convert the pictures to PNG"
         }
+        "curl" => {
+            "time stamps need it: install curl (Debian, Ubuntu: apt-get install curl; macOS and Windows have it), or sign \
+             without --time-stamp"
+        }
         _ => "install it, or add its folder to PATH",
     }
 }

@@ -30,6 +30,8 @@ mod record;
 mod render;
 mod room_light;
 mod send;
+#[cfg(feature = "sign")]
+mod sign;
 mod simulate;
 mod site;
 mod solve;
@@ -54,6 +56,10 @@ use locard_engine::text::{reason, shown};
 
 #[cfg(not(feature = "window"))]
 const WITHOUT_WINDOW: &str = "this program was built without its window: `cargo build --release` builds it with one";
+
+#[cfg(not(feature = "sign"))]
+const WITHOUT_SIGNING: &str =
+    "this program was built without signing: `cargo build --release --features sign` builds it with it";
 
 #[derive(Parser)]
 #[command(name = "locard", version, about = "Puts virtual evidence into real footage so that it looks photographed there", long_about = None)]
@@ -105,6 +111,16 @@ enum Command {
     Render(render::Args),
     /// Send a recording's poses as a stream: OpenTrackIO or FreeD
     Send(send::Args),
+    /// Sign an output and its record (C2PA), or check signatures
+    #[cfg(feature = "sign")]
+    Sign(sign::Args),
+    /// Sign an output and its record (C2PA), or check signatures: needs a build with it
+    #[cfg(not(feature = "sign"))]
+    #[command(disable_help_flag = true)]
+    Sign {
+        #[arg(hide = true, allow_hyphen_values = true, trailing_var_arg = true)]
+        _arguments: Vec<std::ffi::OsString>,
+    },
     /// Make a printable sheet of tags, by which `track` finds a camera's poses
     Board(board::Args),
     /// Find the camera's path and lens from a video or photographs alone, and make a recording;
@@ -166,6 +182,10 @@ pub fn main() -> ExitCode {
         Command::Record(args) => record::run(&args),
         Command::Render(args) => render::run(&args),
         Command::Send(args) => send::run(&args),
+        #[cfg(feature = "sign")]
+        Command::Sign(args) => sign::run(&args),
+        #[cfg(not(feature = "sign"))]
+        Command::Sign { .. } => Err(anyhow::anyhow!(WITHOUT_SIGNING)),
         Command::Board(args) => board::run(&args),
         Command::Solve(args) => solve::run(&args),
         Command::Track(args) => track::run(&args),

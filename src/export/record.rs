@@ -1,5 +1,6 @@
 //! The provenance record of an export.
 
+use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc;
 
@@ -97,6 +98,9 @@ impl RecordDraft {
     /// Writes the record of the finished output. The pictures of earlier parts of the same work in
     /// the same folder are kept.
     pub fn finish(mut self, mut pictures: PictureLines) -> Result<(), ExportError> {
+        // Runs that end at once in one folder merge their pictures in turn, if the system locks
+        // folders.
+        let _turn = File::open(&self.output).and_then(|folder| folder.lock().map(|()| folder)).ok();
         let unread = |(path, source)| ExportError::Sink(SinkError::Read { path, source });
         self.record.work.inputs = self.inputs.finish().map_err(unread)?;
         match self.record.output.kind {
@@ -167,5 +171,52 @@ impl Sink for DigestSink {
 
     fn finish(self: Box<Self>) -> Result<(), SinkError> {
         self.inner.finish()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::thread::scope;
+
+    use super::*;
+
+    /// A record of one frame of 64.
+    fn record(frame: usize) -> Record {
+        let digest = format!("{frame:064}");
+        let value = serde_json::json!({
+            "version": RECORD_VERSION,
+            "program": { "name": "locard", "version": "1", "build": "" },
+            "command": { "arguments": [], "folder": "" },
+            "device": { "adapter": "", "driver": "", "kind": "Cpu" },
+            "seed": 0,
+            "inputs": [],
+            "settings": { "parameters": {}, "without": [] },
+            "range": [frame, frame + 1],
+            "output": { "kind": "frames", "path": "", "width": 1, "height": 1, "bits": 8, "codec": "png", "fps": 30.0 },
+            "pictures": [{ "frame": frame, "file": format!("frame_{frame:06}.png"), "pixels_sha256": digest }],
+        });
+        serde_json::from_value(value).unwrap()
+    }
+
+    #[test]
+    fn runs_that_end_at_once_in_one_folder_keep_all_pictures() {
+        let folder = tempfile::tempdir().unwrap();
+        let output = folder.path().join("out");
+        std::fs::create_dir(&output).unwrap();
+        let finish = |frame: usize| {
+            let record = record(frame);
+            let mut pictures = PictureLines::default();
+            pictures.push(&record.pictures[0]).unwrap();
+            let inputs = InputDigests::start(Vec::new());
+            RecordDraft { output: output.clone(), record, inputs }.finish(pictures).unwrap();
+        };
+        scope(|threads| {
+            for frame in 0..16 {
+                let finish = &finish;
+                std::thread::Builder::new().spawn_scoped(threads, move || finish(frame)).unwrap();
+            }
+        });
+        let frames: Vec<usize> = Record::read(&output).unwrap().pictures.iter().map(|picture| picture.frame).collect();
+        assert_eq!(frames, (0..16).collect::<Vec<_>>());
     }
 }

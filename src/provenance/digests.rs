@@ -49,6 +49,7 @@ pub fn pixels_digest(pixels: &Pixels) -> String {
     bytes_digest(&little_endian(&pixels.codes))
 }
 
+/// Digest of bytes.
 pub fn bytes_digest(bytes: &[u8]) -> String {
     hex(&Sha256::digest(bytes))
 }

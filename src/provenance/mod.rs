@@ -16,7 +16,7 @@ mod mask;
 mod pictures;
 mod record;
 
-pub use digests::{DigestedFile, file_digest, pixels_digest};
+pub use digests::{DigestedFile, bytes_digest, file_digest, pixels_digest};
 pub use inputs::{DigestedInputs, InputDigests, input_files};
 pub use mask::{FrameMask, MaskRecord, RunLengths};
 pub use pictures::{PictureDifference, StoredPictureError, difference, read_picture};

@@ -38,4 +38,6 @@ mod scan_files;
 mod scans;
 mod scene;
 mod seeking;
+#[cfg(feature = "sign")]
+mod sign;
 mod video_out;
