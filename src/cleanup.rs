@@ -150,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_finished_is_undone_once() {
+    fn unfinished_steps_are_undone_once() {
         let undone = Arc::new(AtomicU32::new(0));
         let begin = || {
             let undone = Arc::clone(&undone);

@@ -275,7 +275,7 @@ mod tests {
         # the second\n[[things]]\nat = [1, 2, 3]\nname = 'b'\ncolour = 'red'\n";
 
     #[test]
-    fn an_edit_keeps_what_a_person_wrote() {
+    fn edit_preserves_user_formatting() {
         let mut document = TomlDocument::<Toy>::parse(TEXT).unwrap();
         let mut site = document.value().clone();
         document.set(site.clone()).unwrap();
@@ -333,7 +333,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_written_reads_back(size in any::<f64>(), before in things(), after in things()) {
+        fn written_document_reads_back(size in any::<f64>(), before in things(), after in things()) {
             prop_assume!(size.is_finite());
             let toy = |things| Toy { version: 1, size, things };
             let mut document = TomlDocument::new(toy(before)).unwrap();

@@ -358,7 +358,7 @@ mod tests {
     }
 
     #[test]
-    fn a_choice_may_be_called_what_is_something_else_elsewhere() {
+    fn choice_names_are_not_read_as_switches_or_numbers() {
         let mut demo = Demo::default();
         for (text, method) in [("off", Method::Off), ("2", Method::Two), ("fast", Method::Fast)] {
             demo.set("method", &Value::parse(text)).unwrap();
@@ -390,7 +390,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_felt_by_its_ratio_is_declared() {
+    fn ratio_parameters_are_declared_by_ratio() {
         assert_eq!(
             Demo::default().specs().iter().map(|s| s.by_ratio).collect::<Vec<_>>(),
             [false, false, false, true, false, false]

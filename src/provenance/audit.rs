@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn changed_missing_and_equal_inputs_are_told_apart() {
+    fn changed_missing_and_equal_inputs_are_distinguished() {
         let folder = tempfile::tempdir().unwrap();
         let mut record = record();
         let write = |text: &str| std::fs::write(folder.path().join("s.toml"), text).unwrap();

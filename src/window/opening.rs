@@ -137,7 +137,8 @@ impl DocumentOpening {
         self.recoverable.is_some()
     }
 
-    pub fn what(&self) -> &Path {
+    /// The recording that is opened.
+    pub fn recording_path(&self) -> &Path {
         &self.document.recording
     }
 

@@ -143,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn camera_refusals_name_file_line_and_what_is_accepted() {
+    fn camera_errors_name_file_line_and_accepted_values() {
         for (text, said) in [
             (
                 "# c\n1 EUCM 640 480 500 500 320 240 0.9 1",

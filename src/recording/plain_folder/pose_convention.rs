@@ -239,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn depth_tells_all_four_conventions_apart() {
+    fn depth_distinguishes_all_four_conventions() {
         for truth in PoseConvention::ALL {
             let views = views(truth);
             assert_eq!(ConventionShares::of(&views, 1, 1.0).count, 4 * 576);

@@ -168,7 +168,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_drivers_count_tells_what_was_lost() {
+    fn sequence_gaps_count_dropped_frames() {
         let mut stamps = BufferStamps { before: None, rate_hz: Some(30.0) };
         let came =
             [(5, 0.0), (6, 0.03), (9, 0.13), (10, 0.16), (0, 0.2), (1, 0.23), (3, 0.3), (1492, 0.34), (1493, 0.37)];
