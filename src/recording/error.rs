@@ -14,10 +14,11 @@ pub enum RecordingError {
     #[error(transparent)]
     Source(#[from] SourceError),
     #[error(
-        "{}: is not a recording: {actual}; expected {accepted}",
+        "{}: not a recording: {actual}. Supported: a folder with recording.toml, TUM RGB-D, EuRoC, COLMAP, nerfstudio \
+         and others (docs/recordings.md)",
         path.display()
     )]
-    NotARecording { path: PathBuf, actual: String, accepted: String },
+    NotARecording { path: PathBuf, actual: String },
     /// A file of a recording has invalid content.
     #[error("{}: {problem}", file.display())]
     Content { file: PathBuf, problem: String },

@@ -29,7 +29,6 @@ const GROUND_TRUTH_FOLDERS: [&str; 3] = ["state_groundtruth_estimate0", "mocap0"
 
 pub static FORMAT: RecordingFormat = RecordingFormat {
     name: "EuRoC MAV",
-    marker: "a EuRoC MAV folder (mav0/cam0/data.csv)",
     has_times: true,
     is_metric: true,
     find,

@@ -34,7 +34,6 @@ const FILE_NAME: &str = "cameras.xml";
 
 pub static FORMAT: RecordingFormat = RecordingFormat {
     name: "Metashape",
-    marker: "the cameras of Metashape (cameras.xml)",
     has_times: false,
     is_metric: false,
     find: |path| {

@@ -26,7 +26,6 @@ use crate::tracking::tum::PoseNotes;
 
 pub static FORMAT: RecordingFormat = RecordingFormat {
     name: "7-Scenes",
-    marker: "a 7-Scenes folder (frame-000000.color.png)",
     // The Kinect's 30 frames a second, although no times are stored.
     has_times: true,
     is_metric: true,

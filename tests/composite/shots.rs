@@ -245,7 +245,7 @@ fn errors_name_the_accepted_values() {
         let options = ShotOptions { scene: Some(scene.into()), ..ShotOptions::default() };
         Shot::open(Path::new(recording), &OpenOptions::default(), &options).unwrap_err().to_string()
     };
-    assert!(at("recordings/nothing", SCENE).contains("recordings/nothing: is not a recording"));
+    assert!(at("recordings/nothing", SCENE).contains("recordings/nothing: not a recording"));
     assert!(at("recordings/demo", "scenes/nothing.toml").contains("scenes/nothing.toml: cannot be read"));
     let temp = tempfile::tempdir().unwrap();
     program::with_a_truncated_frame(temp.path());

@@ -121,7 +121,7 @@ fn unknown_cameras_and_pose_sources_are_refused_in_one_line() {
             ["--camera", text(&video), "--pose", "http://x"],
             "expected tags, tags:BOARD.toml, opentrackio://…, freed://…, file:RECORDING, none",
         ),
-        (["--camera", text(&video), "--pose", "file:scenes"], "scenes: is not a recording"),
+        (["--camera", text(&video), "--pose", "file:scenes"], "scenes: not a recording"),
         (["--camera", "Cargo.toml", "--pose", "none"], "Cargo.toml: "),
     ] {
         let error = refused(&[&["record"][..], &arguments, &["-o", text(&out)]].concat());

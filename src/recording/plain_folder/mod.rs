@@ -41,7 +41,6 @@ const CODES_PER_METRE: f64 = 1000.0;
 
 pub static FORMAT: RecordingFormat = RecordingFormat {
     name: "plain folder",
-    marker: "a folder with pictures in rgb/, poses.txt or pose/, and K.txt",
     has_times: false,
     is_metric: false,
     find: |path| {
