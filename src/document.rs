@@ -35,7 +35,7 @@ impl Problem {
         let (line, mut key) = place(text, span.start);
         let mut message = brief(&error.message().trim().replace('\n', "; "));
         if message.starts_with("expected ") {
-            message = format!("{} is refused: {message}", quoted(text.get(span.clone()).unwrap_or_default()));
+            message = format!("{}: {message}", quoted(text.get(span.clone()).unwrap_or_default()));
         }
         // A field that is missing at the top belongs to no key.
         if message.starts_with("missing field") && span.is_empty() {

@@ -93,7 +93,7 @@ pub enum CalibrateError {
     TooLarge { actual: String },
     #[error("stopped before it was done")]
     Stopped,
-    #[error("bins = {actual} is refused: expected 1 to 256")]
+    #[error("bins = {actual}: expected 1 to 256")]
     Bins { actual: usize },
     #[error("either all scenes have a known mean or none has")]
     MeansMixed,

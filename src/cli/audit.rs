@@ -49,7 +49,7 @@ fn sample(text: &str) -> Result<AuditSample, String> {
         Some(percent) => percent.trim().parse().ok().filter(|p| *p > 0.0 && *p <= 100.0).map(AuditSample::Percent),
         None => text.trim().parse().ok().filter(|n| *n > 0).map(AuditSample::Frames),
     };
-    parsed.ok_or_else(|| format!("{text} is refused: expected a number of frames, as in 5, or a share, as in 1%"))
+    parsed.ok_or_else(|| "expected a number of frames, as in 5, or a share, as in 1%".to_owned())
 }
 
 impl AuditSample {

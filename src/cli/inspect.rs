@@ -66,7 +66,7 @@ pub struct Args {
 
 fn seconds(text: &str) -> Result<f64, String> {
     let number = text.trim().parse().ok().filter(|seconds| (0.1..=86400.0).contains(seconds));
-    number.ok_or_else(|| format!("{text} is refused: expected a number of seconds from 0.1 to 86400"))
+    number.ok_or_else(|| "expected a number of seconds from 0.1 to 86400".to_owned())
 }
 
 /// Maximum number of damaged pictures that are listed.

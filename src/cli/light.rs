@@ -61,11 +61,7 @@ impl LightArgs {
 }
 
 fn number_in(text: &str, is_accepted: impl Fn(f64) -> bool, accepted: &str) -> Result<f64, String> {
-    text.trim()
-        .parse()
-        .ok()
-        .filter(|v| is_accepted(*v))
-        .ok_or_else(|| format!("{text} is refused: expected {accepted}"))
+    text.trim().parse().ok().filter(|v| is_accepted(*v)).ok_or_else(|| format!("expected {accepted}"))
 }
 
 fn lux(text: &str) -> Result<f64, String> {

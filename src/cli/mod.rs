@@ -257,7 +257,7 @@ fn print_message(text: &str) {
 
 /// The number of a frame, as an option's value.
 fn frame_number(text: &str) -> Result<usize, String> {
-    text.trim().parse().map_err(|_| format!("{text} is refused: expected the number of a frame, from 0 on"))
+    text.trim().parse().map_err(|_| "expected the number of a frame, from 0 on".to_owned())
 }
 
 /// Checks that a recording has a frame.

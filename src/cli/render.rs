@@ -124,7 +124,7 @@ fn angles(text: &str) -> Result<(f64, Option<f64>), String> {
 
 fn metres(text: &str) -> Result<f64, String> {
     let parsed = text.trim().parse().ok().filter(|m| *m >= 1e-6 && *m <= 1e6);
-    parsed.ok_or_else(|| format!("{text} is refused: expected 0.000001 to 1000000 (m)"))
+    parsed.ok_or_else(|| "expected 0.000001 to 1000000 (m)".to_owned())
 }
 
 fn vector<const N: usize>(text: &str) -> Result<[f64; N], String> {

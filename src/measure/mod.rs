@@ -24,7 +24,7 @@ pub enum MeasureError {
     Depths,
     #[error("nothing to measure: {0}")]
     Nothing(&'static str),
-    #[error("{what} = {actual} is refused: expected {accepted}")]
+    #[error("{what} = {actual}: expected {accepted}")]
     Option { what: &'static str, actual: f64, accepted: &'static str },
     #[error(
         "{side}: {actual} of the {needed} patches of 32x32 pixels that are needed lie in its mask; \

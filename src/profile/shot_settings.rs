@@ -367,7 +367,7 @@ mod tests {
     fn refused_values_name_the_scene_file_and_the_key() {
         for (text, message) in [
             ("noise = 1", "settings.noise = 1 is not"),
-            ("[noise]\nscale = -1", "noise.scale = -1 is refused"),
+            ("[noise]\nscale = -1", "noise.scale = -1: expected a number from"),
             ("[nose]\nscale = 1", "there is no table [nose]"),
             ("[noise]\nscal = 1", "there is no parameter noise.scal"),
             ("[camera.lens]\nf_number = 2\naperture_diameter_mm = 5", "both aperture_diameter_mm and f_number"),

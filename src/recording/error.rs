@@ -25,7 +25,7 @@ pub enum RecordingError {
     /// A binary file of a recording has invalid content. Bytes count from 0.
     #[error("{}, byte {offset}: {problem}", file.display())]
     Bytes { file: PathBuf, offset: usize, problem: String },
-    #[error("the option {name} = {} is refused: expected {accepted}", number(*actual))]
+    #[error("the option {name} = {}: expected {accepted}", number(*actual))]
     Option { name: &'static str, actual: f64, accepted: &'static str },
     #[error("frames {start}..{end} were requested; the recording has 0..{count}")]
     Range { start: usize, end: usize, count: usize },

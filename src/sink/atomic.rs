@@ -31,7 +31,11 @@ impl Destination {
         for _ in 0..MAX_SYMLINKS {
             // `/dev/stdout` and the like: another file under that name would not be the open one.
             if cfg!(target_os = "linux") && at.starts_with("/proc") {
-                return Err(io::Error::other("it leads to a file that is open already; name that file"));
+                return Err(io::Error::other(if at == path {
+                    "cannot write below /proc; choose another folder"
+                } else {
+                    "it leads to a file that is open already; name that file"
+                }));
             }
             match std::fs::read_link(&at) {
                 Ok(to) => at = at.parent().unwrap_or(Path::new("")).join(to),

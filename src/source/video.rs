@@ -242,7 +242,7 @@ fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video,
     }
     let fps = match overrides.fps {
         Some(fps) if fps.is_finite() && fps > 0.0 => Some(fps),
-        Some(fps) => return Err(refuse(format!("fps = {fps} is refused: it must be finite and above 0"))),
+        Some(fps) => return Err(refuse(format!("fps = {fps}: expected a finite number above 0"))),
         None => None,
     };
     let stated = stream.avg_frame_rate.as_deref().and_then(ratio);

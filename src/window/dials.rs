@@ -140,11 +140,7 @@ fn stop(read: Result<f64, StopError>) -> Result<f64, String> {
 }
 
 fn number(text: &str, min: f64, max: f64) -> Result<f64, String> {
-    let accepted = format!(
-        "{text} is refused: expected {} to {}",
-        locard_engine::text::number(min),
-        locard_engine::text::number(max)
-    );
+    let accepted = format!("expected {} to {}", locard_engine::text::number(min), locard_engine::text::number(max));
     parse_number(text).filter(|number| (min..=max).contains(number)).ok_or(accepted)
 }
 

@@ -159,7 +159,7 @@ fn tracked_video_becomes_a_recording_with_static_evidence() {
     let board = std::fs::read_to_string(site.path("board.toml")).unwrap();
     // The line number of a tag is that of its id.
     let tag_at = board.lines().position(|line| line == "id = 0").unwrap() + 1;
-    let wrong_size = format!("line {tag_at}, tags.size_m of tag 0: 0 is refused");
+    let wrong_size = format!("line {tag_at}, tags.size_m of tag 0: 0: expected");
     for (from, to, message) in [
         ("36h11", "25h9", wrong_family.as_str()),
         ("id = ", "id = 10", "the visible tags are not on the board: 0, 1, 2, 3, 4, 5"),

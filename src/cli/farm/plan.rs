@@ -90,7 +90,7 @@ struct CompositeLine {
 
 fn duration(text: &str) -> Result<f64, String> {
     let value = text.trim().parse().ok().filter(|seconds: &f64| (1.0..=1e6).contains(seconds));
-    value.ok_or_else(|| format!("{text} is refused: expected seconds, from 1 to 1000000"))
+    value.ok_or_else(|| "expected seconds, from 1 to 1000000".to_owned())
 }
 
 pub fn run(args: &TemplateArgs) -> Result<()> {
