@@ -102,7 +102,7 @@ impl<T: PartialEq + Serialize + DeserializeOwned> TomlDocument<T> {
         let mut text = self.text.clone();
         merge(text.as_table_mut(), Some(text_of(&self.value)?.as_table()), text_of(&value)?.as_table());
         if read::<T>(&text.to_string())? != value {
-            let message = "the text cannot be edited to say this; write it anew".to_owned();
+            let message = "the text cannot be edited to hold these values; write it anew".to_owned();
             return Err(Problem { line: None, key: String::new(), message });
         }
         (self.text, self.value) = (text, value);

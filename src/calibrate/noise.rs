@@ -109,9 +109,9 @@ pub enum CalibrateError {
     TooFew { channel: &'static str, needed: f64, best: f64 },
     #[error(
         "channel {channel}: texture is almost everywhere in {} (the fullest intensity has {best:.0} independent \
-         samples in plain places; {needed} are needed); give pictures with plain, evenly lit places (a wall, the sky, \
+         samples in uniform areas; {needed} are needed); give pictures with uniform, evenly lit areas (a wall, the sky, \
          something out of focus) and leave the others out: fewer pictures may give a better result. Scenes at rest \
-         need no plain places",
+         need no uniform areas",
         count(*frames, "picture")
     )]
     Textured { channel: &'static str, needed: f64, best: f64, frames: usize },

@@ -22,7 +22,7 @@ use crate::tracking::turn::ImagePyramid;
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
 pub enum DelayMode {
     /// A fixed delay, seconds.
-    #[serde(rename = "fixed", alias = "told")]
+    #[serde(rename = "fixed")]
     Fixed(f64),
     /// The delay that fits the pictures best.
     #[serde(rename = "estimated", alias = "found")]

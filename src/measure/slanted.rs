@@ -98,7 +98,7 @@ pub enum EdgeError {
     )]
     Bent { deviation_px: f64 },
     #[error(
-        "beside the edge it is not even ({percent:.0} % of the step): choose an edge between two plain places, or a smaller \
+        "beside the edge it is not even ({percent:.0} % of the step): choose an edge between two uniform areas, or a smaller \
          rectangle"
     )]
     Uneven { percent: f64 },

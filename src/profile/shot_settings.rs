@@ -9,7 +9,7 @@ use toml::{Table, Value as Toml};
 use super::noise::{self, ExampleLoading};
 use super::{ProfileError, Rig};
 use crate::camera::NoiseProfile;
-use crate::compositor::{ON, Settings};
+use crate::compositor::{ON, Settings, current_name};
 use crate::params::{Kind, Params, Value};
 use crate::text::quoted;
 
@@ -102,7 +102,7 @@ impl ShotSettings {
     }
 
     pub(super) fn insert(&mut self, table: &str, name: &str, value: Value) {
-        self.values.insert((table.to_owned(), name.to_owned()), value);
+        self.values.insert((table.to_owned(), current_name(table, name).to_owned()), value);
     }
 
     pub(super) fn set_noise(&mut self, noise: NoiseProfile) {

@@ -210,7 +210,7 @@ pub fn tone(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
         caption: "When the light changes, the camera's response must give the same change for surfaces of all codes, \
                   with ± 1 σ. A common exponent is not observable. This is only advice."
             .to_owned(),
-        legend: vec![(Ink::Found, "told by codes"), (Ink::Recorded, "by the right response")],
+        legend: vec![(Ink::Found, "from code values"), (Ink::Recorded, "by the right response")],
         body: Body::Plots { plots: vec![chart.svg()?] },
     })
 }

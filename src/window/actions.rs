@@ -92,7 +92,7 @@ const BINDINGS: &[KeyBinding] = &[
     bind(NONE, Key::I, Action::LoopFrom, "loop start, end"),
     bind(NONE, Key::O, Action::LoopTo, "loop start, end"),
     bind(NONE, Key::W, Action::Wipe, "wipe between camera and composite"),
-    bind(SHIFT, Key::B, Action::Exchange, "edit the other one of A and B"),
+    bind(SHIFT, Key::B, Action::Exchange, "switch between A and B"),
     bind(NONE, Key::B, Action::Compare, "two settings, A and B, beside each other"),
     bind(NONE, Key::L, Action::Loupe, "loupe: pixel values (8 bit) at the pointer"),
     bind(NONE, Key::P, Action::Alone, "the picture alone, without the panels"),

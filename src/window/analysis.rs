@@ -70,7 +70,7 @@ impl AnalysisRequest {
 #[derive(Debug, Default)]
 pub struct FrameAnalysis {
     pub drawn: Option<Result<[Vec<NoisePoint>; 3], String>>,
-    /// Noise of plain regions of the camera's picture.
+    /// Noise of uniform areas of the camera's picture.
     pub real: Option<Result<[Vec<NoisePoint>; 3], String>>,
     /// Histograms of the objects and of their surroundings, of luma and the channels.
     pub histograms: Option<Result<[[Vec<f64>; 4]; 2], String>>,

@@ -318,8 +318,8 @@ fn finished_files(written: &[PathBuf]) -> String {
     let name = |path: &PathBuf| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     match written {
         [] => String::new(),
-        [only] => format!(". {} is finished, and stays", name(only)),
-        [first, .., last] => format!(". {} to {} are finished, and stay", name(first), name(last)),
+        [only] => format!(". {} is finished and kept", name(only)),
+        [first, .., last] => format!(". {} to {} are finished and kept", name(first), name(last)),
     }
 }
 
@@ -374,7 +374,7 @@ mod tests {
     fn message_of_a_failed_series_lists_its_finished_files() {
         let paths = |n: usize| (1..=n).map(|n| PathBuf::from(format!("/a/s-{n}.png"))).collect::<Vec<_>>();
         let messages = [0, 1, 3].map(|n| finished_files(&paths(n)));
-        assert_eq!(messages, ["", ". s-1.png is finished, and stays", ". s-1.png to s-3.png are finished, and stay"]);
+        assert_eq!(messages, ["", ". s-1.png is finished and kept", ". s-1.png to s-3.png are finished and kept"]);
     }
 
     #[test]

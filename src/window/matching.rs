@@ -199,7 +199,7 @@ impl Matching {
             plots::noise(plot, "virtual", &drawn, of_virtual);
             plots::noise_rings(plot, "picked", &rings, of_real);
         });
-        let real = if has_rings { "real, in plain places; rings: picked" } else { "real, in plain places" };
+        let real = if has_rings { "real, in uniform areas; rings: picked" } else { "real, in uniform areas" };
         plots::legend(
             ui,
             &[(DataSource::Profile, "profile"), (DataSource::Real, real), (DataSource::Virtual, "virtual")],
@@ -217,7 +217,7 @@ impl Matching {
             ui.label(RichText::new(why).small().weak());
         }
         if analysis.is_some_and(|a| matches!(&a.real, Some(Err(_)))) {
-            ui.label(RichText::new(NO_PLAIN_PLACE).small());
+            ui.label(RichText::new(NO_UNIFORM_AREA).small());
         }
         if analysis.is_some_and(|a| matches!(&a.drawn, Some(Ok(points)) if points[c].is_empty())) {
             ui.label(RichText::new("No evidence is large enough in this frame.").small().weak());
@@ -262,7 +262,7 @@ impl Matching {
             let edge = |purpose, hint| RegionPrompt { purpose, hint, min_side_px: MIN_EXTENT_PX, repeats: false };
             let hint = GOOD_EDGE;
             tools.region_button(ui, "Pick a real edge", edge(RegionPurpose::RealEdge, hint));
-            let hint = "Drag a rectangle that one straight edge of evidence crosses from side to side, between two plain parts";
+            let hint = "Drag a rectangle that one straight edge of evidence crosses from side to side, between two uniform areas";
             tools.region_button(ui, "Pick a virtual edge", edge(RegionPurpose::VirtualEdge, hint));
         });
         if self.edges != [None; 2] {
@@ -341,13 +341,13 @@ pub fn width_text(edge: &SlantedEdge) -> String {
 const WAITS_FOR_FROZEN: &str = "No plot is drawn for the live camera: its picture changes before it is measured. \
                                 Freeze it (Space) to plot the frozen picture.";
 
-/// Advice for a frame without plain regions.
-const NO_PLAIN_PLACE: &str = "This frame has too few plain areas to estimate the camera's noise. Go to a frame with a \
-                              wall, a table or paper in it, or pick plain places yourself: the tab Calibrate measures \
+/// Advice for a frame without uniform areas.
+const NO_UNIFORM_AREA: &str = "This frame has too few uniform areas to estimate the camera's noise. Go to a frame with a \
+                              wall, a table or paper in it, or pick uniform areas yourself: the tab Calibrate measures \
                               them, and their dots are shown here as rings.";
 
 /// Instructions for picking an edge.
-pub const GOOD_EDGE: &str = "Drag a rectangle that one straight edge crosses from side to side: plain on both sides, some 20 px each, \
+pub const GOOD_EDGE: &str = "Drag a rectangle that one straight edge crosses from side to side: uniform on both sides, about 20 px each, \
                              nothing else in it";
 
 /// Signal of edges for an index of the buttons: 0 is luma, then the channels.

@@ -102,7 +102,7 @@ fn analysis_beside_the_recording_is_used_while_it_matches() {
     assert_eq!(stdout_of(&["analyse", path]), stdout, "once is enough");
 
     // The use of an analysis shows without shadows, which take most of the time, and by one object.
-    let without_shadows = ["--set", "shadow.cast=false", "--set", "shadow.on_things=false"];
+    let without_shadows = ["--set", "shadow.cast=false", "--set", "shadow.on_evidence=false"];
     let marker = [&["--scene", any_scene()], &without_shadows[..], &["--frames", "2..3", "-o"]].concat();
     let composite = |out: &str, more: &[&str]| {
         let out = folder.path().join(out);

@@ -74,8 +74,8 @@ fn plate(lighting: Lighting, shadow: ShadowSettings) -> Vec<(f64, [f32; 3])> {
     places.collect()
 }
 
-fn shade_settings(on_things: bool, strength: f32) -> ShadowSettings {
-    ShadowSettings { cast: true, on_things, strength }
+fn shade_settings(on_evidence: bool, strength: f32) -> ShadowSettings {
+    ShadowSettings { cast: true, on_evidence, strength }
 }
 
 #[test]

@@ -364,8 +364,8 @@ fn half_size_picture_matches_the_reduced_full_size_one() {
         let pending = shot.submit_reduced(compositor, &reduced, Target::Pixels).unwrap();
         compositor.collect(pending).unwrap()
     };
-    let on_things = fast_or_full("shadow.on_things=false", "shadow.on_things=true");
-    let sets = ["camera.lens.f_number=2", "camera.lens.focus_distance_m=0.5", "noise.scale=0", on_things];
+    let on_evidence = fast_or_full("shadow.on_evidence=false", "shadow.on_evidence=true");
+    let sets = ["camera.lens.f_number=2", "camera.lens.focus_distance_m=0.5", "noise.scale=0", on_evidence];
     sets.iter().for_each(|set| shot.rig.set_text(set, &mut shot.settings).unwrap());
     let whole = picture(&mut shot, &mut compositor, 31);
     let plain = half(&shot, &mut compositor);

@@ -60,7 +60,7 @@ fn window_of(site: &Site, video: &str, sets: &[&str]) -> Harness<'static, App> {
     let camera = locard::profile::Rig::of_file(&profile).unwrap().camera();
     let tags = format!("tags:{}", site.path("board.toml"));
     let opened = live::open(&LiveSpec::new(video, &tags), Some(&camera)).unwrap();
-    let shadows: &[&str] = if is_full() { &[] } else { &["shadow.cast=false", "shadow.on_things=false"] };
+    let shadows: &[&str] = if is_full() { &[] } else { &["shadow.cast=false", "shadow.on_evidence=false"] };
     let sets = sets.iter().chain(shadows).map(ToString::to_string).collect();
     let options =
         ShotOptions { profile: Some(profile), sets, scene: Some(site.scene().into()), ..ShotOptions::default() };

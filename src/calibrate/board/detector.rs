@@ -56,7 +56,7 @@ impl BoardDetector {
             }
             (Some(_), ChessboardError::None) => {
                 "neither printed tags nor a chessboard are seen: they must be in focus and at rest, lit evenly, with \
-                 squares some 10 px wide and a white rim"
+                 squares about 10 px wide and a white rim"
                     .to_owned()
             }
             (_, why) => why.to_string(),

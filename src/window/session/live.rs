@@ -202,8 +202,8 @@ impl Session {
         let Some(copied) = live.copying.as_ref().and_then(BackgroundTask::take) else { return };
         live.copying = None;
         match copied.and_then(|copied| copied) {
-            Ok(path) => self.show_message(format!("Kept: {}", path.display())),
-            Err(why) => self.show_error(format!("Not kept: {why}")),
+            Ok(path) => self.show_message(format!("Saved: {}", path.display())),
+            Err(why) => self.show_error(format!("Not saved: {why}")),
         }
     }
 
