@@ -41,12 +41,12 @@ pub struct EdgeLine {
 }
 
 /// The edges of a picture of linear light, at most `max_lines`, none of them near a clipped pixel.
-/// `wanted` preselects them by their middle and normal.
+/// `is_candidate` preselects them by their middle and normal.
 pub fn edges(
     light: &GreyImage,
     is_clipped: &[bool],
     max_lines: usize,
-    wanted: impl Fn(usize, usize, [f32; 2]) -> bool,
+    is_candidate: impl Fn(usize, usize, [f32; 2]) -> bool,
 ) -> Vec<EdgeLine> {
     let (w, h) = (light.width, light.height);
     let (along, down) = light.filtered(&gaussian(SMOOTHING_SIGMA_PX)).sobel();
@@ -78,7 +78,7 @@ pub fn edges(
         if lines.len() == max_lines || looked == MAX_CANDIDATES {
             break;
         }
-        if is_taken[i] || !wanted(x, y, n) {
+        if is_taken[i] || !is_candidate(x, y, n) {
             continue;
         }
         looked += 1;

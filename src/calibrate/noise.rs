@@ -179,7 +179,7 @@ pub struct NoiseCalibrator {
     moving: u64,
     drifting: u64,
     warnings: Vec<Warning>,
-    /// Samples frames for noise by example, if that is wanted.
+    /// Samples frames for noise by example, if it is enabled.
     sampler: Option<ExampleSampler>,
 }
 

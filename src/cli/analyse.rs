@@ -10,7 +10,7 @@ use super::calibrate::existing;
 use super::open::Skip;
 use super::{print_status, progress_of, warn};
 use locard_engine::analyse::{
-    Accepted, Analysis, Findings, Outcome, Progress, Times, accept, beside, check_folder, write_support_reports,
+    AcceptOutcome, Analysis, Findings, Outcome, Progress, Times, accept, beside, check_folder, write_support_reports,
 };
 use locard_engine::export::{Inputs, resolved};
 use locard_engine::profile::ProfileFile;
@@ -134,9 +134,9 @@ fn profile_to_update(path: &Path, args: &Args, shot: &Shot) -> Result<ProfileFil
 }
 
 /// Prints a line for each key, with the value before and after.
-fn print_accepted(accepted: &[Accepted], findings: &Findings, time_offset_s: f64) -> Result<()> {
+fn print_accepted(accepted: &[AcceptOutcome], findings: &Findings, time_offset_s: f64) -> Result<()> {
     let mut out = std::io::stdout().lock();
-    for Accepted { key, outcome } in accepted {
+    for AcceptOutcome { key, outcome } in accepted {
         match outcome {
             Outcome::Written { before, after } => {
                 let before = before.map_or("unsaid".to_owned(), number);

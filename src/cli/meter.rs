@@ -100,7 +100,7 @@ impl MeterReport<'_> {
             None => writeln!(out, "settings   not known: {}", self.settings.missing().join(", "))?,
         }
         if self.args.compensation != 0.0 {
-            writeln!(out, "wanted     {}", over(self.args.compensation))?;
+            writeln!(out, "requested  {}", over(self.args.compensation))?;
         }
         for (mode, metered) in self.proposals() {
             let name = match mode {

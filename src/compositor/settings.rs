@@ -138,8 +138,8 @@ impl Settings {
 
     /// Switches all effects off but those named.
     pub fn only(&mut self, names: &[String]) -> Result<(), SettingsError> {
-        let wanted = names.iter().map(|n| self.position(n)).collect::<Result<Vec<_>, _>>()?;
-        self.enabled.iter_mut().enumerate().for_each(|(i, on)| *on = wanted.contains(&i));
+        let indices = names.iter().map(|n| self.position(n)).collect::<Result<Vec<_>, _>>()?;
+        self.enabled.iter_mut().enumerate().for_each(|(i, on)| *on = indices.contains(&i));
         Ok(())
     }
 

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::pipelines::{CompiledPipeline, Module, ShaderEntry};
 use super::timing::Stamps;
-use super::uniform::{Bytes, Packed, Uniform};
+use super::uniform::{Bytes, Uniform, UniformBytes};
 use super::{Gpu, PassRecorder, Shader, Texture};
 
 /// A resource bound to one of a shader's globals.
@@ -107,11 +107,11 @@ impl<'a> Pass<'a> {
     }
 
     pub fn uniform<U: Uniform>(self, name: &'static str, value: &U) -> Self {
-        self.packed(name, &Packed::new(value))
+        self.packed(name, &UniformBytes::new(value))
     }
 
     /// Binds a uniform from an effect.
-    pub fn packed(mut self, name: &'static str, value: &Packed) -> Self {
+    pub fn packed(mut self, name: &'static str, value: &UniformBytes) -> Self {
         let bytes = self.recorder.uniform(&value.bytes);
         self.layouts.push((name, value.bytes.len(), value.members));
         self.bind(name, Binding::Buffer(bytes))

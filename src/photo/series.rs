@@ -144,7 +144,7 @@ impl PhotoRequest {
             frame.depth.as_ref().and_then(|map| consensus_at_frame(&frame, map, &rays, track, &camera.response));
         let mut work = WorkRecord::begun(&shot, &compositor.gpu().info);
         let input_digests = InputDigests::start(input_files(&shot));
-        let mut shoot = PhotoShoot { wanted: self, shot, whole, frame, depth_m, mean, camera, compositor, aim, sums };
+        let mut shoot = PhotoShoot { request: self, shot, whole, frame, depth_m, mean, camera, compositor, aim, sums };
         let (distance_m, nothing) = shoot.focus_distance_m(focal_length_m)?;
         nothing.map(str::to_owned).into_iter().try_for_each(&mut warn)?;
         dials.focus_distance_m = distance_m;
@@ -159,34 +159,33 @@ impl PhotoRequest {
         let mut input_digests = Some(input_digests);
         let label = self.labelled.then(|| SourceLabel::composite(&shoot.shot.recording.path).of_frame(index));
         let mut sheet = Vec::new();
-        let mut is_told = false;
+        let mut has_warned = false;
         let series = dials.series(self.bracket);
-        let framed = |asked: &SeriesEntry| {
-            Framing::aimed(&shoot.whole, self.film, focal_length_m, asked.focus_distance_m, self.width_px, aim)
+        let framed = |entry: &SeriesEntry| {
+            Framing::aimed(&shoot.whole, self.film, focal_length_m, entry.focus_distance_m, self.width_px, aim)
         };
         let framings = series.iter().map(framed).collect::<Result<Vec<_>, _>>()?;
-        for (n, (asked, framing)) in series.iter().zip(framings).enumerate() {
+        for (n, (entry, framing)) in series.iter().zip(framings).enumerate() {
             let mut warn = |text: String| send(PhotoEvent::Warning(text));
-            let opening = shoot.lens(asked).opening(&framing.geometry)?;
+            let opening = shoot.lens(entry).opening(&framing.geometry)?;
             let flat = shoot.frame.depth.is_none() && acts_on_real;
-            if flat && !is_told && opening.is_some_and(|opening| blurs(&opening, &framing)) {
+            if flat && !has_warned && opening.is_some_and(|opening| blurs(&opening, &framing)) {
                 let text = "only virtual objects are out of focus: the recording has no depth here, and its part stays \
                             as sharp as it was recorded";
                 warn(text.to_owned())?;
-                is_told = true;
+                has_warned = true;
             }
-            dials.exposure_warning(asked).into_iter().try_for_each(&mut warn)?;
+            dials.exposure_warning(entry).into_iter().try_for_each(&mut warn)?;
             let report_progress =
                 |share: f64| send(PhotoEvent::Taking { number: n + 1, of: series.len(), share }).is_ok();
-            let Photograph { pixels, shows_objects } = shoot.take(&dials, asked, &framing, opening, report_progress)?;
+            let Photograph { pixels, shows_objects } = shoot.take(&dials, entry, &framing, opening, report_progress)?;
             if !shows_objects && n == 0 {
                 send(PhotoEvent::Warning(Note::NothingSeen.to_string()))?;
             }
             let path = self.path_of(&(n + 1).to_string());
-            let notes = shoot.notes(&dials, asked, &framing);
+            let notes = shoot.notes(&dials, entry, &framing);
             let number = self.number.map_or_else(|| next_number(&path), |first| first.saturating_add(n as u32));
-            let photo =
-                TakenPhoto { dials: &dials, entry: asked, framing: &framing, opening, pixels: &pixels, notes: &notes };
+            let photo = TakenPhoto { dials: &dials, entry, framing: &framing, opening, pixels: &pixels, notes: &notes };
             let particulars = shoot.particulars(&photo, subject.as_deref(), number)?;
             if let Some(digests) = input_digests.take() {
                 while !digests.is_finished() {
@@ -197,7 +196,7 @@ impl PhotoRequest {
             }
             photograph::write(&path, &pixels, Some(&notes), label.as_ref(), self.force)?;
             write_record(&path, &particulars, Some(&work))?;
-            let settings = settings_text(asked, &framing);
+            let settings = settings_text(entry, &framing);
             let written = send(PhotoEvent::Written { path, settings: settings.replace('\n', ", ") });
             // After a single photograph nothing is left to cancel.
             if self.bracket.is_some() {

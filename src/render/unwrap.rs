@@ -35,7 +35,7 @@ pub struct LightmapVertex {
 
 /// A mesh with lightmap coordinates.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Unwrapped {
+pub struct UnwrappedMesh {
     pub corners: Vec<LightmapVertex>,
     /// Triangle by triangle, in the mesh's order.
     pub indices: Vec<u32>,
@@ -65,7 +65,7 @@ struct Island {
     high: Vec2,
 }
 
-impl Unwrapped {
+impl UnwrappedMesh {
     /// Unwraps a mesh for a lightmap of at most `side` texels a side.
     pub fn new(mesh: &Mesh, side: u32) -> Self {
         let faces = faces(mesh);
@@ -315,7 +315,7 @@ mod tests {
     #[test]
     fn texels_and_surface_points_correspond_one_to_one() {
         for mesh in [cuboid(), helix()] {
-            let unwrapped = Unwrapped::new(&mesh, 64);
+            let unwrapped = UnwrappedMesh::new(&mesh, 64);
             assert_eq!((unwrapped.side, unwrapped.indices.len()), (64, mesh.indices.len()));
             // Vertices are unchanged.
             for (old, new) in mesh.indices.iter().zip(&unwrapped.indices) {
@@ -366,8 +366,8 @@ mod tests {
 
     #[test]
     fn degenerate_and_fragmented_meshes_have_no_lightmap() {
-        assert_eq!(Unwrapped::new(&mesh(&[[0.0; 3]; 3], &[0, 1, 2]), 64).side, 0);
-        assert_eq!(Unwrapped::new(&mesh(&[], &[]), 64).side, 0);
+        assert_eq!(UnwrappedMesh::new(&mesh(&[[0.0; 3]; 3], &[0, 1, 2]), 64).side, 0);
+        assert_eq!(UnwrappedMesh::new(&mesh(&[], &[]), 64).side, 0);
         // A thousand separate triangles do not fit into 16 texels.
         let positions: Vec<[f32; 3]> =
             (0..3000).map(|i| [(i / 3) as f32 + (i % 3 % 2) as f32, (i % 3 / 2) as f32, 0.0]).collect();
@@ -375,7 +375,7 @@ mod tests {
             &positions.iter().map(|[x, y, z]| [*x * 3.0, *y, *z]).collect::<Vec<_>>(),
             &(0..3000).collect::<Vec<_>>(),
         );
-        let unwrapped = Unwrapped::new(&apart, 16);
+        let unwrapped = UnwrappedMesh::new(&apart, 16);
         assert_eq!((unwrapped.side, &unwrapped.indices), (0, &apart.indices));
     }
 }

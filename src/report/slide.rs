@@ -88,9 +88,9 @@ pub fn slides(source: &ReportSource<'_>) -> Result<Result<Vec<SlidePair>, &'stat
             .enumerate()
             .filter_map(|(n, camera)| FramePoints::new(source, &first, &rays, camera, n > 0))
             .collect();
-        let wanted: Vec<usize> = LATER.into_iter().filter(|later| start + later < count).collect();
+        let offsets: Vec<usize> = LATER.into_iter().filter(|later| start + later < count).collect();
         let mut tasks = Vec::new();
-        for later in wanted {
+        for later in offsets {
             if let Some(frame) = recording.frames(start + later..start + later + 1)?.next().transpose()? {
                 tasks.extend((0..seen_by.len()).map(|camera| ((frame.clone(), later, camera), Ok(Vec::new()))));
             }

@@ -52,11 +52,11 @@ pub fn run(
 pub fn write(
     out: &Path,
     force: bool,
-    made: impl FnOnce() -> Result<Simulation, SimulateError>,
+    simulate: impl FnOnce() -> Result<Simulation, SimulateError>,
     progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
 ) -> Result<(), SimulateError> {
     let output = RecordingOutput::begin(out, force)?;
-    let simulation = made()?;
+    let simulation = simulate()?;
     if progress(0, simulation.options().frames as usize).is_break() {
         return Err(SimulateError::Stopped);
     }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
 
 use super::SinkError;
-use crate::cleanup::{MadeFolder, Undo, Unfinished};
+use crate::cleanup::{MadeFolder, Undo, UndoGuard};
 
 /// Destination of an output.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -67,7 +67,7 @@ pub(super) fn folder_of(file: &Path) -> Option<&Path> {
 pub struct Partial {
     file: NamedTempFile,
     target: PathBuf,
-    unfinished: Unfinished,
+    unfinished: UndoGuard,
 }
 
 impl Partial {
@@ -90,7 +90,7 @@ impl Partial {
             builder.permissions(std::fs::Permissions::from_mode(0o666));
         }
         let folder = folder_of(&target).unwrap_or(Path::new("."));
-        let (file, unfinished) = Unfinished::begin(|| {
+        let (file, unfinished) = UndoGuard::begin(|| {
             let file = builder.tempfile_in(folder)?;
             let path = file.path().to_owned();
             let undo: Undo = Box::new(move || _ = std::fs::remove_file(path));

@@ -333,15 +333,15 @@ fn seconds(text: &str) -> Option<f64> {
     text.split(':').try_fold(0.0, |sum, part| Some(60.0 * sum + part.trim().parse::<f64>().ok()?))
 }
 
-/// Presentation times of the wanted packets. If no packet has one (an AVI of a codec with reordered
-/// frames), the decoding times: frames are displayed at regular intervals.
-fn times(packets: &[VideoPacket], is_wanted: impl Fn(&VideoPacket) -> bool) -> Vec<Option<f64>> {
+/// Presentation times of the selected packets. If no packet has one (an AVI of a codec with
+/// reordered frames), the decoding times: frames are displayed at regular intervals.
+fn times(packets: &[VideoPacket], is_selected: impl Fn(&VideoPacket) -> bool) -> Vec<Option<f64>> {
     let has_shown = packets.iter().any(|packet| packet.pts_time.is_some());
     let time = |packet: &VideoPacket| {
         let text = if has_shown { &packet.pts_time } else { &packet.dts_time };
         text.as_deref()?.parse().ok()
     };
-    packets.iter().filter(|packet| is_wanted(packet)).map(time).collect()
+    packets.iter().filter(|packet| is_selected(packet)).map(time).collect()
 }
 
 /// Display time of each frame: computed if a rate is given, otherwise from the packets.

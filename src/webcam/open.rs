@@ -11,7 +11,7 @@ use super::latest::LatestReceiver;
 use super::list::CameraListing;
 use super::negotiation::{FormatRequest, NegotiatedFormat};
 use super::picture::Picture;
-use super::played::Played;
+use super::played::VideoFileDriver;
 use super::session::{CaptureSession, SessionLimits, guarded};
 
 /// A camera with a negotiated format that is not started.
@@ -44,7 +44,7 @@ impl WebcamSource {
 /// The driver of a name, if it is built and on this system.
 fn driver(name: DriverName) -> Result<Arc<dyn Driver>, CameraError> {
     match name {
-        DriverName::Played => Ok(Arc::new(Played)),
+        DriverName::Played => Ok(Arc::new(VideoFileDriver)),
         #[cfg(feature = "camera")]
         DriverName::Nokhwa => Ok(Arc::new(super::nokhwa::Nokhwa)),
         #[cfg(all(feature = "camera", target_os = "linux"))]

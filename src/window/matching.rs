@@ -90,7 +90,7 @@ impl Matching {
         picked: Option<&[Vec<NoisePoint>; 3]>,
     ) {
         self.take_picked(tools);
-        let mut wanted = AnalysisRequest::default();
+        let mut request = AnalysisRequest::default();
         ui.horizontal(|ui| {
             plots::choose_channel(ui, &mut self.channel);
             if session.player.playing && !session.is_live() {
@@ -108,17 +108,17 @@ impl Matching {
         progress::failure(ui, "Plots", &self.analysis);
         egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
             let good = "Good: the virtual dots follow the profile's curve, among the real ones.";
-            wanted.noise = section(ui, "Noise", true, good, |ui| self.noise(ui, session, picked));
+            request.noise = section(ui, "Noise", true, good, |ui| self.noise(ui, session, picked));
             let good = "Good: no detector separates virtual patches from real ones; areas are near 0.5, ratios near 1.";
             if !section(ui, "Noise beside the camera's", false, good, |ui| self.noise_match.show(ui, session)) {
                 self.noise_match.cancel();
             }
             let good = "Good: the objects have no darker blacks and no brighter whites than the light explains.";
-            wanted.histograms = section(ui, "Brightness", false, good, |ui| self.histograms(ui));
+            request.histograms = section(ui, "Brightness", false, good, |ui| self.histograms(ui));
             let good = "Good: the curves rise alike, and their widths agree within the uncertainty.";
             if section(ui, "Edges", false, good, |ui| self.edges(ui, tools)) {
-                wanted.edges = self.edges;
-                wanted.edges_of = edge_signal(self.edges_of);
+                request.edges = self.edges;
+                request.edges_of = edge_signal(self.edges_of);
             }
             let good = "Good: the drawing is as long and as soft as the real edges near the pointer.";
             section(ui, "Blur at the pointer", true, good, |ui| blur(ui, session, pointed));
@@ -139,7 +139,7 @@ impl Matching {
                 }
             });
         });
-        self.analyse(ui, session, wanted);
+        self.analyse(ui, session, request);
     }
 
     /// Cancels running computations while the tab is hidden.
@@ -157,15 +157,15 @@ impl Matching {
     }
 
     /// Starts the analysis of the displayed frame if its inputs changed.
-    fn analyse(&mut self, ui: &Ui, session: &Session, wanted: AnalysisRequest) {
-        let Some(frame) = session.frame().filter(|_| wanted.anything() && !session.player.playing) else {
+    fn analyse(&mut self, ui: &Ui, session: &Session, request: AnalysisRequest) {
+        let Some(frame) = session.frame().filter(|_| request.anything() && !session.player.playing) else {
             return self.analysis.cancel();
         };
         let (shot, frame, gpu) = (session.project.shot().clone(), Arc::clone(frame), session.viewer.gpu().clone());
         let compositor = self.compositor.clone();
-        let key = (frame.index, session.project.version(), wanted.clone());
+        let key = (frame.index, session.project.version(), request.clone());
         self.analysis
-            .request(ui.ctx(), key, move |control| analyse(&compositor, &gpu, &shot, &frame, &wanted, control));
+            .request(ui.ctx(), key, move |control| analyse(&compositor, &gpu, &shot, &frame, &request, control));
     }
 
     fn noise(&self, ui: &mut Ui, session: &Session, picked: Option<&[Vec<NoisePoint>; 3]>) {

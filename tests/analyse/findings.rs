@@ -439,8 +439,8 @@ fn gain_of_photographs_is_found_by_the_landmarks_of_a_model() {
     let analysis = analysis_of(temp.path());
     assert!(analysis.findings.gain.as_ref().unwrap().is_followed, "{}", analysis.findings);
     for (n, gains) in analysis.gains.iter().enumerate() {
-        let wanted = if is_darker(n) { 0.5f64 } else { 1.0 };
-        assert!((gains[1] / wanted).ln().abs() < 0.06, "{n}: {gains:?}");
+        let expected = if is_darker(n) { 0.5f64 } else { 1.0 };
+        assert!((gains[1] / expected).ln().abs() < 0.06, "{n}: {gains:?}");
     }
 }
 

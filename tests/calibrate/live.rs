@@ -51,8 +51,8 @@ fn between(a: &CameraPose, b: &CameraPose, t: f64) -> CameraPose {
     CameraPose { at_m: a.at_m.lerp(b.at_m, t), axes: DMat3::from_quat(turn) }
 }
 
-fn view_collector(wanted: usize) -> ViewCollector {
-    ViewCollector::new(SIZE, wanted, LensOptions::default())
+fn view_collector(min_views: usize) -> ViewCollector {
+    ViewCollector::new(SIZE, min_views, LensOptions::default())
 }
 
 #[test]

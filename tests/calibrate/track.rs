@@ -229,11 +229,11 @@ fn track_is_smoothed_on_request() {
     assert!(stdout.contains("smoothed   by a line through the poses around each, 0.05 s to 1/e"), "{stdout}");
     let (plain, smooth) = (recorded(&site.path("plain")), recorded(&site.path("smooth")));
     // The frames in which the camera points away are not bridged.
-    let wanted = smooth_poses(&plain, 0.05, 0.05);
-    assert_eq!((smooth.len(), wanted.len()), (FRAMES - AWAY.len(), FRAMES - AWAY.len()));
-    for ((pose, sure), (wanted, wanted_sure)) in smooth.iter().zip(&wanted) {
-        assert!((pose.translation_m - wanted.translation_m).length() < 1e-12);
-        assert!(pose.rotation.angle_between(wanted.rotation) < 1e-7 && sure.time_s == wanted_sure.time_s);
+    let expected = smooth_poses(&plain, 0.05, 0.05);
+    assert_eq!((smooth.len(), expected.len()), (FRAMES - AWAY.len(), FRAMES - AWAY.len()));
+    for ((pose, sure), (expected, wanted_sure)) in smooth.iter().zip(&expected) {
+        assert!((pose.translation_m - expected.translation_m).length() < 1e-12);
+        assert!(pose.rotation.angle_between(expected.rotation) < 1e-7 && sure.time_s == wanted_sure.time_s);
         (0..21).for_each(|i| assert!((sure.upper[i] - wanted_sure.upper[i]).abs() < 1e-9 * wanted_sure.upper[0]));
     }
     let moved = |i: usize| smooth[i].0.translation_m.distance(plain[i].0.translation_m);

@@ -170,31 +170,31 @@ fn export_matches_the_shot_and_can_be_cancelled() {
 #[test]
 fn photo_can_be_cancelled() {
     let temp = tempfile::tempdir().unwrap();
-    let mut wanted = PhotoRequest::new(31, temp.path().join("a.jpg"));
-    (wanted.lux, wanted.width_px) = (Some(300.0), Some(320));
+    let mut request = PhotoRequest::new(31, temp.path().join("a.jpg"));
+    (request.lux, request.width_px) = (Some(300.0), Some(320));
     let device = || Ok(gpu::gpu().clone());
-    let ended = wanted.take(demo(&[]), device, &mut |event| !matches!(event, PhotoEvent::Taking { .. }));
+    let ended = request.take(demo(&[]), device, &mut |event| !matches!(event, PhotoEvent::Taking { .. }));
     assert!(matches!(ended, Err(PhotoError::Take(TakeError::Cancelled))), "{ended:?}");
     assert_eq!(std::fs::read_dir(temp.path()).unwrap().count(), 0);
     let mut written = Vec::new();
-    let taken = wanted.take(demo(&[]), device, &mut |event| {
+    let taken = request.take(demo(&[]), device, &mut |event| {
         if let PhotoEvent::Written { path, .. } = event {
             written.push(path);
         }
         true
     });
     taken.unwrap();
-    assert_eq!(written, [wanted.output.clone()]);
+    assert_eq!(written, [request.output.clone()]);
     assert!(image::open(&written[0]).unwrap().width() == 320);
 
     // Cancelled by a warning before a device is opened, and between two of a series, the first of
     // which stays.
-    let dark = PhotoRequest { lux: None, output: temp.path().join("dark.jpg"), ..wanted.clone() };
+    let dark = PhotoRequest { lux: None, output: temp.path().join("dark.jpg"), ..request.clone() };
     let ended =
         dark.take(demo(&[]), || panic!("none is needed"), &mut |event| !matches!(event, PhotoEvent::Warning(_)));
     assert!(matches!(ended, Err(PhotoError::Take(TakeError::Cancelled))), "{ended:?}");
     let series =
-        PhotoRequest { bracket: Some(Bracket::Iso), width_px: Some(64), output: temp.path().join("s.jpg"), ..wanted };
+        PhotoRequest { bracket: Some(Bracket::Iso), width_px: Some(64), output: temp.path().join("s.jpg"), ..request };
     let mut photographs = Vec::new();
     let ended = series.take(demo(&[]), device, &mut |event| match event {
         PhotoEvent::Taking { number, .. } => {

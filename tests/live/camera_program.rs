@@ -197,8 +197,8 @@ fn smoothed_poses_are_composited_and_recorded() {
         let (plains, smooths) = (plain.take_poses(1e9).unwrap(), smooth.take_poses(1e9).unwrap());
         assert_eq!(plains.len(), smooths.len());
         if let (Some((_, shown)), Some((_, quiet))) = (plains.first(), smooths.first()) {
-            let wanted = smoother.next(shown, &plain.covariance(*time_s).unwrap());
-            assert_eq!((*quiet, smooth.covariance(*time_s).unwrap()), wanted);
+            let expected = smoother.next(shown, &plain.covariance(*time_s).unwrap());
+            assert_eq!((*quiet, smooth.covariance(*time_s).unwrap()), expected);
             differs += usize::from(quiet != shown);
         }
     }

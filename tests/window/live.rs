@@ -310,9 +310,9 @@ fn camera_dialog_shows_the_current_options_and_restarts_with_new_ones() {
     wait_for_label(&mut window, "Start");
     window.get_by_label("Start").click();
     run_until(&mut window, |app| app.project().camera.as_ref().is_some_and(|from| from.options.smooth_s.is_some()));
-    let wanted =
+    let expected =
         LiveOptions { smooth_s: Some(0.05), rate_hz: Some(25.0), size: Some((320, 240)), ..LiveOptions::default() };
-    assert_eq!(window.state().project().camera.as_ref().unwrap().options, wanted);
+    assert_eq!(window.state().project().camera.as_ref().unwrap().options, expected);
     run_until(&mut window, |app| app.viewer().composite().is_some());
     open_camera_dialog(&mut window);
     assert_eq!(["Smoothing", "Rate", "Pictures"].map(|field| value(&window, field)), ["0.05", "25", "320x240"]);

@@ -156,13 +156,13 @@ fn message_disappears_with_the_next_action() {
     window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
     window.run_steps(2);
     let undone = "Undone: Noise: Amount";
-    let is_told = |window: &Harness<'_, App>| window.query_all_by_label(undone).count() == 1;
-    assert!(is_told(&window));
+    let is_reported = |window: &Harness<'_, App>| window.query_all_by_label(undone).count() == 1;
+    assert!(is_reported(&window));
     // The message stays as long as nothing else is done.
     window.run_steps(60);
-    assert!(is_told(&window));
+    assert!(is_reported(&window));
     set(&mut window, 0.75);
-    assert!(!is_told(&window));
+    assert!(!is_reported(&window));
 }
 
 #[test]

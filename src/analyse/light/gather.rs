@@ -125,15 +125,15 @@ impl LightInputs<'_> {
         times: &mut Times,
         each: &mut dyn FnMut(FrameSamples),
     ) -> Result<(), RegistrationError> {
-        let wanted = self.chosen(max_count);
-        let mut coming = frames(self.recording, wanted.iter().copied());
+        let indices = self.chosen(max_count);
+        let mut coming = frames(self.recording, indices.iter().copied());
         loop {
             let begun = Instant::now();
             let mut batch = Vec::new();
             while batch.len() < 2 * self.threads.max(1) {
                 let Some(frame) = coming.next() else { break };
                 let frame = frame?;
-                if wanted.binary_search(&frame.index).is_ok() {
+                if indices.binary_search(&frame.index).is_ok() {
                     batch.push((frame, None));
                 }
             }

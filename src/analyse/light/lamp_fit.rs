@@ -143,12 +143,12 @@ fn fit_to<const COUNT: usize>(points: &[LitPoint], shares: &[BasisRow], lamps: u
         for (n, (point, s)) in points.iter().zip(shares).enumerate() {
             let off = residual_ln[n] - reflectance[point.material];
             let w = 1.0 / (1.0 + (off / CAUCHY_SCALE_LN).powi(2));
-            let wanted = 1.0 + off.clamp(-1.0, 1.0);
+            let clamped_ratio = 1.0 + off.clamp(-1.0, 1.0);
             let per_lit = 1.0 / lit[n];
             let slope = s.map(|s| s * per_lit);
             for i in 0..COUNT {
                 let of = w * slope[i];
-                right[i] += of * wanted;
+                right[i] += of * clamped_ratio;
                 for j in 0..=i {
                     normal[i][j] += of * slope[j];
                 }

@@ -28,9 +28,9 @@ pub struct BoardDetector {
 
 impl BoardDetector {
     /// `response` linearizes the camera's codes.
-    pub fn new(wanted: &TargetChoice, response: &Response) -> Result<Self, NotOnPlane> {
+    pub fn new(target: &TargetChoice, response: &Response) -> Result<Self, NotOnPlane> {
         let printed = |board| Ok(Some(TagBoardDetector::new(board, response)?));
-        Ok(match wanted {
+        Ok(match target {
             TargetChoice::Any => Self { chessboard: Some(None), tags: printed(Sheet::new(Paper::A4).board)? },
             TargetChoice::Chessboard(board) => Self { chessboard: Some(Some(*board)), tags: None },
             TargetChoice::Tags(board) => Self { chessboard: None, tags: printed(board.clone())? },

@@ -195,15 +195,15 @@ pub fn prune(grid: &mut Grid) {
 /// Adds missed corners at the positions that their neighbours predict, until there are no more.
 fn add_missed_corners(blurred: &GreyImage, grid: &mut Grid) {
     loop {
-        let mut wanted: Vec<(i32, i32)> = grid
+        let mut candidates: Vec<(i32, i32)> = grid
             .keys()
             .flat_map(|(column, row)| DIRECTIONS.map(|way| (column + way.0, row + way.1)))
             .filter(|place| !grid.contains_key(place))
             .collect();
-        wanted.sort_unstable();
-        wanted.dedup();
+        candidates.sort_unstable();
+        candidates.dedup();
         let before = grid.len();
-        for place in wanted {
+        for place in candidates {
             if let Some(corner) = find_missed(blurred, grid, place) {
                 grid.insert(place, corner);
             }

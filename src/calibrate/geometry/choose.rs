@@ -131,10 +131,10 @@ fn largest(views: &[NamedView]) -> DetectedTarget {
 fn choose_model(
     size_px: DVec2,
     views: &[&BoardDetection],
-    wanted: Option<LensModel>,
+    requested_model: Option<LensModel>,
 ) -> Result<(LensFit, Vec<String>), LensCalibrationError> {
     let of = |model| fit(model, size_px, views);
-    match wanted {
+    match requested_model {
         Some(model @ (LensModel::Opencv | LensModel::OpencvFisheye)) => {
             of(model).map(|fit| (fit, Vec::new())).ok_or(LensCalibrationError::Unexplained)
         }

@@ -158,8 +158,8 @@ fn interval(rate_hz: f64) -> Fraction {
     Fraction::new(1000 / divisor, millihertz / divisor)
 }
 
-/// Sets the camera's format closest to the wanted one. Returns the negotiated format, and the rate,
-/// Hz.
+/// Sets the camera's format closest to the requested one. Returns the negotiated format, and the
+/// rate, Hz.
 pub fn agree(
     device: &Device,
     path: &Path,

@@ -123,7 +123,7 @@ impl LensPanel {
 
 fn view_progress(ui: &mut Ui, status: &CollectionStatus) {
     let share = fixed(100.0 * status.coverage.share(), 0);
-    ui.label(format!("{} of {} views, {share} % of the picture seen", status.views, status.wanted));
+    ui.label(format!("{} of {} views, {share} % of the picture seen", status.views, status.min_views));
     coverage(ui, &status.coverage);
     if status.is_fitting {
         ui.horizontal(|ui| {

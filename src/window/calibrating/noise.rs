@@ -118,13 +118,13 @@ impl NoisePanel {
 
     pub fn show(&mut self, ui: &mut Ui, session: &mut Session, tools: &mut ToolStack) {
         parts::aside(ui, "Pick places of one colour, dark ones and bright ones: paper, walls, a table.");
-        let wanted = RegionPrompt {
+        let prompt = RegionPrompt {
             purpose: RegionPurpose::PlainPlace,
             hint: "Drag rectangles over places of one colour, without shadows or texture",
             min_side_px: min_side_px(self.motion()),
             repeats: true,
         };
-        tools.region_button(ui, "Pick uniform areas", wanted);
+        tools.region_button(ui, "Pick uniform areas", prompt);
         self.frames(ui, session);
         if self.places.is_empty() {
             return;
@@ -292,14 +292,14 @@ fn measure(shot: &Shot, shown: &Arc<Frame>, of: &NoiseRequest, control: &TaskCon
 /// kept.
 fn read(shot: &Shot, shown: &Frame, of: &NoiseRequest, control: &TaskControl) -> Result<Vec<PickedRegion>, String> {
     let [first, last] = of.frames;
-    let wanted: BTreeSet<usize> = match of.motion {
+    let frames: BTreeSet<usize> = match of.motion {
         SceneMotion::Resting => {
             (first..(last.max(first) + 1).min(shot.recording.frame_count()).min(first + MAX_FRAMES)).collect()
         }
         SceneMotion::Moving => of.places.iter().map(|place| place.frame).collect(),
     };
     let mut places: Vec<PickedRegion> = of.places.iter().map(|place| PickedRegion::new(place.at)).collect();
-    for (n, frame) in wanted.iter().enumerate() {
+    for (n, frame) in frames.iter().enumerate() {
         if control.is_cancelled() {
             return Err(String::new());
         }
@@ -310,7 +310,7 @@ fn read(shot: &Shot, shown: &Frame, of: &NoiseRequest, control: &TaskControl) ->
                 place.add(pixels).map_err(|error| calibration_messages::picked_error(&error))?;
             }
         }
-        control.set_progress((n + 1) as f64 / wanted.len() as f64);
+        control.set_progress((n + 1) as f64 / frames.len() as f64);
     }
     Ok(places)
 }

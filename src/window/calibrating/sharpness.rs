@@ -57,9 +57,9 @@ impl SharpnessPanel {
 
     pub fn show(&mut self, ui: &mut Ui, session: &mut Session, tools: &mut ToolStack) {
         parts::aside(ui, "Pick straight edges between two uniform areas, in focus, best while the camera rests.");
-        let wanted =
+        let prompt =
             RegionPrompt { purpose: RegionPurpose::Edge, hint: GOOD_EDGE, min_side_px: MIN_EXTENT_PX, repeats: true };
-        tools.region_button(ui, "Pick edges", wanted);
+        tools.region_button(ui, "Pick edges", prompt);
         if self.edges.is_empty() {
             return;
         }

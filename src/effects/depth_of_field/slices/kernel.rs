@@ -29,7 +29,7 @@ impl Kernel {
         let radius = 0.5 * circle_px.abs();
         let level = level_of(radius);
         let texel = f64::from(1u32 << level);
-        let wanted = (radius / texel).powi(2) * aperture.variance();
+        let target_variance = (radius / texel).powi(2) * aperture.variance();
         let added_variance = added_variance(level);
         let points: Vec<[f64; 2]> = (0..POINTS).map(|i| aperture.sequence(i)).collect();
         let (mut low, mut high) = (0.0, radius / texel + 1.0);
@@ -39,7 +39,7 @@ impl Kernel {
             let r = 0.5 * (low + high);
             class = HALVES.iter().position(|&h| f64::from(h) >= r).unwrap_or(HALVES.len() - 1);
             weights = splat(&points, r * circle_px.signum(), HALVES[class]);
-            if variance(&weights, HALVES[class]) + added_variance < wanted { low = r } else { high = r }
+            if variance(&weights, HALVES[class]) + added_variance < target_variance { low = r } else { high = r }
         }
         Self { level, class, weights: weights.iter().map(|w| *w as f32).collect() }
     }
@@ -154,8 +154,8 @@ mod tests {
             let texel = f64::from(1u32 << kernel.level);
             let variance_px2 =
                 (variance(&weights, HALVES[kernel.class]) + added_variance(kernel.level)) * texel * texel;
-            let wanted = (0.5 * diameter_px(slice)).powi(2) / 4.0;
-            assert!((variance_px2 / wanted - 1.0).abs() < 0.01, "{slice}: {variance_px2}, {wanted} wanted");
+            let expected = (0.5 * diameter_px(slice)).powi(2) / 4.0;
+            assert!((variance_px2 / expected - 1.0).abs() < 0.01, "{slice}: {variance_px2}, {expected} expected");
         }
     }
 }
