@@ -199,12 +199,12 @@ pub fn merge(old: &mut dyn TableLike, before: Option<&dyn TableLike>, after: &dy
 }
 
 /// An item's full text. A table's own text omits its subtables.
-fn whole(item: Item) -> String {
+fn item_text(item: Item) -> String {
     DocumentMut::from(Table::from_iter([("item", item)])).to_string()
 }
 
 fn merge_item(old: &mut Item, before: Option<&Item>, after: &Item) {
-    if before.is_some_and(|before| whole(before.clone()) == whole(after.clone())) {
+    if before.is_some_and(|before| item_text(before.clone()) == item_text(after.clone())) {
         return;
     }
     if let (Some(old), Some(after)) = (old.as_array_of_tables_mut(), after.as_array_of_tables()) {
@@ -225,7 +225,7 @@ fn merge_item(old: &mut Item, before: Option<&Item>, after: &Item) {
 /// Unchanged tables at both ends stay as they are, whatever was inserted or removed between them.
 fn merge_tables(old: &mut ArrayOfTables, before: Option<&ArrayOfTables>, after: &ArrayOfTables) {
     let text =
-        |tables: &ArrayOfTables| tables.iter().map(|table| whole(Item::Table(table.clone()))).collect::<Vec<_>>();
+        |tables: &ArrayOfTables| tables.iter().map(|table| item_text(Item::Table(table.clone()))).collect::<Vec<_>>();
     let (was, is) = (before.map(text).unwrap_or_default(), text(after));
     if was.len() != old.len() {
         *old = after.clone();

@@ -63,8 +63,9 @@ pub fn edges(
                 continue;
             }
             let n = [along.values[i] / steep, down.values[i] / steep];
-            let beside = |by: f32| slope.sample_inside(x as f32 + by * n[0], y as f32 + by * n[1]).unwrap_or(f32::MAX);
-            if steep >= beside(1.0) && steep > beside(-1.0) {
+            let slope_across =
+                |by: f32| slope.sample_inside(x as f32 + by * n[0], y as f32 + by * n[1]).unwrap_or(f32::MAX);
+            if steep >= slope_across(1.0) && steep > slope_across(-1.0) {
                 ridge.push((i, n));
             }
         }

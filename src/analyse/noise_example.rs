@@ -409,7 +409,7 @@ mod tests {
             .unwrap();
         let recording = Recording::open(temp.path(), &OpenOptions::default()).unwrap();
         let model = CameraModel::new(Geometry::pinhole(SIDE, SIDE, 150.0));
-        let of = |rest: Range<usize>| {
+        let examples_of_rest = |rest: Range<usize>| {
             let states = &[None; MIN_REST_FRAMES];
             let (noise, threads) = (&table(), 1);
             let inputs = ExampleInputs {
@@ -424,9 +424,9 @@ mod tests {
             };
             examples(&inputs).unwrap().unwrap().findings
         };
-        let at_rest = of(0..MIN_REST_FRAMES);
+        let at_rest = examples_of_rest(0..MIN_REST_FRAMES);
         assert_eq!((at_rest.origin, at_rest.frames, at_rest.why), (ExampleOrigin::Rest, MIN_REST_FRAMES, None));
-        let in_motion = of(0..0);
+        let in_motion = examples_of_rest(0..0);
         assert_eq!((in_motion.origin, in_motion.why.as_deref()), (ExampleOrigin::Textureless, None));
         assert!(in_motion.usable_share > 0.9 && in_motion.to_string().contains("without texture"), "{in_motion}");
     }

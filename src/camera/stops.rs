@@ -79,8 +79,8 @@ pub fn iso_speeds(step: Step) -> Vec<Stop> {
 /// 0.
 pub fn nearest(series: &[Stop], value: f64) -> Option<Stop> {
     let value = Some(value).filter(|v| v.is_finite() && *v > 0.0)?;
-    let off = |stop: &Stop| (stop.exact / value).ln().abs();
-    series.iter().copied().min_by(|a, b| off(a).total_cmp(&off(b)))
+    let log_distance = |stop: &Stop| (stop.exact / value).ln().abs();
+    series.iter().copied().min_by(|a, b| log_distance(a).total_cmp(&log_distance(b)))
 }
 
 /// The exact value of an engraved number: √32 for 5.6. Numbers that are no stop are returned

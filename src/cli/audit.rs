@@ -162,11 +162,11 @@ fn remake(args: &Args, record: &Record, output: &Path, frames: &[usize]) -> Resu
     let mut compositor = shot.compositor(Gpu::open()?);
     let device = DeviceRecord::of(&compositor.gpu().info);
     if device != record.work.device {
-        let of = |device: &DeviceRecord| format!("{}, {}", device.adapter, device.driver);
+        let device_text = |device: &DeviceRecord| format!("{}, {}", device.adapter, device.driver);
         print_line(&format!(
             "another device: the output was made on {}, this is {}",
-            of(&record.work.device),
-            of(&device)
+            device_text(&record.work.device),
+            device_text(&device)
         ))?;
     }
     let (sender, finished) = mpsc::channel();

@@ -11,7 +11,7 @@ use anyhow::{Context, Result, bail};
 use glam::Vec3;
 
 use super::print_status;
-use locard_engine::analyse::{Analysis, Findings, beside, panorama_beside};
+use locard_engine::analyse::{Analysis, Findings, default_folder, panorama_beside};
 use locard_engine::export::Inputs;
 use locard_engine::recording::OpenOptions;
 use locard_engine::scene::document::{LightTable, Up};
@@ -162,7 +162,7 @@ fn open_analysed(args: &Args) -> Result<(Shot, PathBuf, Analysis)> {
             bail!("{}: {problem}; `locard analyse {recording}` creates it again", folder.display())
         }
         AnalysisState::Absent | AnalysisState::Ignored => {
-            let place = beside(&shot.recording.path);
+            let place = default_folder(&shot.recording.path);
             bail!("{}: there is no analysis; `locard analyse {recording}` estimates the light", place.display())
         }
     };

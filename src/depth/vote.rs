@@ -43,8 +43,8 @@ const MIN_CONSENSUS_FRACTION: f32 = 0.8;
 pub struct Voter<'a> {
     pub depth: &'a DepthMap,
     /// The poses at which its map was measured and its picture was taken.
-    pub measured: Pose,
-    pub taken: Pose,
+    pub map_pose: Pose,
+    pub picture_pose: Pose,
     /// The colours of its picture.
     pub sqrt_colors: SqrtColors<'a>,
 }
@@ -121,7 +121,8 @@ impl TargetView<'_> {
         {
             return out;
         }
-        let [here, there] = [&self.pose, &voter.taken].map(|pose| Reprojection::new(geometry, &voter.measured, pose));
+        let [here, there] =
+            [&self.pose, &voter.picture_pose].map(|pose| Reprojection::new(geometry, &voter.map_pose, pose));
         let gain = color_gain(&self.voter_color_pairs(voter, source, &here, &there));
         for rect in tiles(source, full) {
             let ray = |x: i32, y: i32| Some(self.rays.row(y as usize)?[x as usize]);
@@ -326,8 +327,8 @@ mod tests {
         let maps: Vec<DepthMap> = ends.iter().map(|end| map(*end)).collect();
         let voter = |depth| Voter {
             depth,
-            measured: Pose::IDENTITY,
-            taken: Pose::IDENTITY,
+            map_pose: Pose::IDENTITY,
+            picture_pose: Pose::IDENTITY,
             sqrt_colors: SqrtColors::new(&theirs, &response),
         };
         let voters: Vec<_> = maps.iter().map(voter).collect();
@@ -386,8 +387,8 @@ mod tests {
             |x: f64, turn: f64| Pose::from_camera_in_world(DVec3::new(x, 0.02, 0.05), DQuat::from_rotation_z(turn));
         let voter = Voter {
             depth: &depth,
-            measured: at(0.0, 0.0),
-            taken: at(0.01, 0.02),
+            map_pose: at(0.0, 0.0),
+            picture_pose: at(0.01, 0.02),
             sqrt_colors: SqrtColors::new(&pixels, &response),
         };
         let sqrt_colors = vec![[0.5; 3]; WIDTH * HEIGHT];
@@ -406,9 +407,9 @@ mod tests {
         let all = target.reprojected_depth(&voter, whole, &requested(&|_| true));
         assert!(all.iter().filter(|z| **z != 0.0).count() > 2000);
         for (x0, y0) in [(0, 0), (20, 30), (50, 10), (88, 60), (33, 47)] {
-            let inside = move |i: usize| (x0..x0 + 8).contains(&(i % WIDTH)) && (y0..y0 + 5).contains(&(i / WIDTH));
-            let some = target.reprojected_depth(&voter, whole, &requested(&inside));
-            let of_all: Vec<f32> = (0..all.len()).filter(|i| inside(*i)).map(|i| all[i]).collect();
+            let is_inside = move |i: usize| (x0..x0 + 8).contains(&(i % WIDTH)) && (y0..y0 + 5).contains(&(i / WIDTH));
+            let some = target.reprojected_depth(&voter, whole, &requested(&is_inside));
+            let of_all: Vec<f32> = (0..all.len()).filter(|i| is_inside(*i)).map(|i| all[i]).collect();
             assert_eq!(some, of_all, "{x0} {y0}");
         }
         // Parts of the picture have the same depths, also parts that extend beyond it.

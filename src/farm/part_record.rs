@@ -51,8 +51,8 @@ impl RecordedPart {
 
     /// The frame files with their hashes, in order; empty for a video.
     pub fn frame_files(&self) -> impl Iterator<Item = (PathBuf, &PictureRecord)> {
-        let of = |picture: &PictureRecord| picture.file.as_ref().map(|name| self.path.join(name));
-        self.record.pictures.iter().filter_map(move |picture| Some((of(picture)?, picture)))
+        let picture_path = |picture: &PictureRecord| picture.file.as_ref().map(|name| self.path.join(name));
+        self.record.pictures.iter().filter_map(move |picture| Some((picture_path(picture)?, picture)))
     }
 
     /// A field that contradicts another one.

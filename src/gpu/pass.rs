@@ -143,7 +143,7 @@ impl<'a> Pass<'a> {
     }
 
     /// Draws over the targets' existing contents.
-    pub fn over(mut self) -> Self {
+    pub fn load_targets(mut self) -> Self {
         self.load = wgpu::LoadOp::Load;
         self
     }
@@ -152,7 +152,7 @@ impl<'a> Pass<'a> {
     /// GPU (indirect draw): four vertices, the number of quads, two zeros.
     pub fn indirect(mut self, list: &wgpu::Buffer) -> Self {
         self.shape = DrawShape::Indirect(list.clone());
-        self.over()
+        self.load_targets()
     }
 
     /// Draws into the upper left `size` of pooled textures, which are transparent beyond it.

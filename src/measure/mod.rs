@@ -2,10 +2,10 @@
 //!
 //! Uses plain slices and [`Pixels`], independent of the pictures' origin.
 
-pub mod across;
 pub mod detectors;
 pub mod displacement;
 pub mod edge;
+pub mod edge_profile;
 pub mod histogram;
 pub mod slanted;
 pub(crate) mod spread;

@@ -60,18 +60,18 @@ impl PhotoRequest {
         let index = self.frame;
         shot.check_poses(index..index.saturating_add(1))?;
         let taken = shot.exposure_settings(index);
-        let whole = shot.geometry_at(index)?;
+        let recorded_geometry = shot.geometry_at(index)?;
         let in_file_m = shot.recording.exposure.get(index).and_then(|e| e.photo.focal_length_m);
-        let whole = with_film(whole, &shot.rig, in_file_m);
-        if whole.is_equirectangular() {
+        let recorded_geometry = with_film(recorded_geometry, &shot.rig, in_file_m);
+        if recorded_geometry.is_equirectangular() {
             return refused(
                 "photographs from 360° pictures are not supported: composite into the recording, and crop the result"
                     .to_owned(),
             );
         }
         let camera = shot.camera();
-        camera.lens.opening(&whole)?;
-        shot.settings.check(&camera, &whole)?;
+        camera.lens.opening(&recorded_geometry)?;
+        shot.settings.check(&camera, &recorded_geometry)?;
         let focal_length_m = self.focal_length_mm.map(|mm| 1e-3 * mm);
         let (given_m, checked_m) = match self.focus {
             Focus::Metres(distance_m) => (distance_m, focal_length_m),
@@ -80,8 +80,8 @@ impl PhotoRequest {
             Focus::Auto => (f64::INFINITY, focal_length_m.filter(|_| self.bracket == Some(Bracket::Focus))),
         };
         let subject = subject_name(self, &shot.scene)?;
-        let aim = aim(self, &shot.recording, &whole, &shot.scene)?;
-        Framing::aimed(&whole, self.film, checked_m, given_m, self.width_px, aim)?;
+        let aim = aim(self, &shot.recording, &recorded_geometry, &shot.scene)?;
+        Framing::aimed(&recorded_geometry, self.film, checked_m, given_m, self.width_px, aim)?;
         let lux = match (self.lux, taken.settings()) {
             (None, None) => None,
             _ => Some(shot.scene_light(index, self.lux)?.lux),
@@ -119,7 +119,7 @@ impl PhotoRequest {
 
         let frame = shot.read_with_neighbours(index)?;
         let depth = frame.depth.as_ref().filter(|_| shot.settings.depth.occlusion);
-        if let Some(Err(why)) = depth.map(|depth| measured_from(depth, &whole, &shot.recording.track)) {
+        if let Some(Err(why)) = depth.map(|depth| measured_from(depth, &recorded_geometry, &shot.recording.track)) {
             warn(format!("real things do not occlude objects: {why}"))?;
         }
         let unknown_speed = camera.exposure.iso.or(taken.iso).is_none();
@@ -139,12 +139,13 @@ impl PhotoRequest {
         let compositor = shot.compositor(device()?);
         compositor.warnings().into_iter().try_for_each(&mut warn)?;
         let mean = PictureLight::of(&frame.pixels, &camera.response).mean;
-        let (track, rays) = (&shot.recording.track, Rays::new(&whole));
+        let (track, rays) = (&shot.recording.track, Rays::new(&recorded_geometry));
         let depth_m =
             frame.depth.as_ref().and_then(|map| consensus_at_frame(&frame, map, &rays, track, &camera.response));
         let mut work = WorkRecord::begun(&shot, &compositor.gpu().info);
         let input_digests = InputDigests::start(input_files(&shot));
-        let mut shoot = PhotoShoot { request: self, shot, whole, frame, depth_m, mean, camera, compositor, aim, sums };
+        let mut shoot =
+            PhotoShoot { request: self, shot, recorded_geometry, frame, depth_m, mean, camera, compositor, aim, sums };
         let (distance_m, nothing) = shoot.focus_distance_m(focal_length_m)?;
         nothing.map(str::to_owned).into_iter().try_for_each(&mut warn)?;
         dials.focus_distance_m = distance_m;
@@ -162,7 +163,14 @@ impl PhotoRequest {
         let mut has_warned = false;
         let series = dials.series(self.bracket);
         let framed = |entry: &SeriesEntry| {
-            Framing::aimed(&shoot.whole, self.film, focal_length_m, entry.focus_distance_m, self.width_px, aim)
+            Framing::aimed(
+                &shoot.recorded_geometry,
+                self.film,
+                focal_length_m,
+                entry.focus_distance_m,
+                self.width_px,
+                aim,
+            )
         };
         let framings = series.iter().map(framed).collect::<Result<Vec<_>, _>>()?;
         for (n, (entry, framing)) in series.iter().zip(framings).enumerate() {

@@ -29,7 +29,7 @@ const MIN_EPOCH_TIME_S: f64 = 1e9;
 pub struct PhotoShoot<'a> {
     pub request: &'a PhotoRequest,
     pub shot: Shot,
-    pub whole: Geometry,
+    pub recorded_geometry: Geometry,
     pub frame: Frame,
     /// The frame's depth at its time, metres, row by row, 0 where unknown.
     pub depth_m: Option<Vec<f32>>,
@@ -48,10 +48,24 @@ impl PhotoShoot<'_> {
         if let Focus::Metres(distance_m) = self.request.focus {
             return Ok((distance_m, None));
         }
-        let pending = self.shot.submit(&mut self.compositor, self.frame.clone(), &self.whole, Target::Pixels, true)?;
+        let pending = self.shot.submit(
+            &mut self.compositor,
+            self.frame.clone(),
+            &self.recorded_geometry,
+            Target::Pixels,
+            true,
+        )?;
         let layer = self.compositor.collect(pending)?.layer.unwrap_or_default();
-        let framed =
-            |f| Framing::aimed(&self.whole, self.request.film, f, f64::INFINITY, self.request.width_px, self.aim);
+        let framed = |f| {
+            Framing::aimed(
+                &self.recorded_geometry,
+                self.request.film,
+                f,
+                f64::INFINITY,
+                self.request.width_px,
+                self.aim,
+            )
+        };
         // A lens with too wide a view at infinity may fit once it is focused.
         let framing = framed(focal_length_m).or_else(|_| framed(None))?;
         let (width, height) = framing.size();
@@ -112,7 +126,7 @@ impl PhotoShoot<'_> {
             let (proxies, planes) = (self.compositor.proxies(), self.compositor.support_planes());
             let by_depth = by_depth.map(|depth| {
                 SummedFrameOcclusion::new(
-                    &self.whole,
+                    &self.recorded_geometry,
                     &recording.track,
                     framing,
                     &self.camera.response,
@@ -152,7 +166,7 @@ impl PhotoShoot<'_> {
         let standpoint = Standpoint {
             camera: &self.camera,
             settings: &shot.settings,
-            recorded: &self.whole,
+            recorded: &self.recorded_geometry,
             track: &recording.track,
             interval_s: recording.frame_interval_s,
             frame: index,

@@ -29,11 +29,16 @@ pub fn subject_name(request: &PhotoRequest, scene: &Scene) -> Result<Option<Stri
     }
 }
 
-pub fn aim(request: &PhotoRequest, recording: &Recording, whole: &Geometry, scene: &Scene) -> Result<Aim, PhotoError> {
+pub fn aim(
+    request: &PhotoRequest,
+    recording: &Recording,
+    recorded_geometry: &Geometry,
+    scene: &Scene,
+) -> Result<Aim, PhotoError> {
     let PhotoRequest { frame, focal_length_mm, across_px, .. } = request;
     let across = across_px.map(|columns| DVec2::new(columns, 0.0));
     let Some(aim_text) = &request.aim else { return Ok(Aim { at_px: None, around_px: across }) };
-    let size = DVec2::new(whole.intrinsics.width_px.into(), whole.intrinsics.height_px.into());
+    let size = DVec2::new(recorded_geometry.intrinsics.width_px.into(), recorded_geometry.intrinsics.height_px.into());
     if let Some(at) = place(aim_text) {
         if at.cmplt(DVec2::ZERO).any() || at.cmpgt(size).any() {
             return refused(format!("--aim {aim_text} lies outside the picture, {}x{} px", size.x, size.y));
@@ -42,7 +47,7 @@ pub fn aim(request: &PhotoRequest, recording: &Recording, whole: &Geometry, scen
     }
     let object = named("--aim", aim_text, scene)?;
     let pose = recording.pose_at_frame(*frame)?;
-    let projected = points(object, scene).filter_map(|point| whole.project(pose.transform_point(point)));
+    let projected = points(object, scene).filter_map(|point| recorded_geometry.project(pose.transform_point(point)));
     let bounds = projected.map(|at| (at, at)).reduce(|(low, high), (at, _)| (low.min(at), high.max(at)));
     let in_picture = bounds.map(|(low, high)| (low.max(DVec2::ZERO), high.min(size)));
     let Some((low, high)) = in_picture.filter(|(low, high)| low.cmplt(*high).all()) else {

@@ -348,13 +348,13 @@ mod tests {
     fn unchanged_values_stay_even_if_equal_to_overridden_ones() {
         let pinned = "[camera.exposure]\ntime_s = 0.02\n[depth]\ntolerance_m = 0.03\n[noise]\non = false\n";
         let (own, rig, mut settings) = read(pinned).unwrap();
-        let of = |settings: &Settings| {
+        let kept_settings = |settings: &Settings| {
             let now = ParameterValues { rig: &rig, settings };
             ShotSettings::between(now, now).with_unchanged(&own, now)
         };
-        assert_eq!(of(&settings).values().count(), 3);
+        assert_eq!(kept_settings(&settings).values().count(), 3);
         settings.switch("noise", true).unwrap();
-        assert!(!of(&settings).has("noise", ON) && of(&settings).has("depth", "tolerance_m"));
+        assert!(!kept_settings(&settings).has("noise", ON) && kept_settings(&settings).has("depth", "tolerance_m"));
         // An override of each frame's exposure is preserved as a value.
         let mut without = settings.clone();
         without.overrule_recorded_exposure = false;

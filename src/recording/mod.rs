@@ -472,8 +472,11 @@ mod tests {
 
     #[test]
     fn spread_frames_are_the_middles_of_equal_parts() {
-        let of = |count, max_count| middles_of_parts(count, max_count).collect::<Vec<_>>();
-        assert_eq!(of(240, 24)[..3], [5, 15, 25]);
-        assert_eq!((of(0, 24), of(3, 24), of(5, 3)), (vec![], vec![0, 1, 2], vec![0, 2, 4]));
+        let spread_frames = |count, max_count| middles_of_parts(count, max_count).collect::<Vec<_>>();
+        assert_eq!(spread_frames(240, 24)[..3], [5, 15, 25]);
+        assert_eq!(
+            (spread_frames(0, 24), spread_frames(3, 24), spread_frames(5, 3)),
+            (vec![], vec![0, 1, 2], vec![0, 2, 4])
+        );
     }
 }

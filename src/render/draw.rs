@@ -471,7 +471,7 @@ impl Renderer {
             far_m: view.parallel_to_m.unwrap_or(0.0) as f32,
         };
         recorder
-            .pass(Shader::Resolve, ShaderEntry::over("cell", "main"))
+            .pass(Shader::Resolve, ShaderEntry::with_vertex("cell", "main"))
             .uniform("resolve", &resolve)
             .texture("color", &color)
             .texture("depth", &depth)

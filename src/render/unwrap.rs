@@ -270,11 +270,11 @@ fn nearest(at: Vec2, [a, b, c]: &[Vec2; 3]) -> Option<Vec3> {
         return Some(inside);
     }
     // On the nearest of the three edges.
-    let along = |from: Vec2, to: Vec2| {
+    let nearest_on_edge = |from: Vec2, to: Vec2| {
         let t = ((at - from).dot(to - from) / from.distance_squared(to).max(1e-20)).clamp(0.0, 1.0);
         (t, (from + t * (to - from)).distance_squared(at))
     };
-    let edges = [along(*a, *b), along(*b, *c), along(*c, *a)];
+    let edges = [nearest_on_edge(*a, *b), nearest_on_edge(*b, *c), nearest_on_edge(*c, *a)];
     let (n, (t, _)) = edges.into_iter().enumerate().min_by(|(_, (_, p)), (_, (_, q))| p.total_cmp(q))?;
     let mut weights = Vec3::ZERO;
     (weights[n], weights[(n + 1) % 3]) = (1.0 - t, t);

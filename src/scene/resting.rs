@@ -246,8 +246,8 @@ mod tests {
         let as_it_is = place_at_rest("l-scale.glb", &file, &slope, Posture::Flat, heading(), DVec3::Z, None).unwrap();
         for (placed, max_m) in [(as_it_is, 0.005), (sized, 0.02)] {
             let (.., scene, _) = loaded(placed, &file);
-            let along = |direction: DVec3| min_along(&scene, &scene.objects[0].parts, direction).unwrap();
-            let [below, above] = [along(normal), -along(-normal)];
+            let min_distance = |direction: DVec3| min_along(&scene, &scene.objects[0].parts, direction).unwrap();
+            let [below, above] = [min_distance(normal), -min_distance(-normal)];
             // It lies on the plane, and is as thin there as a scale.
             let off_m = below - normal.dot(slope.point_m);
             assert!(off_m.abs() < 2e-4 && above - below < max_m, "{below} {above}");

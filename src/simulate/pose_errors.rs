@@ -104,11 +104,11 @@ mod tests {
     fn off(flaws: &Flaws) -> Vec<(DVec3, DVec3)> {
         let truth = test_track();
         let recorded = flaws.recorded(&truth).unwrap();
-        let of = |(is, was): (&(f64, Pose), &(f64, Pose))| {
+        let pose_error = |(is, was): (&(f64, Pose), &(f64, Pose))| {
             let turn = was.1.rotation * is.1.world_from_camera_rotation();
             (was.1.transform_point(is.1.position_in_world_m()), turn.to_scaled_axis())
         };
-        recorded.poses().iter().zip(truth.poses()).map(of).collect()
+        recorded.poses().iter().zip(truth.poses()).map(pose_error).collect()
     }
 
     fn rms(values: impl Iterator<Item = DVec3>) -> f64 {

@@ -205,7 +205,7 @@ fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video,
     else {
         return Err(refuse("ffprobe finds no picture size or pixel format in it".to_owned()));
     };
-    whole(stream, &probe.packets, &probe.format).map_err(refuse)?;
+    check_frame_count(stream, &probe.packets, &probe.format).map_err(refuse)?;
     let matrix = match (overrides.matrix, stream.color_space.as_deref()) {
         _ if is_rgb(format) => ColorMatrix::Rgb,
         (Some(matrix), _) => matrix,
@@ -289,7 +289,7 @@ fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video,
 /// when the last one ends (Matroska, AVI; more than two and a half frames short is too little,
 /// since containers round). An AVI's number counts the empty chunks that ffmpeg writes between
 /// frames, so it is a length.
-fn whole(stream: &ProbedStream, packets: &[VideoPacket], container: &Container) -> Result<(), String> {
+fn check_frame_count(stream: &ProbedStream, packets: &[VideoPacket], container: &Container) -> Result<(), String> {
     const WHAT_TO_DO: &str = "is it truncated? Copy it again from its source, or cut it off there: ffmpeg -i FILE -c \
                               copy NEW.mkv";
     let there = packets.len();
@@ -397,14 +397,14 @@ fn oriented_sampling(
     let Some(ChromaSampling { factor, siting }) = chroma else { return Some(None) };
     // Rows: the axis of the stored frame that becomes each axis, with its sign.
     let [a, b, c, d] = orientation.matrix().map(f64::round);
-    let along = |x: f64, y: f64| {
+    let axis_sampling = |x: f64, y: f64| {
         let (axis, sign) = if x == 0.0 { (1, y) } else { (0, x) };
         // Against the axis the pairs of luma samples are the same only of an even number.
         let is_symmetric = siting[axis] == ChromaSiting::Centered && size[axis].is_multiple_of(factor[axis]);
         let is_representable = sign > 0.0 || factor[axis] == 1 || is_symmetric;
         is_representable.then_some((factor[axis], siting[axis]))
     };
-    let (across, down) = (along(a, c)?, along(b, d)?);
+    let (across, down) = (axis_sampling(a, c)?, axis_sampling(b, d)?);
     Some(Some(ChromaSampling { factor: [across.0, down.0], siting: [across.1, down.1] }))
 }
 

@@ -59,8 +59,8 @@ fn driver(name: DriverName) -> Result<Arc<dyn Driver>, CameraError> {
 /// The cameras of each driver on this system, the default driver first. Devices that take no
 /// pictures are left out.
 pub fn cameras() -> Vec<(DriverName, Result<Vec<CameraListing>, CameraError>)> {
-    let of = |name: &DriverName| (*name, cameras_of(*name));
-    DriverName::AVAILABLE.iter().map(of).collect()
+    let named_cameras = |name: &DriverName| (*name, cameras_of(*name));
+    DriverName::AVAILABLE.iter().map(named_cameras).collect()
 }
 
 fn cameras_of(name: DriverName) -> Result<Vec<CameraListing>, CameraError> {

@@ -12,7 +12,7 @@ use locard_engine::camera::Response;
 use locard_engine::compositor::{Composited, Target};
 use locard_engine::frame::Frame;
 use locard_engine::gpu::Gpu;
-use locard_engine::measure::histogram::{around, histograms};
+use locard_engine::measure::histogram::{dilated_ring, histograms};
 use locard_engine::measure::slanted::SlantedEdge;
 use locard_engine::pixels::{Pixels, Rect};
 use locard_engine::shot::{Shot, ShotError};
@@ -130,9 +130,10 @@ pub fn analyse(
                 drawn.map_err(|error| error.to_string())
             });
             analysis.histograms = request.histograms.then(|| {
-                let surroundings = around(&objects, &touched, with.pixels.width as usize, SURROUNDINGS_PX);
-                let of = |mask: &[bool]| histograms(&with.pixels, mask, HISTOGRAM_BINS);
-                let both = of(&objects).and_then(|object| Ok([object, of(&surroundings)?]));
+                let surroundings = dilated_ring(&objects, &touched, with.pixels.width as usize, SURROUNDINGS_PX);
+                let masked_histograms = |mask: &[bool]| histograms(&with.pixels, mask, HISTOGRAM_BINS);
+                let both =
+                    masked_histograms(&objects).and_then(|object| Ok([object, masked_histograms(&surroundings)?]));
                 both.map_err(|error| error.to_string())
             });
             analysis.edges[1] = request.edges[1].map(|region| of_edge(&with.pixels, region));

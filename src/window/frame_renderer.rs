@@ -220,7 +220,7 @@ fn submit_reduced(
     target: Target<'_>,
 ) -> Result<Pending, ShotError> {
     let key = (ByAddress(Arc::clone(frame)), request.key.reduction);
-    let reduced = memo.get_or_insert_with(key, |(frame, by)| Arc::new(ReducedFrame::new(frame, *by)));
+    let reduced = memo.get_or_insert_with(key, |(frame, reduction)| Arc::new(ReducedFrame::new(frame, *reduction)));
     request.shot.submit_reduced(compositor, &reduced, target)
 }
 

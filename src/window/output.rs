@@ -282,9 +282,10 @@ mod tests {
     #[test]
     fn export_range_follows_the_selection() {
         let now = PlaybackState { frame: 7, count: 20, looped: Some(3..9) };
-        let of = |frames, first_and_last| OutputPanel { frames, first_and_last, ..OutputPanel::default() }.range(&now);
-        assert_eq!(of(FrameRange::All, [0, 0]), 0..20);
-        assert_eq!((of(FrameRange::Loop, [0, 0]), of(FrameRange::Current, [0, 0])), (3..9, 7..8));
-        assert_eq!((of(FrameRange::Interval, [4, 4]), of(FrameRange::Interval, [9, 2])), (4..5, 2..10));
+        let range_of =
+            |frames, first_and_last| OutputPanel { frames, first_and_last, ..OutputPanel::default() }.range(&now);
+        assert_eq!(range_of(FrameRange::All, [0, 0]), 0..20);
+        assert_eq!((range_of(FrameRange::Loop, [0, 0]), range_of(FrameRange::Current, [0, 0])), (3..9, 7..8));
+        assert_eq!((range_of(FrameRange::Interval, [4, 4]), range_of(FrameRange::Interval, [9, 2])), (4..5, 2..10));
     }
 }

@@ -12,7 +12,7 @@ use crate::footage::{
 };
 use crate::program::{locard, stdout_of};
 use crate::tier::{any_scene, fast_or_full, is_full, no_shadows};
-use locard::analyse::{Analysis, beside};
+use locard::analyse::{Analysis, default_folder};
 use locard::camera::{Camera, CameraExposure};
 use locard::compositor::ExposureTime;
 use locard::frame::{Frame, FrameExposure, SURFEL_SPACING_M, Surfel};
@@ -96,7 +96,7 @@ fn jitter_drift_clock_offset_and_hand_eye_rotation_are_found() {
     let shot = opened(&folder);
     let analysis = analysed_by_tier(&shot, 2);
     println!("{}", analysis.findings);
-    analysis.write(&beside(&folder.path().join("site")), &shot.recording).unwrap();
+    analysis.write(&default_folder(&folder.path().join("site")), &shot.recording).unwrap();
     assert_findings_used_without_registration(&folder.path().join("site"));
     let registered = &analysis.findings.registration;
     let off = |track: &PoseTrack| pair_errors_px(&shot, &demo_track(), track, 8);

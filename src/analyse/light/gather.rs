@@ -180,7 +180,7 @@ impl LightInputs<'_> {
                 }
                 let here = move_point(f64::from(depth[n]) * ray, &state.twist, row_s);
                 samples.push(LightSample {
-                    at: state.world_from_camera.transform_point3(here).as_vec3(),
+                    position_m: state.world_from_camera.transform_point3(here).as_vec3(),
                     light: [0, 1, 2].map(|c| (code[c] / gain[c]) as f32),
                     code: code.map(|code| code as f32),
                     clipped: codes.map(|code| code >= frame.pixels.clip_code()),

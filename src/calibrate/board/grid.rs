@@ -97,11 +97,13 @@ fn links(blurred: &GreyImage, corners: &[Corner]) -> CornerLinks {
 fn joined(blurred: &GreyImage, one: &Corner, other: &Corner) -> Option<(usize, usize)> {
     let way = other.at - one.at;
     let aimed = |corner: &Corner, way: DVec2| {
-        let off = |edge: usize| {
+        let angle_to_way = |edge: usize| {
             let turn = (corner.edges[edge] - way.to_angle()).rem_euclid(TAU);
             turn.min(TAU - turn)
         };
-        (0..4).min_by(|a, b| off(*a).total_cmp(&off(*b))).filter(|edge| off(*edge) < MAX_AIM_ERROR_RAD)
+        (0..4)
+            .min_by(|a, b| angle_to_way(*a).total_cmp(&angle_to_way(*b)))
+            .filter(|edge| angle_to_way(*edge) < MAX_AIM_ERROR_RAD)
     };
     let (from, to) = (aimed(one, way)?, aimed(other, -way)?);
     let fainter = one.contrast.min(other.contrast);

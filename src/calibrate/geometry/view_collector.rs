@@ -169,11 +169,11 @@ impl ViewCollector {
         // Evaluated with the same lens, with and without the view.
         let stands: Vec<Option<RigidPose>> = previous.iter().map(|detection| self.stand(detection)).collect();
         let Some(stands) = stands.into_iter().collect::<Option<Vec<RigidPose>>>() else { return differs(&NEW_VIEW) };
-        let of = |views: &[&BoardDetection], stands: &[RigidPose]| {
+        let missing_conditions = |views: &[&BoardDetection], stands: &[RigidPose]| {
             condition_count(&missing(self.size_px(), &[], views, stands, 0))
         };
-        let without = of(&previous, &stands);
-        let with = of(&[&previous[..], &[detection]].concat(), &[&stands[..], &[own.stand]].concat());
+        let without = missing_conditions(&previous, &stands);
+        let with = missing_conditions(&[&previous[..], &[detection]].concat(), &[&stands[..], &[own.stand]].concat());
         with < without && differs(&GAP_VIEW)
     }
 

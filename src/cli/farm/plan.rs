@@ -16,7 +16,7 @@ use super::super::open::OpenArgs;
 use super::super::{print_status, warn};
 use super::machine::adapter_kind;
 use super::part::composite_arguments;
-use locard_engine::analyse::beside;
+use locard_engine::analyse::default_folder;
 use locard_engine::farm::{ADAPTER_KINDS, FarmJob, FarmPlan, PartCost};
 use locard_engine::gpu::Gpu;
 use locard_engine::program;
@@ -103,7 +103,7 @@ pub fn run(args: &TemplateArgs) -> Result<()> {
     let analysis = match args.analysis.choice() {
         AnalysisChoice::At(folder) => Some(absolute(&folder)?),
         AnalysisChoice::No => None,
-        _ => Some(beside(&recording.path)).filter(|folder| args.analysis.makes_analysis() || folder.is_dir()),
+        _ => Some(default_folder(&recording.path)).filter(|folder| args.analysis.makes_analysis() || folder.is_dir()),
     };
     let kind = match args.adapter_kind.as_deref() {
         Some("any") => None,

@@ -20,7 +20,7 @@ pub fn parse_cameras(text: &str, file: &Path) -> Result<Cameras, RecordingError>
 }
 
 fn parse_camera(mut record: &str) -> Result<(u32, Geometry), String> {
-    let id = whole(&mut record, "CAMERA_ID")?;
+    let id = parse_u32(&mut record, "CAMERA_ID")?;
     let model = records::word(&mut record);
     let width = records::number(&mut record, "WIDTH")?;
     let height = records::number(&mut record, "HEIGHT")?;
@@ -56,12 +56,12 @@ pub fn parse_images(
 }
 
 fn parse_image(mut rest: &str) -> Result<ImageRecord, String> {
-    let _: u32 = whole(&mut rest, "IMAGE_ID")?;
+    let _: u32 = parse_u32(&mut rest, "IMAGE_ID")?;
     let mut pose = [0.0; 7];
     for (field, name) in pose.iter_mut().zip(POSE_FIELDS) {
         *field = records::number(&mut rest, name)?;
     }
-    let camera = whole(&mut rest, "CAMERA_ID")?;
+    let camera = parse_u32(&mut rest, "CAMERA_ID")?;
     Ok(ImageRecord { pose, camera, name: rest.to_owned() })
 }
 
@@ -79,7 +79,7 @@ fn landmarks(points: &str) -> Option<Vec<Landmark>> {
     Some(landmarks)
 }
 
-fn whole(rest: &mut &str, name: &str) -> Result<u32, String> {
+fn parse_u32(rest: &mut &str, name: &str) -> Result<u32, String> {
     let word = records::word(rest);
     word.parse().map_err(|_| format!("{name} is `{}`; a whole number is needed", quoted(word)))
 }

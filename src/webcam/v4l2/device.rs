@@ -181,10 +181,11 @@ mod tests {
 
     #[test]
     fn stamp_without_the_monotonic_flag_is_of_an_unnamed_clock() {
-        let of = |flags| stamp(&Metadata { flags, timestamp: Timestamp::new(99, 500_000), ..Metadata::default() });
-        assert_eq!(of(Flags::TIMESTAMP_MONOTONIC), Stamp::Monotonic(99.5));
-        assert_eq!(of(Flags::TIMESTAMP_MONOTONIC | Flags::TSTAMP_SRC_SOE), Stamp::Monotonic(99.5));
-        assert_eq!(of(Flags::TIMESTAMP_COPY), Stamp::UnnamedClock(99.5));
-        assert_eq!(of(Flags::empty()), Stamp::UnnamedClock(99.5));
+        let stamp_of =
+            |flags| stamp(&Metadata { flags, timestamp: Timestamp::new(99, 500_000), ..Metadata::default() });
+        assert_eq!(stamp_of(Flags::TIMESTAMP_MONOTONIC), Stamp::Monotonic(99.5));
+        assert_eq!(stamp_of(Flags::TIMESTAMP_MONOTONIC | Flags::TSTAMP_SRC_SOE), Stamp::Monotonic(99.5));
+        assert_eq!(stamp_of(Flags::TIMESTAMP_COPY), Stamp::UnnamedClock(99.5));
+        assert_eq!(stamp_of(Flags::empty()), Stamp::UnnamedClock(99.5));
     }
 }

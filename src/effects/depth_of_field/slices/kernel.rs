@@ -49,7 +49,7 @@ impl Kernel {
     fn noise_left(&self, correlations: &[[f64; 3]; 2]) -> f64 {
         let side = (2 * HALVES[self.class] + 1) as usize;
         let rows: Vec<&[f32]> = self.weights.chunks(side).collect();
-        let apart = |x: usize, y: usize| -> f64 {
+        let weight_product = |x: usize, y: usize| -> f64 {
             let of_rows = |(a, b): (&&[f32], &&[f32])| -> f64 {
                 // To the right and to the left: unless x or y is 0, these are different pairs.
                 let right = a.iter().zip(b.iter().skip(x)).map(|(a, b)| f64::from(a * b)).sum::<f64>();
@@ -59,12 +59,12 @@ impl Kernel {
             rows.iter().zip(rows.iter().skip(y)).map(of_rows).sum::<f64>()
         };
         if self.level > 0 {
-            return 0.5 * apart(0, 0) / f64::from(1u32 << (2 * self.level)) * correlated(correlations);
+            return 0.5 * weight_product(0, 0) / f64::from(1u32 << (2 * self.level)) * correlated(correlations);
         }
         let pairs = |x: usize, y: usize| match (x, y) {
-            (0, 0) => 0.5 * apart(0, 0),
-            (_, 0) | (0, _) => apart(x, y),
-            _ => 2.0 * apart(x, y),
+            (0, 0) => 0.5 * weight_product(0, 0),
+            (_, 0) | (0, _) => weight_product(x, y),
+            _ => 2.0 * weight_product(x, y),
         };
         let lags = (0..3).flat_map(|y| (0..3).map(move |x| (x, y)));
         lags.map(|(x, y)| correlations[0][x] * correlations[1][y] * pairs(x, y)).sum()
