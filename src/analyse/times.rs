@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use crate::sink::atomic::write_atomically;
 use crate::source::file;
 
-/// Beside an analysis' other files.
+/// File of the durations, beside an analysis' other files.
 pub const FILE: &str = "times.txt";
 /// Largest accepted file, bytes, and largest number of its lines.
 const MAX_FILE_BYTES: u64 = 1 << 14;

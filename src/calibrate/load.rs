@@ -36,7 +36,7 @@ pub enum NoiseSource<'a> {
     /// In the difference from the scenes' known means: one for everything, or one for each entry
     /// (each loose file is then a scene of its own).
     KnownMeans(&'a [PathBuf]),
-    /// In textureless places.
+    /// Noise is measured in textureless places.
     Textureless,
 }
 

@@ -68,7 +68,7 @@ struct SampledBlock {
 struct Reservoir {
     /// Number of blocks that were added.
     count: u64,
-    /// At most [`CAPACITY`] of them.
+    /// Sampled blocks, at most [`CAPACITY`].
     blocks: Vec<SampledBlock>,
 }
 
@@ -101,7 +101,7 @@ pub struct TexturelessCalibrator {
     frame_bits: Option<u32>,
     frames: usize,
     blocks: u64,
-    /// By green's mean.
+    /// Samples by strata of green's mean.
     strata: [Reservoir; STRATA],
     pixel_counts: [Vec<PixelCounts>; 3],
 }

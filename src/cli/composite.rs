@@ -83,7 +83,7 @@ pub struct Args {
     mark: Option<String>,
     #[command(flatten)]
     labels: LabelArgs,
-    /// Write no record beside the output, by which `locard audit` makes it again
+    /// Write no record beside the output, by which `locard audit` recomputes it
     #[arg(long)]
     no_record: bool,
     /// Also write the findings and settings of each frame; - for stdout

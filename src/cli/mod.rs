@@ -71,7 +71,7 @@ enum Command {
     Analyse(analyse::Args),
     /// Write the estimated room light of an analysed recording as a scene's [light], to edit
     Light(room_light::Args),
-    /// Make an output again and compare it with its record: inputs, files, frames
+    /// Recompute an output and compare it with its record: inputs, files, frames
     Audit(audit::Args),
     /// Measure a camera from pictures
     Calibrate(calibrate::Args),

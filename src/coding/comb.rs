@@ -12,7 +12,7 @@ const OUTLIERS: f32 = 0.1;
 /// Steps of a scaled table, and how likely.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ScaledTable {
-    /// Of annex K's table.
+    /// Scale of annex K's table.
     pub scale: f64,
     pub log_likelihood: f64,
 }

@@ -12,7 +12,7 @@ use crate::plane::Plane;
 use crate::pose::Pose;
 use crate::quality::Quality;
 
-/// Memos of the last result of each quality. A result that was made again, with the same value, has
+/// Memos of the last result of each quality. A result that was recomputed, with the same value, has
 /// another address.
 #[derive(Debug, Default)]
 pub struct LastRepair {

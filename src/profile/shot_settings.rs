@@ -243,7 +243,7 @@ impl ShotSettings {
         Self { values, noise: self.noise.clone() }
     }
 
-    /// Without the camera's noise.
+    /// The settings without the camera's noise.
     #[must_use]
     pub fn without_noise(self) -> Self {
         Self { noise: None, ..self }

@@ -88,7 +88,7 @@ impl UnwrappedMesh {
         Self::none(mesh)
     }
 
-    /// Without a lightmap.
+    /// A mesh without a lightmap.
     pub fn none(mesh: &Mesh) -> Self {
         let corners = mesh.vertices.iter().map(|vertex| LightmapVertex { vertex: *vertex, at: [0.0; 2] });
         Self { corners: corners.collect(), indices: mesh.indices.clone(), side: 0 }

@@ -13,7 +13,7 @@ pub enum Mark {
     Changed,
     /// Confirmed.
     Kept,
-    /// Without an estimate.
+    /// There is no estimate.
     Refused,
 }
 

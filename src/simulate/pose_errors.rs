@@ -16,7 +16,7 @@ const DRIFT_KNOT_S: f64 = 1.5;
 /// Keys of the random numbers, in addition to the seed.
 const JITTER_TRANSLATION_KEY: u64 = 16;
 const JITTER_ROTATION_KEY: u64 = 17;
-/// Also the five keys after this one.
+/// The drift uses this key and the five after it.
 const DRIFT_KEY: u64 = 18;
 const HAND_EYE_KEY: u64 = 24;
 

@@ -200,11 +200,13 @@ fn initial_rotations() -> impl Iterator<Item = DQuat> {
     })
 }
 
+/// Least-squares problem of the alignment.
 struct AlignmentProblem<'a> {
     pairs: &'a [RayPair],
     finds_scale: bool,
 }
 
+/// Solution of the least-squares problem, with its residuals.
 struct AlignmentSolution {
     transform: SimilarityTransform,
     rms_px: f64,

@@ -36,6 +36,7 @@ pub struct DepthHeader {
     pub is_float: bool,
 }
 
+/// A format of depth pictures, by content.
 enum DepthFormat {
     Still,
     Exr,
@@ -199,8 +200,8 @@ fn exr_values(bytes: &[u8]) -> Result<(DepthHeader, Vec<f64>), String> {
     Ok((header, values))
 }
 
-/// The header of an array.
-struct Array {
+/// The header of a NumPy array.
+struct NpyHeader {
     header: DepthHeader,
     /// Type such as `f4`, without the byte order.
     kind: String,
@@ -212,7 +213,7 @@ struct Array {
 
 /// Signature, version, length of the text (two bytes, four from version 2 on), and the text of a
 /// Python dictionary such as `{'descr': '<f4', 'fortran_order': False, 'shape': (192, 256), }`.
-fn npy_header(bytes: &[u8]) -> Result<Array, String> {
+fn npy_header(bytes: &[u8]) -> Result<NpyHeader, String> {
     let cut = || "the array is truncated in its header".to_owned();
     let version = *bytes.get(6).ok_or_else(cut)?;
     let (length, text_at) = match (version, bytes.get(8..12)) {
@@ -240,11 +241,11 @@ fn npy_header(bytes: &[u8]) -> Result<Array, String> {
     let is_big_endian = kind.starts_with('>');
     let kind = kind.trim_start_matches(['<', '>', '|', '=']).to_owned();
     let header = DepthHeader { width, height, is_float: kind.starts_with('f') };
-    Ok(Array { header, kind, is_big_endian, is_by_columns, data_at })
+    Ok(NpyHeader { header, kind, is_big_endian, is_by_columns, data_at })
 }
 
 fn npy_values(bytes: &[u8]) -> Result<(DepthHeader, Vec<f64>), String> {
-    let Array { header, kind, is_big_endian, is_by_columns, data_at } = npy_header(bytes)?;
+    let NpyHeader { header, kind, is_big_endian, is_by_columns, data_at } = npy_header(bytes)?;
     let (width, height) = (header.width as usize, header.height as usize);
     let (data, value_count) = (bytes.get(data_at..).unwrap_or_default(), width * height);
     let values: Vec<f64> = match kind.as_str() {

@@ -72,6 +72,7 @@ pub struct Soundtrack {
     pub length_s: f64,
 }
 
+/// ffprobe's JSON output for a video.
 #[derive(Deserialize)]
 struct Probe {
     #[serde(default)]
@@ -82,6 +83,7 @@ struct Probe {
     format: Container,
 }
 
+/// A stream in ffprobe's JSON output.
 #[derive(Deserialize)]
 struct ProbedStream {
     /// The number of packets in the container's index (MP4).
@@ -101,6 +103,7 @@ struct ProbedStream {
     presentation: ProbedPresentation,
 }
 
+/// A stream's tags in ffprobe's JSON output.
 #[derive(Deserialize)]
 struct Tags {
     /// The time when the stream ends, hours:minutes:seconds (Matroska).
@@ -110,6 +113,7 @@ struct Tags {
     timecode: Option<String>,
 }
 
+/// The container in ffprobe's JSON output.
 #[derive(Default, Deserialize)]
 struct Container {
     #[serde(default)]
@@ -120,13 +124,15 @@ struct Container {
     tags: ContainerTags,
 }
 
+/// The container's tags in ffprobe's JSON output.
 #[derive(Default, Deserialize)]
 struct ContainerTags {
-    /// In Matroska and MXF it is the container's.
+    /// The timecode is the container's in Matroska and MXF.
     #[serde(alias = "TIMECODE")]
     timecode: Option<String>,
 }
 
+/// A packet of the video stream in ffprobe's JSON output.
 #[derive(Deserialize)]
 struct VideoPacket {
     pts: Option<i64>,
