@@ -346,7 +346,8 @@ impl NoiseCalibrator {
             return Err(CalibrateError::NoFrames);
         }
         self.end_scene()?;
-        let (rounding, mut warnings) = (self.rounding(), std::mem::take(&mut self.warnings));
+        let rounding = self.rounding();
+        let mut warnings = std::mem::take(&mut self.warnings);
         let mut reported = |value, name, low| reported_correlation(value, name, low, &mut warnings);
         let [rg, rb, gb] = Pool::channel_correlation(&self.pools);
         let channel_correlation = [reported(rg, "R-G", -1.0), reported(rb, "R-B", -1.0), reported(gb, "G-B", -1.0)];

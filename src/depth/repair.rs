@@ -184,7 +184,8 @@ impl<'a> Repair<'a> {
             None => vec![0.0; all.width() as usize * all.height() as usize],
         };
         let sqrt_colors = self.sqrt_colors(region);
-        let (mut depth_m, width) = (all.part(&measured_m, region), region.width() as usize);
+        let mut depth_m = all.part(&measured_m, region);
+        let width = region.width() as usize;
         let max_depth_m = request.max_depth_m(region, SMOOTHING_MARGIN_PX);
         let is_reliable = self.apply_consensus(&mut depth_m, &sqrt_colors, region, &max_depth_m);
         if let Some(ProxyView { proxies, project, .. }) = self.proxies {

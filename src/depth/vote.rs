@@ -116,7 +116,8 @@ impl TargetView<'_> {
     /// frame's, 0 where it is unknown.
     fn reprojected_depth(&self, voter: &Voter<'_>, source: Rect, requested: &RequestedPixels) -> Vec<f32> {
         let mut out = vec![0.0f32; requested.places.len()];
-        let (geometry, full) = (self.rays.geometry(), self.rays.full());
+        let geometry = self.rays.geometry();
+        let full = self.rays.full();
         if (voter.depth.width, voter.depth.height) != (full.width(), full.height()) || voter.sqrt_colors.full() != full
         {
             return out;
@@ -172,7 +173,8 @@ impl TargetView<'_> {
         here: &Reprojection<'_>,
         there: &Reprojection<'_>,
     ) -> Vec<([f32; 3], [f32; 3])> {
-        let (mut pairs, full) = (Vec::new(), self.rays.full());
+        let mut pairs = Vec::new();
+        let full = self.rays.full();
         for y in (source.y0..source.y1).filter(|y| y % COLOR_STRIDE_PX == 0) {
             let Some(rays) = self.rays.row(y as usize) else { continue };
             let row = &voter.depth.depth_m[y as usize * voter.depth.width as usize..];
@@ -249,11 +251,12 @@ fn unreliable_pixels(depth_m: &[f32], width: usize, reach_px: usize, max_depth_m
     let mut along = vec![0u8; depth_m.len()];
     over_rows(&mut along, width, processors(), |y, along| {
         let row = |y: usize| [depth_m, max_depth_m].map(|of| &of[y * width..(y + 1) * width]);
-        let (own, mut is_edge) = (row(y), vec![0u8; width]);
-        let (left, right) = (own.map(|of| &of[..width - 1]), own.map(|of| &of[1..]));
+        let rows = row(y);
+        let mut is_edge = vec![0u8; width];
+        let (left, right) = (rows.map(|of| &of[..width - 1]), rows.map(|of| &of[1..]));
         mark(&mut is_edge[..width - 1], left, right);
         mark(&mut is_edge[1..], right, left);
-        [y.wrapping_sub(1), y + 1].into_iter().filter(|y| *y < height).for_each(|y| mark(&mut is_edge, own, row(y)));
+        [y.wrapping_sub(1), y + 1].into_iter().filter(|y| *y < height).for_each(|y| mark(&mut is_edge, rows, row(y)));
         if is_edge.contains(&1) {
             let mut sum: u32 = is_edge.iter().take(reach_px).map(|n| u32::from(*n)).sum();
             for x in 0..width {

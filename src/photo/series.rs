@@ -139,7 +139,8 @@ impl PhotoRequest {
         let compositor = shot.compositor(device()?);
         compositor.warnings().into_iter().try_for_each(&mut warn)?;
         let mean = PictureLight::of(&frame.pixels, &camera.response).mean;
-        let (track, rays) = (&shot.recording.track, Rays::new(&recorded_geometry));
+        let track = &shot.recording.track;
+        let rays = Rays::new(&recorded_geometry);
         let depth_m =
             frame.depth.as_ref().and_then(|map| consensus_at_frame(&frame, map, &rays, track, &camera.response));
         let mut work = WorkRecord::begun(&shot, &compositor.gpu().info);

@@ -283,7 +283,8 @@ mod tests {
 
     #[test]
     fn plane_of_a_solid_object_is_its_support_then_the_level_plane() {
-        let (mut scene, geometry) = (scene(), geometry());
+        let mut scene = scene();
+        let geometry = geometry();
         // A cube of 0.1 m.
         let mut cube = plate(0.1, 0.1);
         cube.vertices[4].position[2] = 0.1;

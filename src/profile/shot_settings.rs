@@ -323,7 +323,8 @@ mod tests {
         assert_eq!((rig.intrinsics.readout_time_s, rig.exposure.time_s), (0.02, Some(0.01)));
         assert_eq!((rig.lens.aperture_diameter_mm, rig.lens.f_number), (None, Some(2.0)));
         assert!(!settings.is_on("noise") && settings.overrule_recorded_exposure && rig.noise.is_some());
-        let (mut before, now) = (Rig::default(), ParameterValues { rig: &rig, settings: &settings });
+        let mut before = Rig::default();
+        let now = ParameterValues { rig: &rig, settings: &settings };
         before.lens.aperture_diameter_mm = Some(5.0);
         let difference = ShotSettings::between(ParameterValues { rig: &before, settings: &Settings::default() }, now);
         assert_eq!(difference, own);

@@ -241,7 +241,8 @@ fn shelf_positions(islands: &[Island], texel: f32, side: u32) -> Option<Vec<[i32
     let size = |island: &Island| ((island.high - island.low) / texel).ceil().as_ivec2() + 2 * ISLAND_PADDING_TEXELS;
     let mut order: Vec<usize> = (0..islands.len()).collect();
     order.sort_by_key(|n| (-size(&islands[*n]).y, *n));
-    let (side, mut places) = (side as i32, vec![[0; 2]; islands.len()]);
+    let side = side as i32;
+    let mut places = vec![[0; 2]; islands.len()];
     let (mut x, mut y, mut height) = (0, 0, 0);
     for n in order {
         let size = size(&islands[n]);

@@ -120,7 +120,8 @@ pub fn place_at_rest(
 /// folder, with slashes; otherwise absolute.
 pub fn relative(model: &Path, file: &Path) -> String {
     let whole = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-    let (mut model, file) = (whole(model), whole(file));
+    let mut model = whole(model);
+    let file = whole(file);
     if model.components().any(|part| part == Component::ParentDir) {
         model = model.canonicalize().unwrap_or(model);
     }

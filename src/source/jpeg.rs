@@ -370,7 +370,8 @@ impl Bits<'_> {
         let mut k = band.first;
         while *run == 0 && k <= band.last {
             let symbol = self.symbol(ac)?;
-            let (mut zeros, size) = (u32::from(symbol >> 4), u32::from(symbol & 15));
+            let mut zeros = u32::from(symbol >> 4);
+            let size = u32::from(symbol & 15);
             if size == 0 && zeros < 15 {
                 *run = (1 << zeros) + self.take(zeros)?;
                 break;

@@ -109,7 +109,8 @@ impl FrameRenderer {
             channel::<(RenderRequest, Instant, Option<Arc<Frame>>, Result<Pending, ShotError>)>();
         // Set by the waiter: results that the compositor retains may be incomplete.
         let wait_failed = Arc::new(AtomicBool::new(false));
-        let (renderer_gpu, last_wait_failed) = (gpu.clone(), Arc::clone(&wait_failed));
+        let renderer_gpu = gpu.clone();
+        let last_wait_failed = Arc::clone(&wait_failed);
         let renderer = BackgroundTask::stream("render frames", wake.clone(), move |_| {
             let Ok(first) = incoming.recv() else { return };
             let mut scene_compositor = SceneCompositor::new(renderer_gpu.clone(), &first.shot);
@@ -280,7 +281,8 @@ mod tests {
             view_formats: &[],
         });
         let key = RenderKey { frame: 30, version: 0, is_variant: false, reduction: REDUCTION, is_approximate: false };
-        let (shot, outputs) = (shot.clone(), RenderOutputs::default());
+        let shot = shot.clone();
+        let outputs = RenderOutputs::default();
         renderer.make(RenderRequest { key, shot, live_frame: None, texture: texture.clone(), outputs });
         let result = loop {
             match renderer.take().unwrap() {

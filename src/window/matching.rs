@@ -161,7 +161,9 @@ impl Matching {
         let Some(frame) = session.frame().filter(|_| request.anything() && !session.player.playing) else {
             return self.analysis.cancel();
         };
-        let (shot, frame, gpu) = (session.project.shot().clone(), Arc::clone(frame), session.viewer.gpu().clone());
+        let shot = session.project.shot().clone();
+        let frame = Arc::clone(frame);
+        let gpu = session.viewer.gpu().clone();
         let compositor = self.compositor.clone();
         let key = (frame.index, session.project.version(), request.clone());
         self.analysis
@@ -169,7 +171,8 @@ impl Matching {
     }
 
     fn noise(&self, ui: &mut Ui, session: &Session, picked: Option<&[Vec<NoisePoint>; 3]>) {
-        let (c, analysis) = (self.channel, self.analysis.last());
+        let c = self.channel;
+        let analysis = self.analysis.last();
         let profile = session.project.edit().rig.noise.clone();
         let part = |part: Option<&Result<[Vec<NoisePoint>; 3], String>>| match part {
             Some(Ok(points)) => points[c].clone(),

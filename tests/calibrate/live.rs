@@ -176,7 +176,8 @@ pub fn video(folder: &Path, rests: u32) -> std::path::PathBuf {
     let printed = picture(&Sheet::new(Paper::A4));
     let printed =
         Printed::of(printed.width() as usize, printed.height() as usize, printed.pixels().map(|p| p[0]).collect());
-    let (rays, mut bytes) = (Rays::of(&CAMERA), Vec::new());
+    let rays = Rays::of(&CAMERA);
+    let mut bytes = Vec::new();
     for n in 0..rests {
         for i in 0..8 {
             let place = between(&rest(n), &rest(n + 1), f64::from(i.min(2)) / 2.0);

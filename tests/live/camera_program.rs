@@ -357,7 +357,8 @@ fn closing_lines_count_the_received_poses() {
     let mut walk = Sender::open(&url, "walk", 100.0, None).unwrap();
     let mut other = Sender::open(&url, "another", 100.0, None).unwrap();
     let noise = UdpSocket::bind("127.0.0.1:0").unwrap();
-    let (until, mut count) = (Instant::now() + Duration::from_secs(60), 0);
+    let until = Instant::now() + Duration::from_secs(60);
+    let mut count = 0;
     while recording.try_wait().unwrap().is_none() {
         assert!(Instant::now() < until, "it goes on");
         // Nobody may listen to the first ones.

@@ -247,7 +247,8 @@ impl Session {
     pub fn freeze(&mut self, ctx: &egui::Context, folder: &Path) {
         let Some(live) = self.live.as_mut().filter(|live| matches!(live.state, LiveState::Showing)) else { return };
         let Some(until_s) = live.newest.as_ref().map(|newest| newest.frame.timestamp_s) else { return };
-        let (latest, mut about) = (live.feed.replay_buffer(until_s), live.feed.about.clone());
+        let latest = live.feed.replay_buffer(until_s);
+        let mut about = live.feed.about.clone();
         // The camera was just resumed, and none of its displayed frames have arrived yet.
         if latest.frames() == 0 {
             return;

@@ -7,7 +7,8 @@ use crate::program;
 #[test]
 fn exports_use_the_settings_at_their_start() {
     let temp = tempfile::tempdir().unwrap();
-    let (mut window, frame) = (demo(), demo_frame(31));
+    let mut window = demo();
+    let frame = demo_frame(31);
     window.state_mut().player_mut().seek(frame);
     settle(&mut window);
     let before = shown_codes(&window);
