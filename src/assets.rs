@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn what_comes_with_the_program_is_found() {
+    fn bundled_files_are_found() {
         assert!(find("scenes/marker-1.glb").is_some() && find("recordings/demo").is_some());
         assert_eq!((find("no such thing"), path("no such thing")), (None, "no such thing".into()));
         let folders = folders();

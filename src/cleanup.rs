@@ -24,13 +24,13 @@ fn list() -> MutexGuard<'static, UndoList> {
     LIST.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Something begun. Undone when dropped, or by [`undo_all`], unless it was finished.
+/// A step that is undone when this is dropped, or by [`undo_all`], unless it was finished.
 #[derive(Debug)]
-pub struct Unfinished {
+pub struct UndoGuard {
     number: u64,
 }
 
-impl Unfinished {
+impl UndoGuard {
     /// Makes a thing and registers its undo in one step: the program cannot be ended between the
     /// two.
     pub fn begin<T, E>(make: impl FnOnce() -> Result<(T, Undo), E>) -> Result<(T, Self), E> {
@@ -55,7 +55,7 @@ impl Unfinished {
     }
 }
 
-impl Drop for Unfinished {
+impl Drop for UndoGuard {
     fn drop(&mut self) {
         let mut list = list();
         if let Some(undo) = list.undo.remove(&self.number) {
@@ -67,11 +67,11 @@ impl Drop for Unfinished {
 /// A folder for output, made with those above it. Unless kept, the ones that were not there before
 /// are removed again, as far as they are empty.
 #[derive(Debug)]
-pub struct MadeFolder(Unfinished);
+pub struct MadeFolder(UndoGuard);
 
 impl MadeFolder {
     pub fn make(folder: &Path) -> io::Result<Self> {
-        let begun = Unfinished::begin(|| {
+        let begun = UndoGuard::begin(|| {
             let is_missing = |at: &&Path| !at.as_os_str().is_empty() && !at.is_dir();
             let missing: Vec<&Path> = folder.ancestors().take_while(is_missing).collect();
             // Only folders made here are removed again. `new/../mine` may name one that was there
@@ -150,12 +150,12 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_finished_is_undone_once() {
+    fn unfinished_steps_are_undone_once() {
         let undone = Arc::new(AtomicU32::new(0));
         let begin = || {
             let undone = Arc::clone(&undone);
             let undo: Undo = Box::new(move || _ = undone.fetch_add(1, Ordering::SeqCst));
-            Unfinished::begin(|| Ok::<_, ()>(((), undo))).unwrap().1
+            UndoGuard::begin(|| Ok::<_, ()>(((), undo))).unwrap().1
         };
         begin().finish(|| Ok::<_, ()>(())).unwrap();
         assert_eq!(undone.load(Ordering::SeqCst), 0);

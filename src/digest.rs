@@ -172,13 +172,13 @@ mod tests {
 
     #[test]
     fn where_a_list_ends_changes_the_digest() {
-        let of = |a: &[u32], b: &[u32]| {
+        let digest_of = |a: &[u32], b: &[u32]| {
             let mut digester = Digester::default();
             digester.add_numbers(a);
             digester.add_numbers(b);
             digester.finish()
         };
-        assert_ne!(of(&[1, 2], &[3]), of(&[1], &[2, 3]));
+        assert_ne!(digest_of(&[1, 2], &[3]), digest_of(&[1], &[2, 3]));
         assert_ne!(digest(&(vec![1u32], vec![2u32])), digest(&(vec![1u32, 2], Vec::<u32>::new())));
     }
 }

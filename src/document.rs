@@ -35,7 +35,7 @@ impl Problem {
         let (line, mut key) = place(text, span.start);
         let mut message = brief(&error.message().trim().replace('\n', "; "));
         if message.starts_with("expected ") {
-            message = format!("{} is refused: {message}", quoted(text.get(span.clone()).unwrap_or_default()));
+            message = format!("{}: {message}", quoted(text.get(span.clone()).unwrap_or_default()));
         }
         // A field that is missing at the top belongs to no key.
         if message.starts_with("missing field") && span.is_empty() {
@@ -102,7 +102,7 @@ impl<T: PartialEq + Serialize + DeserializeOwned> TomlDocument<T> {
         let mut text = self.text.clone();
         merge(text.as_table_mut(), Some(text_of(&self.value)?.as_table()), text_of(&value)?.as_table());
         if read::<T>(&text.to_string())? != value {
-            let message = "the text cannot be edited to say this; write it anew".to_owned();
+            let message = "the text cannot be edited to hold these values; write it anew".to_owned();
             return Err(Problem { line: None, key: String::new(), message });
         }
         (self.text, self.value) = (text, value);
@@ -199,12 +199,12 @@ pub fn merge(old: &mut dyn TableLike, before: Option<&dyn TableLike>, after: &dy
 }
 
 /// An item's full text. A table's own text omits its subtables.
-fn whole(item: Item) -> String {
+fn item_text(item: Item) -> String {
     DocumentMut::from(Table::from_iter([("item", item)])).to_string()
 }
 
 fn merge_item(old: &mut Item, before: Option<&Item>, after: &Item) {
-    if before.is_some_and(|before| whole(before.clone()) == whole(after.clone())) {
+    if before.is_some_and(|before| item_text(before.clone()) == item_text(after.clone())) {
         return;
     }
     if let (Some(old), Some(after)) = (old.as_array_of_tables_mut(), after.as_array_of_tables()) {
@@ -225,7 +225,7 @@ fn merge_item(old: &mut Item, before: Option<&Item>, after: &Item) {
 /// Unchanged tables at both ends stay as they are, whatever was inserted or removed between them.
 fn merge_tables(old: &mut ArrayOfTables, before: Option<&ArrayOfTables>, after: &ArrayOfTables) {
     let text =
-        |tables: &ArrayOfTables| tables.iter().map(|table| whole(Item::Table(table.clone()))).collect::<Vec<_>>();
+        |tables: &ArrayOfTables| tables.iter().map(|table| item_text(Item::Table(table.clone()))).collect::<Vec<_>>();
     let (was, is) = (before.map(text).unwrap_or_default(), text(after));
     if was.len() != old.len() {
         *old = after.clone();
@@ -275,7 +275,7 @@ mod tests {
         # the second\n[[things]]\nat = [1, 2, 3]\nname = 'b'\ncolour = 'red'\n";
 
     #[test]
-    fn an_edit_keeps_what_a_person_wrote() {
+    fn edit_preserves_user_formatting() {
         let mut document = TomlDocument::<Toy>::parse(TEXT).unwrap();
         let mut site = document.value().clone();
         document.set(site.clone()).unwrap();
@@ -333,7 +333,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_written_reads_back(size in any::<f64>(), before in things(), after in things()) {
+        fn written_document_reads_back(size in any::<f64>(), before in things(), after in things()) {
             prop_assume!(size.is_finite());
             let toy = |things| Toy { version: 1, size, things };
             let mut document = TomlDocument::new(toy(before)).unwrap();

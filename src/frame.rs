@@ -193,12 +193,12 @@ impl SpatialGain {
     /// The four nodes around a place, in fractions of the picture's width and height, with their
     /// bilinear weights.
     pub fn weights(at: [f32; 2]) -> [(usize, f32); 4] {
-        let along = |share: f32, nodes: usize| {
+        let node_and_share = |share: f32, nodes: usize| {
             let at = share.clamp(0.0, 1.0) * (nodes - 1) as f32;
             let node = (at as usize).min(nodes - 2);
             (node, at - node as f32)
         };
-        let ((x, right), (y, down)) = (along(at[0], NODES_ACROSS), along(at[1], NODES_DOWN));
+        let ((x, right), (y, down)) = (node_and_share(at[0], NODES_ACROSS), node_and_share(at[1], NODES_DOWN));
         let node = y * NODES_ACROSS + x;
         let [a, b, c, d] = bilinear_weights([right, down]);
         [(node, a), (node + 1, b), (node + NODES_ACROSS, c), (node + NODES_ACROSS + 1, d)]

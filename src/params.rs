@@ -82,7 +82,7 @@ impl fmt::Display for Kind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Bool => write!(f, "true or false"),
-            Self::Number { min, max } => write!(f, "{} to {}", number(*min), number(*max)),
+            Self::Number { min, max } => write!(f, "a number from {} to {}", number(*min), number(*max)),
             Self::Integer { min, max } => {
                 write!(f, "a whole number from {} to {}", number(*min), number(*max))
             }
@@ -201,7 +201,7 @@ fn sentence(words: &str) -> String {
 pub enum ParamError {
     #[error("there is no parameter {table}.{name}; {table} has: {names}")]
     UnknownName { table: String, name: String, names: String },
-    #[error("{table}.{name} = {actual} is refused: expected {accepted}{unit}")]
+    #[error("{table}.{name} = {actual}: expected {accepted}{unit}")]
     Refused { table: String, name: String, actual: String, accepted: String, unit: String },
 }
 
@@ -348,7 +348,7 @@ mod tests {
         demo.set("maybe", &Value::parse("0.25")).unwrap();
         assert_eq!(demo, Demo { amount: 1.5, count: 3, method: Method::Fast, maybe: Some(0.25), grade: 1, more: 1 });
         let error = demo.set("amount", &Value::Number(2.5)).unwrap_err().to_string();
-        assert_eq!(error, "demo.amount = 2.5 is refused: expected 0 to 2 (px)");
+        assert_eq!(error, "demo.amount = 2.5: expected a number from 0 to 2 (px)");
         assert!(demo.set("count", &Value::Number(1.5)).is_err());
         assert!(demo.set("amount", &Value::Number(f64::NAN)).is_err());
         assert!(demo.set("amount", &Value::None).is_err());
@@ -358,7 +358,7 @@ mod tests {
     }
 
     #[test]
-    fn a_choice_may_be_called_what_is_something_else_elsewhere() {
+    fn choice_names_are_not_read_as_switches_or_numbers() {
         let mut demo = Demo::default();
         for (text, method) in [("off", Method::Off), ("2", Method::Two), ("fast", Method::Fast)] {
             demo.set("method", &Value::parse(text)).unwrap();
@@ -390,7 +390,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_felt_by_its_ratio_is_declared() {
+    fn ratio_parameters_are_declared_by_ratio() {
         assert_eq!(
             Demo::default().specs().iter().map(|s| s.by_ratio).collect::<Vec<_>>(),
             [false, false, false, true, false, false]

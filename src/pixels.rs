@@ -314,9 +314,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_small_is_floored_alike() {
-        let beside = |at: f32| [at.next_down(), at, at.next_up()];
-        let places = (-9..=9).flat_map(|n| beside(0.5 * n as f32)).chain([1e6, -1e6].into_iter().flat_map(beside));
+    fn floor_of_small_matches_floor() {
+        let adjacent_floats = |at: f32| [at.next_down(), at, at.next_up()];
+        let places = (-9..=9)
+            .flat_map(|n| adjacent_floats(0.5 * n as f32))
+            .chain([1e6, -1e6].into_iter().flat_map(adjacent_floats));
         for at in places.chain([4e6 + 0.25, -4e6 - 0.25, 0.999_999_9, 1e-30, -1e-30]) {
             assert_eq!((floor(at), floor_of_small(at)), (at.floor() as i32, at.floor() as i32), "{at}");
         }

@@ -8,7 +8,7 @@ use std::sync::mpsc::{Sender, channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
-use crate::cleanup::{Undo, Unfinished};
+use crate::cleanup::{Undo, UndoGuard};
 use crate::text::reason;
 
 /// Number of message lines kept: the first ones name the cause.
@@ -135,7 +135,7 @@ pub struct Running {
     listener: Option<JoinHandle<()>>,
     complaints: Arc<Mutex<Vec<String>>>,
     /// Kills and reaps the child.
-    _unfinished: Unfinished,
+    _unfinished: UndoGuard,
 }
 
 impl Running {
@@ -158,7 +158,7 @@ impl Running {
             std::io::ErrorKind::NotFound => ProgramError::Missing { program: program.to_owned() },
             _ => ProgramError::Start { program: program.to_owned(), source },
         };
-        let ((stdin, stdout, stderr, child), unfinished) = Unfinished::begin(|| {
+        let ((stdin, stdout, stderr, child), unfinished) = UndoGuard::begin(|| {
             let mut child = command.spawn().map_err(failed)?;
             let (stdin, stdout, stderr) = (child.stdin.take(), child.stdout.take(), child.stderr.take());
             let child = Arc::new(Mutex::new(child));

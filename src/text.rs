@@ -149,7 +149,7 @@ pub fn short(number: f64) -> String {
 #[cfg(test)]
 mod tests {
     #[test]
-    fn what_is_said_of_the_command_line_is_left_out() {
+    fn command_line_options_are_omitted() {
         let plain = super::without_options;
         assert_eq!(
             plain("a.png: exists already, and is kept (--force replaces it)"),
@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn what_others_wrote_is_one_short_line() {
+    fn foreign_text_is_one_short_line() {
         assert_eq!(super::quoted("a\x1b[31m\nb\u{202e}é"), "a\\u{1b}[31m\\nb\\u{202e}é");
         let long = super::quoted(&"x".repeat(100_000_000));
         assert!(long.len() < 100 && long.ends_with("x… (100000000 bytes in all)"), "{long}");

@@ -25,7 +25,7 @@ pub fn state() -> Option<PathBuf> {
     named("XDG_STATE_HOME").or_else(|| home().map(|home| home.join(".local/state"))).map(|state| state.join("locard"))
 }
 
-/// Folder of files that can be made again: `LOCARD_CACHE`, or the system's cache folder. The
+/// Folder of files that can be recreated: `LOCARD_CACHE`, or the system's cache folder. The
 /// system's folder of temporary files if the environment names no home.
 pub fn cache() -> PathBuf {
     let of_system = || {

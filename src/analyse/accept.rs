@@ -19,7 +19,7 @@ const SHUTTER_ANGLE: &str = "shutter_angle_deg";
 
 /// Result for one key of a profile.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Accepted {
+pub struct AcceptOutcome {
     /// The key with its table.
     pub key: String,
     pub outcome: Outcome,
@@ -35,7 +35,7 @@ pub enum Outcome {
 }
 
 /// Writes an analysis's estimates of the camera into its profile.
-pub fn accept(findings: &Findings, profile: &mut ProfileFile) -> Vec<Accepted> {
+pub fn accept(findings: &Findings, profile: &mut ProfileFile) -> Vec<AcceptOutcome> {
     let (intrinsics, exposure) = (Intrinsics::default(), CameraExposure::default());
     let time_s = match profile.number(exposure.table(), SHUTTER_ANGLE) {
         Some(_) => Err(format!("the profile has {SHUTTER_ANGLE}, which takes precedence")),
@@ -57,7 +57,7 @@ pub fn accept(findings: &Findings, profile: &mut ProfileFile) -> Vec<Accepted> {
             }
             Err(why) => Outcome::Kept(why),
         };
-        Accepted { key: format!("{table}.{name}"), outcome }
+        AcceptOutcome { key: format!("{table}.{name}"), outcome }
     };
     estimates.map(put).into()
 }

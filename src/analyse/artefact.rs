@@ -115,7 +115,7 @@ pub enum AnalysisError {
 }
 
 /// Default folder of a recording's analysis: beside it, of its name with `.analysis`.
-pub fn beside(recording: &Path) -> PathBuf {
+pub fn default_folder(recording: &Path) -> PathBuf {
     let whole = recording.canonicalize().unwrap_or_else(|_| recording.to_owned());
     let folder = if whole.is_file() { whole.parent().map(Path::to_owned).unwrap_or_default() } else { whole };
     let mut name = folder.file_name().unwrap_or_default().to_owned();
@@ -232,7 +232,7 @@ impl Analysis {
         if findings.registration.is_refined() || findings.registration.motion_px.is_some() {
             let path = folder.join(POSES);
             lines = parse_lines(&records::read(&path)?, &path)?.0;
-            whole(lines.len(), findings.registration.pose_lines, "poses").map_err(|problem| content(&path, problem))?;
+            check_line_count(lines.len(), findings.registration.pose_lines, "poses").map_err(|e| content(&path, e))?;
             track = Some(track_of(&lines).map_err(|error| content(&path, error.to_string()))?);
         }
         let gains = if findings.gain.as_ref().is_some_and(|gain| gain.is_followed) {
@@ -248,7 +248,7 @@ impl Analysis {
             Some(_) => {
                 let (path, expected) = (folder.join(LINKS), findings.registration.link_lines);
                 let links = read_links(&path, findings.frames)?;
-                whole(links.len(), expected, "links").map_err(|problem| content(&path, problem))?;
+                check_line_count(links.len(), expected, "links").map_err(|problem| content(&path, problem))?;
                 links
             }
             None => Vec::new(),
@@ -419,7 +419,7 @@ pub fn gain_factors(gains: &[Option<[f64; 3]>]) -> Vec<[f64; 3]> {
 }
 
 /// Checks the number of a file's lines.
-fn whole(length: usize, written: usize, of: &str) -> Result<(), String> {
+fn check_line_count(length: usize, written: usize, of: &str) -> Result<(), String> {
     if length == written { Ok(()) } else { Err(format!("it has {length} {of}, {written} were written")) }
 }
 

@@ -86,9 +86,10 @@ impl BlurFrame {
         let (width, height) = model.size();
         let (across, down) = (width.div_ceil(CLIP_CELL_PX) as i64, height.div_ceil(CLIP_CELL_PX) as i64);
         let (cx, cy) = ((x / CLIP_CELL_PX as f64) as i64, (y / CLIP_CELL_PX as f64) as i64);
-        let inside = |x: i64, y: i64| x >= 0 && y >= 0 && x < across && y < down;
+        let is_in_picture = |x: i64, y: i64| x >= 0 && y >= 0 && x < across && y < down;
         (-1..=1).any(|dy| {
-            (-1..=1).any(|dx| inside(cx + dx, cy + dy) && self.is_clipped[((cy + dy) * across + cx + dx) as usize])
+            (-1..=1)
+                .any(|dx| is_in_picture(cx + dx, cy + dy) && self.is_clipped[((cy + dy) * across + cx + dx) as usize])
         })
     }
 }

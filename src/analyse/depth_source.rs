@@ -13,7 +13,7 @@ use crate::site::ScannedSite;
 pub enum DepthSource<'a> {
     /// Depth that follows from a single frame.
     Single(SingleFrameDepth<'a>),
-    /// Without a depth sensor.
+    /// Depth swept from pictures, without a depth sensor.
     Swept(Box<PlaneSweep<'a>>),
 }
 

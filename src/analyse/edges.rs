@@ -41,12 +41,12 @@ pub struct EdgeLine {
 }
 
 /// The edges of a picture of linear light, at most `max_lines`, none of them near a clipped pixel.
-/// `wanted` preselects them by their middle and normal.
+/// `is_candidate` preselects them by their middle and normal.
 pub fn edges(
     light: &GreyImage,
     is_clipped: &[bool],
     max_lines: usize,
-    wanted: impl Fn(usize, usize, [f32; 2]) -> bool,
+    is_candidate: impl Fn(usize, usize, [f32; 2]) -> bool,
 ) -> Vec<EdgeLine> {
     let (w, h) = (light.width, light.height);
     let (along, down) = light.filtered(&gaussian(SMOOTHING_SIGMA_PX)).sobel();
@@ -63,8 +63,9 @@ pub fn edges(
                 continue;
             }
             let n = [along.values[i] / steep, down.values[i] / steep];
-            let beside = |by: f32| slope.sample_inside(x as f32 + by * n[0], y as f32 + by * n[1]).unwrap_or(f32::MAX);
-            if steep >= beside(1.0) && steep > beside(-1.0) {
+            let slope_across =
+                |by: f32| slope.sample_inside(x as f32 + by * n[0], y as f32 + by * n[1]).unwrap_or(f32::MAX);
+            if steep >= slope_across(1.0) && steep > slope_across(-1.0) {
                 ridge.push((i, n));
             }
         }
@@ -78,7 +79,7 @@ pub fn edges(
         if lines.len() == max_lines || looked == MAX_CANDIDATES {
             break;
         }
-        if is_taken[i] || !wanted(x, y, n) {
+        if is_taken[i] || !is_candidate(x, y, n) {
             continue;
         }
         looked += 1;

@@ -17,11 +17,11 @@ pub fn held_out_residuals(
     after: &[Option<CameraState>],
     used: &[Option<CameraState>],
 ) -> Vec<HeldOutResidual> {
-    let of = |link: &Link| {
+    let residual = |link: &Link| {
         let (recorded_px, refined_px) = (residual_px(link, before, used)?, residual_px(link, after, used)?);
         Some(HeldOutResidual { from: link.from, to: link.to, recorded_px, refined_px })
     };
-    links.iter().filter_map(of).collect()
+    links.iter().filter_map(residual).collect()
 }
 
 /// Median residual of the poses of `states`, px, by links that were aligned with the poses `used`.

@@ -281,7 +281,7 @@ impl PoseFindings {
     }
 
     /// Recorded poses that could not be checked, with the reason.
-    pub fn kept(why: String) -> Self {
+    pub fn unchecked(why: String) -> Self {
         Self {
             poses: RECORDED_POSES.to_owned(),
             why: Some(why),
@@ -472,11 +472,11 @@ impl Findings {
         }
         if let Some(shutter) = &self.shutter {
             lines.extend(shutter.why.iter().map(|why| ("exposure", format!("unknown: {why}"))));
-            let of = |run: &ExposureRun| match shutter.runs.len() {
+            let run_text = |run: &ExposureRun| match shutter.runs.len() {
                 1 => shutter.about(run),
                 _ => format!("frames {} to {}, {}", run.from, run.to - 1, shutter.about(run)),
             };
-            lines.extend(shutter.runs.iter().map(|run| ("exposure", of(run))));
+            lines.extend(shutter.runs.iter().map(|run| ("exposure", run_text(run))));
         }
         let gain = self.gain.as_ref().map(GainFindings::to_string);
         lines.push(("gain", gain.unwrap_or_else(|| format!("unknown: {}", self.no_gain()))));

@@ -66,7 +66,7 @@ mod tests {
             poses: verdict.to_owned(),
             recorded_px: Some(2.9),
             refined_px: Some(0.13),
-            ..PoseFindings::kept(String::new())
+            ..PoseFindings::unchecked(String::new())
         }
     }
 
@@ -75,7 +75,7 @@ mod tests {
         assert_eq!(path(&poses("refined")), "camera path residual 2.90 -> 0.13 px");
         assert_eq!(path(&poses("right")), "camera path kept as recorded (residual 2.90 px)");
         assert_eq!(path(&poses("refused")), "camera path kept as recorded");
-        let moved = PoseFindings { motion_px: Some(0.2), ..PoseFindings::kept(String::new()) };
+        let moved = PoseFindings { motion_px: Some(0.2), ..PoseFindings::unchecked(String::new()) };
         assert_eq!(path(&moved), "camera path kept as recorded, its motion refined");
     }
 

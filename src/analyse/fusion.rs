@@ -45,7 +45,7 @@ pub fn surfels(inputs: &LightInputs<'_>, times: &mut Times) -> Result<Vec<[f32; 
         let mut is_solid = vec![false; surfaces.len()];
         over_rows(&mut is_solid, VOXELS_PER_BLOCK, inputs.threads, |block, is_solid| {
             for (is_solid, voxel) in is_solid.iter_mut().zip(&surfaces[block * VOXELS_PER_BLOCK..]) {
-                *is_solid = !is_seen_through(inputs.model, &tested, voxel.at);
+                *is_solid = !is_seen_through(inputs.model, &tested, voxel.position_m);
             }
         });
         let solid = surfaces.iter().zip(is_solid).filter(|(_, is_solid)| *is_solid);
@@ -68,7 +68,7 @@ fn is_seen_through(model: &CameraModel, depths: &[&CoarseDepth], point: DVec3) -
 
 fn surfel(voxel: &Voxel) -> Surfel {
     Surfel {
-        position_m: voxel.at.as_vec3(),
+        position_m: voxel.position_m.as_vec3(),
         normal: voxel.normal.as_vec3(),
         sqrt_color: voxel.median.map(|light| light.max(0.0).sqrt()),
     }

@@ -22,6 +22,8 @@
 //! the picture: [`spatial_gain`]. Not modelled: flickering lamps, moving objects that fill the
 //! frame.
 
+mod prepare;
+
 use std::collections::VecDeque;
 
 use glam::DVec3;
@@ -31,13 +33,12 @@ use super::camera_model::CameraModel;
 use super::capture_info::CaptureInfo;
 use super::noise_level::{share_kept, variance_bound};
 use super::spatial_gain::{self, SpatialGainPair};
-use super::state::{CameraState, move_point, project_rolling_shutter};
+use super::state::{CameraState, project_rolling_shutter};
 use super::tone::{self, ToneSample};
-use super::view::scattered;
 use crate::camera::{NoiseProfile, Response};
 use crate::fit::quantile::{median_and_sigma, upper_median};
 use crate::frame::Frame;
-use crate::grey_image::{GreyImage, gaussian};
+use crate::grey_image::GreyImage;
 use crate::parallel::over_rows;
 use crate::recording::Landmark;
 use crate::text::count;
@@ -220,7 +221,7 @@ impl<'a> Gains<'a> {
 
     /// `depth`: at the frame's time and pixels. `landmarks`: those of the recording in this frame.
     pub fn add(&mut self, frame: &Frame, state: CameraState, depth: &[f32], landmarks: &[Landmark]) {
-        let new = self.prepared(frame, state, depth, landmarks);
+        let new = self.prepare_frame(frame, state, depth, landmarks);
         let window = &self.window;
         let mut results: Vec<(usize, PairResult)> = self
             .gaps
@@ -248,68 +249,6 @@ impl<'a> Gains<'a> {
         while self.window.front().is_some_and(|old| old.index + reach <= frame.index) {
             self.window.pop_front();
         }
-    }
-
-    fn halvings(&self) -> usize {
-        let width = self.model.size().0;
-        (0..).find(|n| width >> n <= MAX_WIDTH_PX).unwrap_or(0)
-    }
-
-    fn prepared(&self, frame: &Frame, state: CameraState, depth: &[f32], landmarks: &[Landmark]) -> GainFrame {
-        let halvings = self.halvings();
-        let colours = [0, 1, 2].map(|channel| {
-            let mut plane = GreyImage::of_channel(&frame.pixels, channel);
-            for _ in 0..halvings {
-                plane = plane.halved();
-            }
-            plane.filtered(&gaussian(BLUR_PX))
-        });
-        let noise = [0, 1, 2].map(|channel| self.noise_sigma(&colours[channel], channel, halvings));
-        let (w, h) = (colours[0].width, colours[0].height);
-        let (width, _) = self.model.size();
-        let scale = 1usize << halvings;
-        let small: Vec<f32> = (0..w * h).map(|i| depth[(i / w) * scale * width + (i % w) * scale]).collect();
-        let mut sound = Vec::new();
-        for y in 2..h.saturating_sub(2) {
-            for x in 2..w.saturating_sub(2) {
-                let i = y * w + x;
-                let is_sound = |plane: &GreyImage| {
-                    let v = &plane.values;
-                    let slope = (0.5 * (v[i + 1] - v[i - 1])).hypot(0.5 * (v[i + w] - v[i - w]));
-                    v[i] > CODES.0 && v[i] < CODES.1 && slope < MAX_GRADIENT
-                };
-                if small[i] > 0.0 && colours.iter().all(is_sound) {
-                    sound.push(i);
-                }
-            }
-        }
-        if sound.len() > MAX_POINTS {
-            sound.sort_unstable_by_key(|i| (scattered(*i as u64), *i));
-            sound.truncate(MAX_POINTS);
-        }
-        let point = |i: usize| {
-            let (x, y) = ((i % w) * scale, (i / w) * scale);
-            let there = f64::from(small[i]) * DVec3::from(self.model.rays[y * width + x].map(f64::from));
-            let at = move_point(there, &state.twist, self.model.geometry.row_time_s(y as f64 + 0.5));
-            let codes = [0, 1, 2].map(|c| colours[c].values[i]);
-            GainPoint { at, sample: self.sample([(i % w) as f32 / w as f32, (i / w) as f32 / h as f32], codes) }
-        };
-        let points = sound.into_iter().map(point).collect();
-        let mut landmarks: Vec<&Landmark> = landmarks.iter().collect();
-        if landmarks.len() > MAX_LANDMARKS {
-            landmarks.sort_unstable_by_key(|landmark| scattered(landmark.number));
-            landmarks.truncate(MAX_LANDMARKS);
-        }
-        let landmark = |landmark: &&Landmark| {
-            let [x, y] = landmark.at_px.map(|px| (px - 0.5) / scale as f32);
-            let [red, green, blue] = [0, 1, 2].map(|c| colours[c].sample_inside(x, y));
-            let codes = [red?, green?, blue?];
-            let is_sound = codes.iter().all(|code| *code > CODES.0 && *code < CODES.1);
-            is_sound.then(|| (landmark.number, self.sample([x / w as f32, y / h as f32], codes)))
-        };
-        let mut landmarks: Vec<_> = landmarks.iter().filter_map(landmark).collect();
-        landmarks.sort_by_key(|(number, _)| *number);
-        GainFrame { index: frame.index, state, colours, noise, depth: small, points, landmarks }
     }
 
     /// Upper bound on the noise of a reduced, smoothed picture, codes

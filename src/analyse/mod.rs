@@ -67,8 +67,8 @@ mod trajectory;
 mod view;
 mod warp_mesh;
 
-pub use accept::{Accepted, Outcome, accept};
-pub use artefact::{Analysis, AnalysisError, ENVIRONMENT, FILE_NAME, beside, digest};
+pub use accept::{AcceptOutcome, Outcome, accept};
+pub use artefact::{Analysis, AnalysisError, ENVIRONMENT, FILE_NAME, default_folder, digest};
 pub(crate) use blur_frame::unit_noise;
 pub(crate) use camera_model::is_same_surface;
 pub use capture_info::CaptureInfo;

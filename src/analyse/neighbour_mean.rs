@@ -227,7 +227,7 @@ pub mod tests {
     }
 
     #[test]
-    fn mean_of_neighbours_follows_exposure_and_leaves_out_what_moved() {
+    fn neighbour_mean_follows_exposure_and_excludes_motion() {
         let model = CameraModel::new(Geometry::pinhole(WIDTH as u32, HEIGHT as u32, 100.0));
         let own = neighbour(0.0, 0, 1.0);
         let state = CameraState { world_from_camera: DAffine3::IDENTITY, twist: Twist::zeros() };

@@ -120,15 +120,15 @@ pub fn examples(inputs: &ExampleInputs<'_>) -> Result<Result<NoiseExamples, Stri
     }
     let has_neighbours = inputs.has_poses && inputs.recording.has_depth() && !inputs.model.geometry.needs_cube_map();
     if has_neighbours {
-        let wanted = possible.min(FRAMES);
+        let max_frames = possible.min(FRAMES);
         let examples =
-            of_frames(inputs, wanted, ExampleOrigin::Neighbours, by_neighbours, "repeats in its neighbours")?;
+            of_frames(inputs, max_frames, ExampleOrigin::Neighbours, by_neighbours, "repeats in its neighbours")?;
         if examples.is_ok() {
             return Ok(examples);
         }
     }
-    let wanted = possible.min(TEXTURELESS_FRAMES);
-    of_frames(inputs, wanted, ExampleOrigin::Textureless, by_textureless_places, "is without texture")
+    let max_frames = possible.min(TEXTURELESS_FRAMES);
+    of_frames(inputs, max_frames, ExampleOrigin::Textureless, by_textureless_places, "is without texture")
 }
 
 /// Examples of the stretch at rest. The inner error is the reason for which there are none.
@@ -152,11 +152,11 @@ fn of_rest(inputs: &ExampleInputs<'_>) -> Result<Result<NoiseExamples, String>, 
     Ok(NoiseExamples::of(&finished.model, ExampleOrigin::Rest, frames, finished.usable_share, None))
 }
 
-/// Examples of up to `wanted` frames by a method; `usable_places` describes its places. The inner
-/// error is the reason for which there are none.
+/// Examples of up to `max_frames` frames by a method; `usable_places` describes its places. The
+/// inner error is the reason for which there are none.
 fn of_frames(
     inputs: &ExampleInputs<'_>,
-    wanted: usize,
+    max_frames: usize,
     origin: ExampleOrigin,
     method: impl Fn(&ExampleInputs<'_>, usize) -> Result<Result<FrameExample, String>, RegistrationError>,
     usable_places: &str,
@@ -164,7 +164,7 @@ fn of_frames(
     let mut examples: Vec<FrameExample> = Vec::new();
     let (mut usable, mut products) = (0.0, [0.0; 2]);
     let mut why = None;
-    for target in targets(inputs, wanted) {
+    for target in targets(inputs, max_frames) {
         match method(inputs, target)? {
             Ok(example) => {
                 let frame = &example.0;
@@ -194,11 +194,11 @@ fn of_frames(
 }
 
 /// Frames that give examples: those with the slowest camera, or evenly spaced ones without poses.
-fn targets(inputs: &ExampleInputs<'_>, wanted: usize) -> Vec<usize> {
+fn targets(inputs: &ExampleInputs<'_>, max_frames: usize) -> Vec<usize> {
     if inputs.has_poses {
-        return stillest_frames(inputs.states, wanted);
+        return stillest_frames(inputs.states, max_frames);
     }
-    inputs.recording.spread_frames(wanted).collect()
+    inputs.recording.spread_frames(max_frames).collect()
 }
 
 /// A frame with its picture without noise, its coding, and two sums: of the products of its
@@ -409,7 +409,7 @@ mod tests {
             .unwrap();
         let recording = Recording::open(temp.path(), &OpenOptions::default()).unwrap();
         let model = CameraModel::new(Geometry::pinhole(SIDE, SIDE, 150.0));
-        let of = |rest: Range<usize>| {
+        let examples_of_rest = |rest: Range<usize>| {
             let states = &[None; MIN_REST_FRAMES];
             let (noise, threads) = (&table(), 1);
             let inputs = ExampleInputs {
@@ -424,9 +424,9 @@ mod tests {
             };
             examples(&inputs).unwrap().unwrap().findings
         };
-        let at_rest = of(0..MIN_REST_FRAMES);
+        let at_rest = examples_of_rest(0..MIN_REST_FRAMES);
         assert_eq!((at_rest.origin, at_rest.frames, at_rest.why), (ExampleOrigin::Rest, MIN_REST_FRAMES, None));
-        let in_motion = of(0..0);
+        let in_motion = examples_of_rest(0..0);
         assert_eq!((in_motion.origin, in_motion.why.as_deref()), (ExampleOrigin::Textureless, None));
         assert!(in_motion.usable_share > 0.9 && in_motion.to_string().contains("without texture"), "{in_motion}");
     }

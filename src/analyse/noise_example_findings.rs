@@ -22,7 +22,7 @@ pub enum ExampleOrigin {
     Neighbours,
     /// By a smooth picture, in textureless places alone.
     Textureless,
-    /// By the mean of a stretch at rest.
+    /// The mean of a stretch at rest is the noiseless picture.
     Rest,
 }
 

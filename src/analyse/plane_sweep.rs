@@ -116,13 +116,13 @@ impl<'a> PlaneSweep<'a> {
         over_rows(&mut costs, w * PLANES, self.threads, |y, row| row_costs(small, &mapped, y, row));
         let planes = sigma_filtered(&semi_global_planes(&costs, w, h, self.threads), w, self.threads);
         let scale = width.div_ceil(w).max(1);
-        let of = |i: usize| {
+        let pixel_depth = |i: usize| {
             let plane = planes[(i / width / scale).min(h - 1) * w + (i % width / scale).min(w - 1)];
             // Clamped to a quarter of a plane: the first plane stands for all depths up to
             // infinity.
             (1.0 / (self.step * f64::from(plane).max(0.25)).max(1e-9)) as f32
         };
-        Ok((0..width * height).map(of).collect())
+        Ok((0..width * height).map(pixel_depth).collect())
     }
 
     /// Projects the cell corners of the reduced picture into another frame for each plane.

@@ -144,10 +144,10 @@ mod tests {
     /// lack 1 mm by turns, which links see; links of the fast frame err by `error_m` besides.
     fn corrections_m(fast_m_per_s: f64, error_m: f64) -> Vec<f64> {
         const FAST: usize = 6;
-        let along = |m: f64| twist::twist(DVec3::X * m, DVec3::ZERO);
+        let twist_along_x = |m: f64| twist::twist(DVec3::X * m, DVec3::ZERO);
         let lacking = |n: usize| if n.is_multiple_of(2) { 0.5e-3 } else { -0.5e-3 };
         let state = |n: usize| {
-            let twist = if n == FAST { along(fast_m_per_s) } else { Twist::zeros() };
+            let twist = if n == FAST { twist_along_x(fast_m_per_s) } else { Twist::zeros() };
             Some(CameraState { world_from_camera: DAffine3::IDENTITY, twist })
         };
         let states: Vec<_> = (0..12).map(state).collect();
@@ -158,7 +158,7 @@ mod tests {
                     .into_iter()
                     .find(|(n, _)| *n == FAST)
                     .map_or(0.0, |(_, sign)| sign * error_m);
-                link(from, to, along(lacking(from) - lacking(to) + error))
+                link(from, to, twist_along_x(lacking(from) - lacking(to) + error))
             })
             .collect();
         let corrections = solve(&links, &states, &[Twist::zeros(); 12], 0.01).unwrap();

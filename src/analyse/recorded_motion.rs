@@ -51,9 +51,9 @@ pub struct RecordedMotion<'a> {
 
 impl RecordedMotion<'_> {
     fn at(&self, time_s: f64) -> Option<DAffine3> {
-        let of = |by_s: f64| Some(world_from_camera(&self.track.at(time_s + self.later_s + by_s).ok()?));
-        let here = of(0.0)?;
-        let offset = |k: i32| Some(twist::log(&(here.inverse() * of(AVERAGE_STEP_S * f64::from(k))?)));
+        let pose_after = |by_s: f64| Some(world_from_camera(&self.track.at(time_s + self.later_s + by_s).ok()?));
+        let here = pose_after(0.0)?;
+        let offset = |k: i32| Some(twist::log(&(here.inverse() * pose_after(AVERAGE_STEP_S * f64::from(k))?)));
         // At the track's ends, where samples are missing, nothing is averaged.
         let all = (-AVERAGE_SAMPLES_PER_SIDE..=AVERAGE_SAMPLES_PER_SIDE).map(offset).collect::<Option<Vec<Twist>>>();
         let mean = all.map_or(Twist::zeros(), |all| all.iter().sum::<Twist>() / all.len() as f64);

@@ -18,7 +18,7 @@ use super::clocks::{
 };
 use super::evaluation::{align_gauge, copy_repeated_states, held_out_residuals, median_residual_px};
 use super::interrupted::Interrupted;
-use super::links::LinkPass;
+use super::links::{LinkPass, Links};
 use super::motion_only;
 use super::pass_runner::PassRunner;
 use super::pose_graph;
@@ -107,35 +107,7 @@ pub fn register(
     let model = CameraModel::new(shared.geometry.clone());
     let linked = runner.links(times::LINKS, &model, &start, shared.depth_later_s, first)?;
     (registration.links, registration.missing) = (linked.good.len(), linked.refused);
-    let whole = linked.good.len() + linked.refused;
-    let comparable = whole - linked.few_points;
-    let mismatched = linked.refused - linked.few_points;
-    let share = 100.0 * linked.refused as f64 / whole.max(1) as f64;
-    if linked.refused as f64 > MAX_MISSING_SHARE * whole as f64
-        && mismatched as f64 <= MAX_MISSING_SHARE * comparable as f64
-    {
-        let others = match comparable {
-            0 => String::new(),
-            _ => format!(". Of the others {:.0} % fit", 100.0 * linked.good.len() as f64 / comparable as f64),
-        };
-        let why = format!(
-            "{share:.0} % of the links between frames cannot be made (at most {:.0} %): where the poses put them, {} pairs of \
-             frames share too little that has texture and depth; blank surfaces, much blur or steps between frames do that{others}",
-            100.0 * MAX_MISSING_SHARE,
-            linked.few_points
-        );
-        return refused(why, registration);
-    }
-    if linked.refused as f64 > MAX_MISSING_SHARE * whole as f64 {
-        // Links between pictures of little contrast are no evidence against the poses.
-        let faint =
-            if 2 * linked.faint > linked.refused { "the pictures' contrast is hardly above their noise, " } else { "" };
-        let why = format!(
-            "{share:.0} % of the links between frames do not fit (at most {:.0} %): {faint}the poses, the focal length \
-             or the depth do not belong to this recording, its frames are out of order, or something that fills much \
-             of the picture moves",
-            100.0 * MAX_MISSING_SHARE
-        );
+    if let Some(why) = missing_links(&linked) {
         return refused(why, registration);
     }
     let none = vec![Twist::zeros(); frames];
@@ -182,6 +154,38 @@ pub fn register(
         registration.repeats = shared.repeats;
     }
     Ok(registration)
+}
+
+/// The reason for which too many links are missing, if they are.
+fn missing_links(links: &Links) -> Option<String> {
+    let all = links.good.len() + links.refused;
+    if links.refused as f64 <= MAX_MISSING_SHARE * all as f64 {
+        return None;
+    }
+    let comparable = all - links.few_points;
+    let mismatched = links.refused - links.few_points;
+    let share = 100.0 * links.refused as f64 / all.max(1) as f64;
+    if mismatched as f64 <= MAX_MISSING_SHARE * comparable as f64 {
+        let others = match comparable {
+            0 => String::new(),
+            _ => format!(". Of the others {:.0} % fit", 100.0 * links.good.len() as f64 / comparable as f64),
+        };
+        return Some(format!(
+            "{share:.0} % of the links between frames cannot be made (at most {:.0} %): where the poses put them, {} pairs of \
+             frames share too little that has texture and depth; blank surfaces, much blur or steps between frames do that{others}",
+            100.0 * MAX_MISSING_SHARE,
+            links.few_points
+        ));
+    }
+    // Links between pictures of little contrast are no evidence against the poses.
+    let faint =
+        if 2 * links.faint > links.refused { "the pictures' contrast is hardly above their noise, " } else { "" };
+    Some(format!(
+        "{share:.0} % of the links between frames do not fit (at most {:.0} %): {faint}the poses, the focal length \
+         or the depth do not belong to this recording, its frames are out of order, or something that fills much \
+         of the picture moves",
+        100.0 * MAX_MISSING_SHARE
+    ))
 }
 
 const NO_SOLUTION: &str = "the links' equations have no solution";

@@ -91,11 +91,11 @@ impl Registration {
 /// Recorded states, one per frame, read `later_s` after the frame's time. Where the track has a
 /// pose at the frame's time and none at the later one, the state is extrapolated.
 pub fn recorded(recording: &Recording, later_s: f64) -> Vec<Option<CameraState>> {
-    let of = |&time_s: &f64| {
+    let state_at = |&time_s: &f64| {
         let beyond = || CameraState::of(&recording.track, time_s).map(|state| state.extrapolated(later_s));
         CameraState::of(&recording.track, time_s + later_s).or_else(|_| beyond()).ok()
     };
-    recording.timestamps_s.iter().map(of).collect()
+    recording.timestamps_s.iter().map(state_at).collect()
 }
 
 /// Why registration ended early.

@@ -193,13 +193,13 @@ mod tests {
 
     #[test]
     fn hand_eye_offset_within_its_uncertainty_is_not_significant() {
-        let of = |sigmas: f64| RigOffset {
+        let rig_offset = |sigmas: f64| RigOffset {
             hand_eye: Twist::repeat(0.001 * sigmas),
             clock_s: 0.0,
             hand_eye_sigma: Twist::repeat(0.001),
             clock_sigma_s: 0.0,
         };
         // Sums of 73.5 and 75.3.
-        assert!(!of(3.5).is_hand_eye_significant() && of(3.55).is_hand_eye_significant());
+        assert!(!rig_offset(3.5).is_hand_eye_significant() && rig_offset(3.55).is_hand_eye_significant());
     }
 }

@@ -8,12 +8,12 @@ use crate::recording::{Recording, RecordingError};
 /// Longest gap that is decoded and discarded, frames. The reader restarts after longer ones.
 const MAX_DECODED_GAP: usize = 8;
 
-/// Reads the frames `wanted`, which ascend. The result can contain others in between.
+/// Reads the frames of ascending indices. The result can contain others in between.
 pub fn frames(
     recording: &Recording,
-    wanted: impl Iterator<Item = usize>,
+    indices: impl Iterator<Item = usize>,
 ) -> impl Iterator<Item = Result<Frame, RecordingError>> {
-    runs(wanted).into_iter().flat_map(|run| -> Box<dyn Iterator<Item = _>> {
+    runs(indices).into_iter().flat_map(|run| -> Box<dyn Iterator<Item = _>> {
         match recording.frames(run) {
             Ok(frames) => Box::new(frames),
             Err(error) => Box::new(std::iter::once(Err(error))),
@@ -21,9 +21,9 @@ pub fn frames(
     })
 }
 
-fn runs(wanted: impl Iterator<Item = usize>) -> Vec<Range<usize>> {
+fn runs(indices: impl Iterator<Item = usize>) -> Vec<Range<usize>> {
     let mut runs: Vec<Range<usize>> = Vec::new();
-    for n in wanted {
+    for n in indices {
         match runs.last_mut() {
             Some(last) if n <= last.end + MAX_DECODED_GAP => last.end = n + 1,
             _ => runs.push(n..n + 1),

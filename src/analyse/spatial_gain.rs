@@ -102,10 +102,10 @@ pub fn of_pair(from: usize, to: usize, samples: &[RatioSample], ratio: f64) -> S
 
 /// The field of each frame, and its fit to held-out pairs; `None` without fitted or held-out pairs.
 pub fn solve(pairs: &[SpatialGainPair], frames: usize) -> Option<(Vec<SpatialGain>, SpatialGainFit)> {
-    let of = |gaps: &[usize]| -> Vec<GainConstraint> {
+    let constraints = |gaps: &[usize]| -> Vec<GainConstraint> {
         pairs.iter().filter(|pair| gaps.contains(&(pair.to - pair.from))).flat_map(GainConstraint::of).collect()
     };
-    let (fitted, held_out) = (of(&GAPS), of(&HELD_OUT));
+    let (fitted, held_out) = (constraints(&GAPS), constraints(&HELD_OUT));
     if fitted.is_empty() || held_out.is_empty() {
         return None;
     }

@@ -353,11 +353,11 @@ mod tests {
 
     #[test]
     fn rendered_edge_with_compensated_sigma_measures_as_intended() {
-        for wanted in [0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.3, 2.0] {
-            let set = sigma_for_measured_px(wanted);
+        for expected in [0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.3, 2.0] {
+            let set = sigma_for_measured_px(expected);
             let all = [5.0, 12.0, 20.0, 30.0, 40.0].map(|angle| measured_px(set, angle));
             let mean = all.iter().sum::<f64>() / 5.0;
-            assert!((mean - wanted).abs() < 0.01, "{wanted} px: {set} px measures {all:?}");
+            assert!((mean - expected).abs() < 0.01, "{expected} px: {set} px measures {all:?}");
         }
         assert_eq!((sigma_for_measured_px(0.0), sigma_for_measured_px(20.0)), (0.0, 8.0));
     }

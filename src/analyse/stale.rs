@@ -97,7 +97,7 @@ impl Analysis {
             let why = format!("{} left out, found with {}", names.join(", "), stale.why);
             if stale.registration {
                 self = self.without_registration();
-                self.findings.registration = PoseFindings::kept(why.clone());
+                self.findings.registration = PoseFindings::unchecked(why.clone());
             }
             if stale.surfels {
                 (self.surfels, self.findings.surfels) = (None, None);
@@ -142,21 +142,21 @@ mod tests {
         let findings = findings();
         let same = findings.made_with.clone();
         assert!(findings.stale(&same).is_empty());
-        let of = |now: Dependencies| {
+        let stale_estimate = |now: Dependencies| {
             let stale = findings.stale(&now);
             assert_eq!(stale.len(), 1, "{stale:?}");
             assert_eq!(stale[0].surfels, stale[0].registration, "both follow the poses");
             ((stale[0].registration, stale[0].shutter, stale[0].light), stale[0].why.clone())
         };
-        let (stale, why) = of(Dependencies { metres_per_unit: 0.4, ..same.clone() });
+        let (stale, why) = stale_estimate(Dependencies { metres_per_unit: 0.4, ..same.clone() });
         assert_eq!(stale, (true, false, true));
         assert!(why.contains("a unit of 0.5 m, which is 0.4 m now") && why.contains("--metres-per-unit 0.4"), "{why}");
-        assert_eq!(of(Dependencies { up: Some([0.0, 1.0, 0.0]), ..same.clone() }).0, (false, false, true));
-        assert_eq!(of(Dependencies { up: None, ..same.clone() }).0, (false, false, true));
-        assert_eq!(of(Dependencies { has_times: true, ..same.clone() }).0, (true, true, false));
-        assert_eq!(of(Dependencies { is_metric: true, ..same.clone() }).0, (true, false, true));
+        assert_eq!(stale_estimate(Dependencies { up: Some([0.0, 1.0, 0.0]), ..same.clone() }).0, (false, false, true));
+        assert_eq!(stale_estimate(Dependencies { up: None, ..same.clone() }).0, (false, false, true));
+        assert_eq!(stale_estimate(Dependencies { has_times: true, ..same.clone() }).0, (true, true, false));
+        assert_eq!(stale_estimate(Dependencies { is_metric: true, ..same.clone() }).0, (true, false, true));
         // Without depth nothing was found by a length, and the unit may be any.
-        let registration = PoseFindings::kept("there is no depth to align them by".to_owned());
+        let registration = PoseFindings::unchecked("there is no depth to align them by".to_owned());
         let without = Findings { registration, light: None, surfels: None, ..findings.clone() };
         let shorter = Dependencies { metres_per_unit: 0.4, up: None, ..same };
         assert!(without.stale(&shorter).is_empty());

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use crate::sink::atomic::write_atomically;
 use crate::source::file;
 
-/// Beside an analysis' other files.
+/// File of the durations, beside an analysis' other files.
 pub const FILE: &str = "times.txt";
 /// Largest accepted file, bytes, and largest number of its lines.
 const MAX_FILE_BYTES: u64 = 1 << 14;
@@ -70,7 +70,7 @@ impl Times {
     }
 
     /// Reads the durations beside an analysis; `None` without a valid file.
-    pub fn kept(folder: &Path) -> Option<Self> {
+    pub fn read(folder: &Path) -> Option<Self> {
         let text = file::read_text(&folder.join(FILE), MAX_FILE_BYTES).ok()?;
         let part = |line: &str| {
             let (seconds, part) = line.split_once(' ')?;
@@ -102,15 +102,15 @@ mod tests {
     #[test]
     fn written_durations_are_read_back_and_invalid_files_are_ignored() {
         let folder = tempfile::tempdir().unwrap();
-        assert!(Times::kept(folder.path()).is_none());
+        assert!(Times::read(folder.path()).is_none());
         let mut times = Times::default();
         times.add(LINKS, Duration::from_millis(1500));
         times.add(READING, Duration::from_millis(20));
         times.keep(folder.path());
-        assert_eq!(Times::kept(folder.path()).unwrap().parts(), times.parts());
+        assert_eq!(Times::read(folder.path()).unwrap().parts(), times.parts());
         for wrong in ["", "nonsense\n", "-1 a part\n", "1e999 a part\n"] {
             std::fs::write(folder.path().join(FILE), wrong).unwrap();
-            assert!(Times::kept(folder.path()).is_none(), "{wrong}");
+            assert!(Times::read(folder.path()).is_none(), "{wrong}");
         }
     }
 }

@@ -90,7 +90,7 @@ fn band_of(code: f32) -> Option<usize> {
 
 /// The bands with enough samples, in order, or the reason for which there are none.
 pub fn bands(samples: &[ToneSample]) -> Result<Vec<ToneBand>, String> {
-    let of = |band: usize| -> Option<(f64, f64)> {
+    let band_slope = |band: usize| -> Option<(f64, f64)> {
         let slopes = samples.iter().filter(|toned| toned.band == band).map(|toned| toned.slope);
         let mut frames: Vec<usize> =
             samples.iter().filter(|toned| toned.band == band).map(|toned| toned.frame).collect();
@@ -100,13 +100,13 @@ pub fn bands(samples: &[ToneSample]) -> Result<Vec<ToneBand>, String> {
         let (middle, spread) = median_and_sigma(slopes);
         (frames.len() >= MIN_FRAMES).then(|| (middle, 1.2533 * spread / (frames.len() as f64).sqrt()))
     };
-    let middle: Vec<f64> = MIDDLE_BANDS.iter().filter_map(|band| of(*band)).map(|(slope, _)| slope).collect();
+    let middle: Vec<f64> = MIDDLE_BANDS.iter().filter_map(|band| band_slope(*band)).map(|(slope, _)| slope).collect();
     let whole = middle.iter().sum::<f64>() / middle.len().max(1) as f64;
     if middle.is_empty() || whole <= 0.0 {
         return Err("too few frames differ in light, or none shows middle codes in both".to_owned());
     }
     let band = |band: usize| {
-        let (slope, sigma) = of(band)?;
+        let (slope, sigma) = band_slope(band)?;
         Some(ToneBand {
             from: BAND_LIMITS[band],
             to: BAND_LIMITS[band + 1],

@@ -41,7 +41,7 @@ pub fn poses(knots: &[TrackKnot], usual_s: f64, max_gap_s: f64, way: Option<&Rec
     let correction =
         |knot: &TrackKnot| way.filter(|_| !knot.is_alone).and_then(|way| way.correction(knot.time_s, &knot.state));
     // Extrapolation from a frame.
-    let beside = |knot: &TrackKnot, by_s: f64| {
+    let pose_near_knot = |knot: &TrackKnot, by_s: f64| {
         let followed = correction(knot).and_then(|by| way?.corrected(knot.time_s + by_s, &by));
         followed.unwrap_or_else(|| on(knot, by_s))
     };
@@ -53,7 +53,9 @@ pub fn poses(knots: &[TrackKnot], usual_s: f64, max_gap_s: f64, way: Option<&Rec
         let is_joined = |a: &TrackKnot, b: &TrackKnot| b.time_s - a.time_s <= max_gap_s;
         let before = n.checked_sub(1).map(|b| &knots[b]);
         if before.is_none_or(|before| !is_joined(before, knot)) {
-            (1..=beyond).rev().for_each(|k| put(knot.time_s - k as f64 * step_s, beside(knot, -(k as f64) * step_s)));
+            (1..=beyond)
+                .rev()
+                .for_each(|k| put(knot.time_s - k as f64 * step_s, pose_near_knot(knot, -(k as f64) * step_s)));
         }
         put(knot.time_s, knot.state.world_from_camera);
         match knots.get(n + 1).filter(|next| is_joined(knot, next)) {
@@ -78,7 +80,9 @@ pub fn poses(knots: &[TrackKnot], usual_s: f64, max_gap_s: f64, way: Option<&Rec
                     put(knot.time_s + share * interval_s, at);
                 }
             }
-            None => (1..=beyond).for_each(|k| put(knot.time_s + k as f64 * step_s, beside(knot, k as f64 * step_s))),
+            None => {
+                (1..=beyond).for_each(|k| put(knot.time_s + k as f64 * step_s, pose_near_knot(knot, k as f64 * step_s)))
+            }
         }
     }
     out

@@ -162,8 +162,8 @@ fn of_place(
 ) -> Option<AlignPoint> {
     const STEP_M: f64 = 1e-4;
     let here = geometry.project(there)?;
-    let by = |axis: DVec3| Some((geometry.project(there + STEP_M * axis)? - here) / STEP_M);
-    let by_place = [by(DVec3::X)?, by(DVec3::Y)?, by(DVec3::Z)?];
+    let slope_px = |axis: DVec3| Some((geometry.project(there + STEP_M * axis)? - here) / STEP_M);
+    let by_place = [slope_px(DVec3::X)?, slope_px(DVec3::Y)?, slope_px(DVec3::Z)?];
     let at = move_point(there, &state.twist, geometry.row_time_s(row_px));
     // ẋ = v + ω × x.
     let by_turn = [DVec3::new(0.0, -at.z, at.y), DVec3::new(at.z, 0.0, -at.x), DVec3::new(-at.y, at.x, 0.0)];

@@ -80,7 +80,7 @@ struct TimedParameter {
 
 fn parameters(load: &Load) -> Vec<TimedParameter> {
     let state = BenchSettings::new(load);
-    let of = |params: &dyn Params, label: &str, state: &BenchSettings| -> Vec<_> {
+    let timed_parameters = |params: &dyn Params, label: &str, state: &BenchSettings| -> Vec<_> {
         let table = params.table();
         let parameter = |spec: Spec| TimedParameter {
             name: format!("{table}.{} {label}", spec.name).trim_end().to_owned(),
@@ -90,13 +90,14 @@ fn parameters(load: &Load) -> Vec<TimedParameter> {
         };
         params.specs().into_iter().map(parameter).collect()
     };
-    let mut all: Vec<_> = state.rig.tables().into_iter().flat_map(|table| of(table, "", &state)).collect();
+    let mut all: Vec<_> =
+        state.rig.tables().into_iter().flat_map(|table| timed_parameters(table, "", &state)).collect();
     for effect in crate::effects::all() {
         for (label, sets) in effect.cases() {
             let mut state = state.clone();
             let are_set = sets.iter().all(|(name, value)| state.set(effect.table(), name, value));
             assert!(are_set, "{} {label}", effect.table());
-            all.extend(of(effect.as_ref(), label, &state));
+            all.extend(timed_parameters(effect.as_ref(), label, &state));
         }
     }
     all

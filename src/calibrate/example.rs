@@ -159,7 +159,7 @@ impl ExampleSampler {
             let mean: Planes = std::array::from_fn(|c| {
                 GreyImage::from_fn(width, height, |x, y| scene.pixel(3 * place(x, y) + c).mean as f32)
             });
-            let inside = |v: usize, axis: usize| {
+            let is_inside = |v: usize, axis: usize| {
                 let (first, last) = (window.at[axis], window.at[axis] + window.size[axis]);
                 (first == 0 || v >= WINDOW_MARGIN_PX)
                     && (last == size[axis] || v + WINDOW_MARGIN_PX < window.size[axis])
@@ -167,7 +167,7 @@ impl ExampleSampler {
             let mask = (0..width * height).map(|i| {
                 let (x, y) = (i % width, i / width);
                 let block = (window.at[1] + y) / BLOCK * size[0].div_ceil(BLOCK) + (window.at[0] + x) / BLOCK;
-                still[block] && inside(x, 0) && inside(y, 1)
+                still[block] && is_inside(x, 0) && is_inside(y, 1)
             });
             let frame = CalibrationFrame { mean, noisy, mask: mask.collect(), variance_gain: gain };
             self.frames.push(ExampleFrame { frame, coding });

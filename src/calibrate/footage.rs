@@ -38,11 +38,17 @@ impl Footage {
                 error => Err(CalibrateError::Read { path: path.to_owned(), reason: error.to_string() }),
             };
         }
-        probe(path, &Overrides::default()).map(|video| Self::Video(Box::new(video))).map_err(|video| {
-            let reason = format!(
-                "neither a picture nor a folder of pictures, nor a recording ({refused}), nor a video ({video})"
-            );
-            CalibrateError::Read { path: path.to_owned(), reason }
+        let unread = match probe(path, &Overrides::default()) {
+            Ok(video) => return Ok(Self::Video(Box::new(video))),
+            Err(error) => error,
+        };
+        Err(match refused {
+            RecordingError::NotARecording { .. } if path.is_file() && !is_video_name(path) => {
+                CalibrateError::Read { path: path.to_owned(), reason: NO_FOOTAGE.to_owned() }
+            }
+            // A missing file, or a damaged video.
+            RecordingError::NotARecording { .. } => unread.into(),
+            error => CalibrateError::Read { path: path.to_owned(), reason: error.to_string() },
         })
     }
 
@@ -105,6 +111,19 @@ impl Footage {
             Self::Video(video) => Box::new(video.read(range)?.map(|frame| Ok(frame?))),
         })
     }
+}
+
+/// Problem of a file of another kind, with advice.
+const NO_FOOTAGE: &str = "neither pictures, a recording nor a video; give a picture, a folder of pictures, a recording \
+                          or an .mp4, .mov or .mkv file";
+
+/// Extensions of videos: a file of such a name that cannot be read is reported as a video.
+const VIDEO_EXTENSIONS: [&str; 6] = ["mp4", "mov", "mkv", "m4v", "webm", "avi"];
+
+/// True if a file has the extension of a video.
+fn is_video_name(path: &Path) -> bool {
+    let extension = path.extension().map(|extension| extension.to_string_lossy().to_ascii_lowercase());
+    extension.is_some_and(|extension| VIDEO_EXTENSIONS.contains(&extension.as_str()))
 }
 
 /// True if a file has the extension of a picture.

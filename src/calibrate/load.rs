@@ -36,7 +36,7 @@ pub enum NoiseSource<'a> {
     /// In the difference from the scenes' known means: one for everything, or one for each entry
     /// (each loose file is then a scene of its own).
     KnownMeans(&'a [PathBuf]),
-    /// In textureless places.
+    /// Noise is measured in textureless places.
     Textureless,
 }
 
@@ -129,7 +129,8 @@ fn resting(
 ) -> Result<MeasuredNoise, CalibrateError> {
     let mut calibrator = NoiseCalibrator::new(options.clone())?;
     calibrator.sample_examples(options.with_example.then(|| ExampleSampler::new(scenes.len())));
-    let (mut done, all) = (0, scenes.iter().map(|scene| scene.range.len()).sum());
+    let mut done = 0;
+    let all = scenes.iter().map(|scene| scene.range.len()).sum();
     let mut jpeg = false;
     for (number, SceneFootage { mean, footage, range }) in scenes.iter().enumerate() {
         if mean.is_none() && range.len() == 1 {

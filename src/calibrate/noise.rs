@@ -93,7 +93,7 @@ pub enum CalibrateError {
     TooLarge { actual: String },
     #[error("stopped before it was done")]
     Stopped,
-    #[error("bins = {actual} is refused: expected 1 to 256")]
+    #[error("bins = {actual}: expected 1 to 256")]
     Bins { actual: usize },
     #[error("either all scenes have a known mean or none has")]
     MeansMixed,
@@ -109,9 +109,9 @@ pub enum CalibrateError {
     TooFew { channel: &'static str, needed: f64, best: f64 },
     #[error(
         "channel {channel}: texture is almost everywhere in {} (the fullest intensity has {best:.0} independent \
-         samples in plain places; {needed} are needed); give pictures with plain, evenly lit places (a wall, the sky, \
+         samples in uniform areas; {needed} are needed); give pictures with uniform, evenly lit areas (a wall, the sky, \
          something out of focus) and leave the others out: fewer pictures may give a better result. Scenes at rest \
-         need no plain places",
+         need no uniform areas",
         count(*frames, "picture")
     )]
     Textured { channel: &'static str, needed: f64, best: f64, frames: usize },
@@ -179,7 +179,7 @@ pub struct NoiseCalibrator {
     moving: u64,
     drifting: u64,
     warnings: Vec<Warning>,
-    /// Samples frames for noise by example, if that is wanted.
+    /// Samples frames for noise by example, if it is enabled.
     sampler: Option<ExampleSampler>,
 }
 
@@ -346,7 +346,8 @@ impl NoiseCalibrator {
             return Err(CalibrateError::NoFrames);
         }
         self.end_scene()?;
-        let (rounding, mut warnings) = (self.rounding(), std::mem::take(&mut self.warnings));
+        let rounding = self.rounding();
+        let mut warnings = std::mem::take(&mut self.warnings);
         let mut reported = |value, name, low| reported_correlation(value, name, low, &mut warnings);
         let [rg, rb, gb] = Pool::channel_correlation(&self.pools);
         let channel_correlation = [reported(rg, "R-G", -1.0), reported(rb, "R-B", -1.0), reported(gb, "G-B", -1.0)];

@@ -98,9 +98,11 @@ fn from_resting_frames(
         frames.iter().try_for_each(|frame| calibrator.add_frame(frame))?;
         calibrator.end_scene()
     };
-    let (mut all, mut is_any) = (calibrator()?, false);
+    let mut all = calibrator()?;
+    let mut is_any = false;
     for place in places {
-        let ((width, height), min_side_px) = (place.size_px(), SIDE as u32);
+        let (width, height) = place.size_px();
+        let min_side_px = SIDE as u32;
         if width.min(height) < min_side_px {
             verdicts.push(Err(RegionError::Small { width, height, min_side_px }));
             continue;

@@ -127,13 +127,13 @@ impl PlaneDetrend {
     }
 
     /// The share of the noise's variance that remains after the plane is removed, 0 to 1.
-    pub fn kept(&self, covariance: &ByLag) -> f64 {
+    pub fn remaining_variance_share(&self, covariance: &ByLag) -> f64 {
         self.expected[0].iter().zip(covariance).map(|(a, r)| a * r).sum::<f64>() / covariance[0]
     }
 
     /// Degrees of freedom of the mean square of residuals.
     pub fn freedom(&self, covariance: &ByLag) -> f64 {
-        let trace = PIXELS as f64 * covariance[0] * self.kept(covariance);
+        let trace = PIXELS as f64 * covariance[0] * self.remaining_variance_share(covariance);
         let squares: f64 = (0..PIXELS * PIXELS)
             .map(|i| {
                 self.projected_lags
@@ -150,17 +150,17 @@ impl PlaneDetrend {
 
 /// M S_k M, row by row.
 fn projected(base: &[[f64; PIXELS]; 3], k: usize) -> Vec<f64> {
-    let apart = |a: usize, b: usize| lag(a, b) == Some(k);
+    let is_at_lag = |a: usize, b: usize| lag(a, b) == Some(k);
     // S q for each q of the basis, and qᵀ S p.
     let moved = base.map(|q| {
-        let sum = |a: usize| (0..PIXELS).filter(|b| apart(a, *b)).map(|b| q[b]).sum();
+        let sum = |a: usize| (0..PIXELS).filter(|b| is_at_lag(a, *b)).map(|b| q[b]).sum();
         std::array::from_fn::<f64, PIXELS, _>(sum)
     });
     let inner: [[f64; 3]; 3] = base.map(|q| moved.map(|s| q.iter().zip(&s).map(|(a, b)| a * b).sum()));
     let mut all = vec![0.0; PIXELS * PIXELS];
     for (i, value) in all.iter_mut().enumerate() {
         let (a, b) = (i / PIXELS, i % PIXELS);
-        *value = f64::from(apart(a, b));
+        *value = f64::from(is_at_lag(a, b));
         for q in 0..3 {
             *value -= base[q][a] * moved[q][b] + moved[q][a] * base[q][b];
             for p in 0..3 {
@@ -179,7 +179,7 @@ mod tests {
     fn white_noise_loses_three_degrees_of_freedom() {
         let plane = PlaneDetrend::new();
         assert!((plane.freedom(&WHITE) - 141.0).abs() < 1e-9);
-        assert!((plane.kept(&WHITE) - 141.0 / 144.0).abs() < 1e-12);
+        assert!((plane.remaining_variance_share(&WHITE) - 141.0 / 144.0).abs() < 1e-12);
     }
 
     #[test]
@@ -225,7 +225,7 @@ mod tests {
         assert!(products.iter().zip(&counted).all(|(a, b)| (a - b).abs() < 1e-15), "{products:?}");
         let covariance = plane.covariance(&expected);
         assert!(covariance.iter().zip(&r).all(|(a, b)| (a - b).abs() < 1e-9), "{covariance:?}");
-        assert!((plane.kept(&r) - expected[0]).abs() < 1e-12);
+        assert!((plane.remaining_variance_share(&r) - expected[0]).abs() < 1e-12);
         let (mut trace, mut squares) = (0.0, 0.0);
         for a in 0..PIXELS {
             trace += entry(a, a);

@@ -60,7 +60,8 @@ impl Rounding {
 
     /// Σ step² e^(−exponent·π²k²σ²/step²) / (divisor·π²k²).
     fn sum(&self, sigma: f64, exponent: f64, divisor: f64) -> f64 {
-        let (step, mut total) = (self.frame_step, 0.0);
+        let step = self.frame_step;
+        let mut total = 0.0;
         for k in 1..=TERMS {
             let pk2 = (PI * f64::from(k)).powi(2);
             let decay = (-exponent * pk2 * (sigma / step).powi(2)).exp();

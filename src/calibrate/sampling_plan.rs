@@ -82,11 +82,11 @@ mod tests {
             let plan = SamplingPlan::of(size, frames, MAX_ATLAS_PX);
             let mut area = 0;
             for (i, (frame, window)) in plan.samples.iter().enumerate() {
-                let apart = |other: &AtlasWindow| {
+                let is_disjoint = |other: &AtlasWindow| {
                     (0..2).any(|axis| other.at[axis].abs_diff(window.at[axis]) >= window.size[axis])
                 };
                 let others = plan.samples[i + 1..].iter().filter(|sample| sample.0 == *frame);
-                assert!(others.clone().all(|(_, other)| apart(other)), "{size:?}");
+                assert!(others.clone().all(|(_, other)| is_disjoint(other)), "{size:?}");
             }
             for (frame, window) in &plan.samples {
                 assert!(*frame < frames && (0..2).all(|axis| window.at[axis] + window.size[axis] <= size[axis]));

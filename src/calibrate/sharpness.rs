@@ -9,7 +9,7 @@
 
 use crate::camera::Response;
 use crate::grey_image::GreyImage;
-use crate::measure::across::across;
+use crate::measure::edge_profile::light_profile;
 use crate::measure::slanted::{EdgeError, SlantedEdge, slanted_edge};
 use crate::pixels::{Pixels, Rect};
 use crate::text::fixed;
@@ -64,7 +64,7 @@ impl EdgeLight {
 /// also exists for a rejected edge.
 pub fn edge_profile(picture: &Pixels, response: &Response, region: Rect, of: EdgeLight) -> Vec<[f64; 2]> {
     let (light, _) = light_of(picture, response, region, of.weights());
-    light.map_or_else(Vec::new, |light| across(&light, Rect::full(light.width as u32, light.height as u32)))
+    light.map_or_else(Vec::new, |light| light_profile(&light, Rect::full(light.width as u32, light.height as u32)))
 }
 
 /// Measures the edge that crosses a region of a picture, in [`EdgeLight::Best`]. `moved_px` is the

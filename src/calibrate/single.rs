@@ -124,7 +124,7 @@ impl PooledCorrelation {
         good: &[(usize, RegionSums)],
         warnings: &mut Vec<Warning>,
     ) -> RegionNoise {
-        let kept = self.correlation.map(|r| plane.kept(&r));
+        let remaining_share = self.correlation.map(|r| plane.remaining_variance_share(&r));
         let mut frames = good.iter().flat_map(|(n, _)| places[*n].frames());
         let step = if frames.any(|frame| frame.max_code() != 255) { 1.0 / UNIT as f64 } else { 1.0 };
         let rounding = Rounding { frame_step: step, mean_step: None };
@@ -132,7 +132,7 @@ impl PooledCorrelation {
         let mut own = [0.0; 3];
         for (_, sums) in good {
             for c in 0..3 {
-                let variance = sums.products[c][0] / sums.blocks / kept[c];
+                let variance = sums.products[c][0] / sums.blocks / remaining_share[c];
                 let independent_count = sums.blocks * self.freedom[c];
                 let Some(factors) = chi_square_interval(independent_count) else { continue };
                 let sigma_ci95 = factors.map(|factor| rounding.sigma(variance * factor));

@@ -68,7 +68,7 @@ struct SampledBlock {
 struct Reservoir {
     /// Number of blocks that were added.
     count: u64,
-    /// At most [`CAPACITY`] of them.
+    /// Sampled blocks, at most [`CAPACITY`].
     blocks: Vec<SampledBlock>,
 }
 
@@ -101,7 +101,7 @@ pub struct TexturelessCalibrator {
     frame_bits: Option<u32>,
     frames: usize,
     blocks: u64,
-    /// By green's mean.
+    /// Samples by strata of green's mean.
     strata: [Reservoir; STRATA],
     pixel_counts: [Vec<PixelCounts>; 3],
 }
@@ -279,11 +279,11 @@ impl TexturelessCalibrator {
             // Before the correlation is known, noise seems to spread too much.
             let strict = round >= ROUNDS / 2;
             let freedom = noise_estimate.covariance.map(|r| self.plane.freedom(&r));
-            let kept = noise_estimate.covariance.map(|r| self.plane.kept(&r));
+            let remaining_share = noise_estimate.covariance.map(|r| self.plane.remaining_variance_share(&r));
             for channel in 0..3 {
-                self.variances(&mut noise_estimate, channel, (freedom[channel], kept[channel]), strict);
+                self.variances(&mut noise_estimate, channel, (freedom[channel], remaining_share[channel]), strict);
             }
-            self.correlations(&mut noise_estimate, freedom, kept);
+            self.correlations(&mut noise_estimate, freedom, remaining_share);
         }
         noise_estimate
     }

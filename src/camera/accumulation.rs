@@ -20,7 +20,7 @@ pub const MAX_STEPS: usize = 10_000;
 /// An exposure that cannot be accumulated.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
-    "accumulating {} s at {} frames a second is refused: expected finite numbers from 0 whose product is at most \
+    "accumulating {} s at {} frames a second: expected finite numbers from 0 whose product is at most \
      {MAX_STEPS}",
     number(*time_s), number(*frames_per_s)
 )]

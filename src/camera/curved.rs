@@ -24,7 +24,7 @@ pub enum CurvedProjection {
 
 /// A curved camera with its picture's size.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Curved {
+pub struct CurvedCamera {
     pub curve: CurvedProjection,
     pub width_px: u32,
     pub height_px: u32,
@@ -33,7 +33,7 @@ pub struct Curved {
 /// A backward direction whose relative distance from the axis is below this has no unique position.
 const MIN_OFF_AXIS: f64 = 1e-12;
 
-impl Curved {
+impl CurvedCamera {
     fn half_px(&self) -> DVec2 {
         0.5 * DVec2::new(self.width_px.into(), self.height_px.into())
     }
@@ -99,7 +99,7 @@ mod tests {
     #[test]
     fn fisheye_matches_hand_calculation() {
         // 180° over 400 px: 90° are 200 px, 45° are 100.
-        let f = Curved { curve: CurvedProjection::Fisheye { fov_rad: PI }, width_px: 600, height_px: 400 };
+        let f = CurvedCamera { curve: CurvedProjection::Fisheye { fov_rad: PI }, width_px: 600, height_px: 400 };
         let at = f.project(DVec3::new(2.0, 0.0, 2.0)).unwrap();
         assert!((at - DVec2::new(400.0, 200.0)).length() < 1e-9, "{at}");
         let at = f.project(RIGHT_BELOW).unwrap();
@@ -112,7 +112,7 @@ mod tests {
     #[test]
     fn environment_matches_hand_calculation() {
         let fov_rad = DVec2::new(2.0 * PI, PI);
-        let e = Curved { curve: CurvedProjection::Environment { fov_rad }, width_px: 720, height_px: 360 };
+        let e = CurvedCamera { curve: CurvedProjection::Environment { fov_rad }, width_px: 720, height_px: 360 };
         // Two px per degree: 90° to the right; 30° up and 60° to the left.
         assert!((e.project(DVec3::X).unwrap() - DVec2::new(540.0, 180.0)).length() < 1e-9);
         let d = DVec3::new(-degrees(60.0).sin() * degrees(30.0).cos(), -0.5, 0.5 * degrees(30.0).cos());
@@ -124,7 +124,7 @@ mod tests {
     fn little_planet_matches_hand_calculation() {
         // 180° on the circle: tan 45° = 1. 90° off the axis lies on the circle, 45° at tan 22.5° =
         // √2 − 1 of it.
-        let p = Curved { curve: CurvedProjection::LittlePlanet { fov_rad: PI }, width_px: 200, height_px: 200 };
+        let p = CurvedCamera { curve: CurvedProjection::LittlePlanet { fov_rad: PI }, width_px: 200, height_px: 200 };
         assert!((p.project(DVec3::X).unwrap() - DVec2::new(200.0, 100.0)).length() < 1e-9);
         let at = p.project(DVec3::new(0.0, 1.0, 1.0)).unwrap();
         assert!((at - DVec2::new(100.0, 100.0 + 100.0 * (2f64.sqrt() - 1.0))).length() < 1e-9, "{at}");
@@ -148,7 +148,7 @@ mod tests {
                 CurvedProjection::Environment { fov_rad: DVec2::new(2.0 * PI, PI) },
             ];
             for curve in curves {
-                let c = Curved { curve, width_px: wide, height_px: high };
+                let c = CurvedCamera { curve, width_px: wide, height_px: high };
                 let at = DVec2::new(x * f64::from(wide), y * f64::from(high));
                 let Some(d) = c.unproject(at) else {
                     let r = 2.0 * (at - c.half_px()).length() / f64::from(wide.min(high));

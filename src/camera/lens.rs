@@ -36,7 +36,7 @@ pub struct Opening {
 /// An impossible lens.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum LensError {
-    #[error("camera.lens.blades = {actual} is refused: expected 0 (a circle) or 3 to 32")]
+    #[error("camera.lens.blades = {actual}: expected 0 (a circle) or 3 to 32")]
     Blades { actual: u32 },
     #[error(
         "camera.lens.aperture_diameter_mm = {} and camera.lens.f_number = {} are both given: expected one of them (the \

@@ -186,8 +186,8 @@ fn program_time_s(ev: f64, limits: &Limits) -> f64 {
 /// The film speed that would make manual settings correct, from third stops of ISO 100 to 25600,
 /// and the remaining deviation.
 pub fn iso_for(illuminance_lx: f64, set: ExposureSettings, compensation_ev: f64) -> MeteredSettings {
-    let wanted = set.iso * (compensation_ev - set.over_ev(illuminance_lx)).exp2();
-    let iso = stops::nearest(&stops::iso_speeds(Step::Third), wanted).map_or(set.iso, |stop| stop.exact);
+    let exact_iso = set.iso * (compensation_ev - set.over_ev(illuminance_lx)).exp2();
+    let iso = stops::nearest(&stops::iso_speeds(Step::Third), exact_iso).map_or(set.iso, |stop| stop.exact);
     let settings = ExposureSettings { iso, ..set };
     MeteredSettings { settings, over_ev: settings.over_ev(illuminance_lx) - compensation_ev }
 }
@@ -240,7 +240,7 @@ mod tests {
         let m = meter(Mode::Manual, lux, set(8.0, 0.125, 100.0), 0.0, &limits);
         assert_eq!(m.settings, set(8.0, 0.125, 100.0));
         close(m.over_ev, 3.0, 1e-9);
-        // One stop of compensation is one stop longer, and still as wanted.
+        // One stop of compensation is one stop longer, and still as requested.
         let plus = meter(Mode::AperturePriority, lux, set(8.0, 1.0, 100.0), 1.0, &limits);
         close(plus.settings.time_s, 1.0 / 32.0, 1e-12);
         close(plus.over_ev, 0.0, 1e-9);

@@ -64,10 +64,11 @@ pub fn correlations(neighbour: f64) -> [f64; 3] {
 
 /// The remaining share of the variance under weights along an axis: Σᵢⱼ wᵢ wⱼ ρ(i − j).
 pub fn variance_left(weights: &[f32], correlations: &[f64; 3]) -> f64 {
-    let apart = |n: usize| -> f64 {
+    let weight_product = |n: usize| -> f64 {
         weights.iter().zip(weights.iter().skip(n)).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum()
     };
-    correlations[0] * apart(0) + 2.0 * (correlations[1] * apart(1) + correlations[2] * apart(2))
+    correlations[0] * weight_product(0)
+        + 2.0 * (correlations[1] * weight_product(1) + correlations[2] * weight_product(2))
 }
 
 #[cfg(test)]

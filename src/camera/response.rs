@@ -34,7 +34,7 @@ crate::choices! {
         /// Perceptual quantizer.
         Pq = "pq",
         SLog3 = "s-log3",
-        /// At EI 800.
+        /// ARRI LogC3 at EI 800.
         LogC3 = "logc3",
         LogC4 = "logc4",
         AppleLog = "apple-log",

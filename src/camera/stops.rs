@@ -43,15 +43,12 @@ const ISO_SPEEDS: [f64; 25] = [
 /// Text that is not a camera setting.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum StopError {
-    #[error("an aperture of {actual} is refused: expected an f-number from 0.5 to 256, as in 2.8 or f/2.8")]
-    Aperture { actual: String },
-    #[error(
-        "a shutter time of {actual} is refused: expected more than 0 and up to 60 s, as in 1/60, 1/60s, 0.5 or 2s \
-         (from 1/1000000)"
-    )]
-    Shutter { actual: String },
-    #[error("a film speed of {actual} is refused: expected ISO 100 to 25600, as in 400 or ISO400")]
-    Iso { actual: String },
+    #[error("expected an f-number from 0.5 to 256, as in 2.8 or f/2.8")]
+    Aperture,
+    #[error("expected more than 0 and up to 60 s, as in 1/60, 1/60s, 0.5 or 2s (from 1/1000000)")]
+    Shutter,
+    #[error("expected ISO 100 to 25600, as in 400 or ISO400")]
+    Iso,
 }
 
 fn series(step: Step, marked: impl Iterator<Item = f64>, exact: impl Fn(f64) -> f64) -> Vec<Stop> {
@@ -82,8 +79,8 @@ pub fn iso_speeds(step: Step) -> Vec<Stop> {
 /// 0.
 pub fn nearest(series: &[Stop], value: f64) -> Option<Stop> {
     let value = Some(value).filter(|v| v.is_finite() && *v > 0.0)?;
-    let off = |stop: &Stop| (stop.exact / value).ln().abs();
-    series.iter().copied().min_by(|a, b| off(a).total_cmp(&off(b)))
+    let log_distance = |stop: &Stop| (stop.exact / value).ln().abs();
+    series.iter().copied().min_by(|a, b| log_distance(a).total_cmp(&log_distance(b)))
 }
 
 /// The exact value of an engraved number: √32 for 5.6. Numbers that are no stop are returned
@@ -105,7 +102,7 @@ fn same(a: f64, b: f64) -> bool {
 pub fn parse_f_number(text: &str) -> Result<f64, StopError> {
     let plain = text.trim().trim_start_matches(['f', 'F']).trim_start_matches('/');
     let value = f64::from_str(plain.trim()).ok().filter(|v| (0.5..=256.0).contains(v));
-    value.ok_or_else(|| StopError::Aperture { actual: quoted(text) })
+    value.ok_or(StopError::Aperture)
 }
 
 /// Parses "1/60", "1/60s", "0.5", "2s" or "2\"", seconds.
@@ -116,7 +113,7 @@ pub fn parse_shutter_s(text: &str) -> Result<f64, StopError> {
         Some((over, under)) => number(over).zip(number(under)).map(|(over, under)| over / under),
         None => number(plain),
     };
-    value.filter(|v| (1e-6..=60.0).contains(v)).ok_or_else(|| StopError::Shutter { actual: quoted(text) })
+    value.filter(|v| (1e-6..=60.0).contains(v)).ok_or(StopError::Shutter)
 }
 
 /// Parses "400" or "ISO 400".
@@ -124,12 +121,7 @@ pub fn parse_iso(text: &str) -> Result<f64, StopError> {
     let plain = text.trim();
     let plain = plain.get(..3).filter(|start| start.eq_ignore_ascii_case("iso")).map_or(plain, |_| &plain[3..]);
     let value = f64::from_str(plain.trim()).ok().filter(|v| (100.0..=25600.0).contains(v));
-    value.ok_or_else(|| StopError::Iso { actual: quoted(text) })
-}
-
-/// Numbers unchanged; other text in quotes.
-fn quoted(text: &str) -> String {
-    if f64::from_str(text.trim()).is_ok() { text.trim().to_owned() } else { format!("\"{text}\"") }
+    value.ok_or(StopError::Iso)
 }
 
 /// "f/5.6", for 5.6 and for √32.
@@ -258,7 +250,6 @@ mod tests {
         for text in ["99", "25601", "0", "-400", "ISO", "", "nan", "is€"] {
             assert!(parse_iso(text).unwrap_err().to_string().contains("ISO 100 to 25600"), "{text}");
         }
-        assert!(parse_shutter_s("0").unwrap_err().to_string().starts_with("a shutter time of 0 is refused"));
     }
 
     #[test]

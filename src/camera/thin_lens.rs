@@ -43,19 +43,19 @@ impl Sharpness {
 /// Errors of impossible settings.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ThinLensError {
-    #[error("a focal length of {} mm is refused: expected a finite number above 0", number(*found_mm))]
+    #[error("a focal length of {} mm: expected a finite number above 0", number(*found_mm))]
     FocalLength { found_mm: f64 },
-    #[error("an f-number of {} is refused: expected a finite number above 0", number(*actual))]
+    #[error("an f-number of {}: expected a finite number above 0", number(*actual))]
     FNumber { actual: f64 },
-    #[error("an opening of {} mm is refused: expected a finite number from 0 (a pinhole)", number(*found_mm))]
+    #[error("an opening of {} mm: expected a finite number from 0 (a pinhole)", number(*found_mm))]
     Diameter { found_mm: f64 },
     #[error(
-        "a focus distance of {} m is refused: it lies within the focal length of {1} m, where no picture forms behind the \
+        "a focus distance of {} m lies within the focal length of {1} m, where no picture forms behind the \
          lens; expected more than {1} m, up to infinity",
         number(*found_m), number(to_tenths_of_mm(*focal_length_m))
     )]
     FocusInsideFocalLength { found_m: f64, focal_length_m: f64 },
-    #[error("an image distance of {} mm is refused: expected a finite number above 0", number(*found_mm))]
+    #[error("an image distance of {} mm: expected a finite number above 0", number(*found_mm))]
     ImageDistance { found_mm: f64 },
 }
 

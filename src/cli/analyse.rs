@@ -10,7 +10,8 @@ use super::calibrate::existing;
 use super::open::Skip;
 use super::{print_status, progress_of, warn};
 use locard_engine::analyse::{
-    Accepted, Analysis, Findings, Outcome, Progress, Times, accept, beside, check_folder, write_support_reports,
+    AcceptOutcome, Analysis, Findings, Outcome, Progress, Times, accept, check_folder, default_folder,
+    write_support_reports,
 };
 use locard_engine::export::{Inputs, resolved};
 use locard_engine::profile::ProfileFile;
@@ -68,7 +69,7 @@ pub struct Args {
 
 impl Args {
     fn options(&self) -> OpenOptions {
-        self.skip.over(OpenOptions { metres_per_unit: self.metres_per_unit, ..OpenOptions::default() })
+        self.skip.apply_to(OpenOptions { metres_per_unit: self.metres_per_unit, ..OpenOptions::default() })
     }
 }
 
@@ -81,7 +82,7 @@ pub fn run(args: &Args) -> Result<()> {
         ..ShotOptions::default()
     };
     let mut shot = Shot::open(&args.recording, &args.options(), &shot_options)?;
-    let folder = args.output.clone().unwrap_or_else(|| beside(&shot.recording.path));
+    let folder = args.output.clone().unwrap_or_else(|| default_folder(&shot.recording.path));
     for text in &shot.recording.warnings {
         warn(args.quiet, text);
     }
@@ -134,9 +135,9 @@ fn profile_to_update(path: &Path, args: &Args, shot: &Shot) -> Result<ProfileFil
 }
 
 /// Prints a line for each key, with the value before and after.
-fn print_accepted(accepted: &[Accepted], findings: &Findings, time_offset_s: f64) -> Result<()> {
+fn print_accepted(accepted: &[AcceptOutcome], findings: &Findings, time_offset_s: f64) -> Result<()> {
     let mut out = std::io::stdout().lock();
-    for Accepted { key, outcome } in accepted {
+    for AcceptOutcome { key, outcome } in accepted {
         match outcome {
             Outcome::Written { before, after } => {
                 let before = before.map_or("unsaid".to_owned(), number);
@@ -232,7 +233,7 @@ pub fn make(shot: &Shot, folder: &Path, force: bool, quiet: bool) -> Result<(Ana
         && there.is_current(&shot.recording)
     {
         print_status(quiet, &format!("{}: exists and is up to date; --force repeats it", folder.display()));
-        return Ok((there, Times::kept(folder)));
+        return Ok((there, Times::read(folder)));
     }
     let bar = progress_of(quiet, 0, "{wide_bar} {percent} %, {msg}");
     let analysis = shot.analyse(folder, &mut |Progress { done, of, stage }| {

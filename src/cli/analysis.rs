@@ -6,7 +6,7 @@ use anyhow::Result;
 
 use super::analyse::make;
 use super::{print_status, warn};
-use locard_engine::analyse::beside;
+use locard_engine::analyse::default_folder;
 use locard_engine::recording::Recording;
 use locard_engine::scene;
 use locard_engine::shot::{AnalysisChoice, AnalysisState, Shot, ShotOptions};
@@ -63,7 +63,7 @@ impl AnalysisArgs {
         if let Some(scene) = &shot_options.scene {
             shot.set_site_of(&scene::load(scene, shot.recording.up)?)?;
         }
-        make(&shot, &beside(&recording.path), false, quiet)?;
+        make(&shot, &default_folder(&recording.path), false, quiet)?;
         checked(recording)
     }
 }

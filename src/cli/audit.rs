@@ -10,7 +10,7 @@ use clap::Parser;
 use super::{Cli, Command, composite, progress, warn};
 use locard_engine::gpu::Gpu;
 use locard_engine::provenance::audit::{
-    ForwardSink, FrameAudit, RemadeFrame, RemadeOutcome, changed_inputs, changed_outputs, spread,
+    ForwardSink, FrameAudit, RecomputedFrame, RecomputedOutcome, changed_inputs, changed_outputs, spread,
 };
 use locard_engine::provenance::{
     DeviceRecord, OutputKind, ProgramRecord, Record, as_read, output_of_record, record_path,
@@ -23,10 +23,10 @@ use locard_engine::text::count;
 pub struct Args {
     /// The output of `locard composite`: a folder of frames or a video, with its record beside it
     output: PathBuf,
-    /// Make only so many of the frames again, spread evenly, as in 5 or 1%
+    /// Recompute only so many of the frames, spread evenly, as in 5 or 1%
     #[arg(long, value_name = "N|N%", value_parser = sample)]
     sample: Option<AuditSample>,
-    /// Only compare files with the record; make no frame again
+    /// Only compare files with the record; recompute no frame
     #[arg(long, conflicts_with_all = ["sample", "within"])]
     files_only: bool,
     /// Accept frames that differ by up to N code values, as another graphics driver makes them
@@ -37,7 +37,7 @@ pub struct Args {
     quiet: bool,
 }
 
-/// How many frames are made again.
+/// How many frames are recomputed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum AuditSample {
     Frames(usize),
@@ -49,7 +49,7 @@ fn sample(text: &str) -> Result<AuditSample, String> {
         Some(percent) => percent.trim().parse().ok().filter(|p| *p > 0.0 && *p <= 100.0).map(AuditSample::Percent),
         None => text.trim().parse().ok().filter(|n| *n > 0).map(AuditSample::Frames),
     };
-    parsed.ok_or_else(|| format!("{text} is refused: expected a number of frames, as in 5, or a share, as in 1%"))
+    parsed.ok_or_else(|| "expected a number of frames, as in 5, or a share, as in 1%".to_owned())
 }
 
 impl AuditSample {
@@ -105,8 +105,8 @@ pub fn run(args: &Args) -> Result<()> {
         };
         print_line(&format!("output: as it was written{share}"))?;
     }
-    let remade = if args.files_only { Vec::new() } else { remake(args, &record, &output, &frames)? };
-    let worst = conclude(&remade)?;
+    let recomputed = if args.files_only { Vec::new() } else { recompute(args, &record, &output, &frames)? };
+    let worst = conclude(&recomputed)?;
     match worst {
         _ if !problems.is_empty() => bail!(
             "{}: {} not as recorded (listed above)",
@@ -114,7 +114,7 @@ pub fn run(args: &Args) -> Result<()> {
             count(problems.len(), "file") + if problems.len() == 1 { " is" } else { " are" }
         ),
         Some(codes) if codes > args.within => {
-            bail!("{}: frames made again differ from the recorded ones (listed above)", args.output.display())
+            bail!("{}: recomputed frames differ from the recorded ones (listed above)", args.output.display())
         }
         _ => Ok(()),
     }
@@ -138,12 +138,12 @@ fn list(lines: &[impl std::fmt::Display]) -> Result<()> {
     Ok(())
 }
 
-/// Makes frames again by the recorded command.
-fn remake(args: &Args, record: &Record, output: &Path, frames: &[usize]) -> Result<Vec<RemadeFrame>> {
+/// Recomputes frames by the recorded command.
+fn recompute(args: &Args, record: &Record, output: &Path, frames: &[usize]) -> Result<Vec<RecomputedFrame>> {
     let arguments = std::iter::once("locard").chain(record.work.command.arguments.iter().map(String::as_str));
     let Ok(Cli { command: Command::Composite(command) }) = Cli::try_parse_from(arguments) else {
         let name = record.work.command.arguments.first().map_or("no command", String::as_str);
-        print_line(&format!("frames: not made again; this program repeats `composite` alone, the record has {name}"))?;
+        print_line(&format!("frames: not recomputed; this program repeats `composite` alone, the record has {name}"))?;
         return Ok(Vec::new());
     };
     let analysis =
@@ -162,18 +162,18 @@ fn remake(args: &Args, record: &Record, output: &Path, frames: &[usize]) -> Resu
     let mut compositor = shot.compositor(Gpu::open()?);
     let device = DeviceRecord::of(&compositor.gpu().info);
     if device != record.work.device {
-        let of = |device: &DeviceRecord| format!("{}, {}", device.adapter, device.driver);
+        let device_text = |device: &DeviceRecord| format!("{}, {}", device.adapter, device.driver);
         print_line(&format!(
             "another device: the output was made on {}, this is {}",
-            of(&record.work.device),
-            of(&device)
+            device_text(&record.work.device),
+            device_text(&device)
         ))?;
     }
     let (sender, finished) = mpsc::channel();
     let mut sink: Box<dyn Sink + Send> = export.finishing(&shot, Box::new(ForwardSink(sender)));
     let audit = FrameAudit::new(record, output);
     let bar = progress(args.quiet, frames.len());
-    let mut remade = Vec::with_capacity(frames.len());
+    let mut recomputed = Vec::with_capacity(frames.len());
     for run in frames.chunk_by(|a, b| a + 1 == *b) {
         let range = run[0]..run[run.len() - 1] + 1;
         let composites = shot.frames(&mut compositor, range, false, locard_engine::compositor::IN_FLIGHT)?;
@@ -185,33 +185,34 @@ fn remake(args: &Args, record: &Record, output: &Path, frames: &[usize]) -> Resu
                 bail!("frame {}: the bounds of its changed pixels are {rect_px:?}, not as recorded", composited.frame);
             }
             sink.write(composited.frame, &composited.pixels)?;
-            remade.extend(finished.try_iter().map(|(frame, pixels)| audit.compare(frame, &pixels)));
+            recomputed.extend(finished.try_iter().map(|(frame, pixels)| audit.compare(frame, &pixels)));
             bar.inc(1);
         }
     }
     bar.finish_and_clear();
-    Ok(remade)
+    Ok(recomputed)
 }
 
 /// Prints the comparison. Returns the largest difference in code values, if any frame was made
 /// again.
-fn conclude(remade: &[RemadeFrame]) -> Result<Option<u32>> {
-    if remade.is_empty() {
+fn conclude(recomputed: &[RecomputedFrame]) -> Result<Option<u32>> {
+    if recomputed.is_empty() {
         return Ok(None);
     }
-    let unequal: Vec<&RemadeFrame> = remade.iter().filter(|made| made.outcome != RemadeOutcome::Equal).collect();
+    let unequal: Vec<&RecomputedFrame> =
+        recomputed.iter().filter(|frame| frame.outcome != RecomputedOutcome::Equal).collect();
     print_line(&format!(
-        "frames: {} of {} made again are equal bit for bit",
-        remade.len() - unequal.len(),
-        remade.len()
+        "frames: {} of {} recomputed are equal bit for bit",
+        recomputed.len() - unequal.len(),
+        recomputed.len()
     ))?;
-    let line = |made: &&RemadeFrame| match &made.outcome {
-        RemadeOutcome::Equal => String::new(),
-        RemadeOutcome::Differs(by) => {
+    let line = |frame: &&RecomputedFrame| match &frame.outcome {
+        RecomputedOutcome::Equal => String::new(),
+        RecomputedOutcome::Differs(by) => {
             let b = by.bounds;
             format!(
                 "frame {}: equal within {}; {} differ, 99 % of them within {}, in columns {}..{}, rows {}..{}",
-                made.frame,
+                frame.frame,
                 count(by.max_codes as usize, "code"),
                 count(by.pixels, "pixel"),
                 count(by.p99_codes as usize, "code"),
@@ -221,13 +222,13 @@ fn conclude(remade: &[RemadeFrame]) -> Result<Option<u32>> {
                 b.y1
             )
         }
-        RemadeOutcome::Unequal(why) => format!("frame {}: not equal; {why}", made.frame),
+        RecomputedOutcome::Unequal(why) => format!("frame {}: not equal; {why}", frame.frame),
     };
     list(&unequal.iter().map(line).collect::<Vec<_>>())?;
-    let codes = |made: &&RemadeFrame| match &made.outcome {
-        RemadeOutcome::Equal => 0,
-        RemadeOutcome::Differs(by) => by.max_codes,
-        RemadeOutcome::Unequal(_) => u32::MAX,
+    let codes = |frame: &&RecomputedFrame| match &frame.outcome {
+        RecomputedOutcome::Equal => 0,
+        RecomputedOutcome::Differs(by) => by.max_codes,
+        RecomputedOutcome::Unequal(_) => u32::MAX,
     };
     Ok(unequal.iter().map(codes).max().or(Some(0)))
 }

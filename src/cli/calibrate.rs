@@ -21,6 +21,7 @@ use locard_engine::calibrate::{
 use locard_engine::exemplar_noise::{NoiseExample, file as model_file};
 use locard_engine::export::Inputs;
 use locard_engine::memo::ByAddress;
+use locard_engine::profile::ProfileFile;
 use locard_engine::sink::atomic::write_atomically;
 use locard_engine::text::count;
 
@@ -74,20 +75,20 @@ pub fn run(args: Args) -> Result<()> {
     }
 }
 
-fn noise(args: NoiseArgs) -> Result<()> {
-    // Checked before the work starts, so that no files of the user are lost.
+/// Checks before the work that no file of the user would be lost. Returns whether the profile
+/// exists, and the profile.
+fn check_outputs(args: &NoiseArgs, example_file: &Path) -> Result<(bool, ProfileFile)> {
     let failed = |what: &str| format!("{}: {what}", args.output.display());
     let read = args.frames.iter().chain(&args.mean);
     if let Some(problem) = unreadable(read.clone()).1.into_iter().next() {
         return Err(problem.into());
     }
     let inputs = Inputs::default().and(read.clone()).and(&pictures_beside(read));
-    let example_file = args.output.with_extension(EXAMPLE_EXTENSION);
     inputs.check_file(&args.output)?;
     if !args.no_example {
-        inputs.check_file(&example_file)?;
+        inputs.check_file(example_file)?;
     }
-    let (is_there, mut profile) = existing(&args.output)?;
+    let (is_there, profile) = existing(&args.output)?;
     if profile.has_noise() && !args.force {
         bail!(failed("has a table [camera.noise] already, and is kept (--force replaces it)"));
     }
@@ -97,6 +98,12 @@ fn noise(args: NoiseArgs) -> Result<()> {
     if example_file.exists() && !args.force && !args.no_example {
         bail!("{}: exists already, and is kept (--force replaces it)", example_file.display());
     }
+    Ok((is_there, profile))
+}
+
+fn noise(args: NoiseArgs) -> Result<()> {
+    let example_file = args.output.with_extension(EXAMPLE_EXTENSION);
+    let (is_there, mut profile) = check_outputs(&args, &example_file)?;
     let options = NoiseOptions { with_example: !args.no_example, ..NoiseOptions::default() };
     let bar = super::progress(false, 0);
     let mut shown = |done, all| {

@@ -83,7 +83,7 @@ pub struct Args {
     mark: Option<String>,
     #[command(flatten)]
     labels: LabelArgs,
-    /// Write no record beside the output, by which `locard audit` makes it again
+    /// Write no record beside the output, by which `locard audit` recomputes it
     #[arg(long)]
     no_record: bool,
     /// Also write the findings and settings of each frame; - for stdout
@@ -132,12 +132,10 @@ pub struct Args {
 fn mark_text(text: &str) -> Result<String, String> {
     let missing = missing_characters(text);
     if text.trim().is_empty() || text.chars().any(char::is_control) || text.chars().count() > MAX_MARK_CHARACTERS {
-        return Err(format!(
-            "the text of a mark is refused: expected one line of 1 to {MAX_MARK_CHARACTERS} characters"
-        ));
+        return Err(format!("expected one line of 1 to {MAX_MARK_CHARACTERS} characters"));
     }
     if !missing.is_empty() {
-        return Err(format!("{text} is refused: the font has no {missing}; expected Latin, Greek or Cyrillic letters"));
+        return Err(format!("the font has no {missing}; expected Latin, Greek or Cyrillic letters"));
     }
     Ok(text.to_owned())
 }

@@ -8,6 +8,7 @@ use anyhow::{Result, bail};
 use locard_engine::gpu::{Gpu, adapters};
 use locard_engine::sfm;
 use locard_engine::source::{developed, ffmpeg};
+use locard_engine::text::count;
 use locard_engine::webcam::{self, CameraError, CameraListing, DriverName};
 
 /// How to control the choice of an adapter.
@@ -60,7 +61,8 @@ pub fn run() -> Result<()> {
     }
     cameras(&mut out)?;
     if missing > 0 {
-        bail!("something is missing, see above");
+        let (components, are) = (count(missing, "required component"), if missing == 1 { "is" } else { "are" });
+        bail!("{components} {are} missing (marked `missing` above)");
     }
     Ok(())
 }

@@ -93,7 +93,7 @@ impl FormatChoice {
 
 fn frame_rate(text: &str) -> Result<f64, String> {
     let rate = text.trim().parse().ok().filter(|fps| (1e-3..=1e5).contains(fps));
-    rate.ok_or_else(|| format!("{text} is refused: expected 0.001 to 100000 frames per second"))
+    rate.ok_or_else(|| "expected 0.001 to 100000 frames per second".to_owned())
 }
 
 pub fn run(args: &Args) -> Result<()> {

@@ -66,7 +66,7 @@ pub struct Args {
 
 fn seconds(text: &str) -> Result<f64, String> {
     let number = text.trim().parse().ok().filter(|seconds| (0.1..=86400.0).contains(seconds));
-    number.ok_or_else(|| format!("{text} is refused: expected a number of seconds from 0.1 to 86400"))
+    number.ok_or_else(|| "expected a number of seconds from 0.1 to 86400".to_owned())
 }
 
 /// Maximum number of damaged pictures that are listed.
@@ -209,7 +209,7 @@ fn profile(path: &Path) -> Result<()> {
 
 fn recording(args: &Args) -> Result<()> {
     let metres_per_unit = args.metres_per_unit.unwrap_or(1.0);
-    let options = args.skip.over(OpenOptions { metres_per_unit, ..OpenOptions::default() });
+    let options = args.skip.apply_to(OpenOptions { metres_per_unit, ..OpenOptions::default() });
     // The given profile overrides the recording's own.
     let shot_options =
         ShotOptions { profile: args.profile.clone(), analysis: args.analysis.choice(), ..ShotOptions::default() };
@@ -350,7 +350,7 @@ fn duplicates(recording: &Recording) -> Vec<String> {
         Ok(repeated) => repeated,
         Err(error) => return vec![format!("repeated pictures could not be searched for: {error}")],
     };
-    let of = |frames: &[usize], what: &str| {
+    let summary = |frames: &[usize], what: &str| {
         let first = frames.first()?;
         let number = format!("{} of {}", frames.len(), count(recording.frame_count(), "frame"));
         Some(format!("{number} {what} (first: frame {first})"))
@@ -359,10 +359,10 @@ fn duplicates(recording: &Recording) -> Vec<String> {
         0 => String::new(),
         n => format!(", {n} of them with another pose"),
     };
-    let pictures = of(&pictures, "repeat the picture before")
+    let pictures = summary(&pictures, "repeat the picture before")
         .map(|text| format!("{text}{moved}; --skip-duplicates leaves them out"));
-    let poses = of(&poses, "have the pose of the frame before, and another picture");
-    let times = of(&times, "have the timestamp of the frame before");
+    let poses = summary(&poses, "have the pose of the frame before, and another picture");
+    let times = summary(&times, "have the timestamp of the frame before");
     [pictures, poses, times].into_iter().flatten().collect()
 }
 

@@ -75,7 +75,12 @@ pub fn run(args: &Args) -> Result<()> {
         command: serde_json::to_value(CommandRecord::current())?,
     };
     if let Some(path) = args.recording.as_ref().filter(|_| is_video) {
-        follow_recording(&Recording::open(path, &args.skip.over(OpenOptions::default()))?, &parts, args, &mut options)?;
+        follow_recording(
+            &Recording::open(path, &args.skip.apply_to(OpenOptions::default()))?,
+            &parts,
+            args,
+            &mut options,
+        )?;
     }
     let done = join(&parts, &options)?;
     print_status(

@@ -51,7 +51,8 @@ pub struct LightArgs {
 impl LightArgs {
     /// Opens the recording, with the scene of a photograph.
     pub fn open(&self, scene: Option<PathBuf>, recorded_poses: bool) -> Result<Shot> {
-        let options = self.skip.over(OpenOptions { metres_per_unit: self.metres_per_unit, ..OpenOptions::default() });
+        let options =
+            self.skip.apply_to(OpenOptions { metres_per_unit: self.metres_per_unit, ..OpenOptions::default() });
         let recording = Recording::open(&self.recording, &options)?;
         super::check_frame(self.frame, recording.frame_count())?;
         let (profile, sets, analysis) = (self.profile.clone(), self.sets.clone(), self.analysis.choice());
@@ -61,11 +62,7 @@ impl LightArgs {
 }
 
 fn number_in(text: &str, is_accepted: impl Fn(f64) -> bool, accepted: &str) -> Result<f64, String> {
-    text.trim()
-        .parse()
-        .ok()
-        .filter(|v| is_accepted(*v))
-        .ok_or_else(|| format!("{text} is refused: expected {accepted}"))
+    text.trim().parse().ok().filter(|v| is_accepted(*v)).ok_or_else(|| format!("expected {accepted}"))
 }
 
 fn lux(text: &str) -> Result<f64, String> {

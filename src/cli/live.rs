@@ -334,7 +334,7 @@ impl LatencyHistogram {
 
 impl std::fmt::Display for LatencyHistogram {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let of = |bins: &[u32], share: f64| {
+        let quantile_text = |bins: &[u32], share: f64| {
             let all: u32 = bins.iter().sum();
             let mut sum = 0;
             let at = bins.iter().position(|n| {
@@ -350,10 +350,10 @@ impl std::fmt::Display for LatencyHistogram {
             f,
             "from the driver's time to the composite {} ms (median), {} ms (95 %); of these {} and {} ms since the picture \
              came",
-            of(taken, 0.5),
-            of(taken, 0.95),
-            of(came, 0.5),
-            of(came, 0.95)
+            quantile_text(taken, 0.5),
+            quantile_text(taken, 0.95),
+            quantile_text(came, 0.5),
+            quantile_text(came, 0.95)
         )
     }
 }

@@ -95,12 +95,12 @@ impl MeterReport<'_> {
         match self.settings.settings() {
             Some(settings) => {
                 writeln!(out, "settings   {settings}: EV {:.2}", settings.ev())?;
-                writeln!(out, "exposed    {}", over(settings.over_ev(lux)))?;
+                writeln!(out, "exposed    {}", deviation_text(settings.over_ev(lux)))?;
             }
             None => writeln!(out, "settings   not known: {}", self.settings.missing().join(", "))?,
         }
         if self.args.compensation != 0.0 {
-            writeln!(out, "wanted     {}", over(self.args.compensation))?;
+            writeln!(out, "requested  {}", deviation_text(self.args.compensation))?;
         }
         for (mode, metered) in self.proposals() {
             let name = match mode {
@@ -111,7 +111,7 @@ impl MeterReport<'_> {
             };
             let rest = match metered.over_ev {
                 off if off.abs() <= 1.0 / 6.0 + 1e-6 => String::new(),
-                off => format!("; still {}", over(off)),
+                off => format!("; still {}", deviation_text(off)),
             };
             writeln!(out, "{} {name:8} {}{rest}", mode.letter(), metered.settings)?;
         }
@@ -154,7 +154,7 @@ impl MeterReport<'_> {
 }
 
 /// For example "0.50 stops over".
-fn over(ev: f64) -> String {
+fn deviation_text(ev: f64) -> String {
     match ev {
         ev if ev.abs() < 0.005 => "correctly".to_owned(),
         ev if ev > 0.0 => format!("{ev:.2} stops over"),

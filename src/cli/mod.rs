@@ -77,7 +77,7 @@ enum Command {
     Analyse(analyse::Args),
     /// Write the estimated room light of an analysed recording as a scene's [light], to edit
     Light(room_light::Args),
-    /// Make an output again and compare it with its record: inputs, files, frames
+    /// Recompute an output and compare it with its record: inputs, files, frames
     Audit(audit::Args),
     /// Measure a camera from pictures
     Calibrate(calibrate::Args),
@@ -277,7 +277,7 @@ fn print_message(text: &str) {
 
 /// The number of a frame, as an option's value.
 fn frame_number(text: &str) -> Result<usize, String> {
-    text.trim().parse().map_err(|_| format!("{text} is refused: expected the number of a frame, from 0 on"))
+    text.trim().parse().map_err(|_| "expected the number of a frame, from 0 on".to_owned())
 }
 
 /// Checks that a recording has a frame.

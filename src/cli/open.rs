@@ -22,7 +22,7 @@ impl Skip {
         all.iter().filter(|(is_set, _)| *is_set).map(|(_, word)| (*word).to_owned()).collect()
     }
 
-    pub fn over(self, options: OpenOptions) -> OpenOptions {
+    pub fn apply_to(self, options: OpenOptions) -> OpenOptions {
         let Self { skip_duplicates, skip_missing } = self;
         OpenOptions { skip_duplicates, skip_missing, ..options }
     }
@@ -57,6 +57,6 @@ impl OpenArgs {
 
     pub fn options(self) -> OpenOptions {
         let Self { metres_per_unit, time_offset_s, skip } = self;
-        skip.over(OpenOptions { metres_per_unit, time_offset_s, ..OpenOptions::default() })
+        skip.apply_to(OpenOptions { metres_per_unit, time_offset_s, ..OpenOptions::default() })
     }
 }

@@ -2,7 +2,7 @@
 
 use std::io::Write;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use serde_json::json;
 
 use locard_engine::compositor::{ON, Settings};
@@ -14,14 +14,28 @@ use locard_engine::text::shown_unit;
 #[derive(clap::Args)]
 #[command(after_help = "[stage] after a parameter: the first stage that a change recomputes")]
 pub struct Args {
+    /// List this table and those below it, as in noise or camera; all by default
+    table: Option<String>,
     /// As JSON
     #[arg(long)]
     json: bool,
 }
 
+/// True for a table, and for the tables below it: `camera.lens` of `camera`.
+fn is_at_or_below(table: &str, name: &str) -> bool {
+    table.strip_prefix(name).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
+}
+
 pub fn run(args: &Args) -> Result<()> {
     let (rig, settings) = (Rig::default(), Settings::default());
-    let tables: Vec<&dyn Params> = rig.tables().into_iter().chain(settings.tables()).collect();
+    let mut tables: Vec<&dyn Params> = rig.tables().into_iter().chain(settings.tables()).collect();
+    if let Some(name) = &args.table {
+        let names: Vec<&str> = tables.iter().map(|table| table.table()).collect();
+        tables.retain(|table| is_at_or_below(table.table(), name));
+        if tables.is_empty() {
+            bail!("there is no table {name}; tables: {}", names.join(", "));
+        }
+    }
     let mut out = std::io::stdout().lock();
     if args.json {
         let list: Vec<_> = tables

@@ -139,17 +139,17 @@ fn focus(text: &str) -> Result<Focus, String> {
         "inf" | "infinity" => Some(f64::INFINITY),
         number => number.parse().ok().filter(|m: &f64| (0.01..=1e5).contains(m)),
     };
-    metres.map(Focus::Metres).ok_or_else(|| format!("{text} is refused: expected auto, inf, or 0.01 to 100000 m"))
+    metres.map(Focus::Metres).ok_or_else(|| "expected auto, inf, or 0.01 to 100000 m".to_owned())
 }
 
 fn focal_length(text: &str) -> Result<f64, String> {
     let mm = text.trim().trim_end_matches("mm").trim_end().parse().ok().filter(|mm| (1.0..=5000.0).contains(mm));
-    mm.ok_or_else(|| format!("{text} is refused: expected 1 to 5000 mm"))
+    mm.ok_or_else(|| "expected 1 to 5000 mm".to_owned())
 }
 
 fn columns(text: &str) -> Result<f64, String> {
     let px = text.trim().trim_end_matches("px").trim_end().parse().ok().filter(|px: &f64| (1.0..=1e6).contains(px));
-    px.ok_or_else(|| format!("{text} is refused: expected 1 to as many columns as the recording has (px)"))
+    px.ok_or_else(|| "expected 1 to as many columns as the recording has (px)".to_owned())
 }
 
 pub fn run(args: &Args) -> Result<()> {

@@ -7,7 +7,7 @@ use glam::{DVec2, DVec3};
 
 use super::labels::LabelArgs;
 use super::{print_status, warn};
-use locard_engine::camera::curved::{Curved, CurvedProjection};
+use locard_engine::camera::curved::{CurvedCamera, CurvedProjection};
 use locard_engine::camera::{Distortion, Geometry, Intrinsics, Response};
 use locard_engine::export::Inputs;
 use locard_engine::gpu::Gpu;
@@ -124,7 +124,7 @@ fn angles(text: &str) -> Result<(f64, Option<f64>), String> {
 
 fn metres(text: &str) -> Result<f64, String> {
     let parsed = text.trim().parse().ok().filter(|m| *m >= 1e-6 && *m <= 1e6);
-    parsed.ok_or_else(|| format!("{text} is refused: expected 0.000001 to 1000000 (m)"))
+    parsed.ok_or_else(|| "expected 0.000001 to 1000000 (m)".to_owned())
 }
 
 fn vector<const N: usize>(text: &str) -> Result<[f64; N], String> {
@@ -150,9 +150,9 @@ pub fn run(args: &Args) -> Result<()> {
     let pose = pose(args, sphere, scene.up_in_world.unwrap_or(DVec3::Y))?;
     let projection = projection(args, sphere);
     if let Projection::Curved(curved) = &projection
-        && let Some((wanted, drawn)) = limits(curved)
+        && let Some((needed_px, drawn)) = limits(curved)
     {
-        let text = format!("the picture's finest part needs cube faces of {wanted} px; they are drawn with {drawn}");
+        let text = format!("the picture's finest part needs cube faces of {needed_px} px; they are drawn with {drawn}");
         warn(args.quiet, &text);
     }
     let has_picture = matches!(scene.lighting.environment, Environment::Map(_));
@@ -276,7 +276,7 @@ fn projection(args: &Args, (_, radius): (DVec3, f64)) -> Projection {
     let (width_px, height_px) = picture_size(args);
     let size = DVec2::new(width_px.into(), height_px.into());
     let fov_rad = args.fov.map_or(args.camera.default_fov_deg(), |fov| fov.0).to_radians();
-    let curved = |curve| Projection::Curved(Curved { curve, width_px, height_px });
+    let curved = |curve| Projection::Curved(CurvedCamera { curve, width_px, height_px });
     match args.camera {
         RenderProjection::Fisheye => curved(CurvedProjection::Fisheye { fov_rad }),
         RenderProjection::LittlePlanet => curved(CurvedProjection::LittlePlanet { fov_rad }),

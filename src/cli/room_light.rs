@@ -11,7 +11,7 @@ use anyhow::{Context, Result, bail};
 use glam::Vec3;
 
 use super::print_status;
-use locard_engine::analyse::{Analysis, Findings, beside, panorama_beside};
+use locard_engine::analyse::{Analysis, Findings, default_folder, panorama_beside};
 use locard_engine::export::Inputs;
 use locard_engine::recording::OpenOptions;
 use locard_engine::scene::document::{LightTable, Up};
@@ -117,9 +117,9 @@ pub fn run(args: &Args) -> Result<()> {
             file.up = file.up.or(Some(Up::Direction(up)));
             // Lamps that the user pointed at are added to the panorama; other lamps are part of it.
             let kept = args.lamp.len();
-            let wanted = by.far + by.lamps.iter().skip(kept).map(|lamp| lamp.0).sum::<Vec3>();
+            let target_light = by.far + by.lamps.iter().skip(kept).map(|lamp| lamp.0).sum::<Vec3>();
             let lamps = light.lamp_tables().into_iter().take(kept).collect();
-            let (table, lit, line) = own::light(panorama, args.turn, lamps, (&file, path), turned, wanted)?;
+            let (table, lit, line) = own::light(panorama, args.turn, lamps, (&file, path), turned, target_light)?;
             (file.light, lighting) = (table, lit);
             let mut user_lamps = 0..kept;
             lines.retain(|(what, _)| *what != "bounce" && (*what != "lamp" || user_lamps.next().is_some()));
@@ -162,7 +162,7 @@ fn open_analysed(args: &Args) -> Result<(Shot, PathBuf, Analysis)> {
             bail!("{}: {problem}; `locard analyse {recording}` creates it again", folder.display())
         }
         AnalysisState::Absent | AnalysisState::Ignored => {
-            let place = beside(&shot.recording.path);
+            let place = default_folder(&shot.recording.path);
             bail!("{}: there is no analysis; `locard analyse {recording}` estimates the light", place.display())
         }
     };

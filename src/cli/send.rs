@@ -40,7 +40,7 @@ pub struct Args {
 
 fn speed(text: &str) -> Result<f64, String> {
     let number = text.trim().parse().ok().filter(|speed| (1e-3..=1e4).contains(speed));
-    number.ok_or_else(|| format!("{text} is refused: expected a number from 0.001 to 10000"))
+    number.ok_or_else(|| "expected a number from 0.001 to 10000".to_owned())
 }
 
 pub fn run(args: &Args) -> Result<()> {

@@ -9,7 +9,7 @@ use anyhow::{Context, Result, bail};
 use glam::DVec2;
 
 use super::{analyse, print_status, progress_of, warn};
-use locard_engine::analyse::beside;
+use locard_engine::analyse::default_folder;
 use locard_engine::camera::Geometry;
 use locard_engine::compositor::Settings;
 use locard_engine::profile::{ProfileFile, Rig};
@@ -128,7 +128,7 @@ pub fn run(args: &Args) -> Result<()> {
     }
     let options = ShotOptions { analysis: AnalysisChoice::No, ..ShotOptions::default() };
     let shot = Shot::open(&args.output, &OpenOptions::default(), &options)?;
-    let (analysis, _) = analyse::make(&shot, &beside(&args.output), args.force, args.quiet)?;
+    let (analysis, _) = analyse::make(&shot, &default_folder(&args.output), args.force, args.quiet)?;
     write!(std::io::stdout().lock(), "{}", analysis.findings)?;
     Ok(())
 }

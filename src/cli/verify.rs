@@ -70,7 +70,7 @@ pub fn run(args: &Args) -> Result<()> {
     if args.every == 0 || args.gap == 0 {
         bail!("--every and --gap are at least 1");
     }
-    let options = args.skip.over(OpenOptions::default());
+    let options = args.skip.apply_to(OpenOptions::default());
     let open = |analysis| {
         let shot_options =
             ShotOptions { profile: args.profile.clone(), sets: args.sets.clone(), analysis, ..ShotOptions::default() };
@@ -112,7 +112,7 @@ pub fn run(args: &Args) -> Result<()> {
     })?;
     bar.finish_and_clear();
     if let (Some(path), AnalysisState::Used(folder, _)) = (&args.report, &state.analysis) {
-        let (analysis, times) = (analyse::Analysis::read(folder)?, analyse::Times::kept(folder));
+        let (analysis, times) = (analyse::Analysis::read(folder)?, analyse::Times::read(folder));
         write_report(path, &recorded, (&analysis, &[]), times.as_ref(), noise.as_ref().ok())?;
     }
     print_noise(&noise)?;

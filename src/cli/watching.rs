@@ -106,19 +106,18 @@ impl PicturesArgs {
 
 fn seconds(text: &str) -> Result<f64, String> {
     let seconds = text.parse().ok().filter(|seconds| *seconds > 0.0 && *seconds <= 1e6);
-    seconds.ok_or_else(|| format!("{text} is refused: expected a number of seconds above 0"))
+    seconds.ok_or_else(|| "expected a number of seconds above 0".to_owned())
 }
 
 fn layout(text: &str) -> Result<Layout, String> {
-    Layout::of_name(text)
-        .ok_or_else(|| format!("{text} is refused: expected {}", Layout::PREFERRED.map(Layout::name).join(", ")))
+    Layout::of_name(text).ok_or_else(|| format!("expected {}", Layout::PREFERRED.map(Layout::name).join(", ")))
 }
 
 fn driver(text: &str) -> Result<DriverName, String> {
     let names: Vec<&str> = DriverName::AVAILABLE.iter().map(|driver| driver.name()).collect();
     DriverName::of_name(text).ok_or_else(|| match names.as_slice() {
-        [] => format!("{text} is refused: this program was built without cameras"),
-        _ => format!("{text} is refused: expected {}", names.join(", ")),
+        [] => "this program was built without cameras".to_owned(),
+        _ => format!("expected {}", names.join(", ")),
     })
 }
 
@@ -126,7 +125,7 @@ fn range(text: &str) -> Result<ColorRange, String> {
     match text {
         "limited" => Ok(ColorRange::Limited),
         "full" => Ok(ColorRange::Full),
-        _ => Err(format!("{text} is refused: expected limited, full")),
+        _ => Err("expected limited, full".to_owned()),
     }
 }
 
@@ -135,7 +134,7 @@ fn matrix(text: &str) -> Result<ColorMatrix, String> {
         "bt601" => Ok(ColorMatrix::Bt601),
         "bt709" => Ok(ColorMatrix::Bt709),
         "bt2020" => Ok(ColorMatrix::Bt2020),
-        _ => Err(format!("{text} is refused: expected bt601, bt709, bt2020")),
+        _ => Err("expected bt601, bt709, bt2020".to_owned()),
     }
 }
 

@@ -90,12 +90,12 @@ impl ChromaFilter {
 pub struct ChromaFilters([ChromaFilter; 2]);
 
 impl ChromaFilters {
-    /// For rendered pixels.
+    /// The filter for rendered pixels.
     pub fn mean(chroma: ChromaSampling) -> Self {
         Self([0, 1].map(|axis| ChromaFilter::mean(chroma.factor[axis], chroma.siting[axis])))
     }
 
-    /// For pixels that the decoder made.
+    /// The filter for pixels that the decoder made.
     pub fn recovery(chroma: ChromaSampling, decoder: Decoder) -> Self {
         Self([0, 1].map(|axis| ChromaFilter::recovery(chroma.factor[axis], decoder, axis)))
     }

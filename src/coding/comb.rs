@@ -12,7 +12,7 @@ const OUTLIERS: f32 = 0.1;
 /// Steps of a scaled table, and how likely.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ScaledTable {
-    /// Of annex K's table.
+    /// Scale of annex K's table.
     pub scale: f64,
     pub log_likelihood: f64,
 }
@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn multiples_of_a_step_are_told_from_other_values() {
+    fn step_multiples_are_distinguished() {
         let noisy = |step: f32| (1..200).map(move |i| (i % 17 - 8) as f32 * step + (i % 7 - 3) as f32 * 0.1);
         // 186 of the 199 values lie beyond the zero bin, where the cosine's mean is 0.9.
         assert!(CombSum::of(noisy(4.0), 4).score() > 15.0);

@@ -257,9 +257,9 @@ mod tests {
     #[test]
     fn dc_is_rounded_up_and_samples_are_cut_off() {
         for inverse in [InverseDct::ZUNE, InverseDct::LIBJPEG] {
-            let of = |dc: i32| inverse.samples(&std::array::from_fn(|i| if i == 0 { dc } else { 0 }));
-            assert_eq!([4, 3, -4, -5, 2000, -2000].map(|dc| of(dc)[9]), [129, 128, 128, 127, 255, 0]);
-            assert!(of(4).iter().all(|sample| *sample == 129));
+            let samples_of_dc = |dc: i32| inverse.samples(&std::array::from_fn(|i| if i == 0 { dc } else { 0 }));
+            assert_eq!([4, 3, -4, -5, 2000, -2000].map(|dc| samples_of_dc(dc)[9]), [129, 128, 128, 127, 255, 0]);
+            assert!(samples_of_dc(4).iter().all(|sample| *sample == 129));
         }
     }
 }

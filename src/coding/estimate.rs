@@ -221,8 +221,8 @@ impl TrialPart {
         let again = coding.recode(&self.codes, self.size);
         let [width, height] = self.size;
         let margin = self.size.map(|side| (2 * BLOCK).min(side / 4));
-        let inside = |y: usize| 3 * (y * width + margin[0])..3 * (y * width + width - margin[0]);
-        let rows = (margin[1]..height - margin[1]).map(inside);
+        let inner_samples = |y: usize| 3 * (y * width + margin[0])..3 * (y * width + width - margin[0]);
+        let rows = (margin[1]..height - margin[1]).map(inner_samples);
         let (mut equal, mut count) = (0, 0);
         for row in rows {
             let pairs = again[row.clone()].iter().zip(&self.codes[row]);

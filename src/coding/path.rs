@@ -90,11 +90,11 @@ impl PictureCoding {
     fn full_planes(&self, rgb: impl Fn(usize, usize) -> [f32; 3], size: [usize; 2]) -> Vec<SamplePlane<f32>> {
         let extent = self.extent(size);
         let (rows, black) = self.color.forward();
-        let inside = |at: usize, axis: usize| at.saturating_sub(extent.before[axis]).min(size[axis] - 1);
+        let inner_index = |at: usize, axis: usize| at.saturating_sub(extent.before[axis]).min(size[axis] - 1);
         let plane = |plane: usize| {
             let row = rows[plane].map(|weight| weight as f32);
             SamplePlane::new(extent.padded[0], extent.padded[1], |x, y| {
-                let [r, g, b] = rgb(inside(x, 0), inside(y, 1));
+                let [r, g, b] = rgb(inner_index(x, 0), inner_index(y, 1));
                 black[plane] as f32 + row[0] * r + row[1] * g + row[2] * b
             })
         };

@@ -19,16 +19,16 @@ fn hashed(seed: u32, count: u32) -> u32 {
 /// extreme values.
 fn quantized_blocks(count: usize, seed: u32) -> Vec<[i32; BLOCK_LEN]> {
     let block = |i: u32| {
-        let of = |k: u32, count: u32| hashed(seed.wrapping_add(i * 977 + k * 13), count) as i32;
-        let kind = of(99, 5);
+        let random = |k: u32, count: u32| hashed(seed.wrapping_add(i * 977 + k * 13), count) as i32;
+        let kind = random(99, 5);
         let length = [1, 10, 64, 64, 30][kind as usize];
         let mut block = [0; BLOCK_LEN];
         for (k, &at) in ZIGZAG.iter().enumerate().take(length) {
             let k = k as u32;
             block[at] = match (k, kind) {
-                (0, _) => of(0, 120) - 60,
-                (_, 3) => of(k, 61) - 30,
-                _ if of(k + 64, 3) == 0 => of(k, 21) - 10,
+                (0, _) => random(0, 120) - 60,
+                (_, 3) => random(k, 61) - 30,
+                _ if random(k + 64, 3) == 0 => random(k, 21) - 10,
                 _ => 0,
             };
         }
@@ -219,11 +219,11 @@ fn cropped_picture_returns_unchanged_from_a_shifted_grid() {
     shifted.quantization.as_mut().unwrap().origin = [-(left as i32), -(top as i32)];
     let equal_inside = |coding: &PictureCoding| {
         let again = coding.recode(&cropped, cropped_size);
-        let inside = |i: &usize| {
+        let is_inside = |i: &usize| {
             let (x, y) = (i / 3 % cropped_size[0], i / 3 / cropped_size[0]);
             x >= 32 && y >= 32
         };
-        let places: Vec<usize> = (0..again.len()).filter(inside).collect();
+        let places: Vec<usize> = (0..again.len()).filter(is_inside).collect();
         places.iter().filter(|&&i| again[i] == cropped[i]).count() as f64 / places.len() as f64
     };
     assert!(equal_inside(&shifted) > 0.99, "{}", equal_inside(&shifted));

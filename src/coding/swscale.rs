@@ -42,10 +42,10 @@ impl Phases {
         const SAMPLE: usize = 8;
         let pixel = factor as usize * SAMPLE;
         let all = taps(pixel + 2, 2 * SAMPLE, factor, siting, bits);
-        let of = |phase: usize| all[pixel + phase % factor as usize];
+        let tap = |phase: usize| all[pixel + phase % factor as usize];
         Self {
-            first: [0, 1].map(|phase| of(phase).first as i32 - SAMPLE as i32),
-            weights: [0, 1].map(|phase| of(phase).weights),
+            first: [0, 1].map(|phase| tap(phase).first as i32 - SAMPLE as i32),
+            weights: [0, 1].map(|phase| tap(phase).weights),
         }
     }
 }
@@ -75,7 +75,7 @@ pub fn position(at: usize, factor: u32, siting: ChromaSiting) -> f64 {
 /// Weights in units of 2^-`bits` for each pixel of an axis of `samples` chroma samples. Samples
 /// beyond an end count as the one at the end.
 fn taps(pixels: usize, samples: usize, factor: u32, siting: ChromaSiting, bits: u32) -> Vec<TapRow> {
-    let of = |at: usize| {
+    let taps_at = |at: usize| {
         let position = position(at, factor, siting);
         let nominal = position.floor() as isize - 1;
         let last_start = samples.saturating_sub(TAPS);
@@ -89,7 +89,7 @@ fn taps(pixels: usize, samples: usize, factor: u32, siting: ChromaSiting, bits: 
         }
         TapRow { first, weights: rounded(exact, bits) }
     };
-    (0..pixels).map(of).collect()
+    (0..pixels).map(taps_at).collect()
 }
 
 /// Weights in units of 2^-`bits` of their sum; each takes the rounding error of the one before it.

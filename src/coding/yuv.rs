@@ -34,12 +34,12 @@ impl Table {
             ColorRange::Full => (0, 255, 255),
         };
         let term = |from: i128, num: i128, den: i128| {
-            let of = |code: usize| {
+            let converted = |code: usize| {
                 let (num, den) = (2 * ONE * (code as i128 - from) * num, 2 * den);
                 // To the nearest.
                 (num + den / 2).div_euclid(den) as i64
             };
-            std::array::from_fn(of)
+            std::array::from_fn(converted)
         };
         let chroma = |num: i128, den: i128| term(128, 255 * num, c_span * den);
         Self {

@@ -96,7 +96,7 @@ pub fn limit_clipped_shadow(
     let in_part = |rect: &Rect| [rect.x0 - part.x0, rect.y0 - part.y0, rect.x1 - part.x0, rect.y1 - part.y0];
     let quads: Vec<[i32; 4]> = rects.iter().map(in_part).collect();
     let list = recorder.storage(bytemuck::cast_slice(&quads));
-    let pass = recorder.pass(Shader::Clipped, ShaderEntry::over("part", "main")).uniform("clipped", &uniform);
+    let pass = recorder.pass(Shader::Clipped, ShaderEntry::with_vertex("part", "main")).uniform("clipped", &uniform);
     let pass = pass.texture("shadow_mask", &shadow_mask.texture).texture("excess", &texture).buffer("parts", list);
     let [texture] = pass.tiles(quads.len() as u32).draw([COLOR], (part.width(), part.height()));
     ShadowMask { texture, ..shadow_mask }

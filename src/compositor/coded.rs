@@ -222,7 +222,7 @@ pub fn mix_coded(
         in_region: [rect.x0 - region.rect.x0, rect.y0 - region.rect.y0],
         in_camera: [rect.x0 - upload.rect.x0, rect.y0 - upload.rect.y0],
     };
-    let entry = ShaderEntry::over("part", "main").choose("decoder", decoder_choice(region.coding));
+    let entry = ShaderEntry::with_vertex("part", "main").choose("decoder", decoder_choice(region.coding));
     let entry = entry.choose("noisy", planes.is_some());
     // Content that is shown without coding is latent, too.
     let shown_content = planes.as_ref().filter(|_| !is_coded).map_or(&uncoded, |planes| &planes.latent);
@@ -238,7 +238,7 @@ pub fn mix_coded(
         .buffer("samples", &coded.samples)
         .buffer("parts", list)
         .tiles(corners.len() as u32)
-        .over()
+        .load_targets()
         .draw_into(&[&out], (rect.width(), rect.height()));
     out
 }
@@ -310,13 +310,13 @@ impl CodedSamples {
         let chroma = recorder.pool.lend(&recorder.gpu, size, CHROMA);
         let parts = recorder.storage(bytemuck::cast_slice(&self.chroma_parts));
         recorder
-            .pass(Shader::CodingChroma, ShaderEntry::over("part", "main").choose("noisy", noise.is_some()))
+            .pass(Shader::CodingChroma, ShaderEntry::with_vertex("part", "main").choose("noisy", noise.is_some()))
             .uniform("coding", &self.uniform)
             .texture("uncoded", uncoded)
             .texture("chroma_noise", noise.map_or(uncoded, |planes| &planes.chroma))
             .buffer("parts", parts)
             .tiles(self.chroma_parts.len() as u32)
-            .over()
+            .load_targets()
             .draw_into(&[&chroma], size);
         let steps: Vec<f32> = match &coding.quantization {
             Some(quantization) => quantization.steps.as_flattened().iter().map(|&step| f32::from(step)).collect(),

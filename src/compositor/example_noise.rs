@@ -106,13 +106,13 @@ impl NoisePlanes {
         let activity = of_blocks(recorder, ACTIVITY);
         let mut of_content = |entry, energies: Option<&Texture>, targets: &[&Texture], size| {
             recorder
-                .pass(Shader::NoiseContent, ShaderEntry::over("part", entry))
+                .pass(Shader::NoiseContent, ShaderEntry::with_vertex("part", entry))
                 .buffer("example", example.clone())
                 .texture("uncoded", picture.codes)
                 .texture("energies", energies.unwrap_or(picture.codes))
                 .buffer("parts", parts.clone())
                 .tiles(count)
-                .over()
+                .load_targets()
                 .draw_into(targets, size);
         };
         of_content("content", None, &[&latent, &energies], size);
@@ -123,7 +123,7 @@ impl NoisePlanes {
         let luma = lend(recorder, size, LUMA_NOISE);
         let [low, high] = [STANDARDISED; 2].map(|format| lend(recorder, size, format));
         recorder
-            .pass(Shader::NoisePlanes, ShaderEntry::over("part", "luma"))
+            .pass(Shader::NoisePlanes, ShaderEntry::with_vertex("part", "luma"))
             .buffer("example", example.clone())
             .texture("uncoded", picture.codes)
             .texture("amplitude_factor", picture.amplitude_factor)
@@ -133,12 +133,12 @@ impl NoisePlanes {
             .buffer("sources", &sources)
             .buffer("atlas_luma", &atlas.luma)
             .tiles(count)
-            .over()
+            .load_targets()
             .draw_into(&[&luma, &low, &high], size);
         let chroma_size = (size.0 / across as u32, size.1 / down as u32);
         let chroma = lend(recorder, chroma_size, CHROMA_NOISE);
         recorder
-            .pass(Shader::NoisePlanes, ShaderEntry::over("part", "chroma"))
+            .pass(Shader::NoisePlanes, ShaderEntry::with_vertex("part", "chroma"))
             .buffer("example", example)
             .texture("amplitude_factor", picture.amplitude_factor)
             .texture("features_low", &low)
@@ -147,7 +147,7 @@ impl NoisePlanes {
             .buffer("sources", &sources)
             .buffer("atlas_chroma", &atlas.chroma)
             .tiles(count)
-            .over()
+            .load_targets()
             .draw_into(&[&chroma], chroma_size);
         Self { latent, luma, chroma }
     }

@@ -85,13 +85,13 @@ mod tests {
         let (width, height) = (23, 17);
         let depth: Vec<f32> = (0..width * height).map(|i| (i * 37 % 101) as f32 / 10.0).collect();
         for reach in 0..8 {
-            let around = |i: usize| {
+            let max_depth_around = |i: usize| {
                 let (x, y) = (i % width, i / width);
                 let rows = y.saturating_sub(reach)..(y + reach + 1).min(height);
                 let all = rows.flat_map(|y| &depth[y * width..][x.saturating_sub(reach)..(x + reach + 1).min(width)]);
                 all.copied().reduce(|a, b| if a.min(b) > 0.0 { a.max(b) } else { 0.0 }).unwrap()
             };
-            let expected: Vec<f32> = (0..depth.len()).map(around).collect();
+            let expected: Vec<f32> = (0..depth.len()).map(max_depth_around).collect();
             assert_eq!(max_depth_within(&depth, width, reach), expected, "{reach}");
         }
     }

@@ -214,7 +214,7 @@ pub fn composite(
         CompositeTarget::Uncoded(_) => "uncoded",
         CompositeTarget::UncodedWithFactor(_) => "uncoded_with_factor",
     };
-    let entry = ShaderEntry::over("part", entry)
+    let entry = ShaderEntry::with_vertex("part", entry)
         .choose("curve", curve_choice(&camera.response))
         .choose("whole", capture.whole)
         .choose("parted", layer.coverage.is_some())
@@ -245,7 +245,7 @@ pub fn composite(
     }
     let pass = pass.tiles(quads.len() as u32);
     match target {
-        CompositeTarget::Codes(out) | CompositeTarget::Uncoded(out) => pass.over().draw_into(&[out], size),
+        CompositeTarget::Codes(out) | CompositeTarget::Uncoded(out) => pass.load_targets().draw_into(&[out], size),
         CompositeTarget::UncodedWithFactor(UncodedPicture { codes, amplitude_factor }) => {
             pass.draw_into(&[codes, amplitude_factor], size);
         }

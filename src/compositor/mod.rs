@@ -48,7 +48,7 @@ pub use mix::mixed_module;
 pub use occlusion::project_rolling;
 pub use pending::Pending;
 pub use plan::poses_within_s;
-pub use settings::{DepthSettings, ON, Settings, SettingsError, ShadowSettings};
+pub use settings::{DepthSettings, ON, Settings, SettingsError, ShadowSettings, current_name};
 
 use frame_inputs::FrameInputs;
 use mix::CameraUpload;
@@ -267,7 +267,7 @@ impl Compositor {
         requested: Quality,
     ) -> (Vec<PlanarShadow>, Vec<Option<Arc<Lightmap>>>, Quality) {
         let (planar_shadows, quality) = self.shadows.planar_shadows(self.renderer.scene(), requested);
-        if !settings.on_things {
+        if !settings.on_evidence {
             let lightmaps = self.shadows.light_visibility(self.renderer.scene());
             return (planar_shadows, lightmaps, quality);
         }

@@ -10,6 +10,15 @@ use crate::params::{Kind, ParamError, Params, Value, values};
 /// name.
 pub const ON: &str = "on";
 
+/// Former names of parameters, as table, former name and name. They are read, and not written.
+const RENAMED: [(&str, &str, &str); 1] = [("shadow", "on_things", "on_evidence")];
+
+/// The name of a parameter, by its name or its former one.
+pub fn current_name<'a>(table: &str, name: &'a str) -> &'a str {
+    let renamed = RENAMED.into_iter().find(|(of_table, former, _)| *of_table == table && *former == name);
+    renamed.map_or(name, |(_, _, current)| current)
+}
+
 crate::params! {
     /// Occlusion by the recording's depth.
     pub struct DepthSettings in "depth" at Depth {
@@ -22,7 +31,7 @@ crate::params! {
     /// Shadows of virtual objects on the support plane and on each other.
     pub struct ShadowSettings in "shadow" at PlanarShadows {
         "objects block light from the real surface that they stand on" cast as "Cast shadows": bool = true;
-        "objects block light from each other and from themselves" on_things as "Shadows on other evidence" at Lightmaps: bool = true => cast is "true";
+        "objects block light from each other and from themselves" on_evidence as "Shadows on other evidence" at Lightmaps: bool = true => cast is "true";
         "opacity of shadows; 1 is correct for the scene's light" strength at ShadowMask: f32 = 1.0, "", 0.0..=2.0 => cast is "true";
     }
 }
@@ -129,8 +138,8 @@ impl Settings {
 
     /// Switches all effects off but those named.
     pub fn only(&mut self, names: &[String]) -> Result<(), SettingsError> {
-        let wanted = names.iter().map(|n| self.position(n)).collect::<Result<Vec<_>, _>>()?;
-        self.enabled.iter_mut().enumerate().for_each(|(i, on)| *on = wanted.contains(&i));
+        let indices = names.iter().map(|n| self.position(n)).collect::<Result<Vec<_>, _>>()?;
+        self.enabled.iter_mut().enumerate().for_each(|(i, on)| *on = indices.contains(&i));
         Ok(())
     }
 
@@ -209,7 +218,7 @@ impl Settings {
     }
 
     /// Sets one parameter, or with [`ON`] switches an effect. `None` if the table is not one of
-    /// [`Settings::tables`].
+    /// [`Settings::tables`]. Former names are accepted.
     pub fn set(&mut self, table: &str, name: &str, value: &Value) -> Option<Result<(), ParamError>> {
         if name == ON
             && let Ok(effect) = self.position(table)
@@ -222,6 +231,7 @@ impl Settings {
             self.enabled[effect] = *on;
             return Some(Ok(()));
         }
+        let name = current_name(table, name);
         self.tables_mut().into_iter().find(|t| t.table() == table).map(|t| t.set(name, value))
     }
 }
@@ -256,6 +266,14 @@ mod tests {
         for table in settings.tables() {
             assert!(table.get(ON).is_none(), "{}", table.table());
         }
+    }
+
+    #[test]
+    fn former_name_sets_the_renamed_parameter() {
+        let mut settings = Settings::default();
+        settings.set("shadow", "on_things", &Value::Bool(false)).unwrap().unwrap();
+        assert!(!settings.shadow.on_evidence && settings.shadow.get("on_things").is_none());
+        assert!(settings.set("depth", "on_things", &Value::Bool(false)).unwrap().is_err());
     }
 
     #[test]

@@ -334,7 +334,7 @@ pub fn shadow_mask(
     let [planar_shadows, tiles, homographies] =
         [bytemuck::cast_slice(&planar_shadows), bytemuck::cast_slice(&tiles), bytemuck::cast_slice(&homographies)]
             .map(|bytes| recorder.storage(bytes));
-    let entry = ShaderEntry::over("tile", "main").choose("has_depth", request.depth.is_some());
+    let entry = ShaderEntry::with_vertex("tile", "main").choose("has_depth", request.depth.is_some());
     let entry = entry.choose("has_matte", request.matte.is_some());
     let pass = recorder.pass(Shader::ShadowMask, entry).uniform("shadow_mask", &uniform).texture("rays", &rays.texture);
     let pass = pass.texture("atlas", &atlas.texture).buffer("planar_shadows", planar_shadows);
@@ -375,11 +375,11 @@ fn homography(planar_shadow: &PlanarShadow, pose: &Pose) -> DMat3 {
     let in_camera = |axis: DVec3| world_from_camera.transpose() * axis;
     let inverse_t = -in_camera(plane.normal()) / plane.height_m(eye);
     let texel_m = f64::from(texture.texel_m);
-    let along = |axis: DVec3, low: f32| {
+    let column = |axis: DVec3, low: f32| {
         let from_corner = axis.dot(eye - plane.origin_m) - f64::from(low);
         (in_camera(axis) + inverse_t * from_corner) / texel_m
     };
-    DMat3::from_cols(along(plane.axes.x_axis, texture.low_m.x), along(plane.axes.y_axis, texture.low_m.y), inverse_t)
+    DMat3::from_cols(column(plane.axes.x_axis, texture.low_m.x), column(plane.axes.y_axis, texture.low_m.y), inverse_t)
 }
 
 #[cfg(test)]

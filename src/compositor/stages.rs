@@ -162,7 +162,7 @@ impl Compositor {
         let composited = |i: usize| regions[i].as_ref().map_or(work_rects.pieces[i].rect, |region| region.rect);
         let upload_px = match target {
             Target::Pixels => (0..regions.len()).map(|i| upload_rect(composited(i), &job.frame)).collect(),
-            Target::View(..) => vec![whole(&job.frame)],
+            Target::View(..) => vec![frame_rect(&job.frame)],
         };
         let uploads: Vec<_> = upload_px.into_iter().map(|rect| CameraUpload::new(run.recorder, pixels, rect)).collect();
         let changed = changed_rects(inputs, layer, shadow_mask);
@@ -222,15 +222,15 @@ fn coded_region<'a>(inputs: &FrameInputs<'a>, piece: Rect) -> Option<CodedRegion
     let unrounded = || has_noise.then_some(&PictureCoding::UNROUNDED);
     let coding = inputs.plan.coding.as_ref().or_else(unrounded)?;
     let reach_px = if has_noise { CONTENT_REACH_PX } else { CHROMA_REACH_PX };
-    Some(CodedRegion::new(coding, piece, whole(&inputs.job.frame), reach_px))
+    Some(CodedRegion::new(coding, piece, frame_rect(&inputs.job.frame), reach_px))
 }
 
 /// The rectangle of the camera's picture that the composite of `rect` reads, with a margin of 1 px
 /// for effects that read neighbours.
 fn upload_rect(rect: Rect, frame: &Frame) -> Rect {
-    rect.grown(1).intersection(&whole(frame))
+    rect.grown(1).intersection(&frame_rect(frame))
 }
 
-fn whole(frame: &Frame) -> Rect {
+fn frame_rect(frame: &Frame) -> Rect {
     Rect::full(frame.pixels.width, frame.pixels.height)
 }

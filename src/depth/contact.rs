@@ -90,15 +90,15 @@ mod tests {
             (0..width * height).map(|i| if plane_m(i) > 0.0 { truth(i) + noise(i, truth(i)) } else { 9.0 }).collect();
         // A part that extends beyond the picture.
         let part = Rect::new(-4, 20, 60, 48);
-        let inside = |x: i32, y: i32| (0..64).contains(&x) && part.contains(x, y);
-        let at = |x: i32, y: i32| if inside(x, y) { measured[y as usize * width + x as usize] } else { 0.0 };
+        let is_inside = |x: i32, y: i32| (0..64).contains(&x) && part.contains(x, y);
+        let at = |x: i32, y: i32| if is_inside(x, y) { measured[y as usize * width + x as usize] } else { 0.0 };
         let places: Vec<_> = (20..48).flat_map(|y| (-4..60).map(move |x| (x, y))).collect();
         let before: Vec<f32> = places.iter().map(|(x, y)| at(*x, *y)).collect();
         let mut depth_m = before.clone();
         snap_to_planes(&mut depth_m, &rays, &pose, part, &[floor]);
         for (((x, y), before), actual_m) in places.iter().zip(&before).zip(&depth_m) {
             let i = *y as usize * width + (*x).max(0) as usize;
-            let expected = if inside(*x, *y) && !is_object(i) { plane_m(i) } else { *before };
+            let expected = if is_inside(*x, *y) && !is_object(i) { plane_m(i) } else { *before };
             assert!((actual_m - expected).abs() <= 1e-4 * expected, "{x} {y}: {actual_m} is not {expected}");
         }
         assert!(before.iter().zip(&depth_m).any(|(a, b)| (a - b).abs() > 0.02), "the noise was nothing");

@@ -12,9 +12,9 @@ use crate::tracking::PoseTrack;
 /// The neighbours of a frame that have poses. `picture`: the recording's geometry.
 pub fn neighbours<'a>(frame: &'a Frame, picture: &Geometry, track: &PoseTrack) -> Vec<Neighbour<'a>> {
     let neighbour = |frame: &'a NeighbourFrame| {
-        let measured = measured_from(&frame.depth, picture, track).ok()?;
-        let taken = track.at(frame.timestamp_s).ok()?;
-        Some(Neighbour { frame, measured, taken })
+        let map_pose = measured_from(&frame.depth, picture, track).ok()?;
+        let picture_pose = track.at(frame.timestamp_s).ok()?;
+        Some(Neighbour { frame, map_pose, picture_pose })
     };
     frame.neighbours.iter().filter_map(|frame| neighbour(frame)).collect()
 }
@@ -28,10 +28,10 @@ pub fn consensus_at_frame(
     track: &PoseTrack,
     response: &Response,
 ) -> Option<Vec<f32>> {
-    let measured = measured_from(depth, rays.geometry(), track).ok()?;
-    let taken = track.at(frame.timestamp_s).ok()?;
+    let map_pose = measured_from(depth, rays.geometry(), track).ok()?;
+    let picture_pose = track.at(frame.timestamp_s).ok()?;
     let whole = rays.full();
-    let mut depth_m = rays.reproject(depth, &measured, &taken, whole);
+    let mut depth_m = rays.reproject(depth, &map_pose, &picture_pose, whole);
     let neighbours = neighbours(frame, rays.geometry(), track);
     let voters: Vec<_> = neighbours.iter().map(|neighbour| neighbour.voter(response)).collect();
     if !voters.is_empty() || !frame.surfels.is_empty() {
@@ -40,8 +40,13 @@ pub fn consensus_at_frame(
         let mut sqrt_colors = vec![[0.0; 3]; pixels.width as usize * pixels.height as usize];
         sqrt_colors.chunks_mut(width).zip(0..).for_each(|(row, y)| of_frame.fill_row(0, y, row));
         let max_depth_m = vec![f32::INFINITY; depth_m.len()];
-        let target =
-            vote::TargetView { rays, pose: taken, part: whole, sqrt_colors: &sqrt_colors, max_depth_m: &max_depth_m };
+        let target = vote::TargetView {
+            rays,
+            pose: picture_pose,
+            part: whole,
+            sqrt_colors: &sqrt_colors,
+            max_depth_m: &max_depth_m,
+        };
         target.apply_consensus(&mut depth_m, &voters);
         target.fill_unknown(&mut depth_m, &frame.surfels);
     }
@@ -68,7 +73,7 @@ mod tests {
             let depth_m = (0..96 * 64).map(|i| if i % 96 == hole { 0.0 } else { z }).collect();
             DepthMap { width, height, depth_m, timestamp_s }
         };
-        let beside = |index: usize, time_s: f64, z: f32| {
+        let neighbour = |index: usize, time_s: f64, z: f32| {
             Arc::new(NeighbourFrame {
                 index,
                 timestamp_s: time_s,
@@ -84,7 +89,7 @@ mod tests {
         let mut frame = Frame { depth: Some(Arc::new(own.clone())), ..Frame::new(1, 0.0, pixels()) };
         let depth_of = |frame: &Frame| consensus_at_frame(frame, &own, &rays, &track, &Response::default()).unwrap();
         assert_eq!(depth_of(&frame)[20 * 96 + 50], 0.0);
-        frame.neighbours = vec![beside(0, -0.5, 2.0), beside(2, 0.5, 2.0), beside(3, 2.0, 1.0)];
+        frame.neighbours = vec![neighbour(0, -0.5, 2.0), neighbour(2, 0.5, 2.0), neighbour(3, 2.0, 1.0)];
         assert_eq!(neighbours(&frame, &geometry, &track).len(), 2);
         let depth_m = depth_of(&frame);
         assert!(depth_m.iter().all(|z| (z - 2.0).abs() < 1e-3), "{:?}", &depth_m[20 * 96..][..96]);

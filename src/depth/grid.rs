@@ -111,14 +111,14 @@ impl DepthGrid {
 
     /// The pixels of the grid around a rectangle of the photograph, with a border of one pixel, and
     /// their depths, m, row by row. Coordinates outside the grid are clamped.
-    pub fn around(&self, rect: Rect) -> (Rect, Vec<f32>) {
+    pub fn covering(&self, rect: Rect) -> (Rect, Vec<f32>) {
         let first = |at: i32| (f64::from(at) / self.enlargement).floor() as i32 - 1;
         let last = |at: i32| (f64::from(at) / self.enlargement).ceil() as i32 + 1;
-        let around = Rect::new(first(rect.x0), first(rect.y0), last(rect.x1), last(rect.y1));
+        let covered = Rect::new(first(rect.x0), first(rect.y0), last(rect.x1), last(rect.y1));
         let place = |at: i32, side: u32| at.clamp(0, side as i32 - 1) as usize;
         let row = |y: i32| &self.depth_m[place(y, self.height) * self.width as usize..];
-        let of_row = |y: i32| (around.x0..around.x1).map(move |x| unknown_if_far_m(row(y)[place(x, self.width)]));
-        (around, (around.y0..around.y1).flat_map(of_row).collect())
+        let of_row = |y: i32| (covered.x0..covered.x1).map(move |x| unknown_if_far_m(row(y)[place(x, self.width)]));
+        (covered, (covered.y0..covered.y1).flat_map(of_row).collect())
     }
 
     /// The depth at each pixel of a rectangle of the photograph, metres, row by row.
@@ -138,12 +138,12 @@ mod tests {
         let depth_m = vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0];
         let grid = DepthGrid { width: 3, height: 2, enlargement: 2.0, depth_m, light: Vec::new(), is_dilated: false };
         // The first pixel of the grid with a border of one pixel, clamped at the rim.
-        let (around, texels) = grid.around(Rect::new(0, 0, 2, 2));
-        assert_eq!(around, Rect::new(-1, -1, 2, 2));
+        let (covered, texels) = grid.covering(Rect::new(0, 0, 2, 2));
+        assert_eq!(covered, Rect::new(-1, -1, 2, 2));
         assert_eq!(texels, [1.0, 1.0, 2.0, 1.0, 1.0, 2.0, 4.0, 4.0, 5.0]);
         // Half of the grid's second pixel and of its third.
-        let (around, texels) = grid.around(Rect::new(3, 1, 5, 2));
-        assert_eq!(around, Rect::new(0, -1, 4, 2));
+        let (covered, texels) = grid.covering(Rect::new(3, 1, 5, 2));
+        assert_eq!(covered, Rect::new(0, -1, 4, 2));
         assert_eq!(texels, [1.0, 2.0, 3.0, 3.0, 1.0, 2.0, 3.0, 3.0, 4.0, 5.0, 6.0, 6.0]);
     }
 }

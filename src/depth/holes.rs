@@ -273,10 +273,10 @@ mod tests {
     fn dark_object_takes_the_depth_of_its_few_measured_pixels() {
         // A black square at 1 m in front of a grey wall at 2 m; 12 of its pixels were measured.
         let (width, height) = (96, 80);
-        let inside = |i: usize| (20..80).contains(&(i % width)) && (10..70).contains(&(i / width));
-        let sqrt_colors: Vec<_> = (0..width * height).map(|i| if inside(i) { BLACK } else { GREY }).collect();
+        let is_inside = |i: usize| (20..80).contains(&(i % width)) && (10..70).contains(&(i / width));
+        let sqrt_colors: Vec<_> = (0..width * height).map(|i| if is_inside(i) { BLACK } else { GREY }).collect();
         let mut depth: Vec<f32> = (0..width * height)
-            .map(|i| match inside(i) {
+            .map(|i| match is_inside(i) {
                 false => 2.0,
                 true if (30..34).contains(&(i % width)) && (50..53).contains(&(i / width)) => 1.0,
                 true => 0.0,
@@ -284,7 +284,7 @@ mod tests {
             .collect();
         assert!(fill(&mut depth, &sqrt_colors, width, 100.0).is_some());
         for (i, z) in depth.iter().enumerate() {
-            let expected = if inside(i) { 1.0 } else { 2.0 };
+            let expected = if is_inside(i) { 1.0 } else { 2.0 };
             assert!((z / expected - 1.0).abs() < 0.1, "{} {}: {z}", i % width, i / width);
         }
     }

@@ -12,7 +12,7 @@ use crate::plane::Plane;
 use crate::pose::Pose;
 use crate::quality::Quality;
 
-/// Memos of the last result of each quality. A result that was made again, with the same value, has
+/// Memos of the last result of each quality. A result that was recomputed, with the same value, has
 /// another address.
 #[derive(Debug, Default)]
 pub struct LastRepair {
@@ -68,7 +68,7 @@ impl RepairKey {
     fn new(frame: &Frame, repair: &Repair<'_>, rects: [Rect; 3], request: &DepthRequest) -> Self {
         let measured = repair.measured.map(|(_, pose)| *pose);
         let own = [repair.frame, repair.shutter[0], repair.shutter[1]].map(|pose| *pose);
-        let theirs = repair.neighbours.iter().flat_map(|neighbour| [neighbour.measured, neighbour.taken]);
+        let theirs = repair.neighbours.iter().flat_map(|neighbour| [neighbour.map_pose, neighbour.picture_pose]);
         let place = |voter: &Neighbour<'_>| frame.neighbours.iter().position(|of| std::ptr::eq(&**of, voter.frame));
         Self {
             frame: frame.identity(),
@@ -99,7 +99,7 @@ mod tests {
     fn repaired(last: &LastRepair, frame: &Frame, quality: Quality, max_depth_m: f32) -> (Arc<RepairedDepth>, Quality) {
         let (rays, pose) = (Rays::new(&Geometry::pinhole(96, 64, 80.0)), Pose::IDENTITY);
         let depth = frame.depth.as_ref().unwrap();
-        let neighbour = |frame| Neighbour { frame, measured: pose, taken: pose };
+        let neighbour = |frame| Neighbour { frame, map_pose: pose, picture_pose: pose };
         let neighbours: Vec<_> = frame.neighbours.iter().map(|beside| neighbour(beside)).collect();
         let repair = Repair {
             rays: &rays,
@@ -126,10 +126,11 @@ mod tests {
         };
         let codes = (0..96 * 64).flat_map(|i| [if (30..64).contains(&(i % 96)) { 40 } else { 200 }; 3]).collect();
         let pixels = Arc::new(Pixels::from_u8(96, 64, codes).unwrap());
-        let beside = |index| NeighbourFrame { index, timestamp_s: 0.0, pixels: pixels.clone(), depth: map(60).into() };
+        let neighbour =
+            |index| NeighbourFrame { index, timestamp_s: 0.0, pixels: pixels.clone(), depth: map(60).into() };
         Frame {
             depth: Some(Arc::new(map(59))),
-            neighbours: [2, 3, 5].map(|index| Arc::new(beside(index))).to_vec(),
+            neighbours: [2, 3, 5].map(|index| Arc::new(neighbour(index))).to_vec(),
             ..Frame::new(4, 0.0, pixels.clone())
         }
     }
@@ -172,9 +173,9 @@ mod tests {
         let proxies = [1.0, 2.0].map(|z_m| Proxies { triangles: vec![[DVec3::X, DVec3::Y, z_m * DVec3::Z]] });
         let (here_poses, moved_poses) = ([pose; 3], [pose, pose, moved]);
         let project: &dyn Fn(DVec3) -> ProjectedPoint = &|_| None;
-        let neighbour = |measured, taken| [Neighbour { frame: &here.neighbours[0], measured, taken }];
+        let neighbour = |map_pose, picture_pose| [Neighbour { frame: &here.neighbours[0], map_pose, picture_pose }];
         let neighbours = [neighbour(pose, pose), neighbour(moved, pose), neighbour(pose, moved)];
-        let other_voter = [Neighbour { frame: &here.neighbours[1], measured: pose, taken: pose }];
+        let other_voter = [Neighbour { frame: &here.neighbours[1], map_pose: pose, picture_pose: pose }];
         let depth = here.depth.as_ref().unwrap();
         let repair = Repair {
             rays: &rays,

@@ -178,7 +178,7 @@ impl MatteInput<'_> {
         Pixel { i, x: x as i32, y: y as i32, motion_px, motion_length_px: shorter * motion_length_px }
     }
 
-    fn beside(&self, at: &Pixel, dx: i32, dy: i32) -> Option<usize> {
+    fn offset_index(&self, at: &Pixel, dx: i32, dy: i32) -> Option<usize> {
         let (x, y) = (at.x + dx, at.y + dy);
         let inside = x >= 0 && y >= 0 && x < self.width as i32 && y < self.height as i32;
         inside.then(|| y as usize * self.width + x as usize)
@@ -188,7 +188,7 @@ impl MatteInput<'_> {
     fn map_alpha(&self, at: &Pixel, both_m: [f32; 2]) -> Option<f32> {
         let (mut near, mut all) = (0.0, 0.0);
         let mut sample = |[dx, dy]: [i32; 2], weight: f32| {
-            if let Some(i) = self.beside(at, dx, dy) {
+            if let Some(i) = self.offset_index(at, dx, dy) {
                 all += weight;
                 near += if is_near(self.depth_m[i], both_m) { weight } else { 0.0 };
             }
@@ -260,7 +260,7 @@ impl MatteInput<'_> {
             down[n] = round(radius_px * self.samples.down[n]);
         }
         for ((dx, dy), weight) in across.into_iter().zip(down).zip(&self.samples.weights) {
-            let Some(q) = self.beside(at, dx, dy) else { continue };
+            let Some(q) = self.offset_index(at, dx, dy) else { continue };
             let z = self.depth_m[q];
             let is_far = !is_near(z, both_m);
             // All farther samples count for the far side. A much nearer one is another object.

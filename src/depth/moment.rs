@@ -48,10 +48,10 @@ pub fn reprojected_at_frame(
     track: &PoseTrack,
     timestamp_s: f64,
 ) -> Option<Vec<f32>> {
-    let measured = track.at(depth.timestamp_s).ok()?;
-    let taken = track.at(timestamp_s).ok()?;
+    let map_pose = track.at(depth.timestamp_s).ok()?;
+    let picture_pose = track.at(timestamp_s).ok()?;
     let whole = Rect::full(recorded.intrinsics.width_px, recorded.intrinsics.height_px);
-    Some(Rays::new(recorded).reproject(depth, &measured, &taken, whole))
+    Some(Rays::new(recorded).reproject(depth, &map_pose, &picture_pose, whole))
 }
 
 impl Rays {

@@ -224,16 +224,16 @@ mod tests {
     /// Reference: distances relaxed step by step until nothing changes.
     fn relaxed_distances(depth_m: &[f32], width: usize, is_edge: impl Fn(f32, f32) -> bool) -> Vec<f32> {
         let size = [width as i32, (depth_m.len() / width) as i32];
-        let beside = |i: usize| {
+        let neighbours = |i: usize| {
             let (x, y) = (i as i32 % size[0], i as i32 / size[0]);
             let all = (-1..=1).flat_map(move |dy| (-1..=1).map(move |dx| (x + dx, y + dy, dx * dx + dy * dy)));
-            let inside = move |(x, y, _): &(i32, i32, i32)| (0..size[0]).contains(x) && (0..size[1]).contains(y);
-            all.filter(inside).map(move |(x, y, far2)| ((y * size[0] + x) as usize, (far2 as f32).sqrt()))
+            let is_inside = move |(x, y, _): &(i32, i32, i32)| (0..size[0]).contains(x) && (0..size[1]).contains(y);
+            all.filter(is_inside).map(move |(x, y, far2)| ((y * size[0] + x) as usize, (far2 as f32).sqrt()))
         };
-        let begins = |i: usize| beside(i).any(|(n, far)| far == 1.0 && is_edge(depth_m[i], depth_m[n]));
+        let begins = |i: usize| neighbours(i).any(|(n, far)| far == 1.0 && is_edge(depth_m[i], depth_m[n]));
         let mut far: Vec<f32> = (0..depth_m.len()).map(|i| if begins(i) { 0.5 } else { f32::INFINITY }).collect();
         loop {
-            let nearer = |i: usize| beside(i).map(|(n, step)| far[n] + step).fold(far[i], f32::min);
+            let nearer = |i: usize| neighbours(i).map(|(n, step)| far[n] + step).fold(far[i], f32::min);
             let next: Vec<f32> = (0..far.len()).map(nearer).collect();
             if next == far {
                 return far;

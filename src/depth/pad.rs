@@ -25,9 +25,9 @@ mod tests {
 
     #[test]
     fn values_are_surrounded_by_zeros() {
-        let of = |i: usize| i as f32 + 1.0;
+        let value = |i: usize| i as f32 + 1.0;
         let (none, rows) = ([0.0; 5], [[0.0, 1.0, 2.0, 0.0, 0.0], [0.0, 3.0, 4.0, 0.0, 0.0]]);
-        assert_eq!(pad(4, 2, 1, 5, &of), [none, rows[0], rows[1], none].concat());
-        assert!(pad(0, 0, 0, 0, &of).is_empty());
+        assert_eq!(pad(4, 2, 1, 5, &value), [none, rows[0], rows[1], none].concat());
+        assert!(pad(0, 0, 0, 0, &value).is_empty());
     }
 }

@@ -168,13 +168,13 @@ mod tests {
             for (n, depth_m) in depth_m.iter().enumerate() {
                 let ray = geometry.depth_ray(DVec2::new((n % 200) as f64 + 0.5, (n / 200) as f64 + 0.5)).unwrap();
                 let z = 1.5 / (1.0 - 0.4 * ray.x);
-                let inside = |margin: f64| {
+                let is_inside = |margin: f64| {
                     (z * ray.x).abs() < 0.5 + margin && (-0.3 - margin..0.4 + margin).contains(&(z * ray.y))
                 };
-                if inside(-0.003) {
+                if is_inside(-0.003) {
                     on_board += 1;
                     assert!((f64::from(*depth_m) / z - 1.0).abs() < 3e-4, "{n}: {depth_m} is not {z}");
-                } else if !inside(0.003) {
+                } else if !is_inside(0.003) {
                     assert_eq!(*depth_m, 0.0, "{n}");
                 }
             }

@@ -391,15 +391,16 @@ mod tests {
         let registered = DepthCamera::new(Geometry::pinhole(64, 48, 100.0), beside())
             .registered(&map(64, 48, |x, _| if board(x) { 1.0 } else { 2.0 }), &Geometry::pinhole(64, 48, 100.0));
         let row = row(&registered, 24);
-        let of = |range: std::ops::Range<usize>, z: f32| row[range].iter().all(|depth| (depth - z).abs() < 1e-6);
+        let is_uniform =
+            |range: std::ops::Range<usize>, z: f32| row[range].iter().all(|depth| (depth - z).abs() < 1e-6);
         // The board's edges are midway between samples: at 20 and 40 in its camera, at 10 and 30
         // here.
-        assert!(of(0..10, 2.0) && of(10..30, 1.0), "{row:?}");
+        assert!(is_uniform(0..10, 2.0) && is_uniform(10..30, 1.0), "{row:?}");
         // The wall is visible to the depth camera from 40 on, which is 35 here. Between them the
         // board hides it.
-        assert!(of(30..35, 0.0) && of(35..58, 2.0), "{row:?}");
+        assert!(is_uniform(30..35, 0.0) && is_uniform(35..58, 2.0), "{row:?}");
         // Outside the view of the depth camera.
-        assert!(of(59..64, 0.0), "{row:?}");
+        assert!(is_uniform(59..64, 0.0), "{row:?}");
     }
 
     #[test]

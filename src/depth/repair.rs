@@ -74,15 +74,20 @@ impl std::fmt::Debug for ProxyView<'_> {
 #[derive(Clone, Copy, Debug)]
 pub struct Neighbour<'a> {
     pub frame: &'a NeighbourFrame,
-    pub measured: Pose,
-    pub taken: Pose,
+    pub map_pose: Pose,
+    pub picture_pose: Pose,
 }
 
 impl<'a> Neighbour<'a> {
     /// The frame as a voter, with square-root colours.
     pub fn voter(&self, response: &Response) -> vote::Voter<'a> {
-        let Self { frame, measured, taken } = *self;
-        vote::Voter { depth: &frame.depth, measured, taken, sqrt_colors: SqrtColors::new(&frame.pixels, response) }
+        let Self { frame, map_pose, picture_pose } = *self;
+        vote::Voter {
+            depth: &frame.depth,
+            map_pose,
+            picture_pose,
+            sqrt_colors: SqrtColors::new(&frame.pixels, response),
+        }
     }
 }
 
@@ -179,7 +184,8 @@ impl<'a> Repair<'a> {
             None => vec![0.0; all.width() as usize * all.height() as usize],
         };
         let sqrt_colors = self.sqrt_colors(region);
-        let (mut depth_m, width) = (all.part(&measured_m, region), region.width() as usize);
+        let mut depth_m = all.part(&measured_m, region);
+        let width = region.width() as usize;
         let max_depth_m = request.max_depth_m(region, SMOOTHING_MARGIN_PX);
         let is_reliable = self.apply_consensus(&mut depth_m, &sqrt_colors, region, &max_depth_m);
         if let Some(ProxyView { proxies, project, .. }) = self.proxies {
@@ -313,18 +319,18 @@ mod tests {
     /// A black screen at 1 m, columns 40 to 119 and rows 30 to 89, in front of a bright wall at 2
     /// m. The sensor measures the screen's rim, and one in fifty of its pixels.
     fn screen() -> (Pixels, DepthMap, impl Fn(usize) -> bool) {
-        let inside = |i: usize| (40..120).contains(&(i % WIDTH)) && (30..90).contains(&(i / WIDTH));
-        let codes = (0..WIDTH * HEIGHT).flat_map(|i| [if inside(i) { 10 } else { 200 }; 3]).collect();
+        let is_inside = |i: usize| (40..120).contains(&(i % WIDTH)) && (30..90).contains(&(i / WIDTH));
+        let codes = (0..WIDTH * HEIGHT).flat_map(|i| [if is_inside(i) { 10 } else { 200 }; 3]).collect();
         let depth_m = (0..WIDTH * HEIGHT)
-            .map(|i| match inside(i) {
+            .map(|i| match is_inside(i) {
                 false => 2.0,
                 true if i % 10 == 0 && (i / WIDTH).is_multiple_of(5) => 1.0,
-                true if [i - 1, i + 1, i - WIDTH, i + WIDTH].iter().any(|&n| !inside(n)) => 1.0,
+                true if [i - 1, i + 1, i - WIDTH, i + WIDTH].iter().any(|&n| !is_inside(n)) => 1.0,
                 true => 0.0,
             })
             .collect();
         let depth = DepthMap { width: WIDTH as u32, height: HEIGHT as u32, depth_m, timestamp_s: 0.0 };
-        (Pixels::from_u8(WIDTH as u32, HEIGHT as u32, codes).unwrap(), depth, inside)
+        (Pixels::from_u8(WIDTH as u32, HEIGHT as u32, codes).unwrap(), depth, is_inside)
     }
 
     fn camera() -> Rays {
@@ -446,11 +452,11 @@ mod tests {
         depth.depth_m = (0..WIDTH * HEIGHT).map(|i| if inside(i) { 1.0 } else { 2.0 }).collect();
         let (whole, part) = (Rect::full(160, 120), Rect::new(20, 10, 100, 80));
         let nothing = Rect::new(0, 0, 0, 0);
-        let of = |object: Rect| {
+        let second_surfaces = |object: Rect| {
             let request = DepthRequest { objects: vec![(object, 9.0)], full_depth_rect: part, receiver_rect: part };
             repaired(&pixels, &depth, whole, &request).second_surfaces
         };
-        let (alone, beside) = (of(nothing), of(Rect::new(35, 20, 60, 60)));
+        let (alone, beside) = (second_surfaces(nothing), second_surfaces(Rect::new(35, 20, 60, 60)));
         assert!(alone.len() == 80 * 70 && alone.iter().filter(|second| second.depth_m > 0.0).count() > 200);
         assert_eq!(alone, beside);
     }

@@ -35,14 +35,14 @@ pub struct Points {
 
 /// Image positions and depths of reprojected points.
 #[derive(Clone, Copy, Debug)]
-pub struct Reprojected {
+pub struct ReprojectedPoints {
     pub x_px: [f32; LANES],
     pub y_px: [f32; LANES],
     /// m; 0 for points that are not visible.
     pub depth_m: [f32; LANES],
 }
 
-impl Reprojected {
+impl ReprojectedPoints {
     /// Row-major indices of their pixels in a rectangle; one past the last for points that are not
     /// visible or outside. Without branches, for vector instructions.
     pub fn pixels(&self, of: Rect) -> [usize; LANES] {
@@ -117,10 +117,10 @@ impl<'a> Reprojection<'a> {
     }
 
     /// Reprojects points with the distortion formula of camera/distortion.rs.
-    pub fn reproject(&self, points: &Points) -> Reprojected {
+    pub fn reproject(&self, points: &Points) -> ReprojectedPoints {
         let Self { turn, shift_m, focal_px, middle_px, radial: [k1, k2, k3], valid2, .. } = *self;
         let Vec2 { x: p1, y: p2 } = self.tangential;
-        let mut reprojected = Reprojected { x_px: [0.0; LANES], y_px: [0.0; LANES], depth_m: [0.0; LANES] };
+        let mut reprojected = ReprojectedPoints { x_px: [0.0; LANES], y_px: [0.0; LANES], depth_m: [0.0; LANES] };
         let mut is_left = [false; LANES];
         for (n, is_left) in is_left.iter_mut().enumerate() {
             let (x, y, z) = (points.x[n], points.y[n], points.z[n]);
@@ -236,7 +236,7 @@ where
 pub struct TileReprojection<'a> {
     reprojection: &'a Reprojection<'a>,
     tile: &'a ReprojectedTile,
-    reprojected: Reprojected,
+    reprojected: ReprojectedPoints,
     interpolation: Option<Interpolation>,
 }
 
@@ -294,7 +294,7 @@ impl<'a> TileReprojection<'a> {
     }
 
     /// Reprojects a row of the tile. `rays` are those of all pixels of the map's row.
-    pub fn reproject(&self, map: &DepthMap, y: i32, rays: &[[f32; 3]]) -> Reprojected {
+    pub fn reproject(&self, map: &DepthMap, y: i32, rays: &[[f32; 3]]) -> ReprojectedPoints {
         let ReprojectedTile { rect, per_nearest, per_range, .. } = *self.tile;
         let depth_m = row_of(map, rect, y);
         let Some(Interpolation { near, farther, stretch }) = &self.interpolation else {
@@ -305,7 +305,7 @@ impl<'a> TileReprojection<'a> {
         let down = (y - rect.y0) as f32;
         let ((near, near_step), (more, more_step), (stretch, stretch_step)) =
             (near.row(down), farther.row(down), stretch.row(down));
-        let mut reprojected = Reprojected { x_px: [0.0; LANES], y_px: [0.0; LANES], depth_m: [0.0; LANES] };
+        let mut reprojected = ReprojectedPoints { x_px: [0.0; LANES], y_px: [0.0; LANES], depth_m: [0.0; LANES] };
         for (n, z) in old_m.iter().enumerate() {
             let x = n as f32;
             let fraction = (1.0 / z - per_nearest) * per_range;
@@ -328,7 +328,7 @@ mod tests {
     fn pixels_of_points_match_an_example_by_hand() {
         let at =
             [(-0.1, 0.0), (0.0, 0.0), (3.999, 2.999), (4.0, 1.0), (1.5, 3.0), (2.0, 1.0), (1e9, 0.0), (f32::NAN, 1.0)];
-        let mut reprojected = Reprojected { x_px: [0.0; LANES], y_px: [0.0; LANES], depth_m: [0.0; LANES] };
+        let mut reprojected = ReprojectedPoints { x_px: [0.0; LANES], y_px: [0.0; LANES], depth_m: [0.0; LANES] };
         for (n, (x, y)) in at.into_iter().enumerate() {
             (reprojected.x_px[n], reprojected.y_px[n], reprojected.depth_m[n]) = (x, y, 1.0);
         }

@@ -21,7 +21,8 @@ pub struct Surfaces {
 impl Surfaces {
     /// Surfaces for circles of confusion with a radius of up to `reach_px` of the photograph.
     pub fn new(grid: &DepthGrid, reach_px: f64) -> Self {
-        let (mut nearest, columns) = (grid.clone(), grid.width as usize);
+        let mut nearest = grid.clone();
+        let columns = grid.width as usize;
         if !nearest.is_dilated {
             nearest.depth_m = edges::dilate_foreground(&nearest.depth_m, None, columns);
             nearest.is_dilated = true;

@@ -43,8 +43,8 @@ const MIN_CONSENSUS_FRACTION: f32 = 0.8;
 pub struct Voter<'a> {
     pub depth: &'a DepthMap,
     /// The poses at which its map was measured and its picture was taken.
-    pub measured: Pose,
-    pub taken: Pose,
+    pub map_pose: Pose,
+    pub picture_pose: Pose,
     /// The colours of its picture.
     pub sqrt_colors: SqrtColors<'a>,
 }
@@ -116,12 +116,14 @@ impl TargetView<'_> {
     /// frame's, 0 where it is unknown.
     fn reprojected_depth(&self, voter: &Voter<'_>, source: Rect, requested: &RequestedPixels) -> Vec<f32> {
         let mut out = vec![0.0f32; requested.places.len()];
-        let (geometry, full) = (self.rays.geometry(), self.rays.full());
+        let geometry = self.rays.geometry();
+        let full = self.rays.full();
         if (voter.depth.width, voter.depth.height) != (full.width(), full.height()) || voter.sqrt_colors.full() != full
         {
             return out;
         }
-        let [here, there] = [&self.pose, &voter.taken].map(|pose| Reprojection::new(geometry, &voter.measured, pose));
+        let [here, there] =
+            [&self.pose, &voter.picture_pose].map(|pose| Reprojection::new(geometry, &voter.map_pose, pose));
         let gain = color_gain(&self.voter_color_pairs(voter, source, &here, &there));
         for rect in tiles(source, full) {
             let ray = |x: i32, y: i32| Some(self.rays.row(y as usize)?[x as usize]);
@@ -171,7 +173,8 @@ impl TargetView<'_> {
         here: &Reprojection<'_>,
         there: &Reprojection<'_>,
     ) -> Vec<([f32; 3], [f32; 3])> {
-        let (mut pairs, full) = (Vec::new(), self.rays.full());
+        let mut pairs = Vec::new();
+        let full = self.rays.full();
         for y in (source.y0..source.y1).filter(|y| y % COLOR_STRIDE_PX == 0) {
             let Some(rays) = self.rays.row(y as usize) else { continue };
             let row = &voter.depth.depth_m[y as usize * voter.depth.width as usize..];
@@ -248,11 +251,12 @@ fn unreliable_pixels(depth_m: &[f32], width: usize, reach_px: usize, max_depth_m
     let mut along = vec![0u8; depth_m.len()];
     over_rows(&mut along, width, processors(), |y, along| {
         let row = |y: usize| [depth_m, max_depth_m].map(|of| &of[y * width..(y + 1) * width]);
-        let (own, mut is_edge) = (row(y), vec![0u8; width]);
-        let (left, right) = (own.map(|of| &of[..width - 1]), own.map(|of| &of[1..]));
+        let rows = row(y);
+        let mut is_edge = vec![0u8; width];
+        let (left, right) = (rows.map(|of| &of[..width - 1]), rows.map(|of| &of[1..]));
         mark(&mut is_edge[..width - 1], left, right);
         mark(&mut is_edge[1..], right, left);
-        [y.wrapping_sub(1), y + 1].into_iter().filter(|y| *y < height).for_each(|y| mark(&mut is_edge, own, row(y)));
+        [y.wrapping_sub(1), y + 1].into_iter().filter(|y| *y < height).for_each(|y| mark(&mut is_edge, rows, row(y)));
         if is_edge.contains(&1) {
             let mut sum: u32 = is_edge.iter().take(reach_px).map(|n| u32::from(*n)).sum();
             for x in 0..width {
@@ -326,8 +330,8 @@ mod tests {
         let maps: Vec<DepthMap> = ends.iter().map(|end| map(*end)).collect();
         let voter = |depth| Voter {
             depth,
-            measured: Pose::IDENTITY,
-            taken: Pose::IDENTITY,
+            map_pose: Pose::IDENTITY,
+            picture_pose: Pose::IDENTITY,
             sqrt_colors: SqrtColors::new(&theirs, &response),
         };
         let voters: Vec<_> = maps.iter().map(voter).collect();
@@ -386,8 +390,8 @@ mod tests {
             |x: f64, turn: f64| Pose::from_camera_in_world(DVec3::new(x, 0.02, 0.05), DQuat::from_rotation_z(turn));
         let voter = Voter {
             depth: &depth,
-            measured: at(0.0, 0.0),
-            taken: at(0.01, 0.02),
+            map_pose: at(0.0, 0.0),
+            picture_pose: at(0.01, 0.02),
             sqrt_colors: SqrtColors::new(&pixels, &response),
         };
         let sqrt_colors = vec![[0.5; 3]; WIDTH * HEIGHT];
@@ -406,9 +410,9 @@ mod tests {
         let all = target.reprojected_depth(&voter, whole, &requested(&|_| true));
         assert!(all.iter().filter(|z| **z != 0.0).count() > 2000);
         for (x0, y0) in [(0, 0), (20, 30), (50, 10), (88, 60), (33, 47)] {
-            let inside = move |i: usize| (x0..x0 + 8).contains(&(i % WIDTH)) && (y0..y0 + 5).contains(&(i / WIDTH));
-            let some = target.reprojected_depth(&voter, whole, &requested(&inside));
-            let of_all: Vec<f32> = (0..all.len()).filter(|i| inside(*i)).map(|i| all[i]).collect();
+            let is_inside = move |i: usize| (x0..x0 + 8).contains(&(i % WIDTH)) && (y0..y0 + 5).contains(&(i / WIDTH));
+            let some = target.reprojected_depth(&voter, whole, &requested(&is_inside));
+            let of_all: Vec<f32> = (0..all.len()).filter(|i| is_inside(*i)).map(|i| all[i]).collect();
             assert_eq!(some, of_all, "{x0} {y0}");
         }
         // Parts of the picture have the same depths, also parts that extend beyond it.

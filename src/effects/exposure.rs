@@ -84,7 +84,7 @@ impl Exposure {
         recorded.brightness.filter(|_| self.follow).map_or([1.0; 3], |brightness| brightness.factors)
     }
 
-    fn across(&self, recorded: &FrameExposure) -> SpatialGain {
+    fn spatial_gain(&self, recorded: &FrameExposure) -> SpatialGain {
         recorded.brightness.filter(|_| self.follow).map_or(SpatialGain::default(), |brightness| brightness.spatial_gain)
     }
 }
@@ -119,7 +119,7 @@ impl Effect for Exposure {
         self.over_ev(&context.recorded) == 0.0
             && picture_ev(context) == 0.0
             && self.factors(&context.recorded) == [1.0; 3]
-            && self.across(&context.recorded).is_none()
+            && self.spatial_gain(&context.recorded).is_none()
     }
     fn cases(&self) -> Vec<Case> {
         let over = ("ev", Value::Number(1.0));
@@ -136,7 +136,7 @@ impl Effect for Exposure {
         };
         let [red, green, blue] = self.factors(&run.context.recorded).map(|factor| factor as f32);
         let (share, share_at_0) = shares(run.context, [run.drawn.x0, run.drawn.y0]);
-        let across = self.across(&run.context.recorded).0;
+        let spatial = self.spatial_gain(&run.context.recorded).0;
         let uniform = ExposureUniform {
             gain: photographic_gain(over_ev) as f32,
             step: (0.2 * over_ev) as f32,
@@ -145,7 +145,7 @@ impl Effect for Exposure {
             factors: [red, green, blue, 1.0],
             share,
             share_at_0,
-            across: std::array::from_fn(|n| std::array::from_fn(|i| across[4 * n + i])),
+            across: std::array::from_fn(|n| std::array::from_fn(|i| spatial[4 * n + i])),
         };
         let samples = response_samples(run.recorder, &run.context.camera.response);
         let pass = run.recorder.pass(Shader::Exposure, entry).uniform("exposure", &uniform);
@@ -186,14 +186,14 @@ mod tests {
 
     #[test]
     fn exposure_follows_the_recorded_and_the_estimated_exposure() {
-        let of = |time_s, gain| FrameExposure { time_s, gain, ..Default::default() };
+        let frame_exposure = |time_s, gain| FrameExposure { time_s, gain, ..Default::default() };
         let params = Exposure { reference_s: Some(0.01), ..Default::default() };
-        assert_eq!(params.over_ev(&of(Some(0.02), None)), 1.0);
-        assert_eq!(params.over_ev(&of(Some(0.02), Some(2.0))), 2.0);
-        assert_eq!(params.over_ev(&of(None, Some(2.0))), 0.0);
-        assert_eq!(Exposure::default().over_ev(&of(Some(0.02), Some(2.0))), 0.0);
+        assert_eq!(params.over_ev(&frame_exposure(Some(0.02), None)), 1.0);
+        assert_eq!(params.over_ev(&frame_exposure(Some(0.02), Some(2.0))), 2.0);
+        assert_eq!(params.over_ev(&frame_exposure(None, Some(2.0))), 0.0);
+        assert_eq!(Exposure::default().over_ev(&frame_exposure(Some(0.02), Some(2.0))), 0.0);
         let params = Exposure { ev: -0.5, ..params };
-        assert_eq!(params.over_ev(&of(Some(0.04), None)), 1.5);
+        assert_eq!(params.over_ev(&frame_exposure(Some(0.04), None)), 1.5);
         // Estimated: the frame is half as bright as the usual one, which was exposed for 20 ms. The
         // recorded exposure is ignored.
         let brightness = Some(crate::frame::RelativeBrightness {
@@ -201,7 +201,7 @@ mod tests {
             median_s: Some(0.02),
             spatial_gain: SpatialGain::default(),
         });
-        let measured = FrameExposure { brightness, ..of(Some(0.08), None) };
+        let measured = FrameExposure { brightness, ..frame_exposure(Some(0.08), None) };
         let params = Exposure { reference_s: Some(0.01), ..Default::default() };
         assert_eq!((params.over_ev(&measured), params.factors(&measured)), (1.0, [0.5, 0.5, 0.4]));
         let recorded = Exposure { follow: false, ..params };
@@ -209,6 +209,6 @@ mod tests {
         // f/4, 1/50 s, ISO 400: 0.02 · 4 / 16 = 5 ms at f/1 and ISO 100.
         let photo = PhotoSettings { time_s: Some(0.02), f_number: Some(4.0), iso: Some(400.0), ..Default::default() };
         assert_eq!(equivalent_exposure_s(&FrameExposure { photo, ..Default::default() }), Some(0.005));
-        assert_eq!(equivalent_exposure_s(&of(Some(0.0), None)), None);
+        assert_eq!(equivalent_exposure_s(&frame_exposure(Some(0.0), None)), None);
     }
 }

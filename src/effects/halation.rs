@@ -60,7 +60,7 @@ pub fn twin(rgba: &[[f64; 4]], width: usize, params: &Halation) -> Vec<[f64; 4]>
     let tap = |d: i64| (-0.5 * (d as f64 / s).powi(2)).exp();
     let sum: f64 = (-reach..=reach).map(tap).sum();
     let taps: Vec<f64> = (-reach..=reach).map(|d| tap(d) / sum).collect();
-    let along = |from: &[[f64; 4]], step: usize, length: usize, place: &dyn Fn(usize) -> usize| -> Vec<[f64; 4]> {
+    let convolved = |from: &[[f64; 4]], step: usize, length: usize, place: &dyn Fn(usize) -> usize| -> Vec<[f64; 4]> {
         let at = |i: usize| {
             let own = place(i) as i64;
             let mut sum = [0.0; 4];
@@ -75,8 +75,8 @@ pub fn twin(rgba: &[[f64; 4]], width: usize, params: &Halation) -> Vec<[f64; 4]>
         (0..from.len()).map(at).collect()
     };
     let height = rgba.len() / width.max(1);
-    let across = along(rgba, 1, width, &|i| i % width);
-    let around = along(&across, width, height, &|i| i / width);
+    let across = convolved(rgba, 1, width, &|i| i % width);
+    let around = convolved(&across, width, height, &|i| i / width);
     let mixed = |(own, around): (&[f64; 4], &[f64; 4])| {
         let light = |c: usize| (1.0 - params.share) * own[c] + params.share * around[c];
         [light(0), light(1), light(2), own[3]]

@@ -5,7 +5,7 @@ use crate::coding::PictureCoding;
 use crate::exemplar_noise::NoiseModel;
 use crate::exemplar_noise::model_coding::CodingDifference;
 use crate::frame::FrameExposure;
-use crate::gpu::{Bytes, Packed, PassRecorder, Shader, Texture, Uniform};
+use crate::gpu::{Bytes, PassRecorder, Shader, Texture, Uniform, UniformBytes};
 use crate::memo::ByAddress;
 use crate::params::{Params, Value};
 use crate::pixels::Rect;
@@ -156,7 +156,7 @@ pub struct MixedPart {
     pub shader: Shader,
     /// The effect's name, which is also its uniform's.
     pub name: &'static str,
-    pub uniform: Packed,
+    pub uniform: UniformBytes,
     pub textures: Vec<(&'static str, Texture)>,
 }
 
@@ -298,7 +298,7 @@ impl PartialEq for dyn Effect {
 
 impl MixedPart {
     pub fn new<U: Uniform>(shader: Shader, name: &'static str, uniform: &U) -> Self {
-        Self { shader, name, uniform: Packed::new(uniform), textures: Vec::new() }
+        Self { shader, name, uniform: UniformBytes::new(uniform), textures: Vec::new() }
     }
 
     pub fn texture(mut self, name: &'static str, texture: Texture) -> Self {

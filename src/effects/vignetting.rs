@@ -158,8 +158,9 @@ fn gain(params: &Vignetting, geometry: &Geometry, opening: Option<Opening>, at_p
 pub fn twin(params: &Vignetting, geometry: &Geometry, opening: Option<Opening>, at_px: DVec2) -> f64 {
     let Some(ray) = geometry.unproject(at_px) else { return 0.0 };
     let radius_m = 0.5 * opening.map_or(0.0, |o| o.diameter_m);
-    let along = |i: u32| (f64::from(i) + 0.5) / 48.0 - 1.0;
-    let opening = (0..96 * 96).map(|i| DVec2::new(along(i % 96), along(i / 96))).filter(|p| p.length() <= 1.0);
+    let coordinate = |i: u32| (f64::from(i) + 0.5) / 48.0 - 1.0;
+    let opening =
+        (0..96 * 96).map(|i| DVec2::new(coordinate(i % 96), coordinate(i / 96))).filter(|p| p.length() <= 1.0);
     let (mut points, mut seeing) = (0u32, 0u32);
     for point in opening {
         points += 1;

@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use super::error::ExportError;
-use crate::analyse::beside;
+use crate::analyse::default_folder;
 use crate::shot::{AnalysisState, Shot};
 use crate::sink::atomic::Destination;
 use crate::source::still_format;
@@ -30,7 +30,7 @@ impl Inputs {
             AnalysisState::Used(folder, _) | AnalysisState::Unfit(folder, _) => Some(resolved(folder)),
             AnalysisState::Absent | AnalysisState::Ignored => None,
         };
-        let analyses = [resolved(&beside(&shot.recording.path))].into_iter().chain(used).collect();
+        let analyses = [resolved(&default_folder(&shot.recording.path))].into_iter().chain(used).collect();
         Self { files, recording: Some(resolved(&shot.recording.path)), folders, analyses }
     }
 
@@ -53,9 +53,9 @@ impl Inputs {
             ));
         }
         let is_picture = still_format::is_picture_name(&at);
-        let beside = |folder: &PathBuf| at.parent() == Some(folder);
+        let is_parent = |folder: &PathBuf| at.parent() == Some(folder);
         if self.folders.iter().any(|folder| {
-            (is_picture && beside(folder)) || (self.is_inside_recording(folder) && at.starts_with(folder))
+            (is_picture && is_parent(folder)) || (self.is_inside_recording(folder) && at.starts_with(folder))
         }) {
             return Err(ExportError::refused(
                 path,

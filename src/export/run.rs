@@ -151,7 +151,7 @@ struct Writer {
     masks: Option<(PathBuf, MadeFolder)>,
     sink: Box<dyn Sink + Send>,
     label: Option<SourceLabel>,
-    /// For the record.
+    /// Digests of the pictures, for the record.
     pictures: Option<PictureList>,
     force: bool,
 }

@@ -88,7 +88,7 @@ fn compare(first: &RecordedPart, part: &RecordedPart, of: &str, a: String, b: St
 }
 
 fn disagreement(first: &RecordedPart, part: &RecordedPart, of: &str) -> FarmError {
-    let problem = format!("differs from {} in {of}; make one of them again", first.path.display());
+    let problem = format!("differs from {} in {of}; recreate one of them", first.path.display());
     FarmError::refused(&part.path, problem)
 }
 
@@ -188,7 +188,7 @@ mod tests {
         for (change, expected) in cases {
             let text = refusal(change);
             assert!(text.contains(expected) && text.contains("part_000002_000004: differs from"), "{text}");
-            assert!(text.ends_with("make one of them again"), "{text}");
+            assert!(text.ends_with("recreate one of them"), "{text}");
         }
     }
 

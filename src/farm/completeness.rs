@@ -1,4 +1,4 @@
-//! Whether a part is there already, so that it need not be made again.
+//! Whether a part is there already, so that it need not be recreated.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -16,7 +16,7 @@ pub enum PartState {
     Absent,
     /// Record, inputs and output fit.
     Complete,
-    /// It must be made again, for this reason.
+    /// It must be recreated, for this reason.
     Outdated(String),
 }
 
@@ -50,7 +50,7 @@ pub fn part_state(output: &Path, arguments: &[String], build: &str, adapter_kind
 fn check_inputs(part: &RecordedPart) -> Result<(), FarmError> {
     let folder = &part.work().command.folder;
     let files: Vec<_> = part.inputs.iter().map(|input| (folder.join(&input.path), &*input.sha256)).collect();
-    check_hashes(&files, "changed since a part was made of it; make the part again")
+    check_hashes(&files, "changed since a part was made of it; recreate the part")
 }
 
 /// Checks that the files of parts are those that their records name.
@@ -62,7 +62,7 @@ pub(super) fn check_outputs(parts: &[RecordedPart]) -> Result<(), FarmError> {
         }
         files.extend(part.frame_files().filter_map(|(path, picture)| Some((path, picture.file_sha256.as_deref()?))));
     }
-    check_hashes(&files, "differs from the record of its part; make the part again")
+    check_hashes(&files, "differs from the record of its part; recreate the part")
 }
 
 /// Checks the SHA-256 of files, on all processors. Reports the first file that differs.

@@ -29,7 +29,7 @@ pub struct JoinOptions {
 /// When the frames of a joined video are shown.
 #[derive(Clone, Debug, PartialEq)]
 pub enum FrameTimes {
-    /// By the rate in the record.
+    /// Times follow from the rate in the record.
     Steady,
     /// Time of each frame by its index in the recording, s.
     Variable(Arc<[f64]>),

@@ -35,7 +35,7 @@ pub fn join_videos(parts: &[RecordedPart], options: &JoinOptions) -> Result<(), 
     let Some(first) = parts.first() else { return Ok(()) };
     let fps = first.record.output.fps;
     if !(fps.is_finite() && fps > 0.0) {
-        return Err(FarmError::refused(&first.path, "its record has no frame rate; make the part again"));
+        return Err(FarmError::refused(&first.path, "its record has no frame rate; recreate the part"));
     }
     let properties = VideoProperties::of(&first.path)?;
     let mut list = "ffconcat version 1.0\n".to_owned();
@@ -150,7 +150,7 @@ fn check_part(
 ) -> Result<(), FarmError> {
     let own = VideoProperties::of(&part.path)?;
     if let Some(difference) = properties.difference(&own) {
-        let problem = format!("differs from the first part in {difference}; make one of them again");
+        let problem = format!("differs from the first part in {difference}; recreate one of them");
         return Err(FarmError::refused(&part.path, problem));
     }
     if own.has_sound {
@@ -177,7 +177,7 @@ fn time_s(frame: usize, start: usize, fps: f64, options: &JoinOptions) -> f64 {
 fn check_times(file: &Path, times_s: &[f64], expected_s: &[f64], options: &JoinOptions) -> Result<(), FarmError> {
     if times_s.len() != expected_s.len() {
         let problem = format!("has {}, expected {}", count(times_s.len(), "frame"), expected_s.len());
-        return Err(FarmError::refused(file, problem + "; make the part again"));
+        return Err(FarmError::refused(file, problem + "; recreate the part"));
     }
     let first_s = times_s.first().copied().unwrap_or_default();
     let pairs = times_s.iter().map(|time_s| time_s - first_s).zip(expected_s);
@@ -395,7 +395,7 @@ mod tests {
         let format = refusal(5..9, &[&FFV1[..], &["-pix_fmt", "yuv444p"]].concat(), "a.mkv");
         assert!(format.contains("second.mkv: differs from the first part in pix_fmt="), "{format}");
         let frames = refusal(5..9, &[&FFV1[..], &["-frames:v", "3"]].concat(), "a.mkv");
-        assert!(frames.contains("second.mkv: has 3 frames, expected 4; make the part again"), "{frames}");
+        assert!(frames.contains("second.mkv: has 3 frames, expected 4; recreate the part"), "{frames}");
         let rate = refusal(5..9, &[&FFV1[..], &["-vf", "setpts=2*PTS", "-vsync", "vfr"]].concat(), "a.mkv");
         assert!(rate.contains("shows its picture 1 at") && rate.contains("name the recording"), "{rate}");
         let sound = ["-f", "lavfi", "-i", "sine=d=0.1", "-shortest"];

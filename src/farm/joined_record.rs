@@ -22,7 +22,7 @@ pub fn joined_record(
     let (Some(first), Some(last)) = (parts.first(), parts.last()) else {
         return Err(FarmError::Plan("there are no parts to join".to_owned()));
     };
-    // The command of the first part makes each frame again.
+    // The command of the first part recomputes each frame.
     let mut record = first.record.clone();
     record.range = [first.range().start, last.range().end];
     record.work.inputs = merged_inputs(parts);

@@ -29,7 +29,7 @@ impl RecordedPart {
         let inputs = std::mem::take(&mut record.work.inputs).into();
         let part = Self { path: output.to_owned(), record, inputs };
         match part.contradiction() {
-            Some(problem) => Err(FarmError::refused(&record_path(output), format!("{problem}; make the part again"))),
+            Some(problem) => Err(FarmError::refused(&record_path(output), format!("{problem}; recreate the part"))),
             None => Ok(part),
         }
     }
@@ -51,8 +51,8 @@ impl RecordedPart {
 
     /// The frame files with their hashes, in order; empty for a video.
     pub fn frame_files(&self) -> impl Iterator<Item = (PathBuf, &PictureRecord)> {
-        let of = |picture: &PictureRecord| picture.file.as_ref().map(|name| self.path.join(name));
-        self.record.pictures.iter().filter_map(move |picture| Some((of(picture)?, picture)))
+        let picture_path = |picture: &PictureRecord| picture.file.as_ref().map(|name| self.path.join(name));
+        self.record.pictures.iter().filter_map(move |picture| Some((picture_path(picture)?, picture)))
     }
 
     /// A field that contradicts another one.
@@ -220,7 +220,7 @@ pub(super) mod tests {
         let empty = refusal(|value| value["range"] = json!([2, 2]));
         assert!(empty.contains("record.json: "), "{empty}");
         let short = refusal(|value| _ = value["pictures"].as_array_mut().unwrap().pop());
-        assert!(short.contains("its pictures are not the frames 0..2 in order; make the part again"), "{short}");
+        assert!(short.contains("its pictures are not the frames 0..2 in order; recreate the part"), "{short}");
         let outside = refusal(|value| value["pictures"][1]["file"] = "../frame.png".into());
         assert!(outside.contains("record.json: "), "{outside}");
         let unhashed = refusal(|value| _ = value["pictures"][1].as_object_mut().unwrap().remove("file_sha256"));

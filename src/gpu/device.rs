@@ -32,8 +32,8 @@ pub enum GpuError {
          on Debian or Ubuntu without a graphics card `apt-get install mesa-vulkan-drivers libvulkan1` brings a software one"
     )]
     NoAdapter { besides: String },
-    #[error("WGPU_ADAPTER_NAME={wanted} leaves out every graphics adapter; without it there are: {}", there.join("; "))]
-    Filtered { wanted: String, there: Vec<String> },
+    #[error("WGPU_ADAPTER_NAME={name} leaves out every graphics adapter; without it there are: {}", there.join("; "))]
+    Filtered { name: String, there: Vec<String> },
     #[error("the adapter {adapter} cannot be opened: {reason}")]
     Open { adapter: String, reason: String },
     #[error("the GPU did not finish within {seconds} s; the driver may have hung")]
@@ -147,9 +147,9 @@ impl Gpu {
             return Err(no_adapter());
         }
         let chosen = match std::env::var("WGPU_ADAPTER_NAME") {
-            Ok(wanted) => {
-                let fits = |a: &wgpu::Adapter| a.get_info().name.to_lowercase().contains(&wanted.to_lowercase());
-                there.iter().position(fits).ok_or_else(|| GpuError::Filtered { wanted, there: names(&there) })?
+            Ok(name) => {
+                let fits = |a: &wgpu::Adapter| a.get_info().name.to_lowercase().contains(&name.to_lowercase());
+                there.iter().position(fits).ok_or_else(|| GpuError::Filtered { name, there: names(&there) })?
             }
             Err(_) => 0,
         };

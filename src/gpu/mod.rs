@@ -27,4 +27,4 @@ pub use shader::constant;
 pub use shader::{Shader, module};
 pub use texture::{Pyramid, Texture, TexturePool, half_texels};
 pub use timing::{PartTime, PendingTimes, Stamps};
-pub use uniform::{Bytes, Packed, Uniform, constants};
+pub use uniform::{Bytes, Uniform, UniformBytes, constants};

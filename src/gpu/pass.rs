@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::pipelines::{CompiledPipeline, Module, ShaderEntry};
 use super::timing::Stamps;
-use super::uniform::{Bytes, Packed, Uniform};
+use super::uniform::{Bytes, Uniform, UniformBytes};
 use super::{Gpu, PassRecorder, Shader, Texture};
 
 /// A resource bound to one of a shader's globals.
@@ -107,11 +107,11 @@ impl<'a> Pass<'a> {
     }
 
     pub fn uniform<U: Uniform>(self, name: &'static str, value: &U) -> Self {
-        self.packed(name, &Packed::new(value))
+        self.packed(name, &UniformBytes::new(value))
     }
 
     /// Binds a uniform from an effect.
-    pub fn packed(mut self, name: &'static str, value: &Packed) -> Self {
+    pub fn packed(mut self, name: &'static str, value: &UniformBytes) -> Self {
         let bytes = self.recorder.uniform(&value.bytes);
         self.layouts.push((name, value.bytes.len(), value.members));
         self.bind(name, Binding::Buffer(bytes))
@@ -143,7 +143,7 @@ impl<'a> Pass<'a> {
     }
 
     /// Draws over the targets' existing contents.
-    pub fn over(mut self) -> Self {
+    pub fn load_targets(mut self) -> Self {
         self.load = wgpu::LoadOp::Load;
         self
     }
@@ -152,7 +152,7 @@ impl<'a> Pass<'a> {
     /// GPU (indirect draw): four vertices, the number of quads, two zeros.
     pub fn indirect(mut self, list: &wgpu::Buffer) -> Self {
         self.shape = DrawShape::Indirect(list.clone());
-        self.over()
+        self.load_targets()
     }
 
     /// Draws into the upper left `size` of pooled textures, which are transparent beyond it.

@@ -26,7 +26,7 @@ impl From<&'static str> for ShaderEntry {
 
 impl ShaderEntry {
     /// A fragment entry over quads placed by a vertex entry.
-    pub fn over(vertex: &'static str, fragment: &'static str) -> Self {
+    pub fn with_vertex(vertex: &'static str, fragment: &'static str) -> Self {
         Self { vertex, fragment, choices: Vec::new() }
     }
 

@@ -37,12 +37,12 @@ where
 
 /// A type-erased uniform with its layout.
 #[derive(Clone, Debug)]
-pub struct Packed {
+pub struct UniformBytes {
     pub(super) bytes: Vec<u8>,
     pub(super) members: &'static [(&'static str, usize)],
 }
 
-impl Packed {
+impl UniformBytes {
     pub fn new<U: Uniform>(value: &U) -> Self {
         Self { bytes: bytemuck::bytes_of(value).to_vec(), members: U::MEMBERS }
     }

@@ -40,8 +40,8 @@ impl<T> GreyImage<T> {
 
     /// True if a point is inside, at least `margin` px from the border.
     pub fn holds(&self, at: DVec2, margin: f64) -> bool {
-        let inside = |v: f64, n: usize| v >= margin && v <= n as f64 - margin;
-        inside(at.x, self.width) && inside(at.y, self.height)
+        let is_inside = |v: f64, n: usize| v >= margin && v <= n as f64 - margin;
+        is_inside(at.x, self.width) && is_inside(at.y, self.height)
     }
 }
 
@@ -52,8 +52,11 @@ impl<T: Copy + Default> GreyImage<T> {
 
     /// The value of a pixel, with the border repeated beyond it. 0 for an empty picture.
     pub fn clamped(&self, x: i64, y: i64) -> T {
-        let inside = |v: i64, n: usize| v.min(n as i64 - 1).max(0) as usize;
-        self.values.get(inside(y, self.height) * self.width + inside(x, self.width)).copied().unwrap_or_default()
+        let clamped_index = |v: i64, n: usize| v.min(n as i64 - 1).max(0) as usize;
+        self.values
+            .get(clamped_index(y, self.height) * self.width + clamped_index(x, self.width))
+            .copied()
+            .unwrap_or_default()
     }
 
     /// Bilinear sample of a function of the values, with the border repeated, px with pixel centres

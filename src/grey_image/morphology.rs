@@ -46,14 +46,14 @@ mod tests {
         let (width, height) = (23, 17);
         let values: Vec<f32> = (0..width * height).map(|i| (i * 37 % 101) as f32 / 10.0).collect();
         for reach in [0, 1, 2, 5, 7, 40] {
-            let around = |i: usize| {
+            let neighbourhood = |i: usize| {
                 let (x, y) = (i % width, i / width);
                 let rows = y.saturating_sub(reach)..(y + reach + 1).min(height);
                 let columns = x.saturating_sub(reach)..(x + reach + 1).min(width);
                 rows.flat_map(move |y| columns.clone().map(move |x| y * width + x)).map(|i| values[i])
             };
             let expected = |of: fn(f32, f32) -> f32, start: f32| -> Vec<f32> {
-                (0..values.len()).map(|i| around(i).fold(start, of)).collect()
+                (0..values.len()).map(|i| neighbourhood(i).fold(start, of)).collect()
             };
             assert_eq!(dilated(&values, width, reach), expected(f32::max, 0.0), "{reach}");
             assert_eq!(eroded(&values, width, reach), expected(f32::min, 99.0), "{reach}");

@@ -22,7 +22,7 @@ use crate::tracking::turn::ImagePyramid;
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
 pub enum DelayMode {
     /// A fixed delay, seconds.
-    #[serde(rename = "fixed", alias = "told")]
+    #[serde(rename = "fixed")]
     Fixed(f64),
     /// The delay that fits the pictures best.
     #[serde(rename = "estimated", alias = "found")]
@@ -377,13 +377,13 @@ mod tests {
         assert!(delayed(steady(false), DelayMode::Fixed(0.0), None).is_ok());
         assert!(matches!(delayed(steady(true), DelayMode::Estimated, None), Err(LiveError::DelayNeedsCamera)));
         let intrinsics = Intrinsics { width_px: 640, height_px: 320, ..Intrinsics::default() };
-        let of = |model| {
+        let camera = |model| {
             let geometry = Geometry::new(intrinsics.clone(), Distortion { model, ..Distortion::default() });
             Camera { geometry: Some(geometry), ..Camera::default() }
         };
-        let around = delayed(steady(true), DelayMode::Estimated, Some(&of(LensModel::Equirectangular)));
+        let around = delayed(steady(true), DelayMode::Estimated, Some(&camera(LensModel::Equirectangular)));
         assert!(matches!(around, Err(LiveError::DelayNeedsCamera)));
-        assert!(delayed(steady(true), DelayMode::Estimated, Some(&of(LensModel::Opencv))).is_ok());
+        assert!(delayed(steady(true), DelayMode::Estimated, Some(&camera(LensModel::Opencv))).is_ok());
     }
 
     #[test]

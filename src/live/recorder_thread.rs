@@ -19,7 +19,7 @@ const COMMIT_IDLE: Duration = Duration::from_millis(500);
 
 enum RecorderTask {
     Frame { time_s: f64, file: Arc<PictureFile>, exposure_s: Option<f64>, opacity: Option<f64> },
-    Presence { time_s: f64, opacity: f64, camera: Option<Box<FrameCamera>> },
+    Opacity { time_s: f64, opacity: f64, camera: Option<Box<FrameCamera>> },
     Poses(Vec<Line>),
     Covariance(Covariance),
 }
@@ -48,7 +48,7 @@ impl RecorderThread {
                         recorder.covariance(covariance);
                         Ok(())
                     }
-                    Ok(RecorderTask::Presence { time_s, opacity, camera }) => {
+                    Ok(RecorderTask::Opacity { time_s, opacity, camera }) => {
                         camera.into_iter().for_each(|camera| recorder.camera(time_s, *camera));
                         recorder.set_opacity(time_s, opacity)
                     }
@@ -88,7 +88,7 @@ impl RecorderThread {
     pub fn set_opacity(&self, time_s: f64, opacity: f64, camera: Option<&FrameCamera>) {
         if let Some(tasks) = self.tasks.as_ref() {
             let camera = camera.cloned().map(Box::new);
-            let _ = tasks.send(RecorderTask::Presence { time_s, opacity, camera });
+            let _ = tasks.send(RecorderTask::Opacity { time_s, opacity, camera });
         }
     }
 

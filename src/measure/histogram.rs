@@ -27,7 +27,7 @@ pub fn histograms(pixels: &Pixels, mask: &[bool], bins: usize) -> Result<[Vec<f6
 
 /// Surroundings of a mask: pixels at most `reach` px from it along rows and columns, and not in
 /// `without`.
-pub fn around(mask: &[bool], without: &[bool], width: usize, reach: usize) -> Vec<bool> {
+pub fn dilated_ring(mask: &[bool], without: &[bool], width: usize, reach: usize) -> Vec<bool> {
     if width == 0 {
         return Vec::new();
     }
@@ -80,7 +80,7 @@ mod tests {
         let mut without = vec![false; 35];
         without[16] = true;
         // The middle of 7×5 pixels: 3×3 around it, without itself and its left neighbour.
-        let ring = around(&mask, &without, 7, 1);
+        let ring = dilated_ring(&mask, &without, 7, 1);
         let places: Vec<usize> = (0..35).filter(|i| ring[*i]).collect();
         assert_eq!(places, [9, 10, 11, 18, 23, 24, 25]);
     }

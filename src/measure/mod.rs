@@ -2,10 +2,10 @@
 //!
 //! Uses plain slices and [`Pixels`], independent of the pictures' origin.
 
-pub mod across;
 pub mod detectors;
 pub mod displacement;
 pub mod edge;
+pub mod edge_profile;
 pub mod histogram;
 pub mod slanted;
 pub(crate) mod spread;
@@ -24,7 +24,7 @@ pub enum MeasureError {
     Depths,
     #[error("nothing to measure: {0}")]
     Nothing(&'static str),
-    #[error("{what} = {actual} is refused: expected {accepted}")]
+    #[error("{what} = {actual}: expected {accepted}")]
     Option { what: &'static str, actual: f64, accepted: &'static str },
     #[error(
         "{side}: {actual} of the {needed} patches of 32x32 pixels that are needed lie in its mask; \

@@ -98,7 +98,7 @@ pub enum EdgeError {
     )]
     Bent { deviation_px: f64 },
     #[error(
-        "beside the edge it is not even ({percent:.0} % of the step): choose an edge between two plain places, or a smaller \
+        "beside the edge it is not even ({percent:.0} % of the step): choose an edge between two uniform areas, or a smaller \
          rectangle"
     )]
     Uneven { percent: f64 },
@@ -384,7 +384,7 @@ impl EdgeRegion {
         let [mx, my] = self.middle();
         let (sin, cos) = step.angle.sin_cos();
         let (half_x, half_y) = (0.5 * f64::from(self.region.width()), 0.5 * f64::from(self.region.height()));
-        let inside = |t: f64| {
+        let is_inside = |t: f64| {
             let (x, y) = (step.offset_px * cos - t * sin, step.offset_px * sin + t * cos);
             x.abs() <= half_x + 1e-9 && y.abs() <= half_y + 1e-9
         };
@@ -394,7 +394,7 @@ impl EdgeRegion {
             (half_y - step.offset_px * sin) / cos,
             (-half_y - step.offset_px * sin) / cos,
         ];
-        let within: Vec<f64> = crossings.into_iter().filter(|t| t.is_finite() && inside(*t)).collect();
+        let within: Vec<f64> = crossings.into_iter().filter(|t| t.is_finite() && is_inside(*t)).collect();
         let ends = [
             within.iter().copied().fold(f64::INFINITY, f64::min),
             within.iter().copied().fold(f64::NEG_INFINITY, f64::max),

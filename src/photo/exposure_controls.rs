@@ -31,14 +31,14 @@ pub struct ExposureControls {
 const SERIES_STOPS: std::ops::RangeInclusive<i32> = -3..=3;
 
 impl ExposureControls {
-    pub fn new(wanted: &PhotoRequest, taken: PartialExposure, lux: f64, limits: Limits) -> Result<Self, PhotoError> {
-        let by_settings = match (wanted.f_number, wanted.time_s) {
+    pub fn new(request: &PhotoRequest, taken: PartialExposure, lux: f64, limits: Limits) -> Result<Self, PhotoError> {
+        let by_settings = match (request.f_number, request.time_s) {
             (Some(_), Some(_)) => Mode::Manual,
             (Some(_), None) => Mode::AperturePriority,
             (None, Some(_)) => Mode::ShutterPriority,
             (None, None) => Mode::Program,
         };
-        let mode = wanted.mode.unwrap_or(by_settings);
+        let mode = request.mode.unwrap_or(by_settings);
         let chooses = |name: &str, setting: Option<f64>, modes: [Mode; 2], other: &str| match setting {
             Some(_) if modes.contains(&mode) => refused(format!(
                 "--mode {} chooses the {name} itself: leave --{name} out, or take --mode {other} or m",
@@ -46,42 +46,42 @@ impl ExposureControls {
             )),
             _ => Ok(()),
         };
-        chooses("aperture", wanted.f_number, [Mode::Program, Mode::ShutterPriority], "a")?;
-        chooses("shutter", wanted.time_s, [Mode::Program, Mode::AperturePriority], "s")?;
+        chooses("aperture", request.f_number, [Mode::Program, Mode::ShutterPriority], "a")?;
+        chooses("shutter", request.time_s, [Mode::Program, Mode::AperturePriority], "s")?;
         let needs = |setting: Option<f64>, modes: [Mode; 2], name: &str| {
             if modes.contains(&mode) && setting.is_none() {
                 return refused(format!("--mode {} needs --{name}", mode.letter()));
             }
             Ok(setting.unwrap_or(1.0))
         };
-        let gone_through = match wanted.bracket {
-            Some(Bracket::Aperture) if wanted.f_number.is_some() => Some("aperture"),
-            Some(Bracket::Iso) if wanted.iso.is_some() => Some("iso"),
+        let gone_through = match request.bracket {
+            Some(Bracket::Aperture) if request.f_number.is_some() => Some("aperture"),
+            Some(Bracket::Iso) if request.iso.is_some() => Some("iso"),
             _ => None,
         };
         if let Some(name) = gone_through {
             return refused(format!("--bracket {name} goes through all of them: leave --{name} out"));
         }
         // The bracketed setting starts at a usual value.
-        let varied = |own: Bracket, setting: Option<f64>, usual: f64| match wanted.bracket {
+        let varied = |own: Bracket, setting: Option<f64>, usual: f64| match request.bracket {
             Some(bracket) if bracket == own => setting.or(Some(usual)),
             _ => setting,
         };
-        let f_number = varied(Bracket::Aperture, wanted.f_number, 8f64.sqrt());
-        let time_s = varied(Bracket::Shutter, wanted.time_s, limits.hand_held_s);
+        let f_number = varied(Bracket::Aperture, request.f_number, 8f64.sqrt());
+        let time_s = varied(Bracket::Shutter, request.time_s, limits.hand_held_s);
         let set = ExposureSettings {
             f_number: needs(f_number, [Mode::AperturePriority, Mode::Manual], "aperture")?,
             time_s: needs(time_s, [Mode::ShutterPriority, Mode::Manual], "shutter")?,
-            iso: wanted.iso.or(taken.iso).unwrap_or(DEFAULT_ISO),
+            iso: request.iso.or(taken.iso).unwrap_or(DEFAULT_ISO),
         };
         Ok(Self {
             mode,
             set: set.exact(),
             lux,
-            compensation_ev: wanted.compensation_ev,
+            compensation_ev: request.compensation_ev,
             limits,
             focus_distance_m: f64::INFINITY,
-            hand_held: wanted.hand_held,
+            hand_held: request.hand_held,
         })
     }
 

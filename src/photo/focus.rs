@@ -12,7 +12,7 @@ const MIN_COVERAGE: f32 = 0.5;
 /// depth. Without depth there, the median over the virtual objects of the whole picture. `None`
 /// without any.
 pub fn distance_m(layer: &LayerImage, depth_m: Option<&[f32]>, picture: Rect) -> Option<f64> {
-    let around = |part: f64| {
+    let depths_around = |part: f64| {
         let half = |side: u32| (0.5 * part * f64::from(side)).ceil() as i32;
         let middle = [(picture.x0 + picture.x1) / 2, (picture.y0 + picture.y1) / 2];
         let (w, h) = (half(picture.width()), half(picture.height()));
@@ -32,7 +32,7 @@ pub fn distance_m(layer: &LayerImage, depth_m: Option<&[f32]>, picture: Rect) ->
             (rect.y0..rect.y1).flat_map(|y| (rect.x0..rect.x1).filter_map(move |x| nearest(index(y, x), real)));
         upper_median(depths).map(f64::from)
     };
-    median(around(FOCUS_FIELD_SHARE), true).or_else(|| median(around(1.0), false))
+    median(depths_around(FOCUS_FIELD_SHARE), true).or_else(|| median(depths_around(1.0), false))
 }
 
 #[cfg(test)]

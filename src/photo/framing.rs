@@ -40,12 +40,12 @@ pub enum FramingError {
     )]
     TooWide { actual_mm: f64, film: Film, needed_deg: f64, recorded_deg: f64, min_mm: f64 },
     #[error(
-        "a picture {actual} px wide and {height} px high is refused: expected sides of 16 to 20000 px. The picture \
+        "a picture {actual} px wide and {height} px high: expected sides of 16 to 20000 px. The picture \
          covers {columns:.0} px of the recording across; a longer lens or a nearer focus covers fewer"
     )]
     Size { actual: u32, height: u32, columns: f64 },
     #[error(
-        "{actual} px across is refused: the picture covers {max_columns} px of the recording with a film of this shape; \
+        "{actual} px across: the picture covers {max_columns} px of the recording with a film of this shape; \
          expected 1 to {max_columns}"
     )]
     TooMany { actual: f64, max_columns: f64 },

@@ -28,6 +28,7 @@ mod framing;
 pub mod log;
 mod occlusion;
 mod particulars;
+mod plan;
 mod plane_view;
 mod real;
 mod record;

@@ -80,7 +80,7 @@ pub struct Subject {
     /// True if the photographer named it, by `--subject` or `--aim`. Otherwise it is the evidence
     /// or marker nearest to the picture's centre.
     pub is_named: bool,
-    /// From the camera to the object's centre.
+    /// Distance from the camera to the object's centre.
     pub distance_m: f64,
     /// Angle between the optical axis and the normal of the subject's plane, degrees, 0 to 90: 0 is
     /// square to the plane. The optical axis is the normal of the picture's plane.
@@ -122,7 +122,7 @@ pub struct ObjectInView {
     pub size_m: f64,
     /// Centre of its bounding box in the recording's world, metres.
     pub centre_m: [f64; 3],
-    /// From the camera to its centre.
+    /// Distance from the camera to its centre.
     pub distance_m: f64,
     /// At its centre, across the optical axis. 0 behind the camera.
     pub mm_per_px: f64,

@@ -58,7 +58,7 @@ pub fn read_record(photograph: &Path) -> Result<Option<Particulars>, String> {
     let record: PhotoRecord = serde_json::from_slice(&bytes)
         .map_err(|error| format!("{}: is no record of a photograph: {error}", path.display()))?;
     if record.version != RECORD_VERSION {
-        return Err(format!("{}: version {} is refused: expected {RECORD_VERSION}", path.display(), record.version));
+        return Err(format!("{}: version {}: expected {RECORD_VERSION}", path.display(), record.version));
     }
     match (&record.file_sha256, file_digest(photograph)) {
         (Some(sha256), Ok(digest)) if digest.sha256 != *sha256 => {

@@ -138,8 +138,8 @@ mod tests {
         }
         let there = existing_series(&temp.path().join("a.jpg"));
         assert_eq!(there, ["a-1.jpg", "a-12.jpg", "a-sheet.jpg"].map(|name| temp.path().join(name)));
-        let wanted = PhotoRequest { bracket: Some(Bracket::Iso), ..PhotoRequest::new(0, temp.path().join("a.jpg")) };
-        assert_eq!(wanted.path_of("12"), there[1]);
+        let request = PhotoRequest { bracket: Some(Bracket::Iso), ..PhotoRequest::new(0, temp.path().join("a.jpg")) };
+        assert_eq!(request.path_of("12"), there[1]);
         assert!(existing_series(&temp.path().join("none/a.jpg")).is_empty());
     }
 }

@@ -27,9 +27,9 @@ const MIN_EPOCH_TIME_S: f64 = 1e9;
 
 /// A shot and the frame to photograph.
 pub struct PhotoShoot<'a> {
-    pub wanted: &'a PhotoRequest,
+    pub request: &'a PhotoRequest,
     pub shot: Shot,
-    pub whole: Geometry,
+    pub recorded_geometry: Geometry,
     pub frame: Frame,
     /// The frame's depth at its time, metres, row by row, 0 where unknown.
     pub depth_m: Option<Vec<f32>>,
@@ -45,13 +45,27 @@ pub struct PhotoShoot<'a> {
 impl PhotoShoot<'_> {
     /// Focus distance, and a warning about it.
     pub fn focus_distance_m(&mut self, focal_length_m: Option<f64>) -> Result<(f64, Option<&'static str>), PhotoError> {
-        if let Focus::Metres(distance_m) = self.wanted.focus {
+        if let Focus::Metres(distance_m) = self.request.focus {
             return Ok((distance_m, None));
         }
-        let pending = self.shot.submit(&mut self.compositor, self.frame.clone(), &self.whole, Target::Pixels, true)?;
+        let pending = self.shot.submit(
+            &mut self.compositor,
+            self.frame.clone(),
+            &self.recorded_geometry,
+            Target::Pixels,
+            true,
+        )?;
         let layer = self.compositor.collect(pending)?.layer.unwrap_or_default();
-        let framed =
-            |f| Framing::aimed(&self.whole, self.wanted.film, f, f64::INFINITY, self.wanted.width_px, self.aim);
+        let framed = |f| {
+            Framing::aimed(
+                &self.recorded_geometry,
+                self.request.film,
+                f,
+                f64::INFINITY,
+                self.request.width_px,
+                self.aim,
+            )
+        };
         // A lens with too wide a view at infinity may fit once it is focused.
         let framing = framed(focal_length_m).or_else(|_| framed(None))?;
         let (width, height) = framing.size();
@@ -95,7 +109,7 @@ impl PhotoShoot<'_> {
         opening: Option<Opening>,
         report_progress: impl FnMut(f64) -> bool,
     ) -> Result<Photograph, PhotoError> {
-        let (index, shot, recording) = (self.wanted.frame, &self.shot, &self.shot.recording);
+        let (index, shot, recording) = (self.request.frame, &self.shot, &self.shot.recording);
         let has_times = recording.kind.has_times();
         let (range, weights) = if has_times && self.sums {
             let (times, interval_s) = (&recording.timestamps_s, recording.frame_interval_s);
@@ -112,7 +126,7 @@ impl PhotoShoot<'_> {
             let (proxies, planes) = (self.compositor.proxies(), self.compositor.support_planes());
             let by_depth = by_depth.map(|depth| {
                 SummedFrameOcclusion::new(
-                    &self.whole,
+                    &self.recorded_geometry,
                     &recording.track,
                     framing,
                     &self.camera.response,
@@ -152,7 +166,7 @@ impl PhotoShoot<'_> {
         let standpoint = Standpoint {
             camera: &self.camera,
             settings: &shot.settings,
-            recorded: &self.whole,
+            recorded: &self.recorded_geometry,
             track: &recording.track,
             interval_s: recording.frame_interval_s,
             frame: index,
@@ -182,7 +196,7 @@ impl PhotoShoot<'_> {
             equivalent_mm: framing.film.equivalent_35mm(focal_length_mm),
             focus_distance_m: entry.focus_distance_m,
             compensation_ev: dials.compensation_ev,
-            program: match dials.mode_of(self.wanted.bracket) {
+            program: match dials.mode_of(self.request.bracket) {
                 Mode::Manual => 1,
                 Mode::Program => 2,
                 Mode::AperturePriority => 3,
@@ -191,7 +205,7 @@ impl PhotoShoot<'_> {
             taken_s: recorded_s.unwrap_or_else(now_s),
             description: format!(
                 "frame {} of {} at {} s",
-                self.wanted.frame,
+                self.request.frame,
                 name(&self.shot.recording.path),
                 short(self.frame.timestamp_s)
             ),

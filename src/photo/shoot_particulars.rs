@@ -59,7 +59,7 @@ impl PhotoShoot<'_> {
         let ExposureSettings { f_number, time_s: shutter_s, iso } = entry.settings;
         let particulars = ViewParticulars {
             recording: self.shot.recording.path.display().to_string(),
-            frame: self.wanted.frame,
+            frame: self.request.frame,
             width_px: width,
             height_px: height,
             focal_length_mm: notes.focal_length_mm,
@@ -67,7 +67,7 @@ impl PhotoShoot<'_> {
             f_number: stops::marked(&stops::f_numbers(Step::Third), f_number),
             shutter_s: stops::marked(&stops::shutter_times_s(Step::Third), shutter_s),
             iso: stops::marked(&stops::iso_speeds(Step::Third), iso),
-            support: if self.wanted.hand_held { CameraSupport::HandHeld } else { CameraSupport::Tripod },
+            support: if self.request.hand_held { CameraSupport::HandHeld } else { CameraSupport::Tripod },
             exposure_deviation_ev: entry.settings.over_ev(dials.lux),
             clipped_share: clipped_share(pixels, [0.0, 0.0, f64::from(width), f64::from(height)]),
             focus_distance_m: Some(entry.focus_distance_m).filter(|distance_m| distance_m.is_finite()),

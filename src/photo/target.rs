@@ -20,33 +20,38 @@ fn place(text: &str) -> Option<DVec2> {
 
 /// Name of the photograph's subject as the photographer gave it: the subject, or the object that is
 /// aimed at. `None` without either.
-pub fn subject_name(wanted: &PhotoRequest, scene: &Scene) -> Result<Option<String>, PhotoError> {
+pub fn subject_name(request: &PhotoRequest, scene: &Scene) -> Result<Option<String>, PhotoError> {
     let name = |option: &str, text: &str| named(option, text, scene).map(|object| Some(object.name.clone()));
-    match (&wanted.subject, &wanted.aim) {
+    match (&request.subject, &request.aim) {
         (Some(subject), _) => name("--subject", subject),
         (None, Some(aim)) if place(aim).is_none() => name("--aim", aim),
         _ => Ok(None),
     }
 }
 
-pub fn aim(wanted: &PhotoRequest, recording: &Recording, whole: &Geometry, scene: &Scene) -> Result<Aim, PhotoError> {
-    let PhotoRequest { frame, focal_length_mm, across_px, .. } = wanted;
+pub fn aim(
+    request: &PhotoRequest,
+    recording: &Recording,
+    recorded_geometry: &Geometry,
+    scene: &Scene,
+) -> Result<Aim, PhotoError> {
+    let PhotoRequest { frame, focal_length_mm, across_px, .. } = request;
     let across = across_px.map(|columns| DVec2::new(columns, 0.0));
-    let Some(wanted) = &wanted.aim else { return Ok(Aim { at_px: None, around_px: across }) };
-    let size = DVec2::new(whole.intrinsics.width_px.into(), whole.intrinsics.height_px.into());
-    if let Some(at) = place(wanted) {
+    let Some(aim_text) = &request.aim else { return Ok(Aim { at_px: None, around_px: across }) };
+    let size = DVec2::new(recorded_geometry.intrinsics.width_px.into(), recorded_geometry.intrinsics.height_px.into());
+    if let Some(at) = place(aim_text) {
         if at.cmplt(DVec2::ZERO).any() || at.cmpgt(size).any() {
-            return refused(format!("--aim {wanted} lies outside the picture, {}x{} px", size.x, size.y));
+            return refused(format!("--aim {aim_text} lies outside the picture, {}x{} px", size.x, size.y));
         }
         return Ok(Aim { at_px: Some(at), around_px: across });
     }
-    let object = named("--aim", wanted, scene)?;
+    let object = named("--aim", aim_text, scene)?;
     let pose = recording.pose_at_frame(*frame)?;
-    let projected = points(object, scene).filter_map(|point| whole.project(pose.transform_point(point)));
+    let projected = points(object, scene).filter_map(|point| recorded_geometry.project(pose.transform_point(point)));
     let bounds = projected.map(|at| (at, at)).reduce(|(low, high), (at, _)| (low.min(at), high.max(at)));
     let in_picture = bounds.map(|(low, high)| (low.max(DVec2::ZERO), high.min(size)));
     let Some((low, high)) = in_picture.filter(|(low, high)| low.cmplt(*high).all()) else {
-        return refused(format!("--aim {wanted}: it is not in the picture of frame {frame}"));
+        return refused(format!("--aim {aim_text}: it is not in the picture of frame {frame}"));
     };
     let around = across.or(focal_length_mm.is_none().then(|| {
         let around = (high - low) / OBJECT_SHARE;
@@ -57,15 +62,15 @@ pub fn aim(wanted: &PhotoRequest, recording: &Recording, whole: &Geometry, scene
 }
 
 /// The object with this name, or the only one whose name contains it.
-fn named<'a>(option: &str, wanted: &str, scene: &'a Scene) -> Result<&'a Object, PhotoError> {
-    let mut like = scene.objects.iter().filter(|object| object.name.to_lowercase().contains(&wanted.to_lowercase()));
-    let exact = scene.objects.iter().find(|object| object.name == wanted);
+fn named<'a>(option: &str, name: &str, scene: &'a Scene) -> Result<&'a Object, PhotoError> {
+    let mut like = scene.objects.iter().filter(|object| object.name.to_lowercase().contains(&name.to_lowercase()));
+    let exact = scene.objects.iter().find(|object| object.name == name);
     let only = like.next().filter(|_| like.next().is_none());
     exact.or(only).ok_or_else(|| {
         let names: Vec<_> = scene.objects.iter().map(|object| object.name.as_str()).collect();
         let names = names.join(", ");
         let expected = if option == "--aim" { "neither X,Y nor the name" } else { "not the name" };
-        PhotoError::Refused(format!("{option} {wanted}: {expected} of one object; there are: {names}"))
+        PhotoError::Refused(format!("{option} {name}: {expected} of one object; there are: {names}"))
     })
 }
 

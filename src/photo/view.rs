@@ -101,8 +101,8 @@ impl PhotoView<'_> {
         let middle = 0.5 * self.size_px();
         let nearest = |kind: ObjectKind| {
             let of_kind = viewed.iter().filter(move |v| v.in_view.kind == kind && v.in_view.in_view > 0.0);
-            let off = |v: &ViewedObject| v.centre_px.map_or(f64::INFINITY, |at| at.distance(middle));
-            of_kind.min_by(|a, b| off(a).total_cmp(&off(b)))
+            let distance_px = |v: &ViewedObject| v.centre_px.map_or(f64::INFINITY, |at| at.distance(middle));
+            of_kind.min_by(|a, b| distance_px(a).total_cmp(&distance_px(b)))
         };
         nearest(ObjectKind::Evidence).or_else(|| nearest(ObjectKind::Marker))
     }
@@ -156,9 +156,9 @@ impl PhotoView<'_> {
         let is_scale =
             |v: &&ViewedObject| v.in_view.kind == ObjectKind::Scale && v.in_view.in_view >= MIN_SCALE_IN_VIEW;
         let centre_m = DVec3::from(subject.in_view.centre_m);
-        let off = |v: &ViewedObject| DVec3::from(v.in_view.centre_m).distance(centre_m);
+        let distance_m = |v: &ViewedObject| DVec3::from(v.in_view.centre_m).distance(centre_m);
         let others = viewed.iter().filter(|v| v.object != subject.object).filter(is_scale);
-        others.min_by(|a, b| off(a).total_cmp(&off(b)))
+        others.min_by(|a, b| distance_m(a).total_cmp(&distance_m(b)))
     }
 
     /// Largest circle of confusion over the corners of the subject's box, px. Corners behind the
@@ -283,7 +283,8 @@ mod tests {
 
     #[test]
     fn plane_of_a_solid_object_is_its_support_then_the_level_plane() {
-        let (mut scene, geometry) = (scene(), geometry());
+        let mut scene = scene();
+        let geometry = geometry();
         // A cube of 0.1 m.
         let mut cube = plate(0.1, 0.1);
         cube.vertices[4].position[2] = 0.1;

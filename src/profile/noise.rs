@@ -22,16 +22,16 @@ pub enum NoiseTableError {
     Missing { key: &'static str },
     #[error("[camera.noise] has no key {actual}; its keys are {}, {EXAMPLE}", KEYS.join(", "))]
     Unknown { actual: String },
-    #[error("[camera.noise] {key} = {actual} is refused: expected a list of numbers")]
+    #[error("[camera.noise] {key} = {actual}: expected a list of numbers")]
     NotNumbers { key: &'static str, actual: String },
     #[error("[camera.noise] {key} has {} where {expected} are expected ({why})", count(*actual, "value"))]
     Length { key: &'static str, actual: usize, expected: usize, why: &'static str },
     #[error("[camera.noise] code is empty; expected one code or more")]
     Empty,
-    #[error("[camera.noise] {key}, value {place}: {} is refused: expected {accepted}", number(*actual))]
+    #[error("[camera.noise] {key}, value {place}: {}: expected {accepted}", number(*actual))]
     Value { key: &'static str, place: usize, actual: f64, accepted: &'static str },
     #[error(
-        "[camera.noise] {EXAMPLE} = {actual} is refused: expected the name of a file of `locard calibrate noise`, \
+        "[camera.noise] {EXAMPLE} = {actual}: expected the name of a file of `locard calibrate noise`, \
          relative to this file"
     )]
     ExampleName { actual: String },
@@ -164,10 +164,10 @@ mod tests {
     #[test]
     fn noise_table_errors_name_the_key() {
         for (from, to, message) in [
-            ("8, 24.5", "24.5, 8", "code, value 2: 8 is refused: expected more than the one before"),
-            ("8, 24.5", "8, 256", "code, value 2: 256 is refused"),
+            ("8, 24.5", "24.5, 8", "code, value 2: 8: expected more than the one before"),
+            ("8, 24.5", "8, 256", "code, value 2: 256: expected"),
             ("code = [8, 24.5]", "code = []", "code is empty"),
-            ("sigma_r = [1, 2]", "sigma_r = [1, -2]", "sigma_r, value 2: -2 is refused"),
+            ("sigma_r = [1, 2]", "sigma_r = [1, -2]", "sigma_r, value 2: -2: expected"),
             ("sigma_r = [1, 2]", "sigma_r = [1, inf]", "sigma_r, value 2: inf"),
             ("sigma_r = [1, 2]", "sigma_r = [1, nan]", "sigma_r, value 2: NaN"),
             ("sigma_r = [1, 2]", "sigma_r = [1]", "sigma_r has 1 value where 2 are expected (one for each code)"),
@@ -179,12 +179,12 @@ mod tests {
                 "has no key sigma_x; its keys are code, sigma_r, sigma_g, sigma_b, channel_correlation, \
                 neighbour_correlation, example",
             ),
-            ("code =", "example = 3\ncode =", "example = 3 is refused: expected the name of a file"),
-            ("code =", "example = ''\ncode =", "example = \"\" is refused"),
+            ("code =", "example = 3\ncode =", "example = 3: expected the name of a file"),
+            ("code =", "example = ''\ncode =", "example = \"\": expected"),
             ("0.1, -0.2, 0.3", "0.1, -0.2", "channel_correlation has 2 values where 3"),
-            ("0.1, -0.2, 0.3", "0.1, -0.2, 1.3", "value 3: 1.3 is refused: expected -1 to 1"),
+            ("0.1, -0.2, 0.3", "0.1, -0.2, 1.3", "value 3: 1.3: expected -1 to 1"),
             ("0.1, -0.2, 0.3", "0.9, 0.9, -0.9", "three channels can have together"),
-            ("[0.5, 0]", "[0.5, -0.1]", "neighbour_correlation, value 2: -0.1 is refused: expected 0 to 1"),
+            ("[0.5, 0]", "[0.5, -0.1]", "neighbour_correlation, value 2: -0.1: expected 0 to 1"),
         ] {
             let error = parse(&GOOD.replace(from, to)).unwrap_err().to_string();
             assert!(error.contains(message), "{error}\n{message}");

@@ -80,14 +80,14 @@ mod tests {
     fn file_of_a_response_has_points_or_a_lookup_table() {
         let folder = tempfile::tempdir().unwrap();
         let profile = folder.path().join("camera.toml");
-        let of = |text: &str| {
+        let response_of = |text: &str| {
             std::fs::write(folder.path().join("r.csv"), text).unwrap();
             points("r.csv", &profile).map(|value| value.to_string())
         };
         let expected = "0 0, 0.5 0.2, 1 1";
-        assert_eq!(of("code,light\n0,0\n0.5,0.2 # grey\n\n1,1\n").unwrap(), expected);
+        assert_eq!(response_of("code,light\n0,0\n0.5,0.2 # grey\n\n1,1\n").unwrap(), expected);
         let cube = "TITLE \"x\"\nLUT_1D_SIZE 3\nDOMAIN_MIN 0 0 0\nDOMAIN_MAX 1 1 1\n0 0 0\n.2 .2 .2\n1 1 1\n";
-        assert_eq!(of(cube).unwrap(), expected);
+        assert_eq!(response_of(cube).unwrap(), expected);
         assert_eq!(points("0 0, 0.5 0.2; 1 1", &profile).unwrap().to_string(), expected);
         for (text, problem) in [
             ("LUT_3D_SIZE 2\n", "three-dimensional"),
@@ -97,7 +97,7 @@ mod tests {
             ("0 0\n0.5 0.5\n", "codes 0 to 0.5"),
             ("", "holds no points"),
         ] {
-            let error = of(text).unwrap_err();
+            let error = response_of(text).unwrap_err();
             assert!(error.contains("r.csv") && error.contains(problem), "{error}");
         }
         assert!(points("none.csv", &profile).unwrap_err().contains("none.csv"));

@@ -9,7 +9,7 @@ use toml::{Table, Value as Toml};
 use super::noise::{self, ExampleLoading};
 use super::{ProfileError, Rig};
 use crate::camera::NoiseProfile;
-use crate::compositor::{ON, Settings};
+use crate::compositor::{ON, Settings, current_name};
 use crate::params::{Kind, Params, Value};
 use crate::text::quoted;
 
@@ -102,7 +102,7 @@ impl ShotSettings {
     }
 
     pub(super) fn insert(&mut self, table: &str, name: &str, value: Value) {
-        self.values.insert((table.to_owned(), name.to_owned()), value);
+        self.values.insert((table.to_owned(), current_name(table, name).to_owned()), value);
     }
 
     pub(super) fn set_noise(&mut self, noise: NoiseProfile) {
@@ -243,7 +243,7 @@ impl ShotSettings {
         Self { values, noise: self.noise.clone() }
     }
 
-    /// Without the camera's noise.
+    /// The settings without the camera's noise.
     #[must_use]
     pub fn without_noise(self) -> Self {
         Self { noise: None, ..self }
@@ -323,7 +323,8 @@ mod tests {
         assert_eq!((rig.intrinsics.readout_time_s, rig.exposure.time_s), (0.02, Some(0.01)));
         assert_eq!((rig.lens.aperture_diameter_mm, rig.lens.f_number), (None, Some(2.0)));
         assert!(!settings.is_on("noise") && settings.overrule_recorded_exposure && rig.noise.is_some());
-        let (mut before, now) = (Rig::default(), ParameterValues { rig: &rig, settings: &settings });
+        let mut before = Rig::default();
+        let now = ParameterValues { rig: &rig, settings: &settings };
         before.lens.aperture_diameter_mm = Some(5.0);
         let difference = ShotSettings::between(ParameterValues { rig: &before, settings: &Settings::default() }, now);
         assert_eq!(difference, own);
@@ -348,13 +349,13 @@ mod tests {
     fn unchanged_values_stay_even_if_equal_to_overridden_ones() {
         let pinned = "[camera.exposure]\ntime_s = 0.02\n[depth]\ntolerance_m = 0.03\n[noise]\non = false\n";
         let (own, rig, mut settings) = read(pinned).unwrap();
-        let of = |settings: &Settings| {
+        let kept_settings = |settings: &Settings| {
             let now = ParameterValues { rig: &rig, settings };
             ShotSettings::between(now, now).with_unchanged(&own, now)
         };
-        assert_eq!(of(&settings).values().count(), 3);
+        assert_eq!(kept_settings(&settings).values().count(), 3);
         settings.switch("noise", true).unwrap();
-        assert!(!of(&settings).has("noise", ON) && of(&settings).has("depth", "tolerance_m"));
+        assert!(!kept_settings(&settings).has("noise", ON) && kept_settings(&settings).has("depth", "tolerance_m"));
         // An override of each frame's exposure is preserved as a value.
         let mut without = settings.clone();
         without.overrule_recorded_exposure = false;
@@ -367,7 +368,7 @@ mod tests {
     fn refused_values_name_the_scene_file_and_the_key() {
         for (text, message) in [
             ("noise = 1", "settings.noise = 1 is not"),
-            ("[noise]\nscale = -1", "noise.scale = -1 is refused"),
+            ("[noise]\nscale = -1", "noise.scale = -1: expected a number from"),
             ("[nose]\nscale = 1", "there is no table [nose]"),
             ("[noise]\nscal = 1", "there is no parameter noise.scal"),
             ("[camera.lens]\nf_number = 2\naperture_diameter_mm = 5", "both aperture_diameter_mm and f_number"),

@@ -1,4 +1,4 @@
-//! Audit of an output: its inputs and files against its record, and its frames made again.
+//! Audit of an output: its inputs and files against its record, and its recomputed frames.
 
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
@@ -119,16 +119,16 @@ fn unlisted(record: &Record, output: &Path) -> impl Iterator<Item = ChangedFile>
     names.into_iter().map(change).collect::<Vec<_>>().into_iter()
 }
 
-/// A frame that was made again.
+/// A recomputed frame, compared with the written one.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct RemadeFrame {
+pub struct RecomputedFrame {
     pub frame: usize,
-    pub outcome: RemadeOutcome,
+    pub outcome: RecomputedOutcome,
 }
 
-/// How a frame that was made again compares with the written one.
+/// How a recomputed frame compares with the written one.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum RemadeOutcome {
+pub enum RecomputedOutcome {
     /// Bit for bit.
     Equal,
     Differs(PictureDifference),
@@ -136,7 +136,7 @@ pub enum RemadeOutcome {
     Unequal(String),
 }
 
-/// Compares frames that are made again with a record.
+/// Compares recomputed frames with a record.
 pub struct FrameAudit<'a> {
     record: &'a Record,
     output: &'a Path,
@@ -156,33 +156,33 @@ impl<'a> FrameAudit<'a> {
     }
 
     /// Compares one frame.
-    pub fn compare(&self, frame: usize, pixels: &Pixels) -> RemadeFrame {
+    pub fn compare(&self, frame: usize, pixels: &Pixels) -> RecomputedFrame {
         let outcome = match self.position.get(&frame) {
-            None => RemadeOutcome::Unequal("it is not in the record".to_owned()),
+            None => RecomputedOutcome::Unequal("it is not in the record".to_owned()),
             Some(number) => self.outcome(*number, pixels),
         };
-        RemadeFrame { frame, outcome }
+        RecomputedFrame { frame, outcome }
     }
 
-    fn outcome(&self, number: usize, pixels: &Pixels) -> RemadeOutcome {
+    fn outcome(&self, number: usize, pixels: &Pixels) -> RecomputedOutcome {
         let picture = &self.record.pictures[number];
         if pixels_digest(pixels) == picture.pixels_sha256 {
-            return RemadeOutcome::Equal;
+            return RecomputedOutcome::Equal;
         }
         if !self.record.output.is_lossless() {
             let codec = &self.record.output.codec;
-            return RemadeOutcome::Unequal(format!("{codec} is lossy, so the written codes are not stored"));
+            return RecomputedOutcome::Unequal(format!("{codec} is lossy, so the written codes are not stored"));
         }
         match read_picture(self.output, &self.record.output, picture.file.as_deref(), number) {
             Ok(stored) if pixels_digest(&stored) != picture.pixels_sha256 => {
-                RemadeOutcome::Unequal("the stored picture is not the recorded one".to_owned())
+                RecomputedOutcome::Unequal("the stored picture is not the recorded one".to_owned())
             }
             Ok(stored) => match difference(pixels, &stored) {
-                Ok(Some(difference)) => RemadeOutcome::Differs(difference),
-                Ok(None) => RemadeOutcome::Equal,
-                Err(sizes) => RemadeOutcome::Unequal(format!("its sizes differ: {sizes}")),
+                Ok(Some(difference)) => RecomputedOutcome::Differs(difference),
+                Ok(None) => RecomputedOutcome::Equal,
+                Err(sizes) => RecomputedOutcome::Unequal(format!("its sizes differ: {sizes}")),
             },
-            Err(error) => RemadeOutcome::Unequal(error.to_string()),
+            Err(error) => RecomputedOutcome::Unequal(error.to_string()),
         }
     }
 }
@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn changed_missing_and_equal_inputs_are_told_apart() {
+    fn changed_missing_and_equal_inputs_are_distinguished() {
         let folder = tempfile::tempdir().unwrap();
         let mut record = record();
         let write = |text: &str| std::fs::write(folder.path().join("s.toml"), text).unwrap();
@@ -244,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_of_an_output_are_compared_with_the_record_and_with_frames_made_again() {
+    fn pictures_of_an_output_are_compared_with_the_record_and_with_recomputed_frames() {
         let folder = tempfile::tempdir().unwrap();
         let mut record = record();
         let written = Pixels::from_u8(8, 6, vec![100; 144]).unwrap();
@@ -255,13 +255,13 @@ mod tests {
         }
         assert_eq!(changed_outputs(&record, folder.path(), &[4, 5]), []);
         let audit = FrameAudit::new(&record, folder.path());
-        assert_eq!(audit.compare(4, &written).outcome, RemadeOutcome::Equal);
+        assert_eq!(audit.compare(4, &written).outcome, RecomputedOutcome::Equal);
         let mut codes = vec![100; 144];
         codes[3] = 102;
         let other = Pixels::from_u8(8, 6, codes).unwrap();
         let expected = PictureDifference { max_codes: 2, p99_codes: 2, pixels: 1, bounds: Rect::new(1, 0, 2, 1) };
-        assert_eq!(audit.compare(4, &other).outcome, RemadeOutcome::Differs(expected));
-        assert!(matches!(audit.compare(9, &other).outcome, RemadeOutcome::Unequal(_)));
+        assert_eq!(audit.compare(4, &other).outcome, RecomputedOutcome::Differs(expected));
+        assert!(matches!(audit.compare(9, &other).outcome, RecomputedOutcome::Unequal(_)));
         // Somebody retouches a picture.
         let file = folder.path().join("frame_000005.png");
         write_frame(&file, &other, None, None, true).unwrap();
@@ -280,6 +280,6 @@ mod tests {
         );
         std::fs::remove_file(folder.path().join("frame_000009.png")).unwrap();
         let retouched = audit.compare(5, &other).outcome;
-        assert_eq!(retouched, RemadeOutcome::Unequal("the stored picture is not the recorded one".to_owned()));
+        assert_eq!(retouched, RecomputedOutcome::Unequal("the stored picture is not the recorded one".to_owned()));
     }
 }

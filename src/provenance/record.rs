@@ -18,7 +18,7 @@ use crate::text::{quoted, reason};
 /// Version of the format.
 pub const RECORD_VERSION: u32 = 1;
 
-/// Everything that makes an output again.
+/// Everything needed to recompute an output.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Record {
     pub version: u32,
@@ -68,7 +68,7 @@ pub struct ProgramRecord {
 /// The command line.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CommandRecord {
-    /// Without the program's own name.
+    /// The arguments, without the program's own name.
     pub arguments: Vec<String>,
     /// The folder to which relative paths refer.
     pub folder: PathBuf,

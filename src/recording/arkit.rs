@@ -27,7 +27,6 @@ const VIDEOS: [&str; 2] = ["Frames.m4v", "frames.m4v"];
 
 pub static FORMAT: RecordingFormat = RecordingFormat {
     name: "ARKit log",
-    marker: "a log of ARKit (ARposes.txt, Frames.txt, Frames.m4v)",
     has_times: true,
     is_metric: true,
     find: |path| file_or_in_folder(path, POSES).map(|list| folder_of(&list)),

@@ -14,17 +14,18 @@ pub enum RecordingError {
     #[error(transparent)]
     Source(#[from] SourceError),
     #[error(
-        "{}: is not a recording: {actual}; expected {accepted}",
+        "{}: not a recording: {actual}. Supported: a folder with recording.toml, TUM RGB-D, EuRoC, COLMAP, nerfstudio \
+         and others (docs/recordings.md)",
         path.display()
     )]
-    NotARecording { path: PathBuf, actual: String, accepted: String },
+    NotARecording { path: PathBuf, actual: String },
     /// A file of a recording has invalid content.
     #[error("{}: {problem}", file.display())]
     Content { file: PathBuf, problem: String },
     /// A binary file of a recording has invalid content. Bytes count from 0.
     #[error("{}, byte {offset}: {problem}", file.display())]
     Bytes { file: PathBuf, offset: usize, problem: String },
-    #[error("the option {name} = {} is refused: expected {accepted}", number(*actual))]
+    #[error("the option {name} = {}: expected {accepted}", number(*actual))]
     Option { name: &'static str, actual: f64, accepted: &'static str },
     #[error("frames {start}..{end} were requested; the recording has 0..{count}")]
     Range { start: usize, end: usize, count: usize },

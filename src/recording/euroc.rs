@@ -29,7 +29,6 @@ const GROUND_TRUTH_FOLDERS: [&str; 3] = ["state_groundtruth_estimate0", "mocap0"
 
 pub static FORMAT: RecordingFormat = RecordingFormat {
     name: "EuRoC MAV",
-    marker: "a EuRoC MAV folder (mav0/cam0/data.csv)",
     has_times: true,
     is_metric: true,
     find,
@@ -298,7 +297,7 @@ mod tests {
                 "sensor.yaml, line 8: T_BS.data is not a rotation and a translation",
             ),
             ("0.0, 0.0, 0.0, 1.0]", "0.0, 0.0, 0.0, 2.0]", "line 8: T_BS.data is not a rotation"),
-            ("[400.0,", "[-400.0,", "camera.fx_px = -400 is refused"),
+            ("[400.0,", "[-400.0,", "camera.fx_px = -400: expected"),
         ] {
             let text = SENSOR.replace(from, to);
             let (geometry, placed) = (yaml(&text).geometry().map(drop), yaml(&text).body_from_sensor().map(drop));

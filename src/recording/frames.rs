@@ -30,7 +30,7 @@ pub struct Frames {
     exposure: Arc<[FrameExposure]>,
     pictures: Arc<Pictures>,
     surfels: Arc<[Surfel]>,
-    /// Of pictures that do not hold their own.
+    /// Coding of pictures that do not hold their own.
     coding: Option<Arc<PictureCoding>>,
 }
 

@@ -34,7 +34,6 @@ const FILE_NAME: &str = "cameras.xml";
 
 pub static FORMAT: RecordingFormat = RecordingFormat {
     name: "Metashape",
-    marker: "the cameras of Metashape (cameras.xml)",
     has_times: false,
     is_metric: false,
     find: |path| {
@@ -401,8 +400,9 @@ fn sensor(node: Node<'_, '_>) -> Result<(Geometry, Vec<String>), String> {
 }
 
 fn size(calibration: Option<Node<'_, '_>>, sensor: Node<'_, '_>) -> Result<[f64; 2], String> {
-    let of = |node| xml::child(node, "resolution");
-    let resolution = calibration.and_then(of).or_else(|| of(sensor)).ok_or("has no resolution")?;
+    let resolution_node = |node| xml::child(node, "resolution");
+    let resolution =
+        calibration.and_then(resolution_node).or_else(|| resolution_node(sensor)).ok_or("has no resolution")?;
     let side = |name: &str| match resolution.attribute(name) {
         Some(text) => xml::finite_numbers::<1>(text, name),
         None => Err(format!("its resolution has no {name}")),

@@ -453,15 +453,17 @@ fn find(path: &Path) -> Result<(&'static RecordingFormat, PathBuf), RecordingErr
     let foreign = unsupported_capture::refusal(path).map(str::to_owned).or(unread).or_else(in_folder).or_else(unposed);
     let problem = match path {
         _ if foreign.is_some() => foreign.as_deref().unwrap_or_default(),
-        _ if path.is_file() => {
-            "it is a file of another kind (frames or a video alone: `locard solve` finds the poses, or name them in a recording.toml)"
-        }
+        _ if is_empty_file(path) => "the file is empty",
+        _ if path.is_file() => "this file is not a recording; for a video or pictures alone run `locard solve`",
         _ if path.is_dir() => "the folder has none of the files that identify one",
         _ if path.exists() => "it is a pipe or a device",
-        _ => "there is nothing at this path",
+        _ => "no such file or folder",
     };
-    let accepted = FORMATS.map(|format| format.marker).join(", ");
-    Err(RecordingError::NotARecording { path: path.to_owned(), actual: problem.to_owned(), accepted })
+    Err(RecordingError::NotARecording { path: path.to_owned(), actual: problem.to_owned() })
+}
+
+fn is_empty_file(path: &Path) -> bool {
+    std::fs::metadata(path).is_ok_and(|metadata| metadata.is_file() && metadata.len() == 0)
 }
 
 #[cfg(test)]
@@ -470,8 +472,11 @@ mod tests {
 
     #[test]
     fn spread_frames_are_the_middles_of_equal_parts() {
-        let of = |count, max_count| middles_of_parts(count, max_count).collect::<Vec<_>>();
-        assert_eq!(of(240, 24)[..3], [5, 15, 25]);
-        assert_eq!((of(0, 24), of(3, 24), of(5, 3)), (vec![], vec![0, 1, 2], vec![0, 2, 4]));
+        let spread_frames = |count, max_count| middles_of_parts(count, max_count).collect::<Vec<_>>();
+        assert_eq!(spread_frames(240, 24)[..3], [5, 15, 25]);
+        assert_eq!(
+            (spread_frames(0, 24), spread_frames(3, 24), spread_frames(5, 3)),
+            (vec![], vec![0, 1, 2], vec![0, 2, 4])
+        );
     }
 }

@@ -29,7 +29,6 @@ const DEFAULT_FIRST_FRAME: i64 = 1;
 
 pub static FORMAT: RecordingFormat = RecordingFormat {
     name: FILE_NAME,
-    marker: "a folder with recording.toml",
     has_times: true,
     is_metric: true,
     find: |path| {

@@ -25,7 +25,6 @@ const FILE_NAME: &str = "transforms.json";
 
 pub static FORMAT: RecordingFormat = RecordingFormat {
     name: "nerfstudio",
-    marker: "a nerfstudio transforms.json",
     has_times: false,
     is_metric: false,
     find: |path| {

@@ -5,7 +5,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use super::RecordingError;
-use crate::cleanup::{MadeFolder, Undo, Unfinished};
+use crate::cleanup::{MadeFolder, Undo, UndoGuard};
 use crate::text::reason;
 
 /// Reason why a recording cannot be written.
@@ -79,7 +79,7 @@ impl NewFolder<'_> {
         let parent = place.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let made = MadeFolder::make(parent).map_err(writing(parent))?;
         let prefix = format!(".{}.part-", name_of(place)?);
-        let (part, unfinished) = Unfinished::begin(|| {
+        let (part, unfinished) = UndoGuard::begin(|| {
             let mut builder = tempfile::Builder::new();
             builder.prefix(&prefix);
             #[cfg(unix)]

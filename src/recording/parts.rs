@@ -39,8 +39,6 @@ const CAMERA_TIME_TOLERANCE_S: f64 = 1e-6;
 #[derive(Debug)]
 pub struct RecordingFormat {
     pub(super) name: &'static str,
-    /// Description of its recognition, for messages.
-    pub(super) marker: &'static str,
     pub(super) has_times: bool,
     pub(super) is_metric: bool,
     /// The file or folder of the recording, given a folder or a file in it; `None` if it is not of

@@ -26,7 +26,6 @@ use crate::tracking::tum::PoseNotes;
 
 pub static FORMAT: RecordingFormat = RecordingFormat {
     name: "7-Scenes",
-    marker: "a 7-Scenes folder (frame-000000.color.png)",
     // The Kinect's 30 frames a second, although no times are stored.
     has_times: true,
     is_metric: true,
@@ -56,7 +55,7 @@ fn has_picture(folder: &Path) -> bool {
 fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let mut files = listing::pictures_in(folder)?;
     files.retain(|file| stem(file).is_some());
-    let beside = |file: &Path, ending: &str| folder.join(format!("{}{ending}", stem(file).unwrap_or_default()));
+    let sibling_file = |file: &Path, ending: &str| folder.join(format!("{}{ending}", stem(file).unwrap_or_default()));
     let number_of = |file: &PathBuf| {
         let digits = stem(file).and_then(|stem| stem.strip_prefix("frame-")).unwrap_or_default();
         digits.parse::<u32>().map_err(|_| RecordingError::content(file, "its number is too large"))
@@ -67,7 +66,7 @@ fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let (mut poses, mut description_files, mut depths) = (Vec::new(), Vec::new(), Vec::new());
     let mut odd = PoseNotes::default();
     for (file, time_s) in files.iter().zip(&times_s) {
-        let pose = beside(file, ".pose.txt");
+        let pose = sibling_file(file, ".pose.txt");
         // A frame with lost tracking may have no pose file.
         if pose.exists() {
             match parse_pose(&records::read(&pose)?, &pose)? {
@@ -76,7 +75,7 @@ fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
             }
             description_files.push(pose);
         }
-        let depth = beside(file, ".depth.png");
+        let depth = sibling_file(file, ".depth.png");
         if depth.exists() {
             depths.push((*time_s, depth));
         }

@@ -27,7 +27,6 @@ const CODES_PER_METRE: f64 = 1000.0;
 
 pub static FORMAT: RecordingFormat = RecordingFormat {
     name: "Stray Scanner",
-    marker: "a Stray Scanner folder (odometry.csv, rgb.mp4)",
     has_times: true,
     is_metric: true,
     find: |path| file_or_in_folder(path, ODOMETRY).map(|list| folder_of(&list)),

@@ -15,7 +15,6 @@ const FRAME_LIST: &str = "rgb.txt";
 
 pub static FORMAT: RecordingFormat = RecordingFormat {
     name: "TUM RGB-D",
-    marker: "a TUM RGB-D folder (rgb.txt, groundtruth.txt)",
     has_times: true,
     is_metric: true,
     find: |path| file_or_in_folder(path, FRAME_LIST).map(|list| folder_of(&list)),

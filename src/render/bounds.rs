@@ -143,9 +143,10 @@ const MAX_NORMALISED: f64 = 1000.0;
 /// Normalised coordinates that contain everything imaged into a rectangle of the picture plane.
 fn normalised_extent(rect: Rect, geometry: &Geometry) -> ScreenExtent {
     let square = |side: f64| ScreenExtent { low: DVec2::splat(-side), high: DVec2::splat(side) };
-    let inside = |p: DVec2| rect.grown(1).contains(p.x.floor() as i32, p.y.floor() as i32);
+    let is_inside = |p: DVec2| rect.grown(1).contains(p.x.floor() as i32, p.y.floor() as i32);
     let holds = |area: &ScreenExtent| {
-        extent_px(*area, geometry).union(&rect) == extent_px(*area, geometry) && !border_px(*area, geometry).any(inside)
+        extent_px(*area, geometry).union(&rect) == extent_px(*area, geometry)
+            && !border_px(*area, geometry).any(is_inside)
     };
     let sides = std::iter::successors(Some(0.5), |side| Some(2.0 * side)).take_while(|side| *side < MAX_NORMALISED);
     sides.map(square).find(holds).unwrap_or(square(MAX_NORMALISED))

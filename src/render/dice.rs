@@ -4,7 +4,7 @@
 
 use glam::{DAffine3, DVec2, DVec3};
 
-use super::unwrap::{LightmapVertex, Unwrapped};
+use super::unwrap::{LightmapVertex, UnwrappedMesh};
 use super::view::{NEAR_M, ViewKeys};
 use crate::camera::Geometry;
 use crate::scene::Vertex;
@@ -81,7 +81,7 @@ impl EdgeCurvature {
 }
 
 /// The longest edge of a mesh, in its own units.
-pub fn longest_edge(mesh: &Unwrapped) -> f64 {
+pub fn longest_edge(mesh: &UnwrappedMesh) -> f64 {
     let at = |i: u32| DVec3::from(mesh.corners[i as usize].vertex.position.map(f64::from));
     mesh.indices
         .chunks_exact(3)
@@ -91,7 +91,7 @@ pub fn longest_edge(mesh: &Unwrapped) -> f64 {
 
 /// A mesh subdivided for one view; `None` if it can be drawn unchanged.
 pub fn dice(
-    mesh: &Unwrapped,
+    mesh: &UnwrappedMesh,
     longest: f64,
     corners_in_world: &[DVec3; 8],
     world_from_mesh: &DAffine3,

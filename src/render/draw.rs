@@ -19,7 +19,7 @@ use super::motion::MotionGrid;
 use super::occlusion::Occlusion;
 use super::pipeline::{COLOR, DEPTH, DrawInstance, GEOMETRY, RenderPipelines, SAMPLES, Variant, Writes, lens_number};
 use super::plan::{Layer, RenderSample, SamplePlan};
-use super::unwrap::Unwrapped;
+use super::unwrap::UnwrappedMesh;
 use super::view::{NEAR_M, Shutter, View, ViewKeys, ViewUniform};
 use crate::camera::Geometry;
 use crate::gpu::{Gpu, PassRecorder, Shader, ShaderEntry, Stamps, Texture};
@@ -131,7 +131,7 @@ impl Renderer {
     }
 
     /// The scene's meshes as drawn.
-    pub fn unwrapped(&self) -> &[Unwrapped] {
+    pub fn unwrapped(&self) -> &[UnwrappedMesh] {
         &self.meshes.surfaces
     }
 
@@ -471,7 +471,7 @@ impl Renderer {
             far_m: view.parallel_to_m.unwrap_or(0.0) as f32,
         };
         recorder
-            .pass(Shader::Resolve, ShaderEntry::over("cell", "main"))
+            .pass(Shader::Resolve, ShaderEntry::with_vertex("cell", "main"))
             .uniform("resolve", &resolve)
             .texture("color", &color)
             .texture("depth", &depth)

@@ -122,11 +122,11 @@ mod tests {
     /// `min_radiance`.
     fn worst(panorama: &MipLevel, min_radiance: f32) -> f32 {
         let level = irradiance_over_pi(panorama);
-        let off = |n| {
+        let relative_error = |n| {
             let truth = truth(panorama, n);
             ((filtered_radiance(&level, n) - truth).abs() / truth.max(Vec3::splat(min_radiance))).max_element()
         };
-        normals().map(off).fold(0.0, f32::max)
+        normals().map(relative_error).fold(0.0, f32::max)
     }
 
     #[test]

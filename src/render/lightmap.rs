@@ -21,7 +21,7 @@ pub struct Lightmap {
 /// use, however many parts there are.
 #[derive(Debug)]
 pub struct PartLightmaps {
-    /// In the order of the parts.
+    /// Lightmaps in the order of the parts.
     of_parts: Vec<Option<BoundLightmap>>,
     none: wgpu::BindGroup,
     pub strength: f32,

@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::bounds::{Bounds, outline};
 use super::dice::longest_edge;
-use super::unwrap::{LightmapVertex, Unwrapped, area_of};
+use super::unwrap::{LightmapVertex, UnwrappedMesh, area_of};
 use crate::gpu::Gpu;
 use crate::scene::{Mesh, Part, Scene};
 
@@ -31,7 +31,7 @@ pub struct GpuMesh {
 pub struct Meshes {
     pub all: Vec<GpuMesh>,
     /// Contents of the buffers.
-    pub surfaces: Vec<Unwrapped>,
+    pub surfaces: Vec<UnwrappedMesh>,
     pub vertices: wgpu::Buffer,
     pub indices: wgpu::Buffer,
     has_lightmap_coordinates: bool,
@@ -39,8 +39,8 @@ pub struct Meshes {
 
 impl Meshes {
     pub fn new(gpu: &Gpu, scene: &Scene) -> Self {
-        let surfaces: Vec<_> = scene.meshes.iter().map(|mesh| Unwrapped::none(mesh)).collect();
-        let mesh = |(mesh, surface): (&std::sync::Arc<Mesh>, &Unwrapped)| GpuMesh {
+        let surfaces: Vec<_> = scene.meshes.iter().map(|mesh| UnwrappedMesh::none(mesh)).collect();
+        let mesh = |(mesh, surface): (&std::sync::Arc<Mesh>, &UnwrappedMesh)| GpuMesh {
             base_vertex: 0,
             indices: 0..0,
             longest: longest_edge(surface),
@@ -67,7 +67,7 @@ impl Meshes {
 }
 
 /// Uploads vertices and indices, and sets each mesh's offsets.
-fn uploaded(gpu: &Gpu, surfaces: &[Unwrapped], all: &mut [GpuMesh]) -> [wgpu::Buffer; 2] {
+fn uploaded(gpu: &Gpu, surfaces: &[UnwrappedMesh], all: &mut [GpuMesh]) -> [wgpu::Buffer; 2] {
     let (mut vertices, mut indices): (Vec<LightmapVertex>, Vec<u32>) = (Vec::new(), Vec::new());
     for (surface, mesh) in surfaces.iter().zip(all) {
         let first = indices.len() as u32;
@@ -87,7 +87,7 @@ fn uploaded(gpu: &Gpu, surfaces: &[Unwrapped], all: &mut [GpuMesh]) -> [wgpu::Bu
 
 /// A scene's meshes with lightmap coordinates, except unlit ones: the parts of an object share its
 /// lightmap texels in proportion to their areas.
-fn unwrap_all(scene: &Scene) -> Vec<Unwrapped> {
+fn unwrap_all(scene: &Scene) -> Vec<UnwrappedMesh> {
     let area_m2 = |part: &Part| {
         let stretch = part.world_from_mesh.matrix3.determinant().abs().powf(1.0 / 3.0);
         area_of(&scene.meshes[part.mesh]) * stretch * stretch
@@ -106,7 +106,7 @@ fn unwrap_all(scene: &Scene) -> Vec<Unwrapped> {
     }
     let is_lit = |mesh: &Mesh| scene.materials.get(mesh.material).is_none_or(|material| !material.unlit);
     let unwrapped = |(mesh, side): (&std::sync::Arc<Mesh>, u32)| {
-        if is_lit(mesh) { Unwrapped::new(mesh, side) } else { Unwrapped::none(mesh) }
+        if is_lit(mesh) { UnwrappedMesh::new(mesh, side) } else { UnwrappedMesh::none(mesh) }
     };
     scene.meshes.iter().zip(sides).map(unwrapped).collect()
 }

@@ -33,5 +33,5 @@ pub use pipeline::{COLOR, GEOMETRY};
 pub use plan::{Layer, RealLayer, RenderSample, SamplePlan};
 pub use projected::{PictureRequest, Projection, take_still};
 pub use resample::limits;
-pub use unwrap::{LightmapVertex, TexelPoint, Unwrapped};
+pub use unwrap::{LightmapVertex, TexelPoint, UnwrappedMesh};
 pub use view::{Shutter, View, ViewKeys};

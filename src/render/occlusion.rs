@@ -90,9 +90,9 @@ pub fn grid_depth(
     if by_pixel {
         return (real_depth(recorder, &grid.depth_m_in(drawn), drawn), None);
     }
-    let (around, texels) = grid.around(drawn);
-    let placed = GridPlacement { first: [around.x0, around.y0], per_pixel: grid.enlargement.recip() };
-    (real_depth(recorder, &texels, around), Some(placed))
+    let (covered, texels) = grid.covering(drawn);
+    let placed = GridPlacement { first: [covered.x0, covered.y0], per_pixel: grid.enlargement.recip() };
+    (real_depth(recorder, &texels, covered), Some(placed))
 }
 
 /// Uploads depth over a rectangle (metres, 0 unknown).

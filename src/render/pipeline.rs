@@ -152,7 +152,7 @@ pub struct RenderPipelines {
     pub frame_layout: wgpu::BindGroupLayout,
     pub material_layout: wgpu::BindGroupLayout,
     pub lightmap_layout: wgpu::BindGroupLayout,
-    made: Memo<(Variant, Writes), Arc<wgpu::RenderPipeline>>,
+    pipelines: Memo<(Variant, Writes), Arc<wgpu::RenderPipeline>>,
 }
 
 impl RenderPipelines {
@@ -171,13 +171,14 @@ impl RenderPipelines {
             frame_layout,
             material_layout,
             lightmap_layout,
-            made: Memo::unbounded(),
+            pipelines: Memo::unbounded(),
         }
     }
 
     /// The pipeline of a variant, compiled on first use.
     pub fn get(&self, gpu: &Gpu, variant: Variant, writes: Writes) -> Arc<wgpu::RenderPipeline> {
-        self.made.get_or_insert_with((variant, writes), |(variant, writes)| Arc::new(self.make(gpu, variant, *writes)))
+        self.pipelines
+            .get_or_insert_with((variant, writes), |(variant, writes)| Arc::new(self.make(gpu, variant, *writes)))
     }
 
     fn make(&self, gpu: &Gpu, variant: &Variant, writes: Writes) -> wgpu::RenderPipeline {

@@ -12,7 +12,7 @@ use super::panorama;
 use super::plan::SamplePlan;
 use super::resample::{CubeFace, FaceImage, Resampler};
 use super::view::{NEAR_M, Shutter, View, ViewKeys};
-use crate::camera::curved::Curved;
+use crate::camera::curved::CurvedCamera;
 use crate::camera::{Geometry, Primaries};
 use crate::gpu::{Gpu, GpuError, PassRecorder, ReadbackSet};
 use crate::parallel::{over_rows, processors};
@@ -31,7 +31,7 @@ pub enum Projection {
         height_px: u32,
         px_per_m: f64,
     },
-    Curved(Curved),
+    Curved(CurvedCamera),
 }
 
 impl Projection {

@@ -6,7 +6,7 @@
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 
-use crate::camera::curved::Curved;
+use crate::camera::curved::CurvedCamera;
 use crate::camera::{Distortion, Geometry, Intrinsics};
 use crate::interpolation::bilinear_weights;
 use crate::parallel::{over_rows, processors};
@@ -87,7 +87,7 @@ impl CubeFace {
 /// Assembles a picture from faces.
 #[derive(Debug)]
 pub struct Resampler<'a> {
-    curved: &'a Curved,
+    curved: &'a CurvedCamera,
     /// Size of a face's 90°, px.
     face_px: u32,
     needed: Vec<CubeFace>,
@@ -95,7 +95,7 @@ pub struct Resampler<'a> {
 
 /// The smallest angle between neighbouring pixels, taking the larger of a pixel's two directions
 /// (finer detail is not resolved), and the visible faces.
-fn finest_angle_and_faces(curved: &Curved) -> (f64, Vec<CubeFace>) {
+fn finest_angle_and_faces(curved: &CurvedCamera) -> (f64, Vec<CubeFace>) {
     const STEPS: u32 = 96;
     let size = DVec2::new(curved.width_px.into(), curved.height_px.into());
     let mut finest = f64::INFINITY;
@@ -117,21 +117,21 @@ fn finest_angle_and_faces(curved: &Curved) -> (f64, Vec<CubeFace>) {
 }
 
 /// Required and available side of the faces, px, if the available side loses detail.
-pub fn limits(curved: &Curved) -> Option<(u32, u32)> {
-    let wanted = lossless_face_px(curved).ceil() as u32;
-    (wanted > MAX_FACE_PX).then_some((wanted, MAX_FACE_PX))
+pub fn limits(curved: &CurvedCamera) -> Option<(u32, u32)> {
+    let needed_px = lossless_face_px(curved).ceil() as u32;
+    (needed_px > MAX_FACE_PX).then_some((needed_px, MAX_FACE_PX))
 }
 
 /// Side of a face that preserves all detail of a picture, px.
-fn lossless_face_px(curved: &Curved) -> f64 {
+fn lossless_face_px(curved: &CurvedCamera) -> f64 {
     // A face is coarsest in its centre: side/2 texels per radian. Two texels per pixel.
     4.0 / finest_angle_and_faces(curved).0
 }
 
 impl<'a> Resampler<'a> {
-    pub fn new(curved: &'a Curved) -> Self {
-        let wanted = lossless_face_px(curved).ceil();
-        let face_px = wanted.clamp(MIN_FACE_PX.into(), MAX_FACE_PX.into()) as u32;
+    pub fn new(curved: &'a CurvedCamera) -> Self {
+        let needed_px = lossless_face_px(curved).ceil();
+        let face_px = needed_px.clamp(MIN_FACE_PX.into(), MAX_FACE_PX.into()) as u32;
         Self { curved, face_px, needed: finest_angle_and_faces(curved).1 }
     }
 
@@ -245,7 +245,7 @@ mod tests {
 
     #[test]
     fn only_visible_faces_are_drawn_at_the_required_resolution() {
-        let fisheye = |degrees: f64| Curved {
+        let fisheye = |degrees: f64| CurvedCamera {
             curve: CurvedProjection::Fisheye { fov_rad: degrees.to_radians() },
             width_px: 180,
             height_px: 180,
@@ -254,9 +254,9 @@ mod tests {
         assert_eq!(Resampler::new(&fisheye(180.0)).needed.len(), 5);
         // 57.3 px per radian along the radius, up to π/2 times that across it far out; in between
         // on diagonals.
-        let wanted = lossless_face_px(&fisheye(180.0));
-        assert!((4.0 * 57.29..4.0 * 72.0).contains(&wanted), "{wanted}");
-        let all = Curved {
+        let needed_px = lossless_face_px(&fisheye(180.0));
+        assert!((4.0 * 57.29..4.0 * 72.0).contains(&needed_px), "{needed_px}");
+        let all = CurvedCamera {
             curve: CurvedProjection::Environment { fov_rad: DVec2::new(2.0 * PI, PI) },
             width_px: 360,
             height_px: 180,

@@ -35,7 +35,7 @@ pub struct LightmapVertex {
 
 /// A mesh with lightmap coordinates.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Unwrapped {
+pub struct UnwrappedMesh {
     pub corners: Vec<LightmapVertex>,
     /// Triangle by triangle, in the mesh's order.
     pub indices: Vec<u32>,
@@ -65,7 +65,7 @@ struct Island {
     high: Vec2,
 }
 
-impl Unwrapped {
+impl UnwrappedMesh {
     /// Unwraps a mesh for a lightmap of at most `side` texels a side.
     pub fn new(mesh: &Mesh, side: u32) -> Self {
         let faces = faces(mesh);
@@ -88,7 +88,7 @@ impl Unwrapped {
         Self::none(mesh)
     }
 
-    /// Without a lightmap.
+    /// A mesh without a lightmap.
     pub fn none(mesh: &Mesh) -> Self {
         let corners = mesh.vertices.iter().map(|vertex| LightmapVertex { vertex: *vertex, at: [0.0; 2] });
         Self { corners: corners.collect(), indices: mesh.indices.clone(), side: 0 }
@@ -241,7 +241,8 @@ fn shelf_positions(islands: &[Island], texel: f32, side: u32) -> Option<Vec<[i32
     let size = |island: &Island| ((island.high - island.low) / texel).ceil().as_ivec2() + 2 * ISLAND_PADDING_TEXELS;
     let mut order: Vec<usize> = (0..islands.len()).collect();
     order.sort_by_key(|n| (-size(&islands[*n]).y, *n));
-    let (side, mut places) = (side as i32, vec![[0; 2]; islands.len()]);
+    let side = side as i32;
+    let mut places = vec![[0; 2]; islands.len()];
     let (mut x, mut y, mut height) = (0, 0, 0);
     for n in order {
         let size = size(&islands[n]);
@@ -270,11 +271,11 @@ fn nearest(at: Vec2, [a, b, c]: &[Vec2; 3]) -> Option<Vec3> {
         return Some(inside);
     }
     // On the nearest of the three edges.
-    let along = |from: Vec2, to: Vec2| {
+    let nearest_on_edge = |from: Vec2, to: Vec2| {
         let t = ((at - from).dot(to - from) / from.distance_squared(to).max(1e-20)).clamp(0.0, 1.0);
         (t, (from + t * (to - from)).distance_squared(at))
     };
-    let edges = [along(*a, *b), along(*b, *c), along(*c, *a)];
+    let edges = [nearest_on_edge(*a, *b), nearest_on_edge(*b, *c), nearest_on_edge(*c, *a)];
     let (n, (t, _)) = edges.into_iter().enumerate().min_by(|(_, (_, p)), (_, (_, q))| p.total_cmp(q))?;
     let mut weights = Vec3::ZERO;
     (weights[n], weights[(n + 1) % 3]) = (1.0 - t, t);
@@ -315,7 +316,7 @@ mod tests {
     #[test]
     fn texels_and_surface_points_correspond_one_to_one() {
         for mesh in [cuboid(), helix()] {
-            let unwrapped = Unwrapped::new(&mesh, 64);
+            let unwrapped = UnwrappedMesh::new(&mesh, 64);
             assert_eq!((unwrapped.side, unwrapped.indices.len()), (64, mesh.indices.len()));
             // Vertices are unchanged.
             for (old, new) in mesh.indices.iter().zip(&unwrapped.indices) {
@@ -366,8 +367,8 @@ mod tests {
 
     #[test]
     fn degenerate_and_fragmented_meshes_have_no_lightmap() {
-        assert_eq!(Unwrapped::new(&mesh(&[[0.0; 3]; 3], &[0, 1, 2]), 64).side, 0);
-        assert_eq!(Unwrapped::new(&mesh(&[], &[]), 64).side, 0);
+        assert_eq!(UnwrappedMesh::new(&mesh(&[[0.0; 3]; 3], &[0, 1, 2]), 64).side, 0);
+        assert_eq!(UnwrappedMesh::new(&mesh(&[], &[]), 64).side, 0);
         // A thousand separate triangles do not fit into 16 texels.
         let positions: Vec<[f32; 3]> =
             (0..3000).map(|i| [(i / 3) as f32 + (i % 3 % 2) as f32, (i % 3 / 2) as f32, 0.0]).collect();
@@ -375,7 +376,7 @@ mod tests {
             &positions.iter().map(|[x, y, z]| [*x * 3.0, *y, *z]).collect::<Vec<_>>(),
             &(0..3000).collect::<Vec<_>>(),
         );
-        let unwrapped = Unwrapped::new(&apart, 16);
+        let unwrapped = UnwrappedMesh::new(&apart, 16);
         assert_eq!((unwrapped.side, &unwrapped.indices), (0, &apart.indices));
     }
 }

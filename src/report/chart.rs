@@ -256,8 +256,9 @@ mod tests {
         let svg = chart(vec![(Ink::Red, dots)]).svg().unwrap();
         let places = |name: &str| -> Vec<f64> {
             let circles = svg.split("<circle").skip(1);
-            let of = |text: &str| text.split(&format!("{name}=\"")).nth(1).unwrap().split('"').next().unwrap().parse();
-            circles.map(|text| of(text).unwrap()).collect()
+            let attribute =
+                |text: &str| text.split(&format!("{name}=\"")).nth(1).unwrap().split('"').next().unwrap().parse();
+            circles.map(|text| attribute(text).unwrap()).collect()
         };
         let (x, y) = (places("cx"), places("cy"));
         // From the labels' area to the margin, and in the middle between.

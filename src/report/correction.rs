@@ -24,11 +24,11 @@ pub struct Correction {
 pub fn corrections(source: &ReportSource<'_>, depth_m: f64) -> Vec<Correction> {
     let Some(refined) = refined(source) else { return Vec::new() };
     let recorded = recorded(source);
-    let of = |(frame, time_s): (usize, &f64)| {
+    let frame_correction = |(frame, time_s): (usize, &f64)| {
         let (was, now) = (recorded.pose(*time_s)?, refined.pose(*time_s)?);
         Some(correction(frame, source, &was, &now, depth_m))
     };
-    source.recording.timestamps_s.iter().enumerate().filter_map(of).collect()
+    source.recording.timestamps_s.iter().enumerate().filter_map(frame_correction).collect()
 }
 
 pub fn recorded<'a>(source: &ReportSource<'a>) -> RollingCamera<'a> {

@@ -68,7 +68,7 @@ pub fn edges(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
         return none();
     }
     let caption = format!(
-        "Steep places of frame {start}, on surfaces with depth, drawn where poses say they are in it and up to {} frames later{}",
+        "Steep places of frame {start}, on surfaces with depth, drawn at their positions by the poses in it and up to {} frames later{}",
         LATER[LATER.len() - 1],
         if is_refined { ": above as recorded, below refined." } else { ", as recorded." }
     );

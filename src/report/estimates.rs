@@ -13,7 +13,7 @@ pub enum Mark {
     Changed,
     /// Confirmed.
     Kept,
-    /// Without an estimate.
+    /// There is no estimate.
     Refused,
 }
 
@@ -36,7 +36,7 @@ pub fn estimates(findings: &Findings, given_readout_s: f64) -> Vec<Estimate> {
         .into_iter()
         .chain([
             gain(findings),
-            across(findings),
+            spatial_gain(findings),
             exposure(findings),
             sharpness(findings),
             tone(findings),
@@ -163,7 +163,7 @@ fn gain(findings: &Findings) -> Estimate {
     }
 }
 
-fn across(findings: &Findings) -> Estimate {
+fn spatial_gain(findings: &Findings) -> Estimate {
     let name = "light across the picture";
     match &findings.across {
         Some(across) if across.is_followed => {

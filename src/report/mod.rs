@@ -24,7 +24,7 @@ pub use source::{MADE_BY, ReportError, ReportSource};
 /// The page. The same analysis and recording give the same bytes, but for [`ReportSource::times`].
 pub fn html(source: &ReportSource<'_>) -> Result<String, ReportError> {
     let mut figures = vec![plots::correction(source)?, plots::links(source)?, plots::slide(source)?];
-    figures.extend([edges::edges(source)?, strips::point(source)?, plots::gain(source)?, plots::across(source)?]);
+    figures.extend([edges::edges(source)?, strips::point(source)?, plots::gain(source)?, plots::spatial_gain(source)?]);
     figures.extend([
         strips::brightness(source)?,
         plots::exposure(source)?,

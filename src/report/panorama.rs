@@ -61,7 +61,7 @@ fn drawn(around: &EnvironmentFit, lamps: &[[f64; 2]]) -> Vec<[u8; 3]> {
     let response = Response::default();
     let code = |light: f32| (255.0 * response.encode(f64::from(light / white))).round() as u8;
     let wide = MAGNIFICATION * around.width;
-    let of = |n: u32| {
+    let tile_pixel = |n: u32| {
         let (x, y) = (n % wide, n / wide);
         let at = |[u, v]: &[f64; 2]| {
             let [dx, dy] = [(x, u, around.width), (y, v, 0)].map(|(at, lamp, round)| {
@@ -79,7 +79,7 @@ fn drawn(around: &EnvironmentFit, lamps: &[[f64; 2]]) -> Vec<[u8; 3]> {
             None => around.rgb[(y / MAGNIFICATION * around.width + x / MAGNIFICATION) as usize].map(code),
         }
     };
-    (0..wide * MAGNIFICATION * around.height).map(of).collect()
+    (0..wide * MAGNIFICATION * around.height).map(tile_pixel).collect()
 }
 
 #[cfg(test)]

@@ -72,7 +72,7 @@ pub fn links(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
         let why = registered.why.as_deref().unwrap_or("none could be aligned");
         return Ok(Figure::left_out(title, format!("no frames were linked to judge the poses by: {why}")));
     }
-    let of = |px: fn(&HeldOutResidual) -> f64| {
+    let residual_dots = |px: fn(&HeldOutResidual) -> f64| {
         ChartShape::Dots(missed.iter().map(|m| (0.5 * (m.from + m.to) as f64, px(m).max(0.01))).collect())
     };
     let share = |px: fn(&HeldOutResidual) -> f64, share: f64| {
@@ -87,7 +87,7 @@ pub fn links(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
         is_logarithmic: true,
         from_zero: false,
         height: TALL,
-        shapes: vec![(Ink::Recorded, of(|m| m.recorded_px)), (Ink::Found, of(|m| m.refined_px))],
+        shapes: vec![(Ink::Recorded, residual_dots(|m| m.recorded_px)), (Ink::Found, residual_dots(|m| m.refined_px))],
     };
     Ok(Figure {
         title,
@@ -112,14 +112,14 @@ pub fn slide(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
         Err(why) => return Ok(Figure::left_out(title, why.to_owned())),
     };
     let is_refined = slid.iter().any(|pair| pair.refined_px.is_some());
-    let of = |px: &dyn Fn(&SlidePair) -> Option<f64>, by: f64| {
+    let slide_dots = |px: &dyn Fn(&SlidePair) -> Option<f64>, by: f64| {
         let at = |pair: &SlidePair| Some((pair.later as f64 + by, px(pair)?.max(0.01)));
         ChartShape::Dots(slid.iter().filter_map(at).collect())
     };
-    let mut shapes = vec![(Ink::Recorded, of(&SlidePair::recorded_median_px, -0.4))];
+    let mut shapes = vec![(Ink::Recorded, slide_dots(&SlidePair::recorded_median_px, -0.4))];
     let mut legend = vec![RECORDED];
     if is_refined {
-        shapes.push((Ink::Found, of(&SlidePair::refined_median_px, 0.4)));
+        shapes.push((Ink::Found, slide_dots(&SlidePair::refined_median_px, 0.4)));
         legend.push((Ink::Found, "refined"));
     }
     let chart = Chart {
@@ -132,11 +132,11 @@ pub fn slide(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
         shapes,
     };
     let whole = |px: &dyn Fn(&SlidePair) -> Vec<f64>| {
-        let of = |later: usize| {
+        let median_text = |later: usize| {
             upper_median(slid.iter().filter(|pair| pair.later == later).flat_map(px))
                 .map_or("–".to_owned(), |px| fixed(px, 2))
         };
-        LATER.map(of).join(", ")
+        LATER.map(median_text).join(", ")
     };
     let mut caption = format!(
         "A frame's picture on its own depth, as poses put it into later frames, against what these show: each dot is a pair, the \
@@ -144,10 +144,12 @@ pub fn slide(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
         LATER.map(|later| later.to_string()).join(", "),
         whole(&|pair| pair.recorded_px.clone())
     );
-    if let Some((got_worse, of, largest_px)) = worse(&slid) {
+    if let Some((got_worse, slide_dots, largest_px)) = worse(&slid) {
         let refined = whole(&|pair| pair.refined_px.clone().unwrap_or_default());
-        caption +=
-            &format!(", {refined} px refined. Of {} {got_worse} got worse by more than 0.1 px", count(of, "pair"));
+        caption += &format!(
+            ", {refined} px refined. Of {} {got_worse} got worse by more than 0.1 px",
+            count(slide_dots, "pair")
+        );
         caption += &if got_worse > 0 { format!(", by {} px at most", fixed(largest_px, 2)) } else { String::new() };
     }
     Ok(Figure { title, caption: caption + ".", legend, body: Body::Plots { plots: vec![chart.svg()?] } })
@@ -210,7 +212,7 @@ pub fn tone(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
         caption: "When the light changes, the camera's response must give the same change for surfaces of all codes, \
                   with ± 1 σ. A common exponent is not observable. This is only advice."
             .to_owned(),
-        legend: vec![(Ink::Found, "told by codes"), (Ink::Recorded, "by the right response")],
+        legend: vec![(Ink::Found, "from code values"), (Ink::Recorded, "by the right response")],
         body: Body::Plots { plots: vec![chart.svg()?] },
     })
 }
@@ -225,7 +227,8 @@ pub fn gain(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
         };
         return Ok(Figure::left_out(title, why));
     }
-    let of = |c: usize| ChartShape::Line(gains.iter().enumerate().map(|(n, g)| (n as f64, g[c].log2())).collect());
+    let gain_line =
+        |c: usize| ChartShape::Line(gains.iter().enumerate().map(|(n, g)| (n as f64, g[c].log2())).collect());
     let chart = Chart {
         x_axis: XAxis::Frames(gains.len()),
         y: "stops".to_owned(),
@@ -233,7 +236,7 @@ pub fn gain(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
         is_logarithmic: false,
         from_zero: false,
         height: TALL,
-        shapes: vec![(Ink::Red, of(0)), (Ink::Green, of(1)), (Ink::Blue, of(2))],
+        shapes: vec![(Ink::Red, gain_line(0)), (Ink::Green, gain_line(1)), (Ink::Blue, gain_line(2))],
     };
     Ok(Figure {
         title,
@@ -288,7 +291,7 @@ pub fn exposure(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
     })
 }
 
-pub fn across(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
+pub fn spatial_gain(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
     let title = "Brightness across the picture";
     let parts = &source.analysis.across;
     if parts.is_empty() {

@@ -104,7 +104,7 @@ pub fn track_place(
 }
 
 /// Frames around a start frame, including it.
-fn around(start: usize, count: usize) -> Vec<usize> {
+fn search_frames(start: usize, count: usize) -> Vec<usize> {
     let reach = SEARCH_RANGE.min(count);
     let from = start.saturating_sub(reach / 2).min(count - reach);
     let every = reach.div_ceil(SEARCHED_FRAMES);
@@ -120,7 +120,7 @@ fn candidate(source: &ReportSource<'_>, criteria: &PlaceCriteria<'_>, start: usi
     let points = [point(&recorded)?, point(&used)?];
     let is_seen =
         |n: &usize| used.project(times_s[*n], points[1]).is_some_and(|(at, _)| is_inside(source, criteria, at));
-    let frames: Vec<usize> = around(start, times_s.len()).into_iter().filter(is_seen).collect();
+    let frames: Vec<usize> = search_frames(start, times_s.len()).into_iter().filter(is_seen).collect();
     let score = (criteria.rank)(&place, &frames);
     (frames.len() >= MIN_VIEWS).then_some(Candidate { start, place, points, score })
 }
@@ -137,7 +137,7 @@ fn views(
     criteria: &PlaceCriteria<'_>,
     of_frame: &[Candidate],
 ) -> Result<Vec<Vec<TrackedView>>, RecordingError> {
-    let frames = around(of_frame[0].start, source.recording.frame_count());
+    let frames = search_frames(of_frame[0].start, source.recording.frame_count());
     let (Some(first), Some(last)) = (frames.first(), frames.last()) else { return Ok(Vec::new()) };
     let recorded = recorded(source);
     let used = refined(source).unwrap_or(recorded);
@@ -206,7 +206,7 @@ mod tests {
     #[test]
     fn searched_frames_include_the_start_and_stay_in_the_recording() {
         for (start, count) in [(0, 1), (2, 5), (0, 90), (89, 90), (45, 90), (1000, 5000), (4999, 5000)] {
-            let frames = around(start, count);
+            let frames = search_frames(start, count);
             assert!(frames.contains(&start) && frames.iter().all(|n| *n < count), "{start} {count}");
             assert!(frames.len() <= SEARCHED_FRAMES + 1 && frames.is_sorted());
         }
@@ -215,7 +215,7 @@ mod tests {
     #[test]
     fn twelve_views_are_selected_with_both_ends_and_the_start() {
         let tile = Tile::cut(&Pixels::from_u8(4, 4, vec![0; 48]).unwrap(), DVec2::splat(2.0), 2);
-        let of = |frame: usize| TrackedView {
+        let tracked_view = |frame: usize| TrackedView {
             frame,
             recorded: DVec2::ZERO,
             by_recorded: tile.clone(),
@@ -223,11 +223,11 @@ mod tests {
             by_used: tile.clone(),
         };
         for start in [10, 13, 20, 42] {
-            let kept = spread_evenly((10..43).map(of).collect(), start, &|frame| frame as f64);
+            let kept = spread_evenly((10..43).map(tracked_view).collect(), start, &|frame| frame as f64);
             let frames: Vec<usize> = kept.iter().map(|view| view.frame).collect();
             assert_eq!((frames.len(), frames[0], frames[11]), (12, 10, 42));
             assert!(frames.contains(&start) && frames.is_sorted(), "{frames:?}");
         }
-        assert_eq!(spread_evenly((3..8).map(of).collect(), 5, &|_| 0.0).len(), 5);
+        assert_eq!(spread_evenly((3..8).map(tracked_view).collect(), 5, &|_| 0.0).len(), 5);
     }
 }

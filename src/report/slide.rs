@@ -88,9 +88,9 @@ pub fn slides(source: &ReportSource<'_>) -> Result<Result<Vec<SlidePair>, &'stat
             .enumerate()
             .filter_map(|(n, camera)| FramePoints::new(source, &first, &rays, camera, n > 0))
             .collect();
-        let wanted: Vec<usize> = LATER.into_iter().filter(|later| start + later < count).collect();
+        let offsets: Vec<usize> = LATER.into_iter().filter(|later| start + later < count).collect();
         let mut tasks = Vec::new();
-        for later in wanted {
+        for later in offsets {
             if let Some(frame) = recording.frames(start + later..start + later + 1)?.next().transpose()? {
                 tasks.extend((0..seen_by.len()).map(|camera| ((frame.clone(), later, camera), Ok(Vec::new()))));
             }
@@ -173,12 +173,12 @@ impl<'a> FramePoints<'a> {
             let (x, y) = ((at.x - 0.5).floor(), (at.y - 0.5).floor());
             let (fx, fy) = (at.x - 0.5 - x, at.y - 0.5 - y);
             let corners = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)];
-            let inside = move |((dx, dy), share): ((f64, f64), f64)| {
+            let pixel_and_share = move |((dx, dy), share): ((f64, f64), f64)| {
                 let (x, y) = (x + dx, y + dy);
                 let is_inside = x >= 0.0 && y >= 0.0 && x < width as f64 && y < height as f64;
                 is_inside.then(|| (y as usize * width + x as usize, share))
             };
-            corners.into_iter().zip(bilinear_weights([fx, fy])).filter_map(inside)
+            corners.into_iter().zip(bilinear_weights([fx, fy])).filter_map(pixel_and_share)
         };
         let project = |point: &Option<DVec3>| self.camera.project_by_rows(poses, (*point)?);
         let places: Vec<Option<(DVec2, f32)>> =

@@ -98,8 +98,9 @@ pub fn brightness(source: &ReportSource<'_>) -> Result<Figure, ReportError> {
     let response = source.response;
     let evened = |frame: usize, tile: &Tile| {
         let table = [0, 1, 2].map(|c| -> Vec<u8> {
-            let of = |code: u16| response.encode(response.decode(f64::from(code) / 255.0) / gains[frame][c]);
-            (0..256).map(|code| (255.0 * of(code)).round() as u8).collect()
+            let corrected_code =
+                |code: u16| response.encode(response.decode(f64::from(code) / 255.0) / gains[frame][c]);
+            (0..256).map(|code| (255.0 * corrected_code(code)).round() as u8).collect()
         });
         tile.with(|codes| [0, 1, 2].map(|c| table[c][usize::from(codes[c])]))
     };

@@ -30,12 +30,12 @@ impl Tile {
     pub fn cut(pixels: &Pixels, about: DVec2, side: usize) -> Self {
         let start = start(about, side);
         let (width, height) = (i64::from(pixels.width), i64::from(pixels.height));
-        let of = |n: usize| {
+        let tile_pixel = |n: usize| {
             let (x, y) = (start[0] + (n % side) as i64, start[1] + (n / side) as i64);
             let is_inside = x >= 0 && y >= 0 && x < width && y < height;
             if is_inside { pixels.eight_bits_at(x as u32, y as u32) } else { OUTSIDE_COLOUR }
         };
-        Self { side, rgb: (0..side * side).map(of).collect() }
+        Self { side, rgb: (0..side * side).map(tile_pixel).collect() }
     }
 
     /// Maps every pixel.
@@ -49,8 +49,8 @@ impl Tile {
 
     fn enlarged(&self) -> Self {
         let side = MAGNIFICATION * self.side;
-        let of = |n: usize| self.rgb[n / side / MAGNIFICATION * self.side + n % side / MAGNIFICATION];
-        Self { side, rgb: (0..side * side).map(of).collect() }
+        let enlarged_pixel = |n: usize| self.rgb[n / side / MAGNIFICATION * self.side + n % side / MAGNIFICATION];
+        Self { side, rgb: (0..side * side).map(enlarged_pixel).collect() }
     }
 
     /// Enlarged, each pixel a square.

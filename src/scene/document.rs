@@ -251,13 +251,13 @@ impl SceneFile {
 
     /// The entry of each object of the loaded scene, in the order of [`super::Scene::objects`].
     pub fn entries(&self) -> Vec<Entry> {
-        let of = |(object, placed): (usize, &PlacedModel)| -> Vec<Entry> {
+        let entries_of = |(object, placed): (usize, &PlacedModel)| -> Vec<Entry> {
             match placed.instances.len() {
                 0 => vec![Entry { object, instance: None }],
                 count => (0..count).map(|i| Entry { object, instance: Some(i) }).collect(),
             }
         };
-        self.objects.iter().enumerate().flat_map(of).collect()
+        self.objects.iter().enumerate().flat_map(entries_of).collect()
     }
 
     /// True if an object is excluded from rendering, by its own key or its parent's.

@@ -27,6 +27,12 @@ pub enum SceneError {
         actual: String,
         accepted: String,
     },
+    #[error(
+        "{}: {}; expected .glb, .gltf or .toml (Blender imports other models and exports .glb)",
+        file.display(),
+        unsupported(extension.as_deref())
+    )]
+    UnsupportedExtension { file: PathBuf, extension: Option<String> },
     /// The scene file is not TOML, or has other keys or types.
     #[error("{}: {source}; docs/scenes.md lists the keys and values", file.display())]
     Syntax { file: PathBuf, source: Problem },
@@ -48,6 +54,10 @@ fn named_in(needed_by: &Option<PathBuf>) -> String {
     needed_by.as_ref().map(|file| format!(" (named in {})", file.display())).unwrap_or_default()
 }
 
+fn unsupported(extension: Option<&str>) -> String {
+    extension.map_or_else(|| "no extension".to_owned(), |extension| format!("unsupported extension .{extension}"))
+}
+
 /// Two sizes in the largest unit that distinguishes them.
 fn sizes(actual: usize, needed: usize) -> String {
     let units = [(1_000_000, "MB"), (1000, "kB"), (1, "bytes")];
@@ -65,6 +75,7 @@ impl SceneError {
         match &mut self {
             Self::Read { file, .. }
             | Self::Invalid { file, .. }
+            | Self::UnsupportedExtension { file, .. }
             | Self::Syntax { file, .. }
             | Self::Incomplete { file, .. }
             | Self::NotGltf { file }

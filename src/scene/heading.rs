@@ -106,11 +106,17 @@ mod tests {
                     [[objects]]\nmodel = \"b.glb\"\nup = \"z\"\nrotation_deg = [12, 0, -170]\nheading_deg = -20\n\
                     [[objects]]\nmodel = \"c.glb\"\n";
         let file = super::super::Document::parse(text).unwrap().value().clone();
-        let of = |object, instance| file.heading_deg(Entry { object, instance }, DVec3::Z);
-        let headings = [of(0, Some(0)), of(0, Some(1)), of(0, Some(2)), of(1, None), of(2, None)];
+        let heading_deg = |object, instance| file.heading_deg(Entry { object, instance }, DVec3::Z);
+        let headings = [
+            heading_deg(0, Some(0)),
+            heading_deg(0, Some(1)),
+            heading_deg(0, Some(2)),
+            heading_deg(1, None),
+            heading_deg(2, None),
+        ];
         for (actual, expected) in headings.into_iter().zip([45.0, 45.0, -170.0, 170.0, 0.0]) {
             assert!((actual.unwrap() - expected).abs() < 1e-5, "{headings:?}");
         }
-        assert_eq!(of(7, None), None);
+        assert_eq!(heading_deg(7, None), None);
     }
 }

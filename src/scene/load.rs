@@ -12,6 +12,7 @@ use super::loader::Loader;
 use super::{
     Lighting, LightingOrigin, LoadedModels, Object, ObjectKind, Scene, SceneError, bytes, document, model, scene_file,
 };
+use crate::text::shown;
 
 /// Loads a model or a scene file.
 ///
@@ -95,9 +96,8 @@ fn load_unguarded(mut loader: Loader, path: &Path, world_up: Option<DVec3>) -> R
         Some("toml") => scene_file::read(&mut loader, &document::values(path)?, path, world_up)?,
         _ => {
             bytes::read(path, None)?; // a missing file is the more useful error
-            let extension = path.extension().map_or("none".to_owned(), |e| e.to_string_lossy().into_owned());
-            let accepted = ".glb, .gltf or .toml; Blender imports other models and exports .glb";
-            return Err(SceneError::bad(path, "the file's extension", extension, accepted));
+            let extension = path.extension().map(|extension| shown(&extension.to_string_lossy()));
+            return Err(SceneError::UnsupportedExtension { file: path.to_owned(), extension });
         }
     }
     Ok(loader.scene)

@@ -411,7 +411,7 @@ mod tests {
             assert_eq!(other.has_same_resources(&scene), answer, "the order matters");
             answer
         };
-        let around = |scene: &mut Scene, map| scene.lighting.environment = Environment::Map(map);
+        let set_environment = |scene: &mut Scene, map| scene.lighting.environment = Environment::Map(map);
         let resources: [(&str, Change<'_>); 9] = [
             ("transparency", &|scene| scene.materials[0].alpha = Alpha::Blend),
             ("colour", &|scene| scene.materials[0].base_color = [0.5; 4]),
@@ -420,8 +420,12 @@ mod tests {
             ("mesh", &|scene| Arc::make_mut(&mut scene.meshes[0]).material = 1),
             ("another mesh", &|scene| scene.meshes.push(scene.meshes[0].clone())),
             ("no panorama", &|scene| scene.lighting.environment = Environment::Uniform(Vec3::ONE)),
-            ("panorama", &|scene| around(scene, EnvironmentMap { rgb: Arc::new(vec![[2.0; 3]; 2]), ..map.clone() })),
-            ("brighter panorama", &|scene| around(scene, EnvironmentMap { color: Vec3::splat(2.0), ..map.clone() })),
+            ("panorama", &|scene| {
+                set_environment(scene, EnvironmentMap { rgb: Arc::new(vec![[2.0; 3]; 2]), ..map.clone() })
+            }),
+            ("brighter panorama", &|scene| {
+                set_environment(scene, EnvironmentMap { color: Vec3::splat(2.0), ..map.clone() })
+            }),
         ];
         for (resource, change) in resources {
             assert!(!is_the_same(change), "{resource}");

@@ -173,13 +173,13 @@ fn openexr_of(bytes: &[u8]) -> Result<PanoramaPixels, PanoramaError> {
     let (width, height) = check_size(display.size.0, display.size.1)?;
     // The data window may be smaller than the display window.
     let (corner, origin) = (header.own_attributes.layer_position, display.position);
-    let along = |at: usize, corner: i32, origin: i32, side: u32| {
+    let index_in_window = |at: usize, corner: i32, origin: i32, side: u32| {
         let at = at as i64 + i64::from(corner) - i64::from(origin);
         (0..i64::from(side)).contains(&at).then_some(at as usize)
     };
     let place = move |at: Vec2<usize>| {
-        let row = along(at.1, corner.1, origin.1, height)?;
-        Some(row * width as usize + along(at.0, corner.0, origin.0, width)?)
+        let row = index_in_window(at.1, corner.1, origin.1, height)?;
+        Some(row * width as usize + index_in_window(at.0, corner.0, origin.0, width)?)
     };
     let image = exr::prelude::read()
         .no_deep_data()

@@ -120,7 +120,8 @@ pub fn place_at_rest(
 /// folder, with slashes; otherwise absolute.
 pub fn relative(model: &Path, file: &Path) -> String {
     let whole = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-    let (mut model, file) = (whole(model), whole(file));
+    let mut model = whole(model);
+    let file = whole(file);
     if model.components().any(|part| part == Component::ParentDir) {
         model = model.canonicalize().unwrap_or(model);
     }
@@ -246,8 +247,8 @@ mod tests {
         let as_it_is = place_at_rest("l-scale.glb", &file, &slope, Posture::Flat, heading(), DVec3::Z, None).unwrap();
         for (placed, max_m) in [(as_it_is, 0.005), (sized, 0.02)] {
             let (.., scene, _) = loaded(placed, &file);
-            let along = |direction: DVec3| min_along(&scene, &scene.objects[0].parts, direction).unwrap();
-            let [below, above] = [along(normal), -along(-normal)];
+            let min_distance = |direction: DVec3| min_along(&scene, &scene.objects[0].parts, direction).unwrap();
+            let [below, above] = [min_distance(normal), -min_distance(-normal)];
             // It lies on the plane, and is as thin there as a scale.
             let off_m = below - normal.dot(slope.point_m);
             assert!(off_m.abs() < 2e-4 && above - below < max_m, "{below} {above}");

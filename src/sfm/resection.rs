@@ -87,12 +87,12 @@ pub fn predict_on(
 ) -> Option<PredictedPatch> {
     let project = |point: DVec3| geometry.project(second.transform_point(point));
     let camera = first.position_in_world_m();
-    let beside = |step: DVec2| {
+    let predicted_px = |step: DVec2| {
         let ray = first.world_from_camera_rotation() * geometry.unproject(at_px + step)?;
         let along = -surface.height_m(camera) / surface.normal.dot(ray);
         project(camera + along * ray)
     };
-    let slope = |step: DVec2| Some(0.5 * (beside(step)? - beside(-step)?));
+    let slope = |step: DVec2| Some(0.5 * (predicted_px(step)? - predicted_px(-step)?));
     let by = DMat2::from_cols(slope(DVec2::X)?, slope(DVec2::Y)?);
     Some(PredictedPatch { from: at_px, to: project(in_world)?, by }).filter(|patch| patch.by.is_finite())
 }

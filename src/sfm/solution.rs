@@ -14,7 +14,7 @@ use super::keyframes::{MAX_KEYFRAMES, MotionMeter, choose};
 use super::patch::LumaPyramid;
 use super::resection::{PosedFrame, Resection, resect};
 use crate::camera::{Geometry, Response};
-use crate::cleanup::{Undo, Unfinished};
+use crate::cleanup::{Undo, UndoGuard};
 use crate::fit::quantile::upper_median;
 use crate::parallel::{over_rows, processors};
 use crate::pixels::{Codes, Pixels};
@@ -166,8 +166,8 @@ pub fn solve(
 }
 
 /// A folder for pictures and COLMAP's files. Removed at the end, also of an interrupted program.
-fn temporary_folder() -> Result<(tempfile::TempDir, Unfinished), SolveError> {
-    let made = Unfinished::begin(|| {
+fn temporary_folder() -> Result<(tempfile::TempDir, UndoGuard), SolveError> {
+    let made = UndoGuard::begin(|| {
         let folder = tempfile::Builder::new().prefix("locard-solve-").tempdir()?;
         let path = folder.path().to_owned();
         let undo: Undo = Box::new(move || _ = std::fs::remove_dir_all(path));

@@ -50,7 +50,7 @@ impl<'a> MeshAlbedo<'a> {
 
 /// The nearest texel, linear.
 fn texel(texture: &SceneTexture, uv: Vec2) -> Vec3 {
-    let along = |at: f32, side: u32, wrap: Wrap| {
+    let texel_index = |at: f32, side: u32, wrap: Wrap| {
         let at = match wrap {
             Wrap::Repeat => at - at.floor(),
             Wrap::Mirror => 1.0 - (at.rem_euclid(2.0) - 1.0).abs(),
@@ -58,7 +58,8 @@ fn texel(texture: &SceneTexture, uv: Vec2) -> Vec3 {
         };
         ((at * side as f32).max(0.0) as u32).min(side.saturating_sub(1))
     };
-    let (x, y) = (along(uv.x, texture.width, texture.wrap[0]), along(uv.y, texture.height, texture.wrap[1]));
+    let (x, y) =
+        (texel_index(uv.x, texture.width, texture.wrap[0]), texel_index(uv.y, texture.height, texture.wrap[1]));
     let start = 4 * (y as usize * texture.width as usize + x as usize);
     let Some(rgba) = texture.rgba.get(start..start + 3) else { return Vec3::ONE };
     Vec3::new(texture.linear(rgba[0]), texture.linear(rgba[1]), texture.linear(rgba[2]))

@@ -287,7 +287,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_ray_meets_what_a_search_through_all_triangles_finds() {
+    fn ray_hits_match_brute_force() {
         let mut state = 7u32;
         let mut random = || {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);

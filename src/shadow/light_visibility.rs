@@ -24,11 +24,11 @@ const CORNER_FRACTION: f64 = 0.8;
 /// Lightmaps of one texel for the parts of objects, in order; `None` for those that all light
 /// reaches.
 pub fn lightmaps(room: &Room, scene: &Scene) -> Vec<Option<Arc<Lightmap>>> {
-    let of = |object: &Object| {
+    let object_lightmaps = |object: &Object| {
         let map = visibilities(room, scene, object).map(|visibilities| Arc::new(lightmap(&visibilities)));
         std::iter::repeat_n(map, object.parts.len())
     };
-    scene.objects.iter().flat_map(of).collect()
+    scene.objects.iter().flat_map(object_lightmaps).collect()
 }
 
 /// The visible fraction of each light from an object, suns first. `None` if all are 1.

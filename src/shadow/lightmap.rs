@@ -23,7 +23,7 @@ use glam::{Mat3, Vec3};
 use super::bake_scene::{BakeScene, Incident, SurfacePoint};
 use crate::digest::{Digester, Digestible};
 use crate::parallel::{over_rows, processors};
-use crate::render::{Lightmap, TexelPoint, Unwrapped};
+use crate::render::{Lightmap, TexelPoint, UnwrappedMesh};
 
 /// Texel stride of the first sampling pass.
 const COARSEST_STRIDE: i32 = 4;
@@ -38,14 +38,14 @@ const UNOCCLUDED: [f32; 4] = [1.0; 4];
 
 /// A part's surface, placed in the axes of its [`BakeScene`].
 pub struct PartSurface<'a> {
-    pub unwrapped: &'a Unwrapped,
+    pub unwrapped: &'a UnwrappedMesh,
     pub scene_from_mesh: glam::DAffine3,
     pub double_sided: bool,
 }
 
 impl Digestible for PartSurface<'_> {
     fn digest(&self, into: &mut Digester) {
-        let Self { unwrapped: Unwrapped { corners, indices, side }, scene_from_mesh, double_sided } = self;
+        let Self { unwrapped: UnwrappedMesh { corners, indices, side }, scene_from_mesh, double_sided } = self;
         into.add_numbers(corners);
         into.add_numbers(indices);
         into.add(side);
@@ -210,7 +210,7 @@ mod tests {
         lighting: Lighting,
         planar_shadows: Vec<PlanarShadow>,
         origin_m: DVec3,
-        unwrapped: Unwrapped,
+        unwrapped: UnwrappedMesh,
         scene_from_mesh: DAffine3,
         double_sided: bool,
     }
@@ -281,7 +281,7 @@ mod tests {
             lighting: Lighting { suns: vec![sun], points: vec![lamp], ..Lighting::default() },
             planar_shadows: vec![planar_shadow],
             origin_m: DVec3::ZERO,
-            unwrapped: Unwrapped { corners: Vec::new(), indices: vec![0, 1, 2], side: 16 },
+            unwrapped: UnwrappedMesh { corners: Vec::new(), indices: vec![0, 1, 2], side: 16 },
             scene_from_mesh: DAffine3::IDENTITY,
             double_sided: false,
         };

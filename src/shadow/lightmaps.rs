@@ -18,7 +18,7 @@ use super::steps::{QuantizedTransform, dequantize, quantize, quantize_length};
 use crate::digest::{Digest, Digester};
 use crate::memo::{ByAddress, Memo};
 use crate::quality::Quality;
-use crate::render::{Lightmap, MAX_POINTS, MAX_SUNS, Unwrapped};
+use crate::render::{Lightmap, MAX_POINTS, MAX_SUNS, UnwrappedMesh};
 use crate::scene::{Lighting, Object, Part, PointLight, Scene};
 
 /// Distance up to which an object occludes others, as a multiple of its longest side.
@@ -107,7 +107,7 @@ impl Lightmaps {
     pub fn lightmaps(
         &mut self,
         scene: &Scene,
-        unwrapped: &[Unwrapped],
+        unwrapped: &[UnwrappedMesh],
         planar_shadows: &[PlanarShadow],
         visibility: &[Option<Arc<Lightmap>>],
     ) -> Vec<Option<Arc<Lightmap>>> {
@@ -160,7 +160,7 @@ impl Lightmaps {
     fn of_object(
         &mut self,
         scene: &Scene,
-        unwrapped: &[Unwrapped],
+        unwrapped: &[UnwrappedMesh],
         planar_shadows: &[PlanarShadow],
         own: &BoundedObject<'_>,
         all: &[BoundedObject<'_>],
@@ -186,7 +186,8 @@ impl Lightmaps {
         };
         let surface = |part: &Part| unwrapped.get(part.mesh).filter(|unwrapped| unwrapped.side > 0);
         let parts: Vec<_> = own.object.parts.iter().map(|part| (surface(part), arrangement(part))).collect();
-        let cached = |(surface, key): &(Option<_>, _)| surface.and_then(|_: &Unwrapped| self.by_arrangement.get(key));
+        let cached =
+            |(surface, key): &(Option<_>, _)| surface.and_then(|_: &UnwrappedMesh| self.by_arrangement.get(key));
         let mut maps: Vec<_> = parts.iter().map(cached).collect();
         let is_missing = |(map, (surface, _)): (&Option<_>, &(Option<_>, _))| map.is_none() && surface.is_some();
         if !maps.iter().zip(&parts).any(is_missing) {

@@ -70,8 +70,8 @@ fn new_lightmaps(scene: &Scene) -> Lightmaps {
     Lightmaps::new(scene, &environment(scene))
 }
 
-fn unwrapped(scene: &Scene) -> Vec<Unwrapped> {
-    scene.meshes.iter().map(|mesh| Unwrapped::new(mesh, 32)).collect()
+fn unwrapped(scene: &Scene) -> Vec<UnwrappedMesh> {
+    scene.meshes.iter().map(|mesh| UnwrappedMesh::new(mesh, 32)).collect()
 }
 
 /// The first part's lightmap, and where in the mesh each of its texels lies, but for those in

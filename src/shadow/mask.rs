@@ -91,15 +91,15 @@ pub fn spans(corners: [Vec2; 3], width: usize, rows: &Range<usize>, mut each: im
     let [a, b, c] = corners;
     let (low, high) = (a.min(b).min(c), a.max(b).max(c));
     // Centres are at halves.
-    let inside = |low: f32, high: f32, range: &Range<usize>| {
+    let texel_range = |low: f32, high: f32, range: &Range<usize>| {
         let first = floor(0.5 - low).saturating_neg().max(range.start as i32) as usize;
         let after = floor(high - 0.5).saturating_add(1).clamp(0, range.end as i32) as usize;
         first..after
     };
-    if inside(low.x, high.x, &(0..width)).is_empty() {
+    if texel_range(low.x, high.x, &(0..width)).is_empty() {
         return;
     }
-    for row in inside(low.y, high.y, rows) {
+    for row in texel_range(low.y, high.y, rows) {
         let y = row as f32 + 0.5;
         let (mut from, mut to) = (f32::INFINITY, f32::NEG_INFINITY);
         for (p, q) in [(a, b), (b, c), (c, a)] {
@@ -108,7 +108,7 @@ pub fn spans(corners: [Vec2; 3], width: usize, rows: &Range<usize>, mut each: im
                 (from, to) = (from.min(x), to.max(x));
             }
         }
-        let columns = inside(from, to, &(0..width));
+        let columns = texel_range(from, to, &(0..width));
         let start = (row - rows.start) * width;
         if !columns.is_empty() {
             each(start + columns.start..start + columns.end);

@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_sunk_ends_at_the_floor_and_is_not_laid_flat_onto_it() {
+    fn sunken_geometry_is_clipped_at_the_plane() {
         // It rises from 1 m below the plane to 3 m above it: a quarter of it is below.
         let cut = sheet([-1.0, 3.0, 3.0, -1.0]).on_floor();
         assert_eq!(cut.bounds().unwrap(), (Vec2::new(0.25, 0.0), Vec2::ONE, 3.0));

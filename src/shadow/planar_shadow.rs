@@ -211,7 +211,7 @@ impl ShadowTexture {
         std::mem::size_of_val(self.removed.as_slice()) + self.blocks.len()
     }
 
-    /// Without any shadow.
+    /// A texture without any shadow.
     pub fn empty(low_m: Vec2, texel_m: f32, width: u32, height: u32) -> Self {
         let [visible_bounds, dark_bounds] = [UvRect::NONE; 2];
         let (removed, blocks) = (Vec::new(), Vec::new());

@@ -93,8 +93,8 @@ impl RadianceSampler<'_> {
         let (mut all, mut light) = (0.0, Vec3::ZERO);
         for (n, cell) in (0..).zip(cells) {
             let (Some(cell), step) = (cell, step(n)) else { continue };
-            let along = |share: f32, step: i32| if step == 1 { share } else { 1.0 - share };
-            let weight = along(share.x, step.x) * along(share.y, step.y) * along(share.z, step.z);
+            let axis_weight = |share: f32, step: i32| if step == 1 { share } else { 1.0 - share };
+            let weight = axis_weight(share.x, step.x) * axis_weight(share.y, step.y) * axis_weight(share.z, step.z);
             all += weight;
             light += weight * Vec3::from(cell);
         }

@@ -163,9 +163,9 @@ impl OccluderMask {
             })
         };
         // The light of a lamp may graze a facet, where projected shadows would be infinitely long.
-        let along = |lamp: &SampledLamp| mask.by_ray_marching(room, plane, lamp);
+        let marched = |lamp: &SampledLamp| mask.by_ray_marching(room, plane, lamp);
         mask.lamps = match sky.back_light {
-            Some(_) => sky.lamps.iter().map(along).collect(),
+            Some(_) => sky.lamps.iter().map(marched).collect(),
             None => sky.lamps.iter().map(of_lamp).collect(),
         };
         let is_any = mask.rays.iter().chain(mask.lamps.iter().flatten()).any(|words| !words.is_empty());
@@ -365,11 +365,11 @@ mod tests {
     /// Mean and largest difference between two planar shadows around a place.
     fn difference(a: &PlanarShadow, b: &PlanarShadow, middle: DVec2) -> [f32; 2] {
         let places = (-12..=12).flat_map(|x| (-12..=12).map(move |y| 0.01 * DVec2::new(x.into(), y.into())));
-        let off = |place: DVec2| {
+        let difference_at = |place: DVec2| {
             let at = (middle + place).extend(0.0);
             (a.removed_at(at) - b.removed_at(at)).abs().max_element()
         };
-        let all: Vec<f32> = places.map(off).collect();
+        let all: Vec<f32> = places.map(difference_at).collect();
         [all.iter().sum::<f32>() / all.len() as f32, all.into_iter().fold(0.0, f32::max)]
     }
 

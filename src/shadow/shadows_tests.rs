@@ -189,10 +189,10 @@ fn planar_shadows_after_a_change_of_light_are_those_of_the_new_light() {
         range_m: f32::INFINITY,
         spot: None,
     };
-    let of = |lighting: Lighting| scene(lighting, &plane, &[(0.0, 0.0, 0.0)]);
-    let [left, right] = [-0.5, 0.5].map(|x| of(Lighting { points: vec![lamp(x)], ..uniform_sky() }));
+    let scene_of = |lighting: Lighting| scene(lighting, &plane, &[(0.0, 0.0, 0.0)]);
+    let [left, right] = [-0.5, 0.5].map(|x| scene_of(Lighting { points: vec![lamp(x)], ..uniform_sky() }));
     let dark_sky = Environment::Uniform(Vec3::splat(0.1));
-    let dark = of(Lighting { points: vec![lamp(0.5)], environment: dark_sky, ..Lighting::default() });
+    let dark = scene_of(Lighting { points: vec![lamp(0.5)], environment: dark_sky, ..Lighting::default() });
     let mut shadows = fresh(&left);
     let first = shadows.planar_shadows(&left, Quality::Final).0;
     // Planar shadows are compared by address, textures by value.

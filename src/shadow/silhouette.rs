@@ -99,8 +99,8 @@ fn edges(triangles: &[[u32; 3]]) -> Vec<SilhouetteEdge> {
     for of_one in uses.chunk_by(|a, b| a.0 == b.0) {
         let (along, against) = of_one.split_at(of_one.partition_point(|(_, is_against, _)| !is_against));
         for n in 0..along.len().max(against.len()) {
-            let of = |list: &[([u32; 2], bool, u32)]| list.get(n).map_or(none, |(.., triangle)| *triangle);
-            edges.push(SilhouetteEdge { corners: of_one[0].0, triangles: [of(along), of(against)] });
+            let triangle_of = |list: &[([u32; 2], bool, u32)]| list.get(n).map_or(none, |(.., triangle)| *triangle);
+            edges.push(SilhouetteEdge { corners: of_one[0].0, triangles: [triangle_of(along), triangle_of(against)] });
         }
     }
     edges

@@ -151,12 +151,12 @@ impl EnvironmentImage {
         };
         let strata = self.strata(ENVIRONMENT_RAYS, weighting);
         let angle_rad = |solid_sr: f32| (solid_sr / PI).sqrt();
-        let of = |s: Stratum| {
+        let sky_ray = |s: Stratum| {
             let angle_rad = angle_rad(s.solid_sr);
             let source = if angle_rad < MAX_BRIGHT_ANGLE_RAD { RaySource::NearestSurface } else { RaySource::Dim };
             ray(plane_from_map * s.towards, s.light, angle_rad, source)
         };
-        strata.into_iter().map(of).collect()
+        strata.into_iter().map(sky_ray).collect()
     }
 
     /// Samples over the sphere, half of them by brightness and half uniformly: reflecting surfaces
@@ -314,12 +314,12 @@ impl PlaneLighting {
         let sum: Vec3 = kept.iter().map(|ray| ray.light).sum();
         let brighter = Vec3::select(sum.cmpgt(Vec3::ZERO), self.light / sum.max(Vec3::splat(1e-20)), Vec3::ONE);
         // The patch of each ray is larger by the same factor.
-        let of = |ray: SkyRay| SkyRay {
+        let sparse_ray = |ray: SkyRay| SkyRay {
             light: ray.light * brighter,
             angle_rad: ray.angle_rad * (stride as f32).sqrt(),
             ..ray
         };
-        let rays: Vec<SkyRay> = kept.into_iter().map(of).collect();
+        let rays: Vec<SkyRay> = kept.into_iter().map(sparse_ray).collect();
         let light = rays.iter().map(|ray| ray.light).sum();
         let sparse_lamp = |lamp: &SampledLamp| {
             let points_m = lamp.points_m.iter().skip(stride / 2).step_by(stride).copied().collect();

@@ -39,14 +39,14 @@ pub fn white_radiance(lighting: &Lighting, room: &Room, at: &Plane) -> WhiteRadi
     let plane = ReceiverPlane::new(at.point_m, at.normal);
     let far = rays(lighting, &EnvironmentImage::new(&lighting.environment), &plane).iter().map(|ray| ray.light).sum();
     let is_receiver = |at_m| plane.height_m(at_m) < f64::from(MIN_HEIGHT_M);
-    let of = |lamp: &PointLight| {
+    let lamp_radiance = |lamp: &PointLight| {
         let offset = (lamp.position_in_world_m - at.point_m).as_vec3();
         let light = on_surface(offset, at.normal.as_vec3(), lamp.color, lamp.range_m, lamp.spot);
         let ends = disc_around(offset, 0.5 * lamp.diameter_m);
         let is_visible = |to: &glam::DVec3| !room.blocks(at.point_m, to.normalize_or_zero(), to.length(), is_receiver);
         (light, ends.filter(is_visible).count() as f32 / LIGHT_SAMPLES as f32)
     };
-    WhiteRadiance { far, lamps: lighting.points.iter().map(of).collect() }
+    WhiteRadiance { far, lamps: lighting.points.iter().map(lamp_radiance).collect() }
 }
 
 #[cfg(test)]

@@ -106,7 +106,7 @@ impl Shot {
     /// Estimated exposure of each frame relative to the recording's median, stops: red, green,
     /// blue. Empty if unknown, or equal for all frames.
     pub fn relative_ev(&self) -> Vec<[f64; 3]> {
-        let of = |exposure: &FrameExposure| Some(exposure.brightness?.factors.map(f64::log2));
-        self.recording.exposure.iter().map(of).collect::<Option<_>>().unwrap_or_default()
+        let log_factors = |exposure: &FrameExposure| Some(exposure.brightness?.factors.map(f64::log2));
+        self.recording.exposure.iter().map(log_factors).collect::<Option<_>>().unwrap_or_default()
     }
 }

@@ -68,7 +68,7 @@ pub enum ShotError {
     #[error("a 360° picture (equirectangular) must be twice as wide as high; found: {width_px}x{height_px}")]
     PanoramaSize { width_px: u32, height_px: u32 },
     #[error(
-        "camera.readout_time_s = {actual} is refused: the rows of a 360° picture, which is stitched from \
+        "camera.readout_time_s = {actual}: the rows of a 360° picture, which is stitched from \
          several sensors, have no times of their own; expected 0"
     )]
     PanoramaReadout { actual: f64 },

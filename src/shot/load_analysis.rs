@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::Shot;
 use super::error::ShotError;
 use super::options::{AnalysisChoice, ShotOptions};
-use crate::analyse::{Analysis, FILE_NAME, Findings, beside};
+use crate::analyse::{Analysis, FILE_NAME, Findings, default_folder};
 use crate::effects::exposure::equivalent_exposure_s;
 use crate::fit::quantile::upper_median;
 use crate::profile::Rig;
@@ -35,7 +35,7 @@ impl Shot {
             }
             AnalysisChoice::At(folder) => (folder.clone(), true),
             AnalysisChoice::Beside if self.recording.is_live() => return Ok(()),
-            AnalysisChoice::Beside => (beside(&self.recording.path), false),
+            AnalysisChoice::Beside => (default_folder(&self.recording.path), false),
         };
         if !is_named && !folder.join(FILE_NAME).exists() {
             if folder.is_dir() {

@@ -164,8 +164,8 @@ fn simplified(points: &[DVec2]) -> Vec<DVec2> {
         kept[from % points.len()] = true;
         let (a, b) = (points[from], points[to % points.len()]);
         let along = (b - a).normalize_or_zero();
-        let beside = |p: DVec2| if along == DVec2::ZERO { p.distance(a) } else { (p - a).perp_dot(along).abs() };
-        let farthest = (from + 1..to).map(|i| (i, beside(points[i]))).max_by(|a, b| a.1.total_cmp(&b.1));
+        let distance = |p: DVec2| if along == DVec2::ZERO { p.distance(a) } else { (p - a).perp_dot(along).abs() };
+        let farthest = (from + 1..to).map(|i| (i, distance(points[i]))).max_by(|a, b| a.1.total_cmp(&b.1));
         if let Some((i, _)) = farthest.filter(|(_, far)| *far > SIMPLIFY_CELLS) {
             stretches.extend([(from, i), (i, to)]);
         }

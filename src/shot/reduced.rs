@@ -14,28 +14,28 @@ use crate::pixels::{Codes, DepthMap, Pixels};
 pub struct ReducedFrame {
     frame: Frame,
     /// Side of the squares, px. The remainder at the right and at the bottom is cut off.
-    by: u32,
+    reduction: u32,
 }
 
 impl ReducedFrame {
     /// Reduces a frame by a factor of 1 or more, limited so that a pixel remains.
-    pub fn new(frame: &Frame, by: u32) -> Self {
-        let by = by.clamp(1, frame.pixels.width.min(frame.pixels.height).max(1));
-        let (width, height) = (frame.pixels.width / by, frame.pixels.height / by);
+    pub fn new(frame: &Frame, reduction: u32) -> Self {
+        let reduction = reduction.clamp(1, frame.pixels.width.min(frame.pixels.height).max(1));
+        let (width, height) = (frame.pixels.width / reduction, frame.pixels.height / reduction);
         let codes = match &frame.pixels.codes {
-            Codes::U8(codes) => Codes::U8(means(codes, frame.pixels.width, (width, height), by)),
-            Codes::U16(codes) => Codes::U16(means(codes, frame.pixels.width, (width, height), by)),
+            Codes::U8(codes) => Codes::U8(means(codes, frame.pixels.width, (width, height), reduction)),
+            Codes::U16(codes) => Codes::U16(means(codes, frame.pixels.width, (width, height), reduction)),
         };
-        let depth = frame.depth.as_ref().map(|depth| Arc::new(reduced_depth(depth, by)));
+        let depth = frame.depth.as_ref().map(|depth| Arc::new(reduced_depth(depth, reduction)));
         let pixels = Pixels::uncoded(width, height, codes);
         let Frame { index, timestamp_s, exposure, opacity, .. } = *frame;
         // A preview uses the frame's own depth alone.
         let alone = Frame::new(index, timestamp_s, pixels);
-        Self { frame: Frame { depth, exposure, opacity, ..alone }, by }
+        Self { frame: Frame { depth, exposure, opacity, ..alone }, reduction }
     }
 
-    pub fn by(&self) -> u32 {
-        self.by
+    pub fn reduction(&self) -> u32 {
+        self.reduction
     }
 }
 
@@ -45,21 +45,21 @@ impl Shot {
     pub fn submit_reduced(
         &self,
         compositor: &mut Compositor,
-        ReducedFrame { frame, by }: &ReducedFrame,
+        ReducedFrame { frame, reduction }: &ReducedFrame,
         target: Target<'_>,
     ) -> Result<Pending, ShotError> {
         self.update_compositor(compositor);
         let index = frame.index;
         let recorded = self.geometry_at(index)?;
-        let framed = Crop { left_px: 0.0, top_px: 0.0, step: f64::from(*by) };
+        let framed = Crop { left_px: 0.0, top_px: 0.0, step: f64::from(*reduction) };
         let (width, height) = (frame.pixels.width, frame.pixels.height);
         let picture = framed.geometry(&recorded, width, height, recorded.intrinsics.film_width_mm);
         let mut camera = self.camera();
-        camera.noise = camera.noise.map(|noise| mean_noise(noise, *by));
+        camera.noise = camera.noise.map(|noise| mean_noise(noise, *reduction));
         let (track, interval_s) = (&self.recording.track, self.interval_s(index));
         let frame = self.with_live_depth(frame.clone(), &picture, track);
         let job = Job::of_frame(frame, &camera, &self.settings, &picture, track, interval_s)?;
-        let capture = Capture { recorded, framed, enlargement: f64::from(*by).recip(), ..job.capture };
+        let capture = Capture { recorded, framed, enlargement: f64::from(*reduction).recip(), ..job.capture };
         let job = Job { capture, ..job };
         compositor
             .submit(job, &camera, &self.settings, target)
@@ -69,8 +69,8 @@ impl Shot {
 
 /// Noise of the mean of `by`² pixels: σ / `by`, and more if neighbours are correlated. The
 /// correlation of the means themselves is ignored.
-fn mean_noise(noise: NoiseProfile, by: u32) -> NoiseProfile {
-    let weights = vec![1.0 / by as f32; by as usize];
+fn mean_noise(noise: NoiseProfile, reduction: u32) -> NoiseProfile {
+    let weights = vec![1.0 / reduction as f32; reduction as usize];
     let [x, y] = noise.neighbour_correlation.map(|neighbour| variance_left(&weights, &correlations(neighbour)));
     let left = (x * y).sqrt();
     let bins = noise.bins.map(|bins| bins.into_iter().map(|bin| NoiseBin { sigma: left * bin.sigma, ..bin }).collect());
@@ -78,11 +78,11 @@ fn mean_noise(noise: NoiseProfile, by: u32) -> NoiseProfile {
 }
 
 /// Means of squares, rounded to the nearest integer.
-fn means<T>(codes: &[T], width: u32, size: (u32, u32), by: u32) -> Vec<T>
+fn means<T>(codes: &[T], width: u32, size: (u32, u32), reduction: u32) -> Vec<T>
 where
     T: Copy + Default + Send + Sync + Into<u32> + TryFrom<u32>,
 {
-    let (row, side, squares) = (3 * width as usize, by as usize, size.0 as usize);
+    let (row, side, squares) = (3 * width as usize, reduction as usize, size.0 as usize);
     let mut out = vec![T::default(); 3 * squares * size.1 as usize];
     over_rows(&mut out, 3 * squares, processors(), |y, means| {
         let mut sums = vec![0u64; 3 * squares];
@@ -93,7 +93,7 @@ where
                 }
             }
         }
-        let count = u64::from(by) * u64::from(by);
+        let count = u64::from(reduction) * u64::from(reduction);
         for (mean, sum) in means.iter_mut().zip(sums) {
             // The mean of codes is in the range of codes.
             *mean =
@@ -104,9 +104,9 @@ where
 }
 
 /// The depth in the middle of each square: a mean would lie on no surface.
-fn reduced_depth(depth: &DepthMap, by: u32) -> DepthMap {
-    let (width, height) = (depth.width / by, depth.height / by);
-    let middle = |at: u32| (at * by + by / 2) as usize;
+fn reduced_depth(depth: &DepthMap, reduction: u32) -> DepthMap {
+    let (width, height) = (depth.width / reduction, depth.height / reduction);
+    let middle = |at: u32| (at * reduction + reduction / 2) as usize;
     let row = |y: u32| middle(y) * depth.width as usize;
     let depth_m = (0..height)
         .flat_map(|y| (0..width).map(move |x| (x, y)))

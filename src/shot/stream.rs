@@ -56,7 +56,9 @@ impl Shot {
         let frame = self.with_live_depth(frame, geometry, &self.recording.track);
         let index = frame.index;
         let failed = |source: SubmitError| ShotError::Submit { frame: index, source };
-        let (camera, track, interval_s) = (self.camera(), &self.recording.track, self.interval_s(index));
+        let camera = self.camera();
+        let track = &self.recording.track;
+        let interval_s = self.interval_s(index);
         let job = Job::of_frame(frame, &camera, &self.settings, geometry, track, interval_s)?;
         let job = Job { want_layer, ..job };
         compositor.submit(job, &camera, &self.settings, target).map_err(failed)
@@ -64,7 +66,8 @@ impl Shot {
 
     /// Time before and after a frame within which poses affect its picture, s.
     pub fn poses_within_s(&self, frame: &Frame) -> Result<(f64, f64), ShotError> {
-        let (camera, geometry) = (self.camera(), self.geometry_at(frame.index)?);
+        let camera = self.camera();
+        let geometry = self.geometry_at(frame.index)?;
         Ok(poses_within_s(frame, &camera, &self.settings, &geometry, self.interval_s(frame.index)))
     }
 
@@ -80,7 +83,8 @@ impl Shot {
         self.update_compositor(compositor);
         let frames = self.recording.frames_with_neighbours(range)?.map(|frame| {
             let frame = frame?;
-            let (geometry, interval_s) = (self.geometry_at(frame.index)?, self.interval_s(frame.index));
+            let geometry = self.geometry_at(frame.index)?;
+            let interval_s = self.interval_s(frame.index);
             Ok(StreamFrame { frame, geometry, interval_s })
         });
         let inputs = StreamInputs {

@@ -91,8 +91,8 @@ impl Shot {
         else {
             return Vec::new();
         };
-        let of = |object: usize| Some(SupportGap { object, gap_m: self.gap(frame, &eye, object, up)? });
-        (0..self.scene.objects.len()).filter_map(of).collect()
+        let support_gap = |object: usize| Some(SupportGap { object, gap_m: self.gap(frame, &eye, object, up)? });
+        (0..self.scene.objects.len()).filter_map(support_gap).collect()
     }
 
     /// `None` if the gap is undetermined, `Some(None)` if the object stands on its support.

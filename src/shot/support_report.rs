@@ -10,7 +10,7 @@ impl Shot {
     pub fn support_report(&self) -> Vec<SupportReport> {
         let Some(up) = self.up() else { return Vec::new() };
         let measured = self.room_points();
-        let of = |object: &Object| {
+        let object_report = |object: &Object| {
             let (support, known_by) = self.support_of(object, &measured)?;
             let points_m: Vec<_> = object.points_m(&self.scene).collect();
             let mut ground = SupportReport::new(&object.name, (known_by, &support), up, &points_m);
@@ -21,17 +21,17 @@ impl Shot {
             }
             Some(ground)
         };
-        self.scene.objects.iter().filter_map(of).collect()
+        self.scene.objects.iter().filter_map(object_report).collect()
     }
 
     /// The tilted surfaces below the scene's objects, by depth or the recording's floor. Reads the
     /// recording's depth on first use.
     pub fn tilts(&self) -> Vec<TiltedSupport> {
         let Some(up) = self.up() else { return Vec::new() };
-        let of = |(object, placed): (usize, Object)| {
+        let tilted_support = |(object, placed): (usize, Object)| {
             let support = placed.support.filter(|_| !placed.is_missing && !placed.hidden)?;
             TiltedSupport::of(object, support, &placed.points_m(&self.scene).collect::<Vec<_>>(), up)
         };
-        self.objects().into_iter().enumerate().filter_map(of).collect()
+        self.objects().into_iter().enumerate().filter_map(tilted_support).collect()
     }
 }

@@ -96,10 +96,10 @@ fn nearest_point_to_rays(eyes: &[(PosedCamera, FramePoint)]) -> Result<Triangula
         }
         point = next;
     }
-    let off = |(camera, view): &(PosedCamera, FramePoint)| {
+    let squared_error = |(camera, view): &(PosedCamera, FramePoint)| {
         camera.project(point).map(|px| camera.geometry().displacement_px(view.at_px, px).length_squared())
     };
-    let Some(squares) = eyes.iter().map(off).sum::<Option<f64>>() else {
+    let Some(squares) = eyes.iter().map(squared_error).sum::<Option<f64>>() else {
         return refused("the rays meet behind a camera: is it the same point in each frame?".to_owned());
     };
     let count = eyes.len() as f64;
@@ -130,10 +130,10 @@ fn step(eyes: &[(PosedCamera, FramePoint)], point: DVec3) -> Option<(DVec3, DMat
     for (camera, view) in eyes {
         let projected_px = camera.project(point)?;
         let nudge_m = 1e-5 * camera.position_m().distance(point).max(1e-3);
-        let along = |axis: DVec3| {
+        let slope_px = |axis: DVec3| {
             Some(camera.geometry().displacement_px(projected_px, camera.project(point + nudge_m * axis)?) / nudge_m)
         };
-        let [x, y, z] = [along(DVec3::X)?, along(DVec3::Y)?, along(DVec3::Z)?];
+        let [x, y, z] = [slope_px(DVec3::X)?, slope_px(DVec3::Y)?, slope_px(DVec3::Z)?];
         let off = camera.geometry().displacement_px(projected_px, view.at_px);
         for (row, off) in [(DVec3::new(x.x, y.x, z.x), off.x), (DVec3::new(x.y, y.y, z.y), off.y)] {
             matrix += DMat3::from_cols(row * row.x, row * row.y, row * row.z);

@@ -115,7 +115,7 @@ impl Shot {
             return Ok(Vec::new());
         }
         let room = self.solids();
-        let of = |ReferencePick { view, reflectance }: &ReferencePick| {
+        let white_reference = |ReferencePick { view, reflectance }: &ReferencePick| {
             let frame = self.read(view.frame).map_err(|error| SurfaceError::from(Box::new(error)))?;
             let surface = self.surface_at(&frame, view.at_px).map_err(|error| match error {
                 SurfaceError::NoDepth { .. } | SurfaceError::NotMeasured { .. } => WhiteReferenceError::NoDepth,
@@ -130,7 +130,7 @@ impl Shot {
             let factors = factors(shown, *reflectance, &comes, &lighting.points)?;
             Ok(WhiteReference { factors, point_m: plane.point_m, normal: plane.normal, shown, comes })
         };
-        picks.iter().enumerate().map(|(n, pick)| of(pick).map_err(|error| (n, error))).collect()
+        picks.iter().enumerate().map(|(n, pick)| white_reference(pick).map_err(|error| (n, error))).collect()
     }
 }
 
@@ -307,19 +307,21 @@ mod tests {
         // 2 px do not count.
         let speck = |x: u32, y: u32| if (x, y) == (321, 240) { [60; 3] } else { [102; 3] };
         assert_eq!(median_light(&frame(speck, None), &VIEW, &linear()).unwrap(), [0.4; 3]);
-        let beside = |x: u32, _| if x > 322 { [20; 3] } else { [102; 3] };
-        assert_eq!(median_light(&frame(beside, None), &VIEW, &linear()).unwrap(), [0.4; 3]);
+        let code = |x: u32, _| if x > 322 { [20; 3] } else { [102; 3] };
+        assert_eq!(median_light(&frame(code, None), &VIEW, &linear()).unwrap(), [0.4; 3]);
     }
 
     #[test]
     fn clipped_uneven_and_black_patches_are_refused() {
-        let of = |code: &dyn Fn(u32, u32) -> [u8; 3]| median_light(&frame(code, None), &VIEW, &linear());
+        let light_of = |code: &dyn Fn(u32, u32) -> [u8; 3]| median_light(&frame(code, None), &VIEW, &linear());
         // Three pixels of 25 are 12 %.
         let clipped = |x: u32, y: u32| if y == 240 && (320..323).contains(&x) { [200, 251, 200] } else { [200; 3] };
-        assert!(matches!(of(&clipped), Err(WhiteReferenceError::Clipped { percent }) if (percent - 12.0).abs() < 1e-9));
+        assert!(
+            matches!(light_of(&clipped), Err(WhiteReferenceError::Clipped { percent }) if (percent - 12.0).abs() < 1e-9)
+        );
         let edge = |x: u32, _| if x > 320 { [40; 3] } else { [102; 3] };
-        assert!(matches!(of(&edge), Err(WhiteReferenceError::Uneven { .. })));
-        assert!(matches!(of(&|_, _| [2; 3]), Err(WhiteReferenceError::Dark { .. })));
+        assert!(matches!(light_of(&edge), Err(WhiteReferenceError::Uneven { .. })));
+        assert!(matches!(light_of(&|_, _| [2; 3]), Err(WhiteReferenceError::Dark { .. })));
     }
 
     #[test]

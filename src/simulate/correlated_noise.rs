@@ -24,7 +24,7 @@ pub fn gaussian_mean(values: &[Option<f64>], width: usize, sigma_px: f64) -> Vec
     let weights = weights(sigma_px);
     let reach = weights.len() / 2;
     // Sums of weights · values and of weights, along rows, then along columns.
-    let along = |pairs: &[[f64; 2]], place: usize, count: usize, step: usize, i: usize| {
+    let weighted_sum = |pairs: &[[f64; 2]], place: usize, count: usize, step: usize, i: usize| {
         let inside = (0..weights.len()).filter(|k| (place + k).checked_sub(reach).is_some_and(|at| at < count));
         inside.fold([0.0; 2], |[sum, whole], k| {
             let [value, weight] = pairs[i + k * step - reach * step];
@@ -32,10 +32,10 @@ pub fn gaussian_mean(values: &[Option<f64>], width: usize, sigma_px: f64) -> Vec
         })
     };
     let pairs: Vec<[f64; 2]> = values.iter().map(|value| value.map_or([0.0; 2], |value| [value, 1.0])).collect();
-    let rows: Vec<[f64; 2]> = (0..values.len()).map(|i| along(&pairs, i % width, width, 1, i)).collect();
+    let rows: Vec<[f64; 2]> = (0..values.len()).map(|i| weighted_sum(&pairs, i % width, width, 1, i)).collect();
     let height = values.len() / width.max(1);
     let mean = |i: usize| {
-        let [sum, whole] = along(&rows, i / width, height, width, i);
+        let [sum, whole] = weighted_sum(&rows, i / width, height, width, i);
         values[i].map(|_| sum / whole)
     };
     (0..values.len()).map(mean).collect()

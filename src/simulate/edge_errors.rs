@@ -24,10 +24,10 @@ impl DepthMapView<'_> {
 
     /// Index of the pixel at an offset, clamped to the map.
     fn pixel_at_offset(&self, i: usize, way_px: [f64; 2]) -> usize {
-        let along = |at: usize, way_px: f64, count: usize| {
+        let shifted = |at: usize, way_px: f64, count: usize| {
             (at as f64 + way_px.round()).clamp(0.0, count.saturating_sub(1) as f64) as usize
         };
-        along(i / self.width, way_px[1], self.height()) * self.width + along(i % self.width, way_px[0], self.width)
+        shifted(i / self.width, way_px[1], self.height()) * self.width + shifted(i % self.width, way_px[0], self.width)
     }
 
     /// Index of the pixel whose depth pixel `i` shows, where edges are displaced by `way_px` (x, y)
@@ -62,12 +62,12 @@ mod tests {
     /// directly before the object.
     fn with_map(see: impl Fn(&DepthMapView)) {
         let (width, height) = (40, 30);
-        let of = |i: usize| i % width;
-        let depth_m: Vec<f32> = (0..width * height).map(|i| if of(i) < 20 { 2.0 } else { 1.0 }).collect();
+        let column = |i: usize| i % width;
+        let depth_m: Vec<f32> = (0..width * height).map(|i| if column(i) < 20 { 2.0 } else { 1.0 }).collect();
         let sensor_return: Vec<SensorReturn> = (0..width * height)
-            .map(|i| SensorReturn { surface: if of(i) < 20 { 1 } else { 2 }, light_per_m2: Some(1.0) })
+            .map(|i| SensorReturn { surface: if column(i) < 20 { 1 } else { 2 }, light_per_m2: Some(1.0) })
             .collect();
-        let has_depth: Vec<bool> = (0..width * height).map(|i| !(16..20).contains(&of(i))).collect();
+        let has_depth: Vec<bool> = (0..width * height).map(|i| !(16..20).contains(&column(i))).collect();
         see(&DepthMapView { width, depth_m: &depth_m, sensor_return: &sensor_return, has_depth: &has_depth });
     }
 

@@ -301,8 +301,8 @@ impl ShadingPoint {
 
     fn masking(&self, nl: f64, nv: f64) -> f64 {
         let a2 = self.alpha * self.alpha;
-        let of = |a: f64, b: f64| a * (b * b * (1.0 - a2) + a2).sqrt();
-        0.5 / (of(nl, nv) + of(nv, nl)).max(1e-9)
+        let masking_term = |a: f64, b: f64| a * (b * b * (1.0 - a2) + a2).sqrt();
+        0.5 / (masking_term(nl, nv) + masking_term(nv, nl)).max(1e-9)
     }
 
     fn fresnel(&self, cosine: f64) -> DVec3 {

@@ -29,7 +29,7 @@ pub fn locally_tone_mapped(mut picture: SimulatedPicture, share: f64) -> Simulat
         counts[cell] += 1.0;
     }
     let whole = sums.iter().sum::<f64>() / counts.iter().sum::<f64>();
-    let around = |cell: usize| {
+    let cell_mean = |cell: usize| {
         let (x, y) = (cell % columns, cell / columns);
         let (mut sum, mut weights) = (0.0, 0.0);
         for other in 0..columns * rows {
@@ -40,14 +40,15 @@ pub fn locally_tone_mapped(mut picture: SimulatedPicture, share: f64) -> Simulat
         }
         share * (whole - sum / weights)
     };
-    let field: Vec<f64> = (0..columns * rows).map(around).collect();
-    let along = |at: usize, cells: usize| {
+    let field: Vec<f64> = (0..columns * rows).map(cell_mean).collect();
+    let cells_and_share = |at: usize, cells: usize| {
         let at = ((at as f64 + 0.5) / side as f64 - 0.5).clamp(0.0, (cells - 1) as f64);
         let cell = (at as usize).min(cells.saturating_sub(2));
         (cell, (cell + 1).min(cells - 1), at - cell as f64)
     };
     for (i, light) in picture.light.iter_mut().enumerate() {
-        let ((left, right, x), (above, below, y)) = (along(i % width, columns), along(i / width, rows));
+        let ((left, right, x), (above, below, y)) =
+            (cells_and_share(i % width, columns), cells_and_share(i / width, rows));
         let row = |row: usize| (1.0 - x) * field[row * columns + left] + x * field[row * columns + right];
         let factor = ((1.0 - y) * row(above) + y * row(below)).exp() as f32;
         *light = light.map(|light| light * factor);

@@ -319,8 +319,9 @@ impl Simulation {
     /// Positions of the lamps, metres, and for each the radiance of a white surface facing it at 1
     /// m straight below.
     pub fn lamps(&self) -> Vec<(DVec3, DVec3)> {
-        let of = |lamp: &lamps::SiteLamp| (lamp.centre_m, lamp.radiance * lamp.white_radiance(DVec3::Z, DVec3::Z));
-        self.site.lamps.iter().map(of).collect()
+        let lamp_light =
+            |lamp: &lamps::SiteLamp| (lamp.centre_m, lamp.radiance * lamp.white_radiance(DVec3::Z, DVec3::Z));
+        self.site.lamps.iter().map(lamp_light).collect()
     }
 
     /// The recorded poses, with the flaws' errors.

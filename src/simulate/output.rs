@@ -9,7 +9,7 @@ use tempfile::TempDir;
 
 use super::SimulateError;
 use super::manifest::Manifest;
-use crate::cleanup::{MadeFolder, Undo, Unfinished};
+use crate::cleanup::{MadeFolder, Undo, UndoGuard};
 
 /// An unfinished recording, in a hidden folder next to its final place.
 pub struct RecordingOutput {
@@ -17,7 +17,7 @@ pub struct RecordingOutput {
     place: PathBuf,
     name: String,
     force: bool,
-    unfinished: Unfinished,
+    unfinished: UndoGuard,
     /// The parent folder.
     made: MadeFolder,
 }
@@ -35,7 +35,7 @@ impl RecordingOutput {
         check(&place, out, force)?;
         let parent = place.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let made = MadeFolder::make(parent).map_err(writing(parent))?;
-        let (part, unfinished) = Unfinished::begin(|| {
+        let (part, unfinished) = UndoGuard::begin(|| {
             let part = hidden(parent, &name, "part")?;
             let path = part.path().to_owned();
             let undo: Undo = Box::new(move || _ = fs::remove_dir_all(path));

@@ -16,7 +16,7 @@ const DRIFT_KNOT_S: f64 = 1.5;
 /// Keys of the random numbers, in addition to the seed.
 const JITTER_TRANSLATION_KEY: u64 = 16;
 const JITTER_ROTATION_KEY: u64 = 17;
-/// Also the five keys after this one.
+/// The drift uses this key and the five after it.
 const DRIFT_KEY: u64 = 18;
 const HAND_EYE_KEY: u64 = 24;
 
@@ -104,11 +104,11 @@ mod tests {
     fn off(flaws: &Flaws) -> Vec<(DVec3, DVec3)> {
         let truth = test_track();
         let recorded = flaws.recorded(&truth).unwrap();
-        let of = |(is, was): (&(f64, Pose), &(f64, Pose))| {
+        let pose_error = |(is, was): (&(f64, Pose), &(f64, Pose))| {
             let turn = was.1.rotation * is.1.world_from_camera_rotation();
             (was.1.transform_point(is.1.position_in_world_m()), turn.to_scaled_axis())
         };
-        recorded.poses().iter().zip(truth.poses()).map(of).collect()
+        recorded.poses().iter().zip(truth.poses()).map(pose_error).collect()
     }
 
     fn rms(values: impl Iterator<Item = DVec3>) -> f64 {

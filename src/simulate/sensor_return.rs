@@ -88,13 +88,13 @@ mod tests {
     fn row(errors: &DepthErrors, is_own: bool) -> Vec<(f64, SensorReturn)> {
         let mut site = Site::new(Detail { texture_m: 0.05, light_m: 0.4 }, vec![DEMO_LAMP], (None, None), None, 2);
         site.evidence = Some(Evidence::new(&card()));
-        let along = |n: i32| {
+        let return_m = |n: i32| {
             let u = 1e-3 * (f64::from(n) + 0.5);
             let direction = DVec3::new(u, 0.0, -1.0);
             let ray = Ray { time_s: 0.0, origin: 1.5 * DVec3::Z, direction, right: DVec3::X };
             (u, sensor_return(&site, &ray, errors, is_own))
         };
-        (-180..180).map(along).collect()
+        (-180..180).map(return_m).collect()
     }
 
     /// The interval without a return: from, to.

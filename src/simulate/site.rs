@@ -419,8 +419,8 @@ impl SiteObject {
     /// unshadowed lamps and `more`.
     fn coarse_light(&self, hit: &SiteHit, lamps: &[SiteLamp], p: DVec3, more: DVec3) -> DVec3 {
         let albedo = self.mean_albedo.get(hit.face).copied().unwrap_or_default();
-        let of = |lamp: &SiteLamp| lamp.radiance * (0.8 * lamp.white_radiance(lamp.centre_m - p, hit.normal));
-        albedo * (lamps.iter().map(of).sum::<DVec3>() + AMBIENT + more)
+        let lamp_light = |lamp: &SiteLamp| lamp.radiance * (0.8 * lamp.white_radiance(lamp.centre_m - p, hit.normal));
+        albedo * (lamps.iter().map(lamp_light).sum::<DVec3>() + AMBIENT + more)
     }
 }
 

@@ -94,7 +94,7 @@ pub(super) fn noise_through_file<E>(
         let mean: Vec<f64> =
             (0..clean.len()).map(|i| takes.iter().map(|take| value(take, i)).sum::<f64>() / n).collect();
         for take in &takes {
-            let off = |i: usize| value(take, i) - mean[i];
+            let deviation = |i: usize| value(take, i) - mean[i];
             for i in (0..clean.len()).step_by(3) {
                 // Clipping hides the noise of these values.
                 if (i..i + 3).any(|i| !(12.0..=243.0).contains(&mean[i])) {
@@ -102,16 +102,16 @@ pub(super) fn noise_through_file<E>(
                 }
                 for c in 0..3 {
                     let bin = &mut bins[c][((mean[i + c] / 16.0) as usize).min(15)];
-                    *bin = (bin.0 + 1.0, bin.1 + mean[i + c], bin.2 + off(i + c).powi(2) * n / (n - 1.0));
+                    *bin = (bin.0 + 1.0, bin.1 + mean[i + c], bin.2 + deviation(i + c).powi(2) * n / (n - 1.0));
                 }
                 for (pair, (a, b)) in channels.iter_mut().zip([(0, 1), (0, 2), (1, 2)]) {
-                    pair.add(off(i + a), off(i + b));
+                    pair.add(deviation(i + a), deviation(i + b));
                 }
                 if (i / 3 + 1) % width != 0 {
-                    right.add(off(i + 1), off(i + 4));
+                    right.add(deviation(i + 1), deviation(i + 4));
                 }
                 if i + 3 * width < clean.len() {
-                    below.add(off(i + 1), off(i + 3 * width + 1));
+                    below.add(deviation(i + 1), deviation(i + 3 * width + 1));
                 }
             }
         }

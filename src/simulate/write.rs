@@ -52,11 +52,11 @@ pub fn run(
 pub fn write(
     out: &Path,
     force: bool,
-    made: impl FnOnce() -> Result<Simulation, SimulateError>,
+    simulate: impl FnOnce() -> Result<Simulation, SimulateError>,
     progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
 ) -> Result<(), SimulateError> {
     let output = RecordingOutput::begin(out, force)?;
-    let simulation = made()?;
+    let simulation = simulate()?;
     if progress(0, simulation.options().frames as usize).is_break() {
         return Err(SimulateError::Stopped);
     }
@@ -246,7 +246,7 @@ fn recording_toml(name: &str, options: &Options, sensor: Option<&DepthSensor>) -
         live: None,
     });
     let description = description.map_err(|e| SimulateError::Text(e.to_string()))?;
-    Ok(format!("# A simulated recording; truth.toml tells how it was made.\n{description}"))
+    Ok(format!("# A simulated recording; truth.toml has the ground truth.\n{description}"))
 }
 
 fn camera_toml(simulation: &Simulation, noise: &NoiseProfile) -> String {
@@ -256,7 +256,7 @@ fn camera_toml(simulation: &Simulation, noise: &NoiseProfile) -> String {
         CameraExposure { time_s: Some(options.exposure_time_s), iso: Some(ISO), ..CameraExposure::default() };
     let origin = match options.format {
         Format::Jpg if options.layout.is_none() => "as measured in the compressed frames",
-        Format::Png | Format::Jpg => "as the sensor was told to make it",
+        Format::Png | Format::Jpg => "as configured",
     };
     let mut profile =
         profile::ProfileFile::new(&format!("The simulated camera. Noise: σ in 8-bit code values, {origin}."));

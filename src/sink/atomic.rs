@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
 
 use super::SinkError;
-use crate::cleanup::{MadeFolder, Undo, Unfinished};
+use crate::cleanup::{MadeFolder, Undo, UndoGuard};
 
 /// Destination of an output.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -31,7 +31,11 @@ impl Destination {
         for _ in 0..MAX_SYMLINKS {
             // `/dev/stdout` and the like: another file under that name would not be the open one.
             if cfg!(target_os = "linux") && at.starts_with("/proc") {
-                return Err(io::Error::other("it leads to a file that is open already; name that file"));
+                return Err(io::Error::other(if at == path {
+                    "cannot write below /proc; choose another folder"
+                } else {
+                    "it leads to a file that is open already; name that file"
+                }));
             }
             match std::fs::read_link(&at) {
                 Ok(to) => at = at.parent().unwrap_or(Path::new("")).join(to),
@@ -63,7 +67,7 @@ pub(super) fn folder_of(file: &Path) -> Option<&Path> {
 pub struct Partial {
     file: NamedTempFile,
     target: PathBuf,
-    unfinished: Unfinished,
+    unfinished: UndoGuard,
 }
 
 impl Partial {
@@ -86,7 +90,7 @@ impl Partial {
             builder.permissions(std::fs::Permissions::from_mode(0o666));
         }
         let folder = folder_of(&target).unwrap_or(Path::new("."));
-        let (file, unfinished) = Unfinished::begin(|| {
+        let (file, unfinished) = UndoGuard::begin(|| {
             let file = builder.tempfile_in(folder)?;
             let path = file.path().to_owned();
             let undo: Undo = Box::new(move || _ = std::fs::remove_file(path));

@@ -200,11 +200,13 @@ fn initial_rotations() -> impl Iterator<Item = DQuat> {
     })
 }
 
+/// Least-squares problem of the alignment.
 struct AlignmentProblem<'a> {
     pairs: &'a [RayPair],
     finds_scale: bool,
 }
 
+/// Solution of the least-squares problem, with its residuals.
 struct AlignmentSolution {
     transform: SimilarityTransform,
     rms_px: f64,
@@ -226,19 +228,19 @@ type Vector7 = SVector<f64, 7>;
 
 impl RayPair {
     /// Two directions across the ray.
-    fn across(&self) -> [DVec3; 2] {
+    fn perpendiculars(&self) -> [DVec3; 2] {
         let across = self.direction.any_orthonormal_vector();
         [across, self.direction.cross(across)]
     }
 
     fn residual_px(&self, transform: &SimilarityTransform) -> DVec2 {
         let towards = (transform.transform_point(self.point_m) - self.origin_m).normalize_or_zero();
-        let across = DVec2::from_array(self.across().map(|axis| axis.dot(towards)));
+        let offset = DVec2::from_array(self.perpendiculars().map(|axis| axis.dot(towards)));
         // Behind the camera the residual keeps growing with the angle.
         if self.direction.dot(towards) > 0.0 {
-            return -self.px_per_rad * across;
+            return -self.px_per_rad * offset;
         }
-        -self.px_per_rad * (2.0 - across.length()) * across.try_normalize().unwrap_or(DVec2::X)
+        -self.px_per_rad * (2.0 - offset.length()) * offset.try_normalize().unwrap_or(DVec2::X)
     }
 
     /// Derivative of the projection by rotation about the world's axes (rad), translation (m) and
@@ -248,7 +250,7 @@ impl RayPair {
         let to_point = arm + transform.translation_m - self.origin_m;
         let (distance_m, towards) = (to_point.length(), to_point.normalize_or_zero());
         let mut jacobian = SMatrix::<f64, 2, 7>::zeros();
-        for (row, axis) in self.across().into_iter().enumerate() {
+        for (row, axis) in self.perpendiculars().into_iter().enumerate() {
             // d(v/|v|) = (1 − v̂v̂ᵀ)/|v| dv.
             let gradient = self.px_per_rad / distance_m * axis.reject_from_normalized(towards);
             let turned = arm.cross(gradient);
@@ -282,7 +284,7 @@ impl AlignmentProblem<'_> {
         let mut right = DVector::zeros(2 * self.pairs.len());
         for (n, pair) in self.pairs.iter().enumerate() {
             let turned = rotation * pair.point_m;
-            for (k, axis) in pair.across().into_iter().enumerate() {
+            for (k, axis) in pair.perpendiculars().into_iter().enumerate() {
                 let row = 2 * n + k;
                 axis.to_array().into_iter().enumerate().for_each(|(column, value)| rows[(row, column)] = value);
                 right[row] = axis.dot(pair.origin_m);
@@ -380,7 +382,7 @@ mod tests {
 
     /// Points of a scan, and rays from a camera position for the frames.
     fn pairs(points: &[[f64; 3]], eyes: &[[f64; 3]], truth: &SimilarityTransform, noise_px: f64) -> Vec<RayPair> {
-        let of = |(n, point): (usize, &[f64; 3])| {
+        let picked_pair = |(n, point): (usize, &[f64; 3])| {
             let (point_m, origin_m) = (DVec3::from(*point), DVec3::from(eyes[n % eyes.len()]));
             let exact = (truth.transform_point(point_m) - origin_m).normalize();
             let across = exact.any_orthonormal_vector();
@@ -388,7 +390,7 @@ mod tests {
             let direction = (exact + noise_px / 500.0 * side).normalize();
             RayPair { point_m, origin_m, direction, px_per_rad: 500.0 }
         };
-        points.iter().enumerate().map(of).collect()
+        points.iter().enumerate().map(picked_pair).collect()
     }
 
     const POINTS: [[f64; 3]; 5] = [[0.0, 0.0, 0.0], [2.0, 0.1, 0.0], [0.2, 1.7, 0.1], [1.4, 1.2, 1.1], [0.5, 0.4, 0.8]];

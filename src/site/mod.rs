@@ -65,7 +65,7 @@ pub struct SiteScan {
     surface: ScanSurface,
     /// Origin of the surface's coordinates in the scan's axes, m.
     origin_m: DVec3,
-    /// Of the geometry.
+    /// Digest of the geometry.
     digest: Digest,
     stamp: FileStamp,
     rays: Memo<Geometry, Arc<Rays>>,

@@ -199,9 +199,9 @@ impl SortedPoints {
         let voxel_m = self.voxel_m(cube);
         let mut computed = CubeDiscs::default();
         for (n, own) in moments.iter().enumerate().filter(|(_, own)| own.count > 0.0) {
-            let around = around(&moments, n);
+            let neighbourhood = neighbourhood_moments(&moments, n);
             let octant = n * 8 / NODE_VOXELS;
-            let disc = own.disc(&around, voxel_m, self.codes.len() >= MIN_SCAN_POINTS);
+            let disc = own.disc(&neighbourhood, voxel_m, self.codes.len() >= MIN_SCAN_POINTS);
             computed.discs[octant].extend(disc.map(|disc| Disc { position_m: disc.position_m + center_m, ..disc }));
         }
         computed.refined = std::array::from_fn(|octant| self.refined(cube, octant));
@@ -212,9 +212,9 @@ impl SortedPoints {
     fn refined(&self, cube: &OctreeCube, octant: usize) -> Option<OctreeCube> {
         let voxel_bits = cube.voxel_bits.checked_sub(1)?;
         let codes = &self.codes[cube.points.clone()];
-        let of = |code: u64| (code >> (3 * (voxel_bits + NODE_BITS))) as usize % 8;
-        let start = codes.partition_point(|code| of(*code) < octant);
-        let end = codes.partition_point(|code| of(*code) <= octant);
+        let child_index = |code: u64| (code >> (3 * (voxel_bits + NODE_BITS))) as usize % 8;
+        let start = codes.partition_point(|code| child_index(*code) < octant);
+        let end = codes.partition_point(|code| child_index(*code) <= octant);
         let voxels = codes[start..end].chunk_by(|a, b| a >> (3 * voxel_bits) == b >> (3 * voxel_bits)).count();
         let has_enough = end > start && end - start >= MIN_POINTS_PER_VOXEL * voxels;
         let points = cube.points.start + start..cube.points.start + end;
@@ -282,7 +282,7 @@ impl PointMoments {
 }
 
 /// Moments of the 3×3×3 neighbourhood of a voxel within its node.
-fn around(moments: &[PointMoments], voxel: usize) -> PointMoments {
+fn neighbourhood_moments(moments: &[PointMoments], voxel: usize) -> PointMoments {
     let [x, y, z] = demorton(voxel as u64).to_array().map(|along| along as i32);
     let mut sum = PointMoments::default();
     let is_inside = |along: i32| (0..NODE_SIDE as i32).contains(&along);

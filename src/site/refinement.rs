@@ -200,8 +200,8 @@ fn middle_m(site: &ScannedSite, views: &[SiteView]) -> Option<DVec3> {
             );
         }
     }
-    let along = |axis: usize| quantile::midpoint_median(points.iter().map(|point| point[axis]));
-    Some(DVec3::new(along(0)?, along(1)?, along(2)?))
+    let median_coordinate = |axis: usize| quantile::midpoint_median(points.iter().map(|point| point[axis]));
+    Some(DVec3::new(median_coordinate(0)?, median_coordinate(1)?, median_coordinate(2)?))
 }
 
 fn reduced_camera(camera: &Geometry, by: usize) -> Geometry {

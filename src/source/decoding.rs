@@ -22,7 +22,7 @@ use crate::program::Running;
 #[derive(Clone, Debug)]
 struct VideoInput {
     file: PathBuf,
-    /// As stored.
+    /// Size as stored.
     size: (u32, u32),
     /// Applied to each frame.
     orientation: Orientation,

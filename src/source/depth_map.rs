@@ -36,6 +36,7 @@ pub struct DepthHeader {
     pub is_float: bool,
 }
 
+/// A format of depth pictures, by content.
 enum DepthFormat {
     Still,
     Exr,
@@ -134,7 +135,7 @@ fn depth_channel(names: &[String]) -> Option<usize> {
         last.eq_ignore_ascii_case("depth") || last.eq_ignore_ascii_case("z") && !is_of_vector(layer)
     };
     let only = (names.len() == 1).then_some(0);
-    let named = |wanted: &str| names.iter().position(|name| name == wanted);
+    let named = |channel: &str| names.iter().position(|name| name == channel);
     let grey = (names.len() == 3 && named("G").is_some() && named("B").is_some()).then(|| named("R")).flatten();
     names.iter().position(is_depth).or(only).or_else(|| named("Y")).or(grey)
 }
@@ -199,8 +200,8 @@ fn exr_values(bytes: &[u8]) -> Result<(DepthHeader, Vec<f64>), String> {
     Ok((header, values))
 }
 
-/// The header of an array.
-struct Array {
+/// The header of a NumPy array.
+struct NpyHeader {
     header: DepthHeader,
     /// Type such as `f4`, without the byte order.
     kind: String,
@@ -212,7 +213,7 @@ struct Array {
 
 /// Signature, version, length of the text (two bytes, four from version 2 on), and the text of a
 /// Python dictionary such as `{'descr': '<f4', 'fortran_order': False, 'shape': (192, 256), }`.
-fn npy_header(bytes: &[u8]) -> Result<Array, String> {
+fn npy_header(bytes: &[u8]) -> Result<NpyHeader, String> {
     let cut = || "the array is truncated in its header".to_owned();
     let version = *bytes.get(6).ok_or_else(cut)?;
     let (length, text_at) = match (version, bytes.get(8..12)) {
@@ -240,22 +241,22 @@ fn npy_header(bytes: &[u8]) -> Result<Array, String> {
     let is_big_endian = kind.starts_with('>');
     let kind = kind.trim_start_matches(['<', '>', '|', '=']).to_owned();
     let header = DepthHeader { width, height, is_float: kind.starts_with('f') };
-    Ok(Array { header, kind, is_big_endian, is_by_columns, data_at })
+    Ok(NpyHeader { header, kind, is_big_endian, is_by_columns, data_at })
 }
 
 fn npy_values(bytes: &[u8]) -> Result<(DepthHeader, Vec<f64>), String> {
-    let Array { header, kind, is_big_endian, is_by_columns, data_at } = npy_header(bytes)?;
+    let NpyHeader { header, kind, is_big_endian, is_by_columns, data_at } = npy_header(bytes)?;
     let (width, height) = (header.width as usize, header.height as usize);
-    let (data, wanted) = (bytes.get(data_at..).unwrap_or_default(), width * height);
+    let (data, value_count) = (bytes.get(data_at..).unwrap_or_default(), width * height);
     let values: Vec<f64> = match kind.as_str() {
-        "f2" => numbers(data, wanted, is_big_endian, |b| f16::from_le_bytes(b).to_f64()),
-        "f4" => numbers(data, wanted, is_big_endian, |b| f64::from(f32::from_le_bytes(b))),
-        "f8" => numbers(data, wanted, is_big_endian, f64::from_le_bytes),
-        "u1" => numbers(data, wanted, is_big_endian, |b| f64::from(u8::from_le_bytes(b))),
-        "u2" => numbers(data, wanted, is_big_endian, |b| f64::from(u16::from_le_bytes(b))),
-        "i2" => numbers(data, wanted, is_big_endian, |b| f64::from(i16::from_le_bytes(b))),
-        "u4" => numbers(data, wanted, is_big_endian, |b| f64::from(u32::from_le_bytes(b))),
-        "i4" => numbers(data, wanted, is_big_endian, |b| f64::from(i32::from_le_bytes(b))),
+        "f2" => numbers(data, value_count, is_big_endian, |b| f16::from_le_bytes(b).to_f64()),
+        "f4" => numbers(data, value_count, is_big_endian, |b| f64::from(f32::from_le_bytes(b))),
+        "f8" => numbers(data, value_count, is_big_endian, f64::from_le_bytes),
+        "u1" => numbers(data, value_count, is_big_endian, |b| f64::from(u8::from_le_bytes(b))),
+        "u2" => numbers(data, value_count, is_big_endian, |b| f64::from(u16::from_le_bytes(b))),
+        "i2" => numbers(data, value_count, is_big_endian, |b| f64::from(i16::from_le_bytes(b))),
+        "u4" => numbers(data, value_count, is_big_endian, |b| f64::from(u32::from_le_bytes(b))),
+        "i4" => numbers(data, value_count, is_big_endian, |b| f64::from(i32::from_le_bytes(b))),
         other => {
             let kind = crate::text::quoted(other);
             return Err(format!("holds numbers of the type {kind}; expected f2, f4, f8, u1, u2, u4, i2 or i4"));
@@ -268,10 +269,10 @@ fn npy_values(bytes: &[u8]) -> Result<(DepthHeader, Vec<f64>), String> {
     Ok((header, (0..width * height).map(|i| values[at(i)]).collect()))
 }
 
-/// The first `wanted` numbers, or as many as there are.
+/// The first `value_count` numbers, or as many as there are.
 fn numbers<const N: usize>(
     bytes: &[u8],
-    wanted: usize,
+    value_count: usize,
     is_big_endian: bool,
     number: impl Fn([u8; N]) -> f64,
 ) -> Vec<f64> {
@@ -281,7 +282,7 @@ fn numbers<const N: usize>(
         }
         bytes
     };
-    bytes.as_chunks::<N>().0.iter().take(wanted).map(|bytes| number(little_endian(*bytes))).collect()
+    bytes.as_chunks::<N>().0.iter().take(value_count).map(|bytes| number(little_endian(*bytes))).collect()
 }
 
 #[cfg(test)]

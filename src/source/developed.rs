@@ -27,7 +27,7 @@ use crate::user_folders;
 
 /// Folder of developed pictures within the cache.
 const FOLDER: &str = "developed";
-/// Version of the development: results of others are made again.
+/// Version of the development: results of others are rebuilt.
 const VERSION: u32 = 1;
 /// The least recently used pictures are removed beyond this size, bytes.
 const CACHE_BYTES: u64 = 16 << 30;
@@ -67,7 +67,7 @@ pub fn read_header(file: &Path, format: StillFormat) -> Result<PictureHeader, So
     still_decoder::read_header(&png_of(file, format)?, StillFormat::Png)
 }
 
-/// The developed picture. A damaged one in the cache is made again.
+/// The developed picture. A damaged one in the cache is rebuilt.
 pub fn read_pixels(file: &Path, format: StillFormat) -> Result<Pixels, SourceError> {
     let png = png_of(file, format)?;
     still_decoder::read_pixels(&png, StillFormat::Png).or_else(|_| {

@@ -242,9 +242,10 @@ mod tests {
 
     #[test]
     fn implausible_exposure_time_is_reported() {
-        let of = |seconds| parse(block(&[(Tag::ExposureTime, ratio(seconds, 1)), (Tag::FNumber, ratio(8, 1))]));
-        assert_eq!(of(60).settings.time_s, Some(60.0));
-        let long = of(61);
+        let exif_with_time =
+            |seconds| parse(block(&[(Tag::ExposureTime, ratio(seconds, 1)), (Tag::FNumber, ratio(8, 1))]));
+        assert_eq!(exif_with_time(60).settings.time_s, Some(60.0));
+        let long = exif_with_time(61);
         assert_eq!((long.settings.time_s, long.settings.f_number), (None, Some(8.0)));
         let error = long.damage.unwrap();
         assert!(error.contains("61 s") && error.contains("at most 60 s"), "{error}");
@@ -289,8 +290,8 @@ mod tests {
 
     #[test]
     fn an_orientation_is_read_unless_upright() {
-        let of = |n| parse(block(&[(Tag::Orientation, Value::Short(vec![n]))])).orientation;
-        assert_eq!([1, 6, 9].map(of), [None, Some(6), None]);
+        let orientation_of = |n| parse(block(&[(Tag::Orientation, Value::Short(vec![n]))])).orientation;
+        assert_eq!([1, 6, 9].map(orientation_of), [None, Some(6), None]);
     }
 
     proptest! {

@@ -28,6 +28,7 @@ const LOOKUP_BITS: u32 = 9;
 /// encoders make about ten.
 const MAX_SCANS: usize = 100;
 
+/// Why a scan ended early.
 enum ScanStop {
     /// The data ended, or a marker is in its place.
     Ended,
@@ -37,7 +38,7 @@ enum ScanStop {
 
 /// Parses a JPEG's coded data. The error describes the truncation or damage.
 pub fn check(bytes: &[u8]) -> Result<Ending, String> {
-    let mut file = File { bytes, ..File::default() };
+    let mut file = JpegReader { bytes, ..JpegReader::default() };
     let (mut at, mut scans) = (2, 0);
     while let Some(marker) = next_marker(bytes, &mut at) {
         match marker {
@@ -85,8 +86,9 @@ fn truncated(how: &str) -> String {
     format!("the JPEG is truncated{how}")
 }
 
+/// The state of reading a JPEG file.
 #[derive(Default)]
-struct File<'a> {
+struct JpegReader<'a> {
     bytes: &'a [u8],
     is_progressive: bool,
     size: [usize; 2],
@@ -97,6 +99,7 @@ struct File<'a> {
     restart_every: usize,
 }
 
+/// A colour component and its progressive state.
 struct JpegComponent {
     header: PlaneHeader,
     /// Whether a scan contained its DC coefficients.
@@ -120,7 +123,7 @@ struct SpectralBand {
     is_refined: bool,
 }
 
-impl File<'_> {
+impl JpegReader<'_> {
     /// `None` if the frame is not of a kind that is checked.
     fn frame(&mut self, segment: &[u8], is_progressive: bool) -> Option<()> {
         let header = FrameHeader::parse(segment)?;
@@ -367,7 +370,8 @@ impl Bits<'_> {
         let mut k = band.first;
         while *run == 0 && k <= band.last {
             let symbol = self.symbol(ac)?;
-            let (mut zeros, size) = (u32::from(symbol >> 4), u32::from(symbol & 15));
+            let mut zeros = u32::from(symbol >> 4);
+            let size = u32::from(symbol & 15);
             if size == 0 && zeros < 15 {
                 *run = (1 << zeros) + self.take(zeros)?;
                 break;

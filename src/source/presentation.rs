@@ -19,6 +19,7 @@ pub(super) struct ProbedPresentation {
     side_data_list: Vec<SideData>,
 }
 
+/// A stream's side data in ffprobe's JSON output.
 #[derive(Deserialize)]
 struct SideData {
     rotation: Option<f64>,
@@ -36,7 +37,7 @@ pub struct Presentation {
     pub primaries: Option<&'static str>,
     /// ffprobe's name of the matrix between R'G'B' and Y'CbCr, if the file states it.
     pub matrix: Option<&'static str>,
-    /// Of the first frame.
+    /// Timecode of the first frame.
     pub timecode: Option<Timecode>,
 }
 

@@ -12,6 +12,7 @@ pub const PNG_SIGNATURE: &[u8] = b"\x89PNG\r\n\x1a\n";
 pub const JPEG_SIGNATURE: &[u8] = b"\xff\xd8\xff";
 pub const EXR_SIGNATURE: &[u8] = b"\x76\x2f\x31\x01";
 
+/// A format of still pictures, by content.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StillFormat {
     Png,

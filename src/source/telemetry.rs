@@ -36,6 +36,7 @@ impl Telemetry {
     }
 }
 
+/// ffprobe's JSON output for data streams.
 #[derive(Deserialize)]
 struct DataProbe {
     #[serde(default)]
@@ -44,6 +45,7 @@ struct DataProbe {
     packets: Vec<DataPacket>,
 }
 
+/// A data stream in ffprobe's JSON output.
 #[derive(Deserialize)]
 struct DataStream {
     index: usize,
@@ -51,6 +53,7 @@ struct DataStream {
     codec_tag_string: String,
 }
 
+/// A packet of a data stream in ffprobe's JSON output.
 #[derive(Deserialize)]
 struct DataPacket {
     pts_time: Option<String>,

@@ -72,6 +72,7 @@ pub struct Soundtrack {
     pub length_s: f64,
 }
 
+/// ffprobe's JSON output for a video.
 #[derive(Deserialize)]
 struct Probe {
     #[serde(default)]
@@ -82,6 +83,7 @@ struct Probe {
     format: Container,
 }
 
+/// A stream in ffprobe's JSON output.
 #[derive(Deserialize)]
 struct ProbedStream {
     /// The number of packets in the container's index (MP4).
@@ -101,6 +103,7 @@ struct ProbedStream {
     presentation: ProbedPresentation,
 }
 
+/// A stream's tags in ffprobe's JSON output.
 #[derive(Deserialize)]
 struct Tags {
     /// The time when the stream ends, hours:minutes:seconds (Matroska).
@@ -110,6 +113,7 @@ struct Tags {
     timecode: Option<String>,
 }
 
+/// The container in ffprobe's JSON output.
 #[derive(Default, Deserialize)]
 struct Container {
     #[serde(default)]
@@ -120,13 +124,15 @@ struct Container {
     tags: ContainerTags,
 }
 
+/// The container's tags in ffprobe's JSON output.
 #[derive(Default, Deserialize)]
 struct ContainerTags {
-    /// In Matroska and MXF it is the container's.
+    /// The timecode is the container's in Matroska and MXF.
     #[serde(alias = "TIMECODE")]
     timecode: Option<String>,
 }
 
+/// A packet of the video stream in ffprobe's JSON output.
 #[derive(Deserialize)]
 struct VideoPacket {
     pts: Option<i64>,
@@ -205,7 +211,7 @@ fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video,
     else {
         return Err(refuse("ffprobe finds no picture size or pixel format in it".to_owned()));
     };
-    whole(stream, &probe.packets, &probe.format).map_err(refuse)?;
+    check_frame_count(stream, &probe.packets, &probe.format).map_err(refuse)?;
     let matrix = match (overrides.matrix, stream.color_space.as_deref()) {
         _ if is_rgb(format) => ColorMatrix::Rgb,
         (Some(matrix), _) => matrix,
@@ -242,7 +248,7 @@ fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video,
     }
     let fps = match overrides.fps {
         Some(fps) if fps.is_finite() && fps > 0.0 => Some(fps),
-        Some(fps) => return Err(refuse(format!("fps = {fps} is refused: it must be finite and above 0"))),
+        Some(fps) => return Err(refuse(format!("fps = {fps}: expected a finite number above 0"))),
         None => None,
     };
     let stated = stream.avg_frame_rate.as_deref().and_then(ratio);
@@ -289,7 +295,7 @@ fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video,
 /// when the last one ends (Matroska, AVI; more than two and a half frames short is too little,
 /// since containers round). An AVI's number counts the empty chunks that ffmpeg writes between
 /// frames, so it is a length.
-fn whole(stream: &ProbedStream, packets: &[VideoPacket], container: &Container) -> Result<(), String> {
+fn check_frame_count(stream: &ProbedStream, packets: &[VideoPacket], container: &Container) -> Result<(), String> {
     const WHAT_TO_DO: &str = "is it truncated? Copy it again from its source, or cut it off there: ffmpeg -i FILE -c \
                               copy NEW.mkv";
     let there = packets.len();
@@ -333,15 +339,15 @@ fn seconds(text: &str) -> Option<f64> {
     text.split(':').try_fold(0.0, |sum, part| Some(60.0 * sum + part.trim().parse::<f64>().ok()?))
 }
 
-/// Presentation times of the wanted packets. If no packet has one (an AVI of a codec with reordered
-/// frames), the decoding times: frames are displayed at regular intervals.
-fn times(packets: &[VideoPacket], is_wanted: impl Fn(&VideoPacket) -> bool) -> Vec<Option<f64>> {
+/// Presentation times of the selected packets. If no packet has one (an AVI of a codec with
+/// reordered frames), the decoding times: frames are displayed at regular intervals.
+fn times(packets: &[VideoPacket], is_selected: impl Fn(&VideoPacket) -> bool) -> Vec<Option<f64>> {
     let has_shown = packets.iter().any(|packet| packet.pts_time.is_some());
     let time = |packet: &VideoPacket| {
         let text = if has_shown { &packet.pts_time } else { &packet.dts_time };
         text.as_deref()?.parse().ok()
     };
-    packets.iter().filter(|packet| is_wanted(packet)).map(time).collect()
+    packets.iter().filter(|packet| is_selected(packet)).map(time).collect()
 }
 
 /// Display time of each frame: computed if a rate is given, otherwise from the packets.
@@ -397,14 +403,14 @@ fn oriented_sampling(
     let Some(ChromaSampling { factor, siting }) = chroma else { return Some(None) };
     // Rows: the axis of the stored frame that becomes each axis, with its sign.
     let [a, b, c, d] = orientation.matrix().map(f64::round);
-    let along = |x: f64, y: f64| {
+    let axis_sampling = |x: f64, y: f64| {
         let (axis, sign) = if x == 0.0 { (1, y) } else { (0, x) };
         // Against the axis the pairs of luma samples are the same only of an even number.
         let is_symmetric = siting[axis] == ChromaSiting::Centered && size[axis].is_multiple_of(factor[axis]);
         let is_representable = sign > 0.0 || factor[axis] == 1 || is_symmetric;
         is_representable.then_some((factor[axis], siting[axis]))
     };
-    let (across, down) = (along(a, c)?, along(b, d)?);
+    let (across, down) = (axis_sampling(a, c)?, axis_sampling(b, d)?);
     Some(Some(ChromaSampling { factor: [across.0, down.0], siting: [across.1, down.1] }))
 }
 

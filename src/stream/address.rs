@@ -153,7 +153,7 @@ impl<'a> UrlParts<'a> {
     }
 
     fn refused(&self, key: &str, value: &str, accepted: &str) -> StreamError {
-        self.problem(format!("{key}={value} is refused: expected {accepted}"))
+        self.problem(format!("{key}={value}: expected {accepted}"))
     }
 
     fn unknown(&self, key: &str, keys: &str) -> StreamError {
@@ -184,7 +184,7 @@ fn address(place: &str, default_port: u16) -> Result<SocketAddr, String> {
     let bare_v6 = place.strip_prefix('[').and_then(|rest| rest.strip_suffix(']'));
     let (host, port) = match place.rsplit_once(':') {
         Some((host, port)) if bare_v6.is_none() => {
-            (host, port.parse().map_err(|_| format!("the port {port} is refused: it is a number from 0 to 65535"))?)
+            (host, port.parse().map_err(|_| format!("the port {port}: expected a number from 0 to 65535"))?)
         }
         _ => (place, default_port),
     };

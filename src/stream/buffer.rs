@@ -82,7 +82,7 @@ pub struct ReleasedItem<T> {
 }
 
 #[derive(Debug)]
-struct Queued<T> {
+struct QueuedItem<T> {
     epoch: u32,
     offset_s: f64,
     timed: TimedItem<T>,
@@ -93,7 +93,7 @@ struct Queued<T> {
 pub struct ReorderBuffer<T> {
     wait_s: f64,
     /// Ascending by epoch, then by time.
-    waiting: VecDeque<Queued<T>>,
+    waiting: VecDeque<QueuedItem<T>>,
     /// Time stamp and arrival of the newest item on the current clock.
     newest: Option<(f64, f64)>,
     epoch: u32,
@@ -259,25 +259,25 @@ impl<T> ReorderBuffer<T> {
         if self.newest.is_none_or(|(time_s, _)| item.time_s > time_s) {
             self.newest = Some((item.time_s, item.arrived_s));
         }
-        let place = |queued: &Queued<T>| (queued.epoch, queued.timed.time_s);
+        let place = |queued: &QueuedItem<T>| (queued.epoch, queued.timed.time_s);
         let at = self.waiting.partition_point(|queued| place(queued) < (self.epoch, item.time_s));
         if self.waiting.get(at).is_some_and(|queued| place(queued) == (self.epoch, item.time_s)) {
             return PushOutcome::Repeated;
         }
         let offset_s = self.offset.estimate_s().unwrap_or_default();
-        self.waiting.insert(at, Queued { epoch: self.epoch, offset_s, timed: item });
+        self.waiting.insert(at, QueuedItem { epoch: self.epoch, offset_s, timed: item });
         PushOutcome::Waits
     }
 
     /// The next item in order, once no earlier one can arrive or its wait has ended.
     pub fn pop(&mut self, now_s: f64) -> Option<ReleasedItem<T>> {
-        let Queued { epoch, timed: first, .. } = self.waiting.front()?;
+        let QueuedItem { epoch, timed: first, .. } = self.waiting.front()?;
         let follows = self.last.is_some_and(|last| is_next(last, *epoch, first.sequence));
         let waited = self.due_s().is_some_and(|due_s| now_s >= due_s);
         if !(follows || waited || *epoch != self.epoch || self.waiting.len() > BUFFER_CAPACITY) {
             return None;
         }
-        let Queued { epoch, offset_s, timed } = self.waiting.pop_front()?;
+        let QueuedItem { epoch, offset_s, timed } = self.waiting.pop_front()?;
         let before = self.last.filter(|last| last.0 == epoch).and_then(|last| last.2);
         let gap = before.zip(timed.sequence).map_or(0, |(before, this)| this.wrapping_sub(before).wrapping_sub(1));
         self.last = Some((epoch, timed.time_s, timed.sequence));

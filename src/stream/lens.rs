@@ -70,7 +70,7 @@ impl LensState {
         let sensor = pair(&["static", "camera", "activeSensorPhysicalDimensions"], ["width", "height"]);
         take(&mut self.sensor_mm, sensor.filter(|size| size.min_element() > 0.0));
         let pixels = ["width", "height"].map(|side| {
-            sample.whole(&["static", "camera", "activeSensorResolution", side]).and_then(|n| u32::try_from(n).ok())
+            sample.unsigned(&["static", "camera", "activeSensorResolution", side]).and_then(|n| u32::try_from(n).ok())
         });
         take(&mut self.sensor_px, pixels[0].zip(pixels[1]).map(|(width, height)| [width, height]));
         take(&mut self.iso, above_zero(&["static", "camera", "isoSpeed"]));

@@ -140,11 +140,11 @@ impl OpenLens {
             }
         }
         let solved = solve(matrix, right)?;
-        let off = |(u, d): &(DVec2, DVec2)| {
+        let residual = |(u, d): &(DVec2, DVec2)| {
             let sum: DVec2 = columns(*u).into_iter().zip(solved).map(|(column, k)| column * k).sum();
             (*u + sum - *d).length()
         };
-        let worst_mm = focal_mm * grid.iter().map(off).fold(0.0, f64::max);
+        let worst_mm = focal_mm * grid.iter().map(residual).fold(0.0, f64::max);
         Some((std::array::from_fn(|i| solved[i] / scales[i]), worst_mm))
     }
 }

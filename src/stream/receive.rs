@@ -171,7 +171,7 @@ impl Receiver {
         let source = Source {
             address: from.ip(),
             id: sample.text(&["sourceId"]).map(|id| id.chars().take(MAX_NAME_CHARS).collect()),
-            number: sample.whole(&["sourceNumber"]),
+            number: sample.unsigned(&["sourceNumber"]),
         };
         if !self.follows(&source, from, now_s) {
             return self.report.count_drop(DropReason::OtherSource);
@@ -189,7 +189,7 @@ impl Receiver {
             None => return self.report.count_drop(DropReason::NoPose),
         };
         let (time_s, clock) = clock(sample).unwrap_or((now_s, Clock::Arrival));
-        let sequence = sample.whole(&["timing", "sequenceNumber"]).and_then(|n| u32::try_from(n).ok());
+        let sequence = sample.unsigned(&["timing", "sequenceNumber"]).and_then(|n| u32::try_from(n).ok());
         let lens = Arc::clone(&self.lens);
         let item = PendingPose { pose, clock, lens, message };
         self.hold(TimedItem { time_s, arrived_s: now_s, sequence, item });

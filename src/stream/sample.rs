@@ -73,8 +73,8 @@ impl Sample {
         number(self.get(path)?)
     }
 
-    pub fn whole(&self, path: &[&str]) -> Option<u64> {
-        whole(self.get(path)?)
+    pub fn unsigned(&self, path: &[&str]) -> Option<u64> {
+        unsigned(self.get(path)?)
     }
 
     /// A rational number in the schema's form, `num` over `denom`; above 0.
@@ -126,7 +126,7 @@ pub fn number(value: &Value) -> Option<f64> {
     value.as_float().or_else(|| value.as_integer().map(whole)).filter(|number| number.is_finite())
 }
 
-fn whole(value: &Value) -> Option<u64> {
+fn unsigned(value: &Value) -> Option<u64> {
     value.as_integer().and_then(|i| i.try_into().ok())
 }
 
@@ -182,7 +182,7 @@ mod tests {
     #[test]
     fn values_are_read_and_set_by_path() {
         let mut sample = json(r#"{"a":{"b":1,"r":{"num":30000,"denom":1001}},"n":[1,2.5]}"#).unwrap();
-        assert_eq!((sample.number(&["a", "b"]), sample.whole(&["a", "b"])), (Some(1.0), Some(1)));
+        assert_eq!((sample.number(&["a", "b"]), sample.unsigned(&["a", "b"])), (Some(1.0), Some(1)));
         assert_eq!(sample.ratio(&["a", "r"]), Some(30000.0 / 1001.0));
         assert_eq!(sample.numbers(&["n"]), Some(vec![1.0, 2.5]));
         assert_eq!((sample.number(&["a"]), sample.number(&["a", "b", "c"]), sample.text(&["n"])), (None, None, None));

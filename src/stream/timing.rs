@@ -35,7 +35,7 @@ pub fn clock(sample: &Sample) -> Option<(f64, Clock)> {
 /// SMPTE ST 12-1: frames are counted at the rate rounded up. With `dropFrame` the first two numbers
 /// (four at 60) of each minute are skipped, except in every tenth. Subframes are samples.
 fn timecode_s(sample: &Sample) -> Option<f64> {
-    let part = |name| sample.whole(&["timing", "timecode", name]).filter(|number| *number < 1 << 32);
+    let part = |name| sample.unsigned(&["timing", "timecode", name]).filter(|number| *number < 1 << 32);
     let rate_hz = sample.ratio(&["timing", "timecode", "frameRate"]).filter(|rate| (1.0..1e6).contains(rate))?;
     let per_second = rate_hz.ceil() as u64;
     let minutes = 60 * part("hours")? + part("minutes")?;

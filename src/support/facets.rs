@@ -158,12 +158,12 @@ fn bulge_m(heights: impl Iterator<Item = (f64, f64)>) -> f64 {
 /// The rectangle around most of the points.
 fn extent(places: Vec<DVec2>) -> [DVec2; 2] {
     let beyond = (OUTSIDE_SHARE * places.len() as f64) as usize;
-    let of = |axis: usize| {
+    let axis_extent = |axis: usize| {
         let mut along: Vec<f64> = places.iter().map(|place| place[axis]).collect();
         let last = along.len() - 1 - beyond;
         [beyond, last].map(|n| *along.select_nth_unstable_by(n, f64::total_cmp).1)
     };
-    let ([left, right], [low, high]) = (of(0), of(1));
+    let ([left, right], [low, high]) = (axis_extent(0), axis_extent(1));
     [DVec2::new(left, low), DVec2::new(right, high)]
 }
 
@@ -248,15 +248,15 @@ mod tests {
     #[test]
     fn surface_that_faces_away_is_far_small_pierced_or_round_is_no_facet() {
         let scene = cube();
-        let of = |points: &[MeasuredPoint]| facets(&scene, &scene.objects[0], &FLOOR, points);
+        let facets_of = |points: &[MeasuredPoint]| facets(&scene, &scene.objects[0], &FLOOR, points);
         let wall = |x: f64| rectangle(DVec3::new(x, -0.1, 0.0), 0.2 * DVec3::Y, 0.3 * DVec3::Z);
-        assert_eq!(of(&wall(0.15)).len(), 1);
-        assert_eq!(of(&wall(0.5)), [], "far away");
-        assert_eq!(of(&wall(-0.15)), [], "it faces away");
+        assert_eq!(facets_of(&wall(0.15)).len(), 1);
+        assert_eq!(facets_of(&wall(0.5)), [], "far away");
+        assert_eq!(facets_of(&wall(-0.15)), [], "it faces away");
         let narrow = rectangle(DVec3::new(0.15, -0.1, 0.0), 0.2 * DVec3::Y, 0.04 * DVec3::Z);
-        assert_eq!(of(&narrow), [], "a strip of a centimetre over the floor");
+        assert_eq!(facets_of(&narrow), [], "a strip of a centimetre over the floor");
         let wall_into_it = rectangle(DVec3::new(0.02, -0.1, 0.0), 0.2 * DVec3::Y, 0.3 * DVec3::Z);
-        assert_eq!(of(&wall_into_it), [], "the cube reaches through it");
+        assert_eq!(facets_of(&wall_into_it), [], "the cube reaches through it");
         // A ball of 12 cm and a cup of 9 cm: parts of them are flat within the tolerance of the
         // points.
         let round = |radius_m: f64, is_ball: bool| -> Vec<MeasuredPoint> {
@@ -270,7 +270,7 @@ mod tests {
             };
             (0..60).flat_map(|i| (0..60).map(move |j| at(i, j))).collect()
         };
-        assert_eq!((of(&round(0.12, true)), of(&round(0.09, false))), (Vec::new(), Vec::new()));
+        assert_eq!((facets_of(&round(0.12, true)), facets_of(&round(0.09, false))), (Vec::new(), Vec::new()));
         let bare = Object { shadowless: true, ..scene.objects[0].clone() };
         assert_eq!(facets(&scene, &bare, &FLOOR, &wall(0.15)), []);
     }

@@ -39,11 +39,11 @@ pub fn plane_through(points_m: &[DVec3]) -> Result<PlaneFit, PlaneFitError> {
         return Err(PlaneFitError("they lie on a line; pick one to its side"));
     }
     let normal = axes[0].1;
-    let off = |p: &DVec3| normal.dot(*p - middle).abs();
+    let distance_m = |p: &DVec3| normal.dot(*p - middle).abs();
     Ok(PlaneFit {
         plane: Plane { point_m: middle, normal }.into(),
-        rms_m: (points_m.iter().map(|p| off(p).powi(2)).sum::<f64>() / count).sqrt(),
-        max_m: points_m.iter().map(off).fold(0.0, f64::max),
+        rms_m: (points_m.iter().map(|p| distance_m(p).powi(2)).sum::<f64>() / count).sqrt(),
+        max_m: points_m.iter().map(distance_m).fold(0.0, f64::max),
     })
 }
 

@@ -88,13 +88,13 @@ impl RoomPoints {
     /// The dominant plane that explains the points around a surface as well as the surface's own
     /// plane, at a small angle to it; else its own.
     pub fn or_dominant(&self, surface: &Plane) -> HessePlane {
-        let around = self.around(surface.point_m, AROUND_M);
+        let near_points = self.points_within(surface.point_m, AROUND_M);
         let accepts = |normal: DVec3| normal.dot(surface.normal).abs() > MIN_SUPPORT_COSINE;
-        self.planes.or_dominant((*surface).into(), surface.point_m, &around, accepts)
+        self.planes.or_dominant((*surface).into(), surface.point_m, &near_points, accepts)
     }
 
     /// Points within a radius of a position.
-    fn around(&self, at_m: DVec3, within_m: f64) -> Vec<MeasuredPoint> {
+    fn points_within(&self, at_m: DVec3, within_m: f64) -> Vec<MeasuredPoint> {
         self.points.iter().filter(|point| point.at_m.distance(at_m) < within_m).copied().collect()
     }
 }
@@ -150,7 +150,7 @@ mod tests {
         let room = RoomPoints::new(vec![(3, vec![point(0.0), point(1.0)]), (5, vec![]), (9, vec![point(2.0)])]);
         assert_eq!(room.frames, [(3, 0..2), (5, 2..2), (9, 2..3)]);
         assert_eq!(room.points[room.frames[2].1.clone()].iter().map(|p| p.at_m.x).collect::<Vec<_>>(), [2.0]);
-        assert_eq!(room.around(DVec3::X, 0.5).len(), 1);
+        assert_eq!(room.points_within(DVec3::X, 0.5).len(), 1);
     }
 
     #[test]

@@ -147,7 +147,7 @@ impl Board {
         if !SCALES.contains(&written.scale) {
             let scale = number(written.scale);
             return Err(format!(
-                "scale = {scale} is refused; expected 0.1 to 10: the ruler's measured length divided by its nominal \
+                "scale = {scale}: expected 0.1 to 10, the ruler's measured length divided by its nominal \
                  length"
             ));
         }
@@ -177,10 +177,7 @@ fn checked(tag: &TagEntry, family: Family) -> Result<Tag, String> {
     }
     if !SIZES_M.contains(&tag.size_m) {
         let size_m = number(tag.size_m);
-        return Err(named(
-            "size_m",
-            format!("{size_m} is refused; expected the black square's side, 0.001 to 10 metres"),
-        ));
+        return Err(named("size_m", format!("{size_m}: expected the black square's side, 0.001 to 10 metres")));
     }
     let center_m = match tag.center_m[..] {
         [x, y] => DVec3::new(x, y, 0.0),
@@ -286,7 +283,7 @@ mod tests {
             ("36h11", "36h12", "family = \"36h12\" is not known; expected 36h11, 25h9, 16h5, 4x4_50"),
             ("id = 7", "id = 587", "line 4, tags.id of tag 587: family 36h11 has the ids 0 to 586"),
             ("id = 7", "id = -1", "line 4, tags.id: "),
-            ("size_m = 0.1", "size_m = 100", "line 4, tags.size_m of tag 7: 100 is refused"),
+            ("size_m = 0.1", "size_m = 100", "line 4, tags.size_m of tag 7: 100: expected"),
             ("size_m = 0.1", "size_m = nan", "line 4, tags.size_m of tag 7: NaN"),
             ("size_m = 0.1", "size = 0.1", "line 5, tags.size: unknown field `size`"),
             ("[1.0, 2.0]", "[1.0]", "line 4, tags.center_m of tag 7: expected two numbers"),
@@ -306,7 +303,7 @@ mod tests {
         assert!(
             Board::parse(&ONE.replace("[[tags]]", "scale = 0\n[[tags]]"))
                 .unwrap_err()
-                .starts_with("scale = 0 is refused")
+                .starts_with("scale = 0: expected")
         );
         assert!(Board::parse("version = 1\nfamily = \"36h11\"\ntags = []").unwrap_err().contains("there are 0 tags"));
         let error = Board::read(Path::new("no/board.toml")).unwrap_err().to_string();

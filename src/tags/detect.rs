@@ -63,20 +63,20 @@ impl Detector {
         Ok(Self { half: decoder(2).map_err(failed)?, whole: decoder(1).map_err(failed)?, size })
     }
 
-    /// Detects the tags of a picture. If fewer than `enough` `wanted` ones are found at half the
+    /// Detects the tags of a picture. If fewer than `enough` expected ones are found at half the
     /// resolution, small tags are detected at full resolution as well.
     pub fn find(
         &mut self,
         grey: &LumaCodes,
         enough: usize,
-        wanted: impl Fn(u32) -> bool,
+        is_expected: impl Fn(u32) -> bool,
     ) -> Result<DetectedTags, DetectError> {
         let (width, height) = self.size;
         let failed = |problem: String| DetectError { width, height, problem };
         let image = Image::<u8, 1>::from_size_slice(ImageSize { width, height }, &grey.codes.values)
             .map_err(|error| failed(error.to_string()))?;
         let detection = sought(&mut self.half, &image).map_err(|error| failed(error.to_string()))?;
-        if detection.tags.iter().filter(|tag| wanted(tag.id)).count() >= enough.max(1) {
+        if detection.tags.iter().filter(|tag| is_expected(tag.id)).count() >= enough.max(1) {
             return Ok(detection);
         }
         sought(&mut self.whole, &image).map_err(|error| failed(error.to_string()))

@@ -242,11 +242,11 @@ mod tests {
     #[test]
     fn bend_matches_the_computed_value() {
         // 0, 1.5, 2, 1.5, 0 on a slope: 2 in the middle.
-        let of = |count: i32| -> Vec<(f64, f64)> {
+        let parabola_samples = |count: i32| -> Vec<(f64, f64)> {
             let places = (0..count).map(|i| f64::from(i) / 4.0);
             places.map(|t| (t, 5.0 - 3.0 * t + 2.0 * parabola(t))).collect()
         };
-        assert!((bend(&of(5)) - 2.0).abs() < 1e-9, "{}", bend(&of(5)));
-        assert_eq!((bend(&of(4)), bend(&[]), bend(&[(0.5, 1.0); 9])), (0.0, 0.0, 0.0));
+        assert!((bend(&parabola_samples(5)) - 2.0).abs() < 1e-9, "{}", bend(&parabola_samples(5)));
+        assert_eq!((bend(&parabola_samples(4)), bend(&[]), bend(&[(0.5, 1.0); 9])), (0.0, 0.0, 0.0));
     }
 }

@@ -164,17 +164,20 @@ mod tests {
         assert!(a4.board.tags[0].center_m.distance(DVec3::new(-0.0425, 0.085, 0.0)) < 1e-12);
         for sheet in [a4, letter] {
             let page = sheet.paper.size_mm();
-            let inside = |at: DVec2| at.cmpge(DVec2::splat(6.0)).all() && at.cmple(page - 6.0).all();
+            let is_inside = |at: DVec2| at.cmpge(DVec2::splat(6.0)).all() && at.cmple(page - 6.0).all();
             for mark in &sheet.marks {
                 match mark {
                     SheetMark::Black(rects) | SheetMark::White(rects) => {
-                        assert!(rects.iter().all(|r| inside(r.at_mm) && inside(r.at_mm + r.size_mm)), "{rects:?}");
+                        assert!(
+                            rects.iter().all(|r| is_inside(r.at_mm) && is_inside(r.at_mm + r.size_mm)),
+                            "{rects:?}"
+                        );
                     }
                     // Letters of Helvetica are about half as wide as high.
                     SheetMark::Text { at_mm, height_mm, text } => {
                         assert!(text.is_ascii());
                         let end = *at_mm + DVec2::new(0.55 * height_mm * text.len() as f64, *height_mm);
-                        assert!(inside(*at_mm) && inside(end), "{text}: {at_mm} to {end}");
+                        assert!(is_inside(*at_mm) && is_inside(end), "{text}: {at_mm} to {end}");
                     }
                 }
             }

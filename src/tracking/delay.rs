@@ -134,11 +134,11 @@ fn estimate_rotated(
     let about_axis = DQuat::from_rotation_z(std::f64::consts::FRAC_PI_2 * f64::from(quarters));
     // For each motion, at a delay.
     let sums = |delay_s: f64| -> Vec<Option<DelayEquations>> {
-        let of = |m: &FrameRotation| {
+        let equations = |m: &FrameRotation| {
             let moved = predicted(m.from_s + delay_s, m.to_s + delay_s)?;
             Some(DelayEquations::of(m.turn, about_axis * moved.turn, about_axis * moved.apparent_turn()))
         };
-        motions.iter().map(of).collect()
+        motions.iter().map(equations).collect()
     };
     let table: Vec<Vec<Option<DelayEquations>>> = (-steps..=steps).map(|n| sums(n as f64 * step_s)).collect();
     let summed = |n: usize, weights: &[f64], without: Option<usize>| -> DelayEquations {

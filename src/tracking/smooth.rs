@@ -169,20 +169,20 @@ mod tests {
         let share = 1.0 - (-INTERVAL_S / TAU_S).exp();
         let a = (-INTERVAL_S / TAU_S).exp();
         let forward_backward = ((1.0 - a) / (1.0 + a)).powi(2) * (1.0 + a * a) / (1.0 - a * a);
-        for (after, wanted) in
+        for (after, expected) in
             [(live(&poses), share / (2.0 - share)), (smooth_poses(&poses, TAU_S, 0.1), forward_backward)]
         {
             // Computed: α = 0.4866, so 0.3215; a = 0.5134, so 0.1034 · 1.2636/0.7364 = 0.1774.
-            assert!((wanted - if wanted > 0.2 { 0.3215 } else { 0.1774 }).abs() < 1e-4, "{wanted}");
+            assert!((expected - if expected > 0.2 { 0.3215 } else { 0.1774 }).abs() < 1e-4, "{expected}");
             let inner = &after[100..after.len() - 100];
             for (quiet, loud) in variances(&truth, inner).into_iter().zip(before) {
                 // Twenty thousand poses, three axes, correlated over some frames: the ratio is
                 // known to 2 %.
-                assert!((quiet / loud / wanted - 1.0).abs() < 0.04, "{quiet} {loud} {wanted}");
+                assert!((quiet / loud / expected - 1.0).abs() < 0.04, "{quiet} {loud} {expected}");
             }
             // The covariances have the same ratio.
             for (_, covariance) in inner {
-                (0..21).for_each(|i| assert!((covariance.upper[i] / (1.0 + i as f64) / wanted - 1.0).abs() < 1e-4));
+                (0..21).for_each(|i| assert!((covariance.upper[i] / (1.0 + i as f64) / expected - 1.0).abs() < 1e-4));
             }
         }
     }

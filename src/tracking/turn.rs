@@ -71,7 +71,7 @@ impl ImagePyramid {
     /// Rotation from this picture's camera to the next one's, as a rotation vector in the camera's
     /// axes, radians. `None` if the pictures do not match.
     pub fn rotation_to(&self, next: &Self, camera: &Intrinsics) -> Option<DVec3> {
-        let of = |level: &GreyImage| {
+        let pinhole = |level: &GreyImage| {
             let scale = level.width as f64 / f64::from(camera.width_px);
             Pinhole {
                 focal: scale * DVec2::new(camera.fx_px, camera.fy_px),
@@ -83,10 +83,10 @@ impl ImagePyramid {
             if (a.width, a.height) != (b.width, b.height) {
                 return None;
             }
-            turn = aligned(a, b, of(a), turn)?;
+            turn = aligned(a, b, pinhole(a), turn)?;
         }
         let (a, b) = (self.levels.first()?, next.levels.first()?);
-        (correlation(a, b, of(a), turn) >= MIN_CORRELATION).then(|| turn.to_scaled_axis())
+        (correlation(a, b, pinhole(a), turn) >= MIN_CORRELATION).then(|| turn.to_scaled_axis())
     }
 }
 
@@ -148,8 +148,8 @@ fn overlap(
 fn aligned(level: &GreyImage, next: &GreyImage, camera: Pinhole, mut turn: DQuat) -> Option<DQuat> {
     let min_pixels = (level.width * level.height / 4) as f64;
     let slope = |at: usize| {
-        let by = |step: usize| 0.5 * f64::from(level.values[at + step] - level.values[at - step]);
-        camera.focal * DVec2::new(by(1), by(level.width))
+        let slope = |step: usize| 0.5 * f64::from(level.values[at + step] - level.values[at - step]);
+        camera.focal * DVec2::new(slope(1), slope(level.width))
     };
     for _ in 0..ITERATIONS {
         // Normal equations with the brightness eliminated: all sums are about their means.

@@ -89,7 +89,7 @@ pub fn blur(
         let scene = if geometry.needs_cube_map() { scene } else { without_near_triangles(scene, &pose) };
         compositor.set_scene(scene.clone());
         shot.scene = Arc::new(scene);
-        let Some(kept) = kept(&shot, compositor, slow)? else { continue };
+        let Some(power_ratio) = band_power_ratio(&shot, compositor, slow)? else { continue };
         let real = band(&GreyImage::luma_601(&shot.read(fast)?.pixels));
         let usual_s = exposure_s(&shot, fast)?;
         let mut still = shot.clone();
@@ -105,7 +105,7 @@ pub fn blur(
             }
             made.extend(rendered(shot, compositor, fast)?.map(|(band, whole)| BlurredRender { by, band, whole }));
         }
-        let area_ratios = areas(&real, kept, &unblurred, &made, noise.as_ref());
+        let area_ratios = areas(&real, power_ratio, &unblurred, &made, noise.as_ref());
         if !area_ratios.is_empty() {
             lengths.push(length_px);
         }
@@ -174,7 +174,7 @@ fn rendered(
 
 /// Ratio of the band power after compositing a frame into itself to that before, median of the
 /// areas with the most detail.
-fn kept(shot: &Shot, compositor: &mut Compositor, n: usize) -> Result<Option<f64>, VerifyError> {
+fn band_power_ratio(shot: &Shot, compositor: &mut Compositor, n: usize) -> Result<Option<f64>, VerifyError> {
     let mut plain = shot.clone();
     let _ = plain.settings.switch("motion_blur", false);
     let Some((made, whole)) = rendered(plain, compositor, n)? else { return Ok(None) };

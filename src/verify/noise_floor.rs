@@ -89,8 +89,9 @@ mod tests {
 
     #[test]
     fn floor_removes_the_noise_of_exact_poses_and_keeps_a_displacement() {
-        let of = |by_px: f64| DisplacementSummary::of(&mut lengths(800, by_px, 1), &mut lengths(800, 0.0, 2)).unwrap();
-        let (exact, moved) = (of(0.0), of(1.0));
+        let summary =
+            |by_px: f64| DisplacementSummary::of(&mut lengths(800, by_px, 1), &mut lengths(800, 0.0, 2)).unwrap();
+        let (exact, moved) = (summary(0.0), summary(1.0));
         // Rayleigh: the median is 1.177 σ.
         assert!((exact.measured.0 - 0.353).abs() < 0.03, "{exact:?}");
         assert!(exact.px.0 < 2.0 * exact.sigma_px && exact.px.0 < 0.15, "{exact:?}");

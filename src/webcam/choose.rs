@@ -29,8 +29,9 @@ pub fn layout(offered: &[CameraMode], requested: &FormatRequest) -> Option<Layou
         let is_met = |rate: &f64| nominal_hz(*rate) > 0.99 * requested.rate_hz;
         in_size && (mode.rates_hz.is_empty() || mode.rates_hz.iter().any(is_met))
     };
-    let of = |fits: &dyn Fn(&CameraMode) -> bool| Layout::PREFERRED.into_iter().find(|layout| has(*layout, fits));
-    of(&fits).or_else(|| of(&|_| true))
+    let preferred_layout =
+        |fits: &dyn Fn(&CameraMode) -> bool| Layout::PREFERRED.into_iter().find(|layout| has(*layout, fits));
+    preferred_layout(&fits).or_else(|| preferred_layout(&|_| true))
 }
 
 /// A mode of one size and one rate.
@@ -82,13 +83,14 @@ mod tests {
 
     #[test]
     fn layout_is_the_best_that_comes_as_fast_as_requested() {
-        let of = |size, layout| super::layout(&webcam(), &FormatRequest { size, layout, ..FormatRequest::default() });
-        assert_eq!(of((640, 480), None), Some(Layout::Yuyv));
-        assert_eq!(of((1280, 720), None), Some(Layout::Mjpeg));
-        assert_eq!(of((1280, 720), Some(Layout::Yuyv)), Some(Layout::Yuyv));
-        assert_eq!(of((640, 480), Some(Layout::Nv12)), None);
+        let layout_for =
+            |size, layout| super::layout(&webcam(), &FormatRequest { size, layout, ..FormatRequest::default() });
+        assert_eq!(layout_for((640, 480), None), Some(Layout::Yuyv));
+        assert_eq!(layout_for((1280, 720), None), Some(Layout::Mjpeg));
+        assert_eq!(layout_for((1280, 720), Some(Layout::Yuyv)), Some(Layout::Yuyv));
+        assert_eq!(layout_for((640, 480), Some(Layout::Nv12)), None);
         // Nothing fits: the nearest of all.
-        assert_eq!(of((99, 99), None), Some(Layout::Yuyv));
+        assert_eq!(layout_for((99, 99), None), Some(Layout::Yuyv));
         // A driver that truncates 29.97.
         let truncated = [mode(Layout::Yuyv, (640, 480), &[5.0]), mode(Layout::Mjpeg, (640, 480), &[29.0])];
         assert_eq!(super::layout(&truncated, &FormatRequest::default()), Some(Layout::Mjpeg));
@@ -110,15 +112,15 @@ mod tests {
 
     #[test]
     fn exact_mode_is_the_nearest_one() {
-        let of = |size, rate_hz, layout| {
+        let exact_mode = |size, rate_hz, layout| {
             exact(&webcam(), &FormatRequest { size, rate_hz, layout, ..FormatRequest::default() })
         };
         let mode = |layout, size, rate_hz| Some(ExactMode { layout, size, rate_hz });
-        assert_eq!(of((640, 480), 25.0, None), mode(Layout::Yuyv, (640, 480), 30.0));
-        assert_eq!(of((640, 480), 22.5, None), mode(Layout::Yuyv, (640, 480), 30.0));
-        assert_eq!(of((640, 480), 16.0, None), mode(Layout::Yuyv, (640, 480), 15.0));
-        assert_eq!(of((1920, 1080), 30.0, Some(Layout::Yuyv)), mode(Layout::Yuyv, (1280, 720), 10.0));
-        assert_eq!(of((640, 480), 30.0, Some(Layout::Rgb)), None);
+        assert_eq!(exact_mode((640, 480), 25.0, None), mode(Layout::Yuyv, (640, 480), 30.0));
+        assert_eq!(exact_mode((640, 480), 22.5, None), mode(Layout::Yuyv, (640, 480), 30.0));
+        assert_eq!(exact_mode((640, 480), 16.0, None), mode(Layout::Yuyv, (640, 480), 15.0));
+        assert_eq!(exact_mode((1920, 1080), 30.0, Some(Layout::Yuyv)), mode(Layout::Yuyv, (1280, 720), 10.0));
+        assert_eq!(exact_mode((640, 480), 30.0, Some(Layout::Rgb)), None);
         assert_eq!(exact(&[super::tests::mode(Layout::Rgb, (2, 2), &[])], &FormatRequest::default()), None);
     }
 }

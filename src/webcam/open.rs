@@ -11,7 +11,7 @@ use super::latest::LatestReceiver;
 use super::list::CameraListing;
 use super::negotiation::{FormatRequest, NegotiatedFormat};
 use super::picture::Picture;
-use super::played::Played;
+use super::played::VideoFileDriver;
 use super::session::{CaptureSession, SessionLimits, guarded};
 
 /// A camera with a negotiated format that is not started.
@@ -44,7 +44,7 @@ impl WebcamSource {
 /// The driver of a name, if it is built and on this system.
 fn driver(name: DriverName) -> Result<Arc<dyn Driver>, CameraError> {
     match name {
-        DriverName::Played => Ok(Arc::new(Played)),
+        DriverName::Played => Ok(Arc::new(VideoFileDriver)),
         #[cfg(feature = "camera")]
         DriverName::Nokhwa => Ok(Arc::new(super::nokhwa::Nokhwa)),
         #[cfg(all(feature = "camera", target_os = "linux"))]
@@ -59,8 +59,8 @@ fn driver(name: DriverName) -> Result<Arc<dyn Driver>, CameraError> {
 /// The cameras of each driver on this system, the default driver first. Devices that take no
 /// pictures are left out.
 pub fn cameras() -> Vec<(DriverName, Result<Vec<CameraListing>, CameraError>)> {
-    let of = |name: &DriverName| (*name, cameras_of(*name));
-    DriverName::AVAILABLE.iter().map(of).collect()
+    let named_cameras = |name: &DriverName| (*name, cameras_of(*name));
+    DriverName::AVAILABLE.iter().map(named_cameras).collect()
 }
 
 fn cameras_of(name: DriverName) -> Result<Vec<CameraListing>, CameraError> {

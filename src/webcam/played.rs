@@ -17,7 +17,7 @@ use crate::source::video::{Overrides, Video, probe};
 use crate::tracking::median_interval_s;
 
 /// Video files. The id is a file's path.
-pub struct Played;
+pub struct VideoFileDriver;
 
 struct PlayedCapture {
     video: Video,
@@ -28,7 +28,7 @@ struct PlayedCapture {
     first_s: Option<f64>,
 }
 
-impl Driver for Played {
+impl Driver for VideoFileDriver {
     fn cameras(&self) -> Result<Vec<CameraListing>, CameraError> {
         Ok(Vec::new())
     }

@@ -294,9 +294,10 @@ impl CaptureSession {
     /// Puts an undamaged picture. Returns whether it did.
     fn put(&mut self, sample: DriverPicture, sender: &LatestSender<Picture>) -> bool {
         let DriverPicture { picture_format, bytes, stamp, arrived_s, exposure_s, dropped_frames, is_damaged } = sample;
-        let of = |picture_format: &PictureFormat| (picture_format.layout, picture_format.width, picture_format.height);
+        let layout_and_size =
+            |picture_format: &PictureFormat| (picture_format.layout, picture_format.width, picture_format.height);
         let is_damaged = is_damaged
-            || of(&picture_format) != of(&self.negotiated.picture_format)
+            || layout_and_size(&picture_format) != layout_and_size(&self.negotiated.picture_format)
             || !picture_format.is_complete(&bytes);
         let implausible = self.clock.implausible;
         let time_s = self.clock.time_s(stamp, arrived_s);

@@ -92,7 +92,7 @@ const BINDINGS: &[KeyBinding] = &[
     bind(NONE, Key::I, Action::LoopFrom, "loop start, end"),
     bind(NONE, Key::O, Action::LoopTo, "loop start, end"),
     bind(NONE, Key::W, Action::Wipe, "wipe between camera and composite"),
-    bind(SHIFT, Key::B, Action::Exchange, "edit the other one of A and B"),
+    bind(SHIFT, Key::B, Action::Exchange, "switch between A and B"),
     bind(NONE, Key::B, Action::Compare, "two settings, A and B, beside each other"),
     bind(NONE, Key::L, Action::Loupe, "loupe: pixel values (8 bit) at the pointer"),
     bind(NONE, Key::P, Action::Alone, "the picture alone, without the panels"),
@@ -179,10 +179,10 @@ fn section(action: Action) -> Section {
 
 /// The page of keys by section: keys, and their text.
 pub fn page() -> Vec<(&'static str, Vec<(String, &'static str)>)> {
-    let lines = |wanted: Section| {
+    let lines = |page_section: Section| {
         let mut lines: Vec<(String, &'static str)> = Vec::new();
         for KeyBinding { modifiers, key, does, .. } in
-            BINDINGS.iter().filter(|binding| section(binding.action) == wanted)
+            BINDINGS.iter().filter(|binding| section(binding.action) == page_section)
         {
             let key = key_name(*modifiers, *key);
             match lines.iter_mut().find(|(_, same)| same == does) {
@@ -190,15 +190,15 @@ pub fn page() -> Vec<(&'static str, Vec<(String, &'static str)>)> {
                 None => lines.push((key, does)),
             }
         }
-        if wanted == Section::Picture {
+        if page_section == Section::Picture {
             lines.extend(POINTER_LINES.iter().map(|(key, does)| ((*key).to_owned(), *does)));
         }
-        if wanted == Section::Evidence {
+        if page_section == Section::Evidence {
             lines.extend(TRANSFORM_LINES.iter().map(|(key, does)| ((*key).to_owned(), *does)));
         }
         lines
     };
-    SECTIONS.into_iter().map(|(wanted, title)| (title, lines(wanted))).collect()
+    SECTIONS.into_iter().map(|(page_section, title)| (title, lines(page_section))).collect()
 }
 
 /// Name of a key with its modifiers, as on a keyboard.

@@ -10,7 +10,7 @@ use super::output::percent;
 use super::progress;
 use super::project::Project;
 use super::session::Session;
-use locard_engine::analyse::{Findings, beside};
+use locard_engine::analyse::{Findings, default_folder};
 use locard_engine::recording::Recording;
 use locard_engine::shot::AnalysisState;
 
@@ -59,7 +59,7 @@ impl Analysing {
     /// Adds the analysis to the queue.
     pub fn begin(&mut self, project: &Project, jobs: &mut Jobs) {
         let shot = project.shot();
-        let folder = beside(&shot.recording.path);
+        let folder = default_folder(&shot.recording.path);
         let entry = jobs.add(folder.display().to_string(), &shot.as_recorded(), JobKind::Analyse(folder.clone()));
         self.0 = Some(StartedAnalysis { entry, recording: Arc::clone(&shot.recording), folder });
     }

@@ -12,7 +12,7 @@ use locard_engine::camera::Response;
 use locard_engine::compositor::{Composited, Target};
 use locard_engine::frame::Frame;
 use locard_engine::gpu::Gpu;
-use locard_engine::measure::histogram::{around, histograms};
+use locard_engine::measure::histogram::{dilated_ring, histograms};
 use locard_engine::measure::slanted::SlantedEdge;
 use locard_engine::pixels::{Pixels, Rect};
 use locard_engine::shot::{Shot, ShotError};
@@ -70,7 +70,7 @@ impl AnalysisRequest {
 #[derive(Debug, Default)]
 pub struct FrameAnalysis {
     pub drawn: Option<Result<[Vec<NoisePoint>; 3], String>>,
-    /// Noise of plain regions of the camera's picture.
+    /// Noise of uniform areas of the camera's picture.
     pub real: Option<Result<[Vec<NoisePoint>; 3], String>>,
     /// Histograms of the objects and of their surroundings, of luma and the channels.
     pub histograms: Option<Result<[[Vec<f64>; 4]; 2], String>>,
@@ -95,31 +95,31 @@ pub fn analyse(
     gpu: &Gpu,
     shot: &Shot,
     frame: &Frame,
-    wanted: &AnalysisRequest,
+    request: &AnalysisRequest,
     control: &TaskControl,
 ) -> FrameAnalysis {
     let mut analysis = FrameAnalysis::default();
     let response = shot.camera().response;
     // Real and virtual edges are compared including motion blur.
-    let of_edge = |pixels: &Pixels, region: Rect| edge(pixels, &response, region, [0.0; 2], wanted.edges_of);
-    analysis.edges[0] = wanted.edges[0].map(|region| of_edge(&frame.pixels, region));
-    if wanted.noise && !control.is_cancelled() {
+    let of_edge = |pixels: &Pixels, region: Rect| edge(pixels, &response, region, [0.0; 2], request.edges_of);
+    analysis.edges[0] = request.edges[0].map(|region| of_edge(&frame.pixels, region));
+    if request.noise && !control.is_cancelled() {
         let options = NoiseOptions { min_independent: MIN_INDEPENDENT_SAMPLES, ..NoiseOptions::default() };
         let real = textureless::from_frames(std::slice::from_ref(&frame.pixels), &options);
         analysis.real = Some(real.map(|real| real.points()).map_err(|error| calibration_messages::noise_error(&error)));
     }
-    if !(wanted.noise || wanted.histograms || wanted.edges[1].is_some()) {
+    if !(request.noise || request.histograms || request.edges[1].is_some()) {
         return analysis;
     }
-    let composited = gpu.in_error_scope(|| composited(compositor, gpu, shot, frame, wanted.noise, control));
+    let composited = gpu.in_error_scope(|| composited(compositor, gpu, shot, frame, request.noise, control));
     let composited = composited.map_err(|source| ShotError::Gpu { frame: frame.index, source }).and_then(|done| done);
     match composited {
         Ok(None) => {}
         Err(error) => {
             let error = error.to_string();
-            analysis.drawn = wanted.noise.then(|| Err(error.clone()));
-            analysis.histograms = wanted.histograms.then(|| Err(error.clone()));
-            analysis.edges[1] = wanted.edges[1].map(|_| Err(RejectedEdge { why: error, profile: Vec::new() }));
+            analysis.drawn = request.noise.then(|| Err(error.clone()));
+            analysis.histograms = request.histograms.then(|| Err(error.clone()));
+            analysis.edges[1] = request.edges[1].map(|_| Err(RejectedEdge { why: error, profile: Vec::new() }));
         }
         Ok(Some(CompositedFrame { whole: with, noise_pair })) => {
             let coverage: Vec<f32> = with.layer.iter().flat_map(|layer| &layer.rgba).map(|rgba| rgba[3]).collect();
@@ -129,13 +129,14 @@ pub fn analyse(
                 let drawn = rendered_noise(&noisy.pixels, &smooth.pixels, &objects);
                 drawn.map_err(|error| error.to_string())
             });
-            analysis.histograms = wanted.histograms.then(|| {
-                let surroundings = around(&objects, &touched, with.pixels.width as usize, SURROUNDINGS_PX);
-                let of = |mask: &[bool]| histograms(&with.pixels, mask, HISTOGRAM_BINS);
-                let both = of(&objects).and_then(|object| Ok([object, of(&surroundings)?]));
+            analysis.histograms = request.histograms.then(|| {
+                let surroundings = dilated_ring(&objects, &touched, with.pixels.width as usize, SURROUNDINGS_PX);
+                let masked_histograms = |mask: &[bool]| histograms(&with.pixels, mask, HISTOGRAM_BINS);
+                let both =
+                    masked_histograms(&objects).and_then(|object| Ok([object, masked_histograms(&surroundings)?]));
                 both.map_err(|error| error.to_string())
             });
-            analysis.edges[1] = wanted.edges[1].map(|region| of_edge(&with.pixels, region));
+            analysis.edges[1] = request.edges[1].map(|region| of_edge(&with.pixels, region));
         }
     }
     analysis

@@ -305,8 +305,8 @@ impl eframe::App for App {
             let session = &mut self.document.session;
             let times_s = &session.project.shot().recording.timestamps_s;
             // Relative to the first frame, because a recording's clock may count from 1970.
-            let of = |frame: usize| times_s.get(frame).copied().unwrap_or(0.0);
-            let time_s = of(session.player.frame()) - of(0);
+            let frame_time_s = |frame: usize| times_s.get(frame).copied().unwrap_or(0.0);
+            let time_s = frame_time_s(session.player.frame()) - frame_time_s(0);
             if session.is_live() {
                 camera::show(ui, session);
             } else {

@@ -1,5 +1,5 @@
-//! The tab Calibrate: lens from a board before a live camera, noise from plain regions, sharpness
-//! from edges. Each result is shown beside the present value, to be accepted or discarded.
+//! The tab Calibrate: lens from a board before a live camera, noise from uniform areas, sharpness
+//! from edges. Each result is shown beside the current value, to be accepted or discarded.
 
 mod lens;
 mod noise;
@@ -54,7 +54,7 @@ impl Calibrating {
             let open = |title: &str| egui::CollapsingHeader::new(RichText::new(title).strong()).default_open(true);
             open("Lens, from a board").show(ui, |ui| self.lens.show(ui, session));
             ui.separator();
-            open("Noise, from plain places").show(ui, |ui| self.noise.show(ui, session, tools));
+            open("Noise, from uniform areas").show(ui, |ui| self.noise.show(ui, session, tools));
             ui.separator();
             open("Sharpness, from edges").show(ui, |ui| self.sharpness.show(ui, session, tools));
         });

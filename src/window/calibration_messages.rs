@@ -23,7 +23,7 @@ pub fn noise_error(error: &CalibrateError) -> String {
         E::Textured { channel, needed, best, .. } => {
             let samples = samples(*best, *needed);
             format!(
-                "texture is almost everywhere in this frame, above all in {}: {samples} plain pixels",
+                "texture is almost everywhere in this frame, above all in {}: {samples} uniform pixels",
                 channel_name(channel)
             )
         }
@@ -60,7 +60,7 @@ pub fn noise_warning(warning: &Warning, used: &[usize]) -> String {
     use Warning as W;
     // Each place is a scene of its own.
     let place = |scene: &usize| match scene.checked_sub(1).and_then(|n| used.get(n)) {
-        Some(n) => format!("plain {n}: "),
+        Some(n) => format!("area {n}: "),
         None => String::new(),
     };
     match warning {
@@ -164,9 +164,7 @@ mod tests {
             assert!(is_plain, "{text}");
         }
         // The second place that counts is the fourth one picked.
-        assert!(
-            noise_warning(&warnings[3], &[1, 4]).starts_with("plain 4: its brightness varies by 0.50 pixel values")
-        );
+        assert!(noise_warning(&warnings[3], &[1, 4]).starts_with("area 4: its brightness varies by 0.50 pixel values"));
         let message = picked_error(&PickedError::Calibrate(textured()));
         assert!(message.contains("green") && message.contains("42 of the 300 that are needed"), "{message}");
     }

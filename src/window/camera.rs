@@ -89,8 +89,8 @@ fn strip(ui: &mut Ui, session: &Session) {
         painter.vline(x, (rect.max.y - height)..=rect.max.y, Stroke::new(2.0, color));
     }
     response.on_hover_text(format!(
-        "The last {RECENT_S:.0} s: a line for each picture, as high as it was late ({:.0} ms is the whole height); orange where \
-         its pose was predicted, red where there was none",
+        "Last {RECENT_S:.0} s: one bar per picture, height = latency (full scale {:.0} ms). Orange: predicted pose. Red: \
+         no pose.",
         1e3 * MAX_SHOWN_LATENCY_S
     ));
 }

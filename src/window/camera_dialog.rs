@@ -312,22 +312,29 @@ impl CameraDialog {
             PoseChoice::Stream => self.address.trim().to_owned(),
             PoseChoice::None => "none".to_owned(),
         };
-        let size = typed(&self.size).map(|text| LiveOptions::parse_size(&text)).transpose()?;
-        let rate_hz = typed(&self.rate).map(|text| LiveOptions::parse_rate_hz(&text)).transpose()?;
+        let size = parsed("Pictures", typed(&self.size), LiveOptions::parse_size)?;
+        let rate_hz = parsed("Rate", typed(&self.rate), LiveOptions::parse_rate_hz)?;
         // Ignores entries of the pose sources that are not selected.
         let is = |poses: PoseChoice| self.poses == poses;
-        let delay = typed(&self.delay)
-            .filter(|_| is(PoseChoice::Stream))
-            .map(|text| LiveOptions::parse_delay(&text))
-            .transpose()?;
+        let delay = typed(&self.delay).filter(|_| is(PoseChoice::Stream));
+        let delay = parsed("Delay", delay, LiveOptions::parse_delay)?;
         let smoothing = typed(&self.smoothing).filter(|_| is(PoseChoice::Tags));
-        let smooth_s = smoothing.map(|text| LiveOptions::parse_time_constant_s(&text)).transpose()?;
+        let smooth_s = parsed("Smoothing", smoothing, LiveOptions::parse_time_constant_s)?;
         let (driver, camera) = DriverName::split(self.camera.trim());
         let options = LiveOptions { driver, size, rate_hz, delay: delay.unwrap_or_default(), smooth_s, ..self.options };
         let from = LiveSpec { options, ..LiveSpec::new(camera, &poses) }.absolute();
         let scene = self.scene.clone().filter(|_| self.with_scene);
         Ok(DocumentRef::camera(from, typed(&self.profile).map(PathBuf::from), scene))
     }
+}
+
+/// The value of a field's text; `None` for an empty field. An error names the field.
+fn parsed<T>(
+    field: &str,
+    text: Option<String>,
+    parse: impl Fn(&str) -> Result<T, String>,
+) -> Result<Option<T>, String> {
+    text.map(|text| parse(&text)).transpose().map_err(|error| format!("{field}: {error}"))
 }
 
 fn text_field(name: &str) -> egui::WidgetInfo {

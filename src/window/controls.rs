@@ -94,7 +94,7 @@ impl Controls {
             let edit = project.edit();
             let all = tables(&edit.rig, &edit.settings);
             let params = all.into_iter().find(|params| params.table() == table)?;
-            let wanted = |spec: &Spec| {
+            let is_visible = |spec: &Spec| {
                 let text = format!("{table}.{} {title} {} {}", spec.name, spec.words(), spec.help).to_lowercase();
                 self.search.to_lowercase().split_whitespace().all(|word| text.contains(word))
             };
@@ -103,7 +103,7 @@ impl Controls {
                 let inactive = spec.idle(params);
                 Some((spec, value, origin, inactive))
             };
-            let all = params.specs().into_iter().filter(wanted).filter_map(with_value);
+            let all = params.specs().into_iter().filter(is_visible).filter_map(with_value);
             all.filter(|(_, _, origin, _)| !self.changed_only || *origin == Origin::User).collect()
         };
         if specs.is_empty() {

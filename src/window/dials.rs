@@ -77,18 +77,18 @@ impl Dials {
         });
         let hover_text = "The camera moves while the shutter is open, as the recording's did: its frames are summed";
         ui.checkbox(&mut self.hand_held, "Hand-held").on_hover_text(hover_text);
-        let wanted = self.wanted(frame);
-        if let Err(why) = &wanted {
+        let request = self.request(frame);
+        if let Err(why) = &request {
             ui.add(egui::Label::new(RichText::new(why).color(ui.visuals().error_fg_color)).wrap());
         }
-        let button = ui.add_enabled(wanted.is_ok(), egui::Button::new("Photograph…"));
+        let button = ui.add_enabled(request.is_ok(), egui::Button::new("Photograph…"));
         let button =
             button.on_hover_text("The frame that is shown, as the virtual camera takes it: JPEG or PNG with EXIF");
-        wanted.ok().filter(|_| button.clicked())
+        request.ok().filter(|_| button.clicked())
     }
 
     /// Settings of the dials, or the error of one that cannot be parsed.
-    fn wanted(&self, frame: usize) -> Result<PhotoRequest, String> {
+    fn request(&self, frame: usize) -> Result<PhotoRequest, String> {
         Ok(PhotoRequest {
             f_number: read("Aperture", &self.f_number, |text| stop(stops::parse_f_number(text)))?,
             time_s: read("Shutter", &self.shutter, |text| stop(stops::parse_shutter_s(text)))?,
@@ -140,11 +140,7 @@ fn stop(read: Result<f64, StopError>) -> Result<f64, String> {
 }
 
 fn number(text: &str, min: f64, max: f64) -> Result<f64, String> {
-    let accepted = format!(
-        "{text} is refused: expected {} to {}",
-        locard_engine::text::number(min),
-        locard_engine::text::number(max)
-    );
+    let accepted = format!("expected {} to {}", locard_engine::text::number(min), locard_engine::text::number(max));
     parse_number(text).filter(|number| (min..=max).contains(number)).ok_or(accepted)
 }
 
@@ -233,18 +229,18 @@ mod tests {
             aim: " 320,240 ".to_owned(),
             ..Dials::default()
         };
-        let wanted = dials.wanted(7).unwrap();
+        let request = dials.request(7).unwrap();
         let f_number = stops::parse_f_number("2.8").unwrap();
         assert_eq!(
-            (wanted.frame, wanted.f_number, wanted.iso),
+            (request.frame, request.f_number, request.iso),
             (7, Some(f_number), Some(stops::parse_iso("400").unwrap()))
         );
-        assert_eq!((wanted.focal_length_mm, wanted.focus), (Some(50.0), Focus::Metres(1.5)));
-        assert_eq!((wanted.width_px, wanted.aim.as_deref()), (Some(1200), Some("320,240")));
-        assert_eq!(Dials::default().wanted(7).unwrap(), PhotoRequest::new(7, PathBuf::new()));
-        let wrong = Dials { iso: "fast".to_owned(), ..Dials::default() }.wanted(0).unwrap_err();
+        assert_eq!((request.focal_length_mm, request.focus), (Some(50.0), Focus::Metres(1.5)));
+        assert_eq!((request.width_px, request.aim.as_deref()), (Some(1200), Some("320,240")));
+        assert_eq!(Dials::default().request(7).unwrap(), PhotoRequest::new(7, PathBuf::new()));
+        let wrong = Dials { iso: "fast".to_owned(), ..Dials::default() }.request(0).unwrap_err();
         assert!(wrong.starts_with("ISO: "), "{wrong}");
-        let wrong = Dials { focus: "0".to_owned(), ..Dials::default() }.wanted(0).unwrap_err();
+        let wrong = Dials { focus: "0".to_owned(), ..Dials::default() }.request(0).unwrap_err();
         assert!(wrong.contains("0.01 to 100000"), "{wrong}");
     }
 }

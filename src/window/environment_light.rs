@@ -59,7 +59,8 @@ fn offer(ui: &mut Ui, project: &mut Project) -> Option<String> {
 
 fn fields(ui: &mut Ui, project: &mut Project) -> Option<String> {
     let before = project.edit().scene.light.clone();
-    let (mut light, up) = (before.clone(), project.up());
+    let mut light = before.clone();
+    let up = project.up();
     let mut removed = None;
     let mut done = ui.input(|i| i.pointer.any_released());
     egui::Grid::new("room light").num_columns(2).spacing([8.0, 3.0]).show(ui, |ui| {

@@ -4,7 +4,7 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Sender, channel};
+use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
 use super::reader::Reader;
@@ -105,81 +105,14 @@ impl FrameRenderer {
     /// `wake` is called from a thread whenever a picture is finished.
     pub fn new(gpu: &Gpu, wake: impl Fn() + Clone + Send + 'static) -> std::io::Result<Self> {
         let (requests, incoming) = channel::<RenderRequest>();
-        let (submissions, submitted) =
-            channel::<(RenderRequest, Instant, Option<Arc<Frame>>, Result<Pending, ShotError>)>();
-        // Set by the waiter: results that the compositor retains may be incomplete.
-        let wait_failed = Arc::new(AtomicBool::new(false));
-        let (renderer_gpu, last_wait_failed) = (gpu.clone(), Arc::clone(&wait_failed));
+        let (submissions, submitted) = channel::<SubmittedRequest>();
+        let render_gpu = RenderGpu { gpu: gpu.clone(), wait_failed: Arc::new(AtomicBool::new(false)) };
+        let wait_gpu = render_gpu.clone();
         let renderer = BackgroundTask::stream("render frames", wake.clone(), move |_| {
-            let Ok(first) = incoming.recv() else { return };
-            let mut scene_compositor = SceneCompositor::new(renderer_gpu.clone(), &first.shot);
-            let mut reader = Reader::new(Arc::clone(&first.shot.recording));
-            // During a drag the same frame is rendered repeatedly.
-            let reduced = ReducedFrames::default();
-            for request in std::iter::once(first).chain(incoming) {
-                let started = Instant::now();
-                let compositor = scene_compositor.with_scene_of(&request.shot);
-                if last_wait_failed.swap(false, Ordering::Relaxed) {
-                    compositor.forget_results();
-                }
-                let view = request.texture.create_view(&Default::default());
-                let target = Target::View(&view, FORMAT);
-                if request.outputs.times {
-                    compositor.time_next();
-                }
-                if request.key.is_approximate {
-                    compositor.allow_preview();
-                }
-                if !reader.is_of(&request.shot.recording) {
-                    reader = Reader::new(Arc::clone(&request.shot.recording));
-                }
-                let frame = request
-                    .live_frame
-                    .clone()
-                    .map_or_else(|| reader.frame(request.key.frame, request.key.is_approximate), Ok);
-                let (frame, pending) = match frame {
-                    Ok(frame) => {
-                        let submit = || {
-                            if request.key.reduction > 1 {
-                                return submit_reduced(&request, &frame, &reduced, compositor, target);
-                            }
-                            request.shot.geometry_at(frame.index).and_then(|geometry| {
-                                request.shot.submit(compositor, Frame::clone(&frame), &geometry, target, false)
-                            })
-                        };
-                        let failed = |source| ShotError::Gpu { frame: request.key.frame, source };
-                        let pending = renderer_gpu.in_error_scope(submit).map_err(failed).and_then(|pending| pending);
-                        if pending.is_err() {
-                            compositor.forget_results();
-                        }
-                        (Some(frame), pending)
-                    }
-                    Err(error) => (None, Err(error.into())),
-                };
-                if submissions.send((request, started, frame, pending)).is_err() {
-                    return;
-                }
-            }
+            render_loop(&render_gpu, &incoming, &submissions);
         })?;
-        let waiter_gpu = gpu.clone();
         let finished = BackgroundTask::stream("wait for GPU", wake, move |reporter| {
-            for (request, started, frame, pending) in submitted {
-                let picture = pending.and_then(|pending| {
-                    let failed = |source| {
-                        wait_failed.store(true, Ordering::Relaxed);
-                        ShotError::Gpu { frame: request.key.frame, source }
-                    };
-                    waiter_gpu
-                        .in_error_scope(|| await_picture(&waiter_gpu, &request, &pending))
-                        .and_then(|done| done)
-                        .map_err(failed)
-                });
-                let key = request.key;
-                let elapsed = started.elapsed();
-                if !reporter.send(RenderResult { key, frame, picture, elapsed }) {
-                    return;
-                }
-            }
+            wait_loop(&wait_gpu, submitted, |result| reporter.send(result));
         })?;
         let (renderer, finished) = (renderer.joined(), finished.joined());
         Ok(Self { requests: Some(requests), renderer, finished, in_flight: 0 })
@@ -208,6 +141,112 @@ impl FrameRenderer {
     }
 }
 
+/// A request whose picture is recorded, or failed.
+struct SubmittedRequest {
+    request: RenderRequest,
+    started: Instant,
+    /// `None` if the frame could not be decoded.
+    frame: Option<Arc<Frame>>,
+    pending: Result<Pending, ShotError>,
+}
+
+/// The GPU of both threads.
+#[derive(Clone)]
+struct RenderGpu {
+    gpu: Gpu,
+    /// Set by the waiter: results that the compositor retains may be incomplete.
+    wait_failed: Arc<AtomicBool>,
+}
+
+/// Body of the thread that decodes, plans and records, until the requests end.
+fn render_loop(
+    RenderGpu { gpu, wait_failed }: &RenderGpu,
+    incoming: &Receiver<RenderRequest>,
+    submissions: &Sender<SubmittedRequest>,
+) {
+    let Ok(first) = incoming.recv() else { return };
+    let mut scene_compositor = SceneCompositor::new(gpu.clone(), &first.shot);
+    let mut reader = Reader::new(Arc::clone(&first.shot.recording));
+    // During a drag the same frame is rendered repeatedly.
+    let reduced = ReducedFrames::default();
+    for request in std::iter::once(first).chain(incoming) {
+        let started = Instant::now();
+        let compositor = scene_compositor.with_scene_of(&request.shot);
+        if wait_failed.swap(false, Ordering::Relaxed) {
+            compositor.forget_results();
+        }
+        if request.outputs.times {
+            compositor.time_next();
+        }
+        if request.key.is_approximate {
+            compositor.allow_preview();
+        }
+        if !reader.is_of(&request.shot.recording) {
+            reader = Reader::new(Arc::clone(&request.shot.recording));
+        }
+        let frame =
+            request.live_frame.clone().map_or_else(|| reader.frame(request.key.frame, request.key.is_approximate), Ok);
+        let (frame, pending) = match frame {
+            Ok(frame) => {
+                let pending = submit(gpu, &request, &frame, &reduced, compositor);
+                if pending.is_err() {
+                    compositor.forget_results();
+                }
+                (Some(frame), pending)
+            }
+            Err(error) => (None, Err(error.into())),
+        };
+        if submissions.send(SubmittedRequest { request, started, frame, pending }).is_err() {
+            return;
+        }
+    }
+}
+
+/// Records the commands of a picture.
+fn submit(
+    gpu: &Gpu,
+    request: &RenderRequest,
+    frame: &Arc<Frame>,
+    reduced: &ReducedFrames,
+    compositor: &mut Compositor,
+) -> Result<Pending, ShotError> {
+    let view = request.texture.create_view(&Default::default());
+    let target = Target::View(&view, FORMAT);
+    let submit = || {
+        if request.key.reduction > 1 {
+            return submit_reduced(request, frame, reduced, compositor, target);
+        }
+        request
+            .shot
+            .geometry_at(frame.index)
+            .and_then(|geometry| request.shot.submit(compositor, Frame::clone(frame), &geometry, target, false))
+    };
+    let failed = |source| ShotError::Gpu { frame: request.key.frame, source };
+    gpu.in_error_scope(submit).map_err(failed).and_then(|pending| pending)
+}
+
+/// Body of the thread that waits for the GPU, until the pictures end or `send` returns `false`.
+fn wait_loop(
+    RenderGpu { gpu, wait_failed }: &RenderGpu,
+    submitted: Receiver<SubmittedRequest>,
+    mut send: impl FnMut(RenderResult) -> bool,
+) {
+    for SubmittedRequest { request, started, frame, pending } in submitted {
+        let picture = pending.and_then(|pending| {
+            let failed = |source| {
+                wait_failed.store(true, Ordering::Relaxed);
+                ShotError::Gpu { frame: request.key.frame, source }
+            };
+            gpu.in_error_scope(|| await_picture(gpu, &request, &pending)).and_then(|done| done).map_err(failed)
+        });
+        let key = request.key;
+        let elapsed = started.elapsed();
+        if !send(RenderResult { key, frame, picture, elapsed }) {
+            return;
+        }
+    }
+}
+
 /// Frames by their reduction factors.
 type ReducedFrames = Memo<(ByAddress<Frame>, u32), Arc<ReducedFrame>>;
 
@@ -220,7 +259,7 @@ fn submit_reduced(
     target: Target<'_>,
 ) -> Result<Pending, ShotError> {
     let key = (ByAddress(Arc::clone(frame)), request.key.reduction);
-    let reduced = memo.get_or_insert_with(key, |(frame, by)| Arc::new(ReducedFrame::new(frame, *by)));
+    let reduced = memo.get_or_insert_with(key, |(frame, reduction)| Arc::new(ReducedFrame::new(frame, *reduction)));
     request.shot.submit_reduced(compositor, &reduced, target)
 }
 
@@ -280,7 +319,8 @@ mod tests {
             view_formats: &[],
         });
         let key = RenderKey { frame: 30, version: 0, is_variant: false, reduction: REDUCTION, is_approximate: false };
-        let (shot, outputs) = (shot.clone(), RenderOutputs::default());
+        let shot = shot.clone();
+        let outputs = RenderOutputs::default();
         renderer.make(RenderRequest { key, shot, live_frame: None, texture: texture.clone(), outputs });
         let result = loop {
             match renderer.take().unwrap() {

@@ -237,7 +237,7 @@ fn run(queued: &QueuedJob, gpu: &mut Option<Gpu>, send_event: &dyn Fn(JobEvent))
     let note = |text: String| send_event(JobEvent::Note(options_as_dials(&text)));
     let done = match &queued.kind {
         JobKind::Export(export) => export_frames(&queued.shot, export, gpu, &report, &note),
-        JobKind::Photograph(wanted) => take_photographs(&queued.shot, wanted, gpu, &report, &note),
+        JobKind::Photograph(request) => take_photographs(&queued.shot, request, gpu, &report, &note),
         JobKind::Snapshot { frame, path, force } => take_snapshot(&queued.shot, *frame, path, *force, gpu),
         JobKind::Analyse(folder) => {
             analyse_recording(&queued.shot, folder, &report_stage, &|found| send_event(JobEvent::Analysis(found)))
@@ -287,7 +287,7 @@ fn export_frames(
 
 fn take_photographs(
     shot: &Shot,
-    wanted: &PhotoRequest,
+    request: &PhotoRequest,
     gpu: &mut Option<Gpu>,
     report: &dyn Fn(f64) -> bool,
     note: &dyn Fn(String),
@@ -295,7 +295,7 @@ fn take_photographs(
     shot.check_files()?;
     let (mut summary, mut written) = (Vec::new(), Vec::new());
     let mut reached = 0.0;
-    let done = wanted.take(shot.clone(), || open_gpu(gpu), &mut |event| {
+    let done = request.take(shot.clone(), || open_gpu(gpu), &mut |event| {
         match event {
             PhotoEvent::Warning(text) => note(text),
             PhotoEvent::Taking { number, of, share } => reached = ((number - 1) as f64 + share) / of as f64,
@@ -318,8 +318,8 @@ fn finished_files(written: &[PathBuf]) -> String {
     let name = |path: &PathBuf| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     match written {
         [] => String::new(),
-        [only] => format!(". {} is finished, and stays", name(only)),
-        [first, .., last] => format!(". {} to {} are finished, and stay", name(first), name(last)),
+        [only] => format!(". {} is finished and kept", name(only)),
+        [first, .., last] => format!(". {} to {} are finished and kept", name(first), name(last)),
     }
 }
 
@@ -374,7 +374,7 @@ mod tests {
     fn message_of_a_failed_series_lists_its_finished_files() {
         let paths = |n: usize| (1..=n).map(|n| PathBuf::from(format!("/a/s-{n}.png"))).collect::<Vec<_>>();
         let messages = [0, 1, 3].map(|n| finished_files(&paths(n)));
-        assert_eq!(messages, ["", ". s-1.png is finished, and stays", ". s-1.png to s-3.png are finished, and stay"]);
+        assert_eq!(messages, ["", ". s-1.png is finished and kept", ". s-1.png to s-3.png are finished and kept"]);
     }
 
     #[test]

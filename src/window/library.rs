@@ -371,7 +371,7 @@ mod tests {
         library.scan(Path::new("scenes/new.toml"));
         let names: Vec<String> = library.models.iter().map(|path| name(path)).collect();
         assert_eq!(names[..3], ["cartridge-case-9mm", "l-scale", "marker-1"]);
-        let at = |wanted: &str| names.iter().position(|name| name == wanted).unwrap();
+        let at = |target: &str| names.iter().position(|name| name == target).unwrap();
         assert!(at("marker-9") < at("abfo-no-2") && at("marker-10") < at("marker-A"), "{names:?}");
     }
 

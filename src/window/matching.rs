@@ -90,7 +90,7 @@ impl Matching {
         picked: Option<&[Vec<NoisePoint>; 3]>,
     ) {
         self.take_picked(tools);
-        let mut wanted = AnalysisRequest::default();
+        let mut request = AnalysisRequest::default();
         ui.horizontal(|ui| {
             plots::choose_channel(ui, &mut self.channel);
             if session.player.playing && !session.is_live() {
@@ -108,17 +108,17 @@ impl Matching {
         progress::failure(ui, "Plots", &self.analysis);
         egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
             let good = "Good: the virtual dots follow the profile's curve, among the real ones.";
-            wanted.noise = section(ui, "Noise", true, good, |ui| self.noise(ui, session, picked));
+            request.noise = section(ui, "Noise", true, good, |ui| self.noise(ui, session, picked));
             let good = "Good: no detector separates virtual patches from real ones; areas are near 0.5, ratios near 1.";
             if !section(ui, "Noise beside the camera's", false, good, |ui| self.noise_match.show(ui, session)) {
                 self.noise_match.cancel();
             }
             let good = "Good: the objects have no darker blacks and no brighter whites than the light explains.";
-            wanted.histograms = section(ui, "Brightness", false, good, |ui| self.histograms(ui));
+            request.histograms = section(ui, "Brightness", false, good, |ui| self.histograms(ui));
             let good = "Good: the curves rise alike, and their widths agree within the uncertainty.";
             if section(ui, "Edges", false, good, |ui| self.edges(ui, tools)) {
-                wanted.edges = self.edges;
-                wanted.edges_of = edge_signal(self.edges_of);
+                request.edges = self.edges;
+                request.edges_of = edge_signal(self.edges_of);
             }
             let good = "Good: the drawing is as long and as soft as the real edges near the pointer.";
             section(ui, "Blur at the pointer", true, good, |ui| blur(ui, session, pointed));
@@ -139,7 +139,7 @@ impl Matching {
                 }
             });
         });
-        self.analyse(ui, session, wanted);
+        self.analyse(ui, session, request);
     }
 
     /// Cancels running computations while the tab is hidden.
@@ -157,19 +157,22 @@ impl Matching {
     }
 
     /// Starts the analysis of the displayed frame if its inputs changed.
-    fn analyse(&mut self, ui: &Ui, session: &Session, wanted: AnalysisRequest) {
-        let Some(frame) = session.frame().filter(|_| wanted.anything() && !session.player.playing) else {
+    fn analyse(&mut self, ui: &Ui, session: &Session, request: AnalysisRequest) {
+        let Some(frame) = session.frame().filter(|_| request.anything() && !session.player.playing) else {
             return self.analysis.cancel();
         };
-        let (shot, frame, gpu) = (session.project.shot().clone(), Arc::clone(frame), session.viewer.gpu().clone());
+        let shot = session.project.shot().clone();
+        let frame = Arc::clone(frame);
+        let gpu = session.viewer.gpu().clone();
         let compositor = self.compositor.clone();
-        let key = (frame.index, session.project.version(), wanted.clone());
+        let key = (frame.index, session.project.version(), request.clone());
         self.analysis
-            .request(ui.ctx(), key, move |control| analyse(&compositor, &gpu, &shot, &frame, &wanted, control));
+            .request(ui.ctx(), key, move |control| analyse(&compositor, &gpu, &shot, &frame, &request, control));
     }
 
     fn noise(&self, ui: &mut Ui, session: &Session, picked: Option<&[Vec<NoisePoint>; 3]>) {
-        let (c, analysis) = (self.channel, self.analysis.last());
+        let c = self.channel;
+        let analysis = self.analysis.last();
         let profile = session.project.edit().rig.noise.clone();
         let part = |part: Option<&Result<[Vec<NoisePoint>; 3], String>>| match part {
             Some(Ok(points)) => points[c].clone(),
@@ -199,7 +202,7 @@ impl Matching {
             plots::noise(plot, "virtual", &drawn, of_virtual);
             plots::noise_rings(plot, "picked", &rings, of_real);
         });
-        let real = if has_rings { "real, in plain places; rings: picked" } else { "real, in plain places" };
+        let real = if has_rings { "real, in uniform areas; rings: picked" } else { "real, in uniform areas" };
         plots::legend(
             ui,
             &[(DataSource::Profile, "profile"), (DataSource::Real, real), (DataSource::Virtual, "virtual")],
@@ -217,7 +220,7 @@ impl Matching {
             ui.label(RichText::new(why).small().weak());
         }
         if analysis.is_some_and(|a| matches!(&a.real, Some(Err(_)))) {
-            ui.label(RichText::new(NO_PLAIN_PLACE).small());
+            ui.label(RichText::new(NO_UNIFORM_AREA).small());
         }
         if analysis.is_some_and(|a| matches!(&a.drawn, Some(Ok(points)) if points[c].is_empty())) {
             ui.label(RichText::new("No evidence is large enough in this frame.").small().weak());
@@ -262,7 +265,7 @@ impl Matching {
             let edge = |purpose, hint| RegionPrompt { purpose, hint, min_side_px: MIN_EXTENT_PX, repeats: false };
             let hint = GOOD_EDGE;
             tools.region_button(ui, "Pick a real edge", edge(RegionPurpose::RealEdge, hint));
-            let hint = "Drag a rectangle that one straight edge of evidence crosses from side to side, between two plain parts";
+            let hint = "Drag a rectangle that one straight edge of evidence crosses from side to side, between two uniform areas";
             tools.region_button(ui, "Pick a virtual edge", edge(RegionPurpose::VirtualEdge, hint));
         });
         if self.edges != [None; 2] {
@@ -341,13 +344,13 @@ pub fn width_text(edge: &SlantedEdge) -> String {
 const WAITS_FOR_FROZEN: &str = "No plot is drawn for the live camera: its picture changes before it is measured. \
                                 Freeze it (Space) to plot the frozen picture.";
 
-/// Advice for a frame without plain regions.
-const NO_PLAIN_PLACE: &str = "This frame has too few plain areas to estimate the camera's noise. Go to a frame with a \
-                              wall, a table or paper in it, or pick plain places yourself: the tab Calibrate measures \
+/// Advice for a frame without uniform areas.
+const NO_UNIFORM_AREA: &str = "This frame has too few uniform areas to estimate the camera's noise. Go to a frame with a \
+                              wall, a table or paper in it, or pick uniform areas yourself: the tab Calibrate measures \
                               them, and their dots are shown here as rings.";
 
 /// Instructions for picking an edge.
-pub const GOOD_EDGE: &str = "Drag a rectangle that one straight edge crosses from side to side: plain on both sides, some 20 px each, \
+pub const GOOD_EDGE: &str = "Drag a rectangle that one straight edge crosses from side to side: uniform on both sides, about 20 px each, \
                              nothing else in it";
 
 /// Signal of edges for an index of the buttons: 0 is luma, then the channels.

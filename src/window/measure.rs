@@ -103,136 +103,149 @@ impl Measure {
 
     /// Advances the benchmark; call it in each frame of the window. Returns true at the end.
     pub fn step(&mut self, session: &mut Session, view: &mut PictureView, ctx: &egui::Context) -> bool {
-        let Some(step) = self.steps.front_mut() else {
-            self.print();
-            return true;
-        };
-        match step {
-            BenchmarkStep::First => {
-                let now_s = self.started.elapsed().as_secs_f64();
-                if self.first_s.is_none() && session.is_shown() {
-                    self.first_s = Some(now_s);
-                }
-                if let Some(first_s) = self.first_s.filter(|_| session.is_settled()) {
-                    println!("first picture          {first_s:.2} s; whole after {now_s:.2} s");
-                    self.steps.pop_front();
-                    ctx.request_repaint();
-                }
+        match self.steps.front() {
+            None => {
+                self.print();
+                return true;
             }
-            BenchmarkStep::Paint => match &mut self.begun {
-                None => {
-                    self.begun = Some((Instant::now(), 0));
-                    ctx.request_repaint();
-                }
-                Some((begun, paints)) if begun.elapsed() > PAINTING_DURATION => {
-                    let took_s = begun.elapsed().as_secs_f64() / *paints as f64;
-                    println!("the window itself      {:.1} ms", 1e3 * took_s);
-                    self.begun = None;
-                    self.steps.pop_front();
-                    ctx.request_repaint();
-                }
-                Some((_, paints)) => {
-                    *paints += 1;
-                    ctx.request_repaint();
-                }
-            },
-            BenchmarkStep::Play { alone } => match self.begun {
-                None => {
-                    view.alone = *alone;
-                    session.player.pace = Pace::EveryFrame;
-                    session.player.play(true);
-                    self.begun = Some((Instant::now(), session.pictures()));
-                    ctx.request_repaint();
-                }
-                Some((begun, pictures)) if begun.elapsed() > PLAYBACK_DURATION => {
-                    let per_s = (session.pictures() - pictures) as f64 / begun.elapsed().as_secs_f64();
-                    let share = self.without_per_s / per_s;
-                    let without = self.without_per_s;
-                    let without_panels = if *alone { ", without panels" } else { "" };
-                    println!(
-                        "playing                {per_s:.1} pictures/s; without a window {without:.1}: {share:.2} times{without_panels}"
-                    );
-                    view.alone = false;
-                    pause(&mut session.player);
-                    self.begun = None;
-                    self.steps.pop_front();
-                    ctx.request_repaint();
-                }
-                Some(_) => {}
-            },
-            BenchmarkStep::Drag => match self.begun {
-                None => {
-                    self.begun = Some((Instant::now(), session.pictures()));
-                    ctx.request_repaint();
-                }
-                Some((begun, pictures))
-                    if begun.elapsed() > PLAYBACK_DURATION || session.project.edit().scene.objects.is_empty() =>
-                {
-                    let per_s = (session.pictures() - pictures) as f64 / begun.elapsed().as_secs_f64();
-                    println!("dragging evidence      {per_s:.1} pictures/s");
-                    session.project.discard_uncommitted();
-                    self.begun = None;
-                    self.steps.pop_front();
-                    ctx.request_repaint();
-                }
-                Some((begun, _)) => {
-                    // A circle of 5 cm around its position in two seconds.
-                    let mut scene = session.project.edit().scene.clone();
-                    let entry = Entry { object: 0, instance: scene.entries().first().and_then(|first| first.instance) };
-                    let was = session.project.history().committed().scene.placement(entry);
-                    if let Some(was) = was {
-                        let (sin, cos) = (PI * begun.elapsed().as_secs_f64()).sin_cos();
-                        let position_m = was.position_m + 0.05 * DVec3::new(cos, sin, 0.0);
-                        scene.put(entry, &ItemPlacement { position_m, ..was });
-                        if let Err(error) = session.project.set_uncommitted_scene(scene) {
-                            session.show_error(error.to_string());
-                        }
-                    }
-                    ctx.request_repaint();
-                }
-            },
-            BenchmarkStep::Change { table, name, values } => {
-                let Some((set, is_drawn)) = self.set else {
-                    let Some(value) = values.pop_front() else {
-                        session.project.undo();
-                        self.steps.pop_front();
-                        ctx.request_repaint();
-                        return false;
-                    };
-                    if session.is_settled() {
-                        let before = session.project.version();
-                        let done = session.project.set(table, name, &value);
-                        if done.is_ok() && session.project.version() != before {
-                            self.set = Some((Instant::now(), false));
-                        }
-                    } else {
-                        values.push_front(value);
-                    }
-                    ctx.request_repaint();
-                    return false;
-                };
-                if is_drawn {
-                    let took_s = set.elapsed().as_secs_f64();
-                    let parameter = format!("{table}.{name}");
-                    match self.changes.last_mut().filter(|change| change.parameter == parameter) {
-                        Some(change) => {
-                            change.worst_s = change.worst_s.max(took_s);
-                            change.sum_s += took_s;
-                            change.count += 1;
-                        }
-                        // The first change includes one-time work and is not counted.
-                        None => self.changes.push(ParameterLatency { parameter, worst_s: 0.0, sum_s: 0.0, count: 0 }),
-                    }
-                    self.set = None;
-                    ctx.request_repaint();
-                } else if session.is_shown() {
-                    // The picture is on the screen when the next frame of the window begins.
-                    self.set = Some((set, true));
-                    ctx.request_repaint();
-                }
-            }
+            Some(BenchmarkStep::First) => self.wait_for_first_picture(session, ctx),
+            Some(BenchmarkStep::Paint) => self.paint(ctx),
+            Some(&BenchmarkStep::Play { alone }) => self.play(session, view, ctx, alone),
+            Some(BenchmarkStep::Drag) => self.drag(session, ctx),
+            Some(BenchmarkStep::Change { .. }) => self.change(session, ctx),
         }
         false
+    }
+
+    /// Ends the current step.
+    fn end_step(&mut self, ctx: &egui::Context) {
+        self.begun = None;
+        self.steps.pop_front();
+        ctx.request_repaint();
+    }
+
+    fn wait_for_first_picture(&mut self, session: &Session, ctx: &egui::Context) {
+        let now_s = self.started.elapsed().as_secs_f64();
+        if self.first_s.is_none() && session.is_shown() {
+            self.first_s = Some(now_s);
+        }
+        if let Some(first_s) = self.first_s.filter(|_| session.is_settled()) {
+            println!("first picture          {first_s:.2} s; whole after {now_s:.2} s");
+            self.end_step(ctx);
+        }
+    }
+
+    /// Paints the unchanged window repeatedly.
+    fn paint(&mut self, ctx: &egui::Context) {
+        match &mut self.begun {
+            None => self.begun = Some((Instant::now(), 0)),
+            Some((begun, paints)) if begun.elapsed() > PAINTING_DURATION => {
+                let took_s = begun.elapsed().as_secs_f64() / *paints as f64;
+                println!("the window itself      {:.1} ms", 1e3 * took_s);
+                self.end_step(ctx);
+            }
+            Some((_, paints)) => *paints += 1,
+        }
+        ctx.request_repaint();
+    }
+
+    /// Plays every frame. `alone`: without panels.
+    fn play(&mut self, session: &mut Session, view: &mut PictureView, ctx: &egui::Context, alone: bool) {
+        match self.begun {
+            None => {
+                view.alone = alone;
+                session.player.pace = Pace::EveryFrame;
+                session.player.play(true);
+                self.begun = Some((Instant::now(), session.pictures()));
+                ctx.request_repaint();
+            }
+            Some((begun, pictures)) if begun.elapsed() > PLAYBACK_DURATION => {
+                let per_s = (session.pictures() - pictures) as f64 / begun.elapsed().as_secs_f64();
+                let share = self.without_per_s / per_s;
+                let without = self.without_per_s;
+                let without_panels = if alone { ", without panels" } else { "" };
+                println!(
+                    "playing                {per_s:.1} pictures/s; without a window {without:.1}: {share:.2} times{without_panels}"
+                );
+                view.alone = false;
+                pause(&mut session.player);
+                self.end_step(ctx);
+            }
+            Some(_) => {}
+        }
+    }
+
+    /// Drags the first piece of evidence.
+    fn drag(&mut self, session: &mut Session, ctx: &egui::Context) {
+        match self.begun {
+            None => {
+                self.begun = Some((Instant::now(), session.pictures()));
+                ctx.request_repaint();
+            }
+            Some((begun, pictures))
+                if begun.elapsed() > PLAYBACK_DURATION || session.project.edit().scene.objects.is_empty() =>
+            {
+                let per_s = (session.pictures() - pictures) as f64 / begun.elapsed().as_secs_f64();
+                println!("dragging evidence      {per_s:.1} pictures/s");
+                session.project.discard_uncommitted();
+                self.end_step(ctx);
+            }
+            Some((begun, _)) => {
+                // A circle of 5 cm around its position in two seconds.
+                let mut scene = session.project.edit().scene.clone();
+                let entry = Entry { object: 0, instance: scene.entries().first().and_then(|first| first.instance) };
+                let was = session.project.history().committed().scene.placement(entry);
+                if let Some(was) = was {
+                    let (sin, cos) = (PI * begun.elapsed().as_secs_f64()).sin_cos();
+                    let position_m = was.position_m + 0.05 * DVec3::new(cos, sin, 0.0);
+                    scene.put(entry, &ItemPlacement { position_m, ..was });
+                    if let Err(error) = session.project.set_uncommitted_scene(scene) {
+                        session.show_error(error.to_string());
+                    }
+                }
+                ctx.request_repaint();
+            }
+        }
+    }
+
+    /// Sets one value of the parameter, or waits until the last one is drawn.
+    fn change(&mut self, session: &mut Session, ctx: &egui::Context) {
+        let Some(BenchmarkStep::Change { table, name, values }) = self.steps.front_mut() else { return };
+        let Some((set, is_drawn)) = self.set else {
+            let Some(value) = values.pop_front() else {
+                session.project.undo();
+                return self.end_step(ctx);
+            };
+            if session.is_settled() {
+                let before = session.project.version();
+                let done = session.project.set(table, name, &value);
+                if done.is_ok() && session.project.version() != before {
+                    self.set = Some((Instant::now(), false));
+                }
+            } else {
+                values.push_front(value);
+            }
+            return ctx.request_repaint();
+        };
+        if is_drawn {
+            let took_s = set.elapsed().as_secs_f64();
+            let parameter = format!("{table}.{name}");
+            match self.changes.last_mut().filter(|change| change.parameter == parameter) {
+                Some(change) => {
+                    change.worst_s = change.worst_s.max(took_s);
+                    change.sum_s += took_s;
+                    change.count += 1;
+                }
+                // The first change includes one-time work and is not counted.
+                None => self.changes.push(ParameterLatency { parameter, worst_s: 0.0, sum_s: 0.0, count: 0 }),
+            }
+            self.set = None;
+            ctx.request_repaint();
+        } else if session.is_shown() {
+            // The picture is on the screen when the next frame of the window begins.
+            self.set = Some((set, true));
+            ctx.request_repaint();
+        }
     }
 
     fn print(&mut self) {

@@ -108,17 +108,18 @@ impl DocumentOpening {
         open_already: Option<Arc<Recording>>,
         wake: impl FnOnce() + Send + 'static,
     ) -> std::io::Result<Self> {
-        let (wanted, is_reload, sets) = (document.clone(), reload.is_some(), reload.unwrap_or_default());
+        let (request, is_reload, sets) = (document.clone(), reload.is_some(), reload.unwrap_or_default());
         let work = recoverable.as_ref().map(|recoverable| UnsavedWork::clone(&recoverable.work));
         let task = BackgroundTask::spawn("opening", wake, move || {
-            let (mut project, camera) = match (&wanted.camera, open_already) {
-                (_, Some(recording)) => (project_of(Recording::clone(&recording), &wanted, sets)?, None),
-                (Some(from), None) => open_camera(&wanted, from)?,
-                (None, None) => (open(&wanted, sets)?, None),
+            let (mut project, camera) = match (&request.camera, open_already) {
+                (_, Some(recording)) => (project_of(Recording::clone(&recording), &request, sets)?, None),
+                (Some(from), None) => open_camera(&request, from)?,
+                (None, None) => (open(&request, sets)?, None),
             };
             if let Some(UnsavedWork { edit, history, .. }) = work {
                 project.restore(edit, history).map_err(|error| OpenRefusal::plain(&error))?;
-            } else if let Some(profile) = wanted.profile.as_deref().filter(|_| !is_reload && wanted.camera.is_none()) {
+            } else if let Some(profile) = request.profile.as_deref().filter(|_| !is_reload && request.camera.is_none())
+            {
                 OpenRefusal::unfit_profile(&project, profile, has_camera)?;
             }
             Ok((Box::new(project), camera))
@@ -137,7 +138,8 @@ impl DocumentOpening {
         self.recoverable.is_some()
     }
 
-    pub fn what(&self) -> &Path {
+    /// The recording that is opened.
+    pub fn recording_path(&self) -> &Path {
         &self.document.recording
     }
 

@@ -53,8 +53,8 @@ impl OutputRequest {
     /// named by its first one.
     pub fn name(&self, path: &Path) -> String {
         match self {
-            Self::Photograph(wanted) if wanted.bracket.is_some() => {
-                let first = PhotoRequest { output: path.to_owned(), ..(**wanted).clone() }.path_of("1");
+            Self::Photograph(request) if request.bracket.is_some() => {
+                let first = PhotoRequest { output: path.to_owned(), ..(**request).clone() }.path_of("1");
                 let name = |part: Option<&OsStr>| part.unwrap_or_default().to_string_lossy().into_owned();
                 let folder = first.parent().unwrap_or(Path::new("")).display();
                 format!("the series {} … in {folder}", name(first.file_name()))
@@ -70,7 +70,7 @@ impl OutputRequest {
             Self::Video { range, lossless } => {
                 JobKind::Export(Export { force, lossless, ..Export::new(range, OutPath::Video(path)) })
             }
-            Self::Photograph(wanted) => JobKind::Photograph(PhotoRequest { output: path, force, ..*wanted }),
+            Self::Photograph(request) => JobKind::Photograph(PhotoRequest { output: path, force, ..*request }),
             Self::Snapshot(frame) => JobKind::Snapshot { frame, path, force },
         }
     }
@@ -112,8 +112,8 @@ impl OutputPanel {
             }
             ui.separator();
             ui.strong("Photograph");
-            if let Some(wanted) = self.dials.show(ui, now.frame) {
-                request = Some(OutputRequest::Photograph(Box::new(wanted)));
+            if let Some(photo_request) = self.dials.show(ui, now.frame) {
+                request = Some(OutputRequest::Photograph(Box::new(photo_request)));
             }
         });
         request
@@ -243,7 +243,7 @@ pub fn default_name(request: &OutputRequest, recording: &Path) -> String {
     match request {
         OutputRequest::Folder(_) => format!("{name}-composited"),
         OutputRequest::Video { lossless, .. } => format!("{name}.{}", if *lossless { "mkv" } else { "mp4" }),
-        OutputRequest::Photograph(wanted) => format!("{name}-{:06}.jpg", wanted.frame),
+        OutputRequest::Photograph(photo_request) => format!("{name}-{:06}.jpg", photo_request.frame),
         OutputRequest::Snapshot(frame) => format!("{name}-{frame:06}.png"),
     }
 }
@@ -271,20 +271,21 @@ mod tests {
 
     #[test]
     fn bracketed_series_is_named_by_its_first_file() {
-        let wanted = |bracket| {
+        let photograph = |bracket| {
             OutputRequest::Photograph(Box::new(PhotoRequest { bracket, ..PhotoRequest::new(3, PathBuf::new()) }))
         };
         let path = Path::new("/cases/desk.png");
-        assert_eq!(wanted(Some(Bracket::Iso)).name(path), "the series desk-1.png … in /cases");
-        assert_eq!([wanted(None).name(path), OutputRequest::Snapshot(3).name(path)], ["/cases/desk.png"; 2]);
+        assert_eq!(photograph(Some(Bracket::Iso)).name(path), "the series desk-1.png … in /cases");
+        assert_eq!([photograph(None).name(path), OutputRequest::Snapshot(3).name(path)], ["/cases/desk.png"; 2]);
     }
 
     #[test]
     fn export_range_follows_the_selection() {
         let now = PlaybackState { frame: 7, count: 20, looped: Some(3..9) };
-        let of = |frames, first_and_last| OutputPanel { frames, first_and_last, ..OutputPanel::default() }.range(&now);
-        assert_eq!(of(FrameRange::All, [0, 0]), 0..20);
-        assert_eq!((of(FrameRange::Loop, [0, 0]), of(FrameRange::Current, [0, 0])), (3..9, 7..8));
-        assert_eq!((of(FrameRange::Interval, [4, 4]), of(FrameRange::Interval, [9, 2])), (4..5, 2..10));
+        let range_of =
+            |frames, first_and_last| OutputPanel { frames, first_and_last, ..OutputPanel::default() }.range(&now);
+        assert_eq!(range_of(FrameRange::All, [0, 0]), 0..20);
+        assert_eq!((range_of(FrameRange::Loop, [0, 0]), range_of(FrameRange::Current, [0, 0])), (3..9, 7..8));
+        assert_eq!((range_of(FrameRange::Interval, [4, 4]), range_of(FrameRange::Interval, [9, 2])), (4..5, 2..10));
     }
 }

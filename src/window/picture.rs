@@ -197,7 +197,7 @@ pub fn show(
     };
     let is_camera = comparison.is_none() || composite.is_none();
     let edited_texture = composite.map(|shown| shown.texture.clone());
-    let other_texture = match viewer.other().filter(fits) {
+    let other_texture = match viewer.comparison().filter(fits) {
         Some(other) if !is_camera => other.texture.clone(),
         _ if counterpart.is_positive() => viewer.plain(frame).texture.clone(),
         _ => edited_texture.clone()?,
@@ -311,8 +311,11 @@ mod tests {
         assert!(composite.1.contains_rect(picture) && composite.0.intersect(picture).width() <= 0.0);
         assert!(camera.0.contains_rect(picture) && camera.1.intersect(picture).width() <= 0.0);
         // A is left, whichever is edited.
-        let of = |edits_a| split(PANEL, Some(300.0), Some(Comparison { edits_a }));
-        assert_eq!((of(true).0, of(false).1), (Rect::everything_left_of(300.0), Rect::everything_left_of(300.0)));
+        let split_picture = |edits_a| split(PANEL, Some(300.0), Some(Comparison { edits_a }));
+        assert_eq!(
+            (split_picture(true).0, split_picture(false).1),
+            (Rect::everything_left_of(300.0), Rect::everything_left_of(300.0))
+        );
         assert_eq!(split(PANEL, None, None), (PANEL, Rect::NOTHING));
     }
 }

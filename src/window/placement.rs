@@ -167,7 +167,9 @@ impl Placement {
         let turned = self.turning.map(|turning| (turning.at_px, turning.turned_deg));
         let pointed = picture.pointed.map(|at| (DVec2::new(at.x.into(), at.y.into()), self.turned_deg));
         let Some((at_px, turned_deg)) = turned.or(pointed) else { return };
-        let (model, lies_flat, file) = (self.model.clone(), self.lies_flat, project.scene_path());
+        let model = self.model.clone();
+        let lies_flat = self.lies_flat;
+        let file = project.scene_path();
         let key = PreviewKey {
             model: model.clone(),
             frame: frame.index,
@@ -178,7 +180,8 @@ impl Placement {
         };
         let up = (!project.is_up_undefined()).then(|| project.up());
         let params = PlacementParams { model, posture: self.posture(), turned_deg, up };
-        let (is_determined, plane) = (!self.picker.awaits_second_view(), ground.plane);
+        let is_determined = !self.picker.awaits_second_view();
+        let plane = ground.plane;
         let of_scene = file.clone();
         self.preview.show(picture, key, project.shot(), frame, file, move |shot, frame| {
             let support = surface_point(plane, shot, frame, at_px).filter(|_| is_determined)?;

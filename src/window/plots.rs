@@ -171,7 +171,7 @@ mod tests {
     #[test]
     fn palette_is_distinct_in_light_and_dark() {
         let luma = |c: Color32| 0.3 * f64::from(c.r()) + 0.6 * f64::from(c.g()) + 0.1 * f64::from(c.b());
-        let apart = |a: Color32, b: Color32| {
+        let color_distance = |a: Color32, b: Color32| {
             let way = [a.r().abs_diff(b.r()), a.g().abs_diff(b.g()), a.b().abs_diff(b.b())];
             way.iter().map(|d| f64::from(*d).powi(2)).sum::<f64>().sqrt()
         };
@@ -179,7 +179,7 @@ mod tests {
             let colors: Vec<Color32> = (0..PALETTE.len()).map(|n| palette_color(n, &visuals)).collect();
             for (n, a) in colors.iter().enumerate() {
                 assert!((luma(*a) - luma(visuals.panel_fill)).abs() > 80.0, "{a:?}");
-                assert!(colors[..n].iter().all(|b| apart(*a, *b) > 60.0), "{a:?}");
+                assert!(colors[..n].iter().all(|b| color_distance(*a, *b) > 60.0), "{a:?}");
             }
             assert_eq!(palette_color(colors.len(), &visuals), colors[0]);
         }

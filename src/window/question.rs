@@ -93,9 +93,9 @@ impl DialogKeys {
         if last_frame + 1 != frame {
             return Self::default();
         }
-        let is_pressed = |wanted: Key| {
+        let is_pressed = |target: Key| {
             let is_press =
-                |event: &Event| matches!(event, Event::Key { key, pressed: true, repeat: false, .. } if *key == wanted);
+                |event: &Event| matches!(event, Event::Key { key, pressed: true, repeat: false, .. } if *key == target);
             ctx.input(|i| i.events.iter().any(is_press))
         };
         Self { enter: is_pressed(Key::Enter), escape: is_pressed(Key::Escape) }

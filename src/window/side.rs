@@ -32,10 +32,10 @@ pub struct Side {
 impl Side {
     /// Shows the chosen tab. Returns the error of a rejected value.
     pub fn show(&mut self, ui: &mut Ui, session: &mut Session, tools: &mut ToolStack) -> Option<String> {
-        fixed(ui, |ui| self.within(ui, session, tools))
+        fixed(ui, |ui| self.show_contents(ui, session, tools))
     }
 
-    fn within(&mut self, ui: &mut Ui, session: &mut Session, tools: &mut ToolStack) -> Option<String> {
+    fn show_contents(&mut self, ui: &mut Ui, session: &mut Session, tools: &mut ToolStack) -> Option<String> {
         // In every tab, since the user may be holding a board.
         self.calibrating.process_newest(session);
         let before = self.tab;

@@ -114,7 +114,9 @@ fn radius(ui: &Ui) -> f32 {
 }
 
 fn slide(ui: &mut Ui, n: &mut f64, scale: SliderScale) -> Response {
-    let (length, radius, key) = (length(ui), radius(ui), ui.next_auto_id().with("held"));
+    let length = length(ui);
+    let radius = radius(ui);
+    let key = ui.next_auto_id().with("held");
     let (pressed, held_still, pointer) = ui.input(|i| {
         // The slider also follows the pointer in the pass of the release.
         let held_still = i.pointer.primary_down() || i.pointer.primary_released();

@@ -196,7 +196,7 @@ impl Start {
         let done = match opening.take() {
             Ok(done) => done,
             Err(opening) => {
-                dialogs::show_opening(ctx, opening.what());
+                dialogs::show_opening(ctx, opening.recording_path());
                 self.dialog = Some(StartDialog::Opening(opening));
                 return None;
             }

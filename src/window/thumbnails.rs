@@ -104,7 +104,7 @@ mod tests {
         assert_eq!(coarse_to_fine(5), [0, 4, 2, 1, 3]);
         let many = coarse_to_fine(1000);
         assert_eq!((many.len(), many[0], many[1], many[2]), (40, 0, 800, 400));
-        // Twice as high as wanted: four pixels to a texel.
+        // Twice the displayed height: four pixels to a texel.
         let codes = |y: u32, x: u32| [(x % 2) as u8 * 10, (y % 2) as u8 * 20, 100];
         let all = (0..2 * HEIGHT).flat_map(|y| (0..4).flat_map(move |x| codes(y, x))).collect();
         let downsample = downsample(&Pixels::from_u8(4, 2 * HEIGHT, all).unwrap());

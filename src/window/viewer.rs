@@ -80,7 +80,7 @@ impl Viewer {
     }
 
     /// The last finished composite of the other setting in a comparison.
-    pub fn other(&self) -> Option<&DisplayTexture> {
+    pub fn comparison(&self) -> Option<&DisplayTexture> {
         self.other.as_ref()
     }
 

@@ -32,10 +32,10 @@ mod tests {
     #[test]
     fn a_window_with_its_border_fits_the_screen() {
         let border = vec2(2.0, 24.0);
-        let of = |screen: Vec2, inner: Vec2| fitting(screen, inner, inner + border);
-        assert_eq!(of(vec2(1280.0, 720.0), vec2(1280.0, 800.0)), Some(vec2(1278.0, 696.0)));
-        assert_eq!(of(vec2(1920.0, 1080.0), vec2(1280.0, 800.0)), None);
-        assert_eq!(of(vec2(1280.0, 720.0), vec2(1278.0, 696.0)), None);
-        assert_eq!(of(Vec2::ZERO, vec2(1280.0, 800.0)), None);
+        let fitting_size = |screen: Vec2, inner: Vec2| fitting(screen, inner, inner + border);
+        assert_eq!(fitting_size(vec2(1280.0, 720.0), vec2(1280.0, 800.0)), Some(vec2(1278.0, 696.0)));
+        assert_eq!(fitting_size(vec2(1920.0, 1080.0), vec2(1280.0, 800.0)), None);
+        assert_eq!(fitting_size(vec2(1280.0, 720.0), vec2(1278.0, 696.0)), None);
+        assert_eq!(fitting_size(Vec2::ZERO, vec2(1280.0, 800.0)), None);
     }
 }

@@ -7,7 +7,7 @@ use crate::findings::late;
 use crate::footage::{demo_by_tier, leave_out_light, opened};
 use crate::program::{locard, refused, stdout_of};
 use crate::tier::{any_scene, fast_or_full};
-use locard::analyse::{Analysis, AnalysisStage, Interrupted, beside};
+use locard::analyse::{Analysis, AnalysisStage, Interrupted, default_folder};
 use locard::recording::OpenOptions;
 use locard::shot::{Shot, ShotOptions};
 
@@ -97,12 +97,12 @@ fn analysis_beside_the_recording_is_used_while_it_matches() {
     let stdout = stdout_of(&["analyse", path]);
     assert!(stdout.contains("poses      ") && stdout.contains("readout"), "{stdout}");
     let analysis = folder.path().join("site.analysis");
-    assert_eq!(beside(&site), analysis.canonicalize().unwrap());
+    assert_eq!(default_folder(&site), analysis.canonicalize().unwrap());
     assert_eq!(stdout_of(&["inspect", analysis.to_str().unwrap()]), stdout);
     assert_eq!(stdout_of(&["analyse", path]), stdout, "once is enough");
 
     // The use of an analysis shows without shadows, which take most of the time, and by one object.
-    let without_shadows = ["--set", "shadow.cast=false", "--set", "shadow.on_things=false"];
+    let without_shadows = ["--set", "shadow.cast=false", "--set", "shadow.on_evidence=false"];
     let marker = [&["--scene", any_scene()], &without_shadows[..], &["--frames", "2..3", "-o"]].concat();
     let composite = |out: &str, more: &[&str]| {
         let out = folder.path().join(out);

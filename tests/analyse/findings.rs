@@ -12,7 +12,7 @@ use crate::footage::{
 };
 use crate::program::{locard, stdout_of};
 use crate::tier::{any_scene, fast_or_full, is_full, no_shadows};
-use locard::analyse::{Analysis, beside};
+use locard::analyse::{Analysis, default_folder};
 use locard::camera::{Camera, CameraExposure};
 use locard::compositor::ExposureTime;
 use locard::frame::{Frame, FrameExposure, SURFEL_SPACING_M, Surfel};
@@ -96,7 +96,7 @@ fn jitter_drift_clock_offset_and_hand_eye_rotation_are_found() {
     let shot = opened(&folder);
     let analysis = analysed_by_tier(&shot, 2);
     println!("{}", analysis.findings);
-    analysis.write(&beside(&folder.path().join("site")), &shot.recording).unwrap();
+    analysis.write(&default_folder(&folder.path().join("site")), &shot.recording).unwrap();
     assert_findings_used_without_registration(&folder.path().join("site"));
     let registered = &analysis.findings.registration;
     let off = |track: &PoseTrack| pair_errors_px(&shot, &demo_track(), track, 8);
@@ -439,8 +439,8 @@ fn gain_of_photographs_is_found_by_the_landmarks_of_a_model() {
     let analysis = analysis_of(temp.path());
     assert!(analysis.findings.gain.as_ref().unwrap().is_followed, "{}", analysis.findings);
     for (n, gains) in analysis.gains.iter().enumerate() {
-        let wanted = if is_darker(n) { 0.5f64 } else { 1.0 };
-        assert!((gains[1] / wanted).ln().abs() < 0.06, "{n}: {gains:?}");
+        let expected = if is_darker(n) { 0.5f64 } else { 1.0 };
+        assert!((gains[1] / expected).ln().abs() < 0.06, "{n}: {gains:?}");
     }
 }
 

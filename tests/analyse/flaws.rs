@@ -296,7 +296,8 @@ fn exposure_estimated_without_poses_between_frames_reproduces_the_blur() {
     };
     let time_s = |row: &str| -> f64 { row.split(' ').next().unwrap().parse().unwrap() };
     let truth = read_trajectory(&site.join("groundtruth.txt"), None).unwrap();
-    let (frames, mut poses) = (rows("rgb.txt"), rows("groundtruth.txt"));
+    let frames = rows("rgb.txt");
+    let mut poses = rows("groundtruth.txt");
     poses.retain(|pose| frames.iter().any(|frame| (time_s(pose) - time_s(frame)).abs() < 0.0026));
     std::fs::write(site.join("groundtruth.txt"), poses.join("\n")).unwrap();
     let shot = opened(&folder);

@@ -37,8 +37,8 @@ fn occlusion_and_light(shot: &Shot, frame: usize) -> (Vec<f64>, Vec<f64>) {
     let half_s = 0.5 * ExposureTime::of_frame(&camera, &shot.settings, &frame.exposure, interval_s).s;
     let measured = |depth| measured_from(depth, &geometry, track);
     let beside = frame.neighbours.iter().filter_map(|beside| {
-        let measured = measured(&beside.depth).ok()?;
-        Some(Neighbour { frame: beside, measured, taken: pose(beside.timestamp_s) })
+        let map_pose = measured(&beside.depth).ok()?;
+        Some(Neighbour { frame: beside, map_pose, picture_pose: pose(beside.timestamp_s) })
     });
     let depth = frame.depth.as_ref().unwrap();
     let at = frame.timestamp_s;

@@ -51,8 +51,8 @@ fn between(a: &CameraPose, b: &CameraPose, t: f64) -> CameraPose {
     CameraPose { at_m: a.at_m.lerp(b.at_m, t), axes: DMat3::from_quat(turn) }
 }
 
-fn view_collector(wanted: usize) -> ViewCollector {
-    ViewCollector::new(SIZE, wanted, LensOptions::default())
+fn view_collector(min_views: usize) -> ViewCollector {
+    ViewCollector::new(SIZE, min_views, LensOptions::default())
 }
 
 #[test]
@@ -176,7 +176,8 @@ pub fn video(folder: &Path, rests: u32) -> std::path::PathBuf {
     let printed = picture(&Sheet::new(Paper::A4));
     let printed =
         Printed::of(printed.width() as usize, printed.height() as usize, printed.pixels().map(|p| p[0]).collect());
-    let (rays, mut bytes) = (Rays::of(&CAMERA), Vec::new());
+    let rays = Rays::of(&CAMERA);
+    let mut bytes = Vec::new();
     for n in 0..rests {
         for i in 0..8 {
             let place = between(&rest(n), &rest(n + 1), f64::from(i.min(2)) / 2.0);

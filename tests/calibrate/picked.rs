@@ -147,7 +147,8 @@ fn rejected_edges_name_the_reason() {
 
 /// A picture of an edge through a response curve, in whole codes, with noise in codes.
 fn coded(shares: &[f64], bright: f64, noise: f64) -> Pixels {
-    let (response, mut random) = (Response::default(), Random::new(5));
+    let response = Response::default();
+    let mut random = Random::new(5);
     let codes = shares.iter().flat_map(|share| {
         let code = 255.0 * response.encode((DARK + (bright - DARK) * share).min(1.0));
         [(); 3].map(|()| (code + noise * random.normal()).round().clamp(0.0, 255.0) as u8)
@@ -383,7 +384,8 @@ fn present_profile_extends_the_picked_intensities() {
 fn edge_in_a_single_channel_is_measured() {
     let sigma_px = 0.8;
     let shares = SyntheticEdge { slant_deg: 15.0, sigma_px, moved_px: 0.0 }.shares();
-    let (response, mut random) = (Response::default(), Random::new(9));
+    let response = Response::default();
+    let mut random = Random::new(9);
     let codes = shares.iter().flat_map(|share| {
         // Texture on both sides of the blue channel's edge.
         let lights = [0.62 + 0.1 * random.normal().tanh(), 0.55 + 0.1 * random.normal().tanh(), DARK + 0.5 * share];

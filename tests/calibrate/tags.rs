@@ -360,8 +360,8 @@ fn foreign_tags_do_not_hide_a_small_tag_of_the_board() {
     let picture = drawn_over(&[(24, [300, 200], 3), (85, [20, 20], 14), (144, [460, 300], 14)], is_black);
     let grey = LumaCodes::of(&picture, LumaCodes::table(&Response::default()));
     let mut detector = Detector::new(Family::Tag36h11, 640, 480).unwrap();
-    let mut ids = |wanted: &dyn Fn(u32) -> bool| {
-        detector.find(&grey, 1, wanted).unwrap().tags.iter().map(|tag| tag.id).collect::<Vec<_>>()
+    let mut ids = |is_expected: &dyn Fn(u32) -> bool| {
+        detector.find(&grey, 1, is_expected).unwrap().tags.iter().map(|tag| tag.id).collect::<Vec<_>>()
     };
     assert_eq!(ids(&|id| id == 85), [85, 144], "at half the resolution");
     assert_eq!(ids(&|id| id == 24), [24, 85, 144]);

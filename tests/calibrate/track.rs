@@ -159,7 +159,7 @@ fn tracked_video_becomes_a_recording_with_static_evidence() {
     let board = std::fs::read_to_string(site.path("board.toml")).unwrap();
     // The line number of a tag is that of its id.
     let tag_at = board.lines().position(|line| line == "id = 0").unwrap() + 1;
-    let wrong_size = format!("line {tag_at}, tags.size_m of tag 0: 0 is refused");
+    let wrong_size = format!("line {tag_at}, tags.size_m of tag 0: 0: expected");
     for (from, to, message) in [
         ("36h11", "25h9", wrong_family.as_str()),
         ("id = ", "id = 10", "the visible tags are not on the board: 0, 1, 2, 3, 4, 5"),
@@ -229,11 +229,11 @@ fn track_is_smoothed_on_request() {
     assert!(stdout.contains("smoothed   by a line through the poses around each, 0.05 s to 1/e"), "{stdout}");
     let (plain, smooth) = (recorded(&site.path("plain")), recorded(&site.path("smooth")));
     // The frames in which the camera points away are not bridged.
-    let wanted = smooth_poses(&plain, 0.05, 0.05);
-    assert_eq!((smooth.len(), wanted.len()), (FRAMES - AWAY.len(), FRAMES - AWAY.len()));
-    for ((pose, sure), (wanted, wanted_sure)) in smooth.iter().zip(&wanted) {
-        assert!((pose.translation_m - wanted.translation_m).length() < 1e-12);
-        assert!(pose.rotation.angle_between(wanted.rotation) < 1e-7 && sure.time_s == wanted_sure.time_s);
+    let expected = smooth_poses(&plain, 0.05, 0.05);
+    assert_eq!((smooth.len(), expected.len()), (FRAMES - AWAY.len(), FRAMES - AWAY.len()));
+    for ((pose, sure), (expected, wanted_sure)) in smooth.iter().zip(&expected) {
+        assert!((pose.translation_m - expected.translation_m).length() < 1e-12);
+        assert!(pose.rotation.angle_between(expected.rotation) < 1e-7 && sure.time_s == wanted_sure.time_s);
         (0..21).for_each(|i| assert!((sure.upper[i] - wanted_sure.upper[i]).abs() < 1e-9 * wanted_sure.upper[0]));
     }
     let moved = |i: usize| smooth[i].0.translation_m.distance(plain[i].0.translation_m);

@@ -105,6 +105,6 @@ impl Reduction {
             _ => format!("{line}\n"),
         };
         let camera: String = text.lines().map(reduced).collect();
-        if self.has_shadows { camera } else { camera + "\n[shadow]\ncast = false\non_things = false\n" }
+        if self.has_shadows { camera } else { camera + "\n[shadow]\ncast = false\non_evidence = false\n" }
     }
 }

@@ -54,10 +54,10 @@ impl Camera {
 
     /// Unprojects a position, px, to the ray x/z, y/z.
     fn ray(&self, at: DVec2) -> DVec2 {
-        let wanted = (at - self.centre_px) / self.focal_px;
-        let mut ray = wanted;
+        let target = (at - self.centre_px) / self.focal_px;
+        let mut ray = target;
         for _ in 0..12 {
-            ray += wanted - (self.project_ray(ray) - self.centre_px) / self.focal_px;
+            ray += target - (self.project_ray(ray) - self.centre_px) / self.focal_px;
         }
         ray
     }

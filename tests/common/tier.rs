@@ -26,7 +26,7 @@ pub fn fast_or_full<T>(fast: T, full: T) -> T {
 /// Arguments that turn shadows off in the fast tier, for tests in which shadows play no part.
 /// Shadows take most of a frame's time on a software driver.
 pub fn no_shadows() -> &'static [&'static str] {
-    fast_or_full(&["--set", "shadow.cast=false", "--set", "shadow.on_things=false"], &[])
+    fast_or_full(&["--set", "shadow.cast=false", "--set", "shadow.on_evidence=false"], &[])
 }
 
 /// Scene file for tests that hold for any scene: one marker on the demonstration's floor in the

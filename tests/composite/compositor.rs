@@ -208,7 +208,8 @@ fn nearly_transparent_object_leaves_the_footage_unchanged() {
     let codes = (0..height).flat_map(|y| (0..width).flat_map(move |x| [code(x, y); 3])).collect();
     let plain = Pixels::from_u8(width, height, codes).unwrap();
     let sets = [("edge_blend", "impact", Value::Number(1.0)), ("noise", "scale", Value::Number(4.0))];
-    let (still, mut difference) = (sideways([0.0, 0.0]), Vec::new());
+    let still = sideways([0.0, 0.0]);
+    let mut difference = Vec::new();
     for opacity in [1.0, 1e-4] {
         let geometry = gpu::pinhole(width, height, FOCAL_PX);
         let gpu = gpu::gpu();

@@ -87,8 +87,8 @@ fn light_follows_the_spatial_gain_of_the_footage() {
         let factor = across.at([place[0] / 320.0, place[1] / 240.0]).exp2();
         for (c, gain) in [1.0, 0.5, 2.0].into_iter().enumerate() {
             // Half floats have 11 significant bits.
-            let wanted = lit[c] * gain * factor;
-            assert!((follows[c] / wanted - 1.0).abs() < 2e-3, "{place:?}: {} for {wanted}", follows[c]);
+            let expected = lit[c] * gain * factor;
+            assert!((follows[c] / expected - 1.0).abs() < 2e-3, "{place:?}: {} for {expected}", follows[c]);
         }
         seen_pixels += 1;
     }

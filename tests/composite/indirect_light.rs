@@ -74,8 +74,8 @@ fn plate(lighting: Lighting, shadow: ShadowSettings) -> Vec<(f64, [f32; 3])> {
     places.collect()
 }
 
-fn shade_settings(on_things: bool, strength: f32) -> ShadowSettings {
-    ShadowSettings { cast: true, on_things, strength }
+fn shade_settings(on_evidence: bool, strength: f32) -> ShadowSettings {
+    ShadowSettings { cast: true, on_evidence, strength }
 }
 
 #[test]
@@ -90,10 +90,10 @@ fn plate_beside_a_wall_has_the_analytic_sky_visibility_and_indirect_light() {
         let filled = 0.5 * (1.0 - distance / WALL_M.hypot(distance));
         // The wall receives an even sky over nearly its whole hemisphere. Its specular reflection
         // is a few per cent of its light.
-        let wanted = 1.0 - filled * (1.0 - REFLECTANCE);
+        let expected = 1.0 - filled * (1.0 - REFLECTANCE);
         for c in 0..3 {
             let [actual, halved] = [with[c], half[c]].map(|light| light / without[c]);
-            assert!((actual - wanted).abs() < 0.04, "{place}: {actual} for {wanted}");
+            assert!((actual - expected).abs() < 0.04, "{place}: {actual} for {expected}");
             assert!((halved - 0.5 * (1.0 + actual)).abs() < 0.02, "{place}: {halved} for half of {actual}");
             darkest = darkest.min(actual);
         }

@@ -148,21 +148,21 @@ fn real_and_virtual_pixels_have_the_film_grain() {
         let code = 255.0 * response.encode(over_ev.exp2() * response.decode(90.0 / 255.0));
         let ratios = GrainRatios { iso: iso_ratio, ..Default::default() };
         for channel in 0..3 {
-            let wanted = grain::sigma(&noise, &response, channel, code, &ratios);
+            let expected = grain::sigma(&noise, &response, channel, code, &ratios);
             let (mean, sigma) = mean_and_sigma(&done, channel);
-            assert!((mean - code).abs() < 0.6, "{iso_ratio} {over_ev}: mean {mean}, {code} wanted");
+            assert!((mean - code).abs() < 0.6, "{iso_ratio} {over_ev}: mean {mean}, {code} expected");
             // 120,000 pixels in 2 by 2 grains give σ within 0.5 %, and rounding adds 1/12.
-            let wanted = (wanted * wanted + 1.0 / 12.0).sqrt();
-            assert!((sigma / wanted - 1.0).abs() < 0.03, "{iso_ratio} {over_ev}: σ {sigma}, {wanted} wanted");
+            let expected = (expected * expected + 1.0 / 12.0).sqrt();
+            assert!((sigma / expected - 1.0).abs() < 0.03, "{iso_ratio} {over_ev}: σ {sigma}, {expected} expected");
         }
     }
     // A virtual board of the same light has the same grain as the real picture around it.
     let exposed = PhotoExposure { iso_ratio: 8.0, ..AS_RECORDED };
     let light = response.decode(90.0 / 255.0) as f32;
     let all = photo(&camera, board([900.0, 900.0], light), gpu::grey(400, 300, 255), &framing, exposed);
-    let wanted = grain::sigma(&noise, &response, 1, 90.0, &GrainRatios { iso: 8.0, ..Default::default() });
+    let expected = grain::sigma(&noise, &response, 1, 90.0, &GrainRatios { iso: 8.0, ..Default::default() });
     let (mean, sigma) = mean_and_sigma(&all, 1);
-    assert!((mean - 90.0).abs() < 0.6 && (sigma / wanted - 1.0).abs() < 0.03, "{mean} {sigma}, {wanted} wanted");
+    assert!((mean - 90.0).abs() < 0.6 && (sigma / expected - 1.0).abs() < 0.03, "{mean} {sigma}, {expected} expected");
 }
 
 /// At a quarter of the speed and four times the light, film grain has a quarter of σ or less; the
@@ -197,8 +197,8 @@ fn frame_recorded_at_another_iso_contributes_the_noise_of_that_iso() {
     camera.exposure.iso = Some(100.0);
     let response = Response::default();
     let ratios = GrainRatios { iso: 16.0, ..Default::default() };
-    let wanted = grain::sigma(&noise, &response, 1, 90.0, &ratios);
-    let louder = |bin: &NoiseBin| NoiseBin { code: bin.code, sigma: bin.sigma * wanted / noise.sigma(1, 90.0) };
+    let expected = grain::sigma(&noise, &response, 1, 90.0, &ratios);
+    let louder = |bin: &NoiseBin| NoiseBin { code: bin.code, sigma: bin.sigma * expected / noise.sigma(1, 90.0) };
     let recorded =
         NoiseProfile { bins: noise.bins.clone().map(|bins| bins.iter().map(louder).collect()), ..noise.clone() };
     let framing = Framing::new(&geometry, None, None, f64::INFINITY, None).unwrap();
@@ -208,7 +208,7 @@ fn frame_recorded_at_another_iso_contributes_the_noise_of_that_iso() {
     let pixels = noisy_grey(400, 300, 90.0, &recorded);
     let done = photo_of_frame(Settings::default(), &camera, Scene::default(), pixels, &framing, exposed, exposure);
     let (_, sigma) = mean_and_sigma(&done, 1);
-    assert!((sigma / wanted - 1.0).abs() < 0.03, "σ {sigma}, {wanted} wanted");
+    assert!((sigma / expected - 1.0).abs() < 0.03, "σ {sigma}, {expected} expected");
 }
 
 /// The composite puts the recording's own noise, correlated between neighbours, on a board.
@@ -230,11 +230,11 @@ fn enlarged_correlated_noise_is_completed_to_the_film_grain() {
         let framing = Framing::new(&geometry, None, None, f64::INFINITY, Some(width)).unwrap();
         let done = photo(&camera, Scene::default(), recorded.clone(), &framing, AS_RECORDED);
         let ratios = GrainRatios { picture_width: f64::from(width) / 400.0, ..Default::default() };
-        let wanted = grain::sigma(&noise, &response, 1, 90.0, &ratios);
+        let expected = grain::sigma(&noise, &response, 1, 90.0, &ratios);
         let (mean, sigma) = mean_and_sigma(&done, 1);
         assert!(
-            (mean - 90.0).abs() < 0.6 && (sigma / wanted - 1.0).abs() < 0.04,
-            "{width} px: σ {sigma}, {wanted} wanted"
+            (mean - 90.0).abs() < 0.6 && (sigma / expected - 1.0).abs() < 0.04,
+            "{width} px: σ {sigma}, {expected} expected"
         );
     }
 }
@@ -511,9 +511,9 @@ fn impossible_camera_values_are_refused_with_the_accepted_range() {
         (&["--frame", "1", "--aim", "640.5,3"], &["--aim 640.5,3 lies outside the picture, 640x480 px"]),
         (&["--frame", "1", "--aim", "knife"], &["--aim knife", "the name of one object", "marker 1"]),
         (&["--frame", "4000"], &["--frame 4000", "numbered 0 to "]),
-        (&["--frame", "1", "--aperture", "0"], &["an aperture of 0", "0.5 to 256"]),
-        (&["--frame", "1", "--shutter", "0"], &["a shutter time of 0", "more than 0"]),
-        (&["--frame", "1", "--iso", "50"], &["a film speed of 50", "ISO 100 to 25600"]),
+        (&["--frame", "1", "--aperture", "0"], &["--aperture", "expected an f-number from 0.5 to 256"]),
+        (&["--frame", "1", "--shutter", "0"], &["--shutter", "expected more than 0"]),
+        (&["--frame", "1", "--iso", "50"], &["--iso", "expected ISO 100 to 25600"]),
         (&["--frame", "1", "--focal", "20"], &["20.0 mm", "covers more than the recording", "or more"]),
         (&["--frame", "1", "--focal", "100", "--focus", "0.05"], &["0.05 m", "within the focal length"]),
         (&["--frame", "1", "--film", "huge"], &["huge is not a film format", "36x24"]),

@@ -97,10 +97,10 @@ fn far_edge_is_as_wide_as_its_circle_of_confusion() {
         let (pixels, depth) = pictured(|x, _| if x < 160 { 6000 } else { 40000 }, |_, _| 4.0);
         let done = photo(&camera, Scene::default(), &pixels, &depth, lens(infinity_px, 1.0), SIZE.0);
         let measured_px = width_px(&done, 120, 100..220);
-        let wanted = (0.687 * 0.75 * infinity_px).hypot(0.8);
+        let expected = (0.687 * 0.75 * infinity_px).hypot(0.8);
         assert!(
-            (measured_px / wanted - 1.0).abs() < 0.05,
-            "circle {}: {measured_px} px, {wanted} wanted",
+            (measured_px / expected - 1.0).abs() < 0.05,
+            "circle {}: {measured_px} px, {expected} expected",
             0.75 * infinity_px
         );
         // No vignetting at the picture's corners.
@@ -137,8 +137,8 @@ fn blurred_foreground_spreads_over_the_sharp_background_and_is_translucent() {
     let (pixels, depth) = pictured(|x, _| if x < 160 { 6000 } else { 40000 }, |x, _| if x < 160 { 0.5 } else { 1.0 });
     let done = photo(&camera, Scene::default(), &pixels, &depth, lens(16.0, 1.0), SIZE.0);
     let measured_px = width_px(&done, 120, 130..190);
-    let wanted = (0.687 * 16.0f64).hypot(0.8);
-    assert!((measured_px / wanted - 1.0).abs() < 0.08, "{measured_px}, {wanted} wanted");
+    let expected = (0.687 * 16.0f64).hypot(0.8);
+    assert!((measured_px / expected - 1.0).abs() < 0.08, "{measured_px}, {expected} expected");
     // The mean of both at the edge, which is displaced outwards by one pixel.
     let middle = light(&done, 160, 120) / (light(&pixels, 10, 120) + light(&pixels, 300, 120));
     assert!((middle - 0.5).abs() < 0.08, "{middle}");
@@ -216,12 +216,12 @@ fn gets_the_films_grain(noise: &NoiseProfile) {
         let mean = codes.iter().sum::<f64>() / codes.len() as f64;
         let sigma = (codes.iter().map(|c| (c - mean).powi(2)).sum::<f64>() / codes.len() as f64).sqrt();
         let ratios = GrainRatios { picture_width: f64::from(width) / f64::from(SIZE.0), ..Default::default() };
-        let wanted = grain::sigma(noise, &Response::default(), 1, 90.0, &ratios).powi(2) + 1.0 / 12.0;
+        let expected = grain::sigma(noise, &Response::default(), 1, 90.0, &ratios).powi(2) + 1.0 / 12.0;
         assert!(
-            (sigma / wanted.sqrt() - 1.0).abs() < 0.04,
+            (sigma / expected.sqrt() - 1.0).abs() < 0.04,
             "{:?} {infinity_px} {width}: σ {sigma}, {}",
             noise.neighbour_correlation,
-            wanted.sqrt()
+            expected.sqrt()
         );
     }
 }

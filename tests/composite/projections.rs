@@ -8,7 +8,7 @@ use crate::marks::{marks, unlit, vertex};
 use crate::program;
 use crate::tier::{fast_or_full, is_full};
 use glam::{DQuat, DVec2, DVec3, Vec3};
-use locard::camera::curved::{Curved, CurvedProjection};
+use locard::camera::curved::{CurvedCamera, CurvedProjection};
 use locard::camera::{Distortion, Geometry, Intrinsics, LensModel};
 use locard::pixels::LinearImage;
 use locard::pose::Pose;
@@ -38,7 +38,7 @@ fn shoot(scene: Scene, projection: &Projection, pose: Pose) -> LinearImage {
 }
 
 fn curved(curve: CurvedProjection, width_px: u32, height_px: u32) -> Projection {
-    Projection::Curved(Curved { curve, width_px, height_px })
+    Projection::Curved(CurvedCamera { curve, width_px, height_px })
 }
 
 fn all_around() -> CurvedProjection {
@@ -133,9 +133,10 @@ fn marks_project_by_the_formula_in_every_projection() {
             let whole = projection.direction(at).is_some_and(|e| e.angle_between(*d) < 1e-6);
             let whole = whole && projection.direction(at + 8.0 * (at - 0.5 * size).normalize_or_zero()).is_some();
             let direct = matches!(&projection, Projection::Perspective(g) if !g.needs_cube_map()) && d.z < 0.2;
-            let pole =
-                matches!(projection, Projection::Curved(Curved { curve: CurvedProjection::Environment { .. }, .. }))
-                    && d.y.abs() > 0.98;
+            let pole = matches!(
+                projection,
+                Projection::Curved(CurvedCamera { curve: CurvedProjection::Environment { .. }, .. })
+            ) && d.y.abs() > 0.98;
             if !inside || !whole || direct || pole {
                 continue;
             }

@@ -91,7 +91,7 @@ fn composite_frame(scene: Scene, settings: &Settings, frame: Frame, radiance: Op
 
 /// Only the shadow on the floor.
 fn settings() -> Settings {
-    gpu::settings(&[("shadow", "on_things", Value::Bool(false)), ("exposure", "follow", Value::Bool(false))])
+    gpu::settings(&[("shadow", "on_evidence", Value::Bool(false)), ("exposure", "follow", Value::Bool(false))])
 }
 
 /// Indices of pixels away from the box.

@@ -275,7 +275,8 @@ fn composite_into_a_texture_view_matches_the_written_pixels() {
 
 #[test]
 fn settings_compare_by_value_and_survive_serialization() {
-    let (one, mut other) = (PictureInputs::new(0).settings, PictureInputs::new(0).settings);
+    let one = PictureInputs::new(0).settings;
+    let mut other = PictureInputs::new(0).settings;
     assert!(one == other);
     other.set("noise", "scale", &Value::Number(0.5)).unwrap().unwrap();
     assert!(one != other && one.clone() == one);

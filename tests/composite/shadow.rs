@@ -296,7 +296,7 @@ fn moved_light_redraws_the_shadows_of_unchanged_objects() {
     let (camera, track) = (gpu::camera(&geometry, 0.0), track());
     // Only the shadow on the floor: the objects' lightmaps depend on the same condition and cost
     // more.
-    let settings = gpu::settings(&[("shadow", "on_things", Value::Bool(false))]);
+    let settings = gpu::settings(&[("shadow", "on_evidence", Value::Bool(false))]);
     let drawn = |compositor: &mut Compositor| {
         let frame = gpu::frame(0, 0.0, gpu::grey(160, 120, GREY));
         let job = Job::of_frame(frame, &camera, &settings, &geometry, &track, 1.0 / 30.0).unwrap();

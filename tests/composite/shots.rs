@@ -170,31 +170,31 @@ fn export_matches_the_shot_and_can_be_cancelled() {
 #[test]
 fn photo_can_be_cancelled() {
     let temp = tempfile::tempdir().unwrap();
-    let mut wanted = PhotoRequest::new(31, temp.path().join("a.jpg"));
-    (wanted.lux, wanted.width_px) = (Some(300.0), Some(320));
+    let mut request = PhotoRequest::new(31, temp.path().join("a.jpg"));
+    (request.lux, request.width_px) = (Some(300.0), Some(320));
     let device = || Ok(gpu::gpu().clone());
-    let ended = wanted.take(demo(&[]), device, &mut |event| !matches!(event, PhotoEvent::Taking { .. }));
+    let ended = request.take(demo(&[]), device, &mut |event| !matches!(event, PhotoEvent::Taking { .. }));
     assert!(matches!(ended, Err(PhotoError::Take(TakeError::Cancelled))), "{ended:?}");
     assert_eq!(std::fs::read_dir(temp.path()).unwrap().count(), 0);
     let mut written = Vec::new();
-    let taken = wanted.take(demo(&[]), device, &mut |event| {
+    let taken = request.take(demo(&[]), device, &mut |event| {
         if let PhotoEvent::Written { path, .. } = event {
             written.push(path);
         }
         true
     });
     taken.unwrap();
-    assert_eq!(written, [wanted.output.clone()]);
+    assert_eq!(written, [request.output.clone()]);
     assert!(image::open(&written[0]).unwrap().width() == 320);
 
     // Cancelled by a warning before a device is opened, and between two of a series, the first of
     // which stays.
-    let dark = PhotoRequest { lux: None, output: temp.path().join("dark.jpg"), ..wanted.clone() };
+    let dark = PhotoRequest { lux: None, output: temp.path().join("dark.jpg"), ..request.clone() };
     let ended =
         dark.take(demo(&[]), || panic!("none is needed"), &mut |event| !matches!(event, PhotoEvent::Warning(_)));
     assert!(matches!(ended, Err(PhotoError::Take(TakeError::Cancelled))), "{ended:?}");
     let series =
-        PhotoRequest { bracket: Some(Bracket::Iso), width_px: Some(64), output: temp.path().join("s.jpg"), ..wanted };
+        PhotoRequest { bracket: Some(Bracket::Iso), width_px: Some(64), output: temp.path().join("s.jpg"), ..request };
     let mut photographs = Vec::new();
     let ended = series.take(demo(&[]), device, &mut |event| match event {
         PhotoEvent::Taking { number, .. } => {
@@ -245,7 +245,7 @@ fn errors_name_the_accepted_values() {
         let options = ShotOptions { scene: Some(scene.into()), ..ShotOptions::default() };
         Shot::open(Path::new(recording), &OpenOptions::default(), &options).unwrap_err().to_string()
     };
-    assert!(at("recordings/nothing", SCENE).contains("recordings/nothing: is not a recording"));
+    assert!(at("recordings/nothing", SCENE).contains("recordings/nothing: not a recording"));
     assert!(at("recordings/demo", "scenes/nothing.toml").contains("scenes/nothing.toml: cannot be read"));
     let temp = tempfile::tempdir().unwrap();
     program::with_a_truncated_frame(temp.path());
@@ -364,8 +364,8 @@ fn half_size_picture_matches_the_reduced_full_size_one() {
         let pending = shot.submit_reduced(compositor, &reduced, Target::Pixels).unwrap();
         compositor.collect(pending).unwrap()
     };
-    let on_things = fast_or_full("shadow.on_things=false", "shadow.on_things=true");
-    let sets = ["camera.lens.f_number=2", "camera.lens.focus_distance_m=0.5", "noise.scale=0", on_things];
+    let on_evidence = fast_or_full("shadow.on_evidence=false", "shadow.on_evidence=true");
+    let sets = ["camera.lens.f_number=2", "camera.lens.focus_distance_m=0.5", "noise.scale=0", on_evidence];
     sets.iter().for_each(|set| shot.rig.set_text(set, &mut shot.settings).unwrap());
     let whole = picture(&mut shot, &mut compositor, 31);
     let plain = half(&shot, &mut compositor);

@@ -104,7 +104,7 @@ fn missing_and_invalid_meter_inputs_are_named() {
     assert_eq!(modes, ["p", "s"]);
     for (arguments, named) in [
         (&["--frame", "72"][..], "72 frames, numbered 0 to 71"),
-        (&["--frame", "-1"], "-1 is refused: expected the number of a frame"),
+        (&["--frame", "-1"], "--frame <N>': expected the number of a frame"),
         // An invalid lens is refused before missing inputs are.
         (&["--frame", "0", "--set", "camera.lens.blades=2"], "camera.lens.blades"),
         (&["--frame", "0", "--shutter", "0"], "more than 0 and up to 60 s"),

@@ -303,7 +303,8 @@ fn forgotten_results_are_computed_again() {
 #[test]
 fn strength_to_and_from_0_repeats_no_stage_before_the_shadow_mask() {
     let gpu = gpu::gpu();
-    let (display, mut reused) = (Display::new(&gpu), compositor(&gpu));
+    let display = Display::new(&gpu);
+    let mut reused = compositor(&gpu);
     let of_strength = |strength: f32, cast: bool| {
         let mut inputs = base(0);
         for set in [format!("shadow.strength={strength}"), format!("shadow.cast={cast}")] {

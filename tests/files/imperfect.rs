@@ -224,7 +224,7 @@ fn unreadable_pictures_of_a_folder_are_named_and_keep_their_index() {
     assert!(error.contains("1 picture is not read (first: ") && error.contains("0.npy is a NumPy array"), "{error}");
     // Without any file that describes a recording.
     let error = refused(&folder.join("images"));
-    assert!(error.contains("is not a recording: 2 pictures are not read") && error.contains("ffmpeg"), "{error}");
+    assert!(error.contains("not a recording: 2 pictures are not read") && error.contains("ffmpeg"), "{error}");
 }
 
 #[test]

@@ -136,7 +136,7 @@ fn audit_passes_the_output_as_made_and_names_each_change() {
     assert!(locard(&arguments).status.success());
     // The first and the last of three.
     let passed = stdout_of(&["audit", "-q", &output, "--sample", "2"]);
-    assert!(passed.contains("frames: 2 of 2 made again are equal bit for bit"), "{passed}");
+    assert!(passed.contains("frames: 2 of 2 recomputed are equal bit for bit"), "{passed}");
     // Another scene.
     std::fs::write(&scene, text.replacen("version = 1", "version = 1 # touched", 1)).unwrap();
     let error = refused(&["audit", "-q", &output, "--files-only"]);
@@ -171,7 +171,7 @@ fn audit_of_a_video_or_without_a_record_explains_itself() {
     let path = video.to_str().unwrap();
     composite("40..42", &video, &["--lossless"]);
     let passed = stdout_of(&["audit", "-q", path]);
-    assert!(passed.contains("output: as it was written") && passed.contains("2 of 2 made again"), "{passed}");
+    assert!(passed.contains("output: as it was written") && passed.contains("2 of 2 recomputed"), "{passed}");
     let mut bytes = std::fs::read(&video).unwrap();
     *bytes.last_mut().unwrap() ^= 1;
     std::fs::write(&video, bytes).unwrap();

@@ -376,8 +376,10 @@ fn pictures_missing_from_a_folder_are_reported() {
 fn invalid_recordings_are_refused_in_one_line() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
-    assert!(refused(&at("nowhere")).contains("there is nothing at this path"));
-    assert!(refused(folder.path()).contains("expected a folder with recording.toml"));
+    assert!(refused(&at("nowhere")).contains("not a recording: no such file or folder"));
+    assert!(refused(folder.path()).contains("Supported: a folder with recording.toml"));
+    std::fs::write(at("empty.dat"), "").unwrap();
+    assert!(refused(&at("empty.dat")).contains("not a recording: the file is empty"));
     three_frames(folder.path());
     let list = |lines: &str| std::fs::write(at("rgb.txt"), lines).unwrap();
     list("1 rgb/frame_000000.png\n2 rgb/frame_000001.png\n");

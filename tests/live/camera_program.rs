@@ -121,7 +121,7 @@ fn unknown_cameras_and_pose_sources_are_refused_in_one_line() {
             ["--camera", text(&video), "--pose", "http://x"],
             "expected tags, tags:BOARD.toml, opentrackio://…, freed://…, file:RECORDING, none",
         ),
-        (["--camera", text(&video), "--pose", "file:scenes"], "scenes: is not a recording"),
+        (["--camera", text(&video), "--pose", "file:scenes"], "scenes: not a recording"),
         (["--camera", "Cargo.toml", "--pose", "none"], "Cargo.toml: "),
     ] {
         let error = refused(&[&["record"][..], &arguments, &["-o", text(&out)]].concat());
@@ -197,8 +197,8 @@ fn smoothed_poses_are_composited_and_recorded() {
         let (plains, smooths) = (plain.take_poses(1e9).unwrap(), smooth.take_poses(1e9).unwrap());
         assert_eq!(plains.len(), smooths.len());
         if let (Some((_, shown)), Some((_, quiet))) = (plains.first(), smooths.first()) {
-            let wanted = smoother.next(shown, &plain.covariance(*time_s).unwrap());
-            assert_eq!((*quiet, smooth.covariance(*time_s).unwrap()), wanted);
+            let expected = smoother.next(shown, &plain.covariance(*time_s).unwrap());
+            assert_eq!((*quiet, smooth.covariance(*time_s).unwrap()), expected);
             differs += usize::from(quiet != shown);
         }
     }
@@ -357,7 +357,8 @@ fn closing_lines_count_the_received_poses() {
     let mut walk = Sender::open(&url, "walk", 100.0, None).unwrap();
     let mut other = Sender::open(&url, "another", 100.0, None).unwrap();
     let noise = UdpSocket::bind("127.0.0.1:0").unwrap();
-    let (until, mut count) = (Instant::now() + Duration::from_secs(60), 0);
+    let until = Instant::now() + Duration::from_secs(60);
+    let mut count = 0;
     while recording.try_wait().unwrap().is_none() {
         assert!(Instant::now() < until, "it goes on");
         // Nobody may listen to the first ones.

@@ -152,7 +152,8 @@ fn poses_by(change: impl Fn(&str) -> String, pictures: u32) -> (usize, Option<St
     std::fs::write(path("camera.toml"), CAMERA.profile()).unwrap();
     let camera = Rig::of_file(Path::new(&path("camera.toml"))).unwrap().camera();
     let mut source = open_poses(&format!("tags:{}", path("other.toml")), Some(&camera), None).unwrap();
-    let (rays, mut pose_count) = (Rays::of(&CAMERA), 0);
+    let rays = Rays::of(&CAMERA);
+    let mut pose_count = 0;
     for i in 0..pictures {
         let time_s = INTERVAL_S * f64::from(i);
         // The camera comes so near that sometimes few tags are in the picture.

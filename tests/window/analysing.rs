@@ -53,7 +53,7 @@ fn site() -> (tempfile::TempDir, PathBuf) {
 }
 
 fn given() -> ShotOptions {
-    let no_shadows = ["shadow.cast=false", "shadow.on_things=false"].map(str::to_owned).to_vec();
+    let no_shadows = ["shadow.cast=false", "shadow.on_evidence=false"].map(str::to_owned).to_vec();
     ShotOptions { scene: Some(DEMO_SCENE.into()), sets: fast_or_full(no_shadows, vec![]), ..ShotOptions::default() }
 }
 

@@ -25,7 +25,7 @@ const LAMP_AT: [f64; 3] = [-0.2783, 0.2778, 2.349];
 const MARK_INSET: f64 = 18.0;
 const HANDLES_INSET: f64 = 104.0;
 
-const NO_SHADOWS: [&str; 2] = ["shadow.cast=false", "shadow.on_things=false"];
+const NO_SHADOWS: [&str; 2] = ["shadow.cast=false", "shadow.on_evidence=false"];
 
 /// On the floor of the simulated site: an edge of the paper, and an unprinted part of it.
 const PAPER_M: [DVec3; 2] = [DVec3::new(-0.1296, 0.6968, 0.0), DVec3::new(-0.1888, 0.7872, 0.0)];
@@ -403,7 +403,7 @@ fn estimated_light_is_adopted_by_the_scene_and_saved_with_its_panorama() {
     settle(&mut window);
     assert!(shown_codes(&window) == first, "it is the light that it was in");
     assert!(!has_label(&window, "Copy to scene and edit") && has_label(&window, "lamp 1"));
-    assert_eq!(steps(&window), ["opened", "light: as it was found"]);
+    assert_eq!(steps(&window), ["opened", "light: copied from the analysis"]);
     window.get_by_role_and_label(Role::Button, "lamp 1").click();
     window.run_steps(2);
     press_key(&mut window, Key::G);

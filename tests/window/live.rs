@@ -60,7 +60,7 @@ fn window_of(site: &Site, video: &str, sets: &[&str]) -> Harness<'static, App> {
     let camera = locard::profile::Rig::of_file(&profile).unwrap().camera();
     let tags = format!("tags:{}", site.path("board.toml"));
     let opened = live::open(&LiveSpec::new(video, &tags), Some(&camera)).unwrap();
-    let shadows: &[&str] = if is_full() { &[] } else { &["shadow.cast=false", "shadow.on_things=false"] };
+    let shadows: &[&str] = if is_full() { &[] } else { &["shadow.cast=false", "shadow.on_evidence=false"] };
     let sets = sets.iter().chain(shadows).map(ToString::to_string).collect();
     let options =
         ShotOptions { profile: Some(profile), sets, scene: Some(site.scene().into()), ..ShotOptions::default() };
@@ -297,7 +297,7 @@ fn camera_dialog_shows_the_current_options_and_restarts_with_new_ones() {
     assert_eq!(value(&window, "Board"), site.path("board.toml"));
     assert_eq!(value(&window, "Camera"), site.path("endless.mkv"));
     replace_text(&mut window, "Smoothing", "five");
-    assert_eq!(window.query_all_by_label_contains("five is refused: expected seconds").count(), 1);
+    assert_eq!(window.query_all_by_label_contains("Smoothing: expected seconds").count(), 1);
     assert!(window.get_by_label("Start").accesskit_node().is_disabled());
     replace_text(&mut window, "Smoothing", "0.05");
     replace_text(&mut window, "Rate", "25");
@@ -310,9 +310,9 @@ fn camera_dialog_shows_the_current_options_and_restarts_with_new_ones() {
     wait_for_label(&mut window, "Start");
     window.get_by_label("Start").click();
     run_until(&mut window, |app| app.project().camera.as_ref().is_some_and(|from| from.options.smooth_s.is_some()));
-    let wanted =
+    let expected =
         LiveOptions { smooth_s: Some(0.05), rate_hz: Some(25.0), size: Some((320, 240)), ..LiveOptions::default() };
-    assert_eq!(window.state().project().camera.as_ref().unwrap().options, wanted);
+    assert_eq!(window.state().project().camera.as_ref().unwrap().options, expected);
     run_until(&mut window, |app| app.viewer().composite().is_some());
     open_camera_dialog(&mut window);
     assert_eq!(["Smoothing", "Rate", "Pictures"].map(|field| value(&window, field)), ["0.05", "25", "320x240"]);

@@ -207,7 +207,7 @@ fn picked_plain_region_gives_noise_that_is_accepted_and_undone() {
     let mut window = open();
     window.get_by_label("Calibrate").click_accesskit();
     window.run_steps(2);
-    window.get_by_label("Pick plain places").click_accesskit();
+    window.get_by_label("Pick uniform areas").click_accesskit();
     window.run_steps(2);
     drag(&mut window, WALL);
     let before = window.state().project().edit().rig.noise.clone();
@@ -243,7 +243,7 @@ fn rejected_regions_show_a_reason_and_the_others_are_used() {
     let mut window = open();
     window.get_by_label("Calibrate").click_accesskit();
     window.run_steps(2);
-    window.get_by_label("Pick plain places").click_accesskit();
+    window.get_by_label("Pick uniform areas").click_accesskit();
     window.run_steps(2);
     // Three in a row, and one in another frame, without pressing the button again: one too small,
     // one over the box's edges.
@@ -266,17 +266,17 @@ fn rejected_regions_show_a_reason_and_the_others_are_used() {
     }
     // Each is removed separately; the rest gives the same result.
     for _ in 0..2 {
-        window.get_by_label("Drop plain 1").click_accesskit();
+        window.get_by_label("Drop area 1").click_accesskit();
         window.run_steps(3);
     }
-    assert!(window.query_by_label("Drop plain 3").is_none() && window.query_by_label("Drop plain 2").is_some());
+    assert!(window.query_by_label("Drop area 3").is_none() && window.query_by_label("Drop area 2").is_some());
     await_no_text(&mut window, "…");
     assert!(window.query_all_by_label_contains("too small").next().is_none());
     // Esc ends picking: a drag then has no effect.
     window.key_press(Key::Escape);
     window.run_steps(2);
     drag(&mut window, WALL);
-    assert!(window.query_by_label("Drop plain 3").is_none());
+    assert!(window.query_by_label("Drop area 3").is_none());
     let take = "Apply to profile: noise";
     until_enabled(&mut window, take);
     window.get_by_label(take).click_accesskit();

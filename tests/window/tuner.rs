@@ -156,13 +156,13 @@ fn message_disappears_with_the_next_action() {
     window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
     window.run_steps(2);
     let undone = "Undone: Noise: Amount";
-    let is_told = |window: &Harness<'_, App>| window.query_all_by_label(undone).count() == 1;
-    assert!(is_told(&window));
+    let is_reported = |window: &Harness<'_, App>| window.query_all_by_label(undone).count() == 1;
+    assert!(is_reported(&window));
     // The message stays as long as nothing else is done.
     window.run_steps(60);
-    assert!(is_told(&window));
+    assert!(is_reported(&window));
     set(&mut window, 0.75);
-    assert!(!is_told(&window));
+    assert!(!is_reported(&window));
 }
 
 #[test]
@@ -368,11 +368,11 @@ fn two_sets_of_settings_are_compared_and_copied() {
     window.key_press(Key::B);
     window.step();
     window.state_mut().project_mut().set("noise", "scale", &Value::Number(0.0)).unwrap();
-    run_until(&mut window, |app| app.is_settled() && app.viewer().other().is_some());
+    run_until(&mut window, |app| app.is_settled() && app.viewer().comparison().is_some());
     // B is edited, and A is unchanged.
     let other = |window: &Harness<'_, App>| {
         let viewer = window.state().viewer();
-        let texels = gpu::read_back(viewer.gpu(), &viewer.other().unwrap().texture);
+        let texels = gpu::read_back(viewer.gpu(), &viewer.comparison().unwrap().texture);
         texels.into_iter().map(|[r, g, b, _]| [r, g, b]).collect::<Vec<_>>()
     };
     let b = shown_codes(&window);

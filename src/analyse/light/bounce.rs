@@ -29,9 +29,9 @@ pub fn places(lamp: &LampSource, occupancy: &OccupancyGrid) -> Vec<LampSource> {
         let z = 1.0 - (2 * n + 1) as f64 / SPHERE_SAMPLES as f64;
         let (sin, cos) = (GOLDEN_RAD * n as f64).sin_cos();
         let across = (1.0 - z * z).sqrt();
-        LampSource { at: lamp.at + RADIUS_M * DVec3::new(across * cos, across * sin, z), along: None }
+        LampSource { position_m: lamp.position_m + RADIUS_M * DVec3::new(across * cos, across * sin, z), along: None }
     };
-    let is_visible = |place: &LampSource| !occupancy.is_occluded(lamp.at, DVec3::ZERO, place.at);
+    let is_visible = |place: &LampSource| !occupancy.is_occluded(lamp.position_m, DVec3::ZERO, place.position_m);
     let visible: Vec<LampSource> = (0..SPHERE_SAMPLES).map(on_sphere).filter(is_visible).collect();
     if visible.is_empty() { vec![LampSource { along: None, ..*lamp }] } else { visible }
 }
@@ -48,22 +48,27 @@ mod tests {
 
     #[test]
     fn mean_share_of_a_sphere_over_the_horizon_is_that_of_its_centre() {
-        let lamp = LampSource { at: DVec3::new(1.0, 0.5, 2.0), along: None };
+        let lamp = LampSource { position_m: DVec3::new(1.0, 0.5, 2.0), along: None };
         let all = places(&lamp, &OccupancyGrid::new(&[]));
         assert_eq!(all.len(), SPHERE_SAMPLES);
-        assert!(all.iter().all(|place| (place.at.distance(lamp.at) - RADIUS_M).abs() < 1e-12));
-        let of = |place: &LampSource| lamp_irradiance(DVec3::ZERO, DVec3::Z, place);
-        assert!((mean_share(&all, of) / of(&lamp) - 1.0).abs() < 0.02, "{} {}", mean_share(&all, of), of(&lamp));
+        assert!(all.iter().all(|place| (place.position_m.distance(lamp.position_m) - RADIUS_M).abs() < 1e-12));
+        let irradiance = |place: &LampSource| lamp_irradiance(DVec3::ZERO, DVec3::Z, place);
+        assert!(
+            (mean_share(&all, irradiance) / irradiance(&lamp) - 1.0).abs() < 0.02,
+            "{} {}",
+            mean_share(&all, irradiance),
+            irradiance(&lamp)
+        );
     }
 
     #[test]
     fn samples_behind_a_measured_ceiling_are_left_out() {
         let ceiling: Vec<DVec3> =
             (0..6400).map(|n| DVec3::new(0.03 * (n % 80) as f64 - 1.2, 0.03 * (n / 80) as f64 - 1.2, 2.5)).collect();
-        let lamp = LampSource { at: DVec3::new(0.0, 0.0, 2.2), along: None };
+        let lamp = LampSource { position_m: DVec3::new(0.0, 0.0, 2.2), along: None };
         let visible = places(&lamp, &OccupancyGrid::new(&ceiling));
         // Cells are 4 cm wide.
-        assert!(visible.iter().all(|place| place.at.z < 2.54), "{visible:?}");
+        assert!(visible.iter().all(|place| place.position_m.z < 2.54), "{visible:?}");
         // By hand (1 + 0.3/0.693)/2 = 0.72 of the sphere's area.
         assert!((10..=12).contains(&visible.len()), "{}", visible.len());
     }

@@ -32,7 +32,7 @@ pub struct MeteredFrame {
 
 impl MeteredFrame {
     pub fn of(view: &FrameSamples, place: DVec3) -> Self {
-        let is_near = |sample: &&LightSample| f64::from(sample.at.distance(place.as_vec3())) < RADIUS_M;
+        let is_near = |sample: &&LightSample| f64::from(sample.position_m.distance(place.as_vec3())) < RADIUS_M;
         let points = view.samples.iter().filter(is_near).count();
         Self { points, gain: view.gain, mean: view.mean }
     }

@@ -26,14 +26,15 @@ const MIN_PUSH_M: f64 = 0.003;
 /// `place` is on a support.
 pub fn centre(voxels: &[Voxel], up: DVec3, place: DVec3) -> DVec3 {
     let area_m2 = |count: usize| count as f64 * SIDE_M * SIDE_M;
-    let supports = |voxel: &&Voxel| voxel.at.distance(place) < SUPPORT_RADIUS_M && voxel.normal.dot(up) > MIN_UP_COS;
-    let heights: Vec<f64> = voxels.iter().filter(supports).map(|voxel| up.dot(voxel.at - place)).collect();
+    let supports =
+        |voxel: &&Voxel| voxel.position_m.distance(place) < SUPPORT_RADIUS_M && voxel.normal.dot(up) > MIN_UP_COS;
+    let heights: Vec<f64> = voxels.iter().filter(supports).map(|voxel| up.dot(voxel.position_m - place)).collect();
     let support_m = if area_m2(heights.len()) > MIN_SUPPORT_M2 { upper_median(heights).unwrap_or(0.0) } else { 0.0 };
     let mut at = place + (support_m + HEIGHT_M) * up;
     for _ in 0..MAX_STEPS {
-        let near = voxels.iter().filter(|voxel| voxel.at.distance(at) < CLEARANCE_M);
+        let near = voxels.iter().filter(|voxel| voxel.position_m.distance(at) < CLEARANCE_M);
         let push = |voxel: &Voxel| {
-            let away_m = voxel.normal.dot(at - voxel.at).clamp(-CLEARANCE_M, CLEARANCE_M);
+            let away_m = voxel.normal.dot(at - voxel.position_m).clamp(-CLEARANCE_M, CLEARANCE_M);
             (CLEARANCE_M - away_m) * voxel.normal
         };
         let mut pushes: Vec<DVec3> = near.map(push).collect();

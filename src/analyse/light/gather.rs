@@ -125,15 +125,15 @@ impl LightInputs<'_> {
         times: &mut Times,
         each: &mut dyn FnMut(FrameSamples),
     ) -> Result<(), RegistrationError> {
-        let wanted = self.chosen(max_count);
-        let mut coming = frames(self.recording, wanted.iter().copied());
+        let indices = self.chosen(max_count);
+        let mut coming = frames(self.recording, indices.iter().copied());
         loop {
             let begun = Instant::now();
             let mut batch = Vec::new();
             while batch.len() < 2 * self.threads.max(1) {
                 let Some(frame) = coming.next() else { break };
                 let frame = frame?;
-                if wanted.binary_search(&frame.index).is_ok() {
+                if indices.binary_search(&frame.index).is_ok() {
                     batch.push((frame, None));
                 }
             }
@@ -180,7 +180,7 @@ impl LightInputs<'_> {
                 }
                 let here = move_point(f64::from(depth[n]) * ray, &state.twist, row_s);
                 samples.push(LightSample {
-                    at: state.world_from_camera.transform_point3(here).as_vec3(),
+                    position_m: state.world_from_camera.transform_point3(here).as_vec3(),
                     light: [0, 1, 2].map(|c| (code[c] / gain[c]) as f32),
                     code: code.map(|code| code as f32),
                     clipped: codes.map(|code| code >= frame.pixels.clip_code()),

@@ -49,12 +49,12 @@ fn lamps(search: &Search<'_>, known_lamps: &KnownLamps<'_>) -> (Vec<LampSource>,
     let (mut lamps, mut score): (Vec<LampSource>, f64) = (Vec::new(), none);
     let marked = known_lamps.marked.iter().map(|at| (*at, true));
     for (at, is_marked) in marked.chain(known_lamps.estimated.iter().map(|at| (*at, false))) {
-        let is_there = |lamp: &LampSource| lamp.at.distance(at) < MIN_LAMP_DISTANCE_M;
+        let is_there = |lamp: &LampSource| lamp.position_m.distance(at) < MIN_LAMP_DISTANCE_M;
         if lamps.len() == MAX_LAMPS || (!is_marked && lamps.iter().any(is_there)) {
             continue;
         }
         let with = [None, Some(-search.volume.up)].map(|along| {
-            let more = [&lamps[..], &[LampSource { at, along }]].concat();
+            let more = [&lamps[..], &[LampSource { position_m: at, along }]].concat();
             (search.with(&more, FINAL_ITERATIONS).score, more)
         });
         let [bulb, panel] = with;
@@ -77,8 +77,9 @@ mod tests {
 
     /// Scaled to the white level in the middle of the floor.
     fn scaled(solved: &LampSolution, lamps: &[DVec3]) -> PlaceLight {
-        let by = |at: &DVec3| 2.0 * lamp_irradiance(DVec3::ZERO, UP, &LampSource { at: *at, along: None });
-        solved.at(DVec3::ZERO, [0.15 + lamps.iter().map(by).sum::<f64>(); 3])
+        let lamp_light =
+            |at: &DVec3| 2.0 * lamp_irradiance(DVec3::ZERO, UP, &LampSource { position_m: *at, along: None });
+        solved.at(DVec3::ZERO, [0.15 + lamps.iter().map(lamp_light).sum::<f64>(); 3])
     }
 
     fn solved(lamps: &[DVec3], marked: &[DVec3], estimated: &[DVec3]) -> LampSolution {
@@ -90,7 +91,7 @@ mod tests {
     fn marked_lamp_has_its_true_brightness_and_replaces_its_stand_in() {
         let lamp = DVec3::new(-0.6, 0.5, 2.0);
         let solution = solved(&[lamp], &[lamp], &[DVec3::new(-0.9, 0.1, 1.7)]);
-        assert_eq!(solution.lamps.iter().map(|lamp| lamp.at).collect::<Vec<_>>(), [lamp]);
+        assert_eq!(solution.lamps.iter().map(|lamp| lamp.position_m).collect::<Vec<_>>(), [lamp]);
         let PlaceLight { ambient, lamps } = scaled(&solution, &[lamp]);
         assert!((lamps[0].shown_at_1_m[1] / 2.0 - 1.0).abs() < 0.05, "{lamps:?}");
         assert!((ambient[1] - 0.15).abs() < 0.03, "{ambient:?}");
@@ -101,7 +102,7 @@ mod tests {
     fn found_lamp_stays_beside_a_marked_one_and_a_marked_dark_lamp_is_kept() {
         let lamps = [DVec3::new(0.8, -0.5, 1.9), DVec3::new(-0.7, 0.4, 2.1)];
         let solution = solved(&lamps, &lamps[..1], &lamps[1..]);
-        assert_eq!(solution.lamps.iter().map(|lamp| lamp.at).collect::<Vec<_>>(), lamps);
+        assert_eq!(solution.lamps.iter().map(|lamp| lamp.position_m).collect::<Vec<_>>(), lamps);
         let of_all = scaled(&solution, &lamps).lamps;
         for at in lamps {
             let of_one = of_all.iter().filter(|lamp| DVec3::from(lamp.at_m) == at).map(|lamp| lamp.shown_at_1_m[1]);
@@ -114,7 +115,7 @@ mod tests {
         // This lamp is off.
         let dark = DVec3::new(1.2, 1.0, 1.5);
         let solution = solved(&lamps[1..], &[dark], &lamps[1..]);
-        assert_eq!(solution.lamps.iter().map(|lamp| lamp.at).collect::<Vec<_>>(), [dark, lamps[1]]);
+        assert_eq!(solution.lamps.iter().map(|lamp| lamp.position_m).collect::<Vec<_>>(), [dark, lamps[1]]);
         let of_all = scaled(&solution, &lamps[1..]).lamps;
         let shown = |at: DVec3| -> f64 {
             of_all.iter().filter(|lamp| DVec3::from(lamp.at_m) == at).map(|lamp| lamp.shown_at_1_m[1]).sum()

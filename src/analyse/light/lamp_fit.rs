@@ -27,7 +27,7 @@ const GAUSS_SEIDEL_SWEEPS: usize = 60;
 /// A surface patch.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LitPoint {
-    pub at: DVec3,
+    pub position_m: DVec3,
     pub normal: DVec3,
     /// ln of its light.
     pub ln: f64,
@@ -68,14 +68,14 @@ pub fn ambient(normal: DVec3, up: DVec3) -> BasisRow {
 /// Position and emission of a lamp.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LampSource {
-    pub at: DVec3,
+    pub position_m: DVec3,
     /// Axis of a panel with cosine emission; `None` for an isotropic bulb.
     pub along: Option<DVec3>,
 }
 
 /// Irradiance by an unoccluded lamp of unit brightness on a surface at `at`.
 pub fn lamp_irradiance(at: DVec3, normal: DVec3, lamp: &LampSource) -> f64 {
-    let to = lamp.at - at;
+    let to = lamp.position_m - at;
     let d2 = to.length_squared().max(1e-4);
     let share = normal.dot(to).max(0.0) / (d2 * d2.sqrt());
     match lamp.along {
@@ -143,12 +143,12 @@ fn fit_to<const COUNT: usize>(points: &[LitPoint], shares: &[BasisRow], lamps: u
         for (n, (point, s)) in points.iter().zip(shares).enumerate() {
             let off = residual_ln[n] - reflectance[point.material];
             let w = 1.0 / (1.0 + (off / CAUCHY_SCALE_LN).powi(2));
-            let wanted = 1.0 + off.clamp(-1.0, 1.0);
+            let clamped_ratio = 1.0 + off.clamp(-1.0, 1.0);
             let per_lit = 1.0 / lit[n];
             let slope = s.map(|s| s * per_lit);
             for i in 0..COUNT {
                 let of = w * slope[i];
-                right[i] += of * wanted;
+                right[i] += of * clamped_ratio;
                 for j in 0..=i {
                     normal[i][j] += of * slope[j];
                 }
@@ -213,8 +213,9 @@ mod tests {
     /// A floor of 2 × 2 m and the sides and the top of a box of 40 cm on it, of two materials.
     fn plane_and_box() -> Vec<LitPoint> {
         let mut points = Vec::new();
-        let mut add =
-            |at: DVec3, normal: DVec3, material: usize| points.push(LitPoint { at, normal, ln: 0.0, material });
+        let mut add = |at: DVec3, normal: DVec3, material: usize| {
+            points.push(LitPoint { position_m: at, normal, ln: 0.0, material })
+        };
         for i in 0..20 {
             for j in 0..20 {
                 let at = DVec3::new(0.1 * f64::from(i) - 0.95, 0.1 * f64::from(j) - 0.95, 0.0);
@@ -238,13 +239,13 @@ mod tests {
 
     #[test]
     fn light_of_a_plane_and_a_box_is_recovered() {
-        let lamp = LampSource { at: DVec3::new(0.7, -0.3, 1.8), along: None };
+        let lamp = LampSource { position_m: DVec3::new(0.7, -0.3, 1.8), along: None };
         let (around, above, shown) = (0.2, 0.1, 1.5);
         let mut points = plane_and_box();
         let mut shares = Vec::new();
         for point in &mut points {
             let mut s = ambient(point.normal, DVec3::Z);
-            s[2] = lamp_irradiance(point.at, point.normal, &lamp);
+            s[2] = lamp_irradiance(point.position_m, point.normal, &lamp);
             point.ln = [0.3f64, 0.6][point.material].ln() + (around * s[0] + above * s[1] + shown * s[2]).ln();
             shares.push(s);
         }
@@ -257,7 +258,7 @@ mod tests {
         assert!((fit.reflectance[1] - fit.reflectance[0] - 2f64.ln()).abs() < 1e-4, "{:?}", fit.reflectance);
         assert!(fit.score < 1e-5, "{}", fit.score);
         // By hand: at 2 m straight below, 1 / 2²; a panel 60° off its axis gives half.
-        let below = LampSource { at: DVec3::new(0.0, 0.0, 2.0), along: None };
+        let below = LampSource { position_m: DVec3::new(0.0, 0.0, 2.0), along: None };
         assert_eq!(lamp_irradiance(DVec3::ZERO, DVec3::Z, &below), 0.25);
         let aside = DVec3::new(2.0 * 60f64.to_radians().tan(), 0.0, 0.0);
         let panel = LampSource { along: Some(-DVec3::Z), ..below };

@@ -81,7 +81,7 @@ struct LampGrid {
 }
 
 struct LampGridCell {
-    at: DVec3,
+    position_m: DVec3,
     /// Whether each of the grid's points is visible from here; computed on first use. No memo: one
     /// value for each cell, borrowed by all threads of the search.
     visible: OnceLock<Vec<bool>>,
@@ -109,7 +109,7 @@ impl LampGrid {
     }
 
     /// A cell and its neighbours.
-    fn around(&self, index: usize) -> impl Iterator<Item = usize> {
+    fn neighbourhood(&self, index: usize) -> impl Iterator<Item = usize> {
         let cell = self.cell(index);
         let low = cell.saturating_sub(USizeVec3::ONE);
         let high = (cell + 1).min(self.counts - 1);
@@ -138,18 +138,18 @@ pub struct Search<'a> {
 
 impl Search<'_> {
     fn shares(&self, points: &[LitPoint], lamps: &[LampSource]) -> Vec<BasisRow> {
-        let of = |point: &LitPoint| {
+        let basis_row = |point: &LitPoint| {
             let mut shares = ambient(point.normal, self.volume.up);
             for (k, lamp) in lamps.iter().enumerate() {
                 shares[2 + k] = self.share(point, lamp);
             }
             shares
         };
-        points.iter().map(of).collect()
+        points.iter().map(basis_row).collect()
     }
 
     fn share(&self, point: &LitPoint, lamp: &LampSource) -> f64 {
-        self.occupancy.lamp_irradiance(point.at, point.normal, lamp)
+        self.occupancy.lamp_irradiance(point.position_m, point.normal, lamp)
     }
 
     /// A grid over the room.
@@ -159,7 +159,7 @@ impl Search<'_> {
         let mut grid = LampGrid { few, counts: self.volume.counts(), cells: Vec::new() };
         let count = grid.counts.element_product();
         grid.cells = (0..count)
-            .map(|n| LampGridCell { at: self.volume.middle(grid.cell(n)), visible: OnceLock::new() })
+            .map(|n| LampGridCell { position_m: self.volume.middle(grid.cell(n)), visible: OnceLock::new() })
             .collect();
         grid
     }
@@ -173,7 +173,8 @@ impl Search<'_> {
     fn share_of_patch(&self, point: &LitPoint, lamp: &LampSource) -> f64 {
         let (x, y) = point.normal.any_orthonormal_pair();
         let quarter_m = 0.25 * PATCH_M;
-        let middles = [x + y, x - y, y - x, -x - y].map(|way| LitPoint { at: point.at + quarter_m * way, ..*point });
+        let middles = [x + y, x - y, y - x, -x - y]
+            .map(|way| LitPoint { position_m: point.position_m + quarter_m * way, ..*point });
         middles.iter().map(|middle| self.share(middle, lamp)).sum::<f64>() / middles.len() as f64
     }
 
@@ -256,24 +257,24 @@ impl Search<'_> {
             .flat_map(|cell| kinds.map(|along| (*cell, along)))
             .map(|(cell, along)| Trial {
                 cell,
-                place: LampSource { at: grid.cells[cell].at, along },
+                place: LampSource { position_m: grid.cells[cell].position_m, along },
                 score: f64::INFINITY,
             })
             .collect();
         over_rows(&mut trials, kinds.len(), self.threads, |_, trials| {
             let cell = &grid.cells[trials[0].cell];
-            if lamps.iter().any(|lamp| lamp.at.distance(cell.at) < MIN_LAMP_DISTANCE_M) {
+            if lamps.iter().any(|lamp| lamp.position_m.distance(cell.position_m) < MIN_LAMP_DISTANCE_M) {
                 return;
             }
             // Visibility is the same for a bulb and a panel.
-            let bulb = LampSource { at: cell.at, along: None };
+            let bulb = LampSource { position_m: cell.position_m, along: None };
             let visible =
                 cell.visible.get_or_init(|| grid.few.iter().map(|point| self.share(point, &bulb) > 0.0).collect());
             let mut shares = base_shares.clone();
             for trial in trials {
                 for ((point, shares), is_visible) in grid.few.iter().zip(&mut shares).zip(visible) {
                     shares[2 + lamps.len()] =
-                        if *is_visible { lamp_irradiance(point.at, point.normal, &trial.place) } else { 0.0 };
+                        if *is_visible { lamp_irradiance(point.position_m, point.normal, &trial.place) } else { 0.0 };
                 }
                 trial.score = fit(&grid.few, &shares, lamps.len() + 1, GRID_ITERATIONS).score;
             }
@@ -287,7 +288,7 @@ impl Search<'_> {
         let mut trials = self.evaluate(grid, &coarse, lamps);
         trials.sort_by(|a, b| a.score.total_cmp(&b.score));
         let near = trials.iter().filter(|trial| trial.score.is_finite()).take(REFINED_CELLS);
-        let mut finer: Vec<usize> = near.flat_map(|trial| grid.around(trial.cell)).collect();
+        let mut finer: Vec<usize> = near.flat_map(|trial| grid.neighbourhood(trial.cell)).collect();
         finer.sort_unstable();
         finer.dedup();
         finer.retain(|cell| coarse.binary_search(cell).is_err());
@@ -302,7 +303,8 @@ impl Search<'_> {
         // The best candidates that are not near each other.
         let mut begun: Vec<LampSource> = Vec::new();
         for Trial { place, score, .. } in self.candidates(grid, lamps) {
-            let is_beside = |b: &LampSource| b.along == place.along && b.at.distance(place.at) < 2.0 * GRID_M;
+            let is_beside =
+                |b: &LampSource| b.along == place.along && b.position_m.distance(place.position_m) < 2.0 * GRID_M;
             if score.is_finite() && begun.len() < DESCENT_STARTS && !begun.iter().any(is_beside) {
                 begun.push(place);
             }
@@ -327,8 +329,8 @@ impl Search<'_> {
             for k in (0..lamps.len()).rev() {
                 for axis in [DVec3::X, DVec3::Y, DVec3::Z] {
                     for way in [step_m, -step_m] {
-                        let at = (lamps[k].at + way * axis).clamp(self.volume.low, self.volume.high);
-                        let place = LampSource { at, ..lamps[k] };
+                        let at = (lamps[k].position_m + way * axis).clamp(self.volume.low, self.volume.high);
+                        let place = LampSource { position_m: at, ..lamps[k] };
                         let mut moved = shares.clone();
                         for (point, shares) in points.iter().zip(&mut moved) {
                             shares[2 + k] = self.share(point, &place);

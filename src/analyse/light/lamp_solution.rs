@@ -69,8 +69,8 @@ pub struct HalvesCheck {
 pub fn solve(voxels: &[Voxel], solid: &[DVec3], place: DVec3, up: DVec3, threads: usize) -> LampSolution {
     let occupancy = OccupancyGrid::new(solid);
     let volume = search_volume(solid, up);
-    let by = |half: usize| lit_points(voxels, half, LightChannel::Luminance);
-    let all = by(2);
+    let points_of_half = |half: usize| lit_points(voxels, half, LightChannel::Luminance);
+    let all = points_of_half(2);
     if all.len() < MIN_POINTS {
         return LampSolution::without_lamps(
             LampVerdict { no_lamp: Some(INSUFFICIENT_SURFACES.to_owned()), ..LampVerdict::default() },
@@ -192,24 +192,25 @@ impl LampSolution {
     /// Scaled to the white level of the place.
     pub fn at(&self, place: DVec3, white: [f64; 3]) -> PlaceLight {
         let scale = [0, 1, 2].map(|c| white[c] / self.upward(place, &self.colours[c]));
-        let of_even = |at: DVec3| lamp_irradiance(place, self.up, &LampSource { at, along: None });
+        let of_even = |at: DVec3| lamp_irradiance(place, self.up, &LampSource { position_m: at, along: None });
         // A panel is replaced by an isotropic lamp that is as bright at the place.
         let aside = |lamp: &LampSource| match lamp.along {
-            Some(along) => along.dot((place - lamp.at).normalize_or_zero()).max(0.0),
+            Some(along) => along.dot((place - lamp.position_m).normalize_or_zero()).max(0.0),
             None => 1.0,
         };
         let direct = self.lamps.iter().enumerate().map(|(k, lamp)| LampEstimate {
-            at_m: lamp.at.to_array(),
+            at_m: lamp.position_m.to_array(),
             shown_at_1_m: [0, 1, 2].map(|c| scale[c] * aside(lamp) * self.colours[c].lamps[k]),
             diameter_m: ASSUMED_LAMP_DIAMETER_M,
         });
         let bounce = self.lamps.iter().zip(&self.spheres).enumerate().map(|(k, (lamp, sphere))| {
             // 1 while the sphere is above the horizon. Clamped, because it diverges for a lamp at
             // the horizon.
-            let share = mean_share(sphere, |on_sphere| lamp_irradiance(place, self.up, on_sphere)) / of_even(lamp.at);
+            let share =
+                mean_share(sphere, |on_sphere| lamp_irradiance(place, self.up, on_sphere)) / of_even(lamp.position_m);
             let even_share = if share < 1.0 { share } else { 1.0 };
             LampEstimate {
-                at_m: lamp.at.to_array(),
+                at_m: lamp.position_m.to_array(),
                 shown_at_1_m: [0, 1, 2].map(|c| scale[c] * even_share * self.colours[c].bounce[k]),
                 diameter_m: bounce::DIAMETER_M,
             }
@@ -227,7 +228,7 @@ impl LampSolution {
 /// Fits each half's single lamp to the other half. `None` if one half finds no lamp.
 fn check_halves(halves: &[Search; 2], place: DVec3) -> Option<HalvesCheck> {
     let half_solutions = halves.each_ref().map(|half| half.lamps(1));
-    let at = |half: usize| Some(half_solutions[half].lamps.first()?.at - place);
+    let at = |half: usize| Some(half_solutions[half].lamps.first()?.position_m - place);
     let apart_deg = at(0)?.angle_between(at(1)?).to_degrees();
     let explained = [0, 1].map(|half: usize| {
         let none = half_solutions[half].scores[0].max(1e-9);
@@ -259,11 +260,11 @@ mod tests {
             solution.verdict,
             solution.lamps
         );
-        let off_deg = (solution.lamps[0].at - PLACE).angle_between(lamp - PLACE).to_degrees();
-        assert!(off_deg < 2.0, "{off_deg}: {}", solution.lamps[0].at);
+        let off_deg = (solution.lamps[0].position_m - PLACE).angle_between(lamp - PLACE).to_degrees();
+        assert!(off_deg < 2.0, "{off_deg}: {}", solution.lamps[0].position_m);
         // Scaled to the white level at the place, the lamp's light at 1 m is 2 and all other light
         // 0.15.
-        let by_lamp = |shown: f64| shown * lamp_irradiance(PLACE, UP, &LampSource { at: lamp, along: None });
+        let by_lamp = |shown: f64| shown * lamp_irradiance(PLACE, UP, &LampSource { position_m: lamp, along: None });
         let PlaceLight { ambient, lamps } = solution.at(PLACE, [0.15 + by_lamp(2.0); 3]);
         assert!((lamps[0].shown_at_1_m[1] / 2.0 - 1.0).abs() < 0.06, "{lamps:?}");
         assert!((ambient[1] - 0.15).abs() < 0.03, "{ambient:?}");
@@ -278,13 +279,13 @@ mod tests {
         let lamp = DVec3::new(-0.6, 0.5, 2.0);
         let (voxels, solid) = room_with_discs([&[lamp]; 2], 0.5);
         let solution = solve(&voxels, &solid, PLACE, UP, 2);
-        let by_lamp = 2.0 * lamp_irradiance(PLACE, UP, &LampSource { at: lamp, along: None });
+        let by_lamp = 2.0 * lamp_irradiance(PLACE, UP, &LampSource { position_m: lamp, along: None });
         let PlaceLight { ambient, lamps } = solution.at(PLACE, [0.15 + by_lamp; 3]);
         assert_eq!(lamps.iter().map(LampEstimate::is_bounce).collect::<Vec<_>>(), [false, true]);
         // By hand each is half of the lamp's light, and the rest stays ambient. The room's disc is
         // level, that of the model is not.
         let upward = lamps.iter().map(|lamp| {
-            lamp.shown_at_1_m[1] * lamp_irradiance(PLACE, UP, &LampSource { at: lamp.at_m.into(), along: None })
+            lamp.shown_at_1_m[1] * lamp_irradiance(PLACE, UP, &LampSource { position_m: lamp.at_m.into(), along: None })
                 / by_lamp
         });
         let upward: Vec<f64> = upward.collect();
@@ -301,8 +302,8 @@ mod tests {
         let lamps = [DVec3::new(0.8, -0.5, 1.9), DVec3::new(-0.7, 0.4, 2.1)];
         let solution = solved([&lamps; 2]);
         for lamp in lamps {
-            let off = |place: &LampSource| (place.at - PLACE).angle_between(lamp - PLACE).to_degrees();
-            let nearest_deg = solution.lamps.iter().map(off).fold(f64::INFINITY, f64::min);
+            let error_deg = |place: &LampSource| (place.position_m - PLACE).angle_between(lamp - PLACE).to_degrees();
+            let nearest_deg = solution.lamps.iter().map(error_deg).fold(f64::INFINITY, f64::min);
             assert!(nearest_deg < 5.0, "{nearest_deg}: {:?}", solution.lamps);
         }
         // Both halves have the same light.

@@ -145,7 +145,8 @@ fn levelled(
     (place, up): (DVec3, DVec3),
     exposure: &ExposureLevel,
 ) -> (LampSolution, WhiteLevel) {
-    let patches = |solved: &LampSolution| patches(voxels, |voxel| solved.relative(voxel.at, voxel.normal, place));
+    let patches =
+        |solved: &LampSolution| patches(voxels, |voxel| solved.relative(voxel.position_m, voxel.normal, place));
     if solved.lamps.is_empty() {
         let level = white_level(&patches(&solved), up, place, exposure);
         return (solved, level);

@@ -91,7 +91,7 @@ impl OccupancyGrid {
         // In cells, with steps of half a cell.
         let start = (begin - self.low) / self.side_m;
         let step = 0.5 * way / length.max(1e-9);
-        let (first, last) = self.within(start, step, 2.0 * length / self.side_m);
+        let (first, last) = self.step_range_inside(start, step, 2.0 * length / self.side_m);
         let per_step = step.recip();
         let mut n = first;
         while n <= last {
@@ -111,7 +111,7 @@ impl OccupancyGrid {
 
     /// The first and the last of up to `max_steps` from `start` inside the grid; the last is
     /// before the first if there is none.
-    fn within(&self, start: DVec3, step: DVec3, max_steps: f64) -> (f64, f64) {
+    fn step_range_inside(&self, start: DVec3, step: DVec3, max_steps: f64) -> (f64, f64) {
         let (mut first, mut last) = (1.0f64, max_steps.floor());
         for axis in 0..3 {
             let (at, by, size) = (start[axis], step[axis], f64::from(self.size[axis]));
@@ -143,7 +143,7 @@ impl OccupancyGrid {
     /// Irradiance by a lamp on a surface at `at` with `normal`; 0 if it is occluded.
     pub fn lamp_irradiance(&self, at: DVec3, normal: DVec3, lamp: &LampSource) -> f64 {
         let share = lamp_irradiance(at, normal, lamp);
-        if share > 0.0 && self.is_occluded(at, normal, lamp.at) { 0.0 } else { share }
+        if share > 0.0 && self.is_occluded(at, normal, lamp.position_m) { 0.0 } else { share }
     }
 }
 

@@ -79,7 +79,7 @@ impl PanoramaBuilder {
         let turn = self.map_from_world.as_quat();
         let mut touched = Vec::new();
         for sample in samples {
-            let way = sample.at - self.middle;
+            let way = sample.position_m - self.middle;
             let far_m = way.length();
             if far_m < 1e-3 {
                 continue;
@@ -106,7 +106,7 @@ impl PanoramaBuilder {
 
     /// The light of each texel.
     pub fn finish(&self) -> PartialPanorama {
-        let of = |texel: &Texel| -> Option<[f32; 3]> {
+        let texel_light = |texel: &Texel| -> Option<[f32; 3]> {
             let light = |c: usize| {
                 let mut values: Vec<CensoredSample> =
                     texel.kept.iter().map(|(light, w, clip)| (light[c], *w, clip[c])).collect();
@@ -114,7 +114,7 @@ impl PanoramaBuilder {
             };
             Some([light(0)?, light(1)?, light(2)?])
         };
-        let mut texels: PartialPanorama = self.texels.iter().map(of).collect();
+        let mut texels: PartialPanorama = self.texels.iter().map(texel_light).collect();
         for _ in 0..FILL_ITERATIONS {
             texels = filled(&texels);
         }
@@ -148,21 +148,21 @@ fn filled(partial: &PartialPanorama) -> PartialPanorama {
         let y = usize::try_from(y).ok().filter(|y| *y < HEIGHT)?;
         partial[y * WIDTH + x.rem_euclid(WIDTH as i64) as usize]
     };
-    let of = |n: usize| {
+    let filled_texel = |n: usize| {
         let (x, y) = ((n % WIDTH) as i64, (n / WIDTH) as i64);
         let around = [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)];
         let neighbours: Vec<[f32; 3]> = around.iter().filter_map(|(dx, dy)| at(x + dx, y + dy)).collect();
         let mean = |c: usize| neighbours.iter().map(|light| light[c]).sum::<f32>() / neighbours.len() as f32;
         (neighbours.len() >= MIN_NEIGHBOURS).then(|| [mean(0), mean(1), mean(2)])
     };
-    (0..partial.len()).map(|n| partial[n].or_else(|| of(n))).collect()
+    (0..partial.len()).map(|n| partial[n].or_else(|| filled_texel(n))).collect()
 }
 
 /// Fractions of all directions, and of those above the horizon, that were seen.
 pub fn coverage(partial: &PartialPanorama) -> (f64, f64) {
     let sum = |from: usize, to: usize| {
-        let of = |n: usize| if partial[n].is_some() { solid_sr(n) } else { 0.0 };
-        (from..to).map(of).sum::<f64>()
+        let covered_sr = |n: usize| if partial[n].is_some() { solid_sr(n) } else { 0.0 };
+        (from..to).map(covered_sr).sum::<f64>()
     };
     (sum(0, WIDTH * HEIGHT) / (4.0 * PI), sum(0, WIDTH * HEIGHT / 2) / (2.0 * PI))
 }
@@ -170,8 +170,9 @@ pub fn coverage(partial: &PartialPanorama) -> (f64, f64) {
 /// Light of an upward-facing matt white surface: the irradiance from above by π.
 pub fn upward(rgb: &[[f32; 3]]) -> [f64; 3] {
     [0, 1, 2].map(|c| {
-        let of = |(n, light): (usize, &[f32; 3])| f64::from(light[c]) * direction(n).y.max(0.0) * solid_sr(n) / PI;
-        rgb.iter().enumerate().map(of).sum()
+        let irradiance =
+            |(n, light): (usize, &[f32; 3])| f64::from(light[c]) * direction(n).y.max(0.0) * solid_sr(n) / PI;
+        rgb.iter().enumerate().map(irradiance).sum()
     })
 }
 
@@ -192,7 +193,7 @@ mod tests {
     fn points_behind_nearer_ones_are_ignored() {
         let mut splat = PanoramaBuilder::new(Vec3::ZERO, DQuat::IDENTITY);
         let sample = |far_m: f32, light: f32| LightSample {
-            at: -far_m * Vec3::Z,
+            position_m: -far_m * Vec3::Z,
             light: [light; 3],
             code: [light; 3],
             clipped: [false; 3],

@@ -6,7 +6,7 @@ use glam::Vec3;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LightSample {
     /// World axes, m.
-    pub at: Vec3,
+    pub position_m: Vec3,
     /// Linear light divided by the frame's gain: red, green, blue.
     pub light: [f32; 3],
     /// Linear light of the frame itself.

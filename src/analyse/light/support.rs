@@ -25,8 +25,8 @@ pub fn places(voxels: &[Voxel], up: DVec3) -> Vec<DVec3> {
     let scale = DVec3::new(CELL_M, CELL_M, CELL_HEIGHT_M);
     let mut cells: BTreeMap<[i32; 3], Vec<DVec3>> = BTreeMap::new();
     for voxel in voxels.iter().filter(|voxel| voxel.normal.dot(up) > MIN_LEVEL_COS) {
-        let cell = ((turn * voxel.at) / scale).floor().as_ivec3();
-        cells.entry(cell.to_array()).or_default().push(voxel.at);
+        let cell = ((turn * voxel.position_m) / scale).floor().as_ivec3();
+        cells.entry(cell.to_array()).or_default().push(voxel.position_m);
     }
     cells.retain(|_, points| points.len() >= MIN_VOXELS_PER_CELL);
     let mut supports: Vec<Vec<DVec3>> = Vec::new();
@@ -44,15 +44,15 @@ pub fn places(voxels: &[Voxel], up: DVec3) -> Vec<DVec3> {
     let kept = 1 + supports.iter().skip(1).take(MAX_SUPPORTS - 1).take_while(|support| is_large(support)).count();
     supports.truncate(kept);
     if supports.is_empty() {
-        supports.push(voxels.iter().map(|voxel| voxel.at).collect());
+        supports.push(voxels.iter().map(|voxel| voxel.position_m).collect());
     }
     supports.iter().filter_map(|support| middle(support)).collect()
 }
 
 /// The point nearest to the median. The median itself can lie outside of a concave surface.
 fn middle(points: &[DVec3]) -> Option<DVec3> {
-    let of = |axis: usize| upper_median(points.iter().map(|at| at[axis]));
-    let middle = DVec3::new(of(0)?, of(1)?, of(2)?);
+    let median_coordinate = |axis: usize| upper_median(points.iter().map(|at| at[axis]));
+    let middle = DVec3::new(median_coordinate(0)?, median_coordinate(1)?, median_coordinate(2)?);
     points.iter().copied().min_by(|a, b| a.distance_squared(middle).total_cmp(&b.distance_squared(middle)))
 }
 
@@ -67,8 +67,8 @@ mod tests {
     #[test]
     fn places_are_on_large_levels_the_largest_first() {
         let level = |count: i32, at: DVec3| {
-            let of = move |n: i32| at + 0.02 * DVec3::new(f64::from(n % count), f64::from(n / count), 0.0);
-            (0..count * count).map(move |n| Voxel::of_surface(of(n), DVec3::Z, [0.5; 3]))
+            let place = move |n: i32| at + 0.02 * DVec3::new(f64::from(n % count), f64::from(n / count), 0.0);
+            (0..count * count).map(move |n| Voxel::of_surface(place(n), DVec3::Z, [0.5; 3]))
         };
         // The smallest is 0.3 m wide.
         let (small, large) = (DVec3::new(0.0, 3.0, 0.0), DVec3::new(2.0, 0.0, 0.7));

@@ -52,11 +52,11 @@ pub fn lit_points(voxels: &[Voxel], by: usize, of: LightChannel) -> Vec<LitPoint
                 LightChannel::Colour(c) => f64::from(light[c]).ln(),
             };
             let bin = [(r / g).ln(), (b / g).ln()].map(|v| (v / BIN_LN).round() as i32);
-            let cell = (voxel.at / PATCH_M).floor().as_ivec3().to_array();
+            let cell = (voxel.position_m / PATCH_M).floor().as_ivec3().to_array();
             let n = voxel.normal;
             let axis = (0..3).max_by(|i, j| n[*i].abs().total_cmp(&n[*j].abs())).unwrap_or(2);
             let towards = 2 * axis + usize::from(n[axis] > 0.0);
-            patches.entry((bin, cell, towards)).or_default().push((voxel.at, n, ln));
+            patches.entry((bin, cell, towards)).or_default().push((voxel.position_m, n, ln));
         }
     }
     let mut materials: BTreeMap<ChromaBin, Vec<LitPoint>> = BTreeMap::new();
@@ -65,7 +65,7 @@ pub fn lit_points(voxels: &[Voxel], by: usize, of: LightChannel) -> Vec<LitPoint
         let at = of.iter().map(|voxel| voxel.0).sum::<DVec3>() * share;
         let normal = of.iter().map(|voxel| voxel.1).sum::<DVec3>().normalize_or_zero();
         let ln = of.iter().map(|voxel| voxel.2).sum::<f64>() * share;
-        materials.entry(*bin).or_default().push(LitPoint { at, normal, ln, material: 0 });
+        materials.entry(*bin).or_default().push(LitPoint { position_m: at, normal, ln, material: 0 });
     }
     let kept = materials.into_values().filter(|points| points.len() >= MIN_PATCHES_PER_MATERIAL);
     let numbered = |(n, points): (usize, Vec<LitPoint>)| points.into_iter().map(move |p| LitPoint { material: n, ..p });

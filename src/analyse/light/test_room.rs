@@ -37,9 +37,10 @@ pub fn room_with_discs(lamps: [&[DVec3]; 2], share: f64) -> (Vec<Voxel>, Vec<DVe
     let occupancy = OccupancyGrid::new(&solid);
     let lit = |(n, (at, normal, albedo)): (usize, &(DVec3, DVec3, DVec3))| {
         let pattern = 1.0 + 0.1 * (7.0 * n as f64).sin();
-        let by = |lamps: &[DVec3]| {
-            let from =
-                |lamp: DVec3| 2.0 * occupancy.lamp_irradiance(*at, *normal, &LampSource { at: lamp, along: None });
+        let light_of_lamps = |lamps: &[DVec3]| {
+            let from = |lamp: DVec3| {
+                2.0 * occupancy.lamp_irradiance(*at, *normal, &LampSource { position_m: lamp, along: None })
+            };
             // Rings of equal area with the same number of samples.
             let on_disc = |n: usize| {
                 let (radius, turn) = (0.8 * ((n / 8) as f64 / 5.0 + 0.1).sqrt(), (n % 8) as f64 + 0.3 * (n / 8) as f64);
@@ -54,7 +55,7 @@ pub fn room_with_discs(lamps: [&[DVec3]; 2], share: f64) -> (Vec<Voxel>, Vec<DVe
             let direct: f64 = lamps.iter().map(shown).sum();
             Some((pattern * *albedo * (0.15 + direct)).as_vec3().to_array())
         };
-        let light = [by(lamps[0]), by(lamps[1]), by(lamps[0])];
+        let light = [light_of_lamps(lamps[0]), light_of_lamps(lamps[1]), light_of_lamps(lamps[0])];
         Voxel { light, ..Voxel::of_surface(*at, *normal, light[2].unwrap_or_default()) }
     };
     (surfaces.iter().enumerate().map(lit).collect(), solid)

@@ -65,7 +65,7 @@ struct Cube {
 /// A well-observed voxel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Voxel {
-    pub at: DVec3,
+    pub position_m: DVec3,
     /// Unit length, towards the cameras.
     pub normal: DVec3,
     /// Linear light by the first half of the frames, by the second, and by all; `None` where too
@@ -88,7 +88,7 @@ impl Voxel {
     /// A voxel with the same light in all frames.
     pub fn of_surface(at: DVec3, normal: DVec3, light: [f32; 3]) -> Self {
         Self {
-            at,
+            position_m: at,
             normal,
             light: [Some(light); 3],
             is_clipped: false,
@@ -128,8 +128,8 @@ impl Voxels {
     /// of the frames, 1 in the second.
     pub fn add(&mut self, samples: &[LightSample], camera_at: Vec3, half: usize) {
         let mut touched = Vec::new();
-        for sample in samples.iter().filter(|sample| sample.at.distance(camera_at) < MAX_DISTANCE_M) {
-            let key = key(sample.at);
+        for sample in samples.iter().filter(|sample| sample.position_m.distance(camera_at) < MAX_DISTANCE_M) {
+            let key = key(sample.position_m);
             let at = match self.index.get(&key) {
                 Some(at) => *at as usize,
                 None if self.cubes.len() < self.limit => {
@@ -143,9 +143,9 @@ impl Voxels {
             if cube.now_count == 0 {
                 touched.push(at);
             }
-            cube.sum_at += sample.at.as_dvec3();
+            cube.sum_at += sample.position_m.as_dvec3();
             cube.count += 1;
-            cube.towards += (camera_at - sample.at).normalize_or_zero();
+            cube.towards += (camera_at - sample.position_m).normalize_or_zero();
             for c in 0..3 {
                 cube.now[c] += sample.light[c];
                 cube.now_code[c] += sample.code[c];
@@ -214,7 +214,7 @@ impl Voxels {
         };
         let median = [0, 1, 2].map(|c| median_of(&|mean| (mean.light[c], mean.clipped[c])));
         Some(Voxel {
-            at: cube.middle(),
+            position_m: cube.middle(),
             normal,
             light,
             is_clipped: 2 * (cube.clipped[0] + cube.clipped[1]) > frames,

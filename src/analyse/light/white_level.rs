@@ -88,7 +88,7 @@ const COLOUR_HALF_WEIGHT_M2: f64 = 0.09;
 /// A surface element of one voxel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Patch {
-    pub at: DVec3,
+    pub position_m: DVec3,
     pub normal: DVec3,
     /// Linear light as it would be at the place, and whether any channel is a lower bound.
     pub light: [f64; 3],
@@ -114,7 +114,7 @@ impl Patch {
     /// `relative`: light on the voxel by the light at the place.
     pub fn of(voxel: &Voxel, relative: f64) -> Self {
         Self {
-            at: voxel.at,
+            position_m: voxel.position_m,
             normal: voxel.normal,
             light: voxel.median.map(|light| f64::from(light) / relative),
             is_bound: voxel.is_bound.contains(&true),
@@ -211,7 +211,7 @@ impl BrightestSurfaces {
     fn of(patches: &[Patch], up: DVec3, place: DVec3) -> Option<Self> {
         let upward: Vec<&Patch> = patches.iter().filter(|patch| patch.normal.dot(up) > MIN_UPWARD_COS).collect();
         let within = |radius_m: f64| -> Vec<&Patch> {
-            upward.iter().copied().filter(|patch| patch.at.distance(place) < radius_m).collect()
+            upward.iter().copied().filter(|patch| patch.position_m.distance(place) < radius_m).collect()
         };
         let is_enough = |patches: &Vec<&Patch>| area_m2(patches.len()) >= MIN_AREA_M2;
         let (radius_m, near) =
@@ -273,7 +273,7 @@ impl BrightestSurfaces {
 /// their area: those within a radius of the place, by a luminance of the brightest.
 fn colour(patches: &[Patch], up: DVec3, place: DVec3, (radius_m, top): (f64, f64), neutral: [f64; 3]) -> [f64; 3] {
     let shows = |patch: &&Patch| {
-        patch.at.distance(place) < radius_m
+        patch.position_m.distance(place) < radius_m
             && patch.normal.dot(up) > MIN_COLOUR_COS
             && !patch.is_bound
             && patch.saturation() < MAX_COLOUR_SATURATION
@@ -328,12 +328,12 @@ pub fn white_level_by_lamps(
     place: DVec3,
     exposure: &ExposureLevel,
 ) -> Option<WhiteLevel> {
-    let of = |faces: &dyn Fn(&&Patch) -> bool| -> Vec<CensoredSample> {
+    let face_samples = |faces: &dyn Fn(&&Patch) -> bool| -> Vec<CensoredSample> {
         patches.iter().filter(faces).map(|patch| (patch.brightest as f32, 1.0, patch.is_bound)).collect()
     };
-    let mut values = of(&|patch| patch.normal.dot(up) > MIN_UPWARD_COS);
+    let mut values = face_samples(&|patch| patch.normal.dot(up) > MIN_UPWARD_COS);
     if values.len() < MIN_UPWARD_VOXELS {
-        values = of(&|_| true);
+        values = face_samples(&|_| true);
     }
     let mut level = |share: f64| {
         kaplan_meier(&mut values, share).map(|(value, is_bound)| (f64::from(value) / WHITE_REFLECTANCE, is_bound))

@@ -25,8 +25,8 @@ fn one_exposure_is_one_run_with_the_median() {
 #[test]
 fn frames_that_differ_by_more_than_a_fifth_are_a_run() {
     let row = |longer: f64| -> Vec<ExposureRun> {
-        let of = |n: usize| 10.0 * if (4..8).contains(&n) { longer } else { 1.0 } + 0.1 * (n % 3) as f64;
-        let all: Vec<ExposureSample> = (0..12).map(|n| sample(8 * n + 2, of(n))).collect();
+        let interval = |n: usize| 10.0 * if (4..8).contains(&n) { longer } else { 1.0 } + 0.1 * (n % 3) as f64;
+        let all: Vec<ExposureSample> = (0..12).map(|n| sample(8 * n + 2, interval(n))).collect();
         runs(&all, 100)
     };
     assert_eq!(row(1.15).len(), 1);

@@ -13,7 +13,7 @@ use crate::grey_image::GreyImage;
 #[derive(Clone, Copy, Debug, thiserror::Error, PartialEq, Eq)]
 pub enum ChessboardError {
     #[error(
-        "no chessboard is seen: it must be in focus and at rest, lit evenly, with squares some 10 px wide and a white rim"
+        "no chessboard is seen: it must be in focus and at rest, lit evenly, with squares about 10 px wide and a white rim"
     )]
     None,
     #[error("only {corners} corners of a chessboard are seen; {MIN_CORNERS} in {MIN_ROWS} rows are needed")]

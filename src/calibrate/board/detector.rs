@@ -28,9 +28,9 @@ pub struct BoardDetector {
 
 impl BoardDetector {
     /// `response` linearizes the camera's codes.
-    pub fn new(wanted: &TargetChoice, response: &Response) -> Result<Self, NotOnPlane> {
+    pub fn new(target: &TargetChoice, response: &Response) -> Result<Self, NotOnPlane> {
         let printed = |board| Ok(Some(TagBoardDetector::new(board, response)?));
-        Ok(match wanted {
+        Ok(match target {
             TargetChoice::Any => Self { chessboard: Some(None), tags: printed(Sheet::new(Paper::A4).board)? },
             TargetChoice::Chessboard(board) => Self { chessboard: Some(Some(*board)), tags: None },
             TargetChoice::Tags(board) => Self { chessboard: None, tags: printed(board.clone())? },
@@ -56,7 +56,7 @@ impl BoardDetector {
             }
             (Some(_), ChessboardError::None) => {
                 "neither printed tags nor a chessboard are seen: they must be in focus and at rest, lit evenly, with \
-                 squares some 10 px wide and a white rim"
+                 squares about 10 px wide and a white rim"
                     .to_owned()
             }
             (_, why) => why.to_string(),

@@ -97,11 +97,13 @@ fn links(blurred: &GreyImage, corners: &[Corner]) -> CornerLinks {
 fn joined(blurred: &GreyImage, one: &Corner, other: &Corner) -> Option<(usize, usize)> {
     let way = other.at - one.at;
     let aimed = |corner: &Corner, way: DVec2| {
-        let off = |edge: usize| {
+        let angle_to_way = |edge: usize| {
             let turn = (corner.edges[edge] - way.to_angle()).rem_euclid(TAU);
             turn.min(TAU - turn)
         };
-        (0..4).min_by(|a, b| off(*a).total_cmp(&off(*b))).filter(|edge| off(*edge) < MAX_AIM_ERROR_RAD)
+        (0..4)
+            .min_by(|a, b| angle_to_way(*a).total_cmp(&angle_to_way(*b)))
+            .filter(|edge| angle_to_way(*edge) < MAX_AIM_ERROR_RAD)
     };
     let (from, to) = (aimed(one, way)?, aimed(other, -way)?);
     let fainter = one.contrast.min(other.contrast);
@@ -195,15 +197,15 @@ pub fn prune(grid: &mut Grid) {
 /// Adds missed corners at the positions that their neighbours predict, until there are no more.
 fn add_missed_corners(blurred: &GreyImage, grid: &mut Grid) {
     loop {
-        let mut wanted: Vec<(i32, i32)> = grid
+        let mut candidates: Vec<(i32, i32)> = grid
             .keys()
             .flat_map(|(column, row)| DIRECTIONS.map(|way| (column + way.0, row + way.1)))
             .filter(|place| !grid.contains_key(place))
             .collect();
-        wanted.sort_unstable();
-        wanted.dedup();
+        candidates.sort_unstable();
+        candidates.dedup();
         let before = grid.len();
-        for place in wanted {
+        for place in candidates {
             if let Some(corner) = find_missed(blurred, grid, place) {
                 grid.insert(place, corner);
             }

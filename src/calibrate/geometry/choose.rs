@@ -131,18 +131,18 @@ fn largest(views: &[NamedView]) -> DetectedTarget {
 fn choose_model(
     size_px: DVec2,
     views: &[&BoardDetection],
-    wanted: Option<LensModel>,
+    requested_model: Option<LensModel>,
 ) -> Result<(LensFit, Vec<String>), LensCalibrationError> {
-    let of = |model| fit(model, size_px, views);
-    match wanted {
+    let fit_of = |model| fit(model, size_px, views);
+    match requested_model {
         Some(model @ (LensModel::Opencv | LensModel::OpencvFisheye)) => {
-            of(model).map(|fit| (fit, Vec::new())).ok_or(LensCalibrationError::Unexplained)
+            fit_of(model).map(|fit| (fit, Vec::new())).ok_or(LensCalibrationError::Unexplained)
         }
         Some(LensModel::Equirectangular) => Err(LensCalibrationError::Panorama),
         Some(LensModel::OpencvRational | LensModel::Fov | LensModel::ThinPrismFisheye) => {
             Err(LensCalibrationError::Model)
         }
-        None => match (of(LensModel::Opencv), of(LensModel::OpencvFisheye)) {
+        None => match (fit_of(LensModel::Opencv), fit_of(LensModel::OpencvFisheye)) {
             (Some(brown), Some(fisheye)) if fisheye.mean_px() < MAX_FISHEYE_RESIDUAL_RATIO * brown.mean_px() => {
                 let [own, other] = [&fisheye, &brown].map(|fit| fixed(fit.mean_px(), 2));
                 let note = format!(

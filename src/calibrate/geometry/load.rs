@@ -59,11 +59,11 @@ pub struct Views {
 /// `response` linearizes the camera's codes.
 pub fn views_from_paths(
     paths: &[PathBuf],
-    wanted: &TargetChoice,
+    target: &TargetChoice,
     response: &Response,
     progress: LensProgress<'_>,
 ) -> Result<Views, LoadError> {
-    let begin = || BoardDetector::new(wanted, response);
+    let begin = || BoardDetector::new(target, response);
     let mut search = begin()?;
     let (mut photos, mut videos) = (Vec::new(), Vec::new());
     for path in paths {

@@ -88,7 +88,7 @@ impl PictureCorner {
 #[derive(Clone, Debug, PartialEq)]
 pub enum MissingViews {
     /// More views.
-    Views { taken: usize, wanted: usize },
+    Views { taken: usize, min_views: usize },
     /// Boards tilted so that these edges are farther away.
     Tilts(Vec<PictureEdge>),
     /// Boards in these corners of the picture.
@@ -131,7 +131,7 @@ impl MissingViews {
 impl fmt::Display for MissingViews {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Views { taken, wanted } => write!(f, "{} so far: take {wanted} or more", count(*taken, "view")),
+            Self::Views { taken, min_views } => write!(f, "{} so far: take {min_views} or more", count(*taken, "view")),
             Self::Tilts(edges) => write!(
                 f,
                 "no board is tilted so that its {} edge is farther away: tilt it by 20° to 45°",
@@ -169,17 +169,17 @@ pub fn distance(detection: &BoardDetection, stand: &RigidPose) -> f64 {
 }
 
 /// The views that a calibration lacks for a picture of this size, most important first. At least
-/// `wanted` views are required, with enough variation.
+/// `min_views` views are required, with enough variation.
 pub fn missing(
     size_px: DVec2,
     parameters: &[Parameter],
     views: &[&BoardDetection],
     stands: &[RigidPose],
-    wanted: usize,
+    min_views: usize,
 ) -> Vec<MissingViews> {
     let mut missing_views = Vec::new();
-    if views.len() < wanted {
-        missing_views.push(MissingViews::Views { taken: views.len(), wanted });
+    if views.len() < min_views {
+        missing_views.push(MissingViews::Views { taken: views.len(), min_views });
     }
     let tilts: Vec<DVec2> = stands.iter().map(tilt_deg).collect();
     let is_tilted = |edge: PictureEdge| tilts.iter().any(|tilt| tilt.dot(edge.towards()) >= MIN_TILT_DEG);

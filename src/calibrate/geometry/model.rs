@@ -127,8 +127,8 @@ impl LensVector {
         // Along `towards` the point moves with θ, across it with θ_d/ρ.
         let (length2, scale) = (rho * rho + z * z, distorted / rho);
         let along = slope * z / length2;
-        let by = |axis: DVec2| towards * (along * towards.dot(axis)) + (axis - towards * towards.dot(axis)) * scale;
-        let by_point = [by(DVec2::X), by(DVec2::Y), towards * (-slope * rho / length2)];
+        let change = |axis: DVec2| towards * (along * towards.dot(axis)) + (axis - towards * towards.dot(axis)) * scale;
+        let by_point = [change(DVec2::X), change(DVec2::Y), towards * (-slope * rho / length2)];
         let power = |n: i32| towards * theta.powi(n);
         Some((towards * distorted, [power(3), power(5), power(7), power(9), DVec2::ZERO], by_point))
     }

@@ -75,7 +75,7 @@ impl Coverage {
 pub struct ViewCollector {
     size: (u32, u32),
     options: LensOptions,
-    wanted: usize,
+    min_views: usize,
     /// Current estimate, without distortion.
     lens: LensVector,
     previous: Option<(f64, BoardDetection)>,
@@ -84,13 +84,13 @@ pub struct ViewCollector {
 }
 
 impl ViewCollector {
-    /// A collector for pictures of this size. At least `wanted` views are collected.
-    pub fn new(size: (u32, u32), wanted: usize, options: LensOptions) -> Self {
+    /// A collector for pictures of this size. At least `min_views` views are collected.
+    pub fn new(size: (u32, u32), min_views: usize, options: LensOptions) -> Self {
         let size_px = DVec2::new(size.0.into(), size.1.into());
         let model = options.model.unwrap_or(LensModel::Opencv);
         let lens = LensVector::plain(model, INITIAL_FOCAL * size_px.max_element(), 0.5 * size_px);
-        let missing = missing(size_px, &[], &[], &[], wanted);
-        Self { size, options, wanted, lens, previous: None, views: Vec::new(), missing }
+        let missing = missing(size_px, &[], &[], &[], min_views);
+        Self { size, options, min_views, lens, previous: None, views: Vec::new(), missing }
     }
 
     /// The missing views, most important first. Empty when the collection is complete.
@@ -109,8 +109,8 @@ impl ViewCollector {
         &self.views
     }
 
-    pub fn wanted(&self) -> usize {
-        self.wanted
+    pub fn min_views(&self) -> usize {
+        self.min_views
     }
 
     pub fn coverage(&self) -> Coverage {
@@ -169,11 +169,11 @@ impl ViewCollector {
         // Evaluated with the same lens, with and without the view.
         let stands: Vec<Option<RigidPose>> = previous.iter().map(|detection| self.stand(detection)).collect();
         let Some(stands) = stands.into_iter().collect::<Option<Vec<RigidPose>>>() else { return differs(&NEW_VIEW) };
-        let of = |views: &[&BoardDetection], stands: &[RigidPose]| {
+        let missing_conditions = |views: &[&BoardDetection], stands: &[RigidPose]| {
             condition_count(&missing(self.size_px(), &[], views, stands, 0))
         };
-        let without = of(&previous, &stands);
-        let with = of(&[&previous[..], &[detection]].concat(), &[&stands[..], &[own.stand]].concat());
+        let without = missing_conditions(&previous, &stands);
+        let with = missing_conditions(&[&previous[..], &[detection]].concat(), &[&stands[..], &[own.stand]].concat());
         with < without && differs(&GAP_VIEW)
     }
 
@@ -188,14 +188,14 @@ impl ViewCollector {
             self.lens = LensVector::plain(calibrated.geometry.distortion.model, of.fx_px, centre_px);
             let views: Vec<&BoardDetection> = calibrated.views.iter().map(|view| &view.detection).collect();
             let (parameters, stands) = (&calibrated.parameters, &calibrated.stands);
-            self.missing = missing(self.size_px(), parameters, &views, stands, self.wanted);
+            self.missing = missing(self.size_px(), parameters, &views, stands, self.min_views);
             return;
         }
         let posed = self.views.iter().filter_map(|view| Some((&view.detection, self.stand(&view.detection)?)));
         let (views, stands): (Vec<&BoardDetection>, Vec<RigidPose>) = posed.unzip();
         // Not complete before the camera is known.
-        let wanted = self.wanted.max(self.views.len() + 1);
-        self.missing = missing(self.size_px(), &[], &views, &stands, wanted);
+        let min_views = self.min_views.max(self.views.len() + 1);
+        self.missing = missing(self.size_px(), &[], &views, &stands, min_views);
     }
 
     fn stand(&self, detection: &BoardDetection) -> Option<RigidPose> {

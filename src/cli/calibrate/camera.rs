@@ -104,7 +104,7 @@ fn model(text: &str) -> Result<LensModel, String> {
 
 fn from_photos(
     args: &Args,
-    wanted: &TargetChoice,
+    target: &TargetChoice,
     response: &Response,
     options: &LensOptions,
 ) -> Result<CameraCalibration> {
@@ -112,7 +112,7 @@ fn from_photos(
         bail!("{option} is for a camera: name one with --camera");
     }
     let bar = crate::cli::progress(args.pictures.quiet, 0);
-    let views = views_from_paths(&args.photos, wanted, response, &mut |done, all| {
+    let views = views_from_paths(&args.photos, target, response, &mut |done, all| {
         bar.set_length(all as u64);
         bar.set_position(done as u64);
         ControlFlow::Continue(())
@@ -136,7 +136,7 @@ pub fn run(args: &Args) -> Result<()> {
         return Err(problems.swap_remove(0).into());
     }
     inputs.check_file(&args.output)?;
-    let wanted = args.board.as_ref().map(BoardArg::target_choice).transpose()?.unwrap_or_default();
+    let target = args.board.as_ref().map(BoardArg::target_choice).transpose()?.unwrap_or_default();
     let (is_there, mut profile) = existing(&args.output)?;
     let mut rig = Rig::default();
     if is_there {
@@ -152,7 +152,7 @@ pub fn run(args: &Args) -> Result<()> {
         inputs.and([&args.output]).check_file(picture)?;
         photograph::check(picture, args.force)?;
     }
-    let board = match wanted {
+    let board = match target {
         TargetChoice::Chessboard(board) => Some(board),
         _ => None,
     };
@@ -160,9 +160,9 @@ pub fn run(args: &Args) -> Result<()> {
     let response = &rig.camera().response;
     let calibrated = match &args.camera {
         Some(camera) => {
-            collect_views(camera, &args.pictures, args.views as usize, (&wanted, response), options)?.calibrated()?
+            collect_views(camera, &args.pictures, args.views as usize, (&target, response), options)?.calibrated()?
         }
-        None => from_photos(args, &wanted, response, &options)?,
+        None => from_photos(args, &target, response, &options)?,
     };
     let origin = format!("`, from {}.\nOne standard deviation: {}.", calibrated.origin(), calibrated.deviations());
     profile.set_geometry(&calibrated.geometry, &origin);

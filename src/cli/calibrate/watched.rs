@@ -18,14 +18,14 @@ use locard_engine::text::{count, fixed};
 pub fn collect_views(
     camera: &str,
     pictures: &PicturesArgs,
-    wanted: usize,
+    min_views: usize,
     (board, response): (&TargetChoice, &Response),
     options: LensOptions,
 ) -> Result<ViewCollector> {
     let mut search = BoardDetector::new(board, response)?;
     let camera = OpenCamera::without_poses(camera, pictures)?;
     let (format, interval_s) = (camera.opened.camera.negotiated.picture_format, camera.opened.interval_s);
-    let mut collector = ViewCollector::new((format.width, format.height), wanted, options);
+    let mut collector = ViewCollector::new((format.width, format.height), min_views, options);
     let line = progress_of(pictures.quiet, 0, "{wide_msg}");
     let mut session = camera.start()?;
     let (mut frames, mut searched_s) = (0, f64::NEG_INFINITY);
@@ -78,7 +78,7 @@ fn status_line(collector: &ViewCollector, outcome: ViewOutcome) -> String {
         ViewOutcome::Accepted => "taken; ",
         ViewOutcome::Redundant => "",
     };
-    format!("{views} of {} views, {share} % seen; {now}{next}", collector.wanted())
+    format!("{views} of {} views, {share} % seen; {now}{next}", collector.min_views())
 }
 
 #[cfg(test)]

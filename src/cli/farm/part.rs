@@ -59,8 +59,8 @@ pub fn run(args: &PartArgs) -> Result<()> {
             return Ok(());
         }
         PartState::Outdated(why) => {
-            warn(false, &format!("{}: is made again: {why}", output.display()));
-            // While the part is made again it has no record.
+            warn(false, &format!("{}: is recreated: {why}", output.display()));
+            // While the part is recreated it has no record.
             let record = record_path(&output);
             std::fs::remove_file(&record)
                 .map_err(|error| anyhow::anyhow!("{}: cannot be removed: {}", record.display(), reason(&error)))?;

@@ -16,7 +16,7 @@ use super::super::open::OpenArgs;
 use super::super::{print_status, warn};
 use super::machine::adapter_kind;
 use super::part::composite_arguments;
-use locard_engine::analyse::beside;
+use locard_engine::analyse::default_folder;
 use locard_engine::farm::{ADAPTER_KINDS, FarmJob, FarmPlan, PartCost};
 use locard_engine::gpu::Gpu;
 use locard_engine::program;
@@ -90,7 +90,7 @@ struct CompositeLine {
 
 fn duration(text: &str) -> Result<f64, String> {
     let value = text.trim().parse().ok().filter(|seconds: &f64| (1.0..=1e6).contains(seconds));
-    value.ok_or_else(|| format!("{text} is refused: expected seconds, from 1 to 1000000"))
+    value.ok_or_else(|| "expected seconds, from 1 to 1000000".to_owned())
 }
 
 pub fn run(args: &TemplateArgs) -> Result<()> {
@@ -103,7 +103,7 @@ pub fn run(args: &TemplateArgs) -> Result<()> {
     let analysis = match args.analysis.choice() {
         AnalysisChoice::At(folder) => Some(absolute(&folder)?),
         AnalysisChoice::No => None,
-        _ => Some(beside(&recording.path)).filter(|folder| args.analysis.makes_analysis() || folder.is_dir()),
+        _ => Some(default_folder(&recording.path)).filter(|folder| args.analysis.makes_analysis() || folder.is_dir()),
     };
     let kind = match args.adapter_kind.as_deref() {
         Some("any") => None,

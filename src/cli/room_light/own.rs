@@ -60,7 +60,7 @@ pub fn light(
 
 pub fn turn(text: &str) -> Result<f64, String> {
     let deg = text.trim().parse().ok().filter(|deg| (-360.0..=360.0).contains(deg));
-    deg.ok_or_else(|| format!("{text} is refused: expected -360 to 360 degrees"))
+    deg.ok_or_else(|| "expected -360 to 360 degrees".to_owned())
 }
 
 #[cfg(test)]

@@ -90,7 +90,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pick_names_its_frame_and_may_say_what_it_reflects() {
+    fn pick_parses_frame_and_optional_reflectance() {
         let pick = parse("30:320,300.5").unwrap();
         assert_eq!((pick.view.frame, of_view(&pick.view), pick.reflectance), (30, "30:320,300.5".to_owned(), 0.8));
         assert_eq!(parse("30:320,300=0.3").unwrap().reflectance, 0.3);

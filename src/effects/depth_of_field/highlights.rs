@@ -119,7 +119,7 @@ pub fn dim(
     levels: [(&Texture, (u32, u32)); 2],
 ) {
     for (texels, (level, size)) in [2.0, 1.0].into_iter().zip(levels) {
-        let entry = ShaderEntry::over("block_corner", "dim").choose("texels_to_block", texels);
+        let entry = ShaderEntry::with_vertex("block_corner", "dim").choose("texels_to_block", texels);
         let pass =
             recorder.pass(Shader::DepthOfFieldHighlights, entry).uniform("lens", lens).buffer("drawn", highlights);
         pass.blend(TIMES).indirect(highlights).draw_into(&[level], size);

@@ -126,12 +126,13 @@ impl TexelCounter {
 
     /// The rim whose edges are as wide as those of an aperture of this radius, by bisection.
     fn rim(&self, radius: f64, apothem: f64) -> f64 {
-        let wanted: f64 = [0, 1].map(|axis| width(self.points.iter().map(|p| (radius * p[axis], 1.0)))).iter().sum();
+        let target_width: f64 =
+            [0, 1].map(|axis| width(self.points.iter().map(|p| (radius * p[axis], 1.0)))).iter().sum();
         // Large enough that the four texels around a point have a share.
         let (mut low, mut high) = (apothem.max(0.75), (radius + 1.5) * apothem + 0.5);
         for _ in 0..24 {
             let middle = 0.5 * (low + high);
-            (low, high) = if self.widths(middle) > wanted { (low, middle) } else { (middle, high) };
+            (low, high) = if self.widths(middle) > target_width { (low, middle) } else { (middle, high) };
         }
         low
     }

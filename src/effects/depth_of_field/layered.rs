@@ -82,7 +82,7 @@ const KINDS: [(&str, &str, f64); 6] = [
 
 /// An entry of the gathering shader, at a level of resolution with this number of points.
 fn gather(vertex: &'static str, fragment: &'static str, level: usize, taps: f64) -> ShaderEntry {
-    ShaderEntry::over(vertex, fragment).choose("level", level as f64).choose("taps", taps)
+    ShaderEntry::with_vertex(vertex, fragment).choose("level", level as f64).choose("taps", taps)
 }
 
 /// The inputs of gathering.

@@ -144,7 +144,7 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer, real: &RealL
         let of_slice = SliceUniform { number: slice as f32, ..whole };
         let pass = run
             .recorder
-            .pass(Shader::DepthOfFieldSlices, ShaderEntry::over("tiles", "share"))
+            .pass(Shader::DepthOfFieldSlices, ShaderEntry::with_vertex("tiles", "share"))
             .uniform("slice", &of_slice);
         let pass = pass.texture("reached", &reached).texture("color", &layer.color).texture("light", &real.light);
         let pass = pass.texture("behind_light", &real.behind).texture("place", &places).tiles(count);
@@ -163,7 +163,7 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer, real: &RealL
         });
         let in_layer = tiles.with_layer.is_some_and(|[near, far]| near <= slice && slice <= far);
         let both = |entry, half: i32| {
-            ShaderEntry::over("tiles", entry).choose("layer_too", in_layer).choose("half_side", f64::from(half))
+            ShaderEntry::with_vertex("tiles", entry).choose("layer_too", in_layer).choose("half_side", f64::from(half))
         };
         for level in 1..=kernel.level {
             let pass = run.recorder.pass(Shader::DepthOfFieldSlices, both("smaller", 1));

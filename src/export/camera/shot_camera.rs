@@ -14,7 +14,7 @@ use crate::tracking::matchmove::axes::file_from_world;
 pub struct CameraFrame {
     /// In the recording, from 0.
     pub index: usize,
-    /// In other programs.
+    /// The frame's number in other programs.
     pub number: i64,
     /// Seconds from the recording's first frame on: by the timestamps, or at a constant rate.
     pub time_s: f64,

@@ -157,12 +157,12 @@ mod tests {
         };
         let (equal, apart, near) = (samples(0.0), samples(9.0), samples(2.0));
         for classifier in DetectorClassifier::ALL {
-            let of = |samples: &[Vec<f64>]| cross_validated_auc(samples, &is_positive, &folds, classifier).unwrap();
-            assert!(of(&apart).area > 0.999, "{classifier:?}");
-            let chance = of(&equal);
+            let auc_of = |samples: &[Vec<f64>]| cross_validated_auc(samples, &is_positive, &folds, classifier).unwrap();
+            assert!(auc_of(&apart).area > 0.999, "{classifier:?}");
+            let chance = auc_of(&equal);
             assert!((chance.area - 0.5).abs() < 3.5 * chance.standard_error, "{classifier:?}: {chance:?}");
             // Φ(2/√2) = 0.921; boosting loses a little.
-            let auc = of(&near);
+            let auc = auc_of(&near);
             assert!((0.86..0.95).contains(&auc.area) && auc.standard_error < 0.02, "{classifier:?}: {auc:?}");
         }
     }

@@ -17,7 +17,7 @@ use crate::pixels::Pixels;
 pub struct FrameCorrelation {
     /// −1 to 1; 0 for independent noise.
     pub correlation: f64,
-    /// By the scatter of the patches.
+    /// Standard error by the scatter of the patches.
     pub standard_error: f64,
     /// Number of patches.
     pub patches: usize,

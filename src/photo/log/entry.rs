@@ -43,7 +43,8 @@ impl LogEntry {
     /// The entry of a photograph.
     pub fn new(photograph: PathBuf, record: Result<Option<Particulars>, String>) -> Self {
         let no_record = |fault: String| {
-            let remedy = "take it again with `locard photo`, or leave it out; the log knows a photograph by its record";
+            let remedy =
+                "take it again with `locard photo`, or leave it out; the log identifies a photograph by its record";
             (None, vec![Finding::new(Check::NoRecord, fault, remedy)])
         };
         let (particulars, findings) = match record {

@@ -32,14 +32,7 @@ const POINTS_NAME: &str = "points3D.bin";
 /// Locations of a model in a folder.
 const MODEL_FOLDERS: [&str; 4] = ["", "colmap", "sparse/0", "sparse"];
 
-pub static FORMAT: RecordingFormat = RecordingFormat {
-    name: "COLMAP",
-    marker: "a COLMAP model (cameras.bin and images.bin, or cameras.txt and images.txt, here, in colmap/ or in sparse/0/)",
-    has_times: false,
-    is_metric: false,
-    find,
-    open,
-};
+pub static FORMAT: RecordingFormat = RecordingFormat { name: "COLMAP", has_times: false, is_metric: false, find, open };
 
 /// The file with the images of the model at a path. A named file decides between the two forms.
 fn find(path: &Path) -> Option<PathBuf> {

@@ -16,9 +16,9 @@ use crate::tracking::tum::{PoseNotes, unit_quaternion};
 /// Position of a record in its file.
 #[derive(Clone, Copy, Debug)]
 pub enum FilePosition {
-    /// From 1.
+    /// Line, counted from 1.
     Line(usize),
-    /// From 0.
+    /// Byte, counted from 0.
     Byte(usize),
 }
 

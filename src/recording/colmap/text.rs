@@ -20,7 +20,7 @@ pub fn parse_cameras(text: &str, file: &Path) -> Result<Cameras, RecordingError>
 }
 
 fn parse_camera(mut record: &str) -> Result<(u32, Geometry), String> {
-    let id = whole(&mut record, "CAMERA_ID")?;
+    let id = parse_u32(&mut record, "CAMERA_ID")?;
     let model = records::word(&mut record);
     let width = records::number(&mut record, "WIDTH")?;
     let height = records::number(&mut record, "HEIGHT")?;
@@ -56,12 +56,12 @@ pub fn parse_images(
 }
 
 fn parse_image(mut rest: &str) -> Result<ImageRecord, String> {
-    let _: u32 = whole(&mut rest, "IMAGE_ID")?;
+    let _: u32 = parse_u32(&mut rest, "IMAGE_ID")?;
     let mut pose = [0.0; 7];
     for (field, name) in pose.iter_mut().zip(POSE_FIELDS) {
         *field = records::number(&mut rest, name)?;
     }
-    let camera = whole(&mut rest, "CAMERA_ID")?;
+    let camera = parse_u32(&mut rest, "CAMERA_ID")?;
     Ok(ImageRecord { pose, camera, name: rest.to_owned() })
 }
 
@@ -79,7 +79,7 @@ fn landmarks(points: &str) -> Option<Vec<Landmark>> {
     Some(landmarks)
 }
 
-fn whole(rest: &mut &str, name: &str) -> Result<u32, String> {
+fn parse_u32(rest: &mut &str, name: &str) -> Result<u32, String> {
     let word = records::word(rest);
     word.parse().map_err(|_| format!("{name} is `{}`; a whole number is needed", quoted(word)))
 }
@@ -143,15 +143,15 @@ mod tests {
     }
 
     #[test]
-    fn camera_refusals_name_file_line_and_what_is_accepted() {
+    fn camera_errors_name_file_line_and_accepted_values() {
         for (text, said) in [
             (
                 "# c\n1 EUCM 640 480 500 500 320 240 0.9 1",
                 "cameras.txt, line 2: the camera model `EUCM` is not supported; exp",
             ),
-            ("1 FOV 64 48 5 5 3 2 -0.1", "cameras.txt, line 1: camera.distortion.omega = -0.1 is refused"),
+            ("1 FOV 64 48 5 5 3 2 -0.1", "cameras.txt, line 1: camera.distortion.omega = -0.1: expected"),
             ("1 PINHOLE 640 480 500 400 320", "cameras.txt, line 1: cy_px is missing"),
-            ("1 PINHOLE 640 480 -500 400 320 240", "cameras.txt, line 1: camera.fx_px = -500 is refused"),
+            ("1 PINHOLE 640 480 -500 400 320 240", "cameras.txt, line 1: camera.fx_px = -500: expected"),
             ("1 PINHOLE 640 480 NaN 400 320 240", "cameras.txt, line 1: fx_px is `NaN`"),
             ("1 SIMPLE_PINHOLE 640 480 500 320 240 7", "cameras.txt, line 1: there is more than expected"),
             ("1 SIMPLE_PINHOLE 6 4 5 3 2\n1 SIMPLE_PINHOLE 6 4 5 3 2", "cameras.txt, line 2: camera 1 occurs twice"),

@@ -41,7 +41,6 @@ const CODES_PER_METRE: f64 = 1000.0;
 
 pub static FORMAT: RecordingFormat = RecordingFormat {
     name: "plain folder",
-    marker: "a folder with pictures in rgb/, poses.txt or pose/, and K.txt",
     has_times: false,
     is_metric: false,
     find: |path| {
@@ -283,19 +282,22 @@ mod tests {
     #[test]
     fn files_are_matched_by_the_last_number_or_by_order() {
         let files = |names: &[&str]| names.iter().map(PathBuf::from).collect::<Vec<_>>();
-        let of = |pictures: &[&str], others: &[&str]| {
+        let pairs_of = |pictures: &[&str], others: &[&str]| {
             matched(&files(pictures), &files(others), Path::new("pose"), Path::new("rgb")).map(|pairs| {
                 pairs.into_iter().map(|file| file.map(|file| file.display().to_string())).collect::<Vec<_>>()
             })
         };
         let some = |names: &[&str]| names.iter().map(|name| Some((*name).to_owned())).collect::<Vec<_>>();
         assert_eq!(
-            of(&["f-000009.color.jpg", "f-000010.color.jpg"], &["9.txt", "10.txt"]).unwrap(),
+            pairs_of(&["f-000009.color.jpg", "f-000010.color.jpg"], &["9.txt", "10.txt"]).unwrap(),
             some(&["9.txt", "10.txt"])
         );
-        assert_eq!(of(&["1.jpg", "2.jpg"], &["pose_0002.txt"]).unwrap(), [None, Some("pose_0002.txt".to_owned())]);
-        assert_eq!(of(&["a.jpg", "b.jpg"], &["x.txt", "y.txt"]).unwrap(), some(&["x.txt", "y.txt"]));
-        let error = of(&["a.jpg", "b.jpg"], &["x.txt"]).unwrap_err().to_string();
+        assert_eq!(
+            pairs_of(&["1.jpg", "2.jpg"], &["pose_0002.txt"]).unwrap(),
+            [None, Some("pose_0002.txt".to_owned())]
+        );
+        assert_eq!(pairs_of(&["a.jpg", "b.jpg"], &["x.txt", "y.txt"]).unwrap(), some(&["x.txt", "y.txt"]));
+        let error = pairs_of(&["a.jpg", "b.jpg"], &["x.txt"]).unwrap_err().to_string();
         assert!(error.starts_with("pose: holds 1 file, rgb 2 pictures; name them by"), "{error}");
     }
 }

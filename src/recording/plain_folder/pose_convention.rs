@@ -102,7 +102,7 @@ struct ConventionShares {
 }
 
 impl ConventionShares {
-    /// Of views that are `gap` apart.
+    /// Statistics of views that are `gap` apart.
     fn of(views: &[PosedDepth], gap: usize, metres_per_unit: f64) -> Self {
         let each = PoseConvention::ALL.map(|convention| agreement(convention, views, gap, metres_per_unit));
         Self { shares: each.map(|(share, _)| share), count: each[0].1 }
@@ -239,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn depth_tells_all_four_conventions_apart() {
+    fn depth_distinguishes_all_four_conventions() {
         for truth in PoseConvention::ALL {
             let views = views(truth);
             assert_eq!(ConventionShares::of(&views, 1, 1.0).count, 4 * 576);

@@ -19,7 +19,7 @@ pub struct ExportedCamera {
     pub distortion: [f64; 6],
     /// Focal length in pixel heights over that in pixel widths.
     pub aspect_ratio: f64,
-    /// In units of the longer side.
+    /// Skew in units of the longer side.
     pub skew: f64,
 }
 

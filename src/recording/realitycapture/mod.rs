@@ -27,14 +27,8 @@ use super::parts::{Parts, RecordingFormat, folder_of};
 use super::{OpenOptions, RecordingError};
 use crate::source::file;
 
-pub static FORMAT: RecordingFormat = RecordingFormat {
-    name: "RealityCapture",
-    marker: "RealityCapture's camera parameters (a .csv, or .xmp beside the pictures)",
-    has_times: false,
-    is_metric: false,
-    find,
-    open,
-};
+pub static FORMAT: RecordingFormat =
+    RecordingFormat { name: "RealityCapture", has_times: false, is_metric: false, find, open };
 
 /// Bytes at a file's start that identify it.
 const HEAD_BYTES: u64 = 4096;

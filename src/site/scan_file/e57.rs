@@ -8,7 +8,7 @@ use e57::{PointCloud, RecordDataType, RecordName, RecordValue};
 use glam::{DQuat, DVec3};
 
 use super::geometry_builder::GeometryBuilder;
-use super::input::Input;
+use super::input::ScanReader;
 use super::{ScanError, ScanGeometry};
 use crate::text::quoted;
 
@@ -17,7 +17,7 @@ const REMEDY: &str =
 /// The most by which the length of a pose's quaternion may differ from 1 without a warning.
 const QUATERNION_TOLERANCE: f64 = 1e-3;
 
-pub(super) fn read(mut input: Input<'_>) -> Result<ScanGeometry, ScanError> {
+pub(super) fn read(mut input: ScanReader<'_>) -> Result<ScanGeometry, ScanError> {
     input.seek(0)?;
     let (file, length) = (input.file, input.length());
     let damaged = |location: &str, error: e57::Error| ScanError::content(file, location, format!("{error}; {REMEDY}"));

@@ -18,6 +18,7 @@ const MAX_PRECISE: f32 = 16_384.0;
 /// Index of a vertex that was dropped.
 const DROPPED: u32 = u32::MAX;
 
+/// Collects positions relative to a local origin.
 #[derive(Default)]
 pub(super) struct GeometryBuilder {
     /// The positions before there are enough of them to choose an origin.

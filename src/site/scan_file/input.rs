@@ -13,7 +13,8 @@ pub(super) const REMEDY: &str = "copy the file again, or export it again";
 const MAX_LINE_BYTES: u64 = 1 << 20;
 const BUFFER_BYTES: usize = 1 << 16;
 
-pub(super) struct Input<'a> {
+/// Buffered reader that counts lines and bytes.
+pub(super) struct ScanReader<'a> {
     pub file: &'a Path,
     reader: BufReader<File>,
     length: u64,
@@ -21,7 +22,7 @@ pub(super) struct Input<'a> {
     line: u64,
 }
 
-impl<'a> Input<'a> {
+impl<'a> ScanReader<'a> {
     pub fn open(file: &'a Path) -> Result<Self, ScanError> {
         let opened = file::open(file).and_then(|opened| Ok((opened.metadata()?.len(), opened)));
         let (length, opened) = opened.map_err(|error| ScanError::read(file, error))?;

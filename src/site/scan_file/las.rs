@@ -7,7 +7,7 @@
 use glam::DVec3;
 
 use super::geometry_builder::GeometryBuilder;
-use super::input::Input;
+use super::input::ScanReader;
 use super::las_header::LasHeader;
 use super::las_units::unit_warnings;
 use super::{ScanError, ScanGeometry, laz};
@@ -18,7 +18,7 @@ const FIRST_EXTENDED_FORMAT: u8 = 6;
 /// Points per block of reading.
 const BLOCK_POINTS: u64 = 8192;
 
-pub(super) fn read(mut input: Input<'_>) -> Result<ScanGeometry, ScanError> {
+pub(super) fn read(mut input: ScanReader<'_>) -> Result<ScanGeometry, ScanError> {
     let header = LasHeader::read(&mut input)?;
     let records = header.read_records(&mut input)?;
     let file = input.file;

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::ScanError;
-use super::input::{Input, REMEDY};
+use super::input::{REMEDY, ScanReader};
 
 /// The header of LAS 1.0 to 1.2, bytes, and that of 1.4.
 const MIN_HEADER_BYTES: u16 = 227;
@@ -37,7 +37,7 @@ pub(super) struct LasRecord {
 }
 
 impl LasHeader {
-    pub fn read(input: &mut Input<'_>) -> Result<Self, ScanError> {
+    pub fn read(input: &mut ScanReader<'_>) -> Result<Self, ScanError> {
         input.seek(0)?;
         let bytes: [u8; MIN_HEADER_BYTES as usize] = input.array("the header")?;
         let u16_at = |at: usize| u16::from_le_bytes([bytes[at], bytes[at + 1]]);
@@ -86,7 +86,7 @@ impl LasHeader {
     }
 
     /// The records between header and points.
-    pub fn read_records(&self, input: &mut Input<'_>) -> Result<Vec<LasRecord>, ScanError> {
+    pub fn read_records(&self, input: &mut ScanReader<'_>) -> Result<Vec<LasRecord>, ScanError> {
         input.seek(u64::from(self.header_bytes))?;
         let mut records = Vec::new();
         for _ in 0..self.records {

@@ -7,7 +7,7 @@ use laz::las::selective::DecompressionSelection;
 use laz::{LasZipDecompressor, LazItemType, LazVlr};
 
 use super::ScanError;
-use super::input::{Input, REMEDY};
+use super::input::{REMEDY, ScanReader};
 use super::las_header::{LasHeader, LasRecord};
 
 const LASZIP_USER: &[u8] = LazVlr::USER_ID.as_bytes();
@@ -23,7 +23,7 @@ const BLOCK_POINTS: u64 = 4096;
 
 /// Decompresses the points and hands them over in blocks of whole records.
 pub(super) fn read_points(
-    mut input: Input<'_>,
+    mut input: ScanReader<'_>,
     header: &LasHeader,
     records: &[LasRecord],
     mut add: impl FnMut(&[u8]),
@@ -71,7 +71,7 @@ pub(super) fn read_points(
 }
 
 /// Checks the number of chunks, each of which holds at least its first point.
-fn check_chunk_table(input: &mut Input<'_>, header: &LasHeader) -> Result<(), ScanError> {
+fn check_chunk_table(input: &mut ScanReader<'_>, header: &LasHeader) -> Result<(), ScanError> {
     input.seek(header.points_at)?;
     let mut table_at = i64::from_le_bytes(input.array("the position of the chunk table")?);
     if table_at == AT_END {
@@ -106,7 +106,7 @@ fn layer_count(settings: &LazVlr) -> u64 {
 
 /// Checks that the layers of all chunks lie in the file. A chunk is its first point, the number of
 /// its points, the lengths of its layers, and the layers.
-fn check_layers(input: &mut Input<'_>, header: &LasHeader, layers: u64) -> Result<(), ScanError> {
+fn check_layers(input: &mut ScanReader<'_>, header: &LasHeader, layers: u64) -> Result<(), ScanError> {
     let mut chunk_at = header.points_at + TABLE_OFFSET_BYTES;
     let mut points = 0;
     while points < header.points {

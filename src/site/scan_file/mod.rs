@@ -25,7 +25,7 @@ use std::path::Path;
 
 pub use error::ScanError;
 pub use geometry::ScanGeometry;
-use input::Input;
+use input::ScanReader;
 
 use crate::text::quoted;
 
@@ -36,7 +36,7 @@ struct ScanFormat {
     magic: &'static [u8],
     /// Lower case.
     extensions: &'static [&'static str],
-    read: fn(Input<'_>) -> Result<ScanGeometry, ScanError>,
+    read: fn(ScanReader<'_>) -> Result<ScanGeometry, ScanError>,
 }
 
 const FORMATS: [ScanFormat; 6] = [
@@ -65,7 +65,7 @@ pub fn read(path: &Path) -> Result<ScanGeometry, ScanError> {
 }
 
 fn read_unguarded(path: &Path) -> Result<ScanGeometry, ScanError> {
-    let mut input = Input::open(path)?;
+    let mut input = ScanReader::open(path)?;
     let extension = path.extension().map(|extension| extension.to_string_lossy().to_ascii_lowercase());
     let extension = extension.as_deref().unwrap_or_default();
     let start = input.peek(refused::SIGNATURE_BYTES)?;

@@ -7,11 +7,11 @@
 use glam::DVec3;
 
 use super::geometry_builder::GeometryBuilder;
-use super::input::{Input, number, words};
+use super::input::{ScanReader, number, words};
 use super::{ScanError, ScanGeometry};
 use crate::text::quoted;
 
-pub(super) fn read(mut input: Input<'_>) -> Result<ScanGeometry, ScanError> {
+pub(super) fn read(mut input: ScanReader<'_>) -> Result<ScanGeometry, ScanError> {
     let mut builder = GeometryBuilder::default();
     let (mut line, mut next) = (Vec::new(), Vec::new());
     let mut corners = Vec::new();

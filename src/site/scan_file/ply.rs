@@ -7,7 +7,7 @@
 use glam::DVec3;
 
 use super::geometry_builder::GeometryBuilder;
-use super::input::{Input, number, words};
+use super::input::{ScanReader, number, words};
 use super::ply_header::{PlyElement, PlyEncoding, PlyHeader, PlyScalar};
 use super::{ScanError, ScanGeometry};
 use crate::text::quoted;
@@ -20,7 +20,7 @@ const STRIP_END: i64 = -1;
 /// A property of every file of Gaussian splats.
 const SPLAT_PROPERTY: &str = "f_dc_0";
 
-pub(super) fn read(mut input: Input<'_>) -> Result<ScanGeometry, ScanError> {
+pub(super) fn read(mut input: ScanReader<'_>) -> Result<ScanGeometry, ScanError> {
     let header = PlyHeader::read(&mut input)?;
     if !header.elements.iter().any(|element| element.name == "vertex") {
         return Err(ScanError::content(
@@ -52,7 +52,7 @@ trait Values {
     fn error(&self, problem: String) -> ScanError;
 }
 
-struct BinaryValues<'i, 'f, const BIG_ENDIAN: bool>(&'i mut Input<'f>);
+struct BinaryValues<'i, 'f, const BIG_ENDIAN: bool>(&'i mut ScanReader<'f>);
 
 impl<const BIG_ENDIAN: bool> BinaryValues<'_, '_, BIG_ENDIAN> {
     #[inline]
@@ -91,14 +91,14 @@ impl<const BIG_ENDIAN: bool> Values for BinaryValues<'_, '_, BIG_ENDIAN> {
 
 /// A record of ASCII is a line.
 struct AsciiValues<'i, 'f> {
-    input: &'i mut Input<'f>,
+    input: &'i mut ScanReader<'f>,
     line: Vec<u8>,
     /// Where the next word of the line is searched.
     at: usize,
 }
 
 impl<'i, 'f> AsciiValues<'i, 'f> {
-    fn new(input: &'i mut Input<'f>) -> Self {
+    fn new(input: &'i mut ScanReader<'f>) -> Self {
         Self { input, line: Vec::new(), at: 0 }
     }
 }

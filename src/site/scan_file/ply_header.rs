@@ -1,7 +1,7 @@
 //! Header of a PLY file: elements and their properties.
 
 use super::ScanError;
-use super::input::{Input, words};
+use super::input::{ScanReader, words};
 use crate::text::quoted;
 
 /// Most lines of a header. Comments may hold a scanner's settings.
@@ -90,7 +90,7 @@ pub(super) struct PlyHeader {
 }
 
 impl PlyHeader {
-    pub fn read(input: &mut Input<'_>) -> Result<Self, ScanError> {
+    pub fn read(input: &mut ScanReader<'_>) -> Result<Self, ScanError> {
         let mut line = Vec::new();
         let mut encoding = None;
         let mut elements: Vec<PlyElement> = Vec::new();

@@ -7,7 +7,7 @@
 use glam::{DVec3, Vec3};
 
 use super::geometry_builder::GeometryBuilder;
-use super::input::{Input, REMEDY, number, words};
+use super::input::{REMEDY, ScanReader, number, words};
 use super::{ScanError, ScanGeometry};
 use crate::text::quoted;
 
@@ -16,7 +16,7 @@ const HEADER_BYTES: u64 = 84;
 /// A normal, three vertices and an attribute.
 const TRIANGLE_BYTES: u64 = 50;
 
-pub(super) fn read(mut input: Input<'_>) -> Result<ScanGeometry, ScanError> {
+pub(super) fn read(mut input: ScanReader<'_>) -> Result<ScanGeometry, ScanError> {
     let start = input.peek(HEADER_BYTES as usize)?;
     let announced = start.last_chunk().filter(|_| start.len() as u64 == HEADER_BYTES).map(|n| u32::from_le_bytes(*n));
     let begins_as_text = start.trim_ascii_start().starts_with(b"solid");
@@ -25,7 +25,7 @@ pub(super) fn read(mut input: Input<'_>) -> Result<ScanGeometry, ScanError> {
     if begins_as_text && binary_length != Some(input.length()) { read_text(input) } else { read_binary(input) }
 }
 
-fn read_binary(mut input: Input<'_>) -> Result<ScanGeometry, ScanError> {
+fn read_binary(mut input: ScanReader<'_>) -> Result<ScanGeometry, ScanError> {
     let mut builder = GeometryBuilder::default();
     input.array::<{ HEADER_BYTES as usize - 4 }>("the title")?;
     let count = u32::from_le_bytes(input.array("the number of triangles")?);
@@ -42,7 +42,7 @@ fn read_binary(mut input: Input<'_>) -> Result<ScanGeometry, ScanError> {
     builder.finish(input.file)
 }
 
-fn read_text(mut input: Input<'_>) -> Result<ScanGeometry, ScanError> {
+fn read_text(mut input: ScanReader<'_>) -> Result<ScanGeometry, ScanError> {
     let mut builder = GeometryBuilder::default();
     let mut line = Vec::new();
     let mut corners = Vec::new();

@@ -8,14 +8,14 @@
 use glam::DVec3;
 
 use super::geometry_builder::GeometryBuilder;
-use super::input::{Input, number};
+use super::input::{ScanReader, number};
 use super::{ScanError, ScanGeometry};
 use crate::text::quoted;
 
 /// Most lines of titles.
 const MAX_TITLE_LINES: usize = 100;
 
-pub(super) fn read(mut input: Input<'_>) -> Result<ScanGeometry, ScanError> {
+pub(super) fn read(mut input: ScanReader<'_>) -> Result<ScanGeometry, ScanError> {
     let mut builder = GeometryBuilder::default();
     let mut line = Vec::new();
     let mut titles = 0;

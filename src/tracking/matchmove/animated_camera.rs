@@ -27,7 +27,7 @@ pub struct FrameNumbering {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraKeyframe {
-    /// By the file's clock.
+    /// Time by the file's clock.
     pub at: f64,
     pub placement: CameraPlacement,
 }

@@ -94,12 +94,12 @@ mod tests {
     #[test]
     fn scaled_transform_has_a_placement_and_a_mirrored_one_has_none() {
         let turn = DQuat::from_rotation_y(0.3);
-        let of = |scale: DVec3| {
+        let placement = |scale: DVec3| {
             let placed = DAffine3::from_scale_rotation_translation(scale, turn, DVec3::X);
             CameraPlacement::of_transform(placed)
         };
-        let scaled = of(DVec3::new(2.0, 0.5, 1.0)).unwrap();
+        let scaled = placement(DVec3::new(2.0, 0.5, 1.0)).unwrap();
         assert!(scaled.position_m == DVec3::X && scaled.rotation.angle_between(turn) < 1e-7);
-        assert_eq!((of(DVec3::new(-1.0, 1.0, 1.0)), of(DVec3::new(0.0, 1.0, 1.0))), (None, None));
+        assert_eq!((placement(DVec3::new(-1.0, 1.0, 1.0)), placement(DVec3::new(0.0, 1.0, 1.0))), (None, None));
     }
 }

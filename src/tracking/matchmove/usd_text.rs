@@ -39,7 +39,7 @@ pub struct UsdProperty {
     /// Counts from 1.
     pub line: usize,
     pub value: Option<UsdValue>,
-    /// By time code.
+    /// Values by time code.
     pub samples: Option<Vec<(f64, UsdValue)>>,
 }
 

@@ -69,7 +69,7 @@ impl PrimTransform {
 
     /// `parent_from_prim` at a time code.
     pub fn at(&self, time: f64) -> DAffine3 {
-        let of = |op: &TransformOp| match op {
+        let matrix = |op: &TransformOp| match op {
             TransformOp::Translate(samples) => {
                 DAffine3::from_translation(samples.at(time, lerp).unwrap_or(DVec3::ZERO))
             }
@@ -87,7 +87,7 @@ impl PrimTransform {
                 DAffine3::from_mat4(samples.at(time, interpolate).unwrap_or(DMat4::IDENTITY))
             }
         };
-        self.ops.iter().map(of).fold(DAffine3::IDENTITY, |outer, inner| outer * inner)
+        self.ops.iter().map(matrix).fold(DAffine3::IDENTITY, |outer, inner| outer * inner)
     }
 }
 

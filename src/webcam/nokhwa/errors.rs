@@ -86,7 +86,7 @@ mod tests {
     }
 
     #[test]
-    fn systems_messages_are_told_apart() {
+    fn system_errors_are_classified() {
         let busy = open_error("V4L2 Error: Device or resource busy (os error 16)");
         assert!(matches!(camera_error("c", &busy), CameraError::Busy { .. }));
         let denied = open_error("V4L2 Error: Permission denied (os error 13)");

@@ -168,7 +168,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_drivers_count_tells_what_was_lost() {
+    fn sequence_gaps_count_dropped_frames() {
         let mut stamps = BufferStamps { before: None, rate_hz: Some(30.0) };
         let came =
             [(5, 0.0), (6, 0.03), (9, 0.13), (10, 0.16), (0, 0.2), (1, 0.23), (3, 0.3), (1492, 0.34), (1493, 0.37)];
@@ -181,10 +181,11 @@ mod tests {
 
     #[test]
     fn stamp_without_the_monotonic_flag_is_of_an_unnamed_clock() {
-        let of = |flags| stamp(&Metadata { flags, timestamp: Timestamp::new(99, 500_000), ..Metadata::default() });
-        assert_eq!(of(Flags::TIMESTAMP_MONOTONIC), Stamp::Monotonic(99.5));
-        assert_eq!(of(Flags::TIMESTAMP_MONOTONIC | Flags::TSTAMP_SRC_SOE), Stamp::Monotonic(99.5));
-        assert_eq!(of(Flags::TIMESTAMP_COPY), Stamp::UnnamedClock(99.5));
-        assert_eq!(of(Flags::empty()), Stamp::UnnamedClock(99.5));
+        let stamp_of =
+            |flags| stamp(&Metadata { flags, timestamp: Timestamp::new(99, 500_000), ..Metadata::default() });
+        assert_eq!(stamp_of(Flags::TIMESTAMP_MONOTONIC), Stamp::Monotonic(99.5));
+        assert_eq!(stamp_of(Flags::TIMESTAMP_MONOTONIC | Flags::TSTAMP_SRC_SOE), Stamp::Monotonic(99.5));
+        assert_eq!(stamp_of(Flags::TIMESTAMP_COPY), Stamp::UnnamedClock(99.5));
+        assert_eq!(stamp_of(Flags::empty()), Stamp::UnnamedClock(99.5));
     }
 }

@@ -158,8 +158,8 @@ fn interval(rate_hz: f64) -> Fraction {
     Fraction::new(1000 / divisor, millihertz / divisor)
 }
 
-/// Sets the camera's format closest to the wanted one. Returns the negotiated format, and the rate,
-/// Hz.
+/// Sets the camera's format closest to the requested one. Returns the negotiated format, and the
+/// rate, Hz.
 pub fn agree(
     device: &Device,
     path: &Path,
@@ -236,16 +236,16 @@ mod tests {
 
     #[test]
     fn interval_is_in_lowest_terms() {
-        let of = |rate_hz| {
+        let fraction = |rate_hz| {
             let Fraction { numerator, denominator } = interval(rate_hz);
             (numerator, denominator)
         };
-        assert_eq!([30.0, 12.5, 29.97, 0.0].map(of), [(1, 30), (2, 25), (100, 2997), (1000, 1)]);
+        assert_eq!([30.0, 12.5, 29.97, 0.0].map(fraction), [(1, 30), (2, 25), (100, 2997), (1000, 1)]);
     }
 
     #[test]
     fn range_and_matrix_are_the_drivers_or_the_kernels_defaults() {
-        let of = |colorspace, quantization, layout, requested: FormatRequest| {
+        let colours = |colorspace, quantization, layout, requested: FormatRequest| {
             let format = Format { colorspace, quantization, ..Format::new(2, 2, FourCC::new(b"YUYV")) };
             let picture_format = picture_format(&format, encoding::DEFAULT, layout, &requested);
             (picture_format.matrix, picture_format.range)
@@ -254,13 +254,13 @@ mod tests {
         let bt709 = picture_format(&Format::new(2, 2, FourCC::new(b"YUYV")), 2, Layout::Yuyv, &none);
         assert_eq!(bt709.matrix, ColorMatrix::Bt709);
         let (srgb, unsaid) = (Colorspace::SRGB, Quantization::Default);
-        assert_eq!(of(srgb, unsaid, Layout::Yuyv, none), (ColorMatrix::Bt601, ColorRange::Limited));
-        assert_eq!(of(Colorspace::JPEG, unsaid, Layout::Yuyv, none), (ColorMatrix::Bt601, ColorRange::Full));
+        assert_eq!(colours(srgb, unsaid, Layout::Yuyv, none), (ColorMatrix::Bt601, ColorRange::Limited));
+        assert_eq!(colours(Colorspace::JPEG, unsaid, Layout::Yuyv, none), (ColorMatrix::Bt601, ColorRange::Full));
         let full = Quantization::FullRange;
-        assert_eq!(of(Colorspace::Rec709, full, Layout::Nv12, none), (ColorMatrix::Bt709, ColorRange::Full));
-        assert_eq!(of(Colorspace::Rec709, unsaid, Layout::Mjpeg, none), (ColorMatrix::Bt601, ColorRange::Full));
+        assert_eq!(colours(Colorspace::Rec709, full, Layout::Nv12, none), (ColorMatrix::Bt709, ColorRange::Full));
+        assert_eq!(colours(Colorspace::Rec709, unsaid, Layout::Mjpeg, none), (ColorMatrix::Bt601, ColorRange::Full));
         let bt2020 = FormatRequest { range: Some(ColorRange::Full), matrix: Some(ColorMatrix::Bt2020), ..none };
-        assert_eq!(of(srgb, unsaid, Layout::Yuyv, bt2020), (ColorMatrix::Bt2020, ColorRange::Full));
-        assert_eq!(of(srgb, unsaid, Layout::Rgb, bt2020), (ColorMatrix::Rgb, ColorRange::Full));
+        assert_eq!(colours(srgb, unsaid, Layout::Yuyv, bt2020), (ColorMatrix::Bt2020, ColorRange::Full));
+        assert_eq!(colours(srgb, unsaid, Layout::Rgb, bt2020), (ColorMatrix::Rgb, ColorRange::Full));
     }
 }

@@ -75,13 +75,13 @@ impl App {
             }
             if let Some(edits_b) = edits_b {
                 for (name, is_edited) in [("A", !edits_b), ("B", edits_b)] {
-                    let label = ui.selectable_label(is_edited, name).on_hover_text("Shift+B: edit the other one");
+                    let label = ui.selectable_label(is_edited, name).on_hover_text("Shift+B: switch between A and B");
                     if label.clicked() && !is_edited {
                         self.document.session.project.swap_variant();
                     }
                 }
                 let text = if edits_b { "B to A" } else { "A to B" };
-                if ui.button(text).on_hover_text("Copy the settings that are edited to the other one").clicked() {
+                if ui.button(text).on_hover_text("Copy the edited settings to the other variant").clicked() {
                     self.document.session.project.copy_to_other();
                 }
             }

@@ -84,11 +84,11 @@ impl LensPanel {
         }
     }
 
-    /// Measured beside present values.
+    /// Measured beside current values.
     fn result(&mut self, ui: &mut Ui, session: &mut Session, calibrated: &CameraCalibration) {
         ui.label(calibrated.origin());
         egui::Grid::new("lens").num_columns(3).striped(true).show(ui, |ui| {
-            ["", "present", "measured"].into_iter().for_each(|head| _ = ui.weak(head));
+            ["", "current", "measured"].into_iter().for_each(|head| _ = ui.weak(head));
             ui.end_row();
             for parameter in &calibrated.parameters {
                 ui.label(parameter.name);
@@ -123,7 +123,7 @@ impl LensPanel {
 
 fn view_progress(ui: &mut Ui, status: &CollectionStatus) {
     let share = fixed(100.0 * status.coverage.share(), 0);
-    ui.label(format!("{} of {} views, {share} % of the picture seen", status.views, status.wanted));
+    ui.label(format!("{} of {} views, {share} % of the picture seen", status.views, status.min_views));
     coverage(ui, &status.coverage);
     if status.is_fitting {
         ui.horizontal(|ui| {
@@ -133,11 +133,11 @@ fn view_progress(ui: &mut Ui, status: &CollectionStatus) {
         return;
     }
     let now = match status.look {
-        None => "looking for a board",
-        Some(ViewOutcome::NoBoard) => "no board is seen",
-        Some(ViewOutcome::Moving) => "it moves: hold it still",
-        Some(ViewOutcome::Redundant) => "this view is there already: hold it elsewhere",
-        Some(ViewOutcome::Accepted) => "accepted: move on",
+        None => "Looking for a board",
+        Some(ViewOutcome::NoBoard) => "No board detected",
+        Some(ViewOutcome::Moving) => "The board moves: hold it still",
+        Some(ViewOutcome::Redundant) => "This view exists already: hold the board elsewhere",
+        Some(ViewOutcome::Accepted) => "Accepted: move on",
     };
     ui.label(now);
     if let Some(hint) = &status.hint {

@@ -1,4 +1,4 @@
-//! Noise from plain regions.
+//! Noise from uniform areas.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -28,7 +28,7 @@ use locard_engine::text::fixed;
 /// Largest number of frames at rest; more add little information.
 const MAX_FRAMES: usize = 30;
 
-/// Ratio of measured to present noise above which a warning is shown.
+/// Ratio of measured to current noise above which a warning is shown.
 const EXCESS_NOISE_RATIO: f64 = 1.5;
 
 /// Inputs of a noise measurement.
@@ -42,7 +42,7 @@ struct NoiseRequest {
 }
 
 impl NoiseRequest {
-    /// True if both measure the same, regardless of the present noise.
+    /// True if both measure the same, regardless of the current noise.
     fn measures_like(&self, other: &Self) -> bool {
         self.places == other.places && self.frames == other.frames && self.motion == other.motion
     }
@@ -85,7 +85,7 @@ impl Default for NoisePanel {
 impl NoisePanel {
     pub fn marks(&self, frame: usize) -> impl Iterator<Item = (Rect, String)> {
         let is_here = move |of: usize| if self.at_rest { self.covers(frame) } else { of == frame };
-        let all = parts::marks("plain", &self.places, &self.verdicts);
+        let all = parts::marks("area", &self.places, &self.verdicts);
         all.filter(move |(of, ..)| is_here(*of)).map(|(_, at, name)| (at, name))
     }
 
@@ -118,13 +118,13 @@ impl NoisePanel {
 
     pub fn show(&mut self, ui: &mut Ui, session: &mut Session, tools: &mut ToolStack) {
         parts::aside(ui, "Pick places of one colour, dark ones and bright ones: paper, walls, a table.");
-        let wanted = RegionPrompt {
+        let prompt = RegionPrompt {
             purpose: RegionPurpose::PlainPlace,
             hint: "Drag rectangles over places of one colour, without shadows or texture",
             min_side_px: min_side_px(self.motion()),
             repeats: true,
         };
-        tools.region_button(ui, "Pick plain places", wanted);
+        tools.region_button(ui, "Pick uniform areas", prompt);
         self.frames(ui, session);
         if self.places.is_empty() {
             return;
@@ -136,7 +136,7 @@ impl NoisePanel {
             motion: self.motion(),
             present: session.project.edit().rig.noise.clone(),
         };
-        // Once accepted, the result is the present noise; it is not measured again.
+        // Once accepted, the result is the current noise; it is not measured again.
         let is_same = self.measured.last_key().is_some_and(|last| last.measures_like(&of));
         let results = self.measured.last().cloned().unwrap_or_default();
         let is_applied = is_same && results.profile().is_some_and(|profile| Some(profile) == of.present.as_ref());
@@ -148,7 +148,7 @@ impl NoisePanel {
         if is_same {
             self.verdicts.clone_from(&results.verdicts);
         }
-        match parts::list(ui, "plain", &self.verdicts) {
+        match parts::list(ui, "area", &self.verdicts) {
             Some(ListAction::Show(n)) => session.player.seek(self.places[n].frame),
             Some(ListAction::Drop(n)) => {
                 self.places.remove(n);
@@ -205,17 +205,17 @@ impl NoisePanel {
         };
         plots::show(ui, &axes, move |plot| {
             if let Some(before) = before {
-                plot.line(plots::line("present", before, colors[0]));
+                plot.line(plots::line("current", before, colors[0]));
             }
             plot.line(plots::line("applied", after, colors[2]));
             plots::noise(plot, "measured", &points, colors[1]);
         });
         plots::legend(
             ui,
-            &[(DataSource::Profile, "present"), (DataSource::Real, "measured"), (DataSource::Virtual, "if applied")],
+            &[(DataSource::Profile, "current"), (DataSource::Real, "measured"), (DataSource::Virtual, "if applied")],
         );
         egui::Grid::new("measured noise").num_columns(4).spacing([14.0, 2.0]).show(ui, |ui| {
-            for head in ["pixel value", "measured σ", "95 %", "present σ"] {
+            for head in ["pixel value", "measured σ", "95 %", "current σ"] {
                 ui.label(RichText::new(head).small().weak());
             }
             ui.end_row();
@@ -228,8 +228,7 @@ impl NoisePanel {
             }
         });
         let [low, high] = measured.covered();
-        let beyond =
-            if present.is_some() { "the present curve goes on, scaled to meet it" } else { "it stays as at the ends" };
+        let beyond = if present.is_some() { "the current curve continues, scaled" } else { "the end values are used" };
         let text = format!("Measured from pixel value {} to {}; beyond, {beyond}.", fixed(low, 0), fixed(high, 0));
         ui.label(RichText::new(text).small());
         let used = self.verdicts.iter().enumerate().filter(|(_, verdict)| matches!(verdict, RegionVerdict::Good(_)));
@@ -240,8 +239,8 @@ impl NoisePanel {
             .for_each(|warning| parts::aside(ui, calibration_messages::noise_warning(warning, &used)));
         if let Some(over) = present.as_ref().and_then(|present| excess_noise_ratio(&measured.points, present)) {
             let text = format!(
-                "These places show {} times the noise that the present profile has there. Texture, shadows and dirt \
-                 count as noise here: look at them enlarged, and use this only if they are plain.",
+                "These places show {} times the noise that the current profile has there. Texture, shadows and dirt \
+                 count as noise here: look at them enlarged, and use this only if they are uniform.",
                 fixed(over, 1)
             );
             ui.label(RichText::new(text).color(ui.visuals().warn_fg_color));
@@ -293,14 +292,14 @@ fn measure(shot: &Shot, shown: &Arc<Frame>, of: &NoiseRequest, control: &TaskCon
 /// kept.
 fn read(shot: &Shot, shown: &Frame, of: &NoiseRequest, control: &TaskControl) -> Result<Vec<PickedRegion>, String> {
     let [first, last] = of.frames;
-    let wanted: BTreeSet<usize> = match of.motion {
+    let frames: BTreeSet<usize> = match of.motion {
         SceneMotion::Resting => {
             (first..(last.max(first) + 1).min(shot.recording.frame_count()).min(first + MAX_FRAMES)).collect()
         }
         SceneMotion::Moving => of.places.iter().map(|place| place.frame).collect(),
     };
     let mut places: Vec<PickedRegion> = of.places.iter().map(|place| PickedRegion::new(place.at)).collect();
-    for (n, frame) in wanted.iter().enumerate() {
+    for (n, frame) in frames.iter().enumerate() {
         if control.is_cancelled() {
             return Err(String::new());
         }
@@ -311,7 +310,7 @@ fn read(shot: &Shot, shown: &Frame, of: &NoiseRequest, control: &TaskControl) ->
                 place.add(pixels).map_err(|error| calibration_messages::picked_error(&error))?;
             }
         }
-        control.set_progress((n + 1) as f64 / wanted.len() as f64);
+        control.set_progress((n + 1) as f64 / frames.len() as f64);
     }
     Ok(places)
 }

@@ -56,10 +56,10 @@ impl SharpnessPanel {
     }
 
     pub fn show(&mut self, ui: &mut Ui, session: &mut Session, tools: &mut ToolStack) {
-        parts::aside(ui, "Pick straight edges between two plain places, in focus, best while the camera rests.");
-        let wanted =
+        parts::aside(ui, "Pick straight edges between two uniform areas, in focus, best while the camera rests.");
+        let prompt =
             RegionPrompt { purpose: RegionPurpose::Edge, hint: GOOD_EDGE, min_side_px: MIN_EXTENT_PX, repeats: true };
-        tools.region_button(ui, "Pick edges", wanted);
+        tools.region_button(ui, "Pick edges", prompt);
         if self.edges.is_empty() {
             return;
         }
@@ -124,7 +124,7 @@ impl SharpnessPanel {
         let present = session.project.value(table, name);
         let of_present = present.as_ref().map_or(String::new(), ToString::to_string);
         ui.label(format!(
-            "measured {} ± {} px, present {of_present} px",
+            "measured {} ± {} px, current {of_present} px",
             fixed(all.sigma_px, 3),
             fixed(all.uncertainty_px, 3)
         ));

@@ -19,7 +19,7 @@ const END_CHECK_INTERVAL: Duration = Duration::from_millis(100);
 #[derive(Clone, Debug)]
 pub struct CollectionStatus {
     pub views: usize,
-    pub wanted: usize,
+    pub min_views: usize,
     pub coverage: Coverage,
     /// Result of the last frame.
     pub look: Option<ViewOutcome>,
@@ -99,7 +99,7 @@ impl ViewCollection {
 fn status(taking: &ViewCollector, look: Option<ViewOutcome>) -> CollectionStatus {
     CollectionStatus {
         views: taking.views().len(),
-        wanted: taking.wanted(),
+        min_views: taking.min_views(),
         coverage: taking.coverage(),
         look,
         hint: taking.hint(),

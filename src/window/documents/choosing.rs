@@ -106,7 +106,7 @@ impl Documents {
                 ("Write a video", ChooserMode::NewFile(&["mp4", "mkv", "mov"]))
             }
             OutputRequest::Video { .. } => ("Write a video", ChooserMode::NewFile(&["mkv", "mp4"])),
-            OutputRequest::Photograph(wanted) if wanted.bracket.is_some() => {
+            OutputRequest::Photograph(photo_request) if photo_request.bracket.is_some() => {
                 ("Write a series of photographs", ChooserMode::NewSeries(&["jpg", "jpeg", "png"]))
             }
             OutputRequest::Photograph(_) => ("Write a photograph", ChooserMode::NewFile(&["jpg", "jpeg", "png"])),

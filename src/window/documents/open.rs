@@ -173,7 +173,7 @@ impl Documents {
         let done = match opening.take() {
             Ok(done) => done,
             Err(opening) => {
-                dialogs::show_opening(ctx, opening.what());
+                dialogs::show_opening(ctx, opening.recording_path());
                 self.dialog = Some(Dialog::Opening(opening));
                 return None;
             }

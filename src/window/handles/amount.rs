@@ -16,13 +16,13 @@ pub enum Unit {
 
 /// A number while it is typed.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Typed(String);
+pub struct TypedAmount(String);
 
 const MAX_TYPED_BYTES: usize = 16;
 /// Characters of the units: metres and their parts, per cent, degrees.
 const UNITS: [char; 4] = ['c', 'm', '%', '°'];
 
-impl Typed {
+impl TypedAmount {
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
@@ -91,8 +91,8 @@ pub fn factor(factor: f64) -> String {
 mod tests {
     use super::*;
 
-    fn typed(text: &str) -> Typed {
-        let mut typed = Typed::default();
+    fn typed(text: &str) -> TypedAmount {
+        let mut typed = TypedAmount::default();
         text.chars().for_each(|c| typed.push(c));
         typed
     }

@@ -29,8 +29,8 @@ pub fn level_direction(eye: &PosedCamera, at_m: DVec3, up_in_world: DVec3, right
     // Points outside the picture use its centre.
     let intrinsics = &eye.geometry().intrinsics;
     let size = DVec2::new(intrinsics.width_px.into(), intrinsics.height_px.into());
-    let inside = |px: &DVec2| px.cmpge(DVec2::ZERO).all() && px.cmple(size).all();
-    let px = eye.project(at_m).filter(inside).unwrap_or(0.5 * size);
+    let is_in_picture = |px: &DVec2| px.cmpge(DVec2::ZERO).all() && px.cmple(size).all();
+    let px = eye.project(at_m).filter(is_in_picture).unwrap_or(0.5 * size);
     let (here, there) = (eye.ray(px)?, eye.ray(px + DVec2::new(f64::from(right), -f64::from(up)))?);
     // The step of one pixel, normalized. For a level view, up in the picture is away from the
     // camera.

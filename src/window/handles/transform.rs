@@ -2,7 +2,7 @@
 
 use glam::{DVec2, DVec3};
 
-use super::amount::{Typed, Unit};
+use super::amount::{TypedAmount, Unit};
 use super::maths::{
     closest_on_axis_m, distance_ratio, intersect_plane, plane_axes, project_along, screen_angle_rad, signed_angle_rad,
     snapped, unwrapped_angle,
@@ -92,7 +92,7 @@ impl DragState {
 pub struct Transform {
     pub kind: TransformKind,
     pub constraint: Constraint,
-    pub typed: Typed,
+    pub typed: TypedAmount,
     start: DragState,
     /// Turns by the pointer's intersection with the plane of the ring handle.
     on_ring: bool,
@@ -119,7 +119,7 @@ impl Transform {
         Self {
             kind,
             constraint,
-            typed: Typed::default(),
+            typed: TypedAmount::default(),
             start,
             on_ring: false,
             moved_m: DVec3::ZERO,

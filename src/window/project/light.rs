@@ -30,7 +30,8 @@ impl Project {
     /// light` does, or the default one. The panorama stays in the analysis' folder until the scene
     /// is saved; then a copy is placed beside the scene file.
     pub fn adopt_light(&mut self) -> Result<(), String> {
-        let title = if self.found_light().is_some() { "light: as it was found" } else { "light: to be edited" };
+        let title =
+            if self.found_light().is_some() { "light: copied from the analysis" } else { "light: to be edited" };
         let mut scene = self.edit().scene.clone();
         self.write_current_light(&mut scene)?;
         self.set_light(title, scene)

@@ -348,11 +348,11 @@ impl Project {
         if self.shot.scene.missing.is_empty() {
             return;
         }
-        let beside = |file: &Path, name: &str| file.parent().unwrap_or(Path::new("")).join(name);
+        let sibling = |file: &Path, name: &str| file.parent().unwrap_or(Path::new("")).join(name);
         for missing in &mut Arc::make_mut(&mut self.shot.scene).missing {
             let mut names = named.iter().zip(self.loaded_scene.file_names());
-            if let Some((_, now)) = names.find(|(before, _)| beside(from, before) == missing.file) {
-                missing.file = beside(to, now);
+            if let Some((_, now)) = names.find(|(before, _)| sibling(from, before) == missing.file) {
+                missing.file = sibling(to, now);
             }
         }
     }

@@ -202,8 +202,8 @@ impl Session {
         let Some(copied) = live.copying.as_ref().and_then(BackgroundTask::take) else { return };
         live.copying = None;
         match copied.and_then(|copied| copied) {
-            Ok(path) => self.show_message(format!("Kept: {}", path.display())),
-            Err(why) => self.show_error(format!("Not kept: {why}")),
+            Ok(path) => self.show_message(format!("Saved: {}", path.display())),
+            Err(why) => self.show_error(format!("Not saved: {why}")),
         }
     }
 
@@ -247,7 +247,8 @@ impl Session {
     pub fn freeze(&mut self, ctx: &egui::Context, folder: &Path) {
         let Some(live) = self.live.as_mut().filter(|live| matches!(live.state, LiveState::Showing)) else { return };
         let Some(until_s) = live.newest.as_ref().map(|newest| newest.frame.timestamp_s) else { return };
-        let (latest, mut about) = (live.feed.replay_buffer(until_s), live.feed.about.clone());
+        let latest = live.feed.replay_buffer(until_s);
+        let mut about = live.feed.about.clone();
         // The camera was just resumed, and none of its displayed frames have arrived yet.
         if latest.frames() == 0 {
             return;

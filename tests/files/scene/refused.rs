@@ -168,7 +168,7 @@ fn missing_or_remote_files_are_refused() {
     refused(|m| m.json["buffers"][0]["uri"] = json!("data:;base64,#!"), &["not base64"]);
     refused(|m| m.json["buffers"][0]["uri"] = json!("../"), &["a folder"]);
     let error = load_bytes("model.fbx", b"").expect_err("unknown").to_string();
-    assert!(error.contains("found fbx; expected: .glb, .gltf or .toml; Blender"), "{error}");
+    assert!(error.contains("model.fbx: unsupported extension .fbx; expected .glb, .gltf or .toml (Blender"), "{error}");
     let error = load_scene("version = 1\nobjects = [{ model = \"gone.glb\" }]").expect_err("missing").to_string();
     assert!(error.contains("gone.glb") && error.contains("named in"), "{error}");
 }

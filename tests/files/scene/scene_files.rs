@@ -90,7 +90,7 @@ fn errors_in_scene_files_name_their_location() {
         ("version = 1\nup = 'upwards'", ["line 2", "\"-z\" or [x, y, z]"]),
         ("version = 1\nup = [0, 0, 0]", ["up", "a vector with a length"]),
         ("objects = []", ["scene.toml: line 1: missing field `version`", "add `version = 1`"]),
-        ("version = 1\n[light]\nambient = 'dim'", ["light.ambient: 'dim' is refused", "a number or [r, g, b]"]),
+        ("version = 1\n[light]\nambient = 'dim'", ["light.ambient: 'dim': expected", "a number or [r, g, b]"]),
         ("version = 2", ["version: found 2", "expected: 1"]),
         ("version = 1\nobjects = [{ model = 'a.obj' }]", ["objects[0] (a.obj).model", ".glb or .gltf"]),
         (

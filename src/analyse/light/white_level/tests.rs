@@ -6,7 +6,7 @@ const EXPOSURE: ExposureLevel = ExposureLevel { level: 1.0, neutral: [1.0; 3] };
 
 fn patch(at: DVec3, light: f64) -> Patch {
     Patch {
-        at,
+        position_m: at,
         normal: DVec3::Z,
         light: [light; 3],
         is_bound: false,
@@ -26,8 +26,8 @@ fn desk(white: usize) -> Vec<Patch> {
 #[test]
 fn surfaces_in_deep_shadow_are_not_used_for_white() {
     // A desk of 0.8, of which 1 % lies in a shadow whose depth is overestimated by ten.
-    let voxels: Vec<Voxel> = desk(1000).iter().map(|p| Voxel::of_surface(p.at, p.normal, [0.8; 3])).collect();
-    let relative = |voxel: &Voxel| if voxel.at.x > 0.229 && voxel.at.y > 0.1 { 0.1 } else { 1.0 };
+    let voxels: Vec<Voxel> = desk(1000).iter().map(|p| Voxel::of_surface(p.position_m, p.normal, [0.8; 3])).collect();
+    let relative = |voxel: &Voxel| if voxel.position_m.x > 0.229 && voxel.position_m.y > 0.1 { 0.1 } else { 1.0 };
     let lit = patches(&voxels, relative);
     assert_eq!(lit.len(), 986);
     let level = white_level_by_lamps(&lit, DVec3::Z, DVec3::ZERO, &EXPOSURE).unwrap();

@@ -29,7 +29,7 @@ impl Kernel {
         let radius = 0.5 * circle_px.abs();
         let level = level_of(radius);
         let texel = f64::from(1u32 << level);
-        let wanted = (radius / texel).powi(2) * aperture.variance();
+        let target_variance = (radius / texel).powi(2) * aperture.variance();
         let added_variance = added_variance(level);
         let points: Vec<[f64; 2]> = (0..POINTS).map(|i| aperture.sequence(i)).collect();
         let (mut low, mut high) = (0.0, radius / texel + 1.0);
@@ -39,7 +39,7 @@ impl Kernel {
             let r = 0.5 * (low + high);
             class = HALVES.iter().position(|&h| f64::from(h) >= r).unwrap_or(HALVES.len() - 1);
             weights = splat(&points, r * circle_px.signum(), HALVES[class]);
-            if variance(&weights, HALVES[class]) + added_variance < wanted { low = r } else { high = r }
+            if variance(&weights, HALVES[class]) + added_variance < target_variance { low = r } else { high = r }
         }
         Self { level, class, weights: weights.iter().map(|w| *w as f32).collect() }
     }
@@ -49,7 +49,7 @@ impl Kernel {
     fn noise_left(&self, correlations: &[[f64; 3]; 2]) -> f64 {
         let side = (2 * HALVES[self.class] + 1) as usize;
         let rows: Vec<&[f32]> = self.weights.chunks(side).collect();
-        let apart = |x: usize, y: usize| -> f64 {
+        let weight_product = |x: usize, y: usize| -> f64 {
             let of_rows = |(a, b): (&&[f32], &&[f32])| -> f64 {
                 // To the right and to the left: unless x or y is 0, these are different pairs.
                 let right = a.iter().zip(b.iter().skip(x)).map(|(a, b)| f64::from(a * b)).sum::<f64>();
@@ -59,12 +59,12 @@ impl Kernel {
             rows.iter().zip(rows.iter().skip(y)).map(of_rows).sum::<f64>()
         };
         if self.level > 0 {
-            return 0.5 * apart(0, 0) / f64::from(1u32 << (2 * self.level)) * correlated(correlations);
+            return 0.5 * weight_product(0, 0) / f64::from(1u32 << (2 * self.level)) * correlated(correlations);
         }
         let pairs = |x: usize, y: usize| match (x, y) {
-            (0, 0) => 0.5 * apart(0, 0),
-            (_, 0) | (0, _) => apart(x, y),
-            _ => 2.0 * apart(x, y),
+            (0, 0) => 0.5 * weight_product(0, 0),
+            (_, 0) | (0, _) => weight_product(x, y),
+            _ => 2.0 * weight_product(x, y),
         };
         let lags = (0..3).flat_map(|y| (0..3).map(move |x| (x, y)));
         lags.map(|(x, y)| correlations[0][x] * correlations[1][y] * pairs(x, y)).sum()
@@ -154,8 +154,8 @@ mod tests {
             let texel = f64::from(1u32 << kernel.level);
             let variance_px2 =
                 (variance(&weights, HALVES[kernel.class]) + added_variance(kernel.level)) * texel * texel;
-            let wanted = (0.5 * diameter_px(slice)).powi(2) / 4.0;
-            assert!((variance_px2 / wanted - 1.0).abs() < 0.01, "{slice}: {variance_px2}, {wanted} wanted");
+            let expected = (0.5 * diameter_px(slice)).powi(2) / 4.0;
+            assert!((variance_px2 / expected - 1.0).abs() < 0.01, "{slice}: {variance_px2}, {expected} expected");
         }
     }
 }

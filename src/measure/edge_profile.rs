@@ -11,7 +11,7 @@ const MIN_BIN_PIXELS: usize = 4;
 /// Distance from the region's centre, px, and mean light there, along the direction of greatest
 /// change: the principal axis of the structure tensor (Bigün and Granlund 1987), from the darker to
 /// the brighter side. Empty if the region has fewer than 3x3 px in the picture.
-pub fn across(light: &GreyImage<f64>, region: Rect) -> Vec<[f64; 2]> {
+pub fn light_profile(light: &GreyImage<f64>, region: Rect) -> Vec<[f64; 2]> {
     let region = region.intersection(&Rect::full(light.width as u32, light.height as u32));
     if region.width().min(region.height()) < 3 {
         return Vec::new();
@@ -56,7 +56,7 @@ mod tests {
 
     #[test]
     fn profile_of_a_line_has_its_shape() {
-        let profile = across(&crossed(), Rect::full(40, 30));
+        let profile = light_profile(&crossed(), Rect::full(40, 30));
         let near = |at: f64| profile.iter().min_by(|a, b| (a[0] - at).abs().total_cmp(&(b[0] - at).abs())).unwrap()[1];
         assert!((near(-6.0) - 0.1).abs() < 0.02 && (near(6.0) - 0.3).abs() < 0.02, "{profile:?}");
         // 0.1, half of 0.2, and 0.7; minus the effect of a half-pixel bin on the peak.
@@ -64,8 +64,8 @@ mod tests {
         // From the darker side, even if it is on the right.
         let mut turned = crossed();
         turned.values.reverse();
-        let profile = across(&turned, Rect::full(40, 30));
+        let profile = light_profile(&turned, Rect::full(40, 30));
         assert!(profile[0][1] < 0.15 && profile[profile.len() - 1][1] > 0.25, "{profile:?}");
-        assert!(across(&turned, Rect::new(39, 0, 50, 30)).is_empty());
+        assert!(light_profile(&turned, Rect::new(39, 0, 50, 30)).is_empty());
     }
 }
