@@ -98,7 +98,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::calibrate::RestSearch;
 use crate::camera::Geometry;
-use crate::frame::Surfel;
+use crate::frame::{SpatialGain, Surfel};
 use crate::pose::camera_up;
 use crate::recording::Recording;
 use camera_model::CameraModel;
@@ -164,23 +164,7 @@ pub fn analyse(
     // Registration can fail for reasons that leave the poses good enough for brightness, blur and
     // light.
     let has_poses = !is_refused || comparison.pair_counts.confirms_poses();
-    let (used, held_out): (Vec<Pair>, Vec<Pair>) =
-        comparison.pairs.iter().partition(|pair| GAPS.contains(&(pair.to - pair.from)));
-    let solved = times.of(times::GAIN, || gain_graph::solve(&used, frames));
-    let steady_ln = if has_poses { STEADY_LN } else { STEADY_LN_UNCONFIRMED_POSES };
-    let gain = gain_graph::residuals(&held_out, &solved).map(|(recorded, left)| GainFindings {
-        pairs: used.len(),
-        recorded,
-        left,
-        range_ev: range_ev(&solved),
-        is_followed: recorded > steady_ln && left < MAX_RESIDUAL_SHARE * recorded,
-    });
-    let gains = if gain.as_ref().is_some_and(|gain| gain.is_followed) { solved } else { Vec::new() };
-    let across = if gains.is_empty() || !has_poses {
-        None
-    } else {
-        times.of(times::GAIN, || spatial_gain::solve(&comparison.across, frames))
-    };
+    let SolvedGains { findings: gain, gains, across } = solve_gains(&comparison, frames, has_poses, &mut times);
     let exposure = if has_poses {
         comparison.shutter.exposure_runs(frames)
     } else {
@@ -232,14 +216,12 @@ pub fn analyse(
         }
         gain => gain.ok_or_else(|| comparison.pair_counts.why()),
     };
-    let noise = comparison.noise;
-    let measured = noise.as_ref().and_then(NoiseFindings::profile);
+    let measured = comparison.noise.as_ref().and_then(NoiseFindings::profile);
     let noise_examples = match capture.noise.or(measured.as_ref()) {
-        Some(profile) => {
+        Some(noise) => {
             let has_poses = !is_refused;
             let rest = comparison.rest.clone();
-            let inputs =
-                ExampleInputs { recording, model: &model, states, has_poses, rest, later_s, noise: profile, threads };
+            let inputs = ExampleInputs { recording, model: &model, states, has_poses, rest, later_s, noise, threads };
             let examples =
                 checkpoints.stage(|| times.of(times::NOISE_EXAMPLES, || noise_example::examples(&inputs)))?;
             examples.unwrap_or_else(NoiseExamples::none)
@@ -252,7 +234,7 @@ pub fn analyse(
         across,
         exposure,
         spread,
-        noise,
+        noise: comparison.noise,
         noise_examples,
         tone,
         light,
@@ -318,6 +300,37 @@ fn compare_frames(
         noise: noise.finish(),
         rest: rest.longest(),
     })
+}
+
+/// The gains of the frames and the findings about them.
+struct SolvedGains {
+    findings: Option<GainFindings>,
+    /// ln, one per frame; empty if the frames count as equally bright.
+    gains: Vec<Option<[f64; 3]>>,
+    /// Gains that vary within the picture.
+    across: Option<(Vec<SpatialGain>, SpatialGainFit)>,
+}
+
+/// Solves the gains of all frames, and checks them by held-out pairs.
+fn solve_gains(comparison: &FrameComparison, frames: usize, has_poses: bool, times: &mut Times) -> SolvedGains {
+    let (used, held_out): (Vec<Pair>, Vec<Pair>) =
+        comparison.pairs.iter().partition(|pair| GAPS.contains(&(pair.to - pair.from)));
+    let solved = times.of(times::GAIN, || gain_graph::solve(&used, frames));
+    let steady_ln = if has_poses { STEADY_LN } else { STEADY_LN_UNCONFIRMED_POSES };
+    let findings = gain_graph::residuals(&held_out, &solved).map(|(recorded, left)| GainFindings {
+        pairs: used.len(),
+        recorded,
+        left,
+        range_ev: range_ev(&solved),
+        is_followed: recorded > steady_ln && left < MAX_RESIDUAL_SHARE * recorded,
+    });
+    let gains = if findings.as_ref().is_some_and(|gain| gain.is_followed) { solved } else { Vec::new() };
+    let across = if gains.is_empty() || !has_poses {
+        None
+    } else {
+        times.of(times::GAIN, || spatial_gain::solve(&comparison.across, frames))
+    };
+    SolvedGains { findings, gains, across }
 }
 
 /// Ratio of the brightest to the darkest frame in green, stops.

@@ -2,11 +2,11 @@
 
 use glam::DVec3;
 
+use super::super::state::{CameraState, move_point};
+use super::super::view::scattered;
 use super::{
     BLUR_PX, CODES, GainFrame, GainPoint, Gains, MAX_GRADIENT, MAX_LANDMARKS, MAX_POINTS, MAX_WIDTH_PX, PixelSample,
 };
-use crate::analyse::state::{CameraState, move_point};
-use crate::analyse::view::scattered;
 use crate::frame::Frame;
 use crate::grey_image::{GreyImage, gaussian};
 use crate::pixels::Pixels;
