@@ -82,7 +82,7 @@ pub fn solve(voxels: &[Voxel], solid: &[DVec3], place: DVec3, up: DVec3, threads
     let explained = 1.0 - result.fit.score / result.scores[0].max(1e-9);
     let halves = (!result.lamps.is_empty() && explained >= MIN_EXPLAINED)
         .then(|| {
-            let points = [0, 1].map(by);
+            let points = [0, 1].map(points_of_half);
             let searches = points.each_ref().map(|points| Search { points, occupancy: &occupancy, volume, threads });
             let are_enough = points.iter().all(|points| points.len() >= MIN_POINTS);
             if are_enough { check_halves(&searches, place) } else { None }

@@ -234,8 +234,13 @@ fn misplaced(signature: &FileSignature, frame: Option<usize>, record_sha256: &st
         return Some("was signed without a record".to_owned());
     }
     if signature.frame != frame {
-        let of = |frame: Option<usize>| frame.map_or("another output".to_owned(), |frame| format!("frame {frame}"));
-        return Some(format!("was signed as {}, the record has it as {}", of(signature.frame), of(frame)));
+        let frame_text =
+            |frame: Option<usize>| frame.map_or("another output".to_owned(), |frame| format!("frame {frame}"));
+        return Some(format!(
+            "was signed as {}, the record has it as {}",
+            frame_text(signature.frame),
+            frame_text(frame)
+        ));
     }
     if signature.record_sha256.as_deref() != Some(record_sha256) {
         return Some("was signed with another record than the one beside it".to_owned());

@@ -81,8 +81,8 @@ impl CredentialFiles {
         let chain = Certificate::load_pem_chain(&certificates)
             .map_err(|error| anyhow!("{error}; expected certificates in PEM form, the signer's first"))
             .with_context(of_file)?;
-        let own = chain.first().ok_or_else(|| anyhow!("it has no certificate")).with_context(of_file)?;
-        let key_info = &own.tbs_certificate.subject_public_key_info.algorithm;
+        let leaf = chain.first().ok_or_else(|| anyhow!("it has no certificate")).with_context(of_file)?;
+        let key_info = &leaf.tbs_certificate.subject_public_key_info.algorithm;
         let algorithm = algorithm(key_info).with_context(of_file)?;
         c2pa::create_signer::from_keys(&certificates, &key, algorithm, None).map_err(|error| {
             anyhow!(
@@ -128,7 +128,7 @@ const TEST_DAYS: u32 = 365;
 const AUTHORITY_DAYS: u32 = 3650;
 const DAY: Duration = Duration::from_secs(86_400);
 
-/// A made test signer.
+/// The files of a test signer.
 #[derive(Clone, Debug)]
 pub struct TestSigner {
     pub files: CredentialFiles,
@@ -141,8 +141,8 @@ pub struct TestSigner {
 pub fn make_test_signer(name: &str, folder: Option<&Path>) -> Result<TestSigner> {
     let subject = subject(name)?;
     let folder = folder.map_or_else(own_folder, |folder| Ok(folder.to_owned()))?;
-    let made = TestSigner { files: CredentialFiles::in_folder(&folder), authority: folder.join("authority.pem") };
-    for file in [&made.files.key, &made.files.certificates, &made.authority] {
+    let signer = TestSigner { files: CredentialFiles::in_folder(&folder), authority: folder.join("authority.pem") };
+    for file in [&signer.files.key, &signer.files.certificates, &signer.authority] {
         if file.exists() {
             bail!("{}: exists and is kept; name another folder by --folder, or move it away", file.display());
         }
@@ -157,10 +157,10 @@ pub fn make_test_signer(name: &str, folder: Option<&Path>) -> Result<TestSigner>
     let own_certificate = certificate(leaf, subject, TEST_DAYS, &own, &authority).map_err(|error| invalid(&error))?;
     let key = own.to_pkcs8_pem(LineEnding::LF).map_err(|error| invalid(&error))?;
 
-    write(&made.authority, authority_certificate.as_bytes())?;
-    write(&made.files.certificates, format!("{own_certificate}{authority_certificate}").as_bytes())?;
-    write_private(&made.files.key, key.as_bytes())?;
-    Ok(made)
+    write(&signer.authority, authority_certificate.as_bytes())?;
+    write(&signer.files.certificates, format!("{own_certificate}{authority_certificate}").as_bytes())?;
+    write_private(&signer.files.key, key.as_bytes())?;
+    Ok(signer)
 }
 
 /// The subject of a certificate. Separators of RFC 4514 are escaped.
@@ -227,15 +227,15 @@ mod tests {
     #[test]
     fn test_signer_signs_and_is_never_overwritten() {
         let folder = tempfile::tempdir().unwrap();
-        let made = make_test_signer("Ä. Trainer, \"Unit 5\"", Some(folder.path())).unwrap();
-        let signer = made.files.signer().unwrap();
-        assert_eq!((signer.alg(), signer.certs().unwrap().len()), (SigningAlg::Es256, 2));
+        let signer = make_test_signer("Ä. Trainer, \"Unit 5\"", Some(folder.path())).unwrap();
+        let backend = signer.files.signer().unwrap();
+        assert_eq!((backend.alg(), backend.certs().unwrap().len()), (SigningAlg::Es256, 2));
         let again = make_test_signer("B", Some(folder.path())).unwrap_err().to_string();
         assert!(again.contains("exists and is kept"), "{again}");
         #[cfg(unix)]
         {
             use std::os::unix::fs::PermissionsExt;
-            let mode = std::fs::metadata(&made.files.key).unwrap().permissions().mode();
+            let mode = std::fs::metadata(&signer.files.key).unwrap().permissions().mode();
             assert_eq!(mode & 0o777, 0o600);
         }
     }
@@ -243,13 +243,13 @@ mod tests {
     #[test]
     fn wrong_credentials_are_refused_with_the_expected_form() {
         let folder = tempfile::tempdir().unwrap();
-        let made = make_test_signer("A", Some(folder.path())).unwrap();
+        let signer = make_test_signer("A", Some(folder.path())).unwrap();
         let refusal = |files: &CredentialFiles| format!("{:#}", files.signer().err().unwrap());
-        let swapped = CredentialFiles { key: made.files.certificates.clone(), ..made.files.clone() };
+        let swapped = CredentialFiles { key: signer.files.certificates.clone(), ..signer.files.clone() };
         assert!(refusal(&swapped).contains("PKCS #8"), "{}", refusal(&swapped));
-        let no_certificate = CredentialFiles { certificates: made.files.key.clone(), ..made.files.clone() };
+        let no_certificate = CredentialFiles { certificates: signer.files.key.clone(), ..signer.files.clone() };
         assert!(refusal(&no_certificate).contains("expected certificates in PEM form"), "{}", refusal(&no_certificate));
-        let missing = CredentialFiles { key: folder.path().join("none"), ..made.files };
+        let missing = CredentialFiles { key: folder.path().join("none"), ..signer.files };
         assert!(refusal(&missing).contains("none: cannot be read: "), "{}", refusal(&missing));
         assert!(make_test_signer(" ", Some(folder.path())).unwrap_err().to_string().contains("--name"));
     }

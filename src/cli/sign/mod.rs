@@ -83,10 +83,10 @@ fn print_line(text: &str) -> Result<()> {
 }
 
 fn init(name: &str, folder: Option<&Path>) -> Result<()> {
-    let made = make_test_signer(name, folder)?;
-    print_line(&format!("key           {}", made.files.key.display()))?;
-    print_line(&format!("certificates  {}", made.files.certificates.display()))?;
-    print_line(&format!("authority     {}, for `locard sign check --trust`", made.authority.display()))
+    let signer = make_test_signer(name, folder)?;
+    print_line(&format!("key           {}", signer.files.key.display()))?;
+    print_line(&format!("certificates  {}", signer.files.certificates.display()))?;
+    print_line(&format!("authority     {}, for `locard sign check --trust`", signer.authority.display()))
 }
 
 fn sign(args: &Args, output: &Path) -> Result<()> {
