@@ -3,6 +3,7 @@
 // A vertex is seen from the pose at the moment its own row is read, plus the sample's time in the
 // shutter. Distortion is applied to vertices, so triangles must be fine enough.
 // @import shared/surface_shading
+// @import shared/lens_table
 
 // The features of a draw call. Each combination is a pipeline of its own, so that an untextured
 // object does not pay for five textures (software drivers execute both sides of an `if`).
@@ -42,6 +43,7 @@ const FISHEYE: u32 = 1u;
 const RATIONAL: u32 = 2u;
 const FIELD_OF_VIEW: u32 = 3u;
 const THIN_PRISM_FISHEYE: u32 = 4u;
+const ST_MAP: u32 = 5u;
 
 const MAX_KEYS: u32 = 33u;
 const MAX_SUNS: u32 = 4u;
@@ -55,7 +57,8 @@ struct View {
     focal_px: vec2<f32>,      // fx, fy
     middle_px: vec2<f32>,     // cx, cy
     distortion: vec4<f32>,    // k1, k2, p1, p2; for a fisheye k1, k2, k3, k4
-    // Rational: k4, k5, k6. Field of view: ω, 2 tan(ω/2). Thin prism: p1, p2, sx1, sy1.
+    // Rational: k4, k5, k6. Field of view: ω, 2 tan(ω/2). Thin prism: p1, p2, sx1, sy1. Table: the
+    // corner of its domain, and its cells per unit.
     lens_terms: vec4<f32>,
     outer_turn: vec4<f32>,    // from a view's axes to those of the camera whose picture it belongs to
     // The camera's rotation and position at the sample time.
@@ -122,6 +125,7 @@ struct Material {
 @group(0) @binding(4) var real_depth: texture_2d<f32>;
 @group(0) @binding(5) var albedo_table: texture_2d<f32>;
 @group(0) @binding(6) var irradiance_table: texture_2d<f32>;
+@group(0) @binding(7) var lens_table: texture_2d<f32>;  // control points of displacements (camera/lens_map.rs)
 
 @group(1) @binding(0) var<uniform> material: Material;
 @group(1) @binding(1) var base_color_texture: texture_2d<f32>;
@@ -259,6 +263,8 @@ fn project(p: vec3<f32>) -> vec2<f32> {
         d = direction * fisheye_radius(theta) + decentring(direction, theta);
     } else if lens == FIELD_OF_VIEW {
         d = direction * fov_radius(r);
+    } else if lens == ST_MAP {
+        d = distort_by_table(n, lens_table, view.lens_terms);
     } else {
         let valid = min(r, view.valid_radius);
         d = distort_polynomial(direction * valid) + direction * (view.rim_slope * (r - valid));

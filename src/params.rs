@@ -76,6 +76,8 @@ pub enum Kind {
     Choice(&'static [&'static str]),
     /// Pairs of numbers that ascend.
     Points,
+    /// A lens as a table.
+    LensTable,
 }
 
 impl fmt::Display for Kind {
@@ -88,6 +90,7 @@ impl fmt::Display for Kind {
             }
             Self::Choice(names) => write!(f, "{}", names.join(" | ")),
             Self::Points => write!(f, "pairs that ascend from code 0 to 1, such as 0 0, 0.5 0.2, 1 1"),
+            Self::LensTable => write!(f, "a lens's table; a profile names ST maps in its place"),
         }
     }
 }

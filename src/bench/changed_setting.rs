@@ -185,6 +185,6 @@ fn values(spec: &Spec, now: Option<&Value>) -> Vec<Value> {
             .map(|n| Value::Text(names[n % names.len()].to_owned()))
             .collect(),
         Kind::Bool => (0..VALUES_PER_PARAMETER).map(|n| Value::Bool(n % 2 == 0)).collect(),
-        Kind::Points => Vec::new(),
+        Kind::Points | Kind::LensTable => Vec::new(),
     }
 }

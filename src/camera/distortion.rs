@@ -9,6 +9,7 @@
 //! | `opencv_fisheye` | polynomial in θ² | Kannala and Brandt; OpenCV's `fisheye::projectPoints` |
 //! | `thin_prism_fisheye` | the same, tangential, thin prism | Weng et al. 1992, on θ; COLMAP |
 //! | `equirectangular` | longitude and latitude | 360° pictures |
+//! | `st_map` | a table, by ST maps | lens_map.rs |
 //!
 //! To add a model: a name in [`LensModel`], its branch in `valid_radius`, `slope`, `project` and
 //! `unproject` here and in shaders/raster.wgsl or shaders/around.wgsl, its unused parameters in
@@ -18,6 +19,7 @@ use std::f64::consts::PI;
 
 use glam::{DVec2, DVec3};
 
+use super::{BoundMap, LensMap};
 use crate::params::{Params, Value};
 
 crate::choices! {
@@ -40,6 +42,8 @@ crate::choices! {
         /// (x', y') = θ_d along the direction, as `opencv_fisheye`, + tangential p1, p2 + thin
         /// prism (sx1 θ², sy1 θ²), both on θ times the direction.
         ThinPrismFisheye = "thin_prism_fisheye",
+        /// x' by a table over x/z and y/z, from ST maps of another program.
+        StMap = "st_map",
     }
 }
 
@@ -55,17 +59,18 @@ crate::params! {
     /// Coefficients of the models, on normalised image coordinates.
     pub struct Distortion in "camera.distortion" at Depth {
         "projection of the lens" model: LensModel = LensModel::Opencv;
-        "radial, r² (θ² of a fisheye)" k1 as "k1": f64 = 0.0, "1", -100.0..=100.0, by_ratio => model isnt "equirectangular or fov";
-        "radial, r⁴ (θ⁴)" k2 as "k2": f64 = 0.0, "1", -1000.0..=1000.0, by_ratio => model isnt "equirectangular or fov";
+        "radial, r² (θ² of a fisheye)" k1 as "k1": f64 = 0.0, "1", -100.0..=100.0, by_ratio => model isnt "equirectangular or fov or st_map";
+        "radial, r⁴ (θ⁴)" k2 as "k2": f64 = 0.0, "1", -1000.0..=1000.0, by_ratio => model isnt "equirectangular or fov or st_map";
         "tangential" p1 as "p1": f64 = 0.0, "1", -10.0..=10.0, by_ratio => model is "opencv or opencv_rational or thin_prism_fisheye";
         "tangential" p2 as "p2": f64 = 0.0, "1", -10.0..=10.0, by_ratio => model is "opencv or opencv_rational or thin_prism_fisheye";
-        "radial, r⁶ (θ⁶)" k3 as "k3": f64 = 0.0, "1", -10000.0..=10000.0, by_ratio => model isnt "equirectangular or fov";
+        "radial, r⁶ (θ⁶)" k3 as "k3": f64 = 0.0, "1", -10000.0..=10000.0, by_ratio => model isnt "equirectangular or fov or st_map";
         "radial, θ⁸ of a fisheye; r² of the denominator of a rational model" k4 as "k4": f64 = 0.0, "1", -10000.0..=10000.0, by_ratio => model is "opencv_fisheye or opencv_rational or thin_prism_fisheye";
         "radial, r⁴ of the denominator" k5 as "k5": f64 = 0.0, "1", -10000.0..=10000.0, by_ratio => model is "opencv_rational";
         "radial, r⁶ of the denominator" k6 as "k6": f64 = 0.0, "1", -10000.0..=10000.0, by_ratio => model is "opencv_rational";
         "the angle ω of the model fov" omega as "ω": f64 = 0.0, "rad", 0.0..=3.1 => model is "fov";
         "thin prism, horizontal" sx1 as "sx1": f64 = 0.0, "1", -10.0..=10.0, by_ratio => model is "thin_prism_fisheye";
         "thin prism, vertical" sy1 as "sy1": f64 = 0.0, "1", -10.0..=10.0, by_ratio => model is "thin_prism_fisheye";
+        "table of the lens; in a profile `undistort` or `redistort` name its ST maps" map: Option<LensMap> = None => model is "st_map";
     }
 }
 
@@ -99,6 +104,16 @@ impl Distortion {
         self.model.is_fisheye()
     }
 
+    /// The lens without the camera that bound its table: later values of the camera apply to it.
+    pub fn unbound(&self) -> Self {
+        Self { map: self.map.as_ref().map(LensMap::unbound), ..self.clone() }
+    }
+
+    /// The table of `st_map`. `None` for other models, and before a camera binds it.
+    pub fn bound_map(&self) -> Option<&BoundMap> {
+        self.map.as_ref().filter(|_| self.model == LensModel::StMap)?.bound()
+    }
+
     fn is_equirectangular(&self) -> bool {
         self.model == LensModel::Equirectangular
     }
@@ -111,8 +126,13 @@ impl Distortion {
             LensModel::OpencvFisheye => &["p1", "p2", "k5", "k6", "omega", "sx1", "sy1"],
             LensModel::ThinPrismFisheye => &["k5", "k6", "omega"],
             LensModel::Fov => &["k1", "k2", "k3", "k4", "p1", "p2", "k5", "k6", "sx1", "sy1"],
-            LensModel::Equirectangular => &["k1", "k2", "k3", "k4", "p1", "p2", "k5", "k6", "omega", "sx1", "sy1"],
+            LensModel::Equirectangular | LensModel::StMap => {
+                &["k1", "k2", "k3", "k4", "p1", "p2", "k5", "k6", "omega", "sx1", "sy1"]
+            }
         };
+        if self.map.is_some() && self.model != LensModel::StMap {
+            return Some("map");
+        }
         unused.iter().copied().find(|name| self.get(name) != Some(Value::Number(0.0)))
     }
 
@@ -152,6 +172,8 @@ impl Distortion {
                 let [omega, double_tan] = self.field_of_view();
                 return double_tan / (omega * (1.0 + (double_tan * r).powi(2)));
             }
+            // It has no radial function.
+            LensModel::StMap => return 1.0,
             _ => {}
         }
         let r2 = r * r;
@@ -168,7 +190,7 @@ impl Distortion {
             // Injective everywhere.
             return MAX_NORMALISED_RADIUS;
         }
-        if flat || self.is_equirectangular() {
+        if flat || self.is_equirectangular() || self.model == LensModel::StMap {
             return f64::INFINITY;
         }
         let largest = if self.is_fisheye() { MAX_ANGLE_RAD } else { MAX_NORMALISED_RADIUS };
@@ -307,6 +329,9 @@ impl Distortion {
     /// along its own ray with the rim's slope. The map thus stays one to one, and nothing outside
     /// comes back into the picture.
     pub fn distort(&self, p: DVec2, valid_radius: f64) -> DVec2 {
+        if let Some(table) = self.bound_map() {
+            return table.distort(p);
+        }
         if self.is_equirectangular() {
             return longitude_latitude(p.extend(1.0));
         }
@@ -372,6 +397,9 @@ impl Distortion {
     /// numerical Jacobian and step halving. `None` if no undistorted point is found within 1e-10.
     /// That of `fov` is exact: r = tan(ω r')/(2 tan(ω/2)).
     fn undistort(&self, distorted: DVec2, valid_radius: f64) -> Option<DVec2> {
+        if let Some(table) = self.bound_map() {
+            return table.undistort(distorted);
+        }
         if self.model == LensModel::Fov {
             let [omega, double_tan] = self.field_of_view();
             let radius = distorted.length();

@@ -72,12 +72,15 @@ impl Geometry {
     }
 
     /// A 360° picture's focal lengths (px per radian) and centre follow from its size, regardless
-    /// of the intrinsics.
-    pub fn new(mut intrinsics: Intrinsics, distortion: Distortion) -> Self {
+    /// of the intrinsics. A lens's table without a camera is bound to this one.
+    pub fn new(mut intrinsics: Intrinsics, mut distortion: Distortion) -> Self {
         if distortion.model == LensModel::Equirectangular {
             let (width, height) = (f64::from(intrinsics.width_px), f64::from(intrinsics.height_px));
             (intrinsics.fx_px, intrinsics.fy_px) = (width / TAU, height / PI);
             (intrinsics.cx_px, intrinsics.cy_px) = (0.5 * width, 0.5 * height);
+        }
+        if let Some(map) = &mut distortion.map {
+            map.bind(&intrinsics);
         }
         let valid_radius = distortion.valid_radius();
         Self { intrinsics, distortion, valid_radius }
@@ -152,7 +155,7 @@ impl Geometry {
         let (w, h) = (f64::from(self.intrinsics.width_px), f64::from(self.intrinsics.height_px));
         let wide = |at: DVec2| self.direction(at).is_none_or(|d| d.angle_between(DVec3::Z) > MAX_PLANE_ANGLE_RAD);
         match self.distortion.model {
-            LensModel::Opencv | LensModel::OpencvRational | LensModel::Fov => false,
+            LensModel::Opencv | LensModel::OpencvRational | LensModel::Fov | LensModel::StMap => false,
             // A corner is farthest from the axis. One without a direction is outside the lens's
             // field of view.
             LensModel::OpencvFisheye | LensModel::ThinPrismFisheye => {

@@ -41,6 +41,10 @@ pub struct Args {
     /// Without depth: the plane a·x + b·y + c·z = d of the world that the points lie on
     #[arg(long, value_name = "A,B,C,D", requires = "picks", value_parser = plane, allow_hyphen_values = true)]
     plane: Option<[f64; 4]>,
+    /// The scene file with the scan of the place ([site]), whose surfaces are picked where depth
+    /// was not measured
+    #[arg(long, value_name = "FILE", requires = "picks")]
+    scene: Option<PathBuf>,
     /// The true distance of two picked points, for the length of a unit, for formats without a
     /// scale
     #[arg(long, value_name = "M", requires = "picks", allow_negative_numbers = true)]
@@ -211,8 +215,8 @@ fn recording(args: &Args) -> Result<()> {
     let metres_per_unit = args.metres_per_unit.unwrap_or(1.0);
     let options = args.skip.apply_to(OpenOptions { metres_per_unit, ..OpenOptions::default() });
     // The given profile overrides the recording's own.
-    let shot_options =
-        ShotOptions { profile: args.profile.clone(), analysis: args.analysis.choice(), ..ShotOptions::default() };
+    let (profile, scene) = (args.profile.clone(), args.scene.clone());
+    let shot_options = ShotOptions { profile, scene, analysis: args.analysis.choice(), ..ShotOptions::default() };
     let recording = Recording::open(&args.input, &options)?;
     let (shot, ()) = args.analysis.open(recording, &shot_options, false, |_| Ok(()))?;
     let mut out = std::io::stdout().lock();
@@ -369,8 +373,9 @@ fn duplicates(recording: &Recording) -> Vec<String> {
 fn one_frame(args: &Args, shot: Shot, frame: usize, out: &mut impl Write) -> Result<()> {
     let recording = &shot.recording;
     super::check_frame(frame, recording.frame_count())?;
-    let is_metric = recording.kind.is_metric() || args.metres_per_unit.is_some();
-    let unit = if is_metric { "m" } else { "units" };
+    let metres_per_unit =
+        args.metres_per_unit.or(shot.scene.metres_per_unit).or(recording.kind.is_metric().then_some(1.0));
+    let unit = if metres_per_unit.is_some() { "m" } else { "units" };
     let shown = |p: DVec3| format!("{} {unit}", pick::triple(p));
     let pose = recording.pose_at_frame(frame);
     writeln!(out, "frame      {frame} at {} s", fixed(recording.timestamps_s[frame], 6))?;
@@ -390,7 +395,6 @@ fn one_frame(args: &Args, shot: Shot, frame: usize, out: &mut impl Write) -> Res
         return Ok(());
     }
     pose?;
-    let metres_per_unit = args.metres_per_unit.or(recording.kind.is_metric().then_some(1.0));
     let query = PointQuery { picks: &args.picks, distance_m: args.distance, metres_per_unit };
     pick::print_points(&Picker::new(&shot, frame, args.plane, Shot::surface_at)?, &query, out)
 }

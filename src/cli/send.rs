@@ -129,7 +129,7 @@ fn lens(shot: &Shot, quiet: bool) -> Option<LensState> {
     if distortion.model.is_fisheye() {
         warn(quiet, "OpenTrackIO has no fisheye: the lens is sent without its distortion");
     }
-    if matches!(distortion.model, LensModel::OpencvRational | LensModel::Fov) {
+    if matches!(distortion.model, LensModel::OpencvRational | LensModel::Fov | LensModel::StMap) {
         warn(quiet, "the lens is sent without its distortion: its model is not sent; expected opencv");
     }
     Some(LensState::of(&geometry, &camera.lens, &camera.exposure, 1.0 / shot.recording.frame_interval_s))

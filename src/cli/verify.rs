@@ -23,11 +23,15 @@ use locard_engine::verify::{
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// Folder or file of the recording; it must have depth
+    /// Folder or file of the recording; it must have depth, or a scan of the place (--scene)
     recording: PathBuf,
     /// The camera; without it, the recording's own
     #[arg(long)]
     profile: Option<PathBuf>,
+    /// The scene file with the scan of the place ([site]), which serves where depth was not
+    /// measured
+    #[arg(long, value_name = "FILE")]
+    scene: Option<PathBuf>,
     /// Set a parameter, as in --set camera.readout_time_s=0.02
     #[arg(long = "set", value_name = "TABLE.NAME=VALUE")]
     sets: Vec<String>,
@@ -72,13 +76,17 @@ pub fn run(args: &Args) -> Result<()> {
     }
     let options = args.skip.apply_to(OpenOptions::default());
     let open = |analysis| {
-        let shot_options =
-            ShotOptions { profile: args.profile.clone(), sets: args.sets.clone(), analysis, ..ShotOptions::default() };
+        let (profile, sets, scene) = (args.profile.clone(), args.sets.clone(), args.scene.clone());
+        let shot_options = ShotOptions { profile, sets, scene, analysis, ..ShotOptions::default() };
         Shot::open(&args.recording, &options, &shot_options)
     };
     let recorded = open(AnalysisChoice::No)?;
     if !recorded.recording.has_depth() {
-        bail!("{}: there is no depth, so the positions of visible surfaces are unknown", args.recording.display());
+        bail!(
+            "{}: there is no depth, so the positions of visible surfaces are unknown; a scan of the place serves as \
+             well: --scene with a scene file that has it in [site] (`locard site`)",
+            args.recording.display()
+        );
     }
     let state = open(args.analysis.choice())?;
     if let Some(path) = &args.report {

@@ -1,6 +1,7 @@
 //! Banded symmetric systems, solved by Cholesky decomposition in linear time.
 
 /// A symmetric positive definite matrix with `width` subdiagonals, and a right side.
+#[derive(Clone)]
 pub struct BandMatrix {
     /// Row by row: of row r the columns r − width ..= r.
     rows: Vec<f64>,

@@ -38,6 +38,7 @@ shaders! {
     SharedHighlights = "shared/highlights",
     SharedLayer = "shared/layer",
     SharedLens = "shared/lens",
+    SharedLensTable = "shared/lens_table",
     SharedMixed = "shared/mixed",
     SharedNoise = "shared/noise",
     SharedNoiseExample = "shared/noise_example",

@@ -12,6 +12,8 @@ mod read;
 mod response_file;
 mod serialized;
 mod shot_settings;
+mod st_map_file;
+mod st_samples;
 
 pub use calibration_file::is_calibration;
 pub use document::ProfileFile;
@@ -45,6 +47,9 @@ pub struct Rig {
     yielding: BTreeSet<(&'static str, &'static str)>,
 }
 
+/// The key of a lens's table.
+const MAP_KEY: &str = "map";
+
 /// The required keys of a complete camera. Without all of them there is no geometry.
 const REQUIRED_KEYS: [&str; 6] = ["width_px", "height_px", "fx_px", "fy_px", "cx_px", "cy_px"];
 
@@ -76,6 +81,8 @@ pub enum ProfileError {
     Coefficient { path: PathBuf, name: &'static str, model: Value },
     #[error("{path}: {message}")]
     Response { path: PathBuf, message: String },
+    #[error("{path}: {message}")]
+    LensMap { path: PathBuf, message: String },
     /// A calibration file of another program.
     #[error("{path}: {message}")]
     Calibration { path: PathBuf, message: String },
@@ -187,13 +194,22 @@ impl Rig {
         }
         let own = own?;
         let (mut intrinsics, mut distortion) = (own.intrinsics.clone(), own.distortion.clone());
+        let mut lens_map = None;
         let tables: [(&dyn Params, &mut dyn Params); 2] =
             [(&self.intrinsics, &mut intrinsics), (&self.distortion, &mut distortion)];
         for (from, to) in tables {
             for (_, name) in self.set_keys.iter().filter(|key| key.0 == from.table() && holds(key)) {
+                if *name == MAP_KEY {
+                    // Its text is long.
+                    lens_map = Some(self.distortion.map.clone());
+                    continue;
+                }
                 // It was accepted when it was given.
                 from.get(name).and_then(|value| to.set(name, &value).ok())?;
             }
+        }
+        if let Some(map) = lens_map {
+            distortion.map = map;
         }
         Some(Geometry::new(intrinsics, distortion))
     }
@@ -201,7 +217,7 @@ impl Rig {
     /// Overrides a recording's own camera by the given values. Later settings override both.
     pub fn lay_over(&mut self, own: &Geometry) {
         if let Some(geometry) = self.geometry_over(Some(own)) {
-            (self.intrinsics, self.distortion) = (geometry.intrinsics, geometry.distortion);
+            (self.intrinsics, self.distortion) = (geometry.intrinsics, geometry.distortion.unbound());
             self.set_keys.extend(REQUIRED_KEYS.map(|name| (Intrinsics::default().table(), name)));
         }
     }
@@ -213,7 +229,7 @@ impl Rig {
             // Both are in the same table.
             let _ = geometry.intrinsics.get(name).map(|value| self.intrinsics.set(name, &value));
         }
-        self.distortion = geometry.distortion.clone();
+        self.distortion = geometry.distortion.unbound();
         self.set_keys.extend(REQUIRED_KEYS.map(|name| (self.intrinsics.table(), name)));
         let of_distortion = self.distortion.specs().into_iter().map(|spec| (self.distortion.table(), spec.name));
         self.set_keys.extend(of_distortion);

@@ -5,7 +5,7 @@ use std::path::Path;
 use super::calibration_file::{self, is_calibration};
 use super::noise::{self, ExampleLoading};
 use super::shot_settings::ShotSettings;
-use super::{ProfileError, Rig, response_file};
+use super::{ProfileError, Rig, response_file, st_map_file};
 use crate::compositor::Settings;
 use crate::document as text;
 use crate::params::{Params, Value};
@@ -117,7 +117,7 @@ impl Rig {
             table: quoted(table),
             tables: rig.known_tables(settings),
         };
-        let toml::Value::Table(entries) = value else { return Err(unknown(self, target.settings)) };
+        let toml::Value::Table(mut entries) = value else { return Err(unknown(self, target.settings)) };
         if !self.table_names(target.settings).contains(&table) {
             return Err(unknown(self, target.settings));
         }
@@ -127,6 +127,14 @@ impl Rig {
             target.values.set_noise(noise.clone());
             self.noise = Some(noise);
             return Ok(());
+        }
+        if table == self.distortion.table() {
+            let profile = match loading {
+                ExampleLoading::Skip => None,
+                ExampleLoading::BesideFile(path) => Some(path),
+            };
+            st_map_file::resolve(&mut entries, profile)
+                .map_err(|message| ProfileError::LensMap { path: path.to_owned(), message })?;
         }
         if table == "camera.lens" && ["aperture_diameter_mm", "f_number"].iter().all(|key| entries.contains_key(*key)) {
             return Err(ProfileError::TwoOpenings { path: path.to_owned() });

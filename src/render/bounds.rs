@@ -274,7 +274,7 @@ pub fn rotation_speed_px_per_s(geometry: &Geometry, keys: &ViewKeys) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::camera::{Distortion, Intrinsics, LensModel};
+    use crate::camera::{Distortion, Intrinsics, LensModel, MapSample, fit_lens_map};
     use crate::pose::Pose;
     use crate::render::Shutter;
     use crate::scene::{Mesh, Object, Vertex};
@@ -346,6 +346,18 @@ mod tests {
         }
     }
 
+    /// A lens as a table.
+    fn tabled() -> Distortion {
+        let sample = |n: u32| {
+            let place = DVec2::new((n % 41).into(), (n / 41).into()) * 20.0;
+            let at = (place - DVec2::new(400.0, 300.0)) / 525.0;
+            let recorded = at / (1.0 + 0.3 * at.length_squared() + 0.02 * at.x) * 525.0 + DVec2::new(320.0, 240.0);
+            MapSample { undistorted_px: place, recorded: recorded / DVec2::new(640.0, 480.0) }
+        };
+        let map = fit_lens_map(&(0..41 * 31).map(sample).collect::<Vec<_>>(), [800, 600], None).unwrap();
+        Distortion { model: LensModel::StMap, map: Some(map), ..Default::default() }
+    }
+
     /// A hand-held camera that turns and moves, a lens, and boxes from the size of a pen to that of
     /// a table.
     fn hand_held_view() -> impl Strategy<Value = (Geometry, ViewKeys, DAffine3)> {
@@ -357,6 +369,7 @@ mod tests {
             Just(Distortion { model: LensModel::OpencvFisheye, k1: 0.01, ..Default::default() }),
             Just(Distortion { model: LensModel::OpencvRational, k1: -0.2, k4: 0.1, k5: 0.02, ..Default::default() }),
             Just(Distortion { model: LensModel::Fov, omega: 0.9, ..Default::default() }),
+            Just(tabled()),
             Just(Distortion { model: LensModel::ThinPrismFisheye, p1: 0.002, sx1: 0.003, ..Default::default() }),
         ];
         let own = (numbers(3, 0.6), numbers(4, 1.0), prop::collection::vec(-2.3f64..0.0, 3));

@@ -11,6 +11,7 @@ use super::around::{FaceView, gather, out_of_view};
 use super::around_bounds::footprint_around;
 use super::bounds::{Footprint, footprint};
 use super::dice::{EdgeCurvature, dice};
+use super::lens_table::lens_table;
 use super::light::{EnvironmentLight, LightUniform, unsupported};
 use super::lightmap::{Lightmap, PartLightmaps};
 use super::material::bind_groups;
@@ -59,6 +60,8 @@ struct Draws {
     list: Vec<Draw>,
     diced: Option<(wgpu::Buffer, wgpu::Buffer)>,
     motion: MotionGrid,
+    /// Control points of the lens's table, if it has one.
+    lens_table: Option<Texture>,
 }
 
 /// The data shared by all samples of a frame.
@@ -352,7 +355,8 @@ impl Renderer {
                 gpu.buffer("diced indices", bytemuck::cast_slice(&indices), wgpu::BufferUsages::INDEX),
             )
         });
-        Draws { list: draws, diced: buffers, motion: MotionGrid::new(gpu, view) }
+        let lens_table = view.geometry.distortion.bound_map().map(|table| lens_table(gpu, table));
+        Draws { list: draws, diced: buffers, motion: MotionGrid::new(gpu, view), lens_table }
     }
 
     fn instances(&self, view: &View<'_>, sample: &RenderSample) -> Vec<DrawInstance> {
@@ -390,29 +394,24 @@ impl Renderer {
         let light = LightUniform::new(lighting, &self.environment, view.keys.origin_in_world_m, strength);
         let light = recorder.uniform(bytemuck::bytes_of(&light));
         let depth_view = view.occlusion.map_or(&self.no_depth.view, |occlusion| &occlusion.depth.view);
+        let lens_view = &draws.lens_table.as_ref().unwrap_or(&self.no_depth).view;
+        let texture =
+            |binding, view| wgpu::BindGroupEntry { binding, resource: wgpu::BindingResource::TextureView(view) };
         let frame = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("frame"),
             layout: &self.pipelines.frame_layout,
             entries: &[
                 wgpu::BindGroupEntry { binding: 0, resource: uniform.binding() },
                 wgpu::BindGroupEntry { binding: 1, resource: light.binding() },
-                wgpu::BindGroupEntry {
-                    binding: 2,
-                    resource: wgpu::BindingResource::TextureView(&self.environment.view),
-                },
+                texture(2, &self.environment.view),
                 wgpu::BindGroupEntry {
                     binding: 3,
                     resource: wgpu::BindingResource::Sampler(&self.environment.sampler),
                 },
-                wgpu::BindGroupEntry { binding: 4, resource: wgpu::BindingResource::TextureView(depth_view) },
-                wgpu::BindGroupEntry {
-                    binding: 5,
-                    resource: wgpu::BindingResource::TextureView(&self.environment.albedo),
-                },
-                wgpu::BindGroupEntry {
-                    binding: 6,
-                    resource: wgpu::BindingResource::TextureView(&self.environment.irradiance),
-                },
+                texture(4, depth_view),
+                texture(5, &self.environment.albedo),
+                texture(6, &self.environment.irradiance),
+                texture(7, lens_view),
             ],
         });
         let [color, depth] = [COLOR, DEPTH].map(|format| recorder.pool.lend_samples(gpu, size, format, SAMPLES));

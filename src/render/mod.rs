@@ -9,6 +9,7 @@ mod dice;
 mod draw;
 mod in_view;
 mod irradiance;
+mod lens_table;
 mod light;
 mod lightmap;
 mod material;

@@ -59,6 +59,7 @@ pub fn lens_number(model: LensModel) -> u8 {
         LensModel::OpencvRational => 2,
         LensModel::Fov => 3,
         LensModel::ThinPrismFisheye => 4,
+        LensModel::StMap => 5,
     }
 }
 
@@ -264,6 +265,7 @@ fn layouts(gpu: &Gpu) -> [wgpu::BindGroupLayout; 3] {
             entry(4, ShaderStages::FRAGMENT, texture(false)),
             entry(5, ShaderStages::FRAGMENT, texture(true)),
             entry(6, ShaderStages::FRAGMENT, texture(true)),
+            entry(7, ShaderStages::VERTEX, texture(false)),
         ],
     });
     let mut entries = vec![entry(0, ShaderStages::FRAGMENT, buffer)];

@@ -184,6 +184,9 @@ impl ViewUniform {
                 [omega, double_tan, 0.0, 0.0]
             }
             LensModel::ThinPrismFisheye => [d.p1, d.p2, d.sx1, d.sy1],
+            LensModel::StMap => d.bound_map().map_or([0.0, 0.0, 1.0, 1.0], |table| {
+                [table.low.x, table.low.y, 1.0 / table.cell.x, 1.0 / table.cell.y]
+            }),
             LensModel::Opencv | LensModel::OpencvFisheye | LensModel::Equirectangular => [0.0; 4],
         };
         // A large finite number for "everywhere".

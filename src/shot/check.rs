@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::{Shot, ShotError};
-use crate::camera::{Curve, Geometry, Intrinsics, ResponseTable};
+use crate::camera::{Curve, Geometry, Intrinsics, LensModel, ResponseTable};
 use crate::params::{Params, Value};
 use crate::profile::Rig;
 use crate::recording::Recording;
@@ -64,6 +64,10 @@ pub fn geometry(recording: &Recording, rig: &Rig, frame: usize) -> Result<Geomet
     let (camera, frames) = ((width_px, height_px), (recording.width, recording.height));
     if camera != frames {
         return Err(ShotError::Size { camera, frames });
+    }
+    if geometry.distortion.model == LensModel::StMap {
+        let map = rig.distortion.map.as_ref().ok_or(ShotError::NoLensMap)?;
+        map.check(&geometry.intrinsics).map_err(|problem| ShotError::LensMap { problem })?;
     }
     match geometry.distortion.missing() {
         Some(name) => {

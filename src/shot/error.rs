@@ -52,6 +52,13 @@ pub enum ShotError {
     )]
     NoResponseTable,
     #[error(
+        "camera.distortion.model is st_map, and no ST map is given: `undistort` or `redistort` in a profile's table \
+         [camera.distortion] name its file"
+    )]
+    NoLensMap,
+    #[error("[camera.distortion]: the ST map {problem}")]
+    LensMap { problem: String },
+    #[error(
         "the camera's picture is {}x{} px, the recording's frames are {}x{}: camera.width_px and camera.height_px must \
          be the picture size of the intrinsics{}",
         camera.0, camera.1, frames.0, frames.1,

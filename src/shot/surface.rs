@@ -34,7 +34,7 @@ pub enum SurfaceError {
     Outside { at_px: [f64; 2], width: u32, height: u32 },
     #[error("the lens model has no ray at {}", place(*.at_px))]
     NoRay { at_px: [f64; 2] },
-    #[error("the depth sensor measured no surface around {}: pick a place next to it, or give a plane", place(*.at_px))]
+    #[error("there is no surface with depth around {}: pick a place next to it, or give a plane", place(*.at_px))]
     NotMeasured { at_px: [f64; 2] },
     #[error("{plane} {reason}")]
     Plane { plane: String, reason: &'static str },

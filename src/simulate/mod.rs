@@ -224,7 +224,10 @@ impl Simulation {
         detail: Detail,
         threads: usize,
     ) -> Result<Self, SimulateError> {
-        if matches!(options.lens, LensModel::OpencvRational | LensModel::Fov | LensModel::ThinPrismFisheye) {
+        if matches!(
+            options.lens,
+            LensModel::OpencvRational | LensModel::Fov | LensModel::ThinPrismFisheye | LensModel::StMap
+        ) {
             return Err(SimulateError::UnsupportedLens);
         }
         let geometry = geometry(options);
@@ -392,9 +395,11 @@ fn geometry(options: &Options) -> Geometry {
         LensModel::Opencv if options.layout == Some(FolderLayout::Stray) => Distortion::default(),
         LensModel::Opencv => Distortion { k1, k2, p1, p2, ..Distortion::default() },
         LensModel::OpencvFisheye => Distortion { model: lens, k1, k2, ..Distortion::default() },
-        LensModel::Equirectangular | LensModel::OpencvRational | LensModel::Fov | LensModel::ThinPrismFisheye => {
-            Distortion { model: lens, ..Distortion::default() }
-        }
+        LensModel::Equirectangular
+        | LensModel::OpencvRational
+        | LensModel::Fov
+        | LensModel::ThinPrismFisheye
+        | LensModel::StMap => Distortion { model: lens, ..Distortion::default() },
     };
     let intrinsics = Intrinsics {
         width_px,

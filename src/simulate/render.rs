@@ -64,7 +64,7 @@ impl SimulatedLens {
             for x in 0..=w {
                 let at = DVec2::new(x.into(), y.into());
                 corners.push(match geometry.distortion.model {
-                    LensModel::Opencv | LensModel::OpencvRational | LensModel::Fov => {
+                    LensModel::Opencv | LensModel::OpencvRational | LensModel::Fov | LensModel::StMap => {
                         geometry.unproject(at).ok_or(SimulateError::Lens { x, y })?
                     }
                     _ => geometry.direction(at).unwrap_or_default(),
@@ -84,7 +84,7 @@ impl SimulatedLens {
     /// along the axis, at least 0.
     fn depth_per_t(&self, ray: DVec3) -> f64 {
         match self.geometry.distortion.model {
-            LensModel::Opencv | LensModel::OpencvRational | LensModel::Fov => 1.0,
+            LensModel::Opencv | LensModel::OpencvRational | LensModel::Fov | LensModel::StMap => 1.0,
             LensModel::OpencvFisheye | LensModel::ThinPrismFisheye => ray.z.max(0.0),
             LensModel::Equirectangular => ray.length(),
         }

@@ -17,6 +17,7 @@ pub mod jpeg_tables;
 pub mod orientation;
 pub mod presentation;
 mod scene_linear;
+pub mod st_map;
 pub mod still;
 pub mod still_color;
 mod still_decoder;

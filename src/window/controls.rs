@@ -378,7 +378,7 @@ fn first_value(full: &str, kind: &Kind) -> Value {
         Kind::Bool => Value::Bool(true),
         Kind::Choice(names) => Value::Text(names.first().copied().unwrap_or_default().to_owned()),
         Kind::Number { min, max } | Kind::Integer { min, max } => Value::Number(1f64.clamp(*min, *max)),
-        Kind::Points => Value::None,
+        Kind::Points | Kind::LensTable => Value::None,
     }
 }
 
@@ -412,6 +412,11 @@ fn field(
         // Profiles have them.
         (Kind::Points, Value::Text(points)) => {
             let response = ui.weak(format!("{} points", points.split(',').count()));
+            response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Label, true, called));
+            None
+        }
+        (Kind::LensTable, Value::Text(_)) => {
+            let response = ui.weak("of the profile");
             response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Label, true, called));
             None
         }

@@ -9,7 +9,7 @@ use crate::program;
 use crate::tier::{fast_or_full, is_full};
 use glam::{DQuat, DVec2, DVec3, Vec3};
 use locard::camera::curved::{CurvedCamera, CurvedProjection};
-use locard::camera::{Distortion, Geometry, Intrinsics, LensModel};
+use locard::camera::{Distortion, Geometry, Intrinsics, LensModel, MapSample, fit_lens_map};
 use locard::pixels::LinearImage;
 use locard::pose::Pose;
 use locard::render::{PictureRequest, Projection, Renderer, take_still};
@@ -59,6 +59,32 @@ fn real_fisheye(scale: f64) -> Geometry {
     Geometry::new(intrinsics, Distortion { model: LensModel::OpencvFisheye, k1, k2, k3, k4, ..Default::default() })
 }
 
+/// A lens as a table: another program's formula, which no model of ours has.
+fn tabled(scale: f64) -> Geometry {
+    let intrinsics = Intrinsics {
+        width_px: (320.0 * scale) as u32,
+        height_px: (240.0 * scale) as u32,
+        fx_px: 200.0 * scale,
+        fy_px: 200.0 * scale,
+        cx_px: 160.0 * scale,
+        cy_px: 120.0 * scale,
+        ..Default::default()
+    };
+    let size = DVec2::new(f64::from(intrinsics.width_px), f64::from(intrinsics.height_px));
+    let undistorted = (1.5 * size).floor();
+    let sample = |n: u32| {
+        let place = (DVec2::new(f64::from(n % 91), f64::from(n / 91)) / DVec2::new(90.0, 70.0)) * undistorted;
+        let from_middle = (place - 0.5 * undistorted) / (200.0 * scale);
+        let barrel = from_middle / (1.0 + 0.25 * from_middle.length_squared() + 0.1 * from_middle.x.powi(2));
+        let skew = DVec2::new(0.01 * from_middle.y, 0.02 * from_middle.x * from_middle.y);
+        MapSample { undistorted_px: place, recorded: ((barrel + skew) * 200.0 * scale + 0.5 * size) / size }
+    };
+    let samples: Vec<MapSample> = (0..91 * 71).map(sample).collect();
+    let map = fit_lens_map(&samples, [undistorted.x as u32, undistorted.y as u32], None).unwrap();
+    map.check(&intrinsics).unwrap();
+    Geometry::new(intrinsics, Distortion { model: LensModel::StMap, map: Some(map), ..Default::default() })
+}
+
 /// Some pinholes and every curve, at `scale` times the full tier's resolution.
 fn projections(scale: f64) -> Vec<Projection> {
     let px = |of_full: u32| (f64::from(of_full) * scale).round() as u32;
@@ -71,6 +97,7 @@ fn projections(scale: f64) -> Vec<Projection> {
         Projection::Perspective(pinhole(200.0)),
         Projection::Perspective(off_centre),
         Projection::Perspective(real_fisheye(scale)),
+        Projection::Perspective(tabled(scale)),
         curved(CurvedProjection::Fisheye { fov_rad: PI }, 400, 360),
         curved(CurvedProjection::Fisheye { fov_rad: 280f64.to_radians() }, 400, 400),
         curved(all_around(), 720, 360),

@@ -120,6 +120,7 @@ fn values(spec: &Spec, between: bool) -> Vec<Value> {
         Kind::Bool => vec![Value::Bool(true), Value::Bool(false)],
         Kind::Choice(names) => names.iter().map(|name| Value::Text((*name).to_owned())).collect(),
         Kind::Points => vec![Value::Text("0 0, 0.5 0.2, 1 1".to_owned())],
+        Kind::LensTable => vec![Value::None],
         Kind::Number { min, max } => numbers(*min, *max).into_iter().map(Value::Number).collect(),
         Kind::Integer { min, max } => numbers(*min, *max).into_iter().map(|n| Value::Number(n.round())).collect(),
     }

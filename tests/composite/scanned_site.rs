@@ -8,7 +8,7 @@ use glam::{DQuat, DVec2, DVec3};
 use crate::flip::{PIXELS_PER_DEGREE, mean_flip};
 use crate::reduced::Reduction;
 use crate::tier::{fast_or_full, is_full};
-use crate::{gpu, shot};
+use crate::{gpu, program, shot};
 use locard::compositor::Composited;
 use locard::hash::pcg3d;
 use locard::params::Value;
@@ -102,4 +102,55 @@ fn scan_hides_and_is_shadowed_as_measured_depth_is() {
     // Edges differ by a pixel or less; without depth all hidden evidence differs.
     assert!(evidence < 0.15 * evidence_without, "{evidence}, {evidence_without} without depth");
     assert!(whole_without > 0.03, "{whole_without}");
+}
+
+/// The numbers after the first word of the line with this beginning.
+fn numbers(text: &str, beginning: &str) -> Vec<f64> {
+    let line = text.lines().find(|line| line.starts_with(beginning)).unwrap_or_else(|| panic!("{text}"));
+    line.split_whitespace().skip(1).map_while(|word| word.parse().ok()).collect()
+}
+
+// Slow: verifies a recording, and reads a scan of it three times.
+#[test]
+fn scan_of_a_scene_serves_verify_and_picked_points_as_measured_depth_does() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    write_scan(&shot::open(Path::new("recordings/demo"), None, &scene(folder.path())), Path::new(&path("site.ply")));
+    let recording = path("recording");
+    program::copied(Path::new("recordings/demo"), Path::new(&recording));
+    let text = std::fs::read_to_string("recordings/demo/recording.toml").unwrap();
+    let without = text.replace("[depth]\nlist = \"depth.txt\"\nscale = 250.0\n", "");
+    assert_ne!(without, text);
+    std::fs::write(Path::new(&recording).join("recording.toml"), without).unwrap();
+    let Pose { rotation: q, translation_m: at } = world_from_scan();
+    let site = format!(
+        "version = 1\nup = \"z\"\n[site]\nscan = \"site.ply\"\nposition_m = [{}, {}, {}]\nquaternion = [{}, {}, {}, {}]\n",
+        at.x, at.y, at.z, q.x, q.y, q.z, q.w
+    );
+    let scene = path("site.toml");
+    std::fs::write(&scene, site).unwrap();
+
+    let picks = ["--frame", "20", "--pick", "320,400", "--pick", "200,300", "--no-analysis"];
+    let picked =
+        |recording: &str, more: &[&str]| program::stdout_of(&[&["inspect", recording], &picks[..], more].concat());
+    let (measured, scanned) = (picked("recordings/demo", &[]), picked(&recording, &["--scene", &scene]));
+    for point in ["world 1", "world 2"] {
+        let [a, b] = [&measured, &scanned].map(|text| DVec3::from_slice(&numbers(text, point)[1..]));
+        assert!(a.distance(b) < 0.01, "{point}: {a} by depth, {b} by the scan");
+    }
+    let error = program::refused(&[&["inspect", recording.as_str()], &picks[..]].concat());
+    assert!(error.contains("has no depth"), "{error}");
+
+    let quick = ["--every", "30", "--gap", "8", "--no-analysis", "-q"];
+    let error = program::refused(&[&["verify", recording.as_str()], &quick[..]].concat());
+    assert!(error.contains("a scan of the place serves as well: --scene"), "{error}");
+    let registration = |recording: &str, more: &[&str]| {
+        let output = program::locard(&[&["verify", recording], &quick[..], more].concat());
+        let text = String::from_utf8(output.stdout).unwrap();
+        let line = text.lines().find(|line| line.starts_with("registration")).unwrap_or_else(|| panic!("{text}"));
+        line.split_whitespace().find_map(|word| word.parse::<f64>().ok()).unwrap()
+    };
+    let (measured_px, scanned_px) =
+        (registration("recordings/demo", &[]), registration(&recording, &["--scene", &scene]));
+    assert!((measured_px - scanned_px).abs() < 0.1, "{measured_px} px by depth, {scanned_px} px by the scan");
 }

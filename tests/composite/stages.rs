@@ -189,6 +189,7 @@ fn changes(table: &str, spec: &Spec, value: &Value) -> Vec<Value> {
         Kind::Bool => vec![Value::Bool(*value != Value::Bool(true))],
         Kind::Choice(names) => names.iter().map(|name| Value::Text((*name).to_owned())).collect(),
         Kind::Points => vec![Value::Text("0 0, 0.5 0.2, 1 1".to_owned())],
+        Kind::LensTable => vec![Value::None],
         Kind::Number { min, max } | Kind::Integer { min, max } => {
             let other = |factor: f64| match value {
                 Value::Number(number) if *number != 0.0 => number * (1.0 + factor),

@@ -360,3 +360,45 @@ fn lens_that_varies_has_maps_for_each_frame() {
     assert!(size == [640, 480] && (st[0][0] - expected).abs() < 1e-6, "{} {expected}", st[0][0]);
     assert!(folder.join("redistort.000002.exr").exists());
 }
+
+#[test]
+fn exported_maps_as_the_lens_of_a_profile_project_like_the_lens() {
+    let folder = tempfile::tempdir().unwrap();
+    let shot = exported(folder.path(), &[CameraFormat::Usda], "scenes/demo.toml", &[]);
+    let own = shot.geometry_at(3).unwrap();
+    let i = &own.intrinsics;
+    let ([plate_width, plate_height], _) = st_map(&folder.path().join("undistort.exr"));
+    let camera = format!(
+        "version = 1\n[camera]\nwidth_px = {}\nheight_px = {}\nfx_px = {}\nfy_px = {}\ncx_px = {}\ncy_px = {}\n\
+         [camera.distortion]\n",
+        i.width_px,
+        i.height_px,
+        i.fx_px,
+        i.fx_px,
+        0.5 * f64::from(i.width_px),
+        0.5 * f64::from(i.height_px)
+    );
+    let size = format!("undistorted_width_px = {plate_width}\nundistorted_height_px = {plate_height}\n");
+    for keys in [
+        "undistort = \"undistort.exr\"\n".to_owned(),
+        format!("redistort = \"redistort.exr\"\n{size}"),
+        "undistort = \"undistort.exr\"\nredistort = \"redistort.exr\"\n".to_owned(),
+    ] {
+        let profile = folder.path().join("lens.toml");
+        std::fs::write(&profile, format!("{camera}{keys}")).unwrap();
+        let options = ShotOptions { profile: Some(profile), ..ShotOptions::default() };
+        let mapped = Shot::open(Path::new("recordings/demo"), &OpenOptions::default(), &options).unwrap();
+        let table = mapped.geometry_at(3).unwrap();
+        for n in 0..1000 {
+            let at = DVec2::new(f64::from(n % 40) / 39.0, f64::from(n / 40) / 24.0);
+            let at = at * DVec2::new(i.width_px.into(), i.height_px.into());
+            let point = own.unproject(at).unwrap() * (1.0 + f64::from(n % 7));
+            let off_px = table.project(point).unwrap().distance(at);
+            assert!(off_px < 0.02, "{off_px} px at {at}: {keys}");
+        }
+    }
+    let wrong = folder.path().join("wrong.toml");
+    std::fs::write(&wrong, format!("{camera}undistort = \"camera.usda\"\n")).unwrap();
+    let error = program_refused(&["inspect", wrong.to_str().unwrap()]);
+    assert!(error.contains("undistort") && error.contains("an ST map is OpenEXR"), "{error}");
+}

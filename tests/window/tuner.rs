@@ -96,7 +96,7 @@ fn every_parameter_has_one_control() {
             let role = match spec.kind {
                 Kind::Bool => Role::CheckBox,
                 Kind::Choice(_) => Role::ComboBox,
-                Kind::Points => Role::Label,
+                Kind::Points | Kind::LensTable => Role::Label,
                 Kind::Number { .. } | Kind::Integer { .. } => Role::Slider,
             };
             let has_value = table.get(spec.name) != Some(Value::None);

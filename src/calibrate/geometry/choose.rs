@@ -139,7 +139,7 @@ fn choose_model(
             fit_of(model).map(|fit| (fit, Vec::new())).ok_or(LensCalibrationError::Unexplained)
         }
         Some(LensModel::Equirectangular) => Err(LensCalibrationError::Panorama),
-        Some(LensModel::OpencvRational | LensModel::Fov | LensModel::ThinPrismFisheye) => {
+        Some(LensModel::OpencvRational | LensModel::Fov | LensModel::ThinPrismFisheye | LensModel::StMap) => {
             Err(LensCalibrationError::Model)
         }
         None => match (fit_of(LensModel::Opencv), fit_of(LensModel::OpencvFisheye)) {

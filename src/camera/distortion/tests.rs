@@ -1,24 +1,18 @@
+use std::sync::LazyLock;
+
 use super::*;
 use proptest::prelude::*;
 
 /// The published model of the camera of TUM's fr1 recordings.
-const FR1: Distortion =
-    Distortion { model: LensModel::Opencv, k1: 0.2624, k2: -0.9531, p1: -0.0054, p2: 0.0026, k3: 1.1633, ..NONE };
-const NONE: Distortion = Distortion {
+static FR1: LazyLock<Distortion> = LazyLock::new(|| Distortion {
     model: LensModel::Opencv,
-    k1: 0.0,
-    k2: 0.0,
-    p1: 0.0,
-    p2: 0.0,
-    k3: 0.0,
-    k4: 0.0,
-    k5: 0.0,
-    k6: 0.0,
-    omega: 0.0,
-    sx1: 0.0,
-    sy1: 0.0,
-};
-
+    k1: 0.2624,
+    k2: -0.9531,
+    p1: -0.0054,
+    p2: 0.0026,
+    k3: 1.1633,
+    ..Default::default()
+});
 fn fisheye([k1, k2, k3, k4]: [f64; 4]) -> Distortion {
     Distortion { model: LensModel::OpencvFisheye, k1, k2, k3, k4, ..Default::default() }
 }
@@ -69,17 +63,17 @@ fn folding_fisheye_continues_monotonically() {
 #[test]
 fn coefficients_of_another_model_are_reported() {
     assert_eq!(Distortion { p2: 0.1, ..fisheye([0.0; 4]) }.missing(), Some("p2"));
-    assert_eq!(Distortion { k4: 0.1, ..FR1 }.missing(), Some("k4"));
+    assert_eq!(Distortion { k4: 0.1, ..FR1.clone() }.missing(), Some("k4"));
     assert_eq!((FR1.missing(), fisheye([0.1; 4]).missing()), (None, None));
-    assert_eq!(Distortion { omega: 0.1, ..FR1 }.missing(), Some("omega"));
+    assert_eq!(Distortion { omega: 0.1, ..FR1.clone() }.missing(), Some("omega"));
     assert_eq!(Distortion { k1: 0.1, ..fov(0.9) }.missing(), Some("k1"));
-    assert_eq!(Distortion { k6: 0.1, ..THIN_PRISM }.missing(), Some("k6"));
-    assert_eq!(Distortion { sy1: 0.1, ..KINECT }.missing(), Some("sy1"));
+    assert_eq!(Distortion { k6: 0.1, ..THIN_PRISM.clone() }.missing(), Some("k6"));
+    assert_eq!(Distortion { sy1: 0.1, ..KINECT.clone() }.missing(), Some("sy1"));
     assert_eq!((fov(0.9).missing(), THIN_PRISM.missing(), KINECT.missing()), (None, None, None));
 }
 
 /// Coefficients of the size that depth cameras have: numerator and denominator nearly cancel.
-const KINECT: Distortion = Distortion {
+static KINECT: LazyLock<Distortion> = LazyLock::new(|| Distortion {
     model: LensModel::OpencvRational,
     k1: 0.5,
     k2: -2.6,
@@ -89,10 +83,10 @@ const KINECT: Distortion = Distortion {
     k4: 0.38,
     k5: -2.4,
     k6: 1.44,
-    ..NONE
-};
+    ..Default::default()
+});
 
-const THIN_PRISM: Distortion = Distortion {
+static THIN_PRISM: LazyLock<Distortion> = LazyLock::new(|| Distortion {
     model: LensModel::ThinPrismFisheye,
     k1: -0.03,
     k2: 0.01,
@@ -101,11 +95,11 @@ const THIN_PRISM: Distortion = Distortion {
     k3: 0.004,
     sx1: 0.003,
     sy1: -0.002,
-    ..NONE
-};
+    ..Default::default()
+});
 
 fn fov(omega: f64) -> Distortion {
-    Distortion { model: LensModel::Fov, omega, ..NONE }
+    Distortion { model: LensModel::Fov, omega, ..Default::default() }
 }
 
 #[test]
@@ -120,7 +114,7 @@ fn rational_distortion_matches_opencv() {
         assert!((at - DVec2::from(expected)).length() < 1e-14, "{at}");
     }
     // Without a denominator it is `opencv`.
-    let plain = Distortion { model: LensModel::OpencvRational, ..FR1 };
+    let plain = Distortion { model: LensModel::OpencvRational, ..FR1.clone() };
     assert_eq!(plain.valid_radius(), FR1.valid_radius());
     let p = DVec2::new(0.3, -0.2);
     assert_eq!(plain.distort(p, 1.0), FR1.distort(p, 1.0));
@@ -129,7 +123,7 @@ fn rational_distortion_matches_opencv() {
 #[test]
 fn rational_lens_is_continued_before_its_pole() {
     // 1/(1 − 0.25 r²): the pole is at 2, the denominator 0.05 at √3.8.
-    let lens = Distortion { model: LensModel::OpencvRational, k4: -0.25, ..NONE };
+    let lens = Distortion { model: LensModel::OpencvRational, k4: -0.25, ..Default::default() };
     let valid = lens.valid_radius();
     assert!((valid - 3.8f64.sqrt()).abs() < 1e-9, "{valid}");
     // d/dr r/(1 − 0.25 r²) = (1 + 0.25 r²)/(1 − 0.25 r²)²; at 1: 1.25/0.5625.
@@ -172,7 +166,7 @@ fn thin_prism_fisheye_matches_opencv() {
         assert!((at - DVec2::from(expected)).length() < 1e-14, "{at}");
     }
     // θ⁸: 45° off the axis, k4 = 0.1: 0.785398 · (1 + 0.1 · 0.144786) = 0.796769.
-    let lens = Distortion { model: LensModel::ThinPrismFisheye, k4: 0.1, ..NONE };
+    let lens = Distortion { model: LensModel::ThinPrismFisheye, k4: 0.1, ..Default::default() };
     let at = lens.project(DVec3::new(1.0, 0.0, 1.0), lens.valid_radius()).unwrap();
     assert!((at - DVec2::new(0.796_769_5, 0.0)).length() < 1e-6, "{at}");
 }
@@ -216,13 +210,13 @@ proptest! {
         let rational = Distortion { model: LensModel::OpencvRational, k4: k[0], k5: k[1], k6: k[2], ..brown.clone() };
         let prism = Distortion { model: LensModel::ThinPrismFisheye, p1: p, p2: -p, sx1: p, sy1: 0.5 * p, ..fisheye(k) };
         let models = [
-            FR1, brown, fisheye(k), fisheye([k1, k2, 0.0, 0.0]), fisheye([0.0; 4]), round, rational, KINECT, prism,
-            THIN_PRISM, fov(0.01 + 5.0 * k1.abs()),
+            FR1.clone(), brown, fisheye(k), fisheye([k1, k2, 0.0, 0.0]), fisheye([0.0; 4]), round, rational, KINECT.clone(), prism,
+            THIN_PRISM.clone(), fov(0.01 + 5.0 * k1.abs()),
         ];
         for model in models {
             let valid = model.valid_radius();
             let theta = share * match model.model {
-                LensModel::Opencv | LensModel::OpencvRational => (0.95 * valid).atan().min(0.85),
+                LensModel::Opencv | LensModel::OpencvRational | LensModel::StMap => (0.95 * valid).atan().min(0.85),
                 LensModel::Fov => 1.5,
                 LensModel::OpencvFisheye | LensModel::ThinPrismFisheye => valid,
                 LensModel::Equirectangular => PI,
