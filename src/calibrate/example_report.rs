@@ -88,7 +88,9 @@ impl fmt::Display for ExampleCalibration {
         if self.method == ExampleMethod::Textureless {
             writeln!(
                 f,
-                "note: a camera at rest gives examples of textures and edges too: hold it still for two seconds"
+                "note: a camera at rest gives examples of textures and edges too: hold it still for two seconds. For a \
+                 recording with measured depth `locard analyse` makes better ones by its neighbouring frames; composite \
+                 it without this profile, whose examples come first"
             )?;
         }
         let [dark, bright] = self.code_range;

@@ -5,11 +5,16 @@
 //!    into [`bands`](super::bands).
 //! 2. Amplitudes by [`regression`](super::regression) where nothing clips; they normalise the
 //!    atlas.
-//! 3. Four rounds of indirect inference: up to four of the pictures are synthesised, their
+//! 3. Six rounds of indirect inference: up to three of the pictures are synthesised, their
 //!    residuals are fitted in the same way as the real ones, and the amplitudes move by the
-//!    difference of both fits: by 0.8 of it in the first two rounds, then by 0.5, at most 1.5 for
-//!    each coefficient. The table of [`latent`](super::latent) values moves at the same time. The
-//!    amplitudes of the last two rounds are averaged.
+//!    difference of both fits: by all of it in the first two rounds, then by 0.8 and by 0.5, at most
+//!    1.5 for each coefficient. The table of [`latent`](super::latent) values moves at the same
+//!    time. The amplitudes of the last two rounds are averaged.
+//!
+//! Each round synthesises a picture twice: on its mean, and on plain content, the mean blurred by
+//! 12 px. Real surfaces have texture, and the quantiser's error of faint texture is a part of real
+//! residuals. On a plain virtual surface only noise passes the quantiser, and amplitudes fitted on
+//! texture alone leave most blocks of a grey card without any coefficient.
 //!
 //! A mean of n frames that includes the frame itself lacks 1/n of the noise's variance;
 //! [`CalibrationFrame::variance_gain`] restores it.
@@ -19,6 +24,7 @@ use super::bands::{ALL_BANDS, BANDS, FIRST_BAND, split};
 use super::content::{FEATURES, FeatureScale, Features};
 use super::filling::PlaneFilling;
 use super::latent::{LatentStep, LatentTable, smoothed};
+use super::masked_blur::MaskedBlur;
 use super::model_coding::ModelCoding;
 use super::path::{Planes, codes, content_planes, decoded_planes, padded, rgb_of_codes};
 use super::registration::correction;
@@ -29,11 +35,11 @@ use crate::coding::PictureCoding;
 use crate::grey_image::GreyImage;
 
 /// Rounds of indirect inference, and the share of the difference by which each moves amplitudes.
-const RATES: [f64; 4] = [0.8, 0.8, 0.5, 0.5];
+const RATES: [f64; 6] = [1.0, 1.0, 0.8, 0.8, 0.5, 0.5];
 /// Largest change of a coefficient in a round.
 const MAX_CHANGE: f64 = 1.5;
 /// Largest number of frames that a round synthesises, evenly spaced.
-const ROUND_FRAMES: usize = 4;
+const ROUND_FRAMES: usize = 3;
 /// Smallest distance of the pixels of a fit, px, and their largest number. Distances are odd, so
 /// that pixels of all phases of the block grid are taken.
 const MIN_FIT_STEP: usize = 3;
@@ -46,6 +52,8 @@ const UNCLIPPED_RANGE: [f32; 2] = [10.0, 245.0];
 const CLIPPING_BLUR_PX: f64 = 1.5;
 /// Smallest share of unclipped pixels for fits without the clipped ones.
 const MIN_UNCLIPPED_SHARE: f32 = 0.03;
+/// Standard deviation of the blur of plain content, px: more than a block of the coding.
+const PLAIN_BLUR_PX: f64 = 12.0;
 /// Fewest frames of a mean picture.
 const MIN_MEAN_FRAMES: usize = 4;
 
@@ -104,9 +112,12 @@ pub struct CodedFrame<'a> {
 }
 
 /// A frame with the results that do not change during calibration.
+#[derive(Clone)]
 struct PreparedFrame<'a> {
     frame: &'a CalibrationFrame,
     coding: &'a PictureCoding,
+    /// R', G', B' codes on which noise is synthesised.
+    content: Planes,
     /// Standardised, at the resolution of luma and of chroma.
     features: [Features; 2],
     /// Means with smoothed dark values, for the table of latent values.
@@ -119,10 +130,10 @@ struct PreparedFrame<'a> {
 }
 
 /// Residuals of a noisy picture in the coded planes.
-fn residuals(noisy: &Planes, frame: &CalibrationFrame, coding: &PictureCoding) -> Result<Planes, ModelError> {
-    let mut content = frame.mean.clone();
+fn residuals(noisy: &Planes, content: &Planes, mask: &[bool], coding: &PictureCoding) -> Result<Planes, ModelError> {
+    let mut content = content.clone();
     for (content, noisy) in content.iter_mut().zip(noisy) {
-        let correction = correction(noisy, content, &frame.mask);
+        let correction = correction(noisy, content, mask);
         content.values.iter_mut().zip(&correction.values).for_each(|(v, c)| *v += c);
     }
     let mut planes = decoded_planes(noisy, coding)?;
@@ -275,7 +286,7 @@ fn prepare<'a>(
     let unclipped = coded_mask(&unclipped_mask(frame, &noisy), frame.size(), coding);
     let share = unclipped.values.iter().sum::<f32>() / unclipped.values.len().max(1) as f32;
     let unclipped = if share > MIN_UNCLIPPED_SHARE { unclipped } else { usable.clone() };
-    let mut residuals = residuals(&noisy, frame, coding)?;
+    let mut residuals = residuals(&noisy, &frame.mean, &frame.mask, coding)?;
     let gain = frame.variance_gain.sqrt();
     for v in residuals.iter_mut().flat_map(|plane| &mut plane.values) {
         // As files hold them.
@@ -287,10 +298,31 @@ fn prepare<'a>(
     let bands = all_bands(&residuals, &masked);
     let smoothed = frame.mean.each_ref().map(smoothed);
     let features = [features, chroma];
-    Ok(PreparedFrame { frame, coding, features, smoothed, residuals, masked, bands, usable, unclipped })
+    let content = frame.mean.clone();
+    Ok(PreparedFrame { frame, coding, content, features, smoothed, residuals, masked, bands, usable, unclipped })
+}
+
+/// Content of a frame without texture where it is usable.
+fn plain_content(frame: &CalibrationFrame) -> Planes {
+    let blur = MaskedBlur::new(&frame.mask, frame.size(), PLAIN_BLUR_PX);
+    frame.mean.each_ref().map(|plane| {
+        let mut plain = blur.mean_of(|i| plane.values[i]);
+        let usable = frame.mask.iter().zip(&plane.values);
+        plain.values.iter_mut().zip(usable).filter(|(_, (usable, _))| !**usable).for_each(|(v, (_, own))| *v = *own);
+        plain
+    })
 }
 
 impl PreparedFrame<'_> {
+    /// The same residuals on plain content.
+    fn on_plain_content(&self, scale: &FeatureScale) -> Self {
+        let content = plain_content(self.frame);
+        let features = scale.standardised(Features::of(&padded(&content, self.coding)));
+        let chroma = features.reduced(self.coding.chroma_factor().map(|factor| factor as usize));
+        let smoothed = content.each_ref().map(smoothed);
+        Self { content, features: [features, chroma], smoothed, ..self.clone() }
+    }
+
     fn source(&self) -> SourceFrame {
         let [r, g, b] = padded(&self.frame.mean, self.coding);
         let code = |v: f32| v.round().clamp(0.0, 255.0) as u8;
@@ -326,7 +358,9 @@ pub fn calibrate_coded(frames: &[CodedFrame<'_>], seed: u32) -> Result<NoiseMode
     if usable.iter().flat_map(|mask| &mask.values).all(|&v| v < 0.5) {
         return Err(ModelError::TooFewTiles { actual: [0; 4] });
     }
-    let scale = feature_scale(&raw, &usable);
+    let plain: Vec<Features> =
+        frames.iter().map(|f| Features::of(&padded(&plain_content(f.frame), f.coding))).collect();
+    let scale = feature_scale(&raw, &usable).reaching_down_to(&feature_scale(&plain, &usable));
     let prepared = frames.iter().zip(raw).zip(usable);
     let prepared = prepared.map(|((frame, raw), usable)| prepare(*frame, scale.standardised(raw), usable));
     let prepared: Vec<PreparedFrame<'_>> = prepared.collect::<Result<_, _>>()?;
@@ -340,7 +374,9 @@ pub fn calibrate_coded(frames: &[CodedFrame<'_>], seed: u32) -> Result<NoiseMode
     let mut model = NoiseModel::new(numbers, prepared.iter().map(|p| p.source()).collect())?;
 
     let every = prepared.len().div_ceil(ROUND_FRAMES);
-    let prepared: Vec<PreparedFrame<'_>> = prepared.into_iter().step_by(every).collect();
+    let textured: Vec<PreparedFrame<'_>> = prepared.into_iter().step_by(every).collect();
+    let plain: Vec<PreparedFrame<'_>> = textured.iter().map(|p| p.on_plain_content(&scale)).collect();
+    let prepared: Vec<PreparedFrame<'_>> = textured.into_iter().chain(plain).collect();
     let real: Vec<&[GreyImage]> = prepared.iter().map(|p| p.bands.as_slice()).collect();
     let whole: Vec<&GreyImage> = prepared.iter().map(|p| &p.usable).collect();
     let target = fit_all(&prepared, &real, &whole, factor, None);
@@ -349,14 +385,14 @@ pub fn calibrate_coded(frames: &[CodedFrame<'_>], seed: u32) -> Result<NoiseMode
         let mut step = LatentStep::default();
         let mut synthesised = Vec::with_capacity(prepared.len());
         for (f, p) in prepared.iter().enumerate() {
-            let codes = synthesise(&model, &p.frame.mean, p.coding, [seed, round as u32, f as u32])?;
+            let codes = synthesise(&model, &p.content, p.coding, [seed, round as u32, f as u32])?;
             for (i, _) in p.frame.mask.iter().enumerate().filter(|(_, usable)| **usable) {
                 for c in 0..3 {
                     step.add(c, p.smoothed[c].values[i], p.frame.noisy[3 * i + c], codes[3 * i + c]);
                 }
             }
             let noisy = rgb_of_codes(&codes, p.frame.size());
-            synthesised.push(all_bands(&residuals(&noisy, p.frame, p.coding)?, &p.masked));
+            synthesised.push(all_bands(&residuals(&noisy, &p.content, &p.frame.mask, p.coding)?, &p.masked));
         }
         let bands: Vec<&[GreyImage]> = synthesised.iter().map(Vec::as_slice).collect();
         let got = fit_all(&prepared, &bands, &whole, factor, Some(&target));

@@ -173,6 +173,12 @@ impl FeatureScale {
         self
     }
 
+    /// With the lower ends of another range, where they are lower.
+    pub fn reaching_down_to(mut self, other: &Self) -> Self {
+        self.low.iter_mut().zip(&other.low).for_each(|(low, other)| *low = low.min(*other));
+        self
+    }
+
     /// Features clamped and standardised.
     pub fn standardised(&self, mut features: Features) -> Features {
         for (f, plane) in features.0.iter_mut().enumerate() {

@@ -39,6 +39,7 @@ fn replacements(usable: &GreyImage, unit_px: [usize; 2]) -> Vec<Replacement> {
 }
 
 /// Replacements for planes at the resolution of luma and of chroma.
+#[derive(Clone)]
 pub struct PlaneFilling([Vec<Replacement>; 2]);
 
 impl PlaneFilling {
