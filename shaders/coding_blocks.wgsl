@@ -10,6 +10,9 @@ override quantized: bool = true;
 override noisy: bool = false;
 // Bits of the inverse DCT's factors, and the bias before the last shift, besides a half.
 override factor_bits: u32 = 12u;
+// Added to the magnitude of a negative factor before it is rounded down: ½ rounds to the nearest,
+// as in libjpeg. The other decoder adds ½ to the negative number and drops its fraction.
+override negative_half: f32 = -0.5;
 override last_bias: i32 = 512;
 
 @group(0) @binding(0) var<uniform> coding: Coding;
@@ -121,12 +124,17 @@ fn fixed(x: f32) -> i32 {
     return i32(floor(x * f32(1u << factor_bits) + 0.5));
 }
 
+// The magnitude of a negative factor.
+fn fixed_negative(x: f32) -> i32 {
+    return i32(floor(x * f32(1u << factor_bits) + negative_half));
+}
+
 // The inverse DCT of eight values, times 2^factor_bits and √8. `bias` is added to every result
 // before the shift.
 fn inverse(v: EightInts, bias: i32, shift: u32) -> EightInts {
     // Even part.
     let turn = (v.low.z + v.high.z) * fixed(0.541196100);
-    let t2 = turn - v.high.z * fixed(1.847759065);
+    let t2 = turn - v.high.z * fixed_negative(1.847759065);
     let t3 = turn + v.low.z * fixed(0.765366865);
     let t0 = (v.low.x + v.high.x) << factor_bits;
     let t1 = (v.low.x - v.high.x) << factor_bits;
@@ -137,10 +145,10 @@ fn inverse(v: EightInts, bias: i32, shift: u32) -> EightInts {
     let x3 = v.low.w;
     let x1 = v.low.y;
     let all = (x7 + x3 + x5 + x1) * fixed(1.175875602);
-    let z1 = -(x7 + x1) * fixed(0.899976223);
-    let z2 = -(x5 + x3) * fixed(2.562915447);
-    let z3 = all - (x7 + x3) * fixed(1.961570560);
-    let z4 = all - (x5 + x1) * fixed(0.390180644);
+    let z1 = -(x7 + x1) * fixed_negative(0.899976223);
+    let z2 = -(x5 + x3) * fixed_negative(2.562915447);
+    let z3 = all - (x7 + x3) * fixed_negative(1.961570560);
+    let z4 = all - (x5 + x1) * fixed_negative(0.390180644);
     let odd = vec4<i32>(
         x1 * fixed(1.501321110) + z1 + z4,
         x3 * fixed(3.072711026) + z2 + z3,

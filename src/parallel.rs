@@ -34,9 +34,36 @@ pub fn over_rows<T: Send>(values: &mut [T], row_length: usize, threads: usize, f
     });
 }
 
+/// Calls `work` for each item on `threads` threads.
+pub fn over_items<T: Send>(items: Vec<T>, threads: usize, work: impl Fn(T) + Sync) {
+    let threads = threads.clamp(1, items.len().max(1));
+    let items = Mutex::new(items.into_iter());
+    std::thread::scope(|scope| {
+        let work = || {
+            while let Some(item) = items.lock().ok().and_then(|mut items| items.next()) {
+                work(item);
+            }
+        };
+        // The same as in `over_rows`.
+        for _ in 1..threads {
+            let _ = std::thread::Builder::new().spawn_scoped(scope, work);
+        }
+        work();
+    });
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn each_item_is_processed_once_on_any_count_of_threads() {
+        for (count, threads) in [(0, 2), (1, 8), (7, 0), (7, 1), (100, 3)] {
+            let mut values = vec![0; count];
+            over_items(values.iter_mut().enumerate().collect(), threads, |(i, value)| *value += i + 1);
+            assert_eq!(values, (1..=count).collect::<Vec<_>>(), "{count} items on {threads} threads");
+        }
+    }
 
     #[test]
     fn each_row_is_filled_once_with_its_own_number_on_any_count_of_threads() {

@@ -316,7 +316,8 @@ pub fn bench(gpu: &Gpu, width: u32, height: u32, only: Option<&str>) -> Result<V
         let effect_name = effect.table();
         for (label, sets) in effect.cases() {
             let mut settings = Settings::default();
-            let are_set = settings.only(&[effect_name.to_owned()]).is_ok()
+            settings.plain();
+            let are_set = settings.switch(effect_name, true).is_ok()
                 && sets.iter().all(|(name, value)| matches!(settings.set(effect_name, name, value), Some(Ok(()))));
             debug_assert!(are_set, "{effect_name} {label}");
             time(format!("plain + {effect_name} {label}").trim_end().to_owned(), settings, Some(effect_name))?;

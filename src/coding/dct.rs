@@ -82,25 +82,26 @@ pub fn quantize(coefficients: &[f32; BLOCK_LEN], steps: &[u16; BLOCK_LEN]) -> [i
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InverseDct {
     /// Fraction of the constants, bits.
-    constant_bits: u32,
+    pub constant_bits: u32,
     /// Fraction of the values between both passes, bits.
-    pass_bits: u32,
+    pub pass_bits: u32,
     /// Added before the last rounding, in units of 2^-(`constant_bits` + `pass_bits` + 3).
-    bias: i32,
+    pub bias: i32,
     /// √2 times cosines of multiples of π/16 and their sums, in units of 2^-`constant_bits`.
-    constants: Constants,
+    pub constants: InverseDctConstants,
 }
 
+/// Constants of an inverse DCT.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Constants {
+pub struct InverseDctConstants {
     /// Rotation by 6π/16 of the frequencies 2 and 6.
-    even: [i32; 3],
+    pub even: [i32; 3],
     /// √2 cos(3π/16), common to all odd frequencies.
-    shared: i32,
+    pub shared: i32,
     /// Of the frequencies 7, 5, 3 and 1.
-    single: [i32; 4],
+    pub single: [i32; 4],
     /// Of the pairs (7, 1), (5, 3), (7, 3) and (5, 1).
-    paired: [i32; 4],
+    pub paired: [i32; 4],
 }
 
 impl InverseDct {
@@ -110,7 +111,7 @@ impl InverseDct {
         constant_bits: 12,
         pass_bits: 2,
         bias: 1 << 9,
-        constants: Constants {
+        constants: InverseDctConstants {
             even: [2217, -7567, 3135],
             shared: 4816,
             single: [1223, 8410, 12586, 6149],
@@ -122,7 +123,7 @@ impl InverseDct {
         constant_bits: 13,
         pass_bits: 2,
         bias: 0,
-        constants: Constants {
+        constants: InverseDctConstants {
             even: [4433, -15137, 6270],
             shared: 9633,
             single: [2446, 16819, 25172, 12299],
@@ -153,7 +154,7 @@ impl InverseDct {
 
     /// The one-dimensional inverse, times √8 · 2^`constant_bits`.
     fn pass(&self, f: [i32; BLOCK]) -> [i32; BLOCK] {
-        let Constants { even, shared, single, paired } = self.constants;
+        let InverseDctConstants { even, shared, single, paired } = self.constants;
         let add = i32::wrapping_add;
         let mul = i32::wrapping_mul;
         let rotation = mul(add(f[2], f[6]), even[0]);

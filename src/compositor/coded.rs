@@ -6,12 +6,22 @@
 //! The result at a pixel depends on the picture within its blocks and those beside them, not on the
 //! rectangle that is composited.
 //!
+//! On a software adapter the uncoded picture is read back and coded on the processor
+//! (coded/pending.rs).
+//!
 //! Not modelled: a change within a block also changes the block's other pixels in a camera. Here
 //! those keep their codes.
 
+mod on_cpu;
+mod pending;
+#[cfg(test)]
+mod tests;
+
+pub use pending::{PendingCoding, composite_uncoded};
+
 use super::dirty_tiles::{TILE_PX, tiles_on_grid};
 use super::example_noise::{NoisePlanes, NoiseRegion, UncodedPicture};
-use super::mix::{CompositePiece, CompositeTarget, MixInputs, composite, corners_in};
+use super::mix::{CameraUpload, CompositePiece, CompositeTarget, MixInputs, composite, corners_in};
 use crate::coding::chroma::ChromaFilter;
 use crate::coding::swscale::{Conversion, Phases};
 use crate::coding::{BLOCK, ChromaSampling, ColorMatrix, Decoder, PictureCoding};
@@ -32,7 +42,8 @@ const AMPLITUDE_FACTOR: wgpu::TextureFormat = wgpu::TextureFormat::R32Float;
 const CHROMA: wgpu::TextureFormat = wgpu::TextureFormat::Rg32Float;
 
 crate::uniform! {
-    struct CodingUniform {
+    /// Numbers of a region's coding.
+    pub struct CodingUniform {
         luma: [f32; 4],
         blue: [f32; 4],
         red: [f32; 4],
@@ -54,7 +65,8 @@ crate::uniform! {
 }
 
 crate::uniform! {
-    struct ScalerUniform {
+    /// Integers of ffmpeg's scaler.
+    pub struct ScalerUniform {
         across: [[i32; 4]; 2],
         down: [[i32; 4]; 2],
         first_across: [i32; 2],
@@ -172,17 +184,21 @@ fn taps(chroma: ChromaSampling, axis: usize) -> [f32; 4] {
     taps
 }
 
-/// Records the composite of a piece through the coding. Outside the rectangles `changed` of the
-/// picture, layer and shadow mask are empty. `parts` are those of the region.
-pub fn mix_coded(
-    recorder: &mut PassRecorder,
-    inputs: &MixInputs<'_>,
-    region: &CodedRegion<'_>,
-    piece: &CompositePiece,
-    changed: &[Rect],
-    parts: &[MixedPart],
-    noise: Option<&ExampleNoise>,
-) -> Texture {
+/// A piece of a picture that is coded.
+#[derive(Clone, Copy, Debug)]
+pub struct CodedPiece<'a> {
+    pub region: &'a CodedRegion<'a>,
+    pub piece: &'a CompositePiece,
+    /// Outside these rectangles of the picture, layer and shadow mask are empty.
+    pub changed: &'a [Rect],
+    /// Those of the region.
+    pub parts: &'a [MixedPart],
+    pub noise: Option<&'a ExampleNoise>,
+}
+
+/// Records the composite of a piece through the coding.
+pub fn mix_coded(recorder: &mut PassRecorder, inputs: &MixInputs<'_>, coded: &CodedPiece<'_>) -> Texture {
+    let CodedPiece { region, piece, changed, parts, noise } = *coded;
     let (upload, rect) = (inputs.upload, piece.rect);
     let out = recorder.pool.lend(&recorder.gpu, (rect.width(), rect.height()), upload.texture.format);
     upload.copy(recorder, rect, &out);
@@ -208,10 +224,33 @@ pub fn mix_coded(
         }
     };
 
-    let coded = CodedSamples::new(recorder, region, &tiles);
+    let codes = UncodedPlanes { uncoded: &uncoded, noise: planes.as_ref() };
+    code(recorder, region, &tiles, &codes, upload, rect, &out);
+    out
+}
+
+/// The picture before it is coded, and its noise.
+#[derive(Clone, Copy)]
+struct UncodedPlanes<'a> {
+    uncoded: &'a Texture,
+    noise: Option<&'a NoisePlanes>,
+}
+
+/// Records the coding of tiles, and draws the changed pixels into a texture of a rectangle of the
+/// picture.
+fn code(
+    recorder: &mut PassRecorder,
+    region: &CodedRegion<'_>,
+    tiles: &[Rect],
+    &UncodedPlanes { uncoded, noise: planes }: &UncodedPlanes<'_>,
+    upload: &CameraUpload,
+    rect: Rect,
+    out: &Texture,
+) {
+    let coded = CodedSamples::new(recorder, region, tiles);
     let is_coded = region.coding.decoder != Decoder::Unrounded;
     if is_coded {
-        coded.record(recorder, region.coding, &uncoded, planes.as_ref());
+        coded.record(recorder, region.coding, uncoded, planes);
     }
 
     let shown: Vec<Rect> = tiles.iter().map(|tile| tile.intersection(&rect)).filter(|tile| !tile.is_empty()).collect();
@@ -225,22 +264,21 @@ pub fn mix_coded(
     let entry = ShaderEntry::with_vertex("part", "main").choose("decoder", decoder_choice(region.coding));
     let entry = entry.choose("noisy", planes.is_some());
     // Content that is shown without coding is latent, too.
-    let shown_content = planes.as_ref().filter(|_| !is_coded).map_or(&uncoded, |planes| &planes.latent);
+    let shown_content = planes.filter(|_| !is_coded).map_or(uncoded, |planes| &planes.latent);
     recorder
         .pass(Shader::CodingDecode, entry)
         .uniform("coding", &coded.uniform)
         .uniform("placement", &placement)
         .uniform("scaler", &ScalerUniform::new(region.coding))
         .texture("uncoded", shown_content)
-        .texture("luma_noise", planes.as_ref().map_or(&uncoded, |planes| &planes.luma))
-        .texture("chroma_noise", planes.as_ref().map_or(&uncoded, |planes| &planes.chroma))
+        .texture("luma_noise", planes.map_or(uncoded, |planes| &planes.luma))
+        .texture("chroma_noise", planes.map_or(uncoded, |planes| &planes.chroma))
         .texture("camera", &upload.texture)
         .buffer("samples", &coded.samples)
         .buffer("parts", list)
         .tiles(corners.len() as u32)
         .load_targets()
-        .draw_into(&[&out], (rect.width(), rect.height()));
-    out
+        .draw_into(&[out], (rect.width(), rect.height()));
 }
 
 /// The value of the `override` decoder in shaders/coding_decode.wgsl.
@@ -327,6 +365,7 @@ impl CodedSamples {
             .choose("quantized", coding.quantization.is_some())
             .choose("noisy", noise.is_some())
             .choose("factor_bits", if is_libjpeg { 13.0 } else { 12.0 })
+            .choose("negative_half", if is_libjpeg { 0.5 } else { -0.5 })
             .choose("last_bias", if is_libjpeg { 0.0 } else { 512.0 });
         let tiles = recorder.storage(bytemuck::cast_slice(&self.tiles));
         let steps = recorder.storage(bytemuck::cast_slice(&steps));

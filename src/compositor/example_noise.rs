@@ -1,6 +1,8 @@
 //! Noise by example (exemplar_noise/) over the changed pixels of a region: latent content, and the
 //! noise of the planes Y', Cb and Cr, which are added before the coding's quantisation.
 //!
+//! On a software adapter the processor computes it instead (coded/on_cpu/).
+//!
 //! The passes are the steps of exemplar_noise/mod.rs, over the tiles that are coded anew. The
 //! result at a pixel depends on the picture within 12 px, and on the changed pixels of its cells.
 

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use super::coded::PendingCoding;
 use super::frame_inputs::FrameInputs;
 use super::mix::CompositePiece;
 use super::paste::{fill_noise, paste, paste_fringe, paste_layer, paste_shadow_mask};
@@ -34,6 +35,8 @@ pub struct Pending {
 pub struct FrameReadbacks {
     /// Empty if the picture went into a view.
     pub codes: Vec<(CompositePiece, Readback)>,
+    /// Pieces that are coded on the processor.
+    pub coded: Vec<PendingCoding>,
     pub layer: Option<LayerReadback>,
 }
 
@@ -107,13 +110,16 @@ impl LayerReadback {
 
 impl FrameReadbacks {
     fn readbacks(&self) -> impl Iterator<Item = &Readback> {
-        self.codes.iter().map(|(_, readback)| readback).chain(self.layer.iter().flat_map(LayerReadback::readbacks))
+        let codes = self.codes.iter().map(|(_, readback)| readback);
+        let coded = self.coded.iter().flat_map(PendingCoding::readbacks);
+        codes.chain(coded).chain(self.layer.iter().flat_map(LayerReadback::readbacks))
     }
 
     pub fn submitted(&mut self, submission: &wgpu::SubmissionIndex) {
         let codes = self.codes.iter_mut().map(|(_, readback)| readback);
         let layer = self.layer.iter_mut().flat_map(LayerReadback::readbacks_mut);
-        codes.chain(layer).for_each(|readback| readback.submitted(submission.clone()));
+        let coded = self.coded.iter_mut().flat_map(PendingCoding::readbacks_mut);
+        codes.chain(coded).chain(layer).for_each(|readback| readback.submitted(submission.clone()));
     }
 }
 
@@ -175,11 +181,15 @@ impl Compositor {
         let index = frame.index;
         let mut pixels = Arc::unwrap_or_clone(frame.pixels);
         let mut layer = want_layer.then(|| LayerImage::empty(pixels.width, pixels.height));
-        let FrameReadbacks { codes, layer: layer_readback } = readbacks.unwrap_or_default();
+        let FrameReadbacks { codes, coded, layer: layer_readback } = readbacks.unwrap_or_default();
         let camera = layer_readback.is_some().then(|| pixels.clone());
         for (piece, codes) in codes {
             paste(self.gpu(), &codes, piece.rect, &mut pixels)?;
             self.readbacks.give_back(codes);
+        }
+        for piece in coded {
+            piece.paste(self.gpu(), &mut pixels)?;
+            piece.into_readbacks().into_iter().for_each(|readback| self.readbacks.give_back(readback));
         }
         if let ((Some(image), Some(camera)), Some(readback)) = ((&mut layer, &camera), layer_readback) {
             readback.paste(self.gpu(), camera, &pixels, image)?;

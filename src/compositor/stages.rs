@@ -1,7 +1,7 @@
 //! The stages of a frame after its plan, each with the inputs that its retained result depends on.
 
 use super::clipped::{self, FrameRadiance};
-use super::coded::{CHROMA_REACH_PX, CodedRegion, mix_coded};
+use super::coded::{CHROMA_REACH_PX, CodedPiece, CodedRegion, PendingCoding, composite_uncoded, mix_coded};
 use super::example_noise::CONTENT_REACH_PX;
 use super::foreground_matte;
 use super::frame_inputs::FrameInputs;
@@ -16,8 +16,8 @@ use super::{Compositor, Target};
 use crate::coding::PictureCoding;
 use crate::effects::LayerRun;
 use crate::frame::Frame;
-use crate::gpu::PassRecorder;
-use crate::pixels::Rect;
+use crate::gpu::{GpuError, PassRecorder, ReadbackSet, Texture};
+use crate::pixels::{Codes, Pixels, Rect};
 use crate::render::{Layer, Occlusion, View};
 use crate::stage::Stage;
 
@@ -172,8 +172,25 @@ impl Compositor {
             let parts: Vec<_> = plan.active.iter().filter_map(|effect| effect.mix(&mut run, composited(i))).collect();
             let upload = uploads.get(i).unwrap_or(&uploads[0]);
             let mixed = MixInputs { camera: inputs.camera, job, upload, layer, shadow_mask: mask_texture };
+            let noise = plan.noise.as_ref();
             let made = match &regions[i] {
-                Some(region) => mix_coded(run.recorder, &mixed, region, piece, &changed, &parts, plan.noise.as_ref()),
+                Some(region) if is_coded_on_cpu(run.recorder, pixels) => {
+                    let coded = CodedPiece { region, piece, changed: &changed, parts: &parts, noise };
+                    let Some(coding) = composite_uncoded(run.recorder, &mut self.readbacks, &mixed, &coded) else {
+                        continue;
+                    };
+                    if let Target::Pixels = target {
+                        readbacks.coded.push(coding);
+                        continue;
+                    }
+                    // After a failure the frame's own wait returns the error.
+                    let Ok(made) = coded_texture(run.recorder, &mut self.readbacks, coding, pixels) else { continue };
+                    made
+                }
+                Some(region) => {
+                    let coded = CodedPiece { region, piece, changed: &changed, parts: &parts, noise };
+                    mix_coded(run.recorder, &mixed, &coded)
+                }
                 None => mix(run.recorder, &mixed, piece, &changed, &parts),
             };
             match target {
@@ -193,6 +210,25 @@ impl Compositor {
         });
         readbacks
     }
+}
+
+/// Whether coding and noise by example run on the processor: 8-bit pictures on a software adapter.
+fn is_coded_on_cpu(recorder: &PassRecorder, pixels: &Pixels) -> bool {
+    recorder.gpu.software() && matches!(pixels.codes, Codes::U8(_))
+}
+
+/// Submits the recorded work, waits for it and codes a piece of the picture.
+fn coded_texture(
+    recorder: &mut PassRecorder,
+    readbacks: &mut ReadbackSet,
+    mut coding: PendingCoding,
+    pixels: &Pixels,
+) -> Result<Texture, GpuError> {
+    let submission = recorder.submit_part();
+    coding.readbacks_mut().iter_mut().for_each(|readback| readback.submitted(submission.clone()));
+    let texture = coding.texture(recorder, pixels)?;
+    coding.into_readbacks().into_iter().for_each(|readback| readbacks.give_back(readback));
+    Ok(texture)
 }
 
 /// Context of the passes of effects.

@@ -46,7 +46,8 @@ pub struct DescriptorSums {
 }
 
 impl DescriptorSums {
-    fn add(&mut self, other: &Self) {
+    /// Adds the sums of other samples.
+    pub fn add(&mut self, other: &Self) {
         self.weight += other.weight;
         self.color.iter_mut().zip(other.color).for_each(|(sum, v)| *sum += v);
         self.pair_weight += other.pair_weight;

@@ -133,11 +133,12 @@ impl PassRecorder {
 
     /// Submits a part of a long frame: a long plan in one submission would occupy all its buffers
     /// at once.
-    pub fn submit_part(&mut self) {
+    pub fn submit_part(&mut self) -> wgpu::SubmissionIndex {
         let timed = self.timer.as_ref().map(|timer| timer.part);
         let part = self.submit();
         self.timer = timed.map(|part| Timer::new(&self.gpu, part));
-        self.parts.push(part);
+        self.parts.push(part.clone());
+        part
     }
 
     /// The parts submitted since the last call, in order.
