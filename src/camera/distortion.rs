@@ -130,9 +130,6 @@ impl Distortion {
                 &["k1", "k2", "k3", "k4", "p1", "p2", "k5", "k6", "omega", "sx1", "sy1"]
             }
         };
-        if self.map.is_some() && self.model != LensModel::StMap {
-            return Some("map");
-        }
         unused.iter().copied().find(|name| self.get(name) != Some(Value::Number(0.0)))
     }
 

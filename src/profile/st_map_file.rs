@@ -5,8 +5,8 @@
 use std::path::{Path, PathBuf};
 
 use super::st_samples::{Direction, samples};
-use crate::camera::{FitError, LensMap, fit_lens_map};
-use crate::params::{Field, Value};
+use crate::camera::{Distortion, FitError, LensMap, fit_lens_map};
+use crate::params::{Field, Kind, Params, Value};
 use crate::source::st_map::{self, StPicture};
 
 /// Keys that name the files.
@@ -47,12 +47,21 @@ pub fn resolve(entries: &mut toml::Table, profile: Option<&Path>) -> Result<(), 
              model = \"st_map\""
         ));
     }
-    let map = lens(undistort.as_ref(), redistort.as_ref(), size)?;
+    insert(&lens(undistort.as_ref(), redistort.as_ref(), size)?, entries);
+    Ok(())
+}
+
+/// Puts a lens into the table, in place of the coefficients of profiles that were read before.
+fn insert(map: &LensMap, entries: &mut toml::Table) {
+    for spec in Distortion::default().specs() {
+        if matches!(spec.kind, Kind::Number { .. }) {
+            entries.entry(spec.name).or_insert(toml::Value::Float(0.0));
+        }
+    }
     if let Value::Text(text) = map.to_value() {
         entries.insert("map".to_owned(), toml::Value::String(text));
     }
     entries.insert("model".to_owned(), toml::Value::String("st_map".to_owned()));
-    Ok(())
 }
 
 impl MapFile {

@@ -20,10 +20,12 @@ pub enum Direction {
 }
 
 /// Largest number of means of pixels that are used.
-const MAX_NODES: usize = 400_000;
+const MAX_NODES: f64 = 150_000.0;
 /// Largest side of the blocks of pixels whose mean is a node, px. The curvature of a lens moves the
 /// mean of a block by less than 10⁻³ px.
 const MAX_BLOCK_PX: usize = 4;
+/// Distance from missing pixels within which filters mix them, px.
+const FILTER_PX: usize = 2;
 /// Largest value of a map of places. Maps in pixels have larger ones.
 const MAX_VALUE: f32 = 8.0;
 /// Smallest extent of the values of a map of places. Maps of offsets have smaller ones.
@@ -33,13 +35,16 @@ const MARGIN: f64 = 0.1;
 /// Folds so far inside the recorded picture are errors, as a fraction of its size.
 const RIM: f64 = 0.02;
 
-/// The means of blocks of a map's pixels.
+/// The means of blocks of a map's pixels, at equal steps and at the far borders.
 struct Nodes {
     width: usize,
     height: usize,
-    /// Places of the first node, px, and the step to the next.
-    first_px: DVec2,
-    step_px: f64,
+    /// Step to the next node, and side of the blocks, px.
+    step_px: usize,
+    block_px: usize,
+    /// Upper left corner of the pixels, and their number across and down.
+    corner_px: DVec2,
+    pixels: [usize; 2],
     /// The values as fractions of the other picture's size, T downwards.
     places: Vec<Option<DVec2>>,
 }
@@ -68,46 +73,43 @@ fn check_values(map: &StPicture) -> Result<(), String> {
     Ok(())
 }
 
+/// The mean of a block, unless a pixel in it or near it is missing.
+fn mean(map: &StPicture, [x, y]: [usize; 2], block_px: usize) -> Option<DVec2> {
+    let around =
+        |first: usize, length: usize| first.saturating_sub(FILTER_PX)..(first + block_px + FILTER_PX).min(length);
+    let columns = around(x, map.width);
+    let is_near_missing =
+        around(y, map.height).any(|row| map.st[row * map.width..][columns.clone()].iter().any(|st| is_missing(*st)));
+    if is_near_missing {
+        return None;
+    }
+    let rows = (y..y + block_px).flat_map(|row| &map.st[row * map.width + x..][..block_px]);
+    let sum: DVec2 = rows.map(|[s, t]| DVec2::new(f64::from(*s), f64::from(*t))).sum();
+    Some(sum / (block_px * block_px) as f64)
+}
+
 impl Nodes {
     fn new(map: &StPicture) -> Self {
-        let pixels = map.st.len() as f64;
-        let block = ((pixels / MAX_NODES as f64).sqrt().ceil() as usize).clamp(1, MAX_BLOCK_PX);
-        let (width, height) = (map.width / block, map.height / block);
-        let mean = |n: usize| {
-            let (x, y) = (n % width * block, n / width * block);
-            let rows = (y..y + block).map(|row| &map.st[row * map.width + x..][..block]);
-            rows.flatten().try_fold(DVec2::ZERO, |sum, st| {
-                (!is_missing(*st)).then(|| sum + DVec2::new(f64::from(st[0]), f64::from(st[1])))
-            })
-        };
-        let count = (block * block) as f64;
-        let places = (0..width * height).map(|n| mean(n).map(|sum| sum / count)).collect();
+        let step_px = ((map.st.len() as f64 / MAX_NODES).sqrt().ceil() as usize).max(1);
+        let block_px = step_px.min(MAX_BLOCK_PX).min(map.width).min(map.height);
+        let [width, height] = [map.width, map.height].map(|length| (length - block_px).div_ceil(step_px) + 1);
         let corner_px = DVec2::new(map.corner_px[0].into(), map.corner_px[1].into());
-        let step_px = block as f64;
-        Self { width, height, first_px: corner_px + 0.5 * step_px, step_px, places }
+        let pixels = [map.width, map.height];
+        let mut nodes = Self { width, height, step_px, block_px, corner_px, pixels, places: Vec::new() };
+        nodes.places = (0..width * height).map(|node| mean(map, nodes.pixel(node), block_px)).collect();
+        nodes
     }
 
+    /// The first pixel of a node's block.
+    fn pixel(&self, node: usize) -> [usize; 2] {
+        let at = |n: usize, axis: usize| (n * self.step_px).min(self.pixels[axis] - self.block_px);
+        [at(node % self.width, 0), at(node / self.width, 1)]
+    }
+
+    /// The place of a node in the map's own picture.
     fn at_px(&self, node: usize) -> DVec2 {
-        self.first_px + self.step_px * DVec2::new((node % self.width) as f64, (node / self.width) as f64)
-    }
-
-    /// Leaves out nodes beside missing ones, `rings` wide.
-    fn eroded(mut self, rings: usize) -> Self {
-        for _ in 0..rings {
-            let own = self.places.clone();
-            let is_beside_missing = |node: usize| {
-                let (x, y) = (node % self.width, node / self.width);
-                let columns = x.saturating_sub(1)..(x + 2).min(self.width);
-                let mut rows = y.saturating_sub(1)..(y + 2).min(self.height);
-                rows.any(|row| own[row * self.width..][columns.clone()].iter().any(Option::is_none))
-            };
-            for node in 0..own.len() {
-                if is_beside_missing(node) {
-                    self.places[node] = None;
-                }
-            }
-        }
-        self
+        let [x, y] = self.pixel(node);
+        self.corner_px + DVec2::new(x as f64, y as f64) + 0.5 * self.block_px as f64
     }
 
     /// Turns T downwards, whichever way it counts.
@@ -173,7 +175,7 @@ impl Nodes {
 
     /// The node in the middle of the recorded picture.
     fn middle(&self, direction: Direction) -> Option<usize> {
-        let middle_px = self.first_px + 0.5 * self.step_px * DVec2::new(self.width as f64, self.height as f64);
+        let middle_px = self.corner_px + 0.5 * DVec2::new(self.pixels[0] as f64, self.pixels[1] as f64);
         let distance = |node: usize| {
             let place = self.places[node]?;
             Some(match direction {
@@ -200,10 +202,7 @@ fn is_within(at: DVec2, margin: f64) -> bool {
 /// map from the recorded picture refer.
 pub fn samples(map: &StPicture, direction: Direction, undistorted_px: [u32; 2]) -> Result<Vec<MapSample>, String> {
     check_values(map)?;
-    let nodes = Nodes::new(map);
-    let has_missing = nodes.places.iter().any(Option::is_none);
-    let rings = if nodes.step_px == 1.0 { 2 } else { 1 };
-    let mut nodes = if has_missing { nodes.eroded(rings) } else { nodes }.turned_down()?;
+    let mut nodes = Nodes::new(map).turned_down()?;
     if direction == Direction::Undistort {
         nodes.places.iter_mut().for_each(|place| *place = place.filter(|at| is_within(*at, MARGIN)));
     }

@@ -351,7 +351,7 @@ mod tests {
         let sample = |n: u32| {
             let place = DVec2::new((n % 41).into(), (n / 41).into()) * 20.0;
             let at = (place - DVec2::new(400.0, 300.0)) / 525.0;
-            let recorded = at / (1.0 + 0.3 * at.length_squared() + 0.02 * at.x) * 525.0 + DVec2::new(320.0, 240.0);
+            let recorded = at / (1.0 + 0.15 * at.length_squared() + 0.02 * at.x) * 525.0 + DVec2::new(320.0, 240.0);
             MapSample { undistorted_px: place, recorded: recorded / DVec2::new(640.0, 480.0) }
         };
         let map = fit_lens_map(&(0..41 * 31).map(sample).collect::<Vec<_>>(), [800, 600], None).unwrap();

@@ -75,7 +75,7 @@ fn tabled(scale: f64) -> Geometry {
     let sample = |n: u32| {
         let place = (DVec2::new(f64::from(n % 91), f64::from(n / 91)) / DVec2::new(90.0, 70.0)) * undistorted;
         let from_middle = (place - 0.5 * undistorted) / (200.0 * scale);
-        let barrel = from_middle / (1.0 + 0.25 * from_middle.length_squared() + 0.1 * from_middle.x.powi(2));
+        let barrel = from_middle / (1.0 + 0.08 * from_middle.length_squared() + 0.03 * from_middle.x.powi(2));
         let skew = DVec2::new(0.01 * from_middle.y, 0.02 * from_middle.x * from_middle.y);
         MapSample { undistorted_px: place, recorded: ((barrel + skew) * 200.0 * scale + 0.5 * size) / size }
     };

@@ -46,7 +46,9 @@ const SMOOTHNESS: f64 = 1e-6;
 const SPREAD_SHARE: f64 = 0.98;
 /// Spread of a fit that needs no more cells, px.
 const EXACT_PX: f64 = 0.000_5;
-/// Spread relative to that of fewer cells, above which more of them model noise.
+/// Share of the residuals that is below their peak: those of a strongly curved corner.
+const PEAK_SHARE: f64 = 0.9995;
+/// Spread and peak relative to those of fewer cells, above which more of them model noise.
 const MIN_IMPROVEMENT: f64 = 0.8;
 /// Largest root mean square residual, px. Half a code of 16 bits is 0.06 px of 8192.
 const MAX_RMS_PX: f64 = 0.1;
@@ -184,9 +186,19 @@ impl Fitted {
         (squares / self.residuals_px.len() as f64).sqrt()
     }
 
-    /// Quantile of the residuals, px.
+    /// A quantile of the residuals, px.
+    fn quantile_px(&self, share: f64) -> f64 {
+        lower_quantile(&mut self.residuals_px.clone(), share).unwrap_or(f64::INFINITY)
+    }
+
     fn spread_px(&self) -> f64 {
-        lower_quantile(&mut self.residuals_px.clone(), SPREAD_SHARE).unwrap_or(f64::INFINITY)
+        self.quantile_px(SPREAD_SHARE)
+    }
+
+    /// True if it has a smaller spread or peak than one with fewer cells.
+    fn is_better_than(&self, coarse: &Self) -> bool {
+        let improves = |share: f64| self.quantile_px(share) < MIN_IMPROVEMENT * coarse.quantile_px(share);
+        improves(SPREAD_SHARE) || improves(PEAK_SHARE)
     }
 
     /// The pairs without outliers.
@@ -206,7 +218,7 @@ fn refined(samples: &[MapSample], scale_px: DVec2) -> Option<Fitted> {
     let mut best = Fitted::new(samples, MIN_CELLS, scale_px)?;
     while best.spread_px() > EXACT_PX && best.longest() < MAX_CELLS {
         let next = Fitted::new(samples, 2 * best.longest(), scale_px)?;
-        if next.spread_px() > MIN_IMPROVEMENT * best.spread_px() {
+        if !next.is_better_than(&best) {
             break;
         }
         best = next;

@@ -1,5 +1,5 @@
 use super::*;
-use crate::camera::{Distortion, Geometry, Intrinsics, LensModel};
+use crate::camera::{Geometry, Intrinsics, LensModel};
 use glam::DVec2;
 
 const SIZE: [u32; 2] = [160, 120];
@@ -144,4 +144,23 @@ fn keys_of_a_profile_name_files_beside_it() {
         assert!(error.contains(problem), "{error}");
     }
     assert!(read("k1 = 0.1\n", Some(profile)).unwrap().contains_key("k1"));
+}
+
+#[test]
+fn maps_replace_the_coefficients_of_earlier_profiles() {
+    let table = of([Some(undistort()), None], None).unwrap();
+    let mut entries: toml::Table = "k2 = 0.5\n".parse().unwrap();
+    insert(&table.distortion.map.clone().unwrap().unbound(), &mut entries);
+    let mut lens = lens().distortion;
+    for (name, value) in &entries {
+        let value = match value {
+            toml::Value::Float(number) => Value::Number(*number),
+            other => Value::Text(other.as_str().unwrap().to_owned()),
+        };
+        lens.set(name, &value).unwrap();
+    }
+    // A coefficient beside the map is an error.
+    assert_eq!(lens.missing(), Some("k2"));
+    lens.k2 = 0.0;
+    assert_eq!((lens.missing(), Geometry::new(plate_camera(), lens)), (None, table));
 }
