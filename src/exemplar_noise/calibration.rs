@@ -5,11 +5,11 @@
 //!    into [`bands`](super::bands).
 //! 2. Amplitudes by [`regression`](super::regression) where nothing clips; they normalise the
 //!    atlas.
-//! 3. Six rounds of indirect inference: up to three of the pictures are synthesised, their
+//! 3. Four rounds of indirect inference: up to four of the pictures are synthesised, their
 //!    residuals are fitted in the same way as the real ones, and the amplitudes move by the
-//!    difference of both fits: by all of it in the first two rounds, then by 0.8 and by 0.5, at most
-//!    1.5 for each coefficient. The table of [`latent`](super::latent) values moves at the same
-//!    time. The amplitudes of the last two rounds are averaged.
+//!    difference of both fits: by 0.8 of it in the first two rounds, then by 0.5, at most 1.5 for
+//!    each coefficient. The table of [`latent`](super::latent) values moves at the same time. The
+//!    amplitudes of the last two rounds are averaged.
 //!
 //! Each round synthesises a picture twice: on its mean, and on plain content, the mean blurred by
 //! 12 px. Real surfaces have texture, and the quantiser's error of faint texture is a part of real
@@ -35,11 +35,11 @@ use crate::coding::PictureCoding;
 use crate::grey_image::GreyImage;
 
 /// Rounds of indirect inference, and the share of the difference by which each moves amplitudes.
-const RATES: [f64; 6] = [1.0, 1.0, 0.8, 0.8, 0.5, 0.5];
+const RATES: [f64; 4] = [0.8, 0.8, 0.5, 0.5];
 /// Largest change of a coefficient in a round.
 const MAX_CHANGE: f64 = 1.5;
 /// Largest number of frames that a round synthesises, evenly spaced.
-const ROUND_FRAMES: usize = 3;
+const ROUND_FRAMES: usize = 4;
 /// Smallest distance of the pixels of a fit, px, and their largest number. Distances are odd, so
 /// that pixels of all phases of the block grid are taken.
 const MIN_FIT_STEP: usize = 3;
