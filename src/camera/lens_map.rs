@@ -282,7 +282,7 @@ fn check_scale(bound: &BoundMap, binding: &MapCamera) -> Result<(), String> {
             binding.size_px.x, binding.size_px.y
         ));
     }
-    if across > MAX_SCALE || across < 1.0 / MAX_SCALE {
+    if !(1.0 / MAX_SCALE..=MAX_SCALE).contains(&across) {
         return Err(format!(
             "scales the middle of the picture by {across:.2}: the undistorted picture must have the scale of the \
              recorded one; write the map at full resolution"

@@ -65,6 +65,7 @@ struct Draws {
 }
 
 /// The data shared by all samples of a frame.
+#[expect(clippy::large_enum_variant, reason = "one a picture")]
 enum FrameGeometry {
     Plane(Draws),
     /// Cube map faces, with their layers.

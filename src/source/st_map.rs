@@ -150,8 +150,7 @@ mod tests {
 
     fn exr(channels: Vec<(&str, FlatSamples)>, corner: (i32, i32)) -> Vec<u8> {
         let channels = channels.into_iter().map(|(name, samples)| AnyChannel::new(name, samples)).collect();
-        let mut attributes = LayerAttributes::default();
-        attributes.layer_position = corner.into();
+        let attributes = LayerAttributes { layer_position: corner.into(), ..LayerAttributes::default() };
         let layer = Layer::new((2, 1), attributes, Encoding::UNCOMPRESSED, AnyChannels::sort(channels));
         let display = ImageAttributes::new(IntegerBounds::from_dimensions((4, 3)));
         let mut bytes = Cursor::new(Vec::new());

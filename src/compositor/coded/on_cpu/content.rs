@@ -100,7 +100,7 @@ impl ContentRows<'_> {
                 *gradient = (along * along + down * down) * (1.0 / 64.0);
             }
             place.clear_border(&mut gradient, run, top + j);
-            if j % 2 == 0 {
+            if j.is_multiple_of(2) {
                 pair.copy_from_slice(&gradient);
                 continue;
             }
@@ -152,7 +152,7 @@ fn block_sums(rows: &[&[UncodedTexel]; DESCRIPTOR_BLOCK_PX / 2]) -> DescriptorSu
     for row in rows {
         let mut before = [0.0f32; 2];
         for (texel, above) in row.iter().step_by(2).zip(&mut above) {
-            let [r, g, b] = [texel[0], texel[1], texel[2]].map(|v| v.max(0.0).min(255.0) / 255.0);
+            let [r, g, b] = [texel[0], texel[1], texel[2]].map(|v| v.clamp(0.0, 255.0) / 255.0);
             let own = [texel[3], brightness([r, g, b])];
             sums.weight += own[0];
             for (sum, v) in sums.color.iter_mut().zip([own[1], r - g, b - g]) {
@@ -186,7 +186,7 @@ fn brightness_rows(
     for (j, row) in bright.chunks_exact_mut(length).enumerate() {
         let y = within((top + j) as isize - 1, &bounds[1]);
         for (value, [r, g, b, _]) in row[offset..].iter_mut().zip(&texels[y * width..][columns.clone()]) {
-            let code = |v: f32| v.max(0.0).min(255.0);
+            let code = |v: f32| v.clamp(0.0, 255.0);
             *value = brightness([code(*r), code(*g), code(*b)]);
         }
         repeat_ends(row, first, &bounds[0]);
@@ -271,7 +271,7 @@ impl Activity {
     pub fn at_row(&self, j: usize, out: [&mut [f32]; 2]) {
         // Rows and columns begin `BLOCK_REACH` blocks before the tiles.
         let upper = BLOCK_REACH + j / 2 - (j + 1) % 2;
-        let share = if j % 2 == 0 { 0.75 } else { 0.25 };
+        let share = if j.is_multiple_of(2) { 0.75 } else { 0.25 };
         for (out, blocks) in out.into_iter().zip([&self.coarse, &self.fine]) {
             let [a, b] = [upper, upper + 1].map(|row| &blocks[row * self.length..][..self.length]);
             let mix = |k: usize| a[k] + share * (b[k] - a[k]);
@@ -304,7 +304,7 @@ impl Standardisation {
     pub fn features(&self, rgb: [&Lanes; 3], energies: [&Lanes; 3]) -> [Lanes; FEATURES] {
         let mut out = [[0.0; LANES]; FEATURES];
         for i in 0..LANES {
-            let [r, g, b] = rgb.map(|channel| channel[i].max(0.0).min(255.0));
+            let [r, g, b] = rgb.map(|channel| channel[i].clamp(0.0, 255.0));
             let y = brightness([r, g, b]) / 255.0;
             let [r, g, b] = [r, g, b].map(|code| code / 255.0);
             let features = [

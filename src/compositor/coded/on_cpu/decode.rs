@@ -71,7 +71,7 @@ impl RowDecoder {
         for (plane, chroma) in chroma.iter_mut().enumerate() {
             chroma.clear();
             chroma.resize(columns.len(), 0);
-            let plane = &samples.planes[1 + plane][..];
+            let plane = &samples.planes[1 + plane];
             let width = samples.width / self.factor[0];
             let row =
                 |row: i32| &plane[row.clamp(self.chroma_rows[0], self.chroma_rows[1]) as usize * width..][..width];
@@ -102,7 +102,7 @@ impl RowDecoder {
         let [across, down] = self.factor;
         let is_libjpeg = self.decoder == Decoder::Libjpeg;
         let own = (y / down) as i32;
-        let is_second = y % down != 0;
+        let is_second = !y.is_multiple_of(down);
         // DecodedSamples from the one before the first pixel's on.
         let first = (columns.start / across) as i32 - 1;
         let count = (columns.end - 1) / across - columns.start / across + 3;
@@ -134,7 +134,7 @@ impl RowDecoder {
             (false, _) => (2, [2, 2]),
         };
         // Pairs begin at even columns.
-        debug_assert!(columns.start % 2 == 0, "columns begin with a chroma sample");
+        debug_assert!(columns.start.is_multiple_of(2), "columns begin with a chroma sample");
         for (pair, three) in out.chunks_mut(2).zip(between.windows(3)) {
             let [before, own, after] = [three[0], three[1], three[2]];
             let both = if self.decoder == Decoder::Nearest {

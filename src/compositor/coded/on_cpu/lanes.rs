@@ -15,8 +15,9 @@ const ROUNDING: f32 = 12_582_912.0;
 pub fn exp2(x: f32) -> f32 {
     let shifted = x + ROUNDING;
     let f = x - (shifted - ROUNDING);
-    let series =
-        1.0 + f * (0.693_147_2 + f * (0.240_226_5 + f * (0.055_504_11 + f * (0.009_618_129 + f * 0.001_333_355_8))));
+    let series = 1.0
+        + f * (std::f32::consts::LN_2
+            + f * (0.240_226_5 + f * (0.055_504_11 + f * (0.009_618_129 + f * 0.001_333_355_8))));
     // The low bits of the shifted number are the whole one.
     let power = (shifted.to_bits() << 23).wrapping_add(127 << 23);
     series * f32::from_bits(power)
@@ -40,7 +41,7 @@ pub fn ln(x: f32) -> f32 {
 /// The nearest whole number from 0 to 255; halves up.
 #[inline(always)]
 pub fn rounded_code(value: f32) -> f32 {
-    let bounded = value.max(0.0).min(255.0) + 0.5;
+    let bounded = value.clamp(0.0, 255.0) + 0.5;
     // Halves of even numbers would be rounded down.
     let whole = (bounded + ROUNDING) - ROUNDING;
     let floor = if whole > bounded { whole - 1.0 } else { whole };

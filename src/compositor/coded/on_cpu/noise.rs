@@ -122,7 +122,7 @@ impl<'a> NoiseSynthesis<'a> {
             for k in 0..FEATURES {
                 exponent += g[1 + k] * features[k][i];
             }
-            *out = exp2(exponent.max(-LIMIT).min(LIMIT));
+            *out = exp2(exponent.clamp(-LIMIT, LIMIT));
         }
         out
     }

@@ -50,7 +50,7 @@ impl LatentLookup {
     }
 
     pub fn at(&self, channel: usize, code: f32) -> f32 {
-        let at = Self::PER_CODE * code.max(0.0).min(255.0);
+        let at = Self::PER_CODE * code.clamp(0.0, 255.0);
         let first = at as usize;
         let [low, high] = [self.channels[channel][first], self.channels[channel][first + 1]];
         let latent = low + (at - first as f32) * (high - low);
