@@ -37,6 +37,8 @@ struct SampledWindow {
     window: AtlasWindow,
     noisy: Vec<u8>,
     coding: PictureCoding,
+    /// Size of the whole picture.
+    picture_px: [usize; 2],
 }
 
 /// A frame of the calibration.
@@ -44,6 +46,8 @@ struct SampledWindow {
 struct ExampleFrame {
     frame: CalibrationFrame,
     coding: PictureCoding,
+    /// Size of the picture of which the frame is a part.
+    picture_px: [usize; 2],
 }
 
 /// Samples frames during a calibration.
@@ -135,7 +139,12 @@ impl ExampleSampler {
             let AtlasWindow { at: [x, y], size: [width, height] } = *window;
             let row = |row: usize| &codes[3 * ((y + row) * size[0] + x)..][..3 * width];
             let noisy = (0..height).flat_map(row).copied().collect();
-            self.samples.push(SampledWindow { window: *window, noisy, coding: cropped(&coding, window.at) });
+            self.samples.push(SampledWindow {
+                window: *window,
+                noisy,
+                coding: cropped(&coding, window.at),
+                picture_px: size,
+            });
         }
     }
 
@@ -153,7 +162,7 @@ impl ExampleSampler {
         self.resting_frames += frames;
         let size = [scene.width, scene.height];
         let gain = if scene.known_mean { 1.0 } else { frames as f32 / (frames as f32 - 1.0) };
-        for SampledWindow { window, noisy, coding } in self.samples.drain(..) {
+        for SampledWindow { window, noisy, coding, picture_px } in self.samples.drain(..) {
             let [width, height] = window.size;
             let place = |x: usize, y: usize| (window.at[1] + y) * size[0] + window.at[0] + x;
             let mean: Planes = std::array::from_fn(|c| {
@@ -170,7 +179,7 @@ impl ExampleSampler {
                 still[block] && is_inside(x, 0) && is_inside(y, 1)
             });
             let frame = CalibrationFrame { mean, noisy, mask: mask.collect(), variance_gain: gain };
-            self.frames.push(ExampleFrame { frame, coding });
+            self.frames.push(ExampleFrame { frame, coding, picture_px });
         }
     }
 
@@ -178,8 +187,9 @@ impl ExampleSampler {
     /// strength of their noise.
     pub fn finish_textureless(mut self, table: &NoiseProfile) -> Result<ExampleCalibration, NoExample> {
         let table = table.table();
-        for SampledWindow { window, noisy, coding } in std::mem::take(&mut self.samples) {
-            self.frames.push(ExampleFrame { frame: textureless_places(noisy, window.size, &table), coding });
+        for SampledWindow { window, noisy, coding, picture_px } in std::mem::take(&mut self.samples) {
+            let frame = textureless_places(noisy, window.size, &table);
+            self.frames.push(ExampleFrame { frame, coding, picture_px });
         }
         let usable = |frame: &ExampleFrame| frame.frame.mask.iter().filter(|usable| **usable).count();
         self.frames.retain(|frame| usable(frame) as f64 >= MIN_TEXTURELESS_SHARE * frame.frame.mask.len() as f64);
@@ -202,9 +212,10 @@ impl ExampleSampler {
         if self.frames.iter().any(|frame| size(frame) != size(first)) {
             return Err(NoExample::Sizes);
         }
-        let coded = self.frames.iter().map(|ExampleFrame { frame, coding }| CodedFrame { frame, coding });
+        let coded = self.frames.iter().map(|ExampleFrame { frame, coding, .. }| CodedFrame { frame, coding });
         let coded: Vec<CodedFrame<'_>> = coded.collect();
-        let model = calibrate_coded(&coded, SEED)?;
+        let sizes_px = self.frames.iter().map(|frame| frame.picture_px);
+        let model = calibrate_coded(&coded, SEED)?.with_picture_sizes(sizes_px);
         let method = if self.is_textureless {
             ExampleMethod::Textureless
         } else if self.known_mean {
@@ -256,7 +267,7 @@ fn code_range(frames: &[ExampleFrame]) -> [f32; 2] {
 
 /// Median over intensities of |σ of synthesised noise / σ of real noise − 1| in a frame.
 fn sigma_error(model: &NoiseModel, frame: &ExampleFrame) -> Result<Option<f64>, ModelError> {
-    let ExampleFrame { frame, coding } = frame;
+    let ExampleFrame { frame, coding, .. } = frame;
     let synthesised = synthesise(model, &frame.mean, coding, CHECK_KEY)?;
     // Samples, and squared differences from the mean of both.
     let mut bins = [(0usize, 0.0f64, 0.0f64); 256 / BIN_CODES];
@@ -327,6 +338,7 @@ mod tests {
         assert_eq!((example.method, example.model.sources.len()), (ExampleMethod::Resting { frames: 4 }, 4));
         assert_eq!(numbers.coding.difference(&PictureCoding::UNROUNDED), None);
         for source in &example.model.sources {
+            assert_eq!(source.picture.map(|picture| picture.size_px), Some([SIDE; 2]));
             let usable = |x: usize, y: usize| source.flags[y * SIDE + x] & USABLE != 0;
             assert!(usable(20, 20) && usable(120, 190) && !usable(MOVING_PX, MOVING_PX) && !usable(207, 207));
         }

@@ -97,6 +97,10 @@ pub struct FrameStats {
     /// Why the camera's noise by example was not drawn, but the pattern.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub no_example_noise: Option<String>,
+    /// The difference of the frame from the pictures of its noise by example, if they seem to be of
+    /// another camera or setting.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub example_mismatch: Option<String>,
     /// Bounds of the composited pixels: x0, y0, x1, y1.
     pub rect_px: Option<[i32; 4]>,
     /// Whether objects may be in the composited region. A photograph is composited even without
@@ -120,6 +124,7 @@ impl FrameStats {
             no_pose: no_pose.map(|reason| reason.to_string()),
             no_occlusion: None,
             no_example_noise: None,
+            example_mismatch: None,
             rect_px: None,
             objects_in_sight: false,
             exposure_time_s: job.capture.exposure_time_s,

@@ -10,6 +10,7 @@ use crate::coding::PictureCoding;
 use crate::depth::{DepthGrid, Proxies, Surfaces};
 use crate::effects::{Effect, ExampleNoise, FrameContext, ObjectMotion, OnReal, Reach};
 use crate::exemplar_noise::model_coding::CodingDifference;
+use crate::exemplar_noise::source_picture::{PictureMismatch, SourcePicture};
 use crate::frame::Frame;
 use crate::gpu::{Gpu, TexturePool};
 use crate::pixels::Rect;
@@ -163,6 +164,8 @@ pub struct Plan<'a> {
     pub noise: Option<ExampleNoise>,
     /// Why noise by example is replaced by the pattern.
     pub no_example_noise: Option<CodingDifference>,
+    /// The frame's mismatch with the pictures of the noise by example that is drawn.
+    pub example_mismatch: Option<PictureMismatch>,
     /// Surfaces of the real part, if an effect acts on it.
     pub surfaces: Option<&'a Surfaces>,
     /// `None` if the frame does not change.
@@ -210,7 +213,8 @@ impl<'a> Plan<'a> {
             Ok(noise) => (noise.into_iter().flatten().next(), None),
             Err(difference) => (None, Some(difference)),
         };
-        let plan = Self { active, samples, coding, noise, no_example_noise, surfaces, work_rects };
+        let example_mismatch = noise.as_ref().and_then(|_| example_mismatch(job, context.camera, coding.as_ref()));
+        let plan = Self { active, samples, coding, noise, no_example_noise, example_mismatch, surfaces, work_rects };
         plan.check_size(gpu, context)?;
         Ok(plan)
     }
@@ -238,6 +242,15 @@ impl<'a> Plan<'a> {
     }
 }
 
+/// The mismatch of a frame with the pictures of the camera's noise by example. A parametric field
+/// holds no pictures, so that the model of which it is derived counts.
+fn example_mismatch(job: &Job<'_>, camera: &Camera, coding: Option<&PictureCoding>) -> Option<PictureMismatch> {
+    let example = camera.noise.as_ref()?.example.as_ref()?;
+    let size_px = [job.frame.pixels.width as usize, job.frame.pixels.height as usize];
+    let picture = SourcePicture::new(size_px, coding.unwrap_or(&PictureCoding::UNROUNDED));
+    example.model.mismatch(picture)
+}
+
 impl FrameStats {
     /// Adds the results of the frame's plan.
     pub(super) fn add_plan(&mut self, job: &Job<'_>, view: &FrameView, plan: &Plan<'_>) {
@@ -245,6 +258,7 @@ impl FrameStats {
         self.effects = plan.active.iter().map(|effect| effect.table()).collect();
         let Some(work_rects) = &plan.work_rects else { return };
         self.no_example_noise = plan.no_example_noise.map(|difference| difference.to_string());
+        self.example_mismatch = plan.example_mismatch.map(|mismatch| mismatch.to_string());
         self.objects_in_sight = !view.footprint.rect.intersection(&job.capture.region).is_empty();
         let bounds = work_rects.bounds;
         self.rect_px = Some([bounds.x0, bounds.y0, bounds.x1, bounds.y1]);

@@ -12,6 +12,7 @@ use super::descriptor::{DESCRIPTOR_BLOCK_PX, Descriptor, DescriptorBlocks, Descr
 use super::filling::PlaneFilling;
 use super::numbers::ModelNumbers;
 use super::regression::amplitude;
+use super::source_picture::SourcePicture;
 pub use super::tile::{CELL_PX, OVERLAP_PX, TILE_PX};
 use crate::grey_image::GreyImage;
 
@@ -50,6 +51,8 @@ pub struct SourceFrame {
     pub residuals: [Vec<i16>; 3],
     /// [`USABLE`] and [`UNCLIPPED`] for each px.
     pub flags: Vec<u8>,
+    /// `None` if the model's file does not state it.
+    pub picture: Option<SourcePicture>,
 }
 
 impl SourceFrame {

@@ -29,6 +29,7 @@ use super::model_coding::ModelCoding;
 use super::path::{Planes, codes, content_planes, decoded_planes, padded, rgb_of_codes};
 use super::registration::correction;
 use super::regression::{COEFFICIENTS, Coefficients, ENERGY_FLOOR, fit};
+use super::source_picture::SourcePicture;
 use super::synthesis::NoiseContent;
 use super::{BandGains, ModelError, ModelNumbers, NoiseModel};
 use crate::coding::PictureCoding;
@@ -338,6 +339,7 @@ impl PreparedFrame<'_> {
                 .each_ref()
                 .map(|plane| plane.values.iter().map(|v| (v / RESIDUAL_STEP).round() as i16).collect()),
             flags: self.usable.values.iter().zip(&self.unclipped.values).map(flag).collect(),
+            picture: Some(SourcePicture::new(self.frame.size(), self.coding)),
         }
     }
 }

@@ -17,6 +17,7 @@ use image::{ExtendedColorType, ImageDecoder, ImageEncoder};
 use serde::{Deserialize, Serialize};
 
 use super::atlas::SourceFrame;
+use super::source_picture::SourcePicture;
 use super::{ModelError, ModelNumbers, NoiseModel};
 
 const MAGIC: &[u8; 8] = b"LOCNOISE";
@@ -43,6 +44,9 @@ struct Header {
 struct AtlasFrameHeader {
     size: [usize; 2],
     lengths: [usize; PARTS],
+    /// Missing in older files.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    picture: Option<SourcePicture>,
 }
 
 /// Why a model cannot be read or written.
@@ -107,7 +111,7 @@ pub fn to_bytes(model: &NoiseModel) -> Result<Vec<u8>, ModelFileError> {
             *length = png.len();
             pictures.extend(png);
         }
-        frames.push(AtlasFrameHeader { size: source.size, lengths });
+        frames.push(AtlasFrameHeader { size: source.size, lengths, picture: source.picture });
     }
     let header = serde_json::to_vec(&Header { numbers: model.numbers, frames }).map_err(ModelFileError::Header)?;
     let body = [&(header.len() as u32).to_le_bytes()[..], &header, &pictures].concat();
@@ -144,7 +148,7 @@ pub fn from_bytes(bytes: &[u8]) -> Result<NoiseModel, ModelFileError> {
         return Err(ModelFileError::TooLarge { actual: area_px });
     }
     let mut sources = Vec::new();
-    for (frame, AtlasFrameHeader { size, lengths }) in header.frames.into_iter().enumerate() {
+    for (frame, AtlasFrameHeader { size, lengths, picture }) in header.frames.into_iter().enumerate() {
         let mut parts: [Vec<u8>; PARTS] = Default::default();
         for (part, length) in lengths.into_iter().enumerate() {
             let (png, after) = rest.split_at_checked(length).ok_or_else(damaged)?;
@@ -157,7 +161,7 @@ pub fn from_bytes(bytes: &[u8]) -> Result<NoiseModel, ModelFileError> {
             stored.map(|v| (i32::from(v) - ZERO) as i16).collect()
         };
         let content = content.as_chunks::<3>().0.to_vec();
-        sources.push(SourceFrame { size, content, residuals: residuals.map(residual), flags });
+        sources.push(SourceFrame { size, content, residuals: residuals.map(residual), flags, picture });
     }
     Ok(NoiseModel::new(header.numbers, sources)?)
 }

@@ -45,6 +45,7 @@ pub mod parametric;
 pub mod path;
 mod registration;
 pub mod regression;
+pub mod source_picture;
 pub mod synthesis;
 #[cfg(test)]
 pub mod tests;

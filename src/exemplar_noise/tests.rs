@@ -11,6 +11,7 @@ use super::latent::{LatentStep, LatentTable, NODES};
 use super::model_coding::CodingDifference;
 use super::path::Planes;
 use super::regression::{self, Coefficients};
+use super::source_picture::SourcePicture;
 use super::synthesis::NoiseContent;
 use super::{ModelError, NoiseModel};
 use crate::coding::{BlockQuantization, ChromaSampling, ColorMatrix, ColorRange, Decoder, PictureCoding, YcbcrColor};
@@ -362,6 +363,21 @@ fn frames_of_different_quantisation_share_a_model_and_other_codings_are_refused(
 fn model_read_from_its_file_is_equal() {
     let bytes = to_bytes(&MODEL).unwrap();
     assert!(from_bytes(&bytes).unwrap() == *MODEL, "numbers, atlas and candidates are the same bits");
+}
+
+#[test]
+fn older_file_does_not_state_its_pictures() {
+    let [source] = &MODEL.sources[..] else { panic!() };
+    assert_eq!(source.picture, Some(SourcePicture { size_px: source.size, steps: None }));
+    let mut older = NoiseModel::clone(&MODEL);
+    older.sources[0].picture = None;
+    let bytes = to_bytes(&older).unwrap();
+    assert!(!bytes.windows(9).any(|window| window == b"\"picture\""));
+    let read = from_bytes(&bytes).unwrap();
+    let small = SourcePicture { size_px: [8, 8], steps: None };
+    assert!(read == older && read.mismatch(small).is_none() && MODEL.mismatch(small).is_some());
+    let resized = NoiseModel::clone(&MODEL).with_picture_sizes([[8, 8]]);
+    assert!(resized.mismatch(small).is_none());
 }
 
 #[test]

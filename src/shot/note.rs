@@ -57,6 +57,9 @@ pub enum Note {
         first: usize,
         because: String,
     },
+    /// Noise by example of pictures of another camera or setting: the difference of the first such
+    /// frame.
+    OtherNoise(String),
     /// No object was in any picture.
     NothingSeen,
     /// An object whose model has an implausible size in metres.
@@ -144,6 +147,11 @@ impl fmt::Display for Note {
                      {because}; `locard calibrate noise` from the same camera's frames makes examples that fit)"
                 )
             }
+            Self::OtherNoise(mismatch) => write!(
+                f,
+                "{mismatch}: another camera or setting? calibrate from this camera (`locard calibrate noise`), or use \
+                 `noise.method = \"pattern\"`"
+            ),
             Self::MoreOverlaps(more) => {
                 write!(f, "{} of objects overlap", count(*more, "more pair"))
             }
@@ -180,6 +188,8 @@ pub struct FrameCounts {
     /// Frames without their noise by example; the first of them, and the reason.
     no_example_noise: usize,
     first_without_example: Option<(usize, String)>,
+    /// The first mismatch of a frame with its noise by example.
+    first_mismatch: Option<String>,
     /// Whether an object may have been visible.
     shows: bool,
 }
@@ -191,6 +201,9 @@ impl FrameCounts {
         if let Some(because) = &stats.no_occlusion {
             self.hides_nothing += 1;
             self.first.get_or_insert_with(|| (stats.frame, because.clone()));
+        }
+        if let Some(mismatch) = &stats.example_mismatch {
+            self.first_mismatch.get_or_insert_with(|| mismatch.clone());
         }
         if let Some(because) = &stats.no_example_noise {
             self.no_example_noise += 1;
@@ -213,7 +226,13 @@ impl FrameCounts {
             first,
             because,
         });
-        hides_nothing.into_iter().chain(no_example).chain((!self.shows).then_some(Note::NothingSeen)).collect()
+        let other_noise = self.first_mismatch.clone().map(Note::OtherNoise);
+        hides_nothing
+            .into_iter()
+            .chain(no_example)
+            .chain(other_noise)
+            .chain((!self.shows).then_some(Note::NothingSeen))
+            .collect()
     }
 }
 

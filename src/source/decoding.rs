@@ -1,4 +1,5 @@
-//! A video's frames, decoded by `ffmpeg` through a pipe.
+//! A video's frames through a pipe of `ffmpeg`, which decodes them or copies the packets of Motion
+//! JPEG (motion_jpeg.rs).
 
 use std::ffi::OsString;
 use std::io::Read;
@@ -7,16 +8,18 @@ use std::path::PathBuf;
 use std::process::ChildStdout;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, sync_channel};
+use std::thread::JoinHandle;
 
 use super::SourceError;
 use super::ffmpeg;
 use super::index::{DecodingStart, Index};
+use super::motion_jpeg::{self, Packets};
 use super::orientation::Orientation;
 use super::video::{CONVERSION_FLAGS, MEND, Video};
 use crate::coding::PictureCoding;
 use crate::coding::{ColorMatrix, ColorRange};
 use crate::pixels::{Codes, Pixels};
-use crate::program::Running;
+use crate::program::{ProgramError, Running};
 
 /// Properties of a video that decoding depends on.
 #[derive(Clone, Debug)]
@@ -29,15 +32,22 @@ struct VideoInput {
     wide: bool,
     range: ColorRange,
     matrix: ColorMatrix,
+    /// Of frames that ffmpeg decodes.
     coding: Option<Arc<PictureCoding>>,
+    is_jpeg: bool,
     index: Option<Arc<Index>>,
 }
+
+/// Frames in order, or the problem of a frame. Ends with the pipe.
+type FrameReader = Box<dyn Iterator<Item = Result<Pixels, String>> + Send>;
 
 impl Video {
     /// Frames `range`, exactly. If the file's times distinguish the frames, decoding starts at a
     /// keyframe before them.
     pub fn read(&self, range: Range<usize>) -> Result<VideoFrames, SourceError> {
-        let Self { file, width, height, applied_orientation, bits, range: colors, matrix, coding, index, .. } = self;
+        let Self {
+            file, width, height, applied_orientation, bits, range: colors, matrix, coding, is_jpeg, index, ..
+        } = self;
         let source = VideoInput {
             file: file.clone(),
             // Quarter turns forth and back exchange the sides alike.
@@ -47,6 +57,7 @@ impl Video {
             range: *colors,
             matrix: *matrix,
             coding: coding.clone(),
+            is_jpeg: *is_jpeg,
             index: index.clone(),
         };
         let start = source.index.as_ref().and_then(|index| index.start(range.start)).filter(|_| !range.is_empty());
@@ -58,8 +69,11 @@ impl Video {
 
 impl VideoInput {
     /// ffmpeg's arguments for frames that start at `start`, or at their number from the file's
-    /// first.
+    /// first. Packets are copied from the file's first.
     fn arguments(&self, Range { start: first, end }: Range<usize>, start: Option<&DecodingStart>) -> Vec<OsString> {
+        if self.is_jpeg {
+            return motion_jpeg::arguments(&self.file, start);
+        }
         let pixel_format = if self.wide { "rgb48le" } else { "rgb24" };
         let range_name = match self.range {
             ColorRange::Limited => "limited",
@@ -106,28 +120,64 @@ impl VideoInput {
         let pixels = self.orientation.apply(Pixels::uncoded(width, height, codes));
         Pixels { coding: self.coding.clone(), ..pixels }
     }
+
+    /// Reader of the frames in ffmpeg's output. The first `skipped` packets that are copied are not
+    /// decoded.
+    fn reader(self, mut pipe: ChildStdout, skipped: usize) -> FrameReader {
+        let (width, height) = self.size;
+        if self.is_jpeg {
+            let packets = Packets::new(pipe).skip(skipped);
+            return Box::new(packets.map(move |packet| motion_jpeg::decode(&packet, self.size, self.orientation)));
+        }
+        let bytes = 3 * width as usize * height as usize * if self.wide { 2 } else { 1 };
+        Box::new(std::iter::from_fn(move || {
+            let mut frame = vec![0; bytes];
+            pipe.read_exact(&mut frame).ok()?;
+            Some(Ok(self.pixels(frame)))
+        }))
+    }
 }
 
-/// Reads whole frames from a pipe on a separate thread; ends with the pipe.
-fn read_ahead(mut pipe: ChildStdout, bytes: usize) -> Result<Receiver<Vec<u8>>, SourceError> {
-    let (sender, receiver) = sync_channel(2);
-    let run = move || {
-        loop {
-            let mut frame = vec![0; bytes];
-            if pipe.read_exact(&mut frame).is_err() || sender.send(frame).is_err() {
-                break;
+/// A running ffmpeg with the frames of its output.
+#[derive(Debug)]
+struct DecoderProcess {
+    running: Running,
+    frames: Receiver<Result<Pixels, String>>,
+    /// Keeps the pipe open.
+    reader: JoinHandle<FrameReader>,
+}
+
+impl DecoderProcess {
+    /// Reads at most `limit` frames on a separate thread; ends with the pipe. The thread returns
+    /// its reader, so that the pipe stays open until ffmpeg is killed: ffmpeg reports a closed one.
+    fn new(running: Running, mut reader: FrameReader, limit: usize) -> Result<Self, SourceError> {
+        let (sender, frames) = sync_channel(2);
+        let run = move || {
+            for frame in reader.by_ref().take(limit) {
+                if sender.send(frame).is_err() {
+                    break;
+                }
             }
-        }
-    };
-    std::thread::Builder::new().name("video".to_owned()).spawn(run).map_err(SourceError::Thread)?;
-    Ok(receiver)
+            reader
+        };
+        let reader = std::thread::Builder::new().name("video".to_owned()).spawn(run).map_err(SourceError::Thread)?;
+        Ok(Self { running, frames, reader })
+    }
+
+    /// Waits for ffmpeg's end. It cannot wait for a reader of surplus frames: the pipe is closed
+    /// when the thread ends.
+    fn finish(self) -> Result<String, ProgramError> {
+        let Self { running, frames, reader } = self;
+        drop((frames, reader));
+        running.finish()
+    }
 }
 
 /// The frames of a range of a video, in order. Dropping it kills its ffmpeg.
 #[derive(Debug)]
 pub struct VideoFrames {
     source: VideoInput,
-    stream: Option<(Running, Receiver<Vec<u8>>)>,
+    stream: Option<DecoderProcess>,
     /// True if decoding started in the middle of the file.
     is_sought: bool,
     next: usize,
@@ -142,37 +192,40 @@ impl VideoFrames {
             return Ok(());
         }
         let mut running = Running::start("ffmpeg", &self.source.arguments(self.next..self.range.end, start.as_ref()))?;
-        let (width, height) = self.source.size;
-        let bytes = 3 * width as usize * height as usize * if self.source.wide { 2 } else { 1 };
-        let frames = running.take_stdout().map(|pipe| read_ahead(pipe, bytes)).transpose()?;
-        self.stream = frames.map(|frames| (running, frames));
+        let Some(pipe) = running.take_stdout() else { return Ok(()) };
+        let skipped = if start.is_some() { 0 } else { self.next };
+        let limit = if self.source.is_jpeg { self.range.end - self.next } else { usize::MAX };
+        self.stream = Some(DecoderProcess::new(running, self.source.clone().reader(pipe, skipped), limit)?);
         Ok(())
     }
 
     /// The next frame, or the error.
-    fn step(&mut self) -> Result<Vec<u8>, String> {
+    fn step(&mut self) -> Result<Pixels, String> {
         let (at, end) = (self.next, self.range.end);
-        let frame = self.stream.as_ref().and_then(|(_, frames)| frames.recv().ok());
-        let Some(bytes) = frame else {
-            if let Some(Err(error)) = self.stream.take().map(|(running, _)| running.finish()) {
+        let frame = self.stream.as_ref().and_then(|stream| stream.frames.recv().ok());
+        let Some(frame) = frame else {
+            if let Some(Err(error)) = self.stream.take().map(DecoderProcess::finish) {
                 return Err(format!("reading stopped at frame {at}: {error}"));
             }
             return Err(format!("ends before frame {at}; frames up to {end} were expected: is it truncated?"));
         };
         // ffmpeg conceals errors and continues; they only show in its messages.
         let complaints = match self.stream.take() {
+            // A copy of packets continues to the end of the file; it is killed.
+            Some(stream) if at + 1 == end && self.source.is_jpeg => stream.running.complaints(),
             // Nothing is left to write, so it ends by itself, and all its messages are complete.
-            Some((running, _)) if at + 1 == end => running.finish().unwrap_or_else(|error| error.to_string()),
-            Some((running, frames)) => {
-                let message = running.complaints();
-                self.stream = Some((running, frames));
+            Some(stream) if at + 1 == end => stream.finish().unwrap_or_else(|error| error.to_string()),
+            Some(stream) => {
+                let message = stream.running.complaints();
+                self.stream = Some(stream);
                 message
             }
             None => String::new(),
         };
-        match complaints.as_str() {
-            "" => Ok(bytes),
-            message => Err(format!("is damaged at frame {at} or before it: ffmpeg reports: {message}; {MEND}")),
+        match (frame, complaints.as_str()) {
+            (Ok(pixels), "") => Ok(pixels),
+            (Err(problem), "") => Err(format!("frame {at}: {problem}; {MEND}")),
+            (_, message) => Err(format!("is damaged at frame {at} or before it: ffmpeg reports: {message}; {MEND}")),
         }
     }
 }
@@ -200,9 +253,9 @@ impl Iterator for VideoFrames {
             };
         }
         Some(match frame {
-            Ok(bytes) => {
+            Ok(pixels) => {
                 self.next += 1;
-                Ok(self.source.pixels(bytes))
+                Ok(pixels)
             }
             Err(problem) => {
                 (self.next, self.stream) = (self.range.end, None);

@@ -11,9 +11,10 @@ use serde::Deserialize;
 use super::ffmpeg;
 use super::index::{Index, IndexEntry};
 use super::orientation::Orientation;
+use super::oriented_coding::oriented_sampling;
 use super::presentation::{Presentation, ProbedPresentation};
 use super::timecode::Timecode;
-use super::{SourceError, file as plain, unsupported};
+use super::{SourceError, file as plain, motion_jpeg, unsupported};
 use crate::coding::{ChromaSampling, ChromaSiting, ColorMatrix, ColorRange, Decoder, PictureCoding, YcbcrColor};
 use crate::program::{self, ProgramError};
 use crate::text::{count, fixed};
@@ -49,7 +50,8 @@ pub struct Video {
     pub bits: u32,
     pub range: ColorRange,
     pub matrix: ColorMatrix,
-    /// `None` for R'G'B' and for more than 8 bits.
+    /// `None` for R'G'B' and for more than 8 bits. If [`Video::is_jpeg`], that of the first frame:
+    /// each has its own.
     pub coding: Option<Arc<PictureCoding>>,
     pub presentation: Presentation,
     /// One per frame, in display order; the first is at 0.
@@ -59,6 +61,8 @@ pub struct Video {
     pub is_retimed: bool,
     /// Time of the first frame after the file's start, which is that of its sound, seconds.
     pub start_s: f64,
+    /// True if the packets are JPEG files that are decoded here, not by ffmpeg.
+    pub(super) is_jpeg: bool,
     /// `None` if the times do not distinguish the frames.
     pub(super) index: Option<Arc<Index>>,
 }
@@ -89,6 +93,7 @@ struct ProbedStream {
     /// The number of packets in the container's index (MP4).
     nb_frames: Option<String>,
     tags: Option<Tags>,
+    codec_name: Option<String>,
     width: Option<u32>,
     height: Option<u32>,
     pix_fmt: Option<String>,
@@ -171,7 +176,7 @@ pub fn probe(file: &Path, overrides: &Overrides) -> Result<Video, SourceError> {
     if let Some(kind) = unsupported::by_content(&start) {
         return Err(SourceError::content(file, kind.refusal()));
     }
-    let entries = "stream=width,height,pix_fmt,chroma_location,color_range,color_space,color_transfer,color_primaries,\
+    let entries = "stream=codec_name,width,height,pix_fmt,chroma_location,color_range,color_space,color_transfer,color_primaries,\
                    sample_aspect_ratio,avg_frame_rate,time_base,field_order,nb_frames:\
                    stream_tags=DURATION,timecode:stream_side_data=rotation,displaymatrix:packet=pts,pts_time,dts_time,flags:\
                    format=format_name,start_time:format_tags=timecode";
@@ -194,7 +199,7 @@ pub fn probe(file: &Path, overrides: &Overrides) -> Result<Video, SourceError> {
     })?;
     let video = parse_probe(&output.written, file, overrides)?;
     if output.complaints.is_empty() {
-        return Ok(video);
+        return Ok(video.with_jpeg_coding());
     }
     // If a container is damaged, frames are left out, and those after them would be mistaken for
     // others.
@@ -287,8 +292,33 @@ fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video,
         warnings,
         is_retimed: fps.is_some(),
         start_s: start_s(&probe),
+        is_jpeg: stream.codec_name.as_deref() == Some("mjpeg") && bits == 8 && has_display_order(&probe.packets),
         index,
     })
+}
+
+impl Video {
+    /// The video with the coding of its first JPEG, which is read for this. If it cannot be
+    /// represented, ffmpeg decodes the frames.
+    fn with_jpeg_coding(self) -> Self {
+        if !self.is_jpeg {
+            return self;
+        }
+        let size = self.applied_orientation.oriented_size((self.width, self.height));
+        let color = YcbcrColor { matrix: self.matrix, range: self.range };
+        let coding = motion_jpeg::first_coding(&self.file, size, self.applied_orientation, color);
+        Self { is_jpeg: coding.is_some(), coding: coding.map(Arc::new).or(self.coding), ..self }
+    }
+}
+
+/// True if the n-th packet of the file is the n-th frame: all are shown, in the order of their
+/// times if they have any.
+fn has_display_order(packets: &[VideoPacket]) -> bool {
+    let ascends = |pair: &[VideoPacket]| match (pair[0].pts, pair[1].pts) {
+        (Some(before), Some(after)) => before < after,
+        (before, after) => before == after,
+    };
+    packets.iter().all(VideoPacket::is_shown) && packets.windows(2).all(ascends)
 }
 
 /// Checks that there are as many frames as the container promises: by their number (MP4), or by
@@ -391,27 +421,6 @@ fn start_s(probe: &Probe) -> f64 {
     let first_s = times(&probe.packets, VideoPacket::is_shown).into_iter().flatten().fold(f64::INFINITY, f64::min);
     let file_s: Option<f64> = probe.format.start_time.as_deref().and_then(|text| text.parse().ok());
     file_s.map(|file_s| first_s - file_s).filter(|start_s| start_s.is_finite()).unwrap_or_default().max(0.0)
-}
-
-/// Chroma sampling of frames to which an orientation was applied. `None` if chroma samples then lie
-/// at the second of two luma samples, which is not modelled.
-fn oriented_sampling(
-    chroma: Option<ChromaSampling>,
-    orientation: Orientation,
-    size: [u32; 2],
-) -> Option<Option<ChromaSampling>> {
-    let Some(ChromaSampling { factor, siting }) = chroma else { return Some(None) };
-    // Rows: the axis of the stored frame that becomes each axis, with its sign.
-    let [a, b, c, d] = orientation.matrix().map(f64::round);
-    let axis_sampling = |x: f64, y: f64| {
-        let (axis, sign) = if x == 0.0 { (1, y) } else { (0, x) };
-        // Against the axis the pairs of luma samples are the same only of an even number.
-        let is_symmetric = siting[axis] == ChromaSiting::Centered && size[axis].is_multiple_of(factor[axis]);
-        let is_representable = sign > 0.0 || factor[axis] == 1 || is_symmetric;
-        is_representable.then_some((factor[axis], siting[axis]))
-    };
-    let (across, down) = (axis_sampling(a, c)?, axis_sampling(b, d)?);
-    Some(Some(ChromaSampling { factor: [across.0, down.0], siting: [across.1, down.1] }))
 }
 
 fn ratio(text: &str) -> Option<f64> {

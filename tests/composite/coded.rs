@@ -209,6 +209,9 @@ fn noise_by_example_goes_through_the_coding() {
     ] {
         let example = example(&coding);
         let done = composite_scene(whole_pixels(), Some(coding.clone()), 1.0, Some(&example));
+        // The calibration's picture is larger.
+        let mismatch = done.stats.example_mismatch.as_deref().expect("another size");
+        assert!(mismatch.contains("288x288 px") && mismatch.contains(&format!("{WIDTH}x{HEIGHT} px")), "{mismatch}");
         let layer = &done.layer.as_ref().unwrap().rgba;
         let alpha: Vec<f32> = layer.iter().map(|texel| texel[3]).collect();
         let expected = example_reference(&coding, &example.model, &alpha);
@@ -254,6 +257,7 @@ fn noise_by_example_of_another_sampling_falls_back_to_the_pattern() {
     let [of_pattern, refused] = [None, Some(&other)].map(|example| composite_scene(scene(), coding(), 1.0, example));
     assert_eq!(of_pattern.pixels, refused.pixels);
     assert_eq!(of_pattern.stats.no_example_noise, None);
+    assert_eq!(refused.stats.example_mismatch, None);
     let because = refused.stats.no_example_noise.expect("a reason");
     assert!(because.contains("chroma"), "{because}");
 }

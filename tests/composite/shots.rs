@@ -277,6 +277,7 @@ fn notes_follow_the_settings() {
         no_pose: None,
         no_occlusion: no_occlusion.map(str::to_owned),
         no_example_noise: None,
+        example_mismatch: None,
         rect_px: None,
         objects_in_sight: no_occlusion.is_some(),
         opacity: None,
@@ -292,6 +293,12 @@ fn notes_follow_the_settings() {
     let refused = FrameStats { no_example_noise: Some("another".to_owned()), ..stats(5, None) };
     let [note, Note::NothingSeen] = &Note::of_frames(&[stats(4, None), refused])[..] else { panic!() };
     assert!(note.to_string().contains("1 of 2 frames") && note.to_string().contains("(frame 5: another"), "{note}");
+    // One note for all frames.
+    let mismatch = |frame| FrameStats { example_mismatch: Some("it is small".to_owned()), ..stats(frame, None) };
+    let [note @ Note::OtherNoise(_), Note::NothingSeen] = &Note::of_frames(&[mismatch(4), mismatch(5)])[..] else {
+        panic!()
+    };
+    assert!(note.to_string().starts_with("it is small: another camera or setting?"), "{note}");
 }
 
 #[test]

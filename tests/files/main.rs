@@ -26,6 +26,7 @@ mod export;
 mod fuzz_seeds;
 mod imperfect;
 mod kit;
+mod motion_jpeg;
 mod outputs;
 mod photo_log;
 mod photogrammetry;
