@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use crate::program::{locard, refused, stdout_of};
+use locard::provenance::file_digest;
 
 /// A folder with outputs and a test signer.
 struct Case {
@@ -101,8 +102,8 @@ fn signed_frames_pass_and_each_kind_of_tampering_is_seen() {
     let first = |folder: &Path| folder.join("frame_000040.png");
     let second = |folder: &Path| folder.join("frame_000041.png");
     type Tampering<'a> = (&'a str, &'a dyn Fn(&Path), &'a str);
-    let tamperings: [Tampering; 10] = [
-        ("pixel", &|folder| edit(&first(folder), |bytes| *bytes.iter_mut().rev().nth(40).unwrap() ^= 1), "contents"),
+    let tamperings: [Tampering; 11] = [
+        ("byte", &|folder| edit(&first(folder), |bytes| *bytes.iter_mut().rev().nth(40).unwrap() ^= 1), "contents"),
         (
             "label",
             &|folder| edit(&first(folder), |bytes| replace(bytes, b"compositeSynthetic\"", b"digitalCapture\"    ")),
@@ -134,6 +135,16 @@ fn signed_frames_pass_and_each_kind_of_tampering_is_seen() {
             },
             "was signed with another record than the one beside it",
         ),
+        (
+            "digest",
+            &|folder| {
+                edit(&folder.with_extension("record.json"), |bytes| {
+                    let at = position(bytes, b"\"file_sha256\":\"") + 15;
+                    bytes[at] = if bytes[at] == b'0' { b'1' } else { b'0' };
+                });
+            },
+            "differs from its digest in the record",
+        ),
     ];
     for (name, tamper, problem) in tamperings {
         case.copy("a", name);
@@ -141,6 +152,19 @@ fn signed_frames_pass_and_each_kind_of_tampering_is_seen() {
         let text = case.problems(name);
         assert!(text.contains(problem), "{name}: {text}");
     }
+    // A changed file with an adjusted digest is not signed again.
+    case.copy("a", "laundered");
+    edit(&first(&case.at("laundered")), |bytes| bytes.extend(b"more"));
+    let [old, new] = ["a", "laundered"].map(|name| file_digest(&first(&case.at(name))).unwrap().sha256);
+    edit(&case.at("laundered.record.json"), |bytes| replace(bytes, old.as_bytes(), new.as_bytes()));
+    let (key, chain) = (case.text("me/key.pem"), case.text("me/certificates.pem"));
+    let text = refused(&["sign", &case.text("laundered"), "--key", &key, "--certificates", &chain]);
+    assert!(text.contains("its contents have changed since it was signed"), "{text}");
+    let other_key = case.text("other/key.pem");
+    let text = refused(&["sign", &case.text("a"), "--key", &other_key, "--certificates", &chain]);
+    assert!(text.contains("is not the key of the certificate"), "{text}");
+    stdout_of(&["sign", "check", &case.text("a/frame_000040.png"), "--trust", &trust]);
+
     case.copy("a", "resigned");
     case.sign("resigned", "other");
     let text = refused(&["sign", "check", &case.text("resigned"), "--trust", &trust]);

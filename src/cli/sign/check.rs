@@ -12,20 +12,24 @@ use c2pa::{Context, Manifest, Reader, ValidationState};
 use serde_json::{Value, json};
 
 use locard_engine::label::DigitalSourceType;
-use locard_engine::provenance::{output_of_record, record_path};
+use locard_engine::provenance::{file_digest, output_of_record, record_path};
 use locard_engine::sink::folder::is_frame_name;
 use locard_engine::source::file;
 use locard_engine::text::{count, reason, shown};
 
-use super::credentials::fingerprint;
+use super::credentials::{fingerprint, has_certificates};
 use super::manifest::{RECORD_ASSERTION, media_type};
-use super::recorded::RecordedOutput;
+use super::recorded::{RecordedFile, RecordedOutput};
 
-/// Largest manifest beside a file, and largest file of trusted certificates, bytes.
+/// Largest manifest beside a file, bytes.
 const MAX_SIDECAR_BYTES: u64 = 1 << 26;
+/// Largest file of trusted certificates, bytes.
+const MAX_ANCHOR_BYTES: u64 = 1 << 24;
 
 /// Status of a certificate that leads to no trusted authority.
 const UNTRUSTED: &str = "signingCredential.untrusted";
+/// Statuses of a certificate outside of its validity.
+const EXPIRED: [&str; 2] = ["signingCredential.expired", "claimSignature.outsideValidity"];
 /// Status of a time stamp whose authority is not trusted.
 const UNTRUSTED_STAMP: &str = "timeStamp.untrusted";
 
@@ -39,12 +43,19 @@ pub struct SignerIdentity {
     pub is_trusted: bool,
 }
 
+/// Time by a time stamp authority.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct TimeStamp {
+    /// As in 2026-11-30T20:39:13+00:00.
+    pub time: String,
+    pub is_trusted: bool,
+}
+
 /// Contents of a valid signature.
 #[derive(Clone, Debug)]
 pub struct FileSignature {
     pub signer: SignerIdentity,
-    /// Time by a time stamp authority, and whether that is trusted.
-    pub stamp: Option<(String, bool)>,
+    pub stamp: Option<TimeStamp>,
     /// Digest of the record that was signed with the file.
     pub record_sha256: Option<String>,
     pub frame: Option<usize>,
@@ -52,6 +63,25 @@ pub struct FileSignature {
     pub title: String,
     /// Address of the digital source type of the last action.
     pub source_type: Option<String>,
+}
+
+/// Why a file has no valid signature.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum SignatureProblem {
+    #[error("cannot be read: {0}")]
+    File(String),
+    #[error("has no signature{0}")]
+    Missing(String),
+    #[error("its signature cannot be read: {0}")]
+    Unreadable(String),
+    #[error(
+        "its certificate has expired, and no trusted time stamp shows that it was signed before; `--trust` names the \
+         authority of time stamps, too"
+    )]
+    Expired,
+    /// `record_sha256`: digest of the record that the manifest states.
+    #[error("{problem}")]
+    Invalid { problem: String, record_sha256: Option<String> },
 }
 
 /// Place of the manifest of a file that it cannot be embedded in: C2PA 2.2, section External
@@ -69,36 +99,43 @@ pub fn context(trusted: Option<&str>) -> Result<Context, c2pa::Error> {
     Context::new().with_settings(settings)
 }
 
-/// The signature of a file. The error is a description of the problem.
-pub fn file_signature(path: &Path, context: &Arc<Context>) -> Result<FileSignature, String> {
+/// The signature of a file.
+pub fn file_signature(path: &Path, context: &Arc<Context>) -> Result<FileSignature, SignatureProblem> {
     let (media_type, is_embedded) = media_type(path);
-    let stream = file::open(path).map_err(|error| format!("cannot be read: {}", reason(&error)))?;
+    let stream = file::open(path).map_err(|error| SignatureProblem::File(reason(&error)))?;
     let reader = Reader::from_shared_context(context);
     let read = if is_embedded {
         reader.with_stream(media_type, stream)
     } else {
         let sidecar = sidecar_path(path);
-        let manifest = file::read(&sidecar, MAX_SIDECAR_BYTES)
-            .map_err(|error| format!("has no signature: {} cannot be read: {}", sidecar.display(), reason(&error)))?;
+        let manifest = file::read(&sidecar, MAX_SIDECAR_BYTES).map_err(|error| {
+            SignatureProblem::Missing(format!(": {} cannot be read: {}", sidecar.display(), reason(&error)))
+        })?;
         reader.with_manifest_data_and_stream(&manifest, media_type, stream)
     };
     let reader = read.map_err(|error| match error {
-        c2pa::Error::JumbfNotFound => "has no signature".to_owned(),
-        other => format!("its signature cannot be read: {other}"),
+        c2pa::Error::JumbfNotFound => SignatureProblem::Missing(String::new()),
+        other => SignatureProblem::Unreadable(other.to_string()),
     })?;
+    let signature = reader.active_manifest().map(read_signature);
+    let record_sha256 = || signature.as_ref().and_then(|signature| signature.record_sha256.clone());
     if let Some(failure) = first_failure(&reader) {
-        return Err(problem(failure));
+        if EXPIRED.contains(&failure.code()) {
+            return Err(SignatureProblem::Expired);
+        }
+        return Err(SignatureProblem::Invalid { problem: failure_text(failure), record_sha256: record_sha256() });
     }
-    let manifest = match reader.validation_state() {
-        ValidationState::Valid | ValidationState::Trusted => reader.active_manifest(),
-        ValidationState::Invalid => None,
-    };
-    let manifest = manifest.ok_or_else(|| "its signature is not valid".to_owned())?;
-    let mut signature = signature(manifest, reader.validation_state() == ValidationState::Trusted)?;
-    if let (Some((_, is_trusted)), Some(codes)) = (&mut signature.stamp, status_codes(&reader)) {
-        *is_trusted = !codes.informational().iter().any(|status| status.code() == UNTRUSTED_STAMP);
+    let state = reader.validation_state();
+    let valid = signature.clone().filter(|_| matches!(state, ValidationState::Valid | ValidationState::Trusted));
+    let mut valid = valid.ok_or_else(|| SignatureProblem::Invalid {
+        problem: "its signature is not valid".to_owned(),
+        record_sha256: record_sha256(),
+    })?;
+    valid.signer.is_trusted = state == ValidationState::Trusted;
+    if let (Some(stamp), Some(codes)) = (&mut valid.stamp, status_codes(&reader)) {
+        stamp.is_trusted = !codes.informational().iter().any(|status| status.code() == UNTRUSTED_STAMP);
     }
-    Ok(signature)
+    Ok(valid)
 }
 
 fn status_codes(reader: &Reader) -> Option<&StatusCodes> {
@@ -111,7 +148,7 @@ fn first_failure(reader: &Reader) -> Option<&ValidationStatus> {
 }
 
 /// A status code of the specification in words.
-fn problem(status: &ValidationStatus) -> String {
+fn failure_text(status: &ValidationStatus) -> String {
     match status.code() {
         "assertion.dataHash.mismatch" | "assertion.bmffHash.mismatch" => {
             "its contents have changed since it was signed".to_owned()
@@ -122,68 +159,44 @@ fn problem(status: &ValidationStatus) -> String {
         "claimSignature.mismatch" | "claimSignature.missing" => {
             "its signature does not belong to its manifest".to_owned()
         }
-        "signingCredential.expired" | "claimSignature.outsideValidity" => {
-            "its certificate was not valid at that time".to_owned()
-        }
         code => format!("{} ({code})", status.explanation().unwrap_or("its signature is not valid")),
     }
 }
 
-fn signature(manifest: &Manifest, is_trusted: bool) -> Result<FileSignature, String> {
-    let info = manifest.signature_info().ok_or_else(|| "its signature names no certificate".to_owned())?;
-    let name = match (&info.common_name, &info.issuer) {
-        (Some(name), Some(organisation)) => format!("{name} ({organisation})"),
-        (Some(name), None) | (None, Some(name)) => name.clone(),
-        (None, None) => "an unnamed certificate".to_owned(),
+/// The statements of a manifest; nobody and nothing is trusted yet.
+fn read_signature(manifest: &Manifest) -> FileSignature {
+    let info = manifest.signature_info();
+    let name = match info.map(|info| (&info.common_name, &info.issuer)) {
+        Some((Some(name), Some(organisation))) => format!("{name} ({organisation})"),
+        Some((Some(name), None) | (None, Some(name))) => name.clone(),
+        _ => "an unnamed certificate".to_owned(),
     };
-    let signer = SignerIdentity {
-        name,
-        fingerprint: fingerprint(&info.cert_chain).unwrap_or_else(|| "unknown".to_owned()),
-        is_trusted,
-    };
+    let fingerprint = info.and_then(|info| fingerprint(&info.cert_chain)).unwrap_or_else(|| "unknown".to_owned());
     let record = manifest.find_assertion::<Value>(RECORD_ASSERTION).unwrap_or_default();
     let actions = manifest.find_assertion::<Value>("c2pa.actions").unwrap_or_default();
     let last = actions.get("actions").and_then(Value::as_array).and_then(|actions| actions.last());
-    Ok(FileSignature {
-        signer,
-        stamp: info.time.clone().map(|time| (time, false)),
+    FileSignature {
+        signer: SignerIdentity { name, fingerprint, is_trusted: false },
+        stamp: info.and_then(|info| info.time.clone()).map(|time| TimeStamp { time, is_trusted: false }),
         record_sha256: record.get("sha256").and_then(Value::as_str).map(str::to_owned),
         frame: record.get("frame").and_then(Value::as_u64).map(|frame| frame as usize),
         title: manifest.title().unwrap_or_default().to_owned(),
         source_type: last.and_then(|action| action["digitalSourceType"].as_str()).map(str::to_owned),
-    })
+    }
 }
 
-/// Longest list of files in full.
+/// Largest number of problems that are listed.
 const MAX_LISTED: usize = 10;
 
 /// Checks every file of an output, and prints the result. `trust`: file of trusted authorities.
 pub fn check(path: &Path, trust: Option<&Path>) -> Result<()> {
-    let anchors = trust.map(trusted).transpose()?;
-    let context = context(anchors.as_deref()).map_err(|error| match trust {
-        Some(trust) => anyhow!("{}: {error}; expected certificates in PEM form", trust.display()),
-        None => error.into(),
-    })?;
-    let context = Arc::new(context);
-    if let Some(alone) = file_without_record(path) {
-        return check_file(&alone, &context, trust);
+    let anchors = trust.map(read_anchors).transpose()?;
+    let context = Arc::new(context(anchors.as_deref())?);
+    if let Some(file) = file_without_record(path) {
+        return check_file(&file, &context, trust);
     }
     let output = RecordedOutput::read(path)?;
-    let digest = output.digest();
-    let mut problems = Vec::new();
-    let mut signatures = Vec::new();
-    for file in &output.files {
-        let problem = match file_signature(&file.path, &context) {
-            Err(problem) => Some(problem),
-            Ok(signature) => {
-                let problem = misplaced(&signature, file.frame, &digest, &file.path);
-                signatures.push(signature);
-                problem
-            }
-        };
-        problems.extend(problem.map(|problem| format!("{}: {problem}", file.path.display())));
-    }
-    problems.extend(unrecorded(&output));
+    let (signatures, problems) = check_files(&output, &context);
     report(&signatures, output.files.len(), trust)?;
     for problem in problems.iter().take(MAX_LISTED) {
         print_line(&format!("  {problem}"))?;
@@ -191,45 +204,92 @@ pub fn check(path: &Path, trust: Option<&Path>) -> Result<()> {
     if problems.len() > MAX_LISTED {
         print_line(&format!("  and {} more", problems.len() - MAX_LISTED))?;
     }
-    let signers: BTreeSet<_> = signatures.iter().map(|signature| &signature.signer).collect();
-    let is_untrusted = trust.is_some() && signers.iter().any(|signer| !signer.is_trusted);
+    refuse_untrusted(path, &signatures, trust)?;
     match problems.len() {
-        0 if is_untrusted => bail!("{}: signed by somebody who is not trusted", path.display()),
         0 => print_line(&format!("record: {} is as it was signed", record_path(&output.path).display())),
-        number => bail!("{}: {} (listed above)", path.display(), count(number, "problem")),
+        number => bail!("{}: {} (the first ones are listed above)", path.display(), count(number, "problem")),
     }
 }
 
-fn trusted(path: &Path) -> Result<String> {
-    let text = file::read_text(path, MAX_SIDECAR_BYTES);
-    let text = text.map_err(|error| anyhow!("{}: cannot be read: {}", path.display(), reason(&error)))?;
-    if !text.contains("-----BEGIN CERTIFICATE-----") {
-        bail!("{}: has no certificate; expected certificates of authorities in PEM form", path.display());
+/// The valid signatures of an output, and all problems.
+fn check_files(output: &RecordedOutput, context: &Arc<Context>) -> (Vec<FileSignature>, Vec<String>) {
+    let digest = output.digest();
+    let (mut signatures, mut problems) = (Vec::new(), Vec::new());
+    for file in &output.files {
+        let problem = match file_signature(&file.path, context) {
+            Err(problem) => Some(problem.to_string()),
+            Ok(signature) => {
+                let problem = placement_problem(&signature, file, &digest).or_else(|| digest_problem(file));
+                signatures.push(signature);
+                problem
+            }
+        };
+        problems.extend(problem.map(|problem| format!("{}: {problem}", file.path.display())));
     }
-    Ok(text)
+    problems.extend(unrecorded_frames(output));
+    (signatures, problems)
 }
 
-/// A single file whose record is not beside it.
-fn file_without_record(path: &Path) -> Option<PathBuf> {
-    let is_alone = output_of_record(path).is_none() && path.is_file() && !record_path(path).exists();
-    is_alone.then(|| path.to_owned())
+/// The problem of a file whose bytes are not those of the record.
+fn digest_problem(file: &RecordedFile) -> Option<String> {
+    let is_equal = file_digest(&file.path).is_ok_and(|digest| digest.sha256 == file.sha256);
+    (!is_equal)
+        .then(|| "differs from its digest in the record; if signing was interrupted, repeat `locard sign`".to_owned())
 }
 
-fn check_file(path: &Path, context: &Arc<Context>, trust: Option<&Path>) -> Result<()> {
-    let signature = file_signature(path, context).map_err(|problem| anyhow!("{}: {problem}", path.display()))?;
-    let is_untrusted = trust.is_some() && !signature.signer.is_trusted;
-    let frame = signature.frame.map(|frame| format!(", frame {frame}")).unwrap_or_default();
-    let title = signature.title.clone();
-    report(&[signature], 1, trust)?;
-    print_line(&format!("signed as: {title}{frame}; its record is not beside it and was not checked"))?;
-    if is_untrusted {
+/// With a list of trusted authorities, all signers must be among them.
+fn refuse_untrusted(path: &Path, signatures: &[FileSignature], trust: Option<&Path>) -> Result<()> {
+    if trust.is_some() && signatures.iter().any(|signature| !signature.signer.is_trusted) {
         bail!("{}: signed by somebody who is not trusted", path.display());
     }
     Ok(())
 }
 
+/// Certificates of authorities, PEM.
+fn read_anchors(path: &Path) -> Result<String> {
+    let text = file::read_text(path, MAX_ANCHOR_BYTES);
+    let text = text.map_err(|error| anyhow!("{}: cannot be read: {}", path.display(), reason(&error)))?;
+    if !has_certificates(&text) {
+        bail!("{}: has no certificate; expected certificates of authorities in PEM form", path.display());
+    }
+    Ok(text)
+}
+
+/// A single file that is checked without a record: its own or its folder's is missing.
+fn file_without_record(path: &Path) -> Option<PathBuf> {
+    let is_alone = output_of_record(path).is_none() && path.is_file() && !record_path(path).exists();
+    is_alone.then(|| path.to_owned())
+}
+
+/// Checks a single file: a frame with the record of its folder, if there is one, otherwise the
+/// signature alone.
+fn check_file(path: &Path, context: &Arc<Context>, trust: Option<&Path>) -> Result<()> {
+    let refused = |problem: String| anyhow!("{}: {problem}", path.display());
+    let signature = file_signature(path, context).map_err(|problem| refused(problem.to_string()))?;
+    let folder = path.parent().filter(|folder| record_path(folder).is_file());
+    let output = folder.map(RecordedOutput::read).transpose()?;
+    let title = signature.title.clone();
+    let problem = output.as_ref().and_then(|output| {
+        let file = output.files.iter().find(|file| file.path.file_name() == path.file_name());
+        file.map_or(Some("is not in the record".to_owned()), |file| {
+            placement_problem(&signature, file, &output.digest()).or_else(|| digest_problem(file))
+        })
+    });
+    let signatures = [signature];
+    report(&signatures, 1, trust)?;
+    if let Some(problem) = problem {
+        bail!(refused(problem));
+    }
+    match &output {
+        Some(output) => print_line(&format!("record: {} has it", record_path(&output.path).display()))?,
+        None => print_line(&format!("signed as: {title}; one file alone, its record was not checked"))?,
+    }
+    refuse_untrusted(path, &signatures, trust)
+}
+
 /// The problem of a valid signature of another file, or with another record.
-fn misplaced(signature: &FileSignature, frame: Option<usize>, record_sha256: &str, path: &Path) -> Option<String> {
+fn placement_problem(signature: &FileSignature, file: &RecordedFile, record_sha256: &str) -> Option<String> {
+    let frame = file.frame;
     if signature.record_sha256.is_none() {
         return Some("was signed without a record".to_owned());
     }
@@ -245,13 +305,13 @@ fn misplaced(signature: &FileSignature, frame: Option<usize>, record_sha256: &st
     if signature.record_sha256.as_deref() != Some(record_sha256) {
         return Some("was signed with another record than the one beside it".to_owned());
     }
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let name = file.path.file_name().unwrap_or_default().to_string_lossy();
     // A folder may be renamed, and a video with its record; a frame's name is in the record.
     (frame.is_some() && signature.title != name).then(|| format!("was signed as {}", shown(&signature.title)))
 }
 
 /// Frames in the folder that the record does not have.
-fn unrecorded(output: &RecordedOutput) -> Vec<String> {
+fn unrecorded_frames(output: &RecordedOutput) -> Vec<String> {
     let recorded: BTreeSet<_> = output.files.iter().filter_map(|file| file.path.file_name()).collect();
     let entries = std::fs::read_dir(&output.path).into_iter().flatten().flatten().map(|entry| entry.file_name());
     let is_unrecorded =
@@ -270,16 +330,16 @@ fn report(signatures: &[FileSignature], files: usize, trust: Option<&Path>) -> R
         print_line(&format!("signer: {}, certificate {}, {trusted}", signer.name, signer.fingerprint))?;
     }
     let stamps: BTreeSet<_> = signatures.iter().filter_map(|signature| signature.stamp.as_ref()).collect();
-    if let (Some((first, _)), Some((last, _))) = (stamps.first(), stamps.last()) {
+    if let (Some(TimeStamp { time: first, .. }), Some(TimeStamp { time: last, .. })) = (stamps.first(), stamps.last()) {
         let times = if first == last { first.clone() } else { format!("{first} to {last}") };
         print_line(&format!(
             "time stamp: {times}, authority {}",
-            trusted_text(stamps.iter().all(|(_, is)| *is), trust)
+            trusted_text(stamps.iter().all(|stamp| stamp.is_trusted), trust)
         ))?;
     }
     let source_types: BTreeSet<_> =
         signatures.iter().filter_map(|signature| signature.source_type.as_deref()).collect();
-    source_types.into_iter().try_for_each(|uri| print_line(&format!("stated: {}", described(uri))))
+    source_types.into_iter().try_for_each(|uri| print_line(&format!("stated: {}", source_type_text(uri))))
 }
 
 fn trusted_text(is_trusted: bool, trust: Option<&Path>) -> &'static str {
@@ -291,7 +351,7 @@ fn trusted_text(is_trusted: bool, trust: Option<&Path>) -> &'static str {
 }
 
 /// A digital source type in words, or its address.
-fn described(uri: &str) -> &str {
+fn source_type_text(uri: &str) -> &str {
     let all = [DigitalSourceType::CompositeWithSyntheticElements, DigitalSourceType::DigitalCreation];
     all.into_iter().find(|source_type| source_type.uri() == uri).map_or(uri, |source_type| source_type.description())
 }

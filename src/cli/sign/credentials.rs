@@ -9,6 +9,9 @@ use std::str::FromStr;
 use std::time::Duration;
 
 use anyhow::{Context, Result, anyhow, bail};
+use c2pa::crypto::cose::{CertificateTrustPolicy, check_end_entity_certificate_profile};
+use c2pa::crypto::raw_signature::validator_for_signing_alg;
+use c2pa::status_tracker::StatusTracker;
 use c2pa::{BoxedSigner, SigningAlg};
 use p256::ecdsa::{DerSignature, SigningKey};
 use p256::elliptic_curve::rand_core::{OsRng, RngCore};
@@ -61,8 +64,8 @@ impl CredentialFiles {
         Self { key: folder.join("key.pem"), certificates: folder.join("certificates.pem") }
     }
 
-    /// Those that `locard sign init` makes.
-    pub fn own() -> Result<Self> {
+    /// The files of the test signer of `locard sign init`.
+    pub fn of_test_signer() -> Result<Self> {
         let folder = own_folder()?;
         let files = Self::in_folder(&folder);
         if !files.key.exists() {
@@ -74,7 +77,7 @@ impl CredentialFiles {
         Ok(files)
     }
 
-    /// The signer.
+    /// Reads the files, and checks that they belong together.
     pub fn signer(&self) -> Result<BoxedSigner> {
         let (key, certificates) = (pem(&self.key)?, pem(&self.certificates)?);
         let of_file = || format!("{}", self.certificates.display());
@@ -84,14 +87,59 @@ impl CredentialFiles {
         let leaf = chain.first().ok_or_else(|| anyhow!("it has no certificate")).with_context(of_file)?;
         let key_info = &leaf.tbs_certificate.subject_public_key_info.algorithm;
         let algorithm = algorithm(key_info).with_context(of_file)?;
-        c2pa::create_signer::from_keys(&certificates, &key, algorithm, None).map_err(|error| {
+        self.check_key_form(&key)?;
+        let signer = c2pa::create_signer::from_keys(&certificates, &key, algorithm, None).map_err(|error| {
             anyhow!(
-                "{}: {error}; expected an unencrypted private key in PKCS #8 form, as `openssl pkcs8 -topk8 -nocrypt` \
-                 writes it",
+                "{}: {error}; expected the private key of the certificate ({algorithm}), PKCS #8",
                 self.key.display()
             )
-        })
+        })?;
+        // `c2pa` does not compare them.
+        let message = b"locard";
+        let key_info = leaf.tbs_certificate.subject_public_key_info.to_der()?;
+        let validator = validator_for_signing_alg(algorithm).ok_or_else(|| anyhow!("{algorithm} cannot be checked"))?;
+        validator.validate(&signer.sign(message)?, message, &key_info).map_err(|_| {
+            anyhow!(
+                "{}: is not the key of the certificate in {}; give the key that the certificate was issued for",
+                self.key.display(),
+                self.certificates.display()
+            )
+        })?;
+        check_profile(leaf).with_context(of_file)?;
+        Ok(signer)
     }
+
+    /// Refuses keys in forms other than unencrypted PKCS #8.
+    fn check_key_form(&self, key: &[u8]) -> Result<()> {
+        let text = String::from_utf8_lossy(key);
+        let problem = if text.contains("ENCRYPTED") {
+            "the key is encrypted"
+        } else if text.contains("-----BEGIN EC ") || text.contains("-----BEGIN RSA ") {
+            "the key is in an older form"
+        } else if !text.contains("-----BEGIN PRIVATE KEY-----") {
+            "it has no private key"
+        } else {
+            return Ok(());
+        };
+        bail!(
+            "{}: {problem}; expected an unencrypted private key in PKCS #8 form: `openssl pkcs8 -topk8 -nocrypt -in \
+             KEY -out NEW` writes it",
+            self.key.display()
+        )
+    }
+}
+
+/// Refuses a certificate that does not fit the C2PA's profile.
+fn check_profile(certificate: &Certificate) -> Result<()> {
+    let policy = CertificateTrustPolicy::default();
+    let checked =
+        check_end_entity_certificate_profile(&certificate.to_der()?, &policy, &mut StatusTracker::default(), None);
+    checked.map_err(|error| {
+        anyhow!(
+            "{error}; expected a valid certificate by an authority, the signer's first, with the purpose e-mail \
+             protection, document signing or C2PA claim signing; RSA of 2048 bits or more"
+        )
+    })
 }
 
 fn own_folder() -> Result<PathBuf> {
@@ -113,6 +161,7 @@ fn algorithm(key: &AlgorithmIdentifierOwned) -> Result<SigningAlg> {
         (EC_KEY, Some(P521)) => Ok(SigningAlg::Es512),
         (ED25519, _) => Ok(SigningAlg::Ed25519),
         (RSA | RSA_PSS, _) => Ok(SigningAlg::Ps256),
+        (EC_KEY, Some(curve)) => bail!("its curve is {curve}; expected P-256, P-384 or P-521"),
         (other, _) => bail!("its key is of the kind {other}; expected P-256, P-384, P-521, Ed25519 or RSA"),
     }
 }
@@ -121,6 +170,11 @@ fn algorithm(key: &AlgorithmIdentifierOwned) -> Result<SigningAlg> {
 pub fn fingerprint(chain_pem: &str) -> Option<String> {
     let chain = Certificate::load_pem_chain(chain_pem.as_bytes()).ok()?;
     Some(bytes_digest(&chain.first()?.to_der().ok()?))
+}
+
+/// Whether a text has certificates in PEM form, all of them readable.
+pub fn has_certificates(text: &str) -> bool {
+    Certificate::load_pem_chain(text.as_bytes()).is_ok_and(|chain| !chain.is_empty())
 }
 
 /// Days of validity of a test signer, and of its authority.
@@ -172,13 +226,7 @@ fn subject(name: &str) -> Result<Name> {
     if name.chars().any(char::is_control) {
         return Err(refused("it has control characters"));
     }
-    let escape = |c: char| {
-        if c.is_ascii_alphanumeric() || !c.is_ascii() || c == ' ' || c == '.' || c == '-' {
-            c.to_string()
-        } else {
-            format!("\\{c}")
-        }
-    };
+    let escape = |c: char| if "\"+,;<>\\=#".contains(c) { format!("\\{c}") } else { c.to_string() };
     let escaped: String = name.trim().chars().map(escape).collect();
     Name::from_str(&format!("CN={escaped},O=Locard test signer")).map_err(|error| refused(&error.to_string()))
 }
@@ -249,8 +297,15 @@ mod tests {
         assert!(refusal(&swapped).contains("PKCS #8"), "{}", refusal(&swapped));
         let no_certificate = CredentialFiles { certificates: signer.files.key.clone(), ..signer.files.clone() };
         assert!(refusal(&no_certificate).contains("expected certificates in PEM form"), "{}", refusal(&no_certificate));
-        let missing = CredentialFiles { key: folder.path().join("none"), ..signer.files };
+        let missing = CredentialFiles { key: folder.path().join("none"), ..signer.files.clone() };
         assert!(refusal(&missing).contains("none: cannot be read: "), "{}", refusal(&missing));
+        let other = make_test_signer("O'Brien & (B_c/d), \"E\"", Some(&folder.path().join("other"))).unwrap();
+        let mixed = CredentialFiles { key: other.files.key, ..signer.files.clone() };
+        assert!(refusal(&mixed).contains("is not the key of the certificate"), "{}", refusal(&mixed));
+        let encrypted = folder.path().join("encrypted.pem");
+        std::fs::write(&encrypted, "-----BEGIN ENCRYPTED PRIVATE KEY-----\n").unwrap();
+        let encrypted = CredentialFiles { key: encrypted, ..signer.files.clone() };
+        assert!(refusal(&encrypted).contains("the key is encrypted"), "{}", refusal(&encrypted));
         assert!(make_test_signer(" ", Some(folder.path())).unwrap_err().to_string().contains("--name"));
     }
 }

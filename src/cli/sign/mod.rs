@@ -6,6 +6,7 @@ mod manifest;
 mod recorded;
 mod time_stamp;
 
+use std::fs::{File, TryLockError};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -13,13 +14,13 @@ use std::sync::Arc;
 use anyhow::{Result, anyhow, bail};
 use c2pa::{Builder, Context, Signer};
 
-use locard_engine::provenance::{file_digest, record_path};
-use locard_engine::sink::atomic::{Partial, write_atomically};
+use locard_engine::provenance::{bytes_digest, file_digest, output_of_record, record_path};
+use locard_engine::sink::atomic::{Partial, check_not_protected, write_atomically};
 use locard_engine::source::file;
 use locard_engine::text::{count, reason, shown};
 
 use super::progress;
-use check::{file_signature, sidecar_path};
+use check::{SignatureProblem, file_signature, sidecar_path};
 use credentials::{CredentialFiles, make_test_signer};
 use manifest::{definition, media_type};
 use recorded::{RecordedFile, RecordedOutput};
@@ -30,7 +31,7 @@ use time_stamp::StampedSigner;
 pub struct Args {
     #[command(subcommand)]
     command: Option<SignCommand>,
-    /// The output of `locard composite` or `locard photo`, with its record beside it
+    /// The output of `locard composite`, `photo` or `case-card`, with its record beside it
     #[arg(required = true)]
     output: Option<PathBuf>,
     /// The signer's private key, PKCS #8 in PEM form; by default that of `locard sign init`
@@ -74,7 +75,7 @@ pub fn run(args: &Args) -> Result<()> {
         (Some(SignCommand::Init { name, folder }), _) => init(name, folder.as_deref()),
         (Some(SignCommand::Check { output, trust }), _) => check::check(output, trust.as_deref()),
         (None, Some(output)) => sign(args, output),
-        (None, None) => bail!("no output is given; `locard sign --help` has examples"),
+        (None, None) => bail!("no output is given: `locard sign OUTPUT`"),
     }
 }
 
@@ -90,76 +91,128 @@ fn init(name: &str, folder: Option<&Path>) -> Result<()> {
 }
 
 fn sign(args: &Args, output: &Path) -> Result<()> {
-    let output = RecordedOutput::read(output)?;
     let credentials = match (&args.key, &args.certificates) {
         (Some(key), Some(certificates)) => CredentialFiles { key: key.clone(), certificates: certificates.clone() },
-        _ => CredentialFiles::own()?,
+        _ => CredentialFiles::of_test_signer()?,
     };
     let signer = StampedSigner::new(credentials.signer()?, args.time_stamp.clone());
-    let context = Arc::new(check::context(None)?);
-    let digest = output.digest();
-    for file in &output.files {
-        check_unchanged(file, &digest, &context)?;
+    let record_file = record_path(&output_of_record(output).unwrap_or_else(|| output.to_owned()));
+    // The record that is read is the one that is locked.
+    let _lock = File::open(&record_file).ok().map(|file| lock(file, &record_file)).transpose()?;
+    let output = RecordedOutput::read(output)?;
+    let batch = SigningBatch {
+        context: Arc::new(check::context(None)?),
+        record_sha256: output.digest(),
+        certificate_sha256: signer.certs()?.first().map(|certificate| bytes_digest(certificate)).unwrap_or_default(),
+        signer: &signer,
+        output: &output,
+    };
+    for path in output.files.iter().map(|file| &file.path).chain([&record_file]) {
+        check_not_protected(path).map_err(|error| anyhow!("{}: {}", path.display(), reason(&error)))?;
     }
+    output.files.iter().try_for_each(|file| batch.check_unchanged(file))?;
     let bar = progress(args.quiet, output.files.len());
     let mut digests = Vec::with_capacity(output.files.len());
     for file in &output.files {
-        let written = sign_file(&output, file, &digest, &signer, &context);
-        written.map_err(|error| match signer.failure() {
-            Some(failure) => anyhow!("{failure}"),
-            None => error.context(format!("{}", file.path.display())),
+        let sha256 = batch.sign(file).map_err(|error| match digests.len() {
+            0 => error,
+            number => anyhow!(
+                "{error:#}; {number} of {} are signed, the same command completes them",
+                count(output.files.len(), "file")
+            ),
         })?;
-        let signed = file_digest(&file.path).map_err(|error| anyhow!("{}: {}", file.path.display(), reason(&error)))?;
-        digests.push(signed.sha256);
+        digests.push(sha256);
         bar.inc(1);
     }
     bar.finish_and_clear();
     // Signing changed the files; the signature covers the rest of the record.
     let text = output.text_with_digests(|file| &digests[file]);
-    write_atomically(&record_path(&output.path), true, |out| out.write_all(text.as_bytes()))?;
+    write_atomically(&record_file, true, |out| out.write_all(text.as_bytes()))?;
     print_line(&format!("{}: {} signed", output.path.display(), count(output.files.len(), "file")))
 }
 
-/// Refuses a file that is neither the recorded one nor signed with the record: an interrupted run
-/// leaves signed files before the record has their digests.
-fn check_unchanged(file: &RecordedFile, record_sha256: &str, context: &Arc<Context>) -> Result<()> {
-    let path = file.path.display();
-    let digest = file_digest(&file.path).map_err(|error| anyhow!("{path}: cannot be read: {}", reason(&error)))?;
-    let is_signed = || {
-        let signature = file_signature(&file.path, context);
-        signature.is_ok_and(|signature| {
-            signature.record_sha256.as_deref() == Some(record_sha256) && signature.frame == file.frame
-        })
-    };
-    if digest.sha256 != file.sha256 && !is_signed() {
-        bail!("{path}: has changed since its record was written; only the recorded output is signed");
+/// An exclusive lock on a record, until the file is closed.
+fn lock(file: File, path: &Path) -> Result<File> {
+    match file.try_lock() {
+        Err(TryLockError::WouldBlock) => {
+            bail!("{}: another `locard sign` is at work on it; wait for its end", path.display())
+        }
+        // A system without locks.
+        Err(TryLockError::Error(_)) | Ok(()) => Ok(file),
     }
-    Ok(())
 }
 
-/// Embeds a manifest into a file, or writes it beside the file.
-fn sign_file(
-    output: &RecordedOutput,
-    file: &RecordedFile,
-    record_sha256: &str,
-    signer: &dyn Signer,
-    context: &Arc<Context>,
-) -> Result<()> {
-    let (media_type, is_embedded) = media_type(&file.path);
-    let mut builder = Builder::from_shared_context(context).with_definition(definition(output, file, record_sha256))?;
-    let mut source = file::open(&file.path)?;
-    if !is_embedded {
-        let sidecar = sidecar_path(&file.path);
-        let foreign = sidecar.exists() && file_signature(&file.path, context).is_err();
-        if foreign {
-            bail!("{}: exists, and is no signature of this file; move it away", sidecar.display());
+/// The signing of an output's files with one record by one signer.
+struct SigningBatch<'a> {
+    output: &'a RecordedOutput,
+    signer: &'a StampedSigner,
+    context: Arc<Context>,
+    /// Digest of the record.
+    record_sha256: String,
+    /// Digest of the signer's certificate.
+    certificate_sha256: String,
+}
+
+impl SigningBatch<'_> {
+    /// Refuses a file that is not the recorded one. After an interrupted run a file may be signed
+    /// already, with this record and by this signer.
+    fn check_unchanged(&self, file: &RecordedFile) -> Result<()> {
+        let path = file.path.display();
+        let digest = file_digest(&file.path).map_err(|error| anyhow!("{path}: cannot be read: {}", reason(&error)))?;
+        let is_recorded = digest.sha256 == file.sha256;
+        let is_embedded = media_type(&file.path).1;
+        let is_accepted = match file_signature(&file.path, &self.context) {
+            Ok(signature) => {
+                is_recorded
+                    || (signature.record_sha256.as_ref() == Some(&self.record_sha256)
+                        && signature.frame == file.frame
+                        && signature.signer.fingerprint == self.certificate_sha256)
+            }
+            Err(SignatureProblem::Unreadable(_)) if !is_embedded => {
+                let sidecar = sidecar_path(&file.path);
+                bail!("{}: exists, and is no C2PA manifest; move it away", sidecar.display())
+            }
+            // The manifest beside an earlier video of this name.
+            Err(SignatureProblem::Invalid { record_sha256, .. })
+                if !is_embedded && record_sha256.as_ref() != Some(&self.record_sha256) =>
+            {
+                is_recorded
+            }
+            Err(SignatureProblem::Invalid { problem, .. }) => bail!("{path}: {problem}; composite it again"),
+            Err(_) => is_recorded,
+        };
+        if !is_accepted {
+            bail!("{path}: has changed since its record was written; only the recorded output is signed");
         }
-        builder.set_no_embed(true);
-        let manifest = builder.sign(signer, media_type, &mut source, &mut tempfile::tempfile()?)?;
-        write_atomically(&sidecar, true, |out| out.write_all(&manifest))?;
-        return Ok(());
+        Ok(())
     }
-    let mut partial = Partial::create(&file.path)?;
-    builder.sign(signer, media_type, &mut source, partial.file())?;
-    Ok(partial.finish(true)?)
+
+    /// Embeds a manifest into a file, or writes it beside the file. Returns the file's digest.
+    fn sign(&self, file: &RecordedFile) -> Result<String> {
+        let described = |error: anyhow::Error| {
+            let problem = match error.downcast_ref::<std::io::Error>() {
+                Some(error) => reason(error),
+                None => format!("{error:#}"),
+            };
+            anyhow!("{}", self.signer.failure().unwrap_or_else(|| format!("{}: {problem}", file.path.display())))
+        };
+        self.write_manifest(file).map_err(described)?;
+        Ok(file_digest(&file.path).map_err(|error| described(error.into()))?.sha256)
+    }
+
+    fn write_manifest(&self, file: &RecordedFile) -> Result<()> {
+        let (media_type, is_embedded) = media_type(&file.path);
+        let definition = definition(self.output, file, &self.record_sha256);
+        let mut builder = Builder::from_shared_context(&self.context).with_definition(definition)?;
+        let mut source = file::open(&file.path)?;
+        if !is_embedded {
+            builder.set_no_embed(true);
+            let manifest = builder.sign(self.signer, media_type, &mut source, &mut tempfile::tempfile()?)?;
+            write_atomically(&sidecar_path(&file.path), true, |out| out.write_all(&manifest))?;
+            return Ok(());
+        }
+        let mut partial = Partial::create(&file.path)?;
+        builder.sign(self.signer, media_type, &mut source, partial.file())?;
+        Ok(partial.finish(true)?)
+    }
 }

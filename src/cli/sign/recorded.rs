@@ -40,8 +40,8 @@ impl RecordedOutput {
         let record_file = record_path(&path);
         let text = read_text(&record_file, MAX_TEXT_BYTES).map_err(|error| {
             anyhow!(
-                "{}: cannot be read: {}; a signature covers an output with its record, which `locard composite` and \
-                 `locard photo` write",
+                "{}: cannot be read: {}; a signature covers an output with its record, which `locard composite`, \
+                 `locard photo` and `locard case-card` write",
                 record_file.display(),
                 reason(&error)
             )
@@ -76,9 +76,7 @@ fn files(record: &Record, output: &Path) -> Result<Vec<RecordedFile>> {
     if record.output.kind == OutputKind::Video {
         let sha256 = record.output.sha256.clone().ok_or_else(|| without_digest("the video".to_owned()))?;
         let rects = record.pictures.iter().filter_map(|picture| picture.rect_px).map(rect);
-        let changed_px = rects.reduce(|all, rect| {
-            Rect::new(all.x0.min(rect.x0), all.y0.min(rect.y0), all.x1.max(rect.x1), all.y1.max(rect.y1))
-        });
+        let changed_px = rects.reduce(|all, rect| all.union(&rect));
         return Ok(vec![RecordedFile { path: output.to_owned(), sha256, frame: None, changed_px }]);
     }
     let file = |picture: &locard_engine::provenance::PictureRecord| {

@@ -44,7 +44,17 @@ impl StampedSigner {
         body.flush()?;
         let mut data = OsString::from("@");
         data.push(body.path());
-        let options = ["--silent", "--show-error", "--fail", "--location", "--max-time", TIMEOUT_S];
+        let options = [
+            "--disable",
+            "--proto",
+            "=http,https",
+            "--silent",
+            "--show-error",
+            "--fail",
+            "--location",
+            "--max-time",
+            TIMEOUT_S,
+        ];
         let header = ["--header", "Content-Type: application/timestamp-query", "--data-binary"];
         let arguments = options.into_iter().chain(header).map(OsString::from);
         let address = [OsString::from("--"), OsString::from(authority)];
