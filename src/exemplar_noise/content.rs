@@ -173,9 +173,12 @@ impl FeatureScale {
         self
     }
 
-    /// With the lower ends of another range, where they are lower.
+    /// With the lower ends of another range, where they are lower, but at most three standard
+    /// deviations below the mean: rounding is no feature.
     pub fn reaching_down_to(mut self, other: &Self) -> Self {
-        self.low.iter_mut().zip(&other.low).for_each(|(low, other)| *low = low.min(*other));
+        for (f, low) in self.low.iter_mut().enumerate() {
+            *low = low.min(other.low[f].max(self.mean[f] - 3.0 * self.deviation[f]));
+        }
         self
     }
 

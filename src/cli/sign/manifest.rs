@@ -6,6 +6,7 @@ use std::path::Path;
 
 use base64::Engine;
 use base64::engine::general_purpose::URL_SAFE_NO_PAD;
+use serde::Serialize;
 use serde_json::{Value, json};
 
 use locard_engine::label::DigitalSourceType;
@@ -72,16 +73,39 @@ impl InputGroup {
     }
 
     /// `number`: its own label, by which actions name it.
-    fn ingredient(&self, number: usize) -> Value {
-        json!({
-            "title": self.title,
-            "format": "application/octet-stream",
-            "instance_id": named_information(&self.sha256),
-            "relationship": self.relationship(),
-            "description": self.description,
-            "label": label(number),
-        })
+    fn ingredient(&self, number: usize) -> Ingredient<'_> {
+        Ingredient {
+            title: &self.title,
+            format: "application/octet-stream",
+            instance_id: named_information(&self.sha256),
+            relationship: self.relationship(),
+            description: &self.description,
+            label: label(number),
+        }
     }
+}
+
+/// An ingredient as the crate `c2pa` reads it.
+#[derive(Serialize)]
+struct Ingredient<'a> {
+    title: &'a str,
+    /// Media type.
+    format: &'static str,
+    instance_id: String,
+    relationship: &'static str,
+    description: &'a str,
+    label: String,
+}
+
+/// A manifest as the crate `c2pa` reads it.
+#[derive(Serialize)]
+struct Definition<'a> {
+    claim_generator_info: Value,
+    title: String,
+    /// Media type.
+    format: &'static str,
+    ingredients: Vec<Ingredient<'a>>,
+    assertions: Value,
 }
 
 fn label(number: usize) -> String {
@@ -156,7 +180,7 @@ fn actions(groups: &[InputGroup], changed_px: Option<Rect>) -> Value {
 /// [`RecordedOutput::digest`].
 pub fn definition(output: &RecordedOutput, file: &RecordedFile, record_sha256: &str) -> Value {
     let groups = output.work.as_ref().map(input_groups).unwrap_or_default();
-    let ingredients: Vec<Value> = groups.iter().enumerate().map(|(number, group)| group.ingredient(number)).collect();
+    let ingredients = groups.iter().enumerate().map(|(number, group)| group.ingredient(number)).collect();
     let mut record = json!({ "record": file_name(&record_path(&output.path)), "sha256": record_sha256 });
     if let Some(frame) = file.frame {
         record["frame"] = json!(frame);
@@ -168,15 +192,15 @@ pub fn definition(output: &RecordedOutput, file: &RecordedFile, record_sha256: &
         record["seed"] = json!(seed);
         record["settings"] = json!(settings);
     }
-    json!({
-        "claim_generator_info": [{ "name": "Locard", "version": env!("CARGO_PKG_VERSION") }],
-        "title": file_name(&file.path),
-        "format": media_type(&file.path).0,
-        "ingredients": ingredients,
-        "assertions": [
+    json!(Definition {
+        claim_generator_info: json!([{ "name": "Locard", "version": env!("CARGO_PKG_VERSION") }]),
+        title: file_name(&file.path),
+        format: media_type(&file.path).0,
+        ingredients,
+        assertions: json!([
             { "label": "c2pa.actions.v2", "created": true, "data": { "actions": actions(&groups, file.changed_px) } },
             { "label": RECORD_ASSERTION, "kind": "Json", "created": true, "data": record },
-        ],
+        ]),
     })
 }
 

@@ -182,7 +182,7 @@ fn refusals_name_line_sensor_and_remedy() {
         ("<document version=\"2.0.0\">", "<document", "cameras.xml, line 3: is damaged or cut off"),
         ("document", "settings", "cameras.xml, line 2: has the root <settings> and no <chunk>; expected <document>"),
         ("<f>1000</f>", "", "cameras.xml, line 5: sensor wide: its calibration has no focal length f"),
-        ("<f>1000</f>", "<f>-1</f>", "cameras.xml, line 5: sensor wide: camera.fy_px = -1 is"),
+        ("<f>1000</f>", "<f>-1</f>", "cameras.xml, line 5: sensor wide: camera.fy_px = -1: expected"),
         ("<f>1000</f>", "<f>nan</f>", "cameras.xml, line 5: sensor wide: f holds NaN; a finite number"),
         ("<f>1000</f>", "<fx>1000</fx>", "cameras.xml, line 5: sensor wide: its calibration has fx, as PhotoScan"),
         ("<k1>-0.1</k1>", "<p3>0.1</p3>", "cameras.xml, line 5: sensor wide: p3 is not 0; adjust"),
