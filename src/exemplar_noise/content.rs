@@ -173,11 +173,11 @@ impl FeatureScale {
         self
     }
 
-    /// With the lower ends of another range, where they are lower, but at most three standard
+    /// With the lower ends of another range, where they are lower, but at most two standard
     /// deviations below the mean: rounding is no feature.
     pub fn reaching_down_to(mut self, other: &Self) -> Self {
         for (f, low) in self.low.iter_mut().enumerate() {
-            *low = low.min(other.low[f].max(self.mean[f] - 3.0 * self.deviation[f]));
+            *low = low.min(other.low[f].max(self.mean[f] - 2.0 * self.deviation[f]));
         }
         self
     }
