@@ -437,7 +437,7 @@ const LOCKED_CONTAINERS: [&str; 3] = ["HashMap<", "BTreeMap<", "Option<"];
 /// State that is no derived data, by file and declaration: drivers that stay loaded, readbacks,
 /// clocks, variables of the environment, running tasks, stamps of files, sequence numbers of
 /// streams, picked regions.
-const NOT_DERIVED: [(&str, &str); 18] = [
+const NOT_DERIVED: [(&str, &str); 17] = [
     ("analyse/light/voxels.rs", "index"),
     ("gpu/device.rs", "FIRST"),
     ("gpu/readback.rs", "mapped"),
