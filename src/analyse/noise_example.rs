@@ -40,7 +40,7 @@ use super::state::CameraState;
 use crate::calibrate::RestingExample;
 use crate::camera::NoiseProfile;
 use crate::coding::PictureCoding;
-use crate::exemplar_noise::calibration::{CalibrationFrame, CodedFrame, calibrate_coded};
+use crate::exemplar_noise::calibration::{CalibrationFrame, CodedFrame, calibrate_coded, calibrate_smooth_places};
 use crate::exemplar_noise::content::brightness;
 use crate::exemplar_noise::flat_places::textureless_places;
 use crate::exemplar_noise::masked_blur::MaskedBlur;
@@ -184,7 +184,11 @@ fn of_frames(
         return Ok(Err(why.unwrap_or_else(|| "no frame has a known pose".to_owned())));
     }
     let frames: Vec<CodedFrame<'_>> = examples.iter().map(|(frame, coding, _)| CodedFrame { frame, coding }).collect();
-    let model = calibrate_coded(&frames, SEED).and_then(|model| model.with_clamped_activity(MAX_ACTIVITY_DEVIATIONS));
+    let calibrate = match origin {
+        ExampleOrigin::Neighbours => calibrate_smooth_places,
+        _ => calibrate_coded,
+    };
+    let model = calibrate(&frames, SEED).and_then(|model| model.with_clamped_activity(MAX_ACTIVITY_DEVIATIONS));
     let usable_share = usable / frames.len() as f64;
     let correlation = (products[1] > 0.0).then(|| products[0] / products[1]);
     Ok(match model {

@@ -11,10 +11,11 @@
 //!    each coefficient. The table of [`latent`](super::latent) values moves at the same time. The
 //!    amplitudes of the last two rounds are averaged.
 //!
-//! Each round synthesises a picture twice: on its mean, and on plain content, the mean blurred by
-//! 12 px. Real surfaces have texture, and the quantiser's error of faint texture is a part of real
-//! residuals. On a plain virtual surface only noise passes the quantiser, and amplitudes fitted on
-//! texture alone leave most blocks of a grey card without any coefficient.
+//! Where the masks leave edges out, each round synthesises a picture twice: on its mean, and on
+//! plain content, the mean blurred by 12 px. Real surfaces have texture, and the quantiser's error
+//! of faint texture is a part of real residuals. On a plain virtual surface only noise passes the
+//! quantiser, and amplitudes fitted on texture alone leave most blocks of a grey card without any
+//! coefficient.
 //!
 //! A mean of n frames that includes the frame itself lacks 1/n of the noise's variance;
 //! [`CalibrationFrame::variance_gain`] restores it.
@@ -352,6 +353,15 @@ pub fn calibrate(frames: &[CalibrationFrame], coding: &PictureCoding, seed: u32)
 
 /// Calibrates a model. `seed` selects the noise of the rounds; equal inputs give equal models.
 pub fn calibrate_coded(frames: &[CodedFrame<'_>], seed: u32) -> Result<NoiseModel, ModelError> {
+    calibrate_on(frames, seed, false)
+}
+
+/// Like [`calibrate_coded`], on plain content as well. The masks leave edges out.
+pub fn calibrate_smooth_places(frames: &[CodedFrame<'_>], seed: u32) -> Result<NoiseModel, ModelError> {
+    calibrate_on(frames, seed, true)
+}
+
+fn calibrate_on(frames: &[CodedFrame<'_>], seed: u32, with_plain: bool) -> Result<NoiseModel, ModelError> {
     let shared = checked(frames)?;
     let factor = shared.chroma.factor.map(|factor| factor as usize);
     let raw: Vec<Features> = frames.iter().map(|f| Features::of(&padded(&f.frame.mean, f.coding))).collect();
@@ -360,9 +370,12 @@ pub fn calibrate_coded(frames: &[CodedFrame<'_>], seed: u32) -> Result<NoiseMode
     if usable.iter().flat_map(|mask| &mask.values).all(|&v| v < 0.5) {
         return Err(ModelError::TooFewTiles { actual: [0; 4] });
     }
-    let plain: Vec<Features> =
-        frames.iter().map(|f| Features::of(&padded(&plain_content(f.frame), f.coding))).collect();
-    let scale = feature_scale(&raw, &usable).reaching_down_to(&feature_scale(&plain, &usable));
+    let mut scale = feature_scale(&raw, &usable);
+    if with_plain {
+        let plain: Vec<Features> =
+            frames.iter().map(|f| Features::of(&padded(&plain_content(f.frame), f.coding))).collect();
+        scale = scale.reaching_down_to(&feature_scale(&plain, &usable));
+    }
     let prepared = frames.iter().zip(raw).zip(usable);
     let prepared = prepared.map(|((frame, raw), usable)| prepare(*frame, scale.standardised(raw), usable));
     let prepared: Vec<PreparedFrame<'_>> = prepared.collect::<Result<_, _>>()?;
@@ -377,7 +390,8 @@ pub fn calibrate_coded(frames: &[CodedFrame<'_>], seed: u32) -> Result<NoiseMode
 
     let every = prepared.len().div_ceil(ROUND_FRAMES);
     let textured: Vec<PreparedFrame<'_>> = prepared.into_iter().step_by(every).collect();
-    let plain: Vec<PreparedFrame<'_>> = textured.iter().map(|p| p.on_plain_content(&scale)).collect();
+    let plain: Vec<PreparedFrame<'_>> =
+        textured.iter().filter(|_| with_plain).map(|p| p.on_plain_content(&scale)).collect();
     let prepared: Vec<PreparedFrame<'_>> = textured.into_iter().chain(plain).collect();
     let real: Vec<&[GreyImage]> = prepared.iter().map(|p| p.bands.as_slice()).collect();
     let whole: Vec<&GreyImage> = prepared.iter().map(|p| &p.usable).collect();
