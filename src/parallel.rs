@@ -1,4 +1,4 @@
-//! A picture's rows, filled on several threads.
+//! Rows of pictures and other items, processed on several threads.
 
 use std::sync::Mutex;
 
@@ -17,20 +17,9 @@ pub fn processors() -> usize {
 pub fn over_rows<T: Send>(values: &mut [T], row_length: usize, threads: usize, fill: impl Fn(usize, &mut [T]) + Sync) {
     let (row_length, threads) = (row_length.max(1), threads.max(1));
     let band = values.len().div_ceil(row_length).div_ceil(BANDS * threads).max(1);
-    let bands = Mutex::new(values.chunks_mut(row_length * band).enumerate());
-    std::thread::scope(|scope| {
-        let work = || {
-            // A poisoned lock means that `fill` panicked on another thread; the scope propagates
-            // that.
-            while let Some((n, rows)) = bands.lock().ok().and_then(|mut bands| bands.next()) {
-                rows.chunks_mut(row_length).enumerate().for_each(|(y, row)| fill(n * band + y, row));
-            }
-        };
-        // If a thread cannot be spawned, the others do its share. rayon's pool would panic.
-        for _ in 1..threads {
-            let _ = std::thread::Builder::new().spawn_scoped(scope, work);
-        }
-        work();
+    let bands = values.chunks_mut(row_length * band).enumerate().collect();
+    over_items(bands, threads, |(n, rows): (usize, &mut [T])| {
+        rows.chunks_mut(row_length).enumerate().for_each(|(y, row)| fill(n * band + y, row));
     });
 }
 
@@ -40,11 +29,12 @@ pub fn over_items<T: Send>(items: Vec<T>, threads: usize, work: impl Fn(T) + Syn
     let items = Mutex::new(items.into_iter());
     std::thread::scope(|scope| {
         let work = || {
+            // A poisoned lock means that another thread panicked; the scope propagates that.
             while let Some(item) = items.lock().ok().and_then(|mut items| items.next()) {
                 work(item);
             }
         };
-        // The same as in `over_rows`.
+        // If a thread cannot be spawned, the others do its share. rayon's pool would panic.
         for _ in 1..threads {
             let _ = std::thread::Builder::new().spawn_scoped(scope, work);
         }

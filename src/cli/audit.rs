@@ -1,13 +1,12 @@
 //! `locard audit`.
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc;
 
 use anyhow::{Context, Result, bail};
 use clap::Parser;
 
-use super::{Cli, Command, composite, progress, warn};
+use super::{Cli, Command, composite, print_line, print_list, progress, warn};
 use locard_engine::gpu::Gpu;
 use locard_engine::provenance::audit::{
     ForwardSink, FrameAudit, RecomputedFrame, RecomputedOutcome, changed_inputs, changed_outputs, spread,
@@ -61,9 +60,6 @@ impl AuditSample {
     }
 }
 
-/// Longest list of files or frames in full.
-const MAX_LISTED: usize = 10;
-
 pub fn run(args: &Args) -> Result<()> {
     // The record stands for its output.
     let named = output_of_record(&args.output).unwrap_or_else(|| args.output.clone());
@@ -95,7 +91,7 @@ pub fn run(args: &Args) -> Result<()> {
     let inputs = problems.len();
     print_line(&format!("inputs: {} of {} as recorded", record.work.inputs.len() - inputs, record.work.inputs.len()))?;
     problems.extend(changed_outputs(&record, &output, &frames));
-    list(&problems)?;
+    print_list(&problems)?;
     if problems.len() == inputs {
         let all = record.pictures.len();
         let share = if record.output.kind == OutputKind::Video {
@@ -123,19 +119,6 @@ pub fn run(args: &Args) -> Result<()> {
 /// The first digits of a digest.
 fn short(digest: &str) -> &str {
     digest.get(..12).unwrap_or("unknown")
-}
-
-/// Prints a line of the result.
-fn print_line(text: &str) -> Result<()> {
-    Ok(writeln!(std::io::stdout(), "{}", locard_engine::text::shown(text))?)
-}
-
-fn list(lines: &[impl std::fmt::Display]) -> Result<()> {
-    lines.iter().take(MAX_LISTED).try_for_each(|line| print_line(&format!("  {line}")))?;
-    if lines.len() > MAX_LISTED {
-        print_line(&format!("  and {} more", lines.len() - MAX_LISTED))?;
-    }
-    Ok(())
 }
 
 /// Recomputes frames by the recorded command.
@@ -224,7 +207,7 @@ fn conclude(recomputed: &[RecomputedFrame]) -> Result<Option<u32>> {
         }
         RecomputedOutcome::Unequal(why) => format!("frame {}: not equal; {why}", frame.frame),
     };
-    list(&unequal.iter().map(line).collect::<Vec<_>>())?;
+    print_list(&unequal.iter().map(line).collect::<Vec<_>>())?;
     let codes = |frame: &&RecomputedFrame| match &frame.outcome {
         RecomputedOutcome::Equal => 0,
         RecomputedOutcome::Differs(by) => by.max_codes,

@@ -41,8 +41,7 @@ pub struct Args {
     /// Without depth: the plane a·x + b·y + c·z = d of the world that the points lie on
     #[arg(long, value_name = "A,B,C,D", requires = "picks", value_parser = plane, allow_hyphen_values = true)]
     plane: Option<[f64; 4]>,
-    /// The scene file with the scan of the place ([site]), whose surfaces are picked where depth
-    /// was not measured
+    /// A scene file whose [site] names a scan, for picks without measured depth
     #[arg(long, value_name = "FILE", requires = "picks")]
     scene: Option<PathBuf>,
     /// The true distance of two picked points, for the length of a unit, for formats without a

@@ -270,6 +270,23 @@ fn message(error: &anyhow::Error) -> String {
     })
 }
 
+/// Prints a line of a result on stdout.
+fn print_line(text: &str) -> anyhow::Result<()> {
+    Ok(writeln!(std::io::stdout(), "{}", shown(text))?)
+}
+
+/// Largest number of lines of a list.
+const MAX_LISTED: usize = 10;
+
+/// Prints the first lines of a list, indented, and the number of the others.
+fn print_list(lines: &[impl std::fmt::Display]) -> anyhow::Result<()> {
+    lines.iter().take(MAX_LISTED).try_for_each(|line| print_line(&format!("  {line}")))?;
+    if lines.len() > MAX_LISTED {
+        print_line(&format!("  and {} more", lines.len() - MAX_LISTED))?;
+    }
+    Ok(())
+}
+
 /// Prints a line on stderr. A closed stderr is not an error.
 fn print_message(text: &str) {
     let _ = writeln!(std::io::stderr(), "locard: {}", shown(text));

@@ -196,61 +196,74 @@ pub struct CodedPiece<'a> {
     pub noise: Option<&'a ExampleNoise>,
 }
 
+/// A composited region before it is coded.
+struct UncodedRegion {
+    /// R'G'B' codes that are not clipped, and the changed share.
+    codes: Texture,
+    /// If there is noise by example.
+    amplitude_factor: Option<Texture>,
+}
+
+/// Records the composite of a piece's region.
+fn composite_region(
+    recorder: &mut PassRecorder,
+    inputs: &MixInputs<'_>,
+    coded: &CodedPiece<'_>,
+    tiles: &[Rect],
+) -> UncodedRegion {
+    let CodedPiece { region, piece, parts, noise, .. } = *coded;
+    let size = (region.rect.width(), region.rect.height());
+    let codes = recorder.pool.lend(&recorder.gpu, size, UNCODED);
+    let amplitude_factor = noise.map(|_| recorder.pool.lend(&recorder.gpu, size, AMPLITUDE_FACTOR));
+    let target = match &amplitude_factor {
+        Some(amplitude_factor) => {
+            CompositeTarget::UncodedWithFactor(UncodedPicture { codes: &codes, amplitude_factor })
+        }
+        None => CompositeTarget::Uncoded(&codes),
+    };
+    let piece = CompositePiece { rect: region.rect, ..*piece };
+    composite(recorder, inputs, &piece, tiles, parts, target);
+    UncodedRegion { codes, amplitude_factor }
+}
+
 /// Records the composite of a piece through the coding.
 pub fn mix_coded(recorder: &mut PassRecorder, inputs: &MixInputs<'_>, coded: &CodedPiece<'_>) -> Texture {
-    let CodedPiece { region, piece, changed, parts, noise } = *coded;
-    let (upload, rect) = (inputs.upload, piece.rect);
-    let out = recorder.pool.lend(&recorder.gpu, (rect.width(), rect.height()), upload.texture.format);
-    upload.copy(recorder, rect, &out);
-    let tiles = region.tiles(changed);
+    let rect = coded.piece.rect;
+    let tiles = coded.region.tiles(coded.changed);
     if tiles.is_empty() {
-        return out;
+        return camera_copy(recorder, inputs.upload, rect);
     }
-    let size = (region.rect.width(), region.rect.height());
-    let uncoded = recorder.pool.lend(&recorder.gpu, size, UNCODED);
-    let whole = CompositePiece { rect: region.rect, ..*piece };
-    let planes = match noise {
-        Some(noise) => {
-            let amplitude_factor = recorder.pool.lend(&recorder.gpu, size, AMPLITUDE_FACTOR);
-            let picture = UncodedPicture { codes: &uncoded, amplitude_factor: &amplitude_factor };
-            composite(recorder, inputs, &whole, &tiles, parts, CompositeTarget::UncodedWithFactor(picture));
-            let tiles = corners_in(&tiles, region.rect);
-            let noise_region = NoiseRegion { size, extent: region.extent(), tiles: &tiles };
-            Some(NoisePlanes::record(recorder, noise, &noise_region, &picture))
-        }
-        None => {
-            composite(recorder, inputs, &whole, &tiles, parts, CompositeTarget::Uncoded(&uncoded));
-            None
-        }
-    };
-
-    let codes = UncodedPlanes { uncoded: &uncoded, noise: planes.as_ref() };
-    code(recorder, region, &tiles, &codes, upload, rect, &out);
-    out
+    let uncoded = composite_region(recorder, inputs, coded, &tiles);
+    code_region(recorder, coded, inputs.upload, &tiles, &uncoded)
 }
 
-/// The picture before it is coded, and its noise.
-#[derive(Clone, Copy)]
-struct UncodedPlanes<'a> {
-    uncoded: &'a Texture,
-    noise: Option<&'a NoisePlanes>,
+/// Records a copy of the camera's pixels in a rectangle of the picture.
+fn camera_copy(recorder: &mut PassRecorder, upload: &CameraUpload, rect: Rect) -> Texture {
+    let copy = recorder.pool.lend(&recorder.gpu, (rect.width(), rect.height()), upload.texture.format);
+    upload.copy(recorder, rect, &copy);
+    copy
 }
 
-/// Records the coding of tiles, and draws the changed pixels into a texture of a rectangle of the
-/// picture.
-fn code(
+/// Records the coding of a region's tiles. The piece has the decoded pixels where they changed, and
+/// the camera's elsewhere.
+fn code_region(
     recorder: &mut PassRecorder,
-    region: &CodedRegion<'_>,
-    tiles: &[Rect],
-    &UncodedPlanes { uncoded, noise: planes }: &UncodedPlanes<'_>,
+    coded: &CodedPiece<'_>,
     upload: &CameraUpload,
-    rect: Rect,
-    out: &Texture,
-) {
-    let coded = CodedSamples::new(recorder, region, tiles);
+    tiles: &[Rect],
+    UncodedRegion { codes: uncoded, amplitude_factor }: &UncodedRegion,
+) -> Texture {
+    let CodedPiece { region, piece: &CompositePiece { rect, .. }, noise, .. } = *coded;
+    let out = camera_copy(recorder, upload, rect);
+    let planes = noise.zip(amplitude_factor.as_ref()).map(|(noise, amplitude_factor)| {
+        let size = (region.rect.width(), region.rect.height());
+        let noise_region = NoiseRegion { size, extent: region.extent(), tiles: &corners_in(tiles, region.rect) };
+        NoisePlanes::record(recorder, noise, &noise_region, &UncodedPicture { codes: uncoded, amplitude_factor })
+    });
+    let samples = CodedSamples::new(recorder, region, tiles);
     let is_coded = region.coding.decoder != Decoder::Unrounded;
     if is_coded {
-        coded.record(recorder, region.coding, uncoded, planes);
+        samples.record(recorder, region.coding, uncoded, planes.as_ref());
     }
 
     let shown: Vec<Rect> = tiles.iter().map(|tile| tile.intersection(&rect)).filter(|tile| !tile.is_empty()).collect();
@@ -264,21 +277,22 @@ fn code(
     let entry = ShaderEntry::with_vertex("part", "main").choose("decoder", decoder_choice(region.coding));
     let entry = entry.choose("noisy", planes.is_some());
     // Content that is shown without coding is latent, too.
-    let shown_content = planes.filter(|_| !is_coded).map_or(uncoded, |planes| &planes.latent);
+    let shown_content = planes.as_ref().filter(|_| !is_coded).map_or(uncoded, |planes| &planes.latent);
     recorder
         .pass(Shader::CodingDecode, entry)
-        .uniform("coding", &coded.uniform)
+        .uniform("coding", &samples.uniform)
         .uniform("placement", &placement)
         .uniform("scaler", &ScalerUniform::new(region.coding))
         .texture("uncoded", shown_content)
-        .texture("luma_noise", planes.map_or(uncoded, |planes| &planes.luma))
-        .texture("chroma_noise", planes.map_or(uncoded, |planes| &planes.chroma))
+        .texture("luma_noise", planes.as_ref().map_or(uncoded, |planes| &planes.luma))
+        .texture("chroma_noise", planes.as_ref().map_or(uncoded, |planes| &planes.chroma))
         .texture("camera", &upload.texture)
-        .buffer("samples", &coded.samples)
+        .buffer("samples", &samples.samples)
         .buffer("parts", list)
         .tiles(corners.len() as u32)
         .load_targets()
-        .draw_into(&[out], (rect.width(), rect.height()));
+        .draw_into(&[&out], (rect.width(), rect.height()));
+    out
 }
 
 /// The value of the `override` decoder in shaders/coding_decode.wgsl.

@@ -316,13 +316,12 @@ fn plain_content(frame: &CalibrationFrame) -> Planes {
 }
 
 impl PreparedFrame<'_> {
-    /// The same residuals on plain content.
-    fn on_plain_content(&self, scale: &FeatureScale) -> Self {
-        let content = plain_content(self.frame);
-        let features = scale.standardised(Features::of(&padded(&content, self.coding)));
+    /// The same residuals on other content.
+    fn on_content(&self, content: &Planes, scale: &FeatureScale) -> Self {
+        let features = scale.standardised(Features::of(&padded(content, self.coding)));
         let chroma = features.reduced(self.coding.chroma_factor().map(|factor| factor as usize));
         let smoothed = content.each_ref().map(smoothed);
-        Self { content, features: [features, chroma], smoothed, ..self.clone() }
+        Self { content: content.clone(), features: [features, chroma], smoothed, ..self.clone() }
     }
 
     fn source(&self) -> SourceFrame {
@@ -371,10 +370,11 @@ fn calibrate_on(frames: &[CodedFrame<'_>], seed: u32, with_plain: bool) -> Resul
         return Err(ModelError::TooFewTiles { actual: [0; 4] });
     }
     let mut scale = feature_scale(&raw, &usable);
+    let plain: Vec<Planes> = frames.iter().filter(|_| with_plain).map(|coded| plain_content(coded.frame)).collect();
     if with_plain {
-        let plain: Vec<Features> =
-            frames.iter().map(|f| Features::of(&padded(&plain_content(f.frame), f.coding))).collect();
-        scale = scale.reaching_down_to(&feature_scale(&plain, &usable));
+        let features: Vec<Features> =
+            frames.iter().zip(&plain).map(|(coded, plain)| Features::of(&padded(plain, coded.coding))).collect();
+        scale = scale.reaching_down_to(&feature_scale(&features, &usable));
     }
     let prepared = frames.iter().zip(raw).zip(usable);
     let prepared = prepared.map(|((frame, raw), usable)| prepare(*frame, scale.standardised(raw), usable));
@@ -390,8 +390,8 @@ fn calibrate_on(frames: &[CodedFrame<'_>], seed: u32, with_plain: bool) -> Resul
 
     let every = prepared.len().div_ceil(ROUND_FRAMES);
     let textured: Vec<PreparedFrame<'_>> = prepared.into_iter().step_by(every).collect();
-    let plain: Vec<PreparedFrame<'_>> =
-        textured.iter().filter(|_| with_plain).map(|p| p.on_plain_content(&scale)).collect();
+    let plain = textured.iter().zip(plain.iter().step_by(every)).map(|(p, plain)| p.on_content(plain, &scale));
+    let plain: Vec<PreparedFrame<'_>> = plain.collect();
     let prepared: Vec<PreparedFrame<'_>> = textured.into_iter().chain(plain).collect();
     let real: Vec<&[GreyImage]> = prepared.iter().map(|p| p.bands.as_slice()).collect();
     let whole: Vec<&GreyImage> = prepared.iter().map(|p| &p.usable).collect();

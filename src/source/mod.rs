@@ -5,6 +5,7 @@ pub mod decoding;
 pub mod depth_map;
 pub mod developed;
 pub mod exif;
+mod exr_layer;
 pub mod ffmpeg;
 pub mod file;
 mod heif;

@@ -26,7 +26,7 @@ use crate::program::Running;
 
 /// Longest header line of a packet, bytes.
 const MAX_LINE_BYTES: u64 = 256;
-/// Most header lines of a packet.
+/// Largest number of header lines of a packet.
 const MAX_LINES: usize = 16;
 /// Largest packet, bytes.
 const MAX_PACKET_BYTES: u64 = 256 << 20;

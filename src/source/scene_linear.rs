@@ -9,8 +9,9 @@ use std::io::{BufRead, Cursor};
 
 use exr::compression::Compression;
 use exr::meta::header::Header;
-use exr::prelude::{MetaData, ReadChannels, ReadLayers};
+use exr::prelude::MetaData;
 
+use super::exr_layer::{self, damaged};
 use super::still_format::PictureHeader;
 use crate::camera::Response;
 use crate::pixels::{Codes, Pixels};
@@ -36,10 +37,6 @@ pub fn srgb_encoded(linear: Pixels) -> Pixels {
         Codes::U8(codes) => codes.into_iter().map(|value| table[257 * usize::from(value)]).collect(),
     };
     Pixels::uncoded(linear.width, linear.height, Codes::U16(codes))
-}
-
-fn damaged(error: &exr::error::Error) -> String {
-    format!("the OpenEXR picture is damaged or truncated: {error}")
 }
 
 /// True if a part of an OpenEXR file is compressed by DWA. False for damaged files.
@@ -88,31 +85,13 @@ pub fn exr_pixels(bytes: &[u8]) -> Result<Pixels, String> {
     if is_dwa(Cursor::new(bytes)) {
         return Err("is compressed by DWA, which is decoded by ffmpeg and from a file only".to_owned());
     }
-    let image = exr::prelude::read()
-        .no_deep_data()
-        .largest_resolution_level()
-        .all_channels()
-        .all_layers()
-        .all_attributes()
-        .from_buffered(Cursor::new(bytes))
-        .map_err(|e| damaged(&e))?;
-    let color = image.layer_data.iter().find_map(|layer| {
-        let channels = &layer.channel_data.list;
-        let names: Vec<String> = channels.iter().map(|channel| channel.name.to_string()).collect();
-        Some((layer, color_channels(&names)?.map(|at| &channels[at].sample_data)))
-    });
-    let (layer, color) = color.ok_or("has no channels of colour")?;
-    let area = layer.size.area();
-    let light: [Vec<f32>; 3] = color.map(|samples| samples.values_as_f32().collect());
-    if light.iter().any(|channel| channel.len() != area) {
-        return Err("has channels of several resolutions, which are not read; save them at one".to_owned());
-    }
-    let light: Vec<f32> = (0..area).flat_map(|at| [light[0][at], light[1][at], light[2][at]]).collect();
-    let (corner, origin) = (layer.attributes.layer_position, image.attributes.display_window.position);
-    let (dx, dy) = (i64::from(corner.0) - i64::from(origin.0), i64::from(corner.1) - i64::from(origin.1));
+    let layer = exr_layer::read(bytes, color_channels)?.ok_or("has no channels of colour")?;
+    let [red, green, blue] = &layer.channels;
+    let light: Vec<f32> = red.iter().zip(green).zip(blue).flat_map(|((r, g), b)| [*r, *g, *b]).collect();
+    let [dx, dy] = layer.corner_px.map(i64::from);
     // Outside the data window the picture is black.
     let mut codes = vec![0; 3 * width as usize * height as usize];
-    for (row, y) in encoded(&light).chunks_exact((3 * layer.size.0).max(1)).zip(dy..) {
+    for (row, y) in encoded(&light).chunks_exact((3 * layer.width).max(1)).zip(dy..) {
         for (pixel, x) in row.as_chunks::<3>().0.iter().zip(dx..) {
             if (0..i64::from(width)).contains(&x) && (0..i64::from(height)).contains(&y) {
                 let i = 3 * (y as usize * width as usize + x as usize);

@@ -6,9 +6,10 @@ use std::path::Path;
 
 use exr::compression::Compression;
 use exr::meta::attribute::SampleType;
-use exr::prelude::{MetaData, ReadChannels, ReadLayers};
+use exr::prelude::MetaData;
 use image::DynamicImage;
 
+use super::exr_layer::{self, damaged};
 use super::still_decoder::decode;
 use super::still_format::StillFormat;
 use super::{SourceError, file as plain};
@@ -68,10 +69,6 @@ fn coded_map(picture: DynamicImage) -> Result<StPicture, String> {
     Ok(StPicture { size_px: [width, height], corner_px: [0; 2], width: width as usize, height: height as usize, st })
 }
 
-fn damaged(error: &exr::error::Error) -> String {
-    format!("the OpenEXR picture is damaged or truncated: {error}")
-}
-
 /// The channels of S and T: of a layer without a name, or else of the first with both.
 fn st_channels(names: &[String]) -> Option<[usize; 2]> {
     let position = |name: String| names.iter().position(|other| *other == name);
@@ -112,31 +109,14 @@ fn check_header(bytes: &[u8]) -> Result<(), String> {
 
 fn exr_map(bytes: &[u8]) -> Result<StPicture, String> {
     check_header(bytes)?;
-    let image = exr::prelude::read()
-        .no_deep_data()
-        .largest_resolution_level()
-        .all_channels()
-        .all_layers()
-        .all_attributes()
-        .from_buffered(Cursor::new(bytes))
-        .map_err(|e| damaged(&e))?;
-    let map = image.layer_data.iter().find_map(|layer| {
-        let channels = &layer.channel_data.list;
-        let names: Vec<String> = channels.iter().map(|channel| channel.name.to_string()).collect();
-        Some((layer, st_channels(&names)?.map(|at| &channels[at].sample_data)))
-    });
-    let (layer, channels) = map.ok_or("has no channels of S and T")?;
-    let [s, t]: [Vec<f32>; 2] = channels.map(|samples| samples.values_as_f32().collect());
-    if s.len() != layer.size.area() || t.len() != s.len() {
-        return Err("has channels of several resolutions, which are not read; write them at one".to_owned());
-    }
-    let (corner, display) = (layer.attributes.layer_position, image.attributes.display_window);
+    let layer = exr_layer::read(bytes, st_channels)?.ok_or("has no channels of S and T")?;
     let side = |length: usize| u32::try_from(length).unwrap_or(u32::MAX);
+    let [s, t] = layer.channels;
     Ok(StPicture {
-        size_px: [side(display.size.0), side(display.size.1)],
-        corner_px: [corner.0.saturating_sub(display.position.0), corner.1.saturating_sub(display.position.1)],
-        width: layer.size.0,
-        height: layer.size.1,
+        size_px: layer.display_px.map(side),
+        corner_px: layer.corner_px,
+        width: layer.width,
+        height: layer.height,
         st: s.into_iter().zip(t).map(|(s, t)| [s, t]).collect(),
     })
 }

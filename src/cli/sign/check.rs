@@ -1,7 +1,6 @@
 //! Checks the signatures of an output.
 
 use std::collections::BTreeSet;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -17,6 +16,7 @@ use locard_engine::sink::folder::is_frame_name;
 use locard_engine::source::file;
 use locard_engine::text::{count, reason, shown};
 
+use super::super::{print_line, print_list};
 use super::credentials::{fingerprint, has_certificates};
 use super::manifest::{RECORD_ASSERTION, media_type};
 use super::recorded::{RecordedFile, RecordedOutput};
@@ -30,7 +30,7 @@ const MAX_ANCHOR_BYTES: u64 = 1 << 24;
 const UNTRUSTED: &str = "signingCredential.untrusted";
 /// Statuses of a certificate outside of its validity.
 const EXPIRED: [&str; 2] = ["signingCredential.expired", "claimSignature.outsideValidity"];
-/// Status of a time stamp whose authority is not trusted.
+/// Status of a time stamp by an untrusted authority.
 const UNTRUSTED_STAMP: &str = "timeStamp.untrusted";
 
 /// Who signed a file.
@@ -185,9 +185,6 @@ fn read_signature(manifest: &Manifest) -> FileSignature {
     }
 }
 
-/// Largest number of problems that are listed.
-const MAX_LISTED: usize = 10;
-
 /// Checks every file of an output, and prints the result. `trust`: file of trusted authorities.
 pub fn check(path: &Path, trust: Option<&Path>) -> Result<()> {
     let anchors = trust.map(read_anchors).transpose()?;
@@ -198,12 +195,7 @@ pub fn check(path: &Path, trust: Option<&Path>) -> Result<()> {
     let output = RecordedOutput::read(path)?;
     let (signatures, problems) = check_files(&output, &context);
     report(&signatures, output.files.len(), trust)?;
-    for problem in problems.iter().take(MAX_LISTED) {
-        print_line(&format!("  {problem}"))?;
-    }
-    if problems.len() > MAX_LISTED {
-        print_line(&format!("  and {} more", problems.len() - MAX_LISTED))?;
-    }
+    print_list(&problems)?;
     refuse_untrusted(path, &signatures, trust)?;
     match problems.len() {
         0 => print_line(&format!("record: {} is as it was signed", record_path(&output.path).display())),
@@ -230,7 +222,7 @@ fn check_files(output: &RecordedOutput, context: &Arc<Context>) -> (Vec<FileSign
     (signatures, problems)
 }
 
-/// The problem of a file whose bytes are not those of the record.
+/// The problem of a file that differs from its digest in the record.
 fn digest_problem(file: &RecordedFile) -> Option<String> {
     let is_equal = file_digest(&file.path).is_ok_and(|digest| digest.sha256 == file.sha256);
     (!is_equal)
@@ -354,8 +346,4 @@ fn trusted_text(is_trusted: bool, trust: Option<&Path>) -> &'static str {
 fn source_type_text(uri: &str) -> &str {
     let all = [DigitalSourceType::CompositeWithSyntheticElements, DigitalSourceType::DigitalCreation];
     all.into_iter().find(|source_type| source_type.uri() == uri).map_or(uri, |source_type| source_type.description())
-}
-
-fn print_line(text: &str) -> Result<()> {
-    Ok(writeln!(std::io::stdout(), "{}", shown(text))?)
 }

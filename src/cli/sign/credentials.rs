@@ -190,8 +190,8 @@ pub struct TestSigner {
     pub authority: PathBuf,
 }
 
-/// Makes a key and a certificate of a test authority, whose key is thrown away. Existing files are
-/// kept, and are an error.
+/// Makes a key and a certificate by a test authority. The authority's own key is not kept. Existing
+/// files are an error.
 pub fn make_test_signer(name: &str, folder: Option<&Path>) -> Result<TestSigner> {
     let subject = subject(name)?;
     let folder = folder.map_or_else(own_folder, |folder| Ok(folder.to_owned()))?;

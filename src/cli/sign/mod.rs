@@ -17,9 +17,9 @@ use c2pa::{Builder, Context, Signer};
 use locard_engine::provenance::{bytes_digest, file_digest, output_of_record, record_path};
 use locard_engine::sink::atomic::{Partial, check_not_protected, write_atomically};
 use locard_engine::source::file;
-use locard_engine::text::{count, reason, shown};
+use locard_engine::text::{count, reason};
 
-use super::progress;
+use super::{print_line, progress};
 use check::{SignatureProblem, file_signature, sidecar_path};
 use credentials::{CredentialFiles, make_test_signer};
 use manifest::{definition, media_type};
@@ -77,10 +77,6 @@ pub fn run(args: &Args) -> Result<()> {
         (None, Some(output)) => sign(args, output),
         (None, None) => bail!("no output is given: `locard sign OUTPUT`"),
     }
-}
-
-fn print_line(text: &str) -> Result<()> {
-    Ok(writeln!(std::io::stdout(), "{}", shown(text))?)
 }
 
 fn init(name: &str, folder: Option<&Path>) -> Result<()> {

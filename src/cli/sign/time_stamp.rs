@@ -16,8 +16,8 @@ const STAMP_BYTES: usize = 20_000;
 /// Longest wait for the authority, s.
 const TIMEOUT_S: &str = "60";
 
-/// A signer whose signatures are stamped by the authority at an address, if there is one, through
-/// the program `curl`.
+/// A signer that requests a time stamp for each signature, if an authority is given. The program
+/// `curl` sends the request.
 pub struct StampedSigner {
     signer: BoxedSigner,
     authority: Option<String>,

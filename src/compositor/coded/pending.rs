@@ -2,9 +2,8 @@
 //! software adapter, where the passes of coding and noise take several times as long.
 
 use super::on_cpu::{CpuCoding, RegionPlace, UncodedTexel, UncodedTexels};
-use super::{AMPLITUDE_FACTOR, CodedPiece, UNCODED};
-use crate::compositor::example_noise::UncodedPicture;
-use crate::compositor::mix::{CompositePiece, CompositeTarget, MixInputs, composite, corners_in};
+use super::{CodedPiece, UncodedRegion, composite_region};
+use crate::compositor::mix::{MixInputs, corners_in};
 use crate::compositor::rgba::rgba;
 use crate::gpu::{Gpu, GpuError, PassRecorder, Readback, ReadbackSet, Texture};
 use crate::pixels::{Codes, Pixels, Rect};
@@ -28,24 +27,14 @@ pub fn composite_uncoded(
     inputs: &MixInputs<'_>,
     coded: &CodedPiece<'_>,
 ) -> Option<PendingCoding> {
-    let CodedPiece { region, piece, changed, parts, noise } = *coded;
+    let CodedPiece { region, piece, changed, noise, .. } = *coded;
     let tiles = region.tiles(changed);
     if tiles.is_empty() {
         return None;
     }
     let size = (region.rect.width(), region.rect.height());
-    let gpu = recorder.gpu.clone();
-    let uncoded = recorder.pool.lend(&gpu, size, UNCODED);
-    let factor = noise.map(|_| recorder.pool.lend(&gpu, size, AMPLITUDE_FACTOR));
-    let target = match &factor {
-        Some(amplitude_factor) => {
-            CompositeTarget::UncodedWithFactor(UncodedPicture { codes: &uncoded, amplitude_factor })
-        }
-        None => CompositeTarget::Uncoded(&uncoded),
-    };
-    let whole = CompositePiece { rect: region.rect, ..*piece };
-    composite(recorder, inputs, &whole, &tiles, parts, target);
-    let textures = [Some(&uncoded), factor.as_ref()].into_iter().flatten();
+    let UncodedRegion { codes, amplitude_factor } = composite_region(recorder, inputs, coded, &tiles);
+    let textures = [Some(&codes), amplitude_factor.as_ref()].into_iter().flatten();
     let readbacks = textures.map(|texture| recorder.read_back(readbacks, texture, size)).collect();
     let place = RegionPlace { size: [size.0 as usize, size.1 as usize], extent: region.extent() };
     let corners = corners_in(&tiles, region.rect);

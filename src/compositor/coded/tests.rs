@@ -80,14 +80,11 @@ impl<'a> Uncoded<'a> {
         codes.write(&gpu, size.0, size.1, &self.texels);
         let amplitude_factor = recorder.pool.lend_to_write(&gpu, size, AMPLITUDE_FACTOR);
         amplitude_factor.write(&gpu, size.0, size.1, &self.factors);
-        let corners = corners_in(&self.tiles, self.region.rect);
-        let noise_region = NoiseRegion { size, extent: self.region.extent(), tiles: &corners };
-        let picture = UncodedPicture { codes: &codes, amplitude_factor: &amplitude_factor };
-        let planes = noise.map(|noise| NoisePlanes::record(recorder, noise, &noise_region, &picture));
+        let piece = CompositePiece { rect: CHANGED, drawn: CHANGED, shadowed: CHANGED };
+        let coded = CodedPiece { region: &self.region, piece: &piece, changed: &[CHANGED], parts: &[], noise };
+        let uncoded = UncodedRegion { codes, amplitude_factor: noise.map(|_| amplitude_factor) };
         let upload = CameraUpload::new(recorder, pixels, Rect::full(PICTURE.0, PICTURE.1));
-        let out = recorder.pool.lend(&gpu, (CHANGED.width(), CHANGED.height()), upload.texture.format);
-        let inputs = UncodedPlanes { uncoded: &codes, noise: planes.as_ref() };
-        code(recorder, &self.region, &self.tiles, &inputs, &upload, CHANGED, &out);
+        let out = code_region(recorder, &coded, &upload, &self.tiles, &uncoded);
         let mut readback = recorder.read_back(&mut ReadbackSet::default(), &out, (CHANGED.width(), CHANGED.height()));
         readback.submitted(recorder.submit());
         readback.bytes(&gpu).expect("read back")

@@ -2,6 +2,7 @@
 //! order of operations of shaders/coding_blocks.wgsl. A transform runs over the rows of a block,
 //! for its eight columns at once.
 
+use super::lanes::{ROUNDING, floor};
 use crate::coding::dct::{InverseDct, InverseDctConstants};
 use crate::coding::{BLOCK, Decoder};
 
@@ -47,12 +48,7 @@ impl BlockCoding {
 /// The multiple of a step that is nearest to an eighth of a value; halves away from 0.
 #[inline(always)]
 fn quantized(value: f32, step: f32) -> i32 {
-    /// Adding and subtracting it rounds to whole numbers.
-    const ROUNDING: f32 = 12_582_912.0;
-    let ratio = 0.125 * value.abs() / step + 0.5;
-    let whole = (ratio + ROUNDING) - ROUNDING;
-    let floor = if whole > ratio { whole - 1.0 } else { whole };
-    let magnitude = floor * step;
+    let magnitude = floor(0.125 * value.abs() / step + 0.5) * step;
     // Whole and below 2²²: its bits are those of the sum.
     let bits = (magnitude + ROUNDING).to_bits().wrapping_sub(ROUNDING.to_bits()) as i32;
     if value < 0.0 { bits.wrapping_neg() } else { bits }

@@ -7,7 +7,7 @@ pub const LANES: usize = 8;
 pub type Lanes = [f32; LANES];
 
 /// Adding and subtracting it rounds numbers up to 2²² to whole ones, halves to even.
-const ROUNDING: f32 = 12_582_912.0;
+pub const ROUNDING: f32 = 12_582_912.0;
 
 /// 2^x for |x| < 126, within 4·10⁻⁶ of itself: the Taylor series to the fifth power about the
 /// nearest whole number.
@@ -41,11 +41,14 @@ pub fn ln(x: f32) -> f32 {
 /// The nearest whole number from 0 to 255; halves up.
 #[inline(always)]
 pub fn rounded_code(value: f32) -> f32 {
-    let bounded = value.clamp(0.0, 255.0) + 0.5;
-    // Halves of even numbers would be rounded down.
-    let whole = (bounded + ROUNDING) - ROUNDING;
-    let floor = if whole > bounded { whole - 1.0 } else { whole };
-    floor.min(255.0)
+    floor(value.clamp(0.0, 255.0) + 0.5).min(255.0)
+}
+
+/// The largest whole number up to `value`, for numbers from 0 to 2²².
+#[inline(always)]
+pub fn floor(value: f32) -> f32 {
+    let whole = (value + ROUNDING) - ROUNDING;
+    if whole > value { whole - 1.0 } else { whole }
 }
 
 #[cfg(test)]

@@ -88,7 +88,7 @@ impl CellSources {
 }
 
 impl<'a> NoiseSynthesis<'a> {
-    /// Of content whose energies are computed.
+    /// The synthesis on content with its energies.
     pub fn new(noise: &'a ExampleNoise, place: RegionPlace, content: ContentPlanes) -> Self {
         let numbers = &noise.model.numbers;
         let factor = numbers.chroma_factor();
