@@ -1,7 +1,7 @@
 // Content of the noise by example: latent values, and the energies of gradients and fine detail
-// (src/exemplar_noise/{latent,content}.rs).
+// (src/example_noise/{latent,content}.rs).
 // @import shared/fullscreen
-// @import shared/noise_example
+// @import shared/example_noise
 
 @group(0) @binding(0) var<uniform> example: Example;
 // R'G'B' without noise on the scale of 8-bit codes, not clipped; alpha is the changed share.

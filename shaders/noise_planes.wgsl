@@ -1,6 +1,6 @@
-// Noise by example in the planes Y', Cb and Cr (src/exemplar_noise/synthesis.rs), code values.
+// Noise by example in the planes Y', Cb and Cr (src/example_noise/synthesis.rs), code values.
 // @import shared/fullscreen
-// @import shared/noise_example
+// @import shared/example_noise
 
 @group(0) @binding(0) var<uniform> example: Example;
 // R'G'B' without noise on the scale of 8-bit codes.

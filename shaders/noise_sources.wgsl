@@ -1,6 +1,6 @@
-// Sources of the cells of noise by example in its atlas (src/exemplar_noise/{cells,descriptor}.rs):
+// Sources of the cells of noise by example in its atlas (src/example_noise/{cells,descriptor}.rs):
 // a workgroup for each cell.
-// @import shared/noise_example
+// @import shared/example_noise
 // @import shared/hash
 
 struct Candidate {

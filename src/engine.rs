@@ -30,7 +30,7 @@ pub mod yaml;
 
 // 1: physics without GPU or files; least-squares fits and poses
 pub mod camera;
-pub mod exemplar_noise;
+pub mod example_noise;
 pub mod fit;
 
 // 2: input and output, recordings and their depth, streams of poses, tags, cameras; the GPU

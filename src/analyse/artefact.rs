@@ -9,11 +9,11 @@ use serde::Deserialize;
 use sha2::{Digest, Sha256};
 
 use super::dependencies::Dependencies;
+use super::example_noise_findings::{ExampleNoiseEstimate, ExampleNoiseFile};
 use super::findings::{Findings, GainFindings, PoseFindings, SharpnessFindings, ShutterFindings, SurfelFindings, Tone};
 use super::inputs;
 use super::light::RoomLight;
 use super::light_findings::{EnvironmentFit, LightFindings};
-use super::noise_example_findings::{NoiseExampleFile, NoiseExamples};
 use super::noise_findings::NoiseFindings;
 use super::recorded_motion::{RecordedMotion, moves_as_recorded};
 use super::registration_result::{HeldOutResidual, Registration, Verdict};
@@ -44,11 +44,11 @@ const LINKS: &str = "links.txt";
 pub const ENVIRONMENT: &str = "environment.hdr";
 pub const SUPPORTS: &str = "supports.toml";
 const SURFELS: &str = "surfels.ply";
-const NOISE_EXAMPLE: &str = "noise.locnoise";
-const MAX_NOISE_EXAMPLE_BYTES: u64 = 1 << 28;
+const EXAMPLE_NOISE: &str = "noise.locnoise";
+const MAX_EXAMPLE_NOISE_BYTES: u64 = 1 << 28;
 /// All files of an analysis's folder.
 pub const FILES: [&str; 10] =
-    [FILE_NAME, FRAMES, ACROSS, POSES, LINKS, ENVIRONMENT, SURFELS, NOISE_EXAMPLE, SUPPORTS, times::FILE];
+    [FILE_NAME, FRAMES, ACROSS, POSES, LINKS, ENVIRONMENT, SURFELS, EXAMPLE_NOISE, SUPPORTS, times::FILE];
 /// Version of the format. Analyses of other versions are not read.
 pub const VERSION: u32 = 13;
 
@@ -74,7 +74,7 @@ pub struct Analysis {
     /// refused.
     pub surfels: Option<SurfelMap>,
     /// Noise by example; `None` without one.
-    pub noise_example: Option<NoiseExampleFile>,
+    pub example_noise: Option<ExampleNoiseFile>,
 }
 
 /// All estimates except for the registration.
@@ -87,7 +87,7 @@ pub struct Estimates<'a> {
     pub spread: Result<PointSpreadEstimate, String>,
     /// `None` if the camera's noise is known otherwise.
     pub noise: Option<NoiseFindings>,
-    pub noise_examples: NoiseExamples,
+    pub example_noise: ExampleNoiseEstimate,
     pub tone: Result<Vec<ToneBand>, String>,
     pub light: Result<RoomLight, String>,
     pub surfels: Vec<Surfel>,
@@ -137,10 +137,9 @@ impl Analysis {
         registration: &Registration,
         estimates: Estimates<'_>,
     ) -> Self {
-        let Estimates { gain, gains, across, exposure, spread, noise, noise_examples, tone, light, surfels } =
-            estimates;
-        let NoiseExamples { findings: example_findings, file } = noise_examples;
-        let noise_example = NoiseExampleFile::of(file, Path::new(NOISE_EXAMPLE)).ok();
+        let Estimates { gain, gains, across, exposure, spread, noise, example_noise, tone, light, surfels } = estimates;
+        let ExampleNoiseEstimate { findings: example_findings, file } = example_noise;
+        let example_noise = ExampleNoiseFile::of(file, Path::new(EXAMPLE_NOISE)).ok();
         let surfels = SurfelMap::of(&surfels);
         let (across, fitted) = across.unzip();
         let across = across.filter(|_| fitted.is_some_and(|fitted| fitted.is_followed)).unwrap_or_default();
@@ -181,7 +180,7 @@ impl Analysis {
             shutter: Some(ShutterFindings::of(exposure, nominal_interval_s)),
             spread: Some(SharpnessFindings::of(spread)),
             noise,
-            noise_example: Some(example_findings),
+            example_noise: Some(example_findings),
             tone: Some(Tone::of(tone)),
             light: Some(LightFindings::of(&light, environment.as_ref())),
             surfels: surfels.as_ref().map(SurfelFindings::of),
@@ -190,7 +189,7 @@ impl Analysis {
         // They ascend.
         let track = track_of(&lines).ok().filter(|_| !lines.is_empty());
         let (gains, held_out) = (gain_factors(gains), registration.held_out.clone());
-        Self { findings, track, lines, gains, across, held_out, environment, surfels, noise_example }
+        Self { findings, track, lines, gains, across, held_out, environment, surfels, example_noise }
     }
 
     /// The track, if its poses are refined.
@@ -269,19 +268,19 @@ impl Analysis {
             }
             None => None,
         };
-        let noise_example = match findings.noise_example.as_ref().and_then(|example| example.sha256.as_ref()) {
+        let example_noise = match findings.example_noise.as_ref().and_then(|example| example.sha256.as_ref()) {
             Some(sha256) => {
-                let path = folder.join(NOISE_EXAMPLE);
-                let bytes = file::read(&path, MAX_NOISE_EXAMPLE_BYTES).map_err(|error| unread(&path, &error))?;
+                let path = folder.join(EXAMPLE_NOISE);
+                let bytes = file::read(&path, MAX_EXAMPLE_NOISE_BYTES).map_err(|error| unread(&path, &error))?;
                 if inputs::hex(&Sha256::digest(&bytes)) != *sha256 {
                     let problem = "this is not the noise that was found; analyse the recording again".to_owned();
                     return Err(content(&path, problem));
                 }
-                Some(NoiseExampleFile::of(bytes, &path).map_err(|problem| content(&path, problem))?)
+                Some(ExampleNoiseFile::of(bytes, &path).map_err(|problem| content(&path, problem))?)
             }
             None => None,
         };
-        Ok(Self { findings, track, lines, gains, across, held_out, environment, surfels, noise_example })
+        Ok(Self { findings, track, lines, gains, across, held_out, environment, surfels, example_noise })
     }
 
     /// The files, by name.
@@ -329,7 +328,7 @@ impl Analysis {
         }
         files.extend(self.environment.as_ref().map(|around| (ENVIRONMENT, around.hdr.to_vec())));
         files.extend(self.surfels.as_ref().map(|map| (SURFELS, map.ply.to_vec())));
-        files.extend(self.noise_example.as_ref().map(|file| (NOISE_EXAMPLE, file.bytes.to_vec())));
+        files.extend(self.example_noise.as_ref().map(|file| (EXAMPLE_NOISE, file.bytes.to_vec())));
         // Last, because its opacity marks a complete analysis.
         files.push((FILE_NAME, format!("{head}{document}").into_bytes()));
         Ok(files)

@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 
 use super::dependencies::Dependencies;
 use super::depth_clock::DepthOffset;
+use super::example_noise_findings::ExampleNoiseFindings;
 use super::light_findings::LightFindings;
-use super::noise_example_findings::NoiseExampleFindings;
 use super::noise_findings::NoiseFindings;
 use super::registration_result::{MAX_READOUT_SIGMA_S, Registration, Verdict};
 use super::rig_offset::RigOffset;
@@ -56,7 +56,7 @@ pub struct Findings {
     pub noise: Option<NoiseFindings>,
     /// `None` in analyses of earlier versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub noise_example: Option<NoiseExampleFindings>,
+    pub example_noise: Option<ExampleNoiseFindings>,
     /// Advice; it is not applied.
     pub tone: Option<Tone>,
     pub light: Option<LightFindings>,
@@ -483,7 +483,7 @@ impl Findings {
         lines.extend(self.across.iter().map(|across| ("across", across.to_string())));
         lines.extend(self.spread.iter().map(|spread| ("spread", spread.to_string())));
         lines.extend(self.noise.iter().map(|noise| ("noise", noise.to_string())));
-        lines.extend(self.noise_example.iter().map(|example| ("examples", example.to_string())));
+        lines.extend(self.example_noise.iter().map(|example| ("examples", example.to_string())));
         lines.extend(self.tone.iter().map(|tone| ("tone", tone.to_string())));
         lines.extend(self.light.iter().flat_map(LightFindings::lines));
         lines.extend(self.surfels.iter().map(|fused| {

@@ -22,6 +22,8 @@ mod depth_clock;
 mod depth_source;
 mod edges;
 mod evaluation;
+mod example_noise;
+mod example_noise_findings;
 mod findings;
 mod findings_summary;
 mod folder;
@@ -38,8 +40,6 @@ mod link_failure;
 mod links;
 mod motion_only;
 mod neighbour_mean;
-mod noise_example;
-mod noise_example_findings;
 mod noise_findings;
 mod noise_level;
 mod pass_runner;
@@ -103,10 +103,10 @@ use crate::pose::camera_up;
 use crate::recording::Recording;
 use camera_model::CameraModel;
 use depth_source::DepthSource;
+use example_noise::ExampleInputs;
+use example_noise_findings::ExampleNoiseEstimate;
 use findings::GainFindings;
 use gain::{GAPS, Gains, Pair};
-use noise_example::ExampleInputs;
-use noise_example_findings::NoiseExamples;
 use noise_findings::NoiseSampler;
 use progress::{Passes, with_timed_progress};
 use shutter::{ShutterEstimator, ShutterEvidence};
@@ -217,16 +217,15 @@ pub fn analyse(
         gain => gain.ok_or_else(|| comparison.pair_counts.why()),
     };
     let measured = comparison.noise.as_ref().and_then(NoiseFindings::profile);
-    let noise_examples = match capture.noise.or(measured.as_ref()) {
+    let example_noise = match capture.noise.or(measured.as_ref()) {
         Some(noise) => {
             let has_poses = !is_refused;
             let rest = comparison.rest.clone();
             let inputs = ExampleInputs { recording, model: &model, states, has_poses, rest, later_s, noise, threads };
-            let examples =
-                checkpoints.stage(|| times.of(times::NOISE_EXAMPLES, || noise_example::examples(&inputs)))?;
-            examples.unwrap_or_else(NoiseExamples::none)
+            let examples = checkpoints.stage(|| times.of(times::EXAMPLE_NOISE, || example_noise::examples(&inputs)))?;
+            examples.unwrap_or_else(ExampleNoiseEstimate::none)
         }
-        None => NoiseExamples::none("the strength of the camera's noise is unknown"),
+        None => ExampleNoiseEstimate::none("the strength of the camera's noise is unknown"),
     };
     let estimates = artefact::Estimates {
         gain,
@@ -235,7 +234,7 @@ pub fn analyse(
         exposure,
         spread,
         noise: comparison.noise,
-        noise_examples,
+        example_noise,
         tone,
         light,
         surfels,

@@ -10,9 +10,9 @@ use glam::{DAffine3, DVec3};
 use super::box_blur::cubic_weights;
 use super::camera_model::CameraModel;
 use super::state::{CameraState, move_point, project_rolling_shutter};
-use crate::exemplar_noise::calibration::CalibrationFrame;
-use crate::exemplar_noise::content::brightness;
-use crate::exemplar_noise::path::Planes;
+use crate::example_noise::calibration::CalibrationFrame;
+use crate::example_noise::content::brightness;
+use crate::example_noise::path::Planes;
 use crate::fit::twist::Twist;
 
 /// Largest number of neighbours.

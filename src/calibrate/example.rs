@@ -10,10 +10,10 @@ use super::scene_sums::{BLOCK, SceneSums};
 use crate::camera::NoiseProfile;
 use crate::coding::PictureCoding;
 use crate::coding::estimate::estimate;
-use crate::exemplar_noise::calibration::{CalibrationFrame, CodedFrame, calibrate_coded, synthesise};
-use crate::exemplar_noise::flat_places::textureless_places;
-use crate::exemplar_noise::path::Planes;
-use crate::exemplar_noise::{ModelError, NoiseModel};
+use crate::example_noise::calibration::{CalibrationFrame, CodedFrame, calibrate_coded, synthesise};
+use crate::example_noise::flat_places::textureless_places;
+use crate::example_noise::path::Planes;
+use crate::example_noise::{ModelError, NoiseModel};
 use crate::fit::quantile::midpoint_median;
 use crate::grey_image::GreyImage;
 use crate::pixels::{Codes, Pixels};
@@ -292,8 +292,8 @@ mod tests {
     use super::*;
     use crate::calibrate::{NoiseOptions, NoiseSource, SceneMotion, Warning, noise_from_paths};
     use crate::coding::{BlockQuantization, ChromaSampling, Decoder, YcbcrColor};
-    use crate::exemplar_noise::atlas::USABLE;
-    use crate::exemplar_noise::file::{from_bytes, to_bytes};
+    use crate::example_noise::atlas::USABLE;
+    use crate::example_noise::file::{from_bytes, to_bytes};
     use crate::hash::pcg3d;
 
     const SIDE: usize = 208;

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::exemplar_noise::{ModelError, NoiseModel};
+use crate::example_noise::{ModelError, NoiseModel};
 use crate::text::count;
 
 /// Fewest frames of a scene without a clean picture.

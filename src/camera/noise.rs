@@ -1,7 +1,7 @@
 //! The sensor's noise: a standard deviation for each channel and intensity (Fischer, noise
 //! calibration), and the correlation of neighbours and channels.
 
-use crate::exemplar_noise::NoiseExample;
+use crate::example_noise::NoiseModelFile;
 
 /// σ of one intensity bin.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -23,7 +23,7 @@ pub struct NoiseProfile {
     pub neighbour_correlation: [f64; 2],
     /// Noise by example of the same camera and setting.
     #[serde(skip)]
-    pub example: Option<NoiseExample>,
+    pub example: Option<NoiseModelFile>,
 }
 
 impl NoiseProfile {

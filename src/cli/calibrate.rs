@@ -18,7 +18,7 @@ use existing::{pictures_beside, unreadable};
 use locard_engine::calibrate::{
     ExampleCalibration, MeasuredNoise, NoiseCalibration, NoiseOptions, NoiseSource, SceneMotion, noise_from_paths,
 };
-use locard_engine::exemplar_noise::{NoiseExample, file as model_file};
+use locard_engine::example_noise::{NoiseModelFile, file as model_file};
 use locard_engine::export::Inputs;
 use locard_engine::memo::ByAddress;
 use locard_engine::profile::ProfileFile;
@@ -140,7 +140,7 @@ const EXAMPLE_EXTENSION: &str = "locnoise";
 
 /// Noise by example in its file.
 struct WrittenExample {
-    example: NoiseExample,
+    example: NoiseModelFile,
     report: String,
 }
 
@@ -150,7 +150,7 @@ impl WrittenExample {
         write_atomically(file, overwrite, |writer| writer.write_all(&bytes))?;
         let report = format!("{calibration}{}: {:.1} MB\n", file.display(), bytes.len() as f64 / 1e6);
         let model = ByAddress(Arc::new(calibration.model));
-        Ok(Self { example: NoiseExample { file: file.to_owned(), model }, report })
+        Ok(Self { example: NoiseModelFile { file: file.to_owned(), model }, report })
     }
 }
 

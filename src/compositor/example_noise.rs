@@ -1,18 +1,18 @@
-//! Noise by example (exemplar_noise/) over the changed pixels of a region: latent content, and the
+//! Noise by example (example_noise/) over the changed pixels of a region: latent content, and the
 //! noise of the planes Y', Cb and Cr, which are added before the coding's quantisation.
 //!
 //! On a software adapter the processor computes it instead (coded/on_cpu/).
 //!
-//! The passes are the steps of exemplar_noise/mod.rs, over the tiles that are coded anew. The
+//! The passes are the steps of example_noise/mod.rs, over the tiles that are coded anew. The
 //! result at a pixel depends on the picture within 12 px, and on the changed pixels of its cells.
 
 use crate::effects::ExampleNoise;
-use crate::exemplar_noise::atlas::{CELL_PX, CLASSES, OVERLAP_PX};
-use crate::exemplar_noise::bands::{ALL_BANDS, BANDS, FIRST_BAND};
-use crate::exemplar_noise::content::FEATURES;
-use crate::exemplar_noise::descriptor::DESCRIPTORS;
-use crate::exemplar_noise::latent::NODES;
-use crate::exemplar_noise::{ModelNumbers, NoiseModel};
+use crate::example_noise::atlas::{CELL_PX, CLASSES, OVERLAP_PX};
+use crate::example_noise::bands::{ALL_BANDS, BANDS, FIRST_BAND};
+use crate::example_noise::content::FEATURES;
+use crate::example_noise::descriptor::DESCRIPTORS;
+use crate::example_noise::latent::NODES;
+use crate::example_noise::{ModelNumbers, NoiseModel};
 use crate::gpu::{Gpu, PassRecorder, Shader, ShaderEntry, Texture};
 use crate::memo::ByAddress;
 
@@ -284,9 +284,9 @@ mod tests {
     use super::super::mix::corners_in;
     use super::*;
     use crate::coding::{BlockQuantization, ChromaSampling, Decoder, PictureCoding, YcbcrColor};
-    use crate::exemplar_noise::path::Planes;
-    use crate::exemplar_noise::synthesis::NoiseContent;
-    use crate::exemplar_noise::tests::model;
+    use crate::example_noise::path::Planes;
+    use crate::example_noise::synthesis::NoiseContent;
+    use crate::example_noise::tests::model;
     use crate::gpu::{Readback, ReadbackSet};
     use crate::grey_image::GreyImage;
     use crate::pixels::Rect;

@@ -33,8 +33,8 @@ use super::{Case, Effect, EffectError, ExampleNoise, FrameContext, LayerRun, Mix
 use crate::camera::grain::{GrainRatios, read_light};
 use crate::camera::{Camera, Geometry, side_tap};
 use crate::coding::PictureCoding;
-use crate::exemplar_noise::NoiseExample;
-use crate::exemplar_noise::model_coding::CodingDifference;
+use crate::example_noise::NoiseModelFile;
+use crate::example_noise::model_coding::CodingDifference;
 use crate::fit::cholesky::correlation_factor;
 use crate::gpu::Shader;
 use crate::memo::ByAddress;
@@ -184,7 +184,7 @@ impl Effect for Noise {
         let example = context.camera.noise.as_ref().and_then(|noise| noise.example.as_ref());
         let is_drawn =
             NoiseMethod::BY_MODEL.contains(&self.method) && self.is_as_calibrated(context) && !context.capture.whole;
-        let Some(NoiseExample { model, .. }) = example.filter(|_| is_drawn) else { return Ok(None) };
+        let Some(NoiseModelFile { model, .. }) = example.filter(|_| is_drawn) else { return Ok(None) };
         if context.max_code != 255 {
             return Err(CodingDifference::Depth);
         }
@@ -225,7 +225,7 @@ impl Effect for Noise {
             recorded_speed: recorded as f32,
         };
         if let Ok(Some(_)) = self.example_noise(context, run.coding) {
-            return Some(MixedPart::new(Shader::NoiseExample, "noise", &uniform));
+            return Some(MixedPart::new(Shader::ExampleNoise, "noise", &uniform));
         }
         let pattern = pattern.texture(run.recorder, lattice);
         let shader = if self.is_as_calibrated(context) { Shader::Noise } else { Shader::NoiseGrain };

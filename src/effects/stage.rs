@@ -2,8 +2,8 @@
 
 use crate::camera::{Camera, Capture, Curve, Geometry, Response};
 use crate::coding::PictureCoding;
-use crate::exemplar_noise::NoiseModel;
-use crate::exemplar_noise::model_coding::CodingDifference;
+use crate::example_noise::NoiseModel;
+use crate::example_noise::model_coding::CodingDifference;
 use crate::frame::FrameExposure;
 use crate::gpu::{Bytes, PassRecorder, Shader, Texture, Uniform, UniformBytes};
 use crate::memo::ByAddress;

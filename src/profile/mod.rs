@@ -7,7 +7,7 @@
 mod calibration_file;
 mod document;
 mod noise;
-mod noise_example;
+mod noise_model_file;
 mod read;
 mod response_file;
 mod serialized;

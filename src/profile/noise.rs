@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use super::noise_example;
+use super::noise_model_file;
 use crate::camera::{NoiseBin, NoiseProfile};
 use crate::document::numbers as numbers_of;
-use crate::exemplar_noise::NoiseExample;
+use crate::example_noise::NoiseModelFile;
 use crate::scene;
 use crate::text::{count, number, quoted};
 use toml::{Table, Value};
@@ -67,14 +67,14 @@ pub(super) fn example_name(example: &Path, file: &Path) -> toml_edit::Value {
     scene::relative(example, file).into()
 }
 
-fn example(table: &Table, loading: ExampleLoading<'_>) -> Result<Option<NoiseExample>, NoiseTableError> {
+fn example(table: &Table, loading: ExampleLoading<'_>) -> Result<Option<NoiseModelFile>, NoiseTableError> {
     let Some(value) = table.get(EXAMPLE) else { return Ok(None) };
     let name = value.as_str().filter(|name| !name.is_empty());
     let name = name.ok_or_else(|| NoiseTableError::ExampleName { actual: quoted(&value.to_string()) })?;
     let ExampleLoading::BesideFile(beside) = loading else { return Ok(None) };
     let file = beside.with_file_name(name);
     let failed = |reason| NoiseTableError::Example { file: file.clone(), reason };
-    noise_example::read(&file).map(Some).map_err(failed)
+    noise_model_file::read(&file).map(Some).map_err(failed)
 }
 
 /// Reads and checks the table `[camera.noise]`.

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
-use super::{Rig, noise_example};
+use super::{Rig, noise_model_file};
 use crate::camera::NoiseProfile;
 use crate::params::{ParamError, Params, Value, values};
 
@@ -21,8 +21,8 @@ struct SerializedRig {
     noise: Option<NoiseProfile>,
     /// File of the camera's noise by example, absolute. Where it can no longer be read, the noise
     /// follows its table alone: unsaved work is worth more than its noise.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    noise_example: Option<PathBuf>,
+    #[serde(default, alias = "noise_example", skip_serializing_if = "Option::is_none")]
+    noise_model_file: Option<PathBuf>,
 }
 
 /// Errors of a serialized rig.
@@ -46,7 +46,7 @@ impl From<Rig> for SerializedRig {
             tables: rig.tables().into_iter().map(table).collect(),
             set_keys: rig.set_keys.iter().map(owned).collect(),
             yielding: rig.yielding.iter().map(owned).collect(),
-            noise_example: example.map(|example| absolute(&example.file)),
+            noise_model_file: example.map(|example| absolute(&example.file)),
             noise: rig.noise,
         }
     }
@@ -58,7 +58,7 @@ impl TryFrom<SerializedRig> for Rig {
     fn try_from(written: SerializedRig) -> Result<Self, RigFormatError> {
         let mut noise = written.noise;
         if let Some(noise) = &mut noise {
-            noise.example = written.noise_example.and_then(|file| noise_example::read(&file).ok());
+            noise.example = written.noise_model_file.and_then(|file| noise_model_file::read(&file).ok());
         }
         let mut rig = Self { noise, ..Self::default() };
         for (table, values) in &written.tables {

@@ -10,7 +10,7 @@ use crate::analyse::{Analysis, NoiseFindings};
 use crate::camera::{CameraExposure, Lens, NoiseProfile};
 use crate::compositor::Settings;
 use crate::effects::point_spread::sigma_for_measured_px;
-use crate::exemplar_noise::NoiseExample;
+use crate::example_noise::NoiseModelFile;
 use crate::params::Value;
 use crate::profile::{ParameterValues, Rig, ShotSettings, parse_set};
 use crate::recording::Recording;
@@ -48,7 +48,7 @@ pub struct SettingsLayers {
     estimates: Vec<EstimatedParam>,
     /// The camera's noise by an analysis, below the profiles.
     estimated_noise: Option<NoiseProfile>,
-    estimated_example: Option<NoiseExample>,
+    estimated_example: Option<NoiseModelFile>,
     /// The scene file and its settings.
     scene: PathBuf,
     of_scene: ShotSettings,
@@ -165,11 +165,11 @@ impl SettingsLayers {
     pub fn set_estimates(&mut self, analysis: &Analysis) {
         self.estimates = EstimatedParam::all_of(analysis);
         self.estimated_noise = analysis.findings.noise.as_ref().and_then(NoiseFindings::profile);
-        self.estimated_example = analysis.noise_example.as_ref().map(|file| file.example.clone());
+        self.estimated_example = analysis.example_noise.as_ref().map(|file| file.example.clone());
     }
 
     /// Noise by example of the recording itself.
-    pub fn estimated_example(&self) -> Option<&NoiseExample> {
+    pub fn estimated_example(&self) -> Option<&NoiseModelFile> {
         self.estimated_example.as_ref()
     }
 

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 use super::flat_patches::{CodePlanes, QuadraticSurface, luma, patch_of};
 use crate::coding::BLOCK;
-use crate::exemplar_noise::bands;
+use crate::example_noise::bands;
 use crate::fit::quantile::midpoint_median;
 use crate::grey_image::GreyImage;
 use crate::measure::detectors::PATCH_PX;

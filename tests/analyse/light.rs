@@ -93,7 +93,7 @@ fn scene_without_light_uses_the_estimated_one_and_keeps_its_own_otherwise() {
     let site = folder.path().join("site");
     let analysis_folder = folder.path().join("site.analysis");
     let light = analysis.findings.light.as_ref().unwrap();
-    let examples = analysis.findings.noise_example.as_ref().unwrap();
+    let examples = analysis.findings.example_noise.as_ref().unwrap();
     assert!(examples.sha256.is_some() && examples.frames >= 6, "{examples:?}");
     // The lamp, and a virtual lamp for the indirect light around it.
     assert_eq!(light.lamps.iter().map(|lamp| lamp.is_bounce()).collect::<Vec<_>>(), [false, true], "{light:?}");

@@ -19,12 +19,12 @@ mod srgb;
 #[path = "../common/tier.rs"]
 mod tier;
 
+mod example_noise;
 mod lens;
 mod lens_by_tags;
 mod live;
 mod measure;
 mod noise;
-mod noise_example;
 mod picked;
 mod simulated;
 #[cfg(unix)]

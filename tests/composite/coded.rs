@@ -7,10 +7,10 @@ use locard::coding::{
     BlockQuantization, ChromaSampling, ChromaSiting, ColorMatrix, ColorRange, Decoder, PictureCoding, YcbcrColor,
 };
 use locard::compositor::Composited;
-use locard::exemplar_noise::calibration::{CalibrationFrame, calibrate};
-use locard::exemplar_noise::path::{codes, padded};
-use locard::exemplar_noise::synthesis::NoiseContent;
-use locard::exemplar_noise::{NoiseExample, NoiseModel};
+use locard::example_noise::calibration::{CalibrationFrame, calibrate};
+use locard::example_noise::path::{codes, padded};
+use locard::example_noise::synthesis::NoiseContent;
+use locard::example_noise::{NoiseModel, NoiseModelFile};
 use locard::grey_image::GreyImage;
 use locard::hash::pcg3d;
 use locard::memo::ByAddress;
@@ -53,7 +53,7 @@ fn composite_scene(
     scene: Scene,
     coding: Option<PictureCoding>,
     noise: f64,
-    example: Option<&NoiseExample>,
+    example: Option<&NoiseModelFile>,
 ) -> Composited {
     let codes = (0..WIDTH * HEIGHT).flat_map(camera_code);
     let pixels = match coding {
@@ -147,7 +147,7 @@ fn coded_pixels_do_not_depend_on_the_rectangle() {
 }
 
 /// Noise by example of σ 6 to 8 in all channels.
-fn example(coding: &PictureCoding) -> NoiseExample {
+fn example(coding: &PictureCoding) -> NoiseModelFile {
     const SIDE: usize = 288;
     let mean = GreyImage::from_fn(SIDE, SIDE, |x, y| 40.0 + 0.5 * x as f32 + 0.15 * y as f32);
     let noise = |i: usize, c: u32| f32::from(pcg3d([i as u32, c, 9])[0] as u16) / 65_535.0 - 0.5;
@@ -161,7 +161,7 @@ fn example(coding: &PictureCoding) -> NoiseExample {
         variance_gain: 1.0,
     };
     let model = calibrate(&[frame], coding, 3).expect("enough tiles");
-    NoiseExample { file: "test.locnoise".into(), model: ByAddress(Arc::new(model)) }
+    NoiseModelFile { file: "test.locnoise".into(), model: ByAddress(Arc::new(model)) }
 }
 
 /// A panel whose edges are those of pixels.

@@ -44,7 +44,7 @@ const PARTS: [(Shader, &str); 4] = [
     (Shader::EdgeBlend, "edge_blend"),
     (Shader::Noise, "noise"),
     (Shader::NoiseGrain, "noise"),
-    (Shader::NoiseExample, "noise"),
+    (Shader::ExampleNoise, "noise"),
 ];
 
 #[test]

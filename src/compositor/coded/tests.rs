@@ -6,7 +6,7 @@ use super::on_cpu::{CpuCoding, RegionPlace, UncodedTexel, UncodedTexels};
 use super::*;
 use crate::coding::{BlockQuantization, ChromaSiting, YcbcrColor};
 use crate::compositor::example_noise::CONTENT_REACH_PX;
-use crate::exemplar_noise::tests::model;
+use crate::example_noise::tests::model;
 use crate::gpu::{Gpu, ReadbackSet};
 use crate::memo::ByAddress;
 use crate::pixels::Pixels;

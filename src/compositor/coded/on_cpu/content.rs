@@ -1,12 +1,12 @@
-//! Energies of the content of a row of tiles (exemplar_noise/content.rs), and the sums of its
-//! blocks for descriptors (exemplar_noise/descriptor.rs).
+//! Energies of the content of a row of tiles (example_noise/content.rs), and the sums of its
+//! blocks for descriptors (example_noise/descriptor.rs).
 
 use std::ops::Range;
 
 use super::lanes::{LANES, Lanes, ln};
 use super::{RegionPlace, TILE, UncodedTexel};
-use crate::exemplar_noise::content::{FEATURES, FeatureScale, brightness};
-use crate::exemplar_noise::descriptor::{DESCRIPTOR_BLOCK_PX, DescriptorSums};
+use crate::example_noise::content::{FEATURES, FeatureScale, brightness};
+use crate::example_noise::descriptor::{DESCRIPTOR_BLOCK_PX, DescriptorSums};
 
 /// Side of the blocks of gradients, px.
 const BLOCK_PX: usize = 2;

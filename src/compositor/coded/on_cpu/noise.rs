@@ -1,4 +1,4 @@
-//! Noise by example of a row of tiles (exemplar_noise/synthesis.rs): innovations of the atlas times
+//! Noise by example of a row of tiles (example_noise/synthesis.rs): innovations of the atlas times
 //! amplitudes by the content's features.
 
 use std::ops::Range;
@@ -8,13 +8,13 @@ use super::content::{Activity, ContentPlanes, Standardisation};
 use super::lanes::{LANES, Lanes, exp2};
 use super::pixels::PixelRow;
 use crate::effects::ExampleNoise;
-use crate::exemplar_noise::NoiseModel;
-use crate::exemplar_noise::atlas::{CELL_PX, OVERLAP_PX, TILE_PX};
-use crate::exemplar_noise::bands::{ALL_BANDS, BANDS, FIRST_BAND};
-use crate::exemplar_noise::cells::{TileSource, source, weight};
-use crate::exemplar_noise::content::FEATURES;
-use crate::exemplar_noise::descriptor::{DESCRIPTOR_BLOCK_PX, DescriptorSums};
-use crate::exemplar_noise::regression::{COEFFICIENTS, EXPONENT_LIMIT};
+use crate::example_noise::NoiseModel;
+use crate::example_noise::atlas::{CELL_PX, OVERLAP_PX, TILE_PX};
+use crate::example_noise::bands::{ALL_BANDS, BANDS, FIRST_BAND};
+use crate::example_noise::cells::{TileSource, source, weight};
+use crate::example_noise::content::FEATURES;
+use crate::example_noise::descriptor::{DESCRIPTOR_BLOCK_PX, DescriptorSums};
+use crate::example_noise::regression::{COEFFICIENTS, EXPONENT_LIMIT};
 
 /// Bands of Y', and of Cb and Cr together.
 const LUMA_BANDS: usize = BANDS[0];

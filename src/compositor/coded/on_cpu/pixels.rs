@@ -1,7 +1,7 @@
-//! Pixels of a row in planes, and their latent values (exemplar_noise/latent.rs).
+//! Pixels of a row in planes, and their latent values (example_noise/latent.rs).
 
 use super::UncodedTexel;
-use crate::exemplar_noise::latent::{LatentTable, NODES};
+use crate::example_noise::latent::{LatentTable, NODES};
 
 /// Planar pixels of a run of tiles in a row.
 #[derive(Debug)]

@@ -1,13 +1,13 @@
-//! Noise and codes of a whole picture beside the reference (coding/path.rs, exemplar_noise/).
+//! Noise and codes of a whole picture beside the reference (coding/path.rs, example_noise/).
 
 use std::sync::Arc;
 
 use super::super::CodedRegion;
 use super::*;
 use crate::coding::{BLOCK, BlockQuantization, ChromaSampling, Decoder, YcbcrColor};
-use crate::exemplar_noise::path::Planes;
-use crate::exemplar_noise::synthesis::NoiseContent;
-use crate::exemplar_noise::tests::model;
+use crate::example_noise::path::Planes;
+use crate::example_noise::synthesis::NoiseContent;
+use crate::example_noise::tests::model;
 use crate::grey_image::GreyImage;
 use crate::memo::ByAddress;
 use crate::pixels::Rect;

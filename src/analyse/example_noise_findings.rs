@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use super::inputs::hex;
-use crate::exemplar_noise::file::{from_bytes, to_bytes};
-use crate::exemplar_noise::{NoiseExample, NoiseModel};
+use crate::example_noise::file::{from_bytes, to_bytes};
+use crate::example_noise::{NoiseModel, NoiseModelFile};
 use crate::memo::ByAddress;
 use crate::text::count;
 
@@ -29,7 +29,7 @@ pub enum ExampleOrigin {
 /// Noise by example of a recording, without the model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct NoiseExampleFindings {
+pub struct ExampleNoiseFindings {
     /// Why the recording has no noise by example.
     pub why: Option<String>,
     #[serde(default)]
@@ -45,7 +45,7 @@ pub struct NoiseExampleFindings {
     pub sha256: Option<String>,
 }
 
-impl fmt::Display for NoiseExampleFindings {
+impl fmt::Display for ExampleNoiseFindings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.sha256.is_none() {
             return write!(f, "none of noise: {}", self.why.as_deref().unwrap_or("no reason is given"));
@@ -65,13 +65,13 @@ impl fmt::Display for NoiseExampleFindings {
 
 /// The result of a search for examples.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct NoiseExamples {
-    pub findings: NoiseExampleFindings,
+pub struct ExampleNoiseEstimate {
+    pub findings: ExampleNoiseFindings,
     /// The model's file; empty without one.
     pub file: Vec<u8>,
 }
 
-impl NoiseExamples {
+impl ExampleNoiseEstimate {
     pub fn of(
         model: &NoiseModel,
         origin: ExampleOrigin,
@@ -81,13 +81,13 @@ impl NoiseExamples {
     ) -> Result<Self, String> {
         let file = to_bytes(model).map_err(|error| error.to_string())?;
         let sha256 = Some(hex(&Sha256::digest(&file)));
-        let findings = NoiseExampleFindings { why: None, origin, frames, usable_share, frame_correlation, sha256 };
+        let findings = ExampleNoiseFindings { why: None, origin, frames, usable_share, frame_correlation, sha256 };
         Ok(Self { findings, file })
     }
 
     pub fn none(why: impl Into<String>) -> Self {
         let why = Some(why.into());
-        let findings = NoiseExampleFindings {
+        let findings = ExampleNoiseFindings {
             why,
             origin: ExampleOrigin::default(),
             frames: 0,
@@ -101,22 +101,22 @@ impl NoiseExamples {
 
 /// The file of a noise model, and the model.
 #[derive(Clone, Debug)]
-pub struct NoiseExampleFile {
+pub struct ExampleNoiseFile {
     pub bytes: Arc<[u8]>,
-    pub example: NoiseExample,
+    pub example: NoiseModelFile,
 }
 
-impl PartialEq for NoiseExampleFile {
+impl PartialEq for ExampleNoiseFile {
     fn eq(&self, other: &Self) -> bool {
         self.bytes == other.bytes
     }
 }
 
-impl NoiseExampleFile {
+impl ExampleNoiseFile {
     /// `path`: that of the file. The error is the reason for which it is not usable.
     pub fn of(bytes: Vec<u8>, path: &Path) -> Result<Self, String> {
         let model = from_bytes(&bytes).map_err(|error| error.to_string())?;
-        let example = NoiseExample { file: path.to_owned(), model: ByAddress(Arc::new(model)) };
+        let example = NoiseModelFile { file: path.to_owned(), model: ByAddress(Arc::new(model)) };
         Ok(Self { bytes: bytes.into(), example })
     }
 }

@@ -119,8 +119,8 @@ fn quarters(factor: [usize; 2]) -> [Vec<TileCandidate>; CLASSES] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::exemplar_noise::synthesis::NoiseContent;
-    use crate::exemplar_noise::tests::model;
+    use crate::example_noise::synthesis::NoiseContent;
+    use crate::example_noise::tests::model;
 
     #[test]
     fn parametric_field_has_the_variances_of_the_bands_and_planes_and_is_normal() {

@@ -84,12 +84,12 @@ impl PartialEq for ParametricField {
 
 /// A camera's noise model with its file. Equal if both models are the same object in memory.
 #[derive(Clone, Debug)]
-pub struct NoiseExample {
+pub struct NoiseModelFile {
     pub file: PathBuf,
     pub model: ByAddress<NoiseModel>,
 }
 
-impl PartialEq for NoiseExample {
+impl PartialEq for NoiseModelFile {
     fn eq(&self, other: &Self) -> bool {
         self.model == other.model
     }

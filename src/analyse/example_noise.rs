@@ -1,6 +1,6 @@
 //! Noise by example from a moving camera: the difference between a frame and its neighbours at the
 //! same places of the scene, where depth is measured. Without it, the textureless places of single
-//! frames ([`flat_places`](crate::exemplar_noise::flat_places)).
+//! frames ([`flat_places`](crate::example_noise::flat_places)).
 //!
 //! The mean of up to 8 neighbouring frames at the same points, by measured depth and the poses of
 //! the analysis, is a frame's picture without noise ([`neighbour_mean`](super::neighbour_mean)).
@@ -32,19 +32,19 @@ use std::ops::Range;
 
 use super::camera_model::CameraModel;
 use super::depth_source::SingleFrameDepth;
+use super::example_noise_findings::{ExampleNoiseEstimate, ExampleOrigin};
 use super::neighbour_mean::{DepthView, MAX_NEIGHBOURS, MIN_SAMPLES, SampledFrame};
-use super::noise_example_findings::{ExampleOrigin, NoiseExamples};
 use super::registration_result::RegistrationError;
 use super::spread::stillest_frames;
 use super::state::CameraState;
 use crate::calibrate::RestingExample;
 use crate::camera::NoiseProfile;
 use crate::coding::PictureCoding;
-use crate::exemplar_noise::calibration::{CalibrationFrame, CodedFrame, calibrate_coded, calibrate_smooth_places};
-use crate::exemplar_noise::content::brightness;
-use crate::exemplar_noise::flat_places::textureless_places;
-use crate::exemplar_noise::masked_blur::MaskedBlur;
-use crate::exemplar_noise::path::{Planes, rgb_of_codes};
+use crate::example_noise::calibration::{CalibrationFrame, CodedFrame, calibrate_coded, calibrate_smooth_places};
+use crate::example_noise::content::brightness;
+use crate::example_noise::flat_places::textureless_places;
+use crate::example_noise::masked_blur::MaskedBlur;
+use crate::example_noise::path::{Planes, rgb_of_codes};
 use crate::frame::Frame;
 use crate::grey_image::GreyImage;
 use crate::parallel::over_rows;
@@ -107,7 +107,7 @@ pub struct ExampleInputs<'a> {
 
 /// Searches a recording for examples: in a stretch at rest, by neighbouring frames where depth is
 /// measured, or in textureless places. The inner error is the reason for which there are none.
-pub fn examples(inputs: &ExampleInputs<'_>) -> Result<Result<NoiseExamples, String>, RegistrationError> {
+pub fn examples(inputs: &ExampleInputs<'_>) -> Result<Result<ExampleNoiseEstimate, String>, RegistrationError> {
     let (width, height) = inputs.model.size();
     let possible = MAX_PIXELS / (width * height).max(1);
     if possible == 0 {
@@ -132,7 +132,7 @@ pub fn examples(inputs: &ExampleInputs<'_>) -> Result<Result<NoiseExamples, Stri
 }
 
 /// Examples of the stretch at rest. The inner error is the reason for which there are none.
-fn of_rest(inputs: &ExampleInputs<'_>) -> Result<Result<NoiseExamples, String>, RegistrationError> {
+fn of_rest(inputs: &ExampleInputs<'_>) -> Result<Result<ExampleNoiseEstimate, String>, RegistrationError> {
     let rest = inputs.rest.start..inputs.rest.end.min(inputs.rest.start + MAX_REST_FRAMES);
     let mut example = match RestingExample::new(rest.len()) {
         Ok(example) => example,
@@ -149,7 +149,7 @@ fn of_rest(inputs: &ExampleInputs<'_>) -> Result<Result<NoiseExamples, String>, 
         Err(error) => return Ok(Err(error.to_string())),
     };
     let frames = finished.model.sources.len();
-    Ok(NoiseExamples::of(&finished.model, ExampleOrigin::Rest, frames, finished.usable_share, None))
+    Ok(ExampleNoiseEstimate::of(&finished.model, ExampleOrigin::Rest, frames, finished.usable_share, None))
 }
 
 /// Examples of up to `max_frames` frames by a method; `usable_places` describes its places. The
@@ -160,7 +160,7 @@ fn of_frames(
     origin: ExampleOrigin,
     method: impl Fn(&ExampleInputs<'_>, usize) -> Result<Result<FrameExample, String>, RegistrationError>,
     usable_places: &str,
-) -> Result<Result<NoiseExamples, String>, RegistrationError> {
+) -> Result<Result<ExampleNoiseEstimate, String>, RegistrationError> {
     let mut examples: Vec<FrameExample> = Vec::new();
     let (mut usable, mut products) = (0.0, [0.0; 2]);
     let mut why = None;
@@ -192,7 +192,7 @@ fn of_frames(
     let usable_share = usable / frames.len() as f64;
     let correlation = (products[1] > 0.0).then(|| products[0] / products[1]);
     Ok(match model {
-        Ok(model) => NoiseExamples::of(&model, origin, frames.len(), usable_share, correlation),
+        Ok(model) => ExampleNoiseEstimate::of(&model, origin, frames.len(), usable_share, correlation),
         Err(error) => Err(error.to_string()),
     })
 }

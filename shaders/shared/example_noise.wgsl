@@ -1,4 +1,4 @@
-// Noise by example (src/exemplar_noise/) over a region that begins on the coded picture's grid.
+// Noise by example (src/example_noise/) over a region that begins on the coded picture's grid.
 struct Example {
     extent: vec4<i32>,      // the coded picture, px of the region: x0, y0, x1, y1
     first_cell: vec2<i32>,

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use crate::exemplar_noise::{NoiseExample, NoiseModel, file};
+use crate::example_noise::{NoiseModel, NoiseModelFile, file};
 use crate::memo::{ByAddress, Memo};
 use crate::source::file::{self as plain, FileStamp};
 use crate::text;
@@ -18,7 +18,7 @@ const CAPACITY: usize = 4;
 static MODELS: Memo<FileStamp, ByAddress<NoiseModel>> = Memo::new(CAPACITY);
 
 /// The model in a file. The error states the reason and the remedy, without the file's name.
-pub fn read(path: &Path) -> Result<NoiseExample, String> {
+pub fn read(path: &Path) -> Result<NoiseModelFile, String> {
     let canonical = path.canonicalize().unwrap_or_else(|_| path.to_owned());
     let model = MODELS.get_or_try_insert_with(FileStamp::of(&canonical), |stamp| {
         let unread = |error: &std::io::Error| {
@@ -32,7 +32,7 @@ pub fn read(path: &Path) -> Result<NoiseExample, String> {
         let model = file::from_bytes(&bytes).map_err(|error| error.to_string())?;
         Ok::<_, String>(ByAddress(Arc::new(model)))
     })?;
-    Ok(NoiseExample { file: path.to_owned(), model })
+    Ok(NoiseModelFile { file: path.to_owned(), model })
 }
 
 #[cfg(test)]
@@ -42,7 +42,7 @@ mod tests {
     use super::super::{ProfileFile, Rig};
     use super::*;
     use crate::compositor::Settings;
-    use crate::exemplar_noise::tests::MODEL;
+    use crate::example_noise::tests::MODEL;
 
     const TABLE: &str = "version = 1\n[camera.noise]\ncode = [8.0]\nsigma_r = [1.0]\nsigma_g = [1.0]\nsigma_b = [1.0]\n\
                          channel_correlation = [0.0, 0.0, 0.0]\nneighbour_correlation = [0.0, 0.0]\n\
