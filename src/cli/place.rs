@@ -64,19 +64,7 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    if let Some(odd) = args.heading.filter(|heading| !(-360.0..=360.0).contains(heading)) {
-        bail!("--heading {}: expected -360 to 360 degrees", number(odd));
-    }
-    if let Some(odd) = args.size.filter(|size| !(1e-4..=1e3).contains(size)) {
-        bail!("--size {}: expected 0.0001 to 1000 metres", number(odd));
-    }
-    if args.name.as_deref().is_some_and(|name| name.trim().is_empty()) {
-        bail!("--name: the name is empty; omit it to use the name of the model's file");
-    }
-    let ending = args.scene.extension().unwrap_or_default().to_ascii_lowercase();
-    if ending != "toml" {
-        bail!("--scene {}: the name of a scene file ends in .toml", args.scene.display());
-    }
+    check_arguments(args)?;
     let options = OpenOptions { metres_per_unit: args.metres_per_unit, ..OpenOptions::default() };
     // A scene file may define the length of the recording's unit.
     let scene = args.scene.exists().then(|| args.scene.clone());
@@ -112,12 +100,6 @@ pub fn run(args: &Args) -> Result<()> {
     }
     let support = picked.support(up);
     let model = scene::relative(&args.model, &args.scene);
-    if args.model.to_str().is_none() && args.model.exists() {
-        bail!(
-            "--model {}: a scene file cannot hold this name, which is not UTF-8; rename the file",
-            args.model.display()
-        );
-    }
     let posture = if args.flat { Posture::Flat } else { Posture::Upright };
     let facing = || shot.heading_to_camera(args.frame, support.point_m, up, 0.0);
     let heading = args.heading.map_or_else(facing, Heading::Deg);
@@ -142,24 +124,7 @@ pub fn run(args: &Args) -> Result<()> {
         let sides = [1, 2, 4].map(|axis| fixed(corners_m[0].distance(corners_m[axis]), 3));
         writeln!(out, "size       {} m", sides.join(" × "))?;
     }
-    let tilt = support.tilt_deg(up);
-    match picked.source {
-        PointSource::Depth(estimate) => writeln!(
-            out,
-            "surface    tilted by {tilt:.1}°, depth {:.4} m, uneven by {:.1} mm, {:.0} % of the surroundings",
-            estimate.depth_m,
-            1e3 * estimate.sigma_m,
-            100.0 * estimate.share
-        )?,
-        PointSource::Plane { .. } => writeln!(out, "surface    tilted by {tilt:.1}°, as given")?,
-        PointSource::Views(estimate) => writeln!(
-            out,
-            "surface    taken for level; the point is known within {:.1} mm (rays at {:.1}°, {:.1} px off)",
-            1e3 * estimate.sigma_m,
-            estimate.angle_deg,
-            estimate.rms_px
-        )?,
-    }
+    print_surface(&mut out, &picked.source, support.tilt_deg(up))?;
     if support.normal.dot(up) < MIN_SUPPORT_COSINE && !args.flat {
         writeln!(
             out,
@@ -173,7 +138,57 @@ pub fn run(args: &Args) -> Result<()> {
     } else if file_up.is_none() && shot.recording.up.is_none() {
         writeln!(out, "odd        up is unknown: z is assumed; `up` in the scene file overrides it")?;
     }
-    let frame = shot.read(args.frame)?;
+    print_issues(&mut out, &mut shot, args.frame)
+}
+
+fn check_arguments(args: &Args) -> Result<()> {
+    if let Some(odd) = args.heading.filter(|heading| !(-360.0..=360.0).contains(heading)) {
+        bail!("--heading {}: expected -360 to 360 degrees", number(odd));
+    }
+    if let Some(odd) = args.size.filter(|size| !(1e-4..=1e3).contains(size)) {
+        bail!("--size {}: expected 0.0001 to 1000 metres", number(odd));
+    }
+    if args.name.as_deref().is_some_and(|name| name.trim().is_empty()) {
+        bail!("--name: the name is empty; omit it to use the name of the model's file");
+    }
+    let ending = args.scene.extension().unwrap_or_default().to_ascii_lowercase();
+    if ending != "toml" {
+        bail!("--scene {}: the name of a scene file ends in .toml", args.scene.display());
+    }
+    if args.model.to_str().is_none() && args.model.exists() {
+        bail!(
+            "--model {}: a scene file cannot hold this name, which is not UTF-8; rename the file",
+            args.model.display()
+        );
+    }
+    Ok(())
+}
+
+/// Prints how well the surface is known.
+fn print_surface(out: &mut impl Write, source: &PointSource, tilt_deg: f64) -> Result<()> {
+    match source {
+        PointSource::Depth(estimate) => writeln!(
+            out,
+            "surface    tilted by {tilt_deg:.1}°, depth {:.4} m, uneven by {:.1} mm, {:.0} % of the surroundings",
+            estimate.depth_m,
+            1e3 * estimate.sigma_m,
+            100.0 * estimate.share
+        )?,
+        PointSource::Plane { .. } => writeln!(out, "surface    tilted by {tilt_deg:.1}°, as given")?,
+        PointSource::Views(estimate) => writeln!(
+            out,
+            "surface    taken for level; the point is known within {:.1} mm (rays at {:.1}°, {:.1} px off)",
+            1e3 * estimate.sigma_m,
+            estimate.angle_deg,
+            estimate.rms_px
+        )?,
+    }
+    Ok(())
+}
+
+/// Prints what is odd about the last object in a frame.
+fn print_issues(out: &mut impl Write, shot: &mut Shot, frame: usize) -> Result<()> {
+    let frame = shot.read(frame)?;
     let placed = shot.scene.objects.len() - 1;
     for issue in shot.object_issues(&frame).iter().filter(|issue| issue.objects.contains(&placed)) {
         writeln!(out, "odd        {}", shown(&issue.note.to_string()))?;

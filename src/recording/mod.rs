@@ -28,6 +28,7 @@ mod nerfstudio;
 pub mod new_folder;
 mod parts;
 mod photogrammetry;
+mod picture_tags;
 mod plain_folder;
 mod realitycapture;
 pub mod recorder;

@@ -9,18 +9,15 @@ use glam::DVec3;
 
 use super::depth::{Depth, DepthFiles};
 use super::frame_camera::FrameCamera;
-use super::{Landmark, OpenOptions, Recording, RecordingError, listing};
+use super::{Landmark, OpenOptions, Recording, RecordingError, listing, picture_tags};
 use crate::camera::{Distortion, Geometry, Intrinsics, LensModel, Levels, Response};
 use crate::coding::ColorRange;
 use crate::frame::{FrameExposure, FrameLens, PhotoSettings};
 use crate::params::{ParamError, Params, Value};
 use crate::pose::Pose;
-use crate::source::exif::{self, Exif};
-use crate::source::orientation::Orientation;
 use crate::source::presentation::Presentation;
 use crate::source::still::{self, PictureHeader};
 use crate::source::still_color::{self, StillColor};
-use crate::source::telemetry;
 use crate::source::video::Video;
 use crate::text;
 use crate::tracking::{PoseTrack, default_max_gap_s, median_interval_s};
@@ -166,63 +163,36 @@ impl Parts {
             return Err(self.without_frames());
         }
         let PictureHeader { width, height, bits } = self.common_header()?;
-        let mut warnings = self.warnings;
         let median_s = || median_interval_s(&self.timestamps_s).filter(|interval_s| *interval_s > 0.0);
         let frame_interval_s = self.interval_s.or_else(median_s).unwrap_or(1.0 / NOMINAL_FPS);
-        warnings.extend(irregular_intervals(&self.timestamps_s, frame_interval_s));
-        let of_frames: Option<Vec<FrameCamera>> = self.cameras.as_ref().map(|cameras| {
-            let own =
-                |time_s| listing::nearest(cameras, time_s, CAMERA_TIME_TOLERANCE_S).map(|(_, camera)| camera.clone());
-            self.timestamps_s.iter().map(|time_s| own(*time_s).unwrap_or_default()).collect()
-        });
-        if let Some(cameras) = &of_frames {
+        self.warnings.extend(irregular_intervals(&self.timestamps_s, frame_interval_s));
+        let frame_cameras = self.frame_cameras();
+        if let Some(cameras) = &frame_cameras {
             self.geometries = cameras.iter().map(|camera| camera.geometry.clone()).collect();
         }
         let geometry = match self.equirectangular {
             true => Some(equirectangular(width, height).map_err(|e| RecordingError::content(&self.path, e))?),
             // A frame without a geometry uses the profile's camera, not that of its neighbours.
-            false if of_frames.is_some() => None,
+            false if frame_cameras.is_some() => None,
             false => common_geometry(&self.geometries),
         };
-        for (frame, camera) in self.geometries.iter().enumerate() {
-            let Some(Intrinsics { width_px, height_px, .. }) = camera.as_ref().map(|c| &c.intrinsics) else { continue };
-            if (*width_px, *height_px) != (width, height) {
-                let problem = format!("frame {frame} is {width}x{height}, its camera is for {width_px}x{height_px}");
-                return Err(RecordingError::content(&self.path, problem));
-            }
-        }
+        self.check_camera_sizes((width, height))?;
         let reach_s = ASSOCIATION_REACH * frame_interval_s;
-        let count = self.timestamps_s.len();
-        let mut associated = |what: &str, missing: usize| {
-            if missing > 0 {
-                warnings
-                    .push(format!("no {what} within {} s for {missing} of {count} frames", text::fixed(reach_s, 4)));
-            }
-        };
-        let listed: Vec<Option<FrameExposure>> =
-            self.timestamps_s.iter().map(|t| listing::nearest(&self.exposure, *t, reach_s).map(|e| e.1)).collect();
-        if !self.exposure.is_empty() {
-            associated("exposure", listed.iter().filter(|e| e.is_none()).count());
-        }
-        let mut depth = None;
-        if let Some(DepthFiles { by_time, stored }) = self.depth {
-            let of_frame: Vec<_> =
-                self.timestamps_s.iter().map(|t| listing::nearest(&by_time, *t, reach_s).cloned()).collect();
-            associated("depth picture", of_frame.iter().filter(|d| d.is_none()).count());
-            let (read, odd) = Depth::new(of_frame, stored, (width, height))?;
-            warnings.extend(odd);
-            depth = Some(Arc::new(read));
-        }
-        let (photos, orientation) = photo_settings(&self.pictures, &self.timestamps_s, &mut warnings);
-        let presentation = match &self.pictures {
-            // Pictures of one camera are tagged alike.
+        let listed = self.listed_exposures(reach_s);
+        let depth = self.frame_depth(reach_s, (width, height))?;
+        let (photos, presentation) = match &self.pictures {
             Pictures::Stills(files) => {
+                let (settings, orientation) = picture_tags::of_stills(files, &mut self.warnings);
+                // Pictures of one camera are tagged alike.
                 let StillColor { transfer, primaries } =
                     files.first().map(|file| still_color::read(file)).unwrap_or_default();
-                Presentation { orientation, transfer, primaries, ..Presentation::default() }
+                (settings, Presentation { orientation, transfer, primaries, ..Presentation::default() })
             }
-            Pictures::Video(video, _) => video.presentation,
+            Pictures::Video(video, _) => {
+                (picture_tags::of_video(video, &self.timestamps_s, &mut self.warnings), video.presentation)
+            }
         };
+        let photos = photos.into_iter().chain(std::iter::repeat(PhotoSettings::default()));
         let levels = match &self.pictures {
             Pictures::Video(video, _) if video.range == ColorRange::Limited => Levels::Video,
             _ => Levels::Full,
@@ -230,7 +200,7 @@ impl Parts {
         let response = Response { levels, ..presentation.response() };
         let exposures = listed.into_iter().map(Option::unwrap_or_default).zip(photos);
         let lenses =
-            of_frames.iter().flatten().map(|camera| camera.lens).chain(std::iter::repeat(FrameLens::default()));
+            frame_cameras.iter().flatten().map(|camera| camera.lens).chain(std::iter::repeat(FrameLens::default()));
         let exposure = exposures.zip(lenses).map(|((listed, photo), lens)| {
             // On a nominal clock, exposure times in seconds are meaningless.
             let time_s = listed.time_s.or(photo.time_s.filter(|_| kind.has_times()));
@@ -255,12 +225,12 @@ impl Parts {
             geometries: if geometry.is_some() { Arc::default() } else { self.geometries.into() },
             geometry,
             landmarks: self.landmarks.into(),
-            has_frame_cameras: of_frames.is_some(),
+            has_frame_cameras: frame_cameras.is_some(),
             registration_cameras: None,
             camera_profile: self.camera_profile,
             description_files: self.description_files,
             exposure: exposure.collect(),
-            warnings,
+            warnings: self.warnings,
             pictures: Arc::new(self.pictures),
             estimated_coding: Arc::new(if self.estimates_coding { OnceLock::new() } else { OnceLock::from(None) }),
             presentation,
@@ -272,6 +242,59 @@ impl Parts {
             site: None,
             guard: None,
         })
+    }
+
+    /// The camera of each frame, if cameras are listed by time.
+    fn frame_cameras(&self) -> Option<Vec<FrameCamera>> {
+        let cameras = self.cameras.as_ref()?;
+        let nearest = |time_s: &f64| {
+            let nearest = listing::nearest(cameras, *time_s, CAMERA_TIME_TOLERANCE_S);
+            nearest.map(|(_, camera)| camera.clone()).unwrap_or_default()
+        };
+        Some(self.timestamps_s.iter().map(nearest).collect())
+    }
+
+    /// Refuses cameras for pictures of another size.
+    fn check_camera_sizes(&self, size: (u32, u32)) -> Result<(), RecordingError> {
+        for (frame, camera) in self.geometries.iter().enumerate() {
+            let Some(Intrinsics { width_px, height_px, .. }) = camera.as_ref().map(|c| &c.intrinsics) else { continue };
+            if (*width_px, *height_px) != size {
+                let (width, height) = size;
+                let problem = format!("frame {frame} is {width}x{height}, its camera is for {width_px}x{height_px}");
+                return Err(RecordingError::content(&self.path, problem));
+            }
+        }
+        Ok(())
+    }
+
+    /// The listed exposure of each frame.
+    fn listed_exposures(&mut self, reach_s: f64) -> Vec<Option<FrameExposure>> {
+        let nearest = |t: &f64| listing::nearest(&self.exposure, *t, reach_s).map(|e| e.1);
+        let listed: Vec<_> = self.timestamps_s.iter().map(nearest).collect();
+        if !self.exposure.is_empty() {
+            self.warn_missing("exposure", &listed, reach_s);
+        }
+        listed
+    }
+
+    /// The depth maps by frame.
+    fn frame_depth(&mut self, reach_s: f64, size: (u32, u32)) -> Result<Option<Arc<Depth>>, RecordingError> {
+        let Some(DepthFiles { by_time, stored }) = self.depth.take() else { return Ok(None) };
+        let nearest = |t: &f64| listing::nearest(&by_time, *t, reach_s).cloned();
+        let maps: Vec<_> = self.timestamps_s.iter().map(nearest).collect();
+        self.warn_missing("depth picture", &maps, reach_s);
+        let (depth, odd) = Depth::new(maps, stored, size)?;
+        self.warnings.extend(odd);
+        Ok(Some(Arc::new(depth)))
+    }
+
+    /// Warns of frames without an entry within `reach_s`.
+    fn warn_missing<T>(&mut self, what: &str, entries: &[Option<T>], reach_s: f64) {
+        let missing = entries.iter().filter(|entry| entry.is_none()).count();
+        if missing > 0 {
+            let reach = text::fixed(reach_s, 4);
+            self.warnings.push(format!("no {what} within {reach} s for {missing} of {} frames", entries.len()));
+        }
     }
 }
 
@@ -393,71 +416,6 @@ pub fn equirectangular(width: u32, height: u32) -> Result<Geometry, String> {
     }
     let sizes = [("width_px", f64::from(width)), ("height_px", f64::from(height))];
     geometry_from(LensModel::Equirectangular, &sizes).map_err(|e| e.to_string())
-}
-
-/// The camera's settings of each frame of a video with telemetry. If it cannot be read, a warning.
-fn telemetry_settings(video: &Video, times_s: &[f64], warnings: &mut Vec<String>) -> Vec<PhotoSettings> {
-    if video.is_retimed {
-        return Vec::new();
-    }
-    match telemetry::read(&video.file) {
-        Ok(Some(telemetry)) => {
-            let zero_s = times_s.first().copied().unwrap_or_default();
-            times_s.iter().map(|time_s| telemetry.at(video.start_s + time_s - zero_s)).collect()
-        }
-        Ok(None) => Vec::new(),
-        Err(error) => {
-            warnings.push(format!("the camera's telemetry is not read: {error}"));
-            Vec::new()
-        }
-    }
-}
-
-/// The settings of each frame by EXIF or telemetry, followed by endless empty ones, and the common
-/// orientation of pictures. Damaged EXIF is skipped with a warning. An orientation of pictures is
-/// warned about and not applied.
-fn photo_settings(
-    pictures: &Pictures,
-    times_s: &[f64],
-    warnings: &mut Vec<String>,
-) -> (impl Iterator<Item = PhotoSettings> + use<>, Orientation) {
-    let files: &[PathBuf] = match pictures {
-        Pictures::Stills(files) => files,
-        Pictures::Video(video, _) => {
-            let settings = telemetry_settings(video, times_s, warnings);
-            return (settings.into_iter().chain(std::iter::repeat(PhotoSettings::default())), Orientation::default());
-        }
-    };
-    // Unreadable files were refused before.
-    let read = |file: &PathBuf| exif::read(file).unwrap_or_default();
-    let photos: Vec<(&PathBuf, Exif)> = files.iter().map(|file| (file, read(file))).collect();
-    let mut damaged = photos.iter().filter_map(|(file, exif)| Some((file, exif.damage.as_ref()?)));
-    if let Some((file, first)) = damaged.next() {
-        let number = text::count(1 + damaged.count(), "picture");
-        warnings.push(format!("{}: {first}; such data is left out, in {number}", file.display()));
-    }
-    let mut turned = photos.iter().filter_map(|(file, exif)| Some((file, exif.orientation?)));
-    let mut common = Orientation::default();
-    if let Some((file, orientation)) = turned.next() {
-        let shown = Orientation::of_exif(orientation);
-        let number = text::count(1 + turned.count(), "picture");
-        let are_alike = photos.iter().all(|(_, exif)| exif.orientation == Some(orientation));
-        let output = if are_alike {
-            "a written .mp4 has the same tag, which players apply; a .mkv has no such tag"
-        } else {
-            "a written video has no such tag, since the others differ"
-        };
-        warnings.push(format!(
-            "{}: is tagged to be shown {shown} (EXIF orientation {orientation}); read as stored, in {number} with this \
-             tag; {output}",
-            file.display()
-        ));
-        if are_alike {
-            common = shown;
-        }
-    }
-    let settings: Vec<PhotoSettings> = photos.into_iter().map(|(_, exif)| exif.settings).collect();
-    (settings.into_iter().chain(std::iter::repeat(PhotoSettings::default())), common)
 }
 
 /// The common geometry of all frames that have one; `None` if they differ.

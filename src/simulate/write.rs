@@ -23,6 +23,7 @@ use super::encode::{self, depth_png, encoding, extension};
 use super::local_tone::locally_tone_mapped;
 use super::manifest::{Manifest, TRUTH};
 use super::output::{RecordingOutput, writing};
+use super::render::SimulatedPicture;
 use super::static_scenes::noise_through_file;
 use super::stray::{self, StrayScan};
 use super::truth::{self, rounded, rounded_noise, truth_toml};
@@ -72,22 +73,10 @@ fn fill(
 ) -> Result<(), SimulateError> {
     let (options, flaws) = (simulation.options(), simulation.flaws());
     let recorded = simulation.recorded_track()?;
-    let mut written = Manifest::default();
-    let mut save = |name: &str, bytes: &[u8]| {
-        let path = folder.join(name);
-        written.add(name, bytes);
-        fs::write(&path, bytes).map_err(writing(&path))
-    };
-    let is_scan = options.layout == Some(FolderLayout::Stray);
-    let subs = if is_scan { stray::FOLDERS } else { ["rgb", "depth"] };
-    for sub in subs.into_iter().chain(flaws.is_any().then_some(truth::FOLDER)) {
-        fs::create_dir_all(folder.join(sub)).map_err(writing(folder))?;
-    }
+    let mut files = FolderFiles::begin(folder, simulation)?;
     let frames = options.frames as usize;
     let sensor = DepthSensor::new(simulation)?;
-    let mut scan = if is_scan { Some(StrayScan::begin(folder, simulation)?) } else { None };
-    let (mut pictures, mut depths, mut exposures) = (Vec::new(), Vec::new(), Vec::new());
-    let mut true_depths = Vec::new();
+    let mut scan = if files.is_scan() { Some(StrayScan::begin(folder, simulation)?) } else { None };
     let mut blur = Vec::new();
     let mut surveyed = Vec::new();
     let (mut codes, mut max_blur_px) = (Vec::new(), 0.0);
@@ -103,30 +92,14 @@ fn fill(
         let measured = sensor.as_ref().and_then(|sensor| sensor.measured(simulation, frame, exact));
         let depth = measured.as_ref().unwrap_or(exact);
         if measured.is_some() {
-            let name = truth::depth_name(frame);
-            let scale = if is_scan { stray::CODES_PER_METRE } else { options.depth_scale };
-            let file = depth_png(exact, scale).map_err(encoding(&name))?;
-            save(&format!("{}/{name}", truth::FOLDER), &file)?;
-            true_depths.push((rounded(simulation.timestamp_s(frame), 6), name));
+            files.add_true_depth(frame, exact)?;
         }
-        if let Some(scan) = &mut scan {
-            let files = scan.add(simulation, &recorded, frame, codes.clone(), depth)?;
-            files.into_iter().try_for_each(|(name, bytes)| save(&name, &bytes))?;
-        } else {
-            let (time_s, extension) = (rounded(simulation.timestamp_s(frame), 6), extension(options.format));
-            let (rgb_path, depth_path) = (format!("rgb/{frame:05}.{extension}"), format!("depth/{frame:05}.png"));
-            save(&rgb_path, &encode::frame(options, &picture, &codes).map_err(encoding(&rgb_path))?)?;
-            save(&depth_path, &depth_png(depth, options.depth_scale).map_err(encoding(&depth_path))?)?;
-            pictures.push((time_s, rgb_path));
-            depths.push((time_s, depth_path));
-            // A zero exposure gathers no light; the profile still records it.
-            let exposure_s = Some(options.exposure_time_s).filter(|time_s| *time_s > 0.0);
-            // Automatic exposure is not recorded.
-            let gain = (!flaws.is_automatic()).then_some(1.0);
-            exposures.push((time_s, FrameExposure { time_s: exposure_s, gain, ..FrameExposure::default() }));
+        match &mut scan {
+            Some(scan) => files.save_all(scan.add(simulation, &recorded, frame, codes.clone(), depth)?)?,
+            None => files.add_frame(frame, &picture, &codes, depth)?,
         }
         blur.push(max_blur_px);
-        let is_surveyed = !is_scan && options.format == Format::Jpg;
+        let is_surveyed = scan.is_none() && options.format == Format::Jpg;
         if is_surveyed && [frames / 6, frames / 2, 5 * frames / 6].contains(&frame) {
             surveyed.push((picture, clean));
         }
@@ -134,37 +107,20 @@ fn fill(
             return Err(SimulateError::Stopped);
         }
     }
-    let list = |entries: &[(f64, String)]| {
-        write::pictures(entries.iter().map(|(time_s, name)| (*time_s, name.as_str()))).map_err(SimulateError::Text)
-    };
     match scan {
         Some(scan) => {
-            let (video, files) = scan.finish(simulation)?;
-            files.into_iter().try_for_each(|(name, bytes)| save(&name, &bytes))?;
-            save("rgb.mp4", &fs::read(&video).map_err(writing(&video))?)?;
+            let (video, described) = scan.finish(simulation)?;
+            files.save_all(described)?;
+            files.save("rgb.mp4", &fs::read(&video).map_err(writing(&video))?)?;
         }
-        None => {
-            save("rgb.txt", list(&pictures)?.as_bytes())?;
-            save("depth.txt", list(&depths)?.as_bytes())?;
-            save("exposure.txt", write::exposures(&exposures).as_bytes())?;
-            save("groundtruth.txt", trajectory(&recorded).as_bytes())?;
-            save("recording.toml", recording_toml(name, options, sensor.as_ref())?.as_bytes())?;
-            if let Some(sensor) = sensor.as_ref().filter(|sensor| sensor.beside_m.is_some()) {
-                save(DEPTH_CAMERA, depth_camera_toml(sensor).as_bytes())?;
-            }
-        }
+        None => files.save_lists(name, &recorded, sensor.as_ref())?,
     }
     if flaws.is_any() {
-        let (poses, frames) = truth::files(simulation);
-        save(truth::POSES, trajectory(&poses).as_bytes())?;
-        save(truth::FRAMES, frames.as_bytes())?;
-        if !true_depths.is_empty() {
-            save(truth::DEPTHS, list(&true_depths)?.as_bytes())?;
-        }
+        files.save_truth()?;
     }
-    save("environment.hdr", &panorama(simulation).map_err(encoding("environment.hdr"))?)?;
+    files.save("environment.hdr", &panorama(simulation).map_err(encoding("environment.hdr"))?)?;
     if options.board {
-        save("board.glb", &board().glb().map_err(encoding("board.glb"))?)?;
+        files.save("board.glb", &board().glb().map_err(encoding("board.glb"))?)?;
     }
     let noise = match surveyed.first() {
         None => simulation.sensor.profile(),
@@ -177,9 +133,122 @@ fn fill(
             .map_err(encoding("a frame for measuring noise"))?
         }
     };
-    save("camera.toml", camera_toml(simulation, &noise).as_bytes())?;
+    files.save("camera.toml", camera_toml(simulation, &noise).as_bytes())?;
     let path = folder.join(TRUTH);
-    fs::write(&path, truth_toml(simulation, &blur, &written)).map_err(writing(&path))
+    fs::write(&path, truth_toml(simulation, &blur, &files.manifest)).map_err(writing(&path))
+}
+
+/// Files of a recording's folder, and what its lists will contain.
+struct FolderFiles<'a> {
+    folder: &'a Path,
+    simulation: &'a Simulation,
+    manifest: Manifest,
+    pictures: Vec<(f64, String)>,
+    depths: Vec<(f64, String)>,
+    exposures: Vec<(f64, FrameExposure)>,
+    true_depths: Vec<(f64, String)>,
+}
+
+impl<'a> FolderFiles<'a> {
+    /// Creates the folders within.
+    fn begin(folder: &'a Path, simulation: &'a Simulation) -> Result<Self, SimulateError> {
+        let files = Self {
+            folder,
+            simulation,
+            manifest: Manifest::default(),
+            pictures: Vec::new(),
+            depths: Vec::new(),
+            exposures: Vec::new(),
+            true_depths: Vec::new(),
+        };
+        let subs = if files.is_scan() { stray::FOLDERS } else { ["rgb", "depth"] };
+        for sub in subs.into_iter().chain(simulation.flaws().is_any().then_some(truth::FOLDER)) {
+            fs::create_dir_all(folder.join(sub)).map_err(writing(folder))?;
+        }
+        Ok(files)
+    }
+
+    fn is_scan(&self) -> bool {
+        self.simulation.options().layout == Some(FolderLayout::Stray)
+    }
+
+    fn save(&mut self, name: &str, bytes: &[u8]) -> Result<(), SimulateError> {
+        let path = self.folder.join(name);
+        self.manifest.add(name, bytes);
+        fs::write(&path, bytes).map_err(writing(&path))
+    }
+
+    fn save_all(&mut self, files: impl IntoIterator<Item = (String, Vec<u8>)>) -> Result<(), SimulateError> {
+        files.into_iter().try_for_each(|(name, bytes)| self.save(&name, &bytes))
+    }
+
+    fn time_s(&self, frame: usize) -> f64 {
+        rounded(self.simulation.timestamp_s(frame), 6)
+    }
+
+    /// The depth that a flawed sensor would have measured exactly.
+    fn add_true_depth(&mut self, frame: usize, exact: &SimulatedPicture) -> Result<(), SimulateError> {
+        let name = truth::depth_name(frame);
+        let scale = if self.is_scan() { stray::CODES_PER_METRE } else { self.simulation.options().depth_scale };
+        let file = depth_png(exact, scale).map_err(encoding(&name))?;
+        self.save(&format!("{}/{name}", truth::FOLDER), &file)?;
+        self.true_depths.push((self.time_s(frame), name));
+        Ok(())
+    }
+
+    fn add_frame(
+        &mut self,
+        frame: usize,
+        picture: &SimulatedPicture,
+        codes: &[u8],
+        depth: &SimulatedPicture,
+    ) -> Result<(), SimulateError> {
+        let (options, flaws) = (self.simulation.options(), self.simulation.flaws());
+        let (time_s, extension) = (self.time_s(frame), extension(options.format));
+        let (rgb_path, depth_path) = (format!("rgb/{frame:05}.{extension}"), format!("depth/{frame:05}.png"));
+        self.save(&rgb_path, &encode::frame(options, picture, codes).map_err(encoding(&rgb_path))?)?;
+        self.save(&depth_path, &depth_png(depth, options.depth_scale).map_err(encoding(&depth_path))?)?;
+        self.pictures.push((time_s, rgb_path));
+        self.depths.push((time_s, depth_path));
+        // A zero exposure gathers no light; the profile still records it.
+        let exposure_s = Some(options.exposure_time_s).filter(|time_s| *time_s > 0.0);
+        // Automatic exposure is not recorded.
+        let gain = (!flaws.is_automatic()).then_some(1.0);
+        self.exposures.push((time_s, FrameExposure { time_s: exposure_s, gain, ..FrameExposure::default() }));
+        Ok(())
+    }
+
+    fn save_lists(
+        &mut self,
+        name: &str,
+        recorded: &PoseTrack,
+        sensor: Option<&DepthSensor>,
+    ) -> Result<(), SimulateError> {
+        self.save("rgb.txt", list(&self.pictures)?.as_bytes())?;
+        self.save("depth.txt", list(&self.depths)?.as_bytes())?;
+        self.save("exposure.txt", write::exposures(&self.exposures).as_bytes())?;
+        self.save("groundtruth.txt", trajectory(recorded).as_bytes())?;
+        self.save("recording.toml", recording_toml(name, self.simulation.options(), sensor)?.as_bytes())?;
+        match sensor.filter(|sensor| sensor.beside_m.is_some()) {
+            Some(sensor) => self.save(DEPTH_CAMERA, depth_camera_toml(sensor).as_bytes()),
+            None => Ok(()),
+        }
+    }
+
+    /// The poses, frames and depth maps before the flaws.
+    fn save_truth(&mut self) -> Result<(), SimulateError> {
+        let (poses, frames) = truth::files(self.simulation);
+        self.save(truth::POSES, trajectory(&poses).as_bytes())?;
+        self.save(truth::FRAMES, frames.as_bytes())?;
+        if self.true_depths.is_empty() {
+            return Ok(());
+        }
+        self.save(truth::DEPTHS, list(&self.true_depths)?.as_bytes())
+    }
+}
+
+fn list(entries: &[(f64, String)]) -> Result<String, SimulateError> {
+    write::pictures(entries.iter().map(|(time_s, name)| (*time_s, name.as_str()))).map_err(SimulateError::Text)
 }
 
 fn trajectory(track: &PoseTrack) -> String {
