@@ -244,39 +244,50 @@ impl ContentPlanes {
         Activity { length, coarse, fine }
     }
 
-    /// Energies of fine detail of a run's pixels in a row, smoothed.
+    /// Energies of fine detail of the region's pixels of `columns` in a row, smoothed.
     #[inline(always)]
-    pub fn smoothed_detail(&self, place: &RegionPlace, run: &Range<usize>, y: usize, out: &mut [f32]) {
+    pub fn smoothed_detail(
+        &self,
+        place: &RegionPlace,
+        columns: &Range<usize>,
+        y: usize,
+        sums: &mut Vec<f32>,
+        out: &mut [f32],
+    ) {
         let bounds = place.bounds();
-        let (first, length) = (run.start as isize - 1, run.len() + 2);
+        let (first, length) = (columns.start as isize - 1, columns.len() + 2);
         let columns = within(first, &bounds[0])..within(first + length as isize - 1, &bounds[0]) + 1;
         let offset = (columns.start as isize - first) as usize;
         let row = |y: isize| &self.detail[within(y, &bounds[1]) * self.width..][columns.clone()];
         let y = y as isize;
-        let mut sums = vec![0.0f32; length];
+        sums.clear();
+        sums.resize(length, 0.0);
         for (sum, ((a, o), b)) in sums[offset..].iter_mut().zip(row(y - 1).iter().zip(row(y)).zip(row(y + 1))) {
             *sum = 0.25 * a + 0.5 * o + 0.25 * b;
         }
-        repeat_ends(&mut sums, first, &bounds[0]);
-        for (v, taps) in out.iter_mut().zip(sums.windows(3)) {
-            *v = 0.25 * taps[0] + 0.5 * taps[1] + 0.25 * taps[2];
+        repeat_ends(sums, first, &bounds[0]);
+        for (v, ((before, own), after)) in out.iter_mut().zip(sums.iter().zip(&sums[1..]).zip(&sums[2..])) {
+            *v = 0.25 * before + 0.5 * own + 0.25 * after;
         }
     }
 }
 
 impl Activity {
-    /// Energies at a run's pixels in the j-th row of the tiles, interpolated between the centres of
-    /// blocks: coarse and fine.
+    /// Energies at the pixels of `columns` of a run, an even number from an even one on, in the j-th
+    /// row of the tiles, interpolated between the centres of blocks: coarse and fine.
     #[inline(always)]
-    pub fn at_row(&self, j: usize, out: [&mut [f32]; 2]) {
+    pub fn at_row(&self, j: usize, columns: &Range<usize>, row: &mut Vec<f32>, out: [&mut [f32]; 2]) {
         // Rows and columns begin `BLOCK_REACH` blocks before the tiles.
         let upper = BLOCK_REACH + j / 2 - (j + 1) % 2;
         let share = if j.is_multiple_of(2) { 0.75 } else { 0.25 };
+        let first = BLOCK_REACH - 1 + columns.start / BLOCK_PX;
+        let count = columns.len() / BLOCK_PX + 2;
         for (out, blocks) in out.into_iter().zip([&self.coarse, &self.fine]) {
-            let [a, b] = [upper, upper + 1].map(|row| &blocks[row * self.length..][..self.length]);
-            let mix = |k: usize| a[k] + share * (b[k] - a[k]);
-            for (k, pair) in out.as_chunks_mut::<2>().0.iter_mut().enumerate() {
-                let [left, own, right] = [0, 1, 2].map(|side| mix(BLOCK_REACH - 1 + k + side));
+            let [above, below] = [upper, upper + 1].map(|row| &blocks[row * self.length + first..][..count]);
+            row.clear();
+            row.extend(above.iter().zip(below).map(|(a, b)| a + share * (b - a)));
+            let pairs = out[columns.clone()].as_chunks_mut::<2>().0;
+            for (pair, ((left, own), right)) in pairs.iter_mut().zip(row.iter().zip(&row[1..]).zip(&row[2..])) {
                 *pair = [left + 0.75 * (own - left), own + 0.25 * (right - own)];
             }
         }

@@ -28,6 +28,9 @@ use crate::compositor::dirty_tiles::TILE_PX;
 use crate::effects::ExampleNoise;
 use crate::parallel::{over_items, processors};
 
+// Within `dispatch!` runs are visited by loops: the closure of a `for_each` would be compiled for the
+// least processor.
+
 /// Rows and columns of a tile.
 const TILE: usize = TILE_PX as usize;
 
@@ -140,7 +143,9 @@ impl CpuCoding {
         let level = Level::new();
         let mut content = ContentPlanes::new(self.place.size);
         self.over_tile_rows(content.tile_rows(), |row, runs, mut rows| {
-            dispatch!(level, _ => runs.iter().for_each(|run| rows.fill(texels.codes, &self.place, run, TILE * row)));
+            dispatch!(level, _ => for run in runs {
+                rows.fill(texels.codes, &self.place, run, TILE * row);
+            });
         });
         content
     }
@@ -155,7 +160,9 @@ impl CpuCoding {
         let components = self.components();
         self.over_tile_rows(self.coded_rows(&mut planes), |row, runs, mut rows| {
             let pass = CodingPass { region: self, texels, noise, components: &components };
-            dispatch!(level, _ => runs.iter().for_each(|run| pass.run(run, TILE * row, &mut rows)));
+            dispatch!(level, _ => for run in runs {
+                pass.run(run, TILE * row, &mut rows);
+            });
         });
         planes
     }
@@ -167,7 +174,9 @@ impl CpuCoding {
         let rows = codes.chunks_mut(TILE * self.place.size[0]);
         self.over_tile_rows(rows, |row, runs, rows| {
             let pass = DecodePass { region: self, texels, latent, planes, decoding: &decoding };
-            dispatch!(level, _ => runs.iter().for_each(|run| pass.run(run, TILE * row, rows)));
+            dispatch!(level, _ => for run in runs {
+                pass.run(run, TILE * row, rows);
+            });
         });
         codes
     }

@@ -116,15 +116,13 @@ impl<'a> NoiseSynthesis<'a> {
     fn amplitude(&self, band: usize, features: &[Lanes; FEATURES]) -> Lanes {
         const LIMIT: f32 = 0.5 * std::f32::consts::LOG2_E * EXPONENT_LIMIT;
         let g = &self.gains[band];
-        let mut out = [0.0; LANES];
-        for (i, out) in out.iter_mut().enumerate() {
-            let mut exponent = g[0];
-            for k in 0..FEATURES {
-                exponent += g[1 + k] * features[k][i];
+        let mut exponents = [g[0]; LANES];
+        for (gain, feature) in g[1..].iter().zip(features) {
+            for (exponent, feature) in exponents.iter_mut().zip(feature) {
+                *exponent += gain * feature;
             }
-            *out = exp2(exponent.clamp(-LIMIT, LIMIT));
         }
-        out
+        exponents.map(|exponent| exp2(exponent.clamp(-LIMIT, LIMIT)))
     }
 
     /// Adds the cells' innovations of `N` bands in a row of a plane to `field`, band by band.
@@ -187,6 +185,8 @@ impl<'a> NoiseSynthesis<'a> {
 #[derive(Debug)]
 pub struct NoiseScratch {
     energies: [Vec<f32>; 3],
+    /// A row of energies before their interpolation.
+    row: Vec<f32>,
     field: Vec<f32>,
     /// Sums of the features of a chroma sample's rows, feature by feature.
     features: Vec<f32>,
@@ -199,6 +199,7 @@ impl NoiseScratch {
     pub fn new(length: usize) -> Self {
         Self {
             energies: [const { Vec::new() }; 3].map(|_: Vec<f32>| vec![0.0; length]),
+            row: Vec::new(),
             field: Vec::new(),
             features: vec![0.0; FEATURES * length],
             factors: vec![0.0; length],
@@ -247,12 +248,13 @@ impl NoiseSynthesis<'_> {
             return;
         }
         let length = span.len();
+        let columns = at.run.start + span.start..at.run.start + span.end;
         let [coarse, fine, detail] = &mut scratch.energies;
-        activity.at_row(at.j, [coarse, fine]);
-        self.content.smoothed_detail(&self.place, at.run, at.top + at.j, detail);
+        activity.at_row(at.j, &span, &mut scratch.row, [coarse, fine]);
+        let detail = &mut detail[span.clone()];
+        self.content.smoothed_detail(&self.place, &columns, at.top + at.j, &mut scratch.row, detail);
         scratch.field.clear();
         scratch.field.resize(LUMA_BANDS * length, 0.0);
-        let columns = at.run.start + span.start..at.run.start + span.end;
         let weights = [&self.luma_weights[..]; 2];
         self.add_innovations::<LUMA_BANDS>(
             FIRST_BAND[0],
