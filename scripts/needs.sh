@@ -44,11 +44,14 @@ need_packages() {
     install_missing
 }
 
-# Programs that decode HEIC and camera raw files, for the tests.
-need_picture_programs() {
+# Programs for the tests: decoders of HEIC and camera raw files, a client and an authority of time
+# stamps.
+need_test_programs() {
     local missing=()
     command -v heif-convert >/dev/null || missing+=(libheif-examples)
     command -v dcraw_emu >/dev/null || missing+=(libraw-bin)
+    command -v curl >/dev/null || missing+=(curl)
+    command -v openssl >/dev/null || missing+=(openssl)
     install_missing
 }
 
@@ -57,7 +60,7 @@ install_missing() {
     [ ${#missing[@]} -eq 0 ] && return
     if ! command -v apt-get >/dev/null; then
         echo "Missing (Debian package names): ${missing[*]}." >&2
-        echo "Install them with this system's package manager (a Vulkan loader and driver, of which Mesa's software driver will do, ffmpeg, a C++ compiler, libclang, Python 3; for the tests the programs of libheif and LibRaw), then run this again." >&2
+        echo "Install them with this system's package manager (a Vulkan loader and driver, of which Mesa's software driver will do, ffmpeg, a C++ compiler, libclang, Python 3; for the tests the programs of libheif and LibRaw, curl and openssl), then run this again." >&2
         exit 1
     fi
     local as_root=()

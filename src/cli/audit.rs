@@ -1,28 +1,29 @@
 //! `locard audit`.
 
-use std::path::{Path, PathBuf};
-use std::sync::mpsc;
+mod recompute;
 
-use anyhow::{Context, Result, bail};
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, anyhow, bail};
 use clap::Parser;
 
-use super::{Cli, Command, composite, print_line, print_list, progress, warn};
-use locard_engine::gpu::Gpu;
+use super::{Cli, Command, message, print_line, print_list, warn};
+use locard_engine::export::mask_name;
+use locard_engine::photo::log::recorded_photographs;
 use locard_engine::provenance::audit::{
-    ForwardSink, FrameAudit, RecomputedFrame, RecomputedOutcome, changed_inputs, changed_outputs, spread,
+    ChangedFile, RecomputedFrame, RecomputedOutcome, changed_inputs, changed_mask, changed_outputs, spread,
 };
 use locard_engine::provenance::{
-    DeviceRecord, OutputKind, ProgramRecord, Record, as_read, output_of_record, record_path,
+    OutputKind, PictureRecord, ProgramRecord, Record, output_of_record, record_path, video_programs,
 };
-use locard_engine::shot::AnalysisChoice;
-use locard_engine::sink::Sink;
-use locard_engine::text::count;
+use locard_engine::text::{count, reason};
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// The output of `locard composite`: a folder of frames or a video, with its record beside it
+    /// The output of `locard composite`, `photo` or `case-card` with its record beside it: a folder
+    /// of frames, a video, a photograph or a folder of photographs
     output: PathBuf,
-    /// Recompute only so many of the frames, spread evenly, as in 5 or 1%
+    /// Recompute only so many of the frames or photographs, spread evenly, as in 5 or 1%
     #[arg(long, value_name = "N|N%", value_parser = sample)]
     sample: Option<AuditSample>,
     /// Only compare files with the record; recompute no frame
@@ -63,18 +64,51 @@ impl AuditSample {
 pub fn run(args: &Args) -> Result<()> {
     // The record stands for its output.
     let named = output_of_record(&args.output).unwrap_or_else(|| args.output.clone());
-    let record = Record::read(&named)?;
+    if named.is_dir() && !record_path(&named).exists() {
+        let photographs = recorded_photographs(&named)
+            .map_err(|error| anyhow!("{}: cannot be read: {}", named.display(), reason(&error)))?;
+        if !photographs.is_empty() {
+            return audit_series(args, &photographs);
+        }
+    }
+    audit(args, &named, args.sample)
+}
+
+/// Audits photographs and case cards of one folder.
+fn audit_series(args: &Args, photographs: &[PathBuf]) -> Result<()> {
+    let all = photographs.len();
+    let sampled = args.sample.map_or(all, |sample| sample.frames(all));
+    let sampled: Vec<&PathBuf> = spread(sampled, all).into_iter().map(|at| &photographs[at]).collect();
+    // An audit changes to the folder of the recorded command.
+    let sampled = sampled.into_iter().map(std::path::absolute).collect::<std::io::Result<Vec<_>>>()?;
+    let mut failures = 0;
+    for photograph in &sampled {
+        print_line(&photograph.file_name().unwrap_or_default().to_string_lossy())?;
+        if let Err(error) = audit(args, photograph, None) {
+            print_line(&message(&error))?;
+            failures += 1;
+        }
+    }
+    if failures > 0 {
+        let photographs = count(sampled.len(), "photograph");
+        bail!("{}: {failures} of {photographs} not as recorded (listed above)", args.output.display());
+    }
+    Ok(())
+}
+
+fn audit(args: &Args, named: &Path, sample: Option<AuditSample>) -> Result<()> {
+    let record = Record::read(named)?;
     if record.pictures.is_empty() || record.work.inputs.is_empty() {
-        bail!("{}: lists no pictures or no inputs, so nothing can be compared", record_path(&named).display());
+        bail!("{}: lists no pictures or no inputs, so nothing can be compared", record_path(named).display());
     }
     // Paths in the record start at the folder of its command.
-    let output = std::path::absolute(&named)?;
+    let output = std::path::absolute(named)?;
     if let Err(error) = std::env::set_current_dir(&record.work.command.folder) {
         let folder = record.work.command.folder.display();
         warn(args.quiet, &format!("{folder}: {error}; the recorded paths are read from the current folder"));
     }
     let all: Vec<usize> = record.pictures.iter().map(|picture| picture.frame).collect();
-    let frames: Vec<usize> = match args.sample {
+    let frames: Vec<usize> = match sample {
         Some(sample) => spread(sample.frames(all.len()), all.len()).into_iter().map(|at| all[at]).collect(),
         None => all,
     };
@@ -91,29 +125,42 @@ pub fn run(args: &Args) -> Result<()> {
     let inputs = problems.len();
     print_line(&format!("inputs: {} of {} as recorded", record.work.inputs.len() - inputs, record.work.inputs.len()))?;
     problems.extend(changed_outputs(&record, &output, &frames));
+    let arguments = std::iter::once("locard").chain(record.work.command.arguments.iter().map(String::as_str));
+    let command = Cli::try_parse_from(arguments).ok().map(|cli| cli.command);
+    if let Some(Command::Composite(command)) = &command {
+        problems.extend(changed_masks(&record, &frames, |frame| command.mask_folder(frame))?);
+    }
     print_list(&problems)?;
     if problems.len() == inputs {
         let all = record.pictures.len();
-        let share = if record.output.kind == OutputKind::Video {
-            String::new()
-        } else {
-            format!(", {} of {all} pictures", frames.len())
+        let share = match record.output.kind {
+            OutputKind::Frames => format!(", {} of {all} pictures", frames.len()),
+            OutputKind::Video | OutputKind::Photograph => String::new(),
         };
         print_line(&format!("output: as it was written{share}"))?;
     }
-    let recomputed = if args.files_only { Vec::new() } else { recompute(args, &record, &output, &frames)? };
-    let worst = conclude(&recomputed)?;
-    match worst {
-        _ if !problems.is_empty() => bail!(
-            "{}: {} not as recorded (listed above)",
-            args.output.display(),
-            count(problems.len(), "file") + if problems.len() == 1 { " is" } else { " are" }
-        ),
-        Some(codes) if codes > args.within => {
-            bail!("{}: recomputed frames differ from the recorded ones (listed above)", args.output.display())
+    let recomputed = match &command {
+        _ if args.files_only => Vec::new(),
+        Some(Command::Composite(command)) => recompute::frames(command, &record, &output, &frames, args.quiet)?,
+        Some(Command::Photo(command)) => vec![recompute::photograph(command, &record, &output)?],
+        Some(Command::CaseCard(command)) => vec![recompute::card(command, &record, &output)?],
+        _ => {
+            let name = record.work.command.arguments.first().map_or("no command", String::as_str);
+            print_line(&format!(
+                "not recomputed: this program repeats `composite`, `photo` and `case-card`, the record has {name}"
+            ))?;
+            Vec::new()
         }
-        _ => Ok(()),
+    };
+    let is_equal = conclude(&record, &recomputed, args.within)?;
+    if !problems.is_empty() {
+        let files = count(problems.len(), "file") + if problems.len() == 1 { " is" } else { " are" };
+        bail!("{}: {files} not as recorded (listed above)", named.display());
     }
+    if !is_equal {
+        bail!("{}: recomputed {}s differ from the recorded ones (listed above)", named.display(), noun(&record));
+    }
+    Ok(())
 }
 
 /// The first digits of a digest.
@@ -121,81 +168,53 @@ fn short(digest: &str) -> &str {
     digest.get(..12).unwrap_or("unknown")
 }
 
-/// Recomputes frames by the recorded command.
-fn recompute(args: &Args, record: &Record, output: &Path, frames: &[usize]) -> Result<Vec<RecomputedFrame>> {
-    let arguments = std::iter::once("locard").chain(record.work.command.arguments.iter().map(String::as_str));
-    let Ok(Cli { command: Command::Composite(command) }) = Cli::try_parse_from(arguments) else {
-        let name = record.work.command.arguments.first().map_or("no command", String::as_str);
-        print_line(&format!("frames: not recomputed; this program repeats `composite` alone, the record has {name}"))?;
+/// Files of masks that are not the recorded ones. `folder` gives the folder of a frame's mask.
+fn changed_masks<'a>(
+    record: &Record,
+    frames: &[usize],
+    folder: impl Fn(usize) -> Option<&'a Path>,
+) -> Result<Vec<ChangedFile>> {
+    let sampled = record.pictures.iter().filter(|picture| frames.binary_search(&picture.frame).is_ok());
+    let masked: Vec<_> = sampled.filter_map(|picture| Some((picture, folder(picture.frame)?))).collect();
+    let Some((_, first)) = masked.first() else { return Ok(Vec::new()) };
+    if !first.is_dir() {
+        print_line(&format!("masks: the folder {} is not there, its files are not compared", first.display()))?;
         return Ok(Vec::new());
-    };
-    let analysis =
-        record.work.inputs.iter().find(|input| input.role == "analysis").and_then(|input| input.path.parent());
-    let analysis = analysis.map_or(AnalysisChoice::No, |folder| AnalysisChoice::At(folder.to_owned()));
-    let (shot, export) = composite::reopen(&command, analysis).context("the recorded command cannot be repeated")?;
-    if as_read(&export.settings_record(&shot)) != as_read(&record.work.settings)
-        || shot.settings.seed != record.work.seed
-    {
-        bail!("the recorded command has other settings or another seed than the record states: the record was edited");
     }
-    let count_now = shot.recording.frame_count();
-    if let Some(frame) = frames.iter().find(|frame| **frame >= count_now) {
-        bail!("frame {frame}: the recording has {} now", count(count_now, "frame"));
-    }
-    let mut compositor = shot.compositor(Gpu::open()?);
-    let device = DeviceRecord::of(&compositor.gpu().info);
-    if device != record.work.device {
-        let device_text = |device: &DeviceRecord| format!("{}, {}", device.adapter, device.driver);
-        print_line(&format!(
-            "another device: the output was made on {}, this is {}",
-            device_text(&record.work.device),
-            device_text(&device)
-        ))?;
-    }
-    let (sender, finished) = mpsc::channel();
-    let mut sink: Box<dyn Sink + Send> = export.finishing(&shot, Box::new(ForwardSink(sender)));
-    let audit = FrameAudit::new(record, output);
-    let bar = progress(args.quiet, frames.len());
-    let mut recomputed = Vec::with_capacity(frames.len());
-    for run in frames.chunk_by(|a, b| a + 1 == *b) {
-        let range = run[0]..run[run.len() - 1] + 1;
-        let composites = shot.frames(&mut compositor, range, false, locard_engine::compositor::IN_FLIGHT)?;
-        for composited in composites {
-            let composited = composited?;
-            let stated = audit.picture(composited.frame);
-            if stated.is_some_and(|picture| picture.rect_px != composited.stats.rect_px) {
-                let rect_px = composited.stats.rect_px;
-                bail!("frame {}: the bounds of its changed pixels are {rect_px:?}, not as recorded", composited.frame);
-            }
-            sink.write(composited.frame, &composited.pixels)?;
-            recomputed.extend(finished.try_iter().map(|(frame, pixels)| audit.compare(frame, &pixels)));
-            bar.inc(1);
-        }
-    }
-    bar.finish_and_clear();
-    Ok(recomputed)
+    let change =
+        |(picture, folder): &(&PictureRecord, &Path)| changed_mask(picture, &folder.join(mask_name(picture.frame)));
+    let changes: Vec<ChangedFile> = masked.iter().filter_map(change).collect();
+    print_line(&format!("masks: {} of {} files as recorded", masked.len() - changes.len(), masked.len()))?;
+    Ok(changes)
 }
 
-/// Prints the comparison. Returns the largest difference in code values, if any frame was made
-/// again.
-fn conclude(recomputed: &[RecomputedFrame]) -> Result<Option<u32>> {
+/// The word for a picture of an output.
+fn noun(record: &Record) -> &'static str {
+    if record.output.kind == OutputKind::Photograph { "picture" } else { "frame" }
+}
+
+/// Prints the comparison. True if no recomputed picture differs by more than `within` code values.
+/// Masks must be equal, unless differences are accepted.
+fn conclude(record: &Record, recomputed: &[RecomputedFrame], within: u32) -> Result<bool> {
     if recomputed.is_empty() {
-        return Ok(None);
+        return Ok(true);
     }
     let unequal: Vec<&RecomputedFrame> =
         recomputed.iter().filter(|frame| frame.outcome != RecomputedOutcome::Equal).collect();
+    let noun = noun(record);
     print_line(&format!(
-        "frames: {} of {} recomputed are equal bit for bit",
+        "{noun}s: {} of {} recomputed are equal bit for bit",
         recomputed.len() - unequal.len(),
         recomputed.len()
     ))?;
+    let name = |frame: usize| if noun == "frame" { format!("frame {frame}") } else { noun.to_owned() };
     let line = |frame: &&RecomputedFrame| match &frame.outcome {
         RecomputedOutcome::Equal => String::new(),
         RecomputedOutcome::Differs(by) => {
             let b = by.bounds;
             format!(
-                "frame {}: equal within {}; {} differ, 99 % of them within {}, in columns {}..{}, rows {}..{}",
-                frame.frame,
+                "{}: equal within {}; {} differ, 99 % of them within {}, in columns {}..{}, rows {}..{}",
+                name(frame.frame),
                 count(by.max_codes as usize, "code"),
                 count(by.pixels, "pixel"),
                 count(by.p99_codes as usize, "code"),
@@ -205,15 +224,47 @@ fn conclude(recomputed: &[RecomputedFrame]) -> Result<Option<u32>> {
                 b.y1
             )
         }
-        RecomputedOutcome::Unequal(why) => format!("frame {}: not equal; {why}", frame.frame),
+        RecomputedOutcome::Unequal(why) => format!("{}: not equal; {why}", name(frame.frame)),
     };
     print_list(&unequal.iter().map(line).collect::<Vec<_>>())?;
+    let masks: Vec<(usize, usize)> =
+        recomputed.iter().filter_map(|frame| Some((frame.frame, frame.mask_px?))).collect();
+    let other_masks: Vec<String> = masks
+        .iter()
+        .filter(|(_, px)| *px > 0)
+        .map(|(frame, px)| format!("{}: its mask differs in {}", name(*frame), count(*px, "pixel")))
+        .collect();
+    if !masks.is_empty() {
+        print_line(&format!("masks: {} of {} recomputed are equal", masks.len() - other_masks.len(), masks.len()))?;
+        print_list(&other_masks)?;
+    }
+    if !unequal.is_empty() {
+        print_other_programs(record)?;
+    }
     let codes = |frame: &&RecomputedFrame| match &frame.outcome {
         RecomputedOutcome::Equal => 0,
         RecomputedOutcome::Differs(by) => by.max_codes,
         RecomputedOutcome::Unequal(_) => u32::MAX,
     };
-    Ok(unequal.iter().map(codes).max().or(Some(0)))
+    Ok(unequal.iter().map(codes).max().unwrap_or(0) <= within && (other_masks.is_empty() || within > 0))
+}
+
+/// Prints the programs for video whose versions are not the recorded ones.
+fn print_other_programs(record: &Record) -> Result<()> {
+    if record.work.programs.is_empty() {
+        return Ok(());
+    }
+    let installed = video_programs();
+    for (name, recorded) in &record.work.programs {
+        let version = installed.get(name).map_or("missing", String::as_str);
+        if version != recorded {
+            print_line(&format!(
+                "another {name}: the output was made with \"{recorded}\", here it is \"{version}\"; it may decode \
+                 video to other pixels"
+            ))?;
+        }
+    }
+    Ok(())
 }
 
 #[cfg(test)]

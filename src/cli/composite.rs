@@ -1,7 +1,7 @@
 //! `locard composite`.
 
 use std::ops::Range;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
@@ -126,6 +126,15 @@ pub struct Args {
     /// No progress bar, no warnings
     #[arg(long, short)]
     quiet: bool,
+}
+
+impl Args {
+    /// Folder of the mask of a frame, if the command writes it.
+    pub fn mask_folder(&self, frame: usize) -> Option<&Path> {
+        let (start, end) = self.frames.unwrap_or_default();
+        let is_made = start.is_none_or(|start| start <= frame) && end.is_none_or(|end| frame < end);
+        self.masks.as_deref().filter(|_| is_made)
+    }
 }
 
 /// The text of a mark.

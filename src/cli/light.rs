@@ -8,7 +8,7 @@ use super::analysis::AnalysisArgs;
 use super::open::Skip;
 use locard_engine::camera::stops;
 use locard_engine::recording::{OpenOptions, Recording};
-use locard_engine::shot::{Shot, ShotOptions};
+use locard_engine::shot::{AnalysisChoice, Shot, ShotOptions};
 
 #[derive(clap::Args)]
 pub struct LightArgs {
@@ -51,13 +51,26 @@ pub struct LightArgs {
 impl LightArgs {
     /// Opens the recording, with the scene of a photograph.
     pub fn open(&self, scene: Option<PathBuf>, recorded_poses: bool) -> Result<Shot> {
+        let options = self.shot_options(scene, recorded_poses, self.analysis.choice());
+        Ok(self.analysis.open(self.open_recording()?, &options, false, |_| Ok(()))?.0)
+    }
+
+    /// The shot of a command that was run before, with a given analysis.
+    pub fn reopen(&self, scene: Option<PathBuf>, recorded_poses: bool, analysis: AnalysisChoice) -> Result<Shot> {
+        Ok(Shot::of(self.open_recording()?, &self.shot_options(scene, recorded_poses, analysis))?)
+    }
+
+    fn open_recording(&self) -> Result<Recording> {
         let options =
             self.skip.apply_to(OpenOptions { metres_per_unit: self.metres_per_unit, ..OpenOptions::default() });
         let recording = Recording::open(&self.recording, &options)?;
         super::check_frame(self.frame, recording.frame_count())?;
-        let (profile, sets, analysis) = (self.profile.clone(), self.sets.clone(), self.analysis.choice());
-        let shot_options = ShotOptions { profile, sets, scene, analysis, recorded_poses, ..ShotOptions::default() };
-        Ok(self.analysis.open(recording, &shot_options, false, |_| Ok(()))?.0)
+        Ok(recording)
+    }
+
+    fn shot_options(&self, scene: Option<PathBuf>, recorded_poses: bool, analysis: AnalysisChoice) -> ShotOptions {
+        let (profile, sets) = (self.profile.clone(), self.sets.clone());
+        ShotOptions { profile, sets, scene, analysis, recorded_poses, ..ShotOptions::default() }
     }
 }
 

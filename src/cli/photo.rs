@@ -12,6 +12,8 @@ use locard_engine::camera::metering::Mode;
 use locard_engine::gpu::Gpu;
 use locard_engine::label::DigitalSourceType;
 use locard_engine::photo::{self, Focus, PhotoError, PhotoEvent, PhotoRequest};
+use locard_engine::provenance::SettingsRecord;
+use locard_engine::shot::{AnalysisChoice, Shot};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -107,6 +109,21 @@ impl From<BracketArg> for photo::Bracket {
 }
 
 impl Args {
+    /// The shot of a command that was run before, with a given analysis, and its settings.
+    pub fn reopen(&self, analysis: AnalysisChoice) -> Result<(Shot, SettingsRecord)> {
+        let shot = self.light.reopen(Some(self.scene.clone()), self.which.leaves_registration(), analysis)?;
+        let shot = self.with_settings(shot)?;
+        let settings = SettingsRecord { unlabelled: !self.labels.is_labelled(), ..SettingsRecord::of(&shot) };
+        Ok((shot, settings))
+    }
+
+    /// Applies the seed and the choice of effects.
+    fn with_settings(&self, mut shot: Shot) -> Result<Shot> {
+        shot.settings.seed = self.seed;
+        self.which.apply(&mut shot.settings)?;
+        Ok(shot)
+    }
+
     pub fn request(&self) -> PhotoRequest {
         PhotoRequest {
             frame: self.light.frame,
@@ -153,9 +170,8 @@ fn columns(text: &str) -> Result<f64, String> {
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    let mut shot = args.light.open(Some(args.scene.clone()), args.which.leaves_registration())?;
-    shot.settings.seed = args.seed;
-    args.which.apply(&mut shot.settings)?;
+    let shot = args.light.open(Some(args.scene.clone()), args.which.leaves_registration())?;
+    let shot = args.with_settings(shot)?;
     args.labels.warn(DigitalSourceType::CompositeWithSyntheticElements);
     analysis::print_hints(args.quiet, &shot, args.which.leaves_registration());
     let bar = progress_of(args.quiet, 100, "{msg} {wide_bar} {percent} %, {elapsed}");

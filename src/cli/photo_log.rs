@@ -10,8 +10,9 @@ use super::{print_status, warn};
 use locard_engine::label::SourceLabel;
 use locard_engine::photo::log::{Finding, PhotoLog, csv, html, log_files, photographs};
 use locard_engine::photo::{CaseCard, Particulars, PhotoContent, next_number, record_path, write_record};
+use locard_engine::provenance::{InputDigests, WorkRecord};
 use locard_engine::sink::atomic::write_atomically;
-use locard_engine::sink::{check_file, photograph};
+use locard_engine::sink::{SinkError, check_file, photograph};
 use locard_engine::text::{count, shown};
 
 #[derive(clap::Args)]
@@ -80,9 +81,12 @@ pub fn run_card(args: &CardArgs) -> Result<()> {
     check_file(&record_path(&args.output), true)?;
     let number = args.number.unwrap_or_else(|| next_number(&args.output));
     let now_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64());
-    photograph::write(&args.output, &card.picture(), None, Some(&SourceLabel::rendering()), args.force)?;
+    photograph::write(&args.output, &card.picture(), None, Some(&SourceLabel::case_card()), args.force)?;
     let taken = photograph::log_date_time(now_s);
-    write_record(&args.output, &Particulars { number, taken, content: PhotoContent::Card(card) }, None)?;
+    let inputs = InputDigests::start(vec![("card", args.case.clone())]).finish();
+    let inputs = inputs.map_err(|(path, source)| SinkError::Read { path, source })?;
+    let particulars = Particulars { number, taken, content: PhotoContent::Card(card) };
+    write_record(&args.output, &particulars, WorkRecord::without_shot(inputs))?;
     print_status(args.quiet, &format!("{} and {}", args.output.display(), record_path(&args.output).display()));
     Ok(())
 }

@@ -16,7 +16,7 @@ use std::path::PathBuf;
 
 pub use error::ExportError;
 pub use inputs::{Inputs, resolved};
-pub use run::ExportSummary;
+pub use run::{ExportSummary, mask_name};
 
 use crate::sink::{OutPath, VideoCodec};
 

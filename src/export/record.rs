@@ -10,7 +10,7 @@ use crate::gpu::Gpu;
 use crate::pixels::Pixels;
 use crate::provenance::{
     InputDigests, MaskRecord, OutputKind, OutputRecord, PictureLines, PictureRecord, RECORD_VERSION, Record,
-    SettingsRecord, WorkRecord, file_digest, input_files, pixels_digest,
+    SettingsRecord, WorkRecord, file_digest, input_files, pixels_digest, video_programs,
 };
 use crate::recording::Recording;
 use crate::shot::Shot;
@@ -40,6 +40,7 @@ impl Export {
         settings.sdr = self.sdr;
         settings.mark.clone_from(&self.mark);
         settings.unlabelled = !self.labelled;
+        settings.closed_groups = self.closed_groups;
         settings
     }
 
@@ -75,12 +76,17 @@ impl RecordDraft {
     pub fn begin(export: &Export, shot: &Shot, gpu: &Gpu, options: &SinkOptions) -> Result<Option<Self>, ExportError> {
         let Some(output) = export.recorded_output() else { return Ok(None) };
         let Recording { width, height, .. } = *shot.recording;
+        let kind = if matches!(export.out, OutPath::Video(_)) { OutputKind::Video } else { OutputKind::Frames };
+        let mut work = WorkRecord { settings: export.settings_record(shot), ..WorkRecord::begun(shot, &gpu.info) };
+        if kind == OutputKind::Video && work.programs.is_empty() {
+            work.programs = video_programs();
+        }
         let record = Record {
             version: RECORD_VERSION,
-            work: WorkRecord { settings: export.settings_record(shot), ..WorkRecord::begun(shot, &gpu.info) },
+            work,
             range: [export.range.start, export.range.end],
             output: OutputRecord {
-                kind: if matches!(export.out, OutPath::Video(_)) { OutputKind::Video } else { OutputKind::Frames },
+                kind,
                 path: output.to_owned(),
                 width,
                 height,
@@ -109,7 +115,7 @@ impl RecordDraft {
                 let digest = digest.map_err(|source| SinkError::Read { path: self.output.clone(), source })?;
                 self.record.output.sha256 = Some(digest.sha256);
             }
-            OutputKind::Frames => {
+            OutputKind::Frames | OutputKind::Photograph => {
                 if let Ok(earlier) = Record::read(&self.output)
                     && earlier.is_same_work(&self.record)
                 {

@@ -189,6 +189,7 @@ pub fn layer_name(frame: usize) -> String {
     format!("layer_{frame:06}.exr")
 }
 
+/// The file name of a frame's mask.
 pub fn mask_name(frame: usize) -> String {
     format!("mask_{frame:06}.png")
 }

@@ -50,6 +50,7 @@ fn check_settings(first: &RecordedPart, part: &RecordedPart) -> Result<(), FarmE
         let kind = match output.kind {
             OutputKind::Frames => "frames",
             OutputKind::Video => "video",
+            OutputKind::Photograph => "photograph",
         };
         let (width, height, bits, fps) = (output.width, output.height, output.bits, output.fps);
         format!("{} {kind} {width}x{height}, {bits} bits, {fps} frames/s", output.codec)
@@ -170,7 +171,7 @@ mod tests {
     #[test]
     fn part_of_another_build_input_setting_or_adapter_is_refused() {
         type Change = fn(&mut Value);
-        let cases: [(Change, &str); 10] = [
+        let cases: [(Change, &str); 11] = [
             (
                 |value| value["program"]["build"] = "b2".into(),
                 "the program: locard 0.1.0, build b1 and locard 0.1.0, build b2",
@@ -178,6 +179,7 @@ mod tests {
             (|value| value["seed"] = 1.into(), "the seed: 0 and 1"),
             (|value| value["settings"]["parameters"]["noise"]["scale"] = 0.75.into(), "the settings (noise.scale)"),
             (|value| value["settings"]["mark"] = "x".into(), "the settings (mark)"),
+            (|value| value["settings"]["closed_groups"] = 12.into(), "the settings (closed_groups)"),
             (|value| value["output"]["width"] = 3.into(), "the output's format: png frames 2x1"),
             (|value| value["device"]["kind"] = "DiscreteGpu".into(), "the kind of adapter: Cpu and DiscreteGpu"),
             (|value| value["device"]["driver"] = "Mesa 2".into(), "the adapter (--any-driver accepts"),

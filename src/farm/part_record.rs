@@ -26,6 +26,10 @@ impl RecordedPart {
     /// contradicts itself.
     pub fn read(output: &Path) -> Result<Self, FarmError> {
         let mut record = Record::read(output)?;
+        if record.output.kind == OutputKind::Photograph {
+            let problem = "is a photograph, and no part of frames; leave it out";
+            return Err(FarmError::refused(output, problem));
+        }
         let inputs = std::mem::take(&mut record.work.inputs).into();
         let part = Self { path: output.to_owned(), record, inputs };
         match part.contradiction() {

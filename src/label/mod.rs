@@ -21,14 +21,19 @@ pub enum DigitalSourceType {
     CompositeWithSyntheticElements,
     /// A rendering without footage.
     DigitalCreation,
+    /// A drawing of data: text and figures.
+    DataDrivenMedia,
 }
 
 impl DigitalSourceType {
+    pub const ALL: [Self; 3] = [Self::CompositeWithSyntheticElements, Self::DigitalCreation, Self::DataDrivenMedia];
+
     /// The concept's address.
     pub fn uri(self) -> &'static str {
         match self {
             Self::CompositeWithSyntheticElements => "http://cv.iptc.org/newscodes/digitalsourcetype/compositeSynthetic",
             Self::DigitalCreation => "http://cv.iptc.org/newscodes/digitalsourcetype/digitalCreation",
+            Self::DataDrivenMedia => "http://cv.iptc.org/newscodes/digitalsourcetype/dataDrivenMedia",
         }
     }
 
@@ -37,6 +42,7 @@ impl DigitalSourceType {
         match self {
             Self::CompositeWithSyntheticElements => "Composite with synthetic elements: footage with virtual objects",
             Self::DigitalCreation => "Digital creation: a rendering of virtual objects",
+            Self::DataDrivenMedia => "Data-driven media: text and colour patches drawn from the data of a case",
         }
     }
 }
@@ -64,6 +70,11 @@ impl SourceLabel {
     /// Label of renderings of a scene alone.
     pub fn rendering() -> Self {
         Self { source_type: DigitalSourceType::DigitalCreation, recording: None, frame: None }
+    }
+
+    /// Label of a case card.
+    pub fn case_card() -> Self {
+        Self { source_type: DigitalSourceType::DataDrivenMedia, ..Self::rendering() }
     }
 
     /// The label of one frame.

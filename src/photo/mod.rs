@@ -50,9 +50,9 @@ pub use occlusion::SummedFrameOcclusion;
 pub use particulars::{CameraSupport, ObjectInView, Particulars, PhotoContent, ScaleInView, Subject, ViewParticulars};
 pub use plane_view::{foreshortening, height_error, mm_per_px, tilt_error};
 pub use real::{RealPart, shutter_weights};
-pub use record::{next_number, read_record, record_path, write_record};
+pub use record::{next_number, read_particulars, read_record, record_path, write_record};
 pub use request::{Bracket, Focus, PhotoRequest, existing_series};
-pub use series::PhotoEvent;
+pub use series::{PhotoEvent, RetakenPhoto};
 pub use sheet::{contact_sheet, thumbnail};
 pub use take::{PhotoExposure, Photograph, Standpoint, TakeError, take};
 

@@ -35,7 +35,7 @@ pub struct PhotoPlan {
 }
 
 impl PhotoPlan {
-    /// Checks the request, and that the output files may be written.
+    /// Checks the request, but not its output files: [`PhotoPlan::check_outputs`].
     pub fn new(request: &PhotoRequest, shot: &Shot) -> Result<Self, PhotoError> {
         let index = request.frame;
         shot.check_poses(index..index.saturating_add(1))?;
@@ -71,7 +71,6 @@ impl PhotoPlan {
         }
         limits.longest_s = limits.longest_s.min(max_shutter_s);
         let dials = ExposureControls::new(request, recorded_exposure, lux.unwrap_or(INDOORS_LX), limits)?;
-        check_outputs(request, shot, dials.series(request.bracket).len())?;
         let unknown_light = lux.is_none().then(|| {
             format!(
                 "the brightness of the scene is neither in EXIF nor in a profile: {INDOORS_LX} lx is assumed (--lux \
@@ -82,6 +81,19 @@ impl PhotoPlan {
         let warnings = of_request.chain(shot.recording.warnings.iter().chain(&shot.scene.warnings).cloned()).collect();
         let recorded_iso = recorded_exposure.iso;
         Ok(Self { recorded_geometry, camera, focal_length_m, subject, aim, dials, sums, warnings, recorded_iso })
+    }
+
+    /// Checks that the files of the photographs, and the sheet of a series, may be written.
+    pub fn check_outputs(&self, request: &PhotoRequest, shot: &Shot) -> Result<(), PhotoError> {
+        let count = self.dials.series(request.bracket).len();
+        let inputs = Inputs::of(shot);
+        let sheet = request.bracket.map(|_| request.path_of("sheet"));
+        for path in (1..=count).map(|n| request.path_of(&n.to_string())).chain(sheet) {
+            photograph::check(&path, request.force)?;
+            check_file(&record_path(&path), true)?;
+            inputs.check_file(&path)?;
+        }
+        Ok(())
     }
 
     /// Warnings about the frame's depth and the camera's noise.
@@ -124,18 +136,6 @@ fn check_framing(
         Focus::Auto => (f64::INFINITY, focal_length_m.filter(|_| request.bracket == Some(Bracket::Focus))),
     };
     Framing::aimed(recorded_geometry, request.film, checked_m, focus_m, request.width_px, aim)?;
-    Ok(())
-}
-
-/// Checks that the files of `count` photographs, and the sheet of a series, may be written.
-fn check_outputs(request: &PhotoRequest, shot: &Shot, count: usize) -> Result<(), PhotoError> {
-    let inputs = Inputs::of(shot);
-    let sheet = request.bracket.map(|_| request.path_of("sheet"));
-    for path in (1..=count).map(|n| request.path_of(&n.to_string())).chain(sheet) {
-        photograph::check(&path, request.force)?;
-        check_file(&record_path(&path), true)?;
-        inputs.check_file(&path)?;
-    }
     Ok(())
 }
 

@@ -1,11 +1,12 @@
 //! Takes a photograph or a series, from the request to the files.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use super::error::{PhotoError, refused};
-use super::exposure_controls::SeriesEntry;
+use super::exposure_controls::{ExposureControls, SeriesEntry};
 use super::framing::Framing;
+use super::particulars::{Particulars, PhotoContent};
 use super::plan::PhotoPlan;
 use super::record::{next_number, write_record};
 use super::request::{Bracket, PhotoRequest};
@@ -18,9 +19,11 @@ use crate::camera::metering::PictureLight;
 use crate::depth::{Rays, consensus_at_frame};
 use crate::gpu::{Gpu, GpuError};
 use crate::label::SourceLabel;
+use crate::pixels::Pixels;
 use crate::provenance::{InputDigests, WorkRecord, input_files};
 use crate::shot::{Note, Shot};
-use crate::sink::{SinkError, photograph};
+use crate::sink::SinkError;
+use crate::sink::photograph::{self, ExifNotes};
 
 /// Time between two checks whether the inputs are digested.
 const DIGEST_POLL: Duration = Duration::from_millis(30);
@@ -42,6 +45,16 @@ pub enum PhotoEvent {
     },
 }
 
+/// A photograph that was taken again.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RetakenPhoto {
+    pub pixels: Pixels,
+    pub content: PhotoContent,
+}
+
+/// Receiver of events; an error ends the work.
+type EventSender<'a> = &'a mut dyn FnMut(PhotoEvent) -> Result<(), TakeError>;
+
 impl PhotoRequest {
     /// Takes the requested photographs of a shot. All checks are made before a device is requested.
     /// Events are passed to `report`; if it returns `false`, the work ends with
@@ -52,85 +65,31 @@ impl PhotoRequest {
         device: impl FnOnce() -> Result<Gpu, GpuError>,
         report: &mut dyn FnMut(PhotoEvent) -> bool,
     ) -> Result<(), PhotoError> {
-        let index = self.frame;
         let plan = PhotoPlan::new(self, &shot)?;
-        let mut send = |event: PhotoEvent| if report(event) { Ok(()) } else { Err(TakeError::Cancelled) };
-        let mut warn = |text: String| send(PhotoEvent::Warning(text));
-        plan.warnings.iter().cloned().try_for_each(&mut warn)?;
-        let frame = shot.read_with_neighbours(index)?;
-        plan.frame_warnings(self, &shot, &frame).into_iter().try_for_each(&mut warn)?;
-        let PhotoPlan { recorded_geometry, camera, focal_length_m, subject, aim, mut dials, sums, .. } = plan;
-        let acts_on_real = shot.settings.acts_on_real();
-        let compositor = shot.compositor(device()?);
-        compositor.warnings().into_iter().try_for_each(&mut warn)?;
-        let mean = PictureLight::of(&frame.pixels, &camera.response).mean;
-        let track = &shot.recording.track;
-        let rays = Rays::new(&recorded_geometry);
-        let depth_m =
-            frame.depth.as_ref().and_then(|map| consensus_at_frame(&frame, map, &rays, track, &camera.response));
-        let mut work = WorkRecord::begun(&shot, &compositor.gpu().info);
-        let input_digests = InputDigests::start(input_files(&shot));
-        let mut shoot =
-            PhotoShoot { request: self, shot, recorded_geometry, frame, depth_m, mean, camera, compositor, aim, sums };
-        let (distance_m, nothing) = shoot.focus_distance_m(focal_length_m)?;
-        nothing.map(str::to_owned).into_iter().try_for_each(&mut warn)?;
-        dials.focus_distance_m = distance_m;
-        if self.bracket == Some(Bracket::Focus) && dials.focus_distance_m.is_infinite() {
-            return refused(
-                "--bracket focus goes from half the focus distance to twice, and that is infinite here: give a \
-                 distance, as in --focus 2"
-                    .to_owned(),
-            );
-        }
+        plan.check_outputs(self, &shot)?;
+        let send: EventSender<'_> =
+            &mut |event: PhotoEvent| if report(event) { Ok(()) } else { Err(TakeError::Cancelled) };
+        let mut session = PhotoSession::begin(self, plan, shot, device, send)?;
+        let shoot = &session.shoot;
+        let mut work = WorkRecord::begun(&shoot.shot, &shoot.compositor.gpu().info);
         work.settings.unlabelled = !self.labelled;
-        let mut input_digests = Some(input_digests);
-        let label = self.labelled.then(|| SourceLabel::composite(&shoot.shot.recording.path).of_frame(index));
+        let mut input_digests = Some(InputDigests::start(input_files(&shoot.shot)));
+        let label = self.labelled.then(|| SourceLabel::composite(&shoot.shot.recording.path).of_frame(self.frame));
         let mut sheet = Vec::new();
-        let mut has_warned = false;
-        let series = dials.series(self.bracket);
-        let framed = |entry: &SeriesEntry| {
-            Framing::aimed(
-                &shoot.recorded_geometry,
-                self.film,
-                focal_length_m,
-                entry.focus_distance_m,
-                self.width_px,
-                aim,
-            )
-        };
-        let framings = series.iter().map(framed).collect::<Result<Vec<_>, _>>()?;
-        for (n, (entry, framing)) in series.iter().zip(framings).enumerate() {
-            let mut warn = |text: String| send(PhotoEvent::Warning(text));
-            let opening = shoot.lens(entry).opening(&framing.geometry)?;
-            let flat = shoot.frame.depth.is_none() && acts_on_real;
-            if flat && !has_warned && opening.is_some_and(|opening| blurs(&opening, &framing)) {
-                let text = "only virtual objects are out of focus: the recording has no depth here, and its part stays \
-                            as sharp as it was recorded";
-                warn(text.to_owned())?;
-                has_warned = true;
-            }
-            dials.exposure_warning(entry).into_iter().try_for_each(&mut warn)?;
-            let report_progress =
-                |share: f64| send(PhotoEvent::Taking { number: n + 1, of: series.len(), share }).is_ok();
-            let Photograph { pixels, shows_objects } = shoot.take(&dials, entry, &framing, opening, report_progress)?;
-            if !shows_objects && n == 0 {
-                send(PhotoEvent::Warning(Note::NothingSeen.to_string()))?;
-            }
+        let photographs = session.series.len();
+        for n in 0..photographs {
             let path = self.path_of(&(n + 1).to_string());
-            let notes = shoot.notes(&dials, entry, &framing);
             let number = self.number.map_or_else(|| next_number(&path), |first| first.saturating_add(n as u32));
-            let photo = TakenPhoto { dials: &dials, entry, framing: &framing, opening, pixels: &pixels, notes: &notes };
-            let particulars = shoot.particulars(&photo, subject.as_deref(), number)?;
+            let SessionPhoto { pixels, notes, particulars, settings } = session.take(n, number, send)?;
             if let Some(digests) = input_digests.take() {
                 while !digests.is_finished() {
-                    send(PhotoEvent::Taking { number: n + 1, of: series.len(), share: 1.0 })?;
+                    send(PhotoEvent::Taking { number: n + 1, of: photographs, share: 1.0 })?;
                     std::thread::park_timeout(DIGEST_POLL);
                 }
                 work.inputs = digests.finish().map_err(|(path, source)| SinkError::Read { path, source })?;
             }
             photograph::write(&path, &pixels, Some(&notes), label.as_ref(), self.force)?;
-            write_record(&path, &particulars, Some(&work))?;
-            let settings = settings_text(entry, &framing);
+            write_record(&path, &particulars, work.clone())?;
             let written = send(PhotoEvent::Written { path, settings: settings.replace('\n', ", ") });
             // After a single photograph nothing is left to cancel.
             if self.bracket.is_some() {
@@ -144,6 +103,118 @@ impl PhotoRequest {
             let _ = send(PhotoEvent::Written { path, settings: String::new() });
         }
         Ok(())
+    }
+
+    /// Takes the photograph at `path` again, which this request or one of its series made. Nothing
+    /// is written, and output files are not checked.
+    pub fn retake(
+        &self,
+        path: &Path,
+        shot: Shot,
+        device: impl FnOnce() -> Result<Gpu, GpuError>,
+    ) -> Result<RetakenPhoto, PhotoError> {
+        let plan = PhotoPlan::new(self, &shot)?;
+        let send: EventSender<'_> = &mut |_| Ok(());
+        let mut session = PhotoSession::begin(self, plan, shot, device, send)?;
+        let Some(n) = (0..session.series.len()).find(|n| self.path_of(&(n + 1).to_string()) == path) else {
+            return refused(format!("{}: is no photograph that this command makes", path.display()));
+        };
+        let SessionPhoto { pixels, particulars, .. } = session.take(n, 0, send)?;
+        Ok(RetakenPhoto { pixels, content: particulars.content })
+    }
+}
+
+/// A checked request on a device, which takes the photographs of its series.
+struct PhotoSession<'a> {
+    shoot: PhotoShoot<'a>,
+    dials: ExposureControls,
+    subject: Option<String>,
+    series: Vec<SeriesEntry>,
+    framings: Vec<Framing>,
+    /// True if an effect acts on the real part, for which the recording has no depth.
+    is_flat: bool,
+    /// True after the warning that a flat real part stays sharp.
+    has_warned: bool,
+}
+
+/// A photograph of a session.
+struct SessionPhoto {
+    pixels: Pixels,
+    notes: ExifNotes,
+    particulars: Particulars,
+    settings: String,
+}
+
+impl<'a> PhotoSession<'a> {
+    fn begin(
+        request: &'a PhotoRequest,
+        plan: PhotoPlan,
+        shot: Shot,
+        device: impl FnOnce() -> Result<Gpu, GpuError>,
+        send: EventSender<'_>,
+    ) -> Result<Self, PhotoError> {
+        let mut warn = |text: String| send(PhotoEvent::Warning(text));
+        plan.warnings.iter().cloned().try_for_each(&mut warn)?;
+        let frame = shot.read_with_neighbours(request.frame)?;
+        plan.frame_warnings(request, &shot, &frame).into_iter().try_for_each(&mut warn)?;
+        let PhotoPlan { recorded_geometry, camera, focal_length_m, subject, aim, mut dials, sums, .. } = plan;
+        let is_flat = frame.depth.is_none() && shot.settings.acts_on_real();
+        let compositor = shot.compositor(device()?);
+        compositor.warnings().into_iter().try_for_each(&mut warn)?;
+        let mean = PictureLight::of(&frame.pixels, &camera.response).mean;
+        let track = &shot.recording.track;
+        let rays = Rays::new(&recorded_geometry);
+        let depth_m =
+            frame.depth.as_ref().and_then(|map| consensus_at_frame(&frame, map, &rays, track, &camera.response));
+        let mut shoot =
+            PhotoShoot { request, shot, recorded_geometry, frame, depth_m, mean, camera, compositor, aim, sums };
+        let (distance_m, nothing) = shoot.focus_distance_m(focal_length_m)?;
+        nothing.map(str::to_owned).into_iter().try_for_each(&mut warn)?;
+        dials.focus_distance_m = distance_m;
+        if request.bracket == Some(Bracket::Focus) && dials.focus_distance_m.is_infinite() {
+            return refused(
+                "--bracket focus goes from half the focus distance to twice, and that is infinite here: give a \
+                 distance, as in --focus 2"
+                    .to_owned(),
+            );
+        }
+        let series = dials.series(request.bracket);
+        let framed = |entry: &SeriesEntry| {
+            Framing::aimed(
+                &shoot.recorded_geometry,
+                request.film,
+                focal_length_m,
+                entry.focus_distance_m,
+                request.width_px,
+                aim,
+            )
+        };
+        let framings = series.iter().map(framed).collect::<Result<Vec<_>, _>>()?;
+        Ok(Self { shoot, dials, subject, series, framings, is_flat, has_warned: false })
+    }
+
+    /// Takes photograph `n` (from 0) of the series. `number` is that in the photo log.
+    fn take(&mut self, n: usize, number: u32, send: EventSender<'_>) -> Result<SessionPhoto, PhotoError> {
+        let Self { shoot, dials, subject, series, framings, is_flat, has_warned } = self;
+        let (entry, framing) = (&series[n], &framings[n]);
+        let opening = shoot.lens(entry).opening(&framing.geometry)?;
+        if *is_flat && !*has_warned && opening.is_some_and(|opening| blurs(&opening, framing)) {
+            let text = "only virtual objects are out of focus: the recording has no depth here, and its part stays as \
+                        sharp as it was recorded";
+            send(PhotoEvent::Warning(text.to_owned()))?;
+            *has_warned = true;
+        }
+        dials.exposure_warning(entry).into_iter().try_for_each(|text| send(PhotoEvent::Warning(text)))?;
+        let report_progress = |share: f64| send(PhotoEvent::Taking { number: n + 1, of: series.len(), share }).is_ok();
+        let Photograph { pixels, shows_objects } = shoot.take(dials, entry, framing, opening, report_progress)?;
+        if !shows_objects && n == 0 {
+            send(PhotoEvent::Warning(Note::NothingSeen.to_string()))?;
+        }
+        let notes = shoot.notes(dials, entry, framing);
+        let photo = TakenPhoto { dials, entry, framing, opening, pixels: &pixels, notes: &notes };
+        let particulars = shoot.particulars(&photo, subject.as_deref(), number)?;
+        let settings = settings_text(entry, framing);
+        Ok(SessionPhoto { pixels, notes, particulars, settings })
     }
 }
 

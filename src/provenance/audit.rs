@@ -5,18 +5,20 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc;
 
 use super::digests::{file_digest, pixels_digest};
+use super::mask::{FrameMask, MaskRecord};
 use super::pictures::{PictureDifference, difference, read_picture, video_digests};
 use super::record::{OutputKind, PictureRecord, Record};
 use crate::pixels::Pixels;
-use crate::sink::folder::is_frame_name;
+use crate::sink::folder::frame_of_name;
 use crate::sink::{Sink, SinkError};
+use crate::source::still;
 use crate::text::reason;
 
 /// An input or an output file that is not the recorded one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ChangedFile {
     pub path: PathBuf,
-    /// Role of an input; `output` of a written file.
+    /// Role of an input; `output` or `mask` of a written file.
     pub role: String,
     pub problem: String,
 }
@@ -63,7 +65,7 @@ pub fn changed_outputs(record: &Record, output: &Path, frames: &[usize]) -> Vec<
     let frames: HashSet<usize> = frames.iter().copied().collect();
     let sampled = record.pictures.iter().enumerate().filter(|(_, picture)| frames.contains(&picture.frame));
     let change = |(number, picture): (usize, &super::PictureRecord)| {
-        let file = output.join(picture.file.as_deref().unwrap_or_default());
+        let file = record.output.picture_file(output, picture.file.as_deref());
         match read_picture(output, &record.output, picture.file.as_deref(), number) {
             Ok(pixels) if pixels_digest(&pixels) == picture.pixels_sha256 => match &picture.file_sha256 {
                 Some(sha256) if file_digest(&file).is_ok_and(|digest| digest.sha256 != *sha256) => {
@@ -73,9 +75,7 @@ pub fn changed_outputs(record: &Record, output: &Path, frames: &[usize]) -> Vec<
             },
             Ok(_) => Some(changed(file, "its pixels have changed since it was written".to_owned())),
             Err(error) => {
-                // The message begins with the path.
-                let text = error.to_string();
-                let problem = text.strip_prefix(&format!("{}: ", file.display())).unwrap_or(&text).to_owned();
+                let problem = without_path(&error, &file);
                 Some(changed(file, problem))
             }
         }
@@ -83,10 +83,27 @@ pub fn changed_outputs(record: &Record, output: &Path, frames: &[usize]) -> Vec<
     sampled.filter_map(change).chain(unlisted(record, output)).collect()
 }
 
+/// A message without the path that it begins with.
+fn without_path(error: &dyn std::error::Error, file: &Path) -> String {
+    let text = error.to_string();
+    text.strip_prefix(&format!("{}: ", file.display())).unwrap_or(&text).to_owned()
+}
+
+/// The problem of the file of a frame's mask, if it is not the recorded mask.
+pub fn changed_mask(picture: &PictureRecord, file: &Path) -> Option<ChangedFile> {
+    let recorded = picture.mask.as_ref()?;
+    let problem = match still::read_pixels(file) {
+        Ok(pixels) if FrameMask::of_picture(&pixels).record() == *recorded => return None,
+        Ok(_) => "is not the recorded mask".to_owned(),
+        Err(error) => without_path(&error, file),
+    };
+    Some(ChangedFile { path: file.to_owned(), role: "mask".to_owned(), problem })
+}
+
 /// Why the pictures of a lossless video are not those that were written. Those of a lossy one are
 /// known by the digest of its file alone.
 fn changed_video_pictures(record: &Record, output: &Path, frames: &[usize]) -> Option<String> {
-    if !record.output.is_lossless() {
+    if !record.output.stores_digested_codes() {
         return None;
     }
     let frames: HashSet<usize> = frames.iter().copied().collect();
@@ -110,8 +127,9 @@ fn changed_video_pictures(record: &Record, output: &Path, frames: &[usize]) -> O
 fn unlisted(record: &Record, output: &Path) -> impl Iterator<Item = ChangedFile> {
     let listed: HashSet<&str> = record.pictures.iter().filter_map(|picture| picture.file.as_deref()).collect();
     let entries = std::fs::read_dir(output).into_iter().flatten().flatten().map(|entry| entry.file_name());
-    let is_unlisted =
-        |name: &std::ffi::OsString| name.to_str().is_some_and(|name| is_frame_name(name) && !listed.contains(name));
+    let is_unlisted = |name: &std::ffi::OsString| {
+        name.to_str().is_some_and(|name| frame_of_name(name).is_some() && !listed.contains(name))
+    };
     let mut names: Vec<_> = entries.filter(is_unlisted).collect();
     names.sort();
     let problem = "is not in the record: it was added, or written by another run";
@@ -124,6 +142,8 @@ fn unlisted(record: &Record, output: &Path) -> impl Iterator<Item = ChangedFile>
 pub struct RecomputedFrame {
     pub frame: usize,
     pub outcome: RecomputedOutcome,
+    /// Number of pixels whose mask is not the recorded one; `None` without a recorded mask.
+    pub mask_px: Option<usize>,
 }
 
 /// How a recomputed frame compares with the written one.
@@ -155,13 +175,15 @@ impl<'a> FrameAudit<'a> {
         self.position.get(&frame).map(|number| &self.record.pictures[*number])
     }
 
-    /// Compares one frame.
-    pub fn compare(&self, frame: usize, pixels: &Pixels) -> RecomputedFrame {
+    /// Compares one frame, and its mask if it was recomputed, too.
+    pub fn compare(&self, frame: usize, pixels: &Pixels, mask: Option<&MaskRecord>) -> RecomputedFrame {
         let outcome = match self.position.get(&frame) {
             None => RecomputedOutcome::Unequal("it is not in the record".to_owned()),
             Some(number) => self.outcome(*number, pixels),
         };
-        RecomputedFrame { frame, outcome }
+        let recorded = self.picture(frame).and_then(|picture| picture.mask.as_ref());
+        let mask_px = mask.zip(recorded).map(|(mask, recorded)| mask.differing_px(recorded));
+        RecomputedFrame { frame, outcome, mask_px }
     }
 
     fn outcome(&self, number: usize, pixels: &Pixels) -> RecomputedOutcome {
@@ -169,7 +191,7 @@ impl<'a> FrameAudit<'a> {
         if pixels_digest(pixels) == picture.pixels_sha256 {
             return RecomputedOutcome::Equal;
         }
-        if !self.record.output.is_lossless() {
+        if !self.record.output.stores_digested_codes() {
             let codec = &self.record.output.codec;
             return RecomputedOutcome::Unequal(format!("{codec} is lossy, so the written codes are not stored"));
         }
@@ -255,13 +277,13 @@ mod tests {
         }
         assert_eq!(changed_outputs(&record, folder.path(), &[4, 5]), []);
         let audit = FrameAudit::new(&record, folder.path());
-        assert_eq!(audit.compare(4, &written).outcome, RecomputedOutcome::Equal);
+        assert_eq!(audit.compare(4, &written, None).outcome, RecomputedOutcome::Equal);
         let mut codes = vec![100; 144];
         codes[3] = 102;
         let other = Pixels::from_u8(8, 6, codes).unwrap();
         let expected = PictureDifference { max_codes: 2, p99_codes: 2, pixels: 1, bounds: Rect::new(1, 0, 2, 1) };
-        assert_eq!(audit.compare(4, &other).outcome, RecomputedOutcome::Differs(expected));
-        assert!(matches!(audit.compare(9, &other).outcome, RecomputedOutcome::Unequal(_)));
+        assert_eq!(audit.compare(4, &other, None).outcome, RecomputedOutcome::Differs(expected));
+        assert!(matches!(audit.compare(9, &other, None).outcome, RecomputedOutcome::Unequal(_)));
         // Somebody retouches a picture.
         let file = folder.path().join("frame_000005.png");
         write_frame(&file, &other, None, None, true).unwrap();
@@ -279,7 +301,7 @@ mod tests {
                 .ends_with("frame_000009.png (output): is not in the record: it was added, or written by another run")
         );
         std::fs::remove_file(folder.path().join("frame_000009.png")).unwrap();
-        let retouched = audit.compare(5, &other).outcome;
+        let retouched = audit.compare(5, &other, None).outcome;
         assert_eq!(retouched, RecomputedOutcome::Unequal("the stored picture is not the recorded one".to_owned()));
     }
 }

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 
 use super::digests::{DigestedFile, digest_of};
-use super::record::InputRecord;
+use super::work::InputRecord;
 use crate::shot::{AnalysisState, Shot};
 
 /// Files that a shot reads, with their roles.

@@ -44,6 +44,17 @@ impl FrameMask {
         Self { width: layer.width, height: layer.height, classes }
     }
 
+    /// The mask of a picture that [`FrameMask::picture`] made.
+    pub fn of_picture(pixels: &Pixels) -> Self {
+        let Pixels { width, height, .. } = *pixels;
+        let class = |[red, green, _]: [u32; 3]| {
+            let synthetic = if red == 0 { 0 } else { SYNTHETIC };
+            synthetic | if green == 0 { 0 } else { SHADED }
+        };
+        let classes = (0..height).flat_map(|y| (0..width).map(move |x| class(pixels.at(x, y)))).collect();
+        Self { width, height, classes }
+    }
+
     /// A picture of the mask: synthetic pixels are red, shaded ones green, both yellow, and the
     /// camera's own black.
     pub fn picture(&self) -> Option<Pixels> {
@@ -73,7 +84,30 @@ impl FrameMask {
     }
 }
 
+impl MaskRecord {
+    /// Number of pixels with other classes than in a mask of a record, which may have been edited.
+    pub fn differing_px(&self, recorded: &Self) -> usize {
+        let size = self.synthetic.size;
+        let area_px = size.iter().map(|px| *px as usize).product();
+        if recorded.synthetic.size != size || recorded.shaded.size != size {
+            return area_px;
+        }
+        self.classes().zip(recorded.classes()).take(area_px).filter(|(own, other)| own != other).count()
+    }
+
+    fn classes(&self) -> impl Iterator<Item = (bool, bool)> {
+        self.synthetic.pixels().zip(self.shaded.pixels())
+    }
+}
+
 impl RunLengths {
+    /// For each pixel, column by column, whether it is in the mask; `false` without end behind the
+    /// last run.
+    fn pixels(&self) -> impl Iterator<Item = bool> {
+        let run = |(number, count): (usize, &u32)| std::iter::repeat_n(number % 2 == 1, *count as usize);
+        self.counts.iter().enumerate().flat_map(run).chain(std::iter::repeat(false))
+    }
+
     /// Number of pixels in the mask.
     pub fn area_px(&self) -> u64 {
         self.counts.iter().skip(1).step_by(2).map(|count| u64::from(*count)).sum()
@@ -99,8 +133,18 @@ mod tests {
         assert_eq!(record.shaded, RunLengths { size: [2, 3], counts: vec![3, 1, 1, 1] });
         assert_eq!((record.synthetic.area_px(), record.shaded.area_px()), (2, 2));
         let picture = mask.picture().unwrap();
+        assert_eq!(FrameMask::of_picture(&picture), mask);
         assert_eq!(picture.at(0, 0), [255, 0, 0]);
         assert_eq!((picture.at(1, 1), picture.at(2, 1)), ([255, 255, 0], [0, 255, 0]));
         assert_eq!(picture.at(1, 0), [0; 3]);
+        let mut other = record.clone();
+        assert_eq!(record.differing_px(&other), 0);
+        // Pixel (0, 1) joins the mask, and pixel (1, 1) leaves it.
+        other.synthetic.counts = vec![0, 2, 2, 0, 2];
+        assert_eq!(record.differing_px(&other), 2);
+        other.synthetic.counts = vec![u32::MAX];
+        assert_eq!(record.differing_px(&other), 2, "the longest run that a record can state");
+        other.synthetic.size = [1, 1];
+        assert_eq!(record.differing_px(&other), 6);
     }
 }

@@ -5,7 +5,7 @@
 //! are SHA-256 in hexadecimal, as `sha256sum` prints them. A picture's digest is that of its code
 //! values as they are stored: R, G, B, row by row, 16-bit codes in little-endian order. It does not
 //! depend on a picture format; `ffmpeg -i FRAME -f rawvideo -pix_fmt rgb24 - | sha256sum` gives the
-//! same.
+//! same. Of a photograph it is that of its decoded file.
 //!
 //! A record is not signed: it is evidence only as far as its source is trusted.
 
@@ -15,13 +15,14 @@ mod inputs;
 mod mask;
 mod pictures;
 mod record;
+mod work;
 
 pub use digests::{DigestedFile, bytes_digest, file_digest, pixels_digest};
 pub use inputs::{DigestedInputs, InputDigests, input_files};
 pub use mask::{FrameMask, MaskRecord, RunLengths};
 pub use pictures::{PictureDifference, StoredPictureError, difference, read_picture};
 pub use record::{
-    CommandRecord, DeviceRecord, InputRecord, OutputKind, OutputRecord, PictureLines, PictureRecord, ProgramRecord,
-    ProvenanceError, RECORD_ENDING, RECORD_VERSION, Record, SettingsRecord, WorkRecord, as_read, output_of_record,
-    record_path, remove_record,
+    OutputKind, OutputRecord, PictureLines, PictureRecord, ProvenanceError, RECORD_ENDING, RECORD_VERSION, Record,
+    as_read, output_of_record, record_path, remove_record,
 };
+pub use work::{CommandRecord, DeviceRecord, InputRecord, ProgramRecord, SettingsRecord, WorkRecord, video_programs};

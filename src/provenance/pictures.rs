@@ -21,16 +21,16 @@ pub enum StoredPictureError {
     Size { path: std::path::PathBuf, number: usize, bytes: usize, expected: usize },
 }
 
-/// Reads picture `number` (counted from 0 in the output) of a lossless output, whose file name in a
-/// folder is `file`.
+/// Reads picture `number` (counted from 0 in the output) of an output that stores digested codes;
+/// its file name in a folder is `file`.
 pub fn read_picture(
     output: &Path,
     record: &OutputRecord,
     file: Option<&str>,
     number: usize,
 ) -> Result<Pixels, StoredPictureError> {
-    if record.kind == OutputKind::Frames {
-        return Ok(still::read_pixels(&output.join(file.unwrap_or_default()))?);
+    if record.kind != OutputKind::Video {
+        return Ok(still::read_pixels(&record.picture_file(output, file))?);
     }
     let format = if record.bits == 16 { "rgb48le" } else { "rgb24" };
     let select = format!("select=eq(n\\,{number})");

@@ -1,15 +1,12 @@
 //! The contents of a record, and its file.
 
-use std::collections::BTreeMap;
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::digests::file_digest;
 use super::mask::MaskRecord;
-use crate::params::{self, Value};
-use crate::shot::Shot;
+use super::work::WorkRecord;
 use crate::sink::SinkError;
 use crate::sink::atomic::write_atomically;
 use crate::source::file::{self, MAX_TEXT_BYTES};
@@ -30,93 +27,14 @@ pub struct Record {
     pub pictures: Vec<PictureRecord>,
 }
 
-/// The program, its inputs and its settings.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct WorkRecord {
-    pub program: ProgramRecord,
-    pub command: CommandRecord,
-    pub device: DeviceRecord,
-    /// Seed of the noise.
-    pub seed: u64,
-    pub inputs: Vec<InputRecord>,
-    pub settings: SettingsRecord,
-}
-
-impl WorkRecord {
-    /// The running program with a shot on a device, without its inputs.
-    pub fn begun(shot: &Shot, device: &wgpu::AdapterInfo) -> Self {
-        Self {
-            program: ProgramRecord::current(),
-            command: CommandRecord::current(),
-            device: DeviceRecord::of(device),
-            seed: shot.settings.seed,
-            inputs: Vec::new(),
-            settings: SettingsRecord::of(shot),
-        }
-    }
-}
-
-/// The program that wrote an output.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct ProgramRecord {
-    pub name: String,
-    pub version: String,
-    /// SHA-256 of the executable file; empty if it could not be read.
-    pub build: String,
-}
-
-/// The command line.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct CommandRecord {
-    /// The arguments, without the program's own name.
-    pub arguments: Vec<String>,
-    /// The folder to which relative paths refer.
-    pub folder: PathBuf,
-}
-
-/// The graphics device.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct DeviceRecord {
-    pub adapter: String,
-    pub driver: String,
-    /// `Cpu`, `IntegratedGpu`, `DiscreteGpu`, `VirtualGpu` or `Other`.
-    pub kind: String,
-}
-
-/// A file that was read.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct InputRecord {
-    /// `recording`, `profile`, `scene` (with its models) or `analysis`.
-    pub role: String,
-    pub path: PathBuf,
-    pub bytes: u64,
-    pub sha256: String,
-}
-
-/// All settings.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct SettingsRecord {
-    /// Every parameter of the camera and the effects, by table and name.
-    pub parameters: BTreeMap<String, BTreeMap<String, Value>>,
-    /// Effects that were off.
-    pub without: Vec<String>,
-    /// Converted to standard dynamic range.
-    #[serde(default)]
-    pub sdr: bool,
-    /// Text of the visible mark.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub mark: Option<String>,
-    /// True without labels in the files.
-    #[serde(default)]
-    pub unlabelled: bool,
-}
-
 /// Kind of an output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum OutputKind {
     Frames,
     Video,
+    /// A photograph or a case card: one picture file.
+    Photograph,
 }
 
 /// The output.
@@ -128,9 +46,9 @@ pub struct OutputRecord {
     pub height: u32,
     /// Bits of a code value, 8 or 16.
     pub bits: u32,
-    /// `png`, `h264`, `hevc`, `prores`, `ffv1` or `h264rgb`.
+    /// `png`, `h264`, `hevc`, `prores`, `ffv1` or `h264rgb`, of a photograph `png` or `jpeg`.
     pub codec: String,
-    /// Frames per second.
+    /// Frames per second; 0 of a photograph.
     pub fps: f64,
     /// Digest of a video's file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -138,9 +56,18 @@ pub struct OutputRecord {
 }
 
 impl OutputRecord {
-    /// True if the stored pictures are the written ones, bit for bit.
-    pub fn is_lossless(&self) -> bool {
-        matches!(self.codec.as_str(), "png" | "ffv1" | "h264rgb")
+    /// True if the digests are those of the stored pictures: of lossless codecs, and of
+    /// photographs, whose digests are computed from their files.
+    pub fn stores_digested_codes(&self) -> bool {
+        self.kind == OutputKind::Photograph || matches!(self.codec.as_str(), "png" | "ffv1" | "h264rgb")
+    }
+
+    /// The file of a picture that is no part of a video; `name` is its name in a folder.
+    pub fn picture_file(&self, output: &Path, name: Option<&str>) -> PathBuf {
+        match self.kind {
+            OutputKind::Frames => output.join(name.unwrap_or_default()),
+            OutputKind::Photograph | OutputKind::Video => output.to_owned(),
+        }
     }
 }
 
@@ -176,7 +103,7 @@ pub enum ProvenanceError {
     Missing { output: PathBuf, path: PathBuf },
     #[error("{}: {}", path.display(), reason(source))]
     Read { path: PathBuf, source: std::io::Error },
-    #[error("{}: is not a record of an output: {problem}; expected the file that `locard composite` wrote", path.display())]
+    #[error("{}: is not a record of an output: {problem}; expected the file that `locard composite` or `locard photo` wrote", path.display())]
     Format { path: PathBuf, problem: String },
     #[error(
         "{}: is a record of version {actual}; this program reads version {RECORD_VERSION}: use the program that wrote it",
@@ -270,9 +197,6 @@ impl Record {
             }
             _ => {}
         }
-        if value.get("photograph").is_some() {
-            return Err(wrong("it is the record of a photograph, which is not audited".to_owned()));
-        }
         let record: Self = serde_json::from_value(value).map_err(|error| wrong(error.to_string()))?;
         record.contradiction().map_or(Ok(record), |problem| Err(wrong(problem)))
     }
@@ -338,53 +262,13 @@ impl Record {
     }
 }
 
-impl ProgramRecord {
-    /// The running program.
-    pub fn current() -> Self {
-        let build = std::env::current_exe().and_then(|path| file_digest(&path));
-        Self {
-            name: "locard".to_owned(),
-            version: env!("CARGO_PKG_VERSION").to_owned(),
-            build: build.map(|digest| digest.sha256).unwrap_or_default(),
-        }
-    }
-}
-
-impl CommandRecord {
-    /// The process' command line.
-    pub fn current() -> Self {
-        let arguments = std::env::args_os().skip(1).map(|argument| argument.to_string_lossy().into_owned()).collect();
-        Self { arguments, folder: std::env::current_dir().unwrap_or_default() }
-    }
-}
-
-impl DeviceRecord {
-    pub fn of(info: &wgpu::AdapterInfo) -> Self {
-        Self {
-            adapter: info.name.clone(),
-            driver: format!("{} {}", info.driver, info.driver_info).trim().to_owned(),
-            kind: format!("{:?}", info.device_type),
-        }
-    }
-}
-
-impl SettingsRecord {
-    /// The settings of a shot.
-    pub fn of(shot: &Shot) -> Self {
-        let tables = shot.rig.tables().into_iter().chain(shot.settings.tables());
-        Self {
-            parameters: tables.map(|table| (table.table().to_owned(), params::values(table))).collect(),
-            without: shot.settings.disabled().map(str::to_owned).collect(),
-            sdr: false,
-            mark: None,
-            unlabelled: false,
-        }
-    }
-}
-
 #[cfg(test)]
 pub mod tests {
+    use std::collections::BTreeMap;
+
+    use super::super::work::{CommandRecord, DeviceRecord, InputRecord, ProgramRecord, SettingsRecord};
     use super::*;
+    use crate::params::Value;
 
     /// A record of two frames.
     pub fn record() -> Record {
@@ -407,11 +291,12 @@ pub mod tests {
                     version: "0.1.0".to_owned(),
                     build: "cd".to_owned(),
                 },
+                programs: BTreeMap::new(),
                 command: CommandRecord { arguments: vec!["composite".to_owned()], folder: "/".into() },
                 device: DeviceRecord { adapter: "a".to_owned(), driver: "d".to_owned(), kind: "Cpu".to_owned() },
                 seed: 7,
                 inputs: vec![input],
-                settings: SettingsRecord { parameters, without: Vec::new(), sdr: false, mark: None, unlabelled: false },
+                settings: SettingsRecord { parameters, ..SettingsRecord::default() },
             },
             range: [4, 6],
             output: OutputRecord {

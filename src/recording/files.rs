@@ -17,6 +17,11 @@ impl Recording {
         self.description_files.iter().chain(pictures).map(PathBuf::as_path).chain(self.depth_files())
     }
 
+    /// True if the frames are those of a video.
+    pub fn is_video(&self) -> bool {
+        matches!(&*self.pictures, Pictures::Video(..))
+    }
+
     /// The files of pictures, including a video's, and of depth.
     pub fn pictures(&self) -> impl Iterator<Item = &Path> {
         let video = match &*self.pictures {

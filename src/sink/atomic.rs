@@ -1,5 +1,6 @@
 //! Files that are either complete or absent.
 
+use std::collections::{BTreeSet, HashSet};
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -61,6 +62,9 @@ pub(super) fn folder_of(file: &Path) -> Option<&Path> {
     file.parent().filter(|folder| !folder.as_os_str().is_empty())
 }
 
+/// Between the name of a file and the random characters of its unfinished file.
+const PARTIAL_MARK: &str = ".partial-";
+
 /// An unfinished file: hidden, in the same folder (so that renaming is atomic), with a unique name.
 /// It is deleted when dropped unless finished, and when the program is terminated.
 #[derive(Debug)]
@@ -80,7 +84,7 @@ impl Partial {
         check_not_protected(&target)?;
         let part = |part: Option<&std::ffi::OsStr>| part.unwrap_or_default().to_string_lossy().into_owned();
         let (prefix, suffix) =
-            (format!(".{}.partial-", part(path.file_stem())), format!(".{}", part(path.extension())));
+            (format!(".{}{PARTIAL_MARK}", part(path.file_stem())), format!(".{}", part(path.extension())));
         let mut builder = tempfile::Builder::new();
         builder.prefix(&prefix).suffix(&suffix);
         #[cfg(unix)]
@@ -120,6 +124,36 @@ impl Partial {
             named.map(drop).map_err(|error| error.error)
         })
     }
+}
+
+/// Unfinished versions of these files, left by runs that were killed. The caller makes sure that no
+/// other run is writing the files.
+pub fn stale_partials<'a>(files: impl IntoIterator<Item = &'a Path>) -> Vec<PathBuf> {
+    // Beside the target of a link, under the link's name.
+    let place = |file: &Path| match Destination::of(file) {
+        Ok(Destination::File(target)) => Some(target.with_file_name(file.file_name()?)),
+        _ => None,
+    };
+    let places: HashSet<PathBuf> = files.into_iter().filter_map(place).collect();
+    let folders: BTreeSet<&Path> = places.iter().filter_map(|place| place.parent()).collect();
+    let mut stale = Vec::new();
+    for folder in folders {
+        let listed = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+        for entry in std::fs::read_dir(listed).into_iter().flatten().flatten() {
+            let name = entry.file_name();
+            let target = name.to_str().and_then(target_of_partial);
+            stale.extend(target.filter(|target| places.contains(&folder.join(target))).map(|_| folder.join(&name)));
+        }
+    }
+    stale.sort();
+    stale
+}
+
+/// Name of the file that an unfinished file of this name was to become.
+fn target_of_partial(name: &str) -> Option<String> {
+    let (stem, rest) = name.strip_prefix('.')?.rsplit_once(PARTIAL_MARK)?;
+    let (_, extension) = rest.split_once('.')?;
+    Some(if extension.is_empty() { stem.to_owned() } else { format!("{stem}.{extension}") })
 }
 
 /// Writes a file with `write`; it gets its name on success. Otherwise an existing file is kept, as
@@ -194,6 +228,22 @@ mod tests {
         std::os::unix::fs::symlink(folder.path().join("unmounted"), &link).unwrap();
         let error = super::super::check_file(&link.join("a.png"), false).unwrap_err().to_string();
         assert!(error.contains("out is a link to a place that is gone"), "{error}");
+    }
+
+    #[test]
+    fn unfinished_files_of_killed_runs_are_listed_by_their_targets() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        let targets = ["a.png", "a b", "a.record.json"].map(at);
+        let leave_unfinished = |target: &PathBuf| {
+            let partial = Partial::create(target).unwrap().path().to_owned();
+            std::fs::write(&partial, "").unwrap();
+            partial
+        };
+        let mut left: Vec<PathBuf> = targets.iter().map(leave_unfinished).collect();
+        left.sort();
+        leave_unfinished(&at("b.png"));
+        assert_eq!(stale_partials(targets.iter().map(PathBuf::as_path)), left);
     }
 
     /// A file that appears during the writing belongs to the user.

@@ -15,10 +15,10 @@ pub fn frame_name(frame_index: usize) -> String {
     format!("frame_{frame_index:06}.png")
 }
 
-/// True for the file name of a frame.
-pub fn is_frame_name(name: &str) -> bool {
-    let number = name.strip_prefix("frame_").and_then(|rest| rest.strip_suffix(".png"));
-    number.is_some_and(|number| !number.is_empty() && number.bytes().all(|byte| byte.is_ascii_digit()))
+/// The frame of a file name; `None` for names of other files.
+pub fn frame_of_name(name: &str) -> Option<usize> {
+    let number = name.strip_prefix("frame_")?.strip_suffix(".png")?;
+    number.bytes().all(|byte| byte.is_ascii_digit()).then(|| number.parse().ok())?
 }
 
 /// Writes `frame_000012.png` and so on, each either complete or absent. With `force` a frame

@@ -54,6 +54,11 @@ pub fn is_photograph_name(path: &Path) -> bool {
     matches!(extension(path).as_str(), "jpg" | "jpeg" | "png")
 }
 
+/// Name of the codec of a photograph, by its extension.
+pub fn codec(path: &Path) -> &'static str {
+    if extension(path) == "png" { "png" } else { "jpeg" }
+}
+
 fn extension(path: &Path) -> String {
     path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase()
 }
@@ -78,13 +83,13 @@ pub fn write(
     let xmp = label.map(SourceLabel::xmp);
     write_atomically(path, force, |writer| {
         let mut file = Vec::new();
-        let encoded = if extension(path) == "png" {
+        let encoded = if codec(path) == "png" {
             encode(PngEncoder::new(&mut file), codes, width, height, exif)
         } else {
             encode(JpegEncoder::new_with_quality(&mut file, JPEG_QUALITY), codes, width, height, exif)
         };
         encoded.map_err(of_image)?;
-        let labelled = xmp.map(|xmp| match extension(path).as_str() {
+        let labelled = xmp.map(|xmp| match codec(path) {
             "png" => with_chunks(&file, &[xmp_chunk(&xmp)]),
             _ => with_packet(&file, &xmp),
         });

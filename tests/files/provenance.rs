@@ -19,6 +19,31 @@ fn composite(frames: &str, output: &Path, more: &[&str]) {
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
 }
 
+/// Copies the demonstration's scene, with absolute paths. Returns the file's text.
+fn copy_scene(file: &Path) -> String {
+    let scenes = std::path::absolute("scenes").unwrap();
+    let text = std::fs::read_to_string("scenes/demo.toml").unwrap();
+    let text = text.replace("model = \"", &format!("model = \"{}/", scenes.display()));
+    let text = text.replace("environment = \"", &format!("environment = \"{}/", scenes.display()));
+    std::fs::write(file, &text).unwrap();
+    text
+}
+
+/// The output of an audit that finds a difference.
+fn found_by_audit(arguments: &[&str]) -> String {
+    let done = locard(&[&["audit", "-q"], arguments].concat());
+    assert_eq!(done.status.code(), Some(2), "{}", String::from_utf8_lossy(&done.stderr));
+    String::from_utf8(done.stdout).unwrap()
+}
+
+/// Changes a record as JSON.
+fn edit_record(output: &Path, change: impl FnOnce(&mut Value)) {
+    let file = record_path(output);
+    let mut value: Value = serde_json::from_slice(&std::fs::read(&file).unwrap()).unwrap();
+    change(&mut value);
+    std::fs::write(&file, value.to_string()).unwrap();
+}
+
 fn contains(file: &Path, text: &str) -> bool {
     std::fs::read(file).unwrap().windows(text.len()).any(|window| window == text.as_bytes())
 }
@@ -124,12 +149,7 @@ fn record_lists_inputs_settings_and_pictures() {
 fn audit_passes_the_output_as_made_and_names_each_change() {
     let temp = tempfile::tempdir().unwrap();
     let at = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
-    std::fs::copy("scenes/demo.toml", at("scene.toml")).unwrap();
-    let text = std::fs::read_to_string(at("scene.toml")).unwrap();
-    let scenes = std::path::absolute("scenes").unwrap();
-    let text = text.replace("model = \"", &format!("model = \"{}/", scenes.display()));
-    let text = text.replace("environment = \"", &format!("environment = \"{}/", scenes.display()));
-    std::fs::write(at("scene.toml"), &text).unwrap();
+    let text = copy_scene(Path::new(&at("scene.toml")));
     let (scene, output) = (at("scene.toml"), at("frames"));
     let arguments = ["composite", "recordings/demo", "--scene", &scene, "--frames", "40..43", "--mark", "Training"];
     let arguments = [&arguments[..], &["--set", "shadow.cast=false", "-q", "-o", &output]].concat();
@@ -147,9 +167,7 @@ fn audit_passes_the_output_as_made_and_names_each_change() {
     let mut picture = image::open(&file).unwrap().to_rgb8();
     picture.get_pixel_mut(5, 7).0[1] ^= 1;
     picture.save(&file).unwrap();
-    let done = locard(&["audit", "-q", &output, "--files-only"]);
-    let listed = String::from_utf8_lossy(&done.stdout).into_owned();
-    assert!(!done.status.success());
+    let listed = found_by_audit(&[&output, "--files-only"]);
     assert!(listed.contains("frame_000041.png (output): its pixels have changed since it was written"), "{listed}");
     // An edited record: first it contradicts itself, then the differences of the frames are listed.
     let mut record = Record::read(Path::new(&output)).unwrap();
@@ -159,9 +177,8 @@ fn audit_passes_the_output_as_made_and_names_each_change() {
     assert!(error.contains("another seed than the record states"), "{error}");
     record.work.seed = 3;
     record.write(Path::new(&output)).unwrap();
-    let done = locard(&["audit", "-q", &output, "--sample", "1"]);
-    let listed = String::from_utf8_lossy(&done.stdout).into_owned();
-    assert!(!done.status.success() && listed.contains("frame 40: equal within "), "{listed}");
+    let listed = found_by_audit(&[&output, "--sample", "1"]);
+    assert!(listed.contains("frame 40: equal within "), "{listed}");
 }
 
 #[test]
@@ -172,11 +189,90 @@ fn audit_of_a_video_or_without_a_record_explains_itself() {
     composite("40..42", &video, &["--lossless"]);
     let passed = stdout_of(&["audit", "-q", path]);
     assert!(passed.contains("output: as it was written") && passed.contains("2 of 2 recomputed"), "{passed}");
+    // Made by another ffmpeg, and with another seed.
+    let record = std::fs::read(record_path(&video)).unwrap();
+    edit_record(&video, |value| {
+        assert!(value["programs"]["ffmpeg"].as_str().unwrap().starts_with("ffmpeg version "), "{value}");
+        value["programs"]["ffmpeg"] = "ffmpeg version 0".into();
+        value["command"]["arguments"].as_array_mut().unwrap().extend(["--seed".into(), "3".into()]);
+        value["seed"] = 3.into();
+    });
+    let listed = found_by_audit(&[path, "--sample", "1"]);
+    assert!(listed.contains("another ffmpeg: the output was made with \"ffmpeg version 0\""), "{listed}");
+    std::fs::write(record_path(&video), record).unwrap();
     let mut bytes = std::fs::read(&video).unwrap();
     *bytes.last_mut().unwrap() ^= 1;
     std::fs::write(&video, bytes).unwrap();
-    let done = locard(&["audit", "-q", path, "--files-only"]);
-    assert!(String::from_utf8_lossy(&done.stdout).contains("a.mkv (output): has changed since it was written"));
+    let listed = found_by_audit(&[path, "--files-only"]);
+    assert!(listed.contains("a.mkv (output): has changed since it was written"), "{listed}");
     std::fs::remove_file(record_path(&video)).unwrap();
     assert!(refused(&["audit", path]).contains("an output without a record cannot be checked"));
+}
+
+#[test]
+fn audit_covers_the_files_of_masks_and_the_recorded_masks() {
+    let temp = tempfile::tempdir().unwrap();
+    let at = |name: &str| temp.path().join(name);
+    composite("40..42", &at("a"), &["--masks", at("masks").to_str().unwrap()]);
+    let output = at("a").to_str().unwrap().to_owned();
+    let passed = stdout_of(&["audit", "-q", &output]);
+    assert!(passed.contains("masks: 2 of 2 files as recorded"), "{passed}");
+    assert!(passed.contains("masks: 2 of 2 recomputed are equal"), "{passed}");
+    std::fs::copy(at("masks/mask_000041.png"), at("masks/mask_000040.png")).unwrap();
+    let listed = found_by_audit(&[&output, "--files-only"]);
+    assert!(listed.contains("mask_000040.png (mask): is not the recorded mask"), "{listed}");
+    // The record agrees with the exchanged file, but not with the recomputed mask.
+    edit_record(&at("a"), |value| value["pictures"][0]["mask"] = value["pictures"][1]["mask"].clone());
+    let listed = found_by_audit(&[&output, "--sample", "1"]);
+    assert!(
+        listed.contains("1 of 1 files as recorded") && listed.contains("frame 40: its mask differs in "),
+        "{listed}"
+    );
+}
+
+// Slow: takes a photograph of the demonstration four times.
+#[test]
+fn audit_repeats_photographs_and_case_cards() {
+    let temp = tempfile::tempdir().unwrap();
+    let at = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
+    let text = copy_scene(Path::new(&at("scene.toml")));
+    let case = "case_number = \"1\"\ndate = \"2026\"\nplace = \"Office\"\nphotographer = \"A\"\n";
+    std::fs::write(at("case.toml"), case).unwrap();
+    let (card, photo) = (at("series/001.png"), at("series/002.jpg"));
+    stdout_of(&["case-card", &at("case.toml"), "-o", &card]);
+    let arguments = ["photo", "recordings/demo", "--frame", "40", "--scene", &at("scene.toml"), "--lux", "300"];
+    let small = ["--set", "shadow.cast=false", "--width", "160", "--seed", "3", "-q", "-o", &photo];
+    stdout_of(&[&arguments[..], &small].concat());
+    let passed = stdout_of(&["audit", "-q", &at("series")]);
+    assert!(passed.starts_with("001.png\ninputs: 1 of 1 as recorded\noutput: as it was written\n"), "{passed}");
+    assert!(passed.contains("\n002.jpg\n"), "{passed}");
+    assert_eq!(passed.matches("pictures: 1 of 1 recomputed are equal bit for bit").count(), 2, "{passed}");
+
+    std::fs::write(at("scene.toml"), text.replacen("version = 1", "version = 1 # touched", 1)).unwrap();
+    std::fs::write(at("case.toml"), case.replace("Office", "Garden")).unwrap();
+    let listed = found_by_audit(&[&at("series")]);
+    assert!(
+        listed.contains("scene.toml (scene): has changed: ") && listed.contains("case.toml (card): has"),
+        "{listed}"
+    );
+    assert!(listed.contains("picture: equal within ") && listed.contains("pictures: 1 of 1 recomputed"), "{listed}");
+    std::fs::write(at("scene.toml"), &text).unwrap();
+    // Another Exif, and a retouched picture.
+    let bytes = std::fs::read(&photo).unwrap();
+    std::fs::write(&photo, [&bytes[..], b"more"].concat()).unwrap();
+    let listed = found_by_audit(&[&photo, "--files-only"]);
+    assert!(listed.contains("its pixels are as they were written, but other data has changed"), "{listed}");
+    std::fs::copy(&card, &photo).unwrap();
+    let listed = found_by_audit(&[&photo, "--files-only"]);
+    assert!(listed.contains("002.jpg (output): its pixels have changed since it was written"), "{listed}");
+    std::fs::write(&photo, bytes).unwrap();
+    // Another film speed in the record, then another seed.
+    let edited = |change: fn(&mut Value)| {
+        edit_record(Path::new(&photo), change);
+        refused(&["audit", "-q", &photo])
+    };
+    let error = edited(|value| value["photograph"]["view"]["iso"] = 50.0.into());
+    assert!(error.contains("states other particulars than the picture has"), "{error}");
+    let error = edited(|value| value["seed"] = 4.into());
+    assert!(error.contains("another seed than the record states"), "{error}");
 }

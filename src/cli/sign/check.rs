@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 
 use locard_engine::label::DigitalSourceType;
 use locard_engine::provenance::{file_digest, output_of_record, record_path};
-use locard_engine::sink::folder::is_frame_name;
+use locard_engine::sink::folder::frame_of_name;
 use locard_engine::source::file;
 use locard_engine::text::{count, reason, shown};
 
@@ -25,6 +25,9 @@ use super::recorded::{RecordedFile, RecordedOutput};
 const MAX_SIDECAR_BYTES: u64 = 1 << 26;
 /// Largest file of trusted certificates, bytes.
 const MAX_ANCHOR_BYTES: u64 = 1 << 24;
+
+/// Problem of a file beside the recorded ones.
+const NOT_RECORDED: &str = "not in the record";
 
 /// Status of a certificate that leads to no trusted authority.
 const UNTRUSTED: &str = "signingCredential.untrusted";
@@ -65,18 +68,18 @@ pub struct FileSignature {
     pub source_type: Option<String>,
 }
 
-/// Why a file has no valid signature.
+/// Why a file has no valid signature, in words that fit one file and several.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SignatureProblem {
     #[error("cannot be read: {0}")]
     File(String),
-    #[error("has no signature{0}")]
+    #[error("no signature{0}")]
     Missing(String),
-    #[error("its signature cannot be read: {0}")]
+    #[error("unreadable signature: {0}")]
     Unreadable(String),
     #[error(
-        "its certificate has expired, and no trusted time stamp shows that it was signed before; `--trust` names the \
-         authority of time stamps, too"
+        "expired certificate, and no trusted time stamp shows that it was signed before; `--trust` names the authority \
+         of time stamps, too"
     )]
     Expired,
     /// `record_sha256`: digest of the record that the manifest states.
@@ -128,7 +131,7 @@ pub fn file_signature(path: &Path, context: &Arc<Context>) -> Result<FileSignatu
     let state = reader.validation_state();
     let valid = signature.clone().filter(|_| matches!(state, ValidationState::Valid | ValidationState::Trusted));
     let mut valid = valid.ok_or_else(|| SignatureProblem::Invalid {
-        problem: "its signature is not valid".to_owned(),
+        problem: "invalid signature".to_owned(),
         record_sha256: record_sha256(),
     })?;
     valid.signer.is_trusted = state == ValidationState::Trusted;
@@ -150,16 +153,12 @@ fn first_failure(reader: &Reader) -> Option<&ValidationStatus> {
 /// A status code of the specification in words.
 fn failure_text(status: &ValidationStatus) -> String {
     match status.code() {
-        "assertion.dataHash.mismatch" | "assertion.bmffHash.mismatch" => {
-            "its contents have changed since it was signed".to_owned()
-        }
+        "assertion.dataHash.mismatch" | "assertion.bmffHash.mismatch" => "contents changed since signing".to_owned(),
         "assertion.hashedURI.mismatch" | "assertion.missing" | "assertion.undeclared" => {
-            "statements in its manifest have changed since it was signed".to_owned()
+            "statements of the manifest changed since signing".to_owned()
         }
-        "claimSignature.mismatch" | "claimSignature.missing" => {
-            "its signature does not belong to its manifest".to_owned()
-        }
-        code => format!("{} ({code})", status.explanation().unwrap_or("its signature is not valid")),
+        "claimSignature.mismatch" | "claimSignature.missing" => "signature of another manifest".to_owned(),
+        code => format!("{} ({code})", status.explanation().unwrap_or("invalid signature")),
     }
 }
 
@@ -195,16 +194,53 @@ pub fn check(path: &Path, trust: Option<&Path>) -> Result<()> {
     let output = RecordedOutput::read(path)?;
     let (signatures, problems) = check_files(&output, &context);
     report(&signatures, output.files.len(), trust)?;
-    print_list(&problems)?;
+    print_list(&grouped(&problems))?;
     refuse_untrusted(path, &signatures, trust)?;
     match problems.len() {
         0 => print_line(&format!("record: {} is as it was signed", record_path(&output.path).display())),
-        number => bail!("{}: {} (the first ones are listed above)", path.display(), count(number, "problem")),
+        number => bail!("{}: {} not as signed (listed above)", path.display(), count(number, "file")),
     }
 }
 
+/// The problem of a file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct FileProblem {
+    path: PathBuf,
+    frame: Option<usize>,
+    text: String,
+}
+
+/// Lines about problems: one for each problem, with all frames that have it.
+fn grouped(problems: &[FileProblem]) -> Vec<String> {
+    let mut texts: Vec<&str> = Vec::new();
+    for problem in problems {
+        if !texts.contains(&problem.text.as_str()) {
+            texts.push(&problem.text);
+        }
+    }
+    let line = |text: &str| {
+        let alike = problems.iter().filter(|problem| problem.text == text);
+        let mut frames: Vec<usize> = alike.clone().filter_map(|problem| problem.frame).collect();
+        frames.sort_unstable();
+        match frames.as_slice() {
+            [_, _, ..] => format!("{} ({}): {text}", count(frames.len(), "frame"), ranges(&frames)),
+            _ => alike.map(|problem| format!("{}: {text}", problem.path.display())).collect::<Vec<_>>().join("; "),
+        }
+    };
+    texts.into_iter().map(line).collect()
+}
+
+/// Numbers in order as text: `3 to 14, 17`.
+fn ranges(numbers: &[usize]) -> String {
+    let run = |run: &[usize]| match run {
+        [first, .., last] => format!("{first} to {last}"),
+        other => other.iter().map(usize::to_string).collect(),
+    };
+    numbers.chunk_by(|a, b| a + 1 == *b).map(run).collect::<Vec<_>>().join(", ")
+}
+
 /// The valid signatures of an output, and all problems.
-fn check_files(output: &RecordedOutput, context: &Arc<Context>) -> (Vec<FileSignature>, Vec<String>) {
+fn check_files(output: &RecordedOutput, context: &Arc<Context>) -> (Vec<FileSignature>, Vec<FileProblem>) {
     let digest = output.digest();
     let (mut signatures, mut problems) = (Vec::new(), Vec::new());
     for file in &output.files {
@@ -216,7 +252,7 @@ fn check_files(output: &RecordedOutput, context: &Arc<Context>) -> (Vec<FileSign
                 problem
             }
         };
-        problems.extend(problem.map(|problem| format!("{}: {problem}", file.path.display())));
+        problems.extend(problem.map(|text| FileProblem { path: file.path.clone(), frame: file.frame, text }));
     }
     problems.extend(unrecorded_frames(output));
     (signatures, problems)
@@ -225,8 +261,7 @@ fn check_files(output: &RecordedOutput, context: &Arc<Context>) -> (Vec<FileSign
 /// The problem of a file that differs from its digest in the record.
 fn digest_problem(file: &RecordedFile) -> Option<String> {
     let is_equal = file_digest(&file.path).is_ok_and(|digest| digest.sha256 == file.sha256);
-    (!is_equal)
-        .then(|| "differs from its digest in the record; if signing was interrupted, repeat `locard sign`".to_owned())
+    (!is_equal).then(|| "other digest than in the record; if signing was interrupted, repeat `locard sign`".to_owned())
 }
 
 /// With a list of trusted authorities, all signers must be among them.
@@ -263,7 +298,7 @@ fn check_file(path: &Path, context: &Arc<Context>, trust: Option<&Path>) -> Resu
     let title = signature.title.clone();
     let problem = output.as_ref().and_then(|output| {
         let file = output.files.iter().find(|file| file.path.file_name() == path.file_name());
-        file.map_or(Some("is not in the record".to_owned()), |file| {
+        file.map_or(Some(NOT_RECORDED.to_owned()), |file| {
             placement_problem(&signature, file, &output.digest()).or_else(|| digest_problem(file))
         })
     });
@@ -283,34 +318,34 @@ fn check_file(path: &Path, context: &Arc<Context>, trust: Option<&Path>) -> Resu
 fn placement_problem(signature: &FileSignature, file: &RecordedFile, record_sha256: &str) -> Option<String> {
     let frame = file.frame;
     if signature.record_sha256.is_none() {
-        return Some("was signed without a record".to_owned());
+        return Some("signed without a record".to_owned());
     }
     if signature.frame != frame {
         let frame_text =
             |frame: Option<usize>| frame.map_or("another output".to_owned(), |frame| format!("frame {frame}"));
-        return Some(format!(
-            "was signed as {}, the record has it as {}",
-            frame_text(signature.frame),
-            frame_text(frame)
-        ));
+        return Some(format!("signed as {}, recorded as {}", frame_text(signature.frame), frame_text(frame)));
     }
     if signature.record_sha256.as_deref() != Some(record_sha256) {
-        return Some("was signed with another record than the one beside it".to_owned());
+        return Some("signed with another record than the one there".to_owned());
     }
     let name = file.path.file_name().unwrap_or_default().to_string_lossy();
     // A folder may be renamed, and a video with its record; a frame's name is in the record.
-    (frame.is_some() && signature.title != name).then(|| format!("was signed as {}", shown(&signature.title)))
+    (frame.is_some() && signature.title != name).then(|| format!("signed as {}", shown(&signature.title)))
 }
 
 /// Frames in the folder that the record does not have.
-fn unrecorded_frames(output: &RecordedOutput) -> Vec<String> {
+fn unrecorded_frames(output: &RecordedOutput) -> Vec<FileProblem> {
     let recorded: BTreeSet<_> = output.files.iter().filter_map(|file| file.path.file_name()).collect();
     let entries = std::fs::read_dir(&output.path).into_iter().flatten().flatten().map(|entry| entry.file_name());
-    let is_unrecorded =
-        |name: &std::ffi::OsString| name.to_str().is_some_and(is_frame_name) && !recorded.contains(name.as_os_str());
-    let mut names: Vec<_> = entries.filter(is_unrecorded).collect();
-    names.sort();
-    names.iter().map(|name| format!("{}: is not in the record", output.path.join(name).display())).collect()
+    let unrecorded = entries.filter(|name| !recorded.contains(name.as_os_str()));
+    let mut frames: Vec<_> = unrecorded.filter_map(|name| Some((frame_of_name(name.to_str()?)?, name))).collect();
+    frames.sort();
+    let problem = |(frame, name)| FileProblem {
+        path: output.path.join::<std::ffi::OsString>(name),
+        frame: Some(frame),
+        text: NOT_RECORDED.to_owned(),
+    };
+    frames.into_iter().map(problem).collect()
 }
 
 /// Prints who signed how many files, and when.
@@ -344,6 +379,28 @@ fn trusted_text(is_trusted: bool, trust: Option<&Path>) -> &'static str {
 
 /// A digital source type in words, or its address.
 fn source_type_text(uri: &str) -> &str {
-    let all = [DigitalSourceType::CompositeWithSyntheticElements, DigitalSourceType::DigitalCreation];
+    let all = DigitalSourceType::ALL;
     all.into_iter().find(|source_type| source_type.uri() == uri).map_or(uri, |source_type| source_type.description())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn problems_are_grouped_by_their_text_with_ranges_of_frames() {
+        let problem = |frame: usize, text: &str| FileProblem {
+            path: format!("a/{frame}.png").into(),
+            frame: Some(frame),
+            text: text.to_owned(),
+        };
+        let mut problems: Vec<FileProblem> = (3..=14).chain([17, 19, 20]).map(|frame| problem(frame, "none")).collect();
+        problems.insert(2, problem(40, "other"));
+        let video = FileProblem { path: "a.mp4".into(), frame: None, text: "changed".to_owned() };
+        problems.push(video);
+        assert_eq!(
+            grouped(&problems),
+            ["15 frames (3 to 14, 17, 19 to 20): none", "a/40.png: other", "a.mp4: changed"]
+        );
+    }
 }

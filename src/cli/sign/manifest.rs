@@ -135,8 +135,8 @@ fn input_groups(work: &WorkRecord) -> Vec<InputGroup> {
     listed.chain(single.map(InputGroup::of_file)).collect()
 }
 
-/// Actions of a work: the recording opened, the scene's files placed, all composited. Without a
-/// recording the picture is a creation.
+/// Actions of a work: the recording opened, the scene's files placed, all composited. A case card
+/// has no recording: it is created from its data.
 fn actions(groups: &[InputGroup], changed_px: Option<Rect>) -> Value {
     let labels = |relationship: &str| -> Vec<String> {
         let of_relationship = groups.iter().enumerate().filter(|(_, group)| group.relationship() == relationship);
@@ -144,8 +144,11 @@ fn actions(groups: &[InputGroup], changed_px: Option<Rect>) -> Value {
     };
     let recordings = labels("parentOf");
     if recordings.is_empty() {
-        let source_type = DigitalSourceType::DigitalCreation.uri();
-        return json!([{ "action": "c2pa.created", "digitalSourceType": source_type }]);
+        return json!([{
+            "action": "c2pa.created",
+            "digitalSourceType": DigitalSourceType::DataDrivenMedia.uri(),
+            "parameters": { "ingredientIds": labels("inputTo") },
+        }]);
     }
     let source_type = DigitalSourceType::CompositeWithSyntheticElements;
     let mut actions = vec![json!({ "action": "c2pa.opened", "parameters": { "ingredientIds": recordings } })];
@@ -179,18 +182,21 @@ fn actions(groups: &[InputGroup], changed_px: Option<Rect>) -> Value {
 /// Definition of the manifest of a file, as the crate `c2pa` reads it. `record_sha256`:
 /// [`RecordedOutput::digest`].
 pub fn definition(output: &RecordedOutput, file: &RecordedFile, record_sha256: &str) -> Value {
-    let groups = output.work.as_ref().map(input_groups).unwrap_or_default();
+    let WorkRecord { program, programs, command, device, seed, inputs: _, settings } = &output.work;
+    let groups = input_groups(&output.work);
     let ingredients = groups.iter().enumerate().map(|(number, group)| group.ingredient(number)).collect();
-    let mut record = json!({ "record": file_name(&record_path(&output.path)), "sha256": record_sha256 });
+    let mut record = json!({
+        "record": file_name(&record_path(&output.path)),
+        "sha256": record_sha256,
+        "program": program,
+        "programs": programs,
+        "command": command,
+        "device": device,
+        "seed": seed,
+        "settings": settings,
+    });
     if let Some(frame) = file.frame {
         record["frame"] = json!(frame);
-    }
-    if let Some(WorkRecord { program, command, device, seed, inputs: _, settings }) = &output.work {
-        record["program"] = json!(program);
-        record["command"] = json!(command);
-        record["device"] = json!(device);
-        record["seed"] = json!(seed);
-        record["settings"] = json!(settings);
     }
     json!(Definition {
         claim_generator_info: json!([{ "name": "Locard", "version": env!("CARGO_PKG_VERSION") }]),
@@ -248,9 +254,10 @@ mod tests {
     }
 
     #[test]
-    fn picture_without_a_recording_is_a_creation() {
-        let actions = actions(&[], None);
+    fn picture_without_a_recording_is_created_from_its_data() {
+        let actions = actions(&[InputGroup::of_file(&input("card", "case.toml"))], None);
         assert_eq!(actions[0]["action"], "c2pa.created");
-        assert!(actions[0]["digitalSourceType"].as_str().unwrap().ends_with("digitalCreation"));
+        assert!(actions[0]["digitalSourceType"].as_str().unwrap().ends_with("dataDrivenMedia"));
+        assert_eq!(actions[0]["parameters"]["ingredientIds"], json!(["input-0"]));
     }
 }

@@ -15,7 +15,7 @@ use anyhow::{Result, anyhow, bail};
 use c2pa::{Builder, Context, Signer};
 
 use locard_engine::provenance::{bytes_digest, file_digest, output_of_record, record_path};
-use locard_engine::sink::atomic::{Partial, check_not_protected, write_atomically};
+use locard_engine::sink::atomic::{Partial, check_not_protected, stale_partials, write_atomically};
 use locard_engine::source::file;
 use locard_engine::text::{count, reason};
 
@@ -31,7 +31,7 @@ use time_stamp::StampedSigner;
 pub struct Args {
     #[command(subcommand)]
     command: Option<SignCommand>,
-    /// The output of `locard composite`, `photo` or `case-card`, with its record beside it
+    /// The output of `locard composite`, `join`, `photo` or `case-card`, with its record beside it
     #[arg(required = true)]
     output: Option<PathBuf>,
     /// The signer's private key, PKCS #8 in PEM form; by default that of `locard sign init`
@@ -107,6 +107,7 @@ fn sign(args: &Args, output: &Path) -> Result<()> {
         check_not_protected(path).map_err(|error| anyhow!("{}: {}", path.display(), reason(&error)))?;
     }
     output.files.iter().try_for_each(|file| batch.check_unchanged(file))?;
+    remove_stale(output.files.iter().map(|file| &file.path).chain([&record_file]))?;
     let bar = progress(args.quiet, output.files.len());
     let mut digests = Vec::with_capacity(output.files.len());
     for file in &output.files {
@@ -125,6 +126,21 @@ fn sign(args: &Args, output: &Path) -> Result<()> {
     let text = output.text_with_digests(|file| &digests[file]);
     write_atomically(&record_file, true, |out| out.write_all(text.as_bytes()))?;
     print_line(&format!("{}: {} signed", output.path.display(), count(output.files.len(), "file")))
+}
+
+/// Removes unfinished files of a run that was killed. The lock on the record keeps other runs off
+/// these files.
+fn remove_stale<'a>(files: impl Iterator<Item = &'a PathBuf>) -> Result<()> {
+    let named: Vec<PathBuf> = files.flat_map(|file| [file.clone(), sidecar_path(file)]).collect();
+    let stale = stale_partials(named.iter().map(PathBuf::as_path));
+    for path in &stale {
+        std::fs::remove_file(path)
+            .map_err(|error| anyhow!("{}: cannot be removed: {}", path.display(), reason(&error)))?;
+    }
+    match stale.len() {
+        0 => Ok(()),
+        number => print_line(&format!("removed: {} of an interrupted run", count(number, "unfinished file"))),
+    }
 }
 
 /// An exclusive lock on a record, until the file is closed.

@@ -2,11 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, anyhow};
-use serde_json::Value;
+use anyhow::{Result, anyhow};
 
 use locard_engine::pixels::Rect;
-use locard_engine::provenance::{OutputKind, Record, WorkRecord, bytes_digest, output_of_record, record_path};
+use locard_engine::provenance::{
+    OutputKind, PictureRecord, Record, WorkRecord, bytes_digest, output_of_record, record_path,
+};
 use locard_engine::source::file::{MAX_TEXT_BYTES, read_text};
 use locard_engine::text::reason;
 
@@ -26,8 +27,7 @@ pub struct RecordedFile {
 #[derive(Clone, Debug)]
 pub struct RecordedOutput {
     pub path: PathBuf,
-    /// `None` for a case card.
-    pub work: Option<WorkRecord>,
+    pub work: WorkRecord,
     pub files: Vec<RecordedFile>,
     /// The record's text.
     text: String,
@@ -46,16 +46,9 @@ impl RecordedOutput {
                 reason(&error)
             )
         })?;
-        let value: Value = serde_json::from_str(&text).with_context(|| format!("{}", record_file.display()))?;
-        if value.get("photograph").is_some() {
-            let sha256 = value.get("file_sha256").and_then(Value::as_str).map(str::to_owned);
-            let sha256 = sha256.ok_or_else(|| anyhow!("{}: lacks the photograph's digest", record_file.display()))?;
-            let photograph = RecordedFile { path: path.clone(), sha256, frame: None, changed_px: None };
-            return Ok(Self { path, work: serde_json::from_value(value).ok(), files: vec![photograph], text });
-        }
         let record = Record::read(&path)?;
         let files = files(&record, &path)?;
-        Ok(Self { path, work: Some(record.work), files, text })
+        Ok(Self { path, work: record.work, files, text })
     }
 
     /// Digest of the record without the digests of the output's files: signing changes those.
@@ -79,10 +72,11 @@ fn files(record: &Record, output: &Path) -> Result<Vec<RecordedFile>> {
         let changed_px = rects.reduce(|all, rect| all.union(&rect));
         return Ok(vec![RecordedFile { path: output.to_owned(), sha256, frame: None, changed_px }]);
     }
-    let file = |picture: &locard_engine::provenance::PictureRecord| {
+    let file = |picture: &PictureRecord| {
         let sha256 = picture.file_sha256.clone().ok_or_else(|| without_digest(format!("frame {}", picture.frame)))?;
-        let path = output.join(picture.file.as_deref().unwrap_or_default());
-        Ok(RecordedFile { path, sha256, frame: Some(picture.frame), changed_px: picture.rect_px.map(rect) })
+        let path = record.output.picture_file(output, picture.file.as_deref());
+        let frame = (record.output.kind == OutputKind::Frames).then_some(picture.frame);
+        Ok(RecordedFile { path, sha256, frame, changed_px: picture.rect_px.map(rect) })
     };
     record.pictures.iter().map(file).collect()
 }

@@ -92,6 +92,15 @@ impl LogEntry {
     }
 }
 
+/// Photographs of the records in a folder, by name.
+pub fn recorded_photographs(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
+    // Videos and folders of frames have records, too.
+    let outputs = std::fs::read_dir(folder)?.flatten().filter_map(|entry| output_of_record(&entry.path()));
+    let mut photographs: Vec<PathBuf> = outputs.filter(|output| is_photograph_name(output)).collect();
+    photographs.sort();
+    Ok(photographs)
+}
+
 /// Photographs of folders and files: in a folder all that have a record. The error names the path,
 /// and the remedy.
 pub fn photographs(paths: &[PathBuf]) -> Result<Vec<PathBuf>, String> {
@@ -101,11 +110,9 @@ pub fn photographs(paths: &[PathBuf]) -> Result<Vec<PathBuf>, String> {
             photographs.push(output_of_record(path).unwrap_or_else(|| path.clone()));
             continue;
         }
-        let folder = std::fs::read_dir(path)
+        let listed = recorded_photographs(path)
             .map_err(|error| format!("{}: cannot be read: {}", path.display(), reason(&error)))?;
-        // Videos and folders of frames have records, too.
-        let outputs = folder.flatten().filter_map(|entry| output_of_record(&entry.path()));
-        photographs.extend(outputs.filter(|output| is_photograph_name(output)));
+        photographs.extend(listed);
     }
     photographs.sort();
     photographs.dedup();

@@ -10,6 +10,7 @@ use crate::photo::particulars::{
 };
 use crate::photo::plane_view::{height_error, tilt_error};
 use crate::photo::record::write_record;
+use crate::provenance::WorkRecord;
 use crate::scene::ObjectKind;
 
 fn object(name: &str, kind: ObjectKind, size_m: f64, x_m: f64, mm_per_px: f64, bounds_px: [f64; 4]) -> ObjectInView {
@@ -353,7 +354,7 @@ fn page_embeds_thumbnails_and_escapes_text() {
         let path = at(&format!("{number:03}.jpg"));
         image::RgbImage::from_pixel(900, 600, image::Rgb([90, 120, 150])).save(&path).unwrap();
         let particulars = Particulars { number, taken: "2026-11-30 12:00:00".to_owned(), content };
-        write_record(&path, &particulars, None).unwrap();
+        write_record(&path, &particulars, WorkRecord::without_shot(Vec::new())).unwrap();
     }
     let log = PhotoLog::read(&photographs(&[temp.path().to_owned()]).unwrap());
     let page = html(&log).unwrap();
