@@ -11,11 +11,12 @@
 //!    each coefficient. The table of [`latent`](super::latent) values moves at the same time. The
 //!    amplitudes of the last two rounds are averaged.
 //!
-//! Where the masks leave edges out, each round synthesises a picture twice: on its mean, and on
-//! plain content, the mean blurred by 12 px. Real surfaces have texture, and the quantiser's error
-//! of faint texture is a part of real residuals. On a plain virtual surface only noise passes the
-//! quantiser, and amplitudes fitted on texture alone leave most blocks of a grey card without any
-//! coefficient.
+//! Where the masks leave edges out and the coding has a quantiser, each round synthesises a picture
+//! twice: on its mean, and on plain content, the mean blurred by 12 px. Real surfaces have texture,
+//! and the quantiser's error of faint texture is a part of real residuals. On a plain virtual
+//! surface only noise passes the quantiser, and amplitudes fitted on texture alone leave most
+//! blocks of a grey card without any coefficient. Without a quantiser, plain content would take
+//! over the residuals of texture: its noise would be 1.4 times too strong.
 //!
 //! A mean of n frames that includes the frame itself lacks 1/n of the noise's variance;
 //! [`CalibrationFrame::variance_gain`] restores it.
@@ -355,9 +356,10 @@ pub fn calibrate_coded(frames: &[CodedFrame<'_>], seed: u32) -> Result<NoiseMode
     calibrate_on(frames, seed, false)
 }
 
-/// Like [`calibrate_coded`], on plain content as well. The masks leave edges out.
+/// Like [`calibrate_coded`], on plain content as well if there is a quantiser. The masks leave edges
+/// out.
 pub fn calibrate_smooth_places(frames: &[CodedFrame<'_>], seed: u32) -> Result<NoiseModel, ModelError> {
-    calibrate_on(frames, seed, true)
+    calibrate_on(frames, seed, frames.iter().any(|frame| frame.coding.quantization.is_some()))
 }
 
 fn calibrate_on(frames: &[CodedFrame<'_>], seed: u32, with_plain: bool) -> Result<NoiseModel, ModelError> {
