@@ -356,7 +356,7 @@ pub fn calibrate_coded(frames: &[CodedFrame<'_>], seed: u32) -> Result<NoiseMode
     calibrate_on(frames, seed, false)
 }
 
-/// Like [`calibrate_coded`], on plain content as well if there is a quantiser. The masks leave edges
+/// Like [`calibrate_coded`], and on plain content if there is a quantiser. The masks leave edges
 /// out.
 pub fn calibrate_smooth_places(frames: &[CodedFrame<'_>], seed: u32) -> Result<NoiseModel, ModelError> {
     calibrate_on(frames, seed, frames.iter().any(|frame| frame.coding.quantization.is_some()))

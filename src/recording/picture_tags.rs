@@ -1,4 +1,4 @@
-//! What pictures and videos state of the camera's settings: EXIF and telemetry.
+//! The camera's settings as pictures and videos state them: EXIF and telemetry.
 
 use std::path::PathBuf;
 

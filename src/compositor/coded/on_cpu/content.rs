@@ -273,8 +273,8 @@ impl ContentPlanes {
 }
 
 impl Activity {
-    /// Energies at the pixels of `columns` of a run, an even number from an even one on, in the j-th
-    /// row of the tiles, interpolated between the centres of blocks: coarse and fine.
+    /// Energies in the j-th row of the tiles, interpolated between the centres of blocks: coarse
+    /// and fine. `columns` of the run are an even number from an even one on.
     #[inline(always)]
     pub fn at_row(&self, j: usize, columns: &Range<usize>, row: &mut Vec<f32>, out: [&mut [f32]; 2]) {
         // Rows and columns begin `BLOCK_REACH` blocks before the tiles.

@@ -28,8 +28,8 @@ use crate::compositor::dirty_tiles::TILE_PX;
 use crate::effects::ExampleNoise;
 use crate::parallel::{over_items, processors};
 
-// Within `dispatch!` runs are visited by loops: the closure of a `for_each` would be compiled for the
-// least processor.
+// Within `dispatch!` runs are visited by loops: the closure of a `for_each` would not be compiled
+// for the processor's vector instructions.
 
 /// Rows and columns of a tile.
 const TILE: usize = TILE_PX as usize;
