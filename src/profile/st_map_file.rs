@@ -18,6 +18,10 @@ const SIZE: [&str; 2] = ["undistorted_width_px", "undistorted_height_px"];
 /// Largest side of the undistorted picture, px.
 const MAX_SIDE_PX: i64 = 65_536;
 
+/// Largest ratio of the scales across and down in the middle of `redistort` alone, if the size of
+/// the undistorted picture is not stated.
+const MAX_SCALE_RATIO: f64 = 1.02;
+
 /// A map of a profile and its file.
 struct MapFile {
     key: &'static str,
@@ -72,6 +76,30 @@ impl MapFile {
         Ok(Self { key, path, picture })
     }
 
+    /// Refuses a map `redistort` that seems to lead to an undistorted picture of another size than
+    /// the recorded one's: its places are fractions of that size.
+    fn check_unstated_size(&self) -> Result<(), String> {
+        let StPicture { width, height, size_px, ref st, .. } = self.picture;
+        // Half the distance of the compared pixels from each other.
+        let [dx, dy] = [width, height].map(|side| (side / 32).max(1));
+        let (x, y) = (width / 2, height / 2);
+        let value = |x: usize, y: usize, channel: usize| {
+            st.get(y * width + x).filter(|_| x < width).map_or(f64::NAN, |st| f64::from(st[channel]))
+        };
+        let step = (value(x + dx, y, 0) - value(x.saturating_sub(dx), y, 0)).abs() / (2 * dx) as f64;
+        let scale_x = f64::from(size_px[0]) * step;
+        let step = (value(x, y + dy, 1) - value(x, y.saturating_sub(dy), 1)).abs() / (2 * dy) as f64;
+        let scale_y = f64::from(size_px[1]) * step;
+        if (scale_x / scale_y).max(scale_y / scale_x) > MAX_SCALE_RATIO {
+            return Err(self.failed(format!(
+                "scales the middle of the picture by {scale_x:.3} across and {scale_y:.3} down, as if its undistorted \
+                 picture were not of {}x{} px: state the size as {} and {}",
+                size_px[0], size_px[1], SIZE[0], SIZE[1]
+            )));
+        }
+        Ok(())
+    }
+
     fn failed(&self, problem: impl std::fmt::Display) -> String {
         format!("[camera.distortion] {}: {}: the ST map {problem}", self.key, self.path.display())
     }
@@ -107,6 +135,9 @@ fn lens(undistort: Option<&MapFile>, redistort: Option<&MapFile>, size: Option<[
     };
     let forward = pairs(undistort, Direction::Undistort)?;
     let back = pairs(redistort, Direction::Redistort)?;
+    if let (None, Some(map), None) = (undistort, redistort, size) {
+        map.check_unstated_size()?;
+    }
     let fit = |pairs: &[_]| fit_lens_map(pairs, undistorted_px, recorded_px);
     let Some(map) = undistort.or(redistort) else { return Err(format!("[camera.distortion] {UNDISTORT} is missing")) };
     fit(&[forward.as_slice(), &back].concat()).map_err(|error| match error {

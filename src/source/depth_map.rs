@@ -1,5 +1,5 @@
-//! Depth pictures: 16-bit grey PNG, TIFF and PGM, OpenEXR and NumPy's `.npy` (NEP 1), distinguished
-//! by content.
+//! Depth pictures: 16-bit grey PNG, TIFF and PGM, grey TIFF of floating-point numbers or integers
+//! of 32 bits, OpenEXR and NumPy's `.npy` (NEP 1), distinguished by content.
 //!
 //! Not modelled: deep OpenEXR, arrays of several maps.
 
@@ -12,6 +12,7 @@ use exr::prelude::{MetaData, ReadChannels, ReadLayers};
 use half::f16;
 
 use super::still_format::{EXR_SIGNATURE, StillFormat};
+use super::tiff_samples::{self, SampleKind, TiffHeader};
 use super::unsupported::DEPTH_FORMATS;
 use super::{SourceError, file as plain, still};
 use crate::pixels::DepthMap;
@@ -39,6 +40,8 @@ pub struct DepthHeader {
 /// A format of depth pictures, by content.
 enum DepthFormat {
     Still,
+    /// A TIFF of floating-point numbers or integers of 32 bits.
+    TiffNumbers(DepthHeader),
     Exr,
     Npy,
 }
@@ -50,18 +53,23 @@ fn format_of(file: &Path) -> Result<DepthFormat, SourceError> {
     match start {
         _ if start.starts_with(EXR_SIGNATURE) => Ok(DepthFormat::Exr),
         _ if start.starts_with(NPY_SIGNATURE) => Ok(DepthFormat::Npy),
-        _ if matches!(
-            StillFormat::of_content(&start),
-            Some(StillFormat::Png | StillFormat::Tiff | StillFormat::Pnm)
-        ) =>
-        {
-            Ok(DepthFormat::Still)
-        }
-        _ => {
-            let format = StillFormat::of_content(&start).map(|format| format!(", but {}", format.name()));
-            let problem = format!("is not a depth picture{}; expected {DEPTH_FORMATS}", format.unwrap_or_default());
-            Err(SourceError::content(file, problem))
-        }
+        _ => match StillFormat::of_content(&start) {
+            Some(StillFormat::Png | StillFormat::Pnm) => Ok(DepthFormat::Still),
+            Some(StillFormat::Tiff) => {
+                let reader = BufReader::new(plain::open(file).map_err(failed)?);
+                let header = tiff_samples::header(reader).map_err(|problem| SourceError::content(file, problem))?;
+                let is_number = |kind| kind != SampleKind::Palette;
+                Ok(header.filter(|header| is_number(header.kind)).map_or(DepthFormat::Still, |header| {
+                    let TiffHeader { width, height, kind } = header;
+                    DepthFormat::TiffNumbers(DepthHeader { width, height, is_float: kind != SampleKind::Integer })
+                }))
+            }
+            other => {
+                let format = other.map(|format| format!(", but {}", format.name()));
+                let problem = format!("is not a depth picture{}; expected {DEPTH_FORMATS}", format.unwrap_or_default());
+                Err(SourceError::content(file, problem))
+            }
+        },
     }
 }
 
@@ -77,6 +85,7 @@ pub fn read_header(file: &Path) -> Result<DepthHeader, SourceError> {
             }
             Ok(DepthHeader { width, height, is_float: false })
         }
+        DepthFormat::TiffNumbers(header) => Ok(header),
         DepthFormat::Exr => {
             let reader = BufReader::new(plain::open(file).map_err(failed)?);
             exr_header(reader).map_err(bad)
@@ -96,6 +105,7 @@ pub fn read(file: &Path, codes_per_metre: f64, timestamp_s: f64) -> Result<Depth
         || plain::read(file, MAX_FILE_BYTES).map_err(|source| SourceError::Read { file: file.to_owned(), source });
     let decoded = match format_of(file)? {
         DepthFormat::Still => return still::read_depth(file, codes_per_metre, timestamp_s),
+        DepthFormat::TiffNumbers(header) => tiff_values(header, &bytes()?),
         DepthFormat::Exr => exr_values(&bytes()?),
         DepthFormat::Npy => npy_values(&bytes()?),
     };
@@ -111,8 +121,8 @@ pub fn read(file: &Path, codes_per_metre: f64, timestamp_s: f64) -> Result<Depth
 pub fn check_end(file: &Path) -> Result<(), SourceError> {
     match format_of(file)? {
         DepthFormat::Still => still::check_end(file),
-        // Neither format has an end marker.
-        DepthFormat::Exr | DepthFormat::Npy => read(file, 1.0, 0.0).map(drop),
+        // None of these formats has an end marker.
+        DepthFormat::TiffNumbers(_) | DepthFormat::Exr | DepthFormat::Npy => read(file, 1.0, 0.0).map(drop),
     }
 }
 
@@ -122,6 +132,15 @@ fn size(width: usize, height: usize, channels: usize) -> Result<(u32, u32), Stri
     sides.filter(|_| (1..=MAX_SAMPLES).contains(&samples)).ok_or_else(|| {
         format!("is {width}x{height} with {channels} channels; at least one and at most {MAX_SAMPLES} numbers are read")
     })
+}
+
+fn tiff_values(header: DepthHeader, bytes: &[u8]) -> Result<(DepthHeader, Vec<f64>), String> {
+    size(header.width as usize, header.height as usize, 1)?;
+    let samples = tiff_samples::samples(bytes, MAX_FILE_BYTES)?;
+    if samples.channel_count != 1 {
+        return Err("is a picture in colour; depth must be grey".to_owned());
+    }
+    Ok((header, samples.values.into_iter().map(f64::from).collect()))
 }
 
 /// The depth channel: the one with that name, or the only one. Programs that only support colour

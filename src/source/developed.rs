@@ -20,7 +20,7 @@ use sha2::Digest as _;
 
 use super::orientation::Orientation;
 use super::still_format::{PictureHeader, StillFormat};
-use super::{SourceError, ffmpeg, heif, scene_linear, still_decoder};
+use super::{SourceError, ffmpeg, file as plain, heif, scene_linear, still_decoder};
 use crate::pixels::Pixels;
 use crate::program::{self, ProgramError};
 use crate::user_folders;
@@ -28,7 +28,7 @@ use crate::user_folders;
 /// Folder of developed pictures within the cache.
 const FOLDER: &str = "developed";
 /// Version of the development: results of others are rebuilt.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 /// The least recently used pictures are removed beyond this size, bytes.
 const CACHE_BYTES: u64 = 16 << 30;
 /// Age of leftovers of interrupted developments, which are removed.
@@ -143,7 +143,11 @@ fn develop(file: &Path, format: StillFormat, work: &Path, png: &Path) -> Result<
         }
         StillFormat::JpegXl => convert(file, JPEG_XL_DECODERS, &paths(&[file, png])),
         StillFormat::DwaExr => {
-            let start = text(&["-v", "error", "-y", "-f", "exr_pipe", "-apply_trc", "iec61966_2_1", "-i"]);
+            let reader = plain::open(file).map_err(|source| SourceError::Read { file: file.to_owned(), source })?;
+            let part = scene_linear::dwa_part(std::io::BufReader::new(reader));
+            let part = part.map_err(|problem| SourceError::content(file, problem))?.to_string();
+            let decoder = ["-f", "exr_pipe", "-apply_trc", "iec61966_2_1", "-part", &part, "-i"];
+            let start = text(&[&["-v", "error", "-y"][..], &decoder].concat());
             let rest = text(&["-frames:v", "1", "-pix_fmt", "rgb48be"]);
             let arguments = [start, vec![ffmpeg::file_argument(file)], rest, vec![ffmpeg::file_argument(png)]].concat();
             convert(file, &["ffmpeg"], &arguments)

@@ -26,6 +26,7 @@ pub mod still_color;
 mod still_decoder;
 pub mod still_format;
 pub mod telemetry;
+mod tiff_samples;
 pub mod timecode;
 pub mod unsupported;
 pub mod video;

@@ -45,28 +45,84 @@ pub fn is_dwa(reader: impl BufRead) -> bool {
     headers.iter().any(|header| matches!(header.compression, Compression::DWAA(_) | Compression::DWAB(_)))
 }
 
-/// The channels of colour among those of a layer: R, G and B, also with the name of a layer before
-/// them, or one of luminance.
-fn color_channels(names: &[String]) -> Option<[usize; 3]> {
-    let position = |name: &str| names.iter().position(|other| other == name);
-    let of_layer = |layer: &str| {
-        Some([position(&format!("{layer}R"))?, position(&format!("{layer}G"))?, position(&format!("{layer}B"))?])
+/// Names of the channels of colour, in lower case: OpenEXR's own, and those of Nuke's layers.
+const COLOR_NAMES: [[&str; 3]; 2] = [["r", "g", "b"], ["red", "green", "blue"]];
+/// Names of layers that hold the whole picture, in lower case. Other layers with colour are its
+/// parts, such as albedo.
+const PICTURE_LAYERS: [&str; 6] = ["beauty", "combined", "rgba", "rgb", "color", "colour"];
+
+/// The layer with the picture's colour.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ColorLayer {
+    /// Name before the channels' last dot; may be empty.
+    name: String,
+    /// The channels of R, G and B, three times one of luminance.
+    channels: [usize; 3],
+}
+
+/// The layer with the picture's colour by the names of all channels: without a name, else one that
+/// is named as the whole picture, else the first. A layer with R, G and B takes precedence over
+/// luminance alone.
+fn color_layer(names: &[String]) -> Option<ColorLayer> {
+    let split = |name: &str| {
+        let (layer, channel) = name.rsplit_once('.').unwrap_or(("", name));
+        (layer.to_owned(), channel.to_ascii_lowercase())
     };
-    let layers = names.iter().filter_map(|name| name.strip_suffix('R'));
-    of_layer("").or_else(|| layers.map(of_layer).find_map(|channels| channels)).or_else(|| Some([position("Y")?; 3]))
+    let split_names: Vec<(String, String)> = names.iter().map(|name| split(name)).collect();
+    let position =
+        |layer: &str, channel: &str| split_names.iter().position(|(of, name)| of == layer && name == channel);
+    let rank = |layer: &str| {
+        let last = split(layer).1;
+        if layer.is_empty() { 0 } else { 1 + u8::from(!PICTURE_LAYERS.contains(&last.as_str())) }
+    };
+    let mut layers: Vec<&String> = split_names.iter().map(|(layer, _)| layer).collect();
+    layers.sort_by_key(|layer| rank(layer));
+    let rgb = |layer: &str| {
+        COLOR_NAMES.iter().find_map(|[r, g, b]| Some([position(layer, r)?, position(layer, g)?, position(layer, b)?]))
+    };
+    // Not the Y of a vector.
+    let luminance = |layer: &str| position(layer, "y").filter(|_| position(layer, "x").is_none()).map(|y| [y; 3]);
+    let first = |channels: &dyn Fn(&str) -> Option<[usize; 3]>| {
+        layers.iter().find_map(|layer| Some(ColorLayer { name: (*layer).clone(), channels: channels(layer)? }))
+    };
+    first(&rgb).or_else(|| first(&luminance))
+}
+
+/// The flat part of a file with the picture's colour, by its index, and the layer in it.
+fn color_part(meta: &MetaData) -> Result<(usize, ColorLayer), String> {
+    let names = |header: &Header| -> Vec<String> {
+        header.channels.list.iter().map(|channel| channel.name.to_string()).collect()
+    };
+    let parts = || meta.headers.iter().enumerate().filter(|(_, header)| !header.deep);
+    let Some((part, names, layer)) =
+        parts().find_map(|(part, header)| Some((part, names(header), color_layer(&names(header))?)))
+    else {
+        let names: Vec<String> = meta.headers.iter().flat_map(names).take(8).collect();
+        return Err(format!("has no flat layer with the channels R, G and B, or Y (found: {})", names.join(", ")));
+    };
+    let is_chroma = |name: &String| matches!(name.rsplit('.').next(), Some("RY" | "BY"));
+    if layer.channels[0] == layer.channels[1] && names.iter().any(is_chroma) {
+        return Err("has luminance and chroma (Y, RY, BY), which are not read; save it as R, G and B".to_owned());
+    }
+    Ok((part, layer))
+}
+
+/// The part with the picture's colour in a file with DWA. `ffmpeg` decodes that compression for
+/// channels R, G and B without a layer's name only, and returns a damaged picture of others.
+pub fn dwa_part(reader: impl BufRead) -> Result<usize, String> {
+    let meta = MetaData::read_from_buffered(reader, false).map_err(|e| damaged(&e))?;
+    let (part, layer) = color_part(&meta)?;
+    if layer.name.is_empty() && layer.channels[0] != layer.channels[1] {
+        Ok(part)
+    } else {
+        Err("is compressed by DWA, which is read with the channels R, G and B only; save it with ZIP".to_owned())
+    }
 }
 
 /// Header of an OpenEXR frame.
 pub fn exr_header(reader: impl BufRead) -> Result<PictureHeader, String> {
     let meta = MetaData::read_from_buffered(reader, false).map_err(|e| damaged(&e))?;
-    let names = |header: &Header| -> Vec<String> {
-        header.channels.list.iter().map(|channel| channel.name.to_string()).collect()
-    };
-    let has_color = |header: &&Header| !header.deep && color_channels(&names(header)).is_some();
-    let Some(header) = meta.headers.iter().find(has_color) else {
-        let names: Vec<String> = meta.headers.iter().flat_map(names).take(8).collect();
-        return Err(format!("has no flat layer with the channels R, G and B, or Y (found: {})", names.join(", ")));
-    };
+    let header = &meta.headers[color_part(&meta)?.0];
     let size = header.shared_attributes.display_window.size;
     for size in [size].into_iter().chain(meta.headers.iter().map(|header| header.layer_size)) {
         if (size.0 as u64).saturating_mul(size.1 as u64) > MAX_PIXELS {
@@ -85,7 +141,8 @@ pub fn exr_pixels(bytes: &[u8]) -> Result<Pixels, String> {
     if is_dwa(Cursor::new(bytes)) {
         return Err("is compressed by DWA, which is decoded by ffmpeg and from a file only".to_owned());
     }
-    let layer = exr_layer::read(bytes, color_channels)?.ok_or("has no channels of colour")?;
+    let layer = exr_layer::read(bytes, |names| color_layer(names).map(|layer| layer.channels))?
+        .ok_or("has no channels of colour")?;
     let [red, green, blue] = &layer.channels;
     let light: Vec<f32> = red.iter().zip(green).zip(blue).flat_map(|((r, g), b)| [*r, *g, *b]).collect();
     let [dx, dy] = layer.corner_px.map(i64::from);
@@ -106,7 +163,8 @@ pub fn exr_pixels(bytes: &[u8]) -> Result<Pixels, String> {
 mod tests {
     use super::*;
     use exr::prelude::{
-        Encoding, Image, ImageAttributes, IntegerBounds, Layer, LayerAttributes, SpecificChannels, Vec2, WritableImage,
+        AnyChannel, AnyChannels, Encoding, FlatSamples, Image, ImageAttributes, IntegerBounds, Layer, LayerAttributes,
+        SpecificChannels, Vec2, WritableImage,
     };
 
     fn exr(attributes: LayerAttributes, window: IntegerBounds) -> Vec<u8> {
@@ -137,12 +195,43 @@ mod tests {
     }
 
     #[test]
-    fn colour_is_found_in_a_layers_channels_and_in_luminance() {
-        let chosen = |names: &[&str]| color_channels(&names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>());
-        assert_eq!(chosen(&["A", "B", "G", "R", "beauty.R"]), Some([3, 2, 1]));
-        assert_eq!(chosen(&["Z", "beauty.B", "beauty.G", "beauty.R"]), Some([3, 2, 1]));
-        assert_eq!(chosen(&["Y"]), Some([0; 3]));
-        assert_eq!(chosen(&["R", "G", "N.X"]), None);
+    fn colour_is_found_in_layers_and_in_luminance() {
+        let chosen = |names: &[&str]| color_layer(&names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>());
+        for (names, layer, channels) in [
+            (&["A", "B", "G", "R", "beauty.R"][..], "", [3, 2, 1]),
+            (&["Z", "beauty.B", "beauty.G", "beauty.R"], "beauty", [3, 2, 1]),
+            // The first layer by name is a part of the picture.
+            (&["V.AO.B", "V.AO.G", "V.AO.R", "V.Combined.B", "V.Combined.G", "V.Combined.R"], "V.Combined", [5, 4, 3]),
+            (&["diffuse.blue", "diffuse.green", "diffuse.red", "spec.blue"], "diffuse", [2, 1, 0]),
+            (&["Y"], "", [0; 3]),
+            (&["A", "beauty.Y"], "beauty", [1; 3]),
+            (&["Y", "albedo.B", "albedo.G", "albedo.R"], "albedo", [3, 2, 1]),
+        ] {
+            assert_eq!(chosen(names), Some(ColorLayer { name: layer.to_owned(), channels }), "{names:?}");
+        }
+        for names in [&["R", "G", "N.X"][..], &["N.X", "N.Y", "N.Z"]] {
+            assert_eq!(chosen(names), None, "{names:?}");
+        }
+    }
+
+    fn named_channels(names: &[&str]) -> Vec<u8> {
+        let channels = names.iter().map(|name| AnyChannel::new(*name, FlatSamples::F32(vec![0.18]))).collect();
+        let mut out = Cursor::new(Vec::new());
+        Image::from_channels((1, 1), AnyChannels::sort(channels)).write().to_buffered(&mut out).unwrap();
+        out.into_inner()
+    }
+
+    #[test]
+    fn layered_and_luminance_files_are_decoded_and_chroma_is_refused() {
+        for names in [&["beauty.R", "beauty.G", "beauty.B"][..], &["Y"], &["beauty.Y", "Z"]] {
+            assert_eq!(exr_pixels(&named_channels(names)).unwrap().at(0, 0), [30235; 3], "{names:?}");
+        }
+        let refused = exr_pixels(&named_channels(&["Y", "RY", "BY"])).unwrap_err();
+        assert!(refused.contains("luminance and chroma"), "{refused}");
+        assert_eq!(dwa_part(Cursor::new(named_channels(&["R", "G", "B"]))), Ok(0));
+        for names in [&["beauty.R", "beauty.G", "beauty.B"][..], &["Y"]] {
+            assert!(dwa_part(Cursor::new(named_channels(names))).unwrap_err().contains("DWA"), "{names:?}");
+        }
     }
 
     #[test]

@@ -12,6 +12,7 @@ use image::DynamicImage;
 use super::exr_layer::{self, damaged};
 use super::still_decoder::decode;
 use super::still_format::StillFormat;
+use super::tiff_samples::{self, SampleKind, TiffHeader};
 use super::{SourceError, file as plain};
 
 /// Largest number of pixels.
@@ -42,11 +43,29 @@ pub fn read(file: &Path) -> Result<StPicture, SourceError> {
         plain::read(file, MAX_FILE_BYTES).map_err(|source| SourceError::Read { file: file.to_owned(), source })?;
     let picture = match StillFormat::of_content(&bytes) {
         Some(StillFormat::Exr) => exr_map(&bytes),
-        Some(format @ (StillFormat::Png | StillFormat::Tiff)) => decode(&bytes, format).and_then(coded_map),
+        Some(format @ (StillFormat::Png | StillFormat::Tiff)) => {
+            check_tiff(&bytes, format).and_then(|()| decode(&bytes, format)).and_then(coded_map)
+        }
         Some(other) => Err(format!("is {}; an ST map is {FORMATS}", other.name())),
         None => Err(format!("is no picture; an ST map is {FORMATS}")),
     };
     picture.map_err(|problem| SourceError::content(file, problem))
+}
+
+/// Refuses a TIFF of half floats.
+fn check_tiff(bytes: &[u8], format: StillFormat) -> Result<(), String> {
+    if format != StillFormat::Tiff {
+        return Ok(());
+    }
+    match tiff_samples::header(Cursor::new(bytes))? {
+        Some(TiffHeader { width, kind: SampleKind::Float { bits: 16 }, .. }) => Err(half_floats(f64::from(width))),
+        _ => Ok(()),
+    }
+}
+
+/// The refusal of half floats: between 0.5 and 1 they are 1/2048 apart.
+fn half_floats(width: f64) -> String {
+    format!("has half floats, steps of up to {:.1} px: write it with 32 bits", width / 2048.0)
 }
 
 /// A map of integers, full scale being 1, or a TIFF of floats.
@@ -96,8 +115,7 @@ fn check_header(bytes: &[u8]) -> Result<(), String> {
         let own: Vec<String> = header.channels.list.iter().map(|channel| channel.name.to_string()).collect();
         if let Some(channels) = st_channels(&own) {
             if channels.iter().any(|at| header.channels.list[*at].sample_type != SampleType::F32) {
-                let step_px = display.0 as f64 / 2048.0;
-                return Err(format!("has half floats, steps of up to {step_px:.1} px: write it with 32 bits"));
+                return Err(half_floats(display.0 as f64));
             }
             return Ok(());
         }

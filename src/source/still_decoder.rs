@@ -5,10 +5,11 @@ use std::io::{BufRead, BufReader, Cursor, Read, Seek};
 use std::path::Path;
 use std::sync::Arc;
 
-use image::{ColorType, DynamicImage, ImageDecoder};
+use image::{DynamicImage, ImageDecoder};
 
 use super::jpeg::{self, Ending};
 use super::still_format::{FORMATS, JPEG_SIGNATURE, PNG_SIGNATURE, PictureHeader, StillFormat};
+use super::tiff_samples::{self, SampleKind, TiffHeader};
 use super::{SourceError, file as plain, jpeg_header, jpeg_marker, jpeg_tables, scene_linear};
 use crate::pixels::{Codes, Pixels};
 
@@ -113,11 +114,10 @@ pub fn decode(bytes: &[u8], format: StillFormat) -> Result<DynamicImage, String>
             from_decoder(JpegDecoder::new(Cursor::new(&*bytes)).map_err(damaged)?)
         }
         StillFormat::Tiff => {
-            let decoder = TiffDecoder::new(Cursor::new(bytes)).map_err(damaged)?;
-            if matches!(decoder.color_type(), ColorType::Rgb32F | ColorType::Rgba32F) && !has_float_samples(bytes) {
-                return Err("has integers of 32 bits; convert it: ffmpeg or ImageMagick to 16 bits".to_owned());
+            if let Some(picture) = tiff_samples::picture(bytes, MAX_DECODED_BYTES)? {
+                return Ok(picture);
             }
-            from_decoder(decoder)
+            from_decoder(TiffDecoder::new(Cursor::new(bytes)).map_err(damaged)?)
         }
         StillFormat::WebP => from_decoder(image::codecs::webp::WebPDecoder::new(Cursor::new(bytes)).map_err(damaged)?),
         StillFormat::Bmp => from_decoder(BmpDecoder::new(Cursor::new(bytes)).map_err(damaged)?),
@@ -128,28 +128,16 @@ pub fn decode(bytes: &[u8], format: StillFormat) -> Result<DynamicImage, String>
 
 /// The ICC profile of a PNG, JPEG, TIFF or WebP. `None` without one, and for damaged files.
 pub fn icc_profile(bytes: &[u8], format: StillFormat) -> Option<Vec<u8>> {
-    use image::codecs::{jpeg::JpegDecoder, png::PngDecoder, tiff::TiffDecoder, webp::WebPDecoder};
+    use image::codecs::{jpeg::JpegDecoder, png::PngDecoder, webp::WebPDecoder};
     let reader = Cursor::new(bytes);
     let profile = match format {
         StillFormat::Png => PngDecoder::with_limits(reader, limits()).ok()?.icc_profile(),
         StillFormat::Jpeg => JpegDecoder::new(reader).ok()?.icc_profile(),
-        StillFormat::Tiff => TiffDecoder::new(reader).ok()?.icc_profile(),
+        StillFormat::Tiff => return tiff_samples::icc_profile(bytes),
         StillFormat::WebP => WebPDecoder::new(reader).ok()?.icc_profile(),
         _ => return None,
     };
     profile.ok()?
-}
-
-/// True if the samples of a TIFF are floating-point numbers, by its tag SampleFormat. The decoder
-/// returns integers of 32 bits as such numbers, too.
-fn has_float_samples(bytes: &[u8]) -> bool {
-    const SAMPLE_FORMAT: exif::Tag = exif::Tag(exif::Context::Tiff, 339);
-    const IEEE_FLOAT: u32 = 3;
-    let fields = exif::Reader::new().continue_on_error(true).read_raw(bytes.to_vec());
-    let fields = fields.or_else(|error| error.distill_partial_result(|_| {}));
-    let format = fields.ok().and_then(|fields| fields.get_field(SAMPLE_FORMAT, exif::In::PRIMARY)?.value.get_uint(0));
-    // BigTIFF is not read by that library.
-    format.is_none_or(|format| format == IEEE_FLOAT)
 }
 
 fn limits() -> image::Limits {
@@ -188,7 +176,13 @@ pub fn header(reader: &mut (impl BufRead + Seek), format: StillFormat) -> Result
         StillFormat::Png => png_header(reader),
         StillFormat::Jpeg => jpeg_header(reader),
         StillFormat::Exr => scene_linear::exr_header(reader),
-        StillFormat::Tiff => TiffDecoder::new(reader).map_err(damaged).map(|decoder| header_of(&decoder)),
+        StillFormat::Tiff => {
+            if let Some(TiffHeader { width, height, kind }) = tiff_samples::header(&mut *reader)? {
+                return Ok(PictureHeader { width, height, bits: if kind == SampleKind::Palette { 8 } else { 16 } });
+            }
+            reader.rewind().map_err(|error| damaged(error.into()))?;
+            TiffDecoder::new(reader).map_err(damaged).map(|decoder| header_of(&decoder))
+        }
         StillFormat::WebP => WebPDecoder::new(reader).map_err(damaged).map(|decoder| header_of(&decoder)),
         StillFormat::Bmp => BmpDecoder::new(reader).map_err(damaged).map(|decoder| header_of(&decoder)),
         StillFormat::Pnm => PnmDecoder::new(reader).map_err(damaged).map(|decoder| header_of(&decoder)),

@@ -6,7 +6,7 @@ use super::still_format;
 use crate::text::count;
 
 /// Names of the supported depth formats for messages.
-pub const DEPTH_FORMATS: &str = "16-bit grey PNG, TIFF or PGM, OpenEXR or NumPy arrays (.npy)";
+pub const DEPTH_FORMATS: &str = "16-bit grey PNG, TIFF or PGM, floating-point TIFF, OpenEXR or NumPy arrays (.npy)";
 
 /// A kind of file that is not decoded.
 #[derive(Debug)]

@@ -110,7 +110,7 @@ fn unreadable_depth_is_left_out() {
     assert_eq!(warning_count(&r, message), 1, "{:?}", r.warnings);
     assert_eq!(warning_count(&r, "the array is truncated in its header"), 1, "{:?}", r.warnings);
     fs::write(folder.join("d0"), b"BM").unwrap();
-    let message = "is not a depth picture, but BMP; expected 16-bit grey PNG, TIFF or PGM, OpenEXR or NumPy arrays";
+    let message = "is not a depth picture, but BMP; expected 16-bit grey PNG, TIFF or PGM, floating-point TIFF, OpenEXR or NumPy arrays";
     assert_eq!(warning_count(&open(folder), message), 1);
     // One missing depth file among others.
     image::save_buffer(folder.join("d.png"), &[1; 96], 8, 6, image::ExtendedColorType::L16).unwrap();

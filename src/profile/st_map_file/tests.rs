@@ -116,6 +116,7 @@ fn useless_maps_are_refused_with_the_reason() {
         ([Some(mirrored), None], None, "S must grow to the right"),
         ([Some(offsets), None], None, "not offsets"),
         ([Some(undistort()), None], Some([200, 150]), "is 210x150 px, not 200x150 as stated"),
+        ([None, Some(redistort())], None, "state the size as undistorted_width_px and undistorted_height_px"),
         ([Some(undistort()), Some(other)], None, "do not invert each other"),
         ([Some(redistort()), Some(undistort())], None, "are `undistort` and `redistort` swapped?"),
         ([Some(StPicture { st: vec![[-1.0; 2]; 210 * 150], ..undistort() }), None], None, "less than a tenth"),
