@@ -91,7 +91,7 @@ pub use times::Times;
 pub use tone::ToneBand;
 
 use std::ops::Range;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use glam::DQuat;
 use serde::{Deserialize, Serialize};
@@ -107,6 +107,7 @@ use example_noise::ExampleInputs;
 use example_noise_findings::ExampleNoiseEstimate;
 use findings::GainFindings;
 use gain::{GAPS, Gains, Pair};
+use light::RoomLight;
 use noise_findings::NoiseSampler;
 use progress::{Passes, with_timed_progress};
 use shutter::{ShutterEstimator, ShutterEvidence};
@@ -193,18 +194,12 @@ pub fn analyse(
         threads,
     };
     let (light, surfels) = if has_poses {
-        let work = || -> Result<_, RegistrationError> {
-            let surfels =
-                if is_refused { Vec::new() } else { checkpoints.stage(|| fusion::surfels(&inputs, &mut times))? };
-            Ok((checkpoints.stage(|| light::of_recording(&inputs, None, &mut times))?, surfels))
-        };
-        with_timed_progress(work, &mut |elapsed| {
+        room_light(&inputs, is_refused, checkpoints, &mut times, &mut |elapsed| {
             report(passes.progress(AnalysisStage::Light, passes.light_after(elapsed, passes_took)))
-        })??
+        })?
     } else {
         (Err("the camera's poses are unknown".to_owned()), Vec::new())
     };
-    let surfels: Vec<Surfel> = surfels.into_iter().map(Surfel::from_array).collect();
     let tone = match (has_poses, gains.is_empty()) {
         (true, false) => tone::bands(&comparison.tone_samples),
         (true, true) => Err("frames are equally bright".to_owned()),
@@ -219,8 +214,7 @@ pub fn analyse(
     let measured = comparison.noise.as_ref().and_then(NoiseFindings::profile);
     let example_noise = match capture.noise.or(measured.as_ref()) {
         Some(noise) => {
-            let has_poses = !is_refused;
-            let rest = comparison.rest.clone();
+            let (rest, has_poses) = (comparison.rest.clone(), !is_refused);
             let inputs = ExampleInputs { recording, model: &model, states, has_poses, rest, later_s, noise, threads };
             let examples = checkpoints.stage(|| times.of(times::EXAMPLE_NOISE, || example_noise::examples(&inputs)))?;
             examples.unwrap_or_else(ExampleNoiseEstimate::none)
@@ -240,6 +234,23 @@ pub fn analyse(
         surfels,
     };
     Ok((Analysis::new(recording, camera, &registration, estimates), times))
+}
+
+/// Light of the room and surfels, with poses. Refused ones give no surfels. `report` receives the
+/// elapsed time.
+fn room_light(
+    inputs: &light::LightInputs<'_>,
+    is_refused: bool,
+    checkpoints: &mut Checkpoints,
+    times: &mut Times,
+    report: &mut dyn FnMut(Duration) -> Result<(), Interrupted>,
+) -> Result<(Result<RoomLight, String>, Vec<Surfel>), RegistrationError> {
+    let work = || -> Result<_, RegistrationError> {
+        let surfels = if is_refused { Vec::new() } else { checkpoints.stage(|| fusion::surfels(inputs, times))? };
+        Ok((checkpoints.stage(|| light::of_recording(inputs, None, times))?, surfels))
+    };
+    let (light, surfels) = with_timed_progress(work, report)??;
+    Ok((light, surfels.into_iter().map(Surfel::from_array).collect()))
 }
 
 /// Comparisons between frames, from one pass over the recording.
