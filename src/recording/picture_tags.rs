@@ -1,4 +1,4 @@
-//! What pictures and videos state of the camera's settings: EXIF and telemetry.
+//! The camera's settings by the EXIF and telemetry of pictures and videos.
 
 use std::path::PathBuf;
 
