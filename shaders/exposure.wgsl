@@ -13,23 +13,26 @@ struct Exposure {
     factors: vec4<f32>,  // estimated gain of the frame, on light
     share: vec2<f32>,       // of the recorded picture's width and height, per pixel
     share_at_0: vec2<f32>,  // where the layer begins
-    across: array<vec4<f32>, 5>,  // stops at 5 by 4 nodes from corner to corner of the recorded picture, row by row
+    across: array<vec4<f32>, 5>,  // stops at the nodes from corner to corner of the recorded picture, row by row
 }
 @group(0) @binding(0) var<uniform> exposure: Exposure;
 @group(0) @binding(1) var layer: texture_2d<f32>;
 
 // The largest light kept in 16-bit floats, so that it stays finite.
 const MAX_LIGHT: f32 = 60000.0;
+const NODES_ACROSS: u32 = 5u;
+const NODES_DOWN: u32 = 4u;
 
 fn node(x: u32, y: u32) -> f32 {
-    let i = y * 5u + x;
+    let i = y * NODES_ACROSS + x;
     return exposure.across[i / 4u][i % 4u];
 }
 
 // Estimated gain of the frame at a pixel, on light.
 fn frame_gain(at: vec2<f32>) -> vec3<f32> {
-    let place = clamp(exposure.share_at_0 + at * exposure.share, vec2<f32>(0.0), vec2<f32>(1.0)) * vec2<f32>(4.0, 3.0);
-    let cell = min(floor(place), vec2<f32>(3.0, 2.0));
+    let cells = vec2<f32>(f32(NODES_ACROSS - 1u), f32(NODES_DOWN - 1u));
+    let place = clamp(exposure.share_at_0 + at * exposure.share, vec2<f32>(0.0), vec2<f32>(1.0)) * cells;
+    let cell = min(floor(place), cells - 1.0);
     let f = place - cell;
     let i = vec2<u32>(cell);
     let upper = mix(node(i.x, i.y), node(i.x + 1u, i.y), f.x);

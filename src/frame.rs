@@ -94,7 +94,7 @@ pub struct Surfel {
 }
 
 impl Surfel {
-    /// Its numbers: position, normal, colour.
+    /// Numbers of the surfel: position, normal, colour.
     pub fn to_array(&self) -> [f32; 9] {
         let (position, normal) = (self.position_m.to_array(), self.normal.to_array());
         std::array::from_fn(|n| [position, normal, self.sqrt_color][n / 3][n % 3])

@@ -1,4 +1,4 @@
-//! Hash functions that shaders compute alike.
+//! Hash functions.
 
 /// pcg3d of Jarzynski and Olano 2020, "Hash Functions for GPU Rendering"; the same as in
 /// shaders/shared/hash.wgsl.
@@ -15,4 +15,12 @@ pub fn pcg3d(v: [u32; 3]) -> [u32; 3] {
         }
     }
     [x, y, z]
+}
+
+/// The output function of SplitMix64 (Steele, Lea and Flood 2014): a bijection that mixes all 64
+/// bits.
+pub fn mix64(mut z: u64) -> u64 {
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
 }

@@ -34,7 +34,7 @@ pub fn over_items<T: Send>(items: Vec<T>, threads: usize, work: impl Fn(T) + Syn
                 work(item);
             }
         };
-        // If a thread cannot be spawned, the others do its share. rayon's pool would panic.
+        // If a thread cannot be spawned, the others do its share. A pool would return an error.
         for _ in 1..threads {
             let _ = std::thread::Builder::new().spawn_scoped(scope, work);
         }

@@ -9,6 +9,16 @@ use image::{ExtendedColorType, ImageEncoder};
 
 use crate::coding::PictureCoding;
 
+/// Weights of red, green and blue of ITU-R BT.709: of linear light for luminance, of codes for
+/// luma.
+pub const WEIGHTS_709: [f64; 3] = [0.2126, 0.7152, 0.0722];
+
+/// Luminance of linear light, or luma of codes, by [`WEIGHTS_709`].
+pub fn luma_709([r, g, b]: [f64; 3]) -> f64 {
+    let [red, green, blue] = WEIGHTS_709;
+    red * r + green * g + blue * b
+}
+
 /// Lowest code of an 8-bit picture at which a channel may be clipped.
 const CLIP_CODE: u32 = 250;
 /// Code from which on a channel clips, as a fraction of the largest code.

@@ -49,7 +49,7 @@ impl Analysis {
     pub fn write(&self, folder: &Path, recording: &Recording) -> Result<(), AnalysisError> {
         check_folder(folder)?;
         let unwritten = |reason: String| AnalysisError::Unwritten { folder: folder.to_owned(), reason };
-        let there = MadeFolder::make(folder).map_err(|error| unwritten(reason(&error)))?;
+        let new_folder = MadeFolder::make(folder).map_err(|error| unwritten(reason(&error)))?;
         // Support reports depend on the replaced poses.
         for name in [FILE_NAME, SUPPORTS, EARLIER_SUPPORTS] {
             match std::fs::remove_file(folder.join(name)) {
@@ -60,7 +60,7 @@ impl Analysis {
         for (name, bytes) in self.files(recording)? {
             write_atomically(&folder.join(name), true, |out| out.write_all(&bytes))?;
         }
-        there.keep();
+        new_folder.keep();
         Ok(())
     }
 }

@@ -49,8 +49,9 @@ pub const GAPS: [usize; 6] = [1, 2, 5, 10, 20, 40];
 const MAX_WIDTH_PX: usize = 400;
 /// Largest number of points in a frame.
 const MAX_POINTS: usize = 8000;
-/// Range of usable codes, of 255.
-const CODES: (f32, f32) = (15.0, 240.0);
+/// Limits of usable codes, of 255.
+const MIN_CODE: f32 = 15.0;
+const MAX_CODE: f32 = 240.0;
 /// Largest gradient of a flat area, codes per px of the reduced picture.
 const MAX_GRADIENT: f32 = 5.0;
 /// σ of the blur of the reduced picture, px.
@@ -62,9 +63,11 @@ const MIN_POINTS: usize = 150;
 const MIN_LANDMARKS: usize = 50;
 /// Largest number of landmarks in a frame; all frames use the same ones.
 const MAX_LANDMARKS: usize = 4000;
-/// Largest scatter of the log ratios of matching points: by the scatter of their light, and
-/// smallest such limit, ln.
-const MAX_SCATTER: (f64, f64) = (0.5, 0.05);
+/// Largest scatter of the log ratios of matching points, relative to the scatter of the log of
+/// their light.
+const MAX_RELATIVE_SCATTER: f64 = 0.5;
+/// Scatter of the log ratios that is accepted of any points, ln.
+const ACCEPTED_SCATTER_LN: f64 = 0.05;
 /// Tolerance of the known noise, as a factor of its σ.
 const NOISE_TOLERANCE: f64 = 1.2;
 /// A gain does not depend on the poses if a camera at rest gives the same one within this, ln, or
@@ -295,7 +298,7 @@ impl<'a> Gains<'a> {
                 return None;
             }
             let codes = [0, 1, 2].map(|c| to.colours[c].sample_inside(x as f32, y as f32).unwrap_or(0.0));
-            let is_sound = codes.iter().all(|code| *code > CODES.0 && *code < CODES.1);
+            let is_sound = codes.iter().all(|code| *code > MIN_CODE && *code < MAX_CODE);
             is_sound.then(|| (point.sample, self.sample([x as f32 / w as f32, y as f32 / h as f32], codes)))
         };
         from.points.iter().filter_map(pair).collect()
@@ -381,7 +384,9 @@ fn ratio(
     let (mut ratio, mut sigma) = ([0.0; 3], [0.0; 3]);
     for c in 0..3 {
         let (middle, spread) = median_and_sigma(ratios.iter().map(|of| of[c]));
-        if spread > MAX_SCATTER.1.max(MAX_SCATTER.0 * texture).hypot(NOISE_TOLERANCE * 2f64.sqrt() * noise[c]) {
+        if spread
+            > ACCEPTED_SCATTER_LN.max(MAX_RELATIVE_SCATTER * texture).hypot(NOISE_TOLERANCE * 2f64.sqrt() * noise[c])
+        {
             return Err(PairFailure::Mismatch);
         }
         ratio[c] = middle;

@@ -13,6 +13,7 @@ use super::state::{CameraState, move_point, project_rolling_shutter};
 use crate::example_noise::calibration::CalibrationFrame;
 use crate::example_noise::content::brightness;
 use crate::example_noise::path::Planes;
+use crate::fit::quantile::upper_median_in_place;
 use crate::fit::twist::Twist;
 
 /// Largest number of neighbours.
@@ -120,8 +121,7 @@ impl DepthView<'_> {
             if ratios.len() < MIN_COMPARED {
                 return None;
             }
-            let middle = ratios.len() / 2;
-            *gain = *ratios.select_nth_unstable_by(middle, f32::total_cmp).1;
+            *gain = upper_median_in_place(ratios)?;
         }
         Some(gain)
     }

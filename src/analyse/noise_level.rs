@@ -119,6 +119,7 @@ pub fn expected_correlation(of: [(f64, f64); 2]) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::view::scattered;
     use super::*;
     use crate::camera::NoiseBin;
 
@@ -132,11 +133,9 @@ mod tests {
         }
     }
 
-    /// Sum of four uniform numbers, σ 1. SplitMix64's output function makes the bits.
+    /// Sum of four uniform numbers, σ 1.
     fn white(i: u64) -> f32 {
-        let bits = (i + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        let bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let bits = (bits ^ (bits >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        let bits = scattered(i);
         let sum: u32 = (0..4).map(|k| (bits >> (16 * k)) as u32 & 0xffff).sum();
         (sum as f32 / 65536.0 - 2.0) * 3f32.sqrt()
     }

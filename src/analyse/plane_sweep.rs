@@ -62,7 +62,7 @@ pub struct PlaneSweep<'a> {
     threads: usize,
     frames: Frames,
     window: VecDeque<Small>,
-    /// Between two planes, 1/m or the recording's unit.
+    /// Distance between two planes, 1/m or in the inverse of the recording's unit.
     step: f64,
 }
 

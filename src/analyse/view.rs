@@ -9,6 +9,7 @@ use super::state::{CameraState, move_point};
 use crate::camera::{Geometry, NoiseProfile};
 use crate::frame::Frame;
 use crate::grey_image::{GreyImage, dilated, gaussian};
+use crate::hash::mix64;
 
 /// Largest number of points by level, from the finest; coarser levels have the last.
 const MAX_POINTS: [usize; 4] = [6000, 4000, 2500, 1500];
@@ -190,10 +191,7 @@ fn block_means(values: &[f32], width: usize, side: usize) -> Vec<f32> {
     sums.iter().zip(&counts).map(|(sum, count)| sum / (*count).max(1) as f32).collect()
 }
 
-/// SplitMix64's output function (Steele, Lea and Flood 2014).
+/// Number n of SplitMix64 (Steele, Lea and Flood 2014) with the seed 0.
 pub fn scattered(n: u64) -> u64 {
-    let mut z = n.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
+    mix64(n.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15))
 }

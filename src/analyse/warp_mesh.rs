@@ -28,7 +28,7 @@ const MEDIAN_SHIFT_WEIGHT: f64 = 0.02;
 /// A node of frame J, px of the reduced pictures.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct MeshNode {
-    /// Its position in frame I.
+    /// Position in frame I.
     pub at: DVec2,
     /// Flow of J, and flow of I in J's axes, px/s.
     pub own: DVec2,

@@ -1,7 +1,7 @@
 //! From sums per code to σ per bin, and correlations from the blocks that stood still.
 
 use super::censoring::{NEAREST_USABLE, clipped_variance};
-use super::rounding::{Rounding, UNIT};
+use super::rounding::{CODES16_PER_CODE8, Rounding};
 use super::scene_sums::{PixelSums, SceneSums};
 
 /// Variances are kept for every quarter of an 8-bit code, so that clipping can be recognised by the
@@ -154,7 +154,7 @@ impl Pool {
     fn add_block(&mut self, scene: &SceneSums, block: usize, scale: &[f64; 3], rounding: &Rounding) {
         let area = scene.area(block);
         let (count, times) = scene.differences();
-        let unit = (UNIT * UNIT) as f64 * times * count;
+        let unit = (CODES16_PER_CODE8 * CODES16_PER_CODE8) as f64 * times * count;
         let (n, right, below) = (area.pixels() as f64, area.pairs_right() as f64, area.pairs_below() as f64);
         let sums = &scene.blocks[block];
         let offset = scene.offset();

@@ -9,7 +9,7 @@
 //! - *drift*: 1 − δ²/s² with δ² = Σ(f_(j+1) − f_j)²/(2(J−1)) (von Neumann's ratio): variance that
 //!   consecutive frames do not show. Finds slow changes. Needs four frames.
 
-use super::rounding::UNIT;
+use super::rounding::CODES16_PER_CODE8;
 use super::scene_sums::{BLOCK, SceneSums};
 use crate::fit::quantile::{SIGMA_PER_MAD, upper_median, upper_median_in_place};
 
@@ -208,7 +208,7 @@ fn drifts(scene: &SceneSums) -> Vec<Statistic> {
     }
     (0..scene.blocks.len())
         .map(|block| {
-            let unit = UNIT as f64;
+            let unit = CODES16_PER_CODE8 as f64;
             let squares: f64 =
                 (0..3).flat_map(|c| scene.places(scene.area(block), c)).map(|i| scene.pixel(i).squares).sum();
             let differences: f64 = scene.blocks[block].squares.iter().map(|&d| d as f64 / (unit * unit)).sum();

@@ -1,7 +1,7 @@
 //! How much of the change between two pictures a single motion of the whole picture explains (Lucas
 //! and Kanade 1981). `unsteady.rs` interprets it.
 
-use super::rounding::UNIT;
+use super::rounding::CODES16_PER_CODE8;
 
 const REDUCED_BY: [usize; 3] = [1, 4, 16];
 /// Fewer pixels than this cannot distinguish motion from chance.
@@ -20,7 +20,8 @@ pub(crate) struct CommonMotion {
 impl CommonMotion {
     /// Adds two pictures' interleaved R, G, B. Only green is used.
     pub fn add(&mut self, width: usize, height: usize, before: &[u16], after: &[u16]) {
-        let green = |codes: &[u16]| codes.iter().skip(1).step_by(3).map(|&c| f64::from(c) / UNIT as f64).collect();
+        let green =
+            |codes: &[u16]| codes.iter().skip(1).step_by(3).map(|&c| f64::from(c) / CODES16_PER_CODE8 as f64).collect();
         let mut pictures: [Vec<f64>; 2] = [green(before), green(after)];
         let (mut width, mut height, mut factor) = (width, height, 1);
         let n = (width * height) as f64;
@@ -115,7 +116,7 @@ mod tests {
                 state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
                 let random = (state >> 33) as f64 / f64::from(1 << 30) - 1.0;
                 let value = 120.0 + 40.0 * (px / 9.0).sin() * (py / 7.0).cos() + noise * random;
-                [0, (value * UNIT as f64) as u16, 0]
+                [0, (value * CODES16_PER_CODE8 as f64) as u16, 0]
             })
             .collect()
     }

@@ -25,7 +25,7 @@ fn report_progress(progress: LoadProgress<'_>, done: usize, all: usize) -> Resul
     if progress(done, all).is_break() { Err(CalibrateError::Stopped) } else { Ok(()) }
 }
 
-/// Where a calibration finds the noise.
+/// Source of a calibration's noise.
 #[derive(Clone, Copy, Debug)]
 pub enum NoiseSource<'a> {
     /// In scenes at rest, in their longest stretches at rest, or in textureless places: the first

@@ -12,7 +12,7 @@
 use super::bins::{BinReport, BinRules, Pool};
 use super::blocks::judge;
 use super::example::ExampleSampler;
-use super::rounding::{Rounding, UNIT};
+use super::rounding::{CODES16_PER_CODE8, Rounding};
 use super::scene_sums::{MAX_FRAMES, MAX_PIXELS, SceneSums};
 use super::unsteady::{Unsteady, unsteady};
 use super::warning::Warning;
@@ -188,7 +188,7 @@ fn bits(pixels: &Pixels) -> u32 {
 }
 
 fn code_step(bits: u32) -> f64 {
-    if bits == 8 { 1.0 } else { 1.0 / UNIT as f64 }
+    if bits == 8 { 1.0 } else { 1.0 / CODES16_PER_CODE8 as f64 }
 }
 
 impl NoiseCalibrator {

@@ -12,7 +12,7 @@
 use std::f64::consts::PI;
 
 /// 16-bit codes in one 8-bit code.
-pub(crate) const UNIT: i64 = 257;
+pub(crate) const CODES16_PER_CODE8: i64 = 257;
 /// Terms of the sums. The last is below 3e-4 of the first even at σ = 0, where the sums are not
 /// used.
 const TERMS: u32 = 60;

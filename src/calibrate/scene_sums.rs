@@ -3,7 +3,7 @@
 //! All sums are integers in 16-bit codes (8-bit codes times 257), so they are exact.
 
 use super::common_motion::CommonMotion;
-use super::rounding::UNIT;
+use super::rounding::CODES16_PER_CODE8;
 use crate::pixels::{Codes, Pixels};
 
 /// Side of the blocks in which motion is detected and correlations are summed, pixels.
@@ -86,7 +86,7 @@ pub(crate) struct SceneSums {
 /// A picture's codes on the 16-bit scale.
 fn codes_16(pixels: &Pixels) -> Vec<u16> {
     match &pixels.codes {
-        Codes::U8(codes) => codes.iter().map(|&c| u16::from(c) * UNIT as u16).collect(),
+        Codes::U8(codes) => codes.iter().map(|&c| u16::from(c) * CODES16_PER_CODE8 as u16).collect(),
         Codes::U16(codes) => codes.clone(),
     }
 }
@@ -127,7 +127,7 @@ impl SceneSums {
         }
         self.frames += 1;
         for (total, (mean, squares)) in totals.iter().zip(&mut self.brightness) {
-            let value = *total as f64 / (self.width * self.height * UNIT as usize) as f64;
+            let value = *total as f64 / (self.width * self.height * CODES16_PER_CODE8 as usize) as f64;
             let from_old = value - *mean;
             *mean += from_old / f64::from(self.frames);
             *squares += from_old * (value - *mean);
@@ -169,7 +169,7 @@ impl SceneSums {
         let whole = totals.iter().sum::<i64>() as f64 / (self.width * self.height) as f64;
         for (i, total) in totals.into_iter().enumerate() {
             let pixels = self.area(i).pixels() as f64;
-            self.blocks[i].even += ((total as f64 / pixels - whole) / UNIT as f64).powi(2);
+            self.blocks[i].even += ((total as f64 / pixels - whole) / CODES16_PER_CODE8 as f64).powi(2);
         }
     }
 
@@ -191,7 +191,7 @@ impl SceneSums {
     /// One channel of one pixel. `i` is its index among the interleaved codes.
     pub fn pixel(&self, i: usize) -> PixelSums {
         let (sum, squares, frames) = (i64::from(self.sum[i]), self.squares[i], i64::from(self.frames));
-        let unit = UNIT as f64;
+        let unit = CODES16_PER_CODE8 as f64;
         let reference = f64::from(self.reference[i]) / unit;
         let touched = self.touched[i];
         if self.known_mean {
@@ -263,7 +263,7 @@ mod tests {
         assert!((p.mean - 13.0).abs() < 1e-12 && (p.squares - 29.0).abs() < 1e-12 && (p.sum - 3.0).abs() < 1e-12);
         assert_eq!((own.freedom(), around_mean.freedom()), (2.0, 3.0));
         // Differences 2 and 5 in every pixel: 64 pixels, 56 pairs in each direction.
-        let unit = UNIT * UNIT;
+        let unit = CODES16_PER_CODE8 * CODES16_PER_CODE8;
         assert_eq!(own.blocks[0].squares, [64 * 29 * unit; 3]);
         assert_eq!(own.blocks[0].right, [56 * 29 * unit; 3]);
         assert_eq!(own.blocks[0].below, [56 * 29 * unit; 3]);

@@ -11,13 +11,11 @@ use crate::camera::Response;
 use crate::grey_image::GreyImage;
 use crate::measure::edge_profile::light_profile;
 use crate::measure::slanted::{EdgeError, SlantedEdge, slanted_edge};
-use crate::pixels::{Pixels, Rect};
+use crate::pixels::{Pixels, Rect, WEIGHTS_709};
 use crate::text::fixed;
 
 /// The profile's table and parameter of the blur.
 pub const PARAMETER: (&str, &str) = ("point_spread", "sigma_px");
-/// Luminance of linear R, G, B (BT.709).
-const LUMINANCE: [f64; 3] = [0.2126, 0.7152, 0.0722];
 /// Largest accepted share of clipped pixels.
 const MAX_CLIPPED_SHARE: f64 = 0.02;
 /// Smallest step of an edge, 8-bit codes.
@@ -54,7 +52,7 @@ pub enum EdgeLight {
 impl EdgeLight {
     fn weights(self) -> [f64; 3] {
         match self {
-            Self::Best => LUMINANCE,
+            Self::Best => WEIGHTS_709,
             Self::Channel(channel) => [0, 1, 2].map(|c| f64::from(u8::from(c == channel))),
         }
     }

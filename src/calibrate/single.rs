@@ -6,14 +6,14 @@ use super::noise::{SceneMotion, reported_correlation};
 use super::picked_region::{MIN_BLOCKS, PickedError, PickedRegion, RegionError, RegionNoise, min_side_px};
 use super::plane::{ByLag, LAGS, NEIGHBOURS, PlaneDetrend, SIDE};
 use super::points::NoisePoint;
-use super::rounding::{Rounding, UNIT};
+use super::rounding::{CODES16_PER_CODE8, Rounding};
 use super::warning::Warning;
 use crate::pixels::Pixels;
 
 /// Largest accepted ratio of observed to expected spread of the block variances; a margin for
 /// chance is added.
 const MAX_SPREAD_RATIO: f64 = 1.6;
-/// Largest share of a block's pixels at an end of the code range, as in moving.rs.
+/// Largest share of a block's pixels at an end of the code range, as in textureless.rs.
 const MAX_CLIPPED_SHARE: f64 = 0.02;
 const PAIRS: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];
 
@@ -126,7 +126,7 @@ impl PooledCorrelation {
     ) -> RegionNoise {
         let remaining_share = self.correlation.map(|r| plane.remaining_variance_share(&r));
         let mut frames = good.iter().flat_map(|(n, _)| places[*n].frames());
-        let step = if frames.any(|frame| frame.max_code() != 255) { 1.0 / UNIT as f64 } else { 1.0 };
+        let step = if frames.any(|frame| frame.max_code() != 255) { 1.0 / CODES16_PER_CODE8 as f64 } else { 1.0 };
         let rounding = Rounding { frame_step: step, mean_step: None };
         let mut points: [Vec<NoisePoint>; 3] = Default::default();
         let mut own = [0.0; 3];

@@ -19,7 +19,7 @@ use super::noise::{
     CHANNELS, CalibrateError, NoiseCalibration, NoiseOptions, SceneMotion, check_bins, reported_correlation, round4,
 };
 use super::plane::{ByLag, LAGS, NEIGHBOURS, PlaneDetrend, SIDE, WHITE};
-use super::rounding::{Rounding, UNIT};
+use super::rounding::{CODES16_PER_CODE8, Rounding};
 use super::warning::Warning;
 use crate::camera::{NoiseBin, NoiseProfile};
 use crate::pixels::{Codes, Pixels};
@@ -166,7 +166,7 @@ impl TexturelessCalibrator {
                 let place = 3 * ((y0 + i / SIDE) * frame.width as usize + x0 + i % SIDE) + channel;
                 *value = match &frame.codes {
                     Codes::U8(codes) => codes.get(place).copied().map_or(0.0, f64::from),
-                    Codes::U16(codes) => codes.get(place).copied().map_or(0.0, f64::from) / UNIT as f64,
+                    Codes::U16(codes) => codes.get(place).copied().map_or(0.0, f64::from) / CODES16_PER_CODE8 as f64,
                 };
             }
             let mean = values.iter().sum::<f64>() / pixels;
@@ -187,7 +187,7 @@ impl TexturelessCalibrator {
     }
 
     fn rounding(&self) -> Rounding {
-        let frame_step = if self.frame_bits == Some(16) { 1.0 / UNIT as f64 } else { 1.0 };
+        let frame_step = if self.frame_bits == Some(16) { 1.0 / CODES16_PER_CODE8 as f64 } else { 1.0 };
         Rounding { frame_step, mean_step: None }
     }
 
@@ -450,8 +450,8 @@ fn fit_lower_tail(values: &mut [f64], freedom: f64) -> Option<LowerTail> {
     Some(LowerTail { scale, blocks: n / share, like_noise })
 }
 
-/// Calibrates from frames in memory. Errors as for [`MovingCalibrator::add_frame`] and
-/// [`MovingCalibrator::finish`].
+/// Calibrates from frames in memory. Errors as for [`TexturelessCalibrator::add_frame`]
+/// and [`TexturelessCalibrator::finish`].
 pub fn from_frames(frames: &[Pixels], options: &NoiseOptions) -> Result<NoiseCalibration, CalibrateError> {
     let mut calibrator = TexturelessCalibrator::new(options.clone())?;
     frames.iter().try_for_each(|frame| calibrator.add_frame(frame))?;

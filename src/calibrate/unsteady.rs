@@ -9,7 +9,7 @@
 //!   mean; the median over blocks. Finds frames whose views differ too much for any motion to be
 //!   followed.
 
-use super::rounding::UNIT;
+use super::rounding::CODES16_PER_CODE8;
 use super::scene_sums::{BLOCK, SceneSums};
 use crate::fit::quantile::upper_median;
 
@@ -35,7 +35,7 @@ pub(crate) enum Unsteady {
 /// Evidence that a scene is not at rest, if any.
 pub(crate) fn unsteady(scene: &SceneSums) -> Option<Unsteady> {
     let common = scene.motion.share();
-    let unit = (UNIT * UNIT * (BLOCK * BLOCK) as i64) as f64;
+    let unit = (CODES16_PER_CODE8 * CODES16_PER_CODE8 * (BLOCK * BLOCK) as i64) as f64;
     let shares = (scene.blocks.iter().enumerate())
         .filter(|(i, block)| block.squares[1] > 0 && scene.area(*i).pixels() == BLOCK * BLOCK)
         .map(|(_, block)| block.even / (block.squares[1] as f64 / unit));

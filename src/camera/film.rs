@@ -133,18 +133,6 @@ impl LensType {
             _ => Self::Tele,
         }
     }
-
-    /// Usual focal lengths of the type on a film, shortest and longest, millimetres: 28, 50 and 135
-    /// mm on 36×24, and a zoom from 28 to 105.
-    pub fn focal_lengths_mm(self, film: &Film) -> (f64, f64) {
-        let (shortest, longest) = match self {
-            Self::Wide => (28.0, 28.0),
-            Self::Normal => (50.0, 50.0),
-            Self::Tele => (135.0, 135.0),
-            Self::Zoom => (28.0, 105.0),
-        };
-        (shortest / film.crop_factor(), longest / film.crop_factor())
-    }
 }
 
 #[cfg(test)]
@@ -208,10 +196,16 @@ mod tests {
         }
         // 29 mm on the smaller APS-C is a normal lens.
         assert_eq!(LensType::of(29.0, 29.0, &"aps-c".parse().unwrap()), LensType::Normal);
-        for kind in [LensType::Wide, LensType::Normal, LensType::Tele, LensType::Zoom] {
+        // The usual focal lengths on 36×24, scaled to other films.
+        for (lens_type, [shortest_mm, longest_mm]) in [
+            (LensType::Wide, [28.0, 28.0]),
+            (LensType::Normal, [50.0, 50.0]),
+            (LensType::Tele, [135.0, 135.0]),
+            (LensType::Zoom, [28.0, 105.0]),
+        ] {
             for film in [film, "aps-c".parse().unwrap(), "6x6".parse().unwrap()] {
-                let (a, b) = kind.focal_lengths_mm(&film);
-                assert_eq!(LensType::of(a, b, &film), kind);
+                let crop = film.crop_factor();
+                assert_eq!(LensType::of(shortest_mm / crop, longest_mm / crop, &film), lens_type);
             }
         }
     }

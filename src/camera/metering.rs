@@ -5,7 +5,7 @@
 use super::Response;
 use super::exposure::{ExposureSettings, scene_ev};
 use super::stops::{self, Step, Stop};
-use crate::pixels::Pixels;
+use crate::pixels::{Pixels, luma_709};
 
 /// Exposure mode: which of aperture and time the camera chooses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -68,7 +68,7 @@ impl PictureLight {
         for y in 0..pixels.height {
             for x in 0..pixels.width {
                 let [r, g, b] = pixels.at(x, y);
-                sum += 0.2126 * at(r) + 0.7152 * at(g) + 0.0722 * at(b);
+                sum += luma_709([at(r), at(g), at(b)]);
                 clipped += u64::from(r.max(g).max(b) >= max_code);
             }
         }

@@ -149,15 +149,9 @@ impl ThinLens {
     }
 
     /// The signed diameter in pixels of a picture.
+    #[cfg(test)]
     pub fn circle_of_confusion_px(&self, distance_m: f64, film_width_mm: f64, width_px: u32) -> f64 {
         self.circle_of_confusion_m(distance_m) * f64::from(width_px) / (1e-3 * film_width_mm)
-    }
-
-    /// The shortest focus distance at which infinity is sharp enough, metres, if circles up to
-    /// `circle_m` on the film count as sharp: H = f²/(a·c) + f. From (8) with d_o → ∞: D·f/(H − f)
-    /// = c. Infinite for a circle of 0, f for a pinhole.
-    pub fn hyperfocal_distance_m(&self, circle_m: f64) -> f64 {
-        self.diameter_m * self.focal_length_m / circle_m + self.focal_length_m
     }
 
     /// The range in which circles stay within `circle_m` on the film (Lemme p.32-34): (8) solved
@@ -226,11 +220,10 @@ mod tests {
     }
 
     #[test]
-    fn hyperfocal_distance_matches_hand_calculation() {
-        // 50² / (8 · 0.03) + 50 = 10466.67 mm
+    fn sharpness_matches_hand_calculation_up_to_the_hyperfocal_distance() {
+        // Hyperfocal distance: 50² / (8 · 0.03) + 50 = 10466.67 mm.
         let lens = ThinLens::new(0.05, 8.0, 5.0).unwrap();
-        let hyperfocal = lens.hyperfocal_distance_m(3e-5);
-        close(hyperfocal, 10.466_667, 1e-6);
+        let hyperfocal = 0.05 * 0.05 / (8.0 * 3e-5) + 0.05;
         // d(H − f)/(H + d − 2f) = 5·10.416667/15.366667 and d(H − f)/(H − d) = 5·10.416667/5.466667
         let limits = lens.sharpness(3e-5);
         close(limits.near_m, 3.389_371, 1e-6);
@@ -252,7 +245,6 @@ mod tests {
         let pinhole = ThinLens::with_diameter(0.05, 0.0, 5.0).unwrap();
         assert_eq!(pinhole.sharpness(3e-5), Sharpness { near_m: 0.0, far_m: f64::INFINITY });
         assert_eq!(pinhole.circle_of_confusion_m(1.0), 0.0);
-        assert_eq!(pinhole.hyperfocal_distance_m(3e-5), 0.05);
     }
 
     #[test]

@@ -186,7 +186,7 @@ fn print_surface(out: &mut impl Write, source: &PointSource, tilt_deg: f64) -> R
     Ok(())
 }
 
-/// Prints the issues of the last object in a frame.
+/// Prints warnings about the last object in a frame.
 fn print_issues(out: &mut impl Write, shot: &mut Shot, frame: usize) -> Result<()> {
     let frame = shot.read(frame)?;
     let placed = shot.scene.objects.len() - 1;

@@ -98,9 +98,9 @@ pub struct InverseDctConstants {
     pub even: [i32; 3],
     /// √2 cos(3π/16), common to all odd frequencies.
     pub shared: i32,
-    /// Of the frequencies 7, 5, 3 and 1.
+    /// Factors of the frequencies 7, 5, 3 and 1.
     pub single: [i32; 4],
-    /// Of the pairs (7, 1), (5, 3), (7, 3) and (5, 1).
+    /// Factors of the pairs (7, 1), (5, 3), (7, 3) and (5, 1).
     pub paired: [i32; 4],
 }
 

@@ -23,8 +23,9 @@ use super::{BLOCK, BlockQuantization, ChromaSampling, Decoder, PictureCoding, Sa
 /// Scales of annex K's tables that are tried: 0.02 is libjpeg's quality 99, 1.2 its quality 42.
 const MIN_SCALE: f64 = 0.02;
 const MAX_SCALE: f64 = 1.2;
-/// From one scale to the next, at most.
+/// Largest ratio of a scale to the one before.
 const SCALE_RATIO: f64 = 1.012;
+/// Largest difference between neighbouring scales.
 const SCALE_STEP: f64 = 0.002;
 /// Blocks by which the position of the grid is found.
 const POSITION_BLOCKS: usize = 220;

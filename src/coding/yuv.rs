@@ -26,7 +26,7 @@ pub struct Table {
 impl Table {
     /// R'G'B' is not Y'CbCr: its matrix counts as BT.601.
     pub fn new(matrix: ColorMatrix, range: ColorRange) -> Self {
-        // In units of 10^-4.
+        // The coefficients are in units of 10^-4.
         let [kr, kb] = matrix.luma_coefficients().map(i128::from);
         let kg = 10_000 - kr - kb;
         let (black, y_span, c_span) = match range {

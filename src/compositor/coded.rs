@@ -191,7 +191,7 @@ pub struct CodedPiece<'a> {
     pub piece: &'a CompositePiece,
     /// Outside these rectangles of the picture, layer and shadow mask are empty.
     pub changed: &'a [Rect],
-    /// Those of the region.
+    /// Pieces of the composite in the region.
     pub parts: &'a [MixedPart],
     pub noise: Option<&'a ExampleNoise>,
 }

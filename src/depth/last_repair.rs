@@ -26,7 +26,7 @@ struct RepairKey {
     frame: FrameIdentity,
     /// Equal only if they were decoded with the same frame.
     neighbours: Vec<ByAddress<NeighbourFrame>>,
-    /// Which of them vote.
+    /// Indices of the voting neighbours.
     voters: Vec<Option<usize>>,
     surfels: ByAddress<[Surfel]>,
     geometry: Geometry,

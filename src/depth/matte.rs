@@ -164,7 +164,7 @@ struct Pixel {
     x: i32,
     y: i32,
     motion_px: [f32; 2],
-    /// Its length, px.
+    /// Length of the motion, px.
     motion_length_px: f32,
 }
 

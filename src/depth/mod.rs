@@ -1,10 +1,10 @@
 //! Depth of the real scene in a recording's pictures, as plain values.
 //!
-//! `Repair::over` (`repair`) computes the depth of a frame: `moment`, `vote`, `surfels`, `proxies`,
-//! `inpaint` (`holes`, then `edges`), `smooth`, `contact`, `matte`, in this order. Effects call
-//! nothing here. They declare that they read depth (`Effect::reads_geometry`), whether they act on
-//! the real part (`Effect::on_real`) and how far they reach. The compositor occludes objects
-//! accordingly (compositor/occlusion.rs).
+//! `Repair::repaired_depth` (`repair`) computes the depth of a frame: `moment`, `vote`, `surfels`,
+//! `proxies`, `inpaint` (`holes`, then `edges`), `smooth`, `contact`, `matte`, in this order.
+//! Effects call nothing here. They declare that they read depth (`Effect::reads_geometry`), whether
+//! they act on the real part (`Effect::on_real`) and how far they reach. The compositor occludes
+//! objects accordingly (compositor/occlusion.rs).
 //!
 //! - `registered`: a depth map of another size or camera, registered to the frames' picture.
 //! - `moment`: a depth map reprojected to the time of a frame, in a region. `reprojection`: its

@@ -153,9 +153,9 @@ impl<'a> Reprojection<'a> {
 /// A rectangle of a depth map, of at most [`LANES`] points a side.
 pub struct ReprojectedTile {
     rect: Rect,
-    /// Its smallest depth, m.
+    /// Smallest depth of the tile, m.
     nearest_m: f32,
-    /// Inverse of it, 1/m.
+    /// Inverse of the smallest depth, 1/m.
     per_nearest: f32,
     /// Inverse of the range of inverse depths, m; 0 if all depths are equal.
     per_range: f32,

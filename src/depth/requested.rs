@@ -18,7 +18,7 @@ const RELIABLE_COLORS: std::ops::Range<f32> = 0.12..0.97;
 
 /// Pixels of a part of the frame whose depth is requested.
 pub struct RequestedPixels {
-    /// Their indices in the part, ascending.
+    /// Indices of the pixels in the part, ascending.
     pub places: Vec<u32>,
     /// Position of each pixel of the part among them; [`NOT_REQUESTED`] for others, and for one
     /// more pixel past the last.

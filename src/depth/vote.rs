@@ -11,15 +11,13 @@
 //!
 //! Not modelled: moving points of the same colour; lenses that change from frame to frame.
 
-use std::sync::Mutex;
-
 use super::Rays;
 use super::discontinuity::{DEPTH_STEP, is_step};
 use super::moment::SOURCE_MARGIN_PX;
 use super::reprojection::{LANES, Points, ReprojectedTile, Reprojection, TileReprojection};
 use super::requested::{NOT_REQUESTED, RequestedPixels, color_gain};
 use super::sqrt_colors::SqrtColors;
-use crate::parallel::{over_rows, processors};
+use crate::parallel::{over_items, over_rows, processors};
 use crate::pixels::{DepthMap, Rect};
 use crate::pose::Pose;
 
@@ -84,17 +82,8 @@ impl TargetView<'_> {
         let rows = tiles(source, self.rays.full()).fold(source, |all, tile| all.union(&tile));
         self.rays.prepare(rows.y0..rows.y1);
         let mut votes: Vec<Vec<f32>> = vec![Vec::new(); voters.len()];
-        let work = Mutex::new(votes.iter_mut().zip(voters));
-        std::thread::scope(|scope| {
-            let run_worker = || {
-                while let Some((votes, voter)) = work.lock().ok().and_then(|mut work| work.next()) {
-                    *votes = self.reprojected_depth(voter, source, &requested);
-                }
-            };
-            for _ in 1..processors().min(voters.len()) {
-                let _ = std::thread::Builder::new().spawn_scoped(scope, run_worker);
-            }
-            run_worker();
+        over_items(votes.iter_mut().zip(voters).collect(), processors(), |(votes, voter)| {
+            *votes = self.reprojected_depth(voter, source, &requested);
         });
         let mut winner = vec![(0.0, false); requested.places.len()];
         over_rows(&mut winner, PIXELS_PER_BLOCK, processors(), |block, of_block| {

@@ -171,7 +171,14 @@ pub fn twin(rgba: [f64; 4], method: ExposureMethod, over_ev: f64, response: &Res
 mod tests {
     use super::*;
     use crate::camera::Curve;
-    use crate::frame::PhotoSettings;
+    use crate::frame::{NODES_ACROSS, NODES_DOWN, PhotoSettings};
+    use crate::gpu::constant;
+
+    #[test]
+    fn constants_equal_the_shaders() {
+        let nodes = ["NODES_ACROSS", "NODES_DOWN"].map(|name| constant(&Shader::Exposure.module(), name));
+        assert_eq!(nodes, [NODES_ACROSS as f64, NODES_DOWN as f64]);
+    }
 
     #[test]
     fn exposure_by_stops_matches_hand_computed_values() {

@@ -128,7 +128,7 @@ pub struct TileCandidate {
     pub frame: u32,
     /// Top left corner, luma px.
     pub at: [u32; 2],
-    /// Of its content, standardised in a model.
+    /// Descriptor of the tile's content, standardised in a model.
     pub descriptor: Descriptor,
 }
 

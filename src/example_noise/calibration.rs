@@ -292,7 +292,7 @@ fn prepare<'a>(
     let mut residuals = residuals(&noisy, &frame.mean, &frame.mask, coding)?;
     let gain = frame.variance_gain.sqrt();
     for v in residuals.iter_mut().flat_map(|plane| &mut plane.values) {
-        // As files hold them.
+        // Files store residuals rounded to this step.
         *v = (*v * gain / RESIDUAL_STEP).round().clamp(-32767.0, 32767.0) * RESIDUAL_STEP;
     }
     let factor = coding.chroma_factor().map(|factor| factor as usize);
@@ -317,7 +317,7 @@ fn plain_content(frame: &CalibrationFrame) -> Planes {
 }
 
 impl PreparedFrame<'_> {
-    /// The same residuals on other content.
+    /// Combines the frame's residuals with other content.
     fn on_content(&self, content: &Planes, scale: &FeatureScale) -> Self {
         let features = scale.standardised(Features::of(&padded(content, self.coding)));
         let chroma = features.reduced(self.coding.chroma_factor().map(|factor| factor as usize));

@@ -35,13 +35,13 @@ pub type Descriptor = [f32; DESCRIPTORS];
 /// Weighted sums over the samples of a block or a tile.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DescriptorSums {
-    /// Of the weights.
+    /// Sum of the weights.
     pub weight: f32,
-    /// Of y, R − G and B − G.
+    /// Sums of y, R − G and B − G.
     pub color: [f32; 3],
-    /// Of the weights of pairs.
+    /// Sum of the weights of pairs.
     pub pair_weight: f32,
-    /// Of (255 Δy)².
+    /// Sum of (255 Δy)².
     pub energy: f32,
 }
 

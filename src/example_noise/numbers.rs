@@ -21,7 +21,7 @@ pub struct ModelNumbers {
     /// Amplitudes by which the atlas was normalised.
     pub atlas_gains: BandGains,
     pub latent: LatentTable,
-    /// Of the calibration's pictures.
+    /// Coding of the calibration's pictures.
     pub coding: ModelCoding,
 }
 

@@ -109,7 +109,7 @@ fn is_outside(step: u16, (min, max): (u16, u16)) -> bool {
     exceeds(step, max) || exceeds(min, step)
 }
 
-/// As a clause about both pictures.
+/// A clause about both pictures.
 impl fmt::Display for PictureMismatch {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [width, height] = self.model_size_px;

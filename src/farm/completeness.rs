@@ -1,12 +1,11 @@
 //! Whether a part is there already, so that it need not be recreated.
 
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use super::error::FarmError;
 use super::part_record::{RecordedPart, file_sha256};
-use crate::parallel::processors;
+use crate::parallel::{over_items, processors};
 use crate::provenance::record_path;
 
 /// State of a part on disk.
@@ -67,33 +66,23 @@ pub(super) fn check_outputs(parts: &[RecordedPart]) -> Result<(), FarmError> {
 
 /// Checks the SHA-256 of files, on all processors. Reports the first file that differs.
 fn check_hashes(files: &[(PathBuf, &str)], problem: &str) -> Result<(), FarmError> {
-    let next = AtomicUsize::new(0);
     // No memo: the first failure of this check.
     let failure: Mutex<Option<(usize, FarmError)>> = Mutex::new(None);
-    let check = || {
-        while let Some((index, (path, sha256))) = {
-            let index = next.fetch_add(1, Ordering::Relaxed);
-            files.get(index).map(|file| (index, file))
-        } {
-            let error = match file_sha256(path) {
-                Ok(actual) if actual == *sha256 => continue,
-                Ok(_) => FarmError::refused(path, problem),
-                Err(error) => error,
-            };
-            let mut failure = failure.lock().unwrap_or_else(PoisonError::into_inner);
-            if failure.as_ref().is_none_or(|(first, _)| index < *first) {
-                *failure = Some((index, error));
-            }
-            // The files before this one are in work already.
-            break;
+    let lock = || failure.lock().unwrap_or_else(PoisonError::into_inner);
+    over_items(files.iter().enumerate().collect(), processors(), |(index, (path, sha256))| {
+        // Files after a failure need no check.
+        if lock().as_ref().is_some_and(|(first, _)| *first < index) {
+            return;
         }
-    };
-    std::thread::scope(|scope| {
-        for _ in 1..processors().min(files.len()) {
-            // Without a thread, the others do its share.
-            let _ = std::thread::Builder::new().spawn_scoped(scope, check);
+        let error = match file_sha256(path) {
+            Ok(actual) if actual == *sha256 => return,
+            Ok(_) => FarmError::refused(path, problem),
+            Err(error) => error,
+        };
+        let mut failure = lock();
+        if failure.as_ref().is_none_or(|(first, _)| index < *first) {
+            *failure = Some((index, error));
         }
-        check();
     });
     let failure = failure.into_inner().unwrap_or_else(PoisonError::into_inner);
     failure.map_or(Ok(()), |(_, error)| Err(error))

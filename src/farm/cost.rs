@@ -3,9 +3,9 @@
 /// Cost of compositing on one machine: a part of n frames takes `startup_s + n · frame_s`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PartCost {
-    /// From the start of the program to the first frame, s.
+    /// Time from the start of the program to the first frame, s.
     pub startup_s: f64,
-    /// Of each frame, s.
+    /// Time of each frame, s.
     pub frame_s: f64,
 }
 

@@ -6,6 +6,7 @@
 
 pub mod band;
 pub mod cholesky;
+mod convex_hull;
 pub mod homography;
 pub mod kaplan_meier;
 pub mod quantile;
@@ -13,8 +14,11 @@ mod ray_intersection;
 mod rigid_pose;
 pub mod robust;
 mod similarity;
+mod symmetric_eigen;
 pub mod twist;
 
+pub use convex_hull::convex_hull;
 pub use ray_intersection::ray_intersection;
 pub use rigid_pose::{RigidPose, pose_jacobian};
 pub use similarity::SimilarityTransform;
+pub use symmetric_eigen::symmetric_eigen;

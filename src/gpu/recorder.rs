@@ -86,7 +86,7 @@ impl PassRecorder {
         self.memos.get(|| Memo::new(MEMO_CAPACITY)).get_or_insert_with(key, |key| make(gpu, key))
     }
 
-    /// [`Recorder::memoized`] for values of several megabytes, with a small capacity.
+    /// [`PassRecorder::memoized`] for values of several megabytes, with a small capacity.
     pub fn memoized_large<K, V>(&mut self, key: K, make: impl FnOnce(&Gpu, &K) -> V) -> V
     where
         K: PartialEq + Send + Sync + 'static,

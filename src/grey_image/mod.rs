@@ -6,7 +6,7 @@ mod morphology;
 use glam::DVec2;
 
 use crate::interpolation::bilinear;
-use crate::pixels::Pixels;
+use crate::pixels::{Pixels, luma_709};
 
 pub use filter::gaussian;
 pub use morphology::{dilated, eroded};
@@ -81,10 +81,7 @@ impl GreyImage<f64> {
     /// Luma of encoded codes (BT.709 weights), on the 8-bit scale.
     pub fn luma_709(pixels: &Pixels) -> Self {
         let scale = 255.0 / f64::from(pixels.max_code());
-        Self::of_codes(pixels, |codes| {
-            let [r, g, b] = codes.map(f64::from);
-            scale * (0.2126 * r + 0.7152 * g + 0.0722 * b)
-        })
+        Self::of_codes(pixels, |codes| scale * luma_709(codes.map(f64::from)))
     }
 }
 

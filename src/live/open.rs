@@ -74,7 +74,7 @@ fn wait_for_lens_data(poses: &mut dyn PoseSource, url: &str, size_px: (u32, u32)
 }
 
 /// Opens a camera, or a video in its place, by its number or path, and its poses ([`open_poses`]).
-/// Without a size the profile's is used.
+/// The default size is the profile's.
 pub fn open(spec: &LiveSpec, profile_camera: Option<&Camera>) -> Result<LiveInput, LiveError> {
     let LiveOptions { driver, size, rate_hz, layout, range, matrix, delay, smooth_s } = spec.options;
     let mut poses = delayed(open_poses(&spec.poses, profile_camera, smooth_s)?, delay, profile_camera)?;

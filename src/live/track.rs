@@ -355,7 +355,7 @@ impl LiveTrack {
         }
         let end_s = to_s + 2.0 * TIME_TOLERANCE_S;
         self.append_dead_reckoned(at_s);
-        // In steps shorter than a gap.
+        // The steps are shorter than a gap.
         let (first_s, steps) = (self.last_s, ((end_s - self.last_s) / (0.5 * self.max_gap_s)).ceil().max(1.0));
         for step in 1..=steps as u32 {
             let time_s =

@@ -57,25 +57,6 @@ fn summed<T: Copy + Into<u32>>(a: &[T], b: &[T], mask: Option<&[bool]>, peak: u3
     Ok(Difference { pixels, differing, largest, mean_absolute: absolute as f64 / values, mean_squared, psnr_db })
 }
 
-/// Mean absolute difference of R, G, B, A over the pixels where either layer is not 0. The layers
-/// are linear, premultiplied and of the same length.
-pub fn layer_error(a: &[[f32; 4]], b: &[[f32; 4]]) -> Result<f64, MeasureError> {
-    if a.len() != b.len() {
-        return Err(MeasureError::Length { what: "the second layer", actual: b.len(), expected: a.len() });
-    }
-    let (mut sum, mut values) = (0.0, 0usize);
-    for (a, b) in a.iter().zip(b) {
-        if a.iter().chain(b).any(|&v| v != 0.0) {
-            sum += a.iter().zip(b).map(|(a, b)| f64::from((a - b).abs())).sum::<f64>();
-            values += 4;
-        }
-    }
-    if values == 0 {
-        return Err(MeasureError::Nothing("both layers are 0 everywhere"));
-    }
-    Ok(sum / values as f64)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -114,13 +95,5 @@ mod tests {
         assert_eq!(difference(&a, &deep, None), Err(MeasureError::Depths));
         assert!(matches!(difference(&a, &a, Some(&[true])), Err(MeasureError::Length { .. })));
         assert!(matches!(difference(&a, &a, Some(&[false; 2])), Err(MeasureError::Nothing(_))));
-    }
-
-    #[test]
-    fn layer_error_counts_the_union_only() {
-        let (none, red, dim) = ([0.0; 4], [1.0, 0.0, 0.0, 1.0], [0.5, 0.0, 0.0, 1.0]);
-        // Red against dim: 0.5; dim against none: 1.5; the third pixel does not count.
-        assert_eq!(layer_error(&[red, dim, none], &[dim, none, none]), Ok(2.0 / 8.0));
-        assert!(layer_error(&[none], &[none]).is_err() && layer_error(&[none], &[]).is_err());
     }
 }

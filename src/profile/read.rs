@@ -12,7 +12,7 @@ use crate::params::{Params, Value};
 use crate::source::file::{self, MAX_DOCUMENT_BYTES};
 use crate::text::quoted;
 
-/// Where the values of a profile's text go.
+/// Destination of the values of a profile's text.
 struct ReadTarget<'a> {
     /// The profile's file.
     path: &'a Path,

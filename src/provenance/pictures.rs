@@ -86,7 +86,7 @@ pub struct PictureDifference {
     pub p99_codes: u32,
     /// Number of pixels with a difference.
     pub pixels: usize,
-    /// Their bounds.
+    /// Bounds of the pixels with a difference.
     pub bounds: Rect,
 }
 

@@ -145,7 +145,7 @@ impl TransformsCamera {
             (Some(w), Some(h)) => (w, h),
             _ => match still::read_header(file) {
                 Ok(header) => (header.width.into(), header.height.into()),
-                // Its frame is skipped.
+                // The frame is skipped.
                 Err(error) if still::is_no_picture(&error) => return Ok(None),
                 Err(error) => return Err(error.to_string()),
             },

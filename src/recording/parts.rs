@@ -347,7 +347,7 @@ impl Parts {
             *counts.entry(*header).or_default() += 1;
         }
         let often = |header: &PictureHeader| counts.get(header).copied().unwrap_or_default();
-        // In a tie the first one.
+        // The first one wins a tie.
         let Some(common) = headers.iter().rev().max_by_key(|header| often(header)).copied() else {
             return Err(self.without_frames());
         };

@@ -77,7 +77,7 @@ pub fn locate<T>(
     }
     let labels: Vec<PathBuf> = pictures.iter().map(|picture| relative(&picture.label)).collect();
     let count = |folder: &PathBuf| labels.iter().filter(|label| picture_of(folder, label).is_some()).count();
-    // In a tie the first one.
+    // The first one wins a tie.
     let best = folders.iter().map(|folder| (count(folder), folder)).rev().max_by_key(|(count, _)| *count);
     let Some((located_count, folder)) = best.filter(|(located_count, _)| *located_count > 0) else {
         let first = pictures.first().map_or("", |picture| picture.label.as_str());

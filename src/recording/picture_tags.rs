@@ -1,4 +1,4 @@
-//! The camera's settings as pictures and videos state them: EXIF and telemetry.
+//! The camera's settings by the EXIF and telemetry of pictures and videos.
 
 use std::path::PathBuf;
 

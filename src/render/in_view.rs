@@ -8,6 +8,7 @@
 use glam::{DVec2, DVec3};
 
 use super::view::NEAR_M;
+use crate::fit::convex_hull;
 
 /// A rectangle of normalised coordinates (x/z, y/z).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,27 +45,6 @@ pub fn clipped_at_near_plane(points: &[DVec3], near_m: f64) -> Vec<DVec3> {
     let crossing: Vec<_> = front.iter().flat_map(|f| back.iter().map(move |b| meets(f, b))).collect();
     front.extend(crossing);
     front
-}
-
-/// The convex hull's corners in order (Andrew 1979, the monotone chain).
-fn convex_hull(mut points: Vec<DVec2>) -> Vec<DVec2> {
-    points.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
-    let half = |points: &mut dyn Iterator<Item = DVec2>| {
-        let mut chain: Vec<DVec2> = Vec::new();
-        for p in points {
-            while let [.., a, b] = chain[..]
-                && (b - a).perp_dot(p - b) <= 0.0
-            {
-                chain.pop();
-            }
-            chain.push(p);
-        }
-        chain
-    };
-    let mut there = half(&mut points.iter().copied());
-    let back = half(&mut points.iter().rev().copied());
-    there.extend(back);
-    there
 }
 
 /// Clips a convex polygon to a rectangle (Sutherland and Hodgman 1974).

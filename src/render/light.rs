@@ -77,7 +77,7 @@ impl PrefilteredMap {
     }
 
     fn memoized(map: &EnvironmentMap) -> Arc<Self> {
-        // Without the rotation, which the shader applies.
+        // The shader applies the rotation.
         let mut digester = Digester::default();
         digester.add(&map.width);
         digester.add(&map.height);

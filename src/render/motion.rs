@@ -31,15 +31,16 @@ pub struct MotionGrid {
     pub nodes: wgpu::Buffer,
 }
 
-/// The same as in shaders/resolve.wgsl.
+/// Coefficients of the velocity at a corner of a cell; `Node` in shaders/resolve.wgsl has the same
+/// layout.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 struct MotionNode {
-    /// a, px/s.
-    at_infinity: [f32; 2],
-    /// b / [`NEAR_M`], px/s.
-    by_nearness: [f32; 2],
-    /// g, s/px.
+    /// a: the velocity of points at infinity, px/s.
+    rotation_px_per_s: [f32; 2],
+    /// b / [`NEAR_M`]: the velocity that translation adds at that distance, px/s.
+    translation_px_per_s: [f32; 2],
+    /// g: the gradient of the row's time, s/px.
     row_time: [f32; 2],
     unused: [f32; 2],
 }
@@ -118,16 +119,17 @@ impl<'a> CameraPath<'a> {
         let Some(ray) = self.ray(at_px) else { return MotionNode::default() };
         let [near, far] = self.depths_m.map(|depth_m| self.velocity(ray, depth_m));
         let [u, v] = self.depths_m.map(|depth_m| NEAR_M / depth_m);
-        let by_nearness = (near - far) / (u - v);
-        let at_infinity = far - by_nearness * v;
+        let translation_px_per_s = (near - far) / (u - v);
+        let rotation_px_per_s = far - translation_px_per_s * v;
         let readout_s = self.view.shutter.readout_time_s;
         let row_time = match (readout_s > 0.0, &self.view.outer) {
             (false, _) => DVec2::ZERO,
             (true, None) => DVec2::new(0.0, readout_s / f64::from(self.view.geometry.intrinsics.height_px)),
             (true, Some(_)) => DVec2::new(self.slope(at_px, DVec2::X), self.slope(at_px, DVec2::Y)),
         };
-        let [at_infinity, by_nearness, row_time] = [at_infinity, by_nearness, row_time].map(|v| v.as_vec2().to_array());
-        MotionNode { at_infinity, by_nearness, row_time, unused: [0.0; 2] }
+        let [rotation_px_per_s, translation_px_per_s, row_time] =
+            [rotation_px_per_s, translation_px_per_s, row_time].map(|v| v.as_vec2().to_array());
+        MotionNode { rotation_px_per_s, translation_px_per_s, row_time, unused: [0.0; 2] }
     }
 
     /// The gradient of the row's time in one direction, s/px.
@@ -197,10 +199,10 @@ mod tests {
             primaries: crate::camera::Primaries::Rec709,
             outer: None,
         };
-        let MotionNode { at_infinity, by_nearness, row_time, .. } = CameraPath::new(&view).node(at);
-        let [at_infinity, by_nearness, row_time] =
-            [at_infinity, by_nearness, row_time].map(|[x, y]| DVec2::new(x.into(), y.into()));
-        let v = at_infinity + by_nearness * NEAR_M / z;
+        let MotionNode { rotation_px_per_s, translation_px_per_s, row_time, .. } = CameraPath::new(&view).node(at);
+        let [rotation_px_per_s, translation_px_per_s, row_time] =
+            [rotation_px_per_s, translation_px_per_s, row_time].map(|[x, y]| DVec2::new(x.into(), y.into()));
+        let v = rotation_px_per_s + translation_px_per_s * NEAR_M / z;
         v / (1.0 - row_time.dot(v))
     }
 

@@ -270,7 +270,7 @@ fn nearest(at: Vec2, [a, b, c]: &[Vec2; 3]) -> Option<Vec3> {
     if inside.cmpge(Vec3::ZERO).all() {
         return Some(inside);
     }
-    // On the nearest of the three edges.
+    // Otherwise the nearest point on the three edges.
     let nearest_on_edge = |from: Vec2, to: Vec2| {
         let t = ((at - from).dot(to - from) / from.distance_squared(to).max(1e-20)).clamp(0.0, 1.0);
         (t, (from + t * (to - from)).distance_squared(at))

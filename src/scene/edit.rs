@@ -235,7 +235,7 @@ impl SceneFile {
 }
 
 impl PlacedModel {
-    /// Its name, or the file stem of its model.
+    /// Name of the object, or the file stem of its model.
     pub fn title(&self) -> String {
         let stem = || std::path::Path::new(&self.model).file_stem().unwrap_or_default().to_string_lossy().into_owned();
         self.name.clone().unwrap_or_else(stem)

@@ -24,7 +24,7 @@ const MAPPING_LINE: &str = "Registering image #";
 /// Smallest number of pictures of a model.
 const MIN_MODEL_SIZE: usize = 3;
 
-/// Which pictures are matched.
+/// Selection of the pairs of pictures that are matched.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PairMatching {
     /// Each with its successors.

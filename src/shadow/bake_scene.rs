@@ -5,7 +5,7 @@ use std::f32::consts::PI;
 use std::ops::Range;
 use std::sync::OnceLock;
 
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 
 use super::bvh::{Bvh, RAYS, RayPacket};
 use super::occluders::Occluders;
@@ -27,9 +27,9 @@ const CLUSTER_NORMAL_STEPS: f32 = 2.0;
 /// precision.
 const RAY_OFFSET: f32 = 2e-5;
 
-/// All that a lightmap depends on except the surface, around an origin in the world.
+/// All that a lightmap depends on except the surface. Places are relative to the object's origin,
+/// in the axes of the world.
 pub struct BakeInputs<'a> {
-    pub origin_m: DVec3,
     pub occluders: &'a Occluders,
     pub environment: &'a [EnvSample],
     pub lighting: &'a Lighting,
@@ -40,10 +40,9 @@ pub struct BakeInputs<'a> {
 
 impl Digestible for BakeInputs<'_> {
     fn digest(&self, into: &mut Digester) {
-        let Self { origin_m, occluders, environment, lighting, planar_shadows, max_lights } = self;
+        let Self { occluders, environment, lighting, planar_shadows, max_lights } = self;
         // The samples of the environment stand for it.
         let Lighting { environment: _, suns, points } = lighting;
-        into.add(origin_m);
         into.add(occluders);
         into.add(*environment);
         into.add(suns);
@@ -143,7 +142,7 @@ impl<'a> BakeScene<'a> {
             BakeLight::Sun { directions, color: sun.color }
         };
         let lamp = |lamp: &'a PointLight| {
-            let centre = (lamp.position_in_world_m - inputs.origin_m).as_vec3();
+            let centre = lamp.position_in_world_m.as_vec3();
             let offsets = disc_around(centre.try_normalize().unwrap_or(Vec3::Z), 0.5 * lamp.diameter_m);
             BakeLight::Lamp { positions: offsets.into_iter().map(|offset| centre + offset).collect(), lamp, centre }
         };
@@ -223,7 +222,7 @@ impl<'a> BakeScene<'a> {
         for planar_shadow in self.inputs.planar_shadows {
             let normal = planar_shadow.plane.normal();
             let down = -normal.dot(towards.as_dvec3());
-            let at = self.inputs.origin_m + from.as_dvec3();
+            let at = from.as_dvec3();
             let height = planar_shadow.plane.height_m(at);
             if down > 1e-6 && height > 0.0 {
                 let meets = at + towards.as_dvec3() * (height / down);

@@ -7,7 +7,7 @@ use super::occluders::Occluders;
 use super::receiver_mask::ReceiverMask;
 use super::receiver_plane::ReceiverPlane;
 use super::sky::PlaneLighting;
-use super::steps::{QuantizedTransform, dequantize, quantize};
+use super::steps::{MICROMETRES, QuantizedTransform};
 use crate::digest::{Digest, Digester};
 use crate::scene::{Object, Scene};
 
@@ -43,7 +43,7 @@ impl CasterBuilder {
         let plane_from_world = plane.plane_from_world();
         let parts = objects.into_iter().flat_map(|object| &object.parts);
         let parts: Vec<_> =
-            parts.map(|part| (part.mesh, quantize(&(plane_from_world * part.world_from_mesh)))).collect();
+            parts.map(|part| (part.mesh, MICROMETRES.quantize(&(plane_from_world * part.world_from_mesh)))).collect();
         let mut digester = Digester::default();
         digester.add(&sky);
         digester.add(&receiver);
@@ -70,6 +70,6 @@ impl ShadowCaster {
 
     /// Triangles above the plane.
     pub fn occluders(&self, scene: &Scene) -> Occluders {
-        Occluders::of(scene, self.parts.iter().map(|(mesh, place)| (*mesh, dequantize(place)))).on_floor()
+        Occluders::of(scene, self.parts.iter().map(|(mesh, place)| (*mesh, MICROMETRES.dequantize(place)))).on_floor()
     }
 }

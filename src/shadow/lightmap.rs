@@ -209,7 +209,6 @@ mod tests {
         environment: Vec<EnvSample>,
         lighting: Lighting,
         planar_shadows: Vec<PlanarShadow>,
-        origin_m: DVec3,
         unwrapped: UnwrappedMesh,
         scene_from_mesh: DAffine3,
         double_sided: bool,
@@ -217,24 +216,9 @@ mod tests {
 
     impl Inputs {
         fn digest(&self) -> Digest {
-            let Self {
-                occluders,
-                environment,
-                lighting,
-                planar_shadows,
-                origin_m,
-                unwrapped,
-                scene_from_mesh,
-                double_sided,
-            } = self;
-            let inputs = BakeInputs {
-                origin_m: *origin_m,
-                occluders,
-                environment,
-                lighting,
-                planar_shadows,
-                max_lights: [1, 3],
-            };
+            let Self { occluders, environment, lighting, planar_shadows, unwrapped, scene_from_mesh, double_sided } =
+                self;
+            let inputs = BakeInputs { occluders, environment, lighting, planar_shadows, max_lights: [1, 3] };
             let mut digester = Digester::default();
             digester.add(&inputs);
             digester.add(&PartSurface { unwrapped, scene_from_mesh: *scene_from_mesh, double_sided: *double_sided });
@@ -280,13 +264,12 @@ mod tests {
             environment: vec![EnvSample { towards: Vec3::Z, light: Vec3::ONE, solid_sr: 1.0 }],
             lighting: Lighting { suns: vec![sun], points: vec![lamp], ..Lighting::default() },
             planar_shadows: vec![planar_shadow],
-            origin_m: DVec3::ZERO,
             unwrapped: UnwrappedMesh { corners: Vec::new(), indices: vec![0, 1, 2], side: 16 },
             scene_from_mesh: DAffine3::IDENTITY,
             double_sided: false,
         };
         assert_eq!(first.digest(), first.clone().digest());
-        let changes: [fn(&mut Inputs); 17] = [
+        let changes: [fn(&mut Inputs); 16] = [
             |i| i.occluders.corners[1].x = 1.0f32.next_up(),
             |i| i.occluders.triangles[0] = [0, 2, 1],
             |i| i.occluders.colors[0].y = 0.5,
@@ -300,7 +283,6 @@ mod tests {
             |i| i.planar_shadows[0].plane.origin_m.y = 1.0,
             |i| Arc::make_mut(&mut i.planar_shadows[0].texture.0).removed[0][1] += 0.5,
             |i| i.planar_shadows.clear(),
-            |i| i.origin_m.z = 1e-9,
             |i| i.unwrapped.side = 17,
             |i| i.scene_from_mesh.translation.x = 1e-12,
             |i| i.double_sided = true,

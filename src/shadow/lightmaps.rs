@@ -13,8 +13,9 @@ use super::bake_scene::{BakeInputs, BakeScene};
 use super::lightmap::{PartSurface, lightmap};
 use super::occluders::Occluders;
 use super::planar_shadow::{PlanarShadow, ShadowTexture};
+use super::receiver_plane::ReceiverPlane;
 use super::sky::EnvironmentImage;
-use super::steps::{QuantizedTransform, dequantize, quantize, quantize_length};
+use super::steps::{MICROMETRES, NANOMETRES, QuantizedTransform};
 use crate::digest::{Digest, Digester};
 use crate::memo::{ByAddress, Memo};
 use crate::quality::Quality;
@@ -56,7 +57,8 @@ struct LightmapInputs {
 }
 
 /// All that a part's lightmap depends on except the scene's meshes and distant light, relative to
-/// the object's origin.
+/// the object's origin. It is baked from these places, not from the exact ones, so that it does not
+/// depend on which of the equal arrangements came first.
 #[derive(Clone, Debug, PartialEq)]
 struct Arrangement {
     part: (usize, QuantizedTransform),
@@ -169,17 +171,13 @@ impl Lightmaps {
         let near = all.iter().filter(|other| std::ptr::eq(other.object, own.object) || other.occludes(own));
         let occluders: Vec<_> = near
             .flat_map(|other| &other.object.parts)
-            .map(|part| (part.mesh, quantize(&relative(origin_m, &part.world_from_mesh))))
+            .map(|part| (part.mesh, MICROMETRES.quantize(&relative(origin_m, &part.world_from_mesh))))
             .collect();
-        let shadow = |planar_shadow: &PlanarShadow| {
-            let place = DAffine3 { matrix3: planar_shadow.plane.axes, translation: planar_shadow.plane.origin_m };
-            PlacedShadow { place: quantize(&relative(origin_m, &place)), texture: planar_shadow.texture.clone() }
-        };
-        let shadows: Vec<_> = planar_shadows.iter().map(shadow).collect();
-        let lamp = |lamp: &PointLight| (lamp.position_in_world_m - origin_m).to_array().map(quantize_length);
+        let shadows: Vec<_> = planar_shadows.iter().map(|shadow| PlacedShadow::new(origin_m, shadow)).collect();
+        let lamp = |lamp: &PointLight| NANOMETRES.quantize_point(lamp.position_in_world_m - origin_m);
         let lamps: Vec<_> = self.lighting.points.iter().map(lamp).collect();
         let arrangement = |part: &Part| Arrangement {
-            part: (part.mesh, quantize(&relative(origin_m, &part.world_from_mesh))),
+            part: (part.mesh, MICROMETRES.quantize(&relative(origin_m, &part.world_from_mesh))),
             occluders: occluders.clone(),
             shadows: shadows.clone(),
             lamps: lamps.clone(),
@@ -194,14 +192,21 @@ impl Lightmaps {
             return maps;
         }
         // All parts of an object share a scene.
-        let occluders = Occluders::of(scene, occluders.iter().map(|(mesh, steps)| (*mesh, dequantize(steps))));
+        let occluders =
+            Occluders::of(scene, occluders.iter().map(|(mesh, steps)| (*mesh, MICROMETRES.dequantize(steps))));
+        let planar_shadows: Vec<_> = shadows.iter().map(PlacedShadow::planar_shadow).collect();
+        let mut lighting = Lighting { suns: self.lighting.suns.clone(), ..Lighting::default() };
+        let placed = |(lamp, steps): (&PointLight, &[i64; 3])| PointLight {
+            position_in_world_m: NANOMETRES.dequantize_point(*steps),
+            ..*lamp
+        };
+        lighting.points = self.lighting.points.iter().zip(&lamps).map(placed).collect();
         let environment = self.environment.sphere_samples();
         let inputs = BakeInputs {
-            origin_m,
             occluders: &occluders,
             environment: &environment,
-            lighting: &self.lighting,
-            planar_shadows,
+            lighting: &lighting,
+            planar_shadows: &planar_shadows,
             max_lights: [MAX_SUNS, MAX_POINTS],
         };
         let bake_scene = LazyCell::new(|| BakeScene::new(&inputs));
@@ -212,7 +217,7 @@ impl Lightmaps {
             let (mesh, place) = &key.part;
             let material = scene.materials.get(scene.meshes[*mesh].material);
             let double_sided = material.is_some_and(|material| material.double_sided);
-            let surface = PartSurface { unwrapped, scene_from_mesh: dequantize(place), double_sided };
+            let surface = PartSurface { unwrapped, scene_from_mesh: MICROMETRES.dequantize(place), double_sided };
             let mut digester = digester.clone();
             digester.add(&surface);
             let baked = LIGHTMAPS.get_or_insert_with(digester.finish(), |_| Arc::new(lightmap(&surface, &bake_scene)));
@@ -220,6 +225,20 @@ impl Lightmaps {
             *map = Some(baked);
         }
         maps
+    }
+}
+
+impl PlacedShadow {
+    fn new(origin_m: DVec3, planar_shadow: &PlanarShadow) -> Self {
+        let place = DAffine3 { matrix3: planar_shadow.plane.axes, translation: planar_shadow.plane.origin_m };
+        Self { place: NANOMETRES.quantize(&relative(origin_m, &place)), texture: planar_shadow.texture.clone() }
+    }
+
+    /// The planar shadow relative to the object's origin.
+    fn planar_shadow(&self) -> PlanarShadow {
+        let place = NANOMETRES.dequantize(&self.place);
+        let plane = ReceiverPlane { origin_m: place.translation, axes: place.matrix3 };
+        PlanarShadow { plane, texture: self.texture.clone(), is_beside: false }
     }
 }
 

@@ -1,7 +1,7 @@
 use super::*;
 use crate::render::TexelPoint;
 use crate::scene::{Environment, Material, Mesh, Sun, Vertex};
-use glam::{DQuat, Vec3};
+use glam::{DQuat, Vec2, Vec3};
 
 /// A flat rectangle in x and y, or a box, with normals that stand upright.
 fn mesh(corners: &[[Vec3; 4]]) -> Arc<Mesh> {
@@ -232,4 +232,23 @@ fn moved_object_keeps_its_lightmap_until_another_one_is_near() {
         new_lightmaps(&scene).lightmaps(&scene, &unwrapped, &[], &[]),
         maps.lightmaps(&scene, &unwrapped, &[], &[])
     );
+}
+
+#[test]
+fn lightmap_of_a_moved_object_equals_a_new_one_bit_for_bit() {
+    // Moves of less than a step of the occluders' places and of the planes' places, over a floor
+    // whose shadow grows along x.
+    let mut texture = ShadowTexture::empty(Vec2::splat(-0.5), 0.01, 100, 100);
+    texture.removed = (0..100 * 100).map(|i| [(i % 100) as f32 / 100.0; 3]).collect();
+    let plane = ReceiverPlane::new(DVec3::new(0.0, 0.0, -0.1), DVec3::Z);
+    let floor = [PlanarShadow { plane, texture: ByAddress(Arc::new(texture)), is_beside: false }];
+    let mut scene = scene(&[cube()], 0.5, even_sky());
+    scene.lighting.points.push(lamp(DVec3::new(0.3, 0.2, 0.5)));
+    let unwrapped = unwrapped(&scene);
+    let mut maps = new_lightmaps(&scene);
+    for move_m in [0.0, 4e-10, 3e-7] {
+        scene.objects[0].move_by(DAffine3::from_translation(DVec3::new(move_m, 0.0, 0.0)));
+        let moved = maps.lightmaps(&scene, &unwrapped, &floor, &[]);
+        assert!(moved == new_lightmaps(&scene).lightmaps(&scene, &unwrapped, &floor, &[]), "{move_m} m");
+    }
 }

@@ -56,7 +56,7 @@ const WORD_BITS: usize = 32;
 pub struct Room {
     /// The mean of each voxel's points, in the world, m.
     voxels_m: Vec<DVec3>,
-    /// Their integer coordinates.
+    /// Integer coordinates of the voxels.
     cells: HashSet<IVec3>,
 }
 

@@ -116,7 +116,7 @@ impl Shot {
         if self.site_problem.is_some() {
             recording.set_site(None);
         }
-        // In the world of the recorded poses.
+        // This recording stays in the world of the recorded poses.
         let mut recorded = self.recorded.as_ref().clone();
         recorded.rescale(self.recording.metres_per_unit);
         recorded.set_site(self.recording.site().cloned());

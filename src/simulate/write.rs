@@ -138,7 +138,7 @@ fn fill(
     fs::write(&path, truth_toml(simulation, &blur, &files.manifest)).map_err(writing(&path))
 }
 
-/// Files of a recording's folder, and the entries of its lists.
+/// Files of a recording's folder, and the future contents of its lists.
 struct FolderFiles<'a> {
     folder: &'a Path,
     simulation: &'a Simulation,

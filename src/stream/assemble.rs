@@ -102,7 +102,8 @@ impl Assembler {
     }
 
     /// Number of buffered bytes.
-    pub fn buffered_bytes(&self) -> usize {
+    #[cfg(test)]
+    fn buffered_bytes(&self) -> usize {
         self.senders.iter().flat_map(|s| &s.open).flat_map(|o| &o.fragments).map(|fragment| fragment.1.len()).sum()
     }
 }

@@ -12,7 +12,7 @@ use glam::{DVec2, DVec3};
 use super::footprint::bounds;
 use super::plane_fit::rounded_normal;
 use super::ransac::{MeasuredPoint, ransac_plane};
-use crate::depth::MIN_HEIGHT_OVER_PLANE_M;
+use crate::depth::{MIN_HEIGHT_OVER_PLANE_M, PLANE_TOLERANCE_M};
 use crate::plane::{HessePlane, Plane};
 use crate::scene::{Facet, Object, Scene};
 
@@ -33,7 +33,7 @@ const OUTSIDE_SHARE: f64 = 0.01;
 /// Smallest distance to which the object extends in front of a facet.
 const MIN_IN_FRONT_M: f64 = 0.005;
 /// Largest depth to which the object may penetrate a facet.
-const MAX_PENETRATION_M: f64 = 0.015;
+const MAX_PENETRATION_M: f64 = PLANE_TOLERANCE_M;
 /// Largest bulge of a facet's middle against its rims, relative to the tolerance of its points. For
 /// a facet on a ball it is 0.9.
 const MAX_BULGE: f64 = 0.35;

@@ -17,6 +17,7 @@ use super::plane_fit::rounded_normal;
 use super::ransac::{MeasuredPoint, ransac_plane};
 use super::report::PlaneSource;
 use super::room_points::RoomPoints;
+use crate::depth::PLANE_TOLERANCE_M;
 use crate::plane::{HessePlane, Plane};
 use crate::scene::{MIN_SUPPORT_COSINE, Object, Scene};
 
@@ -29,7 +30,7 @@ const MAX_SEARCH_M: f64 = 0.4;
 const MAX_CONTACT_M: f64 = 0.06;
 const MAX_DROP_M: f64 = 1.0;
 /// Largest gap at which an object stands on the surface, m.
-const SNAP_M: f64 = 0.015;
+const SNAP_M: f64 = PLANE_TOLERANCE_M;
 
 /// The support plane of an object, and its source. `floor`: that of the recording.
 pub fn object_support(

@@ -2,6 +2,7 @@
 
 use glam::{DMat3, DVec3};
 
+use crate::fit::symmetric_eigen;
 use crate::plane::{HessePlane, Plane};
 
 /// A plane that was fitted to points.
@@ -32,8 +33,7 @@ pub fn plane_through(points_m: &[DVec3]) -> Result<PlaneFit, PlaneFitError> {
     for p in points_m.iter().map(|p| *p - middle) {
         matrix += DMat3::from_cols(p * p.x, p * p.y, p * p.z);
     }
-    let mut axes = eigen_decomposition(matrix);
-    axes.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let axes = symmetric_eigen(matrix);
     let [_, width, length] = axes.map(|(squares, _)| squares.max(0.0).sqrt());
     if width.is_nan() || width <= MIN_WIDTH_SHARE * length {
         return Err(PlaneFitError("they lie on a line; pick one to its side"));
@@ -54,29 +54,6 @@ const NORMAL_STEP: f64 = 1.0 / 512.0;
 /// A normal of unit length with components rounded to the step. `None` if it is not finite.
 pub fn rounded_normal(normal: DVec3) -> Option<DVec3> {
     ((normal / NORMAL_STEP).round() * NORMAL_STEP).try_normalize()
-}
-
-/// Eigenvalues and unit eigenvectors of a symmetric matrix (Jacobi 1846: rotations that zero one
-/// element after another).
-fn eigen_decomposition(mut matrix: DMat3) -> [(f64, DVec3); 3] {
-    const SWEEPS: usize = 16;
-    let mut axes = DMat3::IDENTITY;
-    for (i, j) in (0..SWEEPS).flat_map(|_| [(0, 1), (0, 2), (1, 2)]) {
-        let off = matrix.col(j)[i];
-        if off == 0.0 {
-            continue;
-        }
-        let angle = 0.5 * (2.0 * off).atan2(matrix.col(j)[j] - matrix.col(i)[i]);
-        let (s, c) = angle.sin_cos();
-        let mut turn = DMat3::IDENTITY;
-        turn.col_mut(i)[i] = c;
-        turn.col_mut(j)[j] = c;
-        turn.col_mut(j)[i] = s;
-        turn.col_mut(i)[j] = -s;
-        matrix = turn.transpose() * matrix * turn;
-        axes *= turn;
-    }
-    [0, 1, 2].map(|i| (matrix.col(i)[i], axes.col(i)))
 }
 
 #[cfg(test)]

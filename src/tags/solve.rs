@@ -142,7 +142,7 @@ pub fn solve_pose(geometry: &Geometry, corners: &Corners, near: &Pose) -> Option
     let scaled = SMatrix::<f64, 6, 6>::from_fn(|i, j| normal[(i, j)] * scale[i] * scale[j]);
     let inverse = scaled.cholesky()?.inverse();
     let count = residuals_px.len() as f64;
-    // For x and y each.
+    // Each corner has two residuals, x and y.
     let freedom = (2.0 * count - 6.0).max(0.0) + 2.0 * PRIOR_CORNERS;
     let variance_px2 = (squares_px2 + 2.0 * PRIOR_CORNERS * MIN_SIGMA_PX * MIN_SIGMA_PX) / freedom;
     let covariance = SMatrix::<f64, 6, 6>::from_fn(|i, j| inverse[(i, j)] * scale[i] * scale[j] * variance_px2);

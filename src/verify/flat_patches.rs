@@ -135,9 +135,9 @@ pub fn smoothed(planes: &CodePlanes, grid: &[[usize; 2]]) -> CodePlanes {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PatchStatistics {
     pub origin_px: [usize; 2],
-    /// Of Y', codes.
+    /// Mean of Y', codes.
     mean: f64,
-    /// Of the residual of Y', codes.
+    /// Standard deviation of the residual of Y', codes.
     sigma: f64,
     /// σ of the coarse residual over that of the fine one.
     coarseness: f64,

@@ -120,7 +120,7 @@ pub struct NoiseComparison {
     /// Number of tiles whose noise repeats elsewhere in their frame, of [`Self::repeat_tiles`].
     pub repeats: RealAndVirtual,
     pub repeat_tiles: usize,
-    /// By family, for each both classifiers.
+    /// Scores by family, two for each: those of both classifiers.
     pub scores: Vec<NoiseScore>,
 }
 

@@ -15,9 +15,8 @@ use crate::analyse::unit_noise;
 use crate::camera::NoiseProfile;
 use crate::fit::quantile::nearest_quantile;
 use crate::grey_image::GreyImage;
+use crate::pixels::WEIGHTS_709;
 
-/// Luma of BT.709, as [`GreyImage::luma_709`] has it.
-const LUMA: [f64; 3] = [0.2126, 0.7152, 0.0722];
 /// Number of patches that count as one: they overlap by half in both directions.
 const OVERLAPPING_PATCHES: f64 = 4.0;
 
@@ -31,7 +30,7 @@ pub fn with_noise(picture: &GreyImage<f64>, profile: &NoiseProfile, seed: u64) -
 
 /// σ of luma for equal codes in all channels.
 pub fn luma_sigma(profile: &NoiseProfile, code: f64) -> f64 {
-    let [r, g, b] = [0, 1, 2].map(|c| LUMA[c] * profile.sigma(c, code));
+    let [r, g, b] = [0, 1, 2].map(|c| WEIGHTS_709[c] * profile.sigma(c, code));
     let [red_green, red_blue, green_blue] = profile.channel_correlation;
     let across = red_green * r * g + red_blue * r * b + green_blue * g * b;
     (r * r + g * g + b * b + 2.0 * across).max(0.0).sqrt()

@@ -43,7 +43,7 @@ pub struct ExactMode {
 }
 
 /// The mode nearest to the request, of modes of single sizes: layout first, then size, then rate.
-/// Of two rates equally near, the faster one.
+/// The faster of two equally near rates wins.
 pub fn exact(offered: &[CameraMode], requested: &FormatRequest) -> Option<ExactMode> {
     let layout = layout(offered, requested)?;
     let of_layout = offered.iter().filter(|mode| mode.layout == Some(layout) && !mode.rates_hz.is_empty());

@@ -9,9 +9,9 @@ use crate::source::SourceError;
 /// Why a camera could not be opened, or has no pictures.
 #[derive(Debug, thiserror::Error)]
 pub enum CameraError {
-    #[error("{name}: is not a camera; there {}; or give a video file", are(cameras))]
-    None { name: String, cameras: Vec<String> },
-    #[error("{}: there is no such file; expected a video file, or a camera's number or device: there {}", path.display(), are(cameras))]
+    #[error("{name}: is not a camera; there {}; or give a video file", available_cameras(cameras))]
+    NotACamera { name: String, cameras: Vec<String> },
+    #[error("{}: there is no such file; expected a video file, or a camera's number or device: there {}", path.display(), available_cameras(cameras))]
     NoFile { path: PathBuf, cameras: Vec<String> },
     #[error("{camera}: permission denied: {advice}")]
     Permission { camera: String, advice: String },
@@ -20,7 +20,7 @@ pub enum CameraError {
     #[error("{camera} is unplugged")]
     Unplugged { camera: String },
     #[error("{camera}: captures no pictures")]
-    TakesNone { camera: String },
+    NoCapture { camera: String },
     #[error("{camera}: does not offer {layout}; it has {}", if has.is_empty() { "no supported format" } else { has })]
     Layout { camera: String, layout: String, has: String },
     #[error("{camera}: {problem}")]
@@ -51,7 +51,8 @@ impl CameraError {
     }
 }
 
-fn are(cameras: &[String]) -> String {
+/// The end of a sentence that begins with "there".
+fn available_cameras(cameras: &[String]) -> String {
     match cameras {
         [] => "is none on this machine (`locard doctor`)".to_owned(),
         [one] => format!("is {one}"),

@@ -44,9 +44,9 @@ pub struct CameraListing {
     pub driver: DriverName,
     /// The number by which `--camera` selects it.
     pub number: usize,
-    /// Its device, or the system's description of it.
+    /// Device of the camera, or the system's description of it.
     pub place: String,
     pub name: String,
-    /// Its modes, or why they are not known.
+    /// Modes of the camera, or the reason why they are unknown.
     pub modes: Result<Vec<CameraMode>, String>,
 }

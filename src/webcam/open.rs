@@ -102,7 +102,7 @@ pub fn open(camera: &str, requested: &FormatRequest) -> Result<WebcamSource, Cam
         return Err(if file.extension().is_some() || camera.contains(std::path::MAIN_SEPARATOR) {
             CameraError::NoFile { path: file.to_owned(), cameras: names }
         } else {
-            CameraError::None { name: camera.to_owned(), cameras: names }
+            CameraError::NotACamera { name: camera.to_owned(), cameras: names }
         });
     }
     let mut camera = WebcamSource::open(driver(DriverName::Played)?, camera, requested, SessionLimits::default())?;

@@ -53,7 +53,7 @@ impl WriteRequest {
 pub struct Autosave {
     files: SessionFiles,
     requests: Option<Sender<WriteRequest>>,
-    /// Its values are errors.
+    /// Writing thread; its values are errors.
     task: Option<BackgroundTask<String>>,
     /// Version of the project that was last passed to the thread.
     queued_version: Option<u64>,

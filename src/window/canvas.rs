@@ -108,7 +108,7 @@ impl CallbackTrait for Canvas {
         let ppp = screen.pixels_per_point;
         let origin = self.placed.rect.min;
         let [r, g, b, a] = self.ground.to_normalized_gamma_f32();
-        // As `Canvas` in the shader.
+        // The layout is that of `Canvas` in the shader.
         let extent = self.placed.scale * ppp * self.size;
         let values = [origin.x * ppp, origin.y * ppp, extent.x, extent.y, r, g, b, a];
         let uniform = device.create_buffer_init(&wgpu::util::BufferInitDescriptor {

@@ -5,6 +5,7 @@ use std::collections::VecDeque;
 use eframe::egui::{self, RichText, Ui};
 
 use super::plots::DataSource;
+use locard_engine::fit::quantile::upper_median;
 use locard_engine::gpu::PartTime;
 use locard_engine::text::fixed;
 
@@ -37,9 +38,8 @@ impl GpuTimes {
         let Some(last) = self.pictures.back() else { return Vec::new() };
         let median = |part: &PartTime| {
             let same = |times: &Vec<PartTime>| times.iter().find(|of| of.part == part.part).map(|of| of.time_s);
-            let mut times_s: Vec<f64> = self.pictures.iter().filter_map(same).collect();
-            times_s.sort_by(f64::total_cmp);
-            PartTime { time_s: times_s.get(times_s.len() / 2).copied().unwrap_or(part.time_s), ..*part }
+            let median_s = upper_median(self.pictures.iter().filter_map(same));
+            PartTime { time_s: median_s.unwrap_or(part.time_s), ..*part }
         };
         last.iter().map(median).collect()
     }

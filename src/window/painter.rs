@@ -270,25 +270,29 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// A device without a screen, for tests.
+#[cfg(test)]
+pub fn device_without_a_screen() -> RenderState {
+    use eframe::egui_wgpu::{WgpuConfiguration, WgpuSetup, WgpuSetupCreateNew};
+    use locard_engine::gpu::Gpu;
+
+    let mut setup = WgpuSetupCreateNew::without_display_handle();
+    setup.instance_descriptor.backends = wgpu::Backends::PRIMARY;
+    setup.device_descriptor = Arc::new(Gpu::device_descriptor);
+    let configuration = WgpuConfiguration { wgpu_setup: WgpuSetup::CreateNew(setup), ..Default::default() };
+    let state = pollster::block_on(async {
+        let instance = configuration.wgpu_setup.new_instance().await;
+        RenderState::create(&configuration, &instance, None, RendererOptions::default()).await
+    });
+    state.expect("an adapter")
+}
+
 #[cfg(test)]
 mod tests {
     use eframe::egui::{self, Color32, Pos2, RawInput, Slider, vec2};
-    use eframe::egui_wgpu::{WgpuConfiguration, WgpuSetup, WgpuSetupCreateNew};
 
     use super::*;
     use locard_engine::gpu::{Gpu, read_back};
-
-    fn window() -> RenderState {
-        let mut setup = WgpuSetupCreateNew::without_display_handle();
-        setup.instance_descriptor.backends = wgpu::Backends::PRIMARY;
-        setup.device_descriptor = Arc::new(Gpu::device_descriptor);
-        let configuration = WgpuConfiguration { wgpu_setup: WgpuSetup::CreateNew(setup), ..Default::default() };
-        let state = pollster::block_on(async {
-            let instance = configuration.wgpu_setup.new_instance().await;
-            RenderState::create(&configuration, &instance, None, RendererOptions::default()).await
-        });
-        state.expect("an adapter")
-    }
 
     /// A window with typical content: text, rounded controls, overlapping shapes and windows, a
     /// texture.
@@ -335,7 +339,7 @@ mod tests {
 
     #[test]
     fn partial_repaint_equals_a_full_repaint() {
-        let window = window();
+        let window = device_without_a_screen();
         let gpu = Gpu::from_device(&window.adapter, window.device.clone(), window.queue.clone());
         let ctx = Context::default();
         let retained = Arc::new(Mutex::new(RetainedWindow::new(&window)));

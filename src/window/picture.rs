@@ -199,7 +199,7 @@ pub fn show(
     let edited_texture = composite.map(|shown| shown.texture.clone());
     let other_texture = match viewer.comparison().filter(fits) {
         Some(other) if !is_camera => other.texture.clone(),
-        _ if counterpart.is_positive() => viewer.plain(frame).texture.clone(),
+        _ if counterpart.is_positive() => viewer.camera_picture(frame).texture.clone(),
         _ => edited_texture.clone()?,
     };
     let edited_texture = edited_texture.unwrap_or_else(|| other_texture.clone());

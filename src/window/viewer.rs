@@ -9,7 +9,7 @@ use eframe::egui_wgpu::RenderState;
 
 use super::canvas;
 use super::frame_renderer::{FORMAT, FrameRenderer, RenderKey, RenderOutputs, RenderRequest, RenderResult};
-use locard_engine::frame::Frame;
+use locard_engine::frame::{Frame, FrameIdentity};
 use locard_engine::gpu::Gpu;
 use locard_engine::pixels::{Codes, Pixels, eight_bits};
 use locard_engine::shot::Shot;
@@ -38,9 +38,9 @@ pub struct Viewer {
     pending: VecDeque<DisplayTexture>,
     /// Textures for reuse.
     free: Vec<DisplayTexture>,
-    /// The camera's own picture, with the index of its frame. No memo: the next frame's picture is
-    /// written into the same texture.
-    plain: Option<(usize, DisplayTexture)>,
+    /// The camera's own picture of a frame. No memo: the next frame's picture is written into the
+    /// same texture.
+    camera: Option<(FrameIdentity, DisplayTexture)>,
 }
 
 impl Viewer {
@@ -57,7 +57,7 @@ impl Viewer {
             other: None,
             pending: VecDeque::new(),
             free: Vec::new(),
-            plain: None,
+            camera: None,
         })
     }
 
@@ -86,23 +86,24 @@ impl Viewer {
 
     /// The last uploaded picture of the camera.
     pub fn camera(&self) -> Option<&DisplayTexture> {
-        self.plain.as_ref().map(|(_, plain)| plain)
+        self.camera.as_ref().map(|(_, texture)| texture)
     }
 
     /// The camera's own picture of a frame.
-    pub fn plain(&mut self, frame: &Frame) -> &DisplayTexture {
+    pub fn camera_picture(&mut self, frame: &Frame) -> &DisplayTexture {
         let size = (frame.pixels.width, frame.pixels.height);
-        let is_there = self.plain.as_ref().is_some_and(|(index, _)| *index == frame.index);
-        let plain = reuse_or_create(&self.window, self.plain.take().map(|(_, plain)| plain), size, 1);
-        if !is_there {
+        let (latest, texture) = self.camera.take().unzip();
+        let picture = reuse_or_create(&self.window, texture, size, 1);
+        let identity = frame.identity();
+        if latest.as_ref() != Some(&identity) {
             self.window.queue.write_texture(
-                plain.texture.as_image_copy(),
+                picture.texture.as_image_copy(),
                 &rgba(&frame.pixels),
                 wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(4 * size.0), rows_per_image: None },
                 wgpu::Extent3d { width: size.0, height: size.1, depth_or_array_layers: 1 },
             );
         }
-        &self.plain.insert((frame.index, plain)).1
+        &self.camera.insert((identity, picture)).1
     }
 
     /// Starts the composite of a frame with the settings of the shot; `live_frame`: a live frame.
@@ -131,14 +132,14 @@ impl Viewer {
 impl Drop for Viewer {
     /// Unregisters its textures from the window.
     fn drop(&mut self) {
-        let plain = self.plain.take().map(|(_, plain)| plain);
+        let camera = self.camera.take().map(|(_, texture)| texture);
         let all = self
             .free
             .drain(..)
             .chain(self.pending.drain(..))
             .chain(self.shown.take())
             .chain(self.other.take())
-            .chain(plain);
+            .chain(camera);
         all.for_each(|picture| free(&self.window, &picture));
     }
 }
@@ -197,5 +198,22 @@ fn rgba(pixels: &Pixels) -> Vec<u8> {
 impl std::fmt::Debug for Viewer {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str("Viewer")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::painter::device_without_a_screen;
+    use super::*;
+    use locard_engine::gpu::read_back;
+
+    #[test]
+    fn camera_pictures_of_frames_with_the_same_number_differ() {
+        let mut viewer = Viewer::new(device_without_a_screen(), || ()).unwrap();
+        for code in [10, 200] {
+            let pixels = Pixels { width: 8, height: 4, codes: Codes::U8(vec![code; 3 * 8 * 4]), coding: None };
+            let texture = viewer.camera_picture(&Frame::new(3, 0.0, pixels)).texture.clone();
+            assert_eq!(read_back(viewer.gpu(), &texture).unwrap()[..4], [code, code, code, 255]);
+        }
     }
 }

@@ -5,7 +5,8 @@ use glam::DVec3;
 use super::super::state::{CameraState, move_point};
 use super::super::view::scattered;
 use super::{
-    BLUR_PX, CODES, GainFrame, GainPoint, Gains, MAX_GRADIENT, MAX_LANDMARKS, MAX_POINTS, MAX_WIDTH_PX, PixelSample,
+    BLUR_PX, GainFrame, GainPoint, Gains, MAX_CODE, MAX_GRADIENT, MAX_LANDMARKS, MAX_POINTS, MAX_WIDTH_PX, MIN_CODE,
+    PixelSample,
 };
 use crate::frame::Frame;
 use crate::grey_image::{GreyImage, gaussian};
@@ -64,7 +65,7 @@ impl Gains<'_> {
             let [x, y] = landmark.at_px.map(|px| (px - 0.5) / scale as f32);
             let [red, green, blue] = [0, 1, 2].map(|c| colours[c].sample_inside(x, y));
             let codes = [red?, green?, blue?];
-            let is_sound = codes.iter().all(|code| *code > CODES.0 && *code < CODES.1);
+            let is_sound = codes.iter().all(|code| *code > MIN_CODE && *code < MAX_CODE);
             is_sound.then(|| (landmark.number, self.sample([x / w as f32, y / h as f32], codes)))
         };
         let mut samples: Vec<_> = landmarks.iter().filter_map(landmark).collect();
@@ -94,7 +95,7 @@ fn sound_pixels(colours: &[GreyImage; 3], depth: &[f32]) -> Vec<usize> {
             let is_sound = |plane: &GreyImage| {
                 let v = &plane.values;
                 let slope = (0.5 * (v[i + 1] - v[i - 1])).hypot(0.5 * (v[i + w] - v[i - w]));
-                v[i] > CODES.0 && v[i] < CODES.1 && slope < MAX_GRADIENT
+                v[i] > MIN_CODE && v[i] < MAX_CODE && slope < MAX_GRADIENT
             };
             if depth[i] > 0.0 && colours.iter().all(is_sound) {
                 sound.push(i);

@@ -31,7 +31,7 @@ pub struct OccupancyGrid {
     /// One bit per block: whether any of its cells is occupied.
     blocks: Vec<u64>,
     /// Number of blocks along x and y.
-    in_blocks: [usize; 2],
+    block_counts: [usize; 2],
 }
 
 fn is_set(bits: &[u64], n: usize) -> bool {
@@ -44,7 +44,7 @@ impl OccupancyGrid {
         let high = solid.iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max) + 1e-6;
         if solid.is_empty() {
             let (bits, blocks) = (Vec::new(), Vec::new());
-            return Self { low: DVec3::ZERO, side_m: CELL_M, size: IVec3::ZERO, bits, blocks, in_blocks: [0; 2] };
+            return Self { low: DVec3::ZERO, side_m: CELL_M, size: IVec3::ZERO, bits, blocks, block_counts: [0; 2] };
         }
         let mut side_m = CELL_M;
         let cells = |side_m: f64| ((high - low) / side_m).ceil();
@@ -54,8 +54,8 @@ impl OccupancyGrid {
         let size = cells(side_m).as_ivec3().max(IVec3::ONE);
         let room_for = |size: IVec3| vec![0; (size.x as usize * size.y as usize * size.z as usize).div_ceil(64)];
         let of_blocks = (size - 1) / (1 << BLOCK_LOG2) + 1;
-        let in_blocks = [of_blocks.x as usize, of_blocks.y as usize];
-        let mut grid = Self { low, side_m, size, bits: room_for(size), blocks: room_for(of_blocks), in_blocks };
+        let block_counts = [of_blocks.x as usize, of_blocks.y as usize];
+        let mut grid = Self { low, side_m, size, bits: room_for(size), blocks: room_for(of_blocks), block_counts };
         for at in solid {
             if let Some(at) = grid.within_box(*at) {
                 let (cell, block) = (grid.cell(at), grid.block(at));
@@ -79,7 +79,7 @@ impl OccupancyGrid {
 
     fn block(&self, at: [usize; 3]) -> usize {
         let [x, y, z] = at.map(|n| n >> BLOCK_LOG2);
-        (z * self.in_blocks[1] + y) * self.in_blocks[0] + x
+        (z * self.block_counts[1] + y) * self.block_counts[0] + x
     }
 
     /// True if the ray from a surface at `from` with `normal` to `to` is occluded. Steps of half a
@@ -88,7 +88,7 @@ impl OccupancyGrid {
         let begin = from + RAY_OFFSET_M * normal;
         let way = to - begin;
         let length = way.length();
-        // In cells, with steps of half a cell.
+        // The ray in units of cells, with steps of half a cell.
         let start = (begin - self.low) / self.side_m;
         let step = 0.5 * way / length.max(1e-9);
         let (first, last) = self.step_range_inside(start, step, 2.0 * length / self.side_m);

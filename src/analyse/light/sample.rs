@@ -2,6 +2,8 @@
 
 use glam::Vec3;
 
+use crate::pixels::luma_709;
+
 /// Light and place of a surface point, as one frame shows them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LightSample {
@@ -17,10 +19,10 @@ pub struct LightSample {
 
 /// Relative luminance of linear light with the primaries of BT.709.
 pub fn relative_luminance(light: [f64; 3]) -> f64 {
-    0.2126 * light[0] + 0.7152 * light[1] + 0.0722 * light[2]
+    luma_709(light)
 }
 
 /// Mean of the channels.
-pub fn luminance(light: [f32; 3]) -> f32 {
+pub fn mean_channel(light: [f32; 3]) -> f32 {
     (light[0] + light[1] + light[2]) / 3.0
 }

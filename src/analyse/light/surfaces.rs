@@ -11,7 +11,7 @@ use glam::DVec3;
 
 use super::lamp_fit::{LitPoint, PATCH_M, sorted};
 use super::lamp_search::SearchVolume;
-use super::sample::luminance;
+use super::sample::mean_channel;
 use super::voxels::Voxel;
 
 /// Width of a chroma bin, ln.
@@ -48,7 +48,7 @@ pub fn lit_points(voxels: &[Voxel], by: usize, of: LightChannel) -> Vec<LitPoint
         let [r, g, b] = light.map(f64::from);
         if r.min(g).min(b) > MIN_LIGHT {
             let ln = match of {
-                LightChannel::Luminance => f64::from(luminance(light)).ln(),
+                LightChannel::Luminance => f64::from(mean_channel(light)).ln(),
                 LightChannel::Colour(c) => f64::from(light[c]).ln(),
             };
             let bin = [(r / g).ln(), (b / g).ln()].map(|v| (v / BIN_LN).round() as i32);

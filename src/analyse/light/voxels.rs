@@ -11,9 +11,11 @@ use std::collections::HashMap;
 
 use glam::{DMat3, DVec3, Vec3};
 
-use super::sample::{LightSample, luminance, relative_luminance};
+use super::sample::{LightSample, mean_channel, relative_luminance};
 use crate::fit::kaplan_meier::{CensoredSample, kaplan_meier};
+use crate::fit::symmetric_eigen;
 use crate::frame::SURFEL_SPACING_M;
+use crate::hash::mix64;
 use crate::parallel::over_rows;
 
 /// Side of a voxel, m.
@@ -248,7 +250,7 @@ impl Voxels {
             let d = *at - middle;
             spread += DMat3::from_cols(d * d.x, d * d.y, d * d.z) * (1.0 / near.len() as f64);
         }
-        let (smallest, normal, between) = thinnest(spread);
+        let [(smallest, normal), (between, _), _] = symmetric_eigen(spread);
         let towards = cube.towards.as_dvec3();
         (smallest < MAX_FLATNESS * between).then(|| normal * normal.dot(towards).signum())
     }
@@ -263,43 +265,13 @@ impl Cube {
 /// The light at [`LIGHT_QUANTILE`] of the frame means.
 fn lower(means: &[FrameMean]) -> Option<[f32; 3]> {
     let mut light: Vec<[f32; 3]> = means.iter().map(|mean| mean.light).collect();
-    light.sort_by(|a, b| luminance(*a).total_cmp(&luminance(*b)));
+    light.sort_by(|a, b| mean_channel(*a).total_cmp(&mean_channel(*b)));
     let at = (LIGHT_QUANTILE * light.len() as f64) as usize;
     light.get(at).copied()
 }
 
-/// The smallest eigenvalue of a symmetric matrix with its vector, and the middle eigenvalue, by
-/// Jacobi rotations.
-fn thinnest(of: DMat3) -> (f64, DVec3, f64) {
-    let (mut a, mut v) = (of, DMat3::IDENTITY);
-    for _ in 0..12 {
-        for (p, q) in [(0, 1), (0, 2), (1, 2)] {
-            let off = a.col(q)[p];
-            if off.abs() < 1e-18 {
-                continue;
-            }
-            let theta = 0.5 * (2.0 * off).atan2(a.col(q)[q] - a.col(p)[p]);
-            let (s, c) = theta.sin_cos();
-            let mut turn = DMat3::IDENTITY;
-            turn.col_mut(p)[p] = c;
-            turn.col_mut(q)[q] = c;
-            turn.col_mut(q)[p] = s;
-            turn.col_mut(p)[q] = -s;
-            a = turn.transpose() * a * turn;
-            v *= turn;
-        }
-    }
-    let mut order = [0, 1, 2];
-    order.sort_by(|i, j| a.col(*i)[*i].total_cmp(&a.col(*j)[*j]));
-    (a.col(order[0])[order[0]], v.col(order[0]).normalize_or_zero(), a.col(order[1])[order[1]])
-}
-
-/// SplitMix64's output function (Steele, Lea and Flood 2014).
 fn hash(a: u64, b: u64) -> u64 {
-    let mut z = a.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ b.wrapping_add(0x632b_e59b_d9b4_e019);
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
+    mix64(a.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ b.wrapping_add(0x632b_e59b_d9b4_e019))
 }
 
 fn hash_of([x, y, z]: &VoxelKey) -> u64 {

@@ -5,7 +5,7 @@ use super::detection::{BoardDetection, ChessboardSize};
 use super::tag_board::{NotOnPlane, TagBoardDetector, TagsError};
 use crate::camera::Response;
 use crate::grey_image::GreyImage;
-use crate::pixels::Pixels;
+use crate::pixels::{Pixels, WEIGHTS_709};
 use crate::tags::{self, Paper, Sheet};
 
 /// The target to detect.
@@ -69,6 +69,7 @@ fn grey(pixels: &Pixels) -> GreyImage {
     let per_code = (pixels.max_code() / 255) as f32;
     GreyImage::of_codes(pixels, |codes| {
         let [r, g, b] = codes.map(|code| code as f32 / per_code);
-        0.2126 * r + 0.7152 * g + 0.0722 * b
+        let [red, green, blue] = WEIGHTS_709.map(|weight| weight as f32);
+        red * r + green * g + blue * b
     })
 }

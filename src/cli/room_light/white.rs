@@ -12,7 +12,7 @@ use locard_engine::text::{fixed, number};
 /// Accepted reflectances of matt surfaces: black cloth has 0.03, fresh snow 0.9.
 const REFLECTANCE_RANGE: [f64; 2] = [0.02, 0.95];
 
-/// From `FRAME:X,Y` or `FRAME:X,Y=REFLECTANCE`.
+/// Parses `FRAME:X,Y` or `FRAME:X,Y=REFLECTANCE`.
 pub fn parse(text: &str) -> Result<ReferencePick, String> {
     let (at, reflectance) = match text.split_once('=') {
         None => (text, WHITE_REFLECTANCE),

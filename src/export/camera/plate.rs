@@ -78,7 +78,7 @@ impl Plate {
         let is_represented = |camera: &Geometry| {
             let Intrinsics { width_px, height_px, fx_px, fy_px, cx_px, cy_px, .. } = camera.intrinsics;
             let half = 0.5 * DVec2::new(width_px.into(), height_px.into());
-            // At the picture's upper or lower border.
+            // The anisotropy is largest at the picture's upper or lower border.
             let anisotropy_px = half.y * (fy_px / fx_px - 1.0).abs();
             let offset_px = (DVec2::new(cx_px, cy_px) - half).abs().max_element();
             camera.distortion.is_none()

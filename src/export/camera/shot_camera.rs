@@ -12,7 +12,7 @@ use crate::tracking::matchmove::axes::file_from_world;
 /// A frame of the recording.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CameraFrame {
-    /// In the recording, from 0.
+    /// Index of the frame in the recording, from 0.
     pub index: usize,
     /// The frame's number in other programs.
     pub number: i64,

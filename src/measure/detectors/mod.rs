@@ -83,7 +83,7 @@ pub enum DetectorFamily {
 }
 
 impl DetectorFamily {
-    /// Those that need single frames.
+    /// Families that need single frames.
     pub const SINGLE_FRAME: [Self; 5] =
         [Self::ResidualMoments, Self::Cooccurrences, Self::BlockDct, Self::CopyMove, Self::Combined];
 }

@@ -16,11 +16,11 @@ pub(super) type Planes = [GreyImage; 3];
 /// A patch that lies in the mask.
 #[derive(Clone, Debug)]
 pub(super) struct DetectorPatch {
-    /// Index of its picture in the list.
+    /// Index of the picture in the list.
     pub picture: usize,
-    /// Its column and row in the grid of patches.
+    /// Column and row in the grid of patches.
     pub cell: [usize; 2],
-    /// Its left upper pixel.
+    /// Upper left pixel.
     pub origin_px: [usize; 2],
     /// R, G, B.
     pub rgb: Planes,

@@ -55,7 +55,7 @@ pub fn posed(
     let geometry = match camera.zip(still::read_header(&picture).ok()) {
         Some((camera, header)) => {
             let (geometry, warning) = camera.geometry(header.width, header.height).map_err(refuse)?;
-            // The same for all pictures of a camera.
+            // All pictures of a camera have the same warning.
             warnings.extend(warning.filter(|warning| !warnings.contains(warning)));
             Some(geometry)
         }

@@ -5,6 +5,7 @@ use std::path::Path;
 use glam::{DVec3, Vec3};
 
 use super::{ScanError, ScanGeometry};
+use crate::fit::quantile::upper_median;
 use crate::text::{count, short};
 
 /// The origin is the median of this many first positions, so that an outlier does not move it.
@@ -63,12 +64,7 @@ impl GeometryBuilder {
     fn choose_origin(&mut self) {
         let median = |axis: usize| {
             let values = self.first.iter().filter(|position| position.is_finite());
-            let mut values: Vec<f64> = values.map(|position| position[axis]).collect();
-            let middle = values.len() / 2;
-            if values.is_empty() {
-                return 0.0;
-            }
-            values.select_nth_unstable_by(middle, f64::total_cmp).1.round()
+            upper_median(values.map(|position| position[axis])).map_or(0.0, f64::round)
         };
         let median = DVec3::from_array([0, 1, 2].map(median));
         let origin = if median.abs().max_element() < NEAR_ZERO { DVec3::ZERO } else { median };

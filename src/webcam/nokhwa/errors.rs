@@ -59,7 +59,7 @@ fn has_unsupported_format(error: &NokhwaError) -> bool {
 #[cfg_attr(target_os = "linux", allow(dead_code, reason = "used on macOS and Windows, compiled on Linux"))]
 pub fn listing_error(camera: &str, error: &NokhwaError) -> CameraError {
     if takes_no_pictures(error) {
-        CameraError::TakesNone { camera: camera.to_owned() }
+        CameraError::NoCapture { camera: camera.to_owned() }
     } else {
         camera_error(camera, error)
     }

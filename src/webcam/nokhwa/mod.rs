@@ -66,7 +66,7 @@ impl Driver for Nokhwa {
             } else {
                 match modes::offered(camera.number, &camera.name) {
                     Ok(modes) => Ok(modes),
-                    Err(CameraError::TakesNone { .. }) => return None,
+                    Err(CameraError::NoCapture { .. }) => return None,
                     Err(error) => Err(error.to_string()),
                 }
             };
@@ -91,7 +91,7 @@ impl Driver for Nokhwa {
         let cameras = system_cameras()?;
         let names = || cameras.iter().map(|camera| format!("{} ({})", camera.number, camera.name)).collect();
         let camera = cameras.iter().find(|camera| Some(camera.number) == number(id));
-        let none = || CameraError::None { name: id.to_owned(), cameras: names() };
+        let none = || CameraError::NotACamera { name: id.to_owned(), cameras: names() };
         let FoundCamera { number, name, .. } = camera.ok_or_else(none)?;
         let refused = |error| errors::camera_error(name, &error);
         let offered = modes::offered(*number, name)?;

@@ -68,7 +68,7 @@ impl Driver for V4l2 {
         id: &str,
         requested: &FormatRequest,
     ) -> Result<(Box<dyn DriverStream>, NegotiatedFormat), CameraError> {
-        let none = || CameraError::None { name: id.to_owned(), cameras: names() };
+        let none = || CameraError::NotACamera { name: id.to_owned(), cameras: names() };
         let number = number(id).ok_or_else(none)?;
         let path = path_of(number);
         if !path.exists() {

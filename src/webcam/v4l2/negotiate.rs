@@ -82,7 +82,7 @@ pub fn cameras() -> Vec<CameraListing> {
 
 fn listed(number: usize) -> Option<CameraListing> {
     let modes = match modes_of(number) {
-        Err(CameraError::TakesNone { .. }) => return None,
+        Err(CameraError::NoCapture { .. }) => return None,
         modes => modes.map_err(|error| error.to_string()),
     };
     let place = path_of(number).display().to_string();
@@ -100,7 +100,7 @@ pub fn why(path: &Path, error: io::Error) -> CameraError {
     match error.kind() {
         ErrorKind::PermissionDenied => CameraError::Permission { advice: permission::advice(path), camera },
         ErrorKind::ResourceBusy => CameraError::Busy { camera },
-        ErrorKind::NotFound => CameraError::None { name: camera, cameras: names() },
+        ErrorKind::NotFound => CameraError::NotACamera { name: camera, cameras: names() },
         _ => CameraError::Driver { camera, problem: reason(&error) },
     }
 }
@@ -167,7 +167,7 @@ pub fn agree(
 ) -> Result<(PictureFormat, Option<f64>), CameraError> {
     let failed = |error| why(path, error);
     if !takes_pictures(device) {
-        return Err(CameraError::TakesNone { camera: path.display().to_string() });
+        return Err(CameraError::NoCapture { camera: path.display().to_string() });
     }
     let offered = modes(device).map_err(failed)?;
     let refused = || CameraError::layout(&path.display().to_string(), &choose::names(requested.layout), &offered);
@@ -206,7 +206,7 @@ pub fn modes_of(number: usize) -> Result<Vec<CameraMode>, CameraError> {
     let path = path_of(number);
     let device = open(&path)?;
     if !takes_pictures(&device) {
-        return Err(CameraError::TakesNone { camera: path.display().to_string() });
+        return Err(CameraError::NoCapture { camera: path.display().to_string() });
     }
     modes(&device).map_err(|error| why(&path, error))
 }

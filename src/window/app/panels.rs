@@ -22,7 +22,7 @@ const RIGHT_NARROW: f32 = 310.0;
 /// Largest width of the only panel of a small window, points.
 const SINGLE_MAX: f32 = 360.0;
 
-/// Which panel a small window shows.
+/// Panel that a small window shows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PanelTab {
     Evidence,

@@ -163,7 +163,7 @@ impl App {
             return;
         }
         self.document.session.request_codes();
-        let codes = self.document.session.codes().filter(|codes| codes.frame.index == frame.index);
+        let codes = self.document.session.codes().filter(|codes| codes.frame.identity() == frame.identity());
         if numbers {
             loupe::numbers(output, output.camera, &frame.pixels, ppp);
             if let Some(codes) = &codes {
@@ -171,7 +171,7 @@ impl App {
             }
         }
         if self.document.view.loupe && output.pointed.is_some() {
-            self.document.session.viewer.plain(frame);
+            self.document.session.viewer.camera_picture(frame);
             let viewer = &self.document.session.viewer;
             let camera =
                 viewer.camera().map(|shown| loupe::LoupeSide { name: "camera", shown, codes: Some(&frame.pixels) });

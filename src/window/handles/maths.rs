@@ -100,26 +100,6 @@ pub fn nearest_axis(direction: DVec3, axes: impl IntoIterator<Item = DVec3>) -> 
     Some((best, if best.dot(direction) < 0.0 { -1.0 } else { 1.0 }))
 }
 
-/// Convex convex_hull (Andrew 1979, *Another efficient algorithm for convex hulls in two
-/// dimensions*).
-pub fn convex_hull(mut points: Vec<DVec2>) -> Vec<DVec2> {
-    points.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
-    let half = |points: &mut dyn Iterator<Item = DVec2>| {
-        let mut chain: Vec<DVec2> = Vec::new();
-        for p in points {
-            while let [.., a, b] = chain[..]
-                && (b - a).perp_dot(p - a) <= 0.0
-            {
-                chain.pop();
-            }
-            chain.push(p);
-        }
-        chain.pop();
-        chain
-    };
-    [half(&mut points.iter().copied()), half(&mut points.iter().rev().copied())].concat()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -195,13 +175,5 @@ mod tests {
         assert!(a.dot(b).abs() < 1e-12 && a.x > 0.9 && b.y > 0.9, "{a} {b}");
         let (axis, sign) = nearest_axis(DVec3::new(0.2, -0.9, 0.3), [DVec3::X, DVec3::Y]).unwrap();
         assert_eq!((axis, sign), (DVec3::Y, -1.0));
-    }
-
-    #[test]
-    fn convex_hull_excludes_inner_points() {
-        let points = [(0.0, 0.0), (4.0, 0.0), (2.0, 1.0), (4.0, 3.0), (0.0, 3.0), (2.0, 3.0)].map(DVec2::from);
-        let corners = [(0.0, 0.0), (4.0, 0.0), (4.0, 3.0), (0.0, 3.0)].map(DVec2::from);
-        assert_eq!(convex_hull(points.to_vec()), corners);
-        assert!(convex_hull(Vec::new()).is_empty());
     }
 }

@@ -2,7 +2,8 @@
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 
-use super::maths::{convex_hull, project_along};
+use super::maths::project_along;
+use locard_engine::fit::convex_hull;
 use locard_engine::plane::Plane;
 use locard_engine::scene::{Object, Scene};
 use locard_engine::shot::PosedCamera;

@@ -3,6 +3,7 @@
 
 use std::collections::VecDeque;
 
+use locard_engine::fit::quantile::upper_median;
 use locard_engine::live::Tracking;
 
 /// Length of the history, s.
@@ -55,9 +56,7 @@ impl RecentFrames {
     /// Median latency from capture to compositing over the last second, s.
     pub fn latency_s(&self, now_s: f64) -> Option<f64> {
         let last = self.displayed.iter().filter(|displayed| displayed.taken_s > now_s - LATENCY_WINDOW_S);
-        let mut latencies: Vec<f64> = last.map(|displayed| displayed.latency_s).collect();
-        latencies.sort_by(f64::total_cmp);
-        latencies.get(latencies.len() / 2).copied()
+        upper_median(last.map(|displayed| displayed.latency_s))
     }
 }
 
