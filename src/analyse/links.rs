@@ -1,6 +1,7 @@
 //! Aligns pairs of frames in one pass over the recording.
 
 use std::collections::VecDeque;
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -13,7 +14,8 @@ use super::sparse_frames::frames;
 use super::state::CameraState;
 use super::view::LinkView;
 use crate::camera::NoiseProfile;
-use crate::parallel::over_rows;
+use crate::frame::Frame;
+use crate::parallel::over_items;
 use crate::pixels::Pixels;
 use crate::recording::{Recording, RecordingError};
 
@@ -68,85 +70,130 @@ pub struct Links {
     pub waited: Duration,
 }
 
-/// Aligns the pairs of a pass. `states`: one per frame; frames without one are left out. `go_on`
-/// receives the index of the last frame of each batch, and ends the pass by `false`. The result is
-/// the same for any number of `threads`.
-#[expect(clippy::too_many_arguments)]
-pub fn links(
-    model: &CameraModel,
-    recording: &Recording,
-    states: &[Option<CameraState>],
-    depths: &mut DepthSource<'_>,
-    pass: LinkPass<'_>,
-    noise: Option<&NoiseProfile>,
-    threads: usize,
-    go_on: &mut dyn FnMut(usize) -> bool,
-) -> Result<Links, RecordingError> {
-    let reach = pass.gaps.iter().chain(pass.sparse.0).copied().max().unwrap_or(0);
-    let mut window: VecDeque<LinkView> = VecDeque::new();
-    let mut links_found = Links::default();
-    let mut before: Option<Arc<Pixels>> = None;
-    let mut frames = frames(recording, (0..recording.frame_count()).filter(|n| pass.finds_repeats || pass.needs(*n)));
-    loop {
-        let begun = Instant::now();
-        let batch: Vec<_> = frames.by_ref().take(BATCH_PER_THREAD * threads.max(1)).collect::<Result<_, _>>()?;
-        links_found.waited += begun.elapsed();
-        let (Some(first), Some(last)) = (batch.first(), batch.last()) else { return Ok(links_found) };
-        let (first, last) = (first.index, last.index);
-        for frame in batch.iter().filter(|_| pass.finds_repeats) {
-            links_found.repeats.push(before.as_ref() == Some(&frame.pixels));
-            before = Some(frame.pixels.clone());
+/// Frames, and how their pairs are aligned.
+#[derive(Clone, Copy, Debug)]
+pub struct LinkRequest<'a> {
+    pub recording: &'a Recording,
+    pub model: &'a CameraModel,
+    /// One per frame; frames without one are left out.
+    pub states: &'a [Option<CameraState>],
+    pub pass: LinkPass<'a>,
+    pub noise: Option<&'a NoiseProfile>,
+    /// The result is the same for any number.
+    pub threads: usize,
+}
+
+/// A frame of a batch. Views are made in parallel.
+struct FrameTask {
+    frame: Frame,
+    /// By plane sweep, m.
+    swept: Option<Vec<f32>>,
+    view: Option<LinkView>,
+}
+
+/// A pair of views of the window, by their places in it. Pairs are aligned in parallel.
+struct PairTask {
+    from: usize,
+    to: usize,
+    link: Option<Result<Link, LinkFailure>>,
+}
+
+impl LinkRequest<'_> {
+    /// Aligns the pairs of the pass. `on_batch` receives the index of the last frame of each batch,
+    /// and ends the pass by `false`.
+    pub fn links(
+        &self,
+        depths: &mut DepthSource<'_>,
+        on_batch: &mut dyn FnMut(usize) -> bool,
+    ) -> Result<Links, RecordingError> {
+        let Self { recording, pass, threads, .. } = *self;
+        let reach = pass.gaps.iter().chain(pass.sparse.0).copied().max().unwrap_or(0);
+        let mut window: VecDeque<LinkView> = VecDeque::new();
+        let mut links = Links::default();
+        let mut before: Option<Arc<Pixels>> = None;
+        let needed = (0..recording.frame_count()).filter(|n| pass.finds_repeats || pass.needs(*n));
+        let mut frames = frames(recording, needed);
+        loop {
+            let begun = Instant::now();
+            let batch: Vec<_> = frames.by_ref().take(BATCH_PER_THREAD * threads.max(1)).collect::<Result<_, _>>()?;
+            links.waited += begun.elapsed();
+            let (Some(first), Some(last)) = (batch.first(), batch.last()) else { return Ok(links) };
+            let (first, last) = (first.index, last.index);
+            for frame in batch.iter().filter(|_| pass.finds_repeats) {
+                links.repeats.push(before.as_ref() == Some(&frame.pixels));
+                before = Some(frame.pixels.clone());
+            }
+            window.extend(self.views(batch, depths)?);
+            for link in self.aligned_pairs(&window, first..=last) {
+                links.add(link);
+            }
+            while window.front().is_some_and(|view| view.index + reach <= last) {
+                window.pop_front();
+            }
+            if !on_batch(last) {
+                return Ok(links);
+            }
         }
-        let mut views = Vec::new();
-        for frame in batch {
-            let needs = pass.needs(frame.index) && states[frame.index].is_some();
-            let swept = if needs { depths.swept(frame.index)? } else { None };
-            views.push((frame, swept, None));
+    }
+
+    /// Views of the frames that are parts of pairs and have states.
+    fn views(&self, batch: Vec<Frame>, depths: &mut DepthSource<'_>) -> Result<Vec<LinkView>, RecordingError> {
+        let Self { model, states, pass, noise, threads, .. } = *self;
+        let mut tasks = Vec::new();
+        for frame in batch.into_iter().filter(|frame| pass.needs(frame.index) && states[frame.index].is_some()) {
+            let swept = depths.swept(frame.index)?;
+            tasks.push(FrameTask { frame, swept, view: None });
         }
         let single = depths.single();
-        over_rows(&mut views, 1, threads, |_, slot| {
-            let (frame, swept, view) = &mut slot[0];
-            let state = states[frame.index].filter(|_| pass.needs(frame.index));
-            *view = state.map(|state| {
+        over_items(tasks.iter_mut().collect(), threads, |task: &mut FrameTask| {
+            let FrameTask { frame, swept, view } = task;
+            *view = states[frame.index].map(|state| {
                 let depth = swept.take().unwrap_or_else(|| single.of(model, frame, &state));
                 LinkView::new(model, frame, state, depth, pass.finest, noise)
             });
         });
-        window.extend(views.into_iter().filter_map(|(.., view)| view));
+        Ok(tasks.into_iter().filter_map(|task| task.view).collect())
+    }
+
+    /// Links of the pairs whose later frames are `frames`, in their order.
+    fn aligned_pairs(
+        &self,
+        window: &VecDeque<LinkView>,
+        frames: RangeInclusive<usize>,
+    ) -> impl Iterator<Item = Result<Link, LinkFailure>> + use<> {
+        let Self { model, pass, threads, .. } = *self;
         let at = |index: usize| window.binary_search_by_key(&index, |view| view.index).ok();
         let mut tasks = Vec::new();
-        for index in first..=last {
+        for index in frames {
             let Some(new) = at(index) else { continue };
             let sparse = pass.sparse.0.iter().map(|gap| (gap, pass.sparse.1));
             for (gap, stride) in pass.gaps.iter().map(|gap| (gap, pass.stride)).chain(sparse) {
                 let Some(old) = index.checked_sub(*gap).and_then(at) else { continue };
                 if (index - gap).is_multiple_of(stride) {
-                    tasks.push(((old, new), Err(LinkFailure::FewPoints)));
+                    tasks.push(PairTask { from: old, to: new, link: None });
                 }
                 if pass.backward_gaps.contains(gap) && index.is_multiple_of(pass.stride) {
-                    tasks.push(((new, old), Err(LinkFailure::FewPoints)));
+                    tasks.push(PairTask { from: new, to: old, link: None });
                 }
             }
         }
-        over_rows(&mut tasks, 1, threads, |_, slot| {
-            let ((from, to), link) = &mut slot[0];
-            *link = align(model, &window[*from], &window[*to], pass.coarsest, pass.estimates_readout);
+        over_items(tasks.iter_mut().collect(), threads, |task: &mut PairTask| {
+            let [from, to] = [task.from, task.to].map(|at| &window[at]);
+            task.link = Some(align(model, from, to, pass.coarsest, pass.estimates_readout));
         });
-        for (_, link) in tasks {
-            match link {
-                Ok(link) if link.is_good() => links_found.good.push(link),
-                other => {
-                    links_found.refused += 1;
-                    links_found.few_points += usize::from(matches!(other, Err(LinkFailure::FewPoints)));
-                    links_found.faint += usize::from(other.is_ok_and(|link| link.is_faint()));
-                }
+        tasks.into_iter().filter_map(|task| task.link)
+    }
+}
+
+impl Links {
+    fn add(&mut self, link: Result<Link, LinkFailure>) {
+        match link {
+            Ok(link) if link.is_good() => self.good.push(link),
+            other => {
+                self.refused += 1;
+                self.few_points += usize::from(matches!(other, Err(LinkFailure::FewPoints)));
+                self.faint += usize::from(other.is_ok_and(|link| link.is_faint()));
             }
-        }
-        while window.front().is_some_and(|view| view.index + reach <= last) {
-            window.pop_front();
-        }
-        if !go_on(last) {
-            return Ok(links_found);
         }
     }
 }

@@ -7,7 +7,7 @@ use super::checkpoint::Checkpoints;
 use super::depth_clock::{DepthClock, DepthOffset};
 use super::depth_source::DepthSource;
 use super::interrupted::Interrupted;
-use super::links::{LinkPass, Links, links};
+use super::links::{LinkPass, LinkRequest, Links};
 use super::registration_result::RegistrationError;
 use super::sparse_frames;
 use super::state::CameraState;
@@ -48,7 +48,8 @@ impl PassRunner<'_> {
             let begun = Instant::now();
             let mut ended = Ok(());
             let mut depths = DepthSource::new(model, recording, states, depth_later_s, *threads)?;
-            let links = links(model, recording, states, &mut depths, pass, *noise, *threads, &mut |frame: usize| {
+            let request = LinkRequest { recording, model, states, pass, noise: *noise, threads: *threads };
+            let links = request.links(&mut depths, &mut |frame: usize| {
                 ended = report(*done + (frame + 1) * frames / recording.frame_count(), *total);
                 ended.is_ok()
             })?;

@@ -1,7 +1,7 @@
 //! Depth of a whole frame: its reprojected map, the consensus of its neighbours where the map is
 //! unreliable, and surfels of the recording where depth is still unknown.
 
-use super::repair::Neighbour;
+use super::repair::PosedNeighbour;
 use super::sqrt_colors::SqrtColors;
 use super::{Rays, measured_from, vote};
 use crate::camera::{Geometry, Response};
@@ -10,11 +10,11 @@ use crate::pixels::DepthMap;
 use crate::tracking::PoseTrack;
 
 /// The neighbours of a frame that have poses. `picture`: the recording's geometry.
-pub fn neighbours<'a>(frame: &'a Frame, picture: &Geometry, track: &PoseTrack) -> Vec<Neighbour<'a>> {
+pub fn neighbours<'a>(frame: &'a Frame, picture: &Geometry, track: &PoseTrack) -> Vec<PosedNeighbour<'a>> {
     let neighbour = |frame: &'a NeighbourFrame| {
         let map_pose = measured_from(&frame.depth, picture, track).ok()?;
         let picture_pose = track.at(frame.timestamp_s).ok()?;
-        Some(Neighbour { frame, map_pose, picture_pose })
+        Some(PosedNeighbour { frame, map_pose, picture_pose })
     };
     frame.neighbours.iter().filter_map(|frame| neighbour(frame)).collect()
 }

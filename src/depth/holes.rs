@@ -130,7 +130,7 @@ impl InpaintGrid {
                 .fold((0.0, 0.0f32), |(sum, count), i| (sum + self.values[i], count + 1.0));
             open.iter().for_each(|&i| self.values[i] = sum / count.max(1.0));
         }
-        PixelLinks::new(&self, &open).relax(&mut self.values);
+        InpaintGraph::new(&self, &open).relax(&mut self.values);
         self
     }
 
@@ -169,14 +169,14 @@ impl InpaintGrid {
 
 /// Open pixels and their links, diagonal by diagonal. No two pixels of a diagonal are neighbours,
 /// so that a processor works on several at a time. The result is the same as row by row.
-struct PixelLinks {
+struct InpaintGraph {
     /// Indices of the open pixels, then of their neighbours.
     pixels: Vec<u32>,
     /// Neighbours of each open pixel, as indices into `pixels`, with weights.
     beside: Vec<[(u32, f32); 4]>,
 }
 
-impl PixelLinks {
+impl InpaintGraph {
     fn new(grid: &InpaintGrid, open: &[usize]) -> Self {
         let (width, height) = (grid.width, grid.values.len() / grid.width);
         let mut pixels: Vec<u32> = open.iter().map(|&i| i as u32).collect();

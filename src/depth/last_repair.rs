@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::proxies::Proxies;
-use super::repair::{DepthRequest, Neighbour, Repair, RepairedDepth};
+use super::repair::{DepthRequest, PosedNeighbour, Repair, RepairedDepth};
 use crate::camera::{Geometry, Response};
 use crate::frame::{Frame, FrameIdentity, NeighbourFrame, Surfel};
 use crate::memo::{ByAddress, Memo};
@@ -69,7 +69,8 @@ impl RepairKey {
         let measured = repair.measured.map(|(_, pose)| *pose);
         let own = [repair.frame, repair.shutter[0], repair.shutter[1]].map(|pose| *pose);
         let theirs = repair.neighbours.iter().flat_map(|neighbour| [neighbour.map_pose, neighbour.picture_pose]);
-        let place = |voter: &Neighbour<'_>| frame.neighbours.iter().position(|of| std::ptr::eq(&**of, voter.frame));
+        let place =
+            |voter: &PosedNeighbour<'_>| frame.neighbours.iter().position(|of| std::ptr::eq(&**of, voter.frame));
         Self {
             frame: frame.identity(),
             neighbours: frame.neighbours.iter().cloned().map(ByAddress).collect(),
@@ -99,7 +100,7 @@ mod tests {
     fn repaired(last: &LastRepair, frame: &Frame, quality: Quality, max_depth_m: f32) -> (Arc<RepairedDepth>, Quality) {
         let (rays, pose) = (Rays::new(&Geometry::pinhole(96, 64, 80.0)), Pose::IDENTITY);
         let depth = frame.depth.as_ref().unwrap();
-        let neighbour = |frame| Neighbour { frame, map_pose: pose, picture_pose: pose };
+        let neighbour = |frame| PosedNeighbour { frame, map_pose: pose, picture_pose: pose };
         let neighbours: Vec<_> = frame.neighbours.iter().map(|beside| neighbour(beside)).collect();
         let repair = Repair {
             rays: &rays,
@@ -173,9 +174,10 @@ mod tests {
         let proxies = [1.0, 2.0].map(|z_m| Proxies { triangles: vec![[DVec3::X, DVec3::Y, z_m * DVec3::Z]] });
         let (here_poses, moved_poses) = ([pose; 3], [pose, pose, moved]);
         let project: &dyn Fn(DVec3) -> ProjectedPoint = &|_| None;
-        let neighbour = |map_pose, picture_pose| [Neighbour { frame: &here.neighbours[0], map_pose, picture_pose }];
+        let neighbour =
+            |map_pose, picture_pose| [PosedNeighbour { frame: &here.neighbours[0], map_pose, picture_pose }];
         let neighbours = [neighbour(pose, pose), neighbour(moved, pose), neighbour(pose, moved)];
-        let other_voter = [Neighbour { frame: &here.neighbours[1], map_pose: pose, picture_pose: pose }];
+        let other_voter = [PosedNeighbour { frame: &here.neighbours[1], map_pose: pose, picture_pose: pose }];
         let depth = here.depth.as_ref().unwrap();
         let repair = Repair {
             rays: &rays,

@@ -159,7 +159,7 @@ fn round(x: f32) -> i32 {
 }
 
 /// A pixel with the motion of its nearer surface during the exposure.
-struct Pixel {
+struct MovingPixel {
     i: usize,
     x: i32,
     y: i32,
@@ -169,23 +169,23 @@ struct Pixel {
 }
 
 impl MatteInput<'_> {
-    fn pixel(&self, x: usize, y: usize) -> Pixel {
+    fn pixel(&self, x: usize, y: usize) -> MovingPixel {
         let i = y * self.width + x;
         let [across, down] = self.smear.at(self.corner[0] + x, self.corner[1] + y, self.edges[i].near_m);
         let motion_length_px = (across * across + down * down).sqrt();
         let shorter = (MAX_MOTION_PX / motion_length_px.max(1e-3)).min(1.0);
         let motion_px = [shorter * across, shorter * down];
-        Pixel { i, x: x as i32, y: y as i32, motion_px, motion_length_px: shorter * motion_length_px }
+        MovingPixel { i, x: x as i32, y: y as i32, motion_px, motion_length_px: shorter * motion_length_px }
     }
 
-    fn offset_index(&self, at: &Pixel, dx: i32, dy: i32) -> Option<usize> {
+    fn offset_index(&self, at: &MovingPixel, dx: i32, dy: i32) -> Option<usize> {
         let (x, y) = (at.x + dx, at.y + dy);
         let inside = x >= 0 && y >= 0 && x < self.width as i32 && y < self.height as i32;
         inside.then(|| y as usize * self.width + x as usize)
     }
 
     /// α from the map alone. `None` if its depth is unknown.
-    fn map_alpha(&self, at: &Pixel, both_m: [f32; 2]) -> Option<f32> {
+    fn map_alpha(&self, at: &MovingPixel, both_m: [f32; 2]) -> Option<f32> {
         let (mut near, mut all) = (0.0, 0.0);
         let mut sample = |[dx, dy]: [i32; 2], weight: f32| {
             if let Some(i) = self.offset_index(at, dx, dy) {
@@ -211,7 +211,7 @@ impl MatteInput<'_> {
         (both_m[0] > 0.0 && all > 0.0).then(|| near / all)
     }
 
-    fn matte_at(&self, at: &Pixel) -> Option<MattePixel> {
+    fn matte_at(&self, at: &MovingPixel) -> Option<MattePixel> {
         let i = at.i;
         if self.edges[i].distance_px > MATTE_RADIUS_PX + 0.5 * at.motion_length_px {
             return None;
@@ -248,10 +248,10 @@ impl MatteInput<'_> {
 
     /// Light of the nearer and of the farther side around a pixel. `None` for a side without
     /// samples.
-    fn sides(&self, at: &Pixel, both_m: [f32; 2]) -> [Option<EdgeSide>; 2] {
+    fn sides(&self, at: &MovingPixel, both_m: [f32; 2]) -> [Option<EdgeSide>; 2] {
         let per_margin = 1.0 / (CERTAIN_PX + 0.5 * at.motion_length_px);
         let radius_px = SAMPLE_RADIUS_PX + 0.5 * at.motion_length_px;
-        let [mut near, mut far] = [Sums::default(); 2];
+        let [mut near, mut far] = [ColorMoments::default(); 2];
         // A loop without branches, which is vectorised. `array::map` is not inlined in a
         // development build.
         let (mut across, mut down) = ([0; SAMPLES], [0; SAMPLES]);
@@ -301,12 +301,12 @@ struct EdgeSide {
 
 /// Weighted sums over samples. The last component of `light` is the sum of the weights.
 #[derive(Clone, Copy, Default)]
-struct Sums {
+struct ColorMoments {
     light: Vec4,
     squares: Vec4,
 }
 
-impl Sums {
+impl ColorMoments {
     fn add(&mut self, light: Vec4, weight: f32) {
         let weighted = weight * light;
         self.light += weighted;

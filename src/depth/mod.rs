@@ -58,7 +58,7 @@ pub use matte::MattePixel;
 pub use moment::{Rays, measured_from, reprojected_at_frame};
 pub use proxies::{FAR_M, ProjectedPoint, Proxies, unknown_if_far_m};
 pub use registered::{DepthCamera, is_same_aspect, unknown_fraction, upsampled};
-pub use repair::{DepthRequest, Neighbour, ProxyView, Repair, RepairedDepth, SecondSurface};
+pub use repair::{DepthRequest, PosedNeighbour, ProxyView, Repair, RepairedDepth, SecondSurface};
 pub use surfaces::Surfaces;
 
 /// A structured-light sensor's error at 1 m, m. It grows with the square of the distance

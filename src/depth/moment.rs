@@ -11,7 +11,7 @@ use std::sync::OnceLock;
 
 use glam::DVec2;
 
-use super::reprojection::{LANES, Points, Reprojection};
+use super::reprojection::{LANES, PointBatch, Reprojection};
 use crate::camera::{Geometry, Intrinsics};
 use crate::parallel::{over_rows, processors};
 use crate::pixels::{DepthMap, Rect, floor};
@@ -152,7 +152,7 @@ impl Rays {
             let Some(rays) = self.row(y as usize) else { continue };
             let rays = &rays[source.x0 as usize..source.x1 as usize];
             for (x, (piece, rays)) in (source.x0..).step_by(LANES).zip(row(y).chunks(LANES).zip(rays.chunks(LANES))) {
-                let reprojected = reprojection.reproject(&Points::of(piece, rays));
+                let reprojected = reprojection.reproject(&PointBatch::of(piece, rays));
                 for lane in (0..piece.len()).filter(|&lane| reprojected.depth_m[lane] > 0.0) {
                     let depth_m = reprojected.depth_m[lane];
                     if is_still {

@@ -39,7 +39,7 @@ pub fn edges(depth_m: &[f32], width: usize, within_px: f32) -> Vec<DepthEdge> {
     // distance.
     let none = DepthEdge { distance_px: f32::INFINITY, near_m: 0.0, far_m: 0.0 };
     let mut nearest = vec![(none, f32::INFINITY)];
-    let mut paths = Paths::new(depth_m.len(), width, within_px);
+    let mut paths = CheapestPaths::new(depth_m.len(), width, within_px);
     let is_edge = |a: f32, b: f32| (a.min(b) > 0.0) & is_step(a, b);
     each_edge(depth_m, width, is_edge, |[i, beside], [a, b]| {
         let (near_m, far_m) = (a.min(b), a.max(b));
@@ -62,7 +62,7 @@ pub fn edges(depth_m: &[f32], width: usize, within_px: f32) -> Vec<DepthEdge> {
 
 /// Chamfer distance from each pixel's centre to the nearest edge, px; at most `within_px`.
 pub fn distances_px(depth_m: &[f32], width: usize, within_px: f32, is_edge: impl Fn(f32, f32) -> bool) -> Vec<f32> {
-    let mut paths = Paths::new(depth_m.len(), width, within_px);
+    let mut paths = CheapestPaths::new(depth_m.len(), width, within_px);
     each_edge(depth_m, width, is_edge, |at, _| at.into_iter().for_each(|at| paths.set_seed(at, 0.5, 0)));
     paths.propagate();
     let mut out = Vec::with_capacity(depth_m.len());
@@ -103,14 +103,14 @@ pub fn each_edge(
 
 /// Cost and source of the cheapest path to each pixel, if it costs less than `max_cost`. The arrays
 /// have a border of one pixel.
-struct Paths {
+struct CheapestPaths {
     width: usize,
     max_cost: f32,
     cost: Vec<f32>,
     from: Vec<u32>,
 }
 
-impl Paths {
+impl CheapestPaths {
     fn new(count: usize, width: usize, max_cost: f32) -> Self {
         let all = (width + 2) * (count / width.max(1) + 2);
         Self { width, max_cost, cost: vec![max_cost; all], from: vec![0; all] }

@@ -45,7 +45,7 @@ pub fn unknown_fraction(map: &DepthMap) -> f64 {
 
 /// A map upsampled to a picture of the same view. Unknown depth stays 0.
 pub fn upsampled(map: &DepthMap, width: u32, height: u32) -> DepthMap {
-    let samples = Samples::new(map, f64::from(map.width));
+    let samples = InverseDepthMap::new(map, f64::from(map.width));
     let columns = AxisPosition::all(samples.width, width);
     let rows = AxisPosition::all(samples.height, height);
     let pixel = |row: &AxisPosition, column: &AxisPosition| {
@@ -89,7 +89,7 @@ impl AxisPosition {
 }
 
 /// A map's inverse depths, with links between neighbours on one surface.
-struct Samples {
+struct InverseDepthMap {
     width: usize,
     height: usize,
     /// 1/m; 0 where unknown.
@@ -99,7 +99,7 @@ struct Samples {
     below: Vec<bool>,
 }
 
-impl Samples {
+impl InverseDepthMap {
     fn new(map: &DepthMap, focal_px: f64) -> Self {
         let (width, height) = (map.width as usize, map.height as usize);
         let inverse_depth = |z: &f32| if *z > 0.0 && z.is_finite() { z.recip() } else { 0.0 };
@@ -199,7 +199,7 @@ impl DepthCamera {
     }
 
     fn draw(&self, map: &DepthMap, colour: &Geometry, buffer: &mut DepthBuffer) {
-        let samples = Samples::new(map, self.geometry.intrinsics.fx_px);
+        let samples = InverseDepthMap::new(map, self.geometry.intrinsics.fx_px);
         let rays = self.rays.get_or_init(|| self.rays(samples.width, samples.height));
         let is_equirectangular = colour.is_equirectangular();
         let project = |ray: DVec3, w: f32| {

@@ -50,7 +50,7 @@ pub struct Repair<'a> {
     /// Models in place of real objects.
     pub proxies: Option<ProxyView<'a>>,
     /// Frames that vote where the map is unreliable.
-    pub neighbours: &'a [Neighbour<'a>],
+    pub neighbours: &'a [PosedNeighbour<'a>],
     /// Surfaces from the whole recording.
     pub surfels: &'a [Surfel],
 }
@@ -72,17 +72,17 @@ impl std::fmt::Debug for ProxyView<'_> {
 
 /// Another frame, with the poses at which its map was measured and its picture was taken.
 #[derive(Clone, Copy, Debug)]
-pub struct Neighbour<'a> {
+pub struct PosedNeighbour<'a> {
     pub frame: &'a NeighbourFrame,
     pub map_pose: Pose,
     pub picture_pose: Pose,
 }
 
-impl<'a> Neighbour<'a> {
+impl<'a> PosedNeighbour<'a> {
     /// The frame as a voter, with square-root colours.
-    pub fn voter(&self, response: &Response) -> vote::Voter<'a> {
+    pub fn voter(&self, response: &Response) -> vote::VotingFrame<'a> {
         let Self { frame, map_pose, picture_pose } = *self;
-        vote::Voter {
+        vote::VotingFrame {
             depth: &frame.depth,
             map_pose,
             picture_pose,

@@ -26,7 +26,7 @@ const PROBES: usize = 11;
 
 /// Points in camera coordinates, m.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Points {
+pub struct PointBatch {
     x: [f32; LANES],
     y: [f32; LANES],
     z: [f32; LANES],
@@ -58,7 +58,7 @@ impl ReprojectedPoints {
     }
 }
 
-impl Points {
+impl PointBatch {
     /// Points of a part of a map's row, by the rays of its pixels.
     pub fn of(depth_m: &[f32], rays: &[[f32; 3]]) -> Self {
         let mut points = Self::default();
@@ -117,7 +117,7 @@ impl<'a> Reprojection<'a> {
     }
 
     /// Reprojects points with the distortion formula of camera/distortion.rs.
-    pub fn reproject(&self, points: &Points) -> ReprojectedPoints {
+    pub fn reproject(&self, points: &PointBatch) -> ReprojectedPoints {
         let Self { turn, shift_m, focal_px, middle_px, radial: [k1, k2, k3], valid2, .. } = *self;
         let Vec2 { x: p1, y: p2 } = self.tangential;
         let mut reprojected = ReprojectedPoints { x_px: [0.0; LANES], y_px: [0.0; LANES], depth_m: [0.0; LANES] };
@@ -159,7 +159,7 @@ pub struct ReprojectedTile {
     per_nearest: f32,
     /// Inverse of the range of inverse depths, m; 0 if all depths are equal.
     per_range: f32,
-    probes: Points,
+    probes: PointBatch,
 }
 
 impl ReprojectedTile {
@@ -170,7 +170,7 @@ impl ReprojectedTile {
         let range = per_farthest - per_nearest;
         let (last, (x, y)) = ((rect.x1 - 1, rect.y1 - 1), Self::middle(rect));
         let places = [(rect.x0, rect.y0), (last.0, rect.y0), (rect.x0, last.1), last, (rect.x0 + x, rect.y0 + y)];
-        let mut probes = Points::default();
+        let mut probes = PointBatch::default();
         for (n, (x, y)) in places.into_iter().enumerate() {
             let ray = ray(x, y).filter(|ray| ray[2].is_finite())?;
             probes.set(2 * n, nearest, ray);
@@ -298,7 +298,7 @@ impl<'a> TileReprojection<'a> {
         let ReprojectedTile { rect, per_nearest, per_range, .. } = *self.tile;
         let depth_m = row_of(map, rect, y);
         let Some(Interpolation { near, farther, stretch }) = &self.interpolation else {
-            return self.reprojection.reproject(&Points::of(depth_m, &rays[rect.x0 as usize..rect.x1 as usize]));
+            return self.reprojection.reproject(&PointBatch::of(depth_m, &rays[rect.x0 as usize..rect.x1 as usize]));
         };
         let mut old_m = [0.0f32; LANES];
         old_m.iter_mut().zip(depth_m).for_each(|(here, z)| *here = if *z > 0.0 { *z } else { 0.0 });
@@ -352,7 +352,7 @@ mod tests {
             // Some points are outside the corners.
             for y in -6..=6 {
                 let rays: Vec<_> = (-7..=7).map(|x| [0.1 * x as f32, 0.1 * y as f32, 1.0]).collect();
-                let reprojected = reprojection.reproject(&Points::of(&[1.7; 15], &rays));
+                let reprojected = reprojection.reproject(&PointBatch::of(&[1.7; 15], &rays));
                 for (n, ray) in rays.iter().enumerate() {
                     let point = 1.7 * DVec3::from(ray.map(f64::from));
                     let in_target = to.transform_point(from.inverse_transform_point(point));
@@ -364,7 +364,7 @@ mod tests {
                 }
                 assert_eq!(reprojected.depth_m[15], 0.0);
             }
-            let nothing = Points::of(
+            let nothing = PointBatch::of(
                 &[0.0, -1.0, f32::NAN, 1.0],
                 &[[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [f32::NAN; 3]],
             );

@@ -34,7 +34,7 @@ const REACH_PX: f32 = 4.0;
 /// and `max_depth_m` is the depth up to which each pixel is relevant.
 pub fn smooth(depth_m: &mut [f32], sqrt_colors: &[[f32; 3]], width: usize, max_depth_m: &[f32]) {
     let edges = edges(depth_m, width, CERTAIN_PX.max(REACH_PX + 1.0));
-    let inputs = VoteInputs::new(depth_m, sqrt_colors, &edges, width);
+    let inputs = BilateralInputs::new(depth_m, sqrt_colors, &edges, width);
     let spatial_weights = spatial_weights();
     over_rows(depth_m, width, processors(), |y, row| {
         for (x, z) in row.iter_mut().enumerate() {
@@ -60,14 +60,14 @@ fn spatial_weights() -> Vec<[f32; LANES]> {
 
 /// Inputs of the votes, as one array for each quantity, so that a row of a window is a few vectors.
 /// The border's pixels have the weight 0.
-struct VoteInputs {
+struct BilateralInputs {
     row_len: usize,
     sqrt_colors: [Vec<f32>; 3],
     edge_weight: Vec<f32>,
     depth_m: Vec<f32>,
 }
 
-impl VoteInputs {
+impl BilateralInputs {
     fn new(depth_m: &[f32], sqrt_colors: &[[f32; 3]], edges: &[DepthEdge], width: usize) -> Self {
         let row_len = width + LANES;
         let filled = |of: &(dyn Fn(usize) -> f32 + Sync)| pad(depth_m.len(), width, RADIUS_PX, row_len, of);

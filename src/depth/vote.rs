@@ -14,7 +14,7 @@
 use super::Rays;
 use super::discontinuity::{DEPTH_STEP, is_step};
 use super::moment::SOURCE_MARGIN_PX;
-use super::reprojection::{LANES, Points, ReprojectedTile, Reprojection, TileReprojection};
+use super::reprojection::{LANES, PointBatch, ReprojectedTile, Reprojection, TileReprojection};
 use super::requested::{NOT_REQUESTED, RequestedPixels, color_gain};
 use super::sqrt_colors::SqrtColors;
 use crate::parallel::{over_items, over_rows, processors};
@@ -38,7 +38,7 @@ const MIN_CONSENSUS_SAMPLES: usize = 4;
 const MIN_CONSENSUS_FRACTION: f32 = 0.8;
 
 /// A neighbouring frame that votes.
-pub struct Voter<'a> {
+pub struct VotingFrame<'a> {
     pub depth: &'a DepthMap,
     /// The poses at which its map was measured and its picture was taken.
     pub map_pose: Pose,
@@ -63,7 +63,7 @@ pub struct TargetView<'a> {
 impl TargetView<'_> {
     /// Replaces unreliable depth of the part (0 where unknown) by the consensus. Returns the mask
     /// of pixels with a reliable consensus.
-    pub fn apply_consensus(&self, depth_m: &mut [f32], voters: &[Voter<'_>]) -> Vec<bool> {
+    pub fn apply_consensus(&self, depth_m: &mut [f32], voters: &[VotingFrame<'_>]) -> Vec<bool> {
         let mut is_reliable = vec![false; depth_m.len()];
         if voters.is_empty() || depth_m.is_empty() {
             return is_reliable;
@@ -103,7 +103,7 @@ impl TargetView<'_> {
 
     /// A voter's depth at each requested pixel, m; negative where its colour differs from the
     /// frame's, 0 where it is unknown.
-    fn reprojected_depth(&self, voter: &Voter<'_>, source: Rect, requested: &RequestedPixels) -> Vec<f32> {
+    fn reprojected_depth(&self, voter: &VotingFrame<'_>, source: Rect, requested: &RequestedPixels) -> Vec<f32> {
         let mut out = vec![0.0f32; requested.places.len()];
         let geometry = self.rays.geometry();
         let full = self.rays.full();
@@ -157,7 +157,7 @@ impl TargetView<'_> {
     /// Pairs of the frame's colour and a voter's at the same points, on a grid over the picture.
     fn voter_color_pairs(
         &self,
-        voter: &Voter<'_>,
+        voter: &VotingFrame<'_>,
         source: Rect,
         here: &Reprojection<'_>,
         there: &Reprojection<'_>,
@@ -170,7 +170,7 @@ impl TargetView<'_> {
             let places: Vec<usize> =
                 (source.x0..source.x1).filter(|x| x % COLOR_STRIDE_PX == 0).map(|x| x as usize).collect();
             for places in places.chunks(LANES) {
-                let mut points = Points::default();
+                let mut points = PointBatch::default();
                 places.iter().enumerate().for_each(|(lane, &x)| points.set(lane, row[x], rays[x]));
                 let (reprojected, voter_pixels) =
                     (here.reproject(&points).pixels(self.part), there.reproject(&points).pixels(full));
@@ -317,7 +317,7 @@ mod tests {
         let sqrt_colors: Vec<_> =
             (0..WIDTH * HEIGHT).map(|i| sqrt_colors.at((i % WIDTH) as u32, (i / WIDTH) as u32)).collect();
         let maps: Vec<DepthMap> = ends.iter().map(|end| map(*end)).collect();
-        let voter = |depth| Voter {
+        let voter = |depth| VotingFrame {
             depth,
             map_pose: Pose::IDENTITY,
             picture_pose: Pose::IDENTITY,
@@ -377,7 +377,7 @@ mod tests {
         rays.prepare(0..HEIGHT as i32);
         let at =
             |x: f64, turn: f64| Pose::from_camera_in_world(DVec3::new(x, 0.02, 0.05), DQuat::from_rotation_z(turn));
-        let voter = Voter {
+        let voter = VotingFrame {
             depth: &depth,
             map_pose: at(0.0, 0.0),
             picture_pose: at(0.01, 0.02),

@@ -9,7 +9,7 @@ use crate::program::stdout_of;
 use glam::{DVec2, DVec3};
 use locard::analyse::Analysis;
 use locard::compositor::ExposureTime;
-use locard::depth::{DepthRequest, MattePixel, Neighbour, Rays, Repair, measured_from};
+use locard::depth::{DepthRequest, MattePixel, PosedNeighbour, Rays, Repair, measured_from};
 use locard::pixels::Rect;
 use locard::shot::Shot;
 
@@ -38,7 +38,7 @@ fn occlusion_and_light(shot: &Shot, frame: usize) -> (Vec<f64>, Vec<f64>) {
     let measured = |depth| measured_from(depth, &geometry, track);
     let beside = frame.neighbours.iter().filter_map(|beside| {
         let map_pose = measured(&beside.depth).ok()?;
-        Some(Neighbour { frame: beside, map_pose, picture_pose: pose(beside.timestamp_s) })
+        Some(PosedNeighbour { frame: beside, map_pose, picture_pose: pose(beside.timestamp_s) })
     });
     let depth = frame.depth.as_ref().unwrap();
     let at = frame.timestamp_s;
