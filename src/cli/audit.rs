@@ -9,7 +9,7 @@ use clap::Parser;
 
 use super::{Cli, Command, message, print_line, print_list, warn};
 use locard_engine::export::mask_name;
-use locard_engine::photo::log::recorded_photographs;
+use locard_engine::photo::log::{recorded_photographs, unrecorded_pictures};
 use locard_engine::provenance::audit::{
     ChangedFile, RecomputedFrame, RecomputedOutcome, changed_inputs, changed_mask, changed_outputs, spread,
 };
@@ -65,32 +65,35 @@ pub fn run(args: &Args) -> Result<()> {
     // The record stands for its output.
     let named = output_of_record(&args.output).unwrap_or_else(|| args.output.clone());
     if named.is_dir() && !record_path(&named).exists() {
-        let photographs = recorded_photographs(&named)
-            .map_err(|error| anyhow!("{}: cannot be read: {}", named.display(), reason(&error)))?;
+        let unread = |error: std::io::Error| anyhow!("{}: cannot be read: {}", named.display(), reason(&error));
+        let photographs = recorded_photographs(&named).map_err(unread)?;
         if !photographs.is_empty() {
-            return audit_series(args, &photographs);
+            return audit_series(args, &photographs, &unrecorded_pictures(&named).map_err(unread)?);
         }
     }
     audit(args, &named, args.sample)
 }
 
-/// Audits photographs and case cards of one folder.
-fn audit_series(args: &Args, photographs: &[PathBuf]) -> Result<()> {
+/// Audits photographs and case cards of one folder. Pictures without a record are failures.
+fn audit_series(args: &Args, photographs: &[PathBuf], unrecorded: &[PathBuf]) -> Result<()> {
     let all = photographs.len();
     let sampled = args.sample.map_or(all, |sample| sample.frames(all));
     let sampled: Vec<&PathBuf> = spread(sampled, all).into_iter().map(|at| &photographs[at]).collect();
     // An audit changes to the folder of the recorded command.
     let sampled = sampled.into_iter().map(std::path::absolute).collect::<std::io::Result<Vec<_>>>()?;
-    let mut failures = 0;
+    let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let lines: Vec<String> = unrecorded.iter().map(|picture| format!("{}: has no record", name(picture))).collect();
+    let mut failures = unrecorded.len();
+    print_list(&lines)?;
     for photograph in &sampled {
-        print_line(&photograph.file_name().unwrap_or_default().to_string_lossy())?;
+        print_line(&name(photograph))?;
         if let Err(error) = audit(args, photograph, None) {
             print_line(&message(&error))?;
             failures += 1;
         }
     }
     if failures > 0 {
-        let photographs = count(sampled.len(), "photograph");
+        let photographs = count(sampled.len() + unrecorded.len(), "photograph");
         bail!("{}: {failures} of {photographs} not as recorded (listed above)", args.output.display());
     }
     Ok(())
@@ -203,7 +206,7 @@ fn conclude(record: &Record, recomputed: &[RecomputedFrame], within: u32) -> Res
         recomputed.iter().filter(|frame| frame.outcome != RecomputedOutcome::Equal).collect();
     let noun = noun(record);
     print_line(&format!(
-        "{noun}s: {} of {} recomputed are equal bit for bit",
+        "{noun}s: {} of {} recomputed are equal to the record bit for bit",
         recomputed.len() - unequal.len(),
         recomputed.len()
     ))?;
@@ -213,7 +216,7 @@ fn conclude(record: &Record, recomputed: &[RecomputedFrame], within: u32) -> Res
         RecomputedOutcome::Differs(by) => {
             let b = by.bounds;
             format!(
-                "{}: equal within {}; {} differ, 99 % of them within {}, in columns {}..{}, rows {}..{}",
+                "{}: differs by up to {} in {}, 99 % of them by at most {}, in columns {}..{}, rows {}..{}",
                 name(frame.frame),
                 count(by.max_codes as usize, "code"),
                 count(by.pixels, "pixel"),

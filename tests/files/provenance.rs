@@ -156,7 +156,7 @@ fn audit_passes_the_output_as_made_and_names_each_change() {
     assert!(locard(&arguments).status.success());
     // The first and the last of three.
     let passed = stdout_of(&["audit", "-q", &output, "--sample", "2"]);
-    assert!(passed.contains("frames: 2 of 2 recomputed are equal bit for bit"), "{passed}");
+    assert!(passed.contains("frames: 2 of 2 recomputed are equal to the record bit for bit"), "{passed}");
     // Another scene.
     std::fs::write(&scene, text.replacen("version = 1", "version = 1 # touched", 1)).unwrap();
     let error = refused(&["audit", "-q", &output, "--files-only"]);
@@ -178,7 +178,7 @@ fn audit_passes_the_output_as_made_and_names_each_change() {
     record.work.seed = 3;
     record.write(Path::new(&output)).unwrap();
     let listed = found_by_audit(&[&output, "--sample", "1"]);
-    assert!(listed.contains("frame 40: equal within "), "{listed}");
+    assert!(listed.contains("frame 40: differs by up to "), "{listed}");
 }
 
 #[test]
@@ -246,7 +246,19 @@ fn audit_repeats_photographs_and_case_cards() {
     let passed = stdout_of(&["audit", "-q", &at("series")]);
     assert!(passed.starts_with("001.png\ninputs: 1 of 1 as recorded\noutput: as it was written\n"), "{passed}");
     assert!(passed.contains("\n002.jpg\n"), "{passed}");
-    assert_eq!(passed.matches("pictures: 1 of 1 recomputed are equal bit for bit").count(), 2, "{passed}");
+    assert_eq!(
+        passed.matches("pictures: 1 of 1 recomputed are equal to the record bit for bit").count(),
+        2,
+        "{passed}"
+    );
+
+    // A picture without a record, and a contact sheet, which never has one.
+    for name in ["series/003.png", "series/002-sheet.png"] {
+        std::fs::copy(&card, at(name)).unwrap();
+    }
+    let listed = found_by_audit(&[&at("series"), "--files-only"]);
+    assert!(listed.contains("003.png: has no record") && !listed.contains("002-sheet"), "{listed}");
+    std::fs::remove_file(at("series/003.png")).unwrap();
 
     std::fs::write(at("scene.toml"), text.replacen("version = 1", "version = 1 # touched", 1)).unwrap();
     std::fs::write(at("case.toml"), case.replace("Office", "Garden")).unwrap();
@@ -255,7 +267,10 @@ fn audit_repeats_photographs_and_case_cards() {
         listed.contains("scene.toml (scene): has changed: ") && listed.contains("case.toml (card): has"),
         "{listed}"
     );
-    assert!(listed.contains("picture: equal within ") && listed.contains("pictures: 1 of 1 recomputed"), "{listed}");
+    assert!(
+        listed.contains("picture: differs by up to ") && listed.contains("pictures: 1 of 1 recomputed"),
+        "{listed}"
+    );
     std::fs::write(at("scene.toml"), &text).unwrap();
     // Another Exif, and a retouched picture.
     let bytes = std::fs::read(&photo).unwrap();

@@ -10,7 +10,7 @@ use super::items::{ItemCoverage, item_coverage};
 use crate::photo::card::CaseCard;
 use crate::photo::particulars::{Particulars, PhotoContent, ViewParticulars};
 use crate::photo::record::read_record;
-use crate::provenance::output_of_record;
+use crate::provenance::{output_of_record, record_path};
 use crate::sink::photograph::is_photograph_name;
 use crate::source::file as plain;
 use crate::text::reason;
@@ -99,6 +99,16 @@ pub fn recorded_photographs(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
     let mut photographs: Vec<PathBuf> = outputs.filter(|output| is_photograph_name(output)).collect();
     photographs.sort();
     Ok(photographs)
+}
+
+/// Pictures in a folder that have no record, by name. Contact sheets never have one.
+pub fn unrecorded_pictures(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
+    let is_sheet = |path: &Path| path.file_stem().is_some_and(|stem| stem.to_string_lossy().ends_with("-sheet"));
+    let files = std::fs::read_dir(folder)?.flatten().map(|entry| entry.path());
+    let pictures = files.filter(|path| is_photograph_name(path) && !is_sheet(path));
+    let mut unrecorded: Vec<PathBuf> = pictures.filter(|path| !record_path(path).exists()).collect();
+    unrecorded.sort();
+    Ok(unrecorded)
 }
 
 /// Photographs of folders and files: in a folder all that have a record. The error names the path,

@@ -13,7 +13,7 @@ mod table;
 mod tests;
 
 pub use checks::view_findings;
-pub use entry::{LogEntry, PhotoLog, log_files, photographs, recorded_photographs};
+pub use entry::{LogEntry, PhotoLog, log_files, photographs, recorded_photographs, unrecorded_pictures};
 pub use finding::{Check, Finding};
 pub use items::{ItemCoverage, item_coverage};
 pub use page::html;
