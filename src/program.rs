@@ -65,9 +65,10 @@ pub struct Output {
     pub complaints: String,
 }
 
-/// Runs a program to completion.
+/// Runs a program to completion, without input.
 pub fn output(program: &str, arguments: &[OsString]) -> Result<Output, ProgramError> {
     let mut running = Running::start(program, arguments)?;
+    drop(running.take_stdin());
     let mut written = Vec::new();
     if let Some(mut stdout) = running.take_stdout() {
         stdout
