@@ -55,7 +55,7 @@ pub struct Findings {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub noise: Option<NoiseFindings>,
     /// `None` in analyses of earlier versions.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default, alias = "noise_example", skip_serializing_if = "Option::is_none")]
     pub example_noise: Option<ExampleNoiseFindings>,
     /// Advice; it is not applied.
     pub tone: Option<Tone>,

@@ -155,7 +155,7 @@ impl LinkRequest<'_> {
         Ok(tasks.into_iter().filter_map(|task| task.view).collect())
     }
 
-    /// Links of the pairs whose later frames are `frames`, in their order.
+    /// Aligns the pairs whose later frame is in `frames`, ordered by that frame.
     fn aligned_pairs(
         &self,
         window: &VecDeque<LinkView>,

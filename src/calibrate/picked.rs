@@ -2,9 +2,9 @@
 //!
 //! At rest each rectangle is a scene (noise.rs): noise is the variation from frame to frame, and
 //! texture does no harm. In a single frame, or while the camera moves, noise is the deviation from
-//! a plane in blocks of 12×12 pixels (single.rs). Unlike in textureless.rs, no textureless
-//! blocks are searched for: all blocks count, and a region whose blocks differ by more than noise
-//! is rejected. Texture that is uniform over a region counts as noise here too.
+//! a plane in blocks of 12×12 pixels (single.rs). Unlike textureless.rs, which selects textureless
+//! blocks, it uses all of them, and rejects a region if its blocks differ by more than noise.
+//! Texture that is uniform over a region counts as noise in both.
 //!
 //! Each region has a verdict of its own. The usable ones determine the noise, whatever the others
 //! are.

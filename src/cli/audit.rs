@@ -210,7 +210,10 @@ fn conclude(record: &Record, recomputed: &[RecomputedFrame], within: u32) -> Res
         recomputed.len() - unequal.len(),
         recomputed.len()
     ))?;
-    let name = |frame: usize| if noun == "frame" { format!("frame {frame}") } else { noun.to_owned() };
+    let name = |frame: usize| match record.output.kind {
+        OutputKind::Photograph => noun.to_owned(),
+        OutputKind::Frames | OutputKind::Video => format!("{noun} {frame}"),
+    };
     let line = |frame: &&RecomputedFrame| match &frame.outcome {
         RecomputedOutcome::Equal => String::new(),
         RecomputedOutcome::Differs(by) => {
@@ -252,7 +255,7 @@ fn conclude(record: &Record, recomputed: &[RecomputedFrame], within: u32) -> Res
     Ok(unequal.iter().map(codes).max().unwrap_or(0) <= within && (other_masks.is_empty() || within > 0))
 }
 
-/// Prints the programs for video whose versions are not the recorded ones.
+/// Prints the video programs whose versions differ from the recorded ones.
 fn print_other_programs(record: &Record) -> Result<()> {
     if record.work.programs.is_empty() {
         return Ok(());

@@ -41,7 +41,7 @@ pub struct Args {
     /// Without depth: the plane a·x + b·y + c·z = d of the world that the points lie on
     #[arg(long, value_name = "A,B,C,D", requires = "picks", value_parser = plane, allow_hyphen_values = true)]
     plane: Option<[f64; 4]>,
-    /// A scene file whose [site] names a scan, for picks without measured depth
+    /// A scene file with a scan in its [site], which replaces measured depth for picks
     #[arg(long, value_name = "FILE", requires = "picks")]
     scene: Option<PathBuf>,
     /// The true distance of two picked points, for the length of a unit, for formats without a

@@ -142,7 +142,7 @@ fn unlisted(record: &Record, output: &Path) -> impl Iterator<Item = ChangedFile>
 pub struct RecomputedFrame {
     pub frame: usize,
     pub outcome: RecomputedOutcome,
-    /// Number of pixels whose mask is not the recorded one; `None` without a recorded mask.
+    /// Number of pixels where the mask differs from the recorded one; `None` if none was recorded.
     pub mask_px: Option<usize>,
 }
 

@@ -56,8 +56,8 @@ pub struct OutputRecord {
 }
 
 impl OutputRecord {
-    /// True if the digests are those of the stored pictures: of lossless codecs, and of
-    /// photographs, whose digests are computed from their files.
+    /// True if a stored picture decodes to the codes of its digest: with lossless codecs, and for
+    /// photographs, whose digest is that of the decoded file.
     pub fn stores_digested_codes(&self) -> bool {
         self.kind == OutputKind::Photograph || matches!(self.codec.as_str(), "png" | "ffv1" | "h264rgb")
     }

@@ -236,8 +236,8 @@ fn moved_object_keeps_its_lightmap_until_another_one_is_near() {
 
 #[test]
 fn lightmap_of_a_moved_object_equals_a_new_one_bit_for_bit() {
-    // Moves of less than a step of the occluders' places and of the planes' places, over a floor
-    // whose shadow grows along x.
+    // The moves are shorter than the steps of occluders and planes. The floor's shadow becomes
+    // darker along x.
     let mut texture = ShadowTexture::empty(Vec2::splat(-0.5), 0.01, 100, 100);
     texture.removed = (0..100 * 100).map(|i| [(i % 100) as f32 / 100.0; 3]).collect();
     let plane = ReceiverPlane::new(DVec3::new(0.0, 0.0, -0.1), DVec3::Z);

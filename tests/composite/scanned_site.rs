@@ -61,10 +61,14 @@ fn scene(folder: &Path) -> PathBuf {
     file
 }
 
-/// The demonstration with markers, at half the size in the fast tier.
+/// The demonstration, at half the size in the fast tier.
+fn demo_recording() -> PathBuf {
+    if is_full() { "recordings/demo".into() } else { Reduction::by(2).demo() }
+}
+
+/// The demonstration with markers.
 fn demo(folder: &Path) -> Shot {
-    let recording = if is_full() { "recordings/demo".into() } else { Reduction::by(2).demo() };
-    let mut shot = shot::open(&recording, None, &scene(folder));
+    let mut shot = shot::open(&demo_recording(), None, &scene(folder));
     // Shadows take most of the time.
     let cast = Value::Bool(is_full());
     shot.settings = gpu::settings(&[("noise", "scale", Value::Number(0.0)), ("shadow", "cast", cast)]);
@@ -115,10 +119,12 @@ fn numbers(text: &str, beginning: &str) -> Vec<f64> {
 fn scan_of_a_scene_serves_verify_and_picked_points_as_measured_depth_does() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
-    write_scan(&shot::open(Path::new("recordings/demo"), None, &scene(folder.path())), Path::new(&path("site.ply")));
+    let with_depth = demo_recording();
+    write_scan(&shot::open(&with_depth, None, &scene(folder.path())), Path::new(&path("site.ply")));
     let recording = path("recording");
-    program::copied(Path::new("recordings/demo"), Path::new(&recording));
-    let text = std::fs::read_to_string("recordings/demo/recording.toml").unwrap();
+    program::copied(&with_depth, Path::new(&recording));
+    let text = std::fs::read_to_string(with_depth.join("recording.toml")).unwrap();
+    let with_depth = with_depth.to_str().unwrap();
     let without = text.replace("[depth]\nlist = \"depth.txt\"\nscale = 250.0\n", "");
     assert_ne!(without, text);
     std::fs::write(Path::new(&recording).join("recording.toml"), without).unwrap();
@@ -130,10 +136,11 @@ fn scan_of_a_scene_serves_verify_and_picked_points_as_measured_depth_does() {
     let scene = path("site.toml");
     std::fs::write(&scene, site).unwrap();
 
-    let picks = ["--frame", "20", "--pick", "320,400", "--pick", "200,300", "--no-analysis"];
+    let points = fast_or_full(["160,200", "100,150"], ["320,400", "200,300"]);
+    let picks = ["--frame", "20", "--pick", points[0], "--pick", points[1], "--no-analysis"];
     let picked =
         |recording: &str, more: &[&str]| program::stdout_of(&[&["inspect", recording], &picks[..], more].concat());
-    let (measured, scanned) = (picked("recordings/demo", &[]), picked(&recording, &["--scene", &scene]));
+    let (measured, scanned) = (picked(with_depth, &[]), picked(&recording, &["--scene", &scene]));
     for point in ["world 1", "world 2"] {
         let [a, b] = [&measured, &scanned].map(|text| DVec3::from_slice(&numbers(text, point)[1..]));
         assert!(a.distance(b) < 0.01, "{point}: {a} by depth, {b} by the scan");
@@ -141,7 +148,7 @@ fn scan_of_a_scene_serves_verify_and_picked_points_as_measured_depth_does() {
     let error = program::refused(&[&["inspect", recording.as_str()], &picks[..]].concat());
     assert!(error.contains("has no depth"), "{error}");
 
-    let quick = ["--every", "30", "--gap", "8", "--no-analysis", "-q"];
+    let quick = ["--every", fast_or_full("60", "30"), "--gap", "8", "--no-analysis", "-q"];
     let error = program::refused(&[&["verify", recording.as_str()], &quick[..]].concat());
     assert!(error.contains("a scan of the place serves as well: --scene"), "{error}");
     let registration = |recording: &str, more: &[&str]| {
@@ -150,7 +157,6 @@ fn scan_of_a_scene_serves_verify_and_picked_points_as_measured_depth_does() {
         let line = text.lines().find(|line| line.starts_with("registration")).unwrap_or_else(|| panic!("{text}"));
         line.split_whitespace().find_map(|word| word.parse::<f64>().ok()).unwrap()
     };
-    let (measured_px, scanned_px) =
-        (registration("recordings/demo", &[]), registration(&recording, &["--scene", &scene]));
+    let (measured_px, scanned_px) = (registration(with_depth, &[]), registration(&recording, &["--scene", &scene]));
     assert!((measured_px - scanned_px).abs() < 0.1, "{measured_px} px by depth, {scanned_px} px by the scan");
 }

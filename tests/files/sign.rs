@@ -333,8 +333,8 @@ fn make_stamp_authority(folder: &Path) {
     openssl(folder, &format!("{sign} -out stamps.pem"));
 }
 
-/// Starts a server on this machine, which closes a connection to whose request `answer` has none.
-/// Returns its address.
+/// Starts a local server and returns its address. If `answer` returns `None` for a request, the
+/// connection is closed.
 fn serve(answer: impl Fn(&[u8]) -> Option<Vec<u8>> + Send + 'static) -> String {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = format!("http://{}", listener.local_addr().unwrap());

@@ -99,7 +99,7 @@ fn analysis(record: &Record) -> AnalysisChoice {
     folder.map_or(AnalysisChoice::No, |folder| AnalysisChoice::At(folder.to_owned()))
 }
 
-/// Refuses a record whose settings are not those of its command.
+/// Checks that the record's settings equal those of its command.
 fn check_settings(record: &Record, shot: &Shot, settings: &SettingsRecord) -> Result<()> {
     if as_read(settings) != as_read(&record.work.settings) || shot.settings.seed != record.work.seed {
         bail!("the recorded command has other settings or another seed than the record states: the record was edited");

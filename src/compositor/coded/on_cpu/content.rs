@@ -276,7 +276,7 @@ impl Activity {
     /// Energies in the j-th row of the tiles, interpolated between the centres of blocks: coarse
     /// and fine. `columns` of the run are an even number from an even one on.
     #[inline(always)]
-    pub fn at_row(&self, j: usize, columns: &Range<usize>, row: &mut Vec<f32>, out: [&mut [f32]; 2]) {
+    pub fn at_row(&self, j: usize, columns: &Range<usize>, mixed: &mut Vec<f32>, out: [&mut [f32]; 2]) {
         // Rows and columns begin `BLOCK_REACH` blocks before the tiles.
         let upper = BLOCK_REACH + j / 2 - (j + 1) % 2;
         let share = if j.is_multiple_of(2) { 0.75 } else { 0.25 };
@@ -284,10 +284,10 @@ impl Activity {
         let count = columns.len() / BLOCK_PX + 2;
         for (out, blocks) in out.into_iter().zip([&self.coarse, &self.fine]) {
             let [above, below] = [upper, upper + 1].map(|row| &blocks[row * self.length + first..][..count]);
-            row.clear();
-            row.extend(above.iter().zip(below).map(|(a, b)| a + share * (b - a)));
+            mixed.clear();
+            mixed.extend(above.iter().zip(below).map(|(a, b)| a + share * (b - a)));
             let pairs = out[columns.clone()].as_chunks_mut::<2>().0;
-            for (pair, ((left, own), right)) in pairs.iter_mut().zip(row.iter().zip(&row[1..]).zip(&row[2..])) {
+            for (pair, ((left, own), right)) in pairs.iter_mut().zip(mixed.iter().zip(&mixed[1..]).zip(&mixed[2..])) {
                 *pair = [left + 0.75 * (own - left), own + 0.25 * (right - own)];
             }
         }
