@@ -34,8 +34,8 @@ pub fn over_items<T: Send>(items: Vec<T>, threads: usize, work: impl Fn(T) + Syn
                 work(item);
             }
         };
-        // If a thread cannot be spawned, the others do its share. In a pool the rows of a frame would
-        // queue behind those of an analysis.
+        // If a thread cannot be spawned, the others do its share. In a pool the rows of a frame
+        // would queue behind those of an analysis.
         for _ in 1..threads {
             let _ = std::thread::Builder::new().spawn_scoped(scope, work);
         }
