@@ -114,17 +114,14 @@ fn numbers(text: &str, beginning: &str) -> Vec<f64> {
     line.split_whitespace().skip(1).map_while(|word| word.parse().ok()).collect()
 }
 
-// Slow: verifies a recording, and reads a scan of it three times.
-#[test]
-fn scan_of_a_scene_serves_verify_and_picked_points_as_measured_depth_does() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+/// The demonstration without its depth in `folder`, and a scene with a scan of its site.
+fn scanned_demo(folder: &Path) -> (String, String) {
+    let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
     let with_depth = demo_recording();
-    write_scan(&shot::open(&with_depth, None, &scene(folder.path())), Path::new(&path("site.ply")));
+    write_scan(&shot::open(&with_depth, None, &scene(folder)), Path::new(&path("site.ply")));
     let recording = path("recording");
     program::copied(&with_depth, Path::new(&recording));
     let text = std::fs::read_to_string(with_depth.join("recording.toml")).unwrap();
-    let with_depth = with_depth.to_str().unwrap();
     let without = text.replace("[depth]\nlist = \"depth.txt\"\nscale = 250.0\n", "");
     assert_ne!(without, text);
     std::fs::write(Path::new(&recording).join("recording.toml"), without).unwrap();
@@ -135,28 +132,42 @@ fn scan_of_a_scene_serves_verify_and_picked_points_as_measured_depth_does() {
     );
     let scene = path("site.toml");
     std::fs::write(&scene, site).unwrap();
+    (recording, scene)
+}
 
+#[test]
+fn picked_points_on_a_scan_match_those_of_measured_depth() {
+    let folder = tempfile::tempdir().unwrap();
+    let (recording, scene) = scanned_demo(folder.path());
     let points = fast_or_full(["160,200", "100,150"], ["320,400", "200,300"]);
     let picks = ["--frame", "20", "--pick", points[0], "--pick", points[1], "--no-analysis"];
     let picked =
         |recording: &str, more: &[&str]| program::stdout_of(&[&["inspect", recording], &picks[..], more].concat());
-    let (measured, scanned) = (picked(with_depth, &[]), picked(&recording, &["--scene", &scene]));
+    let measured = picked(demo_recording().to_str().unwrap(), &[]);
+    let scanned = picked(&recording, &["--scene", &scene]);
     for point in ["world 1", "world 2"] {
         let [a, b] = [&measured, &scanned].map(|text| DVec3::from_slice(&numbers(text, point)[1..]));
         assert!(a.distance(b) < 0.01, "{point}: {a} by depth, {b} by the scan");
     }
     let error = program::refused(&[&["inspect", recording.as_str()], &picks[..]].concat());
     assert!(error.contains("has no depth"), "{error}");
-
-    let quick = ["--every", fast_or_full("60", "30"), "--gap", "8", "--no-analysis", "-q"];
-    let error = program::refused(&[&["verify", recording.as_str()], &quick[..]].concat());
+    let error = program::refused(&["verify", &recording, "--no-analysis", "-q"]);
     assert!(error.contains("a scan of the place serves as well: --scene"), "{error}");
-    let registration = |recording: &str, more: &[&str]| {
+}
+
+#[test]
+#[ignore = "full tier: two verifications of the demonstration; picks on a scan are compared in the fast tier"]
+fn registration_by_a_scan_is_that_of_measured_depth() {
+    let folder = tempfile::tempdir().unwrap();
+    let (recording, scene) = scanned_demo(folder.path());
+    let registration_px = |recording: &str, more: &[&str]| {
+        let quick = ["--every", "30", "--gap", "8", "--no-analysis", "-q"];
         let output = program::locard(&[&["verify", recording], &quick[..], more].concat());
         let text = String::from_utf8(output.stdout).unwrap();
         let line = text.lines().find(|line| line.starts_with("registration")).unwrap_or_else(|| panic!("{text}"));
         line.split_whitespace().find_map(|word| word.parse::<f64>().ok()).unwrap()
     };
-    let (measured_px, scanned_px) = (registration(with_depth, &[]), registration(&recording, &["--scene", &scene]));
+    let measured_px = registration_px(demo_recording().to_str().unwrap(), &[]);
+    let scanned_px = registration_px(&recording, &["--scene", &scene]);
     assert!((measured_px - scanned_px).abs() < 0.1, "{measured_px} px by depth, {scanned_px} px by the scan");
 }

@@ -2,7 +2,7 @@
 
 use super::finding::{Check, Finding};
 use super::shot_class::ShotClass;
-use crate::camera::stops::{Step, format_shutter_s, marked, nearest, shutter_times_s};
+use crate::camera::stops::{Step, format_f_number, format_shutter_s, marked, nearest, shutter_times_s};
 use crate::photo::particulars::{
     CameraSupport, ObjectInView, SHARP_CIRCLE_SHARE, ScaleInView, Subject, ViewParticulars,
 };
@@ -88,9 +88,9 @@ fn exposure(view: &ViewParticulars) -> Option<Finding> {
         Check::Exposure,
         format!("{side}exposed by {} stops", fixed(off_ev.abs(), 1)),
         format!(
-            "take it with {} at f/{} and ISO {}, or change aperture or film speed by as much; check the histogram",
+            "take it with {} at {} and ISO {}, or change aperture or film speed by as much; check the histogram",
             engraved(shutter_s),
-            fixed(view.f_number, 1),
+            format_f_number(view.f_number),
             fixed(view.iso, 0)
         ),
     ))
@@ -171,12 +171,12 @@ fn focus(view: &ViewParticulars, subject: &Subject) -> Option<Finding> {
     Some(Finding::new(
         Check::OutOfFocus,
         format!(
-            "the subject at {} m is out of focus: its circle of confusion is {} px (up to {} px are invisible); at f/{} \
+            "the subject at {} m is out of focus: its circle of confusion is {} px (up to {} px are invisible); at {} \
              the depth of field is {} m to {to}",
             fixed(subject.distance_m, 2),
             fixed(subject.defocus_px, 1),
             fixed(limit_px, 1),
-            fixed(view.f_number, 1),
+            format_f_number(view.f_number),
             fixed(view.sharp_from_m, 2)
         ),
         format!(

@@ -14,7 +14,7 @@ use super::entry::{LogEntry, PhotoLog};
 use super::finding::Finding;
 use super::items::ItemCoverage;
 use super::table::{class_of, subject_text, support_text};
-use crate::camera::stops::format_shutter_s;
+use crate::camera::stops::{format_f_number, format_shutter_s};
 use crate::photo::particulars::{ScaleInView, Subject, ViewParticulars};
 use crate::text::{count, fixed, shown};
 
@@ -125,7 +125,7 @@ fn photo_row(entry: &LogEntry) -> PhotoRow {
         subject: shown(&subject_text(entry)),
         class: view.and_then(class_of).map_or("", |class| class.name()),
         lens: of_view(&|v| format!("{} mm ({} mm)", fixed(v.focal_length_mm, 1), fixed(v.equivalent_mm, 0))),
-        f_number: of_view(&|v| format!("f/{}", fixed(v.f_number, 1))),
+        f_number: of_view(&|v| format_f_number(v.f_number)),
         shutter: of_view(&|v| format!("{}, {}", format_shutter_s(v.shutter_s), support_text(v.support))),
         iso: of_view(&|v| fixed(v.iso, 0)),
         distance: of_subject(&|s| format!("{} m", fixed(s.distance_m, 2))),

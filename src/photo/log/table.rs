@@ -2,7 +2,7 @@
 
 use super::entry::LogEntry;
 use super::shot_class::ShotClass;
-use crate::camera::stops::format_shutter_s;
+use crate::camera::stops::{format_f_number, format_shutter_s};
 use crate::photo::particulars::{CameraSupport, Subject, ViewParticulars};
 use crate::text::fixed;
 
@@ -79,7 +79,7 @@ fn row(entry: &LogEntry) -> [String; 21] {
         view.and_then(class_of).map_or_else(none, |class| class.name().to_owned()),
         of_view(&|v| fixed(v.focal_length_mm, 1)),
         of_view(&|v| fixed(v.equivalent_mm, 0)),
-        of_view(&|v| fixed(v.f_number, 1)),
+        of_view(&|v| format_f_number(v.f_number).trim_start_matches("f/").to_owned()),
         of_view(&|v| format_shutter_s(v.shutter_s).trim_end_matches('s').trim_end().to_owned()),
         of_view(&|v| fixed(v.iso, 0)),
         of_view(&|v| support_text(v.support).to_owned()),

@@ -188,7 +188,7 @@ fn subject_out_of_focus_is_reported_with_the_depth_of_field() {
     let (faults, text) = after(|_, subject| subject.defocus_px = 6.2);
     assert_eq!(faults, [Check::OutOfFocus]);
     assert!(
-        text.contains("6.2 px (up to 1.4 px") && text.contains("f/8.0 the depth of field is 0.90 m to 1.10 m"),
+        text.contains("6.2 px (up to 1.4 px") && text.contains("f/8 the depth of field is 0.90 m to 1.10 m"),
         "{text}"
     );
     assert_eq!(after(|_, subject| subject.defocus_px = 1.4).0, []);
@@ -341,7 +341,7 @@ fn table_has_a_field_for_each_column() {
     assert_eq!(lines[0].split(',').count(), COLUMNS.len());
     assert_eq!(
         lines[5],
-        "5,005.jpg,2026-11-30 12:00:05,knife,close-up,50.0,50,8.0,1/60,400,tripod,0.30,1.000,1.000,3.0,0.2500,scale,2.0,\
+        "5,005.jpg,2026-11-30 12:00:05,knife,close-up,50.0,50,8,1/60,400,tripod,0.30,1.000,1.000,3.0,0.2500,scale,2.0,\
          recordings/demo,71,"
     );
 }
