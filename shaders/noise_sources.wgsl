@@ -56,8 +56,20 @@ fn add_block(corner: vec2<i32>, local: u32) {
     }
 }
 
-fn hash(cell: vec2<i32>, n: u32) -> vec3<u32> {
-    return pcg3d(vec3<u32>(vec2<u32>(cell), n) + example.key.xyz);
+// The key of the frame in which a cell was last refreshed.
+fn key_of(cell: vec2<i32>) -> vec3<u32> {
+    var key = example.keys[0].xyz;
+    for (var age = 1u; age < example.key_count; age++) {
+        if pcg3d(vec3<u32>(vec2<u32>(cell), 0u) + key).z >= example.kept_below {
+            break;
+        }
+        key = example.keys[age].xyz;
+    }
+    return key;
+}
+
+fn hash(cell: vec2<i32>, n: u32, key: vec3<u32>) -> vec3<u32> {
+    return pcg3d(vec3<u32>(vec2<u32>(cell), n) + key);
 }
 
 @compute @workgroup_size(64)
@@ -95,9 +107,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     let parity = u32((cell.x & 1) + 2 * (cell.y & 1));
     let first = example.classes[0][parity];
     let count = example.classes[1][parity];
+    let key = key_of(cell);
     let draws = clamp((count + EXPECTED_RANK - 1u) / EXPECTED_RANK, 1u, MAX_DRAWS);
     if local < draws {
-        let candidate = first + hash(cell, 1u + local / 3u)[local % 3u] % count;
+        let candidate = first + hash(cell, 1u + local / 3u, key)[local % 3u] % count;
         var distance = 0.0;
         for (var k = 0; k < 5; k++) {
             let d = candidates[candidate].descriptor[k] - descriptor[k];
@@ -113,8 +126,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
                 nearest = i;
             }
         }
-        let candidate = candidates[first + hash(cell, 1u + nearest / 3u)[nearest % 3u] % count];
-        let mirror = hash(cell, 0u).xy >> vec2<u32>(31u);
+        let candidate = candidates[first + hash(cell, 1u + nearest / 3u, key)[nearest % 3u] % count];
+        let mirror = hash(cell, 0u, key).xy >> vec2<u32>(31u);
         sources[group.y * u32(example.cells.x) + group.x]
             = vec4<u32>(candidate.luma, candidate.chroma, candidate.stride, mirror.x + 2u * mirror.y);
     }

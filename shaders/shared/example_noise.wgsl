@@ -5,7 +5,12 @@ struct Example {
     cells: vec2<i32>,       // cells across and down that the region needs
     region: vec2<i32>,      // its size, px
     factor: vec2<i32>,      // luma px per chroma sample
-    key: vec4<u32>,
+    // Keys of the frames whose noise a cell may show, this frame's first
+    // (src/example_noise/persistence.rs).
+    keys: array<vec4<u32>, 16>,
+    key_count: u32,
+    kept_below: u32,
+    unused: vec2<u32>,
     // First candidate of each class, then their numbers.
     classes: array<vec4<u32>, 2>,
     // Latent R', G' and B' of each node, and the node.

@@ -192,7 +192,13 @@ fn of_frames(
     let usable_share = usable / frames.len() as f64;
     let correlation = (products[1] > 0.0).then(|| products[0] / products[1]);
     Ok(match model {
-        Ok(model) => ExampleNoiseEstimate::of(&model, origin, frames.len(), usable_share, correlation),
+        Ok(model) => ExampleNoiseEstimate::of(
+            &model.with_frame_correlation(correlation.unwrap_or(0.0) as f32),
+            origin,
+            frames.len(),
+            usable_share,
+            correlation,
+        ),
         Err(error) => Err(error.to_string()),
     })
 }

@@ -88,6 +88,7 @@ pub fn depth_of_field(table: &mut BenchTable<'_>) -> Result<(), SubmitError> {
             max_code: 255,
             recorded: Default::default(),
             interval_s: 1.0,
+            resting_frames: 0,
             fastest_px_per_s: 0.0,
             depths_m: range.map(depth_m),
             real_depths_m: None,

@@ -4,6 +4,7 @@
 //! each at another quarter of the picture. Their mean and the blocks that stood still come from the
 //! scene's sums. Pictures of anything give their textureless places.
 
+use super::blocks::BlockVerdict;
 use super::example_report::{ExampleCalibration, ExampleMethod, MIN_FRAMES, NoExample};
 use super::sampling_plan::{AtlasWindow, MAX_ATLAS_PX, SamplingPlan};
 use super::scene_sums::{BLOCK, SceneSums};
@@ -30,6 +31,10 @@ const MIN_TEXTURELESS_SHARE: f64 = 0.1;
 /// Codes of a bin of the comparison, and its smallest number of samples.
 const BIN_CODES: usize = 16;
 const MIN_BIN_SAMPLES: usize = 2000;
+/// Largest correlation of consecutive frames that is corrected for.
+const MAX_CORRELATION: f64 = 0.95;
+/// Smallest number of independent frames in a mean.
+const MIN_INDEPENDENT_FRAMES: f64 = 2.0;
 
 /// Codes of a window, and their coding.
 #[derive(Clone, Debug)]
@@ -68,6 +73,8 @@ pub(super) struct ExampleSampler {
     frames: Vec<ExampleFrame>,
     /// Frames of the scenes that were used.
     resting_frames: usize,
+    /// Sum over these frames of the correlation of consecutive frames' noise.
+    correlation_sum: f64,
     known_mean: bool,
     is_textureless: bool,
     /// The first reason against a model.
@@ -92,6 +99,7 @@ impl ExampleSampler {
             samples: Vec::new(),
             frames: Vec::new(),
             resting_frames: 0,
+            correlation_sum: 0.0,
             known_mean: false,
             is_textureless: false,
             problem: None,
@@ -148,8 +156,8 @@ impl ExampleSampler {
         }
     }
 
-    /// Ends a scene; `still` is true for each block that stood still.
-    pub fn end_scene(&mut self, scene: &SceneSums, still: &[bool]) {
+    /// Ends a scene.
+    pub fn end_scene(&mut self, scene: &SceneSums, verdict: &BlockVerdict) {
         let frames = scene.frames as usize;
         if self.samples.is_empty() {
             return;
@@ -161,7 +169,13 @@ impl ExampleSampler {
         self.known_mean |= scene.known_mean;
         self.resting_frames += frames;
         let size = [scene.width, scene.height];
-        let gain = if scene.known_mean { 1.0 } else { frames as f32 / (frames as f32 - 1.0) };
+        // Von Neumann's ratio gives the correlation of consecutive frames (calibrate/blocks.rs).
+        let correlation = if scene.known_mean { 0.0 } else { verdict.median_drift.clamp(0.0, MAX_CORRELATION) };
+        self.correlation_sum += correlation * frames as f64;
+        // The variance of the mean of frames whose correlation falls by the same factor with each
+        // frame is that of so many independent ones.
+        let independent = (frames as f64 * (1.0 - correlation) / (1.0 + correlation)).max(MIN_INDEPENDENT_FRAMES);
+        let gain = if scene.known_mean { 1.0 } else { (independent / (independent - 1.0)) as f32 };
         for SampledWindow { window, noisy, coding, picture_px } in self.samples.drain(..) {
             let [width, height] = window.size;
             let place = |x: usize, y: usize| (window.at[1] + y) * size[0] + window.at[0] + x;
@@ -176,7 +190,7 @@ impl ExampleSampler {
             let mask = (0..width * height).map(|i| {
                 let (x, y) = (i % width, i / width);
                 let block = (window.at[1] + y) / BLOCK * size[0].div_ceil(BLOCK) + (window.at[0] + x) / BLOCK;
-                still[block] && is_inside(x, 0) && is_inside(y, 1)
+                verdict.still[block] && is_inside(x, 0) && is_inside(y, 1)
             });
             let frame = CalibrationFrame { mean, noisy, mask: mask.collect(), variance_gain: gain };
             self.frames.push(ExampleFrame { frame, coding, picture_px });
@@ -200,6 +214,16 @@ impl ExampleSampler {
         self.finish()
     }
 
+    /// Calibrates the model from frames at rest, or, if they are too few for a mean without noise,
+    /// from their textureless places.
+    pub fn finish_resting(self, table: &NoiseProfile) -> Result<ExampleCalibration, NoExample> {
+        if !self.frames.is_empty() || self.problem.is_some() || self.samples.is_empty() {
+            return self.finish();
+        }
+        let too_few = NoExample::TooFewFrames { frames: self.longest_run_frames };
+        self.finish_textureless(table).map_err(|_| too_few)
+    }
+
     /// Calibrates the model.
     pub fn finish(self) -> Result<ExampleCalibration, NoExample> {
         if let Some(problem) = self.problem {
@@ -215,7 +239,9 @@ impl ExampleSampler {
         let coded = self.frames.iter().map(|ExampleFrame { frame, coding, .. }| CodedFrame { frame, coding });
         let coded: Vec<CodedFrame<'_>> = coded.collect();
         let sizes_px = self.frames.iter().map(|frame| frame.picture_px);
-        let model = calibrate_coded(&coded, SEED)?.with_picture_sizes(sizes_px);
+        let correlation = self.correlation_sum / self.resting_frames.max(1) as f64;
+        let model =
+            calibrate_coded(&coded, SEED)?.with_picture_sizes(sizes_px).with_frame_correlation(correlation as f32);
         let method = if self.is_textureless {
             ExampleMethod::Textureless
         } else if self.known_mean {

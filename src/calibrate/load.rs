@@ -150,7 +150,8 @@ fn resting(
     let sampler = calibrator.take_sampler();
     let mut table = calibrator.finish()?;
     table.warnings.extend(jpeg.then_some(Warning::Jpeg));
-    Ok(MeasuredNoise { table, example: sampler.map(ExampleSampler::finish) })
+    let example = sampler.map(|sampler| sampler.finish_resting(&table.profile));
+    Ok(MeasuredNoise { table, example })
 }
 
 /// Approximate number of frames, evenly spaced, in which textureless places are measured.

@@ -334,7 +334,7 @@ impl NoiseCalibrator {
             self.warnings.push(Warning::Flicker { scene: number, codes: flicker });
         }
         if let Some(sampler) = &mut self.sampler {
-            sampler.end_scene(&scene, &verdict.still);
+            sampler.end_scene(&scene, &verdict);
         }
         self.pools.push(Pool::new(&scene, &verdict.still, &verdict.scales, &rounding));
         Ok(())

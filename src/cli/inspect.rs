@@ -193,6 +193,13 @@ fn profile(path: &Path) -> Result<()> {
                 noise.channel_correlation.map(|c| fixed(c, 2)).join(", "),
                 noise.neighbour_correlation.map(|c| fixed(c, 2)).join(", ")
             )?;
+            match &noise.example {
+                Some(example) => writeln!(out, "           by example: {}", example.file.display())?,
+                None => writeln!(
+                    out,
+                    "           no examples: the pattern is drawn (`locard calibrate noise` or `locard analyse` makes examples)"
+                )?,
+            }
         }
         None => writeln!(
             out,

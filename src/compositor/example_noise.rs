@@ -12,6 +12,7 @@ use crate::example_noise::bands::{ALL_BANDS, BANDS, FIRST_BAND};
 use crate::example_noise::content::FEATURES;
 use crate::example_noise::descriptor::DESCRIPTORS;
 use crate::example_noise::latent::NODES;
+use crate::example_noise::persistence::{FrameKeys, MAX_PERSISTENCE_FRAMES};
 use crate::example_noise::{ModelNumbers, NoiseModel};
 use crate::gpu::{Gpu, PassRecorder, Shader, ShaderEntry, Texture};
 use crate::memo::ByAddress;
@@ -36,7 +37,10 @@ crate::uniform! {
         cells: [i32; 2],
         region: [i32; 2],
         factor: [i32; 2],
-        key: [u32; 4],
+        keys: [[u32; 4]; MAX_PERSISTENCE_FRAMES],
+        key_count: u32,
+        kept_below: u32,
+        unused: [u32; 2],
         classes: [[u32; 4]; 2],
         latent: [[f32; 4]; NODES.len()],
         features: [[f32; 4]; 8],
@@ -239,6 +243,11 @@ fn padded_to_vectors<const N: usize>(lists: [[f32; N]; 4]) -> [[f32; 4]; 8] {
     std::array::from_fn(|i| std::array::from_fn(|k| lists[i / 2].get(4 * (i % 2) + k).copied().unwrap_or(0.0)))
 }
 
+/// Keys of frames as vectors; the rest is 0.
+fn padded_keys(keys: &FrameKeys) -> [[u32; 4]; MAX_PERSISTENCE_FRAMES] {
+    std::array::from_fn(|age| keys.keys().get(age).map_or([0; 4], |[x, y, z]| [*x, *y, *z, 0]))
+}
+
 impl ExampleUniform {
     fn new(noise: &ExampleNoise, region: &NoiseRegion<'_>, atlas: &GpuAtlas) -> Self {
         let numbers = &noise.model.numbers;
@@ -257,7 +266,10 @@ impl ExampleUniform {
             cells: axes.map(|axis| in_cells(end[axis] - 1) + 1 - first_cell[axis]),
             region: size,
             factor: numbers.chroma_factor().map(|factor| factor as i32),
-            key: [noise.key[0], noise.key[1], noise.key[2], 0],
+            keys: padded_keys(&noise.keys),
+            key_count: noise.keys.keys().len() as u32,
+            kept_below: noise.keys.kept_below(),
+            unused: [0; 2],
             classes: atlas.classes,
             latent: std::array::from_fn(|i| {
                 let [r, g, b] = latent.values.map(|values| values[i]);
@@ -290,6 +302,11 @@ mod tests {
     use crate::gpu::{Readback, ReadbackSet};
     use crate::grey_image::GreyImage;
     use crate::pixels::Rect;
+
+    /// Several of the cells keep the noise of earlier frames.
+    fn resting_keys() -> FrameKeys {
+        FrameKeys::new(0.6, 9, |before| [3, 500 - before as u32, 77])
+    }
 
     const PICTURE: [usize; 2] = [235, 150];
     /// The changed pixels.
@@ -365,7 +382,7 @@ mod tests {
             amplitude_factor.write(&gpu, size.0, size.1, &factors);
             let corners = corners_in(&tiles, region.rect);
             let noise_region = NoiseRegion { size, extent: region.extent(), tiles: &corners };
-            let noise = ExampleNoise { model: model.clone(), key: [3, 500, 77] };
+            let noise = ExampleNoise { model: model.clone(), keys: resting_keys() };
             let uncoded = UncodedPicture { codes: &codes, amplitude_factor: &amplitude_factor };
             let planes = NoisePlanes::record(&mut recorder, &noise, &noise_region, &uncoded);
             let luma = floats(&mut recorder, &planes.luma, size);
@@ -388,7 +405,7 @@ mod tests {
             let rgb: Planes = std::array::from_fn(|c| plane(&|x, y| content(x, y)[c].clamp(0.0, 255.0)));
             let (share, factor_plane) = (plane(&|x, y| weights(x, y)[0]), plane(&|x, y| weights(x, y)[1]));
             let cpu = NoiseContent { rgb: &rgb, share: Some(&share), factor: Some(&factor_plane) };
-            let expected = model.noise(&cpu, noise.key);
+            let expected = model.noise(&cpu, &noise.keys);
             let mut energy = 0.0;
             for (i, actual) in (0..).zip(&luma) {
                 let (x, y) = place(i);

@@ -10,6 +10,7 @@ use crate::coding::PictureCoding;
 use crate::depth::{DepthGrid, Proxies, Surfaces};
 use crate::effects::{Effect, ExampleNoise, FrameContext, ObjectMotion, OnReal, Reach};
 use crate::example_noise::model_coding::CodingDifference;
+use crate::example_noise::persistence::MAX_PERSISTENCE_FRAMES;
 use crate::example_noise::source_picture::{PictureMismatch, SourcePicture};
 use crate::frame::Frame;
 use crate::gpu::{Gpu, TexturePool};
@@ -20,6 +21,9 @@ use crate::render::{Footprint, Renderer, SamplePlan, Shutter, ViewKeys, largest_
 use crate::scene::Scene;
 use crate::shadow::PlanarShadow;
 
+/// Largest motion of an object at rest, px.
+const MAX_REST_PX: f32 = 0.5;
+
 /// The parts of the scene in view while the shutter is open.
 #[derive(Debug)]
 pub struct FrameView {
@@ -27,6 +31,8 @@ pub struct FrameView {
     pub keys: ViewKeys,
     pub footprint: Footprint,
     pub objects: Vec<ObjectMotion>,
+    /// Number of frames before this one in which the objects are at rest.
+    pub resting_frames: usize,
     /// Planar shadows in the picture.
     pub shadows: Vec<VisibleShadow>,
     /// Support planes of the objects.
@@ -47,7 +53,8 @@ impl FrameView {
         let objects = motions(renderer, job.picture, &keys.middle(), &pose_at(time_s + job.interval_s));
         let shadows = visible_shadows(planar_shadows, job.picture, &keys);
         let planes = support_planes(renderer.scene());
-        Self { shutter, keys, footprint, objects, shadows, planes }
+        let resting_frames = resting_frames(renderer, job, &keys.middle());
+        Self { shutter, keys, footprint, objects, resting_frames, shadows, planes }
     }
 }
 
@@ -108,6 +115,19 @@ fn motions(renderer: &Renderer, geometry: &Geometry, now: &Pose, next: &Pose) ->
         .collect()
 }
 
+/// Number of frames before this one, up to those whose noise it may show, in which the centres of
+/// all objects are within half a pixel of their places in this frame.
+fn resting_frames(renderer: &Renderer, job: &Job<'_>, now: &Pose) -> usize {
+    let is_at_rest = |frames: &usize| {
+        let earlier = job.track.at(job.frame.timestamp_s - *frames as f64 * job.interval_s);
+        earlier.is_ok_and(|earlier| {
+            let moved = motions(renderer, job.picture, now, &earlier).into_iter();
+            moved.map(|motion| motion.per_frame_px).all(|[x, y]| x.hypot(y) < MAX_REST_PX)
+        })
+    };
+    (1..MAX_PERSISTENCE_FRAMES).take_while(is_at_rest).count()
+}
+
 /// The inputs of effects.
 pub fn frame_context<'a>(
     job: &'a Job<'_>,
@@ -127,6 +147,7 @@ pub fn frame_context<'a>(
         max_code: job.frame.pixels.max_code(),
         recorded: job.frame.exposure,
         interval_s: job.interval_s,
+        resting_frames: frame_view.resting_frames,
         fastest_px_per_s: footprint.fastest_px_per_s,
         // Without objects, the depths are those of the real part.
         depths_m: real_depths_m.filter(|_| footprint.rect.is_empty()).unwrap_or(footprint.depths_m),

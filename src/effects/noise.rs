@@ -21,8 +21,8 @@
 //! recording lists) has that speed's variance, in virtual and real pixels alike. Patches stay,
 //! since this is a sensor's noise and not film's.
 //!
-//! Not modelled: correlation in time other than `animation_delay`, fixed-pattern noise, row and
-//! column noise, correlation beyond two pixels, covariance of mixed neighbours.
+//! Not modelled: correlation in time of the pattern other than `animation_delay`, fixed-pattern
+//! noise, row and column noise, correlation beyond two pixels, covariance of mixed neighbours.
 
 mod pattern;
 
@@ -35,6 +35,7 @@ use crate::camera::{Camera, Geometry, side_tap};
 use crate::coding::PictureCoding;
 use crate::example_noise::NoiseModelFile;
 use crate::example_noise::model_coding::CodingDifference;
+use crate::example_noise::persistence::FrameKeys;
 use crate::fit::cholesky::correlation_factor;
 use crate::gpu::Shader;
 use crate::memo::ByAddress;
@@ -98,8 +99,7 @@ impl Noise {
 
     /// Whether patches and film are the calibrated ones.
     fn is_as_calibrated(&self, context: &FrameContext<'_>) -> bool {
-        let as_calibrated = self.magnification <= 1.0 && !self.is_grain();
-        as_calibrated && context.capture.film.is_none() && context.recorded_speed() == 1.0
+        self.magnification <= 1.0 && !self.is_grain() && context.capture.film.is_none()
     }
 
     /// Size of the patches, px.
@@ -191,12 +191,18 @@ impl Effect for Noise {
         match model.numbers.coding.difference(coding.unwrap_or(&PictureCoding::UNROUNDED)) {
             Some(difference) => Err(difference),
             None => {
-                let key = pattern_key(context.seed, context.frame, self.animation_delay);
+                let key_before =
+                    |frames: usize| pattern_key(context.seed, context.frame - frames, self.animation_delay);
+                let keys = FrameKeys::new(
+                    model.numbers.frame_correlation,
+                    context.resting_frames.min(context.frame),
+                    key_before,
+                );
                 let model = match self.method {
                     NoiseMethod::Parametric => ByAddress(model.parametric()),
                     _ => model.clone(),
                 };
-                Ok(Some(ExampleNoise { model, key }))
+                Ok(Some(ExampleNoise { model, keys }))
             }
         }
     }
@@ -228,7 +234,8 @@ impl Effect for Noise {
             return Some(MixedPart::new(Shader::ExampleNoise, "noise", &uniform));
         }
         let pattern = pattern.texture(run.recorder, lattice);
-        let shader = if self.is_as_calibrated(context) { Shader::Noise } else { Shader::NoiseGrain };
+        let is_calibrated_speed = self.is_as_calibrated(context) && recorded == 1.0;
+        let shader = if is_calibrated_speed { Shader::Noise } else { Shader::NoiseGrain };
         Some(MixedPart::new(shader, "noise", &uniform).texture("noise_pattern", pattern))
     }
 }

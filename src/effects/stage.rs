@@ -4,6 +4,7 @@ use crate::camera::{Camera, Capture, Curve, Geometry, Response};
 use crate::coding::PictureCoding;
 use crate::example_noise::NoiseModel;
 use crate::example_noise::model_coding::CodingDifference;
+use crate::example_noise::persistence::FrameKeys;
 use crate::frame::FrameExposure;
 use crate::gpu::{Bytes, PassRecorder, Shader, Texture, Uniform, UniformBytes};
 use crate::memo::ByAddress;
@@ -40,6 +41,9 @@ pub struct FrameContext<'a> {
     pub recorded: FrameExposure,
     /// Time to the next frame, s.
     pub interval_s: f64,
+    /// Number of frames before this one in which all objects are where they are in this frame, to
+    /// half a pixel.
+    pub resting_frames: usize,
     /// Upper bound of the speed of any point of the objects, px/s.
     pub fastest_px_per_s: f32,
     /// Depth range of all points of the objects, m.
@@ -71,8 +75,8 @@ impl FrameContext<'_> {
 #[derive(Clone, Debug)]
 pub struct ExampleNoise {
     pub model: ByAddress<NoiseModel>,
-    /// Offset of the frame in the domain of the hash.
-    pub key: [u32; 3],
+    /// Offsets, in the domain of the hash, of the frames whose noise this frame may show.
+    pub keys: FrameKeys,
 }
 
 /// A parameter that the camera does not support: its name, and advice to the user.

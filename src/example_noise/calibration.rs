@@ -29,6 +29,7 @@ use super::latent::{LatentStep, LatentTable, smoothed};
 use super::masked_blur::MaskedBlur;
 use super::model_coding::ModelCoding;
 use super::path::{Planes, codes, content_planes, decoded_planes, padded, rgb_of_codes};
+use super::persistence::FrameKeys;
 use super::registration::correction;
 use super::regression::{COEFFICIENTS, Coefficients, ENERGY_FLOOR, fit};
 use super::source_picture::SourcePicture;
@@ -386,8 +387,14 @@ fn calibrate_on(frames: &[CodedFrame<'_>], seed: u32, with_plain: bool) -> Resul
     let clear: Vec<&GreyImage> = prepared.iter().map(|p| &p.unclipped).collect();
     let mut gains = fit_all(&prepared, &real, &clear, factor, None);
     let atlas_gains = to_f32(&gains);
-    let numbers =
-        ModelNumbers { scale, gains: atlas_gains, atlas_gains, latent: LatentTable::default(), coding: shared };
+    let numbers = ModelNumbers {
+        scale,
+        gains: atlas_gains,
+        atlas_gains,
+        latent: LatentTable::default(),
+        coding: shared,
+        frame_correlation: 0.0,
+    };
     let mut model = NoiseModel::new(numbers, prepared.iter().map(|p| p.source()).collect())?;
 
     let every = prepared.len().div_ceil(ROUND_FRAMES);
@@ -436,7 +443,7 @@ pub fn synthesise(
     key: [u32; 3],
 ) -> Result<Vec<u8>, ModelError> {
     let content = padded(clean, coding);
-    let noise = model.noise(&NoiseContent { rgb: &content, share: None, factor: None }, key);
+    let noise = model.noise(&NoiseContent { rgb: &content, share: None, factor: None }, &FrameKeys::single(key));
     let mut planes = content_planes(&model.numbers.latent.latent(clean), coding)?;
     for (plane, noise) in planes.iter_mut().zip(noise) {
         plane.values.iter_mut().zip(&noise.values).for_each(|(v, n)| *v += n);

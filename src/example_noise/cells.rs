@@ -11,10 +11,12 @@
 //! distance is about 24 among all candidates, without any sorting.
 //! Each draw is h mod n for the three words h of pcg3d(key + (i, j, 1 + draw / 3)).
 //! pcg3d(key + (i, j, 0)) gives the tile's mirroring: bit 31 of the first word across, of the
-//! second down.
+//! second down. The key is that of the frame in which the cell was
+//! [refreshed](super::persistence).
 
 use super::atlas::{CELL_PX, CLASSES, OVERLAP_PX, TileCandidate};
 use super::descriptor::{DESCRIPTOR_BLOCK_PX, Descriptor, DescriptorBlocks, DescriptorScale};
+use super::persistence::FrameKeys;
 use crate::hash::pcg3d;
 
 /// Expected rank of the drawn candidate by distance.
@@ -57,14 +59,14 @@ pub fn sources(
     size: [usize; 2],
     scale: &DescriptorScale,
     candidates: &[Vec<TileCandidate>; CLASSES],
-    key: [u32; 3],
+    keys: &FrameKeys,
 ) -> Vec<TileSource> {
     let first_block = |cell: usize| (cell * CELL_PX) as i64 / BLOCK_PX - OVERLAP_PX as i64 / BLOCK_PX;
     let [columns, rows] = size.map(cell_count);
     let cells = (0..rows).flat_map(|j| (0..columns).map(move |i| (i, j)));
     let source = |(i, j): (usize, usize)| {
         let descriptor = scale.standardised(&blocks.tile([first_block(i), first_block(j)]));
-        source([i as u32, j as u32], &descriptor, candidates, key)
+        source([i as u32, j as u32], &descriptor, candidates, keys)
     };
     cells.map(source).collect()
 }
@@ -74,8 +76,9 @@ pub fn source(
     cell: [u32; 2],
     descriptor: &Descriptor,
     candidates: &[Vec<TileCandidate>; CLASSES],
-    key: [u32; 3],
+    keys: &FrameKeys,
 ) -> TileSource {
+    let key = keys.of_cell(cell);
     let hash = |n: u32| pcg3d([cell[0].wrapping_add(key[0]), cell[1].wrapping_add(key[1]), n.wrapping_add(key[2])]);
     let class = &candidates[(cell[0] & 1) as usize + 2 * (cell[1] & 1) as usize];
     let draws = class.len().div_ceil(EXPECTED_RANK).clamp(1, MAX_DRAWS);

@@ -25,8 +25,8 @@
 //! Gourieroux, Monfort and Renault 1993 (indirect inference), Efros and Freeman 2001 (texture from
 //! an example's tiles), Jarzynski and Olano 2020 (hash).
 //!
-//! Not modelled: correlation in time, fixed-pattern noise, correlation beyond a cell, covariance of
-//! noise and content.
+//! Not modelled: correlation in time of moving content, fixed-pattern noise, correlation beyond a
+//! cell, covariance of noise and content.
 
 pub mod atlas;
 pub mod bands;
@@ -43,6 +43,7 @@ pub mod model_coding;
 mod numbers;
 pub mod parametric;
 pub mod path;
+pub mod persistence;
 mod registration;
 pub mod regression;
 pub mod source_picture;
@@ -121,7 +122,7 @@ impl NoiseModel {
     /// The model of these numbers and frames; makes the atlas and its candidates.
     pub fn new(numbers: ModelNumbers, sources: Vec<SourceFrame>) -> Result<Self, ModelError> {
         let gains = [numbers.gains, numbers.atlas_gains];
-        let finite = gains.iter().flatten().flatten().all(|v| v.is_finite());
+        let finite = gains.iter().flatten().flatten().chain([&numbers.frame_correlation]).all(|v| v.is_finite());
         let factor = numbers.chroma_factor().iter().all(|factor| matches!(factor, 1 | 2));
         if !(finite && factor && numbers.scale.is_valid() && numbers.latent.is_valid()) {
             return Err(ModelError::Numbers);
@@ -132,6 +133,14 @@ impl NoiseModel {
             return Err(ModelError::TooFewTiles { actual: counts });
         }
         Ok(Self { numbers, sources, frames, candidates, descriptor_scale, parametric: ParametricField::default() })
+    }
+
+    /// The model with a correlation of the noise of consecutive frames. Values that do not differ
+    /// from chance count as none.
+    pub fn with_frame_correlation(mut self, correlation: f32) -> Self {
+        let is_modelled = correlation >= persistence::MIN_FRAME_CORRELATION;
+        self.numbers.frame_correlation = if is_modelled { correlation.min(1.0) } else { 0.0 };
+        self
     }
 
     /// The model with activity clamped to `deviations` standard deviations about its mean, where

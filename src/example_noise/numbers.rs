@@ -23,6 +23,13 @@ pub struct ModelNumbers {
     pub latent: LatentTable,
     /// Coding of the calibration's pictures.
     pub coding: ModelCoding,
+    /// Correlation of the noise of consecutive frames; 0 if it is unknown.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub frame_correlation: f32,
+}
+
+fn is_zero(value: &f32) -> bool {
+    *value == 0.0
 }
 
 impl ModelNumbers {

@@ -119,6 +119,7 @@ fn quarters(factor: [usize; 2]) -> [Vec<TileCandidate>; CLASSES] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::example_noise::persistence::FrameKeys;
     use crate::example_noise::synthesis::NoiseContent;
     use crate::example_noise::tests::model;
 
@@ -137,8 +138,9 @@ mod tests {
         }
         let grey = [(); 3].map(|()| GreyImage::uniform(320, 320, 128.0));
         let content = NoiseContent { rgb: &grey, share: None, factor: None };
-        let noise = field.noise(&content, [1, 2, 3]);
-        let [luma, again] = [noise, field.noise(&content, [1, 2, 4])].map(|planes| planes[0].values.clone());
+        let noise = field.noise(&content, &FrameKeys::single([1, 2, 3]));
+        let [luma, again] =
+            [noise, field.noise(&content, &FrameKeys::single([1, 2, 4]))].map(|planes| planes[0].values.clone());
         let moment = |p: i32| luma.iter().map(|v| f64::from(*v).powi(p)).sum::<f64>() / luma.len() as f64;
         // σ of the fourth moment's ratio by 100,000 samples: 0.02 for white noise.
         assert!((moment(4) / moment(2).powi(2) - 3.0).abs() < 0.2, "{}", moment(4) / moment(2).powi(2));

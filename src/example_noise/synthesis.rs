@@ -12,6 +12,7 @@ use super::cells::{TileSource, cell_count, sources, weight};
 use super::content::{Features, block_means};
 use super::descriptor::DescriptorBlocks;
 use super::path::Planes;
+use super::persistence::FrameKeys;
 use super::regression::amplitude;
 use crate::grey_image::GreyImage;
 use crate::parallel::{over_rows, processors};
@@ -29,13 +30,13 @@ pub struct NoiseContent<'a> {
 
 impl NoiseModel {
     /// Noise planes Y', Cb, Cr of a picture, code values.
-    pub fn noise(&self, content: &NoiseContent<'_>, key: [u32; 3]) -> Planes {
+    pub fn noise(&self, content: &NoiseContent<'_>, keys: &FrameKeys) -> Planes {
         let NoiseContent { rgb, share, factor } = *content;
         let features = &self.numbers.scale.standardised(Features::of(rgb));
         let chroma_factor = self.numbers.chroma_factor();
         let blocks = DescriptorBlocks::of(rgb, share);
         let size = [features.width(), features.height()];
-        let sources = sources(&blocks, size, &self.descriptor_scale, &self.candidates, key);
+        let sources = sources(&blocks, size, &self.descriptor_scale, &self.candidates, keys);
         let columns = cell_count(features.width());
         let chroma = features.reduced(chroma_factor);
         let chroma_amplitude = factor.map(|plane| block_means(plane, chroma_factor));

@@ -10,6 +10,7 @@ use super::file::{ModelFileError, from_bytes, to_bytes};
 use super::latent::{LatentStep, LatentTable, NODES};
 use super::model_coding::CodingDifference;
 use super::path::Planes;
+use super::persistence::FrameKeys;
 use super::regression::{self, Coefficients};
 use super::source_picture::SourcePicture;
 use super::synthesis::NoiseContent;
@@ -89,7 +90,7 @@ fn uniform(side: [usize; 2], code: f32) -> Planes {
 }
 
 fn noise_of(model: &NoiseModel, rgb: &Planes, key: [u32; 3], factor: Option<&GreyImage>) -> Planes {
-    model.noise(&NoiseContent { rgb, share: None, factor }, key)
+    model.noise(&NoiseContent { rgb, share: None, factor }, &FrameKeys::single(key))
 }
 
 #[test]
@@ -242,7 +243,8 @@ fn drawn_source_has_the_expected_rank() {
     let candidate = |i: u32| TileCandidate { frame: 0, at: [i, 0], descriptor: [i as f32; DESCRIPTORS] };
     let class: Vec<TileCandidate> = (0..480).map(candidate).collect();
     let candidates: [Vec<TileCandidate>; CLASSES] = std::array::from_fn(|_| class.clone());
-    let rank = |i: u32| source([i % 40, i / 40], &[0.0; DESCRIPTORS], &candidates, [5, 6, 7]).at[0] as f32;
+    let rank =
+        |i: u32| source([i % 40, i / 40], &[0.0; DESCRIPTORS], &candidates, &FrameKeys::single([5, 6, 7])).at[0] as f32;
     let mean = (0..1600).map(rank).sum::<f32>() / 1600.0;
     // The least of 20 draws among 480 has the mean 480 / 21 = 23; its standard error is 0.6.
     assert!((mean - EXPECTED_RANK as f32).abs() < 4.0, "{mean}");

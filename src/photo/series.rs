@@ -24,6 +24,7 @@ use crate::provenance::{InputDigests, WorkRecord, input_files};
 use crate::shot::{Note, Shot};
 use crate::sink::SinkError;
 use crate::sink::photograph::{self, ExifNotes};
+use crate::sink::sdr::{ToneMapping, needs_tone_mapping};
 
 /// Time between two checks whether the inputs are digested.
 const DIGEST_POLL: Duration = Duration::from_millis(30);
@@ -214,6 +215,12 @@ impl<'a> PhotoSession<'a> {
         let photo = TakenPhoto { dials, entry, framing, opening, pixels: &pixels, notes: &notes };
         let particulars = shoot.particulars(&photo, subject.as_deref(), number)?;
         let settings = settings_text(entry, framing);
+        // A photograph has no tags of other colours.
+        let response = &shoot.camera.response;
+        let pixels = match needs_tone_mapping(response) {
+            true => ToneMapping::new(response, pixels.max_code()).apply(&pixels),
+            false => pixels,
+        };
         Ok(SessionPhoto { pixels, notes, particulars, settings })
     }
 }

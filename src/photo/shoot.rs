@@ -203,6 +203,7 @@ impl PhotoShoot<'_> {
                 Mode::ShutterPriority => 4,
             },
             taken_s: recorded_s.unwrap_or_else(now_s),
+            orientation: self.shot.recording.presentation().orientation,
             description: format!(
                 "frame {} of {} at {} s",
                 self.request.frame,

@@ -33,6 +33,10 @@ impl Recording {
             Pictures::Video(video, numbers) => {
                 let number = numbers.as_ref().and_then(|numbers| numbers.get(frame).copied()).unwrap_or(frame);
                 let interval_s = median_interval_s(&video.timestamps_s).unwrap_or(self.frame_interval_s);
+                let elapsed_s = |numbered: &[f64]| Some(numbered.get(number)? - numbered.first()?);
+                // By time, since frames may have uneven intervals.
+                let number = elapsed_s(&video.timestamps_s)
+                    .map_or(number, |elapsed_s| (elapsed_s / interval_s).round() as usize);
                 self.presentation.timecode.map(|timecode| timecode.advanced(number, 1.0 / interval_s))
             }
             Pictures::Stills(_) => None,

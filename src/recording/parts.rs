@@ -189,7 +189,9 @@ impl Parts {
                 (settings, Presentation { orientation, transfer, primaries, ..Presentation::default() })
             }
             Pictures::Video(video, _) => {
-                (picture_tags::of_video(video, &self.timestamps_s, &mut self.warnings), video.presentation)
+                let (settings, sidecar) = picture_tags::of_video(video, &self.timestamps_s, &mut self.warnings);
+                self.description_files.extend(sidecar);
+                (settings, video.presentation)
             }
         };
         let photos = photos.into_iter().chain(std::iter::repeat(PhotoSettings::default()));

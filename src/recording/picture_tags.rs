@@ -9,22 +9,40 @@ use crate::source::telemetry;
 use crate::source::video::Video;
 use crate::text;
 
-/// The camera's settings of each frame of a video with telemetry. If it cannot be read, a warning.
-pub fn of_video(video: &Video, times_s: &[f64], warnings: &mut Vec<String>) -> Vec<PhotoSettings> {
+/// Largest difference between the ends of a video and of the subtitles beside it, s. Subtitles of a
+/// video that was cut since do not fit.
+const MAX_SIDECAR_DIFFERENCE_S: f64 = 1.5;
+
+/// The camera's settings of each frame of a video with telemetry, and the file beside the video
+/// that they are from. If it cannot be used, a warning.
+pub fn of_video(video: &Video, times_s: &[f64], warnings: &mut Vec<String>) -> (Vec<PhotoSettings>, Option<PathBuf>) {
     if video.is_retimed {
-        return Vec::new();
+        return Default::default();
     }
-    match telemetry::read(&video.file) {
-        Ok(Some(telemetry)) => {
-            let zero_s = times_s.first().copied().unwrap_or_default();
-            times_s.iter().map(|time_s| telemetry.at(video.start_s + time_s - zero_s)).collect()
-        }
-        Ok(None) => Vec::new(),
+    let telemetry = match telemetry::read(&video.file) {
+        Ok(Some(telemetry)) => telemetry,
+        Ok(None) => return Default::default(),
         Err(error) => {
             warnings.push(format!("the camera's telemetry is not read: {error}"));
-            Vec::new()
+            return Default::default();
         }
+    };
+    let zero_s = times_s.first().copied().unwrap_or_default();
+    let after_start_s = |time_s: &f64| video.start_s + time_s - zero_s;
+    let end_s = times_s.last().map_or(0.0, after_start_s);
+    if let Some(sidecar) =
+        telemetry.sidecar.as_ref().filter(|_| (telemetry.end_s() - end_s).abs() > MAX_SIDECAR_DIFFERENCE_S)
+    {
+        warnings.push(format!(
+            "{}: ends at {} s, the video at {} s, so it belongs to another cut; exposures are not read from it",
+            sidecar.display(),
+            text::fixed(telemetry.end_s(), 1),
+            text::fixed(end_s, 1)
+        ));
+        return Default::default();
     }
+    let settings = times_s.iter().map(|time_s| telemetry.at(after_start_s(time_s))).collect();
+    (settings, telemetry.sidecar)
 }
 
 /// The camera's settings of each picture by EXIF, and their common orientation. Damaged EXIF is

@@ -13,6 +13,7 @@ use super::atomic::write_atomically;
 use super::{SinkError, check_file, of_image};
 use crate::label::{SourceLabel, with_chunks, with_packet, xmp_chunk};
 use crate::pixels::{Codes, Pixels};
+use crate::source::orientation::Orientation;
 
 /// Exif metadata of a photograph.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,6 +34,8 @@ pub struct ExifNotes {
     pub taken_s: f64,
     /// A description of the picture.
     pub description: String,
+    /// How the picture is to be shown.
+    pub orientation: Orientation,
 }
 
 const JPEG_QUALITY: u8 = 95;
@@ -133,7 +136,7 @@ fn exif_block(notes: &ExifNotes, width: u32, height: u32) -> io::Result<Vec<u8>>
         (Tag::Make, text("Locard")),
         (Tag::Model, text("Locard virtual SLR")),
         (Tag::Software, text(concat!("Locard ", env!("CARGO_PKG_VERSION")))),
-        (Tag::Orientation, short(1.0)),
+        (Tag::Orientation, short(f64::from(notes.orientation.exif()))),
         // Dots per inch are meaningless for a picture that is not printed, but readers expect them.
         (Tag::XResolution, number(72.0)),
         (Tag::YResolution, number(72.0)),
@@ -206,6 +209,7 @@ mod tests {
             program: 3,
             taken_s: 1_305_031_103.7,
             description: "frame 20".to_owned(),
+            orientation: Orientation::of_exif(6),
         }
     }
 
@@ -241,6 +245,7 @@ mod tests {
                 Tag::SubjectDistance,
                 Tag::DateTimeOriginal,
                 Tag::ExposureProgram,
+                Tag::Orientation,
             ];
             let expected = [
                 "\"Locard\"",
@@ -253,6 +258,7 @@ mod tests {
                 "1.25 m",
                 "2011-05-10 12:38:23",
                 "aperture priority",
+                "row 0 at right and column 0 at top",
             ];
             assert_eq!(tags.map(text), expected, "{name}");
             let read = image::open(&path).unwrap().to_rgb8();

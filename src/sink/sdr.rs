@@ -15,7 +15,7 @@
 use glam::{DMat3, DVec3};
 
 use super::{Sink, SinkError};
-use crate::camera::Response;
+use crate::camera::{Curve, Primaries, Response};
 use crate::pixels::{Codes, Pixels};
 
 /// Light up to which the conversion is the identity, relative to diffuse white.
@@ -49,8 +49,20 @@ impl Sink for SdrSink {
     }
 }
 
+/// Whether codes of this response are not for a display of Rec. 709 or sRGB, as files without tags
+/// are shown. A measured table of a camera without highlights is.
+pub fn needs_tone_mapping(response: &Response) -> bool {
+    let is_for_display = match response.curve {
+        Curve::Srgb | Curve::Gamma => true,
+        Curve::Table => response.max_light() <= 1.0 + 1e-9,
+        _ => false,
+    };
+    !(is_for_display && response.primaries == Primaries::Rec709)
+}
+
 /// Tone mapping of frames with one response.
-struct ToneMapping {
+#[derive(Debug)]
+pub struct ToneMapping {
     /// Light of each code.
     light: Vec<f64>,
     to_rec709: DMat3,
@@ -60,7 +72,7 @@ struct ToneMapping {
 }
 
 impl ToneMapping {
-    fn new(response: &Response, max_code: u32) -> Self {
+    pub fn new(response: &Response, max_code: u32) -> Self {
         let to_rec709 = response.primaries.from_rec709().map_or(DMat3::IDENTITY, |matrix| matrix.inverse());
         let has_highlights = response.max_light() > 1.0 + 1e-9;
         Self { light: response.table(max_code), to_rec709, srgb: Response::default(), has_highlights }
@@ -73,7 +85,7 @@ impl ToneMapping {
         if self.has_highlights && largest > KNEE { light * (compressed(largest) / largest) } else { light }
     }
 
-    fn apply(&self, pixels: &Pixels) -> Pixels {
+    pub fn apply(&self, pixels: &Pixels) -> Pixels {
         let scale = (self.light.len() - 1) as f64;
         let convert = |codes: [u32; 3]| {
             let light = DVec3::from_array(codes.map(|code| self.light[code as usize]));
@@ -91,7 +103,18 @@ impl ToneMapping {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::camera::{Curve, Primaries};
+
+    #[test]
+    fn codes_for_a_display_are_kept() {
+        let response = |curve, primaries| Response { curve, primaries, ..Response::default() };
+        assert!(!needs_tone_mapping(&Response::default()));
+        assert!(!needs_tone_mapping(&response(Curve::Gamma, Primaries::Rec709)));
+        for (curve, primaries) in
+            [(Curve::Hlg, Primaries::Rec2020), (Curve::Srgb, Primaries::P3), (Curve::Linear, Primaries::Rec709)]
+        {
+            assert!(needs_tone_mapping(&response(curve, primaries)), "{curve:?} {primaries:?}");
+        }
+    }
 
     #[test]
     fn light_below_the_knee_is_kept_and_no_light_clips() {

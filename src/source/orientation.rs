@@ -34,6 +34,11 @@ impl Orientation {
         Self { is_mirrored: matches!(orientation, 2 | 4 | 5 | 7), rotation_deg }
     }
 
+    /// The EXIF value, 1 to 8; 1 for rotations by other than quarter turns.
+    pub fn exif(self) -> u32 {
+        (1..=8).find(|value| Self::of_exif(*value) == self).unwrap_or(1)
+    }
+
     /// True if pixels stay pixels: the rotation is by quarter turns.
     pub fn is_by_quarter_turns(self) -> bool {
         self.rotation_deg % 90.0 == 0.0

@@ -116,17 +116,20 @@ fn palette_picture(bytes: &[u8], max_bytes: u64) -> Result<DynamicImage, String>
     let mut decoder = decoder(&grey, max_bytes)?;
     let (width, height) = decoder.dimensions().map_err(damaged)?;
     let bits = usize::from(decoder.colortype().map_err(damaged)?.bit_depth());
+    if ![1, 2, 4, 8, 16].contains(&bits) {
+        return Err(format!("the indices of its palette have {bits} bits; 1, 2, 4, 8 and 16 are read"));
+    }
     let mut buffer = DecodingResult::U8(Vec::new());
     let layout = decoder.read_image_to_buffer(&mut buffer).map_err(damaged)?;
     let indices: Vec<usize> = match buffer {
-        DecodingResult::U8(packed) => {
+        DecodingResult::U8(packed) if bits <= 8 => {
             let stride = layout.row_stride.map_or(packed.len(), std::num::NonZero::get);
             let index =
                 |row: &[u8], x: usize| usize::from(row[x * bits / 8]) >> (8 - bits - x * bits % 8) & ((1 << bits) - 1);
             packed.chunks_exact(stride).flat_map(|row| (0..width as usize).map(move |x| index(row, x))).collect()
         }
         DecodingResult::U16(indices) => indices.into_iter().map(usize::from).collect(),
-        _ => return Err("the indices of its palette are not of 1 to 16 bits".to_owned()),
+        _ => return Err(incomplete()),
     };
     // Red, green, blue one after another, 16 bits each; 8 bits from some programs.
     let color_count = 1 << bits;

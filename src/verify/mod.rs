@@ -22,7 +22,7 @@ use std::sync::Arc;
 pub use blur::{BlurRatio, blur};
 pub use error::VerifyError;
 pub use frame_scene::frame_scene;
-pub use noise::{AIM_AUC, NoiseComparison, NoiseNotCompared, NoiseScore, noise};
+pub use noise::{NoiseComparison, NoiseNotCompared, NoiseScore, noise};
 pub use noise_figures::{NoiseFigures, RealAndVirtual, SigmaBin};
 pub use noise_floor::DisplacementSummary;
 pub use sharpness::{real_px, sharpness_px};

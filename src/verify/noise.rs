@@ -56,8 +56,6 @@ const COVERED: f32 = 0.999;
 /// Margin of an area above its floor, besides two standard errors. Areas of equal classes vary by
 /// 0.06 between recordings (docs/detectors.md), and the largest of eight is judged.
 pub const AUC_MARGIN: f64 = 0.15;
-/// Largest mean area that is aimed at.
-pub const AIM_AUC: f64 = 0.62;
 
 /// Detectors that are trained. Repeats are counted instead ([`NoiseComparison::repeats`]).
 const FAMILIES: [DetectorFamily; 4] = [

@@ -1,6 +1,6 @@
 //! The comparison of noise as lines of text.
 
-use super::noise::{AIM_AUC, NoiseComparison};
+use super::noise::NoiseComparison;
 use super::noise_figures::RealAndVirtual;
 use crate::text::{count, fixed};
 
@@ -35,7 +35,7 @@ impl NoiseComparison {
     fn verdict(&self) -> String {
         let strongest = self.strongest().map_or(String::new(), |score| format!(" by {score}"));
         format!(
-            "{}{strongest}; mean of {} {}, the aim is at most {AIM_AUC}; {} flat patches in {}",
+            "{}{strongest}; mean of {} {}, 0.5 is chance; {} flat patches in {}",
             if self.is_separated() { "separated" } else { "not separated" },
             count(self.scores.len(), "detector"),
             fixed(self.mean_auc(), 2),
@@ -81,8 +81,8 @@ mod tests {
         let lines = noise.lines();
         assert_eq!(
             lines[0].1,
-            "separated by block DCT, logistic: 0.90 ± 0.02, floor 0.55; mean of 2 detectors 0.80, the aim is at most \
-             0.62; 120 flat patches in 2 frames"
+            "separated by block DCT, logistic: 0.90 ± 0.02, floor 0.55; mean of 2 detectors 0.80, 0.5 is chance; \
+             120 flat patches in 2 frames"
         );
         assert_eq!(lines[1].1, "1.10 of real, worst 0.50 (red at code 200)");
         assert_eq!(lines[2].1, "power 1.50, 1.00, 0.25, 0.10 of real, fine to coarse");

@@ -9,6 +9,7 @@ use locard::coding::{
 use locard::compositor::Composited;
 use locard::example_noise::calibration::{CalibrationFrame, calibrate};
 use locard::example_noise::path::{codes, padded};
+use locard::example_noise::persistence::FrameKeys;
 use locard::example_noise::synthesis::NoiseContent;
 use locard::example_noise::{NoiseModel, NoiseModelFile};
 use locard::grey_image::GreyImage;
@@ -185,7 +186,8 @@ fn example_reference(coding: &PictureCoding, model: &NoiseModel, alpha: &[f32]) 
     let content = padded(&rgb, coding);
     let [share, factor, _] = padded(&[share.clone(), factor, share], coding);
     let key = locard::effects::noise::pattern_key(0, 0, 1);
-    let noise = model.noise(&NoiseContent { rgb: &content, share: Some(&share), factor: Some(&factor) }, key);
+    let noise = model
+        .noise(&NoiseContent { rgb: &content, share: Some(&share), factor: Some(&factor) }, &FrameKeys::single(key));
     let pixels = (0..size[0] * size[1]).map(|i| [0, 1, 2].map(|c: usize| rgb[c].values[i])).collect::<Vec<_>>();
     let mut planes: [GreyImage; 3] = coding
         .planes(&pixels, size)

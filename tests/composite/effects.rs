@@ -342,6 +342,7 @@ fn noise_matches_the_cpu_reference() {
             max_code: 255,
             recorded: FrameExposure::default(),
             interval_s: 1.0 / 30.0,
+            resting_frames: 0,
             fastest_px_per_s: 0.0,
             depths_m: [1.0, 1.0],
             real_depths_m: None,

@@ -90,6 +90,7 @@ fn effects_pass_unchanged_textures_on() {
         max_code: 255,
         recorded: Default::default(),
         interval_s: 1.0 / 30.0,
+        resting_frames: 0,
         fastest_px_per_s: 400.0,
         depths_m: [0.9, 1.1],
         real_depths_m: Some([1.0, 2.0]),

@@ -41,4 +41,5 @@ mod scene;
 mod seeking;
 #[cfg(feature = "sign")]
 mod sign;
+mod telemetry;
 mod video_out;

@@ -6,6 +6,7 @@ use super::on_cpu::{CpuCoding, RegionPlace, UncodedTexel, UncodedTexels};
 use super::*;
 use crate::coding::{BlockQuantization, ChromaSiting, YcbcrColor};
 use crate::compositor::example_noise::CONTENT_REACH_PX;
+use crate::example_noise::persistence::FrameKeys;
 use crate::example_noise::tests::model;
 use crate::gpu::{Gpu, ReadbackSet};
 use crate::memo::ByAddress;
@@ -109,7 +110,7 @@ fn codes_of_the_processor_equal_those_of_the_shaders() {
     for coding in codings() {
         let uncoded = Uncoded::new(&coding);
         let factor = coding.chroma_factor();
-        let noise = ExampleNoise { model: ByAddress(Arc::new(model(factor))), key: [3, 500, 77] };
+        let noise = ExampleNoise { model: ByAddress(Arc::new(model(factor))), keys: FrameKeys::single([3, 500, 77]) };
         for noise in [None, Some(&noise)] {
             let [shaders, cpu] = [uncoded.by_shaders(&mut recorder, &pixels, noise), uncoded.on_cpu(noise)];
             let differing = shaders.iter().zip(&cpu).filter(|(a, b)| a != b).count();

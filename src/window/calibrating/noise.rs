@@ -247,8 +247,14 @@ impl NoisePanel {
         }
         match parts::apply_or_discard(ui, "noise", is_applied) {
             Some(Decision::Apply) => {
+                let had_example = present.is_some_and(|present| present.example.is_some());
                 session.project.set_noise(measured.profile.clone());
-                session.show_message("The measured noise is in use");
+                session.show_message(if had_example {
+                    "The measured noise is in use. Noise by example is not drawn any more: the examples were not measured \
+                     here. `locard calibrate noise` makes new ones."
+                } else {
+                    "The measured noise is in use"
+                });
             }
             Some(Decision::Discard) => {
                 self.places.clear();

@@ -75,7 +75,7 @@ impl CellSources {
                 sums[row * blocks[0] as usize..][range(0)].iter().for_each(|block| all.add(block));
             }
             let descriptor = noise.model.descriptor_scale.standardised(&all.descriptor());
-            source([i as u32, j as u32], &descriptor, &noise.model.candidates, noise.key)
+            source([i as u32, j as u32], &descriptor, &noise.model.candidates, &noise.keys)
         };
         let rows = first[1]..first[1] + count[1];
         let cells = rows.flat_map(|j| (first[0]..first[0] + count[0]).map(move |i| (i, j)));

@@ -6,6 +6,7 @@ use super::super::CodedRegion;
 use super::*;
 use crate::coding::{BLOCK, BlockQuantization, ChromaSampling, Decoder, YcbcrColor};
 use crate::example_noise::path::Planes;
+use crate::example_noise::persistence::FrameKeys;
 use crate::example_noise::synthesis::NoiseContent;
 use crate::example_noise::tests::model;
 use crate::grey_image::GreyImage;
@@ -59,7 +60,10 @@ fn places() -> impl Iterator<Item = (usize, usize)> {
 }
 
 fn example(factor: [u32; 2]) -> ExampleNoise {
-    ExampleNoise { model: ByAddress(Arc::new(model(factor))), key: [3, 500, 77] }
+    ExampleNoise {
+        model: ByAddress(Arc::new(model(factor))),
+        keys: FrameKeys::new(0.6, 9, |before| [3, 500 - before as u32, 77]),
+    }
 }
 
 #[test]
@@ -81,7 +85,7 @@ fn noise_equals_that_of_the_reference() {
         let rgb: Planes = std::array::from_fn(|c| plane(|x, y| content(x, y)[c].clamp(0.0, 255.0)));
         let [share, factor_plane] = [0, 1].map(|i| plane(|x, y| weights(x, y)[i]));
         let content = NoiseContent { rgb: &rgb, share: Some(&share), factor: Some(&factor_plane) };
-        let expected = noise.model.noise(&content, noise.key);
+        let expected = noise.model.noise(&content, &noise.keys);
         for (actual, expected) in planes.noise.iter().zip(&expected) {
             let energy = expected.values.iter().map(|v| v * v).sum::<f32>();
             assert!(energy / expected.values.len() as f32 > 0.3, "there is noise: {energy}");
@@ -107,7 +111,7 @@ fn codes_equal_those_of_the_reference() {
         let actual = of_picture(&coding, Some(&noise)).code(&texels);
 
         let clipped: Planes = std::array::from_fn(|c| plane(|x, y| content(x, y)[c].clamp(0.0, 255.0)));
-        let added = noise.model.noise(&NoiseContent { rgb: &clipped, share: None, factor: None }, noise.key);
+        let added = noise.model.noise(&NoiseContent { rgb: &clipped, share: None, factor: None }, &noise.keys);
         let latent = |c: usize, code: f32| {
             let value = noise.model.numbers.latent.at(c, code.clamp(0.0, 255.0));
             if code > 255.0 { value.max(code) } else { value }
