@@ -24,8 +24,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let frame = Frame::new(0, 0.0, Pixels::from_u8(640, 480, vec![120; 3 * 640 * 480]).ok_or("a size that differs")?);
 
     let texture = gpu.render_target((640, 480), wgpu::TextureFormat::Rgba8Unorm);
-    let (view, settings) = (texture.create_view(&Default::default()), Settings::default());
+    let view = texture.create_view(&Default::default());
+    let settings = Settings::default();
     let job = Job::of_frame(frame, &camera, &settings, &geometry, &track, 1.0 / 30.0)?;
     compositor.submit(job, &camera, &settings, Target::View(&view, texture.format()))?.await_drawn(&gpu)?;
+    println!("drawn into a texture of {}x{} px", texture.width(), texture.height());
     Ok(())
 }

@@ -1,6 +1,7 @@
 //! How exact a derived value is.
 
-/// A preview comes within a frame, an approximation that may reuse earlier results. A final value
+/// A preview is an approximation that is ready within a frame's time and may reuse earlier results.
+/// A final value
 /// is the one that a new program would compute from the same inputs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Quality {

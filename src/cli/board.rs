@@ -22,8 +22,7 @@ pub struct Args {
     /// The paper: a4 or letter
     #[arg(long, default_value = "a4", value_parser = paper)]
     paper: Paper,
-    /// Describe a printed ChArUco board (OpenCV 4.6 and later) of this many columns and rows of
-    /// squares
+    /// Describe a printed ChArUco board (OpenCV) of this many columns and rows of squares
     #[arg(long, value_name = "COLUMNSxROWS", value_parser = squares, requires_all = ["square_mm", "tag_mm"])]
     charuco: Option<[u32; 2]>,
     /// Dictionary of its tags
@@ -35,6 +34,10 @@ pub struct Args {
     /// Side of its tags, mm
     #[arg(long, value_name = "MM", requires = "charuco")]
     tag_mm: Option<f64>,
+    /// The board is of before OpenCV 4.6: with an even number of rows its upper left square is
+    /// white
+    #[arg(long, requires = "charuco")]
+    legacy: bool,
     /// Replace existing files
     #[arg(long)]
     force: bool,
@@ -63,7 +66,7 @@ fn describe_charuco(args: &Args, squares: [u32; 2]) -> Result<()> {
         bail!("{}: the file of a ChArUco board is a .toml", args.output.display());
     }
     let metres = |mm: Option<f64>| mm.unwrap_or_default() / 1e3;
-    let board = Board::charuco(args.family, squares, metres(args.square_mm), metres(args.tag_mm))
+    let board = Board::charuco(args.family, squares, metres(args.square_mm), metres(args.tag_mm), args.legacy)
         .map_err(|problem| anyhow::anyhow!("--charuco: {problem}"))?;
     sink::check_file(&args.output, args.force)?;
     write_atomically(&args.output, args.force, |out| out.write_all(board.to_string().as_bytes()))?;

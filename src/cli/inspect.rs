@@ -18,7 +18,7 @@ use locard_engine::compositor::Settings;
 use locard_engine::depth::unknown_fraction;
 use locard_engine::document;
 use locard_engine::frame::FrameExposure;
-use locard_engine::params::{Params, Value};
+use locard_engine::params::{Field, Params, Value};
 use locard_engine::profile::Rig;
 use locard_engine::recording::{DepthRegistration, Duplicates, OpenOptions, Recording};
 use locard_engine::shot::{AnalysisState, Shot, ShotError, ShotOptions};
@@ -252,6 +252,13 @@ fn recording(args: &Args) -> Result<()> {
         Ok(format) => writeln!(out, "format     {format}")?,
         Err(error) => writeln!(out, "format     unknown: {}", shown(&error.to_string()))?,
     }
+    let response = shot.camera().response;
+    writeln!(
+        out,
+        "colour     curve {}, primaries {}",
+        Field::to_value(&response.curve),
+        Field::to_value(&response.primaries)
+    )?;
     let frames = recording.frame_count();
     writeln!(out, "poses      {}, for {posed} of {}", recording.track.poses().len(), count(frames, "frame"))?;
     writeln!(out, "depth      {}", depth(recording, geometry.is_some()))?;

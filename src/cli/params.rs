@@ -14,8 +14,10 @@ use locard_engine::text::shown_unit;
 #[derive(clap::Args)]
 #[command(after_help = "[stage] after a parameter: the first stage that a change recomputes")]
 pub struct Args {
-    /// List this table and those below it, as in noise or camera; all by default
-    table: Option<String>,
+    /// List this table and those below it, as in noise or camera, or one parameter, as in
+    /// noise.scale; all by default
+    #[arg(value_name = "TABLE|PARAMETER")]
+    name: Option<String>,
     /// As JSON
     #[arg(long)]
     json: bool,
@@ -29,18 +31,30 @@ fn is_at_or_below(table: &str, name: &str) -> bool {
 pub fn run(args: &Args) -> Result<()> {
     let (rig, settings) = (Rig::default(), Settings::default());
     let mut tables: Vec<&dyn Params> = rig.tables().into_iter().chain(settings.tables()).collect();
-    if let Some(name) = &args.table {
+    // A parameter's name, if that alone is listed.
+    let mut parameter = None;
+    if let Some(name) = &args.name {
         let names: Vec<&str> = tables.iter().map(|table| table.table()).collect();
+        let has = |table: &&dyn Params, own: &str| table.specs().iter().any(|spec| spec.name == own);
+        let of_parameter = name.rsplit_once('.').and_then(|(table, own)| {
+            let table = tables.iter().find(|candidate| candidate.table() == table && has(candidate, own))?;
+            Some((*table, own))
+        });
         tables.retain(|table| is_at_or_below(table.table(), name));
+        if let (true, Some((table, own))) = (tables.is_empty(), of_parameter) {
+            (tables, parameter) = (vec![table], Some(own));
+        }
         if tables.is_empty() {
-            bail!("there is no table {name}; tables: {}", names.join(", "));
+            bail!("there is no table or parameter {name}; tables: {}", names.join(", "));
         }
     }
+    let is_listed = |name: &str| parameter.is_none_or(|parameter| parameter == name);
     let mut out = std::io::stdout().lock();
     if args.json {
         let list: Vec<_> = tables
             .iter()
             .flat_map(|t| t.specs().into_iter().map(|s| (t.table(), s)))
+            .filter(|(_, s)| is_listed(s.name))
             .map(|(table, s)| {
                 let default = match &s.default {
                     Value::None => json!(null),
@@ -67,7 +81,7 @@ pub fn run(args: &Args) -> Result<()> {
             Some(summary) => writeln!(out, "[{}]  {summary}", table.table())?,
             None => writeln!(out, "[{}]", table.table())?,
         }
-        for s in table.specs() {
+        for s in table.specs().into_iter().filter(|s| is_listed(s.name)) {
             // Without a default, the unit is printed after the range.
             let (unit, of_range) = match s.default {
                 Value::None => (String::new(), shown_unit(s.unit)),

@@ -111,8 +111,8 @@ impl Compositor {
         self.renderer.place(objects);
     }
 
-    /// Sets the real room. From the next frame on its surfaces block light from the floors, so that
-    /// virtual objects do not block the same light again.
+    /// Sets the real room. From the next frame on, real surfaces block light on its way to receiver
+    /// planes, so that virtual objects do not block the same light again.
     pub fn set_room(&mut self, room: Option<Arc<Room>>) {
         self.shadows.set_room(room);
     }

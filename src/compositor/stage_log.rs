@@ -3,7 +3,7 @@
 use crate::memo::Memo;
 use crate::stage::Stage;
 
-/// The stages that a frame needs, of those that may be retained.
+/// The stages that were computed for a frame, in order.
 #[derive(Debug, Default)]
 pub struct StageLog(Vec<Stage>);
 

@@ -35,7 +35,7 @@ impl Export {
         if let (Some(_), false, OutPath::Folder(path) | OutPath::Video(path)) =
             (self.closed_groups, has_groups, &self.out)
         {
-            let problem = "--closed-groups goes with H.264 and HEVC; the frames of this output stand alone";
+            let problem = "--closed-groups is for H.264 and HEVC only; the frames of this output stand alone";
             return Err(ExportError::refused(path, problem));
         }
         if let Some(output) = self.recorded_output() {

@@ -44,7 +44,7 @@ impl Inputs {
     pub fn check_file(&self, path: &Path) -> Result<(), ExportError> {
         let at = resolved(path);
         if self.is_read(path, &at) {
-            return Err(ExportError::refused(path, format!("is read in this run, {NEVER_WRITTEN}")));
+            return Err(ExportError::refused(path, format!("is an input of this run, {NEVER_WRITTEN}")));
         }
         if self.analyses.iter().any(|folder| at.starts_with(folder)) {
             return Err(ExportError::refused(
@@ -110,7 +110,7 @@ impl Inputs {
     }
 }
 
-const NEVER_WRITTEN: &str = "which is not written to (with --force neither); choose another place";
+const NEVER_WRITTEN: &str = "which is never overwritten, not even with --force; choose another path";
 
 /// An absolute path without symbolic links. Its last components need not exist.
 pub fn resolved(path: &Path) -> PathBuf {

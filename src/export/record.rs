@@ -64,7 +64,7 @@ impl Export {
     }
 }
 
-/// A record in the making. The inputs are digested while frames are composited.
+/// A record whose inputs are still being digested, while frames are composited.
 pub struct RecordDraft {
     output: PathBuf,
     record: Record,

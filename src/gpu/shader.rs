@@ -43,6 +43,7 @@ shaders! {
     SharedNoise = "shared/noise",
     SharedExampleNoise = "shared/example_noise",
     SharedNoiseOverlay = "shared/noise_overlay",
+    SharedNoiseSpeed = "shared/noise_speed",
     Response = "shared/response",
     SharedShadowRatio = "shared/shadow_ratio",
     SharedSrgb = "shared/srgb",

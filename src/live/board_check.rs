@@ -18,8 +18,9 @@ const CONFIRMING_PICTURES_SINGLE_TAG: u32 = 6;
 const REVOKING_MISFITS: u32 = 5;
 /// Largest interval between consecutive pictures, seconds.
 const MAX_INTERVAL_S: f64 = 0.25;
-/// Largest speed of the camera between consecutive pictures, rad/s and m/s.
-const MAX_SPEED: f64 = 10.0;
+/// Largest speeds of the camera between consecutive pictures.
+const MAX_SPEED_M_S: f64 = 10.0;
+const MAX_TURN_RAD_S: f64 = 10.0;
 
 /// Confirms over several pictures that the visible tags form the configured board.
 #[derive(Clone, Copy, Debug, Default)]
@@ -45,7 +46,7 @@ impl BoardCheck {
             let in_s = time_s - previous_s;
             let turned = previous.rotation.angle_between(pose.rotation);
             let moved_m = previous.position_in_world_m().distance(pose.position_in_world_m());
-            in_s <= MAX_INTERVAL_S && turned < 0.02 + MAX_SPEED * in_s && moved_m < 0.02 + MAX_SPEED * in_s
+            in_s <= MAX_INTERVAL_S && turned < 0.02 + MAX_TURN_RAD_S * in_s && moved_m < 0.02 + MAX_SPEED_M_S * in_s
         });
         if !is_consecutive {
             (self.consecutive, self.consecutive_several) = (0, 0);

@@ -146,7 +146,7 @@ impl DelayedSource {
                 // subtracted from the poses' time.
                 self.delay.target_s = -delay_s;
                 self.message = Some(format!(
-                    "the poses' delay is found: --delay {} ± {} s, by {}, likeness {}",
+                    "the poses' delay is estimated: --delay {} ± {} s, by {}, correlation {}",
                     fixed(-delay_s, 4),
                     fixed(sigma_s, 4),
                     count(motions, "motion"),
@@ -156,8 +156,10 @@ impl DelayedSource {
             Err(why) if !self.has_reported_failure => {
                 self.has_reported_failure = true;
                 let help = match why {
-                    DelayError::NoDelay(DelayFailure::Still { .. }) => "; turn the camera about",
-                    DelayError::NoDelay(DelayFailure::AtEnd { .. }) => "; begin nearer to it, by the stream's delay_s",
+                    DelayError::NoDelay(DelayFailure::Still { .. }) => "; rotate the camera",
+                    DelayError::NoDelay(DelayFailure::AtEnd { .. }) => {
+                        "; set the stream's delay_s closer to the true delay"
+                    }
                     _ => "",
                 };
                 self.message = Some(format!("the poses' delay is not found yet, and 0 is assumed: {why}{help}"));
@@ -348,7 +350,7 @@ mod tests {
         let delay = Delay { delay_s: 0.08, sigma_s: 0.001, likeness: 0.9, ratio: 1.0, quarters: 0, motions: 90 };
         source.apply(Ok(delay));
         let message = source.take_message().unwrap();
-        assert!(message.starts_with("the poses' delay is found: --delay -0.0800 ± 0.0010 s"), "{message}");
+        assert!(message.starts_with("the poses' delay is estimated: --delay -0.0800 ± 0.0010 s"), "{message}");
         // After a second the whole delay is applied.
         times_s(&mut source, 1.0);
         let after_s = times_s(&mut source, 1.5);

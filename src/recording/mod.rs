@@ -33,6 +33,7 @@ mod plain_folder;
 mod realitycapture;
 pub mod recorder;
 mod rigid;
+mod scanner_app;
 mod seven_scenes;
 mod stray;
 mod tum;
@@ -93,13 +94,14 @@ impl Default for OpenOptions {
 
 /// The formats, in the order in which they are tried. A new format is a file in this module and a
 /// line here.
-static FORMATS: [&RecordingFormat; 11] = [
+static FORMATS: [&RecordingFormat; 12] = [
     &native::FORMAT,
     &nerfstudio::FORMAT,
     &tum::FORMAT,
     &euroc::FORMAT,
     &stray::FORMAT,
     &arkit::FORMAT,
+    &scanner_app::FORMAT,
     &colmap::FORMAT,
     &metashape::FORMAT,
     &realitycapture::FORMAT,

@@ -1,6 +1,9 @@
 //! Captures of apps that are recognised but not supported, each with conversion advice.
 
+use std::io::Read;
 use std::path::Path;
+
+use crate::source::file;
 
 /// A kind of capture.
 struct UnsupportedCapture {
@@ -16,7 +19,27 @@ fn ends_with(path: &Path, ending: &str) -> bool {
     path.is_file() && path.extension().is_some_and(|own| own.eq_ignore_ascii_case(ending))
 }
 
-static CAPTURES: [UnsupportedCapture; 6] = [
+/// The first bytes of a file of RED, after the length of its first block.
+const RED_SIGNATURES: [&[u8]; 2] = [b"RED1", b"RED2"];
+
+fn is_red(path: &Path) -> bool {
+    let start = file::open(path).ok().and_then(|mut file| {
+        let mut start = [0; 8];
+        file.read_exact(&mut start).ok().map(|()| start)
+    });
+    ends_with(path, "r3d") && start.is_some_and(|start| RED_SIGNATURES.contains(&&start[4..]))
+}
+
+static CAPTURES: [UnsupportedCapture; 8] = [
+    UnsupportedCapture {
+        is_at: is_red,
+        refusal: "it is raw footage of RED, which ffmpeg cannot decode; REDCINE-X or DaVinci Resolve exports it as ProRes with \
+                  the camera's log curve (docs/recordings.md, Colour)",
+    },
+    UnsupportedCapture {
+        is_at: |path| ends_with(path, "braw"),
+        refusal: "it is raw footage of Blackmagic, which ffmpeg cannot decode; DaVinci Resolve exports it as ProRes",
+    },
     UnsupportedCapture {
         is_at: |path| has(path, &["keyframes/images"]) || has(path, &["images", "corrected_cameras"]),
         refusal: "it is a capture of Polycam; `ns-process-data polycam --data CAPTURE.zip --output-dir NEW` (nerfstudio) makes \
@@ -78,6 +101,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("a.r3d"), "").unwrap();
         assert!(refusal(&folder.path().join("a.r3d")).unwrap().contains("Record3D"));
+        std::fs::write(folder.path().join("b.R3D"), b"\0\0\x02\0RED2\0\0").unwrap();
+        assert!(refusal(&folder.path().join("b.R3D")).unwrap().contains("REDCINE-X"));
         std::fs::write(folder.path().join("a.psx"), "").unwrap();
         assert!(refusal(&folder.path().join("a.psx")).unwrap().contains("cameras.xml"));
         std::fs::create_dir(folder.path().join("rgb")).unwrap();

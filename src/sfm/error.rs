@@ -58,6 +58,8 @@ pub enum SolveError {
     Sizes { file: PathBuf, size: (u32, u32), first: PathBuf, expected: (u32, u32) },
     #[error("the footage is {}x{} px and the profile's camera {}x{}: name the profile of the camera as it was when it recorded", footage.0, footage.1, camera.0, camera.1)]
     CameraSize { footage: (u32, u32), camera: (u32, u32) },
+    #[error("{}: its pixels are not square but {}:{}, and the lens is estimated for square ones: give the camera's profile (`locard calibrate camera` makes one), or make them square first (ffmpeg -i FILE -vf scale=iw*sar:ih,setsar=1 -c:v ffv1 NEW.mkv)", file.display(), aspect.0, aspect.1)]
+    PixelAspect { file: PathBuf, aspect: (u32, u32) },
     #[error("COLMAP has no lens of the model {}; omit --profile: the lens is estimated then", Field::to_value(.0))]
     Lens(LensModel),
     #[error("{}; at least 3 are needed", count(*.0, "frame"))]

@@ -87,6 +87,11 @@ pub fn solve(
         let camera = (intrinsics.width_px, intrinsics.height_px);
         return Err(SolveError::CameraSize { footage: (width, height), camera });
     }
+    if let (FootageFrames::Video(video), None) = (footage, options.camera)
+        && let Some(aspect) = video.presentation.pixel_aspect
+    {
+        return Err(SolveError::PixelAspect { file: video.file.clone(), aspect });
+    }
     let count = footage.frame_count();
     if count < 3 {
         return Err(SolveError::TooFew(count));

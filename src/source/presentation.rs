@@ -203,7 +203,7 @@ impl Presentation {
         if let Some((width, height)) = self.pixel_aspect {
             warnings.push(format!(
                 "its pixels are not square but {width}:{height}; they are read as stored, and a written video has the \
-                 same tag (the camera's fx_px and fy_px differ by this ratio)"
+                 same tag; the camera's fx_px must be {height}/{width} of its fy_px"
             ));
         }
         if let Some(transfer) = self.unusual_transfer().filter(|_| self.response().curve == Curve::Srgb) {

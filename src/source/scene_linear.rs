@@ -5,9 +5,10 @@
 //! Light above 1 clips, as white does in a camera. Not modelled: the attribute `chromaticities`
 //! (Rec. 709 is assumed), deep pictures, layers beside the first with colour.
 
-use std::io::{BufRead, Cursor};
+use std::io::{self, BufRead, Cursor, Seek, SeekFrom};
 
 use exr::compression::Compression;
+use exr::meta::BlockDescription;
 use exr::meta::header::Header;
 use exr::prelude::MetaData;
 
@@ -108,15 +109,48 @@ fn color_part(meta: &MetaData) -> Result<(usize, ColorLayer), String> {
 }
 
 /// The part with the picture's colour in a file with DWA. `ffmpeg` decodes that compression for
-/// channels R, G and B without a layer's name only, and returns a damaged picture of others.
-pub fn dwa_part(reader: impl BufRead) -> Result<usize, String> {
-    let meta = MetaData::read_from_buffered(reader, false).map_err(|e| damaged(&e))?;
+/// channels R, G and B without a layer's name only, and returns a damaged picture of others. It
+/// returns black for missing chunks, so that a file that ends too early is refused here.
+pub fn dwa_part(mut reader: impl BufRead + Seek) -> Result<usize, String> {
+    let meta = MetaData::read_from_buffered(&mut reader, false).map_err(|e| damaged(&e))?;
+    match ends_after_last_chunk(&mut reader, &meta) {
+        Ok(true) => {}
+        Ok(false) | Err(_) => return Err("ends too early; copy it again, or leave it out".to_owned()),
+    }
     let (part, layer) = color_part(&meta)?;
     if layer.name.is_empty() && layer.channels[0] != layer.channels[1] {
         Ok(part)
     } else {
         Err("is compressed by DWA, which is read with the channels R, G and B only; save it with ZIP".to_owned())
     }
+}
+
+/// Whether a file holds all chunks that its tables list. `reader` is behind the headers. Source:
+/// OpenEXR, *file layout*: each part's table has the places of its chunks; a chunk is its part's
+/// number (of several), coordinates (one number of a block of rows, four of a tile), a length and
+/// data.
+fn ends_after_last_chunk(reader: &mut (impl BufRead + Seek), meta: &MetaData) -> io::Result<bool> {
+    let mut chunks = Vec::new();
+    for header in &meta.headers {
+        let coordinates = if header.blocks == BlockDescription::ScanLines { 1 } else { 4 };
+        let part = usize::from(meta.headers.len() > 1);
+        for _ in 0..header.chunk_count {
+            let mut place = [0; 8];
+            reader.read_exact(&mut place)?;
+            chunks.push((u64::from_le_bytes(place), 4 * (coordinates + part) as u64));
+        }
+    }
+    let end = reader.seek(SeekFrom::End(0))?;
+    for (place, before_length) in chunks {
+        let mut length = [0; 4];
+        reader.seek(SeekFrom::Start(place.saturating_add(before_length)))?;
+        reader.read_exact(&mut length)?;
+        let data = place.saturating_add(before_length + 4);
+        if place == 0 || data.saturating_add(u32::from_le_bytes(length).into()) > end {
+            return Ok(false);
+        }
+    }
+    Ok(true)
 }
 
 /// Header of an OpenEXR frame.
@@ -239,6 +273,10 @@ mod tests {
         let bytes = exr(LayerAttributes::default(), IntegerBounds::from_dimensions((2, 1)));
         for length in 0..bytes.len() {
             assert!(exr_pixels(&bytes[..length]).is_err(), "{length} of {} bytes pass", bytes.len());
+        }
+        let colored = named_channels(&["R", "G", "B"]);
+        for length in 0..colored.len() {
+            assert!(dwa_part(Cursor::new(&colored[..length])).is_err(), "{length} of {} bytes pass", colored.len());
         }
     }
 

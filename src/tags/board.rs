@@ -92,10 +92,17 @@ impl Board {
         Self::parse(&text).map_err(|problem| BoardError::Content { file: path.to_owned(), problem })
     }
 
-    /// The tags of a ChArUco board of OpenCV 4.6 and later: a chessboard whose upper left square is
-    /// black, with tags in its white squares, numbered row by row. `squares` are columns and rows.
-    /// The origin is the middle of the board, x to the right, y up, as it is printed.
-    pub fn charuco(family: Family, squares: [u32; 2], square_m: f64, tag_m: f64) -> Result<Self, String> {
+    /// The tags of a ChArUco board of OpenCV: a chessboard whose upper left square is black, with
+    /// tags in its white squares, numbered row by row. `squares` are columns and rows. The origin
+    /// is the middle of the board, x to the right, y up, as it is printed. If `is_legacy`, it is
+    /// one of before OpenCV 4.6, whose upper left square is white if its number of rows is even.
+    pub fn charuco(
+        family: Family,
+        squares: [u32; 2],
+        square_m: f64,
+        tag_m: f64,
+        is_legacy: bool,
+    ) -> Result<Self, String> {
         let [columns, rows] = squares;
         if columns < 2 || rows < 2 || u64::from(columns) * u64::from(rows) > 2 * MAX_TAGS as u64 {
             return Err(format!(
@@ -110,7 +117,8 @@ impl Board {
             ));
         }
         let white = (0..rows).flat_map(|row| (0..columns).map(move |column| (column, row)));
-        let white = white.filter(|(column, row)| (column + row) % 2 == 1);
+        let white_parity = u32::from(!(is_legacy && rows.is_multiple_of(2)));
+        let white = white.filter(|(column, row)| (column + row) % 2 == white_parity);
         let middle = |count: u32| 0.5 * f64::from(count - 1);
         let tags: Vec<Tag> = (0..)
             .zip(white)
@@ -256,7 +264,12 @@ mod tests {
     #[test]
     fn charuco_board_has_its_tags_in_the_white_squares() {
         let family = Family::of_name("4x4_50").unwrap();
-        let board = Board::charuco(family, [3, 4], 0.04, 0.03).unwrap();
+        let board = Board::charuco(family, [3, 4], 0.04, 0.03, false).unwrap();
+        // Its first tag is in the upper left square.
+        let legacy = Board::charuco(family, [3, 4], 0.04, 0.03, true).unwrap();
+        assert!((legacy.tags[0].center_m - DVec3::new(-0.04, 0.06, 0.0)).length() < 1e-12);
+        let [odd, legacy_odd] = [false, true].map(|legacy| Board::charuco(family, [4, 3], 0.04, 0.03, legacy).unwrap());
+        assert_eq!(odd, legacy_odd);
         let centers: Vec<[f64; 2]> = board.tags.iter().map(|tag| [tag.center_m.x, tag.center_m.y]).collect();
         let expected = [[1, 0], [0, 1], [2, 1], [1, 2], [0, 3], [2, 3]].map(|[column, row]: [i32; 2]| {
             [0.04 * f64::from(column) + 0.02 - 0.06, 0.08 - (0.04 * f64::from(row) + 0.02)]
@@ -271,7 +284,7 @@ mod tests {
             ([3, 4], 0.05, "smaller than its square"),
             ([12, 12], 0.03, "72 tags"),
         ] {
-            let error = Board::charuco(family, squares, 0.04, tag_m).unwrap_err();
+            let error = Board::charuco(family, squares, 0.04, tag_m, false).unwrap_err();
             assert!(error.contains(problem), "{error}");
         }
     }

@@ -214,11 +214,14 @@ fn existing_reports_and_analyses_are_not_overwritten() {
     let within = analysis.join("page.html");
     std::fs::create_dir(&analysis).unwrap();
     let problem = refused(&["analyse", path, "--report", within.to_str().unwrap()]);
-    assert!(problem.contains("lies in the folder of the recording's analysis, which is not written to"), "{problem}");
+    assert!(
+        problem.contains("lies in the folder of the recording's analysis, which is never overwritten"),
+        "{problem}"
+    );
     std::fs::remove_dir(&analysis).unwrap();
     let list = site.join("rgb.txt");
     let problem = refused(&["analyse", path, "--report", list.to_str().unwrap()]);
-    assert!(problem.contains("is read in this run"), "{problem}");
+    assert!(problem.contains("is an input of this run"), "{problem}");
     assert!(!analysis.exists() && Path::new(&list).exists());
     // An empty file may be overwritten.
     let page = folder.path().join("page.html");

@@ -316,7 +316,7 @@ fn program_lists_files_keeps_existing_ones_and_explains_refusals() {
     assert!(error.contains("camera.distortion.p1 is not 0"), "{error}");
     assert!(!temp.path().join("other").exists());
     let error = program_refused(&["export", "camera", "recordings/demo", "--format", "chan", "-o", "recordings/demo"]);
-    assert!(error.contains("is the recording's folder, which is not written to"), "{error}");
+    assert!(error.contains("is the recording's folder, which is never overwritten"), "{error}");
 }
 
 #[test]

@@ -313,16 +313,16 @@ fn inputs_are_never_overwritten() {
     let inputs = [&folder, "--scene", &scene, "--profile", &profile, "--force"];
     for name in read.into_iter().chain(["rgb/new.json"]) {
         let text = refused(&[&["composite"], &inputs[..], &["-o", &out, "--report", &path(name)]].concat());
-        assert!(text.contains("which is not written to"), "{name}: {text}");
+        assert!(text.contains("which is never overwritten"), "{name}: {text}");
     }
     let text = refused(&[&["composite"], &inputs[..], &["-o", &out, "--layers", &path("rgb")]].concat());
     assert!(text.contains("is the folder of the recording's frames"), "{text}");
     for name in ["rgb/00001.jpg", "rgb/new.jpg"] {
         let text = refused(&[&["photo"], &inputs[..], &["--frame", "0", "-o", &path(name)]].concat());
-        assert!(text.contains("which is not written to"), "{name}: {text}");
+        assert!(text.contains("which is never overwritten"), "{name}: {text}");
     }
     let text = refused(&["calibrate", "noise", &path("rgb"), "--force", "-o", &path("rgb/00000.jpg")]);
-    assert!(text.contains("is read in this run"), "{text}");
+    assert!(text.contains("is an input of this run"), "{text}");
     assert!(before == read.map(|name| std::fs::read(path(name)).unwrap()) && !Path::new(&out).exists());
 }
 

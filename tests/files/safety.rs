@@ -54,7 +54,7 @@ fn symbolic_link_is_never_replaced() {
     std::fs::remove_file(path(names[1])).unwrap();
     symlink(path("scene.toml"), path(names[1])).unwrap();
     let text = refused(&["composite", demo()[1], "--scene", &path("scene.toml"), "-o", &frames, "--force"]);
-    assert!(text.contains("is read in this run"), "{text}");
+    assert!(text.contains("is an input of this run"), "{text}");
 }
 
 /// Without `--force`: a failure of this test replaces nothing.

@@ -63,10 +63,8 @@ fn find(path: &Path) -> Option<PathBuf> {
     let table = files_with(path, "csv").into_iter().find(|file| csv::is_export(&head(file)));
     let sidecars = || {
         let folders = [path.to_owned(), path.join("images")];
-        // The first sidecar decides: others of a folder are of the same program.
-        folders
-            .into_iter()
-            .find(|folder| files_with(folder, "xmp").first().is_some_and(|file| xmp::is_sidecar(&head(file))))
+        // Other programs write sidecars, too.
+        folders.into_iter().find(|folder| files_with(folder, "xmp").iter().any(|file| xmp::is_sidecar(&head(file))))
     };
     table.or_else(sidecars)
 }

@@ -39,11 +39,13 @@ pub fn open(folder: &Path, path: &Path, options: &OpenOptions) -> Result<Parts, 
     let (mut frames, mut description_files, mut warnings) = (Vec::new(), Vec::new(), Vec::new());
     let (mut notes, mut without_pose, mut posed_count) = (PoseNotes::default(), Vec::new(), 0);
     for picture in listing::pictures_in(folder)? {
-        let Some(file) = sidecar(&picture) else {
+        // Other programs write sidecars, too.
+        let own = sidecar(&picture).map(|file| Ok::<_, RecordingError>((records::read_description(&file)?, file)));
+        let Some((text, file)) = own.transpose()?.filter(|(text, _)| is_sidecar(text)) else {
             frames.push(posed(picture, None, None, &mut warnings, |problem| RecordingError::content(folder, problem))?);
             continue;
         };
-        let Sidecar { pose, camera } = parse(&records::read_description(&file)?, &file, options.metres_per_unit)?;
+        let Sidecar { pose, camera } = parse(&text, &file, options.metres_per_unit)?;
         match pose {
             SidecarPose::Known(_) => posed_count += 1,
             SidecarPose::Lost => notes.count_lost(file.display().to_string()),
