@@ -11,7 +11,7 @@ use super::{Cli, Command, message, print_line, print_list, warn};
 use locard_engine::export::mask_name;
 use locard_engine::photo::log::{recorded_photographs, unrecorded_pictures};
 use locard_engine::provenance::audit::{
-    ChangedFile, RecomputedFrame, RecomputedOutcome, changed_inputs, changed_mask, changed_outputs, spread,
+    ChangedFile, OtherBounds, RecomputedFrame, RecomputedOutcome, changed_inputs, changed_mask, changed_outputs, spread,
 };
 use locard_engine::provenance::{
     OutputKind, PictureRecord, ProgramRecord, Record, output_of_record, record_path, video_programs,
@@ -127,14 +127,16 @@ fn audit(args: &Args, named: &Path, sample: Option<AuditSample>) -> Result<()> {
     let mut problems = changed_inputs(&record, Path::new(""));
     let inputs = problems.len();
     print_line(&format!("inputs: {} of {} as recorded", record.work.inputs.len() - inputs, record.work.inputs.len()))?;
-    problems.extend(changed_outputs(&record, &output, &frames));
+    let outputs = changed_outputs(&record, &output, &frames);
+    let is_output_recorded = outputs.is_empty();
+    problems.extend(outputs);
     let arguments = std::iter::once("locard").chain(record.work.command.arguments.iter().map(String::as_str));
     let command = Cli::try_parse_from(arguments).ok().map(|cli| cli.command);
     if let Some(Command::Composite(command)) = &command {
         problems.extend(changed_masks(&record, &frames, |frame| command.mask_folder(frame))?);
     }
     print_list(&problems)?;
-    if problems.len() == inputs {
+    if is_output_recorded {
         let all = record.pictures.len();
         let share = match record.output.kind {
             OutputKind::Frames => format!(", {} of {all} pictures", frames.len()),
@@ -196,14 +198,30 @@ fn noun(record: &Record) -> &'static str {
     if record.output.kind == OutputKind::Photograph { "picture" } else { "frame" }
 }
 
+/// How a frame that is not equal differs.
+fn comparison(frame: &RecomputedFrame) -> String {
+    let codes = match &frame.outcome {
+        RecomputedOutcome::Equal => "its codes are equal".to_owned(),
+        RecomputedOutcome::Differs(difference) => format!("differs {difference}"),
+        RecomputedOutcome::Unequal(why) => format!("not equal; {why}"),
+    };
+    let place = |bounds: Option<[i32; 4]>| match bounds {
+        Some([left, top, right, bottom]) => format!("columns {left}..{right}, rows {top}..{bottom}"),
+        None => "none".to_owned(),
+    };
+    let bounds = frame.other_bounds.map(|OtherBounds { recomputed, recorded }| {
+        format!("; bounds {}, recorded {}", place(recomputed), place(recorded))
+    });
+    codes + &bounds.unwrap_or_default()
+}
+
 /// Prints the comparison. True if no recomputed picture differs by more than `within` code values.
-/// Masks must be equal, unless differences are accepted.
+/// Bounds and masks must be equal, unless differences are accepted.
 fn conclude(record: &Record, recomputed: &[RecomputedFrame], within: u32) -> Result<bool> {
     if recomputed.is_empty() {
         return Ok(true);
     }
-    let unequal: Vec<&RecomputedFrame> =
-        recomputed.iter().filter(|frame| frame.outcome != RecomputedOutcome::Equal).collect();
+    let unequal: Vec<&RecomputedFrame> = recomputed.iter().filter(|frame| !frame.is_equal()).collect();
     let noun = noun(record);
     print_line(&format!(
         "{noun}s: {} of {} recomputed are equal to the record bit for bit",
@@ -214,24 +232,7 @@ fn conclude(record: &Record, recomputed: &[RecomputedFrame], within: u32) -> Res
         OutputKind::Photograph => noun.to_owned(),
         OutputKind::Frames | OutputKind::Video => format!("{noun} {frame}"),
     };
-    let line = |frame: &&RecomputedFrame| match &frame.outcome {
-        RecomputedOutcome::Equal => String::new(),
-        RecomputedOutcome::Differs(by) => {
-            let b = by.bounds;
-            format!(
-                "{}: differs by up to {} in {}, 99 % of them by at most {}, in columns {}..{}, rows {}..{}",
-                name(frame.frame),
-                count(by.max_codes as usize, "code"),
-                count(by.pixels, "pixel"),
-                count(by.p99_codes as usize, "code"),
-                b.x0,
-                b.x1,
-                b.y0,
-                b.y1
-            )
-        }
-        RecomputedOutcome::Unequal(why) => format!("{}: not equal; {why}", name(frame.frame)),
-    };
+    let line = |frame: &&RecomputedFrame| format!("{}: {}", name(frame.frame), comparison(frame));
     print_list(&unequal.iter().map(line).collect::<Vec<_>>())?;
     let masks: Vec<(usize, usize)> =
         recomputed.iter().filter_map(|frame| Some((frame.frame, frame.mask_px?))).collect();
@@ -252,7 +253,8 @@ fn conclude(record: &Record, recomputed: &[RecomputedFrame], within: u32) -> Res
         RecomputedOutcome::Differs(by) => by.max_codes,
         RecomputedOutcome::Unequal(_) => u32::MAX,
     };
-    Ok(unequal.iter().map(codes).max().unwrap_or(0) <= within && (other_masks.is_empty() || within > 0))
+    let is_within = unequal.iter().map(codes).max().unwrap_or(0) <= within;
+    Ok(is_within && (within > 0 || unequal.is_empty() && other_masks.is_empty()))
 }
 
 /// Prints the video programs whose versions differ from the recorded ones.
@@ -276,6 +278,16 @@ fn print_other_programs(record: &Record) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn comparison_of_a_frame_has_codes_and_other_bounds() {
+        let other_bounds = Some(OtherBounds { recomputed: Some([126, 71, 320, 153]), recorded: None });
+        let frame = |outcome| RecomputedFrame { frame: 4, outcome, other_bounds, mask_px: None };
+        let bounds = "bounds columns 126..320, rows 71..153, recorded none";
+        assert_eq!(comparison(&frame(RecomputedOutcome::Equal)), format!("its codes are equal; {bounds}"));
+        let text = comparison(&frame(RecomputedOutcome::Unequal("no file".to_owned())));
+        assert_eq!(text, format!("not equal; no file; {bounds}"));
+    }
 
     #[test]
     fn sample_is_a_number_or_a_share_of_frames() {

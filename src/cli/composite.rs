@@ -7,7 +7,7 @@ use std::time::Instant;
 use anyhow::{Context, Result, bail};
 
 use super::analysis::{self, AnalysisArgs};
-use super::labels::LabelArgs;
+use super::labels::{LabelArgs, MarkArgs};
 use super::open::OpenArgs;
 use super::which::Which;
 use super::{export_error, print_status, progress, warn};
@@ -17,14 +17,8 @@ use locard_engine::gpu::Gpu;
 use locard_engine::label::{DigitalSourceType, SourceLabel};
 use locard_engine::recording::Recording;
 use locard_engine::shot::{AnalysisChoice, Note, Shot, ShotOptions};
-use locard_engine::sink::lettering::missing_characters;
 use locard_engine::sink::{self, OutPath, VideoCodec};
 use locard_engine::text::count;
-
-/// Longest text of a mark.
-const MAX_MARK_CHARACTERS: usize = 100;
-/// Text of a mark without one of its own.
-const DEFAULT_MARK: &str = "Composite with virtual evidence";
 
 /// Codec of a video.
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
@@ -78,9 +72,8 @@ pub struct Args {
     /// ones green
     #[arg(long, value_name = "DIR")]
     masks: Option<PathBuf>,
-    /// Draw a mark into the lower left corner of each frame
-    #[arg(long, value_name = "TEXT", num_args = 0..=1, default_missing_value = DEFAULT_MARK, value_parser = mark_text)]
-    mark: Option<String>,
+    #[command(flatten)]
+    mark: MarkArgs,
     #[command(flatten)]
     labels: LabelArgs,
     /// Write no record beside the output, by which `locard audit` recomputes it
@@ -137,18 +130,6 @@ impl Args {
     }
 }
 
-/// The text of a mark.
-fn mark_text(text: &str) -> Result<String, String> {
-    let missing = missing_characters(text);
-    if text.trim().is_empty() || text.chars().any(char::is_control) || text.chars().count() > MAX_MARK_CHARACTERS {
-        return Err(format!("expected one line of 1 to {MAX_MARK_CHARACTERS} characters"));
-    }
-    if !missing.is_empty() {
-        return Err(format!("the font has no {missing}; expected Latin, Greek or Cyrillic letters"));
-    }
-    Ok(text.to_owned())
-}
-
 /// `A..B`; either end may be left out.
 pub fn parse_range(text: &str) -> Result<(Option<usize>, Option<usize>), String> {
     let wrong = || format!("{text} is not a range; expected A..B, as in 40..50");
@@ -186,7 +167,7 @@ pub fn run(args: Args) -> Result<()> {
         check_outputs(&args, shot, export.as_ref())?;
         Ok((range, export))
     })?;
-    args.labels.warn(DigitalSourceType::CompositeWithSyntheticElements);
+    args.labels.warn(DigitalSourceType::CompositeWithSyntheticElements, args.mark.trace());
     // After the analysis, which may add poses.
     if args.strict {
         shot.check_poses(range.clone())?;
@@ -293,7 +274,7 @@ fn apply_options(args: &Args, shot: &mut Shot) -> Result<(Range<usize>, Option<E
         masks: args.masks.clone(),
         report: args.report.clone(),
         labelled: args.labels.is_labelled(),
-        mark: args.mark.clone(),
+        mark: args.mark.mark.clone(),
         recorded: !args.no_record,
     };
     Ok((range, Some(export)))

@@ -8,7 +8,7 @@ use anyhow::{Result, bail};
 
 use super::composite::parse_range;
 use super::open::Skip;
-use super::print_status;
+use super::{print_message, print_status};
 use locard_engine::farm::{FrameTimes, JoinOptions, RecordedPart, join, parts_at};
 use locard_engine::provenance::CommandRecord;
 use locard_engine::recording::{OpenOptions, Recording};
@@ -82,7 +82,18 @@ pub fn run(args: &Args) -> Result<()> {
             &mut options,
         )?;
     }
+    let is_replaced = RecordedPart::read(&args.output).is_ok_and(|earlier| earlier.is_signed());
     let done = join(&parts, &options)?;
+    // Also if the program is quiet.
+    if is_replaced {
+        print_message(&format!("{}: replaces a signed output; sign it again (`locard sign`)", args.output.display()));
+    }
+    if parts.iter().any(RecordedPart::is_signed) {
+        print_message(
+            "the parts are signed: their signatures are not valid for the joined output, which has another record; sign it \
+             (`locard sign`)",
+        );
+    }
     print_status(
         args.quiet,
         &format!(

@@ -134,7 +134,7 @@ fn headless(args: &Args, output: &Path) -> Result<()> {
         warn(args.camera.pictures.quiet, &text);
     }
     compositor.prepare(&shot.settings);
-    args.labels.warn(DigitalSourceType::CompositeWithSyntheticElements);
+    args.labels.warn(DigitalSourceType::CompositeWithSyntheticElements, []);
     let options = SinkOptions {
         force: args.force,
         fps: 1.0 / interval_s,

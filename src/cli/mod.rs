@@ -225,8 +225,15 @@ fn print(error: &clap::Error) {
             _ = error.print();
         }
         // An escaped argument is parsed differently.
-        None => print_message(&error.to_string()),
+        None => print_message(without_advice(&error.to_string())),
     }
+}
+
+/// clap's message without its title and the advice in further lines. Lines of a quoted argument
+/// stay.
+fn without_advice(text: &str) -> &str {
+    let end = text.rfind("\n\nFor more information");
+    text[..end.unwrap_or(text.len())].trim_start_matches("error: ").trim_end()
 }
 
 const FAILED: u8 = 2;
@@ -351,6 +358,13 @@ fn progress_of(quiet: bool, length: usize, template: &str) -> indicatif::Progres
 #[cfg(test)]
 mod tests {
     use anyhow::Context;
+
+    #[test]
+    fn message_of_clap_keeps_the_quoted_argument_alone() {
+        let text = "error: invalid value 'two\n\nlines' for '--mark'\n\nFor more information, try '--help'.\n";
+        assert_eq!(super::without_advice(text), "invalid value 'two\n\nlines' for '--mark'");
+        assert_eq!(super::without_advice("odd\n"), "odd");
+    }
 
     #[test]
     fn message_quotes_each_cause_once() {

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 
-use super::labels::LabelArgs;
+use super::labels::{LabelArgs, MarkArgs, Trace};
 use super::which::Which;
 use super::{analysis, export_error, light, print_status, progress_of, warn};
 use locard_engine::camera::Film;
@@ -75,6 +75,8 @@ pub struct Args {
     #[arg(short = 'o', long = "output", value_name = "FILE")]
     pub output: PathBuf,
     #[command(flatten)]
+    mark: MarkArgs,
+    #[command(flatten)]
     labels: LabelArgs,
     /// Replace pictures that exist
     #[arg(long)]
@@ -113,7 +115,7 @@ impl Args {
     pub fn reopen(&self, analysis: AnalysisChoice) -> Result<(Shot, SettingsRecord)> {
         let shot = self.light.reopen(Some(self.scene.clone()), self.which.leaves_registration(), analysis)?;
         let shot = self.with_settings(shot)?;
-        let settings = SettingsRecord { unlabelled: !self.labels.is_labelled(), ..SettingsRecord::of(&shot) };
+        let settings = self.request().settings_record(&shot);
         Ok((shot, settings))
     }
 
@@ -142,6 +144,7 @@ impl Args {
             width_px: self.width,
             bracket: self.bracket.map(Into::into),
             output: self.output.clone(),
+            mark: self.mark.mark.clone(),
             labelled: self.labels.is_labelled(),
             force: self.force,
             subject: self.subject.clone(),
@@ -172,7 +175,8 @@ fn columns(text: &str) -> Result<f64, String> {
 pub fn run(args: &Args) -> Result<()> {
     let shot = args.light.open(Some(args.scene.clone()), args.which.leaves_registration())?;
     let shot = args.with_settings(shot)?;
-    args.labels.warn(DigitalSourceType::CompositeWithSyntheticElements);
+    let traces = std::iter::once(Trace::Exif).chain(args.mark.trace());
+    args.labels.warn(DigitalSourceType::CompositeWithSyntheticElements, traces);
     analysis::print_hints(args.quiet, &shot, args.which.leaves_registration());
     let bar = progress_of(args.quiet, 100, "{msg} {wide_bar} {percent} %, {elapsed}");
     let taken = args.request().take(shot, Gpu::open, &mut |event| {

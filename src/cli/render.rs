@@ -165,7 +165,7 @@ pub fn run(args: &Args) -> Result<()> {
     if !still.background && image.rgba.iter().all(|p| p[3] == 0.0) {
         warn(args.quiet, "nothing of the scene is in the picture: see --from, --at and --fov");
     }
-    args.labels.warn(DigitalSourceType::DigitalCreation);
+    args.labels.warn(DigitalSourceType::DigitalCreation, []);
     let label = args.labels.is_labelled().then(SourceLabel::rendering);
     picture::write(&args.output, &image, &Response::default(), label.as_ref(), args.force)?;
     let eye = pose.position_in_world_m().to_array().map(short).join(",");

@@ -63,7 +63,7 @@ impl Export {
             codec: self.codec,
             closed_groups: self.closed_groups,
             soundtrack: if self.sound { recording.soundtrack(self.range.clone()) } else { None },
-            label: self.labelled.then(|| SourceLabel::composite(&recording.path)),
+            label: self.labelled.then(|| SourceLabel::composite(&recording.path).of_frames(self.range.clone())),
             width: recording.width,
             height: recording.height,
             bits: recording.bits,

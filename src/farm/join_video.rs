@@ -47,7 +47,7 @@ pub fn join_videos(parts: &[RecordedPart], options: &JoinOptions) -> Result<(), 
     let mut list_file = tempfile::Builder::new().suffix(".ffconcat").tempfile().map_err(failed)?;
     list_file.write_all(list.as_bytes()).map_err(failed)?;
     let partial = Partial::create(&options.out).map_err(failed)?;
-    let label = label_of(first);
+    let label = label_of(parts);
     let files = (list_file.path(), partial.path());
     let arguments = arguments(files, fps, &properties, label.as_ref(), options)?;
     program::output("ffmpeg", &arguments).map_err(|source| SinkError::Encoder { path: options.out.clone(), source })?;
@@ -73,12 +73,14 @@ fn has_ending(path: &Path, ending: &str) -> bool {
 }
 
 /// The label of the joined video, which ffmpeg does not copy from the parts; `None` if they have
-/// none. It names the recording, the first argument of `locard composite`.
-fn label_of(first: &RecordedPart) -> Option<SourceLabel> {
+/// none. It names the recording, the first argument of `locard composite`, and the frames.
+fn label_of(parts: &[RecordedPart]) -> Option<SourceLabel> {
+    let (first, last) = (parts.first()?, parts.last()?);
     let work = first.work();
     let recording = work.command.arguments.get(1).filter(|argument| !argument.starts_with('-'));
     let recording = recording.map(|argument| work.command.folder.join(argument)).unwrap_or_default();
-    (!work.settings.unlabelled).then(|| SourceLabel::composite(&recording))
+    let frames = first.range().start..last.range().end;
+    (!work.settings.unlabelled).then(|| SourceLabel::composite(&recording).of_frames(frames))
 }
 
 /// Properties of a video file.
@@ -351,6 +353,7 @@ mod tests {
         assert_eq!(joined[0].record.output.sha256, Some(file_sha256(&out).unwrap()));
         assert_eq!(joined[0].range(), 0..67);
         assert!(contains(&out, "compositeSynthetic") && contains(&out, "locard:recording"));
+        assert!(contains(&out, "locard:frames=\"0..67\""));
     }
 
     #[test]

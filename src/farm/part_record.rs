@@ -6,7 +6,8 @@ use std::sync::Arc;
 
 use super::error::FarmError;
 use crate::provenance::{
-    InputRecord, OutputKind, PictureRecord, Record, WorkRecord, file_digest, output_of_record, record_path,
+    InputRecord, OutputKind, PictureRecord, Record, WorkRecord, file_digest, has_signature, output_of_record,
+    record_path,
 };
 
 /// An output with its record.
@@ -57,6 +58,15 @@ impl RecordedPart {
     pub fn frame_files(&self) -> impl Iterator<Item = (PathBuf, &PictureRecord)> {
         let picture_path = |picture: &PictureRecord| picture.file.as_ref().map(|name| self.path.join(name));
         self.record.pictures.iter().filter_map(move |picture| Some((picture_path(picture)?, picture)))
+    }
+
+    /// True if its video or a frame has a C2PA signature, valid or not.
+    pub fn is_signed(&self) -> bool {
+        if self.is_video() {
+            has_signature(&self.path)
+        } else {
+            self.frame_files().any(|(file, _)| has_signature(&file))
+        }
     }
 
     /// A field that contradicts another one.

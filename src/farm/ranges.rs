@@ -40,6 +40,13 @@ impl FarmPlan {
         Ok(Self { frames, parts: ranges })
     }
 
+    /// Number and length of the parts: "5 parts of up to 15 frames".
+    pub fn summary(&self) -> String {
+        let longest = self.longest();
+        let bound = if self.parts.iter().all(|part| part.len() == longest) { "" } else { "up to " };
+        format!("{} of {bound}{}", count(self.parts.len(), "part"), count(longest, "frame"))
+    }
+
     /// Frames of the longest part.
     pub fn longest(&self) -> usize {
         self.parts.iter().map(Range::len).max().unwrap_or_default()
@@ -59,6 +66,9 @@ mod tests {
     fn parts_cover_the_frames_without_holes_and_differ_by_one_group() {
         let plan = FarmPlan::new(10..17, 3, 1).unwrap();
         assert_eq!(plan.parts, [10..12, 12..14, 14..17]);
+        assert_eq!(plan.summary(), "3 parts of up to 3 frames");
+        assert_eq!(FarmPlan::new(0..72, 400, 1).unwrap().summary(), "72 parts of 1 frame");
+        assert_eq!(FarmPlan::new(0..72, 1, 1).unwrap().summary(), "1 part of 72 frames");
         for (length, parts, group) in [(72, 16, 1), (100, 7, 12), (5, 9, 1), (216_000, 1000, 30), (13, 2, 12)] {
             let plan = FarmPlan::new(3..3 + length, parts, group).unwrap();
             let (first, last) = (plan.parts.first().unwrap(), plan.parts.last().unwrap());

@@ -254,7 +254,7 @@ impl FarmJob {
                       client = Client(sys.argv[1]); \
                       client.gather(client.map(run, open(\"parts.txt\").read().split(), retries=3, pure=False))";
         format!(
-            "{name}\n\nFrames {start}..{end} in {parts} parts of up to {longest} frames. {cost}\n\n\
+            "{name}\n\nFrames {start}..{end} in {parts}. {cost}\n\n\
              All machines need the same build of the program ({program}, SHA-256 {build}){kind}, ffmpeg for videos, and the \
              paths below. Each task checks this. Parts that are there and complete are kept, so every command below can be \
              repeated after an interruption. Run them in this folder.\n\n\
@@ -272,7 +272,7 @@ impl FarmJob {
             name = self.template_name(),
             start = plan.frames.start,
             end = plan.frames.end,
-            parts = plan.parts.len(),
+            parts = plan.summary(),
             program = self.program,
             quoted_part = self.shell(&self.part_command(), "'{}'"),
             first = self.shell(&self.part_command(), self.ranges().first().map_or("", String::as_str)),

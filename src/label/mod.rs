@@ -10,6 +10,8 @@ mod iso_media;
 mod jpeg;
 mod png;
 
+use std::ops::Range;
+
 pub use iso_media::append_box;
 pub use jpeg::with_packet;
 pub use png::{Chunk, with_chunks, xmp_chunk};
@@ -58,18 +60,20 @@ pub struct SourceLabel {
     pub recording: Option<String>,
     /// Index of the frame in the recording; `None` for a video.
     pub frame: Option<usize>,
+    /// Half-open range of a video's frames in the recording.
+    pub frames: Option<Range<usize>>,
 }
 
 impl SourceLabel {
     /// Label of composites into a recording.
     pub fn composite(recording: &std::path::Path) -> Self {
         let recording = recording.file_name().map(|name| name.to_string_lossy().into_owned());
-        Self { source_type: DigitalSourceType::CompositeWithSyntheticElements, recording, frame: None }
+        Self { recording, source_type: DigitalSourceType::CompositeWithSyntheticElements, ..Self::rendering() }
     }
 
     /// Label of renderings of a scene alone.
     pub fn rendering() -> Self {
-        Self { source_type: DigitalSourceType::DigitalCreation, recording: None, frame: None }
+        Self { source_type: DigitalSourceType::DigitalCreation, recording: None, frame: None, frames: None }
     }
 
     /// Label of a case card.
@@ -79,7 +83,12 @@ impl SourceLabel {
 
     /// The label of one frame.
     pub fn of_frame(&self, frame: usize) -> Self {
-        Self { frame: Some(frame), ..self.clone() }
+        Self { frame: Some(frame), frames: None, ..self.clone() }
+    }
+
+    /// The label of a video of a range of frames.
+    pub fn of_frames(&self, frames: Range<usize>) -> Self {
+        Self { frame: None, frames: Some(frames), ..self.clone() }
     }
 
     /// The XMP packet: ASCII but for the byte order mark of its head. It is the same for the same
@@ -87,7 +96,8 @@ impl SourceLabel {
     pub fn xmp(&self) -> String {
         let recording = self.recording.iter().map(|name| format!("\n   locard:recording=\"{}\"", xml_escaped(name)));
         let frame = self.frame.iter().map(|frame| format!("\n   locard:frame=\"{frame}\""));
-        let own: String = recording.chain(frame).collect();
+        let frames = self.frames.iter().map(|range| format!("\n   locard:frames=\"{}..{}\"", range.start, range.end));
+        let own: String = recording.chain(frame).chain(frames).collect();
         format!(
             "<?xpacket begin=\"\u{feff}\" id=\"W5M0MpCehiHzreSzNTczkc9d\"?>\n\
              <x:xmpmeta xmlns:x=\"adobe:ns:meta/\">\n \
@@ -141,6 +151,9 @@ mod tests {
         assert_eq!(value("http://ns.adobe.com/xap/1.0/", "CreatorTool"), PROGRAM);
         assert_eq!(value("urn:locard:label:1#", "recording"), "ä \"b\" & <c>\u{fffd}");
         assert_eq!(value("urn:locard:label:1#", "frame"), "12");
+        let of_range = label.of_frames(40..46);
+        assert!(of_range.xmp().contains("locard:frames=\"40..46\"") && !of_range.xmp().contains("locard:frame="));
+        assert_eq!(of_range.of_frame(12), label);
         let of_video = SourceLabel::rendering().xmp();
         assert!(of_video.contains("digitalCreation") && !of_video.contains("locard:frame"));
     }

@@ -55,6 +55,8 @@ pub struct PhotoRequest {
     pub bracket: Option<Bracket>,
     /// A `.jpg` or `.png`; a series appends to the name.
     pub output: PathBuf,
+    /// Text of a visible mark on each photograph.
+    pub mark: Option<String>,
     /// Labels the pictures as composites ([`crate::label`]).
     pub labelled: bool,
     /// True if existing pictures may be replaced.
@@ -87,6 +89,7 @@ impl PhotoRequest {
             width_px: None,
             bracket: None,
             output,
+            mark: None,
             labelled: true,
             force: false,
             subject: None,

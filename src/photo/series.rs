@@ -6,6 +6,7 @@ use std::time::Duration;
 use super::error::{PhotoError, refused};
 use super::exposure_controls::{ExposureControls, SeriesEntry};
 use super::framing::Framing;
+use super::log::{MIN_LENGTH_PX, MIN_SUBJECT_SHARE};
 use super::particulars::{Particulars, PhotoContent};
 use super::plan::PhotoPlan;
 use super::record::{next_number, write_record};
@@ -20,9 +21,10 @@ use crate::depth::{Rays, consensus_at_frame};
 use crate::gpu::{Gpu, GpuError};
 use crate::label::SourceLabel;
 use crate::pixels::Pixels;
-use crate::provenance::{InputDigests, WorkRecord, input_files};
+use crate::provenance::{InputDigests, SettingsRecord, WorkRecord, input_files};
 use crate::shot::{Note, Shot};
 use crate::sink::SinkError;
+use crate::sink::mark::VisibleMark;
 use crate::sink::photograph::{self, ExifNotes};
 use crate::sink::sdr::{ToneMapping, needs_tone_mapping};
 
@@ -73,7 +75,7 @@ impl PhotoRequest {
         let mut session = PhotoSession::begin(self, plan, shot, device, send)?;
         let shoot = &session.shoot;
         let mut work = WorkRecord::begun(&shoot.shot, &shoot.compositor.gpu().info);
-        work.settings.unlabelled = !self.labelled;
+        work.settings = self.settings_record(&shoot.shot);
         let mut input_digests = Some(InputDigests::start(input_files(&shoot.shot)));
         let label = self.labelled.then(|| SourceLabel::composite(&shoot.shot.recording.path).of_frame(self.frame));
         let mut sheet = Vec::new();
@@ -104,6 +106,11 @@ impl PhotoRequest {
             let _ = send(PhotoEvent::Written { path, settings: String::new() });
         }
         Ok(())
+    }
+
+    /// The settings of a shot with those of this request.
+    pub fn settings_record(&self, shot: &Shot) -> SettingsRecord {
+        SettingsRecord { mark: self.mark.clone(), unlabelled: !self.labelled, ..SettingsRecord::of(shot) }
     }
 
     /// Takes the photograph at `path` again, which this request or one of its series made. Nothing
@@ -191,6 +198,7 @@ impl<'a> PhotoSession<'a> {
             )
         };
         let framings = series.iter().map(framed).collect::<Result<Vec<_>, _>>()?;
+        framings.first().and_then(small_width_warning).into_iter().try_for_each(&mut warn)?;
         Ok(Self { shoot, dials, subject, series, framings, is_flat, has_warned: false })
     }
 
@@ -221,8 +229,20 @@ impl<'a> PhotoSession<'a> {
             true => ToneMapping::new(response, pixels.max_code()).apply(&pixels),
             false => pixels,
         };
+        let pixels = match &shoot.request.mark {
+            Some(text) => VisibleMark::new(text, pixels.width, pixels.height).apply(&pixels),
+            None => pixels,
+        };
         Ok(SessionPhoto { pixels, notes, particulars, settings })
     }
+}
+
+/// A warning about a picture in which an item of the least share is too short for a close-up.
+fn small_width_warning(framing: &Framing) -> Option<String> {
+    let (width_px, _) = framing.size();
+    let min_px = MIN_LENGTH_PX / MIN_SUBJECT_SHARE;
+    (f64::from(width_px) < min_px)
+        .then(|| format!("the photograph is {width_px} px wide, a close-up needs {min_px:.0} px or more (`--width`)"))
 }
 
 fn settings_text(entry: &SeriesEntry, framing: &Framing) -> String {

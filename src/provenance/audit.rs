@@ -14,6 +14,10 @@ use crate::sink::{Sink, SinkError};
 use crate::source::still;
 use crate::text::reason;
 
+/// Number of frames of a lossy video whose decoded pictures are compared, for information. To read
+/// one, all before it are decoded.
+const MAX_DECODED_FRAMES: usize = 100;
+
 /// An input or an output file that is not the recorded one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ChangedFile {
@@ -142,8 +146,25 @@ fn unlisted(record: &Record, output: &Path) -> impl Iterator<Item = ChangedFile>
 pub struct RecomputedFrame {
     pub frame: usize,
     pub outcome: RecomputedOutcome,
+    /// Bounds of the changed pixels, if they are not the recorded ones.
+    pub other_bounds: Option<OtherBounds>,
     /// Number of pixels where the mask differs from the recorded one; `None` if none was recorded.
     pub mask_px: Option<usize>,
+}
+
+impl RecomputedFrame {
+    /// True if codes and bounds are the recorded ones.
+    pub fn is_equal(&self) -> bool {
+        self.outcome == RecomputedOutcome::Equal && self.other_bounds.is_none()
+    }
+}
+
+/// Differing bounds of a frame's changed pixels: left, top, right, bottom. `None` if no pixel
+/// changed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OtherBounds {
+    pub recomputed: Option<[i32; 4]>,
+    pub recorded: Option<[i32; 4]>,
 }
 
 /// How a recomputed frame compares with the written one.
@@ -171,19 +192,38 @@ impl<'a> FrameAudit<'a> {
     }
 
     /// The record of a frame.
-    pub fn picture(&self, frame: usize) -> Option<&PictureRecord> {
+    fn picture(&self, frame: usize) -> Option<&PictureRecord> {
         self.position.get(&frame).map(|number| &self.record.pictures[*number])
     }
 
-    /// Compares one frame, and its mask if it was recomputed, too.
-    pub fn compare(&self, frame: usize, pixels: &Pixels, mask: Option<&MaskRecord>) -> RecomputedFrame {
+    /// Compares one frame, the bounds of its changed pixels, and its mask if it was recomputed.
+    pub fn compare(
+        &self,
+        frame: usize,
+        pixels: &Pixels,
+        rect_px: Option<[i32; 4]>,
+        mask: Option<&MaskRecord>,
+    ) -> RecomputedFrame {
         let outcome = match self.position.get(&frame) {
             None => RecomputedOutcome::Unequal("it is not in the record".to_owned()),
             Some(number) => self.outcome(*number, pixels),
         };
-        let recorded = self.picture(frame).and_then(|picture| picture.mask.as_ref());
+        let picture = self.picture(frame);
+        let other_bounds = picture.filter(|picture| picture.rect_px != rect_px);
+        let other_bounds = other_bounds.map(|picture| OtherBounds { recomputed: rect_px, recorded: picture.rect_px });
+        let recorded = picture.and_then(|picture| picture.mask.as_ref());
         let mask_px = mask.zip(recorded).map(|(mask, recorded)| mask.differing_px(recorded));
-        RecomputedFrame { frame, outcome, mask_px }
+        RecomputedFrame { frame, outcome, other_bounds, mask_px }
+    }
+
+    /// Why a frame of a lossy video is not compared exactly, and the difference from its decoded
+    /// picture.
+    fn lossy_difference(&self, number: usize, pixels: &Pixels) -> String {
+        let output = &self.record.output;
+        let stored = (number < MAX_DECODED_FRAMES).then(|| read_picture(self.output, output, None, number).ok());
+        let difference = stored.flatten().and_then(|stored| difference(pixels, &stored).ok().flatten());
+        let decoded = difference.map(|difference| format!("; the decoded picture differs {difference}"));
+        format!("{} is lossy, so the written codes are not stored{}", output.codec, decoded.unwrap_or_default())
     }
 
     fn outcome(&self, number: usize, pixels: &Pixels) -> RecomputedOutcome {
@@ -192,8 +232,7 @@ impl<'a> FrameAudit<'a> {
             return RecomputedOutcome::Equal;
         }
         if !self.record.output.stores_digested_codes() {
-            let codec = &self.record.output.codec;
-            return RecomputedOutcome::Unequal(format!("{codec} is lossy, so the written codes are not stored"));
+            return RecomputedOutcome::Unequal(self.lossy_difference(number, pixels));
         }
         match read_picture(self.output, &self.record.output, picture.file.as_deref(), number) {
             Ok(stored) if pixels_digest(&stored) != picture.pixels_sha256 => {
@@ -236,7 +275,9 @@ mod tests {
     use super::super::record::tests::record;
     use super::*;
     use crate::pixels::Rect;
+    use crate::program;
     use crate::sink::folder::write_frame;
+    use crate::source::ffmpeg;
 
     #[test]
     fn spread_covers_both_ends_evenly() {
@@ -277,13 +318,19 @@ mod tests {
         }
         assert_eq!(changed_outputs(&record, folder.path(), &[4, 5]), []);
         let audit = FrameAudit::new(&record, folder.path());
-        assert_eq!(audit.compare(4, &written, None).outcome, RecomputedOutcome::Equal);
+        let bounds = record.pictures[0].rect_px;
+        assert!(audit.compare(4, &written, bounds, None).is_equal());
+        // Other bounds are a difference of their own.
+        let moved = audit.compare(4, &written, None, None);
+        assert_eq!(moved.outcome, RecomputedOutcome::Equal);
+        assert_eq!(moved.other_bounds, Some(OtherBounds { recomputed: None, recorded: bounds }));
+        assert!(bounds.is_some() && !moved.is_equal());
         let mut codes = vec![100; 144];
         codes[3] = 102;
         let other = Pixels::from_u8(8, 6, codes).unwrap();
         let expected = PictureDifference { max_codes: 2, p99_codes: 2, pixels: 1, bounds: Rect::new(1, 0, 2, 1) };
-        assert_eq!(audit.compare(4, &other, None).outcome, RecomputedOutcome::Differs(expected));
-        assert!(matches!(audit.compare(9, &other, None).outcome, RecomputedOutcome::Unequal(_)));
+        assert_eq!(audit.compare(4, &other, bounds, None).outcome, RecomputedOutcome::Differs(expected));
+        assert!(matches!(audit.compare(9, &other, bounds, None).outcome, RecomputedOutcome::Unequal(_)));
         // Somebody retouches a picture.
         let file = folder.path().join("frame_000005.png");
         write_frame(&file, &other, None, None, true).unwrap();
@@ -301,7 +348,24 @@ mod tests {
                 .ends_with("frame_000009.png (output): is not in the record: it was added, or written by another run")
         );
         std::fs::remove_file(folder.path().join("frame_000009.png")).unwrap();
-        let retouched = audit.compare(5, &other, None).outcome;
+        let retouched = audit.compare(5, &other, bounds, None).outcome;
         assert_eq!(retouched, RecomputedOutcome::Unequal("the stored picture is not the recorded one".to_owned()));
+    }
+
+    #[test]
+    fn frame_of_a_lossy_video_is_compared_with_its_decoded_picture() {
+        let folder = tempfile::tempdir().unwrap();
+        let video = folder.path().join("a.mp4");
+        let encode = "-v error -f lavfi -i color=black:s=8x6:r=5:d=1 -c:v libx264 -pix_fmt yuv420p";
+        let arguments: Vec<_> = encode.split(' ').map(Into::into).chain([ffmpeg::file_argument(&video)]).collect();
+        program::output("ffmpeg", &arguments).unwrap();
+        let mut record = record();
+        (record.output.kind, record.output.codec) = (OutputKind::Video, "h264".to_owned());
+        (record.output.width, record.output.height, record.output.bits) = (8, 6, 8);
+        let grey = Pixels::from_u8(8, 6, vec![100; 144]).unwrap();
+        let outcome = FrameAudit::new(&record, &video).compare(4, &grey, None, None).outcome;
+        let RecomputedOutcome::Unequal(why) = outcome else { panic!("{outcome:?}") };
+        assert!(why.starts_with("h264 is lossy, so the written codes are not stored; "), "{why}");
+        assert!(why.contains("differs by up to ") && why.ends_with("in columns 0..8, rows 0..6"), "{why}");
     }
 }

@@ -15,6 +15,7 @@ mod inputs;
 mod mask;
 mod pictures;
 mod record;
+mod signature;
 mod work;
 
 pub use digests::{DigestedFile, bytes_digest, file_digest, pixels_digest};
@@ -25,4 +26,5 @@ pub use record::{
     OutputKind, OutputRecord, PictureLines, PictureRecord, ProvenanceError, RECORD_ENDING, RECORD_VERSION, Record,
     as_read, output_of_record, record_path, remove_record,
 };
+pub use signature::{has_signature, sidecar_path};
 pub use work::{CommandRecord, DeviceRecord, InputRecord, ProgramRecord, SettingsRecord, WorkRecord, video_programs};

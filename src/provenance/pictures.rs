@@ -9,6 +9,7 @@ use super::record::{OutputKind, OutputRecord};
 use crate::pixels::{Codes, Pixels, Rect};
 use crate::program::{self, ProgramError, Running};
 use crate::source::{SourceError, ffmpeg, still};
+use crate::text::count;
 
 /// Why a picture of an output cannot be read.
 #[derive(Debug, thiserror::Error)]
@@ -90,6 +91,19 @@ pub struct PictureDifference {
     pub bounds: Rect,
 }
 
+impl std::fmt::Display for PictureDifference {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Rect { x0, y0, x1, y1 } = self.bounds;
+        write!(
+            f,
+            "by up to {} in {}, 99 % of them by at most {}, in columns {x0}..{x1}, rows {y0}..{y1}",
+            count(self.max_codes as usize, "code"),
+            count(self.pixels, "pixel"),
+            count(self.p99_codes as usize, "code"),
+        )
+    }
+}
+
 /// Compares two pictures of one size and depth: `Ok(None)` if they are equal. `Err` with the two
 /// sizes if those differ.
 pub fn difference(a: &Pixels, b: &Pixels) -> Result<Option<PictureDifference>, String> {
@@ -138,6 +152,8 @@ mod tests {
         let b = Pixels::from_u8(3, 2, codes).unwrap();
         let expected = PictureDifference { max_codes: 5, p99_codes: 5, pixels: 2, bounds: Rect::new(1, 0, 3, 2) };
         assert_eq!(difference(&a, &b), Ok(Some(expected)));
+        let text = "by up to 5 codes in 2 pixels, 99 % of them by at most 5 codes, in columns 1..3, rows 0..2";
+        assert_eq!(expected.to_string(), text);
         let deep = Pixels::from_u16(3, 2, vec![0; 18]).unwrap();
         assert_eq!(difference(&a, &deep).unwrap_err(), "3x2 with codes to 255 and 3x2 with codes to 65535");
     }

@@ -5,7 +5,7 @@ use image::{Rgb, RgbImage};
 
 use super::lettering::{self, Style};
 use super::{Sink, SinkError};
-use crate::pixels::{Codes, Pixels};
+use crate::pixels::{Codes, Pixels, Rect};
 
 /// Height of the plate, as a share of the picture's height, and at least px.
 const HEIGHT_SHARE: f32 = 0.045;
@@ -63,6 +63,12 @@ impl VisibleMark {
         Self { width: plate.width() as usize, height: plate.height() as usize, ink }
     }
 
+    /// Bounds of the plate in a picture of this height, px.
+    pub fn bounds(&self, height: u32) -> Rect {
+        let bottom = height as i32;
+        Rect::new(0, (bottom - self.height as i32).max(0), self.width as i32, bottom)
+    }
+
     /// A copy of a picture with the mark.
     pub fn apply(&self, pixels: &Pixels) -> Pixels {
         let mut marked = pixels.clone();
@@ -97,7 +103,11 @@ mod tests {
     fn mark_has_white_letters_on_a_dark_plate_and_keeps_the_rest() {
         let (width, height) = (320, 200);
         let grey = Pixels::from_u8(width, height, vec![200; 3 * 320 * 200]).unwrap();
-        let marked = VisibleMark::new("COMPOSITE", width, height).apply(&grey);
+        let mark = VisibleMark::new("COMPOSITE", width, height);
+        let marked = mark.apply(&grey);
+        let bounds = mark.bounds(height);
+        assert_eq!((bounds.x0, bounds.y0, bounds.y1), (0, 186, 200));
+        assert!((0..200).all(|y| (0..320).all(|x| bounds.contains(x, y) || marked.at(x as u32, y as u32) == [200; 3])));
         let codes = marked.codes.eight_bit().unwrap();
         // 14 rows of plate; 0.35 · 200 = 70.
         assert!(codes[..3 * 320 * 186].iter().all(|code| *code == 200));

@@ -70,6 +70,7 @@ fn every_output_is_labelled_unless_asked_otherwise() {
         composite("40..41", &at(name), &["--plain"]);
         assert!(metadata(&at(name)).contains("Composite with synthetic elements"), "{name}");
         assert!(contains(&at(name), SOURCE_TYPE), "{name}");
+        assert!(contains(&at(name), "locard:frames=\"40..41\""), "{name}");
     }
     assert!(metadata(&at("a.mkv")).contains(&format!("DIGITAL_SOURCE_TYPE={SOURCE_TYPE}")));
     let photo = at("a.jpg");
@@ -157,10 +158,12 @@ fn audit_passes_the_output_as_made_and_names_each_change() {
     // The first and the last of three.
     let passed = stdout_of(&["audit", "-q", &output, "--sample", "2"]);
     assert!(passed.contains("frames: 2 of 2 recomputed are equal to the record bit for bit"), "{passed}");
-    // Another scene.
-    std::fs::write(&scene, text.replacen("version = 1", "version = 1 # touched", 1)).unwrap();
-    let error = refused(&["audit", "-q", &output, "--files-only"]);
-    assert!(error.contains("1 file is not as recorded"), "{error}");
+    // The first marker is moved by a centimetre.
+    std::fs::write(&scene, text.replacen("[0.0, 0.12, 0.0]", "[0.01, 0.12, 0.0]", 1)).unwrap();
+    let listed = found_by_audit(&[&output, "--sample", "2"]);
+    for part in ["scene.toml (scene): has changed", "frame 40: differs by up to ", "frame 42: differs by up to "] {
+        assert!(listed.contains(part), "{part}: {listed}");
+    }
     std::fs::write(&scene, &text).unwrap();
     // A picture retouched in one pixel.
     let file = Path::new(&output).join("frame_000041.png");
@@ -176,9 +179,14 @@ fn audit_passes_the_output_as_made_and_names_each_change() {
     let error = refused(&["audit", "-q", &output, "--sample", "1"]);
     assert!(error.contains("another seed than the record states"), "{error}");
     record.work.seed = 3;
+    record.pictures[0].rect_px = Some([1, 2, 30, 40]);
     record.write(Path::new(&output)).unwrap();
     let listed = found_by_audit(&[&output, "--sample", "1"]);
     assert!(listed.contains("frame 40: differs by up to "), "{listed}");
+    assert!(
+        listed.contains("; bounds columns ") && listed.contains(", recorded columns 1..30, rows 2..40"),
+        "{listed}"
+    );
 }
 
 #[test]
@@ -221,6 +229,7 @@ fn audit_covers_the_files_of_masks_and_the_recorded_masks() {
     std::fs::copy(at("masks/mask_000041.png"), at("masks/mask_000040.png")).unwrap();
     let listed = found_by_audit(&[&output, "--files-only"]);
     assert!(listed.contains("mask_000040.png (mask): is not the recorded mask"), "{listed}");
+    assert!(listed.contains("output: as it was written"), "{listed}");
     // The record agrees with the exchanged file, but not with the recomputed mask.
     edit_record(&at("a"), |value| value["pictures"][0]["mask"] = value["pictures"][1]["mask"].clone());
     let listed = found_by_audit(&[&output, "--sample", "1"]);
@@ -241,8 +250,16 @@ fn audit_repeats_photographs_and_case_cards() {
     let (card, photo) = (at("series/001.png"), at("series/002.jpg"));
     stdout_of(&["case-card", &at("case.toml"), "-o", &card]);
     let arguments = ["photo", "recordings/demo", "--frame", "40", "--scene", &at("scene.toml"), "--lux", "300"];
-    let small = ["--set", "shadow.cast=false", "--width", "160", "--seed", "3", "-q", "-o", &photo];
+    let small =
+        ["--set", "shadow.cast=false", "--width", "160", "--seed", "3", "--mark", "Training", "-q", "-o", &photo];
     stdout_of(&[&arguments[..], &small].concat());
+    let record = Record::read(Path::new(&photo)).unwrap();
+    assert_eq!(record.work.settings.mark.as_deref(), Some("Training"));
+    let picture = image::open(&photo).unwrap().to_rgb8();
+    let is_light = |pixel: &image::Rgb<u8>| pixel.0.iter().all(|code| *code > 150);
+    let plate_start = picture.height() - 14;
+    let light = picture.enumerate_pixels().filter(|(x, y, pixel)| *x < 60 && *y >= plate_start && is_light(pixel));
+    assert!(light.count() > 30, "letters");
     let passed = stdout_of(&["audit", "-q", &at("series")]);
     assert!(passed.starts_with("001.png\ninputs: 1 of 1 as recorded\noutput: as it was written\n"), "{passed}");
     assert!(passed.contains("\n002.jpg\n"), "{passed}");

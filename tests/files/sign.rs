@@ -278,6 +278,12 @@ fn photographs_cards_and_joined_parts_are_signed_and_checked() {
     // The parts' own files stay as they are.
     stdout_of(&["audit", &case.text("parts/a"), "--files-only"]);
     assert!(case.problems("parts/a").contains("frame_000041.png: no signature"));
+    // Signatures of parts and of a replaced output.
+    case.sign("parts/a", "me");
+    let done = locard(&["join", &case.text("parts"), "-o", &case.text("joined"), "-q", "--force"]);
+    let text = String::from_utf8_lossy(&done.stderr);
+    assert!(done.status.success() && text.contains("joined: replaces a signed output; sign it again"), "{text}");
+    assert!(text.contains("the parts are signed: their signatures are not valid for the joined output"), "{text}");
     edit(&case.at("card.jpg"), |bytes| *bytes.iter_mut().rev().nth(40).unwrap() ^= 1);
     assert!(case.problems("card.jpg").contains("card.jpg: contents changed since signing"));
 }

@@ -7,7 +7,7 @@ use std::process::Command;
 use anyhow::{Context, Result, bail};
 
 use super::super::join::whole_range;
-use super::super::{print_status, warn};
+use super::super::warn;
 use super::machine::MachineArgs;
 use locard_engine::farm::{PartState, part_name, part_state};
 use locard_engine::provenance::record_path;
@@ -55,7 +55,7 @@ pub fn run(args: &PartArgs) -> Result<()> {
     let arguments = composite_arguments(&args.composite, &args.frames, output_text);
     match part_state(&output, &arguments, &build, args.machine.adapter_kind.as_deref()) {
         PartState::Complete => {
-            print_status(false, &format!("{}: is complete, and is kept", output.display()));
+            warn(false, &format!("{}: is complete, and is kept", output.display()));
             return Ok(());
         }
         PartState::Outdated(why) => {

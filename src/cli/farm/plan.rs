@@ -138,13 +138,29 @@ pub fn run(args: &TemplateArgs) -> Result<()> {
         cost: None,
     };
     check_options(&job)?;
-    if args.parts.is_none() {
-        job.cost = Some(measured_cost(&job, &frames)?);
+    if args.parts.is_none() && frames.len() > 1 {
+        warn(
+            args.quiet,
+            "timing five runs of up to four frames, to divide the range by --part-seconds (--parts N skips this)",
+        );
+        let cost = measured_cost(&job, &frames)?;
+        if 2.0 * cost.startup_s > args.part_seconds {
+            let text = format!(
+                "the program takes {:.1} s to start, over half of --part-seconds {}: give longer parts",
+                cost.startup_s,
+                number(args.part_seconds)
+            );
+            warn(args.quiet, &text);
+        }
+        job.cost = Some(cost);
     }
     let group = closed_groups(&args.options);
     let parts = args.parts.or(job.cost.map(|cost| cost.parts(frames.len(), args.part_seconds))).unwrap_or(1);
     job.plan = FarmPlan::new(frames, parts, group.unwrap_or(1))?;
     job.parts_folder = folder.join(format!("parts-{}", job.plan.parts.len()));
+    if let Some(parts) = args.parts.filter(|parts| *parts > job.plan.parts.len()) {
+        warn(args.quiet, &format!("--parts {parts}: the range divides into {}", job.plan.summary()));
+    }
     if is_inter_coded(&job, &args.options) && group.is_none() {
         let text = "the joined video will have the pictures of its parts, which differ from those of one run: rate control \
                     looks across frames; -- --closed-groups 30 makes them equal, and so do --lossless and ProRes";
@@ -228,7 +244,7 @@ fn is_inter_coded(job: &FarmJob, options: &[String]) -> bool {
     job.extension.is_some() && !is_lossless && !is_prores && !by_extension
 }
 
-/// Composites a few frames in several places and times them.
+/// Composites a few frames in several places and times them. The range has at least two frames.
 fn measured_cost(job: &FarmJob, frames: &Range<usize>) -> Result<PartCost> {
     let temp = tempfile::tempdir().context("a folder for timed frames")?;
     let has_analysis = job.analysis.as_ref().is_some_and(|folder| folder.is_dir());
@@ -257,8 +273,9 @@ fn measured_cost(job: &FarmJob, frames: &Range<usize>) -> Result<PartCost> {
         .enumerate()
         .map(|(i, &place)| run_s(at(place, length), &i.to_string()))
         .collect::<Result<_>>()?;
-    let whole = PartCost { startup_s: 0.0, frame_s: one_frame_s };
-    Ok(PartCost::of_samples(one_frame_s, length, &runs_s).unwrap_or(whole))
+    PartCost::of_samples(one_frame_s, length, &runs_s).context(
+        "the timed runs show no cost of a frame: those of several frames took no longer than that of one; give --parts",
+    )
 }
 
 /// Writes the files of the job.
@@ -275,10 +292,9 @@ fn write(job: &FarmJob, folder: &Path, args: &TemplateArgs) -> Result<()> {
         .cost
         .map_or(String::new(), |cost| format!(", about {} s each", number(cost.of_part_s(plan.longest()).round())));
     let text = format!(
-        "{} in {} of up to {}{cost}: {}",
+        "{} in {}{cost}: {}",
         count(plan.frames.len(), "frame"),
-        count(plan.parts.len(), "part"),
-        count(plan.longest(), "frame"),
+        plan.summary(),
         folder.join("README.txt").display()
     );
     print_status(args.quiet, &text);

@@ -11,7 +11,7 @@ use c2pa::{Context, Manifest, Reader, ValidationState};
 use serde_json::{Value, json};
 
 use locard_engine::label::DigitalSourceType;
-use locard_engine::provenance::{file_digest, output_of_record, record_path};
+use locard_engine::provenance::{file_digest, output_of_record, record_path, sidecar_path};
 use locard_engine::sink::folder::frame_of_name;
 use locard_engine::source::file;
 use locard_engine::text::{count, reason, shown};
@@ -85,12 +85,6 @@ pub enum SignatureProblem {
     /// `record_sha256`: digest of the record that the manifest states.
     #[error("{problem}")]
     Invalid { problem: String, record_sha256: Option<String> },
-}
-
-/// Place of the manifest of a file that it cannot be embedded in: C2PA 2.2, section External
-/// Manifests.
-pub fn sidecar_path(file: &Path) -> PathBuf {
-    file.with_extension("c2pa")
 }
 
 /// Settings of reading and of signing: nothing is fetched. `trusted`: authorities, PEM.

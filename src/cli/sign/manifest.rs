@@ -136,8 +136,9 @@ fn input_groups(work: &WorkRecord) -> Vec<InputGroup> {
 }
 
 /// Actions of a work: the recording opened, the scene's files placed, all composited. A case card
-/// has no recording: it is created from its data.
-fn actions(groups: &[InputGroup], changed_px: Option<Rect>) -> Value {
+/// has no recording: it is created from its data. `changed_px`: bounds and a description of each
+/// changed region.
+fn actions(groups: &[InputGroup], changed_px: &[(Rect, &str)]) -> Value {
     let labels = |relationship: &str| -> Vec<String> {
         let of_relationship = groups.iter().enumerate().filter(|(_, group)| group.relationship() == relationship);
         of_relationship.map(|(number, _)| label(number)).collect()
@@ -166,14 +167,18 @@ fn actions(groups: &[InputGroup], changed_px: Option<Rect>) -> Value {
         "digitalSourceType": source_type.uri(),
         "parameters": { "ingredientIds": labels("inputTo") },
     });
-    if let Some(px) = changed_px {
-        composited["changes"] = json!([{ "region": [{ "type": "spatial", "shape": {
+    let region = |(px, description): &(Rect, &str)| {
+        let shape = json!({
             "type": "rectangle",
             "unit": "pixel",
             "origin": { "x": f64::from(px.x0), "y": f64::from(px.y0) },
             "width": f64::from(px.width()),
             "height": f64::from(px.height()),
-        } }] }]);
+        });
+        json!({ "description": description, "region": [{ "type": "spatial", "shape": shape }] })
+    };
+    if !changed_px.is_empty() {
+        composited["changes"] = changed_px.iter().map(region).collect();
     }
     actions.push(composited);
     Value::Array(actions)
@@ -198,13 +203,16 @@ pub fn definition(output: &RecordedOutput, file: &RecordedFile, record_sha256: &
     if let Some(frame) = file.frame {
         record["frame"] = json!(frame);
     }
+    let objects = file.changed_px.map(|px| (px, "evidence and its shadows"));
+    let mark = output.mark_px.map(|px| (px, "visible mark"));
+    let changed_px: Vec<(Rect, &str)> = objects.into_iter().chain(mark).collect();
     json!(Definition {
         claim_generator_info: json!([{ "name": "Locard", "version": env!("CARGO_PKG_VERSION") }]),
         title: file_name(&file.path),
         format: media_type(&file.path).0,
         ingredients,
         assertions: json!([
-            { "label": "c2pa.actions.v2", "created": true, "data": { "actions": actions(&groups, file.changed_px) } },
+            { "label": "c2pa.actions.v2", "created": true, "data": { "actions": actions(&groups, &changed_px) } },
             { "label": RECORD_ASSERTION, "kind": "Json", "created": true, "data": record },
         ]),
     })
@@ -244,18 +252,25 @@ mod tests {
         assert_eq!(groups[0].title, "r, 2 files");
         let list = format!("{0}  r/a.png\n{0}  r/b.png\n", "ab".repeat(32));
         assert_eq!(groups[0].sha256, bytes_digest(list.as_bytes()));
-        let actions = actions(&groups, Some(Rect::new(2, 3, 12, 8)));
+        let changed_px =
+            [(Rect::new(2, 3, 12, 8), "evidence and its shadows"), (Rect::new(0, 9, 20, 12), "visible mark")];
+        let actions = actions(&groups, &changed_px);
         assert_eq!(actions[0]["parameters"]["ingredientIds"], json!(["input-0"]));
         assert_eq!(actions[1]["parameters"]["ingredientIds"], json!(["input-2", "input-3"]));
         assert_eq!(actions[2]["parameters"]["ingredientIds"], json!(["input-1"]));
         let shape = &actions[2]["changes"][0]["region"][0]["shape"];
         assert_eq!((&shape["origin"]["y"], &shape["width"]), (&json!(3.0), &json!(10.0)));
+        let mark = &actions[2]["changes"][1];
+        assert_eq!(
+            (&mark["description"], &mark["region"][0]["shape"]["height"]),
+            (&json!("visible mark"), &json!(3.0))
+        );
         assert!(actions[1]["digitalSourceType"].as_str().unwrap().ends_with("compositeSynthetic"));
     }
 
     #[test]
     fn picture_without_a_recording_is_created_from_its_data() {
-        let actions = actions(&[InputGroup::of_file(&input("card", "case.toml"))], None);
+        let actions = actions(&[InputGroup::of_file(&input("card", "case.toml"))], &[]);
         assert_eq!(actions[0]["action"], "c2pa.created");
         assert!(actions[0]["digitalSourceType"].as_str().unwrap().ends_with("dataDrivenMedia"));
         assert_eq!(actions[0]["parameters"]["ingredientIds"], json!(["input-0"]));

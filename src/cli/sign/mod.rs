@@ -20,7 +20,7 @@ use locard_engine::source::file;
 use locard_engine::text::{count, reason};
 
 use super::{print_line, progress};
-use check::{SignatureProblem, file_signature, sidecar_path};
+use check::{SignatureProblem, file_signature};
 use credentials::{CredentialFiles, make_test_signer};
 use manifest::{definition, media_type};
 use recorded::{RecordedFile, RecordedOutput};

@@ -6,8 +6,9 @@ use anyhow::{Result, anyhow};
 
 use locard_engine::pixels::Rect;
 use locard_engine::provenance::{
-    OutputKind, PictureRecord, Record, WorkRecord, bytes_digest, output_of_record, record_path,
+    OutputKind, OutputRecord, PictureRecord, Record, WorkRecord, bytes_digest, output_of_record, record_path,
 };
+use locard_engine::sink::mark::VisibleMark;
 use locard_engine::source::file::{MAX_TEXT_BYTES, read_text};
 use locard_engine::text::reason;
 
@@ -29,6 +30,8 @@ pub struct RecordedOutput {
     pub path: PathBuf,
     pub work: WorkRecord,
     pub files: Vec<RecordedFile>,
+    /// Bounds of the visible mark on each picture.
+    pub mark_px: Option<Rect>,
     /// The record's text.
     text: String,
 }
@@ -48,7 +51,10 @@ impl RecordedOutput {
         })?;
         let record = Record::read(&path)?;
         let files = files(&record, &path)?;
-        Ok(Self { path, work: record.work, files, text })
+        let OutputRecord { width, height, .. } = record.output;
+        let mark = record.work.settings.mark.as_ref().map(|text| VisibleMark::new(text, width, height));
+        let mark_px = mark.map(|mark| mark.bounds(height));
+        Ok(Self { path, work: record.work, files, mark_px, text })
     }
 
     /// Digest of the record without the digests of the output's files: signing changes those.

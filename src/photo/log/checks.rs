@@ -2,7 +2,9 @@
 
 use super::finding::{Check, Finding};
 use super::shot_class::ShotClass;
-use crate::camera::stops::{Step, format_f_number, format_shutter_s, marked, nearest, shutter_times_s};
+use crate::camera::stops::{
+    Step, format_f_number, format_iso, format_shutter_s, iso_speeds, marked, nearest, shutter_times_s,
+};
 use crate::photo::particulars::{
     CameraSupport, ObjectInView, SHARP_CIRCLE_SHARE, ScaleInView, Subject, ViewParticulars,
 };
@@ -24,11 +26,12 @@ pub const MAX_VIEW_ANGLE_DEG: f64 = 10.0;
 pub const MAX_SCALE_TILT_DEG: f64 = 5.0;
 /// Largest error by a scale's height over the subject's plane.
 const MAX_HEIGHT_ERROR: f64 = 0.01;
-/// Shortest scale, px: read to half a pixel at both ends, its length is uncertain by up to 1 %.
-const MIN_SCALE_PX: f64 = 100.0;
+/// Shortest scale or item of a close-up, px: read to half a pixel at both ends, its length is
+/// uncertain by up to 1 %.
+pub const MIN_LENGTH_PX: f64 = 100.0;
 /// Smallest share of a side of the picture that a close-up's subject covers, without a scale and
 /// together with it.
-const MIN_SUBJECT_SHARE: f64 = 0.25;
+pub const MIN_SUBJECT_SHARE: f64 = 0.25;
 const MIN_WITH_SCALE_SHARE: f64 = 0.5;
 /// Longest path of the subject while the shutter is open, px, if the picture is small.
 const MIN_MOTION_LIMIT_PX: f64 = 2.0;
@@ -115,6 +118,23 @@ fn clipped(view: &ViewParticulars) -> Option<Finding> {
     ))
 }
 
+/// Engraved film speed and time of at most `longest_s` of a right exposure; `None` if the series
+/// have none.
+fn hand_held_settings(view: &ViewParticulars, longest_s: f64) -> Option<String> {
+    let speeds = iso_speeds(Step::Third);
+    let half_click = (1.0 / 6f64).exp2();
+    let speed_times_s = view.iso * view.shutter_s / view.exposure_deviation_ev.exp2();
+    let times = shutter_times_s(Step::Third);
+    let time = times.iter().filter(|time| time.marked <= HAND_HELD_TOLERANCE * longest_s).find(|time| {
+        // A bright scene takes a shorter time than the rule's, since no speed is lower.
+        speed_times_s / time.exact * half_click >= speeds.first().map_or(0.0, |lowest| lowest.exact)
+    })?;
+    let speed = speed_times_s / time.exact;
+    let is_too_dark = speed > speeds.last()?.exact * half_click;
+    let speed = nearest(&speeds, speed).filter(|_| !is_too_dark)?;
+    Some(format!("{} for {}", format_iso(speed.exact), format_shutter_s(time.exact)))
+}
+
 fn shutter(view: &ViewParticulars, subject: Option<&Subject>) -> Option<Finding> {
     let motion_px = subject.and_then(|subject| subject.motion_px);
     let moved = motion_px.map_or(String::new(), |px| format!("; the subject moved by {} px", fixed(px, 1)));
@@ -129,11 +149,10 @@ fn shutter(view: &ViewParticulars, subject: Option<&Subject>) -> Option<Finding>
                 fixed(view.equivalent_mm, 0),
                 fixed(view.equivalent_mm, 0)
             ),
-            format!(
-                "put the camera on a tripod, or take ISO {} for 1/{} s",
-                fixed(view.iso * view.shutter_s / longest_s, 0),
-                fixed(view.equivalent_mm, 0)
-            ),
+            match hand_held_settings(view, longest_s) {
+                Some(settings) => format!("put the camera on a tripod, or take {settings}"),
+                None => "put the camera on a tripod".to_owned(),
+            },
         ));
     }
     let limit_px = blur_limit_px(view, MIN_MOTION_LIMIT_PX);
@@ -249,7 +268,7 @@ fn scale_findings(view: &ViewParticulars, subject: &Subject, scale: &ScaleInView
             "move the scale or step back until all of it is in the picture",
         ));
     }
-    if object.longest_px() < MIN_SCALE_PX {
+    if object.longest_px() < MIN_LENGTH_PX {
         findings.push(Finding::new(
             Check::ScaleTooSmall,
             format!(
@@ -279,17 +298,23 @@ fn too_small(view: &ViewParticulars, subject: &Subject, object: &ObjectInView) -
         }
         None => (side_share(view, object.bounds_px), MIN_SUBJECT_SHARE, format!("{} covers", object.name)),
     };
-    (share < min_share).then(|| {
-        Finding::new(
+    let length = format!("{} px at {} mm per px", fixed(object.longest_px(), 0), fixed(object.mm_per_px, 2));
+    if share < min_share {
+        return Some(Finding::new(
             Check::SubjectTooSmall,
             format!(
-                "{names} {} % of the picture's side (close-up: {} % or more), {} px at {} mm per px",
+                "{names} {} % of the picture's side (close-up: {} % or more), {length}",
                 percent(share),
-                fixed(100.0 * min_share, 0),
-                fixed(object.longest_px(), 0),
-                fixed(object.mm_per_px, 2)
+                fixed(100.0 * min_share, 0)
             ),
             "go nearer or take a longer lens: a close-up is filled by its subject",
+        ));
+    }
+    (object.longest_px() < MIN_LENGTH_PX).then(|| {
+        Finding::new(
+            Check::SubjectTooSmall,
+            format!("{} is {length} (close-up: {} px or more)", object.name, fixed(MIN_LENGTH_PX, 0)),
+            "take a larger picture (`--width`), or go nearer",
         )
     })
 }

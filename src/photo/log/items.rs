@@ -3,7 +3,7 @@
 
 use glam::DVec3;
 
-use super::checks::{MAX_SCALE_TILT_DEG, MAX_VIEW_ANGLE_DEG};
+use super::checks::{MAX_SCALE_TILT_DEG, MAX_VIEW_ANGLE_DEG, MIN_LENGTH_PX};
 use super::finding::{Check, Finding};
 use super::shot_class::ShotClass;
 use crate::photo::particulars::{ObjectInView, ViewParticulars};
@@ -81,7 +81,9 @@ impl ItemCoverage {
         match ShotClass::of(view, object) {
             Some(ShotClass::Overview) if object.in_view >= MIN_OVERVIEW_IN_VIEW => self.overviews.push(number),
             Some(ShotClass::MidRange) if object.is_whole() => self.mid_ranges.push(number),
-            Some(ShotClass::CloseUp) if object.is_whole() => self.add_close_up(number, view),
+            Some(ShotClass::CloseUp) if object.is_whole() && object.longest_px() >= MIN_LENGTH_PX => {
+                self.add_close_up(number, view);
+            }
             _ => {}
         }
     }
@@ -117,7 +119,10 @@ impl ItemCoverage {
             lacks(Check::NoMidRange, "mid-range photograph", remedy);
         }
         if self.close_ups.is_empty() {
-            let remedy = format!("fill the picture with the item before a scale is laid beside it ({aim})");
+            let remedy = format!(
+                "fill the picture with the item, at {} px or more, before a scale is laid beside it ({aim})",
+                fixed(MIN_LENGTH_PX, 0)
+            );
             lacks(Check::NoCloseUp, "close-up without scale", remedy);
         }
         if self.with_scale.is_empty() && self.not_square.is_empty() {

@@ -12,7 +12,7 @@ mod table;
 #[cfg(test)]
 mod tests;
 
-pub use checks::view_findings;
+pub use checks::{MIN_LENGTH_PX, MIN_SUBJECT_SHARE, view_findings};
 pub use entry::{LogEntry, PhotoLog, log_files, photographs, recorded_photographs, unrecorded_pictures};
 pub use finding::{Check, Finding};
 pub use items::{ItemCoverage, item_coverage};

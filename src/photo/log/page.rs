@@ -72,7 +72,9 @@ struct PhotoRow {
 
 impl From<&Finding> for LogFault {
     fn from(finding: &Finding) -> Self {
-        Self { check: finding.check.name(), fault: shown(&finding.fault), remedy: shown(&finding.remedy) }
+        // The page has no marks of code.
+        let remedy = shown(&finding.remedy).replace('`', "");
+        Self { check: finding.check.name(), fault: shown(&finding.fault), remedy }
     }
 }
 

@@ -141,15 +141,38 @@ fn shutter_by_hand_follows_one_over_the_focal_length() {
     };
     let (faults, text) = by_hand(0.125);
     assert_eq!(faults, [Check::ShutterByHand]);
-    // ISO 400 · (1/8) / (1/50) = 2500.
+    // ISO 400 · (1/8) / (1/50.8) / 2^0.3 = 2064.
     assert!(
-        text.contains("1/8 s by hand") && text.contains("14.2 px") && text.contains("ISO 2500 for 1/50 s"),
+        text.contains("1/8 s by hand") && text.contains("14.2 px") && text.ends_with("or take ISO 2000 for 1/50 s"),
         "{text}"
     );
     assert_eq!(by_hand(1.0 / 50.0).0, [Check::MotionBlur]);
     assert_eq!(after(|view, _| view.shutter_s = 1.0).0, []);
     assert_eq!(after(|_, subject| subject.motion_px = Some(2.1)).0, [Check::MotionBlur]);
     assert_eq!(after(|_, subject| subject.motion_px = None).0, []);
+}
+
+#[test]
+fn remedy_for_shake_is_an_engraved_and_right_exposure_or_a_tripod() {
+    let remedy = |equivalent_mm: f64, iso: f64, off_ev: f64| {
+        after(move |view, _| {
+            (view.support, view.shutter_s) = (CameraSupport::HandHeld, 0.125);
+            (view.equivalent_mm, view.iso, view.exposure_deviation_ev) = (equivalent_mm, iso, off_ev);
+        })
+        .1
+    };
+    let ends = |text: String, end: &str| assert!(text.ends_with(end), "{text}");
+    // 1/400 s is longer than 1/442 s. ISO 400 · (1/8) · 512 / 2^0.3 = 20793.
+    ends(remedy(442.0, 400.0, 0.3), "or take ISO 20000 for 1/500 s");
+    // ISO 400 · (1/8) · 50.8 / 2^3 = 317.
+    ends(remedy(50.0, 400.0, 3.0), "or take ISO 320 for 1/50 s");
+    // At ISO 100 six stops too much: (1/8) · 4 / 2^6 s = 1/128 s.
+    ends(remedy(50.0, 400.0, 6.0), "or take ISO 100 for 1/125 s");
+    // ISO 6400 · (1/8) · 50.8 / 2^0.3 = 33015, which no camera has.
+    ends(
+        remedy(50.0, 6400.0, 0.3),
+        "expect shake from 1/50 s on; the subject moved by 1.0 px: put the camera on a tripod",
+    );
 }
 
 #[test]
@@ -208,6 +231,21 @@ fn small_and_cut_off_subjects_are_reported() {
     });
     assert!(faults == [Check::SubjectTooSmall] && text.contains("knife and scale cover 35.0 %"), "{text}");
     assert_eq!(after(|view, _| view.objects[0].in_view = 0.8).0, [Check::SubjectCutOff]);
+}
+
+/// A picture of 180 × 120 px: the knife fills half of it with 96 px.
+#[test]
+fn close_up_of_an_item_under_100_px_is_a_fault_and_does_not_count() {
+    let mut view = without_scale();
+    (view.width_px, view.height_px) = (180, 120);
+    view.objects[0].mm_per_px = 2.5;
+    view.objects[0].bounds_px = [30.0, 50.0, 126.0, 60.0];
+    let faults = view_findings(&view);
+    assert!(faults.len() == 1 && faults[0].check == Check::SubjectTooSmall, "{faults:?}");
+    assert_eq!(faults[0].fault, "knife is 96 px at 2.50 mm per px (close-up: 100 px or more)");
+    let mut contents = whole_series();
+    contents[3] = PhotoContent::View(Box::new(view));
+    assert_eq!(series_checks(&log_of(contents)).0, [Check::NoCloseUp]);
 }
 
 #[test]
@@ -362,6 +400,8 @@ fn page_embeds_thumbnails_and_escapes_text() {
     assert!(page.contains("A. &lt;B&gt;") && !page.contains("<B>"), "escaped");
     assert!(page.contains("knife (marker 3)") && page.contains("5 photographs, 1 item, 0 faults"));
     assert_eq!(log.entries[0].thumbnail().unwrap().dimensions(), (360, 240));
+    let faulty = html(&log_of(vec![card(), PhotoContent::View(Box::new(from_afar(13.0)))])).unwrap();
+    assert!(faulty.contains("--aim") && !faulty.contains('`'), "options without marks of code");
     std::fs::remove_file(at("003.jpg")).unwrap();
     assert!(photographs(&[temp.path().to_owned()]).unwrap_err().contains("003.jpg: does not exist"));
     assert!(photographs(&[at("")]).is_err());
