@@ -14,7 +14,7 @@ use std::sync::Arc;
 use anyhow::{Result, anyhow, bail};
 use c2pa::{Builder, Context, Signer};
 
-use locard_engine::provenance::{bytes_digest, file_digest, output_of_record, record_path};
+use locard_engine::provenance::{bytes_digest, file_digest, output_of_record, record_path, sidecar_path};
 use locard_engine::sink::atomic::{Partial, check_not_protected, stale_partials, write_atomically};
 use locard_engine::source::file;
 use locard_engine::text::{count, reason};
