@@ -204,7 +204,7 @@ pub fn definition(output: &RecordedOutput, file: &RecordedFile, record_sha256: &
         record["frame"] = json!(frame);
     }
     let objects = file.changed_px.map(|px| (px, "evidence and its shadows"));
-    let mark = output.mark_px.map(|px| (px, "visible mark"));
+    let mark = output.mark_px().map(|px| (px, "visible mark"));
     let changed_px: Vec<(Rect, &str)> = objects.into_iter().chain(mark).collect();
     json!(Definition {
         claim_generator_info: json!([{ "name": "Locard", "version": env!("CARGO_PKG_VERSION") }]),

@@ -30,8 +30,8 @@ pub struct RecordedOutput {
     pub path: PathBuf,
     pub work: WorkRecord,
     pub files: Vec<RecordedFile>,
-    /// Bounds of the visible mark on each picture.
-    pub mark_px: Option<Rect>,
+    /// Width and height of its pictures, px.
+    size_px: (u32, u32),
     /// The record's text.
     text: String,
 }
@@ -52,9 +52,13 @@ impl RecordedOutput {
         let record = Record::read(&path)?;
         let files = files(&record, &path)?;
         let OutputRecord { width, height, .. } = record.output;
-        let mark = record.work.settings.mark.as_ref().map(|text| VisibleMark::new(text, width, height));
-        let mark_px = mark.map(|mark| mark.bounds(height));
-        Ok(Self { path, work: record.work, files, mark_px, text })
+        Ok(Self { path, work: record.work, files, size_px: (width, height), text })
+    }
+
+    /// Bounds of the visible mark on each picture.
+    pub fn mark_px(&self) -> Option<Rect> {
+        let (width, height) = self.size_px;
+        self.work.settings.mark.as_ref().map(|text| VisibleMark::new(text, width, height).bounds(height))
     }
 
     /// Digest of the record without the digests of the output's files: signing changes those.
