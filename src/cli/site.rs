@@ -1,29 +1,23 @@
 //! `locard site`: puts a scan of the place into a scene, aligned with the recording.
 
 use std::io::Write;
+use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::Arc;
-
-use anyhow::{Context, Result, bail};
-use glam::DVec3;
 
 use super::analysis::AnalysisArgs;
 use super::pick::{numbers, of_view, view};
 use super::warn;
+use anyhow::{Context, Result, anyhow, bail};
 use locard_engine::export::Inputs;
 use locard_engine::pose::Pose;
 use locard_engine::recording::{OpenOptions, Recording};
-use locard_engine::scene::document::Up;
 use locard_engine::scene::{self, Document, SceneFile, SiteTable};
-use locard_engine::shot::{FramePoint, Shot, ShotOptions};
+use locard_engine::shot::{PickedPair, Shot, ShotOptions, SiteByPairs};
 use locard_engine::sink::{self, atomic::write_atomically};
-use locard_engine::site::alignment::{Alignment, AlignmentOptions, RayPair};
-use locard_engine::site::refinement::{PosePrior, SiteRefinement};
+use locard_engine::site::refinement::PosePrior;
 use locard_engine::site::{ScannedSite, SiteScan};
 use locard_engine::text::{count, fixed, number};
-
-/// Assumed standard deviations of a pose that no pairs determine: of an alignment by hand.
-const UNPAIRED: PosePrior = PosePrior { sigma_m: 0.03, sigma_rad: 0.02, center_m: None };
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -37,7 +31,7 @@ pub struct Args {
     scene: PathBuf,
     /// A point of the scan (m, or the scan's unit) and where a frame shows it; three or more,
     /// spread over the place
-    #[arg(long = "pair", value_name = "FRAME:X,Y=X,Y,Z", value_parser = PickedPair::parse, allow_hyphen_values = true)]
+    #[arg(long = "pair", value_name = "FRAME:X,Y=X,Y,Z", value_parser = parse_pair, allow_hyphen_values = true)]
     pairs: Vec<PickedPair>,
     /// Length of the scan's unit, for formats without one (PLY, OBJ, STL), m
     #[arg(long, value_name = "M")]
@@ -59,26 +53,17 @@ pub struct Args {
     analysis: AnalysisArgs,
 }
 
-/// A position in a frame, and the point of the scan there, in the scan's unit.
-#[derive(Clone, Debug, PartialEq)]
-struct PickedPair {
-    view: FramePoint,
-    point: DVec3,
-}
-
-impl PickedPair {
-    fn parse(text: &str) -> Result<Self, String> {
-        const EXPECTED: &str = "FRAME:X,Y=X,Y,Z, as in 40:210,330=1.25,0.31,0.02";
-        let (of_frame, of_scan) = text.split_once('=').ok_or_else(|| format!("{text}: expected {EXPECTED}"))?;
-        Ok(Self { view: view(of_frame, EXPECTED)?, point: numbers::<3>(of_scan, "1.25,0.31,0.02")?.into() })
-    }
+fn parse_pair(text: &str) -> Result<PickedPair, String> {
+    const EXPECTED: &str = "FRAME:X,Y=X,Y,Z, as in 40:210,330=1.25,0.31,0.02";
+    let (of_frame, of_scan) = text.split_once('=').ok_or_else(|| format!("{text}: expected {EXPECTED}"))?;
+    Ok(PickedPair { view: view(of_frame, EXPECTED)?, point: numbers::<3>(of_scan, "1.25,0.31,0.02")?.into() })
 }
 
 /// The pose of a scan, and its origin.
 struct ScanPlacement {
     world_from_scan: Pose,
-    /// Factor on the recording's unit.
-    unit_factor: f64,
+    /// Factor on the recording's unit, if it was to be found.
+    unit_factor: Option<f64>,
     prior: PosePrior,
 }
 
@@ -96,40 +81,28 @@ pub fn run(args: &Args) -> Result<()> {
     let mut out = std::io::stdout().lock();
     writeln!(out, "scan       {}", scan.description())?;
     let placement = scan_pose(args, &shot, &scan, file.site.as_ref(), &mut out)?;
-    if args.find_scale {
-        set_scale(&mut shot, &mut file, placement.unit_factor, &mut out)?;
+    if let Some(factor) = placement.unit_factor {
+        let unit_m = shot.set_unit_of_site(&mut file, factor);
+        let unit_m = unit_m.map_err(|error| anyhow!("--find-scale: {error}"))?;
+        writeln!(out, "unit       {} m, written into the scene file", number(unit_m))?;
     }
     let mut site = ScannedSite::new(scan, placement.world_from_scan);
     if !args.no_refine {
-        match shot.refined_site(&site, placement.prior)? {
+        match shot.refined_site(&site, placement.prior, &mut |_| ControlFlow::Continue(()))? {
             Ok(refined) => {
-                writeln!(out, "refined    {}", refinement_text(&refined))?;
+                writeln!(out, "refined    {refined}")?;
                 site = refined.site;
             }
             Err(why) => writeln!(out, "refined    not: {why}")?,
         }
     }
-    if shot.site_coverage(&site, 0..shot.recording.frame_count()).is_some_and(|covered| covered < 0.01) {
-        writeln!(
-            out,
-            "odd        hardly any frame shows the scan: check the pairs, and its unit (--scan-unit 0.001 for millimetres)"
-        )?;
+    if let Some(advice) = shot.site_doubt(&site) {
+        writeln!(out, "odd        {advice}")?;
     }
     let pose = site.world_from_scan;
-    let posed = (0..shot.recording.frame_count()).find(|frame| shot.recording.pose_at_frame(*frame).is_ok());
-    let gauge_frame = args.pairs.first().map(|pair| pair.view.frame).or(posed);
-    file.site = Some(SiteTable {
-        scan: scene::relative(&args.scan, &args.scene),
-        metres_per_unit: args.scan_unit,
-        position_m: Some(pose.translation_m.to_array()),
-        quaternion: Some(pose.rotation.to_array()),
-    });
-    if file.gauge.is_none() {
-        file.gauge = gauge_frame.and_then(|frame| shot.gauge(frame));
-    }
-    if let (None, None, Some(up)) = (file.up, shot.recording.up, site.scan.up) {
-        let up = (pose.rotation * up).to_array();
-        file.up = Some(Up::Direction(up));
+    let gauge_frame = args.pairs.first().map(|pair| pair.view.frame);
+    let scan_name = scene::relative(&args.scan, &args.scene);
+    if let Some(up) = shot.put_site(&mut file, &site, scan_name, args.scan_unit, gauge_frame) {
         writeln!(
             out,
             "up         [{}], the scan's, is written into the scene file",
@@ -188,74 +161,22 @@ fn scan_pose(
         writeln!(out, "aligned    by {text}: no pairs")?;
         return Ok(ScanPlacement {
             world_from_scan: present.unwrap_or(Pose::IDENTITY),
-            unit_factor: 1.0,
-            prior: UNPAIRED,
+            unit_factor: None,
+            prior: PosePrior::UNPAIRED,
         });
     }
     let frames = shot.recording.frame_count();
-    let rays: Vec<RayPair> = args
-        .pairs
-        .iter()
-        .map(|pair| {
-            if pair.view.frame >= frames {
-                bail!("--pair {}: the recording has {}", of_view(&pair.view), count(frames, "frame"));
-            }
-            Ok(shot.ray_pair(&pair.view, pair.point * scan.metres_per_unit)?)
-        })
-        .collect::<Result<_>>()?;
-    let ups = scan.up.zip(shot.up()).map(|(scan, world)| [scan, world]);
-    let alignment = Alignment::of_pairs(&rays, &AlignmentOptions { ups, finds_scale: args.find_scale })?;
-    for (pair, px) in args.pairs.iter().zip(&alignment.errors_px) {
+    if let Some(beyond) = args.pairs.iter().find(|pair| pair.view.frame >= frames) {
+        bail!("--pair {}: the recording has {}", of_view(&beyond.view), count(frames, "frame"));
+    }
+    let by_pairs = shot.site_by_pairs(scan, &args.pairs, args.find_scale)?;
+    for (pair, px) in args.pairs.iter().zip(&by_pairs.alignment.errors_px) {
         let point = pair.point.to_array().map(number).join(",");
         writeln!(out, "pair       {} = {point}: {px:.1} px off", of_view(&pair.view))?;
     }
-    let transform = alignment.world_from_scan;
-    writeln!(
-        out,
-        "aligned    within {:.0} mm and {:.2}° (1 σ), by {}{}",
-        1e3 * alignment.sigma_m,
-        alignment.sigma_rad.to_degrees(),
-        count(rays.len(), "pair"),
-        if args.find_scale {
-            format!("; the unit within {:.1} %", 100.0 * alignment.sigma_scale)
-        } else {
-            String::new()
-        }
-    )?;
-    // Positions in the world grow with its unit.
-    let world_from_scan = Pose::new(transform.rotation, transform.translation_m / transform.scale);
-    let sigma_m = alignment.sigma_m / transform.scale;
-    let center = rays.iter().map(|ray| ray.point_m).sum::<DVec3>() / rays.len() as f64;
-    let center_m = Some(world_from_scan.transform_point(center));
-    let prior = PosePrior { sigma_m: sigma_m.max(1e-3), sigma_rad: alignment.sigma_rad.max(1e-3), center_m };
-    Ok(ScanPlacement { world_from_scan, unit_factor: transform.scale.recip(), prior })
-}
-
-/// Sets the length of the recording's unit in the shot and the scene file.
-fn set_scale(shot: &mut Shot, file: &mut SceneFile, factor: f64, out: &mut impl Write) -> Result<()> {
-    if shot.recording.kind.is_metric() {
-        bail!("--find-scale: a {} recording is in metres", shot.recording.kind);
-    }
-    if !file.objects.is_empty() {
-        bail!("--find-scale: the scene's objects were placed with another unit; use a new scene file");
-    }
-    let unit_m = factor * shot.recording.metres_per_unit;
-    file.metres_per_unit = Some(unit_m);
-    file.gauge = None;
-    Arc::make_mut(&mut shot.recording).rescale(unit_m);
-    writeln!(out, "unit       {} m, written into the scene file", number(unit_m))?;
-    Ok(())
-}
-
-fn refinement_text(refined: &SiteRefinement) -> String {
-    let [before, after] = refined.loss;
-    format!(
-        "by {}: moved by {:.0} mm and {:.2}°, differences fell by {:.0} %",
-        count(refined.pixels, "pixel"),
-        1e3 * refined.moved_m,
-        refined.turned_rad.to_degrees(),
-        100.0 * (1.0 - after / before)
-    )
+    writeln!(out, "aligned    {by_pairs}")?;
+    let SiteByPairs { world_from_scan, unit_factor, prior, .. } = by_pairs;
+    Ok(ScanPlacement { world_from_scan, unit_factor, prior })
 }
 
 #[cfg(test)]
@@ -264,11 +185,11 @@ mod tests {
 
     #[test]
     fn pairs_are_parsed() {
-        let pair = PickedPair::parse("40:210.5,330=-1.25,0.31,0.02").unwrap();
+        let pair = parse_pair("40:210.5,330=-1.25,0.31,0.02").unwrap();
         assert_eq!((pair.view.frame, pair.view.at_px.to_array()), (40, [210.5, 330.0]));
         assert_eq!(pair.point.to_array(), [-1.25, 0.31, 0.02]);
         for wrong in ["", "40:1,2", "40:1,2=1,2", "1,2=1,2,3", "x:1,2=1,2,3", "4:1,2=1,2,nan"] {
-            assert!(PickedPair::parse(wrong).unwrap_err().contains("expected"), "{wrong}");
+            assert!(parse_pair(wrong).unwrap_err().contains("expected"), "{wrong}");
         }
     }
 }

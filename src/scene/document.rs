@@ -236,12 +236,16 @@ impl From<Entry> for SceneItem {
 impl SceneFile {
     /// Referenced files: the objects' models, then the panorama.
     pub fn file_names(&self) -> impl Iterator<Item = &str> {
-        self.objects.iter().map(|object| &object.model).chain(&self.light.environment).map(String::as_str)
+        let models = self.objects.iter().map(|object| &object.model);
+        let scan = self.site.iter().map(|site| &site.scan);
+        models.chain(&self.light.environment).chain(scan).map(String::as_str)
     }
 
     /// Mutable version of [`Self::file_names`].
     pub fn file_names_mut(&mut self) -> impl Iterator<Item = &mut String> {
-        self.objects.iter_mut().map(|object| &mut object.model).chain(&mut self.light.environment)
+        let models = self.objects.iter_mut().map(|object| &mut object.model);
+        let scan = self.site.iter_mut().map(|site| &mut site.scan);
+        models.chain(&mut self.light.environment).chain(scan)
     }
 
     /// Number of placed objects. Each instance is an object of its own, as in [`Self::entries`].

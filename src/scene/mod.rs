@@ -60,7 +60,7 @@ pub use model::is_model;
 pub use overlap::{Overlap, overlaps};
 pub use place::Size;
 pub use resting::{Facet, MIN_SUPPORT_COSINE, Posture, place_at_rest, relative};
-pub use scan::read_scan;
+pub use scan::{read_scan, read_scan_watched};
 pub use site::{SitePlacement, SiteTable};
 
 /// Decodes a Radiance panorama: width, height, linear light row by row. The error is a description.

@@ -6,13 +6,22 @@ use glam::DVec3;
 
 use super::{Scene, SceneError, is_model, load};
 use crate::site::SiteScan;
-use crate::site::scan_file::ScanGeometry;
+use crate::site::scan_file::{ReadingWatch, ScanGeometry};
 
 /// Reads a scan from a file of [`scan_file`](crate::site::scan_file), or the meshes of a `.glb` or
 /// `.gltf` file. `metres_per_unit` overrides the unit of the format; without both it is the metre.
 pub fn read_scan(path: &Path, metres_per_unit: Option<f64>) -> Result<SiteScan, SceneError> {
+    read_scan_watched(path, metres_per_unit, &ReadingWatch::default())
+}
+
+/// Like [`read_scan`]; another thread watches the progress and may end it, except for models.
+pub fn read_scan_watched(
+    path: &Path,
+    metres_per_unit: Option<f64>,
+    watch: &ReadingWatch,
+) -> Result<SiteScan, SceneError> {
     if !is_model(path) {
-        return SiteScan::read(path, metres_per_unit).map_err(SceneError::Scan);
+        return SiteScan::read_watched(path, metres_per_unit, watch).map_err(SceneError::Scan);
     }
     let geometry = geometry(&load(path, None)?);
     if geometry.triangles.is_empty() {

@@ -22,6 +22,7 @@ mod projected;
 mod radiance;
 mod reduced;
 mod site;
+mod site_alignment;
 mod stream;
 mod support_gaps;
 mod support_report;
@@ -46,6 +47,7 @@ use crate::params::Field;
 use crate::profile::{Rig, ShotSettings};
 use crate::recording::{OpenOptions, Recording, RecordingError};
 use crate::scene::{self, Gauge, Lighting, Scene};
+use crate::site::SiteScan;
 
 pub use analysing::AnalyseError;
 pub use error::ShotError;
@@ -59,6 +61,7 @@ pub use pick::{PickHit, nearest};
 pub use posed_camera::{PosedCamera, ViewRay};
 pub use projected::ProjectedObject;
 pub use reduced::ReducedFrame;
+pub use site_alignment::{PairAlignmentError, PickedPair, SiteByPairs, SiteScaleError};
 pub use stream::Composites;
 pub use support_gaps::SupportGap;
 use supports::RoomMemos;
@@ -98,6 +101,8 @@ pub struct Shot {
     room: Arc<RoomMemos>,
     /// Reason why the scan of a scene that was set later cannot be read.
     site_problem: Option<String>,
+    /// Scan that was read last. No memo: the scene may name it again.
+    last_scan: Option<Arc<SiteScan>>,
 }
 
 impl Shot {
@@ -121,7 +126,7 @@ impl Shot {
         let opened_unit_m = recording.metres_per_unit;
         // The analysis's estimates depend on the unit.
         recording.rescale(unit_m(&scene, opened_unit_m));
-        site::set_site_of(&mut recording, &scene)?;
+        site::set_site_of(&mut recording, &scene, None)?;
         recorded.set_site(recording.site().cloned());
         let mut shot = Self {
             recording: Arc::new(recording),
@@ -137,6 +142,7 @@ impl Shot {
             decoded: Memo::default(),
             room: Arc::default(),
             site_problem: None,
+            last_scan: None,
         };
         shot.load_analysis(options)?;
         // Now with the analysis's estimates.

@@ -40,9 +40,8 @@ impl Shot {
         let (width, height, codes) = (pixels.width, pixels.height, pixels.codes.to_eight_bit().into_owned());
         let Some(mut picture) = RgbImage::from_raw(width, height, codes) else { return Ok(pixels.clone()) };
         let unit = (f64::from(height) / 720.0).max(1.0);
-        if let Some(site) = self.recording.site() {
-            let (track, time_s) = (&self.recording.track, self.recording.timestamps_s[frame]);
-            draw_site_edges(&mut picture, &site.depth_at_time(eye.geometry(), track, time_s)?);
+        for [x, y] in self.site_edges_px(frame)? {
+            picture.put_pixel(x, y, SITE_INK);
         }
         let mut labels = Vec::new();
         for object in 0..self.scene.objects.len() {
@@ -58,12 +57,20 @@ impl Shot {
         names(&mut picture, labels, unit);
         Ok(Pixels::uncoded(width, height, Codes::U8(picture.into_raw())))
     }
+
+    /// The pixels of a frame at the edges of the scene's scan, none without a scan.
+    pub fn site_edges_px(&self, frame: usize) -> Result<Vec<[u32; 2]>, SurfaceError> {
+        let Some(site) = self.recording.site() else { return Ok(Vec::new()) };
+        let (track, time_s) = (&self.recording.track, self.recording.timestamps_s[frame]);
+        let map = site.depth_at_time(self.posed_camera(frame)?.geometry(), track, time_s)?;
+        Ok(edges_px(&map).collect())
+    }
 }
 
-/// Marks the pixels at which the depth of a scan steps or bends.
-fn draw_site_edges(picture: &mut RgbImage, map: &DepthMap) {
+/// The pixels at which depth steps or bends.
+fn edges_px(map: &DepthMap) -> impl Iterator<Item = [u32; 2]> {
     let (width, height) = (map.width as usize, map.height as usize);
-    let w = |x: usize, y: usize| {
+    let w = move |x: usize, y: usize| {
         let z = map.depth_m[y * width + x];
         if z > 0.0 { z.recip() } else { 0.0 }
     };
@@ -73,15 +80,14 @@ fn draw_site_edges(picture: &mut RgbImage, map: &DepthMap) {
         if is_known { (a - 2.0 * b + c).abs() / b } else { 0.0 }
     };
     let r = (height / 240).max(1);
-    for y in r..height.saturating_sub(r) {
-        for x in r..width.saturating_sub(r) {
-            let here = w(x, y);
-            let max_bend = bend(w(x - r, y), here, w(x + r, y)).max(bend(w(x, y - r), here, w(x, y + r)));
-            if max_bend > SITE_EDGE_BEND {
-                picture.put_pixel(x as u32, y as u32, SITE_INK);
-            }
-        }
-    }
+    let is_edge = move |x: usize, y: usize| {
+        let here = w(x, y);
+        let max_bend = bend(w(x - r, y), here, w(x + r, y)).max(bend(w(x, y - r), here, w(x, y + r)));
+        max_bend > SITE_EDGE_BEND
+    };
+    let rows = r..height.saturating_sub(r);
+    let inside = rows.flat_map(move |y| (r..width.saturating_sub(r)).map(move |x| (x, y)));
+    inside.filter(move |(x, y)| is_edge(*x, *y)).map(|(x, y)| [x as u32, y as u32])
 }
 
 fn draw_polygon(picture: &mut RgbImage, polygon: &[DVec2], width_px: f64, ink: Rgb<u8>) {

@@ -1,6 +1,6 @@
 //! The scan of a scene in a recording.
 
-use std::ops::Range;
+use std::ops::{ControlFlow, Range};
 use std::sync::Arc;
 
 use glam::{DVec2, DVec3};
@@ -13,9 +13,9 @@ use crate::grey_image::GreyImage;
 use crate::pose::Pose;
 use crate::recording::Recording;
 use crate::scene::{Scene, SceneError, SitePlacement, read_scan};
-use crate::site::ScannedSite;
 use crate::site::alignment::RayPair;
 use crate::site::refinement::{self, NoRefinement, PosePrior, SiteRefinement, SiteView};
+use crate::site::{ScannedSite, SiteScan};
 use crate::tracking::PoseTrack;
 
 /// Frames that a refinement reads.
@@ -37,7 +37,7 @@ impl Shot {
         recording.rescale(unit_m(scene, self.opened_unit_m));
         // Frames without measured depth of a recording that has some are left out of an analysis.
         if !recording.has_measured_depth() {
-            set_site_of(recording, scene)?;
+            set_site_of(recording, scene, None)?;
         }
         Arc::make_mut(&mut self.recorded).set_site(recording.site().cloned());
         self.register_depth();
@@ -85,11 +85,13 @@ impl Shot {
         range.step_by(stride).filter_map(covered).reduce(f64::max)
     }
 
-    /// Refines the pose of a scan by the brightness of its surface in the frames.
+    /// Refines the pose of a scan by the brightness of its surface in the frames. `on_progress` is
+    /// called with a fraction, and cancels by [`ControlFlow::Break`].
     pub fn refined_site(
         &self,
         site: &ScannedSite,
         prior: PosePrior,
+        on_progress: &mut dyn FnMut(f64) -> ControlFlow<()>,
     ) -> Result<Result<SiteRefinement, NoRefinement>, ShotError> {
         let recording = &self.recording;
         let posed: Vec<usize> =
@@ -97,12 +99,15 @@ impl Shot {
         let stride = posed.len().div_ceil(REFINEMENT_FRAMES).max(1);
         let mut views = Vec::new();
         for frame in posed.into_iter().step_by(stride) {
+            if on_progress(0.0).is_break() {
+                return Ok(Err(NoRefinement::Cancelled));
+            }
             let camera = self.geometry_at(frame)?;
             let picture = recording.without_depth().frames(frame..frame + 1)?.next();
             let (Some(picture), Ok(camera_from_world)) = (picture, recording.pose_at_frame(frame)) else { continue };
             views.push(SiteView { luma: GreyImage::luma_601(&picture?.pixels), camera, camera_from_world });
         }
-        Ok(refinement::refined(site, &views, &view_pairs(&views), prior))
+        Ok(refinement::refined(site, &views, &view_pairs(&views), prior, on_progress))
     }
 
     /// Applies the scene's scan to the recording, if it changed. A scan that cannot be read is a
@@ -111,8 +116,11 @@ impl Shot {
         if self.has_site_of_scene() {
             return;
         }
+        // A scan that an undone step restores is not read again.
+        self.last_scan = self.recording.site().map(|site| Arc::clone(&site.scan)).or(self.last_scan.take());
+        let last_scan = self.last_scan.as_ref();
         let recording = Arc::make_mut(&mut self.recording);
-        self.site_problem = set_site_of(recording, &self.scene).err().map(|error| error.to_string());
+        self.site_problem = set_site_of(recording, &self.scene, last_scan).err().map(|error| error.to_string());
         if self.site_problem.is_some() {
             recording.set_site(None);
         }
@@ -120,7 +128,7 @@ impl Shot {
         let mut recorded = self.recorded.as_ref().clone();
         recorded.rescale(self.recording.metres_per_unit);
         recorded.set_site(self.recording.site().cloned());
-        let site = set_site_of(&mut recorded, &self.scene).ok().and_then(|()| recorded.site().cloned());
+        let site = set_site_of(&mut recorded, &self.scene, None).ok().and_then(|()| recorded.site().cloned());
         Arc::make_mut(&mut self.recorded).set_site(site);
         self.register_depth();
         self.room = Arc::default();
@@ -154,15 +162,19 @@ fn view_pairs(views: &[SiteView]) -> Vec<(usize, usize)> {
 }
 
 /// Gives a recording the scan of a scene, in the recording's world. A scan that the recording has
-/// already is not read again.
-pub fn set_site_of(recording: &mut Recording, scene: &Scene) -> Result<(), SceneError> {
+/// already, and `last_scan`, are not read again.
+pub fn set_site_of(
+    recording: &mut Recording,
+    scene: &Scene,
+    last_scan: Option<&Arc<SiteScan>>,
+) -> Result<(), SceneError> {
     let Some(SitePlacement { scan, metres_per_unit, world_from_scan }) = &scene.site else {
         recording.set_site(None);
         return Ok(());
     };
-    let present = recording.site().map(|site| Arc::clone(&site.scan));
-    let scan = match present.filter(|present| present.is_of(scan, *metres_per_unit)) {
-        Some(present) => present,
+    let mut present = recording.site().map(|site| &site.scan).into_iter().chain(last_scan);
+    let scan = match present.find(|present| present.is_of(scan, *metres_per_unit)) {
+        Some(present) => Arc::clone(present),
         None => Arc::new(read_scan(scan, *metres_per_unit)?),
     };
     let world_from_scan = *world_from_scan;

@@ -35,7 +35,7 @@ const SURFACE_THICKNESS_RADII: f32 = 0.75;
 /// Smallest sum of weights of a known pixel: a third of the mean on a surface.
 const MIN_WEIGHT: f32 = 0.5;
 /// Surfaces nearer to the camera are not drawn, m: the operator's own equipment.
-const MIN_DISTANCE_M: f32 = 0.05;
+pub const MIN_DISTANCE_M: f32 = 0.05;
 /// Smallest cosine between a disc's normal and the ray.
 const MIN_COSINE: f32 = 0.05;
 /// Side of a voxel in the picture down to which octants are refined, px.
@@ -74,6 +74,8 @@ struct ScanView<'a> {
     /// Pixels from the left to the right border of a 360° picture.
     turn_px: Option<i32>,
     rows: Range<i32>,
+    /// Surfaces nearer to the camera are not drawn, m.
+    min_distance_m: f32,
 }
 
 /// A visible part of a scan.
@@ -139,11 +141,12 @@ impl PixelLayers {
 
 /// Depth of a scan at each pixel of a camera's picture, row by row, scaled as in a depth map of the
 /// camera ([`Geometry::depth_ray`]); 0 where there is no surface. `camera_from_scan`: the pose at a
-/// time relative to the frame's, s.
+/// time relative to the frame's, s. Surfaces nearer than `min_distance_m` are not drawn.
 pub fn rendered_depth_m(
     surface: &ScanSurface,
     rays: &Rays,
     camera_from_scan: &(dyn Fn(f64) -> Pose + Sync),
+    min_distance_m: f32,
 ) -> Vec<f32> {
     let full = rays.full();
     rays.prepare(full.y0..full.y1);
@@ -155,7 +158,8 @@ pub fn rendered_depth_m(
         let middle_px = 0.5 * f64::from(rows.start + rows.end);
         let pose = camera_from_scan(rays.geometry().row_time_s(middle_px));
         let mut layers = vec![PixelLayers { front: NO_LAYER, back: NO_LAYER }; depth_m.len()];
-        Band { view: ScanView::new(rays, &pose, rows), layers: &mut layers }.draw(surface);
+        let view = ScanView { min_distance_m, ..ScanView::new(rays, &pose, rows) };
+        Band { view, layers: &mut layers }.draw(surface);
         depth_m.iter_mut().zip(&layers).for_each(|(depth_m, layers)| *depth_m = layers.depth_m());
     });
     fill_single_pixels(&mut depth_m, width);
@@ -195,7 +199,7 @@ impl<'a> ScanView<'a> {
         let rotation = Mat3::from_quat(camera_from_scan.rotation.as_quat());
         let turn_px = geometry.is_equirectangular().then_some(width as i32);
         let translation_m = camera_from_scan.translation_m.as_vec3();
-        Self { rays, rotation, translation_m, max_angle_rad, turn_px, rows }
+        Self { rays, rotation, translation_m, max_angle_rad, turn_px, rows, min_distance_m: MIN_DISTANCE_M }
     }
 
     fn geometry(&self) -> &Geometry {
@@ -336,7 +340,7 @@ impl Band<'_> {
     fn draw_disc(&mut self, disc: &Disc, radius_m: f32, of_part: Option<f32>) {
         let center = self.view.in_camera(disc.position_m);
         let distance_m = center.length();
-        if distance_m < MIN_DISTANCE_M.max(radius_m) {
+        if distance_m < self.view.min_distance_m.max(radius_m) {
             return;
         }
         let Some(at_px) = self.view.geometry().project(center.as_dvec3()) else { return };
@@ -378,6 +382,7 @@ impl Band<'_> {
         let [Some(p), Some(q), Some(r)] = corners_px else { return };
         let rect = self.view.triangle_rect([p, q, r]);
         let (ab, ac) = (b - a, c - a);
+        let min_distance_m = self.view.min_distance_m;
         self.for_pixels(rect, |ray, layers| {
             let across = ray.cross(ac);
             let inverse = ab.dot(across).recip();
@@ -385,7 +390,7 @@ impl Band<'_> {
             let normal = (-a).cross(ab);
             let v = ray.dot(normal) * inverse;
             let depth_m = ac.dot(normal) * inverse;
-            if u >= 0.0 && v >= 0.0 && u + v <= 1.0 && depth_m * ray.length() > MIN_DISTANCE_M {
+            if u >= 0.0 && v >= 0.0 && u + v <= 1.0 && depth_m * ray.length() > min_distance_m {
                 layers.add(depth_m, 1.0, 0.0);
             }
         });

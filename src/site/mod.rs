@@ -26,10 +26,10 @@ use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
 
-use depth_rendering::ScanSurface;
+use depth_rendering::{MIN_DISTANCE_M, ScanSurface};
 use morton::bounds;
 use point_octree::PointOctree;
-use scan_file::{ScanError, ScanGeometry};
+use scan_file::{ReadingWatch, ScanError, ScanGeometry};
 use triangle_blocks::TriangleBlocks;
 
 use crate::camera::Geometry;
@@ -86,8 +86,13 @@ impl SiteScan {
     /// Reads a file. `metres_per_unit` overrides the unit of the format; without both it is the
     /// metre.
     pub fn read(path: &Path, metres_per_unit: Option<f64>) -> Result<Self, ScanError> {
+        Self::read_watched(path, metres_per_unit, &ReadingWatch::default())
+    }
+
+    /// Like [`SiteScan::read`]; another thread watches the progress and may end it.
+    pub fn read_watched(path: &Path, metres_per_unit: Option<f64>, watch: &ReadingWatch) -> Result<Self, ScanError> {
         let stamp = FileStamp::of(path);
-        Ok(Self { stamp, ..Self::of_geometry(path, scan_file::read(path)?, metres_per_unit) })
+        Ok(Self { stamp, ..Self::of_geometry(path, scan_file::read_watched(path, watch)?, metres_per_unit) })
     }
 
     /// The scan of a file that was read.
@@ -141,12 +146,26 @@ impl SiteScan {
 
     /// True if reading the file again would give the same scan.
     pub fn is_of(&self, path: &Path, metres_per_unit: Option<f64>) -> bool {
-        self.path == path && metres_per_unit == self.stated_metres_per_unit && self.stamp.is_fresh()
+        let is_same_file =
+            || path.canonicalize().is_ok_and(|path| self.path.canonicalize().is_ok_and(|own| own == path));
+        metres_per_unit == self.stated_metres_per_unit && (self.path == path || is_same_file()) && self.stamp.is_fresh()
     }
 
     /// Middle of the scan in its own axes, m.
     pub fn center_m(&self) -> DVec3 {
         0.5 * (self.bounds_m[0] + self.bounds_m[1])
+    }
+
+    /// Depth from a free camera, whose pose is in the scan's axes. Surfaces nearer than
+    /// `min_distance_m` are cut away.
+    pub fn view(&self, camera: &Geometry, camera_from_scan: &Pose, min_distance_m: f32) -> DepthMap {
+        let origin_m = camera_from_scan.transform_point(self.origin_m);
+        let camera_from_surface = Pose::new(camera_from_scan.rotation, origin_m);
+        let min_distance_m = min_distance_m.max(MIN_DISTANCE_M);
+        let pose = |_| camera_from_surface;
+        let depth_m = depth_rendering::rendered_depth_m(&self.surface, &self.rays(camera), &pose, min_distance_m);
+        let (width, height) = (camera.intrinsics.width_px, camera.intrinsics.height_px);
+        DepthMap { width, height, depth_m, timestamp_s: 0.0 }
     }
 
     fn rays(&self, camera: &Geometry) -> Arc<Rays> {
@@ -175,7 +194,8 @@ impl ScannedSite {
             Pose::new(camera.rotation * self.world_from_scan.rotation, camera.transform_point(origin_in_world_m))
         };
         let rays = self.scan.rays(camera);
-        let depth_m = depth_rendering::rendered_depth_m(&self.scan.surface, &rays, &camera_from_surface);
+        let depth_m =
+            depth_rendering::rendered_depth_m(&self.scan.surface, &rays, &camera_from_surface, MIN_DISTANCE_M);
         let (width, height) = (camera.intrinsics.width_px, camera.intrinsics.height_px);
         DepthMap { width, height, depth_m, timestamp_s }
     }

@@ -15,6 +15,8 @@
 //!
 //! Not modelled: rolling shutter; things that moved.
 
+use std::ops::ControlFlow;
+
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use nalgebra::{Matrix6, Vector6};
 
@@ -23,6 +25,7 @@ use crate::camera::{Crop, Geometry, Intrinsics};
 use crate::fit::quantile;
 use crate::grey_image::GreyImage;
 use crate::pose::Pose;
+use crate::text::count;
 
 /// Reductions of the pictures, coarse to fine, and strides of the compared pixels.
 const REDUCTIONS: [(usize, usize); 3] = [(8, 1), (4, 2), (2, 4)];
@@ -66,6 +69,9 @@ pub struct PosePrior {
 }
 
 impl PosePrior {
+    /// Assumed of a pose that no pairs determine: of an alignment by hand.
+    pub const UNPAIRED: Self = Self { sigma_m: 0.03, sigma_rad: 0.02, center_m: None };
+
     /// The deviations about another center.
     fn at(self, middle: DVec3) -> Self {
         let arm_m = self.center_m.map_or(0.0, |center| center.distance(middle));
@@ -91,6 +97,20 @@ pub struct SiteRefinement {
     pub pixels: usize,
 }
 
+impl std::fmt::Display for SiteRefinement {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let [before, after] = self.loss;
+        write!(
+            f,
+            "by {}: moved by {:.0} mm and {:.2}°, differences fell by {:.0} %",
+            count(self.pixels, "pixel"),
+            1e3 * self.moved_m,
+            self.turned_rad.to_degrees(),
+            100.0 * (1.0 - after / before)
+        )
+    }
+}
+
 /// Reasons for which a pose is not refined.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum NoRefinement {
@@ -104,6 +124,8 @@ pub enum NoRefinement {
         1e3 * moved_m, turned_rad.to_degrees()
     )]
     Far { moved_m: f64, turned_rad: f64 },
+    #[error("it was cancelled")]
+    Cancelled,
 }
 
 /// A picture at one reduction.
@@ -120,12 +142,14 @@ struct BrightnessDifference {
 }
 
 /// The pose with which the frames agree best on the brightness of the surface. `pairs`: indices of
-/// views that are compared.
+/// views that are compared. `on_progress` is called with a fraction, and cancels by
+/// [`ControlFlow::Break`].
 pub fn refined(
     site: &ScannedSite,
     views: &[SiteView],
     pairs: &[(usize, usize)],
     prior: PosePrior,
+    on_progress: &mut dyn FnMut(f64) -> ControlFlow<()>,
 ) -> Result<SiteRefinement, NoRefinement> {
     let side_px = |view: &SiteView| view.camera.intrinsics.width_px.min(view.camera.intrinsics.height_px);
     if views.iter().any(|view| side_px(view) < MIN_SIDE_PX) {
@@ -135,13 +159,17 @@ pub fn refined(
     let middle = middle_m(site, views).ok_or(NoRefinement::FewPixels)?;
     let prior = prior.at(middle);
     let mut pixels = 0;
-    for (by, stride) in REDUCTIONS {
+    for (level, (by, stride)) in REDUCTIONS.into_iter().enumerate() {
         let levels: Vec<ReducedView> = views.iter().map(|view| ReducedView::new(view, by, stride)).collect();
         let compare = |candidate: &ScannedSite| differences(candidate, views, &levels, pairs, middle);
         let mut delta = None;
         let mut damping = 0.1;
         let mut now = compare(&candidate);
-        for _ in 0..STEPS_PER_REDUCTION {
+        for step_index in 0..STEPS_PER_REDUCTION {
+            let done = (level * STEPS_PER_REDUCTION + step_index) as f64;
+            if on_progress(done / (REDUCTIONS.len() * STEPS_PER_REDUCTION) as f64).is_break() {
+                return Err(NoRefinement::Cancelled);
+            }
             let delta = *delta.get_or_insert_with(|| huber_delta(&now));
             let step = step(&now, delta, site, &candidate, middle, prior, damping).ok_or(NoRefinement::FewPixels)?;
             let next_candidate = moved(&candidate, &step, middle);
@@ -366,6 +394,10 @@ mod tests {
     use std::path::Path;
     use std::sync::Arc;
 
+    fn keep_on(_: f64) -> ControlFlow<()> {
+        ControlFlow::Continue(())
+    }
+
     /// A corner of a room, 3 m wide: floor and two walls.
     fn corner() -> ScannedSite {
         let positions = [[0, 0, 0], [3, 0, 0], [0, 3, 0], [0, 0, 3], [3, 3, 0], [3, 0, 3], [0, 3, 3]]
@@ -409,7 +441,7 @@ mod tests {
         let middle = DVec3::new(0.5, 0.5, 0.5);
         let beside = moved(&truth, &Vector6::new(0.015, -0.012, 0.01, 0.006, -0.005, 0.008), middle);
         let prior = PosePrior { sigma_m: 0.02, sigma_rad: 0.01, center_m: None };
-        let refined = refined(&beside, &views(&truth), &PAIRS, prior).unwrap();
+        let refined = refined(&beside, &views(&truth), &PAIRS, prior, &mut keep_on).unwrap();
         let (before_m, before_rad) = offset(&truth, &beside, middle);
         let (off_m, off_rad) = offset(&truth, &refined.site, middle);
         // A third of the rotation shifts the picture of the corner's end by 0.04 px of the finest
@@ -422,7 +454,7 @@ mod tests {
     fn scan_at_its_pose_stays_there() {
         let truth = corner();
         let prior = PosePrior { sigma_m: 0.02, sigma_rad: 0.01, center_m: None };
-        match refined(&truth, &views(&truth), &PAIRS, prior) {
+        match refined(&truth, &views(&truth), &PAIRS, prior, &mut keep_on) {
             Err(NoRefinement::NoGain) => {}
             Ok(refined) => assert!(offset(&truth, &refined.site, DVec3::ZERO).0 < 0.001, "{refined:?}"),
             Err(other) => panic!("{other}"),
@@ -436,6 +468,8 @@ mod tests {
         blank.iter_mut().for_each(|view| view.luma.values.fill(90.0));
         let prior = PosePrior { sigma_m: 0.02, sigma_rad: 0.01, center_m: None };
         let beside = moved(&truth, &Vector6::new(0.01, 0.0, 0.0, 0.0, 0.0, 0.0), DVec3::ZERO);
-        assert!(refined(&beside, &blank, &PAIRS, prior).is_err());
+        assert!(refined(&beside, &blank, &PAIRS, prior, &mut keep_on).is_err());
+        let cancelled = refined(&beside, &blank, &PAIRS, prior, &mut |_| ControlFlow::Break(()));
+        assert_eq!(cancelled.unwrap_err(), NoRefinement::Cancelled);
     }
 }

@@ -78,6 +78,17 @@ fn box_hit(eye: DVec3, direction: DVec3) -> Option<f64> {
 }
 
 #[test]
+fn view_cuts_away_surfaces_near_the_camera() {
+    let origin = DVec3::new(1000.0, -2000.0, 50.0);
+    let site = box_site(origin);
+    let pose = Pose::look_at(origin - 3.0 * DVec3::Y, origin, DVec3::Z).unwrap();
+    let middle_m =
+        |min_distance_m| at(&site.scan.view(&Geometry::pinhole(33, 33, 30.0), &pose, min_distance_m), 16, 16);
+    let [whole_m, cut_m] = [0.0, 3.0].map(middle_m);
+    assert!((whole_m - 2.5).abs() < 1e-3 && (cut_m - 3.5).abs() < 1e-3, "{whole_m} {cut_m}");
+}
+
+#[test]
 fn depth_of_a_mesh_is_that_of_ray_casting_through_every_lens() {
     let distorted = |model, k: [f64; 4], focal_px: f64| {
         let intrinsics = Intrinsics {

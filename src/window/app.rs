@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 use eframe::egui::{self, Ui};
 use eframe::egui_wgpu::RenderState;
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 
 use self::document::OpenDocument;
 use self::panels::PanelTabs;
@@ -179,6 +179,16 @@ impl App {
         self.document.placed.map(|placed| placed.screen(at_px))
     }
 
+    /// Position of a visible point of the scan, m in its axes, in the view of the scan.
+    pub fn scan_on_screen(&self, point_m: DVec3) -> Option<egui::Pos2> {
+        self.document.scan_alignment.on_screen(point_m)
+    }
+
+    /// True if the view of the scan is at rest at a time of the window's clock.
+    pub fn is_scan_settled(&self, now_s: f64) -> bool {
+        self.document.scan_alignment.is_settled(now_s)
+    }
+
     /// The displayed error.
     pub fn problem(&self) -> Option<&str> {
         self.document.session.problem()
@@ -212,6 +222,16 @@ impl App {
         let turn = self.documents.update(ctx, &mut self.document.session);
         if let Some(model) = self.documents.take_model() {
             self.document.evidence.drop(model, &mut self.document.tools);
+        }
+        let scan_alignment = &mut self.document.scan_alignment;
+        if self.documents.take_scan_panel_request() {
+            scan_alignment.open(&self.document.session.project, &mut self.document.tools);
+        }
+        if let Some(path) = self.documents.take_scan() {
+            scan_alignment.read(ctx, path);
+        }
+        if scan_alignment.take_file_request() {
+            self.documents.choose_scan(&self.document.session.project);
         }
         let Some(DocumentSwitch { project, camera, at }) = turn else { return };
         self.documents.remember_document(&self.document.session.project, self.view_state());
@@ -322,6 +342,7 @@ impl eframe::App for App {
             ui.add_space(2.0);
         });
         self.update_evidence();
+        self.document.scan_alignment.poll(&mut self.document.session, &mut self.document.tools);
         if !self.document.view.alone {
             self.panels(ui, panel);
         }

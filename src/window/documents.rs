@@ -72,6 +72,10 @@ pub struct Documents {
     dropped_files: Vec<(PathBuf, BackgroundTask<FileKind>)>,
     /// A readable model that was dropped.
     dropped_model: Option<PathBuf>,
+    /// A scan that was chosen.
+    chosen_scan: Option<PathBuf>,
+    /// The panel of the scan is to be opened.
+    opens_scan_panel: bool,
     /// Waits for the open dialog and for the current save.
     pending: Option<PendingAction>,
     /// The user already confirmed that the pending action ends the camera recording.
@@ -227,6 +231,16 @@ impl Documents {
     /// Takes the dropped model, which the next click places.
     pub fn take_model(&mut self) -> Option<PathBuf> {
         self.dropped_model.take()
+    }
+
+    /// Takes the chosen scan.
+    pub fn take_scan(&mut self) -> Option<PathBuf> {
+        self.chosen_scan.take()
+    }
+
+    /// True once after the request for the panel of the scan.
+    pub fn take_scan_panel_request(&mut self) -> bool {
+        std::mem::take(&mut self.opens_scan_panel)
     }
 
     /// True if rendering can wait. The first picture keeps the graphics device busy, which would

@@ -22,9 +22,11 @@
 //!   `brightness_plot`, `gpu_times`, `plots`, `matching` with `analysis` and `pointer_probe`,
 //!   `calibrating` with `calibration_messages`.
 //! - Scene: `evidence`, `library`, `list`, `object_actions`, `scene_checks`, `missing`, `tilt`,
-//!   `lamps`, `environment_light`, `ground`, `obstacle`, `notice`, `warnings`.
+//!   `lamps`, `environment_light`, `ground`, `obstacle`, `notice`, `warnings`. `scan_alignment`
+//!   aligns a scan of the place.
 //! - Input in the picture: `tool` is the active tool, and only it gets clicks, drags and Esc.
-//!   Tools: `handles` (transforms), `placement`, `ground_pick`, `lamp_pick`, `region_picker`.
+//!   Tools: `handles` (transforms), `placement`, `ground_pick`, `lamp_pick`, `scan_pick`,
+//!   `region_picker`.
 //!   `point_picker`, `picked_ground`, `click_context` and `keyboard_cursor` serve several of them.
 //! - Background work: `task` starts all threads. `background` is for a value of which the latest
 //!   request wins.
@@ -100,6 +102,8 @@ mod region_picker;
 mod restart;
 mod row_widths;
 mod saving;
+mod scan_alignment;
+mod scan_pick;
 mod scene_checks;
 mod scene_compositor;
 mod session;

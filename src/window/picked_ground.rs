@@ -1,6 +1,6 @@
 //! A placement surface and a scale from picked points.
 
-use eframe::egui::vec2;
+use eframe::egui::{Color32, vec2};
 use glam::DVec3;
 
 use super::picture::PictureOutput;
@@ -34,7 +34,8 @@ pub fn paint_points(points_m: &[DVec3], picture: &PictureOutput, project: &Proje
     let Ok(eye) = project.shot().posed_camera(frame) else { return };
     for (n, point) in points_m.iter().enumerate() {
         if let Some(px) = eye.project(*point) {
-            paint_ring(picture, picture.placed.screen(vec2(px.x as f32, px.y as f32)), &(n + 1).to_string());
+            let at = picture.placed.screen(vec2(px.x as f32, px.y as f32));
+            paint_ring(&picture.painter, at, &(n + 1).to_string(), Color32::WHITE);
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Picking of world points in the picture: one click with depth or a known plane, otherwise one
 //! click in each of two frames, triangulated.
 
-use eframe::egui::{Align2, Color32, Pos2, Shape, Stroke, vec2};
+use eframe::egui::{Align2, Color32, Painter, Pos2, Shape, Stroke, vec2};
 use glam::{DVec2, DVec3};
 
 use super::obstacle::surface_text;
@@ -106,7 +106,7 @@ impl PointPicker {
         picture.prompt(&second_view_prompt());
         let screen = |px: DVec2| picture.placed.screen(vec2(px.x as f32, px.y as f32));
         if first.frame == frame {
-            paint_ring(picture, screen(first.at_px), "");
+            paint_ring(&picture.painter, screen(first.at_px), "", Color32::WHITE);
             return;
         }
         let (Ok(from), Ok(eye)) = (shot.posed_camera(first.frame), shot.posed_camera(frame)) else { return };
@@ -136,13 +136,13 @@ pub fn is_scaled(shot: &Shot) -> bool {
     shot.recording.kind.is_metric() || shot.recording.metres_per_unit != 1.0
 }
 
-/// Paints a ring at a point of the picture.
-pub fn paint_ring(picture: &PictureOutput, at: Pos2, text: &str) {
-    for (width, ink) in [(3.5, Color32::from_black_alpha(120)), (1.5, Color32::WHITE)] {
-        picture.painter.circle_stroke(at, 5.0, Stroke::new(width, ink));
+/// Paints a ring at a point of a picture.
+pub fn paint_ring(painter: &Painter, at: Pos2, text: &str, ink: Color32) {
+    for (width, ink) in [(3.5, Color32::from_black_alpha(120)), (1.5, ink)] {
+        painter.circle_stroke(at, 5.0, Stroke::new(width, ink));
     }
     if !text.is_empty() {
-        plate(&picture.painter, at + vec2(12.0, -10.0), Align2::LEFT_BOTTOM, text, 12.0);
+        plate(painter, at + vec2(12.0, -10.0), Align2::LEFT_BOTTOM, text, 12.0);
     }
 }
 

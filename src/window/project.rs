@@ -6,6 +6,7 @@ mod light;
 mod locate;
 mod save;
 mod save_targets;
+mod scan;
 mod scene;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -26,6 +27,7 @@ use locard_engine::tracking::PoseTrack;
 
 pub use save::{Draft, SaveError, WrittenFile};
 pub use save_targets::ProfileScope;
+pub use scan::PlacedScan;
 
 /// The state that edits change and undo restores.
 #[derive(Clone, Debug, PartialEq, serde::Deserialize, serde::Serialize)]

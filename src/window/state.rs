@@ -30,6 +30,7 @@ pub enum FolderUse {
     Recording,
     Profile,
     Scene,
+    Scan,
     Output,
 }
 

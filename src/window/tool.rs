@@ -11,6 +11,7 @@ use super::picture::PictureOutput;
 use super::placement::Placement;
 use super::project::Project;
 use super::region_picker::{RegionPick, RegionPrompt, RegionPurpose};
+use super::scan_pick::ScanPick;
 use locard_engine::pixels::Rect;
 
 /// A tool, with its state.
@@ -27,6 +28,8 @@ pub enum Tool {
     PickGround(GroundPick),
     /// Picks the position of a lamp, or a white surface.
     PickLamp(LampPick),
+    /// Picks positions of points that a scan shows.
+    PickScan(ScanPick),
     /// Picks rectangles of the picture.
     PickRegion(RegionPick),
 }
@@ -34,7 +37,7 @@ pub enum Tool {
 impl Tool {
     /// True if a click picks a point of the world, which takes a camera pose.
     pub fn picks_point(&self) -> bool {
-        matches!(self, Self::Place(_) | Self::PickGround(_) | Self::PickLamp(_))
+        matches!(self, Self::Place(_) | Self::PickGround(_) | Self::PickLamp(_) | Self::PickScan(_))
     }
 
     /// True if clicks in the picture are its input.
@@ -169,6 +172,20 @@ impl ToolStack {
         }
     }
 
+    pub fn scan_pick(&self) -> Option<&ScanPick> {
+        match &self.active {
+            Tool::PickScan(pick) => Some(pick),
+            _ => None,
+        }
+    }
+
+    pub fn scan_pick_mut(&mut self) -> Option<&mut ScanPick> {
+        match &mut self.active {
+            Tool::PickScan(pick) => Some(pick),
+            _ => None,
+        }
+    }
+
     /// The purpose of the regions that are being picked.
     pub fn region_purpose(&self) -> Option<RegionPurpose> {
         match &self.active {
@@ -238,6 +255,7 @@ impl ToolStack {
                 }
                 message
             }
+            Tool::PickScan(pick) => pick.click(context.project.shot(), context.frame, at_px),
             Tool::Select | Tool::Transform(_) | Tool::PickRegion(_) => Ok(None),
         }
     }
@@ -248,9 +266,11 @@ impl ToolStack {
             Tool::PickGround(pick) => pick.paint(output, project, frame),
             Tool::Place(placement) => placement.paint_first_view(output, project, frame),
             Tool::PickLamp(pick) => output.prompt(pick.prompt()),
+            Tool::PickScan(pick) => output.prompt(pick.prompt()),
             Tool::Select | Tool::Transform(_) | Tool::PickRegion(_) => {}
         }
-        if output.pointed.is_some() && matches!(self.active, Tool::Place(_) | Tool::PickLamp(_)) {
+        let is_aiming = matches!(self.active, Tool::Place(_) | Tool::PickLamp(_) | Tool::PickScan(_));
+        if output.pointed.is_some() && is_aiming {
             output.response.ctx.set_cursor_icon(CursorIcon::Crosshair);
         }
     }

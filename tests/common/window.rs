@@ -202,6 +202,32 @@ pub fn has_label<S>(window: &Harness<'_, S>, label: &str) -> bool {
     window.query_all_by_label(label).count() > 0
 }
 
+/// Presses a button or an item of a menu.
+pub fn press(window: &mut Harness<'_, App>, label: &str) {
+    window.get_by_label(label).click();
+    window.run_steps(3);
+}
+
+/// Chooses a path in a file dialog by the button with this label.
+pub fn answer(window: &mut Harness<'_, App>, path: &Path, button: &str) {
+    window.run_steps(3);
+    let field = window.get_by_role_and_label(Role::TextInput, "File name");
+    field.focus();
+    window.step();
+    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    window.step();
+    window.get_by_role_and_label(Role::TextInput, "File name").type_text(path.to_str().unwrap());
+    // The dialog needs several frames for its new size.
+    window.run_steps(6);
+    // The button appears once the folder is listed.
+    wait_for_label(window, button);
+    window.get_by_label(button).click();
+    // The dialog closes after a check of the disk.
+    let is_closed = |window: &Harness<'_, App>| window.query_by_role_and_label(Role::TextInput, "File name").is_none();
+    wait_for(window, "the end of the dialog", is_closed);
+    window.run_steps(2);
+}
+
 /// Runs the window until a widget has this label; files are read on other threads.
 pub fn wait_for_label<S>(window: &mut Harness<'_, S>, label: &str) {
     wait_for(window, label, |window| has_label(window, label));

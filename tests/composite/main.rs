@@ -24,6 +24,8 @@ mod program;
 mod random;
 #[path = "../common/reduced.rs"]
 mod reduced;
+#[path = "../common/scan.rs"]
+mod scan;
 #[path = "../common/shot.rs"]
 mod shot;
 #[path = "../common/site.rs"]

@@ -3,50 +3,18 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use glam::{DQuat, DVec2, DVec3};
+use glam::DVec3;
 
 use crate::flip::{PIXELS_PER_DEGREE, mean_flip};
 use crate::reduced::Reduction;
+use crate::scan::{copy_without_depth, world_from_scan, write_scan};
 use crate::tier::{fast_or_full, is_full};
 use crate::{gpu, program, shot};
 use locard::compositor::Composited;
-use locard::hash::pcg3d;
 use locard::params::Value;
 use locard::pose::Pose;
 use locard::shot::Shot;
 use locard::site::{ScannedSite, SiteScan};
-
-/// Standard deviation of the scanner, m.
-const NOISE_M: f64 = 0.002;
-/// The scan's axes in the world.
-fn world_from_scan() -> Pose {
-    Pose::new(DQuat::from_euler(glam::EulerRot::ZYX, 2.0, 0.3, -0.2), DVec3::new(1.0, -2.0, 0.5))
-}
-
-/// The site as a scanner in the camera's path measures it: the depth of frames as points with
-/// noise, in a binary PLY.
-fn write_scan(shot: &Shot, file: &Path) {
-    let mut points = Vec::new();
-    for frame in (0..shot.recording.frame_count()).step_by(3) {
-        let (map, camera) = (shot.recording.depth_at(frame).unwrap().unwrap(), shot.geometry_at(frame).unwrap());
-        let pose = shot.recording.track.at(map.timestamp_s).unwrap();
-        for (n, z) in map.depth_m.iter().enumerate().filter(|(_, z)| **z > 0.0) {
-            let at = DVec2::new((n as u32 % map.width) as f64 + 0.5, (n as u32 / map.width) as f64 + 0.5);
-            let Some(ray) = camera.depth_ray(at) else { continue };
-            let uniform = pcg3d([n as u32, frame as u32, 5]).map(|bits| f64::from(bits) / f64::from(u32::MAX) - 0.5);
-            let noise_m = 2.0 * NOISE_M * uniform.iter().sum::<f64>();
-            let world = pose.inverse_transform_point((f64::from(*z) + noise_m) * ray);
-            points.push(world_from_scan().inverse_transform_point(world).as_vec3());
-        }
-    }
-    let header = format!(
-        "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
-         end_header\n",
-        points.len()
-    );
-    let numbers = points.iter().flat_map(|point| point.to_array()).flat_map(f32::to_le_bytes);
-    std::fs::write(file, header.into_bytes().into_iter().chain(numbers).collect::<Vec<u8>>()).unwrap();
-}
 
 /// Large markers behind the stool, the ball and the bucket of the demonstration.
 fn scene(folder: &Path) -> PathBuf {
@@ -80,7 +48,7 @@ fn scan_hides_and_is_shadowed_as_measured_depth_is() {
     let folder = tempfile::tempdir().unwrap();
     let measured = demo(folder.path());
     let file = folder.path().join("site.ply");
-    write_scan(&measured, &file);
+    write_scan(&measured, &file, 3);
     let mut without = demo(folder.path());
     without.recording = Arc::new(without.recording.without_depth());
     let mut scanned = demo(folder.path());
@@ -118,13 +86,9 @@ fn numbers(text: &str, beginning: &str) -> Vec<f64> {
 fn scanned_demo(folder: &Path) -> (String, String) {
     let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
     let with_depth = demo_recording();
-    write_scan(&shot::open(&with_depth, None, &scene(folder)), Path::new(&path("site.ply")));
+    write_scan(&shot::open(&with_depth, None, &scene(folder)), Path::new(&path("site.ply")), 3);
     let recording = path("recording");
-    program::copied(&with_depth, Path::new(&recording));
-    let text = std::fs::read_to_string(with_depth.join("recording.toml")).unwrap();
-    let without = text.replace("[depth]\nlist = \"depth.txt\"\nscale = 250.0\n", "");
-    assert_ne!(without, text);
-    std::fs::write(Path::new(&recording).join("recording.toml"), without).unwrap();
+    copy_without_depth(&with_depth, Path::new(&recording));
     let Pose { rotation: q, translation_m: at } = world_from_scan();
     let site = format!(
         "version = 1\nup = \"z\"\n[site]\nscan = \"site.ply\"\nposition_m = [{}, {}, {}]\nquaternion = [{}, {}, {}, {}]\n",

@@ -17,6 +17,8 @@ mod harness;
 mod program;
 #[path = "../common/reduced.rs"]
 mod reduced;
+#[path = "../common/scan.rs"]
+mod scan;
 #[path = "../common/sheet.rs"]
 mod sheet;
 #[path = "../common/srgb.rs"]
@@ -35,6 +37,7 @@ mod notices;
 mod opening;
 mod persistence;
 mod place;
+mod scanned_site;
 mod slopes;
 mod small;
 mod tuner;

@@ -1,10 +1,10 @@
 //! Buffered reading of a file, with the position for errors and the length that caps allocations.
 
-use std::fs::File;
 use std::io::{BufRead, BufReader, ErrorKind, Read, Seek, SeekFrom};
 use std::path::Path;
 
 use super::ScanError;
+use super::watched_file::{ReadingWatch, WatchedFile};
 use crate::source::file;
 
 /// Next step for a file that is cut off or damaged.
@@ -16,21 +16,22 @@ const BUFFER_BYTES: usize = 1 << 16;
 /// Buffered reader that counts lines and bytes.
 pub(super) struct ScanReader<'a> {
     pub file: &'a Path,
-    reader: BufReader<File>,
+    reader: BufReader<WatchedFile>,
     length: u64,
     at: u64,
     line: u64,
 }
 
 impl<'a> ScanReader<'a> {
-    pub fn open(file: &'a Path) -> Result<Self, ScanError> {
+    pub fn open(file: &'a Path, watch: &ReadingWatch) -> Result<Self, ScanError> {
         let opened = file::open(file).and_then(|opened| Ok((opened.metadata()?.len(), opened)));
         let (length, opened) = opened.map_err(|error| ScanError::read(file, error))?;
         if length == 0 {
             let problem = format!("it is empty (0 bytes); a laser scan or a mesh is needed: {REMEDY}");
             return Err(ScanError::unsupported(file, problem));
         }
-        Ok(Self { file, reader: BufReader::with_capacity(BUFFER_BYTES, opened), length, at: 0, line: 0 })
+        let reader = BufReader::with_capacity(BUFFER_BYTES, WatchedFile::new(opened, length, watch));
+        Ok(Self { file, reader, length, at: 0, line: 0 })
     }
 
     /// Bytes of the file.
@@ -61,7 +62,7 @@ impl<'a> ScanReader<'a> {
     }
 
     /// The reader at the current position.
-    pub fn into_reader(self) -> BufReader<File> {
+    pub fn into_reader(self) -> BufReader<WatchedFile> {
         self.reader
     }
 

@@ -18,6 +18,7 @@ mod refused;
 mod stl;
 #[cfg(test)]
 mod test_data;
+mod watched_file;
 mod xyz;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -26,6 +27,7 @@ use std::path::Path;
 pub use error::ScanError;
 pub use geometry::ScanGeometry;
 use input::ScanReader;
+pub use watched_file::ReadingWatch;
 
 use crate::text::quoted;
 
@@ -56,16 +58,21 @@ const FORMATS: [ScanFormat; 6] = [
 /// If the file cannot be read, is of another format, is damaged, or holds no finite point. No input
 /// causes a panic. At most 2^28 points and as many triangles are read.
 pub fn read(path: &Path) -> Result<ScanGeometry, ScanError> {
+    read_watched(path, &ReadingWatch::default())
+}
+
+/// Like [`read`]; another thread watches the progress and may end it with an error.
+pub fn read_watched(path: &Path, watch: &ReadingWatch) -> Result<ScanGeometry, ScanError> {
     // The readers validate their input; this catches the decoders' own panics.
-    catch_unwind(AssertUnwindSafe(|| read_unguarded(path))).unwrap_or_else(|panic| {
+    catch_unwind(AssertUnwindSafe(|| read_unguarded(path, watch))).unwrap_or_else(|panic| {
         let message = panic.downcast_ref::<String>().cloned();
         let message = message.or_else(|| panic.downcast_ref::<&str>().map(|text| (*text).to_owned()));
         Err(ScanError::DecoderPanic { file: path.to_owned(), message: message.unwrap_or_default() })
     })
 }
 
-fn read_unguarded(path: &Path) -> Result<ScanGeometry, ScanError> {
-    let mut input = ScanReader::open(path)?;
+fn read_unguarded(path: &Path, watch: &ReadingWatch) -> Result<ScanGeometry, ScanError> {
+    let mut input = ScanReader::open(path, watch)?;
     let extension = path.extension().map(|extension| extension.to_string_lossy().to_ascii_lowercase());
     let extension = extension.as_deref().unwrap_or_default();
     let start = input.peek(refused::SIGNATURE_BYTES)?;

@@ -7,6 +7,7 @@ use super::super::notice::Refusal;
 use super::super::obstacle::NearestPose;
 use super::super::picture::PictureView;
 use super::super::picture_transform::PictureTransform;
+use super::super::scan_alignment::ScanAlignment;
 use super::super::session::Session;
 use super::super::side::Side;
 use super::super::timeline::StripDrag;
@@ -20,6 +21,7 @@ pub(super) struct OpenDocument {
     pub view: PictureView,
     pub side: Side,
     pub evidence: EvidencePanel,
+    pub scan_alignment: ScanAlignment,
     pub tools: ToolStack,
     pub handles: Handles,
     /// The user closed the notice that the camera is missing.
@@ -40,6 +42,7 @@ impl OpenDocument {
             view: PictureView::default(),
             side: Side::default(),
             evidence: EvidencePanel::default(),
+            scan_alignment: ScanAlignment::default(),
             tools: ToolStack::default(),
             handles: Handles::default(),
             hides_obstacle: false,

@@ -8,6 +8,7 @@ use super::super::lamps;
 use super::super::missing;
 use super::super::side::fixed;
 use super::App;
+use super::document::OpenDocument;
 
 /// Widths of the left panel, points.
 const LEFT_DEFAULT: f32 = 200.0;
@@ -21,6 +22,8 @@ const RIGHT_MAX: f32 = 700.0;
 const RIGHT_NARROW: f32 = 310.0;
 /// Largest width of the only panel of a small window, points.
 const SINGLE_MAX: f32 = 360.0;
+/// Smallest width of the panel that aligns a scan, points.
+const SCAN_MIN: f32 = 300.0;
 
 /// Panel that a small window shows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -91,6 +94,12 @@ impl App {
 
     /// Shows the panels. Each layout has separate panels, which remember their widths.
     pub(super) fn panels(&mut self, ui: &mut Ui, frame: Frame) {
+        if self.document.scan_alignment.is_open() {
+            let both = (0.5 * ui.ctx().content_rect().width()).floor();
+            let panel = Panel::right("scan").default_size(both).size_range(SCAN_MIN.min(both)..=both);
+            panel.frame(frame).show(ui, |ui| self.scan_panel(ui));
+            return;
+        }
         match PanelLayout::of(ui.ctx().content_rect().width()) {
             PanelLayout::Resizable { both } => {
                 let left_max = LEFT_MAX.min(both - RIGHT_MIN);
@@ -111,6 +120,12 @@ impl App {
                 panel.frame(frame).show(ui, |ui| self.single_panel(ui));
             }
         }
+    }
+
+    /// The alignment of a scan, in place of both panels.
+    fn scan_panel(&mut self, ui: &mut Ui) {
+        let OpenDocument { scan_alignment, session, tools, .. } = &mut self.document;
+        fixed(ui, |ui| scan_alignment.show(ui, session, tools));
     }
 
     /// The only panel of a small window, with a tab for each.

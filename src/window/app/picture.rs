@@ -52,6 +52,8 @@ impl App {
             ));
         }
         self.codes(&output, &frame);
+        let shot = self.document.session.project.shot();
+        self.document.scan_alignment.paint(&output, shot, frame.index, &self.document.tools);
         self.document.side.over_picture(&output, frame.index, self.document.session.player.playing);
         self.document.tools.update_region(&output);
         let over = Overlay {

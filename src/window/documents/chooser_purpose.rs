@@ -13,6 +13,8 @@ pub(super) enum ChooserPurpose {
     OpenScene,
     /// A missing file that the scene refers to.
     Locate(PathBuf),
+    /// A scan of the place, to be aligned.
+    Scan,
     SaveProfile,
     SaveScene,
     Output(OutputRequest),
@@ -28,6 +30,7 @@ impl ChooserPurpose {
             Self::Open => FolderUse::Recording,
             Self::OpenProfile | Self::SaveProfile => FolderUse::Profile,
             Self::OpenScene | Self::SaveScene | Self::Locate(_) => FolderUse::Scene,
+            Self::Scan => FolderUse::Scan,
             Self::Output(_) | Self::Record | Self::KeepFrozen => FolderUse::Output,
         }
     }

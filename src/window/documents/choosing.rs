@@ -18,6 +18,12 @@ use super::dialog::Dialog;
 use locard_engine::assets;
 use locard_engine::scene::is_model;
 
+/// File name extensions of scans.
+const SCAN_EXTENSIONS: [&str; 13] =
+    ["e57", "las", "laz", "ply", "obj", "stl", "glb", "gltf", "xyz", "pts", "asc", "txt", "csv"];
+/// Item of the File menu that opens the panel of the scan.
+const SCAN_ITEM: &str = "Scan of the place…";
+
 impl Documents {
     pub fn open(&mut self, project: &Project) {
         self.choose(project, ChooserPurpose::Open, "Open a recording", ChooserMode::Recording, None);
@@ -43,6 +49,7 @@ impl Documents {
                 project.scene.clone().filter(|scene| !is_asset(scene, saving::DEMO_SCENE))
             }
             ChooserPurpose::Open
+            | ChooserPurpose::Scan
             | ChooserPurpose::Locate(_)
             | ChooserPurpose::Output(_)
             | ChooserPurpose::Record
@@ -89,6 +96,12 @@ impl Documents {
             ChooserMode::File(&["toml", "yaml", "yml", "xml"]),
             None,
         );
+    }
+
+    /// Opens a dialog for a scan of the place.
+    pub fn choose_scan(&mut self, project: &Project) {
+        let mode = ChooserMode::File(&SCAN_EXTENSIONS);
+        self.choose(project, ChooserPurpose::Scan, "Choose a scan of the place", mode, None);
     }
 
     /// Opens a dialog to locate a missing file of the scene.
@@ -142,6 +155,7 @@ impl Documents {
             item(ui, true, "Live camera…");
             item(ui, true, "Open a scene…");
             item(ui, true, "Open a profile…");
+            item(ui, project.can_place() && !session.is_live(), SCAN_ITEM);
             ui.separator();
             item(ui, !project.is_saved(), "Save");
             item(ui, project.can_place(), "Save the scene as…");
@@ -174,6 +188,7 @@ impl Documents {
                 self.choose(project, ChooserPurpose::OpenScene, "Open a scene", mode, None);
             }
             Some("Open a profile…") => self.choose_profile(project),
+            Some(SCAN_ITEM) => self.opens_scan_panel = true,
             Some("Save") => self.save(),
             Some("Save the scene as…") => {
                 self.name_scene(project);
@@ -249,6 +264,7 @@ impl Documents {
                 Ok(message) => session.show_message(message),
                 Err(error) => session.show_error(error),
             },
+            ChooserPurpose::Scan => self.chosen_scan = Some(path),
             ChooserPurpose::SaveProfile => {
                 // The user named this profile, which approves it.
                 self.save.approved_profiles.push(path.clone());

@@ -15,7 +15,8 @@ use std::time::{Duration, Instant};
 use crate::gpu;
 use crate::harness;
 use crate::harness::{
-    Device, codes, demo_frame, drop_file, has_label, run_until, settle, shown_codes, wait_for, wait_for_label, window,
+    Device, answer, codes, demo_frame, drop_file, has_label, press, run_until, settle, shown_codes, wait_for,
+    wait_for_label, window,
 };
 use eframe::egui::{self, Key, Modifiers, accesskit::Role};
 use egui_kittest::Harness;
@@ -77,30 +78,6 @@ fn choose(window: &mut Harness<'_, App>, path: &Path) {
     answer(window, path, "Save here");
 }
 
-fn answer(window: &mut Harness<'_, App>, path: &Path, button: &str) {
-    window.run_steps(3);
-    let field = window.get_by_role_and_label(Role::TextInput, "File name");
-    field.focus();
-    window.step();
-    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
-    window.step();
-    window.get_by_role_and_label(Role::TextInput, "File name").type_text(path.to_str().unwrap());
-    // The dialog needs several frames for its new size.
-    window.run_steps(6);
-    // The button appears once the folder is listed.
-    wait_for_label(window, button);
-    window.get_by_label(button).click();
-    // The dialog closes after a check of the disk.
-    let is_closed = |window: &Harness<'_, App>| window.query_by_role_and_label(Role::TextInput, "File name").is_none();
-    wait_for(window, "the end of the dialog", is_closed);
-    window.run_steps(2);
-}
-
 fn all_over(app: &App) -> bool {
     app.documents().jobs().is_some_and(|jobs| !jobs.is_busy() && jobs.entries.iter().all(|entry| entry.state.is_over()))
-}
-
-fn press(window: &mut Harness<'_, App>, label: &str) {
-    window.get_by_label(label).click();
-    window.run_steps(3);
 }
