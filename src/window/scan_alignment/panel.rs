@@ -50,8 +50,8 @@ impl ScanAlignment {
         self.scan_view(ui, session, tools, &scan);
         self.hint(ui, tools);
         egui::ScrollArea::vertical().show(ui, |ui| {
-            self.pairs.show(ui, &mut session.player);
             self.actions(ui, session);
+            self.pairs.show(ui, &mut session.player);
         });
     }
 
