@@ -2,7 +2,7 @@
 
 #![allow(dead_code, reason = "each test binary uses some of it")]
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use glam::{DQuat, DVec2, DVec3};
 
@@ -50,4 +50,17 @@ pub fn copy_without_depth(from: &Path, to: &Path) {
     let without = text.replace("[depth]\nlist = \"depth.txt\"\nscale = 250.0\n", "");
     assert_ne!(without, text);
     std::fs::write(to.join("recording.toml"), without).unwrap();
+}
+
+/// A scene with large markers behind the stool, the ball and the bucket of the demonstration.
+pub fn hidden_markers(folder: &Path) -> PathBuf {
+    let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
+    let object = |(number, [x, y], size_m): (usize, [f64; 2], f64)| {
+        let model = scenes.join(format!("marker-{number}.glb"));
+        format!("[[objects]]\nmodel = {model:?}\nposition_m = [{x:?}, {y:?}, 0.0]\nsize_m = {size_m:?}\n")
+    };
+    let objects = [(1, [0.42, -0.12], 0.3), (2, [0.62, 0.78], 0.35), (3, [0.2, 0.93], 0.3)].map(object);
+    let file = folder.join("markers.toml");
+    std::fs::write(&file, format!("version = 1\nup = \"z\"\n{}", objects.concat())).unwrap();
+    file
 }

@@ -7,7 +7,7 @@ use glam::DVec3;
 
 use crate::flip::{PIXELS_PER_DEGREE, mean_flip};
 use crate::reduced::Reduction;
-use crate::scan::{copy_without_depth, world_from_scan, write_scan};
+use crate::scan::{copy_without_depth, hidden_markers, world_from_scan, write_scan};
 use crate::tier::{fast_or_full, is_full};
 use crate::{gpu, program, shot};
 use locard::compositor::Composited;
@@ -16,19 +16,6 @@ use locard::pose::Pose;
 use locard::shot::Shot;
 use locard::site::{ScannedSite, SiteScan};
 
-/// Large markers behind the stool, the ball and the bucket of the demonstration.
-fn scene(folder: &Path) -> PathBuf {
-    let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
-    let object = |(number, [x, y], size_m): (usize, [f64; 2], f64)| {
-        let model = scenes.join(format!("marker-{number}.glb"));
-        format!("[[objects]]\nmodel = {model:?}\nposition_m = [{x:?}, {y:?}, 0.0]\nsize_m = {size_m:?}\n")
-    };
-    let objects = [(1, [0.42, -0.12], 0.3), (2, [0.62, 0.78], 0.35), (3, [0.2, 0.93], 0.3)].map(object);
-    let file = folder.join("scene.toml");
-    std::fs::write(&file, format!("version = 1\nup = \"z\"\n{}", objects.concat())).unwrap();
-    file
-}
-
 /// The demonstration, at half the size in the fast tier.
 fn demo_recording() -> PathBuf {
     if is_full() { "recordings/demo".into() } else { Reduction::by(2).demo() }
@@ -36,7 +23,7 @@ fn demo_recording() -> PathBuf {
 
 /// The demonstration with markers.
 fn demo(folder: &Path) -> Shot {
-    let mut shot = shot::open(&demo_recording(), None, &scene(folder));
+    let mut shot = shot::open(&demo_recording(), None, &hidden_markers(folder));
     // Shadows take most of the time.
     let cast = Value::Bool(is_full());
     shot.settings = gpu::settings(&[("noise", "scale", Value::Number(0.0)), ("shadow", "cast", cast)]);
@@ -86,7 +73,7 @@ fn numbers(text: &str, beginning: &str) -> Vec<f64> {
 fn scanned_demo(folder: &Path) -> (String, String) {
     let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
     let with_depth = demo_recording();
-    write_scan(&shot::open(&with_depth, None, &scene(folder)), Path::new(&path("site.ply")), 3);
+    write_scan(&shot::open(&with_depth, None, &hidden_markers(folder)), Path::new(&path("site.ply")), 3);
     let recording = path("recording");
     copy_without_depth(&with_depth, Path::new(&recording));
     let Pose { rotation: q, translation_m: at } = world_from_scan();
