@@ -33,9 +33,9 @@ impl ScanEdges {
         let (ctx, size) = (picture.response.ctx.clone(), [picture.size.x as usize, picture.size.y as usize]);
         let (of_thread, shot) = (ctx.clone(), shot.clone());
         self.0.request(&ctx, key.clone(), move |_| edges(&of_thread, &shot, frame, size));
-        let whole = Rect::from_min_max(Pos2::ZERO, Pos2::new(1.0, 1.0));
+        let uv = Rect::from_min_max(Pos2::ZERO, Pos2::new(1.0, 1.0));
         if let Some(Some(texture)) = self.0.last().filter(|_| self.0.is_of(&key)) {
-            picture.painter.image(texture.id(), picture.placed.rect, whole, Color32::WHITE);
+            picture.painter.image(texture.id(), picture.placed.rect, uv, Color32::WHITE);
         }
     }
 }

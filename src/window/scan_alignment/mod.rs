@@ -23,7 +23,7 @@ use glam::DVec3;
 use self::edges::ScanEdges;
 use self::pairs::PairList;
 use self::tasks::{AlignmentOutcome, AlignmentRequest, AlignmentTask, ScanReading};
-use self::view::ScanView;
+use self::view::FreeView;
 use super::picture::PictureOutput;
 use super::project::Project;
 use super::scan_pick::ScanPick;
@@ -39,7 +39,7 @@ pub struct ScanAlignment {
     /// Length of the scan's unit, m; `None`: that of its format.
     metres_per_unit: Option<f64>,
     reading: Option<ScanReading>,
-    view: ScanView,
+    view: FreeView,
     pairs: PairList,
     edges: ScanEdges,
     shows_edges: bool,
@@ -49,7 +49,7 @@ pub struct ScanAlignment {
     /// The last alignment's report.
     report: Vec<String>,
     error: Option<String>,
-    /// A button asked for a file.
+    /// A file is to be chosen.
     chooses_file: bool,
 }
 
@@ -60,7 +60,7 @@ impl Default for ScanAlignment {
             scan: None,
             metres_per_unit: None,
             reading: None,
-            view: ScanView::default(),
+            view: FreeView::default(),
             pairs: PairList::default(),
             edges: ScanEdges::default(),
             shows_edges: true,

@@ -7,7 +7,7 @@ use super::super::picture::PictureOutput;
 use super::super::player::Player;
 use super::super::point_picker::paint_ring;
 use super::super::tool::ToolStack;
-use super::view::ScanView;
+use super::view::FreeView;
 use locard_engine::shot::{FramePoint, PickedPair};
 use locard_engine::site::SiteScan;
 use locard_engine::text::fixed;
@@ -71,7 +71,7 @@ impl PairList {
     }
 
     /// Paints the marks over the view of the scan.
-    pub fn paint_in_view(&self, painter: &Painter, view: &ScanView, scan: &SiteScan) {
+    pub fn paint_in_view(&self, painter: &Painter, view: &FreeView, scan: &SiteScan) {
         let points = self.pairs.iter().map(|pair| pair.pair.point).chain(self.pending_point);
         for (n, point) in points.enumerate() {
             let Some((at, is_hidden)) = view.mark(point * scan.metres_per_unit) else { continue };

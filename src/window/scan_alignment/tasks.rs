@@ -119,7 +119,8 @@ pub fn name(path: &Path) -> String {
 fn aligned(request: AlignmentRequest, reporter: &Reporter<'_, AlignmentOutcome>) -> AlignmentOutcome {
     let AlignmentRequest { mut shot, mut scene, scene_path, scan, metres_per_unit, pairs, finds_scale, refines } =
         request;
-    let (mut errors_px, mut wrong_pair) = (Vec::new(), None);
+    let mut errors_px = Vec::new();
+    let mut wrong_pair = None;
     let mut align = || {
         let mut report = Vec::new();
         let (world_from_scan, prior) = if pairs.is_empty() {

@@ -67,8 +67,8 @@ impl ScanPicture {
         let around = (-REACH_PX..=REACH_PX).flat_map(|dy| (-REACH_PX..=REACH_PX).map(move |dx| (dx, dy)));
         let inside = around.filter(|(dx, dy)| (0..width).contains(&(x + dx)) && (0..height).contains(&(y + dy)));
         let depth_m = |dx: i32, dy: i32| self.map.depth_m[((y + dy) * width + x + dx) as usize];
-        let known = inside.filter(|(dx, dy)| depth_m(*dx, *dy) > 0.0);
-        let (dx, dy) = known.min_by_key(|(dx, dy)| dx * dx + dy * dy)?;
+        let measured = inside.filter(|(dx, dy)| depth_m(*dx, *dy) > 0.0);
+        let (dx, dy) = measured.min_by_key(|(dx, dy)| dx * dx + dy * dy)?;
         let ray = self.geometry.depth_ray(at_px)?;
         Some(self.camera_from_scan.inverse_transform_point(f64::from(depth_m(dx, dy)) * ray))
     }
@@ -87,7 +87,7 @@ impl ScanPicture {
 }
 
 /// State of the view.
-pub struct ScanView {
+pub struct FreeView {
     camera: Option<OrbitCamera>,
     /// Surfaces nearer than this part of the distance to the middle of the scan are cut away.
     pub cut: f32,
@@ -101,7 +101,7 @@ pub struct ScanView {
     placed: Option<PictureTransform>,
 }
 
-impl Default for ScanView {
+impl Default for FreeView {
     fn default() -> Self {
         Self {
             camera: None,
@@ -117,19 +117,19 @@ impl Default for ScanView {
 }
 
 /// The view as painted in this frame of the window.
-pub struct ScanViewOutput {
+pub struct FreeViewOutput {
     pub painter: egui::Painter,
     /// The clicked point of the scan, m, or `None` for a click beside it.
     pub clicked_m: Option<Option<DVec3>>,
 }
 
-impl ScanView {
+impl FreeView {
     /// Shows the whole scan from the next frame on.
     pub fn fit(&mut self) {
         self.camera = None;
     }
 
-    /// Looks as a camera of the footage does.
+    /// Takes the pose of a camera of the footage.
     pub fn take_pose(&mut self, camera_from_scan: &Pose) {
         if let Some(camera) = &mut self.camera {
             camera.take_pose(camera_from_scan);
@@ -166,7 +166,7 @@ impl ScanView {
     }
 
     /// Shows the view in a rectangle.
-    pub fn show(&mut self, ui: &mut Ui, rect: Rect, scan: &Arc<SiteScan>) -> ScanViewOutput {
+    pub fn show(&mut self, ui: &mut Ui, rect: Rect, scan: &Arc<SiteScan>) -> FreeViewOutput {
         let response = ui.allocate_rect(rect, Sense::click_and_drag());
         response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Image, true, "scan"));
         let aspect = f64::from(rect.width() / rect.height().max(1.0));
@@ -183,13 +183,13 @@ impl ScanView {
             Some(picture) => {
                 let scale = rect.width() / picture.map.width.max(1) as f32;
                 self.placed = Some(PictureTransform { rect, scale });
-                let whole = Rect::from_min_max(Pos2::ZERO, egui::pos2(1.0, 1.0));
-                painter.image(picture.texture.id(), rect, whole, Color32::WHITE);
+                let uv = Rect::from_min_max(Pos2::ZERO, egui::pos2(1.0, 1.0));
+                painter.image(picture.texture.id(), rect, uv, Color32::WHITE);
             }
             None => progress::failure(ui, "The scan cannot be drawn", &self.picture),
         }
         let clicked = response.clicked().then(|| response.interact_pointer_pos()).flatten();
-        ScanViewOutput { painter, clicked_m: clicked.map(|at| self.point_m(at)) }
+        FreeViewOutput { painter, clicked_m: clicked.map(|at| self.point_m(at)) }
     }
 
     /// Orbits, moves and zooms by the pointer.
