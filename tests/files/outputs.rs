@@ -414,7 +414,7 @@ fn unfinishable_file_is_removed() {
         });
         picture.save(Path::new(&frames).join(format!("{i}.png"))).unwrap();
     }
-    let (code, text) = narrow(&["calibrate", "noise", &frames, "-o", &path("p.toml")]);
+    let (code, text) = narrow(&["calibrate", "noise", "--no-example", &frames, "-o", &path("p.toml")]);
     assert!(code == Some(2) && text.contains("p.toml: cannot be written"), "{code:?}: {text}");
     assert_eq!(std::fs::read_to_string(path("p.toml")).unwrap(), profile);
     assert_eq!(std::fs::read_dir(temp.path()).unwrap().count(), 2, "the profile and the pictures");
