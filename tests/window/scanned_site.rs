@@ -28,7 +28,7 @@ fn measured() -> Shot {
 
 /// The demonstration without its depth in a folder that also has a scan.
 fn open(folder: &Path) -> Harness<'static, App> {
-    write_scan(&measured(), &folder.join("room.ply"), 20);
+    write_scan(&measured(), &folder.join("room.ply"), 8);
     copy_without_depth(&demo(), &folder.join("recording"));
     let scene = hidden_markers(folder);
     // Shadows take most of the time.
@@ -86,7 +86,7 @@ fn pick_pairs(window: &mut Harness<'_, App>) -> Vec<DVec3> {
         settle(window);
         let points = visible_points(window, &truth, frame);
         assert!(points.len() > 5, "frame {frame} and the view share {}", points.len());
-        let stride = points.len().div_ceil(6);
+        let stride = points.len().div_ceil(4);
         for (at_px, point_m) in points.into_iter().step_by(stride) {
             pick(window, at_px, point_m);
             picked.push(point_m);
@@ -105,7 +105,7 @@ fn align(window: &mut Harness<'_, App>) {
     window.run_steps(2);
 }
 
-// Slow: twelve pairs are clicked in two frames, and six views of the picture are composited.
+// Slow: eight pairs are clicked in two frames, and six views of the picture are composited.
 #[test]
 fn clicked_pairs_place_the_scan_in_one_undo_step() {
     let folder = tempfile::tempdir().unwrap();
@@ -158,7 +158,7 @@ fn clicked_pairs_place_the_scan_in_one_undo_step() {
     assert!(saved.unwrap().recording.site().is_some());
 }
 
-// Slow: thirteen pairs are clicked in two frames.
+// Slow: nine pairs are clicked in two frames.
 #[test]
 fn contradictory_pair_is_named_and_can_be_removed() {
     let folder = tempfile::tempdir().unwrap();

@@ -14,8 +14,6 @@ const RAD_PER_VIEW: f64 = 3.5;
 const MIN_ANGLE_TO_UP_RAD: f64 = 0.02;
 /// Elevation of the first view over the horizon, rad.
 const FIRST_ELEVATION_RAD: f64 = 0.6;
-/// Share of the view's sides that a scan fills at first.
-const FILLED_SHARE: f64 = 0.95;
 
 /// A camera in the axes of a scan.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,19 +32,13 @@ impl OrbitCamera {
         let up = scan.up.unwrap_or(DVec3::Z);
         let aside = up.any_orthonormal_vector();
         let (sine, cosine) = FIRST_ELEVATION_RAD.sin_cos();
+        let radius_m = (0.5 * scan.bounds_m[0].distance(scan.bounds_m[1])).max(1e-3);
+        // The sphere around the scan touches the shorter side of the view.
+        let half_angle_rad = (0.5 * aspect.min(aspect.recip()) / FOCAL_LENGTH).atan();
+        let distance_m = radius_m / half_angle_rad.sin();
         let center_m = scan.center_m();
-        let toward_eye = cosine * aside + sine * up;
-        let pose = Pose::look_at(center_m + toward_eye, center_m, up).unwrap_or(Pose::IDENTITY);
-        // The corners of the bounds lie within the view: |x| ≤ (distance + z) tan α, and so for y.
-        let tangents = [aspect, aspect.recip()].map(|ratio| 0.5 * FILLED_SHARE * ratio.min(1.0) / FOCAL_LENGTH);
-        let [low_m, high_m] = scan.bounds_m;
-        let corner_m = |n: usize| DVec3::from_array([0, 1, 2].map(|axis| [low_m, high_m][n >> axis & 1][axis]));
-        let required_m = |n: usize| {
-            let corner_m = pose.rotation * (corner_m(n) - center_m);
-            (corner_m.x.abs() / tangents[0]).max(corner_m.y.abs() / tangents[1]) - corner_m.z
-        };
-        let distance_m = (0..8).map(required_m).fold(1e-3, f64::max);
-        let eye_m = center_m + distance_m * toward_eye;
+        let eye_m = center_m + distance_m * (cosine * aside + sine * up);
+        let pose = Pose::look_at(eye_m, center_m, up).unwrap_or(Pose::IDENTITY);
         Self { eye_m, scan_from_camera: pose.world_from_camera_rotation(), up, pivot_distance_m: distance_m }
     }
 
