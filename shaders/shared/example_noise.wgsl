@@ -5,7 +5,7 @@ struct Example {
     cells: vec2<i32>,       // cells across and down that the region needs
     region: vec2<i32>,      // its size, px
     factor: vec2<i32>,      // luma px per chroma sample
-    // Keys of the frames whose noise a cell may show, this frame's first
+    // Hash keys of this frame and of the resting frames before it
     // (src/example_noise/persistence.rs).
     keys: array<vec4<u32>, 16>,
     key_count: u32,

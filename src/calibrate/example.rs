@@ -172,8 +172,8 @@ impl ExampleSampler {
         // Von Neumann's ratio gives the correlation of consecutive frames (calibrate/blocks.rs).
         let correlation = if scene.known_mean { 0.0 } else { verdict.median_drift.clamp(0.0, MAX_CORRELATION) };
         self.correlation_sum += correlation * frames as f64;
-        // The variance of the mean of frames whose correlation falls by the same factor with each
-        // frame is that of so many independent ones.
+        // Effective number of samples of first-order autoregressive noise: n (1 − ρ) / (1 + ρ)
+        // (Bayley and Hammersley 1946).
         let independent = (frames as f64 * (1.0 - correlation) / (1.0 + correlation)).max(MIN_INDEPENDENT_FRAMES);
         let gain = if scene.known_mean { 1.0 } else { (independent / (independent - 1.0)) as f32 };
         for SampledWindow { window, noisy, coding, picture_px } in self.samples.drain(..) {

@@ -1,6 +1,6 @@
 //! The plan of a frame: objects in view, active effects, and the rectangles of work.
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
 use super::shadow_mask::{VisibleShadow, union_of_rects, visible_shadows};
 use super::work_rects::{WorkRects, WorkRequest};
@@ -22,7 +22,7 @@ use crate::scene::Scene;
 use crate::shadow::PlanarShadow;
 
 /// Largest motion of an object at rest, px.
-const MAX_REST_PX: f32 = 0.5;
+const MAX_REST_PX: f64 = 0.5;
 
 /// The parts of the scene in view while the shutter is open.
 #[derive(Debug)]
@@ -50,10 +50,11 @@ impl FrameView {
         let pose_at = |t: f64| job.track.at_or_nearest(t).unwrap_or(Pose::IDENTITY);
         let keys = ViewKeys::new(shutter, |offset_s| pose_at(time_s + offset_s));
         let footprint = renderer.footprint(job.picture, &keys, shutter);
-        let objects = motions(renderer, job.picture, &keys.middle(), &pose_at(time_s + job.interval_s));
+        let centres = renderer.object_centres();
+        let objects = motions(&centres, job.picture, &keys.middle(), &pose_at(time_s + job.interval_s));
         let shadows = visible_shadows(planar_shadows, job.picture, &keys);
         let planes = support_planes(renderer.scene());
-        let resting_frames = resting_frames(renderer, job, &keys.middle());
+        let resting_frames = resting_frames(&centres, job, &keys.middle());
         Self { shutter, keys, footprint, objects, resting_frames, shadows, planes }
     }
 }
@@ -102,27 +103,29 @@ pub fn poses_within_s(
     (reach_s, if reads_next { reach_s.max(interval_s) } else { reach_s })
 }
 
-/// Motion of each object's centre across the picture until the next frame.
-fn motions(renderer: &Renderer, geometry: &Geometry, now: &Pose, next: &Pose) -> Vec<ObjectMotion> {
-    let project = |pose: &Pose, centre| geometry.project(pose.transform_point(centre));
-    renderer
-        .object_centres()
-        .into_iter()
-        .map(|centre| {
-            let moved = centre.and_then(|c| Some(geometry.displacement_px(project(now, c)?, project(next, c)?)));
-            moved.map_or(ObjectMotion::default(), |v| ObjectMotion { per_frame_px: v.as_vec2().to_array() })
-        })
-        .collect()
+/// Displacement of a point of the world in the picture between two poses, px; 0 if it is not in
+/// view.
+fn displacement_px(geometry: &Geometry, centre: Option<DVec3>, from: &Pose, to: &Pose) -> DVec2 {
+    let project = |pose: &Pose, point| geometry.project(pose.transform_point(point));
+    let displacement = centre.and_then(|c| Some(geometry.displacement_px(project(from, c)?, project(to, c)?)));
+    displacement.unwrap_or_default()
 }
 
-/// Number of frames before this one, up to those whose noise it may show, in which the centres of
-/// all objects are within half a pixel of their places in this frame.
-fn resting_frames(renderer: &Renderer, job: &Job<'_>, now: &Pose) -> usize {
+/// Motion of each object's centre across the picture until the next frame.
+fn motions(centres: &[Option<DVec3>], geometry: &Geometry, now: &Pose, next: &Pose) -> Vec<ObjectMotion> {
+    let motion = |centre: &Option<DVec3>| ObjectMotion {
+        per_frame_px: displacement_px(geometry, *centre, now, next).as_vec2().to_array(),
+    };
+    centres.iter().map(motion).collect()
+}
+
+/// Number of preceding frames without motion: all objects' centres project to within half a pixel
+/// of their places in this frame. Counted as far as noise may persist.
+fn resting_frames(centres: &[Option<DVec3>], job: &Job<'_>, now: &Pose) -> usize {
     let is_at_rest = |frames: &usize| {
         let earlier = job.track.at(job.frame.timestamp_s - *frames as f64 * job.interval_s);
         earlier.is_ok_and(|earlier| {
-            let moved = motions(renderer, job.picture, now, &earlier).into_iter();
-            moved.map(|motion| motion.per_frame_px).all(|[x, y]| x.hypot(y) < MAX_REST_PX)
+            centres.iter().all(|centre| displacement_px(job.picture, *centre, now, &earlier).length() < MAX_REST_PX)
         })
     };
     (1..MAX_PERSISTENCE_FRAMES).take_while(is_at_rest).count()

@@ -75,7 +75,7 @@ impl FrameContext<'_> {
 #[derive(Clone, Debug)]
 pub struct ExampleNoise {
     pub model: ByAddress<NoiseModel>,
-    /// Offsets, in the domain of the hash, of the frames whose noise this frame may show.
+    /// Hash keys of this frame and of the resting frames before it.
     pub keys: FrameKeys,
 }
 

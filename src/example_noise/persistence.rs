@@ -19,7 +19,7 @@ pub const MIN_FRAME_CORRELATION: f32 = 0.05;
 /// Largest one. Noise that never changes is a fixed pattern.
 const MAX_FRAME_CORRELATION: f32 = 0.95;
 
-/// Keys of the frames whose noise a frame may show.
+/// Hash keys of a frame and of the resting frames before it. Each cell uses one of them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameKeys {
     /// This frame's key, then those of the resting frames before it. At least one, at most

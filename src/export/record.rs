@@ -64,7 +64,7 @@ impl Export {
     }
 }
 
-/// A record whose inputs are still being digested, while frames are composited.
+/// A record under construction: a thread hashes the inputs while frames are composited.
 pub struct RecordDraft {
     output: PathBuf,
     record: Record,

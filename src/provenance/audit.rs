@@ -14,8 +14,8 @@ use crate::sink::{Sink, SinkError};
 use crate::source::still;
 use crate::text::reason;
 
-/// Number of frames of a lossy video whose decoded pictures are compared, for information. To read
-/// one, all before it are decoded.
+/// Number of frames of a lossy video that are decoded and compared, for information. Each is
+/// decoded from the start of the video.
 const MAX_DECODED_FRAMES: usize = 100;
 
 /// An input or an output file that is not the recorded one.

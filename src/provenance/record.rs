@@ -56,8 +56,8 @@ pub struct OutputRecord {
 }
 
 impl OutputRecord {
-    /// True if a stored picture decodes to the codes of its digest: with lossless codecs, and for
-    /// photographs, whose digest is that of the decoded file.
+    /// True if stored pictures decode to the codes that were hashed: lossless codecs, and
+    /// photographs, which are hashed after decoding.
     pub fn stores_digested_codes(&self) -> bool {
         self.kind == OutputKind::Photograph || matches!(self.codec.as_str(), "png" | "ffv1" | "h264rgb")
     }

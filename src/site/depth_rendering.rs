@@ -34,6 +34,9 @@ const DISC_RADIUS_VOXELS: f32 = 1.0;
 const SURFACE_THICKNESS_RADII: f32 = 0.75;
 /// Smallest sum of weights of a known pixel: a third of the mean on a surface.
 const MIN_WEIGHT: f32 = 0.5;
+/// Barycentric coordinates by which a triangle extends over its edges: more than rounding, so that
+/// a ray through an edge that two triangles share hits one of them.
+const EDGE_TOLERANCE: f32 = 1e-5;
 /// Surfaces nearer to the camera are not drawn, m: the operator's own equipment.
 pub const MIN_DISTANCE_M: f32 = 0.05;
 /// Smallest cosine between a disc's normal and the ray.
@@ -390,7 +393,8 @@ impl Band<'_> {
             let normal = (-a).cross(ab);
             let v = ray.dot(normal) * inverse;
             let depth_m = ac.dot(normal) * inverse;
-            if u >= 0.0 && v >= 0.0 && u + v <= 1.0 && depth_m * ray.length() > min_distance_m {
+            let is_inside = u >= -EDGE_TOLERANCE && v >= -EDGE_TOLERANCE && u + v <= 1.0 + EDGE_TOLERANCE;
+            if is_inside && depth_m * ray.length() > min_distance_m {
                 layers.add(depth_m, 1.0, 0.0);
             }
         });

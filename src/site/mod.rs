@@ -156,8 +156,7 @@ impl SiteScan {
         0.5 * (self.bounds_m[0] + self.bounds_m[1])
     }
 
-    /// Depth from a free camera, whose pose is in the scan's axes. Surfaces nearer than
-    /// `min_distance_m` are cut away.
+    /// Renders depth from a free camera. Surfaces nearer than `min_distance_m` are clipped.
     pub fn view(&self, camera: &Geometry, camera_from_scan: &Pose, min_distance_m: f32) -> DepthMap {
         let origin_m = camera_from_scan.transform_point(self.origin_m);
         let camera_from_surface = Pose::new(camera_from_scan.rotation, origin_m);

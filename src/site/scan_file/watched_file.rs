@@ -1,4 +1,4 @@
-//! A file whose reading another thread watches and may end.
+//! A file reader that reports its progress to another thread, which can cancel it.
 
 use std::fs::File;
 use std::io::{Error, Read, Result, Seek, SeekFrom};

@@ -5,6 +5,7 @@ use eframe::egui::{Color32, ColorImage, Context, Pos2, Rect, TextureHandle, Text
 
 use super::super::background::Background;
 use super::super::picture::PictureOutput;
+use locard_engine::camera::Geometry;
 use locard_engine::memo::ByAddress;
 use locard_engine::pose::Pose;
 use locard_engine::shot::Shot;
@@ -18,6 +19,8 @@ struct EdgesKey {
     scan: ByAddress<SiteScan>,
     world_from_scan: Pose,
     frame: usize,
+    pose: Option<Pose>,
+    geometry: Option<Geometry>,
 }
 
 /// The edges in the displayed frame, computed on a background thread.
@@ -29,7 +32,13 @@ impl ScanEdges {
     pub fn paint(&mut self, picture: &PictureOutput, shot: &Shot, frame: usize) {
         let Some(site) = shot.recording.site() else { return };
         let scan = ByAddress(site.scan.clone());
-        let key = EdgesKey { scan, world_from_scan: site.world_from_scan, frame };
+        let key = EdgesKey {
+            scan,
+            world_from_scan: site.world_from_scan,
+            frame,
+            pose: shot.recording.pose_at_frame(frame).ok(),
+            geometry: shot.geometry_at(frame).ok(),
+        };
         let (ctx, size) = (picture.response.ctx.clone(), [picture.size.x as usize, picture.size.y as usize]);
         let (of_thread, shot) = (ctx.clone(), shot.clone());
         self.0.request(&ctx, key.clone(), move |_| edges(&of_thread, &shot, frame, size));
